@@ -333,6 +333,18 @@ def test_the_command_line_says_the_bound(tmp_path):
     assert "--bound" in (tmp_path / "report.html").read_text()
 
 
+def test_adapted_meshes_meet_their_target_by_the_bound():
+    found = vx.adapt(paper_scene(), vx.meshes.squares(4), [0.0, 1.0], 0.12, estimate="bound")
+    assert found.met
+    assert found.bound.relative.max() <= 0.12
+    assert found.history.bound == found.bound.largest
+    assert np.allclose(found.budget.space, found.bound.relative)
+    # Fewer cells than equal ones, of which 8 x 8 do not suffice.
+    alike = vx.error_bound(vx.simulate(paper_scene(), vx.meshes.squares(8), [0.0, 1.0]), step=-1)
+    assert found.bound.relative.max() < alike.relative
+    assert np.isclose(found.bound.cells.sum(), found.bound.upper.max() ** 2)
+
+
 # What has no bound.
 
 

@@ -318,47 +318,59 @@ class Boundary:
     def _pressure(self, now: Instant) -> _Acting:
         obstacles, count = self.posed.obstacles, len(self.edges.outer)
         cost, gap, pressure = np.zeros(count), np.zeros(count), np.zeros(self.fine.pieces.shape)
-        depth = self._line(np.einsum("bed,bd->be", now.u[self.edges.outer_edges], self.edges.units))
-        asked = [obstacle for part in self.oscillation.parts for obstacle in part.obstacles]
-        moves = self._moves(self.edges.units)[self.fine.piece_owner]
-        soft = obstacles.compliance > 0
-        size = max(float(np.abs(now.u).max(initial=0.0)), FAR * float(self.edges.lengths.max()))
         for compliant in (False, True):
-            mine = soft == compliant
+            mine = (obstacles.compliance > 0) == compliant
             ends = self._at_ends(obstacles[np.flatnonzero(mine)], (now.p / obstacles.lengths)[mine, None])
-            p = np.maximum(ends[..., 0], 0.0)
-            distance, stiffness = np.full(depth.shape, np.inf), np.zeros(depth.shape)
-            for obstacle in asked:
-                if (obstacle.compliance > 0).any() != compliant:
-                    continue
-                read = self._read(obstacle, obstacle.gap(now.t))
-                known = ~np.isnan(read)
-                if compliant and (stiffness[known] > 0).any():
-                    raise SceneError(f"error_bound: {obstacle.subject} and another compliant obstacle share an edge.")
-                distance[known] = np.minimum(distance[known], read[known])
-                if compliant:
-                    k = self._read(obstacle, 1.0 / (obstacle.compliance * obstacle.lengths))
-                    stiffness[known] = k[known]
-            acts = moves & np.isfinite(distance).all(axis=1)
+            z, k = self._depths(now.u, now.t, compliant)
+            acts = np.isfinite(z).all(axis=1)
             on = np.zeros(count, dtype=bool)
             on[self.fine.piece_owner[acts]] = True
-            p = np.where(on[:, None], p, 0.0)
-            z, at = np.where(acts[:, None], depth - distance, 0.0), self._line(p)
+            p = self._line(np.where(on[:, None], np.maximum(ends[..., 0], 0.0), 0.0))
+            z = np.where(acts[:, None], z, 0.0)
             if compliant:
-                k, into = np.where(acts[:, None], stiffness, 1.0), np.maximum(z, 0.0)
-                stored = 0.5 * k.max(axis=1) * products(into, into) * acts
+                into, k = np.maximum(z, 0.0), np.where(acts[:, None], k, 1.0)
+                stored = 0.5 * k.max(axis=1) * products(into, into)
                 cost += self.integrals(stored)
-                gap += self.integrals(stored + 0.5 * products(at, at) / k.min(axis=1) - products(at, z))
+                gap += self.integrals(stored + 0.5 * products(p, p) / k.min(axis=1) - products(p, z))
             else:
-                if z.max(initial=0.0) > FAR * size:
-                    raise SceneError(
-                        f"error_bound: between nodes the body reaches {z.max():.3g} beyond an obstacle, whose gap is "
-                        "not linear on edges; there is no bound for that. Refine the mesh, or give a gap that is "
-                        "linear between nodes."
-                    )
-                gap += self.integrals(products(at, np.maximum(-z, 0.0)))
-            pressure = pressure + at
+                gap += self.integrals(products(p, np.maximum(-z, 0.0)))
+            pressure = pressure + p
         return _Acting(pressure, cost, np.maximum(gap, 0.0))
+
+    def _depths(self, u: Floats, t: float, compliant: bool) -> tuple[Floats, Floats]:
+        """How far a displacement goes beyond obstacles (k, 2), -inf where there is none, and the stiffness of these."""
+        distance, stiffness = (np.full(self.fine.pieces.shape, value) for value in (np.inf, 0.0))
+        asked = [obstacle for part in self.oscillation.parts for obstacle in part.obstacles]
+        for obstacle in (one for one in asked if (one.compliance > 0).any() == compliant):
+            read = self._read(obstacle, obstacle.gap(t))
+            known = np.isfinite(read)
+            if compliant and (stiffness[known] > 0).any():
+                raise SceneError(f"error_bound: {obstacle.subject} and another compliant obstacle share an edge.")
+            distance[known] = np.minimum(distance[known], read[known])
+            if compliant:
+                stiffness[known] = self._read(obstacle, 1.0 / (obstacle.compliance * obstacle.lengths))[known]
+        distance[~self._moves(self.edges.units)[self.fine.piece_owner]] = np.inf
+        outward = self._line(np.einsum("bed,bd->be", u[self.edges.outer_edges], self.edges.units))
+        return outward - distance, stiffness
+
+    def admitted(self, u: Floats, t: float) -> Floats:
+        """The displacement (n_nodes, 2), moved back where it goes beyond rigid obstacles.
+
+        Nodes of an edge go back by the most that is beyond, at both ends or between. At corners two edges move a node,
+        and in turn.
+        """
+        for _ in range(8):
+            beyond = np.zeros(len(self.edges.outer))
+            np.maximum.at(beyond, self.fine.piece_owner, self._depths(u, t, False)[0].max(axis=1))
+            if not beyond.any():
+                return u
+            back, units = np.zeros((2, *u.shape)), self.edges.units
+            # The two edges of a node, by their first and by their last end; the longer way counts for both.
+            for end in range(2):
+                back[end, self.edges.outer_edges[:, end]] = beyond[:, None] * units
+            longer = np.linalg.norm(back[0], axis=1) >= np.linalg.norm(back[1], axis=1)
+            u = u - np.where(longer[:, None], back[0], back[1])
+        raise SceneError("error_bound: nodes at a corner cannot be moved back from two obstacles; there is no bound.")
 
 
 @dataclass(frozen=True, eq=False)

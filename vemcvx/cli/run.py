@@ -167,11 +167,18 @@ class Run:
 
     def _adapted(self, problem: Problem, mesh: AnyMesh, steps: int, target: float) -> tuple[History, list[str]]:
         """The history on a mesh, and at instants, chosen for the target; those given are where that begins."""
-        if self.resume or self.store != "all" or self.linear is not None or not self.condense or self.bound:
-            others = "--resume, --store, --linear, --bound nor --no-condense"
-            raise ProblemError(f"--target: adaptive runs take neither {others}.")
+        if self.resume or self.store != "all" or self.linear is not None or not self.condense:
+            raise ProblemError("--target: adaptive runs take neither --resume, --store, --linear nor --no-condense.")
         solver, times = named_solver(self.solver, self.accuracy), problem.times(steps)
-        found = adapt(problem.scene(self.settings), mesh, times, target, solver=solver, initial=problem.initial)
+        found = adapt(
+            problem.scene(self.settings),
+            mesh,
+            times,
+            target,
+            solver=solver,
+            initial=problem.initial,
+            estimate="bound" if self.bound else "residual",
+        )
         return found.history, [found.summary()]
 
     def _refuse_early(self, folder: Path | None, drawings: Path) -> None:

@@ -199,6 +199,62 @@ def test_bounds_of_two_meshes_agree_on_the_energy_that_a_step_makes_least(name):
     assert all(bound.upper <= 1.6 * bound.lower for bound in found)
 
 
+def stacked(n):
+    """A block on another one, whose nodes are not its."""
+    lower, upper = vx.meshes.squares(n, box=((0, 2), (0, 1))), vx.meshes.squares(n + 1, box=((0.5, 1.5), (1, 2)))
+    return vx.meshes.bodies({"lower": lower, "upper": upper})
+
+
+def pushed(*contact):
+    def push(x, t):
+        return np.tile([0.02 * t, -0.05 * t], (len(x), 1))
+
+    return vx.Scene(STEEL, vx.Clamp(on="lower.bottom"), vx.PrescribedDisplacement(push, on="upper.top"), *contact)
+
+
+STACKS = {
+    "one-sided": pushed(
+        vx.UnilateralContact(on="lower|upper"), vx.TrescaFriction(2.0, on="lower|upper", while_closed=False)
+    ),
+    "bilateral": pushed(vx.BilateralContact(on="lower|upper"), vx.TrescaFriction(2.0, on="lower|upper")),
+    "frictionless": pushed(vx.BilateralContact(on="lower|upper")),
+    "compliant": pushed(vx.NormalCompliance(400.0, on="lower|upper")),
+    "press fit": pushed(
+        vx.UnilateralContact(on="lower|upper", gap=lambda x, t: np.full(len(x), -0.02 * t)),
+        vx.TrescaFriction(2.0, on="lower|upper", while_closed=False),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", STACKS)
+def test_bounds_of_two_bodies_agree_on_the_energy_that_a_step_makes_least(name):
+    found = [vx.error_bound(vx.simulate(STACKS[name], stacked(n), [0.0, 1.0]), step=-1) for n in (3, 6)]
+    (low, high), (least, most) = (bound.potential for bound in found)
+    assert max(low, least) <= min(high, most)
+    assert most - least < high - low
+    assert all(bound.upper <= 1.6 * bound.lower for bound in found)
+
+
+def test_a_bonded_pair_is_as_one_body():
+    """Held together along normals, and by more friction than there is load, two blocks move as one does."""
+
+    def press(x, t):
+        return np.column_stack([np.zeros(len(x)), -5.0 * t * (1.0 + x[:, 0])])
+
+    def bound(mesh, lower, upper, left, *contact):
+        scene = vx.Scene(STEEL, vx.Clamp(on=lower), vx.Traction(press, on=upper), vx.Symmetry(on=left), *contact)
+        return vx.error_bound(vx.simulate(scene, mesh, [0.0, 1.0]), step=-1)
+
+    boxes = {"lower": ((0, 1), (0, 0.5)), "upper": ((0, 1), (0.5, 1))}
+    parts = vx.meshes.bodies({name: vx.meshes.squares((6, 3), box=box) for name, box in boxes.items()})
+    joined = vx.BilateralContact(on="lower|upper"), vx.TrescaFriction(1e3, on="lower|upper")
+    two = bound(parts, "lower.bottom", "upper.top", ["lower.left", "upper.left"], *joined)
+    one = bound(vx.meshes.squares(6), "bottom", "top", "left")
+    assert two.upper >= one.upper * (1.0 - 1e-9)
+    assert two.upper <= 1.5 * one.upper
+    assert max(two.potential[0], one.potential[0]) <= min(two.potential[1], one.potential[1])
+
+
 def test_bounds_with_coulomb_s_law_are_for_the_given_friction():
     scene = tilted(vx.UnilateralContact(on="bottom"), vx.CoulombFriction(0.3, on="bottom"))
     bound = vx.error_bound(vx.simulate(scene, vx.meshes.squares(8), [0.0, 1.0]), step=-1)

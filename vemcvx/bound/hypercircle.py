@@ -50,7 +50,7 @@ import scipy.sparse as sp
 from vemcvx.arrays import Floats, Ints, totals
 from vemcvx.bound.data_oscillation import DataOscillation
 from vemcvx.bound.displacement import VALUES, FanDisplacement, fan_displacement, forces_of, strains_at_stations
-from vemcvx.bound.equilibrium import Equilibrium, edges_of, equilibrium
+from vemcvx.bound.equilibrium import Bonds, Equilibrium, edges_of, equilibrium
 from vemcvx.bound.fan import (
     BARYCENTRIC,
     LINEAR_MASS_INVERSE,
@@ -319,7 +319,8 @@ def hypercircle(posed: PosedScene) -> Hypercircle:
     fans = fans_of(posed.space, elastic_matrix(posed.material.moduli))
     displacements = tuple(fan_displacement(one) for one in fans)
     numbered = edges_of(mesh, edges, fans)
-    balance = equilibrium(numbered, tuple(fan_stress(one) for one in fans), boundary.free)
+    bonds = Bonds(edges.joints.first, edges.joints.second, boundary.bonds)
+    balance = equilibrium(numbered, tuple(fan_stress(one) for one in fans), boundary.free, bonds)
     places = [outline_places(posed, numbered.places, fans, one) for one in fans]
     size = posed.space.n_unknowns + 2 * numbered.count
     A = sp.csr_matrix(
@@ -368,13 +369,12 @@ def _free_outlines(posed: PosedScene, boundary: Boundary, outer: Ints, count: in
 
 def check_bounded(posed: PosedScene) -> None:
     """Raise SceneError where there is no bound."""
-    mesh = plane_mesh(posed.space.mesh, "error_bound", "compare runs on finer meshes and in finer steps")
+    plane_mesh(posed.space.mesh, "error_bound", "compare runs on finer meshes and in finer steps")
     check_estimable(posed, "error_bound")
     for load in posed.loads:
         if isinstance(load, Load) and load.cells is not None and load.matrix.shape[1] == len(load.points):
             raise SceneError(f"error_bound: there is no bound for {load.subject}, a body force of one component.")
     missing = {
-        f"interfaces ({', '.join(mesh.interfaces)})": bool(mesh.interfaces),
         f"contact or supports along curves ({', '.join(posed.curves)})": bool(posed.curves),
         "springs (ElasticFoundation)": posed.springs is not None,
         "bodies that only friction or one-sided contact holds": posed.system.kernel is not None,

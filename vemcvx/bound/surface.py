@@ -21,12 +21,12 @@ from functools import cached_property
 
 import numpy as np
 
-from vemcvx.arrays import Bools, Floats, Ints, totals
+from vemcvx.arrays import EPS, Bools, Floats, Ints, totals
 from vemcvx.bound.data_oscillation import DataOscillation, FineBoundary
 from vemcvx.bound.skeleton import Instant, Skeleton, at_ends
 from vemcvx.effects import Friction, Load, Obstacle
 from vemcvx.errors import SceneError
-from vemcvx.meshes.polygons.topology import positions
+from vemcvx.meshes.polygons.topology import positions, spans
 from vemcvx.scene.contact_table import ContactRows
 from vemcvx.scene.pose import PosedScene
 
@@ -101,18 +101,31 @@ class Boundary:
         """(b, 2) along the boundary, the body on the left."""
         return self.edges.units[:, ::-1] * [-1.0, 1.0]
 
-    @cached_property
-    def held(self) -> Floats:
-        """(b, 2, 2) projectors on the directions in which edges are held."""
+    def _prescribed(self, joined: bool) -> Floats:
+        """(b, 2, 2) projectors on what supports prescribe on edges: motions, or jumps to another body."""
         squares = np.zeros((len(self.edges.outer), 2, 2))
         for support in (support for part in self.oscillation.parts for support in part.supports):
-            new = support.nodes >= self.fine.old
+            partners = np.full(len(support.nodes), -1) if support.partners is None else support.partners
+            new = (support.nodes >= self.fine.old) & ((partners >= 0) == joined)
             owner = self.fine.owner[support.nodes[new] - self.fine.old]
             np.add.at(squares, owner, np.einsum("qi,qj->qij", support.directions[new], support.directions[new]))
-        values, vectors = np.linalg.eigh(squares)
-        kept = values > 1e-4 * values.max(initial=0.0)
-        projectors: Floats = np.einsum("bik,bk,bjk->bij", vectors, kept, vectors)
-        return projectors
+        return _spanned(squares)
+
+    @cached_property
+    def bonds(self) -> Floats:
+        """(j, 2, 2) projectors on the directions in which the two edges of each joint move alike, held by nothing."""
+        joints = self.edges.joints
+        bonds, held = self._prescribed(True)[joints.first], self.held
+        return bonds - _common(bonds, held[joints.first])
+
+    @cached_property
+    def held(self) -> Floats:
+        """(b, 2, 2) projectors on the directions in which edges are held, by themselves or bonded to one that is."""
+        joints, own = self.edges.joints, self._prescribed(False)
+        bonds, held = self._prescribed(True)[joints.first], own.copy()
+        for one, other in ((joints.first, joints.second), (joints.second, joints.first)):
+            held[one] += _common(bonds, own[other])
+        return _spanned(held)
 
     @cached_property
     def free(self) -> Floats:
@@ -120,28 +133,42 @@ class Boundary:
         return np.eye(2) - self.held
 
     def _moves(self, directions: Floats) -> Bools:
-        """(b,) which edges are free along these directions (b, 2)."""
+        """(b,) which edges are free along these directions (b, 2); of a joint, free to move apart along them."""
+        joints = self.edges.joints
         moves: Bools = np.einsum("bi,bij,bj->b", directions, self.free, directions) > 0.5
+        along = directions[joints.first]
+        bonded = np.einsum("ji,jik,jk->j", along, self.bonds, along) > 0.5
+        moves[joints.first] = (moves[joints.first] | moves[joints.second]) & ~bonded
         return moves
 
     @cached_property
     def touching(self) -> Bools:
-        """(b,) edges on which friction or obstacles act."""
-        found = np.zeros(len(self.edges.outer), dtype=bool)
+        """(b,) edges on which friction or obstacles act, or another body is bonded."""
+        found, joints = np.zeros(len(self.edges.outer), dtype=bool), self.edges.joints
         for part in self.oscillation.parts:
             acting: tuple[Friction | Obstacle, ...] = (*part.frictions, *part.obstacles)
             for rows in acting:
                 found[self.fine.piece_owner[self._pieces(rows)[0]]] = True
+        found[joints.first] |= self.bonds.any(axis=(1, 2))
+        found[joints.second] |= found[joints.first]
         return found
+
+    def _jumps(self, u: Floats) -> Floats:
+        """(b, 2, 2) u at both ends of edges, less that of another body where there is one."""
+        across = self.edges.joints.across
+        jumps: Floats = u[self.edges.outer_edges] - np.where(across[:, :, None] >= 0, u[across], 0.0)
+        return jumps
 
     def check_supports(self, now: Instant) -> None:
         """Raise SceneError where nodal values do not follow supports along edges."""
-        ends, size = now.u[self.edges.outer_edges], float(np.abs(now.u).max(initial=0.0))
+        ends, jumps, size = now.u[self.edges.outer_edges], self._jumps(now.u), float(np.abs(now.u).max(initial=0.0))
         for support in (support for part in self.oscillation.parts for support in part.supports):
             new = support.nodes >= self.fine.old
             at, directions = support.nodes[new] - self.fine.old, support.directions[new]
+            partners = np.full(len(at), -1) if support.partners is None else support.partners[new]
+            moved = np.where(partners[:, None] >= 0, self.fine.between(jumps, at), self.fine.between(ends, at))
             wanted = np.zeros(len(at)) if support.value is None else np.asarray(support.value(now.t))[new]
-            apart = np.abs(np.einsum("qd,qd->q", directions, self.fine.between(ends, at)) - wanted)
+            apart = np.abs(np.einsum("qd,qd->q", directions, moved) - wanted)
             if apart.max(initial=0.0) > FAR * max(size, np.abs(wanted).max(initial=0.0)):
                 raise SceneError(
                     f"error_bound: {support.subject} moves the boundary by {apart.max():.3g} otherwise than linearly "
@@ -192,6 +219,8 @@ class Boundary:
         pressing = self._pressure(now)
         contact = rubbing.traction[..., None] * self.tangents[owner, None]
         contact = contact + pressing.traction[..., None] * self.edges.units[owner, None]
+        second, first = self._opposite
+        contact[second] -= contact[first][:, ::-1]
         within = 0.5 + 0.5 * GAUSS[:, None]
         acting = loads - (1.0 - within) * contact[:, :1] - within * contact[:, 1:]
         cost, gap = rubbing.cost + pressing.cost, rubbing.gap + pressing.gap
@@ -224,6 +253,15 @@ class Boundary:
         rest = traction - (1.0 - s) * tips[owner, :1] - s * tips[owner, 1:] - (1.0 - 6.0 * s * (1.0 - s)) * mean
         rest[np.abs(rest) <= rounding] = 0.0
         return totals(owner, np.einsum("kq,kqd,kqd->k", self._weights, rest, rest), len(bent)), bent
+
+    @cached_property
+    def _opposite(self) -> tuple[Ints, Ints]:
+        """The pieces of second bodies at interfaces, and those of first ones in the same places, which run back."""
+        counts = np.bincount(self.fine.piece_owner)
+        start, joints = np.cumsum(counts) - counts, self.edges.joints
+        second = spans(start[joints.second], counts[joints.second])
+        place = second - np.repeat(start[joints.second], counts[joints.second])
+        return second, np.repeat((start + counts - 1)[joints.first], counts[joints.first]) - place
 
     # Loads.
 
@@ -299,8 +337,7 @@ class Boundary:
         theta = np.divide(ends - last, first, out=np.zeros_like(ends), where=first > 0.0)
         theta = np.where(first > 0.0, theta, theta[:, ::-1])
         q = bias + self._line(np.clip(theta, -1.0, 1.0)) * bound
-        jump = (now.u - before.u)[self.edges.outer_edges]
-        slip = self._line(np.einsum("bed,bd->be", jump, self.tangents)) - moved
+        slip = self._line(np.einsum("bed,bd->be", self._jumps(now.u - before.u), self.tangents)) - moved
         paid = products(bound, np.abs(slip)) + products(bias, slip)
         cost, gap = self.integrals(paid), self.integrals(paid - products(q, slip))
         return _Acting(q, cost, np.maximum(gap, 0.0)), bound, bias, slip
@@ -322,7 +359,7 @@ class Boundary:
             mine = (obstacles.compliance > 0) == compliant
             ends = self._at_ends(obstacles[np.flatnonzero(mine)], (now.p / obstacles.lengths)[mine, None])
             z, k = self._depths(now.u, now.t, compliant)
-            acts = np.isfinite(z).all(axis=1)
+            acts = np.asarray(np.isfinite(z).all(axis=1))
             on = np.zeros(count, dtype=bool)
             on[self.fine.piece_owner[acts]] = True
             p = self._line(np.where(on[:, None], np.maximum(ends[..., 0], 0.0), 0.0))
@@ -350,7 +387,7 @@ class Boundary:
             if compliant:
                 stiffness[known] = self._read(obstacle, 1.0 / (obstacle.compliance * obstacle.lengths))[known]
         distance[~self._moves(self.edges.units)[self.fine.piece_owner]] = np.inf
-        outward = self._line(np.einsum("bed,bd->be", u[self.edges.outer_edges], self.edges.units))
+        outward = self._line(np.einsum("bed,bd->be", self._jumps(u), self.edges.units))
         return outward - distance, stiffness
 
     def admitted(self, u: Floats, t: float) -> Floats:
@@ -359,10 +396,12 @@ class Boundary:
         Nodes of an edge go back by the most that is beyond, at both ends or between. At corners two edges move a node,
         and in turn.
         """
+        size = float(np.abs(u).max(initial=0.0)) + EPS * float(np.abs(self.posed.space.mesh.points).max())
         for _ in range(8):
             beyond = np.zeros(len(self.edges.outer))
             np.maximum.at(beyond, self.fine.piece_owner, self._depths(u, t, False)[0].max(axis=1))
-            if not beyond.any():
+            # To be beyond by rounding is no more than data are uncertain by.
+            if beyond.max() <= 64.0 * EPS * size:
                 return u
             back, units = np.zeros((2, *u.shape)), self.edges.units
             # The two edges of a node, by their first and by their last end; the longer way counts for both.
@@ -371,6 +410,21 @@ class Boundary:
             longer = np.linalg.norm(back[0], axis=1) >= np.linalg.norm(back[1], axis=1)
             u = u - np.where(longer[:, None], back[0], back[1])
         raise SceneError("error_bound: nodes at a corner cannot be moved back from two obstacles; there is no bound.")
+
+
+def _spanned(squares: Floats) -> Floats:
+    """Projectors (b, 2, 2) on what positive semidefinite matrices do not map to zero."""
+    values, vectors = np.linalg.eigh(squares)
+    kept = values > 1e-4 * values.max(initial=0.0)
+    projectors: Floats = np.einsum("bik,bk,bjk->bij", vectors, kept, vectors)
+    return projectors
+
+
+def _common(one: Floats, other: Floats) -> Floats:
+    """Projectors (j, 2, 2) on what is in both spans: these are the plane, nothing, or lines, alike or not."""
+    values, vectors = np.linalg.eigh(one + other)
+    common: Floats = np.einsum("bik,bk,bjk->bij", vectors, values > 1.5, vectors)
+    return common
 
 
 @dataclass(frozen=True, eq=False)

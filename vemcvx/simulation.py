@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from vemcvx.arrays import brief, flag, shaped
-from vemcvx.bound.error_bound import largest_bound
+from vemcvx.bound.error_bound import of_steps
 from vemcvx.bound.hypercircle import Hypercircle, hypercircle
 from vemcvx.errors import SceneError
 from vemcvx.history import History
@@ -130,7 +130,9 @@ def simulate(
         if left := small_strains.warning(posed, results):
             log.warning("%s", left)
         history = History.of(results)
-        return history if circle is None else replace(history, bound=largest_bound(circle, history))
+        if circle is None or history.steps == 0:
+            return history
+        return replace(history, bound=of_steps(circle, history, range(1, history.steps + 1)).largest)
 
 
 def _circle(posed: PosedScene, store: object) -> Hypercircle:

@@ -136,7 +136,7 @@ CALLED = [
     (programs, {"scene": SCENE, "mesh": MESH, "times": [0.0, 1.0], "solver": None, "initial": None, "check": True,
                 "condense": True, "linear": None}, {key: {"None"} for key in ("solver", "initial", "linear")}),
     (vx.adapt, {"scene": SCENE, "mesh": MESH, "times": [0.0, 1.0], "target": 0.9, "of": "energy", "solver": None,
-                "initial": None, "most_unknowns": 4000, "theta": 0.6},
+                "initial": None, "most_unknowns": 4000, "theta": 0.6, "estimate": "residual"},
      {key: {"None"} for key in ("solver", "initial")}),
     (vx.write_program, {"program": next(vx.programs(SCENE, MESH, [0.0, 1.0])), "path": "step.words"}, {}),
     (vx.read_program, {"path": "step.npz"}, {}),

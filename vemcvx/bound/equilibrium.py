@@ -28,11 +28,15 @@ from vemcvx.bound.fan import Fans
 from vemcvx.bound.skeleton import Skeleton
 from vemcvx.bound.stress import VOIGT, FanStress, stresses_at_stations
 from vemcvx.errors import SceneError
-from vemcvx.linear import Factor, LinearSolver, choose_linear
+from vemcvx.linear import Factor, choose_linear
 from vemcvx.meshes import PolygonMesh
 
 UNBALANCED = 1e-7
 """Forces by which neighbours may differ, in parts of the largest: rounding makes 1e-13, and 1e-9 at lambda = 1e6."""
+
+
+ANCHOR = 1e-9
+"""Parts of the diagonal that anchor what floats: of a body of a thousand cells a correction loses all but 1e-5."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +60,16 @@ def edges_of(mesh: PolygonMesh, skeleton: Skeleton, fans: Sequence[Fans]) -> Edg
     place = 4 * number[:, None, None] + 2 * ends[:, :, None] + np.arange(2)
     of_fans = tuple(place[mesh.offsets[one.cells][:, None] + np.arange(one.n)].reshape(-1, 4 * one.n) for one in fans)
     return Edges(len(shared.first), of_fans, place[skeleton.outer_corners])
+
+
+@dataclass(frozen=True, eq=False)
+class Bonds:
+    """Pairs of boundary edges (j,) in one place, of two bodies that move alike along some directions."""
+
+    first: Ints
+    second: Ints
+    directions: Floats
+    """(j, 2, 2) projectors on these"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,31 +143,49 @@ def edge_forces(fans: Fans, stress: Floats) -> Floats:
     return np.repeat(half[:, :, None], 2, axis=2).reshape(len(stress), 4 * fans.n)
 
 
-def equilibrium(
-    edges: Edges, stresses: tuple[FanStress, ...], free: Floats, linear: LinearSolver | None = None
-) -> Equilibrium:
-    """The hybrid problem, boundary edges being free along what the projectors (b, 2, 2) leave."""
+def equilibrium(edges: Edges, stresses: tuple[FanStress, ...], free: Floats, bonds: Bonds, floats: bool) -> Equilibrium:
+    """The hybrid problem, boundary edges being free along what the projectors (b, 2, 2) leave.
+
+    A body that `floats` is anchored by a little of the diagonal; forces that balance then need one or two corrections.
+    """
     size = 4 * edges.count
     entries = [one.stiffness for one in stresses]
     rows = [np.repeat(place, place.shape[1], axis=1).ravel() for place in edges.places]
     columns = [np.tile(place, (1, place.shape[1])).ravel() for place in edges.places]
     values = np.concatenate([one.ravel() for one in entries])
     G = sp.csr_matrix((values, (np.concatenate(rows), np.concatenate(columns))), shape=(size, size))
-    P = _free_motions(edges, free)
+    P = _free_motions(edges, free, bonds)
     K = sp.csr_matrix(P.T @ G @ P)
-    return Equilibrium(edges, stresses, P, choose_linear(K.shape[0], linear).factorise(K))
+    K = K + sp.diags_array(ANCHOR * K.diagonal()) if floats else K
+    return Equilibrium(edges, stresses, P, choose_linear(K.shape[0]).factorise(K))
 
 
-def _free_motions(edges: Edges, free: Floats) -> sp.csr_matrix:
-    """(4 E, m) orthonormal columns: all motions but those that are held."""
+def _free_motions(edges: Edges, free: Floats, bonds: Bonds) -> sp.csr_matrix:
+    """(4 E, m) columns: all motions but those that are held."""
     inner = np.ones(4 * edges.count, dtype=bool)
     inner[edges.outer] = False
     alone = np.flatnonzero(inner)
-    values, vectors = np.linalg.eigh(free)
-    edge, axis = np.nonzero(values > 0.5)
-    rows = edges.outer[edge].reshape(-1, 2)
-    columns = len(alone) + np.arange(len(rows))
-    entries = np.repeat(vectors[edge, :, axis], 2, axis=0)
-    data = np.append(np.ones(len(alone)), entries.ravel())
-    where = np.append(alone, rows.ravel()), np.append(np.arange(len(alone)), np.repeat(columns, 2))
-    return sp.csr_matrix((data, where), shape=(len(inner), len(alone) + len(rows)))
+    # Directions in which two edges move alike belong to both, if both are free.
+    own = free.copy()
+    for side in (bonds.first, bonds.second):
+        own[side] -= bonds.directions
+    one, axis, vectors = _axes(own)
+    joint, shared, common = _axes(bonds.directions)
+    both = [common[joint, :, shared], common[joint, :, shared]]
+    first, second = edges.outer[bonds.first[joint]], edges.outer[bonds.second[joint], ::-1]
+    rows = [alone, edges.outer[one].ravel(), first.ravel(), second.ravel()]
+    entries = [np.ones(len(alone)), *(np.repeat(v, 2, axis=0).ravel() for v in (vectors[one, :, axis], *both))]
+    start = len(alone) + np.array([0, 2 * len(one)])
+    of_own, of_both = (
+        begin + np.repeat(np.arange(2 * n), 2) for begin, n in zip(start, (len(one), len(joint)), strict=True)
+    )
+    columns = [np.arange(len(alone)), of_own, of_both, of_both]
+    shape = (len(inner), len(alone) + 2 * len(one) + 2 * len(joint))
+    return sp.csr_matrix((np.concatenate(entries), (np.concatenate(rows), np.concatenate(columns))), shape=shape)
+
+
+def _axes(projectors: Floats) -> tuple[Ints, Ints, Floats]:
+    """The projectors (b, 2, 2) and numbers of their axes, and all eigenvectors."""
+    values, vectors = np.linalg.eigh(projectors)
+    which, axis = np.nonzero(values > 0.5)
+    return which, axis, vectors

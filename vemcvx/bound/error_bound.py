@@ -99,6 +99,13 @@ class ErrorBound(Outlined):
         """`upper` in parts of the largest energy norm of the run."""
         return self.upper / (float(self.history.trajectory.norm.max()) or 1.0)
 
+    @property
+    def largest(self) -> dict[str, float]:
+        """The bounds "upper" and "lower" of the "step" for which upper is largest, and that as "relative"."""
+        k = int(np.argmax(self.upper))
+        each = {"upper": self.upper, "lower": self.lower, "step": self.steps, "relative": self.relative}
+        return {name: float(np.atleast_1d(values)[k]) for name, values in each.items()}
+
     def outline(self) -> Outline:
         """The outline for prompts and notebooks: the step where the bound is largest."""
         steps, upper, lower = (np.atleast_1d(one) for one in (self.steps, self.upper, self.lower))
@@ -189,26 +196,9 @@ def of_steps(circle: Hypercircle, history: History, steps: Sequence[int]) -> Err
     )
 
 
-def largest_bound(circle: Hypercircle, history: History) -> dict[str, float]:
-    """The largest upper bound of all steps, with the lower one, its step, and in parts of the largest energy norm."""
-    if history.steps == 0:
-        return {"upper": 0.0, "lower": 0.0, "step": 0.0, "relative": 0.0}
-    found = of_steps(circle, history, range(1, history.steps + 1))
-    k = int(np.argmax(found.upper))
-    of_step = {"upper": found.upper[k], "lower": found.lower[k], "step": found.steps[k], "relative": found.relative[k]}
-    return {name: float(value) for name, value in of_step.items()}
-
-
 def _of_step(circle: Hypercircle, now: Instant, before: Instant) -> tuple[Pair, float]:
     """The pair of a step, whose displacement obstacles admit, and how far that is from the answer."""
-    obstacles, u = circle.posed.obstacles, now.u.ravel()
-    rigid = obstacles.compliance == 0
-    for _ in range(8):  # Two obstacles at a corner are seldom at right angles.
-        excess = np.where(rigid, np.maximum(obstacles.rows @ u - obstacles.gap(now.t), 0.0), 0.0)
-        if not excess.any():
-            break
-        u = u - obstacles.rows.T @ excess
-    admitted = replace(now, u=u.reshape(-1, 2))
+    admitted = replace(now, u=circle.boundary.admitted(now.u, now.t))
     return circle.pair(admitted, before), circle.distance(now.u, admitted.u)
 
 

@@ -50,7 +50,7 @@ import scipy.sparse as sp
 from vemcvx.arrays import Floats, Ints, totals
 from vemcvx.bound.data_oscillation import DataOscillation
 from vemcvx.bound.displacement import VALUES, FanDisplacement, fan_displacement, forces_of, strains_at_stations
-from vemcvx.bound.equilibrium import Equilibrium, edges_of, equilibrium
+from vemcvx.bound.equilibrium import Bonds, Equilibrium, edges_of, equilibrium
 from vemcvx.bound.fan import (
     BARYCENTRIC,
     LINEAR_MASS_INVERSE,
@@ -162,7 +162,7 @@ class Hypercircle:
         """
         boundary, edges = self.boundary, self.boundary.edges
         boundary.check_supports(now)
-        surface, densities = boundary.at(now, before), self._densities(now.t)
+        densities = self._densities(now.t)
         prestress = np.zeros((len(edges.areas), 3))
         if self.posed.prestress is not None:
             prestress = self.posed.prestress.stress(now.t)
@@ -177,6 +177,7 @@ class Hypercircle:
             for fans, f in zip(self.fans, densities, strict=True)
         ]
         moments = [np.einsum("qk,ctqd->ctkd", BARYCENTRIC, f).reshape(len(f), -1) for f in weighed]
+        surface = boundary.at(now, before, self._work(moments))
         stress = self.equilibrium.solve(held, surface.forces, moments, prestress)
         residual, energy, potential = np.zeros(self.Q.shape[0]), 0.0, 0.0
         defects = []
@@ -266,6 +267,20 @@ class Hypercircle:
         """(c, 4 n) the places of a cell's vertices and middles among those of all."""
         return outline_places(self.posed, self.equilibrium.edges.places, self.fans, fans)
 
+    def _work(self, moments: Sequence[Floats]) -> Floats:
+        """(j,) the work of body forces (c, 6 n) on the rigid motions of bodies that nothing else holds."""
+        work = np.zeros(self.boundary.motions.shape[1])
+        for fans, F in zip(self.fans, moments, strict=True):
+            for k, mode in enumerate(self.boundary.motions.T):
+                N, x = mode.reshape(-1, 2)[fans.nodes], fans.corners - fans.corners.mean(axis=1, keepdims=True)
+                turned = np.stack([-x[..., 1], x[..., 0]], axis=2)
+                turn = np.einsum("cid,cid->c", turned, N) / np.einsum("cid,cid->c", x, x)
+                y = fans.corners.mean(axis=1)
+                centre = N.mean(axis=1) + turn[:, None] * np.stack([y[:, 1], -y[:, 0]], axis=1)
+                each = np.stack([np.broadcast_to(centre[:, None], N.shape), N, np.roll(N, -1, axis=1)], axis=2)
+                work[k] += float(np.sum(F * each.reshape(F.shape)))
+        return work
+
     def _densities(self, t: float) -> tuple[Floats, ...]:
         loads = [load for load in self.posed.loads if isinstance(load, Load) and load.cells is not None]
         found = []
@@ -319,7 +334,10 @@ def hypercircle(posed: PosedScene) -> Hypercircle:
     fans = fans_of(posed.space, elastic_matrix(posed.material.moduli))
     displacements = tuple(fan_displacement(one) for one in fans)
     numbered = edges_of(mesh, edges, fans)
-    balance = equilibrium(numbered, tuple(fan_stress(one) for one in fans), boundary.free)
+    bonds = Bonds(edges.joints.first, edges.joints.second, boundary.bonds)
+    balance = equilibrium(
+        numbered, tuple(fan_stress(one) for one in fans), boundary.free, bonds, boundary.motions.shape[1] > 0
+    )
     places = [outline_places(posed, numbered.places, fans, one) for one in fans]
     size = posed.space.n_unknowns + 2 * numbered.count
     A = sp.csr_matrix(
@@ -368,16 +386,14 @@ def _free_outlines(posed: PosedScene, boundary: Boundary, outer: Ints, count: in
 
 def check_bounded(posed: PosedScene) -> None:
     """Raise SceneError where there is no bound."""
-    mesh = plane_mesh(posed.space.mesh, "error_bound", "compare runs on finer meshes and in finer steps")
+    plane_mesh(posed.space.mesh, "error_bound", "compare runs on finer meshes and in finer steps")
     check_estimable(posed, "error_bound")
     for load in posed.loads:
         if isinstance(load, Load) and load.cells is not None and load.matrix.shape[1] == len(load.points):
             raise SceneError(f"error_bound: there is no bound for {load.subject}, a body force of one component.")
     missing = {
-        f"interfaces ({', '.join(mesh.interfaces)})": bool(mesh.interfaces),
         f"contact or supports along curves ({', '.join(posed.curves)})": bool(posed.curves),
         "springs (ElasticFoundation)": posed.springs is not None,
-        "bodies that only friction or one-sided contact holds": posed.system.kernel is not None,
     }
     for what, there in missing.items():
         if there:

@@ -16,17 +16,19 @@ each >= 0. On a piece where s changes its sign |s| is not linear; the line betwe
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+import scipy.sparse as sp
 
-from vemcvx.arrays import Bools, Floats, Ints, totals
+from vemcvx.arrays import EPS, Bools, Floats, Ints, totals
 from vemcvx.bound.data_oscillation import DataOscillation, FineBoundary
 from vemcvx.bound.skeleton import Instant, Skeleton, at_ends
 from vemcvx.effects import Friction, Load, Obstacle
 from vemcvx.errors import SceneError
-from vemcvx.meshes.polygons.topology import positions
+from vemcvx.meshes.polygons.topology import positions, spans
+from vemcvx.program.kernel import KernelBalance
 from vemcvx.scene.contact_table import ContactRows
 from vemcvx.scene.pose import PosedScene
 
@@ -101,18 +103,31 @@ class Boundary:
         """(b, 2) along the boundary, the body on the left."""
         return self.edges.units[:, ::-1] * [-1.0, 1.0]
 
-    @cached_property
-    def held(self) -> Floats:
-        """(b, 2, 2) projectors on the directions in which edges are held."""
+    def _prescribed(self, joined: bool) -> Floats:
+        """(b, 2, 2) projectors on what supports prescribe on edges: motions, or jumps to another body."""
         squares = np.zeros((len(self.edges.outer), 2, 2))
         for support in (support for part in self.oscillation.parts for support in part.supports):
-            new = support.nodes >= self.fine.old
+            partners = np.full(len(support.nodes), -1) if support.partners is None else support.partners
+            new = (support.nodes >= self.fine.old) & ((partners >= 0) == joined)
             owner = self.fine.owner[support.nodes[new] - self.fine.old]
             np.add.at(squares, owner, np.einsum("qi,qj->qij", support.directions[new], support.directions[new]))
-        values, vectors = np.linalg.eigh(squares)
-        kept = values > 1e-4 * values.max(initial=0.0)
-        projectors: Floats = np.einsum("bik,bk,bjk->bij", vectors, kept, vectors)
-        return projectors
+        return _spanned(squares)
+
+    @cached_property
+    def bonds(self) -> Floats:
+        """(j, 2, 2) projectors on the directions in which the two edges of each joint move alike, held by nothing."""
+        joints = self.edges.joints
+        bonds, held = self._prescribed(True)[joints.first], self.held
+        return bonds - _common(bonds, held[joints.first])
+
+    @cached_property
+    def held(self) -> Floats:
+        """(b, 2, 2) projectors on the directions in which edges are held, by themselves or bonded to one that is."""
+        joints, own = self.edges.joints, self._prescribed(False)
+        bonds, held = self._prescribed(True)[joints.first], own.copy()
+        for one, other in ((joints.first, joints.second), (joints.second, joints.first)):
+            held[one] += _common(bonds, own[other])
+        return _spanned(held)
 
     @cached_property
     def free(self) -> Floats:
@@ -120,28 +135,42 @@ class Boundary:
         return np.eye(2) - self.held
 
     def _moves(self, directions: Floats) -> Bools:
-        """(b,) which edges are free along these directions (b, 2)."""
+        """(b,) which edges are free along these directions (b, 2); of a joint, free to move apart along them."""
+        joints = self.edges.joints
         moves: Bools = np.einsum("bi,bij,bj->b", directions, self.free, directions) > 0.5
+        along = directions[joints.first]
+        bonded = np.einsum("ji,jik,jk->j", along, self.bonds, along) > 0.5
+        moves[joints.first] = (moves[joints.first] | moves[joints.second]) & ~bonded
         return moves
 
     @cached_property
     def touching(self) -> Bools:
-        """(b,) edges on which friction or obstacles act."""
-        found = np.zeros(len(self.edges.outer), dtype=bool)
+        """(b,) edges on which friction or obstacles act, or another body is bonded."""
+        found, joints = np.zeros(len(self.edges.outer), dtype=bool), self.edges.joints
         for part in self.oscillation.parts:
             acting: tuple[Friction | Obstacle, ...] = (*part.frictions, *part.obstacles)
             for rows in acting:
                 found[self.fine.piece_owner[self._pieces(rows)[0]]] = True
+        found[joints.first] |= self.bonds.any(axis=(1, 2))
+        found[joints.second] |= found[joints.first]
         return found
+
+    def _jumps(self, u: Floats) -> Floats:
+        """(b, 2, 2) u at both ends of edges, less that of another body where there is one."""
+        across = self.edges.joints.across
+        jumps: Floats = u[self.edges.outer_edges] - np.where(across[:, :, None] >= 0, u[across], 0.0)
+        return jumps
 
     def check_supports(self, now: Instant) -> None:
         """Raise SceneError where nodal values do not follow supports along edges."""
-        ends, size = now.u[self.edges.outer_edges], float(np.abs(now.u).max(initial=0.0))
+        ends, jumps, size = now.u[self.edges.outer_edges], self._jumps(now.u), float(np.abs(now.u).max(initial=0.0))
         for support in (support for part in self.oscillation.parts for support in part.supports):
             new = support.nodes >= self.fine.old
             at, directions = support.nodes[new] - self.fine.old, support.directions[new]
+            partners = np.full(len(at), -1) if support.partners is None else support.partners[new]
+            moved = np.where(partners[:, None] >= 0, self.fine.between(jumps, at), self.fine.between(ends, at))
             wanted = np.zeros(len(at)) if support.value is None else np.asarray(support.value(now.t))[new]
-            apart = np.abs(np.einsum("qd,qd->q", directions, self.fine.between(ends, at)) - wanted)
+            apart = np.abs(np.einsum("qd,qd->q", directions, moved) - wanted)
             if apart.max(initial=0.0) > FAR * max(size, np.abs(wanted).max(initial=0.0)):
                 raise SceneError(
                     f"error_bound: {support.subject} moves the boundary by {apart.max():.3g} otherwise than linearly "
@@ -179,8 +208,8 @@ class Boundary:
         both = at_ends(self.edges, rows, np.column_stack([values, np.ones(len(values))]))
         return np.where(both[..., -1:] > 0, both, both[:, ::-1])[..., :-1]
 
-    def at(self, now: Instant, before: Instant) -> Surface:
-        """The surface at the end of a step that began `before`.
+    def at(self, now: Instant, before: Instant, body: Floats) -> Surface:
+        """The surface at the end of a step that began `before`; `body` (j,) is the work of body forces on `motions`.
 
         Raises
         ------
@@ -188,24 +217,29 @@ class Boundary:
             Something has no bound.
         """
         owner, loads = self.fine.piece_owner, self._loads(now.t)
-        rubbing, bound, bias, slip = self._friction(now, before)
-        pressing = self._pressure(now)
-        contact = rubbing.traction[..., None] * self.tangents[owner, None]
-        contact = contact + pressing.traction[..., None] * self.edges.units[owner, None]
+        laws = self._laws(now, before)
+        theta, presses = self._theta(now, laws), [self._pressing(now, compliant) for compliant in (False, True)]
+        if self.motions.shape[1]:
+            theta, presses = self._balanced(theta, presses, laws, self._moments(loads)[:, :2], body)
+        q = laws.bias + self._line(theta) * laws.bound
+        paid = products(laws.bound, np.abs(laws.slip)) + products(laws.bias, laws.slip)
+        rigid, soft = (self._line(press.ends) for press in presses)
+        lacking = presses[0].lacking(rigid) + presses[1].lacking(soft)
+        contact = q[..., None] * self.tangents[owner, None] + (rigid + soft)[..., None] * self.edges.units[owner, None]
+        second, first = self._opposite
+        contact[second] -= contact[first][:, ::-1]
         within = 0.5 + 0.5 * GAUSS[:, None]
         acting = loads - (1.0 - within) * contact[:, :1] - within * contact[:, 1:]
-        cost, gap = rubbing.cost + pressing.cost, rubbing.gap + pressing.gap
-        moments = self._moments(acting)[:, :2]
         return Surface(
             loads=self._moments(loads),
-            forces=moments,
+            forces=self._moments(acting)[:, :2],
             acting=acting,
-            cost=cost,
-            gap=gap,
-            bound=bound,
-            bias=bias,
-            friction=rubbing.traction,
-            slip=slip,
+            cost=self.integrals(paid + presses[1].stored),
+            gap=np.maximum(self.integrals(paid - products(q, laws.slip) + lacking), 0.0),
+            bound=laws.bound,
+            bias=laws.bias,
+            friction=q,
+            slip=laws.slip,
         )
 
     def missed(self, traction: Floats) -> tuple[Floats, Floats]:
@@ -224,6 +258,15 @@ class Boundary:
         rest = traction - (1.0 - s) * tips[owner, :1] - s * tips[owner, 1:] - (1.0 - 6.0 * s * (1.0 - s)) * mean
         rest[np.abs(rest) <= rounding] = 0.0
         return totals(owner, np.einsum("kq,kqd,kqd->k", self._weights, rest, rest), len(bent)), bent
+
+    @cached_property
+    def _opposite(self) -> tuple[Ints, Ints]:
+        """The pieces of second bodies at interfaces, and those of first ones in the same places, which run back."""
+        counts = np.bincount(self.fine.piece_owner)
+        start, joints = np.cumsum(counts) - counts, self.edges.joints
+        second = spans(start[joints.second], counts[joints.second])
+        place = second - np.repeat(start[joints.second], counts[joints.second])
+        return second, np.repeat((start + counts - 1)[joints.first], counts[joints.first]) - place
 
     # Loads.
 
@@ -271,16 +314,11 @@ class Boundary:
 
     # Friction.
 
-    def _friction(self, now: Instant, before: Instant) -> tuple[_Acting, Floats, Floats, Floats]:
+    def _laws(self, now: Instant, before: Instant) -> _Laws:
         owner, terms = self.fine.piece_owner, self.posed.terms
         frictions = [friction for part in self.oscillation.parts for friction in part.frictions]
         bound, bias, moved = (np.zeros(self.fine.pieces.shape) for _ in range(3))
         for friction in frictions:
-            if friction.directions is not None or (friction.law is not None and friction.law.slips):
-                raise SceneError(
-                    f"error_bound: there is no bound for {friction.subject}: its weights depend on slip, or act along "
-                    "given directions."
-                )
             bound += np.nan_to_num(self._read(friction, friction.weights(now.t) / friction.lengths))
             if friction.bias is not None:
                 bias += np.nan_to_num(self._read(friction, friction.bias(now.t) / friction.lengths))
@@ -292,18 +330,66 @@ class Boundary:
             # Bounds that follow the pressure are those of the answer, linear between nodes.
             bound = self._line(self._at_ends(terms, (now.weights / terms.lengths)[:, None])[..., 0])
         moves = self._moves(self.tangents)[owner, None]
-        bound, bias = np.where(moves, bound, 0.0), np.where(moves, bias, 0.0)
+        slip = self._line(np.einsum("bed,bd->be", self._jumps(now.u - before.u), self.tangents)) - moved
+        return _Laws(np.where(moves, bound, 0.0), np.where(moves, bias, 0.0), slip)
+
+    def _theta(self, now: Instant, laws: _Laws) -> Floats:
+        """theta (b, 2) at the ends of edges, by the multipliers."""
+        terms = self.posed.terms
         against = self._at_ends(terms, now.lam / terms.lengths[:, None] * terms.tangents[:, 0])
         ends = np.einsum("bed,bd->be", against, self.tangents)
-        first, last = self._tips(bound), self._tips(bias)
-        theta = np.divide(ends - last, first, out=np.zeros_like(ends), where=first > 0.0)
-        theta = np.where(first > 0.0, theta, theta[:, ::-1])
-        q = bias + self._line(np.clip(theta, -1.0, 1.0)) * bound
-        jump = (now.u - before.u)[self.edges.outer_edges]
-        slip = self._line(np.einsum("bed,bd->be", jump, self.tangents)) - moved
-        paid = products(bound, np.abs(slip)) + products(bias, slip)
-        cost, gap = self.integrals(paid), self.integrals(paid - products(q, slip))
-        return _Acting(q, cost, np.maximum(gap, 0.0)), bound, bias, slip
+        bound, bias = self._tips(laws.bound), self._tips(laws.bias)
+        theta = np.divide(ends - bias, bound, out=np.zeros_like(ends), where=bound > 0.0)
+        clipped: Floats = np.clip(np.where(bound > 0.0, theta, theta[:, ::-1]), -1.0, 1.0)
+        return clipped
+
+    # The balance of bodies that nothing else holds.
+
+    @cached_property
+    def motions(self) -> Floats:
+        """(n_u, j) of bodies that only friction and one-sided contact hold."""
+        kernel, P = self.posed.system.kernel, self.posed.supports.P
+        return np.zeros((P.shape[0], 0)) if kernel is None else np.asarray(P @ kernel.basis)
+
+    def _balanced(
+        self, theta: Floats, presses: list[_Pressing], laws: _Laws, loads: Floats, body: Floats
+    ) -> tuple[Floats, list[_Pressing]]:
+        """The nearest theta and pressures that balance the loads (b, 2, 2) on these motions.
+
+        Nodal multipliers do, but tractions linear between nodes have other moments.
+        """
+        count, ends = len(self.edges.outer), self.edges.outer_edges
+        moved = [mode.reshape(-1, 2) for mode in self.motions.T]
+        along, outward = (
+            [self._line(np.einsum("bed,bd->be", self._jumps(mode), way)) for mode in moved]
+            for way in (self.tangents, self.edges.units)
+        )
+        hats = [self._line(np.tile(np.eye(2)[end], (count, 1))) for end in range(2)]
+
+        def felt(ways: list[Floats], weight: Floats | float) -> Floats:
+            """(2 b, j) the work of hats of both ends."""
+            works = [[self.integrals(products(hat * weight, way)) for way in ways] for hat in hats]
+            return np.moveaxis(np.array(works), (0, 1), (1, 2)).reshape(2 * count, len(ways))
+
+        push = body + np.array([np.sum(loads * mode[ends]) for mode in moved])
+        push = push - np.array([self.integrals(products(laws.bias, way)).sum() for way in along])
+        acting = [press.acts for press in presses]
+        H = np.concatenate([felt(outward, 1.0) * np.repeat(acts, 2)[:, None] for acts in acting])
+        G = felt(along, laws.bound)
+        length, mean = np.repeat(self.edges.lengths, 2), self.integrals(laws.bound.mean(axis=1)) / self.edges.lengths
+        g = np.repeat(np.where(mean > 0.0, mean, 1.0), 2)
+        p = np.concatenate([press.ends.ravel() for press in presses])
+        found, pressure, left = KernelBalance(G[:, None], H).nearest(
+            theta.reshape(-1, 1), p, np.ones(2 * count), push, (1.0 / (length * g**2), 1.0 / np.tile(length, 2))
+        )
+        if np.abs(left).max() > 1e-9 * max(np.abs(push).max(), np.abs(p @ H).max(), np.abs(theta.ravel() @ G).max()):
+            raise SceneError(
+                "error_bound: no friction and pressure that are linear on edges balance the load on a body that "
+                "nothing else holds; there is no bound for that. Refine the mesh, or add a support."
+            )
+        rigid, soft = pressure.reshape(2, count, 2)
+        ends_of = [np.where(acts[:, None], ends, 0.0) for acts, ends in zip(acting, (rigid, soft), strict=True)]
+        return found.reshape(-1, 2), [replace(press, ends=e) for press, e in zip(presses, ends_of, strict=True)]
 
     def _tips(self, values: Floats) -> Floats:
         """(b, 2) at the ends of edges, of values (k, 2) at those of pieces."""
@@ -315,57 +401,121 @@ class Boundary:
 
     # Obstacles.
 
-    def _pressure(self, now: Instant) -> _Acting:
+    def _pressing(self, now: Instant, compliant: bool) -> _Pressing:
+        """The pressure of obstacles, rigid or compliant, by the multipliers."""
         obstacles, count = self.posed.obstacles, len(self.edges.outer)
-        cost, gap, pressure = np.zeros(count), np.zeros(count), np.zeros(self.fine.pieces.shape)
-        depth = self._line(np.einsum("bed,bd->be", now.u[self.edges.outer_edges], self.edges.units))
+        mine = (obstacles.compliance > 0) == compliant
+        ends = self._at_ends(obstacles[np.flatnonzero(mine)], (now.p / obstacles.lengths)[mine, None])
+        z, k = self._depths(now.u, now.t, compliant)
+        acts = np.asarray(np.isfinite(z).all(axis=1))
+        on = np.zeros(count, dtype=bool)
+        on[self.fine.piece_owner[acts]] = True
+        return _Pressing(
+            ends=np.where(on[:, None], np.maximum(ends[..., 0], 0.0), 0.0),
+            acts=on,
+            depth=np.where(acts[:, None], z, 0.0),
+            stiffness=np.where(acts[:, None], k, 1.0) if compliant else None,
+        )
+
+    def _depths(self, u: Floats, t: float, compliant: bool) -> tuple[Floats, Floats]:
+        """How far a displacement goes beyond obstacles (k, 2), -inf where there is none, and the stiffness of these."""
+        distance, stiffness = (np.full(self.fine.pieces.shape, value) for value in (np.inf, 0.0))
         asked = [obstacle for part in self.oscillation.parts for obstacle in part.obstacles]
-        moves = self._moves(self.edges.units)[self.fine.piece_owner]
-        soft = obstacles.compliance > 0
-        size = max(float(np.abs(now.u).max(initial=0.0)), FAR * float(self.edges.lengths.max()))
-        for compliant in (False, True):
-            mine = soft == compliant
-            ends = self._at_ends(obstacles[np.flatnonzero(mine)], (now.p / obstacles.lengths)[mine, None])
-            p = np.maximum(ends[..., 0], 0.0)
-            distance, stiffness = np.full(depth.shape, np.inf), np.zeros(depth.shape)
-            for obstacle in asked:
-                if (obstacle.compliance > 0).any() != compliant:
-                    continue
-                read = self._read(obstacle, obstacle.gap(now.t))
-                known = ~np.isnan(read)
-                if compliant and (stiffness[known] > 0).any():
-                    raise SceneError(f"error_bound: {obstacle.subject} and another compliant obstacle share an edge.")
-                distance[known] = np.minimum(distance[known], read[known])
-                if compliant:
-                    k = self._read(obstacle, 1.0 / (obstacle.compliance * obstacle.lengths))
-                    stiffness[known] = k[known]
-            acts = moves & np.isfinite(distance).all(axis=1)
-            on = np.zeros(count, dtype=bool)
-            on[self.fine.piece_owner[acts]] = True
-            p = np.where(on[:, None], p, 0.0)
-            z, at = np.where(acts[:, None], depth - distance, 0.0), self._line(p)
+        for obstacle in (one for one in asked if (one.compliance > 0).any() == compliant):
+            read = self._read(obstacle, obstacle.gap(t))
+            known = np.isfinite(read)
+            if compliant and (stiffness[known] > 0).any():
+                raise SceneError(f"error_bound: {obstacle.subject} and another compliant obstacle share an edge.")
+            distance[known] = np.minimum(distance[known], read[known])
             if compliant:
-                k, into = np.where(acts[:, None], stiffness, 1.0), np.maximum(z, 0.0)
-                stored = 0.5 * k.max(axis=1) * products(into, into) * acts
-                cost += self.integrals(stored)
-                gap += self.integrals(stored + 0.5 * products(at, at) / k.min(axis=1) - products(at, z))
-            else:
-                if z.max(initial=0.0) > FAR * size:
-                    raise SceneError(
-                        f"error_bound: between nodes the body reaches {z.max():.3g} beyond an obstacle, whose gap is "
-                        "not linear on edges; there is no bound for that. Refine the mesh, or give a gap that is "
-                        "linear between nodes."
-                    )
-                gap += self.integrals(products(at, np.maximum(-z, 0.0)))
-            pressure = pressure + at
-        return _Acting(pressure, cost, np.maximum(gap, 0.0))
+                stiffness[known] = self._read(obstacle, 1.0 / (obstacle.compliance * obstacle.lengths))[known]
+        distance[~self._moves(self.edges.units)[self.fine.piece_owner]] = np.inf
+        outward = self._line(np.einsum("bed,bd->be", self._jumps(u), self.edges.units))
+        return outward - distance, stiffness
+
+    def admitted(self, u: Floats, t: float) -> Floats:
+        """The displacement (n_nodes, 2), moved back where it goes beyond rigid obstacles.
+
+        The ends of an edge go back, as far as nothing holds them, until it is nowhere beyond. At corners two edges move
+        a node, and in turn.
+        """
+        ends, units, owner = self.edges.outer_edges, self.edges.units, self.fine.piece_owner
+        size = float(np.abs(u).max(initial=0.0)) + EPS * float(np.abs(self.posed.space.mesh.points).max())
+        P = self.posed.supports.P
+        loose = sp.bsr_matrix(P @ P.T, blocksize=(2, 2)).tocoo()
+        near = loose.row // 2 == loose.col // 2
+        each = np.zeros((len(u), 2, 2))
+        each[loose.row[near] // 2, loose.row[near] % 2, loose.col[near] % 2] = loose.data[near]
+        free = np.einsum("bi,beij,bj->be", units, each[ends], units) > 0.5
+        share = self._line(free.astype(float))
+        for _ in range(16):
+            beyond, depth = np.zeros(len(ends)), self._depths(u, t, False)[0]
+            # To be beyond by rounding is no more than data are uncertain by.
+            if depth.max(initial=-np.inf) <= 64.0 * EPS * size:
+                return u
+            back = np.divide(np.maximum(depth, 0.0), share, out=np.zeros_like(depth), where=share > 0.0)
+            np.maximum.at(beyond, owner, back.max(axis=1))
+            ways = np.zeros((2, *u.shape))
+            # The two edges of a node, by their first and by their last end; the longer way counts for both.
+            for end in range(2):
+                ways[end, ends[:, end]] = np.where(free[:, end, None], beyond[:, None] * units, 0.0)
+            longer = np.linalg.norm(ways[0], axis=1) >= np.linalg.norm(ways[1], axis=1)
+            u = u - np.where(longer[:, None], ways[0], ways[1])
+        raise SceneError(
+            "error_bound: nodes at a corner cannot be moved back from two obstacles, or supports press them into one; "
+            "there is no bound."
+        )
+
+
+def _spanned(squares: Floats) -> Floats:
+    """Projectors (b, 2, 2) on what positive semidefinite matrices do not map to zero."""
+    values, vectors = np.linalg.eigh(squares)
+    kept = values > 1e-4 * values.max(initial=0.0)
+    projectors: Floats = np.einsum("bik,bk,bjk->bij", vectors, kept, vectors)
+    return projectors
+
+
+def _common(one: Floats, other: Floats) -> Floats:
+    """Projectors (j, 2, 2) on what is in both spans: these are the plane, nothing, or lines, alike or not."""
+    values, vectors = np.linalg.eigh(one + other)
+    common: Floats = np.einsum("bik,bk,bjk->bij", vectors, values > 1.5, vectors)
+    return common
 
 
 @dataclass(frozen=True, eq=False)
-class _Acting:
-    """Friction or pressure on the boundary edges."""
+class _Laws:
+    """Friction at the ends of pieces, (k, 2) each."""
 
-    traction: Floats
-    """(k, 2) against slip, or normals, at the ends of pieces"""
-    cost: Floats
-    gap: Floats
+    bound: Floats
+    bias: Floats
+    slip: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class _Pressing:
+    """The pressure of rigid or of compliant obstacles."""
+
+    ends: Floats
+    """(b, 2) p at the ends of edges"""
+    acts: Bools
+    """(b,) on which edges"""
+    depth: Floats
+    """(k, 2) z at the ends of pieces"""
+    stiffness: Floats | None
+    """(k, 2) k; None of rigid ones"""
+
+    @property
+    def stored(self) -> Floats:
+        """(k,) the mean of k z_+^2 / 2 on pieces."""
+        if self.stiffness is None:
+            return np.zeros(len(self.depth))
+        into = np.maximum(self.depth, 0.0)
+        stored: Floats = 0.5 * self.stiffness.max(axis=1) * products(into, into)
+        return stored
+
+    def lacking(self, p: Floats) -> Floats:
+        """(k,) the mean of what the law lacks on pieces where pressures are p (k, 2)."""
+        if self.stiffness is None:
+            return products(p, np.maximum(-self.depth, 0.0))
+        lacking: Floats = self.stored + 0.5 * products(p, p) / self.stiffness.min(axis=1) - products(p, self.depth)
+        return lacking

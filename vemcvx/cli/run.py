@@ -277,9 +277,8 @@ class Run:
         self, problem: Problem, mesh: AnyMesh, steps: int, target: float, shown: Shown
     ) -> tuple[History, list[str]]:
         """The history on a mesh, and at instants, chosen for the target; those given are where that begins."""
-        if self.resume or self.store != "all" or self.linear is not None or not self.condense or self.bound:
-            others = "--resume, --store, --linear, --bound nor --no-condense"
-            raise ProblemError(f"--target: adaptive runs take neither {others}.")
+        if self.resume or self.store != "all" or self.linear is not None or not self.condense:
+            raise ProblemError("--target: adaptive runs take neither --resume, --store, --linear nor --no-condense.")
         solver, times = named_solver(self.solver, self.accuracy), problem.times(steps)
         scene, initial = problem.scene(self.settings), problem.initial
         shown("adapting", 0, None)
@@ -287,7 +286,18 @@ class Run:
         def told(now: Pass) -> None:
             shown(f"adapting, {now.unknowns} unknowns and {now.steps} steps have {now.total:.1%}", 0, None)
 
-        found = adapt(scene, mesh, times, target, of=self.of, solver=solver, initial=initial, progress=told)
+        estimate = "bound" if self.bound else "residual"
+        found = adapt(
+            scene,
+            mesh,
+            times,
+            target,
+            of=self.of,
+            solver=solver,
+            initial=initial,
+            progress=told,
+            estimate=estimate,
+        )
         return found.history, [found.summary()]
 
     def _refuse_early(self, folder: Path | None, drawings: Path) -> None:

@@ -25,7 +25,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vemcvx.arrays import Bools, Floats, Ints, brief, check_takes, is_real, part
+from vemcvx.arrays import Bools, Floats, Ints, brief, check_takes, choice, is_real, part
+from vemcvx.bound.error_bound import ErrorBound, of_steps
+from vemcvx.bound.hypercircle import hypercircle
 from vemcvx.bound.skeleton import check_estimable
 from vemcvx.errors import SceneError, SceneWarning
 from vemcvx.estimate.budget import ErrorBudget, budget_of, in_time
@@ -171,6 +173,9 @@ class Adapted(Outlined):
         The relative error that was asked for.
     of : {"energy", "dissipated", "work", "wear"}
         The quantity that it is of; `history.quantities` has the last three with their errors, if it is one of them.
+        The relative energy error that was asked for.
+    bound : ErrorBound or None
+        Of the last pass, with ``estimate="bound"``; `budget.space` and `budget.cells` are then its.
     """
 
     history: History
@@ -178,6 +183,7 @@ class Adapted(Outlined):
     passes: tuple[Pass, ...]
     target: float
     of: str = "energy"
+    bound: ErrorBound | None = None
 
     @property
     def met(self) -> bool:
@@ -223,6 +229,7 @@ def adapt(
     most_unknowns: int = 400_000,
     theta: float = THETA,
     progress: Callable[[Pass], None] | None = None,
+    estimate: str = "residual",
 ) -> Adapted:
     """Simulate with a mesh and time steps chosen so that the estimated relative error is at most `target`.
 
@@ -251,6 +258,10 @@ def adapt(
         Fraction of the squared error whose cells are refined in a pass, in (0, 1).
     progress : callable, optional
         Called with each finished :class:`Pass`.
+    estimate : {"residual", "bound"}
+        What the mesh is judged by: residuals, which are quick and estimate its error; or the guaranteed bound of the
+        error in a step, given the one before (:func:`vemcvx.error_bound`), which takes longer, and is nearer to the
+        error. The history then has the steps before those looked at, too. Time is estimated in either case.
 
     Warns
     -----
@@ -268,6 +279,9 @@ def adapt(
     check_kinds(scene, mesh)
     mesh = plane_mesh(mesh, "adapt", "simulate on finer meshes")
     _check(target, of, theta=theta, most=most_unknowns, progress=progress)
+    bounded = choice(estimate, "adapt", "estimate", ("residual", "bound")) == "bound"
+    if bounded and of != "energy":
+        raise SceneError(f"adapt: found estimate='bound' beside of={of!r}; bounds are of the energy norm alone.")
     if not (initial is None or isinstance(initial, str)):
         raise SceneError(
             "adapt: found an initial displacement, which belongs to one mesh; begin from None, 'equilibrium' or "
@@ -283,14 +297,16 @@ def adapt(
         if not passes:
             instants, finer = _begin(scene, mesh, wanted, (target, of), initial)
         posed = pose_scene(scene, mesh, instants.tolist())
-        kept = np.searchsorted(instants, wanted).tolist()
+        circle, looked_at = hypercircle(posed) if bounded else None, _looked_at(instants, wanted)
+        kept = np.union1d(np.searchsorted(instants, wanted), looked_at - 1 if bounded else looked_at).tolist()
         trajectory = march(posed.system, instants, solver=_lenient(solver, target), initial=initial, store=kept)
         assembled = time.perf_counter() - start - sum(trajectory.seconds.values())
         history = History.of(record(posed, trajectory, assembled, Memory()))
         # Steps are looked at once the mesh of the pass before came this near the target; before, as on the coarse
         # mesh.
         near = of == "energy" and len(passes) > 0 and passes[-1].space <= 1.4 * target
-        budget, finer = _judged(posed, history, _looked_at(instants, wanted), target, None if near else finer)
+        bound = None if circle is None else of_steps(circle, history, looked_at.tolist())
+        budget, finer = _judged(history, looked_at, target, bound, _Time(posed, None if near else finer))
         parts = {name: budget.largest[name] for name in ("algebra", "space", "time")}
         lost, indicators = Lost.of_energy(finer, budget.scale or finer.norm), budget.cells**2
         if of != "energy":
@@ -319,12 +335,21 @@ def adapt(
         done = done or (of != "energy" and stalled(passes))
         if done or now.unknowns * (1 + 3 * marked.mean()) > most_unknowns:
             if of != "energy":
-                budget, _ = _judged(posed, history, _looked_at(instants, wanted), target, None)
+                budget, _ = _judged(history, looked_at, target, None, _Time(posed, None))
             asked = {"target": target} if of == "energy" else {}
-            history = replace(history, errors={**budget.largest, **asked}, growth=_growth(passes))
-            return Adapted(history=history, budget=budget, passes=tuple(passes), target=target, of=of)
+            known = None if bound is None else bound.largest
+            history = replace(history, errors={**budget.largest, **asked}, growth=_growth(passes), bound=known)
+            return Adapted(history=history, budget=budget, passes=tuple(passes), target=target, of=of, bound=bound)
         mesh = mesh.refine(marked) if marked.any() else mesh
         instants, finer = split, finer if len(split) == len(instants) else None
+
+
+@dataclass(frozen=True)
+class _Time:
+    """The error of time steps: of a posed scene, by a run beside one in finer steps, if that is known."""
+
+    posed: PosedScene
+    finer: Finer | None
 
 
 def _extremes(history: History) -> dict[str, tuple[float, float]]:
@@ -345,16 +370,24 @@ def _growth(passes: Sequence[Pass]) -> dict[str, str]:
 
 
 def _judged(
-    posed: PosedScene, history: History, steps: Ints, target: float, finer: Finer | None
+    history: History, steps: Ints, target: float, bound: ErrorBound | None, known: _Time
 ) -> tuple[ErrorBudget, Finer]:
     """The budget at some steps, and the run beside one in finer steps: the one at hand until the target seems met."""
     rows = [history.row(int(n)) for n in steps]
-    if finer is not None:
-        budget = budget_of(posed, history, rows, finer)
+
+    def judged(finer: Finer) -> ErrorBudget:
+        budget = budget_of(known.posed, history, rows, finer)
+        if bound is None:
+            return budget
+        unit = budget.scale or float(bound.upper.max()) or 1.0
+        return replace(budget, space=bound.upper / unit, cells=np.sqrt(bound.cells) / unit)
+
+    if known.finer is not None:
+        budget = judged(known.finer)
         if budget.largest["total"] > target:
-            return budget, finer
-    finer = in_time(posed, history.trajectory)
-    return budget_of(posed, history, rows, finer), finer
+            return budget, known.finer
+    finer = in_time(known.posed, history.trajectory)
+    return judged(finer), finer
 
 
 def _next(now: Pass, squares: Floats, steps: tuple[Floats, Lost], target: float, theta: float) -> tuple[Bools, Floats]:

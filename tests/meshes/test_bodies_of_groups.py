@@ -81,7 +81,24 @@ def test_a_datum_called_like_its_body_is_the_body(tmp_path):
         vx.meshes.bodies({"plate": vx.meshes.squares(2).with_cell_data("plate", np.arange(4.0)), "pin": pin})
 
 
-def test_bodies_in_space_are_refused_with_a_way_out():
-    cube = vx.meshes.cubes(1)
-    with pytest.raises(vx.MeshError, match=r"Interfaces of bodies in space are not available: mesh bodies that are"):
-        vx.meshes.bodies({"one": cube, "two": cube})
+def test_groups_of_volumes_become_bodies(tmp_path):
+    """A Gmsh file of two volumes that share the nodes of the face between them, and two named faces."""
+    made = vx.meshes.tetrahedra((4, 2, 2), box=((0.0, 2.0), (0.0, 1.0), (0.0, 1.0)))
+    cells = np.array([np.unique(np.concatenate(cell)) for cell in made.cells])
+    right = made.centroids[:, 0] > 1
+    walls = [made.face_vertices.reshape(-1, 3)[made.boundaries[side]] for side in ("left", "right")]
+    tags = [np.repeat([1, 2], [len(wall) for wall in walls]), np.where(right, 12, 11)]
+    groups = {"wall": [1, 2], "rim": [2, 2], "plate": [11, 3], "pin": [12, 3]}
+    mesh = meshio.Mesh(
+        made.points,
+        [("triangle", np.vstack(walls)), ("tetra", cells)],
+        cell_data={"gmsh:physical": tags, "gmsh:geometrical": tags},
+        field_data={name: np.array(value) for name, value in groups.items()},
+    )
+    meshio.write(tmp_path / "two.msh", mesh, file_format="gmsh22", binary=False)
+    mesh = vx.meshes.read(tmp_path / "two.msh", bodies="physical")
+    assert sorted(mesh.boundaries) == ["boundary", "pin.rim", "plate.wall", "plate|pin"]
+    assert mesh.interfaces["plate|pin"].bodies == ("plate", "pin")
+    assert (mesh.n_cells, mesh.n_nodes) == (made.n_cells, made.n_nodes + 9)
+    assert mesh.face_areas[mesh.boundaries["plate|pin"]].sum() == pytest.approx(1.0)
+    assert mesh.cell_data["pin"].sum() == right.sum()

@@ -81,7 +81,20 @@ def test_names_that_meet():
         plane.extruded([0, 1])
 
 
-def test_bodies_stay_in_the_plane():
-    pair = vx.meshes.bodies({"a": vx.meshes.squares(1), "b": vx.meshes.squares(1, ((0, 1), (1, 2)))})
-    with pytest.raises(vx.MeshError, match=r"this mesh has interfaces \(a|b\)"):
-        pair.extruded([0, 1])
+def test_interfaces_and_cracks_go_along():
+    pair = vx.meshes.bodies({"a": vx.meshes.squares(2), "b": vx.meshes.voronoi(2, ((0, 1), (1, 2)))})
+    solid = pair.extruded([0, 1, 3])
+    made = solid.interfaces["a|b"]
+    edges = pair.interfaces["a|b"].edges
+    assert made.bodies == ("a", "b")
+    assert solid.face_areas[solid.boundaries["a|b"]].sum() == pytest.approx(3.0)
+    assert len(made.pairs) == 3 * len(np.unique(edges))
+    np.testing.assert_array_equal(solid.points[made.edges], solid.points[made.partners])
+    again = vx.PolyhedralMesh(solid.points, solid.cells, interfaces=solid.interfaces)
+    np.testing.assert_array_equal(again.boundaries["a|b"], solid.boundaries["a|b"])
+    plate = vx.meshes.squares(4)
+    x, y = plate.centroids.T
+    crack = plate.cut("crack", {"above": (y > 0.5) & (x < 0.5), "below": (y < 0.5) & (x < 0.5)}).extruded([0, 1])
+    tip = crack.interfaces["crack"].pairs
+    assert (tip[:, 0] == tip[:, 1]).sum() == 2
+    assert len(crack.boundaries["crack"]) == 2

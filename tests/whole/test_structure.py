@@ -57,6 +57,8 @@ HEAVY = {
             "meshes/checks/space.py",
         ),
         "meshes/several_bodies.py",
+        "meshes/common_tiling.py",
+        "meshes/meeting.py",
     },
     "pandas": {"results/tables.py"},
     "xarray": {"results/tables.py"},

@@ -83,7 +83,6 @@ def read(path: str | Path, bodies: str | None = None) -> PolygonMesh | Any:
         return _with_methods(load(path))
     if not isinstance(bodies, str) or bodies != "physical":
         raise MeshError(f"read: found bodies = {brief(bodies)}; there is 'physical', or None for one mesh.")
-    # Those of space are refused there, with a sentence.
     meshes: dict[str, Any] = {name: _with_methods(mesh) for name, mesh in load_bodies(path).items()}
     return joined(meshes)
 

@@ -1,4 +1,7 @@
-"""Interfaces: where the boundaries of two bodies coincide, edge by edge, each body with nodes of its own."""
+"""Interfaces: where the boundaries of two bodies coincide, edge by edge, each body with nodes of its own.
+
+In space face by face: a face is a row of its vertices, and rows are filled up with -1 to the length of the longest.
+"""
 
 from __future__ import annotations
 
@@ -7,25 +10,34 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vemcvx.arrays import Bools, Floats, Ints, brief, read_only
+from vemcvx.arrays import Bools, Floats, Ints, brief, plain, read_only
 from vemcvx.errors import MeshError
 from vemcvx.meshes.box import check_edges, check_mapping, check_name
 from vemcvx.meshes.polygons.geometry import rounding
-from vemcvx.meshes.polygons.topology import edge_keys, smallest_linked
+from vemcvx.meshes.polygons.topology import (
+    cell_of_corner,
+    edge_keys,
+    matching_rows,
+    offsets_of,
+    rows_in_order,
+    smallest_linked,
+)
 
 
 @dataclass(frozen=True, eq=False)
 class Interface:
-    """Edges of one body that are also edges of another, each with nodes of its own in the same places.
+    """Edges of one body that are also edges of another, in space faces, each with nodes of its own in the same places.
 
     Attributes
     ----------
     bodies : (str, str)
         Names of the two bodies, the first and the second.
     edges : (k, 2) int
-        Edges of the first body, as they run in its counter-clockwise cells: the body on the left.
+        Edges of the first body, as they run in its counter-clockwise cells: the body on the left. In space its faces,
+        (k, n) rows of their vertices, counter-clockwise seen from outside, filled up with -1.
     partners : (k, 2) int
-        The nodes of the second body in the same places, so that it has the edges ``partners[:, ::-1]``.
+        The nodes of the second body in the same places, so that it has the edges ``partners[:, ::-1]``. In space
+        likewise, as `edges`.
     """
 
     bodies: tuple[str, str]
@@ -35,11 +47,15 @@ class Interface:
     @property
     def pairs(self) -> Ints:
         """Nodes of the first body and of the second in the same places, (m, 2), each pair once, in order."""
-        return np.unique(np.column_stack([self.edges.ravel(), self.partners.ravel()]), axis=0)
+        known = self.edges.ravel() >= 0
+        return np.unique(np.column_stack([self.edges.ravel()[known], self.partners.ravel()[known]]), axis=0)
 
 
-def check_interfaces(interfaces: Mapping[str, Interface] | None, n_nodes: int) -> dict[str, Interface]:
-    """Interfaces whose edges and partners are pairs of node numbers, or MeshError."""
+def check_interfaces(
+    interfaces: Mapping[str, Interface] | None, n_nodes: int, dimension: int = 2
+) -> dict[str, Interface]:
+    """Interfaces whose edges and partners are pairs of node numbers, in space rows of these, or MeshError."""
+    sides = "edges" if dimension == 2 else "faces"
     found = {}
     for name, given in check_mapping(interfaces, "interfaces", "Interface").items():
         check_name(name)
@@ -48,11 +64,42 @@ def check_interfaces(interfaces: Mapping[str, Interface] | None, n_nodes: int) -
         bodies = tuple(given.bodies) if isinstance(given.bodies, (tuple, list)) else ()
         if len(bodies) != 2 or not all(isinstance(body, str) for body in bodies):
             raise MeshError(f"interface {name!r}: bodies must be the names of two; got {brief(given.bodies)}.")
-        edges, partners = (check_edges(name, ends, n_nodes) for ends in (given.edges, given.partners))
-        if edges.shape != partners.shape:
-            raise MeshError(f"interface {name!r}: it has {len(edges)} edges and partners of {len(partners)}.")
+        check = check_edges if dimension == 2 else _check_faces
+        edges, partners = (check(name, ends, n_nodes) for ends in (given.edges, given.partners))
+        if edges.shape != partners.shape or not np.array_equal(edges < 0, partners < 0):
+            raise MeshError(f"interface {name!r}: it has {len(edges)} {sides} and partners of {len(partners)}.")
         found[name] = Interface(bodies, edges, partners)
     return found
+
+
+def _check_faces(name: str, given: object, n_nodes: int) -> Ints:
+    """Rows (k, n) of the vertices of faces, filled up with -1, or MeshError."""
+    rows = plain(given)
+    if rows is None or rows.ndim != 2 or rows.dtype.kind not in "iu" or not rows.size:
+        raise MeshError(
+            f"interface {name!r}: faces must be rows (k, n) of nodes, filled up with -1; got {brief(given)}."
+        )
+    rows = rows.astype(np.int64)
+    filled = rows >= 0
+    if (
+        (rows >= n_nodes).any()
+        or (rows < -1).any()
+        or not filled[:, :3].all()
+        or (filled[:, 1:] > filled[:, :-1]).any()
+    ):
+        raise MeshError(
+            f"interface {name!r}: a face has three nodes or more, numbered 0 to {n_nodes - 1}, and its row is filled "
+            "up with -1 behind them."
+        )
+    return rows
+
+
+def padded(offsets: Ints, flat: Ints) -> Ints:
+    """Rows of different lengths as an array (k, n) that is filled up with -1."""
+    counts = np.diff(offsets)
+    rows = np.full((len(counts), counts.max(initial=0)), -1)
+    rows[np.arange(rows.shape[1]) < counts[:, None]] = flat
+    return rows
 
 
 def pairs_of(interfaces: Mapping[str, Interface]) -> Ints:
@@ -101,3 +148,43 @@ def on_boundary(
         along = np.argsort(place)
         found[name] = replace(interface, edges=read_only(edges[along]), partners=read_only(partners[along]))
     return found
+
+
+def on_faces(
+    interfaces: Mapping[str, Interface], outlines: tuple[Ints, Ints], node_map: Ints | None = None
+) -> dict[str, Interface]:
+    """Interfaces with their faces in the order of the boundary, each as it runs there; MeshError if one is not on it.
+
+    `outlines` are the offsets and vertices of the faces of the boundary.
+    """
+    offsets, vertices = outlines
+    found = {}
+    for name, interface in interfaces.items():
+        there = interface.edges >= 0
+        rows = offsets_of(there.sum(axis=1))
+        new = [interface.edges[there], interface.partners[there]]
+        nodes, partners = new if node_map is None else [node_map[side] for side in new]
+        number, beside = (matching_rows(offsets, vertices, rows, side) for side in (nodes, partners))
+        for side, at in ((partners, beside), (nodes, number)):
+            if (at < 0).any():
+                k = int(np.argmax(at < 0))
+                raise MeshError(
+                    f"interface {name!r}: {tuple(side[rows[k] : rows[k + 1]].tolist())} is not a face of the boundary. "
+                    "Name faces of the first body by their vertices; partners are the nodes of the second one there."
+                )
+        order = np.argsort(number)
+        count = int(max(vertices.max(), partners.max())) + 1
+        key = cell_of_corner(rows) * count + nodes
+        sorting = np.argsort(key)
+        own_rows, own = rows_in_order(offsets, vertices, number[order])
+        wanted = np.repeat(order, np.diff(own_rows)) * count + own
+        mine = partners[sorting[np.searchsorted(key, wanted, sorter=sorting)]]
+        edges, across = (read_only(padded(own_rows, side)) for side in (own, mine))
+        found[name] = replace(interface, edges=edges, partners=across)
+    return found
+
+
+def faces_of(side: Ints, outlines: tuple[Ints, Ints]) -> Ints:
+    """Where in the boundary the faces of one side of an interface stand, rows (k, n) of nodes."""
+    there = side >= 0
+    return matching_rows(*outlines, offsets_of(there.sum(axis=1)), side[there])

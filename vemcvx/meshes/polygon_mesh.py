@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
@@ -14,6 +15,7 @@ from vemcvx.canvas import draw_cells
 from vemcvx.errors import MeshError
 from vemcvx.meshes.box import LARGEST, SHORTEST, WHOLE, plotted_points, plotted_values
 from vemcvx.meshes.exported import Exported
+from vemcvx.meshes.interfaces import Interface, on_faces
 from vemcvx.meshes.local_refinement import refinement
 from vemcvx.meshes.polygons.topology import cell_of_corner, next_vertex, offsets_of, positions, rows_in_order
 from vemcvx.meshes.polyhedra import joined_faces
@@ -104,14 +106,15 @@ class PolygonMesh(Tessellation, Exported):
         -------
         PolyhedralMesh
             Nodes and cells layer by layer, in the order they have here; cell data are those of the polygons below.
-            Named parts of the boundary keep their names and become the sides above them; but "bottom" and "top" are
-            the lowest and the highest polygons, and what had these names in the plane is "front" and "back".
+            Named parts of the boundary and interfaces keep their names and become the sides above them; but "bottom"
+            and "top" are the lowest and the highest polygons, and what had these names in the plane is "front" and
+            "back".
 
         Raises
         ------
         MeshError
-            The heights do not increase, the mesh has interfaces, or it has both names of a side in the plane and in
-            space ("bottom" and "front", "top" and "back").
+            The heights do not increase, or the mesh has both names of a side in the plane and in space ("bottom" and
+            "front", "top" and "back").
         """
         return extruded(self, heights)
 
@@ -197,16 +200,17 @@ def extruded(mesh: Tessellation, heights: ArrayLike) -> PolyhedralMesh:
     solid = solid.with_boundaries(parts)
     for name, values in mesh.cell_data.items():
         solid = solid.with_cell_data(name, np.concatenate([values] * layers))
-    return solid
+    level = nodes * np.arange(layers)[:, None, None]
+
+    def above(ends: Ints) -> Ints:
+        return (np.hstack([ends, ends[:, ::-1] + nodes]) + level).reshape(-1, 4)
+
+    joints = {name: Interface(of.bodies, above(of.edges), above(of.partners)) for name, of in mesh.interfaces.items()}
+    return solid._replace(interfaces=MappingProxyType(on_faces(joints, solid._outlines)))
 
 
 def _names_in_space(mesh: Tessellation) -> dict[str, Ints]:
-    if mesh.interfaces:
-        raise MeshError(
-            f"this mesh has interfaces ({', '.join(mesh.interfaces)}), which meshes in space do not have yet. Extrude "
-            "a mesh of one body."
-        )
-    named = {name: edges for name, edges in mesh.boundaries.items() if name != WHOLE}
+    named = {name: edges for name, edges in mesh.boundaries.items() if name not in (*mesh.interfaces, WHOLE)}
     for old, new in RENAMED.items():
         if old in named and new in named:
             raise MeshError(

@@ -117,6 +117,17 @@ def face_shapes(points: Floats, offsets: Ints, vertices: Ints) -> FaceShapes:
     return FaceShapes(areas, normals, origin + _divided(moments, 3.0 * areas))
 
 
+def in_planes(places: Floats, faces: Ints, shapes: FaceShapes) -> Floats:
+    """Coordinates (m, 3) of places (m, 3) about the centroid of a face each: along two axes in it, and above it."""
+    normals = shapes.normals[faces]
+    across = np.eye(3)[np.argmin(np.abs(normals), axis=1)]
+    first = np.cross(normals, across)
+    first /= np.linalg.norm(first, axis=1)[:, None]
+    axes = np.stack([first, np.cross(normals, first), normals], axis=1)
+    coordinates: Floats = np.einsum("mai,mi->ma", axes, places - shapes.centroids[faces])
+    return coordinates
+
+
 def volumes_and_centroids(faces: FaceShapes, offsets: Ints, cell_faces: Ints, signs: Floats) -> tuple[Floats, Floats]:
     """Signed volumes (n_cells,) and centroids (n_cells, 3) of cells.
 

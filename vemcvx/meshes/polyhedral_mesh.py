@@ -38,6 +38,8 @@ class PolyhedralMesh(SpaceTessellation, Exported):
         always there, and means nothing else.
     cell_data : mapping of str to (n_cells, ...) array_like, optional
         Data on cells, such as moduli or material numbers.
+    interfaces : mapping of str to Interface, optional
+        Faces of one body that are also those of another, with nodes of their own.
 
     Attributes
     ----------
@@ -52,8 +54,8 @@ class PolyhedralMesh(SpaceTessellation, Exported):
         Cell c has the faces ``cell_faces[cell_offsets[c]:cell_offsets[c + 1]]``.
     cell_data : mapping of str to (n_cells, ...) array
         Data on cells.
-    interfaces : mapping
-        Empty: bodies are put together in the plane only.
+    interfaces : mapping of str to Interface
+        Where several bodies meet: see :func:`vemcvx.meshes.bodies`.
     node_map : (n,) int or None
         If nodes that no cell uses were dropped: new number of each given node, -1 if dropped. Else None.
 

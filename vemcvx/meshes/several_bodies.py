@@ -4,7 +4,8 @@ Meshes of bodies are laid side by side in one list of nodes and cells. Nodes of 
 each other are in one place: that of the node of the first body. A node within the tolerance of an edge of another body
 becomes a hanging vertex of it, where the node is; but a node of a later body that is off an edge of an earlier one, by
 more than rounding, first moves to the nearest point of it. So the earlier body keeps its outline, the later one takes
-it, and both have the same nodes along the common part.
+it, and both have the same nodes along the common part. In space the tilings of both boundaries are intersected, too:
+:mod:`.common_tiling`.
 
 At a crack, the corners of cells at a node are joined across the edges that are not cut. Where that leaves them in
 several groups, each group gets a node of its own; where it leaves one, as at a tip inside the body, nothing is double.
@@ -24,7 +25,9 @@ from vemcvx.arrays import Bools, Floats, Ints, brief, is_real, read_only
 from vemcvx.errors import MeshError
 from vemcvx.meshes.box import WHOLE, check_cell_data, check_name
 from vemcvx.meshes.checks.plane import check_cells, lowest, misfit_of
-from vemcvx.meshes.interfaces import Interface, on_boundary, outside, pairs_of, places_of
+from vemcvx.meshes.checks.space import enclosed, faces_upon
+from vemcvx.meshes.common_tiling import coinciding_faces, common_tiling
+from vemcvx.meshes.interfaces import Interface, on_boundary, on_faces, pairs_of, places_of
 from vemcvx.meshes.local_refinement import check_marks
 from vemcvx.meshes.polygons.geometry import TOLERANCE, close_pairs, outlines, rounding
 from vemcvx.meshes.polygons.topology import (
@@ -34,11 +37,15 @@ from vemcvx.meshes.polygons.topology import (
     next_corner,
     offsets_of,
     positions,
+    rows_in_order,
     smallest_linked,
 )
-from vemcvx.meshes.tessellation import Tessellation
+from vemcvx.meshes.polyhedra import Faces
+from vemcvx.meshes.tessellation import SpaceTessellation, Tessellation
 
 Mesh = TypeVar("Mesh", bound=Tessellation)
+AnyKind = TypeVar("AnyKind", bound=Tessellation | SpaceTessellation)
+Solid = TypeVar("Solid", bound=SpaceTessellation)
 # Bodies that programs of six digits or less drew apart are nearer than this part of the lowest cell.
 NARROW_BETWEEN_BODIES = 1e-3
 BODY = "body"
@@ -46,19 +53,20 @@ SIGNS = (".", "|")
 
 
 def bodies(
-    meshes: Mapping[str, Mesh],
+    meshes: Mapping[str, AnyKind],
     interfaces: Mapping[str, tuple[str, str]] | None = None,
     *,
     tolerance: float | None = None,
-) -> Mesh:
+) -> AnyKind:
     """Join the meshes of several bodies to one, with an interface wherever boundaries of two of them coincide.
 
     Along an interface each body takes the nodes of the other as hanging vertices of its cells, so that both
-    have the same; nodes in one place stay double. Bodies need not touch, but must neither overlap nor nearly touch.
+    have the same; nodes in one place stay double. In space each takes the intersections of its faces with those of the
+    other as coplanar faces of its cells. Bodies need not touch, but must neither overlap nor nearly touch.
 
     Parameters
     ----------
-    meshes : mapping of str to PolygonMesh
+    meshes : mapping of str to PolygonMesh, or of str to PolyhedralMesh
         The bodies by name.
     interfaces : mapping of str to (str, str), optional
         Names of interfaces: name -> (first body, second body). Otherwise an interface is called "first|second", in the
@@ -67,52 +75,89 @@ def bodies(
         Boundaries coincide where they are no farther apart than this length; by default 1e-9 of the extent
         of all bodies. Of two boundaries that do not coincide to rounding, such as two polygons of one circle (which are
         up to h^2 / (8 R) apart, with edges of length h), the later body takes the shape of the earlier one: its nodes
-        move to the nearest points of the other's.
+        move to the nearest points of the other's. In space, nodes and edges of both bodies that are nearer to each
+        other than the tolerance become one, so that no piece of a face is narrower.
 
     Returns
     -------
-    PolygonMesh
-        Cells of the bodies one after the other; their nodes likewise, and then the new hanging ones.
-        ``mesh.interfaces`` has an `Interface` a name; ``mesh.boundaries`` has its edges of the first body, and
-        "lower.left" for what is left of the boundary "left" of "lower" without the interfaces (no such name if nothing
-        is). Cell data are those of the bodies, zero on the others; "body" is the number of the body, and a datum of
-        the name of each body is 1 on it and 0 elsewhere, so that ``Elasticity(..., on="lower")`` means its cells.
+    PolygonMesh or PolyhedralMesh
+        Cells of the bodies one after the other; their nodes likewise, and then the new ones.
+        ``mesh.interfaces`` has an `Interface` a name; ``mesh.boundaries`` has its edges (in space faces) of the first
+        body, and "lower.left" for what is left of the boundary "left" of "lower" without the interfaces (no such name
+        if nothing is). Cell data are those of the bodies, zero on the others; "body" is the number of the body, and a
+        datum of the name of each body is 1 on it and 0 elsewhere, so that ``Elasticity(..., on="lower")`` means its
+        cells.
 
     Raises
     ------
     MeshError
-        Bodies overlap, touch in a point only, or leave a gap above the tolerance that is hardly one; an interface is
-        named that is none; names clash.
+        Bodies overlap, touch in a point (in space, or an edge) only, or leave a gap above the tolerance that is hardly
+        one; tilings in space do not match; an interface is named that is none; names clash.
     """
     _check_meshes(meshes)
-    apart = SideBySide.of(meshes)
-    place = _same_places(apart, tolerance := _check_tolerance(tolerance, apart.mesh.points))
+    each = list(meshes.values())
+    extent = np.concatenate([mesh.points for mesh in each])
+    solid = isinstance(each[0], SpaceTessellation)
+    joined: Joined[AnyKind] = (_joined_in_space if solid else _joined_in_plane)(
+        meshes, interfaces, _check_tolerance(tolerance, extent)
+    )
+    return _named(meshes, joined)
+
+
+@dataclass(frozen=True, eq=False)
+class Joined(Generic[AnyKind]):
+    """Bodies joined to one mesh with its interfaces."""
+
+    mesh: AnyKind
+    body_of_cell: Ints
+    sides: Ints
+    """(m,) what each part of the boundary is a piece of: one of all parts that bodies side by side have had"""
+    parts: Mapping[str, Ints]
+    """"lower.left" -> its parts as they were, by these numbers"""
+
+
+def _named(meshes: Mapping[str, AnyKind], joined: Joined[AnyKind]) -> AnyKind:
+    """The mesh with what is left of named boundaries without the interfaces, and with cell data."""
+    mesh: Any
+    mesh, free, sides = joined.mesh, joined.mesh._free, {}
+    for name, numbers in joined.parts.items():
+        left = mesh._boundary[free & np.isin(joined.sides, numbers)]
+        if len(left):
+            sides[name] = left
+    data = MappingProxyType(check_cell_data(_data(meshes, joined.body_of_cell), mesh.n_cells))
+    made: AnyKind = mesh._replace(_named=mesh._checked_parts(sides), cell_data=data)
+    return made
+
+
+# In the plane.
+
+
+def _joined_in_plane(
+    meshes: Mapping[str, Any], interfaces: Mapping[str, tuple[str, str]] | None, tolerance: float
+) -> Joined[Any]:
+    apart = SideBySide[Any].of(meshes)
+    place = _same_places(apart.names, apart.body, apart.mesh.points, np.unique(apart.ends), tolerance)
     points, node, edge = _hanging(apart, place, tolerance)
     whole = apart.with_hanging(points, node, edge)
     place = np.concatenate([place, place[node]])
     _check_apart(whole, moved=not np.array_equal(points, apart.mesh.points))
     matched = on_boundary(_interfaces_of(whole, place, interfaces), whole.ends, len(place))
-    _check_points_of_contact(whole, place, matched)
+    _check_contact_in_points(whole.names, whole.mesh, whole.body, place, matched)
     origin = np.repeat(np.arange(len(apart.ends)), 1 + np.bincount(edge, minlength=len(apart.ends)))
-    free = outside(matched, whole.ends, len(place))
-    sides = {}
-    for start, (body, mesh) in zip(np.searchsorted(apart.body, np.arange(len(meshes))), meshes.items(), strict=True):
-        for name, edges in mesh.boundaries.items():
-            of_name = np.zeros(len(apart.ends), dtype=bool)
-            of_name[positions(edges + start, apart.ends, len(apart.body))] = True
-            left = whole.ends[free & of_name[origin]]
-            if name != WHOLE and len(left):
-                sides[f"{body}.{name}"] = left
-    return whole.mesh._replace(
-        interfaces=MappingProxyType(matched),
-        _named=whole.mesh._checked_parts(sides),
-        cell_data=MappingProxyType(check_cell_data(_data(meshes, whole.body_of_cell), whole.mesh.n_cells)),
-    )
+    starts = np.searchsorted(apart.body, np.arange(len(meshes)))
+    parts = {
+        f"{body}.{name}": positions(edges + start, apart.ends, len(apart.body))
+        for start, (body, mesh) in zip(starts, meshes.items(), strict=True)
+        for name, edges in mesh.boundaries.items()
+        if name != WHOLE
+    }
+    mesh = whole.mesh._replace(interfaces=MappingProxyType(matched))
+    return Joined(mesh, whole.body_of_cell, origin, parts)
 
 
 @dataclass(frozen=True, eq=False)
 class SideBySide(Generic[Mesh]):
-    """Meshes of several bodies in one, which share no node; nodes and cells in their order."""
+    """Plane meshes of several bodies in one, which share no node; nodes and cells in their order."""
 
     names: tuple[str, ...]
     mesh: Mesh
@@ -151,19 +196,18 @@ class SideBySide(Generic[Mesh]):
         return SideBySide(self.names, whole, np.concatenate([self.body, self.body[self.ends[edge, 0]]]))
 
 
-def _same_places(bodies: SideBySide[Mesh], tolerance: float) -> Ints:
-    """For each node the first of those in its place; MeshError if a body has two of them."""
-    nodes, points = np.unique(bodies.ends), bodies.mesh.points
+def _same_places(names: tuple[str, ...], body: Ints, points: Floats, nodes: Ints, tolerance: float) -> Ints:
+    """For each node the first of those in its place, of the given ones; MeshError if a body has two of them."""
     pairs = nodes[close_pairs(points[nodes], tolerance)]
-    pairs = pairs[bodies.body[pairs[:, 0]] != bodies.body[pairs[:, 1]]]
+    pairs = pairs[body[pairs[:, 0]] != body[pairs[:, 1]]]
     place = smallest_linked(pairs, len(points))
     together = np.unique(pairs)
-    key = place[together] * len(bodies.names) + bodies.body[together]
+    key = place[together] * len(names) + body[together]
     _, index, counts = np.unique(key, return_index=True, return_counts=True)
     if (counts > 1).any():
         node = together[index[counts > 1][0]]
         raise MeshError(
-            f"bodies: two nodes of {bodies.names[bodies.body[node]]!r} near {_at(points[node])} would come to one "
+            f"bodies: two nodes of {names[body[node]]!r} near {_at(points[node])} would come to one "
             f"place: the tolerance {tolerance:.3g} must be well below the edges. Give a smaller tolerance=."
         )
     return place
@@ -201,20 +245,30 @@ def _interfaces_of(
     whole: SideBySide[Mesh], place: Ints, interfaces: Mapping[str, tuple[str, str]] | None
 ) -> dict[str, Interface]:
     """The interfaces of bodies that share the places of nodes, under the given names or "first|second"."""
-    named = _check_names(interfaces, whole.names)
     keys = edge_keys(place[whole.ends], len(place))
     order = np.argsort(keys, kind="stable")  # of two edges in one place, that of the earlier body comes first
     same = np.flatnonzero(np.diff(keys[order]) == 0)
     one, other = order[same], order[same + 1]
-    first, second = whole.body[whole.ends[one, 0]], whole.body[whole.ends[other, 0]]
+    edges, partners = whole.ends[one], whole.ends[other][:, ::-1]
+    return _by_name(whole.names, whole.body, (edges, partners), interfaces)
+
+
+def _by_name(
+    names: tuple[str, ...], body: Ints, sides: tuple[Ints, Ints], interfaces: Mapping[str, tuple[str, str]] | None
+) -> dict[str, Interface]:
+    """Sides of earlier bodies and their partners, rows (k, n) of nodes each, under the names of interfaces."""
+    named = _check_names(interfaces, names)
+    first, second = (body[side[:, 0]] if len(side) else body[:0] for side in sides)
     found = {}
     for a, b in np.unique(np.column_stack([first, second]), axis=0):
         here = (first == a) & (second == b)
-        edges, partners = whole.ends[one[here]], whole.ends[other[here]][:, ::-1]
-        pair = whole.names[a], whole.names[b]
+        edges, partners = (side[here] for side in sides)
+        pair = names[a], names[b]
         name = named.get(pair, named.get(pair[::-1], "|".join(pair)))
         if pair[::-1] in named:
-            pair, edges, partners = pair[::-1], partners[:, ::-1], edges[:, ::-1]
+            # The edges of the second body run the other way; faces are turned as they are put on the boundary.
+            way = -1 if edges.shape[1] == 2 else 1
+            pair, edges, partners = pair[::-1], partners[:, ::way], edges[:, ::way]
         found[name] = Interface(pair, edges, partners)
     missing = [pair for pair, name in named.items() if name not in found]
     if missing:
@@ -249,7 +303,7 @@ def _check_names(
 
 
 def _at(point: Floats) -> str:
-    return f"({point[0]:.6g}, {point[1]:.6g})"
+    return f"({', '.join(f'{x:.6g}' for x in point)})"
 
 
 def _check_apart(whole: SideBySide[Mesh], *, moved: bool) -> None:
@@ -268,32 +322,158 @@ def _check_apart(whole: SideBySide[Mesh], *, moved: bool) -> None:
         return
     a, b = (repr(whole.names[number]) for number in np.sort(whole.body_of_cell[list(misfit.cells)]))
     if misfit.overlap:
-        raise MeshError(
-            f"bodies: {a} and {b} overlap near {_at(misfit.at)}. Move one of them; if their boundaries are two "
-            "polygons of one curve, give tolerance=, the largest distance between these."
-        )
-    raise MeshError(
-        f"bodies: {a} and {b} are apart by {misfit.distance:.3g} near {_at(misfit.at)}, less than {width:.3g}, "
+        raise _overlap(a, b, misfit.at)
+    raise _hardly_apart(a, b, misfit.distance, width, misfit.at)
+
+
+def _overlap(a: str, b: str, at: Floats) -> MeshError:
+    return MeshError(
+        f"bodies: {a} and {b} overlap near {_at(at)}. Move one of them; if their boundaries are two "
+        "polygons of one curve, give tolerance=, the largest distance between these."
+    )
+
+
+def _hardly_apart(a: str, b: str, distance: float, width: float, at: Floats) -> MeshError:
+    return MeshError(
+        f"bodies: {a} and {b} are apart by {distance:.3g} near {_at(at)}, less than {width:.3g}, "
         f"{NARROW_BETWEEN_BODIES:g} of the lowest cell, and without an interface never in contact. Bring them together "
         "(tolerance= matches what is farther apart than rounding; a clearance is the gap= of a contact), or leave a "
         "larger gap."
     )
 
 
-def _check_points_of_contact(whole: SideBySide[Mesh], place: Ints, interfaces: Mapping[str, Interface]) -> None:
+def _check_contact_in_points(
+    names: tuple[str, ...],
+    mesh: Tessellation | SpaceTessellation,
+    body: Ints,
+    place: Ints,
+    found: Mapping[str, Interface],
+) -> None:
     """MeshError where bodies share a place of nodes, but no interface goes there."""
-    joined = places_of(pairs_of(interfaces), whole.mesh.points)
+    joined = places_of(pairs_of(found), mesh.points)
     alone = np.flatnonzero(joined != place)
     if len(alone):
         node = alone[0]
-        a, b = (whole.names[number] for number in sorted(whole.body[[place[node], node]]))
-        raise MeshError(
-            f"bodies: {a!r} and {b!r} touch only in the point {_at(whole.mesh.points[node])}, which is no interface. "
-            "Leave a gap there, or let them share an edge."
+        one, other = (names[number] for number in sorted(body[[place[node], node]]))
+        raise _only_touch(one, other, mesh.points[node])
+
+
+def _only_touch(one: str, other: str, at: Floats) -> MeshError:
+    where, share = ("the point", "an edge") if len(at) == 2 else ("an edge or a point, near", "a face")
+    return MeshError(
+        f"bodies: {one!r} and {other!r} touch only in {where} {_at(at)}, which is no interface. "
+        f"Leave a gap there, or let them share {share}."
+    )
+
+
+# In space.
+
+
+def _joined_in_space(
+    meshes: Mapping[str, Any], interfaces: Mapping[str, tuple[str, str]] | None, tolerance: float
+) -> Joined[Any]:
+    names, each = tuple(meshes), list(meshes.values())
+    body = np.repeat(np.arange(len(each)), [mesh.n_nodes for mesh in each])
+    body_of_cell = np.repeat(np.arange(len(each)), [mesh.n_cells for mesh in each])
+    starts = offsets_of(np.array([mesh.n_faces for mesh in each]))
+    points, faces = np.concatenate([mesh.points for mesh in each]), _side_by_side(each)
+    outer = np.flatnonzero(faces.face_cells[:, 1] < 0)
+    nodes = np.unique(rows_in_order(faces.face_offsets, faces.face_vertices, outer)[1])
+    place = _same_places(names, body, points, nodes, tolerance)
+    tiled = common_tiling(points, faces, body, place, tolerance)
+    mesh = type(each[0]).unchecked(tiled.points, *tiled.faces)
+    pairs, sides, partners = coinciding_faces(mesh._outlines, tiled.body, tiled.place)
+    one, other = mesh._boundary[pairs].T
+    same_way = np.einsum("ki,ki->k", mesh.face_normals[one], mesh.face_normals[other]) > 0.0
+    if same_way.any():
+        a, b = (
+            repr(names[tiled.body[mesh.face_vertices[mesh.face_offsets[side[same_way][0]]]]]) for side in (one, other)
         )
+        raise _overlap(a, b, mesh.face_centroids[one[same_way][0]])
+    matched = on_faces(_by_name(names, tiled.body, (sides, partners), interfaces), mesh._outlines)
+    mesh = mesh._replace(interfaces=MappingProxyType(matched))
+    if (mesh.volumes <= 0.0).any():
+        cell = int(np.argmin(mesh.volumes))
+        raise MeshError(
+            f"bodies: nodes that were moved to an interface spoil a cell of {names[body_of_cell[cell]]!r} near "
+            f"{_at(mesh.centroids[cell])}; the tolerance {tolerance:.3g} must be well below the edges."
+        )
+    touches = np.bincount(tiled.place)[tiled.place] > 1
+    touches[tiled.touching[:, 0]] = True
+    _check_apart_in_space(names, mesh, tiled.body, touches)
+    _check_contact_in_points(names, mesh, tiled.body, tiled.place, matched)
+    if len(tiled.touching):
+        node, other = tiled.touching[0]
+        a, b = (names[k] for k in sorted([tiled.body[node], other]))
+        raise _only_touch(a, b, mesh.points[node])
+    parts = {
+        f"{own}.{name}": starts[number] + numbers
+        for number, (own, of) in enumerate(meshes.items())
+        for name, numbers in of.boundaries.items()
+        if name != WHOLE
+    }
+    return Joined(mesh, body_of_cell, tiled.origin[mesh._boundary], parts)
 
 
-def _data(meshes: Mapping[str, Mesh], body: Ints) -> dict[str, NDArray[Any]]:
+def _side_by_side(meshes: list[SpaceTessellation]) -> Faces:
+    """The faces of all meshes, which share no node; nodes, faces and cells in their order."""
+    nodes, faces, cells = (
+        offsets_of(np.array(counts))
+        for counts in zip(*((mesh.n_nodes, mesh.n_faces, mesh.n_cells) for mesh in meshes), strict=True)
+    )
+    return Faces(
+        offsets_of(np.concatenate([np.diff(mesh.face_offsets) for mesh in meshes])),
+        np.concatenate([mesh.face_vertices + start for mesh, start in zip(meshes, nodes, strict=False)]),
+        offsets_of(np.concatenate([np.diff(mesh.cell_offsets) for mesh in meshes])),
+        np.concatenate([mesh.cell_faces + start for mesh, start in zip(meshes, faces, strict=False)]),
+        np.concatenate(
+            [
+                np.where(mesh.face_cells < 0, -1, mesh.face_cells + start)
+                for mesh, start in zip(meshes, cells, strict=False)
+            ]
+        ),
+    )
+
+
+def _check_apart_in_space(names: tuple[str, ...], mesh: SpaceTessellation, body: Ints, touches: Bools) -> None:
+    """MeshError where bodies overlap or leave a slit.
+
+    Bodies overlap if a node of one, or the middle of a face, is inside another; nodes that `touches` names are on it.
+    """
+    width = NARROW_BETWEEN_BODIES * float((mesh.volumes / mesh.diameters**2).min())
+    outer, corners = mesh._outlines
+    owner = body[corners[outer[:-1]]]
+    low, high = (f.reduceat(mesh.points[corners], outer[:-1]) for f in (np.minimum, np.maximum))
+    first = np.searchsorted(owner, np.arange(len(names)))
+    boxes = list(zip(np.minimum.reduceat(low, first) - width, np.maximum.reduceat(high, first) + width, strict=True))
+    near = [(owner != own) & ((low <= box[1]) & (high >= box[0])).all(axis=1) for own, box in enumerate(boxes)]
+    free = mesh._boundary[mesh._free & np.any(near, axis=0)]
+    if not len(free):
+        return
+    offsets, vertices = rows_in_order(mesh.face_offsets, mesh.face_vertices, free)
+    of_face = body[vertices[offsets[:-1]]]
+    shapes = type(mesh._face_shapes)(*(values[free] for values in mesh._face_shapes))
+    upon = faces_upon(mesh.points, offsets, vertices, shapes, width=width, body=of_face)
+    if upon:
+        a, b = (repr(names[k]) for k in sorted(of_face[list(upon.faces)]))
+        raise _hardly_apart(a, b, upon.distance, width, shapes.centroids[upon.faces[1]])
+    rim = np.unique(vertices[~touches[vertices]])
+    places = np.concatenate([mesh.points[rim], shapes.centroids - width * shapes.normals])
+    of_place = np.concatenate([body[rim], of_face])
+    for own, box in enumerate(boxes):
+        there = np.flatnonzero((of_place != own) & ((places >= box[0]) & (places <= box[1])).all(axis=1))
+        inside = there[
+            enclosed(places[there], mesh.points, *rows_in_order(outer, corners, np.flatnonzero(owner == own)))
+        ]
+        if len(inside):
+            a, b = (repr(names[k]) for k in sorted((own, int(of_place[inside[0]]))))
+            raise _overlap(a, b, places[inside[0]])
+
+
+# Of both.
+
+
+def _data(meshes: Mapping[str, AnyKind], body: Ints) -> dict[str, NDArray[Any]]:
     """Cell data of all bodies, zero where a body has none, the number of the body, and where each body is."""
     data: dict[str, NDArray[Any]] = {}
     for number, (own, mesh) in enumerate(meshes.items()):
@@ -313,7 +493,7 @@ def _data(meshes: Mapping[str, Mesh], body: Ints) -> dict[str, NDArray[Any]]:
     return data | {BODY: body} | {name: (body == number).astype(np.uint8) for number, name in enumerate(meshes)}
 
 
-def _check_meshes(meshes: Mapping[str, Mesh]) -> None:
+def _check_meshes(meshes: Mapping[str, AnyKind]) -> None:
     if not isinstance(meshes, Mapping) or len(meshes) < 2:
         raise MeshError(
             f"bodies: wanted is a mapping of names to the meshes of two bodies or more; got {brief(meshes)}."
@@ -323,13 +503,14 @@ def _check_meshes(meshes: Mapping[str, Mesh]) -> None:
             raise MeshError(
                 f"bodies: a body's name is a string without {' and '.join(SIGNS)}, not {BODY!r}; got {brief(name)}."
             )
-        if not isinstance(mesh, Tessellation):
+        if not isinstance(mesh, (Tessellation, SpaceTessellation)):
             raise MeshError(
-                f"bodies: found {brief(mesh)} for {name!r} where a PolygonMesh is wanted. Interfaces of bodies in "
-                "space are not available: mesh bodies that are bonded as one, or let one of them be a rigid obstacle."
+                f"bodies: found {brief(mesh)} for {name!r} where a PolygonMesh or PolyhedralMesh is wanted."
             )
         if mesh.interfaces:
             raise MeshError(f"bodies: {name!r} has interfaces itself; give all bodies at once, each with its own mesh.")
+    if len({mesh.points.shape[1] for mesh in meshes.values()}) > 1:
+        raise MeshError("bodies: some are in the plane, and some in space; extrude the plane ones.")
 
 
 def _check_tolerance(tolerance: float | None, points: Floats) -> float:

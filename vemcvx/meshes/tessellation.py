@@ -36,7 +36,7 @@ from vemcvx.meshes.box import (
 )
 from vemcvx.meshes.checks.plane import checked
 from vemcvx.meshes.checks.space import checked_in_space
-from vemcvx.meshes.interfaces import Interface, on_boundary, outside
+from vemcvx.meshes.interfaces import Interface, faces_of, on_boundary, on_faces, outside
 from vemcvx.meshes.polygons import geometry, topology
 from vemcvx.outline import Outline, in_a_line
 
@@ -108,6 +108,11 @@ class Mesh(ABC):
 
     @property
     @abstractmethod
+    def _free(self) -> Bools:
+        """A mask of the parts of the boundary that no interface has on either side."""
+
+    @property
+    @abstractmethod
     def _choice(self) -> tuple[Ints, Floats]:
         """The parts of the boundary that no interface has, and their middles (m, dim)."""
 
@@ -133,8 +138,12 @@ class Mesh(ABC):
         The name of an interface means its edges of the first body; "boundary" has those of both.
         """
         sides = {} if self._box is None else self._sides(self._box)
-        joints = {name: interface.edges for name, interface in self.interfaces.items()}
-        return MappingProxyType({**sides, **self._named, **joints, "boundary": self._boundary})
+        return MappingProxyType({**sides, **self._named, **self._joints, "boundary": self._boundary})
+
+    @property
+    @abstractmethod
+    def _joints(self) -> dict[str, Ints]:
+        """The sides of the first body at each interface."""
 
     def _sides(self, box: Box, tolerance: float = 0.0) -> dict[str, Ints]:
         """Parts of the boundary on each side of a box; families put points on its sides to the bit."""
@@ -343,8 +352,16 @@ class Tessellation(Mesh):
         return read_only(topology.neighbours(self.offsets, self.shared_edges))
 
     @property
+    def _joints(self) -> dict[str, Ints]:
+        return {name: interface.edges for name, interface in self.interfaces.items()}
+
+    @property
+    def _free(self) -> Bools:
+        return outside(self.interfaces, self._boundary, self.n_nodes)
+
+    @property
     def _choice(self) -> tuple[Ints, Floats]:
-        edges = self._boundary[outside(self.interfaces, self._boundary, self.n_nodes)]
+        edges = self._boundary[self._free]
         return edges, 0.5 * (self.points[edges[:, 0]] + self.points[edges[:, 1]])
 
     def _rows(self, name: str, given: Any, n_nodes: int) -> tuple[Ints, Ints]:
@@ -373,10 +390,12 @@ class SpaceTessellation(Mesh):
         *,
         boundaries: Mapping[str, ArrayLike | Sequence[ArrayLike]] | None = None,
         cell_data: Mapping[str, ArrayLike] | None = None,
+        interfaces: Mapping[str, Interface] | None = None,
     ):
-        points, faces, node_map, notes = checked_in_space(points, cells)
+        points, faces, given, node_map, notes = checked_in_space(points, cells, interfaces)
         self._fill(points, *faces, node_map=node_map)
         self._finish(boundaries, cell_data, notes)
+        object.__setattr__(self, "interfaces", MappingProxyType(on_faces(given, self._outlines, node_map)))
 
     @cached_property
     def cells(self) -> tuple[tuple[Ints, ...], ...]:
@@ -467,8 +486,24 @@ class SpaceTessellation(Mesh):
         return topology.rows_in_order(self.face_offsets, self.face_vertices, self._boundary)
 
     @property
+    def _joints(self) -> dict[str, Ints]:
+        return {
+            name: read_only(self._boundary[faces_of(interface.edges, self._outlines)])
+            for name, interface in self.interfaces.items()
+        }
+
+    @property
+    def _free(self) -> Bools:
+        free = np.ones(len(self._boundary), dtype=bool)
+        for joint in self.interfaces.values():
+            for side in (joint.edges, joint.partners):
+                free[faces_of(side, self._outlines)] = False
+        return free
+
+    @property
     def _choice(self) -> tuple[Ints, Floats]:
-        return self._boundary, self.face_centroids[self._boundary]
+        faces = self._boundary[self._free]
+        return faces, self.face_centroids[faces]
 
     def _parts(self, name: str, given: Any, number: Ints) -> tuple[Ints, list[str]]:
         faces = plain(given)

@@ -425,8 +425,12 @@ def _frame(mean: Floats) -> tuple[Floats, tuple[str, str]]:
 
 def _parts(contact: Contact, mesh: PolyhedralMesh) -> tuple[Floats, Ints]:
     """Quadrilaterals (k, 4, 3) of the faces of contact, and their owners (k,)."""
-    normal, row = np.zeros_like(mesh.points), np.full(mesh.n_nodes, -1)
-    normal[contact.nodes], row[contact.nodes] = contact.normals, np.arange(len(contact.nodes))
+    normal, joined = np.zeros_like(mesh.points), contact.partners >= 0
+    normal[contact.nodes] = contact.normals
+    # Nodes at the rim of an interface own parts of its faces, not of those beside it.
+    rows = np.full((2, mesh.n_nodes), -1)
+    rows[joined.astype(int), contact.nodes] = np.arange(len(contact.nodes))
+    inner = np.isin(np.arange(mesh.n_faces), np.concatenate([[], *(mesh.boundaries[name] for name in mesh.interfaces)]))
     corners, owners = [], []
     for face in mesh.boundaries["boundary"]:
         nodes = mesh.face_vertices[mesh.face_offsets[face] : mesh.face_offsets[face + 1]]
@@ -435,7 +439,7 @@ def _parts(contact: Contact, mesh: PolyhedralMesh) -> tuple[Floats, Ints]:
         x = mesh.points[nodes]
         after, before = 0.5 * (x + np.roll(x, -1, axis=0)), 0.5 * (x + np.roll(x, 1, axis=0))
         corners.append(np.stack([x, after, np.broadcast_to(mesh.face_centroids[face], x.shape), before], axis=1))
-        owners.append(row[nodes])
+        owners.append(rows[int(inner[face])][nodes])
     held, quadrilaterals = np.concatenate(owners), np.concatenate(corners)
     return quadrilaterals[held >= 0], held[held >= 0]
 

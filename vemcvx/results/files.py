@@ -44,7 +44,9 @@ from vemcvx.archives import Arrays, read_arrays, record_of
 from vemcvx.arrays import Floats, brief, quantities, sizes_of
 from vemcvx.errors import HistoryError, MeshError
 from vemcvx.meshes import AnyMesh, Interface, PolygonMesh, PolyhedralMesh
+from vemcvx.meshes.interfaces import padded
 from vemcvx.meshes.io.vtk import packed_cells, write_cells
+from vemcvx.meshes.polygons.topology import rows_in_order
 from vemcvx.meshes.polyhedra import Faces, listed_faces
 from vemcvx.owned_files import DRAFTS, Owned, path_of
 from vemcvx.results.quoted import Quantity
@@ -172,13 +174,18 @@ def _mesh(arrays: Arrays, bodies: dict[str, list[str]]) -> AnyMesh:
     named, data = under("boundary."), under("cell_data.")
     # Every mesh makes this one itself.
     named.pop("boundary")
-    matched = {
-        name: Interface((one, other), named.pop(name), arrays[f"partners.{name}"])
-        for name, (one, other) in bodies.items()
-    }
-    if "mesh.face_cells" in arrays:
+    solid = "mesh.face_cells" in arrays
+    matched = {}
+    for name, (one, other) in bodies.items():
+        sides = named.pop(name)
+        if solid:  # the numbers of faces
+            sides = padded(*rows_in_order(arrays["mesh.face_offsets"], arrays["mesh.face_vertices"], sides))
+        matched[name] = Interface((one, other), sides, arrays[f"partners.{name}"])
+    if solid:
         faces = Faces(*(arrays[f"mesh.{name}"] for name in Faces._fields))
-        return PolyhedralMesh(arrays["mesh.points"], listed_faces(faces), boundaries=named, cell_data=data)
+        return PolyhedralMesh(
+            arrays["mesh.points"], listed_faces(faces), boundaries=named, cell_data=data, interfaces=matched
+        )
     cells = np.split(arrays["mesh.vertices"], arrays["mesh.offsets"][1:-1])
     return PolygonMesh(arrays["mesh.points"], cells, boundaries=named, cell_data=data, interfaces=matched)
 

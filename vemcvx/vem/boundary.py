@@ -10,6 +10,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from vemcvx.arrays import Bools, Floats, Ints, read_only, totals
+from vemcvx.meshes.polygons.topology import offsets_of
 from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 from vemcvx.vem.projection import FaceGroup, face_groups, tangents_of
 
@@ -155,8 +156,21 @@ def _drawn(edges: Ints, points: Floats, inside: Bools | None) -> tuple[Ints, Int
     return np.where(ends, first, own), np.where(ends, last, own)
 
 
-def face_part(faces: Ints, mesh: PolyhedralMesh, mirrors: MirrorPlanes | None = None) -> Part:
-    """The part of the boundary that faces (m,), ascending numbers, make; `mirrors` are of symmetry, at its nodes."""
+def face_part(
+    faces: Ints, mesh: PolyhedralMesh, across: Ints | None = None, mirrors: MirrorPlanes | None = None
+) -> Part:
+    """The part of the boundary that faces (m,), ascending numbers, make.
+
+    Parameters
+    ----------
+    faces : (m,) array
+    mesh : PolyhedralMesh
+    across : (c,) array, optional
+        The nodes of other bodies that an interface joins to the vertices of the faces, one face after the other; -1 for
+        a face of no interface.
+    mirrors : MirrorPlanes, optional
+        Of symmetry, at its nodes.
+    """
     groups = list(face_groups(mesh.points, mesh.face_offsets, mesh.face_vertices, faces))
     places = [np.searchsorted(faces, group.faces) for group in groups]
     vectors, outline = np.empty((len(faces), 3)), np.empty(len(faces))
@@ -170,6 +184,13 @@ def face_part(faces: Ints, mesh: PolyhedralMesh, mirrors: MirrorPlanes | None = 
     def rules(count: int) -> tuple[SideRule, ...]:
         return tuple(SideRule(at, group.nodes, *group.quadrature()) for group, at in zip(groups, places, strict=True))
 
+    begin = offsets_of(np.diff(mesh.face_offsets)[faces])
+    corner = np.concatenate(
+        [
+            np.ravel(begin[at][:, None] + np.arange(group.nodes.shape[1]))
+            for group, at in zip(groups, places, strict=True)
+        ]
+    )
     side = np.concatenate([np.repeat(at, group.nodes.shape[1]) for group, at in zip(groups, places, strict=True)])
     ends = SideEnds(
         nodes=np.concatenate([group.nodes.ravel() for group in groups]),
@@ -179,7 +200,7 @@ def face_part(faces: Ints, mesh: PolyhedralMesh, mirrors: MirrorPlanes | None = 
         sizes=areas[side],
         lengths=np.concatenate([group.shares.ravel() for group in groups]),
         beyond=faces[side],
-        partners=np.full(len(side), -1),
+        partners=np.full(len(side), -1) if across is None else across[corner],
         mirrors=mirrors,
     )
     return Part(sides=faces, normals=read_only(normals), measures=read_only(areas), rules=rules, ends=ends)

@@ -13,6 +13,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from vemcvx.arrays import Bools, Floats, Ints
+from vemcvx.meshes.interfaces import faces_of
 from vemcvx.meshes.polygons.geometry import overlapping_boxes
 from vemcvx.meshes.polygons.topology import offsets_of, spans
 from vemcvx.meshes.polyhedra import angles_seen
@@ -108,12 +109,22 @@ class _Near:
         self._around = np.bincount(self._owner, angles, len(point)) > 2.0 * np.pi
         self._weights, self._distance = _nearest(arms)
         self._on = self._distance <= reach
+        holds = self._around | (np.bincount(self._owner, self._on, len(self._point)) > 0)
+        if mesh.interfaces:
+            # A point on an interface counts with the first body, unless only cells of second ones hold it.
+            seconds = np.zeros(mesh.n_faces, dtype=bool)
+            for joint in mesh.interfaces.values():
+                seconds[mesh.boundaries["boundary"][faces_of(joint.partners, mesh._outlines)]] = True
+            there = self._on & np.repeat(seconds[mesh.cell_faces[at]], several)
+            second = holds & (np.bincount(self._owner, there, len(self._point)) > 0)
+            holds &= ~(second & np.isin(self._point, self._point[holds & ~second]))
+        self._holds: Bools = holds
+        self._on &= holds[self._owner]
 
     @property
     def held(self) -> tuple[Ints, Ints]:
         """Points and closed cells that hold them, by point, then by cell."""
-        holds: Bools = self._around | (np.bincount(self._owner, self._on, len(self._point)) > 0)
-        return self._point[holds], self._cell[holds]
+        return self._point[self._holds], self._cell[self._holds]
 
     def traces(self) -> tuple[Ints, sp.csr_matrix]:
         """The points on faces, and the values there (p, n_nodes), from the nearest triangle."""

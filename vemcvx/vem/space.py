@@ -16,6 +16,7 @@ import numpy as np
 from vemcvx.arrays import Bools, Ints, read_only
 from vemcvx.errors import SceneError
 from vemcvx.meshes import AnyMesh, PolyhedralMesh, plane_mesh
+from vemcvx.meshes.polygons.topology import spans
 from vemcvx.vem.boundary import MirrorPlanes, Part, edge_part, face_part
 from vemcvx.vem.projection import CellGroup, polyhedron_groups
 
@@ -119,14 +120,16 @@ class Space:
                 sides = "faces" if isinstance(mesh, PolyhedralMesh) else "edges"
                 raise SceneError(f"{subject}: the boundary {name!r} of this mesh has no {sides}; it has {known}.")
         edges = np.unique(np.concatenate([mesh.boundaries[name] for name in names]), axis=0)
-        if isinstance(mesh, PolyhedralMesh):
-            return face_part(read_only(edges), mesh, self.mirrors)
-        across = self._across(edges)
+        solid = isinstance(mesh, PolyhedralMesh)
+        across = None if not mesh.interfaces else self._across_faces(edges) if solid else self._across(edges)
         if across is not None and not contact and (across >= 0).any():
             raise SceneError(
-                f"{subject}: on={on!r} has edges of an interface ({', '.join(mesh.interfaces)}) between two bodies, "
+                f"{subject}: on={on!r} has {'faces' if solid else 'edges'} of an interface "
+                f"({', '.join(mesh.interfaces)}) between two bodies, "
                 "where contact and friction act and nothing else; name boundaries that are on the outside."
             )
+        if isinstance(mesh, PolyhedralMesh):
+            return face_part(read_only(edges), mesh, across, self.mirrors)
         return edge_part(read_only(edges), mesh.points, across, self.mirrors, self._inside(edges, across))
 
     def _inside(self, edges: Ints, across: Ints | None) -> Bools:
@@ -138,11 +141,20 @@ class Space:
         alone: Bools = np.bincount(nodes, minlength=self.mesh.n_nodes)[outline] == 1
         return alone
 
-    def _across(self, edges: Ints) -> Ints | None:
+    def _across_faces(self, faces: Ints) -> Ints:
+        """The nodes of other bodies beside the vertices of faces of first ones, by face; -1 where there is none."""
+        mesh = self.mesh
+        assert isinstance(mesh, PolyhedralMesh)
+        across = np.full(len(mesh.face_vertices), -1)
+        for name, joint in mesh.interfaces.items():
+            own = mesh.boundaries[name]
+            corners = spans(mesh.face_offsets[own], np.diff(mesh.face_offsets)[own])
+            across[corners] = joint.partners[joint.partners >= 0]
+        return read_only(across[spans(mesh.face_offsets[faces], np.diff(mesh.face_offsets)[faces])])
+
+    def _across(self, edges: Ints) -> Ints:
         """The nodes of the other body beside each edge (m, 2) of the first one; -1 where there is none."""
         joints = self.mesh.interfaces.values()
-        if not joints:
-            return None
         across = np.full(edges.shape, -1)
         n = self.mesh.n_nodes
         key = edges[:, 0] * n + edges[:, 1]

@@ -209,7 +209,7 @@ def check_coincident(points: Floats, used: Ints) -> None:
         )
         raise MeshError(
             f"nodes {a} and {b} are in the same place, ({at}). Give them one number, so that the cells around them are "
-            f"joined{bodies if points.shape[1] == 2 else ''}."
+            f"joined{bodies}."
         )
 
 

@@ -14,6 +14,7 @@ are not looked for; they are found if their volumes add up to more than that of 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from itertools import chain
 from typing import Any, NamedTuple
 
@@ -32,11 +33,13 @@ from vemcvx.meshes.checks.plane import (
     dropped,
     laid_flat,
 )
-from vemcvx.meshes.polygons.geometry import TOLERANCE, diameters, outlines, overlapping_boxes
+from vemcvx.meshes.interfaces import Interface, check_interfaces, pairs_of, places_of
+from vemcvx.meshes.polygons.geometry import TOLERANCE, cross, diameters, outlines, overlapping_boxes
 from vemcvx.meshes.polygons.topology import (
     cell_of_corner,
     directed_edges,
     edge_keys,
+    next_corner,
     offsets_of,
     rows_in_order,
     same_rows,
@@ -48,6 +51,7 @@ from vemcvx.meshes.polyhedra import (
     FaceShapes,
     Listed,
     face_shapes,
+    in_planes,
     joined_faces,
     nodes_of_cells,
     volumes_and_centroids,
@@ -57,10 +61,19 @@ from vemcvx.meshes.polyhedra import (
 PLANE = 1e-6
 
 
-def checked_in_space(points: ArrayLike, cells: Any) -> tuple[Floats, Faces, Ints | None, list[str]]:
-    """Points and faces made of a user's points and cells, or MeshError; the map of nodes, notes on what was mended."""
+def checked_in_space(
+    points: ArrayLike, cells: Any, interfaces: Mapping[str, Interface] | None = None
+) -> tuple[Floats, Faces, dict[str, Interface], Ints | None, list[str]]:
+    """Points and faces made of a user's points and cells, or MeshError.
+
+    Besides, interfaces as given, the map of nodes, and notes on what was mended. Only at interfaces may two nodes be in
+    one place; how cells fit together is checked as if nodes there were one.
+    """
     points = check_points(points, 3)
-    offsets, vertices, cell_offsets = check_face_lists(cells, len(points))
+    offsets, own, cell_offsets = check_face_lists(cells, len(points))
+    interfaces = check_interfaces(interfaces, len(points), 3)
+    place = places_of(pairs_of(interfaces), points)
+    vertices = place[own]
     check_coincident(points, np.unique(vertices))
     owner = cell_of_corner(cell_offsets)
     shared = shared_faces(offsets, vertices, owner, len(points))
@@ -86,8 +99,10 @@ def checked_in_space(points: ArrayLike, cells: Any) -> tuple[Floats, Faces, Ints
             f"{len(mended)} of {len(volumes)} cells had faces that did not run outwards, counter-clockwise seen from "
             f"outside (the first is cell {mended[0]}); they have been turned."
         )
+    if interfaces:
+        faces = joined_faces(offsets, turned(offsets, own, turn), cell_offsets)
     points, vertices, node_map, more = dropped(points, faces.face_vertices)
-    return points, faces._replace(face_vertices=vertices), node_map, notes + more
+    return points, faces._replace(face_vertices=vertices), interfaces, node_map, notes + more
 
 
 # Lists of faces.
@@ -278,7 +293,7 @@ def check_faces(points: Floats, offsets: Ints, vertices: Ints, cells: Ints) -> F
             f"{named(flat[0])} has no area (area {shapes.areas[flat[0]]:.3g}, diameter {sizes[flat[0]]:.3g}): its "
             "vertices lie on one line, or its outline crosses itself. Remove it or correct its vertices."
         )
-    places = _seen(points[vertices], face, shapes)
+    places = in_planes(points[vertices], face, shapes)
     height = np.abs(places[:, 2])
     bent = np.flatnonzero(height > (PLANE * sizes + TOLERANCE * largest)[face])
     if len(bent):
@@ -294,17 +309,6 @@ def check_faces(points: Floats, offsets: Ints, vertices: Ints, cells: Ints) -> F
         polygons = outlines(places[:, :2], rows, corners)
         check_simple(places[:, :2], rows, corners, polygons, named=lambda k: named(several[k]), nodes=vertices)
     return shapes
-
-
-def _seen(places: Floats, faces: Ints, shapes: FaceShapes) -> Floats:
-    """Coordinates (m, 3) of places (m, 3) about the centroid of a face each: along two axes in it, and above it."""
-    normals = shapes.normals[faces]
-    across = np.eye(3)[np.argmin(np.abs(normals), axis=1)]
-    first = np.cross(normals, across)
-    first /= np.linalg.norm(first, axis=1)[:, None]
-    axes = np.stack([first, np.cross(normals, first), normals], axis=1)
-    coordinates: Floats = np.einsum("mai,mi->ma", axes, places - shapes.centroids[faces])
-    return coordinates
 
 
 def check_volumes(points: Floats, faces: Faces, volumes: Floats, shapes: FaceShapes) -> None:
@@ -336,13 +340,22 @@ def _volume_of_hull(points: Floats) -> float:
         return np.inf
 
 
-def _check_outer_faces(points: Floats, faces: Faces, shapes: FaceShapes, width: float) -> None:
-    """MeshError where two faces of the boundary lie on one another, or hardly apart."""
+class Upon(NamedTuple):
+    """Two outer faces that lie on one another, or hardly apart."""
+
+    faces: tuple[int, int]
+    """where they stand among the outer faces"""
+    distance: float
+    slack: float
+    """the least distance that is none"""
+
+
+def faces_upon(
+    points: Floats, offsets: Ints, vertices: Ints, shapes: FaceShapes, width: float, body: Ints | None = None
+) -> Upon | None:
+    """The first two outer faces, of different bodies if these (f,) are given, that lie within a width of each other."""
     import shapely
 
-    outer = np.flatnonzero(faces.face_cells[:, 1] < 0)
-    offsets, vertices = rows_in_order(faces.face_offsets, faces.face_vertices, outer)
-    shapes = FaceShapes(*(values[outer] for values in shapes))
     corners = points[vertices]
     low, high = (f.reduceat(corners, offsets[:-1], axis=0) for f in (np.minimum, np.maximum))
     slack = width + TOLERANCE * np.abs(corners).max()
@@ -350,25 +363,53 @@ def _check_outer_faces(points: Floats, faces: Faces, shapes: FaceShapes, width: 
     tilt = np.linalg.norm(np.cross(shapes.normals[one], shapes.normals[other]), axis=1)
     apart = np.abs(np.einsum("ij,ij->i", shapes.normals[one], shapes.centroids[other] - shapes.centroids[one]))
     near = (one < other) & (apart + tilt * np.sqrt(shapes.areas[other]) <= slack)
+    if body is not None:
+        near &= body[one] != body[other]
     one, other, apart = one[near], other[near], apart[near]
     if not len(one):
-        return
+        return None
 
     def in_plane(listed: Ints) -> NDArray[Any]:
         rows, nodes = rows_in_order(offsets, vertices, listed)
-        return outlines(_seen(points[nodes], one[cell_of_corner(rows)], shapes)[:, :2], rows, np.arange(len(nodes)))
+        return outlines(in_planes(points[nodes], one[cell_of_corner(rows)], shapes)[:, :2], rows, np.arange(len(nodes)))
 
     common = shapely.area(shapely.intersection(in_plane(one), in_plane(other)))
     over = np.flatnonzero(common > NARROW * np.minimum(shapes.areas[one], shapes.areas[other]))
-    if len(over):
-        k = over[0]
+    return Upon((int(one[over[0]]), int(other[over[0]])), float(apart[over[0]]), slack) if len(over) else None
+
+
+def _check_outer_faces(points: Floats, faces: Faces, shapes: FaceShapes, width: float) -> None:
+    """MeshError where two faces of the boundary lie on one another, or hardly apart."""
+    outer = np.flatnonzero(faces.face_cells[:, 1] < 0)
+    offsets, vertices = rows_in_order(faces.face_offsets, faces.face_vertices, outer)
+    upon = faces_upon(points, offsets, vertices, FaceShapes(*(values[outer] for values in shapes)), width)
+    if upon:
         first, second = (
             f"the face {_row(offsets, vertices, face)} of cell {faces.face_cells[outer[face], 0]}"
-            for face in (one[k], other[k])
+            for face in upon.faces
         )
-        how = f"{apart[k]:.3g} beside" if apart[k] > 1e-3 * slack else "on"
+        how = f"{upon.distance:.3g} beside" if upon.distance > 1e-3 * upon.slack else "on"
         raise MeshError(
             f"{first} and {second} lie {how} one another. Two cells must meet in whole faces of both: cut the "
             "larger face into the faces of its neighbours, and make a node on an edge a vertex of every face that has "
             "the edge; if the cells overlap, correct the vertices."
         )
+
+
+# Rays go along the third axis of a frame that is turned against whatever a mesh is aligned with.
+RAYS = np.linalg.qr(np.array([[0.61, -0.32, 0.71], [0.23, 0.94, 0.11], [-0.77, 0.05, 0.58]]))[0]
+
+
+def enclosed(places: Floats, points: Floats, offsets: Ints, vertices: Ints) -> Bools:
+    """A mask of the places (m, 3) inside a closed surface of faces that run outwards: rays from there leave it."""
+    places, points = places @ RAYS, points @ RAYS
+    first, after = np.repeat(vertices[offsets[:-1]], np.diff(offsets)), next_corner(offsets)
+    corners = points[np.stack([first, vertices, vertices[after]], axis=1)]
+    corners = corners[(first != vertices) & (first != vertices[after])]
+    low, high = corners[..., :2].min(axis=1), corners[..., :2].max(axis=1)
+    i, k = overlapping_boxes(places[:, :2], places[:, :2], low, high)
+    arms = corners[k] - places[i, None]
+    turns = np.stack([cross(arms[:, a, :2], arms[:, b, :2]) for a, b in ((1, 2), (2, 0), (0, 1))], axis=1)
+    sign = np.where((turns > 0.0).all(axis=1), 1.0, np.where((turns < 0.0).all(axis=1), -1.0, 0.0))
+    above = np.einsum("ka,ka->k", turns, arms[:, :, 2]) * sign > 0.0
+    return np.bincount(i[above], sign[above], len(places)) > 0.5

@@ -111,10 +111,10 @@ def _check_holds(suffix: str, mesh: AnyTessellation) -> None:
     wrong = [name for name in mesh.boundaries if suffix == ".msh" and set(name) & set(UNSPEAKABLE)]
     if wrong:
         raise MeshError(f".msh files have no names with quotes, backslashes or ends of lines, as {wrong[0]!r} has.")
-    if suffix in ANY_POLYGON or not isinstance(mesh, Tessellation):
+    if suffix in ANY_POLYGON:
         return
     instead = f"Write {' or '.join(ANY_POLYGON)}."
-    if np.diff(mesh.offsets).max() > 4:
+    if isinstance(mesh, Tessellation) and np.diff(mesh.offsets).max() > 4:
         raise MeshError(
             f"{suffix} files do not keep polygons of more than four vertices, and this mesh has some. {instead}"
         )

@@ -6,8 +6,8 @@ cells. In files that keep data it is marked by a datum "boundary:<name>", 1 on i
 have the data of those that they bound, so that colouring by a datum looks the same with and without them. Among data of
 the whole file (field data), a part may instead be the datum "boundary:<name>", a row of nodes for each edge or face.
 
-An interface of two bodies is two such parts: its own, edges of the first body, and "partners:<first>:<second>:<name>",
-edge by edge the nodes of the second body in the same places.
+An interface of two bodies is two such parts: its own, edges or faces of the first body, and
+"partners:<first>:<second>:<name>", for each of them the nodes of the second body in the same places.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.errors import MeshError, MeshWarning
 from vemcvx.meshes.box import WHOLE
-from vemcvx.meshes.interfaces import Interface
+from vemcvx.meshes.interfaces import Interface, faces_of, padded
 from vemcvx.meshes.polygons.topology import (
     cell_of_corner,
     directed_edges,
@@ -201,7 +201,7 @@ def polygon_kinds(offsets: Ints) -> NDArray[np.str_]:
 
 
 def named_parts(mesh: AnyTessellation) -> dict[str, Ints]:
-    """Edges or numbers of faces of all that a file names: boundaries but the whole, and partners at interfaces."""
+    """Edges or numbers of faces of all that a file names: boundaries but the whole; and rows of nodes, of partners."""
     parts = {name: part for name, part in mesh.boundaries.items() if name != WHOLE}
     for name, found in mesh.interfaces.items():
         first, second = (quote(body, safe="") for body in found.bodies)
@@ -211,26 +211,21 @@ def named_parts(mesh: AnyTessellation) -> dict[str, Ints]:
 
 def padded_parts(mesh: AnyTessellation) -> dict[str, Ints]:
     """The nodes of all that a file names, a row (m, k) for each edge or face, filled up with -1."""
-    found = {}
-    for name, part in named_parts(mesh).items():
-        offsets, vertices = _rows_of(mesh, part)
-        counts = np.diff(offsets)
-        rows = np.full((len(counts), counts.max(initial=0)), -1)
-        rows[np.arange(rows.shape[1]) < counts[:, None]] = vertices
-        found[name] = rows
-    return found
+    return {name: padded(*_rows_of(mesh, part)) for name, part in named_parts(mesh).items()}
 
 
 def _rows_of(mesh: AnyTessellation, part: Ints) -> Rows:
-    if isinstance(mesh, SpaceTessellation):
+    if isinstance(mesh, SpaceTessellation) and part.ndim == 1:
         return rows_in_order(mesh.face_offsets, mesh.face_vertices, part)
-    return 2 * np.arange(len(part) + 1), part.ravel()
+    there = part >= 0
+    return offsets_of(there.sum(axis=1)), part[there]
 
 
 def _owners(mesh: AnyTessellation, part: Ints) -> Ints:
     """The cell that each edge or face of a part of the boundary belongs to."""
     if isinstance(mesh, SpaceTessellation):
-        cells: Ints = mesh.face_cells[part, 0]
+        faces = part if part.ndim == 1 else mesh.boundaries[WHOLE][faces_of(part, mesh._outlines)]
+        cells: Ints = mesh.face_cells[faces, 0]
         return cells
     owner = cell_of_corner(mesh.offsets)[mesh.shared_edges.alone]
     return owner[positions(part, mesh.boundaries[WHOLE], mesh.n_nodes)]
@@ -354,13 +349,16 @@ def mesh_of(grid: Grid) -> tuple[AnyTessellation, list[str]]:
     marks = {name.removeprefix(MARK): x != 0 for name, x in grid.data.items() if name.startswith(MARK)} | grid.sides
     marked = {name: np.flatnonzero(mark & outer) for name, mark in marks.items()}
     parts = {name: rows_in_order(grid.offsets, grid.vertices, rows) for name, rows in marked.items()} | grid.parts
+    interfaces = _interfaces(parts)
     if grid.solid:
-        solid, left_out = _with_parts(SpaceTessellation(grid.points, _solids(grid, cells), cell_data=data), parts)
+        solids = _solids(grid, cells)
+        solid, left_out = _with_parts(
+            SpaceTessellation(grid.points, solids, cell_data=data, interfaces=interfaces), parts
+        )
         return solid, [*grid.notes, *left_out]
     offsets, vertices = rows_in_order(grid.offsets, grid.vertices, cells)
     counts = np.unique(np.diff(offsets))
     polygons = vertices.reshape(-1, counts[0]) if len(counts) == 1 else np.split(vertices, offsets[1:-1])
-    interfaces = _interfaces(parts)
     made = Tessellation(_plane(grid.points), polygons, cell_data=data, interfaces=interfaces)
     flat, left_out = _with_parts(made, parts)
     return flat, [*grid.notes, *left_out]
@@ -411,7 +409,7 @@ def _interfaces(parts: dict[str, Rows]) -> dict[str, Interface]:
         first, second, name = key.removeprefix(PARTNERS).split(":", 2)
         if name not in parts:
             raise MeshError(f"it holds partners of an interface {name!r}, but no such boundary.")
-        edges, partners = (parts.pop(one)[1].reshape(-1, 2) for one in (name, key))
+        edges, partners = (padded(*parts.pop(one)) for one in (name, key))
         found[name] = Interface((unquote(first), unquote(second)), edges, partners)
     return found
 

@@ -336,7 +336,7 @@ def to_object(mesh: AnyTessellation, library: str) -> Any:
         notes.append(f"keep only sets of cells (0 or 1), not {', '.join(map(repr, lost))}.")
     if mesh.interfaces:
         names = ", ".join(map(repr, mesh.interfaces))
-        notes.append(f"keep no interfaces: of {names} the edges of the first body stay, as boundaries.")
+        notes.append(f"keep no interfaces: of {names} the {mesh.PARTS} of the first body stay, as boundaries.")
     for note in notes:
         warnings.warn(f"meshes of scikit-fem {note}", MeshWarning, stacklevel=3)
     return made

@@ -1,0 +1,283 @@
+"""Several bodies in space: tilings intersected, what becomes of names and data, and what is refused."""
+
+from __future__ import annotations
+
+import itertools
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import vemcvx as vx
+from vemcvx.meshes import SPACE_FAMILIES, bodies, cubes
+from vemcvx.meshes.interfaces import faces_of
+
+FAMILIES = list(SPACE_FAMILIES)
+EPS = np.finfo(float).eps
+
+
+def turned(mesh, angle, about=(0.5, 0.5)):
+    """The mesh turned about an upright axis."""
+    c, s, axis = np.cos(angle), np.sin(angle), np.array([*about, 0.0])
+    points = (mesh.points - axis) @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) + axis
+    named = {name: faces for name, faces in mesh.boundaries.items() if name != "boundary"}
+    return vx.PolyhedralMesh(points, mesh.cells, boundaries=named)
+
+
+def assert_matched(mesh, area=None):
+    """Both sides of interfaces are the same polygons, to the bit, seen from both sides; and the whole is a mesh."""
+    total = 0.0
+    for name, found in mesh.interfaces.items():
+        there = found.edges >= 0
+        np.testing.assert_array_equal(mesh.points[found.edges[there]], mesh.points[found.partners[there]])
+        assert not np.isin(found.edges[there], found.partners[there]).any()
+        first = mesh.boundaries[name]
+        second = mesh.boundaries["boundary"][faces_of(found.partners, mesh._outlines)]
+        np.testing.assert_allclose(mesh.face_normals[first], -mesh.face_normals[second], atol=1e-6)
+        np.testing.assert_allclose(mesh.face_areas[first], mesh.face_areas[second], rtol=1e-6)
+        for faces, body in zip((first, second), found.bodies, strict=True):
+            assert (mesh.cell_data[body][mesh.face_cells[faces, 0]] == 1).all()
+        total += mesh.face_areas[first].sum()
+    again = vx.PolyhedralMesh(mesh.points, mesh.cells, interfaces=mesh.interfaces)
+    assert_same(again, mesh, ("points", "face_offsets", "face_vertices", "cell_faces"), ())
+    if area is not None:
+        assert total == pytest.approx(area, abs=1e-9)
+
+
+def assert_same(one, other, arrays=vx.PolyhedralMesh.ARRAYS, kinds=("boundaries", "cell_data")):
+    for name in arrays:
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+    for kind in kinds:
+        assert set(getattr(one, kind)) == set(getattr(other, kind))
+        for name, values in getattr(one, kind).items():
+            np.testing.assert_array_equal(values, getattr(other, kind)[name])
+    assert set(one.interfaces) == set(other.interfaces)
+    for name, found in one.interfaces.items():
+        assert found.bodies == other.interfaces[name].bodies
+        np.testing.assert_array_equal(found.edges, other.interfaces[name].edges)
+        np.testing.assert_array_equal(found.partners, other.interfaces[name].partners)
+
+
+def assert_blocks_match(below, above, angle):
+    lower = SPACE_FAMILIES[below]((7, 7, 2), ((-1, 2), (-1, 2), (0, 1)), seed=1)
+    upper = turned(SPACE_FAMILIES[above]((5, 5, 2), ((0, 1), (0, 1), (1, 2)), seed=2), angle)
+    for meshes in ({"lower": lower, "upper": upper}, {"upper": upper, "lower": lower}):
+        mesh = bodies(meshes)
+        assert_matched(mesh, 1.0)
+        np.testing.assert_allclose(mesh.volumes, np.concatenate([of.volumes for of in meshes.values()]), rtol=1e-12)
+    return mesh
+
+
+@pytest.mark.parametrize(("below", "above"), [*zip(FAMILIES, FAMILIES[1:] + FAMILIES[:1], strict=True)])
+def test_turned_blocks_match(below, above):
+    mesh = assert_blocks_match(below, above, 0.4)
+    assert set(mesh.boundaries) == {
+        *(f"lower.{name}" for name in ("left", "right", "front", "back", "bottom", "top")),
+        *(f"upper.{name}" for name in ("left", "right", "front", "back", "top")),
+        *("upper|lower", "boundary"),
+    }
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("angle", [0.0, 0.1, np.pi / 4, 1.0])
+@pytest.mark.parametrize(("below", "above"), list(itertools.product(FAMILIES, FAMILIES)))
+def test_blocks_of_every_family_match(below, above, angle):
+    assert_blocks_match(below, above, angle)
+
+
+def test_cubes_over_cubes_have_all_pieces():
+    mesh = bodies({"lower": cubes(7), "upper": cubes(5, ((0, 1), (0, 1), (1, 2)))})
+    assert_matched(mesh, 1.0)
+    # Lines at sevenths and at fifths: twelve places along each axis, eleven strips.
+    assert len(mesh.boundaries["lower|upper"]) == 11**2
+    assert len(mesh.interfaces["lower|upper"].pairs) == 12**2
+    assert mesh.n_cells == 7**3 + 5**3
+
+
+def test_a_block_may_lie_on_one_face():
+    """Around it the face has a hole, which polyhedra cannot have: the rest is cut in triangles."""
+    mesh = bodies({"table": cubes(1), "box": cubes(2, ((0.3, 0.6), (0.3, 0.6), (1, 1.5)))})
+    assert_matched(mesh, 0.09)
+    top = mesh.boundaries["table.top"]
+    assert mesh.face_areas[top].sum() == pytest.approx(1 - 0.09, abs=1e-12)
+    assert (np.diff(mesh.face_offsets)[top] == 3).all()
+
+
+def test_four_blocks_meet_at_an_edge_and_eight_at_a_point():
+    four = {
+        f"q{i}{j}": SPACE_FAMILIES[name]((2 + i + j, 2, 2), ((i, i + 1), (j, j + 1), (0, 1)))
+        for (i, j), name in zip(itertools.product((0, 1), (0, 1)), FAMILIES, strict=False)
+    }
+    mesh = bodies(four)
+    assert_matched(mesh, 4.0)
+    assert set(mesh.interfaces) == {"q00|q01", "q00|q10", "q01|q11", "q10|q11"}
+    middle = np.flatnonzero(np.isclose(mesh.points[:, :2], 1.0).all(axis=1))
+    heights = np.unique(mesh.points[middle, 2])
+    assert len(middle) == 4 * len(heights)
+    eight = {
+        f"q{i}{j}{k}": SPACE_FAMILIES[name](2 + (i + j + k) % 3, ((i, i + 1), (j, j + 1), (k, k + 1)), seed=i + j)
+        for (i, j, k), name in zip(itertools.product((0, 1), (0, 1), (0, 1)), FAMILIES * 2, strict=False)
+    }
+    mesh = bodies(eight)
+    assert_matched(mesh, 12.0)
+    assert len(mesh.interfaces) == 12
+    assert np.isclose(mesh.points, 1.0).all(axis=1).sum() == 8
+
+
+def test_a_joint_may_end_on_a_third_body():
+    mesh = bodies(
+        {
+            "left": SPACE_FAMILIES["tetrahedra"](2),
+            "right": cubes(3, ((1, 2), (0, 1), (0, 1))),
+            "lid": SPACE_FAMILIES["voronoi3"](3, ((0.3, 1.4), (0.2, 0.8), (1, 2))),
+        },
+        interfaces={"joint": ("right", "left")},
+    )
+    assert_matched(mesh, 1.0 + 1.1 * 0.6)
+    assert {name: found.bodies for name, found in mesh.interfaces.items()} == {
+        "joint": ("right", "left"),
+        "left|lid": ("left", "lid"),
+        "right|lid": ("right", "lid"),
+    }
+
+
+@pytest.mark.parametrize("size", range(2, 14))
+def test_no_offset_is_too_small(size):
+    """Tilings that are hardly apart: pieces as narrow as the tolerance, 2e-9 here, or nodes that are one."""
+    for k, (name, exponent) in enumerate(itertools.product(("cubes", "tetrahedra", "kelvin"), (0.0, 0.5))):
+        x, y = 10.0 ** -(size + exponent) * np.random.default_rng([size, k]).normal(size=2)
+        make = SPACE_FAMILIES[name]
+        assert_matched(bodies({"a": make(2), "b": make(2, ((x, 1 + x), (y, 1 + y), (1, 2)))}))
+
+
+@settings(max_examples=8, deadline=None)
+@given(st.data())
+def test_what_a_large_tolerance_joins_is_a_mesh(data):
+    """Nodes move to edges and edges to nodes until nothing is nearer than the tolerance; a few are refused."""
+    below, above = (data.draw(st.sampled_from(FAMILIES)) for _ in range(2))
+    tolerance, angle = data.draw(st.floats(1e-3, 0.04)), data.draw(st.sampled_from([0.0, 0.01, 0.1, 0.7]))
+    x, y = (data.draw(st.floats(-0.15, 0.15)) for _ in range(2))
+    lower = SPACE_FAMILIES[below]((4, 3, 1), ((-1, 2), (-1, 2), (0, 1)))
+    upper = turned(SPACE_FAMILIES[above]((3, 3, 1), ((x, 1 + x), (y, 1 + y), (1, 2))), angle)
+    try:
+        mesh = bodies({"lower": lower, "upper": upper}, tolerance=tolerance)
+    except vx.MeshError as error:
+        if "Give a smaller" in str(error):
+            return
+        raise
+    assert_matched(mesh)
+    assert mesh.volumes == pytest.approx(np.concatenate([lower.volumes, upper.volumes]), abs=10 * tolerance)
+
+
+def three_bodies():
+    return bodies(
+        {
+            "größe <&:/>": SPACE_FAMILIES["tetrahedra"](2).with_cell_data("E", np.arange(48.0)),
+            "middle": cubes(3, ((1, 2), (0.25, 1.5), (0, 1))),
+            "right": SPACE_FAMILIES["voronoi3"](3, ((2, 3), (-1, 1), (0, 1))),
+        },
+        interfaces={"joint: a|b": ("right", "middle")},
+    )
+
+
+def test_files_keep_interfaces(tmp_path):
+    mesh = three_bodies()
+    assert_matched(mesh)
+    mesh.write(tmp_path / "mesh.vtu")
+    assert_same(mesh, vx.meshes.read(tmp_path / "mesh.vtu"))
+    assert_same(mesh, pickle.loads(pickle.dumps(mesh)))
+    two = bodies({"a": cubes(1), "b": cubes(1, ((1, 2), (0, 1), (0, 1)))})
+    two.write(tmp_path / "mesh.vtk")
+    again = vx.meshes.read(tmp_path / "mesh.vtk")
+    assert_matched(again, 1.0)
+    assert again.interfaces["a|b"].bodies == ("a", "b")
+    with pytest.raises(vx.MeshError, match=r"\.msh files do not keep interfaces of bodies"):
+        two.write(tmp_path / "mesh.msh")
+
+
+def test_meshes_of_pyvista_keep_interfaces():
+    pytest.importorskip("pyvista")
+    mesh = three_bodies()
+    assert_same(mesh, vx.meshes.convert(mesh.to("pyvista")))
+
+
+def test_names_data_and_predicates_leave_interfaces_alone():
+    mesh = three_bodies().with_boundary("all", lambda x: np.ones(len(x), dtype=bool))
+    sides = sum(2 * len(found.edges) for found in mesh.interfaces.values())
+    assert len(mesh.boundaries["all"]) == len(mesh.boundaries["boundary"]) - sides
+    np.testing.assert_array_equal(np.bincount(mesh.cell_data["body"]), [48, 3 * 4 * 3, 6 * 3 * 3])
+    assert mesh.cell_data["E"][48:].max() == 0.0
+    for name in ("größe <&:/>.right", "middle.left"):
+        faces = mesh.boundaries[name]
+        assert not np.isin(faces, np.concatenate([mesh.boundaries[joint] for joint in mesh.interfaces])).any()
+    with pytest.raises(vx.MeshError, match=r"'joint: a\|b' is an interface of this mesh"):
+        mesh.with_boundary("joint: a|b", lambda x: x[:, 0] > 0)
+
+
+APART = ((1.0, 2.0), (0.0, 1.0), (0.0, 1.0))
+REFUSED = [
+    ({"a": cubes(1), "b": cubes(1)}, r"'a' and 'b' overlap near \("),
+    ({"a": cubes(1), "b": cubes(2, ((0.5, 1.5), (0, 1), (0, 1)))}, r"'a' and 'b' overlap near \(0\.75"),
+    ({"a": cubes(1), "b": cubes(2, ((0.2, 0.8), (0.2, 0.8), (0.2, 0.8)))}, "'a' and 'b' overlap near"),
+    ({"a": cubes(1), "b": cubes(2, ((0.2, 0.8), (0.2, 0.8), (0.2, 1.0)))}, "'a' and 'b' overlap near"),
+    ({"a": cubes(1), "b": cubes(1, ((1, 2), (1, 2), (0, 1)))}, r"touch only in an edge or a point, near \(1, 1, 0\)"),
+    ({"a": cubes(1), "b": cubes(1, ((1, 2), (1, 2), (1, 2)))}, r"touch only in an edge or a point, near \(1, 1, 1\)"),
+    ({"a": cubes(1), "b": cubes(1, ((0.2, 0.8), (1, 2), (1, 2)))}, r"touch only in an edge .* let them share a face"),
+    (
+        {"a": cubes(1), "b": turned(cubes(1, ((1.2, 2.2), (0, 1), (0.2, 0.8))), np.pi / 4, (1.2, 0.5))},
+        "'a' and 'b' (touch only|overlap)",
+    ),
+    (
+        {"a": cubes(1), "b": cubes(1, ((1 + 1e-7, 2), (0, 1), (0, 1)))},
+        r"are apart by 1e-07 near .* Bring them together",
+    ),
+    ({"a": cubes(1), "b": vx.meshes.squares(1)}, "some are in the plane, and some in space; extrude"),
+    ({"a": cubes(1), "b": "b"}, "found 'b' for 'b' where a PolygonMesh or PolyhedralMesh is wanted"),
+]
+
+
+@pytest.mark.parametrize(("meshes", "message"), REFUSED)
+def test_what_is_no_set_of_bodies_is_refused(meshes, message):
+    with pytest.raises(vx.MeshError, match=message):
+        bodies(meshes)
+
+
+def test_names_and_tolerances_are_checked():
+    a, b = cubes(1), cubes(2, APART)
+    with pytest.raises(vx.MeshError, match=r"'joint' is to be between 'a' and 'c', whose .* there are 'a\|b'"):
+        bodies({"a": a, "b": b, "c": cubes(1, ((5, 6), (0, 1), (0, 1)))}, interfaces={"joint": ("a", "c")})
+    with pytest.raises(vx.MeshError, match="has interfaces itself"):
+        bodies({"ab": bodies({"a": a, "b": b}), "c": cubes(1, ((5, 6), (0, 1), (0, 1)))})
+    with pytest.raises(vx.MeshError, match=r"near \(.* would come to one place"):
+        bodies({"a": a, "b": cubes(1, ((1, 1.2), (0, 1), (0, 1)))}, tolerance=0.3)
+    apart = bodies({"a": a, "b": cubes(1, ((5, 6), (0, 1), (0, 1)))})
+    assert not apart.interfaces
+    assert apart.n_nodes == 16
+
+
+def test_wrong_interfaces_are_refused():
+    mesh = bodies({"a": cubes(1), "b": cubes(1, APART)})
+    found = mesh.interfaces["a|b"]
+    for change, message in (
+        (
+            {"edges": found.edges[:, [0, 2, 1, 3]][:, :3], "partners": found.partners[:, [0, 2, 1, 3]][:, :3]},
+            "same place",
+        ),
+        (
+            {
+                "edges": np.append(found.edges, [[0, 1, 2, -1]], axis=0),
+                "partners": np.append(found.partners, [[0, 1, 2, -1]], axis=0),
+            },
+            r"\(0, 1, 2\) is not a face of the boundary",
+        ),
+        ({"partners": found.partners[:0]}, "faces must be rows"),
+        ({"partners": found.partners[:, ::-1][:, [1, 2, 3, 0]]}, "nodes 1 and 14 are partners at an interface, but at"),
+        ({"edges": found.edges + 100}, "a face has three nodes or more, numbered 0 to 15"),
+    ):
+        with pytest.raises(vx.MeshError, match=message):
+            vx.PolyhedralMesh(mesh.points, mesh.cells, interfaces={"a|b": replace(found, **change)})
+    with pytest.raises(vx.MeshError, match=r"in the same place, .* put them together with vx\.meshes\.bodies"):
+        vx.PolyhedralMesh(mesh.points, mesh.cells)

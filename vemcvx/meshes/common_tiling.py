@@ -1,0 +1,353 @@
+"""One tiling for bodies in space where their boundaries coincide: the intersection of the tilings that they bring.
+
+A place on an edge becomes a vertex of all faces of the body that have the edge, as in the plane. A place inside a face
+cuts it together with the lines of other bodies that run over it (:mod:`.meeting`). So a face becomes the polygons
+between its outline and these lines, and where two bodies touch, both have the same: these are found by their places,
+and no areas are compared. Polyhedra take the pieces as coplanar faces.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vemcvx.arrays import Bools, Floats, Ints
+from vemcvx.meshes.interfaces import padded
+from vemcvx.meshes.meeting import Meeting, Surface, lines_between, meeting_of, settled, unmatched
+from vemcvx.meshes.polygons.geometry import areas_and_centroids, cross, outlines, signed_areas
+from vemcvx.meshes.polygons.topology import (
+    cell_of_corner,
+    edge_keys,
+    next_corner,
+    offsets_of,
+    rows_in_order,
+    same_rows,
+    spans,
+    turned,
+)
+from vemcvx.meshes.polyhedra import Faces, FaceShapes, face_shapes, in_planes
+
+# A corner of a face turns inwards if its edges span this part of the face's area: what rounding does is less.
+NOTCH = 1e-9
+# Faces whose nodes have moved off their plane by this part of their size are cut into triangles: a mesh may have 1e-6.
+FLAT = 1e-7
+# The pieces of a face cover it up to this part: the tolerance is far below the edges, or bodies are not matched.
+COVERED = 1e-3
+
+
+class Tiled(NamedTuple):
+    """Bodies whose faces have been cut."""
+
+    points: Floats
+    faces: Faces
+    body: Ints
+    """(n_nodes,) the body of each node"""
+    place: Ints
+    """(n_nodes,) the place of each node: the first of those there"""
+    origin: Ints
+    """(n_faces,) the face of before that each is a part of"""
+    touching: Ints
+    """(k, 2) nodes and bodies that touch there without a node"""
+
+
+def common_tiling(points: Floats, faces: Faces, body: Ints, place: Ints, tolerance: float) -> Tiled:
+    """Cut the faces of bodies that lie side by side in one list, where boundaries coincide.
+
+    Parameters
+    ----------
+    points : (n_nodes, 3) array
+    faces : Faces
+        The faces of all bodies, which share no node.
+    body, place : (n_nodes,) arrays
+        The body of each node, and the first of the nodes in its place.
+    tolerance : float
+        Boundaries coincide where they are no farther apart.
+
+    Raises
+    ------
+    MeshError
+        The edges of two tilings do not make polygons that cover a face; it says where.
+    """
+    surface = settled(Surface.of(points, faces, body, place, tolerance), tolerance)
+    meeting = meeting_of(points, surface, tolerance)
+    outline = _with_hanging(faces, meeting)
+    return _assembled(faces, meeting, outline, _pieces(meeting, outline))
+
+
+# Faces with new vertices, and cut.
+
+
+class _Outlines(NamedTuple):
+    """All faces of all bodies with the places on their edges as vertices."""
+
+    offsets: Ints
+    vertices: Ints
+    place: Ints
+    """(n_nodes + h,) the place of each node, new ones last"""
+    body: Ints
+
+
+def _with_hanging(faces: Faces, meeting: Meeting) -> _Outlines:
+    """Faces with a new node in every place on an edge."""
+    surface, on_edges = meeting.surface, meeting.on_edges
+    count = len(surface.place)
+    order = np.lexsort((on_edges.along, on_edges.edge))
+    edge, begin, many = np.unique(on_edges.edge[order], return_index=True, return_counts=True)
+    place = np.concatenate([surface.place, on_edges.place[order]])
+    body = np.concatenate([surface.body, surface.body_of_edge[on_edges.edge[order]]])
+    if not len(edge):
+        return _Outlines(faces.face_offsets, faces.face_vertices, place, body)
+    keys = edge_keys(surface.ends[edge], count)
+    touched = np.zeros(count, dtype=bool)
+    touched[surface.ends[edge]] = True
+    follow = faces.face_vertices[next_corner(faces.face_offsets)]
+    corner = np.flatnonzero(touched[faces.face_vertices] & touched[follow])
+    ends = np.column_stack([faces.face_vertices[corner], follow[corner]])
+    wanted, sorting = edge_keys(ends, count), np.argsort(keys)
+    at = sorting[np.minimum(np.searchsorted(keys, wanted, sorter=sorting), len(keys) - 1)]
+    found = keys[at] == wanted
+    corner, ends, at = corner[found], ends[found], at[found]
+    new, rows = count + spans(begin[at], many[at]), offsets_of(many[at])
+    backwards = ends[:, 0] != surface.ends[edge[at], 0]
+    mirrored = np.repeat(rows[1:] + rows[:-1] - 1, many[at]) - np.arange(len(new))
+    new = np.where(np.repeat(backwards, many[at]), new[mirrored], new)
+    vertices = np.insert(faces.face_vertices, np.repeat(corner + 1, many[at]), new)
+    more = np.zeros(len(faces.face_offsets) - 1, dtype=np.int64)
+    np.add.at(more, np.searchsorted(faces.face_offsets, corner, side="right") - 1, many[at])
+    return _Outlines(offsets_of(np.diff(faces.face_offsets) + more), vertices, place, body)
+
+
+class _Pieces(NamedTuple):
+    """The polygons that faces are cut into, outwards."""
+
+    face: Ints
+    """(k,) the faces, of those of the surface, ascending"""
+    offsets: Ints
+    places: Ints
+    """places of the vertices"""
+
+
+def _pieces(meeting: Meeting, outline: _Outlines) -> _Pieces:
+    """Cut the faces of the surface over which lines of other bodies run."""
+    surface = meeting.surface
+    offsets, vertices = rows_in_order(outline.offsets, outline.vertices, surface.faces)
+    places = outline.place[vertices]
+    face, lines = _lines_over_faces(meeting, offsets, places)
+    cut = np.unique(face)
+    if not len(cut):
+        return _Pieces(cut, np.zeros(1, dtype=np.int64), cut)
+    rows, around = rows_in_order(offsets, places, cut)
+    segments = np.concatenate([np.column_stack([around, around[next_corner(rows)]]), lines])
+    owner = np.concatenate([cell_of_corner(rows), np.searchsorted(cut, face)])
+
+    def seen(place: Ints, of: Ints) -> Floats:
+        return surface.seen(surface.points[place], cut[of])[:, :2]
+
+    ends = segments.ravel()
+    found, ring, place = _polygons(owner, np.column_stack([seen(ends, np.repeat(owner, 2)), ends]).reshape(-1, 2, 3))
+    corners, whole = seen(place, found[cell_of_corner(ring)]), seen(around, cell_of_corner(rows))
+    areas = areas_and_centroids(corners, ring, np.arange(len(corners)))[0]
+    all_of = areas_and_centroids(whole, rows, np.arange(len(whole)))[0]
+    missing = np.abs(np.bincount(found, np.abs(areas), len(cut)) - all_of) > COVERED * all_of
+    if missing.any():
+        raise unmatched(surface.shapes.centroids[cut[missing][0]])
+    return _Pieces(cut[found], ring, turned(ring, place, areas < 0.0))
+
+
+def _lines_over_faces(meeting: Meeting, offsets: Ints, places: Ints) -> tuple[Ints, Ints]:
+    """Faces of the surface, and the line (k, 2) of another body that runs over each."""
+    surface = meeting.surface
+    count, faces = len(surface.points), len(surface.faces)
+    lines, owner = lines_between(surface, meeting.on_edges)
+    in_face = np.concatenate([cell_of_corner(offsets), meeting.in_faces.face])
+    incident = np.unique(np.concatenate([places, meeting.in_faces.place]) * faces + in_face)
+    place, in_face = np.divmod(incident, faces)
+    first, last = (np.searchsorted(place, lines[:, 0], side=side) for side in ("left", "right"))
+    number, face = np.repeat(np.arange(len(lines)), last - first), in_face[spans(first, last - first)]
+    other = surface.body_of_face[face] != surface.body_of_edge[owner[number]]
+    number, face = number[other], face[other]
+    runs = np.isin(lines[number, 1] * faces + face, incident)
+    face, ends = face[runs], lines[number[runs]]
+
+    def key(face: Ints, ends: Ints) -> Ints:
+        number: Ints = (face * count + ends[:, 0]) * count + ends[:, 1]
+        return number
+
+    sides = np.sort(np.column_stack([places, places[next_corner(offsets)]]), axis=1)
+    keys, first = np.unique(key(face, ends), return_index=True)
+    first = first[~np.isin(keys, key(cell_of_corner(offsets), sides))]
+    first = first[_inside(surface, face[first], ends[first])]
+    return face[first], ends[first]
+
+
+def _inside(surface: Surface, face: Ints, lines: Ints) -> Bools:
+    """Of lines (k, 2) between places of a face each, which run inside: all, unless the face has a corner inwards."""
+    import shapely
+
+    every = cell_of_corner(surface.offsets)
+    corners = surface.seen(surface.points[surface.place[surface.vertices]], every)[:, :2]
+    arm = corners[next_corner(surface.offsets)] - corners
+    inwards = cross(arm, arm[next_corner(surface.offsets)]) < -NOTCH * surface.shapes.areas[every]
+    hollow = np.logical_or.reduceat(inwards, surface.offsets[:-1])
+    inside = np.ones(len(face), dtype=bool)
+    asked = np.flatnonzero(hollow[face])
+    middle = surface.seen(surface.points[lines[asked]].mean(axis=1), face[asked])
+    inside[asked] = shapely.contains_xy(surface.charts[face[asked]], middle[:, 0], middle[:, 1])
+    return inside
+
+
+def _polygons(owner: Ints, segments: Floats) -> tuple[Ints, Ints, Ints]:
+    """The polygons between segments (s, 2, 3) of one owner, in order of these: owner, offsets, and third coordinates.
+
+    Polygons with holes are cut in triangles.
+    """
+    import shapely
+
+    lines = shapely.linestrings(segments)
+    order = np.argsort(owner, kind="stable")
+    counts = np.bincount(owner)
+    width, begin = 2 ** np.ceil(np.log2(counts)).astype(np.int64), offsets_of(counts)
+    polygons, of = [], []
+    for size in np.unique(width):
+        rows = np.flatnonzero(width == size)
+        table = np.full((len(rows), size), None, dtype=object)
+        table[np.arange(size) < counts[rows, None]] = lines[order[spans(begin[rows], counts[rows])]]
+        parts, row = shapely.get_parts(shapely.polygonize(table), return_index=True)
+        polygons.append(parts)
+        of.append(rows[row])
+    every, found = np.concatenate(polygons), np.concatenate(of)
+    holed = shapely.get_num_interior_rings(every) > 0
+    corners, ring = shapely.get_coordinates(every[~holed], include_z=True, return_index=True)
+    first = np.diff(ring, append=-1) == 0  # without the last corner, which is the first again
+    names, sizes, found_in = corners[first, 2], np.bincount(ring[first]), found[~holed]
+    if holed.any():
+        corners, ring = shapely.get_coordinates(every[holed], include_z=True, return_index=True)
+        owner, triangle = _triangles(every[holed], offsets_of(np.bincount(ring)), np.arange(len(ring)), corners[:, :2])
+        names, sizes = np.append(names, corners[triangle, 2]), np.append(sizes, np.full(len(triangle), 3))
+        found_in = np.append(found_in, found[holed][owner])
+    ranked = np.argsort(found_in, kind="stable")
+    return found_in[ranked], *rows_in_order(offsets_of(sizes), names.astype(np.int64), ranked)
+
+
+# All bodies again.
+
+
+def _assembled(faces: Faces, meeting: Meeting, outline: _Outlines, cut: _Pieces) -> Tiled:
+    """The faces of all bodies with those that were cut replaced by their pieces, which get nodes of their own."""
+    surface, in_faces = meeting.surface, meeting.in_faces
+    known = surface.key(outline.place, outline.body)
+    wanted = surface.key(cut.places, surface.body_of_face[cut.face][cell_of_corner(cut.offsets)])
+    known = np.concatenate([known, np.setdiff1d(wanted, known)])
+    order = np.argsort(known)
+    nodes = order[np.searchsorted(known, wanted, sorter=order)]
+    place, body = np.divmod(known, len(surface.boxes[0]))
+    hanging = faces._replace(face_offsets=outline.offsets, face_vertices=outline.vertices)
+    tiled, origin = _replaced(hanging, surface.faces[cut.face], cut.offsets, nodes)
+    points, leader = surface.points[place], np.unique(place, return_index=True)[1]
+    number = np.full(len(surface.points), -1)
+    number[place[leader]] = leader
+    touched = np.ones(len(points), dtype=bool)
+    touched[: len(meeting.before)] = (points[: len(meeting.before)] != meeting.before).any(axis=1)
+    tiled, part = _flattened(points, tiled, number[place], touched)
+    host = surface.body_of_face[in_faces.face]
+    bare = ~np.isin(surface.key(in_faces.place, host), known)
+    touching = np.column_stack([number[in_faces.place], host])[bare]
+    return Tiled(points, tiled, body=body, place=number[place], origin=origin[part], touching=touching)
+
+
+def _replaced(faces: Faces, some: Ints, offsets: Ints, nodes: Ints) -> tuple[Faces, Ints]:
+    """The faces with some replaced by rows of nodes, their pieces; and the face that each was or is a piece of.
+
+    `some` (k,) are the faces, ascending, of which the rows are pieces.
+    """
+    many, (face, count) = np.ones(len(faces.face_offsets) - 1, dtype=np.int64), np.unique(some, return_counts=True)
+    many[face] = count
+    origin = np.repeat(np.arange(len(many)), many)
+    row = origin.copy()
+    row[np.isin(origin, face)] = len(many) + np.arange(len(some))
+    face_offsets, face_vertices = rows_in_order(
+        np.concatenate([faces.face_offsets, faces.face_offsets[-1] + offsets[1:]]),
+        np.concatenate([faces.face_vertices, nodes]),
+        row,
+    )
+    each = many[faces.cell_faces]
+    cell_offsets = offsets_of(np.add.reduceat(each, faces.cell_offsets[:-1]))
+    cell_faces = spans(offsets_of(many)[faces.cell_faces], each)
+    return Faces(face_offsets, face_vertices, cell_offsets, cell_faces, faces.face_cells[origin]), origin
+
+
+def _flattened(points: Floats, faces: Faces, place: Ints, touched: Bools) -> tuple[Faces, Ints]:
+    """The faces with those cut into triangles that are not plane any more; and which face each was.
+
+    Faces of two bodies in the same places get the same triangles.
+    """
+    some = np.flatnonzero(np.logical_or.reduceat(touched[faces.face_vertices], faces.face_offsets[:-1]))
+    offsets, vertices = rows_in_order(faces.face_offsets, faces.face_vertices, some)
+    shapes, corner = face_shapes(points, offsets, vertices), cell_of_corner(offsets)
+    height = np.abs(in_planes(points[vertices], corner, shapes)[:, 2])
+    warped = np.flatnonzero(np.maximum.reduceat(height, offsets[:-1]) > FLAT * np.sqrt(shapes.areas))
+    if not len(warped):
+        return faces, np.arange(len(faces.face_offsets) - 1)
+    offsets, vertices = rows_in_order(offsets, vertices, warped)
+    some, shapes = some[warped], FaceShapes(*(values[warped] for values in shapes))
+    first, number = same_rows(offsets, place[vertices])
+    corners = in_planes(points[vertices], cell_of_corner(offsets), shapes)[:, :2]
+    polygons = outlines(corners, offsets, np.arange(len(corners)))[first]
+    owner, rows = _triangles(polygons, *rows_in_order(offsets, np.arange(len(corners)), first), corners)
+    # Each face has the triangles of the first in its places, the other way round if it is another one.
+    order, begin = np.argsort(owner, kind="stable"), np.searchsorted(np.sort(owner), np.arange(len(first) + 1))
+    counts = np.diff(begin)[number]
+    triangles = vertices[rows[order[spans(begin[number], counts)]]]
+    face = np.repeat(np.arange(len(number)), counts)
+    triangles = np.where((face != first[number[face]])[:, None], triangles[:, ::-1], triangles)
+    key = place[vertices] * len(offsets) + cell_of_corner(offsets)
+    sorting = np.argsort(key)
+    own = vertices[sorting[np.searchsorted(key, place[triangles] * len(offsets) + face[:, None], sorter=sorting)]]
+    return _replaced(faces, some[face], 3 * np.arange(len(own) + 1), own.ravel())
+
+
+def _triangles(polygons: NDArray[Any], offsets: Ints, corner: Ints, corners: Floats) -> tuple[Ints, Ints]:
+    """The triangles of polygons, as Delaunay's as may be: of which each is, and its corners (t, 3), counter-clockwise.
+
+    Polygon k has the corners ``corner[offsets[k]:offsets[k + 1]]``, in holes and outside, which are numbers in (n, 2).
+    """
+    import shapely
+
+    parts, owner = shapely.get_parts(shapely.constrained_delaunay_triangles(polygons), return_index=True)
+    at = shapely.get_coordinates(shapely.get_exterior_ring(parts)).reshape(-1, 4, 2)[:, :3]
+    at = np.where((signed_areas(at) < 0.0)[:, None, None], at[:, ::-1], at)
+    rows = np.empty((len(owner), 3), dtype=np.int64)
+    counts = np.diff(offsets)[owner]
+    for n in np.unique(counts):
+        mine = np.flatnonzero(counts == n)
+        known = corner[offsets[owner[mine], None] + np.arange(n)]
+        same = (corners[known][:, None] == at[mine][:, :, None]).all(axis=3)
+        rows[mine] = np.take_along_axis(known, np.argmax(same, axis=2), axis=1)
+    return owner, rows
+
+
+def coinciding_faces(outlines: tuple[Ints, Ints], body: Ints, place: Ints) -> tuple[Ints, Ints, Ints]:
+    """Outer faces of two bodies in the same places.
+
+    Numbers (k, 2) of these faces, that of the earlier body first; rows (k, n) of their nodes, in the order of the face
+    of the earlier one: its own, and those of the later one there. `outlines` are the offsets and vertices of outer
+    faces; rows are filled up with -1.
+    """
+    offsets, vertices = outlines
+    shared = np.bincount(place)[place] > 1
+    faces = np.flatnonzero(np.logical_and.reduceat(shared[vertices], offsets[:-1]))
+    rows, nodes = rows_in_order(offsets, vertices, faces)
+    first, number = same_rows(rows, place[nodes])
+    order = np.argsort(number, kind="stable")
+    begin = np.searchsorted(number[order], np.arange(len(first)))
+    double = np.flatnonzero(np.bincount(number, minlength=len(first)) > 1)
+    one, other = order[begin[double]], order[begin[double] + 1]
+    mine = rows_in_order(rows, nodes, one)
+    count = int(body.max()) + 1
+    key = place * count + body
+    sorting = np.argsort(key)
+    of_other = np.repeat(body[nodes[rows[:-1]]][other], np.diff(mine[0]))
+    across = sorting[np.searchsorted(key, place[mine[1]] * count + of_other, sorter=sorting)]
+    return faces[np.column_stack([one, other])], padded(*mine), padded(mine[0], across)

@@ -1,0 +1,373 @@
+"""Where bodies in space meet: places of nodes, places on edges and in faces of other bodies, and lines that cross.
+
+Nodes of several bodies within the tolerance of each other are in one *place*. A place near an edge of another body is
+on it; one near two edges of a corner joins the corner. So edges are chains of *lines* between places, each
+of one body or of several; two lines that cross make one more place. A place inside a face is near no edge of it.
+
+Of bodies that do not coincide to rounding, the earlier one keeps its shape: nodes of the later one move to it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import combinations
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vemcvx.arrays import Bools, Floats, Ints
+from vemcvx.errors import MeshError
+from vemcvx.meshes.polygons.geometry import outlines, overlapping_boxes, rounding
+from vemcvx.meshes.polygons.topology import cell_of_corner, directed_edges, rows_in_order, smallest_linked, spans
+from vemcvx.meshes.polyhedra import Faces, FaceShapes, face_shapes, in_planes
+
+# Edges that turn by less are parallel: where they meet, their ends do.
+PARALLEL = 1e-12
+# Cosine of the outward normals of faces that face each other. Bodies that are flush have edges near to each other
+# on faces that do not.
+FACING = -0.5
+
+
+# The outer faces and edges that are near another body.
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """Outer faces of bodies near other bodies, and the edges of these faces."""
+
+    points: Floats
+    """(n_nodes, 3) of the places of nodes, each called by its first node"""
+    body: Ints
+    place: Ints
+    """(n_nodes,)"""
+    boxes: tuple[Floats, Floats]
+    """(bodies, 3) lowest and highest coordinates of each body"""
+    faces: Ints
+    """(f,) numbers"""
+    offsets: Ints
+    vertices: Ints
+    ends: Ints
+    """(e, 2) nodes of the edges, the smaller first"""
+
+    @classmethod
+    def of(cls, points: Floats, faces: Faces, body: Ints, place: Ints, tolerance: float) -> Surface:
+        """The outer faces of bodies that lie side by side, as far as they are near another."""
+        outer = np.flatnonzero(faces.face_cells[:, 1] < 0)
+        offsets, vertices = rows_in_order(faces.face_offsets, faces.face_vertices, outer)
+        corners = points[vertices]
+        low, high = (f.reduceat(corners, offsets[:-1]) for f in (np.minimum, np.maximum))
+        of_face = body[vertices[offsets[:-1]]]
+        first = np.searchsorted(of_face, np.arange(of_face[-1] + 1))
+        boxes = np.minimum.reduceat(low, first) - tolerance, np.maximum.reduceat(high, first) + tolerance
+        near: Bools = np.zeros(len(outer), dtype=bool)
+        for other, box in enumerate(zip(*boxes, strict=True)):
+            near |= (of_face != other) & _meets((low, high), box)
+        offsets, vertices = rows_in_order(offsets, vertices, np.flatnonzero(near))
+        ends = np.sort(directed_edges(offsets, vertices), axis=1)
+        ends = ends[np.unique(ends @ [len(points), 1], return_index=True)[1]]
+        return cls(
+            points=points,
+            body=body,
+            place=place,
+            boxes=boxes,
+            faces=outer[near],
+            offsets=offsets,
+            vertices=vertices,
+            ends=ends,
+        )
+
+    @cached_property
+    def shapes(self) -> FaceShapes:
+        """Shapes of the faces."""
+        return face_shapes(self.points, self.offsets, self.place[self.vertices])
+
+    @cached_property
+    def body_of_face(self) -> Ints:
+        """The body (f,) of each face."""
+        return self.body[self.vertices[self.offsets[:-1]]]
+
+    @cached_property
+    def body_of_edge(self) -> Ints:
+        """The body (e,) of each edge."""
+        return self.body[self.ends[:, 0]]
+
+    @cached_property
+    def faces_of_edges(self) -> Ints:
+        """The two faces (e, 2) at each edge, -1 for one that is far from other bodies."""
+        keys, size = self.ends @ [len(self.body), 1], len(self.body)
+        ends = np.sort(directed_edges(self.offsets, self.vertices), axis=1)
+        edge, face = np.searchsorted(keys, ends @ [size, 1]), cell_of_corner(self.offsets)
+        order = np.argsort(edge, kind="stable")
+        found = np.full((len(keys), 2), -1)
+        found[edge[order[::-1]], 0] = face[order[::-1]]
+        twice = np.flatnonzero(np.diff(edge[order]) == 0)
+        found[edge[order[twice]], 1] = face[order[twice + 1]]
+        return found
+
+    @property
+    def places(self) -> Ints:
+        """The places of its nodes."""
+        return np.unique(self.place[self.vertices])
+
+    def key(self, place: Ints, body: Ints) -> Ints:
+        """One number for a place and a body."""
+        number: Ints = place * len(self.boxes[0]) + body
+        return number
+
+    @property
+    def taken(self) -> Ints:
+        """The keys of places and of the bodies that have a node there."""
+        nodes = np.unique(self.vertices)
+        return np.unique(self.key(self.place[nodes], self.body[nodes]))
+
+    def seen(self, places: Floats, faces: Ints) -> Floats:
+        """Coordinates of places in the plane of a face each, and above it."""
+        return in_planes(places, faces, self.shapes)
+
+    @cached_property
+    def charts(self) -> NDArray[Any]:
+        """The faces, each in its plane."""
+        corners = self.seen(self.points[self.place[self.vertices]], cell_of_corner(self.offsets))
+        return outlines(corners[:, :2], self.offsets, np.arange(len(corners)))
+
+
+Boxes = tuple[Floats, Floats]
+
+
+def _meets(boxes: Boxes, other: Boxes) -> Bools:
+    meets: Bools = np.all((boxes[0] <= other[1]) & (boxes[1] >= other[0]), axis=-1)
+    return meets
+
+
+def _boxes_of(surface: Surface, lines: Ints) -> Boxes:
+    """The boxes of lines (l, 2) between places."""
+    ends = surface.points[lines]
+    return ends.min(axis=1), ends.max(axis=1)
+
+
+# Where places lie on other bodies.
+
+
+class OnEdges(NamedTuple):
+    """Places (h,) on edges of bodies that have no node there."""
+
+    place: Ints
+    edge: Ints
+    along: Floats
+    """how far along the edge, from 0 to 1"""
+    at: Floats
+    """(h, 3) the nearest points of the edges"""
+
+
+class InFaces(NamedTuple):
+    """Places (i,) in faces of bodies that have them neither at a node nor on an edge."""
+
+    place: Ints
+    face: Ints
+    at: Floats
+    """(i, 3) the nearest points of the faces"""
+
+
+# Nodes move to bodies before theirs, which may bring them near to others: as often as this, then tilings do not match.
+ROUNDS = 8
+
+
+def settled(surface: Surface, tolerance: float) -> Surface:
+    """The surface with places that were joined, and nodes that were moved to the bodies before theirs."""
+    for _ in range(ROUNDS):
+        near = _near_edges(surface, surface.places, tolerance)
+        if len(links := _corners(surface, near)):
+            surface = _linked(surface, links)
+            continue
+        on_edges = _nearest_edges(surface, near)
+        in_faces = _in_faces(
+            surface, surface.places, surface.key(on_edges.place, surface.body_of_edge[on_edges.edge]), tolerance
+        )
+        spot, at = np.concatenate([on_edges.place, in_faces.place]), np.concatenate([on_edges.at, in_faces.at])
+        host = np.concatenate([surface.body_of_edge[on_edges.edge], surface.body_of_face[in_faces.face]])
+        here = surface.points[spot]
+        off = np.flatnonzero(
+            (host < surface.body[spot]) & (np.linalg.norm(at - here, axis=1) > 4.0 * rounding(here, at))
+        )
+        if not len(off):
+            return surface
+        off = off[np.lexsort((host[off], spot[off]))]
+        off = off[np.unique(spot[off], return_index=True)[1]]  # of several earlier bodies, the first
+        points = surface.points.copy()
+        points[spot[off]] = at[off]
+        surface = replace(surface, points=points)
+    raise unmatched(surface.points[spot[off[0]]])
+
+
+def _linked(surface: Surface, links: Ints) -> Surface:
+    """The surface with more places (l, 2) that are one; MeshError if two nodes of a body come together."""
+    place = smallest_linked(links, len(surface.place))[surface.place]
+    nodes = np.unique(surface.vertices)
+    _, first, counts = np.unique(surface.key(place[nodes], surface.body[nodes]), return_index=True, return_counts=True)
+    if (counts > 1).any():
+        raise unmatched(surface.points[nodes[first[counts > 1][0]]])
+    return replace(surface, place=place)
+
+
+def _near_edges(surface: Surface, spots: Ints, tolerance: float) -> OnEdges:
+    """All pairs of a place, one of the spots, and an edge of another body that is no farther from it."""
+    ends = surface.place[surface.ends]
+    low, high = _boxes_of(surface, ends)
+    place, edge = _in_boxes(surface, spots, surface.body_of_edge, (low - tolerance, high + tolerance))
+    new = ~np.isin(surface.key(place, surface.body_of_edge[edge]), surface.taken)
+    place, edge = place[new], edge[new]
+    start, arm = _arms(surface.points[ends[edge]])
+    along = np.einsum("ki,ki->k", surface.points[place] - start, arm) / np.einsum("ki,ki->k", arm, arm)
+    along = np.clip(along, 0.0, 1.0)
+    at = start + along[:, None] * arm
+    near = np.linalg.norm(surface.points[place] - at, axis=1) <= tolerance
+    return OnEdges(place[near], edge[near], along[near], at[near])
+
+
+def _corners(surface: Surface, near: OnEdges) -> Ints:
+    """Pairs (l, 2) of a place and the corner of two edges of one body that are both near it."""
+    ends = surface.place[surface.ends[near.edge]].ravel()
+    rows = np.column_stack([np.repeat(near.place, 2), ends])
+    body = np.repeat(surface.body_of_edge[near.edge], 2)
+    found, counts = np.unique(np.column_stack([rows, body]), axis=0, return_counts=True)
+    links: Ints = found[counts > 1][:, :2]
+    return links[np.unique(links[:, 0], return_index=True)[1]]
+
+
+def _nearest_edges(surface: Surface, near: OnEdges) -> OnEdges:
+    """Of each body, the edge that is nearest to a place."""
+    distance = np.linalg.norm(surface.points[near.place] - near.at, axis=1)
+    key = surface.key(near.place, surface.body_of_edge[near.edge])
+    order = np.lexsort((distance, key))
+    order = order[np.unique(key[order], return_index=True)[1]]
+    return OnEdges(near.place[order], near.edge[order], near.along[order], near.at[order])
+
+
+def _in_boxes(surface: Surface, spots: Ints, body: Ints, boxes: Boxes) -> tuple[Ints, Ints]:
+    """Pairs of a place, one of the spots, and one of the boxes, each of a part of a body, that it is in."""
+    found, points = [np.empty((2, 0), dtype=np.int64)], surface.points
+    for number, box in enumerate(zip(*surface.boxes, strict=True)):
+        own = np.flatnonzero(body == number)
+        there = spots[_meets((points[spots], points[spots]), box)]
+        i, j = overlapping_boxes(points[there], points[there], boxes[0][own], boxes[1][own])
+        found.append(np.stack([there[i], own[j]]))
+    place, part = np.concatenate(found, axis=1)
+    return place, part
+
+
+def _in_faces(surface: Surface, spots: Ints, known: Ints, tolerance: float) -> InFaces:
+    """Places inside faces of other bodies, each in the nearest; `known` are keys of what bodies have else."""
+    import shapely
+
+    corners = surface.points[surface.place[surface.vertices]]
+    low, high = (f.reduceat(corners, surface.offsets[:-1]) for f in (np.minimum, np.maximum))
+    place, face = _in_boxes(surface, spots, surface.body_of_face, (low - tolerance, high + tolerance))
+    new = ~np.isin(surface.key(place, surface.body_of_face[face]), np.concatenate([surface.taken, known]))
+    place, face = place[new], face[new]
+    seen = surface.seen(surface.points[place], face)
+    near = np.abs(seen[:, 2]) <= tolerance
+    place, face, seen = place[near], face[near], seen[near]
+    inside = shapely.contains_xy(surface.charts[face], seen[:, 0], seen[:, 1])
+    place, face, height = place[inside], face[inside], seen[inside, 2]
+    key = surface.key(place, surface.body_of_face[face])
+    order = np.lexsort((np.abs(height), key))
+    order = order[np.unique(key[order], return_index=True)[1]]
+    place, face, height = place[order], face[order], height[order]
+    return InFaces(place, face, surface.points[place] - height[:, None] * surface.shapes.normals[face])
+
+
+class Meeting(NamedTuple):
+    """All places, those of nodes and then crossings of lines, and where they lie on other bodies."""
+
+    before: Floats
+    """(n_nodes, 3) where nodes have been"""
+    surface: Surface
+    """with more points: those of all places"""
+    on_edges: OnEdges
+    in_faces: InFaces
+
+
+def meeting_of(before: Floats, surface: Surface, tolerance: float) -> Meeting:
+    """All places of a surface that is settled; `before` (n_nodes, 3) is where nodes have been."""
+    on_edges = _nearest_edges(surface, _near_edges(surface, surface.places, tolerance))
+    lines, owner = lines_between(surface, on_edges)
+    # Bodies share lines; each is crossed once, and so is every edge that it is a part of.
+    key, number = np.unique(lines @ [len(surface.points), 1], return_inverse=True)
+    one, other, at = _crossings(surface, lines, owner, tolerance)
+    pair = np.sort(number[np.column_stack([one, other])], axis=1)
+    first = np.unique(pair @ [len(key), 1], return_index=True)[1]
+    pair, fresh = pair[first], len(surface.points) + np.arange(len(first))
+    order = np.argsort(number, kind="stable")
+    begin, counts = np.searchsorted(number[order], np.arange(len(key))), np.bincount(number)
+    crossed = pair.T.ravel()
+    edge = owner[order[spans(begin[crossed], counts[crossed])]]
+    place = np.repeat(np.tile(fresh, 2), counts[crossed])
+    start, arm = _arms(surface.points[surface.place[surface.ends[edge]]])
+    surface = replace(surface, points=np.concatenate([surface.points, at[first]]))
+    along = np.einsum("ki,ki->k", surface.points[place] - start, arm) / np.einsum("ki,ki->k", arm, arm)
+    on_edges = OnEdges(
+        np.concatenate([on_edges.place, place]),
+        np.concatenate([on_edges.edge, edge]),
+        np.concatenate([on_edges.along, along]),
+        np.concatenate([on_edges.at, surface.points[place]]),
+    )
+    known = surface.key(on_edges.place, surface.body_of_edge[on_edges.edge])
+    in_faces = _in_faces(surface, np.append(surface.places, fresh), known, tolerance)
+    return Meeting(before, surface, on_edges, in_faces)
+
+
+def lines_between(surface: Surface, on_edges: OnEdges) -> tuple[Ints, Ints]:
+    """Lines (l, 2) between places that follow each other on an edge, the smaller first, and their edges (l,)."""
+    every, ends = np.arange(len(surface.ends)), surface.place[surface.ends]
+    edge = np.concatenate([every, on_edges.edge, every])
+    place = np.concatenate([ends[:, 0], on_edges.place, ends[:, 1]])
+    along = np.concatenate([np.full(len(every), -1.0), on_edges.along, np.full(len(every), 2.0)])
+    order = np.lexsort((along, edge))
+    edge, place = edge[order], place[order]
+    begin = np.flatnonzero(edge[1:] == edge[:-1])
+    return np.sort(np.column_stack([place[begin], place[begin + 1]]), axis=1), edge[begin]
+
+
+def _crossings(surface: Surface, lines: Ints, owner: Ints, tolerance: float) -> tuple[Ints, Ints, Floats]:
+    """Pairs of lines (l, 2) of two bodies that cross, where these face each other; and where: on the earlier body."""
+    ends, body = surface.points[lines], surface.body_of_edge[owner]
+    low, high = ends.min(axis=1), ends.max(axis=1)
+    found = [np.empty((2, 0), dtype=np.int64)]
+    for (a, own), (b, its) in combinations(enumerate(zip(*surface.boxes, strict=True)), 2):
+        if not _meets(own, its):
+            continue
+        one = np.flatnonzero((body == a) & _meets((low, high), its))
+        other = np.flatnonzero((body == b) & _meets((low, high), own))
+        i, j = overlapping_boxes(low[one] - tolerance, high[one] + tolerance, low[other], high[other])
+        found.append(np.stack([one[i], other[j]]))
+    one, other = np.concatenate(found, axis=1)
+    apart = (lines[one][:, :, None] != lines[other][:, None, :]).all(axis=(1, 2))
+    one, other = one[apart], other[apart]
+    (p, u), (q, v) = (_arms(ends[which]) for which in (one, other))
+    across = np.cross(u, v)
+    size = np.einsum("ki,ki->k", across, across)
+    turns = size > PARALLEL**2 * np.einsum("ki,ki->k", u, u) * np.einsum("ki,ki->k", v, v)
+    s, t = (np.einsum("ki,ki->k", np.cross(q - p, w), across) / np.where(turns, size, 1.0) for w in (v, u))
+    at = p + s[:, None] * u
+    crosses = turns & (np.abs(s - 0.5) < 0.5) & (np.abs(t - 0.5) < 0.5)
+    crosses &= np.linalg.norm(at - q - t[:, None] * v, axis=1) <= tolerance
+    one, other, at = one[crosses], other[crosses], at[crosses]
+    normals = np.append(surface.shapes.normals, np.zeros((1, 3)), axis=0)[surface.faces_of_edges]
+    cosine = np.einsum("kai,kbi->kab", normals[owner[one]], normals[owner[other]])
+    facing = cosine.min(axis=(1, 2), initial=0.0) < FACING
+    return one[facing], other[facing], at[facing]
+
+
+def _arms(ends: Floats) -> tuple[Floats, Floats]:
+    return ends[:, 0], ends[:, 1] - ends[:, 0]
+
+
+def unmatched(at: Floats) -> MeshError:
+    """The error that refuses tilings which do not match near a point (3,)."""
+    where = ", ".join(f"{x:.6g}" for x in at)
+    return MeshError(
+        f"bodies: the tilings of two bodies do not match near ({where}), where edges and nodes are hardly farther "
+        "apart than the tolerance. Give a smaller or larger tolerance=, or mesh the bodies more alike there."
+    )

@@ -26,6 +26,7 @@ with app.setup:
     from vemcvx.canvas import as_png, light_grid, new_figure
     from vemcvx.cli.problem_file import own_errors, read_problem
     from vemcvx.plots import (
+        along_contact,
         contact_face,
         deformed_body,
         deformed_mesh,
@@ -103,17 +104,19 @@ def solved(problem, mesh, settings, path, solver):
 @app.function
 def pictures(history, step, course):
     """Pictures at a step that the history has something to show for: (name, figure, what it shows)."""
-    contact = len(history.contact.nodes) > 0
+    rubs = bool(history.contact.bound.any())
     if isinstance(history.mesh, vx.PolygonMesh):
         drawn = [drawing("deformed body", lambda ax: deformed_mesh(history, step, ax=ax), height_of(history))]
-        if contact:
+        if rubs:
             drawn.append(drawing("stick and slip", lambda ax: draw_front(ax, history, step)))
             drawn.append(drawing("friction and its bound", lambda ax: friction_traction(history, step, ax=ax)))
             if course is not None:
                 return [*drawn, drawing("hysteresis", lambda ax: draw_loop(ax, history, step, course))]
+        elif len(history.contact.nodes):
+            drawn.append(drawing("pressure", lambda ax: along_contact(history, "pressure", [step], ax=ax)))
     else:
         drawn = [drawing("deformed body", lambda ax: deformed_body(history, step, ax=ax))] if has_pyvista() else []
-        if contact and seen(history.contact):
+        if rubs and seen(history.contact):
             drawn.append(drawing("stick and slip", lambda ax: contact_face(history, step, ax=ax)))
     return [*drawn, drawing("energies", lambda ax: draw_energies(ax, history))]
 
@@ -141,6 +144,10 @@ def drawing(name, draw, height=3.4):
         figure.legend(handles, labels, loc="outside lower center", ncols=2, frameon=False, **narrow)
     for text in figure.findobj(lambda one: hasattr(one, "set_fontsize")):
         text.set_fontsize(LETTERS)
+    if ax.get_aspect() != "auto":
+        # The room for labels beside a body of fixed shape goes with its size: one round leaves some of them cut off.
+        for _ in range(2):
+            figure.draw_without_rendering()
     return name, figure, words
 
 

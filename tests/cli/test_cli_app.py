@@ -170,9 +170,11 @@ def test_a_page_opens_at_the_step_that_is_asked_for(tmp_path, monkeypatch):
     assert (code, said) == (2, "vemcvx: --step: found 31; this run has the steps 1 to 30.\n")
 
 
-@pytest.mark.parametrize(("kinds", "names"), [(2, ["stick and slip", "friction and its bound"]), (0, [])])
+@pytest.mark.parametrize(
+    ("kinds", "names"), [(2, ["stick and slip", "friction and its bound"]), (1, ["pressure"]), (0, [])]
+)
 def test_a_problem_file_of_ones_own_is_shown(kinds, names, tmp_path, monkeypatch):
-    """Without a course of the load there is no load path and no hysteresis; without contact, no friction."""
+    """Without a course of the load there is no load path and no hysteresis; nor stick and slip without friction."""
     monkeypatch.setattr(live_page, "FRAMES", 2)
     monkeypatch.setenv(live_page.GIVEN, "")  # as it was, at the end
     monkeypatch.chdir(tmp_path)

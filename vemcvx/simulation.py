@@ -152,15 +152,13 @@ def _warn_of_lost_work(run: Trajectory) -> None:
     first, second = float(run.work[-1]), float(run.work_second_order[-1])
     # A body that is still has rounding for its work.
     if abs(first - second) > LOST * abs(second) and abs(first) > 1e-12 * float(run.energy.max()):
+        rate = 100.0 * abs(first - second) / abs(second) if second else np.inf
+        lost, better = float(run.dissipated[-1]), float(run.dissipated_second_order[-1])
+        also = f" Dissipated is {lost:.6g}, of second order {better:.6g}." if abs(lost - better) > 1e-6 * lost else ""
         log.warning(
-            "time steps: the work that backward Euler sums up, %.6g, is %.3g %% off that of second order, %.6g, "
-            "and dissipated are %.6g and %.6g. Quote history.work_second_order and dissipated_second_order, "
-            "or take more steps.",
-            first,
-            100.0 * abs(first - second) / abs(second) if second else np.inf,
-            second,
-            float(run.dissipated[-1]),
-            float(run.dissipated_second_order[-1]),
+            f"time steps: history.work, the sum of backward Euler, is {first:.6g}: {rate:.3g} % off the work of second "
+            f"order in the steps, {second:.6g}.{also} Quote history.work_second_order and dissipated_second_order, or "
+            "take more steps."
         )
 
 

@@ -253,4 +253,4 @@ def test_lost_work_is_warned_of_once_and_only_where_it_counts(caplog):
     assert len(caplog.records) == 1
     said = caplog.records[0].getMessage()
     assert "Quote history.work_second_order and dissipated_second_order" in said
-    assert "% off that of second order" in said
+    assert "% off the work of second order" in said

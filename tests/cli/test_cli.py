@@ -418,7 +418,7 @@ initial = "settled"
     assert summary["largest_principal_stress"]["unbounded"] == told
     assert summary["displacement"]["unbounded"] is None
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
-    assert f"({told})" in page
+    assert f"argest principal stress: {told}.</p>" in page
 
 
 def test_a_target_may_be_of_friction_work(tmp_path):

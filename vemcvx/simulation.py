@@ -21,7 +21,7 @@ from vemcvx.linear import LinearSolver
 from vemcvx.meshes import AnyMesh, PolygonMesh, PolyhedralMesh
 from vemcvx.program import SolvedProgram
 from vemcvx.results import small_strains
-from vemcvx.results.results import record, with_origin
+from vemcvx.results.results import Results, record, with_origin
 from vemcvx.scene import Scene
 from vemcvx.scene.pose import PosedScene, pose_scene
 from vemcvx.solvers import Solver, Solves
@@ -126,9 +126,7 @@ def simulate(
             storage=storage,
         )
         results = record(posed, trajectory, assembled, storage)
-        _warn_of_lost_work(trajectory)
-        if left := small_strains.warning(posed, results):
-            log.warning("%s", left)
+        warn_of(posed, results)
         history = History.of(results)
         if circle is None or history.steps == 0:
             return history
@@ -145,6 +143,13 @@ def _circle(posed: PosedScene, store: object) -> Hypercircle:
 LOST = 0.05
 """Part of the work that time stepping may lose without a word: on 16 x 16 squares the paper's scene loses .015 of it in
 64 steps, .058 in 16."""
+
+
+def warn_of(posed: PosedScene, results: Results) -> None:
+    """Log warnings of what a run says that is not to be quoted, or that no small strain holds for."""
+    _warn_of_lost_work(results.trajectory)
+    if left := small_strains.warning(posed, results):
+        log.warning("%s", left)
 
 
 def _warn_of_lost_work(run: Trajectory) -> None:

@@ -389,6 +389,38 @@ def test_a_target_chooses_mesh_and_instants(tmp_path):
     assert invoke("run", PROBLEM, "--target", 3).exit_code == 2
 
 
+def test_extremes_at_corners_say_so(tmp_path):
+    """On the terminal, in the page and in the summary: a clamp beside a free side."""
+    held = """import vemcvx as vx
+
+
+def scene():
+    return vx.Scene(vx.Elasticity(200.0, 0.3), vx.Clamp(on="left"), vx.Traction((0.5, 0.0), on="right"))
+
+
+def mesh(n, family="squares"):
+    return vx.meshes.FAMILIES[family](n)
+
+
+def times(steps):
+    return [k / steps for k in range(steps + 1)]
+
+
+initial = "settled"
+"""
+    told = "at a corner of clamp and free side: grows without limit as the mesh is refined, like r^-0.29"
+    done = invoke("run", written(tmp_path, held), "--n", 6, "--steps", 1, "--report", "--out", tmp_path / "out")
+    assert done.exit_code == 0, done.output
+    lines = done.output.splitlines()
+    (at,) = [k for k, line in enumerate(lines) if line.startswith("largest principal stress")]
+    assert lines[at + 1].strip() == told
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())["extremes"]
+    assert summary["largest_principal_stress"]["unbounded"] == told
+    assert summary["displacement"]["unbounded"] is None
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert f"argest principal stress: {told}.</p>" in page
+
+
 def test_a_target_may_be_of_friction_work(tmp_path):
     done = invoke("run", PROBLEM, "--target", 0.1, "--of", "dissipated", "--n", 4, "--steps", 4, "--out", tmp_path)
     assert done.exit_code == 0, done.output

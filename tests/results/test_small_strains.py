@@ -69,6 +69,16 @@ def test_what_is_prescribed_in_other_units(caplog):
     )
 
 
+def test_adaptive_runs_warn_once(caplog):
+    scene = vx.Scene(vx.Elasticity(2.0, 0.3), vx.Clamp(on="left"), vx.Traction((2.0, 0.0), on="right"))
+
+    def run():
+        assert len(vx.adapt(scene, vx.meshes.squares(3), [0.0, 1.0], 0.04, initial="settled").passes) > 1
+
+    (told,) = said(caplog, run)
+    assert "Probably young and the loads are in different units" in told
+
+
 def test_a_body_that_is_carried_far_does_not_strain(caplog):
     """It slides on a rigid floor as far as it likes."""
 

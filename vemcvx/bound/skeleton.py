@@ -294,8 +294,8 @@ def check_estimable(posed: PosedScene, subject: str) -> None:
     for subjects, rows in ((frictions, posed.terms), (posed.obstacles.subjects, posed.obstacles)):
         if (rows.names[rows.ends.indices, 1] < 0).any():
             raise SceneError(
-                f"{subject}: there is no estimate for {', '.join(subjects)}: it does not say by ends= on which edges "
-                "it acts."
+                f"{subject}: there is no estimate for {', '.join(subjects)}, which does not say on which edges it "
+                "acts: effects of one's own say it by ends= of their Friction, Obstacle or ContactSurface."
             )
     for load in posed.loads:
         if not isinstance(load, InitialStresses) and load.cells is None and load.edges is None:

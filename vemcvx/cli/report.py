@@ -190,7 +190,6 @@ def _results(history: History, points: Floats | None, named: Units | None) -> st
     ]
     for one in history.extremes:
         place = f"{one.name}, at {coordinates(one.place)}, t = {one.time:.6g}"
-        place += f" ({one.unbounded})" if one.unbounded else ""
         rows.append((place, f"{one.value:.6g}", one.unit))
     if len(contact.nodes):
         counts = {"stick": contact.stick_count, "slip": contact.slip_count, "are open": contact.open_count}
@@ -208,7 +207,7 @@ def _results(history: History, points: Floats | None, named: Units | None) -> st
         f"displacements of points and reactions are those at {end}."
     )
     rows = [(what, value, in_units(product, named).replace("/", " / ")) for what, value, product in rows]
-    told = f"{_numbers(['quantity', 'value', 'unit'], rows)}<p>{units}</p>"
+    told = f"{_numbers(['quantity', 'value', 'unit'], rows)}{_without_limit(history)}<p>{units}</p>"
     forces = {name: history.reaction(name)[-1] for name in history.mesh.boundaries}
     largest = max(float(np.linalg.norm(force)) for force in forces.values())
     # Reactions below this part of the largest are rounding.
@@ -221,6 +220,15 @@ def _results(history: History, points: Floats | None, named: Units | None) -> st
         "counts in each, and in <i>boundary</i>, all of them; those that are not named carry none.</p>"
         + _numbers(heads, [[name, *(f"{x:.6g}" for x in force)] for name, force in held.items()])
     )
+
+
+def _without_limit(history: History) -> str:
+    """Extremes that grow without limit, and why, those that say the same together."""
+    names: dict[str, list[str]] = {}
+    for one in history.extremes:
+        if one.unbounded:
+            names.setdefault(one.unbounded, []).append(one.name)
+    return "".join(f"<p>{escape(', '.join(some).capitalize())}: {escape(why)}.</p>" for why, some in names.items())
 
 
 def _certificates(history: History) -> str:

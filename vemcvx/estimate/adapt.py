@@ -41,7 +41,7 @@ from vemcvx.results.quoted import SINGULAR, growth
 from vemcvx.results.results import largest_values, record
 from vemcvx.scene import Scene
 from vemcvx.scene.pose import PosedScene, pose_scene
-from vemcvx.simulation import check_kinds
+from vemcvx.simulation import check_kinds, warn_of
 from vemcvx.solvers import Solver, Solves, as_solver
 from vemcvx.stepping.backward_euler import checked_times, initial_state, march
 from vemcvx.stepping.recorder import certified_in_full
@@ -339,6 +339,7 @@ def adapt(
             asked = {"target": target} if of == "energy" else {}
             known = None if bound is None else bound.largest
             history = replace(history, errors={**budget.largest, **asked}, growth=_growth(passes), bound=known)
+            warn_of(posed, history)
             return Adapted(history=history, budget=budget, passes=tuple(passes), target=target, of=of, bound=bound)
         mesh = mesh.refine(marked) if marked.any() else mesh
         instants, finer = split, finer if len(split) == len(instants) else None

@@ -455,7 +455,11 @@ def rubbed():
 def test_pressure_slip_and_wear_are_drawn_along_the_contact(rubbed):
     contact = rubbed.contact
     order = np.argsort(contact.points[:, 0])
-    for show, values in (("pressure", contact.pressure), ("slip", contact.slip[:, :, 0]), ("wear", contact.wear)):
+    for show, values in (
+        ("pressure", contact.pressure_recovered),
+        ("slip", contact.slip[:, :, 0]),
+        ("wear", contact.wear),
+    ):
         ax = along_contact(rubbed, show, [10, 30]).axes[0]
         for line, step in zip(ax.lines, (10, 30), strict=True):
             assert np.array_equal(line.get_xydata(), np.column_stack([contact.points[:, 0], values[step]])[order])

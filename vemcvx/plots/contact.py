@@ -291,7 +291,7 @@ def directions(history: Results, line: ContactLine) -> Floats:
 
 def pressures(contact: Contact) -> Floats:
     """(S, m) the contact pressure that all pictures show."""
-    return contact.pressure
+    return contact.pressure_recovered
 
 
 Along = Callable[[Contact, ContactLine], Floats]

@@ -69,7 +69,7 @@ def picture(history):
     reach = 2.2 * HALF_WIDTH
     window = ((-reach, reach), (-reach, reach))
     figure, graph = body_and_graph(history, stress="shear", window=window, mirrors=[(-1, 1)])
-    x, p = history.contact.points[:, 0], history.contact.pressure
+    x, p = history.contact.points[:, 0], history.contact.pressure_recovered
     for step, colour, mark in ((history.steps, COMPUTED, "o"), (history.steps // 2, SECOND, "s")):
         P = force(history)[step]
         a, peak = hertz(P)

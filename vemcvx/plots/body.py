@@ -25,7 +25,7 @@ from vemcvx.canvas import (
 from vemcvx.errors import HistoryError, VemcvxError
 from vemcvx.meshes import PolygonMesh, PolyhedralMesh, plane_mesh
 from vemcvx.meshes.polygons.topology import rows_in_order
-from vemcvx.plots.contact import contact_line, pressures
+from vemcvx.plots.contact import contact_line
 from vemcvx.plots.style import (
     COMPRESSION,
     OUTLINE,
@@ -326,7 +326,7 @@ def _contact_arrows(
     contact, (kind, size, window, stretch) = history.contact, how
     together = kind == "contact"
     seen = np.flatnonzero(within(contact.points, window))
-    every = contact.traction - together * pressures(contact)[:, :, None] * contact.normals
+    every = contact.traction - together * contact.pressure[:, :, None] * contact.normals
     sizes = np.linalg.norm(every[:, seen], axis=2)
     largest = float(sizes[row].max(initial=0.0))
     if largest == 0.0 or kind == "none":

@@ -96,7 +96,7 @@ def fan_displacement(fans: Fans, loaded: bool = True) -> FanDisplacement:
     """The FanDisplacement of these fans; `loaded` by body forces or not."""
     shapes = fans.shapes
     c, n = shapes.corners.shape[:2]
-    back, place, m = np.linalg.inv(shapes.B), _slots(n), 10 * n + 2
+    back, place, m = shapes.back, _slots(n), 10 * n + 2
     C = np.einsum("prk,ckl,qsl->cprqs", VOIGT, shapes.C, VOIGT)
     tensor = np.einsum("ct,ctar,ctbs,cprqs->ctpaqb", shapes.doubled_areas, back, back, C, optimize=True)
     # Functions of the triangle by components, ordered as nodal values are.
@@ -124,7 +124,7 @@ def strains_at_stations(fans: Fans, v: Floats) -> Floats:
     c, n, _ = v.shape
     # Along the axes of the reference triangle, station by station.
     along = np.matmul(_SLOPES, v.reshape(c, n, 10, 2)).reshape(c, n, 18, 2, 2)
-    slopes = np.matmul(np.linalg.inv(fans.B).transpose(0, 1, 3, 2)[:, :, None], along)
+    slopes = np.matmul(fans.back.transpose(0, 1, 3, 2)[:, :, None], along)
     return np.stack([slopes[..., 0, 0], slopes[..., 1, 1], slopes[..., 0, 1] + slopes[..., 1, 0]], axis=3)
 
 
@@ -133,6 +133,6 @@ def forces_of(fans: Fans, sigma: Floats) -> Floats:
     c, n = sigma.shape[:2]
     weighed = np.matmul(MASS, sigma.reshape(c, n, 3, 6, 3)).reshape(c, n, 18, 3) * fans.doubled_areas[..., None, None]
     tensor = weighed[..., [[0, 2], [2, 1]]]
-    along = np.matmul(np.linalg.inv(fans.B)[:, :, None], tensor).reshape(c, n, 36, 2)
+    along = np.matmul(fans.back[:, :, None], tensor).reshape(c, n, 36, 2)
     forces: Floats = np.matmul(_SLOPES.T, along).reshape(c, n, 20)
     return forces

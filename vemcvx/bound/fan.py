@@ -113,17 +113,27 @@ class Fans:
         products: Floats = np.matmul(of_cells, data[:, :, None])[:, :, 0]
         return products
 
+    @cached_property
+    def back(self) -> Floats:
+        """(c, n, 2, 2) B^-1."""
+        return np.asarray(np.linalg.inv(self.B), dtype=np.float64)
+
+    @cached_property
+    def D(self) -> Floats:
+        """(c, 3, 3) C^-1."""
+        return np.asarray(np.linalg.inv(self.C), dtype=np.float64)
+
     @property
     def n(self) -> int:
         """The number of triangles a fan."""
         return int(self.nodes.shape[1])
 
-    @property
+    @cached_property
     def B(self) -> Floats:
         """(c, n, 2, 2) of the maps from the reference triangle."""
         return np.stack([self.corners, np.roll(self.corners, -1, axis=1)], axis=3)
 
-    @property
+    @cached_property
     def doubled_areas(self) -> Floats:
         """(c, n) det B."""
         one, two = self.corners, np.roll(self.corners, -1, axis=1)

@@ -240,7 +240,7 @@ class Hypercircle:
         """(corners,) squares in C^-1 of stresses (c, n, 18, 3) on the triangles of each chunk of cells."""
         found = np.zeros(len(self.boundary.edges.sides))
         for fans, r in zip(self.fans, stresses, strict=True):
-            found[self._corners(fans)] = inner(fans, r, np.matmul(r, np.linalg.inv(fans.C)[:, None]))
+            found[self._corners(fans)] = inner(fans, r, np.matmul(r, fans.D[:, None]))
         return found
 
     def oscillation(self, tractions: Floats, densities: Sequence[Floats]) -> Floats:

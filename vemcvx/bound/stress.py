@@ -186,8 +186,8 @@ def lifted(fans: Fans, gram: Floats, data: Floats) -> Floats:
     These are |T| / 2 times the coefficients of parabolas, or |e| times those of tractions on outer edges.
     """
     M = piola(fans.B)
-    form = np.matmul(M.transpose(0, 1, 3, 2), np.matmul(np.linalg.inv(fans.C)[:, None], M))
-    hat = np.matmul(data, np.linalg.inv(fans.B).transpose(0, 1, 3, 2)).reshape(*data.shape[:2], -1)
+    form = np.matmul(M.transpose(0, 1, 3, 2), np.matmul(fans.D[:, None], M))
+    hat = np.matmul(data, fans.back.transpose(0, 1, 3, 2)).reshape(*data.shape[:2], -1)
     squares = np.einsum("ctab,abkl,ctk,ctl->ct", form, gram, hat, hat, optimize=True) / fans.doubled_areas
     norms: Floats = np.sqrt(np.maximum(squares, 0.0))
     return norms
@@ -239,10 +239,10 @@ def triangle_energies(fans: Fans) -> Floats:
     """(c, n, 18, 18) |tau|^2 in C^-1 on each triangle, as a quadratic form of its data."""
     B, det = fans.B, fans.doubled_areas
     M = piola(B)
-    D = np.linalg.inv(fans.C)
+    D = fans.D
     form = np.matmul(M.transpose(0, 1, 3, 2), np.matmul(D[:, None], M)) / det[..., None, None]
     reference = np.einsum("ctab,abkl->ctkl", form, GRAM, optimize=True)
-    back = np.linalg.inv(B)
+    back = fans.back
     shape = (*det.shape, 9, 2, 9, 2)
     # b^ = B^-1 b of every force.
     found: Floats = np.einsum("ctipjq,ctpr,ctqs->ctirjs", reference.reshape(shape), back, back, optimize=True)
@@ -309,7 +309,7 @@ def stresses_at_stations(fans: Fans, tractions: Floats, force: Floats | None = N
     of_triangles = np.concatenate([tractions, body], axis=1)[:, place] * sign
     c, n = of_triangles.shape[:2]
     B = fans.B
-    hat = np.matmul(of_triangles.reshape(c, n, 9, 2), np.linalg.inv(B).transpose(0, 1, 3, 2)).reshape(c, n, 18)
+    hat = np.matmul(of_triangles.reshape(c, n, 9, 2), fans.back.transpose(0, 1, 3, 2)).reshape(c, n, 18)
     tau = (hat @ REFERENCE.T).reshape(c, n, 18, 3)
     found: Floats = np.matmul(tau, piola(B).transpose(0, 1, 3, 2)) / fans.doubled_areas[..., None, None]
     return found

@@ -18,7 +18,7 @@ def circle_of(history):
 
 def nodal_values(circle, u, t):
     """Of each chunk of cells the nodal values (c, n, 20) of the conforming displacement."""
-    densities = circle._densities(t) or [None] * len(circle.fans)
+    densities = circle.densities_at(t) or [None] * len(circle.fans)
     for fans, displacement, f in zip(circle.fans, circle.displacements, densities, strict=True):
         F = None
         if f is not None:

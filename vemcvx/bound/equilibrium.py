@@ -81,12 +81,14 @@ class Equilibrium:
     stresses: tuple[FanStress, ...]
     P: sp.csr_matrix
     """(4 E, m) motions of all edges from those that are free"""
+    springs: Floats
+    """(b, 4, 4) of boundary edges"""
     factor: Factor
 
     def solve(
         self, held: Floats, outer: Floats, force: Sequence[Floats | None], prestress: Floats
-    ) -> tuple[Floats, ...]:
-        """The stresses (c, n, 18, 3) of each chunk of cells at its stations.
+    ) -> tuple[tuple[Floats, ...], Floats]:
+        """The stresses (c, n, 18, 3) of each chunk of cells at its stations, and the motions (b, 2, 2) of the boundary.
 
         Parameters
         ----------
@@ -117,6 +119,8 @@ class Equilibrium:
             for (one, place, _), found in zip(chunks, tractions, strict=True):
                 left -= totals(place.ravel(), found[:, 4 * one.fans.n :].ravel(), size)
                 largest = max(largest, float(np.abs(found).max(initial=0.0)))
+            pull = np.einsum("bij,bj->bi", self.springs, motion[self.edges.outer].reshape(-1, 4))
+            left -= totals(self.edges.outer.ravel(), pull.ravel(), size)
             unbalanced = self.P.T @ left
             apart = float(np.abs(unbalanced).max(initial=0.0))
             if apart <= ROUNDING * largest:
@@ -128,10 +132,11 @@ class Equilibrium:
                 "stresses in equilibrium needs better conditioned data, such as a Poisson ratio farther from 1/2, or "
                 "less contrast."
             )
-        return tuple(
+        stresses = tuple(
             stresses_at_stations(one.fans, forces, f) + prestress[one.fans.cells][:, None, None]
             for (one, _, f), forces in zip(chunks, tractions, strict=True)
         )
+        return stresses, motion[self.edges.outer]
 
 
 def edge_forces(fans: Fans, stress: Floats) -> Floats:
@@ -142,17 +147,22 @@ def edge_forces(fans: Fans, stress: Floats) -> Floats:
     return np.repeat(half[:, :, None], 2, axis=2).reshape(len(stress), 4 * fans.n)
 
 
-def equilibrium(edges: Edges, stresses: tuple[FanStress, ...], free: Floats, bonds: Bonds, floats: bool) -> Equilibrium:
-    """The hybrid problem, boundary edges being free along what the projectors (b, 2, 2) leave.
+def equilibrium(
+    edges: Edges, stresses: tuple[FanStress, ...], free: Floats, bonds: Bonds, *, springs: Floats, floats: bool
+) -> Equilibrium:
+    """The hybrid problem, boundary edges being free along projectors (b, 2, 2) and on springs (b, 4, 4).
 
     A body that `floats` is anchored by a little of the diagonal; forces that balance then need one or two corrections.
     """
     fans = [one.fans for one in stresses]
     G = assembled(fans, [one.stiffness for one in stresses], edges.places, 4 * edges.count)
+    places = edges.outer.reshape(-1, 4)
+    where = np.repeat(places, 4, axis=1).ravel(), np.tile(places, (1, 4)).ravel()
+    G = G + sp.csr_matrix((springs.ravel(), where), shape=G.shape)
     P = _free_motions(edges, free, bonds)
     K = sp.csr_matrix(P.T @ G @ P)
     K = K + sp.diags_array(ANCHOR * K.diagonal()) if floats else K
-    return Equilibrium(edges, stresses, P, choose_linear(K.shape[0]).factorise(K))
+    return Equilibrium(edges, stresses, P, springs, choose_linear(K.shape[0]).factorise(K))
 
 
 def _free_motions(edges: Edges, free: Floats, bonds: Bonds) -> sp.csr_matrix:

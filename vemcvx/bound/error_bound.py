@@ -184,7 +184,7 @@ def of_steps(circle: Hypercircle, history: History, steps: Sequence[int]) -> Err
         lower=np.maximum(lowered - moved, 0.0),
         energy=_energies(norm, upper - moved),
         potential=(potential - 0.5 * A2 - gap, potential - 0.5 * lowered**2),
-        cells=_shares(circle, worst.triangles, worst.surface.gap, upper.max()),
+        cells=_shares(circle, worst.triangles, worst.surface.gap + 0.5 * worst.springs, upper.max()),
         parts={
             "mesh": np.sqrt([pair.squares.sum() for pair in pairs]),
             "contact": np.sqrt(2.0 * gap),
@@ -220,6 +220,8 @@ def _shares(circle: Hypercircle, triangles: Floats, gap: Floats, upper: float) -
 def _of_history(circle: Hypercircle, history: History) -> ErrorBound:
     posed, count = circle.posed, history.steps + 1
     laws = [friction.subject for friction in posed.terms.frictions if friction.law is not None]
+    if posed.springs is not None:
+        laws = [*laws, "ElasticFoundation"]
     if len(posed.obstacles) or laws:
         raise SceneError(
             f"error_bound: {', '.join((*posed.obstacles.subjects, *laws))}: a bound over a whole history is known only "

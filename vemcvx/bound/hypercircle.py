@@ -32,6 +32,9 @@ star-shaped for the smaller one has (M. Costabel and M. Dauge, Arch. Ration. Mec
 
 What is quadratic in f - f_1 and t - t_1 counts by the norm of a stress that balances it, and only the rest like that.
 
+Springs to the ground, k u, are as triangles are: |m - v|_k beside |r|_T, if tau has the tractions -k m on them, and the
+energy norm has theirs.
+
 From below: w that vanishes where v touches or is held has (sigma, eps(w)) = l(w), so that
 
     |e|  >=  (l(w) - (sigma_0 + C eps(v), eps(w))) / |w|_a,                  J(u)  <=  J(v) - half the square of that.
@@ -114,6 +117,8 @@ class Pair:
     """of vertices and of middles of edges"""
     squares: Floats
     """(corners,) |r|_T^2 of the triangle on each edge of each cell"""
+    springs: Floats
+    """(b,) int k |v - m|^2 of springs on edges, m being the motion of the edges that belongs to tau"""
     oscillation: Floats
     """(corners,) osc_T"""
     densities: tuple[Floats, ...]
@@ -134,7 +139,7 @@ class Pair:
     @property
     def A2(self) -> float:
         """A^2."""
-        return float(self.triangles.sum())
+        return float(self.triangles.sum() + self.springs.sum())
 
     @property
     def lacking(self) -> float:
@@ -173,7 +178,7 @@ class Hypercircle:
         """
         boundary, edges = self.boundary, self.boundary.edges
         boundary.check_supports(now)
-        densities = self._densities(now.t)
+        densities = self.densities_at(now.t)
         prestress = np.zeros((len(edges.areas), 3))
         if self.posed.prestress is not None:
             prestress = self.posed.prestress.stress(now.t)
@@ -190,7 +195,8 @@ class Hypercircle:
         moments = [np.matmul(BARYCENTRIC.T, f).reshape(len(f), -1) for f in weighed]
         surface = boundary.at(now, before, self._work(moments))
         body: list[Floats | None] = [*moments] or [None] * len(self.fans)
-        stress = self.equilibrium.solve(held, surface.forces, body, prestress)
+        stress, motion = self.equilibrium.solve(held, surface.forces, body, prestress)
+        ends = now.u[edges.outer_edges]
         residual, energy, potential, defects = np.zeros(self.Q.shape[0]), 0.0, 0.0, []
         for k, (fans, displacement, F, tau) in enumerate(zip(self.fans, self.displacements, body, stress, strict=True)):
             v = displacement.nodal(outline_of(fans, now.u), F)
@@ -210,6 +216,7 @@ class Hypercircle:
                 potential += float(inner(fans, strain, still).sum())
             residual += totals(self.outlines[k].ravel(), displacement.on_outline(work).ravel(), len(residual))
         residual += self._of_tractions(surface.loads)
+        energy += float(boundary.spring_energies(ends).sum())
         potential += 0.5 * energy + float(surface.cost.sum())
         potential -= float(np.sum(surface.loads[:, :2] * now.u[edges.outer_edges]))
         left = self.Q.T @ residual
@@ -220,6 +227,7 @@ class Hypercircle:
             defects=tuple(defects),
             w=self.Q @ w,
             squares=self.squares(defects),
+            springs=boundary.spring_energies(ends - motion),
             oscillation=self.oscillation(surface.acting, densities),
             densities=densities,
             potential=potential,
@@ -265,6 +273,7 @@ class Hypercircle:
             outline = outline_of(fans, one - other)
             if outline.any():
                 squared += float(np.sum(outline * fans.apply(displacement.stiffness, outline)))
+        squared += float(self.boundary.spring_energies((one - other)[self.boundary.edges.outer_edges]).sum())
         return float(np.sqrt(max(squared, 0.0)))
 
     def _corners(self, fans: Fans) -> Ints:
@@ -294,7 +303,8 @@ class Hypercircle:
                 work[k] += float(np.sum(F * each.reshape(F.shape)))
         return work
 
-    def _densities(self, t: float) -> tuple[Floats, ...]:
+    def densities_at(self, t: float) -> tuple[Floats, ...]:
+        """Body forces (c, n, 21, 2) of each chunk of cells at the points of the rule; none if there are none."""
         loads = [load for load in self.posed.loads if isinstance(load, Load) and load.cells is not None]
         if not loads:
             return ()
@@ -342,7 +352,8 @@ def hypercircle(posed: PosedScene) -> Hypercircle:
     numbered = edges_of(mesh, edges, fans)
     bonds = Bonds(edges.joints.first, edges.joints.second, boundary.bonds)
     stresses = tuple(fan_stress(one, loaded) for one in fans)
-    balance = equilibrium(numbered, stresses, boundary.free, bonds, boundary.motions.shape[1] > 0)
+    floats = boundary.motions.shape[1] > 0
+    balance = equilibrium(numbered, stresses, boundary.free, bonds, springs=boundary.springs, floats=floats)
     outlines = tuple(
         _outline(one, place, posed.space.n_unknowns) for one, place in zip(fans, numbered.places, strict=True)
     )
@@ -398,10 +409,8 @@ def check_bounded(posed: PosedScene) -> None:
     for load in posed.loads:
         if isinstance(load, Load) and load.cells is not None and load.matrix.shape[1] == len(load.points):
             raise SceneError(f"error_bound: there is no bound for {load.subject}, a body force of one component.")
-    missing = {
-        f"contact or supports along curves ({', '.join(posed.curves)})": bool(posed.curves),
-        "springs (ElasticFoundation)": posed.springs is not None,
-    }
-    for what, there in missing.items():
-        if there:
-            raise SceneError(f"error_bound: there is no bound for {what} yet; vemcvx.error_budget estimates the error.")
+    if posed.curves:
+        raise SceneError(
+            f"error_bound: there is no bound for {', '.join(posed.curves)} along a curve: a polygon, over whose "
+            "corners nothing slides, is another body; vemcvx.error_budget estimates the error."
+        )

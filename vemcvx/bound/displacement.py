@@ -100,8 +100,8 @@ def fan_displacement(fans: Fans, loaded: bool = True) -> FanDisplacement:
     C = np.einsum("prk,ckl,qsl->cprqs", VOIGT, shapes.C, VOIGT)
     tensor = np.einsum("ct,ctar,ctbs,cprqs->ctpaqb", shapes.doubled_areas, back, back, C, optimize=True)
     # Functions of the triangle by components, ordered as nodal values are.
-    each = (tensor.transpose(0, 1, 2, 4, 3, 5).reshape(-1, 4) @ GRAM.reshape(4, 100)).reshape(c, n, 2, 2, 10, 10)
-    each = each.transpose(0, 1, 4, 2, 5, 3).reshape(c, n, 20, 20)
+    each = (tensor.transpose((0, 1, 2, 4, 3, 5)).reshape(-1, 4) @ GRAM.reshape(4, 100)).reshape((c, n, 2, 2, 10, 10))
+    each = each.transpose((0, 1, 4, 2, 5, 3)).reshape(c, n, 20, 20)
     K = np.zeros((c, m + 4 * n, m + 4 * n))
     for t in range(n):
         K[:, place[t][:, None], place[t]] += each[:, t]

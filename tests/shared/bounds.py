@@ -6,7 +6,7 @@ import numpy as np
 
 from vemcvx.bound.displacement import NODES, strains_at_stations
 from vemcvx.bound.fan import BARYCENTRIC, COEFFICIENTS, RULE, RULE_WEIGHTS, monomial_slopes, monomials
-from vemcvx.bound.hypercircle import hypercircle
+from vemcvx.bound.hypercircle import hypercircle, outline_of
 from vemcvx.bound.skeleton import instant
 from vemcvx.results.probe import locate
 from vemcvx.scene.pose import pose_scene
@@ -18,11 +18,13 @@ def circle_of(history):
 
 def nodal_values(circle, u, t):
     """Of each chunk of cells the nodal values (c, n, 20) of the conforming displacement."""
-    for fans, displacement, f in zip(circle.fans, circle.displacements, circle._densities(t), strict=True):
-        ends = u[fans.nodes]
-        outline = np.concatenate([ends, 0.5 * (ends + np.roll(ends, -1, axis=1))], axis=1).reshape(len(ends), -1)
-        weighed = RULE_WEIGHTS[:, None] * fans.doubled_areas[..., None, None] * f
-        yield fans, displacement.nodal(outline, np.einsum("qk,ctqd->ctkd", BARYCENTRIC, weighed).reshape(len(f), -1))
+    densities = circle.densities_at(t) or [None] * len(circle.fans)
+    for fans, displacement, f in zip(circle.fans, circle.displacements, densities, strict=True):
+        F = None
+        if f is not None:
+            weighed = RULE_WEIGHTS[:, None] * fans.doubled_areas[..., None, None] * f
+            F = np.einsum("qk,ctqd->ctkd", BARYCENTRIC, weighed).reshape(len(f), -1)
+        yield fans, displacement.nodal(outline_of(fans, u), F)
 
 
 def at_rule(circle, u, t):

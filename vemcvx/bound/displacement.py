@@ -46,6 +46,7 @@ VALUES = np.concatenate([_spread(monomials(RULE[k]) @ COEFFICIENTS[k], k) for k 
 """(21, 10) the functions at the points of the rule."""
 SLOPES = np.concatenate([_spread(monomial_slopes(STATIONS[k]) @ COEFFICIENTS[k], k) for k in range(3)])
 """(18, 2, 10) their gradients at the stations."""
+_SLOPES = SLOPES.reshape(36, 10)
 GRAM = np.einsum("ij,piak,pjbl->abkl", MASS, SLOPES.reshape(3, 6, 2, 10), SLOPES.reshape(3, 6, 2, 10))
 """(2, 2, 10, 10) int of products of slopes."""
 LOADS = LINEAR_MASS_INVERSE @ np.einsum("q,qk,qi->ki", RULE_WEIGHTS, BARYCENTRIC, VALUES)
@@ -58,20 +59,17 @@ class FanDisplacement:
 
     fans: Fans
     inside: Floats
-    """(k, 10 n + 2, 10 n) nodal values inside from those on the outline (4 n), then from body forces (6 n); for each
-    of the k shapes"""
-    energies: Floats
+    """(k, 10 n + 2, 4 n) nodal values inside from those on the outline; for each of the k shapes"""
+    of_body: Floats | None
+    """(k, 10 n + 2, 6 n) likewise from body forces; None if there are none"""
+    stiffness: Floats
     """(k, 4 n, 4 n) the energy |v|_a^2 as a quadratic form of values on the outline"""
 
-    @property
-    def stiffness(self) -> Floats:
-        """(c, 4 n, 4 n) the latter for each cell."""
-        return self.energies[self.fans.alike[1]]
-
-    def nodal(self, outline: Floats, force: Floats) -> Floats:
+    def nodal(self, outline: Floats, force: Floats | None = None) -> Floats:
         """(c, n, 20) values at the nodes of triangles, from (c, 4 n) and body forces (c, 6 n)."""
-        data = np.concatenate([outline, force], axis=1)
-        inside = np.matmul(self.inside[self.fans.alike[1]], data[:, :, None])[:, :, 0]
+        inside = self.fans.apply(self.inside, outline)
+        if self.of_body is not None and force is not None:
+            inside = inside + self.fans.apply(self.of_body, force)
         return np.concatenate([inside, outline], axis=1)[:, _slots(self.fans.n)]
 
     def on_outline(self, forces: Floats) -> Floats:
@@ -81,9 +79,7 @@ class FanDisplacement:
         for t in range(n):
             total[:, place[t]] += forces[:, t]
         inner, outer = np.split(total, [10 * n + 2], axis=1)
-        T = self.inside[self.fans.alike[1], :, : 4 * n]
-        found: Floats = outer + np.matmul(inner[:, None], T)[:, 0]
-        return found
+        return outer + self.fans.apply(self.inside.transpose(0, 2, 1), inner)
 
 
 def _slots(n: int) -> Ints:
@@ -96,45 +92,47 @@ def _slots(n: int) -> Ints:
     return (2 * nodes[:, :, None] + np.arange(2)).reshape(n, 20)
 
 
-def fan_displacement(fans: Fans) -> FanDisplacement:
-    """The FanDisplacement of these fans."""
+def fan_displacement(fans: Fans, loaded: bool = True) -> FanDisplacement:
+    """The FanDisplacement of these fans; `loaded` by body forces or not."""
     shapes = fans.shapes
     c, n = shapes.corners.shape[:2]
-    back, place, m = np.linalg.inv(shapes.B), _slots(n), 10 * n + 2
+    back, place, m = shapes.back, _slots(n), 10 * n + 2
     C = np.einsum("prk,ckl,qsl->cprqs", VOIGT, shapes.C, VOIGT)
     tensor = np.einsum("ct,ctar,ctbs,cprqs->ctpaqb", shapes.doubled_areas, back, back, C, optimize=True)
-    each = np.einsum("ctpaqb,abij->ctipjq", tensor, GRAM, optimize=True).reshape(c, n, 20, 20)
-    K, right = np.zeros((c, m + 4 * n, m + 4 * n)), np.zeros((c, m, 10 * n))
+    # Functions of the triangle by components, ordered as nodal values are.
+    each = (tensor.transpose((0, 1, 2, 4, 3, 5)).reshape(-1, 4) @ GRAM.reshape(4, 100)).reshape((c, n, 2, 2, 10, 10))
+    each = each.transpose((0, 1, 4, 2, 5, 3)).reshape(c, n, 20, 20)
+    K = np.zeros((c, m + 4 * n, m + 4 * n))
     for t in range(n):
         K[:, place[t][:, None], place[t]] += each[:, t]
+    right = np.zeros((c, m, 10 * n if loaded else 4 * n))
     right[:, :, : 4 * n] = -K[:, :m, m:]
     of_forces = np.kron(LOADS.T, np.eye(2))
-    for t in range(n):
+    for t in range(n) if loaded else ():
         inner = place[t] < m
         right[:, place[t][inner], 4 * n + 6 * t : 4 * n + 6 * t + 6] += of_forces[inner]
     # Solved at once: eliminating triangle by triangle, by inverses, lost all but five digits at lambda = 1e6.
-    inside = np.linalg.solve(K[:, :m, :m], right)
-    energies = K[:, m:, m:] + K[:, m:, :m] @ inside[:, :, : 4 * n]
-    return FanDisplacement(fans, inside, 0.5 * (energies + energies.transpose(0, 2, 1)))
-
-
-def _by_axes(fans: Fans) -> Floats:
-    """(c, n, 18, 2, 10) gradients of the functions of all triangles at their stations."""
-    found: Floats = np.einsum("qai,ctar->ctqri", SLOPES, np.linalg.inv(fans.B), optimize=True)
-    return found
+    found = np.linalg.solve(K[:, :m, :m], right)
+    inside, of_body = (np.ascontiguousarray(part) for part in np.split(found, [4 * n], axis=2))
+    energies = K[:, m:, m:] + K[:, m:, :m] @ inside
+    stiffness = 0.5 * (energies + energies.transpose(0, 2, 1))
+    return FanDisplacement(fans, inside, of_body if loaded else None, stiffness)
 
 
 def strains_at_stations(fans: Fans, v: Floats) -> Floats:
     """(c, n, 18, 3) e_xx, e_yy, 2 e_xy at the stations of all triangles, of nodal values (c, n, 20)."""
     c, n, _ = v.shape
-    slopes = np.einsum("ctqri,ctip->ctqrp", _by_axes(fans), v.reshape(c, n, 10, 2), optimize=True)
+    # Along the axes of the reference triangle, station by station.
+    along = np.matmul(_SLOPES, v.reshape(c, n, 10, 2)).reshape(c, n, 18, 2, 2)
+    slopes = np.matmul(fans.back.transpose(0, 1, 3, 2)[:, :, None], along)
     return np.stack([slopes[..., 0, 0], slopes[..., 1, 1], slopes[..., 0, 1] + slopes[..., 1, 0]], axis=3)
 
 
 def forces_of(fans: Fans, sigma: Floats) -> Floats:
     """(c, n, 20) int sigma : eps(phi) of stresses (c, n, 18, 3) at the stations."""
     c, n = sigma.shape[:2]
-    weighed = np.einsum("ij,ctpjk,ct->ctpik", MASS, sigma.reshape(c, n, 3, 6, 3), fans.doubled_areas, optimize=True)
-    tensor = np.einsum("pak,ctqk->ctqpa", VOIGT, weighed.reshape(c, n, 18, 3))
-    found: Floats = np.einsum("ctqpa,ctqai->ctip", tensor, _by_axes(fans), optimize=True)
-    return found.reshape(c, n, 20)
+    weighed = np.matmul(MASS, sigma.reshape(c, n, 3, 6, 3)).reshape(c, n, 18, 3) * fans.doubled_areas[..., None, None]
+    tensor = weighed[..., [[0, 2], [2, 1]]]
+    along = np.matmul(fans.back[:, :, None], tensor).reshape(c, n, 36, 2)
+    forces: Floats = np.matmul(_SLOPES.T, along).reshape(c, n, 20)
+    return forces

@@ -24,15 +24,16 @@ import numpy as np
 import scipy.sparse as sp
 
 from vemcvx.arrays import Floats, Ints, totals
-from vemcvx.bound.fan import Fans
+from vemcvx.bound.fan import Fans, assembled
 from vemcvx.bound.skeleton import Skeleton
 from vemcvx.bound.stress import VOIGT, FanStress, stresses_at_stations
 from vemcvx.errors import SceneError
 from vemcvx.linear import Factor, choose_linear
 from vemcvx.meshes import PolygonMesh
 
-UNBALANCED = 1e-7
-"""Forces by which neighbours may differ, in parts of the largest: rounding makes 1e-13, and 1e-9 at lambda = 1e6."""
+UNBALANCED, ROUNDING, CORRECTIONS = 1e-7, 1e-13, 4
+"""Parts of the largest force by which neighbours may differ, and below which they do by rounding (at lambda = 1e6 that
+is 1e-9); and how often it is solved."""
 
 
 ANCHOR = 1e-9
@@ -80,10 +81,14 @@ class Equilibrium:
     stresses: tuple[FanStress, ...]
     P: sp.csr_matrix
     """(4 E, m) motions of all edges from those that are free"""
+    springs: Floats
+    """(b, 4, 4) of boundary edges"""
     factor: Factor
 
-    def solve(self, held: Floats, outer: Floats, force: Sequence[Floats], prestress: Floats) -> tuple[Floats, ...]:
-        """The stresses (c, n, 18, 3) of each chunk of cells at its stations.
+    def solve(
+        self, held: Floats, outer: Floats, force: Sequence[Floats | None], prestress: Floats
+    ) -> tuple[tuple[Floats, ...], Floats]:
+        """The stresses (c, n, 18, 3) of each chunk of cells at its stations, and the motions (b, 2, 2) of the boundary.
 
         Parameters
         ----------
@@ -91,7 +96,7 @@ class Equilibrium:
             Motions of the ends of boundary edges where they are held, zero else.
         outer : (b, 2, 2) array
             Forces int t phi on the ends of boundary edges; read where these are free.
-        force : (c, 6 n) arrays, one a chunk
+        force : (c, 6 n) arrays, one a chunk, or None
             int f lambda_k on the triangles.
         prestress : (n_cells, 3) array
             Stresses at zero strain.
@@ -105,34 +110,33 @@ class Equilibrium:
         given, motion = np.zeros(size), np.zeros(size)
         np.add.at(given, self.edges.outer, outer)
         motion[self.edges.outer] = held
-        still = [edge_forces(one.fans, prestress[one.fans.cells]) for one in self.stresses]
-        chunks = list(zip(self.stresses, self.edges.places, force, still, strict=True))
-
-        def unbalanced(motion: Floats) -> tuple[Floats, list[Floats]]:
-            left, found = given.copy(), []
-            for one, place, f, constant in chunks:
-                tractions = one.tractions(motion[place], f)
-                left -= totals(place.ravel(), (tractions[:, 4 * one.fans.n :] + constant).ravel(), size)
-                found.append(tractions)
-            return self.P.T @ left, found
-
-        largest = 0.0
-        for _ in range(3):
-            left, _ = unbalanced(motion)
-            largest = max(largest, float(np.abs(left).max(initial=0.0)))
-            motion = motion + self.P @ self.factor.solve(left)
-        left, tractions = unbalanced(motion)
-        largest = max([largest, *(float(np.abs(one).max()) for one in tractions)])
-        if np.abs(left).max(initial=0.0) > UNBALANCED * largest:
+        for one, place in zip(self.stresses, self.edges.places, strict=True):
+            given -= totals(place.ravel(), edge_forces(one.fans, prestress[one.fans.cells]).ravel(), size)
+        chunks = list(zip(self.stresses, self.edges.places, force, strict=True))
+        largest = float(np.abs(given).max(initial=0.0))
+        for _ in range(CORRECTIONS):
+            tractions, left = [one.tractions(motion[place], f) for one, place, f in chunks], given.copy()
+            for (one, place, _), found in zip(chunks, tractions, strict=True):
+                left -= totals(place.ravel(), found[:, 4 * one.fans.n :].ravel(), size)
+                largest = max(largest, float(np.abs(found).max(initial=0.0)))
+            pull = np.einsum("bij,bj->bi", self.springs, motion[self.edges.outer].reshape(-1, 4))
+            left -= totals(self.edges.outer.ravel(), pull.ravel(), size)
+            unbalanced = self.P.T @ left
+            apart = float(np.abs(unbalanced).max(initial=0.0))
+            if apart <= ROUNDING * largest:
+                break
+            motion = motion + self.P @ self.factor.solve(unbalanced)
+        if apart > UNBALANCED * largest:
             raise SceneError(
-                f"error_bound: rounding leaves forces of neighbouring cells {np.abs(left).max() / largest:.1e} apart; "
-                "a bound on stresses in equilibrium needs better conditioned data, such as a Poisson ratio farther "
-                "from 1/2, or less contrast."
+                f"error_bound: rounding leaves forces of neighbouring cells {apart / largest:.1e} apart; a bound on "
+                "stresses in equilibrium needs better conditioned data, such as a Poisson ratio farther from 1/2, or "
+                "less contrast."
             )
-        return tuple(
+        stresses = tuple(
             stresses_at_stations(one.fans, forces, f) + prestress[one.fans.cells][:, None, None]
-            for (one, _, f, _), forces in zip(chunks, tractions, strict=True)
+            for (one, _, f), forces in zip(chunks, tractions, strict=True)
         )
+        return stresses, motion[self.edges.outer]
 
 
 def edge_forces(fans: Fans, stress: Floats) -> Floats:
@@ -143,21 +147,22 @@ def edge_forces(fans: Fans, stress: Floats) -> Floats:
     return np.repeat(half[:, :, None], 2, axis=2).reshape(len(stress), 4 * fans.n)
 
 
-def equilibrium(edges: Edges, stresses: tuple[FanStress, ...], free: Floats, bonds: Bonds, floats: bool) -> Equilibrium:
-    """The hybrid problem, boundary edges being free along what the projectors (b, 2, 2) leave.
+def equilibrium(
+    edges: Edges, stresses: tuple[FanStress, ...], free: Floats, bonds: Bonds, *, springs: Floats, floats: bool
+) -> Equilibrium:
+    """The hybrid problem, boundary edges being free along projectors (b, 2, 2) and on springs (b, 4, 4).
 
     A body that `floats` is anchored by a little of the diagonal; forces that balance then need one or two corrections.
     """
-    size = 4 * edges.count
-    entries = [one.stiffness for one in stresses]
-    rows = [np.repeat(place, place.shape[1], axis=1).ravel() for place in edges.places]
-    columns = [np.tile(place, (1, place.shape[1])).ravel() for place in edges.places]
-    values = np.concatenate([one.ravel() for one in entries])
-    G = sp.csr_matrix((values, (np.concatenate(rows), np.concatenate(columns))), shape=(size, size))
+    fans = [one.fans for one in stresses]
+    G = assembled(fans, [one.stiffness for one in stresses], edges.places, 4 * edges.count)
+    places = edges.outer.reshape(-1, 4)
+    where = np.repeat(places, 4, axis=1).ravel(), np.tile(places, (1, 4)).ravel()
+    G = G + sp.csr_matrix((springs.ravel(), where), shape=G.shape)
     P = _free_motions(edges, free, bonds)
     K = sp.csr_matrix(P.T @ G @ P)
     K = K + sp.diags_array(ANCHOR * K.diagonal()) if floats else K
-    return Equilibrium(edges, stresses, P, choose_linear(K.shape[0]).factorise(K))
+    return Equilibrium(edges, stresses, P, springs, choose_linear(K.shape[0]).factorise(K))
 
 
 def _free_motions(edges: Edges, free: Floats, bonds: Bonds) -> sp.csr_matrix:

@@ -184,7 +184,7 @@ def of_steps(circle: Hypercircle, history: History, steps: Sequence[int]) -> Err
         lower=np.maximum(lowered - moved, 0.0),
         energy=_energies(norm, upper - moved),
         potential=(potential - 0.5 * A2 - gap, potential - 0.5 * lowered**2),
-        cells=_shares(circle, worst.triangles, worst.surface.gap, upper.max()),
+        cells=_shares(circle, worst.triangles, worst.surface.gap + 0.5 * worst.springs, upper.max()),
         parts={
             "mesh": np.sqrt([pair.squares.sum() for pair in pairs]),
             "contact": np.sqrt(2.0 * gap),
@@ -220,6 +220,8 @@ def _shares(circle: Hypercircle, triangles: Floats, gap: Floats, upper: float) -
 def _of_history(circle: Hypercircle, history: History) -> ErrorBound:
     posed, count = circle.posed, history.steps + 1
     laws = [friction.subject for friction in posed.terms.frictions if friction.law is not None]
+    if posed.springs is not None:
+        laws = [*laws, "ElasticFoundation"]
     if len(posed.obstacles) or laws:
         raise SceneError(
             f"error_bound: {', '.join((*posed.obstacles.subjects, *laws))}: a bound over a whole history is known only "
@@ -234,17 +236,20 @@ def _of_history(circle: Hypercircle, history: History) -> ErrorBound:
     last = instant(history, 0)
     pair = circle.pair(last, last)
     y = [float(np.sqrt(pair.A2))]
-    pairs, dissipated, worst = [_sizes(circle, pair)], [0.0], (0.0, pair.triangles)
+    defects = circle.richer(pair)
+    pairs, dissipated, worst = [_sizes(circle, pair, defects)], [0.0], (0.0, pair.triangles)
     for n in range(1, count):
         reached, lost = y[-1], 0.0
         for now in _between(circle, last, instant(history, n)):
             ahead = circle.pair(now, last)
             step = _dissipation_gap(circle, pair, ahead)
-            reached = float(np.sqrt(reached**2 + 2.0 * step)) + _change(circle, pair, ahead)
-            lost, pair, last = lost + step, ahead, now
+            richer = circle.richer(ahead)
+            change = [b - a for a, b in zip(defects, richer, strict=True)]
+            reached = float(np.sqrt(reached**2 + 2.0 * step)) + _norm(circle, change, _missed(circle, pair, ahead))
+            lost, pair, defects, last = lost + step, ahead, richer, now
         y.append(reached)
         dissipated.append(dissipated[-1] + lost)
-        pairs.append(_sizes(circle, pair))
+        pairs.append(_sizes(circle, pair, defects))
         worst = max(worst, (reached, pair.triangles), key=lambda one: one[0])
     norm, A, richer, mesh, data = np.array(pairs).T
     upper = np.sqrt(np.square(y) + 2.0 * richer * y + A**2)
@@ -268,10 +273,10 @@ def _of_history(circle: Hypercircle, history: History) -> ErrorBound:
     )
 
 
-def _sizes(circle: Hypercircle, pair: Pair) -> tuple[float, ...]:
+def _sizes(circle: Hypercircle, pair: Pair, richer: Sequence[Floats]) -> tuple[float, ...]:
     """|v|_a; |r| of v and of v + w, with what is missed of the data; and the parts of the first."""
     mesh, data = float(np.sqrt(pair.squares.sum())), float(np.sqrt(np.sum(pair.oscillation**2)))
-    return pair.norm, float(np.sqrt(pair.A2)), _norm(circle, pair.defects, pair.oscillation), mesh, data
+    return pair.norm, float(np.sqrt(pair.A2)), _norm(circle, richer, pair.oscillation), mesh, data
 
 
 def _norm(circle: Hypercircle, defects: Sequence[Floats], missed: Floats) -> float:
@@ -311,10 +316,7 @@ def _dissipation_gap(circle: Hypercircle, one: Pair, other: Pair) -> float:
     return max(float(boundary.integrals(means).sum()), 0.0)
 
 
-def _change(circle: Hypercircle, one: Pair, other: Pair) -> float:
-    """|r_n - r_{n-1}|."""
-    missed = circle.oscillation(
-        other.surface.acting - one.surface.acting,
-        [b - a for a, b in zip(one.densities, other.densities, strict=True)],
-    )
-    return _norm(circle, [b - a for a, b in zip(one.defects, other.defects, strict=True)], missed)
+def _missed(circle: Hypercircle, one: Pair, other: Pair) -> Floats:
+    """osc_T (corners,) of what data change by."""
+    tractions = other.surface.acting - one.surface.acting
+    return circle.oscillation(tractions, [b - a for a, b in zip(one.densities, other.densities, strict=True)])

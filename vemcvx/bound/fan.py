@@ -11,10 +11,12 @@ such forces at the vertices, exactly.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
 import numpy as np
+import scipy.sparse as sp
 
 from vemcvx.arrays import Floats, Ints
 from vemcvx.errors import SceneError
@@ -101,17 +103,37 @@ class Fans:
         some = self.alike[0]
         return replace(self, **{field.name: getattr(self, field.name)[some] for field in fields(self)})
 
+    def apply(self, matrices: Floats, data: Floats) -> Floats:
+        """(c, r) the products of matrices (k, r, s), one a shape, with vectors (c, s)."""
+        some, same = self.alike
+        if len(matrices) == 1:
+            alone: Floats = data @ matrices[0].T
+            return alone
+        of_cells = matrices if isinstance(some, slice) else matrices[same]
+        products: Floats = np.matmul(of_cells, data[:, :, None])[:, :, 0]
+        return products
+
+    @cached_property
+    def back(self) -> Floats:
+        """(c, n, 2, 2) B^-1."""
+        return np.asarray(np.linalg.inv(self.B), dtype=np.float64)
+
+    @cached_property
+    def D(self) -> Floats:
+        """(c, 3, 3) C^-1."""
+        return np.asarray(np.linalg.inv(self.C), dtype=np.float64)
+
     @property
     def n(self) -> int:
         """The number of triangles a fan."""
         return int(self.nodes.shape[1])
 
-    @property
+    @cached_property
     def B(self) -> Floats:
         """(c, n, 2, 2) of the maps from the reference triangle."""
         return np.stack([self.corners, np.roll(self.corners, -1, axis=1)], axis=3)
 
-    @property
+    @cached_property
     def doubled_areas(self) -> Floats:
         """(c, n) det B."""
         one, two = self.corners, np.roll(self.corners, -1, axis=1)
@@ -199,3 +221,15 @@ def _refuse_short_edges(fans: Fans) -> None:
             f"cell's radius; bounds are useless on edges shorter than {SHORTEST:g} of it. Merge its nodes, or refine "
             "the cell there."
         )
+
+
+def assembled(fans: Sequence[Fans], matrices: Sequence[Floats], places: Sequence[Ints], size: int) -> sp.csr_matrix:
+    """(size, size) the sum of symmetric matrices (k, m, m) of chunks of cells, one a shape, at places (c, m)."""
+    rows, columns, values = [], [], []
+    for one, matrix, place in zip(fans, matrices, places, strict=True):
+        small = place.astype(np.int32)
+        rows.append(np.repeat(small, place.shape[1], axis=1).ravel())
+        columns.append(np.tile(small, (1, place.shape[1])).ravel())
+        values.append(matrix[one.alike[1]].ravel())
+    where = np.concatenate(rows), np.concatenate(columns)
+    return sp.csr_matrix((np.concatenate(values), where), shape=(size, size))

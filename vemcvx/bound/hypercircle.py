@@ -32,6 +32,9 @@ star-shaped for the smaller one has (M. Costabel and M. Dauge, Arch. Ration. Mec
 
 What is quadratic in f - f_1 and t - t_1 counts by the norm of a stress that balances it, and only the rest like that.
 
+Springs to the ground, k u, are as triangles are: |m - v|_k beside |r|_T, if tau has the tractions -k m on them, and the
+energy norm has theirs.
+
 From below: w that vanishes where v touches or is held has (sigma, eps(w)) = l(w), so that
 
     |e|  >=  (l(w) - (sigma_0 + C eps(v), eps(w))) / |w|_a,                  J(u)  <=  J(v) - half the square of that.
@@ -58,6 +61,7 @@ from vemcvx.bound.fan import (
     RULE,
     RULE_WEIGHTS,
     Fans,
+    assembled,
     fans_of,
     monomials,
 )
@@ -89,9 +93,15 @@ def oscillation_constants(fans: Fans) -> tuple[Floats, Floats]:
 def inner(fans: Fans, one: Floats, other: Floats) -> Floats:
     """(c, n) integrals over triangles of one : other, both (c, n, 18, 3) at stations."""
     c, n = one.shape[:2]
-    parts = one.reshape(c, n, 3, 6, 3), other.reshape(c, n, 3, 6, 3)
-    found: Floats = fans.doubled_areas * np.einsum("ij,ctpik,ctpjk->ct", MASS, *parts, optimize=True)
+    weighed = np.matmul(MASS, one.reshape(c, n, 3, 6, 3)).reshape(c, n, -1)
+    found: Floats = fans.doubled_areas * np.einsum("ctk,ctk->ct", weighed, other.reshape(c, n, -1))
     return found
+
+
+def stresses_of(fans: Fans, strain: Floats) -> Floats:
+    """C eps (c, n, 18, 3)."""
+    stress: Floats = np.matmul(strain, fans.C[:, None])
+    return stress
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,13 +112,17 @@ class Pair:
     """(n_nodes, 2) of the displacement v"""
     surface: Surface
     defects: tuple[Floats, ...]
-    """r (c, n, 18, 3) of each chunk of cells, at its stations, of v + w"""
+    """r (c, n, 18, 3) of each chunk of cells, at its stations"""
+    w: Floats
+    """of vertices and of middles of edges"""
     squares: Floats
     """(corners,) |r|_T^2 of the triangle on each edge of each cell"""
+    springs: Floats
+    """(b,) int k |v - m|^2 of springs on edges, m being the motion of the edges that belongs to tau"""
     oscillation: Floats
     """(corners,) osc_T"""
     densities: tuple[Floats, ...]
-    """f (c, n, 21, 2) of each chunk of cells, at the points of the rule"""
+    """f (c, n, 21, 2) of each chunk of cells, at the points of the rule; none without body forces"""
     potential: float
     """J(v)"""
     norm: float
@@ -125,7 +139,7 @@ class Pair:
     @property
     def A2(self) -> float:
         """A^2."""
-        return float(self.triangles.sum())
+        return float(self.triangles.sum() + self.springs.sum())
 
     @property
     def lacking(self) -> float:
@@ -147,6 +161,8 @@ class Hypercircle:
     fans: tuple[Fans, ...]
     displacements: tuple[FanDisplacement, ...]
     equilibrium: Equilibrium
+    outlines: tuple[Ints, ...]
+    """(c, 4 n) of each chunk the places of vertices and of middles of edges among those of all"""
     Q: sp.csr_matrix
     """(2 nodes + 2 edges, m) motions w of vertices and of middles of edges from free ones"""
     factor: Factor
@@ -162,7 +178,7 @@ class Hypercircle:
         """
         boundary, edges = self.boundary, self.boundary.edges
         boundary.check_supports(now)
-        densities = self._densities(now.t)
+        densities = self.densities_at(now.t)
         prestress = np.zeros((len(edges.areas), 3))
         if self.posed.prestress is not None:
             prestress = self.posed.prestress.stress(now.t)
@@ -174,41 +190,44 @@ class Hypercircle:
         held = np.einsum("bij,bej->bei", boundary.held, now.u[edges.outer_edges])
         weighed = [
             RULE_WEIGHTS[:, None] * fans.doubled_areas[..., None, None] * f
-            for fans, f in zip(self.fans, densities, strict=True)
+            for fans, f in zip(self.fans, densities, strict=False)
         ]
-        moments = [np.einsum("qk,ctqd->ctkd", BARYCENTRIC, f).reshape(len(f), -1) for f in weighed]
+        moments = [np.matmul(BARYCENTRIC.T, f).reshape(len(f), -1) for f in weighed]
         surface = boundary.at(now, before, self._work(moments))
-        stress = self.equilibrium.solve(held, surface.forces, moments, prestress)
-        residual, energy, potential = np.zeros(self.Q.shape[0]), 0.0, 0.0
-        defects = []
-        chunks = zip(self.fans, self.displacements, weighed, moments, stress, strict=True)
-        for fans, displacement, f, F, tau in chunks:
-            ends = now.u[fans.nodes]
-            outline = np.concatenate([ends, 0.5 * (ends + np.roll(ends, -1, axis=1))], axis=1)
-            v = displacement.nodal(outline.reshape(len(ends), -1), F)
-            strain, loads = strains_at_stations(fans, v), np.einsum("qi,ctqd->ctid", VALUES, f).reshape(v.shape)
-            elastic = np.einsum("ctqk,ckl->ctql", strain, fans.C)
-            still = np.broadcast_to(prestress[fans.cells][:, None, None], strain.shape)
-            r = tau - still - elastic
+        body: list[Floats | None] = [*moments] or [None] * len(self.fans)
+        stress, motion = self.equilibrium.solve(held, surface.forces, body, prestress)
+        ends = now.u[edges.outer_edges]
+        residual, energy, potential, defects = np.zeros(self.Q.shape[0]), 0.0, 0.0, []
+        for k, (fans, displacement, F, tau) in enumerate(zip(self.fans, self.displacements, body, stress, strict=True)):
+            v = displacement.nodal(outline_of(fans, now.u), F)
+            strain = strains_at_stations(fans, v)
+            elastic, still = (
+                stresses_of(fans, strain),
+                np.broadcast_to(prestress[fans.cells][:, None, None], strain.shape),
+            )
+            defects.append(tau - still - elastic)
             energy += float(inner(fans, strain, elastic).sum())
-            potential += float(inner(fans, strain, still).sum()) - float(np.sum(loads * v))
-            work = displacement.on_outline(loads - forces_of(fans, elastic + still))
-            residual += totals(self._outline(fans).ravel(), work.ravel(), len(residual))
-            defects.append(r)
+            work = -forces_of(fans, elastic + still)
+            if weighed:
+                loads = np.matmul(VALUES.T, weighed[k]).reshape(v.shape)
+                potential -= float(np.sum(loads * v))
+                work += loads
+            if prestress.any():
+                potential += float(inner(fans, strain, still).sum())
+            residual += totals(self.outlines[k].ravel(), displacement.on_outline(work).ravel(), len(residual))
         residual += self._of_tractions(surface.loads)
+        energy += float(boundary.spring_energies(ends).sum())
         potential += 0.5 * energy + float(surface.cost.sum())
         potential -= float(np.sum(surface.loads[:, :2] * now.u[edges.outer_edges]))
         left = self.Q.T @ residual
         w = self.factor.solve(left)
-        squares, motion = self.squares(defects), self.Q @ w
-        for fans, displacement, r in zip(self.fans, self.displacements, defects, strict=True):
-            v = displacement.nodal(motion[self._outline(fans)], np.zeros((len(r), 6 * fans.n)))
-            r -= np.einsum("ctqk,ckl->ctql", strains_at_stations(fans, v), fans.C)
         return Pair(
             u=now.u,
             surface=surface,
             defects=tuple(defects),
-            squares=squares,
+            w=self.Q @ w,
+            squares=self.squares(defects),
+            springs=boundary.spring_energies(ends - motion),
             oscillation=self.oscillation(surface.acting, densities),
             densities=densities,
             potential=potential,
@@ -216,11 +235,20 @@ class Hypercircle:
             lowered=float(np.sqrt(max(float(left @ w), 0.0))),
         )
 
+    def richer(self, pair: Pair) -> list[Floats]:
+        """The defects of v + w."""
+        found = []
+        for fans, displacement, place, r in zip(
+            self.fans, self.displacements, self.outlines, pair.defects, strict=True
+        ):
+            found.append(r - stresses_of(fans, strains_at_stations(fans, displacement.nodal(pair.w[place]))))
+        return found
+
     def squares(self, stresses: Sequence[Floats]) -> Floats:
         """(corners,) squares in C^-1 of stresses (c, n, 18, 3) on the triangles of each chunk of cells."""
         found = np.zeros(len(self.boundary.edges.sides))
         for fans, r in zip(self.fans, stresses, strict=True):
-            found[self._corners(fans)] = inner(fans, r, np.einsum("ctqk,ckl->ctql", r, np.linalg.inv(fans.C)))
+            found[self._corners(fans)] = inner(fans, r, np.matmul(r, fans.D[:, None]))
         return found
 
     def oscillation(self, tractions: Floats, densities: Sequence[Floats]) -> Floats:
@@ -229,11 +257,11 @@ class Hypercircle:
         found, missed, bent = np.zeros(len(edges.sides)), np.zeros(len(edges.sides)), np.zeros((len(edges.sides), 1, 2))
         squares, bent[edges.outer_corners, 0] = self.boundary.missed(tractions)
         missed[edges.outer_corners] = np.sqrt(squares)
-        for fans, f in zip(self.fans, densities, strict=True):
+        for k, fans in enumerate(self.fans):
             place, (inside, outside) = self._corners(fans), oscillation_constants(fans)
             found[place] = outside * missed[place] + lifted(fans, OF_EDGE, bent[place])
-            if f.any():
-                parabolas, rest = missed_forces(f)
+            if densities:
+                parabolas, rest = missed_forces(densities[k])
                 found[place] += inside * np.sqrt(0.5 * fans.doubled_areas * rest)
                 found[place] += lifted(fans, OF_PARABOLAS, fans.doubled_areas[..., None, None] * parabolas)
         return found
@@ -242,12 +270,10 @@ class Hypercircle:
         """|v - w|_a of the displacements with these nodal values (n_nodes, 2), under the same body forces."""
         squared = 0.0
         for fans, displacement in zip(self.fans, self.displacements, strict=True):
-            ends = (one - other)[fans.nodes]
-            if ends.any():
-                outline = np.concatenate([ends, 0.5 * (ends + np.roll(ends, -1, axis=1))], axis=1).reshape(
-                    len(ends), -1
-                )
-                squared += float(np.einsum("ci,cij,cj->", outline, displacement.stiffness, outline, optimize=True))
+            outline = outline_of(fans, one - other)
+            if outline.any():
+                squared += float(np.sum(outline * fans.apply(displacement.stiffness, outline)))
+        squared += float(self.boundary.spring_energies((one - other)[self.boundary.edges.outer_edges]).sum())
         return float(np.sqrt(max(squared, 0.0)))
 
     def _corners(self, fans: Fans) -> Ints:
@@ -263,14 +289,10 @@ class Hypercircle:
         work = np.concatenate([(loads[:, :2] - 0.5 * loads[:, 2:]).ravel(), loads[:, 2].ravel()])
         return totals(place, work, self.Q.shape[0])
 
-    def _outline(self, fans: Fans) -> Ints:
-        """(c, 4 n) the places of a cell's vertices and middles among those of all."""
-        return outline_places(self.posed, self.equilibrium.edges.places, self.fans, fans)
-
     def _work(self, moments: Sequence[Floats]) -> Floats:
         """(j,) the work of body forces (c, 6 n) on the rigid motions of bodies that nothing else holds."""
         work = np.zeros(self.boundary.motions.shape[1])
-        for fans, F in zip(self.fans, moments, strict=True):
+        for fans, F in zip(self.fans, moments, strict=False):
             for k, mode in enumerate(self.boundary.motions.T):
                 N, x = mode.reshape(-1, 2)[fans.nodes], fans.corners - fans.corners.mean(axis=1, keepdims=True)
                 turned = np.stack([-x[..., 1], x[..., 0]], axis=2)
@@ -281,16 +303,19 @@ class Hypercircle:
                 work[k] += float(np.sum(F * each.reshape(F.shape)))
         return work
 
-    def _densities(self, t: float) -> tuple[Floats, ...]:
+    def densities_at(self, t: float) -> tuple[Floats, ...]:
+        """Body forces (c, n, 21, 2) of each chunk of cells at the points of the rule; none if there are none."""
         loads = [load for load in self.posed.loads if isinstance(load, Load) and load.cells is not None]
-        found = []
-        for fans in self.fans:
-            x = fans.points()
-            f = np.zeros(x.shape)
-            for load in loads:
-                f += load.at(x.reshape(-1, 2), t).reshape(x.shape)
-            found.append(f)
-        return tuple(found)
+        if not loads:
+            return ()
+        points = [fans.points() for fans in self.fans]
+        return tuple(np.sum([load.at(x.reshape(-1, 2), t).reshape(x.shape) for load in loads], axis=0) for x in points)
+
+
+def outline_of(fans: Fans, u: Floats) -> Floats:
+    """(c, 4 n) the values of a displacement (n_nodes, 2) at vertices and middles of edges."""
+    ends = u[fans.nodes]
+    return np.concatenate([ends, 0.5 * (ends + np.roll(ends, -1, axis=1))], axis=1).reshape(len(ends), -1)
 
 
 def missed_forces(f: Floats) -> tuple[Floats, Floats]:
@@ -299,24 +324,14 @@ def missed_forces(f: Floats) -> tuple[Floats, Floats]:
     And (c, n) the mean of |f - f_2|^2. Of what differs by rounding alone nothing is missed.
     """
     rounding = 1e-13 * float(np.abs(f).max())
-    moments = np.einsum("q,qk,ctqd->ctkd", RULE_WEIGHTS, BARYCENTRIC, f, optimize=True)
+    weighed = RULE_WEIGHTS[:, None] * f
     bent = monomials(RULE.reshape(-1, 2)) @ PARABOLAS
-    parabolas = np.einsum("q,qi,ctqd->ctid", RULE_WEIGHTS, bent, f, optimize=True)
+    parabolas = np.matmul(bent.T, weighed)
     parabolas[np.abs(parabolas) <= rounding] = 0.0
-    rest = f - np.einsum("qj,jk,ctkd->ctqd", BARYCENTRIC, LINEAR_MASS_INVERSE, moments, optimize=True)
-    rest -= np.einsum("qi,ctid->ctqd", bent, parabolas)
+    linear = BARYCENTRIC @ LINEAR_MASS_INVERSE @ BARYCENTRIC.T
+    rest = f - np.matmul(linear, weighed) - np.matmul(bent, parabolas)
     rest[np.abs(rest) <= rounding] = 0.0
     return parabolas, 2.0 * np.einsum("q,ctqd,ctqd->ct", RULE_WEIGHTS, rest, rest)
-
-
-def outline_places(posed: PosedScene, places: Sequence[Ints], every: Sequence[Fans], fans: Fans) -> Ints:
-    """(c, 4 n) the unknowns of the vertices and of the middles of edges of a chunk of cells."""
-    own = next(place for one, place in zip(every, places, strict=True) if one is fans)
-    edge = own.reshape(len(fans.cells), fans.n, 4)[:, :, 0] // 4
-    first = posed.space.n_unknowns
-    nodes = np.concatenate([fans.nodes, first // 2 + edge], axis=1)
-    found: Ints = (2 * nodes[:, :, None] + np.arange(2)).reshape(len(nodes), -1)
-    return found
 
 
 def hypercircle(posed: PosedScene) -> Hypercircle:
@@ -332,24 +347,18 @@ def hypercircle(posed: PosedScene) -> Hypercircle:
     edges = skeleton(posed)
     boundary = Boundary(posed, edges, DataOscillation(posed, edges))
     fans = fans_of(posed.space, elastic_matrix(posed.material.moduli))
-    displacements = tuple(fan_displacement(one) for one in fans)
+    loaded = any(isinstance(load, Load) and load.cells is not None for load in posed.loads)
+    displacements = tuple(fan_displacement(one, loaded) for one in fans)
     numbered = edges_of(mesh, edges, fans)
     bonds = Bonds(edges.joints.first, edges.joints.second, boundary.bonds)
-    balance = equilibrium(
-        numbered, tuple(fan_stress(one) for one in fans), boundary.free, bonds, boundary.motions.shape[1] > 0
+    stresses = tuple(fan_stress(one, loaded) for one in fans)
+    floats = boundary.motions.shape[1] > 0
+    balance = equilibrium(numbered, stresses, boundary.free, bonds, springs=boundary.springs, floats=floats)
+    outlines = tuple(
+        _outline(one, place, posed.space.n_unknowns) for one, place in zip(fans, numbered.places, strict=True)
     )
-    places = [outline_places(posed, numbered.places, fans, one) for one in fans]
     size = posed.space.n_unknowns + 2 * numbered.count
-    A = sp.csr_matrix(
-        (
-            np.concatenate([one.stiffness.ravel() for one in displacements]),
-            (
-                np.concatenate([np.repeat(place, place.shape[1], axis=1).ravel() for place in places]),
-                np.concatenate([np.tile(place, (1, place.shape[1])).ravel() for place in places]),
-            ),
-        ),
-        shape=(size, size),
-    )
+    A = assembled(fans, [one.stiffness for one in displacements], outlines, size)
     Q = _free_outlines(posed, boundary, numbered.outer[:, 0, 0] // 4, numbered.count)
     K = sp.csr_matrix(Q.T @ A @ Q)
     return Hypercircle(
@@ -358,9 +367,18 @@ def hypercircle(posed: PosedScene) -> Hypercircle:
         fans=fans,
         displacements=displacements,
         equilibrium=balance,
+        outlines=outlines,
         Q=Q,
         factor=choose_linear(K.shape[0]).factorise(K),
     )
+
+
+def _outline(fans: Fans, motions: Ints, first: int) -> Ints:
+    """(c, 4 n) the places of vertices and middles of a chunk of cells, from those of motions; middles are the last."""
+    edge = motions.reshape(len(fans.cells), fans.n, 4)[:, :, 0] // 4
+    nodes = np.concatenate([fans.nodes, first // 2 + edge], axis=1)
+    found: Ints = (2 * nodes[:, :, None] + np.arange(2)).reshape(len(nodes), -1)
+    return found
 
 
 def _free_outlines(posed: PosedScene, boundary: Boundary, outer: Ints, count: int) -> sp.csr_matrix:
@@ -391,10 +409,8 @@ def check_bounded(posed: PosedScene) -> None:
     for load in posed.loads:
         if isinstance(load, Load) and load.cells is not None and load.matrix.shape[1] == len(load.points):
             raise SceneError(f"error_bound: there is no bound for {load.subject}, a body force of one component.")
-    missing = {
-        f"contact or supports along curves ({', '.join(posed.curves)})": bool(posed.curves),
-        "springs (ElasticFoundation)": posed.springs is not None,
-    }
-    for what, there in missing.items():
-        if there:
-            raise SceneError(f"error_bound: there is no bound for {what} yet; vemcvx.error_budget estimates the error.")
+    if posed.curves:
+        raise SceneError(
+            f"error_bound: there is no bound for {', '.join(posed.curves)} along a curve: a polygon, over whose "
+            "corners nothing slides, is another body; vemcvx.error_budget estimates the error."
+        )

@@ -186,8 +186,8 @@ def lifted(fans: Fans, gram: Floats, data: Floats) -> Floats:
     These are |T| / 2 times the coefficients of parabolas, or |e| times those of tractions on outer edges.
     """
     M = piola(fans.B)
-    form = np.matmul(M.transpose(0, 1, 3, 2), np.matmul(np.linalg.inv(fans.C)[:, None], M))
-    hat = np.matmul(data, np.linalg.inv(fans.B).transpose(0, 1, 3, 2)).reshape(*data.shape[:2], -1)
+    form = np.matmul(M.transpose(0, 1, 3, 2), np.matmul(fans.D[:, None], M))
+    hat = np.matmul(data, fans.back.transpose(0, 1, 3, 2)).reshape(*data.shape[:2], -1)
     squares = np.einsum("ctab,abkl,ctk,ctl->ct", form, gram, hat, hat, optimize=True) / fans.doubled_areas
     norms: Floats = np.sqrt(np.maximum(squares, 0.0))
     return norms
@@ -217,31 +217,32 @@ class FanStress:
 
     fans: Fans
     forces: Floats
-    """(k, 8 n, 10 n) forces of tractions on spokes, then on outer edges, from the motion of both ends of these (4 n),
-    then from body forces (6 n); for each of the k shapes"""
+    """(k, 8 n, 4 n) forces of tractions on spokes, then on outer edges, from the motion of both ends of these; for each
+    of the k shapes"""
+    of_body: Floats | None
+    """(k, 8 n, 6 n) likewise from body forces; None if there are none"""
 
     @property
     def stiffness(self) -> Floats:
-        """(c, 4 n, 4 n) forces on outer edges from their motion, symmetric."""
-        n = self.fans.n
-        K = self.forces[:, 4 * n :, : 4 * n]
-        return (0.5 * (K + K.transpose(0, 2, 1)))[self.fans.alike[1]]
+        """(k, 4 n, 4 n) forces on outer edges from their motion, symmetric."""
+        K = self.forces[:, 4 * self.fans.n :]
+        stiffness: Floats = 0.5 * (K + K.transpose(0, 2, 1))
+        return stiffness
 
-    def tractions(self, motion: Floats, force: Floats) -> Floats:
+    def tractions(self, motion: Floats, force: Floats | None = None) -> Floats:
         """(c, 8 n) forces from motions (c, 4 n) and body forces (c, 6 n)."""
-        data = np.concatenate([motion, force], axis=1)
-        found: Floats = np.matmul(self.forces[self.fans.alike[1]], data[:, :, None])[:, :, 0]
-        return found
+        found = self.fans.apply(self.forces, motion)
+        return found if self.of_body is None or force is None else found + self.fans.apply(self.of_body, force)
 
 
 def triangle_energies(fans: Fans) -> Floats:
     """(c, n, 18, 18) |tau|^2 in C^-1 on each triangle, as a quadratic form of its data."""
     B, det = fans.B, fans.doubled_areas
     M = piola(B)
-    D = np.linalg.inv(fans.C)
+    D = fans.D
     form = np.matmul(M.transpose(0, 1, 3, 2), np.matmul(D[:, None], M)) / det[..., None, None]
     reference = np.einsum("ctab,abkl->ctkl", form, GRAM, optimize=True)
-    back = np.linalg.inv(B)
+    back = fans.back
     shape = (*det.shape, 9, 2, 9, 2)
     # b^ = B^-1 b of every force.
     found: Floats = np.einsum("ctipjq,ctpr,ctqs->ctirjs", reference.reshape(shape), back, back, optimize=True)
@@ -255,15 +256,18 @@ def piola(B: Floats) -> Floats:
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
-def fan_stress(fans: Fans) -> FanStress:
-    """The FanStress of these fans."""
+def fan_stress(fans: Fans, loaded: bool = True) -> FanStress:
+    """The FanStress of these fans; `loaded` by body forces or not."""
     shapes = fans.shapes
     c, n = shapes.corners.shape[:2]
     place, sign = _slots(n)
     energies = triangle_energies(shapes)
-    H = np.zeros((c, 14 * n, 14 * n))
+    count = 14 * n if loaded else 8 * n
+    H = np.zeros((c, count, count))
     for t in range(n):
-        H[:, place[t][:, None], place[t]] += sign[t][:, None] * sign[t] * energies[:, t]
+        mine = np.flatnonzero(place[t] < count)
+        at, signs = place[t][mine], sign[t][mine]
+        H[:, at[:, None], at] += signs[:, None] * signs * energies[:, t, mine[:, None], mine]
     balance = _balance(shapes, place, sign)
     # Energies and balance are brought to one size, lest the system be badly scaled.
     unit = (np.einsum("cii->c", H[:, : 8 * n, : 8 * n]) / (8 * n))[:, None, None]
@@ -271,11 +275,14 @@ def fan_stress(fans: Fans) -> FanStress:
     system[:, : 8 * n, : 8 * n] = H[:, : 8 * n, : 8 * n] / unit
     system[:, 8 * n :, : 8 * n] = balance[:, :, : 8 * n]
     system[:, : 8 * n, 8 * n :] = balance[:, :, : 8 * n].transpose(0, 2, 1)
-    right = np.zeros((c, 11 * n, 10 * n))
+    right = np.zeros((c, 11 * n, count - 4 * n))
     right[:, 4 * n : 8 * n, : 4 * n] = np.eye(4 * n) / unit
-    right[:, : 8 * n, 4 * n :] = -H[:, : 8 * n, 8 * n :] / unit
-    right[:, 8 * n :, 4 * n :] = -balance[:, :, 8 * n :]
-    return FanStress(fans, np.linalg.solve(system, right)[:, : 8 * n])
+    if loaded:
+        right[:, : 8 * n, 4 * n :] = -H[:, : 8 * n, 8 * n :] / unit
+        right[:, 8 * n :, 4 * n :] = -balance[:, :, 8 * n :]
+    found = np.linalg.solve(system, right)[:, : 8 * n]
+    parts = [np.ascontiguousarray(part) for part in np.split(found, [4 * n], axis=2)]
+    return FanStress(fans, parts[0], parts[1] if loaded else None)
 
 
 def _balance(fans: Fans, place: Ints, sign: Floats) -> Floats:
@@ -295,13 +302,14 @@ def _balance(fans: Fans, place: Ints, sign: Floats) -> Floats:
     return found.reshape(c, 3 * n, 14 * n)
 
 
-def stresses_at_stations(fans: Fans, tractions: Floats, force: Floats) -> Floats:
+def stresses_at_stations(fans: Fans, tractions: Floats, force: Floats | None = None) -> Floats:
     """(c, n, 18, 3) tau at the stations of all triangles, from forces (c, 8 n) and (c, 6 n) in balance."""
     place, sign = _slots(fans.n)
-    of_triangles = np.concatenate([tractions, force], axis=1)[:, place] * sign
+    body = np.zeros((len(tractions), 6 * fans.n)) if force is None else force
+    of_triangles = np.concatenate([tractions, body], axis=1)[:, place] * sign
     c, n = of_triangles.shape[:2]
     B = fans.B
-    hat = np.matmul(of_triangles.reshape(c, n, 9, 2), np.linalg.inv(B).transpose(0, 1, 3, 2)).reshape(c, n, 18)
+    hat = np.matmul(of_triangles.reshape(c, n, 9, 2), fans.back.transpose(0, 1, 3, 2)).reshape(c, n, 18)
     tau = (hat @ REFERENCE.T).reshape(c, n, 18, 3)
     found: Floats = np.matmul(tau, piola(B).transpose(0, 1, 3, 2)) / fans.doubled_areas[..., None, None]
     return found

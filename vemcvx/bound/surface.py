@@ -152,8 +152,35 @@ class Boundary:
             for rows in acting:
                 found[self.fine.piece_owner[self._pieces(rows)[0]]] = True
         found[joints.first] |= self.bonds.any(axis=(1, 2))
+        found |= self.springs.any(axis=(1, 2))
         found[joints.second] |= found[joints.first]
         return found
+
+    @cached_property
+    def springs(self) -> Floats:
+        """(b, 4, 4) matrices of springs to the ground on edges, by the motions of both ends."""
+        fine, count = self.fine, len(self.edges.outer)
+        stiffness = np.zeros((fine.mesh.n_nodes, 2, 2))
+        for part in self.oscillation.parts:
+            if part.material is None and part.stiffness is not None:
+                stiffness += (part.stiffness @ np.tile(np.eye(2), (len(stiffness), 1))).reshape(-1, 2, 2)
+        k = stiffness[fine.old :] / fine.lengths[:, None, None]
+        mean = np.zeros((count, 2, 2))
+        np.add.at(mean, fine.owner, k / np.bincount(fine.owner)[fine.owner, None, None])
+        if np.abs(k - mean[fine.owner]).max(initial=0.0) > FAR * np.abs(k).max(initial=0.0):
+            raise SceneError(
+                "error_bound: there is no bound for springs (ElasticFoundation) whose stiffness varies along an edge; "
+                "give one number for each part of the boundary."
+            )
+        mass = self.edges.lengths[:, None, None] * np.array([[2.0, 1.0], [1.0, 2.0]]) / 6.0
+        springs: Floats = np.einsum("bij,bkl->bikjl", mass, mean).reshape(count, 4, 4)
+        return springs
+
+    def spring_energies(self, motion: Floats) -> Floats:
+        """(b,) int k m . m of motions (b, 2, 2) of the ends of edges."""
+        flat = motion.reshape(-1, 4)
+        energies: Floats = np.einsum("bi,bij,bj->b", flat, self.springs, flat)
+        return energies
 
     def _jumps(self, u: Floats) -> Floats:
         """(b, 2, 2) u at both ends of edges, less that of another body where there is one."""

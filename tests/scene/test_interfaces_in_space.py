@@ -4,6 +4,7 @@ import itertools
 
 import numpy as np
 import pytest
+from tubes import ring
 
 import vemcvx as vx
 from vemcvx.meshes import SPACE_FAMILIES, bodies
@@ -102,6 +103,22 @@ def test_constant_stress_passes(family, kind):
 def test_constant_stress_passes_between_all_families(below, above, kind):
     assert_patch(two_blocks(below, above, (7, 5)), kind)
     assert_patch(two_blocks(below, above, (4, 3), angle=0.4), kind)
+
+
+def test_constant_stress_passes_through_a_curved_joint():
+    """A pin of sixteen sides bonded in a hole of twenty-four: any linear displacement is that of one body."""
+    mesh = bodies({"pin": ring([0.4, 1.0], 16, 2), "lug": ring([1.0, 2.0], 24, 3)}, tolerance=0.03)
+    mesh = mesh.with_boundary("outside", lambda x: np.ones(len(x), dtype=bool))
+    gradient = np.array([[0.02, 0.01, -0.03], [0.02, -0.04, 0.01], [0.0, 0.03, 0.01]])
+    scene = vx.Scene(
+        vx.Elasticity(YOUNG, POISSON),
+        vx.PrescribedDisplacement(lambda x, t: t * x @ gradient.T, on="outside"),
+        vx.BilateralContact(on="pin|lug"),
+        vx.TrescaFriction(1e3, on="pin|lug"),
+    )
+    history = vx.simulate(scene, mesh, [0.0, 1.0])
+    assert np.abs(history.displacement[-1] - mesh.points @ gradient.T).max() < 1e-11
+    assert np.ptp(history.stress(-1), axis=0).max() < 1e-11 * mesh.n_nodes
 
 
 # Two materials in series under turning shear: a play operator with a disc.

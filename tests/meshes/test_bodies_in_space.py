@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tubes import ring
 
 import vemcvx as vx
 from vemcvx.meshes import SPACE_FAMILIES, bodies, cubes
@@ -144,7 +145,9 @@ def test_a_joint_may_end_on_a_third_body():
     }
 
 
-@pytest.mark.parametrize("size", range(2, 14))
+@pytest.mark.parametrize(
+    "size", [n if n in (4, 8, 9) else pytest.param(n, marks=pytest.mark.slow) for n in range(2, 14)]
+)
 def test_no_offset_is_too_small(size):
     """Tilings that are hardly apart: pieces as narrow as the tolerance, 2e-9 here, or nodes that are one."""
     for k, (name, exponent) in enumerate(itertools.product(("cubes", "tetrahedra", "kelvin"), (0.0, 0.5))):
@@ -170,6 +173,50 @@ def test_what_a_large_tolerance_joins_is_a_mesh(data):
         raise
     assert_matched(mesh)
     assert mesh.volumes == pytest.approx(np.concatenate([lower.volumes, upper.volumes]), abs=10 * tolerance)
+
+
+def rounded(n, size, hollow=False):
+    """Tetrahedra of a cube of half the given size, mapped on a ball; its shell beyond the unit ball if hollow."""
+    mesh = SPACE_FAMILIES["tetrahedra"](n, ((-size, size),) * 3)
+    far, length = np.abs(mesh.points).max(axis=1), np.linalg.norm(mesh.points, axis=1)
+    kept = np.abs(mesh.centroids).max(axis=1) > (1.0 if hollow else -1.0)
+    cells = [cell for cell, keep in zip(mesh.cells, kept, strict=True) if keep]
+    used = np.unique(np.concatenate([np.concatenate(cell) for cell in cells]))
+    number = np.zeros(mesh.n_nodes, dtype=int)
+    number[used] = np.arange(len(used))
+    points = mesh.points * np.divide(far, length, out=np.ones_like(far), where=length > 0)[:, None]
+    return vx.PolyhedralMesh(points[used], [[number[face] for face in cell] for cell in cells])
+
+
+CURVED = {
+    "pin in lug": lambda: ({"pin": ring([0.4, 1.0], 16, 2), "lug": ring([1.0, 2.0], 24, 3)}, 0.03),
+    "turned pin in lug": lambda: ({"pin": ring([0.4, 1.0], 24, 3, 0.1), "lug": ring([1.0, 2.0], 16, 2)}, 0.03),
+    "ball in socket": lambda: ({"ball": rounded(4, 1.0), "socket": rounded(12, 2.0, hollow=True)}, 0.05),
+}
+
+
+@pytest.mark.parametrize(
+    ("kind", "backwards"),
+    [
+        *itertools.product(("pin in lug", "turned pin in lug"), (False, True)),
+        ("ball in socket", False),
+        pytest.param("ball in socket", True, marks=pytest.mark.slow),
+    ],
+)
+def test_polyhedra_of_one_curved_surface_match(kind, backwards):
+    """The later body takes the shape of the earlier one, over all of it; warped faces of its cells become triangles."""
+    meshes, tolerance = CURVED[kind]()
+    meshes = dict(reversed(meshes.items())) if backwards else meshes
+    first = next(iter(meshes.values()))
+    outer = first.boundaries["boundary"]
+    x = first.points[first.face_vertices]
+    on = np.abs((np.linalg.norm(x[:, :2], axis=1) if "pin" in kind else np.linalg.norm(x, axis=1)) - 1.0) < 1e-9
+    inner = outer[np.logical_and.reduceat(on, first.face_offsets[:-1])[outer]]
+    mesh = bodies(meshes, tolerance=tolerance)
+    assert_matched(mesh, first.face_areas[inner].sum())
+    np.testing.assert_allclose(mesh.volumes[: first.n_cells], first.volumes, rtol=1e-12)
+    with pytest.raises(vx.MeshError, match=r"bodies: "):
+        bodies(meshes)
 
 
 def three_bodies():

@@ -9,6 +9,7 @@ import block_dragged_along_a_curve as curve
 import block_in_space as block
 import bolted_flange as flange
 import circular_hysteresis as circles
+import skew_joint as skew
 import spherical_indenter as sphere
 import twisted_pad as pad
 import vemcvx as vx
@@ -185,3 +186,27 @@ def test_a_sphere_is_dragged_as_cattaneo_and_mindlin_say():
     sticks = contact.sticking[-1] & contact.closed[-1]
     assert r[sticks].max() < exact + a / n
     assert r[~sticks & contact.closed[-1]].min() > exact - 2 * a / n
+
+
+@LOOSE
+@pytest.mark.parametrize("family", SPACE)
+def test_a_skew_joint_is_a_friction_spring(family):
+    """Forces balance to rounding; where all of the joint slides, springs bear what the closed form says."""
+    history = simulated(skew, skew.SMALL["n"] if family == "cubes" else 2, skew.SMALL["steps"], family)
+    contact, known, found = history.contact, skew.closed_form(history.times), skew.springs(history)
+    assert (contact.partners >= 0).all()
+    assert np.abs(skew.forces(history)[:, 2] + skew.load(history.times)).max() < 1e-12
+    slides = contact.slip_count == len(contact.nodes)
+    assert slides.sum() >= 9
+    assert found[slides] == pytest.approx(known[slides], rel=1e-4)
+    # Blocks are as stiff as the springs at their sides a hundred times over.
+    assert found == pytest.approx(known, abs=0.03 * known.max())
+    turn, back = int(history.steps / 3), int(2 * history.steps / 3)
+    assert found[turn] / found[back] == pytest.approx(skew.DOWN / (0.2 * skew.UP), rel=1e-4)
+
+
+@LOOSE
+def test_what_the_skew_joint_loses():
+    """The small setting, in numbers; a full cycle of stiff blocks would lose two thirds of what goes in."""
+    history = simulated(skew, **skew.SMALL)
+    assert history.dissipated_second_order[-1] == pytest.approx(0.0011581957100063552, rel=1e-6)

@@ -70,8 +70,8 @@ def common_tiling(points: Floats, faces: Faces, body: Ints, place: Ints, toleran
     MeshError
         The edges of two tilings do not make polygons that cover a face; it says where.
     """
-    surface = settled(Surface.of(points, faces, body, place, tolerance), tolerance)
-    meeting = meeting_of(points, surface, tolerance)
+    surface = settled(Surface.of(points, faces, body, place, tolerance))
+    meeting = meeting_of(points, surface)
     outline = _with_hanging(faces, meeting)
     return _assembled(faces, meeting, outline, _pieces(meeting, outline))
 

@@ -28,6 +28,10 @@ PARALLEL = 1e-12
 # Cosine of the outward normals of faces that face each other. Bodies that are flush have edges near to each other
 # on faces that do not.
 FACING = -0.5
+# Cosine of the normals of two faces of one curved surface; at less an edge is a rim.
+SMOOTH = 0.7
+# Nodes move to bodies before theirs, which may bring them near to others: as often as this, then tilings do not match.
+ROUNDS = 8
 
 
 # The outer faces and edges that are near another body.
@@ -50,6 +54,9 @@ class Surface:
     vertices: Ints
     ends: Ints
     """(e, 2) nodes of the edges, the smaller first"""
+    tolerance: float
+    reach: float
+    """how far from each other along their normals surfaces may be: the tolerance, and by how much nodes have moved"""
 
     @classmethod
     def of(cls, points: Floats, faces: Faces, body: Ints, place: Ints, tolerance: float) -> Surface:
@@ -60,7 +67,8 @@ class Surface:
         low, high = (f.reduceat(corners, offsets[:-1]) for f in (np.minimum, np.maximum))
         of_face = body[vertices[offsets[:-1]]]
         first = np.searchsorted(of_face, np.arange(of_face[-1] + 1))
-        boxes = np.minimum.reduceat(low, first) - tolerance, np.maximum.reduceat(high, first) + tolerance
+        most = ROUNDS * tolerance
+        boxes = np.minimum.reduceat(low, first) - most, np.maximum.reduceat(high, first) + most
         near: Bools = np.zeros(len(outer), dtype=bool)
         for other, box in enumerate(zip(*boxes, strict=True)):
             near |= (of_face != other) & _meets((low, high), box)
@@ -76,6 +84,8 @@ class Surface:
             offsets=offsets,
             vertices=vertices,
             ends=ends,
+            tolerance=tolerance,
+            reach=tolerance,
         )
 
     @cached_property
@@ -94,17 +104,16 @@ class Surface:
         return self.body[self.ends[:, 0]]
 
     @cached_property
-    def faces_of_edges(self) -> Ints:
-        """The two faces (e, 2) at each edge, -1 for one that is far from other bodies."""
-        keys, size = self.ends @ [len(self.body), 1], len(self.body)
+    def normals_at_edges(self) -> Floats:
+        """The normals (e, 2, 3) of the two faces at each edge; zero for one that is far from other bodies."""
+        size = len(self.body)
         ends = np.sort(directed_edges(self.offsets, self.vertices), axis=1)
-        edge, face = np.searchsorted(keys, ends @ [size, 1]), cell_of_corner(self.offsets)
+        edge = np.searchsorted(self.ends @ [size, 1], ends @ [size, 1])
         order = np.argsort(edge, kind="stable")
-        found = np.full((len(keys), 2), -1)
-        found[edge[order[::-1]], 0] = face[order[::-1]]
-        twice = np.flatnonzero(np.diff(edge[order]) == 0)
-        found[edge[order[twice]], 1] = face[order[twice + 1]]
-        return found
+        normals = self.shapes.normals[cell_of_corner(self.offsets)[order]]
+        first = np.flatnonzero(np.diff(edge[order], prepend=-1))
+        second = first + (np.diff(edge[order], append=-1)[first] == 0)
+        return np.stack([normals[first], np.where((second > first)[:, None], normals[second], 0.0)], axis=1)
 
     @property
     def places(self) -> Ints:
@@ -169,22 +178,21 @@ class InFaces(NamedTuple):
     at: Floats
     """(i, 3) the nearest points of the faces"""
 
+    def normals(self, surface: Surface) -> Floats:
+        """The normals (i, 2, 3) of the faces, twice, as there are two at an edge."""
+        return np.repeat(surface.shapes.normals[self.face][:, None], 2, axis=1)
 
-# Nodes move to bodies before theirs, which may bring them near to others: as often as this, then tilings do not match.
-ROUNDS = 8
 
-
-def settled(surface: Surface, tolerance: float) -> Surface:
+def settled(surface: Surface) -> Surface:
     """The surface with places that were joined, and nodes that were moved to the bodies before theirs."""
     for _ in range(ROUNDS):
-        near = _near_edges(surface, surface.places, tolerance)
+        near = _near_edges(surface, surface.places)
         if len(links := _corners(surface, near)):
             surface = _linked(surface, links)
             continue
         on_edges = _nearest_edges(surface, near)
-        in_faces = _in_faces(
-            surface, surface.places, surface.key(on_edges.place, surface.body_of_edge[on_edges.edge]), tolerance
-        )
+        known = surface.key(on_edges.place, surface.body_of_edge[on_edges.edge])
+        in_faces = _in_faces(surface, surface.places, known)
         spot, at = np.concatenate([on_edges.place, in_faces.place]), np.concatenate([on_edges.at, in_faces.at])
         host = np.concatenate([surface.body_of_edge[on_edges.edge], surface.body_of_face[in_faces.face]])
         here = surface.points[spot]
@@ -197,7 +205,10 @@ def settled(surface: Surface, tolerance: float) -> Surface:
         off = off[np.unique(spot[off], return_index=True)[1]]  # of several earlier bodies, the first
         points = surface.points.copy()
         points[spot[off]] = at[off]
-        surface = replace(surface, points=points)
+        # Faces between nodes that have moved across may be so much farther from what was within the tolerance.
+        normals = np.concatenate([surface.normals_at_edges[on_edges.edge], in_faces.normals(surface)])[off]
+        across = np.abs(np.einsum("kai,ki->ka", normals, at[off] - here[off])).max()
+        surface = replace(surface, points=points, reach=surface.reach + float(across))
     raise unmatched(surface.points[spot[off[0]]])
 
 
@@ -211,18 +222,24 @@ def _linked(surface: Surface, links: Ints) -> Surface:
     return replace(surface, place=place)
 
 
-def _near_edges(surface: Surface, spots: Ints, tolerance: float) -> OnEdges:
-    """All pairs of a place, one of the spots, and an edge of another body that is no farther from it."""
+def _near_edges(surface: Surface, spots: Ints) -> OnEdges:
+    """All pairs of a place, one of the spots, and an edge of another body that is no farther from it.
+
+    Across a face beside the edge, that is within `reach`; along this face, within the tolerance.
+    """
     ends = surface.place[surface.ends]
     low, high = _boxes_of(surface, ends)
-    place, edge = _in_boxes(surface, spots, surface.body_of_edge, (low - tolerance, high + tolerance))
+    place, edge = _in_boxes(surface, spots, surface.body_of_edge, (low - surface.reach, high + surface.reach))
     new = ~np.isin(surface.key(place, surface.body_of_edge[edge]), surface.taken)
     place, edge = place[new], edge[new]
     start, arm = _arms(surface.points[ends[edge]])
     along = np.einsum("ki,ki->k", surface.points[place] - start, arm) / np.einsum("ki,ki->k", arm, arm)
     along = np.clip(along, 0.0, 1.0)
     at = start + along[:, None] * arm
-    near = np.linalg.norm(surface.points[place] - at, axis=1) <= tolerance
+    apart = surface.points[place] - at
+    height = np.abs(np.einsum("kai,ki->ka", surface.normals_at_edges[edge], apart))
+    along_face = np.sqrt(np.maximum((apart**2).sum(axis=1)[:, None] - height**2, 0.0))
+    near = ((height <= surface.reach) & (along_face <= surface.tolerance)).any(axis=1)
     return OnEdges(place[near], edge[near], along[near], at[near])
 
 
@@ -257,17 +274,17 @@ def _in_boxes(surface: Surface, spots: Ints, body: Ints, boxes: Boxes) -> tuple[
     return place, part
 
 
-def _in_faces(surface: Surface, spots: Ints, known: Ints, tolerance: float) -> InFaces:
+def _in_faces(surface: Surface, spots: Ints, known: Ints) -> InFaces:
     """Places inside faces of other bodies, each in the nearest; `known` are keys of what bodies have else."""
     import shapely
 
     corners = surface.points[surface.place[surface.vertices]]
     low, high = (f.reduceat(corners, surface.offsets[:-1]) for f in (np.minimum, np.maximum))
-    place, face = _in_boxes(surface, spots, surface.body_of_face, (low - tolerance, high + tolerance))
+    place, face = _in_boxes(surface, spots, surface.body_of_face, (low - surface.reach, high + surface.reach))
     new = ~np.isin(surface.key(place, surface.body_of_face[face]), np.concatenate([surface.taken, known]))
     place, face = place[new], face[new]
     seen = surface.seen(surface.points[place], face)
-    near = np.abs(seen[:, 2]) <= tolerance
+    near = np.abs(seen[:, 2]) <= surface.reach
     place, face, seen = place[near], face[near], seen[near]
     inside = shapely.contains_xy(surface.charts[face], seen[:, 0], seen[:, 1])
     place, face, height = place[inside], face[inside], seen[inside, 2]
@@ -289,13 +306,13 @@ class Meeting(NamedTuple):
     in_faces: InFaces
 
 
-def meeting_of(before: Floats, surface: Surface, tolerance: float) -> Meeting:
+def meeting_of(before: Floats, surface: Surface) -> Meeting:
     """All places of a surface that is settled; `before` (n_nodes, 3) is where nodes have been."""
-    on_edges = _nearest_edges(surface, _near_edges(surface, surface.places, tolerance))
+    on_edges = _nearest_edges(surface, _near_edges(surface, surface.places))
     lines, owner = lines_between(surface, on_edges)
     # Bodies share lines; each is crossed once, and so is every edge that it is a part of.
     key, number = np.unique(lines @ [len(surface.points), 1], return_inverse=True)
-    one, other, at = _crossings(surface, lines, owner, tolerance)
+    one, other, at = _crossings(surface, lines, owner)
     pair = np.sort(number[np.column_stack([one, other])], axis=1)
     first = np.unique(pair @ [len(key), 1], return_index=True)[1]
     pair, fresh = pair[first], len(surface.points) + np.arange(len(first))
@@ -314,7 +331,7 @@ def meeting_of(before: Floats, surface: Surface, tolerance: float) -> Meeting:
         np.concatenate([on_edges.at, surface.points[place]]),
     )
     known = surface.key(on_edges.place, surface.body_of_edge[on_edges.edge])
-    in_faces = _in_faces(surface, np.append(surface.places, fresh), known, tolerance)
+    in_faces = _in_faces(surface, np.append(surface.places, fresh), known)
     return Meeting(before, surface, on_edges, in_faces)
 
 
@@ -330,7 +347,7 @@ def lines_between(surface: Surface, on_edges: OnEdges) -> tuple[Ints, Ints]:
     return np.sort(np.column_stack([place[begin], place[begin + 1]]), axis=1), edge[begin]
 
 
-def _crossings(surface: Surface, lines: Ints, owner: Ints, tolerance: float) -> tuple[Ints, Ints, Floats]:
+def _crossings(surface: Surface, lines: Ints, owner: Ints) -> tuple[Ints, Ints, Floats]:
     """Pairs of lines (l, 2) of two bodies that cross, where these face each other; and where: on the earlier body."""
     ends, body = surface.points[lines], surface.body_of_edge[owner]
     low, high = ends.min(axis=1), ends.max(axis=1)
@@ -340,24 +357,26 @@ def _crossings(surface: Surface, lines: Ints, owner: Ints, tolerance: float) -> 
             continue
         one = np.flatnonzero((body == a) & _meets((low, high), its))
         other = np.flatnonzero((body == b) & _meets((low, high), own))
-        i, j = overlapping_boxes(low[one] - tolerance, high[one] + tolerance, low[other], high[other])
+        i, j = overlapping_boxes(low[one] - surface.reach, high[one] + surface.reach, low[other], high[other])
         found.append(np.stack([one[i], other[j]]))
     one, other = np.concatenate(found, axis=1)
     apart = (lines[one][:, :, None] != lines[other][:, None, :]).all(axis=(1, 2))
     one, other = one[apart], other[apart]
     (p, u), (q, v) = (_arms(ends[which]) for which in (one, other))
-    across = np.cross(u, v)
-    size = np.einsum("ki,ki->k", across, across)
-    turns = size > PARALLEL**2 * np.einsum("ki,ki->k", u, u) * np.einsum("ki,ki->k", v, v)
-    s, t = (np.einsum("ki,ki->k", np.cross(q - p, w), across) / np.where(turns, size, 1.0) for w in (v, u))
+    mine, its = (surface.normals_at_edges[owner[which]] for which in (one, other))
+    cosine = np.einsum("kai,kbi->kba", mine, its).min(axis=2, initial=0.0)
+    # The line of the later body is seen along the normal of its faces; at a rim, of that which faces the other body.
+    smooth = np.einsum("ki,ki->k", its[:, 0], its[:, 1]) > SMOOTH
+    upright = np.where(smooth[:, None], its.sum(axis=1), its[np.arange(len(its)), np.argmin(cosine, axis=1)])
+    across = np.cross(v, upright)
+    start, fall = np.einsum("ki,ki->k", p - q, across), np.einsum("ki,ki->k", u, across)
+    turns = np.abs(fall) > PARALLEL * np.linalg.norm(u, axis=1) * np.linalg.norm(across, axis=1)
+    s = -start / np.where(turns, fall, 1.0)
     at = p + s[:, None] * u
-    crosses = turns & (np.abs(s - 0.5) < 0.5) & (np.abs(t - 0.5) < 0.5)
-    crosses &= np.linalg.norm(at - q - t[:, None] * v, axis=1) <= tolerance
-    one, other, at = one[crosses], other[crosses], at[crosses]
-    normals = np.append(surface.shapes.normals, np.zeros((1, 3)), axis=0)[surface.faces_of_edges]
-    cosine = np.einsum("kai,kbi->kab", normals[owner[one]], normals[owner[other]])
-    facing = cosine.min(axis=(1, 2), initial=0.0) < FACING
-    return one[facing], other[facing], at[facing]
+    t = np.einsum("ki,ki->k", at - q, v) / np.einsum("ki,ki->k", v, v)
+    crosses = turns & (np.abs(s - 0.5) < 0.5) & (np.abs(t - 0.5) < 0.5) & (cosine.min(axis=1, initial=0.0) < FACING)
+    crosses &= np.linalg.norm(at - q - t[:, None] * v, axis=1) <= surface.reach
+    return one[crosses], other[crosses], at[crosses]
 
 
 def _arms(ends: Floats) -> tuple[Floats, Floats]:

@@ -29,6 +29,7 @@ from vemcvx.meshes.checks.space import enclosed, faces_upon
 from vemcvx.meshes.common_tiling import coinciding_faces, common_tiling
 from vemcvx.meshes.interfaces import Interface, on_boundary, on_faces, pairs_of, places_of
 from vemcvx.meshes.local_refinement import check_marks
+from vemcvx.meshes.meeting import FACING, unmatched
 from vemcvx.meshes.polygons.geometry import TOLERANCE, close_pairs, outlines, rounding
 from vemcvx.meshes.polygons.topology import (
     cell_of_corner,
@@ -39,6 +40,7 @@ from vemcvx.meshes.polygons.topology import (
     positions,
     rows_in_order,
     smallest_linked,
+    spans,
 )
 from vemcvx.meshes.polyhedra import Faces
 from vemcvx.meshes.tessellation import SpaceTessellation, Tessellation
@@ -75,7 +77,8 @@ def bodies(
         Boundaries coincide where they are no farther apart than this length; by default 1e-9 of the extent
         of all bodies. Of two boundaries that do not coincide to rounding, such as two polygons of one circle (which are
         up to h^2 / (8 R) apart, with edges of length h), the later body takes the shape of the earlier one: its nodes
-        move to the nearest points of the other's. In space, nodes and edges of both bodies that are nearer to each
+        move to the nearest points of the other's. In space, where two polyhedra of one sphere are up to h^2 / (6 R)
+        apart, faces that are then warped become triangles; and nodes and edges of both bodies that are nearer to each
         other than the tolerance become one, so that no piece of a face is narrower.
 
     Returns
@@ -392,6 +395,7 @@ def _joined_in_space(
         raise _overlap(a, b, mesh.face_centroids[one[same_way][0]])
     matched = on_faces(_by_name(names, tiled.body, (sides, partners), interfaces), mesh._outlines)
     mesh = mesh._replace(interfaces=MappingProxyType(matched))
+    _check_pockets(mesh, tiled.body, tiled.place)
     if (mesh.volumes <= 0.0).any():
         cell = int(np.argmin(mesh.volumes))
         raise MeshError(
@@ -413,6 +417,25 @@ def _joined_in_space(
         if name != WHOLE
     }
     return Joined(mesh, body_of_cell, tiled.origin[mesh._boundary], parts)
+
+
+def _check_pockets(mesh: SpaceTessellation, body: Ints, place: Ints) -> None:
+    """MeshError where faces of two bodies have all their nodes in places of both and face each other, but differ."""
+    free = mesh._boundary[mesh._free]
+    offsets, vertices = rows_in_order(mesh.face_offsets, mesh.face_vertices, free)
+    shared = np.bincount(place)[place] > 1
+    some = np.flatnonzero(np.logical_and.reduceat(shared[vertices], offsets[:-1]))
+    rows, nodes = rows_in_order(offsets, vertices, some)
+    places, owner = place[nodes], cell_of_corner(rows)
+    order = np.argsort(places, kind="stable")
+    begin, end = (np.searchsorted(places[order], places, side=side) for side in ("left", "right"))
+    one, other = np.repeat(owner, end - begin), owner[order[spans(begin, end - begin)]]
+    faces = free[some]
+    apart = body[nodes[rows[one]]] != body[nodes[rows[other]]]
+    facing = np.einsum("ki,ki->k", mesh.face_normals[faces[one]], mesh.face_normals[faces[other]]) < FACING
+    pocket = one[apart & facing]
+    if len(pocket):
+        raise unmatched(mesh.face_centroids[faces[pocket[0]]])
 
 
 def _side_by_side(meshes: list[SpaceTessellation]) -> Faces:

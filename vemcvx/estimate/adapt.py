@@ -407,7 +407,7 @@ def _check(target: object, of: object, theta: object, most: object, progress: ob
     if not (isinstance(of, str) and of in OF):
         raise SceneError(f"adapt: found of = {brief(of)}; a target is of {', '.join(map(repr, OF))}.")
     part(theta, "adapt", "theta", "a part,", "0.6")
-    if not (is_real(most) and 1 <= most <= np.finfo(float).max):
+    if not (is_real(most) and 1 <= most <= float(np.finfo(float).max)):
         raise SceneError(f"adapt: found most_unknowns = {brief(most)}; it is a number of unknowns, such as 400_000.")
     if not (progress is None or callable(progress)):
         raise SceneError(f"adapt: found progress = {brief(progress)}; it is a function that is told of each Pass.")

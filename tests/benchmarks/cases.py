@@ -14,6 +14,7 @@ from reference import elasticity, grid, user_step
 
 import vemcvx as vx
 from vemcvx.canvas import light_grid, new_figure, plain_logarithms
+from vemcvx.linear import pardiso
 from vemcvx.plots.style import MARKERS, SERIES
 from vemcvx.vem import Space, stiffness
 
@@ -88,6 +89,19 @@ def paper(n: int) -> list[Row]:
     rows += [row(f"simulate, {n} steps, Clarabel 1e-6, {name}", slow[name], "<= 5") for name in LINEAR]
     what = f"{n} full-size steps, scikit-fem + cvxpy + Clarabel (one measured)"
     return [*rows, Row(what, user_step(n) * n, "the same by simulate", slow["SuperLU"]["seconds"], ">= 100")]
+
+
+def cores(ns: tuple[int, ...]) -> list[Row]:
+    """The paper's run (h = k = 1/n) on two threads of PARDISO against one, wall seconds; nothing without oneMKL."""
+    rows: list[Row] = []
+    for n in ns if pardiso._threaded() is not None else ():
+        given = {"steps": n, "solver": "vx.Newton(accuracy=1e-8)"}
+        codes = {str(k): program(SIMULATE, n, linear=f"vx.Pardiso(threads={k})", **given) for k in (1, 2)}
+        one, two = in_turn(codes).values()
+        what, than = f"simulate, {n} steps, PARDISO on two threads", "the same on one thread"
+        rows.append(Row(what, two["seconds"], than, one["seconds"], "<= 0.77", two["cpu"], one["cpu"]))
+        rows.append(Row("of these: preparing, two threads", two["prepare"], than, one["prepare"], ""))
+    return rows
 
 
 def space(n: int, steps: int = 16) -> list[Row]:

@@ -27,7 +27,13 @@ def main() -> None:
     parser.add_argument("--readme", action="store_true", help="put the table and the picture into the README")
     arguments = parser.parse_args()
     n = 64 if arguments.quick else 256
-    rows = [*cases.paper(n), *cases.space(12 if arguments.quick else 24), *cases.assembly(n), *cases.imports()]
+    rows = [
+        *cases.paper(n),
+        *cases.cores((64,) if arguments.quick else (128, 256)),
+        *cases.space(12 if arguments.quick else 24),
+        *cases.assembly(n),
+        *cases.imports(),
+    ]
     sizes = [32, 64, 128] if arguments.quick else [128, 181, 256, 362, 512, 707]
     growths = {name: cases.growth(sizes, name) for name in cases.LINEAR}
     rows += [cases.growth_row(growth, name) for name, growth in growths.items()]

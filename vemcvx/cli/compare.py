@@ -32,10 +32,10 @@ import numpy as np
 import typer
 
 from vemcvx.arrays import Floats, Ints
-from vemcvx.cli.options import NONE, Accuracy, File, Mesh, N, Settings, Steps, solver_names
+from vemcvx.cli.options import NONE, Accuracy, File, Mesh, N, Settings, Steps, Threads, solver_names
 from vemcvx.cli.problem_file import Problem, read_problem
 from vemcvx.cli.report import page
-from vemcvx.cli.solver_names import NAMES, named_solver, read_options
+from vemcvx.cli.solver_names import NAMES, named_solver, on_threads, read_options
 from vemcvx.cli.terminal import NOT_CERTIFIED, broken, check_writable, listed, progress_bar, say
 from vemcvx.cost.workers import Crashed, Refused, TookTooLong, alone
 from vemcvx.errors import NotAccepted, NotCertified, NotContracting, ProblemError, SceneError, VemcvxError
@@ -219,6 +219,7 @@ class Compare:
         ),
     ] = "newton,clarabel,osqp,direct"
     accuracy: Accuracy = None
+    threads: Threads = None
     options: Annotated[
         list[str], typer.Option("--option", metavar="SOLVER.NAME=VALUE", help="A setting of a solver; may be repeated.")
     ] = NONE
@@ -238,7 +239,8 @@ class Compare:
         paths = {kind: getattr(self, kind) for kind in WRITERS if getattr(self, kind) is not None}
         for kind, path in paths.items():
             check_writable(path, f"--{kind}")
-        found = compare_solvers(read_problem(self.file), self)
+        with on_threads(self.threads):
+            found = compare_solvers(read_problem(self.file), self)
         for kind, path in paths.items():
             path.write_text(WRITERS[kind](found), encoding="utf-8")
         typer.echo(in_words(found))

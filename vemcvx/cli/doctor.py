@@ -29,7 +29,7 @@ from vemcvx.version import __version__
 
 NEEDED = "numpy", "scipy", "cvxpy", "clarabel", "osqp", "meshio", "threadpoolctl", "typer", "rich"
 EXTRAS = {
-    **{"matplotlib": "plot", "py-mkl-pardiso": "mkl", "pyamg": "multigrid"},
+    **{"matplotlib": "plot", "py-mkl-pardiso": "mkl", "mkl": "threads", "pyamg": "multigrid"},
     **{"distributed": "cluster", "pandas": "pandas", "pyvista": "view", "marimo": "app"},
 }
 

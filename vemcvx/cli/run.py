@@ -17,11 +17,24 @@ import typer
 
 from vemcvx.arrays import Floats
 from vemcvx.canvas import new_figure
-from vemcvx.cli.options import CELLS, NONE, Accuracy, Condense, File, Linear, Mesh, N, Of, Settings, SolverName
+from vemcvx.cli.options import (
+    CELLS,
+    NONE,
+    Accuracy,
+    Condense,
+    File,
+    Linear,
+    Mesh,
+    N,
+    Of,
+    Settings,
+    SolverName,
+    Threads,
+)
 from vemcvx.cli.problem_file import SPACE_N, Problem, is_file, read_problem
 from vemcvx.cli.report import check_report, with_errors, write_report
 from vemcvx.cli.show import mesh_name
-from vemcvx.cli.solver_names import named_linear, named_solver
+from vemcvx.cli.solver_names import named_linear, named_solver, on_threads
 from vemcvx.cli.supplied import problems_folder
 from vemcvx.cli.terminal import EVERY, INVALID, NOT_CERTIFIED, Shown, listed, progress_bar, say
 from vemcvx.cost import study
@@ -86,6 +99,7 @@ class Run:
         Path | None, typer.Option(metavar="DIR", help="Continue the interrupted run whose --out was DIR.")
     ] = None
     linear: Linear = None
+    threads: Threads = None
     target: Annotated[
         float | None, typer.Option(metavar="X", help="Choose mesh and instants for this relative error: 0.02.")
     ] = None
@@ -114,12 +128,15 @@ class Run:
         """Simulate, write and draw what is asked for, and say what came out."""
         problem = read_problem(self.file)
         several = problem.studied(self.settings)
-        if len(several) > 1:
-            self._study(problem, several)
-        elif self.results:
-            raise ProblemError("--results: chooses what a study shows; give a parameter several values, --set a=1,2.")
-        else:
-            say("\n".join(self.made(problem)[1]))
+        with on_threads(self.threads, self.linear):
+            if len(several) > 1:
+                self._study(problem, several)
+            elif self.results:
+                raise ProblemError(
+                    "--results: chooses what a study shows; give a parameter several values, --set a=1,2."
+                )
+            else:
+                say("\n".join(self.made(problem)[1]))
 
     def made(self, problem: Problem) -> tuple[History, list[str]]:
         """The history, written and drawn as asked for, and what there is to say of it."""
@@ -343,6 +360,7 @@ class Run:
             *(("--probe", probe) for probe in self.probes),
             ("--accuracy", self.accuracy),
             ("--linear", self.linear),
+            ("--threads", self.threads),
             ("--target", self.target),
             ("--of", None if self.of == "energy" else self.of),
             ("--out", folder),

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Mapping, Sequence
+import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -12,6 +14,7 @@ from vemcvx.arrays import brief
 from vemcvx.cli.problem_file import executed, literal, own_errors
 from vemcvx.errors import ProblemError
 from vemcvx.linear import LinearSolver, Multigrid, Pardiso, SuperLU
+from vemcvx.linear.pardiso import THREADS, check_threads
 from vemcvx.solvers import OSQP, Clarabel, Direct, Newton, Solver, ThroughCvxpy, as_solver
 from vemcvx.solvers.conic import TUNED, installed, known
 
@@ -104,3 +107,30 @@ def named_linear(name: str | None) -> LinearSolver | None:
     if name.lower() not in LINEAR:
         raise ProblemError(f"--linear: there is no linear solver {name!r}; there are {', '.join(LINEAR)}.")
     return LINEAR[name.lower()]()
+
+
+@contextmanager
+def on_threads(threads: int | None, linear: str | None = None) -> Iterator[None]:
+    """As many threads for PARDISO within, here and in processes that are started; None leaves that to the environment.
+
+    Raises
+    ------
+    ProblemError
+        The linear solver of the name `linear` has one thread.
+    NotAccepted
+        There is no threaded oneMKL.
+    """
+    if threads is None:
+        yield
+        return
+    if threads > 1 and linear is not None and linear.lower() != "pardiso":
+        raise ProblemError(f"--threads: the linear solver {linear} has one thread; take --linear pardiso.")
+    check_threads(threads)
+    before = os.environ.get(THREADS)
+    os.environ[THREADS] = str(threads)
+    try:
+        yield
+    finally:
+        os.environ.pop(THREADS)
+        if before is not None:
+            os.environ[THREADS] = before

@@ -71,14 +71,17 @@ def _libraries() -> ThreadpoolController:
 
 
 @contextmanager
-def one_thread(unknowns: int) -> Iterator[None]:
+def one_thread(unknowns: int, cores: int = 1) -> Iterator[None]:
     """Limit BLAS to one thread while steps solve dense systems of fewer than 2,000 unknowns.
+
+    Of larger ones to as many `cores` as the linear solver takes, if these are several; else BLAS keeps its own number.
 
     On two cores 256 steps with 256 unknowns take .76 s with one thread, and .88 s of wall and 1.3 s of CPU time with
     two. The number of threads belongs to the process, so that only a run in its main thread sets it.
     """
-    if unknowns >= 2_000 or current_thread() is not main_thread():
+    small = unknowns < 2_000
+    if not (small or cores > 1) or current_thread() is not main_thread():
         yield
         return
-    with _libraries().limit(limits=1, user_api="blas"):
+    with _libraries().limit(limits=1 if small else cores, user_api="blas"):
         yield

@@ -239,6 +239,11 @@ class LinearSolver(ABC):
     orders: ClassVar[bool] = False
     """True if it orders the unknowns by itself; none is then computed for it."""
 
+    @property
+    def cores(self) -> int:
+        """Threads that it takes; dense matrices of steps, where they are large, take as many."""
+        return 1
+
     def memory_in_space(self, unknowns: int) -> float:
         """Bytes that a factor takes in space, about, where factors are fullest; nan where it is not known."""
         return np.nan

@@ -4,52 +4,85 @@ With the unknowns c of a Schur complement named in `perm` and iparm[35] = 2, pha
 S = K_cc - K_ci K_ii^{-1} K_ic, m x m numbers at the beginning of the solution array; phase 33 solves with the same
 factors, 331 and 333 substitute forward and backward, K = L L', and leave x_c as it is.
 
-It orders the unknowns by itself (METIS) and runs on one thread in the wheel of that package. Unknowns whose rows have
-the same pattern, those of a node, it takes as one (iparm[36] = -100: variable blocks, of equal rows only), which saves
-a fifth. Blocks of more than 256 unknowns, those of cells of as many vertices, end the process. So blocks are asked for
-where rows are short: unknowns of a block are all coupled to each other, and none is larger than a row.
+That package runs on one thread. On several, the same phases are those of a threaded oneMKL (package mkl, extra
+``threads``), with the same settings.
+
+It orders the unknowns by itself (METIS). Unknowns whose rows have the same pattern, those of a node, it takes as one
+(iparm[36] = -100: variable blocks, of equal rows only), which saves a fifth. Blocks of more
+than 256 unknowns, those of cells of as many vertices, end the process. So blocks are asked for where rows are short:
+unknowns of a block are all coupled to each other, and none is larger than a row.
 """
 
 from __future__ import annotations
 
+import ctypes
+import os
+import sys
+import weakref
 from contextlib import suppress
+from ctypes.util import find_library
 from dataclasses import dataclass
+from functools import cache
 from importlib import import_module
+from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 import scipy.sparse as sp
 from scipy.linalg import cholesky, solve_triangular
 
-from vemcvx.arrays import EPS, Floats, Ints, power_of_two
+from vemcvx.arrays import EPS, Floats, Ints, power_of_two, whole
 from vemcvx.errors import NotAccepted
 from vemcvx.linear.factor import SAMPLES, DirectFactor, LinearSolver, Matrix, singular
 from vemcvx.linear.superlu import SuperLU, SuperLUFactor
 
 PACKAGE = "pymklpardiso"
+THREADS = "VEMCVX_THREADS"
+"""The variable of the environment by which `--threads` reaches the processes of a study or a sweep."""
 
 
 @dataclass(frozen=True)
 class Pardiso(LinearSolver):
-    """oneMKL's PARDISO (extra ``mkl``; x86-64 on Linux and Windows): a few times as fast as SuperLU, on one thread.
+    """oneMKL's PARDISO (extra ``mkl``; x86-64 on Linux and Windows): a few times as fast as SuperLU.
 
     The default from a thousand unknowns on where it is installed (:func:`vemcvx.linear.choose_linear`).
+
+    Parameters
+    ----------
+    threads : int, optional
+        Threads that factorise and solve, and that the dense matrices of steps take where they are large. More than one
+        need the extra ``threads``, a threaded oneMKL (x86-64 on Linux). By default as many as the environment says,
+        VEMCVX_THREADS before MKL_NUM_THREADS before OMP_NUM_THREADS, where that is installed; else one. Answers on one
+        thread and on several differ by rounding, within their certificates.
     """
 
     eliminates: ClassVar[bool] = True
     orders: ClassVar[bool] = True
 
+    threads: int | None = None
+
+    def __post_init__(self) -> None:
+        if self.threads is not None:
+            whole(self.threads, "Pardiso", "threads", "threads")
+
+    @property
+    def cores(self) -> int:
+        if self.threads is not None:
+            return self.threads
+        asked = threads_of_environment()
+        return asked if asked > 1 and _threaded() is not None else 1
+
     @staticmethod
     def installed() -> bool:
         """Return True if the package that has it is there, and has what is used of it."""
-        return _solver_class() is not None
+        return _solver_class() is not None or Pardiso().cores > 1
 
     def memory_in_space(self, unknowns: int) -> float:
         # Measured on cubes: .19, .39 GB of 26,040 and 44,400 unknowns.
         return float(190.0 * unknowns ** (4 / 3) + 2e3 * unknowns)
 
     def factorise(self, K: sp.csr_matrix, near_kernel: Floats | None = None) -> PardisoFactor:
-        factor = PardisoFactor(K)
+        factor = PardisoFactor(K, threads=self.cores)
         factor.check_definite()
         return factor
 
@@ -58,7 +91,7 @@ class Pardiso(LinearSolver):
         # Of a diagonal K_ii PARDISO's Schur complements read memory that nobody has written; a few rows tell.
         if len(last) and all(K[some][:, inner].nnz <= len(some) for some in (inner[:64], inner)):
             return SuperLU().eliminate(K, order, last)
-        factor = PardisoFactor(K, last)
+        factor = PardisoFactor(K, last, self.cores)
         factor.check_definite()
         return factor, factor.schur
 
@@ -77,14 +110,15 @@ class PardisoFactor(DirectFactor):
         A pivot is not positive, or an entry of the diagonal.
     """
 
-    def __init__(self, K: sp.csr_matrix, last: Ints | None = None):
+    def __init__(self, K: sp.csr_matrix, last: Ints | None = None, threads: int = 1):
+        self._threads = threads
         self._K, self._last = K, np.zeros(0, dtype=np.int64) if last is None else last
         n, m, diagonal = K.shape[0], len(self._last), K.diagonal()
         if not (diagonal > 0).all():
             # PARDISO ends the process where an entry of the diagonal is missing.
             raise singular()
         self.unit = float(power_of_two(diagonal.max(initial=0.0)))
-        self._pardiso = _with_values(K, self._last, self.unit)
+        self._pardiso = _with_values(K, self._last, self.unit, threads)
         # S comes in as many columns of n numbers as it needs, its unknowns in rising order.
         own = np.zeros((n, max(1, -(-m * m // max(n, 1)))), order="F")
         try:
@@ -139,7 +173,7 @@ class PardisoFactor(DirectFactor):
         return float(z @ other) / self.unit
 
     def within(self, K_FF: Matrix, F: Ints) -> PardisoFactor:
-        return PardisoFactor(sp.csr_matrix(K_FF))
+        return PardisoFactor(sp.csr_matrix(K_FF), threads=self._threads)
 
     def _run(self, phase: int, b: Floats) -> Floats:
         b = np.asfortranarray(b, dtype=float)
@@ -159,14 +193,9 @@ def _solver_class() -> Any:
     return None
 
 
-def _with_values(K: sp.csr_matrix, last: Ints, unit: float) -> Any:
-    """A solver of the package that holds K / unit, by its upper triangle."""
-    if (kind := _solver_class()) is None:
-        raise NotAccepted(
-            "Pardiso: the package py-mkl-pardiso (0.0.6 or a later 0.0) is not installed; pip install 'vemcvx[mkl]' "
-            "(x86-64 on Linux and Windows), or use SuperLU()."
-        )
-    n, solver = K.shape[0], kind(2, 0)  # 2: symmetric positive definite
+def _with_values(K: sp.csr_matrix, last: Ints, unit: float, threads: int) -> Any:
+    """A solver that holds K / unit, by its upper triangle: the package's on one thread, else :class:`Threaded`."""
+    n, solver = K.shape[0], _opened(threads)
     if n == 0:
         return solver
     if not K.has_canonical_format:
@@ -188,3 +217,103 @@ def _with_values(K: sp.csr_matrix, last: Ints, unit: float) -> Any:
         solver.set_perm(chosen)
     solver.set_values(upper.data / unit)
     return solver
+
+
+def _opened(threads: int) -> Any:
+    """A solver without a matrix."""
+    if threads > 1:
+        return Threaded(threads)
+    if (kind := _solver_class()) is None:
+        raise NotAccepted(
+            "Pardiso: the package py-mkl-pardiso (0.0.6 or a later 0.0) is not installed; pip install 'vemcvx[mkl]' "
+            "(x86-64 on Linux and Windows), or use SuperLU()."
+        )
+    return kind(POSITIVE_DEFINITE, 0)
+
+
+POSITIVE_DEFINITE = 2
+"""PARDISO's number for matrices that are real, symmetric and positive definite."""
+
+
+class Threaded:
+    """PARDISO of a threaded oneMKL, called as the solver of py-mkl-pardiso is.
+
+    The number of threads is set for the calling thread, for as long as a phase takes: the rest of the process keeps its
+    own.
+    """
+
+    def __init__(self, threads: int):
+        check_threads(threads)
+        self._library, self._threads = _threaded(), threads
+        self._handle, self._iparm = np.zeros(64, dtype=np.int64), np.zeros(64, dtype=np.int64)
+        self._ia = self._ja = self._perm = np.zeros(1, dtype=np.int64)
+        self._a, self._n = np.zeros(1), 0
+
+    def set_iparm(self, number: int, value: int) -> None:
+        self._iparm[number] = value
+
+    def set_pattern(self, *, ia: Ints, ja: Ints, n: int) -> None:
+        self._ia, self._ja, self._n, self._perm = ia, ja, n, np.zeros(n, dtype=np.int64)
+
+    def set_perm(self, perm: Ints) -> None:
+        self._perm = perm
+
+    def set_values(self, a: Floats) -> None:
+        self._a = a
+        weakref.finalize(self, _call, self._library, self._threads, self._arguments(-1, np.zeros(1), np.zeros(1)))
+
+    def run_phase_into(self, phase: int, b: Floats, x: Floats) -> None:
+        if error := _call(self._library, self._threads, self._arguments(phase, b, x)):
+            raise RuntimeError(f"PARDISO: phase {phase} ended with error {error}.")
+
+    def _arguments(self, phase: int, b: Floats, x: Floats) -> list[Any]:
+        """The arguments of pardiso_64, but for the error; arrays are kept alive by whoever holds them."""
+        columns = 1 if b.ndim == 1 else b.shape[1]
+        given = 1, 1, POSITIVE_DEFINITE, phase, self._n, self._a, self._ia, self._ja, self._perm, columns
+        return [self._handle, *given, self._iparm, 0, b, x]
+
+
+def _call(library: Any, threads: int, given: list[Any]) -> int:
+    """PARDISO's error, zero where there is none."""
+    error, before = ctypes.c_int64(), library.MKL_Set_Num_Threads_Local(threads)
+    try:
+        library.pardiso_64(*map(_pointer, given), ctypes.byref(error))
+    finally:
+        library.MKL_Set_Num_Threads_Local(before)
+    return error.value
+
+
+def _pointer(value: Any) -> Any:
+    return (
+        value.ctypes.data_as(ctypes.c_void_p) if isinstance(value, np.ndarray) else ctypes.byref(ctypes.c_int64(value))
+    )
+
+
+def threads_of_environment() -> int:
+    """The threads that the first of these variables asks for; one where none does."""
+    for name in (THREADS, "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
+        first = os.environ.get(name, "").partition(",")[0].strip()
+        if first.isdecimal() and int(first) > 0:
+            return int(first)
+    return 1
+
+
+def check_threads(threads: int) -> None:
+    """Raise NotAccepted where more than one thread is asked for and there is no threaded oneMKL."""
+    if threads > 1 and _threaded() is None:
+        raise NotAccepted(
+            f"Pardiso: {threads} threads need a threaded oneMKL, libmkl_rt, which is not installed; pip install "
+            "'vemcvx[threads]' (the package mkl, x86-64 on Linux), or use Pardiso(threads=1)."
+        )
+
+
+@cache
+def _threaded() -> Any:
+    """The threaded oneMKL of this environment or of the system, None where there is none."""
+    found = [*map(str, sorted((Path(sys.prefix) / "lib").glob("libmkl_rt.so*"))), find_library("mkl_rt")]
+    for name in found:
+        with suppress(OSError, AttributeError):
+            library = ctypes.CDLL(name or "")
+            if name and library.pardiso_64 and library.MKL_Set_Num_Threads_Local:
+                return library
+    return None

@@ -557,7 +557,7 @@ def first_state(run: PreparedRun, t: float, initial: ArrayLike | str | None) -> 
 def threads_of_steps(system: System, condense: bool, linear: LinearSolver) -> AbstractContextManager[None]:
     """One thread for BLAS within, unless the steps' own matrices are large and dense."""
     unknowns = len(system.retained) if condense else system.n
-    return one_thread(unknowns if linear.eliminates else 0)
+    return one_thread(unknowns if linear.eliminates else 0, linear.cores)
 
 
 def steps_of(run: PreparedRun, instants: Floats) -> Steps:

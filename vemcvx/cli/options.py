@@ -74,7 +74,7 @@ Linear = Annotated[
     str | None,
     typer.Option(
         autocompletion=completing(lambda: LINEAR),
-        help="superlu, pardiso or multigrid. (default: by size and what is installed)",
+        help="superlu, pardiso, multigrid or petsc (under mpiexec, too). (default: by size and what is installed)",
     ),
 ]
 Threads = Annotated[

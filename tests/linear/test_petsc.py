@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
+import signal
 import subprocess
 import sys
+import time
 from importlib.util import find_spec
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,10 +22,12 @@ from scipy.sparse.linalg import LinearOperator, cg
 
 import block_in_space
 import vemcvx as vx
+from vemcvx.cli.run import ROWS
 from vemcvx.linear import SuperLU
 from vemcvx.linear.petsc import USUAL, options_of
 from vemcvx.scene import pose_scene
 from vemcvx.stepping.backward_euler import march
+from vemcvx.stepping.trajectory import CHECKPOINT
 
 TIMES = np.linspace(0.0, 1.0, 5)
 here = needs("petsc4py")
@@ -133,12 +139,18 @@ def test_cycles_that_bound_nothing_are_refused():
         vx.PETSc().factorise(sp.csr_matrix([[1.0, 2.0], [2.0, 1.0]]))
 
 
-def on_two_ranks(*words, cwd=None):
+def started(*words):
     told = {**os.environ, "OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1"}
     told["OMPI_MCA_rmaps_base_oversubscribe"] = "1"
     told["PYTHONPATH"] = os.pathsep.join(filter(None, sys.path))
     command = ["mpiexec", "-n", "2", sys.executable, *words]
-    return subprocess.run(command, capture_output=True, text=True, env=told, cwd=cwd, timeout=500)
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=told)
+
+
+def on_two_ranks(*words):
+    with started(*words) as run:
+        said = run.communicate(timeout=500)
+    return subprocess.CompletedProcess(words, run.returncode, *said)
 
 
 @ranked
@@ -191,3 +203,37 @@ def test_an_error_of_rank_0_ends_all_with_its_sentence():
     run = on_two_ranks("-m", "vemcvx", "run", "block_in_space", "--linear", "petsc", "--solver", "nobody")
     assert run.returncode == 2
     assert run.stderr.count("there is no solver 'nobody'") == 1
+
+
+def rank_of(pid):
+    try:
+        words = Path(f"/proc/{pid}/environ").read_bytes().split(b"\0")
+    except OSError:
+        return None
+    return next((int(word.split(b"=")[1]) for word in words if word.startswith(b"OMPI_COMM_WORLD_RANK=")), None)
+
+
+@ranked
+@pytest.mark.slow
+@pytest.mark.skipif(not Path("/proc/self/environ").exists(), reason="processes are found in /proc")
+def test_what_was_done_before_a_rank_is_killed_is_kept(tmp_path):
+    folder = tmp_path / "out"
+    given = ["-m", "vemcvx", "run", "block_in_space", "--n", "4", "--steps", "60", "--linear", "petsc"]
+    with started(*given, "--out", str(folder)) as run:
+        until = time.monotonic() + 120
+        while not (folder / ROWS / CHECKPOINT).exists():
+            assert run.poll() is None, run.communicate()
+            assert time.monotonic() < until
+            time.sleep(0.05)
+        time.sleep(1.5)  # There is a checkpoint every second.
+        mine = [int(child) for child in Path(f"/proc/{run.pid}/task/{run.pid}/children").read_text().split()]
+        killed = [pid for pid in mine if rank_of(pid) == 1]
+        assert len(killed) == 1
+        os.kill(killed[0], signal.SIGKILL)
+        _, said = run.communicate(timeout=60)
+    assert run.returncode != 0
+    assert "signal 9 (Killed)" in said
+    resumed = on_two_ranks(*given, "--resume", str(folder))
+    assert resumed.returncode == 0, resumed.stderr
+    assert int(re.search(r"resumed +after step (\d+) of 60", resumed.stdout)[1]) > 0
+    assert vx.read_history(folder).certificate.max() <= 1e-8

@@ -51,7 +51,7 @@ from vemcvx.estimate.budget import ErrorBudget, error_budget
 from vemcvx.estimate.quantities import quantities
 from vemcvx.exchange import read_program, write_program
 from vemcvx.history import History, read_history
-from vemcvx.linear import LinearSolver, Multigrid, Pardiso, SuperLU
+from vemcvx.linear import LinearSolver, Multigrid, Pardiso, PETSc, SuperLU
 from vemcvx.meshes import PolygonMesh, PolyhedralMesh
 from vemcvx.program import Answer, Certificate, Damping, Limits, Norms, Operators, SolvedProgram, StepProgram, System
 from vemcvx.results.contact import Contact
@@ -97,6 +97,7 @@ __all__ = [
     "NotContracting",
     "Operators",
     "Orthotropic",
+    "PETSc",
     "Pardiso",
     "PointLoad",
     "PolygonMesh",

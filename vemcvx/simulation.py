@@ -68,7 +68,7 @@ def simulate(
     condense : bool
         Eliminate the unknowns that friction and contact do not touch (default), or solve for all unknowns.
     linear : LinearSolver, optional
-        SuperLU(), Pardiso() or Multigrid(); by default by the number of unknowns and what is installed.
+        SuperLU(), Pardiso(), Multigrid() or PETSc(); by default by the number of unknowns and what is installed.
     progress : bool, or callable (step, steps)
         True logs every tenth of the run to the logger "vemcvx".
     stream : path, optional

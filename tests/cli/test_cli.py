@@ -515,6 +515,6 @@ def test_the_linear_solver_can_be_named():
     assert energies[0] == energies[1]
     wrong = invoke("run", PROBLEM, "--linear", "cholesky")
     assert wrong.exit_code == 2
-    assert "--linear: there is no linear solver 'cholesky'; there are superlu, pardiso, multigrid" in " ".join(
+    assert "--linear: there is no linear solver 'cholesky'; there are superlu, pardiso, multigrid, petsc" in " ".join(
         wrong.output.split()
     )

@@ -45,7 +45,7 @@ def test_problems_of_the_package_and_files_here(command, monkeypatch, tmp_path):
         (("run", "x", "--mesh", "h"), ["hexagons", "hanging"]),
         (("cost", "x", "--mesh", "squares,vor"), ["squares,voronoi"]),
         (("show", "x", "--mesh", ""), list(FAMILIES)),
-        (("run", "x", "--linear", "p"), ["pardiso"]),
+        (("run", "x", "--linear", "p"), ["pardiso", "petsc"]),
         (("lesson", ""), [str(number) for number in supplied.lessons()]),
         (("run", "x", "--mesh", "part.ms"), []),
         (("do",), ["doctor"]),

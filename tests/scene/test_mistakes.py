@@ -468,11 +468,11 @@ CHOICES = {
     ),
     "a linear solver's name": (
         lambda: run(linear="superlu"),
-        r"^linear: found 'superlu'; wanted SuperLU\(\), Pardiso\(\), Multigrid\(\), or None \(chosen\)\.$",
+        r"^linear: found 'superlu'; wanted SuperLU\(\), Pardiso\(\), Multigrid\(\), PETSc\(\), or None \(chosen\)\.$",
     ),
     "a linear solver's class": (
         lambda: run(linear=vx.SuperLU),
-        r"^linear: found <class .*SuperLU'>; wanted SuperLU\(\), Pardiso\(\), Multigrid\(\), or None",
+        r"^linear: found <class .*SuperLU'>; wanted SuperLU\(\), Pardiso\(\), Multigrid\(\), PETSc\(\), or None",
     ),
     "progress": (lambda: run(progress="yes"), r"^progress: found 'yes'; wanted a function of \(step, steps\)\.$"),
     "a solver's class": (

@@ -29,9 +29,13 @@ from vemcvx.version import __version__
 
 NEEDED = "numpy", "scipy", "cvxpy", "clarabel", "osqp", "meshio", "threadpoolctl", "typer", "rich"
 EXTRAS = {
-    **{"matplotlib": "plot", "py-mkl-pardiso": "mkl", "mkl": "threads", "pyamg": "multigrid"},
+    **{"matplotlib": "plot", "py-mkl-pardiso": "mkl", "mkl": "threads", "pyamg": "multigrid", "petsc4py": "petsc"},
     **{"distributed": "cluster", "pandas": "pandas", "pyvista": "view", "marimo": "app"},
 }
+
+
+PACKAGES = {"pardiso": "py-mkl-pardiso", "multigrid": "pyamg", "petsc": "petsc4py"}
+"""Packages of linear solvers, by the names of these."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +73,7 @@ def findings() -> Iterator[Finding]:
     for name in ("newton", "clarabel", "osqp"):
         yield _chain(name, NAMES[name](), None)
     for name, kind in LINEAR.items():
-        if name == "superlu" or version_of({"pardiso": "py-mkl-pardiso", "multigrid": "pyamg"}[name]):
+        if name == "superlu" or version_of(PACKAGES[name]):
             yield _chain(name, Newton(), kind())
     yield _patch()
 

@@ -74,7 +74,13 @@ Linear = Annotated[
     str | None,
     typer.Option(
         autocompletion=completing(lambda: LINEAR),
-        help="superlu, pardiso or multigrid. (default: by size and what is installed)",
+        help="superlu, pardiso, multigrid or petsc (under mpiexec, too). (default: by size and what is installed)",
+    ),
+]
+Threads = Annotated[
+    int | None,
+    typer.Option(
+        min=1, help="Threads of PARDISO; several need vemcvx[threads]. (default: MKL_NUM_THREADS, OMP_NUM_THREADS or 1)"
     ),
 ]
 Threads = Annotated[

@@ -34,7 +34,7 @@ from vemcvx.cli.options import (
 from vemcvx.cli.problem_file import SPACE_N, Problem, is_file, read_problem
 from vemcvx.cli.report import check_report, with_errors, write_report
 from vemcvx.cli.show import mesh_name
-from vemcvx.cli.solver_names import named_linear, named_solver, on_threads
+from vemcvx.cli.solver_names import named_linear, named_solver, on_threads, served
 from vemcvx.cli.supplied import problems_folder
 from vemcvx.cli.terminal import EVERY, INVALID, NOT_CERTIFIED, Shown, listed, progress_bar, say
 from vemcvx.cost import study
@@ -128,6 +128,8 @@ class Run:
         """Simulate, write and draw what is asked for, and say what came out."""
         problem = read_problem(self.file)
         several = problem.studied(self.settings)
+        if served(self.linear, len(several)):
+            return
         with on_threads(self.threads, self.linear):
             if len(several) > 1:
                 self._study(problem, several)
@@ -429,6 +431,8 @@ class Export:
 
     def __call__(self) -> None:
         """Simulate, write the programs with words beside them, and say what was written."""
+        if served(self.linear):
+            return
         problem = read_problem(self.file)
         such = f"numbers from 1 to {self.of} with commas between, such as 1,{self.of}"
         numbers = listed("--steps", self.steps, self._step, f"{such}; --of says how many steps the run has")

@@ -13,12 +13,16 @@ from typing import Any
 from vemcvx.arrays import brief
 from vemcvx.cli.problem_file import executed, literal, own_errors
 from vemcvx.errors import ProblemError
-from vemcvx.linear import LinearSolver, Multigrid, Pardiso, SuperLU
+from vemcvx.linear import LinearSolver, Multigrid, Pardiso, PETSc, SuperLU
 from vemcvx.linear.pardiso import THREADS, check_threads
+from vemcvx.linear.petsc import all_ranks, serve
 from vemcvx.solvers import OSQP, Clarabel, Direct, Newton, Solver, ThroughCvxpy, as_solver
 from vemcvx.solvers.conic import TUNED, installed, known
 
-LINEAR: dict[str, Callable[[], LinearSolver]] = {"superlu": SuperLU, "pardiso": Pardiso, "multigrid": Multigrid}
+LINEAR: dict[str, Callable[[], LinearSolver]] = {
+    **{"superlu": SuperLU, "pardiso": Pardiso, "multigrid": Multigrid},
+    "petsc": PETSc,
+}
 NAMES: dict[str, type[Solver]] = {"newton": Newton, "clarabel": Clarabel, "osqp": OSQP, "direct": Direct}
 
 
@@ -134,3 +138,21 @@ def on_threads(threads: int | None, linear: str | None = None) -> Iterator[None]
         os.environ.pop(THREADS)
         if before is not None:
             os.environ[THREADS] = before
+
+
+def served(linear: str | None, runs: int = 1) -> bool:
+    """Under mpiexec, hold PETSc's rows until rank 0 ends, on all other ranks; False at once where there is more to do.
+
+    Raises
+    ------
+    ProblemError
+        Several `runs` are asked for, which have processes of their own.
+    """
+    if linear is None or linear.lower() != "petsc":
+        return False
+    if runs > 1 and all_ranks().comm.size > 1:
+        raise ProblemError(
+            "--set: several runs are processes of their own, which cannot share the ranks of mpiexec; start them one "
+            "by one, or with --linear multigrid."
+        )
+    return serve()

@@ -154,7 +154,8 @@ def foreseen(
     cells, nodes, pairs = growth.at(n)
     unknowns = len(growth.coefficients) * nodes
     name = type(linear).__name__ if linear is not None else _usual_linear(unknowns, growth.plane)
-    law = LAWS[name, growth.plane]
+    # PETSc's hierarchy on one rank is of the kind of Multigrid's.
+    law = LAWS["Multigrid" if name == "PETSc" else name, growth.plane]
     # The factor of triangles or tetrahedra is as full as that of squares or cubes with these nodes.
     filled = max(pairs, DENSITY[growth.plane] * unknowns)
     memory, prepare, step = (factor * filled**power for factor, power in law)

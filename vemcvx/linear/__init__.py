@@ -15,6 +15,7 @@ from vemcvx.linear.factor import (
 )
 from vemcvx.linear.multigrid import Multigrid
 from vemcvx.linear.pardiso import Pardiso
+from vemcvx.linear.petsc import PETSc
 from vemcvx.linear.superlu import SuperLU, minimum_degree, nested_dissection
 
 __all__ = [
@@ -26,6 +27,7 @@ __all__ = [
     "LinearSolver",
     "Matrix",
     "Multigrid",
+    "PETSc",
     "Pardiso",
     "Scaled",
     "SuperLU",

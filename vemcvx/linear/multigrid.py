@@ -73,7 +73,17 @@ class Multigrid(LinearSolver):
         hierarchy = Hierarchy.of(K, near_kernel)
         if not hierarchy.P:  # The pseudo-inverse of a single level would hide that K is singular.
             SuperLU().factorise(K)
-        return WholeFactor(self, K, hierarchy, lowest_eigenvalue(K, hierarchy.cycle))
+        limits = Limits("Multigrid", self.tolerance, self.max_iterations)
+        return WholeFactor(limits, K, hierarchy, lowest_eigenvalue(K, hierarchy.cycle, "Multigrid"))
+
+
+@dataclass(frozen=True)
+class Limits:
+    """The name of a linear solver, the relative residual that its solves are to have, and their most iterations."""
+
+    name: str
+    tolerance: float
+    max_iterations: int
 
 
 class Hierarchy:
@@ -126,20 +136,20 @@ class MultigridFactor(Factor):
 
     exact = False
 
-    def __init__(self, settings: Multigrid, K: sp.csr_matrix, cycle: Cycle, lowest: float):
-        self._settings, self._K, self._lowest = settings, K, lowest
+    def __init__(self, limits: Limits, K: sp.csr_matrix, cycle: Cycle, lowest: float):
+        self._limits, self._K, self._lowest = limits, K, lowest
         self._cycle = LinearOperator(K.shape, matvec=cycle, dtype=np.float64)
 
     def solve(self, b: Floats) -> Floats:
         if b.ndim == 2:
             return np.column_stack([self.solve(column) for column in b.T]) if b.shape[1] else np.zeros_like(b)
-        settings = self._settings
-        x, missed = self._descended(b, settings.tolerance)
+        limits = self._limits
+        x, missed = self._descended(b, limits.tolerance)
         if missed:
             left = np.linalg.norm(b - self._K @ x) / np.linalg.norm(b)
             raise SceneError(
-                f"Multigrid: {settings.max_iterations} iterations left a residual of {left:.1e}, asked was "
-                f"{settings.tolerance:.1e}. {SUITED}"
+                f"{limits.name}: {limits.max_iterations} iterations left a residual of {left:.1e}, asked was "
+                f"{limits.tolerance:.1e}. {SUITED}"
             )
         return x
 
@@ -157,12 +167,12 @@ class MultigridFactor(Factor):
         """The cycle for all of K, restricted to F, is a preconditioner there too: symmetric positive definite."""
         n = self._K.shape[0]
         return MultigridFactor(
-            self._settings, sp.csr_matrix(K_FF), lambda b: self._cycle.matvec(spread(b, F, n))[F], self._lowest
+            self._limits, sp.csr_matrix(K_FF), lambda b: self._cycle.matvec(spread(b, F, n))[F], self._lowest
         )
 
     def _descended(self, b: Floats, tolerance: float) -> tuple[Floats, int]:
         """An approximation of K^{-1} b, and 0 if it meets the tolerance."""
-        most = self._settings.max_iterations
+        most = self._limits.max_iterations
         found: tuple[Floats, int] = cg(self._K, b, rtol=tolerance, atol=0.0, maxiter=most, M=self._cycle)
         return found
 
@@ -170,8 +180,8 @@ class MultigridFactor(Factor):
 class WholeFactor(MultigridFactor):
     """The multigrid factor of all of K; its hierarchy also serves K + S on the free unknowns."""
 
-    def __init__(self, settings: Multigrid, K: sp.csr_matrix, hierarchy: Hierarchy, lowest: float):
-        super().__init__(settings, K, hierarchy.cycle, lowest)
+    def __init__(self, limits: Limits, K: sp.csr_matrix, hierarchy: Hierarchy, lowest: float):
+        super().__init__(limits, K, hierarchy.cycle, lowest)
         self._hierarchy = hierarchy
 
     def cycle(self, S: sp.csr_matrix, free: Bools) -> Cycle:
@@ -186,7 +196,7 @@ def spread(b: Floats, F: Ints, n: int) -> Floats:
     return whole
 
 
-def lowest_eigenvalue(K: sp.csr_matrix, cycle: Cycle) -> float:
+def lowest_eigenvalue(K: sp.csr_matrix, cycle: Cycle, name: str) -> float:
     """A bound from below on the eigenvalues of MK, by Lanczos' method in the inner product of M from a random force.
 
     After k steps from a direction that is uniformly distributed in n dimensions, the largest Ritz value of a positive
@@ -222,13 +232,17 @@ def lowest_eigenvalue(K: sp.csr_matrix, cycle: Cycle) -> float:
         force = K @ direction - (beside[-1] * before if beside else 0.0)
         diagonal.append(float(direction @ force))
         force, before = force - diagonal[-1] * now, now
-        low = float(eigh_tridiagonal(np.array(diagonal), np.array(beside), eigvals_only=True)[0])
+        low, high = eigh_tridiagonal(np.array(diagonal), np.array(beside), eigvals_only=True)[[0, -1]].tolist()
         if low <= 0:
             raise singular()
+        if high > 1 + 1e-6:
+            raise NotAccepted(
+                f"{name}: the cycle has an eigenvalue of {high:.3g}, above 1, so that nothing is bounded."
+            )
         eps = (failure / (2 * k - 1)) ** 2
         if eps < 1 and (bound := 1.0 - (1.0 - low) / (1.0 - eps)) > 0.1 * low:
             return float(bound)
     raise SceneError(
-        f"Multigrid: the cycle serves this matrix too badly to bound its errors: eigenvalues down to {low:.1e} after "
+        f"{name}: the cycle serves this matrix too badly to bound its errors: eigenvalues down to {low:.1e} after "
         f"400 steps. {SUITED}"
     )

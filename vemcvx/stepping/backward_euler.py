@@ -575,7 +575,9 @@ def check_kinds(
     if solver is not None:
         as_solver(solver).check_accuracy()
     if linear is not None and not isinstance(linear, LinearSolver):
-        raise SceneError(f"linear: found {brief(linear)}; wanted SuperLU(), Pardiso(), Multigrid(), or None (chosen).")
+        raise SceneError(
+            f"linear: found {brief(linear)}; wanted SuperLU(), Pardiso(), Multigrid(), PETSc(), or None (chosen)."
+        )
     if progress is not None and not callable(progress):
         raise SceneError(f"progress: found {brief(progress)}; wanted a function of (step, steps).")
     check_takes(progress, 2, "progress", "(step, steps)")

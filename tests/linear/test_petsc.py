@@ -1,0 +1,239 @@
+"""PETSc behind the seam: steps, bounds and errors as with Multigrid; on one rank, and on two under mpiexec."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+from blocks_in_space import block, on_floor
+from installed import needs
+from scenes import cyclic, paper_scene, small
+from scipy.sparse.linalg import LinearOperator, cg
+
+import block_in_space
+import vemcvx as vx
+from vemcvx.cli.run import ROWS
+from vemcvx.linear import SuperLU
+from vemcvx.linear.petsc import USUAL, options_of
+from vemcvx.scene import pose_scene
+from vemcvx.stepping.backward_euler import march
+from vemcvx.stepping.trajectory import CHECKPOINT
+
+TIMES = np.linspace(0.0, 1.0, 5)
+here = needs("petsc4py")
+ranked = pytest.mark.skipif(
+    find_spec("petsc4py") is None or shutil.which("mpiexec") is None, reason="petsc4py or mpiexec is not installed"
+)
+
+
+@pytest.mark.parametrize("wrong", [None, 3, b"-pc_type gamg", "pc_type gamg", "-pc_type 'gamg"])
+def test_options_that_mean_nothing_are_refused(wrong):
+    with pytest.raises(vx.SceneError, match=r"^PETSc: found .*such as \"-pc_gamg_threshold 0\.02\""):
+        vx.PETSc(wrong)
+
+
+def test_options_replace_ours():
+    assert options_of("") == USUAL
+    found = options_of("-pc_gamg_threshold 0.02 -ksp_monitor -mg_levels_ksp_max_it 3 -shift -1.5")
+    assert found["pc_gamg_threshold"] == "0.02"
+    assert found["ksp_monitor"] == ""
+    assert (found["mg_levels_ksp_max_it"], found["shift"]) == ("3", "-1.5")
+    assert found["pc_type"] == "gamg"
+
+
+def test_what_is_missing_is_named(monkeypatch):
+    monkeypatch.setattr("vemcvx.linear.petsc.find_spec", lambda name: None)
+    vx.linear.petsc.all_ranks.cache_clear()
+    with pytest.raises(vx.NotAccepted, match=r"^PETSc: petsc4py and mpi4py cannot be imported; install Debian's"):
+        vx.PETSc().factorise(sp.eye_array(3, format="csr"))
+
+
+@here
+@pytest.mark.parametrize("contact", ["bilateral", "unilateral"])
+def test_steps_in_space_are_those_of_direct_factors(contact):
+    def turning(t):
+        angle, pull = 2 * np.pi * t, 0.5 * min(1.0, 4 * t)
+        return np.array([pull * np.cos(angle), pull * np.sin(angle), -0.2 * pull - (contact == "unilateral") * t])
+
+    system = on_floor(block(4), turning, contact=contact, bound=0.2)
+    direct, iterative = (march(system, TIMES, linear=linear) for linear in (SuperLU(), vx.PETSc()))
+    assert iterative.certificate.max() <= 1e-8
+    apart = iterative.state - direct.state
+    distance = np.sqrt(np.maximum(np.einsum("si,si->s", apart, (system.K @ apart.T).T), 0.0))
+    claimed = iterative.certificate_total + direct.certificate_total
+    claimed = claimed + iterative.certificate_floor + direct.certificate_floor
+    assert (distance <= claimed * direct.scale).all()
+    assert np.array_equal(iterative.sticking, direct.sticking)
+
+
+@here
+def test_histories_in_the_plane_are_those_of_direct_factors():
+    scene, mesh = vx.Scene(*paper_scene(cyclic), vx.Viscosity(0.1, 0.1)), small("voronoi", 12)
+    one, two = (vx.simulate(scene, mesh, TIMES, linear=linear) for linear in (SuperLU(), vx.PETSc()))
+    assert two.certificate.max() <= 1e-8
+    assert np.abs(two.displacement - one.displacement).max() < 1e-7 * np.abs(one.displacement).max()
+
+
+@here
+@pytest.mark.parametrize("tolerance", ["0.5", "1e-4", "1e-12"])
+def test_energies_of_inexact_solves_are_bounds(tolerance):
+    """From above, and not by more than the roughness of the solve and the bound on the spectrum account for."""
+    system = pose_scene(paper_scene(), small("voronoi", 14)).system
+    exact = SuperLU().factorise(system.K)
+    inexact = vx.PETSc(f"-ksp_rtol {tolerance}").factorise(system.K, system.near_kernel)
+    smooth, rough = system.force(1.0), np.random.default_rng(4).normal(size=system.n)
+    for b in (smooth, rough, np.eye(1, system.n, 7)[0], system.K @ rough, smooth - system.K @ inexact.solve(smooth)):
+        energy = exact.energy(b)
+        assert energy <= inexact.energy(b) * (1 + 1e-9)
+        assert inexact.energy(b) < 1.5 * energy
+
+
+@here
+def test_the_cycle_of_what_is_held_and_stiff_is_a_cycle():
+    """Symmetric, positive definite, zero where held, and as good for K + S on the free unknowns as that of K for K."""
+    system, rng = on_floor(block(5), lambda t: np.array([t, 0.0, -t])), np.random.default_rng(5)
+    K, n, touched = system.K, system.n, system.retained
+    free, stiff = np.ones(n, dtype=bool), np.zeros(n)
+    free[touched[::2]] = False
+    stiff[touched[1::2]] = 300.0 * K.diagonal()[touched[1::2]]
+    S = sp.csr_matrix(sp.diags_array(stiff))
+    factor = vx.PETSc().factorise(K, system.near_kernel)
+    for _ in range(2):  # Again with the prolongations kept.
+        cycle = factor.cycle(S, free)
+        basis = rng.normal(size=(n, 30)) * free[:, None]
+        answers = np.column_stack([cycle(b) for b in basis.T])
+        assert not answers[~free].any()
+        both = basis.T @ answers
+        assert np.abs(both - both.T).max() < 1e-10 * np.abs(both).max()
+        assert np.linalg.eigvalsh(both).min() > 0
+    F = np.flatnonzero(free)
+    cycles = (K, factor._rows.cycle), ((K + S)[F][:, F], lambda b: cycle(np.bincount(F, b, n))[F])
+    taken = []
+    for matrix, M in cycles:
+        calls: list[int] = []
+        M = LinearOperator(matrix.shape, matvec=M, dtype=float)
+        cg(matrix, rng.normal(size=matrix.shape[0]), rtol=1e-8, M=M, callback=lambda x, calls=calls: calls.append(1))
+        taken.append(len(calls))
+    assert taken[1] <= taken[0] + 5
+
+
+@here
+def test_cycles_that_bound_nothing_are_refused():
+    system = pose_scene(paper_scene(), small("voronoi", 14)).system
+    for options in ("-pc_type sor -pc_sor_forward", "-pc_type jacobi"):
+        with pytest.raises(vx.NotAccepted, match=r"^PETSc: .*(not symmetric|above 1)"):
+            vx.PETSc(options).factorise(system.K, system.near_kernel)
+    with pytest.raises(vx.SceneError, match=r"^PETSc: 2 iterations left a residual of"):
+        vx.PETSc("-ksp_max_it 2").factorise(system.K, system.near_kernel).solve(system.force(1.0))
+    with pytest.raises(vx.SceneError, match="singular or indefinite"):
+        vx.PETSc().factorise(sp.csr_matrix([[1.0, 2.0], [2.0, 1.0]]))
+
+
+def started(*words):
+    told = {**os.environ, "OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1"}
+    told["OMPI_MCA_rmaps_base_oversubscribe"] = "1"
+    told["PYTHONPATH"] = os.pathsep.join(filter(None, sys.path))
+    command = ["mpiexec", "-n", "2", sys.executable, *words]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=told)
+
+
+def on_two_ranks(*words):
+    with started(*words) as run:
+        said = run.communicate(timeout=500)
+    return subprocess.CompletedProcess(words, run.returncode, *said)
+
+
+@ranked
+@pytest.mark.slow
+def test_two_ranks_have_the_answer_of_one_within_both_certificates(tmp_path):
+    given = ["run", "block_in_space", "--n", "4", "--steps", "4"]
+    two = on_two_ranks("-m", "vemcvx", *given, "--linear", "petsc", "--out", str(tmp_path / "two"))
+    assert two.returncode == 0, two.stdout + two.stderr
+    assert two.stdout.count("block_in_space:") == 1
+    run = [sys.executable, "-m", "vemcvx", *given, "--linear", "superlu", "--out", str(tmp_path / "one")]
+    subprocess.run(run, check=True, capture_output=True)
+    one, two = (vx.read_history(tmp_path / name) for name in ("one", "two"))
+    A = pose_scene(block_in_space.scene(), one.mesh).A
+    apart = (two.displacement - one.displacement).reshape(len(one.times), -1)
+    distance = np.sqrt(np.maximum(np.einsum("si,si->s", apart, (A @ apart.T).T), 0.0))
+    bounds = one.certificate * one.trajectory.norm + two.certificate * two.trajectory.norm
+    assert (distance <= np.cumsum(bounds)).all()
+    assert "PETSc" in two.trajectory.linear
+
+
+FAILING = """
+import sys, numpy as np, vemcvx as vx
+from vemcvx.linear import petsc
+from mpi4py import MPI
+if MPI.COMM_WORLD.rank == 1:
+    def solve(self, *given):
+        raise MemoryError("no memory is left here")
+    petsc.Rows.solve = solve
+if petsc.serve():
+    raise SystemExit
+K = 3 * np.eye(40) - np.eye(40, k=1) - np.eye(40, k=-1)
+vx.march(vx.System(K, lambda t: t * np.ones(40)), [0, 1], linear=vx.PETSc())
+"""
+
+
+@ranked
+@pytest.mark.slow
+def test_an_error_on_a_rank_ends_all_with_a_sentence():
+    run = on_two_ranks("-c", FAILING)
+    assert run.returncode != 0
+    assert "PETSc: rank 1 of 2 failed, which ends all: no memory is left here" in run.stderr
+
+
+@ranked
+@pytest.mark.slow
+def test_an_error_of_rank_0_ends_all_with_its_sentence():
+    run = on_two_ranks("-m", "vemcvx", "run", "block_in_space", "--linear", "petsc", "--set", "nothing=1")
+    assert run.returncode != 0
+    assert "nothing" in run.stderr
+    run = on_two_ranks("-m", "vemcvx", "run", "block_in_space", "--linear", "petsc", "--solver", "nobody")
+    assert run.returncode == 2
+    assert run.stderr.count("there is no solver 'nobody'") == 1
+
+
+def rank_of(pid):
+    try:
+        words = Path(f"/proc/{pid}/environ").read_bytes().split(b"\0")
+    except OSError:
+        return None
+    return next((int(word.split(b"=")[1]) for word in words if word.startswith(b"OMPI_COMM_WORLD_RANK=")), None)
+
+
+@ranked
+@pytest.mark.slow
+@pytest.mark.skipif(not Path("/proc/self/environ").exists(), reason="processes are found in /proc")
+def test_what_was_done_before_a_rank_is_killed_is_kept(tmp_path):
+    folder = tmp_path / "out"
+    given = ["-m", "vemcvx", "run", "block_in_space", "--n", "4", "--steps", "60", "--linear", "petsc"]
+    with started(*given, "--out", str(folder)) as run:
+        until = time.monotonic() + 120
+        while not (folder / ROWS / CHECKPOINT).exists():
+            assert run.poll() is None, run.communicate()
+            assert time.monotonic() < until
+            time.sleep(0.05)
+        time.sleep(1.5)  # There is a checkpoint every second.
+        mine = [int(child) for child in Path(f"/proc/{run.pid}/task/{run.pid}/children").read_text().split()]
+        killed = [pid for pid in mine if rank_of(pid) == 1]
+        assert len(killed) == 1
+        os.kill(killed[0], signal.SIGKILL)
+        _, said = run.communicate(timeout=60)
+    assert run.returncode != 0
+    assert "signal 9 (Killed)" in said
+    resumed = on_two_ranks(*given, "--resume", str(folder))
+    assert resumed.returncode == 0, resumed.stderr
+    assert int(re.search(r"resumed +after step (\d+) of 60", resumed.stdout)[1]) > 0
+    assert vx.read_history(folder).certificate.max() <= 1e-8

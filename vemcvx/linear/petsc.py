@@ -1,0 +1,393 @@
+"""PETSc's conjugate gradients with algebraic multigrid (GAMG) over the ranks of MPI, for K beyond one machine's cores.
+
+Rank 0 poses the problem, steps and keeps K; every rank holds a block of K's rows in the order of the unknowns, its part
+of the hierarchy, and its part of vectors. The other ranks wait for the calls of rank 0 (:func:`serve`), which names a
+method of :class:`Rows` that all of them then call together. In this version K is assembled whole on rank 0, and sent in
+blocks from there: its memory bounds K, while that of the hierarchy and the work of all solves are shared.
+
+GAMG smooths its aggregates from the rigid motions, as :mod:`vemcvx.linear.multigrid` does, and smooths by Chebyshev
+polynomials of the same degree before and after the coarse correction. The polynomial is self-adjoint in the energy,
+the coarse correction a projection there, or one with eigenvalues of at most one: so the cycle M is symmetric, no
+eigenvalue of MK exceeds one, and bounds are those of that module. Options may ask for other cycles, which are therefore
+tested: for symmetry, and for eigenvalues above one.
+
+Contact changes K to K + S on the free unknowns. A second hierarchy keeps the prolongations P of K's, and its coarse
+matrices are Galerkin's for the matrix in which what is held has no coupling and almost no stiffness: P_F'(K + S)P_F.
+"""
+
+from __future__ import annotations
+
+import atexit
+import logging
+import os
+import shlex
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cache
+from importlib.util import find_spec
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from vemcvx.arrays import Bools, Floats, Ints, brief, power_of_two
+from vemcvx.errors import NotAccepted, SceneError
+from vemcvx.linear.factor import Cycle, LinearSolver
+from vemcvx.linear.multigrid import Limits, MultigridFactor, lowest_eigenvalue
+from vemcvx.linear.superlu import SuperLU
+
+PREFIX = "vemcvx_"
+"""Options of ours in PETSc's data base, which all of the process shares."""
+USUAL = {
+    "ksp_type": "cg",
+    "ksp_norm_type": "unpreconditioned",
+    "ksp_rtol": "1e-12",
+    "ksp_max_it": "200",
+    "pc_type": "gamg",
+    "pc_gamg_threshold": "0.01",
+    # Else the coarsest matrix is solved by blocks, one a rank, and eigenvalues of MK could exceed one.
+    "mg_coarse_pc_type": "redundant",
+    # Aggregates of fewer unknowns than rigid motions leave coarse unknowns without stiffness; factors divide by zero.
+    "mg_coarse_redundant_pc_type": "svd",
+    "pc_gamg_reuse_interpolation": "true",
+}
+HELD = 1e-6
+"""Stiffness of what is held in the second hierarchy, as a part of K's least: coarse matrices then do not feel it."""
+LOOK = 1e-4
+"""Seconds between looks of a rank that waits: in a broadcast it would keep a core busy while rank 0 steps."""
+CALL, ROWS = 1, 2
+"""Tags of messages: the call of a method, and a block of rows."""
+log = logging.getLogger("vemcvx")
+
+
+@dataclass(frozen=True)
+class PETSc(LinearSolver):
+    """PETSc (extra ``petsc``): K in row blocks over the ranks of MPI, conjugate gradients with multigrid.
+
+    On one rank it needs no mpiexec. ``mpiexec -n 8 vemcvx run FILE --linear petsc`` shares hierarchy and solves among
+    eight; in scripts under mpiexec, ranks above 0 call :func:`vemcvx.linear.petsc.serve` in place of the simulation. In
+    this version rank 0 also keeps K as a whole, from which blocks are sent.
+
+    Programs are not condensed, contact is solved matrix-free, and certificates take into account that solves are
+    inexact, all as with ``Multigrid``: it suits the same bodies.
+
+    Parameters
+    ----------
+    options : str
+        Options of PETSc as on its command line, such as "-pc_gamg_threshold 0.02 -ksp_rtol 1e-11"; they replace ours. A
+        cycle that is not symmetric, or has eigenvalues above one, is refused.
+    """
+
+    options: str = ""
+
+    def __post_init__(self) -> None:
+        options_of(self.options)
+
+    def factorise(self, K: sp.csr_matrix, near_kernel: Floats | None = None) -> PETScFactor:
+        ranks = all_ranks()
+        if ranks.comm.rank > 0:
+            raise NotAccepted("PETSc: ranks above 0 do not simulate; they call vemcvx.linear.petsc.serve() instead.")
+        motions = np.zeros((K.shape[0], 0)) if near_kernel is None else np.linalg.qr(near_kernel)[0]
+        rows = Shared(ranks, sp.csr_matrix(K), motions, options_of(self.options))
+        if rows.levels < 2:  # The inverse of a single level would hide that K is singular.
+            SuperLU().factorise(K)
+        b, c = np.random.default_rng(1).normal(size=(2, K.shape[0]))
+        one, two = float(b @ rows.cycle(c)), float(c @ rows.cycle(b))
+        size = np.sqrt(abs(float(b @ rows.cycle(b)) * float(c @ rows.cycle(c))))
+        if not abs(one - two) <= 1e-8 * size:
+            raise NotAccepted(f"PETSc: with the options {self.options!r} the cycle is not symmetric; leave some away.")
+        return PETScFactor(self, K, rows, lowest_eigenvalue(K, rows.cycle, "PETSc"))
+
+
+class PETScFactor(MultigridFactor):
+    """The factor of all of K, whose rows all ranks hold."""
+
+    def __init__(self, settings: PETSc, K: sp.csr_matrix, rows: Shared, lowest: float):
+        super().__init__(rows.limits, K, rows.cycle, lowest)
+        self._rows = rows
+
+    def cycle(self, S: sp.csr_matrix, free: Bools) -> Cycle:
+        return self._rows.within(S, free)
+
+    def _descended(self, b: Floats, tolerance: float) -> tuple[Floats, int]:
+        return self._rows.solve(b, tolerance) if b.any() else (np.zeros_like(b), 0)
+
+
+class Shared:
+    """Rank 0's view of a matrix whose rows all ranks hold: its methods are called on all of them."""
+
+    def __init__(self, ranks: Ranks, K: sp.csr_matrix, motions: Floats, options: dict[str, str]):
+        self._ranks, self._number = ranks, ranks.next_number()
+        # PETSc takes singular values below 1e-12 for zeros, whatever the unit.
+        self._unit = float(power_of_two(K.diagonal().max()))
+        self._ranks.call(self._number, "hold", (options, *motions.shape), K / self._unit, motions)
+        self.levels, self.limits = ranks.held[self._number].levels, ranks.held[self._number].limits
+        self._least = HELD * float(K.diagonal().min()) / self._unit
+
+    def __del__(self) -> None:
+        # Memory is freed on all ranks at once, when they hold the next matrix.
+        self._ranks.forgotten.append(self._number)
+
+    def solve(self, b: Floats, tolerance: float) -> tuple[Floats, int]:
+        """An approximation of K^{-1} b, and 0 if its residual meets the tolerance."""
+        x, missed = self._ranks.call(self._number, "solve", (tolerance,), b)
+        return x / self._unit, missed
+
+    def cycle(self, b: Floats) -> Floats:
+        """M b."""
+        found: Floats = self._ranks.call(self._number, "cycle", (False,), b)
+        return found / self._unit
+
+    def within(self, S: sp.csr_matrix, free: Bools) -> Cycle:
+        """The cycle of K + S on the free unknowns; it serves until the next one is asked for."""
+        self._ranks.call(self._number, "stiffen", (sp.csr_matrix(S / self._unit), np.flatnonzero(~free), self._least))
+
+        def cycle(b: Floats) -> Floats:
+            found: Floats = self._ranks.call(self._number, "cycle", (True,), np.where(free, b, 0.0))
+            return np.where(free, found / self._unit, 0.0)
+
+        return cycle
+
+
+class Ranks:
+    """The ranks of a process: what this one holds of every matrix, by number, and the messages between them."""
+
+    def __init__(self) -> None:
+        # Where other programs use the cores, too, a rank that spins while it waits takes them from those it waits for:
+        # solves took five times as long on two cores with a load of ten.
+        os.environ.setdefault("OMPI_MCA_mpi_yield_when_idle", "1")
+        import petsc4py
+
+        petsc4py.init(["vemcvx", "-no_signal_handler"])  # Signals end a command in order.
+        from mpi4py import MPI
+
+        self.comm, self.held, self.forgotten, self._number = MPI.COMM_WORLD.Dup(), dict[int, Rows](), list[int](), 0
+        if self.comm.rank == 0:
+            atexit.register(self._tell, None)
+
+    def next_number(self) -> int:
+        """A number that no matrix had."""
+        self._number += 1
+        return self._number
+
+    def call(self, number: int, name: str, shared: tuple[Any, ...], *own: Any) -> Any:
+        """Call a method of all ranks' rows; what is its `own` only rank 0 has."""
+        if name == "hold":
+            self.forgotten, gone = [], self.forgotten
+            shared = gone, *shared
+        self._tell((number, name, shared))
+        try:
+            return self.obey(number, name, shared, *own)
+        except Exception as error:
+            if self.comm.size == 1:
+                raise SceneError(f"PETSc: {_first_words(error)}") from error
+            self.end_all(error)
+
+    def obey(self, number: int, name: str, shared: tuple[Any, ...], *own: Any) -> Any:
+        """Carry out a call on this rank."""
+        if name != "hold":
+            return getattr(self.held[number], name)(*shared, *own)
+        gone, *rest = shared
+        for old in gone:
+            self.held.pop(old).destroy()
+        self.held[number] = Rows(self.comm, *rest, *own)
+        return None
+
+    def _tell(self, call: object) -> None:
+        for rank in range(1, self.comm.size):
+            self.comm.send(call, dest=rank, tag=CALL)
+
+    def end_all(self, error: BaseException) -> None:
+        """End the processes of all ranks: others may wait for this one in the middle of a solve, for ever."""
+        words = "PETSc: rank %d of %d failed, which ends all: %s"
+        log.error(words, self.comm.rank, self.comm.size, _first_words(error))
+        self.comm.Abort(2)
+
+
+class Rows:
+    """A block of K's rows on this rank, with its part of the hierarchy; all ranks call a method together.
+
+    Vectors are given to rank 0, and returned by it, as a whole.
+    """
+
+    def __init__(
+        self,
+        comm: Any,
+        options: dict[str, str],
+        n: int,
+        modes: int,
+        K: sp.csr_matrix | None = None,
+        motions: Floats | None = None,
+    ):
+        from petsc4py import PETSc as petsc
+
+        self._petsc, self._comm, self._names = petsc, comm, options
+        block, own = _own_block(comm, n, K, motions)
+        csr = [block.indptr.astype(petsc.IntType), block.indices.astype(petsc.IntType), block.data]
+        size = (block.shape[0], n)
+        self._K = petsc.Mat().createAIJ((size, size), csr=csr, comm=comm)
+        self._K.setOption(petsc.Mat.Option.SPD, True)
+        self._near = None
+        if modes:
+            vectors = [petsc.Vec().createWithArray(column.copy(), (len(own), n), comm=comm) for column in own.T]
+            self._near = petsc.NullSpace().create(vectors=vectors, comm=comm)
+            self._K.setNearNullSpace(self._near)
+        self._x, self._b = self._K.createVecs()
+        self._scatter, self._whole = petsc.Scatter.toZero(self._x)
+        self._ksp = self._solver(self._K)
+        tolerance, _, _, most = self._ksp.getTolerances()
+        self.limits = Limits("PETSc", float(tolerance), int(most))
+        pc = self._ksp.getPC()
+        self.levels = pc.getMGLevels() if pc.getType() == "gamg" else 2
+        self._stiffened: Any = None
+
+    def _solver(self, matrix: Any) -> Any:
+        """Conjugate gradients with the cycle of a matrix."""
+        with self._options():
+            ksp = self._petsc.KSP().create(self._comm)
+            ksp.setOptionsPrefix(PREFIX)
+            ksp.setOperators(matrix)
+            ksp.setFromOptions()
+            ksp.setUp()
+        return ksp
+
+    @contextmanager
+    def _options(self) -> Iterator[None]:
+        """Our options in PETSc's data base, which it reads until a hierarchy is set up."""
+        base = self._petsc.Options()
+        for name, value in self._names.items():
+            base.setValue(PREFIX + name, value)
+        try:
+            yield
+        finally:
+            for name in self._names:
+                base.delValue(PREFIX + name)
+
+    def solve(self, tolerance: float, b: Floats | None = None) -> tuple[Floats | None, int]:
+        """K^{-1} b on rank 0, about, and 0 if its residual meets the tolerance."""
+        self._spread(b)
+        self._ksp.setTolerances(rtol=tolerance, atol=0.0)
+        self._ksp.solve(self._b, self._x)
+        return self._gathered(), 0 if self._ksp.getConvergedReason() > 0 else 1
+
+    def cycle(self, stiffened: bool, b: Floats | None = None) -> Floats | None:
+        """M b on rank 0, M the cycle of K, or of K + S on the free unknowns."""
+        self._spread(b)
+        (self._stiffened[1] if stiffened else self._ksp).getPC().apply(self._b, self._x)
+        return self._gathered()
+
+    def stiffen(self, S: sp.csr_matrix, held: Ints, least: float) -> None:
+        """Set the second hierarchy up for K + S on what is not `held`, whose stiffness becomes `least`."""
+        petsc = self._petsc
+        if self._stiffened is None:
+            copied = self._K.duplicate(copy=True)
+            if self._near is not None:
+                copied.setNearNullSpace(self._near)
+            # Set up once for all of K, whose prolongations are kept.
+            self._stiffened = copied, self._solver(copied)
+        matrix, ksp = self._stiffened
+        self._K.copy(matrix, petsc.Mat.Structure.SAME_NONZERO_PATTERN)
+        begin, end = matrix.getOwnershipRange()
+        own = S[begin:end].tocoo()
+        for i, j, value in zip(own.row.tolist(), own.col.tolist(), own.data.tolist(), strict=True):
+            matrix.setValue(begin + i, j, value, addv=petsc.InsertMode.ADD_VALUES)
+        matrix.assemble()
+        matrix.setOption(petsc.Mat.Option.KEEP_NONZERO_PATTERN, True)
+        matrix.zeroRowsColumns(held[(held >= begin) & (held < end)].astype(petsc.IntType), diag=least)
+        with self._options():
+            ksp.setOperators(matrix)
+            ksp.setUp()
+
+    def destroy(self) -> None:
+        """Free what this rank holds."""
+        copied = () if self._stiffened is None else self._stiffened
+        for one in (self._ksp, self._K, self._x, self._b, self._scatter, self._whole, *copied):
+            one.destroy()
+
+    def _spread(self, b: Floats | None) -> None:
+        if b is not None:
+            self._whole.getArray()[:] = b
+        self._scatter.scatter(self._whole, self._b, mode=self._petsc.ScatterMode.REVERSE)
+
+    def _gathered(self) -> Floats | None:
+        self._scatter.scatter(self._x, self._whole)
+        return self._whole.getArray().copy() if self._comm.rank == 0 else None
+
+
+def _own_block(comm: Any, n: int, K: sp.csr_matrix | None, motions: Floats | None) -> tuple[sp.csr_matrix, Floats]:
+    """Return this rank's rows of K and of the rigid motions, sent by rank 0: as many on every one, but for one."""
+    ends = [n * (rank + 1) // comm.size for rank in range(comm.size)]
+    starts = [0, *ends[:-1]]
+    if K is None or motions is None:
+        return comm.recv(source=0, tag=ROWS)  # type: ignore[no-any-return]
+    for rank in range(1, comm.size):
+        part = slice(starts[rank], ends[rank])
+        comm.send((K[part], motions[part]), dest=rank, tag=ROWS)
+    return K[: ends[0]], motions[: ends[0]]
+
+
+@cache
+def all_ranks() -> Ranks:
+    """The ranks of this run; one where it was started without mpiexec."""
+    if missing := [package for package in ("petsc4py", "mpi4py") if find_spec(package) is None]:
+        raise NotAccepted(
+            f"PETSc: {' and '.join(missing)} cannot be imported; install Debian's python3-petsc4py and python3-mpi4py, "
+            "or conda-forge's petsc4py and mpi4py, or build them (pip install 'vemcvx[petsc]'), or use Multigrid()."
+        )
+    try:
+        return Ranks()
+    except ImportError as error:
+        raise NotAccepted(f"PETSc: petsc4py is there, but does not load here: {_first_words(error)}") from error
+
+
+def serve() -> bool:
+    """Hold rows and solve until rank 0 ends, on ranks above 0; return False at once on rank 0.
+
+    Examples
+    --------
+    A script under mpiexec begins with ::
+
+        if vemcvx.linear.petsc.serve():
+            raise SystemExit
+    """
+    ranks = all_ranks()
+    if ranks.comm.rank == 0:
+        return False
+    try:
+        while True:
+            while not ranks.comm.iprobe(source=0, tag=CALL):
+                time.sleep(LOOK)
+            call = ranks.comm.recv(source=0, tag=CALL)
+            if call is None:
+                return True
+            ranks.obey(*call)
+    except Exception as error:
+        ranks.end_all(error)
+        raise
+
+
+def options_of(words: object) -> dict[str, str]:
+    """The options of PETSc in a text, by name without the dash, over ours."""
+    wanted = 'options of PETSc as on its command line, such as "-pc_gamg_threshold 0.02"'
+    if not isinstance(words, str):
+        raise SceneError(f"PETSc: found options = {brief(words)}; wanted a text, {wanted}.")
+    found, name = dict(USUAL), ""
+    try:
+        parts = shlex.split(words)
+    except ValueError as error:
+        raise SceneError(f"PETSc: found options = {words!r} ({error}); wanted {wanted}.") from None
+    for part in parts:
+        if part.startswith("-") and not part[1:2].isdigit():
+            name = part[1:]
+            found[name] = ""
+        elif name:
+            found[name], name = part, ""
+        else:
+            raise SceneError(f"PETSc: found {part!r} in options = {words!r}, which belongs to none; wanted {wanted}.")
+    return found
+
+
+def _first_words(error: BaseException) -> str:
+    return " ".join(str(error).split())[:300] or type(error).__name__

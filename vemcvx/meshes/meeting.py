@@ -21,7 +21,7 @@ from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.errors import MeshError
 from vemcvx.meshes.polygons.geometry import outlines, overlapping_boxes, rounding
 from vemcvx.meshes.polygons.topology import cell_of_corner, directed_edges, rows_in_order, smallest_linked, spans
-from vemcvx.meshes.polyhedra import Faces, FaceShapes, face_shapes, in_planes
+from vemcvx.meshes.polyhedra import Faces, FaceShapes, along_axes, axes_in_planes, face_shapes
 
 # Edges that turn by less are parallel: where they meet, their ends do.
 PARALLEL = 1e-12
@@ -133,7 +133,11 @@ class Surface:
 
     def seen(self, places: Floats, faces: Ints) -> Floats:
         """Coordinates of places in the plane of a face each, and above it."""
-        return in_planes(places, faces, self.shapes)
+        return along_axes(places, faces, self._axes, self.shapes)
+
+    @cached_property
+    def _axes(self) -> Floats:
+        return axes_in_planes(self.shapes)
 
     @cached_property
     def charts(self) -> NDArray[Any]:
@@ -268,7 +272,8 @@ def _in_boxes(surface: Surface, spots: Ints, body: Ints, boxes: Boxes) -> tuple[
     for number, box in enumerate(zip(*surface.boxes, strict=True)):
         own = np.flatnonzero(body == number)
         there = spots[_meets((points[spots], points[spots]), box)]
-        i, j = overlapping_boxes(points[there], points[there], boxes[0][own], boxes[1][own])
+        at = points[there]
+        i, j = overlapping_boxes(at, at, boxes[0][own], boxes[1][own])
         found.append(np.stack([there[i], own[j]]))
     place, part = np.concatenate(found, axis=1)
     return place, part

@@ -119,12 +119,20 @@ def face_shapes(points: Floats, offsets: Ints, vertices: Ints) -> FaceShapes:
 
 def in_planes(places: Floats, faces: Ints, shapes: FaceShapes) -> Floats:
     """Coordinates (m, 3) of places (m, 3) about the centroid of a face each: along two axes in it, and above it."""
-    normals = shapes.normals[faces]
-    across = np.eye(3)[np.argmin(np.abs(normals), axis=1)]
-    first = np.cross(normals, across)
+    return along_axes(places, faces, axes_in_planes(shapes), shapes)
+
+
+def axes_in_planes(shapes: FaceShapes) -> Floats:
+    """Axes (n_faces, 3, 3) of faces: two in the plane of each, and its normal."""
+    across = np.eye(3)[np.argmin(np.abs(shapes.normals), axis=1)]
+    first = np.cross(shapes.normals, across)
     first /= np.linalg.norm(first, axis=1)[:, None]
-    axes = np.stack([first, np.cross(normals, first), normals], axis=1)
-    coordinates: Floats = np.einsum("mai,mi->ma", axes, places - shapes.centroids[faces])
+    return np.stack([first, np.cross(shapes.normals, first), shapes.normals], axis=1)
+
+
+def along_axes(places: Floats, faces: Ints, axes: Floats, shapes: FaceShapes) -> Floats:
+    """Coordinates (m, 3) of places about the centroid of a face each, along its axes."""
+    coordinates: Floats = np.einsum("mai,mi->ma", axes[faces], places - shapes.centroids[faces])
     return coordinates
 
 

@@ -238,7 +238,8 @@ class Mesh(ABC):
     def _replace(self, **fields: object) -> Self:
         """Return a mesh that shares everything, also what is already computed, but the given fields."""
         mesh = object.__new__(type(self))
-        mesh.__dict__.update({key: value for key, value in self.__dict__.items() if key != "boundaries"})
+        anew = {"boundaries", "_free"} if "interfaces" in fields else {"boundaries"}
+        mesh.__dict__.update({key: value for key, value in self.__dict__.items() if key not in anew})
         mesh.__dict__.update(fields)
         return mesh
 
@@ -492,7 +493,7 @@ class SpaceTessellation(Mesh):
             for name, interface in self.interfaces.items()
         }
 
-    @property
+    @cached_property
     def _free(self) -> Bools:
         free = np.ones(len(self._boundary), dtype=bool)
         for joint in self.interfaces.values():

@@ -83,12 +83,6 @@ Threads = Annotated[
         min=1, help="Threads of PARDISO; several need vemcvx[threads]. (default: MKL_NUM_THREADS, OMP_NUM_THREADS or 1)"
     ),
 ]
-Threads = Annotated[
-    int | None,
-    typer.Option(
-        min=1, help="Threads of PARDISO; several need vemcvx[threads]. (default: MKL_NUM_THREADS, OMP_NUM_THREADS or 1)"
-    ),
-]
 CELLS = "Cells across the shortest side."
 N = Annotated[int | None, typer.Option("--n", min=1, help=f"{CELLS} (default: 16; 8 in space)")]
 Steps = Annotated[int, typer.Option(min=1, help="Steps of backward Euler.")]

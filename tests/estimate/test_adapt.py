@@ -245,7 +245,7 @@ def test_adaptive_meshes_pay():
     assert others[1][1].unknowns <= others[1][0].unknowns / 4
 
 
-@pytest.mark.parametrize("of", ["dissipated", "work"])
+@pytest.mark.parametrize("of", ["dissipated", pytest.param("work", marks=pytest.mark.slow)])
 def test_targets_of_energies_are_met_in_truth(of):
     """Coulomb's law under a load that turns smoothly between few instants: mesh and steps have to be refined."""
     scene, mesh = rubbed_pad(), vx.meshes.squares(2, box=((0.0, 2.0), (0.0, 1.0)))
@@ -273,6 +273,7 @@ def test_wear_is_met_where_it_has_a_limit():
     assert abs(found.history.quantities["wear"].value - truth) <= 0.03 * truth
 
 
+@pytest.mark.slow
 def test_wear_without_a_limit_ends_with_a_sentence():
     """At the ends of a pad that is pressed the pressure is singular."""
     mesh = vx.meshes.squares(2, box=((0.0, 2.0), (0.0, 1.0)))

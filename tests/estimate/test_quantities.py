@@ -167,7 +167,7 @@ def at_the_end(history):
     return [run.dissipated_second_order[-1], run.work_second_order[-1], worn]
 
 
-LONG = {"Coulomb, two bodies", "Coulomb, space", "Coulomb, dovetail"}
+LONG = {"Coulomb, two bodies", "Coulomb, space", "Coulomb, dovetail", "Coulomb, reversal missed"}
 
 
 @pytest.mark.parametrize(

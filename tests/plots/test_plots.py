@@ -378,7 +378,7 @@ def test_a_body_is_coloured_by_its_stress_and_pushed_by_its_contact(history):
     for path, mirrored in zip(cells.get_paths(), image.get_paths(), strict=True):
         assert set(map(tuple, path.vertices * [-1, 1])) == set(map(tuple, mirrored.vertices))
     drawn = np.concatenate([np.column_stack([some.U, some.V]) for some in arrows])
-    force = contact.traction[row] - contact.pressure_recovered[row][:, None] * contact.normals
+    force = contact.traction[row] - contact.pressure[row][:, None] * contact.normals
     scale = np.linalg.norm(drawn, axis=1).max() / np.linalg.norm(force, axis=1).max()
     assert len(drawn) == len(force)
     assert np.linalg.norm(drawn[:, None] - scale * force, axis=2).min(axis=1).max() < 1e-12 * scale

@@ -129,7 +129,8 @@ WALKS = {
         displacement_to_file,
         "linear/factor.py linear/superlu.py solvers/newton.py program/step_program.py program/operators.py "
         "stepping/ledger.py program/operators.py program/certificate.py program/condensation.py "
-        "program/iterative_refinement.py results/contact.py history.py vem/elasticity.py results/small_strains.py",
+        "program/iterative_refinement.py results/contact.py history.py vem/elasticity.py results/small_strains.py "
+        "simulation.py",
     ),
 }
 """What is traced, and the files beside the way: they use the number, or give it back to who called them."""

@@ -31,13 +31,18 @@ PARDISO = pytest.param("pardiso", marks=needs("pymklpardiso"))
 MULTIGRID = pytest.param("multigrid", marks=needs("pyamg"))
 
 
-@pytest.fixture(params=["superlu", PARDISO, MULTIGRID, "dense"])
+PETSC = pytest.param("petsc", marks=needs("petsc4py"))
+
+
+@pytest.fixture(params=["superlu", PARDISO, MULTIGRID, PETSC, "dense"])
 def factored(request):
     system = pose_scene(paper_scene(), small("squares", 12)).system
     if request.param == "dense":
         return system.K, DenseCholesky(system.K.toarray())
     if request.param == "multigrid":
         return system.K, Multigrid().factorise(system.K, system.near_kernel)
+    if request.param == "petsc":
+        return system.K, vx.PETSc().factorise(system.K, system.near_kernel)
     if request.param == "pardiso":
         return system.K, Pardiso().factorise(system.K)
     return system.K, SuperLU().factorise(system.K)
@@ -428,7 +433,15 @@ INDEFINITE = {
 
 @pytest.mark.parametrize("K", INDEFINITE.values(), ids=INDEFINITE)
 @pytest.mark.parametrize("terms", [0, 1], ids=["no terms", "friction"])
-@pytest.mark.parametrize("linear", [*DIRECT, pytest.param(vx.Multigrid(), marks=needs("pyamg"))], ids=str)
+@pytest.mark.parametrize(
+    "linear",
+    [
+        *DIRECT,
+        pytest.param(vx.Multigrid(), marks=needs("pyamg")),
+        pytest.param(vx.PETSc(), marks=needs("petsc4py")),
+    ],
+    ids=str,
+)
 @pytest.mark.parametrize("condense", [True, False])
 def test_indefinite_matrices_are_refused(K, terms, linear, condense):
     """All diagonals are positive; the pivots are not."""

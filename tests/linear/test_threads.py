@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 import scipy.sparse as sp
+from installed import needs
 from scenes import cyclic, paper_scene, small
 from threadpoolctl import ThreadpoolController
 from typer.testing import CliRunner
@@ -58,6 +61,29 @@ def test_factors_on_two_threads_solve_halve_and_refuse():
     assert np.abs(two.halves.completed(z, one.solve(b[:, 0])[last]) - one.solve(b[:, 0])).max() < 1e-9
     with pytest.raises(vx.SceneError, match="singular or indefinite"):
         vx.Pardiso(threads=2).factorise(sp.csr_matrix([[1.0, 2.0], [2.0, 1.0]]))
+
+
+BOTH = """
+import sys, numpy as np, vemcvx as vx
+from scenes import paper_scene
+from vemcvx.scene import pose_scene
+system = pose_scene(paper_scene(), vx.meshes.squares(128)).system
+for threads in map(int, sys.argv[1]):
+    S = vx.Pardiso(threads).eliminate(system.K, np.arange(system.n), system.retained)[1]
+    if threads == 1:
+        print(S.tobytes().hex())
+"""
+
+
+@threaded
+@needs("pymklpardiso")
+def test_one_thread_has_its_digits_whatever_ran_before_in_the_process():
+    told = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    before, after = (
+        subprocess.run([sys.executable, "-c", BOTH, order], capture_output=True, text=True, check=True, env=told).stdout
+        for order in ("1", "21")
+    )
+    assert before == after != ""
 
 
 @threaded

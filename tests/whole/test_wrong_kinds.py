@@ -119,7 +119,7 @@ MADE = [
      {"options": {"no dict"}}),
     (vx.Multigrid, {"tolerance": 1e-12, "max_iterations": 200},
      lambda made: run(STEEL, HELD, PUSH, linear=made), {"max_iterations": {"huge"}}),
-    (vx.PETSc, {"options": ""}, lambda made: run(STEEL, HELD, PUSH, linear=made), {}),
+    (vx.PETSc, {"options": ""}, lambda made: run(STEEL, HELD, PUSH, linear=made), {"options": {"no words"}}),
     (vx.Pardiso, {"threads": 1}, lambda made: run(STEEL, HELD, PUSH, linear=made), {"threads": {"None"}}),
 ]  # fmt: skip
 

@@ -310,6 +310,8 @@ def check_threads(threads: int) -> None:
 @cache
 def _threaded() -> Any:
     """The threaded oneMKL of this environment or of the system, None where there is none."""
+    # Its symbols are global: the package, were it imported later, would run in it, on its threads and with its digits.
+    _solver_class()
     found = [*map(str, sorted((Path(sys.prefix) / "lib").glob("libmkl_rt.so*"))), find_library("mkl_rt")]
     for name in found:
         with suppress(OSError, AttributeError):

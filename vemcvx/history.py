@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vemcvx.arrays import Floats
+from vemcvx.arrays import Floats, brief
 from vemcvx.errors import HistoryError
 from vemcvx.outline import Lines, Outline, Outlined
 from vemcvx.plots import animate
@@ -26,6 +26,7 @@ from vemcvx.results.probe import Profile, places, profile
 from vemcvx.results.quoted import Quantity
 from vemcvx.results.results import Results, programs_of_steps
 from vemcvx.results.tables import Columns, dataset, frame, table
+from vemcvx.scene import Scene
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -245,6 +246,23 @@ class History(Results, Outlined):
     def write(self, folder: str | Path, *, probes: ArrayLike | None = None) -> Path:
         """Write the history to a folder, with displacements at probes (p, dim): see :mod:`vemcvx.results.files`."""
         return write_results(self, folder, probes=probes)
+
+
+def scene_of(history: object, subject: str) -> Scene:
+    """The scene of a history that was simulated here.
+
+    Raises
+    ------
+    HistoryError
+        This is no history, or one that was read from files, so that its scene is not known.
+    """
+    if not isinstance(history, History):
+        raise HistoryError(f"{subject}: found {brief(history)} where a History is wanted.")
+    if history.scene is None:
+        raise HistoryError(
+            f"{subject}: this history was read from files, and its scene is not among them; simulate the scene."
+        )
+    return history.scene
 
 
 def read_history(folder: str | Path) -> History:

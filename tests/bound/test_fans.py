@@ -12,12 +12,12 @@ from vemcvx.bound.displacement import VALUES, fan_displacement, forces_of, strai
 from vemcvx.bound.fan import CORNERS, LINEAR_MASS_INVERSE, PARTS, RULE, RULE_WEIGHTS, STATIONS, fans_of
 from vemcvx.bound.hypercircle import oscillation_constants
 from vemcvx.bound.stress import (
-    OF_PARABOLAS,
     PARABOLAS,
-    REFERENCE,
     VOIGT,
     fan_stress,
     lifted,
+    of_parabolas,
+    reference,
     stresses_at_stations,
 )
 from vemcvx.vem import Space, elastic_matrix
@@ -59,7 +59,7 @@ def slopes(points, c):
 @pytest.mark.parametrize("seed", range(3))
 def test_reference_stress_balances_linear_body_forces_at_every_point(seed):
     data = balanced(seed)
-    tau, density = (REFERENCE @ data).reshape(3, 6, 3), LINEAR_MASS_INVERSE @ data[12:].reshape(3, 2)
+    tau, density = (reference() @ data).reshape(3, 6, 3), LINEAR_MASS_INVERSE @ data[12:].reshape(3, 2)
     for points, values in zip(STATIONS, tau, strict=True):
         along_x, along_y = slopes(points, polynomial(points, values))
         divergence = np.column_stack([along_x[:, 0] + along_y[:, 2], along_x[:, 2] + along_y[:, 1]])
@@ -70,7 +70,7 @@ def test_reference_stress_balances_linear_body_forces_at_every_point(seed):
 @pytest.mark.parametrize("seed", range(3))
 def test_reference_stress_has_the_given_tractions_and_passes_them_on_across_inner_edges(seed):
     data = balanced(seed)
-    tau = np.einsum("abk,pqk->pqab", VOIGT, (REFERENCE @ data).reshape(3, 6, 3))
+    tau = np.einsum("abk,pqk->pqab", VOIGT, (reference() @ data).reshape(3, 6, 3))
     forces, centre = data[:12].reshape(3, 2, 2), CORNERS.mean(axis=0)
     for k, (one, other, _) in enumerate(PARTS):
         along = CORNERS[other] - CORNERS[one]
@@ -179,7 +179,7 @@ def test_parabolas_are_balanced_by_their_stress():
     )
     rng, (c, n) = np.random.default_rng(2), one.corners.shape[:2]
     alpha = rng.normal(size=(c, n, 3, 2))
-    norm = lifted(one, OF_PARABOLAS, one.doubled_areas[..., None, None] * alpha)
+    norm = lifted(one, of_parabolas(), one.doubled_areas[..., None, None] * alpha)
     loads = np.einsum("q,qi,ctid,qj,ct->ctjd", RULE_WEIGHTS, bent, alpha, VALUES, one.doubled_areas, optimize=True)
     K = np.stack([forces_of(one, np.einsum("ctqk,ckl->ctql", strains_at_stations(one, v), one.C)) for v in unit(c, n)])
     work = loads.reshape(c, n, 20)

@@ -14,19 +14,36 @@ import vemcvx as vx
 NAMES = ["dissipated", "work", "wear"]
 
 
+def rubbed(mesh, plate, steps, end=1.0, gap=0.0, coefficient=0.3):
+    """A body whose top a plate moves, pressed on a rough floor with Coulomb's law."""
+    scene = vx.Scene(
+        vx.Elasticity(100.0, 0.3),
+        vx.PrescribedDisplacement(plate, on="top"),
+        vx.UnilateralContact(on="bottom", gap=gap),
+        vx.CoulombFriction(coefficient, on="bottom"),
+    )
+    return vx.simulate(scene, mesh, np.linspace(0.0, end, steps + 1))
+
+
+def pulled(load, bound, steps, n=5, **friction):
+    """A body that is pulled along a rough floor, with a given bound."""
+    scene = vx.Scene(
+        vx.Elasticity(200.0, 0.3),
+        vx.Clamp(on="right"),
+        vx.Traction(lambda x, t: np.tile([load(t), 0.0], (len(x), 1)), on="left"),
+        vx.BilateralContact(on="bottom"),
+        vx.TrescaFriction(bound, on="bottom", **friction),
+    )
+    return vx.simulate(scene, vx.meshes.squares(n), np.linspace(0.0, 1.0, steps + 1))
+
+
 def pad(steps, n=5):
     """Pressed on a rough floor while it is rubbed to and fro, with Coulomb's law."""
 
     def plate(x, t):
         return np.tile([0.06 * np.sin(np.pi * t), -0.02 * min(t, 1.0)], (len(x), 1))
 
-    scene = vx.Scene(
-        vx.Elasticity(100.0, 0.3),
-        vx.PrescribedDisplacement(plate, on="top"),
-        vx.UnilateralContact(on="bottom"),
-        vx.CoulombFriction(0.3, on="bottom"),
-    )
-    return vx.simulate(scene, vx.meshes.squares(n, box=((0.0, 2.0), (0.0, 1.0))), np.linspace(0.0, 2.0, steps + 1))
+    return rubbed(vx.meshes.squares(n, box=((0.0, 2.0), (0.0, 1.0))), plate, steps, end=2.0)
 
 
 def approaching(steps, n=4):
@@ -35,13 +52,7 @@ def approaching(steps, n=4):
     def plate(x, t):
         return np.tile([0.05 * t, -0.03 * t], (len(x), 1))
 
-    scene = vx.Scene(
-        vx.Elasticity(100.0, 0.3),
-        vx.PrescribedDisplacement(plate, on="top"),
-        vx.UnilateralContact(on="bottom", gap=0.01),
-        vx.CoulombFriction(0.2, on="bottom"),
-    )
-    return vx.simulate(scene, vx.meshes.squares(n), np.linspace(0.0, 1.0, steps + 1))
+    return rubbed(vx.meshes.squares(n), plate, steps, gap=0.01, coefficient=0.2)
 
 
 def turned_between_steps(steps, n=4):
@@ -52,37 +63,17 @@ def turned_between_steps(steps, n=4):
             [0.04 * np.interp(t, [0.0, 0.45, 1.0], [0.0, 1.0, -0.2]), -0.02 * min(4.0 * t, 1.0)], (len(x), 1)
         )
 
-    scene = vx.Scene(
-        vx.Elasticity(100.0, 0.3),
-        vx.PrescribedDisplacement(plate, on="top"),
-        vx.UnilateralContact(on="bottom"),
-        vx.CoulombFriction(0.3, on="bottom"),
-    )
-    return vx.simulate(scene, vx.meshes.squares(n), np.linspace(0.0, 1.0, steps + 1))
+    return rubbed(vx.meshes.squares(n), plate, steps)
 
 
 def bound_in_time(steps, n=5):
     """Friction whose given bound rises and falls while the body is pulled."""
-    scene = vx.Scene(
-        vx.Elasticity(200.0, 0.3),
-        vx.Clamp(on="right"),
-        vx.Traction(lambda x, t: np.tile([8.0 * t, 0.0], (len(x), 1)), on="left"),
-        vx.BilateralContact(on="bottom"),
-        vx.TrescaFriction(lambda x, t: np.full(len(x), 2.0 + np.sin(3.0 * t)), on="bottom"),
-    )
-    return vx.simulate(scene, vx.meshes.squares(n), np.linspace(0.0, 1.0, steps + 1))
+    return pulled(lambda t: 8.0 * t, lambda x, t: np.full(len(x), 2.0 + np.sin(3.0 * t)), steps, n)
 
 
 def one_way(steps, n=5):
     """A pile that rubs twice as much one way as the other."""
-    scene = vx.Scene(
-        vx.Elasticity(200.0, 0.3),
-        vx.Clamp(on="right"),
-        vx.Traction(lambda x, t: np.tile([6.0 * np.sin(2.0 * np.pi * t), 0.0], (len(x), 1)), on="left"),
-        vx.BilateralContact(on="bottom"),
-        vx.TrescaFriction(2.0, backward=1.0, on="bottom"),
-    )
-    return vx.simulate(scene, vx.meshes.squares(n), np.linspace(0.0, 1.0, steps + 1))
+    return pulled(lambda t: 6.0 * np.sin(2.0 * np.pi * t), 2.0, steps, n, backward=1.0)
 
 
 def block_on_block(steps, n=3):
@@ -111,13 +102,7 @@ def pressed_in_space(steps, n=2):
     def plate(x, t):
         return np.tile([0.03 * min(t, 1.0), 0.02 * max(t - 1.0, 0.0), -0.03 * min(2.0 * t, 1.0)], (len(x), 1))
 
-    scene = vx.Scene(
-        vx.Elasticity(100.0, 0.3),
-        vx.PrescribedDisplacement(plate, on="top"),
-        vx.UnilateralContact(on="bottom"),
-        vx.CoulombFriction(0.2, on="bottom"),
-    )
-    return vx.simulate(scene, vx.meshes.cubes(n), np.linspace(0.0, 2.0, steps + 1))
+    return rubbed(vx.meshes.cubes(n), plate, steps, end=2.0, coefficient=0.2)
 
 
 def dovetail(steps, n=4):

@@ -10,20 +10,20 @@ import numpy as np
 import pytest
 
 import vemcvx as vx
-from vemcvx.results.recovered import Sides, recovered
+from vemcvx.results.recovered import ContactSides, recovered
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "problems"))
 
 
 def chain(x, reach=0.1):
-    """Sides between nodes at x along a line, their int phi_i, and the matrix of forces int phi_i phi_j."""
+    """ContactSides between nodes at x along a line, their int phi_i, and the matrix of forces int phi_i phi_j."""
     h, k = np.diff(x), np.arange(len(x) - 1)
     ends = np.column_stack([k, k + 1])
     mass, lengths = np.zeros((len(x), len(x))), np.zeros(len(x))
     for (i, j), side in zip(ends, h, strict=True):
         mass[np.ix_([i, j], [i, j])] += side / 6 * np.array([[2, 1], [1, 2]])
         lengths[[i, j]] += side / 2
-    return Sides(ends, h, np.maximum(h, reach)), lengths, mass
+    return ContactSides(ends, h, np.maximum(h, reach)), lengths, mass
 
 
 @pytest.mark.parametrize("smallest", [0.1, 1e-3, 1e-6])

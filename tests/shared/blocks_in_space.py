@@ -128,3 +128,14 @@ def on_floor(
     return vx.System(
         K, lambda t: np.asarray(traction(t)) @ loads, norms, limits=limits, near_kernel=rigid.reshape(3 * n, 6)[free]
     )
+
+
+def assert_within_both_certificates(system, direct, iterative):
+    """Steps of an inexact linear solver are those of a direct one, within both certificates; the same terms stick."""
+    assert iterative.certificate.max() <= 1e-8
+    apart = iterative.state - direct.state
+    distance = np.sqrt(np.maximum(np.einsum("si,si->s", apart, (system.K @ apart.T).T), 0.0))
+    claimed = iterative.certificate_total + direct.certificate_total
+    claimed = claimed + iterative.certificate_floor + direct.certificate_floor
+    assert (distance <= claimed * direct.scale).all()
+    assert np.array_equal(iterative.sticking, direct.sticking)

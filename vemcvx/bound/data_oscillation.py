@@ -30,7 +30,6 @@ and of waves of traction .37.
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
@@ -42,12 +41,11 @@ from scipy.fft import dst
 from vemcvx.arrays import Bools, Floats, Ints, totals
 from vemcvx.bound.skeleton import Instant, Skeleton, at_ends, body_forces, edge_loads, pressures_at_ends
 from vemcvx.effects import Contribution, Friction, MaterialLaw, Obstacle, Support
-from vemcvx.errors import SceneWarning
 from vemcvx.linear import Factor
 from vemcvx.meshes import Interface, PolygonMesh, plane_mesh
 from vemcvx.meshes.polygons.geometry import outlines, places, triangulated
 from vemcvx.meshes.polygons.topology import positions
-from vemcvx.scene.pose import PosedScene
+from vemcvx.scene.pose import PosedScene, unwarned
 from vemcvx.scene.scene import contributions
 from vemcvx.vem import Space, elastic_matrix
 
@@ -208,9 +206,7 @@ class DataOscillation:
         effects = self.posed.scene.canonical
         laws = [effect for effect in effects if isinstance(effect, MaterialLaw)]
         others = [effect for effect in effects if not isinstance(effect, MaterialLaw)]
-        with warnings.catch_warnings():
-            # The run has given them.
-            warnings.simplefilter("ignore", SceneWarning)
+        with unwarned():
             asked = (*contributions(others, Space(self.fine.mesh)), *contributions(laws, self.posed.space))
         return [part for _, part in asked]
 
@@ -315,8 +311,7 @@ class DataOscillation:
         active = np.any(slipped | (lam >= 0.99 * bound), axis=1)[self.fine.owner[at]]
         apart = np.where(active, differs, -np.minimum(exceeds, np.abs(differs)))
         mean = self._sum(at, apart)
-        tangents = self.edges.units[:, ::-1] * [-1.0, 1.0]
-        squares = self._of_jumps(self._compliances, tangents) * self._scatter(self._sum(at, apart**2), mean)
+        squares = self._of_jumps(self._compliances, self.edges.tangents) * self._scatter(self._sum(at, apart**2), mean)
         force = mean[:, None] * self._along_slip(now)
         return squares, force + self.edges.joints.reaction(force)
 
@@ -403,7 +398,7 @@ class DataOscillation:
             if part.material is None and part.stiffness is not None:
                 each += (part.stiffness @ np.tile(np.eye(2), (len(each), 1))).reshape(-1, 2, 2)
         each = each[fine.old :]
-        frame = np.stack([self.edges.units, self.edges.units[:, ::-1] * [-1.0, 1.0]])
+        frame = np.stack([self.edges.units, self.edges.tangents])
         k = np.einsum("jqa,qab,jqb->jq", frame[:, owner], each, frame[:, owner]) / fine.lengths
         mean = np.stack([totals(owner, one, len(self.edges.outer)) for one in k]) / np.bincount(owner)
         k, assembled = without_rounding(k, mean[:, owner])

@@ -25,12 +25,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vemcvx.arrays import Floats, Ints, brief, totals
+from vemcvx.arrays import Floats, Ints, totals
 from vemcvx.bound.hypercircle import Hypercircle, Pair, hypercircle
 from vemcvx.bound.skeleton import Instant, instant
 from vemcvx.bound.surface import products
-from vemcvx.errors import HistoryError, SceneError
-from vemcvx.history import History
+from vemcvx.errors import SceneError
+from vemcvx.history import History, scene_of
 from vemcvx.outline import Outline, Outlined
 from vemcvx.scene.pose import pose_scene
 
@@ -148,13 +148,8 @@ def error_bound(history: History, step: int | None = None) -> ErrorBound:
     The mathematics are in :mod:`vemcvx.bound.hypercircle` and :mod:`vemcvx.bound.error_bound`. Data
     that vary are read at the points of quadrature rules, and on the boundary at PIECES per size of the body.
     """
-    if not isinstance(history, History):
-        raise HistoryError(f"error_bound: found {brief(history)} where a History is wanted.")
-    if history.scene is None:
-        raise HistoryError(
-            "error_bound: this history was read from files, and its scene is not among them; simulate the scene."
-        )
-    posed = pose_scene(history.scene, history.mesh, history.trajectory.times.tolist())
+    scene = scene_of(history, "error_bound")
+    posed = pose_scene(scene, history.mesh, history.trajectory.times.tolist())
     circle = hypercircle(posed)
     return _of_history(circle, history) if step is None else of_steps(circle, history, [step]).at(0)
 
@@ -217,7 +212,8 @@ def _shares(circle: Hypercircle, triangles: Floats, gap: Floats, upper: float) -
 # Histories.
 
 
-def _of_history(circle: Hypercircle, history: History) -> ErrorBound:
+def _check_history(circle: Hypercircle, history: History) -> None:
+    """Raise SceneError where there is no bound over a whole history, or not all of it is stored."""
     posed, count = circle.posed, history.steps + 1
     laws = [friction.subject for friction in posed.terms.frictions if friction.law is not None]
     if posed.springs is not None:
@@ -233,7 +229,11 @@ def _of_history(circle: Hypercircle, history: History) -> ErrorBound:
             f"error_bound: {len(history.stored)} of {count} instants were stored, and the bound over a whole history "
             "needs all of them (store='all'); error_bound(history, step=-1) gives the bound of a step."
         )
-    last = instant(history, 0)
+
+
+def _of_history(circle: Hypercircle, history: History) -> ErrorBound:
+    _check_history(circle, history)
+    count, last = history.steps + 1, instant(history, 0)
     pair = circle.pair(last, last)
     y = [float(np.sqrt(pair.A2))]
     defects = circle.richer(pair)

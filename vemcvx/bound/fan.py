@@ -70,7 +70,7 @@ LINEAR_MASS_INVERSE = 24.0 * np.linalg.inv(np.ones((3, 3)) + np.eye(3))
 """(3, 3) inverse of int lambda_j lambda_k over the reference triangle."""
 BARYCENTRIC = np.column_stack([1.0 - RULE.reshape(-1, 2).sum(axis=1), RULE.reshape(-1, 2)])
 """(21, 3) lambda at the points of the rule."""
-CHUNK = 2**14
+CELLS_TOGETHER = 2**14
 """Entries of one n x n matrix a cell, over the cells that are treated together: some hundred hexagons, whose matrices
 take 20 MB."""
 
@@ -157,7 +157,7 @@ def fans_of(space: Space, C: Floats) -> tuple[Fans, ...]:
     found = []
     root = np.sqrt([1.0, 1.0, 2.0])
     shear = np.asarray(np.linalg.eigvalsh(C * root[:, None] * root)[:, 0], dtype=np.float64)
-    for chunk in (chunk for group in space.groups for chunk in group.chunks(CHUNK)):
+    for chunk in (chunk for group in space.groups for chunk in group.chunks(CELLS_TOGETHER)):
         centres = polygon_centroids(chunk.corners)[1]
         for k in np.flatnonzero(_least_height(chunk.corners - centres[:, None]) < LOWEST):
             centres[k] += _seeing(chunk.corners[k] - centres[k], int(chunk.cells[k]))

@@ -66,7 +66,7 @@ from vemcvx.bound.fan import (
     monomials,
 )
 from vemcvx.bound.skeleton import Instant, check_estimable, skeleton
-from vemcvx.bound.stress import OF_EDGE, OF_PARABOLAS, PARABOLAS, fan_stress, lifted
+from vemcvx.bound.stress import PARABOLAS, fan_stress, lifted, of_edge, of_parabolas
 from vemcvx.bound.surface import Boundary, Surface
 from vemcvx.effects import Load
 from vemcvx.errors import SceneError
@@ -153,6 +153,22 @@ class Pair:
 
 
 @dataclass(frozen=True, eq=False)
+class _Inside:
+    """A pair inside a chunk of cells."""
+
+    v: Floats
+    """(c, n, 20) values at the nodes of triangles"""
+    defect: Floats
+    """r (c, n, 18, 3)"""
+    work: Floats
+    """of stresses on the functions of triangles, with a minus sign, in the shape of v"""
+    energy: float
+    """a(v, v)"""
+    still: float
+    """(sigma_0, eps(v))"""
+
+
+@dataclass(frozen=True, eq=False)
 class Hypercircle:
     """All of a posed scene that pairs are made of, at any instant."""
 
@@ -178,16 +194,8 @@ class Hypercircle:
         """
         boundary, edges = self.boundary, self.boundary.edges
         boundary.check_supports(now)
-        densities = self.densities_at(now.t)
-        prestress = np.zeros((len(edges.areas), 3))
-        if self.posed.prestress is not None:
-            prestress = self.posed.prestress.stress(now.t)
-        if np.any(boundary.oscillation.stress(now.t, strains(self.posed.space, now.u))):
-            raise SceneError(
-                "error_bound: moduli, eigenstrains or prestress vary inside cells, and there is no bound for that; "
-                "give one value a cell, as an array (n_cells,) or by on=."
-            )
-        held = np.einsum("bij,bej->bei", boundary.held, now.u[edges.outer_edges])
+        densities, prestress = self.densities_at(now.t), self._prestress(now)
+        held, ends = np.einsum("bij,bej->bei", boundary.held, now.u[edges.outer_edges]), now.u[edges.outer_edges]
         weighed = [
             RULE_WEIGHTS[:, None] * fans.doubled_areas[..., None, None] * f
             for fans, f in zip(self.fans, densities, strict=False)
@@ -196,35 +204,27 @@ class Hypercircle:
         surface = boundary.at(now, before, self._work(moments))
         body: list[Floats | None] = [*moments] or [None] * len(self.fans)
         stress, motion = self.equilibrium.solve(held, surface.forces, body, prestress)
-        ends = now.u[edges.outer_edges]
-        residual, energy, potential, defects = np.zeros(self.Q.shape[0]), 0.0, 0.0, []
-        for k, (fans, displacement, F, tau) in enumerate(zip(self.fans, self.displacements, body, stress, strict=True)):
-            v = displacement.nodal(outline_of(fans, now.u), F)
-            strain = strains_at_stations(fans, v)
-            elastic, still = (
-                stresses_of(fans, strain),
-                np.broadcast_to(prestress[fans.cells][:, None, None], strain.shape),
-            )
-            defects.append(tau - still - elastic)
-            energy += float(inner(fans, strain, elastic).sum())
-            work = -forces_of(fans, elastic + still)
+        inside = [self._inside(k, now.u, body[k], tau, prestress) for k, tau in enumerate(stress)]
+        defects = tuple(one.defect for one in inside)
+        energy, potential = sum(one.energy for one in inside), sum(one.still for one in inside)
+        residual = np.zeros(self.Q.shape[0])
+        for k, one in enumerate(inside):
+            work = one.work
             if weighed:
-                loads = np.matmul(VALUES.T, weighed[k]).reshape(v.shape)
-                potential -= float(np.sum(loads * v))
-                work += loads
-            if prestress.any():
-                potential += float(inner(fans, strain, still).sum())
-            residual += totals(self.outlines[k].ravel(), displacement.on_outline(work).ravel(), len(residual))
+                loads = np.matmul(VALUES.T, weighed[k]).reshape(one.v.shape)
+                potential -= float(np.sum(loads * one.v))
+                work = work + loads
+            place = self.outlines[k].ravel()
+            residual += totals(place, self.displacements[k].on_outline(work).ravel(), len(residual))
         residual += self._of_tractions(surface.loads)
         energy += float(boundary.spring_energies(ends).sum())
-        potential += 0.5 * energy + float(surface.cost.sum())
-        potential -= float(np.sum(surface.loads[:, :2] * now.u[edges.outer_edges]))
+        potential += 0.5 * energy + float(surface.cost.sum()) - float(np.sum(surface.loads[:, :2] * ends))
         left = self.Q.T @ residual
         w = self.factor.solve(left)
         return Pair(
             u=now.u,
             surface=surface,
-            defects=tuple(defects),
+            defects=defects,
             w=self.Q @ w,
             squares=self.squares(defects),
             springs=boundary.spring_energies(ends - motion),
@@ -233,6 +233,30 @@ class Hypercircle:
             potential=potential,
             norm=float(np.sqrt(max(energy, 0.0))),
             lowered=float(np.sqrt(max(float(left @ w), 0.0))),
+        )
+
+    def _prestress(self, now: Instant) -> Floats:
+        """sigma_0 (n_cells, 3), one a cell."""
+        if np.any(self.boundary.oscillation.stress(now.t, strains(self.posed.space, now.u))):
+            raise SceneError(
+                "error_bound: moduli, eigenstrains or prestress vary inside cells, and there is no bound for that; "
+                "give one value a cell, as an array (n_cells,) or by on=."
+            )
+        prestress = self.posed.prestress
+        return np.zeros((len(self.boundary.edges.areas), 3)) if prestress is None else prestress.stress(now.t)
+
+    def _inside(self, k: int, u: Floats, F: Floats | None, tau: Floats, prestress: Floats) -> _Inside:
+        """The displacement and the stress in the k-th chunk of cells."""
+        fans = self.fans[k]
+        v = self.displacements[k].nodal(outline_of(fans, u), F)
+        strain = strains_at_stations(fans, v)
+        elastic, still = stresses_of(fans, strain), prestress[fans.cells][:, None, None] + np.zeros_like(strain)
+        return _Inside(
+            v=v,
+            defect=tau - still - elastic,
+            work=-forces_of(fans, elastic + still),
+            energy=float(inner(fans, strain, elastic).sum()),
+            still=float(inner(fans, strain, still).sum()) if prestress.any() else 0.0,
         )
 
     def richer(self, pair: Pair) -> list[Floats]:
@@ -259,11 +283,11 @@ class Hypercircle:
         missed[edges.outer_corners] = np.sqrt(squares)
         for k, fans in enumerate(self.fans):
             place, (inside, outside) = self._corners(fans), oscillation_constants(fans)
-            found[place] = outside * missed[place] + lifted(fans, OF_EDGE, bent[place])
+            found[place] = outside * missed[place] + lifted(fans, of_edge(), bent[place])
             if densities:
                 parabolas, rest = missed_forces(densities[k])
                 found[place] += inside * np.sqrt(0.5 * fans.doubled_areas * rest)
-                found[place] += lifted(fans, OF_PARABOLAS, fans.doubled_areas[..., None, None] * parabolas)
+                found[place] += lifted(fans, of_parabolas(), fans.doubled_areas[..., None, None] * parabolas)
         return found
 
     def distance(self, one: Floats, other: Floats) -> float:

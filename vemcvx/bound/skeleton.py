@@ -124,6 +124,11 @@ class Skeleton:
         return self.outer_normals / self.lengths[:, None]
 
     @cached_property
+    def tangents(self) -> Floats:
+        """(b, 2) unit tangents of boundary edges, the body on the left."""
+        return self.units[:, ::-1] * [-1.0, 1.0]
+
+    @cached_property
     def weights(self) -> Floats:
         """(b,) d_e / (2 mu) of boundary edges, by which squares of what they miss count."""
         return self.depths(self.outer, self.outer_normals) / (2.0 * self.shear[self.outer])

@@ -22,6 +22,7 @@ energy in a body is that of the m whose tractions agree (:mod:`.equilibrium`).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -83,7 +84,8 @@ def _conditions(count: int) -> tuple[Floats, Floats, Floats]:
     return np.concatenate(outer), np.concatenate(jumps), np.concatenate(inside)
 
 
-def _reference() -> Floats:
+@cache
+def reference() -> Floats:
     """(54, 18) stresses at the stations of the reference triangle, from 12 numbers of tractions and 6 of forces.
 
     Tractions are int tau n phi at both ends of the edges from corner k to corner k + 1, forces int f lambda_k; on data
@@ -115,10 +117,12 @@ def _reference() -> Floats:
     return found
 
 
-REFERENCE = _reference()
-_BY_PART = REFERENCE.reshape(3, 6, 3, 18)
-GRAM = np.einsum("ij,piak,pjbl->abkl", MASS, _BY_PART, _BY_PART)
-"""(3, 3, 18, 18) int of products of components of such stresses."""
+@cache
+def _gram() -> Floats:
+    """(3, 3, 18, 18) int of products of components of such stresses."""
+    parts = reference().reshape(3, 6, 3, 18)
+    found: Floats = np.einsum("ij,piak,pjbl->abkl", MASS, parts, parts)
+    return found
 
 
 # What linear moments miss: quadratic parts of body forces, and of tractions on the outer edge of a fan triangle, from
@@ -150,7 +154,8 @@ def _parabolas() -> Floats:
 PARABOLAS = _parabolas()
 
 
-def _of_parabolas() -> Floats:
+@cache
+def of_parabolas() -> Floats:
     """(3, 3, 6, 6) int of products of components of the cubic stresses that balance parabolas in the triangle."""
     rows = []
     for k in range(3):
@@ -166,7 +171,8 @@ def _of_parabolas() -> Floats:
     return found
 
 
-def _of_edge() -> Floats:
+@cache
+def of_edge() -> Floats:
     """(3, 3, 2, 2) likewise of stresses that balance the tractions 1 - 6 s (1 - s) on the outer edge."""
     stacked, data = np.concatenate(_conditions(3)), np.zeros((54, 2))
     data[6:12] = np.kron([[1.0], [-0.5], [1.0]], np.eye(2))
@@ -175,9 +181,6 @@ def _of_edge() -> Floats:
     at = (weighed @ np.linalg.pinv(stacked @ weighed) @ data).reshape(3, 6, 3, 2)
     found: Floats = np.einsum("ij,piak,pjbl->abkl", MASS, at, at)
     return found
-
-
-OF_PARABOLAS, OF_EDGE = _of_parabolas(), _of_edge()
 
 
 def lifted(fans: Fans, gram: Floats, data: Floats) -> Floats:
@@ -241,7 +244,7 @@ def triangle_energies(fans: Fans) -> Floats:
     M = piola(B)
     D = fans.D
     form = np.matmul(M.transpose(0, 1, 3, 2), np.matmul(D[:, None], M)) / det[..., None, None]
-    reference = np.einsum("ctab,abkl->ctkl", form, GRAM, optimize=True)
+    reference = np.einsum("ctab,abkl->ctkl", form, _gram(), optimize=True)
     back = fans.back
     shape = (*det.shape, 9, 2, 9, 2)
     # b^ = B^-1 b of every force.
@@ -310,6 +313,6 @@ def stresses_at_stations(fans: Fans, tractions: Floats, force: Floats | None = N
     c, n = of_triangles.shape[:2]
     B = fans.B
     hat = np.matmul(of_triangles.reshape(c, n, 9, 2), fans.back.transpose(0, 1, 3, 2)).reshape(c, n, 18)
-    tau = (hat @ REFERENCE.T).reshape(c, n, 18, 3)
+    tau = (hat @ reference().T).reshape(c, n, 18, 3)
     found: Floats = np.matmul(tau, piola(B).transpose(0, 1, 3, 2)) / fans.doubled_areas[..., None, None]
     return found

@@ -31,6 +31,7 @@ from vemcvx.meshes.polygons.topology import positions, spans
 from vemcvx.program.kernel import KernelBalance
 from vemcvx.scene.contact_table import ContactRows
 from vemcvx.scene.pose import PosedScene
+from vemcvx.vem import tangents_of
 
 GAUSS, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(3)
 FAR = 1e-9
@@ -98,11 +99,6 @@ class Boundary:
         lengths: Floats = self.edges.lengths[self.fine.piece_owner] * np.diff(self._along, axis=1)[:, 0]
         return lengths
 
-    @cached_property
-    def tangents(self) -> Floats:
-        """(b, 2) along the boundary, the body on the left."""
-        return self.edges.units[:, ::-1] * [-1.0, 1.0]
-
     def _prescribed(self, joined: bool) -> Floats:
         """(b, 2, 2) projectors on what supports prescribe on edges: motions, or jumps to another body."""
         squares = np.zeros((len(self.edges.outer), 2, 2))
@@ -116,17 +112,21 @@ class Boundary:
     @cached_property
     def bonds(self) -> Floats:
         """(j, 2, 2) projectors on the directions in which the two edges of each joint move alike, held by nothing."""
-        joints = self.edges.joints
-        bonds, held = self._prescribed(True)[joints.first], self.held
-        return bonds - _common(bonds, held[joints.first])
+        first = self.edges.joints.first
+        return self._tied - _common(self._tied, self.held[first])
+
+    @cached_property
+    def _tied(self) -> Floats:
+        """(j, 2, 2) projectors on what supports prescribe of the jump at each joint."""
+        return self._prescribed(True)[self.edges.joints.first]
 
     @cached_property
     def held(self) -> Floats:
         """(b, 2, 2) projectors on the directions in which edges are held, by themselves or bonded to one that is."""
         joints, own = self.edges.joints, self._prescribed(False)
-        bonds, held = self._prescribed(True)[joints.first], own.copy()
+        held = own.copy()
         for one, other in ((joints.first, joints.second), (joints.second, joints.first)):
-            held[one] += _common(bonds, own[other])
+            held[one] += _common(self._tied, own[other])
         return _spanned(held)
 
     @cached_property
@@ -207,8 +207,7 @@ class Boundary:
 
     def _pieces(self, rows: Friction | Obstacle) -> tuple[Ints, Ints, Ints]:
         """The pieces, their ends, and the rows of effects there."""
-        if rows.ends is None:
-            raise SceneError(f"error_bound: {rows.subject} does not say by ends= on which edges it acts.")
+        assert rows.ends is not None  # Others are refused before: check_estimable.
         names = np.column_stack([rows.nodes[rows.ends.row], rows.ends.beyond])
         piece = positions(names, self.fine.pieces, self.fine.mesh.n_nodes)
         return piece, (names[:, 0] != self.fine.pieces[piece, 0]).astype(int), rows.ends.row
@@ -252,7 +251,8 @@ class Boundary:
         paid = products(laws.bound, np.abs(laws.slip)) + products(laws.bias, laws.slip)
         rigid, soft = (self._line(press.ends) for press in presses)
         lacking = presses[0].lacking(rigid) + presses[1].lacking(soft)
-        contact = q[..., None] * self.tangents[owner, None] + (rigid + soft)[..., None] * self.edges.units[owner, None]
+        along, outward = self.edges.tangents[owner, None], self.edges.units[owner, None]
+        contact = q[..., None] * along + (rigid + soft)[..., None] * outward
         second, first = self._opposite
         contact[second] -= contact[first][:, ::-1]
         within = 0.5 + 0.5 * GAUSS[:, None]
@@ -351,20 +351,20 @@ class Boundary:
                 bias += np.nan_to_num(self._read(friction, friction.bias(now.t) / friction.lengths))
             if friction.ground is not None:
                 along = friction.ground.vector(now.t) - friction.ground.vector(before.t)
-                tangents = friction.normals[:, ::-1] * [-1.0, 1.0]
-                moved += np.nan_to_num(self._read(friction, np.einsum("md,md->m", along, tangents)))
+                way = np.einsum("md,md->m", along, tangents_of(friction.normals)[:, 0])
+                moved += np.nan_to_num(self._read(friction, way))
         if any(friction.law is not None for friction in frictions):
             # Bounds that follow the pressure are those of the answer, linear between nodes.
             bound = self._line(self._at_ends(terms, (now.weights / terms.lengths)[:, None])[..., 0])
-        moves = self._moves(self.tangents)[owner, None]
-        slip = self._line(np.einsum("bed,bd->be", self._jumps(now.u - before.u), self.tangents)) - moved
+        moves = self._moves(self.edges.tangents)[owner, None]
+        slip = self._line(np.einsum("bed,bd->be", self._jumps(now.u - before.u), self.edges.tangents)) - moved
         return _Laws(np.where(moves, bound, 0.0), np.where(moves, bias, 0.0), slip)
 
     def _theta(self, now: Instant, laws: _Laws) -> Floats:
         """theta (b, 2) at the ends of edges, by the multipliers."""
         terms = self.posed.terms
         against = self._at_ends(terms, now.lam / terms.lengths[:, None] * terms.tangents[:, 0])
-        ends = np.einsum("bed,bd->be", against, self.tangents)
+        ends = np.einsum("bed,bd->be", against, self.edges.tangents)
         bound, bias = self._tips(laws.bound), self._tips(laws.bias)
         theta = np.divide(ends - bias, bound, out=np.zeros_like(ends), where=bound > 0.0)
         clipped: Floats = np.clip(np.where(bound > 0.0, theta, theta[:, ::-1]), -1.0, 1.0)
@@ -389,7 +389,7 @@ class Boundary:
         moved = [mode.reshape(-1, 2) for mode in self.motions.T]
         along, outward = (
             [self._line(np.einsum("bed,bd->be", self._jumps(mode), way)) for mode in moved]
-            for way in (self.tangents, self.edges.units)
+            for way in (self.edges.tangents, self.edges.units)
         )
         hats = [self._line(np.tile(np.eye(2)[end], (count, 1))) for end in range(2)]
 

@@ -50,11 +50,11 @@ FILES = 48, 80
 """Bytes of an unknown and of a cell in the files of a stored step: 3.9 MB of 24,649 squares and 49,928 unknowns."""
 WRITING = 1.3e-6
 """Seconds to write a cell of a stored step."""
-STEP = 1e-3
+STEP_SECONDS = 1e-3
 """Seconds of a step beside what its unknowns take; of 256 unknowns in contact .5 ms."""
 
 
-class Law(NamedTuple):
+class CostLaw(NamedTuple):
     """Factors and powers of the pairs: bytes at the peak, seconds before the first step, seconds of a stored one."""
 
     memory: tuple[float, float]
@@ -63,12 +63,12 @@ class Law(NamedTuple):
 
 
 LAWS = {
-    ("SuperLU", True): Law((221.0, 1.12), (1.32e-7, 1.26), (1.32e-8, 1.2)),
-    ("Pardiso", True): Law((379.0, 1.02), (3.0e-7, 1.12), (3.9e-8, 1.05)),
-    ("Multigrid", True): Law((443.0, 1.0), (1.2e-6, 1.05), (1.8e-6, 1.05)),
-    ("SuperLU", False): Law((43.4, 4 / 3), (7.3e-10, 1.83), (8.6e-9, 4 / 3)),
-    ("Pardiso", False): Law((22.0, 4 / 3), (5.5e-10, 1.75), (5.5e-9, 4 / 3)),
-    ("Multigrid", False): Law((913.0, 1.0), (2.2e-6, 1.1), (4.0e-6, 1.05)),
+    ("SuperLU", True): CostLaw((221.0, 1.12), (1.32e-7, 1.26), (1.32e-8, 1.2)),
+    ("Pardiso", True): CostLaw((379.0, 1.02), (3.0e-7, 1.12), (3.9e-8, 1.05)),
+    ("Multigrid", True): CostLaw((443.0, 1.0), (1.2e-6, 1.05), (1.8e-6, 1.05)),
+    ("SuperLU", False): CostLaw((43.4, 4 / 3), (7.3e-10, 1.83), (8.6e-9, 4 / 3)),
+    ("Pardiso", False): CostLaw((22.0, 4 / 3), (5.5e-10, 1.75), (5.5e-9, 4 / 3)),
+    ("Multigrid", False): CostLaw((913.0, 1.0), (2.2e-6, 1.1), (4.0e-6, 1.05)),
 }
 """By linear solver, and whether the body is plane."""
 
@@ -159,7 +159,7 @@ def foreseen(
     # The factor of triangles or tetrahedra is as full as that of squares or cubes with these nodes.
     filled = max(pairs, DENSITY[growth.plane] * unknowns)
     memory, prepare, step = (factor * filled**power for factor, power in law)
-    seconds = growth.meshing * cells + prepare + stored * step + steps * STEP
+    seconds = growth.meshing * cells + prepare + stored * step + steps * STEP_SECONDS
     disk = stored * (FILES[0] * unknowns + FILES[1] * cells) if streamed else 0.0
     return Foreseen(
         cells=cells,

@@ -125,13 +125,22 @@ def _shown(value: float | None) -> str:
     return "-" if value is None else f"{value:.5g}"
 
 
+class _Noting(logging.Handler):
+    """A handler of the log that keeps what is warned of in a list."""
+
+    def __init__(self, said: list[str]):
+        super().__init__(logging.WARNING)
+        self._said = said
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self._said.append(record.getMessage())
+
+
 @contextmanager
 def heard() -> Iterator[list[str]]:
     """A list of all that is warned of within, by warnings and in the log."""
     said: list[str] = []
-    handler = logging.Handler(logging.WARNING)
-    handler.emit = lambda record: said.append(record.getMessage())  # type: ignore[method-assign]
-    log = logging.getLogger("vemcvx")
+    handler, log = _Noting(said), logging.getLogger("vemcvx")
     log.addHandler(handler)
     try:
         with warnings.catch_warnings():

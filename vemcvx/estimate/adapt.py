@@ -282,39 +282,16 @@ def adapt(
     bounded = choice(estimate, "adapt", "estimate", ("residual", "bound")) == "bound"
     if bounded and of != "energy":
         raise SceneError(f"adapt: found estimate='bound' beside of={of!r}; bounds are of the energy norm alone.")
-    if not (initial is None or isinstance(initial, str)):
-        raise SceneError(
-            "adapt: found an initial displacement, which belongs to one mesh; begin from None, 'equilibrium' or "
-            "'settled'."
-        )
-    wanted = checked_times(times)
-    if len(wanted) < 2:
-        raise SceneError("adapt: found one instant; give the first and the last at least, such as [0, 1].")
-    instants, passes = wanted, list[Pass]()
-    finer: Finer | None = None
+    aim = _Aim(target, of, bounded, _begun(initial), _wanted(times), solver=_lenient(solver, target))
+    passes, start = list[Pass](), time.perf_counter()
+    instants, finer = _begin(scene, mesh, aim)
     while True:
-        start = time.perf_counter()
-        if not passes:
-            instants, finer = _begin(scene, mesh, wanted, (target, of), initial)
-        posed = pose_scene(scene, mesh, instants.tolist())
-        circle, looked_at = hypercircle(posed) if bounded else None, _looked_at(instants, wanted)
-        kept = np.union1d(np.searchsorted(instants, wanted), looked_at - 1 if bounded else looked_at).tolist()
-        trajectory = march(posed.system, instants, solver=_lenient(solver, target), initial=initial, store=kept)
-        assembled = time.perf_counter() - start - sum(trajectory.seconds.values())
-        history = History.of(record(posed, trajectory, assembled, Memory()))
+        posed, history, bound = _simulated(scene, mesh, instants, aim, start)
         # Steps are looked at once the mesh of the pass before came this near the target; before, as on the coarse
         # mesh.
         near = of == "energy" and len(passes) > 0 and passes[-1].space <= 1.4 * target
-        bound = None if circle is None else of_steps(circle, history, looked_at.tolist())
-        budget, finer = _judged(history, looked_at, target, bound, _Time(posed, None if near else finer))
-        parts = {name: budget.largest[name] for name in ("algebra", "space", "time")}
-        lost, indicators = Lost.of_energy(finer, budget.scale or finer.norm), budget.cells**2
-        if of != "energy":
-            history, found = with_quantities(history)
-            aim = (history.quantities or {})[of]
-            lost = Lost.of_quantity(found, of, aim.value)
-            parts |= {"space": aim.mesh / (abs(aim.value) or 1.0), "time": lost.error}
-            indicators = indicators * (parts["space"] ** 2 / (indicators.sum() or 1.0))
+        budget, finer = _judged(history, bound, aim, _Time(posed, None if near else finer))
+        history, lost, parts, indicators = _missed(history, budget, finer, of)
         now = Pass(
             cells=mesh.n_cells,
             unknowns=posed.system.n,
@@ -324,25 +301,95 @@ def adapt(
             **parts,
         )
         passes.append(now)
-        log = logging.getLogger("vemcvx")
-        for words in budget.jumps if len(passes) == 1 else ():
-            log.info("%s", words)
-        log.info("pass %d: %d cells, %d steps, estimated error %.3g", len(passes), now.cells, now.steps, now.total)
-        if progress is not None:
-            progress(now)
+        _tell(passes, budget, progress)
         marked, split = _next(now, indicators, (instants, lost), target, theta)
         done = now.total <= target or not (marked.any() or len(split) > len(instants))
         done = done or (of != "energy" and stalled(passes))
         if done or now.unknowns * (1 + 3 * marked.mean()) > most_unknowns:
             if of != "energy":
-                budget, _ = _judged(history, looked_at, target, None, _Time(posed, None))
+                budget, _ = _judged(history, None, aim, _Time(posed, None))
             asked = {"target": target} if of == "energy" else {}
             known = None if bound is None else bound.largest
             history = replace(history, errors={**budget.largest, **asked}, growth=_growth(passes), bound=known)
             warn_of(posed, history)
             return Adapted(history=history, budget=budget, passes=tuple(passes), target=target, of=of, bound=bound)
+        start = time.perf_counter()
         mesh = mesh.refine(marked) if marked.any() else mesh
         instants, finer = split, finer if len(split) == len(instants) else None
+
+
+@dataclass(frozen=True)
+class _Aim:
+    """The target of an adaptive run, and how its passes are simulated and judged."""
+
+    target: float
+    of: str
+    bounded: bool
+    initial: str | None
+    wanted: Floats
+    """instants that are asked for"""
+    solver: Solver | None
+
+    def steps(self, instants: Floats) -> Ints:
+        """Steps at which the mesh is judged: those asked for, or some of them, and the last."""
+        steps = np.searchsorted(instants, self.wanted[1:])
+        # The mesh is judged at eight instants at most: each costs one back-substitution a pass.
+        if len(steps) > 8:
+            steps = steps[np.linspace(0, len(steps) - 1, 8).round().astype(int)]
+        return steps
+
+
+def _begun(initial: ArrayLike | str | None) -> str | None:
+    if initial is None or isinstance(initial, str):
+        return initial
+    raise SceneError(
+        "adapt: found an initial displacement, which belongs to one mesh; begin from None, 'equilibrium' or 'settled'."
+    )
+
+
+def _wanted(times: ArrayLike) -> Floats:
+    wanted = checked_times(times)
+    if len(wanted) < 2:
+        raise SceneError("adapt: found one instant; give the first and the last at least, such as [0, 1].")
+    return wanted
+
+
+def _simulated(
+    scene: Scene, mesh: PolygonMesh, instants: Floats, aim: _Aim, start: float
+) -> tuple[PosedScene, History, ErrorBound | None]:
+    """The run of a pass that began at `start`, and the bound of the steps at which the mesh is judged, if wanted."""
+    posed = pose_scene(scene, mesh, instants.tolist())
+    circle, steps = hypercircle(posed) if aim.bounded else None, aim.steps(instants)
+    kept = np.union1d(np.searchsorted(instants, aim.wanted), steps - 1 if aim.bounded else steps).tolist()
+    trajectory = march(posed.system, instants, solver=aim.solver, initial=aim.initial, store=kept)
+    assembled = time.perf_counter() - start - sum(trajectory.seconds.values())
+    history = History.of(record(posed, trajectory, assembled, Memory()))
+    return posed, history, None if circle is None else of_steps(circle, history, steps.tolist())
+
+
+def _missed(
+    history: History, budget: ErrorBudget, finer: Finer, of: str
+) -> tuple[History, Lost, dict[str, float], Floats]:
+    """The history with the quantity aimed at, what steps lose of it, the parts of its error, and squared indicators."""
+    parts = {name: budget.largest[name] for name in ("algebra", "space", "time")}
+    indicators = budget.cells**2
+    if of == "energy":
+        return history, Lost.of_energy(finer, budget.scale or finer.norm), parts, indicators
+    history, found = with_quantities(history)
+    aim = (history.quantities or {})[of]
+    lost = Lost.of_quantity(found, of, aim.value)
+    parts |= {"space": aim.mesh / (abs(aim.value) or 1.0), "time": lost.error}
+    return history, lost, parts, indicators * (parts["space"] ** 2 / (indicators.sum() or 1.0))
+
+
+def _tell(passes: Sequence[Pass], budget: ErrorBudget, progress: Callable[[Pass], None] | None) -> None:
+    """Log the last pass, and hand it to whoever asked for progress."""
+    now, log = passes[-1], logging.getLogger("vemcvx")
+    for words in budget.jumps if len(passes) == 1 else ():
+        log.info("%s", words)
+    log.info("pass %d: %d cells, %d steps, estimated error %.3g", len(passes), now.cells, now.steps, now.total)
+    if progress is not None:
+        progress(now)
 
 
 @dataclass(frozen=True)
@@ -370,11 +417,9 @@ def _growth(passes: Sequence[Pass]) -> dict[str, str]:
     return {key: words for key, words in told.items() if words}
 
 
-def _judged(
-    history: History, steps: Ints, target: float, bound: ErrorBound | None, known: _Time
-) -> tuple[ErrorBudget, Finer]:
+def _judged(history: History, bound: ErrorBound | None, aim: _Aim, known: _Time) -> tuple[ErrorBudget, Finer]:
     """The budget at some steps, and the run beside one in finer steps: the one at hand until the target seems met."""
-    rows = [history.row(int(n)) for n in steps]
+    rows = [history.row(int(n)) for n in aim.steps(history.trajectory.times)]
 
     def judged(finer: Finer) -> ErrorBudget:
         budget = budget_of(known.posed, history, rows, finer)
@@ -385,7 +430,7 @@ def _judged(
 
     if known.finer is not None:
         budget = judged(known.finer)
-        if budget.largest["total"] > target:
+        if budget.largest["total"] > aim.target:
             return budget, known.finer
     finer = in_time(known.posed, history.trajectory)
     return judged(finer), finer
@@ -414,9 +459,7 @@ def _check(target: object, of: object, theta: object, most: object, progress: ob
     check_takes(progress, 1, "adapt: progress", "each Pass")
 
 
-def _begin(
-    scene: Scene, mesh: PolygonMesh, wanted: Floats, aim: tuple[float, str], initial: str | None
-) -> tuple[Floats, Finer | None]:
+def _begin(scene: Scene, mesh: PolygonMesh, aim: _Aim) -> tuple[Floats, Finer | None]:
     """Instants with which the coarse mesh loses little to time, and, for energies, the run beside one in finer steps.
 
     Nothing is left out here: what is zero at the instants asked for need not be so between them.
@@ -433,17 +476,17 @@ def _begin(
             stacklevel=3,
         )
     run = prepare(posed.system, None, False, True)
-    state = certified_in_full(run, initial_state(run, float(wanted[0]), initial))
-    (target, of), known, times, finer = aim, course(posed.system, wanted), wanted, None
+    state = certified_in_full(run, initial_state(run, float(aim.wanted[0]), aim.initial))
+    known, times, finer = course(posed.system, aim.wanted), aim.wanted, None
     while True:
-        if of == "energy":
+        if aim.of == "energy":
             finer = beside_finer(run, times, state.unknowns, known)
             lost = Lost.of_energy(finer, finer.norm)
         else:
-            last = march(posed.system, times, initial=initial, store="last", check=False)
+            last = march(posed.system, times, initial=aim.initial, store="last", check=False)
             history = History.of(record(posed, last, 0.0, Memory()))
-            lost = Lost.of_quantity(errors_of_steps(history), of, value_of(history, of))
-        split = split_steps(times, lost, TIME_SHARE * target)
+            lost = Lost.of_quantity(errors_of_steps(history), aim.of, value_of(history, aim.of))
+        split = split_steps(times, lost, TIME_SHARE * aim.target)
         if len(split) == len(times) or len(split) > MOST_STEPS:
             return times, finer
         times = split
@@ -456,12 +499,3 @@ def _lenient(given: Solver | Solves | None, target: float) -> Solver | None:
     solver = as_solver(given)
     solver.check_accuracy()
     return solver if solver.accuracy >= ADAPTED * target else solver.asked(ADAPTED * target)
-
-
-def _looked_at(instants: Floats, wanted: Floats) -> Ints:
-    """Steps at which the mesh is judged: those asked for, or some of them, and the last."""
-    steps = np.searchsorted(instants, wanted[1:])
-    # The mesh is judged at eight instants at most: each costs one back-substitution a pass.
-    if len(steps) > 8:
-        steps = steps[np.linspace(0, len(steps) - 1, 8).round().astype(int)]
-    return steps

@@ -63,7 +63,7 @@ from vemcvx.bound.skeleton import (
 from vemcvx.errors import HistoryError
 from vemcvx.estimate.finer_steps import Finer, beside_finer
 from vemcvx.estimate.quantities import quantities
-from vemcvx.history import History
+from vemcvx.history import History, scene_of
 from vemcvx.meshes import plane_mesh
 from vemcvx.meshes.polygons.geometry import right_of
 from vemcvx.outline import Outline, Outlined
@@ -232,14 +232,9 @@ def error_budget(history: History, steps: int | Sequence[int] | None = None) -> 
     SceneError
         A step was not stored, or the scene has Viscosity or a PointLoad, for which there is no estimate.
     """
-    if not isinstance(history, History):
-        raise HistoryError(f"error_budget: found {brief(history)} where a History is wanted.")
-    if history.scene is None:
-        raise HistoryError(
-            "error_budget: this history was read from files, and its scene is not among them; simulate the scene."
-        )
+    scene = scene_of(history, "error_budget")
     mesh = plane_mesh(history.mesh, "error_budget", "compare runs on finer meshes and in finer steps")
-    posed = pose_scene(history.scene, mesh, history.trajectory.times.tolist())
+    posed = pose_scene(scene, mesh, history.trajectory.times.tolist())
     wanted = history.stored[history.stored > 0] if len(history.stored) > 1 else history.stored
     rows = [history.row(n) for n in (wanted.tolist() if steps is None else _whole_numbers(steps))]
     return budget_of(posed, history, rows)

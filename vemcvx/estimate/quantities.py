@@ -18,22 +18,17 @@ energy errors until the quantity that it aims at is as exact as asked for.
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vemcvx.arrays import Floats, brief
-from vemcvx.errors import HistoryError, SceneWarning
+from vemcvx.arrays import Floats
 from vemcvx.estimate.finer_steps import course, finer_instants
-from vemcvx.history import History
+from vemcvx.history import History, scene_of
 from vemcvx.meshes import AnyMesh, PolygonMesh
 from vemcvx.results.quoted import Quantity
 from vemcvx.results.results import SPREAD, displacement, record
-from vemcvx.scene import Scene
-from vemcvx.scene.pose import pose_scene
+from vemcvx.scene.pose import pose_scene, unwarned
 from vemcvx.simulation import free_unknowns
 from vemcvx.stepping.backward_euler import march
 from vemcvx.stepping.trajectory import Memory
@@ -62,9 +57,10 @@ def quantities(history: History) -> dict[str, Quantity]:
     SceneError
         The scene has moduli cell by cell that do not go with a refined mesh; name cell data instead.
     """
-    if not isinstance(history, History):
-        raise HistoryError(f"quantities: found {brief(history)} where a History is wanted.")
-    return history.quantities or with_quantities(history)[0].quantities or {}
+    if isinstance(history, History) and history.quantities:
+        return history.quantities
+    scene_of(history, "quantities")
+    return with_quantities(history)[0].quantities or {}
 
 
 def value_of(history: History, of: str) -> float:
@@ -109,8 +105,8 @@ class StepErrors:
 def errors_of_steps(history: History) -> StepErrors:
     """Compare a run with one in finer steps."""
     times = history.trajectory.times
-    with _unwarned():
-        known = course(pose_scene(_scene(history), history.mesh).system, times)
+    with unwarned():
+        known = course(pose_scene(scene_of(history, "quantities"), history.mesh).system, times)
     finer, begin = finer_instants(times, known), _start(history)
     own, other = _courses(history), _courses(_beside(history, history.mesh, finer, begin))
     at = np.searchsorted(finer, times)
@@ -130,34 +126,19 @@ def _courses(history: History) -> dict[str, Floats]:
     return {"dissipated": run.dissipated_second_order, "work": run.work_second_order, "wear": wear}
 
 
-def _scene(history: History) -> Scene:
-    if history.scene is None or history.trajectory.initial is None:
-        raise HistoryError(
-            "quantities: this history was read from files, and its scene is not among them; simulate the scene."
-        )
-    return history.scene
-
-
 def _start(history: History) -> Floats:
     """The nodal displacements (n_nodes, 2) at the initial instant."""
     times, initial = history.trajectory.times, history.trajectory.initial
     assert initial is not None
-    with _unwarned():
-        posed = pose_scene(_scene(history), history.mesh, times.tolist())
+    with unwarned():
+        posed = pose_scene(scene_of(history, "quantities"), history.mesh, times.tolist())
     return displacement(posed, initial, float(times[0])).reshape(history.mesh.points.shape)
 
 
 def _beside(history: History, mesh: AnyMesh, times: Floats, begin: Floats | str | None) -> History:
     """Another run of the scene. It gives no warnings: the run that it stands beside has."""
-    with _unwarned():
-        posed = pose_scene(_scene(history), mesh, times.tolist())
+    with unwarned():
+        posed = pose_scene(scene_of(history, "quantities"), mesh, times.tolist())
         initial = free_unknowns(begin, posed, float(times[0]))
         run = march(posed.system, times, initial=initial, store="last", check=False)
         return History.of(record(posed, run, 0.0, Memory()))
-
-
-@contextmanager
-def _unwarned() -> Iterator[None]:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", SceneWarning)
-        yield

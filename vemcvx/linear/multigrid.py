@@ -73,12 +73,12 @@ class Multigrid(LinearSolver):
         hierarchy = Hierarchy.of(K, near_kernel)
         if not hierarchy.P:  # The pseudo-inverse of a single level would hide that K is singular.
             SuperLU().factorise(K)
-        limits = Limits("Multigrid", self.tolerance, self.max_iterations)
+        limits = Stopping("Multigrid", self.tolerance, self.max_iterations)
         return WholeFactor(limits, K, hierarchy, lowest_eigenvalue(K, hierarchy.cycle, "Multigrid"))
 
 
 @dataclass(frozen=True)
-class Limits:
+class Stopping:
     """The name of a linear solver, the relative residual that its solves are to have, and their most iterations."""
 
     name: str
@@ -136,7 +136,7 @@ class MultigridFactor(Factor):
 
     exact = False
 
-    def __init__(self, limits: Limits, K: sp.csr_matrix, cycle: Cycle, lowest: float):
+    def __init__(self, limits: Stopping, K: sp.csr_matrix, cycle: Cycle, lowest: float):
         self._limits, self._K, self._lowest = limits, K, lowest
         self._cycle = LinearOperator(K.shape, matvec=cycle, dtype=np.float64)
 
@@ -180,7 +180,7 @@ class MultigridFactor(Factor):
 class WholeFactor(MultigridFactor):
     """The multigrid factor of all of K; its hierarchy also serves K + S on the free unknowns."""
 
-    def __init__(self, limits: Limits, K: sp.csr_matrix, hierarchy: Hierarchy, lowest: float):
+    def __init__(self, limits: Stopping, K: sp.csr_matrix, hierarchy: Hierarchy, lowest: float):
         super().__init__(limits, K, hierarchy.cycle, lowest)
         self._hierarchy = hierarchy
 

@@ -2,8 +2,8 @@
 
 Rank 0 poses the problem, steps and keeps K; every rank holds a block of K's rows in the order of the unknowns, its part
 of the hierarchy, and its part of vectors. The other ranks wait for the calls of rank 0 (:func:`serve`), which names a
-method of :class:`Rows` that all of them then call together. In this version K is assembled whole on rank 0, and sent in
-blocks from there: its memory bounds K, while that of the hierarchy and the work of all solves are shared.
+method of :class:`RankRows` that all of them then call together. In this version K is assembled whole on rank 0, and
+sent in blocks from there: its memory bounds K, while that of the hierarchy and the work of all solves are shared.
 
 GAMG smooths its aggregates from the rigid motions, as :mod:`vemcvx.linear.multigrid` does, and smooths by Chebyshev
 polynomials of the same degree before and after the coarse correction. The polynomial is self-adjoint in the energy,
@@ -35,7 +35,7 @@ import scipy.sparse as sp
 from vemcvx.arrays import Bools, Floats, Ints, brief, power_of_two
 from vemcvx.errors import NotAccepted, SceneError
 from vemcvx.linear.factor import Cycle, LinearSolver
-from vemcvx.linear.multigrid import Limits, MultigridFactor, lowest_eigenvalue
+from vemcvx.linear.multigrid import MultigridFactor, Stopping, lowest_eigenvalue
 from vemcvx.linear.superlu import SuperLU
 
 PREFIX = "vemcvx_"
@@ -55,11 +55,11 @@ USUAL = {
     "mg_coarse_redundant_pc_type": "svd",
     "pc_gamg_reuse_interpolation": "true",
 }
-HELD = 1e-6
+HELD_STIFFNESS = 1e-6
 """Stiffness of what is held in the second hierarchy, as a part of K's least: coarse matrices then do not feel it."""
 LOOK = 1e-4
 """Seconds between looks of a rank that waits: in a broadcast it would keep a core busy while rank 0 steps."""
-CALL, ROWS = 1, 2
+CALL, BLOCK = 1, 2
 """Tags of messages: the call of a method, and a block of rows."""
 log = logging.getLogger("vemcvx")
 
@@ -126,7 +126,7 @@ class Shared:
         self._unit = float(power_of_two(K.diagonal().max()))
         self._ranks.call(self._number, "hold", (options, *motions.shape), K / self._unit, motions)
         self.levels, self.limits = ranks.held[self._number].levels, ranks.held[self._number].limits
-        self._least = HELD * float(K.diagonal().min()) / self._unit
+        self._least = HELD_STIFFNESS * float(K.diagonal().min()) / self._unit
 
     def __del__(self) -> None:
         # Memory is freed on all ranks at once, when they hold the next matrix.
@@ -165,7 +165,7 @@ class Ranks:
         petsc4py.init(["vemcvx", "-no_signal_handler"])  # Signals end a command in order.
         from mpi4py import MPI
 
-        self.comm, self.held, self.forgotten, self._number = MPI.COMM_WORLD.Dup(), dict[int, Rows](), list[int](), 0
+        self.comm, self.held, self.forgotten, self._number = MPI.COMM_WORLD.Dup(), dict[int, RankRows](), list[int](), 0
         if self.comm.rank == 0:
             atexit.register(self._tell, None)
 
@@ -194,7 +194,7 @@ class Ranks:
         gone, *rest = shared
         for old in gone:
             self.held.pop(old).destroy()
-        self.held[number] = Rows(self.comm, *rest, *own)
+        self.held[number] = RankRows(self.comm, *rest, *own)
         return None
 
     def _tell(self, call: object) -> None:
@@ -208,7 +208,7 @@ class Ranks:
         self.comm.Abort(2)
 
 
-class Rows:
+class RankRows:
     """A block of K's rows on this rank, with its part of the hierarchy; all ranks call a method together.
 
     Vectors are given to rank 0, and returned by it, as a whole.
@@ -240,7 +240,7 @@ class Rows:
         self._scatter, self._whole = petsc.Scatter.toZero(self._x)
         self._ksp = self._solver(self._K)
         tolerance, _, _, most = self._ksp.getTolerances()
-        self.limits = Limits("PETSc", float(tolerance), int(most))
+        self.limits = Stopping("PETSc", float(tolerance), int(most))
         pc = self._ksp.getPC()
         self.levels = pc.getMGLevels() if pc.getType() == "gamg" else 2
         self._stiffened: Any = None
@@ -323,10 +323,11 @@ def _own_block(comm: Any, n: int, K: sp.csr_matrix | None, motions: Floats | Non
     ends = [n * (rank + 1) // comm.size for rank in range(comm.size)]
     starts = [0, *ends[:-1]]
     if K is None or motions is None:
-        return comm.recv(source=0, tag=ROWS)  # type: ignore[no-any-return]
+        block: tuple[sp.csr_matrix, Floats] = comm.recv(source=0, tag=BLOCK)
+        return block
     for rank in range(1, comm.size):
         part = slice(starts[rank], ends[rank])
-        comm.send((K[part], motions[part]), dest=rank, tag=ROWS)
+        comm.send((K[part], motions[part]), dest=rank, tag=BLOCK)
     return K[: ends[0]], motions[: ends[0]]
 
 

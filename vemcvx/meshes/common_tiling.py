@@ -32,7 +32,7 @@ from vemcvx.meshes.polyhedra import Faces, FaceShapes, face_shapes, in_planes
 # A corner of a face turns inwards if its edges span this part of the face's area: what rounding does is less.
 NOTCH = 1e-9
 # Faces whose nodes have moved off their plane by this part of their size are cut into triangles: a mesh may have 1e-6.
-FLAT = 1e-7
+OFF_PLANE = 1e-7
 # The pieces of a face cover it up to this part: the tolerance is far below the edges, or bodies are not matched.
 COVERED = 1e-3
 
@@ -287,7 +287,7 @@ def _flattened(points: Floats, faces: Faces, place: Ints, touched: Bools) -> tup
     offsets, vertices = rows_in_order(faces.face_offsets, faces.face_vertices, some)
     shapes, corner = face_shapes(points, offsets, vertices), cell_of_corner(offsets)
     height = np.abs(in_planes(points[vertices], corner, shapes)[:, 2])
-    warped = np.flatnonzero(np.maximum.reduceat(height, offsets[:-1]) > FLAT * np.sqrt(shapes.areas))
+    warped = np.flatnonzero(np.maximum.reduceat(height, offsets[:-1]) > OFF_PLANE * np.sqrt(shapes.areas))
     if not len(warped):
         return faces, np.arange(len(faces.face_offsets) - 1)
     offsets, vertices = rows_in_order(offsets, vertices, warped)

@@ -24,12 +24,12 @@ from vemcvx.meshes.polygons.topology import cell_of_corner, directed_edges, rows
 from vemcvx.meshes.polyhedra import Faces, FaceShapes, along_axes, axes_in_planes, face_shapes
 
 # Edges that turn by less are parallel: where they meet, their ends do.
-PARALLEL = 1e-12
+PARALLEL_EDGES = 1e-12
 # Cosine of the outward normals of faces that face each other. Bodies that are flush have edges near to each other
 # on faces that do not.
 FACING = -0.5
 # Cosine of the normals of two faces of one curved surface; at less an edge is a rim.
-SMOOTH = 0.7
+ONE_SURFACE = 0.7
 # Nodes move to bodies before theirs, which may bring them near to others: as often as this, then tilings do not match.
 ROUNDS = 8
 
@@ -371,11 +371,11 @@ def _crossings(surface: Surface, lines: Ints, owner: Ints) -> tuple[Ints, Ints, 
     mine, its = (surface.normals_at_edges[owner[which]] for which in (one, other))
     cosine = np.einsum("kai,kbi->kba", mine, its).min(axis=2, initial=0.0)
     # The line of the later body is seen along the normal of its faces; at a rim, of that which faces the other body.
-    smooth = np.einsum("ki,ki->k", its[:, 0], its[:, 1]) > SMOOTH
+    smooth = np.einsum("ki,ki->k", its[:, 0], its[:, 1]) > ONE_SURFACE
     upright = np.where(smooth[:, None], its.sum(axis=1), its[np.arange(len(its)), np.argmin(cosine, axis=1)])
     across = np.cross(v, upright)
     start, fall = np.einsum("ki,ki->k", p - q, across), np.einsum("ki,ki->k", u, across)
-    turns = np.abs(fall) > PARALLEL * np.linalg.norm(u, axis=1) * np.linalg.norm(across, axis=1)
+    turns = np.abs(fall) > PARALLEL_EDGES * np.linalg.norm(u, axis=1) * np.linalg.norm(across, axis=1)
     s = -start / np.where(turns, fall, 1.0)
     at = p + s[:, None] * u
     t = np.einsum("ki,ki->k", at - q, v) / np.einsum("ki,ki->k", v, v)

@@ -270,11 +270,7 @@ def stressed_body(
         draw_hatched(ax, [outline * signs for outline in touching for signs in ((1, 1), *mirrors)])
     largest = _contact_arrows(ax, history, row, mesh.points + moved, (forces, size, window, stretch))
     title = f"{instant(history.times[row], units)}, displacements × {factor:g}"
-    if largest:
-        most = f"{largest:.3g} {unit(units, 'force per length') if units else ''}".rstrip()
-        title += f", {'forces of contact' if forces == 'contact' else forces} at most {most}"
-    told = [CLOSED] * bool(touching) + [ARROWS] * (largest > 0.0 and bool(history.contact.bound.any()))
-    title += "\n" * bool(told) + "; ".join(told)
+    title += _drawn(largest, forces, bool(touching), bool(history.contact.bound.any()), units=units)
     drawn = "" if stretch == 1.0 else f",\n× {stretch:g}"
     ax.tick_params(labelsize="small")
     ax.locator_params(nbins=6)
@@ -283,6 +279,14 @@ def stressed_body(
     y = f"$x_2$ ({unit(units, 'length')}{drawn})"
     named(ax, label("$x_1$", "length", units), y, title, size="small", window=window, aspect=stretch)
     return ax
+
+
+def _drawn(largest: float, forces: str, touching: bool, rubs: bool, *, units: Units | None) -> str:
+    """The end of a title: the largest of the forces that are drawn, and the marks of contact."""
+    most = f"{largest:.3g} {unit(units, 'force per length') if units else ''}".rstrip()
+    said = f", {'forces of contact' if forces == 'contact' else forces} at most {most}" if largest else ""
+    told = [CLOSED] * touching + [ARROWS] * (largest > 0.0 and rubs)
+    return said + "\n" * bool(told) + "; ".join(told)
 
 
 def colours_of(stresses: Sequence[Floats], name: str) -> Colours:

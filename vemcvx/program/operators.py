@@ -215,11 +215,14 @@ class Norms(ArrayRecord):
 
         It must be `sloped`.
         """
+        law = self.law
+        if law is None or law.slope is None:
+            raise LookupError("Norms: the law has no slope; `sloped` says so.")
+        of_forces = law.slope
 
         def slope(p: Floats) -> sp.csr_matrix:
-            given = self.law and self.law.slope
             failed = f"Norms: slope: its function failed when called as f(t, p, past) with t = {t:.6g}"
-            J = called(given, (t, p, past), failed, "return the law's derivative")  # type: ignore[arg-type]  # sloped
+            J = called(of_forces, (t, p, past), failed, "return the law's derivative")
             return checked_matrix(J, "Norms: slope", (self.count, len(p)))
 
         return PressureLaw(lambda p: self.weights_under(t, p, past), slope)

@@ -21,7 +21,7 @@ import numpy as np
 from vemcvx.arrays import EPS, Bools, Floats, Ints, summed_columns, totals
 from vemcvx.meshes import PolygonMesh
 from vemcvx.outline import ArrayRecord
-from vemcvx.results.recovered import Sides, recovered
+from vemcvx.results.recovered import ContactSides, recovered
 from vemcvx.scene.contact import Surface, Terms
 from vemcvx.scene.pose import PosedScene
 from vemcvx.stepping.trajectory import Trajectory
@@ -238,7 +238,7 @@ def _recovered(posed: PosedScene, traction: Floats, pressure: Floats, closed: Bo
     smooth = recovered(
         pressure * surface.lengths,
         surface.lengths,
-        Sides.of(surface, np.arange(len(surface)), surface, mesh),
+        ContactSides.of(surface, np.arange(len(surface)), surface, mesh),
         closed,
         presses=True,
     )
@@ -248,7 +248,7 @@ def _recovered(posed: PosedScene, traction: Floats, pressure: Floats, closed: Bo
     length, tangents = totals(at, terms.lengths, len(surface)), tangents_of(surface.normals)[:, 0]
     along = np.einsum("smd,md->sm", traction, tangents)
     rubs, safe = length > 0, np.where(length > 0, length, 1.0)
-    friction = recovered(along * safe, safe, Sides.of(terms, at, surface, mesh), closed & rubs, presses=False)
+    friction = recovered(along * safe, safe, ContactSides.of(terms, at, surface, mesh), closed & rubs, presses=False)
     return traction + (friction - along)[:, :, None] * tangents, smooth
 
 

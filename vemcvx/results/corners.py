@@ -38,15 +38,14 @@ from vemcvx.meshes import AnyMesh, PolygonMesh
 from vemcvx.meshes.polygons.topology import cell_of_corner
 from vemcvx.outline import ArrayRecord
 from vemcvx.results.contact import Contact
-from vemcvx.scene.contact_table import ContactRows
+from vemcvx.scene.contact_table import ContactRows, pair_numbers
 from vemcvx.scene.pose import PosedScene
 from vemcvx.scene.supports import free_directions
+from vemcvx.vem.boundary import CURVE
 
 Complex = NDArray[np.complex128]
 LIMIT = 0.99
 """Exponents from here on are no corner's that matters: at .99 stress grows by .7 % where cells are halved."""
-CURVE = np.deg2rad(42.5)
-"""Sides under one condition that turn by less are a curve, as they are in contact."""
 
 
 @dataclass(frozen=True)
@@ -200,10 +199,9 @@ def sides_of(posed: PosedScene) -> Sides | None:
 
 def _owned(rows: ContactRows, edges: Ints) -> Bools:
     """Whether some row owns an end of each edge."""
-    names = rows.names[np.unique(sp.csr_matrix(rows.ends).indices)]
-    most = int(edges.max()) + 2
-    known = (names + 1) @ [most, 1]
-    return np.isin((edges + 1) @ [most, 1], known) | np.isin((edges[:, ::-1] + 1) @ [most, 1], known)
+    names, most = rows.names[np.unique(sp.csr_matrix(rows.ends).indices)], int(edges.max())
+    known, one, other = (pair_numbers(pairs[:, 0], pairs[:, 1], most) for pairs in (names, edges, edges[:, ::-1]))
+    return np.isin(one, known) | np.isin(other, known)
 
 
 @dataclass(frozen=True)
@@ -347,9 +345,9 @@ def _condition(corners: Corners, sides: Sides, k: int, row: int, leaving: bool) 
         return "clamp", CLAMPED
     if sides.contact[k]:
         state, friction = _state(corners, sides, k, int(sides.edges[k, 1 if leaving else 0]), row)
+        name = _contact(sides, k, state)
         if state == "open":
-            return "open contact", FREE
-        name = f"contact that {state}" if sides.pressed[k] else "contact"
+            return name, FREE
         # The outward normal is along t on the last ray, and against it on the first.
         return name, CLAMPED if state == "sticks" else slipping(friction if leaving else -friction)
     if freedom < 1.5:
@@ -371,8 +369,12 @@ def _joint(corners: Corners, sides: Sides, k: int, row: int) -> tuple[str, tuple
     else:
         state, friction = _state(corners, sides, k, int(sides.edges[k, 0]), row)
         friction = -friction
-    name = "open contact" if state == "open" else f"contact that {state}" if sides.pressed[k] else "contact"
-    return name, joined(state, friction)
+    return _contact(sides, k, state), joined(state, friction)
+
+
+def _contact(sides: Sides, k: int, state: str) -> str:
+    """The words for contact on an edge in this state."""
+    return "open contact" if state == "open" else f"contact that {state}" if sides.pressed[k] else "contact"
 
 
 def _state(corners: Corners, sides: Sides, k: int, node: int, row: int) -> tuple[str, float]:

@@ -43,7 +43,7 @@ contact and under a punch: more rounds the edge of contact, less leaves more of 
 
 
 @dataclass(frozen=True, eq=False)
-class Sides:
+class ContactSides:
     """The sides of contact in the plane between two of its m nodes, without those at corners."""
 
     ends: Ints
@@ -54,7 +54,7 @@ class Sides:
     """(k,) h, the length of the side of the finer of the two bodies that each is part of"""
 
     @classmethod
-    def of(cls, rows: ContactRows, at: Ints, surface: Surface, mesh: PolygonMesh) -> Sides:
+    def of(cls, rows: ContactRows, at: Ints, surface: Surface, mesh: PolygonMesh) -> ContactSides:
         """The sides of these rows, whose places among the nodes of contact are `at`."""
         each, (node, beyond) = rows.ends.tocoo(), rows.names.T
         owner = np.full(len(node), -1)
@@ -92,7 +92,7 @@ def _runs(ends: Ints, lengths: Floats, hangs: Bools) -> Floats:
     return before
 
 
-def recovered(forces: Floats, lengths: Floats, sides: Sides, closed: Bools, *, presses: bool) -> Floats:
+def recovered(forces: Floats, lengths: Floats, sides: ContactSides, closed: Bools, *, presses: bool) -> Floats:
     """Forces (S, m) on nodes as recovered forces per length.
 
     Parameters
@@ -100,7 +100,7 @@ def recovered(forces: Floats, lengths: Floats, sides: Sides, closed: Bools, *, p
     forces : (S, m) array
     lengths : (m,) array
         int phi_i, positive.
-    sides : Sides
+    sides : ContactSides
     closed : (S, m) bool array
         The nodes to which stretches go, at each instant.
     presses : bool
@@ -112,13 +112,13 @@ def recovered(forces: Floats, lengths: Floats, sides: Sides, closed: Bools, *, p
         rows = np.flatnonzero(of.ravel() == number)
         kept = pattern[sides.ends].all(axis=1)
         if kept.any():
-            stretch = Sides(sides.ends[kept], sides.lengths[kept], sides.reach[kept])
+            stretch = ContactSides(sides.ends[kept], sides.lengths[kept], sides.reach[kept])
             smooth = _smoothed(forces[rows], lengths, stretch)
             found[rows] = _pressing(smooth, forces[rows], lengths, stretch) if presses else smooth
     return found
 
 
-def _smoothed(forces: Floats, lengths: Floats, sides: Sides) -> Floats:
+def _smoothed(forces: Floats, lengths: Floats, sides: ContactSides) -> Floats:
     """The field (S, m) without regard to signs, R_i / int phi_i where no side is."""
     m, ends, h = len(lengths), sides.ends, sides.lengths
     differences = _differences(ends, m)
@@ -137,7 +137,7 @@ def _smoothed(forces: Floats, lengths: Floats, sides: Sides) -> Floats:
     return smooth
 
 
-def _pressing(smooth: Floats, forces: Floats, lengths: Floats, sides: Sides) -> Floats:
+def _pressing(smooth: Floats, forces: Floats, lengths: Floats, sides: ContactSides) -> Floats:
     """The field without negative values in stretches that are pressed all over, with the same resultants."""
     m = len(lengths)
     stretch = smallest_linked(sides.ends, m)

@@ -20,7 +20,7 @@ from vemcvx.results.contact import Contact, contact_history
 from vemcvx.results.corners import Corners, Sides, sides_of
 from vemcvx.scene import Scene
 from vemcvx.scene.contact_table import ContactRows
-from vemcvx.scene.pose import PosedScene, pose_scene
+from vemcvx.scene.pose import PosedScene, pose_scene, unwarned
 from vemcvx.stepping.programs import programs_of_trajectory
 from vemcvx.stepping.trajectory import Storage, Trajectory
 from vemcvx.vem import Space, equivalent, principal, strains, stresses
@@ -491,9 +491,7 @@ def programs_of_steps(history: Results, numbers: Sequence[int], condense: bool =
             "program: the history was read from files, which do not keep the functions of a scene; simulate again, or "
             "take vemcvx.programs(scene, mesh, times)."
         )
-    with warnings.catch_warnings():
-        # The run has given them.
-        warnings.simplefilter("ignore", SceneWarning)
+    with unwarned():
         system = pose_scene(history.scene, history.mesh, history.trajectory.times.tolist()).system
     found = programs_of_trajectory(system, history.trajectory, numbers, condense)
     return with_origin(found, history.effects, history.mesh, solver=history.solver)

@@ -2,7 +2,7 @@
 
 Linear elasticity and contact between the nodes that lie opposite at the start hold while strains, turns and slips are
 small. A run that leaves them is answered, and certified, all the same, as when Young's modulus is given in GPa and
-loads in MPa. Looked at are ROWS stored instants at most, that of the largest energy among them.
+loads in MPa. Looked at are MOST_INSTANTS stored instants at most, that of the largest energy among them.
 """
 
 from __future__ import annotations
@@ -20,18 +20,18 @@ from vemcvx.scene.pose import PosedScene
 from vemcvx.scene.scene import InitialStresses
 from vemcvx.vem import Space, principal, strains
 
-SMALL = 0.05
+LARGEST_STRAIN = 0.05
 """Strains, and displacements in parts of the body, up to which squares of strains, .1 % of one, are left out."""
-PART = 0.01
+STRAINED_PART = 0.01
 """Part of the body whose strains are that large. At a singular corner some strain is, if only the mesh is fine."""
-ROWS = 16
+MOST_INSTANTS = 16
 
 
 def warning(posed: PosedScene, results: Results) -> str:
     """A sentence on what is largest and where, if small strains are left; else empty."""
     count = len(results.stored)
     energies = results.energy
-    rows = np.unique([*np.linspace(0, count - 1, min(ROWS, count)).astype(int), int(np.argmax(energies))])
+    rows = np.unique([*np.linspace(0, count - 1, min(MOST_INSTANTS, count)).astype(int), int(np.argmax(energies))])
     found = [*_strains(posed.space, results, rows), *_motions(results, rows), *_slips(results, rows)]
     if not found:
         return ""
@@ -47,7 +47,7 @@ def _strains(space: Space, results: Results, rows: Ints) -> Iterator[str]:
     size, mesh = np.abs(principal(tensor)).max(axis=1), space.mesh
     volumes = mesh.areas if isinstance(mesh, PolygonMesh) else mesh.volumes
     k = int(np.argmax(size))
-    if volumes[size > SMALL].sum() > PART * volumes.sum():
+    if volumes[size > LARGEST_STRAIN].sum() > STRAINED_PART * volumes.sum():
         yield f"a strain of {size[k]:.2g} {_where(results, mesh.centroids[k], row)}"
 
 
@@ -67,7 +67,7 @@ def _motions(results: Results, rows: Ints) -> Iterator[str]:
     size = extent(mesh.points)
     apart = np.array([extent(results.displacement[row]) for row in rows.tolist()])
     at, one = np.unravel_index(np.argmax(apart / size), apart.shape)
-    if apart[at, one] > SMALL * size[one]:
+    if apart[at, one] > LARGEST_STRAIN * size[one]:
         nodes, row = order[begin[one] :][: np.sum(body == body[order[begin[one]]])], int(rows[at])
         u = results.displacement[row][nodes]
         k = nodes[np.argmax(np.linalg.norm(u - np.median(u, axis=0), axis=1))]

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import logging
 import warnings
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache, partial, reduce
 from itertools import chain
@@ -155,6 +156,14 @@ class PosedScene:
         for load in self.loads:
             f += load.vector(t)
         return f
+
+
+@contextmanager
+def unwarned() -> Iterator[None]:
+    """Scenes that are posed, or asked, again within give no warnings: the run has given them."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", SceneWarning)
+        yield
 
 
 def pose_scene(scene: Scene, mesh: AnyMesh, times: Sequence[float] = ()) -> PosedScene:

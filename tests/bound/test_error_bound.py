@@ -301,6 +301,22 @@ def test_bounds_with_coulomb_s_law_are_for_the_given_friction():
     assert bound.lower <= bound.upper <= 1.3 * bound.lower
 
 
+@pytest.mark.parametrize("name", ["paper", "weight", "warm", "held by contact"])
+@pytest.mark.parametrize("poisson", [0.3, 0.4999995])
+@pytest.mark.filterwarnings("ignore:Elasticity", "ignore:supports")
+def test_squares_by_what_moves_edges_are_those_of_the_stresses_themselves(name, poisson):
+    effects = [effect for effect in SCENES[name].effects if not isinstance(effect, vx.Elasticity)]
+    scene = vx.Scene(vx.Elasticity(young=200.0, poisson=poisson), *effects)
+    history = vx.simulate(scene, vx.meshes.voronoi(6), [0.0, 1.0])
+    circle = circle_of(history)
+    pair = circle.pair(instant(history, 1), instant(history, 0))
+    exact = np.bincount(circle.boundary.edges.owner, circle.squares(pair.defects))
+    # Of nearly incompressible cells stresses are known to 1e-10 of lambda, and so are their squares.
+    assert np.allclose(pair.squares, exact, rtol=0, atol=(1e-11 if poisson == 0.3 else 1e-8) * exact.max())
+    assert np.allclose(circle.squares_of(pair.defect), pair.squares, rtol=0, atol=1e-12 * exact.max())
+    assert circle.squares_of(pair.richer).sum() < pair.squares.sum()
+
+
 def test_penetration_is_part_of_the_bound():
     history = vx.simulate(LIFTED, vx.meshes.squares(6), [0.0, 1.0])
     u = history.displacement.copy()

@@ -8,8 +8,8 @@ import skfem
 from skfem.helpers import ddot, dot, sym_grad
 
 import vemcvx as vx
-from vemcvx.bound.displacement import VALUES, fan_displacement, forces_of, strains_at_stations
-from vemcvx.bound.fan import CORNERS, LINEAR_MASS_INVERSE, PARTS, RULE, RULE_WEIGHTS, STATIONS, fans_of
+from vemcvx.bound.displacement import SLOPES, VALUES, fan_displacement, strains_at_stations
+from vemcvx.bound.fan import CORNERS, LINEAR_MASS_INVERSE, MASS, PARTS, RULE, RULE_WEIGHTS, STATIONS, fans_of
 from vemcvx.bound.hypercircle import oscillation_constants
 from vemcvx.bound.stress import (
     PARABOLAS,
@@ -158,6 +158,14 @@ def test_linear_displacement_is_reproduced_inside_nearly_incompressible_cells(fa
     """Rounding is a millionth of a millionth of the energy: lambda times the square of what strains are off."""
     lam = 1e6
     assert lam * strain_lost(family, lam) ** 2 < 1e-9
+
+
+def forces_of(one, sigma):
+    """(c, n, 20) int sigma : eps(phi) of stresses (c, n, 18, 3) at the stations."""
+    c, n = sigma.shape[:2]
+    weighed = np.einsum("ij,ctpjk->ctpik", MASS, sigma.reshape(c, n, 3, 6, 3)).reshape(c, n, 18, 3)
+    tensor = (weighed * one.doubled_areas[..., None, None])[..., [[0, 2], [2, 1]]]
+    return np.einsum("ctar,ctqrd,qak->ctkd", one.back, tensor, SLOPES, optimize=True).reshape(c, n, 20)
 
 
 def test_forces_of_a_stress_do_the_work_of_its_energy(family):

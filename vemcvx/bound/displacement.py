@@ -18,6 +18,7 @@ import numpy as np
 
 from vemcvx.arrays import Floats, Ints
 from vemcvx.bound.fan import (
+    ALL,
     BARYCENTRIC,
     COEFFICIENTS,
     LINEAR_MASS_INVERSE,
@@ -65,11 +66,11 @@ class FanDisplacement:
     stiffness: Floats
     """(k, 4 n, 4 n) the energy |v|_a^2 as a quadratic form of values on the outline"""
 
-    def nodal(self, outline: Floats, force: Floats | None = None) -> Floats:
-        """(c, n, 20) values at the nodes of triangles, from (c, 4 n) and body forces (c, 6 n)."""
-        inside = self.fans.apply(self.inside, outline)
+    def nodal(self, outline: Floats, force: Floats | None = None, rows: Ints | slice = ALL) -> Floats:
+        """(c, n, 20) values at the nodes of triangles of some cells, from (c, 4 n) and body forces (c, 6 n)."""
+        inside = self.fans.apply(self.inside, outline, rows)
         if self.of_body is not None and force is not None:
-            inside = inside + self.fans.apply(self.of_body, force)
+            inside = inside + self.fans.apply(self.of_body, force, rows)
         return np.concatenate([inside, outline], axis=1)[:, _slots(self.fans.n)]
 
     def on_outline(self, forces: Floats) -> Floats:
@@ -119,6 +120,66 @@ def fan_displacement(fans: Fans, loaded: bool = True) -> FanDisplacement:
     return FanDisplacement(fans, inside, of_body if loaded else None, stiffness)
 
 
+@dataclass(frozen=True, eq=False)
+class OutlineValues:
+    """A displacement on the outlines of cells: a linear one, and what is left, of which defects are made.
+
+    That is smaller by a power of h, whose square an energy of both at once would lose in digits.
+    """
+
+    slopes: Floats
+    """(c, 2, 2) of the linear part, the means over the cells"""
+    bent: Floats
+    """(c, 4 n) what is left"""
+
+    @property
+    def strain(self) -> Floats:
+        """(c, 3) of the linear part."""
+        off = self.slopes[:, 0, 1] + self.slopes[:, 1, 0]
+        return np.column_stack([self.slopes[:, 0, 0], self.slopes[:, 1, 1], off])
+
+
+def without_slopes(fans: Fans, outline: Floats) -> OutlineValues:
+    """The parts of values (c, 4 n) at vertices and middles of edges."""
+    c, n = fans.corners.shape[:2]
+    values, after = outline.reshape(c, 2, n, 2), np.roll(fans.corners, -1, axis=1)
+    ends = values[:, 0]
+    means = (ends + np.roll(ends, -1, axis=1) + 4.0 * values[:, 1]) / 6.0
+    slopes = np.matmul(means.transpose(0, 2, 1), fans.normals) / (0.5 * fans.doubled_areas.sum(axis=1))[:, None, None]
+    x = np.concatenate([fans.corners, 0.5 * (fans.corners + after)], axis=1)
+    bent = outline.reshape(c, 2 * n, 2) - np.matmul(x, slopes.transpose(0, 2, 1))
+    bent -= bent[:, :n].mean(axis=1, keepdims=True)
+    return OutlineValues(slopes, bent.reshape(c, 4 * n))
+
+
+def edge_motions(outline: Floats) -> Floats:
+    """(c, 4 n) motions of outer edges, linear on each, on which linear tractions do the work that they do on these."""
+    values = outline.reshape(len(outline), 2, -1, 2)
+    here, ahead = values[:, 0], np.roll(values[:, 0], -1, axis=1)
+    bubble = (values[:, 1] - 0.5 * (here + ahead)) / 1.5
+    return np.stack([here + bubble, ahead + bubble], axis=2).reshape(outline.shape)
+
+
+def outline_forces(forces: Floats) -> Floats:
+    """(c, 4 n) the work of forces (c, 4 n) at both ends of outer edges on values at vertices and middles."""
+    ends = forces.reshape(len(forces), -1, 2, 2)
+    both = ends.sum(axis=2)
+    first, last = ends[:, :, 0] - both / 3.0, ends[:, :, 1] - both / 3.0
+    return np.concatenate([first + np.roll(last, 1, axis=1), both / 1.5], axis=1).reshape(forces.shape)
+
+
+def edge_forces(fans: Fans, stress: Floats) -> Floats:
+    """(c, 4 n) int tau n phi at both ends of the outer edges, of constant stresses (c, 3)."""
+    half = np.matmul(fans.normals, 0.5 * stress[:, [[0, 2], [2, 1]]])
+    return np.repeat(half[:, :, None], 2, axis=2).reshape(len(stress), 4 * fans.n)
+
+
+def linear_loads(force: Floats) -> Floats:
+    """(c, n, 20) the work of body forces (c, 6 n), linear in each triangle, on its functions."""
+    found: Floats = np.matmul(LOADS.T, force.reshape(len(force), -1, 3, 2)).reshape(len(force), -1, 20)
+    return found
+
+
 def strains_at_stations(fans: Fans, v: Floats) -> Floats:
     """(c, n, 18, 3) e_xx, e_yy, 2 e_xy at the stations of all triangles, of nodal values (c, n, 20)."""
     c, n, _ = v.shape
@@ -126,13 +187,3 @@ def strains_at_stations(fans: Fans, v: Floats) -> Floats:
     along = np.matmul(_SLOPES, v.reshape(c, n, 10, 2)).reshape(c, n, 18, 2, 2)
     slopes = np.matmul(fans.back.transpose(0, 1, 3, 2)[:, :, None], along)
     return np.stack([slopes[..., 0, 0], slopes[..., 1, 1], slopes[..., 0, 1] + slopes[..., 1, 0]], axis=3)
-
-
-def forces_of(fans: Fans, sigma: Floats) -> Floats:
-    """(c, n, 20) int sigma : eps(phi) of stresses (c, n, 18, 3) at the stations."""
-    c, n = sigma.shape[:2]
-    weighed = np.matmul(MASS, sigma.reshape(c, n, 3, 6, 3)).reshape(c, n, 18, 3) * fans.doubled_areas[..., None, None]
-    tensor = weighed[..., [[0, 2], [2, 1]]]
-    along = np.matmul(fans.back[:, :, None], tensor).reshape(c, n, 36, 2)
-    forces: Floats = np.matmul(_SLOPES.T, along).reshape(c, n, 20)
-    return forces

@@ -70,6 +70,7 @@ LINEAR_MASS_INVERSE = 24.0 * np.linalg.inv(np.ones((3, 3)) + np.eye(3))
 """(3, 3) inverse of int lambda_j lambda_k over the reference triangle."""
 BARYCENTRIC = np.column_stack([1.0 - RULE.reshape(-1, 2).sum(axis=1), RULE.reshape(-1, 2)])
 """(21, 3) lambda at the points of the rule."""
+ALL = slice(None)
 CELLS_TOGETHER = 2**14
 """Entries of one n x n matrix a cell, over the cells that are treated together: some hundred hexagons, whose matrices
 take 20 MB."""
@@ -100,18 +101,27 @@ class Fans:
     @property
     def shapes(self) -> Fans:
         """The former."""
-        some = self.alike[0]
-        return replace(self, **{field.name: getattr(self, field.name)[some] for field in fields(self)})
+        return self.part(self.alike[0])
 
-    def apply(self, matrices: Floats, data: Floats) -> Floats:
-        """(c, r) the products of matrices (k, r, s), one a shape, with vectors (c, s)."""
+    def part(self, rows: Ints | slice) -> Fans:
+        """Some of the cells."""
+        return replace(self, **{field.name: getattr(self, field.name)[rows] for field in fields(self)})
+
+    def apply(self, matrices: Floats, data: Floats, rows: Ints | slice = ALL) -> Floats:
+        """(c, r) the products of matrices (k, r, s), one a shape, with vectors (c, s) of some of the cells."""
         some, same = self.alike
         if len(matrices) == 1:
             alone: Floats = data @ matrices[0].T
             return alone
-        of_cells = matrices if isinstance(some, slice) else matrices[same]
+        of_cells = matrices[rows] if isinstance(some, slice) else matrices[same[rows]]
         products: Floats = np.matmul(of_cells, data[:, :, None])[:, :, 0]
         return products
+
+    @cached_property
+    def normals(self) -> Floats:
+        """(c, n, 2) of the outer edges, outward, as long as these."""
+        along = np.roll(self.corners, -1, axis=1) - self.corners
+        return np.stack([along[..., 1], -along[..., 0]], axis=2)
 
     @cached_property
     def back(self) -> Floats:

@@ -45,16 +45,29 @@ w is quadratic on edges, and inside cells what its values there make least energ
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
 
 from vemcvx.arrays import Floats, Ints, totals
 from vemcvx.bound.data_oscillation import DataOscillation
-from vemcvx.bound.displacement import VALUES, FanDisplacement, fan_displacement, forces_of, strains_at_stations
-from vemcvx.bound.equilibrium import Bonds, Equilibrium, edges_of, equilibrium
+from vemcvx.bound.displacement import (
+    VALUES,
+    FanDisplacement,
+    OutlineValues,
+    edge_forces,
+    edge_motions,
+    fan_displacement,
+    linear_loads,
+    outline_forces,
+    strains_at_stations,
+    without_slopes,
+)
+from vemcvx.bound.equilibrium import Bonds, Equilibrium, edges_of, equilibrium, gathered
 from vemcvx.bound.fan import (
+    ALL,
     BARYCENTRIC,
     LINEAR_MASS_INVERSE,
     MASS,
@@ -66,7 +79,7 @@ from vemcvx.bound.fan import (
     monomials,
 )
 from vemcvx.bound.skeleton import Instant, check_estimable, skeleton
-from vemcvx.bound.stress import PARABOLAS, fan_stress, lifted, of_edge, of_parabolas
+from vemcvx.bound.stress import PARABOLAS, fan_stress, lifted, of_edge, of_parabolas, stresses_at_stations
 from vemcvx.bound.surface import Boundary, Surface
 from vemcvx.effects import Load
 from vemcvx.errors import SceneError
@@ -98,6 +111,17 @@ def inner(fans: Fans, one: Floats, other: Floats) -> Floats:
     return found
 
 
+def in_triangles(fans: Fans, r: Floats) -> Floats:
+    """(c, n) squares in C^-1 of stresses (c, n, 18, 3)."""
+    return inner(fans, r, np.matmul(r, fans.D[:, None]))
+
+
+def integrals(fans: Fans, functions: Floats, f: Floats) -> Floats:
+    """(c, 2 j n) int f phi of body forces (c, n, 21, 2) and functions (21, j) at the points of the rule."""
+    found: Floats = np.matmul((RULE_WEIGHTS[:, None] * functions).T, f) * fans.doubled_areas[..., None, None]
+    return found.reshape(len(f), -1)
+
+
 def stresses_of(fans: Fans, strain: Floats) -> Floats:
     """C eps (c, n, 18, 3)."""
     stress: Floats = np.matmul(strain, fans.C[:, None])
@@ -105,18 +129,42 @@ def stresses_of(fans: Fans, strain: Floats) -> Floats:
 
 
 @dataclass(frozen=True, eq=False)
+class Defect:
+    """r of a displacement and a stress, by what makes it; linear in all three.
+
+    With x the motions of edges that belong to tau, less those of v, and u what :class:`OutlineValues` says of v,
+
+        |r|_K^2  =  x . G x  +  u . S u  -  L u . G L u  +  |r_f|^2  -  2 (b_f . L u + f(u)),
+
+    G and S being the stiffness of stresses and of displacements in K, L u the motions of edges by u, r_f the defect and
+    b_f the forces of edges under the body force alone, f(u) its work on u.
+    """
+
+    motion: Floats
+    """x (4 E,)"""
+    outline: Floats
+    """(2 nodes + 2 E,) v at vertices and at middles of edges"""
+    force: tuple[Floats, ...]
+    """(c, 6 n) int f lambda_k of each chunk of cells; none without body forces"""
+
+    def __sub__(self, other: Defect) -> Defect:
+        force = tuple(a - b for a, b in zip(self.force, other.force, strict=True))
+        return Defect(self.motion - other.motion, self.outline - other.outline, force)
+
+
+@dataclass(frozen=True, eq=False)
 class Pair:
     """A displacement and a stress at an instant, admissible both, and what separates them."""
 
+    circle: Hypercircle
     u: Floats
     """(n_nodes, 2) of the displacement v"""
     surface: Surface
-    defects: tuple[Floats, ...]
-    """r (c, n, 18, 3) of each chunk of cells, at its stations"""
+    defect: Defect
     w: Floats
     """of vertices and of middles of edges"""
     squares: Floats
-    """(corners,) |r|_T^2 of the triangle on each edge of each cell"""
+    """(n_cells,) |r|_K^2"""
     springs: Floats
     """(b,) int k |v - m|^2 of springs on edges, m being the motion of the edges that belongs to tau"""
     oscillation: Floats
@@ -131,15 +179,25 @@ class Pair:
     """the bound of |u - v|_a from below"""
 
     @property
-    def triangles(self) -> Floats:
-        """(corners,) (|r|_T + osc_T)^2."""
-        squares: Floats = (np.sqrt(self.squares) + self.oscillation) ** 2
-        return squares
+    def richer(self) -> Defect:
+        """r of v + w."""
+        motion = self.defect.motion - self.circle.equilibrium.edges.motions(self.w)
+        return replace(self.defect, motion=motion, outline=self.defect.outline + self.w)
+
+    @cached_property
+    def defects(self) -> tuple[Floats, ...]:
+        """r (c, n, 18, 3) of each chunk of cells, at its stations."""
+        return tuple(self.circle.at_stations(k, self.defect) for k in range(len(self.circle.fans)))
+
+    @cached_property
+    def cells(self) -> Floats:
+        """(n_cells,) sums of (|r|_T + osc_T)^2."""
+        return self.circle.enlarged(self.squares, self.defect, self.oscillation)
 
     @property
     def A2(self) -> float:
         """A^2."""
-        return float(self.triangles.sum() + self.springs.sum())
+        return float(self.cells.sum() + self.springs.sum())
 
     @property
     def lacking(self) -> float:
@@ -154,18 +212,15 @@ class Pair:
 
 @dataclass(frozen=True, eq=False)
 class _Inside:
-    """A pair inside a chunk of cells."""
+    """A displacement in a chunk of cells, and the forces of edges and outlines that it and its body force make."""
 
-    v: Floats
-    """(c, n, 20) values at the nodes of triangles"""
-    defect: Floats
-    """r (c, n, 18, 3)"""
-    work: Floats
-    """of stresses on the functions of triangles, with a minus sign, in the shape of v"""
-    energy: float
-    """a(v, v)"""
-    still: float
-    """(sigma_0, eps(v))"""
+    v: OutlineValues
+    edges: Floats
+    """(c, 4 n) G L u + b_f"""
+    outline: Floats
+    """(c, 4 n) S u"""
+    squares: Floats
+    """(c,) |r|_K^2 less x . G x"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,45 +247,51 @@ class Hypercircle:
         SceneError
             Something in the scene has no bound.
         """
-        boundary, edges = self.boundary, self.boundary.edges
+        boundary, edges, numbered = self.boundary, self.boundary.edges, self.equilibrium.edges
         boundary.check_supports(now)
-        densities, prestress = self.densities_at(now.t), self._prestress(now)
-        held, ends = np.einsum("bij,bej->bei", boundary.held, now.u[edges.outer_edges]), now.u[edges.outer_edges]
-        weighed = [
-            RULE_WEIGHTS[:, None] * fans.doubled_areas[..., None, None] * f
-            for fans, f in zip(self.fans, densities, strict=False)
-        ]
-        moments = [np.matmul(BARYCENTRIC.T, f).reshape(len(f), -1) for f in weighed]
+        densities, prestress, ends = self.densities_at(now.t), self._prestress(now), now.u[edges.outer_edges]
+        moments = tuple(integrals(fans, BARYCENTRIC, f) for fans, f in zip(self.fans, densities, strict=False))
         surface = boundary.at(now, before, self._work(moments))
-        body: list[Floats | None] = [*moments] or [None] * len(self.fans)
-        stress, motion = self.equilibrium.solve(held, surface.forces, body, prestress)
-        inside = [self._inside(k, now.u, body[k], tau, prestress) for k, tau in enumerate(stress)]
-        defects = tuple(one.defect for one in inside)
-        energy, potential = sum(one.energy for one in inside), sum(one.still for one in inside)
-        residual = np.zeros(self.Q.shape[0])
-        for k, one in enumerate(inside):
-            work = one.work
-            if weighed:
-                loads = np.matmul(VALUES.T, weighed[k]).reshape(one.v.shape)
-                potential -= float(np.sum(loads * one.v))
-                work = work + loads
-            place = self.outlines[k].ravel()
-            residual += totals(place, self.displacements[k].on_outline(work).ravel(), len(residual))
-        residual += self._of_tractions(surface.loads)
-        energy += float(boundary.spring_energies(ends).sum())
-        potential += 0.5 * energy + float(surface.cost.sum()) - float(np.sum(surface.loads[:, :2] * ends))
+        outline = numbered.outline(now.u)
+        inside = [self._inside(k, outline, moments) for k in range(len(self.fans))]
+        # The linear part of v and the prestress are constant stresses, that of tau less these what x strains.
+        still = [prestress[fans.cells] for fans in self.fans]
+        linear = [np.einsum("ckl,cl->ck", fans.C, one.v.strain) for fans, one in zip(self.fans, inside, strict=True)]
+        constant = [edge_forces(fans, a + b) for fans, a, b in zip(self.fans, linear, still, strict=True)]
+        tractions = [a + one.edges for a, one in zip(constant, inside, strict=True)]
+        given = -gathered(numbered.places, tractions, 4 * numbered.count)
+        pull = np.einsum("bij,bj->bi", boundary.springs, ends.reshape(-1, 4)).reshape(ends.shape)
+        np.add.at(given, numbered.outer, surface.forces - pull)
+        largest = max(float(np.abs(one).max(initial=0.0)) for one in (*tractions, surface.forces))
+        motion, squares = self.equilibrium.solve(given, largest)
+        work = [-outline_forces(a) - one.outline for a, one in zip(constant, inside, strict=True)]
+        energy, potential = float(boundary.spring_energies(ends).sum()), float(surface.cost.sum())
+        for fans, one, a, b in zip(self.fans, inside, linear, still, strict=True):
+            areas = 0.5 * fans.doubled_areas.sum(axis=1)
+            energy += float(np.einsum("c,ck,ck->", areas, a, one.v.strain) + np.sum(one.v.bent * one.outline))
+            potential += float(np.einsum("c,ck,ck->", areas, b, one.v.strain))
+            squares[fans.cells] += one.squares
+        for k, f in enumerate(densities):
+            mine, loads = self.displacements[k], integrals(self.fans[k], VALUES, f).reshape(*f.shape[:2], 20)
+            v = mine.nodal(np.zeros_like(work[k]), moments[k])
+            on_outline = mine.on_outline(loads)
+            energy += float(np.sum(linear_loads(moments[k]) * v))
+            potential -= float(np.sum(loads * v) + np.sum(on_outline * outline[self.outlines[k]]))
+            work[k] += on_outline
+        residual = gathered(self.outlines, work, self.Q.shape[0]) + self._of_tractions(surface.loads)
         left = self.Q.T @ residual
         w = self.factor.solve(left)
         return Pair(
+            circle=self,
             u=now.u,
             surface=surface,
-            defects=defects,
+            defect=Defect(motion, outline, moments),
             w=self.Q @ w,
-            squares=self.squares(defects),
-            springs=boundary.spring_energies(ends - motion),
+            squares=np.maximum(squares, 0.0),
+            springs=boundary.spring_energies(motion[numbered.outer]),
             oscillation=self.oscillation(surface.acting, densities),
             densities=densities,
-            potential=potential,
+            potential=potential + 0.5 * energy - float(np.sum(surface.loads[:, :2] * ends)),
             norm=float(np.sqrt(max(energy, 0.0))),
             lowered=float(np.sqrt(max(float(left @ w), 0.0))),
         )
@@ -245,34 +306,60 @@ class Hypercircle:
         prestress = self.posed.prestress
         return np.zeros((len(self.boundary.edges.areas), 3)) if prestress is None else prestress.stress(now.t)
 
-    def _inside(self, k: int, u: Floats, F: Floats | None, tau: Floats, prestress: Floats) -> _Inside:
-        """The displacement and the stress in the k-th chunk of cells."""
-        fans = self.fans[k]
-        v = self.displacements[k].nodal(outline_of(fans, u), F)
-        strain = strains_at_stations(fans, v)
-        elastic, still = stresses_of(fans, strain), prestress[fans.cells][:, None, None] + np.zeros_like(strain)
-        return _Inside(
-            v=v,
-            defect=tau - still - elastic,
-            work=-forces_of(fans, elastic + still),
-            energy=float(inner(fans, strain, elastic).sum()),
-            still=float(inner(fans, strain, still).sum()) if prestress.any() else 0.0,
-        )
+    def _inside(self, k: int, outline: Floats, moments: Sequence[Floats]) -> _Inside:
+        """The displacement with these values in the k-th chunk of cells, under its body forces."""
+        fans, displacement, stress = self.fans[k], self.displacements[k], self.equilibrium.stresses[k]
+        v = without_slopes(fans, outline[self.outlines[k]])
+        motions = edge_motions(v.bent)
+        edges, on_outline = fans.apply(stress.stiffness, motions), fans.apply(displacement.stiffness, v.bent)
+        squares = np.einsum("ci,ci->c", v.bent, on_outline) - np.einsum("ci,ci->c", motions, edges)
+        if moments:
+            F, none = moments[k], np.zeros_like(motions)
+            forces = stress.tractions(none, F)
+            strain = strains_at_stations(fans, displacement.nodal(none, F))
+            defect = stresses_at_stations(fans, forces, F) - stresses_of(fans, strain)
+            own = forces[:, 4 * fans.n :]
+            mixed = outline_forces(own) + displacement.on_outline(linear_loads(F))
+            squares += in_triangles(fans, defect).sum(axis=1) - 2.0 * np.einsum("ci,ci->c", mixed, v.bent)
+            edges = edges + own
+        return _Inside(v, edges, on_outline, squares)
 
-    def richer(self, pair: Pair) -> list[Floats]:
-        """The defects of v + w."""
-        found = []
-        for fans, displacement, place, r in zip(
-            self.fans, self.displacements, self.outlines, pair.defects, strict=True
-        ):
-            found.append(r - stresses_of(fans, strains_at_stations(fans, displacement.nodal(pair.w[place]))))
+    def at_stations(self, k: int, defect: Defect, rows: Ints | slice = ALL) -> Floats:
+        """r (c, n, 18, 3) in some of the k-th chunk of cells, at its stations."""
+        fans, place = self.fans[k].part(rows), self.equilibrium.edges.places[k][rows]
+        bent = without_slopes(fans, defect.outline[self.outlines[k][rows]]).bent
+        F = defect.force[k][rows] if defect.force else None
+        tractions = self.equilibrium.stresses[k].tractions(defect.motion[place] + edge_motions(bent), F, rows)
+        strain = strains_at_stations(fans, self.displacements[k].nodal(bent, F, rows))
+        return stresses_at_stations(fans, tractions, F) - stresses_of(fans, strain)
+
+    def enlarged(self, squares: Floats, defect: Defect, oscillation: Floats) -> Floats:
+        """(n_cells,) the sums of (|r|_T + osc_T)^2, from those of |r|_T^2 and osc_T (corners,)."""
+        found = squares.copy()
+        for k, fans in enumerate(self.fans):
+            missed = oscillation[self._corners(fans)]
+            rows = np.flatnonzero(missed.any(axis=1))
+            if len(rows):
+                r = np.sqrt(in_triangles(fans.part(rows), self.at_stations(k, defect, rows)))
+                found[fans.cells[rows]] += np.sum(missed[rows] * (2.0 * r + missed[rows]), axis=1)
         return found
+
+    def squares_of(self, defect: Defect) -> Floats:
+        """(n_cells,) |r|_K^2."""
+        found = np.zeros(len(self.boundary.edges.areas))
+        for k, (fans, stress, place) in enumerate(
+            zip(self.fans, self.equilibrium.stresses, self.equilibrium.edges.places, strict=True)
+        ):
+            x = defect.motion[place]
+            own = np.einsum("ci,ci->c", x, fans.apply(stress.stiffness, x))
+            found[fans.cells] = own + self._inside(k, defect.outline, defect.force).squares
+        return np.maximum(found, 0.0)
 
     def squares(self, stresses: Sequence[Floats]) -> Floats:
         """(corners,) squares in C^-1 of stresses (c, n, 18, 3) on the triangles of each chunk of cells."""
         found = np.zeros(len(self.boundary.edges.sides))
         for fans, r in zip(self.fans, stresses, strict=True):
-            found[self._corners(fans)] = inner(fans, r, np.matmul(r, fans.D[:, None]))
+            found[self._corners(fans)] = in_triangles(fans, r)
         return found
 
     def oscillation(self, tractions: Floats, densities: Sequence[Floats]) -> Floats:
@@ -281,13 +368,20 @@ class Hypercircle:
         found, missed, bent = np.zeros(len(edges.sides)), np.zeros(len(edges.sides)), np.zeros((len(edges.sides), 1, 2))
         squares, bent[edges.outer_corners, 0] = self.boundary.missed(tractions)
         missed[edges.outer_corners] = np.sqrt(squares)
-        for k, fans in enumerate(self.fans):
-            place, (inside, outside) = self._corners(fans), oscillation_constants(fans)
+        for k, every in enumerate(self.fans):
+            place, parts = self._corners(every), [missed_forces(f) for f in densities[k : k + 1]]
+            wanting = (missed[place] != 0.0) | bent[place].any(axis=(2, 3))
+            for parabolas, rest in parts:
+                wanting = wanting | (rest != 0.0) | parabolas.any(axis=(2, 3))
+            rows = np.flatnonzero(wanting.any(axis=1))
+            if len(rows) == 0:
+                continue
+            fans, place = every.part(rows), place[rows]
+            inside, outside = oscillation_constants(fans)
             found[place] = outside * missed[place] + lifted(fans, of_edge(), bent[place])
-            if densities:
-                parabolas, rest = missed_forces(densities[k])
-                found[place] += inside * np.sqrt(0.5 * fans.doubled_areas * rest)
-                found[place] += lifted(fans, of_parabolas(), fans.doubled_areas[..., None, None] * parabolas)
+            for parabolas, rest in parts:
+                found[place] += inside * np.sqrt(0.5 * fans.doubled_areas * rest[rows])
+                found[place] += lifted(fans, of_parabolas(), fans.doubled_areas[..., None, None] * parabolas[rows])
         return found
 
     def distance(self, one: Floats, other: Floats) -> float:

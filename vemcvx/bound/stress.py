@@ -28,6 +28,7 @@ import numpy as np
 
 from vemcvx.arrays import Floats, Ints
 from vemcvx.bound.fan import (
+    ALL,
     COEFFICIENTS,
     CORNERS,
     LINEAR_MASS_INVERSE,
@@ -224,18 +225,13 @@ class FanStress:
     of the k shapes"""
     of_body: Floats | None
     """(k, 8 n, 6 n) likewise from body forces; None if there are none"""
+    stiffness: Floats
+    """(k, 4 n, 4 n) forces on outer edges from their motion, symmetric"""
 
-    @property
-    def stiffness(self) -> Floats:
-        """(k, 4 n, 4 n) forces on outer edges from their motion, symmetric."""
-        K = self.forces[:, 4 * self.fans.n :]
-        stiffness: Floats = 0.5 * (K + K.transpose(0, 2, 1))
-        return stiffness
-
-    def tractions(self, motion: Floats, force: Floats | None = None) -> Floats:
-        """(c, 8 n) forces from motions (c, 4 n) and body forces (c, 6 n)."""
-        found = self.fans.apply(self.forces, motion)
-        return found if self.of_body is None or force is None else found + self.fans.apply(self.of_body, force)
+    def tractions(self, motion: Floats, force: Floats | None = None, rows: Ints | slice = ALL) -> Floats:
+        """(c, 8 n) forces of some cells from motions (c, 4 n) and body forces (c, 6 n)."""
+        found = self.fans.apply(self.forces, motion, rows)
+        return found if self.of_body is None or force is None else found + self.fans.apply(self.of_body, force, rows)
 
 
 def triangle_energies(fans: Fans) -> Floats:
@@ -285,7 +281,8 @@ def fan_stress(fans: Fans, loaded: bool = True) -> FanStress:
         right[:, 8 * n :, 4 * n :] = -balance[:, :, 8 * n :]
     found = np.linalg.solve(system, right)[:, : 8 * n]
     parts = [np.ascontiguousarray(part) for part in np.split(found, [4 * n], axis=2)]
-    return FanStress(fans, parts[0], parts[1] if loaded else None)
+    K = parts[0][:, 4 * n :]
+    return FanStress(fans, parts[0], parts[1] if loaded else None, 0.5 * (K + K.transpose(0, 2, 1)))
 
 
 def _balance(fans: Fans, place: Ints, sign: Floats) -> Floats:

@@ -13,6 +13,7 @@ last four of every triangle, which are inside, and the outline: the vertices, an
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -56,68 +57,98 @@ LOADS = LINEAR_MASS_INVERSE @ np.einsum("q,qk,qi->ki", RULE_WEIGHTS, BARYCENTRIC
 
 @dataclass(frozen=True, eq=False)
 class FanDisplacement:
-    """Displacements inside cells from those of their outlines, and the energy of the latter."""
+    """Displacements inside cells from those of their outlines, and the energy of the latter.
+
+    A cell's hub, its centre and the middles of its spokes, answers to the outline, and four nodes inside a triangle to
+    those around it.
+    """
 
     fans: Fans
-    inside: Floats
-    """(k, 10 n + 2, 4 n) nodal values inside from those on the outline; for each of the k shapes"""
+    hub: Floats
+    """(k, 2 n + 2, 4 n) values on the hub from those on the outline; for each of the k shapes"""
     of_body: Floats | None
-    """(k, 10 n + 2, 6 n) likewise from body forces; None if there are none"""
+    """(k, 2 n + 2, 6 n) likewise from body forces; None if there are none"""
     stiffness: Floats
     """(k, 4 n, 4 n) the energy |v|_a^2 as a quadratic form of values on the outline"""
 
     def nodal(self, outline: Floats, force: Floats | None = None, rows: Ints | slice = ALL) -> Floats:
         """(c, n, 20) values at the nodes of triangles of some cells, from (c, 4 n) and body forces (c, 6 n)."""
-        inside = self.fans.apply(self.inside, outline, rows)
+        hub, (within, of_loads) = self.fans.apply(self.hub, outline, rows), self._within(rows)
         if self.of_body is not None and force is not None:
-            inside = inside + self.fans.apply(self.of_body, force, rows)
-        return np.concatenate([inside, outline], axis=1)[:, _slots(self.fans.n)]
+            hub = hub + self.fans.apply(self.of_body, force, rows)
+        around = np.concatenate([hub, outline], axis=1)[:, _slots(self.fans.n)]
+        inner = np.matmul(within, around[..., None])
+        if self.of_body is not None and force is not None:
+            inner += np.matmul(of_loads, linear_loads(force)[:, :, 12:, None])
+        return np.concatenate([around, inner[..., 0]], axis=2)
 
     def on_outline(self, forces: Floats) -> Floats:
         """(c, 4 n) the work of forces (c, n, 20) at nodes of triangles on motions of the outline."""
         c, n, _ = forces.shape
-        total, place = np.zeros((c, 14 * n + 2)), _slots(n)
+        total, place, (within, _) = np.zeros((c, 6 * n + 2)), _slots(n), self._within(ALL)
+        around = forces[..., :12] + np.matmul(forces[:, :, None, 12:], within)[:, :, 0]
         for t in range(n):
-            total[:, place[t]] += forces[:, t]
-        inner, outer = np.split(total, [10 * n + 2], axis=1)
-        return outer + self.fans.apply(self.inside.transpose(0, 2, 1), inner)
+            total[:, place[t]] += around[:, t]
+        inner, outer = np.split(total, [2 * n + 2], axis=1)
+        return outer + self.fans.apply(self.hub.transpose(0, 2, 1), inner)
+
+    def _within(self, rows: Ints | slice) -> tuple[Floats, Floats]:
+        """Values at nodes inside triangles (c, n, 8) from those around (c, n, 12), and from loads on them (c, n, 8)."""
+        if self.of_body is None:
+            return _condensed(self.fans.part(rows), False)[:2]
+        some, same = self.fans.alike
+        of_shapes = rows if isinstance(some, slice) and some == ALL else same[rows]
+        within, of_loads = (each[of_shapes] for each in self._of_shapes)
+        return within, of_loads
+
+    @cached_property
+    def _of_shapes(self) -> tuple[Floats, Floats]:
+        return _condensed(self.fans.shapes, True)[:2]
 
 
 def _slots(n: int) -> Ints:
-    """(n, 20) the unknowns of a triangle's nodes among those of the cell, the outline last."""
-    t = np.arange(n)
-    after = (t + 1) % n
-    first = 5 * n + 1
-    edges = [0 * t, first + t, first + after, 1 + t, first + n + t, 1 + after]
-    nodes = np.column_stack([*edges, *(1 + n + 4 * t + k for k in range(4))])
-    return (2 * nodes[:, :, None] + np.arange(2)).reshape(n, 20)
+    """(n, 12) the unknowns of the nodes around a triangle among those of the cell: its hub, then its outline."""
+    t, after = np.arange(n), (np.arange(n) + 1) % n
+    nodes = np.column_stack([0 * t, 1 + n + t, 1 + n + after, 1 + t, 1 + 2 * n + t, 1 + after])
+    return (2 * nodes[:, :, None] + np.arange(2)).reshape(n, 12)
+
+
+def _condensed(fans: Fans, loaded: bool) -> tuple[Floats, Floats, Floats]:
+    """Of all triangles (c, n) the maps of FanDisplacement._within, and the stiffness (12, 12) of the nodes around."""
+    c, n = fans.corners.shape[:2]
+    C = np.einsum("prk,ckl,qsl->cprqs", VOIGT, fans.C, VOIGT)
+    tensor = np.einsum("ct,ctar,ctbs,cprqs->ctpqab", fans.doubled_areas, fans.back, fans.back, C, optimize=True)
+    # Functions of the triangle by components, ordered as nodal values are.
+    each = (tensor.reshape(-1, 4) @ GRAM.reshape(4, 100)).reshape(c, n, 2, 2, 10, 10)
+    K = each.transpose((0, 1, 4, 2, 5, 3)).reshape(c, n, 20, 20)
+    # Solved with: inverses of more than four nodes at once lost all but five digits at lambda = 1e6.
+    right = -K[..., 12:, :12]
+    if loaded:
+        right = np.concatenate([right, np.broadcast_to(np.eye(8), (c, n, 8, 8))], axis=3)
+    inner = np.linalg.solve(K[..., 12:, 12:], right)
+    within, of_loads = inner[..., :12], inner[..., 12:]
+    return within, of_loads, K[..., :12, :12] + np.matmul(K[..., :12, 12:], within)
 
 
 def fan_displacement(fans: Fans, loaded: bool = True) -> FanDisplacement:
     """The FanDisplacement of these fans; `loaded` by body forces or not."""
     shapes = fans.shapes
     c, n = shapes.corners.shape[:2]
-    back, place, m = shapes.back, _slots(n), 10 * n + 2
-    C = np.einsum("prk,ckl,qsl->cprqs", VOIGT, shapes.C, VOIGT)
-    tensor = np.einsum("ct,ctar,ctbs,cprqs->ctpaqb", shapes.doubled_areas, back, back, C, optimize=True)
-    # Functions of the triangle by components, ordered as nodal values are.
-    each = (tensor.transpose((0, 1, 2, 4, 3, 5)).reshape(-1, 4) @ GRAM.reshape(4, 100)).reshape((c, n, 2, 2, 10, 10))
-    each = each.transpose((0, 1, 4, 2, 5, 3)).reshape(c, n, 20, 20)
-    K = np.zeros((c, m + 4 * n, m + 4 * n))
+    place, m = _slots(n), 2 * n + 2
+    within, _, each = _condensed(shapes, loaded)
+    K, right = np.zeros((c, 6 * n + 2, 6 * n + 2)), np.zeros((c, m, 10 * n if loaded else 4 * n))
     for t in range(n):
         K[:, place[t][:, None], place[t]] += each[:, t]
-    right = np.zeros((c, m, 10 * n if loaded else 4 * n))
     right[:, :, : 4 * n] = -K[:, :m, m:]
     of_forces = np.kron(LOADS.T, np.eye(2))
     for t in range(n) if loaded else ():
-        inner = place[t] < m
-        right[:, place[t][inner], 4 * n + 6 * t : 4 * n + 6 * t + 6] += of_forces[inner]
-    # Solved at once: eliminating triangle by triangle, by inverses, lost all but five digits at lambda = 1e6.
-    found = np.linalg.solve(K[:, :m, :m], right)
-    inside, of_body = (np.ascontiguousarray(part) for part in np.split(found, [4 * n], axis=2))
-    energies = K[:, m:, m:] + K[:, m:, :m] @ inside
-    stiffness = 0.5 * (energies + energies.transpose(0, 2, 1))
-    return FanDisplacement(fans, inside, of_body if loaded else None, stiffness)
+        on_hub, loads = place[t] < m, of_forces[:12] + np.matmul(within[:, t].transpose(0, 2, 1), of_forces[12:])
+        right[:, place[t][on_hub], 4 * n + 6 * t : 4 * n + 6 * t + 6] += loads[:, on_hub]
+    hub, of_body = (
+        np.ascontiguousarray(one) for one in np.split(np.linalg.solve(K[:, :m, :m], right), [4 * n], axis=2)
+    )
+    energies = K[:, m:, m:] + K[:, m:, :m] @ hub
+    return FanDisplacement(fans, hub, of_body if loaded else None, 0.5 * (energies + energies.transpose(0, 2, 1)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -149,13 +149,8 @@ def equilibrium(
 
     A body that `floats` is anchored by a little of the diagonal; forces that balance then need one or two corrections.
     """
-    fans = [one.fans for one in stresses]
-    G = assembled(fans, [one.stiffness for one in stresses], edges.places, 4 * edges.count)
-    places = edges.outer.reshape(-1, 4)
-    where = np.repeat(places, 4, axis=1).ravel(), np.tile(places, (1, 4)).ravel()
-    G = G + sp.csr_matrix((springs.ravel(), where), shape=G.shape)
-    P = _free_motions(edges, free, bonds)
-    K = sp.csr_matrix(P.T @ G @ P)
+    P, stiffness = _free_motions(edges, free, bonds), [one.fans.every(one.stiffness) for one in stresses]
+    K = assembled([*edges.places, edges.outer.reshape(-1, 4)], [*stiffness, springs], P)
     K = K + sp.diags_array(ANCHOR * K.diagonal()) if floats else K
     return Equilibrium(edges, stresses, P, springs, choose_linear(K.shape[0]).factorise(K))
 

@@ -98,6 +98,10 @@ class Fans:
         """One each of the cells that are no translates of each other, and which of them a cell is."""
         return distinct([self.corners, self.C])
 
+    def every(self, matrices: Floats) -> Floats:
+        """(c, r, s) of all cells, of (k, r, s) of the shapes."""
+        return matrices[self.alike[1]]
+
     @property
     def shapes(self) -> Fans:
         """The former."""
@@ -233,13 +237,25 @@ def _refuse_short_edges(fans: Fans) -> None:
         )
 
 
-def assembled(fans: Sequence[Fans], matrices: Sequence[Floats], places: Sequence[Ints], size: int) -> sp.csr_matrix:
-    """(size, size) the sum of symmetric matrices (k, m, m) of chunks of cells, one a shape, at places (c, m)."""
+def assembled(places: Sequence[Ints], matrices: Sequence[Floats], P: sp.csr_matrix) -> sp.csr_matrix:
+    """P' A P, A being the sum of matrices (c, m, m) at places (c, m); most rows of P have one entry.
+
+    Entries are numbered and weighed by P where they are: products of sparse matrices take twice as long.
+    """
+    counts, size, levels = np.diff(P.indptr), P.shape[1], []
+    for level in range(counts.max(initial=1)):
+        has, number, weight = counts > level, np.full(len(counts), size, dtype=np.int32), np.zeros(len(counts))
+        entry = P.indptr[:-1][has] + level
+        number[has], weight[has] = P.indices[entry], P.data[entry]
+        levels.append((number, weight))
     rows, columns, values = [], [], []
-    for one, matrix, place in zip(fans, matrices, places, strict=True):
-        small = place.astype(np.int32)
-        rows.append(np.repeat(small, place.shape[1], axis=1).ravel())
-        columns.append(np.tile(small, (1, place.shape[1])).ravel())
-        values.append(matrix[one.alike[1]].ravel())
-    where = np.concatenate(rows), np.concatenate(columns)
-    return sp.csr_matrix((np.concatenate(values), where), shape=(size, size))
+    for place, matrix in zip(places, matrices, strict=True):
+        for first, (i, w) in enumerate(levels):
+            for second, (j, v) in enumerate(levels):
+                some = np.any(i[place] < size, axis=1) & np.any(j[place] < size, axis=1)
+                where, entries = (place[some], matrix[some]) if first or second else (place, matrix)
+                rows.append(np.repeat(i[where], place.shape[1], axis=1).ravel())
+                columns.append(np.tile(j[where], (1, place.shape[1])).ravel())
+                values.append((w[where][:, :, None] * entries * v[where][:, None]).ravel())
+    at = np.concatenate(rows), np.concatenate(columns)
+    return sp.csr_matrix((np.concatenate(values), at), shape=(size + 1, size + 1))[:size, :size]

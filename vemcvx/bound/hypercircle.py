@@ -79,7 +79,7 @@ from vemcvx.bound.fan import (
     monomials,
 )
 from vemcvx.bound.skeleton import Instant, check_estimable, skeleton
-from vemcvx.bound.stress import PARABOLAS, fan_stress, lifted, of_edge, of_parabolas, stresses_at_stations
+from vemcvx.bound.stress import PARABOLAS, fan_stress, lifted, of_edge, of_parabolas
 from vemcvx.bound.surface import Boundary, Surface
 from vemcvx.effects import Load
 from vemcvx.errors import SceneError
@@ -315,10 +315,8 @@ class Hypercircle:
         squares = np.einsum("ci,ci->c", v.bent, on_outline) - np.einsum("ci,ci->c", motions, edges)
         if moments:
             F, none = moments[k], np.zeros_like(motions)
-            forces = stress.tractions(none, F)
-            strain = strains_at_stations(fans, displacement.nodal(none, F))
-            defect = stresses_at_stations(fans, forces, F) - stresses_of(fans, strain)
-            own = forces[:, 4 * fans.n :]
+            own, strain = stress.on_edges(F), strains_at_stations(fans, displacement.nodal(none, F))
+            defect = stress.at_stations(none, F) - stresses_of(fans, strain)
             mixed = outline_forces(own) + displacement.on_outline(linear_loads(F))
             squares += in_triangles(fans, defect).sum(axis=1) - 2.0 * np.einsum("ci,ci->c", mixed, v.bent)
             edges = edges + own
@@ -329,9 +327,9 @@ class Hypercircle:
         fans, place = self.fans[k].part(rows), self.equilibrium.edges.places[k][rows]
         bent = without_slopes(fans, defect.outline[self.outlines[k][rows]]).bent
         F = defect.force[k][rows] if defect.force else None
-        tractions = self.equilibrium.stresses[k].tractions(defect.motion[place] + edge_motions(bent), F, rows)
         strain = strains_at_stations(fans, self.displacements[k].nodal(bent, F, rows))
-        return stresses_at_stations(fans, tractions, F) - stresses_of(fans, strain)
+        tau = self.equilibrium.stresses[k].at_stations(defect.motion[place] + edge_motions(bent), F, rows)
+        return tau - stresses_of(fans, strain)
 
     def enlarged(self, squares: Floats, defect: Defect, oscillation: Floats) -> Floats:
         """(n_cells,) the sums of (|r|_T + osc_T)^2, from those of |r|_T^2 and osc_T (corners,)."""
@@ -475,10 +473,8 @@ def hypercircle(posed: PosedScene) -> Hypercircle:
     outlines = tuple(
         _outline(one, place, posed.space.n_unknowns) for one, place in zip(fans, numbered.places, strict=True)
     )
-    size = posed.space.n_unknowns + 2 * numbered.count
-    A = assembled(fans, [one.stiffness for one in displacements], outlines, size)
     Q = _free_outlines(posed, boundary, numbered.outer[:, 0, 0] // 4, numbered.count)
-    K = sp.csr_matrix(Q.T @ A @ Q)
+    K = assembled(outlines, [one.fans.every(one.stiffness) for one in displacements], Q)
     return Hypercircle(
         posed=posed,
         boundary=boundary,

@@ -13,7 +13,6 @@ last four of every triangle, which are inside, and the outline: the vertices, an
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -70,6 +69,9 @@ class FanDisplacement:
     """(k, 2 n + 2, 6 n) likewise from body forces; None if there are none"""
     stiffness: Floats
     """(k, 4 n, 4 n) the energy |v|_a^2 as a quadratic form of values on the outline"""
+    triangles: tuple[Floats, Floats] | None
+    """values at nodes inside triangles (k, n, 8, 12) from those around, and (k, n, 8, 8) from loads on them; kept where
+    body forces ask for all of them often"""
 
     def nodal(self, outline: Floats, force: Floats | None = None, rows: Ints | slice = ALL) -> Floats:
         """(c, n, 20) values at the nodes of triangles of some cells, from (c, 4 n) and body forces (c, 6 n)."""
@@ -93,17 +95,11 @@ class FanDisplacement:
         return outer + self.fans.apply(self.hub.transpose(0, 2, 1), inner)
 
     def _within(self, rows: Ints | slice) -> tuple[Floats, Floats]:
-        """Values at nodes inside triangles (c, n, 8) from those around (c, n, 12), and from loads on them (c, n, 8)."""
-        if self.of_body is None:
+        """The same of some cells."""
+        if self.triangles is None:
             return _condensed(self.fans.part(rows), False)[:2]
-        some, same = self.fans.alike
-        of_shapes = rows if isinstance(some, slice) and some == ALL else same[rows]
-        within, of_loads = (each[of_shapes] for each in self._of_shapes)
+        within, of_loads = (self.fans.of_cells(each, rows) for each in self.triangles)
         return within, of_loads
-
-    @cached_property
-    def _of_shapes(self) -> tuple[Floats, Floats]:
-        return _condensed(self.fans.shapes, True)[:2]
 
 
 def _slots(n: int) -> Ints:
@@ -114,7 +110,7 @@ def _slots(n: int) -> Ints:
 
 
 def _condensed(fans: Fans, loaded: bool) -> tuple[Floats, Floats, Floats]:
-    """Of all triangles (c, n) the maps of FanDisplacement._within, and the stiffness (12, 12) of the nodes around."""
+    """The triangles of a FanDisplacement, and the stiffness (c, n, 12, 12) of the nodes around them."""
     c, n = fans.corners.shape[:2]
     C = np.einsum("prk,ckl,qsl->cprqs", VOIGT, fans.C, VOIGT)
     tensor = np.einsum("ct,ctar,ctbs,cprqs->ctpqab", fans.doubled_areas, fans.back, fans.back, C, optimize=True)
@@ -135,7 +131,7 @@ def fan_displacement(fans: Fans, loaded: bool = True) -> FanDisplacement:
     shapes = fans.shapes
     c, n = shapes.corners.shape[:2]
     place, m = _slots(n), 2 * n + 2
-    within, _, each = _condensed(shapes, loaded)
+    within, of_loads, each = _condensed(shapes, loaded)
     K, right = np.zeros((c, 6 * n + 2, 6 * n + 2)), np.zeros((c, m, 10 * n if loaded else 4 * n))
     for t in range(n):
         K[:, place[t][:, None], place[t]] += each[:, t]
@@ -147,8 +143,9 @@ def fan_displacement(fans: Fans, loaded: bool = True) -> FanDisplacement:
     hub, of_body = (
         np.ascontiguousarray(one) for one in np.split(np.linalg.solve(K[:, :m, :m], right), [4 * n], axis=2)
     )
-    energies = K[:, m:, m:] + K[:, m:, :m] @ hub
-    return FanDisplacement(fans, hub, of_body if loaded else None, 0.5 * (energies + energies.transpose(0, 2, 1)))
+    S = K[:, m:, m:] + K[:, m:, :m] @ hub
+    S = 0.5 * (S + S.transpose(0, 2, 1))
+    return FanDisplacement(fans, hub, *((of_body, S, (within, of_loads)) if loaded else (None, S, None)))
 
 
 @dataclass(frozen=True, eq=False)

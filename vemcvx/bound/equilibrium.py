@@ -149,7 +149,7 @@ def equilibrium(
 
     A body that `floats` is anchored by a little of the diagonal; forces that balance then need one or two corrections.
     """
-    P, stiffness = _free_motions(edges, free, bonds), [one.fans.every(one.stiffness) for one in stresses]
+    P, stiffness = _free_motions(edges, free, bonds), [one.fans.of_cells(one.stiffness) for one in stresses]
     K = assembled([*edges.places, edges.outer.reshape(-1, 4)], [*stiffness, springs], P)
     K = K + sp.diags_array(ANCHOR * K.diagonal()) if floats else K
     return Equilibrium(edges, stresses, P, springs, choose_linear(K.shape[0]).factorise(K))

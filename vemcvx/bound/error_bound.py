@@ -278,7 +278,8 @@ def _sizes(circle: Hypercircle, pair: Pair) -> tuple[float, ...]:
 
 def _norm(circle: Hypercircle, defect: Defect, missed: Floats) -> float:
     """The norm of a defect, each triangle's larger by what is missed (corners,)."""
-    return float(np.sqrt(circle.enlarged(circle.squares_of(defect), defect, missed).sum()))
+    body = circle.body(defect.densities)
+    return float(np.sqrt(circle.enlarged(circle.squares_of(defect, body), defect, body, missed).sum()))
 
 
 def _between(circle: Hypercircle, last: Instant, ahead: Instant) -> Iterator[Instant]:
@@ -316,4 +317,4 @@ def _dissipation_gap(circle: Hypercircle, one: Pair, other: Pair) -> float:
 def _missed(circle: Hypercircle, one: Pair, other: Pair) -> Floats:
     """osc_T (corners,) of what data change by."""
     tractions = other.surface.acting - one.surface.acting
-    return circle.oscillation(tractions, [b - a for a, b in zip(one.densities, other.densities, strict=True)])
+    return circle.oscillation(tractions, circle.body((other.defect - one.defect).densities))

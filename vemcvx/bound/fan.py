@@ -98,9 +98,10 @@ class Fans:
         """One each of the cells that are no translates of each other, and which of them a cell is."""
         return distinct([self.corners, self.C])
 
-    def every(self, matrices: Floats) -> Floats:
-        """(c, r, s) of all cells, of (k, r, s) of the shapes."""
-        return matrices[self.alike[1]]
+    def of_cells(self, matrices: Floats, rows: Ints | slice = ALL) -> Floats:
+        """(c, ...) of some of the cells, of (k, ...) of the shapes."""
+        some, same = self.alike
+        return matrices[rows] if isinstance(some, slice) and some == ALL else matrices[same[rows]]
 
     @property
     def shapes(self) -> Fans:
@@ -113,12 +114,10 @@ class Fans:
 
     def apply(self, matrices: Floats, data: Floats, rows: Ints | slice = ALL) -> Floats:
         """(c, r) the products of matrices (k, r, s), one a shape, with vectors (c, s) of some of the cells."""
-        some, same = self.alike
         if len(matrices) == 1:
             alone: Floats = data @ matrices[0].T
             return alone
-        of_cells = matrices[rows] if isinstance(some, slice) else matrices[same[rows]]
-        products: Floats = np.matmul(of_cells, data[:, :, None])[:, :, 0]
+        products: Floats = np.matmul(self.of_cells(matrices, rows), data[:, :, None])[:, :, 0]
         return products
 
     @cached_property

@@ -45,7 +45,7 @@ w is quadratic on edges, and inside cells what its values there make least energ
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -87,6 +87,9 @@ from vemcvx.linear import Factor, choose_linear
 from vemcvx.meshes import plane_mesh
 from vemcvx.scene.pose import PosedScene
 from vemcvx.vem import elastic_matrix, strains
+
+ROUNDING = 1e-14
+"""Parts of the largest by which body forces differ from proportional ones by rounding."""
 
 
 def oscillation_constants(fans: Fans) -> tuple[Floats, Floats]:
@@ -144,12 +147,50 @@ class Defect:
     """x (4 E,)"""
     outline: Floats
     """(2 nodes + 2 E,) v at vertices and at middles of edges"""
-    force: tuple[Floats, ...]
-    """(c, 6 n) int f lambda_k of each chunk of cells; none without body forces"""
+    densities: tuple[Floats, ...]
+    """f (c, n, 21, 2) of each chunk of cells, at the points of the rule; none without body forces"""
 
     def __sub__(self, other: Defect) -> Defect:
-        force = tuple(a - b for a, b in zip(self.force, other.force, strict=True))
-        return Defect(self.motion - other.motion, self.outline - other.outline, force)
+        densities = tuple(a - b for a, b in zip(self.densities, other.densities, strict=True))
+        return Defect(self.motion - other.motion, self.outline - other.outline, densities)
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """Body forces f in a chunk of cells, and what they make alone."""
+
+    density: Floats
+    """f (c, n, 21, 2) at the points of the rule"""
+    moments: Floats
+    """(c, 6 n) int f lambda_k"""
+    edges: Floats
+    """(c, 4 n) b_f"""
+    mixed: Floats
+    """(c, 4 n) L' b_f, and the work of f_1 on displacements of the outline"""
+    outline: Floats
+    """(c, 4 n) the work of f on these"""
+    squares: Floats
+    """(c,) |r_f|^2"""
+    missed: Floats
+    """(c, n) osc_T"""
+    energy: float
+    """|v_f|^2 of the displacement v_f that vanishes on outlines"""
+    work: float
+    """int f v_f"""
+
+    def times(self, s: float) -> Body:
+        """That of s f."""
+        return Body(
+            density=s * self.density,
+            moments=s * self.moments,
+            edges=s * self.edges,
+            mixed=s * self.mixed,
+            outline=s * self.outline,
+            squares=s**2 * self.squares,
+            missed=abs(s) * self.missed,
+            energy=s**2 * self.energy,
+            work=s**2 * self.work,
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,14 +210,19 @@ class Pair:
     """(b,) int k |v - m|^2 of springs on edges, m being the motion of the edges that belongs to tau"""
     oscillation: Floats
     """(corners,) osc_T"""
-    densities: tuple[Floats, ...]
-    """f (c, n, 21, 2) of each chunk of cells, at the points of the rule; none without body forces"""
+    cells: Floats
+    """(n_cells,) sums of (|r|_T + osc_T)^2"""
     potential: float
     """J(v)"""
     norm: float
     """|v|_a"""
     lowered: float
     """the bound of |u - v|_a from below"""
+
+    @property
+    def densities(self) -> tuple[Floats, ...]:
+        """f (c, n, 21, 2) of each chunk of cells, at the points of the rule; none without body forces."""
+        return self.defect.densities
 
     @property
     def richer(self) -> Defect:
@@ -187,12 +233,8 @@ class Pair:
     @cached_property
     def defects(self) -> tuple[Floats, ...]:
         """r (c, n, 18, 3) of each chunk of cells, at its stations."""
-        return tuple(self.circle.at_stations(k, self.defect) for k in range(len(self.circle.fans)))
-
-    @cached_property
-    def cells(self) -> Floats:
-        """(n_cells,) sums of (|r|_T + osc_T)^2."""
-        return self.circle.enlarged(self.squares, self.defect, self.oscillation)
+        body = self.circle.body(self.densities)
+        return tuple(self.circle.at_stations(k, self.defect, body) for k in range(len(self.circle.fans)))
 
     @property
     def A2(self) -> float:
@@ -238,6 +280,8 @@ class Hypercircle:
     """(2 nodes + 2 edges, m) motions w of vertices and of middles of edges from free ones"""
     factor: Factor
     """of their energy"""
+    known: list[tuple[Body, ...]] = field(default_factory=list)
+    """the last body force that was asked for, chunk by chunk"""
 
     def pair(self, now: Instant, before: Instant) -> Pair:
         """The pair of a displacement that obstacles admit, at the end of a step.
@@ -250,10 +294,9 @@ class Hypercircle:
         boundary, edges, numbered = self.boundary, self.boundary.edges, self.equilibrium.edges
         boundary.check_supports(now)
         densities, prestress, ends = self.densities_at(now.t), self._prestress(now), now.u[edges.outer_edges]
-        moments = tuple(integrals(fans, BARYCENTRIC, f) for fans, f in zip(self.fans, densities, strict=False))
-        surface = boundary.at(now, before, self._work(moments))
-        outline = numbered.outline(now.u)
-        inside = [self._inside(k, outline, moments) for k in range(len(self.fans))]
+        body, outline = self.body(densities), numbered.outline(now.u)
+        surface = boundary.at(now, before, self._work([one.moments for one in body]))
+        inside = [self._inside(k, outline, body[k : k + 1]) for k in range(len(self.fans))]
         # The linear part of v and the prestress are constant stresses, that of tau less these what x strains.
         still = [prestress[fans.cells] for fans in self.fans]
         linear = [np.einsum("ckl,cl->ck", fans.C, one.v.strain) for fans, one in zip(self.fans, inside, strict=True)]
@@ -271,26 +314,24 @@ class Hypercircle:
             energy += float(np.einsum("c,ck,ck->", areas, a, one.v.strain) + np.sum(one.v.bent * one.outline))
             potential += float(np.einsum("c,ck,ck->", areas, b, one.v.strain))
             squares[fans.cells] += one.squares
-        for k, f in enumerate(densities):
-            mine, loads = self.displacements[k], integrals(self.fans[k], VALUES, f).reshape(*f.shape[:2], 20)
-            v = mine.nodal(np.zeros_like(work[k]), moments[k])
-            on_outline = mine.on_outline(loads)
-            energy += float(np.sum(linear_loads(moments[k]) * v))
-            potential -= float(np.sum(loads * v) + np.sum(on_outline * outline[self.outlines[k]]))
-            work[k] += on_outline
+        squares = np.maximum(squares, 0.0)
+        for k, f in enumerate(body):
+            energy, work[k] = energy + f.energy, work[k] + f.outline
+            potential -= f.work + float(np.sum(f.outline * outline[self.outlines[k]]))
         residual = gathered(self.outlines, work, self.Q.shape[0]) + self._of_tractions(surface.loads)
         left = self.Q.T @ residual
-        w = self.factor.solve(left)
+        w, defect = self.factor.solve(left), Defect(motion, outline, densities)
+        oscillation = self.oscillation(surface.acting, body)
         return Pair(
             circle=self,
             u=now.u,
             surface=surface,
-            defect=Defect(motion, outline, moments),
+            defect=defect,
             w=self.Q @ w,
-            squares=np.maximum(squares, 0.0),
+            squares=squares,
             springs=boundary.spring_energies(motion[numbered.outer]),
-            oscillation=self.oscillation(surface.acting, densities),
-            densities=densities,
+            oscillation=oscillation,
+            cells=self.enlarged(squares, defect, body, oscillation),
             potential=potential + 0.5 * energy - float(np.sum(surface.loads[:, :2] * ends)),
             norm=float(np.sqrt(max(energy, 0.0))),
             lowered=float(np.sqrt(max(float(left @ w), 0.0))),
@@ -306,43 +347,72 @@ class Hypercircle:
         prestress = self.posed.prestress
         return np.zeros((len(self.boundary.edges.areas), 3)) if prestress is None else prestress.stress(now.t)
 
-    def _inside(self, k: int, outline: Floats, moments: Sequence[Floats]) -> _Inside:
-        """The displacement with these values in the k-th chunk of cells, under its body forces."""
+    def body(self, densities: Sequence[Floats]) -> tuple[Body, ...]:
+        """What body forces make; of those in proportion to the last ones, of a load that grows, that is known."""
+        for last in self.known:
+            known = [one.density for one in last]
+            s = float(sum(map(np.vdot, densities, known)) / sum(map(np.vdot, known, known)))
+            apart = max(float(np.abs(f - s * g).max()) for f, g in zip(densities, known, strict=True))
+            if apart <= ROUNDING * max(float(np.abs(f).max()) for f in densities):
+                return tuple(one.times(s) for one in last)
+        found = tuple(self._body(k, f) for k, f in enumerate(densities))
+        if any(f.any() for f in densities):
+            self.known[:] = [found]
+        return found
+
+    def _body(self, k: int, f: Floats) -> Body:
+        fans, displacement, stress = self.fans[k], self.displacements[k], self.equilibrium.stresses[k]
+        F, loads = integrals(fans, BARYCENTRIC, f), integrals(fans, VALUES, f).reshape(*f.shape[:2], 20)
+        none, linear = np.zeros((len(f), 4 * fans.n)), linear_loads(F)
+        v, edges = displacement.nodal(none, F), stress.on_edges(F)
+        r = stress.at_stations(none, F) - stresses_of(fans, strains_at_stations(fans, v))
+        parabolas, rest = missed_forces(f)
+        missed = oscillation_constants(fans)[0] * np.sqrt(0.5 * fans.doubled_areas * rest)
+        return Body(
+            density=f,
+            moments=F,
+            edges=edges,
+            mixed=outline_forces(edges) + displacement.on_outline(linear),
+            outline=displacement.on_outline(loads),
+            squares=in_triangles(fans, r).sum(axis=1),
+            missed=missed + lifted(fans, of_parabolas(), fans.doubled_areas[..., None, None] * parabolas),
+            energy=float(np.sum(linear * v)),
+            work=float(np.sum(loads * v)),
+        )
+
+    def _inside(self, k: int, outline: Floats, body: Sequence[Body]) -> _Inside:
+        """The displacement with these values in the k-th chunk of cells, under its body force, if there is one."""
         fans, displacement, stress = self.fans[k], self.displacements[k], self.equilibrium.stresses[k]
         v = without_slopes(fans, outline[self.outlines[k]])
         motions = edge_motions(v.bent)
         edges, on_outline = fans.apply(stress.stiffness, motions), fans.apply(displacement.stiffness, v.bent)
         squares = np.einsum("ci,ci->c", v.bent, on_outline) - np.einsum("ci,ci->c", motions, edges)
-        if moments:
-            F, none = moments[k], np.zeros_like(motions)
-            own, strain = stress.on_edges(F), strains_at_stations(fans, displacement.nodal(none, F))
-            defect = stress.at_stations(none, F) - stresses_of(fans, strain)
-            mixed = outline_forces(own) + displacement.on_outline(linear_loads(F))
-            squares += in_triangles(fans, defect).sum(axis=1) - 2.0 * np.einsum("ci,ci->c", mixed, v.bent)
-            edges = edges + own
+        for f in body:
+            squares += f.squares - 2.0 * np.einsum("ci,ci->c", f.mixed, v.bent)
+            edges = edges + f.edges
         return _Inside(v, edges, on_outline, squares)
 
-    def at_stations(self, k: int, defect: Defect, rows: Ints | slice = ALL) -> Floats:
-        """r (c, n, 18, 3) in some of the k-th chunk of cells, at its stations."""
+    def at_stations(self, k: int, defect: Defect, body: Sequence[Body], rows: Ints | slice = ALL) -> Floats:
+        """r (c, n, 18, 3) in some of the k-th chunk of cells, at its stations, under the defect's body forces."""
         fans, place = self.fans[k].part(rows), self.equilibrium.edges.places[k][rows]
         bent = without_slopes(fans, defect.outline[self.outlines[k][rows]]).bent
-        F = defect.force[k][rows] if defect.force else None
+        F = body[k].moments[rows] if body else None
         strain = strains_at_stations(fans, self.displacements[k].nodal(bent, F, rows))
         tau = self.equilibrium.stresses[k].at_stations(defect.motion[place] + edge_motions(bent), F, rows)
         return tau - stresses_of(fans, strain)
 
-    def enlarged(self, squares: Floats, defect: Defect, oscillation: Floats) -> Floats:
+    def enlarged(self, squares: Floats, defect: Defect, body: Sequence[Body], oscillation: Floats) -> Floats:
         """(n_cells,) the sums of (|r|_T + osc_T)^2, from those of |r|_T^2 and osc_T (corners,)."""
         found = squares.copy()
         for k, fans in enumerate(self.fans):
             missed = oscillation[self._corners(fans)]
             rows = np.flatnonzero(missed.any(axis=1))
             if len(rows):
-                r = np.sqrt(in_triangles(fans.part(rows), self.at_stations(k, defect, rows)))
+                r = np.sqrt(in_triangles(fans.part(rows), self.at_stations(k, defect, body, rows)))
                 found[fans.cells[rows]] += np.sum(missed[rows] * (2.0 * r + missed[rows]), axis=1)
         return found
 
-    def squares_of(self, defect: Defect) -> Floats:
+    def squares_of(self, defect: Defect, body: Sequence[Body]) -> Floats:
         """(n_cells,) |r|_K^2."""
         found = np.zeros(len(self.boundary.edges.areas))
         for k, (fans, stress, place) in enumerate(
@@ -350,7 +420,7 @@ class Hypercircle:
         ):
             x = defect.motion[place]
             own = np.einsum("ci,ci->c", x, fans.apply(stress.stiffness, x))
-            found[fans.cells] = own + self._inside(k, defect.outline, defect.force).squares
+            found[fans.cells] = own + self._inside(k, defect.outline, body[k : k + 1]).squares
         return np.maximum(found, 0.0)
 
     def squares(self, stresses: Sequence[Floats]) -> Floats:
@@ -360,26 +430,20 @@ class Hypercircle:
             found[self._corners(fans)] = in_triangles(fans, r)
         return found
 
-    def oscillation(self, tractions: Floats, densities: Sequence[Floats]) -> Floats:
-        """osc_T (corners,) of tractions (k, 3, 2) and body forces (c, n, 21, 2)."""
+    def oscillation(self, tractions: Floats, body: Sequence[Body]) -> Floats:
+        """osc_T (corners,) of tractions (k, 3, 2) and body forces."""
         edges = self.boundary.edges
         found, missed, bent = np.zeros(len(edges.sides)), np.zeros(len(edges.sides)), np.zeros((len(edges.sides), 1, 2))
         squares, bent[edges.outer_corners, 0] = self.boundary.missed(tractions)
         missed[edges.outer_corners] = np.sqrt(squares)
-        for k, every in enumerate(self.fans):
-            place, parts = self._corners(every), [missed_forces(f) for f in densities[k : k + 1]]
-            wanting = (missed[place] != 0.0) | bent[place].any(axis=(2, 3))
-            for parabolas, rest in parts:
-                wanting = wanting | (rest != 0.0) | parabolas.any(axis=(2, 3))
-            rows = np.flatnonzero(wanting.any(axis=1))
-            if len(rows) == 0:
-                continue
-            fans, place = every.part(rows), place[rows]
-            inside, outside = oscillation_constants(fans)
-            found[place] = outside * missed[place] + lifted(fans, of_edge(), bent[place])
-            for parabolas, rest in parts:
-                found[place] += inside * np.sqrt(0.5 * fans.doubled_areas * rest[rows])
-                found[place] += lifted(fans, of_parabolas(), fans.doubled_areas[..., None, None] * parabolas[rows])
+        for fans in self.fans:
+            place = self._corners(fans)
+            rows = np.flatnonzero(np.any((missed[place] != 0.0) | bent[place].any(axis=(2, 3)), axis=1))
+            if len(rows):
+                part, at = fans.part(rows), place[rows]
+                found[at] = oscillation_constants(part)[1] * missed[at] + lifted(part, of_edge(), bent[at])
+        for fans, f in zip(self.fans, body, strict=False):
+            found[self._corners(fans)] += f.missed
         return found
 
     def distance(self, one: Floats, other: Floats) -> float:
@@ -474,7 +538,7 @@ def hypercircle(posed: PosedScene) -> Hypercircle:
         _outline(one, place, posed.space.n_unknowns) for one, place in zip(fans, numbered.places, strict=True)
     )
     Q = _free_outlines(posed, boundary, numbered.outer[:, 0, 0] // 4, numbered.count)
-    K = assembled(outlines, [one.fans.every(one.stiffness) for one in displacements], Q)
+    K = assembled(outlines, [one.fans.of_cells(one.stiffness) for one in displacements], Q)
     return Hypercircle(
         posed=posed,
         boundary=boundary,

@@ -216,36 +216,32 @@ def _energies() -> Floats:
     return found.reshape(9, 225)
 
 
-@dataclass(frozen=True, eq=False)
-class Triangles:
-    """The stresses of least energy on triangles: their data in balance answer to the motion of edges and to forces."""
+def _condensed(fans: Fans) -> tuple[Floats, Floats]:
+    """Data in balance of the stresses of least energy on triangles, in the reference triangle: the nine without forces.
 
-    fans: Fans
-    of_motion: Floats
-    """(c, n, 9, 12) the part without forces, in the reference triangle, from the motions of three edges"""
-    of_body: Floats
-    """(c, n, 9, 6) likewise from forces int f lambda_k"""
-
-    def tractions(self, data: Floats) -> Floats:
-        """(c, n, 12, j) forces of tractions from those in the reference triangle (c, n, 12, j): b = B b^."""
-        c, n, _, j = data.shape
-        found = np.matmul(self.fans.B[:, :, None], data.reshape(c, n, 6, 2, j))
-        tractions: Floats = found.reshape(c, n, 12, j)
-        return tractions
-
-
-def triangles(fans: Fans) -> Triangles:
-    """The Triangles of these fans."""
+    From the motions of the three edges (c, n, 9, 12), and from forces int f lambda_k (c, n, 9, 6).
+    """
     c, n = fans.corners.shape[:2]
     M, N = piola(fans.B), _balanced()[:12, :9]
     form = np.matmul(M.transpose(0, 1, 3, 2), np.matmul(fans.D[:, None], M)) / fans.doubled_areas[..., None, None]
     A = (form.reshape(-1, 9) @ _energies()).reshape(c, n, 15, 15)
     # Motions work in the reference triangle as B' m.
-    moved = np.einsum("ijk,ctlj->ctkil", N.reshape(6, 2, 9), fans.B).reshape(c, n, 9, 12)
-    back = np.kron(np.eye(3), np.ones((2, 2))) * np.tile(fans.back, (3, 3))
-    given = np.concatenate([moved, -np.matmul(A[..., :9, 9:], back)], axis=3)
-    found = np.linalg.solve(A[..., :9, :9], given)
-    return Triangles(fans, found[..., :12], found[..., 12:])
+    moved = np.matmul(N.reshape(6, 2, 9).transpose(0, 2, 1), fans.B.transpose(0, 1, 3, 2)[:, :, None])
+    moved = moved.transpose(0, 1, 3, 2, 4).reshape(c, n, 9, 12)
+    found = np.linalg.solve(A[..., :9, :9], np.concatenate([moved, -np.matmul(A[..., :9, 9:], _hat(fans))], axis=3))
+    return found[..., :12], found[..., 12:]
+
+
+def _hat(fans: Fans) -> Floats:
+    """(c, n, 6, 6) forces in the reference triangle, B^-1 of each, from those of triangles."""
+    return np.kron(np.eye(3), np.ones((2, 2))).astype(np.float64) * np.tile(fans.back, (3, 3))
+
+
+def _tractions(fans: Fans, data: Floats) -> Floats:
+    """(c, n, 12, j) forces of tractions from those in the reference triangle (c, n, 12, j): b = B b^."""
+    c, n, _, j = data.shape
+    found: Floats = np.matmul(fans.B[:, :, None], data.reshape(c, n, 6, 2, j)).reshape(c, n, 12, j)
+    return found
 
 
 def _slots(n: int) -> Ints:
@@ -269,6 +265,9 @@ class FanStress:
     """(k, 8 n, 6 n) motions of spokes, and forces on outer edges, from body forces; None if there are none"""
     stiffness: Floats
     """(k, 4 n, 4 n) forces on outer edges from their motion, symmetric"""
+    triangles: tuple[Floats, Floats] | None
+    """data in balance of triangles (k, n, 9, 12) from the motions of their edges, and (k, n, 9, 6) from forces; kept
+    where body forces ask for all of them often"""
 
     def at_stations(self, motion: Floats, force: Floats | None = None, rows: Ints | slice = ALL) -> Floats:
         """(c, n, 18, 3) tau at the stations of all triangles of some cells.
@@ -277,45 +276,52 @@ class FanStress:
         """
         fans, spokes = self.fans.part(rows), self.fans.apply(self.spokes, motion, rows)
         c, n = fans.corners.shape[:2]
-        made, body = triangles(fans), np.zeros((c, n, 6))
+        of_motion, of_force = self._triangles(rows)
         if self.of_body is not None and force is not None:
             spokes = spokes + self.fans.apply(self.of_body[:, : 4 * n], force, rows)
-            body = force.reshape(c, n, 6)
         around = np.concatenate([spokes, motion], axis=1)[:, _slots(n)]
-        own = np.matmul(made.of_motion, around[..., None]) + np.matmul(made.of_body, body[..., None])
-        hat = np.matmul(body.reshape(c, n, 3, 2), fans.back.transpose(0, 1, 3, 2)).reshape(c, n, 6)
-        tau = np.concatenate([own[..., 0], hat], axis=2) @ (reference() @ _balanced()).T
+        tau = np.matmul(of_motion, around[..., None])[..., 0] @ (reference() @ _balanced()[:, :9]).T
+        if force is not None:
+            body = force.reshape(c, n, 6, 1)
+            own = np.concatenate([np.matmul(of_force, body), np.matmul(_hat(fans), body)], axis=2)
+            tau += own[..., 0] @ (reference() @ _balanced()).T
         back = piola(fans.B).transpose(0, 1, 3, 2) / fans.doubled_areas[..., None, None]
         found: Floats = np.matmul(tau.reshape(c, n, 18, 3), back)
         return found
 
     def on_edges(self, force: Floats) -> Floats:
         """(c, 4 n) forces of tractions on outer edges that do not move, from body forces (c, 6 n)."""
-        return (
-            np.zeros((len(force), 4 * self.fans.n))
-            if self.of_body is None
-            else self.fans.apply(self.of_body[:, 4 * self.fans.n :], force)
-        )
+        assert self.of_body is not None
+        return self.fans.apply(self.of_body[:, 4 * self.fans.n :], force)
+
+    def _triangles(self, rows: Ints | slice) -> tuple[Floats, Floats]:
+        """The same of some cells."""
+        if self.triangles is None:
+            return _condensed(self.fans.part(rows))
+        of_motion, of_force = (self.fans.of_cells(each, rows) for each in self.triangles)
+        return of_motion, of_force
 
 
 def fan_stress(fans: Fans, loaded: bool = True) -> FanStress:
     """The FanStress of these fans; `loaded` by body forces or not."""
     shapes = fans.shapes
     c, n = shapes.corners.shape[:2]
-    place, made, N = _slots(n), triangles(shapes), _balanced()[:12]
-    of_motion = made.tractions(np.matmul(N[:, :9], made.of_motion))
+    place, N, (of_motion, of_force) = _slots(n), _balanced()[:12], _condensed(shapes)
+    stiffness = _tractions(shapes, np.matmul(N[:, :9], of_motion))
     K, F = np.zeros((c, 8 * n, 8 * n)), np.zeros((c, 8 * n, 6 * n))
     for t in range(n):
-        K[:, place[t][:, None], place[t]] += of_motion[:, t]
+        K[:, place[t][:, None], place[t]] += stiffness[:, t]
     if loaded:
-        hat = np.kron(np.eye(3), np.ones((2, 2))) * np.tile(shapes.back, (3, 3))
-        of_body = made.tractions(np.matmul(N[:, :9], made.of_body) + np.matmul(N[:, 9:], hat))
+        forces = _tractions(shapes, np.matmul(N[:, :9], of_force) + np.matmul(N[:, 9:], _hat(shapes)))
         for t in range(n):
-            F[:, place[t], 6 * t : 6 * t + 6] += of_body[:, t]
+            F[:, place[t], 6 * t : 6 * t + 6] += forces[:, t]
     m = 4 * n
     right = np.concatenate([K[:, :m, m:], F[:, :m]], axis=2) if loaded else K[:, :m, m:]
     found = -np.linalg.solve(K[:, :m, :m], right)
-    spokes = np.ascontiguousarray(found[..., :m])
-    stiffness = K[:, m:, m:] + K[:, m:, :m] @ spokes
-    forces = np.concatenate([found[..., m:], F[:, m:] + K[:, m:, :m] @ found[..., m:]], axis=1) if loaded else None
-    return FanStress(fans, spokes, forces, 0.5 * (stiffness + stiffness.transpose(0, 2, 1)))
+    spokes, moved = (np.ascontiguousarray(one) for one in np.split(found, [m], axis=2))
+    G = K[:, m:, m:] + K[:, m:, :m] @ spokes
+    G = 0.5 * (G + G.transpose(0, 2, 1))
+    if not loaded:
+        return FanStress(fans, spokes, None, G, None)
+    of_body = np.concatenate([moved, F[:, m:] + K[:, m:, :m] @ moved], axis=1)
+    return FanStress(fans, spokes, of_body, G, (of_motion, of_force))

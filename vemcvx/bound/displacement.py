@@ -29,6 +29,7 @@ from vemcvx.bound.fan import (
     Fans,
     monomial_slopes,
     monomials,
+    summed,
 )
 from vemcvx.bound.stress import VOIGT
 
@@ -132,17 +133,13 @@ def fan_displacement(fans: Fans, loaded: bool = True) -> FanDisplacement:
     c, n = shapes.corners.shape[:2]
     place, m = _slots(n), 2 * n + 2
     within, of_loads, each = _condensed(shapes, loaded)
-    K, right = np.zeros((c, 6 * n + 2, 6 * n + 2)), np.zeros((c, m, 10 * n if loaded else 4 * n))
-    for t in range(n):
-        K[:, place[t][:, None], place[t]] += each[:, t]
-    right[:, :, : 4 * n] = -K[:, :m, m:]
-    of_forces = np.kron(LOADS.T, np.eye(2))
-    for t in range(n) if loaded else ():
-        on_hub, loads = place[t] < m, of_forces[:12] + np.matmul(within[:, t].transpose(0, 2, 1), of_forces[12:])
-        right[:, place[t][on_hub], 4 * n + 6 * t : 4 * n + 6 * t + 6] += loads[:, on_hub]
-    hub, of_body = (
-        np.ascontiguousarray(one) for one in np.split(np.linalg.solve(K[:, :m, :m], right), [4 * n], axis=2)
-    )
+    K, right = summed(each, place, place, (6 * n + 2, 6 * n + 2)), np.zeros((c, m, 0))
+    if loaded:
+        of_forces = np.kron(LOADS.T, np.eye(2))
+        loads = of_forces[:12] + np.matmul(within.transpose(0, 1, 3, 2), of_forces[12:])
+        right = summed(loads, place, np.arange(6 * n).reshape(n, 6), (6 * n + 2, 6 * n))[:, :m]
+    found = np.linalg.solve(K[:, :m, :m], np.concatenate([-K[:, :m, m:], right], axis=2))
+    hub, of_body = (np.ascontiguousarray(one) for one in np.split(found, [4 * n], axis=2))
     S = K[:, m:, m:] + K[:, m:, :m] @ hub
     S = 0.5 * (S + S.transpose(0, 2, 1))
     return FanDisplacement(fans, hub, *((of_body, S, (within, of_loads)) if loaded else (None, S, None)))

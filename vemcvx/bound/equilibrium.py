@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 import scipy.sparse as sp
@@ -149,8 +150,8 @@ def equilibrium(
 
     A body that `floats` is anchored by a little of the diagonal; forces that balance then need one or two corrections.
     """
-    P, stiffness = _free_motions(edges, free, bonds), [one.fans.of_cells(one.stiffness) for one in stresses]
-    K = assembled([*edges.places, edges.outer.reshape(-1, 4)], [*stiffness, springs], P)
+    P, stiffness = _free_motions(edges, free, bonds), (one.fans.of_cells(one.stiffness) for one in stresses)
+    K = assembled([*edges.places, edges.outer.reshape(-1, 4)], chain(stiffness, [springs]), P)
     K = K + sp.diags_array(ANCHOR * K.diagonal()) if floats else K
     return Equilibrium(edges, stresses, P, springs, choose_linear(K.shape[0]).factorise(K))
 

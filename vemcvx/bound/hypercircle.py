@@ -538,7 +538,7 @@ def hypercircle(posed: PosedScene) -> Hypercircle:
         _outline(one, place, posed.space.n_unknowns) for one, place in zip(fans, numbered.places, strict=True)
     )
     Q = _free_outlines(posed, boundary, numbered.outer[:, 0, 0] // 4, numbered.count)
-    K = assembled(outlines, [one.fans.of_cells(one.stiffness) for one in displacements], Q)
+    K = assembled(outlines, (one.fans.of_cells(one.stiffness) for one in displacements), Q)
     return Hypercircle(
         posed=posed,
         boundary=boundary,

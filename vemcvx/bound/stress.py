@@ -37,6 +37,7 @@ from vemcvx.bound.fan import (
     Fans,
     monomial_slopes,
     monomials,
+    summed,
 )
 
 VOIGT = np.array([[[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], [[0.0, 0.0, 1.0], [0.0, 1.0, 0.0]]])
@@ -216,7 +217,7 @@ def _energies() -> Floats:
     return found.reshape(9, 225)
 
 
-def _condensed(fans: Fans) -> tuple[Floats, Floats]:
+def _condensed(fans: Fans, loaded: bool) -> tuple[Floats, Floats]:
     """Data in balance of the stresses of least energy on triangles, in the reference triangle: the nine without forces.
 
     From the motions of the three edges (c, n, 9, 12), and from forces int f lambda_k (c, n, 9, 6).
@@ -228,7 +229,9 @@ def _condensed(fans: Fans) -> tuple[Floats, Floats]:
     # Motions work in the reference triangle as B' m.
     moved = np.matmul(N.reshape(6, 2, 9).transpose(0, 2, 1), fans.B.transpose(0, 1, 3, 2)[:, :, None])
     moved = moved.transpose(0, 1, 3, 2, 4).reshape(c, n, 9, 12)
-    found = np.linalg.solve(A[..., :9, :9], np.concatenate([moved, -np.matmul(A[..., :9, 9:], _hat(fans))], axis=3))
+    if loaded:
+        moved = np.concatenate([moved, -np.matmul(A[..., :9, 9:], _hat(fans))], axis=3)
+    found = np.linalg.solve(A[..., :9, :9], moved)
     return found[..., :12], found[..., 12:]
 
 
@@ -297,7 +300,7 @@ class FanStress:
     def _triangles(self, rows: Ints | slice) -> tuple[Floats, Floats]:
         """The same of some cells."""
         if self.triangles is None:
-            return _condensed(self.fans.part(rows))
+            return _condensed(self.fans.part(rows), False)
         of_motion, of_force = (self.fans.of_cells(each, rows) for each in self.triangles)
         return of_motion, of_force
 
@@ -306,18 +309,13 @@ def fan_stress(fans: Fans, loaded: bool = True) -> FanStress:
     """The FanStress of these fans; `loaded` by body forces or not."""
     shapes = fans.shapes
     c, n = shapes.corners.shape[:2]
-    place, N, (of_motion, of_force) = _slots(n), _balanced()[:12], _condensed(shapes)
+    place, N, (of_motion, of_force) = _slots(n), _balanced()[:12], _condensed(shapes, loaded)
     stiffness = _tractions(shapes, np.matmul(N[:, :9], of_motion))
-    K, F = np.zeros((c, 8 * n, 8 * n)), np.zeros((c, 8 * n, 6 * n))
-    for t in range(n):
-        K[:, place[t][:, None], place[t]] += stiffness[:, t]
+    K, F, m = summed(stiffness, place, place, (8 * n, 8 * n)), np.zeros((c, 8 * n, 0)), 4 * n
     if loaded:
         forces = _tractions(shapes, np.matmul(N[:, :9], of_force) + np.matmul(N[:, 9:], _hat(shapes)))
-        for t in range(n):
-            F[:, place[t], 6 * t : 6 * t + 6] += forces[:, t]
-    m = 4 * n
-    right = np.concatenate([K[:, :m, m:], F[:, :m]], axis=2) if loaded else K[:, :m, m:]
-    found = -np.linalg.solve(K[:, :m, :m], right)
+        F = summed(forces, place, np.arange(6 * n).reshape(n, 6), (8 * n, 6 * n))
+    found = -np.linalg.solve(K[:, :m, :m], np.concatenate([K[:, :m, m:], F[:, :m]], axis=2))
     spokes, moved = (np.ascontiguousarray(one) for one in np.split(found, [m], axis=2))
     G = K[:, m:, m:] + K[:, m:, :m] @ spokes
     G = 0.5 * (G + G.transpose(0, 2, 1))

@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import skfem
-from skfem.helpers import ddot, dot, sym_grad
+from scipy.linalg import eigh
+from skfem.helpers import ddot, div, dot, grad, sym_grad
 
 import vemcvx as vx
 from vemcvx.bound.displacement import SLOPES, VALUES, fan_displacement, strains_at_stations
 from vemcvx.bound.fan import CORNERS, LINEAR_MASS_INVERSE, MASS, PARTS, RULE, RULE_WEIGHTS, STATIONS, fans_of
-from vemcvx.bound.hypercircle import oscillation_constants
+from vemcvx.bound.hypercircle import inf_sup_squares, oscillation_constants
 from vemcvx.bound.stress import (
     PARABOLAS,
     VOIGT,
@@ -227,6 +228,39 @@ def gradients(u, v, w):
 @skfem.BilinearForm
 def masses(u, v, w):
     return dot(u, v)
+
+
+@skfem.BilinearForm
+def all_slopes(u, v, w):
+    return ddot(grad(u), grad(v))
+
+
+@skfem.BilinearForm
+def divergences(u, q, w):
+    return div(u) * q
+
+
+@skfem.BilinearForm
+def squares(p, q, w):
+    return p * q
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_inf_sup_constants_are_below_eigenvalues(seed):
+    """beta^2 of Taylor's and Hood's elements on a fine mesh of a triangle: the least eigenvalue but zero."""
+    angles = np.random.default_rng(seed).dirichlet(np.full(5, 3.0)).cumsum() * 2.0 * np.pi
+    mesh = vx.PolygonMesh(np.column_stack([np.cos(angles), 0.6 * np.sin(angles)]), [range(5)])
+    one = fans_of(Space(mesh), elastic_matrix(np.array([[0.0], [0.5]])))[0]
+    for t, bound in enumerate(inf_sup_squares(one)[0]):
+        corners = np.concatenate([[[0.0, 0.0]], one.corners[0, [t, (t + 1) % 5]]])
+        triangle = skfem.MeshTri(corners.T.copy(), np.array([[0], [1], [2]])).refined(3)
+        V = skfem.Basis(triangle, skfem.ElementVector(skfem.ElementTriP2()), intorder=4)
+        Q = skfem.Basis(triangle, skfem.ElementTriP1(), intorder=4)
+        inside = V.complement_dofs(V.get_dofs())
+        A, B = all_slopes.assemble(V).toarray()[np.ix_(inside, inside)], divergences.assemble(V, Q).toarray()[:, inside]
+        found = eigh(B @ np.linalg.solve(A, B.T), squares.assemble(Q).toarray(), eigvals_only=True)
+        assert abs(found[0]) < 1e-12  # Constants have no divergence.
+        assert bound <= found[1] <= 3.0 * bound
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -6,8 +6,9 @@ as free as pressures are (Scott and Vogelius on the split of Alfeld). Functions 
 22 for an error of .026 at lambda = 1e6.
 
 A triangle has ten nodes: three corners, the middles of its edges from corner k to corner k + 1, the centroid, and the
-middles between corner k and the centroid. In the cell these are the centre of the fan, the middles of spokes and the
-last four of every triangle, which are inside, and the outline: the vertices, and the middles of the polygon's edges.
+middles between corner k and the centroid. The last four are inside of it and answer to those around; of these the hub
+of the cell, the centre of the fan and the middles of spokes, answers to the outline: the vertices, and the middles of
+the polygon's edges.
 """
 
 from __future__ import annotations
@@ -116,9 +117,9 @@ def _condensed(fans: Fans, loaded: bool) -> tuple[Floats, Floats, Floats]:
     C = np.einsum("prk,ckl,qsl->cprqs", VOIGT, fans.C, VOIGT)
     tensor = np.einsum("ct,ctar,ctbs,cprqs->ctpqab", fans.doubled_areas, fans.back, fans.back, C, optimize=True)
     # Functions of the triangle by components, ordered as nodal values are.
-    each = (tensor.reshape(-1, 4) @ GRAM.reshape(4, 100)).reshape(c, n, 2, 2, 10, 10)
+    each = (tensor.reshape(-1, 4) @ GRAM.reshape(4, 100)).reshape((c, n, 2, 2, 10, 10))
     K = each.transpose((0, 1, 4, 2, 5, 3)).reshape(c, n, 20, 20)
-    # Solved with: inverses of more than four nodes at once lost all but five digits at lambda = 1e6.
+    # Solved with: by inverses all but five digits were lost at lambda = 1e6, and so 1e-15 of the largest entry.
     right = -K[..., 12:, :12]
     if loaded:
         right = np.concatenate([right, np.broadcast_to(np.eye(8), (c, n, 8, 8))], axis=3)

@@ -9,8 +9,8 @@ is that of edge motions m, linear on every edge and free to jump at vertices, fo
 each edge cancel. Every cell answers to its m by G m + b (f): a stiffness matrix, positive definite up to rigid
 motions, is added up over the cells, and solved with once a step (equilibrium elements of B. Fraeijs de Veubeke, 1965;
 on the split triangle they have no spurious motions). The prestress sigma_0 acts as forces of the edges: tau - sigma_0
-is what m strains. Sought is x, which m is more than a displacement v at hand: of its size are the defects, so that one
-solve leaves forces as far apart as a part of h of what two leave of m.
+is what m strains. Sought is x = m - v, v being the displacement at hand: x is as small as the defect is, so that
+rounding is a part of that, and one solve a step suffices where nothing floats.
 
 So no local problem has to be found compatible, and no other stress of these fans is nearer to that of the body: of
 tractions made vertex by vertex, bounds were up to a fifth larger.

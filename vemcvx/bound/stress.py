@@ -11,12 +11,13 @@ moments against linear functions, and for the rest, f_1 less these constants, a 
 has no traction on the edges of the triangle (four of them, for the four linear parts of a vector). So div tau = -f_1
 exactly.
 
-In a fan the forces x of tractions on spokes and outer edges, balanced on every triangle by the body's, minimise
+The stress of a triangle whose tractions, balanced by its body force, minimise
 
-    |tau|^2 / 2 in C^-1  -  sum over outer edges  int tau n . m,      m (motion) linear on each edge,
+    |tau|^2 / 2 in C^-1  -  sum over edges  int tau n . m,      m (motion) linear on each edge,
 
-so that they are linear in m and f. What the triangles have in common with their neighbours is m: the stress of least
-energy in a body is that of the m whose tractions agree (:mod:`.equilibrium`).
+is linear in m and f, and its nine numbers in balance are found from them. Triangles have in common with their
+neighbours m. The spokes of a fan move so that the tractions of both sides cancel, and answer to its outer edges; the
+stress of least energy in a body is that of the m of all edges whose tractions agree (:mod:`.equilibrium`).
 """
 
 from __future__ import annotations

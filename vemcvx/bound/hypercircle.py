@@ -332,7 +332,7 @@ class Hypercircle:
         for k, f in enumerate(body):
             energy, work[k] = energy + f.energy, work[k] + f.outline
             potential -= f.work + float(np.sum(f.outline * outline[self.outlines[k]]))
-        residual = gathered(self.outlines, work, self.Q.shape[0]) + self._of_tractions(surface.loads)
+        residual = gathered(self.outlines, work, self.Q.shape[0]) + self.of_tractions(surface.loads)
         left = self.Q.T @ residual
         w, defect = self.factor.solve(left), Defect(motion, outline, densities)
         oscillation = self.oscillation(surface.acting, body)
@@ -474,7 +474,7 @@ class Hypercircle:
         """(c, n) the corners of the mesh at which the edges of these cells begin."""
         return plane_mesh(self.posed.space.mesh, "error_bound").offsets[fans.cells][:, None] + np.arange(fans.n)
 
-    def _of_tractions(self, loads: Floats) -> Floats:
+    def of_tractions(self, loads: Floats) -> Floats:
         """The work of loads (b, 3, 2) on boundary edges on vertices and middles, whose functions are quadratic."""
         edges, size = self.boundary.edges, self.posed.space.n_unknowns
         nodes = 2 * edges.outer_edges[:, :, None] + np.arange(2)

@@ -474,11 +474,16 @@ class Hypercircle:
         """(c, n) the corners of the mesh at which the edges of these cells begin."""
         return plane_mesh(self.posed.space.mesh, "error_bound").offsets[fans.cells][:, None] + np.arange(fans.n)
 
+    @property
+    def middles(self) -> Ints:
+        """(b,) the places of the middles of boundary edges among those of vertices and middles."""
+        return self.posed.space.n_unknowns // 2 + self.equilibrium.edges.outer[:, 0, 0] // 4
+
     def of_tractions(self, loads: Floats) -> Floats:
         """The work of loads (b, 3, 2) on boundary edges on vertices and middles, whose functions are quadratic."""
-        edges, size = self.boundary.edges, self.posed.space.n_unknowns
+        edges = self.boundary.edges
         nodes = 2 * edges.outer_edges[:, :, None] + np.arange(2)
-        middles = size + 2 * (self.equilibrium.edges.outer[:, 0, 0] // 4)[:, None] + np.arange(2)
+        middles = 2 * self.middles[:, None] + np.arange(2)
         place = np.concatenate([nodes.ravel(), middles.ravel()])
         work = np.concatenate([(loads[:, :2] - 0.5 * loads[:, 2:]).ravel(), loads[:, 2].ravel()])
         return totals(place, work, self.Q.shape[0])

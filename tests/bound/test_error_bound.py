@@ -317,6 +317,22 @@ def test_squares_by_what_moves_edges_are_those_of_the_stresses_themselves(name, 
     assert circle.squares_of(pair.richer, body).sum() < pair.squares.sum()
 
 
+def test_body_forces_that_grow_are_integrated_once():
+    circle = circle_of(vx.simulate(SCENES["weight"], vx.meshes.voronoi(4), [0.0, 1.0]))
+    f = circle.densities_at(1.0)
+    circle.body(f)
+    grown = circle.body(tuple(-3.0 * one for one in f))
+    circle.known.clear()
+    anew = circle.body(tuple(-3.0 * one for one in f))
+    for name in ("density", "moments", "edges", "mixed", "outline", "squares", "missed", "energy", "work"):
+        for one, other in zip(grown, anew, strict=True):
+            a, b = (np.asarray(getattr(each, name)) for each in (one, other))
+            assert np.allclose(a, b, rtol=1e-11, atol=1e-11 * np.abs(b).max()), name
+    other = circle.body(tuple(one + 1.0 for one in f))
+    assert not np.allclose(other[0].edges, grown[0].edges)
+    assert circle.body(()) == ()
+
+
 def test_penetration_is_part_of_the_bound():
     history = vx.simulate(LIFTED, vx.meshes.squares(6), [0.0, 1.0])
     u = history.displacement.copy()

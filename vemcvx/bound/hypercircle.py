@@ -363,7 +363,7 @@ class Hypercircle:
 
     def body(self, densities: Sequence[Floats]) -> tuple[Body, ...]:
         """What body forces make; of those in proportion to the last ones, of a load that grows, that is known."""
-        for last in self.known:
+        for last in self.known if densities else ():
             known = [one.density for one in last]
             s = float(sum(map(np.vdot, densities, known)) / sum(map(np.vdot, known, known)))
             apart = max(float(np.abs(f - s * g).max()) for f, g in zip(densities, known, strict=True))

@@ -327,12 +327,13 @@ def test_the_picture_stays_within_the_page():
     found += [made(0.02, 0.3, 100, target=0.05), made(0.1, 0.02, solver="osqp")]
     for drawn in (picture(found, (0.05, 0.02), 0.005, "title"), picture(found[:1], (0.05,), None)):
         assert_drawn_within_the_page(drawn)
-    # Families are apart without their colours, too.
+    # Families and solvers are apart without their colours, too.
+    found += [made(0.1, 0.03, solver="clarabel")]
     drawn = picture(found, (0.05, 0.02), 0.005, "title")
     runs = [line for line in drawn.axes[0].lines if "," in line.get_label()]
     marks = {line.get_label().split(",")[0]: line.get_marker() for line in runs}
     assert len(set(marks.values())) == len(marks) == 2
-    assert len({(line.get_marker(), line.get_markersize(), line.get_markerfacecolor()) for line in runs}) == len(runs)
+    assert len({(line.get_marker(), line.get_markersize(), line.get_fillstyle()) for line in runs}) == len(runs) == 5
 
 
 def test_grids():

@@ -206,6 +206,18 @@ def test_the_load_of_ones_own_file_may_take_one_instant_at_a_time(ran, tmp_path)
         assert [name for name, *_ in app.pictures(history, 3, app.course_of(path, problem))][-1] == "hysteresis"
 
 
+def test_units_of_a_problem_file_reach_every_axis(ran, tmp_path):
+    (tmp_path / "own.py").write_text(
+        OWN_FILE.format(kinds=2) + '\n\nUNITS = {"length": "mm", "force": "N", "time": "s", "force per area": "MPa"}\n'
+    )
+    app, problem = ran[0], read_problem(tmp_path / "own.py")
+    history = app.solved(problem, problem.mesh(3), {}, "as in the problem file", "Newton")
+    for _, figure, words in app.pictures(history, 3, lambda t: t, problem.units):
+        said = [words, *(one.get_text() for one in words_drawn(figure))]
+        assert any(f"({unit})" in text for text in said for unit in ("mm", "N mm", "s", "MPa")), said
+        assert not [text for text in said for word in ("length", "force", "time") if f"({word}" in text]
+
+
 def test_an_error_of_ones_own_scene_is_named(ran, tmp_path):
     (tmp_path / "own.py").write_text(OWN_FILE.format(kinds=2).replace("vx.Scene(", "vx.Scene(1 / (young - 10.0),"))
     problem = read_problem(tmp_path / "own.py")

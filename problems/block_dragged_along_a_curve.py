@@ -20,7 +20,7 @@ import numpy as np
 
 import vemcvx as vx
 from problem_pictures import MM, beside_closed_form
-from vemcvx.canvas import light_grid, new_figure
+from vemcvx.canvas import legend_under, light_grid, new_figure
 from vemcvx.plots.style import SLIP
 
 YOUNG, POISSON, SIDE, HEIGHT = 1000.0, 0.25, 2.0, 0.5
@@ -76,11 +76,11 @@ def picture(history):
     way, graph = figure.subplots(1, 2)
     t, dense = history.times, np.linspace(0.0, 2 * np.pi, 801)
     force, line = computed(history), friction(dense)
-    way.plot(*top(dense).T, color="0.6", linewidth=1.2, label="way of the top")
-    way.quiver(*top(t[1:]).T, *force[1:].T, color=SLIP, angles="xy", width=0.005, scale=3.5, label="friction")
+    way.plot(*top(dense).T, color="0.7", linewidth=0.8, label="way of the top")
+    way.quiver(*top(t[1::2]).T, *force[1::2].T, color=SLIP, angles="xy", width=0.006, scale=3.5, label="friction")
     way.set(xlabel="$x_1$ (mm)", ylabel="$x_2$ (mm)", aspect="equal")
     way.margins(0.16)
-    way.legend(frameon=False, fontsize="small")
+    legend_under(way)
     light_grid(way)
     for axis, (colour, mark) in enumerate((("#0072B2", "o"), ("#D55E00", "s"))):
         label = f"$F_{axis + 1}$"

@@ -106,6 +106,6 @@ def picture(history):
     beside_closed_form(graph, sole[:, :2].T, closed_form(history.times)[1].T, label="sole")
     graph.plot(*closed_form(dense)[1].T, ":", color="0.3", linewidth=1.0, label="in steps without end")
     graph.plot(*np.transpose([top(history.times[-1]), sole[-1, :2]]), color="0.4", linewidth=1.0)
-    graph.legend(frameon=False, fontsize="small", loc="center")
+    graph.legend(frameon=False, fontsize="small", loc="center", bbox_to_anchor=(0.5, 0.36))
     graph.set(xlabel="moved along $x_1$ (mm)", ylabel="moved along $x_2$ (mm)", aspect="equal")
     return figure

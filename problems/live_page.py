@@ -36,7 +36,7 @@ with app.setup:
     )
     from vemcvx.plots.body import has_pyvista
     from vemcvx.plots.contact import contact_line, seen
-    from vemcvx.plots.style import SLIP, STORED
+    from vemcvx.plots.style import SLIP, STORED, label
 
     SCENES = {
         "block pulled over an obstacle": ("feng_han_huang", 16),
@@ -102,23 +102,31 @@ def solved(problem, mesh, settings, path, solver):
 
 
 @app.function
-def pictures(history, step, course):
+def pictures(history, step, course, units=None):
     """Pictures at a step that the history has something to show for: (name, figure, what it shows)."""
     rubs = bool(history.contact.bound.any())
     if isinstance(history.mesh, vx.PolygonMesh):
-        drawn = [drawing("deformed body", lambda ax: deformed_mesh(history, step, ax=ax), height_of(history))]
+        drawn = [
+            drawing("deformed body", lambda ax: deformed_mesh(history, step, ax=ax, units=units), height_of(history))
+        ]
         if rubs:
-            drawn.append(drawing("stick and slip", lambda ax: draw_front(ax, history, step)))
-            drawn.append(drawing("friction and its bound", lambda ax: friction_traction(history, step, ax=ax)))
+            drawn.append(drawing("stick and slip", lambda ax: draw_front(ax, history, step, units)))
+            drawn.append(
+                drawing("friction and its bound", lambda ax: friction_traction(history, step, ax=ax, units=units))
+            )
             if course is not None:
-                return [*drawn, drawing("hysteresis", lambda ax: draw_loop(ax, history, step, course))]
+                return [*drawn, drawing("hysteresis", lambda ax: draw_loop(ax, history, step, course, units))]
         elif len(history.contact.nodes):
-            drawn.append(drawing("pressure", lambda ax: along_contact(history, "pressure", [step], ax=ax)))
+            drawn.append(drawing("pressure", lambda ax: along_contact(history, "pressure", [step], ax=ax, units=units)))
     else:
-        drawn = [drawing("deformed body", lambda ax: deformed_body(history, step, ax=ax))] if has_pyvista() else []
+        drawn = (
+            [drawing("deformed body", lambda ax: deformed_body(history, step, ax=ax, units=units))]
+            if has_pyvista()
+            else []
+        )
         if rubs and seen(history.contact):
-            drawn.append(drawing("stick and slip", lambda ax: contact_face(history, step, ax=ax)))
-    return [*drawn, drawing("energies", lambda ax: draw_energies(ax, history))]
+            drawn.append(drawing("stick and slip", lambda ax: contact_face(history, step, ax=ax, units=units)))
+    return [*drawn, drawing("energies", lambda ax: draw_energies(ax, history, units))]
 
 
 @app.function
@@ -175,22 +183,22 @@ def shown(drawn):
 
 
 @app.function
-def draw_front(ax, history, step):
+def draw_front(ax, history, step, units):
     """Stick and slip in time, and a line at the instant that is shown."""
-    stick_slip_map(history, ax=ax)
+    stick_slip_map(history, ax=ax, units=units)
     ax.axhline(history.times[history.row(step)], color="black", linewidth=1.5, linestyle="--", label="this instant")
     ax.set_title("where the contact boundary sticks and slips, and when")
 
 
 @app.function
-def draw_energies(ax, history):
+def draw_energies(ax, history, units):
     """Energies in time, all steps."""
-    energy_ledger(history, ax=ax)
+    energy_ledger(history, ax=ax, units=units)
     ax.set_title("where the work of the forces goes")
 
 
 @app.function
-def draw_loop(ax, history, step, course):
+def draw_loop(ax, history, step, course, units):
     """The load over the slip of the node that slips farthest, up to a step, and faintly what follows."""
     slip = contact_line(history, "the loop").along(history.contact.slip)
     slip = slip[:, np.abs(slip).max(axis=0).argmax()]
@@ -198,7 +206,11 @@ def draw_loop(ax, history, step, course):
     ax.plot(slip, load, color="0.7", linewidth=1.2)
     ax.plot(slip[: now + 1], load[: now + 1], ".-", color=STORED, linewidth=1.4, markersize=4, label="so far")
     ax.plot(slip[now], load[now], "o", color=SLIP, markersize=8, label="this instant")
-    ax.set(xlabel="largest slip (length)", ylabel="load / largest load", title="the node that slips farthest")
+    ax.set(
+        xlabel=label("largest slip", "length", units),
+        ylabel="load / largest load",
+        title="the node that slips farthest",
+    )
     ax.locator_params(axis="x", nbins=5)
     light_grid(ax)
 
@@ -294,7 +306,7 @@ def _(mesh, path, problem, settings, solver):
 @app.cell
 def _(history, path, problem, step):
     _start = time.perf_counter()
-    drawn = shown(pictures(history, step.value, course_of(path.value, problem)))
+    drawn = shown(pictures(history, step.value, course_of(path.value, problem), problem.units))
     drawing_time = time.perf_counter() - _start
     return drawing_time, drawn
 

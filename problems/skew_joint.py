@@ -103,5 +103,5 @@ def picture(history):
         graph.text(
             P, P * slope, words, fontsize="small", color="0.4", ha=side, va="top" if side == "left" else "bottom"
         )
-    graph.set(xlabel="load $P$ (force)", ylabel="force of the springs $S$ (force)", ylim=(0, 1.3 * DOWN))
+    graph.set(xlabel="load $P$ (N)", ylabel="force of the springs $S$ (N)", ylim=(0, 1.3 * DOWN))
     return figure

@@ -72,7 +72,9 @@ def times(steps):
 
 def picture(history):
     """Both blocks at the first turn, and the loop of friction against the motion of the top."""
-    figure, graph = body_and_graph(history, step=history.steps // 5, stress="shear", shares=(1.2, 1.0))
+    figure, graph = body_and_graph(
+        history, step=history.steps // 5, stress="shear", forces="friction", shares=(1.2, 1.0)
+    )
     traction, dense = history.contact.traction[:, :, 0].mean(axis=1), times(1000)
     beside_closed_form(graph, (top(history.times), traction), (top(dense), closed_form(dense)[0]))
     for sign in (1, -1):

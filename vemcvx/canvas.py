@@ -135,6 +135,8 @@ def draw_arrows(
     ax: Axes, places: Floats, vectors: Floats, *, colour: object, pivot: Literal["tip", "mid"], width: float
 ) -> Quiver:
     """Draw vectors (m, 2) at places (m, 2), in units of the axes."""
+    from matplotlib.patheffects import withStroke
+
     return ax.quiver(
         *places.T,
         *vectors.T,
@@ -145,6 +147,10 @@ def draw_arrows(
         pivot=pivot,
         width=width,
         zorder=3,
+        # By default arrows shorter than a line's width are dots, which would be marks of nothing.
+        minlength=0.0,
+        # A white rim sets arrows off from cells of any colour, in grey print, too.
+        path_effects=[withStroke(linewidth=1.0, foreground="white")],
     )
 
 

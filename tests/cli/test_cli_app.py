@@ -17,6 +17,7 @@ from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
+from pages import words_drawn
 from test_cli_supplied import call
 
 import vemcvx as vx
@@ -24,8 +25,9 @@ from vemcvx.cli import live_page
 from vemcvx.cli.problem_file import read_problem
 
 pytest.importorskip("marimo", reason="the live page needs marimo")
-Text = pytest.importorskip("matplotlib.text", reason="the live page needs matplotlib").Text
-FigureCanvasAgg = pytest.importorskip("matplotlib.backends.backend_agg").FigureCanvasAgg
+FigureCanvasAgg = pytest.importorskip(
+    "matplotlib.backends.backend_agg", reason="the live page needs matplotlib"
+).FigureCanvasAgg
 PNG = "data:image/png;base64,"
 OWN_FILE = '''"""A plate pressed by <its own> file."""
 
@@ -204,6 +206,18 @@ def test_the_load_of_ones_own_file_may_take_one_instant_at_a_time(ran, tmp_path)
         assert [name for name, *_ in app.pictures(history, 3, app.course_of(path, problem))][-1] == "hysteresis"
 
 
+def test_units_of_a_problem_file_reach_every_axis(ran, tmp_path):
+    (tmp_path / "own.py").write_text(
+        OWN_FILE.format(kinds=2) + '\n\nUNITS = {"length": "mm", "force": "N", "time": "s", "force per area": "MPa"}\n'
+    )
+    app, problem = ran[0], read_problem(tmp_path / "own.py")
+    history = app.solved(problem, problem.mesh(3), {}, "as in the problem file", "Newton")
+    for _, figure, words in app.pictures(history, 3, lambda t: t, problem.units):
+        said = [words, *(one.get_text() for one in words_drawn(figure))]
+        assert any(f"({unit})" in text for text in said for unit in ("mm", "N mm", "s", "MPa")), said
+        assert not [text for text in said for word in ("length", "force", "time") if f"({word}" in text]
+
+
 def test_an_error_of_ones_own_scene_is_named(ran, tmp_path):
     (tmp_path / "own.py").write_text(OWN_FILE.format(kinds=2).replace("vx.Scene(", "vx.Scene(1 / (young - 10.0),"))
     problem = read_problem(tmp_path / "own.py")
@@ -237,26 +251,13 @@ def test_letters_are_large_and_labels_whole(ran):
             assert words
             FigureCanvasAgg(figure).draw()
             whole = figure.bbox.padded(0.5)
-            texts = [one for one in figure.findobj(Text) if one.get_visible() and one.get_text().strip()]
-            drawn = [one for one in texts if one.get_window_extent().width > 0]
+            drawn = words_drawn(figure)
             assert len(drawn) > 8
             assert min(one.get_fontsize() for one in drawn) / 72 / figure.get_figwidth() * 346 >= 12.0
-            for one in ticks_shown(figure, drawn):
+            for one in drawn:
                 box = one.get_window_extent()
                 inside = whole.contains(box.x0, box.y0) and whole.contains(box.x1, box.y1)
                 assert inside, f"{name}, {kind}: {one.get_text()!r} is cut off"
-
-
-def ticks_shown(figure, texts):
-    """The texts without labels of ticks beyond the ends of their axes, which are not drawn."""
-    axes = [ax for panel in figure.axes for ax in (panel, *panel.child_axes)]
-    beyond = set()
-    for axis in [axis for ax in axes for axis in (ax.xaxis, ax.yaxis)]:
-        low, high = sorted(axis.get_view_interval())
-        for tick in [*axis.get_major_ticks(), *axis.get_minor_ticks()]:
-            if not low - 1e-9 * (high - low) <= tick.get_loc() <= high + 1e-9 * (high - low):
-                beyond |= {tick.label1, tick.label2}
-    return [one for one in texts if one not in beyond]
 
 
 def test_a_cell_that_fails_is_named(tmp_path, monkeypatch):

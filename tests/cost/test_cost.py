@@ -327,12 +327,13 @@ def test_the_picture_stays_within_the_page():
     found += [made(0.02, 0.3, 100, target=0.05), made(0.1, 0.02, solver="osqp")]
     for drawn in (picture(found, (0.05, 0.02), 0.005, "title"), picture(found[:1], (0.05,), None)):
         assert_drawn_within_the_page(drawn)
-    # Families are apart without their colours, too.
+    # Families and solvers are apart without their colours, too.
+    found += [made(0.1, 0.03, solver="clarabel")]
     drawn = picture(found, (0.05, 0.02), 0.005, "title")
     runs = [line for line in drawn.axes[0].lines if "," in line.get_label()]
     marks = {line.get_label().split(",")[0]: line.get_marker() for line in runs}
     assert len(set(marks.values())) == len(marks) == 2
-    assert len({(line.get_marker(), line.get_markersize(), line.get_markerfacecolor()) for line in runs}) == len(runs)
+    assert len({(line.get_marker(), line.get_markersize(), line.get_fillstyle()) for line in runs}) == len(runs) == 5
 
 
 def test_grids():
@@ -403,6 +404,35 @@ def test_a_cluster_gives_the_same_numbers(killed, tmp_path):
     assert len(here) == 4
     for name in (*NUMBERS, "family", "n", "target", "solver", "accuracy", "status"):
         assert [row[name] for row in here] == [row[name] for row in there], name
+
+
+TWO_MATERIALS = '''"""Two materials."""
+import numpy as np, vemcvx as vx
+
+def scene():
+    young = lambda x: np.where(x[:, 0] < 0.5, 100.0, 200.0)
+    push = vx.Traction(lambda x, t: np.tile([0.0, -t], (len(x), 1)), on="top")
+    return vx.Scene(vx.Elasticity(young, 0.3), vx.Clamp(on="bottom"), push)
+
+def mesh(n, family="squares"):
+    return vx.meshes.FAMILIES[family](n)
+
+def times(steps):
+    return np.linspace(0.0, 1.0, steps + 1)
+'''
+
+
+@pytest.mark.slow
+def test_cells_across_the_border_of_two_materials_are_told(tmp_path, monkeypatch):
+    """Of three squares a side one column lies across the border, of an even number none."""
+    stay_at_home(monkeypatch)
+    (tmp_path / "two.py").write_text(TWO_MATERIALS)
+    asked = ("--mesh", "squares", "--n", "3,4", "--steps", "2", "--solver", "newton", "--workers", "1")
+    done = cost(tmp_path / "two.py", *asked, "--out", tmp_path / "out")
+    assert done.exit_code == 0, done.output
+    said = {row["n"]: row["message"] for row in rows(tmp_path / "out")}
+    assert said["3"].startswith("in places the material of its mesh is not that of the reference's mesh")
+    assert not said["4"]
 
 
 @pytest.mark.slow

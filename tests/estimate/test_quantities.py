@@ -183,21 +183,26 @@ def test_errors_of_steps_are_one_to_five_times_the_truth(name, caplog):
 def test_the_dovetail_at_24_to_192_steps():
     """Measured: first order is 5.1, 2.5, 1.2, .61 % off in friction work and 75, 38, 19, 9.7 % in work.
 
-    Second order is .16, .028, .006, .004 % off in friction work and half of that in work, estimates 1.3 to 1.5 times
-    as much; wear .29, .006, .003, .002 %.
+    Second order is .16, .028, .006, .004 % off in friction work and half of that in work, estimates 1.3 to 1.7 times
+    as much; wear .29, .006, .003, .002 %, where the error changes its sign, estimates 1.1 to 4.8 times as much.
     """
     truth = at_the_end(dovetail(768))
     for steps in (24, 48, 96, 192):
         history = dovetail(steps)
         found, first = vx.quantities(history), [history.dissipated[-1], history.work[-1]]
+        for one, true in zip(found.values(), truth, strict=True):
+            assert 1.0 <= one.steps / abs(one.value - true) <= 5.0
         for one, true, coarse in zip(found.values(), truth, first, strict=False):
-            off = abs(one.value - true)
-            assert off <= one.steps <= 5.0 * off
-            assert off < 0.05 * abs(coarse - true)
-        # The largest wear changes sign in its error on the way, at 1e-4 of it.
-        off = abs(found["wear"].value - truth[2])
-        assert off <= found["wear"].steps + 1e-4 * truth[2]
-        assert found["wear"].steps <= 5.0 * off
+            assert abs(one.value - true) < 0.05 * abs(coarse - true)
+
+
+@pytest.mark.slow
+def test_errors_that_change_their_sign_are_estimated():
+    """The largest wear of the pad is .5 % above the truth in 24 steps and below it in 96; .008 % in 48."""
+    truth = at_the_end(pad(768))[2]
+    for steps in (36, 48, 72, 96):
+        found = vx.quantities(pad(steps))["wear"]
+        assert 1.0 <= found.steps / abs(found.value - truth) <= 5.0
 
 
 def test_errors_of_the_mesh_cover_what_finer_meshes_find():

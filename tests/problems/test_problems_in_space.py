@@ -188,6 +188,21 @@ def test_a_sphere_is_dragged_as_cattaneo_and_mindlin_say():
     assert r[~sticks & contact.closed[-1]].min() > exact - 2 * a / n
 
 
+@pytest.mark.slow
+def test_the_picture_of_the_sphere_shows_the_friction_of_cattaneo_and_mindlin():
+    """Within half the radius that sticks, where cells were too coarse once: 4 to 7 % below the closed form."""
+    history = simulated(sphere, sphere.SMALL["n"], sphere.SMALL["steps"])
+    P, Q = np.transpose(sphere.forces(history))[-1]
+    (a, peak), mu = sphere.hertz(P), sphere.FRICTION
+    c = a * np.cbrt(1 - Q / (mu * P))
+    r = np.linalg.norm(history.contact.points[:, :2], axis=1)
+    inside = r < 0.5 * c
+    exact = mu * peak * (np.sqrt(1 - (r[inside] / a) ** 2) - c / a * np.sqrt(1 - (r[inside] / c) ** 2))
+    off = np.linalg.norm(history.contact.traction[-1, inside], axis=1) / exact - 1
+    assert inside.sum() >= 5
+    assert np.abs(off).max() < 0.08
+
+
 @LOOSE
 @pytest.mark.parametrize("family", SPACE)
 def test_a_skew_joint_is_a_friction_spring(family):

@@ -200,7 +200,8 @@ def write(path: Path, opens: int | None = None) -> str:
     It opens at the first step, or at the step asked for.
     """
     module, _, found = _run()
-    history, course = found["history"], module.course_of(found["path"].value, found["problem"])
+    history, problem = found["history"], found["problem"]
+    course, units = module.course_of(found["path"].value, problem), problem.units
     first = 1 if opens is None else opens
     if not first <= history.steps:
         raise ProblemError(f"--step: found {first}; this run has the steps 1 to {history.steps}.")
@@ -208,7 +209,8 @@ def write(path: Path, opens: int | None = None) -> str:
     at = {n: f"step {n} of {history.steps}, t = {history.times[history.row(n)]:.4g}" for n in steps}
     shown = "".join(
         f'<section aria-label="{at[n]}"{"" if n == first else " hidden"}>'
-        f"{module.told(module.numbers_of(history, n))}{module.shown(module.pictures(history, n, course))}</section>"
+        f"{module.told(module.numbers_of(history, n))}"
+        f"{module.shown(module.pictures(history, n, course, units))}</section>"
         for n in steps
     )
     slider = (
@@ -218,7 +220,7 @@ def write(path: Path, opens: int | None = None) -> str:
     chosen = {name: found[name].value for name in ("scene", "family", "n")} | dict(found["settings"].value)
     chosen |= {"path": found["path"].value, "solver": found["solver"].value}
     words = ", ".join(f"{name} {value}" for name, value in chosen.items())
-    text = page(found["problem"].title, f"<p>{escape(words)}</p>{slider}{shown}", STYLE)
+    text = page(problem.title, f"<p>{escape(words)}</p>{slider}{shown}", STYLE)
     try:
         path.write_text(text, encoding="utf-8")
     except OSError as error:

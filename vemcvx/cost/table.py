@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, astuple, dataclass, fields
 from pathlib import Path
@@ -258,6 +259,10 @@ def advice(rows: Sequence[Row], levels: Sequence[float]) -> list[str]:
 
 
 AXES = {"seconds": "seconds, in one thread", "unknowns": "unknowns"}
+FILLED = ("full", "none", "left", "top", "right", "bottom")
+"""Marks of solvers."""
+BAND = 1.4
+"""Height of the band of the reference's own error on a logarithmic axis: room for a line of words."""
 
 
 def picture(
@@ -271,12 +276,16 @@ def picture(
     axes, found = figure.subplots(1, 2, sharey=True), [answer for answer in answers(rows) if answer.error > 0]
     errors = [100 * answer.error for answer in found]
     families = sorted({answer.row.family for answer in found}, key=str)
+    # Rows come in any order; most have the solver that a sweep is about.
+    solvers = [solver for solver, _ in Counter(answer.row.solver for answer in found).most_common()]
     kinds = [(answer.row.family, answer.row.solver, answer.row.target is not None) for answer in found]
     for ax, cost in zip(axes, AXES, strict=True):
         costs = [getattr(answer, cost) for answer in found]
         best = front(costs, errors)
         ax.plot([costs[k] for k in best], [errors[k] for k in best], "0.25", linewidth=1.1, label="Pareto front")
-        for family, solver, adaptive in dict.fromkeys(kinds):
+        for family, solver, adaptive in sorted(
+            set(kinds), key=lambda kind: (kind[2], solvers.index(kind[1]), str(kind))
+        ):
             own = [k for k, kind in enumerate(kinds) if kind == (family, solver, adaptive)]
             colour = SERIES[families.index(family) % len(SERIES)]
             ax.plot(
@@ -288,22 +297,29 @@ def picture(
                 markersize=8 if adaptive else 5,
                 markeredgecolor="black" if adaptive else colour,
                 markeredgewidth=1.6 if adaptive else 1.0,
-                # Solvers other than the first, which mostly gives the same errors, are hollow.
-                markerfacecolor=colour if solver == kinds[0][1] else "white",
+                # Solvers mostly give the same errors: marks of the second are hollow, of others filled in half.
+                fillstyle=FILLED[solvers.index(solver) % len(FILLED)],
+                markerfacecoloralt="white",
                 label=f"{family or 'own mesh'}, {solver}{', adaptive' * adaptive}",
             )
         for level in levels:
             ax.axhline(100 * level, color="0.75", linewidth=0.8, linestyle="--", zorder=0)
         if resolved is not None:
-            ax.axhspan(10 * resolved, 100 * resolved, color="0.93", zorder=0)
+            ax.axhspan(100 * resolved / BAND, 100 * resolved, color="0.93", zorder=0)
         ax.set(xscale="log", yscale="log", xlabel=AXES[cost])
         light_grid(ax)
-    low = min([*errors, *([] if resolved is None else [100 * resolved])])
-    axes[0].set(ylim=(low / 1.25, max(errors) * 1.25), ylabel=f"true error of {of}, %")
+    low = min([error / 1.25 for error in errors] + ([] if resolved is None else [100 * resolved / BAND]))
+    axes[0].set(ylim=(low, max(errors) * 1.25), ylabel=f"true error of {of}, %")
     plain_logarithms(axes[0].yaxis)
     if resolved is not None:
-        own_error = 0.02, 93 * resolved
-        axes[1].text(*own_error, "the reference's own error", transform=axes[1].get_yaxis_transform(), va="top")
+        middle = 0.02, 100 * resolved / BAND**0.5
+        axes[1].text(
+            *middle,
+            "the reference's own error",
+            transform=axes[1].get_yaxis_transform(),
+            va="center_baseline",
+            fontsize="small",
+        )
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside right upper", frameon=False, fontsize="small")
     figure.suptitle(title, fontsize="medium")
     return figure

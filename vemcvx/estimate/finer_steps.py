@@ -227,9 +227,9 @@ def beside_finer(run: PreparedRun, times: Floats, initial: Floats, known: Course
     return Finer(errors=errors, added=added, times=finer, norm=norm, bends=known.bends, jumps=known.jumps)
 
 
-def finer_instants(times: Floats, known: Course) -> Floats:
-    """PARTS in every step, at least 32 in all, bends and jumps, and samples where straight lines miss the data."""
-    chosen, width = np.union1d(divided(times, PARTS, 32), known.bends), np.diff(known.times)
+def finer_instants(times: Floats, known: Course, parts: int = PARTS) -> Floats:
+    """Parts of every step, 8 times as many in all, bends and jumps, and samples where straight lines miss the data."""
+    chosen, width = np.union1d(divided(times, parts, 8 * parts), known.bends), np.diff(known.times)
     slopes = np.diff(known.values, axis=0) / width[:, None]
     curved = 0.5 * np.abs(np.diff(slopes, axis=0)).max(axis=1) * (width[:-1] + width[1:])
     # Lines over pieces of the length h miss data by h^2 f'' / 8: by 2e-3 of their size, if int (f'' / .016)^{1/2} dt

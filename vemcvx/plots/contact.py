@@ -47,6 +47,7 @@ from vemcvx.plots.style import (
     instant,
     label,
     named,
+    unit,
     value_range,
     within,
 )
@@ -512,7 +513,9 @@ def contact_face(
     if window is None:
         ax.autoscale_view()
     last = row > 0 and history.stored[row - 1] == history.stored[row] - 1
-    told = f", slip {'of the step' if last else 'since the last stored step'} at most {largest:.3g}" if largest else ""
+    since = "of the step" if last else "since the last stored step"
+    most = f"{largest:.3g} {unit(units, 'length') if units else ''}".rstrip()
+    told = f", slip {since} at most {most}" if largest else ""
     x, y = (label(words, "length", units) for words in layout.labels)
     return named(ax, x, y, f"{instant(history.times[row], units)}{told}", size="small", window=window, aspect="equal")
 

@@ -9,6 +9,7 @@ contact problem"; equation numbers in this package are its.
 from vemcvx import interrupt as interrupt
 from vemcvx import meshes
 from vemcvx.bound.error_bound import ErrorBound, error_bound
+from vemcvx.bound.quantity import QuantityBound
 from vemcvx.effects import (
     BilateralContact,
     BodyForce,
@@ -108,6 +109,7 @@ __all__ = [
     "ProblemError",
     "ProgramError",
     "Quantity",
+    "QuantityBound",
     "Scene",
     "SceneError",
     "SceneWarning",

@@ -203,6 +203,7 @@ def of_history(history):
         "budget": (vx.error_budget, set()),
         "bound": (vx.error_bound, set()),
         "bound's step": (lambda v: vx.error_bound(history, v), {"None"}),
+        "bound's quantity": (lambda v: vx.error_bound(history, 1, v), {"None"}),
         "quantities": (vx.quantities, set()),
         "budget's steps": (lambda v: vx.error_budget(history, v), {"None", "flags"}),
         "error": (lambda v: measures.l2_error(history, v), VALUES),
@@ -260,6 +261,7 @@ def test_every_parameter_is_asked():
         "ErrorBound",
         "ErrorBudget",
         "Quantity",
+        "QuantityBound",
         "Operators",
         "StepProgram",
         "SolvedProgram",
@@ -281,6 +283,6 @@ def test_every_parameter_is_asked():
     }
     assert left == {
         *("Scene.effects", "march.progress", "simulate.progress", "simulate.stream", "adapt.progress"),
-        *("error_bound.history", "error_bound.step", "error_budget.history", "error_budget.steps"),
+        *("error_bound.history", "error_bound.step", "error_bound.of", "error_budget.history", "error_budget.steps"),
         *("quantities.history", "read_history.folder"),
     }

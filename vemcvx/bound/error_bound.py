@@ -22,13 +22,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import overload
 
 import numpy as np
 
 from vemcvx.arrays import Floats, Ints, totals
 from vemcvx.bound.hypercircle import Hypercircle, Pair, hypercircle
+from vemcvx.bound.quantity import QuantityBound, quantity_bound
 from vemcvx.bound.skeleton import Instant, instant
 from vemcvx.bound.surface import products
+from vemcvx.effects import Effect
 from vemcvx.errors import SceneError
 from vemcvx.history import History, scene_of
 from vemcvx.outline import Outline, Outlined
@@ -120,8 +123,20 @@ class ErrorBound(Outlined):
         return Outline(f"ErrorBound: {self.kind} at step {steps[k]} ({len(steps)} looked at)", lines)
 
 
-def error_bound(history: History, step: int | None = None) -> ErrorBound:
+@overload
+def error_bound(history: History, step: int | None = None, of: None = None) -> ErrorBound: ...
+
+
+@overload
+def error_bound(history: History, step: int, of: Effect | Sequence[Effect]) -> QuantityBound: ...
+
+
+def error_bound(
+    history: History, step: int | None = None, of: Effect | Sequence[Effect] | None = None
+) -> ErrorBound | QuantityBound:
     """Guaranteed bounds on the error in the energy norm: of the mesh in one step, or of mesh and steps in a history.
+
+    Or, of one step, on a linear quantity of the exact displacement.
 
     Parameters
     ----------
@@ -130,11 +145,16 @@ def error_bound(history: History, step: int | None = None) -> ErrorBound:
         A stored step after which the one before it was stored, too; -1 is the last one. By default the whole history,
         every step of which must be stored, and in which nothing but friction with a given bound acts
         (BilateralContact and TrescaFriction).
+    of : Effect or sequence of Effect, optional
+        A linear quantity, given as the load that does its work: ``Traction((1.0 / length, 0.0), on="top")`` is the mean
+        displacement along x of a side, BodyForce and Prestress are means over the body, and a PrescribedDisplacement on
+        a support is the work of the support's force on the body on that displacement, so that ``(1.0, 0.0)`` is the
+        force along x. Several add up. A step is to be given.
 
     Returns
     -------
-    ErrorBound
-        Its docstring says of which displacement, and of which error.
+    ErrorBound, or with `of` QuantityBound
+        Their docstrings say of which displacement, of which error, and where an interval is a theorem.
 
     Raises
     ------
@@ -145,13 +165,19 @@ def error_bound(history: History, step: int | None = None) -> ErrorBound:
 
     Notes
     -----
-    The mathematics are in :mod:`vemcvx.bound.hypercircle` and :mod:`vemcvx.bound.error_bound`. Data
+    The mathematics are in :mod:`vemcvx.bound.hypercircle`, :mod:`vemcvx.bound.quantity` and
+    :mod:`vemcvx.bound.error_bound`. Data
     that vary are read at the points of quadrature rules, and on the boundary at PIECES per size of the body.
     """
     scene = scene_of(history, "error_bound")
     posed = pose_scene(scene, history.mesh, history.trajectory.times.tolist())
     circle = hypercircle(posed)
-    return _of_history(circle, history) if step is None else of_steps(circle, history, [step]).at(0)
+    if of is None:
+        return _of_history(circle, history) if step is None else of_steps(circle, history, [step]).at(0)
+    if step is None:
+        raise SceneError("error_bound: a quantity is bounded in one step; give its number, such as step=-1, with of=.")
+    n, now, before = _instants(history, step)
+    return quantity_bound(circle, history, n, (_of_step(circle, now, before)[0], now), of)
 
 
 # Steps.
@@ -161,10 +187,7 @@ def of_steps(circle: Hypercircle, history: History, steps: Sequence[int]) -> Err
     """The bounds of stored steps, each given the one before."""
     found = []
     for step in steps:
-        n = int(history.stored[history.row(step)])
-        if n == 0:
-            raise SceneError("error_bound: step 0 is where the run begins; the first step that has a bound is 1.")
-        now, before = (instant(history, history.row(k)) for k in (n, n - 1))
+        n, now, before = _instants(history, step)
         found.append((n, *_of_step(circle, now, before)))
     numbers, pairs, moved = zip(*found, strict=True)
     upper = np.array([pair.upper for pair in pairs]) + moved
@@ -189,6 +212,14 @@ def of_steps(circle: Hypercircle, history: History, steps: Sequence[int]) -> Err
         kind="bound for the given friction" if laws else "bound",
         history=history,
     )
+
+
+def _instants(history: History, step: int) -> tuple[int, Instant, Instant]:
+    """The number of a stored step, its end and its beginning."""
+    n = int(history.stored[history.row(step)])
+    if n == 0:
+        raise SceneError("error_bound: step 0 is where the run begins; the first step that has a bound is 1.")
+    return n, instant(history, history.row(n)), instant(history, history.row(n - 1))
 
 
 def _of_step(circle: Hypercircle, now: Instant, before: Instant) -> tuple[Pair, float]:

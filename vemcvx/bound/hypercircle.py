@@ -216,7 +216,7 @@ class Hypercircle:
                 work = work + loads
             place = self.outlines[k].ravel()
             residual += totals(place, self.displacements[k].on_outline(work).ravel(), len(residual))
-        residual += self._of_tractions(surface.loads)
+        residual += self.of_tractions(surface.loads)
         energy += float(boundary.spring_energies(ends).sum())
         potential += 0.5 * energy + float(surface.cost.sum()) - float(np.sum(surface.loads[:, :2] * ends))
         left = self.Q.T @ residual
@@ -304,11 +304,16 @@ class Hypercircle:
         """(c, n) the corners of the mesh at which the edges of these cells begin."""
         return plane_mesh(self.posed.space.mesh, "error_bound").offsets[fans.cells][:, None] + np.arange(fans.n)
 
-    def _of_tractions(self, loads: Floats) -> Floats:
+    @property
+    def middles(self) -> Ints:
+        """(b,) the places of the middles of boundary edges among those of vertices and middles."""
+        return self.posed.space.n_unknowns // 2 + self.equilibrium.edges.outer[:, 0, 0] // 4
+
+    def of_tractions(self, loads: Floats) -> Floats:
         """The work of loads (b, 3, 2) on boundary edges on vertices and middles, whose functions are quadratic."""
-        edges, size = self.boundary.edges, self.posed.space.n_unknowns
+        edges = self.boundary.edges
         nodes = 2 * edges.outer_edges[:, :, None] + np.arange(2)
-        middles = size + 2 * (self.equilibrium.edges.outer[:, 0, 0] // 4)[:, None] + np.arange(2)
+        middles = 2 * self.middles[:, None] + np.arange(2)
         place = np.concatenate([nodes.ravel(), middles.ravel()])
         work = np.concatenate([(loads[:, :2] - 0.5 * loads[:, 2:]).ravel(), loads[:, 2].ravel()])
         return totals(place, work, self.Q.shape[0])

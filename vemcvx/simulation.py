@@ -130,7 +130,7 @@ def simulate(
         history = History.of(results)
         if circle is None or history.steps == 0:
             return history
-        return replace(history, bound=of_steps(circle, history, range(1, history.steps + 1)).largest)
+        return replace(history, **of_steps(circle, history, range(1, history.steps + 1)).kept())
 
 
 def _circle(posed: PosedScene, store: object) -> Hypercircle:

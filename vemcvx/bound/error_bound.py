@@ -22,7 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import overload
+from typing import Any, overload
 
 import numpy as np
 
@@ -101,6 +101,13 @@ class ErrorBound(Outlined):
     def relative(self) -> Floats:
         """`upper` in parts of the largest energy norm of the run."""
         return self.upper / (float(self.history.trajectory.norm.max()) or 1.0)
+
+    def kept(self) -> dict[str, Any]:
+        """The fields of a history that say it: `bound`, `energy_bounds` and `cell_bounds`."""
+        energies = np.full((self.history.steps + 1, 2), np.nan)
+        energies[0] = self.history.trajectory.energy[0]
+        energies[self.steps] = np.column_stack([np.atleast_1d(side) for side in self.energy])
+        return {"bound": self.largest, "energy_bounds": energies, "cell_bounds": self.cells}
 
     @property
     def largest(self) -> dict[str, float]:

@@ -309,8 +309,8 @@ def adapt(
             if of != "energy":
                 budget, _ = _judged(history, None, aim, _Time(posed, None))
             asked = {"target": target} if of == "energy" else {}
-            known = None if bound is None else bound.largest
-            history = replace(history, errors={**budget.largest, **asked}, growth=_growth(passes), bound=known)
+            known = {} if bound is None else bound.kept()
+            history = replace(history, errors={**budget.largest, **asked}, growth=_growth(passes), **known)
             warn_of(posed, history)
             return Adapted(history=history, budget=budget, passes=tuple(passes), target=target, of=of, bound=bound)
         start = time.perf_counter()

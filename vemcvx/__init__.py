@@ -58,7 +58,7 @@ from vemcvx.program import Answer, Certificate, Damping, Limits, Norms, Operator
 from vemcvx.results.contact import Contact
 from vemcvx.results.quoted import Quantity
 from vemcvx.scene import Scene
-from vemcvx.simulation import programs, simulate
+from vemcvx.simulation import instants, programs, simulate
 from vemcvx.solvers import OSQP, Clarabel, Direct, Newton, Solver, ThroughCvxpy
 from vemcvx.stepping import Trajectory, march
 from vemcvx.version import __version__
@@ -133,6 +133,7 @@ __all__ = [
     "adapt",
     "error_bound",
     "error_budget",
+    "instants",
     "march",
     "measures",
     "meshes",

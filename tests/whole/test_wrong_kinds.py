@@ -137,6 +137,7 @@ CALLED = [
      {"store": NOTHING | {"huge"}} | {key: {"None"} for key in ("solver", "initial", "linear")}),
     (programs, {"scene": SCENE, "mesh": MESH, "times": [0.0, 1.0], "solver": None, "initial": None, "check": True,
                 "condense": True, "linear": None}, {key: {"None"} for key in ("solver", "initial", "linear")}),
+    (vx.instants, {"scene": SCENE, "mesh": MESH, "times": [0.0, 1.0]}, {"times": {"an array"}}),
     (vx.adapt, {"scene": SCENE, "mesh": MESH, "times": [0.0, 1.0], "target": 0.9, "of": "energy", "solver": None,
                 "initial": None, "most_unknowns": 4000, "theta": 0.6, "estimate": "residual"},
      {key: {"None"} for key in ("solver", "initial")}),

@@ -20,8 +20,9 @@ it, where tau is in equilibrium with them and v between its values.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, overload
 
 import numpy as np
@@ -35,8 +36,11 @@ from vemcvx.effects import Effect
 from vemcvx.errors import SceneError
 from vemcvx.history import History, scene_of
 from vemcvx.outline import Outline, Outlined
-from vemcvx.scene.pose import pose_scene
+from vemcvx.scene import Scene
+from vemcvx.scene.pose import PosedScene, pose_scene
+from vemcvx.stepping.course import course, inside_steps
 
+log = logging.getLogger("vemcvx")
 PIECES = 4
 """Instants a step at which loads are read that are not linear in time."""
 
@@ -67,6 +71,9 @@ class ErrorBound(Outlined):
         Of upper: "mesh", what stress and strain differ by; "contact", what friction and contact do; "data", what is
         missed of loads that are not polynomials; "algebra", the certified error of the solver, which is in the others;
         of whole histories also "steps", y.
+    bends : (k,)
+        Of whole histories the instants inside steps at which data bend, turn or jump, which the run does not know: more
+        steps, or these instants (:func:`vemcvx.instants`), bring it nearer.
     kind : str
         "bound"; "bound for the given friction" where the bound of friction follows the pressure of the answer.
     history : History
@@ -82,6 +89,7 @@ class ErrorBound(Outlined):
     parts: dict[str, Floats]
     kind: str
     history: History
+    bends: Floats = field(default_factory=lambda: np.zeros(0))
 
     def at(self, k: int) -> ErrorBound:
         """The bound of the k-th of the steps alone."""
@@ -126,6 +134,7 @@ class ErrorBound(Outlined):
             ("error", f"{lower[k]:.4g} ... {upper[k]:.4g} in the energy norm"),
             ("energy", f"{low:.6g} ... {high:.6g}"),
             *parts,
+            *(("inside a step", f"data bend, turn or jump at t = {t:.6g}") for t in self.bends[:5]),
         ]
         return Outline(f"ErrorBound: {self.kind} at step {steps[k]} ({len(steps)} looked at)", lines)
 
@@ -177,12 +186,13 @@ def error_bound(
     that vary are read at the points of quadrature rules, and on the boundary at PIECES per size of the body.
     """
     scene = scene_of(history, "error_bound")
-    posed = pose_scene(scene, history.mesh, history.trajectory.times.tolist())
-    circle = hypercircle(posed)
-    if of is None:
-        return _of_history(circle, history) if step is None else of_steps(circle, history, [step]).at(0)
+    if step is None and of is None:
+        return _of_history(hypercircle(_posed_between(scene, history)), history)
     if step is None:
         raise SceneError("error_bound: a quantity is bounded in one step; give its number, such as step=-1, with of=.")
+    circle = hypercircle(pose_scene(scene, history.mesh, history.trajectory.times.tolist()))
+    if of is None:
+        return of_steps(circle, history, [step]).at(0)
     n, now, before = _instants(history, step)
     return quantity_bound(circle, history, n, (_of_step(circle, now, before)[0], now), of)
 
@@ -269,8 +279,33 @@ def _check_history(circle: Hypercircle, history: History) -> None:
         )
 
 
+def _posed_between(scene: Scene, history: History) -> PosedScene:
+    """The scene with all that acts at the instants at which data are read: runs leave out what acts at none of theirs.
+
+    A load that comes and goes within a step leaves friction behind that the run does not know.
+    """
+    times = history.trajectory.times
+    parts = np.linspace(0.0, 1.0, PIECES + 1)
+    read = np.unique(times[:-1, None] + parts * np.diff(times)[:, None]) if len(times) > 1 else times
+    posed = pose_scene(scene, history.mesh, read.tolist())
+    if len(posed.terms) != history.trajectory.multipliers.shape[1]:
+        raise SceneError(
+            "error_bound: friction acts, or supports move, between the instants of this run only; simulate the scene "
+            "at more instants."
+        )
+    return posed
+
+
 def _of_history(circle: Hypercircle, history: History) -> ErrorBound:
     _check_history(circle, history)
+    times = history.trajectory.times
+    bends = inside_steps(times, course(circle.posed.system, times).bends) if len(times) > 1 else np.zeros(0)
+    if len(bends):
+        log.warning(
+            f"error_bound: data bend, turn or jump inside steps, at t = {', '.join(f'{t:.6g}' for t in bends[:5])}"
+            f"{' ...' if len(bends) > 5 else ''}; the run misses it, and its bound has that in it. Simulate at "
+            "vemcvx.instants(scene, mesh, times), which has these instants."
+        )
     count, last = history.steps + 1, instant(history, 0)
     pair = circle.pair(last, last)
     y = [float(np.sqrt(pair.A2))]
@@ -308,6 +343,7 @@ def _of_history(circle: Hypercircle, history: History) -> ErrorBound:
         },
         kind="bound",
         history=history,
+        bends=bends,
     )
 
 

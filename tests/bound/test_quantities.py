@@ -9,6 +9,7 @@ import pytest
 from scenes import FAMILIES, few_families, paper_scene
 from test_error_bound import LIFTED, SCENES, STACKS, STEEL, slipped, stacked
 
+import guaranteed_bounds
 import l_shaped_bracket as bracket
 import manufactured_full_slip as full_slip
 import vemcvx as vx
@@ -203,6 +204,21 @@ def test_what_friction_alone_holds_has_an_estimate():
     assert not bound.guaranteed
     assert np.isfinite(bound.error)
     assert "estimate" in repr(bound)
+
+
+def test_error_bars_close_around_the_closed_form():
+    """The problem file: of mesh and steps, its exact solution between them."""
+    history = vx.simulate(guaranteed_bounds.scene(), guaranteed_bounds.mesh(4), guaranteed_bounds.times(2))
+    exact = guaranteed_bounds.exact()
+    energies, means, certain = guaranteed_bounds.closing(history, (2, 4))
+    for intervals, value in ((energies, exact[0]), (means, exact[1]), (certain, exact[1])):
+        low, high = intervals.T
+        assert (low <= value).all()
+        assert (value <= high).all()
+    assert np.ptp(energies[1]) < 0.7 * np.ptp(energies[0])
+    assert np.ptp(means[1]) < 0.25 * np.ptp(means[0])
+    bounds, error = guaranteed_bounds.over_steps(history, (1, 4)), vx.error_bound(history, step=-1)
+    assert error.lower < bounds[1] < 0.5 * bounds[0]
 
 
 # What is no quantity.

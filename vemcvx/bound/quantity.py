@@ -165,7 +165,7 @@ def _checked(of: Effect | Sequence[Effect], posed: PosedScene) -> tuple[Effect, 
     return effects
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class _Quantity:
     """The effects of a quantity at the instant t."""
 
@@ -175,20 +175,23 @@ class _Quantity:
     @property
     def loads(self) -> list[Effect]:
         """Those that are loads: a support's contribution is its motion."""
-        return [_AsLoad(effect) for effect in self.effects]
+        return [_AsLoad(place, effect) for place, effect in enumerate(self.effects)]
 
     def motion(self, space: Space) -> Floats:
         """z_D (n_nodes, 2): minus the displacement that the effects give on supports."""
         supports = by_precedence([s for effect in self.effects for s in effect.contribute(space).supports])
         points = space.mesh.points
+        if not supports:
+            return np.zeros_like(points)
         moved: Floats = -resolve(supports, (), points).motion(self.t).reshape(points.shape)
         return moved
 
 
 @dataclass(frozen=True)
 class _AsLoad(Effect):
-    """The loads of an effect."""
+    """The loads of an effect; its place orders scenes."""
 
+    place: int
     effect: Effect
 
     def contribute(self, space: Space) -> Contribution:
@@ -198,7 +201,7 @@ class _AsLoad(Effect):
         return self.effect.describe()
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class _Held:
     """The boundary edges (b,) on which slip, and motion towards obstacles, are held in a dual problem."""
 
@@ -264,6 +267,7 @@ def _everywhere(edges: Skeleton, rows: ContactRows, holds: Bools | None = None) 
 class _AtRest(Effect):
     """An effect of the scene in a dual problem: it bears no load, and holds what it held, or moves it by z_D."""
 
+    place: int
     effect: Effect
     held: _Held
     quantity: _Quantity
@@ -395,9 +399,13 @@ class _Dual:
 
     def posed(self, held: _Held) -> PosedScene:
         """The problem in which these edges are held."""
-        effects = self.primal.posed.scene.effects
+        effects = self.primal.posed.scene.canonical
         laws = [effect for effect in effects if isinstance(effect, MaterialLaw)]
-        others = [_AtRest(effect, held, self.quantity) for effect in effects if not isinstance(effect, MaterialLaw)]
+        others = [
+            _AtRest(place, effect, held, self.quantity)
+            for place, effect in enumerate(effects)
+            if not isinstance(effect, MaterialLaw)
+        ]
         scene, mesh = Scene(*laws, *others, *self.quantity.loads), self.primal.posed.space.mesh
         with unwarned():
             return pose_scene(scene, mesh, [self.quantity.t])

@@ -163,9 +163,9 @@ def error_bound(
         (BilateralContact and TrescaFriction).
     of : Effect or sequence of Effect, optional
         A linear quantity, given as the load that does its work: ``Traction((1.0 / length, 0.0), on="top")`` is the mean
-        displacement along x of a side, BodyForce and Prestress are means over the body, and a PrescribedDisplacement on
-        a support is the work of the support's force on the body on that displacement, so that ``(1.0, 0.0)`` is the
-        force along x. Several add up. A step is to be given.
+        displacement along x of a side, ``BodyForce((1.0 / area, 0.0))`` that of the body, ``Prestress((-1.0 / area,
+        0.0, 0.0))`` its mean strain, and a PrescribedDisplacement on a support the work that the support's force on the
+        body does on it: ``(1.0, 0.0)`` is the force along x. Several add up. A step is to be given.
 
     Returns
     -------

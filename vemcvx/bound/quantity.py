@@ -87,8 +87,8 @@ class QuantityBound(Outlined):
         True if q(u) is between low and high by a theorem: in scenes without friction and one-sided contact. Otherwise
         they are an estimate: what sticks, slips and opens is taken to be the same on the continuum.
     certain : (float, float)
-        The interval that is a theorem in any case; with friction and contact it is wider, and infinite where
-        nothing else holds the body.
+        The interval that is a theorem in any case (with Coulomb's law for the friction that the pressure of the run
+        gives); with friction and contact it is wider, and infinite where nothing else holds the body.
     """
 
     step: int

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from random_scenes import coarse_mesh, random_scene
 from scenes import FAMILIES, few_families, paper_scene
 from test_error_bound import LIFTED, SCENES, STACKS, STEEL, slipped, stacked
 
@@ -149,8 +150,8 @@ def test_forces_of_supports_balance_loads():
 # With friction and contact, against intervals of much finer meshes.
 
 
-def check_against_finer(scene, meshes, of):
-    coarse, fine = (vx.error_bound(vx.simulate(scene, mesh, [0.0, 1.0]), -1, of) for mesh in meshes)
+def check_against_finer(scene, meshes, of, end=1.0):
+    coarse, fine = (vx.error_bound(vx.simulate(scene, mesh, [0.0, end]), -1, of) for mesh in meshes)
     middle, known = 0.5 * (fine.low + fine.high), 0.5 * (fine.high - fine.low)
     # On coarse meshes what sticks, and is open, is not quite what it is on the continuum: estimates were up to .75 of
     # their own width outside.
@@ -188,6 +189,15 @@ def test_quantities_are_between_their_bounds_in_all_scenes(name, family):
     meshes = vx.meshes.FAMILIES[family](8), vx.meshes.squares(48)
     for of in (vx.Traction(ALONG, on="left"), vx.Traction(UP, on="top"), vx.Prestress((-1.0, 0.0, 0.0))):
         check_against_finer(SCENES[name], meshes, of)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(24))
+def test_quantities_are_between_their_bounds_in_random_scenes(seed):
+    """Stiffness over six decades, all families of meshes, up to the instant at which loads turn."""
+    scene, turn = random_scene(seed)
+    for of in (vx.Traction((1.0, 0.5), on="left"), vx.BodyForce((0.3, 1.0))):
+        check_against_finer(scene, (coarse_mesh(seed), vx.meshes.squares(24)), of, turn)
 
 
 @pytest.mark.parametrize("name", some_slow(STACKS, "one-sided"))

@@ -304,6 +304,38 @@ def test_bounds_with_coulomb_s_law_are_for_the_given_friction():
     assert bound.lower <= bound.upper <= 1.3 * bound.lower
 
 
+@pytest.mark.parametrize("name", ["paper", "weight", "warm", "held by contact"])
+@pytest.mark.parametrize("poisson", [0.3, 0.4999995])
+@pytest.mark.filterwarnings("ignore:Elasticity", "ignore:supports")
+def test_squares_by_what_moves_edges_are_those_of_the_stresses_themselves(name, poisson):
+    effects = [effect for effect in SCENES[name].effects if not isinstance(effect, vx.Elasticity)]
+    scene = vx.Scene(vx.Elasticity(young=200.0, poisson=poisson), *effects)
+    history = vx.simulate(scene, vx.meshes.voronoi(6), [0.0, 1.0])
+    circle = circle_of(history)
+    pair = circle.pair(instant(history, 1), instant(history, 0))
+    exact, body = np.bincount(circle.boundary.edges.owner, circle.squares(pair.defects)), circle.body(pair.densities)
+    # Of nearly incompressible cells stresses are known to 1e-10 of lambda, and so are their squares.
+    assert np.allclose(pair.squares, exact, rtol=0, atol=(1e-11 if poisson == 0.3 else 1e-8) * exact.max())
+    assert np.allclose(circle.squares_of(pair.defect, body), pair.squares, rtol=0, atol=1e-12 * exact.max())
+    assert circle.squares_of(pair.richer, body).sum() < pair.squares.sum()
+
+
+def test_body_forces_that_grow_are_integrated_once():
+    circle = circle_of(vx.simulate(SCENES["weight"], vx.meshes.voronoi(4), [0.0, 1.0]))
+    f = circle.densities_at(1.0)
+    circle.body(f)
+    grown = circle.body(tuple(-3.0 * one for one in f))
+    circle.known.clear()
+    anew = circle.body(tuple(-3.0 * one for one in f))
+    for name in ("density", "moments", "edges", "mixed", "outline", "squares", "missed", "energy", "work"):
+        for one, other in zip(grown, anew, strict=True):
+            a, b = (np.asarray(getattr(each, name)) for each in (one, other))
+            assert np.allclose(a, b, rtol=1e-11, atol=1e-11 * np.abs(b).max()), name
+    other = circle.body(tuple(one + 1.0 for one in f))
+    assert not np.allclose(other[0].edges, grown[0].edges)
+    assert circle.body(()) == ()
+
+
 def test_penetration_is_part_of_the_bound():
     history = vx.simulate(LIFTED, vx.meshes.squares(6), [0.0, 1.0])
     u = history.displacement.copy()

@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import skfem
-from skfem.helpers import ddot, dot, sym_grad
+from scipy.linalg import eigh
+from skfem.helpers import ddot, div, dot, grad, sym_grad
 
 import vemcvx as vx
-from vemcvx.bound.displacement import VALUES, fan_displacement, forces_of, strains_at_stations
-from vemcvx.bound.fan import CORNERS, LINEAR_MASS_INVERSE, PARTS, RULE, RULE_WEIGHTS, STATIONS, fans_of
-from vemcvx.bound.hypercircle import oscillation_constants
+from vemcvx.bound.displacement import SLOPES, VALUES, fan_displacement, strains_at_stations
+from vemcvx.bound.fan import CORNERS, LINEAR_MASS_INVERSE, MASS, PARTS, RULE, RULE_WEIGHTS, STATIONS, fans_of
+from vemcvx.bound.hypercircle import inf_sup_squares, oscillation_constants
 from vemcvx.bound.stress import (
     PARABOLAS,
     VOIGT,
@@ -18,7 +19,6 @@ from vemcvx.bound.stress import (
     lifted,
     of_parabolas,
     reference,
-    stresses_at_stations,
 )
 from vemcvx.vem import Space, elastic_matrix
 
@@ -93,7 +93,7 @@ def test_motion_of_a_constant_strain_makes_its_stress_with_its_energy(family):
         c, n = one.corners.shape[:2]
         motion, made = edge_motion(one, lambda x: x @ GRADIENT.T), fan_stress(one)
         stress = np.einsum("ckl,l->ck", one.C, STRAIN)
-        found = stresses_at_stations(one, made.tractions(motion, np.zeros((c, 6 * n))), np.zeros((c, 6 * n)))
+        found = made.at_stations(motion, np.zeros((c, 6 * n)))
         assert np.abs(found - stress[:, None, None]).max() < 1e-10
         energy = np.sum(motion * one.apply(made.stiffness, motion), axis=1)
         assert np.allclose(energy, stress @ STRAIN * 0.5 * one.doubled_areas.sum(axis=1), rtol=1e-10)
@@ -102,13 +102,15 @@ def test_motion_of_a_constant_strain_makes_its_stress_with_its_energy(family):
 def test_rigid_motion_makes_no_stress(family):
     for one in fans(family):
         motion = edge_motion(one, lambda x: np.stack([1.0 - x[..., 1], 2.0 + x[..., 0]], axis=-1))
-        assert np.abs(fan_stress(one).tractions(motion, np.zeros((len(motion), 6 * one.n)))).max() < 1e-11
+        made, size = fan_stress(one), np.sqrt(one.doubled_areas.min())
+        assert np.abs(one.apply(made.stiffness, motion)).max() < 1e-11
+        assert size * np.abs(made.at_stations(motion, np.zeros((len(motion), 6 * one.n)))).max() < 1e-11
 
 
 def energies(one, made, motion, force):
     """(c,) |tau|^2 in C^-1 of the stress itself, by quadrature."""
     c, n = one.corners.shape[:2]
-    tau = stresses_at_stations(one, made.tractions(motion, force), force)
+    tau = made.at_stations(motion, force)
     of_rule = np.einsum("pqi,ctpik->ctpqk", lagrange(), tau.reshape(c, n, 3, 6, 3)).reshape(c, n, 21, 3)
     density = np.einsum("ctqk,ckl,ctql->ctq", of_rule, np.linalg.inv(one.C), of_rule)
     return np.einsum("q,ctq,ct->c", RULE_WEIGHTS, density, one.doubled_areas)
@@ -158,6 +160,14 @@ def test_linear_displacement_is_reproduced_inside_nearly_incompressible_cells(fa
     """Rounding is a millionth of a millionth of the energy: lambda times the square of what strains are off."""
     lam = 1e6
     assert lam * strain_lost(family, lam) ** 2 < 1e-9
+
+
+def forces_of(one, sigma):
+    """(c, n, 20) int sigma : eps(phi) of stresses (c, n, 18, 3) at the stations."""
+    c, n = sigma.shape[:2]
+    weighed = np.einsum("ij,ctpjk->ctpik", MASS, sigma.reshape(c, n, 3, 6, 3)).reshape(c, n, 18, 3)
+    tensor = (weighed * one.doubled_areas[..., None, None])[..., [[0, 2], [2, 1]]]
+    return np.einsum("ctar,ctqrd,qak->ctkd", one.back, tensor, SLOPES, optimize=True).reshape(c, n, 20)
 
 
 def test_forces_of_a_stress_do_the_work_of_its_energy(family):
@@ -218,6 +228,39 @@ def gradients(u, v, w):
 @skfem.BilinearForm
 def masses(u, v, w):
     return dot(u, v)
+
+
+@skfem.BilinearForm
+def all_slopes(u, v, w):
+    return ddot(grad(u), grad(v))
+
+
+@skfem.BilinearForm
+def divergences(u, q, w):
+    return div(u) * q
+
+
+@skfem.BilinearForm
+def squares(p, q, w):
+    return p * q
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_inf_sup_constants_are_below_eigenvalues(seed):
+    """beta^2 of Taylor's and Hood's elements on a fine mesh of a triangle: the least eigenvalue but zero."""
+    angles = np.random.default_rng(seed).dirichlet(np.full(5, 3.0)).cumsum() * 2.0 * np.pi
+    mesh = vx.PolygonMesh(np.column_stack([np.cos(angles), 0.6 * np.sin(angles)]), [range(5)])
+    one = fans_of(Space(mesh), elastic_matrix(np.array([[0.0], [0.5]])))[0]
+    for t, bound in enumerate(inf_sup_squares(one)[0]):
+        corners = np.concatenate([[[0.0, 0.0]], one.corners[0, [t, (t + 1) % 5]]])
+        triangle = skfem.MeshTri(corners.T.copy(), np.array([[0], [1], [2]])).refined(3)
+        V = skfem.Basis(triangle, skfem.ElementVector(skfem.ElementTriP2()), intorder=4)
+        Q = skfem.Basis(triangle, skfem.ElementTriP1(), intorder=4)
+        inside = V.complement_dofs(V.get_dofs())
+        A, B = all_slopes.assemble(V).toarray()[np.ix_(inside, inside)], divergences.assemble(V, Q).toarray()[:, inside]
+        found = eigh(B @ np.linalg.solve(A, B.T), squares.assemble(Q).toarray(), eigvals_only=True)
+        assert abs(found[0]) < 1e-12  # Constants have no divergence.
+        assert bound <= found[1] <= 3.0 * bound
 
 
 @pytest.mark.parametrize("seed", range(4))

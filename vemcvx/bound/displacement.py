@@ -6,8 +6,9 @@ as free as pressures are (Scott and Vogelius on the split of Alfeld). Functions 
 22 for an error of .026 at lambda = 1e6.
 
 A triangle has ten nodes: three corners, the middles of its edges from corner k to corner k + 1, the centroid, and the
-middles between corner k and the centroid. In the cell these are the centre of the fan, the middles of spokes and the
-last four of every triangle, which are inside, and the outline: the vertices, and the middles of the polygon's edges.
+middles between corner k and the centroid. The last four are inside of it and answer to those around; of these the hub
+of the cell, the centre of the fan and the middles of spokes, answers to the outline: the vertices, and the middles of
+the polygon's edges.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ import numpy as np
 
 from vemcvx.arrays import Floats, Ints
 from vemcvx.bound.fan import (
+    ALL,
     BARYCENTRIC,
     COEFFICIENTS,
     LINEAR_MASS_INVERSE,
@@ -28,6 +30,7 @@ from vemcvx.bound.fan import (
     Fans,
     monomial_slopes,
     monomials,
+    summed,
 )
 from vemcvx.bound.stress import VOIGT
 
@@ -55,68 +58,152 @@ LOADS = LINEAR_MASS_INVERSE @ np.einsum("q,qk,qi->ki", RULE_WEIGHTS, BARYCENTRIC
 
 @dataclass(frozen=True, eq=False)
 class FanDisplacement:
-    """Displacements inside cells from those of their outlines, and the energy of the latter."""
+    """Displacements inside cells from those of their outlines, and the energy of the latter.
+
+    A cell's hub, its centre and the middles of its spokes, answers to the outline, and four nodes inside a triangle to
+    those around it.
+    """
 
     fans: Fans
-    inside: Floats
-    """(k, 10 n + 2, 4 n) nodal values inside from those on the outline; for each of the k shapes"""
+    hub: Floats
+    """(k, 2 n + 2, 4 n) values on the hub from those on the outline; for each of the k shapes"""
     of_body: Floats | None
-    """(k, 10 n + 2, 6 n) likewise from body forces; None if there are none"""
+    """(k, 2 n + 2, 6 n) likewise from body forces; None if there are none"""
     stiffness: Floats
     """(k, 4 n, 4 n) the energy |v|_a^2 as a quadratic form of values on the outline"""
+    triangles: tuple[Floats, Floats] | None
+    """values at nodes inside triangles (k, n, 8, 12) from those around, and (k, n, 8, 8) from loads on them; kept where
+    body forces ask for all of them often"""
 
-    def nodal(self, outline: Floats, force: Floats | None = None) -> Floats:
-        """(c, n, 20) values at the nodes of triangles, from (c, 4 n) and body forces (c, 6 n)."""
-        inside = self.fans.apply(self.inside, outline)
+    def nodal(self, outline: Floats, force: Floats | None = None, rows: Ints | slice = ALL) -> Floats:
+        """(c, n, 20) values at the nodes of triangles of some cells, from (c, 4 n) and body forces (c, 6 n)."""
+        hub, (within, of_loads) = self.fans.apply(self.hub, outline, rows), self._within(rows)
         if self.of_body is not None and force is not None:
-            inside = inside + self.fans.apply(self.of_body, force)
-        return np.concatenate([inside, outline], axis=1)[:, _slots(self.fans.n)]
+            hub = hub + self.fans.apply(self.of_body, force, rows)
+        around = np.concatenate([hub, outline], axis=1)[:, _slots(self.fans.n)]
+        inner = np.matmul(within, around[..., None])
+        if self.of_body is not None and force is not None:
+            inner += np.matmul(of_loads, linear_loads(force)[:, :, 12:, None])
+        return np.concatenate([around, inner[..., 0]], axis=2)
 
     def on_outline(self, forces: Floats) -> Floats:
         """(c, 4 n) the work of forces (c, n, 20) at nodes of triangles on motions of the outline."""
         c, n, _ = forces.shape
-        total, place = np.zeros((c, 14 * n + 2)), _slots(n)
+        total, place, (within, _) = np.zeros((c, 6 * n + 2)), _slots(n), self._within(ALL)
+        around = forces[..., :12] + np.matmul(forces[:, :, None, 12:], within)[:, :, 0]
         for t in range(n):
-            total[:, place[t]] += forces[:, t]
-        inner, outer = np.split(total, [10 * n + 2], axis=1)
-        return outer + self.fans.apply(self.inside.transpose(0, 2, 1), inner)
+            total[:, place[t]] += around[:, t]
+        inner, outer = np.split(total, [2 * n + 2], axis=1)
+        return outer + self.fans.apply(self.hub.transpose(0, 2, 1), inner)
+
+    def _within(self, rows: Ints | slice) -> tuple[Floats, Floats]:
+        """The same of some cells."""
+        if self.triangles is None:
+            return _condensed(self.fans.part(rows), False)[:2]
+        within, of_loads = (self.fans.of_cells(each, rows) for each in self.triangles)
+        return within, of_loads
 
 
 def _slots(n: int) -> Ints:
-    """(n, 20) the unknowns of a triangle's nodes among those of the cell, the outline last."""
-    t = np.arange(n)
-    after = (t + 1) % n
-    first = 5 * n + 1
-    edges = [0 * t, first + t, first + after, 1 + t, first + n + t, 1 + after]
-    nodes = np.column_stack([*edges, *(1 + n + 4 * t + k for k in range(4))])
-    return (2 * nodes[:, :, None] + np.arange(2)).reshape(n, 20)
+    """(n, 12) the unknowns of the nodes around a triangle among those of the cell: its hub, then its outline."""
+    t, after = np.arange(n), (np.arange(n) + 1) % n
+    nodes = np.column_stack([0 * t, 1 + n + t, 1 + n + after, 1 + t, 1 + 2 * n + t, 1 + after])
+    return (2 * nodes[:, :, None] + np.arange(2)).reshape(n, 12)
+
+
+def _condensed(fans: Fans, loaded: bool) -> tuple[Floats, Floats, Floats]:
+    """The triangles of a FanDisplacement, and the stiffness (c, n, 12, 12) of the nodes around them."""
+    c, n = fans.corners.shape[:2]
+    C = np.einsum("prk,ckl,qsl->cprqs", VOIGT, fans.C, VOIGT)
+    tensor = np.einsum("ct,ctar,ctbs,cprqs->ctpqab", fans.doubled_areas, fans.back, fans.back, C, optimize=True)
+    # Functions of the triangle by components, ordered as nodal values are.
+    each = (tensor.reshape(-1, 4) @ GRAM.reshape(4, 100)).reshape((c, n, 2, 2, 10, 10))
+    K = each.transpose((0, 1, 4, 2, 5, 3)).reshape(c, n, 20, 20)
+    # Solved with: by inverses all but five digits were lost at lambda = 1e6, and so 1e-15 of the largest entry.
+    right = -K[..., 12:, :12]
+    if loaded:
+        right = np.concatenate([right, np.broadcast_to(np.eye(8), (c, n, 8, 8))], axis=3)
+    inner = np.linalg.solve(K[..., 12:, 12:], right)
+    within, of_loads = inner[..., :12], inner[..., 12:]
+    return within, of_loads, K[..., :12, :12] + np.matmul(K[..., :12, 12:], within)
 
 
 def fan_displacement(fans: Fans, loaded: bool = True) -> FanDisplacement:
     """The FanDisplacement of these fans; `loaded` by body forces or not."""
     shapes = fans.shapes
     c, n = shapes.corners.shape[:2]
-    back, place, m = shapes.back, _slots(n), 10 * n + 2
-    C = np.einsum("prk,ckl,qsl->cprqs", VOIGT, shapes.C, VOIGT)
-    tensor = np.einsum("ct,ctar,ctbs,cprqs->ctpaqb", shapes.doubled_areas, back, back, C, optimize=True)
-    # Functions of the triangle by components, ordered as nodal values are.
-    each = (tensor.transpose((0, 1, 2, 4, 3, 5)).reshape(-1, 4) @ GRAM.reshape(4, 100)).reshape((c, n, 2, 2, 10, 10))
-    each = each.transpose((0, 1, 4, 2, 5, 3)).reshape(c, n, 20, 20)
-    K = np.zeros((c, m + 4 * n, m + 4 * n))
-    for t in range(n):
-        K[:, place[t][:, None], place[t]] += each[:, t]
-    right = np.zeros((c, m, 10 * n if loaded else 4 * n))
-    right[:, :, : 4 * n] = -K[:, :m, m:]
-    of_forces = np.kron(LOADS.T, np.eye(2))
-    for t in range(n) if loaded else ():
-        inner = place[t] < m
-        right[:, place[t][inner], 4 * n + 6 * t : 4 * n + 6 * t + 6] += of_forces[inner]
-    # Solved at once: eliminating triangle by triangle, by inverses, lost all but five digits at lambda = 1e6.
-    found = np.linalg.solve(K[:, :m, :m], right)
-    inside, of_body = (np.ascontiguousarray(part) for part in np.split(found, [4 * n], axis=2))
-    energies = K[:, m:, m:] + K[:, m:, :m] @ inside
-    stiffness = 0.5 * (energies + energies.transpose(0, 2, 1))
-    return FanDisplacement(fans, inside, of_body if loaded else None, stiffness)
+    place, m = _slots(n), 2 * n + 2
+    within, of_loads, each = _condensed(shapes, loaded)
+    K, right = summed(each, place, place, (6 * n + 2, 6 * n + 2)), np.zeros((c, m, 0))
+    if loaded:
+        of_forces = np.kron(LOADS.T, np.eye(2))
+        loads = of_forces[:12] + np.matmul(within.transpose(0, 1, 3, 2), of_forces[12:])
+        right = summed(loads, place, np.arange(6 * n).reshape(n, 6), (6 * n + 2, 6 * n))[:, :m]
+    found = np.linalg.solve(K[:, :m, :m], np.concatenate([-K[:, :m, m:], right], axis=2))
+    hub, of_body = (np.ascontiguousarray(one) for one in np.split(found, [4 * n], axis=2))
+    S = K[:, m:, m:] + K[:, m:, :m] @ hub
+    S = 0.5 * (S + S.transpose(0, 2, 1))
+    return FanDisplacement(fans, hub, *((of_body, S, (within, of_loads)) if loaded else (None, S, None)))
+
+
+@dataclass(frozen=True, eq=False)
+class OutlineValues:
+    """A displacement on the outlines of cells: a linear one, and what is left, of which defects are made.
+
+    That is smaller by a power of h, whose square an energy of both at once would lose in digits.
+    """
+
+    slopes: Floats
+    """(c, 2, 2) of the linear part, the means over the cells"""
+    bent: Floats
+    """(c, 4 n) what is left"""
+
+    @property
+    def strain(self) -> Floats:
+        """(c, 3) of the linear part."""
+        off = self.slopes[:, 0, 1] + self.slopes[:, 1, 0]
+        return np.column_stack([self.slopes[:, 0, 0], self.slopes[:, 1, 1], off])
+
+
+def without_slopes(fans: Fans, outline: Floats) -> OutlineValues:
+    """The parts of values (c, 4 n) at vertices and middles of edges."""
+    c, n = fans.corners.shape[:2]
+    values, after = outline.reshape(c, 2, n, 2), np.roll(fans.corners, -1, axis=1)
+    ends = values[:, 0]
+    means = (ends + np.roll(ends, -1, axis=1) + 4.0 * values[:, 1]) / 6.0
+    slopes = np.matmul(means.transpose(0, 2, 1), fans.normals) / (0.5 * fans.doubled_areas.sum(axis=1))[:, None, None]
+    x = np.concatenate([fans.corners, 0.5 * (fans.corners + after)], axis=1)
+    bent = outline.reshape(c, 2 * n, 2) - np.matmul(x, slopes.transpose(0, 2, 1))
+    bent -= bent[:, :n].mean(axis=1, keepdims=True)
+    return OutlineValues(slopes, bent.reshape(c, 4 * n))
+
+
+def edge_motions(outline: Floats) -> Floats:
+    """(c, 4 n) motions of outer edges, linear on each, on which linear tractions do the work that they do on these."""
+    values = outline.reshape(len(outline), 2, -1, 2)
+    here, ahead = values[:, 0], np.roll(values[:, 0], -1, axis=1)
+    bubble = (values[:, 1] - 0.5 * (here + ahead)) / 1.5
+    return np.stack([here + bubble, ahead + bubble], axis=2).reshape(outline.shape)
+
+
+def outline_forces(forces: Floats) -> Floats:
+    """(c, 4 n) the work of forces (c, 4 n) at both ends of outer edges on values at vertices and middles."""
+    ends = forces.reshape(len(forces), -1, 2, 2)
+    both = ends.sum(axis=2)
+    first, last = ends[:, :, 0] - both / 3.0, ends[:, :, 1] - both / 3.0
+    return np.concatenate([first + np.roll(last, 1, axis=1), both / 1.5], axis=1).reshape(forces.shape)
+
+
+def edge_forces(fans: Fans, stress: Floats) -> Floats:
+    """(c, 4 n) int tau n phi at both ends of the outer edges, of constant stresses (c, 3)."""
+    half = np.matmul(fans.normals, 0.5 * stress[:, [[0, 2], [2, 1]]])
+    return np.repeat(half[:, :, None], 2, axis=2).reshape(len(stress), 4 * fans.n)
+
+
+def linear_loads(force: Floats) -> Floats:
+    """(c, n, 20) the work of body forces (c, 6 n), linear in each triangle, on its functions."""
+    found: Floats = np.matmul(LOADS.T, force.reshape(len(force), -1, 3, 2)).reshape(len(force), -1, 20)
+    return found
 
 
 def strains_at_stations(fans: Fans, v: Floats) -> Floats:
@@ -126,13 +213,3 @@ def strains_at_stations(fans: Fans, v: Floats) -> Floats:
     along = np.matmul(_SLOPES, v.reshape(c, n, 10, 2)).reshape(c, n, 18, 2, 2)
     slopes = np.matmul(fans.back.transpose(0, 1, 3, 2)[:, :, None], along)
     return np.stack([slopes[..., 0, 0], slopes[..., 1, 1], slopes[..., 0, 1] + slopes[..., 1, 0]], axis=3)
-
-
-def forces_of(fans: Fans, sigma: Floats) -> Floats:
-    """(c, n, 20) int sigma : eps(phi) of stresses (c, n, 18, 3) at the stations."""
-    c, n = sigma.shape[:2]
-    weighed = np.matmul(MASS, sigma.reshape(c, n, 3, 6, 3)).reshape(c, n, 18, 3) * fans.doubled_areas[..., None, None]
-    tensor = weighed[..., [[0, 2], [2, 1]]]
-    along = np.matmul(fans.back[:, :, None], tensor).reshape(c, n, 36, 2)
-    forces: Floats = np.matmul(_SLOPES.T, along).reshape(c, n, 20)
-    return forces

@@ -9,7 +9,8 @@ is that of edge motions m, linear on every edge and free to jump at vertices, fo
 each edge cancel. Every cell answers to its m by G m + b (f): a stiffness matrix, positive definite up to rigid
 motions, is added up over the cells, and solved with once a step (equilibrium elements of B. Fraeijs de Veubeke, 1965;
 on the split triangle they have no spurious motions). The prestress sigma_0 acts as forces of the edges: tau - sigma_0
-is what m strains.
+is what m strains. Sought is x = m - v, v being the displacement at hand: x is as small as the defect is, so that
+rounding is a part of that, and one solve a step suffices where nothing floats.
 
 So no local problem has to be found compatible, and no other stress of these fans is nearer to that of the body: of
 tractions made vertex by vertex, bounds were up to a fifth larger.
@@ -19,6 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 import scipy.sparse as sp
@@ -26,7 +28,7 @@ import scipy.sparse as sp
 from vemcvx.arrays import Floats, Ints, totals
 from vemcvx.bound.fan import Fans, assembled
 from vemcvx.bound.skeleton import Skeleton
-from vemcvx.bound.stress import VOIGT, FanStress, stresses_at_stations
+from vemcvx.bound.stress import FanStress
 from vemcvx.errors import SceneError
 from vemcvx.linear import Factor, choose_linear
 from vemcvx.meshes import PolygonMesh
@@ -49,6 +51,20 @@ class Edges:
     """of each chunk of cells (c, 4 n): where the motions of its edges stand among all, four an edge"""
     outer: Ints
     """(b, 2, 2) likewise those of boundary edges"""
+    nodes: Ints
+    """(E, 2) their ends"""
+
+    def outline(self, u: Floats) -> Floats:
+        """(2 nodes + 2 E,) a displacement (nodes, 2) at vertices and at middles of edges."""
+        return np.concatenate([u, u[self.nodes].mean(axis=1)]).ravel()
+
+    def motions(self, outline: Floats) -> Floats:
+        """(4 E,) motions of edges on which linear tractions do the work that they do on values like these."""
+        values = outline.reshape(-1, 2)
+        vertices, middles = np.split(values, [len(values) - self.count])
+        ends = vertices[self.nodes]
+        motions: Floats = ends + ((middles - ends.mean(axis=1)) / 1.5)[:, None]
+        return motions.ravel()
 
 
 def edges_of(mesh: PolygonMesh, skeleton: Skeleton, fans: Sequence[Fans]) -> Edges:
@@ -60,7 +76,9 @@ def edges_of(mesh: PolygonMesh, skeleton: Skeleton, fans: Sequence[Fans]) -> Edg
     ends = np.where(turned[:, None], [1, 0], [0, 1])
     place = 4 * number[:, None, None] + 2 * ends[:, :, None] + np.arange(2)
     of_fans = tuple(place[mesh.offsets[one.cells][:, None] + np.arange(one.n)].reshape(-1, 4 * one.n) for one in fans)
-    return Edges(len(shared.first), of_fans, place[skeleton.outer_corners])
+    nodes = np.empty((len(shared.first), 2), dtype=np.int64)
+    nodes[number] = np.sort(skeleton.sides, axis=1)
+    return Edges(len(shared.first), of_fans, place[skeleton.outer_corners], nodes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,66 +103,44 @@ class Equilibrium:
     """(b, 4, 4) of boundary edges"""
     factor: Factor
 
-    def solve(
-        self, held: Floats, outer: Floats, force: Sequence[Floats | None], prestress: Floats
-    ) -> tuple[tuple[Floats, ...], Floats]:
-        """The stresses (c, n, 18, 3) of each chunk of cells at its stations, and the motions (b, 2, 2) of the boundary.
+    def solve(self, given: Floats, largest: float) -> tuple[Floats, Floats]:
+        """The free motions x (4 E,) whose forces, and those of springs, are the given ones (4 E,).
 
-        Parameters
-        ----------
-        held : (b, 2, 2) array
-            Motions of the ends of boundary edges where they are held, zero else.
-        outer : (b, 2, 2) array
-            Forces int t phi on the ends of boundary edges; read where these are free.
-        force : (c, 6 n) arrays, one a chunk, or None
-            int f lambda_k on the triangles.
-        prestress : (n_cells, 3) array
-            Stresses at zero strain.
+        And the squares (n_cells,) of the stresses that they make, x . G x; `largest` is a force of tractions, of which
+        rounding is a part.
 
         Raises
         ------
         SceneError
             Rounding leaves forces of neighbours apart.
         """
-        size = 4 * self.edges.count
-        given, motion = np.zeros(size), np.zeros(size)
-        np.add.at(given, self.edges.outer, outer)
-        motion[self.edges.outer] = held
-        for one, place in zip(self.stresses, self.edges.places, strict=True):
-            given -= totals(place.ravel(), edge_forces(one.fans, prestress[one.fans.cells]).ravel(), size)
-        chunks = list(zip(self.stresses, self.edges.places, force, strict=True))
-        largest = float(np.abs(given).max(initial=0.0))
+        left, x, size = given, np.zeros(len(given)), len(given)
         for _ in range(CORRECTIONS):
-            tractions, left = [one.tractions(motion[place], f) for one, place, f in chunks], given.copy()
-            for (one, place, _), found in zip(chunks, tractions, strict=True):
-                left -= totals(place.ravel(), found[:, 4 * one.fans.n :].ravel(), size)
-                largest = max(largest, float(np.abs(found).max(initial=0.0)))
-            pull = np.einsum("bij,bj->bi", self.springs, motion[self.edges.outer].reshape(-1, 4))
+            x = x + self.P @ self.factor.solve(self.P.T @ left)
+            local = [x[place] for place in self.edges.places]
+            forces = [one.fans.apply(one.stiffness, m) for one, m in zip(self.stresses, local, strict=True)]
+            pull = np.einsum("bij,bj->bi", self.springs, x[self.edges.outer].reshape(-1, 4))
+            left = given - gathered(self.edges.places, forces, size)
             left -= totals(self.edges.outer.ravel(), pull.ravel(), size)
-            unbalanced = self.P.T @ left
-            apart = float(np.abs(unbalanced).max(initial=0.0))
+            apart = float(np.abs(self.P.T @ left).max(initial=0.0))
             if apart <= ROUNDING * largest:
                 break
-            motion = motion + self.P @ self.factor.solve(unbalanced)
         if apart > UNBALANCED * largest:
             raise SceneError(
                 f"error_bound: rounding leaves forces of neighbouring cells {apart / largest:.1e} apart; a bound on "
                 "stresses in equilibrium needs better conditioned data, such as a Poisson ratio farther from 1/2, or "
                 "less contrast."
             )
-        stresses = tuple(
-            stresses_at_stations(one.fans, forces, f) + prestress[one.fans.cells][:, None, None]
-            for (one, _, f), forces in zip(chunks, tractions, strict=True)
-        )
-        return stresses, motion[self.edges.outer]
+        squares = np.zeros(sum(len(one.fans.cells) for one in self.stresses))
+        for one, m, force in zip(self.stresses, local, forces, strict=True):
+            squares[one.fans.cells] = np.einsum("ci,ci->c", m, force)
+        return x, squares
 
 
-def edge_forces(fans: Fans, stress: Floats) -> Floats:
-    """(c, 4 n) int tau n phi at both ends of the outer edges, of constant stresses (c, 3)."""
-    along = np.roll(fans.corners, -1, axis=1) - fans.corners
-    normals = np.stack([along[..., 1], -along[..., 0]], axis=2)
-    half = 0.5 * np.einsum("abk,ck,cnb->cna", VOIGT, stress, normals)
-    return np.repeat(half[:, :, None], 2, axis=2).reshape(len(stress), 4 * fans.n)
+def gathered(places: Sequence[Ints], values: Sequence[Floats], size: int) -> Floats:
+    """(size,) the sum of values (c, m) of chunks of cells at places (c, m)."""
+    where, what = (np.concatenate([one.ravel() for one in each]) for each in (places, values))
+    return totals(where, what, size)
 
 
 def equilibrium(
@@ -154,13 +150,8 @@ def equilibrium(
 
     A body that `floats` is anchored by a little of the diagonal; forces that balance then need one or two corrections.
     """
-    fans = [one.fans for one in stresses]
-    G = assembled(fans, [one.stiffness for one in stresses], edges.places, 4 * edges.count)
-    places = edges.outer.reshape(-1, 4)
-    where = np.repeat(places, 4, axis=1).ravel(), np.tile(places, (1, 4)).ravel()
-    G = G + sp.csr_matrix((springs.ravel(), where), shape=G.shape)
-    P = _free_motions(edges, free, bonds)
-    K = sp.csr_matrix(P.T @ G @ P)
+    P, stiffness = _free_motions(edges, free, bonds), (one.fans.of_cells(one.stiffness) for one in stresses)
+    K = assembled([*edges.places, edges.outer.reshape(-1, 4)], chain(stiffness, [springs]), P)
     K = K + sp.diags_array(ANCHOR * K.diagonal()) if floats else K
     return Equilibrium(edges, stresses, P, springs, choose_linear(K.shape[0]).factorise(K))
 

@@ -28,7 +28,7 @@ from typing import Any, overload
 import numpy as np
 
 from vemcvx.arrays import Floats, Ints, totals
-from vemcvx.bound.hypercircle import Hypercircle, Pair, hypercircle
+from vemcvx.bound.hypercircle import Defect, Hypercircle, Pair, hypercircle
 from vemcvx.bound.quantity import QuantityBound, quantity_bound
 from vemcvx.bound.skeleton import Instant, instant
 from vemcvx.bound.surface import products
@@ -219,7 +219,7 @@ def of_steps(circle: Hypercircle, history: History, steps: Sequence[int]) -> Err
         lower=np.maximum(lowered - moved, 0.0),
         energy=_energies(norm, upper - moved),
         potential=(potential - 0.5 * A2 - gap, potential - 0.5 * lowered**2),
-        cells=_shares(circle, worst.triangles, worst.surface.gap + 0.5 * worst.springs, upper.max()),
+        cells=_shares(circle, worst.cells, worst.surface.gap + 0.5 * worst.springs, upper.max()),
         parts={
             "mesh": np.sqrt([pair.squares.sum() for pair in pairs]),
             "contact": np.sqrt(2.0 * gap),
@@ -250,10 +250,9 @@ def _energies(norm: Floats, upper: Floats) -> tuple[Floats, Floats]:
     return 0.5 * np.maximum(norm - upper, 0.0) ** 2, 0.5 * (norm + upper) ** 2
 
 
-def _shares(circle: Hypercircle, triangles: Floats, gap: Floats, upper: float) -> Floats:
-    """(n_cells,) parts of upper^2, in proportion to squares on triangles (corners,) and gaps (b,) of edges."""
-    edges, count = circle.boundary.edges, len(circle.boundary.edges.areas)
-    parts = totals(edges.owner, triangles, count) + totals(edges.outer, 2.0 * gap, count)
+def _shares(circle: Hypercircle, squares: Floats, gap: Floats, upper: float) -> Floats:
+    """(n_cells,) parts of upper^2, in proportion to squares in cells (n_cells,) and gaps (b,) of edges."""
+    parts = squares + totals(circle.boundary.edges.outer, 2.0 * gap, len(squares))
     return upper**2 * parts / (parts.sum() or 1.0)
 
 
@@ -309,21 +308,19 @@ def _of_history(circle: Hypercircle, history: History) -> ErrorBound:
     count, last = history.steps + 1, instant(history, 0)
     pair = circle.pair(last, last)
     y = [float(np.sqrt(pair.A2))]
-    defects = circle.richer(pair)
-    pairs, dissipated, worst = [_sizes(circle, pair, defects)], [0.0], (0.0, pair.triangles)
+    pairs, dissipated, worst = [_sizes(circle, pair)], [0.0], (0.0, pair.cells)
     for n in range(1, count):
         reached, lost = y[-1], 0.0
         for now in _between(circle, last, instant(history, n)):
             ahead = circle.pair(now, last)
             step = _dissipation_gap(circle, pair, ahead)
-            richer = circle.richer(ahead)
-            change = [b - a for a, b in zip(defects, richer, strict=True)]
-            reached = float(np.sqrt(reached**2 + 2.0 * step)) + _norm(circle, change, _missed(circle, pair, ahead))
-            lost, pair, defects, last = lost + step, ahead, richer, now
+            change = _norm(circle, ahead.richer - pair.richer, _missed(circle, pair, ahead))
+            reached = float(np.sqrt(reached**2 + 2.0 * step)) + change
+            lost, pair, last = lost + step, ahead, now
         y.append(reached)
         dissipated.append(dissipated[-1] + lost)
-        pairs.append(_sizes(circle, pair, defects))
-        worst = max(worst, (reached, pair.triangles), key=lambda one: one[0])
+        pairs.append(_sizes(circle, pair))
+        worst = max(worst, (reached, pair.cells), key=lambda one: one[0])
     norm, A, richer, mesh, data = np.array(pairs).T
     upper = np.sqrt(np.square(y) + 2.0 * richer * y + A**2)
     nothing = np.full(count, np.inf)
@@ -347,15 +344,16 @@ def _of_history(circle: Hypercircle, history: History) -> ErrorBound:
     )
 
 
-def _sizes(circle: Hypercircle, pair: Pair, richer: Sequence[Floats]) -> tuple[float, ...]:
+def _sizes(circle: Hypercircle, pair: Pair) -> tuple[float, ...]:
     """|v|_a; |r| of v and of v + w, with what is missed of the data; and the parts of the first."""
     mesh, data = float(np.sqrt(pair.squares.sum())), float(np.sqrt(np.sum(pair.oscillation**2)))
-    return pair.norm, float(np.sqrt(pair.A2)), _norm(circle, richer, pair.oscillation), mesh, data
+    return pair.norm, float(np.sqrt(pair.A2)), _norm(circle, pair.richer, pair.oscillation), mesh, data
 
 
-def _norm(circle: Hypercircle, defects: Sequence[Floats], missed: Floats) -> float:
-    """The norm of stresses, each triangle's larger by what is missed (corners,)."""
-    return float(np.sqrt(np.sum((np.sqrt(circle.squares(defects)) + missed) ** 2)))
+def _norm(circle: Hypercircle, defect: Defect, missed: Floats) -> float:
+    """The norm of a defect, each triangle's larger by what is missed (corners,)."""
+    body = circle.body(defect.densities)
+    return float(np.sqrt(circle.enlarged(circle.squares_of(defect, body), defect, body, missed).sum()))
 
 
 def _between(circle: Hypercircle, last: Instant, ahead: Instant) -> Iterator[Instant]:
@@ -393,4 +391,4 @@ def _dissipation_gap(circle: Hypercircle, one: Pair, other: Pair) -> float:
 def _missed(circle: Hypercircle, one: Pair, other: Pair) -> Floats:
     """osc_T (corners,) of what data change by."""
     tractions = other.surface.acting - one.surface.acting
-    return circle.oscillation(tractions, [b - a for a, b in zip(one.densities, other.densities, strict=True)])
+    return circle.oscillation(tractions, circle.body((other.defect - one.defect).densities))

@@ -11,7 +11,7 @@ such forces at the vertices, exactly.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
@@ -70,6 +70,7 @@ LINEAR_MASS_INVERSE = 24.0 * np.linalg.inv(np.ones((3, 3)) + np.eye(3))
 """(3, 3) inverse of int lambda_j lambda_k over the reference triangle."""
 BARYCENTRIC = np.column_stack([1.0 - RULE.reshape(-1, 2).sum(axis=1), RULE.reshape(-1, 2)])
 """(21, 3) lambda at the points of the rule."""
+ALL = slice(None)
 CELLS_TOGETHER = 2**14
 """Entries of one n x n matrix a cell, over the cells that are treated together: some hundred hexagons, whose matrices
 take 20 MB."""
@@ -97,21 +98,33 @@ class Fans:
         """One each of the cells that are no translates of each other, and which of them a cell is."""
         return distinct([self.corners, self.C])
 
+    def of_cells(self, matrices: Floats, rows: Ints | slice = ALL) -> Floats:
+        """(c, ...) of some of the cells, of (k, ...) of the shapes."""
+        some, same = self.alike
+        return matrices[rows] if isinstance(some, slice) and some == ALL else matrices[same[rows]]
+
     @property
     def shapes(self) -> Fans:
         """The former."""
-        some = self.alike[0]
-        return replace(self, **{field.name: getattr(self, field.name)[some] for field in fields(self)})
+        return self.part(self.alike[0])
 
-    def apply(self, matrices: Floats, data: Floats) -> Floats:
-        """(c, r) the products of matrices (k, r, s), one a shape, with vectors (c, s)."""
-        some, same = self.alike
+    def part(self, rows: Ints | slice) -> Fans:
+        """Some of the cells."""
+        return replace(self, **{field.name: getattr(self, field.name)[rows] for field in fields(self)})
+
+    def apply(self, matrices: Floats, data: Floats, rows: Ints | slice = ALL) -> Floats:
+        """(c, r) the products of matrices (k, r, s), one a shape, with vectors (c, s) of some of the cells."""
         if len(matrices) == 1:
             alone: Floats = data @ matrices[0].T
             return alone
-        of_cells = matrices if isinstance(some, slice) else matrices[same]
-        products: Floats = np.matmul(of_cells, data[:, :, None])[:, :, 0]
+        products: Floats = np.matmul(self.of_cells(matrices, rows), data[:, :, None])[:, :, 0]
         return products
+
+    @cached_property
+    def normals(self) -> Floats:
+        """(c, n, 2) of the outer edges, outward, as long as these."""
+        along = np.roll(self.corners, -1, axis=1) - self.corners
+        return np.stack([along[..., 1], -along[..., 0]], axis=2)
 
     @cached_property
     def back(self) -> Floats:
@@ -223,13 +236,51 @@ def _refuse_short_edges(fans: Fans) -> None:
         )
 
 
-def assembled(fans: Sequence[Fans], matrices: Sequence[Floats], places: Sequence[Ints], size: int) -> sp.csr_matrix:
-    """(size, size) the sum of symmetric matrices (k, m, m) of chunks of cells, one a shape, at places (c, m)."""
-    rows, columns, values = [], [], []
-    for one, matrix, place in zip(fans, matrices, places, strict=True):
-        small = place.astype(np.int32)
-        rows.append(np.repeat(small, place.shape[1], axis=1).ravel())
-        columns.append(np.tile(small, (1, place.shape[1])).ravel())
-        values.append(matrix[one.alike[1]].ravel())
-    where = np.concatenate(rows), np.concatenate(columns)
-    return sp.csr_matrix((np.concatenate(values), where), shape=(size, size))
+def summed(each: Floats, rows: Ints, columns: Ints, shape: tuple[int, int]) -> Floats:
+    """(c, *shape) the sum of matrices (c, n, a, b) of triangles at rows (n, a) and columns (n, b) of their cell."""
+    where = (rows[:, :, None] * shape[1] + columns[:, None]).ravel()
+    places = sp.csr_matrix(
+        (np.ones(len(where)), (where, np.arange(len(where)))), shape=(shape[0] * shape[1], len(where))
+    )
+    return np.ascontiguousarray((places @ each.reshape(len(each), -1).T).T).reshape(len(each), *shape)
+
+
+def assembled(places: Sequence[Ints], matrices: Iterable[Floats], P: sp.csr_matrix) -> sp.csr_matrix:
+    """P' A P, A being the sum of matrices (c, m, m) at places (c, m); most rows of P are those of an identity.
+
+    Entries are numbered by P where they are: products of sparse matrices would take three times as long.
+    """
+    counts, size = np.diff(P.indptr), P.shape[1]
+    levels = []
+    for level in range(counts.max(initial=1)):
+        has, number, weight = counts > level, np.full(len(counts), -1, dtype=np.int32), np.zeros(len(counts))
+        entry = P.indptr[:-1][has] + level
+        number[has], weight[has] = P.indices[entry], P.data[entry]
+        levels.append((number, weight))
+    one, simple = levels[0][0], (counts == 1) & (levels[0][1] == 1.0)
+    whole = [simple[place].all(axis=1) for place in places]
+    # Filled in place, to be freed soon: of 65,000 Voronoi cells these are 37 million entries.
+    total = sum(int(some.sum()) * place.shape[1] ** 2 for some, place in zip(whole, places, strict=True))
+    more = len(levels) ** 2 * sum(
+        int((~some).sum()) * place.shape[1] ** 2 for some, place in zip(whole, places, strict=True)
+    )
+    rows, columns, values = (np.zeros(total + more, dtype=kind) for kind in (np.int32, np.int32, np.float64))
+    first, extra = 0, total
+    for place, matrix, some in zip(places, matrices, whole, strict=True):
+        at, m = one[place[some]], place.shape[1]
+        last = first + len(at) * m * m
+        shape = len(at), m, m
+        rows[first:last].reshape(shape)[:] = at[:, :, None]
+        columns[first:last].reshape(shape)[:] = at[:, None]
+        values[first:last].reshape(shape)[:] = matrix[some]
+        first, where = last, place[~some]
+        for i, w in levels:
+            for j, v in levels:
+                k, r, c = np.nonzero((i[where] >= 0)[:, :, None] & (j[where] >= 0)[:, None])
+                row, column, these = where[k, r], where[k, c], slice(extra, extra + len(k))
+                rows[these], columns[these] = i[row], j[column]
+                values[these] = w[row] * matrix[~some][k, r, c] * v[column]
+                extra += len(k)
+    entries = values[:extra], (rows[:extra], columns[:extra])
+    K: sp.csr_matrix = sp.csr_matrix(entries, shape=(size, size))
+    return K

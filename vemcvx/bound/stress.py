@@ -11,12 +11,13 @@ moments against linear functions, and for the rest, f_1 less these constants, a 
 has no traction on the edges of the triangle (four of them, for the four linear parts of a vector). So div tau = -f_1
 exactly.
 
-In a fan the forces x of tractions on spokes and outer edges, balanced on every triangle by the body's, minimise
+The stress of a triangle whose tractions, balanced by its body force, minimise
 
-    |tau|^2 / 2 in C^-1  -  sum over outer edges  int tau n . m,      m (motion) linear on each edge,
+    |tau|^2 / 2 in C^-1  -  sum over edges  int tau n . m,      m (motion) linear on each edge,
 
-so that they are linear in m and f. What the triangles have in common with their neighbours is m: the stress of least
-energy in a body is that of the m whose tractions agree (:mod:`.equilibrium`).
+is linear in m and f, and its nine numbers in balance are found from them. Triangles have in common with their
+neighbours m. The spokes of a fan move so that the tractions of both sides cancel, and answer to its outer edges; the
+stress of least energy in a body is that of the m of all edges whose tractions agree (:mod:`.equilibrium`).
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ import numpy as np
 
 from vemcvx.arrays import Floats, Ints
 from vemcvx.bound.fan import (
+    ALL,
     COEFFICIENTS,
     CORNERS,
     LINEAR_MASS_INVERSE,
@@ -36,6 +38,7 @@ from vemcvx.bound.fan import (
     Fans,
     monomial_slopes,
     monomials,
+    summed,
 )
 
 VOIGT = np.array([[[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], [[0.0, 0.0, 1.0], [0.0, 1.0, 0.0]]])
@@ -117,14 +120,6 @@ def reference() -> Floats:
     return found
 
 
-@cache
-def _gram() -> Floats:
-    """(3, 3, 18, 18) int of products of components of such stresses."""
-    parts = reference().reshape(3, 6, 3, 18)
-    found: Floats = np.einsum("ij,piak,pjbl->abkl", MASS, parts, parts)
-    return found
-
-
 # What linear moments miss: quadratic parts of body forces, and of tractions on the outer edge of a fan triangle, from
 # corner 1 to corner 2. Stresses that balance these and nothing else tell what they count.
 
@@ -196,62 +191,6 @@ def lifted(fans: Fans, gram: Floats, data: Floats) -> Floats:
     return norms
 
 
-def _slots(n: int) -> tuple[Ints, Floats]:
-    """Where the 18 data of each triangle of a fan stand among those of the cell, (n, 18), and their signs (n, 18).
-
-    Of a cell these are the forces of tractions on spokes, then on outer edges, then of the body: 4 n, 4 n and 6 n.
-    Spoke i runs from the centre to vertex i, its forces act on triangle i, and the other way on triangle i - 1.
-    """
-    place, sign = np.zeros((n, 18), dtype=np.int64), np.ones((n, 18))
-    for t in range(n):
-        after = (t + 1) % n
-        place[t, :4] = 4 * t + np.arange(4)
-        place[t, 4:8] = 4 * n + 4 * t + np.arange(4)
-        # Edge 2 of the triangle runs from the vertex to the centre.
-        place[t, 8:12] = 4 * after + np.array([2, 3, 0, 1])
-        sign[t, 8:12] = -1.0
-        place[t, 12:] = 8 * n + 6 * t + np.arange(6)
-    return place, sign
-
-
-@dataclass(frozen=True, eq=False)
-class FanStress:
-    """The stresses of least energy on fans, as functions of the motion of their edges and of body forces."""
-
-    fans: Fans
-    forces: Floats
-    """(k, 8 n, 4 n) forces of tractions on spokes, then on outer edges, from the motion of both ends of these; for each
-    of the k shapes"""
-    of_body: Floats | None
-    """(k, 8 n, 6 n) likewise from body forces; None if there are none"""
-
-    @property
-    def stiffness(self) -> Floats:
-        """(k, 4 n, 4 n) forces on outer edges from their motion, symmetric."""
-        K = self.forces[:, 4 * self.fans.n :]
-        stiffness: Floats = 0.5 * (K + K.transpose(0, 2, 1))
-        return stiffness
-
-    def tractions(self, motion: Floats, force: Floats | None = None) -> Floats:
-        """(c, 8 n) forces from motions (c, 4 n) and body forces (c, 6 n)."""
-        found = self.fans.apply(self.forces, motion)
-        return found if self.of_body is None or force is None else found + self.fans.apply(self.of_body, force)
-
-
-def triangle_energies(fans: Fans) -> Floats:
-    """(c, n, 18, 18) |tau|^2 in C^-1 on each triangle, as a quadratic form of its data."""
-    B, det = fans.B, fans.doubled_areas
-    M = piola(B)
-    D = fans.D
-    form = np.matmul(M.transpose(0, 1, 3, 2), np.matmul(D[:, None], M)) / det[..., None, None]
-    reference = np.einsum("ctab,abkl->ctkl", form, _gram(), optimize=True)
-    back = fans.back
-    shape = (*det.shape, 9, 2, 9, 2)
-    # b^ = B^-1 b of every force.
-    found: Floats = np.einsum("ctipjq,ctpr,ctqs->ctirjs", reference.reshape(shape), back, back, optimize=True)
-    return found.reshape(reference.shape)
-
-
 def piola(B: Floats) -> Floats:
     """(..., 3, 3) the components xx, yy, xy of B tau^ B' from those of tau^."""
     (a, b), (c, d) = np.moveaxis(B, (-2, -1), (0, 1))
@@ -259,60 +198,129 @@ def piola(B: Floats) -> Floats:
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
+@cache
+def _balanced() -> Floats:
+    """(18, 15) data of the reference triangle in balance: nine tractions alone, and six that bear a force each."""
+    ends = np.array([CORNERS[k] for edge in range(3) for k in (edge, (edge + 1) % 3)])
+    x = np.concatenate([ends, CORNERS])
+    rows = np.stack([np.tile([1.0, 0.0], 9), np.tile([0.0, 1.0], 9), np.column_stack([-x[:, 1], x[:, 0]]).ravel()])
+    found = np.zeros((18, 15))
+    found[:12, :9] = np.linalg.svd(rows[:, :12])[2][3:].T
+    found[:12, 9:], found[12:, 9:] = -np.linalg.pinv(rows[:, :12]) @ rows[:, 12:], np.eye(6)
+    return found
+
+
+@cache
+def _energies() -> Floats:
+    """(9, 225) int of products of components of the stresses of these."""
+    parts = (reference() @ _balanced()).reshape(3, 6, 3, 15)
+    found: Floats = np.einsum("ij,piak,pjbl->abkl", MASS, parts, parts)
+    return found.reshape(9, 225)
+
+
+def _condensed(fans: Fans, loaded: bool) -> tuple[Floats, Floats]:
+    """Data in balance of the stresses of least energy on triangles, in the reference triangle: the nine without forces.
+
+    From the motions of the three edges (c, n, 9, 12), and from forces int f lambda_k (c, n, 9, 6).
+    """
+    c, n = fans.corners.shape[:2]
+    M, N = piola(fans.B), _balanced()[:12, :9]
+    form = np.matmul(M.transpose(0, 1, 3, 2), np.matmul(fans.D[:, None], M)) / fans.doubled_areas[..., None, None]
+    A = (form.reshape(-1, 9) @ _energies()).reshape(c, n, 15, 15)
+    # Motions work in the reference triangle as B' m.
+    moved = np.matmul(N.reshape(6, 2, 9).transpose(0, 2, 1), fans.B.transpose(0, 1, 3, 2)[:, :, None])
+    moved = moved.transpose(0, 1, 3, 2, 4).reshape(c, n, 9, 12)
+    if loaded:
+        moved = np.concatenate([moved, -np.matmul(A[..., :9, 9:], _hat(fans))], axis=3)
+    found = np.linalg.solve(A[..., :9, :9], moved)
+    return found[..., :12], found[..., 12:]
+
+
+def _hat(fans: Fans) -> Floats:
+    """(c, n, 6, 6) forces in the reference triangle, B^-1 of each, from those of triangles."""
+    return np.kron(np.eye(3), np.ones((2, 2))).astype(np.float64) * np.tile(fans.back, (3, 3))
+
+
+def _tractions(fans: Fans, data: Floats) -> Floats:
+    """(c, n, 12, j) forces of tractions from those in the reference triangle (c, n, 12, j): b = B b^."""
+    c, n, _, j = data.shape
+    found: Floats = np.matmul(fans.B[:, :, None], data.reshape(c, n, 6, 2, j)).reshape(c, n, 12, j)
+    return found
+
+
+def _slots(n: int) -> Ints:
+    """(n, 12) the motions of the edges of each triangle among those of the cell: spokes, then outer edges; 4 n each.
+
+    Spoke i runs from the centre to vertex i; edge 2 of a triangle runs from the vertex to the centre.
+    """
+    t = np.arange(n)[:, None]
+    after = 4 * ((t + 1) % n)
+    return np.concatenate([4 * t + np.arange(4), 4 * (n + t) + np.arange(4), after + np.array([2, 3, 0, 1])], axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class FanStress:
+    """The stresses of least energy on fans, as functions of the motion of their edges and of body forces."""
+
+    fans: Fans
+    spokes: Floats
+    """(k, 4 n, 4 n) motions of both ends of the spokes from those of outer edges; for each of the k shapes"""
+    of_body: Floats | None
+    """(k, 8 n, 6 n) motions of spokes, and forces on outer edges, from body forces; None if there are none"""
+    stiffness: Floats
+    """(k, 4 n, 4 n) forces on outer edges from their motion, symmetric"""
+    triangles: tuple[Floats, Floats] | None
+    """data in balance of triangles (k, n, 9, 12) from the motions of their edges, and (k, n, 9, 6) from forces; kept
+    where body forces ask for all of them often"""
+
+    def at_stations(self, motion: Floats, force: Floats | None = None, rows: Ints | slice = ALL) -> Floats:
+        """(c, n, 18, 3) tau at the stations of all triangles of some cells.
+
+        From motions of outer edges (c, 4 n) and body forces (c, 6 n).
+        """
+        fans, spokes = self.fans.part(rows), self.fans.apply(self.spokes, motion, rows)
+        c, n = fans.corners.shape[:2]
+        of_motion, of_force = self._triangles(rows)
+        if self.of_body is not None and force is not None:
+            spokes = spokes + self.fans.apply(self.of_body[:, : 4 * n], force, rows)
+        around = np.concatenate([spokes, motion], axis=1)[:, _slots(n)]
+        tau = np.matmul(of_motion, around[..., None])[..., 0] @ (reference() @ _balanced()[:, :9]).T
+        if force is not None:
+            body = force.reshape(c, n, 6, 1)
+            own = np.concatenate([np.matmul(of_force, body), np.matmul(_hat(fans), body)], axis=2)
+            tau += own[..., 0] @ (reference() @ _balanced()).T
+        back = piola(fans.B).transpose(0, 1, 3, 2) / fans.doubled_areas[..., None, None]
+        found: Floats = np.matmul(tau.reshape(c, n, 18, 3), back)
+        return found
+
+    def on_edges(self, force: Floats) -> Floats:
+        """(c, 4 n) forces of tractions on outer edges that do not move, from body forces (c, 6 n)."""
+        assert self.of_body is not None
+        return self.fans.apply(self.of_body[:, 4 * self.fans.n :], force)
+
+    def _triangles(self, rows: Ints | slice) -> tuple[Floats, Floats]:
+        """The same of some cells."""
+        if self.triangles is None:
+            return _condensed(self.fans.part(rows), False)
+        of_motion, of_force = (self.fans.of_cells(each, rows) for each in self.triangles)
+        return of_motion, of_force
+
+
 def fan_stress(fans: Fans, loaded: bool = True) -> FanStress:
     """The FanStress of these fans; `loaded` by body forces or not."""
     shapes = fans.shapes
     c, n = shapes.corners.shape[:2]
-    place, sign = _slots(n)
-    energies = triangle_energies(shapes)
-    count = 14 * n if loaded else 8 * n
-    H = np.zeros((c, count, count))
-    for t in range(n):
-        mine = np.flatnonzero(place[t] < count)
-        at, signs = place[t][mine], sign[t][mine]
-        H[:, at[:, None], at] += signs[:, None] * signs * energies[:, t, mine[:, None], mine]
-    balance = _balance(shapes, place, sign)
-    # Energies and balance are brought to one size, lest the system be badly scaled.
-    unit = (np.einsum("cii->c", H[:, : 8 * n, : 8 * n]) / (8 * n))[:, None, None]
-    system = np.zeros((c, 11 * n, 11 * n))
-    system[:, : 8 * n, : 8 * n] = H[:, : 8 * n, : 8 * n] / unit
-    system[:, 8 * n :, : 8 * n] = balance[:, :, : 8 * n]
-    system[:, : 8 * n, 8 * n :] = balance[:, :, : 8 * n].transpose(0, 2, 1)
-    right = np.zeros((c, 11 * n, count - 4 * n))
-    right[:, 4 * n : 8 * n, : 4 * n] = np.eye(4 * n) / unit
+    place, N, (of_motion, of_force) = _slots(n), _balanced()[:12], _condensed(shapes, loaded)
+    stiffness = _tractions(shapes, np.matmul(N[:, :9], of_motion))
+    K, F, m = summed(stiffness, place, place, (8 * n, 8 * n)), np.zeros((c, 8 * n, 0)), 4 * n
     if loaded:
-        right[:, : 8 * n, 4 * n :] = -H[:, : 8 * n, 8 * n :] / unit
-        right[:, 8 * n :, 4 * n :] = -balance[:, :, 8 * n :]
-    found = np.linalg.solve(system, right)[:, : 8 * n]
-    parts = [np.ascontiguousarray(part) for part in np.split(found, [4 * n], axis=2)]
-    return FanStress(fans, parts[0], parts[1] if loaded else None)
-
-
-def _balance(fans: Fans, place: Ints, sign: Floats) -> Floats:
-    """(c, 3 n, 14 n) force, and moment about the centre over the cell's size, of all data on every triangle."""
-    c, n = fans.corners.shape[:2]
-    size = np.sqrt(0.5 * fans.doubled_areas.sum(axis=1))
-    here, ahead, centre = fans.corners, np.roll(fans.corners, -1, axis=1), np.zeros((c, n, 2))
-    at = np.stack([centre, here, here, ahead, ahead, centre, centre, here, ahead], axis=2) / size[:, None, None, None]
-    found = np.zeros((c, n, 3, 14 * n))
-    for t in range(n):
-        for slot in range(9):
-            x, y = place[t, 2 * slot], place[t, 2 * slot + 1]
-            found[:, t, 0, x] += sign[t, 2 * slot]
-            found[:, t, 1, y] += sign[t, 2 * slot]
-            found[:, t, 2, x] -= sign[t, 2 * slot] * at[:, t, slot, 1]
-            found[:, t, 2, y] += sign[t, 2 * slot] * at[:, t, slot, 0]
-    return found.reshape(c, 3 * n, 14 * n)
-
-
-def stresses_at_stations(fans: Fans, tractions: Floats, force: Floats | None = None) -> Floats:
-    """(c, n, 18, 3) tau at the stations of all triangles, from forces (c, 8 n) and (c, 6 n) in balance."""
-    place, sign = _slots(fans.n)
-    body = np.zeros((len(tractions), 6 * fans.n)) if force is None else force
-    of_triangles = np.concatenate([tractions, body], axis=1)[:, place] * sign
-    c, n = of_triangles.shape[:2]
-    B = fans.B
-    hat = np.matmul(of_triangles.reshape(c, n, 9, 2), fans.back.transpose(0, 1, 3, 2)).reshape(c, n, 18)
-    tau = (hat @ reference().T).reshape(c, n, 18, 3)
-    found: Floats = np.matmul(tau, piola(B).transpose(0, 1, 3, 2)) / fans.doubled_areas[..., None, None]
-    return found
+        forces = _tractions(shapes, np.matmul(N[:, :9], of_force) + np.matmul(N[:, 9:], _hat(shapes)))
+        F = summed(forces, place, np.arange(6 * n).reshape(n, 6), (8 * n, 6 * n))
+    found = -np.linalg.solve(K[:, :m, :m], np.concatenate([K[:, :m, m:], F[:, :m]], axis=2))
+    spokes, moved = (np.ascontiguousarray(one) for one in np.split(found, [m], axis=2))
+    G = K[:, m:, m:] + K[:, m:, :m] @ spokes
+    G = 0.5 * (G + G.transpose(0, 2, 1))
+    if not loaded:
+        return FanStress(fans, spokes, None, G, None)
+    of_body = np.concatenate([moved, F[:, m:] + K[:, m:, :m] @ moved], axis=1)
+    return FanStress(fans, spokes, of_body, G, (of_motion, of_force))

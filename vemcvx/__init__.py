@@ -9,6 +9,7 @@ contact problem"; equation numbers in this package are its.
 from vemcvx import interrupt as interrupt
 from vemcvx import meshes
 from vemcvx.bound.error_bound import ErrorBound, error_bound
+from vemcvx.bound.quantity import QuantityBound
 from vemcvx.effects import (
     BilateralContact,
     BodyForce,
@@ -57,7 +58,7 @@ from vemcvx.program import Answer, Certificate, Damping, Limits, Norms, Operator
 from vemcvx.results.contact import Contact
 from vemcvx.results.quoted import Quantity
 from vemcvx.scene import Scene
-from vemcvx.simulation import programs, simulate
+from vemcvx.simulation import instants, programs, simulate
 from vemcvx.solvers import OSQP, Clarabel, Direct, Newton, Solver, ThroughCvxpy
 from vemcvx.stepping import Trajectory, march
 from vemcvx.version import __version__
@@ -108,6 +109,7 @@ __all__ = [
     "ProblemError",
     "ProgramError",
     "Quantity",
+    "QuantityBound",
     "Scene",
     "SceneError",
     "SceneWarning",
@@ -131,6 +133,7 @@ __all__ = [
     "adapt",
     "error_bound",
     "error_budget",
+    "instants",
     "march",
     "measures",
     "meshes",

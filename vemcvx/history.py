@@ -89,6 +89,11 @@ class History(Results, Outlined):
         Of ``simulate(..., bound=True)``: "upper" and "lower", guaranteed bounds on the error of the mesh in the energy
         norm in the "step" for which the upper one is largest, each step given the one before
         (:func:`vemcvx.error_bound`), and "relative", upper in parts of the largest energy norm of the run.
+    energy_bounds : (N + 1, 2) or None
+        Likewise guaranteed bounds, low and high, on the elastic energy of the exact answer of every step; both are that
+        of the run at the initial instant, and NaN in steps that adaptive runs did not look at.
+    cell_bounds : (n_cells,) or None
+        Likewise the parts of cells in the square of "upper".
     """
 
     def __getstate__(self) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vemcvx.arrays import brief, flag, shaped
+from vemcvx.arrays import Floats, brief, flag, shaped
 from vemcvx.bound.error_bound import of_steps
 from vemcvx.bound.hypercircle import Hypercircle, hypercircle
 from vemcvx.errors import SceneError
@@ -23,9 +23,10 @@ from vemcvx.program import SolvedProgram
 from vemcvx.results import small_strains
 from vemcvx.results.results import Results, record, with_origin
 from vemcvx.scene import Scene
-from vemcvx.scene.pose import PosedScene, pose_scene
+from vemcvx.scene.pose import PosedScene, pose_scene, unwarned
 from vemcvx.solvers import Solver, Solves
 from vemcvx.stepping.backward_euler import checked_times, march
+from vemcvx.stepping.course import course, inside_steps
 from vemcvx.stepping.programs import programs_of_march
 from vemcvx.stepping.trajectory import Folder, Memory, Storage, Trajectory
 
@@ -105,9 +106,9 @@ def simulate(
     :func:`vemcvx.error_budget`.
     """
     check_kinds(scene, mesh)
-    instants = checked_times(times)
+    given = checked_times(times)
     start = time.perf_counter()
-    posed = pose_scene(scene, mesh, instants.tolist())
+    posed = pose_scene(scene, mesh, given.tolist())
     for words in posed.inactive:
         log.info("left out: %s", words)
     circle = _circle(posed, store) if flag(bound, "bound") else None
@@ -115,9 +116,9 @@ def simulate(
     with _storage(stream, resume) as storage:
         trajectory = march(
             posed.system,
-            instants,
+            given,
             solver=solver,
-            initial=free_unknowns(initial, posed, float(instants[0])),
+            initial=free_unknowns(initial, posed, float(given[0])),
             store=store,
             check=check,
             condense=condense,
@@ -130,7 +131,42 @@ def simulate(
         history = History.of(results)
         if circle is None or history.steps == 0:
             return history
-        return replace(history, bound=of_steps(circle, history, range(1, history.steps + 1)).largest)
+        return replace(history, **of_steps(circle, history, range(1, history.steps + 1)).kept())
+
+
+def instants(scene: Scene, mesh: AnyMesh, times: ArrayLike) -> Floats:
+    """The instants of a run, with those inside steps at which its data bend, turn or jump.
+
+    Backward Euler knows data at the ends of steps: what turns back between them is missed by part of a step, and with
+    friction the answer is off from then on. With an instant at the turn it is not.
+
+    Parameters
+    ----------
+    scene, mesh, times
+        As of :func:`simulate`.
+
+    Returns
+    -------
+    (N + 1,) array
+        Of a jump both sides, a billionth of the run apart at most. Data are sampled at 256 instants, or at the middles
+        of steps: what is over between two of these is not seen.
+
+    Raises
+    ------
+    SceneError
+        Scene, mesh and times make no well-posed problem.
+
+    Examples
+    --------
+    >>> history = vx.simulate(scene, mesh, vx.instants(scene, mesh, times))  # doctest: +SKIP
+    """
+    check_kinds(scene, mesh)
+    given = checked_times(times)
+    if len(given) < 2:
+        return given
+    with unwarned():
+        bends = course(pose_scene(scene, mesh).system, given).bends
+    return np.union1d(given, inside_steps(given, bends))
 
 
 def _circle(posed: PosedScene, store: object) -> Hypercircle:
@@ -193,13 +229,13 @@ def programs(
             print(program.step, program.certify(posed.d.value, posed.lam, posed.p).error)
     """
     check_kinds(scene, mesh)
-    instants = checked_times(times)
-    posed = pose_scene(scene, mesh, instants.tolist())
+    given = checked_times(times)
+    posed = pose_scene(scene, mesh, given.tolist())
     found = programs_of_march(
         posed.system,
-        instants,
+        given,
         solver=solver,
-        initial=free_unknowns(initial, posed, float(instants[0])),
+        initial=free_unknowns(initial, posed, float(given[0])),
         check=check,
         condense=condense,
         linear=linear,

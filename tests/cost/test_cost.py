@@ -443,3 +443,33 @@ def test_scenes_without_an_estimate_have_a_reference(tmp_path):
     ran = run_point(Recipe(), point, instants)
     assert ran.columns["estimated"] is None
     assert 0 < errors(ran, tmp_path, reference)[0] < 0.5
+
+
+def test_bounds_stand_beside_estimates(tmp_path, monkeypatch):
+    """Guaranteed, they are no smaller than the true error, but for what the reference is off by."""
+    stay_at_home(monkeypatch)
+    given = ("--mesh", "squares", "--n", "4,6", "--steps", "4", "--solver", "newton", "--no-adaptive")
+    done = cost(PROBLEM, *given, "--bound", "--out", tmp_path)
+    assert done.exit_code == 0, done.output
+    reference = json.loads((tmp_path / "reference.json").read_text())
+    for row in journal(tmp_path):
+        assert row["bound_of"] == "history"
+        assert row["bound"] >= row["error"] - reference["estimated"]
+        assert row["bound"] <= 2.0 * row["error"]
+    assert "times the true error, guaranteed" in done.output
+    assert (tmp_path / "effectivity.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_bounds_of_steps_are_told_apart(tmp_path):
+    scene = paper_scene().without(vx.BilateralContact).with_(vx.UnilateralContact(on="bottom"))
+    made = Ingredients(scene, vx.meshes.squares(3), np.linspace(0.0, 1.0, 3), vx.Newton(1e-8))
+    columns = run_point(lambda point: made, replace(UNIFORM, bounded=True), np.array([1.0])).columns
+    history = made.simulated()
+    assert columns["bound_of"] == "step"
+    assert columns["bound"] == pytest.approx(float(vx.error_bound(history, step=-1).relative), rel=1e-6)
+
+
+def test_bounds_are_of_the_energy_norm(tmp_path):
+    done = cost(PROBLEM, *GRID, "--bound", "--of", "work", "--out", tmp_path)
+    assert done.exit_code == 2
+    assert "--of work away" in done.output

@@ -69,7 +69,7 @@ def test_it_is_a_lesson(name):
     prose = "".join(text for kind, text in cells(name) if kind == "markdown")
     assert prose.count("$$") >= 4
     assert any(isinstance(value, figures.Figure) for value in ran(name)[1])
-    number = re.match(r"lesson_(\d)_", name).group(1)
+    number = re.match(r"lesson_(\d+)_", name).group(1)
     solutions = f"lesson_{number}_solutions.py"
     assert f"`{solutions}`" in prose
     asked = re.findall(r"^# (\d+)\. ", prose[prose.index("# ## Exercises") :], re.MULTILINE)
@@ -109,7 +109,7 @@ def test_cells_that_only_draw_are_folded(name):
 def test_the_title_is_shown_once(name):
     """It is the docstring of the file and its first cell, the only heading of its level."""
     first, *others = cells(name)[1:]
-    number = re.match(r"lesson_(\d)_", name).group(1)
+    number = re.match(r"lesson_(\d+)_", name).group(1)
     title = ast.literal_eval(first[1].strip())
     assert cells(name)[0] == ("code", "")
     assert first[0] == "markdown"

@@ -10,7 +10,7 @@ import vemcvx as vx
 
 SCREEN = 30, 140
 """Lines, and characters in one."""
-NAMES = "history", "contact", "trajectory", "program", "certificate", "budget", "bound", "whole", "adapted"
+NAMES = "history", "contact", "trajectory", "program", "certificate", "budget", "bound", "whole", "of", "adapted"
 NAMES += "scene", "mesh"
 
 
@@ -28,6 +28,7 @@ def shown():
         "budget": vx.error_budget(history),
         "bound": vx.error_bound(history, step=-1),
         "whole": vx.error_bound(history),
+        "of": vx.error_bound(history, step=-1, of=vx.Traction((1.0, 0.0), on="left")),
         "adapted": adapted,
         "scene": scene,
         "mesh": mesh,

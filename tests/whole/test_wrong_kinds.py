@@ -137,6 +137,7 @@ CALLED = [
      {"store": NOTHING | {"huge"}} | {key: {"None"} for key in ("solver", "initial", "linear")}),
     (programs, {"scene": SCENE, "mesh": MESH, "times": [0.0, 1.0], "solver": None, "initial": None, "check": True,
                 "condense": True, "linear": None}, {key: {"None"} for key in ("solver", "initial", "linear")}),
+    (vx.instants, {"scene": SCENE, "mesh": MESH, "times": [0.0, 1.0]}, {"times": {"an array"}}),
     (vx.adapt, {"scene": SCENE, "mesh": MESH, "times": [0.0, 1.0], "target": 0.9, "of": "energy", "solver": None,
                 "initial": None, "most_unknowns": 4000, "theta": 0.6, "estimate": "residual"},
      {key: {"None"} for key in ("solver", "initial")}),
@@ -203,6 +204,7 @@ def of_history(history):
         "budget": (vx.error_budget, set()),
         "bound": (vx.error_bound, set()),
         "bound's step": (lambda v: vx.error_bound(history, v), {"None"}),
+        "bound's quantity": (lambda v: vx.error_bound(history, 1, v), {"None"}),
         "quantities": (vx.quantities, set()),
         "budget's steps": (lambda v: vx.error_budget(history, v), {"None", "flags"}),
         "error": (lambda v: measures.l2_error(history, v), VALUES),
@@ -260,6 +262,7 @@ def test_every_parameter_is_asked():
         "ErrorBound",
         "ErrorBudget",
         "Quantity",
+        "QuantityBound",
         "Operators",
         "StepProgram",
         "SolvedProgram",
@@ -281,6 +284,6 @@ def test_every_parameter_is_asked():
     }
     assert left == {
         *("Scene.effects", "march.progress", "simulate.progress", "simulate.stream", "adapt.progress"),
-        *("error_bound.history", "error_bound.step", "error_budget.history", "error_budget.steps"),
+        *("error_bound.history", "error_bound.step", "error_bound.of", "error_budget.history", "error_budget.steps"),
         *("quantities.history", "read_history.folder"),
     }

@@ -20,20 +20,27 @@ it, where tau is in equilibrium with them and v between its values.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from typing import Any, overload
 
 import numpy as np
 
 from vemcvx.arrays import Floats, Ints, totals
 from vemcvx.bound.hypercircle import Defect, Hypercircle, Pair, hypercircle
+from vemcvx.bound.quantity import QuantityBound, quantity_bound
 from vemcvx.bound.skeleton import Instant, instant
 from vemcvx.bound.surface import products
+from vemcvx.effects import Effect
 from vemcvx.errors import SceneError
 from vemcvx.history import History, scene_of
 from vemcvx.outline import Outline, Outlined
-from vemcvx.scene.pose import pose_scene
+from vemcvx.scene import Scene
+from vemcvx.scene.pose import PosedScene, pose_scene
+from vemcvx.stepping.course import course, inside_steps
 
+log = logging.getLogger("vemcvx")
 PIECES = 4
 """Instants a step at which loads are read that are not linear in time."""
 
@@ -64,6 +71,9 @@ class ErrorBound(Outlined):
         Of upper: "mesh", what stress and strain differ by; "contact", what friction and contact do; "data", what is
         missed of loads that are not polynomials; "algebra", the certified error of the solver, which is in the others;
         of whole histories also "steps", y.
+    bends : (k,)
+        Of whole histories the instants inside steps at which data bend, turn or jump, which the run does not know: more
+        steps, or these instants (:func:`vemcvx.instants`), bring it nearer.
     kind : str
         "bound"; "bound for the given friction" where the bound of friction follows the pressure of the answer.
     history : History
@@ -79,6 +89,7 @@ class ErrorBound(Outlined):
     parts: dict[str, Floats]
     kind: str
     history: History
+    bends: Floats = field(default_factory=lambda: np.zeros(0))
 
     def at(self, k: int) -> ErrorBound:
         """The bound of the k-th of the steps alone."""
@@ -99,6 +110,13 @@ class ErrorBound(Outlined):
         """`upper` in parts of the largest energy norm of the run."""
         return self.upper / (float(self.history.trajectory.norm.max()) or 1.0)
 
+    def kept(self) -> dict[str, Any]:
+        """The fields of a history that say it: `bound`, `energy_bounds` and `cell_bounds`."""
+        energies = np.full((self.history.steps + 1, 2), np.nan)
+        energies[0] = self.history.trajectory.energy[0]
+        energies[self.steps] = np.column_stack([np.atleast_1d(side) for side in self.energy])
+        return {"bound": self.largest, "energy_bounds": energies, "cell_bounds": self.cells}
+
     @property
     def largest(self) -> dict[str, float]:
         """The bounds "upper" and "lower" of the "step" for which upper is largest, and that as "relative"."""
@@ -116,12 +134,25 @@ class ErrorBound(Outlined):
             ("error", f"{lower[k]:.4g} ... {upper[k]:.4g} in the energy norm"),
             ("energy", f"{low:.6g} ... {high:.6g}"),
             *parts,
+            *(("inside a step", f"data bend, turn or jump at t = {t:.6g}") for t in self.bends[:5]),
         ]
         return Outline(f"ErrorBound: {self.kind} at step {steps[k]} ({len(steps)} looked at)", lines)
 
 
-def error_bound(history: History, step: int | None = None) -> ErrorBound:
+@overload
+def error_bound(history: History, step: int | None = None, of: None = None) -> ErrorBound: ...
+
+
+@overload
+def error_bound(history: History, step: int, of: Effect | Sequence[Effect]) -> QuantityBound: ...
+
+
+def error_bound(
+    history: History, step: int | None = None, of: Effect | Sequence[Effect] | None = None
+) -> ErrorBound | QuantityBound:
     """Guaranteed bounds on the error in the energy norm: of the mesh in one step, or of mesh and steps in a history.
+
+    Or, of one step, on a linear quantity of the exact displacement.
 
     Parameters
     ----------
@@ -130,11 +161,16 @@ def error_bound(history: History, step: int | None = None) -> ErrorBound:
         A stored step after which the one before it was stored, too; -1 is the last one. By default the whole history,
         every step of which must be stored, and in which nothing but friction with a given bound acts
         (BilateralContact and TrescaFriction).
+    of : Effect or sequence of Effect, optional
+        A linear quantity, given as the load that does its work: ``Traction((1.0 / length, 0.0), on="top")`` is the mean
+        displacement along x of a side, ``BodyForce((1.0 / area, 0.0))`` that of the body, ``Prestress((-1.0 / area,
+        0.0, 0.0))`` its mean strain, and a PrescribedDisplacement on a support the work that the support's force on the
+        body does on it: ``(1.0, 0.0)`` is the force along x. Several add up. A step is to be given.
 
     Returns
     -------
-    ErrorBound
-        Its docstring says of which displacement, and of which error.
+    ErrorBound, or with `of` QuantityBound
+        Their docstrings say of which displacement, of which error, and where an interval is a theorem.
 
     Raises
     ------
@@ -145,13 +181,20 @@ def error_bound(history: History, step: int | None = None) -> ErrorBound:
 
     Notes
     -----
-    The mathematics are in :mod:`vemcvx.bound.hypercircle` and :mod:`vemcvx.bound.error_bound`. Data
+    The mathematics are in :mod:`vemcvx.bound.hypercircle`, :mod:`vemcvx.bound.quantity` and
+    :mod:`vemcvx.bound.error_bound`. Data
     that vary are read at the points of quadrature rules, and on the boundary at PIECES per size of the body.
     """
     scene = scene_of(history, "error_bound")
-    posed = pose_scene(scene, history.mesh, history.trajectory.times.tolist())
-    circle = hypercircle(posed)
-    return _of_history(circle, history) if step is None else of_steps(circle, history, [step]).at(0)
+    if step is None and of is None:
+        return _of_history(hypercircle(_posed_between(scene, history)), history)
+    if step is None:
+        raise SceneError("error_bound: a quantity is bounded in one step; give its number, such as step=-1, with of=.")
+    circle = hypercircle(pose_scene(scene, history.mesh, history.trajectory.times.tolist()))
+    if of is None:
+        return of_steps(circle, history, [step]).at(0)
+    n, now, before = _instants(history, step)
+    return quantity_bound(circle, history, n, (_of_step(circle, now, before)[0], now), of)
 
 
 # Steps.
@@ -161,10 +204,7 @@ def of_steps(circle: Hypercircle, history: History, steps: Sequence[int]) -> Err
     """The bounds of stored steps, each given the one before."""
     found = []
     for step in steps:
-        n = int(history.stored[history.row(step)])
-        if n == 0:
-            raise SceneError("error_bound: step 0 is where the run begins; the first step that has a bound is 1.")
-        now, before = (instant(history, history.row(k)) for k in (n, n - 1))
+        n, now, before = _instants(history, step)
         found.append((n, *_of_step(circle, now, before)))
     numbers, pairs, moved = zip(*found, strict=True)
     upper = np.array([pair.upper for pair in pairs]) + moved
@@ -189,6 +229,14 @@ def of_steps(circle: Hypercircle, history: History, steps: Sequence[int]) -> Err
         kind="bound for the given friction" if laws else "bound",
         history=history,
     )
+
+
+def _instants(history: History, step: int) -> tuple[int, Instant, Instant]:
+    """The number of a stored step, its end and its beginning."""
+    n = int(history.stored[history.row(step)])
+    if n == 0:
+        raise SceneError("error_bound: step 0 is where the run begins; the first step that has a bound is 1.")
+    return n, instant(history, history.row(n)), instant(history, history.row(n - 1))
 
 
 def _of_step(circle: Hypercircle, now: Instant, before: Instant) -> tuple[Pair, float]:
@@ -230,8 +278,33 @@ def _check_history(circle: Hypercircle, history: History) -> None:
         )
 
 
+def _posed_between(scene: Scene, history: History) -> PosedScene:
+    """The scene with all that acts at the instants at which data are read: runs leave out what acts at none of theirs.
+
+    A load that comes and goes within a step leaves friction behind that the run does not know.
+    """
+    times = history.trajectory.times
+    parts = np.linspace(0.0, 1.0, PIECES + 1)
+    read = np.unique(times[:-1, None] + parts * np.diff(times)[:, None]) if len(times) > 1 else times
+    posed = pose_scene(scene, history.mesh, read.tolist())
+    if len(posed.terms) != history.trajectory.multipliers.shape[1]:
+        raise SceneError(
+            "error_bound: friction acts, or supports move, between the instants of this run only; simulate the scene "
+            "at more instants."
+        )
+    return posed
+
+
 def _of_history(circle: Hypercircle, history: History) -> ErrorBound:
     _check_history(circle, history)
+    times = history.trajectory.times
+    bends = inside_steps(times, course(circle.posed.system, times).bends) if len(times) > 1 else np.zeros(0)
+    if len(bends):
+        log.warning(
+            f"error_bound: data bend, turn or jump inside steps, at t = {', '.join(f'{t:.6g}' for t in bends[:5])}"
+            f"{' ...' if len(bends) > 5 else ''}; the run misses it, and its bound has that in it. Simulate at "
+            "vemcvx.instants(scene, mesh, times), which has these instants."
+        )
     count, last = history.steps + 1, instant(history, 0)
     pair = circle.pair(last, last)
     y = [float(np.sqrt(pair.A2))]
@@ -267,6 +340,7 @@ def _of_history(circle: Hypercircle, history: History) -> ErrorBound:
         },
         kind="bound",
         history=history,
+        bends=bends,
     )
 
 

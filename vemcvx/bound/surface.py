@@ -246,7 +246,7 @@ class Boundary:
         laws = self._laws(now, before)
         theta, presses = self._theta(now, laws), [self._pressing(now, compliant) for compliant in (False, True)]
         if self.motions.shape[1]:
-            theta, presses = self._balanced(theta, presses, laws, self._moments(loads)[:, :2], body)
+            theta, presses = self._balanced(theta, presses, laws, self.moments(loads)[:, :2], body)
         q = laws.bias + self._line(theta) * laws.bound
         paid = products(laws.bound, np.abs(laws.slip)) + products(laws.bias, laws.slip)
         rigid, soft = (self._line(press.ends) for press in presses)
@@ -258,8 +258,8 @@ class Boundary:
         within = 0.5 + 0.5 * GAUSS[:, None]
         acting = loads - (1.0 - within) * contact[:, :1] - within * contact[:, 1:]
         return Surface(
-            loads=self._moments(loads),
-            forces=self._moments(acting)[:, :2],
+            loads=self.moments(loads),
+            forces=self.moments(acting)[:, :2],
             acting=acting,
             cost=self.integrals(paid + presses[1].stored),
             gap=np.maximum(self.integrals(paid - products(q, laws.slip) + lacking), 0.0),
@@ -275,7 +275,7 @@ class Boundary:
         And (b, 2) |e| times the coefficients of 1 - 6 s (1 - s) in t_2. Of what differs by rounding alone nothing is
         missed.
         """
-        moments, owner, lengths = self._moments(traction), self.fine.piece_owner, self.edges.lengths[:, None]
+        moments, owner, lengths = self.moments(traction), self.fine.piece_owner, self.edges.lengths[:, None]
         # The mean square of 1 - 6 s (1 - s) is 1/5.
         bent = 5.0 * (moments[:, :2].sum(axis=1) - 1.5 * moments[:, 2])
         rounding = 1e-13 * np.abs(traction).max(initial=0.0)
@@ -308,7 +308,7 @@ class Boundary:
         weights: Floats = 0.5 * self.lengths[:, None] * GAUSS_WEIGHTS
         return weights
 
-    def _moments(self, traction: Floats) -> Floats:
+    def moments(self, traction: Floats) -> Floats:
         """(b, 3, 2) int t phi of tractions (k, 3, 2), phi being linear from either end, and the parabola."""
         s, found = self._gauss, np.zeros((len(self.edges.outer), 3, 2))
         for place, phi in enumerate((1.0 - s, s, 4.0 * s * (1.0 - s))):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -17,7 +18,7 @@ from vemcvx.cli.terminal import listed, progress_bar, say
 from vemcvx.cost import Ingredients, Point, Sweep, advice, sweep
 from vemcvx.cost.settings import Grid
 from vemcvx.cost.sweeping import JOURNAL
-from vemcvx.cost.table import REFUSED, answers, picture, table, within_reach, without_limit
+from vemcvx.cost.table import REFUSED, Row, answers, effectivities, picture, table, within_reach, without_limit
 from vemcvx.errors import HistoryError, ProblemError, VemcvxError
 from vemcvx.estimate.adapt import OF
 from vemcvx.meshes import FAMILIES, plane_mesh
@@ -27,7 +28,7 @@ from vemcvx.version import __version__
 
 USUAL = ("squares", "triangles", "voronoi")
 USUAL_N, USUAL_TARGETS = "8,16,32,64,128", "0.05,0.02,0.01"
-TABLE, PICTURE = "cost.csv", "cost.png"
+TABLE, PICTURE, RATIOS = "cost.csv", "cost.png", "effectivity.png"
 
 
 @dataclass(frozen=True)
@@ -93,6 +94,10 @@ class Cost:
         ),
     ] = None
     of: Of = "energy"
+    bound: Annotated[
+        bool,
+        typer.Option("--bound", help="Guaranteed bounds beside estimates, and a picture of both over true errors."),
+    ] = False
     threads: Threads = None
     workers: Annotated[int, typer.Option(help="Processes at once.")] = 2
     scheduler: Annotated[
@@ -112,6 +117,8 @@ class Cost:
         grid = self.grid(problem)
         if self.of not in OF:
             raise ProblemError(f"--of: found {self.of!r}; errors are of {', '.join(OF)}.")
+        if self.bound and self.of != "energy":
+            raise ProblemError(f"--bound: bounds are of the energy norm alone; leave --of {self.of} away.")
         if self.workers < 1:
             raise ProblemError(f"--workers: found {self.workers}; wanted at least one.")
         if self.scheduler is not None and self.threads is not None:
@@ -122,7 +129,7 @@ class Cost:
         recipe(grid.coarsest)
         with Owned(folder) as own:
             # A folder whose files could not be written is refused before the sweep begins.
-            for name in (TABLE, PICTURE, JOURNAL):
+            for name in (TABLE, PICTURE, JOURNAL, *([RATIOS] if self.bound else [])):
                 own.take(name)
         with progress_bar("starting") as shown, on_threads(self.threads):
             how: dict[str, Any] = {"workers": self.workers, "scheduler": self.scheduler, "fresh": not self.resume}
@@ -155,6 +162,7 @@ class Cost:
             targets=tuple(sorted(listed("--target", targets, _share, SHARES), reverse=True)) if targets else (),
             adaptive=self.adaptive,
             of=self.of,
+            bounded=self.bound,
         )
 
 
@@ -202,6 +210,7 @@ def _of_points(found: Sweep) -> list[str]:
     ratios = [one.row.estimated / one.error for one in answers(rows) if one.row.estimated is not None and one.error > 0]
     if ratios:
         lines.append(f"estimates   {min(ratios):.2g} to {max(ratios):.2g} times the true error")
+    lines += _of_bounds(rows)
     failed = [row for row in rows if not row.done]
     for row in failed:
         words = " ".join(row.message.split())
@@ -211,6 +220,22 @@ def _of_points(found: Sweep) -> list[str]:
     lines += [f"extremes    {words}" for words in without_limit(rows)]
     warned = dict.fromkeys(row.message for row in rows if row.done and row.message)
     lines += [f"warning     {words}" for words in warned]
+    return lines
+
+
+def _of_bounds(rows: Sequence[Row]) -> list[str]:
+    known = {of: [one for one in answers(rows) if one.row.bound_of == of] for of in ("history", "step")}
+    ratios = [(one.row.bound or 0.0) / one.error for one in known["history"] if one.error > 0]
+    sizes = [one.row.bound or 0.0 for one in known["step"]]
+    lines = []
+    if ratios:
+        lines.append(f"bounds      {min(ratios):.2g} to {max(ratios):.2g} times the true error, guaranteed")
+    if sizes:
+        lines.append(
+            f"bounds      of the mesh in a step, given the one before: {min(sizes):.2%} to {max(sizes):.2%}, guaranteed"
+        )
+    if any(row.done and row.bounded and row.bound is None for row in rows):
+        lines.append("bounds      none for this scene, or part of it; vemcvx run --bound says why")
     return lines
 
 
@@ -224,6 +249,10 @@ def _written(found: Sweep, grid: Grid, folder: Path, problem: Problem) -> str:
                 return f"{files}\npicture     none: no run has an answer"
             title = f"{problem.name}: what accuracy costs"
             picture(found.rows, grid.targets, found.reference.estimated, title, OF[grid.of]).savefig(places[1], dpi=160)
+            ratios = effectivities(found.rows, title)
+            if ratios is not None:
+                ratios.savefig(own.take(RATIOS), dpi=160)
+                return f"{files}, {PICTURE}, {RATIOS}"
         except OSError as error:
             raise HistoryError(f"{folder}: cannot write the table and the picture there: {error}.") from error
         except VemcvxError as error:

@@ -97,6 +97,7 @@ CAPTIONS = {
     "deformed_body": "The body as it is deformed at the end, and how it is stressed.",
     "contact_face": "Which part of the face of contact sticks and slips at the end, and where to.",
     "friction_disc": "Friction at the end at every contact node, within the disc of its bound.",
+    "error_map": "Where the error of the mesh may be: the parts of cells in its guaranteed bound.",
     "energy_ledger": "Where the work of the forces goes.",
 }
 

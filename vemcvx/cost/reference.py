@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from vemcvx.arrays import Floats
+from vemcvx.bound.error_bound import error_bound
 from vemcvx.cost.settings import Ingredients, Point, Recipe
 from vemcvx.cost.table import EXTREMES, sealed, unsealed
 from vemcvx.errors import HistoryError, MeshError, SceneError, SceneWarning, VemcvxError
@@ -67,6 +68,7 @@ def run_point(recipe: Recipe, point: Point, instants: Floats) -> Ran:
         peak = peak_memory_mb()
         if point.target is None:
             estimated = _estimated(history, point.of)
+    bound = _bound(made, history) if point.bounded else {}
     said = [str(warning.message) for warning in caught if issubclass(warning.category, SceneWarning)]
     if point.target is not None and estimated is not None and estimated > point.target:
         said.append(f"the target was not met: {estimated:.2%} estimated")
@@ -81,6 +83,7 @@ def run_point(recipe: Recipe, point: Point, instants: Floats) -> Ran:
         "value": None if point.of == "energy" else value_of(history, point.of),
         "seconds": sum(seconds.values()),
         **seconds,
+        **bound,
         "mesh": meshing,
         "repeats": repeats,
         **{one.key: finite_or_none(one.value) for one, _ in largest_values(history) if one.key in EXTREMES},
@@ -95,6 +98,18 @@ def _estimated(history: History, of: str) -> float | None:
     with contextlib.suppress(SceneError):
         return error_budget(history).largest["total"] if of == "energy" else quantities(history)[of].relative
     return None
+
+
+def _bound(made: Ingredients, history: History) -> dict[str, Any]:
+    """The guaranteed bound of a run, which is made once more with all of its steps stored."""
+    again = replace(made, mesh=plane_mesh(history.mesh, "cost"), times=history.trajectory.times).simulated(check=False)
+    steps = [again.row(int(n)) for n in history.stored if n > 0]
+    # Scenes without a bound of whole histories may have those of steps, and some have none.
+    with contextlib.suppress(SceneError):
+        return {"bound": float(error_bound(again).relative.max()), "bound_of": "history"}
+    with contextlib.suppress(SceneError):
+        return {"bound": max(float(error_bound(again, n).relative) for n in steps), "bound_of": "step"}
+    return {}
 
 
 def _warm_up(recipe: Recipe, point: Point) -> None:

@@ -30,7 +30,8 @@ class Point:
     """Settings of one run: those of :class:`vemcvx.cost.Row`.
 
     `family` is None for the problem's own, and `steps` where an adaptive run, which has a `target`, chooses them.
-    Errors and targets are `of` the energy norm or of another quantity that :func:`vemcvx.adapt` aims at.
+    Errors and targets are `of` the energy norm or of another quantity that :func:`vemcvx.adapt` aims at. Where it is
+    `bounded` the guaranteed bound stands beside the estimate.
     """
 
     family: str | None
@@ -40,6 +41,7 @@ class Point:
     accuracy: float
     target: float | None = None
     of: str = "energy"
+    bounded: bool = False
 
     def key(self, mark: str) -> str:
         """A key that identifies the point among all runs; `mark` names all else that the answer depends on."""
@@ -96,7 +98,8 @@ class Grid:
     """The grid of a sweep: all combinations of its fields.
 
     Without `solvers` and `accuracies` Newton runs everywhere at 1e-8, and others at a few points. `targets` are those
-    of adaptive runs, and the levels that advice is given for; they, and all errors, are `of` one quantity.
+    of adaptive runs, and the levels that advice is given for; they, and all errors, are `of` one quantity. `bounded`
+    asks for guaranteed bounds beside estimates.
     """
 
     families: tuple[str | None, ...]
@@ -107,6 +110,7 @@ class Grid:
     targets: tuple[float, ...]
     adaptive: bool = True
     of: str = "energy"
+    bounded: bool = False
 
     @property
     def points(self) -> tuple[Point, ...]:
@@ -124,7 +128,7 @@ class Grid:
             # Without a choice of solvers Newton runs everywhere, and these on two meshes of the first family.
             chosen = product(where, self.steps[-1:], OTHERS, (1e-3, 1e-6))
             found += [Point(self.families[0], *settings) for settings in chosen]
-        found = [replace(point, of=self.of) for point in found]
+        found = [replace(point, of=self.of, bounded=self.bounded) for point in found]
         return tuple(sorted(dict.fromkeys(found), key=lambda point: -point.work))
 
     @property

@@ -53,6 +53,10 @@ class Row:
     wall : seconds of the whole point: start of a process, warming up, repeats, measuring
     at : when it was done, seconds since 1970
     message : the refusal, or warnings
+    bounded : whether a guaranteed bound was asked for
+    bound : guaranteed relative error in the energy norm, vemcvx.error_bound, made after `seconds`; None without
+    bound_of : of which error: "history", of mesh and steps over the whole run; "step", of the mesh in a step, given the
+        one before, the largest over the instants looked at
     von_mises, pressure, friction : the largest over the instants looked at
     """
 
@@ -83,6 +87,9 @@ class Row:
     message: str = ""
     of: str = "energy"
     value: float | None = None
+    bounded: bool = False
+    bound: float | None = None
+    bound_of: str = ""
     von_mises: float | None = None
     pressure: float | None = None
     friction: float | None = None
@@ -256,6 +263,40 @@ def advice(rows: Sequence[Row], levels: Sequence[float]) -> list[str]:
         else:
             lines.append(f"for {percent(level)}: no run of this sweep has an answer.")
     return lines
+
+
+def effectivities(rows: Sequence[Row], title: str = "") -> Figure | None:
+    """Draw estimates and guaranteed bounds over true errors, which are 1 at best; None where no run has a bound.
+
+    Bounds of steps are of another error than the true one, and left out.
+    """
+    found = [one for one in answers(rows) if one.error > 0 and one.row.bound is not None]
+    found = [one for one in found if one.row.bound_of == "history"]
+    if not found:
+        return None
+    figure = new_figure(7.4, 4.0)
+    ax = figure.subplots()
+    families = sorted({one.row.family for one in found}, key=str)
+    for family in families:
+        own = [one for one in found if one.row.family == family]
+        k = families.index(family)
+        style: dict[str, Any] = {
+            "linestyle": "none",
+            "marker": MARKERS[k % len(MARKERS)],
+            "color": SERIES[k % len(SERIES)],
+        }
+        errors, name = [100.0 * one.error for one in own], family or "own mesh"
+        ratios = [(one.row.bound or 0.0) / one.error for one in own]
+        ax.plot(errors, ratios, **style, markersize=6, label=f"{name}, bound")
+        known = [(x, one.row.estimated / one.error) for x, one in zip(errors, own, strict=True) if one.row.estimated]
+        ax.plot(*zip(*known, strict=True), **style, markersize=6, fillstyle="none", label=f"{name}, estimate")
+    ax.axhline(1.0, color="0.25", linewidth=1.0)
+    ax.set(xscale="log", yscale="log", xlabel="true error, %", ylabel="bound or estimate over true error", title=title)
+    plain_logarithms(ax.yaxis, (1.0, 1.2, 1.5, 2.0, 3.0, 5.0, 7.0))
+    plain_logarithms(ax.xaxis)
+    light_grid(ax)
+    figure.legend(loc="outside right upper", frameon=False, fontsize="small")
+    return figure
 
 
 AXES = {"seconds": "seconds, in one thread", "unknowns": "unknowns"}

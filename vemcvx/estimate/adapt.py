@@ -31,7 +31,7 @@ from vemcvx.bound.hypercircle import hypercircle
 from vemcvx.bound.skeleton import check_estimable
 from vemcvx.errors import SceneError, SceneWarning
 from vemcvx.estimate.budget import ErrorBudget, budget_of, in_time
-from vemcvx.estimate.finer_steps import ACROSS, Finer, beside_finer, course
+from vemcvx.estimate.finer_steps import Finer, beside_finer
 from vemcvx.estimate.quantities import StepErrors, errors_of_steps, value_of, with_quantities
 from vemcvx.history import History
 from vemcvx.meshes import AnyMesh, PolygonMesh, plane_mesh
@@ -44,6 +44,7 @@ from vemcvx.scene.pose import PosedScene, pose_scene
 from vemcvx.simulation import check_kinds, warn_of
 from vemcvx.solvers import Solver, Solves, as_solver
 from vemcvx.stepping.backward_euler import checked_times, initial_state, march
+from vemcvx.stepping.course import ACROSS, course
 from vemcvx.stepping.recorder import certified_in_full
 from vemcvx.stepping.state import prepare
 from vemcvx.stepping.trajectory import Memory
@@ -309,8 +310,8 @@ def adapt(
             if of != "energy":
                 budget, _ = _judged(history, None, aim, _Time(posed, None))
             asked = {"target": target} if of == "energy" else {}
-            known = None if bound is None else bound.largest
-            history = replace(history, errors={**budget.largest, **asked}, growth=_growth(passes), bound=known)
+            known = {} if bound is None else bound.kept()
+            history = replace(history, errors={**budget.largest, **asked}, growth=_growth(passes), **known)
             warn_of(posed, history)
             return Adapted(history=history, budget=budget, passes=tuple(passes), target=target, of=of, bound=bound)
         start = time.perf_counter()

@@ -29,7 +29,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vemcvx.arrays import Floats
-from vemcvx.estimate.finer_steps import course, finer_instants
+from vemcvx.estimate.finer_steps import finer_instants
 from vemcvx.history import History, scene_of
 from vemcvx.meshes import AnyMesh, PolygonMesh
 from vemcvx.results.quoted import Quantity
@@ -37,6 +37,7 @@ from vemcvx.results.results import SPREAD, displacement, record
 from vemcvx.scene.pose import pose_scene, unwarned
 from vemcvx.simulation import free_unknowns
 from vemcvx.stepping.backward_euler import march
+from vemcvx.stepping.course import course
 from vemcvx.stepping.trajectory import Memory
 
 

@@ -2,7 +2,7 @@
 
 from vemcvx.plots.body import deformed_body, deformed_mesh, stressed_body
 from vemcvx.plots.contact import along_contact, contact_face, friction_disc, friction_traction, stick_slip_map, wear
-from vemcvx.plots.pictures import animate, energy_ledger, hysteresis_loop, write_plots
+from vemcvx.plots.pictures import animate, energy_ledger, error_map, hysteresis_loop, write_plots
 
 __all__ = [
     "along_contact",
@@ -11,6 +11,7 @@ __all__ = [
     "deformed_body",
     "deformed_mesh",
     "energy_ledger",
+    "error_map",
     "friction_disc",
     "friction_traction",
     "hysteresis_loop",

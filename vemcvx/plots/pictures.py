@@ -11,16 +11,16 @@ import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vemcvx.arrays import Floats, brief, choice, number
-from vemcvx.canvas import axes_or_new, figure_of, film_writer, legend_below, light_grid, new_figure
+from vemcvx.arrays import Floats, brief, choice, number, shaped
+from vemcvx.canvas import axes_or_new, bar_beside, figure_of, film_writer, legend_below, light_grid, new_figure
 from vemcvx.effects import PrescribedDisplacement
 from vemcvx.errors import HistoryError
-from vemcvx.meshes import PolyhedralMesh
+from vemcvx.meshes import PolyhedralMesh, plane_mesh
 from vemcvx.owned_files import path_of
 from vemcvx.plots.body import MISSING, deformed_body, deformed_mesh, has_pyvista, size_of_page, stressed_body
 from vemcvx.plots.contact import (
@@ -92,7 +92,47 @@ def _energies(ax: Axes, history: Results, energy: str) -> None:
     )
     for values, colour, style, words in lines:
         ax.plot(run.times, values, style, color=colour, linewidth=1.6, label=words)
+    if history.energy_bounds is not None:
+        low, high = history.energy_bounds.T - run.energy[0]
+        known = np.isfinite(low)
+        spread = np.maximum([(stored - low)[known], (high - stored)[known]], 0.0)
+        bars: dict[str, Any] = {"fmt": "none", "ecolor": STORED, "elinewidth": 1.2, "capsize": 2.5}
+        ax.errorbar(run.times[known], stored[known], yerr=spread, label="exact, by theorem", **bars)
     ax.set(ylabel="energy" if energy == "energy" else f"energy ({energy})", title="Energy ledger")
+
+
+def error_map(history: Results, *, ax: Axes | None = None, units: Units | None = None) -> Figure:
+    """Draw where the error of the mesh may be: the parts of cells in its guaranteed bound, per area.
+
+    Colours are of the root of each cell's part of the square of the bound over its area, on a logarithmic scale: where
+    they are darkest a finer mesh gains most.
+
+    Parameters
+    ----------
+    history, ax, units : as of `friction_traction`
+
+    Raises
+    ------
+    HistoryError
+        The history has no bound: it is one of bodies in space, or of ``simulate(..., bound=False)``.
+    """
+    if history.cell_bounds is None or history.bound is None:
+        raise HistoryError("error_map: this history has no guaranteed bound; simulate the scene with bound=True.")
+    mesh = plane_mesh(history.mesh, "error_map")
+    density = np.sqrt(history.cell_bounds / mesh.areas)
+    top = float(density.max()) or 1.0
+    ax = axes_or_new(ax, *size_of_page(history))
+    line = float(np.clip(9.0 / np.sqrt(mesh.n_cells), 0.0, 0.5))
+    mesh.plot(ax=ax, linewidth=line, edgecolor="0.35")
+    cells = ax.collections[0]
+    # Three decades: below a thousandth of the largest a cell is of no account.
+    cells.set_array(np.log10(np.maximum(density / top, 1e-3)))
+    cells.set(cmap="magma_r", clim=(-3.0, 0.0))
+    bar = bar_beside(ax, cells)
+    bar.set_ticks([-3.0, -2.0, -1.0, 0.0], labels=["≤ .001", ".01", ".1", "1"])
+    bar.set_label("error bound of a cell per root of area, over the largest", fontsize="small")
+    title = f"error of the mesh at most {history.bound['relative']:.2%}, in step {history.bound['step']:.0f}"
+    return named(ax, label("$x_1$", "length", units), label("$x_2$", "length", units), title, size="small", aspect=1.0)
 
 
 def _certificates(ax: Axes, history: Results) -> None:
@@ -111,6 +151,7 @@ def hysteresis_loop(
     history: Results,
     on: str | None = None,
     *,
+    between: ArrayLike | None = None,
     ax: Axes | None = None,
     limits: ArrayLike | None = None,
     units: Units | None = None,
@@ -124,13 +165,17 @@ def hysteresis_loop(
     history, ax, units : as of `friction_traction`
     on : str, optional
         The boundary; by default that of the prescribed displacements which has the longest way.
+    between : (S, 2) array, optional
+        Bounds on the force at the stored instants, drawn as bars: `low` and `high` of ``vx.error_bound(history, step,
+        of=...)`` with the PrescribedDisplacement of the boundary along that axis; NaN where nothing is known.
     limits : (low, high), optional
         Ends of the axis of forces.
 
     Raises
     ------
     HistoryError
-        No boundary is named, and no prescribed displacement moves one in the scene, which files do not keep.
+        `between` is no such array; or no boundary is named, and no prescribed displacement moves one in the scene,
+        which files do not keep.
     """
     ways = _driven(history) if on is None else {on: _motion(history, on)}
     if not ways:
@@ -142,6 +187,11 @@ def hysteresis_loop(
     u, force = ways[name][:, axis], history.reaction(name)[:, axis]
     ax = axes_or_new(ax, 6.0, 4.4)
     ax.plot(u, force, ".-", color=DISSIPATED, linewidth=1.4, markersize=4)
+    if between is not None:
+        low, high = shaped(between, "hysteresis_loop: between", "bounds, two a stored instant", (len(u), 2)).T
+        known, middle = np.isfinite(low + high), 0.5 * (low + high)
+        bars: dict[str, Any] = {"fmt": "none", "ecolor": NUMERICAL, "elinewidth": 1.6, "capsize": 3.0}
+        ax.errorbar(u[known], middle[known], yerr=0.5 * (high - low)[known], label="exact force, bounds", **bars)
     for row, mark in ((0, "o"), (-1, "s")):
         when = instant(history.times[row], units)
         ax.plot(u[row], force[row], mark, color=WORK, fillstyle="none", markersize=8, label=when)
@@ -211,6 +261,7 @@ PICTURES: dict[str, tuple[Callable[..., Figure], Callable[[Results], bool]]] = {
     "deformed_body": (deformed_body, lambda h: not _plane(h) and has_pyvista()),
     "contact_face": (contact_face, _face),
     "friction_disc": (friction_disc, lambda h: _face(h) and bool((h.contact.bound[-1] > 0).any())),
+    "error_map": (error_map, lambda h: _plane(h) and h.cell_bounds is not None),
     "hysteresis_loop": (hysteresis_loop, lambda h: _moves(h) and bool(_driven(h))),
     "energy_ledger": (energy_ledger, _moves),
 }

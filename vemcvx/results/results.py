@@ -55,6 +55,8 @@ class Results:
     quantities: dict[str, quoted.Quantity] | None = None
     dissipated_error: Annotated[Floats | None, "N", "energy"] = None
     work_error: Annotated[Floats | None, "N", "energy"] = None
+    energy_bounds: Annotated[Floats | None, "N 2", "energy"] = None
+    cell_bounds: Annotated[Floats | None, "cells", "force length"] = None
 
     @property
     def steps(self) -> int:

@@ -1,0 +1,184 @@
+"""The course of a run's data in time: samples of all that drives it, and where that bends, turns or jumps.
+
+Data are sampled at instants 1/256 of the run apart, or at the ends and middles of the steps where these are shorter:
+what is over between two of them is not seen. Of every kind (load, bounds of friction, gaps, moving supports and ground)
+a few weighted sums are kept, with random weights, so that what changes changes them. A *bend* lies where the straight
+lines on both sides of an interval meet. A datum *turns* where it is largest or smallest: what slips one way there slips
+the other way from then on; the vertex of the parabola through three samples counts as a bend. A *jump* is what is left
+of a change when the interval is halved, and halved again, down to round-off.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vemcvx.arrays import Floats
+from vemcvx.program.system import System
+
+SUMS = 3
+BENT = 1e-6
+"""Part of a datum's size: lines on two sides of an interval that miss each other by less are one."""
+SUDDEN, STEEP = 0.02, 4.0
+"""Change of a datum within an interval, in parts of its size and of the usual change, that may be a jump."""
+ACROSS = 1e-9
+"""Steps of no more than this part of the run are those across a jump."""
+
+
+@dataclass(frozen=True)
+class Course:
+    """The data in time: samples, bends, turns and jumps."""
+
+    times: Floats
+    """(q,) instants at which data were sampled"""
+    values: Floats
+    """(q, k) weighted sums there, in parts of their largest size"""
+    bends: Floats
+    """(b,) instants where they bend, turn or jump; those of a jump are two, ACROSS apart at most"""
+    jumps: tuple[str, ...]
+    """sentences"""
+
+
+Value = Callable[[float], Floats]
+
+
+def course(system: System, times: Floats) -> Course:
+    """Sample the data of a system over a run, and find bends and jumps."""
+    sampled = divided(times, 2, 256)
+    first = _blocks(system, float(times[0]))
+    draw = np.random.default_rng(0)
+    weights = [draw.uniform(0.5, 1.5, (SUMS, len(block))) for block in first.values()]
+
+    def read(t: float) -> Floats:
+        return np.concatenate([W @ block for W, block in zip(weights, _blocks(system, t).values(), strict=True)])
+
+    raw = np.array([read(float(t)) for t in sampled])
+    size = np.abs(raw).max(axis=0)
+    scale = np.where(size > 0, size, 1.0)
+    values = raw / scale
+
+    def value(t: float) -> Floats:
+        return read(t) / scale
+
+    jumps, sentences = _jumps(sampled, values, value, np.repeat(list(first), SUMS))
+    bends = np.union1d(jumps, _bends(sampled, values, value))
+    return Course(sampled, values, np.union1d(bends, _turns(sampled, values, bends)), sentences)
+
+
+def divided(times: Floats, least: int, in_all: int) -> Floats:
+    """The instants with every step in at least so many equal parts, and the run in at least `in_all`.
+
+    Steps across a jump stay whole.
+    """
+    span = times[-1] - times[0]
+    parts = []
+    for a, b in pairwise(times):
+        count = 1 if b - a <= ACROSS * span else max(least, int(np.ceil(in_all * (b - a) / span - 1e-9)))
+        parts.append(np.linspace(a, b, count + 1)[:-1])
+    return np.concatenate([*parts, times[-1:]])
+
+
+def _blocks(system: System, t: float) -> dict[str, Floats]:
+    """Everything that drives a system, at an instant, by name."""
+    gap = system.remaining_gap(t)
+    blocks = {"load": system.force(t), "gap": gap}
+    if system.norms is not None:
+        under = system.norms.weights_under(t, np.ones(len(gap)))
+        blocks["bound of friction"] = np.append(under, system.bias(t))
+        if system.norms.ground is not None:
+            blocks["ground"] = system.norms.moved(t)
+    if system.motion is not None:
+        blocks["support"] = system.motion.prescribed_slip(t)
+    return blocks
+
+
+def _bends(times: Floats, values: Floats, value: Value) -> Floats:
+    """Instants inside intervals where the lines on both sides meet."""
+    if len(times) < 4:
+        return np.zeros(0)
+    slopes = np.diff(values, axis=0) / np.diff(times)[:, None]
+    turns = np.abs(np.diff(slopes, axis=0)).max(axis=1)
+    # An interval's lines are those of its two neighbours; curvature is how these turn on their far sides.
+    apart = np.abs(slopes[2:] - slopes[:-2]).max(axis=1)
+    far = np.maximum(np.append(0.0, turns[:-2]), np.append(turns[2:], 0.0))
+    # A bend stands out eight times from the curvature on either side.
+    bent = np.flatnonzero((apart * np.diff(times)[1:-1] > BENT) & (apart > 8.0 * far))
+    found = [_meeting(times[j : j + 4], values[j : j + 4], value) for j in bent]
+    return np.array([t for t in found if t is not None])
+
+
+def _meeting(times: Floats, values: Floats, value: Value) -> float | None:
+    """The instant in the middle interval where the outer lines meet; found again from data nearby, twice."""
+    (left, a, b, right), meet = times, _crossing(times, values)
+    if not a <= meet <= b:
+        return None
+    for step in ((b - a) / 64.0, (b - a) / 64.0**2):
+        # Data need not exist outside the run, and other bends may be next door.
+        nearby = np.clip(meet + step * np.array([-2.0, -1.0, 1.0, 2.0]), left, right)
+        if np.diff(nearby).min() <= 0.0:
+            return meet
+        better = _crossing(nearby, np.array([value(float(t)) for t in nearby]))
+        if not nearby[0] < better < nearby[-1]:
+            return meet
+        meet = better
+    return meet
+
+
+def _crossing(times: Floats, values: Floats) -> float:
+    """The instant where the lines through the first two and the last two points meet, of the sum that turns most."""
+    left, _, right = np.diff(values, axis=0) / np.diff(times)[:, None]
+    k = int(np.argmax(np.abs(left - right)))
+    if left[k] == right[k]:
+        return float(times[1])
+    rest = (values[2, k] - right[k] * (times[2] - times[1])) - values[1, k]
+    return float(times[1] + rest / (left[k] - right[k]))
+
+
+def _turns(times: Floats, values: Floats, bends: Floats) -> Floats:
+    """Vertices of parabolas through three samples, where a datum is largest or smallest and does not bend nor jump."""
+    steps = np.diff(values, axis=0)
+    smooth = np.searchsorted(bends, times[:-2]) == np.searchsorted(bends, times[2:], side="right")
+    curved = np.abs(np.diff(steps, axis=0)) * (steps[:-1] * steps[1:] < 0)
+    j = np.flatnonzero((curved.max(axis=1) > BENT) & smooth)
+    k = np.argmax(curved[j], axis=1)
+    slopes = steps / np.diff(times)[:, None]
+    left, right = slopes[j, k], slopes[j + 1, k]
+    vertices: Floats = 0.5 * (times[j] + times[j + 1]) + 0.5 * (times[j + 2] - times[j]) * left / (left - right)
+    return vertices
+
+
+def _jumps(times: Floats, values: Floats, value: Value, names: NDArray[np.str_]) -> tuple[Floats, tuple[str, ...]]:
+    """Two instants for each sudden change, and a sentence for each jump."""
+    change = np.abs(np.diff(values, axis=0)).max(axis=1)
+    sudden = np.flatnonzero((change > SUDDEN) & (change > STEEP * np.median(change)))
+    instants, sentences = [], []
+    for j in sudden:
+        a, b, left, right = times[j], times[j + 1], values[j], values[j + 1]
+        # Where data jump a quarter of the change is left, however short the interval.
+        for _ in range(30):
+            t = 0.5 * (a + b)
+            if not a < t < b or np.abs(right - left).max() < 0.25 * change[j]:
+                break
+            middle = value(float(t))
+            if np.abs(middle - left).max() >= np.abs(right - middle).max():
+                b, right = t, middle
+            else:
+                a, left = t, middle
+        apart = np.abs(right - left)
+        if apart.max() >= 0.25 * change[j]:
+            instants += [a, b]
+            sentences.append(f"the {names[np.argmax(apart)]} jumps at t = {b:.9g}; no step is put inside")
+    return np.array(instants), tuple(sentences)
+
+
+def inside_steps(times: Floats, bends: Floats) -> Floats:
+    """Those of the bends that no instant is at, each once; the two sides of a jump are two."""
+    span = float(times[-1] - times[0])
+    apart = np.abs(bends[:, None] - times).min(axis=1, initial=np.inf)
+    inside = np.sort(bends[apart > ACROSS * span])
+    # The same bend of two data is found twice, apart by rounding.
+    return inside[np.diff(inside, prepend=-np.inf) > 1e-13 * span]

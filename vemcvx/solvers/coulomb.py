@@ -66,42 +66,86 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import islice
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.linalg import LinAlgError, lapack
+from scipy.linalg import LinAlgError, lapack, qr, solve_triangular
+from scipy.sparse.csgraph import connected_components
+from scipy.sparse.linalg import inv as inverse
 
-from vemcvx.arrays import EPS, Bools, Floats, Ints
-from vemcvx.program.operators import Operators
+from vemcvx.arrays import EPS, Floats, Ints
+from vemcvx.program.operators import Operators, restricted, transverse
 from vemcvx.program.step_program import StepProgram
-from vemcvx.solvers.newton import Iterate, Sets, Shifts, sets_at, without_redundant_rows
+from vemcvx.solvers.newton import FOLLOWS, Iterate, Sets, Shifts, sets_at, without_redundant_rows
 from vemcvx.weight_law import Piece, PressureLaw
 
 
 class Response:
-    """A K^{-1} A' for the rows A = [B; D; R] of operators, and its parts: (N, N) with N = m * block + r + anchors."""
+    """The rows A = [B; D; R] of operators, and the stiffness K_r of unknowns that they read, the others left free."""
 
     def __init__(self, operators: Operators):
         n = operators.B.shape[1]
         anchor = np.zeros(n) if operators.anchor is None else operators.anchor
         anchored = np.flatnonzero(anchor)
-        self.anchored = np.ones(len(anchored), dtype=bool)
-        """one True an anchor: they always act"""
         R = sp.csr_matrix((np.ones(len(anchored)), (np.arange(len(anchored)), anchored)), shape=(len(anchored), n))
         self.operators, self.A = operators, sp.csr_matrix(sp.vstack([operators.B, operators.D, R]))
-        self.compliance = np.zeros(self.A.shape[0])
         self.norms = slice(0, operators.B.shape[0])
         self.limits = slice(operators.B.shape[0], operators.B.shape[0] + operators.D.shape[0])
-        self.compliance[self.limits] = operators.compliance
-        self.compliance[self.limits.stop :] = -1.0 / anchor[anchored]
-        self.matrix = self.A @ operators.factor.solve(self.A.T.toarray())
         self.absolute, self._transposed = abs(self.A), sp.csr_matrix(self.A.T)
+        self.read: Ints = np.unique(self.A.indices).astype(np.int64)
+        """(u,) the unknowns"""
+        self.rows = sp.csr_matrix(self.A[: self.limits.stop][:, self.read])
+        """(m * block + r, u) [B; D] on these"""
+        self.anchor: Floats = anchor[self.read]
+        """(u,) the stiffness of the anchors, without which K_r is K"""
 
     def act(self, x: Floats) -> Floats:
         """A'x, (n,)."""
         return self._transposed @ x
+
+    @cached_property
+    def flexibility(self) -> Floats:
+        """(u, u) the part of K_r^{-1} that rows read."""
+        unit = np.zeros((self.A.shape[1], len(self.read)))
+        unit[self.read, np.arange(len(self.read))] = 1.0
+        found: Floats = self.operators.factor.solve(unit)[self.read]
+        return found
+
+    @cached_property
+    def stiffness(self) -> Floats:
+        """(u, u) K_r on the unknowns."""
+        K = self.operators.regular.K
+        if isinstance(K, np.ndarray) and len(K) == len(self.read):
+            return np.ascontiguousarray(K)
+        return np.asarray(np.linalg.inv(self.flexibility))
+
+    @cached_property
+    def reach(self) -> Floats:
+        """(m * block + r,) bounds on what rows read of motions, (A d)_i <= reach_i |d|, and on |B_i'x| in K_r^{-1}."""
+        operators = self.operators
+        norms = np.repeat(operators.block * operators.norm_flexibility, operators.block)
+        return np.sqrt(np.concatenate([norms, operators.limit_flexibility]))
+
+    @cached_property
+    def step(self) -> Floats:
+        """(m * block + r,) by which multipliers may follow gradients: 1 / step exceeds W + C.
+
+        The largest eigenvalue of W + C, its diagonal made one, is that of twenty power iterations, and a tenth more.
+        """
+        diagonal, some = self.reach**2, slice(self.limits.stop)
+        diagonal[self.limits] += self.operators.compliance
+        root, largest = 1.0 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0)), 0.0
+        x = np.random.default_rng(0).standard_normal(len(root))
+        for _ in range(20 if len(x) else 0):
+            y = root * x / np.linalg.norm(x)
+            spread = self.A[some] @ self.operators.factor.solve(self.A[some].T @ y)
+            spread[self.limits] += self.operators.compliance * y[self.limits]
+            x = root * spread
+            largest = float(np.linalg.norm(x))
+        return root**2 / (1.1 * largest) if largest > 0 else root**2
 
 
 SOLVED = 1e-6
@@ -175,7 +219,7 @@ def on_sets(program: StepProgram, law: Piece, sets: Sets, response: Response, ne
     """Solve the system of the sets, with two corrections by its residual."""
     operators = program.operators
     system = SetsSystem(operators, sets, law.slope, response)
-    d, x = np.zeros(len(program.g)), np.zeros(len(response.compliance))
+    d, x = np.zeros(len(program.g)), np.zeros(response.A.shape[0])
     norms, limits = response.norms, response.limits
     stick, act = np.repeat(sets.stick, operators.block), sets.act
     step, error = d, np.inf
@@ -194,8 +238,8 @@ def on_sets(program: StepProgram, law: Piece, sets: Sets, response: Response, ne
     size, last = np.abs(x[: limits.stop]), np.abs(more[: limits.stop]).max(initial=0.0)
     force, free = np.abs(program.g).max(initial=0.0), program.g @ operators.factor.solve(program.g)
     # Multipliers of anchors are no forces of the step: they are proportional to any error of a rigid motion.
-    held = x[: limits.stop]
-    norm = np.sqrt(abs(free)) + np.sqrt(abs(held @ response.matrix[: limits.stop, : limits.stop] @ held))
+    held = program.multiplier_force(x[norms], x[limits])
+    norm = np.sqrt(abs(free)) + np.sqrt(abs(operators.factor.energy(held)))
     solved = last <= SOLVED * max(force, size.max(initial=0.0)) and error <= SOLVED * norm
     reach, off = (response.absolute @ np.abs(d))[: limits.stop], (response.A @ step)[: limits.stop]
     # Sets that leave a rigid motion free put the body anywhere along it; the work of multipliers on it shows that.
@@ -221,150 +265,213 @@ def _bend(sets: Sets, s: Floats) -> Floats:
     return bent
 
 
-class SetsSystem:
-    """The system of some sets, reduced to the multipliers y that they leave open, and factorised.
+def held_by(A: sp.csr_matrix) -> tuple[sp.csr_matrix, sp.csr_matrix]:
+    """(L, Z) of rows A (h, c) that hold: A d = v has the solutions d = L'v + Z y, and A'x = f, if any, x = L f.
+
+    A row that reads an unknown of its own holds that one; the others are reflected, together with those that share
+    unknowns with them.
 
     Raises
     ------
     LinAlgError
-        It is singular: the sets hold nothing.
+        A row follows from others.
+    """
+    own, readers = np.diff(A.indptr) == 1, np.bincount(A.indices, minlength=A.shape[1])
+    own[own] = readers[A.indices[A.indptr[:-1][own]]] == 1
+    first, shared, free = A.indptr[:-1][own], np.flatnonzero(~own), np.flatnonzero(readers == 0)
+    L = [(np.flatnonzero(own), A.indices[first], 1.0 / A.data[first])]
+    Z = [(free, np.arange(len(free)), np.ones(len(free)))]
+    f = len(free)
+    if len(shared):
+        groups = connected_components(abs(A[shared]) @ abs(A[shared]).T, directed=False)[1]
+        for group in range(groups.max() + 1):
+            rows = shared[groups == group]
+            some = np.unique(A[rows].indices)
+            Q, R = qr(A[rows][:, some].toarray().T)
+            h, rest = len(rows), np.arange(f, f + len(some) - len(rows))
+            if h > len(some) or (np.abs(np.diagonal(R)) <= FOLLOWS * np.linalg.norm(R, axis=0)).any():
+                raise LinAlgError("singular")
+            L.append((np.repeat(rows, len(some)), np.tile(some, h), solve_triangular(R[:h], Q[:, :h].T).ravel()))
+            Z.append((np.repeat(some, len(rest)), np.tile(rest, len(some)), Q[:, h:].ravel()))
+            f += len(rest)
+    return _assembled(L, A.shape), _assembled(Z, (A.shape[1], f))
+
+
+def _assembled(parts: list[tuple[Ints, Ints, Floats]], shape: tuple[int, int]) -> sp.csr_matrix:
+    """The matrix with the entries (row, column, value)."""
+    rows, columns, values = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return sp.csr_matrix((values, (rows, columns)), shape=shape)
+
+
+class SetsSystem:
+    """The system of some sets, reduced to the motions y that they leave, and factorised.
+
+    Raises
+    ------
+    LinAlgError
+        It is singular: the sets hold nothing, or hold something twice.
     """
 
     def __init__(self, operators: Operators, sets: Sets, J: sp.csr_matrix, response: Response):
-        self._operators, self._response, self._J, self._q = operators, response, J, sets.direction
-        self._stick = np.flatnonzero(np.repeat(sets.stick, operators.block))
-        self._bent = np.flatnonzero(sets.curvature > 0)
-        self._tangents = across(sets.direction[self._bent])
-        self._press = response.limits.start + np.flatnonzero(np.append(sets.act, response.anchored))
-        self._off = response.limits.start + np.flatnonzero(~sets.act)
-        bends = np.repeat(1.0 / sets.curvature[self._bent], operators.block - 1)
-        self._C = np.concatenate([np.zeros(len(self._stick)), bends, response.compliance[self._press]])
-        self._seen = self._read(response.matrix)
-        M = self._read(self._seen.T)
-        M[np.diag_indices_from(M)] += self._C
-        # Transposed: what acts pulls, through its share of weights, along the directions of terms that slip.
-        acting = slice(len(M) - len(self._press), len(M) - len(response.anchored))
-        M[acting] += (J.T @ np.einsum("mb,mbk->mk", self._q, self._blocks(self._seen.T)))[sets.act]
-        self._idle = np.searchsorted(self._stick, sets.idle)
-        if len(self._idle):
-            M[:, self._idle] = 0.0
-            M[: len(self._stick), self._idle] = sets.shares[:, self._stick].T
-        lu: tuple[Any, Any, int] = lapack.dgetrf(M.T, overwrite_a=1) if len(M) else (M, M, 0)
-        self._lu, self._pivots, info = lu
-        if info > 0 or not np.isfinite(self._lu).all():
+        block, norms, r = operators.block, response.norms.stop, len(sets.act)
+        self._operators, self._response, self._sets, self._J = operators, response, sets, J
+        soft = sets.act & (operators.compliance > 0)
+        self._spring = np.divide(1.0, operators.compliance, out=np.zeros(r), where=soft)
+        self._hard, stick = np.flatnonzero(sets.act & ~soft), np.flatnonzero(np.repeat(sets.stick, block))
+        self._own = np.setdiff1d(stick, sets.idle)
+        self._q = _blockwise(sets.direction[:, :, None])
+        self._H = _blockwise(sets.curvature[:, None, None] * transverse(sets.direction))
+        follows = sp.csr_matrix(self._q @ J @ sp.diags_array(sets.act.astype(float)))
+        follows.eliminate_zeros()
+        # Unknowns that the sets do nothing with are free; where most are, these are eliminated.
+        concerned = np.concatenate([np.repeat(sets.stick | (sets.curvature > 0), block), sets.act])
+        concerned[:norms] |= np.diff(follows.indptr) > 0
+        some = np.flatnonzero((abs(response.rows).T @ concerned > 0) | (response.anchor > 0))
+        if 2 * len(some) < len(response.read):
+            self._S = np.asarray(np.linalg.inv(restricted(response.flexibility, some)))
+        else:
+            some, self._S = np.arange(len(response.read)), response.stiffness
+        self._some, A = some, response.rows[:, some]
+        self._B, self._D = A[:norms], A[norms:]
+        soften = self._D.T @ sp.diags_array(self._spring) @ self._D - sp.diags_array(response.anchor[some])
+        self._T = sp.csr_matrix(self._B.T @ self._H @ self._B + soften)
+        self._L, self._Z = held_by(sp.csr_matrix(sp.vstack([self._D[self._hard], self._B[self._own]])))
+        self._choose()
+        # p = E^{-1} (what limits would carry without friction), where friction pulls at what limits hold.
+        h = len(self._hard)
+        self._press = sp.csr_matrix((np.ones(h), (self._hard, np.arange(h))), shape=(r, h)) @ self._react[:h]
+        tied = sp.csc_matrix(self._press @ self._B.T @ follows)
+        one = sp.eye_array(r, format="csc")
+        self._untie = sp.csr_matrix(inverse(sp.csc_matrix(one + tied)) if tied.nnz else one)
+        self._pull = sp.csr_matrix(follows @ self._untie)
+        moved = sp.csr_matrix(sp.vstack([self._Z.T, -self._react[:h]]))
+        moved = _plus(moved @ self._S, moved @ self._T) @ self._Z
+        self._K, soft_forces = moved[: self._Z.shape[1]], sp.diags_array(self._spring) @ self._D @ self._Z
+        self._P = _plus(np.zeros((r, self._Z.shape[1])), soft_forces)
+        self._P[self._hard] += moved[self._Z.shape[1] :]
+        self._M = self._K + (self._Z.T @ self._B.T @ self._pull) @ self._P
+        self._lu = lu = lapack.dgetrf(self._M) if len(self._M) else (self._M, self._M, 0)
+        if lu[2] > 0 or not np.isfinite(lu[0]).all():
             raise LinAlgError("singular")
+
+    def _choose(self) -> None:
+        """x = react f + given (shares of x), of limits that hold, terms that stick, and idle rows, in this order."""
+        idle, shares, h = self._sets.idle, self._sets.shares, len(self._hard)
+        self._rows = np.concatenate([self._response.limits.start + self._hard, self._own, idle])
+        if not len(idle):
+            self._react, self._given = self._L, np.zeros((len(self._rows), 0))
+            return
+        pushed, own = (self._L @ self._B[idle].T).toarray(), shares[:, self._own]
+        chosen = np.linalg.inv(shares[:, idle] - own @ pushed[h:])
+        self._given = np.concatenate([-pushed @ chosen, chosen])
+        self._react = sp.csr_matrix(sp.vstack([self._L, sp.csr_matrix((len(idle), self._L.shape[1]))]))
+        self._react = sp.csr_matrix(self._react - sp.csr_matrix(self._given @ (own @ self._L[h:])))
+
+    def _opened(self, rest: Floats) -> Floats:
+        """M^{-1} rest."""
+        return np.asarray(lapack.dgetrs(*self._lu[:2], rest)[0]) if len(rest) else rest
 
     def solve(self, force: Floats, wanted: Floats) -> tuple[Floats, Floats]:
         """(d, x) with K d = force - A'x, where the equation of every row misses by `wanted` (N,)."""
-        factor, known = self._operators.factor, wanted.copy()
-        slip = self._response.A @ factor.solve(force)
-        for met in (self._stick, self._press):
-            known[met], slip[met] = 0.0, slip[met] - wanted[met]
-        known = self._pulled(known[:, None])
-        rest = self._read(slip[:, None]) - self._seen @ known
-        rest[self._idle, 0] = wanted[self._stick[self._idle]]
-        x = (known + self._placed(self._opened(rest)))[:, 0]
-        return factor.solve(force - self._response.act(x)), x
-
-    def answers(self, rows: Ints) -> tuple[Floats, Floats]:
-        """Multipliers (N, k), and W times these, that answer multipliers of one on each of k rows that slip."""
-        rest = -self._seen[:, rows]
-        rest[self._idle] = 0.0
-        y = self._opened(rest)
-        x = self._placed(y)
-        x[rows, np.arange(len(rows))] += 1.0
-        W, moved, gives, q = self._response.matrix, np.zeros_like(x), self._C[:, None] * y, self._q[self._bent]
-        along = np.einsum("kb,kbn->kn", q, self._blocks(W)[self._bent]) @ x
-        self._blocks(moved)[self._bent] = q[:, :, None] * along[:, None] - self._turned(gives)
-        moved[self._press] = -gives[len(y) - len(self._press) :]
-        moved[self._off] = W[self._off] @ x
-        return x, moved
-
-    def _opened(self, rest: Floats) -> Floats:
-        """The open multipliers y (open, k) with (Z'W F Z + C) y = rest."""
-        return np.asarray(lapack.dgetrs(self._lu, self._pivots, rest)[0]) if len(rest) else rest
-
-    def _placed(self, y: Floats) -> Floats:
-        """F Z y (N, k)."""
-        x = np.zeros((len(self._response.compliance), y.shape[1]))
-        x[self._stick], x[self._press] = y[: len(self._stick)], y[len(y) - len(self._press) :]
-        self._blocks(x)[self._bent] = self._turned(y)
-        return self._pulled(x)
-
-    def _blocks(self, x: Floats) -> Floats:
-        """View the rows of norm terms of (N, k) as (m, block, k)."""
-        return x[self._response.norms].reshape(*self._q.shape, x.shape[1])
-
-    def _read(self, x: Floats) -> Floats:
-        """Z'x of (N, k)."""
-        bent = np.matmul(self._tangents, self._blocks(x)[self._bent])
-        return np.concatenate([x[self._stick], bent.reshape(self._tangents[..., 0].size, x.shape[1]), x[self._press]])
-
-    def _turned(self, y: Floats) -> Floats:
-        """The part of Z y (terms, block, k) that is across the directions of terms that slip."""
-        bent = y[len(self._stick) : len(y) - len(self._press)].reshape(*self._tangents.shape[:2], y.shape[1])
-        return np.asarray(np.matmul(self._tangents.swapaxes(1, 2), bent))
-
-    def _pulled(self, x: Floats) -> Floats:
-        """F x (N, k): terms that slip carry, along their directions, what their weights gain from x."""
-        x = x.copy()
-        self._blocks(x)[...] += self._q[:, :, None] * (self._J @ x[self._response.limits])[:, None]
-        return x
-
-
-def across(q: Floats) -> Floats:
-    """(k, block - 1, block) orthonormal vectors across unit vectors q (k, block): Householder's reflection of q."""
-    v = q + np.where(q[:, :1] < 0, -1.0, 1.0) * np.eye(1, q.shape[1])
-    v = v / np.sqrt(np.einsum("ij,ij->i", v, v))[:, None]
-    reflection = np.eye(q.shape[1]) - 2.0 * v[:, :, None] * v[:, None, :]
-    return np.asarray(reflection[:, 1:])
-
-
-@dataclass(frozen=True)
-class _Answers:
-    """Bounds, as norms of blocks, on how slips, multipliers and energy respond to psi on the k terms that slip."""
-
-    slips: Floats
-    """(m, k)"""
-    along: Floats
-    """(k, k), A"""
-    across: Floats
-    """(k, k), C"""
-    multipliers: Floats
-    """(m, k)"""
-    forces: Floats
-    """(r, k), P"""
-    excess: Floats
-    """(r, k)"""
-    energy: Floats
-    """(k,), n"""
-
-    @staticmethod
-    def of(found: Found, response: Response, slides: Bools, u: Floats) -> _Answers:
-        """The answers to psi on the terms `slides` (m,), of directions u (k, block)."""
-        block = u.shape[1]
-        rows = np.flatnonzero(np.repeat(slides, block))
-        G, moved = found.system.answers(rows)
+        response, factor, h = self._response, self._operators.factor, len(self._hard)
         norms, limits = response.norms, response.limits
-        energy = np.einsum("ij,ij->j", G, moved).reshape(-1, block).sum(axis=1)
-        own = moved[rows].reshape(len(u), block, -1)
-        along = np.einsum("ib,ibj->ij", u, own)
-        across = (own - u[:, :, None] * along[:, None]).reshape(len(rows), -1)
-        return _Answers(
-            slips=_blocks(moved[norms], block),
-            along=np.linalg.norm(along.reshape(len(u), -1, block), axis=2),
-            across=_blocks(across, block),
-            multipliers=_blocks(G[norms], block),
-            forces=np.linalg.norm(G[limits].reshape(len(G[limits]), -1, block), axis=2),
-            excess=np.linalg.norm(moved[limits].reshape(len(G[limits]), -1, block), axis=2),
-            energy=np.sqrt(np.maximum(energy, 0.0)),
-        )
+        own, sprung = np.concatenate([wanted[limits][self._hard], wanted[self._own]]), self._spring * wanted[limits]
+        given = self._given @ wanted[self._sets.idle]
+        x = wanted.copy()
+        x[norms][np.repeat(self._sets.stick, self._operators.block)] = 0.0
+        x[limits][self._sets.act] = 0.0
+        x[norms] += self._q @ (self._J @ x[limits])
+        d = self._L.T @ own
+        free = factor.solve(force - response.act(x))[response.read[self._some]]
+        rest = self._S @ (free - d) + self._D.T @ sprung - self._T @ d
+        p = self._press @ rest + self._spring * (self._D @ d) - sprung
+        p[self._hard] += given[:h]
+        y = self._opened(self._Z.T @ (rest - self._B.T @ (self._pull @ p)))
+        p, more = p + self._P @ y, self._Z @ y
+        rest -= self._S @ more + self._T @ more + self._B.T @ (self._pull @ p)
+        d = d + more
+        x[norms] += self._H @ (self._B @ d) + self._pull @ p
+        x[limits] += self._untie @ p
+        x[self._rows] = self._react @ rest + given
+        full = np.zeros(len(response.read))
+        full[self._some] = d
+        x[limits.stop :] = -(response.anchor * full)[response.anchor > 0]
+        return factor.solve(force - response.act(x)), x
+
+    @cached_property
+    def gain(self) -> float:
+        """c of the theorem."""
+        if len(self._M) == 0:
+            return 0.0
+        anchors = sp.diags_array(self._response.anchor[self._some])
+        N = _plus(self._K.copy(), self._Z.T @ anchors @ self._Z)
+        # y'My >= y'Ny / 2 where friction that follows pressure is weak beside what gives: a third of the norm's work.
+        if lapack.dpotrf(self._M + self._M.T - N)[1] == 0:
+            return 2.0
+        root, info = lapack.dpotrf(N)
+        return np.inf if info else float(np.linalg.norm(np.triu(root) @ self._opened(np.triu(root).T)))
+
+    @cached_property
+    def _moving(self) -> Floats:
+        """(m * block + r,) `reach` of rows, zero for those that what is held does not let move."""
+        A, free = self._response.rows, self._response.rows[:, self._some] @ self._Z
+        within = np.diff(A[:, self._some].indptr) == np.diff(A.indptr)
+        held = abs(free).max(axis=1).toarray().ravel() <= FOLLOWS * abs(A).max(axis=1).toarray().ravel()
+        return np.where(within & held, 0.0, self._response.reach)
+
+    def answers(self, along: Floats, across: Floats) -> Answers:
+        """Bounds on the answers to psi, its parts being at most `along` and `across` (m,)."""
+        response, block, h = self._response, self._operators.block, self._sets.curvature
+        phi, limits = self._moving[response.norms][::block], self._moving[response.limits]
+        chi = np.minimum(phi, 1.0 / np.sqrt(np.where(h > 0, h, np.inf)), where=h > 0, out=phi.copy())
+        psi = np.repeat(np.hypot(along, across), block)
+        tied = _sizes(abs(self._pull @ self._press @ self._B.T) @ psi, block)
+        energy = self.gain * float(response.reach[response.norms][::block] @ tied + phi @ along + chi @ across)
+        excess = limits * energy
+        # |K_r d| on an unknown, by Schwarz's inequality; anchors pull with no more than the root of their stiffness.
+        force = (np.sqrt(np.diagonal(self._S)) + np.sqrt(response.anchor[self._some])) * energy
+        force += abs(self._D).T @ (self._spring * excess)
+        friction = psi + np.repeat(h * chi * energy, block)
+        press = abs(self._press) @ force + abs(self._press @ self._B.T) @ friction + self._spring * excess
+        held = np.zeros(len(self._moving))
+        held[self._rows] = abs(self._react) @ force
+        held[self._rows] += abs(self._react @ self._B.T) @ (friction + abs(self._pull) @ press)
+        multipliers = _sizes(held[response.norms], block)
+        return Answers(energy, phi * energy, chi * energy, excess, multipliers, abs(self._untie) @ press)
 
 
-def _blocks(matrix: Floats, block: int) -> Floats:
-    """(m, k) Frobenius norms of blocks, which are no smaller than their spectral ones."""
-    rows, columns = (n // block for n in matrix.shape)
-    return np.asarray(np.linalg.norm(matrix.reshape(rows, block, columns, block), axis=(1, 3)))
+class Answers(NamedTuple):
+    """Bounds on how a state answers psi."""
+
+    energy: float
+    along: Floats
+    """(m,) slips along q"""
+    across: Floats
+    """(m,)"""
+    excess: Floats
+    """(r,)"""
+    multipliers: Floats
+    """(m,) of terms that stick"""
+    forces: Floats
+    """(r,)"""
+
+
+def _plus(dense: Floats, sparse: sp.csr_matrix) -> Floats:
+    """The dense matrix, to which the sparse one is added."""
+    entries = sp.coo_matrix(sparse)
+    np.add.at(dense, (entries.row, entries.col), entries.data)
+    return dense
+
+
+def _sizes(x: Floats, block: int) -> Floats:
+    """(m,) norms of the blocks of x (m * block,)."""
+    return np.asarray(np.linalg.norm(x.reshape(-1, block), axis=1))
+
+
+def _blockwise(blocks: Floats) -> sp.csr_matrix:
+    """The block diagonal matrix of blocks (m, i, j)."""
+    m, i, j = blocks.shape
+    return sp.csr_matrix(sp.bsr_matrix((blocks, np.arange(m), np.arange(m + 1)), shape=(m * i, m * j)))
 
 
 def distance_to_a_solution(
@@ -372,46 +479,47 @@ def distance_to_a_solution(
 ) -> float | None:
     """A bound on |d - d*|_K to a solution d* of (Q), from what the sets miss of it; None if there is no proof."""
     p, s = np.where(found.sets.act, np.maximum(found.point.p, 0.0), 0.0), program.slip(found.point.d)
-    w, J, v = law.weights(p), law.slope(p), np.linalg.norm(s, axis=1)
+    w, J, v = law.weights(p), abs(law.slope(p)), np.linalg.norm(s, axis=1)
     blur = found.motions.max(initial=0.0)
     # What slips by no more than rounding is held by others, wherever lam_i points.
     slides, held = ~sets.stick & (w > 0) & (v > blur), ~sets.stick & (w > 0) & (v <= blur)
     if not slides.any():
         return 0.0 if found.holds(program, law, sets) else None
-    u, q, h = s[slides] / v[slides, None], sets.direction[slides], sets.curvature[slides]
-    answers = _Answers.of(found, response, slides, u)
-    W, v, steep = w[slides], v[slides], abs(J)[slides]
-    missed = np.linalg.norm(found.point.lam[slides] - W[:, None] * u, axis=1) + found.forces + W * blur / v
-    delta, off = np.linalg.norm(u - q, axis=1), np.abs(W / v - h)
-    t = 2.0 * missed
-    for _ in range(8):  # Each t is twice what the one before leads to: where psi changes little, the first does.
-        alpha, gamma, pi = answers.along @ t, answers.across @ t, answers.forces @ t
-        if (alpha >= v).any():
+    v = np.where(slides, v, 1.0)
+    u = np.where(slides[:, None], s / v[:, None], 0.0)
+    q, h = sets.direction, sets.curvature
+    delta, off, rounding = np.linalg.norm(u - q, axis=1), np.abs(w / v - h), blur / v
+    missed = found.point.lam - w[:, None] * u
+    along = np.einsum("ij,ij->i", missed, q)
+    across = np.linalg.norm(missed - along[:, None] * q, axis=1) + found.forces + w * rounding
+    along = np.abs(along) + found.forces + w * rounding * (delta + rounding)
+    first = np.stack([along, across]) * slides
+    t = 2.0 * first
+    for _ in range(8):  # Twice what the last bounds lead to: where psi changes little, the first do.
+        answers = found.system.answers(*t)
+        alpha, gamma = answers.along * slides, answers.across * slides
+        if not (alpha + gamma < v).all():
             return None
-        turn, far = gamma / (v - alpha), alpha + gamma
-        changed = off * gamma + W * turn * (far / v + turn / 2) + h * delta * far + (steep @ pi) * (delta + turn)
-        if (missed + changed <= t).all():
-            moved = (answers.slips[held] @ t).max(initial=0.0)
-            proven = moved <= blur and _hold(program, law, sets, found, (answers, t))
-            return float(answers.energy @ t) if proven else None
-        t = 2.0 * np.maximum(t, missed + changed)
+        turn = (gamma + delta * alpha) / (v - alpha - gamma)
+        common = w * ((turn + delta) * (alpha + gamma) / v + turn**2 / 2) + (J @ answers.forces) * (delta + turn)
+        led = first + np.stack([common, common + off * gamma]) * slides
+        if (led <= t).all():
+            proven = (answers.along[held] <= blur).all() and _hold(program, law, sets, found, answers)
+            return answers.energy if proven else None
+        t = np.maximum(t, 2.0 * led)
     return None
 
 
-def _hold(program: StepProgram, law: PressureLaw, sets: Sets, found: Found, ball: tuple[_Answers, Floats]) -> bool:
-    """True if the sets' inequalities hold, to rounding, wherever psi is at most t, and the law is affine there."""
-    answers, t = ball
-    act, pressure, pi = found.sets.act, found.point.p, answers.forces @ t
-    pi[~act] = 0.0
-    p, z = np.where(act, np.maximum(pressure, 0.0), 0.0), program.excess(found.point.d) + answers.excess @ t
+def _hold(program: StepProgram, law: PressureLaw, sets: Sets, found: Found, answers: Answers) -> bool:
+    """True if the sets' inequalities hold, to rounding, whatever psi is answered, and the law is affine there."""
+    act, pressure, pi = found.sets.act, found.point.p, np.where(found.sets.act, answers.forces, 0.0)
+    p, z = np.where(act, np.maximum(pressure, 0.0), 0.0), program.excess(found.point.d) + answers.excess
     low, high = (law.slope(np.maximum(p + sign * pi, 0.0)) for sign in (-1.0, 1.0))
     w, J = law.weights(p), law.slope(p)
     affine = abs(low - J).sum() == 0 and abs(high - J).sum() == 0
-    size = np.linalg.norm(found.point.lam, axis=1) + answers.multipliers @ t
+    size = np.linalg.norm(found.point.lam, axis=1) + answers.multipliers
     within = ~sets.stick | (size <= w - abs(J) @ pi + found.forces)
-    # What others hold does not answer at all, but for the rounding of the answers.
-    blur = found.motions[program.b.size :] + ROUNDINGS * EPS * (answers.excess.max(axis=0, initial=0.0) @ t)
-    pressed = np.where(sets.act, pressure - pi >= -found.forces, z <= blur)
+    pressed = np.where(sets.act, pressure - pi >= -found.forces, z <= found.motions[program.b.size :])
     silent = sets.stick | (w > 0) | (abs(J) @ pi == 0)
     still = ~sets.stick | (np.linalg.norm(program.slip(found.point.d), axis=1) <= found.motions.max(initial=0.0))
     return bool(affine and within.all() and pressed.all() and silent.all() and still.all())
@@ -453,7 +561,7 @@ def solution_near(
     rounds : iterator
         One is taken for the system of every sets; it gives up where there are no more.
     """
-    near = start if program.operators.block == 1 or len(response.anchored) else swept(program, law, start, response)
+    near = start if program.operators.block == 1 or response.anchor.any() else swept(program, law, start, response)
     met = _from_sets(program, law, near, response, rounds)
     met = met or _from_sets(program, law, start=start, response=response, rounds=rounds, w=program.w)
     met = met or _by_softer_laws(program, law, start, response, rounds)
@@ -464,7 +572,7 @@ def solution_near(
     return SetsSolution(point, law.weights(point.p), found.error + (away or 0.0), away is not None)
 
 
-SWEEPS = 100
+SWEEPS = 50
 """Projected gradients before the first sets of discs. Of 420 discs that press on a plane eight steps took 74 systems
 without, 50 after 30 of them, 31 after 100; a system costs as much as 80."""
 
@@ -476,25 +584,22 @@ def swept(program: StepProgram, law: PressureLaw, start: Iterate, response: Resp
     being ahead of x (Nesterov 1983), and x itself where that led back (O'Donoghue and Candes 2015). By Gershgorin's
     theorem diag(1 / r) - W - c is semidefinite for 1 / r_i = c_i + sum_j |W_ij|, the largest of each disc.
     """
-    operators, some = program.operators, slice(response.limits.stop)
-    W, c = response.matrix[some, some], response.compliance[some]
-    most = c + np.abs(W).sum(axis=1)
-    most[response.norms] = np.repeat(operators.blocks(most[response.norms]).max(axis=1), operators.block)
-    step = 1.0 / np.where(most > 0, most, 1.0)
-    free = response.A[some] @ operators.factor.solve(program.g) - np.concatenate([program.b, program.e])
+    operators, limits, step = program.operators, response.limits, response.step
     x = y = np.concatenate([start.lam.ravel(), start.p])
     momentum = 1.0
     for _ in range(SWEEPS):
-        new = y + step * (free - W @ y - c * y)
-        p = np.maximum(new[response.limits], 0.0)
+        lam, p = operators.blocks(y[response.norms]), y[limits]
+        d = operators.factor.solve(program.g - operators.multiplier_force(lam, p))
+        ahead_of = np.concatenate([program.slip(d).ravel(), program.excess(d) - operators.compliance * p])
+        new = y + step * ahead_of
+        p = np.maximum(new[limits], 0.0)
         lam = replace(program, w=law.weights(p)).project(operators.blocks(new[response.norms]))
         last, x = x, np.concatenate([lam.ravel(), p])
-        if (y - x) * most @ (x - last) > 0:
+        if (y - x) / step @ (x - last) > 0:
             momentum = 1.0
         ahead = 0.5 + np.sqrt(0.25 + momentum**2)
         y, momentum = x + (momentum - 1.0) / ahead * (x - last), ahead
-    force = program.g - response.act(np.append(x, np.zeros(len(response.anchored))))
-    return Iterate(operators.factor.solve(force), lam, p)
+    return Iterate(operators.factor.solve(program.g - operators.multiplier_force(lam, p)), lam, p)
 
 
 def _by_softer_laws(

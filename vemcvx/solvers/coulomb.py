@@ -10,15 +10,16 @@ On given sets, and with w(p) = w_0 + J (p - p_0) near p_0, (Q) is one linear sys
     s_i = 0  on sticking terms,           lam_i = q_i w_i(p) + h_i (I - q_i q_i') s_i  on slipping ones,
     z_j = c_j p_j  on acting limits,      p_j = 0  on the others.
 
-All unknowns but the multipliers are eliminated: with A = [B; D], x = [lam; p] and W = A K^{-1} A', slips and excesses
-are A K^{-1} g - W x - [b; e]. Where K has a kernel, K = K_r - R' diag(a) R with the stiffness a of the anchors R d, and
-R joins A as limits of compliance -1/a that always act: a body that nothing else holds costs what any other does. The
-unknowns y that sets leave open are the multipliers of sticking terms, the parts of slipping ones across q_i, and the
-forces of acting limits. With these in their places, Z y, and the increase of slipping terms along q_i, F x = x + q J p,
+The unknowns that no row reads are eliminated once: K stands for what is left of it, with the terms h B'(I - qq')B and
+D'D / c of slipping terms and soft limits added. Sticking terms and acting bounds hold d to L'v + Z y, A Z = 0 for their
+rows A, and carry L (g - K d - B'lam) with L the inverse of A' on its range. So the forces of limits are p = p_0 + P y,
+and only motions y are unknown,
 
-    (Z'W F Z + C) y = Z' (A K^{-1} g - [b; e]) - Z'W F x_known,     C: compliances, 1 / h_i across q_i, else 0,
+    M y = Z' (g - K L'v - B'(q w(p_0))),        M = Z'KZ + Z'B'q J P,
 
-symmetric and semidefinite but for F. A term that slips in blocks of two leaves one unknown, a limit that is off none.
+symmetric but for weights that follow p. Where all sticks y is nothing; a sparse K, a large one or one with a kernel
+make no difference. Where rows share nodes, at edges, Z and L come from reflections. Where most limits are open, their
+unknowns are eliminated as well.
 
 The sets are those of the last answer, as in :mod:`vemcvx.solvers.newton`: a semismooth Newton method on (Q) (Alart and
 Curnier 1991; Hueber, Stadler and Wohlmuth 2008); those of discs are sought by projected gradients first, which cost a
@@ -34,31 +35,35 @@ what each carries is chosen (:mod:`vemcvx.solvers.newton`); that s_i = 0 neverth
 Any other d is thus at a known distance from *a* solution: |d - d_sets|_K, plus the error of d_sets, the last correction
 of its iterative refinement. (Where coefficients are not small there may be more solutions than one.)
 
-In blocks of two and more the directions of slip turn with the answer, and the step is no linear system. Let x_0 =
-(lam, p) solve the system M x = r of some sets, linearised with directions q_i and curvatures h_i on slipping terms. The
+In blocks of two and more the directions of slip turn with the answer, and the step is no linear system. Let d_0, x_0 =
+(lam, p) solve the system of some sets, linearised with directions q_i and curvatures h_i on slipping terms. The
 residual of the law on these terms is
 
     psi_i(s, p) = w_i(p) s_i / |s_i| - q_i (w(p_0) + J (p - p_0))_i - h_i (I - q_i q_i') s_i,
 
-and (Q) on the sets is x = x_0 + G psi(s, p), with G the columns of M^{-1} for the rows of these terms. At x_0 let
-v_i = |s_i|, u_i = s_i / v_i, delta_i = |u_i - q_i|; let A_ij, C_ij and P_ji be the norms of the blocks by which s_i
-along u_i, s_i across it and p_j answer psi_j. For bounds t_j on |psi_j| let
+and (Q) on the sets is the same system with lam_i + psi_i(s, p) in place of lam_i. Its answer d_0 + d to psi is bounded
+in the norm of N = K + h B'(I - qq')B + ..., the stiffness of M: if y'My >= y'Z'NZy / c for all y, then, psi_i being at
+most t_i along q_i and r_i across it,
 
-    alpha = A t,    gamma = C t,    pi = P t,    turn_i = gamma_i / (v_i - alpha_i),
-    L_i = |w_i / v_i - h_i| gamma_i + w_i turn_i ((alpha_i + gamma_i) / v_i + turn_i / 2)
-          + h_i delta_i (alpha_i + gamma_i) + (|J| pi)_i (delta_i + turn_i).
+    |d| <= E = c sum_i (phi_i t_i + chi_i r_i),          phi_i^2 >= |B_i K^{-1} B_i'|,   chi_i = min(phi_i, h_i^{-1/2}),
 
-Theorem 2. If for some t >= 0: alpha_i < v_i and |psi_i(s_0, p_0)| + L_i <= t_i, w is affine on |p - p_0| <= pi, and the
-inequalities of the sets hold at x_0 + G psi for all |psi| <= t, then (Q) has a solution d with |d - d_0|_K <=
-sum_j n_j t_j, n_j the largest energy norm of an answer to a unit psi_j.
+and slips move by at most alpha_i = phi_i E along q_i and gamma_i = chi_i E across it; what reads d - forces of what is
+held, excesses of other limits - follows from Schwarz's inequality. Otherwise c = |N^{1/2} M^{-1} N^{1/2}|. With v_i =
+|s_i|, u_i = s_i / v_i, delta_i = |u_i - q_i|, pi_j >= |p_j - p_j0| let
 
-Proof. Let s_i move by a along u_i and by c across it, |a| <= alpha_i, |c| <= gamma_i. Its angle with u_i is at most
-arctan turn_i, and its direction is c / |s_i| across u_i and at least 1 - turn_i^2 / 2 along it, where c / |s_i| differs
-from c / v_i by at most turn_i (alpha_i + gamma_i) / v_i. From w_i times that psi_i takes h_i times (I - q q')(a u + c),
-which differs from c by at most delta_i (alpha_i + gamma_i), as |uu' - qq'| <= |u - q|. With what w adds along u - q,
-psi changes by at most L. So (s, p) -> what x_0 + G psi(s, p) has for them is continuous and maps this convex compact
-set into itself: Brouwer gives a fixed point, and x_0 + G psi there solves (Q).  QED  Rounding is that of x_0 and of the
-inequalities; no coefficient need be small.
+    turn_i = (gamma_i + delta_i alpha_i) / (v_i - alpha_i - gamma_i),
+    R_i = w_i ((turn_i + delta_i) (alpha_i + gamma_i) / v_i + turn_i^2 / 2) + (|J| pi)_i (delta_i + turn_i).
+
+Theorem 2. If for some t, r >= 0: alpha_i + gamma_i < v_i; psi_i(s_0, p_0) and R_i together are at most t_i along q_i,
+and with |w_i / v_i - h_i| gamma_i at most r_i across it; w is affine on |p - p_0| <= pi, and the inequalities of the
+sets hold for all such psi, then (Q) has a solution d with |d - d_0|_K <= E.
+
+Proof. Let s_i move by a along q_i and by g across it. Its direction turns by at most turn_i: a has delta_i |a| across
+u_i. Across u_i it moves by what of (a, g) is across u_i, over |s_i|, which differs from g / v_i by at most turn_i
+(alpha_i + gamma_i) / v_i + delta_i (alpha_i + gamma_i) / v_i; along u_i by at most turn_i^2 / 2. From w_i g / v_i psi
+takes h_i g, across q_i. What w adds is along u_i - q_i. So (s, p) -> what the answer to psi(s, p) has for them is
+continuous and maps this convex compact set into itself: Brouwer gives a fixed point, which solves (Q). QED Rounding is
+that of x_0 and of the inequalities; no coefficient need be small.
 """
 
 from __future__ import annotations
@@ -74,7 +79,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.linalg import LinAlgError, lapack, qr, solve_triangular
 from scipy.sparse.csgraph import connected_components
-from scipy.sparse.linalg import inv as inverse
+from scipy.sparse.linalg import splu
 
 from vemcvx.arrays import EPS, Floats, Ints
 from vemcvx.linear import Factor
@@ -85,23 +90,19 @@ from vemcvx.weight_law import Piece, PressureLaw
 
 
 class Response:
-    """The rows A = [B; D; R] of operators, and the stiffness K_r of unknowns that they read, the others left free."""
+    """The rows A = [B; D] of operators, and the stiffness K_r of the unknowns that they read, the others left free."""
 
     def __init__(self, operators: Operators):
-        n = operators.B.shape[1]
-        anchor = np.zeros(n) if operators.anchor is None else operators.anchor
-        anchored = np.flatnonzero(anchor)
-        R = sp.csr_matrix((np.ones(len(anchored)), (np.arange(len(anchored)), anchored)), shape=(len(anchored), n))
-        self.operators, self.A = operators, sp.csr_matrix(sp.vstack([operators.B, operators.D, R]))
-        self.norms = slice(0, operators.B.shape[0])
-        self.limits = slice(operators.B.shape[0], operators.B.shape[0] + operators.D.shape[0])
-        self.absolute, self._transposed = abs(self.A), sp.csr_matrix(self.A.T)
-        self.read: Ints = np.unique(self.A.indices).astype(np.int64)
-        """(u,) the unknowns"""
-        self.rows = sp.csr_matrix(self.A[: self.limits.stop][:, self.read])
-        """(m * block + r, u) [B; D] on these"""
+        self.operators, self.A = operators, sp.csr_matrix(sp.vstack([operators.B, operators.D]))
+        self.norms, self.limits = slice(operators.B.shape[0]), slice(operators.B.shape[0], None)
+        anchor = np.zeros(self.A.shape[1]) if operators.anchor is None else operators.anchor
+        self.read: Ints = np.flatnonzero((np.bincount(self.A.indices, minlength=len(anchor)) > 0) | (anchor > 0))
+        """(u,) the unknowns, those of anchors among them"""
+        self.rows = sp.csr_matrix(self.A[:, self.read])
+        """(m * block + r, u) A on these"""
         self.anchor: Floats = anchor[self.read]
         """(u,) the stiffness of the anchors, without which K_r is K"""
+        self._transposed = sp.csr_matrix(self.A.T)
 
     def act(self, x: Floats) -> Floats:
         """A'x, (n,)."""
@@ -147,7 +148,8 @@ class Response:
         """(m * block + r,) bounds on what rows read of motions, (A d)_i <= reach_i |d|, and on |B_i'x| in K_r^{-1}."""
         operators = self.operators
         norms = np.repeat(operators.block * operators.norm_flexibility, operators.block)
-        return np.sqrt(np.concatenate([norms, operators.limit_flexibility]))
+        reach: Floats = np.sqrt(np.concatenate([norms, operators.limit_flexibility]))
+        return reach
 
     @cached_property
     def step(self) -> Floats:
@@ -155,17 +157,18 @@ class Response:
 
         The largest eigenvalue of W + C, its diagonal made one, is that of twenty power iterations, and a tenth more.
         """
-        diagonal, some = self.reach**2, slice(self.limits.stop)
+        diagonal = self.reach**2
         diagonal[self.limits] += self.operators.compliance
         root, largest = 1.0 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0)), 0.0
         x = np.random.default_rng(0).standard_normal(len(root))
         for _ in range(20 if len(x) else 0):
             y = root * x / np.linalg.norm(x)
-            spread = self.A[some] @ self.operators.factor.solve(self.A[some].T @ y)
+            spread = self.A @ self.operators.factor.solve(self.act(y))
             spread[self.limits] += self.operators.compliance * y[self.limits]
             x = root * spread
             largest = float(np.linalg.norm(x))
-        return root**2 / (1.1 * largest) if largest > 0 else root**2
+        step: Floats = root**2 / (1.1 * largest if largest > 0 else 1.0)
+        return step
 
 
 SOLVED = 1e-6
@@ -255,13 +258,11 @@ def on_sets(program: StepProgram, law: Piece, sets: Sets, response: Response, ne
         step, more = system.solve(program.residual(d, lam, p), wanted)
         d, x = d + step, x + more
         error = operators.energy_norm(step)
-    size, last = np.abs(x[: limits.stop]), np.abs(more[: limits.stop]).max(initial=0.0)
-    force, free = np.abs(program.g).max(initial=0.0), program.g @ operators.factor.solve(program.g)
-    # Multipliers of anchors are no forces of the step: they are proportional to any error of a rigid motion.
-    held = program.multiplier_force(x[norms], x[limits])
-    norm = np.sqrt(abs(free)) + np.sqrt(abs(operators.factor.energy(held)))
+    size, last = np.abs(x), np.abs(more).max(initial=0.0)
+    force, free = np.abs(program.g).max(initial=0.0), operators.factor.energy(program.g)
+    norm = np.sqrt(free) + np.sqrt(operators.factor.energy(response.act(x)))
     solved = last <= SOLVED * max(force, size.max(initial=0.0)) and error <= SOLVED * norm
-    reach, off = (response.absolute @ np.abs(d))[: limits.stop], (response.A @ step)[: limits.stop]
+    reach, off = abs(response.A) @ np.abs(d), response.A @ step
     # Sets that leave a rigid motion free put the body anywhere along it; the work of multipliers on it shows that.
     solved = solved and size @ np.abs(off) <= SOLVED * norm**2
     if not solved or not _balances(program, operators.blocks(x[norms]), x[limits]):
@@ -333,7 +334,7 @@ class SetsSystem:
     """
 
     def __init__(self, operators: Operators, sets: Sets, J: sp.csr_matrix, response: Response):
-        block, norms, r = operators.block, response.norms.stop, len(sets.act)
+        block, norms, r = operators.block, operators.B.shape[0], len(sets.act)
         self._operators, self._response, self._sets, self._J = operators, response, sets, J
         soft = sets.act & (operators.compliance > 0)
         self._spring = np.divide(1.0, operators.compliance, out=np.zeros(r), where=soft)
@@ -348,7 +349,7 @@ class SetsSystem:
         concerned[:norms] |= np.diff(follows.indptr) > 0
         some = np.flatnonzero((abs(response.rows).T @ concerned > 0) | (response.anchor > 0))
         if 2 * len(some) < len(response.read):
-            self._S = np.asarray(np.linalg.inv(restricted(response.flexibility, some)))
+            self._S = np.asarray(np.linalg.inv(np.asarray(restricted(response.flexibility, some))))
         else:
             some, self._S = np.arange(len(response.read)), response.stiffness
         self._some, A = some, response.rows[:, some]
@@ -362,13 +363,13 @@ class SetsSystem:
         self._press = sp.csr_matrix((np.ones(h), (self._hard, np.arange(h))), shape=(r, h)) @ self._react[:h]
         tied = sp.csc_matrix(self._press @ self._B.T @ follows)
         one = sp.eye_array(r, format="csc")
-        self._untie = sp.csr_matrix(inverse(sp.csc_matrix(one + tied)) if tied.nnz else one)
+        self._untie = sp.csr_matrix(splu(sp.csc_matrix(one + tied)).solve(np.eye(r)) if tied.nnz else one)
         self._pull = sp.csr_matrix(follows @ self._untie)
-        moved = sp.csr_matrix(sp.vstack([self._Z.T, -self._react[:h]]))
-        moved = _plus(moved @ self._S, moved @ self._T) @ self._Z
-        self._K, soft_forces = moved[: self._Z.shape[1]], sp.diags_array(self._spring) @ self._D @ self._Z
-        self._P = _plus(np.zeros((r, self._Z.shape[1])), soft_forces)
-        self._P[self._hard] += moved[self._Z.shape[1] :]
+        f, tests = self._Z.shape[1], sp.csr_matrix(sp.vstack([self._Z.T, -self._react[:h]]))
+        answered = np.asarray(_plus(tests @ self._S, tests @ self._T) @ self._Z)
+        self._K = answered[:f]
+        self._P = _plus(np.zeros((r, f)), sp.diags_array(self._spring) @ self._D @ self._Z)
+        self._P[self._hard] += answered[f:]
         self._M = self._K + (self._Z.T @ self._B.T @ self._pull) @ self._P
         self._lu = lu = lapack.dgetrf(self._M) if len(self._M) else (self._M, self._M, 0)
         if lu[2] > 0 or not np.isfinite(lu[0]).all():
@@ -402,7 +403,7 @@ class SetsSystem:
         x[limits][self._sets.act] = 0.0
         x[norms] += self._q @ (self._J @ x[limits])
         d = self._L.T @ own
-        passed = response.passed_on(force - response.act(x))
+        unknowns, passed = response.read[self._some], response.passed_on(force - response.act(x))
         rest = passed[self._some] + self._D.T @ sprung - self._S @ d - self._T @ d
         # As motions, forces on the unknowns would lose the digits that K lacks of definiteness.
         passed[self._some] = 0.0
@@ -417,10 +418,9 @@ class SetsSystem:
         x[norms] += self._H @ (self._B @ d) + self._pull @ p
         x[limits] += self._untie @ p
         x[self._rows] = self._react @ rest + given
-        full = np.zeros(len(response.read))
-        full[self._some] = d
-        x[limits.stop :] = -(response.anchor * full)[response.anchor > 0]
-        return factor.solve(force - response.act(x)), x
+        push = force - response.act(x)
+        push[unknowns] += response.anchor[self._some] * d
+        return factor.solve(push), x
 
     @cached_property
     def gain(self) -> float:

@@ -446,7 +446,9 @@ class SetsSystem:
     def answers(self, along: Floats, across: Floats) -> Answers:
         """Bounds on the answers to psi, its parts being at most `along` and `across` (m,)."""
         response, block, h = self._response, self._operators.block, self._sets.curvature
-        phi, limits = self._moving[response.norms][::block], self._moving[response.limits]
+        # A term moves if one of its rows does.
+        phi = self._operators.blocks(self._moving[response.norms]).max(axis=1)
+        limits = self._moving[response.limits]
         chi = np.minimum(phi, 1.0 / np.sqrt(np.where(h > 0, h, np.inf)), where=h > 0, out=phi.copy())
         psi = np.repeat(np.hypot(along, across), block)
         tied = _sizes(abs(self._pull @ self._press @ self._B.T) @ psi, block)

@@ -81,3 +81,33 @@ def test_the_fixed_point_converges_where_active_sets_cycle(coefficient):
     # n = 16 itself is .7 % off in dissipation, by discretisation.
     assert np.ptp(energy) < 0.005 * energy[-1]
     assert np.ptp(dissipated[1:]) < 0.005 * dissipated[-1]
+
+
+def test_contact_that_is_open_nearly_everywhere():
+    """What may touch, but does not, changes nothing: the same answer as with contact where it closes alone."""
+
+    def gap(x, t):
+        return 0.3 * ((x[:, 0] - 0.5) ** 2 + (x[:, 1] - 0.4) ** 2) - 0.01
+
+    def press(x, t):
+        return np.column_stack([0.004 * t + 0 * x[:, 0], 0.002 * t * x[:, 0], -0.005 * t + 0 * x[:, 0]])
+
+    mesh = vx.meshes.cubes(10, box=((0, 1), (0, 1), (0, 0.3)))
+    mesh = mesh.with_boundary(
+        "middle", lambda x: (np.abs(x[:, 2]) < 1e-9) & (np.abs(x[:, :2] - [0.5, 0.4]).max(axis=1) < 0.201)
+    )
+
+    def scene(on):
+        held = vx.PrescribedDisplacement(press, on="top")
+        return vx.Scene(
+            vx.Elasticity(200.0, 0.3), held, vx.UnilateralContact(on=on, gap=gap), vx.CoulombFriction(0.3, on=on)
+        )
+
+    everywhere, there = (
+        vx.simulate(scene(on), mesh, np.linspace(0, 1, 4), initial="settled") for on in ("bottom", "middle")
+    )
+    pressed = (everywhere.contact.pressure[-1] > 0).sum()
+    assert 4 < pressed < len(everywhere.contact.nodes) / 4
+    assert everywhere.certificate_kind == "bound"
+    apart, size = np.abs(everywhere.displacement - there.displacement).max(), np.abs(there.displacement).max()
+    assert apart < 1e-10 * size

@@ -1,0 +1,201 @@
+"""Coulomb's law beside Siconos and GetFEM, on the same matrices: answers are compared before a ratio is printed.
+
+python tests/benchmarks/peers.py [--siconos 12 20 32] [--getfem 12 20] [--python /usr/bin/python3]
+
+A block (1 x 1 x 1/4, tetrahedra, n x n x n/4 cells, E = 200, nu = .3) is held at its top, pushed down, tilted and
+pushed sideways over a rigid floor, mu = .3, in four steps.
+
+Siconos (Debian: python3-siconos) gets the step as FCLIB has it, u = W r + q on Coulomb's cones, and solves it by
+nonsmooth Gauss-Seidel (NSGS) to 1e-8, begun at the forces of the step before; we get the program of the step,
+condensed. Neither W nor the condensed matrix is counted, which both need once a run; CPU seconds, one thread, medians
+over the steps.
+
+GetFEM (Debian: python3-getfem) gets the sparse stiffness matrix and the rows of the contact nodes in its brick for
+nodal contact with friction (`add_basic_contact_brick`, Alart and Curnier's augmented Lagrangian, version 1, r = E /
+100), which its Newton method solves; we simulate the scene, assembly included. CPU seconds of all steps.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import statistics
+import subprocess
+import tempfile
+import time
+from collections.abc import Sequence
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.io import mmwrite
+
+import vemcvx as vx
+from vemcvx.arrays import Floats
+from vemcvx.scene import pose_scene
+from vemcvx.stepping import backward_euler
+from vemcvx.stepping.fixed_point import DependentStep
+from vemcvx.stepping.state import State
+
+YOUNG, FRICTION, STEPS = 200.0, 0.3, 4
+TIMES = np.linspace(0.0, 1.0, STEPS + 1)
+AGREE = 1e-6
+"""Part of the largest entry by which answers may differ: what NSGS is asked for, times the condition of W."""
+SCENE = vx.Scene(
+    vx.Elasticity(young=YOUNG, poisson=0.3),
+    vx.PrescribedDisplacement(
+        lambda x, t: np.column_stack(
+            [0.02 * t + 0 * x[:, 0], 0.01 * t * x[:, 0], -0.01 + 0 * x[:, 0] - 0.002 * x[:, 1]]
+        ),
+        on="top",
+    ),
+    vx.UnilateralContact(on="bottom"),
+    vx.CoulombFriction(FRICTION, on="bottom"),
+)
+
+SICONOS = """
+import json, sys, time, numpy as np, siconos.numerics as sn
+d = np.load(sys.argv[1])
+seconds, forces, r = [], [], np.zeros(len(d["W"]))
+for q in d["q"]:
+    problem = sn.FrictionContactProblem(3, np.asfortranarray(d["W"]), q.copy(), d["mu"])
+    options = sn.SolverOptions(sn.SICONOS_FRICTION_3D_NSGS)
+    options.dparam[sn.SICONOS_DPARAM_TOL] = 1e-8
+    options.iparam[sn.SICONOS_IPARAM_MAX_ITER] = 100000
+    start = time.process_time()
+    failed = sn.fc3d_driver(problem, r, np.zeros(len(r)), options)
+    seconds.append(time.process_time() - start)
+    forces.append(r.copy())
+    if failed:
+        raise SystemExit("NSGS did not converge")
+np.savez(sys.argv[2], forces=forces)
+print(json.dumps(seconds))
+"""
+GETFEM = """
+import json, sys, time, numpy as np, getfem as gf
+folder, r = sys.argv[1], float(sys.argv[3])
+d = np.load(folder + "/data.npz")
+K, BN, BT = (gf.Spmat("load", "mm", f"{folder}/{name}.mtx") for name in ("K", "BN", "BT"))
+for matrix in (K, BN, BT):
+    matrix.to_csc()
+n, limits = d["f"].shape[1], len(d["gap"])
+model = gf.Model("real")
+model.add_variable("u", n)
+model.add_variable("ln", limits)
+model.add_variable("lt", 2 * limits)
+model.add_explicit_matrix("u", "u", K, 1, 1)
+load = model.add_explicit_rhs("u", d["f"][0])
+for name, value in (("r", r), ("mu", float(d["mu"])), ("alpha", 1.0), ("one", 1.0)):
+    model.add_initialized_data(name, [value])
+model.add_initialized_data("gap", d["gap"])
+model.add_initialized_data("before", np.zeros(n))
+model.add_basic_contact_brick("u", "ln", "lt", "r", BN, BT, "mu", "gap", "alpha", 1, "one", "before")
+motions, start = [], time.process_time()
+for f in d["f"]:
+    model.set_private_rhs(load, f)
+    model.solve("max_res", 1e-10, "max_iter", 100, "lsolver", "mumps")
+    motions.append(model.variable("u"))
+    model.set_variable("before", -motions[-1])  # GetFEM 5.4 adds what its manual subtracts
+seconds = time.process_time() - start
+np.savez(sys.argv[2], motions=motions)
+print(json.dumps(seconds))
+"""
+
+
+def block(n: int) -> vx.meshes.PolyhedralMesh:
+    """The mesh."""
+    return vx.meshes.tetrahedra((n, n, max(n // 4, 2)), box=((0, 1), (0, 1), (0, 0.25)))
+
+
+def asked(python: str, code: str, *arguments: str) -> object:
+    """What a program of the peer's Python prints."""
+    one = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+    made = subprocess.run([python, "-c", code, *arguments], capture_output=True, text=True, env={**os.environ, **one})
+    if made.returncode:
+        raise SystemExit(f"{made.stderr.strip() or made.stdout.strip()}")
+    return json.loads(made.stdout.strip().splitlines()[-1])
+
+
+def beside_siconos(n: int, python: str) -> None:
+    """Steps on the same condensed data, ours and NSGS's."""
+    seconds: list[float] = []
+    original = backward_euler.resolved
+
+    def timed(step: DependentStep) -> State:
+        start = time.process_time()
+        state = original(step)
+        seconds.append(time.process_time() - start)
+        return state
+
+    backward_euler.resolved = timed
+    try:
+        solved = list(vx.programs(SCENE, block(n), TIMES, initial="settled", solver=vx.Newton(1e-9)))
+    finally:
+        backward_euler.resolved = original
+    operators = solved[0].operators
+    m = operators.D.shape[0]
+    # Siconos takes the normal part first, and forces on the body: r = (p, -lam), u = (-z, s).
+    order = np.column_stack([2 * m + np.arange(m), 2 * np.arange(m), 2 * np.arange(m) + 1]).ravel()
+    sign = np.where(order < 2 * m, 1.0, -1.0)
+    A = sp.csr_matrix(sp.vstack([operators.B, operators.D]))
+    spread = operators.factor.solve(A.T.toarray())
+    W = sign[:, None] * (A @ spread)[np.ix_(order, order)] * sign
+    q = [sign * (spread.T @ one.g - np.concatenate([one.b, one.e]))[order] for one in solved]
+    ours = [-sign * np.concatenate([one.answer.lam.ravel(), one.answer.p])[order] for one in solved]
+    with tempfile.TemporaryDirectory() as folder:
+        np.savez(f"{folder}/data.npz", W=W, q=q, mu=np.full(m, FRICTION))
+        theirs = asked(python, SICONOS, f"{folder}/data.npz", f"{folder}/made.npz")
+        forces = np.load(f"{folder}/made.npz")["forces"]
+    report(
+        f"{m} contacts: a step",
+        "Siconos NSGS 1e-8",
+        (statistics.median(seconds[1:]), statistics.median(theirs)),
+        ours,
+        forces,
+    )
+
+
+def beside_getfem(n: int, python: str) -> None:
+    """Whole histories, ours with assembly, GetFEM's on our stiffness matrix."""
+    system, start = pose_scene(SCENE, block(n)).system, time.process_time()
+    history = vx.simulate(SCENE, block(n), TIMES, initial="settled")
+    seconds, limits = time.process_time() - start, system.limits
+    with tempfile.TemporaryDirectory() as folder:
+        for name, matrix in (("K", system.K), ("BN", limits.D), ("BT", system.norms.B)):
+            mmwrite(f"{folder}/{name}.mtx", sp.coo_matrix(matrix), symmetry="general")
+        f = [system.force(t) for t in TIMES]
+        np.savez(f"{folder}/data.npz", f=f, gap=limits.remaining_gap(0.0), mu=FRICTION)
+        theirs = asked(python, GETFEM, folder, f"{folder}/made.npz", str(0.01 * YOUNG))
+        motions = np.load(f"{folder}/made.npz")["motions"]
+    name = f"{system.n} unknowns, {limits.count} contacts: {STEPS + 1} steps"
+    report(name, "GetFEM, version 1, r = E / 100", (seconds, theirs), history.trajectory.state, motions)
+
+
+def report(
+    work: str, peer: str, seconds: tuple[float, float], ours: Sequence[Floats], theirs: Sequence[Floats]
+) -> None:
+    """A line of the table, if the answers agree."""
+    apart = max(np.abs(a - b).max() / np.abs(a).max() for a, b in zip(ours, theirs, strict=True))
+    if apart > AGREE:
+        raise SystemExit(f"{work}: answers of {peer} are {apart:.1e} apart; a ratio would say nothing.")
+    print(
+        f"| {work} | {peer} | {seconds[0]:.3g} | {seconds[1]:.3g} | {seconds[1] / seconds[0]:.2g} | {apart:.0e} |",
+        flush=True,
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--siconos", type=int, nargs="*", default=[12, 20, 32], help="cells along a side")
+    parser.add_argument("--getfem", type=int, nargs="*", default=[12, 20], help="cells along a side")
+    parser.add_argument("--python", default="/usr/bin/python3", help="that has the peers")
+    arguments = parser.parse_args()
+    print("| work | peer | vemcvx, s | peer, s | ratio | apart |\n|---|---|---|---|---|---|")
+    for n in arguments.siconos:
+        beside_siconos(n, arguments.python)
+    for n in arguments.getfem:
+        beside_getfem(n, arguments.python)
+
+
+if __name__ == "__main__":
+    main()

@@ -45,7 +45,7 @@ def distances(monkeypatch, run):
         if end is not None:
             unit, last = program.operators.energy_norm, end.found.point.d
             for answer, sets in tried.copy():
-                bound = distance_to_a_solution(program, law, sets, answer, response)
+                bound = distance_to_a_solution(program, law, sets, answer)
                 if bound is not None:
                     found.append(np.array([unit(answer.point.d - last), bound + answer.error]) / unit(last))
         return end
@@ -88,22 +88,22 @@ def test_what_is_nearly_anything_else_is_not_proven(monkeypatch):
 
     monkeypatch.setattr(coulomb, "distance_to_a_solution", watched)
     vx.march(rubbing(0.6), [0.0, 0.5, 1.0])
-    program, law, sets, found, response = seen[-1]
-    assert distance_to_a_solution(program, law, sets, found, response) is not None
+    program, law, sets, found = seen[-1]
+    assert distance_to_a_solution(program, law, sets, found) is not None
     slips, sticks = ~sets.stick & (law.weights(found.point.p) > 0), sets.stick
     assert slips.any()
     lam = found.point.lam.copy()
     lam[np.argmax(slips)] *= -1.0
     off = replace(found, point=replace(found.point, lam=lam))
-    assert distance_to_a_solution(program, law, sets, off, response) is None
+    assert distance_to_a_solution(program, law, sets, off) is None
     coarse = replace(found, forces=float(np.linalg.norm(lam, axis=1).max()))
-    assert distance_to_a_solution(program, law, sets, coarse, response) is None
+    assert distance_to_a_solution(program, law, sets, coarse) is None
     if sticks.any():
         lam = found.point.lam.copy()
         i = int(np.argmax(sticks))
         lam[i] = [2 * law.weights(found.point.p)[i], 0.0]
         over = replace(found, point=replace(found.point, lam=lam))
-        assert distance_to_a_solution(program, law, sets, over, response) is None
+        assert distance_to_a_solution(program, law, sets, over) is None
 
 
 @pytest.mark.slow

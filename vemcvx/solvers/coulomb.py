@@ -500,9 +500,7 @@ def _blockwise(blocks: Floats) -> sp.csr_matrix:
     return sp.csr_matrix(sp.bsr_matrix((blocks, np.arange(m), np.arange(m + 1)), shape=(m * i, m * j)))
 
 
-def distance_to_a_solution(
-    program: StepProgram, law: PressureLaw, sets: Sets, found: Found, response: Response
-) -> float | None:
+def distance_to_a_solution(program: StepProgram, law: PressureLaw, sets: Sets, found: Found) -> float | None:
     """A bound on |d - d*|_K to a solution d* of (Q), from what the sets miss of it; None if there is no proof."""
     p, s = np.where(found.sets.act, np.maximum(found.point.p, 0.0), 0.0), program.slip(found.point.d)
     w, J, v = law.weights(p), abs(law.slope(p)), np.linalg.norm(s, axis=1)
@@ -594,7 +592,7 @@ def solution_near(
     if met is None:
         return None
     (sets, found), point = met, met.point(program, law)
-    away = distance_to_a_solution(program, law, sets, found, response) if program.operators.block > 1 else 0.0
+    away = distance_to_a_solution(program, law, sets, found) if program.operators.block > 1 else 0.0
     return SetsSolution(point, law.weights(point.p), found.error + (away or 0.0), away is not None)
 
 

@@ -10,16 +10,7 @@ On given sets, and with w(p) = w_0 + J (p - p_0) near p_0, (Q) is one linear sys
     s_i = 0  on sticking terms,           lam_i = q_i w_i(p) + h_i (I - q_i q_i') s_i  on slipping ones,
     z_j = c_j p_j  on acting limits,      p_j = 0  on the others.
 
-The unknowns that no row reads are eliminated once: K stands for what is left of it, with the terms h B'(I - qq')B and
-D'D / c of slipping terms and soft limits added. Sticking terms and acting bounds hold d to L'v + Z y, A Z = 0 for their
-rows A, and carry L (g - K d - B'lam) with L the inverse of A' on its range. So the forces of limits are p = p_0 + P y,
-and only motions y are unknown,
-
-    M y = Z' (g - K L'v - B'(q w(p_0))),        M = Z'KZ + Z'B'q J P,
-
-symmetric but for weights that follow p. Where all sticks y is nothing; a sparse K, a large one or one with a kernel
-make no difference. Where rows share nodes, at edges, Z and L come from reflections. Where most limits are open, their
-unknowns are eliminated as well.
+:mod:`vemcvx.solvers.sets_system` reduces it to the motions that the sets leave, and solves it.
 
 The sets are those of the last answer, as in :mod:`vemcvx.solvers.newton`: a semismooth Newton method on (Q) (Alart and
 Curnier 1991; Hueber, Stadler and Wohlmuth 2008); those of discs are sought by projected gradients first, which cost a
@@ -30,7 +21,7 @@ Theorem 1. Let the terms be absolute values (block 1). If the solution of the sy
 has |lam_i| <= w_i(p) where it sticks, q_i s_i >= 0 where it slips, p_j >= 0 where limits act, z_j <= 0 where they do
 not, and w at p is the affine one of the system, then it solves (Q). Proof. Every line of (Q) is an equation of the
 system or one of these inequalities.  QED  Where rows follow from one another, at corners, the system is singular and
-what each carries is chosen (:mod:`vemcvx.solvers.newton`); that s_i = 0 nevertheless is looked at afterwards.
+what each carries is chosen (:mod:`vemcvx.solvers.newton`); that s_i = 0 and z_j <= 0 nevertheless is looked at.
 
 Any other d is thus at a known distance from *a* solution: |d - d_sets|_K, plus the error of d_sets, the last correction
 of its iterative refinement. (Where coefficients are not small there may be more solutions than one.)
@@ -41,29 +32,26 @@ residual of the law on these terms is
 
     psi_i(s, p) = w_i(p) s_i / |s_i| - q_i (w(p_0) + J (p - p_0))_i - h_i (I - q_i q_i') s_i,
 
-and (Q) on the sets is the same system with lam_i + psi_i(s, p) in place of lam_i. Its answer d_0 + d to psi is bounded
-in the norm of N = K + h B'(I - qq')B + ..., the stiffness of M: if y'My >= y'Z'NZy / c for all y, then, psi_i being at
-most t_i along q_i and r_i across it,
-
-    |d| <= E = c sum_i (phi_i t_i + chi_i r_i),          phi_i^2 >= |B_i K^{-1} B_i'|,   chi_i = min(phi_i, h_i^{-1/2}),
-
-and slips move by at most alpha_i = phi_i E along q_i and gamma_i = chi_i E across it; what reads d - forces of what is
-held, excesses of other limits - follows from Schwarz's inequality. Otherwise c = |N^{1/2} M^{-1} N^{1/2}|. With v_i =
-|s_i|, u_i = s_i / v_i, delta_i = |u_i - q_i|, pi_j >= |p_j - p_j0| let
+and (Q) on the sets is their system with psi_i(s, p) added to lam_i. The answers to |psi_i| <= t_i along q_i and <= r_i
+across it move d_0 by at most E in energy, slips by at most alpha_i along q_i and gamma_i across it, and forces of
+limits by at most pi_j (:meth:`vemcvx.solvers.sets_system.SetsSystem.answers`). With v_i = |s_i|, u_i = s_i / v_i at d_0
+and delta_i = |u_i - q_i| let
 
     turn_i = (gamma_i + delta_i alpha_i) / (v_i - alpha_i - gamma_i),
     R_i = w_i ((turn_i + delta_i) (alpha_i + gamma_i) / v_i + turn_i^2 / 2) + (|J| pi)_i (delta_i + turn_i).
 
-Theorem 2. If for some t, r >= 0: alpha_i + gamma_i < v_i; psi_i(s_0, p_0) and R_i together are at most t_i along q_i,
-and with |w_i / v_i - h_i| gamma_i at most r_i across it; w is affine on |p - p_0| <= pi, and the inequalities of the
-sets hold for all such psi, then (Q) has a solution d with |d - d_0|_K <= E.
+Theorem 2. Let t, r >= 0 be such that alpha_i + gamma_i < v_i on slipping terms, |psi_i(s_0, p_0) . q_i| + R_i <= t_i,
+and what psi_i(s_0, p_0) has across q_i, with R_i and |w_i / v_i - h_i| gamma_i added, is at most r_i. If w is affine on
+|p - p_0| <= pi, and the inequalities of the sets hold for all answers to such psi, then (Q) has a solution d with |d -
+d_0|_K <= E.
 
-Proof. Let s_i move by a along q_i and by g across it. Its direction turns by at most turn_i: a has delta_i |a| across
-u_i. Across u_i it moves by what of (a, g) is across u_i, over |s_i|, which differs from g / v_i by at most turn_i
-(alpha_i + gamma_i) / v_i + delta_i (alpha_i + gamma_i) / v_i; along u_i by at most turn_i^2 / 2. From w_i g / v_i psi
-takes h_i g, across q_i. What w adds is along u_i - q_i. So (s, p) -> what the answer to psi(s, p) has for them is
-continuous and maps this convex compact set into itself: Brouwer gives a fixed point, which solves (Q). QED Rounding is
-that of x_0 and of the inequalities; no coefficient need be small.
+Proof. Let s_i move by a q_i + g, |a| <= alpha_i and |g| <= gamma_i, g across q_i. Of a q_i the part delta_i |a| is
+across u_i, so that the direction of s_i turns by at most turn_i. It moves across u_i by (what a q_i + g has across u_i)
+/ |s_i|; this and g / v_i differ by at most (turn_i + delta_i) (alpha_i + gamma_i) / v_i. Along u_i it moves by at most
+turn_i^2 / 2. Of w_i g / v_i psi_i keeps (w_i / v_i - h_i) g, across q_i. The change of w counts along s_i / |s_i| -
+q_i, which is at most delta_i + turn_i. So (s, p) -> what the answer to psi(s, p) has for them is continuous and maps
+this convex compact set into itself: Brouwer gives a fixed point, which solves (Q). QED Rounding is that of d_0 and of
+the inequalities; rows of which what is held leaves less than FOLLOWS count as held. No coefficient need be small.
 """
 
 from __future__ import annotations
@@ -71,105 +59,17 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cached_property
 from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
-import scipy.sparse as sp
-from scipy.linalg import LinAlgError, lapack, qr, solve_triangular
-from scipy.sparse.csgraph import connected_components
-from scipy.sparse.linalg import splu
+from scipy.linalg import LinAlgError
 
-from vemcvx.arrays import EPS, Floats, Ints
-from vemcvx.linear import Factor
-from vemcvx.program.operators import Operators, restricted, transverse
+from vemcvx.arrays import EPS, Floats
 from vemcvx.program.step_program import StepProgram
-from vemcvx.solvers.newton import FOLLOWS, Iterate, Sets, Shifts, sets_at, without_redundant_rows
+from vemcvx.solvers.newton import Iterate, Sets, Shifts, sets_at, without_redundant_rows
+from vemcvx.solvers.sets_system import Answers, Response, SetsSystem
 from vemcvx.weight_law import Piece, PressureLaw
-
-
-class Response:
-    """The rows A = [B; D] of operators, and the stiffness K_r of the unknowns that they read, the others left free."""
-
-    def __init__(self, operators: Operators):
-        self.operators, self.A = operators, sp.csr_matrix(sp.vstack([operators.B, operators.D]))
-        self.norms, self.limits = slice(operators.B.shape[0]), slice(operators.B.shape[0], None)
-        anchor = np.zeros(self.A.shape[1]) if operators.anchor is None else operators.anchor
-        self.read: Ints = np.flatnonzero((np.bincount(self.A.indices, minlength=len(anchor)) > 0) | (anchor > 0))
-        """(u,) the unknowns, those of anchors among them"""
-        self.rows = sp.csr_matrix(self.A[:, self.read])
-        """(m * block + r, u) A on these"""
-        self.anchor: Floats = anchor[self.read]
-        """(u,) the stiffness of the anchors, without which K_r is K"""
-        self._transposed = sp.csr_matrix(self.A.T)
-
-    def act(self, x: Floats) -> Floats:
-        """A'x, (n,)."""
-        return self._transposed @ x
-
-    @cached_property
-    def _inner(self) -> tuple[Ints, Factor]:
-        """The unknowns that no row reads, and a factor of K on them."""
-        rest = np.setdiff1d(np.arange(self.A.shape[1]), self.read)
-        return rest, self.operators.factor.within(restricted(self.operators.K, rest), rest)
-
-    @cached_property
-    def stiffness(self) -> Floats:
-        """(u, u) K_r on the unknowns."""
-        K = restricted(self.operators.regular.K, self.read)
-        if len(self.read) == self.A.shape[1]:
-            return np.ascontiguousarray(K if isinstance(K, np.ndarray) else K.toarray())
-        rest, factor = self._inner
-        coupling = self.operators.K[rest][:, self.read]
-        coupling = coupling if isinstance(coupling, np.ndarray) else coupling.toarray()
-        return np.ascontiguousarray(K - coupling.T @ factor.solve(coupling))
-
-    def passed_on(self, force: Floats) -> Floats:
-        """(u,) the force on the unknowns that does as much to them as a force (n,) on all."""
-        if len(self.read) == self.A.shape[1]:
-            return force
-        rest, factor = self._inner
-        spread = np.zeros(len(force))
-        spread[rest] = factor.solve(force[rest])
-        passed: Floats = (force - self.operators.K @ spread)[self.read]
-        return passed
-
-    @cached_property
-    def flexibility(self) -> Floats:
-        """(u, u) the part of K_r^{-1} that rows read."""
-        unit = np.zeros((self.A.shape[1], len(self.read)))
-        unit[self.read, np.arange(len(self.read))] = 1.0
-        found: Floats = self.operators.factor.solve(unit)[self.read]
-        return found
-
-    @cached_property
-    def reach(self) -> Floats:
-        """(m * block + r,) bounds on what rows read of motions, (A d)_i <= reach_i |d|, and on |B_i'x| in K_r^{-1}."""
-        operators = self.operators
-        norms = np.repeat(operators.block * operators.norm_flexibility, operators.block)
-        reach: Floats = np.sqrt(np.concatenate([norms, operators.limit_flexibility]))
-        return reach
-
-    @cached_property
-    def step(self) -> Floats:
-        """(m * block + r,) by which multipliers may follow gradients: 1 / step exceeds W + C.
-
-        The largest eigenvalue of W + C, its diagonal made one, is that of twenty power iterations, and a tenth more.
-        """
-        diagonal = self.reach**2
-        diagonal[self.limits] += self.operators.compliance
-        root, largest = 1.0 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0)), 0.0
-        x = np.random.default_rng(0).standard_normal(len(root))
-        for _ in range(20 if len(x) else 0):
-            y = root * x / np.linalg.norm(x)
-            spread = self.A @ self.operators.factor.solve(self.act(y))
-            spread[self.limits] += self.operators.compliance * y[self.limits]
-            x = root * spread
-            largest = float(np.linalg.norm(x))
-        step: Floats = root**2 / (1.1 * largest if largest > 0 else 1.0)
-        return step
-
 
 SOLVED = 1e-6
 """Part of the answer above which a correction shows a nearly singular system, whose sets leave a motion free."""
@@ -202,7 +102,8 @@ class Found:
         within = np.where(sets.stick, size <= w + self.forces, np.abs(size - w) <= self.forces)
         turned = np.linalg.norm(slips[:, None] * point.lam - size[:, None] * s, axis=1)
         forth = sets.stick | (turned <= 2 * (self.forces * slips + size * blur[0]))
-        pressed = np.where(sets.act, point.p >= -self.forces, z <= blur[1])
+        # Bounds that follow from others may have been dropped from the system, and must hold nevertheless.
+        pressed = np.where(self.sets.act, point.p >= -self.forces, z <= blur[1])
         # Where rows follow from others', what sticks is held by these.
         still = ~sets.stick | (slips <= self.motions.max(initial=0.0))
         return bool(within.all() and forth.all() and pressed.all() and still.all())
@@ -286,220 +187,6 @@ def _bend(sets: Sets, s: Floats) -> Floats:
     return bent
 
 
-def held_by(A: sp.csr_matrix) -> tuple[sp.csr_matrix, sp.csr_matrix]:
-    """(L, Z) of rows A (h, c) that hold: A d = v has the solutions d = L'v + Z y, and A'x = f, if any, x = L f.
-
-    A row that reads an unknown of its own holds that one; the others are reflected, together with those that share
-    unknowns with them.
-
-    Raises
-    ------
-    LinAlgError
-        A row follows from others.
-    """
-    own, readers = np.diff(A.indptr) == 1, np.bincount(A.indices, minlength=A.shape[1])
-    own[own] = readers[A.indices[A.indptr[:-1][own]]] == 1
-    first, shared, free = A.indptr[:-1][own], np.flatnonzero(~own), np.flatnonzero(readers == 0)
-    L = [(np.flatnonzero(own), A.indices[first], 1.0 / A.data[first])]
-    Z = [(free, np.arange(len(free)), np.ones(len(free)))]
-    f = len(free)
-    if len(shared):
-        groups = connected_components(abs(A[shared]) @ abs(A[shared]).T, directed=False)[1]
-        for group in range(groups.max() + 1):
-            rows = shared[groups == group]
-            some = np.unique(A[rows].indices)
-            Q, R = qr(A[rows][:, some].toarray().T)
-            h, rest = len(rows), np.arange(f, f + len(some) - len(rows))
-            if h > len(some) or (np.abs(np.diagonal(R)) <= FOLLOWS * np.linalg.norm(R, axis=0)).any():
-                raise LinAlgError("singular")
-            L.append((np.repeat(rows, len(some)), np.tile(some, h), solve_triangular(R[:h], Q[:, :h].T).ravel()))
-            Z.append((np.repeat(some, len(rest)), np.tile(rest, len(some)), Q[:, h:].ravel()))
-            f += len(rest)
-    return _assembled(L, A.shape), _assembled(Z, (A.shape[1], f))
-
-
-def _assembled(parts: list[tuple[Ints, Ints, Floats]], shape: tuple[int, int]) -> sp.csr_matrix:
-    """The matrix with the entries (row, column, value)."""
-    rows, columns, values = (np.concatenate(part) for part in zip(*parts, strict=True))
-    return sp.csr_matrix((values, (rows, columns)), shape=shape)
-
-
-class SetsSystem:
-    """The system of some sets, reduced to the motions y that they leave, and factorised.
-
-    Raises
-    ------
-    LinAlgError
-        It is singular: the sets hold nothing, or hold something twice.
-    """
-
-    def __init__(self, operators: Operators, sets: Sets, J: sp.csr_matrix, response: Response):
-        block, norms, r = operators.block, operators.B.shape[0], len(sets.act)
-        self._operators, self._response, self._sets, self._J = operators, response, sets, J
-        soft = sets.act & (operators.compliance > 0)
-        self._spring = np.divide(1.0, operators.compliance, out=np.zeros(r), where=soft)
-        self._hard, stick = np.flatnonzero(sets.act & ~soft), np.flatnonzero(np.repeat(sets.stick, block))
-        self._own = np.setdiff1d(stick, sets.idle)
-        self._q = _blockwise(sets.direction[:, :, None])
-        self._H = _blockwise(sets.curvature[:, None, None] * transverse(sets.direction))
-        follows = sp.csr_matrix(self._q @ J @ sp.diags_array(sets.act.astype(float)))
-        follows.eliminate_zeros()
-        # Unknowns that the sets do nothing with are free; where most are, these are eliminated.
-        concerned = np.concatenate([np.repeat(sets.stick | (sets.curvature > 0), block), sets.act])
-        concerned[:norms] |= np.diff(follows.indptr) > 0
-        some = np.flatnonzero((abs(response.rows).T @ concerned > 0) | (response.anchor > 0))
-        if 2 * len(some) < len(response.read):
-            self._S = np.asarray(np.linalg.inv(np.asarray(restricted(response.flexibility, some))))
-        else:
-            some, self._S = np.arange(len(response.read)), response.stiffness
-        self._some, A = some, response.rows[:, some]
-        self._B, self._D = A[:norms], A[norms:]
-        soften = self._D.T @ sp.diags_array(self._spring) @ self._D - sp.diags_array(response.anchor[some])
-        self._T = sp.csr_matrix(self._B.T @ self._H @ self._B + soften)
-        self._L, self._Z = held_by(sp.csr_matrix(sp.vstack([self._D[self._hard], self._B[self._own]])))
-        self._choose()
-        # p = E^{-1} (what limits would carry alone), where terms that slip pull at what limits hold.
-        h = len(self._hard)
-        self._press = sp.csr_matrix((np.ones(h), (self._hard, np.arange(h))), shape=(r, h)) @ self._react[:h]
-        tied = sp.csc_matrix(self._press @ self._B.T @ follows)
-        one = sp.eye_array(r, format="csc")
-        self._untie = sp.csr_matrix(splu(sp.csc_matrix(one + tied)).solve(np.eye(r)) if tied.nnz else one)
-        self._pull = sp.csr_matrix(follows @ self._untie)
-        f, tests = self._Z.shape[1], sp.csr_matrix(sp.vstack([self._Z.T, -self._react[:h]]))
-        answered = np.asarray(_plus(tests @ self._S, tests @ self._T) @ self._Z)
-        self._K = answered[:f]
-        self._P = _plus(np.zeros((r, f)), sp.diags_array(self._spring) @ self._D @ self._Z)
-        self._P[self._hard] += answered[f:]
-        self._M = self._K + (self._Z.T @ self._B.T @ self._pull) @ self._P
-        self._lu = lu = lapack.dgetrf(self._M) if len(self._M) else (self._M, self._M, 0)
-        if lu[2] > 0 or not np.isfinite(lu[0]).all():
-            raise LinAlgError("singular")
-
-    def _choose(self) -> None:
-        """x = react f + given (shares of x), of limits that hold, terms that stick, and idle rows, in this order."""
-        idle, shares, h = self._sets.idle, self._sets.shares, len(self._hard)
-        self._rows = np.concatenate([self._response.limits.start + self._hard, self._own, idle])
-        if not len(idle):
-            self._react, self._given = self._L, np.zeros((len(self._rows), 0))
-            return
-        pushed, own = (self._L @ self._B[idle].T).toarray(), shares[:, self._own]
-        chosen = np.linalg.inv(shares[:, idle] - own @ pushed[h:])
-        self._given = np.concatenate([-pushed @ chosen, chosen])
-        self._react = sp.csr_matrix(sp.vstack([self._L, sp.csr_matrix((len(idle), self._L.shape[1]))]))
-        self._react = sp.csr_matrix(self._react - sp.csr_matrix(self._given @ (own @ self._L[h:])))
-
-    def _opened(self, rest: Floats) -> Floats:
-        """M^{-1} rest."""
-        return np.asarray(lapack.dgetrs(*self._lu[:2], rest)[0]) if len(rest) else rest
-
-    def solve(self, force: Floats, wanted: Floats) -> tuple[Floats, Floats]:
-        """(d, x) with K d = force - A'x, where the equation of every row misses by `wanted` (N,)."""
-        response, factor, h = self._response, self._operators.factor, len(self._hard)
-        norms, limits = response.norms, response.limits
-        own, sprung = np.concatenate([wanted[limits][self._hard], wanted[self._own]]), self._spring * wanted[limits]
-        given = self._given @ wanted[self._sets.idle]
-        x = wanted.copy()
-        x[norms][np.repeat(self._sets.stick, self._operators.block)] = 0.0
-        x[limits][self._sets.act] = 0.0
-        x[norms] += self._q @ (self._J @ x[limits])
-        d = self._L.T @ own
-        unknowns, passed = response.read[self._some], response.passed_on(force - response.act(x))
-        rest = passed[self._some] + self._D.T @ sprung - self._S @ d - self._T @ d
-        # As motions, forces on the unknowns would lose the digits that K lacks of definiteness.
-        passed[self._some] = 0.0
-        if passed.any():
-            rest += self._S @ (response.flexibility @ passed)[self._some]
-        p = self._press @ rest + self._spring * (self._D @ d) - sprung
-        p[self._hard] += given[:h]
-        y = self._opened(self._Z.T @ (rest - self._B.T @ (self._pull @ p)))
-        p, more = p + self._P @ y, self._Z @ y
-        rest -= self._S @ more + self._T @ more + self._B.T @ (self._pull @ p)
-        d = d + more
-        x[norms] += self._H @ (self._B @ d) + self._pull @ p
-        x[limits] += self._untie @ p
-        x[self._rows] = self._react @ rest + given
-        push = force - response.act(x)
-        push[unknowns] += response.anchor[self._some] * d
-        return factor.solve(push), x
-
-    @cached_property
-    def gain(self) -> float:
-        """c of the theorem."""
-        if len(self._M) == 0:
-            return 0.0
-        anchors = sp.diags_array(self._response.anchor[self._some])
-        N = _plus(self._K.copy(), self._Z.T @ anchors @ self._Z)
-        # y'My >= y'Ny / 2 where J is small, which a factorisation shows in a tenth of the work of the norm.
-        if lapack.dpotrf(self._M + self._M.T - N)[1] == 0:
-            return 2.0
-        root, info = lapack.dpotrf(N)
-        return np.inf if info else float(np.linalg.norm(np.triu(root) @ self._opened(np.triu(root).T)))
-
-    @cached_property
-    def _moving(self) -> Floats:
-        """(m * block + r,) `reach` of rows, zero for those that what is held does not let move."""
-        A, free = self._response.rows, self._response.rows[:, self._some] @ self._Z
-        within = np.diff(A[:, self._some].indptr) == np.diff(A.indptr)
-        held = abs(free).max(axis=1).toarray().ravel() <= FOLLOWS * abs(A).max(axis=1).toarray().ravel()
-        return np.where(within & held, 0.0, self._response.reach)
-
-    def answers(self, along: Floats, across: Floats) -> Answers:
-        """Bounds on the answers to psi, its parts being at most `along` and `across` (m,)."""
-        response, block, h = self._response, self._operators.block, self._sets.curvature
-        # A term moves if one of its rows does.
-        phi = self._operators.blocks(self._moving[response.norms]).max(axis=1)
-        limits = self._moving[response.limits]
-        chi = np.minimum(phi, 1.0 / np.sqrt(np.where(h > 0, h, np.inf)), where=h > 0, out=phi.copy())
-        psi = np.repeat(np.hypot(along, across), block)
-        tied = _sizes(abs(self._pull @ self._press @ self._B.T) @ psi, block)
-        energy = self.gain * float(response.reach[response.norms][::block] @ tied + phi @ along + chi @ across)
-        excess = limits * energy
-        # |K_r d| on an unknown, by Schwarz's inequality; anchors pull with no more than the root of their stiffness.
-        force = (np.sqrt(np.diagonal(self._S)) + np.sqrt(response.anchor[self._some])) * energy
-        force += abs(self._D).T @ (self._spring * excess)
-        pulls = psi + np.repeat(h * chi * energy, block)
-        press = abs(self._press) @ force + abs(self._press @ self._B.T) @ pulls + self._spring * excess
-        held = np.zeros(len(self._moving))
-        held[self._rows] = abs(self._react) @ force
-        held[self._rows] += abs(self._react @ self._B.T) @ (pulls + abs(self._pull) @ press)
-        multipliers = _sizes(held[response.norms], block)
-        return Answers(energy, phi * energy, chi * energy, excess, multipliers, abs(self._untie) @ press)
-
-
-class Answers(NamedTuple):
-    """Bounds on how a state answers psi."""
-
-    energy: float
-    along: Floats
-    """(m,) slips along q"""
-    across: Floats
-    """(m,)"""
-    excess: Floats
-    """(r,)"""
-    multipliers: Floats
-    """(m,) of terms that stick"""
-    forces: Floats
-    """(r,)"""
-
-
-def _plus(dense: Floats, sparse: sp.csr_matrix) -> Floats:
-    """The dense matrix, to which the sparse one is added."""
-    entries = sp.coo_matrix(sparse)
-    np.add.at(dense, (entries.row, entries.col), entries.data)
-    return dense
-
-
-def _sizes(x: Floats, block: int) -> Floats:
-    """(m,) norms of the blocks of x (m * block,)."""
-    return np.asarray(np.linalg.norm(x.reshape(-1, block), axis=1))
-
-
-def _blockwise(blocks: Floats) -> sp.csr_matrix:
-    """The block diagonal matrix of blocks (m, i, j)."""
-    m, i, j = blocks.shape
-    return sp.csr_matrix(sp.bsr_matrix((blocks, np.arange(m), np.arange(m + 1)), shape=(m * i, m * j)))
-
-
 def distance_to_a_solution(program: StepProgram, law: PressureLaw, sets: Sets, found: Found) -> float | None:
     """A bound on |d - d*|_K to a solution d* of (Q), from what the sets miss of it; None if there is no proof."""
     p, s = np.where(found.sets.act, np.maximum(found.point.p, 0.0), 0.0), program.slip(found.point.d)
@@ -538,12 +225,15 @@ def _hold(program: StepProgram, law: PressureLaw, sets: Sets, found: Found, answ
     """True if the sets' inequalities hold, to rounding, whatever psi is answered, and the law is affine there."""
     act, pressure, pi = found.sets.act, found.point.p, np.where(found.sets.act, answers.forces, 0.0)
     p, z = np.where(act, np.maximum(pressure, 0.0), 0.0), program.excess(found.point.d) + answers.excess
-    low, high = (law.slope(np.maximum(p + sign * pi, 0.0)) for sign in (-1.0, 1.0))
     w, J = law.weights(p), law.slope(p)
-    affine = abs(low - J).sum() == 0 and abs(high - J).sum() == 0
+    corners = [np.maximum(p + sign * pi, 0.0) - p for sign in (-1.0, 1.0)]
+    affine = all(
+        abs(law.slope(p + c) - J).sum() == 0 and (np.abs(law.weights(p + c) - w - J @ c) <= found.forces).all()
+        for c in corners
+    )
     size = np.linalg.norm(found.point.lam, axis=1) + answers.multipliers
     within = ~sets.stick | (size <= w - abs(J) @ pi + found.forces)
-    pressed = np.where(sets.act, pressure - pi >= -found.forces, z <= found.motions[program.b.size :])
+    pressed = np.where(act, pressure - pi >= -found.forces, z <= found.motions[program.b.size :])
     silent = sets.stick | (w > 0) | (abs(J) @ pi == 0)
     still = ~sets.stick | (np.linalg.norm(program.slip(found.point.d), axis=1) <= found.motions.max(initial=0.0))
     return bool(affine and within.all() and pressed.all() and silent.all() and still.all())
@@ -593,7 +283,9 @@ def solution_near(
         return None
     (sets, found), point = met, met.point(program, law)
     away = distance_to_a_solution(program, law, sets, found) if program.operators.block > 1 else 0.0
-    return SetsSolution(point, law.weights(point.p), found.error + (away or 0.0), away is not None)
+    # Where the point is moved within bounds and into place, that counts.
+    error = found.error + program.operators.energy_norm(point.d - found.point.d) + (away or 0.0)
+    return SetsSolution(point, law.weights(point.p), error, away is not None)
 
 
 SWEEPS = 50
@@ -605,8 +297,8 @@ def swept(program: StepProgram, law: PressureLaw, start: Iterate, response: Resp
     """A point near a solution of (Q): projected gradients with momentum, on the multipliers x = (lam, p).
 
     x becomes the projection of y + r (A K^{-1} g - [b; e] - (W + c) y) on discs of the radius w(p) and on p >= 0, y
-    being ahead of x (Nesterov 1983), and x itself where that led back (O'Donoghue and Candes 2015). By Gershgorin's
-    theorem diag(1 / r) - W - c is semidefinite for 1 / r_i = c_i + sum_j |W_ij|, the largest of each disc.
+    being ahead of x (Nesterov 1983), and x itself where that led back (O'Donoghue and Candes 2015); r is
+    :attr:`Response.step`.
     """
     operators, limits, step = program.operators, response.limits, response.step
     x = y = np.concatenate([start.lam.ravel(), start.p])

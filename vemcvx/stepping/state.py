@@ -46,8 +46,8 @@ from vemcvx.program.scaling import Scaling, scaling
 from vemcvx.program.step_program import Answer
 from vemcvx.program.system import System
 from vemcvx.solvers import Prepared, Solver, Solves, choose_solver
-from vemcvx.solvers.coulomb import Response
 from vemcvx.solvers.semidefinite import ProximalPoints
+from vemcvx.solvers.sets_system import Response
 from vemcvx.solvers.solver import named_failures
 from vemcvx.stepping.ledger import Ledger, StepData, step_data
 

@@ -51,7 +51,7 @@ from vemcvx.errors import NotContracting, SceneError
 from vemcvx.program.certificate import Certificate, limit_gaps, norm_gaps
 from vemcvx.program.operators import Norms
 from vemcvx.program.tolerances import FIXED_POINT
-from vemcvx.solvers.coulomb import solution_near
+from vemcvx.solvers.coulomb import SOLVED, solution_near
 from vemcvx.solvers.newton import Iterate
 from vemcvx.stepping.posed_step import PosedStep
 from vemcvx.stepping.state import PreparedRun, State
@@ -162,8 +162,12 @@ class DependentStep:
         if found is None:
             return None
         at, w = found.point, found.weights
-        floor = replace(scaled, w=w).rounding_floor(at.d, at.lam, at.p)
-        own = Certificate(0.0, np.zeros_like(w), floor, np.zeros_like(at.p)).away(found.error, not found.proven)
+        followed = replace(scaled, w=w)
+        floor = followed.rounding_floor(at.d, at.lam, at.p)
+        # The gap under these weights knows nothing of sets. That of a solution is rounding, of whatever size.
+        gap = np.sqrt(2.0 * followed.duality_gap(at.d, at.lam, at.p))
+        error = gap if SOLVED * followed.operators.energy_norm(at.d) < gap < np.inf else found.error
+        own = Certificate(0.0, np.zeros_like(w), floor, np.zeros_like(at.p)).away(error, not found.proven)
         answer = scales.restore(state.answer(at.d, at.lam, at.p), alpha)
         return self.pose(w / up).state_after(answer, own.times(1.0 / scales.energy(1.0, alpha)))
 

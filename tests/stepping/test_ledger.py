@@ -31,10 +31,18 @@ def scene(moving):
     )
 
 
+def on_a_belt(moving):
+    """The scene, with a ground that moves below the friction."""
+    belt = vx.TrescaFriction(2.0, on="bottom", ground=lambda x, t: (0.05 * np.sin(4 * t), 0.0))
+    return scene(moving).without(vx.TrescaFriction).with_(belt)
+
+
 @few_families
+@pytest.mark.parametrize("condense", [True, False])
 @pytest.mark.parametrize("moving", [False, True])
-def test_ledger_closes(family, moving):
-    history = vx.simulate(scene(moving), small(family, 5), TIMES, solver=vx.Newton())
+@pytest.mark.parametrize("of", [scene, on_a_belt])
+def test_ledger_closes(family, of, moving, condense):
+    history = vx.simulate(of(moving), small(family, 5), TIMES, solver=vx.Newton(), condense=condense)
     A = pose_scene(history.scene, history.mesh).A
     increments = np.diff(history.displacement, axis=0).reshape(len(TIMES) - 1, -1)
     numerical = 0.5 * np.einsum("ni,ni->n", increments, (A @ increments.T).T)

@@ -262,7 +262,9 @@ def adapt(
     estimate : {"residual", "bound"}
         What the mesh is judged by: residuals, which are quick and estimate its error; or the guaranteed bound of the
         error in a step, given the one before (:func:`vemcvx.error_bound`), which takes longer, and is nearer to the
-        error. The history then has the steps before those looked at, too. Time is estimated in either case.
+        error. That error is the conforming displacement's of :class:`ErrorBound`; the stresses that a history gives in
+        cells, and which residuals judge, are farther off: up to 1.9 times the bound in 40 random scenes (target 8 %).
+        The history then has the steps before those looked at, too. Time is estimated in either case.
 
     Warns
     -----

@@ -133,6 +133,7 @@ def test_a_run_that_fails_is_a_row(pad):
     assert told[1]["folder"] is None
 
 
+@pytest.mark.slow
 def test_a_run_that_misses_its_accuracy_has_the_other_exit_code(pad):
     words = ("--set", "friction=.1,.2", "--solver", "osqp", "--accuracy", "1e-15")
     code, said = call("run", str(pad), *SMALL, *words)

@@ -247,7 +247,8 @@ def test_adaptive_meshes_pay():
     assert others[1][1].unknowns <= others[1][0].unknowns / 4
 
 
-@pytest.mark.parametrize("of", ["dissipated", pytest.param("work", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("of", ["dissipated", "work"])
 def test_targets_of_energies_are_met_in_truth(of):
     """Coulomb's law under a load that turns smoothly between few instants: mesh and steps have to be refined."""
     scene, mesh = rubbed_pad(), vx.meshes.squares(2, box=((0.0, 2.0), (0.0, 1.0)))

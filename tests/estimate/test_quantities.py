@@ -152,7 +152,7 @@ def at_the_end(history):
     return [run.dissipated_second_order[-1], run.work_second_order[-1], worn]
 
 
-LONG = {"Coulomb, two bodies", "Coulomb, space", "Coulomb, dovetail", "Coulomb, reversal missed"}
+LONG = {name for name in RUNS if name.startswith("Coulomb")}
 
 
 @pytest.mark.parametrize(

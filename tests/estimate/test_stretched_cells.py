@@ -40,7 +40,15 @@ def truth_of(case):
     return simulated(case.scene, case.fine.func, *case.fine.args)
 
 
-@pytest.mark.parametrize("case", [case for case in cases() if case.name in QUICK], ids=lambda case: case.name)
+@pytest.mark.parametrize(
+    "case",
+    [
+        pytest.param(case, marks=pytest.mark.slow if case.name in QUICK[2:5] else ())
+        for case in cases()
+        if case.name in QUICK
+    ],
+    ids=lambda case: case.name,
+)
 def test_estimates_are_no_less_than_the_truth(case):
     assert 1.0 <= ratio(case, truth_of(case)) <= MOST
 
@@ -53,7 +61,9 @@ def test_estimates_of_the_declared_family():
     assert max(found.values()) <= MOST, max(found, key=found.get)
 
 
-@pytest.mark.parametrize("start", [(8, 8), (32, 4), (128, 4), (4, 128)])
+@pytest.mark.parametrize(
+    "start", [(8, 8), (128, 4), *(pytest.param(s, marks=pytest.mark.slow) for s in ((32, 4), (4, 128)))]
+)
 def test_targets_are_met_in_truth_from_stretched_squares(start):
     """With |K|^{1/2} .08 was `met` at the true errors .055, .087, .145 and .117."""
     found = vx.adapt(block(), squares(*start), [0.0, 1.0], 0.08)

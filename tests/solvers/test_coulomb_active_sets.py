@@ -93,9 +93,9 @@ def test_contact_that_is_open_nearly_everywhere():
     def press(x, t):
         return np.column_stack([0.004 * t + 0 * x[:, 0], 0.002 * t * x[:, 0], -0.005 * t + 0 * x[:, 0]])
 
-    mesh = vx.meshes.cubes(10, box=((0, 1), (0, 1), (0, 0.3)))
+    mesh = vx.meshes.cubes((20, 20, 4), box=((0, 1), (0, 1), (0, 0.3)))
     mesh = mesh.with_boundary(
-        "middle", lambda x: (np.abs(x[:, 2]) < 1e-9) & (np.abs(x[:, :2] - [0.5, 0.4]).max(axis=1) < 0.201)
+        "middle", lambda x: (np.abs(x[:, 2]) < 1e-9) & (np.abs(x[:, :2] - [0.5, 0.4]).max(axis=1) < 0.151)
     )
 
     def scene(on):

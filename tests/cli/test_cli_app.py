@@ -550,7 +550,7 @@ def test_in_narrow_windows_pictures_stand_in_one_column(ran, address, browser, t
     slider, output = browser.find_element("css selector", "input"), browser.find_element("css selector", "output")
     slider.send_keys(Keys.ARROW_RIGHT)
     assert output.text == slider.get_attribute("ariaValueText") == "step 30 of 30, t = 1"
-    assert "t = 1," in browser.execute_script(PLACES)[0][3]
+    assert "t = 1 s," in browser.execute_script(PLACES)[0][3]
 
     browser.get(address)
     WebDriverWait(browser, 120, poll_frequency=0.2).until(lambda b: b.execute_script(PICTURE))

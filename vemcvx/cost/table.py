@@ -270,16 +270,13 @@ def effectivities(rows: Sequence[Row], title: str = "") -> Figure | None:
 
     Bounds of steps are of another error than the true one, and left out.
     """
-    found = [one for one in answers(rows) if one.error > 0 and one.row.bound is not None]
-    found = [one for one in found if one.row.bound_of == "history"]
+    found = [one for one in answers(rows) if one.error > 0 and one.row.bound_of == "history"]
     if not found:
         return None
     figure = new_figure(7.4, 4.0)
     ax = figure.subplots()
-    families = sorted({one.row.family for one in found}, key=str)
-    for family in families:
+    for k, family in enumerate(sorted({one.row.family for one in found}, key=str)):
         own = [one for one in found if one.row.family == family]
-        k = families.index(family)
         style: dict[str, Any] = {
             "linestyle": "none",
             "marker": MARKERS[k % len(MARKERS)],

@@ -58,11 +58,10 @@ class Response:
         """(m * block + r, u) A on these"""
         self.anchor: Floats = anchor[self.read]
         """(u,) the stiffness of the anchors, without which K_r is K"""
-        self._transposed = sp.csr_matrix(self.A.T)
 
     def act(self, x: Floats) -> Floats:
         """A'x, (n,)."""
-        return self._transposed @ x
+        return self.operators.multiplier_force(x[self.norms], x[self.limits])
 
     @cached_property
     def _inner(self) -> tuple[Ints, Factor]:
@@ -109,7 +108,7 @@ class Response:
 
     @cached_property
     def step(self) -> Floats:
-        """(m * block + r,) by which multipliers may follow gradients: 1 / step exceeds W + C.
+        """(m * block + r,) by which multipliers may follow gradients: 1 / step is to exceed W + C.
 
         The largest eigenvalue of W + C, its diagonal made one, is that of twenty power iterations, and a tenth more.
         """

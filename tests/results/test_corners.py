@@ -7,6 +7,7 @@ import pytest
 from scipy.optimize import brentq
 from test_extremes import cycle
 
+import block_between_dies
 import hertz_contact
 import l_shaped_bracket
 import plate_with_hole
@@ -111,10 +112,11 @@ def corners_of(history):
 
 
 @pytest.mark.parametrize(
-    ("problem", "n"), [(hertz_contact, 8), (plate_with_hole, 6), (press_fit, 4), (two_blocks_in_series, 4)]
+    ("problem", "n"),
+    [(hertz_contact, 8), (plate_with_hole, 6), (press_fit, 4), (two_blocks_in_series, 4), (block_between_dies, 8)],
 )
 def test_nothing_is_said_where_stress_has_a_limit(problem, n):
-    """Contact that ends where it opens, curves of polygons, planes of symmetry, bodies glued by friction."""
+    """Contact that ends where it opens, curves of polygons, planes of symmetry, glue by friction, uniform stress."""
     begin = getattr(problem, "initial", None)
     history = vx.simulate(problem.scene(), problem.mesh(n), problem.times(4), initial=begin)
     assert not any(said(history).values())

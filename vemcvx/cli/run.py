@@ -407,7 +407,7 @@ def _extremes(history: History, units: Units | None) -> Iterator[str]:
     """Largest displacement, stress, and so on over all stored steps, a line each."""
     for one in history.extremes:
         where = f"at {coordinates(one.place)}, t = {one.time:.6g} {(units or {}).get('time', '')}".rstrip()
-        yield f"{one.name:36s}{one.value:12.6g} {in_units(one.unit, units):14s} {where}"
+        yield f"{one.name:36s}{one.value:12.6g} {in_units(one.unit, units):14s} {where if one.value else ''}".rstrip()
         if one.unbounded:
             yield f"{'':48s} {one.unbounded}"
 

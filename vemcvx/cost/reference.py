@@ -86,7 +86,7 @@ def run_point(recipe: Recipe, point: Point, instants: Floats) -> Ran:
         **bound,
         "mesh": meshing,
         "repeats": repeats,
-        **{one.key: finite_or_none(one.value) for one, _ in largest_values(history) if one.key in EXTREMES},
+        **{one.key: finite_or_none(one.value) for one, *_ in largest_values(history) if one.key in EXTREMES},
         "peak_mb": peak,
         "message": "; ".join(dict.fromkeys(said)),
     }

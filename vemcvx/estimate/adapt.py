@@ -405,7 +405,7 @@ class _Time:
 
 def _extremes(history: History) -> dict[str, tuple[float, float]]:
     mesh, found = plane_mesh(history.mesh, "adapt"), {}
-    for one, _ in largest_values(history):
+    for one, *_ in largest_values(history):
         if one.key in SINGULAR:
             # Of a contact node, the smallest cell nearby, whose centroid is not a cell's width away.
             near = np.linalg.norm(mesh.centroids - one.place, axis=1)

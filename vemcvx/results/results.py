@@ -279,13 +279,14 @@ class Results:
 
         Displacements are those of nodes, stresses those of cells, Pi u's, at their centroids, and slips, friction and
         pressure, raw and recovered, those of contact nodes. Signs are kept: the smallest principal stress is the
-        largest compression. `unbounded` says of those at corners that they grow without limit as the mesh is refined.
-        Found once, when first asked for.
+        largest compression. `unbounded` says of those at corners that they grow without limit as the mesh is refined,
+        unless half of the field is within a percent of them: no corner is loaded then. Found once, when first asked
+        for.
         """
         corners, grew = Corners(self.mesh, self.contact, self.moduli, self.sides), self.growth or {}
         told = (
-            (one, corners.sentence(_nodes(self, corners, one.key, k), self.row(one.step), one.key) if one.value else "")
-            for one, k in largest_values(self)
+            (one, "" if even else corners.sentence(_nodes(self, corners, one.key, k), self.row(one.step), one.key))
+            for one, k, even in largest_values(self)
         )
         return tuple(
             replace(one, unbounded="; ".join(filter(None, [words, grew.get(one.key, "")]))) for one, words in told
@@ -301,9 +302,12 @@ class Results:
         return stored.index(wanted)
 
 
-def largest_values(history: Results) -> Iterator[tuple[quoted.Extreme, int]]:
-    """The extremes, each with the number of its node, cell or contact node."""
-    found: dict[str, tuple[quoted.Extreme, int]] = {}
+def largest_values(history: Results) -> Iterator[tuple[quoted.Extreme, int, bool]]:
+    """The extremes, each with the number of its node, cell or contact node, and whether half of the field is as large.
+
+    As large means within a percent.
+    """
+    found: dict[str, tuple[quoted.Extreme, int, bool]] = {}
     # Squares beyond the largest number are infinite, as are the extremes then.
     with np.errstate(over="ignore", invalid="ignore"):
         for row, step in enumerate(history.stored.tolist()):
@@ -312,7 +316,8 @@ def largest_values(history: Results) -> Iterator[tuple[quoted.Extreme, int]]:
                 k = int(np.argmax(sign * values))
                 if key not in found or sign * values[k] > sign * found[key][0].value:
                     at = {"place": points[k], "time": float(history.times[row]), "step": step}
-                    found[key] = quoted.Extreme(key, name, float(values[k]), unit, **at), k
+                    even = bool(np.median(sign * values) >= 0.99 * sign * values[k])
+                    found[key] = quoted.Extreme(key, name, float(values[k]), unit, **at), k, even
     yield from found.values()
 
 

@@ -104,7 +104,7 @@ def require_certified(run: PreparedRun, state: State, n: int) -> None:
     said = f" The solver said: {state.status}." if state.status else ""
     raise NotCertified(
         f"step {n} at t = {state.t:.6g}: {solver.name} reached a certified relative energy error of {reached:.1e}, "
-        f"asked was {accuracy:.1e} (round-off floor {floor:.1e}).{said}{worst} "
+        f"asked was {accuracy:.1e}.{said}{worst} "
         f"{_uncondensed(run)}{_advice(solver, reached, accuracy, floor)}, or pass check=False to go on regardless.",
         step=n,
         time=state.t,

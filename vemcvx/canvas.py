@@ -223,8 +223,10 @@ def bar_beside(ax: Axes, cells: Collection) -> Colorbar:
 
     # By default the number of ticks goes with the height of the bar, and the room for their labels with the ticks: on
     # a page that is laid out for some, others may then be drawn, and cut off.
-    # Spaces between ticks of a bar of colours; those of the flattest bodies have room for as many.
-    return figure_of(ax).colorbar(cells, cax=ax.inset_axes((1.03, 0.0, 0.04, 1.0)), ticks=MaxNLocator(5))
+    # Beside a body a third as high as it is wide six labels of the size that narrow screens need run into each other.
+    flat = 3 * np.ptp(ax.get_ylim()) <= np.ptp(ax.get_xlim())
+    ticks = MaxNLocator(2 if flat else 5)
+    return figure_of(ax).colorbar(cells, cax=ax.inset_axes((1.03, 0.0, 0.04, 1.0)), ticks=ticks)
 
 
 def draw_faces(

@@ -46,6 +46,8 @@ REPORT_STYLE = (
     "figcaption{color:#555}pre{white-space:pre-wrap;overflow-wrap:anywhere;background:#f6f6f6;padding:.7em}"
     "@page{margin:15mm}@media print{body{margin:0;padding:0;font-size:12px}h2,h3{break-after:avoid}"
     "table{break-inside:avoid}img{max-height:220mm}pre{font-size:10px}.wide{overflow:visible}}"
+    # Letters of pictures stay legible on narrow screens, where one moves the picture and not the page.
+    "@media screen and (max-width:40em){h1{font-size:1.4em}figure{overflow-x:auto}img{max-width:none;width:44em}}"
 )
 
 

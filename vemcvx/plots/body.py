@@ -245,7 +245,7 @@ def stressed_body(
             raise HistoryError(f"stressed_body: found {name} = {found!r}; there are {', '.join(known)}.")
     row, mesh = history.row(step), plane_mesh(history.mesh, "stressed_body", "deformed_body draws it")
     seen, size = within(mesh.centroids, window), _size(mesh.points if window is None else np.transpose(window))
-    factor = common_magnification(history, 0.5 * size, magnify, within(mesh.points, window))
+    factor = common_magnification(history, size, magnify, within(mesh.points, window))
     moved = factor * history.displacement[row]
     line = float(np.clip(9.0 / np.sqrt(seen.sum()), 0.0, 0.5))
     mesh.plot(ax=ax, displacement=moved, linewidth=line, edgecolor="0.35")

@@ -63,8 +63,10 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark tests `quick` that are neither slow nor in one of the longer files."""
+    """Mark long tests `slow`, and tests `quick` that are neither slow nor in one of the longer files."""
     for item in items:
+        if item.get_closest_marker("long"):
+            item.add_marker("slow")
         if item.get_closest_marker("slow") is None and not longer(item.path):
             item.add_marker("quick")
 

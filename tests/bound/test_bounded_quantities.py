@@ -64,6 +64,7 @@ def of_full_slip():
     }
 
 
+@pytest.mark.long
 @few_families
 @pytest.mark.parametrize("name", some_slow(("top", "right", "body", "mean strain", "both"), "top"))
 def test_quantities_of_full_slip_are_between_their_bounds(family, name):
@@ -123,6 +124,7 @@ QUANTITIES = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", some_slow(LINEAR, "moved"))
 def test_intervals_of_linear_scenes_are_theorems(name):
     coarse, middle, fine = (vx.simulate(LINEAR[name], vx.meshes.squares(n), [0.0, 1.0]) for n in (2, 4, 8))
@@ -172,6 +174,7 @@ def test_quantities_of_the_bracket_are_between_their_bounds(n):
         assert bound.certain[1] - bound.certain[0] > bound.high - bound.low
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", some_slow(("paper", "lifted", "compliant"), "lifted"))
 def test_quantities_with_contact_are_between_their_bounds(name):
     meshes = vx.meshes.squares(5), vx.meshes.squares(15)
@@ -201,6 +204,7 @@ def test_quantities_are_between_their_bounds_in_random_scenes(seed):
         check_against_finer(scene, (coarse_mesh(seed), vx.meshes.squares(24)), of, turn)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", some_slow(STACKS, "one-sided"))
 def test_quantities_of_two_bodies_are_between_their_bounds(name):
     quantities = vx.Traction(ALONG, on="lower.right"), vx.PrescribedDisplacement(UP, on="upper.top")
@@ -219,6 +223,7 @@ def test_what_friction_alone_holds_has_an_estimate():
     assert "estimate" in repr(bound)
 
 
+@pytest.mark.long
 def test_error_bars_close_around_the_closed_form():
     """The problem file: of mesh and steps, its exact solution between them."""
     history = vx.simulate(guaranteed_bounds.scene(), guaranteed_bounds.mesh(4), guaranteed_bounds.times(2))

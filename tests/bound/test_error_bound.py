@@ -205,6 +205,7 @@ def check_against_finer(name, mesh, finer):
     assert bound.upper <= 1.5 * bound.lower
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["paper", "lifted"])
 def test_bounds_hold_against_a_finer_mesh(name):
     check_against_finer(name, vx.meshes.squares(6), vx.meshes.squares(24))
@@ -415,12 +416,14 @@ def effectivities(course, steps, n, finer, times_as_many):
     return np.array(found)
 
 
+@pytest.mark.long
 def test_a_ramp_is_bounded_over_mesh_and_steps():
     found = effectivities(lambda t: t, 4, 4, 16, 4)
     assert found.min() >= 1.0
     assert found.max() <= 3.0
 
 
+@pytest.mark.long
 def test_a_reversal_between_instants_is_in_the_bound():
     found = effectivities(triangular, 3, 4, 16, 8)
     assert found.min() >= 1.0
@@ -489,6 +492,7 @@ def test_histories_are_bounded_over_mesh_and_steps(course, steps, most):
     assert found.max() <= most
 
 
+@pytest.mark.long
 def test_histories_whose_data_no_step_loses_have_the_bound_of_their_mesh_alone():
     """Full slip in proportion to time: more steps change nothing, and the bound hardly."""
     errors = [exact_error(slipped(0.3, "squares", 6, np.linspace(0.0, 1.0, n + 1)), 0.3) for n in (1, 4)]
@@ -523,6 +527,7 @@ def test_runs_that_cannot_be_bounded_are_refused_before_they_begin():
         vx.simulate(scene, vx.meshes.cubes(2), [0.0, 1.0], bound=True)
 
 
+@pytest.mark.long
 def test_the_command_line_says_the_bound(tmp_path):
     arguments = ["run", "feng_han_huang", "--n", "4", "--steps", "2", "--bound", "--report", "--out", str(tmp_path)]
     done = CliRunner().invoke(app, arguments)

@@ -42,6 +42,7 @@ def written(tmp_path, text, name="problem.py"):
     return path
 
 
+@pytest.mark.long
 def test_run_writes_what_it_says(tmp_path):
     done = invoke("run", PROBLEM, "--n", 8, "--steps", 8, "--store", 4, "--out", tmp_path / "out", "--plot")
     assert done.exit_code == 0, done.output
@@ -153,6 +154,7 @@ def test_a_mesh_file_without_names(tmp_path):
     assert done.output.count(said) == 1
 
 
+@pytest.mark.long
 def test_pictures_alone_go_where_results_go(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     done = invoke("run", written(tmp_path, MINIMAL, "loose.py"), "--n", 2, "--steps", 1, "--plot")
@@ -376,6 +378,7 @@ def test_resuming_needs_something_to_resume(tmp_path):
     assert "--resume: a run goes on in the folder that holds it" in both.output
 
 
+@pytest.mark.long
 def test_a_target_chooses_mesh_and_instants(tmp_path):
     done = invoke("run", PROBLEM, "--target", 0.1, "--out", tmp_path)
     assert done.exit_code == 0, done.output
@@ -389,6 +392,7 @@ def test_a_target_chooses_mesh_and_instants(tmp_path):
     assert invoke("run", PROBLEM, "--target", 3).exit_code == 2
 
 
+@pytest.mark.long
 def test_extremes_at_corners_say_so(tmp_path):
     """On the terminal, in the page and in the summary: a clamp beside a free side."""
     held = """import vemcvx as vx
@@ -421,6 +425,7 @@ initial = "settled"
     assert f"argest principal stress: {told}.</p>" in page
 
 
+@pytest.mark.long
 def test_a_target_may_be_of_friction_work(tmp_path):
     done = invoke("run", PROBLEM, "--target", 0.1, "--of", "dissipated", "--n", 4, "--steps", 4, "--out", tmp_path)
     assert done.exit_code == 0, done.output
@@ -441,6 +446,7 @@ def test_version_and_help():
         assert word in said
 
 
+@pytest.mark.long
 def test_help_and_newton_are_light():
     """Neither needs cvxpy (2 s), matplotlib or meshio."""
     code = f"""
@@ -486,6 +492,7 @@ def on_a_terminal(*words):
     return re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", said.decode())
 
 
+@pytest.mark.long
 @pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are a matter of Unix")
 def test_a_terminal_gets_a_progress_bar(tmp_path):
     said = on_a_terminal("run", PROBLEM, "--n", "16", "--steps", "200", "--out", str(tmp_path / "out"))
@@ -495,6 +502,7 @@ def test_a_terminal_gets_a_progress_bar(tmp_path):
     assert re.search(r"writing .* \d+/201 \d:\d\d:\d\d \S+ left", said)
 
 
+@pytest.mark.long
 def test_without_a_terminal_long_runs_say_a_line_at_times(tmp_path):
     words = ["run", PROBLEM, "--n", "16", "--steps", "200", "--out", str(tmp_path / "out")]
     code = f"from vemcvx.cli import app, terminal; terminal.EVERY = 0.02; app({words!r})"

@@ -69,6 +69,7 @@ def runs_once(ran, monkeypatch):
     monkeypatch.setattr(live_page, "_run", lambda: ran)
 
 
+@pytest.mark.long
 def test_the_page_begins_with_a_cycle_of_the_papers_block(ran):
     """The same by hand: 0, 1, -1, 1 at thirds of the time."""
     app, _, found = ran
@@ -86,6 +87,7 @@ def test_the_page_begins_with_a_cycle_of_the_papers_block(ran):
     assert found["drawn"].count(PNG) == found["drawn"].count("<img") == 4
 
 
+@pytest.mark.long
 def test_other_steps_have_other_pictures_and_numbers(ran):
     app, _, found = ran
     history, course = found["history"], app.course_of("a cycle", found["problem"])
@@ -96,6 +98,7 @@ def test_other_steps_have_other_pictures_and_numbers(ran):
     assert app.numbers_of(history, app.STEPS // 3 + 1)[0][1] == f"{everything} of {everything}"
 
 
+@pytest.mark.long
 def test_every_scene_takes_every_path_and_mesh_on_the_page(ran):
     app = ran[0]
     for name, count in app.SCENES.values():
@@ -115,6 +118,7 @@ def test_every_scene_takes_every_path_and_mesh_on_the_page(ran):
         assert instants == pytest.approx(instants.round(), abs=1e-12)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("solver", "accuracy", "word"), [("Newton", 1e-8, "asked"), ("Clarabel", 1e-14, "missed")])
 def test_an_accuracy_that_is_missed_is_shown(ran, solver, accuracy, word, monkeypatch):
     """Clarabel stops at gaps of 1e-12 at best."""
@@ -138,6 +142,7 @@ def test_check_says_so_in_a_line():
     assert float(worst) < 1e-8
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("runs_once")
 def test_a_page_without_python_needs_nothing_else(tmp_path, monkeypatch):
     monkeypatch.setattr(live_page, "FRAMES", 2)
@@ -162,6 +167,7 @@ def opened(text):
     return found
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("runs_once")
 def test_a_page_opens_at_the_step_that_is_asked_for(tmp_path, monkeypatch):
     monkeypatch.setattr(live_page, "FRAMES", 2)
@@ -172,6 +178,7 @@ def test_a_page_opens_at_the_step_that_is_asked_for(tmp_path, monkeypatch):
     assert (code, said) == (2, "vemcvx: --step: found 31; this run has the steps 1 to 30.\n")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("kinds", "names"), [(2, ["stick and slip", "friction and its bound"]), (1, ["pressure"]), (0, [])]
 )
@@ -194,6 +201,7 @@ def test_a_problem_file_of_ones_own_is_shown(kinds, names, tmp_path, monkeypatch
     assert offered == [1, 2, 3, 4, 5, 6, 7]
 
 
+@pytest.mark.long
 def test_the_load_of_ones_own_file_may_take_one_instant_at_a_time(ran, tmp_path):
     (tmp_path / "ramp.py").write_text(
         OWN_FILE.format(kinds=2).replace("depth=0.0,", "course=abs,").replace("0.02 * t", "0.02 * course(t)")
@@ -206,6 +214,7 @@ def test_the_load_of_ones_own_file_may_take_one_instant_at_a_time(ran, tmp_path)
         assert [name for name, *_ in app.pictures(history, 3, app.course_of(path, problem))][-1] == "hysteresis"
 
 
+@pytest.mark.long
 def test_units_of_a_problem_file_reach_every_axis(ran, tmp_path):
     (tmp_path / "own.py").write_text(
         OWN_FILE.format(kinds=2) + '\n\nUNITS = {"length": "mm", "force": "N", "time": "s", "force per area": "MPa"}\n'
@@ -225,6 +234,7 @@ def test_an_error_of_ones_own_scene_is_named(ran, tmp_path):
         ran[0].solved(problem, problem.mesh(3), {"young": 10.0}, "as in the problem file", "Newton")
 
 
+@pytest.mark.long
 def test_a_problem_that_came_with_the_package_is_shown_by_its_name(monkeypatch):
     monkeypatch.setenv(live_page.GIVEN, "")
     code, said = call("app", "--check", "kelvin_voigt_creep")
@@ -233,6 +243,7 @@ def test_a_problem_that_came_with_the_package_is_shown_by_its_name(monkeypatch):
     assert (found["scene"].value, found["n"].value) == ("viscous strip under a pull", 6)
 
 
+@pytest.mark.long
 def test_a_body_in_space_is_shown(ran):
     problem, app = read_problem("block_in_space"), ran[0]
     history = vx.simulate(problem.scene(), problem.mesh(2), problem.times(2), initial=problem.initial)
@@ -240,6 +251,7 @@ def test_a_body_in_space_is_shown(ran):
     assert names[-2:] == ["stick and slip", "energies"]
 
 
+@pytest.mark.long
 def test_letters_are_large_and_labels_whole(ran):
     """Letters have 12 px where a picture is 346 px wide, the least that the page gives it in a window of 420 px."""
     app = ran[0]

@@ -42,6 +42,7 @@ def test_the_script_needs_four_packages():
     assert others == {"numpy", "scipy", "clarabel", "highspy"}
 
 
+@pytest.mark.long
 def test_what_is_written_is_confirmed(tmp_path, capsys):
     """In each grade: the manifest says what the files hold, and independent gaps agree with ours."""
     said = write_collection(tmp_path, "mtx", instances=one_a_grade())

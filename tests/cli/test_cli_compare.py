@@ -196,6 +196,7 @@ def test_mistakes(options, says):
     assert re.search(says, " ".join(done.output.split()))
 
 
+@pytest.mark.long
 def test_all_asks_whatever_cvxpy_finds():
     """No solver that is installed is left out, and what becomes of each is a row."""
     done = invoke(PROBLEM, "--n", 4, "--steps", 2, "--solvers", "all")
@@ -300,6 +301,7 @@ def test_whatever_is_installed_makes_rows_of_every_problem(path, tmp_path):
     assert all(row["good"] for row in told if row["solver"] == "Newton")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("width", [80, 120])
 def test_tables_fit(width):
     done = CliRunner().invoke(
@@ -335,6 +337,7 @@ def test_files(tmp_path):
     assert "src=" not in page
 
 
+@pytest.mark.long
 def test_where_the_sum_bounds_nothing_it_says_so(tmp_path):
     (tmp_path / "pressed.py").write_text(ONE_SIDED)
     done = invoke(tmp_path / "pressed.py", "--n", 4, "--steps", 2, "--solvers", "newton,clarabel")
@@ -359,6 +362,7 @@ def test_what_bounds_a_distance():
         assert bounds_distance(vx.System(K, load, **given)) is bounds, given
 
 
+@pytest.mark.long
 def test_distances_are_those_of_the_energy_norm(attempts):
     system, (newton, clarabel, poor) = (attempts[0], [run for _, run in attempts[1]])
     apart = (newton.state - poor.state) @ np.linalg.cholesky(system.K.toarray())
@@ -401,6 +405,7 @@ def test_first_clauses(message, says):
     assert clause(message) == says
 
 
+@pytest.mark.long
 def test_the_readme_shows_this_table():
     text = (ROOT / "README.md").read_text()
     command, block = re.search(r"`vemcvx (compare [^`]*)`[^`]*```text\n(.*?)```", text, re.DOTALL).groups()

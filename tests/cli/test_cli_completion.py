@@ -27,6 +27,7 @@ def empty_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("command", ["run", "show", "compare", "export", "cost"])
 def test_problems_of_the_package_and_files_here(command, monkeypatch, tmp_path):
     (tmp_path / "free.py").touch()

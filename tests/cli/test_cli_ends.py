@@ -20,6 +20,7 @@ time.sleep(30)
 """
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("script", [True, False])
 def test_ctrl_c_while_the_package_is_imported_is_a_line(tmp_path, script):
     (tmp_path / "threadpoolctl.py").write_text(STARTS)
@@ -33,6 +34,7 @@ def test_ctrl_c_while_the_package_is_imported_is_a_line(tmp_path, script):
     assert (ended.returncode, ended.stdout, ended.stderr) == (130, "", "vemcvx: interrupted.\n")
 
 
+@pytest.mark.long
 def test_ctrl_c_while_commands_are_built_is_a_line(tmp_path):
     start = tmp_path / "vemcvx"
     build = f"def build(app):{STARTS.replace(chr(10), chr(10) + '    ')}"
@@ -43,6 +45,7 @@ def test_ctrl_c_while_commands_are_built_is_a_line(tmp_path):
     assert (ended.returncode, ended.stdout, ended.stderr) == (130, "", "vemcvx: interrupted.\n")
 
 
+@pytest.mark.long
 def test_as_a_library_ctrl_c_stays_what_it_was(tmp_path):
     code = "import signal, vemcvx; print(signal.getsignal(signal.SIGINT) is signal.default_int_handler)"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout == "True\n"
@@ -70,6 +73,7 @@ def test_messages_are_no_longer_than_a_page(act):
     assert len(str(caught.value)) < 2_100
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("words", [("run", LONG), ("show", f"{LONG}.py"), ("run", "feng_han_huang", "--solver", LONG)])
 def test_commands_say_no_more_than_a_page(words):
     code, said = call(*words)

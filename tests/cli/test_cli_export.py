@@ -12,6 +12,7 @@ from test_cli import PROBLEM, invoke
 import vemcvx as vx
 
 
+@pytest.mark.long
 def test_export_writes_the_programs_of_the_run(tmp_path):
     options = ["--n", 4, "--of", 8, "--set", "bound=2.0", "--out", tmp_path]
     done = invoke("export", PROBLEM, "--steps", "7, 3,7", *options)

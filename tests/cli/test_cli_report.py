@@ -80,6 +80,7 @@ def paper(tmp_path_factory):
     return folder, reported(folder, "feng_han_huang", "--n", 6, "--steps", 20, "--set", "bound=3.5", "--store", 10)
 
 
+@pytest.mark.long
 def test_it_needs_nothing_else(paper):
     read = Reader(paper[1])
     pictures = [address.removeprefix("data:image/png;base64,") for address in read.addresses]
@@ -138,6 +139,7 @@ def test_results_have_their_units_and_steps_are_not_all_there(paper):
     assert '<tr><td class="">20</td><td class="">1</td>' in steps
 
 
+@pytest.mark.long
 def test_the_command_on_it_gives_the_same(paper, tmp_path):
     command = re.search("<pre>(vemcvx run feng_han_huang .*?)</pre>", paper[1]).group(1)
     words = shlex.split(command)[1:]
@@ -149,6 +151,7 @@ def test_the_command_on_it_gives_the_same(paper, tmp_path):
     assert '<th style="text-align:left">bound</th><td style="text-align:left">3.5</td>' in paper[1]
 
 
+@pytest.mark.long
 def test_what_users_write_is_escaped(tmp_path):
     (tmp_path / "hung&.py").write_text(LOOSE)
     read = Reader(reported(tmp_path / "out", tmp_path / "hung&.py", "--n", 3, "--steps", 2, "--probe", "0.25,0"))
@@ -168,12 +171,14 @@ def test_what_users_write_is_escaped(tmp_path):
         assert f"displacement along {axis}, at (0.25, 0) {value:.6g} length" in read.text
 
 
+@pytest.mark.long
 def test_where_there_is_no_budget_it_says_why(tmp_path):
     (tmp_path / "hung.py").write_text(LOOSE)
     text = Reader(reported(tmp_path, tmp_path / "hung.py", "--n", 2, "--steps", 2, "--set", "viscous=True")).text
     assert "Error budget There is none. error_budget: there is no estimate for scenes with Viscosity" in text
 
 
+@pytest.mark.long
 def test_adaptive_runs_have_their_own_budget(tmp_path):
     page = reported(tmp_path, "feng_han_huang", "--target", 0.4, "--n", 2, "--steps", 2)
     errors = json.loads((tmp_path / "summary.json").read_text())["estimated_energy_errors"]
@@ -189,6 +194,7 @@ def test_a_run_that_is_refused_writes_none(tmp_path):
     assert not (tmp_path / "report.html").exists()
 
 
+@pytest.mark.long
 def test_files_of_others_stay(tmp_path):
     theirs = tmp_path / "report.html"
     theirs.write_text("<p>a thesis</p>")
@@ -203,6 +209,7 @@ def test_files_of_others_stay(tmp_path):
     assert "Certificates" in theirs.read_text()
 
 
+@pytest.mark.long
 def test_it_goes_where_results_go(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("hung.py").write_text(LOOSE)
@@ -211,6 +218,7 @@ def test_it_goes_where_results_go(tmp_path, monkeypatch):
     assert [path.name for path in Path("results/hung").iterdir()] == ["report.html"]
 
 
+@pytest.mark.long
 def test_units_of_a_problem_file_reach_pictures_tables_and_the_terminal(tmp_path, monkeypatch):
     given = []
     monkeypatch.setattr("vemcvx.cli.run.write_plots", lambda history, folder, units: given.append(units) or [])

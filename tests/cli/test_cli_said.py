@@ -29,6 +29,7 @@ def words(text):
     return {word for word in text.split() if word.isascii() and not any(map(str.isdigit, word)) and word != "-"}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", COMMANDS)
 def test_nothing_is_broken_inside_a_word(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

@@ -49,6 +49,7 @@ def test_a_problem_in_space_runs_on_its_families(tmp_path, family, size):
     assert "9 nodes slip" in said or "0 nodes stick, 9 slip" in said
 
 
+@pytest.mark.long
 def test_commands_take_fewer_cells_in_space_when_nobody_says_how_many(tmp_path, monkeypatch):
     own = tmp_path / "own.py"
     own.write_text(BLOCK.replace('family="cubes"', 'family="own"').replace("SPACE_FAMILIES[family]", "cubes"))
@@ -72,6 +73,7 @@ def test_show_says_discs_and_who_takes_them(tmp_path):
     assert "OSQP (no second-order cones)" in said
 
 
+@pytest.mark.long
 def test_certificates_of_pressure_in_space_are_said_to_be_bounds_by_sets(tmp_path, monkeypatch):
     law = 'vx.UnilateralContact(on="bottom"),\n        vx.CoulombFriction(0.3, on="bottom")'
     pressed = BLOCK.replace('vx.BilateralContact(on="bottom")', law).replace("0.0], on", "-0.05 * t], on")
@@ -84,6 +86,7 @@ def test_certificates_of_pressure_in_space_are_said_to_be_bounds_by_sets(tmp_pat
     assert "certificates are estimates" not in (tmp_path / "out" / "report.html").read_text()
 
 
+@pytest.mark.long
 def test_pictures_and_report_say_what_they_leave_out(tmp_path, monkeypatch):
     pytest.importorskip("matplotlib")
     monkeypatch.setitem(sys.modules, "pyvista", None)

@@ -90,6 +90,7 @@ def test_one_value_is_one_run(pad):
     assert "files       one: history.pvd with 5 instants" in said
 
 
+@pytest.mark.long
 def test_a_study_is_a_table_and_files(pad, tmp_path):
     words = ("--set", "friction=.1,.3", "--set", "kind=hard,soft", "--results", "slip,pressure,sticking")
     code, said = call("run", str(pad), *SMALL, *words, "--out", "study", "--plot")
@@ -121,6 +122,7 @@ def test_a_study_is_a_table_and_files(pad, tmp_path):
     assert not list((tmp_path / "study" / "friction=.1,kind=hard").glob("*.png"))
 
 
+@pytest.mark.long
 def test_a_run_that_fails_is_a_row(pad):
     code, said = call("run", str(pad), *SMALL, "--set", "friction=.1,-1", "--set", "kind=soft", "--out", "study")
     assert code == 2, said
@@ -141,6 +143,7 @@ def test_a_run_that_misses_its_accuracy_has_the_other_exit_code(pad):
     assert said.count("not certified") >= 2
 
 
+@pytest.mark.long
 def test_a_code_of_the_problem_that_ends_its_process(pad):
     code, said = call("run", str(pad), *SMALL, "--set", "kind=hard,gone")
     assert code == 2
@@ -176,6 +179,7 @@ def test_files_of_others_are_refused_before_any_run(pad, tmp_path):
     assert [path.name for path in (tmp_path / "study").iterdir() if path.is_dir()] == []
 
 
+@pytest.mark.long
 def test_where_all_runs_fail_there_is_no_picture(pad, tmp_path):
     code, said = call("run", str(pad), *SMALL, "--set", "friction=-1,-2", "--out", "study", "--plot")
     assert code == 2
@@ -189,6 +193,7 @@ def test_a_parameter_that_is_none_is_refused_before_any_run(pad):
     assert "has no parameter 'fiction'" in said
 
 
+@pytest.mark.long
 def test_warnings_of_runs_are_said_once(pad):
     code, said = call("run", str(pad), "--n", "4", "--steps", "1", "--set", "friction=.1,.2", "--mesh", "triangles")
     assert code == 0

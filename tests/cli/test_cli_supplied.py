@@ -29,6 +29,7 @@ def empty_folder(tmp_path, monkeypatch):
     return tmp_path
 
 
+@pytest.mark.long
 def test_all_problem_files_are_listed_with_a_sentence():
     code, said = call("problems")
     assert code == 0
@@ -65,6 +66,7 @@ def test_a_file_that_is_here_comes_first(tmp_path):
         assert supplied.problem_path(path) == Path(path)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["feng_han_huangs", "hard_cases", "gallery"])
 def test_a_name_that_is_no_problem_file_is_an_error(name):
     code, said = call("run", name)

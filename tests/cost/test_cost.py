@@ -82,6 +82,7 @@ def killed(tmp_path_factory):
         return folder, before, cost(PROBLEM, *GRID, "--workers", "1", "--out", folder)
 
 
+@pytest.mark.long
 def test_a_killed_sweep_goes_on_and_repeats_nothing(killed):
     folder, before, done = killed
     assert done.exit_code == 0, done.output
@@ -98,6 +99,7 @@ def test_a_killed_sweep_goes_on_and_repeats_nothing(killed):
     assert [(row["target"], row["n"]) for row in rows(folder)] == [("", "2"), ("", "4"), ("", "6"), ("0.4", "2")]
 
 
+@pytest.mark.long
 def test_rows_are_what_simulate_gives(killed):
     folder, _, _ = killed
     reference = read_archive(folder / "reference.npz")
@@ -139,6 +141,7 @@ def test_it_says_what_to_use_and_how_certain_the_reference_is(killed):
     assert (folder / "cost.png").read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.long
 def test_who_says_n_gets_these_meshes_and_no_finer_ones(tmp_path, monkeypatch):
     """Nothing is adapted, and the reference is as fine as the errors of these runs need: a quarter of the smallest."""
     stay_at_home(monkeypatch)
@@ -156,6 +159,7 @@ def test_who_says_n_gets_these_meshes_and_no_finer_ones(tmp_path, monkeypatch):
     assert "for 50 %: use squares n = " in done.output
 
 
+@pytest.mark.long
 def test_errors_may_be_those_of_friction_work(tmp_path, monkeypatch):
     stay_at_home(monkeypatch)
     asked = ("--mesh", "squares", "--n", "3,6", "--steps", "2", "--solver", "newton", "--workers", "1")
@@ -178,6 +182,7 @@ def test_errors_may_be_those_of_friction_work(tmp_path, monkeypatch):
     assert "--of: found 'heat'; errors are of energy" in cost(PROBLEM, "--of", "heat").output
 
 
+@pytest.mark.long
 def test_a_finer_reference_moves_errors_by_no_more_than_its_own(tmp_path):
     recipe, instants, found = Recipe(), np.array([0.5, 1.0]), []
     ran = run_point(recipe, UNIFORM, instants)
@@ -222,6 +227,7 @@ class Recipe:
         return Ingredients(scene, small("squares", point.n), np.linspace(0, 1, (point.steps or 2) + 1), solver)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("solver", "status", "words"),
     [
@@ -244,6 +250,7 @@ def hold(megabytes):
     return len(np.ones(megabytes * 2**17)), peak_memory_mb(), os.environ["OMP_NUM_THREADS"]
 
 
+@pytest.mark.long
 def test_memory_is_that_of_the_run_alone():
     mine = np.ones(200 * 2**17)
     length, peak, threads = alone(hold, 50)
@@ -319,6 +326,7 @@ def test_advice_is_the_cheapest_run_that_is_good_enough():
     assert marked == {"0.04 1.0": "1", "0.019 3.0": "0", "0.018 2.0": "1", "0.5 0.1": "1", "r": "0"}
 
 
+@pytest.mark.long
 def test_the_picture_stays_within_the_page():
     pytest.importorskip("matplotlib")
     from vemcvx.cost.table import picture
@@ -445,6 +453,7 @@ def test_scenes_without_an_estimate_have_a_reference(tmp_path):
     assert 0 < errors(ran, tmp_path, reference)[0] < 0.5
 
 
+@pytest.mark.long
 def test_bounds_stand_beside_estimates(tmp_path, monkeypatch):
     """Guaranteed, they are no smaller than the true error, but for what the reference is off by."""
     stay_at_home(monkeypatch)
@@ -460,6 +469,7 @@ def test_bounds_stand_beside_estimates(tmp_path, monkeypatch):
     assert (tmp_path / "effectivity.png").read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.long
 def test_bounds_of_steps_are_told_apart(tmp_path):
     scene = paper_scene().without(vx.BilateralContact).with_(vx.UnilateralContact(on="bottom"))
     made = Ingredients(scene, vx.meshes.squares(3), np.linspace(0.0, 1.0, 3), vx.Newton(1e-8))

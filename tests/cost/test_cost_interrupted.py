@@ -91,6 +91,7 @@ def talk():
     return "answered"
 
 
+@pytest.mark.long
 def test_what_a_function_says_does_not_come_between():
     with pytest.raises(Crashed, match="said before"):
         alone(leave, 0)
@@ -102,6 +103,7 @@ def at_home(monkeypatch):
     stay_at_home(monkeypatch)
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("at_home")
 def test_a_damaged_reference_is_computed_again_and_no_point_suffers(tmp_path):
     first = sweep(Recipe(), SMALLEST, tmp_path, workers=1)
@@ -114,6 +116,7 @@ def test_a_damaged_reference_is_computed_again_and_no_point_suffers(tmp_path):
     assert first.reference.seconds != again.reference.seconds
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("at_home")
 def test_a_point_that_finds_no_reference_is_tried_again(tmp_path):
     reference = sweep(Recipe(), SMALLEST, tmp_path, workers=1).reference
@@ -124,6 +127,7 @@ def test_a_point_that_finds_no_reference_is_tried_again(tmp_path):
     assert read_journal(tmp_path / "journal") == {}
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("at_home")
 def test_references_of_other_kinds_are_none(tmp_path):
     made = sweep(Recipe(), SMALLEST, tmp_path, workers=1).reference

@@ -65,6 +65,7 @@ def small_machine(monkeypatch):
     monkeypatch.setattr(laws, "machine_memory", lambda: 8e9)
 
 
+@pytest.mark.long
 def test_5000_squares_a_side_are_refused_before_they_are_made(small_machine, monkeypatch):
     made = []
     mesh = command.Problem.mesh
@@ -107,6 +108,7 @@ def test_the_machine_has_memory():
     assert 1e8 < machine_memory() < 1e15
 
 
+@pytest.mark.long
 def test_long_runs_are_announced(monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(command, "EVERY", 0.01)

@@ -171,6 +171,7 @@ def test_a_scene_without_its_material_is_one_to_add_to():
     assert answers(unfinished.with_().with_(wood)) == answers(finished)
 
 
+@pytest.mark.long
 def test_a_scene_without_convex_terms_imports_no_conic_solver():
     code = """
         import sys, numpy as np, vemcvx as vx
@@ -211,6 +212,7 @@ BESIDE = 3
 """Solves that do not go by steps: two to see how many digits the factors have, one to certify the one stored row."""
 
 
+@pytest.mark.long
 def test_linear_scenes_cost_one_solve_a_field(counted):
     """Two loads, each a scalar times a field: more steps cost no more solves, but a few that make up for rounding."""
     scene = vx.Scene(STEEL, HELD, PULLED, vx.BodyForce(lambda x, t: np.full((len(x), 2), np.sin(t))))
@@ -270,6 +272,7 @@ def crowded():
     return made
 
 
+@pytest.mark.long
 def test_every_permutation_of_all_effects_is_one_program():
     on = crowded()
     reference = program(pose_scene(vx.Scene(*ALL), on, TIMES))
@@ -280,6 +283,7 @@ def test_every_permutation_of_all_effects_is_one_program():
     assert first == last
 
 
+@pytest.mark.long
 def test_every_permutation_of_a_small_scene_is_one_program():
     reference = program(pose_scene(vx.Scene(*SUPPORTED), mesh()))
     for effects in itertools.permutations(SUPPORTED):

@@ -36,6 +36,7 @@ def kept(seed):
     return true_error(found, scene) <= TARGET
 
 
+@pytest.mark.long
 def test_targets_are_met_in_truth():
     assert all(kept(seed) for seed in (0, 3, 7, 10))
 
@@ -76,6 +77,7 @@ def test_the_scale_is_the_energy_with_friction_and_obstacles():
     assert max(apart) <= 0.1 * truth.trajectory.norm.max()
 
 
+@pytest.mark.long
 def test_passes_grow_and_the_last_one_is_the_result():
     found = vx.adapt(paper_scene(), vx.meshes.squares(4), [0.0, 1.0], TARGET)
     cells = [one.cells for one in found.passes]
@@ -219,6 +221,7 @@ def test_data_are_not_asked_for_outside_the_run():
     assert vx.adapt(paper_scene(late), vx.meshes.squares(2), [0.0, 1.0], 0.3).passes
 
 
+@pytest.mark.long
 def test_every_instant_that_was_asked_for_is_stored():
     wanted = np.linspace(0.0, 1.0, 18)
     found = vx.adapt(paper_scene(), vx.meshes.squares(4), wanted, 0.15)
@@ -269,6 +272,7 @@ def test_targets_of_energies_are_met_in_truth(of):
     assert abs(aim.value - value) <= target * abs(value)
 
 
+@pytest.mark.long
 def test_wear_is_met_where_it_has_a_limit():
     found = vx.adapt(paper_scene(), vx.meshes.squares(4), [0.0, 1.0], 0.03, of="wear")
     truth = vx.simulate(paper_scene(), vx.meshes.squares(64), [0.0, 1.0]).contact.wear_second_order[-1].max()
@@ -286,6 +290,7 @@ def test_wear_without_a_limit_ends_with_a_sentence():
     assert "its error does not fall as the mesh is refined" in found.summary()
 
 
+@pytest.mark.long
 def test_files_have_quantities_with_their_errors(tmp_path):
     mesh = vx.meshes.squares(2, box=((0.0, 2.0), (0.0, 1.0)))
     history = vx.adapt(rubbed_pad(), mesh, [0.0, 1.0, 2.0], 0.5, of="dissipated").history

@@ -70,6 +70,7 @@ def test_constant_stress_has_no_residual_where_supports_hold_the_ends_of_an_inte
     assert space_of(scene, two_blocks("voronoi", "hexagons", (3, 4))).max() < 1e-12
 
 
+@pytest.mark.long
 def test_pressure_across_a_curve_counts_on_its_chords():
     """Uniform pressure leaves no residual but for the mean normals at the ends of chords, by their angle's square."""
     found = []
@@ -136,6 +137,7 @@ def ratios(scene, families, sizes, fine):
             yield vx.error_budget(history).largest["total"] / true
 
 
+@pytest.mark.long
 def test_effectivity_on_two_blocks():
     (found,) = ratios(pressed_and_pulled(friction=0.1), ["squares"], [(4, 6)], 16)
     assert 1.0 <= found <= 5.0
@@ -175,6 +177,7 @@ def test_a_gap_that_nodes_miss_is_seen_between_bodies():
     assert data_of(bumpy, 7.0) == pytest.approx(still, rel=1e-8)
 
 
+@pytest.mark.long
 def test_meshes_of_bodies_adapt():
     adapted = vx.adapt(pressed_and_pulled(), two_blocks("squares", "hexagons", (2, 3)), [0.0, 1.0], target=0.2)
     assert adapted.met

@@ -74,6 +74,7 @@ def crossed(n):
     return mesh
 
 
+@pytest.mark.long
 def test_effectivity_on_crossed_triangles():
     """The widths of a cell are the heights of a triangle: with less, estimates were .94 of the error here."""
     truth = vx.simulate(paper_scene(), vx.meshes.squares(96), np.linspace(0, 1, 3), store="last")
@@ -87,6 +88,7 @@ def triangular(t):
     return np.minimum(t, 1.0 - t) * 2.0
 
 
+@pytest.mark.long
 def test_the_time_estimate_bounds_the_error_of_the_steps():
     """On one mesh, against eight times as many steps; all meet the reversal, so that loads are linear in between."""
     mesh = vx.meshes.squares(8)
@@ -96,6 +98,7 @@ def test_the_time_estimate_bounds_the_error_of_the_steps():
         assert (distances(fine, coarse, 384 // steps) <= error_budget(coarse).time[-1] + 1e-12).all()
 
 
+@pytest.mark.long
 def test_a_missed_reversal_is_in_the_time_estimate():
     """Odd numbers of steps miss the turn by half a step on either side: of first order, as the truth is."""
     mesh, ratios = vx.meshes.squares(4), []
@@ -180,6 +183,7 @@ def test_the_stabilisation_is_that_of_the_stiffness(materials):
     assert projected + stabilised(posed, u).sum() == pytest.approx(u.ravel() @ (posed.A @ u.ravel()), rel=1e-12)
 
 
+@pytest.mark.long
 def test_an_affine_field_has_no_residual():
     """Pulled uniformly: exact on every mesh, in every part."""
     for family in FAMILIES:

@@ -166,6 +166,7 @@ def test_sizes_spread_over_ten_decades():
     assert vx.measures.energy_distance(field(graded(33), affine), field(b.mesh, affine)).relative < 1e-9
 
 
+@pytest.mark.long
 def test_a_mesh_of_slivers():
     """Cells a thousand times as wide as high, against themselves and against others."""
     thin = vx.meshes.squares((2, 2000))

@@ -87,6 +87,7 @@ def test_any_increasing_course_of_the_load(slip):
     assert not history.contact.sticking[1:].any()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("family", ["squares", "voronoi"])
 def test_first_order_in_the_step_where_a_reversal_is_missed(reversal, family):
     """(3.28) in k: max over n of |u_n - u_ref(t_n)| for odd numbers of steps; even ones meet the turn and are exact."""

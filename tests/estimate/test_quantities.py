@@ -205,6 +205,7 @@ def test_errors_that_change_their_sign_are_estimated():
         assert 1.0 <= found.steps / abs(found.value - truth) <= 5.0
 
 
+@pytest.mark.long
 def test_errors_of_the_mesh_cover_what_finer_meshes_find():
     """On squares of the widths 1/5 and 1/10 against 1/40, whose own error is a small part of theirs.
 
@@ -219,6 +220,7 @@ def test_errors_of_the_mesh_cover_what_finer_meshes_find():
             assert off <= found[name].mesh <= 5.0 * off
 
 
+@pytest.mark.long
 def test_the_budget_has_them():
     history = pad(6, 3)
     budget = vx.error_budget(history)

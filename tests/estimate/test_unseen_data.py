@@ -127,6 +127,7 @@ def test_estimates_are_one_to_five_times_the_truth(name):
     assert max(found) <= MOST
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["a patch of the bound", "a strip of traction"])
 def test_targets_are_met_in_truth_where_the_first_mesh_sees_nothing(name):
     """With nodes alone the first came out 54 % off, the second 92 %, both as `met`."""

@@ -101,6 +101,7 @@ def test_waves_are_in_the_estimate_however_short(name, n):
 GRAINS = [(shear, angle) for shear in (40.0, 400.0) for angle in (0.0, 0.4, np.pi / 4, 1.2)]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("shear", "angle"), GRAINS)
 def test_estimates_of_turned_fibres_are_no_less_than_the_truth(shear, angle):
     """A hundred to one."""

@@ -37,6 +37,7 @@ def written(tmp_path):
     return tmp_path
 
 
+@pytest.mark.long
 def test_columns_and_rows_that_lead_out_of_a_matrix(written):
     """SciPy writes where they lead: of ten such files nine ended the process."""
     kept, paths = dict(np.load(written / "sound.npz")), []
@@ -61,6 +62,7 @@ def test_columns_and_rows_that_lead_out_of_a_matrix(written):
         assert says.startswith((lead_out, f"{path}: is no convex program of a step: ")), says
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["sound.mtx", "sound_B.mtx", "sound_g.mtx"])
 def test_matrices_that_end_in_the_middle_of_a_number(written, name):
     """Cut anywhere in the last lines, or with a zero byte there: SciPy's reader ended the process."""

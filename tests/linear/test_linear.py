@@ -185,6 +185,7 @@ assert np.abs(K @ factor.solve(np.ones({n})) - 1).max() < 1e-12
 """
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("size", [2, 100, 256, 257, 300])
 @needs("pymklpardiso")
 def test_cells_of_many_vertices_make_no_block_that_pardiso_cannot_take(size):
@@ -211,6 +212,7 @@ print(peaks[3], peaks[-1])
 """
 
 
+@pytest.mark.long
 @pytest.mark.skipif(peak_memory_mb() is None, reason="Windows does not tell the most memory that a process has held")
 @pytest.mark.parametrize("linear", DIRECT, ids=str)
 def test_factors_that_nobody_holds_give_their_memory_back(linear):
@@ -252,6 +254,7 @@ def test_a_scaled_factor_is_the_factor_of_the_scaled_matrix(factored):
     assert np.abs(scaled @ x - b).max() < 1e-6
 
 
+@pytest.mark.long
 def test_multigrid_solves_contact_matrix_free():
     pytest.importorskip("pyamg")
     scene, mesh = paper_scene(cyclic), small("squares", 16)
@@ -274,6 +277,7 @@ def test_multigrid_serves_scenes_without_friction():
     assert np.abs(iterative.displacement - direct.displacement).max() < 1e-9 * np.abs(direct.displacement).max()
 
 
+@pytest.mark.long
 def test_multigrid_says_when_it_does_not_converge():
     pytest.importorskip("pyamg")
     scene = vx.Scene(vx.Elasticity(1.0, 0.4999999), *(e for e in paper_scene() if not isinstance(e, vx.Elasticity)))

@@ -33,6 +33,7 @@ def systems():
     }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["bilateral", "one-sided"])
 def test_steps_on_multigrid_are_those_of_direct_factors(name):
     """Within both certificates, sticking the same terms; most of them stick and slip at some instant."""
@@ -42,6 +43,7 @@ def test_steps_on_multigrid_are_those_of_direct_factors(name):
     assert 0.2 < direct.sticking[1:].mean() < 0.8
 
 
+@pytest.mark.long
 def test_linear_systems_are_solved_no_more_sharply_than_sets_are_known(monkeypatch):
     """Two thirds, at most, of the conjugate gradients that it would take to solve each of them to rounding."""
     counted = []

@@ -107,6 +107,7 @@ def test_a_block_may_lie_on_one_face():
     assert (np.diff(mesh.face_offsets)[top] == 3).all()
 
 
+@pytest.mark.long
 def test_four_blocks_meet_at_an_edge_and_eight_at_a_point():
     four = {
         f"q{i}{j}": SPACE_FAMILIES[name]((2 + i + j, 2, 2), ((i, i + 1), (j, j + 1), (0, 1)))
@@ -156,6 +157,7 @@ def test_no_offset_is_too_small(size):
         assert_matched(bodies({"a": make(2), "b": make(2, ((x, 1 + x), (y, 1 + y), (1, 2)))}))
 
 
+@pytest.mark.long
 @settings(max_examples=8, deadline=None)
 @given(st.data())
 def test_what_a_large_tolerance_joins_is_a_mesh(data):
@@ -230,6 +232,7 @@ def three_bodies():
     )
 
 
+@pytest.mark.long
 def test_files_keep_interfaces(tmp_path):
     mesh = three_bodies()
     assert_matched(mesh)

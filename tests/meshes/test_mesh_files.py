@@ -244,6 +244,7 @@ def test_fields_that_do_not_fit(name, point_data, cell_data, message, tmp_path):
         write_cells(tmp_path / name, packed_cells(vx.meshes.squares(2)), point_data, cell_data)
 
 
+@pytest.mark.long
 def test_meshio_is_loaded_late():
     code = "import sys, vemcvx as vx; vx.meshes.voronoi(3); print('meshio' in sys.modules)"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

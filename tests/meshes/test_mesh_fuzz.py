@@ -45,6 +45,7 @@ def broken(suffix, folder, count, seed):
     return paths
 
 
+@pytest.mark.long
 def test_hostile_files(tmp_path):
     read_all([path for suffix in SOUND for path in broken(suffix, tmp_path, 12, seed=0)])
 

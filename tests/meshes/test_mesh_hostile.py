@@ -42,6 +42,7 @@ HOSTILE = {
 }
 
 
+@pytest.mark.long
 def test_files_that_would_hang_a_reader_or_fill_the_memory(tmp_path):
     """What hangs, or is the first to take two gigabytes, is the last that the process has begun to read."""
     for name, (data, _) in HOSTILE.items():
@@ -57,6 +58,7 @@ def test_sets_that_are_generated(tmp_path):
         assert vx.meshes.read(tmp_path / "set.inp").cell_data["all"].tolist() == [1]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("version", ["2.2", "4.0", "4.1"])
 def test_binary_files_of_gmsh(version, tmp_path):
     """Read; with a count or the number of a node that is gigabytes they are refused."""
@@ -104,6 +106,7 @@ def offsets_beyond_the_end(folder):
     yield folder / "offsets.vtu", text.replace(ends, ends.replace(ends.split()[1], "500000000", 1)).encode()
 
 
+@pytest.mark.long
 def test_cells_that_lead_beyond_the_end(tmp_path):
     """meshio numbers the nodes that a cell claims: half a billion are four gigabytes."""
     paths = []

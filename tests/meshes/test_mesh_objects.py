@@ -266,6 +266,7 @@ def test_libraries_that_are_not_installed(library, package, monkeypatch):
         vx.meshes.squares(1).to(library)
 
 
+@pytest.mark.long
 def test_they_are_loaded_late():
     code = "import sys, vemcvx as vx; vx.meshes.squares(1); print({'meshio', 'skfem', 'pyvista'} & set(sys.modules))"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -84,6 +84,7 @@ def test_without_matplotlib(mesh, monkeypatch):
         mesh.plot()
 
 
+@pytest.mark.long
 def test_pyplot_stays_out():
     code = (
         "import sys, vemcvx as vx; vx.meshes.squares(2).plot([1, 2, 3, 4]); print('matplotlib.pyplot' in sys.modules)"

@@ -234,6 +234,7 @@ def test_refinement_ends_where_rounding_begins():
     assert hanging_on_sides(mesh) == 1
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["squares", "voronoi"])
 @pytest.mark.parametrize("share", [0.3, 1.0])
 def test_sixteen_times_the_cells_take_the_same_calls(name, share):

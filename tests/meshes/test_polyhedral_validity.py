@@ -393,6 +393,7 @@ def test_27_times_the_cells_take_few_more_calls(name):
     assert count[1] < 3 * count[0]
 
 
+@pytest.mark.long
 def test_random_faults_are_named_or_harmless():
     """Cells broken at random: a MeshError, or a mesh whose cells are sound."""
     rng = np.random.default_rng(1)

@@ -21,6 +21,7 @@ def history():
     return vx.simulate(paper_scene(cyclic), small("squares", 4), np.linspace(0.0, 1.0, 5))
 
 
+@pytest.mark.long
 def test_a_gif_has_a_frame_a_stored_step(history, tmp_path):
     path = history.animate(tmp_path / "slip.gif", seconds=1.0, units={"length": "mm"})
     with Image.open(path) as film:
@@ -33,6 +34,7 @@ def test_a_gif_has_a_frame_a_stored_step(history, tmp_path):
     assert len(sizes) == 1
 
 
+@pytest.mark.long
 def test_frames_keep_their_place_and_scale(history):
     figure, seen = new_figure(), []
     for _ in _frames(history, figure, (None, None, None)):

@@ -215,6 +215,7 @@ def test_a_ceiling_reads_from_left_to_right():
     assert np.array_equal(line.along(history.contact.traction), history.contact.traction[:, line.order, 0])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("draw", PICTURES)
 def test_nothing_is_cut_off(history, squeezed, draw):
     for shown in (history, squeezed):
@@ -228,6 +229,7 @@ def test_nothing_is_cut_off(history, squeezed, draw):
         assert ink.y1 <= page.height + 0.01
 
 
+@pytest.mark.long
 def test_ticks_of_the_bar_do_not_go_with_the_room_that_is_left_for_them():
     """Displacements up to 0.18: ticks every 0.025 on a high bar, every 0.05 on one that is lower for their labels."""
     drag = vx.PrescribedDisplacement(lambda x, t: np.tile([0.18 * t, 0.0], (len(x), 1)), on="top")
@@ -240,6 +242,7 @@ def test_ticks_of_the_bar_do_not_go_with_the_room_that_is_left_for_them():
         assert figure.get_tightbbox().x1 <= figure.bbox_inches.width
 
 
+@pytest.mark.long
 def test_what_there_is_to_show_is_written(history, loose, tmp_path):
     names = {f"{name}.png" for name in WRITTEN}
     assert {path.name for path in write_plots(history, tmp_path / "new")} == names
@@ -262,6 +265,7 @@ def test_pictures_of_others_stay(loose, tmp_path):
         write_plots(loose, 5)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("suffix", "begins"), [(".svg", b"<?xml"), (".pdf", b"%PDF")])
 def test_pictures_for_print(history, loose, tmp_path, suffix, begins):
     written = write_plots(history, tmp_path, suffix)
@@ -452,6 +456,7 @@ def rubbed():
     return vx.simulate(scene, mesh, np.linspace(0.0, 1.25, 41), initial="settled")
 
 
+@pytest.mark.long
 def test_pressure_slip_and_wear_are_drawn_along_the_contact(rubbed):
     contact = rubbed.contact
     order = np.argsort(contact.points[:, 0])
@@ -509,6 +514,7 @@ def test_stresses_that_engineers_quote(rubbed):
     assert low == 0.0 < high
 
 
+@pytest.mark.long
 def test_every_axis_has_the_unit_that_is_given(rubbed):
     units = {"length": "mm", "force": "N", "time": "s", "force per area": "MPa"}
     drawn = draw_pictures(rubbed, units)

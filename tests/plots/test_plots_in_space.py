@@ -148,6 +148,7 @@ def test_refusals(history):
         deformed_body(history, stress="large")
 
 
+@pytest.mark.long
 def test_contact_all_round_is_left_out_and_said():
     around = on("left", "right")
     for draw in (contact_face, friction_disc):
@@ -157,6 +158,7 @@ def test_contact_all_round_is_left_out_and_said():
     assert "contact_face" not in draw_pictures(around, None)
 
 
+@pytest.mark.long
 def test_without_pyvista_bodies_are_left_out_and_said(history, without_pyvista, tmp_path):
     with pytest.raises(vx.VemcvxError, match=r"needs PyVista, which is not installed: pip install 'vemcvx\[view\]'$"):
         deformed_body(history)
@@ -169,6 +171,7 @@ def inked(image):
     return (np.asarray(image) < 250).any(axis=2)
 
 
+@pytest.mark.long
 def test_the_body_is_drawn_without_a_display(history, tmp_path, capfd):
     pytest.importorskip("pyvista")
     first, last = (deformed_body(history, step, limits=(0, 10)).axes[0].images[0].get_array() for step in (0, -1))

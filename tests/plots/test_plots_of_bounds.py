@@ -42,6 +42,7 @@ def test_the_map_shows_the_parts_of_cells(bounded):
     assert f"{bounded.bound['relative']:.2%}" in figure.axes[0].get_title()
 
 
+@pytest.mark.long
 def test_they_are_drawn_where_there_are_bounds(bounded, tmp_path):
     assert "error_map" in draw_pictures(bounded, None)
     read = vx.read_history(bounded.write(tmp_path / "run"))

@@ -49,6 +49,7 @@ def ran(name):
     return space, shown
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", FILES)
 def test_it_runs(name, capsys):
     """Nothing it shows in passing fills more than a screen."""

@@ -88,6 +88,7 @@ def test_the_closed_form_on_the_table_is_a_sum_of_plays():
     assert (np.abs(slope - friction[:, :-1]) > 1e-9).sum(axis=1).max() <= 2
 
 
+@pytest.mark.long
 def test_first_order_on_the_table():
     """Energy error, loss and multipliers; a slip zone whose edge is within h of its place."""
     errors, sizes = [], []
@@ -122,6 +123,7 @@ def test_solvers_agree_on_the_table(solver):
     assert (other.certificate_total < 1e-4).all()
 
 
+@pytest.mark.long
 def test_interior_points_keep_their_digits_where_terms_slip():
     """Absolute values as inequalities: as second-order cones they end at 1e-6 here, whatever is asked."""
     mesh = vx.meshes.voronoi(4, BOX)

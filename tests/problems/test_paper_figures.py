@@ -20,6 +20,7 @@ def figures(monkeypatch):
     return importlib.import_module("paper_figures")
 
 
+@pytest.mark.long
 def test_one_command(figures, tmp_path):
     text = io.StringIO()
     console = Console(file=text, width=140)
@@ -40,6 +41,7 @@ def test_table_1_in_small(figures):
     assert (np.array(relative["nodal"]) < relative["exact"]).all()
 
 
+@pytest.mark.long
 def test_fig_4_triangles_to_the_node(figures):
     """The paper's triangles are ours; polygons that nobody collapses have 2 n + 2 nodes."""
     for count, fewest, most, whole, triangles, _ in figures.nodes((50, 200), seeds=3):

@@ -80,6 +80,7 @@ def test_the_stress_in_a_fibre_is_uniform():
     assert np.abs(same.stress(-1) - [inclusion.PULL, 0.0, 0.0]).max() < 1e-12
 
 
+@pytest.mark.long
 @few_families
 def test_a_grain_leans_the_loop_of_friction(family):
     """Exact on every mesh: slip, friction and pressure at every node and step."""

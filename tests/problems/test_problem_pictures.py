@@ -65,6 +65,7 @@ def test_pictures_are_small_altogether():
     assert sum(path.stat().st_size for path in drawn) < 4_500_000
 
 
+@pytest.mark.long
 def test_a_gallery_of_one(tmp_path, capsys):
     gallery.main(["bonded_pad"], tmp_path)
     assert "bonded_pad" in capsys.readouterr().out
@@ -84,6 +85,7 @@ def test_the_page_shows_every_picture_of_a_problem():
         assert f"(../{name}.py): {gallery.title(name)}\n" in page
 
 
+@pytest.mark.long
 def test_problem_files_may_import_those_beside_them():
     """`vemcvx run` in a process of its own, as pytest's sys.path would hide what is missing."""
     options = ["run", ROOT / "problems" / "liner_in_housing.py", "--n", "3", "--steps", "2"]

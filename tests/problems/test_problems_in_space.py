@@ -82,6 +82,7 @@ def test_the_friction_of_the_block_turns():
     assert np.ptp(angles % (2 * np.pi)) > 0.3
 
 
+@pytest.mark.long
 def test_friction_opposes_the_motion_along_a_curve():
     """Of each node it opposes U_n - U_{n-1} less the change of its lag behind the plate."""
     history = simulated(curve, 1, 32)
@@ -203,6 +204,7 @@ def test_the_picture_of_the_sphere_shows_the_friction_of_cattaneo_and_mindlin():
     assert np.abs(off).max() < 0.08
 
 
+@pytest.mark.long
 @LOOSE
 @pytest.mark.parametrize("family", SPACE)
 def test_a_skew_joint_is_a_friction_spring(family):
@@ -221,6 +223,7 @@ def test_a_skew_joint_is_a_friction_spring(family):
     assert found[turn] / found[back] == pytest.approx(skew.DOWN / (0.2 * skew.UP), rel=1e-4)
 
 
+@pytest.mark.long
 @LOOSE
 def test_what_the_skew_joint_loses():
     """The small setting, in numbers; a full cycle of stiff blocks would lose two thirds of what goes in."""

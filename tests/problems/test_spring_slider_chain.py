@@ -96,6 +96,7 @@ def test_congruency():
     assert loops[0].max() == pytest.approx(np.maximum(3 - 2 * thresholds, 0) @ (1 / lesson.SPRINGS), rel=1e-12)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("solver", lesson.SOLVERS, ids=lambda solver: solver.name)
 def test_elements_in_parallel_are_stops_and_invert_the_chain(solver):
     u, _ = lesson.chain_in_closed_form(FORCE)
@@ -116,6 +117,7 @@ def test_elements_in_parallel_are_stops_and_invert_the_chain(solver):
     assert limit.state.max() < 1e-2 * np.abs(u).max()
 
 
+@pytest.mark.long
 def test_it_says_what_is_so(capsys):
     runpy.run_path(str(PROBLEMS / "spring_slider_chain.py"), run_name="not main")["main"]()
     said = capsys.readouterr().out

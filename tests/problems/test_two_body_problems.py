@@ -134,6 +134,7 @@ def test_a_bolted_joint_wears_alike_in_every_cycle(cycles):
     assert np.abs(np.abs(x[added[0].argmax()]) - joint.BOLT / 2) < 0.1 * joint.BOLT
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("ignore:supports. nothing but friction or one-sided contact holds")
 def test_a_pad_brakes_a_disc():
     """Balance of pad and disc at each instant; the torque of a pad that slips; what wears, and alike in each cycle."""

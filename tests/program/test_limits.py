@@ -255,6 +255,7 @@ def test_a_fixed_point_that_does_not_contract_says_so():
     assert caught.value.step == 1
 
 
+@pytest.mark.long
 def test_coulomb_friction_does_not_depend_on_the_mesh():
     """A pressed block pushed sideways: the rate stays, and stored energy and work of friction settle."""
 

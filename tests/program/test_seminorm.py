@@ -248,6 +248,7 @@ def test_nearest_multipliers(block, modes, limited):
             assert (stop @ motion <= 1e-9 * np.abs(stop @ motion).max(initial=0.0)).all()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("block", [1, 2])
 @pytest.mark.parametrize("modes", [1, 3, 6])
 def test_loads_just_beyond_what_holds_are_told_from_those_just_below(block, modes):

@@ -145,6 +145,7 @@ def test_values_that_grow_by_a_factor_are_told_from_those_with_a_limit():
     assert growth([1.0, 1.0, 0.5, 0.5, 0.25], [1.0, 1.1, 1.3, 1.35, 1.7]) != ""
 
 
+@pytest.mark.long
 def test_adaptive_runs_tell_growth_and_keep_it(tmp_path):
     scene = cycle(vx.meshes.squares(2)).scene
     found = vx.adapt(scene, vx.meshes.squares(4), np.linspace(0.0, 2.0, 9), 0.1)

@@ -289,6 +289,7 @@ def reshaped(array):
         yield np.concatenate([array, array])
 
 
+@pytest.mark.long
 def test_arrays_that_do_not_go_together_are_refused(history, tmp_path):
     history.write(tmp_path)
     with np.load(tmp_path / "history.npz") as file:

@@ -116,6 +116,7 @@ sys.stdin.read()
 SLOW = [pytest.param(sent, marks=pytest.mark.slow) for sent in ("SIGTERM", "SIGINT")]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("sent", ["SIGKILL", *SLOW])
 def test_a_process_that_is_killed_holds_nothing(tmp_path, sent):
     command = [sys.executable, "-c", HELD, str(tmp_path)]

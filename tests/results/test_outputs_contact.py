@@ -62,6 +62,7 @@ def test_open_is_where_nothing_presses(stiffness):
     assert words in history.summary()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("friction", [vx.TrescaFriction(0.05, on="bottom"), None])
 @pytest.mark.filterwarnings("ignore::vemcvx.SceneWarning")
 def test_conic_answers_open_where_ours_do(friction):

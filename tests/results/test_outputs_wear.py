@@ -76,6 +76,7 @@ def test_wear_adds_up_to_what_is_dissipated_and_is_the_sum_of_weights_times_slip
     assert contact.friction_lengths == pytest.approx(own, rel=1e-14)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", SCENES)
 def test_steps_that_are_not_stored_wear_too(name):
     scene, mesh = SCENES[name], small("squares", 4)
@@ -85,6 +86,7 @@ def test_steps_that_are_not_stored_wear_too(name):
     assert_adds_up(some)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["tresca", "coulomb"])
 def test_without_condensation(name):
     scene, mesh = SCENES[name], small("squares", 4)

@@ -94,6 +94,7 @@ def smooth_pressure(friction):
     return contact.points[order, 0], contact.pressure[-1, order], contact.traction[-1, order, 0]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("friction", [False, True], ids=["smooth", "Coulomb"])
 @pytest.mark.parametrize(
     ("families", "bound"),
@@ -142,6 +143,7 @@ def test_a_press_fit_has_the_pressure_of_lame():
     assert means[2] < 0.3 * means[1] < 0.3**2 * means[0]
 
 
+@pytest.mark.long
 def test_the_edge_of_hertz_contact_stays_sharp():
     import hertz_two_cylinders as cylinders
 

@@ -136,6 +136,7 @@ def rubbed(mesh):
     return vx.simulate(scene, mesh, np.linspace(0, 2, 5), initial="settled", solver=SHARP)
 
 
+@pytest.mark.long
 def test_nothing_depends_on_which_tangents_are_taken(monkeypatch):
     """Every normal gets its own angle by which its tangents are turned."""
     mesh = block("prisms", 3)

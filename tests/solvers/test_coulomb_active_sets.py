@@ -69,6 +69,7 @@ def test_active_sets_converge_where_they_may():
     assert active_sets(0.1, 16) == 1
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("coefficient", [0.7, 1.0])
 def test_the_fixed_point_converges_where_active_sets_cycle(coefficient):
     energy, dissipated = [], []
@@ -84,6 +85,7 @@ def test_the_fixed_point_converges_where_active_sets_cycle(coefficient):
     assert np.ptp(dissipated[1:]) < 0.005 * dissipated[-1]
 
 
+@pytest.mark.long
 def test_contact_that_is_open_nearly_everywhere():
     """What may touch, but does not, changes nothing: the same answer as with contact where it closes alone."""
 

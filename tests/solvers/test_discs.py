@@ -68,6 +68,7 @@ def test_the_end_is_superlinear_and_the_start_is_warm(name, monkeypatch):
     assert max(map(len, steps)) <= 12
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", SCENES)
 def test_newton_and_clarabel_agree_within_their_certificates(name):
     """Clarabel with true cones, from the same states; and both certificates are worth something."""
@@ -247,6 +248,7 @@ def test_coulombs_law_is_solved_on_sets(coefficient):
     assert size[1:][slips] == pytest.approx(coefficient * history.pressures[1:][slips], rel=1e-10)
 
 
+@pytest.mark.long
 def test_projected_gradients_go_where_sets_lead(monkeypatch):
     """The same solutions of the whole law by two methods; a few sweeps are near enough for few sets."""
     asked = []

@@ -41,6 +41,7 @@ def plain_active_sets(program, rounds=200):
     return False
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("block", [1, 2])
 def test_the_safeguard_ends_what_plain_active_sets_do_not(block):
     """Every program is answered to its rounding floor or 1e-8; some need the safeguard, on some plain sets cycle."""

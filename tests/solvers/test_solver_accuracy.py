@@ -27,6 +27,7 @@ def rows():
     return study.sweep(16, accuracies=(1e-2, 1e-6, 1e-10), repeats=1)
 
 
+@pytest.mark.long
 def test_no_answer_is_farther_off_than_certified(rows):
     assert [row for row in rows if not row.kept] == []
     assert {(row.step, row.form) for row in rows} == {(step, form) for step in study.STEPS for form in study.FORMS}
@@ -107,6 +108,7 @@ def test_a_broken_bound_is_printed_and_fails(rows, monkeypatch, capsys):
         assert f"{len(told)} answers, {code} farther" in capsys.readouterr().out
 
 
+@pytest.mark.long
 def test_table_and_picture(rows, tmp_path):
     study.write_table(rows, tmp_path / "rows.csv")
     with (tmp_path / "rows.csv").open(newline="") as file:
@@ -117,6 +119,7 @@ def test_table_and_picture(rows, tmp_path):
     assert study.printed(rows).count("\n") == len(rows) + 4 * 3 - 2
 
 
+@pytest.mark.long
 def test_the_chain_marches_through_degenerate_steps():
     """Certified as it is printed; and the active-set step takes Clarabel from there to rounding."""
     lines = {line[:20].strip(): line[20:].split() for line in study.loops(asked=(1e-6,)).splitlines()[1:]}

@@ -42,6 +42,7 @@ def test_histories_agree_within_their_accumulated_certificates(family, course, p
     assert claimed[-1] < 1e-5
 
 
+@pytest.mark.long
 @few_families
 @pytest.mark.parametrize("course", COURSES)
 def test_steps_agree_from_the_same_state(family, course):

@@ -309,6 +309,7 @@ def test_kinds_are_said_everywhere(tmp_path):
         assert vx.read_history(tmp_path / name).certificate_kind == name
 
 
+@pytest.mark.long
 def test_refined_states_keep_the_kind_of_their_certificate():
     """Near incompressibility every step is refined against the original stiffness; an estimate stays one."""
     system = dragged(0.5, 0.49999999, vx.meshes.squares(3))

@@ -118,6 +118,7 @@ def test_the_balance_closes_with_the_work_of_the_ground(solver):
     assert (np.abs(trajectory.dissipated - exact.dissipated) <= allowed.dissipated + off.dissipated).all()
 
 
+@pytest.mark.long
 def test_a_body_that_slips_as_a_whole_feels_the_bound_and_not_the_way():
     """Coulomb: friction is the coefficient times the pressure, however far the ground goes."""
     near, far = (
@@ -293,6 +294,7 @@ def test_an_abstract_slider_on_a_belt():
         vx.march(vx.System(np.array([[k]]), lambda t: [0.0], replace(norms, ground=lambda t: [t, t])), times)
 
 
+@pytest.mark.long
 def test_steps_that_miss_the_turn_of_the_ground_are_estimated():
     """The ground turns between two instants: the budget sees the bend, and its estimate covers the error."""
     turns = tresca(vx.Tabulated([0.0, 0.55, 1.0], [(0.0, 0.0), (0.008, 0.0), (0.0, 0.0)]), HELD)

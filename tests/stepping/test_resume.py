@@ -94,6 +94,7 @@ def test_a_full_disk_is_an_error_before_the_first_step(tmp_path, monkeypatch):
         vx.simulate(paper_scene(), small("squares", 4), TIMES, stream=tmp_path)
 
 
+@pytest.mark.long
 def test_a_killed_run_goes_on(tmp_path):
     """kill -9 in the middle of a run; what was stored is readable, and the rest is added to it."""
     code = (
@@ -133,6 +134,7 @@ app(sys.argv[1:])
 """
 
 
+@pytest.mark.long
 def test_the_command_line_resumes(tmp_path):
     """vemcvx run, killed, then the same with --resume DIR: the files of a run that was not."""
     problem = str(Path(__file__).parents[2] / "problems" / "feng_han_huang.py")

@@ -23,6 +23,7 @@ def pressed_and_rubbed(steps, coefficient=0.3):
     return vx.simulate(scene, vx.meshes.squares(5, box=((0.0, 2.0), (0.0, 1.0))), np.linspace(0.0, 2.0, steps + 1))
 
 
+@pytest.mark.long
 def test_friction_work_and_work_are_of_second_order():
     runs = {steps: pressed_and_rubbed(steps) for steps in (24, 48, 384)}
     truth = runs[384]

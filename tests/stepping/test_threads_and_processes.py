@@ -33,6 +33,7 @@ def _missed(_):
     raise ERRORS[0]
 
 
+@pytest.mark.long
 def test_a_pool_of_processes_hands_errors_over():
     """Without a pickle of its own the error killed the pool's reader, and the parent waited for ever."""
     with get_context("spawn").Pool(1) as pool, pytest.raises(vx.NotCertified, match="missed") as caught:
@@ -44,6 +45,7 @@ def simulated(solver):
     return vx.simulate(paper_scene(cyclic), small("squares", 6), TIMES, solver=solver).displacement
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("solver", [vx.Newton(), vx.Clarabel(), vx.OSQP()], ids=lambda solver: solver.name)
 def test_threads_share_nothing(solver):
     alone = simulated(solver)

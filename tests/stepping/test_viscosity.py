@@ -177,6 +177,7 @@ GRIPS = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("whole", [{"condense": False}, {"linear": vx.Multigrid()}], ids=["all unknowns", "multigrid"])
 @pytest.mark.parametrize("grip", GRIPS.values(), ids=GRIPS)
 def test_programs_of_all_unknowns(grip, whole):
@@ -226,6 +227,7 @@ def test_dashpots_push_on_supports_and_floors(family, store):
     assert np.abs(history.forces.sum(axis=1)[later] - [-0.3 * H, 0.2 * LENGTH]).max() < 1e-10
 
 
+@pytest.mark.long
 @few_families
 def test_everything_balances_while_supports_move_and_friction_rubs(family):
     """Forces and moments, at every instant and however few are stored."""

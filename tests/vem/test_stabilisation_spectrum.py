@@ -78,6 +78,7 @@ def test_short_edges_cost_a_logarithm():
     assert found[:, 1].max() < 3
 
 
+@pytest.mark.long
 def test_the_chart(tmp_path):
     rows = lesson.chart()
     assert [name for name, *_ in rows if "aspect" in name][-1] == "aspect ratio 100, hexagon"

@@ -93,6 +93,7 @@ def test_exact_steps_are_exact():
     assert step.distance(0 * step.d) == pytest.approx(np.sqrt(3 - 1.75 + 2 * 49 / 64), rel=1e-15)
 
 
+@pytest.mark.long
 def test_certificates_hold_in_any_scene():
     refused, steps, unknown, run = tried(DEFAULT)
     assert refused <= 0.4 * run

@@ -53,7 +53,11 @@ class As:
 
 
 PAPER = "problems/feng_han_huang.py"
-FEW, ONE_SLOW = "tests/vem/test_patch.py", "tests/cost/test_foreseen.py -k cubes"
+FEW, LONG, ONE_SLOW = (
+    "tests/vem/test_patch.py",
+    "tests/meshes/test_mesh_refine.py",
+    "tests/cost/test_foreseen.py -k cubes",
+)
 HOW = {
     # README
     'python3 -m venv .venv && .venv/bin/pip install -q ".[plot]" && .venv/bin/vemcvx run problems/feng_han_huang.py '
@@ -113,6 +117,7 @@ HOW = {
     'pip install -e ".[plot,test]"': As(),
     "python -m pytest -n 2 -m quick": As(addopts=FEW),
     "python -m pytest -n 2": As(addopts=FEW),
+    "python -m pytest -n 2 -m long": As(addopts=LONG),
     "python -m pytest tests/vem/test_patch.py": As(),
     "python -m pytest -m slow -n 2": As(addopts=ONE_SLOW),
     # Without the files that the reader writes, and what commands before this one wrote.

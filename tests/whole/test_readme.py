@@ -16,6 +16,7 @@ ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text()
 
 
+@pytest.mark.long
 def test_the_programs_print_what_is_printed_below_them(capsys, tmp_path, monkeypatch):
     """The others go on where the first ends."""
     monkeypatch.chdir(tmp_path)
@@ -53,6 +54,7 @@ def test_links_lead_somewhere():
         assert (ROOT / target).exists(), target
 
 
+@pytest.mark.long
 def test_the_problem_file_runs_as_described(tmp_path):
     """Its pad slips as a whole in the end: friction is the coefficient times the pressure, against the drag."""
     (text,) = re.findall(r"```py\n(.*?)```", README, re.DOTALL)

@@ -178,6 +178,7 @@ def test_names_of_functions_hide_no_modules():
             assert not hidden, f"{hidden[0]} cannot be reached: a function of {name} has its name"
 
 
+@pytest.mark.long
 def test_importing_the_package_imports_nothing_heavy():
     heavy = {"cvxpy", "matplotlib", "meshio", "pandas", "clarabel", "osqp", "shapely"}
     heavy |= {"scipy.spatial", "scipy.optimize"}
@@ -228,6 +229,7 @@ def test_types_of_documented_parameters_exist(name):
     assert set(documented) <= kinds()
 
 
+@pytest.mark.long
 def test_the_table_of_tolerances_has_a_line_for_each_and_each_is_used():
     from vemcvx.program import tolerances
 

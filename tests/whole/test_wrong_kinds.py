@@ -246,6 +246,7 @@ def test_all_wrong_kinds_are_refused(place):
     check(*PLACES[place], WRONG)
 
 
+@pytest.mark.long
 def test_histories_refuse_wrong_kinds():
     for use, right in of_history(vx.simulate(SCENE, MESH, [0.0, 1.0])).values():
         check(use, right, WRONG)

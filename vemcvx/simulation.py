@@ -193,7 +193,7 @@ def _warn_of_lost_work(run: Trajectory) -> None:
     first, second = float(run.work[-1]), float(run.work_second_order[-1])
     # A body that is still has rounding for its work.
     if abs(first - second) > LOST * abs(second) and abs(first) > 1e-12 * float(run.energy.max()):
-        rate = 100.0 * abs(first - second) / abs(second) if second else np.inf
+        rate = 100.0 * abs(first - second) / (abs(second) or abs(first))
         lost, better = float(run.dissipated[-1]), float(run.dissipated_second_order[-1])
         also = f" Dissipated is {lost:.6g}, of second order {better:.6g}." if abs(lost - better) > 1e-6 * lost else ""
         log.warning(

@@ -89,6 +89,18 @@ def test_a_clamp_and_contact_that_sticks_are_told():
     assert peak[1] / peak[0] == pytest.approx(2**0.29, rel=0.03)
 
 
+def test_the_recovered_pressure_is_told_as_the_raw_one():
+    """Nodes of contact are not cells: on a flat row of eight there are more of them."""
+    moved = vx.PrescribedDisplacement(
+        lambda x, t: -0.01 * t * np.column_stack([0 * x[:, 0], 1 + x[:, 0] / 4]), on="top"
+    )
+    scene = vx.Scene(vx.Elasticity(200.0, 0.3), moved, vx.UnilateralContact(on="bottom"))
+    flat = vx.simulate(scene, vx.meshes.squares((8, 1), box=((-4.0, 4.0), (0.0, 1.0))), [0.0, 0.5, 1.0])
+    assert said(flat)["pressure_recovered"] == said(flat)["pressure"] == ""
+    told = said(cycle(vx.meshes.squares(16)))
+    assert told["pressure_recovered"] == told["pressure"] != ""
+
+
 def test_clamp_and_contact_at_an_obtuse_corner():
     """120 degrees between them: by symmetry 240 degrees between two clamps, singular where 90 degrees are not."""
     mesh = vx.PolygonMesh(np.array([[0, 0], [2, 0], [2, 1], [-(3**-0.5), 1]]), [[0, 1, 2, 3]]).refine().refine()

@@ -259,8 +259,8 @@ class Corners:
             if (node, row) not in self.known:
                 self.known[node, row] = self.judged(sides, node, row)
             found.append(self.known[node, row])
-        if key in ("pressure", "friction"):
-            found = [one for one in found if one.touches and (one.rubs or key == "pressure")]
+        if key in ("pressure", "pressure_recovered", "friction"):
+            found = [one for one in found if one.touches and (one.rubs or key != "friction")]
         worst = min(found, key=lambda one: one.exponent, default=NOWHERE)
         if worst.exponent >= LIMIT:
             return ""

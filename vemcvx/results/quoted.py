@@ -46,7 +46,10 @@ class Extreme:
     unbounded: str = ""
 
 
-SINGULAR = "von_mises", "largest_principal_stress", "smallest_principal_stress", "friction", "pressure"
+SINGULAR = (
+    *("von_mises", "largest_principal_stress", "smallest_principal_stress"),
+    *("friction", "pressure", "pressure_recovered"),
+)
 """Keys of the extremes that may have no limit."""
 
 

@@ -317,13 +317,13 @@ def largest_values(history: Results) -> Iterator[tuple[quoted.Extreme, int, bool
                 if key not in found or sign * values[k] > sign * found[key][0].value:
                     at = {"place": points[k], "time": float(history.times[row]), "step": step}
                     even = bool(np.median(sign * values) >= 0.99 * sign * values[k])
-                    found[key] = quoted.Extreme(key, name, float(values[k]), unit, **at), k, even
+                    found[key] = quoted.Extreme(key, name, float(values[k]) + 0.0, unit, **at), k, even
     yield from found.values()
 
 
 def _nodes(history: Results, corners: Corners, key: str, k: int) -> list[int]:
     """The nodes near which an extreme stands: those of its cell, or a contact node and those next to it."""
-    if key in ("pressure", "friction"):
+    if key in ("pressure", "pressure_recovered", "friction"):
         return corners.beside(int(history.contact.nodes[k]))
     mesh = history.mesh
     if isinstance(mesh, PolyhedralMesh) or key in ("displacement", "slip"):

@@ -16,14 +16,17 @@ from numpy.typing import NDArray
 from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.meshes.interfaces import padded
 from vemcvx.meshes.meeting import Meeting, Surface, lines_between, meeting_of, settled, unmatched
-from vemcvx.meshes.polygons.geometry import areas_and_centroids, cross, outlines, signed_areas
-from vemcvx.meshes.polygons.topology import (
+from vemcvx.meshes.polygons import (
+    areas_and_centroids,
     cell_of_corner,
+    cross,
     edge_keys,
     next_corner,
     offsets_of,
+    outlines,
     rows_in_order,
     same_rows,
+    signed_areas,
     spans,
     turned,
 )

@@ -19,8 +19,16 @@ from numpy.typing import NDArray
 
 from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.errors import MeshError
-from vemcvx.meshes.polygons.geometry import outlines, overlapping_boxes, rounding
-from vemcvx.meshes.polygons.topology import cell_of_corner, directed_edges, rows_in_order, smallest_linked, spans
+from vemcvx.meshes.polygons import (
+    cell_of_corner,
+    directed_edges,
+    outlines,
+    overlapping_boxes,
+    rounding,
+    rows_in_order,
+    smallest_linked,
+    spans,
+)
 from vemcvx.meshes.polyhedra import Faces, FaceShapes, along_axes, axes_in_planes, face_shapes
 
 # Edges that turn by less are parallel: where they meet, their ends do.

@@ -30,14 +30,17 @@ from vemcvx.meshes.common_tiling import coinciding_faces, common_tiling
 from vemcvx.meshes.interfaces import Interface, on_boundary, on_faces, pairs_of, places_of
 from vemcvx.meshes.local_refinement import check_marks
 from vemcvx.meshes.meeting import FACING, unmatched
-from vemcvx.meshes.polygons.geometry import TOLERANCE, close_pairs, outlines, rounding
-from vemcvx.meshes.polygons.topology import (
+from vemcvx.meshes.polygons import (
+    TOLERANCE,
     cell_of_corner,
+    close_pairs,
     directed_edges,
     edge_keys,
     next_corner,
     offsets_of,
+    outlines,
     positions,
+    rounding,
     rows_in_order,
     smallest_linked,
     spans,

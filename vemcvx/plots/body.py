@@ -24,7 +24,7 @@ from vemcvx.canvas import (
 )
 from vemcvx.errors import HistoryError, VemcvxError
 from vemcvx.meshes import PolygonMesh, PolyhedralMesh, plane_mesh
-from vemcvx.meshes.polygons.topology import rows_in_order
+from vemcvx.meshes.polygons import rows_in_order
 from vemcvx.plots.contact import contact_line
 from vemcvx.plots.style import (
     COMPRESSION,

@@ -46,7 +46,7 @@ from vemcvx.errors import HistoryError, MeshError
 from vemcvx.meshes import AnyMesh, Interface, PolygonMesh, PolyhedralMesh
 from vemcvx.meshes.interfaces import padded
 from vemcvx.meshes.io.vtk import packed_cells, write_cells
-from vemcvx.meshes.polygons.topology import rows_in_order
+from vemcvx.meshes.polygons import rows_in_order
 from vemcvx.meshes.polyhedra import Faces, listed_faces
 from vemcvx.owned_files import DRAFTS, Owned, path_of
 from vemcvx.results.quoted import Quantity

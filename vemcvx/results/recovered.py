@@ -32,7 +32,7 @@ from scipy.sparse.linalg import splu
 
 from vemcvx.arrays import Bools, Floats, Ints, summed_columns
 from vemcvx.meshes import PolygonMesh
-from vemcvx.meshes.polygons.topology import smallest_linked
+from vemcvx.meshes.polygons import smallest_linked
 from vemcvx.scene.contact import Surface
 from vemcvx.scene.contact_table import ContactRows, pair_numbers
 from vemcvx.vem.boundary import SMOOTH

@@ -13,7 +13,7 @@ import numpy as np
 
 from vemcvx.arrays import Floats, Ints
 from vemcvx.meshes import AnyMesh, PolygonMesh
-from vemcvx.meshes.polygons.topology import smallest_linked
+from vemcvx.meshes.polygons import smallest_linked
 from vemcvx.outline import coordinates
 from vemcvx.results.results import Results
 from vemcvx.scene.pose import PosedScene

@@ -6,7 +6,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from vemcvx.arrays import Bools, Floats, Ints
-from vemcvx.meshes.polygons.geometry import INNER, clip_ears, cross, places, polygon_centroids, signed_areas
+from vemcvx.meshes.polygons import INNER, clip_ears, cross, places, polygon_centroids, signed_areas
 from vemcvx.vem.boundary import Part
 from vemcvx.vem.elasticity import COMPONENTS
 from vemcvx.vem.projection import CellGroup, PolyhedronGroup

@@ -10,8 +10,7 @@ from typing import Self
 import numpy as np
 
 from vemcvx.arrays import Bools, Floats, Ints, read_only, totals
-from vemcvx.meshes.polygons.geometry import RADON_POINTS, RADON_WEIGHTS, clip_ears
-from vemcvx.meshes.polygons.topology import spans
+from vemcvx.meshes.polygons import RADON_POINTS, RADON_WEIGHTS, clip_ears, spans
 from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 
 # The projection Pi_K of Section 3 in vertex values.

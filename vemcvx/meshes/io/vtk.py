@@ -28,7 +28,7 @@ from vemcvx.archives import UNPACKED, most_unpacked
 from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.errors import MeshError
 from vemcvx.meshes.io.grid import AnyTessellation, Grid, grid_of, polygon_kinds, take_parts, translated
-from vemcvx.meshes.polygons.topology import offsets_of, rows_in_order
+from vemcvx.meshes.polygons import offsets_of, rows_in_order
 from vemcvx.meshes.polyhedra import Listed
 
 Arrays = Mapping[str, NDArray[Any]]

@@ -401,14 +401,6 @@ class Condensation:
         better[self.retained] = y[self.retained]
         return better
 
-    def square(self, y_c: Floats, f: Reduced) -> float:
-        """y'Ky."""
-        return f.work_inside(f) + float(y_c @ (self.operators.K @ y_c))
-
-    def work(self, phi: Reduced, y_c: Floats, f: Reduced) -> float:
-        """phi'y, the work of the force phi on the state (y_c, f)."""
-        return phi.work_inside(f) + float(phi.retained @ y_c)
-
     def _done(self, phi: Floats, number: int | None) -> SolvedForce:
         """The response to a force phi (n,)."""
         z, tau = self._halves.halved(phi)

@@ -208,13 +208,13 @@ class _Bounds:
         """(g+ - g-) / 2."""
         return self._integrated(self.forward, t, "bound") - self.weights(t)
 
-    def ramp(self, t: float, forces: Floats, *slips: Floats) -> Floats:
+    def ramp(self, t: float, p: Floats, *slips: Floats) -> Floats:
         """Weights under normal forces (m,) of contact, for friction that needs touch."""
-        return np.minimum(STEEP * np.maximum(forces, 0.0), self.weights(t))
+        return np.minimum(STEEP * np.maximum(p, 0.0), self.weights(t))
 
-    def slope(self, t: float, forces: Floats, before: Floats) -> Floats:
+    def slope(self, t: float, p: Floats, past: Floats) -> Floats:
         """The derivative of the ramp."""
-        return np.where(STEEP * forces < self.weights(t), STEEP, 0.0)
+        return np.where(STEEP * p < self.weights(t), STEEP, 0.0)
 
     def _integrated(self, value: data.Datum, t: float, name: str) -> Floats:
         if self.quadrature == "nodes":
@@ -367,13 +367,13 @@ class CoulombFriction(Effect):
                 return mu, np.full(len(points), np.inf)
             return mu, rows.lengths * data.nonnegative(self.cap, points, t, subject, name="cap")
 
-        def weights(t: float, forces: Floats, *slips: Floats) -> Floats:
+        def weights(t: float, p: Floats, *slips: Floats) -> Floats:
             mu, cap = read(t)
-            return np.minimum(mu * np.maximum(forces, 0.0), cap)
+            return np.minimum(mu * np.maximum(p, 0.0), cap)
 
-        def slope(t: float, forces: Floats, before: Floats) -> Floats:
+        def slope(t: float, p: Floats, past: Floats) -> Floats:
             mu, cap = read(t)
-            return np.where(mu * forces < cap, mu, 0.0)
+            return np.where(mu * p < cap, mu, 0.0)
 
         ground = Ground.of(self.ground, subject, points, rows.partners)
         law = Law(weights, pressed=True, slope=slope, slips=False)

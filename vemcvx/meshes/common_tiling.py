@@ -32,13 +32,6 @@ from vemcvx.meshes.polygons import (
 )
 from vemcvx.meshes.polyhedra import Faces, FaceShapes, face_shapes, in_planes
 
-# A corner of a face turns inwards if its edges span this part of the face's area: what rounding does is less.
-NOTCH = 1e-9
-# Faces whose nodes have moved off their plane by this part of their size are cut into triangles: a mesh may have 1e-6.
-OFF_PLANE = 1e-7
-# The pieces of a face cover it up to this part: the tolerance is far below the edges, or bodies are not matched.
-COVERED = 1e-3
-
 
 class Tiled(NamedTuple):
     """Bodies whose faces have been cut."""
@@ -153,7 +146,8 @@ def _pieces(meeting: Meeting, outline: _Outlines) -> _Pieces:
     corners, whole = seen(place, found[cell_of_corner(ring)]), seen(around, cell_of_corner(rows))
     areas = areas_and_centroids(corners, ring, np.arange(len(corners)))[0]
     all_of = areas_and_centroids(whole, rows, np.arange(len(whole)))[0]
-    missing = np.abs(np.bincount(found, np.abs(areas), len(cut)) - all_of) > COVERED * all_of
+    # Pieces cover a face up to a thousandth: the tolerance is far below the edges, or bodies are not matched.
+    missing = np.abs(np.bincount(found, np.abs(areas), len(cut)) - all_of) > 1e-3 * all_of
     if missing.any():
         raise unmatched(surface.shapes.centroids[cut[missing][0]])
     return _Pieces(cut[found], ring, turned(ring, place, areas < 0.0))
@@ -192,7 +186,8 @@ def _inside(surface: Surface, face: Ints, lines: Ints) -> Bools:
     every = cell_of_corner(surface.offsets)
     corners = surface.seen(surface.points[surface.place[surface.vertices]], every)[:, :2]
     arm = corners[next_corner(surface.offsets)] - corners
-    inwards = cross(arm, arm[next_corner(surface.offsets)]) < -NOTCH * surface.shapes.areas[every]
+    # What rounding turns a corner inwards spans less than 1e-9 of the face's area.
+    inwards = cross(arm, arm[next_corner(surface.offsets)]) < -1e-9 * surface.shapes.areas[every]
     hollow = np.logical_or.reduceat(inwards, surface.offsets[:-1])
     inside = np.ones(len(face), dtype=bool)
     asked = np.flatnonzero(hollow[face])
@@ -290,7 +285,8 @@ def _flattened(points: Floats, faces: Faces, place: Ints, touched: Bools) -> tup
     offsets, vertices = rows_in_order(faces.face_offsets, faces.face_vertices, some)
     shapes, corner = face_shapes(points, offsets, vertices), cell_of_corner(offsets)
     height = np.abs(in_planes(points[vertices], corner, shapes)[:, 2])
-    warped = np.flatnonzero(np.maximum.reduceat(height, offsets[:-1]) > OFF_PLANE * np.sqrt(shapes.areas))
+    # A mesh may have faces of 1e-6 off their planes.
+    warped = np.flatnonzero(np.maximum.reduceat(height, offsets[:-1]) > 1e-7 * np.sqrt(shapes.areas))
     if not len(warped):
         return faces, np.arange(len(faces.face_offsets) - 1)
     offsets, vertices = rows_in_order(offsets, vertices, warped)

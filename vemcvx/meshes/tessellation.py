@@ -107,7 +107,7 @@ class Mesh(ABC):
 
     @property
     @abstractmethod
-    def _free(self) -> Bools:
+    def _outer(self) -> Bools:
         """A mask of the parts of the boundary that no interface has on either side."""
 
     @property
@@ -237,7 +237,7 @@ class Mesh(ABC):
     def _replace(self, **fields: object) -> Self:
         """Return a mesh that shares everything, also what is already computed, but the given fields."""
         mesh = object.__new__(type(self))
-        anew = {"boundaries", "_free"} if "interfaces" in fields else {"boundaries"}
+        anew = {"boundaries", "_outer"} if "interfaces" in fields else {"boundaries"}
         mesh.__dict__.update({key: value for key, value in self.__dict__.items() if key not in anew})
         mesh.__dict__.update(fields)
         return mesh
@@ -356,12 +356,12 @@ class Tessellation(Mesh):
         return {name: interface.edges for name, interface in self.interfaces.items()}
 
     @property
-    def _free(self) -> Bools:
+    def _outer(self) -> Bools:
         return outside(self.interfaces, self._boundary, self.n_nodes)
 
     @property
     def _choice(self) -> tuple[Ints, Floats]:
-        edges = self._boundary[self._free]
+        edges = self._boundary[self._outer]
         return edges, 0.5 * (self.points[edges[:, 0]] + self.points[edges[:, 1]])
 
     def _rows(self, name: str, given: Any, n_nodes: int) -> tuple[Ints, Ints]:
@@ -493,7 +493,7 @@ class SpaceTessellation(Mesh):
         }
 
     @cached_property
-    def _free(self) -> Bools:
+    def _outer(self) -> Bools:
         free = np.ones(len(self._boundary), dtype=bool)
         for joint in self.interfaces.values():
             for side in (joint.edges, joint.partners):
@@ -502,7 +502,7 @@ class SpaceTessellation(Mesh):
 
     @property
     def _choice(self) -> tuple[Ints, Floats]:
-        faces = self._boundary[self._free]
+        faces = self._boundary[self._outer]
         return faces, self.face_centroids[faces]
 
     def _parts(self, name: str, given: Any, number: Ints) -> tuple[Ints, list[str]]:

@@ -88,7 +88,6 @@ CLOSED, ARROWS = "closed contact bold or hatched", "thick arrows stick"
 PAGE_IN_SPACE = 6.4, 4.6
 """Width and height in inches."""
 MISSING = "drawing bodies in space needs PyVista, which is not installed: pip install 'vemcvx[view]'"
-VIEW = (-1.0, -1.6, 0.9)
 
 
 def deformed_mesh(
@@ -355,7 +354,7 @@ def deformed_body(
     *,
     ax: Axes | None = None,
     stress: str = "von_mises",
-    view: ArrayLike = VIEW,
+    view: ArrayLike = (-1.0, -1.6, 0.9),
     magnify: float | None = None,
     limits: ArrayLike | None = None,
     units: Units | None = None,

@@ -239,11 +239,6 @@ class SolvedForces:
         return spread(phi, self._place[rows], len(self._loaded))
 
 
-HELD = 1e-30
-"""Part of the energy of a response that the retained unknowns may keep: rounds that pull them back stop there. On K's
-kernel tau is read off K xi, and its error is K times that motion."""
-
-
 class Held:
     """The halves of a solve, from a factor that solves for all unknowns only; z is xi itself.
 
@@ -280,7 +275,8 @@ class Held:
         for _ in range(5 if len(c) else 0):
             left = self._S @ x[c]
             size, before = float(abs(left @ x[c])), size
-            if size <= HELD * float(abs(inner @ x)) or size > 0.25 * before:
+            # On K's kernel tau is read off K xi, and its error is K times the motion that is left.
+            if size <= 1e-30 * float(abs(inner @ x)) or size > 0.25 * before:
                 break
             held = held - left
             inner[c] = held

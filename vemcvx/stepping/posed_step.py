@@ -262,8 +262,8 @@ class PosedStep:
         checked_norm(norm, self.data.t)
         size = max(self.before.unit(accuracy), norm)
         guess = self.before.expected(self.data.t) if near is None else (near.lam, near.p)
-        free = alpha
-        best = self._asked(alpha, free, 0.5 * (accuracy * size) ** 2, guess, 0)
+        unheld = alpha
+        best = self._asked(alpha, unheld, 0.5 * (accuracy * size) ** 2, guess, 0)
         spent = best.iterations
         for _ in range(2):
             if best.accepted(accuracy) or spent >= self.run.most:
@@ -272,7 +272,7 @@ class PosedStep:
             if best.unit(accuracy) > 0:
                 # Of a body that is carried far this is much less than the motion of its unknowns let expect.
                 alpha = min(alpha, float(power_of_two(best.unit(accuracy) / np.sqrt(scales.kappa))))
-            state = self._asked(alpha, free, 0.5 * (accuracy * size) ** 2, guess, spent)
+            state = self._asked(alpha, unheld, 0.5 * (accuracy * size) ** 2, guess, spent)
             spent += state.iterations
             if state.certificate.gap >= best.certificate.gap:
                 break
@@ -291,10 +291,10 @@ class PosedStep:
         exact = Certificate(0.0, np.zeros(len(self.program.w)), 0.0, nothing[1])
         return self.state_after(Answer(nothing[0], lam, 0, status, p=nothing[1]), exact)
 
-    def _asked(self, alpha: float, free: float, gap: float, guess: tuple[Floats, Floats], spent: int) -> State:
+    def _asked(self, alpha: float, unheld: float, gap: float, guess: tuple[Floats, Floats], spent: int) -> State:
         """The solver's answer within the bounds, certified; its iterations are those left after so many."""
         scales, name = self.run.scaling, self.run.solver.name
-        scaled = scales.scale(self.program, alpha, free)
+        scaled = scales.scale(self.program, alpha, unheld)
         target, begin = scales.energy(gap, alpha), scales.guess(guess[0] - self.bias, guess[1], alpha)
         with named_failures(name):
             answer = fitting(self.run.after(spent).prepared.solve(scaled, target, *begin), scaled, name)

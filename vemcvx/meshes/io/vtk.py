@@ -339,17 +339,14 @@ def _types(grid: Grid) -> NDArray[np.uint8]:
     return np.array([TYPES[kind] for kind in kinds.tolist()], dtype=np.uint8)[place]
 
 
-SAMPLE = 4096
-"""Bytes from the middle of an array that tell if compressing pays."""
-
-
 def _packed(data: bytes) -> bytes:
     """One zlib block after the sizes that VTK expects.
 
     Numbers of cells and nodes, and fields that are zero away from contact, shrink 5 to 90 times, at 650 MB/s.
     Displacements and stresses shrink by a fifth, at 30 MB/s, and are only wrapped.
     """
-    sample = data[len(data) // 2 :][:SAMPLE]
+    # Bytes from the middle tell if compressing pays.
+    sample = data[len(data) // 2 :][:4096]
     packed = zlib.compress(data, int(2 * len(zlib.compress(sample, 1)) < len(sample)))
     header = np.array([1, len(data), len(data), len(packed)] if data else [0, 0, 0], dtype=np.uint64)
     return header.tobytes() + (packed if data else b"")

@@ -8,10 +8,9 @@ and no areas are compared. Polyhedra take the pieces as coplanar faces.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.meshes.interfaces import padded
@@ -26,8 +25,8 @@ from vemcvx.meshes.polygons import (
     outlines,
     rows_in_order,
     same_rows,
-    signed_areas,
     spans,
+    triangles_of,
     turned,
 )
 from vemcvx.meshes.polyhedra import Faces, FaceShapes, face_shapes, in_planes
@@ -222,7 +221,9 @@ def _polygons(owner: Ints, segments: Floats) -> tuple[Ints, Ints, Ints]:
     names, sizes, found_in = corners[first, 2], np.bincount(ring[first]), found[~holed]
     if holed.any():
         corners, ring = shapely.get_coordinates(every[holed], include_z=True, return_index=True)
-        owner, triangle = _triangles(every[holed], offsets_of(np.bincount(ring)), np.arange(len(ring)), corners[:, :2])
+        owner, triangle = triangles_of(
+            every[holed], offsets_of(np.bincount(ring)), np.arange(len(ring)), corners[:, :2]
+        )
         names, sizes = np.append(names, corners[triangle, 2]), np.append(sizes, np.full(len(triangle), 3))
         found_in = np.append(found_in, found[holed][owner])
     ranked = np.argsort(found_in, kind="stable")
@@ -294,7 +295,7 @@ def _flattened(points: Floats, faces: Faces, place: Ints, touched: Bools) -> tup
     first, number = same_rows(offsets, place[vertices])
     corners = in_planes(points[vertices], cell_of_corner(offsets), shapes)[:, :2]
     polygons = outlines(corners, offsets, np.arange(len(corners)))[first]
-    owner, rows = _triangles(polygons, *rows_in_order(offsets, np.arange(len(corners)), first), corners)
+    owner, rows = triangles_of(polygons, *rows_in_order(offsets, np.arange(len(corners)), first), corners)
     # Each face has the triangles of the first in its places, the other way round if it is another one.
     order, begin = np.argsort(owner, kind="stable"), np.searchsorted(np.sort(owner), np.arange(len(first) + 1))
     counts = np.diff(begin)[number]
@@ -305,26 +306,6 @@ def _flattened(points: Floats, faces: Faces, place: Ints, touched: Bools) -> tup
     sorting = np.argsort(key)
     own = vertices[sorting[np.searchsorted(key, place[triangles] * len(offsets) + face[:, None], sorter=sorting)]]
     return _replaced(faces, some[face], 3 * np.arange(len(own) + 1), own.ravel())
-
-
-def _triangles(polygons: NDArray[Any], offsets: Ints, corner: Ints, corners: Floats) -> tuple[Ints, Ints]:
-    """The triangles of polygons, as Delaunay's as may be: of which each is, and its corners (t, 3), counter-clockwise.
-
-    Polygon k has the corners ``corner[offsets[k]:offsets[k + 1]]``, in holes and outside, which are numbers in (n, 2).
-    """
-    import shapely
-
-    parts, owner = shapely.get_parts(shapely.constrained_delaunay_triangles(polygons), return_index=True)
-    at = shapely.get_coordinates(shapely.get_exterior_ring(parts)).reshape(-1, 4, 2)[:, :3]
-    at = np.where((signed_areas(at) < 0.0)[:, None, None], at[:, ::-1], at)
-    rows = np.empty((len(owner), 3), dtype=np.int64)
-    counts = np.diff(offsets)[owner]
-    for n in np.unique(counts):
-        mine = np.flatnonzero(counts == n)
-        known = corner[offsets[owner[mine], None] + np.arange(n)]
-        same = (corners[known][:, None] == at[mine][:, :, None]).all(axis=3)
-        rows[mine] = np.take_along_axis(known, np.argmax(same, axis=2), axis=1)
-    return owner, rows
 
 
 def coinciding_faces(outlines: tuple[Ints, Ints], body: Ints, place: Ints) -> tuple[Ints, Ints, Ints]:

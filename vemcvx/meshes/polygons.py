@@ -16,11 +16,6 @@ cell (d_i = x_i - o):
 so a mesh far from the origin loses nothing, whereas products of coordinates near 1e6 would leave four digits of the
 area of a cell of size 1e-3.
 
-Convex polygons are cut into fans of triangles, simple ones by clipping ears. An ear is a vertex whose triangle with its
-two neighbours turns left and holds no other vertex; every simple polygon of more than three vertices has two (Meisters,
-Amer. Math. Monthly 82 (1975)). The ear taken is the one that other vertices stay away from most, which needs no
-tolerance, and takes vertices on straight sides first.
-
 Shapely and SciPy's spatial structures are imported when somebody looks: they take .1 and .3 s.
 """
 
@@ -367,38 +362,35 @@ def places(corners: Floats, barycentric: Floats) -> Floats:
     return origin + within
 
 
-def clip_ears(corners: Floats) -> Ints:
-    """Triangles (c, n - 2, 3) of simple polygons (c, n, 2), vertices on straight sides included; counter-clockwise.
+def triangles_of(polygons: NDArray[Any], offsets: Ints, corner: Ints, corners: Floats) -> tuple[Ints, Ints]:
+    """The triangles of polygons, as Delaunay's as may be: of which each is, and its corners (t, 3), counter-clockwise.
 
-    Their signed areas add up to the polygon's.
+    Polygon k has the corners ``corner[offsets[k]:offsets[k + 1]]``, in holes and outside, which are numbers in (n, 2).
     """
+    import shapely
+
+    parts, owner = shapely.get_parts(shapely.constrained_delaunay_triangles(polygons), return_index=True)
+    at = shapely.get_coordinates(shapely.get_exterior_ring(parts)).reshape(-1, 4, 2)[:, :3]
+    at = np.where((signed_areas(at) < 0.0)[:, None, None], at[:, ::-1], at)
+    rows = np.empty((len(owner), 3), dtype=np.int64)
+    counts = np.diff(offsets)[owner]
+    for n in np.unique(counts):
+        mine = np.flatnonzero(counts == n)
+        known = corner[offsets[owner[mine], None] + np.arange(n)]
+        same = (corners[known][:, None] == at[mine][:, :, None]).all(axis=3)
+        rows[mine] = np.take_along_axis(known, np.argmax(same, axis=2), axis=1)
+    return owner, rows
+
+
+def diagonals_of(corners: Floats) -> Ints:
+    """Triangles (c, n - 2, 3) of simple polygons (c, n, 2), vertices on straight sides included; counter-clockwise."""
     c, n, _ = corners.shape
-    left = np.broadcast_to(np.arange(n), (c, n))
-    triangles = np.empty((c, n - 2, 3), dtype=np.int64)
-    for step in range(n - 3):
-        ear = np.argmin(_intrusion(np.take_along_axis(corners, left[:, :, None], axis=1)), axis=1)
-        around = (ear[:, None] + np.array([-1, 0, 1])) % (n - step)
-        triangles[:, step] = np.take_along_axis(left, around, axis=1)
-        stays = np.arange(n - step) != ear[:, None]
-        left = left[stays].reshape(c, n - step - 1)
-    triangles[:, n - 3] = left
-    return triangles
-
-
-def _intrusion(x: Floats) -> Floats:
-    """The depth to which other vertices reach into the triangle at each vertex, (c, m): below zero for ears only."""
-    before, after = np.roll(x, 1, axis=1), np.roll(x, -1, axis=1)
-    depth = np.minimum(np.minimum(_side(before, x, x), _side(x, after, x)), _side(after, before, x))
-    m = x.shape[1]
-    vertex = np.arange(m)
-    for shift in (-1, 0, 1):
-        depth[:, vertex, (vertex + shift) % m] = -np.inf
-    return np.where(cross(x - before, after - x) >= 0.0, depth.max(axis=2), np.inf)
-
-
-def _side(a: Floats, b: Floats, x: Floats) -> Floats:
-    """Twice the area of (a_i, b_i, x_j), (c, m, m): positive where x_j lies left of the line from a_i to b_i."""
-    return cross((b - a)[:, :, None], x[:, None] - a[:, :, None])
+    if c == 0:
+        return np.zeros((0, n - 2, 3), dtype=np.int64)
+    flat, number = corners.reshape(-1, 2), np.arange(c * n)
+    offsets = np.arange(c + 1) * n
+    rows: Ints = triangles_of(outlines(flat, offsets, number), offsets, number, flat)[1]
+    return np.asarray(rows.reshape(c, n - 2, 3) - offsets[:-1, None, None])
 
 
 def kernel_centroids(corners: Floats) -> tuple[Floats, Floats]:
@@ -429,15 +421,14 @@ def kernel_centroids(corners: Floats) -> tuple[Floats, Floats]:
 def convex_pieces(corners: Floats) -> list[list[int]]:
     """The convex pieces of a polygon (n, 2), each by the numbers of its corners; all counter-clockwise.
 
-    Ears are clipped, then every diagonal is taken out again whose absence leaves no right turn: at most four times as
-    many pieces as the best (S. Hertel, K. Mehlhorn, FCT 1983, LNCS 158, 207-218). Ears may be flat (three corners in a
-    line, as at the tips of a comb); the diagonal under the flattest comes first, which joins it to what lies below.
+    Of its triangles every diagonal is taken out again whose absence leaves no right turn: at most four times as many
+    pieces as the best (S. Hertel, K. Mehlhorn, FCT 1983, LNCS 158, 207-218). The one under the flattest comes first.
     """
     x = [complex(*corner) for corner in corners.tolist()]
-    ears = clip_ears(corners[None])[0].tolist()
-    pieces = dict(enumerate(ears))
-    owner = {edge: k for k, ear in pieces.items() for edge in _edges(ear)}
-    heights = {edge: _height(ear, edge, x) for ear in ears for edge in _edges(ear)}
+    triangles = diagonals_of(corners[None])[0].tolist()
+    pieces = dict(enumerate(triangles))
+    owner = {edge: k for k, triangle in pieces.items() for edge in _edges(triangle)}
+    heights = {edge: _height(triangle, edge, x) for triangle in triangles for edge in _edges(triangle)}
     diagonals = [(a, b) for a, b in owner if a < b and (b, a) in owner]
     for a, b in sorted(diagonals, key=lambda edge: min(heights[edge], heights[edge[::-1]])):
         kept, gone = owner[a, b], owner[b, a]
@@ -458,12 +449,12 @@ def _beginning_with(corner: int, piece: list[int]) -> list[int]:
     return piece[place:] + piece[:place]
 
 
-def _height(ear: list[int], edge: tuple[int, int], x: list[complex]) -> float:
+def _height(triangle: list[int], edge: tuple[int, int], x: list[complex]) -> float:
     """Height of a triangle over its longest edge, in lengths of that edge; infinite over the others."""
-    lengths = {(a, b): abs(x[b] - x[a]) for a, b in _edges(ear)}
+    lengths = {(a, b): abs(x[b] - x[a]) for a, b in _edges(triangle)}
     if lengths[edge] < max(lengths.values()):
         return float("inf")
-    a, b, c = (x[k] for k in ear)
+    a, b, c = (x[k] for k in triangle)
     return ((b - a).conjugate() * (c - a)).imag / lengths[edge] ** 2
 
 

@@ -36,13 +36,13 @@ from functools import cached_property, partial
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.arrays import EPS, Floats, Ints, power_of_two
+from vemcvx.arrays import EPS, Floats, Ints, power_of_two, spread
 from vemcvx.errors import NotAccepted
 from vemcvx.linear import Factor, Halves, LinearSolver, Matrix, minimum_degree
 from vemcvx.program.kernel import anchors
 from vemcvx.program.operators import Operators, shifted
 from vemcvx.program.scaling import unit_diagonal
-from vemcvx.program.system import System, spread
+from vemcvx.program.system import System
 
 SAME_FIELD = 8 * EPS
 """Residuals of a load on the shapes solved for below this times the load are rounding, and are dropped. A shape that

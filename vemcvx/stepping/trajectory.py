@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vemcvx.archives import Arrays, read_arrays
-from vemcvx.arrays import Bools, Floats, Ints, brief, is_whole, sizes_of
+from vemcvx.arrays import Bools, Floats, Ints, brief, is_whole, quantities
 from vemcvx.errors import HistoryError, SceneError
 from vemcvx.outline import ArrayRecord
 from vemcvx.owned_files import Owned, path_of
@@ -330,8 +330,8 @@ def _numbers(store: object, steps: int) -> TypeGuard[Sequence[int]]:
     return all(is_whole(n) and 0 <= n <= steps for n in store)
 
 
-FIELDS = sizes_of(Trajectory)
-SCALARS = {name: kind for name, (sizes, kind) in FIELDS.items() if sizes == ("N",) and name != "times"}
+FIELDS = quantities(Trajectory)
+SCALARS = {name: of.kind for name, of in FIELDS.items() if of.sizes == ("N",) and name != "times"}
 TYPES: dict[str, type] = {"f": float, "i": np.int64, "b": bool}
 EVERY_STEP = ("scalars", "data", "initial")
 """Arrays with a row for every step, or for the initial instant alone; the others have one for every stored step."""
@@ -406,9 +406,9 @@ class Recorder:
             "limits": len(operators.compliance),
         }
         stored = {
-            name: (tuple(sizes[size] for size in names), TYPES[kind])
-            for name, (names, kind) in FIELDS.items()
-            if names[0] == "S" and name != "stored" and not (name == "velocity" and system.damping is None)
+            name: (tuple(sizes[size] for size in of.sizes), TYPES[of.kind])
+            for name, of in FIELDS.items()
+            if of.sizes[0] == "S" and name != "stored" and not (name == "velocity" and system.damping is None)
         }
         return {
             **stored,

@@ -274,9 +274,9 @@ def _three(values: ArrayLike) -> NDArray[Any]:
     return np.pad(values, ((0, 0), (0, 1))) if values.ndim == 2 and values.shape[1] == 2 else values
 
 
-def write_xml(path: Path, grid: Grid, point_data: Arrays = EMPTY, fields: Arrays = EMPTY) -> None:
-    """Write a grid, its named sets of cells as data, data on nodes and data of the whole file as a VTU file."""
-    data = {"PointData": _blocks(point_data), "CellData": _blocks(grid.marked)}
+def write_xml(path: Path, grid: Grid, fields: Arrays = EMPTY) -> None:
+    """Write a grid, its named sets of cells as data, and data of the whole file as a VTU file."""
+    data = {"PointData": [], "CellData": _blocks(grid.marked)}
     whole = [Block({**words, "NumberOfTuples": str(len(fields[words["Name"]]))}, of) for words, of in _blocks(fields)]
     _write(path, _packed_grid(grid), data, whole)
 

@@ -44,8 +44,8 @@ class Glue(vx.Effect):
         rows = space.part(self.on, "Glue", contact=True).node_normals
         initial = rows.lengths * self.strength
 
-        def weights(t, forces, before, slip):
-            return initial * np.maximum(1.0 - (before + slip) / self.way, 0.0)
+        def weights(t, p, past, slip):
+            return initial * np.maximum(1.0 - (past + slip) / self.way, 0.0)
 
         law = Law(weights, softening=initial / self.way)
         along = replace(Friction.of(rows, "Glue"), law=law)

@@ -48,8 +48,8 @@ class SlipWeakening(vx.Effect):
         rows = space.part(self.on, "SlipWeakening", contact=True).node_normals
         k = (self.peak - self.residual) / self.distance
 
-        def weights(t, forces, before, slip):
-            return rows.lengths * np.maximum(self.peak - k * (before + slip), self.residual)
+        def weights(t, p, past, slip):
+            return rows.lengths * np.maximum(self.peak - k * (past + slip), self.residual)
 
         law = Law(weights, softening=k * rows.lengths)
         friction = replace(Friction.of(rows, "SlipWeakening"), law=law)

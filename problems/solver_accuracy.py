@@ -63,7 +63,7 @@ from vemcvx.plots.style import MARKERS, SERIES
 from vemcvx.scene import pose_scene
 from vemcvx.solvers.conic import installed
 from vemcvx.stepping.backward_euler import QuasistaticSteps, initial_state
-from vemcvx.stepping.recorder import certified_in_full
+from vemcvx.stepping.posed_step import certified_in_full
 from vemcvx.stepping.state import prepare
 
 STEPS = {"growing": (0.0, 0.75, 1.0), "return": (0.0, 1.0, 0.5, 1.0)}

@@ -101,6 +101,13 @@ def _masked(raw: Any) -> bool:
     return isinstance(raw, np.ma.MaskedArray)
 
 
+def spread(values: Floats, rows: Ints, n: int) -> Floats:
+    """The vector (n,) with these values on some rows, and zero elsewhere."""
+    array = np.zeros(n)
+    array[rows] = values
+    return array
+
+
 def fading(value: Callable[[float], Floats], times: Sequence[float]) -> Callable[[float], Floats]:
     """A datum in time, zero where it is less than 1e-60 of its largest value at the instants of a run.
 
@@ -165,11 +172,6 @@ def quantities(record: type) -> dict[str, Quantity]:
             kind = "b" if Bools in arrays else "i" if Ints in arrays else "f"
             found[name] = Quantity(tuple(sizes.split()), kind, unit, meaning.get(name, ""))
     return found
-
-
-def sizes_of(record: type) -> dict[str, tuple[tuple[str, ...], str]]:
-    """Return names of the sizes and numpy's letter for the kind of the arrays of a record, by name."""
-    return {name: found[:2] for name, found in quantities(record).items()}
 
 
 # Truth is asked of nothing but flags, equality of nothing but words: other values may answer with arrays or errors.

@@ -114,11 +114,9 @@ def blended(colours: Sequence[str]) -> LinearSegmentedColormap:
     return LinearSegmentedColormap.from_list("blended", list(colours))
 
 
-def light_grid(
-    ax: Axes, *, which: Literal["major", "minor", "both"] = "major", axis: Literal["x", "y", "both"] = "both"
-) -> None:
+def light_grid(ax: Axes, *, axis: Literal["x", "y", "both"] = "both") -> None:
     """Draw grid lines that stay behind the data."""
-    ax.grid(which=which, axis=axis, color="0.9", linewidth=0.6)
+    ax.grid(axis=axis, color="0.9", linewidth=0.6)
     ax.set_axisbelow(True)
 
 

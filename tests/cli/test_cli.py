@@ -526,3 +526,31 @@ def test_the_linear_solver_can_be_named():
     assert "--linear: there is no linear solver 'cholesky'; there are superlu, pardiso, multigrid, petsc" in " ".join(
         wrong.output.split()
     )
+
+
+MINE = """
+import dataclasses, vemcvx as vx
+
+@dataclasses.dataclass(frozen=True)
+class Mine(vx.LinearSolver):
+    def factorise(self, K, near_kernel=None):
+        return vx.SuperLU().factorise(K)
+
+three = 3
+"""
+
+
+def test_a_linear_solver_can_be_in_a_file(tmp_path):
+    (tmp_path / "mine.py").write_text(MINE)
+
+    def run(linear):
+        return invoke("run", PROBLEM, "--n", 4, "--steps", 2, "--out", tmp_path / "out", "--linear", linear)
+
+    done = run(f"{tmp_path / 'mine.py'}:Mine")
+    assert done.exit_code == 0, done.output
+    assert vx.read_history(tmp_path / "out").trajectory.linear == "Mine()"
+    wrong = {"Other": "has no 'Other'; its linear solvers are Mine.", "three": "wanted a class with the base"}
+    for name, words in wrong.items():
+        refused = run(f"{tmp_path / 'mine.py'}:{name}")
+        assert refused.exit_code == 2
+        assert words in " ".join(refused.output.split())

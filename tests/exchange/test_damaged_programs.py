@@ -76,7 +76,7 @@ def test_matrices_that_end_in_the_middle_of_a_number(written, name):
             paths.append(folder / "sound.mtx")
     array = name.removeprefix("sound").removeprefix("_").removesuffix(".mtx") or "K"
     for path, says in zip(paths, hostile.read_all(paths, "program"), strict=True):
-        assert re.match(rf"{path}: {array}: (found \d+ lines of numbers|some line is not of)", says), (path, says)
+        assert re.match(rf"{path}: {array}: is (cut short, or no text|no Matrix Market file)", says), (path, says)
 
 
 RNG = np.random.default_rng(0)
@@ -114,30 +114,24 @@ def test_matrices_of_others(tmp_path, text, wanted):
     assert (found if isinstance(found, np.ndarray) else found.toarray()).tolist() == wanted
 
 
+NONE = "A: is no Matrix Market file of a real matrix"
+
+
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("", "A: found the first line ''; wanted '%%MatrixMarket matrix'"),
-        (
-            "%%MatrixMarket matrix array complex general\n1 1\n1 1\n",
-            "A: found the first line .*real, integer or pattern",
-        ),
-        ("%%MatrixMarket matrix array real general\n", "A: found the sizes ''; wanted those of arrays"),
-        ("%%MatrixMarket matrix array real general\n1 -1\n", "A: found the sizes '1 -1'"),
-        ("%%MatrixMarket matrix array real symmetric\n1 2\n", "A: found a symmetric matrix of 1 rows and 2 columns"),
-        (
-            "%%MatrixMarket matrix array real general\n1000000 1000000\n1\n",
-            "A: found 1 lines of numbers; announced are",
-        ),
-        ("%%MatrixMarket matrix array real general\n1 1\n1 1\n", "A: found lines of 2 numbers; wanted 1"),
-        ("%%MatrixMarket matrix array real general\n1 1\n1_0\n", "A: some line is not of 1 numbers"),
-        ("%%MatrixMarket matrix coordinate real general\n2 2 1\n3 1 1\n", r"A: found an entry at \(3, 1\) of 2 rows"),
-        ("%%MatrixMarket matrix coordinate real general\n2 2 1\n1.5 1 1\n", r"A: found an entry at \(1.5, 1\)"),
-        ("%%MatrixMarket matrix coordinate real general\n2 2 1\nnan 1 1\n", r"A: found an entry at \(nan, 1\)"),
-        (
-            "%%MatrixMarket matrix coordinate real general\n99999999999 1 1\n1 1 1\n",
-            "A: found 99999999999 rows and 1 entr",
-        ),
+        ("", "A: is cut short, or no text"),
+        ("%%MatrixMarket matrix array complex general\n1 1\n1 1\n", NONE + ".*complex"),
+        ("%%MatrixMarket matrix array real general\n", NONE),
+        ("%%MatrixMarket matrix array real general\n1 -1\n", NONE),
+        ("%%MatrixMarket matrix array real symmetric\n1 2\n", NONE),
+        ("%%MatrixMarket matrix array real general\n1000000 1000000\n1\n", NONE),
+        ("%%MatrixMarket matrix array real general\n1 1\n1 1\n", NONE + ".*4 words; .* has 3 numbers"),
+        ("%%MatrixMarket matrix array real general\n1 1\n1_0\n", NONE),
+        ("%%MatrixMarket matrix coordinate real general\n2 2 1\n3 1 1\n", NONE + ".*[Rr]ow index"),
+        ("%%MatrixMarket matrix coordinate real general\n2 2 1\n1.5 1 1\n", NONE),
+        ("%%MatrixMarket matrix coordinate real general\n2 2 1\nnan 1 1\n", NONE),
+        ("%%MatrixMarket matrix coordinate real general\n99999999999 1 1\n1 1 1\n", NONE + ".*99999999999 rows"),
     ],
 )
 def test_matrices_that_are_refused(tmp_path, text, says):

@@ -19,156 +19,52 @@ from scenes import cyclic, paper_scene, small
 import vemcvx as vx
 from vemcvx.linear import DenseCholesky, Multigrid, Pardiso, Scaled, SuperLU, choose_linear
 from vemcvx.program.condensation import Condensation
-from vemcvx.program.kernel import Kernel
 from vemcvx.results.files import peak_memory_mb
 from vemcvx.scene import pose_scene
+from vemcvx.testing import linear_suite
+from vemcvx.testing.linear import estimates_energies_of_random_forces, is_scaled, restricts, solves
 
 DIRECT = [SuperLU(), pytest.param(Pardiso(), marks=needs("pymklpardiso"))]
 TIMES = np.linspace(0.0, 1.0, 7)
 
 
-PARDISO = pytest.param("pardiso", marks=needs("pymklpardiso"))
-MULTIGRID = pytest.param("multigrid", marks=needs("pyamg"))
+test_superlu = linear_suite(SuperLU())
+test_pardiso = needs("pymklpardiso")(linear_suite(Pardiso()))
+test_multigrid = needs("pyamg")(linear_suite(Multigrid()))
+test_petsc = needs("petsc4py")(linear_suite(vx.PETSc()))
 
 
-PETSC = pytest.param("petsc", marks=needs("petsc4py"))
+@pytest.mark.parametrize("linear", DIRECT, ids=str)
+@pytest.mark.parametrize("share", [0.02, 0.5, 1.0])
+def test_what_a_solve_loses_is_estimated(linear, share):
+    """Of a thousandth of K it loses a thousandth, in squares of all n parts.
 
-
-@pytest.fixture(params=["superlu", PARDISO, MULTIGRID, PETSC, "dense"])
-def factored(request):
-    system = pose_scene(paper_scene(), small("squares", 12)).system
-    if request.param == "dense":
-        return system.K, DenseCholesky(system.K.toarray())
-    if request.param == "multigrid":
-        return system.K, Multigrid().factorise(system.K, system.near_kernel)
-    if request.param == "petsc":
-        return system.K, vx.PETSc().factorise(system.K, system.near_kernel)
-    if request.param == "pardiso":
-        return system.K, Pardiso().factorise(system.K)
-    return system.K, SuperLU().factorise(system.K)
-
-
-def test_every_factor_solves(factored):
-    K, factor = factored
-    x = np.random.default_rng(0).normal(size=(K.shape[0], 2))
-    # Relative residuals of 1e-12 at condition numbers near 1e4.
-    assert np.abs(factor.solve(K @ x[:, 0]) - x[:, 0]).max() < 1e-7
-    assert np.abs(factor.solve(np.ascontiguousarray(K @ x)) - x).max() < 1e-7
-    assert not factor.solve(np.zeros(K.shape[0])).any()
-    b = K @ x[:, 0]
-    assert 0.99 < factor.energy(b) / (b @ x[:, 0]) < 2.0  # Of an iterative one a bound.
-    assert factor.energy(0 * b) == 0.0
-
-
-def test_every_factor_restricts(factored):
-    K, factor = factored
-    F = np.flatnonzero(np.arange(K.shape[0]) % 7 > 0)
-    K_FF = K[F][:, F] if not isinstance(factor, DenseCholesky) else K.toarray()[np.ix_(F, F)]
-    x = np.random.default_rng(1).normal(size=len(F))
-    assert np.abs(factor.within(K_FF, F).solve(K_FF @ x) - x).max() < 1e-7
-
-
-@pytest.mark.parametrize("where", ["everywhere", "in one place"])
-def test_every_factor_knows_the_energy_of_random_forces(factored, where):
-    """sum size_i^2 (K^-1)_ii, from eight samples.
-
-    Of sum_k l_k z_k^2 with z_k normal the mean of eight spreads most where one l_k counts alone, and is then less than
-    .107 of its mean, or more than 3.27 times, once in a thousand draws (chi squared with 8 degrees of freedom).
+    Chi squared: .63 to 1.48 n for n > 120 but once in a thousand draws.
     """
-    K, factor = factored
-    size = np.random.default_rng(4).uniform(1, 2, K.shape[0])
-    if where == "in one place":
-        size[np.arange(len(size)) != 17] = 0.0
-    exact = size**2 @ np.diag(np.linalg.inv(K.toarray()))
-    assert 0.107 * exact < factor.random_energy(size) < 3.27 * exact
-
-
-@pytest.mark.parametrize("linear", DIRECT, ids=str)
-def test_numbers_are_the_same_in_all_units(linear):
-    K = pose_scene(paper_scene(), small("squares", 6)).system.K
-    size, last = np.random.default_rng(5).uniform(1, 2, K.shape[0]), np.array([3, 9, 20])
-    (one, S), (two, T) = (linear.eliminate(unit * K, np.arange(K.shape[0]), last) for unit in (1.0, 0.125))
-    assert np.array_equal(8 * T, S)
-    assert two.random_energy(size) == 8 * one.random_energy(size)
-    assert two.lost == one.lost
-    assert np.array_equal(two.solve(size), 8 * one.solve(size))
-
-
-@pytest.mark.parametrize("linear", DIRECT, ids=str)
-@pytest.mark.parametrize("share", [0.0, 0.02, 0.5, 1.0])
-@pytest.mark.parametrize("ordered", [True, False])
-def test_every_elimination_gives_the_schur_complement_and_solves(linear, share, ordered):
-    """S = ((K^{-1})_cc)^{-1}, in the order asked for, and from few unknowns to all of them."""
     system = pose_scene(paper_scene(), small("voronoi", 6)).system
-    K, rng = system.K, np.random.default_rng(7)
-    last = rng.permutation(system.n)[: int(share * system.n)]
-    factor, S = linear.eliminate(K, system.elimination_order() if ordered else np.arange(system.n), last)
-    assert S.shape == (len(last), len(last))
-    assert np.array_equal(S, S.T)
-    inside = np.linalg.inv(K.toarray())[np.ix_(last, last)]
-    assert np.abs(S @ inside - np.eye(len(last))).max(initial=0.0) < 1e-10
-    x = rng.normal(size=(system.n, 3))
-    b = K @ x
-    b.flags.writeable = False
-    assert np.abs(factor.solve(b) - x).max() < 1e-9
-    assert np.array_equal(factor.solve(b[:, 1]), factor.solve(b[:, 1].copy()))
-    assert factor.energy(b[:, 0]) == pytest.approx(x[:, 0] @ b[:, 0], rel=1e-10)
-    assert (factor.halves is None) == (isinstance(linear, SuperLU) or len(last) in (0, system.n))
-    if factor.halves is not None:
-        halves_of_a_solve_are_those(factor.halves, K.toarray(), last, x[:, 0])
-    size = rng.uniform(1, 2, system.n)
-    exact = size**2 @ np.diag(np.linalg.inv(K.toarray()))
-    assert 0.107 * exact < factor.random_energy(size) < 3.27 * exact
-    # Of a thousandth of K it loses a thousandth, in squares of all n parts: chi squared, .63 to 1.48 n for n > 120
-    # but once in a thousand draws.
     assert system.n > 120
-    assert factor.lost < 1e-24
-    del factor.lost
-    factor._K = 1.001 * K
+    factor, _ = linear.eliminate(system.K, np.arange(system.n), np.arange(int(share * system.n)))
+    factor._K = 1.001 * system.K
     assert 0.63 < factor.lost / (1e-6 * system.n) < 1.48
 
 
-def halves_of_a_solve_are_those(halves, K, c, x):
-    """The force on what is held, the product of what two forces do inside, and x: all by dense algebra."""
-    i = np.setdiff1d(np.arange(len(K)), c)
-    b, other = K @ x, np.cos(np.arange(len(K)))
-    spread = np.linalg.solve(K[np.ix_(i, i)], np.column_stack([b[i], other[i]]))
-    (z, on_c), (z_other, _) = halves.halved(b), halves.halved(other)
-    assert np.abs(on_c - (b[c] - K[np.ix_(c, i)] @ spread[:, 0])).max() < 1e-9
-    assert halves.product(z, z_other) == pytest.approx(b[i] @ spread[:, 1], rel=1e-9)
-    b[c] = 7.0  # What acts on unknowns that are held does nothing.
-    for half in (z, halves.halved(b)[0]):
-        assert np.abs(halves.completed(half, x[c]) - x).max() < 1e-9
+@needs("pymklpardiso")
+def test_pardiso_solves_in_halves():
+    """So that a step forms vectors of all unknowns only where they are asked for."""
+    K = pose_scene(paper_scene(), small("squares", 4)).system.K
+    assert Pardiso().eliminate(K, np.arange(K.shape[0]), np.arange(3))[0].halves is not None
 
 
-@pytest.mark.parametrize("linear", DIRECT, ids=str)
-@pytest.mark.parametrize("inner", [0, 1, 10])
-def test_unknowns_that_nothing_couples_are_eliminated_like_others(linear, inner):
-    """Every second unknown of a chain; without care PARDISO reads memory there that nobody has written."""
-    K = sp.csr_matrix(sp.diags_array([-1.0, 2.5, -1.0], offsets=[-1, 0, 1], shape=(20, 20)))
-    others = np.arange(0, 20, 2)[:inner]
-    last = np.setdiff1d(np.arange(20), others)
-    factor, S = linear.eliminate(K, np.arange(20), last)
-    assert np.abs(S @ np.linalg.inv(K.toarray())[np.ix_(last, last)] - np.eye(len(last))).max() < 1e-14
-    x = np.random.default_rng(8).normal(size=20)
-    assert np.abs(factor.solve(K @ x) - x).max() < 1e-14
-    assert factor.random_energy(np.ones(20)) > 0
+class Dense(vx.LinearSolver):
+    """LAPACK's Cholesky factors, which programs of steps use."""
+
+    def factorise(self, K, near_kernel=None):
+        return DenseCholesky(K.toarray())
 
 
-KINDS = {
-    "friction": paper_scene(cyclic),
-    "no friction": vx.Scene(*(e for e in paper_scene() if not isinstance(e, vx.TrescaFriction))),
-    "nearly incompressible": vx.Scene(
-        vx.Elasticity(1.0, 0.4999999), *(e for e in paper_scene() if not isinstance(e, vx.Elasticity))
-    ),
-    "a free body": vx.Scene(
-        vx.Elasticity(1.0, 0.3),
-        vx.BilateralContact(on="bottom"),
-        vx.TrescaFriction(0.1, on="bottom"),
-        vx.Traction(lambda x, t: np.tile([0.05 * np.sin(6 * t), 0.0], (len(x), 1)), on="left"),
-    ),
-    "viscosity": vx.Scene(*paper_scene(cyclic), vx.Viscosity(0.1, 0.1)),
-}
+@pytest.mark.parametrize("sentence", [solves, restricts, estimates_energies_of_random_forces, is_scaled])
+def test_dense(sentence):
+    sentence(Dense())
 
 
 OF_ONE_BLOCK = """
@@ -227,31 +123,6 @@ def test_factors_that_nobody_holds_give_their_memory_back(linear):
         return late - early
 
     assert growth(held=1) < growth(held=12) / 4
-
-
-@pytest.mark.parametrize("linear", DIRECT[1:], ids=str)
-@pytest.mark.parametrize("condense", [True, False], ids=["condensed", "all unknowns"])
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.filterwarnings("ignore:.*nothing but friction or one-sided contact")
-def test_histories_agree_within_their_certificates(linear, condense, kind):
-    scene, mesh = KINDS[kind], small("voronoi", 8)
-    one = vx.simulate(scene, mesh, TIMES, linear=SuperLU(), condense=condense)
-    two = vx.simulate(scene, mesh, TIMES, linear=linear, condense=condense)
-    A = pose_scene(scene, mesh).A
-    apart = (two.displacement - one.displacement).reshape(len(TIMES), -1)
-    energy = np.sqrt(np.maximum(np.einsum("ni,ni->n", apart, (A @ apart.T).T), 0.0))
-    bounds = one.certificate * one.trajectory.norm + two.certificate * two.trajectory.norm
-    assert (energy <= np.cumsum(bounds)).all()
-    assert two.certificate.max() <= 1e-8
-
-
-def test_a_scaled_factor_is_the_factor_of_the_scaled_matrix(factored):
-    K, factor = factored
-    D = 2.0 ** np.random.default_rng(2).integers(-3, 4, size=K.shape[0])
-    b = np.random.default_rng(3).normal(size=K.shape[0])
-    scaled = K.multiply(D[:, None]).multiply(D[None, :]).tocsr() / 4.0
-    x = Scaled(factor, D, 4.0).solve(b)
-    assert np.abs(scaled @ x - b).max() < 1e-6
 
 
 @pytest.mark.long
@@ -426,58 +297,6 @@ def test_singular_matrices_are_a_clear_error():
     chain = np.array([[1.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]])
     with pytest.raises(vx.SceneError, match="stiffness matrix is singular.*Add supports"):
         vx.march(vx.System(chain, lambda t: np.array([t, 0.0, 0.0])), [0, 1])
-
-
-INDEFINITE = {
-    "indefinite": [[1.0, 2.0], [2.0, 1.0]],
-    "singular but for rounding": [[1.0, 1.0], [1.0, 1.0 + 2.0**-52]],
-    "a stiff part and a soft one": [[1e12, 1e6, 0.0], [1e6, 1.0 - 1e-9, 0.0], [0.0, 0.0, 1.0]],
-}
-
-
-@pytest.mark.parametrize("K", INDEFINITE.values(), ids=INDEFINITE)
-@pytest.mark.parametrize("terms", [0, 1], ids=["no terms", "friction"])
-@pytest.mark.parametrize(
-    "linear",
-    [
-        *DIRECT,
-        pytest.param(vx.Multigrid(), marks=needs("pyamg")),
-        pytest.param(vx.PETSc(), marks=needs("petsc4py")),
-    ],
-    ids=str,
-)
-@pytest.mark.parametrize("condense", [True, False])
-def test_indefinite_matrices_are_refused(K, terms, linear, condense):
-    """All diagonals are positive; the pivots are not."""
-    norms = vx.Norms(np.eye(1, len(K)), 0.1) if terms else None
-    system = vx.System(K, lambda t: t * np.ones(len(K)), norms=norms)
-    with pytest.raises(vx.SceneError, match="singular or indefinite.*the K of a System must be positive definite"):
-        vx.march(system, [0, 1], linear=linear, condense=condense)
-
-
-@pytest.mark.parametrize("linear", DIRECT, ids=str)
-@pytest.mark.parametrize("last", [[], [0]], ids=["whole", "condensed"])
-def test_diagonals_with_missing_entries_are_refused(linear, last):
-    K = sp.csr_matrix(np.array([[2, 0.1, 0, 0], [0.1, 0, 1, 0], [0, 1, 3, 0.2], [0, 0, 0.2, 3]]))
-    with pytest.raises(vx.SceneError, match="singular or indefinite"):
-        linear.eliminate(K, np.arange(4), np.array(last, dtype=np.int64))
-
-
-@pytest.mark.parametrize("linear", DIRECT, ids=str)
-def test_indefinite_matrices_with_a_kernel_are_refused(linear):
-    """Semidefinite but for a motion that gains a little energy: the anchors of the kernel do not hide it."""
-    chain = np.diag([1.0, 2.0, 2.0, 1.0]) - np.eye(4, k=1) - np.eye(4, k=-1)
-    stiffness, motions = np.linalg.eigh(chain)
-    shared = {
-        "load": lambda t: t * np.array([1.0, 0.0, 0.0, -1.0]),
-        "norms": vx.Norms(np.eye(4), 1.0),
-        "kernel": Kernel(np.ones((4, 1)), ("translation",)),
-    }
-    assert vx.march(vx.System(chain, **shared), [0, 1], linear=linear).certificate.max() < 1e-8
-    for gain in (1e-2, 1e-6):
-        K = chain - (stiffness[1] + gain) * np.outer(motions[:, 1], motions[:, 1])
-        with pytest.raises(vx.SceneError, match="singular or indefinite"):
-            vx.march(vx.System(K, **shared), [0, 1], linear=linear)
 
 
 def test_one_copy_of_the_factors_is_kept():

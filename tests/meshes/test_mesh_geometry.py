@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import vemcvx as vx
-from vemcvx.meshes import FAMILIES, PolygonMesh
-from vemcvx.meshes.polygons import topology
+from vemcvx.meshes import FAMILIES, PolygonMesh, polygons
 
 SHAPES = {
     # vertices, area, centroid, diameter
@@ -78,11 +77,11 @@ def test_shared_edges_count_cells():
     shared = mesh.shared_edges
     assert np.bincount(shared.counts).tolist() == [0, 12, 12]
     assert sorted(shared.corners.tolist()) == list(range(36))
-    assert topology.neighbours(mesh.offsets, shared).tolist()[:3] == [[0, 1], [1, 2], [0, 3]]
+    assert polygons.neighbours(mesh.offsets, shared).tolist()[:3] == [[0, 1], [1, 2], [0, 3]]
 
 
 def test_corners_before_and_after():
     offsets = np.array([0, 3, 7])
-    assert topology.next_corner(offsets).tolist() == [1, 2, 0, 4, 5, 6, 3]
-    assert topology.previous_corner(offsets).tolist() == [2, 0, 1, 6, 3, 4, 5]
-    assert topology.cell_of_corner(offsets).tolist() == [0, 0, 0, 1, 1, 1, 1]
+    assert polygons.next_corner(offsets).tolist() == [1, 2, 0, 4, 5, 6, 3]
+    assert polygons.previous_corner(offsets).tolist() == [2, 0, 1, 6, 3, 4, 5]
+    assert polygons.cell_of_corner(offsets).tolist() == [0, 0, 0, 1, 1, 1, 1]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from vemcvx.meshes import PolygonMesh, refinement
-from vemcvx.meshes.polygons.convex import convex_pieces, kernel_centroids
+from vemcvx.meshes.polygons import convex_pieces, kernel_centroids
 
 L = np.array([(0, 0), (2, 0), (2, 1), (1, 1), (1, 2), (0, 2)], dtype=float)
 U = np.array([(0, 0), (3, 0), (3, 3), (2, 3), (2, 1), (1, 1), (1, 3), (0, 3)], dtype=float)

@@ -17,7 +17,7 @@ import vemcvx as vx
 from vemcvx.errors import HistoryError
 from vemcvx.history import read_history
 from vemcvx.owned_files import Owned
-from vemcvx.results.files import SHAPES, Origin, write_results
+from vemcvx.results.files import ARRAYS, Origin, write_results
 from vemcvx.vem import Space, strains
 
 TIMES = np.linspace(0.0, 1.0, 9)
@@ -294,14 +294,14 @@ def test_arrays_that_do_not_go_together_are_refused(history, tmp_path):
     history.write(tmp_path)
     with np.load(tmp_path / "history.npz") as file:
         arrays = dict(file)
-    assert len(SHAPES.keys() & arrays.keys()) > 35
+    assert len(ARRAYS.keys() & arrays.keys()) > 35
     for k, (name, array) in enumerate((name, array) for name, array in arrays.items() if name != "about"):
         others = [*reshaped(array)]
         np.savez(tmp_path / "history.npz", **{**arrays, name: others[k % len(others)]})
         # Of meshes and their names more is allowed: an edge may be named twice.
         allowed = contextlib.suppress(HistoryError)
         refused = pytest.raises(HistoryError, match="no history that this version reads")
-        with refused if name in SHAPES else allowed:
+        with refused if name in ARRAYS else allowed:
             read_history(tmp_path)
     for name in ("contact.nodes", "trajectory.stored"):
         np.savez(tmp_path / "history.npz", **{**arrays, name: arrays[name] + 10**6})

@@ -17,7 +17,7 @@ import vemcvx as vx
 from vemcvx import owned_files as owned
 from vemcvx.cli import app
 from vemcvx.cli import run as simulation
-from vemcvx.stepping import recorder
+from vemcvx.stepping import trajectory
 from vemcvx.stepping.trajectory import Folder
 
 TIMES = np.linspace(0.0, 1.0, 5)
@@ -217,7 +217,7 @@ def test_commands_at_once_leave_the_history_of_one(tmp_path):
 
 
 def test_a_command_says_where_it_went_on(tmp_path, monkeypatch):
-    monkeypatch.setattr(recorder, "BETWEEN", 0.0)
+    monkeypatch.setattr(trajectory, "BETWEEN", 0.0)
     write = simulation.write_results
 
     def full(*_):

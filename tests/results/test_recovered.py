@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import vemcvx as vx
-from vemcvx.results.recovered import ContactSides, recovered
+from vemcvx.results.contact import ContactSides, recovered
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "problems"))
 

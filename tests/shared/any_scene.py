@@ -15,12 +15,11 @@ import warnings
 from dataclasses import dataclass, field
 
 import numpy as np
+from scenes import FAMILIES, SEEDED, drawn
 
 import vemcvx as vx
 from vemcvx.scene import pose_scene
 
-FAMILIES = ("squares", "triangles", "hexagons", "voronoi", "distorted", "nonconvex", "hanging")
-"""Of the draws: one more would make other scenes of the seeds that tests name."""
 SIDES = ("left", "right", "bottom", "top")
 
 
@@ -69,7 +68,7 @@ class _Draw:
     """The choices of one scene."""
 
     def __init__(self, seed):
-        self.rng = np.random.default_rng([seed, 20])
+        self.seed, self.rng = seed, np.random.default_rng([seed, 20])
         self.belts = np.random.default_rng([seed, 42])  # Of their own, so that scenes without are what they were.
         self.kinds = set()
         self.length = self._ten(-3, 3)
@@ -96,7 +95,7 @@ class _Draw:
     # Space
 
     def mesh(self):
-        family = self.one(*FAMILIES)
+        family = drawn(self.one(*FAMILIES[: len(SEEDED)]), self.seed)
         most = 4 if family in ("voronoi", "squares", "triangles", "distorted") else 3
         n = tuple(int(k) for k in self.rng.integers(1, most, 2))
         wide = self._ten(-0.4, 0.4)

@@ -6,11 +6,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from scenes import SEEDED, drawn
 
 import vemcvx as vx
 from vemcvx.stepping.posed_step import pose_step
-
-FAMILIES = ("squares", "triangles", "voronoi", "hexagons", "distorted", "nonconvex", "hanging")
 
 
 def coulomb_scene(seed):
@@ -62,7 +61,7 @@ def coulomb_scene(seed):
         contact,
         vx.CoulombFriction(mu, on="bottom", cap=cap),
     )
-    return scene, vx.meshes.FAMILIES[FAMILIES[rng.integers(7)]](int(rng.integers(3, 7)))
+    return scene, vx.meshes.FAMILIES[drawn(SEEDED[rng.integers(len(SEEDED))], seed)](int(rng.integers(3, 7)))
 
 
 def converged(run, before, now, programs=250):

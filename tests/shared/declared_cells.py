@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
+from scenes import FAMILIES
 
 import vemcvx as vx
 
@@ -86,7 +87,7 @@ def cases() -> Iterator[Case]:
             # Nested: 200 columns divide 400 of the truth, not 256.
             fine = {200: (400, 100), 2: (100, 400)}.get(pair[0], (n, n))
             yield Case(f"{name} {pair[0]}x{pair[1]}", scene, partial(squares, *pair), partial(squares, *fine))
-        for family in ("voronoi", "triangles", "hexagons", "distorted", "nonconvex", "hanging"):
+        for family in (name for name in FAMILIES if name != "squares"):
             for aspect, cells in CELLS.items():
                 for tall in (False, True)[: 1 if aspect == 1 else 2]:
                     mesh = partial(stretched, family, cells, aspect, tall)

@@ -8,10 +8,9 @@ one-sided and friction Coulomb's.
 from __future__ import annotations
 
 import numpy as np
+from scenes import SEEDED, drawn
 
 import vemcvx as vx
-
-FAMILIES = ("squares", "triangles", "voronoi", "hexagons", "distorted", "nonconvex", "hanging")
 
 
 def random_scene(seed):
@@ -37,7 +36,7 @@ def random_scene(seed):
 
 def coarse_mesh(seed, n=6):
     """Of a family that goes with the seed."""
-    return vx.meshes.FAMILIES[FAMILIES[seed % len(FAMILIES)]](n)
+    return vx.meshes.FAMILIES[drawn(SEEDED[seed % len(SEEDED)], seed)](n)
 
 
 KINDS = ("heat", "bump", "patch", "dip", "Coulomb", "free", "turn", "smooth")

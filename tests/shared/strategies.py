@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.sparse as sp
 from hypothesis import strategies as st
+from scenes import FAMILIES
 
 import vemcvx as vx
 from vemcvx.scene import pose_scene
@@ -37,8 +38,7 @@ def for_all(**strategies):
 @st.composite
 def meshes(draw):
     """The unit square in a few cells: mostly Voronoi, sometimes another family."""
-    others = ("squares", "nonconvex", "hanging", "distorted")
-    family = draw(st.sampled_from(("voronoi",) * 4 + others))
+    family = draw(st.sampled_from(("voronoi",) * 4 + FAMILIES))
     return vx.meshes.FAMILIES[family](draw(st.integers(2, 5 if family == "voronoi" else 3)), seed=draw(SEEDS))
 
 

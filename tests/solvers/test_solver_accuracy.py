@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import vemcvx as vx
-from vemcvx.stepping.recorder import certified_in_full
+from vemcvx.stepping.posed_step import certified_in_full
 from vemcvx.stepping.state import prepare
 
 PROBLEMS = Path(__file__).parents[2] / "problems"

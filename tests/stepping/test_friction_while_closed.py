@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import vemcvx as vx
-from vemcvx.effects.friction import STEEP
+from vemcvx.effects.contact import STEEP
 
 TIMES = np.linspace(0.0, 1.0, 9)
 BOUND = 2.0

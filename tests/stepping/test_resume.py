@@ -123,7 +123,7 @@ def test_a_killed_run_goes_on(tmp_path):
 ENDED = """
 import os, signal, sys
 from vemcvx.cli import app
-from vemcvx.stepping.recorder import Recorder
+from vemcvx.stepping.trajectory import Recorder
 add = Recorder.add
 def ended(recorder, n, state):
     add(recorder, n, state)

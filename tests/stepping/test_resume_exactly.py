@@ -22,7 +22,7 @@ from vemcvx.archives import arrays_of, record_of
 from vemcvx.program.certificate import Certificate
 from vemcvx.program.operators import DraggedTerms, Limits, Norms
 from vemcvx.program.system import Damping, Motion, System
-from vemcvx.stepping import recorder
+from vemcvx.stepping import trajectory
 from vemcvx.stepping.checkpoint import mark_of_data
 from vemcvx.stepping.ledger import Ledger
 from vemcvx.stepping.state import State
@@ -45,8 +45,8 @@ def _assert_equal(a, b, name):
 
 
 PROGRAM = """
-import sys, interrupted, vemcvx.stepping.recorder as recorder
-recorder.BETWEEN = 0.0
+import sys, interrupted, vemcvx.stepping.trajectory as trajectory
+trajectory.BETWEEN = 0.0
 interrupted.main(*sys.argv[1:])
 """
 SLOW = [pytest.param(store, marks=pytest.mark.slow) for store in ("all", "last")]
@@ -216,7 +216,7 @@ def test_rows_that_are_missing_are_said(tmp_path, harm, name):
 
 
 def test_a_run_that_stores_only_the_last_step_has_checkpoints(tmp_path, monkeypatch, caplog):
-    monkeypatch.setattr(recorder, "BETWEEN", 0.0)
+    monkeypatch.setattr(trajectory, "BETWEEN", 0.0)
     kind, steps = paper(store="last"), []
     interrupt(kind, tmp_path)
     with caplog.at_level("INFO", "vemcvx"):

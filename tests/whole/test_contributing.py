@@ -9,7 +9,9 @@ import re
 import shutil
 import subprocess
 import sys
+from dataclasses import dataclass
 from pathlib import Path
+from textwrap import dedent
 from types import ModuleType
 
 import numpy as np
@@ -77,11 +79,35 @@ def test_an_effect_in_one_file_and_a_line(made):
     assert any(words.startswith("Robin: stiffness 3.0") for words in history.effects)
 
 
-SAMPLE, LAW = re.findall(r"```py\n(.*?)```", TEXT, re.DOTALL)
+SAMPLE, LAW, BED = re.findall(r"```py\n(.*?)```", TEXT, re.DOTALL)
 
 
 def test_the_law_that_sees_its_slip_is_that_of_its_problem_file():
     assert LAW in (ROOT / "problems" / "slip_weakening.py").read_text()
+
+
+def test_a_bed_of_springs_is_normal_compliance():
+    known = dict(vars(importlib.import_module("vemcvx.effects.contact")))
+    exec(dedent(BED), known)
+
+    @dataclass(frozen=True)
+    class Bed(vx.Effect):
+        stiffness: float
+        gap: float
+        on: str
+        contribute = known["contribute"]
+
+        def describe(self):
+            return "a bed of springs"
+
+    def pressed(contact):
+        scene = vx.Scene(vx.Elasticity(10.0, 0.3), vx.Clamp(on="top"), vx.CoulombFriction(0.3, on="bottom"), contact)
+        pull = vx.Traction(lambda x, t: np.tile([t, -3.0 * t], (len(x), 1)), on="left")
+        return vx.simulate(vx.Scene(*scene, pull), vx.meshes.squares(4), [0.0, 1.0], initial="settled")
+
+    own, ours = pressed(Bed(5.0, -0.01, "bottom")), pressed(vx.NormalCompliance(5.0, "bottom", -0.01))
+    assert ours.contact.pressure[-1].max() > 0
+    assert np.array_equal(own.displacement, ours.displacement)
 
 
 def effect_cases():

@@ -50,12 +50,9 @@ HEAVY = {
     "pyvista": {"meshes/io/objects.py", "plots/body.py"},
     "distributed": {"cost/workers.py"},
     "shapely": {
-        *(
-            "meshes/polygons/geometry.py",
-            "meshes/polygons/convex.py",
-            "meshes/checks/plane.py",
-            "meshes/checks/space.py",
-        ),
+        "meshes/polygons.py",
+        "meshes/checks/plane.py",
+        "meshes/checks/space.py",
         "meshes/several_bodies.py",
         "meshes/common_tiling.py",
         "meshes/meeting.py",

@@ -103,9 +103,10 @@ def accuracy_to_option(folder):
 
 
 def displacement_to_file(folder):
-    history = simulated(scene())
+    given = scene(bound=3.0)  # One node slips: with a power of two what friction loses would be that number, too.
+    history = simulated(given)
     largest = np.abs(history.displacement[-1][history.contact.nodes]).max()
-    return traced(lambda: simulated(scene()).write(folder), number=largest, since="PosedStep._asked")
+    return traced(lambda: simulated(given).write(folder), number=largest, since="Scaling.restore")
 
 
 RECORD = "effects/effect.py"
@@ -123,14 +124,12 @@ WALKS = {
     "`accuracy`, from the command line to an option of a solver": (
         accuracy_to_option,
         "solvers/solver.py program/iterative_refinement.py stepping/posed_step.py stepping/backward_euler.py "
-        "stepping/recorder.py",
+        "stepping/trajectory.py",
     ),
     "`u`, from the answer to a step to a VTU file": (
         displacement_to_file,
-        "linear/factor.py linear/superlu.py solvers/newton.py program/step_program.py program/operators.py "
-        "stepping/ledger.py program/operators.py program/certificate.py program/condensation.py "
-        "program/iterative_refinement.py results/contact.py history.py vem/elasticity.py results/small_strains.py "
-        "simulation.py",
+        "program/step_program.py program/operators.py stepping/ledger.py program/condensation.py linear/superlu.py "
+        "program/iterative_refinement.py results/contact.py vem/elasticity.py results/small_strains.py history.py",
     ),
 }
 """What is traced, and the files beside the way: they use the number, or give it back to who called them."""

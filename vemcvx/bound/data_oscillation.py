@@ -43,8 +43,7 @@ from vemcvx.bound.skeleton import Instant, Skeleton, at_ends, body_forces, edge_
 from vemcvx.effects import Contribution, Friction, MaterialLaw, Obstacle, Support
 from vemcvx.linear import Factor
 from vemcvx.meshes import Interface, PolygonMesh, plane_mesh
-from vemcvx.meshes.polygons.geometry import outlines, places, triangulated
-from vemcvx.meshes.polygons.topology import positions
+from vemcvx.meshes.polygons import outlines, places, positions, triangulated
 from vemcvx.scene.pose import PosedScene, unwarned
 from vemcvx.scene.scene import contributions
 from vemcvx.vem import Space, elastic_matrix

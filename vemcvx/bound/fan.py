@@ -20,7 +20,7 @@ import scipy.sparse as sp
 
 from vemcvx.arrays import Floats, Ints
 from vemcvx.errors import SceneError
-from vemcvx.meshes.polygons.geometry import RADON_POINTS, RADON_WEIGHTS, polygon_centroids
+from vemcvx.meshes.polygons import RADON_POINTS, RADON_WEIGHTS, polygon_centroids
 from vemcvx.vem import Space
 from vemcvx.vem.elasticity import distinct
 

@@ -64,7 +64,7 @@ from vemcvx.effects import Contribution, Effect, Friction, Load, MaterialLaw, Ob
 from vemcvx.errors import SceneError
 from vemcvx.history import History
 from vemcvx.linear import choose_linear
-from vemcvx.meshes.polygons.topology import positions
+from vemcvx.meshes.polygons import positions
 from vemcvx.outline import Outline, Outlined
 from vemcvx.scene import Scene
 from vemcvx.scene.contact_table import ContactRows

@@ -22,8 +22,7 @@ from vemcvx.arrays import Bools, Floats, Ints, totals
 from vemcvx.errors import SceneError
 from vemcvx.history import History
 from vemcvx.meshes import PolygonMesh, plane_mesh
-from vemcvx.meshes.polygons.geometry import cross, right_of
-from vemcvx.meshes.polygons.topology import cell_of_corner, directed_edges, positions
+from vemcvx.meshes.polygons import cell_of_corner, cross, directed_edges, positions, right_of
 from vemcvx.scene.contact_table import ContactRows, jump_rows
 from vemcvx.scene.pose import PosedScene
 from vemcvx.scene.scene import InitialStresses

@@ -27,7 +27,7 @@ from vemcvx.bound.data_oscillation import DataOscillation, FineBoundary
 from vemcvx.bound.skeleton import Instant, Skeleton, at_ends
 from vemcvx.effects import Friction, Load, Obstacle
 from vemcvx.errors import SceneError
-from vemcvx.meshes.polygons.topology import positions, spans
+from vemcvx.meshes.polygons import positions, spans
 from vemcvx.program.kernel import KernelBalance
 from vemcvx.scene.contact_table import ContactRows
 from vemcvx.scene.pose import PosedScene

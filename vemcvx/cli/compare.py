@@ -413,8 +413,6 @@ def _own_words(message: str) -> str:
 # The comparison as text that fits the terminal, as JSON with everything, as CSV, and as a page of HTML.
 
 
-WIDE = 112
-"""Characters that all columns take; where the terminal has fewer, those of the second set are left out."""
 COLUMNS = {
     "asked\nrel.": ("asked", ".0e"),
     "certified\nrel.": ("certified", ".1e"),
@@ -446,7 +444,8 @@ def _cells(row: Row, columns: dict[str, tuple[str, str]]) -> list[str]:
 def in_words(found: Compared) -> str:
     """The tables as text that fits the terminal."""
     width = shutil.get_terminal_size().columns
-    columns = {head: column for head, column in COLUMNS.items() if width >= WIDE or column[0] not in LEFT_OUT}
+    # All columns take 112 characters.
+    columns = {head: column for head, column in COLUMNS.items() if width >= 112 or column[0] not in LEFT_OUT}
     heads, rows = ("solver", "settings"), found.judged.rows
     tables = (
         Table([*heads, *columns], [_cells(row, columns) for row in rows if row.certified is not None]),

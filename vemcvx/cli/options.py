@@ -74,7 +74,8 @@ Linear = Annotated[
     str | None,
     typer.Option(
         autocompletion=completing(lambda: LINEAR),
-        help="superlu, pardiso, multigrid or petsc (under mpiexec, too). (default: by size and what is installed)",
+        help="superlu, pardiso, multigrid, petsc (under mpiexec, too) or FILE.py:CLASS. (default: by size and what is "
+        "installed)",
     ),
 ]
 Threads = Annotated[

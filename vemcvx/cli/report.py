@@ -287,16 +287,13 @@ def _estimated(parts: dict[str, float]) -> str:
     ) + _numbers(["part", "relative energy error", "from"], rows)
 
 
-MOST_UNKNOWNS = 400_000
-"""Of the refined mesh by which errors of quantities are estimated unasked, as many as an adaptive run has at most."""
-
-
 def with_errors(history: History) -> tuple[History, str]:
     """The history with its quantities and their errors, or why it has none."""
     if history.quantities is not None:
         return history, ""
     refined = 4 * history.trajectory.state.shape[1]
-    if isinstance(history.mesh, PolygonMesh) and refined > MOST_UNKNOWNS:
+    # Unasked, as many as an adaptive run has at most.
+    if isinstance(history.mesh, PolygonMesh) and refined > 400_000:
         return history, f"The refined mesh has some {refined} unknowns; vemcvx.quantities(history) simulates on it."
     try:
         return with_quantities(history)[0], ""

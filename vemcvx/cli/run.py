@@ -63,8 +63,7 @@ from vemcvx.results.files import (
 from vemcvx.results.probe import places
 from vemcvx.results.results import programs_of_steps
 from vemcvx.simulation import simulate
-from vemcvx.stepping.recorder import stored_steps
-from vemcvx.stepping.trajectory import CHECKPOINT, Folder
+from vemcvx.stepping.trajectory import CHECKPOINT, Folder, stored_steps
 
 ROWS = "rows"
 """The folder, in the output folder, in which a run keeps completed steps until the history is written."""

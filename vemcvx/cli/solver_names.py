@@ -1,4 +1,4 @@
-"""Solvers by the names that the command line gives them: ours, those that cvxpy finds, and FILE.py:NAME."""
+"""Solvers and linear solvers by the names that the command line gives them: ours, cvxpy's, and FILE.py:NAME."""
 
 from __future__ import annotations
 
@@ -34,9 +34,9 @@ def named_solver(
     A solver that cvxpy knows and does not find here raises later, when it is prepared.
     """
     given = dict(settings or {})
-    file, colon, inside = name.rpartition(":")
-    if colon:
-        solver = solver_in_file(Path(file), inside, option, given)
+    if ":" in name:
+        made = in_file(name, option, "solver", "solve(program, target)", _solves, settings=given)
+        solver: Solver = own_errors(Path(name.rpartition(":")[0]), name, lambda: as_solver(made))
         solver = solver if accuracy is None else solver.asked(accuracy)
         solver.check_accuracy()
         return solver
@@ -80,36 +80,54 @@ def read_options(typed: Sequence[str], names: Sequence[str]) -> dict[str, dict[s
     return found
 
 
-def solver_in_file(path: Path, name: str, option: str, settings: Mapping[str, Any]) -> Solver:
-    """The solver `name` that a file of the user's defines: a class, made with the settings given, or an object."""
-    module = executed(path, "file of a solver")
+def in_file(
+    typed: str,
+    option: str,
+    noun: str,
+    has: str,
+    fits: Callable[[type], bool],
+    settings: Mapping[str, Any] | None = None,
+) -> Any:
+    """What FILE.py:NAME names in a file of the user's: a class, made with the settings given, or an object.
+
+    Its class has what is said by `has`, and `fits`.
+    """
+    file, _, name = typed.rpartition(":")
+    path, settings = Path(file), settings or {}
+    module = executed(path, f"file of a {noun}")
     if not hasattr(module, name):
-        there_are = sorted(key for key, value in vars(module).items() if isinstance(value, type) and _solves(value))
-        raise ProblemError(f"{option}: {path} has no {name!r}; its solvers are {', '.join(there_are) or 'none'}.")
+        there_are = sorted(key for key, value in vars(module).items() if isinstance(value, type) and fits(value))
+        raise ProblemError(f"{option}: {path} has no {name!r}; its {noun}s are {', '.join(there_are) or 'none'}.")
     found = getattr(module, name)
-    if not _solves(found):
-        raise ProblemError(
-            f"{option}: {path}: {name} is {brief(found)}; wanted a class with solve(program, target), or its object."
-        )
-    if settings and not isinstance(found, type):
-        raise ProblemError(f"--option: {path}: {name} is an object, which takes no settings; name its class.")
+    if not fits(found if isinstance(found, type) else type(found)):
+        raise ProblemError(f"{option}: {path}: {name} is {brief(found)}; wanted a class with {has}, or its object.")
+    if not isinstance(found, type):
+        if settings:
+            raise ProblemError(f"--option: {path}: {name} is an object, which takes no settings; name its class.")
+        return found
     words = ", ".join(f"{key}={value!r}" for key, value in settings.items())
-    made = own_errors(path, f"{name}({words})", partial(found, **settings)) if isinstance(found, type) else found
-    solver: Solver = own_errors(path, name, lambda: as_solver(made))
-    return solver
+    return own_errors(path, f"{name}({words})", partial(found, **settings))
 
 
-def _solves(found: object) -> bool:
-    kind = found if isinstance(found, type) else type(found)
+def _solves(kind: type) -> bool:
     return callable(getattr(kind, "solve", None)) or issubclass(kind, Solver)
 
 
+def _factorises(kind: type) -> bool:
+    return issubclass(kind, LinearSolver) and not inspect.isabstract(kind)
+
+
 def named_linear(name: str | None) -> LinearSolver | None:
-    """The linear solver of that name; None leaves the choice to the number of unknowns."""
+    """The linear solver of that name, or that in a file; None leaves the choice to the number of unknowns."""
     if name is None:
         return None
+    if ":" in name:
+        made: LinearSolver = in_file(name, "--linear", "linear solver", "the base vemcvx.LinearSolver", _factorises)
+        return made
     if name.lower() not in LINEAR:
-        raise ProblemError(f"--linear: there is no linear solver {name!r}; there are {', '.join(LINEAR)}.")
+        raise ProblemError(
+            f"--linear: there is no linear solver {name!r}; there are {', '.join(LINEAR)}, and your own, FILE.py:CLASS."
+        )
     return LINEAR[name.lower()]()
 
 

@@ -34,8 +34,6 @@ from vemcvx.meshes import PolygonMesh, plane_mesh
 from vemcvx.results.files import finite_or_none, peak_memory_mb, read_archive, write_archive
 from vemcvx.results.results import largest_values
 
-SHORT, REPEATS = 0.3, 3
-"""Seconds of runs that are repeated, and how often they are made: the median one counts."""
 PART = 0.25
 """The part of the smallest error that the reference's own error may be."""
 ARCHIVE, ABOUT = "reference.npz", "reference.json"
@@ -119,10 +117,10 @@ def _warm_up(recipe: Recipe, point: Point) -> None:
 
 
 def _repeated(made: Ingredients, point: Point, instants: Floats) -> tuple[History, dict[str, float], int, float | None]:
-    """The history and seconds of the median run, how many there were, and what an adaptive one estimates."""
+    """The history and seconds of the median run, of three if they are short, their number, and what one estimates."""
     runs = [_timed(made, point, instants)]
-    if sum(runs[0][1].values()) < SHORT:
-        runs += [_timed(made, point, instants) for _ in range(REPEATS - 1)]
+    if sum(runs[0][1].values()) < 0.3:
+        runs += [_timed(made, point, instants) for _ in range(2)]
     history, seconds, estimated = sorted(runs, key=lambda run: sum(run[1].values()))[len(runs) // 2]
     return history, seconds, len(runs), estimated
 

@@ -19,6 +19,7 @@ from vemcvx.results.quoted import growth
 from vemcvx.version import __version__
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 DONE, REFUSED, CRASHED = "done", "refused", "crashed"
@@ -313,33 +314,8 @@ def picture(
     figure = new_figure(10.0, 4.4)
     axes, found = figure.subplots(1, 2, sharey=True), [answer for answer in answers(rows) if answer.error > 0]
     errors = [100 * answer.error for answer in found]
-    families = sorted({answer.row.family for answer in found}, key=str)
-    # Rows come in any order; most have the solver that a sweep is about.
-    solvers = [solver for solver, _ in Counter(answer.row.solver for answer in found).most_common()]
-    kinds = [(answer.row.family, answer.row.solver, answer.row.target is not None) for answer in found]
     for ax, cost in zip(axes, AXES, strict=True):
-        costs = [getattr(answer, cost) for answer in found]
-        best = front(costs, errors)
-        ax.plot([costs[k] for k in best], [errors[k] for k in best], "0.25", linewidth=1.1, label="Pareto front")
-        for family, solver, adaptive in sorted(
-            set(kinds), key=lambda kind: (kind[2], solvers.index(kind[1]), str(kind))
-        ):
-            own = [k for k, kind in enumerate(kinds) if kind == (family, solver, adaptive)]
-            colour = SERIES[families.index(family) % len(SERIES)]
-            ax.plot(
-                [costs[k] for k in own],
-                [errors[k] for k in own],
-                # A mark a family, for print in grey; with a black edge where meshes are adaptive.
-                MARKERS[families.index(family) % len(MARKERS)],
-                color=colour,
-                markersize=8 if adaptive else 5,
-                markeredgecolor="black" if adaptive else colour,
-                markeredgewidth=1.6 if adaptive else 1.0,
-                # Solvers mostly give the same errors: marks of the second are hollow, of others filled in half.
-                fillstyle=FILLED[solvers.index(solver) % len(FILLED)],
-                markerfacecoloralt="white",
-                label=f"{family or 'own mesh'}, {solver}{', adaptive' * adaptive}",
-            )
+        _marked(ax, found, [getattr(answer, cost) for answer in found])
         for level in levels:
             ax.axhline(100 * level, color="0.75", linewidth=0.8, linestyle="--", zorder=0)
         if resolved is not None:
@@ -361,3 +337,31 @@ def picture(
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside right upper", frameon=False, fontsize="small")
     figure.suptitle(title, fontsize="medium")
     return figure
+
+
+def _marked(ax: Axes, found: Sequence[Answer], costs: Sequence[float]) -> None:
+    """Draw the errors over the costs: the Pareto front, and marks by family, solver and whether meshes are adaptive."""
+    errors = [100 * answer.error for answer in found]
+    families = sorted({answer.row.family for answer in found}, key=str)
+    # Rows come in any order; most have the solver that a sweep is about.
+    solvers = [solver for solver, _ in Counter(answer.row.solver for answer in found).most_common()]
+    kinds = [(answer.row.family, answer.row.solver, answer.row.target is not None) for answer in found]
+    best = front(costs, errors)
+    ax.plot([costs[k] for k in best], [errors[k] for k in best], "0.25", linewidth=1.1, label="Pareto front")
+    for family, solver, adaptive in sorted(set(kinds), key=lambda kind: (kind[2], solvers.index(kind[1]), str(kind))):
+        own = [k for k, kind in enumerate(kinds) if kind == (family, solver, adaptive)]
+        colour = SERIES[families.index(family) % len(SERIES)]
+        ax.plot(
+            [costs[k] for k in own],
+            [errors[k] for k in own],
+            # A mark a family, for print in grey; with a black edge where meshes are adaptive.
+            MARKERS[families.index(family) % len(MARKERS)],
+            color=colour,
+            markersize=8 if adaptive else 5,
+            markeredgecolor="black" if adaptive else colour,
+            markeredgewidth=1.6 if adaptive else 1.0,
+            # Solvers mostly give the same errors: marks of the second are hollow, of others filled in half.
+            fillstyle=FILLED[solvers.index(solver) % len(FILLED)],
+            markerfacecoloralt="white",
+            label=f"{family or 'own mesh'}, {solver}{', adaptive' * adaptive}",
+        )

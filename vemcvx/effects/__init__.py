@@ -1,6 +1,12 @@
 """Effects: the physics a scene can name."""
 
-from vemcvx.effects.contact import BilateralContact, NormalCompliance, UnilateralContact
+from vemcvx.effects.contact import (
+    BilateralContact,
+    CoulombFriction,
+    NormalCompliance,
+    TrescaFriction,
+    UnilateralContact,
+)
 from vemcvx.effects.data import Tabulated
 from vemcvx.effects.effect import (
     ContactSurface,
@@ -14,10 +20,17 @@ from vemcvx.effects.effect import (
     Obstacle,
     Support,
 )
-from vemcvx.effects.friction import CoulombFriction, TrescaFriction
-from vemcvx.effects.loads import BodyForce, PointLoad, Pressure, Traction
+from vemcvx.effects.loads_and_supports import (
+    BodyForce,
+    Clamp,
+    ElasticFoundation,
+    PointLoad,
+    PrescribedDisplacement,
+    Pressure,
+    Symmetry,
+    Traction,
+)
 from vemcvx.effects.materials import Elasticity, MaterialLaw, Orthotropic, Prestress, ThermalStrain, Viscosity
-from vemcvx.effects.supports import Clamp, ElasticFoundation, PrescribedDisplacement, Symmetry
 from vemcvx.weight_law import Law
 
 __all__ = [

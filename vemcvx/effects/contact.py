@@ -1,17 +1,29 @@
-"""Contact: bilateral, with a rigid obstacle, with a compliant one."""
+"""Contact, bilateral, rigid or compliant; and friction, by Tresca's law, one way or both, and by Coulomb's."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vemcvx.arrays import Floats
+from vemcvx.arrays import Floats, choice, flag
 from vemcvx.effects import data
-from vemcvx.effects.effect import ContactSurface, Contribution, Effect, Obstacle, Support, amount, where
+from vemcvx.effects.data import varies
+from vemcvx.effects.effect import (
+    ContactSurface,
+    Contribution,
+    Effect,
+    Friction,
+    Ground,
+    Obstacle,
+    Support,
+    amount,
+    where,
+)
 from vemcvx.errors import SceneError
 from vemcvx.vem import BoundaryRows, Space
+from vemcvx.weight_law import Law
 
 # Contact without separation, u . n = 0 on Gamma_C, the first line of (3.6).
 
@@ -149,3 +161,227 @@ class NormalCompliance(Effect):
             f"NormalCompliance: pressure = {amount(self.stiffness)} times the depth beyond {amount(self.gap)} on "
             f"{where(self.on)}"
         )
+
+
+# Tresca's law with a given bound g on Gamma_C, (3.6): j(v) = int_{Gamma_C} g |v_tau| ds.
+#
+# Where the bounds of the two directions differ, j(v) = int g+ (v_tau)+ + g- (v_tau)- ds: the norm term of their mean,
+# and half their difference as a bias that acts along v_tau. The nodal weights are those of the trapezoidal rule, w_i
+# = g(x_i) int phi_i ds, or w_i = int g phi_i ds. With linear traces both integrate |v_tau| by its nodal interpolant,
+# an upper bound of j on every edge.
+#
+# The bound is given: beside one-sided contact it acts where the contact is open, too. Friction that needs touch has w
+# = g where p > 0 and 0 where p = 0, a jump with which a step need not have a solution (a place that closes without
+# friction and opens with it). What then happens is grazing, w between the two at p = 0, and that is what the steep
+# ramp
+#
+#     w(p) = min(STEEP p, g int phi_i)
+#
+# says: it is g wherever the pressure exceeds g / STEEP, it is continuous, and so every step has a solution (the map
+# from bounded weights to weights is continuous: Brouwer), which :mod:`vemcvx.stepping.fixed_point` finds as
+# Coulomb's, whose law with the coefficient STEEP and the cap g it is.
+
+
+QUADRATURES = ("nodes", "integral")
+BACKWARD = "backward bound"
+STEEP = 1e6
+"""Pressures below a millionth of the bound count as grazing."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Bounds:
+    """The bounds g+ forward and g- backward, as weights (m,) of nodes; g- = g+ unless it is given."""
+
+    subject: str
+    forward: data.Datum
+    backward: data.Datum | None
+    rows: BoundaryRows
+    points: Floats
+    quadrature: str
+
+    def weights(self, t: float) -> Floats:
+        """Weights of the norm terms: (g+ + g-) / 2 as a force of each node."""
+        forward = self._integrated(self.forward, t, "bound")
+        return forward if self.backward is None else 0.5 * (forward + self._integrated(self.backward, t, BACKWARD))
+
+    def bias(self, t: float) -> Floats:
+        """(g+ - g-) / 2."""
+        return self._integrated(self.forward, t, "bound") - self.weights(t)
+
+    def ramp(self, t: float, p: Floats, *slips: Floats) -> Floats:
+        """Weights under normal forces (m,) of contact, for friction that needs touch."""
+        return np.minimum(STEEP * np.maximum(p, 0.0), self.weights(t))
+
+    def slope(self, t: float, p: Floats, past: Floats) -> Floats:
+        """The derivative of the ramp."""
+        return np.where(STEEP * p < self.weights(t), STEEP, 0.0)
+
+    def _integrated(self, value: data.Datum, t: float, name: str) -> Floats:
+        if self.quadrature == "nodes":
+            return self.rows.lengths * self._checked(value, self.points, t, name)
+        return self.rows.matrix @ self._checked(value, self.rows.points, t, name)
+
+    def _checked(self, value: data.Datum, x: Floats, t: float, name: str) -> Floats:
+        rule = "a friction bound is a force per length and must be >= 0"
+        return data.nonnegative(value, x, t, self.subject, name=name, rule=rule)
+
+
+@dataclass(frozen=True)
+class TrescaFriction(Effect):
+    """Friction with a given bound: |sigma_tau| <= g. Below the bound it sticks, at the bound it acts against the slip.
+
+    The bound does not depend on pressure. With UnilateralContact or NormalCompliance, friction therefore also acts
+    where contact is open, and a warning says so if that happens; `while_closed=True` restricts friction to closed
+    contact.
+
+    Where two parts of the boundary meet at a node, each has friction with the bound of its own edges; bounds of parts
+    that overlap add up. Nodes that a prescribed displacement moves along the obstacle have friction, too, equal to g
+    and against the slip. That support bears it, and its reaction and work include it. It is taken to be 0 in a step in
+    which the support stands still, when any value up to g would be admissible.
+
+    Parameters
+    ----------
+    bound : number, or callable f(x, t) -> (m,)
+        g >= 0, force per length (and unit thickness), in space per area, evaluated at t_n.
+    on : str or sequence of str
+        Names of boundaries, or of interfaces between bodies: u is then that of the first body relative to the second,
+        and n the outward normal of the first.
+    quadrature : {"nodes", "integral"}
+        w_i = g(x_i) int phi_i, or w_i = int g phi_i (for bounds that vary within an edge).
+    backward : number, or callable f(x, t) -> (m,), optional
+        The bound against slip in the other direction, if it differs (scales, ratchets, brushed fibres); >= 0, force per
+        length. `bound` then limits friction against slip forward, along the boundary with the body on the left (on a
+        floor, to the right), and `backward` against slip the other way. In the plane only.
+    while_closed : bool, optional
+        True: the bound is g where contact is closed and 0 where it is open. Every step is then a fixed point, as with
+        CoulombFriction, and certified likewise. This needs UnilateralContact or NormalCompliance, and excludes
+        `backward`. False: g everywhere. None (default): g everywhere, with a warning if it acts where contact is open.
+    ground : callable f(x, t) -> (m, dim) or (dim,), optional
+        How far the obstacle has moved, if it slides under the body (a belt, a roll, a table that shakes), in units of
+        length: friction acts against the slip of the body relative to it, and its motion does work. What counts is how
+        it changes in time, along the boundary; an obstacle that moves along the normal is a `gap` that changes.
+    """
+
+    bound: data.Datum
+    on: str | Sequence[str]
+    quadrature: str = "nodes"
+    backward: data.Datum | None = None
+    while_closed: bool | None = None
+    ground: data.Datum | None = None
+
+    def contribute(self, space: Space) -> Contribution:
+        subject = f"TrescaFriction on {where(self.on)}"
+        choice(self.quadrature, subject, "quadrature", QUADRATURES)
+        closed = self.while_closed is not None and flag(self.while_closed, f"{subject}: while_closed")
+        if self.backward is not None:
+            self._check_one_way(space, closed, subject)
+        rows = space.part(self.on, "TrescaFriction", contact=True).node_normals
+        points = space.mesh.points[rows.nodes]
+        bounds = _Bounds(
+            subject=subject,
+            forward=self.bound,
+            backward=self.backward,
+            rows=rows,
+            points=points,
+            quadrature=self.quadrature,
+        )
+        ground = Ground.of(self.ground, subject, points, rows.partners)
+        friction = replace(self._friction(rows, bounds, closed), ground=ground)
+        return Contribution(frictions=(friction,), surfaces=(ContactSurface.of(rows),))
+
+    def _check_one_way(self, space: Space, closed: bool, subject: str) -> None:
+        """Raise SceneError where a second bound has no meaning."""
+        if closed:
+            raise SceneError(
+                f"{subject}: found backward= beside while_closed=True, which takes one bound for both ways."
+            )
+        space.require_plane(f"{subject}: backward=", "tangents in space have no two directions; leave it out")
+
+    def _friction(self, rows: BoundaryRows, bounds: _Bounds, closed: bool) -> Friction:
+        """The bounds as weights; as a law of the pressure where they act in closed contact only."""
+        friction = Friction.of(rows, bounds.subject)
+        if closed:
+            return replace(friction, law=Law(bounds.ramp, pressed=True, slope=bounds.slope, slips=False))
+        return replace(
+            friction,
+            weights=bounds.weights,
+            steady=not varies(self.bound, self.backward),
+            bias=None if self.backward is None else bounds.bias,
+            in_the_air=self.while_closed is None,
+        )
+
+    def describe(self) -> str:
+        back = "" if self.backward is None else f" forward, {amount(self.backward)} backward,"
+        closed = " where it is closed" if self.while_closed else ""
+        moved = "" if self.ground is None else f", ground moved by {amount(self.ground)}"
+        return f"TrescaFriction: |friction| <= {amount(self.bound)}{back} on {where(self.on)}{closed}{moved}"
+
+
+# Coulomb's law: the friction bound is the coefficient times the contact pressure.
+
+
+@dataclass(frozen=True)
+class CoulombFriction(Effect):
+    """Friction with a bound proportional to the contact pressure: |friction| <= coefficient * pressure.
+
+    Friction below the bound sticks; at the bound it acts against the slip. The effect needs UnilateralContact or
+    NormalCompliance on the same boundary.
+
+    A step with Coulomb's law minimises no energy. It is a fixed point of convex Tresca problems with the weights
+    coefficient * nodal pressure (Necas, Jarusek and Haslinger 1980; Licht, Pratt and Raous 1991), found by
+    :mod:`vemcvx.stepping.fixed_point`. The certificate bounds the distance to a solution of the step, which is unique
+    for small coefficients.
+
+    Where two parts of the boundary meet at a node, each has friction according to the share of the nodal force on its
+    own edges. Nodes that a prescribed displacement moves along the obstacle have friction as with TrescaFriction, for
+    the pressure at the end of the step; if that displacement prescribes the normal component, too, the pressure is
+    unknown and there is no friction.
+
+    Parameters
+    ----------
+    coefficient : number or callable f(x, t) -> (m,)
+        Coefficient of friction, >= 0, without unit.
+    on : str or sequence of str
+        Names of boundaries, or of interfaces between bodies: u is then that of the first body relative to the second,
+        and n the outward normal of the first.
+    cap : number or callable f(x, t) -> (m,), optional
+        Largest friction, force per length: |friction| <= min(coefficient * pressure, cap), such as the shear strength
+        of a material that yields (after Orowan).
+    ground : callable f(x, t) -> (m, dim) or (dim,), optional
+        How far the obstacle has moved, if it slides under the body: as of TrescaFriction.
+    """
+
+    coefficient: data.Datum
+    on: str | Sequence[str]
+    cap: data.Datum | None = None
+    ground: data.Datum | None = None
+
+    def contribute(self, space: Space) -> Contribution:
+        subject = f"CoulombFriction on {where(self.on)}"
+        rows = space.part(self.on, "CoulombFriction", contact=True).node_normals
+        points = space.mesh.points[rows.nodes]
+
+        def read(t: float) -> tuple[Floats, Floats]:
+            mu = data.nonnegative(self.coefficient, points, t, subject, name="coefficient")
+            if self.cap is None:
+                return mu, np.full(len(points), np.inf)
+            return mu, rows.lengths * data.nonnegative(self.cap, points, t, subject, name="cap")
+
+        def weights(t: float, p: Floats, *slips: Floats) -> Floats:
+            mu, cap = read(t)
+            return np.minimum(mu * np.maximum(p, 0.0), cap)
+
+        def slope(t: float, p: Floats, past: Floats) -> Floats:
+            mu, cap = read(t)
+            return np.where(mu * p < cap, mu, 0.0)
+
+        ground = Ground.of(self.ground, subject, points, rows.partners)
+        law = Law(weights, pressed=True, slope=slope, slips=False)
+        friction = replace(Friction.of(rows, subject), law=law, ground=ground)
+        return Contribution(frictions=(friction,), surfaces=(ContactSurface.of(rows),))
+
+    def describe(self) -> str:
+        cap = "" if self.cap is None else f", at most {amount(self.cap)},"
+        moved = "" if self.ground is None else f", ground moved by {amount(self.ground)}"
+        bound = f"{amount(self.coefficient)} times the pressure{cap}"
+        return f"CoulombFriction: |friction| <= {bound} on {where(self.on)}{moved}"

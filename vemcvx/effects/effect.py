@@ -159,8 +159,8 @@ class Friction:
         """(m, dim) unit vectors across which the terms are: normals, or `directions` turned by -90 degrees."""
         return self.normals if self.directions is None else self.directions[:, ::-1] * (1.0, -1.0) + 0.0
 
-    def weights_under(self, t: float, forces: Floats, before: Floats, slip: Floats) -> Floats:
-        """The weights (m,) under normal forces (m,), after slips (m,) before the step and in it.
+    def weights_under(self, t: float, p: Floats, past: Floats, slip: Floats) -> Floats:
+        """The weights (m,) under normal forces p (m,), after slips (m,) before the step and in it.
 
         Raises
         ------
@@ -170,27 +170,27 @@ class Friction:
         w, law = self.weights(t), self.law
         if law is None:
             return w
-        failed = f"{self.subject}: its slip law failed when called as f(t, forces, before, slip) with t = {t:.6g}"
+        failed = f"{self.subject}: its slip law failed when called as f(t, p, past, slip) with t = {t:.6g}"
         wanted = "take the values of all rows at once and return a weight for each"
         if not law.pressed:
             wanted += "; normal forces are told where pressed=True says that it reads them"
-        told = forces if law.pressed else np.zeros(0)
-        added = self._of_rows(called(law.weights, (t, told, before, slip), failed, wanted), "slip law", "weights")
+        told = p if law.pressed else np.zeros(0)
+        added = self._of_rows(called(law.weights, (t, told, past, slip), failed, wanted), "slip law", "weights")
         lawful = (added >= 0) & (added < np.inf)
         if not lawful.all():
             i = int(np.argmin(lawful))
             raise SceneError(
                 f"{self.subject}: found the weight {added[i]:.6g} at node {self.nodes[i]} and t = {t:.6g}, where the "
-                f"slip is {before[i]:.6g} before the step and {slip[i]:.6g} in it; slip laws give finite weights >= 0."
+                f"slip is {past[i]:.6g} before the step and {slip[i]:.6g} in it; slip laws give finite weights >= 0."
             )
         return w + added
 
-    def slope_under(self, t: float, forces: Floats, before: Floats) -> Floats:
+    def slope_under(self, t: float, p: Floats, past: Floats) -> Floats:
         """The derivative (m,) of the weights by the normal forces; zero if it is not known."""
         if self.law is None or self.law.slope is None:
             return np.zeros(len(self.nodes))
-        failed = f"{self.subject}: slope failed when called as f(t, forces, before) with t = {t:.6g}"
-        raw = called(self.law.slope, (t, forces, before), failed, "take the values of all rows at once")
+        failed = f"{self.subject}: slope failed when called as f(t, p, past) with t = {t:.6g}"
+        raw = called(self.law.slope, (t, p, past), failed, "take the values of all rows at once")
         return self._of_rows(raw, "slope", "derivatives of weights")
 
     @property

@@ -45,7 +45,7 @@ from vemcvx.simulation import check_kinds, warn_of
 from vemcvx.solvers import Solver, Solves, as_solver
 from vemcvx.stepping.backward_euler import checked_times, initial_state, march
 from vemcvx.stepping.course import ACROSS, course
-from vemcvx.stepping.recorder import certified_in_full
+from vemcvx.stepping.posed_step import certified_in_full
 from vemcvx.stepping.state import prepare
 from vemcvx.stepping.trajectory import Memory
 

@@ -65,7 +65,7 @@ from vemcvx.estimate.finer_steps import Finer, beside_finer
 from vemcvx.estimate.quantities import quantities
 from vemcvx.history import History, scene_of
 from vemcvx.meshes import plane_mesh
-from vemcvx.meshes.polygons.geometry import right_of
+from vemcvx.meshes.polygons import right_of
 from vemcvx.outline import Outline, Outlined
 from vemcvx.results.quoted import Quantity
 from vemcvx.results.results import displacement

@@ -7,8 +7,7 @@ An NPZ archive holds every array to the bit, and the certified answer where it i
     g, w, b, e, c   vectors, c the compliances; N, anchor where K has a kernel; d, lam, p, step, t of an answer
 
 Matrix Market has one file an array, named as in the SuiteSparse collection: K in NAME.mtx, B in NAME_B.mtx, ... Arrays
-without entries have no file, and one that another program of that name left is removed. Files are read here and not by
-SciPy, whose reader ends the process (1.17: SIGSEGV) where a file ends in the middle of a number.
+without entries have no file, and one that another program of that name left is removed.
 """
 
 from __future__ import annotations
@@ -21,10 +20,10 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.io import mmwrite
+from scipy.io import mminfo, mmread, mmwrite
 
 from vemcvx.archives import read_arrays
-from vemcvx.arrays import Floats, Ints, as_real_array, check_compressed, checked_matrix, finite, of_shape
+from vemcvx.arrays import Floats, as_real_array, check_compressed, checked_matrix, finite, of_shape
 from vemcvx.errors import ProgramError, VemcvxError
 from vemcvx.linear import Matrix
 from vemcvx.program.kernel import anchors
@@ -166,13 +165,6 @@ def from_npz(path: Path) -> StepProgram:
     return SolvedProgram.of(program, Answer(d, lam, 0, "read from a file", p=p), int(step), float(t))
 
 
-HEAD = re.compile(
-    r"%%MatrixMarket\s+matrix\s+(coordinate|array)\s+(real|double|integer|unsigned-integer|pattern)\s+"
-    r"(general|symmetric|skew-symmetric)\s*",
-    re.IGNORECASE,
-)
-
-
 def to_matrix_market(program: StepProgram) -> dict[str, bytes | None]:
     """The files, under the ends of their names; None of those that are not to be there."""
     made: dict[str, bytes | None] = {f"_{name}.mtx": None for name in SIZES if name != "K"}
@@ -202,61 +194,27 @@ def read_matrix(path: Path, name: str) -> Matrix:
     Raises
     ------
     ProgramError
-        The header or the sizes are of no real matrix, lines are missing or too many, or some hold no numbers.
+        The file is cut short or damaged, claims more than it has room for, or is of no real matrix.
     """
-    lines = path.read_bytes().decode("latin-1").splitlines(keepends=True)
-    head = HEAD.fullmatch(lines[0]) if lines else None
-    if head is None:
-        raise ProgramError(
-            f"{name}: found the first line {lines[0].strip()[:60] if lines else ''!r}; wanted '%%MatrixMarket matrix', "
-            "coordinate or array, real, integer or pattern, and general, symmetric or skew-symmetric."
-        )
-    form, field, symmetry = (word.lower() for word in head.groups())
-    said = [line for line in lines[1:] if line.strip() and not line.startswith("%")]
-    sizes = said[0].split() if said else []
-    if len(sizes) != (2 if form == "array" else 3) or not all(size.isdecimal() and len(size) < 19 for size in sizes):
-        raise ProgramError(f"{name}: found the sizes {' '.join(sizes)[:60]!r}; wanted those of {form}s, whole numbers.")
-    rows, columns, *entries = map(int, sizes)
-    skew = symmetry == "skew-symmetric"
-    if symmetry != "general" and rows != columns:
-        raise ProgramError(f"{name}: found a {symmetry} matrix of {rows} rows and {columns} columns; wanted as many.")
-    if form == "array":
-        # Column by column; of a symmetric matrix from the diagonal down, of a skew one from below it.
-        count = rows * columns if symmetry == "general" else rows * (rows + (-1 if skew else 1)) // 2
-        values = _numbers(name, said[1:], count, 1)[:, 0]
-        full = np.divmod(np.arange(count), max(rows, 1)) if symmetry == "general" else np.triu_indices(rows, skew)
-        return _mirrored(np.column_stack(full[::-1]), values, (rows, columns), symmetry).toarray()
-    table = _numbers(name, said[1:], entries[0], 2 if field == "pattern" else 3)
-    places, values = table[:, :2], np.append(table, np.ones((len(table), 1)), axis=1)[:, 2]
-    outside = ((places != np.floor(places)) | (places < 1) | (places > (rows, columns))).any(axis=1)
-    if outside.any():
-        i, j = places[outside][0]
-        raise ProgramError(f"{name}: found an entry at ({i:g}, {j:g}) of {rows} rows and {columns} columns.")
-    # A number in the header shall not take memory that the file does not: a million rows may all be empty.
-    if rows > max(2**20, len(table)):
-        raise ProgramError(f"{name}: found {rows} rows and {len(table)} entries; wanted no row without an entry.")
-    return _mirrored(places.astype(np.int64) - 1, values, (rows, columns), symmetry)
-
-
-def _numbers(name: str, lines: list[str], count: int, width: int) -> Floats:
-    """As many lines of numbers as the header announces."""
-    if len(lines) != count or (lines and not lines[-1].endswith("\n")):
-        cut = "" if not lines or lines[-1].endswith("\n") else ", the last one cut short"
-        raise ProgramError(f"{name}: found {len(lines)} lines of numbers{cut}; announced are {count} whole ones.")
-    if count == 0:
-        return np.zeros((0, width))
+    data = path.read_bytes()
+    # SciPy's reader (1.17) ends the process where a file ends, or has a zero byte, in the middle of a number.
+    if not data.endswith(b"\n") or b"\0" in data:
+        raise ProgramError(f"{name}: is cut short, or no text; its last line must be whole.")
     try:
-        numbers: Floats = np.loadtxt(lines, ndmin=2, comments=None)
-    except ValueError as error:
-        raise ProgramError(f"{name}: some line is not of {width} numbers: {error}.") from error
-    if numbers.shape[1] != width:
-        raise ProgramError(f"{name}: found lines of {numbers.shape[1]} numbers; wanted {width}.")
-    return numbers
-
-
-def _mirrored(at: Ints, values: Floats, shape: tuple[int, int], symmetry: str) -> sp.csr_matrix:
-    """The matrix of entries, of which a symmetric one lists one of each pair."""
-    if symmetry != "general":
-        apart, sign = at[:, 0] != at[:, 1], -1.0 if symmetry == "skew-symmetric" else 1.0
-        at, values = np.concatenate([at, at[apart, ::-1]]), np.append(values, sign * values[apart])
-    return sp.csr_matrix((values, at.T), shape=shape)
+        rows, columns, entries, form, field, symmetry = mminfo(io.BytesIO(data))
+        if form == "array":
+            half = {"symmetric": rows * (rows + 1) // 2, "skew-symmetric": rows * (rows - 1) // 2}
+            count = 2 + half.get(symmetry, entries)
+        else:
+            count = 3 + entries * (2 if field == "pattern" else 3)
+        # It ignores what follows a number on its line.
+        words = b" ".join(line for line in data.splitlines()[1:] if not line.startswith(b"%")).split()
+        if field == "complex" or len(words) != count or re.search(rb"[^\d.eE+-]", b"".join(words)):
+            raise ValueError(f"found {len(words)} words; a {field} {form} of {rows} x {columns} has {count} numbers")
+        # A number in the header shall not take memory that the file does not: a million rows may all be empty.
+        if max(rows, columns) > max(2**20, len(data)):
+            raise ValueError(f"found {rows} rows, {columns} columns and {entries} entries")
+        found = mmread(io.BytesIO(data))
+    except (ValueError, OverflowError) as error:
+        raise ProgramError(f"{name}: is no Matrix Market file of a real matrix: {error}.") from error
+    return found.astype(float) if isinstance(found, np.ndarray) else sp.csr_matrix(found, dtype=float)

@@ -30,7 +30,7 @@ import scipy.sparse as sp
 from scipy.linalg import eigh_tridiagonal, pinvh
 from scipy.sparse.linalg import LinearOperator, cg
 
-from vemcvx.arrays import EPS, Bools, Floats, Ints, part, whole
+from vemcvx.arrays import EPS, Bools, Floats, Ints, part, spread, whole
 from vemcvx.errors import NotAccepted, SceneError
 from vemcvx.linear.factor import Cycle, Factor, LinearSolver, Matrix, singular
 from vemcvx.linear.superlu import SuperLU
@@ -187,13 +187,6 @@ class WholeFactor(MultigridFactor):
     def cycle(self, S: sp.csr_matrix, free: Bools) -> Cycle:
         hierarchy, F = self._hierarchy.within(S, free), np.flatnonzero(free)
         return lambda b: spread(hierarchy.cycle(b[F]), F, len(b))
-
-
-def spread(b: Floats, F: Ints, n: int) -> Floats:
-    """The vector (n,) with the entries b at F, and zero elsewhere."""
-    whole = np.zeros(n)
-    whole[F] = b
-    return whole
 
 
 def lowest_eigenvalue(K: sp.csr_matrix, cycle: Cycle, name: str) -> float:

@@ -55,10 +55,6 @@ USUAL = {
     "mg_coarse_redundant_pc_type": "svd",
     "pc_gamg_reuse_interpolation": "true",
 }
-HELD_STIFFNESS = 1e-6
-"""Stiffness of what is held in the second hierarchy, as a part of K's least: coarse matrices then do not feel it."""
-LOOK = 1e-4
-"""Seconds between looks of a rank that waits: in a broadcast it would keep a core busy while rank 0 steps."""
 CALL, BLOCK = 1, 2
 """Tags of messages: the call of a method, and a block of rows."""
 log = logging.getLogger("vemcvx")
@@ -126,7 +122,8 @@ class Shared:
         self._unit = float(power_of_two(K.diagonal().max()))
         self._ranks.call(self._number, "hold", (options, *motions.shape), K / self._unit, motions)
         self.levels, self.limits = ranks.held[self._number].levels, ranks.held[self._number].limits
-        self._least = HELD_STIFFNESS * float(K.diagonal().min()) / self._unit
+        # The stiffness of what is held in the second hierarchy: coarse matrices do not feel a millionth of K's least.
+        self._least = 1e-6 * float(K.diagonal().min()) / self._unit
 
     def __del__(self) -> None:
         # Memory is freed on all ranks at once, when they hold the next matrix.
@@ -360,8 +357,9 @@ def serve() -> bool:
         return False
     try:
         while True:
+            # In a broadcast a rank that waits would keep a core busy while rank 0 steps.
             while not ranks.comm.iprobe(source=0, tag=CALL):
-                time.sleep(LOOK)
+                time.sleep(1e-4)
             call = ranks.comm.recv(source=0, tag=CALL)
             if call is None:
                 return True

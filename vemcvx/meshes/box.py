@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from vemcvx.arrays import Bools, Floats, Ints, brief, called, is_real, is_whole, plain, read_only
 from vemcvx.errors import MeshError
-from vemcvx.meshes.polygons.topology import matching_rows, rows_in_order
+from vemcvx.meshes.polygons import matching_rows, rows_in_order
 from vemcvx.meshes.polyhedra import Faces
 
 Count = int | tuple[int, int]

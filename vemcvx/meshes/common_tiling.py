@@ -8,33 +8,28 @@ and no areas are compared. Polyhedra take the pieces as coplanar faces.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.meshes.interfaces import padded
 from vemcvx.meshes.meeting import Meeting, Surface, lines_between, meeting_of, settled, unmatched
-from vemcvx.meshes.polygons.geometry import areas_and_centroids, cross, outlines, signed_areas
-from vemcvx.meshes.polygons.topology import (
+from vemcvx.meshes.polygons import (
+    areas_and_centroids,
     cell_of_corner,
+    cross,
     edge_keys,
     next_corner,
     offsets_of,
+    outlines,
     rows_in_order,
     same_rows,
     spans,
+    triangles_of,
     turned,
 )
 from vemcvx.meshes.polyhedra import Faces, FaceShapes, face_shapes, in_planes
-
-# A corner of a face turns inwards if its edges span this part of the face's area: what rounding does is less.
-NOTCH = 1e-9
-# Faces whose nodes have moved off their plane by this part of their size are cut into triangles: a mesh may have 1e-6.
-OFF_PLANE = 1e-7
-# The pieces of a face cover it up to this part: the tolerance is far below the edges, or bodies are not matched.
-COVERED = 1e-3
 
 
 class Tiled(NamedTuple):
@@ -150,7 +145,8 @@ def _pieces(meeting: Meeting, outline: _Outlines) -> _Pieces:
     corners, whole = seen(place, found[cell_of_corner(ring)]), seen(around, cell_of_corner(rows))
     areas = areas_and_centroids(corners, ring, np.arange(len(corners)))[0]
     all_of = areas_and_centroids(whole, rows, np.arange(len(whole)))[0]
-    missing = np.abs(np.bincount(found, np.abs(areas), len(cut)) - all_of) > COVERED * all_of
+    # Pieces cover a face up to a thousandth: the tolerance is far below the edges, or bodies are not matched.
+    missing = np.abs(np.bincount(found, np.abs(areas), len(cut)) - all_of) > 1e-3 * all_of
     if missing.any():
         raise unmatched(surface.shapes.centroids[cut[missing][0]])
     return _Pieces(cut[found], ring, turned(ring, place, areas < 0.0))
@@ -189,7 +185,8 @@ def _inside(surface: Surface, face: Ints, lines: Ints) -> Bools:
     every = cell_of_corner(surface.offsets)
     corners = surface.seen(surface.points[surface.place[surface.vertices]], every)[:, :2]
     arm = corners[next_corner(surface.offsets)] - corners
-    inwards = cross(arm, arm[next_corner(surface.offsets)]) < -NOTCH * surface.shapes.areas[every]
+    # What rounding turns a corner inwards spans less than 1e-9 of the face's area.
+    inwards = cross(arm, arm[next_corner(surface.offsets)]) < -1e-9 * surface.shapes.areas[every]
     hollow = np.logical_or.reduceat(inwards, surface.offsets[:-1])
     inside = np.ones(len(face), dtype=bool)
     asked = np.flatnonzero(hollow[face])
@@ -224,7 +221,9 @@ def _polygons(owner: Ints, segments: Floats) -> tuple[Ints, Ints, Ints]:
     names, sizes, found_in = corners[first, 2], np.bincount(ring[first]), found[~holed]
     if holed.any():
         corners, ring = shapely.get_coordinates(every[holed], include_z=True, return_index=True)
-        owner, triangle = _triangles(every[holed], offsets_of(np.bincount(ring)), np.arange(len(ring)), corners[:, :2])
+        owner, triangle = triangles_of(
+            every[holed], offsets_of(np.bincount(ring)), np.arange(len(ring)), corners[:, :2]
+        )
         names, sizes = np.append(names, corners[triangle, 2]), np.append(sizes, np.full(len(triangle), 3))
         found_in = np.append(found_in, found[holed][owner])
     ranked = np.argsort(found_in, kind="stable")
@@ -287,7 +286,8 @@ def _flattened(points: Floats, faces: Faces, place: Ints, touched: Bools) -> tup
     offsets, vertices = rows_in_order(faces.face_offsets, faces.face_vertices, some)
     shapes, corner = face_shapes(points, offsets, vertices), cell_of_corner(offsets)
     height = np.abs(in_planes(points[vertices], corner, shapes)[:, 2])
-    warped = np.flatnonzero(np.maximum.reduceat(height, offsets[:-1]) > OFF_PLANE * np.sqrt(shapes.areas))
+    # A mesh may have faces of 1e-6 off their planes.
+    warped = np.flatnonzero(np.maximum.reduceat(height, offsets[:-1]) > 1e-7 * np.sqrt(shapes.areas))
     if not len(warped):
         return faces, np.arange(len(faces.face_offsets) - 1)
     offsets, vertices = rows_in_order(offsets, vertices, warped)
@@ -295,7 +295,7 @@ def _flattened(points: Floats, faces: Faces, place: Ints, touched: Bools) -> tup
     first, number = same_rows(offsets, place[vertices])
     corners = in_planes(points[vertices], cell_of_corner(offsets), shapes)[:, :2]
     polygons = outlines(corners, offsets, np.arange(len(corners)))[first]
-    owner, rows = _triangles(polygons, *rows_in_order(offsets, np.arange(len(corners)), first), corners)
+    owner, rows = triangles_of(polygons, *rows_in_order(offsets, np.arange(len(corners)), first), corners)
     # Each face has the triangles of the first in its places, the other way round if it is another one.
     order, begin = np.argsort(owner, kind="stable"), np.searchsorted(np.sort(owner), np.arange(len(first) + 1))
     counts = np.diff(begin)[number]
@@ -306,26 +306,6 @@ def _flattened(points: Floats, faces: Faces, place: Ints, touched: Bools) -> tup
     sorting = np.argsort(key)
     own = vertices[sorting[np.searchsorted(key, place[triangles] * len(offsets) + face[:, None], sorter=sorting)]]
     return _replaced(faces, some[face], 3 * np.arange(len(own) + 1), own.ravel())
-
-
-def _triangles(polygons: NDArray[Any], offsets: Ints, corner: Ints, corners: Floats) -> tuple[Ints, Ints]:
-    """The triangles of polygons, as Delaunay's as may be: of which each is, and its corners (t, 3), counter-clockwise.
-
-    Polygon k has the corners ``corner[offsets[k]:offsets[k + 1]]``, in holes and outside, which are numbers in (n, 2).
-    """
-    import shapely
-
-    parts, owner = shapely.get_parts(shapely.constrained_delaunay_triangles(polygons), return_index=True)
-    at = shapely.get_coordinates(shapely.get_exterior_ring(parts)).reshape(-1, 4, 2)[:, :3]
-    at = np.where((signed_areas(at) < 0.0)[:, None, None], at[:, ::-1], at)
-    rows = np.empty((len(owner), 3), dtype=np.int64)
-    counts = np.diff(offsets)[owner]
-    for n in np.unique(counts):
-        mine = np.flatnonzero(counts == n)
-        known = corner[offsets[owner[mine], None] + np.arange(n)]
-        same = (corners[known][:, None] == at[mine][:, :, None]).all(axis=3)
-        rows[mine] = np.take_along_axis(known, np.argmax(same, axis=2), axis=1)
-    return owner, rows
 
 
 def coinciding_faces(outlines: tuple[Ints, Ints], body: Ints, place: Ints) -> tuple[Ints, Ints, Ints]:

@@ -13,12 +13,12 @@ import numpy as np
 from vemcvx.arrays import Bools, Floats, Ints, brief, plain, read_only
 from vemcvx.errors import MeshError
 from vemcvx.meshes.box import check_edges, check_mapping, check_name
-from vemcvx.meshes.polygons.geometry import rounding
-from vemcvx.meshes.polygons.topology import (
+from vemcvx.meshes.polygons import (
     cell_of_corner,
     edge_keys,
     matching_rows,
     offsets_of,
+    rounding,
     rows_in_order,
     smallest_linked,
 )

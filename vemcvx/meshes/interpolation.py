@@ -11,8 +11,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from vemcvx.arrays import Floats, Ints
-from vemcvx.meshes.polygons.geometry import right_of
-from vemcvx.meshes.polygons.topology import next_corner, offsets_of, previous_corner, spans
+from vemcvx.meshes.polygons import next_corner, offsets_of, previous_corner, right_of, spans
 from vemcvx.meshes.tessellation import Tessellation
 
 

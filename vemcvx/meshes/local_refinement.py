@@ -15,17 +15,19 @@ from vemcvx.errors import MeshError
 from vemcvx.meshes.box import check_cell_data
 from vemcvx.meshes.interfaces import Interface, on_boundary
 from vemcvx.meshes.interpolation import projected_values
-from vemcvx.meshes.polygons.convex import convex_pieces, kernel_centroids
-from vemcvx.meshes.polygons.geometry import cross, rounding
-from vemcvx.meshes.polygons.topology import (
+from vemcvx.meshes.polygons import (
     cell_of_corner,
+    convex_pieces,
+    cross,
     directed_edges,
     first_in_row,
+    kernel_centroids,
     next_vertex,
     offsets_of,
     positions,
     previous_corner,
     rotation,
+    rounding,
     spans,
 )
 from vemcvx.meshes.tessellation import Tessellation

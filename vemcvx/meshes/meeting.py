@@ -19,17 +19,21 @@ from numpy.typing import NDArray
 
 from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.errors import MeshError
-from vemcvx.meshes.polygons.geometry import outlines, overlapping_boxes, rounding
-from vemcvx.meshes.polygons.topology import cell_of_corner, directed_edges, rows_in_order, smallest_linked, spans
+from vemcvx.meshes.polygons import (
+    cell_of_corner,
+    directed_edges,
+    outlines,
+    overlapping_boxes,
+    rounding,
+    rows_in_order,
+    smallest_linked,
+    spans,
+)
 from vemcvx.meshes.polyhedra import Faces, FaceShapes, along_axes, axes_in_planes, face_shapes
 
-# Edges that turn by less are parallel: where they meet, their ends do.
-PARALLEL_EDGES = 1e-12
 # Cosine of the outward normals of faces that face each other. Bodies that are flush have edges near to each other
 # on faces that do not.
 FACING = -0.5
-# Cosine of the normals of two faces of one curved surface; at less an edge is a rim.
-ONE_SURFACE = 0.7
 # Nodes move to bodies before theirs, which may bring them near to others: as often as this, then tilings do not match.
 ROUNDS = 8
 
@@ -370,12 +374,14 @@ def _crossings(surface: Surface, lines: Ints, owner: Ints) -> tuple[Ints, Ints, 
     (p, u), (q, v) = (_arms(ends[which]) for which in (one, other))
     mine, its = (surface.normals_at_edges[owner[which]] for which in (one, other))
     cosine = np.einsum("kai,kbi->kba", mine, its).min(axis=2, initial=0.0)
-    # The line of the later body is seen along the normal of its faces; at a rim, of that which faces the other body.
-    smooth = np.einsum("ki,ki->k", its[:, 0], its[:, 1]) > ONE_SURFACE
+    # The line of the later body is seen along the normal of its faces; at a rim, where they turn by 45 degrees, of that
+    # which faces the other body.
+    smooth = np.einsum("ki,ki->k", its[:, 0], its[:, 1]) > 0.7
     upright = np.where(smooth[:, None], its.sum(axis=1), its[np.arange(len(its)), np.argmin(cosine, axis=1)])
     across = np.cross(v, upright)
     start, fall = np.einsum("ki,ki->k", p - q, across), np.einsum("ki,ki->k", u, across)
-    turns = np.abs(fall) > PARALLEL_EDGES * np.linalg.norm(u, axis=1) * np.linalg.norm(across, axis=1)
+    # Where edges that are parallel meet, their ends do.
+    turns = np.abs(fall) > 1e-12 * np.linalg.norm(u, axis=1) * np.linalg.norm(across, axis=1)
     s = -start / np.where(turns, fall, 1.0)
     at = p + s[:, None] * u
     t = np.einsum("ki,ki->k", at - q, v) / np.einsum("ki,ki->k", v, v)

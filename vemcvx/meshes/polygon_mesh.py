@@ -17,7 +17,7 @@ from vemcvx.meshes.box import LARGEST, SHORTEST, WHOLE, plotted_points, plotted_
 from vemcvx.meshes.exported import Exported
 from vemcvx.meshes.interfaces import Interface, on_faces
 from vemcvx.meshes.local_refinement import refinement
-from vemcvx.meshes.polygons.topology import cell_of_corner, next_vertex, offsets_of, positions, rows_in_order
+from vemcvx.meshes.polygons import cell_of_corner, next_vertex, offsets_of, positions, rows_in_order
 from vemcvx.meshes.polyhedra import joined_faces
 from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 from vemcvx.meshes.several_bodies import cut

@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vemcvx.arrays import Floats, Ints
-from vemcvx.meshes.polygons.topology import (
+from vemcvx.meshes.polygons import (
     cell_of_corner,
     next_corner,
     offsets_of,

@@ -12,7 +12,7 @@ from vemcvx.canvas import draw_faces
 from vemcvx.errors import MeshError
 from vemcvx.meshes.box import plotted_points, plotted_values
 from vemcvx.meshes.exported import Exported
-from vemcvx.meshes.polygons.topology import rows_in_order
+from vemcvx.meshes.polygons import rows_in_order
 from vemcvx.meshes.tessellation import SpaceTessellation
 
 if TYPE_CHECKING:

@@ -30,14 +30,17 @@ from vemcvx.meshes.common_tiling import coinciding_faces, common_tiling
 from vemcvx.meshes.interfaces import Interface, on_boundary, on_faces, pairs_of, places_of
 from vemcvx.meshes.local_refinement import check_marks
 from vemcvx.meshes.meeting import FACING, unmatched
-from vemcvx.meshes.polygons.geometry import TOLERANCE, close_pairs, outlines, rounding
-from vemcvx.meshes.polygons.topology import (
+from vemcvx.meshes.polygons import (
+    TOLERANCE,
     cell_of_corner,
+    close_pairs,
     directed_edges,
     edge_keys,
     next_corner,
     offsets_of,
+    outlines,
     positions,
+    rounding,
     rows_in_order,
     smallest_linked,
     spans,
@@ -122,7 +125,7 @@ class Joined(Generic[AnyKind]):
 def _named(meshes: Mapping[str, AnyKind], joined: Joined[AnyKind]) -> AnyKind:
     """The mesh with what is left of named boundaries without the interfaces, and with cell data."""
     mesh: Any
-    mesh, free, sides = joined.mesh, joined.mesh._free, {}
+    mesh, free, sides = joined.mesh, joined.mesh._outer, {}
     for name, numbers in joined.parts.items():
         left = mesh._boundary[free & np.isin(joined.sides, numbers)]
         if len(left):
@@ -421,7 +424,7 @@ def _joined_in_space(
 
 def _check_pockets(mesh: SpaceTessellation, body: Ints, place: Ints) -> None:
     """MeshError where faces of two bodies have all their nodes in places of both and face each other, but differ."""
-    free = mesh._boundary[mesh._free]
+    free = mesh._boundary[mesh._outer]
     offsets, vertices = rows_in_order(mesh.face_offsets, mesh.face_vertices, free)
     shared = np.bincount(place)[place] > 1
     some = np.flatnonzero(np.logical_and.reduceat(shared[vertices], offsets[:-1]))
@@ -470,7 +473,7 @@ def _check_apart_in_space(names: tuple[str, ...], mesh: SpaceTessellation, body:
     first = np.searchsorted(owner, np.arange(len(names)))
     boxes = list(zip(np.minimum.reduceat(low, first) - width, np.maximum.reduceat(high, first) + width, strict=True))
     near = [(owner != own) & ((low <= box[1]) & (high >= box[0])).all(axis=1) for own, box in enumerate(boxes)]
-    free = mesh._boundary[mesh._free & np.any(near, axis=0)]
+    free = mesh._boundary[mesh._outer & np.any(near, axis=0)]
     if not len(free):
         return
     offsets, vertices = rows_in_order(mesh.face_offsets, mesh.face_vertices, free)

@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from vemcvx.arrays import Bools, Floats, Ints, brief, plain, read_only
 from vemcvx.errors import MeshError, MeshWarning
-from vemcvx.meshes import polyhedra
+from vemcvx.meshes import polygons, polyhedra
 from vemcvx.meshes.box import (
     SIDES,
     WHOLE,
@@ -37,7 +37,6 @@ from vemcvx.meshes.box import (
 from vemcvx.meshes.checks.plane import checked
 from vemcvx.meshes.checks.space import checked_in_space
 from vemcvx.meshes.interfaces import Interface, faces_of, on_boundary, on_faces, outside
-from vemcvx.meshes.polygons import geometry, topology
 from vemcvx.outline import Outline, in_a_line
 
 
@@ -108,7 +107,7 @@ class Mesh(ABC):
 
     @property
     @abstractmethod
-    def _free(self) -> Bools:
+    def _outer(self) -> Bools:
         """A mask of the parts of the boundary that no interface has on either side."""
 
     @property
@@ -187,7 +186,7 @@ class Mesh(ABC):
         known = (vertices >= 0) & (vertices < len(number))
         own = np.where(known, number[np.where(known, vertices, 0)], -1)
         called = [f"({', '.join(map(str, row.tolist()))})" for row in np.split(vertices, offsets[1:-1])]
-        return topology.matching_rows(*self._outlines, offsets, own), called
+        return polygons.matching_rows(*self._outlines, offsets, own), called
 
     def with_boundary(self, name: str, predicate: Callable[[Floats], Bools]) -> Self:
         """Return this mesh with one more named part of its boundary.
@@ -238,7 +237,7 @@ class Mesh(ABC):
     def _replace(self, **fields: object) -> Self:
         """Return a mesh that shares everything, also what is already computed, but the given fields."""
         mesh = object.__new__(type(self))
-        anew = {"boundaries", "_free"} if "interfaces" in fields else {"boundaries"}
+        anew = {"boundaries", "_outer"} if "interfaces" in fields else {"boundaries"}
         mesh.__dict__.update({key: value for key, value in self.__dict__.items() if key not in anew})
         mesh.__dict__.update(fields)
         return mesh
@@ -315,7 +314,7 @@ class Tessellation(Mesh):
 
     @cached_property
     def _areas_and_centroids(self) -> tuple[Floats, Floats]:
-        areas, centroids = geometry.areas_and_centroids(self.points, self.offsets, self.vertices)
+        areas, centroids = polygons.areas_and_centroids(self.points, self.offsets, self.vertices)
         return read_only(areas), read_only(centroids)
 
     @property
@@ -331,16 +330,16 @@ class Tessellation(Mesh):
     @cached_property
     def diameters(self) -> Floats:
         """Largest distance of two vertices of each cell, (n_cells,)."""
-        return read_only(geometry.diameters(self.points, self.offsets, self.vertices))
+        return read_only(polygons.diameters(self.points, self.offsets, self.vertices))
 
     @cached_property
-    def shared_edges(self) -> topology.SharedEdges:
+    def shared_edges(self) -> polygons.SharedEdges:
         """Corners by the edge that they start."""
-        return topology.shared_edges(self.offsets, self.vertices, self.n_nodes)
+        return polygons.shared_edges(self.offsets, self.vertices, self.n_nodes)
 
     @cached_property
     def _boundary(self) -> Ints:
-        edges = topology.directed_edges(self.offsets, self.vertices)
+        edges = polygons.directed_edges(self.offsets, self.vertices)
         return read_only(edges[self.shared_edges.alone])
 
     @property
@@ -350,19 +349,19 @@ class Tessellation(Mesh):
     @cached_property
     def neighbours(self) -> Ints:
         """Pairs of cells that share an edge, (m, 2)."""
-        return read_only(topology.neighbours(self.offsets, self.shared_edges))
+        return read_only(polygons.neighbours(self.offsets, self.shared_edges))
 
     @property
     def _joints(self) -> dict[str, Ints]:
         return {name: interface.edges for name, interface in self.interfaces.items()}
 
     @property
-    def _free(self) -> Bools:
+    def _outer(self) -> Bools:
         return outside(self.interfaces, self._boundary, self.n_nodes)
 
     @property
     def _choice(self) -> tuple[Ints, Floats]:
-        edges = self._boundary[self._free]
+        edges = self._boundary[self._outer]
         return edges, 0.5 * (self.points[edges[:, 0]] + self.points[edges[:, 1]])
 
     def _rows(self, name: str, given: Any, n_nodes: int) -> tuple[Ints, Ints]:
@@ -476,7 +475,7 @@ class SpaceTessellation(Mesh):
     @cached_property
     def diameters(self) -> Floats:
         """Largest distance of two vertices of each cell, (n_cells,)."""
-        return read_only(geometry.diameters(self.points, *self.cell_nodes))
+        return read_only(polygons.diameters(self.points, *self.cell_nodes))
 
     @cached_property
     def _boundary(self) -> Ints:
@@ -484,7 +483,7 @@ class SpaceTessellation(Mesh):
 
     @property
     def _outlines(self) -> tuple[Ints, Ints]:
-        return topology.rows_in_order(self.face_offsets, self.face_vertices, self._boundary)
+        return polygons.rows_in_order(self.face_offsets, self.face_vertices, self._boundary)
 
     @property
     def _joints(self) -> dict[str, Ints]:
@@ -494,7 +493,7 @@ class SpaceTessellation(Mesh):
         }
 
     @cached_property
-    def _free(self) -> Bools:
+    def _outer(self) -> Bools:
         free = np.ones(len(self._boundary), dtype=bool)
         for joint in self.interfaces.values():
             for side in (joint.edges, joint.partners):
@@ -503,7 +502,7 @@ class SpaceTessellation(Mesh):
 
     @property
     def _choice(self) -> tuple[Ints, Floats]:
-        faces = self._boundary[self._free]
+        faces = self._boundary[self._outer]
         return faces, self.face_centroids[faces]
 
     def _parts(self, name: str, given: Any, number: Ints) -> tuple[Ints, list[str]]:
@@ -522,4 +521,4 @@ class SpaceTessellation(Mesh):
         if not rows or any(row is None or row.ndim != 1 or row.dtype.kind not in "iu" or not len(row) for row in rows):
             raise MeshError(f"{wanted}; got {brief(given)}.")
         flat = [row.astype(np.int64) for row in rows if row is not None]
-        return topology.offsets_of(np.array([len(row) for row in flat])), np.concatenate(flat)
+        return polygons.offsets_of(np.array([len(row) for row in flat])), np.concatenate(flat)

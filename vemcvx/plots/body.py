@@ -24,7 +24,7 @@ from vemcvx.canvas import (
 )
 from vemcvx.errors import HistoryError, VemcvxError
 from vemcvx.meshes import PolygonMesh, PolyhedralMesh, plane_mesh
-from vemcvx.meshes.polygons.topology import rows_in_order
+from vemcvx.meshes.polygons import rows_in_order
 from vemcvx.plots.contact import contact_line
 from vemcvx.plots.style import (
     COMPRESSION,
@@ -88,7 +88,6 @@ CLOSED, ARROWS = "closed contact bold or hatched", "thick arrows stick"
 PAGE_IN_SPACE = 6.4, 4.6
 """Width and height in inches."""
 MISSING = "drawing bodies in space needs PyVista, which is not installed: pip install 'vemcvx[view]'"
-VIEW = (-1.0, -1.6, 0.9)
 
 
 def deformed_mesh(
@@ -248,34 +247,27 @@ def stressed_body(
     factor = common_magnification(history, size, magnify, within(mesh.points, window))
     moved = factor * history.displacement[row]
     line = float(np.clip(9.0 / np.sqrt(seen.sum()), 0.0, 0.5))
-    mesh.plot(ax=ax, displacement=moved, linewidth=line, edgecolor="0.35")
-    cells, (words, part) = ax.collections[0], STRESSES[stress]
+    words, part = STRESSES[stress]
     values = [part(history, int(n)) for n in history.stored]
     colours, ends = colours_of([found[seen] for found in values], stress)
-    cells.set_array(values[row])
-    cells.set(cmap=colours, clim=value_range(limits, ends))
+    style: dict[str, Any] = {"array": values[row], "cmap": colours, "clim": value_range(limits, ends)}
+    mesh.plot(ax=ax, displacement=moved, linewidth=line, edgecolor="0.35", **style)
+    bar_beside(ax, ax.collections[0]).set_label(label(words, "force per area", units), fontsize="small")
     for signs in mirrors:
         # No orientation and no check is needed to draw cells; bodies in contact have nodes in the same places.
         image = PolygonMesh.unchecked((mesh.points + moved) * signs, mesh.offsets, mesh.vertices)
-        style: dict[str, Any] = {
-            "cmap": cells.get_cmap(),
-            "clim": cells.get_clim(),
-            "linewidth": 0,
-            "antialiased": False,
-        }
-        image.plot(ax=ax, array=cells.get_array(), **style)
-    bar_beside(ax, cells).set_label(label(words, "force per area", units), fontsize="small")
+        image.plot(ax=ax, linewidth=0, antialiased=False, **style)
     touching = _closed_contact(history, row, mesh.points + moved)
     if touching:
         draw_hatched(ax, [outline * signs for outline in touching for signs in ((1, 1), *mirrors)])
     largest = _contact_arrows(ax, history, row, mesh.points + moved, (forces, size, window, stretch))
     title = f"{instant(history.times[row], units)}, displacements × {factor:g}"
     title += _drawn(largest, forces, bool(touching), bool(history.contact.bound.any()), units=units)
-    drawn = "" if stretch == 1.0 else f",\n× {stretch:g}"
     ax.tick_params(labelsize="small")
     ax.locator_params(nbins=6)
     if window is None:
         ax.autoscale_view()
+    drawn = "" if stretch == 1.0 else f",\n× {stretch:g}"
     y = f"$x_2$ ({unit(units, 'length')}{drawn})"
     named(ax, label("$x_1$", "length", units), y, title, size="small", window=window, aspect=stretch)
     return ax
@@ -362,7 +354,7 @@ def deformed_body(
     *,
     ax: Axes | None = None,
     stress: str = "von_mises",
-    view: ArrayLike = VIEW,
+    view: ArrayLike = (-1.0, -1.6, 0.9),
     magnify: float | None = None,
     limits: ArrayLike | None = None,
     units: Units | None = None,

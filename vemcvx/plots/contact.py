@@ -28,7 +28,7 @@ from vemcvx.canvas import (
 )
 from vemcvx.errors import HistoryError
 from vemcvx.meshes import PolyhedralMesh, plane_mesh
-from vemcvx.meshes.polygons.geometry import right_of
+from vemcvx.meshes.polygons import right_of
 from vemcvx.plots.style import (
     BACKWARD,
     EARLY_TO_LATE,

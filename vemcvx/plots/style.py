@@ -17,7 +17,7 @@ from vemcvx.arrays import Bools, Floats, brief
 from vemcvx.canvas import figure_of
 from vemcvx.errors import HistoryError
 from vemcvx.meshes import PolyhedralMesh
-from vemcvx.meshes.polygons.topology import directed_edges
+from vemcvx.meshes.polygons import directed_edges
 from vemcvx.results.results import Results
 
 if TYPE_CHECKING:

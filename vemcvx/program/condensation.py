@@ -36,13 +36,13 @@ from functools import cached_property, partial
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.arrays import EPS, Floats, Ints, power_of_two
+from vemcvx.arrays import EPS, Floats, Ints, power_of_two, spread
 from vemcvx.errors import NotAccepted
 from vemcvx.linear import Factor, Halves, LinearSolver, Matrix, minimum_degree
 from vemcvx.program.kernel import anchors
 from vemcvx.program.operators import Operators, shifted
 from vemcvx.program.scaling import unit_diagonal
-from vemcvx.program.system import System, spread
+from vemcvx.program.system import System
 
 SAME_FIELD = 8 * EPS
 """Residuals of a load on the shapes solved for below this times the load are rounding, and are dropped. A shape that
@@ -239,11 +239,6 @@ class SolvedForces:
         return spread(phi, self._place[rows], len(self._loaded))
 
 
-HELD = 1e-30
-"""Part of the energy of a response that the retained unknowns may keep: rounds that pull them back stop there. On K's
-kernel tau is read off K xi, and its error is K times that motion."""
-
-
 class Held:
     """The halves of a solve, from a factor that solves for all unknowns only; z is xi itself.
 
@@ -280,7 +275,8 @@ class Held:
         for _ in range(5 if len(c) else 0):
             left = self._S @ x[c]
             size, before = float(abs(left @ x[c])), size
-            if size <= HELD * float(abs(inner @ x)) or size > 0.25 * before:
+            # On K's kernel tau is read off K xi, and its error is K times the motion that is left.
+            if size <= 1e-30 * float(abs(inner @ x)) or size > 0.25 * before:
                 break
             held = held - left
             inner[c] = held
@@ -400,14 +396,6 @@ class Condensation:
         better = y + self._halves.completed(self._halves.halved(inner)[0], np.zeros(len(self.retained)))
         better[self.retained] = y[self.retained]
         return better
-
-    def square(self, y_c: Floats, f: Reduced) -> float:
-        """y'Ky."""
-        return f.work_inside(f) + float(y_c @ (self.operators.K @ y_c))
-
-    def work(self, phi: Reduced, y_c: Floats, f: Reduced) -> float:
-        """phi'y, the work of the force phi on the state (y_c, f)."""
-        return phi.work_inside(f) + float(phi.retained @ y_c)
 
     def _done(self, phi: Floats, number: int | None) -> SolvedForce:
         """The response to a force phi (n,)."""

@@ -71,8 +71,8 @@ class Scaling:
     sigma: Floats
     tau: Floats
 
-    def scale(self, program: StepProgram, alpha: float, free: float = 0.0) -> StepProgram:
-        """The scaled program of a step; `free` is the energy norm of its frictionless answer where alpha is less."""
+    def scale(self, program: StepProgram, alpha: float, unheld: float = 0.0) -> StepProgram:
+        """The scaled program of a step; `unheld` is the energy norm of its frictionless answer where alpha is less."""
         force, e = self.kappa * alpha, program.e
         with np.errstate(over="ignore"):
             w = np.minimum(program.w * self.sigma / force, MOST)
@@ -80,7 +80,7 @@ class Scaling:
                 e = np.minimum(np.maximum(e / (alpha * self.tau), -MOST), MOST)
         b = (self.operators.blocks(program.b) / (alpha * self.sigma[:, None])).ravel()
         if self.operators.rows.columns is not None and self.operators.kernel is None and len(e) == 0:
-            w = np.minimum(w, 16.0 * np.sqrt(self.operators.block) * (max(1.0, free / alpha) + np.abs(b).sum()))
+            w = np.minimum(w, 16.0 * np.sqrt(self.operators.block) * (max(1.0, unheld / alpha) + np.abs(b).sum()))
         return StepProgram(self.operators, self.delta * program.g / force, w, b, e)
 
     def restore(self, answer: Answer, alpha: float) -> Answer:

@@ -32,6 +32,7 @@ from vemcvx.arrays import (
     instance,
     shape_in_words,
     shaped,
+    spread,
 )
 from vemcvx.errors import SceneError
 from vemcvx.linear import LinearSolver, choose_linear, direct_solver, singular
@@ -59,13 +60,6 @@ class ForceOnPart:
 def on_part(force: Callable[[float], Floats], t: float) -> tuple[Floats, Ints | None]:
     """A force at the instant `t`, and the unknowns that it acts on; None for all of them."""
     return (force.entries(t), force.rows) if isinstance(force, ForceOnPart) else (force(t), None)
-
-
-def spread(values: Floats, rows: Ints, n: int) -> Floats:
-    """The force (n,) with these values on some rows."""
-    phi = np.zeros(n)
-    phi[rows] = values
-    return phi
 
 
 @dataclass(frozen=True)

@@ -35,7 +35,7 @@ from numpy.typing import NDArray
 
 from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.meshes import AnyMesh, PolygonMesh
-from vemcvx.meshes.polygons.topology import cell_of_corner
+from vemcvx.meshes.polygons import cell_of_corner
 from vemcvx.outline import ArrayRecord
 from vemcvx.results.contact import Contact
 from vemcvx.scene.contact_table import ContactRows, pair_numbers

@@ -41,12 +41,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from vemcvx.archives import Arrays, read_arrays, record_of
-from vemcvx.arrays import Floats, brief, quantities, sizes_of
+from vemcvx.arrays import Floats, brief, quantities
 from vemcvx.errors import HistoryError, MeshError
 from vemcvx.meshes import AnyMesh, Interface, PolygonMesh, PolyhedralMesh
 from vemcvx.meshes.interfaces import padded
 from vemcvx.meshes.io.vtk import packed_cells, write_cells
-from vemcvx.meshes.polygons.topology import rows_in_order
+from vemcvx.meshes.polygons import rows_in_order
 from vemcvx.meshes.polyhedra import Faces, listed_faces
 from vemcvx.owned_files import DRAFTS, Owned, path_of
 from vemcvx.results.quoted import Quantity
@@ -58,7 +58,7 @@ from vemcvx.version import __version__
 NAME = "vemcvx history"
 ENERGIES = "energy", "dissipated", "work", "dissipated_second_order", "work_second_order"
 FORMAT = f"{NAME} 4"
-SHAPES = {prefix + name: shape for prefix, record in RECORDS.items() for name, shape in sizes_of(record).items()}
+ARRAYS = {prefix + name: of for prefix, record in RECORDS.items() for name, of in quantities(record).items()}
 ARCHIVE, SERIES, SUMMARY = "history.npz", "history.pvd", "summary.json"
 WRITING, COMPLETE = ".vemcvx-writing", "complete"
 STEP = r"step_[0-9]+\.vtu"
@@ -129,7 +129,7 @@ def _history(arrays: Arrays) -> Results:
 
 def _check_arrays(arrays: Arrays, sizes: dict[str, int]) -> None:
     """Raise ValueError unless the arrays go together; `sizes` are those known before."""
-    for name, (names, kind) in SHAPES.items():
+    for name, (names, kind, *_) in ARRAYS.items():
         if name not in arrays:
             continue
         array = arrays[name]
@@ -162,7 +162,7 @@ def _check_words(about: dict[str, Any], known: dict[str, Any]) -> None:
         (about.get("bound"), (dict, type(None))),
     ]
     if not all(isinstance(value, kind) for value, kind in kinds) or any(
-        known[n] is not None for n in SHAPES.keys() & known
+        known[n] is not None for n in ARRAYS.keys() & known
     ):
         raise ValueError("found words and numbers of other kinds beside the arrays")
 

@@ -2,7 +2,7 @@
 
 Linear elasticity and contact between the nodes that lie opposite at the start hold while strains, turns and slips are
 small. A run that leaves them is answered, and certified, all the same, as when Young's modulus is given in GPa and
-loads in MPa. Looked at are MOST_INSTANTS stored instants at most, that of the largest energy among them.
+loads in MPa. Looked at are 16 stored instants at most, that of the largest energy among them.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 
 from vemcvx.arrays import Floats, Ints
 from vemcvx.meshes import AnyMesh, PolygonMesh
-from vemcvx.meshes.polygons.topology import smallest_linked
+from vemcvx.meshes.polygons import smallest_linked
 from vemcvx.outline import coordinates
 from vemcvx.results.results import Results
 from vemcvx.scene.pose import PosedScene
@@ -22,16 +22,13 @@ from vemcvx.vem import Space, principal, strains
 
 LARGEST_STRAIN = 0.05
 """Strains, and displacements in parts of the body, up to which squares of strains, .1 % of one, are left out."""
-STRAINED_PART = 0.01
-"""Part of the body whose strains are that large. At a singular corner some strain is, if only the mesh is fine."""
-MOST_INSTANTS = 16
 
 
 def warning(posed: PosedScene, results: Results) -> str:
     """A sentence on what is largest and where, if small strains are left; else empty."""
     count = len(results.stored)
     energies = results.energy
-    rows = np.unique([*np.linspace(0, count - 1, min(MOST_INSTANTS, count)).astype(int), int(np.argmax(energies))])
+    rows = np.unique([*np.linspace(0, count - 1, min(16, count)).astype(int), int(np.argmax(energies))])
     found = [*_strains(posed.space, results, rows), *_motions(results, rows), *_slips(results, rows)]
     if not found:
         return ""
@@ -47,7 +44,8 @@ def _strains(space: Space, results: Results, rows: Ints) -> Iterator[str]:
     size, mesh = np.abs(principal(tensor)).max(axis=1), space.mesh
     volumes = mesh.areas if isinstance(mesh, PolygonMesh) else mesh.volumes
     k = int(np.argmax(size))
-    if volumes[size > LARGEST_STRAIN].sum() > STRAINED_PART * volumes.sum():
+    # At a singular corner some strain is that large, if only the mesh is fine.
+    if volumes[size > LARGEST_STRAIN].sum() > 0.01 * volumes.sum():
         yield f"a strain of {size[k]:.2g} {_where(results, mesh.centroids[k], row)}"
 
 

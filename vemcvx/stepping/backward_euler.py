@@ -6,8 +6,8 @@ pose      :mod:`.posed_step`    the convex program of the step, from the state b
 answer    :mod:`.posed_step`    by the solver, in scaled units; asked again where it misses
           :mod:`.fixed_point`   where weights follow pressures (Coulomb), a fixed point of such programs
 certify   :mod:`.posed_step`    on the retained unknowns
-          :mod:`.recorder`      on all, refined against K itself, where the factors are too coarse
-record    :mod:`.recorder`      steps that are kept, certified on all unknowns: rows of a trajectory
+                                and on all, refined against K itself, where the factors are too coarse
+record    :mod:`.trajectory`    steps that are kept, certified on all unknowns: rows of a trajectory
 
 The initial state is to obey a(u_0, v) + j(v) >= <l(0), v> for all v, which holds if and only if one step at
 times[0] from u_prev = u_0 returns u_0. The jump of that step, in the energy norm, is what a violation costs, and is
@@ -63,10 +63,17 @@ from vemcvx.program.tolerances import VISCOUS
 from vemcvx.solvers import Solver, Solves, as_solver
 from vemcvx.stepping.fixed_point import DependentStep, resolved
 from vemcvx.stepping.ledger import Ledger, Rubbed, StepData, energy, energy_in_full, in_range, strain_energy
-from vemcvx.stepping.posed_step import PosedStep, data_norms, pose_step, require_certified
-from vemcvx.stepping.recorder import Recorder, certified_in_full, posed_sharply, refined_state, stored_steps
+from vemcvx.stepping.posed_step import (
+    PosedStep,
+    certified_in_full,
+    data_norms,
+    pose_step,
+    posed_sharply,
+    refined_state,
+    require_certified,
+)
 from vemcvx.stepping.state import Dragged, PreparedRun, State, prepare
-from vemcvx.stepping.trajectory import Memory, Storage, Trajectory
+from vemcvx.stepping.trajectory import Memory, Recorder, Storage, Trajectory, stored_steps
 
 
 @dataclass(frozen=True)

@@ -23,8 +23,6 @@ from vemcvx.program.system import System
 SUMS = 3
 BENT = 1e-6
 """Part of a datum's size: lines on two sides of an interval that miss each other by less are one."""
-SUDDEN, STEEP = 0.02, 4.0
-"""Change of a datum within an interval, in parts of its size and of the usual change, that may be a jump."""
 ACROSS = 1e-9
 """Steps of no more than this part of the run are those across a jump."""
 
@@ -154,7 +152,8 @@ def _turns(times: Floats, values: Floats, bends: Floats) -> Floats:
 def _jumps(times: Floats, values: Floats, value: Value, names: NDArray[np.str_]) -> tuple[Floats, tuple[str, ...]]:
     """Two instants for each sudden change, and a sentence for each jump."""
     change = np.abs(np.diff(values, axis=0)).max(axis=1)
-    sudden = np.flatnonzero((change > SUDDEN) & (change > STEEP * np.median(change)))
+    # A jump is large beside the datum's size, and beside its usual change in an interval.
+    sudden = np.flatnonzero((change > 0.02) & (change > 4.0 * np.median(change)))
     instants, sentences = [], []
     for j in sudden:
         a, b, left, right = times[j], times[j + 1], values[j], values[j + 1]

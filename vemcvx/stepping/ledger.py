@@ -185,11 +185,13 @@ def energy(condensation: Condensation, y: Floats, now: StepData, p: Floats) -> f
     carried, kernel = now.carried, condensation.operators.kernel
     if now.ground is not None and kernel is not None:
         y = y - kernel @ (kernel.T @ y)  # A body on moving ground goes far without strain: digits of y would be lost.
-    if carried is None:
-        return 0.5 * (condensation.square(y, now.force) + pressed)
-    z, load = y + carried.dirichlet_force.x[condensation.retained], now.force + carried.dirichlet_force
-    anchor_work = _anchor_work(condensation, carried.dirichlet_force, z)
-    return 0.5 * (condensation.square(z, load) + carried.pair(carried.field, carried.field) + pressed) + anchor_work
+    load, moved = now.force, 0.0
+    if carried is not None:
+        y, load = y + carried.dirichlet_force.x[condensation.retained], load + carried.dirichlet_force
+        moved = 0.5 * carried.pair(carried.field, carried.field)
+        moved += _anchor_work(condensation, carried.dirichlet_force, y)
+    square = load.work_inside(load) + float(y @ (condensation.operators.K @ y))
+    return 0.5 * (square + pressed) + moved
 
 
 def strain_energy(system: System, y: Floats, t: float) -> float:
@@ -223,17 +225,17 @@ def advance(
 ) -> Ledger:
     """The ledger after a step."""
     last, now = between
-    change = now.force - last.force
+    force, d, change = now.force, answer.d, now.force - last.force
     work = -float(answer.p @ (now.remaining_gap - last.remaining_gap))
-    if now.carried is None or last.carried is None:
-        work += condensation.work(now.force, answer.d, change)
-    else:
+    if now.carried is not None and last.carried is not None:
         c, reaction = condensation.retained, now.carried.dirichlet_force
         moved = reaction - last.carried.dirichlet_force
-        work += condensation.work(now.force + reaction, answer.d + moved.x[c], change + moved)
+        force, d, change = force + reaction, d + moved.x[c], change + moved
         work += now.carried.pair(now.carried.field, now.carried.field - last.carried.field)
         work += _anchor_work(condensation, moved, y + reaction.x[c])
         work -= float(condensation.operators.multiplier_force(answer.lam, answer.p) @ moved.x[c])
+    # The work of the force on the displacement inside, and on the retained unknowns.
+    work += force.work_inside(change) + float(force.retained @ d)
     work += float(answer.lam.ravel() @ (now.prescribed_slip - last.prescribed_slip))
     return _after_step(past, energy(condensation, y, now, answer.p), work, rubbed)
 

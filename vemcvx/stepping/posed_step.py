@@ -1,5 +1,7 @@
 """A step posed, scaled and answered, the state after it, and the test by which it is accepted.
 
+States that are kept are recovered on all unknowns, refined where factors lost digits, and certified on the full system.
+
 With y_n = y_{n-1} + d_n, the force out of balance after a step, g_n - K d_n, is carried into the next one,
 g_{n+1} = (g_n - K d_n) + (load_{n+1} - load_n): increments keep their digits when steps are tiny beside y.
 
@@ -26,19 +28,21 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
+import scipy.sparse as sp
 
-from vemcvx.arrays import Floats, lengths, power_of_two
+from vemcvx.arrays import EPS, Bools, Floats, lengths, power_of_two
 from vemcvx.errors import NotCertified, SceneError
-from vemcvx.program.certificate import Certificate
+from vemcvx.program.certificate import Certificate, limit_gaps, norm_gaps
 from vemcvx.program.condensation import Condensation, Reduced
-from vemcvx.program.iterative_refinement import needs_refinement
+from vemcvx.program.iterative_refinement import full_certificate, needs_refinement, refined, residual
 from vemcvx.program.operators import Operators
 from vemcvx.program.scaling import LARGEST_NORM, SMALLEST_NORM, checked_norm
 from vemcvx.program.step_program import Answer, StepProgram, fitting
-from vemcvx.program.tolerances import ASKED_AGAIN
+from vemcvx.program.tolerances import ASKED_AGAIN, INTERIOR
 from vemcvx.solvers import Solver
+from vemcvx.solvers.newton import Shifts
 from vemcvx.solvers.solver import named_failures
-from vemcvx.stepping.ledger import Rubbed, StepData, advance
+from vemcvx.stepping.ledger import Rubbed, StepData, advance, advance_in_full
 from vemcvx.stepping.state import Earlier, PreparedRun, State
 
 log = logging.getLogger("vemcvx")
@@ -258,8 +262,8 @@ class PosedStep:
         checked_norm(norm, self.data.t)
         size = max(self.before.unit(accuracy), norm)
         guess = self.before.expected(self.data.t) if near is None else (near.lam, near.p)
-        free = alpha
-        best = self._asked(alpha, free, 0.5 * (accuracy * size) ** 2, guess, 0)
+        unheld = alpha
+        best = self._asked(alpha, unheld, 0.5 * (accuracy * size) ** 2, guess, 0)
         spent = best.iterations
         for _ in range(2):
             if best.accepted(accuracy) or spent >= self.run.most:
@@ -268,7 +272,7 @@ class PosedStep:
             if best.unit(accuracy) > 0:
                 # Of a body that is carried far this is much less than the motion of its unknowns let expect.
                 alpha = min(alpha, float(power_of_two(best.unit(accuracy) / np.sqrt(scales.kappa))))
-            state = self._asked(alpha, free, 0.5 * (accuracy * size) ** 2, guess, spent)
+            state = self._asked(alpha, unheld, 0.5 * (accuracy * size) ** 2, guess, spent)
             spent += state.iterations
             if state.certificate.gap >= best.certificate.gap:
                 break
@@ -287,10 +291,10 @@ class PosedStep:
         exact = Certificate(0.0, np.zeros(len(self.program.w)), 0.0, nothing[1])
         return self.state_after(Answer(nothing[0], lam, 0, status, p=nothing[1]), exact)
 
-    def _asked(self, alpha: float, free: float, gap: float, guess: tuple[Floats, Floats], spent: int) -> State:
+    def _asked(self, alpha: float, unheld: float, gap: float, guess: tuple[Floats, Floats], spent: int) -> State:
         """The solver's answer within the bounds, certified; its iterations are those left after so many."""
         scales, name = self.run.scaling, self.run.solver.name
-        scaled = scales.scale(self.program, alpha, free)
+        scaled = scales.scale(self.program, alpha, unheld)
         target, begin = scales.energy(gap, alpha), scales.guess(guess[0] - self.bias, guess[1], alpha)
         with named_failures(name):
             answer = fitting(self.run.after(spent).prepared.solve(scaled, target, *begin), scaled, name)
@@ -331,3 +335,97 @@ class PosedStep:
             earlier=Earlier(before.t, before.lam, before.p),
             dragged=before.dragged,
         )
+
+
+def certified_in_full(run: PreparedRun, state: State, lost: sp.csr_matrix | None = None) -> State:
+    """The state with all its unknowns and the certificate of the full system; `lost` is the rounding error of K."""
+    if state.full is not None:
+        return state
+    y = run.condensation.recover(state.y, state.data.force)
+    # The bias is on both sides, lest its own rounding be none where the two cancel.
+    own, bias = state.certificate, run.system.B.T @ state.data.bias
+    force = (state.data.force.phi if lost is None else state.data.force.phi - lost @ y) - bias
+    held = run.system.multiplier_force(state.lam, state.p) - bias
+    if run.system.follows_answer:
+        held = -bias
+        held[run.condensation.retained] += state.unbalanced
+    full = full_certificate(run.condensation, force, y, held, own)
+    if full.error > INTERIOR * run.accuracy * state.unit(run.accuracy) and len(state.y) < run.system.n:
+        r = residual(force, run.system.K, y, held)
+        y = run.condensation.refine_interior(y, r)
+        full = full_certificate(run.condensation, force, y, held, own)
+    equilibrium, floor = np.maximum([full.equilibrium, full.floor], [own.equilibrium, own.floor]).tolist()
+    return replace(state, full=y, certificate=replace(own, equilibrium=equilibrium, floor=floor))
+
+
+def refined_state(attempt: PosedStep, state: State) -> State:
+    """The state after iterative refinement against the original K; slips, ledger and certificate are those of it."""
+    run, before, operators = attempt.run, attempt.before, attempt.run.operators
+    remaining_gap, retained = state.data.remaining_gap, run.condensation.retained
+    force, lam = state.data.force.phi - run.system.B.T @ state.data.bias, state.lam - attempt.bias
+    stick = np.linalg.norm(lam + Shifts.of(operators).norms[:, None] * state.slip, axis=1) <= state.weights
+    y = run.condensation.recover(state.y, state.data.force)
+    held = {"gap": remaining_gap, "lam": lam, "p": state.p, "stick": stick, "slip": state.slip}
+    y, lam, p = refined(run.condensation, operators, force, y, **held)
+    lam, p = replace(attempt.program, w=state.weights).project(lam), np.maximum(p, 0.0)
+    # What was free to move may have moved a rounding error beyond its bound.
+    bounds, beyond = operators.compliance == 0, operators.limits.read(y[retained]) - remaining_gap
+    y[retained[operators.limits.columns]] -= np.where(bounds, np.maximum(beyond, 0.0), 0.0) / operators.D.data
+    # Sticking terms keep their slip to the last bit; slipping ones may have lost their direction to rounding.
+    slip = state.slip + operators.blocks(operators.rows.read(y[retained] - state.y))
+    aligned = _aligned(attempt.run.operators, state.weights, lam=lam, slip=slip, stick=stick)
+    y[retained[operators.rows.columns]] += (aligned - slip).ravel() / operators.B.data
+    slip, moved, excess = aligned, y[retained] - state.y, operators.limits.read(y[retained]) - remaining_gap
+    over = limit_gaps(operators.compliance, p, excess, EPS * (np.abs(remaining_gap) + np.abs(excess)))
+    # Bounds that act are as far as they were; what their difference of two places says of that is rounding.
+    acts = bounds & (state.p > 0)
+    over[acts] = state.certificate.limits[acts] * (p[acts] / state.p[acts])
+    # Where weights depend on the answer its distance to a solution stays; else the gap of what is refined says all.
+    away = state.certificate.distance if run.system.follows_answer else 0.0
+    friction, forces = norm_gaps(state.weights, lam, slip), run.system.multiplier_force(lam, p)
+    lam = lam + attempt.bias
+    own = replace(state.certificate, equilibrium=0.0, friction=friction, limits=over, distance=away, moved=0.0)
+    answer = state.answer(state.y - before.y + moved, lam, p)
+    between, ends = (before.data, state.data), (before.unknowns, y)
+    rubbed = Rubbed(lam, slip, (before.weights, state.weights), (before.bias, state.bias))
+    ledger = advance_in_full(run.system, before.ledger, between, ends, answer=answer, rubbed=rubbed)
+    return replace(
+        state,
+        y=y[retained],
+        full=y,
+        unbalanced=operators.multiplier_force(lam, p),
+        lam=lam,
+        p=p,
+        slip=slip,
+        certificate=full_certificate(run.condensation, force, y, forces, own),
+        ledger=ledger,
+        scale=float(np.maximum(before.scale, ledger.norm)),
+    )
+
+
+def posed_sharply(attempt: PosedStep, refined: State) -> PosedStep:
+    """The step posed with the forces g on the retained unknowns that a refined state balances.
+
+    g = K d + B'lam + D'p plus the reduced residual. On weak springs the response x to a load is large, and g = S x_c
+    carries the rounding of S times that: too much for sets and pressures.
+    """
+    run, d = attempt.run, refined.y - attempt.before.y
+    held = run.system.multiplier_force(refined.lam, refined.p)
+    r = residual(attempt.data.force.phi, run.system.K, refined.unknowns, held)
+    left = run.condensation.reduce(r, remembered=False)
+    g = refined.unbalanced + run.operators.force(d) + left.retained - run.operators.rows.force_of(attempt.data.bias)
+    return replace(attempt, program=replace(attempt.program, g=g))
+
+
+def _aligned(operators: Operators, w: Floats, lam: Floats, slip: Floats, stick: Bools) -> Floats:
+    """Slips (m, block) that point where their multipliers do, but for those that stick.
+
+    Turning a slip by e costs an energy of about e^2 / 2 over the term's flexibility. A slip whose gap is smaller than
+    that is left as it is: where contact is open, the direction of a multiplier is that of rounding.
+    """
+    square = np.einsum("ij,ij->i", lam, lam)
+    share = np.divide(np.einsum("ij,ij->i", lam, slip), square, out=np.zeros_like(square), where=square > 0)
+    turned = np.where(square[:, None] > 0, np.maximum(share, 0.0)[:, None] * lam, slip)
+    cost = 0.5 * np.einsum("ij,ij->i", turned - slip, turned - slip)
+    stays = stick | (cost >= operators.norm_flexibility * norm_gaps(w, lam, slip))
+    return np.where(stays[:, None], slip, turned)

@@ -25,7 +25,7 @@ from vemcvx.stepping.backward_euler import (
     steps_of,
     threads_of_steps,
 )
-from vemcvx.stepping.recorder import certified_in_full
+from vemcvx.stepping.posed_step import certified_in_full
 from vemcvx.stepping.state import PreparedRun, State, prepare
 from vemcvx.stepping.trajectory import Trajectory
 

@@ -1,4 +1,4 @@
-"""A trajectory, what `march` returns: states, multipliers, energies, certificates; and where its rows are kept.
+"""The trajectory that `march` returns, states, multipliers, energies, certificates; its recorder; where rows are kept.
 
 Rows are kept in memory, or in a folder that outlives the process. A folder holds one ``.npy`` file an array, mapped
 into memory, so that the size of a history is bounded by the disk and not by memory; and ``checkpoint.npz``, replaced
@@ -9,19 +9,28 @@ which files are a run's.
 
 from __future__ import annotations
 
+import logging
 import os
+import time
+import zlib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeGuard
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from vemcvx.archives import Arrays, read_arrays
-from vemcvx.arrays import Bools, Floats, Ints
-from vemcvx.errors import HistoryError
+from vemcvx.arrays import Bools, Floats, Ints, brief, is_whole, quantities
+from vemcvx.errors import HistoryError, SceneError
 from vemcvx.outline import ArrayRecord
 from vemcvx.owned_files import Owned, path_of
+from vemcvx.stepping.checkpoint import check_same, check_same_data, fixed_marks, from_arrays, mark_of_data, to_arrays
+from vemcvx.stepping.posed_step import certified_in_full, require_certified, say_floor
+from vemcvx.stepping.state import PreparedRun, State, sticking
+
+log = logging.getLogger("vemcvx")
 
 CHECKPOINT = "checkpoint.npz"
 ROWS = r"[a-z_]+\.npy|\.?checkpoint\.npz"
@@ -291,3 +300,212 @@ def relative(error: Floats, scale: Floats) -> Floats:
     known = (error >= 0) & (scale > 0) & (scale < np.inf)
     ratio = np.divide(error, scale, out=np.full(np.shape(error), np.inf), where=known)
     return np.where((error == 0) & (scale == 0), 0.0, ratio)
+
+
+BETWEEN = 1.0
+"""Seconds after which a checkpoint is made at a step that is not stored."""
+
+
+def stored_steps(store: str | int | Sequence[int], steps: int) -> Ints:
+    """Step numbers to keep: "all", "last", every `store`-th and the last, or those given and the last."""
+    if isinstance(store, str) and store == "all":
+        return np.arange(steps + 1)
+    if isinstance(store, str) and store == "last":
+        return np.array([steps])
+    if is_whole(store) and store >= 1:
+        return np.unique(np.append(np.arange(0, steps + 1, min(store, steps + 1)), steps))
+    if _numbers(store, steps):
+        return np.unique(np.append(np.asarray(store, dtype=np.int64), steps))
+    raise SceneError(
+        f"store: found {brief(store)}; there are 'all', 'last', an integer n >= 1 (every n-th and the last), or a "
+        f"sequence of step numbers from 0 to {steps}."
+    )
+
+
+def _numbers(store: object, steps: int) -> TypeGuard[Sequence[int]]:
+    if isinstance(store, np.ndarray):
+        return store.ndim == 1 and _numbers(store.tolist(), steps)
+    if not isinstance(store, Sequence) or isinstance(store, (str, bytes)):
+        return False
+    return all(is_whole(n) and 0 <= n <= steps for n in store)
+
+
+FIELDS = quantities(Trajectory)
+SCALARS = {name: of.kind for name, of in FIELDS.items() if of.sizes == ("N",) and name != "times"}
+TYPES: dict[str, type] = {"f": float, "i": np.int64, "b": bool}
+EVERY_STEP = ("scalars", "data", "initial")
+"""Arrays with a row for every step, or for the initial instant alone; the others have one for every stored step."""
+
+
+def _scalars(state: State, sticks: Bools, accuracy: float) -> dict[str, float]:
+    """The scalars that a trajectory has of every step; `sticks` (terms,) marks zero increments."""
+    certificate, ledger = state.certificate, state.ledger
+    return {
+        "energy": ledger.energy,
+        "dissipated": ledger.dissipated,
+        "dissipated_second_order": ledger.dissipated_second_order,
+        "work": ledger.work,
+        "norm": ledger.norm,
+        "gap": certificate.gap,
+        "floor": certificate.floor,
+        "iterations": state.iterations,
+        "safeguards": state.safeguards,
+        "contraction": state.rate,
+        "stuck": sticks.sum(),
+        "estimated": certificate.estimate,
+        "unit": state.unit(accuracy),
+    }
+
+
+def _row(state: State, sticks: Bools) -> dict[str, ArrayLike]:
+    """The arrays of a stored step; terms that are dragged come last."""
+    ledger, dragged = state.ledger, state.dragged
+    return {
+        "state": state.unknowns,
+        "multipliers": np.concatenate([state.lam, dragged.lam]),
+        "pressures": state.p,
+        "weights": np.concatenate([state.weights, dragged.weights]),
+        "sticking": sticks,
+        "worn": np.concatenate([ledger.worn, dragged.worn]),
+        "worn_second_order": np.concatenate([ledger.worn_second_order, dragged.worn_second_order]),
+        "slipped": np.concatenate([ledger.slipped, dragged.slipped]),
+        "velocity": 0.0 if state.velocity is None else state.velocity,
+    }
+
+
+class Recorder:
+    """Rows of a trajectory, entered as the march goes on, and checkpoints to go on from.
+
+    Parameters
+    ----------
+    run : PreparedRun
+    times : (N + 1,) array
+    kept : (S,) array
+        Numbers of the steps to keep.
+    storage : Storage
+        Where the rows go.
+    initial : what :func:`vemcvx.stepping.backward_euler.initial_state` takes
+        A run goes on only where it began.
+    """
+
+    def __init__(self, run: PreparedRun, times: Floats, kept: Ints, storage: Storage, initial: ArrayLike | str | None):
+        self._run, self._times, self._kept, self._storage = run, times, kept, storage
+        self._row = {int(n): row for row, n in enumerate(kept)}
+        self._marks = fixed_marks(run, times, kept, initial) if storage.lasting else {}
+        self._sums = dict.fromkeys(self._shapes, 0)
+        self._saved = time.perf_counter()
+
+    @property
+    def _shapes(self) -> dict[str, tuple[tuple[int, ...], type]]:
+        operators, system = self._run.operators, self._run.system
+        sizes = {
+            "S": len(self._kept),
+            "n": system.n,
+            "terms": operators.count + (0 if system.dragged is None else system.dragged.count),
+            "block": operators.block if system.dragged is None else system.dragged.block,
+            "limits": len(operators.compliance),
+        }
+        stored = {
+            name: (tuple(sizes[size] for size in of.sizes), TYPES[of.kind])
+            for name, of in FIELDS.items()
+            if of.sizes[0] == "S" and name != "stored" and not (name == "velocity" and system.damping is None)
+        }
+        return {
+            **stored,
+            "scalars": ((len(self._times), len(SCALARS)), float),
+            "initial": ((1, system.n), float),
+            "data": ((len(self._times) if self._storage.lasting else 0,), np.int64),
+        }
+
+    def begin(self) -> tuple[int, State] | None:
+        """The last step that an earlier run completed and its state, if there was one.
+
+        Raises
+        ------
+        HistoryError
+            The storage holds another run, or rows of it are missing.
+        """
+        arrays = self._storage.load()
+        if arrays is None:
+            return None
+        check_same(self._marks, arrays)
+        self._rows = {name: self._storage.kept(name, *shape) for name, shape in self._shapes.items()}
+        n, state = from_arrays(self._run, self._times, arrays)
+        self._sums = self._checked_sums(n, arrays)
+        check_same_data(self._run.system, self._times, self._rows["data"][: n + 1])
+        log.info("going on after step %d of %d, at t = %g", n, len(self._times) - 1, state.t)
+        return n, state
+
+    def _checked_sums(self, n: int, arrays: Arrays) -> dict[str, int]:
+        """Check sums of the rows up to step `n`, which must be those of the run that wrote them."""
+        stored, sums = int(np.searchsorted(self._kept, n, side="right")), dict.fromkeys(self._rows, 0)
+        kept = dict(zip(self._rows, arrays["sums"].tolist(), strict=False))
+        for name, rows in self._rows.items():
+            for row in rows[: n + 1 if name in EVERY_STEP else stored]:
+                sums[name] = zlib.crc32(row.tobytes(), sums[name])
+            if sums[name] != kept.get(name):
+                raise HistoryError(
+                    f"resume: the file {name}.npy is not as the run has left it: missing, cut short or changed. "
+                    "Run without resume."
+                )
+        return sums
+
+    def add(self, n: int, state: State) -> None:
+        """Enter the state after step `n`; with the initial one, 0, a new run begins.
+
+        Raises
+        ------
+        NotCertified
+            The answer of a kept step does not hold on the full system.
+        """
+        if n == 0:
+            self._storage.clear()
+            self._rows = {name: self._storage.array(name, *shape) for name, shape in self._shapes.items()}
+        left, stored = state, n in self._row
+        if stored or n == 0:
+            state = certified_in_full(self._run, state)
+            if n > 0 and self._run.check:
+                require_certified(self._run, state, n)
+        sticks = sticking(self._run, state) if n > 0 else np.ones(len(state.ledger.worn), dtype=bool)
+        sticks = np.concatenate([sticks, state.dragged.still])
+        scalars = _scalars(state, sticks, self._run.solver.accuracy)
+        self._enter(n, "scalars", [scalars[name] for name in SCALARS])
+        if n == 0:
+            self._enter(0, "initial", state.unknowns)
+        if stored:
+            values = _row(state, sticks)
+            for name in (name for name in self._rows if name not in EVERY_STEP):
+                self._enter(self._row[n], name, values[name])
+        if self._storage.lasting:
+            self._enter(n, "data", mark_of_data(self._run.system, float(self._times[n])))
+            self._checkpoint(n, left, stored)
+
+    def _enter(self, row: int, name: str, values: ArrayLike | None) -> None:
+        rows = self._rows[name]
+        rows[row] = values
+        if self._storage.lasting:
+            self._sums[name] = zlib.crc32(rows[row].tobytes(), self._sums[name])
+
+    def _checkpoint(self, n: int, state: State, stored: bool) -> None:
+        """Keep the state that the next step begins from: at stored steps, and where the last one is long ago."""
+        if stored or time.perf_counter() - self._saved > BETWEEN:
+            self._storage.save(to_arrays(n, state, self._marks, self._sums))
+            self._saved = time.perf_counter()
+
+    def finish(self, seconds: dict[str, float]) -> Trajectory:
+        """The trajectory."""
+        rows = self._rows
+        scalars = {name: np.array(column) for name, column in zip(SCALARS, rows["scalars"].T, strict=True)}
+        trajectory = Trajectory(
+            times=self._times,
+            stored=self._kept,
+            **{name: values for name, values in rows.items() if name not in EVERY_STEP},
+            initial=rows["initial"][0],
+            **{name: column.astype(TYPES[SCALARS[name]]) for name, column in scalars.items()},
+            seconds=seconds,
+            solver=repr(self._run.solver),
+            linear=repr(self._run.condensation.linear),
+            accuracy=float(self._run.solver.accuracy),
+        )
+        say_floor(trajectory.certificate_floor, self._run.solver.accuracy)
+        return trajectory

@@ -1,13 +1,14 @@
-"""Tests for solvers and effects of one's own: what every solver must satisfy, and every effect.
+"""Tests for solvers, linear solvers and effects of one's own: what every one of them must satisfy.
 
 In a file of tests::
 
-    from vemcvx.testing import EffectSample, effect_suite, solver_suite
+    from vemcvx.testing import EffectSample, effect_suite, linear_suite, solver_suite
     test_my_solver = solver_suite(MySolver())
+    test_my_linear_solver = linear_suite(MyLinearSolver())
     test_my_effect = effect_suite(EffectSample(MyEffect(...), beside=(...), others={...}))
 
-A solver is tested on the problems whose features it accepts, and that it refuses the others; an effect in the scene of
-its sample. This needs pytest.
+A solver is tested on the problems whose features it accepts, and that it refuses the others; a linear solver that
+eliminates is tested for that, too; an effect in the scene of its sample. This needs pytest.
 """
 
 from __future__ import annotations
@@ -18,15 +19,17 @@ from typing import Any
 
 import pytest
 
-pytest.register_assert_rewrite("vemcvx.testing.solvers", "vemcvx.testing.effects")
+pytest.register_assert_rewrite("vemcvx.testing.solvers", "vemcvx.testing.linear", "vemcvx.testing.effects")
 
-from vemcvx.solvers import Solver, Solves, as_solver  # noqa: E402 - pytest first, so that it tells why sentences fail
+from vemcvx.linear import LinearSolver  # noqa: E402 - pytest first, so that it tells why sentences fail
+from vemcvx.solvers import Solver, Solves, as_solver  # noqa: E402
 from vemcvx.testing.effects import (  # noqa: E402
     SENTENCES,
     EffectSample,
     Other,
 )
-from vemcvx.testing.solvers import (  # noqa: E402  # noqa: E402
+from vemcvx.testing.linear import sentences  # noqa: E402
+from vemcvx.testing.solvers import (  # noqa: E402
     INSTANCES,
     OF_ANY_SOLVER,
     OF_EACH_INSTANCE,
@@ -35,7 +38,7 @@ from vemcvx.testing.solvers import (  # noqa: E402  # noqa: E402
     refuses_what_it_does_not_accept,
 )
 
-__all__ = ["INSTANCES", "EffectSample", "Instance", "Other", "effect_suite", "solver_suite"]
+__all__ = ["INSTANCES", "EffectSample", "Instance", "Other", "effect_suite", "linear_suite", "solver_suite"]
 
 ON_DIGITS = ("gives_the_same_answer_twice", "knows_no_units")
 """Sentences about every digit."""
@@ -62,6 +65,7 @@ def solver_suite(
 
 def _test(cases: list[Any]) -> Callable[..., None]:
     @pytest.mark.filterwarnings("ignore:.*nothing holds the body in the normal direction")
+    @pytest.mark.filterwarnings("ignore:.*nothing but friction or one-sided contact")
     @pytest.mark.parametrize("case", cases)
     def test(case: Callable[[], None]) -> None:
         case()
@@ -94,5 +98,22 @@ def effect_suite(samples: EffectSample | Mapping[str, EffectSample]) -> Callable
             pytest.param(partial(sentence, sample), id=f"{name}: {sentence.__name__}")
             for name, sample in named.items()
             for sentence in SENTENCES
+        ]
+    )
+
+
+def linear_suite(solvers: LinearSolver | Mapping[str, LinearSolver]) -> Callable[..., None]:
+    """A test, to be given a name that begins with test_: one case for each linear solver and sentence.
+
+    Parameters
+    ----------
+    solvers : LinearSolver, or mapping of names to linear solvers
+    """
+    named = solvers if isinstance(solvers, Mapping) else {type(solvers).__name__: solvers}
+    return _test(
+        [
+            pytest.param(partial(sentence, linear), id=f"{name}: {words}")
+            for name, linear in named.items()
+            for words, sentence in sentences(linear)
         ]
     )

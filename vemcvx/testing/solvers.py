@@ -59,16 +59,19 @@ class Instance:
         return Condensation(self.system).operators.features
 
 
-def _block(*below: Effect) -> Callable[[], System]:
-    """The paper's block, held on the right, pulled to and fro on the left, on what is below."""
+def block(
+    *below: Effect, of: Effect | None = None, held: bool = True, family: str = "squares", n: int = 4
+) -> Callable[[], System]:
+    """The paper's block, held on the right, pulled to and fro on the left, on what is below; gently if not held."""
 
     def pull(x: Floats, t: float) -> Floats:
-        course = np.sin(6 * t)
+        course = np.sin(6 * t) if held else 0.02 * np.sin(6 * t)
         return np.column_stack([8 * (1.25 - x[:, 1]) * course, np.full(len(x), -0.5 * course)])
 
     def make() -> System:
-        scene = Scene(Elasticity(200.0, 0.3), Clamp(on="right"), Traction(pull, on="left"), *below)
-        return pose_scene(scene, FAMILIES["squares"](4), TIMES.tolist()).system
+        support = [Clamp(on="right")] if held else []
+        scene = Scene(of or Elasticity(200.0, 0.3), *support, Traction(pull, on="left"), *below)
+        return pose_scene(scene, FAMILIES[family](n), TIMES.tolist()).system
 
     return make
 
@@ -115,11 +118,11 @@ def _sparse(rows: ArrayLike) -> sp.csr_matrix:
 INSTANCES = {
     name: Instance(name, make)
     for name, make in {
-        "no terms": _block(),
-        "friction": _block(BilateralContact(on="bottom"), TrescaFriction(4.0, on="bottom")),
-        "contact": _block(UnilateralContact(on="bottom", gap=1e-4)),
-        "contact and friction": _block(UnilateralContact(on="bottom"), TrescaFriction(1.0, on="bottom")),
-        "compliant contact": _block(NormalCompliance(1e3, on="bottom"), TrescaFriction(1.0, on="bottom")),
+        "no terms": block(),
+        "friction": block(BilateralContact(on="bottom"), TrescaFriction(4.0, on="bottom")),
+        "contact": block(UnilateralContact(on="bottom", gap=1e-4)),
+        "contact and friction": block(UnilateralContact(on="bottom"), TrescaFriction(1.0, on="bottom")),
+        "compliant contact": block(NormalCompliance(1e3, on="bottom"), TrescaFriction(1.0, on="bottom")),
         "friction of one component": lambda: sliders(1),
         "friction of two components": lambda: sliders(2),
         "friction in space": _cube(BilateralContact(on="bottom"), TrescaFriction(0.6, on="bottom")),

@@ -10,7 +10,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from vemcvx.arrays import Bools, Floats, Ints, read_only, totals
-from vemcvx.meshes.polygons.topology import offsets_of
+from vemcvx.meshes.polygons import offsets_of
 from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 from vemcvx.vem.projection import FaceGroup, face_groups, tangents_of
 

@@ -6,7 +6,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from vemcvx.arrays import Bools, Floats, Ints
-from vemcvx.meshes.polygons.geometry import INNER, clip_ears, cross, places, polygon_centroids, signed_areas
+from vemcvx.meshes.polygons import INNER, cross, diagonals_of, places, polygon_centroids, signed_areas
 from vemcvx.vem.boundary import Part
 from vemcvx.vem.elasticity import COMPONENTS
 from vemcvx.vem.projection import CellGroup, PolyhedronGroup
@@ -21,7 +21,7 @@ from vemcvx.vem.space import Space
 # match all moments of degree 2. They lie on the ellipse |M^(-1/2)(x - c)|^2 = 2, which every convex cell
 # contains (Kannan, Lovasz, Simonovits, Discrete Comput. Geom. 13 (1995): radius sqrt((d + 2)/d) in d
 # dimensions); in a triangle it touches the sides. Cells where one of these points is not clearly inside are cut
-# into triangles: from the centroid if it sees all edges, else by clipping ears. A triangle has three inner points.
+# into triangles: from the centroid if it sees all edges, else along diagonals. A triangle has three inner points.
 
 
 Rule = tuple[Floats, Floats, Ints]
@@ -44,7 +44,7 @@ def cell_quadrature(group: CellGroup) -> Rule:
     pieces = [
         _on_ring(ring[convex] + centres[convex, None], areas[convex], np.flatnonzero(convex)),
         _on_fan(corners[rest[star]], centres[rest[star]], rest[star]),
-        _on_ears(corners[rest[~star]], rest[~star]),
+        _along_diagonals(corners[rest[~star]], rest[~star]),
     ]
     points, weights, owner = (np.concatenate(part) for part in zip(*pieces, strict=True))
     return _placed((points, weights, owner), origin)
@@ -90,14 +90,9 @@ def _on_fan(corners: Floats, centres: Floats, owner: Ints) -> Rule:
     return _on_triangles(triangles.reshape(-1, 3, 2), np.repeat(owner, corners.shape[1]))
 
 
-def _on_ears(corners: Floats, owner: Ints) -> Rule:
-    ears = clip_ears(corners)
-    triangles = corners[np.arange(len(corners))[:, None, None], ears]
-    points, weights, owner = _on_triangles(triangles.reshape(-1, 3, 2), np.repeat(owner, ears.shape[1]))
-    per_cell = weights.reshape(len(corners), 3 * ears.shape[1])
-    # Ears with less of the cell's area than this are flat, and their points on its boundary: they are left out.
-    kept = (np.abs(per_cell) > 1e-14 * per_cell.sum(axis=1)[:, None]).ravel()
-    return points[kept], weights[kept], owner[kept]
+def _along_diagonals(corners: Floats, owner: Ints) -> Rule:
+    cut = corners[np.arange(len(corners))[:, None, None], diagonals_of(corners)]
+    return _on_triangles(cut.reshape(-1, 3, 2), np.repeat(owner, cut.shape[1]))
 
 
 def _on_triangles(triangles: Floats, owner: Ints) -> Rule:

@@ -14,8 +14,7 @@ import scipy.sparse as sp
 
 from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.meshes.interfaces import faces_of
-from vemcvx.meshes.polygons.geometry import overlapping_boxes
-from vemcvx.meshes.polygons.topology import offsets_of, spans
+from vemcvx.meshes.polygons import offsets_of, overlapping_boxes, spans
 from vemcvx.meshes.polyhedra import angles_seen
 from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 from vemcvx.vem.projection import face_groups

@@ -10,8 +10,7 @@ from typing import Self
 import numpy as np
 
 from vemcvx.arrays import Bools, Floats, Ints, read_only, totals
-from vemcvx.meshes.polygons.geometry import RADON_POINTS, RADON_WEIGHTS, clip_ears
-from vemcvx.meshes.polygons.topology import spans
+from vemcvx.meshes.polygons import RADON_POINTS, RADON_WEIGHTS, diagonals_of, spans
 from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 
 # The projection Pi_K of Section 3 in vertex values.
@@ -97,7 +96,7 @@ def tangents_of(normals: Floats) -> Floats:
 #
 # so that a_i is A/3 on triangles, A/4 on rectangles, and positive: contact has weights that are. Both cells of a face
 # share its triangles, so the sum of the b_i over a closed surface vanishes even if faces are warped by rounding. A
-# face that c does not see all of is cut into triangles by clipping ears, without c.
+# face that c does not see all of is cut into triangles along diagonals, without c.
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -190,7 +189,7 @@ def face_groups(points: Floats, offsets: Ints, vertices: Ints, faces: Ints) -> I
         if sees.any():
             yield _some(fans, sees)
         cut = _some(fans, ~sees)
-        yield replace(cut, triangles=_ears(cut.corners[:, :n]))
+        yield replace(cut, triangles=_along_diagonals(cut.corners[:, :n]))
 
 
 def _some(group: FaceGroup, mine: Bools) -> FaceGroup:
@@ -210,11 +209,11 @@ def _fan(n: int) -> Ints:
     return np.column_stack([np.full(n, n), np.arange(n), np.roll(np.arange(n), -1)])
 
 
-def _ears(corners: Floats) -> Ints:
+def _along_diagonals(corners: Floats) -> Ints:
     """Triangles (f, n - 2, 3) of faces (f, n, 3)."""
     vector = 0.5 * np.cross(corners, np.roll(corners, -1, axis=1)).sum(axis=1)
     plane = tangents_of(vector / np.linalg.norm(vector, axis=1)[:, None])
-    return clip_ears(np.einsum("fbi,fni->fnb", plane, corners))
+    return diagonals_of(np.einsum("fbi,fni->fnb", plane, corners))
 
 
 # Cells with equally many vertices, in the plane and in space, and the integrals that their projection is made of.

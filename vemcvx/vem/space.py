@@ -16,7 +16,7 @@ import numpy as np
 from vemcvx.arrays import Bools, Ints, read_only
 from vemcvx.errors import SceneError
 from vemcvx.meshes import AnyMesh, PolyhedralMesh, plane_mesh
-from vemcvx.meshes.polygons.topology import spans
+from vemcvx.meshes.polygons import spans
 from vemcvx.vem.boundary import MirrorPlanes, Part, edge_part, face_part
 from vemcvx.vem.projection import CellGroup, polyhedron_groups
 

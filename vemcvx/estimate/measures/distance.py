@@ -33,7 +33,7 @@ import numpy as np
 from vemcvx.arrays import Bools, Floats, Ints, as_real_array, brief, choice, finite, flag, number, totals
 from vemcvx.errors import HistoryError, MeshError
 from vemcvx.meshes import PolygonMesh, plane_mesh
-from vemcvx.meshes.polygons.geometry import INNER, fans, nearest, outlines, overlaps, places
+from vemcvx.meshes.polygons import INNER, fans, nearest, outlines, overlaps, places
 from vemcvx.results.results import Results
 from vemcvx.vem import CellGroup, Space, elastic_matrix, strains, stresses, upper_triangle
 from vemcvx.vem.elasticity import missed_squares, softest_shear

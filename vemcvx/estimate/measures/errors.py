@@ -15,7 +15,7 @@ from vemcvx.errors import HistoryError
 from vemcvx.estimate.measures.distance import Field, Measured, field_of, measured
 from vemcvx.meshes import plane_mesh
 from vemcvx.meshes.interpolation import projected_values
-from vemcvx.meshes.polygons.geometry import RADON_POINTS, RADON_WEIGHTS, outlines, places, triangulated
+from vemcvx.meshes.polygons import RADON_POINTS, RADON_WEIGHTS, outlines, places, triangulated
 from vemcvx.outline import Table
 from vemcvx.owned_files import path_of
 from vemcvx.results.results import Results

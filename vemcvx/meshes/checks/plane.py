@@ -18,19 +18,17 @@ from vemcvx.arrays import Floats, Ints, plain
 from vemcvx.errors import MeshError
 from vemcvx.meshes.box import LARGEST
 from vemcvx.meshes.interfaces import Interface, check_interfaces, pairs_of, places_of
-from vemcvx.meshes.polygons.geometry import (
+from vemcvx.meshes.polygons import (
     TOLERANCE,
     areas_and_centroids,
+    cell_of_corner,
     close_pairs,
     cross,
     diameters,
-    outlines,
-    rounding,
-)
-from vemcvx.meshes.polygons.topology import (
-    cell_of_corner,
     directed_edges,
     offsets_of,
+    outlines,
+    rounding,
     shared_edges,
     turned,
 )

@@ -34,13 +34,17 @@ from vemcvx.meshes.checks.plane import (
     laid_flat,
 )
 from vemcvx.meshes.interfaces import Interface, check_interfaces, pairs_of, places_of
-from vemcvx.meshes.polygons.geometry import TOLERANCE, cross, diameters, outlines, overlapping_boxes
-from vemcvx.meshes.polygons.topology import (
+from vemcvx.meshes.polygons import (
+    TOLERANCE,
     cell_of_corner,
+    cross,
+    diameters,
     directed_edges,
     edge_keys,
     next_corner,
     offsets_of,
+    outlines,
+    overlapping_boxes,
     rows_in_order,
     same_rows,
     smallest_linked,

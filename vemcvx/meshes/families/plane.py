@@ -18,7 +18,7 @@ from vemcvx.meshes.box import (
     listed,
 )
 from vemcvx.meshes.polygon_mesh import PolygonMesh
-from vemcvx.meshes.polygons.topology import offsets_of
+from vemcvx.meshes.polygons import offsets_of
 
 # Equal rectangles (squares where the box allows), numbered row by row; meshes of such numberings with holes.
 

@@ -16,7 +16,7 @@ from vemcvx.meshes.box import (
     check_box,
 )
 from vemcvx.meshes.families.voronoi import voronoi
-from vemcvx.meshes.polygons.topology import offsets_of, rows_in_order
+from vemcvx.meshes.polygons import offsets_of, rows_in_order
 from vemcvx.meshes.polyhedra import FACES, joined_faces
 from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 

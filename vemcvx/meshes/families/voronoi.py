@@ -34,10 +34,13 @@ from vemcvx.meshes.box import (
     placed,
 )
 from vemcvx.meshes.polygon_mesh import PolygonMesh
-from vemcvx.meshes.polygons.geometry import areas_and_centroids, close_pairs, cross, nearest
-from vemcvx.meshes.polygons.topology import (
+from vemcvx.meshes.polygons import (
+    areas_and_centroids,
     cell_of_corner,
+    close_pairs,
+    cross,
     directed_edges,
+    nearest,
     next_corner,
     next_vertex,
     offsets_of,

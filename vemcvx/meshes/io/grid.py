@@ -27,7 +27,7 @@ from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.errors import MeshError, MeshWarning
 from vemcvx.meshes.box import WHOLE
 from vemcvx.meshes.interfaces import Interface, faces_of, padded
-from vemcvx.meshes.polygons.topology import (
+from vemcvx.meshes.polygons import (
     cell_of_corner,
     directed_edges,
     offsets_of,

@@ -35,8 +35,7 @@ from vemcvx.meshes.io.grid import (
     translated,
 )
 from vemcvx.meshes.io.vtk import read_xml, write_xml
-from vemcvx.meshes.polygons.geometry import polygon_centroids
-from vemcvx.meshes.polygons.topology import offsets_of, positions, rows_in_order
+from vemcvx.meshes.polygons import offsets_of, polygon_centroids, positions, rows_in_order
 from vemcvx.meshes.tessellation import SpaceTessellation
 
 if TYPE_CHECKING:

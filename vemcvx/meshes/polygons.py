@@ -1,0 +1,463 @@
+"""Many polygons at once, in flat arrays: who touches whom, and geometry in the plane.
+
+Cells are rows of different lengths, laid end to end: row c is ``flat[offsets[c]:offsets[c + 1]]``. With the vertices of
+cells as rows, corner k of that flat list starts the directed edge from ``vertices[k]`` to the next vertex of the same
+cell. Packing an undirected edge {a, b}, a < b, into the one integer a * n_nodes + b makes "which corners share an edge"
+a single sort.
+
+The sign of (b - a) x (p - a) says on which side of the line through a and b the point p lies. Differences of
+coordinates are exact up to the rounding of the coordinates themselves, so distances below `TOLERANCE` times the
+coordinates mean nothing and count as zero. Areas and centroids take coordinates relative to the first vertex o of each
+cell (d_i = x_i - o):
+
+    area     = 1/2 sum_i d_i x d_{i+1}                          (counter-clockwise positive)
+    centroid = o + 1/(6 area) sum_i (d_i + d_{i+1}) (d_i x d_{i+1})
+
+so a mesh far from the origin loses nothing, whereas products of coordinates near 1e6 would leave four digits of the
+area of a cell of size 1e-3.
+
+Shapely and SciPy's spatial structures are imported when somebody looks: they take .1 and .3 s.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
+
+from vemcvx.arrays import Bools, Floats, Ints
+
+
+def spans(starts: Ints, counts: Ints) -> Ints:
+    """The numbers starts[0], starts[0] + 1, ... (counts[0] of them), then those from starts[1] and so on."""
+    before = np.cumsum(counts) - counts
+    return np.repeat(starts - before, counts) + np.arange(counts.sum())
+
+
+def offsets_of(counts: Ints) -> Ints:
+    """The offsets at which rows of these lengths begin, and the last one's end."""
+    return np.concatenate([[0], np.cumsum(counts)])
+
+
+def rows_in_order(offsets: Ints, flat: Ints, order: Ints) -> tuple[Ints, Ints]:
+    """Offsets and entries of the rows with the given numbers, in this order."""
+    counts = np.diff(offsets)[order]
+    return offsets_of(counts), flat[spans(offsets[order], counts)]
+
+
+def turned(offsets: Ints, vertices: Ints, backwards: Bools) -> Ints:
+    """Vertices with the given rows listed the other way round, each from the same first vertex."""
+    counts = np.repeat(np.diff(offsets), np.diff(offsets))
+    start = np.repeat(offsets[:-1], np.diff(offsets))
+    place = np.arange(len(vertices)) - start
+    mirrored = start + (counts - place) % counts
+    return np.where(np.repeat(backwards, np.diff(offsets)), vertices[mirrored], vertices)
+
+
+def same_rows(offsets: Ints, vertices: Ints) -> tuple[Ints, Ints]:
+    """Rows of the same entries, in any order, are one: the first of each, and which of these each row is."""
+    counts = np.diff(offsets)
+    leader = np.arange(len(counts))
+    for count in np.unique(counts):
+        listed = np.flatnonzero(counts == count)
+        rows = np.sort(vertices[offsets[listed, None] + np.arange(count)], axis=1)
+        order = np.lexsort(rows.T[::-1])
+        rows = rows[order]
+        starts = np.concatenate([[True], (rows[1:] != rows[:-1]).any(axis=1)])
+        leader[listed[order]] = listed[order[np.flatnonzero(starts)]][np.cumsum(starts) - 1]
+    first = np.unique(leader)
+    return first, np.searchsorted(first, leader)
+
+
+def matching_rows(offsets: Ints, flat: Ints, wanted_offsets: Ints, wanted: Ints) -> Ints:
+    """Number of the row that has the same entries as each wanted row, in any order; -1 where there is none."""
+    count = len(offsets) - 1
+    whole = np.concatenate([offsets, offsets[-1] + wanted_offsets[1:]])
+    first, number = same_rows(whole, np.concatenate([flat, wanted]))
+    found: Ints = first[number[count:]]
+    return np.where(found < count, found, -1)
+
+
+def first_in_row(flags: Bools, offsets: Ints) -> Ints:
+    """Place of the first True in each row, counted from the beginning of the row; 0 if there is none."""
+    place = np.arange(len(flags)) - np.repeat(offsets[:-1], np.diff(offsets))
+    none = len(flags)
+    first = np.minimum.reduceat(np.where(flags, place, none), offsets[:-1])
+    return np.where(first == none, 0, first)
+
+
+def rotation(offsets: Ints, first: Ints) -> Ints:
+    """Positions of all entries with every row turned so that it begins with its entry number ``first``."""
+    counts = np.diff(offsets)
+    begin, count = np.repeat(offsets[:-1], counts), np.repeat(counts, counts)
+    turned: Ints = (np.arange(offsets[-1]) - begin + np.repeat(first, counts)) % count
+    return begin + turned
+
+
+def next_corner(offsets: Ints) -> Ints:
+    """Position of the corner that follows each corner in its own cell."""
+    follow = np.arange(1, offsets[-1] + 1)
+    follow[offsets[1:] - 1] = offsets[:-1]
+    return follow
+
+
+def previous_corner(offsets: Ints) -> Ints:
+    """Position of the corner that precedes each corner in its own cell."""
+    before = np.arange(-1, offsets[-1] - 1)
+    before[offsets[:-1]] = offsets[1:] - 1
+    return before
+
+
+def next_vertex(offsets: Ints, vertices: Ints) -> Ints:
+    """Vertex that follows each corner's vertex in its own cell."""
+    return vertices[next_corner(offsets)]
+
+
+def cell_of_corner(offsets: Ints) -> Ints:
+    """Cell that each corner belongs to."""
+    return np.repeat(np.arange(len(offsets) - 1), np.diff(offsets))
+
+
+def directed_edges(offsets: Ints, vertices: Ints) -> Ints:
+    """The edge (a, b) that starts at each corner, (n_corners, 2)."""
+    return np.column_stack([vertices, next_vertex(offsets, vertices)])
+
+
+def edge_keys(edges: Ints, n_nodes: int) -> Ints:
+    """One integer for each undirected edge (m, 2): min * n_nodes + max (exact below 3e9 nodes)."""
+    return np.minimum(edges[:, 0], edges[:, 1]) * n_nodes + np.maximum(edges[:, 0], edges[:, 1])
+
+
+def positions(wanted: Ints, edges: Ints, n_nodes: int) -> Ints:
+    """The positions of wanted edges (k, 2) among the edges (m, 2), in either direction; all must be there."""
+    keys = edge_keys(edges, n_nodes)
+    order = np.argsort(keys)
+    return order[np.searchsorted(keys, edge_keys(wanted, n_nodes), sorter=order)]
+
+
+@dataclass(frozen=True, eq=False)
+class SharedEdges:
+    """Corners of a mesh sorted by the undirected edge they start."""
+
+    corners: Ints
+    """(n_corners,) all corners, those of one edge side by side, in the order of their cells"""
+    first: Ints
+    """(n_edges,) where in `corners` each edge begins"""
+    counts: Ints
+    """(n_edges,) how many cells share it: 1 on the boundary, 2 inside, more only in broken meshes"""
+
+    @property
+    def alone(self) -> Ints:
+        """Corners whose edge belongs to one cell only, in the order of the cells."""
+        return np.sort(self.corners[self.first[self.counts == 1]])
+
+    @property
+    def twice(self) -> tuple[Ints, Ints]:
+        """The corners that start each edge of two cells: in the one of lower number, and in the other."""
+        first = self.first[self.counts == 2]
+        return self.corners[first], self.corners[first + 1]
+
+
+def shared_edges(offsets: Ints, vertices: Ints, n_nodes: int) -> SharedEdges:
+    """Sort the corners by undirected edge (see `SharedEdges`)."""
+    keys = edge_keys(directed_edges(offsets, vertices), n_nodes)
+    # Not only for the order: keys of meshes come in runs, and this takes a sixth of the time of a quicksort.
+    corners = np.argsort(keys, kind="stable")
+    keys = keys[corners]
+    first = np.flatnonzero(np.concatenate([[True], keys[1:] != keys[:-1]]))
+    return SharedEdges(corners, first, np.diff(np.append(first, len(keys))))
+
+
+def neighbours(offsets: Ints, shared: SharedEdges) -> Ints:
+    """Pairs of cells that share an edge, (m, 2), the smaller number first; a pair appears once an edge."""
+    return cell_of_corner(offsets)[np.column_stack(shared.twice)]
+
+
+def smallest_linked(pairs: Ints, count: int) -> Ints:
+    """Connected components: for each number below `count` the smallest that pairs (m, 2) link it to, (count,)."""
+    links = csr_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
+    label = connected_components(links, directed=False)[1]
+    first: Ints = np.unique(label, return_index=True)[1]
+    return first[label]
+
+
+# Four units in the last place: the middle and the thirds of an edge, computed in any order, stay below two.
+TOLERANCE = 4.0 * np.finfo(float).eps
+
+
+def cross(a: Floats, b: Floats) -> Floats:
+    """a x b of vectors (..., 2)."""
+    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+
+
+def right_of(vectors: Floats) -> Floats:
+    """Vectors (m, 2) turned clockwise by a quarter: outward normals of counter-clockwise edges, as long as these."""
+    return np.column_stack([vectors[:, 1], -vectors[:, 0]])
+
+
+def rounding(*points: Floats) -> Floats:
+    """Length below which a distance between the given points (m, 2) is rounding of their coordinates, (m,)."""
+    largest: Floats = np.max([np.abs(point).max(axis=1) for point in points], axis=0)
+    return TOLERANCE * largest
+
+
+def overlapping_boxes(low: Floats, high: Floats, tree_low: Floats, tree_high: Floats) -> tuple[Ints, Ints]:
+    """Pairs (i, j) where the box [low_i, high_i] meets the box [tree_low_j, tree_high_j], by i; boxes are (m, d).
+
+    A tree finds the pairs that meet along the two longest axes of all boxes together.
+    """
+    from shapely import STRtree, box, points
+
+    if not len(low) or not len(tree_low):
+        return np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64)
+    u, v = np.argsort(tree_low.min(axis=0) - tree_high.max(axis=0), kind="stable")[:2]
+    tree = box(tree_low[:, u], tree_low[:, v], tree_high[:, u], tree_high[:, v])
+    boxes = points(low[:, [u, v]]) if low is high else box(low[:, u], low[:, v], high[:, u], high[:, v])
+    i, j = STRtree(tree).query(boxes)
+    meet = ((low[i] <= tree_high[j]) & (high[i] >= tree_low[j])).all(axis=1)
+    return i[meet], j[meet]
+
+
+def outlines(points: Floats, offsets: Ints, vertices: Ints) -> NDArray[Any]:
+    """The polygons (n_cells,) as objects of Shapely."""
+    import shapely
+
+    rings = shapely.linearrings(points[vertices], indices=cell_of_corner(offsets))
+    return np.asarray(shapely.polygons(rings))
+
+
+def holding(polygons: NDArray[Any], places: Floats) -> tuple[Ints, Ints]:
+    """Pairs (i, j) where place i of (n, 2) lies in the closed polygon j, by i."""
+    import shapely
+
+    i, j = shapely.STRtree(polygons).query(shapely.points(places), predicate="intersects")
+    return i, j
+
+
+def overlaps(first: NDArray[Any], second: NDArray[Any]) -> tuple[Ints, Ints, NDArray[Any]]:
+    """Pairs (i, j) of polygons that share an area, and the polygons that they share, some pairs several.
+
+    A polygon that another covers is what they share: refined meshes need no intersections.
+    """
+    import shapely
+
+    one = np.stack(shapely.STRtree(second).query(first, predicate="covers"))
+    other = np.stack(shapely.STRtree(first).query(second, predicate="covers"))[::-1]
+    inside = np.zeros(len(first), dtype=bool), np.zeros(len(second), dtype=bool)
+    inside[0][other[0]], inside[1][one[1]] = True, True
+    other = other[:, ~inside[1][other[1]]]
+    i, j = np.flatnonzero(~inside[0]), np.flatnonzero(~inside[1])
+    pairs = np.array([i[:0], j[:0]]) if not (len(i) and len(j)) else shapely.STRtree(second[j]).query(first[i])
+    pairs = np.stack([i[pairs[0]], j[pairs[1]]])
+    shared, pair = shapely.get_parts(shapely.intersection(first[pairs[0]], second[pairs[1]]), return_index=True)
+    cut = shapely.area(shared) > 0.0
+    found = np.concatenate([one, other, pairs[:, pair[cut]]], axis=1)
+    return found[0], found[1], np.concatenate([second[one[1]], first[other[0]], shared[cut]])
+
+
+def triangulated(polygons: NDArray[Any]) -> Triangles:
+    """The triangles of simple polygons, between their own vertices."""
+    import shapely
+
+    cut, owner = shapely.get_parts(shapely.constrained_delaunay_triangles(polygons), return_index=True)
+    corners = shapely.get_coordinates(shapely.get_exterior_ring(cut)).reshape(-1, 4, 2)[:, 2::-1]
+    areas = signed_areas(corners)
+    return Triangles(np.where(areas[:, None, None] < 0.0, corners[:, ::-1], corners), np.abs(areas), owner)
+
+
+def fans(polygons: NDArray[Any]) -> Triangles:
+    """The triangles from the first corner of each polygon to all its sides, those that turn right with negative areas.
+
+    They need not lie in the polygon, but what is a polynomial on it has the sum of their integrals.
+    """
+    import shapely
+
+    x, owner = shapely.get_coordinates(shapely.get_exterior_ring(shapely.orient_polygons(polygons)), return_index=True)
+    first = np.flatnonzero(np.diff(owner, prepend=-1))
+    side = np.setdiff1d(np.arange(len(x) - 1), np.append(first, first - 1))
+    corners = np.stack([x[first][owner[side]], x[side], x[side + 1]], axis=1)
+    areas = signed_areas(corners)
+    return Triangles(corners, areas, owner[side])
+
+
+def close_pairs(points: Floats, distance: float) -> Ints:
+    """Pairs (m, 2) of points (n, dim) that are no farther apart than a distance."""
+    from scipy.spatial import cKDTree
+
+    return cKDTree(points).query_pairs(distance, output_type="ndarray").astype(np.int64)
+
+
+def nearest(points: Floats, places: Floats) -> tuple[Floats, Ints]:
+    """Distance (m,) from each place (m, dim) to the nearest of the points (n, dim), and its number (m,)."""
+    from scipy.spatial import cKDTree
+
+    distance, number = cKDTree(points).query(places)
+    return np.asarray(distance, dtype=float), np.asarray(number, dtype=np.int64)
+
+
+def areas_and_centroids(points: Floats, offsets: Ints, vertices: Ints) -> tuple[Floats, Floats]:
+    """Signed areas (n_cells,) and centroids (n_cells, 2); the centroid of a cell without area is its first vertex."""
+    origin = points[vertices[offsets[:-1]]]
+    here = points[vertices] - np.repeat(origin, np.diff(offsets), axis=0)
+    after = here[next_corner(offsets)]
+    part = cross(here, after)
+    doubled = np.add.reduceat(part, offsets[:-1])
+    moments = np.add.reduceat((here + after) * part[:, None], offsets[:-1], axis=0)
+    shift = np.divide(moments, 3.0 * doubled[:, None], out=np.zeros_like(moments), where=doubled[:, None] != 0.0)
+    return 0.5 * doubled, origin + shift
+
+
+def polygon_centroids(corners: Floats) -> tuple[Floats, Floats]:
+    """Signed areas (c,) and centroids (c, 2) of polygons of n vertices each, (c, n, 2)."""
+    c, n, _ = corners.shape
+    return areas_and_centroids(corners.reshape(-1, 2), np.arange(c + 1) * n, np.arange(c * n))
+
+
+def diameters(points: Floats, offsets: Ints, vertices: Ints) -> Floats:
+    """Largest distance of two vertices of each cell, (n_cells,); each cell's vertices as a row, in any order."""
+    counts = np.diff(offsets)
+    squared = np.zeros(len(counts))
+    for count in np.unique(counts):
+        cells = np.flatnonzero(counts == count)
+        corner = points[vertices[offsets[cells, None] + np.arange(count)]]
+        for step in range(1, count // 2 + 1):  # in a ring, every pair is at most half a turn apart
+            apart = corner - np.roll(corner, -step, axis=1)
+            squared[cells] = np.maximum(squared[cells], np.einsum("cij,cij->ci", apart, apart).max(axis=1))
+    return np.sqrt(squared)
+
+
+# Barycentric coordinates of the inner three-point rule of degree 2; its weights are equal.
+INNER = np.full((3, 3), 1.0 / 6.0) + 0.5 * np.eye(3)
+# Those of Radon's seven points (Monatsh. Math. 52 (1948)), exact for degree 5, and their weights, which add up to one:
+# the centroid with 9/40, and for r = -+ sqrt 15 the points (s, s, 1 - 2s), s = (6 + r) / 21, with (155 + r) / 1200.
+RADON_POINTS = np.concatenate(
+    [np.full((1, 3), 1.0 / 3.0)]
+    + [np.full((3, 3), (6.0 + r) / 21.0) + (1.0 - r) / 7.0 * np.eye(3) for r in (-np.sqrt(15.0), np.sqrt(15.0))]
+)
+RADON_WEIGHTS = np.repeat([0.225, (155.0 - np.sqrt(15.0)) / 1200.0, (155.0 + np.sqrt(15.0)) / 1200.0], [1, 3, 3])
+
+
+class Triangles(NamedTuple):
+    """Triangles with their areas, and what each is a part of."""
+
+    corners: Floats
+    areas: Floats
+    owner: Ints
+
+
+def signed_areas(corners: Floats) -> Floats:
+    """Areas (...,) of triangles (..., 3, 2), counter-clockwise positive."""
+    return 0.5 * cross(corners[..., 1, :] - corners[..., 0, :], corners[..., 2, :] - corners[..., 0, :])
+
+
+def places(corners: Floats, barycentric: Floats) -> Floats:
+    """The points (t, q, 2) with the given barycentric coordinates (q, 3) in each triangle."""
+    # Relative to the first vertex: a body far from the origin loses no digits.
+    origin = corners[:, :1]
+    within: Floats = np.matmul(barycentric, corners - origin)
+    return origin + within
+
+
+def triangles_of(polygons: NDArray[Any], offsets: Ints, corner: Ints, corners: Floats) -> tuple[Ints, Ints]:
+    """The triangles of polygons, as Delaunay's as may be: of which each is, and its corners (t, 3), counter-clockwise.
+
+    Polygon k has the corners ``corner[offsets[k]:offsets[k + 1]]``, in holes and outside, which are numbers in (n, 2).
+    """
+    import shapely
+
+    parts, owner = shapely.get_parts(shapely.constrained_delaunay_triangles(polygons), return_index=True)
+    at = shapely.get_coordinates(shapely.get_exterior_ring(parts)).reshape(-1, 4, 2)[:, :3]
+    at = np.where((signed_areas(at) < 0.0)[:, None, None], at[:, ::-1], at)
+    rows = np.empty((len(owner), 3), dtype=np.int64)
+    counts = np.diff(offsets)[owner]
+    for n in np.unique(counts):
+        mine = np.flatnonzero(counts == n)
+        known = corner[offsets[owner[mine], None] + np.arange(n)]
+        same = (corners[known][:, None] == at[mine][:, :, None]).all(axis=3)
+        rows[mine] = np.take_along_axis(known, np.argmax(same, axis=2), axis=1)
+    return owner, rows
+
+
+def diagonals_of(corners: Floats) -> Ints:
+    """Triangles (c, n - 2, 3) of simple polygons (c, n, 2), vertices on straight sides included; counter-clockwise."""
+    c, n, _ = corners.shape
+    if c == 0:
+        return np.zeros((0, n - 2, 3), dtype=np.int64)
+    flat, number = corners.reshape(-1, 2), np.arange(c * n)
+    offsets = np.arange(c + 1) * n
+    rows: Ints = triangles_of(outlines(flat, offsets, number), offsets, number, flat)[1]
+    return np.asarray(rows.reshape(c, n - 2, 3) - offsets[:-1, None, None])
+
+
+def kernel_centroids(corners: Floats) -> tuple[Floats, Floats]:
+    """Points (c, 2) that see all of a polygon each, and how far they are from the lines of the sides, (c,).
+
+    The corners (c, n, 2) are counter-clockwise, all within 1 of the origin. The point is the origin if it is .1 away
+    from all lines, else the centroid of the kernel, the part of the polygon that is left of every side; the origin
+    again where there is none. Distances are the least signed ones, negative outside.
+    """
+    import shapely
+
+    edge = np.roll(corners, -1, axis=1) - corners
+    forth = edge / np.hypot(edge[..., 0], edge[..., 1])[..., None]
+    left = np.stack([-forth[..., 1], forth[..., 0]], axis=-1)
+    points = np.zeros((len(corners), 2))
+    sought = np.flatnonzero(np.einsum("cia,cia->ci", -corners, left).min(axis=1) < 0.1)
+    kernel = shapely.polygons(corners[sought])
+    for side in range(corners.shape[1]):
+        start, u, v = (a[sought, side, None] for a in (corners, forth, left))
+        # All of the polygon that is left of the side is within 2 of the corner where it starts.
+        half = start + 2.0 * np.concatenate([-u, u, u + v, v - u], axis=1)
+        kernel = shapely.intersection(kernel, shapely.polygons(half))
+    seeing = shapely.area(kernel) > 0.0
+    points[sought[seeing]] = shapely.get_coordinates(shapely.centroid(kernel[seeing]))
+    return points, np.einsum("cia,cia->ci", points[:, None] - corners, left).min(axis=1)
+
+
+def convex_pieces(corners: Floats) -> list[list[int]]:
+    """The convex pieces of a polygon (n, 2), each by the numbers of its corners; all counter-clockwise.
+
+    Of its triangles every diagonal is taken out again whose absence leaves no right turn: at most four times as many
+    pieces as the best (S. Hertel, K. Mehlhorn, FCT 1983, LNCS 158, 207-218). The one under the flattest comes first.
+    """
+    x = [complex(*corner) for corner in corners.tolist()]
+    triangles = diagonals_of(corners[None])[0].tolist()
+    pieces = dict(enumerate(triangles))
+    owner = {edge: k for k, triangle in pieces.items() for edge in _edges(triangle)}
+    heights = {edge: _height(triangle, edge, x) for triangle in triangles for edge in _edges(triangle)}
+    diagonals = [(a, b) for a, b in owner if a < b and (b, a) in owner]
+    for a, b in sorted(diagonals, key=lambda edge: min(heights[edge], heights[edge[::-1]])):
+        kept, gone = owner[a, b], owner[b, a]
+        one, other = _beginning_with(b, pieces[kept]), _beginning_with(a, pieces[gone])
+        # One runs from b to a, the other from a to b: together they turn at a and at b.
+        if _left(x[one[-2]], x[a], x[other[1]]) and _left(x[other[-2]], x[b], x[one[1]]):
+            pieces[kept] = one + other[1:-1]
+            owner.update((edge, kept) for edge in _edges(pieces.pop(gone)))
+    return list(pieces.values())
+
+
+def _edges(piece: list[int]) -> list[tuple[int, int]]:
+    return list(zip(piece, piece[1:] + piece[:1], strict=True))
+
+
+def _beginning_with(corner: int, piece: list[int]) -> list[int]:
+    place = piece.index(corner)
+    return piece[place:] + piece[:place]
+
+
+def _height(triangle: list[int], edge: tuple[int, int], x: list[complex]) -> float:
+    """Height of a triangle over its longest edge, in lengths of that edge; infinite over the others."""
+    lengths = {(a, b): abs(x[b] - x[a]) for a, b in _edges(triangle)}
+    if lengths[edge] < max(lengths.values()):
+        return float("inf")
+    a, b, c = (x[k] for k in triangle)
+    return ((b - a).conjugate() * (c - a)).imag / lengths[edge] ** 2
+
+
+def _left(a: complex, b: complex, c: complex) -> bool:
+    """Return True if the way from a over b to c turns left or goes straight on, up to a sine of 1e-9 for rounding."""
+    return ((b - a).conjugate() * (c - b)).imag >= -1e-9 * abs(b - a) * abs(c - b)

@@ -1,1 +1,0 @@
-"""Geometry of many polygons at once, in flat arrays."""

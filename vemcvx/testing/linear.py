@@ -1,0 +1,244 @@
+"""The conformance suite of linear solvers: what every one must satisfy, and what one that eliminates must."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from functools import cache, partial
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+
+from vemcvx.arrays import Floats, Ints
+from vemcvx.effects import BilateralContact, Elasticity, TrescaFriction, Viscosity
+from vemcvx.errors import SceneError
+from vemcvx.linear import Factor, Halves, LinearSolver, Scaled, SuperLU
+from vemcvx.program import Norms, System
+from vemcvx.program.kernel import Kernel
+from vemcvx.program.operators import energy_norm
+from vemcvx.stepping.backward_euler import march
+from vemcvx.stepping.trajectory import Trajectory
+from vemcvx.testing.solvers import TIMES, block
+
+RUBBING = BilateralContact(on="bottom"), TrescaFriction(4.0, on="bottom")
+KINDS = {
+    "friction": block(*RUBBING, family="voronoi", n=8),
+    "no friction": block(BilateralContact(on="bottom"), family="voronoi", n=8),
+    "viscosity": block(*RUBBING, Viscosity(0.1, 0.1), family="voronoi", n=8),
+    "nearly incompressible": block(*RUBBING, of=Elasticity(1.0, 0.4999999), family="voronoi", n=8),
+    "a free body": block(*RUBBING, held=False, family="voronoi", n=8),
+}
+"""Systems on which runs are compared; only the first three with solvers that do not eliminate, which may be inexact."""
+EASY = ("friction", "no friction", "viscosity")
+INDEFINITE = {
+    "indefinite": [[1.0, 2.0], [2.0, 1.0]],
+    "singular but for rounding": [[1.0, 1.0], [1.0, 1.0 + 2.0**-52]],
+    "a stiff part and a soft one": [[1e12, 1e6, 0.0], [1e6, 1.0 - 1e-9, 0.0], [0.0, 0.0, 1.0]],
+}
+"""Matrices with positive diagonals that are not positive definite."""
+REFUSED = "singular or indefinite.*the K of a System must be positive definite"
+
+
+@cache
+def _system(family: str, n: int) -> System:
+    return block(*RUBBING, family=family, n=n)()
+
+
+@cache
+def _reference(kind: str, condense: bool) -> Trajectory:
+    return march(KINDS[kind](), TIMES, linear=SuperLU(), condense=condense)
+
+
+def _factor(linear: LinearSolver) -> tuple[sp.csr_matrix, Factor]:
+    system = _system("squares", 12)
+    return system.K, linear.factorise(system.K, system.near_kernel)
+
+
+def _some(n: int, *columns: int) -> Floats:
+    return np.random.default_rng(n).normal(size=(n, *columns))
+
+
+# Sentences of any linear solver
+
+
+def solves(linear: LinearSolver) -> None:
+    """One right side and several, and energies b'K^{-1}b, which of an inexact solver are bounds."""
+    K, factor = _factor(linear)
+    x = _some(K.shape[0], 2)
+    # Relative residuals of 1e-12 at condition numbers near 1e4.
+    assert np.abs(factor.solve(K @ x[:, 0]) - x[:, 0]).max() < 1e-7
+    assert np.abs(factor.solve(np.ascontiguousarray(K @ x)) - x).max() < 1e-7
+    assert not factor.solve(np.zeros(K.shape[0])).any()
+    b = K @ x[:, 0]
+    assert 0.99 < factor.energy(b) / (b @ x[:, 0]) < 2.0
+    assert factor.energy(0 * b) == 0.0
+
+
+def restricts(linear: LinearSolver) -> None:
+    """A factor of a principal part of K."""
+    K, factor = _factor(linear)
+    F = np.flatnonzero(np.arange(K.shape[0]) % 7 > 0)
+    x = _some(len(F))
+    assert np.abs(factor.within(K[F][:, F], F).solve(K[F][:, F] @ x) - x).max() < 1e-7
+
+
+def estimates_energies_of_random_forces(linear: LinearSolver) -> None:
+    """sum size_i^2 (K^{-1})_ii from eight samples, everywhere and in one place."""
+    K, factor = _factor(linear)
+    size = np.random.default_rng(4).uniform(1, 2, K.shape[0])
+    for sizes in (size, np.where(np.arange(len(size)) == 17, size, 0.0)):
+        assert _is_near(factor.random_energy(sizes), sizes, K)
+
+
+def _is_near(estimate: float, size: Floats, K: sp.csr_matrix) -> bool:
+    """Of sum_k l_k z_k^2 with z_k normal the mean of eight spreads most where one l_k counts alone.
+
+    It is then less than .107 of its mean, or more than 3.27 times, once in a thousand draws (chi squared with 8 degrees
+    of freedom).
+    """
+    exact = float(size**2 @ np.diag(np.linalg.inv(K.toarray())))
+    return 0.107 * exact < estimate < 3.27 * exact
+
+
+def is_scaled(linear: LinearSolver) -> None:
+    """The factor in other units is that of the scaled matrix."""
+    K, factor = _factor(linear)
+    D: Floats = np.ldexp(1.0, np.random.default_rng(2).integers(-3, 4, size=K.shape[0]))
+    b = _some(K.shape[0])
+    scaled = sp.diags_array(D) @ K @ sp.diags_array(D) / 4.0
+    assert np.abs(scaled @ Scaled(factor, D, 4.0).solve(b) - b).max() < 1e-6
+
+
+def refuses_indefinite_matrices(linear: LinearSolver) -> None:
+    """With friction and without, condensed and not."""
+    for rows in INDEFINITE.values():
+        force = np.ones(len(rows))
+        for norms in (None, Norms(np.eye(1, len(rows)), 0.1)):
+            system = System(rows, lambda t, force=force: t * force, norms)  # type: ignore[misc]
+            for condense in (True, False):
+                with pytest.raises(SceneError, match=REFUSED):
+                    march(system, [0, 1], linear=linear, condense=condense)
+
+
+def runs_agree_within_their_certificates(kind: str, linear: LinearSolver) -> None:
+    """A run and that of SuperLU, condensed and on all unknowns."""
+    system = KINDS[kind]()
+    for condense in (True, False):
+        one, two = _reference(kind, condense), march(system, TIMES, linear=linear, condense=condense)
+        apart = [energy_norm(system.K, y - z) for y, z in zip(one.state, two.state, strict=True)]
+        assert (apart <= np.cumsum(one.certificate * one.norm + two.certificate * two.norm)).all()
+        assert two.certificate.max() <= 1e-8
+
+
+# Sentences of one that eliminates
+
+
+def gives_the_schur_complement(linear: LinearSolver) -> None:
+    """S = ((K^{-1})_cc)^{-1}, in the order asked for, from few unknowns to all of them; and the factor solves."""
+    system = _system("voronoi", 6)
+    K, n = system.K, system.n
+    order = system.elimination_order()
+    assert order is not None
+    for share in (0.0, 0.02, 0.5, 1.0):
+        for asked in (order, np.arange(n)):
+            last = np.random.default_rng(7).permutation(n)[: int(share * n)]
+            factor, S = linear.eliminate(K, asked, last)
+            assert S.shape == (len(last), len(last))
+            assert np.array_equal(S, S.T)
+            assert np.abs(S @ np.linalg.inv(K.toarray())[np.ix_(last, last)] - np.eye(len(last))).max(initial=0) < 1e-10
+            x = _some(n, 3)
+            b = K @ x
+            b.flags.writeable = False
+            assert np.abs(factor.solve(b) - x).max() < 1e-9
+            assert np.array_equal(factor.solve(b[:, 1]), factor.solve(b[:, 1].copy()))
+            assert factor.energy(b[:, 0]) == pytest.approx(x[:, 0] @ b[:, 0], rel=1e-10)
+            size = np.random.default_rng(5).uniform(1, 2, n)
+            assert _is_near(factor.random_energy(size), size, K)
+            assert factor.lost < 1e-24
+            if factor.halves is not None:
+                _halves_are_those_of_a_solve(factor.halves, K.toarray(), last, x[:, 0])
+
+
+def _halves_are_those_of_a_solve(halves: Halves, K: Floats, c: Ints, x: Floats) -> None:
+    """The force on what is held, the product of what two forces do inside, and x: all by dense algebra."""
+    i = np.setdiff1d(np.arange(len(K)), c)
+    b, other = K @ x, np.cos(np.arange(len(K)))
+    spread = np.linalg.solve(K[np.ix_(i, i)], np.column_stack([b[i], other[i]]))
+    (z, on_c), (z_other, _) = halves.halved(b), halves.halved(other)
+    assert np.abs(on_c - (b[c] - K[np.ix_(c, i)] @ spread[:, 0])).max(initial=0) < 1e-9
+    assert halves.product(z, z_other) == pytest.approx(b[i] @ spread[:, 1], rel=1e-9)
+    b[c] = 7.0  # What acts on unknowns that are held does nothing.
+    for half in (z, halves.halved(b)[0]):
+        assert np.abs(halves.completed(half, x[c]) - x).max() < 1e-9
+
+
+def eliminates_unknowns_that_nothing_couples(linear: LinearSolver) -> None:
+    """Every second unknown of a chain."""
+    K = sp.csr_matrix(sp.diags_array([-1.0, 2.5, -1.0], offsets=[-1, 0, 1], shape=(20, 20)))
+    for inner in (0, 1, 10):
+        last = np.setdiff1d(np.arange(20), np.arange(0, 20, 2)[:inner])
+        factor, S = linear.eliminate(K, np.arange(20), last)
+        assert np.abs(S @ np.linalg.inv(K.toarray())[np.ix_(last, last)] - np.eye(len(last))).max() < 1e-14
+        x = _some(20)
+        assert np.abs(factor.solve(np.asarray(K @ x)) - x).max() < 1e-14
+        assert factor.random_energy(np.ones(20)) > 0
+
+
+def knows_no_units(linear: LinearSolver) -> None:
+    """Powers of two change no digit."""
+    K = _system("squares", 6).K
+    size, last = np.random.default_rng(5).uniform(1, 2, K.shape[0]), np.array([3, 9, 20])
+    (one, S), (two, T) = (linear.eliminate(unit * K, np.arange(K.shape[0]), last) for unit in (1.0, 0.125))
+    assert np.array_equal(8 * T, S)
+    assert two.random_energy(size) == 8 * one.random_energy(size)
+    assert two.lost == one.lost
+    assert np.array_equal(two.solve(size), 8 * one.solve(size))
+
+
+def refuses_diagonals_with_missing_entries(linear: LinearSolver) -> None:
+    """Of the whole matrix, and of what is left of it."""
+    K = sp.csr_matrix(np.array([[2, 0.1, 0, 0], [0.1, 0, 1, 0], [0, 1, 3, 0.2], [0, 0, 0.2, 3]]))
+    for last in ([], [0]):
+        with pytest.raises(SceneError, match=REFUSED):
+            linear.eliminate(K, np.arange(4), np.array(last, dtype=np.int64))
+
+
+def refuses_indefinite_matrices_with_a_kernel(linear: LinearSolver) -> None:
+    """Semidefinite but for a motion that gains a little energy: the anchors of the kernel do not hide it."""
+    chain = np.diag([1.0, 2.0, 2.0, 1.0]) - np.eye(4, k=1) - np.eye(4, k=-1)
+    stiffness, motions = np.linalg.eigh(chain)
+    kernel = Kernel(np.ones((4, 1)), ("translation",))
+
+    def system(K: Floats) -> System:
+        return System(K, lambda t: t * np.array([1.0, 0.0, 0.0, -1.0]), Norms(np.eye(4), 1.0), kernel=kernel)
+
+    assert march(system(chain), [0, 1], linear=linear).certificate.max() < 1e-8
+    for gain in (1e-2, 1e-6):
+        K = chain - (stiffness[1] + gain) * np.outer(motions[:, 1], motions[:, 1])
+        with pytest.raises(SceneError, match=REFUSED):
+            march(system(K), [0, 1], linear=linear)
+
+
+Sentence = Callable[[LinearSolver], None]
+OF_ANY: list[Sentence] = [
+    solves,
+    restricts,
+    estimates_energies_of_random_forces,
+    is_scaled,
+    refuses_indefinite_matrices,
+]
+OF_ELIMINATING: list[Sentence] = [
+    gives_the_schur_complement,
+    eliminates_unknowns_that_nothing_couples,
+    knows_no_units,
+    refuses_diagonals_with_missing_entries,
+    refuses_indefinite_matrices_with_a_kernel,
+]
+
+
+def sentences(linear: LinearSolver) -> Iterator[tuple[str, Sentence]]:
+    """The sentences that a linear solver must satisfy, by name."""
+    for sentence in OF_ANY + OF_ELIMINATING * linear.eliminates:
+        yield sentence.__name__, sentence
+    for kind in KINDS if linear.eliminates else EASY:
+        yield f"runs agree: {kind}", partial(runs_agree_within_their_certificates, kind)

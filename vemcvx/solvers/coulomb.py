@@ -149,7 +149,7 @@ def on_sets(program: StepProgram, law: Piece, sets: Sets, response: Response, ne
     step, error = d, np.inf
     for _ in range(3):
         lam, p = operators.blocks(x[norms]), x[limits]
-        bound = sets.direction * (law.weights + law.slope @ (p - law.forces))[:, None] + _bend(sets, program.slip(d))
+        bound = sets.direction * (law.weights + law.slope @ (p - law.forces))[:, None] + sets.bent(program.slip(d))
         slip = operators.rows.read(d) - program.b
         wanted = np.zeros_like(x)
         wanted[norms] = np.where(stick, -slip, (bound - lam).ravel())
@@ -178,13 +178,6 @@ def on_sets(program: StepProgram, law: Piece, sets: Sets, response: Response, ne
         motions=motions,
         system=system,
     )
-
-
-def _bend(sets: Sets, s: Floats) -> Floats:
-    """h (I - q q') s, of vectors (m, block)."""
-    along = np.einsum("ij,ij->i", sets.direction, s)
-    bent: Floats = sets.curvature[:, None] * (s - sets.direction * along[:, None])
-    return bent
 
 
 def distance_to_a_solution(program: StepProgram, law: PressureLaw, sets: Sets, found: Found) -> float | None:

@@ -90,6 +90,12 @@ class Sets:
     shares: Floats = field(default_factory=lambda: np.zeros((0, 0)))
     """(k, m * block) of their equations shares @ lam = shares @ (previous lam), which determine their multipliers"""
 
+    def bent(self, s: Floats) -> Floats:
+        """h (I - q q') s, of vectors (m, block)."""
+        along = np.einsum("ij,ij->i", self.direction, s)
+        across: Floats = self.curvature[:, None] * (s - self.direction * along[:, None])
+        return across
+
     def same(self, other: Sets) -> bool:
         """Return True if the other sets lead to the same answer."""
         return (

@@ -37,9 +37,8 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.linalg import LinAlgError, lapack, qr, solve_triangular
 from scipy.sparse.csgraph import connected_components
-from scipy.sparse.linalg import splu
 
-from vemcvx.arrays import Floats, Ints
+from vemcvx.arrays import Bools, Floats, Ints, lengths
 from vemcvx.linear import Factor
 from vemcvx.program.operators import Operators, restricted, transverse
 from vemcvx.solvers.newton import FOLLOWS, Sets
@@ -56,12 +55,48 @@ class Response:
         """(u,) the unknowns, those of anchors among them"""
         self.rows = sp.csr_matrix(self.A[:, self.read])
         """(m * block + r, u) A on these"""
+        self.readers = sp.csr_matrix(abs(self.rows).T)
+        """(u, m * block + r) |A'| on these"""
+        self.turned = sp.csr_matrix(self.rows[self.norms].T)
+        """(u, m * block) B' on these"""
         self.anchor: Floats = anchor[self.read]
         """(u,) the stiffness of the anchors, without which K_r is K"""
-
     def act(self, x: Floats) -> Floats:
         """A'x, (n,)."""
         return self.operators.multiplier_force(x[self.norms], x[self.limits])
+
+    @cached_property
+    def _pairs(self) -> tuple[Ints, Ints, Floats, Ints]:
+        """(row, column, factor, number) of the entries of A'XA, X the block diagonal matrix of numbers (m * b * b + r,)."""
+        b, norms, N = self.operators.block, self.norms.stop, self.A.shape[0]
+        i = np.concatenate([np.arange(norms).repeat(b), np.arange(norms, N)])
+        j = np.concatenate([(np.arange(norms).reshape(-1, 1, b).repeat(b, 1)).ravel(), np.arange(norms, N)])
+        count = np.diff(self.rows.indptr)
+        number = np.arange(len(i)).repeat(count[i] * count[j])
+        within = np.arange(len(number)) - (np.cumsum(count[i] * count[j]) - count[i] * count[j])[number]
+        left, right = (self.rows.indptr[i[number]] + within // count[j[number]], self.rows.indptr[j[number]] + within % count[j[number]])
+        indices, data = self.rows.indices, self.rows.data
+        return indices[left].astype(np.int64), indices[right].astype(np.int64), data[left] * data[right], number
+
+    def stiffened(self, S: Floats, some: Ints, H: Floats, spring: Floats) -> Floats:
+        """S + B'HB + D'diag(spring) D - diag(anchor), on `some` of the unknowns."""
+        S, place = S.copy(), np.empty(len(self.read), dtype=np.int64)
+        place[some] = np.arange(len(some))
+        row, column, factor, number = self._pairs
+        values = factor * np.concatenate([H.ravel(), spring])[number]
+        there = np.flatnonzero(values)
+        flat = S.reshape(-1)
+        np.add.at(flat, place[row[there]] * len(S) + place[column[there]], values[there])
+        flat[:: len(S) + 1] -= self.anchor[some]
+        return S
+
+    def following(self, q: Floats, J: sp.csr_matrix, act: Bools) -> sp.csr_matrix:
+        """q J (m * block, r): how multipliers along directions q (m, block) follow the forces of limits that act."""
+        Q = sp.csr_matrix((q.ravel(), np.repeat(np.arange(len(q)), q.shape[1]), np.arange(q.size + 1)), (q.size, len(q)))
+        follows = sp.csr_matrix(Q @ J)
+        follows.data *= act[follows.indices]
+        follows.eliminate_zeros()
+        return follows
 
     @cached_property
     def _inner(self) -> tuple[Ints, Factor]:
@@ -174,101 +209,123 @@ class SetsSystem:
     """
 
     def __init__(self, operators: Operators, sets: Sets, J: sp.csr_matrix, response: Response):
-        block, norms, r = operators.block, operators.B.shape[0], len(sets.act)
-        self._operators, self._response, self._sets, self._J = operators, response, sets, J
-        soft = sets.act & (operators.compliance > 0)
-        self._spring = np.divide(1.0, operators.compliance, out=np.zeros(r), where=soft)
-        self._hard, stick = np.flatnonzero(sets.act & ~soft), np.flatnonzero(np.repeat(sets.stick, block))
-        self._own = np.setdiff1d(stick, sets.idle)
-        self._q = _blockwise(sets.direction[:, :, None])
-        self._H = _blockwise(sets.curvature[:, None, None] * transverse(sets.direction))
-        follows = sp.csr_matrix(self._q @ J @ sp.diags_array(sets.act.astype(float)))
-        follows.eliminate_zeros()
-        # Unknowns that the sets do nothing with are free; where most are, these are eliminated.
-        concerned = np.concatenate([np.repeat(sets.stick | (sets.curvature > 0), block), sets.act])
-        concerned[:norms] |= np.diff(follows.indptr) > 0
-        some = np.flatnonzero((abs(response.rows).T @ concerned > 0) | (response.anchor > 0))
-        if 2 * len(some) < len(response.read):
-            self._S = np.asarray(np.linalg.inv(np.asarray(restricted(response.flexibility, some))))
-        else:
-            some, self._S = np.arange(len(response.read)), response.stiffness
-        self._some, A = some, response.rows[:, some]
-        self._B, self._D = A[:norms], A[norms:]
-        soften = self._D.T @ sp.diags_array(self._spring) @ self._D - sp.diags_array(response.anchor[some])
-        self._T = sp.csr_matrix(self._B.T @ self._H @ self._B + soften)
-        self._L, self._Z = held_by(sp.csr_matrix(sp.vstack([self._D[self._hard], self._B[self._own]])))
+        self._operators, self._response, self._sets = operators, response, sets
+        hard, stick = sets.act & (operators.compliance == 0), np.repeat(sets.stick, operators.block)
+        self._spring = np.divide(1.0, operators.compliance, out=np.zeros(len(hard)), where=sets.act & ~hard)
+        self._slips, self._hard = np.flatnonzero(~stick), np.flatnonzero(hard)
+        stick[sets.idle] = False
+        self._held = np.concatenate([response.limits.start + self._hard, np.flatnonzero(stick)])
+        follows = response.following(sets.direction, J, sets.act)
+        self._place(np.repeat(sets.stick | (sets.curvature > 0), operators.block) | (np.diff(follows.indptr) > 0))
         self._choose()
         # p = E^{-1} (what limits would carry alone), where terms that slip pull at what limits hold.
-        h = len(self._hard)
-        self._press = sp.csr_matrix((np.ones(h), (self._hard, np.arange(h))), shape=(r, h)) @ self._react[:h]
-        tied = sp.csc_matrix(self._press @ self._B.T @ follows)
-        one = sp.eye_array(r, format="csc")
-        self._untie = sp.csr_matrix(splu(sp.csc_matrix(one + tied)).solve(np.eye(r)) if tied.nnz else one)
-        self._pull = sp.csr_matrix(follows @ self._untie)
-        f, tests = self._Z.shape[1], sp.csr_matrix(sp.vstack([self._Z.T, -self._react[:h]]))
-        answered = np.asarray(_plus(tests @ self._S, tests @ self._T) @ self._Z)
-        self._K = answered[:f]
-        self._P = _plus(np.zeros((r, f)), sp.diags_array(self._spring) @ self._D @ self._Z)
-        self._P[self._hard] += answered[f:]
-        self._M = self._K + (self._Z.T @ self._B.T @ self._pull) @ self._P
-        self._lu = lu = lapack.dgetrf(self._M) if len(self._M) else (self._M, self._M, 0)
+        r, self._untie = len(hard), None
+        self._pull, self._tug = follows, self._turned @ follows
+        if (tied := self._press @ self._tug).nnz:
+            E = np.eye(r)
+            E[self._hard] += tied.toarray()
+            self._untie = sp.csr_matrix(np.linalg.inv(E))
+            self._pull, self._tug = follows @ self._untie, self._tug @ self._untie
+        self._P = np.zeros((r, len(self._free)))
+        self._P[self._hard] = -(self._press @ self._stiff).take(self._free, 1)
+        if self._spring.any():
+            _add(self._P, sp.diags_array(self._spring) @ self._A[response.limits][:, self._free])
+        self._M = restricted(self._stiff, self._free)
+        if self._tug.nnz:
+            self._M += self._tug[self._free] @ self._P
+        # LAPACK reads columns: it gets the transpose, as it stands.
+        self._lu = lu = lapack.dgetrf(self._M.T) if len(self._M) else (self._M, self._M, 0)
         if lu[2] > 0 or not np.isfinite(lu[0]).all():
             raise LinAlgError("singular")
+
+    def _place(self, concerned: Bools) -> None:
+        """Choose coordinates of the unknowns, G of them, such that what holds reads one a row, and S + T in these."""
+        response, sets = self._response, self._sets
+        # Unknowns that the sets do nothing with are free; where most are, these are eliminated.
+        some = np.flatnonzero((response.readers @ np.concatenate([concerned, sets.act]) > 0) | (response.anchor > 0))
+        if 2 * len(some) < len(response.read):
+            self._S, self._A = np.linalg.inv(restricted(response.flexibility, some)), sp.csr_matrix(response.rows[:, some])
+            self._turned = sp.csr_matrix(self._A[response.norms].T)
+        else:
+            some, self._S, self._A = np.arange(len(response.read)), response.stiffness, response.rows
+            self._turned = response.turned
+        self._some, self._G, holding = some, None, self._A[self._held]
+        H = sets.curvature[:, None, None] * transverse(sets.direction)
+        self._stiff = response.stiffened(self._S, some, H, self._spring)
+        columns = holding.indices.astype(np.int64)
+        if (np.diff(holding.indptr) == 1).all() and len(np.unique(columns)) == len(columns):
+            self._L = sp.csr_matrix((1.0 / holding.data, columns, holding.indptr), shape=holding.shape)
+        else:
+            L, Z = held_by(holding)
+            self._G = G = sp.csr_matrix(sp.hstack([L.T, Z]))
+            self._A, self._stiff, columns = sp.csr_matrix(self._A @ G), G.T @ (self._stiff @ G), np.arange(L.shape[0])
+            self._L, self._turned = sp.eye_array(*L.shape, format="csr"), sp.csr_matrix(self._A[response.norms].T)
+        free = np.ones(len(self._stiff), dtype=bool)
+        free[columns] = False
+        self._free = np.flatnonzero(free)
 
     def _choose(self) -> None:
         """x = react f + given (shares of x), of limits that hold, terms that stick, and idle rows, in this order."""
         idle, shares, h = self._sets.idle, self._sets.shares, len(self._hard)
-        self._rows = np.concatenate([self._response.limits.start + self._hard, self._own, idle])
-        if not len(idle):
-            self._react, self._given = self._L, np.zeros((len(self._rows), 0))
-            return
-        pushed, own = (self._L @ self._B[idle].T).toarray(), shares[:, self._own]
-        chosen = np.linalg.inv(shares[:, idle] - own @ pushed[h:])
-        self._given = np.concatenate([-pushed @ chosen, chosen])
-        self._react = sp.csr_matrix(sp.vstack([self._L, sp.csr_matrix((len(idle), self._L.shape[1]))]))
-        self._react = sp.csr_matrix(self._react - sp.csr_matrix(self._given @ (own @ self._L[h:])))
+        self._rows, self._react, self._given = np.concatenate([self._held, idle]), self._L, np.zeros((len(self._held), 0))
+        if len(idle):
+            pushed, own = (self._L @ self._A[idle].T).toarray(), shares[:, self._held[h:]]
+            chosen = np.linalg.inv(shares[:, idle] - own @ pushed[h:])
+            self._given = np.concatenate([-pushed @ chosen, chosen])
+            react = sp.vstack([self._L, sp.csr_matrix((len(idle), self._L.shape[1]))])
+            self._react = sp.csr_matrix(react - sp.csr_matrix(self._given @ (own @ self._L[h:])))
+        self._press = self._react[:h]
 
     def _opened(self, rest: Floats) -> Floats:
         """M^{-1} rest."""
-        return np.asarray(lapack.dgetrs(*self._lu[:2], rest)[0]) if len(rest) else rest
+        return np.asarray(lapack.dgetrs(*self._lu[:2], rest, trans=1)[0]) if len(rest) else rest
+
+    def _passed(self, force: Floats) -> Floats:
+        """The force (n,) on all, as one on the coordinates."""
+        passed = self._response.passed_on(force)
+        on = passed[self._some]
+        if len(on) < len(passed):
+            # As motions, forces on the unknowns would lose the digits that K lacks of definiteness.
+            passed[self._some] = 0.0
+            if passed.any():
+                on = on + self._S @ (self._response.flexibility @ passed)[self._some]
+        return on if self._G is None else self._G.T @ on
 
     def solve(self, force: Floats, wanted: Floats) -> tuple[Floats, Floats]:
         """(d, x) with K d = force - A'x, where the equation of every row misses by `wanted` (N,)."""
-        response, factor, h = self._response, self._operators.factor, len(self._hard)
-        norms, limits = response.norms, response.limits
-        own, sprung = np.concatenate([wanted[limits][self._hard], wanted[self._own]]), self._spring * wanted[limits]
-        given = self._given @ wanted[self._sets.idle]
-        x = wanted.copy()
-        x[norms][np.repeat(self._sets.stick, self._operators.block)] = 0.0
-        x[limits][self._sets.act] = 0.0
-        x[norms] += self._q @ (self._J @ x[limits])
-        d = self._L.T @ own
-        unknowns, passed = response.read[self._some], response.passed_on(force - response.act(x))
-        rest = passed[self._some] + self._D.T @ sprung - self._S @ d - self._T @ d
-        # As motions, forces on the unknowns would lose the digits that K lacks of definiteness.
-        passed[self._some] = 0.0
-        if passed.any():
-            rest += self._S @ (response.flexibility @ passed)[self._some]
-        p = self._press @ rest + self._spring * (self._D @ d) - sprung
-        p[self._hard] += given[:h]
-        y = self._opened(self._Z.T @ (rest - self._B.T @ (self._pull @ p)))
-        p, more = p + self._P @ y, self._Z @ y
-        rest -= self._S @ more + self._T @ more + self._B.T @ (self._pull @ p)
-        d = d + more
-        x[norms] += self._H @ (self._B @ d) + self._pull @ p
-        x[limits] += self._untie @ p
+        response, sets, h, y = self._response, self._sets, len(self._hard), np.zeros(len(self._stiff))
+        norms, limits, x = response.norms, response.limits, np.zeros(len(wanted))
+        x[self._slips], x[limits] = wanted[self._slips], -self._spring * wanted[limits]
+        d, rest = self._L.T @ wanted[self._held], self._passed(force - response.act(x))
+        rest -= self._stiff @ d
+        given = self._given @ wanted[sets.idle]
+        p = x[limits] + self._spring * (self._A @ d)[limits]
+        p[self._hard] += self._press @ rest + given[:h]
+        y[self._free] = self._opened((rest - self._tug @ p)[self._free])
+        p += self._P @ y[self._free]
+        rest -= self._stiff @ y + self._tug @ p
+        d += y
+        if self._sets.curvature.any():
+            x[norms] += sets.bent(self._operators.blocks((self._A @ d)[norms])).ravel()
+        x[norms] += self._pull @ p
+        x[limits] = p if self._untie is None else self._untie @ p
         x[self._rows] = self._react @ rest + given
+        d = d if self._G is None else self._G @ d
+        if len(d) == len(force):
+            return d, x
         push = force - response.act(x)
-        push[unknowns] += response.anchor[self._some] * d
-        return factor.solve(push), x
+        push[response.read[self._some]] += response.anchor[self._some] * d
+        return self._operators.factor.solve(push), x
 
     @cached_property
     def gain(self) -> float:
         """c of theorem 2."""
         if len(self._M) == 0:
             return 0.0
-        anchors = sp.diags_array(self._response.anchor[self._some])
-        N = _plus(self._K.copy(), self._Z.T @ anchors @ self._Z)
+        N = restricted(self._stiff, self._free)
+        if (anchor := self._response.anchor[self._some]).any():
+            anchors = sp.diags_array(anchor) if self._G is None else self._G.T @ sp.diags_array(anchor) @ self._G
+            _add(N, sp.csr_matrix(anchors)[self._free][:, self._free])
         # y'My >= y'Ny / 2 where J is small, which a factorisation shows in a tenth of the work of the norm.
         if lapack.dpotrf(self._M + self._M.T - N)[1] == 0:
             return 2.0
@@ -276,40 +333,62 @@ class SetsSystem:
         return np.inf if info else float(np.linalg.norm(np.triu(root) @ self._opened(np.triu(root).T)))
 
     @cached_property
+    def _sizes(self) -> sp.csr_matrix:
+        """|A| in the coordinates, (N, u)."""
+        return abs(self._A)
+
+    @cached_property
+    def _stiffest(self) -> Floats:
+        """(u,) the most that |K_r d| is on a coordinate, of |d| = 1 in K_r + anchors' stiffness."""
+        anchor, G = self._response.anchor[self._some], self._G
+        if G is None:
+            return np.asarray(np.sqrt(np.diagonal(self._S)) + np.sqrt(anchor))
+        own = np.asarray(G.multiply(self._S @ G).sum(axis=0)).ravel()
+        return np.asarray(np.sqrt(np.maximum(own, 0.0)) + np.sqrt(G.multiply(G).T @ anchor))
+
+    @cached_property
     def _moving(self) -> Floats:
         """(m * block + r,) `reach` of rows, zero for those that what is held does not let move."""
-        A, free = self._response.rows, self._response.rows[:, self._some] @ self._Z
-        within = np.diff(A[:, self._some].indptr) == np.diff(A.indptr)
-        held = abs(free).max(axis=1).toarray().ravel() <= FOLLOWS * abs(A).max(axis=1).toarray().ravel()
-        return np.where(within & held, 0.0, self._response.reach)
+        response, free = self._response, np.zeros(len(self._stiff))
+        free[self._free] = 1.0
+        beyond = np.ones(len(response.read))
+        beyond[self._some] = 0.0
+        held = self._sizes @ free <= FOLLOWS * (self._sizes @ np.ones(len(free)))
+        return np.where(held & (beyond @ response.readers == 0), 0.0, response.reach)
 
     def answers(self, along: Floats, across: Floats) -> Answers:
-        """Bounds on the answers to psi, its parts being at most `along` and `across` (m,)."""
+        """Bounds on the answers to psi, its parts being at most `along` and `across` (m,), none of what sticks."""
         response, block, h = self._response, self._operators.block, self._sets.curvature
+        norms, limits, pull, press = response.norms, response.limits, abs(self._pull), abs(self._press)
         # A term moves if one of its rows does.
-        phi = self._operators.blocks(self._moving[response.norms]).max(axis=1)
-        limits = self._moving[response.limits]
+        phi = self._operators.blocks(self._moving[norms]).max(axis=1)
         chi = np.minimum(phi, 1.0 / np.sqrt(np.where(h > 0, h, np.inf)), where=h > 0, out=phi.copy())
-        psi = np.repeat(np.hypot(along, across), block)
-        tied = _sizes(abs(self._pull @ self._press @ self._B.T) @ psi, block)
-        energy = self.gain * float(response.reach[response.norms][::block] @ tied + phi @ along + chi @ across)
-        excess = limits * energy
-        # |K_r d| on an unknown, by Schwarz's inequality; anchors pull with no more than the root of their stiffness.
-        force = (np.sqrt(np.diagonal(self._S)) + np.sqrt(response.anchor[self._some])) * energy
-        force += abs(self._D).T @ (self._spring * excess)
-        pulls = psi + np.repeat(h * chi * energy, block)
-        press = abs(self._press) @ force + abs(self._press @ self._B.T) @ pulls + self._spring * excess
-        held = np.zeros(len(self._moving))
-        held[self._rows] = abs(self._react) @ force
-        held[self._rows] += abs(self._react @ self._B.T) @ (pulls + abs(self._pull) @ press)
+        x = np.zeros(len(response.reach))
+        x[norms] = psi = np.repeat(np.hypot(along, across), block)
+        tied = lengths(self._operators.blocks(pull @ self._on_limits(press @ (x @ self._sizes))))
+        energy = self.gain * float(response.reach[norms][::block] @ tied + phi @ along + chi @ across)
+        excess = self._moving[limits] * energy
+        x[norms], x[limits] = psi + np.repeat(h * chi * energy, block), self._spring * excess
+        # Schwarz's inequality; anchors pull with no more than the root of their stiffness.
+        force = self._stiffest * energy + x @ self._sizes
+        forces = self._on_limits(press @ force) + self._spring * excess
+        x[norms], x[limits] = pull @ forces, 0.0
+        held = np.zeros(len(x))
+        held[self._rows] = abs(self._react) @ (force + x @ self._sizes)
         return Answers(
             energy=energy,
             along=phi * energy,
             across=chi * energy,
             excess=excess,
-            multipliers=_sizes(held[response.norms], block),
-            forces=abs(self._untie) @ press,
+            multipliers=lengths(self._operators.blocks(held[norms])),
+            forces=forces if self._untie is None else abs(self._untie) @ forces,
         )
+
+    def _on_limits(self, forces: Floats) -> Floats:
+        """(r,) forces of the limits that hold, among those of all."""
+        p = np.zeros(len(self._spring))
+        p[self._hard] = forces
+        return p
 
 
 class Answers(NamedTuple):
@@ -328,19 +407,8 @@ class Answers(NamedTuple):
     """(r,)"""
 
 
-def _plus(dense: Floats, sparse: sp.csr_matrix) -> Floats:
-    """The dense matrix, to which the sparse one is added."""
+def _add(dense: Floats, sparse: sp.csr_matrix) -> None:
+    """Add a sparse matrix to a dense one, in place."""
     entries = sp.coo_matrix(sparse)
-    np.add.at(dense, (entries.row, entries.col), entries.data)
-    return dense
-
-
-def _sizes(x: Floats, block: int) -> Floats:
-    """(m,) norms of the blocks of x (m * block,)."""
-    return np.asarray(np.linalg.norm(x.reshape(-1, block), axis=1))
-
-
-def _blockwise(blocks: Floats) -> sp.csr_matrix:
-    """The block diagonal matrix of blocks (m, i, j)."""
-    m, i, j = blocks.shape
-    return sp.csr_matrix(sp.bsr_matrix((blocks, np.arange(m), np.arange(m + 1)), shape=(m * i, m * j)))
+    entries.sum_duplicates()
+    dense[entries.row, entries.col] += entries.data

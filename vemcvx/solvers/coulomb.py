@@ -64,8 +64,9 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import LinAlgError
+from scipy.linalg.blas import dsymv
 
-from vemcvx.arrays import EPS, Floats
+from vemcvx.arrays import EPS, Floats, lengths
 from vemcvx.program.step_program import StepProgram
 from vemcvx.solvers.newton import Iterate, Sets, Shifts, sets_at, without_redundant_rows
 from vemcvx.solvers.sets_system import Answers, Response, SetsSystem
@@ -289,26 +290,26 @@ without, 50 after 30 of them, 31 after 100; a system costs as much as 80."""
 def swept(program: StepProgram, law: PressureLaw, start: Iterate, response: Response) -> Iterate:
     """A point near a solution of (Q): projected gradients with momentum, on the multipliers x = (lam, p).
 
-    x becomes the projection of y + r (A K^{-1} g - [b; e] - (W + c) y) on discs of the radius w(p) and on p >= 0, y
+    x becomes the projection of y + r (A K^{-1} g - [b; e] - (W + C) y) on discs of the radius w(p) and on p >= 0, y
     being ahead of x (Nesterov 1983), and x itself where that led back (O'Donoghue and Candes 2015); r is
     :attr:`Response.step`.
     """
-    operators, limits, step = program.operators, response.limits, response.step
+    operators, norms, limits, step = program.operators, response.norms, response.limits, response.step
+    free, piece = operators.factor.solve(program.g), law.piece(start.p)
+    apart = np.concatenate([program.slip(free).ravel(), program.excess(free)])
     x = y = np.concatenate([start.lam.ravel(), start.p])
     momentum = 1.0
     for _ in range(SWEEPS):
-        lam, p = operators.blocks(y[response.norms]), y[limits]
-        d = operators.factor.solve(program.g - operators.multiplier_force(lam, p))
-        ahead_of = np.concatenate([program.slip(d).ravel(), program.excess(d) - operators.compliance * p])
-        new = y + step * ahead_of
-        p = np.maximum(new[limits], 0.0)
-        lam = replace(program, w=law.weights(p)).project(operators.blocks(new[response.norms]))
-        last, x = x, np.concatenate([lam.ravel(), p])
+        last, x = x, y + step * (apart - dsymv(1.0, response.softness, y))
+        np.maximum(x[limits], 0.0, out=x[limits])
+        w, size = piece.at(x[limits]), lengths(operators.blocks(x[norms]))
+        share = np.divide(w, size, out=np.ones_like(size), where=size > w)
+        x[norms] *= np.repeat(share, operators.block)
         if (y - x) / step @ (x - last) > 0:
             momentum = 1.0
         ahead = 0.5 + np.sqrt(0.25 + momentum**2)
         y, momentum = x + (momentum - 1.0) / ahead * (x - last), ahead
-    return Iterate(operators.factor.solve(program.g - operators.multiplier_force(lam, p)), lam, p)
+    return Iterate(operators.factor.solve(program.g - response.act(x)), operators.blocks(x[norms]), x[limits])
 
 
 def _by_softer_laws(

@@ -55,46 +55,33 @@ class Response:
         """(u,) the unknowns, those of anchors among them"""
         self.rows = sp.csr_matrix(self.A[:, self.read])
         """(m * block + r, u) A on these"""
-        self.readers = sp.csr_matrix(abs(self.rows).T)
-        """(u, m * block + r) |A'| on these"""
-        self.turned = sp.csr_matrix(self.rows[self.norms].T)
-        """(u, m * block) B' on these"""
+        self.turned = sp.csr_matrix(self.rows.T)
+        """(u, m * block + r) A' on these"""
         self.anchor: Floats = anchor[self.read]
         """(u,) the stiffness of the anchors, without which K_r is K"""
+
     def act(self, x: Floats) -> Floats:
         """A'x, (n,)."""
         return self.operators.multiplier_force(x[self.norms], x[self.limits])
 
     @cached_property
-    def _pairs(self) -> tuple[Ints, Ints, Floats, Ints]:
-        """(row, column, factor, number) of the entries of A'XA, X the block diagonal matrix of numbers (m * b * b + r,)."""
-        b, norms, N = self.operators.block, self.norms.stop, self.A.shape[0]
-        i = np.concatenate([np.arange(norms).repeat(b), np.arange(norms, N)])
-        j = np.concatenate([(np.arange(norms).reshape(-1, 1, b).repeat(b, 1)).ravel(), np.arange(norms, N)])
-        count = np.diff(self.rows.indptr)
-        number = np.arange(len(i)).repeat(count[i] * count[j])
-        within = np.arange(len(number)) - (np.cumsum(count[i] * count[j]) - count[i] * count[j])[number]
-        left, right = (self.rows.indptr[i[number]] + within // count[j[number]], self.rows.indptr[j[number]] + within % count[j[number]])
-        indices, data = self.rows.indices, self.rows.data
-        return indices[left].astype(np.int64), indices[right].astype(np.int64), data[left] * data[right], number
+    def sizes(self) -> sp.csr_matrix:
+        """|A| on the unknowns."""
+        return abs(self.rows)
 
-    def stiffened(self, S: Floats, some: Ints, H: Floats, spring: Floats) -> Floats:
-        """S + B'HB + D'diag(spring) D - diag(anchor), on `some` of the unknowns."""
-        S, place = S.copy(), np.empty(len(self.read), dtype=np.int64)
-        place[some] = np.arange(len(some))
-        row, column, factor, number = self._pairs
-        values = factor * np.concatenate([H.ravel(), spring])[number]
-        there = np.flatnonzero(values)
-        flat = S.reshape(-1)
-        np.add.at(flat, place[row[there]] * len(S) + place[column[there]], values[there])
-        flat[:: len(S) + 1] -= self.anchor[some]
-        return S
+    def blockwise(self, H: Floats, spring: Floats) -> sp.csr_matrix:
+        """The block diagonal matrix (N, N) of blocks (m, block, block) of norm terms, and of numbers (r,) of limits."""
+        m, b, r, end = *H.shape[:2], len(spring), H.size
+        columns = np.arange(m * b).reshape(m, 1, b).repeat(b, 1).ravel()
+        indices = np.concatenate([columns, np.arange(m * b, m * b + r)])
+        indptr = np.concatenate([np.arange(0, end, b), np.arange(end, end + r + 1)])
+        return sp.csr_matrix((np.concatenate([H.ravel(), spring]), indices, indptr))
 
-    def following(self, q: Floats, J: sp.csr_matrix, act: Bools) -> sp.csr_matrix:
-        """q J (m * block, r): how multipliers along directions q (m, block) follow the forces of limits that act."""
-        Q = sp.csr_matrix((q.ravel(), np.repeat(np.arange(len(q)), q.shape[1]), np.arange(q.size + 1)), (q.size, len(q)))
+    def following(self, q: Floats, J: sp.csr_matrix) -> sp.csr_matrix:
+        """(N, r): q J, by which multipliers along directions q (m, block) follow the forces of limits; zero on limits."""
+        indptr = np.minimum(np.arange(self.A.shape[0] + 1), q.size)
+        Q = sp.csr_matrix((q.ravel(), np.arange(q.size) // q.shape[1], indptr), (self.A.shape[0], len(q)))
         follows = sp.csr_matrix(Q @ J)
-        follows.data *= act[follows.indices]
         follows.eliminate_zeros()
         return follows
 
@@ -128,10 +115,16 @@ class Response:
     @cached_property
     def flexibility(self) -> Floats:
         """(u, u) the part of K_r^{-1} that rows read."""
-        unit = np.zeros((self.A.shape[1], len(self.read)))
-        unit[self.read, np.arange(len(self.read))] = 1.0
-        found: Floats = self.operators.factor.solve(unit)[self.read]
-        return found
+        root, info = lapack.dpotrf(self.stiffness)
+        upper = lapack.dpotri(root)[0] if info == 0 else root
+        return np.asarray(np.triu(upper) + np.triu(upper, 1).T)
+
+    @cached_property
+    def softness(self) -> Floats:
+        """(N, N) W + C: how far rows move under multipliers of one, W = A K_r^{-1} A'; in LAPACK's order."""
+        W = np.asfortranarray(self.rows @ (self.rows @ self.flexibility).T)
+        W[np.arange(len(W))[self.limits], np.arange(len(W))[self.limits]] += self.operators.compliance
+        return W
 
     @cached_property
     def reach(self) -> Floats:
@@ -143,19 +136,16 @@ class Response:
 
     @cached_property
     def step(self) -> Floats:
-        """(m * block + r,) by which multipliers may follow gradients: 1 / step is to exceed W + C.
+        """(m * block + r,) by which multipliers may follow gradients, alike in a block: 1 / step is to exceed W + C.
 
         The largest eigenvalue of W + C, its diagonal made one, is that of twenty power iterations, and a tenth more.
         """
-        diagonal = self.reach**2
-        diagonal[self.limits] += self.operators.compliance
+        diagonal, block = np.diagonal(self.softness).copy(), self.operators.block
+        diagonal[self.norms] = np.repeat(self.operators.blocks(diagonal[self.norms]).max(axis=1), block)
         root, largest = 1.0 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0)), 0.0
         x = np.random.default_rng(0).standard_normal(len(root))
         for _ in range(20 if len(x) else 0):
-            y = root * x / np.linalg.norm(x)
-            spread = self.A @ self.operators.factor.solve(self.act(y))
-            spread[self.limits] += self.operators.compliance * y[self.limits]
-            x = root * spread
+            x = root * (self.softness @ (root * x / np.linalg.norm(x)))
             largest = float(np.linalg.norm(x))
         step: Floats = root**2 / (1.1 * largest if largest > 0 else 1.0)
         return step
@@ -215,22 +205,18 @@ class SetsSystem:
         self._slips, self._hard = np.flatnonzero(~stick), np.flatnonzero(hard)
         stick[sets.idle] = False
         self._held = np.concatenate([response.limits.start + self._hard, np.flatnonzero(stick)])
-        follows = response.following(sets.direction, J, sets.act)
-        self._place(np.repeat(sets.stick | (sets.curvature > 0), operators.block) | (np.diff(follows.indptr) > 0))
-        self._choose()
-        # p = E^{-1} (what limits would carry alone), where terms that slip pull at what limits hold.
-        r, self._untie = len(hard), None
-        self._pull, self._tug = follows, self._turned @ follows
-        if (tied := self._press @ self._tug).nnz:
-            E = np.eye(r)
-            E[self._hard] += tied.toarray()
-            self._untie = sp.csr_matrix(np.linalg.inv(E))
-            self._pull, self._tug = follows @ self._untie, self._tug @ self._untie
-        self._P = np.zeros((r, len(self._free)))
-        self._P[self._hard] = -(self._press @ self._stiff).take(self._free, 1)
+        self._place(sets.stick | (sets.curvature > 0) | (abs(J) @ sets.act > 0))
+        self._share()
+        self._pull, self._untie = response.following(sets.direction, J), None
+        self._tug = self._turned @ self._pull
+        if np.diff(self._tug.indptr)[self._columns].any():
+            self._tie()
+        h, forces = len(self._hard), self._columns if len(sets.idle) else self._columns[: len(self._hard)]
+        self._P = np.zeros((len(hard), len(self._free)))
+        self._P[self._hard] = -self._carried(self._stiff(forces), self._entries[: len(forces)])[:h]
         if self._spring.any():
-            _add(self._P, sp.diags_array(self._spring) @ self._A[response.limits][:, self._free])
-        self._M = restricted(self._stiff, self._free)
+            self._P += (sp.diags_array(self._spring) @ self._A[response.limits])[:, self._free].toarray()
+        self._M = self._stiff(self._free)
         if self._tug.nnz:
             self._M += self._tug[self._free] @ self._P
         # LAPACK reads columns: it gets the transpose, as it stands.
@@ -239,42 +225,70 @@ class SetsSystem:
             raise LinAlgError("singular")
 
     def _place(self, concerned: Bools) -> None:
-        """Choose coordinates of the unknowns, G of them, such that what holds reads one a row, and S + T in these."""
+        """Choose coordinates d of the unknowns G d, such that what holds reads one a row; A, S and T in these."""
         response, sets = self._response, self._sets
         # Unknowns that the sets do nothing with are free; where most are, these are eliminated.
-        some = np.flatnonzero((response.readers @ np.concatenate([concerned, sets.act]) > 0) | (response.anchor > 0))
+        touched = np.concatenate([np.repeat(concerned, self._operators.block), sets.act])
+        some = np.flatnonzero((touched @ response.sizes > 0) | (response.anchor > 0))
         if 2 * len(some) < len(response.read):
-            self._S, self._A = np.linalg.inv(restricted(response.flexibility, some)), sp.csr_matrix(response.rows[:, some])
-            self._turned = sp.csr_matrix(self._A[response.norms].T)
+            S, A = np.linalg.inv(restricted(response.flexibility, some)), sp.csr_matrix(response.rows[:, some])
+            turned = sp.csr_matrix(A.T)
         else:
-            some, self._S, self._A = np.arange(len(response.read)), response.stiffness, response.rows
-            self._turned = response.turned
-        self._some, self._G, holding = some, None, self._A[self._held]
-        H = sets.curvature[:, None, None] * transverse(sets.direction)
-        self._stiff = response.stiffened(self._S, some, H, self._spring)
-        columns = holding.indices.astype(np.int64)
-        if (np.diff(holding.indptr) == 1).all() and len(np.unique(columns)) == len(columns):
-            self._L = sp.csr_matrix((1.0 / holding.data, columns, holding.indptr), shape=holding.shape)
-        else:
+            some, S, A, turned = np.arange(len(response.read)), response.stiffness, response.rows, response.turned
+        self._some, self._S, self._anchor, self._G, holding = some, S, response.anchor[some], None, A[self._held]
+        columns, entries = holding.indices.astype(np.int64), holding.data
+        if (np.diff(holding.indptr) != 1).any() or len(np.unique(columns)) < len(columns):
             L, Z = held_by(holding)
             self._G = G = sp.csr_matrix(sp.hstack([L.T, Z]))
-            self._A, self._stiff, columns = sp.csr_matrix(self._A @ G), G.T @ (self._stiff @ G), np.arange(L.shape[0])
-            self._L, self._turned = sp.eye_array(*L.shape, format="csr"), sp.csr_matrix(self._A[response.norms].T)
-        free = np.ones(len(self._stiff), dtype=bool)
+            A, S, columns, entries = sp.csr_matrix(A @ G), G.T @ (S @ G), np.arange(L.shape[0]), np.ones(L.shape[0])
+            turned = sp.csr_matrix(A.T)
+        self._A, self._turned, self._placed, self._columns, self._entries = A, turned, S, columns, entries
+        H = sets.curvature[:, None, None] * transverse(sets.direction)
+        self._T = sp.csr_matrix(turned @ (response.blockwise(H, self._spring) @ A))
+        if self._anchor.any():
+            self._T = sp.csr_matrix(self._T - self._anchors())
+        free = np.ones(len(S), dtype=bool)
         free[columns] = False
         self._free = np.flatnonzero(free)
 
-    def _choose(self) -> None:
-        """x = react f + given (shares of x), of limits that hold, terms that stick, and idle rows, in this order."""
-        idle, shares, h = self._sets.idle, self._sets.shares, len(self._hard)
-        self._rows, self._react, self._given = np.concatenate([self._held, idle]), self._L, np.zeros((len(self._held), 0))
+    def _anchors(self) -> sp.csr_matrix:
+        """The stiffness of the anchors, in the coordinates."""
+        anchors, G = sp.diags_array(self._anchor, format="csr"), self._G
+        return sp.csr_matrix(anchors if G is None else G.T @ anchors @ G)
+
+    def _stiff(self, rows: Ints) -> Floats:
+        """S + T, these coordinates beside the free ones."""
+        stiff, T = self._placed.take(rows, 0).take(self._free, 1), self._T.tocoo()
+        row, column = (np.full(len(self._placed), -1) for _ in range(2))
+        row[rows], column[self._free] = np.arange(len(rows)), np.arange(len(self._free))
+        i, j = row[T.row], column[T.col]
+        there = (i >= 0) & (j >= 0)
+        stiff[i[there], j[there]] += T.data[there]
+        return stiff
+
+    def _share(self) -> None:
+        """x = R f + given (shares of x) of limits that hold, terms that stick and idle rows, f being forces on what holds."""
+        idle, h = self._sets.idle, len(self._hard)
+        self._rows, self._given = np.concatenate([self._held, idle]), np.zeros((len(self._held), 0))
+        self._R = sp.eye_array(len(self._held), format="csr")
         if len(idle):
-            pushed, own = (self._L @ self._A[idle].T).toarray(), shares[:, self._held[h:]]
-            chosen = np.linalg.inv(shares[:, idle] - own @ pushed[h:])
+            pushed = self._turned[:, idle].toarray()[self._columns] / self._entries[:, None]
+            own = np.concatenate([np.zeros((len(idle), h)), self._sets.shares[:, self._held[h:]]], axis=1)
+            chosen = np.linalg.inv(self._sets.shares[:, idle] - own @ pushed)
             self._given = np.concatenate([-pushed @ chosen, chosen])
-            react = sp.vstack([self._L, sp.csr_matrix((len(idle), self._L.shape[1]))])
-            self._react = sp.csr_matrix(react - sp.csr_matrix(self._given @ (own @ self._L[h:])))
-        self._press = self._react[:h]
+            self._R = sp.csr_matrix(np.eye(len(self._rows), len(self._held)) - self._given @ own)
+
+    def _carried(self, force: Floats, entries: Floats) -> Floats:
+        """R f, of forces (h,) or (h, k) on the coordinates that are held, of such entries."""
+        own = (force.T / entries).T
+        return self._R @ own if len(self._sets.idle) else own
+
+    def _tie(self) -> None:
+        """p = E^{-1} (what limits would carry alone), where terms that slip pull at what limits hold."""
+        E = np.eye(len(self._spring))
+        E[self._hard] += self._carried(self._tug.toarray()[self._columns], self._entries)[: len(self._hard)]
+        self._untie = sp.csr_matrix(np.linalg.inv(E))
+        self._pull, self._tug = self._pull @ self._untie, self._tug @ self._untie
 
     def _opened(self, rest: Floats) -> Floats:
         """M^{-1} rest."""
@@ -293,28 +307,28 @@ class SetsSystem:
 
     def solve(self, force: Floats, wanted: Floats) -> tuple[Floats, Floats]:
         """(d, x) with K d = force - A'x, where the equation of every row misses by `wanted` (N,)."""
-        response, sets, h, y = self._response, self._sets, len(self._hard), np.zeros(len(self._stiff))
+        response, sets, h = self._response, self._sets, len(self._hard)
         norms, limits, x = response.norms, response.limits, np.zeros(len(wanted))
         x[self._slips], x[limits] = wanted[self._slips], -self._spring * wanted[limits]
-        d, rest = self._L.T @ wanted[self._held], self._passed(force - response.act(x))
-        rest -= self._stiff @ d
-        given = self._given @ wanted[sets.idle]
+        given, y, d = self._given @ wanted[sets.idle], np.zeros(len(self._placed)), np.zeros(len(self._placed))
+        d[self._columns], rest = wanted[self._held] / self._entries, self._passed(force - response.act(x))
+        if d.any():
+            rest -= self._placed @ d + self._T @ d
         p = x[limits] + self._spring * (self._A @ d)[limits]
-        p[self._hard] += self._press @ rest + given[:h]
+        p[self._hard] += (self._carried(rest[self._columns], self._entries) + given)[:h]
         y[self._free] = self._opened((rest - self._tug @ p)[self._free])
         p += self._P @ y[self._free]
-        rest -= self._stiff @ y + self._tug @ p
+        rest -= self._placed @ y + self._T @ y + self._tug @ p
         d += y
-        if self._sets.curvature.any():
-            x[norms] += sets.bent(self._operators.blocks((self._A @ d)[norms])).ravel()
-        x[norms] += self._pull @ p
+        x[norms] += sets.bent(self._operators.blocks((self._A @ d)[norms])).ravel()
+        x += self._pull @ p
         x[limits] = p if self._untie is None else self._untie @ p
-        x[self._rows] = self._react @ rest + given
+        x[self._rows] = self._carried(rest[self._columns], self._entries) + given
         d = d if self._G is None else self._G @ d
         if len(d) == len(force):
             return d, x
         push = force - response.act(x)
-        push[response.read[self._some]] += response.anchor[self._some] * d
+        push[response.read[self._some]] += self._anchor * d
         return self._operators.factor.solve(push), x
 
     @cached_property
@@ -322,10 +336,9 @@ class SetsSystem:
         """c of theorem 2."""
         if len(self._M) == 0:
             return 0.0
-        N = restricted(self._stiff, self._free)
-        if (anchor := self._response.anchor[self._some]).any():
-            anchors = sp.diags_array(anchor) if self._G is None else self._G.T @ sp.diags_array(anchor) @ self._G
-            _add(N, sp.csr_matrix(anchors)[self._free][:, self._free])
+        N = self._stiff(self._free)
+        if self._anchor.any():
+            N += self._anchors()[self._free][:, self._free].toarray()
         # y'My >= y'Ny / 2 where J is small, which a factorisation shows in a tenth of the work of the norm.
         if lapack.dpotrf(self._M + self._M.T - N)[1] == 0:
             return 2.0
@@ -333,48 +346,46 @@ class SetsSystem:
         return np.inf if info else float(np.linalg.norm(np.triu(root) @ self._opened(np.triu(root).T)))
 
     @cached_property
-    def _sizes(self) -> sp.csr_matrix:
-        """|A| in the coordinates, (N, u)."""
-        return abs(self._A)
-
-    @cached_property
     def _stiffest(self) -> Floats:
-        """(u,) the most that |K_r d| is on a coordinate, of |d| = 1 in K_r + anchors' stiffness."""
-        anchor, G = self._response.anchor[self._some], self._G
-        if G is None:
-            return np.asarray(np.sqrt(np.diagonal(self._S)) + np.sqrt(anchor))
-        own = np.asarray(G.multiply(self._S @ G).sum(axis=0)).ravel()
-        return np.asarray(np.sqrt(np.maximum(own, 0.0)) + np.sqrt(G.multiply(G).T @ anchor))
+        """(u,) bounds on |K_r d| on the coordinates, |d| in K_r and anchors being one."""
+        # Schwarz's inequality; anchors pull with no more than the root of their stiffness.
+        anchor = self._anchors().diagonal() if self._anchor.any() else 0.0
+        return np.asarray(np.sqrt(np.diagonal(self._placed)) + np.sqrt(anchor))
 
     @cached_property
     def _moving(self) -> Floats:
         """(m * block + r,) `reach` of rows, zero for those that what is held does not let move."""
-        response, free = self._response, np.zeros(len(self._stiff))
+        response, sizes, free = self._response, abs(self._A), np.zeros(len(self._placed))
         free[self._free] = 1.0
         beyond = np.ones(len(response.read))
         beyond[self._some] = 0.0
-        held = self._sizes @ free <= FOLLOWS * (self._sizes @ np.ones(len(free)))
-        return np.where(held & (beyond @ response.readers == 0), 0.0, response.reach)
+        held = (sizes @ free <= FOLLOWS * (sizes @ np.ones(len(free)))) & (response.sizes @ beyond == 0)
+        return np.where(held, 0.0, response.reach)
 
     def answers(self, along: Floats, across: Floats) -> Answers:
         """Bounds on the answers to psi, its parts being at most `along` and `across` (m,), none of what sticks."""
         response, block, h = self._response, self._operators.block, self._sets.curvature
-        norms, limits, pull, press = response.norms, response.limits, abs(self._pull), abs(self._press)
+        norms, limits, hard = response.norms, response.limits, len(self._hard)
+        sizes, pull, R, entries = abs(self._turned), abs(self._pull), abs(self._R), np.abs(self._entries)
+
+        def limited(force: Floats) -> Floats:
+            p = np.zeros(len(self._spring))
+            p[self._hard] = (R @ (force[self._columns] / entries))[:hard]
+            return p
+
         # A term moves if one of its rows does.
         phi = self._operators.blocks(self._moving[norms]).max(axis=1)
         chi = np.minimum(phi, 1.0 / np.sqrt(np.where(h > 0, h, np.inf)), where=h > 0, out=phi.copy())
         x = np.zeros(len(response.reach))
         x[norms] = psi = np.repeat(np.hypot(along, across), block)
-        tied = lengths(self._operators.blocks(pull @ self._on_limits(press @ (x @ self._sizes))))
+        tied = lengths(self._operators.blocks((pull @ limited(sizes @ x))[norms]))
         energy = self.gain * float(response.reach[norms][::block] @ tied + phi @ along + chi @ across)
         excess = self._moving[limits] * energy
         x[norms], x[limits] = psi + np.repeat(h * chi * energy, block), self._spring * excess
-        # Schwarz's inequality; anchors pull with no more than the root of their stiffness.
-        force = self._stiffest * energy + x @ self._sizes
-        forces = self._on_limits(press @ force) + self._spring * excess
-        x[norms], x[limits] = pull @ forces, 0.0
+        force = self._stiffest * energy + sizes @ x
+        forces = limited(force) + self._spring * excess
         held = np.zeros(len(x))
-        held[self._rows] = abs(self._react) @ (force + x @ self._sizes)
+        held[self._rows] = R @ ((force + sizes @ (pull @ forces))[self._columns] / entries)
         return Answers(
             energy=energy,
             along=phi * energy,
@@ -383,12 +394,6 @@ class SetsSystem:
             multipliers=lengths(self._operators.blocks(held[norms])),
             forces=forces if self._untie is None else abs(self._untie) @ forces,
         )
-
-    def _on_limits(self, forces: Floats) -> Floats:
-        """(r,) forces of the limits that hold, among those of all."""
-        p = np.zeros(len(self._spring))
-        p[self._hard] = forces
-        return p
 
 
 class Answers(NamedTuple):
@@ -405,10 +410,3 @@ class Answers(NamedTuple):
     """(m,) of terms that stick"""
     forces: Floats
     """(r,)"""
-
-
-def _add(dense: Floats, sparse: sp.csr_matrix) -> None:
-    """Add a sparse matrix to a dense one, in place."""
-    entries = sp.coo_matrix(sparse)
-    entries.sum_duplicates()
-    dense[entries.row, entries.col] += entries.data

@@ -45,7 +45,7 @@ def distances(monkeypatch, run):
         if end is not None:
             unit, last = program.operators.energy_norm, end.found.point.d
             for answer, sets in tried.copy():
-                bound = distance_to_a_solution(program, law, sets, answer)
+                bound = distance_to_a_solution(program, law, sets, answer, response)
                 if bound is not None:
                     found.append(np.array([unit(answer.point.d - last), bound + answer.error]) / unit(last))
         return end
@@ -57,11 +57,13 @@ def distances(monkeypatch, run):
     return np.reshape(found, (-1, 2))
 
 
+@pytest.mark.parametrize("turns", [0, 1])
 @pytest.mark.parametrize("coefficient", [0.1, 0.3, 0.6])
-def test_answers_are_as_near_to_a_solution_as_proven(monkeypatch, coefficient):
+def test_answers_are_as_near_to_a_solution_as_proven(monkeypatch, coefficient, turns):
     """Every set on the way that has a proof: the end of the way, known to 1e-12, is within the bound."""
-    # Near the end bounds are small: the way is to begin far from it, at the answer before.
+    # Near the end bounds are small: the way is to begin far from it, at the answer before, and to take small steps.
     monkeypatch.setattr(coulomb, "swept", lambda program, law, start, response: start)
+    monkeypatch.setattr(coulomb, "TURNS", turns)
     away, bound = distances(monkeypatch, lambda: vx.march(rubbing(coefficient), np.linspace(0, 1, 5))).T
     assert (away <= bound + 1e-12).all()
     early = away > 1e-10
@@ -88,22 +90,22 @@ def test_what_is_nearly_anything_else_is_not_proven(monkeypatch):
 
     monkeypatch.setattr(coulomb, "distance_to_a_solution", watched)
     vx.march(rubbing(0.6), [0.0, 0.5, 1.0])
-    program, law, sets, found = seen[-1]
-    assert distance_to_a_solution(program, law, sets, found) is not None
+    program, law, sets, found, response = seen[-1]
+    assert distance_to_a_solution(program, law, sets, found, response) is not None
     slips, sticks = ~sets.stick & (law.weights(found.point.p) > 0), sets.stick
     assert slips.any()
     lam = found.point.lam.copy()
     lam[np.argmax(slips)] *= -1.0
     off = replace(found, point=replace(found.point, lam=lam))
-    assert distance_to_a_solution(program, law, sets, off) is None
+    assert distance_to_a_solution(program, law, sets, off, response) is None
     coarse = replace(found, forces=float(np.linalg.norm(lam, axis=1).max()))
-    assert distance_to_a_solution(program, law, sets, coarse) is None
+    assert distance_to_a_solution(program, law, sets, coarse, response) is None
     if sticks.any():
         lam = found.point.lam.copy()
         i = int(np.argmax(sticks))
         lam[i] = [2 * law.weights(found.point.p)[i], 0.0]
         over = replace(found, point=replace(found.point, lam=lam))
-        assert distance_to_a_solution(program, law, sets, over) is None
+        assert distance_to_a_solution(program, law, sets, over, response) is None
 
 
 @pytest.mark.slow

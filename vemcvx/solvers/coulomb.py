@@ -68,12 +68,14 @@ from scipy.linalg.blas import dsymv
 
 from vemcvx.arrays import EPS, Floats, lengths
 from vemcvx.program.step_program import StepProgram
-from vemcvx.solvers.newton import Iterate, Sets, Shifts, sets_at, without_redundant_rows
+from vemcvx.solvers.newton import Iterate, Sets, Shifts, most_curved, sets_at, without_redundant_rows
 from vemcvx.solvers.sets_system import Answers, Response, SetsSystem
 from vemcvx.weight_law import Piece, PressureLaw
 
 SOLVED = 1e-6
 """Part of the answer above which a correction shows a nearly singular system, whose sets leave a motion free."""
+SETTLED = 1e-12
+"""Part of the answer below which a correction is the last."""
 ROUNDINGS = 64.0
 """Rounding units by which an inequality may fail."""
 
@@ -141,77 +143,111 @@ def _balances(program: StepProgram, lam: Floats, p: Floats) -> bool:
 
 
 def on_sets(program: StepProgram, law: Piece, sets: Sets, response: Response, near: Floats) -> Found:
-    """Solve the system of the sets, with two corrections by its residual."""
-    operators = program.operators
+    """Solve the system of the sets, corrected by its residual until that is rounding, twice at most."""
+    operators, norms, limits = program.operators, response.norms, response.limits
     system = SetsSystem(operators, sets, law.slope, response)
     d, x = np.zeros(len(program.g)), np.zeros(response.A.shape[0])
-    norms, limits = response.norms, response.limits
-    stick, act = np.repeat(sets.stick, operators.block), sets.act
-    step, error = d, np.inf
-    for _ in range(3):
-        lam, p = operators.blocks(x[norms]), x[limits]
-        bound = sets.direction * (law.weights + law.slope @ (p - law.forces))[:, None] + sets.bent(program.slip(d))
-        slip = operators.rows.read(d) - program.b
-        wanted = np.zeros_like(x)
-        wanted[norms] = np.where(stick, -slip, (bound - lam).ravel())
-        if len(sets.idle):
-            wanted[norms][sets.idle] = sets.shares @ (near - lam).ravel()
-        wanted[limits] = np.where(act, operators.compliance * p - program.excess(d), -p)
-        step, more = system.solve(program.residual(d, lam, p), wanted)
-        d, x = d + step, x + more
-        error = operators.energy_norm(step)
+    free = np.sqrt(operators.factor.energy(program.g))
+    for turn in range(3):
+        point = Iterate(d, operators.blocks(x[norms]), x[limits])
+        bound = sets.direction * (law.weights + law.slope @ (point.p - law.forces))[:, None]
+        bound += sets.bent(program.slip(d))
+        step, more = system.solve(program.residual(*_parts(point)), _missing(program, sets, point, bound, near))
+        d, x, error = d + step, x + more, operators.energy_norm(step)
+        norm = free + np.sqrt(operators.factor.energy(response.act(x)))
+        if turn and error <= SETTLED * norm:
+            break
     size, last = np.abs(x), np.abs(more).max(initial=0.0)
-    force, free = np.abs(program.g).max(initial=0.0), operators.factor.energy(program.g)
-    norm = np.sqrt(free) + np.sqrt(operators.factor.energy(response.act(x)))
-    solved = last <= SOLVED * max(force, size.max(initial=0.0)) and error <= SOLVED * norm
+    solved = last <= SOLVED * max(np.abs(program.g).max(initial=0.0), size.max(initial=0.0)) and error <= SOLVED * norm
     reach, off = abs(response.A) @ np.abs(d), response.A @ step
     # Sets that leave a rigid motion free put the body anywhere along it; the work of multipliers on it shows that.
     solved = solved and size @ np.abs(off) <= SOLVED * norm**2
-    if not solved or not _balances(program, operators.blocks(x[norms]), x[limits]):
+    point = Iterate(d, operators.blocks(x[norms]), x[limits])
+    if not solved or not _balances(program, point.lam, point.p):
         raise LinAlgError("singular")
-    forces = 8 * last + ROUNDINGS * EPS * size.max(initial=0.0)
-    motions = 8 * np.abs(off) + ROUNDINGS * EPS * (reach + np.abs(np.concatenate([program.b, program.e])))
     return Found(
         sets=sets,
-        point=Iterate(d, operators.blocks(x[norms]), x[limits]),
+        point=point,
         error=error,
-        forces=forces,
-        motions=motions,
+        forces=8 * last + ROUNDINGS * EPS * size.max(initial=0.0),
+        motions=8 * np.abs(off) + ROUNDINGS * EPS * (reach + np.abs(np.concatenate([program.b, program.e]))),
         system=system,
     )
 
 
-def distance_to_a_solution(program: StepProgram, law: PressureLaw, sets: Sets, found: Found) -> float | None:
-    """A bound on |d - d*|_K to a solution d* of (Q), from what the sets miss of it; None if there is no proof."""
-    p, s = np.where(found.sets.act, np.maximum(found.point.p, 0.0), 0.0), program.slip(found.point.d)
-    w, J, v = law.weights(p), abs(law.slope(p)), np.linalg.norm(s, axis=1)
-    blur = found.motions.max(initial=0.0)
+def _parts(point: Iterate) -> tuple[Floats, Floats, Floats]:
+    return point.d, point.lam, point.p
+
+
+def _missing(program: StepProgram, sets: Sets, at: Iterate, bound: Floats, near: Floats) -> Floats:
+    """(N,) what a point misses of the equations of the sets, slipping terms having the multipliers `bound`."""
+    stick = sets.stick[:, None]
+    norms = np.where(stick, -program.slip(at.d), bound - at.lam).ravel()
+    if len(sets.idle):
+        norms[sets.idle] = sets.shares @ (near - at.lam).ravel()
+    compliance = program.operators.compliance
+    return np.concatenate([norms, np.where(sets.act, compliance * at.p - program.excess(at.d), -at.p)])
+
+
+TURNS = 12
+"""Corrections on one factor while the directions of slip turn; each leaves less than half."""
+
+
+def turned(program: StepProgram, law: Piece, found: Found, near: Floats) -> Found:
+    """The point corrected, on the same factor, by what it misses of the law itself, while that halves."""
+    sets, point, least = found.sets, found.point, np.inf
+    for _ in range(TURNS):
+        w, s = law.at(point.p), program.slip(point.d)
+        v = lengths(s)
+        slides = ~sets.stick & (v > found.motions.max(initial=0.0))
+        bound = np.where(slides[:, None], (w / np.where(slides, v, 1.0))[:, None] * s, point.lam)
+        missed = np.abs(bound - point.lam)[slides].max(initial=0.0)
+        if missed <= found.forces or missed > 0.5 * least:
+            break
+        least, wanted = missed, _missing(program, sets, point, bound, near)
+        step, more = found.system.solve(program.residual(*_parts(point)), wanted)
+        lam = point.lam + program.operators.blocks(more[: s.size])
+        point = Iterate(point.d + step, lam, point.p + more[s.size :])
+    return replace(found, point=point)
+
+
+def distance_to_a_solution(
+    program: StepProgram, law: PressureLaw, sets: Sets, found: Found, response: Response
+) -> float | None:
+    """A bound on |d - d*|_K to a solution d* of (Q), by theorem 2; None if there is no proof."""
+    point, act = found.point, found.sets.act
+    p, s = np.where(act, np.maximum(point.p, 0.0), 0.0), program.slip(point.d)
+    w, J, v, blur = law.weights(p), law.slope(p), lengths(s), found.motions.max(initial=0.0)
     # What slips by no more than rounding is held by others, wherever lam_i points.
     slides, held = ~sets.stick & (w > 0) & (v > blur), ~sets.stick & (w > 0) & (v <= blur)
     if not slides.any():
         return 0.0 if found.holds(program, law, sets) else None
     v = np.where(slides, v, 1.0)
-    u = np.where(slides[:, None], s / v[:, None], 0.0)
-    q, h = sets.direction, sets.curvature
-    delta, off, rounding = np.linalg.norm(u - q, axis=1), np.abs(w / v - h), blur / v
-    missed = found.point.lam - w[:, None] * u
-    along = np.einsum("ij,ij->i", missed, q)
-    across = np.linalg.norm(missed - along[:, None] * q, axis=1) + found.forces + w * rounding
-    along = np.abs(along) + found.forces + w * rounding * (delta + rounding)
-    first = np.stack([along, across]) * slides
-    t = 2.0 * first
-    for _ in range(8):  # Twice what the last bounds lead to: where psi changes little, the first do.
-        answers = found.system.answers(*t)
-        alpha, gamma = answers.along * slides, answers.across * slides
-        if not (alpha + gamma < v).all():
-            return None
-        turn = (gamma + delta * alpha) / (v - alpha - gamma)
-        common = w * ((turn + delta) * (alpha + gamma) / v + turn**2 / 2) + (J @ answers.forces) * (delta + turn)
-        led = first + np.stack([common, common + off * gamma]) * slides
-        if (led <= t).all():
-            proven = (answers.along[held] <= blur).all() and _hold(program, law, sets, found, answers)
-            return answers.energy if proven else None
-        t = np.maximum(t, 2.0 * led)
+    u, h = s / v[:, None], np.minimum(w / v, most_curved(program))
+    own = replace(
+        found.sets,
+        direction=np.where(slides[:, None], u, sets.direction),
+        curvature=np.where(slides, h, sets.curvature),
+    )
+    with suppress(LinAlgError):
+        system = SetsSystem(program.operators, own, J, response)
+        missed = point.lam - w[:, None] * u
+        along = np.einsum("ij,ij->i", missed, u)
+        first = np.stack([np.abs(along), lengths(missed - along[:, None] * u)])
+        first = (first + found.forces + w * np.stack([(blur / v) ** 2, blur / v])) * slides
+        t = 2.0 * first
+        for _ in range(8):  # Twice what the last bounds lead to: where psi changes little, the first do.
+            answers = system.answers(*t)
+            alpha, gamma = answers.along * slides, answers.across * slides
+            if not (alpha + gamma < v).all():
+                return None
+            turn = gamma / (v - alpha - gamma)
+            common = turn * (w * ((alpha + gamma) / v + turn / 2) + abs(J) @ answers.forces)
+            led = first + np.stack([common, common + (w / v - h) * gamma]) * slides
+            if (led <= t).all():
+                proven = (answers.along[held] <= blur).all() and _hold(program, law, sets, found, answers)
+                return answers.energy if proven else None
+            t = np.maximum(t, 2.0 * led)
     return None
 
 
@@ -276,7 +312,7 @@ def solution_near(
     if met is None:
         return None
     (sets, found), point = met, met.point(program, law)
-    away = distance_to_a_solution(program, law, sets, found) if program.operators.block > 1 else 0.0
+    away = distance_to_a_solution(program, law, sets, found, response) if program.operators.block > 1 else 0.0
     # Where the point is moved within bounds and into place, that counts.
     error = found.error + program.operators.energy_norm(point.d - found.point.d) + (away or 0.0)
     return SetsSolution(point, law.weights(point.p), error, away is not None)
@@ -374,6 +410,8 @@ def _from_sets(
         found = _tried(program, piece, sets, response, point.lam)
         if found is None:
             return None
+        if turns:
+            found = turned(program, piece, found, point.lam)
         if found.holds(program, law, sets):
             return _Settled(sets, found)
         point = found.next_point(program, law, sets)

@@ -216,13 +216,6 @@ class SetsSystem:
         self._P[self._hard] = -self._carried(self._stiff(forces), self._entries[: len(forces)])[:h]
         if self._spring.any():
             self._P += (sp.diags_array(self._spring) @ self._A[response.limits])[:, self._free].toarray()
-        self._M = self._stiff(self._free)
-        if self._tug.nnz:
-            self._M += self._tug[self._free] @ self._P
-        # LAPACK reads columns: it gets the transpose, as it stands.
-        self._lu = lu = lapack.dgetrf(self._M.T) if len(self._M) else (self._M, self._M, 0)
-        if lu[2] > 0 or not np.isfinite(lu[0]).all():
-            raise LinAlgError("singular")
 
     def _place(self, concerned: Bools) -> None:
         """Choose coordinates d of the unknowns G d, such that what holds reads one a row; A, S and T in these."""
@@ -290,9 +283,22 @@ class SetsSystem:
         self._untie = sp.csr_matrix(np.linalg.inv(E))
         self._pull, self._tug = self._pull @ self._untie, self._tug @ self._untie
 
+    def _followed(self) -> Floats:
+        """Z'B'q J P, the part of M that is not symmetric."""
+        return np.asarray(self._tug[self._free] @ self._P)
+
+    @cached_property
+    def _lu(self) -> tuple[Floats, Ints]:
+        """The factors of M'."""
+        # LAPACK reads columns: it gets the transpose, as it stands.
+        lu, pivots, info = lapack.dgetrf((self._stiff(self._free) + self._followed()).T, overwrite_a=True)
+        if info > 0 or not np.isfinite(lu).all():
+            raise LinAlgError("singular")
+        return lu, pivots
+
     def _opened(self, rest: Floats) -> Floats:
         """M^{-1} rest."""
-        return np.asarray(lapack.dgetrs(*self._lu[:2], rest, trans=1)[0]) if len(rest) else rest
+        return np.asarray(lapack.dgetrs(*self._lu, rest, trans=1)[0]) if len(rest) else rest
 
     def _passed(self, force: Floats) -> Floats:
         """The force (n,) on all, as one on the coordinates."""
@@ -334,13 +340,17 @@ class SetsSystem:
     @cached_property
     def gain(self) -> float:
         """c of theorem 2."""
-        if len(self._M) == 0:
+        if len(self._free) == 0:
             return 0.0
-        N = self._stiff(self._free)
+        N, followed = self._stiff(self._free), self._followed()
+        # M + M' - N, with anchors in N
+        twice = N + followed
+        twice += followed.T
         if self._anchor.any():
-            N += self._anchors()[self._free][:, self._free].toarray()
+            anchors = self._anchors()[self._free][:, self._free].toarray()
+            N, twice = N + anchors, twice - anchors
         # y'My >= y'Ny / 2 where J is small, which a factorisation shows in a tenth of the work of the norm.
-        if lapack.dpotrf(self._M + self._M.T - N)[1] == 0:
+        if lapack.dpotrf(twice.T, overwrite_a=True)[1] == 0:
             return 2.0
         root, info = lapack.dpotrf(N)
         return np.inf if info else float(np.linalg.norm(np.triu(root) @ self._opened(np.triu(root).T)))

@@ -159,7 +159,7 @@ def on_sets(program: StepProgram, law: Piece, sets: Sets, response: Response, ne
             break
     size, last = np.abs(x), np.abs(more).max(initial=0.0)
     solved = last <= SOLVED * max(np.abs(program.g).max(initial=0.0), size.max(initial=0.0)) and error <= SOLVED * norm
-    reach, off = abs(response.A) @ np.abs(d), response.A @ step
+    reach, off = response.sizes @ np.abs(d[response.read]), response.rows @ step[response.read]
     # Sets that leave a rigid motion free put the body anywhere along it; the work of multipliers on it shows that.
     solved = solved and size @ np.abs(off) <= SOLVED * norm**2
     point = Iterate(d, operators.blocks(x[norms]), x[limits])

@@ -57,6 +57,7 @@ class Response:
         """(m * block + r, u) A on these"""
         self.turned = sp.csr_matrix(self.rows.T)
         """(u, m * block + r) A' on these"""
+        self._last: Place | None = None
         self.anchor: Floats = anchor[self.read]
         """(u,) the stiffness of the anchors, without which K_r is K"""
 
@@ -84,6 +85,18 @@ class Response:
         follows = sp.csr_matrix(Q @ J)
         follows.eliminate_zeros()
         return follows
+
+    def place(self, held: Ints, touched: Bools) -> Place:
+        """The coordinates of the unknowns that some rows (N,) touch: of all, unless these are less than half.
+
+        The last are remembered: sets that hold the same are asked for again while directions turn.
+        """
+        some = np.flatnonzero((touched @ self.sizes > 0) | (self.anchor > 0))
+        some = some if 2 * len(some) < len(self.read) else np.arange(len(self.read))
+        if self._last is None or not (np.array_equal(held, self._last.held) and np.array_equal(some, self._last.some)):
+            self._last = None  # before there is another, lest memory hold two
+            self._last = Place(self, held, some)
+        return self._last
 
     @cached_property
     def _inner(self) -> tuple[Ints, Factor]:
@@ -189,6 +202,55 @@ def _assembled(parts: list[tuple[Ints, Ints, Floats]], shape: tuple[int, int]) -
     return sp.csr_matrix((values, (rows, columns)), shape=shape)
 
 
+class Place:
+    """Coordinates d of some of the unknowns, G d, of which what holds reads one a row; all other coordinates are free.
+
+    Raises
+    ------
+    LinAlgError
+        A row that holds follows from others.
+    """
+
+    def __init__(self, response: Response, held: Ints, some: Ints):
+        self.held, self.some, self.anchor = held, some, response.anchor[some]
+        # Unknowns that the sets do nothing with are eliminated.
+        every = len(some) == len(response.read)
+        S = response.stiffness if every else np.linalg.inv(restricted(response.flexibility, some))
+        A = response.rows if every else sp.csr_matrix(response.rows[:, some])
+        holding, self.inner, self.G = A[held], S, None
+        self.columns: Ints = holding.indices.astype(np.int64)
+        """(h,) the coordinates that are held"""
+        self.entries: Floats = holding.data
+        """(h,) what their rows have there"""
+        if (np.diff(holding.indptr) != 1).any() or len(np.unique(self.columns)) < len(self.columns):
+            L, Z = held_by(holding)
+            self.G = G = sp.csr_matrix(sp.hstack([L.T, Z]))
+            A, S, self.columns, self.entries = sp.csr_matrix(A @ G), G.T @ (S @ G), np.arange(len(held)), np.ones(len(held))
+        self.S, self.A, self.turned = S, A, response.turned if A is response.rows else sp.csr_matrix(A.T)
+        self.free: Ints = np.setdiff1d(np.arange(len(S)), self.columns)
+
+    def beside_free(self, T: sp.csr_matrix, rows: Ints) -> Floats:
+        """S + T, these coordinates beside the free ones."""
+        S = self.within.copy() if rows is self.free else self.S.take(rows, 0).take(self.free, 1)
+        row, column, T = np.full(len(self.S), -1), np.full(len(self.S), -1), T.tocoo()
+        row[rows], column[self.free] = np.arange(len(rows)), np.arange(len(self.free))
+        i, j = row[T.row], column[T.col]
+        there = (i >= 0) & (j >= 0)
+        S[i[there], j[there]] += T.data[there]
+        return S
+
+    @cached_property
+    def within(self) -> Floats:
+        """S of the free coordinates."""
+        return np.asarray(restricted(self.S, self.free))
+
+    @cached_property
+    def anchors(self) -> sp.csr_matrix:
+        """The stiffness of the anchors, in the coordinates."""
+        anchors, G = sp.diags_array(self.anchor, format="csr"), self.G
+        return sp.csr_matrix(anchors if G is None else G.T @ anchors @ G)
+
+
 class SetsSystem:
     """The system of some sets, reduced to the motions y that they leave, and factorised.
 
@@ -204,72 +266,35 @@ class SetsSystem:
         self._spring = np.divide(1.0, operators.compliance, out=np.zeros(len(hard)), where=sets.act & ~hard)
         self._slips, self._hard = np.flatnonzero(~stick), np.flatnonzero(hard)
         stick[sets.idle] = False
-        self._held = np.concatenate([response.limits.start + self._hard, np.flatnonzero(stick)])
-        self._place(sets.stick | (sets.curvature > 0) | (abs(J) @ sets.act > 0))
+        concerned = np.repeat(sets.stick | (sets.curvature > 0) | (abs(J) @ sets.act > 0), operators.block)
+        held = np.concatenate([response.limits.start + self._hard, np.flatnonzero(stick)])
+        self._place = place = response.place(held, np.concatenate([concerned, sets.act]))
+        H = sets.curvature[:, None, None] * transverse(sets.direction)
+        self._T = sp.csr_matrix(place.turned @ (response.blockwise(H, self._spring) @ place.A))
+        if place.anchor.any():
+            self._T = sp.csr_matrix(self._T - place.anchors)
         self._share()
         self._pull, self._untie = response.following(sets.direction, J), None
-        self._tug = self._turned @ self._pull
-        if np.diff(self._tug.indptr)[self._columns].any():
+        self._tug = place.turned @ self._pull
+        if np.diff(self._tug.indptr)[place.columns].any():
             self._tie()
-        h, forces = len(self._hard), self._columns if len(sets.idle) else self._columns[: len(self._hard)]
-        self._P = np.zeros((len(hard), len(self._free)))
-        self._P[self._hard] = -self._carried(self._stiff(forces), self._entries[: len(forces)])[:h]
+        h, forces = len(self._hard), place.columns if len(sets.idle) else place.columns[: len(self._hard)]
+        self._P = np.zeros((len(hard), len(place.free)))
+        self._P[self._hard] = -self._carried(place.beside_free(self._T, forces), place.entries[: len(forces)])[:h]
         if self._spring.any():
-            self._P += (sp.diags_array(self._spring) @ self._A[response.limits])[:, self._free].toarray()
-
-    def _place(self, concerned: Bools) -> None:
-        """Choose coordinates d of the unknowns G d, such that what holds reads one a row; A, S and T in these."""
-        response, sets = self._response, self._sets
-        # Unknowns that the sets do nothing with are free; where most are, these are eliminated.
-        touched = np.concatenate([np.repeat(concerned, self._operators.block), sets.act])
-        some = np.flatnonzero((touched @ response.sizes > 0) | (response.anchor > 0))
-        if 2 * len(some) < len(response.read):
-            S, A = np.linalg.inv(restricted(response.flexibility, some)), sp.csr_matrix(response.rows[:, some])
-            turned = sp.csr_matrix(A.T)
-        else:
-            some, S, A, turned = np.arange(len(response.read)), response.stiffness, response.rows, response.turned
-        self._some, self._S, self._anchor, self._G, holding = some, S, response.anchor[some], None, A[self._held]
-        columns, entries = holding.indices.astype(np.int64), holding.data
-        if (np.diff(holding.indptr) != 1).any() or len(np.unique(columns)) < len(columns):
-            L, Z = held_by(holding)
-            self._G = G = sp.csr_matrix(sp.hstack([L.T, Z]))
-            A, S, columns, entries = sp.csr_matrix(A @ G), G.T @ (S @ G), np.arange(L.shape[0]), np.ones(L.shape[0])
-            turned = sp.csr_matrix(A.T)
-        self._A, self._turned, self._placed, self._columns, self._entries = A, turned, S, columns, entries
-        H = sets.curvature[:, None, None] * transverse(sets.direction)
-        self._T = sp.csr_matrix(turned @ (response.blockwise(H, self._spring) @ A))
-        if self._anchor.any():
-            self._T = sp.csr_matrix(self._T - self._anchors())
-        free = np.ones(len(S), dtype=bool)
-        free[columns] = False
-        self._free = np.flatnonzero(free)
-
-    def _anchors(self) -> sp.csr_matrix:
-        """The stiffness of the anchors, in the coordinates."""
-        anchors, G = sp.diags_array(self._anchor, format="csr"), self._G
-        return sp.csr_matrix(anchors if G is None else G.T @ anchors @ G)
-
-    def _stiff(self, rows: Ints) -> Floats:
-        """S + T, these coordinates beside the free ones."""
-        stiff, T = self._placed.take(rows, 0).take(self._free, 1), self._T.tocoo()
-        row, column = (np.full(len(self._placed), -1) for _ in range(2))
-        row[rows], column[self._free] = np.arange(len(rows)), np.arange(len(self._free))
-        i, j = row[T.row], column[T.col]
-        there = (i >= 0) & (j >= 0)
-        stiff[i[there], j[there]] += T.data[there]
-        return stiff
+            self._P += (sp.diags_array(self._spring) @ place.A[response.limits])[:, place.free].toarray()
 
     def _share(self) -> None:
         """x = R f + given (shares of x) of limits that hold, terms that stick and idle rows, f being forces on what holds."""
-        idle, h = self._sets.idle, len(self._hard)
-        self._rows, self._given = np.concatenate([self._held, idle]), np.zeros((len(self._held), 0))
-        self._R = sp.eye_array(len(self._held), format="csr")
+        idle, h, place = self._sets.idle, len(self._hard), self._place
+        self._rows, self._given = np.concatenate([place.held, idle]), np.zeros((len(place.held), 0))
+        self._R = sp.eye_array(len(place.held), format="csr")
         if len(idle):
-            pushed = self._turned[:, idle].toarray()[self._columns] / self._entries[:, None]
-            own = np.concatenate([np.zeros((len(idle), h)), self._sets.shares[:, self._held[h:]]], axis=1)
+            pushed = place.turned[:, idle].toarray()[place.columns] / place.entries[:, None]
+            own = np.concatenate([np.zeros((len(idle), h)), self._sets.shares[:, place.held[h:]]], axis=1)
             chosen = np.linalg.inv(self._sets.shares[:, idle] - own @ pushed)
             self._given = np.concatenate([-pushed @ chosen, chosen])
-            self._R = sp.csr_matrix(np.eye(len(self._rows), len(self._held)) - self._given @ own)
+            self._R = sp.csr_matrix(np.eye(len(self._rows), len(place.held)) - self._given @ own)
 
     def _carried(self, force: Floats, entries: Floats) -> Floats:
         """R f, of forces (h,) or (h, k) on the coordinates that are held, of such entries."""
@@ -279,19 +304,22 @@ class SetsSystem:
     def _tie(self) -> None:
         """p = E^{-1} (what limits would carry alone), where terms that slip pull at what limits hold."""
         E = np.eye(len(self._spring))
-        E[self._hard] += self._carried(self._tug.toarray()[self._columns], self._entries)[: len(self._hard)]
+        E[self._hard] += self._carried(self._tug.toarray()[self._place.columns], self._place.entries)[: len(self._hard)]
         self._untie = sp.csr_matrix(np.linalg.inv(E))
         self._pull, self._tug = self._pull @ self._untie, self._tug @ self._untie
 
-    def _followed(self) -> Floats:
-        """Z'B'q J P, the part of M that is not symmetric."""
-        return np.asarray(self._tug[self._free] @ self._P)
+    def _parts(self) -> tuple[Floats, Floats]:
+        """Z'(S + T)Z and Z'B'q J P, which add up to M."""
+        place = self._place
+        return place.beside_free(self._T, place.free), np.asarray(self._tug[place.free] @ self._P)
 
     @cached_property
     def _lu(self) -> tuple[Floats, Ints]:
         """The factors of M'."""
+        M, followed = self._parts()
+        M += followed
         # LAPACK reads columns: it gets the transpose, as it stands.
-        lu, pivots, info = lapack.dgetrf((self._stiff(self._free) + self._followed()).T, overwrite_a=True)
+        lu, pivots, info = lapack.dgetrf(M.T, overwrite_a=True)
         if info > 0 or not np.isfinite(lu).all():
             raise LinAlgError("singular")
         return lu, pivots
@@ -303,72 +331,70 @@ class SetsSystem:
     def _passed(self, force: Floats) -> Floats:
         """The force (n,) on all, as one on the coordinates."""
         passed = self._response.passed_on(force)
-        on = passed[self._some]
+        on = passed[self._place.some]
         if len(on) < len(passed):
             # As motions, forces on the unknowns would lose the digits that K lacks of definiteness.
-            passed[self._some] = 0.0
+            passed[self._place.some] = 0.0
             if passed.any():
-                on = on + self._S @ (self._response.flexibility @ passed)[self._some]
-        return on if self._G is None else self._G.T @ on
+                on = on + self._place.inner @ (self._response.flexibility @ passed)[self._place.some]
+        return on if self._place.G is None else self._place.G.T @ on
 
     def solve(self, force: Floats, wanted: Floats) -> tuple[Floats, Floats]:
         """(d, x) with K d = force - A'x, where the equation of every row misses by `wanted` (N,)."""
         response, sets, h = self._response, self._sets, len(self._hard)
         norms, limits, x = response.norms, response.limits, np.zeros(len(wanted))
         x[self._slips], x[limits] = wanted[self._slips], -self._spring * wanted[limits]
-        given, y, d = self._given @ wanted[sets.idle], np.zeros(len(self._placed)), np.zeros(len(self._placed))
-        d[self._columns], rest = wanted[self._held] / self._entries, self._passed(force - response.act(x))
+        given, y, d = self._given @ wanted[sets.idle], np.zeros(len(self._place.S)), np.zeros(len(self._place.S))
+        d[self._place.columns], rest = wanted[self._place.held] / self._place.entries, self._passed(force - response.act(x))
         if d.any():
-            rest -= self._placed @ d + self._T @ d
-        p = x[limits] + self._spring * (self._A @ d)[limits]
-        p[self._hard] += (self._carried(rest[self._columns], self._entries) + given)[:h]
-        y[self._free] = self._opened((rest - self._tug @ p)[self._free])
-        p += self._P @ y[self._free]
-        rest -= self._placed @ y + self._T @ y + self._tug @ p
+            rest -= self._place.S @ d + self._T @ d
+        p = x[limits] + self._spring * (self._place.A @ d)[limits]
+        p[self._hard] += (self._carried(rest[self._place.columns], self._place.entries) + given)[:h]
+        y[self._place.free] = self._opened((rest - self._tug @ p)[self._place.free])
+        p += self._P @ y[self._place.free]
+        rest -= self._place.S @ y + self._T @ y + self._tug @ p
         d += y
-        x[norms] += sets.bent(self._operators.blocks((self._A @ d)[norms])).ravel()
+        x[norms] += sets.bent(self._operators.blocks((self._place.A @ d)[norms])).ravel()
         x += self._pull @ p
         x[limits] = p if self._untie is None else self._untie @ p
-        x[self._rows] = self._carried(rest[self._columns], self._entries) + given
-        d = d if self._G is None else self._G @ d
+        x[self._rows] = self._carried(rest[self._place.columns], self._place.entries) + given
+        d = d if self._place.G is None else self._place.G @ d
         if len(d) == len(force):
             return d, x
         push = force - response.act(x)
-        push[response.read[self._some]] += self._anchor * d
+        push[response.read[self._place.some]] += self._place.anchor * d
         return self._operators.factor.solve(push), x
 
     @cached_property
     def gain(self) -> float:
         """c of theorem 2."""
-        if len(self._free) == 0:
+        place = self._place
+        if len(place.free) == 0:
             return 0.0
-        N, followed = self._stiff(self._free), self._followed()
-        # M + M' - N, with anchors in N
-        twice = N + followed
-        twice += followed.T
-        if self._anchor.any():
-            anchors = self._anchors()[self._free][:, self._free].toarray()
-            N, twice = N + anchors, twice - anchors
-        # y'My >= y'Ny / 2 where J is small, which a factorisation shows in a tenth of the work of the norm.
+        anchors = place.anchors[place.free][:, place.free].toarray() if place.anchor.any() else 0.0
+        # y'My >= y'Ny / 2 where J is small: M + M' - N is definite, which shows in a tenth of the work of the norm.
+        twice, followed = self._parts()
+        twice += followed
+        twice += followed.T - anchors
         if lapack.dpotrf(twice.T, overwrite_a=True)[1] == 0:
             return 2.0
-        root, info = lapack.dpotrf(N)
+        root, info = lapack.dpotrf(self._parts()[0] + anchors)
         return np.inf if info else float(np.linalg.norm(np.triu(root) @ self._opened(np.triu(root).T)))
 
     @cached_property
     def _stiffest(self) -> Floats:
         """(u,) bounds on |K_r d| on the coordinates, |d| in K_r and anchors being one."""
         # Schwarz's inequality; anchors pull with no more than the root of their stiffness.
-        anchor = self._anchors().diagonal() if self._anchor.any() else 0.0
-        return np.asarray(np.sqrt(np.diagonal(self._placed)) + np.sqrt(anchor))
+        anchor = self._place.anchors.diagonal() if self._place.anchor.any() else 0.0
+        return np.asarray(np.sqrt(np.diagonal(self._place.S)) + np.sqrt(anchor))
 
     @cached_property
     def _moving(self) -> Floats:
         """(m * block + r,) `reach` of rows, zero for those that what is held does not let move."""
-        response, sizes, free = self._response, abs(self._A), np.zeros(len(self._placed))
-        free[self._free] = 1.0
+        response, sizes, free = self._response, abs(self._place.A), np.zeros(len(self._place.S))
+        free[self._place.free] = 1.0
         beyond = np.ones(len(response.read))
-        beyond[self._some] = 0.0
+        beyond[self._place.some] = 0.0
         held = (sizes @ free <= FOLLOWS * (sizes @ np.ones(len(free)))) & (response.sizes @ beyond == 0)
         return np.where(held, 0.0, response.reach)
 
@@ -376,11 +402,11 @@ class SetsSystem:
         """Bounds on the answers to psi, its parts being at most `along` and `across` (m,), none of what sticks."""
         response, block, h = self._response, self._operators.block, self._sets.curvature
         norms, limits, hard = response.norms, response.limits, len(self._hard)
-        sizes, pull, R, entries = abs(self._turned), abs(self._pull), abs(self._R), np.abs(self._entries)
+        sizes, pull, R, entries = abs(self._place.turned), abs(self._pull), abs(self._R), np.abs(self._place.entries)
 
         def limited(force: Floats) -> Floats:
             p = np.zeros(len(self._spring))
-            p[self._hard] = (R @ (force[self._columns] / entries))[:hard]
+            p[self._hard] = (R @ (force[self._place.columns] / entries))[:hard]
             return p
 
         # A term moves if one of its rows does.
@@ -395,7 +421,7 @@ class SetsSystem:
         force = self._stiffest * energy + sizes @ x
         forces = limited(force) + self._spring * excess
         held = np.zeros(len(x))
-        held[self._rows] = R @ ((force + sizes @ (pull @ forces))[self._columns] / entries)
+        held[self._rows] = R @ ((force + sizes @ (pull @ forces))[self._place.columns] / entries)
         return Answers(
             energy=energy,
             along=phi * energy,

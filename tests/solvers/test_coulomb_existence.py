@@ -29,9 +29,9 @@ def distances(monkeypatch, run):
     found, met = [], coulomb._from_sets
 
     class Seen(coulomb.Found):
-        def holds(self, program, law, sets):
-            tried.append((self, sets))
-            return super().holds(program, law, sets)
+        def holds(self, program):
+            tried.append(self)
+            return super().holds(program)
 
     tried = []
 
@@ -43,9 +43,9 @@ def distances(monkeypatch, run):
         tried.clear()
         end = met(program, law, start, response, rounds, w)
         if end is not None:
-            unit, last = program.operators.energy_norm, end.found.point.d
-            for answer, sets in tried.copy():
-                bound = distance_to_a_solution(program, law, sets, answer, response)
+            unit, last = program.operators.energy_norm, end.point.d
+            for answer in tried.copy():
+                bound = distance_to_a_solution(program, law, answer, response)
                 if bound is not None:
                     found.append(np.array([unit(answer.point.d - last), bound + answer.error]) / unit(last))
         return end
@@ -90,22 +90,23 @@ def test_what_is_nearly_anything_else_is_not_proven(monkeypatch):
 
     monkeypatch.setattr(coulomb, "distance_to_a_solution", watched)
     vx.march(rubbing(0.6), [0.0, 0.5, 1.0])
-    program, law, sets, found, response = seen[-1]
-    assert distance_to_a_solution(program, law, sets, found, response) is not None
+    program, law, found, response = seen[-1]
+    sets = found.sets
+    assert distance_to_a_solution(program, law, found, response) is not None
     slips, sticks = ~sets.stick & (law.weights(found.point.p) > 0), sets.stick
     assert slips.any()
     lam = found.point.lam.copy()
     lam[np.argmax(slips)] *= -1.0
     off = replace(found, point=replace(found.point, lam=lam))
-    assert distance_to_a_solution(program, law, sets, off, response) is None
+    assert distance_to_a_solution(program, law, off, response) is None
     coarse = replace(found, forces=float(np.linalg.norm(lam, axis=1).max()))
-    assert distance_to_a_solution(program, law, sets, coarse, response) is None
+    assert distance_to_a_solution(program, law, coarse, response) is None
     if sticks.any():
         lam = found.point.lam.copy()
         i = int(np.argmax(sticks))
         lam[i] = [2 * law.weights(found.point.p)[i], 0.0]
         over = replace(found, point=replace(found.point, lam=lam))
-        assert distance_to_a_solution(program, law, sets, over, response) is None
+        assert distance_to_a_solution(program, law, over, response) is None
 
 
 @pytest.mark.slow

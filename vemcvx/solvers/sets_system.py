@@ -278,7 +278,7 @@ class SetsSystem:
         self._tug = place.turned @ self._pull
         if np.diff(self._tug.indptr)[place.columns].any():
             self._tie()
-        h, forces = len(self._hard), place.columns if len(sets.idle) else place.columns[: len(self._hard)]
+        h, forces = len(self._hard), place.columns if self._R is not None else place.columns[: len(self._hard)]
         self._P = np.zeros((len(hard), len(place.free)))
         self._P[self._hard] = -self._carried(place.beside_free(self._T, forces), place.entries[: len(forces)])[:h]
         if self._spring.any():
@@ -288,7 +288,7 @@ class SetsSystem:
         """x = R f + given (shares of x) of limits that hold, terms that stick and idle rows, f being forces on what holds."""
         idle, h, place = self._sets.idle, len(self._hard), self._place
         self._rows, self._given = np.concatenate([place.held, idle]), np.zeros((len(place.held), 0))
-        self._R = sp.eye_array(len(place.held), format="csr")
+        self._R = None
         if len(idle):
             pushed = place.turned[:, idle].toarray()[place.columns] / place.entries[:, None]
             own = np.concatenate([np.zeros((len(idle), h)), self._sets.shares[:, place.held[h:]]], axis=1)
@@ -299,7 +299,7 @@ class SetsSystem:
     def _carried(self, force: Floats, entries: Floats) -> Floats:
         """R f, of forces (h,) or (h, k) on the coordinates that are held, of such entries."""
         own = (force.T / entries).T
-        return self._R @ own if len(self._sets.idle) else own
+        return own if self._R is None else self._R @ own
 
     def _tie(self) -> None:
         """p = E^{-1} (what limits would carry alone), where terms that slip pull at what limits hold."""
@@ -352,12 +352,13 @@ class SetsSystem:
         p[self._hard] += (self._carried(rest[self._place.columns], self._place.entries) + given)[:h]
         y[self._place.free] = self._opened((rest - self._tug @ p)[self._place.free])
         p += self._P @ y[self._place.free]
-        rest -= self._place.S @ y + self._T @ y + self._tug @ p
+        if len(self._rows) > h:
+            rest -= self._place.S @ y + self._T @ y + self._tug @ p
         d += y
         x[norms] += sets.bent(self._operators.blocks((self._place.A @ d)[norms])).ravel()
         x += self._pull @ p
         x[limits] = p if self._untie is None else self._untie @ p
-        x[self._rows] = self._carried(rest[self._place.columns], self._place.entries) + given
+        x[self._rows[h:]] = (self._carried(rest[self._place.columns], self._place.entries) + given)[h:]
         d = d if self._place.G is None else self._place.G @ d
         if len(d) == len(force):
             return d, x
@@ -402,11 +403,15 @@ class SetsSystem:
         """Bounds on the answers to psi, its parts being at most `along` and `across` (m,), none of what sticks."""
         response, block, h = self._response, self._operators.block, self._sets.curvature
         norms, limits, hard = response.norms, response.limits, len(self._hard)
-        sizes, pull, R, entries = abs(self._place.turned), abs(self._pull), abs(self._R), np.abs(self._place.entries)
+        sizes, pull, columns, entries = abs(self._place.turned), abs(self._pull), self._place.columns, self._place.entries
+
+        def carried(force: Floats) -> Floats:
+            own = force[columns] / np.abs(entries)
+            return own if self._R is None else abs(self._R) @ own
 
         def limited(force: Floats) -> Floats:
             p = np.zeros(len(self._spring))
-            p[self._hard] = (R @ (force[self._place.columns] / entries))[:hard]
+            p[self._hard] = carried(force)[:hard]
             return p
 
         # A term moves if one of its rows does.
@@ -421,7 +426,7 @@ class SetsSystem:
         force = self._stiffest * energy + sizes @ x
         forces = limited(force) + self._spring * excess
         held = np.zeros(len(x))
-        held[self._rows] = R @ ((force + sizes @ (pull @ forces))[self._place.columns] / entries)
+        held[self._rows] = carried(force + sizes @ (pull @ forces))
         return Answers(
             energy=energy,
             along=phi * energy,
@@ -446,3 +451,8 @@ class Answers(NamedTuple):
     """(m,) of terms that stick"""
     forces: Floats
     """(r,)"""
+
+    @staticmethod
+    def none(r: int, m: int) -> Answers:
+        """The answers to no psi, of m terms and r limits."""
+        return Answers(0.0, np.zeros(m), np.zeros(m), np.zeros(r), np.zeros(m), np.zeros(r))

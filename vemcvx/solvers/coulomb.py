@@ -234,25 +234,30 @@ def _missing(program: StepProgram, sets: Sets, at: Iterate, bound: Floats, near:
     return np.concatenate([norms, np.where(sets.act, touching, -at.p)])
 
 
+ROUGH = 1e-6
 TURNS = 12
 """Corrections on one factor while directions turn. Each leaves a tenth to a third of what the one before left; where it
 leaves more than half, a new factor is worth its while."""
 
 
 def turned(program: StepProgram, found: Found, near: Floats) -> Found:
-    """The point corrected, on the same factor, by what it misses of the law itself, while that halves."""
-    sets, point, least = found.once, found.point, np.inf
+    """The point corrected, on the same factor, by what it misses of the law itself, while sets stand and that halves."""
+    sets, best, point, least = found.once, found.point, found.point, np.inf
     for _ in range(TURNS):
-        w, s = found.law.at(point.p), program.slip(point.d)
+        w, s, size = found.law.at(point.p), program.slip(point.d), lengths(point.lam)
         v = lengths(s)
         slides = ~sets.stick & (v > found.blur)
         bound = np.where(slides[:, None], (w / np.where(slides, v, 1.0))[:, None] * s, point.lam)
         missed = np.abs(bound - point.lam).max(initial=0.0)
-        if missed <= found.forces or missed > 0.5 * least:
+        back = slides & (np.einsum("ij,ij->i", s, sets.direction) <= 0)
+        if missed > 0.5 * least or back.any() or (sets.stick & (size > w + ROUGH * size)).any():
             break
-        force, least = program.residual(point.d, point.lam, point.p), missed
+        best, least = point, missed
+        if missed <= found.forces:
+            break
+        force = program.residual(point.d, point.lam, point.p)
         point = _moved(point, *found.system.solve(force, _missing(program, sets, point, bound, near)))
-    return replace(found, point=point)
+    return replace(found, point=best)
 
 
 def distance_to_a_solution(program: StepProgram, law: PressureLaw, found: Found, response: Response) -> float | None:
@@ -358,17 +363,18 @@ def swept(program: StepProgram, law: PressureLaw, start: Iterate, response: Resp
     free, piece = operators.factor.solve(program.g), law.piece(start.p)
     apart = np.concatenate([program.slip(free).ravel(), program.excess(free)])
     x = y = np.concatenate([start.lam.ravel(), start.p])
-    momentum = 1.0
+    momentum, metric = 1.0, 1.0 / step
     for _ in range(SWEEPS):
         last, x = x, y + step * (apart - dsymv(1.0, response.softness, y))
-        np.maximum(x[limits], 0.0, out=x[limits])
-        w, size = piece.at(x[limits]), lengths(operators.blocks(x[norms]))
-        share = np.divide(w, size, out=np.ones_like(size), where=size > w)
-        x[norms] *= np.repeat(share, operators.block)
-        if (y - x) / step @ (x - last) > 0:
+        lam, p = operators.blocks(x[norms]), x[limits]
+        np.maximum(p, 0.0, out=p)
+        w, size = piece.at(p), np.sqrt(np.einsum("ij,ij->i", lam, lam))
+        lam *= (w / np.maximum(np.maximum(w, size), np.finfo(float).tiny))[:, None]
+        change = x - last
+        if (metric * (y - x)) @ change > 0:
             momentum = 1.0
         ahead = 0.5 + np.sqrt(0.25 + momentum**2)
-        y, momentum = x + (momentum - 1.0) / ahead * (x - last), ahead
+        y, momentum = x + (momentum - 1.0) / ahead * change, ahead
     return Iterate(operators.factor.solve(program.g - response.act(x)), operators.blocks(x[norms]), x[limits])
 
 

@@ -94,4 +94,4 @@ class Piece:
 
     def at(self, p: Floats) -> Floats:
         """The weights (m,) that the piece has under the forces p (r,), none below zero."""
-        return np.maximum(self.weights + self.slope @ (p - self.forces), 0.0)
+        return np.asarray(np.maximum(self.weights + self.slope @ (p - self.forces), 0.0))

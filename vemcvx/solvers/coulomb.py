@@ -33,10 +33,10 @@ miss of the law itself, w_i(p) s_i / |s_i| - lam_i, while that halves. Let d_0, 
 
     psi_i(s, p) = w_i(p) s_i / |s_i| - q_i (w(p_0) + J (p - p_0))_i - h_i (I - q_i q_i') s_i - psi_i^0.
 
-(Q) on the sets is their system with psi_i^0 + psi_i(s, p) added to lam_i, and d_0, x_0 solve it without psi. The answers
-to |psi_i| <= t_i along q_i and <= r_i across it move d_0 by at most E in energy, slips by at most alpha_i along q_i and
-gamma_i across it, and forces of limits by at most pi_j (:meth:`vemcvx.solvers.sets_system.SetsSystem.answers`). With
-v_i = |s_i| at d_0 let
+(Q) on the sets is their system with psi_i^0 + psi_i(s, p) added to lam_i; without psi, d_0 and x_0 solve it. The
+answers to |psi_i| <= t_i along q_i and <= r_i across it move d_0 by at most E in energy, slips by at most alpha_i along
+q_i and gamma_i across it, and forces of limits by at most pi_j
+(:meth:`vemcvx.solvers.sets_system.SetsSystem.answers`). With v_i = |s_i| at d_0 let
 
     turn_i = gamma_i / (v_i - alpha_i - gamma_i),
     R_i = turn_i (w_i ((alpha_i + gamma_i) / v_i + turn_i / 2) + (|J| pi)_i).
@@ -114,16 +114,18 @@ class Found:
         bound = np.abs(size - w) <= self.forces
         forth = lengths(slips[:, None] * lam - size[:, None] * s) <= 2 * (self.forces * slips + size * blur)
         slides = self.sets.stick | (bound & forth)
-        return bool(slides.all()) and self.stands(program, Answers.none(*self.once.act.shape, *w.shape))
+        return bool(slides.all()) and self.stands(program)
 
-    def stands(self, program: StepProgram, answers: Answers) -> bool:
+    def stands(self, program: StepProgram, answers: Answers | None = None) -> bool:
         """Return True if what sticks may stick, what acts presses, and the rest is open, whatever is answered."""
-        act, stick, z = self.once.act, self.sets.stick, program.excess(self.point.d)
-        pi = np.where(act, answers.forces, 0.0)
-        least = self.weights - abs(self.law.slope) @ pi
-        within = ~stick | (lengths(self.point.lam) + answers.multipliers <= least + self.forces)
+        act, stick, z, p = self.once.act, self.sets.stick, program.excess(self.point.d), self.point.p
+        size, w = lengths(self.point.lam), self.weights
+        if answers is not None:
+            pi = np.where(act, answers.forces, 0.0)
+            size, w, p, z = size + answers.multipliers, w - abs(self.law.slope) @ pi, p - pi, z + answers.excess
+        within = ~stick | (size <= w + self.forces)
         # Bounds that follow from others may have been dropped from the system, and must hold nevertheless.
-        pressed = np.where(act, self.point.p - pi >= -self.forces, z + answers.excess <= self.motions[program.b.size :])
+        pressed = np.where(act, p >= -self.forces, z <= self.motions[program.b.size :])
         # Where rows follow from others', what sticks is held by these.
         still = ~stick | (lengths(program.slip(self.point.d)) <= self.blur)
         return bool(within.all() and pressed.all() and still.all())
@@ -154,7 +156,7 @@ class Found:
         return replace(point, lam=lam)
 
     def admissible(self, program: StepProgram) -> Iterate:
-        """The point within its bounds; what sticks is where it was to the last bit, for large weights count the rest."""
+        """The point within its bounds; what sticks is in place to the last bit: large weights make work of the rest."""
         rows, d = program.operators.rows, self.point.d.copy()
         still = np.flatnonzero(np.repeat(self.sets.stick, program.operators.block) & rows.single)
         entry = rows.B.indptr[still]
@@ -185,10 +187,9 @@ def on_sets(program: StepProgram, law: Piece, sets: Sets, response: Response, ne
     LinAlgError
         The system is singular.
     """
-    operators, norms, limits = program.operators, response.norms, response.limits
-    system = SetsSystem(operators, sets, law.slope, response)
+    operators, system = program.operators, SetsSystem(program.operators, sets, law.slope, response)
     point = Iterate(np.zeros(len(program.g)), np.zeros_like(near), np.zeros(len(sets.act)))
-    force, free, size = program.g, np.sqrt(operators.factor.energy(program.g)), 0.0
+    force, free = program.g, np.sqrt(operators.factor.energy(program.g))
     for turn in range(3):
         bound = sets.direction * (law.weights + law.slope @ (point.p - law.forces))[:, None]
         bound += sets.bent(program.slip(point.d))
@@ -199,13 +200,13 @@ def on_sets(program: StepProgram, law: Piece, sets: Sets, response: Response, ne
             error, norm = operators.energy_norm(step), free + np.sqrt(operators.factor.energy(response.act(x)))
             if error <= SETTLED * norm:
                 break
-    size, last, off = np.abs(x), np.abs(more).max(initial=0.0), response.rows @ step[response.read]
+    size, last, off = np.abs(x), np.abs(more).max(initial=0.0), response.A @ step
     solved = last <= SOLVED * max(np.abs(program.g).max(initial=0.0), size.max(initial=0.0)) and error <= SOLVED * norm
     # Sets that leave a rigid motion free put the body anywhere along it; the work of multipliers on it shows that.
     solved = solved and size @ np.abs(off) <= SOLVED * norm**2
     if not solved or not _balances(program, point.lam, point.p):
         raise LinAlgError("singular")
-    reach = response.sizes @ np.abs(point.d[response.read]) + np.abs(np.concatenate([program.b, program.e]))
+    reach = response.sizes @ np.abs(point.d) + np.abs(np.concatenate([program.b, program.e]))
     return Found(
         sets=sets,
         once=sets,
@@ -235,13 +236,14 @@ def _missing(program: StepProgram, sets: Sets, at: Iterate, bound: Floats, near:
 
 
 ROUGH = 1e-6
+"""Part of its bound by which what sticks may exceed it while directions still turn."""
 TURNS = 12
 """Corrections on one factor while directions turn. Each leaves a tenth to a third of what the one before left; where it
 leaves more than half, a new factor is worth its while."""
 
 
 def turned(program: StepProgram, found: Found, near: Floats) -> Found:
-    """The point corrected, on the same factor, by what it misses of the law itself, while sets stand and that halves."""
+    """The point corrected on the same factor by what it misses of the law itself, while sets stand and that halves."""
     sets, best, point, least = found.once, found.point, found.point, np.inf
     for _ in range(TURNS):
         w, s, size = found.law.at(point.p), program.slip(point.d), lengths(point.lam)
@@ -365,7 +367,7 @@ def swept(program: StepProgram, law: PressureLaw, start: Iterate, response: Resp
     x = y = np.concatenate([start.lam.ravel(), start.p])
     momentum, metric = 1.0, 1.0 / step
     for _ in range(SWEEPS):
-        last, x = x, y + step * (apart - dsymv(1.0, response.softness, y))
+        last, x = x, y + step * (apart - dsymv(1.0, response.softness.T, y))
         lam, p = operators.blocks(x[norms]), x[limits]
         np.maximum(p, 0.0, out=p)
         w, size = piece.at(p), np.sqrt(np.einsum("ij,ij->i", lam, lam))

@@ -117,6 +117,9 @@ def test_random_scenes_are_as_near_to_a_solution_as_proven(monkeypatch, start):
         scene, mesh, kind = random_scene(seed)
         if kind in ("coulomb", "compl"):
             with monkeypatch.context() as patch:
+                # The way is made long, as above; on every other scene answers are corrected once on their factor.
+                patch.setattr(coulomb, "swept", lambda program, law, start, response: start)
+                patch.setattr(coulomb, "TURNS", seed % 2)
                 found = distances(patch, lambda scene=scene, mesh=mesh: vx.simulate(scene, mesh, TIMES))
             proven += len(found)
             assert (found[:, 0] <= found[:, 1] + 1e-11).all(), seed

@@ -91,3 +91,7 @@ class Piece:
     weights: Floats
     slope: sp.csr_matrix
     forces: Floats
+
+    def at(self, p: Floats) -> Floats:
+        """The weights (m,) that the piece has under the forces p (r,), none below zero."""
+        return np.asarray(np.maximum(self.weights + self.slope @ (p - self.forces), 0.0))

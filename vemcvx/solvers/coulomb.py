@@ -26,32 +26,32 @@ what each carries is chosen (:mod:`vemcvx.solvers.newton`); that s_i = 0 and z_j
 Any other d is thus at a known distance from *a* solution: |d - d_sets|_K, plus the error of d_sets, the last correction
 of its iterative refinement. (Where coefficients are not small there may be more solutions than one.)
 
-In blocks of two and more the directions of slip turn with the answer, and the step is no linear system. Let d_0, x_0 =
-(lam, p) solve the system of some sets, linearised with directions q_i and curvatures h_i on slipping terms. The
-residual of the law on these terms is
+In blocks of two and more the directions of slip turn with the answer, and the step is no linear system. Sets are solved
+with directions q_i and curvatures h_i at first; then d and x = (lam, p) are corrected on the same factor by what they
+miss of the law itself, w_i(p) s_i / |s_i| - lam_i, while that halves. Let d_0, x_0 be what this leads to, q_i = s_i /
+|s_i| at d_0, h_i = w_i / |s_i| or less, psi_i^0 what lam_i has beside q_i w_i + h_i (I - q_i q_i') s_i there, and
 
-    psi_i(s, p) = w_i(p) s_i / |s_i| - q_i (w(p_0) + J (p - p_0))_i - h_i (I - q_i q_i') s_i,
+    psi_i(s, p) = w_i(p) s_i / |s_i| - q_i (w(p_0) + J (p - p_0))_i - h_i (I - q_i q_i') s_i - psi_i^0.
 
-and (Q) on the sets is their system with psi_i(s, p) added to lam_i. The answers to |psi_i| <= t_i along q_i and <= r_i
-across it move d_0 by at most E in energy, slips by at most alpha_i along q_i and gamma_i across it, and forces of
-limits by at most pi_j (:meth:`vemcvx.solvers.sets_system.SetsSystem.answers`). With v_i = |s_i|, u_i = s_i / v_i at d_0
-and delta_i = |u_i - q_i| let
+(Q) on the sets is their system with psi_i^0 + psi_i(s, p) added to lam_i; without psi, d_0 and x_0 solve it. The
+answers to |psi_i| <= t_i along q_i and <= r_i across it move d_0 by at most E in energy, slips by at most alpha_i along
+q_i and gamma_i across it, and forces of limits by at most pi_j
+(:meth:`vemcvx.solvers.sets_system.SetsSystem.answers`). With v_i = |s_i| at d_0 let
 
-    turn_i = (gamma_i + delta_i alpha_i) / (v_i - alpha_i - gamma_i),
-    R_i = w_i ((turn_i + delta_i) (alpha_i + gamma_i) / v_i + turn_i^2 / 2) + (|J| pi)_i (delta_i + turn_i).
+    turn_i = gamma_i / (v_i - alpha_i - gamma_i),
+    R_i = turn_i (w_i ((alpha_i + gamma_i) / v_i + turn_i / 2) + (|J| pi)_i).
 
 Theorem 2. Let t, r >= 0 be such that alpha_i + gamma_i < v_i on slipping terms, |psi_i(s_0, p_0) . q_i| + R_i <= t_i,
-and what psi_i(s_0, p_0) has across q_i, with R_i and |w_i / v_i - h_i| gamma_i added, is at most r_i. If w is affine on
+and what psi_i(s_0, p_0) has across q_i, with R_i and (w_i / v_i - h_i) gamma_i added, is at most r_i. If w is affine on
 |p - p_0| <= pi, and the inequalities of the sets hold for all answers to such psi, then (Q) has a solution d with |d -
 d_0|_K <= E.
 
-Proof. Let s_i move by a q_i + g, |a| <= alpha_i and |g| <= gamma_i, g across q_i. Of a q_i the part delta_i |a| is
-across u_i, so that the direction of s_i turns by at most turn_i. It moves across u_i by (what a q_i + g has across u_i)
-/ |s_i|; this and g / v_i differ by at most (turn_i + delta_i) (alpha_i + gamma_i) / v_i. Along u_i it moves by at most
-turn_i^2 / 2. Of w_i g / v_i psi_i keeps (w_i / v_i - h_i) g, across q_i. The change of w counts along s_i / |s_i| -
-q_i, which is at most delta_i + turn_i. So (s, p) -> what the answer to psi(s, p) has for them is continuous and maps
-this convex compact set into itself: Brouwer gives a fixed point, which solves (Q). QED Rounding is that of d_0 and of
-the inequalities; rows of which what is held leaves less than FOLLOWS count as held. No coefficient need be small.
+Proof. Let s_i move by a q_i + g, |a| <= alpha_i and |g| <= gamma_i, g across q_i. The direction of s_i turns by at most
+turn_i: across q_i by |g| / |s_i|, which differs from g / v_i by at most turn_i (alpha_i + gamma_i) / v_i, and along q_i
+by at most turn_i^2 / 2. Of w_i g / v_i psi_i keeps (w_i / v_i - h_i) g, across q_i. The change of w counts along s_i /
+|s_i| - q_i, which is at most turn_i. So (s, p) -> what the answer to psi(s, p) has for them is continuous and maps this
+convex compact set into itself: Brouwer gives a fixed point, which solves (Q). QED Rounding is that of d_0 and of the
+inequalities; rows of which what is held leaves less than FOLLOWS count as held. No coefficient need be small.
 """
 
 from __future__ import annotations
@@ -60,55 +60,86 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import islice
-from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import LinAlgError
+from scipy.linalg.blas import dsymv
 
-from vemcvx.arrays import EPS, Floats
+from vemcvx.arrays import EPS, Floats, lengths
 from vemcvx.program.step_program import StepProgram
-from vemcvx.solvers.newton import Iterate, Sets, Shifts, sets_at, without_redundant_rows
+from vemcvx.solvers.newton import Iterate, Sets, Shifts, most_curved, sets_at, without_redundant_rows
 from vemcvx.solvers.sets_system import Answers, Response, SetsSystem
 from vemcvx.weight_law import Piece, PressureLaw
 
 SOLVED = 1e-6
 """Part of the answer above which a correction shows a nearly singular system, whose sets leave a motion free."""
+SETTLED = 1e-12
+"""Part of the answer below which a correction of a linear system is the last: the next would be below rounding."""
 ROUNDINGS = 64.0
 """Rounding units by which an inequality may fail."""
+OFF = 8.0
+"""Last corrections by which an inequality may fail: the energy of the next is less than that of the last, but entries
+of it may be larger."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Found:
-    """The solution of the system of some sets, its last correction, and the rounding of its rows."""
+    """A point that solves the equations of some sets, and by how much it may be off."""
 
     sets: Sets
+    once: Sets
+    """the sets of the system: those without rows that follow from others"""
+    law: Piece
+    weights: Floats
+    """(m,) of the law at the point"""
     point: Iterate
     error: float
+    """the last correction of the linear system, in energy"""
     forces: float
     """what multipliers may be off by"""
     motions: Floats
     """(m * block + r,) what s and z may be off by"""
     system: SetsSystem
 
-    def holds(self, program: StepProgram, law: PressureLaw, sets: Sets) -> bool:
-        """Return True if the inequalities that the sets stand for hold, to rounding."""
-        point, operators = self.point, program.operators
-        if not np.isfinite(self.error):
-            return False
-        w, size = law.weights(np.maximum(point.p, 0.0)), np.linalg.norm(point.lam, axis=1)
-        s, z = program.slip(point.d), program.excess(point.d)
-        blur = operators.blocks(self.motions[: s.size]).max(axis=1), self.motions[s.size :]
-        slips = np.linalg.norm(s, axis=1)
-        within = np.where(sets.stick, size <= w + self.forces, np.abs(size - w) <= self.forces)
-        turned = np.linalg.norm(slips[:, None] * point.lam - size[:, None] * s, axis=1)
-        forth = sets.stick | (turned <= 2 * (self.forces * slips + size * blur[0]))
-        # Bounds that follow from others may have been dropped from the system, and must hold nevertheless.
-        pressed = np.where(self.sets.act, point.p >= -self.forces, z <= blur[1])
-        # Where rows follow from others', what sticks is held by these.
-        still = ~sets.stick | (slips <= self.motions.max(initial=0.0))
-        return bool(within.all() and forth.all() and pressed.all() and still.all())
+    @property
+    def blur(self) -> float:
+        """What slips may be off by."""
+        return float(self.motions.max(initial=0.0))
 
-    def next_point(self, program: StepProgram, law: PressureLaw, sets: Sets) -> Iterate:
+    def holds(self, program: StepProgram) -> bool:
+        """Return True if the point obeys the law, to rounding."""
+        lam, s, w = self.point.lam, program.slip(self.point.d), self.weights
+        size, slips = lengths(lam), lengths(s)
+        blur = program.operators.blocks(self.motions[: s.size]).max(axis=1)
+        bound = np.abs(size - w) <= self.forces
+        forth = lengths(slips[:, None] * lam - size[:, None] * s) <= 2 * (self.forces * slips + size * blur)
+        slides = self.sets.stick | (bound & forth)
+        return bool(slides.all()) and self.stands(program)
+
+    def stands(self, program: StepProgram, answers: Answers | None = None) -> bool:
+        """Return True if what sticks may stick, what acts presses, and the rest is open, whatever is answered."""
+        act, stick, z, p = self.once.act, self.sets.stick, program.excess(self.point.d), self.point.p
+        size, w = lengths(self.point.lam), self.weights
+        if answers is not None:
+            pi = np.where(act, answers.forces, 0.0)
+            size, w, p, z = size + answers.multipliers, w - abs(self.law.slope) @ pi, p - pi, z + answers.excess
+        within = ~stick | (size <= w + self.forces)
+        # Bounds that follow from others may have been dropped from the system, and must hold nevertheless.
+        pressed = np.where(act, p >= -self.forces, z <= self.motions[program.b.size :])
+        # Where rows follow from others', what sticks is held by these.
+        still = ~stick | (lengths(program.slip(self.point.d)) <= self.blur)
+        return bool(within.all() and pressed.all() and still.all())
+
+    def affine(self, law: PressureLaw, pi: Floats) -> bool:
+        """Return True if weights are those of the piece at forces within pi (r,), as far as corners tell."""
+        p = np.maximum(self.point.p, 0.0)
+        for there in (np.maximum(p - pi, 0.0), p + pi):
+            off = law.weights(there) - self.weights - self.law.slope @ (there - p)
+            if (np.abs(off) > self.forces).any() or abs(law.slope(there) - self.law.slope).sum() > 0:
+                return False
+        return True
+
+    def next_point(self, program: StepProgram) -> Iterate:
         """The point to take the next sets at, where others decide what discs do that share their nodes, at edges.
 
         A disc that sticks, but is moved by others, is made to slip that way: one that slides along another face until
@@ -118,11 +149,20 @@ class Found:
         point, s = self.point, program.slip(self.point.d)
         if program.operators.block == 1:
             return point
-        size, w, blur = np.linalg.norm(s, axis=1), law.weights(np.maximum(point.p, 0.0)), self.motions.max(initial=0.0)
-        moved, held = sets.stick & (size > blur), ~sets.stick & (size <= blur)
+        size = lengths(s)
+        moved, held = self.sets.stick & (size > self.blur), ~self.sets.stick & (size <= self.blur)
         lam = np.where(held[:, None], (1.0 + ROUNDINGS * EPS) * point.lam, point.lam)
-        lam[moved] = (w[moved] / size[moved])[:, None] * s[moved]
+        lam[moved] = (self.weights[moved] / size[moved])[:, None] * s[moved]
         return replace(point, lam=lam)
+
+    def admissible(self, program: StepProgram) -> Iterate:
+        """The point within its bounds; what sticks is in place to the last bit: large weights make work of the rest."""
+        rows, d = program.operators.rows, self.point.d.copy()
+        still = np.flatnonzero(np.repeat(self.sets.stick, program.operators.block) & rows.single)
+        entry = rows.B.indptr[still]
+        d[rows.B.indices[entry]] = program.b[still] / rows.B.data[entry]
+        lam = replace(program, w=self.weights).project(self.point.lam)
+        return Iterate(program.feasible(d), lam, np.maximum(self.point.p, 0.0))
 
 
 def _balances(program: StepProgram, lam: Floats, p: Floats) -> bool:
@@ -140,105 +180,126 @@ def _balances(program: StepProgram, lam: Floats, p: Floats) -> bool:
 
 
 def on_sets(program: StepProgram, law: Piece, sets: Sets, response: Response, near: Floats) -> Found:
-    """Solve the system of the sets, with two corrections by its residual."""
-    operators = program.operators
-    system = SetsSystem(operators, sets, law.slope, response)
-    d, x = np.zeros(len(program.g)), np.zeros(response.A.shape[0])
-    norms, limits = response.norms, response.limits
-    stick, act = np.repeat(sets.stick, operators.block), sets.act
-    step, error = d, np.inf
-    for _ in range(3):
-        lam, p = operators.blocks(x[norms]), x[limits]
-        bound = sets.direction * (law.weights + law.slope @ (p - law.forces))[:, None] + _bend(sets, program.slip(d))
-        slip = operators.rows.read(d) - program.b
-        wanted = np.zeros_like(x)
-        wanted[norms] = np.where(stick, -slip, (bound - lam).ravel())
-        if len(sets.idle):
-            wanted[norms][sets.idle] = sets.shares @ (near - lam).ravel()
-        wanted[limits] = np.where(act, operators.compliance * p - program.excess(d), -p)
-        step, more = system.solve(program.residual(d, lam, p), wanted)
-        d, x = d + step, x + more
-        error = operators.energy_norm(step)
-    size, last = np.abs(x), np.abs(more).max(initial=0.0)
-    force, free = np.abs(program.g).max(initial=0.0), operators.factor.energy(program.g)
-    norm = np.sqrt(free) + np.sqrt(operators.factor.energy(response.act(x)))
-    solved = last <= SOLVED * max(force, size.max(initial=0.0)) and error <= SOLVED * norm
-    reach, off = abs(response.A) @ np.abs(d), response.A @ step
+    """Solve the system of the sets, corrected by its residual until that is rounding, twice at most.
+
+    Raises
+    ------
+    LinAlgError
+        The system is singular.
+    """
+    operators, system = program.operators, SetsSystem(program.operators, sets, law.slope, response)
+    point = Iterate(np.zeros(len(program.g)), np.zeros_like(near), np.zeros(len(sets.act)))
+    force, free = program.g, np.sqrt(operators.factor.energy(program.g))
+    for turn in range(3):
+        bound = sets.direction * (law.weights + law.slope @ (point.p - law.forces))[:, None]
+        bound += sets.bent(program.slip(point.d))
+        step, more = system.solve(force, _missing(program, sets, point, bound, near))
+        point = _moved(point, step, more)
+        force, x = program.residual(point.d, point.lam, point.p), np.concatenate([point.lam.ravel(), point.p])
+        if turn:
+            error, norm = operators.energy_norm(step), free + np.sqrt(operators.factor.energy(response.act(x)))
+            if error <= SETTLED * norm:
+                break
+    size, last, off = np.abs(x), np.abs(more).max(initial=0.0), response.A @ step
+    solved = last <= SOLVED * max(np.abs(program.g).max(initial=0.0), size.max(initial=0.0)) and error <= SOLVED * norm
     # Sets that leave a rigid motion free put the body anywhere along it; the work of multipliers on it shows that.
     solved = solved and size @ np.abs(off) <= SOLVED * norm**2
-    if not solved or not _balances(program, operators.blocks(x[norms]), x[limits]):
+    if not solved or not _balances(program, point.lam, point.p):
         raise LinAlgError("singular")
-    forces = 8 * last + ROUNDINGS * EPS * size.max(initial=0.0)
-    motions = 8 * np.abs(off) + ROUNDINGS * EPS * (reach + np.abs(np.concatenate([program.b, program.e])))
+    reach = response.sizes @ np.abs(point.d) + np.abs(np.concatenate([program.b, program.e]))
     return Found(
         sets=sets,
-        point=Iterate(d, operators.blocks(x[norms]), x[limits]),
+        once=sets,
+        law=law,
+        weights=law.weights,
+        point=point,
         error=error,
-        forces=forces,
-        motions=motions,
+        forces=OFF * last + ROUNDINGS * EPS * size.max(initial=0.0),
+        motions=OFF * np.abs(off) + ROUNDINGS * EPS * reach,
         system=system,
     )
 
 
-def _bend(sets: Sets, s: Floats) -> Floats:
-    """h (I - q q') s, of vectors (m, block)."""
-    along = np.einsum("ij,ij->i", sets.direction, s)
-    bent: Floats = sets.curvature[:, None] * (s - sets.direction * along[:, None])
-    return bent
+def _moved(point: Iterate, step: Floats, more: Floats) -> Iterate:
+    """The point, moved by increments (n,) and multipliers (m * block + r,)."""
+    norms = point.lam.size
+    return Iterate(point.d + step, point.lam + more[:norms].reshape(point.lam.shape), point.p + more[norms:])
 
 
-def distance_to_a_solution(program: StepProgram, law: PressureLaw, sets: Sets, found: Found) -> float | None:
-    """A bound on |d - d*|_K to a solution d* of (Q), from what the sets miss of it; None if there is no proof."""
-    p, s = np.where(found.sets.act, np.maximum(found.point.p, 0.0), 0.0), program.slip(found.point.d)
-    w, J, v = law.weights(p), abs(law.slope(p)), np.linalg.norm(s, axis=1)
-    blur = found.motions.max(initial=0.0)
+def _missing(program: StepProgram, sets: Sets, at: Iterate, bound: Floats, near: Floats) -> Floats:
+    """(N,) what a point misses of the equations of the sets, slipping terms having the multipliers `bound`."""
+    norms = np.where(sets.stick[:, None], -program.slip(at.d), bound - at.lam).ravel()
+    if len(sets.idle):
+        norms[sets.idle] = sets.shares @ (near - at.lam).ravel()
+    touching = program.operators.compliance * at.p - program.excess(at.d)
+    return np.concatenate([norms, np.where(sets.act, touching, -at.p)])
+
+
+ROUGH = 1e-6
+"""Part of its bound by which what sticks may exceed it while directions still turn."""
+TURNS = 12
+"""Corrections on one factor while directions turn. Each leaves a tenth to a third of what the one before left; where it
+leaves more than half, a new factor is worth its while."""
+
+
+def turned(program: StepProgram, found: Found, near: Floats) -> Found:
+    """The point corrected on the same factor by what it misses of the law itself, while sets stand and that halves."""
+    sets, best, point, least = found.once, found.point, found.point, np.inf
+    for _ in range(TURNS):
+        w, s, size = found.law.at(point.p), program.slip(point.d), lengths(point.lam)
+        v = lengths(s)
+        slides = ~sets.stick & (v > found.blur)
+        bound = np.where(slides[:, None], (w / np.where(slides, v, 1.0))[:, None] * s, point.lam)
+        missed = np.abs(bound - point.lam).max(initial=0.0)
+        back = slides & (np.einsum("ij,ij->i", s, sets.direction) <= 0)
+        if missed > 0.5 * least or back.any() or (sets.stick & (size > w + ROUGH * size)).any():
+            break
+        best, least = point, missed
+        if missed <= found.forces:
+            break
+        force = program.residual(point.d, point.lam, point.p)
+        point = _moved(point, *found.system.solve(force, _missing(program, sets, point, bound, near)))
+    return replace(found, point=best)
+
+
+def distance_to_a_solution(program: StepProgram, law: PressureLaw, found: Found, response: Response) -> float | None:
+    """A bound on |d - d*|_K to a solution d* of (Q), by theorem 2; None if there is no proof."""
+    sets, w, J, lam = found.sets, found.weights, abs(found.law.slope), found.point.lam
+    s = program.slip(found.point.d)
+    v, slips = lengths(s), ~sets.stick & (w > 0)
     # What slips by no more than rounding is held by others, wherever lam_i points.
-    slides, held = ~sets.stick & (w > 0) & (v > blur), ~sets.stick & (w > 0) & (v <= blur)
+    slides, held = slips & (v > found.blur), slips & (v <= found.blur)
     if not slides.any():
-        return 0.0 if found.holds(program, law, sets) else None
+        return 0.0 if found.holds(program) else None
     v = np.where(slides, v, 1.0)
-    u = np.where(slides[:, None], s / v[:, None], 0.0)
-    q, h = sets.direction, sets.curvature
-    delta, off, rounding = np.linalg.norm(u - q, axis=1), np.abs(w / v - h), blur / v
-    missed = found.point.lam - w[:, None] * u
+    q, h = s / v[:, None], np.minimum(w / v, most_curved(program))
+    direction, curvature = np.where(slides[:, None], q, sets.direction), np.where(slides, h, sets.curvature)
+    own = replace(found.once, direction=direction, curvature=curvature)
+    missed = w[:, None] * q - lam
     along = np.einsum("ij,ij->i", missed, q)
-    across = np.linalg.norm(missed - along[:, None] * q, axis=1) + found.forces + w * rounding
-    along = np.abs(along) + found.forces + w * rounding * (delta + rounding)
-    first = np.stack([along, across]) * slides
-    t = 2.0 * first
-    for _ in range(8):  # Twice what the last bounds lead to: where psi changes little, the first do.
-        answers = found.system.answers(*t)
-        alpha, gamma = answers.along * slides, answers.across * slides
-        if not (alpha + gamma < v).all():
-            return None
-        turn = (gamma + delta * alpha) / (v - alpha - gamma)
-        common = w * ((turn + delta) * (alpha + gamma) / v + turn**2 / 2) + (J @ answers.forces) * (delta + turn)
-        led = first + np.stack([common, common + off * gamma]) * slides
-        if (led <= t).all():
-            proven = (answers.along[held] <= blur).all() and _hold(program, law, sets, found, answers)
-            return answers.energy if proven else None
-        t = np.maximum(t, 2.0 * led)
+    psi = np.stack([np.abs(along), lengths(missed - along[:, None] * q)])
+    psi = (psi + found.forces + w * np.stack([(found.blur / v) ** 2, found.blur / v])) * slides
+    with suppress(LinAlgError):
+        system, t = SetsSystem(program.operators, own, found.law.slope, response), 2.0 * psi
+        for _ in range(DOUBLED):
+            answers = system.answers(*t)
+            alpha, gamma = answers.along * slides, answers.across * slides
+            if not (alpha + gamma < v).all():
+                return None
+            turn = gamma / (v - alpha - gamma)
+            R = turn * (w * ((alpha + gamma) / v + turn / 2) + J @ answers.forces)
+            led = psi + np.stack([R, R + (w / v - h) * gamma]) * slides
+            if (led <= t).all():
+                pi = np.where(found.once.act, answers.forces, 0.0)
+                silent = sets.stick | (w > 0) | (J @ pi == 0)
+                proven = (answers.along[held] <= found.blur).all() and silent.all() and found.affine(law, pi)
+                return answers.energy if proven and found.stands(program, answers) else None
+            t = np.maximum(t, 2.0 * led)
     return None
 
 
-def _hold(program: StepProgram, law: PressureLaw, sets: Sets, found: Found, answers: Answers) -> bool:
-    """True if the sets' inequalities hold, to rounding, whatever psi is answered, and the law is affine there."""
-    act, pressure, pi = found.sets.act, found.point.p, np.where(found.sets.act, answers.forces, 0.0)
-    p, z = np.where(act, np.maximum(pressure, 0.0), 0.0), program.excess(found.point.d) + answers.excess
-    w, J = law.weights(p), law.slope(p)
-    corners = [np.maximum(p + sign * pi, 0.0) - p for sign in (-1.0, 1.0)]
-    affine = all(
-        abs(law.slope(p + c) - J).sum() == 0 and (np.abs(law.weights(p + c) - w - J @ c) <= found.forces).all()
-        for c in corners
-    )
-    size = np.linalg.norm(found.point.lam, axis=1) + answers.multipliers
-    within = ~sets.stick | (size <= w - abs(J) @ pi + found.forces)
-    pressed = np.where(act, pressure - pi >= -found.forces, z <= found.motions[program.b.size :])
-    silent = sets.stick | (w > 0) | (abs(J) @ pi == 0)
-    still = ~sets.stick | (np.linalg.norm(program.slip(found.point.d), axis=1) <= found.motions.max(initial=0.0))
-    return bool(affine and within.all() and pressed.all() and silent.all() and still.all())
-
-
+DOUBLED = 8
+"""Bounds t that are tried, each twice what the last lead to: where psi changes little, the first do."""
 STEEPER = 10**0.5
 """The factor by which softened laws become steeper at a time. Of 180 random problems with a steep law, sets did not
 settle in 4; of the first 60 in 6 with a factor of 10, and in 18 where the law was steep at once."""
@@ -276,16 +337,16 @@ def solution_near(
         One is taken for the system of every sets; it gives up where there are no more.
     """
     near = start if program.operators.block == 1 or response.anchor.any() else swept(program, law, start, response)
-    met = _from_sets(program, law, near, response, rounds)
-    met = met or _from_sets(program, law, start=start, response=response, rounds=rounds, w=program.w)
-    met = met or _by_softer_laws(program, law, start, response, rounds)
-    if met is None:
+    found = _from_sets(program, law, near, response, rounds)
+    found = found or _from_sets(program, law, start=start, response=response, rounds=rounds, w=program.w)
+    found = found or _by_softer_laws(program, law, start, response, rounds)
+    if found is None:
         return None
-    (sets, found), point = met, met.point(program, law)
-    away = distance_to_a_solution(program, law, sets, found) if program.operators.block > 1 else 0.0
+    point = found.admissible(program)
+    away = distance_to_a_solution(program, law, found, response) if program.operators.block > 1 else 0.0
     # Where the point is moved within bounds and into place, that counts.
     error = found.error + program.operators.energy_norm(point.d - found.point.d) + (away or 0.0)
-    return SetsSolution(point, law.weights(point.p), error, away is not None)
+    return SetsSolution(point, found.weights, error, away is not None)
 
 
 SWEEPS = 50
@@ -296,59 +357,53 @@ without, 50 after 30 of them, 31 after 100; a system costs as much as 80."""
 def swept(program: StepProgram, law: PressureLaw, start: Iterate, response: Response) -> Iterate:
     """A point near a solution of (Q): projected gradients with momentum, on the multipliers x = (lam, p).
 
-    x becomes the projection of y + r (A K^{-1} g - [b; e] - (W + c) y) on discs of the radius w(p) and on p >= 0, y
+    x becomes the projection of y + r (A K^{-1} g - [b; e] - (W + C) y) on discs of the radius w(p) and on p >= 0, y
     being ahead of x (Nesterov 1983), and x itself where that led back (O'Donoghue and Candes 2015); r is
     :attr:`Response.step`.
     """
-    operators, limits, step = program.operators, response.limits, response.step
+    operators, norms, limits, step = program.operators, response.norms, response.limits, response.step
+    free, piece = operators.factor.solve(program.g), law.piece(start.p)
+    apart = np.concatenate([program.slip(free).ravel(), program.excess(free)])
     x = y = np.concatenate([start.lam.ravel(), start.p])
-    momentum = 1.0
+    momentum, metric = 1.0, 1.0 / step
     for _ in range(SWEEPS):
-        lam, p = operators.blocks(y[response.norms]), y[limits]
-        d = operators.factor.solve(program.g - operators.multiplier_force(lam, p))
-        ahead_of = np.concatenate([program.slip(d).ravel(), program.excess(d) - operators.compliance * p])
-        new = y + step * ahead_of
-        p = np.maximum(new[limits], 0.0)
-        lam = replace(program, w=law.weights(p)).project(operators.blocks(new[response.norms]))
-        last, x = x, np.concatenate([lam.ravel(), p])
-        if (y - x) / step @ (x - last) > 0:
+        last, x = x, y + step * (apart - dsymv(1.0, response.softness.T, y))
+        lam, p = operators.blocks(x[norms]), x[limits]
+        np.maximum(p, 0.0, out=p)
+        w, size = piece.at(p), np.sqrt(np.einsum("ij,ij->i", lam, lam))
+        lam *= (w / np.maximum(np.maximum(w, size), np.finfo(float).tiny))[:, None]
+        change = x - last
+        if (metric * (y - x)) @ change > 0:
             momentum = 1.0
         ahead = 0.5 + np.sqrt(0.25 + momentum**2)
-        y, momentum = x + (momentum - 1.0) / ahead * (x - last), ahead
-    return Iterate(operators.factor.solve(program.g - operators.multiplier_force(lam, p)), lam, p)
+        y, momentum = x + (momentum - 1.0) / ahead * change, ahead
+    return Iterate(operators.factor.solve(program.g - response.act(x)), operators.blocks(x[norms]), x[limits])
 
 
 def _by_softer_laws(
     program: StepProgram, law: PressureLaw, start: Iterate, response: Response, rounds: Iterator[int]
-) -> _Settled | None:
+) -> Found | None:
     """A solution by way of laws that are softened at first."""
     share, point, factor = 1e-6, start, STEEPER
     last: tuple[Iterate, float] | None = None
     while True:
         softer = law if share >= 1.0 else law.scaled(np.ones(len(program.w)), np.full(len(start.p), share))
-        met = _from_sets(program, softer, point, response, rounds)
-        if met is not None and share >= 1.0:
-            return met
-        if met is not None:
-            last = met.point(program, softer), share
-        elif last is None or program.operators.block == 1 or factor < 1.7:
+        found = _from_sets(program, softer, point, response, rounds)
+        if found is not None and share >= 1.0:
+            return found
+        if found is not None:
+            last = found.admissible(program), share
+        elif last is None or program.operators.block == 1 or factor < STEEPER**0.5:
             return None
         else:
-            factor = factor**0.5  # Where a steeper law of discs does not settle, one less steep is tried.
+            factor = factor**0.5  # Where a steeper law of discs does not settle, one less steep is tried, twice.
         point, share = replace(last[0], p=last[0].p / factor), last[1] * factor
 
 
-class _Settled(NamedTuple):
-    """Sets whose inequalities hold, and what their system led to."""
-
-    sets: Sets
-    found: Found
-
-    def point(self, program: StepProgram, law: PressureLaw) -> Iterate:
-        """The point, admissible."""
-        at, p = self.found.point, np.maximum(self.found.point.p, 0.0)
-        d = program.feasible(_stuck_in_place(program, self.sets, at.d))
-        return Iterate(d, replace(program, w=law.weights(p)).project(at.lam), p)
+MOST_SETS = 40
+"""Sets that are tried from a point: absolute values settle in fewer than ten, directions of discs turn for longer."""
+RETURNS = 6
+"""Times that discs may come back to what they have left; absolute values that do cycle for ever."""
 
 
 def _from_sets(
@@ -358,31 +413,28 @@ def _from_sets(
     response: Response,
     rounds: Iterator[int],
     w: Floats | None = None,
-) -> _Settled | None:
-    """A solution from the sets at `start`, beside weights `w` (m,) if given.
-
-    Absolute values settle in fewer than ten rounds, or come back to sets that they have left and cycle for ever;
-    directions of discs turn for longer, and may come back six times.
-    """
-    shift, point = Shifts.of(program.operators), start
-    turns = program.operators.block > 1
+) -> Found | None:
+    """A solution from the sets at `start`, beside weights `w` (m,) if given."""
+    shift, point, discs = Shifts.of(program.operators), start, program.operators.block > 1
     met: list[bytes] = []
     returns = 0
-    for _ in islice(rounds, 40 if turns else 25):
+    for _ in islice(rounds, MOST_SETS):
         sets, piece = _sets(program, law, point, shift, None if met else w)
         # The same terms may stick and press on another piece of the law: on its slope, and then on its level.
         parts = sets.stick, sets.act, piece.slope.data, piece.slope.indices, piece.slope.indptr
-        mark = b"".join(part.tobytes() for part in (parts if turns else (*parts, sets.direction)))
-        returns += mark in met and not (turns and mark == met[-1])
-        if returns > (6 if turns else 0):
+        mark = b"".join(part.tobytes() for part in (parts if discs else (*parts, sets.direction)))
+        returns += mark in met and not (discs and mark == met[-1])
+        if returns > (RETURNS if discs else 0):
             return None
         met.append(mark)
         found = _tried(program, piece, sets, response, point.lam)
         if found is None:
             return None
-        if found.holds(program, law, sets):
-            return _Settled(sets, found)
-        point = found.next_point(program, law, sets)
+        found = turned(program, found, point.lam) if discs else found
+        found = replace(found, weights=law.weights(np.maximum(found.point.p, 0.0)))
+        if found.holds(program):
+            return found
+        point = found.next_point(program)
     return None
 
 
@@ -392,17 +444,8 @@ def _tried(program: StepProgram, law: Piece, sets: Sets, response: Response, lam
         return on_sets(program, law, sets, response, lam)
     with suppress(LinAlgError):
         once = without_redundant_rows(program.operators, sets, lam, law.weights)
-        return on_sets(program, law, once, response, lam)
+        return replace(on_sets(program, law, once, response, lam), sets=sets)
     return None
-
-
-def _stuck_in_place(program: StepProgram, sets: Sets, d: Floats) -> Floats:
-    """The increments with those that stick where they are, to the last bit: large weights make work of the rest."""
-    still = np.flatnonzero(np.repeat(sets.stick, program.operators.block) & program.operators.rows.single)
-    entry = program.operators.B.indptr[still]
-    d = d.copy()
-    d[program.operators.B.indices[entry]] = program.b[still] / program.operators.B.data[entry]
-    return d
 
 
 def _sets(

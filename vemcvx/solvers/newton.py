@@ -90,6 +90,12 @@ class Sets:
     shares: Floats = field(default_factory=lambda: np.zeros((0, 0)))
     """(k, m * block) of their equations shares @ lam = shares @ (previous lam), which determine their multipliers"""
 
+    def bent(self, s: Floats) -> Floats:
+        """h (I - q q') s, of vectors (m, block)."""
+        along = np.einsum("ij,ij->i", self.direction, s)
+        across: Floats = self.curvature[:, None] * (s - self.direction * along[:, None])
+        return across
+
     def same(self, other: Sets) -> bool:
         """Return True if the other sets lead to the same answer."""
         return (
@@ -137,14 +143,19 @@ def sets_at(program: StepProgram, at: Iterate, shift: Shifts) -> Sets:
     direction = slip[:, None] * directions(q, size)
     if program.operators.block > 1:
         stiff = shift.norms[slip] * program.w[slip]
-        # The curvature of slipping discs is at most 1e8 over their flexibility. Where several discs share a node, more
-        # would leave too little of the stiffness of the body beside it.
-        least = stiff * program.operators.norm_flexibility[slip] / 1e8
-        curvature[slip] = stiff / np.maximum(size[slip] - program.w[slip], least)
+        curvature[slip] = stiff / np.maximum(size[slip] - program.w[slip], stiff / most_curved(program)[slip])
     act = np.zeros(len(at.p), dtype=bool)
     if len(act):
         act = at.p + shift.limits * (program.excess(at.d) - program.operators.compliance * at.p) > 0
     return Sets(stick, direction, curvature, act)
+
+
+def most_curved(program: StepProgram) -> Floats:
+    """(m,) the most that curvatures of slipping discs are: 1e8 over their flexibility.
+
+    Where several discs share a node, more would leave too little of the stiffness of the body beside it.
+    """
+    return 1e8 * program.operators.norm_stiffness
 
 
 def answer_on(program: StepProgram, sets: Sets, near: Iterate | None = None) -> Iterate:

@@ -6,26 +6,27 @@ and weights w(p) = w_0 + J (p - p_0), find d, lam and p with K d = g - B'lam - D
     s_i = 0  on sticking terms,           lam_i = q_i w_i(p) + h_i (I - q_i q_i') s_i  on slipping ones,    s = B d - b,
     z_j = c_j p_j  on acting limits,      p_j = 0  on the others,                                           z = D d - e.
 
-The unknowns that no row reads are eliminated once: S is K of the others. Let T = B'hB - with h_i (I - q_i q_i') in its
-blocks - and D'D / c of soft limits that act. Sticking terms and acting bounds, A d = a, leave d = L'a + Z y with A Z =
-0 and A L' = I, and carry L f, f being the force that is left on them. So the forces of limits are affine in y, with the
-derivative P = E^{-1} (D Z / c - L (S + T) Z), E = I + L B'q J where terms that slip pull at what limits hold, and y has
+The unknowns that no row reads are eliminated: S is K of the others, or, where most limits are open, of those that the
+sets do something with. In coordinates of which sticking terms and acting bounds read one a row (:class:`Place`), these
+are held, and all others are the motions y. Let T = B'hB - with h_i (I - q_i q_i') in its blocks - and D'D / c of soft
+limits that act. A row that holds carries the force that is left on its coordinate. So the forces of limits are affine
+in y, with the derivative P = E^{-1} (D / c - (S + T)), of the rows of limits, and E = I + B'q J of these rows, where
+terms that slip pull at what limits hold; and y has
 
-    M y = Z' (all known forces),          M = Z'(S + T)Z + Z'B'q J P,
+    M y = (all known forces on y),        M = S + T + B'q J P  on y,
 
-symmetric but for weights that follow p: as many equations as motions are left, none where all sticks. Z and L are unit
-vectors where rows read unknowns of their own, and come from reflections where they share nodes, at edges. Where most
-limits are open, their unknowns are eliminated with the others. A kernel of K needs no care: K_r = K + diag(a), definite
-by the stiffness a of anchors, stands for K where a factor is wanted, and T has -a.
+symmetric but for weights that follow p: as many equations as motions are left, none where all sticks. A kernel of K
+needs no care: K_r = K + diag(a), definite by the stiffness a of anchors, stands for K where a factor is wanted, and T
+has -a.
 
-If forces -B'psi act on slipping terms, y moves by -M^{-1} Z'B'(psi + q J psi_p), psi_p = E^{-1} L B'psi being what the
-forces of limits answer at once. With N = S + T + diag(a), c such that y'My >= y'Z'NZ y / c for all y, and phi_i^2 >=
+If forces -B'psi act on slipping terms, y moves by -M^{-1} B'(psi + q J psi_p), psi_p = E^{-1} B'psi being what the
+forces of limits answer at once. With N = S + T + diag(a), c such that y'My >= y'Ny / c for all y, and phi_i^2 >=
 |B_i K_r^{-1} B_i'|, the motion d that answers |psi_i| <= t_i along q_i and <= r_i across it is bounded by
 
     |d|_N  <=  E_psi = c sum_i (phi_i (t_i + |q J psi_p|_i) + chi_i r_i),               chi_i = min(phi_i, h_i^{-1/2}),
 
 for B_i d has at most phi_i |d| along q_i, and chi_i |d| across it. Forces of what is held follow from Schwarz's
-inequality. The norm of (Z'NZ)^{1/2} M^{-1} (Z'NZ)^{1/2} is such a c, and 2 often one that a factorisation proves.
+inequality. The norm of N^{1/2} M^{-1} N^{1/2} is such a c, and 2 often one that a factorisation proves.
 """
 
 from __future__ import annotations
@@ -37,66 +38,67 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.linalg import LinAlgError, lapack, qr, solve_triangular
 from scipy.sparse.csgraph import connected_components
-from scipy.sparse.linalg import splu
+from scipy.sparse.linalg import eigsh
 
-from vemcvx.arrays import Floats, Ints
-from vemcvx.linear import Factor
+from vemcvx.arrays import Bools, Floats, Ints, lengths
 from vemcvx.program.operators import Operators, restricted, transverse
 from vemcvx.solvers.newton import FOLLOWS, Sets
 
 
 class Response:
-    """The rows A = [B; D] of operators, and the stiffness K_r of the unknowns that they read, the others left free."""
+    """The rows A = [B; D] of operators, and how the unknowns that they read answer forces: K_r with all others free."""
 
     def __init__(self, operators: Operators):
         self.operators, self.A = operators, sp.csr_matrix(sp.vstack([operators.B, operators.D]))
         self.norms, self.limits = slice(operators.B.shape[0]), slice(operators.B.shape[0], None)
-        anchor = np.zeros(self.A.shape[1]) if operators.anchor is None else operators.anchor
-        self.read: Ints = np.flatnonzero((np.bincount(self.A.indices, minlength=len(anchor)) > 0) | (anchor > 0))
-        """(u,) the unknowns, those of anchors among them"""
-        self.rows = sp.csr_matrix(self.A[:, self.read])
-        """(m * block + r, u) A on these"""
-        self.anchor: Floats = anchor[self.read]
-        """(u,) the stiffness of the anchors, without which K_r is K"""
+        self.sizes = abs(self.A)
+        """(m * block + r, n) |A|"""
+        n = self.A.shape[1]
+        self.anchor: Floats = np.zeros(n) if operators.anchor is None else operators.anchor
+        """(n,) the stiffness of the anchors, without which K_r is K"""
+        self.read: Ints = np.flatnonzero((np.bincount(self.A.indices, minlength=n) > 0) | (self.anchor > 0))
+        """(u,) the unknowns that rows read, those of anchors among them"""
+        self._last: Place | None = None
 
     def act(self, x: Floats) -> Floats:
         """A'x, (n,)."""
         return self.operators.multiplier_force(x[self.norms], x[self.limits])
 
-    @cached_property
-    def _inner(self) -> tuple[Ints, Factor]:
-        """The unknowns that no row reads, and a factor of K on them."""
-        rest = np.setdiff1d(np.arange(self.A.shape[1]), self.read)
-        return rest, self.operators.factor.within(restricted(self.operators.K, rest), rest)
+    def place(self, held: Ints, touched: Bools) -> Place:
+        """Coordinates of the unknowns that rows `touched` (N,) read, or of all if these are most, for rows `held` (h,).
 
-    @cached_property
-    def stiffness(self) -> Floats:
-        """(u, u) K_r on the unknowns."""
-        K = restricted(self.operators.regular.K, self.read)
-        if len(self.read) == self.A.shape[1]:
-            return np.ascontiguousarray(K if isinstance(K, np.ndarray) else K.toarray())
-        rest, factor = self._inner
-        coupling = self.operators.K[rest][:, self.read]
-        coupling = coupling if isinstance(coupling, np.ndarray) else coupling.toarray()
-        return np.ascontiguousarray(K - coupling.T @ factor.solve(coupling))
-
-    def passed_on(self, force: Floats) -> Floats:
-        """(u,) the force on the unknowns that does as much to them as a force (n,) on all."""
-        if len(self.read) == self.A.shape[1]:
-            return force
-        rest, factor = self._inner
-        spread = np.zeros(len(force))
-        spread[rest] = factor.solve(force[rest])
-        passed: Floats = (force - self.operators.K @ spread)[self.read]
-        return passed
+        The last are remembered: sets that hold the same are asked for again while directions turn.
+        """
+        some = np.flatnonzero((touched @ self.sizes > 0) | (self.anchor > 0))
+        some = some if 2 * len(some) < len(self.read) else self.read
+        if self._last is None or not (np.array_equal(held, self._last.held) and np.array_equal(some, self._last.some)):
+            self._last = None  # Before there is another, lest memory hold two.
+            self._last = Place(self, held, some)
+        return self._last
 
     @cached_property
     def flexibility(self) -> Floats:
-        """(u, u) the part of K_r^{-1} that rows read."""
+        """(u, u) K_r^{-1} of the unknowns that rows read."""
         unit = np.zeros((self.A.shape[1], len(self.read)))
         unit[self.read, np.arange(len(self.read))] = 1.0
         found: Floats = self.operators.factor.solve(unit)[self.read]
         return found
+
+    @cached_property
+    def stiffness(self) -> Floats:
+        """(u, u) its inverse: K_r of these unknowns, all others being free."""
+        if len(self.read) < self.A.shape[1]:
+            return np.asarray(np.linalg.inv(self.flexibility))
+        K = self.operators.regular.K
+        return np.ascontiguousarray(K if isinstance(K, np.ndarray) else K.toarray())
+
+    @cached_property
+    def softness(self) -> Floats:
+        """(N, N) W + C: how far rows move under multipliers, W = A K_r^{-1} A'."""
+        A = self.A[:, self.read]
+        return np.asarray(
+            A @ (A @ self.flexibility).T + np.diag(np.append(np.zeros(self.norms.stop), self.operators.compliance))
+        )
 
     @cached_property
     def reach(self) -> Floats:
@@ -108,64 +110,108 @@ class Response:
 
     @cached_property
     def step(self) -> Floats:
-        """(m * block + r,) by which multipliers may follow gradients: 1 / step is to exceed W + C.
-
-        The largest eigenvalue of W + C, its diagonal made one, is that of twenty power iterations, and a tenth more.
-        """
-        diagonal = self.reach**2
-        diagonal[self.limits] += self.operators.compliance
-        root, largest = 1.0 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0)), 0.0
-        x = np.random.default_rng(0).standard_normal(len(root))
-        for _ in range(20 if len(x) else 0):
-            y = root * x / np.linalg.norm(x)
-            spread = self.A @ self.operators.factor.solve(self.act(y))
-            spread[self.limits] += self.operators.compliance * y[self.limits]
-            x = root * spread
-            largest = float(np.linalg.norm(x))
-        step: Floats = root**2 / (1.1 * largest if largest > 0 else 1.0)
+        """(m * block + r,) by which multipliers may follow gradients, alike in a block: 1 / step exceeds W + C."""
+        operators = self.operators
+        diagonal = np.append(np.repeat(operators.norm_flexibility, operators.block), 1.0 / operators.limit_stiffness)
+        root = 1.0 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
+        # Lanczos' method finds nearly the largest eigenvalue, from below.
+        largest = eigsh(root[:, None] * self.softness * root, 1, v0=root, tol=0.01, return_eigenvectors=False)[0]
+        step: Floats = root**2 / (1.1 * largest)
         return step
 
 
-def held_by(A: sp.csr_matrix) -> tuple[sp.csr_matrix, sp.csr_matrix]:
-    """(L, Z) of rows A (h, c) that hold: A d = v has the solutions d = L'v + Z y, and A'x = f, if any, x = L f.
+def unit_rows(A: sp.csr_matrix) -> sp.csr_matrix:
+    """G (c, c) with A G = [I, 0], of rows A (h, c) that hold.
 
-    A row that reads an unknown of its own holds that one; the others are reflected, together with those that share
-    unknowns with them.
+    A row that reads an unknown of its own is scaled; the others are reflected, together with those that share unknowns
+    with them, and unknowns that none reads follow as they are.
 
     Raises
     ------
     LinAlgError
         A row follows from others.
     """
-    own, readers = np.diff(A.indptr) == 1, np.bincount(A.indices, minlength=A.shape[1])
+    h, c = A.shape
+    own, readers = np.diff(A.indptr) == 1, np.bincount(A.indices, minlength=c)
     own[own] = readers[A.indices[A.indptr[:-1][own]]] == 1
-    first, shared, free = A.indptr[:-1][own], np.flatnonzero(~own), np.flatnonzero(readers == 0)
-    L = [(np.flatnonzero(own), A.indices[first], 1.0 / A.data[first])]
-    Z = [(free, np.arange(len(free)), np.ones(len(free)))]
-    f = len(free)
-    if len(shared):
-        groups = connected_components(abs(A[shared]) @ abs(A[shared]).T, directed=False)[1]
-        for group in range(groups.max() + 1):
-            rows = shared[groups == group]
-            some = np.unique(A[rows].indices)
-            Q, R = qr(A[rows][:, some].toarray().T)
-            h, rest = len(rows), np.arange(f, f + len(some) - len(rows))
-            if h > len(some) or (np.abs(np.diagonal(R)) <= FOLLOWS * np.linalg.norm(R, axis=0)).any():
-                raise LinAlgError("singular")
-            L.append((np.repeat(rows, len(some)), np.tile(some, h), solve_triangular(R[:h], Q[:, :h].T).ravel()))
-            Z.append((np.repeat(some, len(rest)), np.tile(rest, len(some)), Q[:, h:].ravel()))
-            f += len(rest)
-    return _assembled(L, A.shape), _assembled(Z, (A.shape[1], f))
+    first, shared, unread = A.indptr[:-1][own], np.flatnonzero(~own), np.flatnonzero(readers == 0)
+    f = h + len(unread)
+    parts = [(A.indices[first], np.flatnonzero(own), 1.0 / A.data[first])]
+    parts += [(unread, np.arange(h, f), np.ones(len(unread)))]
+    groups = connected_components(abs(A[shared]) @ abs(A[shared]).T, directed=False)[1]
+    for group in range(groups.max(initial=-1) + 1):
+        rows = shared[groups == group]
+        some, k = np.unique(A[rows].indices), len(rows)
+        Q, R = qr(A[rows][:, some].toarray().T)
+        if k > len(some) or (np.abs(np.diagonal(R)) <= FOLLOWS * np.linalg.norm(R, axis=0)).any():
+            raise LinAlgError("singular")
+        Q[:, :k] = solve_triangular(R[:k], Q[:, :k].T).T
+        columns = np.append(rows, np.arange(f, f + len(some) - k))
+        parts.append((np.repeat(some, len(some)), np.tile(columns, len(some)), Q.ravel()))
+        f += len(some) - k
+    i, j, values = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return sp.csr_matrix((values, (i, j)), shape=(c, c))
 
 
-def _assembled(parts: list[tuple[Ints, Ints, Floats]], shape: tuple[int, int]) -> sp.csr_matrix:
-    """The matrix with the entries (row, column, value)."""
-    rows, columns, values = (np.concatenate(part) for part in zip(*parts, strict=True))
-    return sp.csr_matrix((values, (rows, columns)), shape=shape)
+class Place:
+    """Coordinates of some unknowns (n,), of which what holds reads one a row; the motions of these are G times them.
+
+    Where rows that hold read an unknown of their own, the coordinates are the unknowns, and there is no G.
+
+    Raises
+    ------
+    LinAlgError
+        A row that holds follows from others.
+    """
+
+    def __init__(self, response: Response, held: Ints, some: Ints):
+        self.held, self.some, self.anchor, self.G = held, some, response.anchor[some], None
+        if len(some) == len(response.read):
+            self.inner = response.stiffness
+        else:
+            among = np.searchsorted(response.read, some)
+            self.inner = np.linalg.inv(np.asarray(restricted(response.flexibility, among)))
+        """K_r of the unknowns, all others being free"""
+        A = response.A if len(some) == response.A.shape[1] else sp.csr_matrix(response.A[:, some])
+        holding, S = A[held], self.inner
+        columns, entries = holding.indices.astype(np.int64), holding.data
+        if (np.diff(holding.indptr) != 1).any() or len(np.unique(columns)) < len(columns):
+            self.G = G = unit_rows(holding)
+            A, S, columns, entries = sp.csr_matrix(A @ G), G.T @ (S @ G), np.arange(len(held)), np.ones(len(held))
+        self.S: Floats = S
+        self.A, self.turned = A, sp.csr_matrix(A[response.norms].T)
+        """A and B' in the coordinates"""
+        self.columns, self.entries = columns, entries
+        """(h,) the coordinates that are held, and what the rows that hold them have there"""
+        self.free: Ints = np.setdiff1d(np.arange(len(S)), columns)
+
+    @cached_property
+    def within(self) -> Floats:
+        """S of the free coordinates."""
+        return np.asarray(restricted(self.S, self.free))
+
+    @property
+    def anchors(self) -> sp.csr_matrix:
+        """The stiffness of the anchors of the unknowns."""
+        return sp.csr_matrix(sp.diags_array(self.anchor))
+
+    def reduced(self, K: sp.csr_matrix) -> sp.csr_matrix:
+        """A matrix of the unknowns, in the coordinates."""
+        return sp.csr_matrix(K if self.G is None else self.G.T @ K @ self.G)
+
+    def beside_free(self, T: sp.csr_matrix, rows: Ints) -> Floats:
+        """S + T, these coordinates beside the free ones."""
+        S = self.within.copy() if rows is self.free else self.S.take(rows, 0).take(self.free, 1)
+        row, column, added = np.full(len(self.S), -1), np.full(len(self.S), -1), T.tocoo()
+        row[rows], column[self.free] = np.arange(len(rows)), np.arange(len(self.free))
+        i, j = row[added.row], column[added.col]
+        there = (i >= 0) & (j >= 0)
+        S[i[there], j[there]] += added.data[there]
+        return np.asarray(S)
 
 
 class SetsSystem:
-    """The system of some sets, reduced to the motions y that they leave, and factorised.
+    """The system of some sets, reduced to the motions y that they leave, and factorised once it is solved.
 
     Raises
     ------
@@ -174,142 +220,178 @@ class SetsSystem:
     """
 
     def __init__(self, operators: Operators, sets: Sets, J: sp.csr_matrix, response: Response):
-        block, norms, r = operators.block, operators.B.shape[0], len(sets.act)
-        self._operators, self._response, self._sets, self._J = operators, response, sets, J
-        soft = sets.act & (operators.compliance > 0)
-        self._spring = np.divide(1.0, operators.compliance, out=np.zeros(r), where=soft)
-        self._hard, stick = np.flatnonzero(sets.act & ~soft), np.flatnonzero(np.repeat(sets.stick, block))
-        self._own = np.setdiff1d(stick, sets.idle)
-        self._q = _blockwise(sets.direction[:, :, None])
-        self._H = _blockwise(sets.curvature[:, None, None] * transverse(sets.direction))
-        follows = sp.csr_matrix(self._q @ J @ sp.diags_array(sets.act.astype(float)))
-        follows.eliminate_zeros()
-        # Unknowns that the sets do nothing with are free; where most are, these are eliminated.
-        concerned = np.concatenate([np.repeat(sets.stick | (sets.curvature > 0), block), sets.act])
-        concerned[:norms] |= np.diff(follows.indptr) > 0
-        some = np.flatnonzero((abs(response.rows).T @ concerned > 0) | (response.anchor > 0))
-        if 2 * len(some) < len(response.read):
-            self._S = np.asarray(np.linalg.inv(np.asarray(restricted(response.flexibility, some))))
-        else:
-            some, self._S = np.arange(len(response.read)), response.stiffness
-        self._some, A = some, response.rows[:, some]
-        self._B, self._D = A[:norms], A[norms:]
-        soften = self._D.T @ sp.diags_array(self._spring) @ self._D - sp.diags_array(response.anchor[some])
-        self._T = sp.csr_matrix(self._B.T @ self._H @ self._B + soften)
-        self._L, self._Z = held_by(sp.csr_matrix(sp.vstack([self._D[self._hard], self._B[self._own]])))
-        self._choose()
-        # p = E^{-1} (what limits would carry alone), where terms that slip pull at what limits hold.
-        h = len(self._hard)
-        self._press = sp.csr_matrix((np.ones(h), (self._hard, np.arange(h))), shape=(r, h)) @ self._react[:h]
-        tied = sp.csc_matrix(self._press @ self._B.T @ follows)
-        one = sp.eye_array(r, format="csc")
-        self._untie = sp.csr_matrix(splu(sp.csc_matrix(one + tied)).solve(np.eye(r)) if tied.nnz else one)
-        self._pull = sp.csr_matrix(follows @ self._untie)
-        f, tests = self._Z.shape[1], sp.csr_matrix(sp.vstack([self._Z.T, -self._react[:h]]))
-        answered = np.asarray(_plus(tests @ self._S, tests @ self._T) @ self._Z)
-        self._K = answered[:f]
-        self._P = _plus(np.zeros((r, f)), sp.diags_array(self._spring) @ self._D @ self._Z)
-        self._P[self._hard] += answered[f:]
-        self._M = self._K + (self._Z.T @ self._B.T @ self._pull) @ self._P
-        self._lu = lu = lapack.dgetrf(self._M) if len(self._M) else (self._M, self._M, 0)
-        if lu[2] > 0 or not np.isfinite(lu[0]).all():
-            raise LinAlgError("singular")
+        self._operators, self._response, self._sets = operators, response, sets
+        hard, stick = sets.act & (operators.compliance == 0), np.repeat(sets.stick, operators.block)
+        self._spring = np.divide(1.0, operators.compliance, out=np.zeros(len(hard)), where=sets.act & ~hard)
+        self._slips, self._hard = np.flatnonzero(~stick), np.flatnonzero(hard)
+        stick[sets.idle] = False
+        concerned = np.repeat(sets.stick | (sets.curvature > 0) | (abs(J) @ sets.act > 0), operators.block)
+        held = np.concatenate([response.limits.start + self._hard, np.flatnonzero(stick)])
+        self._place = place = response.place(held, np.append(concerned, sets.act))
+        H = sets.curvature[:, None, None] * transverse(sets.direction)
+        T = operators.stiffening(H, self._spring if self._spring.any() else None)
+        T = T if len(place.some) == T.shape[0] else T[place.some][:, place.some]
+        self._T = place.reduced(T - place.anchors if place.anchor.any() else T)
+        self._share()
+        self._pull = _blockwise(sets.direction[:, :, None]) @ J
+        self._untie: sp.csr_matrix | None = None
+        self._pull.eliminate_zeros()
+        self._tug = place.turned @ self._pull
+        if np.diff(self._tug.indptr)[place.columns].any():
+            self._tie()
+        h, forces = len(self._hard), place.columns if self._R is not None else place.columns[: len(self._hard)]
+        self._P = np.zeros((len(hard), len(place.free)))
+        self._P[self._hard] = -self._carried(place.beside_free(self._T, forces), place.entries[: len(forces)])[:h]
+        if self._spring.any():
+            self._P += (sp.diags_array(self._spring) @ place.A[response.limits])[:, place.free].toarray()
 
-    def _choose(self) -> None:
-        """x = react f + given (shares of x), of limits that hold, terms that stick, and idle rows, in this order."""
-        idle, shares, h = self._sets.idle, self._sets.shares, len(self._hard)
-        self._rows = np.concatenate([self._response.limits.start + self._hard, self._own, idle])
-        if not len(idle):
-            self._react, self._given = self._L, np.zeros((len(self._rows), 0))
-            return
-        pushed, own = (self._L @ self._B[idle].T).toarray(), shares[:, self._own]
-        chosen = np.linalg.inv(shares[:, idle] - own @ pushed[h:])
-        self._given = np.concatenate([-pushed @ chosen, chosen])
-        self._react = sp.csr_matrix(sp.vstack([self._L, sp.csr_matrix((len(idle), self._L.shape[1]))]))
-        self._react = sp.csr_matrix(self._react - sp.csr_matrix(self._given @ (own @ self._L[h:])))
+    def _share(self) -> None:
+        """x = R f + given (shares of x) of limits that hold, terms that stick and idle rows, f the force on what holds.
+
+        Without idle rows, which share what others carry, R is one.
+        """
+        idle, h, place = self._sets.idle, len(self._hard), self._place
+        self._rows, self._given, self._R = np.append(place.held, idle), np.zeros((len(place.held), 0)), None
+        if len(idle):
+            pushed = place.turned[:, idle].toarray()[place.columns] / place.entries[:, None]
+            own = np.concatenate([np.zeros((len(idle), h)), self._sets.shares[:, place.held[h:]]], axis=1)
+            chosen = np.linalg.inv(self._sets.shares[:, idle] - own @ pushed)
+            self._given = np.concatenate([-pushed @ chosen, chosen])
+            self._R = np.eye(len(self._rows), len(place.held)) - self._given @ own
+
+    def _carried(self, force: Floats, entries: Floats) -> Floats:
+        """R f, of forces (h,) or (h, k) on the coordinates that are held, of such entries."""
+        own: Floats = (force.T / entries).T
+        return own if self._R is None else self._R @ own
+
+    def _tie(self) -> None:
+        """p = E^{-1} (what limits would carry alone), where terms that slip pull at what limits hold."""
+        E, place = np.eye(len(self._spring)), self._place
+        E[self._hard] += self._carried(self._tug.toarray()[place.columns], place.entries)[: len(self._hard)]
+        self._untie = sp.csr_matrix(np.linalg.inv(E))
+        self._pull, self._tug = self._pull @ self._untie, self._tug @ self._untie
+
+    def _parts(self) -> tuple[Floats, Floats]:
+        """S + T and B'q J P on y, which add up to M."""
+        place = self._place
+        return place.beside_free(self._T, place.free), np.asarray(self._tug[place.free] @ self._P)
+
+    @cached_property
+    def _lu(self) -> tuple[Floats, Ints]:
+        """The factors of M': LAPACK reads columns."""
+        M, followed = self._parts()
+        M += followed
+        lu, pivots, info = lapack.dgetrf(M.T, overwrite_a=True)
+        if info > 0 or not np.isfinite(lu).all():
+            raise LinAlgError("singular")
+        return lu, pivots
 
     def _opened(self, rest: Floats) -> Floats:
         """M^{-1} rest."""
-        return np.asarray(lapack.dgetrs(*self._lu[:2], rest)[0]) if len(rest) else rest
+        return np.asarray(lapack.dgetrs(*self._lu, rest, trans=1)[0]) if len(rest) else rest
+
+    def _passed(self, force: Floats) -> Floats:
+        """The force (n,) on all, as one on the coordinates."""
+        place, on = self._place, force[self._place.some]
+        if len(on) < len(force):
+            # As motions, forces on these unknowns would lose the digits that K lacks of definiteness.
+            others = force.copy()
+            others[place.some] = 0.0
+            if others.any():
+                on = on + place.inner @ self._operators.factor.solve(others)[place.some]
+        return on if place.G is None else place.G.T @ on
 
     def solve(self, force: Floats, wanted: Floats) -> tuple[Floats, Floats]:
         """(d, x) with K d = force - A'x, where the equation of every row misses by `wanted` (N,)."""
-        response, factor, h = self._response, self._operators.factor, len(self._hard)
-        norms, limits = response.norms, response.limits
-        own, sprung = np.concatenate([wanted[limits][self._hard], wanted[self._own]]), self._spring * wanted[limits]
-        given = self._given @ wanted[self._sets.idle]
-        x = wanted.copy()
-        x[norms][np.repeat(self._sets.stick, self._operators.block)] = 0.0
-        x[limits][self._sets.act] = 0.0
-        x[norms] += self._q @ (self._J @ x[limits])
-        d = self._L.T @ own
-        unknowns, passed = response.read[self._some], response.passed_on(force - response.act(x))
-        rest = passed[self._some] + self._D.T @ sprung - self._S @ d - self._T @ d
-        # As motions, forces on the unknowns would lose the digits that K lacks of definiteness.
-        passed[self._some] = 0.0
-        if passed.any():
-            rest += self._S @ (response.flexibility @ passed)[self._some]
-        p = self._press @ rest + self._spring * (self._D @ d) - sprung
-        p[self._hard] += given[:h]
-        y = self._opened(self._Z.T @ (rest - self._B.T @ (self._pull @ p)))
-        p, more = p + self._P @ y, self._Z @ y
-        rest -= self._S @ more + self._T @ more + self._B.T @ (self._pull @ p)
-        d = d + more
-        x[norms] += self._H @ (self._B @ d) + self._pull @ p
-        x[limits] += self._untie @ p
-        x[self._rows] = self._react @ rest + given
+        response, sets, place, h = self._response, self._sets, self._place, len(self._hard)
+        norms, limits, x = response.norms, response.limits, np.zeros(len(wanted))
+        x[self._slips], x[limits] = wanted[self._slips], -self._spring * wanted[limits]
+        given, y = self._given @ wanted[sets.idle], np.zeros(len(place.S))
+        d = np.zeros(len(place.S))
+        d[place.columns], rest = wanted[place.held] / place.entries, self._passed(force - response.act(x))
+        if d.any():
+            rest -= place.S @ d + self._T @ d
+        p = x[limits] + self._spring * (place.A @ d)[limits]
+        p[self._hard] += (self._carried(rest[place.columns], place.entries) + given)[:h]
+        y[place.free] = self._opened((rest - self._tug @ p)[place.free])
+        p += self._P @ y[place.free]
+        d += y
+        if len(self._rows) > h:
+            rest -= place.S @ y + self._T @ y + self._tug @ p
+        x[norms] += sets.bent(self._operators.blocks((place.A @ d)[norms])).ravel() + self._pull @ p
+        x[limits] = p if self._untie is None else self._untie @ p
+        x[self._rows[h:]] = (self._carried(rest[place.columns], place.entries) + given)[h:]
+        d = d if place.G is None else np.asarray(place.G @ d)
+        if len(d) == len(force):
+            return d, x
         push = force - response.act(x)
-        push[unknowns] += response.anchor[self._some] * d
-        return factor.solve(push), x
+        push[place.some] += place.anchor * d
+        return self._operators.factor.solve(push), x
 
     @cached_property
     def gain(self) -> float:
         """c of theorem 2."""
-        if len(self._M) == 0:
+        place = self._place
+        if len(place.free) == 0:
             return 0.0
-        anchors = sp.diags_array(self._response.anchor[self._some])
-        N = _plus(self._K.copy(), self._Z.T @ anchors @ self._Z)
-        # y'My >= y'Ny / 2 where J is small, which a factorisation shows in a tenth of the work of the norm.
-        if lapack.dpotrf(self._M + self._M.T - N)[1] == 0:
+        anchors = place.reduced(place.anchors).toarray()[np.ix_(place.free, place.free)] if place.anchor.any() else 0.0
+        # y'My >= y'Ny / 2 where J is small: M + M' - N is definite, which shows in a tenth of the work of the norm.
+        twice, followed = self._parts()
+        twice += followed
+        twice += followed.T - anchors
+        if lapack.dpotrf(twice.T, overwrite_a=True)[1] == 0:
             return 2.0
-        root, info = lapack.dpotrf(N)
+        root, info = lapack.dpotrf(self._parts()[0] + anchors)
         return np.inf if info else float(np.linalg.norm(np.triu(root) @ self._opened(np.triu(root).T)))
 
-    @cached_property
-    def _moving(self) -> Floats:
-        """(m * block + r,) `reach` of rows, zero for those that what is held does not let move."""
-        A, free = self._response.rows, self._response.rows[:, self._some] @ self._Z
-        within = np.diff(A[:, self._some].indptr) == np.diff(A.indptr)
-        held = abs(free).max(axis=1).toarray().ravel() <= FOLLOWS * abs(A).max(axis=1).toarray().ravel()
-        return np.where(within & held, 0.0, self._response.reach)
-
     def answers(self, along: Floats, across: Floats) -> Answers:
-        """Bounds on the answers to psi, its parts being at most `along` and `across` (m,)."""
-        response, block, h = self._response, self._operators.block, self._sets.curvature
+        """Bounds on the answers to psi, its parts being at most `along` and `across` (m,), none of what sticks."""
+        response, place, block, h = self._response, self._place, self._operators.block, self._sets.curvature
+        norms, limits, turned, pull = response.norms, response.limits, abs(place.turned), abs(self._pull)
+        moving = self._moving
         # A term moves if one of its rows does.
-        phi = self._operators.blocks(self._moving[response.norms]).max(axis=1)
-        limits = self._moving[response.limits]
+        phi = self._operators.blocks(moving[norms]).max(axis=1)
         chi = np.minimum(phi, 1.0 / np.sqrt(np.where(h > 0, h, np.inf)), where=h > 0, out=phi.copy())
         psi = np.repeat(np.hypot(along, across), block)
-        tied = _sizes(abs(self._pull @ self._press @ self._B.T) @ psi, block)
-        energy = self.gain * float(response.reach[response.norms][::block] @ tied + phi @ along + chi @ across)
-        excess = limits * energy
-        # |K_r d| on an unknown, by Schwarz's inequality; anchors pull with no more than the root of their stiffness.
-        force = (np.sqrt(np.diagonal(self._S)) + np.sqrt(response.anchor[self._some])) * energy
-        force += abs(self._D).T @ (self._spring * excess)
-        pulls = psi + np.repeat(h * chi * energy, block)
-        press = abs(self._press) @ force + abs(self._press @ self._B.T) @ pulls + self._spring * excess
-        held = np.zeros(len(self._moving))
-        held[self._rows] = abs(self._react) @ force
-        held[self._rows] += abs(self._react @ self._B.T) @ (pulls + abs(self._pull) @ press)
+        tied = lengths(self._operators.blocks(pull @ self._on_limits(turned @ psi)))
+        energy = self.gain * float(response.reach[norms][::block] @ tied + phi @ along + chi @ across)
+        excess = moving[limits] * energy
+        # |K_r d| on a coordinate, by Schwarz's inequality; anchors pull with no more than the root of their stiffness.
+        force = np.sqrt(np.diagonal(place.S)) * energy + turned @ (psi + np.repeat(h * chi * energy, block))
+        if place.anchor.any():
+            force += np.sqrt(place.reduced(place.anchors).diagonal()) * energy
+        force += abs(place.A[limits]).T @ (self._spring * excess)
+        forces = self._on_limits(force) + self._spring * excess
+        held = np.zeros(len(moving))
+        held[self._rows] = self._bounded(force + turned @ (pull @ forces))
         return Answers(
             energy=energy,
             along=phi * energy,
             across=chi * energy,
             excess=excess,
-            multipliers=_sizes(held[response.norms], block),
-            forces=abs(self._untie) @ press,
+            multipliers=lengths(self._operators.blocks(held[norms])),
+            forces=forces if self._untie is None else abs(self._untie) @ forces,
         )
+
+    @property
+    def _moving(self) -> Floats:
+        """(m * block + r,) `reach` of rows, zero for those that what is held does not let move."""
+        response, place, sizes = self._response, self._place, abs(self._place.A)
+        free, others = np.zeros(len(place.S)), np.ones(len(response.anchor))
+        free[place.free], others[place.some] = 1.0, 0.0
+        held = (sizes @ free <= FOLLOWS * (sizes @ np.ones(len(free)))) & (response.sizes @ others == 0)
+        return np.where(held, 0.0, response.reach)
+
+    def _bounded(self, force: Floats) -> Floats:
+        """Bounds on R f, from bounds on the forces on all coordinates."""
+        own: Floats = force[self._place.columns] / np.abs(self._place.entries)
+        return own if self._R is None else np.abs(self._R) @ own
+
+    def _on_limits(self, force: Floats) -> Floats:
+        """(r,) of these, those of the limits that hold."""
+        p = np.zeros(len(self._spring))
+        p[self._hard] = self._bounded(force)[: len(self._hard)]
+        return p
 
 
 class Answers(NamedTuple):
@@ -326,18 +408,6 @@ class Answers(NamedTuple):
     """(m,) of terms that stick"""
     forces: Floats
     """(r,)"""
-
-
-def _plus(dense: Floats, sparse: sp.csr_matrix) -> Floats:
-    """The dense matrix, to which the sparse one is added."""
-    entries = sp.coo_matrix(sparse)
-    np.add.at(dense, (entries.row, entries.col), entries.data)
-    return dense
-
-
-def _sizes(x: Floats, block: int) -> Floats:
-    """(m,) norms of the blocks of x (m * block,)."""
-    return np.asarray(np.linalg.norm(x.reshape(-1, block), axis=1))
 
 
 def _blockwise(blocks: Floats) -> sp.csr_matrix:

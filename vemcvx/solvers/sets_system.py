@@ -41,6 +41,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import eigsh
 
 from vemcvx.arrays import Bools, Floats, Ints, lengths
+from vemcvx.linear import Factor
 from vemcvx.program.operators import Operators, restricted, transverse
 from vemcvx.solvers.newton import FOLLOWS, Sets
 
@@ -77,6 +78,26 @@ class Response:
         return self._last
 
     @cached_property
+    def _inner(self) -> tuple[Ints, Factor]:
+        """The unknowns that no row reads, and a factor of K on them."""
+        rest = np.setdiff1d(np.arange(self.A.shape[1]), self.read)
+        return rest, self.operators.factor.within(restricted(self.operators.K, rest), rest)
+
+    def passed_on(self, force: Floats) -> Floats:
+        """(n,) the force, zero where no row reads, that does as much to the other unknowns as a force (n,) on all.
+
+        As motions, forces on unknowns that no row reads would lose the digits that K lacks of definiteness.
+        """
+        if len(self.read) == len(force):
+            return force
+        rest, factor = self._inner
+        spread = np.zeros(len(force))
+        spread[rest] = factor.solve(force[rest])
+        passed: Floats = force - self.operators.K @ spread
+        passed[rest] = 0.0
+        return passed
+
+    @cached_property
     def flexibility(self) -> Floats:
         """(u, u) K_r^{-1} of the unknowns that rows read."""
         unit = np.zeros((self.A.shape[1], len(self.read)))
@@ -87,10 +108,12 @@ class Response:
     @cached_property
     def stiffness(self) -> Floats:
         """(u, u) its inverse: K_r of these unknowns, all others being free."""
-        if len(self.read) < self.A.shape[1]:
-            return np.asarray(np.linalg.inv(self.flexibility))
-        K = self.operators.regular.K
-        return np.ascontiguousarray(K if isinstance(K, np.ndarray) else K.toarray())
+        K = restricted(self.operators.regular.K, self.read)
+        if len(self.read) == self.A.shape[1]:
+            return _dense(K)
+        rest, factor = self._inner
+        coupling = _dense(self.operators.K[rest][:, self.read])
+        return _dense(K - coupling.T @ factor.solve(coupling))
 
     @cached_property
     def softness(self) -> Floats:
@@ -292,10 +315,9 @@ class SetsSystem:
 
     def _passed(self, force: Floats) -> Floats:
         """The force (n,) on all, as one on the coordinates."""
-        place, on = self._place, force[self._place.some]
+        place, others = self._place, self._response.passed_on(force).copy()
+        on = others[place.some]
         if len(on) < len(force):
-            # As motions, forces on these unknowns would lose the digits that K lacks of definiteness.
-            others = force.copy()
             others[place.some] = 0.0
             if others.any():
                 on = on + place.inner @ self._operators.factor.solve(others)[place.some]
@@ -408,6 +430,11 @@ class Answers(NamedTuple):
     """(m,) of terms that stick"""
     forces: Floats
     """(r,)"""
+
+
+def _dense(K: Floats | sp.csr_matrix) -> Floats:
+    """The matrix as an array by rows."""
+    return np.ascontiguousarray(K if isinstance(K, np.ndarray) else K.toarray())
 
 
 def _blockwise(blocks: Floats) -> sp.csr_matrix:

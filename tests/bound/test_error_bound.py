@@ -340,27 +340,42 @@ def test_squares_by_what_moves_edges_are_those_of_the_stresses_themselves(name, 
     history = vx.simulate(scene, vx.meshes.voronoi(6), [0.0, 1.0])
     circle = circle_of(history)
     pair = circle.pair(instant(history, 1), instant(history, 0))
-    exact, body = np.bincount(circle.boundary.edges.owner, circle.squares(pair.defects)), circle.body(pair.densities)
+    exact, body = (
+        np.bincount(circle.boundary.edges.owner, circle.squares(pair.defects)),
+        circle.body_forces.of(pair.densities),
+    )
     # Of nearly incompressible cells stresses are known to 1e-10 of lambda, and so are their squares.
     assert np.allclose(pair.squares, exact, rtol=0, atol=(1e-11 if poisson == 0.3 else 1e-8) * exact.max())
     assert np.allclose(circle.squares_of(pair.defect, body), pair.squares, rtol=0, atol=1e-12 * exact.max())
     assert circle.squares_of(pair.richer, body).sum() < pair.squares.sum()
 
 
-def test_body_forces_that_grow_are_integrated_once():
+BODY = ("density", "moments", "edges", "mixed", "outline", "squares", "energy", "work")
+
+
+def test_body_forces_are_integrated_once_a_shape():
+    """Of combinations of forces that were asked for all is as of new ones; but what is missed is taken for more."""
     circle = circle_of(vx.simulate(SCENES["weight"], vx.meshes.voronoi(4), [0.0, 1.0]))
-    f = circle.densities_at(1.0)
-    circle.body(f)
-    grown = circle.body(tuple(-3.0 * one for one in f))
-    circle.known.clear()
-    anew = circle.body(tuple(-3.0 * one for one in f))
-    for name in ("density", "moments", "edges", "mixed", "outline", "squares", "missed", "energy", "work"):
-        for one, other in zip(grown, anew, strict=True):
-            a, b = (np.asarray(getattr(each, name)) for each in (one, other))
-            assert np.allclose(a, b, rtol=1e-11, atol=1e-11 * np.abs(b).max()), name
-    other = circle.body(tuple(one + 1.0 for one in f))
-    assert not np.allclose(other[0].edges, grown[0].edges)
-    assert circle.body(()) == ()
+    points = [fans.points() for fans in circle.fans]
+    f, g = (tuple(wave(5.0 * x) for x in points) for wave in (np.sin, np.cos))
+    forces = circle.body_forces
+    combinations = (-3.0, 0.0), (1.0, 0.1), (0.5, -2.0)
+    for a, b in combinations:
+        forces.of(tuple(a * one + b * other for one, other in zip(f, g, strict=True)))
+    assert len(forces.known) == 2
+    for a, b in combinations:
+        mixed = tuple(a * one + b * other for one, other in zip(f, g, strict=True))
+        known, anew = forces.of(mixed), type(forces)(circle.fans).of(mixed)
+        assert len(forces.known) == 2
+        for one, other in zip(known, anew, strict=True):
+            for name in BODY:
+                x, y = (np.asarray(getattr(each, name)) for each in (one, other))
+                assert np.allclose(x, y, rtol=1e-9, atol=1e-9 * np.abs(y).max()), name
+            assert (one.missed >= other.missed * (1.0 - 1e-9)).all()
+    assert forces.of(()) == ()
+    for power in range(2, 8):
+        forces.of(tuple(x**power for x in points))
+    assert len(forces.known) <= 4
 
 
 def test_penetration_is_part_of_the_bound():

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from vemcvx.bound.body_force import alone
 from vemcvx.bound.displacement import NODES, strains_at_stations
-from vemcvx.bound.fan import BARYCENTRIC, COEFFICIENTS, RULE, RULE_WEIGHTS, monomial_slopes, monomials
+from vemcvx.bound.fan import COEFFICIENTS, RULE, RULE_WEIGHTS, monomial_slopes, monomials
 from vemcvx.bound.hypercircle import hypercircle, outline_of
 from vemcvx.bound.skeleton import instant
 from vemcvx.results.probe import locate
@@ -20,11 +21,8 @@ def nodal_values(circle, u, t):
     """Of each chunk of cells the nodal values (c, n, 20) of the conforming displacement."""
     densities = circle.densities_at(t) or [None] * len(circle.fans)
     for fans, displacement, f in zip(circle.fans, circle.displacements, densities, strict=True):
-        F = None
-        if f is not None:
-            weighed = RULE_WEIGHTS[:, None] * fans.doubled_areas[..., None, None] * f
-            F = np.einsum("qk,ctqd->ctkd", BARYCENTRIC, weighed).reshape(len(f), -1)
-        yield fans, displacement.nodal(outline_of(fans, u), F)
+        v = displacement.nodal(outline_of(fans, u))
+        yield fans, v if f is None else v + alone(fans, f)[0]
 
 
 def at_rule(circle, u, t):

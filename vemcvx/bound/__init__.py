@@ -15,11 +15,11 @@ friction q and pressure p that the laws admit: for all motions w that vanish on 
     (tau, eps(w))  =  l_1(w) - int_C q w_t + p w_n,                                                               (2)
 
 and h(w) := j(w) - int q w_t + p w_n is bounded from below. Let r = tau - sigma_0 - C eps(v), b = h(v) - inf h >= 0, and
-let osc_T be such that (l - l_1)(w) <= sum_T osc_T |w|_T (:mod:`.hypercircle` has these with their constants).
+let osc_T be such that (l - l_1)(w) <= sum_K osc_K |w|_K (:mod:`.hypercircle` has these with their constants).
 
-**Theorem 1** (Prager and Synge, with friction, contact and data). For e = u - v and A^2 = sum_T (|r|_T + osc_T)^2
+**Theorem 1** (Prager and Synge, with friction, contact and data). For e = u - v and A^2 = sum_K (|r|_K + osc_K)^2
 
-    |e|^2 + (h(u) - inf h)  <=  sum_T (|r|_T + osc_T) |e|_T + b,        |e|  <=  A / 2 + (A^2 / 4 + b)^{1/2},
+    |e|^2 + (h(u) - inf h)  <=  sum_K (|r|_K + osc_K) |e|_K + b,        |e|  <=  A / 2 + (A^2 / 4 + b)^{1/2},
     J(v) - A^2 / 2 - b  <=  J(u)  <=  J(v).
 
 *Proof.* |e|^2 = (sigma - sigma_0 - C eps(v), eps(e)) <= l(e) + j(v) - j(u) - (sigma_0 + C eps(v), eps(e)) by (1). With

@@ -351,9 +351,9 @@ def _sizes(circle: Hypercircle, pair: Pair) -> tuple[float, ...]:
 
 
 def _norm(circle: Hypercircle, defect: Defect, missed: Floats) -> float:
-    """The norm of a defect, each triangle's larger by what is missed (corners,)."""
-    body = circle.body(defect.densities)
-    return float(np.sqrt(circle.enlarged(circle.squares_of(defect, body), defect, body, missed).sum()))
+    """The norm of a defect, each cell's larger by what is missed (corners,)."""
+    squares = circle.squares_of(defect, circle.body_forces.of(defect.densities))
+    return float(np.sqrt(circle.enlarged(squares, missed).sum()))
 
 
 def _between(circle: Hypercircle, last: Instant, ahead: Instant) -> Iterator[Instant]:
@@ -391,4 +391,4 @@ def _dissipation_gap(circle: Hypercircle, one: Pair, other: Pair) -> float:
 def _missed(circle: Hypercircle, one: Pair, other: Pair) -> Floats:
     """osc_T (corners,) of what data change by."""
     tractions = other.surface.acting - one.surface.acting
-    return circle.oscillation(tractions, circle.body((other.defect - one.defect).densities))
+    return circle.oscillation(tractions, circle.body_forces.of((other.defect - one.defect).densities))

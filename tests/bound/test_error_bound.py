@@ -446,7 +446,7 @@ def test_a_reversal_between_instants_is_in_the_bound():
 
 
 def test_a_reversal_inside_a_step_is_named_and_can_be_met(caplog):
-    """The bound of a run that misses it warns; at the instants that the warning speaks of nothing is missed."""
+    """The bound of a run that misses it warns, and has instants there; what is left is the error of the run."""
     scene, mesh, times = paper_scene(zigzag), vx.meshes.squares(4), np.linspace(0.0, 1.0, 6)
     missed = vx.simulate(scene, mesh, times)
     with caplog.at_level("WARNING", logger="vemcvx"):
@@ -461,7 +461,8 @@ def test_a_reversal_inside_a_step_is_named_and_can_be_met(caplog):
         met = vx.error_bound(vx.simulate(scene, mesh, placed))
     assert len(met.bends) == 0
     assert "inside steps" not in caplog.text
-    assert met.upper[-1] < 0.8 * bound.upper[-1]
+    assert met.parts["steps"][-1] == pytest.approx(bound.parts["steps"][-1], rel=0.02)
+    assert met.upper[-1] < bound.upper[-1]
 
 
 def test_what_comes_and_goes_within_a_step_is_in_the_bound():
@@ -473,21 +474,21 @@ def test_what_comes_and_goes_within_a_step_is_in_the_bound():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("steps", [9, 17])
-def test_reversals_that_are_met_are_bounded_within_ten_times(steps):
-    """A cycle whose load turns twice inside steps: up to 13.8 times the error, and 10 with instants at the turns."""
-    for scene in (paper_scene(zigzag), missed_reversal.scene(course=zigzag)):
-        mesh, ahead = vx.meshes.squares(8), vx.meshes.squares(32)
-        times = vx.instants(scene, mesh, np.linspace(0.0, 1.0, steps + 1))
-        finer = np.unique(np.concatenate([np.linspace(a, b, 9) for a, b in pairwise(times)]))
-        coarse = vx.simulate(scene, mesh, times)
-        wanted = [len(times) // 2, len(times) - 1]
-        fine = vx.simulate(scene, ahead, finer, store=[8 * n for n in wanted])
-        bound, circle, beside = vx.error_bound(coarse), circle_of(coarse), circle_of(fine)
-        for n in wanted:
-            now, u = instant(fine, fine.row(8 * n)), coarse.displacement[n]
-            apart = error_from(beside, now.u, now.t, partial(strain_at, circle, u, now.t))
-            assert apart <= bound.upper[n] <= 10.0 * apart
+@pytest.mark.parametrize("steps", [5, 9, 17])
+@pytest.mark.parametrize("scene", [paper_scene(zigzag), missed_reversal.scene(course=zigzag)])
+def test_reversals_inside_steps_are_bounded_within_eight_times(scene, steps):
+    """A cycle whose load turns twice inside steps, at the instants of the run: bounds have instants at the turns."""
+    mesh, ahead = vx.meshes.squares(8), vx.meshes.squares(32)
+    times = np.linspace(0.0, 1.0, steps + 1)
+    finer = np.unique(np.concatenate([np.linspace(a, b, 9) for a, b in pairwise(vx.instants(scene, mesh, times))]))
+    coarse = vx.simulate(scene, mesh, times)
+    at = np.searchsorted(finer, times - 1e-12).tolist()
+    fine = vx.simulate(scene, ahead, finer, store=at[1:])
+    bound, circle, beside = vx.error_bound(coarse), circle_of(coarse), circle_of(fine)
+    for n in range(1, steps + 1):
+        now, u = instant(fine, fine.row(at[n])), coarse.displacement[n]
+        apart = error_from(beside, now.u, now.t, partial(strain_at, circle, u, now.t))
+        assert apart <= bound.upper[n] <= 8.0 * apart
 
 
 @pytest.mark.slow
@@ -495,10 +496,9 @@ def test_reversals_that_are_met_are_bounded_within_ten_times(steps):
     ("course", "steps", "most"),
     [
         *((lambda t: t, steps, 3.0) for steps in (4, 16)),
-        *((triangular, steps, 6.0) for steps in (4, 8, 16)),
-        *((triangular, steps, 10.0) for steps in (5, 9, 17)),
-        (zigzag, 20, 7.5),
-        *((sine, steps, 16.0) for steps in (8, 16)),
+        *((triangular, steps, 5.0) for steps in (4, 5, 8, 9, 16, 17)),
+        (zigzag, 20, 7.2),
+        *((sine, steps, 9.0) for steps in (8, 16)),
     ],
 )
 def test_histories_are_bounded_over_mesh_and_steps(course, steps, most):

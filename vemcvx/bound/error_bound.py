@@ -39,7 +39,7 @@ import numpy as np
 
 from vemcvx.arrays import Floats, Ints, totals
 from vemcvx.bound.hypercircle import Defect, Hypercircle, Pair, hypercircle
-from vemcvx.bound.quantity import QuantityBound, quantity_bound
+from vemcvx.bound.quantity import CertainQuantity, QuantityBound, quantity_bound
 from vemcvx.bound.skeleton import Instant, instant
 from vemcvx.bound.surface import products
 from vemcvx.effects import Effect
@@ -241,6 +241,22 @@ def of_steps(circle: Hypercircle, history: History, steps: Sequence[int]) -> Err
         kind="bound for the given friction" if laws else "bound",
         history=history,
     )
+
+
+def certain_intervals(circle: Hypercircle, history: History, of: Effect) -> Floats:
+    """(N + 1, 2) intervals of a quantity in every step, each given the one before, by a theorem; NaN in step 0.
+
+    Raises
+    ------
+    SceneError
+        There is none for this quantity.
+    """
+    certain = CertainQuantity.of(circle, of)
+    found = np.full((history.steps + 1, 2), np.nan)
+    for step in range(1, history.steps + 1):
+        n, now, before = _instants(history, step)
+        found[n] = certain.between(_of_step(circle, now, before)[0], now.t)
+    return found
 
 
 def _instants(history: History, step: int) -> tuple[int, Instant, Instant]:

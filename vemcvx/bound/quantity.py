@@ -131,10 +131,8 @@ def quantity_bound(
     posed, (pair, now) = circle.posed, found
     dual, primal = _Dual(circle, _Quantity(_checked(of, posed), now.t)), _Fields.of(circle, pair, now.t)
     compliant = bool((posed.obstacles.compliance > 0).any())
-    certain, fields = (-np.inf, np.inf), None
-    if circle.boundary.motions.shape[1] == 0 and not dual.presses:
-        fields = dual.apart()
-        certain = _interval(primal, fields, dual.unknown_work(fields, _Held.acting(circle), pair))
+    apart = CertainQuantity(circle, dual)
+    certain, fields = apart.of_fields(primal), apart.fields
     if compliant and fields is None:
         raise SceneError(
             "error_bound: there is no bound of a quantity, of=, where compliant contact (NormalCompliance) is next to "
@@ -149,6 +147,36 @@ def quantity_bound(
     plain = _Fields.of(circle, replace(pair, w=0.0 * pair.w), now.t)
     value = fields.quantity_of(plain) - float(np.sum(history.forces[history.row(step)] * dual.lifted))
     return QuantityBound(step=step, value=value, low=own[0], high=own[1], guaranteed=own == certain, certain=certain)
+
+
+@dataclass(frozen=True, eq=False)
+class CertainQuantity:
+    """The interval of a quantity that is a theorem in any case; its dual pair serves all steps."""
+
+    circle: Hypercircle
+    dual: _Dual
+
+    @classmethod
+    def of(cls, circle: Hypercircle, effect: Effect) -> CertainQuantity:
+        """That of a quantity which does not depend on time."""
+        return cls(circle, _Dual(circle, _Quantity(_checked(effect, circle.posed), 0.0)))
+
+    @cached_property
+    def fields(self) -> _Fields | None:
+        """The dual pair; None if friction and contact alone hold the body, or z_D presses on an obstacle."""
+        held = self.circle.boundary.motions.shape[1] == 0 and not self.dual.presses
+        return self.dual.apart() if held else None
+
+    def of_fields(self, primal: _Fields) -> tuple[float, float]:
+        """The interval in a step."""
+        if self.fields is None:
+            return -np.inf, np.inf
+        unknown = self.dual.unknown_work(self.fields, _Held.acting(self.circle), primal.pair)
+        return _interval(primal, self.fields, unknown)
+
+    def between(self, pair: Pair, t: float) -> tuple[float, float]:
+        """The interval in the step of a pair, which ends at t."""
+        return self.of_fields(_Fields.of(self.circle, pair, t))
 
 
 def _checked(of: Effect | Sequence[Effect], posed: PosedScene) -> tuple[Effect, ...]:

@@ -13,10 +13,10 @@ star-shaped for the smaller one has (M. Costabel and M. Dauge, Arch. Ration. Mec
     beta >= rho / (2^{1/2} R) (1 + (1 - rho^2 / R^2)^{1/2})^{-1/2},            of a disc exactly 2^{-1/2}.
 
 Of a triangle, rho / R is the sine of half its least angle a, and this is sin(a / 4): the bound of C. O. Horgan and
-L. E. Payne (ibid. 82 (1983)) by the angle a / 2 between the sides and the rays from the incentre. Both are cited from memory.
-Of the paper of 2015 the abstract and the introduction were at hand: Horgan and Payne's bound holds for some classes of
-star-shaped domains and a weaker one for all; that triangles are such a class was not read. On triangles beta^2 is, by
-eigenvalues, 1.4 to 2.2 times as large (test_inf_sup_constants_are_below_eigenvalues).
+L. E. Payne (ibid. 82 (1983)) by the angle a / 2 between the sides and the rays from the incentre. Both are cited from
+memory. Of the paper of 2015 the abstract and the introduction were at hand: Horgan and Payne's bound holds for some
+classes of star-shaped domains and a weaker one for all; that triangles are such a class was not read. On triangles
+beta^2 is, by eigenvalues, 1.4 to 2.2 times as large (test_inf_sup_constants_are_below_eigenvalues).
 
 What is quadratic in f - f_1 and t - t_1 counts by the norm of a stress that balances it, and only the rest like that.
 

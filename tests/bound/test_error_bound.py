@@ -438,6 +438,7 @@ def test_a_reversal_between_instants_is_in_the_bound():
     assert found.max() <= 10.0
 
 
+@pytest.mark.long
 def test_a_reversal_inside_a_step_is_named_and_can_be_met(caplog):
     """The bound of a run that misses it warns, and has instants there; what is left is the error of the run."""
     scene, mesh, times = paper_scene(zigzag), vx.meshes.squares(4), np.linspace(0.0, 1.0, 6)

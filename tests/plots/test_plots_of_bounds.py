@@ -90,6 +90,7 @@ def test_the_loop_has_bars_of_its_force():
         hysteresis_loop(history, between=[1.0, 2.0])
 
 
+@pytest.mark.long
 def test_runs_with_a_bound_have_bars_of_the_force_that_moves_them(tmp_path):
     """By a theorem in every step, whatever sticks and slips; kept in files, and said in the summary and the report."""
     scene = vx.Scene(vx.Elasticity(200.0, 0.3), vx.Symmetry(on="left"), PULLED, *RUBBED)

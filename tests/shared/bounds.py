@@ -94,7 +94,7 @@ def distance(coarse, fine, step=-1, of_fine=-1):
 
 def richest(pair):
     """A bound of |u - v - w|_a, w being richer inside of the body, of a scene without body forces and springs."""
-    A2 = pair.circle.enlarged(pair.circle.squares_of(pair.richer, ()), pair.oscillation).sum()
+    A2 = pair.circle.enlarged(pair.circle.squares_of(pair.richer, ()), pair.richer, pair.oscillation).sum()
     return float(0.5 * np.sqrt(A2) + np.sqrt(0.25 * A2 + pair.lacking))
 
 

@@ -389,7 +389,7 @@ def _sizes(circle: Hypercircle, pair: Pair) -> tuple[float, ...]:
 def _norm(circle: Hypercircle, defect: Defect, missed: Floats) -> float:
     """The norm of a defect, each cell's larger by what is missed (corners,)."""
     squares = circle.squares_of(defect, circle.body_forces.of(defect.densities))
-    return float(np.sqrt(circle.enlarged(squares, missed).sum()))
+    return float(np.sqrt(circle.enlarged(squares, defect, missed).sum()))
 
 
 def _between(circle: Hypercircle, last: Instant, ahead: Instant) -> Iterator[Instant]:

@@ -273,7 +273,7 @@ class Hypercircle:
     def enlarged(self, squares: Floats, defect: Defect, oscillation: Floats) -> Floats:
         """(n_cells,) (|r|_K + osc_K)^2, from |r|_K^2 and osc_T (corners,); sums of (|r|_T + osc_T)^2 where it matters.
 
-        These are less, by 3 % of the bound on 6 x 6 hexagons, and cost as much as all the rest of a step.
+        These are less, by 5 % of the bound on 6 x 6 hexagons, and cost as much as all the rest of a step.
         """
         missed = totals(self.boundary.edges.owner, oscillation**2, len(squares))
         mixed = 2.0 * np.sqrt(squares * missed)

@@ -94,6 +94,11 @@ class History(Results, Outlined):
         of the run at the initial instant, and NaN in steps that adaptive runs did not look at.
     cell_bounds : (n_cells,) or None
         Likewise the parts of cells in the square of "upper".
+    force_bounds : (N + 1, 2) or None
+        Likewise, where a prescribed displacement moves a boundary to and fro, guaranteed bounds, low and high, on the
+        force of that support along the axis of its longest way; NaN at the initial instant, and where none is known.
+    bounded_force : dict or None
+        That boundary, by its name, and the number of that axis, such as {"top": 0}.
     """
 
     def __getstate__(self) -> dict[str, Any]:

@@ -8,19 +8,22 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from vemcvx.arrays import Floats, brief, flag, shaped
-from vemcvx.bound.error_bound import of_steps
+from vemcvx.bound.error_bound import certain_intervals, of_steps
 from vemcvx.bound.hypercircle import Hypercircle, hypercircle
+from vemcvx.effects import PrescribedDisplacement
 from vemcvx.errors import SceneError
 from vemcvx.history import History
 from vemcvx.linear import LinearSolver
 from vemcvx.meshes import AnyMesh, PolygonMesh, PolyhedralMesh
 from vemcvx.program import SolvedProgram
 from vemcvx.results import small_strains
+from vemcvx.results.loop import loop_of
 from vemcvx.results.results import Results, record, with_origin
 from vemcvx.scene import Scene
 from vemcvx.scene.pose import PosedScene, pose_scene, unwarned
@@ -131,7 +134,8 @@ def simulate(
         history = History.of(results)
         if circle is None or history.steps == 0:
             return history
-        return replace(history, **of_steps(circle, history, range(1, history.steps + 1)).kept())
+        bounds = of_steps(circle, history, range(1, history.steps + 1)).kept()
+        return replace(history, **bounds, **_bounds_of_force(circle, history))
 
 
 def instants(scene: Scene, mesh: AnyMesh, times: ArrayLike) -> Floats:
@@ -174,6 +178,19 @@ def _circle(posed: PosedScene, store: object) -> Hypercircle:
     if not (isinstance(store, str) and store == "all"):
         raise SceneError("bound: every step is bounded given the one before, and needs store='all'.")
     return hypercircle(posed)
+
+
+def _bounds_of_force(circle: Hypercircle, history: History) -> dict[str, Any]:
+    """The fields of a history that bound the force by which a boundary is moved; none where nothing moves."""
+    if (loop := loop_of(history)) is None:
+        return {}
+    moved = PrescribedDisplacement(tuple(np.eye(2)[loop.axis]), on=loop.on)
+    try:
+        found = certain_intervals(circle, history, moved)
+    except SceneError as error:
+        log.info("no bounds of the force of %s: %s", loop.on, error)
+        return {}
+    return {"force_bounds": found, "bounded_force": {loop.on: loop.axis}} if np.isfinite(found).any() else {}
 
 
 def warn_of(posed: PosedScene, results: Results) -> None:

@@ -80,7 +80,9 @@ CASES = (
     ),
     Case("one that fails in the fourth step", checked(), CANNOT, "step 4", solvers=(Unreliable(),)),
     Case("one that takes no friction", checked(), CANNOT, "does not accept", solvers=(vx.Direct(),)),
-    Case("accuracy beyond rounding", checked(), CANNOT, "Round-off alone allows", solvers=(vx.Clarabel(accuracy=1e-15),)),
+    Case(
+        "accuracy beyond rounding", checked(), CANNOT, "Round-off alone allows", solvers=(vx.Clarabel(accuracy=1e-15),)
+    ),
     Case("loads that rest", repeated, holds=rests),
     Case("all terms at their bound, none slipping", all_but_one_degenerate),
 )

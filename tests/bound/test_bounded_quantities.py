@@ -235,8 +235,11 @@ def test_error_bars_close_around_the_closed_form():
         assert (value <= high).all()
     assert np.ptp(energies[1]) < 0.7 * np.ptp(energies[0])
     assert np.ptp(means[1]) < 0.25 * np.ptp(means[0])
-    bounds, error = guaranteed_bounds.over_steps(history, (1, 4)), vx.error_bound(history, step=-1)
-    assert error.lower < bounds[1] < 0.6 * bounds[0]
+    bounds = guaranteed_bounds.over_steps(4, (1, 5))
+    assert bounds[1] < 0.8 * bounds[0]
+    # In proportion steps lose nothing, and the bound knows it.
+    once = vx.simulate(guaranteed_bounds.scene(), guaranteed_bounds.mesh(4), guaranteed_bounds.times(1))
+    assert vx.error_bound(once).upper[-1] == pytest.approx(vx.error_bound(history).upper[-1], rel=1e-6)
 
 
 # What is no quantity.

@@ -9,7 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from bounds import circle_of, distance, error_from, strain_at
+from bounds import beside_refined, circle_of, distance, error_from, strain_at
 from random_scenes import coarse_mesh, random_scene
 from scenes import FAMILIES, few_families, paper_scene
 from typer.testing import CliRunner
@@ -19,7 +19,6 @@ import missed_reversal
 import vemcvx as vx
 from vemcvx.bound.skeleton import instant
 from vemcvx.cli import app
-from vemcvx.estimate.adapt import cells_to_refine
 
 pytestmark = pytest.mark.arithmetic
 
@@ -241,29 +240,23 @@ def one_step(seed):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(40))
+@pytest.mark.parametrize("seed", range(200))
 def test_bounds_hold_in_random_scenes(seed):
     """Stiffness over six decades, all families of meshes, up to the instant at which loads turn.
 
-    The truth is of a mesh that is refined, within the cells of the coarse one, where its own bound says.
+    The truth is a run on cells within the coarse ones, whose own error is bounded, too, by a twentieth of that.
     """
     scene, turn = one_step(seed)
     coarse = vx.simulate(scene, coarse_mesh(seed), [0.0, turn])
-    bound, mesh = vx.error_bound(coarse, step=-1), coarse.mesh.refine().refine()
-    while True:
-        fine = vx.simulate(scene, mesh, [0.0, turn])
-        ahead = vx.error_bound(fine, step=-1)
-        if ahead.upper <= 0.05 * bound.upper or mesh.n_cells > 2000:
-            break
-        mesh = mesh.refine(cells_to_refine(ahead.cells, 0.0, 0.85))
-    apart, of_fine = distance(coarse, fine)
-    # A twentieth, or as near as so many cells come: linear triangles the least, a quarter.
-    assert of_fine <= 0.3 * apart
+    bound = vx.error_bound(coarse, step=-1)
+    apart, own, ahead = beside_refined(coarse, 0.05)
+    assert apart >= 20.0 * own
+    assert bound.lower - own <= apart <= bound.upper + own
     # Of what the step makes least, J(v) - J(u) is half the square of the error, or more.
     most = np.sqrt(2.0 * (bound.potential[1] - ahead.potential[0]) + bound.lower**2)
-    assert apart - of_fine <= most <= bound.upper
-    assert bound.lower <= apart + of_fine
-    assert bound.upper <= 1.35 * np.hypot(apart, of_fine)
+    assert apart - own <= most <= bound.upper
+    assert bound.upper <= 1.35 * (apart + own)
+    assert bound.upper <= 1.6 * bound.lower
     assert bound.potential[0] <= ahead.potential[0]
     assert ahead.potential[1] <= bound.potential[1]
 
@@ -340,27 +333,42 @@ def test_squares_by_what_moves_edges_are_those_of_the_stresses_themselves(name, 
     history = vx.simulate(scene, vx.meshes.voronoi(6), [0.0, 1.0])
     circle = circle_of(history)
     pair = circle.pair(instant(history, 1), instant(history, 0))
-    exact, body = np.bincount(circle.boundary.edges.owner, circle.squares(pair.defects)), circle.body(pair.densities)
+    exact, body = (
+        np.bincount(circle.boundary.edges.owner, circle.squares(pair.defects)),
+        circle.body_forces.of(pair.densities),
+    )
     # Of nearly incompressible cells stresses are known to 1e-10 of lambda, and so are their squares.
     assert np.allclose(pair.squares, exact, rtol=0, atol=(1e-11 if poisson == 0.3 else 1e-8) * exact.max())
     assert np.allclose(circle.squares_of(pair.defect, body), pair.squares, rtol=0, atol=1e-12 * exact.max())
     assert circle.squares_of(pair.richer, body).sum() < pair.squares.sum()
 
 
-def test_body_forces_that_grow_are_integrated_once():
+BODY = ("density", "moments", "edges", "mixed", "outline", "squares", "energy", "work")
+
+
+def test_body_forces_are_integrated_once_a_shape():
+    """Of combinations of forces that were asked for all is as of new ones; but what is missed is taken for more."""
     circle = circle_of(vx.simulate(SCENES["weight"], vx.meshes.voronoi(4), [0.0, 1.0]))
-    f = circle.densities_at(1.0)
-    circle.body(f)
-    grown = circle.body(tuple(-3.0 * one for one in f))
-    circle.known.clear()
-    anew = circle.body(tuple(-3.0 * one for one in f))
-    for name in ("density", "moments", "edges", "mixed", "outline", "squares", "missed", "energy", "work"):
-        for one, other in zip(grown, anew, strict=True):
-            a, b = (np.asarray(getattr(each, name)) for each in (one, other))
-            assert np.allclose(a, b, rtol=1e-11, atol=1e-11 * np.abs(b).max()), name
-    other = circle.body(tuple(one + 1.0 for one in f))
-    assert not np.allclose(other[0].edges, grown[0].edges)
-    assert circle.body(()) == ()
+    points = [fans.points() for fans in circle.fans]
+    f, g = (tuple(wave(5.0 * x) for x in points) for wave in (np.sin, np.cos))
+    forces = circle.body_forces
+    combinations = (-3.0, 0.0), (1.0, 0.1), (0.5, -2.0)
+    for a, b in combinations:
+        forces.of(tuple(a * one + b * other for one, other in zip(f, g, strict=True)))
+    assert len(forces.known) == 2
+    for a, b in combinations:
+        mixed = tuple(a * one + b * other for one, other in zip(f, g, strict=True))
+        known, anew = forces.of(mixed), type(forces)(circle.fans).of(mixed)
+        assert len(forces.known) == 2
+        for one, other in zip(known, anew, strict=True):
+            for name in BODY:
+                x, y = (np.asarray(getattr(each, name)) for each in (one, other))
+                assert np.allclose(x, y, rtol=1e-9, atol=1e-9 * np.abs(y).max()), name
+            assert (one.missed >= other.missed * (1.0 - 1e-9)).all()
+    assert forces.of(()) == ()
+    for power in range(2, 8):
+        forces.of(tuple(x**power for x in points))
+    assert len(forces.known) <= 4
 
 
 def test_penetration_is_part_of_the_bound():
@@ -430,8 +438,9 @@ def test_a_reversal_between_instants_is_in_the_bound():
     assert found.max() <= 10.0
 
 
+@pytest.mark.long
 def test_a_reversal_inside_a_step_is_named_and_can_be_met(caplog):
-    """The bound of a run that misses it warns; at the instants that the warning speaks of nothing is missed."""
+    """The bound of a run that misses it warns, and has instants there; what is left is the error of the run."""
     scene, mesh, times = paper_scene(zigzag), vx.meshes.squares(4), np.linspace(0.0, 1.0, 6)
     missed = vx.simulate(scene, mesh, times)
     with caplog.at_level("WARNING", logger="vemcvx"):
@@ -446,7 +455,8 @@ def test_a_reversal_inside_a_step_is_named_and_can_be_met(caplog):
         met = vx.error_bound(vx.simulate(scene, mesh, placed))
     assert len(met.bends) == 0
     assert "inside steps" not in caplog.text
-    assert met.upper[-1] < 0.8 * bound.upper[-1]
+    assert met.parts["steps"][-1] == pytest.approx(bound.parts["steps"][-1], rel=0.02)
+    assert met.upper[-1] < bound.upper[-1]
 
 
 def test_what_comes_and_goes_within_a_step_is_in_the_bound():
@@ -458,21 +468,21 @@ def test_what_comes_and_goes_within_a_step_is_in_the_bound():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("steps", [9, 17])
-def test_reversals_that_are_met_are_bounded_within_ten_times(steps):
-    """A cycle whose load turns twice inside steps: up to 13.8 times the error, and 10 with instants at the turns."""
-    for scene in (paper_scene(zigzag), missed_reversal.scene(course=zigzag)):
-        mesh, ahead = vx.meshes.squares(8), vx.meshes.squares(32)
-        times = vx.instants(scene, mesh, np.linspace(0.0, 1.0, steps + 1))
-        finer = np.unique(np.concatenate([np.linspace(a, b, 9) for a, b in pairwise(times)]))
-        coarse = vx.simulate(scene, mesh, times)
-        wanted = [len(times) // 2, len(times) - 1]
-        fine = vx.simulate(scene, ahead, finer, store=[8 * n for n in wanted])
-        bound, circle, beside = vx.error_bound(coarse), circle_of(coarse), circle_of(fine)
-        for n in wanted:
-            now, u = instant(fine, fine.row(8 * n)), coarse.displacement[n]
-            apart = error_from(beside, now.u, now.t, partial(strain_at, circle, u, now.t))
-            assert apart <= bound.upper[n] <= 10.0 * apart
+@pytest.mark.parametrize("steps", [5, 9, 17])
+@pytest.mark.parametrize("scene", [paper_scene(zigzag), missed_reversal.scene(course=zigzag)])
+def test_reversals_inside_steps_are_bounded_within_eight_times(scene, steps):
+    """A cycle whose load turns twice inside steps, at the instants of the run: bounds have instants at the turns."""
+    mesh, ahead = vx.meshes.squares(8), vx.meshes.squares(32)
+    times = np.linspace(0.0, 1.0, steps + 1)
+    finer = np.unique(np.concatenate([np.linspace(a, b, 9) for a, b in pairwise(vx.instants(scene, mesh, times))]))
+    coarse = vx.simulate(scene, mesh, times)
+    at = np.searchsorted(finer, times - 1e-12).tolist()
+    fine = vx.simulate(scene, ahead, finer, store=at[1:])
+    bound, circle, beside = vx.error_bound(coarse), circle_of(coarse), circle_of(fine)
+    for n in range(1, steps + 1):
+        now, u = instant(fine, fine.row(at[n])), coarse.displacement[n]
+        apart = error_from(beside, now.u, now.t, partial(strain_at, circle, u, now.t))
+        assert apart <= bound.upper[n] <= 8.0 * apart
 
 
 @pytest.mark.slow
@@ -480,10 +490,9 @@ def test_reversals_that_are_met_are_bounded_within_ten_times(steps):
     ("course", "steps", "most"),
     [
         *((lambda t: t, steps, 3.0) for steps in (4, 16)),
-        *((triangular, steps, 6.0) for steps in (4, 8, 16)),
-        *((triangular, steps, 10.0) for steps in (5, 9, 17)),
-        (zigzag, 20, 7.5),
-        *((sine, steps, 16.0) for steps in (8, 16)),
+        *((triangular, steps, 5.0) for steps in (4, 5, 8, 9, 16, 17)),
+        (zigzag, 20, 7.2),
+        *((sine, steps, 9.0) for steps in (8, 16)),
     ],
 )
 def test_histories_are_bounded_over_mesh_and_steps(course, steps, most):

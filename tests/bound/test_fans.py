@@ -9,9 +9,9 @@ from scipy.linalg import eigh
 from skfem.helpers import ddot, div, dot, grad, sym_grad
 
 import vemcvx as vx
+from vemcvx.bound.body_force import inf_sup_squares, oscillation_constants
 from vemcvx.bound.displacement import SLOPES, VALUES, fan_displacement, strains_at_stations
 from vemcvx.bound.fan import CORNERS, LINEAR_MASS_INVERSE, MASS, PARTS, RULE, RULE_WEIGHTS, STATIONS, fans_of
-from vemcvx.bound.hypercircle import inf_sup_squares, oscillation_constants
 from vemcvx.bound.stress import (
     PARABOLAS,
     VOIGT,

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 from scenes import cyclic, paper_scene
 
 import vemcvx as vx
+from vemcvx.cli.report import _guaranteed_force
 from vemcvx.plots import energy_ledger, error_map, hysteresis_loop
 from vemcvx.plots.pictures import draw_pictures
 
@@ -65,12 +68,16 @@ def test_adaptive_runs_show_the_steps_that_were_looked_at():
     assert len(bars(energy_ledger(found.history).axes[0])[1]) == known.sum()
 
 
-def test_the_loop_has_bars_of_its_force():
-    def way(x, t):
-        return 0.01 * np.sin(2.0 * np.pi * t) + 0.0 * x[:, 0]
+def way(x, t):
+    return 0.01 * np.sin(2.0 * np.pi * t) + 0.0 * x[:, 0]
 
-    pulled = vx.PrescribedDisplacement(way, on="right", direction=(1.0, 0.0))
-    scene = vx.Scene(vx.Elasticity(200.0, 0.3), vx.Symmetry(on="left"), pulled, vx.Symmetry(on="bottom"))
+
+PULLED = vx.PrescribedDisplacement(way, on="right", direction=(1.0, 0.0))
+RUBBED = vx.BilateralContact(on="bottom"), vx.TrescaFriction(0.2, on="bottom")
+
+
+def test_the_loop_has_bars_of_its_force():
+    scene = vx.Scene(vx.Elasticity(200.0, 0.3), vx.Symmetry(on="left"), PULLED, vx.Symmetry(on="bottom"))
     history = vx.simulate(scene, vx.meshes.squares(2), np.linspace(0.0, 1.0, 5))
     force = vx.PrescribedDisplacement(1.0, on="right", direction=(1.0, 0.0))
     found = [vx.error_bound(history, n, force) for n in range(1, 5)]
@@ -81,3 +88,37 @@ def test_the_loop_has_bars_of_its_force():
     assert np.allclose(between[1:].mean(axis=1), history.reaction("right")[1:, 0], atol=1e-9)
     with pytest.raises(vx.SceneError, match="between"):
         hysteresis_loop(history, between=[1.0, 2.0])
+
+
+@pytest.mark.long
+def test_runs_with_a_bound_have_bars_of_the_force_that_moves_them(tmp_path):
+    """By a theorem in every step, whatever sticks and slips; kept in files, and said in the summary and the report."""
+    scene = vx.Scene(vx.Elasticity(200.0, 0.3), vx.Symmetry(on="left"), PULLED, *RUBBED)
+    history = vx.simulate(scene, vx.meshes.squares(4), np.linspace(0.0, 1.0, 5), bound=True)
+    assert history.bounded_force == {"right": 0}
+    force = vx.PrescribedDisplacement((1.0, 0.0), on="right")
+    certain = np.array([vx.error_bound(history, n, force).certain for n in range(1, 5)])
+    assert np.allclose(history.force_bounds[1:], certain, rtol=1e-9)
+    assert np.isnan(history.force_bounds[0]).all()
+    ends, _ = bars(hysteresis_loop(history).axes[0])
+    assert np.allclose(ends, certain)
+    assert not hysteresis_loop(history, on="top").axes[0].containers
+    fine = vx.simulate(scene, vx.meshes.squares(24), np.linspace(0.0, 1.0, 5)).reaction("right")[1:, 0]
+    assert ((certain[:, 0] < fine) & (fine < certain[:, 1])).all()
+    read = vx.read_history(history.write(tmp_path / "run"))
+    assert read.bounded_force == history.bounded_force
+    assert np.array_equal(read.force_bounds, history.force_bounds, equal_nan=True)
+    told = json.loads((tmp_path / "run" / "summary.json").read_text())["bound_force"]
+    assert (told["on"], told["axis"]) == ("right", 0)
+    assert told["low"] == history.force_bounds[-1, 0] < told["value"] < told["high"]
+    assert "between" in _guaranteed_force(history)
+
+
+def test_a_force_without_a_theorem_has_no_bars():
+    """What a support does that presses the edge of an obstacle cannot be told apart from what the obstacle does."""
+    lifted = vx.PrescribedDisplacement(way, on="right", direction=(0.0, 1.0))
+    scene = vx.Scene(vx.Elasticity(200.0, 0.3), vx.Clamp(on="left"), lifted, vx.UnilateralContact(on="bottom"))
+    history = vx.simulate(scene, vx.meshes.squares(2), [0.0, 0.25], bound=True)
+    assert history.bound is not None
+    assert history.force_bounds is None
+    assert not hysteresis_loop(history).axes[0].containers

@@ -148,6 +148,7 @@ def test_summary_has_the_keys_of_the_contract(history, tmp_path):
         "quantities": type(None),
         "bound_upper": type(None),
         "bound_lower": type(None),
+        "bound_force": type(None),
         "energy": float,
         "dissipated": float,
         "work": float,

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+import vemcvx as vx
+from vemcvx.bound.body_force import alone
 from vemcvx.bound.displacement import NODES, strains_at_stations
-from vemcvx.bound.fan import BARYCENTRIC, COEFFICIENTS, RULE, RULE_WEIGHTS, monomial_slopes, monomials
+from vemcvx.bound.fan import COEFFICIENTS, RULE, RULE_WEIGHTS, monomial_slopes, monomials
 from vemcvx.bound.hypercircle import hypercircle, outline_of
 from vemcvx.bound.skeleton import instant
+from vemcvx.estimate.adapt import cells_to_refine
 from vemcvx.results.probe import locate
 from vemcvx.scene.pose import pose_scene
 
@@ -20,17 +23,21 @@ def nodal_values(circle, u, t):
     """Of each chunk of cells the nodal values (c, n, 20) of the conforming displacement."""
     densities = circle.densities_at(t) or [None] * len(circle.fans)
     for fans, displacement, f in zip(circle.fans, circle.displacements, densities, strict=True):
-        F = None
-        if f is not None:
-            weighed = RULE_WEIGHTS[:, None] * fans.doubled_areas[..., None, None] * f
-            F = np.einsum("qk,ctqd->ctkd", BARYCENTRIC, weighed).reshape(len(f), -1)
-        yield fans, displacement.nodal(outline_of(fans, u), F)
+        v = displacement.nodal(outline_of(fans, u))
+        yield fans, v if f is None else v + alone(fans, f)[0]
 
 
-def at_rule(circle, u, t):
+def richer_values(pair):
+    """The same of v + w."""
+    circle = pair.circle
+    for fans, displacement, place in zip(circle.fans, circle.displacements, circle.outlines, strict=True):
+        yield fans, displacement.nodal(outline_of(fans, pair.u)) + displacement.nodal(pair.w[place])
+
+
+def at_rule(values):
     """Of each chunk the strains (c, n, 21, 3), points and weights there."""
     lagrange = np.stack([monomials(RULE[k]) @ COEFFICIENTS[k] for k in range(3)])
-    for fans, v in nodal_values(circle, u, t):
+    for fans, v in values:
         c, n, _ = v.shape
         strain = strains_at_stations(fans, v).reshape(c, n, 3, 6, 3)
         weights = RULE_WEIGHTS * fans.doubled_areas[..., None]
@@ -64,8 +71,13 @@ def strain_at(circle, u, t, x):
 
 def error_from(circle, u, t, strain):
     """|w - v|_a of a displacement w with the strains strain(x) (q, 3) at points (q, 2)."""
+    return apart_from(nodal_values(circle, u, t), strain)
+
+
+def apart_from(values, strain):
+    """The same of nodal values of each chunk."""
     squared = 0.0
-    for fans, own, x, weights in at_rule(circle, u, t):
+    for fans, own, x, weights in at_rule(values):
         apart = strain(x.reshape(-1, 2)).reshape(own.shape) - own
         squared += np.einsum("ctq,ctqk,ckl,ctql->", weights, apart, fans.C, apart, optimize=True)
     return float(np.sqrt(squared))
@@ -78,3 +90,28 @@ def distance(coarse, fine, step=-1, of_fine=-1):
     now = instant(fine, m)
     found = error_from(ahead, now.u, now.t, lambda x: strain_at(circle, coarse.displacement[k], now.t, x))
     return found, ahead.pair(now, instant(fine, m - 1)).upper
+
+
+def richest(pair):
+    """A bound of |u - v - w|_a, w being richer inside of the body, of a scene without body forces and springs."""
+    A2 = pair.circle.enlarged(pair.circle.squares_of(pair.richer, ()), pair.richer, pair.oscillation).sum()
+    return float(0.5 * np.sqrt(A2) + np.sqrt(0.25 * A2 + pair.lacking))
+
+
+def beside_refined(coarse, part, most=20_000):
+    """Of a step from rest |v - v_f - w_f|_a, a bound of |u - v_f - w_f|_a, and the ErrorBound of that run.
+
+    Cells within those of the coarse mesh are refined where the bound says, until it is no more than this part of the
+    error, or these are the most cells.
+    """
+    times, mesh = coarse.trajectory.times, coarse.mesh.refine().refine()
+    wanted = part * vx.error_bound(coarse, step=-1).lower
+    while True:
+        fine = vx.simulate(coarse.scene, mesh, times)
+        circle = circle_of(fine)
+        pair, bound = circle.pair(instant(fine, 1), instant(fine, 0)), vx.error_bound(fine, step=-1)
+        if richest(pair) <= wanted or mesh.n_cells > most:
+            break
+        mesh = mesh.refine(cells_to_refine(bound.cells, 0.0, 0.85))
+    u, t, own = coarse.displacement[-1], times[-1], circle_of(coarse)
+    return apart_from(richer_values(pair), lambda x: strain_at(own, u, t, x)), richest(pair), bound

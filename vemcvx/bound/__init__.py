@@ -15,11 +15,11 @@ friction q and pressure p that the laws admit: for all motions w that vanish on 
     (tau, eps(w))  =  l_1(w) - int_C q w_t + p w_n,                                                               (2)
 
 and h(w) := j(w) - int q w_t + p w_n is bounded from below. Let r = tau - sigma_0 - C eps(v), b = h(v) - inf h >= 0, and
-let osc_T be such that (l - l_1)(w) <= sum_T osc_T |w|_T (:mod:`.hypercircle` has these with their constants).
+let osc_T be such that (l - l_1)(w) <= sum_K osc_K |w|_K (:mod:`.hypercircle` has these with their constants).
 
-**Theorem 1** (Prager and Synge, with friction, contact and data). For e = u - v and A^2 = sum_T (|r|_T + osc_T)^2
+**Theorem 1** (Prager and Synge, with friction, contact and data). For e = u - v and A^2 = sum_K (|r|_K + osc_K)^2
 
-    |e|^2 + (h(u) - inf h)  <=  sum_T (|r|_T + osc_T) |e|_T + b,        |e|  <=  A / 2 + (A^2 / 4 + b)^{1/2},
+    |e|^2 + (h(u) - inf h)  <=  sum_K (|r|_K + osc_K) |e|_K + b,        |e|  <=  A / 2 + (A^2 / 4 + b)^{1/2},
     J(v) - A^2 / 2 - b  <=  J(u)  <=  J(v).
 
 *Proof.* |e|^2 = (sigma - sigma_0 - C eps(v), eps(e)) <= l(e) + j(v) - j(u) - (sigma_0 + C eps(v), eps(e)) by (1). With
@@ -40,12 +40,12 @@ over s.
 osc^z_T |r|_T / 2 around a number that both pairs give, R = |osc| / 2 + (A^2 / 4 + b)^{1/2}, provided that z_h vanishes
 and tau_z has no traction where friction and obstacles act. Statement and proof: :mod:`.quantity`.
 
-**Theorem 4** (whole histories, of friction with a given bound alone). Between two instants at which everything is
-linear in time, D_n being what the friction of tau and the slip of v lack of Tresca's law there,
+**Theorem 4** (whole histories, of friction with a given bound alone). Along any path of admissible v and tau that is
+linear in time between instants, D_n being what the friction of tau and the slip of v lack of Tresca's law there,
 
     |tau - sigma|  <=  y_n  =  (y_{n-1}^2 + 2 D_n)^{1/2} + |r_n - r_{n-1}|.
 
-Statement and proof: :mod:`.error_bound`.
+The path is the same run in finer steps, which meet what data do inside steps. Statement and proof: :mod:`.error_bound`.
 
 **What sticks for certain: nothing that could be proved.** Theorem 1 with all of its terms says h(u) - inf h <= A^2 / 4
 + b, the maximum of A x - x^2 being A^2 / 4. Of friction, h(u) is the integral of g |s| + c s - q s >= (g - |q - c|)

@@ -19,7 +19,6 @@ import numpy as np
 
 from vemcvx.arrays import Floats, Ints
 from vemcvx.bound.fan import (
-    ALL,
     BARYCENTRIC,
     COEFFICIENTS,
     LINEAR_MASS_INVERSE,
@@ -72,36 +71,35 @@ class FanDisplacement:
     stiffness: Floats
     """(k, 4 n, 4 n) the energy |v|_a^2 as a quadratic form of values on the outline"""
     triangles: tuple[Floats, Floats] | None
-    """values at nodes inside triangles (k, n, 8, 12) from those around, and (k, n, 8, 8) from loads on them; kept where
-    body forces ask for all of them often"""
+    """values at nodes inside triangles (k, n, 8, 12) from those around, and (k, n, 8, 8) from loads on them; None if
+    there are none"""
 
-    def nodal(self, outline: Floats, force: Floats | None = None, rows: Ints | slice = ALL) -> Floats:
-        """(c, n, 20) values at the nodes of triangles of some cells, from (c, 4 n) and body forces (c, 6 n)."""
-        hub, (within, of_loads) = self.fans.apply(self.hub, outline, rows), self._within(rows)
-        if self.of_body is not None and force is not None:
-            hub = hub + self.fans.apply(self.of_body, force, rows)
+    def nodal(self, outline: Floats, force: Floats | None = None) -> Floats:
+        """(c, n, 20) values at the nodes of triangles, from (c, 4 n) and body forces (c, 6 n)."""
+        hub, (within, of_loads) = self.fans.apply(self.hub, outline), self._within()
+        if force is not None:
+            assert self.of_body is not None
+            hub = hub + self.fans.apply(self.of_body, force)
         around = np.concatenate([hub, outline], axis=1)[:, _slots(self.fans.n)]
         inner = np.matmul(within, around[..., None])
-        if self.of_body is not None and force is not None:
+        if force is not None:
             inner += np.matmul(of_loads, linear_loads(force)[:, :, 12:, None])
         return np.concatenate([around, inner[..., 0]], axis=2)
 
     def on_outline(self, forces: Floats) -> Floats:
         """(c, 4 n) the work of forces (c, n, 20) at nodes of triangles on motions of the outline."""
         c, n, _ = forces.shape
-        total, place, (within, _) = np.zeros((c, 6 * n + 2)), _slots(n), self._within(ALL)
+        total, place, (within, _) = np.zeros((c, 6 * n + 2)), _slots(n), self._within()
         around = forces[..., :12] + np.matmul(forces[:, :, None, 12:], within)[:, :, 0]
         for t in range(n):
             total[:, place[t]] += around[:, t]
         inner, outer = np.split(total, [2 * n + 2], axis=1)
         return outer + self.fans.apply(self.hub.transpose(0, 2, 1), inner)
 
-    def _within(self, rows: Ints | slice) -> tuple[Floats, Floats]:
-        """The same of some cells."""
-        if self.triangles is None:
-            return _condensed(self.fans.part(rows), False)[:2]
-        within, of_loads = (self.fans.of_cells(each, rows) for each in self.triangles)
-        return within, of_loads
+    def _within(self) -> tuple[Floats, Floats]:
+        """The same of all cells, anew where they are not kept."""
+        within, of_loads = self.triangles or _condensed(self.fans.shapes, False)[:2]
+        return self.fans.of_cells(within), self.fans.of_cells(of_loads)
 
 
 def _slots(n: int) -> Ints:

@@ -98,10 +98,10 @@ class Fans:
         """One each of the cells that are no translates of each other, and which of them a cell is."""
         return distinct([self.corners, self.C])
 
-    def of_cells(self, matrices: Floats, rows: Ints | slice = ALL) -> Floats:
-        """(c, ...) of some of the cells, of (k, ...) of the shapes."""
+    def of_cells(self, matrices: Floats) -> Floats:
+        """(c, ...) of the cells, of (k, ...) of the shapes."""
         some, same = self.alike
-        return matrices[rows] if isinstance(some, slice) and some == ALL else matrices[same[rows]]
+        return matrices if isinstance(some, slice) and some == ALL else matrices[same]
 
     @property
     def shapes(self) -> Fans:
@@ -112,12 +112,12 @@ class Fans:
         """Some of the cells."""
         return replace(self, **{field.name: getattr(self, field.name)[rows] for field in fields(self)})
 
-    def apply(self, matrices: Floats, data: Floats, rows: Ints | slice = ALL) -> Floats:
-        """(c, r) the products of matrices (k, r, s), one a shape, with vectors (c, s) of some of the cells."""
+    def apply(self, matrices: Floats, data: Floats) -> Floats:
+        """(c, r) the products of matrices (k, r, s), one a shape, with vectors (c, s) of cells."""
         if len(matrices) == 1:
             alone: Floats = data @ matrices[0].T
             return alone
-        products: Floats = np.matmul(self.of_cells(matrices, rows), data[:, :, None])[:, :, 0]
+        products: Floats = np.matmul(self.of_cells(matrices), data[:, :, None])[:, :, 0]
         return products
 
     @cached_property
@@ -155,8 +155,27 @@ class Fans:
 
     def points(self) -> Floats:
         """(c, n, 21, 2) the points of the rule in all triangles."""
-        x: Floats = self.centres[:, None, None] + np.einsum("ctab,qb->ctqa", self.B, RULE.reshape(-1, 2))
+        x: Floats = self.centres[:, None, None] + np.matmul(RULE.reshape(-1, 2), self.B.transpose(0, 1, 3, 2))
         return x
+
+
+def inner(fans: Fans, one: Floats, other: Floats) -> Floats:
+    """(c, n) integrals over triangles of one : other, both (c, n, 18, 3) at stations."""
+    c, n = one.shape[:2]
+    weighed = np.matmul(MASS, one.reshape(c, n, 3, 6, 3)).reshape(c, n, -1)
+    found: Floats = fans.doubled_areas * np.einsum("ctk,ctk->ct", weighed, other.reshape(c, n, -1))
+    return found
+
+
+def in_triangles(fans: Fans, r: Floats) -> Floats:
+    """(c, n) squares in C^-1 of stresses (c, n, 18, 3)."""
+    return inner(fans, r, np.matmul(r, fans.D[:, None]))
+
+
+def stresses_of(fans: Fans, strain: Floats) -> Floats:
+    """C eps (c, n, 18, 3)."""
+    stress: Floats = np.matmul(strain, fans.C[:, None])
+    return stress
 
 
 def fans_of(space: Space, C: Floats) -> tuple[Fans, ...]:

@@ -13,27 +13,12 @@ e = u - v and
 
 the variational inequality (sigma, eps(e)) >= l(e) + j(u) - j(v), Green's formula for tau, and the definition of b give
 
-    |e|^2  <=  (r, eps(e)) + (l - l_1)(e) + b  <=  sum_T (|r|_T + osc_T) |e|_T + b,
+    |e|^2  <=  (r, eps(e)) + (l - l_1)(e) + b  <=  sum_K (|r|_K + osc_K) |e|_K + b,
 
-    |e|  <=  A / 2 + (A^2 / 4 + b)^{1/2},     A^2 = sum_T (|r|_T + osc_T)^2,        J(v) - A^2 / 2 - b  <=  J(u),
+    |e|  <=  A / 2 + (A^2 / 4 + b)^{1/2},     A^2 = sum_K (|r|_K + osc_K)^2,        J(v) - A^2 / 2 - b  <=  J(u),
 
-norms of stresses being in C^-1 (W. Prager and J. L. Synge, Quart. Appl. Math. 5 (1947); no constant but one). The loads
-less their linear moments do no work on rigid motions of a triangle T, so that
-
-    osc_T = h_T (K_T / s)^{1/2} ( |f - f_1|_T / pi + (1 / pi^2 + 1 / pi)^{1/2} (|e| / |T|)^{1/2} |t - t_1|_e ),
-
-h_T the diameter, s the least shear modulus (2 mu): Payne and Weinberger's inequality on convex T, the divergence of
-(x - a) w^2, a being the apex over the edge e, and Korn's |grad w|^2 <= K |eps(w)|^2 without mean rotation. K = 1 + 2 /
-beta^2: the rotation p of w, of mean zero, is div phi of some phi that vanishes on the boundary, beta |grad phi| <= |p|,
-and int p^2 = int eps(w) : M with |M| <= |grad phi|. A domain between concentric discs of the radii rho and R that is
-star-shaped for the smaller one has (M. Costabel and M. Dauge, Arch. Ration. Mech. Anal. 217 (2015), arXiv 1303.6141)
-
-    beta >= rho / (2^{1/2} R) (1 + (1 - rho^2 / R^2)^{1/2})^{-1/2},            of a disc exactly 2^{-1/2}.
-
-That theorem is cited from memory: of the paper its abstract and introduction were at hand. On triangles it is compared
-with eigenvalues, beta^2 being 1.4 to 2.2 times as large (test_inf_sup_constants_are_below_eigenvalues).
-
-What is quadratic in f - f_1 and t - t_1 counts by the norm of a stress that balances it, and only the rest like that.
+norms of stresses being in C^-1 (W. Prager and J. L. Synge, Quart. Appl. Math. 5 (1947); no constant but one), and
+osc_K^2 = sum_T osc_T^2 over the triangles T of a cell K, by what linear moments miss of loads (:mod:`.body_force`).
 
 Springs to the ground, k u, are as triangles are: |m - v|_k beside |r|_T, if tau has the tractions -k m on them, and the
 energy norm has theirs.
@@ -48,41 +33,35 @@ w is quadratic on edges, and inside cells what its values there make least energ
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
 
 from vemcvx.arrays import Floats, Ints, totals
+from vemcvx.bound.body_force import Body, BodyForces, alone, oscillation_constants
 from vemcvx.bound.data_oscillation import DataOscillation
 from vemcvx.bound.displacement import (
-    VALUES,
     FanDisplacement,
     OutlineValues,
     edge_forces,
     edge_motions,
     fan_displacement,
-    linear_loads,
     outline_forces,
     strains_at_stations,
     without_slopes,
 )
 from vemcvx.bound.equilibrium import Bonds, Equilibrium, edges_of, equilibrium, gathered
 from vemcvx.bound.fan import (
-    ALL,
-    BARYCENTRIC,
-    LINEAR_MASS_INVERSE,
-    MASS,
-    RULE,
-    RULE_WEIGHTS,
     Fans,
     assembled,
     fans_of,
-    monomials,
+    in_triangles,
+    stresses_of,
 )
 from vemcvx.bound.skeleton import Instant, check_estimable, skeleton
-from vemcvx.bound.stress import PARABOLAS, fan_stress, lifted, of_edge, of_parabolas
+from vemcvx.bound.stress import fan_stress, lifted, of_edge
 from vemcvx.bound.surface import Boundary, Surface
 from vemcvx.effects import Load
 from vemcvx.errors import SceneError
@@ -91,58 +70,8 @@ from vemcvx.meshes import plane_mesh
 from vemcvx.scene.pose import PosedScene
 from vemcvx.vem import elastic_matrix, strains
 
-ROUNDING = 1e-14
-"""Parts of the largest by which body forces differ from proportional ones by rounding."""
-
-
-def _sides(fans: Fans) -> Floats:
-    """(c, n, 3) the lengths of the sides of triangles, that on the edge of the cell first."""
-    here, ahead = fans.corners, np.roll(fans.corners, -1, axis=1)
-    return np.stack([np.linalg.norm(x, axis=2) for x in (ahead - here, ahead, here)], axis=2)
-
-
-def inf_sup_squares(fans: Fans) -> Floats:
-    """(c, n) bounds of beta^2 of the triangles of fans, by discs around their incentres."""
-    sides, here, ahead = _sides(fans), fans.corners, np.roll(fans.corners, -1, axis=1)
-    around = sides.sum(axis=2)
-    # The incentre, the centre of the fan being the origin, and how far it is from the corners.
-    middle = (sides[..., 1:2] * here + sides[..., 2:3] * ahead) / around[..., None]
-    radius = np.max([np.linalg.norm(middle - x, axis=2) for x in (here, ahead, 0.0 * here)], axis=0)
-    ratio = fans.doubled_areas / (around * radius)
-    squares: Floats = 0.5 * ratio**2 / (1.0 + np.sqrt(np.maximum(1.0 - ratio**2, 0.0)))
-    return squares
-
-
-def oscillation_constants(fans: Fans) -> tuple[Floats, Floats]:
-    """(c, n) by which |f - f_1|_T and |t - t_1|_e count on the triangles of fans, e being their outer edges."""
-    sides, area = _sides(fans), 0.5 * fans.doubled_areas
-    common = sides.max(axis=2) * np.sqrt((1.0 + 2.0 / inf_sup_squares(fans)) / fans.shear[:, None])
-    return common / np.pi, common * np.sqrt((1.0 / np.pi**2 + 1.0 / np.pi) * sides[..., 0] / area)
-
-
-def inner(fans: Fans, one: Floats, other: Floats) -> Floats:
-    """(c, n) integrals over triangles of one : other, both (c, n, 18, 3) at stations."""
-    c, n = one.shape[:2]
-    weighed = np.matmul(MASS, one.reshape(c, n, 3, 6, 3)).reshape(c, n, -1)
-    found: Floats = fans.doubled_areas * np.einsum("ctk,ctk->ct", weighed, other.reshape(c, n, -1))
-    return found
-
-
-def in_triangles(fans: Fans, r: Floats) -> Floats:
-    """(c, n) squares in C^-1 of stresses (c, n, 18, 3)."""
-    return inner(fans, r, np.matmul(r, fans.D[:, None]))
-
-
-def integrals(fans: Fans, functions: Floats, f: Floats) -> Floats:
-    """(c, 2 j n) int f phi of body forces (c, n, 21, 2) and functions (21, j) at the points of the rule."""
-    found: Floats = np.matmul((RULE_WEIGHTS[:, None] * functions).T, f) * fans.doubled_areas[..., None, None]
-    return found.reshape(len(f), -1)
-
-
-def stresses_of(fans: Fans, strain: Floats) -> Floats:
-    """C eps (c, n, 18, 3)."""
-    stress: Floats = np.matmul(strain, fans.C[:, None])
-    return stress
+COARSE = 0.1
+"""Part of |r|^2 beyond which what is missed of loads is looked at triangle by triangle."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,44 +99,6 @@ class Defect:
 
 
 @dataclass(frozen=True, eq=False)
-class Body:
-    """Body forces f in a chunk of cells, and what they make alone."""
-
-    density: Floats
-    """f (c, n, 21, 2) at the points of the rule"""
-    moments: Floats
-    """(c, 6 n) int f lambda_k"""
-    edges: Floats
-    """(c, 4 n) b_f"""
-    mixed: Floats
-    """(c, 4 n) L' b_f, and the work of f_1 on displacements of the outline"""
-    outline: Floats
-    """(c, 4 n) the work of f on these"""
-    squares: Floats
-    """(c,) |r_f|^2"""
-    missed: Floats
-    """(c, n) osc_T"""
-    energy: float
-    """|v_f|^2 of the displacement v_f that vanishes on outlines"""
-    work: float
-    """int f v_f"""
-
-    def times(self, s: float) -> Body:
-        """That of s f."""
-        return Body(
-            density=s * self.density,
-            moments=s * self.moments,
-            edges=s * self.edges,
-            mixed=s * self.mixed,
-            outline=s * self.outline,
-            squares=s**2 * self.squares,
-            missed=abs(s) * self.missed,
-            energy=s**2 * self.energy,
-            work=s**2 * self.work,
-        )
-
-
-@dataclass(frozen=True, eq=False)
 class Pair:
     """A displacement and a stress at an instant, admissible both, and what separates them."""
 
@@ -225,7 +116,7 @@ class Pair:
     oscillation: Floats
     """(corners,) osc_T"""
     cells: Floats
-    """(n_cells,) sums of (|r|_T + osc_T)^2"""
+    """(n_cells,) (|r|_K + osc_K)^2"""
     potential: float
     """J(v)"""
     norm: float
@@ -247,8 +138,7 @@ class Pair:
     @cached_property
     def defects(self) -> tuple[Floats, ...]:
         """r (c, n, 18, 3) of each chunk of cells, at its stations."""
-        body = self.circle.body(self.densities)
-        return tuple(self.circle.at_stations(k, self.defect, body) for k in range(len(self.circle.fans)))
+        return tuple(self.circle.at_stations(k, self.defect) for k in range(len(self.circle.fans)))
 
     @property
     def A2(self) -> float:
@@ -294,8 +184,7 @@ class Hypercircle:
     """(2 nodes + 2 edges, m) motions w of vertices and of middles of edges from free ones"""
     factor: Factor
     """of their energy"""
-    known: list[tuple[Body, ...]] = field(default_factory=list)
-    """the last body force that was asked for, chunk by chunk"""
+    body_forces: BodyForces
 
     def pair(self, now: Instant, before: Instant) -> Pair:
         """The pair of a displacement that obstacles admit, at the end of a step.
@@ -308,7 +197,7 @@ class Hypercircle:
         boundary, edges, numbered = self.boundary, self.boundary.edges, self.equilibrium.edges
         boundary.check_supports(now)
         densities, prestress, ends = self.densities_at(now.t), self._prestress(now), now.u[edges.outer_edges]
-        body, outline = self.body(densities), numbered.outline(now.u)
+        body, outline = self.body_forces.of(densities), numbered.outline(now.u)
         surface = boundary.at(now, before, self._work([one.moments for one in body]))
         inside = [self._inside(k, outline, body[k : k + 1]) for k in range(len(self.fans))]
         # The linear part of v and the prestress are constant stresses, that of tau less these what x strains.
@@ -345,7 +234,7 @@ class Hypercircle:
             squares=squares,
             springs=boundary.spring_energies(motion[numbered.outer]),
             oscillation=oscillation,
-            cells=self.enlarged(squares, defect, body, oscillation),
+            cells=self.enlarged(squares, defect, oscillation),
             potential=potential + 0.5 * energy - float(np.sum(surface.loads[:, :2] * ends)),
             norm=float(np.sqrt(max(energy, 0.0))),
             lowered=float(np.sqrt(max(float(left @ w), 0.0))),
@@ -361,39 +250,6 @@ class Hypercircle:
         prestress = self.posed.prestress
         return np.zeros((len(self.boundary.edges.areas), 3)) if prestress is None else prestress.stress(now.t)
 
-    def body(self, densities: Sequence[Floats]) -> tuple[Body, ...]:
-        """What body forces make; of those in proportion to the last ones, of a load that grows, that is known."""
-        for last in self.known if densities else ():
-            known = [one.density for one in last]
-            s = float(sum(map(np.vdot, densities, known)) / sum(map(np.vdot, known, known)))
-            apart = max(float(np.abs(f - s * g).max()) for f, g in zip(densities, known, strict=True))
-            if apart <= ROUNDING * max(float(np.abs(f).max()) for f in densities):
-                return tuple(one.times(s) for one in last)
-        found = tuple(self._body(k, f) for k, f in enumerate(densities))
-        if any(f.any() for f in densities):
-            self.known[:] = [found]
-        return found
-
-    def _body(self, k: int, f: Floats) -> Body:
-        fans, displacement, stress = self.fans[k], self.displacements[k], self.equilibrium.stresses[k]
-        F, loads = integrals(fans, BARYCENTRIC, f), integrals(fans, VALUES, f).reshape(*f.shape[:2], 20)
-        none, linear = np.zeros((len(f), 4 * fans.n)), linear_loads(F)
-        v, edges = displacement.nodal(none, F), stress.on_edges(F)
-        r = stress.at_stations(none, F) - stresses_of(fans, strains_at_stations(fans, v))
-        parabolas, rest = missed_forces(f)
-        missed = oscillation_constants(fans)[0] * np.sqrt(0.5 * fans.doubled_areas * rest)
-        return Body(
-            density=f,
-            moments=F,
-            edges=edges,
-            mixed=outline_forces(edges) + displacement.on_outline(linear),
-            outline=displacement.on_outline(loads),
-            squares=in_triangles(fans, r).sum(axis=1),
-            missed=missed + lifted(fans, of_parabolas(), fans.doubled_areas[..., None, None] * parabolas),
-            energy=float(np.sum(linear * v)),
-            work=float(np.sum(loads * v)),
-        )
-
     def _inside(self, k: int, outline: Floats, body: Sequence[Body]) -> _Inside:
         """The displacement with these values in the k-th chunk of cells, under its body force, if there is one."""
         fans, displacement, stress = self.fans[k], self.displacements[k], self.equilibrium.stresses[k]
@@ -406,25 +262,28 @@ class Hypercircle:
             edges = edges + f.edges
         return _Inside(v, edges, on_outline, squares)
 
-    def at_stations(self, k: int, defect: Defect, body: Sequence[Body], rows: Ints | slice = ALL) -> Floats:
-        """r (c, n, 18, 3) in some of the k-th chunk of cells, at its stations, under the defect's body forces."""
-        fans, place = self.fans[k].part(rows), self.equilibrium.edges.places[k][rows]
-        bent = without_slopes(fans, defect.outline[self.outlines[k][rows]]).bent
-        F = body[k].moments[rows] if body else None
-        strain = strains_at_stations(fans, self.displacements[k].nodal(bent, F, rows))
-        tau = self.equilibrium.stresses[k].at_stations(defect.motion[place] + edge_motions(bent), F, rows)
-        return tau - stresses_of(fans, strain)
+    def at_stations(self, k: int, defect: Defect) -> Floats:
+        """r (c, n, 18, 3) in the k-th chunk of cells, at its stations, under the defect's body forces."""
+        fans, motion = self.fans[k], defect.motion[self.equilibrium.edges.places[k]]
+        bent = without_slopes(fans, defect.outline[self.outlines[k]]).bent
+        tau = self.equilibrium.stresses[k].at_stations(motion + edge_motions(bent))
+        r = tau - stresses_of(fans, strains_at_stations(fans, self.displacements[k].nodal(bent)))
+        return r + alone(fans, defect.densities[k])[1] if defect.densities else r
 
-    def enlarged(self, squares: Floats, defect: Defect, body: Sequence[Body], oscillation: Floats) -> Floats:
-        """(n_cells,) the sums of (|r|_T + osc_T)^2, from those of |r|_T^2 and osc_T (corners,)."""
-        found = squares.copy()
-        for k, fans in enumerate(self.fans):
-            missed = oscillation[self._corners(fans)]
-            rows = np.flatnonzero(missed.any(axis=1))
-            if len(rows):
-                r = np.sqrt(in_triangles(fans.part(rows), self.at_stations(k, defect, body, rows)))
-                found[fans.cells[rows]] += np.sum(missed[rows] * (2.0 * r + missed[rows]), axis=1)
-        return found
+    def enlarged(self, squares: Floats, defect: Defect, oscillation: Floats) -> Floats:
+        """(n_cells,) (|r|_K + osc_K)^2, from |r|_K^2 and osc_T (corners,); sums of (|r|_T + osc_T)^2 where it matters.
+
+        These are less, by 5 % of the bound on 6 x 6 hexagons, and cost as much as all the rest of a step.
+        """
+        missed = totals(self.boundary.edges.owner, oscillation**2, len(squares))
+        mixed = 2.0 * np.sqrt(squares * missed)
+        if mixed.sum() > COARSE * squares.sum():
+            for k, fans in enumerate(self.fans):
+                if missed[fans.cells].any():
+                    r = np.sqrt(in_triangles(fans, self.at_stations(k, defect)))
+                    mixed[fans.cells] = 2.0 * np.sum(oscillation[self._corners(fans)] * r, axis=1)
+        larger: Floats = squares + mixed + missed
+        return larger
 
     def squares_of(self, defect: Defect, body: Sequence[Body]) -> Floats:
         """(n_cells,) |r|_K^2."""
@@ -517,22 +376,6 @@ def outline_of(fans: Fans, u: Floats) -> Floats:
     return np.concatenate([ends, 0.5 * (ends + np.roll(ends, -1, axis=1))], axis=1).reshape(len(ends), -1)
 
 
-def missed_forces(f: Floats) -> tuple[Floats, Floats]:
-    """Of body forces (c, n, 21, 2) at the points of the rule the coefficients (c, n, 3, 2) of parabolas.
-
-    And (c, n) the mean of |f - f_2|^2. Of what differs by rounding alone nothing is missed.
-    """
-    rounding = 1e-13 * float(np.abs(f).max())
-    weighed = RULE_WEIGHTS[:, None] * f
-    bent = monomials(RULE.reshape(-1, 2)) @ PARABOLAS
-    parabolas = np.matmul(bent.T, weighed)
-    parabolas[np.abs(parabolas) <= rounding] = 0.0
-    linear = BARYCENTRIC @ LINEAR_MASS_INVERSE @ BARYCENTRIC.T
-    rest = f - np.matmul(linear, weighed) - np.matmul(bent, parabolas)
-    rest[np.abs(rest) <= rounding] = 0.0
-    return parabolas, 2.0 * np.einsum("q,ctqd,ctqd->ct", RULE_WEIGHTS, rest, rest)
-
-
 def hypercircle(posed: PosedScene) -> Hypercircle:
     """The Hypercircle of a posed scene.
 
@@ -546,11 +389,10 @@ def hypercircle(posed: PosedScene) -> Hypercircle:
     edges = skeleton(posed)
     boundary = Boundary(posed, edges, DataOscillation(posed, edges))
     fans = fans_of(posed.space, elastic_matrix(posed.material.moduli))
-    loaded = any(isinstance(load, Load) and load.cells is not None for load in posed.loads)
-    displacements = tuple(fan_displacement(one, loaded) for one in fans)
+    displacements = tuple(fan_displacement(one, False) for one in fans)
     numbered = edges_of(mesh, edges, fans)
     bonds = Bonds(edges.joints.first, edges.joints.second, boundary.bonds)
-    stresses = tuple(fan_stress(one, loaded) for one in fans)
+    stresses = tuple(fan_stress(one, False) for one in fans)
     floats = boundary.motions.shape[1] > 0
     balance = equilibrium(numbered, stresses, boundary.free, bonds, springs=boundary.springs, floats=floats)
     outlines = tuple(
@@ -567,6 +409,7 @@ def hypercircle(posed: PosedScene) -> Hypercircle:
         outlines=outlines,
         Q=Q,
         factor=choose_linear(K.shape[0]).factorise(K),
+        body_forces=BodyForces(fans),
     )
 
 

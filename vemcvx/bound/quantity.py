@@ -54,13 +54,14 @@ import numpy as np
 import scipy.sparse as sp
 
 from vemcvx.arrays import Bools, Floats, Ints, brief
+from vemcvx.bound.body_force import BodyForces, alone
 from vemcvx.bound.data_oscillation import DataOscillation
 from vemcvx.bound.displacement import VALUES, strains_at_stations
-from vemcvx.bound.fan import BARYCENTRIC, RULE_WEIGHTS
-from vemcvx.bound.hypercircle import Hypercircle, Pair, check_bounded, hypercircle, inner, outline_of, stresses_of
+from vemcvx.bound.fan import RULE_WEIGHTS, inner, stresses_of
+from vemcvx.bound.hypercircle import Hypercircle, Pair, check_bounded, hypercircle, outline_of
 from vemcvx.bound.skeleton import Instant, Skeleton, at_ends
 from vemcvx.bound.surface import Boundary
-from vemcvx.effects import Contribution, Effect, Friction, Load, MaterialLaw, Obstacle, Support
+from vemcvx.effects import Contribution, Effect, Friction, MaterialLaw, Obstacle, Support
 from vemcvx.errors import SceneError
 from vemcvx.history import History
 from vemcvx.linear import choose_linear
@@ -130,10 +131,8 @@ def quantity_bound(
     posed, (pair, now) = circle.posed, found
     dual, primal = _Dual(circle, _Quantity(_checked(of, posed), now.t)), _Fields.of(circle, pair, now.t)
     compliant = bool((posed.obstacles.compliance > 0).any())
-    certain, fields = (-np.inf, np.inf), None
-    if circle.boundary.motions.shape[1] == 0 and not dual.presses:
-        fields = dual.apart()
-        certain = _interval(primal, fields, dual.unknown_work(fields, _Held.acting(circle), pair))
+    apart = CertainQuantity(circle, dual)
+    certain, fields = apart.of_fields(primal), apart.fields
     if compliant and fields is None:
         raise SceneError(
             "error_bound: there is no bound of a quantity, of=, where compliant contact (NormalCompliance) is next to "
@@ -148,6 +147,36 @@ def quantity_bound(
     plain = _Fields.of(circle, replace(pair, w=0.0 * pair.w), now.t)
     value = fields.quantity_of(plain) - float(np.sum(history.forces[history.row(step)] * dual.lifted))
     return QuantityBound(step=step, value=value, low=own[0], high=own[1], guaranteed=own == certain, certain=certain)
+
+
+@dataclass(frozen=True, eq=False)
+class CertainQuantity:
+    """The interval of a quantity that is a theorem in any case; its dual pair serves all steps."""
+
+    circle: Hypercircle
+    dual: _Dual
+
+    @classmethod
+    def of(cls, circle: Hypercircle, effect: Effect) -> CertainQuantity:
+        """That of a quantity which does not depend on time."""
+        return cls(circle, _Dual(circle, _Quantity(_checked(effect, circle.posed), 0.0)))
+
+    @cached_property
+    def fields(self) -> _Fields | None:
+        """The dual pair; None if friction and contact alone hold the body, or z_D presses on an obstacle."""
+        held = self.circle.boundary.motions.shape[1] == 0 and not self.dual.presses
+        return self.dual.apart() if held else None
+
+    def of_fields(self, primal: _Fields) -> tuple[float, float]:
+        """The interval in a step."""
+        if self.fields is None:
+            return -np.inf, np.inf
+        unknown = self.dual.unknown_work(self.fields, _Held.acting(self.circle), primal.pair)
+        return _interval(primal, self.fields, unknown)
+
+    def between(self, pair: Pair, t: float) -> tuple[float, float]:
+        """The interval in the step of a pair, which ends at t."""
+        return self.of_fields(_Fields.of(self.circle, pair, t))
 
 
 def _checked(of: Effect | Sequence[Effect], posed: PosedScene) -> tuple[Effect, ...]:
@@ -327,12 +356,9 @@ class _Fields:
         """Those of a pair at the instant t."""
         values, defects = [], []
         for k, (fans, displacement) in enumerate(zip(circle.fans, circle.displacements, strict=True)):
-            force = None
-            if pair.densities:
-                weighed = RULE_WEIGHTS[:, None] * fans.doubled_areas[..., None, None] * pair.densities[k]
-                force = np.matmul(BARYCENTRIC.T, weighed).reshape(len(weighed), -1)
             richer = displacement.nodal(pair.w[circle.outlines[k]])
-            values.append(displacement.nodal(outline_of(fans, pair.u), force) + richer)
+            of_body = alone(fans, pair.densities[k])[0] if pair.densities else 0.0
+            values.append(displacement.nodal(outline_of(fans, pair.u)) + richer + of_body)
             defects.append(pair.defects[k] - stresses_of(fans, strains_at_stations(fans, richer)))
         prestress, squares = _prestress(circle, t), circle.squares(defects)
         return cls(circle, pair, prestress, v=tuple(values), defects=tuple(defects), squares=squares)
@@ -419,13 +445,10 @@ class _Dual:
         This holds as the primal problem does: all that is made once a mesh serves both.
         """
         primal, posed = self.primal, self.posed(_Held.nothing(self.primal))
-        loads = [load for load in posed.loads if isinstance(load, Load) and load.cells is not None]
-        if loads and any(one.of_body is None for one in primal.displacements):
-            circle = replace(hypercircle(posed), Q=primal.Q, factor=primal.factor)
-        else:
-            check_bounded(posed)
-            edges = primal.boundary.edges
-            circle = replace(primal, posed=posed, boundary=Boundary(posed, edges, DataOscillation(posed, edges)))
+        check_bounded(posed)
+        edges, forces = primal.boundary.edges, BodyForces(primal.fans)
+        boundary = Boundary(posed, edges, DataOscillation(posed, edges))
+        circle = replace(primal, posed=posed, boundary=boundary, body_forces=forces)
         own = primal.posed
         touched = abs(sp.vstack([own.terms.rows, own.obstacles.rows]) @ own.supports.P).sum(axis=0)
         return self._fields(circle, np.flatnonzero(np.asarray(touched).ravel() == 0.0))

@@ -29,7 +29,6 @@ import numpy as np
 
 from vemcvx.arrays import Floats, Ints
 from vemcvx.bound.fan import (
-    ALL,
     COEFFICIENTS,
     CORNERS,
     LINEAR_MASS_INVERSE,
@@ -270,19 +269,18 @@ class FanStress:
     stiffness: Floats
     """(k, 4 n, 4 n) forces on outer edges from their motion, symmetric"""
     triangles: tuple[Floats, Floats] | None
-    """data in balance of triangles (k, n, 9, 12) from the motions of their edges, and (k, n, 9, 6) from forces; kept
-    where body forces ask for all of them often"""
+    """data in balance of triangles (k, n, 9, 12) from the motions of their edges, and (k, n, 9, 6) from forces; None if
+    there are none"""
 
-    def at_stations(self, motion: Floats, force: Floats | None = None, rows: Ints | slice = ALL) -> Floats:
-        """(c, n, 18, 3) tau at the stations of all triangles of some cells.
-
-        From motions of outer edges (c, 4 n) and body forces (c, 6 n).
-        """
-        fans, spokes = self.fans.part(rows), self.fans.apply(self.spokes, motion, rows)
+    def at_stations(self, motion: Floats, force: Floats | None = None) -> Floats:
+        """(c, n, 18, 3) tau at the stations of triangles, from motions of outer edges (c, 4 n) and forces (c, 6 n)."""
+        fans, spokes = self.fans, self.fans.apply(self.spokes, motion)
         c, n = fans.corners.shape[:2]
-        of_motion, of_force = self._triangles(rows)
-        if self.of_body is not None and force is not None:
-            spokes = spokes + self.fans.apply(self.of_body[:, : 4 * n], force, rows)
+        of_motion, of_force = self.triangles or _condensed(fans.shapes, False)
+        of_motion, of_force = fans.of_cells(of_motion), fans.of_cells(of_force)
+        if force is not None:
+            assert self.of_body is not None
+            spokes = spokes + fans.apply(self.of_body[:, : 4 * n], force)
         around = np.concatenate([spokes, motion], axis=1)[:, _slots(n)]
         tau = np.matmul(of_motion, around[..., None])[..., 0] @ (reference() @ _balanced()[:, :9]).T
         if force is not None:
@@ -297,13 +295,6 @@ class FanStress:
         """(c, 4 n) forces of tractions on outer edges that do not move, from body forces (c, 6 n)."""
         assert self.of_body is not None
         return self.fans.apply(self.of_body[:, 4 * self.fans.n :], force)
-
-    def _triangles(self, rows: Ints | slice) -> tuple[Floats, Floats]:
-        """The same of some cells."""
-        if self.triangles is None:
-            return _condensed(self.fans.part(rows), False)
-        of_motion, of_force = (self.fans.of_cells(each, rows) for each in self.triangles)
-        return of_motion, of_force
 
 
 def fan_stress(fans: Fans, loaded: bool = True) -> FanStress:

@@ -275,7 +275,19 @@ def _guaranteed(history: History) -> str:
         f"<p>In every step the error of the mesh, given the step before, is at most {100 * bound['relative']:.3g} % of "
         f"the largest energy norm of the run: {bound['lower']:.4g} to {bound['upper']:.4g} in step "
         f"{bound['step']:.0f}, where it may be largest. This is a theorem for any mesh and "
-        "material: no constant was estimated.</p>"
+        f"material: no constant was estimated.</p>{_guaranteed_force(history)}"
+    )
+
+
+def _guaranteed_force(history: History) -> str:
+    """The bounds of the force by which a boundary is moved, at the end."""
+    if history.force_bounds is None or history.bounded_force is None:
+        return ""
+    ((on, axis),), (low, high) = history.bounded_force.items(), history.force_bounds[-1]
+    force = history.reaction(on)[-1, axis]
+    return (
+        f"<p>The force of the support on {escape(on)} along x<sub>{axis + 1}</sub>, {force:.4g} in the last step, is "
+        f"between {low:.4g} and {high:.4g} in the exact answer of that step, by a theorem likewise.</p>"
     )
 
 

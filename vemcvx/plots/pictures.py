@@ -18,7 +18,6 @@ from numpy.typing import ArrayLike
 
 from vemcvx.arrays import Floats, brief, choice, number, shaped
 from vemcvx.canvas import axes_or_new, bar_beside, figure_of, film_writer, legend_below, light_grid, new_figure
-from vemcvx.effects import PrescribedDisplacement
 from vemcvx.errors import HistoryError
 from vemcvx.meshes import PolyhedralMesh, plane_mesh
 from vemcvx.owned_files import path_of
@@ -35,8 +34,8 @@ from vemcvx.plots.contact import (
     wear,
 )
 from vemcvx.plots.style import DISSIPATED, NUMERICAL, STORED, WORK, Units, instant, label, named, unit, value_range
+from vemcvx.results.loop import loop_of
 from vemcvx.results.results import Results
-from vemcvx.vem import Space
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -93,12 +92,16 @@ def _energies(ax: Axes, history: Results, energy: str) -> None:
     for values, colour, style, words in lines:
         ax.plot(run.times, values, style, color=colour, linewidth=1.6, label=words)
     if history.energy_bounds is not None:
-        low, high = history.energy_bounds.T - run.energy[0]
-        known = np.isfinite(low)
-        spread = np.maximum([(stored - low)[known], (high - stored)[known]], 0.0)
-        bars: dict[str, Any] = {"fmt": "none", "ecolor": STORED, "elinewidth": 1.2, "capsize": 2.5}
-        ax.errorbar(run.times[known], stored[known], yerr=spread, label="exact, by theorem", **bars)
+        _bars(ax, run.times, history.energy_bounds - run.energy[0], STORED)
     ax.set(ylabel="energy" if energy == "energy" else f"energy ({energy})", title="Energy ledger")
+
+
+def _bars(ax: Axes, x: Floats, between: Floats, colour: str) -> None:
+    """Draw intervals (k, 2) that the exact value is in; none where they are NaN or infinite."""
+    known = np.isfinite(between).all(axis=1)
+    low, high = between[known].T
+    bars: dict[str, Any] = {"fmt": "none", "ecolor": colour, "elinewidth": 1.4, "capsize": 2.5}
+    ax.errorbar(x[known], 0.5 * (low + high), yerr=0.5 * (high - low), label="exact, by theorem", **bars)
 
 
 def error_map(history: Results, *, ax: Axes | None = None, units: Units | None = None) -> Figure:
@@ -167,7 +170,8 @@ def hysteresis_loop(
         The boundary; by default that of the prescribed displacements which has the longest way.
     between : (S, 2) array, optional
         Bounds on the force at the stored instants, drawn as bars: `low` and `high` of ``vx.error_bound(history, step,
-        of=...)`` with the PrescribedDisplacement of the boundary along that axis; NaN where nothing is known.
+        of=...)`` with the PrescribedDisplacement of the boundary along that axis; NaN where nothing is known. By
+        default `force_bounds` of the history, if they are of this boundary and axis.
     limits : (low, high), optional
         Ends of the axis of forces.
 
@@ -177,21 +181,18 @@ def hysteresis_loop(
         `between` is no such array; or no boundary is named, and no prescribed displacement moves one in the scene,
         which files do not keep.
     """
-    ways = _driven(history) if on is None else {on: _motion(history, on)}
-    if not ways:
+    if (loop := loop_of(history, on)) is None:
         names = ", ".join(map(repr, history.mesh.boundaries))
         raise HistoryError(f"hysteresis_loop: nothing here says what moves; name a boundary, on=, of {names}.")
-    lengths = {name: np.abs(np.diff(way, axis=0)).sum(axis=0) for name, way in ways.items()}
-    name = max(ways, key=lambda one: float(lengths[one].max()))
-    axis = int(np.argmax(lengths[name]))
-    u, force = ways[name][:, axis], history.reaction(name)[:, axis]
+    name, axis, u = loop.on, loop.axis, loop.motion
+    force = history.reaction(name)[:, axis]
     ax = axes_or_new(ax, 6.0, 4.4)
     ax.plot(u, force, ".-", color=DISSIPATED, linewidth=1.4, markersize=4)
+    if between is None and history.force_bounds is not None and history.bounded_force == {name: axis}:
+        between = history.force_bounds[history.stored]
     if between is not None:
-        low, high = shaped(between, "hysteresis_loop: between", "bounds, two a stored instant", (len(u), 2)).T
-        known, middle = np.isfinite(low + high), 0.5 * (low + high)
-        bars: dict[str, Any] = {"fmt": "none", "ecolor": NUMERICAL, "elinewidth": 1.6, "capsize": 3.0}
-        ax.errorbar(u[known], middle[known], yerr=0.5 * (high - low)[known], label="exact force, bounds", **bars)
+        wanted = "bounds, two a stored instant"
+        _bars(ax, u, shaped(between, "hysteresis_loop: between", wanted, (len(u), 2)), NUMERICAL)
     for row, mark in ((0, "o"), (-1, "s")):
         when = instant(history.times[row], units)
         ax.plot(u[row], force[row], mark, color=WORK, fillstyle="none", markersize=8, label=when)
@@ -202,21 +203,6 @@ def hysteresis_loop(
     thickness = ", per thickness" if _plane(history) else ""
     x, y = label(f"mean motion of {name} along $x_{axis + 1}$", "length", units), label("reaction", "force", units)
     return named(ax, x, f"{y}{thickness}", f"Reaction of {name} along $x_{axis + 1}$ against its motion")
-
-
-def _motion(history: Results, name: str) -> Floats:
-    """The mean displacement (S, dim) of a boundary."""
-    part = Space(history.mesh).part(name, "hysteresis_loop", contact=True)
-    mean: Floats = np.einsum("smd,m->sd", history.displacement[:, part.nodes], part.node_lengths / part.measures.sum())
-    return mean
-
-
-def _driven(history: Results) -> dict[str, Floats]:
-    """The mean motions of the boundaries that a prescribed displacement moves, by name."""
-    moved = [effect.on for effect in history.scene or () if isinstance(effect, PrescribedDisplacement)]
-    names = [name for on in moved for name in ([on] if isinstance(on, str) else on)]
-    rounding = 1e-9 * float(np.abs(history.displacement).max())
-    return {name: way for name in names if np.ptp(way := _motion(history, name), axis=0).max() > rounding}
 
 
 def _stressed_page(history: Results, units: Units | None = None) -> Figure:
@@ -262,7 +248,7 @@ PICTURES: dict[str, tuple[Callable[..., Figure], Callable[[Results], bool]]] = {
     "contact_face": (contact_face, _face),
     "friction_disc": (friction_disc, lambda h: _face(h) and bool((h.contact.bound[-1] > 0).any())),
     "error_map": (error_map, lambda h: _plane(h) and h.cell_bounds is not None),
-    "hysteresis_loop": (hysteresis_loop, lambda h: _moves(h) and bool(_driven(h))),
+    "hysteresis_loop": (hysteresis_loop, lambda h: _moves(h) and loop_of(h) is not None),
     "energy_ledger": (energy_ledger, _moves),
 }
 """By the names of their files: what draws them in given units, and whether a history has something to show for it."""

@@ -72,6 +72,7 @@ def write_archive(history: Results, path: Path) -> None:
     about = {
         "format": FORMAT,
         **{name: getattr(history, name) for name in ("effects", "inactive", "errors", "bound", "seconds", "growth")},
+        "bounded_force": history.bounded_force,
         "quantities": None if quoted is None else {name: asdict(one) for name, one in quoted.items()},
         "bodies": {name: found.bodies for name, found in mesh.interfaces.items()},
         "trajectory": {name: value for name, value in run.items() if not isinstance(value, np.ndarray)},
@@ -117,7 +118,7 @@ def _history(arrays: Arrays) -> Results:
     _check_arrays(arrays, {"nodes": mesh.n_nodes, "cells": mesh.n_cells, "dim": dim, "components": components})
     known = {"mesh": mesh, "scene": None, "seconds": about["seconds"], "errors": about["errors"]}
     known["growth"] = about.get("growth")
-    known["bound"] = about.get("bound")
+    known |= {name: about.get(name) for name in ("bound", "bounded_force")}
     known |= {name: tuple(about[name]) for name in ("effects", "inactive")}
     quoted = about.get("quantities")
     known["quantities"] = quoted and {name: Quantity(**one) for name, one in quoted.items()}
@@ -159,7 +160,7 @@ def _check_words(about: dict[str, Any], known: dict[str, Any]) -> None:
         (known["growth"], (dict, type(None))),
         *((one.unit, str) for one in (known["quantities"] or {}).values()),
         *((value, float) for one in (known["quantities"] or {}).values() for value in (one.value, one.steps, one.mesh)),
-        (about.get("bound"), (dict, type(None))),
+        *((about.get(name), (dict, type(None))) for name in ("bound", "bounded_force")),
     ]
     if not all(isinstance(value, kind) for value, kind in kinds) or any(
         known[n] is not None for n in ARRAYS.keys() & known
@@ -244,6 +245,7 @@ def summary(history: Results, origin: Origin, writing: float) -> dict[str, Any]:
         "estimated_energy_errors": history.errors,
         "bound_upper": None if history.bound is None else finite_or_none(history.bound["upper"]),
         "bound_lower": None if history.bound is None else finite_or_none(history.bound["lower"]),
+        "bound_force": _bounded_force(history),
         **{name: finite_or_none(getattr(run, name)[-1]) for name in ENERGIES},
         "quantities": history.quantities
         and {
@@ -266,6 +268,15 @@ def summary(history: Results, origin: Origin, writing: float) -> dict[str, Any]:
         "seconds": {**seconds, "total": sum(seconds.values())},
         "peak_memory_mb": peak_memory_mb(),
     }
+
+
+def _bounded_force(history: Results) -> dict[str, Any] | None:
+    """The force of the boundary that is moved, at the end, and its bounds; None where there are none."""
+    if history.force_bounds is None or history.bounded_force is None:
+        return None
+    ((on, axis),) = history.bounded_force.items()
+    low, high = map(finite_or_none, history.force_bounds[-1])
+    return {"on": on, "axis": axis, "low": low, "high": high, "value": float(history.reaction(on)[-1, axis])}
 
 
 def finite_or_none(value: float | None) -> float | None:

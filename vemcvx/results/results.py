@@ -57,6 +57,8 @@ class Results:
     work_error: Annotated[Floats | None, "N", "energy"] = None
     energy_bounds: Annotated[Floats | None, "N 2", "energy"] = None
     cell_bounds: Annotated[Floats | None, "cells", "force length"] = None
+    force_bounds: Annotated[Floats | None, "N 2", "force"] = None
+    bounded_force: dict[str, int] | None = None
 
     @property
     def steps(self) -> int:

@@ -54,7 +54,8 @@ def times(steps):
 def picture(history):
     """The bent plate, and its deflection beside the beam's; and on asperities, which cannot pull."""
     window = ((0.0, LENGTH / 2), (-0.9, 0.9))
-    figure, graph = body_and_graph(history, stress="xx", forces="none", window=window, stretch=2.0, shares=(0.8, 1.0))
+    how = {"stress": "xx", "forces": "none", "magnify": 2.0, "stretch": 2.0}
+    figure, graph = body_and_graph(history, window=window, shares=(0.8, 1.0), **how)
     low = history.mesh.points[:, 1] == 0
     x = np.linspace(0, LENGTH / 2, 300)
     found = history.displacement[-1][low, 1]

@@ -6,12 +6,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy.sparse as sp
 from blocks_in_space import block, on_floor
 from faces_that_meet import TIMES, random_scene
 
 import vemcvx as vx
+from vemcvx.program.operators import Operators
+from vemcvx.program.step_program import StepProgram
 from vemcvx.solvers import coulomb
 from vemcvx.solvers.coulomb import distance_to_a_solution
+from vemcvx.solvers.newton import Iterate, Sets
+from vemcvx.solvers.sets_system import Response, SetsSystem
+from vemcvx.weight_law import PressureLaw
 
 pytestmark = pytest.mark.arithmetic
 
@@ -124,3 +130,45 @@ def test_random_scenes_are_as_near_to_a_solution_as_proven(monkeypatch, start):
             proven += len(found)
             assert (found[:, 0] <= found[:, 1] + 1e-11).all(), seed
     assert proven > 10
+
+
+def on_given_sets(K, B, D, compliance, at, J, curvature, moves):
+    """What is proven of a point (d, lam, p) where limits act and discs slip along the first axis, by `moves`."""
+    (d, lam, p), w0 = at, np.maximum(np.linalg.norm(at[1], axis=1) - J @ at[2], 0.0)
+    law = PressureLaw(lambda p: w0 + J @ p, lambda p: sp.csr_matrix(J))
+    operators = Operators(K, sp.csr_matrix(B), 2, D=sp.csr_matrix(D), compliance=compliance)
+    force = K @ d + B.T @ lam.ravel() + D.T @ p
+    program = StepProgram(operators, force, w0 + J @ p, B @ d - moves, D @ d - compliance * p)
+    ahead = np.tile([1.0, 0.0], (len(lam), 1))
+    sets = Sets(np.zeros(len(lam), dtype=bool), ahead, curvature, np.ones(len(p), dtype=bool))
+    response = Response(operators)
+    point = coulomb.Found(
+        sets=sets,
+        once=sets,
+        law=law.piece(p),
+        weights=w0 + J @ p,
+        point=Iterate(d, lam, p),
+        error=0.0,
+        forces=1e-10,
+        motions=np.full(B.shape[0] + len(p), 1e-13),
+        system=SetsSystem(operators, sets, sp.csr_matrix(J), response),
+    )
+    return distance_to_a_solution(program, law, point, response)
+
+
+def test_rows_beside_limits_that_nearly_follow_from_others_move():
+    """Of e_1 and e_1 + 1e-5 e_2, coordinates of length 1e5: beside these the rest of B looked like rounding."""
+    D, B = np.array([[1, 0, 0, 0], [1, 1e-5, 0, 0.0]]), np.array([[0, 1, 0.1, 0], [0, 1, 0, 0.1]])
+    at = np.array([0, 0, 1.0, 0]), np.array([[1.0, 0.01]]), np.array([1e4, 1e4])
+    found = on_given_sets(np.eye(4), B, D, np.zeros(2), at, np.zeros((1, 2)), np.ones(1), np.array([1.0, 0]))
+    assert found is None or found >= 9.9e-4
+
+
+def test_what_slips_without_weight_holds_nothing():
+    """The second limit of the row acts with no force, and the disc that follows it kept the curvature of its sets."""
+    k = 90.0
+    K, D = np.array([[1, 0, 0], [0, 1, k], [0, k, 1e4 + k * k]]), np.array([[0, 0, 1.0], [0, 0, 1.0]])
+    B, J = np.array([[1, 0, 0], [0, 1, 0], [1, 0, 0], [0, 1, 0.0]]), np.array([[0, 1.0], [1.0, 0]])
+    at = np.zeros(3), np.array([[0, 0], [1e3, 0.02]]), np.array([1e3, 0.0])
+    found = on_given_sets(K, B, D, np.array([0, 1.0]), at, J, np.array([1e4, 0.1]), np.array([1e4, 0, 1e4, 0]))
+    assert found is None or found >= 1.63

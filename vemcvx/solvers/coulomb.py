@@ -29,13 +29,13 @@ of its iterative refinement. (Where coefficients are not small there may be more
 In blocks of two and more the directions of slip turn with the answer, and the step is no linear system. Sets are solved
 with directions q_i and curvatures h_i at first; then d and x = (lam, p) are corrected on the same factor by what they
 miss of the law itself, w_i(p) s_i / |s_i| - lam_i, while that halves. Let d_0, x_0 be what this leads to, q_i = s_i /
-|s_i| at d_0, h_i = w_i / |s_i| or less, psi_i^0 what lam_i has beside q_i w_i + h_i (I - q_i q_i') s_i there, and
+|s_i| at d_0, h_i = w_i / |s_i| or less, psi_i^0 = lam_i - w_i q_i there, and
 
     psi_i(s, p) = w_i(p) s_i / |s_i| - q_i (w(p_0) + J (p - p_0))_i - h_i (I - q_i q_i') s_i - psi_i^0.
 
-(Q) on the sets is their system with psi_i^0 + psi_i(s, p) added to lam_i; without psi, d_0 and x_0 solve it. The
-answers to |psi_i| <= t_i along q_i and <= r_i across it move d_0 by at most E in energy, slips by at most alpha_i along
-q_i and gamma_i across it, and forces of limits by at most pi_j
+(Q) on the sets is their system with psi_i^0 + psi_i(s, p) added to lam_i; without psi, d_0 and x_0 solve it. Where psi
+has at most t_i along q_i and at most r_i across it, the solution differs from d_0 by at most E in energy, its slips by
+at most alpha_i along q_i and gamma_i across it, and its forces of limits by at most pi_j
 (:meth:`vemcvx.solvers.sets_system.SetsSystem.answers`). With v_i = |s_i| at d_0 let
 
     turn_i = gamma_i / (v_i - alpha_i - gamma_i),
@@ -44,7 +44,7 @@ q_i and gamma_i across it, and forces of limits by at most pi_j
 Theorem 2. Let t, r >= 0 be such that alpha_i + gamma_i < v_i on slipping terms, |psi_i(s_0, p_0) . q_i| + R_i <= t_i,
 and what psi_i(s_0, p_0) has across q_i, with R_i and (w_i / v_i - h_i) gamma_i added, is at most r_i. If w is affine on
 |p - p_0| <= pi, and the inequalities of the sets hold for all answers to such psi, then (Q) has a solution d with |d -
-d_0|_K <= E.
+d_0|_K <= E. Terms of weight zero slip with h_i = 0, and psi_i = -lam_i is all that they miss.
 
 Proof. Let s_i move by a q_i + g, |a| <= alpha_i and |g| <= gamma_i, g across q_i. The direction of s_i turns by at most
 turn_i: across q_i by |g| / |s_i|, which differs from g / v_i by at most turn_i (alpha_i + gamma_i) / v_i, and along q_i
@@ -268,17 +268,17 @@ def distance_to_a_solution(program: StepProgram, law: PressureLaw, found: Found,
     s = program.slip(found.point.d)
     v, slips = lengths(s), ~sets.stick & (w > 0)
     # What slips by no more than rounding is held by others, wherever lam_i points.
-    slides, held = slips & (v > found.blur), slips & (v <= found.blur)
-    if not slides.any():
+    slides, held, left = slips & (v > found.blur), slips & (v <= found.blur), ~(sets.stick | slips) * lengths(lam)
+    if not (slides.any() or left.any()):
         return 0.0 if found.holds(program) else None
     v = np.where(slides, v, 1.0)
     q, h = s / v[:, None], np.minimum(w / v, most_curved(program))
-    direction, curvature = np.where(slides[:, None], q, sets.direction), np.where(slides, h, sets.curvature)
+    direction, curvature = np.where(slides[:, None], q, sets.direction), np.where(slides, h, (w > 0) * sets.curvature)
     own = replace(found.once, direction=direction, curvature=curvature)
     missed = w[:, None] * q - lam
     along = np.einsum("ij,ij->i", missed, q)
     psi = np.stack([np.abs(along), lengths(missed - along[:, None] * q)])
-    psi = (psi + found.forces + w * np.stack([(found.blur / v) ** 2, found.blur / v])) * slides
+    psi = (psi + found.forces + w * np.stack([(found.blur / v) ** 2, found.blur / v])) * slides + left
     with suppress(LinAlgError):
         system, t = SetsSystem(program.operators, own, found.law.slope, response), 2.0 * psi
         for _ in range(DOUBLED):

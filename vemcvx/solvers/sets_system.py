@@ -19,14 +19,16 @@ symmetric but for weights that follow p: as many equations as motions are left, 
 needs no care: K_r = K + diag(a), definite by the stiffness a of anchors, stands for K where a factor is wanted, and T
 has -a.
 
-If forces -B'psi act on slipping terms, y moves by -M^{-1} B'(psi + q J psi_p), psi_p = E^{-1} B'psi being what the
-forces of limits answer at once. With N = S + T + diag(a), c such that y'My >= y'Ny / c for all y, and phi_i^2 >=
-|B_i K_r^{-1} B_i'|, the motion d that answers |psi_i| <= t_i along q_i and <= r_i across it is bounded by
+If forces -B'psi act on slipping terms, y moves by -M^{-1} B'(psi - q J psi_p), -psi_p = -E^{-1} B'psi being how the
+forces of limits change while y is held. With N = S + T + diag(a), which is not less than K, c such that M^{-1} f has at
+most c times the norm of f, |M^{-1} f|_N <= c |f| in N^{-1}, and phi_i^2 >= |B_i K_r^{-1} B_i'|, the motion d that
+answers |psi_i| <= t_i along q_i and <= r_i across it is bounded by
 
     |d|_N  <=  E_psi = c sum_i (phi_i (t_i + |q J psi_p|_i) + chi_i r_i),               chi_i = min(phi_i, h_i^{-1/2}),
 
 for B_i d has at most phi_i |d| along q_i, and chi_i |d| across it. Forces of what is held follow from Schwarz's
-inequality. The norm of N^{1/2} M^{-1} N^{1/2} is such a c, and 2 often one that a factorisation proves.
+inequality. The norm of N^{1/2} M^{-1} N^{1/2} is such a c; so is 2 if y'My >= y'Ny / 2 for all y, which a factorisation
+proves.
 """
 
 from __future__ import annotations
@@ -401,7 +403,8 @@ class SetsSystem:
         response, place, sizes = self._response, self._place, abs(self._place.A)
         free, others = np.zeros(len(place.S)), np.ones(len(response.anchor))
         free[place.free], others[place.some] = 1.0, 0.0
-        held = (sizes @ free <= FOLLOWS * (sizes @ np.ones(len(free)))) & (response.sizes @ others == 0)
+        # By lengths of the rows themselves: of rows that nearly follow from others, those in coordinates are longer.
+        held = (sizes @ free <= FOLLOWS * (response.sizes @ np.ones(len(others)))) & (response.sizes @ others == 0)
         return np.where(held, 0.0, response.reach)
 
     def _bounded(self, force: Floats) -> Floats:

@@ -40,7 +40,8 @@ from scipy.fft import dst
 
 from vemcvx.arrays import Bools, Floats, Ints, totals
 from vemcvx.bound.skeleton import Instant, Skeleton, at_ends, body_forces, edge_loads, pressures_at_ends
-from vemcvx.effects import Contribution, Friction, MaterialLaw, Obstacle, Support
+from vemcvx.effects import Contribution, Friction, Load, MaterialLaw, Obstacle, Support
+from vemcvx.errors import SceneError
 from vemcvx.linear import Factor
 from vemcvx.meshes import Interface, PolygonMesh, plane_mesh
 from vemcvx.meshes.polygons.geometry import outlines, places, triangulated
@@ -209,6 +210,15 @@ class DataOscillation:
         with unwarned():
             asked = (*contributions(others, Space(self.fine.mesh)), *contributions(laws, self.posed.space))
         return [part for _, part in asked]
+
+    @cached_property
+    def body_loads(self) -> list[Load]:
+        """The body forces among them."""
+        loads = [load for part in self.parts for load in part.loads if load.cells is not None]
+        for load in loads:
+            if load.matrix.shape[1] == len(load.points):
+                raise SceneError(f"error_bound: there is no bound for {load.subject}, a body force of one component.")
+        return loads
 
     @cached_property
     def inside(self) -> SamplePoints:

@@ -63,7 +63,6 @@ from vemcvx.bound.fan import (
 from vemcvx.bound.skeleton import Instant, check_estimable, skeleton
 from vemcvx.bound.stress import fan_stress, lifted, of_edge
 from vemcvx.bound.surface import Boundary, Surface
-from vemcvx.effects import Load
 from vemcvx.errors import SceneError
 from vemcvx.linear import Factor, choose_linear
 from vemcvx.meshes import plane_mesh
@@ -363,7 +362,7 @@ class Hypercircle:
 
     def densities_at(self, t: float) -> tuple[Floats, ...]:
         """Body forces (c, n, 21, 2) of each chunk of cells at the points of the rule; none if there are none."""
-        loads = [load for load in self.posed.loads if isinstance(load, Load) and load.cells is not None]
+        loads = self.boundary.oscillation.body_loads
         if not loads:
             return ()
         points = [fans.points() for fans in self.fans]
@@ -446,9 +445,6 @@ def check_bounded(posed: PosedScene) -> None:
     """Raise SceneError where there is no bound."""
     plane_mesh(posed.space.mesh, "error_bound", "compare runs on finer meshes and in finer steps")
     check_estimable(posed, "error_bound")
-    for load in posed.loads:
-        if isinstance(load, Load) and load.cells is not None and load.matrix.shape[1] == len(load.points):
-            raise SceneError(f"error_bound: there is no bound for {load.subject}, a body force of one component.")
     if posed.curves:
         raise SceneError(
             f"error_bound: there is no bound for {', '.join(posed.curves)} along a curve: a polygon, over whose "

@@ -68,7 +68,7 @@ from vemcvx.linear import choose_linear
 from vemcvx.meshes.polygons.topology import positions
 from vemcvx.outline import Outline, Outlined
 from vemcvx.scene import Scene
-from vemcvx.scene.contact_table import ContactRows
+from vemcvx.scene.contact_table import ContactRows, jump_rows
 from vemcvx.scene.pose import PosedScene, pose_scene, unwarned
 from vemcvx.scene.supports import by_precedence, resolve
 from vemcvx.vem import Space, tangents_of
@@ -250,8 +250,7 @@ class _Held:
     @classmethod
     def acting(cls, circle: Hypercircle) -> _Held:
         """Friction and obstacles hold wherever they may act."""
-        edges, terms, obstacles = circle.boundary.edges, circle.posed.terms, circle.posed.obstacles
-        return cls(circle.boundary, *(_everywhere(edges, rows) for rows in (terms, obstacles)))
+        return cls(circle.boundary, *circle.boundary.acting)
 
     @classmethod
     def frozen(cls, circle: Hypercircle, now: Instant, sticking: Bools) -> _Held:
@@ -287,10 +286,10 @@ class _Held:
         return held
 
 
-def _everywhere(edges: Skeleton, rows: ContactRows, holds: Bools | None = None) -> Bools:
-    """(b,) on which edges there is a row, and all rows there hold (m,), by default all."""
+def _everywhere(edges: Skeleton, rows: ContactRows, holds: Bools) -> Bools:
+    """(b,) on which edges there is a row, and all rows there hold (m,)."""
     some = np.ones(len(rows.nodes))
-    ends = at_ends(edges, rows, np.column_stack([some, 0.0 * some if holds is None else some - holds]))
+    ends = at_ends(edges, rows, np.column_stack([some, some - holds]))
     held: Bools = np.asarray(ends[..., 0].any(axis=1)) & ~np.asarray(ends[..., 1].any(axis=1))
     return held
 
@@ -449,9 +448,12 @@ class _Dual:
         edges, forces = primal.boundary.edges, BodyForces(primal.fans)
         boundary = Boundary(posed, edges, DataOscillation(posed, edges))
         circle = replace(primal, posed=posed, boundary=boundary, body_forces=forces)
-        own = primal.posed
-        touched = abs(sp.vstack([own.terms.rows, own.obstacles.rows]) @ own.supports.P).sum(axis=0)
-        return self._fields(circle, np.flatnonzero(np.asarray(touched).ravel() == 0.0))
+        points, rows = primal.posed.space.mesh.points, []
+        for acts, ways in zip(primal.boundary.acting, (edges.tangents, edges.units), strict=True):
+            ends, across = edges.outer_edges[acts].ravel(), edges.joints.across[acts].ravel()
+            rows.append(jump_rows(ends, across, np.repeat(ways[acts], 2, axis=0)[:, None], points))
+        touched = abs(sp.vstack(rows) @ primal.posed.supports.P).sum(axis=0)
+        return self._fields(circle, np.flatnonzero(np.asarray(touched).ravel() < 1e-9))
 
     def frozen(self, held: _Held) -> _Fields:
         """z and stress of the problem in which these edges are held, as far as z_D does not move them."""

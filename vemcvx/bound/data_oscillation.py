@@ -242,7 +242,7 @@ class DataOscillation:
             on_edges += np.sum([self._support(support, now) for support in part.supports], axis=0)
         in_cells, force = self._body(now.t)
         local = totals(edges.outer, on_edges, n) + in_cells + self.stress(now.t, strain)
-        return local + self._of_the_body(lacking, force)
+        return local + self.of_the_body(lacking, force)
 
     # The whole body.
 
@@ -253,7 +253,7 @@ class DataOscillation:
         grounded = system.K if system.kernel is None else system.K + sp.diags_array(1e-8 * system.K.diagonal())
         return system.linear(None).factorise(sp.csr_matrix(grounded), system.near_kernel)
 
-    def _of_the_body(self, on_edges: Floats, in_cells: Floats) -> Floats:
+    def of_the_body(self, on_edges: Floats, in_cells: Floats) -> Floats:
         """r'K^-1 r of forces on edges (b, 2) and in cells (n_cells, 2), shared out by their work on each cell."""
         posed, edges = self.posed, self.edges
         none, P = np.zeros(len(in_cells)), posed.supports.P

@@ -81,13 +81,18 @@ class ErrorBound(Outlined):
         Parts of the square of the (largest) upper.
     parts : mapping of str to (S,)
         Of upper: "mesh", what stress and strain differ by; "contact", what friction and contact do; "data", what is
-        missed of loads that are not polynomials; "algebra", the certified error of the solver, which is in the others;
-        of whole histories also "steps", y.
+        missed of loads that are not polynomials; "reading", the allowance for what points may misread of these, an
+        estimate, zero if two readings agree; "algebra", the certified error of the solver, which is in the others; of
+        whole histories also "steps", y.
     bends : (k,)
         Of whole histories the instants inside steps at which data bend, turn or jump, which the run does not know: more
         steps, or these instants (:func:`vemcvx.instants`), bring it nearer.
     kind : str
-        "bound"; "bound for the given friction" where the bound of friction follows the pressure of the answer.
+        "bound", a theorem for data that are known at the points where bounds read them (:mod:`vemcvx.bound`): loads
+        that are polynomials of degree three on the triangles of cells are. "bound for loads as read at points" where
+        a finer reading of loads differs: `upper`, `lower`, `energy` and `potential` then have the part "reading" in
+        them. "bound for the given friction", or "... the given friction and loads as read at points", where the bound
+        of friction follows the pressure of the answer.
     history : History
         The run.
     """
@@ -194,8 +199,10 @@ def error_bound(
     Notes
     -----
     The mathematics are in :mod:`vemcvx.bound.hypercircle`, :mod:`vemcvx.bound.quantity` and
-    :mod:`vemcvx.bound.error_bound`. Data
-    that vary are read at the points of quadrature rules, and on the boundary at PIECES per size of the body.
+    :mod:`vemcvx.bound.error_bound`. Data that vary are functions, known at points: 21 of each triangle of a cell, and
+    on the boundary 512 pieces per size of the body. Loads that are polynomials up to degree three are read exactly; for
+    others bounds are widened by an estimate of what is misread, from a second, finer reading, and say so. What is
+    narrower than the points' distance is not seen.
     """
     scene = scene_of(history, "error_bound")
     if step is None and of is None:
@@ -217,9 +224,11 @@ def of_steps(circle: Hypercircle, history: History, steps: Sequence[int]) -> Err
     found = []
     for step in steps:
         n, now, before = _instants(history, step)
-        found.append((n, *_of_step(circle, now, before)))
-    numbers, pairs, moved = zip(*found, strict=True)
-    upper = np.array([pair.upper for pair in pairs]) + moved
+        pair, apart = _of_step(circle, now, before)
+        found.append((n, pair, apart, *circle.allowances(pair, now.t)))
+    numbers, pairs, *others = zip(*found, strict=True)
+    moved, eta, misread = np.array(others)
+    upper = np.array([pair.upper for pair in pairs]) + moved + eta
     norm, potential = (np.array([getattr(pair, name) for pair in pairs]) for name in ("norm", "potential"))
     lowered, A2, gap = (np.array([getattr(pair, name) for pair in pairs]) for name in ("lowered", "A2", "lacking"))
     worst = pairs[int(np.argmax(upper))]
@@ -228,19 +237,26 @@ def of_steps(circle: Hypercircle, history: History, steps: Sequence[int]) -> Err
     return ErrorBound(
         steps=at,
         upper=upper,
-        lower=np.maximum(lowered - moved, 0.0),
+        lower=np.maximum(lowered - moved - eta, 0.0),
         energy=_energies(norm, upper - moved),
-        potential=(potential - 0.5 * A2 - gap, potential - 0.5 * lowered**2),
+        potential=(potential - 0.5 * (A2 + eta**2) - gap - misread, potential - 0.5 * lowered**2 + misread),
         cells=_shares(circle, worst.cells, worst.surface.gap + 0.5 * worst.springs, upper.max()),
         parts={
             "mesh": np.sqrt([pair.squares.sum() for pair in pairs]),
             "contact": np.sqrt(2.0 * gap),
             "data": np.sqrt([np.sum(pair.oscillation**2) for pair in pairs]),
+            "reading": eta,
             "algebra": np.sqrt(2.0 * history.trajectory.gap[at]),
         },
-        kind="bound for the given friction" if laws else "bound",
+        kind=_kind(laws, bool(eta.any())),
         history=history,
     )
+
+
+def _kind(laws: bool, misread: bool) -> str:
+    """The kind of a bound whose friction follows pressure, and whose loads are no polynomials, or not."""
+    given = [name for name, so in (("the given friction", laws), ("loads as read at points", misread)) if so]
+    return " ".join(["bound", *(["for", " and ".join(given)] if given else [])])
 
 
 def certain_intervals(circle: Hypercircle, history: History, of: Effect) -> Floats:

@@ -60,6 +60,7 @@ from vemcvx.bound.fan import (
     in_triangles,
     stresses_of,
 )
+from vemcvx.bound.reading import Reading, reading
 from vemcvx.bound.skeleton import Instant, check_estimable, skeleton
 from vemcvx.bound.stress import fan_stress, lifted, of_edge
 from vemcvx.bound.surface import Boundary, Surface
@@ -367,6 +368,22 @@ class Hypercircle:
             return ()
         points = [fans.points() for fans in self.fans]
         return tuple(np.sum([load.at(x.reshape(-1, 2), t).reshape(x.shape) for load in loads], axis=0) for x in points)
+
+    def reading(self, pair: Pair, t: float) -> Reading:
+        """How well the loads of a pair are read."""
+        return reading(self.boundary, self.fans, pair.densities, t)
+
+    def allowances(self, pair: Pair, t: float) -> tuple[float, float]:
+        """For what may be misread of the loads of a pair: eta, and |e(u)| of the exact u.
+
+        Both are zero where two readings agree (:mod:`vemcvx.bound.reading`).
+        """
+        read = self.reading(pair, t)
+        if read.exact:
+            return 0.0, 0.0
+        v = [one.nodal(outline_of(one.fans, pair.u)) for one in self.displacements]
+        eta = read.energy()
+        return eta, read.work(v, pair.u[self.boundary.edges.outer_edges]) + eta * pair.upper
 
 
 def outline_of(fans: Fans, u: Floats) -> Floats:

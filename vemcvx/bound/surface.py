@@ -256,7 +256,7 @@ class Boundary:
         SceneError
             Something has no bound.
         """
-        owner, loads = self.fine.piece_owner, self._loads(now.t)
+        owner, loads = self.fine.piece_owner, self.tractions(now.t, self.gauss)
         laws = self._laws(now, before)
         theta, presses = self._theta(now, laws), [self._pressing(now, compliant) for compliant in (False, True)]
         if self.motions.shape[1]:
@@ -295,7 +295,7 @@ class Boundary:
         rounding = 1e-13 * np.abs(traction).max(initial=0.0)
         bent[np.abs(bent) <= rounding * lengths] = 0.0
         tips = (4.0 * moments[:, :2] - 2.0 * moments[:, 1::-1]) / lengths[..., None]
-        s, mean = self._gauss[..., None], (bent / lengths)[owner, None]
+        s, mean = self.gauss[..., None], (bent / lengths)[owner, None]
         rest = traction - (1.0 - s) * tips[owner, :1] - s * tips[owner, 1:] - (1.0 - 6.0 * s * (1.0 - s)) * mean
         rest[np.abs(rest) <= rounding] = 0.0
         return totals(owner, np.einsum("kq,kqd,kqd->k", self._weights, rest, rest), len(bent)), bent
@@ -312,26 +312,33 @@ class Boundary:
     # Loads.
 
     @cached_property
-    def _gauss(self) -> Floats:
+    def gauss(self) -> Floats:
         """(k, 3) where Gauss points are on their edges."""
-        places: Floats = self._along.mean(axis=1)[:, None] + 0.5 * np.diff(self._along, axis=1) * GAUSS
-        return places
+        return self.rule(GAUSS, GAUSS_WEIGHTS)[0]
 
     @cached_property
     def _weights(self) -> Floats:
-        weights: Floats = 0.5 * self.lengths[:, None] * GAUSS_WEIGHTS
-        return weights
+        return self.rule(GAUSS, GAUSS_WEIGHTS)[1]
+
+    def rule(self, points: Floats, weights: Floats) -> tuple[Floats, Floats]:
+        """(k, q) where the points in [-1, 1] of a rule are on edges, and their weights on pieces."""
+        places: Floats = self._along.mean(axis=1)[:, None] + 0.5 * np.diff(self._along, axis=1) * points
+        return places, 0.5 * self.lengths[:, None] * weights
 
     def moments(self, traction: Floats) -> Floats:
         """(b, 3, 2) int t phi of tractions (k, 3, 2), phi being linear from either end, and the parabola."""
-        s, found = self._gauss, np.zeros((len(self.edges.outer), 3, 2))
+        return self.works(self.gauss, self._weights, traction)
+
+    def works(self, s: Floats, weights: Floats, traction: Floats) -> Floats:
+        """The same by any rule, with places and weights (k, q) of tractions (k, q, 2)."""
+        found = np.zeros((len(self.edges.outer), 3, 2))
         for place, phi in enumerate((1.0 - s, s, 4.0 * s * (1.0 - s))):
-            np.add.at(found[:, place], self.fine.piece_owner, np.einsum("kq,kqd->kd", self._weights * phi, traction))
+            np.add.at(found[:, place], self.fine.piece_owner, np.einsum("kq,kqd->kd", weights * phi, traction))
         return found
 
-    def _loads(self, t: float) -> Floats:
-        """(k, 3, 2) tractions of loads."""
-        owner, s = self.fine.piece_owner, self._gauss
+    def tractions(self, t: float, s: Floats) -> Floats:
+        """(k, q, 2) tractions of loads at places (k, q) of edges."""
+        owner = self.fine.piece_owner
         start, stop = self.posed.space.mesh.points[self.edges.outer_edges[owner]].swapaxes(0, 1)
         x = start[:, None] + s[..., None] * (stop - start)[:, None]
         traction = np.zeros(x.shape)

@@ -275,7 +275,7 @@ def _guaranteed(history: History) -> str:
         f"<p>In every step the error of the mesh, given the step before, is at most {100 * bound['relative']:.3g} % of "
         f"the largest energy norm of the run: {bound['lower']:.4g} to {bound['upper']:.4g} in step "
         f"{bound['step']:.0f}, where it may be largest. This is a theorem for any mesh and "
-        f"material: no constant was estimated.</p>{_guaranteed_force(history)}"
+        f"material, and loads as they are read at points: no constant was estimated.</p>{_guaranteed_force(history)}"
     )
 
 

@@ -51,8 +51,9 @@ The path is the same run in finer steps, which meet what data do inside steps. S
 body forces at 21 points of each triangle of a fan, tractions at three of each piece of the boundary (1/512 of the size
 of the body, or a quarter of an edge), bounds of friction, gaps and motions at the ends of pieces and linear between.
 Loads that are polynomials up to degree three on the triangles, or the pieces, are read exactly. What is narrower than
-the distance of the points may not be seen, be it a load, friction, or a quantity. A second, finer reading tells loads of other kinds: bounds are then wider by an
-allowance, which is an estimate and no theorem (:mod:`.reading`), and their `kind` says so.
+the distance of the points may not be seen, be it a load, friction, or a quantity. A second, finer reading tells loads
+of other kinds: bounds are then wider by an allowance, which is an estimate and no theorem (:mod:`.reading`), and their
+`kind` says so.
 
 **What sticks for certain: nothing that could be proved.** Theorem 1 with all of its terms says h(u) - inf h <= A^2 / 4
 + b, the maximum of A x - x^2 being A^2 / 4. Of friction, h(u) is the integral of g |s| + c s - q s >= (g - |q - c|)

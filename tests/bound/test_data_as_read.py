@@ -197,3 +197,89 @@ def test_estimates_without_width_say_that_it_means_nothing():
     assert bound.high - bound.low <= 1e-9
     assert "its width does not say" in repr(bound)
     assert bound.certain[1] - bound.certain[0] > 0.1
+
+
+# Between instants: a layer in uniform shear, of which the mesh loses nothing; the truth is a run in fine steps.
+
+SIDES = vx.PrescribedDisplacement(0.0, on=["left", "right"], direction=(0.0, 1.0))
+LAYER = (vx.Elasticity(2.0, 0.0), SIDES, vx.BilateralContact(on="bottom"))
+
+
+def sheared(course, bound=0.5):
+    def stress(x, t):
+        return np.tile([0.0, 0.0, course(t)], (len(x), 1))
+
+    return *LAYER, vx.Clamp(on="top"), vx.Prestress(stress), vx.TrescaFriction(bound, on="bottom")
+
+
+def uniform(course):
+    return lambda x, t: np.tile([course(t), 0.0], (len(x), 1))
+
+
+def bump(t):
+    return max(0.0, 1.0 - abs(t - 0.55) / 0.04)
+
+
+def dip(x, t):
+    return np.full(len(x), 0.5 - 0.4 * max(0.0, 1.0 - abs(t - 0.55) / 0.05))
+
+
+def pulse(t):
+    return 0.4 * t + 0.4 * max(0.0, 1.0 - abs(t - 0.555) / 0.005)
+
+
+def ripples(t):
+    return 0.45 * t + 0.3 * np.sin(40.0 * np.pi * t)
+
+
+def fast_ripples(t):
+    return 0.4 * np.sin(2.0 * np.pi * t) + 0.35 * np.sin(512.0 * np.pi * t)
+
+
+COURSES = {
+    "bump": (sheared(bump), 2),
+    "bump in three steps": (sheared(bump), 3),
+    "ground": ((*LAYER, vx.Clamp(on="top"), vx.TrescaFriction(0.5, on="bottom", ground=uniform(bump))), 2),
+    "support": ((*LAYER, vx.PrescribedDisplacement(uniform(bump), on="top"), vx.TrescaFriction(0.5, on="bottom")), 2),
+    "bound": (sheared(lambda t: 0.45, dip), 2),
+    "waves": (sheared(lambda t: 0.7 * np.sin(16.0 * np.pi * t)), 2),
+    "pulse": (sheared(pulse), 10),
+    "ripples": (sheared(ripples), 5),
+    "more ripples": (sheared(ripples), 10),
+    "fast ripples": (sheared(fast_ripples), 32),
+}
+QUICK = ("ground", "support")
+
+
+@pytest.mark.parametrize(
+    "name", [one if one in QUICK else pytest.param(one, marks=pytest.mark.slow) for one in COURSES]
+)
+def test_what_happens_between_instants_is_in_the_bound_and_named(name, caplog):
+    effects, steps = COURSES[name]
+    scene, mesh, times = vx.Scene(*effects), vx.meshes.squares(1), np.linspace(0.0, 1.0, steps + 1)
+    # Of what is piecewise linear, with bends at hundredths, a run at these loses nothing.
+    finer = np.union1d(times, np.linspace(0.0, 1.0, 101 if name in QUICK else 2001))
+    history, fine = vx.simulate(scene, mesh, times), vx.simulate(scene, mesh, finer)
+    caplog.clear()
+    with caplog.at_level("WARNING", logger="vemcvx"):
+        bound = vx.error_bound(history)
+    assert "error_bound: data" in caplog.text
+    assert "for linear between" in caplog.text or "not linear between" in caplog.text
+    at = np.searchsorted(fine.times, times - 1e-12)
+    circle = circle_of(fine)
+    for n in range(1, steps + 1):
+        apart = circle.distance(history.displacement[n], fine.displacement[at[n]])
+        assert apart <= bound.upper[n] * (1.0 + 1e-9)
+    # Bends that were found are met; what is looked at once between readings is only as read.
+    assert (bound.kind == "bound") == ("not linear between" not in caplog.text)
+
+
+@pytest.mark.parametrize("steps", [1, pytest.param(2, marks=pytest.mark.slow)])
+def test_supports_may_move_nonlinearly_in_time(steps):
+    """They are read at more instants; what is refused is motion that is nonlinear along edges."""
+    moved = vx.PrescribedDisplacement(uniform(lambda t: t**2), on="top")
+    scene, mesh = vx.Scene(*LAYER, moved, vx.TrescaFriction(0.5, on="bottom")), vx.meshes.squares(1)
+    history = vx.simulate(scene, mesh, np.linspace(0.0, 1.0, steps + 1))
+    fine = vx.simulate(scene, mesh, np.linspace(0.0, 1.0, 65))
+    apart = circle_of(fine).distance(history.displacement[-1], fine.displacement[-1])
+    assert apart <= vx.error_bound(history).upper[-1] <= 0.05

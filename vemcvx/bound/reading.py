@@ -65,6 +65,12 @@ class Reading:
         """True where the readings agree to rounding: loads are polynomials as far as the points tell."""
         return not (self.edges.any() or self.unseen.any() or any(one.any() for one in self.body))
 
+    def __sub__(self, other: Reading) -> Reading:
+        """What of it is new since another instant."""
+        body = tuple(a - b for a, b in zip(self.body, other.body, strict=True))
+        unseen = np.abs(self.unseen - other.unseen)
+        return Reading(self.boundary, self.fans, body, self.edges - other.edges, unseen)
+
     def work(self, values: Sequence[Floats], ends: Floats, bent: Floats | float = 0.0) -> float:
         """|e(w)| of w with values (c, n, 20) in triangles, (b, 2, 2) at the ends of edges, bent by parabolas (b, 2)."""
         parts = [

@@ -147,9 +147,10 @@ class ErrorBound(Outlined):
 
     @property
     def largest(self) -> dict[str, float]:
-        """The bounds "upper" and "lower" of the "step" for which upper is largest, and that as "relative"."""
+        """The "upper" and "lower" of the "step" for which upper is largest, that as "relative", and "reading"."""
         k = int(np.argmax(self.upper))
         each = {"upper": self.upper, "lower": self.lower, "step": self.steps, "relative": self.relative}
+        each["reading"] = self.parts["reading"]
         return {name: float(np.atleast_1d(values)[k]) for name, values in each.items()}
 
     def outline(self) -> Outline:

@@ -88,7 +88,9 @@ class History(Results, Outlined):
     bound : dict or None
         Of ``simulate(..., bound=True)``: "upper" and "lower", guaranteed bounds on the error of the mesh in the energy
         norm in the "step" for which the upper one is largest, each step given the one before
-        (:func:`vemcvx.error_bound`), and "relative", upper in parts of the largest energy norm of the run.
+        (:func:`vemcvx.error_bound`), "relative", upper in parts of the largest energy norm of the run, and "reading",
+        what of upper is an estimate of what points misread of the loads: zero of polynomials, of which alone bounds are
+        guaranteed without more.
     energy_bounds : (N + 1, 2) or None
         Likewise guaranteed bounds, low and high, on the elastic energy of the exact answer of every step; both are that
         of the run at the initial instant, and NaN in steps that adaptive runs did not look at.
@@ -342,7 +344,9 @@ def _bound(bound: dict[str, float] | None) -> Lines:
     if bound is None:
         return []
     words = f"{bound['lower']:.4g} ... {bound['upper']:.4g} in the energy norm, at most {bound['relative']:.2%}"
-    return [("guaranteed", f"{words}: the error of the mesh in step {bound['step']:.0f}, the largest of all steps")]
+    words += f": the error of the mesh in step {bound['step']:.0f}, the largest of all steps"
+    misread = bound.get("reading", 0.0)
+    return [("bounded", f"{words}, for loads as read at points") if misread else ("guaranteed", words)]
 
 
 def _errors(errors: dict[str, float] | None, quantities: dict[str, Quantity] | None) -> Lines:

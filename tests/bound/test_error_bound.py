@@ -81,7 +81,9 @@ def test_the_error_of_full_slip_is_bounded_from_both_sides(family):
     assert 0.95 * error <= bound.lower <= error * (1.0 + ROUNDING)
     assert bound.energy[0] <= exact_energy(0.3) <= bound.energy[1]
     assert np.isclose(bound.cells.sum(), bound.upper**2)
-    assert bound.kind == "bound"
+    # Loads of exponentials are known at points; what may be misread of them is far below the error.
+    assert bound.kind == "bound for loads as read at points"
+    assert 0.0 < bound.parts["reading"] < 1e-4 * error
 
 
 @pytest.mark.slow

@@ -40,7 +40,8 @@ from scipy.fft import dst
 
 from vemcvx.arrays import Bools, Floats, Ints, totals
 from vemcvx.bound.skeleton import Instant, Skeleton, at_ends, body_forces, edge_loads, pressures_at_ends
-from vemcvx.effects import Contribution, Friction, MaterialLaw, Obstacle, Support
+from vemcvx.effects import Contribution, Friction, Load, MaterialLaw, Obstacle, Support
+from vemcvx.errors import SceneError
 from vemcvx.linear import Factor
 from vemcvx.meshes import Interface, PolygonMesh, plane_mesh
 from vemcvx.meshes.polygons import outlines, places, positions, triangulated
@@ -210,6 +211,15 @@ class DataOscillation:
         return [part for _, part in asked]
 
     @cached_property
+    def body_loads(self) -> list[Load]:
+        """The body forces among them."""
+        loads = [load for part in self.parts for load in part.loads if load.cells is not None]
+        for load in loads:
+            if load.matrix.shape[1] == len(load.points):
+                raise SceneError(f"error_bound: there is no bound for {load.subject}, a body force of one component.")
+        return loads
+
+    @cached_property
     def inside(self) -> SamplePoints:
         """Places in the cells."""
         return in_cells(plane_mesh(self.posed.space.mesh, "error_budget"))
@@ -231,7 +241,7 @@ class DataOscillation:
             on_edges += np.sum([self._support(support, now) for support in part.supports], axis=0)
         in_cells, force = self._body(now.t)
         local = totals(edges.outer, on_edges, n) + in_cells + self.stress(now.t, strain)
-        return local + self._of_the_body(lacking, force)
+        return local + self.of_the_body(lacking, force)
 
     # The whole body.
 
@@ -242,7 +252,7 @@ class DataOscillation:
         grounded = system.K if system.kernel is None else system.K + sp.diags_array(1e-8 * system.K.diagonal())
         return system.linear(None).factorise(sp.csr_matrix(grounded), system.near_kernel)
 
-    def _of_the_body(self, on_edges: Floats, in_cells: Floats) -> Floats:
+    def of_the_body(self, on_edges: Floats, in_cells: Floats) -> Floats:
         """r'K^-1 r of forces on edges (b, 2) and in cells (n_cells, 2), shared out by their work on each cell."""
         posed, edges = self.posed, self.edges
         none, P = np.zeros(len(in_cells)), posed.supports.P

@@ -37,16 +37,16 @@ NODES = np.array([[k, (k + 1) % 3, 6, 3 + k, 7 + (k + 1) % 3, 7 + k] for k in ra
 """(3, 6) the nodes of a triangle at the stations of each part."""
 
 
-def _spread(values: Floats, part: int) -> Floats:
+def spread(values: Floats, part: int) -> Floats:
     """(..., 10) functions of the triangle from Lagrange functions (..., 6) of a part."""
     found = np.zeros((*values.shape[:-1], 10))
     found[..., NODES[part]] = values
     return found
 
 
-VALUES = np.concatenate([_spread(monomials(RULE[k]) @ COEFFICIENTS[k], k) for k in range(3)])
+VALUES = np.concatenate([spread(monomials(RULE[k]) @ COEFFICIENTS[k], k) for k in range(3)])
 """(21, 10) the functions at the points of the rule."""
-SLOPES = np.concatenate([_spread(monomial_slopes(STATIONS[k]) @ COEFFICIENTS[k], k) for k in range(3)])
+SLOPES = np.concatenate([spread(monomial_slopes(STATIONS[k]) @ COEFFICIENTS[k], k) for k in range(3)])
 """(18, 2, 10) their gradients at the stations."""
 _SLOPES = SLOPES.reshape(36, 10)
 GRAM = np.einsum("ij,piak,pjbl->abkl", MASS, SLOPES.reshape(3, 6, 2, 10), SLOPES.reshape(3, 6, 2, 10))

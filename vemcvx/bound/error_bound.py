@@ -26,6 +26,12 @@ by half, and only in the last square it is that of v_n, because X is orthogonal 
 exact history is one that begins like the run. What linear moments miss of loads is a stress of its own in tau, no
 larger than osc_T, and so are its changes in time. Loads that are not linear in time within a step of the path are read
 at PIECES instants of it, where tau is in equilibrium with them and v between its values.
+
+So the bound of a history is about data as they are read at the instants of the path and, of loads and friction, at a
+quarter, the half and three quarters of its steps; between, data are taken for linear in time. Steps in which supports
+do not move linearly are cut in as many. One instant between any two readings is looked at besides: where data miss the
+line there by more than MISSED of their size it becomes one of the path, and a warning names it. What happens within
+less than the distance of these instants is not in the bound.
 """
 
 from __future__ import annotations
@@ -33,6 +39,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from typing import Any, overload
 
 import numpy as np
@@ -49,12 +56,15 @@ from vemcvx.outline import Outline, Outlined
 from vemcvx.scene import Scene
 from vemcvx.scene.pose import PosedScene, pose_scene, unwarned
 from vemcvx.stepping.backward_euler import march
-from vemcvx.stepping.course import course, divided, inside_steps
+from vemcvx.stepping.course import ACROSS, course, divided, inside_steps
 
 log = logging.getLogger("vemcvx")
 PATH, PIECES = 32, 4
 """Steps of the path, at least (with twice as many bounds of cycles were lower by 3 %); and instants in each of them at
 which loads are read that are not linear in time."""
+LINEAR, MISSED = 1e-9, 0.02
+"""Parts of their size by which data that are linear may differ from lines between readings, and others without a word:
+with readings 1/128 of the run apart, waves of more than eight periods do."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -81,13 +91,19 @@ class ErrorBound(Outlined):
         Parts of the square of the (largest) upper.
     parts : mapping of str to (S,)
         Of upper: "mesh", what stress and strain differ by; "contact", what friction and contact do; "data", what is
-        missed of loads that are not polynomials; "algebra", the certified error of the solver, which is in the others;
-        of whole histories also "steps", y.
+        missed of loads that are not polynomials; "reading", the allowance for what points may misread of these, an
+        estimate, zero if two readings agree; "algebra", the certified error of the solver, which is in the others; of
+        whole histories also "steps", y.
     bends : (k,)
         Of whole histories the instants inside steps at which data bend, turn or jump, which the run does not know: more
         steps, or these instants (:func:`vemcvx.instants`), bring it nearer.
     kind : str
-        "bound"; "bound for the given friction" where the bound of friction follows the pressure of the answer.
+        "bound", a theorem for data that are known at the points where bounds read them (:mod:`vemcvx.bound`): loads
+        that are polynomials of degree three on the triangles of cells are. "bound for loads as read at points" where
+        a finer reading of loads differs: `upper`, `lower`, `energy` and `potential` then have the part "reading" in
+        them. "bound for the given friction", or "... the given friction and loads as read at points", where the bound
+        of friction follows the pressure of the answer. Of a history "... data as read at instants" if data between
+        these were found to be other than linear.
     history : History
         The run.
     """
@@ -131,9 +147,10 @@ class ErrorBound(Outlined):
 
     @property
     def largest(self) -> dict[str, float]:
-        """The bounds "upper" and "lower" of the "step" for which upper is largest, and that as "relative"."""
+        """The "upper" and "lower" of the "step" for which upper is largest, that as "relative", and "reading"."""
         k = int(np.argmax(self.upper))
         each = {"upper": self.upper, "lower": self.lower, "step": self.steps, "relative": self.relative}
+        each["reading"] = self.parts["reading"]
         return {name: float(np.atleast_1d(values)[k]) for name, values in each.items()}
 
     def outline(self) -> Outline:
@@ -172,7 +189,9 @@ def error_bound(
     step : int, optional
         A stored step after which the one before it was stored, too; -1 is the last one. By default the whole history,
         every step of which must be stored, and in which nothing but friction with a given bound acts
-        (BilateralContact and TrescaFriction).
+        (BilateralContact and TrescaFriction). Its bound is about data as read at the instants of the run, at 32 of a
+        path at least and at three within each step of that, at bends, turns and jumps; between them data are taken for
+        linear in time. Where they are seen not to be, a warning names the instants.
     of : Effect or sequence of Effect, optional
         A linear quantity, given as the load that does its work: ``Traction((1.0 / length, 0.0), on="top")`` is the mean
         displacement along x of a side, ``BodyForce((1.0 / area, 0.0))`` that of the body, ``Prestress((-1.0 / area,
@@ -194,8 +213,10 @@ def error_bound(
     Notes
     -----
     The mathematics are in :mod:`vemcvx.bound.hypercircle`, :mod:`vemcvx.bound.quantity` and
-    :mod:`vemcvx.bound.error_bound`. Data
-    that vary are read at the points of quadrature rules, and on the boundary at PIECES per size of the body.
+    :mod:`vemcvx.bound.error_bound`. Data that vary are functions, known at points: 21 of each triangle of a cell, and
+    on the boundary 512 pieces per size of the body. Loads that are polynomials up to degree three are read exactly; for
+    others bounds are widened by an estimate of what is misread, from a second, finer reading, and say so. What is
+    narrower than the points' distance is not seen.
     """
     scene = scene_of(history, "error_bound")
     if step is None and of is None:
@@ -217,9 +238,11 @@ def of_steps(circle: Hypercircle, history: History, steps: Sequence[int]) -> Err
     found = []
     for step in steps:
         n, now, before = _instants(history, step)
-        found.append((n, *_of_step(circle, now, before)))
-    numbers, pairs, moved = zip(*found, strict=True)
-    upper = np.array([pair.upper for pair in pairs]) + moved
+        pair, apart = _of_step(circle, now, before)
+        found.append((n, pair, apart, *circle.allowances(pair, now.t)))
+    numbers, pairs, *others = zip(*found, strict=True)
+    moved, eta, misread = np.array(others)
+    upper = np.array([pair.upper for pair in pairs]) + moved + eta
     norm, potential = (np.array([getattr(pair, name) for pair in pairs]) for name in ("norm", "potential"))
     lowered, A2, gap = (np.array([getattr(pair, name) for pair in pairs]) for name in ("lowered", "A2", "lacking"))
     worst = pairs[int(np.argmax(upper))]
@@ -228,19 +251,26 @@ def of_steps(circle: Hypercircle, history: History, steps: Sequence[int]) -> Err
     return ErrorBound(
         steps=at,
         upper=upper,
-        lower=np.maximum(lowered - moved, 0.0),
+        lower=np.maximum(lowered - moved - eta, 0.0),
         energy=_energies(norm, upper - moved),
-        potential=(potential - 0.5 * A2 - gap, potential - 0.5 * lowered**2),
+        potential=(potential - 0.5 * (A2 + eta**2) - gap - misread, potential - 0.5 * lowered**2 + misread),
         cells=_shares(circle, worst.cells, worst.surface.gap + 0.5 * worst.springs, upper.max()),
         parts={
             "mesh": np.sqrt([pair.squares.sum() for pair in pairs]),
             "contact": np.sqrt(2.0 * gap),
             "data": np.sqrt([np.sum(pair.oscillation**2) for pair in pairs]),
+            "reading": eta,
             "algebra": np.sqrt(2.0 * history.trajectory.gap[at]),
         },
-        kind="bound for the given friction" if laws else "bound",
+        kind=_kind({"the given friction": laws, "loads as read at points": bool(eta.any())}),
         history=history,
     )
+
+
+def _kind(supposed: dict[str, bool]) -> str:
+    """The kind of a bound that supposes some of these."""
+    given = " and ".join(name for name, so in supposed.items() if so)
+    return f"bound for {given}" if given else "bound"
 
 
 def certain_intervals(circle: Hypercircle, history: History, of: Effect) -> Floats:
@@ -287,9 +317,9 @@ def _shares(circle: Hypercircle, squares: Floats, gap: Floats, upper: float) -> 
 # Histories.
 
 
-def _check_history(circle: Hypercircle, history: History) -> None:
+def _check_history(posed: PosedScene, history: History) -> None:
     """Raise SceneError where there is no bound over a whole history, or not all of it is stored."""
-    posed, count = circle.posed, history.steps + 1
+    count = history.steps + 1
     laws = [friction.subject for friction in posed.terms.frictions if friction.law is not None]
     if posed.springs is not None:
         laws = [*laws, "ElasticFoundation"]
@@ -308,41 +338,51 @@ def _check_history(circle: Hypercircle, history: History) -> None:
 
 def _of_history(scene: Scene, history: History) -> ErrorBound:
     mesh, times = history.mesh, history.trajectory.times
-    finer, bends = times, np.zeros(0)
+    finer, bends, missed = times, np.zeros(0), np.zeros(0)
+    with unwarned():
+        posed = pose_scene(scene, mesh)
+    _check_history(posed, history)
     if len(times) > 1:
-        with unwarned():
-            bends = inside_steps(times, course(pose_scene(scene, mesh).system, times).bends)
-        finer = np.union1d(divided(times, 1, PATH), bends)
+        bends = inside_steps(times, course(posed.system, times).bends)
+        finer, missed = _followed(posed, np.union1d(divided(times, 1, PATH), bends))
     # A load that comes and goes within a step is left out by runs, and leaves friction behind.
-    parts = np.linspace(0.0, 1.0, PIECES + 1)
-    read = np.unique(finer[:-1, None] + parts * np.diff(finer)[:, None]) if len(finer) > 1 else finer
-    circle = hypercircle(pose_scene(scene, mesh, read.tolist()))
-    _check_history(circle, history)
+    circle = hypercircle(pose_scene(scene, mesh, _readings(finer).tolist()))
     if len(bends):
         log.warning(
             f"error_bound: data bend, turn or jump inside steps, at t = {', '.join(f'{t:.6g}' for t in bends[:5])}"
-            f"{' ...' if len(bends) > 5 else ''}; the run misses it, and its bound has that in it. Simulate at "
-            "vemcvx.instants(scene, mesh, times), which has these instants."
+            f"{' ...' if len(bends) > 5 else ''}; the run misses it. The bound reads data there, too, and takes "
+            "them for linear between its readings. Simulate at vemcvx.instants(scene, mesh, times), which has these "
+            "instants."
+        )
+    if len(missed):
+        log.warning(
+            f"error_bound: data are not linear between the instants at which the bound reads them, at t = "
+            f"{', '.join(f'{t:.6g}' for t in missed[:5])}{' ...' if len(missed) > 5 else ''} by more than {MISSED:.0%} "
+            "of their size. It reads them there, too; what else happens between is not in it. Simulate in steps that "
+            "follow the data."
         )
     path = _path(circle.posed, history, finer)
     last = path[0]
     pair = circle.pair(last, last)
-    reached, dissipated, worst = float(np.sqrt(pair.A2)), 0.0, (0.0, pair.cells)
-    found = [(reached, dissipated, *_sizes(circle, pair))]
+    read = circle.reading(pair, last.t)
+    reached, dissipated, worst, misread = float(np.sqrt(pair.A2)), 0.0, (0.0, pair.cells), read.energy()
+    found = [(reached, dissipated, *_sizes(circle, pair), 2.0 * misread)]
     for ahead in path[1:]:
         for now in _between(circle, last, ahead):
             beyond = circle.pair(now, last)
             lost = _dissipation_gap(circle, pair, beyond)
             change = _norm(circle, beyond.richer - pair.richer, _missed(circle, pair, beyond))
             reached, dissipated = float(np.sqrt(reached**2 + 2.0 * lost)) + change, dissipated + lost
-            pair, last = beyond, now
+            seen = circle.reading(beyond, now.t)
+            misread += (seen - read).energy()
+            pair, last, read = beyond, now, seen
         n = int(np.searchsorted(times, last.t))
         if times[n] == last.t:
             own = circle.pair(replace(last, u=history.displacement[n]), last)
-            found.append((reached, dissipated, *_sizes(circle, own)))
+            found.append((reached, dissipated, *_sizes(circle, own), misread + read.energy()))
             worst = max(worst, (reached, own.cells), key=lambda one: one[0])
-    y, D, norm, A, richer, mesh_part, data = np.array(found).T
-    upper = np.sqrt(np.square(y) + 2.0 * richer * y + A**2)
+    y, D, norm, A, richer, mesh_part, data, eta = np.array(found).T
+    upper = np.sqrt(np.square(y) + 2.0 * richer * y + A**2) + eta
     nothing = np.full(len(times), np.inf)
     return ErrorBound(
         steps=history.stored.copy(),
@@ -355,13 +395,54 @@ def _of_history(scene: Scene, history: History) -> ErrorBound:
             "mesh": mesh_part,
             "contact": np.sqrt(2.0 * D),
             "data": data,
+            "reading": eta,
             "algebra": np.sqrt(2.0 * history.trajectory.gap),
             "steps": y,
         },
-        kind="bound",
+        kind=_kind({"loads as read at points": bool(eta.any()), "data as read at instants": len(missed) > 0}),
         history=history,
         bends=bends,
     )
+
+
+def _readings(path: Floats) -> Floats:
+    """The instants at which loads may be read: PIECES in each step of a path."""
+    parts = np.linspace(0.0, 1.0, PIECES + 1)
+    return np.unique(path[:-1, None] + parts * np.diff(path)[:, None]) if len(path) > 1 else path
+
+
+def _followed(posed: PosedScene, path: Floats) -> tuple[Floats, Floats]:
+    """The instants of a path with more of them where supports move nonlinearly, and where data miss the lines between.
+
+    And the latter: data are read at an instant between any two readings, at random, so as not to be in step with waves.
+    """
+    read = _readings(path)
+    bent = _apart(posed, path, read)[:, 0] > LINEAR
+    path = np.union1d(path, read[bent])
+    read = _readings(path)
+    between = read[:-1] + np.random.default_rng(0).uniform(0.2, 0.8, len(read) - 1) * np.diff(read)
+    missed = between[_apart(posed, read, between).max(axis=1) > MISSED]
+    return np.union1d(path, missed), missed
+
+
+def _apart(posed: PosedScene, known: Floats, at: Floats) -> Floats:
+    """(k, kinds) by which data at instants (k,) miss the lines between known ones, in parts of each kind's largest.
+
+    Nothing is looked at within the two sides of a jump.
+    """
+    data = lru_cache(maxsize=4)(lambda t: _data(posed, t))
+    found, sizes = [], []
+    for t in at:
+        k = int(np.clip(np.searchsorted(known, t), 1, len(known) - 1))
+        a, b = known[k - 1 : k + 1]
+        s = (t - a) / (b - a) if b - a > 2.0 * ACROSS * (known[-1] - known[0]) else 0.0
+        start, middle, stop = (data(float(x)) for x in (a, t if s else a, b))
+        rows = [m - f - s * (g - f) for f, m, g in zip(start, middle, stop, strict=True)]
+        found.append([np.abs(one).max(initial=0.0) for one in rows])
+        sizes.append(np.max([[np.abs(one).max(initial=0.0) for one in each] for each in (start, middle, stop)], axis=0))
+    largest = np.max(sizes, axis=0)
+    apart: Floats = np.array(found) / np.where(largest > 0.0, largest, 1.0)
+    return apart
 
 
 def _path(posed: PosedScene, history: History, instants: Floats) -> list[Instant]:
@@ -395,12 +476,10 @@ def _norm(circle: Hypercircle, defect: Defect, missed: Floats) -> float:
 def _between(circle: Hypercircle, last: Instant, ahead: Instant) -> Iterator[Instant]:
     """The instants of a step of the path at which loads are read: its end, or PIECES where they are not linear."""
     parts = np.arange(1, PIECES + 1) / PIECES
-    start, *rest, stop = (_data(circle, last.t + s * (ahead.t - last.t)) for s in (0.0, *parts))
-    apart = max(
-        float(np.abs(one - start - s * (stop - start)).max(initial=0.0)) for one, s in zip(rest, parts, strict=False)
-    )
-    largest = max(float(np.abs(one).max(initial=0.0)) for one in (start, stop, *rest))
-    for s in parts if apart > 1e-9 * largest else parts[-1:]:
+    posed, ends, at = circle.posed, np.array([last.t, ahead.t]), last.t + parts[:-1] * (ahead.t - last.t)
+    motion, *others = _apart(posed, ends, at).max(axis=0) > LINEAR
+    # Between its ends v moves linearly: where supports do not, they are read at these, as is all else.
+    for s in parts if any(others) and not motion else parts[-1:]:
         fields = {name: (1.0 - s) * getattr(last, name) + s * getattr(ahead, name) for name in MOVING}
         yield Instant(**fields) if s < 1.0 else ahead
 
@@ -408,12 +487,11 @@ def _between(circle: Hypercircle, last: Instant, ahead: Instant) -> Iterator[Ins
 MOVING = ("t", "u", "lam", "p", "weights", "worn")
 
 
-def _data(circle: Hypercircle, t: float) -> Floats:
-    """All that drives a scene, in one vector, each kind in parts of nothing but itself."""
-    posed, terms = circle.posed, circle.posed.terms
-    kinds = [posed.force(t), posed.supports.motion(t), terms.weights(t), terms.bias(t)]
-    kinds += [] if terms.ground is None else [terms.ground(t)]
-    return np.concatenate(kinds)
+def _data(posed: PosedScene, t: float) -> list[Floats]:
+    """All that drives a scene, by kinds: motions of supports first."""
+    terms = posed.terms
+    kinds = [posed.supports.motion(t), posed.force(t), terms.weights(t), terms.bias(t)]
+    return kinds + ([] if terms.ground is None else [terms.ground(t)])
 
 
 def _dissipation_gap(circle: Hypercircle, one: Pair, other: Pair) -> float:

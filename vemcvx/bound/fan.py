@@ -54,12 +54,12 @@ def monomial_slopes(x: Floats) -> Floats:
 
 
 _CENTRE = CORNERS.mean(axis=0)
-_TRIANGLES = np.concatenate([CORNERS, _CENTRE[None]])[PARTS]
-STATIONS = np.stack([_six(part) for part in _TRIANGLES])
+TRIANGLES = np.concatenate([CORNERS, _CENTRE[None]])[PARTS]
+STATIONS = np.stack([_six(part) for part in TRIANGLES])
 """(3, 6, 2) the points by which a field on each part is given."""
 COEFFICIENTS = np.linalg.inv(np.stack([monomials(part) for part in STATIONS]))
 """(3, 6, 6) monomials of the six Lagrange functions of each part."""
-RULE = np.stack([RADON_POINTS @ part for part in _TRIANGLES])
+RULE = np.stack([RADON_POINTS @ part for part in TRIANGLES])
 """(3, 7, 2) Radon's points in each part, exact for degree 5."""
 RULE_WEIGHTS = np.tile(RADON_WEIGHTS / 6.0, 3)
 """(21,) weights, which add up to the area of the reference triangle, 1/2."""

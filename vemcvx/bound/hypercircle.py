@@ -60,10 +60,10 @@ from vemcvx.bound.fan import (
     in_triangles,
     stresses_of,
 )
+from vemcvx.bound.reading import Reading, reading
 from vemcvx.bound.skeleton import Instant, check_estimable, skeleton
 from vemcvx.bound.stress import fan_stress, lifted, of_edge
 from vemcvx.bound.surface import Boundary, Surface
-from vemcvx.effects import Load
 from vemcvx.errors import SceneError
 from vemcvx.linear import Factor, choose_linear
 from vemcvx.meshes import plane_mesh
@@ -363,11 +363,27 @@ class Hypercircle:
 
     def densities_at(self, t: float) -> tuple[Floats, ...]:
         """Body forces (c, n, 21, 2) of each chunk of cells at the points of the rule; none if there are none."""
-        loads = [load for load in self.posed.loads if isinstance(load, Load) and load.cells is not None]
+        loads = self.boundary.oscillation.body_loads
         if not loads:
             return ()
         points = [fans.points() for fans in self.fans]
         return tuple(np.sum([load.at(x.reshape(-1, 2), t).reshape(x.shape) for load in loads], axis=0) for x in points)
+
+    def reading(self, pair: Pair, t: float) -> Reading:
+        """How well the loads of a pair are read."""
+        return reading(self.boundary, self.fans, pair.densities, t)
+
+    def allowances(self, pair: Pair, t: float) -> tuple[float, float]:
+        """For what may be misread of the loads of a pair: eta, and |e(u)| of the exact u.
+
+        Both are zero where two readings agree (:mod:`vemcvx.bound.reading`).
+        """
+        read = self.reading(pair, t)
+        if read.exact:
+            return 0.0, 0.0
+        v = [one.nodal(outline_of(one.fans, pair.u)) for one in self.displacements]
+        eta = read.energy()
+        return eta, read.work(v, pair.u[self.boundary.edges.outer_edges]) + eta * pair.upper
 
 
 def outline_of(fans: Fans, u: Floats) -> Floats:
@@ -446,9 +462,6 @@ def check_bounded(posed: PosedScene) -> None:
     """Raise SceneError where there is no bound."""
     plane_mesh(posed.space.mesh, "error_bound", "compare runs on finer meshes and in finer steps")
     check_estimable(posed, "error_bound")
-    for load in posed.loads:
-        if isinstance(load, Load) and load.cells is not None and load.matrix.shape[1] == len(load.points):
-            raise SceneError(f"error_bound: there is no bound for {load.subject}, a body force of one component.")
     if posed.curves:
         raise SceneError(
             f"error_bound: there is no bound for {', '.join(posed.curves)} along a curve: a polygon, over whose "

@@ -42,6 +42,9 @@ friction and contact they are so in two ways:
 
 For v and z_h one may take v + w and z_h + w_z of :mod:`.hypercircle`, richer inside of the body, the former on contact
 the same.
+
+Loads and quantities are known at points. What these may misread moves q(u) by e(z_h) of the load, by e_z(u) of the
+quantity, and by A_z eta in what friction and contact may do on z (:mod:`.reading`): an allowance, which is an estimate.
 """
 
 from __future__ import annotations
@@ -59,6 +62,7 @@ from vemcvx.bound.data_oscillation import DataOscillation
 from vemcvx.bound.displacement import VALUES, strains_at_stations
 from vemcvx.bound.fan import RULE_WEIGHTS, inner, stresses_of
 from vemcvx.bound.hypercircle import Hypercircle, Pair, check_bounded, hypercircle, outline_of
+from vemcvx.bound.reading import Reading
 from vemcvx.bound.skeleton import Instant, Skeleton, at_ends
 from vemcvx.bound.surface import Boundary
 from vemcvx.effects import Contribution, Effect, Friction, MaterialLaw, Obstacle, Support
@@ -68,7 +72,7 @@ from vemcvx.linear import choose_linear
 from vemcvx.meshes.polygons import positions
 from vemcvx.outline import Outline, Outlined
 from vemcvx.scene import Scene
-from vemcvx.scene.contact_table import ContactRows
+from vemcvx.scene.contact_table import ContactRows, jump_rows
 from vemcvx.scene.pose import PosedScene, pose_scene, unwarned
 from vemcvx.scene.supports import by_precedence, resolve
 from vemcvx.vem import Space, tangents_of
@@ -88,11 +92,18 @@ class QuantityBound(Outlined):
         The interval.
     guaranteed : bool
         True if q(u) is between low and high by a theorem: in scenes without friction and one-sided contact, and where
-        they are `certain`. Otherwise they are an estimate: what sticks, slips and opens is taken to be the same on the
-        continuum, which on coarse meshes may be wrong where contact opens.
+        they are `certain`, if besides the load and the quantity are polynomials as far as points tell (`reading` is
+        zero). With friction or one-sided contact low and high are an estimate: what sticks, slips and opens is taken
+        to be the same on the continuum, which on coarse meshes may be wrong, with friction as well as where contact
+        opens. The width says nothing of that: an interval may have none and be 4 % off, as that of the force of a
+        support may where all friction slips.
     certain : (float, float)
-        The interval that is a theorem in any case (with Coulomb's law for the friction that the pressure of the run
-        gives); with friction and contact it is wider, and infinite where nothing else holds the body.
+        The interval that needs no such assumption (with Coulomb's law it is for the friction that the pressure of the
+        run gives): a theorem for data as read at points. With friction and contact it is wider, and infinite where
+        nothing else holds the body.
+    reading : float
+        Of the half width of low and high the allowance for what points may misread of the load and of the quantity: an
+        estimate, from a second, finer reading; zero if both agree (:mod:`vemcvx.bound.reading`).
     """
 
     step: int
@@ -101,6 +112,7 @@ class QuantityBound(Outlined):
     high: float
     guaranteed: bool
     certain: tuple[float, float]
+    reading: float = 0.0
 
     @property
     def error(self) -> float:
@@ -109,7 +121,16 @@ class QuantityBound(Outlined):
 
     def outline(self) -> Outline:
         """The outline for prompts and notebooks: the interval, and whether it is a theorem."""
-        kind = "guaranteed" if self.guaranteed else "estimate: what sticks, slips and opens taken to be that of the run"
+        frozen = self.certain != (self.low, self.high)
+        kind = "estimate: what sticks, slips and opens taken to be that of the run" if frozen else "guaranteed"
+        kind += (
+            "; its width does not say how far that is off"
+            if frozen and self.high - self.low <= 1e-9 * abs(self.value)
+            else ""
+        )
+        kind += (
+            f", for loads as read at points, with {self.reading:.2g} for what may be misread" if self.reading else ""
+        )
         lines = [
             ("interval", f"{self.low:.8g} ... {self.high:.8g}, {kind}"),
             ("certain", f"{self.certain[0]:.8g} ... {self.certain[1]:.8g}"),
@@ -146,7 +167,15 @@ def quantity_bound(
         own = _interval(primal, fields, dual.unknown_work(fields, held, pair))
     plain = _Fields.of(circle, replace(pair, w=0.0 * pair.w), now.t)
     value = fields.quantity_of(plain) - float(np.sum(history.forces[history.row(step)] * dual.lifted))
-    return QuantityBound(step=step, value=value, low=own[0], high=own[1], guaranteed=own == certain, certain=certain)
+    return QuantityBound(
+        step=step,
+        value=value,
+        low=own[0],
+        high=own[1],
+        guaranteed=own == certain and primal.read.exact and fields.read.exact,
+        certain=certain,
+        reading=_misread(primal, fields),
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -250,8 +279,7 @@ class _Held:
     @classmethod
     def acting(cls, circle: Hypercircle) -> _Held:
         """Friction and obstacles hold wherever they may act."""
-        edges, terms, obstacles = circle.boundary.edges, circle.posed.terms, circle.posed.obstacles
-        return cls(circle.boundary, *(_everywhere(edges, rows) for rows in (terms, obstacles)))
+        return cls(circle.boundary, *circle.boundary.acting)
 
     @classmethod
     def frozen(cls, circle: Hypercircle, now: Instant, sticking: Bools) -> _Held:
@@ -287,10 +315,10 @@ class _Held:
         return held
 
 
-def _everywhere(edges: Skeleton, rows: ContactRows, holds: Bools | None = None) -> Bools:
-    """(b,) on which edges there is a row, and all rows there hold (m,), by default all."""
+def _everywhere(edges: Skeleton, rows: ContactRows, holds: Bools) -> Bools:
+    """(b,) on which edges there is a row, and all rows there hold (m,)."""
     some = np.ones(len(rows.nodes))
-    ends = at_ends(edges, rows, np.column_stack([some, 0.0 * some if holds is None else some - holds]))
+    ends = at_ends(edges, rows, np.column_stack([some, some - holds]))
     held: Bools = np.asarray(ends[..., 0].any(axis=1)) & ~np.asarray(ends[..., 1].any(axis=1))
     return held
 
@@ -344,6 +372,7 @@ class _Fields:
     pair: Pair
     prestress: Floats
     """sigma_0 (n_cells, 3)"""
+    t: float
     v: tuple[Floats, ...]
     """(c, n, 20) of each chunk of cells the values of v + w at the nodes of triangles"""
     defects: tuple[Floats, ...]
@@ -361,7 +390,19 @@ class _Fields:
             values.append(displacement.nodal(outline_of(fans, pair.u)) + richer + of_body)
             defects.append(pair.defects[k] - stresses_of(fans, strains_at_stations(fans, richer)))
         prestress, squares = _prestress(circle, t), circle.squares(defects)
-        return cls(circle, pair, prestress, v=tuple(values), defects=tuple(defects), squares=squares)
+        return cls(circle, pair, prestress, t, v=tuple(values), defects=tuple(defects), squares=squares)
+
+    @cached_property
+    def read(self) -> Reading:
+        """How well the load of the pair is read."""
+        return self.circle.reading(self.pair, self.t)
+
+    @property
+    def on_edges(self) -> tuple[Floats, Floats]:
+        """v + w on boundary edges: (b, 2, 2) at their ends, and (b, 2) the parabola."""
+        w = self.pair.w.reshape(-1, 2)
+        of_ends = w[self.circle.boundary.edges.outer_edges]
+        return self.ends + of_ends, w[self.circle.middles] - 0.5 * of_ends.sum(axis=1)
 
     @property
     def A2(self) -> float:
@@ -449,9 +490,12 @@ class _Dual:
         edges, forces = primal.boundary.edges, BodyForces(primal.fans)
         boundary = Boundary(posed, edges, DataOscillation(posed, edges))
         circle = replace(primal, posed=posed, boundary=boundary, body_forces=forces)
-        own = primal.posed
-        touched = abs(sp.vstack([own.terms.rows, own.obstacles.rows]) @ own.supports.P).sum(axis=0)
-        return self._fields(circle, np.flatnonzero(np.asarray(touched).ravel() == 0.0))
+        points, rows = primal.posed.space.mesh.points, []
+        for acts, ways in zip(primal.boundary.acting, (edges.tangents, edges.units), strict=True):
+            ends, across = edges.outer_edges[acts].ravel(), edges.joints.across[acts].ravel()
+            rows.append(jump_rows(ends, across, np.repeat(ways[acts], 2, axis=0)[:, None], points))
+        touched = abs(sp.vstack(rows) @ primal.posed.supports.P).sum(axis=0)
+        return self._fields(circle, np.flatnonzero(np.asarray(touched).ravel() < 1e-9))
 
     def frozen(self, held: _Held) -> _Fields:
         """z and stress of the problem in which these edges are held, as far as z_D does not move them."""
@@ -491,11 +535,7 @@ class _Dual:
         bound, bias, friction = pair.surface.laws
         most = np.zeros(len(edges.outer))
         np.maximum.at(most, boundary.fine.piece_owner, np.max(bound + np.abs(friction - bias), axis=1))
-        w = fields.pair.w.reshape(-1, 2)
-        ends = fields.ends + w[edges.outer_edges]
-        middles = w[fields.circle.middles]
-        bent = middles - 0.5 * w[edges.outer_edges].sum(axis=1)
-        size = [np.abs(np.einsum("b...d,bd->b...", one, edges.tangents)) for one in (ends, bent)]
+        size = [np.abs(np.einsum("b...d,bd->b...", one, edges.tangents)) for one in fields.on_edges]
         work = most * edges.lengths * (0.5 * size[0].sum(axis=1) + 2.0 / 3.0 * size[1])
         return float(np.sum(work[held.slip & along]))
 
@@ -520,5 +560,14 @@ def _interval(primal: _Fields, dual: _Fields, unknown: float) -> tuple[float, fl
         + float(np.sqrt(dual.A2)) * radius
         + 0.5 * float(np.sum(dual.pair.oscillation * np.sqrt(primal.squares)))
     )
-    width += 0.5 * float(np.sum(np.sqrt(dual.pair.springs * pair.springs)))
+    width += 0.5 * float(np.sum(np.sqrt(dual.pair.springs * pair.springs))) + _misread(primal, dual)
     return middle - width, middle + width
+
+
+def _misread(primal: _Fields, dual: _Fields) -> float:
+    """The allowance for what may be misread of the load, on z_h, and of the quantity, on u."""
+    if primal.read.exact and dual.read.exact:
+        return 0.0
+    eta, eta_z = primal.read.energy(), dual.read.energy()
+    works = primal.read.work(dual.v, *dual.on_edges) + dual.read.work(primal.v, *primal.on_edges)
+    return works + float(np.sqrt(dual.A2)) * eta + eta_z * (primal.pair.upper + eta)

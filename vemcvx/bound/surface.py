@@ -16,6 +16,7 @@ each >= 0. On a piece where s changes its sign |s| is not linear; the line betwe
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -143,14 +144,27 @@ class Boundary:
         moves[joints.first] = (moves[joints.first] | moves[joints.second]) & ~bonded
         return moves
 
+    def _bearing(self, rows: Iterable[Friction | Obstacle]) -> Bools:
+        """(b,) the edges of these."""
+        found = np.zeros(len(self.edges.outer), dtype=bool)
+        for one in rows:
+            found[self.fine.piece_owner[self._pieces(one)[0]]] = True
+        return found
+
+    @cached_property
+    def acting(self) -> tuple[Bools, Bools]:
+        """(b,) the edges on which friction, and obstacles, may act, also those that assembled as zero."""
+        parts = self.oscillation.parts
+        slip = self._bearing(friction for part in parts for friction in part.frictions)
+        normal = self._bearing(obstacle for part in parts for obstacle in part.obstacles)
+        return slip & self._moves(self.edges.tangents), normal & self._moves(self.edges.units)
+
     @cached_property
     def touching(self) -> Bools:
         """(b,) edges on which friction or obstacles act, or another body is bonded."""
-        found, joints = np.zeros(len(self.edges.outer), dtype=bool), self.edges.joints
-        for part in self.oscillation.parts:
-            acting: tuple[Friction | Obstacle, ...] = (*part.frictions, *part.obstacles)
-            for rows in acting:
-                found[self.fine.piece_owner[self._pieces(rows)[0]]] = True
+        parts, joints = self.oscillation.parts, self.edges.joints
+        found = self._bearing(friction for part in parts for friction in part.frictions)
+        found |= self._bearing(obstacle for part in parts for obstacle in part.obstacles)
         found[joints.first] |= self.bonds.any(axis=(1, 2))
         found |= self.springs.any(axis=(1, 2))
         found[joints.second] |= found[joints.first]
@@ -242,7 +256,7 @@ class Boundary:
         SceneError
             Something has no bound.
         """
-        owner, loads = self.fine.piece_owner, self._loads(now.t)
+        owner, loads = self.fine.piece_owner, self.tractions(now.t, self.gauss)
         laws = self._laws(now, before)
         theta, presses = self._theta(now, laws), [self._pressing(now, compliant) for compliant in (False, True)]
         if self.motions.shape[1]:
@@ -281,7 +295,7 @@ class Boundary:
         rounding = 1e-13 * np.abs(traction).max(initial=0.0)
         bent[np.abs(bent) <= rounding * lengths] = 0.0
         tips = (4.0 * moments[:, :2] - 2.0 * moments[:, 1::-1]) / lengths[..., None]
-        s, mean = self._gauss[..., None], (bent / lengths)[owner, None]
+        s, mean = self.gauss[..., None], (bent / lengths)[owner, None]
         rest = traction - (1.0 - s) * tips[owner, :1] - s * tips[owner, 1:] - (1.0 - 6.0 * s * (1.0 - s)) * mean
         rest[np.abs(rest) <= rounding] = 0.0
         return totals(owner, np.einsum("kq,kqd,kqd->k", self._weights, rest, rest), len(bent)), bent
@@ -298,46 +312,52 @@ class Boundary:
     # Loads.
 
     @cached_property
-    def _gauss(self) -> Floats:
+    def gauss(self) -> Floats:
         """(k, 3) where Gauss points are on their edges."""
-        places: Floats = self._along.mean(axis=1)[:, None] + 0.5 * np.diff(self._along, axis=1) * GAUSS
-        return places
+        return self.rule(GAUSS, GAUSS_WEIGHTS)[0]
 
     @cached_property
     def _weights(self) -> Floats:
-        weights: Floats = 0.5 * self.lengths[:, None] * GAUSS_WEIGHTS
-        return weights
+        return self.rule(GAUSS, GAUSS_WEIGHTS)[1]
+
+    def rule(self, points: Floats, weights: Floats) -> tuple[Floats, Floats]:
+        """(k, q) where the points in [-1, 1] of a rule are on edges, and their weights on pieces."""
+        places: Floats = self._along.mean(axis=1)[:, None] + 0.5 * np.diff(self._along, axis=1) * points
+        return places, 0.5 * self.lengths[:, None] * weights
 
     def moments(self, traction: Floats) -> Floats:
         """(b, 3, 2) int t phi of tractions (k, 3, 2), phi being linear from either end, and the parabola."""
-        s, found = self._gauss, np.zeros((len(self.edges.outer), 3, 2))
+        return self.works(self.gauss, self._weights, traction)
+
+    def works(self, s: Floats, weights: Floats, traction: Floats) -> Floats:
+        """The same by any rule, with places and weights (k, q) of tractions (k, q, 2)."""
+        found = np.zeros((len(self.edges.outer), 3, 2))
         for place, phi in enumerate((1.0 - s, s, 4.0 * s * (1.0 - s))):
-            np.add.at(found[:, place], self.fine.piece_owner, np.einsum("kq,kqd->kd", self._weights * phi, traction))
+            np.add.at(found[:, place], self.fine.piece_owner, np.einsum("kq,kqd->kd", weights * phi, traction))
         return found
 
-    def _loads(self, t: float) -> Floats:
-        """(k, 3, 2) tractions of loads."""
-        owner, s = self.fine.piece_owner, self._gauss
+    def tractions(self, t: float, s: Floats) -> Floats:
+        """(k, q, 2) tractions of loads at places (k, q) of edges."""
+        owner = self.fine.piece_owner
         start, stop = self.posed.space.mesh.points[self.edges.outer_edges[owner]].swapaxes(0, 1)
         x = start[:, None] + s[..., None] * (stop - start)[:, None]
         traction = np.zeros(x.shape)
-        for load in self.posed.loads:
-            if isinstance(load, Load) and load.edges is not None:
-                edge, factor = self._factors(load)
-                on = np.flatnonzero(np.isin(owner, edge))
-                values = load.at(x[on].reshape(-1, 2), t).reshape(len(on), 3, -1)
-                traction[on] += np.einsum("kdc,kqc->kqd", factor[np.searchsorted(edge, owner[on])], values)
+        for load in (load for part in self.oscillation.parts for load in part.loads):
+            if load.edges is not None:
+                piece, factor = self._factors(load)
+                values = load.at(x[piece].reshape(-1, 2), t).reshape(len(piece), x.shape[1], -1)
+                traction[piece] += np.einsum("kdc,kqc->kqd", factor, values)
         return traction
 
     def _factors(self, load: Load) -> tuple[Ints, Floats]:
-        """The edges (e,) of a load, and the matrices (e, 2, j) by which its datum is a force per length."""
+        """The pieces (k,) of a load, and the matrices (k, 2, j) by which its datum is a force per length."""
         assert load.edges is not None
         entries, width = load.matrix.tocoo(), load.matrix.shape[1] // len(load.points)
-        where = positions(load.edges, self.edges.outer_edges, self.posed.space.mesh.n_nodes)
-        edge, place = np.unique(where, return_inverse=True)
-        sums = np.zeros((len(edge), 2, width))
+        where = positions(load.edges, self.fine.pieces, self.fine.mesh.n_nodes)
+        piece, place = np.unique(where, return_inverse=True)
+        sums = np.zeros((len(piece), 2, width))
         np.add.at(sums, (place[entries.col // width], entries.row % 2, entries.col % width), entries.data)
-        return edge, sums / self.edges.lengths[edge, None, None]
+        return piece, sums / self.lengths[piece, None, None]
 
     # Friction.
 

@@ -271,11 +271,13 @@ def _guaranteed(history: History) -> str:
     """The bound of the mesh's error in a step, where the run was asked for it."""
     if (bound := history.bound) is None:
         return ""
+    misread = bound.get("reading", 0.0)
+    but = f" and loads as read at points, but for {misread:.2g}, an estimate of what these misread"
     return (
         f"<p>In every step the error of the mesh, given the step before, is at most {100 * bound['relative']:.3g} % of "
         f"the largest energy norm of the run: {bound['lower']:.4g} to {bound['upper']:.4g} in step "
-        f"{bound['step']:.0f}, where it may be largest. This is a theorem for any mesh and "
-        f"material: no constant was estimated.</p>{_guaranteed_force(history)}"
+        f"{bound['step']:.0f}, where it may be largest. This is a theorem for any mesh and material"
+        f"{but if misread else ''}: no constant was estimated.</p>{_guaranteed_force(history)}"
     )
 
 

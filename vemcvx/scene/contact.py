@@ -63,7 +63,7 @@ class Terms(ContactRows):
     def bias(self, t: float) -> Floats:
         """The bias (m,) at the instant `t`, along the tangent of each term."""
         each = [np.zeros(len(f.nodes)) if f.bias is None else f.bias(t) for f in self.frictions]
-        total: Floats = self.gather @ (self.sign * np.concatenate(each))
+        total: Floats = self.gather @ (self.sign * np.concatenate([np.zeros(0), *each]))
         return total
 
 

@@ -1,0 +1,285 @@
+"""Bounds and the data that they read: what lies between points of assembly, and between the points that bounds read."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+import pytest
+from bounds import circle_of, error_from
+
+import vemcvx as vx
+
+pytestmark = pytest.mark.arithmetic
+
+STEEL = vx.Elasticity(young=200.0, poisson=0.3)
+BAR = (vx.Elasticity(1.0, 0.0), vx.Symmetry(on=["top", "bottom"]))
+
+
+def along(of):
+    """A datum along x that grows in time."""
+    return lambda x, t: t * np.column_stack([of(x), 0.0 * x[:, 0]])
+
+
+def strip(x):
+    return 1.0 * (abs(x[:, 0] - 0.4398) < 0.025)
+
+
+def patch(x):
+    return 1.0 * (abs(x[:, 1] - 0.375) < 0.04)
+
+
+def run(*effects, n=4):
+    return vx.simulate(vx.Scene(*effects), vx.meshes.squares(n), [0.0, 1.0])
+
+
+# What assembles as zero.
+
+STRIP = (*BAR, vx.Symmetry(on="right"), vx.BodyForce(along(strip)))
+PRESSED = (vx.Elasticity(1.0, 0.3), vx.Clamp(on="right"))
+
+
+@pytest.mark.parametrize(
+    ("effects", "true"),
+    [
+        (STRIP, 0.0371),
+        ((*STRIP, vx.BodyForce(lambda x, t: (1e-3 * t, 0.0))), 0.0371),
+        ((*PRESSED, vx.Traction(along(patch), on="left")), 0.00723),
+        ((*PRESSED, vx.Pressure(lambda x, t: t * patch(x), on="left")), 0.00723),
+    ],
+)
+def test_loads_that_assemble_as_zero_are_in_the_bound(effects, true):
+    history = run(*effects)
+    assert vx.error_bound(history, -1).upper >= true
+
+
+@pytest.mark.slow
+def test_loads_that_assemble_as_zero_are_in_the_bounds_of_runs_and_of_meshes():
+    scene, mesh = vx.Scene(*PRESSED, vx.Traction(along(patch), on="left")), vx.meshes.squares(4)
+    history = vx.simulate(scene, mesh, [0.0, 1.0], bound=True)
+    assert history.inactive
+    assert history.bound["upper"] >= 0.00723
+    found = vx.adapt(scene, mesh, [0.0, 1.0], target=0.3, estimate="bound")
+    assert found.history.mesh.n_cells > mesh.n_cells
+
+
+RUBS = vx.TrescaFriction(lambda x, t: 60.0 * ((x[:, 0] > 0.28) & (x[:, 0] < 0.47)), on="bottom")
+
+
+@pytest.mark.slow
+def test_friction_that_is_zero_at_nodes_holds_all_the_same():
+    """A finer run, where nodes see it, moves by .02994; without it the body moves by .0345."""
+    push = vx.Traction(lambda x, t: (8.0 * t, 0.0), on="left")
+    history = run(STEEL, vx.Clamp(on="right"), push, vx.BilateralContact(on="bottom"), RUBS)
+    assert history.inactive
+    bound = vx.error_bound(history, -1, of=vx.Traction((1.0, 0.0), on="left"))
+    assert bound.certain[0] <= 0.02994 <= bound.certain[1]
+    assert vx.error_bound(history, -1).upper >= 0.03
+    whole = vx.error_bound(history)
+    assert whole.upper[-1] >= vx.error_bound(history, -1).upper
+
+
+# Loads that no rule integrates exactly, along a bar: u' is minus the integral of f. Quantities are read, too.
+
+
+def jump(x):
+    return 1.0 * (x[:, 0] < 0.6)
+
+
+def blunt_jump(x):
+    return 1.0 * (abs(x[:, 0] - 0.37) < 0.1)
+
+
+def peak(x):
+    return np.exp(-((x[:, 0] - 0.5) ** 2) / 0.02)
+
+
+def kink(x):
+    return abs(x[:, 0] - 0.4)
+
+
+def waves(k, x):
+    return np.sin(k * x[:, 0])
+
+
+LOADS = {
+    "jump": jump,
+    "strip": strip,
+    "wide strip": blunt_jump,
+    "peak": peak,
+    "kink": kink,
+    "waves": partial(waves, 20.0),
+    "long waves": partial(waves, 9.0),
+    "cubic": lambda x: x[:, 0] ** 3,
+}
+
+
+def bar(of):
+    """A run, its exact force on the right, mean displacement on the left and least energy."""
+    s = np.linspace(0.0, 1.0, 100_001)
+    force = np.append(0.0, np.cumsum(of(0.5 * (s[1:, None] + s[:-1, None])) * np.diff(s)))
+    mean, square = (np.trapezoid(one, s) for one in (force, force**2))
+    return run(*BAR, vx.Clamp(on="right"), vx.BodyForce(along(of))), -force[-1], mean, -0.5 * square
+
+
+@pytest.mark.parametrize("name", LOADS)
+def test_what_is_misread_of_loads_is_allowed_for(name):
+    history, force, mean, least = bar(LOADS[name])
+    exact, known = name == "cubic", 1e-6
+    for of, truth in (
+        (vx.PrescribedDisplacement((1.0, 0.0), on="right"), force),
+        (vx.Traction((1.0, 0.0), on="left"), mean),
+    ):
+        found = vx.error_bound(history, -1, of=of)
+        assert found.low - known <= truth <= found.high + known
+        assert found.guaranteed == exact == (found.reading == 0.0)
+        assert ("read at points" in repr(found)) != exact
+    bound = vx.error_bound(history, -1)
+    assert bound.potential[0] - known <= least <= bound.potential[1] + known
+    assert bound.kind == ("bound" if exact else "bound for loads as read at points")
+
+
+def ellipse(x):
+    """Hertz: of the radius .25 and the force .2 pi .5."""
+    return 0.8 * np.sqrt(np.maximum(0.0, 1.0 - ((x[:, 1] - 0.5) / 0.25) ** 2))
+
+
+@pytest.mark.parametrize(("of", "force"), [(ellipse, 0.1 * np.pi), (lambda x: 1.0 * (x[:, 1] > 0.4), 0.6)])
+def test_what_is_misread_of_tractions_is_allowed_for(of, force):
+    history = run(*PRESSED, vx.Traction(along(of), on="left"))
+    found = vx.error_bound(history, -1, of=vx.PrescribedDisplacement((1.0, 0.0), on="right"))
+    assert found.low <= -force <= found.high
+    assert not found.guaranteed
+    assert found.high - found.low < 0.02 * force
+
+
+def true_error(history, of):
+    """|u - v|_a, by the rule of bounds for its square."""
+    s = np.linspace(0.0, 1.0, 100_001)
+    force = np.append(0.0, np.cumsum(of(0.5 * (s[1:, None] + s[:-1, None])) * np.diff(s)))
+
+    def strain(x):
+        return np.column_stack([-np.interp(x[:, 0], s, force), 0.0 * x])
+
+    return error_from(circle_of(history), history.displacement[-1], 1.0, strain)
+
+
+NARROW = {"narrow peak": lambda x: np.exp(-0.5 * ((x[:, 0] - 0.37) / 0.02) ** 2), "short waves": partial(waves, 60.0)}
+
+
+@pytest.mark.parametrize("name", [*LOADS, *NARROW])
+def test_bounds_from_both_sides_allow_for_what_is_misread(name):
+    of = {**LOADS, **NARROW}[name]
+    history = bar(of)[0]
+    bound, true = vx.error_bound(history, -1), true_error(history, of)
+    # Strains bend within triangles, whose rule is some hundredths off.
+    assert 0.95 * bound.lower <= true <= 1.05 * bound.upper
+
+
+def test_quantities_that_assemble_as_zero_are_no_zeros():
+    effects = (*BAR, vx.Clamp(on="right"), vx.BodyForce(along(lambda x: 1.0 + 0.0 * x[:, 0])))
+
+    def narrow(x, t):
+        return np.column_stack([(abs(x[:, 1] - 0.125) < 0.025) / 0.05, 0.0 * x[:, 0]])
+
+    bound = vx.error_bound(run(*effects), -1, of=vx.Traction(narrow, on="left"))
+    assert bound.low <= 0.5 <= bound.high
+    assert not bound.guaranteed
+
+
+def test_estimates_without_width_say_that_it_means_nothing():
+    """All friction slips in the run, so that the load less friction is all; in truth some sticks beside the clamp."""
+    push = vx.Traction(lambda x, t: (8.0 * t, 0.0), on="left")
+    slides = vx.BilateralContact(on="bottom"), vx.TrescaFriction(2.0, on="bottom")
+    of = vx.PrescribedDisplacement((1.0, 0.0), on="right")
+    bound = vx.error_bound(run(STEEL, vx.Clamp(on="right"), push, *slides), -1, of)
+    assert not bound.guaranteed
+    assert bound.high - bound.low <= 1e-9
+    assert "its width does not say" in repr(bound)
+    assert bound.certain[1] - bound.certain[0] > 0.1
+
+
+# Between instants: a layer in uniform shear, of which the mesh loses nothing; the truth is a run in fine steps.
+
+SIDES = vx.PrescribedDisplacement(0.0, on=["left", "right"], direction=(0.0, 1.0))
+LAYER = (vx.Elasticity(2.0, 0.0), SIDES, vx.BilateralContact(on="bottom"))
+
+
+def sheared(course, bound=0.5):
+    def stress(x, t):
+        return np.tile([0.0, 0.0, course(t)], (len(x), 1))
+
+    return *LAYER, vx.Clamp(on="top"), vx.Prestress(stress), vx.TrescaFriction(bound, on="bottom")
+
+
+def uniform(course):
+    return lambda x, t: np.tile([course(t), 0.0], (len(x), 1))
+
+
+def bump(t):
+    return max(0.0, 1.0 - abs(t - 0.55) / 0.04)
+
+
+def dip(x, t):
+    return np.full(len(x), 0.5 - 0.4 * max(0.0, 1.0 - abs(t - 0.55) / 0.05))
+
+
+def pulse(t):
+    return 0.4 * t + 0.4 * max(0.0, 1.0 - abs(t - 0.555) / 0.005)
+
+
+def ripples(t):
+    return 0.45 * t + 0.3 * np.sin(40.0 * np.pi * t)
+
+
+def fast_ripples(t):
+    return 0.4 * np.sin(2.0 * np.pi * t) + 0.35 * np.sin(512.0 * np.pi * t)
+
+
+COURSES = {
+    "bump": (sheared(bump), 2),
+    "bump in three steps": (sheared(bump), 3),
+    "ground": ((*LAYER, vx.Clamp(on="top"), vx.TrescaFriction(0.5, on="bottom", ground=uniform(bump))), 2),
+    "support": ((*LAYER, vx.PrescribedDisplacement(uniform(bump), on="top"), vx.TrescaFriction(0.5, on="bottom")), 2),
+    "bound": (sheared(lambda t: 0.45, dip), 2),
+    "waves": (sheared(lambda t: 0.7 * np.sin(16.0 * np.pi * t)), 2),
+    "pulse": (sheared(pulse), 10),
+    "ripples": (sheared(ripples), 5),
+    "more ripples": (sheared(ripples), 10),
+    "fast ripples": (sheared(fast_ripples), 32),
+}
+QUICK = ("ground", "support")
+
+
+@pytest.mark.parametrize(
+    "name", [one if one in QUICK else pytest.param(one, marks=pytest.mark.slow) for one in COURSES]
+)
+def test_what_happens_between_instants_is_in_the_bound_and_named(name, caplog):
+    effects, steps = COURSES[name]
+    scene, mesh, times = vx.Scene(*effects), vx.meshes.squares(1), np.linspace(0.0, 1.0, steps + 1)
+    # Of what is piecewise linear, with bends at hundredths, a run at these loses nothing.
+    finer = np.union1d(times, np.linspace(0.0, 1.0, 101 if name in QUICK else 2001))
+    history, fine = vx.simulate(scene, mesh, times), vx.simulate(scene, mesh, finer)
+    caplog.clear()
+    with caplog.at_level("WARNING", logger="vemcvx"):
+        bound = vx.error_bound(history)
+    assert "error_bound: data" in caplog.text
+    assert "for linear between" in caplog.text or "not linear between" in caplog.text
+    at = np.searchsorted(fine.times, times - 1e-12)
+    circle = circle_of(fine)
+    for n in range(1, steps + 1):
+        apart = circle.distance(history.displacement[n], fine.displacement[at[n]])
+        assert apart <= bound.upper[n] * (1.0 + 1e-9)
+    # Bends that were found are met; what is looked at once between readings is only as read.
+    assert (bound.kind == "bound") == ("not linear between" not in caplog.text)
+
+
+@pytest.mark.parametrize("steps", [1, pytest.param(2, marks=pytest.mark.slow)])
+def test_supports_may_move_nonlinearly_in_time(steps):
+    """They are read at more instants; what is refused is motion that is nonlinear along edges."""
+    moved = vx.PrescribedDisplacement(uniform(lambda t: t**2), on="top")
+    scene, mesh = vx.Scene(*LAYER, moved, vx.TrescaFriction(0.5, on="bottom")), vx.meshes.squares(1)
+    history = vx.simulate(scene, mesh, np.linspace(0.0, 1.0, steps + 1))
+    fine = vx.simulate(scene, mesh, np.linspace(0.0, 1.0, 65))
+    apart = circle_of(fine).distance(history.displacement[-1], fine.displacement[-1])
+    assert apart <= vx.error_bound(history).upper[-1] <= 0.05

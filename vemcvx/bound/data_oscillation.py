@@ -36,7 +36,6 @@ from types import MappingProxyType
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.fft import dst
 
 from vemcvx.arrays import Bools, Floats, Ints, totals
 from vemcvx.bound.skeleton import Instant, Skeleton, at_ends, body_forces, edge_loads, pressures_at_ends
@@ -389,6 +388,8 @@ class DataOscillation:
 
     def _motion(self, at: Ints, apart: Floats) -> Floats:
         """mu pi sum_k k |d_k|^2 of the sine series of displacements (k, 2) at new nodes, zero at all others."""
+        from scipy.fft import dst
+
         d, found = np.zeros((len(self.fine.owner), 2)), np.zeros(len(self.edges.outer))
         np.add.at(d, at, apart)
         inner = np.bincount(self.fine.owner)

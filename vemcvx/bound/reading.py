@@ -26,7 +26,7 @@ from vemcvx.bound.data_oscillation import POINCARE, DataOscillation
 from vemcvx.bound.displacement import VALUES, spread
 from vemcvx.bound.fan import COEFFICIENTS, RULE_WEIGHTS, TRIANGLES, Fans, monomials
 from vemcvx.bound.surface import GAUSS, GAUSS_WEIGHTS, Boundary
-from vemcvx.meshes.polygons.geometry import RADON_POINTS, RADON_WEIGHTS
+from vemcvx.meshes.polygons import RADON_POINTS, RADON_WEIGHTS
 
 SAFETY = 2.0
 """With this exact quantities took .65 of their allowance at most: 60 body forces with jumps, strips and peaks at random

@@ -550,6 +550,7 @@ def test_the_command_line_says_the_bound(tmp_path):
     assert "--bound" in (tmp_path / "report.html").read_text()
 
 
+@pytest.mark.long
 def test_adapted_meshes_meet_their_target_by_the_bound():
     found = vx.adapt(paper_scene(), vx.meshes.squares(4), [0.0, 1.0], 0.12, estimate="bound")
     assert found.met

@@ -132,6 +132,7 @@ def test_an_accuracy_that_is_missed_is_shown(ran, solver, accuracy, word, monkey
     )
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("runs_once")
 def test_check_says_so_in_a_line():
     code, said = call("app", "--check")
@@ -416,6 +417,7 @@ def test_sessions_are_bounded(monkeypatch):
     asyncio.run(try_them())
 
 
+@pytest.mark.long
 def test_a_server_that_ends_by_itself_is_an_error(monkeypatch, ran):
     import uvicorn
 

@@ -91,6 +91,7 @@ def test_it_needs_nothing_else(paper):
     assert "@import" not in style
 
 
+@pytest.mark.long
 def test_it_has_the_quantities_with_their_errors(paper):
     told, text = json.loads((paper[0] / "summary.json").read_text()), Reader(paper[1]).text
     names = {"dissipated": "dissipated by friction", "work": "work of forces and supports", "wear": "largest wear"}

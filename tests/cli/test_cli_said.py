@@ -53,6 +53,7 @@ def test_words_longer_than_the_line_stay_whole():
     assert terminal.broken(f"files  {path} and", 16) == f"files  {path}\n       and"
 
 
+@pytest.mark.long
 def test_pipes_get_whole_lines(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "40")

@@ -51,6 +51,7 @@ def test_a_sentence_ends_at_its_own_full_stop(tmp_path):
         assert supplied.Supplied(file).sentence == first
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("command", ["run", "show"])
 def test_a_problem_is_found_by_its_name(command):
     code, said = call(command, "feng_han_huang", "--n", "4", *(("--steps", "2") if command == "run" else ()))

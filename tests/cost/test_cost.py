@@ -128,6 +128,7 @@ def test_rows_are_what_simulate_gives(killed):
         assert float(row["wall"]) > int(row["repeats"]) / 3 * float(row["seconds"])
 
 
+@pytest.mark.long
 def test_it_says_what_to_use_and_how_certain_the_reference_is(killed):
     folder, _, done = killed
     reference = read_reference(folder)

@@ -29,6 +29,7 @@ def call(*words):
 FAMILIES = {**vx.meshes.FAMILIES, **vx.meshes.SPACE_FAMILIES}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("family", FAMILIES)
 def test_coarse_meshes_tell_the_size_of_fine_ones(family):
     n = 10 if family in vx.meshes.SPACE_FAMILIES else 32

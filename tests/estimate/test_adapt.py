@@ -90,6 +90,7 @@ def test_passes_grow_and_the_last_one_is_the_result():
     assert "estimated" in found.history.summary()
 
 
+@pytest.mark.long
 def test_the_stored_result_names_the_three_parts(tmp_path):
     found = vx.adapt(paper_scene(), vx.meshes.squares(4), [0.0, 1.0], 0.1)
     found.history.write(tmp_path)
@@ -106,6 +107,7 @@ def test_too_few_unknowns_are_said():
     assert found.summary().endswith("not met")
 
 
+@pytest.mark.long
 def test_solvers_are_asked_for_no_more_than_the_target_needs():
     told = []
     found = vx.adapt(

@@ -22,6 +22,7 @@ def space_of(scene, mesh):
     return vx.error_budget(vx.simulate(scene, mesh, [0.0, 0.5, 1.0])).space
 
 
+@pytest.mark.long
 def test_constant_shear_has_no_residual_on_either_body():
     """In stick and in full slip: the traction on the upper block is minus that on the lower one."""
     sides = [f"{body}.{side}" for body in ("lower", "upper") for side in ("left", "right")]
@@ -88,6 +89,7 @@ def test_pressure_across_a_curve_counts_on_its_chords():
     assert found[1] < 0.3 * found[0]
 
 
+@pytest.mark.long
 def test_bonded_blocks_have_the_budget_of_one_body():
     """Jumps across the joint are boundary residuals, the tangential ones against a multiplier: never less.
 
@@ -151,6 +153,7 @@ def test_effectivity_on_two_blocks_in_full(young):
     assert max(found) <= 5.0
 
 
+@pytest.mark.long
 def test_a_gap_that_nodes_miss_is_seen_between_bodies():
     """What is between nodes is measured against the jump, however far both bodies have moved."""
 

@@ -72,6 +72,7 @@ def test_nearly_incompressible_in_passing(slip):
     assert errors[1] == pytest.approx(errors[0], rel=0.1)
 
 
+@pytest.mark.long
 def test_any_increasing_course_of_the_load(slip):
     """The quasistatic twin: phi(t) u in uneven steps of phi = t^3 has at every step the error of the one big step."""
     once = slip_errors(slip, "voronoi", 1.0, (8,))[1:, 0]
@@ -114,6 +115,7 @@ def test_first_order_in_the_step_to_small_steps(reversal):
     assert found.successive == pytest.approx(np.ones(4), abs=0.1)
 
 
+@pytest.mark.long
 def test_proportional_loads_cost_nothing_in_time():
     """The paper's scene: slip only spreads, and one step gives what sixty-four give, to the certificate."""
     paper = importlib.import_module("feng_han_huang")

@@ -71,6 +71,7 @@ def test_steps_cost_what_the_estimate_says(name, steps):
     assert found <= MOST
 
 
+@pytest.mark.long
 def test_loads_in_proportion_cost_nothing_however_they_grow():
     """What slips goes on slipping: the response is that of the load, and steps of any length are exact."""
     for grows in (lambda t: t * t, lambda t: 1 - np.exp(-8 * t), lambda t: np.sin(np.pi * t / 2)):
@@ -78,6 +79,7 @@ def test_loads_in_proportion_cost_nothing_however_they_grow():
         assert error_budget(history).time.max() <= 1e-12
 
 
+@pytest.mark.long
 def test_where_a_load_is_smooth_the_estimate_falls_with_the_square_of_the_step():
     """Odd numbers of steps, each of which misses the top by half a step: the truth is of second order, and so is it."""
     scene, mesh = paper_scene(COURSES["half a wave"], bound=1.0), vx.meshes.squares(4)
@@ -85,6 +87,7 @@ def test_where_a_load_is_smooth_the_estimate_falls_with_the_square_of_the_step()
     assert np.log(errors[0] / errors[1]) / np.log(3.0) == pytest.approx(2.0, abs=0.4)
 
 
+@pytest.mark.long
 def test_a_bound_that_dips_between_two_instants_is_in_the_budget():
     """The load stays as it is. The steps see nothing, the energy is off by half: `time 0.0000` it once said."""
     history = vx.simulate(held(dips), vx.meshes.squares(4), [0.0, 1.0], initial="settled")
@@ -94,6 +97,7 @@ def test_a_bound_that_dips_between_two_instants_is_in_the_budget():
     assert 1.0 <= found <= MOST
 
 
+@pytest.mark.long
 def test_jumps_are_named_with_their_instants():
     history = vx.simulate(held(dips), vx.meshes.squares(3), [0.0, 1.0], initial="settled")
     assert error_budget(history).jumps == (
@@ -104,6 +108,7 @@ def test_jumps_are_named_with_their_instants():
     assert error_budget(vx.simulate(slope, vx.meshes.squares(3), [0.0, 1.0])).jumps == ()
 
 
+@pytest.mark.long
 def test_steps_go_to_where_a_bound_dips():
     found = vx.adapt(held(dips), vx.meshes.squares(4), [0.0, 1.0], 0.2, initial="settled")
     times = found.history.trajectory.times
@@ -127,6 +132,7 @@ def test_bends_are_found_to_round_off():
     assert known.jumps == ()
 
 
+@pytest.mark.long
 def test_tops_of_smooth_data_are_found():
     """Steps that come near the top by chance lose little, and finer ones that come no nearer would show nothing."""
     scene, top = paper_scene(lambda t: 1.0 - (t - 0.401) ** 2 * 3, bound=1.0), 0.401
@@ -138,6 +144,7 @@ def test_tops_of_smooth_data_are_found():
     assert found >= 1.0
 
 
+@pytest.mark.long
 def test_moving_obstacles_and_supports_are_followed():
     steel = vx.Elasticity(200.0, 0.3)
     rubbed = vx.BilateralContact(on="bottom"), vx.TrescaFriction(bound=2.0, on="bottom")
@@ -156,6 +163,7 @@ def test_moving_obstacles_and_supports_are_followed():
     assert np.abs(known.bends - 0.3).min() <= 1e-12
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("lifted", "initial"), [(0.0, None), (1.0, "settled")])
 def test_a_run_that_keeps_its_last_step_alone_knows_where_it_began(lifted, initial):
     scene, times = paper_scene(lambda t: np.sin(np.pi * t) + lifted), np.linspace(0, 1, 4)

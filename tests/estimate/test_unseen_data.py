@@ -109,6 +109,7 @@ def ratio(scene, mesh, truth):
     return budget.largest["total"] * budget.scale / true
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", QUICK)
 def test_what_a_mesh_has_not_seen_is_in_the_estimate(name):
     truth = vx.simulate(SCENES[name], vx.meshes.squares(48), TIMES, store="last")
@@ -144,6 +145,7 @@ def test_data_that_do_not_vary_have_no_share():
     assert error_budget(history).parts["data"].max() == 0.0
 
 
+@pytest.mark.long
 def test_affine_data_on_edges_are_seen_by_nodes():
     """A bound and a gap that are linear in x are what nodes make of them; round-off is all that is left."""
     bound = rubbing(lambda x, t: 1.0 + 3.0 * x[:, 0], vx.Pressure(press, on="left"))

@@ -84,6 +84,7 @@ def ratio(scene, n, fine):
     return budget.largest["total"] * budget.scale / vx.measures.energy_distance(truth, history).absolute
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", scenes(4))
 def test_waves_as_long_as_an_edge_are_in_the_estimate(name):
     """Four whole waves on four edges; estimates were .23 to 1.07 times the truth, but for a bound at phase 0."""
@@ -118,6 +119,7 @@ def test_estimates_of_turned_fibres_are_no_less_than_the_truth(shear, angle):
         assert 1.0 <= error_budget(history).largest["total"] / true <= MOST
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("ignore:supports. nothing but friction or one-sided contact")
 def test_what_a_body_that_only_friction_holds_lacks_is_estimated():
     """K does not feel its motion along the floor; of the waves' mean friction is left to bear that part."""

@@ -114,6 +114,7 @@ def test_cones_of_more_components_come_back(tmp_path, form):
     assert two.gap == pytest.approx(one.gap, rel=1e-12)
 
 
+@pytest.mark.long
 def test_words_say_what_it_is(tmp_path):
     """Beside every file: scene, mesh, step, the certified optimum and bounds on it, how degenerate, how conditioned."""
     program = solved("friction")

@@ -138,6 +138,7 @@ def test_multigrid_solves_contact_matrix_free():
     assert np.abs(iterative.displacement - direct.displacement).max() < 1e-8 * np.abs(direct.displacement).max()
 
 
+@pytest.mark.long
 def test_multigrid_serves_scenes_without_friction():
     pytest.importorskip("pyamg")
     scene = vx.Scene(*(e for e in paper_scene() if not isinstance(e, vx.TrescaFriction)))

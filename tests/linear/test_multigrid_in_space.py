@@ -64,6 +64,7 @@ def test_linear_systems_are_solved_no_more_sharply_than_sets_are_known(monkeypat
     assert sum(counted) < 2 / 3 * once * len(counted)
 
 
+@pytest.mark.long
 def test_stiffness_that_is_added_is_in_the_preconditioner():
     """Slips so small that their curvature is a hundred times K: every correction gains its digits nevertheless."""
     operators = prepare(systems()["bilateral"], vx.Newton(), True, True, vx.Multigrid()).scaling.operators

@@ -110,6 +110,7 @@ def test_the_first_variable_counts(monkeypatch):
     assert pardiso.THREADS not in os.environ
 
 
+@pytest.mark.long
 def test_without_a_threaded_library_threads_are_refused_in_a_sentence(monkeypatch):
     monkeypatch.setattr(pardiso, "_threaded", lambda: None)
     K = sp.eye_array(3, format="csr")

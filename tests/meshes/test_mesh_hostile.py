@@ -117,6 +117,7 @@ def test_cells_that_lead_beyond_the_end(tmp_path):
         assert re.search("there is room for|lead beyond the end", says), says
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("compression", ["zlib", "lzma"])
 @pytest.mark.parametrize("place", ["inline", "appended", "raw"])
 def test_arrays_that_unpack_to_more_than_their_size_lets_expect(compression, place, tmp_path):

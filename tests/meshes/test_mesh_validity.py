@@ -270,6 +270,7 @@ def test_a_vertex_left_out_of_one_cell(name, message):
     assert tried > 5
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["voronoi", "nonconvex", "hanging"])
 def test_sixteen_times_the_cells_take_few_more_calls(name):
     small, large = (vx.meshes.FAMILIES[name](n) for n in (10, 40))

@@ -206,6 +206,7 @@ def test_relaxed_voronoi_cells_are_rounder():
     assert relaxed.h < raw.h
 
 
+@pytest.mark.long
 def test_voronoi_cells_of_any_box_are_a_valid_mesh():
     rng = np.random.default_rng(5)
     for seed in range(12):

@@ -293,6 +293,7 @@ def test_wear_is_friction_work_and_ever_darker(history):
         wear(history, [1, 2, 3, 4, 5])
 
 
+@pytest.mark.long
 def test_all_steps_share_one_scale(history):
     """Frames laid side by side: the same magnification, colours, arrows and view, whatever the step."""
     frames = [deformed_mesh(history, step).axes[0] for step in (1, 6, 24)]
@@ -410,6 +411,7 @@ def test_computed_values_stand_beside_their_closed_form():
     assert {tuple(point) for point in drawn["found"]} <= set(zip(x, x**2, strict=True))
 
 
+@pytest.mark.long
 def test_open_contact_neither_sticks_nor_slips():
     """A lifted edge was counted, marked and coloured as slip, with friction zero."""
     scene = vx.Scene(
@@ -475,6 +477,7 @@ def test_pressure_slip_and_wear_are_drawn_along_the_contact(rubbed):
         along_contact(rubbed, "gap")
 
 
+@pytest.mark.long
 def test_the_loop_is_the_reaction_against_the_motion_of_what_is_prescribed(rubbed):
     ax = hysteresis_loop(rubbed).axes[0]
     u, force = ax.lines[0].get_xydata().T
@@ -488,6 +491,7 @@ def test_the_loop_is_the_reaction_against_the_motion_of_what_is_prescribed(rubbe
     assert "bottom" in hysteresis_loop(rubbed, "bottom").axes[0].get_title()
 
 
+@pytest.mark.long
 def test_a_loop_needs_something_that_moves(history, rubbed, tmp_path):
     words = r"hysteresis_loop: nothing here says what moves; name a boundary, on=, of '"
     with pytest.raises(vx.HistoryError, match=words):

@@ -49,6 +49,7 @@ def areas(corners):
     return 0.5 * np.abs((corners[..., 0] * after[..., 1] - corners[..., 1] * after[..., 0]).sum(axis=1))
 
 
+@pytest.mark.long
 def test_what_sticks_and_slips_is_coloured(history):
     figure = contact_face(history)
     corners, colours = parts(figure.axes[0])
@@ -87,6 +88,7 @@ def test_friction_stays_in_its_disc_and_slips_on_the_rim(history):
     assert_drawn_within_the_page(ax.figure)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("show", ["pressure", "friction", "wear"])
 def test_how_large_things_are_on_the_face(history, show):
     figure = contact_face(history, show=show, units={"length": "mm", "force": "N"})

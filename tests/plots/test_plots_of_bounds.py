@@ -28,6 +28,7 @@ def bars(ax):
     return ends[:, :, 1], ends[:, 0, 0]
 
 
+@pytest.mark.long
 def test_energies_have_bars_where_the_exact_ones_are(bounded):
     ends, times = bars(energy_ledger(bounded).axes[0])
     assert np.array_equal(times, bounded.times)
@@ -59,6 +60,7 @@ def test_they_are_drawn_where_there_are_bounds(bounded, tmp_path):
     assert not energy_ledger(free).axes[0].containers
 
 
+@pytest.mark.long
 def test_adaptive_runs_show_the_steps_that_were_looked_at():
     found = vx.adapt(paper_scene(), vx.meshes.squares(4), [0.0, 0.5, 1.0], 0.4, estimate="bound")
     low, high = found.history.energy_bounds.T
@@ -76,6 +78,7 @@ PULLED = vx.PrescribedDisplacement(way, on="right", direction=(1.0, 0.0))
 RUBBED = vx.BilateralContact(on="bottom"), vx.TrescaFriction(0.2, on="bottom")
 
 
+@pytest.mark.long
 def test_the_loop_has_bars_of_its_force():
     scene = vx.Scene(vx.Elasticity(200.0, 0.3), vx.Symmetry(on="left"), PULLED, vx.Symmetry(on="bottom"))
     history = vx.simulate(scene, vx.meshes.squares(2), np.linspace(0.0, 1.0, 5))

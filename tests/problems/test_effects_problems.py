@@ -58,6 +58,7 @@ def test_a_bimetallic_strip_bends_as_timoshenko_says():
     assert found == pytest.approx(0.01156439371211594, rel=1e-6)
 
 
+@pytest.mark.long
 def test_wood_bends_it_by_its_modulus_along_the_strip():
     """Along and nearly across the strip 0.04 % and 1 % (order h^2); aslant the rollers at x = 0 hold shear, 3 %."""
     strip = importlib.import_module("bimetallic_strip")
@@ -68,6 +69,7 @@ def test_wood_bends_it_by_its_modulus_along_the_strip():
     assert strip.deflection(1.5) < 0.9 * strip.deflection(0.5)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["thermal_expansion_blocked_by_friction", "bimetallic_strip"])
 def test_by_the_command_line(name, tmp_path):
     run = CliRunner().invoke(

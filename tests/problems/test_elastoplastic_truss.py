@@ -24,6 +24,7 @@ def marched(request):
     return system, lesson.march(system, FORCE, request.param)
 
 
+@pytest.mark.long
 def test_three_bars_follow_their_closed_form(marched):
     system, trajectory = marched
     state, sigma, multipliers = lesson.three_bars_in_closed_form(FORCE)
@@ -92,6 +93,7 @@ def test_one_bar_shows_the_bauschinger_effect(solver):
     assert abs(trajectory.state[1, 0] - exact) <= bounds(system, trajectory).state[1, 0]
 
 
+@pytest.mark.long
 def test_the_girder_by_all_solvers():
     F, truss = lesson.course((0, 0.25, -0.25, 0.25), 0.05), lesson.girder()
     system = lesson.elastoplastic(truss, lesson.at_its_end(truss, F))

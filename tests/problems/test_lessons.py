@@ -64,6 +64,7 @@ def test_it_asserts(name):
     assert sum(isinstance(node, ast.Assert) for node in ast.walk(tree)) >= 4
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", LESSONS)
 def test_it_is_a_lesson(name):
     """Formula, picture, question, exercises, and their solutions in a file of their own."""

@@ -22,6 +22,7 @@ def answered(seed, kind):
     return system, vx.march(system, [0.0, 1.0])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["bounds", "soft", "mixed", "sticking", "redundant"])
 def test_small_systems_are_certified_to_rounding(kind):
     """Of 36 each 6, 4, 6, 34 and 5 were refused at the default accuracy: 2e-08, asked was 1e-08."""

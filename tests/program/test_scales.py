@@ -161,6 +161,7 @@ def pulled(force=1.0, stiffness=1.0, kind="Tresca"):
 POWERS = [(-390, 0), (390, 0), (0, 300), (0, -300), (-200, 150), (37, -91)]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["Tresca", "contact", "Coulomb", "viscous"])
 def test_powers_of_two_change_no_bit(kind):
     """Loads times 2^a, stiffness times 2^b: displacements times 2^(a - b), energies times 2^(2a - b), exactly."""

@@ -52,6 +52,7 @@ def test_friction_alone_holds_the_body(family, share, condense):
     assert (np.diff(gain) > -1e-12 * history.work.max()).all()
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings(f"ignore:.*{ALONE}")
 @pytest.mark.parametrize("solver", [vx.Clarabel(), vx.OSQP(accuracy=1e-4)], ids=lambda s: s.name)
 def test_solvers_agree_in_the_seminorm(solver):
@@ -274,6 +275,7 @@ def test_loads_just_beyond_what_holds_are_told_from_those_just_below(block, mode
         assert motion @ (push + beyond * strongest) > w @ np.linalg.norm(grip @ motion, axis=1)
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings(f"ignore:.*{ALONE}")
 @pytest.mark.parametrize("beyond", [1e-10, 1e-9, 1e-8, 1e-3])
 @pytest.mark.parametrize("tips", [False, True])

@@ -163,6 +163,7 @@ def invoke(*arguments):
     return CliRunner().invoke(app, [str(argument) for argument in ("run", PROBLEM, *SMALL, *arguments)])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["rows/thesis.txt", "rows/state.txt", "thesis.txt", "new/thesis.txt"])
 @pytest.mark.parametrize("options", [(), ("--target", 0.5)], ids=["run", "target"])
 def test_a_command_leaves_what_it_did_not_make(tmp_path, name, options):

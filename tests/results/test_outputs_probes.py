@@ -132,6 +132,7 @@ def test_edges_of_rounding_errors_keep_their_ends_apart():
     assert np.array_equal(places(mesh, mesh.points, "probe").at_nodes(u), u)
 
 
+@pytest.mark.long
 def test_many_points_at_once():
     mesh, x = small("squares", 3), points_in(2**15 + 5)
     found = locate(mesh, x)

@@ -48,6 +48,7 @@ def pushed(mesh, law):
     return vx.simulate(vx.Scene(*body, *LAWS[law]("a", "b")), mesh, [0, 0.5, 1]).displacement[-1] @ TURN
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("law", LAWS)
 def test_rounded_points_change_no_more_than_they_are_rounded(law):
     """Sides are turned by up to 2 n times what points are; a hundred times that is granted for slip that goes on."""

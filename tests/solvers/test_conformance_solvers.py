@@ -217,5 +217,6 @@ def test_the_suite_finds_what_is_wrong(kind):
     assert BROKEN[kind] in failures(kind())
 
 
+@pytest.mark.long
 def test_the_suite_finds_nothing_wrong_with_a_solver_that_is_not():
     assert failures(Honest()) == set()

@@ -17,6 +17,7 @@ def answered(seed):
     return vx.simulate(scene, mesh, TIMES), kind
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [1143, 1234])
 def test_convex_programs_are_answered(seed):
     """Newton's sets cycle here, on whatever kernel, and values of the safeguard's function differ by rounding."""

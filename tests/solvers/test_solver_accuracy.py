@@ -36,11 +36,13 @@ def test_no_answer_is_farther_off_than_certified(rows):
     assert max(row.true for row in rows) > 1e-5  # Clarabel's with degenerate terms; HiGHS 1.15 was 14 % off
 
 
+@pytest.mark.long
 def test_the_reference_is_at_rounding(rows):
     assert max(row.reference for row in rows) < 1e-12
     assert all(row.true < 1e-12 for row in rows if row.solver == "Newton")
 
 
+@pytest.mark.long
 def test_one_step_is_degenerate_and_the_other_is_not(rows):
     assert {row.degenerate for row in rows if row.step == "growing"} == {0}
     # By hand from the states: what slipped on the way to full load sticks on the way back from a half, and again.
@@ -51,6 +53,7 @@ def test_one_step_is_degenerate_and_the_other_is_not(rows):
     assert {row.degenerate for row in rows if row.step == "return"} == {count}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("form", study.FORMS)
 def test_refining_worsens_nothing(form):
     """Terms that arrive at their bounds and do not slip: rounding, of first order in the gap, slips none back."""
@@ -81,6 +84,7 @@ def test_polish_mends_what_degenerate_terms_cost(rows):
     assert polished[0].true < 1e-12 < plain[0].true
 
 
+@pytest.mark.long
 def test_the_true_error_is_that_of_whole_simulations(rows):
     """The same step by vx.march from rest on: Clarabel's error against Newton's, in the energy norm."""
     exact = study.reference("growing", "full", 16)

@@ -63,6 +63,7 @@ def test_steps_agree_from_the_same_state(family, course):
                 assert gaps < 1e-5 * max(norms[i], norms[j])
 
 
+@pytest.mark.long
 @few_families
 def test_the_certificate_bounds_the_true_error(family):
     """A poor answer, certified as it is, against one that is converged to the rounding floor."""
@@ -103,6 +104,7 @@ def test_the_weight_law_holds(family):
     assert (contact.sticking[1:] == ~moves).all()
 
 
+@pytest.mark.long
 def test_full_and_condensed_programs_agree():
     mesh, scene = small("voronoi", 5), paper_scene(cyclic)
     for solver in (vx.Newton(), vx.Clarabel(), vx.OSQP()):
@@ -114,6 +116,7 @@ def test_full_and_condensed_programs_agree():
         assert (distance <= claimed * scale * (1 + 1e-6)).all()
 
 
+@pytest.mark.long
 def test_polish_sharpens_a_conic_answer():
     mesh, scene = small("squares"), paper_scene()
     plain = vx.simulate(scene, mesh, TIMES, solver=vx.Clarabel())

@@ -71,6 +71,7 @@ def without_slope(system):
     return replace(system, norms=replace(system.norms, law=replace(system.norms.law, slope=None)))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("proof", [True, False])
 def test_a_lucky_ratio_of_increments_certifies_nothing(monkeypatch, proof):
     system = dragged() if proof else without_slope(dragged())
@@ -101,11 +102,13 @@ def check_scene(monkeypatch, seed, solver, proof=True):
     return len(steps), sum(estimate for *_, estimate in steps)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [0, 3, 4])
 def test_certificates_are_true_in_random_scenes(monkeypatch, seed):
     assert check_scene(monkeypatch, seed, vx.Newton(accuracy=1e-4)) == (4, 0)
 
 
+@pytest.mark.long
 def test_answers_of_a_conic_solver_stay_its_own_and_are_judged(monkeypatch):
     scene, mesh = coulomb_scene(4)
     system = pose_scene(scene, mesh).system
@@ -176,6 +179,7 @@ def test_a_law_of_ones_own_has_estimates_that_hold():
         assert run.certificate[-1] <= accuracy
 
 
+@pytest.mark.long
 def test_the_derivative_of_a_law_has_a_row_a_term_and_a_column_a_limit():
     norms = vx.Norms([[1.0]], 0.0, law=vx.Law(lambda t, p, past, slip: p, slope=lambda t, p, past: np.ones((2, 1))))
     system = vx.System([[1.0]], lambda t: [t], norms, limits=vx.Limits([[1.0]], 0.0))
@@ -208,6 +212,7 @@ def test_a_body_that_only_friction_and_contact_hold_costs_what_others_do():
     assert history.reaction("bottom") == pytest.approx(np.column_stack([-0.29 * history.times, np.ones(5)]), abs=1e-9)
 
 
+@pytest.mark.long
 def test_conic_solvers_take_such_a_body_as_it_is(caplog):
     """One program for each weights, not one a proximal point: 350 to 830 iterations a step, once."""
     with caplog.at_level(logging.DEBUG, logger="vemcvx"):
@@ -256,6 +261,7 @@ def test_rows_that_follow_from_others_are_found():
     assert independent(rows).tolist() == [True, True, False, True, False, False]
 
 
+@pytest.mark.long
 def test_more_push_than_friction_holds_is_refused():
     with pytest.raises(
         vx.SceneError, match=r"The load pushes it there with a force of 0\.\d+ and friction holds 0\.3 "
@@ -273,6 +279,7 @@ def test_iterations_are_limited_over_the_whole_step():
     assert run.certificate_kind == "estimate"
 
 
+@pytest.mark.long
 @pytest.mark.arithmetic
 @pytest.mark.parametrize("most", [5, 50, 200])
 def test_sets_count_among_the_iterations_of_a_step(most):
@@ -295,6 +302,7 @@ def test_slow_steps_report_to_the_log(caplog):
     assert lines[0].startswith("step 1, program 4: ")
 
 
+@pytest.mark.long
 def test_kinds_are_said_everywhere(tmp_path):
     """In the history, its words, and summary.json; where nothing follows the pressure, a certificate is a bound."""
     proven = vx.simulate(resting(), vx.meshes.squares(2), [0.0, 1.0], initial="settled")
@@ -319,6 +327,7 @@ def test_refined_states_keep_the_kind_of_their_certificate():
     assert 0 < run.certificate[-1] <= 1e-4
 
 
+@pytest.mark.long
 def test_open_places_keep_their_slips_where_states_are_refined(monkeypatch):
     """A multiplier of 1e-18 points anywhere; to turn a slip of 3e-5 after it left the step out of balance by 4e-3."""
     monkeypatch.setattr("vemcvx.stepping.state.needs_refinement", lambda *_: True)

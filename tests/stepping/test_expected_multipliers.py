@@ -68,6 +68,7 @@ def test_at_the_first_step_nothing_is_expected(begun):
     assert not np.array_equal(lam, state.lam)
 
 
+@pytest.mark.long
 def test_a_resumed_run_begins_with_the_same(tmp_path, begun):
     scene, mesh = paper_scene(cyclic).with_(vx.UnilateralContact(on="top")), small("squares", 5)
     vx.simulate(scene, mesh, TIMES)
@@ -82,6 +83,7 @@ def test_a_resumed_run_begins_with_the_same(tmp_path, begun):
         assert same(found[1:], whole[t][1:])
 
 
+@pytest.mark.long
 def test_where_sets_move_fewer_systems_are_solved(monkeypatch):
     mesh = small("squares", 16)
     ours = vx.simulate(paper_scene(), mesh, TIMES)

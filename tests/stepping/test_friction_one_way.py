@@ -26,6 +26,7 @@ def play():
     return y
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("solver", [vx.Newton(), vx.Clarabel(), vx.OSQP()], ids=lambda s: s.name)
 @pytest.mark.parametrize("condense", [True, False])
 def test_one_slider_in_closed_form(solver, condense):
@@ -68,6 +69,7 @@ def block(sign, forth, back):
     )
 
 
+@pytest.mark.long
 def test_a_mirrored_block_slides_the_other_way():
     """Squares are their own mirror image; forward becomes backward, bound and wear go along."""
     n, times = 8, np.linspace(0, 1, 17)
@@ -97,6 +99,7 @@ def test_traction_keeps_to_the_bound_of_its_direction():
     assert (traction <= history.contact.backward * (1 + 1e-6)).all()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("viscous", [False, True])
 def test_the_ledger_closes(viscous):
     """With a support that drags the block along: work = stored + dissipated + 1/2 a(du, du), step by step."""

@@ -34,6 +34,7 @@ def run(*args, **more):
     return vx.simulate(lifted(*args), vx.meshes.squares(6), TIMES, initial="settled", **more)
 
 
+@pytest.mark.long
 def test_rubbing_in_the_air_is_said_once():
     with pytest.warns(
         vx.SceneWarning, match=r"^TrescaFriction on bottom: its bound is given, and \d+% of all .*"
@@ -48,6 +49,7 @@ def test_rubbing_in_the_air_is_said_once():
     assert np.array_equal(meant.displacement, rubbed.displacement)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("solver", [vx.Newton(), vx.Clarabel(accuracy=1e-5, polish=True)], ids=lambda s: s.name)
 def test_friction_that_needs_touch(solver):
     """No friction where nothing presses; Tresca's law where it does; and all of it certified by a bound."""

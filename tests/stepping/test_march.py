@@ -46,6 +46,7 @@ def test_store_keeps_what_it_says_and_changes_nothing(store, rows):
             some.stress(3)
 
 
+@pytest.mark.long
 @few_families
 def test_condensed_and_full_certificates_agree(family):
     """At stored steps the residual is that of the original K; it may exceed the condensed one by rounding only."""
@@ -59,6 +60,7 @@ def test_condensed_and_full_certificates_agree(family):
     assert stored.certificate_floor.max() < 1e-11
 
 
+@pytest.mark.long
 def test_every_permutation_of_a_scene_is_the_same_program():
     effects = list(paper_scene().effects)
     mesh = small("hexagons", 4)
@@ -95,6 +97,7 @@ def test_tiny_steps_keep_the_digits_of_the_increments(family):
     assert np.abs(one).max() < 1e-4 * np.abs(history.displacement).max()
 
 
+@pytest.mark.long
 def test_initial_states():
     mesh = small("squares")
     pulled = paper_scene(lambda t: 1.0 + t)
@@ -138,6 +141,7 @@ def test_without_friction_one_solve_serves_all_proportional_loads(monkeypatch):
     assert len(calls) == 5
 
 
+@pytest.mark.long
 def test_a_miss_is_never_silent():
     scene, mesh = paper_scene(), small("squares")
     crippled = vx.OSQP(accuracy=1e-9, options={"max_iter": 1, "polishing": False})

@@ -76,6 +76,7 @@ def moved_and_moving(kind, condense=True):
     return moving, vx.simulate(other, mesh, TIMES, condense=condense)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", KINDS)
 def test_ground_that_moves_is_a_body_that_moves_the_other_way(kind):
     """The same strains, forces, slips and energies to round-off: there is one motion between the two."""
@@ -96,12 +97,14 @@ def test_ground_that_moves_is_a_body_that_moves_the_other_way(kind):
     assert moving.dissipated[-1] > 0.1 * moving.energy.max()
 
 
+@pytest.mark.long
 def test_unknowns_inside_may_stay():
     one, other = moved_and_moving("one way")[0], moved_and_moving("one way", condense=False)[0]
     assert np.abs(one.displacement - other.displacement).max() < ROUNDED * np.abs(one.displacement).max()
     assert np.abs(one.work - other.work).max() < ROUNDED * np.abs(one.work).max()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("solver", [vx.Newton(), vx.Clarabel(), vx.OSQP()], ids=lambda s: s.name)
 def test_the_balance_closes_with_the_work_of_the_ground(solver):
     """work - dE - loss = 1/2 a(du, du), the ground's work being friction times its motion; all solvers agree."""
@@ -170,6 +173,7 @@ def halves():
     return mesh
 
 
+@pytest.mark.long
 def test_parts_that_meet_rub_on_their_own_grounds():
     """Where a belt ends at a floor, the node between has a term of each; two functions that say the same are a belt."""
 
@@ -197,6 +201,7 @@ def test_parts_that_meet_rub_on_their_own_grounds():
         vx.simulate(tresca(belt, HELD).with_(vx.TrescaFriction(1.0, on="west")), halves(), TIMES)
 
 
+@pytest.mark.long
 def test_only_changes_of_the_ground_count():
     """Ground that stands still is none, to the bit, and is said; where it begins counts for nothing."""
     mesh, pull = small("squares", 4), vx.Traction(lambda x, t: (5 * t, 0.0), on="left")
@@ -267,6 +272,7 @@ def test_bodies_are_no_ground():
         vx.simulate(vx.Scene(STEEL, vx.Clamp(on="lower.bottom"), rubs), mesh, TIMES)
 
 
+@pytest.mark.long
 def test_a_run_goes_on_only_on_the_same_ground(tmp_path):
     mesh, scene = small("squares", 3), tresca(belt, HELD)
     whole = vx.simulate(scene, mesh, TIMES)

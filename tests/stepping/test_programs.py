@@ -89,6 +89,7 @@ def holds(program, history, n):
     return found
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("ignore:supports. nothing but friction")
 @pytest.mark.parametrize("condense", [True, False])
 @pytest.mark.parametrize("name", SCENES)
@@ -142,6 +143,7 @@ def test_programs_come_in_the_units_of_the_scene():
             assert np.allclose(np.multiply(units, a), b, rtol=1e-9, atol=1e-9 * units * np.abs(one.w).max())
 
 
+@pytest.mark.long
 def test_states_that_are_needed_must_be_stored():
     scene, mesh = vx.Scene(*SCENES["Tresca"]), vx.meshes.squares(2)
     history = vx.simulate(scene, mesh, TIMES, store=[2, 3])

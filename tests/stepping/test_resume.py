@@ -22,6 +22,7 @@ TIMES = np.linspace(0.0, 1.0, 25)
 SERIES = ("displacement", "forces", "energy", "dissipated", "work", "certificate")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("store", ["all", 5])
 @pytest.mark.parametrize("solver", [vx.Newton(), vx.Clarabel()], ids=lambda s: s.name)
 def test_a_resumed_run_ends_where_an_uninterrupted_one_does(tmp_path, store, solver):
@@ -60,6 +61,7 @@ def test_a_finished_run_resumes_to_itself(tmp_path):
         assert np.array_equal(getattr(first, name), getattr(again, name)), name
 
 
+@pytest.mark.long
 def test_without_resume_a_folder_is_begun_anew(tmp_path):
     mesh = small("squares", 4)
     vx.simulate(paper_scene(), mesh, TIMES, stream=tmp_path)
@@ -67,6 +69,7 @@ def test_without_resume_a_folder_is_begun_anew(tmp_path):
     assert np.array_equal(fresh.displacement, vx.simulate(paper_scene(cyclic), mesh, TIMES).displacement)
 
 
+@pytest.mark.long
 def test_another_run_is_refused(tmp_path):
     scene, mesh = paper_scene(), small("squares", 4)
     vx.simulate(scene, mesh, TIMES, stream=tmp_path)

@@ -61,6 +61,7 @@ def killed(request, tmp_path_factory):
     return folder, int(store) if store.isdecimal() else store
 
 
+@pytest.mark.long
 @pytest.mark.skipif(sys.platform == "win32", reason="there is no fork")
 @pytest.mark.filterwarnings("ignore::vemcvx.SceneWarning")
 @pytest.mark.parametrize("name", KINDS)
@@ -170,6 +171,7 @@ OTHERS = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("what", OTHERS)
 def test_whatever_differs_is_refused_and_named(tmp_path, what):
     one, other, words = OTHERS[what]
@@ -180,6 +182,7 @@ def test_whatever_differs_is_refused_and_named(tmp_path, what):
     assert_same(one.simulate(), one.simulate(stream=tmp_path, resume=True))
 
 
+@pytest.mark.long
 def test_what_is_to_come_may_change(tmp_path):
     interrupt(paper(), tmp_path)
     resumed = paper(course=late).simulate(stream=tmp_path, resume=True)
@@ -205,6 +208,7 @@ def uninterrupted():
     return paper().simulate()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("harm", [Path.unlink, truncated, zeroed, shorter], ids=lambda f: f.__name__)
 @pytest.mark.parametrize("name", ["state", "scalars", "data"])
 def test_rows_that_are_missing_are_said(tmp_path, harm, name):

@@ -42,6 +42,7 @@ def test_friction_work_and_work_are_of_second_order():
     assert np.abs(wear[1] - wear[2]).max() < 0.34 * np.abs(wear[0] - wear[2]).max()
 
 
+@pytest.mark.long
 def test_energies_balance_and_wear_sums_to_what_is_dissipated():
     history = pressed_and_rubbed(24)
     contact = history.contact

@@ -58,6 +58,7 @@ def simulate(*friction, solver=None, times=TIMES, load=to_and_fro, contact=TOUCH
     return vx.simulate(scene, vx.meshes.voronoi(4), times, solver=solver or vx.Newton(1e-9), **options)
 
 
+@pytest.mark.long
 def test_solvers_agree_within_their_certificates():
     """Each is as near to the solution of every step as it says; errors grow over steps by at most 1 / (1 - rho)."""
     runs = [simulate(Law(weakening, 30.0), solver=solver) for solver in (vx.Newton(1e-9), vx.Clarabel(1e-6))]

@@ -129,6 +129,7 @@ def test_against_steps_in_512_bits(k, kind):
     assert run.certificate.max() <= 1e-8
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("friction", FRICTION)
 @pytest.mark.parametrize("linear", LINEAR, ids=str)
 def test_condensed_and_not_are_one_answer(friction, linear):
@@ -180,6 +181,7 @@ def test_what_cannot_be_refined_says_what_helps():
     assert settled(scene, mesh, condense=False).certificate.max() <= 1e-8
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("k", [1e-2, 1e-4, 1e-6])
 @pytest.mark.filterwarnings("ignore::vemcvx.SceneWarning")
 def test_pressures_on_bounds_are_refined_before_coulombs_law_reads_them(k):

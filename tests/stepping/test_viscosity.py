@@ -62,6 +62,7 @@ def test_creep_under_a_steady_pull(family, solver):
     assert np.diff(rest) == pytest.approx(steps**2 * full, abs=loose * full)
 
 
+@pytest.mark.long
 def test_creep_converges_to_the_exponential():
     """First order in the step, to 1 - exp(-t / tau)."""
     errors = []
@@ -79,6 +80,7 @@ def test_creep_converges_to_the_exponential():
     assert orders == pytest.approx(1.0, abs=0.1)
 
 
+@pytest.mark.long
 @few_families
 @pytest.mark.parametrize("solver", [vx.Newton(), vx.Clarabel()], ids=lambda s: s.name)
 def test_shear_over_a_rough_floor(family, solver):
@@ -146,6 +148,7 @@ def test_one_factorisation_a_length_of_step(monkeypatch):
     assert len(made) == 3
 
 
+@pytest.mark.long
 def test_a_viscous_run_goes_on_where_it_stopped(tmp_path):
     scene = vx.Scene(*solid(), vx.Clamp(on="left"), vx.Traction((0.3, 0.0), on="right"))
     mesh, times = mesh_of("voronoi", 3), np.linspace(0, 1, 9)
@@ -357,6 +360,7 @@ def test_rounding_of_equal_cells_is_certified():
         assert np.sqrt(off @ (K @ off)) <= (1 + 1e-9) * np.sqrt(2 * run.gap[n]) + np.sqrt(cut @ (abs(K) @ cut))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("solver", [vx.Clarabel(accuracy=1e-4), vx.OSQP(accuracy=1e-5)], ids=lambda s: s.name)
 def test_the_accuracy_asked_is_that_of_the_state(solver):
     """Increments have a norm with the dashpots in it, tau / k times as large in its square: not that is meant."""
@@ -372,6 +376,7 @@ def test_the_accuracy_asked_is_that_of_the_state(solver):
     assert history.certificate.max() <= solver.accuracy
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "contact", [vx.UnilateralContact(on="bottom", gap=0.03), vx.NormalCompliance(50.0, "bottom", 0.03)]
 )

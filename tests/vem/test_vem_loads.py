@@ -96,6 +96,7 @@ def test_body_force_on_a_cell_of_any_shape(name):
     assert np.abs(load - force / len(load)).max() < TOLERANCE * np.abs(force).max()
 
 
+@pytest.mark.long
 def test_convex_cells_need_four_points():
     """The ellipse of inertia, scaled to degree 2, is inside every convex cell; thin ones too."""
     rng = np.random.default_rng(3)

@@ -157,6 +157,7 @@ def agree(seed):
     assert {name: error for name, error in found.items() if not error <= AGREE} == {}
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("ignore::vemcvx.SceneWarning")
 @pytest.mark.parametrize("seed", [0, 3, 12, 25])
 def test_stacks_agree_with_programs_written_again(seed):

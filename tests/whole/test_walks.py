@@ -139,6 +139,7 @@ def test_the_walks_are_those_that_are_traced():
     assert list(walks()) == list(WALKS)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("title", WALKS)
 def test_a_walk_is_short_and_as_it_is_told(title, tmp_path):
     hops, (trace, beside) = walks()[title], WALKS[title]

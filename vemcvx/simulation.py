@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from vemcvx.arrays import Floats, brief, flag, shaped
-from vemcvx.bound.error_bound import certain_intervals, of_steps
+from vemcvx.bound.error_bound import Stepped, certain_intervals, of_steps, pairs_of
 from vemcvx.bound.hypercircle import Hypercircle, hypercircle
 from vemcvx.effects import PrescribedDisplacement
 from vemcvx.errors import SceneError
@@ -134,8 +134,9 @@ def simulate(
         history = History.of(results)
         if circle is None or history.steps == 0:
             return history
-        bounds = of_steps(circle, history, range(1, history.steps + 1)).kept()
-        return replace(history, **bounds, **_bounds_of_force(circle, history))
+        stepped = pairs_of(circle, history, range(1, history.steps + 1))
+        bounds = of_steps(circle, history, stepped).kept()
+        return replace(history, **bounds, **_bounds_of_force(circle, history, stepped))
 
 
 def instants(scene: Scene, mesh: AnyMesh, times: ArrayLike) -> Floats:
@@ -180,13 +181,13 @@ def _circle(posed: PosedScene, store: object) -> Hypercircle:
     return hypercircle(posed)
 
 
-def _bounds_of_force(circle: Hypercircle, history: History) -> dict[str, Any]:
+def _bounds_of_force(circle: Hypercircle, history: History, stepped: Sequence[Stepped]) -> dict[str, Any]:
     """The fields of a history that bound the force by which a boundary is moved; none where nothing moves."""
     if (loop := loop_of(history)) is None:
         return {}
     moved = PrescribedDisplacement(tuple(np.eye(2)[loop.axis]), on=loop.on)
     try:
-        found = certain_intervals(circle, history, moved)
+        found = np.vstack([[np.nan, np.nan], certain_intervals(circle, stepped, moved)])
     except SceneError as error:
         log.info("no bounds of the force of %s: %s", loop.on, error)
         return {}

@@ -46,7 +46,7 @@ from vemcvx.bound.fan import BARYCENTRIC, LINEAR_MASS_INVERSE, RULE, RULE_WEIGHT
 from vemcvx.bound.stress import PARABOLAS, FanStress, fan_stress, lifted, of_parabolas
 
 ROUNDING = 1e-13
-"""Parts of the largest by which body forces differ from combinations by rounding."""
+"""Parts of the largest by which body forces differ from combinations, and from parabolas, by rounding."""
 MOST_SHAPES = 4
 """Shapes that are kept: each takes as much memory as its values at the points of the rule, 2 kB a hexagon."""
 
@@ -87,7 +87,7 @@ def missed_forces(f: Floats) -> tuple[Floats, Floats]:
 
     And (c, n) the mean of |f - f_2|^2. Of what differs by rounding alone nothing is missed.
     """
-    rounding = 1e-13 * float(np.abs(f).max())
+    rounding = ROUNDING * float(np.abs(f).max())
     weighed = RULE_WEIGHTS[:, None] * f
     bent = monomials(RULE.reshape(-1, 2)) @ PARABOLAS
     parabolas = np.matmul(bent.T, weighed)

@@ -40,7 +40,7 @@ import logging
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from typing import Any, overload
+from typing import Any, NamedTuple, overload
 
 import numpy as np
 
@@ -225,7 +225,7 @@ def error_bound(
         raise SceneError("error_bound: a quantity is bounded in one step; give its number, such as step=-1, with of=.")
     circle = hypercircle(pose_scene(scene, history.mesh, history.trajectory.times.tolist()))
     if of is None:
-        return of_steps(circle, history, [step]).at(0)
+        return of_steps(circle, history, pairs_of(circle, history, [step])).at(0)
     n, now, before = _instants(history, step)
     return quantity_bound(circle, history, n, (_of_step(circle, now, before)[0], now), of)
 
@@ -233,15 +233,25 @@ def error_bound(
 # Steps.
 
 
-def of_steps(circle: Hypercircle, history: History, steps: Sequence[int]) -> ErrorBound:
-    """The bounds of stored steps, each given the one before."""
-    found = []
-    for step in steps:
-        n, now, before = _instants(history, step)
-        pair, apart = _of_step(circle, now, before)
-        found.append((n, pair, apart, *circle.allowances(pair, now.t)))
-    numbers, pairs, *others = zip(*found, strict=True)
-    moved, eta, misread = np.array(others)
+class Stepped(NamedTuple):
+    """The pair of a step, and how far its displacement is from that of the run."""
+
+    n: int
+    t: float
+    pair: Pair
+    moved: float
+
+
+def pairs_of(circle: Hypercircle, history: History, steps: Sequence[int]) -> list[Stepped]:
+    """The pairs of stored steps, each given the one before."""
+    instants = (_instants(history, step) for step in steps)
+    return [Stepped(n, now.t, *_of_step(circle, now, before)) for n, now, before in instants]
+
+
+def of_steps(circle: Hypercircle, history: History, stepped: Sequence[Stepped]) -> ErrorBound:
+    """The bounds of steps whose pairs these are."""
+    numbers, _, pairs, apart = zip(*stepped, strict=True)
+    moved, (eta, misread) = np.array(apart), np.transpose([circle.allowances(one.pair, one.t) for one in stepped])
     upper = np.array([pair.upper for pair in pairs]) + moved + eta
     norm, potential = (np.array([getattr(pair, name) for pair in pairs]) for name in ("norm", "potential"))
     lowered, A2, gap = (np.array([getattr(pair, name) for pair in pairs]) for name in ("lowered", "A2", "lacking"))
@@ -273,8 +283,8 @@ def _kind(supposed: dict[str, bool]) -> str:
     return f"bound for {given}" if given else "bound"
 
 
-def certain_intervals(circle: Hypercircle, history: History, of: Effect) -> Floats:
-    """(N + 1, 2) intervals of a quantity in every step, each given the one before, by a theorem; NaN in step 0.
+def certain_intervals(circle: Hypercircle, stepped: Sequence[Stepped], of: Effect) -> Floats:
+    """(k, 2) intervals of a quantity in steps, each given the one before, by a theorem.
 
     Raises
     ------
@@ -282,11 +292,8 @@ def certain_intervals(circle: Hypercircle, history: History, of: Effect) -> Floa
         There is none for this quantity.
     """
     certain = CertainQuantity.of(circle, of)
-    found = np.full((history.steps + 1, 2), np.nan)
-    for step in range(1, history.steps + 1):
-        n, now, before = _instants(history, step)
-        found[n] = certain.between(_of_step(circle, now, before)[0], now.t)
-    return found
+    # Of copies: fields in triangles, 2.6 kB a hexagon, would be kept with the pairs of all steps.
+    return np.array([certain.between(replace(one.pair), one.t) for one in stepped])
 
 
 def _instants(history: History, step: int) -> tuple[int, Instant, Instant]:
@@ -347,25 +354,12 @@ def _of_history(scene: Scene, history: History) -> ErrorBound:
         finer, missed = _followed(posed, np.union1d(divided(times, 1, PATH), bends))
     # A load that comes and goes within a step is left out by runs, and leaves friction behind.
     circle = hypercircle(pose_scene(scene, mesh, _readings(finer).tolist()))
-    if len(bends):
-        log.warning(
-            f"error_bound: data bend, turn or jump inside steps, at t = {', '.join(f'{t:.6g}' for t in bends[:5])}"
-            f"{' ...' if len(bends) > 5 else ''}; the run misses it. The bound reads data there, too, and takes "
-            "them for linear between its readings. Simulate at vemcvx.instants(scene, mesh, times), which has these "
-            "instants."
-        )
-    if len(missed):
-        log.warning(
-            f"error_bound: data are not linear between the instants at which the bound reads them, at t = "
-            f"{', '.join(f'{t:.6g}' for t in missed[:5])}{' ...' if len(missed) > 5 else ''} by more than {MISSED:.0%} "
-            "of their size. It reads them there, too; what else happens between is not in it. Simulate in steps that "
-            "follow the data."
-        )
+    _warn_between(bends, missed)
     path = _path(circle.posed, history, finer)
     last = path[0]
     pair = circle.pair(last, last)
     read = circle.reading(pair, last.t)
-    reached, dissipated, worst, misread = float(np.sqrt(pair.A2)), 0.0, (0.0, pair.cells), read.energy()
+    reached, dissipated, worst, misread = float(np.sqrt(pair.A2)), 0.0, (0.0, pair.cells), read.energy
     found = [(reached, dissipated, *_sizes(circle, pair), 2.0 * misread)]
     for ahead in path[1:]:
         for now in _between(circle, last, ahead):
@@ -374,12 +368,12 @@ def _of_history(scene: Scene, history: History) -> ErrorBound:
             change = _norm(circle, beyond.richer - pair.richer, _missed(circle, pair, beyond))
             reached, dissipated = float(np.sqrt(reached**2 + 2.0 * lost)) + change, dissipated + lost
             seen = circle.reading(beyond, now.t)
-            misread += (seen - read).energy()
+            misread += (seen - read).energy
             pair, last, read = beyond, now, seen
         n = int(np.searchsorted(times, last.t))
         if times[n] == last.t:
             own = circle.pair(replace(last, u=history.displacement[n]), last)
-            found.append((reached, dissipated, *_sizes(circle, own), misread + read.energy()))
+            found.append((reached, dissipated, *_sizes(circle, own), misread + read.energy))
             worst = max(worst, (reached, own.cells), key=lambda one: one[0])
     y, D, norm, A, richer, mesh_part, data, eta = np.array(found).T
     upper = np.sqrt(np.square(y) + 2.0 * richer * y + A**2) + eta
@@ -403,6 +397,24 @@ def _of_history(scene: Scene, history: History) -> ErrorBound:
         history=history,
         bends=bends,
     )
+
+
+def _warn_between(bends: Floats, missed: Floats) -> None:
+    """Log warnings of what data do inside steps of the run, and between readings of the bound."""
+    if len(bends):
+        log.warning(
+            f"error_bound: data bend, turn or jump inside steps, at t = {', '.join(f'{t:.6g}' for t in bends[:5])}"
+            f"{' ...' if len(bends) > 5 else ''}; the run misses it. The bound reads data there, too, and takes "
+            "them for linear between its readings. Simulate at vemcvx.instants(scene, mesh, times), which has these "
+            "instants."
+        )
+    if len(missed):
+        log.warning(
+            f"error_bound: data are not linear between the instants at which the bound reads them, at t = "
+            f"{', '.join(f'{t:.6g}' for t in missed[:5])}{' ...' if len(missed) > 5 else ''} by more than {MISSED:.0%} "
+            "of their size. It reads them there, too; what else happens between is not in it. Simulate in steps that "
+            "follow the data."
+        )
 
 
 def _readings(path: Floats) -> Floats:

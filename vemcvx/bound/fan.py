@@ -153,9 +153,9 @@ class Fans:
         areas: Floats = one[..., 0] * two[..., 1] - one[..., 1] * two[..., 0]
         return areas
 
-    def points(self) -> Floats:
-        """(c, n, 21, 2) the points of the rule in all triangles."""
-        x: Floats = self.centres[:, None, None] + np.matmul(RULE.reshape(-1, 2), self.B.transpose(0, 1, 3, 2))
+    def points(self, rule: Floats = RULE) -> Floats:
+        """(c, n, q, 2) the q points of a rule, by default of the one with 21, in all triangles."""
+        x: Floats = self.centres[:, None, None] + np.matmul(rule.reshape(-1, 2), self.B.transpose(0, 1, 3, 2))
         return x
 
 

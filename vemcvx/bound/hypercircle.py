@@ -382,7 +382,7 @@ class Hypercircle:
         if read.exact:
             return 0.0, 0.0
         v = [one.nodal(outline_of(one.fans, pair.u)) for one in self.displacements]
-        eta = read.energy()
+        eta = read.energy
         return eta, read.work(v, pair.u[self.boundary.edges.outer_edges]) + eta * pair.upper
 
 

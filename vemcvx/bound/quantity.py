@@ -568,6 +568,6 @@ def _misread(primal: _Fields, dual: _Fields) -> float:
     """The allowance for what may be misread of the load, on z_h, and of the quantity, on u."""
     if primal.read.exact and dual.read.exact:
         return 0.0
-    eta, eta_z = primal.read.energy(), dual.read.energy()
+    eta, eta_z = primal.read.energy, dual.read.energy
     works = primal.read.work(dual.v, *dual.on_edges) + dual.read.work(primal.v, *primal.on_edges)
     return works + float(np.sqrt(dual.A2)) * eta + eta_z * (primal.pair.upper + eta)

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import product
 
 import numpy as np
@@ -81,6 +82,7 @@ class Reading:
         largest = np.abs(ends).max(axis=1) + np.abs(bent)
         return SAFETY * float(sum(parts) + along.sum() + np.sum(self.unseen * largest))
 
+    @cached_property
     def energy(self) -> float:
         """eta."""
         if self.exact:
@@ -110,8 +112,8 @@ def reading(boundary: Boundary, fans: tuple[Fans, ...], densities: Sequence[Floa
     if any(callable(load.value) for load in loads):
         for one, first in zip(fans, densities, strict=True):
             c, n = first.shape[:2]
-            x = one.centres[:, None, None] + np.matmul(POINTS.reshape(-1, 2), one.B.transpose(0, 1, 3, 2))
-            f = np.sum([load.at(x.reshape(-1, 2), t) for load in loads], axis=0).reshape(c, n, 3, 28, 2)
+            x = one.points(POINTS).reshape(-1, 2)
+            f = np.sum([load.at(x, t) for load in loads], axis=0).reshape(c, n, 3, 28, 2)
             apart = np.matmul(_FINE.transpose(0, 2, 1), f)
             apart -= np.matmul(_COARSE.transpose(0, 2, 1), first.reshape(c, n, 3, 7, 2))
             apart[np.abs(apart) <= ROUNDING * max(np.abs(f).max(), np.abs(first).max())] = 0.0

@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from vemcvx.arrays import Bools, Floats, Ints, brief, check_takes, choice, is_real, part
-from vemcvx.bound.error_bound import ErrorBound, of_steps
+from vemcvx.bound.error_bound import ErrorBound, of_steps, pairs_of
 from vemcvx.bound.hypercircle import hypercircle
 from vemcvx.bound.skeleton import check_estimable
 from vemcvx.errors import SceneError, SceneWarning
@@ -367,7 +367,9 @@ def _simulated(
     trajectory = march(posed.system, instants, solver=aim.solver, initial=aim.initial, store=kept)
     assembled = time.perf_counter() - start - sum(trajectory.seconds.values())
     history = History.of(record(posed, trajectory, assembled, Memory()))
-    return posed, history, None if circle is None else of_steps(circle, history, steps.tolist())
+    if circle is None:
+        return posed, history, None
+    return posed, history, of_steps(circle, history, pairs_of(circle, history, steps.tolist()))
 
 
 def _missed(

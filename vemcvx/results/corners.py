@@ -38,6 +38,7 @@ from vemcvx.meshes import AnyMesh, PolygonMesh
 from vemcvx.meshes.polygons import cell_of_corner
 from vemcvx.outline import ArrayRecord
 from vemcvx.results.contact import Contact
+from vemcvx.results.quoted import ON_CONTACT
 from vemcvx.scene.contact_table import ContactRows, pair_numbers
 from vemcvx.scene.pose import PosedScene
 from vemcvx.scene.supports import free_directions
@@ -259,7 +260,7 @@ class Corners:
             if (node, row) not in self.known:
                 self.known[node, row] = self.judged(sides, node, row)
             found.append(self.known[node, row])
-        if key in ("pressure", "pressure_recovered", "friction"):
+        if key in ON_CONTACT:
             found = [one for one in found if one.touches and (one.rubs or key != "friction")]
         worst = min(found, key=lambda one: one.exponent, default=NOWHERE)
         if worst.exponent >= LIMIT:

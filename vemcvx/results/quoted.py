@@ -46,10 +46,9 @@ class Extreme:
     unbounded: str = ""
 
 
-SINGULAR = (
-    *("von_mises", "largest_principal_stress", "smallest_principal_stress"),
-    *("friction", "pressure", "pressure_recovered"),
-)
+ON_CONTACT = "friction", "pressure", "pressure_recovered"
+"""Keys of the extremes of forces on nodes of contact."""
+SINGULAR = "von_mises", "largest_principal_stress", "smallest_principal_stress", *ON_CONTACT
 """Keys of the extremes that may have no limit."""
 
 

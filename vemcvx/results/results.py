@@ -325,7 +325,7 @@ def largest_values(history: Results) -> Iterator[tuple[quoted.Extreme, int, bool
 
 def _nodes(history: Results, corners: Corners, key: str, k: int) -> list[int]:
     """The nodes near which an extreme stands: those of its cell, or a contact node and those next to it."""
-    if key in ("pressure", "pressure_recovered", "friction"):
+    if key in quoted.ON_CONTACT:
         return corners.beside(int(history.contact.nodes[k]))
     mesh = history.mesh
     if isinstance(mesh, PolyhedralMesh) or key in ("displacement", "slip"):

@@ -9,6 +9,7 @@ import importlib.util
 import os
 import secrets
 import socket
+import sys
 import threading
 import time
 import webbrowser
@@ -84,6 +85,11 @@ class App:
                 serve(self.port, self.browser)
             except KeyboardInterrupt:
                 say("The page has ended.")
+                # marimo's sessions leave threads behind, and the interpreter that took itself down beside them failed
+                # now and then in its last flush of standard output (exit code 120). Nothing is left to do but to end.
+                for stream in (sys.stdout, sys.stderr):
+                    stream.flush()
+                os._exit(0)
 
 
 def check() -> str:

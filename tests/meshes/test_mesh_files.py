@@ -231,6 +231,16 @@ def test_fields_on_a_mesh(tmp_path):
     np.testing.assert_array_equal(again.cell_data["energy"], on_cells["energy"])
 
 
+def test_meshio_interchanges_no_fields(tmp_path):
+    """It replaces the offsets of arrays one after the other, and may meet a new one where it looks for an old one."""
+    mesh, random = vx.meshes.squares(3), np.random.default_rng(0)
+    for trial in range(20):
+        fields = {f"field {k}": random.random(mesh.n_nodes) * (random.random(mesh.n_nodes) < 0.2) for k in range(60)}
+        write_cells(tmp_path / "step.vtu", packed_cells(mesh), fields, {})
+        found = meshio.read(tmp_path / "step.vtu").point_data
+        assert [name for name in fields if not np.array_equal(found[name], fields[name])] == [], trial
+
+
 @pytest.mark.parametrize(
     ("name", "point_data", "cell_data", "message"),
     [

@@ -6,6 +6,7 @@ run answered is held against that: the theorem of :mod:`vemcvx.solvers.coulomb` 
 
 from __future__ import annotations
 
+import importlib
 import json
 import logging
 from dataclasses import replace
@@ -345,3 +346,15 @@ def test_open_places_keep_their_slips_where_states_are_refined(monkeypatch):
     run = vx.simulate(scene, vx.meshes.triangles(9), np.linspace(0, 0.4, 5), solver=vx.Newton(accuracy=1e-10))
     assert (run.contact.open_count[1:] > 0).any()
     assert run.certificate.max() < 1e-10
+
+
+@pytest.mark.long
+def test_blocks_that_slide_as_a_whole_may_be_refined(monkeypatch):
+    """Friction 7e-13 below its bound does work on the slip: that was 3e-7 of the energy norm, and refused the step."""
+    monkeypatch.setattr("vemcvx.stepping.state.needs_refinement", lambda *_: True)
+    monkeypatch.syspath_prepend("problems")
+    problem = importlib.import_module("skew_joint")
+    for n in (2, 3):
+        run = vx.simulate(problem.scene(), problem.mesh(n), problem.times(18)[:4], solver=vx.Newton(accuracy=1e-8))
+        assert run.contact.slip_count[-1] == len(run.contact.nodes)
+        assert run.certificate.max() <= 1e-8

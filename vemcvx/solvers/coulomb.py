@@ -156,12 +156,18 @@ class Found:
         return replace(point, lam=lam)
 
     def admissible(self, program: StepProgram) -> Iterate:
-        """The point within its bounds; what sticks is in place to the last bit: large weights make work of the rest."""
+        """The point within its bounds, what sticks in place and what slips at its weight to the last bit.
+
+        Large weights make work of a slip that is left of sticking, and what rounding leaves between a multiplier and
+        its weight does work on the slip: 7e-13 of a weight were 3e-7 in energy, on a block that slides as a whole.
+        """
         rows, d = program.operators.rows, self.point.d.copy()
         still = np.flatnonzero(np.repeat(self.sets.stick, program.operators.block) & rows.single)
         entry = rows.B.indptr[still]
         d[rows.B.indices[entry]] = program.b[still] / rows.B.data[entry]
-        lam = replace(program, w=self.weights).project(self.point.lam)
+        lam, size = replace(program, w=self.weights).project(self.point.lam), lengths(self.point.lam)
+        slides = ~self.sets.stick & (size > 0)
+        lam[slides] = (self.weights[slides] / size[slides])[:, None] * self.point.lam[slides]
         return Iterate(program.feasible(d), lam, np.maximum(self.point.p, 0.0))
 
 

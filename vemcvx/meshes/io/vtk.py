@@ -289,23 +289,26 @@ def _packed_grid(grid: Grid) -> Packed:
 def _write(path: Path, packed: Packed, data: Mapping[str, list[Block]], fields: Iterable[Block] = ()) -> None:
     """Write a VTU file: what there is as XML, then the bytes of all arrays behind each other as they are.
 
-    In base64 they would be a third longer.
+    In base64 they would be a third longer. They follow in the reverse of the order in which the XML names them: meshio
+    5.3 replaces offsets one by one, beginning with the least, and each time takes the first array of that offset. In
+    ascending order that may be one whose new offset is another's old one, and the two arrays are interchanged.
     """
     root = ElementTree.Element("VTKFile", type="UnstructuredGrid", version="1.0", header_type="UInt64")
     root.set("byte_order", "LittleEndian" if sys.byteorder == "little" else "BigEndian")
     root.set("compressor", "vtkZLibDataCompressor")
-    whole, appended = ElementTree.SubElement(root, "UnstructuredGrid"), list[bytes]()
+    whole, arrays = ElementTree.SubElement(root, "UnstructuredGrid"), list[tuple[ElementTree.Element, bytes]]()
     sizes = {"NumberOfPoints": str(packed.nodes), "NumberOfCells": str(packed.cells)}
     parents = {"FieldData": whole, "": ElementTree.Element("Piece", sizes)}
-    at = 0
     for tag, blocks in {"FieldData": fields, **packed.sections, **data}.items():
         section = ElementTree.SubElement(parents.get(tag, parents[""]), tag)
-        for words, block in blocks:
-            ElementTree.SubElement(section, "DataArray", words, format="appended", offset=str(at))
-            appended.append(block)
-            at += len(block)
+        arrays += [(ElementTree.SubElement(section, "DataArray", words, format="appended"), of) for words, of in blocks]
+    at = 0
+    for array, block in reversed(arrays):
+        array.set("offset", str(at))
+        at += len(block)
     whole.append(parents[""])
     head = ElementTree.tostring(root, encoding="utf-8", xml_declaration=True).removesuffix(b"</VTKFile>")
+    appended = [block for _, block in reversed(arrays)]
     with path.open("wb") as file:
         file.writelines([head, b'<AppendedData encoding="raw">\n_', *appended, b"\n</AppendedData></VTKFile>\n"])
 

@@ -156,15 +156,18 @@ class Found:
         return replace(point, lam=lam)
 
     def admissible(self, program: StepProgram) -> Iterate:
-        """The point within its bounds, what sticks in place and what slips at its weight to the last bit.
+        """The point within its bounds; what sticks or acts is in place, what slips at its weight to the last bit.
 
-        Large weights make work of a slip that is left of sticking, and what rounding leaves between a multiplier and
-        its weight does work on the slip: 7e-13 of a weight were 3e-7 in energy, on a block that slides as a whole.
+        What rounding leaves of a gap does work with the force there, and what it leaves between a multiplier and its
+        weight on the slip: 7e-13 of a weight were 3e-7 in energy on a block that slides as a whole, and as much were
+        gaps of 2e-18 under a body on springs of 1e-8 of its modulus.
         """
-        rows, d = program.operators.rows, self.point.d.copy()
-        still = np.flatnonzero(np.repeat(self.sets.stick, program.operators.block) & rows.single)
-        entry = rows.B.indptr[still]
-        d[rows.B.indices[entry]] = program.b[still] / rows.B.data[entry]
+        operators, d = program.operators, self.point.d.copy()
+        held = np.repeat(self.sets.stick, operators.block), self.once.act & (operators.compliance == 0)
+        for rows, still, place in zip((operators.rows, operators.limits), held, (program.b, program.e), strict=True):
+            k = np.flatnonzero(still & rows.single)
+            entry = rows.B.indptr[k]
+            d[rows.B.indices[entry]] = place[k] / rows.B.data[entry]
         lam, size = replace(program, w=self.weights).project(self.point.lam), lengths(self.point.lam)
         slides = ~self.sets.stick & (size > 0)
         lam[slides] = (self.weights[slides] / size[slides])[:, None] * self.point.lam[slides]

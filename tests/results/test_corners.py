@@ -171,3 +171,35 @@ def test_adaptive_runs_tell_growth_and_keep_it(tmp_path):
     again = vx.read_history(tmp_path)
     assert again.growth == found.history.growth
     assert said(again) == told
+
+
+@pytest.mark.parametrize(("dim", "like"), [(2, "r^-1"), (3, "r^-2")])
+def test_point_loads_are_told(dim, like):
+    """From squares of 1/8 to 1/16 the stress of the cell beside the load doubles; half as large, it is no extreme."""
+    found = {}
+    for n in (4, 8) if dim == 3 else (8, 16):
+        mesh = vx.meshes.squares(n) if dim == 2 else vx.meshes.cubes(n)
+        down = (0.0,) * (dim - 1) + (-1.0,)
+        at = (0.5,) * (dim - 1) + (1.0,)
+        scene = vx.Scene(vx.Elasticity(200.0, 0.3), vx.Clamp(on="bottom"), vx.PointLoad(down, at=at))
+        found[n] = vx.simulate(scene, mesh, [0.0, 1.0], initial="settled")
+    coarse, fine = ({one.key: one for one in history.extremes} for history in found.values())
+    words = f"at a point load: grows without limit as the mesh is refined, like {like}"
+    assert fine["von_mises"].unbounded == fine["smallest_principal_stress"].unbounded == words
+    assert fine["displacement"].unbounded == words.replace(like, "log r" if dim == 2 else "r^-1")
+    assert fine["von_mises"].value / coarse["von_mises"].value == pytest.approx(2 ** (dim - 1), rel=0.15)
+
+
+def test_point_loads_elsewhere_are_not_told(tmp_path):
+    """The largest stress is that of a clamp's corner, and the remark on it is kept in files."""
+    scene = vx.Scene(
+        vx.Elasticity(200.0, 0.3),
+        vx.Clamp(on="left"),
+        vx.Traction((0.0, -1.0), on="right"),
+        vx.PointLoad((0.0, -1e-3), at=(0.5, 1.0)),
+    )
+    history = vx.simulate(scene, vx.meshes.squares(8), [0.0, 1.0], initial="settled")
+    assert said(history)["von_mises"].startswith("at a corner of clamp and free side")
+    assert said(history)["displacement"] == ""
+    history.write(tmp_path)
+    assert said(vx.read_history(tmp_path)) == said(history)

@@ -19,7 +19,10 @@ Friction whose bound is given, and does not follow pressure, is too small near a
 counts as none. Whether the singular field takes part at all depends on the load, and is not asked.
 
 Where what touches, sticks or slips changes along a smooth side, the border lies where stress is bounded, and is no
-corner. Nothing is said where the material is anisotropic or changes from cell to cell, nor in space.
+corner. Of corners nothing is said where the material is anisotropic or changes from cell to cell, nor in space.
+
+Under a force on a point stress is as r^-1, and displacement as log r (Flamant 1892, Kelvin 1848); in space as r^-2, and
+as r^-1 (Boussinesq 1885).
 """
 
 from __future__ import annotations
@@ -34,6 +37,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from vemcvx.arrays import Bools, Floats, Ints
+from vemcvx.effects.effect import Load
 from vemcvx.meshes import AnyMesh, PolygonMesh
 from vemcvx.meshes.polygons import cell_of_corner
 from vemcvx.outline import ArrayRecord
@@ -143,7 +147,7 @@ def exponent(
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Sides(ArrayRecord):
-    """The conditions on the edges of the boundary.
+    """The conditions on the edges of the boundary, of which bodies in space have none, and point loads.
 
     Attributes
     ----------
@@ -155,12 +159,15 @@ class Sides(ArrayRecord):
         True where the edge touches, or may touch, something rigid, or is the first body's at an interface.
     pressed : (b,) bool
         True where friction follows pressure.
+    loaded : (q,) int or None
+        The nodes on which forces act as on points.
     """
 
     edges: Annotated[Ints, "sides 2", ""]
     free: Annotated[Floats, "sides 4", ""]
     contact: Annotated[Bools, "sides", ""]
     pressed: Annotated[Bools, "sides", ""]
+    loaded: Annotated[Ints | None, "loaded", ""] = None
 
     @cached_property
     def leaving(self) -> dict[int, int]:
@@ -180,11 +187,17 @@ def _once(nodes: Ints) -> dict[int, int]:
     return found
 
 
-def sides_of(posed: PosedScene) -> Sides | None:
-    """The sides of a posed scene; None in space."""
+def sides_of(posed: PosedScene) -> Sides:
+    """The sides of a posed scene."""
     mesh = posed.space.mesh
+    loads = [load for load in posed.loads if isinstance(load, Load) and load.cells is None and load.edges is None]
+    rows = np.concatenate([np.zeros(0, np.int64), *(load.matrix.tocoo().row for load in loads)])
+    loaded = np.unique(rows // mesh.points.shape[1])
     if not isinstance(mesh, PolygonMesh):
-        return None
+        none = np.zeros(0, dtype=bool)
+        return Sides(
+            edges=np.zeros((0, 2), dtype=np.int64), free=np.zeros((0, 4)), contact=none, pressed=none, loaded=loaded
+        )
     edges, terms = mesh.boundaries["boundary"], posed.terms
     laws = [friction.law is not None and friction.law.pressed for friction in terms.frictions]
     follows = np.repeat(np.array(laws, dtype=float), [len(friction.nodes) for friction in terms.frictions])
@@ -195,6 +208,7 @@ def sides_of(posed: PosedScene) -> Sides | None:
         # What gives way presses with a force that has a limit, as a load.
         contact=_owned(posed.surface, edges) & ~_owned(posed.obstacles[np.flatnonzero(soft)], edges),
         pressed=_owned(terms[pressed], edges),
+        loaded=loaded,
     )
 
 
@@ -249,11 +263,17 @@ class Corners:
     def sentence(self, nodes: Sequence[int], row: int, key: str) -> str:
         """The sentence on an extreme reached at one of these nodes, at a row of the arrays; empty if there is none.
 
-        `key` is that of the extreme. Displacement and slip are bounded everywhere; friction whose bound is given is,
-        too.
+        `key` is that of the extreme. Displacement and slip are bounded at all corners; friction whose bound is given
+        is, too.
         """
         sides = self.sides
-        if sides is None or key in ("displacement", "slip"):
+        if sides is None:
+            return ""
+        if key not in ("friction", "slip") and sides.loaded is not None and np.isin(nodes, sides.loaded).any():
+            order = self.mesh.points.shape[1] - (2 if key == "displacement" else 1)
+            like = f"r^-{order}" if order else "log r"
+            return f"at a point load: grows without limit as the mesh is refined, like {like}"
+        if key in ("displacement", "slip"):
             return ""
         found = []
         for node in nodes:

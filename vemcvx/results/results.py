@@ -331,7 +331,8 @@ def _nodes(history: Results, corners: Corners, key: str, k: int) -> list[int]:
     if key in ("displacement", "slip"):
         return [k] if key == "displacement" else []
     faces = mesh.cells[k] if isinstance(mesh, PolyhedralMesh) else [mesh.cells[k]]
-    return np.unique(np.concatenate([*faces])).tolist()
+    nodes: list[int] = np.unique(np.concatenate([*faces])).tolist()
+    return nodes
 
 
 def _fields(history: Results, row: int, step: int) -> Iterator[tuple[str, tuple[str, str, Floats, Floats]]]:

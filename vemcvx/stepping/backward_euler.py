@@ -352,7 +352,7 @@ def with_dragged_friction(system: System, before: State, state: State) -> State:
 JUMP = 1e-6
 """Initial states whose first step jumps by more, relative to the energy norm, violate (2.1)."""
 ROUNDED_LOAD = 1e-12
-"""Part of the largest load of a run that may act on an initial state out of balance: sin(2 pi) is rounding, not load."""
+"""Part of the largest load of a run that an initial state may be out of balance by: sin(2 pi) is rounding, not load."""
 
 
 def initial_state(run: PreparedRun, instants: Floats, initial: ArrayLike | str | None) -> State:

@@ -75,7 +75,7 @@ class History(Results, Outlined):
         Relative energy errors of an adaptive run: "algebra", "space", "time", their sum "total", and the "target",
         if an energy error was asked for.
     sides : Sides or None
-        The conditions on the boundary, by which `extremes` knows corners; None in space.
+        The conditions on the boundary, by which `extremes` knows corners and point loads.
     growth : dict of str to str, or None
         Extremes that grew from mesh to mesh of an adaptive run by a factor that does not fall, and how, by their keys.
     quantities : dict of str to Quantity, or None

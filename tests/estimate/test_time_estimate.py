@@ -33,7 +33,7 @@ def ratio(scene, mesh, times, initial=None, parts=24):
     """Estimated over true error of the steps, the largest of the run, and the true one itself."""
     posed = pose_scene(scene, mesh)
     run = prepare(posed.system, None, False, True)
-    start = certified_in_full(run, initial_state(run, times[0], initial)).full
+    start = certified_in_full(run, initial_state(run, times, initial)).full
     found = beside_finer(run, times, start)
     fine = finest(times, posed.system, parts)
     states = [vx.march(posed.system, t, initial=initial, check=False).state for t in (times, fine)]

@@ -20,7 +20,7 @@ from vemcvx.plots import (
     wear,
     write_plots,
 )
-from vemcvx.plots.contact import contact_line, directions
+from vemcvx.plots.contact import contact_line, directions, pressures
 from vemcvx.plots.pictures import draw_pictures
 from vemcvx.plots.style import OPEN_AREA, SIGNED, SLIP_AREA, STICK_AREA, rounded_down
 
@@ -475,6 +475,21 @@ def test_pressure_slip_and_wear_are_drawn_along_the_contact(rubbed):
         vx.HistoryError, match="along_contact: found show 'gap'; there are 'pressure', 'slip' and 'wear'"
     ):
         along_contact(rubbed, "gap")
+
+
+@pytest.mark.long
+def test_pressures_that_are_rounding_are_drawn_as_zero():
+    """A strip without Poisson's effect is pulled along a plane: nothing presses, and 1e-17 filled the axis."""
+    ends = vx.Symmetry(on="left"), vx.BilateralContact(on="bottom")
+    scene = vx.Scene(
+        vx.Elasticity(10.0, 0.0), *ends, vx.Traction(lambda x, t: np.tile([t, 0.0], (len(x), 1)), on="right")
+    )
+    pulled = vx.simulate(scene, vx.meshes.voronoi(6, seed=2), [0.0, 0.5, 1.0])
+    assert 0 < np.abs(pulled.contact.pressure_recovered).max() < 1e-12
+    assert not pressures(pulled).any()
+    figure = along_contact(pulled)
+    assert figure.axes[0].get_ylim() == pytest.approx((0.0, 1.0))
+    assert "contact_pressure" not in draw_pictures(pulled, None)
 
 
 @pytest.mark.long

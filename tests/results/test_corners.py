@@ -171,3 +171,79 @@ def test_adaptive_runs_tell_growth_and_keep_it(tmp_path):
     again = vx.read_history(tmp_path)
     assert again.growth == found.history.growth
     assert said(again) == told
+
+
+@pytest.mark.parametrize(("dim", "like"), [(2, "r^-1"), (3, "r^-2")])
+def test_point_loads_are_told(dim, like):
+    """From squares of 1/8 to 1/16 the stress of the cell beside the load doubles; half as large, it is no extreme."""
+    found = {}
+    for n in (4, 8) if dim == 3 else (8, 16):
+        mesh = vx.meshes.squares(n) if dim == 2 else vx.meshes.cubes(n)
+        down = (0.0,) * (dim - 1) + (-1.0,)
+        at = (0.5,) * (dim - 1) + (1.0,)
+        scene = vx.Scene(vx.Elasticity(200.0, 0.3), vx.Clamp(on="bottom"), vx.PointLoad(down, at=at))
+        found[n] = vx.simulate(scene, mesh, [0.0, 1.0], initial="settled")
+    coarse, fine = ({one.key: one for one in history.extremes} for history in found.values())
+    words = f"at a point load: grows without limit as the mesh is refined, like {like}"
+    assert fine["von_mises"].unbounded == fine["smallest_principal_stress"].unbounded == words
+    assert fine["displacement"].unbounded == words.replace(like, "log r" if dim == 2 else "r^-1")
+    assert fine["von_mises"].value / coarse["von_mises"].value == pytest.approx(2 ** (dim - 1), rel=0.15)
+
+
+def test_point_loads_elsewhere_are_not_told(tmp_path):
+    """The largest stress is that of a clamp's corner, and the remark on it is kept in files."""
+    scene = vx.Scene(
+        vx.Elasticity(200.0, 0.3),
+        vx.Clamp(on="left"),
+        vx.Traction((0.0, -1.0), on="right"),
+        vx.PointLoad((0.0, -1e-3), at=(0.5, 1.0)),
+    )
+    history = vx.simulate(scene, vx.meshes.squares(8), [0.0, 1.0], initial="settled")
+    assert said(history)["von_mises"].startswith("at a corner of clamp and free side")
+    assert said(history)["displacement"] == ""
+    history.write(tmp_path)
+    assert said(vx.read_history(tmp_path)) == said(history)
+
+
+@pytest.mark.parametrize(("young", "poisson"), [(10.0, 0.3), (0.2, 0.45), (3.0, 0.0)])
+def test_bonded_quarters_are_as_bogy_has_them(young, poisson):
+    """Two quarter planes with a common free side, from Dundurs' parameters (Bogy, J. Appl. Mech. 38, 1971)."""
+    one, other = (E / (2 * (1 + nu)) for E, nu in ((1.0, 0.3), (young, poisson)))
+    k, m = 3 - 4 * 0.3, 3 - 4 * poisson
+    total = other * (k + 1) + one * (m + 1)
+    a, b = (other * (k + 1) - one * (m + 1)) / total, (other * (k - 1) - one * (m - 1)) / total
+
+    def closed(p):
+        s = np.sin(np.pi * p / 2) ** 2 - p**2
+        return b**2 * s**2 + 2 * a * b * p**2 * s + a**2 * p**2 * (p**2 - 1) + np.sin(np.pi * p) ** 2 / 4
+
+    known = brentq(closed, 0.5, 0.999)
+    quarters = [Sector(np.pi / 2, k, one), Sector(np.pi / 2, m, other)]
+    assert exponent(quarters, [joined("sticks")], (FREE, FREE)) == pytest.approx(known, abs=1e-8)
+
+
+def test_the_free_edge_of_two_materials_is_told():
+    """A strip of two materials, side by side, is pulled along: stress grows where they meet at its free sides."""
+    found = {}
+    for n in (8, 16):
+        mesh = vx.meshes.squares((2 * n, n), box=((-1.0, 1.0), (0.0, 1.0)))
+        mesh = mesh.with_cell_data("young", np.where(mesh.centroids[:, 0] < 0, 1.0, 20.0))
+        mesh = mesh.with_cell_data("poisson", np.where(mesh.centroids[:, 0] < 0, 0.3, 0.2))
+        ends = vx.Symmetry(on="left"), vx.Symmetry(on="bottom")
+        scene = vx.Scene(vx.Elasticity("young", "poisson"), *ends, vx.Traction((0.01, 0.0), on="right"))
+        found[n] = vx.simulate(scene, mesh, [0.0, 1.0], initial="settled")
+    told = said(found[16])["von_mises"]
+    assert told.startswith("where materials meet at free side: grows without limit as the mesh is refined, like r^-0.")
+    places = [{one.key: one for one in history.extremes}["von_mises"] for history in found.values()]
+    grown = np.log2(places[1].value / places[0].value)
+    assert grown == pytest.approx(float(told.split("r^-")[1]), abs=0.03)
+
+
+def test_fields_of_material_are_no_corners():
+    """Moduli that change from cell to cell are those of a field, which changes no more as the mesh is refined."""
+    mesh = vx.meshes.squares(8)
+    mesh = mesh.with_cell_data("young", 100.0 + 900.0 * np.random.default_rng(1).random(mesh.n_cells))
+    scene = vx.Scene(
+        vx.Elasticity("young", 0.3), vx.Symmetry(on=("left", "bottom")), vx.Traction((1.0, 0.0), on="right")
+    )
+    assert set(said(vx.simulate(scene, mesh, [0.0, 1.0], initial="settled")).values()) == {""}

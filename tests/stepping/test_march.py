@@ -97,6 +97,25 @@ def test_tiny_steps_keep_the_digits_of_the_increments(family):
     assert np.abs(one).max() < 1e-4 * np.abs(history.displacement).max()
 
 
+@pytest.mark.parametrize("moved", [False, True])
+def test_rounding_at_the_first_instant_is_no_load(moved):
+    """sin(2 pi) = -2e-16: the state begins in the balance of that, and a tenth of a permille of the load is refused."""
+
+    def scene(phase):
+        def wave(x, t):
+            return np.tile([0.0, np.sin(2 * np.pi * (t + 1) + phase)], (len(x), 1))
+
+        hold = vx.PrescribedDisplacement(lambda x, t: 0.01 * wave(x, t), on="right") if moved else vx.Clamp(on="right")
+        touch = vx.UnilateralContact(on="bottom"), vx.CoulombFriction(0.3, on="bottom")
+        return vx.Scene(vx.Elasticity(200.0, 0.3), hold, vx.Traction(wave, on="top"), *touch)
+
+    history = vx.simulate(scene(0.0), vx.meshes.squares(3), [0.0, 0.25, 0.5])
+    assert 0 < np.abs(history.displacement[0]).max() < 1e-15 * np.abs(history.displacement).max()
+    assert history.certificate.max() < 1e-8
+    with pytest.raises(vx.SceneError, match=r"^initial: the (state|displacement .*) at"):
+        vx.simulate(scene(1e-4), vx.meshes.squares(3), [0.0, 0.25, 0.5])
+
+
 @pytest.mark.long
 def test_initial_states():
     mesh = small("squares")

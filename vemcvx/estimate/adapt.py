@@ -481,7 +481,7 @@ def _begin(scene: Scene, mesh: PolygonMesh, aim: _Aim) -> tuple[Floats, Finer | 
             stacklevel=3,
         )
     run = prepare(posed.system, None, False, True)
-    state = certified_in_full(run, initial_state(run, float(aim.wanted[0]), aim.initial))
+    state = certified_in_full(run, initial_state(run, aim.wanted, aim.initial))
     known, times, finer = course(posed.system, aim.wanted), aim.wanted, None
     while True:
         if aim.of == "energy":

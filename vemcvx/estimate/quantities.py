@@ -147,6 +147,6 @@ def _beside(history: History, mesh: AnyMesh, times: Floats, begin: Floats | str 
     """Another run of the scene. It gives no warnings: the run that it stands beside has."""
     with unwarned():
         posed = pose_scene(scene_of(history, "quantities"), mesh, times.tolist())
-        initial = free_unknowns(begin, posed, float(times[0]))
+        initial = free_unknowns(begin, posed, times)
         run = march(posed.system, times, initial=initial, store="last", check=False)
         return History.of(record(posed, run, 0.0, Memory()))

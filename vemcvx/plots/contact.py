@@ -290,16 +290,21 @@ def directions(history: Results, line: ContactLine) -> Floats:
     return np.where(idle(history)[:, line.order], np.nan, way)[history.stored > 0]
 
 
-def pressures(contact: Contact) -> Floats:
-    """(S, m) the contact pressure that all pictures show, without the ripple of nodal forces."""
-    return contact.pressure_recovered
+def pressures(history: Results) -> Floats:
+    """(S, m) the contact pressure that all pictures show, without the ripple of nodal forces.
+
+    It is zero where all of it is rounding beside the stresses: a picture would fill its axis with 1e-14.
+    """
+    found, keys = history.contact.pressure_recovered, ("largest_principal_stress", "smallest_principal_stress")
+    stress = max((abs(one.value) for one in history.extremes if one.key in keys), default=0.0)
+    return found if np.abs(found).max(initial=0.0) > 1e-10 * stress else np.zeros_like(found)
 
 
-Along = Callable[[Contact, ContactLine], Floats]
+Along = Callable[[Results, ContactLine], Floats]
 PROFILES: dict[str, tuple[str, str, str, Along]] = {
-    "pressure": ("force per length", "contact pressure", "Contact pressure", lambda c, on: pressures(c)[:, on.order]),
-    "slip": ("length", "slip towards larger {}", "Slip since the beginning", lambda c, on: on.along(c.slip)),
-    "wear": ("energy per length", "friction work", "Wear, as friction work", lambda c, on: c.wear[:, on.order]),
+    "pressure": ("force per length", "contact pressure", "Contact pressure", lambda h, on: pressures(h)[:, on.order]),
+    "slip": ("length", "slip towards larger {}", "Slip since the beginning", lambda h, on: on.along(h.contact.slip)),
+    "wear": ("energy per length", "friction work", "Wear, as friction work", lambda h, on: h.contact.wear[:, on.order]),
 }
 """Along the contact boundary: quantity, label, title, and values (S, m) in the order of the line."""
 
@@ -338,7 +343,7 @@ def along_contact(
     if not 0 < len(rows) <= most:
         raise HistoryError(f"{picture}: found {len(rows)} steps; it draws 1 to {most} of them.")
     quantity, words, title, found = PROFILES[show]
-    values, ax = found(history.contact, line), axes_or_new(ax, 6.4, 3.6)
+    values, ax = found(history, line), axes_or_new(ax, 6.4, 3.6)
     for row, colour, mark in zip(rows, EARLY_TO_LATE[-len(rows) :], MARKERS, strict=False):
         (drawn,) = ax.plot(*line.broken(values[row]), f"{mark}-", color=colour, linewidth=1.4, markersize=3.5)
         drawn.set(label=instant(history.times[row], units), markevery=max(1, len(line.order) // 30))
@@ -446,10 +451,10 @@ def _parts(contact: Contact, mesh: PolyhedralMesh) -> tuple[Floats, Ints]:
 
 
 AREAS = {"sticks": STICK_AREA, "slips": SLIP_AREA, "is open": OPEN_AREA}
-FIELDS: dict[str, tuple[str, str, Callable[[Contact], Floats]]] = {
+FIELDS: dict[str, tuple[str, str, Callable[[Results], Floats]]] = {
     "pressure": ("force per area", "contact pressure", pressures),
-    "friction": ("force per area", "friction", lambda contact: np.linalg.norm(contact.traction, axis=2)),
-    "wear": ("energy per area", "friction work", lambda contact: contact.wear),
+    "friction": ("force per area", "friction", lambda history: np.linalg.norm(history.contact.traction, axis=2)),
+    "wear": ("energy per area", "friction work", lambda history: history.contact.wear),
 }
 
 
@@ -499,7 +504,7 @@ def contact_face(
         legend_under(ax)
     else:
         quantity, words, values = FIELDS[show]
-        field = values(contact)
+        field = values(history)
         drawn = draw_polygons(ax, layout.corners, None)
         drawn.set_array(field[row, layout.owners])
         ends = value_range(limits, (min(0.0, float(field.min())), float(field.max()) or 1.0))

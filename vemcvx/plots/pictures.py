@@ -238,7 +238,7 @@ PICTURES: dict[str, tuple[Callable[..., Figure], Callable[[Results], bool]]] = {
     "stressed_body": (_stressed_page, _plane),
     "contact_pressure": (
         partial(along_contact, show="pressure"),
-        lambda h: _along(h) and bool(pressures(h.contact).any()),
+        lambda h: _along(h) and bool(pressures(h).any()),
     ),
     "contact_slip": (partial(along_contact, show="slip"), lambda h: _along(h) and bool(h.contact.slip.any())),
     "friction_traction": (friction_traction, lambda h: _plane(h) and _touches(h)),

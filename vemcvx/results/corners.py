@@ -19,7 +19,12 @@ Friction whose bound is given, and does not follow pressure, is too small near a
 counts as none. Whether the singular field takes part at all depends on the load, and is not asked.
 
 Where what touches, sticks or slips changes along a smooth side, the border lies where stress is bounded, and is no
-corner. Nothing is said where the material is anisotropic or changes from cell to cell, nor in space.
+corner. Materials that meet at the boundary are sectors that stick to each other, at smooth sides, too (Bogy,
+*Edge-bonded dissimilar orthogonal elastic wedges under normal and shear loading*, J. Appl. Mech. 35, 1968). Of corners
+nothing is said where the material is anisotropic or changes from cell to cell, nor in space.
+
+Under a force on a point stress is as r^-1, and displacement as log r (Flamant 1892, Kelvin 1848); in space as r^-2, and
+as r^-1 (Boussinesq 1885).
 """
 
 from __future__ import annotations
@@ -27,6 +32,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import pairwise
 from typing import Annotated
 
 import numpy as np
@@ -34,6 +40,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from vemcvx.arrays import Bools, Floats, Ints
+from vemcvx.effects.effect import Load
 from vemcvx.meshes import AnyMesh, PolygonMesh
 from vemcvx.meshes.polygons import cell_of_corner
 from vemcvx.outline import ArrayRecord
@@ -45,6 +52,8 @@ from vemcvx.scene.supports import free_directions
 from vemcvx.vem.boundary import CURVE
 
 Complex = NDArray[np.complex128]
+MATERIALS = 8
+"""More kinds of cells are no materials, but a field that changes from cell to cell."""
 LIMIT = 0.99
 """Exponents from here on are no corner's that matters: at .99 stress grows by .7 % where cells are halved."""
 
@@ -143,7 +152,7 @@ def exponent(
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Sides(ArrayRecord):
-    """The conditions on the edges of the boundary.
+    """The conditions on the edges of the boundary, of which bodies in space have none, and point loads.
 
     Attributes
     ----------
@@ -155,12 +164,15 @@ class Sides(ArrayRecord):
         True where the edge touches, or may touch, something rigid, or is the first body's at an interface.
     pressed : (b,) bool
         True where friction follows pressure.
+    loaded : (q,) int or None
+        The nodes on which forces act as on points.
     """
 
     edges: Annotated[Ints, "sides 2", ""]
     free: Annotated[Floats, "sides 4", ""]
     contact: Annotated[Bools, "sides", ""]
     pressed: Annotated[Bools, "sides", ""]
+    loaded: Annotated[Ints | None, "loaded", ""] = None
 
     @cached_property
     def leaving(self) -> dict[int, int]:
@@ -180,11 +192,17 @@ def _once(nodes: Ints) -> dict[int, int]:
     return found
 
 
-def sides_of(posed: PosedScene) -> Sides | None:
-    """The sides of a posed scene; None in space."""
+def sides_of(posed: PosedScene) -> Sides:
+    """The sides of a posed scene."""
     mesh = posed.space.mesh
+    loads = [load for load in posed.loads if isinstance(load, Load) and load.cells is None and load.edges is None]
+    rows = np.concatenate([np.zeros(0, np.int64), *(load.matrix.tocoo().row for load in loads)])
+    loaded = np.unique(rows // mesh.points.shape[1])
     if not isinstance(mesh, PolygonMesh):
-        return None
+        none = np.zeros(0, dtype=bool)
+        return Sides(
+            edges=np.zeros((0, 2), dtype=np.int64), free=np.zeros((0, 4)), contact=none, pressed=none, loaded=loaded
+        )
     edges, terms = mesh.boundaries["boundary"], posed.terms
     laws = [friction.law is not None and friction.law.pressed for friction in terms.frictions]
     follows = np.repeat(np.array(laws, dtype=float), [len(friction.nodes) for friction in terms.frictions])
@@ -195,6 +213,7 @@ def sides_of(posed: PosedScene) -> Sides | None:
         # What gives way presses with a force that has a limit, as a load.
         contact=_owned(posed.surface, edges) & ~_owned(posed.obstacles[np.flatnonzero(soft)], edges),
         pressed=_owned(terms[pressed], edges),
+        loaded=loaded,
     )
 
 
@@ -230,6 +249,11 @@ class Corners:
     known: dict[tuple[int, int], Corner] = field(default_factory=dict)
 
     @cached_property
+    def varies(self) -> bool:
+        """True if moduli change from cell to cell, and not from material to material."""
+        return len(np.unique(self.moduli, axis=1).T) > MATERIALS
+
+    @cached_property
     def across(self) -> dict[tuple[int, int], tuple[int, int]]:
         """The edge of another body in the place of each edge of an interface."""
         found: dict[tuple[int, int], tuple[int, int]] = {}
@@ -249,11 +273,17 @@ class Corners:
     def sentence(self, nodes: Sequence[int], row: int, key: str) -> str:
         """The sentence on an extreme reached at one of these nodes, at a row of the arrays; empty if there is none.
 
-        `key` is that of the extreme. Displacement and slip are bounded everywhere; friction whose bound is given is,
-        too.
+        `key` is that of the extreme. Displacement and slip are bounded at all corners; friction whose bound is given
+        is, too.
         """
         sides = self.sides
-        if sides is None or key in ("displacement", "slip"):
+        if sides is None:
+            return ""
+        if key not in ("friction", "slip") and sides.loaded is not None and np.isin(nodes, sides.loaded).any():
+            order = self.mesh.points.shape[1] - (2 if key == "displacement" else 1)
+            like = f"r^-{order}" if order else "log r"
+            return f"at a point load: grows without limit as the mesh is refined, like {like}"
+        if key in ("displacement", "slip"):
             return ""
         found = []
         for node in nodes:
@@ -273,14 +303,16 @@ class Corners:
         if chain is None:
             return NOWHERE
         nodes, ring = chain
-        made = [_sector(self, sides, node) for node in nodes]
-        sectors = [sector for sector in made if sector is not None]
-        if len(sectors) < len(made):
+        made = [_sectors(self, sides, node) for node in nodes]
+        if not all(made):
             return NOWHERE
+        sectors, mixed = [sector for several in made for sector in several], len(made) < sum(map(len, made))
         first, last = sides.leaving[nodes[0]], sides.arriving[nodes[-1]]
         joints = [_joint(self, sides, sides.arriving[node], row) for node in (nodes if ring else nodes[:-1])]
-        names, rows, ends = [name for name, _ in joints], [rows for _, rows in joints], None
-        angles = np.array([sector.angle for sector in sectors])
+        names, rows, ends = [name for name, _ in joints], list[tuple[Floats, Floats]](), None
+        for k, several in enumerate(made):
+            rows += [joined("sticks")] * (len(several) - 1) + [rows_of for _, rows_of in joints[k : k + 1]]
+        angles = np.array([sum(sector.angle for sector in several) for several in made])
         if ring:
             smooth = len(nodes) > 1
         else:
@@ -290,10 +322,11 @@ class Corners:
             mirrored = "roller" in (start[0], end[0])
             angles = angles * (2.0 if mirrored else 1.0)
             smooth = mirrored or start[0] == end[0] or bool(sides.contact[first] and sides.contact[last])
-        if smooth and (np.abs(angles - np.pi) < CURVE).all():
+        if smooth and not mixed and (np.abs(angles - np.pi) < CURVE).all():
             return NOWHERE
         kinds = list(dict.fromkeys(sorted(names)))
         where = "at a reentrant corner" if kinds == ["free side"] else f"at a corner of {' and '.join(kinds)}"
+        where = f"where materials meet at {' and '.join(kinds)}" if mixed else where
         touching = [k for node in nodes for k in (sides.leaving[node], sides.arriving[node]) if sides.contact[k]]
         return Corner(exponent(sectors, rows, ends), where, bool(touching), bool(sides.pressed[touching].any()))
 
@@ -320,19 +353,36 @@ class Corners:
         return (nodes, False) if all(map(known, nodes)) else None
 
 
-def _sector(corners: Corners, sides: Sides, node: int) -> Sector | None:
+def _sectors(corners: Corners, sides: Sides, node: int) -> list[Sector]:
+    """The body at a node counter-clockwise, a sector for each material; none where moduli vary, or are not two."""
     mesh = corners.mesh
     assert isinstance(mesh, PolygonMesh)
-    cells = cell_of_corner(mesh.offsets)[mesh.vertices == node]
-    moduli = corners.moduli[:, cells]
-    if len(moduli) != 2 or (np.ptp(moduli, axis=1) > 1e-9 * moduli.max(axis=1)).any():
-        return None
-    lame, shear = moduli[:, 0]
+    if len(corners.moduli) != 2 or corners.varies:
+        return []
+    at = np.flatnonzero(mesh.vertices == node)
+    cells = cell_of_corner(mesh.offsets)[at]
+    first, size = mesh.offsets[cells], np.diff(mesh.offsets)[cells]
+    after = mesh.points[mesh.vertices[first + (at - first + 1) % size]] - mesh.points[node]
     out = mesh.points[sides.edges[sides.leaving[node], 1]] - mesh.points[node]
     back = mesh.points[sides.edges[sides.arriving[node], 0]] - mesh.points[node]
-    angle = float(np.arctan2(out[0] * back[1] - out[1] * back[0], out @ back)) % (2 * np.pi)
-    # The two sides of a crack are one ray.
-    return Sector(angle if angle > 1e-6 else 2 * np.pi, float((lame + 3 * shear) / (lame + shear)), float(shear))
+    # A ray that is out itself may be turned from it by rounding, backwards.
+    order = np.argsort((_turned(out, after) + 1e-6) % (2 * np.pi))
+    rays, cells = [*after[order], back], cells[order]
+    moduli, found = corners.moduli[:, cells], list[Sector]()
+    begins = np.flatnonzero(np.append(True, (np.abs(np.diff(moduli)) > 1e-9 * moduli.max(axis=1)[:, None]).any(axis=0)))
+    for begin, end in pairwise([*begins.tolist(), len(cells)]):
+        angle, (lame, shear) = float(_turned(rays[begin], rays[end])), moduli[:, begin]
+        # The two sides of a crack are one ray.
+        found.append(
+            Sector(angle if angle > 1e-6 else 2 * np.pi, float((lame + 3 * shear) / (lame + shear)), float(shear))
+        )
+    return found
+
+
+def _turned(one: Floats, other: Floats) -> Floats:
+    """The angles from one direction to others (..., 2), counter-clockwise, from 0 to 2 pi."""
+    turned: Floats = np.arctan2(one[0] * other[..., 1] - one[1] * other[..., 0], other @ one) % (2 * np.pi)
+    return turned
 
 
 def _condition(corners: Corners, sides: Sides, k: int, row: int, leaving: bool) -> tuple[str, Floats]:

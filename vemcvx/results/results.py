@@ -281,9 +281,9 @@ class Results:
 
         Displacements are those of nodes, stresses those of cells, Pi u's, at their centroids, and slips, friction and
         pressure, raw and recovered, those of contact nodes. Signs are kept: the smallest principal stress is the
-        largest compression. `unbounded` says of those at corners that they grow without limit as the mesh is refined,
-        unless half of the field is within a percent of them: no corner is loaded then. Found once, when first asked
-        for.
+        largest compression. `unbounded` says of those at corners and point loads that they grow without limit as the
+        mesh is refined, unless half of the field is within a percent of them: no corner is loaded then. Found once,
+        when first asked for.
         """
         corners, grew = Corners(self.mesh, self.contact, self.moduli, self.sides), self.growth or {}
         told = (
@@ -328,9 +328,11 @@ def _nodes(history: Results, corners: Corners, key: str, k: int) -> list[int]:
     if key in quoted.ON_CONTACT:
         return corners.beside(int(history.contact.nodes[k]))
     mesh = history.mesh
-    if isinstance(mesh, PolyhedralMesh) or key in ("displacement", "slip"):
-        return []
-    return list(map(int, mesh.cells[k]))
+    if key in ("displacement", "slip"):
+        return [k] if key == "displacement" else []
+    faces = mesh.cells[k] if isinstance(mesh, PolyhedralMesh) else [mesh.cells[k]]
+    nodes: list[int] = np.unique(np.concatenate([*faces])).tolist()
+    return nodes
 
 
 def _fields(history: Results, row: int, step: int) -> Iterator[tuple[str, tuple[str, str, Floats, Floats]]]:

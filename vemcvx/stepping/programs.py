@@ -45,7 +45,7 @@ def programs_of_march(
     instants, condense = checked_times(times), flag(condense, "condense")
     run, steps = _prepared(system, instants, solver, condense, linear)
     run = replace(run, check=flag(check, "check"))
-    before = certified_in_full(run, first_state(run, float(instants[0]), initial))
+    before = certified_in_full(run, first_state(run, instants, initial))
     states = states_of(run, steps, instants, 0, before)
     for _ in instants[1:]:
         with threads_of_steps(system, condense, run.condensation.linear):

@@ -144,7 +144,7 @@ def reference(name, form, n):
     full_load, levels = system.force(1.0), STEPS[name]
     system = replace(system, load=lambda t: levels[round(t)] * full_load)
     run = prepare(system, vx.Newton(accuracy=FLOOR), check=False, condense=FORMS[form])
-    states = [initial_state(run, 0.0, None)]
+    states = [initial_state(run, np.arange(len(levels), dtype=float), None)]
     for k in range(1, len(levels)):
         states.append(QuasistaticSteps(run).step(states[-1], k, float(k)))
     return Reference(name, form, system, (*states[:-1], certified_in_full(run, states[-1])))

@@ -166,6 +166,7 @@ def check_against_finer(scene, meshes, of, end=1.0):
     return coarse
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("n", [2, pytest.param(8, marks=pytest.mark.slow)])
 def test_quantities_of_the_bracket_are_between_their_bounds(n):
     """A corner where stress is infinite, and friction: the mean displacement of its foot, and its mean strain."""

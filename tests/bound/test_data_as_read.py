@@ -122,6 +122,7 @@ def bar(of):
     return run(*BAR, vx.Clamp(on="right"), vx.BodyForce(along(of))), -force[-1], mean, -0.5 * square
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", LOADS)
 def test_what_is_misread_of_loads_is_allowed_for(name):
     history, force, mean, least = bar(LOADS[name])
@@ -187,6 +188,7 @@ def test_quantities_that_assemble_as_zero_are_no_zeros():
     assert not bound.guaranteed
 
 
+@pytest.mark.long
 def test_estimates_without_width_say_that_it_means_nothing():
     """All friction slips in the run, so that the load less friction is all; in truth some sticks beside the clamp."""
     push = vx.Traction(lambda x, t: (8.0 * t, 0.0), on="left")
@@ -251,6 +253,7 @@ COURSES = {
 QUICK = ("ground", "support")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "name", [one if one in QUICK else pytest.param(one, marks=pytest.mark.slow) for one in COURSES]
 )
@@ -274,6 +277,7 @@ def test_what_happens_between_instants_is_in_the_bound_and_named(name, caplog):
     assert (bound.kind == "bound") == ("not linear between" not in caplog.text)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("steps", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_supports_may_move_nonlinearly_in_time(steps):
     """They are read at more instants; what is refused is motion that is nonlinear along edges."""

@@ -101,6 +101,7 @@ def test_the_error_of_full_slip_is_bounded_for_all_poisson_ratios(family, poisso
         assert (0.9 if locks else 0.98) * error <= bound.lower <= error * (1.0 + rounding)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 12))])
 def test_bounds_hold_for_answers_that_are_wrong(seed):
     """Nodal values and multipliers disturbed by a tenth: the bound is one of what is there."""
@@ -461,6 +462,7 @@ def test_a_reversal_inside_a_step_is_named_and_can_be_met(caplog):
     assert met.upper[-1] < bound.upper[-1]
 
 
+@pytest.mark.long
 def test_what_comes_and_goes_within_a_step_is_in_the_bound():
     """The run leaves out a load that is zero at all of its instants; the friction that it leaves behind is real."""
     history = vx.simulate(paper_scene(triangular), vx.meshes.squares(4), [0.0, 1.0])
@@ -516,6 +518,7 @@ def test_histories_whose_data_no_step_loses_have_the_bound_of_their_mesh_alone()
 # Runs that are asked for it.
 
 
+@pytest.mark.long
 def test_runs_keep_the_largest_bound_of_their_steps(tmp_path):
     times = np.linspace(0.0, 1.0, 4)
     history = vx.simulate(paper_scene(), vx.meshes.squares(4), times, bound=True)

@@ -294,6 +294,7 @@ def test_too_little_memory_is_said(monkeypatch):
     assert "not enough memory: Unable to allocate 7 EiB; take a coarser mesh" in refused.output
 
 
+@pytest.mark.long
 @pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are a matter of Unix")
 @pytest.mark.parametrize("name", ["SIGTERM", pytest.param("SIGHUP", marks=pytest.mark.slow)])
 def test_a_command_that_is_ended_shows_the_cursor_again(tmp_path, name):

@@ -283,6 +283,7 @@ def test_a_cell_that_fails_is_named(tmp_path, monkeypatch):
     assert "ZeroDivisionError" in said
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [

@@ -83,6 +83,7 @@ def test_an_optimum_that_is_none_is_not_confirmed(tmp_path, monkeypatch):
     assert confirm.main(tmp_path) == 1
 
 
+@pytest.mark.long
 def test_it_is_the_same_every_time(tmp_path):
     for name in ("a", "b"):
         write_collection(tmp_path / name, "cbf", instances=one_a_grade()[:3])

@@ -120,6 +120,7 @@ def attempts():
     return pose_scene(scene, mesh).system, made
 
 
+@pytest.mark.long
 def test_all_that_accept_the_program_agree():
     done = invoke(PROBLEM, "--n", 6, "--steps", 4)
     assert done.exit_code == 0, done.output
@@ -207,6 +208,7 @@ def test_all_asks_whatever_cvxpy_finds():
     assert "Traceback" not in done.output
 
 
+@pytest.mark.long
 def test_options_reach_solvers_and_are_told():
     options = [
         "--option",
@@ -242,6 +244,7 @@ def test_whatever_breaks_down_is_a_row(broken):
     assert rows(done.output)["Newton", "own"][2] == "yes"
 
 
+@pytest.mark.long
 def test_answers_that_are_none_are_rows_and_make_no_liars(broken):
     """NaN was the most certain answer, to which Newton was wrong; 1e200 and errors of this package ended the table."""
     names = ["Nan", "Huge", "Complaining"]

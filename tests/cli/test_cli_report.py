@@ -188,6 +188,7 @@ def test_adaptive_runs_have_their_own_budget(tmp_path):
     assert "n = 2, adapted:" in text
 
 
+@pytest.mark.long
 def test_a_run_that_is_refused_writes_none(tmp_path):
     arguments = ["run", "feng_han_huang", "--n", "3", "--steps", "2", "--accuracy", "1e-17"]
     missed = CliRunner().invoke(app, [*arguments, "--report", "--out", str(tmp_path)])

@@ -61,6 +61,7 @@ def ended(command, sent, folder):
     return process.returncode
 
 
+@pytest.mark.long
 @LINUX
 @pytest.mark.parametrize("sent", ["SIGKILL", pytest.param("SIGINT", marks=pytest.mark.slow)])
 def test_a_process_ends_with_the_one_that_started_it(tmp_path, sent):

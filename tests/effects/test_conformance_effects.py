@@ -310,6 +310,7 @@ def test_no_exported_effect_is_missing_from_the_samples():
     assert {kind.__name__ for kind in exported} <= set(vx.__all__)
 
 
+@pytest.mark.long
 def test_loads_that_print_alike_are_summed_in_one_order():
     """Sums of three and more depend on their order in the last bit; arrays print eight digits, cut short when long."""
     rng = np.random.default_rng(1)

@@ -100,6 +100,7 @@ def test_the_stored_result_names_the_three_parts(tmp_path):
     assert vx.read_history(tmp_path).errors == kept
 
 
+@pytest.mark.long
 def test_too_few_unknowns_are_said():
     found = vx.adapt(paper_scene(), vx.meshes.squares(4), [0.0, 1.0], 0.01, most_unknowns=400)
     assert not found.met
@@ -118,6 +119,7 @@ def test_solvers_are_asked_for_no_more_than_the_target_needs():
     assert tuple(told) == found.passes
 
 
+@pytest.mark.long
 def test_a_scene_without_friction_needs_one_step():
     scene = paper_scene().without(vx.TrescaFriction)
     found = vx.adapt(scene, vx.meshes.squares(4), [0.0, 1.0], TARGET)
@@ -126,6 +128,7 @@ def test_a_scene_without_friction_needs_one_step():
     assert found.budget.time[-1] == 0.0
 
 
+@pytest.mark.long
 def test_curved_loads_are_followed_by_halving():
     """A target that is a ninth takes three times the steps where the error is of second order."""
 
@@ -215,6 +218,7 @@ def test_loads_that_vanish_at_the_instants_asked_for_are_seen(course):
     assert found.history.trajectory.norm.max() > 0.1
 
 
+@pytest.mark.long
 def test_data_are_not_asked_for_outside_the_run():
     def late(t):
         assert 0.0 <= t <= 1.0

@@ -279,6 +279,7 @@ def test_different_domains_are_refused_unless_meant():
     assert half == pytest.approx(vx.measures.energy_distance(a, field(a.mesh, nothing)).absolute / np.sqrt(2))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["projected", "exact", "nodal"])
 def test_sixteen_times_the_cells_take_hardly_more_calls(kind):
     def count(a, b):

@@ -155,6 +155,7 @@ def at_the_end(history):
 LONG = {name for name in RUNS if name.startswith("Coulomb")}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=pytest.mark.slow) if name in LONG else name for name in RUNS]
 )

@@ -40,6 +40,7 @@ def truth_of(case):
     return simulated(case.scene, case.fine.func, *case.fine.args)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "case",
     [
@@ -61,6 +62,7 @@ def test_estimates_of_the_declared_family():
     assert max(found.values()) <= MOST, max(found, key=found.get)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "start", [(8, 8), (128, 4), *(pytest.param(s, marks=pytest.mark.slow) for s in ((32, 4), (4, 128)))]
 )

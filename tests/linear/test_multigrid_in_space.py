@@ -81,6 +81,7 @@ def test_stiffness_that_is_added_is_in_the_preconditioner():
     assert errors[-1] < (3 * INEXACT) ** 5 * errors[0]
 
 
+@pytest.mark.long
 def test_flexibilities_are_estimated_by_a_few():
     """Of iterative factors: from above where looked at, hence nowhere far below."""
     system = systems()["bilateral"]

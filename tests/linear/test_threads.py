@@ -124,6 +124,7 @@ def test_without_a_threaded_library_threads_are_refused_in_a_sentence(monkeypatc
     assert vx.Pardiso().cores == 1
 
 
+@pytest.mark.long
 def test_linear_solvers_of_one_thread_say_so():
     given = ["run", "feng_han_huang", "--n", "4", "--steps", "2", "--threads", "2", "--linear", "superlu"]
     run = CliRunner().invoke(app, given)

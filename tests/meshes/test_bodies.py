@@ -136,6 +136,7 @@ def test_files_keep_interfaces(suffix, tmp_path):
     assert_same(mesh, pickle.loads(pickle.dumps(mesh)))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("library", ["meshio", "pyvista"])
 def test_meshes_of_other_libraries_keep_interfaces(library):
     mesh = three_blocks()

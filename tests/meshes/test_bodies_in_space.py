@@ -146,6 +146,7 @@ def test_a_joint_may_end_on_a_third_body():
     }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "size", [n if n in (4, 8, 9) else pytest.param(n, marks=pytest.mark.slow) for n in range(2, 14)]
 )

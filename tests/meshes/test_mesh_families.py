@@ -88,6 +88,7 @@ def cells_per_square(make):
     return round(make((40, 40)).n_cells / 1600, 1)
 
 
+@pytest.mark.long
 def test_n_is_cells_across_the_shortest_side(make):
     coarse, fine = make(10), make(20)
     per_square = cells_per_square(make)
@@ -124,6 +125,7 @@ def test_bad_sizes(make, given, says):
         make(**given)
 
 
+@pytest.mark.long
 def test_pair_of_counts(make):
     """A row begins and ends with half a cell in some families, and some numbers of cells are rounded."""
     mesh = make((6, 2), ((0.0, 3.0), (0.0, 1.0)))
@@ -283,6 +285,7 @@ def test_hanging_nodes_belong_to_both_cells(fraction):
     assert set(mesh.areas.tolist()) <= {1 / 16, 1 / 64}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", FAMILIES)
 def test_sixteen_times_the_cells_take_hardly_more_calls(name):
     def made(n):

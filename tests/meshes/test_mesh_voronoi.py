@@ -50,6 +50,7 @@ def test_relaxed_voronoi_cells_are_round():
     assert spread[1] < 0.15
 
 
+@pytest.mark.long
 def test_voronoi_in_a_thin_strip():
     mesh = meshes.voronoi(cells=60, box=((0.0, 1e4), (0.0, 1.0)))
     PolygonMesh(mesh.points, mesh.cells)

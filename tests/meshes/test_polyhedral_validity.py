@@ -340,6 +340,7 @@ def test_a_l_shaped_cell():
     np.testing.assert_allclose(mesh.centroids[0], [5 / 6, 5 / 6, 0.5])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", vx.meshes.SPACE_FAMILIES)
 @pytest.mark.parametrize("n", [1, (1, 2, 3), 3], ids=str)
 @pytest.mark.parametrize("box", [((0, 1), (0, 1), (0, 1)), ((1e4, 1e4 + 1), (-3, 0), (0.1, 0.2))], ids=["unit", "far"])

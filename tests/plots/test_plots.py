@@ -167,6 +167,7 @@ def test_a_band_reaches_from_one_stored_instant_to_the_next(history, store):
     assert not mesh.get_array().mask[:, ::2].any()
 
 
+@pytest.mark.long
 def test_the_ledger_adds_up(history):
     left, right = energy_ledger(history).axes
     drawn, certificates = lines(left), lines(right)

@@ -35,6 +35,7 @@ CASES = [
 ]
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("ignore")  # the table records warnings itself
 @pytest.mark.parametrize("case", CASES)
 def test_hard_case(case):

@@ -83,6 +83,7 @@ def test_stick_slip_and_tractions_are_exact(history):
     assert np.abs(history.contact.pressure).max() < 1e-10 * G
 
 
+@pytest.mark.long
 def test_every_solver_finds_it():
     mesh = vx.meshes.voronoi(3, box=((0, L), (0, H)))
     _, _, loss = closed_form()

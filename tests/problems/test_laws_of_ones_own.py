@@ -44,6 +44,7 @@ def test_slip_weakening_follows_its_closed_form(family):
     assert (np.diff(bound[times > 1.5]) < 0).any()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("solver", [vx.Newton(1e-8), vx.Clarabel(1e-6)], ids=["Newton", "Clarabel"])
 def test_glue_that_softens_follows_its_closed_form(solver):
     mesh, times = glued.mesh(2, "hexagons"), glued.times(24)

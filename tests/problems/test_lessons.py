@@ -120,6 +120,7 @@ def test_the_title_is_shown_once(name):
     assert not any(re.search(r"^# # ", text, re.MULTILINE) for kind, text in others if kind == "markdown")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", LESSONS)
 def test_swatches_of_legends_are_seen(name):
     """Whether the legend stands on white or on the area itself: a face or an edge differs from both."""

@@ -111,6 +111,7 @@ def test_first_order_on_the_table():
     assert np.log(errors[-1] / errors[0]) / np.log(sizes[-1] / sizes[0]) > 1.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("solver", SOLVERS[1:], ids=lambda solver: solver.name)
 def test_solvers_agree_on_the_table(solver):
     mesh = vx.meshes.voronoi(4, BOX)

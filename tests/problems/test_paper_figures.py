@@ -32,6 +32,7 @@ def test_one_command(figures, tmp_path):
         assert fact in printed
 
 
+@pytest.mark.long
 def test_table_1_in_small(figures):
     """Against h = 1/32 instead of 1/256; steps cost nothing, and the nodal distance is the least."""
     found = figures.errors((4, 8), 32)

@@ -24,6 +24,7 @@ LONG = ("bolted_flange", "spherical_indenter", "twisted_pad")
 matplotlib = pytest.importorskip("matplotlib")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=pytest.mark.slow) if name in LONG else name for name in gallery.problem_files()]
 )
@@ -38,6 +39,7 @@ def test_every_problem_runs_in_its_small_setting(name):
     assert 5_000 < drawn.stat().st_size < 250_000, "run problems/gallery.py"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", [*SHOWN, *(pytest.param(name, marks=pytest.mark.slow) for name in SLOW)])
 def test_it_is_drawn_within_the_page(name):
     problem = import_module(name)

@@ -57,6 +57,7 @@ def test_hertz(solver):
     assert np.abs(gap * contact.pressure[-1]).max() < 1e-6 * gap.max() * contact.pressure.max()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("drag", [1e-4, pytest.param(4e-4, marks=pytest.mark.slow)])
 def test_cattaneo_and_mindlin(drag):
     """The stick half-width within three per cent of sqrt(1 - Q / mu P), for little and for much drag."""

@@ -239,6 +239,7 @@ def test_folders_without_a_history_say_what_they_are(history, tmp_path):
         history.write(tmp_path / "mesh.vtu")
 
 
+@pytest.mark.long
 def test_damaged_archives_are_refused_or_whole(history, tmp_path):
     history.write(tmp_path)
     archive = tmp_path / "history.npz"

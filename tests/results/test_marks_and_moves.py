@@ -170,6 +170,7 @@ def test_a_folder_is_old_or_new_wherever_a_process_dies(tmp_path, monkeypatch, f
     assert np.array_equal(vx.read_history(tmp_path).displacement, old.displacement)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("first", [True, False], ids=["first", "over another"])
 def test_a_process_that_dies_before_all_is_made_leaves_the_older_history(tmp_path, monkeypatch, first):
     old = history()

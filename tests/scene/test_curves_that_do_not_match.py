@@ -32,6 +32,7 @@ def rings(cells, others, turn=2 * np.pi, order=("inner", "outer"), interfaces=No
     return mesh if turn > 6 else mesh.with_boundary("cut", lambda x: np.abs(x).min(axis=1) < 1e-9)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("digits", [16, 5])
 @pytest.mark.parametrize("named", [("inner", "outer"), ("outer", "inner")], ids="|".join)
 @pytest.mark.parametrize("order", [("inner", "outer"), ("outer", "inner")], ids=" before ".join)

@@ -156,6 +156,7 @@ def test_thousands_of_random_programs(kind):
     assert [seed for seed, (good, _) in enumerate(found) if not good] == []
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [1, 6, 11])
 def test_small_programs_against_forty_digits(seed):
     """Projected gradients on the dual in mpmath; the distance in energy is one that the certificate allows."""

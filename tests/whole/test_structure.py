@@ -102,6 +102,7 @@ def part(name):
     return name.split(".")[1] if "." in name else name
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", modules())
 def test_a_part_knows_only_what_stands_above_it_on_the_page(name):
     own, order = part(name), [*GROUND, *PAGE]
@@ -220,6 +221,7 @@ def kinds():
     return words
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", modules())
 def test_types_of_documented_parameters_exist(name):
     documented = re.findall(r"^    +\w+(?:, \w+)* : ([A-Z][a-z]\w+)", modules()[name].read_text(), flags=re.MULTILINE)

@@ -324,12 +324,14 @@ def largest_values(history: Results) -> Iterator[tuple[quoted.Extreme, int, bool
 
 
 def _nodes(history: Results, corners: Corners, key: str, k: int) -> list[int]:
-    """The nodes near which an extreme stands: those of its cell, or a contact node and those next to it."""
+    """The nodes near which an extreme stands: its own, those of its cell, or a contact node and those next to it."""
     if key in quoted.ON_CONTACT:
         return corners.beside(int(history.contact.nodes[k]))
+    if key == "displacement":
+        return [k]
+    if key == "slip":
+        return []
     mesh = history.mesh
-    if key in ("displacement", "slip"):
-        return [k] if key == "displacement" else []
     faces = mesh.cells[k] if isinstance(mesh, PolyhedralMesh) else [mesh.cells[k]]
     nodes: list[int] = np.unique(np.concatenate([*faces])).tolist()
     return nodes

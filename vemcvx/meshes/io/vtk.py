@@ -302,13 +302,14 @@ def _write(path: Path, packed: Packed, data: Mapping[str, list[Block]], fields: 
     for tag, blocks in {"FieldData": fields, **packed.sections, **data}.items():
         section = ElementTree.SubElement(parents.get(tag, parents[""]), tag)
         arrays += [(ElementTree.SubElement(section, "DataArray", words, format="appended"), of) for words, of in blocks]
+    arrays.reverse()
     at = 0
-    for array, block in reversed(arrays):
+    for array, block in arrays:
         array.set("offset", str(at))
         at += len(block)
     whole.append(parents[""])
     head = ElementTree.tostring(root, encoding="utf-8", xml_declaration=True).removesuffix(b"</VTKFile>")
-    appended = [block for _, block in reversed(arrays)]
+    appended = [block for _, block in arrays]
     with path.open("wb") as file:
         file.writelines([head, b'<AppendedData encoding="raw">\n_', *appended, b"\n</AppendedData></VTKFile>\n"])
 

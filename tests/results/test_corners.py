@@ -110,8 +110,9 @@ def test_clamp_and_contact_at_an_obtuse_corner():
     for friction in ((), (vx.TrescaFriction(0.1, on="flank"),)):
         scene = vx.Scene(vx.Elasticity(100.0, 0.3), vx.Clamp(on="base"), *pressed, *friction)
         corners = corners_of(vx.simulate(scene, mesh, [0.0, 1.0], initial="settled"))
-        assert corners.sentence([0], -1, "pressure").startswith("at a corner of clamp and contact: grows without limit")
-        assert corners.sentence([0], -1, "friction") == ""
+        told = corners.sentence({0: 1.0}, -1, "pressure")
+        assert told.startswith("at a corner of clamp and contact: grows without limit")
+        assert corners.sentence({0: 1.0}, -1, "friction") == ""
     a = np.deg2rad(240)
     odd, even = (brentq(lambda lam, f=f: KAPPA * np.sin(lam * a) + f * lam * np.sin(a), 0.5, 0.99) for f in (-1, 1))
     assert exponent([sector(240)], [], (CLAMPED, CLAMPED)) == pytest.approx(min(odd, even), abs=1e-8)
@@ -141,8 +142,21 @@ def test_a_reentrant_corner_is_told():
     near = np.linalg.norm(mesh.centroids - 0.5, axis=1).argmin()
     node = int(np.linalg.norm(mesh.points - 0.5, axis=1).argmin())
     assert node in mesh.cells[near]
-    told = corners_of(history).sentence(mesh.cells[near].tolist(), -1, "von_mises")
+    told = corners_of(history).sentence(dict.fromkeys(mesh.cells[near].tolist(), 1.0), -1, "von_mises")
     assert told == "at a reentrant corner: grows without limit as the mesh is refined, like r^-0.46"
+
+
+def test_a_corner_beside_the_largest_stress_is_told():
+    """On the coarse mesh von Mises' stress is largest one cell from the corner, which it is no more on the next."""
+    places, told = [], []
+    for n in (8, 16):
+        scene = vx.Scene(vx.Elasticity(2e4, 0.3), vx.Clamp(on="top"), vx.Traction((0.0, -1.0), on="right"))
+        history = vx.simulate(scene, vx.meshes.l_shape(n), [0.0, 1.0], initial="settled")
+        (largest,) = (one for one in history.extremes if one.key == "von_mises")
+        places.append(tuple(n * (largest.place - 0.5)))
+        told.append(largest.unbounded)
+    assert places == [(-0.5, 1.5), (-0.5, 0.5)]
+    assert told == ["at a reentrant corner: grows without limit as the mesh is refined, like r^-0.46"] * 2
 
 
 def test_values_that_grow_by_a_factor_are_told_from_those_with_a_limit():
@@ -188,6 +202,20 @@ def test_point_loads_are_told(dim, like):
     assert fine["von_mises"].unbounded == fine["smallest_principal_stress"].unbounded == words
     assert fine["displacement"].unbounded == words.replace(like, "log r" if dim == 2 else "r^-1")
     assert fine["von_mises"].value / coarse["von_mises"].value == pytest.approx(2 ** (dim - 1), rel=0.15)
+
+
+@pytest.mark.parametrize("friction", [vx.CoulombFriction(0.3, on="bottom"), vx.TrescaFriction(0.05, on="bottom")])
+def test_friction_at_a_point_load_is_told_where_it_follows_pressure(friction):
+    scene = vx.Scene(
+        vx.Elasticity(200.0, 0.3),
+        vx.Clamp(on="top"),
+        vx.UnilateralContact(on="bottom"),
+        vx.PointLoad((0.5, -1.0), at=(0.5, 0.0)),
+        friction,
+    )
+    history = vx.simulate(scene, vx.meshes.squares(8), [0.0, 1.0], initial="settled")
+    assert said(history)["pressure"].startswith("at a point load")
+    assert said(history)["friction"].startswith("at a point load") == isinstance(friction, vx.CoulombFriction)
 
 
 def test_point_loads_elsewhere_are_not_told(tmp_path):

@@ -29,7 +29,7 @@ as r^-1 (Boussinesq 1885).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
@@ -270,32 +270,41 @@ class Corners:
         near = [sides.edges[table[node]] for table in (sides.leaving, sides.arriving) if table.get(node, -1) >= 0]
         return [node, *(other for edge in near for other in edge.tolist() if other != node)]
 
-    def sentence(self, nodes: Sequence[int], row: int, key: str) -> str:
-        """The sentence on an extreme reached at one of these nodes, at a row of the arrays; empty if there is none.
+    def sentence(self, near: Mapping[int, float], row: int, key: str) -> str:
+        """The sentence on an extreme reached near these nodes, at a row of the arrays; empty if there is none.
 
-        `key` is that of the extreme. Displacement and slip are bounded at all corners; friction whose bound is given
-        is, too.
+        `key` is that of the extreme, and nodes have the largest value of the cells at them, as a part of it.
+        Displacement and slip are bounded at all corners; friction whose bound is given is, too.
         """
         sides = self.sides
         if sides is None:
             return ""
-        if key not in ("friction", "slip") and sides.loaded is not None and np.isin(nodes, sides.loaded).any():
+        nodes = [node for node, part in near.items() if part == 1.0]
+        bounded = key == "slip" or (key == "friction" and not self.rubs(sides, nodes))
+        if not bounded and sides.loaded is not None and np.isin(nodes, sides.loaded).any():
             order = self.mesh.points.shape[1] - (2 if key == "displacement" else 1)
             like = f"r^-{order}" if order else "log r"
             return f"at a point load: grows without limit as the mesh is refined, like {like}"
         if key in ("displacement", "slip"):
             return ""
         found = []
-        for node in nodes:
+        for node, part in near.items():
             if (node, row) not in self.known:
                 self.known[node, row] = self.judged(sides, node, row)
-            found.append(self.known[node, row])
+            # A cell at a corner that has 2^(lam - 1) of an extreme beside it exceeds this once cells are halved.
+            if part >= 2.0 ** (self.known[node, row].exponent - 1.0):
+                found.append(self.known[node, row])
         if key in ON_CONTACT:
             found = [one for one in found if one.touches and (one.rubs or key != "friction")]
         worst = min(found, key=lambda one: one.exponent, default=NOWHERE)
         if worst.exponent >= LIMIT:
             return ""
         return f"{worst.where}: grows without limit as the mesh is refined, like r^{worst.exponent - 1:.2f}"
+
+    @staticmethod
+    def rubs(sides: Sides, nodes: Sequence[int]) -> bool:
+        """Whether friction that follows pressure acts at one of the nodes, in the plane."""
+        return bool(sides.pressed[np.isin(sides.edges, nodes).any(axis=1)].any())
 
     def judged(self, sides: Sides, node: int, row: int) -> Corner:
         """The corner at a node, at a row of the arrays."""

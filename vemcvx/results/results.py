@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from vemcvx.arrays import Floats, Ints, Quantity, brief, is_whole, quantities, summed_columns
 from vemcvx.errors import HistoryError, SceneError, SceneWarning
 from vemcvx.meshes import AnyMesh, PolyhedralMesh
+from vemcvx.meshes.polygons import cell_of_corner
 from vemcvx.program import SolvedProgram
 from vemcvx.results import quoted
 from vemcvx.results.contact import Contact, contact_history
@@ -287,8 +288,8 @@ class Results:
         """
         corners, grew = Corners(self.mesh, self.contact, self.moduli, self.sides), self.growth or {}
         told = (
-            (one, "" if even else corners.sentence(_nodes(self, corners, one.key, k), self.row(one.step), one.key))
-            for one, k, even in largest_values(self)
+            (one, "" if even else corners.sentence(_near(self, corners, one, of), self.row(one.step), one.key))
+            for one, of, even in largest_values(self)
         )
         return tuple(
             replace(one, unbounded="; ".join(filter(None, [words, grew.get(one.key, "")]))) for one, words in told
@@ -304,12 +305,9 @@ class Results:
         return stored.index(wanted)
 
 
-def largest_values(history: Results) -> Iterator[tuple[quoted.Extreme, int, bool]]:
-    """The extremes, each with the number of its node, cell or contact node, and whether half of the field is as large.
-
-    As large means within a percent.
-    """
-    found: dict[str, tuple[quoted.Extreme, int, bool]] = {}
+def largest_values(history: Results) -> Iterator[tuple[quoted.Extreme, tuple[int, Floats], bool]]:
+    """The extremes, each with its place in the field at its instant, and whether half of that is within a percent."""
+    found: dict[str, tuple[quoted.Extreme, tuple[int, Floats], bool]] = {}
     # Squares beyond the largest number are infinite, as are the extremes then.
     with np.errstate(over="ignore", invalid="ignore"):
         for row, step in enumerate(history.stored.tolist()):
@@ -319,22 +317,30 @@ def largest_values(history: Results) -> Iterator[tuple[quoted.Extreme, int, bool
                 if key not in found or sign * values[k] > sign * found[key][0].value:
                     at = {"place": points[k], "time": float(history.times[row]), "step": step}
                     even = bool(np.median(sign * values) >= 0.99 * sign * values[k])
-                    found[key] = quoted.Extreme(key, name, float(values[k]) + 0.0, unit, **at), k, even
+                    found[key] = quoted.Extreme(key, name, float(values[k]) + 0.0, unit, **at), (k, values), even
     yield from found.values()
 
 
-def _nodes(history: Results, corners: Corners, key: str, k: int) -> list[int]:
-    """The nodes near which an extreme stands: its own, those of its cell, or a contact node and those next to it."""
-    if key in quoted.ON_CONTACT:
-        return corners.beside(int(history.contact.nodes[k]))
-    if key == "displacement":
-        return [k]
-    if key == "slip":
-        return []
-    mesh = history.mesh
-    faces = mesh.cells[k] if isinstance(mesh, PolyhedralMesh) else [mesh.cells[k]]
-    nodes: list[int] = np.unique(np.concatenate([*faces])).tolist()
-    return nodes
+def _near(history: Results, corners: Corners, one: quoted.Extreme, of: tuple[int, Floats]) -> dict[int, float]:
+    """The nodes near an extreme, each with the largest part of it that a cell there has.
+
+    They are its own, those of its cell and of the cells around that, or a contact node and those next to it.
+    """
+    (k, values), mesh = of, history.mesh
+    if one.key in quoted.ON_CONTACT:
+        return dict.fromkeys(corners.beside(int(history.contact.nodes[k])), 1.0)
+    if one.key == "displacement":
+        return {k: 1.0}
+    if one.key == "slip":
+        return {}
+    if isinstance(mesh, PolyhedralMesh):
+        return dict.fromkeys(np.unique(np.concatenate([*mesh.cells[k]])).tolist(), 1.0)
+    cells, nodes = cell_of_corner(mesh.offsets), mesh.vertices
+    around, found = np.isin(cells, cells[np.isin(nodes, mesh.cells[k])]), dict[int, float]()
+    for cell, node in zip(cells[around].tolist(), nodes[around].tolist(), strict=True):
+        part = 1.0 if cell == k else float(values[cell]) / (one.value or 1.0)
+        found[node] = max(found.get(node, 0.0), min(part, 1.0))
+    return found
 
 
 def _fields(history: Results, row: int, step: int) -> Iterator[tuple[str, tuple[str, str, Floats, Floats]]]:

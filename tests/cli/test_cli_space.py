@@ -103,7 +103,7 @@ def test_pictures_and_report_say_what_they_leave_out(tmp_path, monkeypatch):
     assert page.count("<img") == 4
     assert "largest friction per area" in page
     assert "per unit of thickness" not in page
-    assert "error_budget: exists in the plane only" in page
+    assert "algebra is certified, the others are estimated" in page
 
 
 def test_a_probe_in_space_has_three_coordinates(tmp_path):

@@ -132,7 +132,6 @@ def test_a_probe_outside_says_so(history, x):
 
 
 PLANE_ONLY = {
-    "error_budget": lambda h: vx.error_budget(h),
     "adapt": lambda h: vx.adapt(h.scene, h.mesh, [0.0, 1.0]),
     "energy_distance": lambda h: vx.measures.energy_distance(h, h),
     "history: out_of_plane_stress": lambda h: h.out_of_plane_stress(1),

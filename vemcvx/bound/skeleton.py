@@ -167,7 +167,7 @@ def skeleton(posed: PosedScene) -> Skeleton:
         outer_corners=outer,
         outer_edges=edges[outer],
         outer_normals=normals[outer],
-        free=free_directions(posed.supports.P, edges[outer]),
+        free=free_directions(posed.supports.P, edges[outer].ravel(), np.repeat(np.arange(len(outer)), 2), 2),
         joints=joints(posed, edges[outer], normals[outer]),
     )
 

@@ -43,9 +43,9 @@ whose strain is linear between two opposite edges e is a sixth of the sum over t
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -62,9 +62,9 @@ from vemcvx.bound.skeleton import (
 )
 from vemcvx.errors import HistoryError
 from vemcvx.estimate.finer_steps import Finer, beside_finer
+from vemcvx.estimate.in_space import Residuals
 from vemcvx.estimate.quantities import quantities
 from vemcvx.history import History, scene_of
-from vemcvx.meshes import plane_mesh
 from vemcvx.meshes.polygons import right_of
 from vemcvx.outline import Outline, Outlined
 from vemcvx.results.quoted import Quantity
@@ -233,8 +233,7 @@ def error_budget(history: History, steps: int | Sequence[int] | None = None) -> 
         A step was not stored, or the scene has Viscosity or a PointLoad, for which there is no estimate.
     """
     scene = scene_of(history, "error_budget")
-    mesh = plane_mesh(history.mesh, "error_budget", "compare runs on finer meshes and in finer steps")
-    posed = pose_scene(scene, mesh, history.trajectory.times.tolist())
+    posed = pose_scene(scene, history.mesh, history.trajectory.times.tolist())
     wanted = history.stored[history.stored > 0] if len(history.stored) > 1 else history.stored
     rows = [history.row(n) for n in (wanted.tolist() if steps is None else _whole_numbers(steps))]
     return budget_of(posed, history, rows)
@@ -251,9 +250,8 @@ def _whole_numbers(steps: int | Sequence[int]) -> list[int]:
 def budget_of(posed: PosedScene, history: History, rows: Sequence[int], finer: Finer | None = None) -> ErrorBudget:
     """The budget of a run whose posed scene is at hand, at rows of its arrays; `finer` if that is known."""
     check_estimable(posed, "error_budget")
-    run, edges = history.trajectory, skeleton(posed)
-    oscillation = DataOscillation(posed, edges)
-    squares = [indicators(posed, edges, oscillation, instant(history, k)) for k in rows]
+    run, of_state = history.trajectory, residuals(posed)
+    squares = [of_state(instant(history, k)) for k in rows]
     steps = history.stored[np.asarray(rows, dtype=np.int64)]
     finer = in_time(posed, run) if finer is None else finer
     parts = {name: np.sqrt([part[name].sum() for part in squares]) for name in squares[0]}
@@ -273,6 +271,14 @@ def budget_of(posed: PosedScene, history: History, rows: Sequence[int], finer: F
         scale=scale,
         history=history,
     )
+
+
+def residuals(posed: PosedScene) -> Callable[[Instant], dict[str, Floats]]:
+    """Squares of the parts of eta_K of a state, in the plane or in space."""
+    if not posed.space.in_plane:
+        return Residuals(posed).indicators
+    edges = skeleton(posed)
+    return partial(indicators, posed, edges, DataOscillation(posed, edges))
 
 
 def in_time(posed: PosedScene, run: Trajectory) -> Finer:

@@ -209,7 +209,7 @@ def sides_of(posed: PosedScene) -> Sides:
     pressed, soft = np.flatnonzero(terms.gather @ follows > 0), posed.obstacles.compliance > 0
     return Sides(
         edges=edges,
-        free=free_directions(posed.supports.P, edges).reshape(-1, 4),
+        free=free_directions(posed.supports.P, edges.ravel(), np.repeat(np.arange(len(edges)), 2), 2).reshape(-1, 4),
         # What gives way presses with a force that has a limit, as a load.
         contact=_owned(posed.surface, edges) & ~_owned(posed.obstacles[np.flatnonzero(soft)], edges),
         pressed=_owned(terms[pressed], edges),

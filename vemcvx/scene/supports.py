@@ -411,16 +411,18 @@ def along(tangents: Floats, vectors: Floats) -> Floats:
     return components
 
 
-def free_directions(P: sp.csr_matrix, edges: Ints) -> Floats:
-    """(b, 2, 2) projectors on the span of what is free at the two ends of each edge."""
-    nodes, place = np.unique(edges, return_inverse=True)
-    rows = P[(2 * nodes[:, None] + np.arange(2)).ravel()]
-    gram = sp.bsr_matrix(rows @ rows.T, blocksize=(2, 2)).tocoo()
-    own = np.zeros((len(nodes), 2, 2))
-    near = gram.row // 2 == gram.col // 2
-    own[gram.row[near] // 2, gram.row[near] % 2, gram.col[near] % 2] = gram.data[near]
-    values, vectors = np.linalg.eigh(own[place.reshape(-1, 2)].sum(axis=1))
-    # A direction in which both ends of an edge move by less than this part of their freedom is held.
+def free_directions(P: sp.csr_matrix, corners: Ints, side: Ints, dim: int) -> Floats:
+    """(b, dim, dim) projectors on the span of what is free at the corners of each side, nodes (c,) of sides (c,)."""
+    nodes, place = np.unique(corners, return_inverse=True)
+    rows = P[(dim * nodes[:, None] + np.arange(dim)).ravel()]
+    gram = sp.bsr_matrix(rows @ rows.T, blocksize=(dim, dim)).tocoo()
+    own = np.zeros((len(nodes), dim, dim))
+    near = gram.row // dim == gram.col // dim
+    own[gram.row[near] // dim, gram.row[near] % dim, gram.col[near] % dim] = gram.data[near]
+    freedom = np.zeros((int(side.max(initial=-1)) + 1, dim, dim))
+    np.add.at(freedom, side, own[place])
+    values, vectors = np.linalg.eigh(freedom)
+    # A direction in which all corners of a side move by less than this part of their freedom is held.
     kept = np.where(values > 1e-9, 1.0, 0.0)
     projectors: Floats = np.einsum("bik,bk,bjk->bij", vectors, kept, vectors)
     return projectors

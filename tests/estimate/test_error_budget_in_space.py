@@ -1,0 +1,155 @@
+"""The error budget in space: nothing where stress is constant, and within a factor of the truth elsewhere."""
+
+from __future__ import annotations
+
+import full_slip_in_space as full_slip
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+import block_in_space
+import manufactured_full_slip as plane
+import vemcvx as vx
+from vemcvx.vem import Space, strains, stresses
+
+pytestmark = pytest.mark.arithmetic
+
+FAMILIES = tuple(vx.meshes.SPACE_FAMILIES)
+LEAST, MOST = 1.1, 2.5
+"""Between these the estimate of the mesh stands to the true error."""
+STEEL = vx.Elasticity(10.0, 0.3)
+GRADIENT = np.array([[0.02, 0.04, -0.03], [0.01, -0.05, 0.02], [0.03, 0.01, -0.12]])
+SIDES = "left", "right", "front", "back"
+
+
+def ratio_of(poisson, family, n):
+    history = vx.simulate(
+        full_slip.scene(poisson, pulled=poisson > 0.4),
+        vx.meshes.SPACE_FAMILIES[family](n),
+        np.linspace(0, 1, 3),
+        store="last",
+    )
+    budget = vx.error_budget(history)
+    assert budget.time[-1] <= 1e-10, "data grow in proportion: no step loses anything"
+    return budget.largest["total"] / full_slip.energy_error(history, plane.lame(poisson))
+
+
+@pytest.mark.parametrize("family", ["cubes", "tetrahedra"])
+def test_effectivity_on_full_slip(family):
+    assert LEAST <= ratio_of(0.3, family, 3) <= MOST
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("poisson", [0.0, 0.3, 0.4999995])
+@pytest.mark.parametrize("family", FAMILIES)
+def test_effectivity_on_full_slip_in_full(family, poisson):
+    """Tetrahedra and prisms lock where the body hardly changes its volume; the others are as good there."""
+    if family in ("tetrahedra", "prisms") and poisson > 0.4:
+        return
+    found = [ratio_of(poisson, family, n) for n in ((2, 4, 6) if family == "kelvin" else (4, 7, 12))]
+    assert min(found) >= LEAST
+    assert max(found) <= MOST
+
+
+@pytest.mark.parametrize("family", [pytest.param(name, marks=pytest.mark.long) for name in FAMILIES[1:]] + ["cubes"])
+def test_constant_stress_has_no_residual(family):
+    """Pressure, tractions, friction at its bound, pressure of contact, springs and heat balance it on all sides."""
+    mesh = vx.meshes.SPACE_FAMILIES[family](2)
+    friction = vx.BilateralContact(on="bottom"), vx.TrescaFriction(0.5, on="bottom")
+
+    def shear(x, t):
+        return t * np.column_stack([np.ones(len(x)), 0 * x[:, 0], 0 * x[:, 0]])
+
+    slides = vx.Scene(
+        STEEL,
+        vx.PrescribedDisplacement(shear, on="top"),
+        vx.PrescribedDisplacement(0.0, on=SIDES, direction=(0, 1, 0)),
+        vx.PrescribedDisplacement(0.0, on=SIDES, direction=(0, 0, 1)),
+        *friction,
+    )
+    pressed = vx.Scene(
+        STEEL,
+        vx.Symmetry(on=["left", "front"]),
+        vx.UnilateralContact(on="bottom"),
+        vx.PrescribedDisplacement(lambda x, t: np.full(len(x), -0.1 * t), on="top", direction=(0, 0, 1)),
+        vx.Traction(lambda x, t: t * np.tile([0.3, 0.0, 0.0], (len(x), 1)), on="right"),
+        vx.ThermalStrain(1e-3, lambda x, t: np.full(len(x), t)),
+    )
+    sprung = vx.Scene(
+        STEEL,
+        vx.Symmetry(on=["left", "front"]),
+        vx.ElasticFoundation(5.0, on="bottom"),
+        vx.Pressure(lambda x, t: t, on="top"),
+    )
+    for scene in (slides, pressed, sprung):
+        budget = vx.error_budget(vx.simulate(scene, mesh, [0.0, 0.5, 1.0]))
+        assert budget.space.max() < 1e-10
+
+
+def two_blocks(n, family="cubes"):
+    made = vx.meshes.SPACE_FAMILIES[family]
+    boxes = {"lower": ((0, 1), (0, 1), (0, 0.5)), "upper": ((0, 1), (0, 1), (0.5, 1))}
+    counts = dict(zip(boxes, (n, n) if isinstance(n, int) else n, strict=True))
+    return vx.meshes.bodies({name: made(counts[name], box=box) for name, box in boxes.items()})
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("contact", [vx.BilateralContact, vx.UnilateralContact])
+def test_constant_stress_has_no_residual_at_an_interface(contact):
+    """Of tilings that are intersected; supports bear what acts where they hold its rim."""
+    outside = [f"lower.{side}" for side in ("bottom", *SIDES)] + [f"upper.{side}" for side in ("top", *SIDES)]
+    scene = vx.Scene(
+        STEEL,
+        vx.PrescribedDisplacement(lambda x, t: t * x @ GRADIENT.T, on=outside),
+        contact(on="lower|upper"),
+        vx.TrescaFriction(10.0, on="lower|upper"),
+    )
+    history = vx.simulate(scene, two_blocks((3, 4)), [0.0, 0.5, 1.0])
+    assert vx.error_budget(history).space.max() < 1e-10
+
+
+def pressed_aside(x, t):
+    return t * np.column_stack([0.02 + 0 * x[:, 0], 0.005 + 0.01 * x[:, 0], -0.02 - 0.002 * x[:, 1]])
+
+
+def scenes():
+    steel = vx.Elasticity(200.0, 0.3)
+    coulomb = vx.UnilateralContact(on="bottom"), vx.CoulombFriction(0.3, on="bottom")
+    joint = vx.UnilateralContact(on="lower|upper"), vx.CoulombFriction(0.3, on="lower|upper")
+    soft = vx.Elasticity(200.0, 0.3, on="lower"), vx.Elasticity(100.0, 0.3, on="upper")
+    weight = vx.BodyForce(lambda x, t: t * np.column_stack([x[:, 1], 0 * x[:, 0], np.full(len(x), -3.0)]))
+    heat = vx.ThermalStrain(0.01, lambda x, t: t * x[:, 0] * x[:, 2])
+    moved = vx.PrescribedDisplacement(pressed_aside, on="top")
+    return {
+        "block": (block_in_space.scene(), vx.meshes.cubes),
+        "coulomb": (vx.Scene(steel, moved, *coulomb), vx.meshes.cubes),
+        "weight": (vx.Scene(steel, vx.Clamp(on="top"), weight), vx.meshes.cubes),
+        "heat": (vx.Scene(steel, vx.Clamp(on="bottom"), heat), vx.meshes.cubes),
+        "two bodies": (
+            vx.Scene(
+                *soft,
+                vx.Clamp(on="lower.bottom"),
+                vx.PrescribedDisplacement(pressed_aside, on="upper.top"),
+                *joint,
+            ),
+            two_blocks,
+        ),
+    }
+
+
+def apart(history, fine):
+    """Relative energy distance of the strains of a run from those of one on cells inside its cells."""
+    one, other = (strains(Space(run.mesh), run.displacement[-1]) for run in (history, fine))
+    missed = one[cKDTree(history.mesh.centroids).query(fine.mesh.centroids)[1]] - other
+    squares = (np.sum(e * stresses(fine.moduli, e), axis=1) @ fine.mesh.volumes for e in (missed, other))
+    return np.sqrt(np.divide(*squares))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", scenes())
+def test_effectivity_on_scenes(name):
+    """Beside the same scene on cubes of a fifth: the distance lacks a twentieth of the error at most."""
+    scene, mesh = scenes()[name]
+    times = np.linspace(0.0, 1.0, 5)
+    history, fine = (vx.simulate(scene, mesh(n), times, store="last") for n in (4, 20))
+    assert LEAST <= vx.error_budget(history).space[-1] / apart(history, fine) <= MOST

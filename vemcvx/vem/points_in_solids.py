@@ -53,7 +53,7 @@ def _places(space: Space, mesh: PolyhedralMesh, x: Floats) -> tuple[sp.csr_matri
     on, values = near.traces()
     first = np.unique(point, return_index=True)[1]
     first = first[~np.isin(point[first], on)]
-    inside = _projected(space, x, point[first], cell[first])
+    inside = solid_values(space, x, point[first], cell[first])
     return sp.csr_matrix(values + inside), cells
 
 
@@ -151,7 +151,7 @@ def _nearest(arms: Floats) -> tuple[Floats, Floats]:
     return weights, np.linalg.norm(np.einsum("kc,kci->ki", weights, arms), axis=1)
 
 
-def _projected(space: Space, x: Floats, point: Ints, cell: Ints) -> sp.csr_matrix:
+def solid_values(space: Space, x: Floats, point: Ints, cell: Ints) -> sp.csr_matrix:
     """Values (p, n_nodes) of Pi at points in cells, each in its own."""
     total = sp.csr_matrix((len(x), space.mesh.n_nodes))
     for group in space.groups:

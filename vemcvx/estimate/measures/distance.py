@@ -13,6 +13,10 @@ by cell, with tau the smallest shear stiffness, 2 mu if isotropic,
 
 Strains inside cells: of Pi u, constant; and of the virtual function itself where it is known.
 
+In space the integrals are sums over the pyramids between the centroid of a cell of the second mesh and its faces, whose
+centroids are in cells of the first: exact where its cells lie inside of these, and to the order of h where they overlap
+otherwise. "Exact" is for tetrahedra there, on which u is linear.
+
 On a triangle the virtual function of (3.11), harmonic with linear edges, is linear. On a rectangle with sides e_1,
 e_2 and centre c it is, with xi = 2 e_1.(x - c) / |e_1|^2, eta likewise and the vertex values u_1 ... u_4 in turn,
 
@@ -32,10 +36,10 @@ import numpy as np
 
 from vemcvx.arrays import Bools, Floats, Ints, as_real_array, brief, choice, finite, flag, number, totals
 from vemcvx.errors import HistoryError, MeshError
-from vemcvx.meshes import PolygonMesh, plane_mesh
-from vemcvx.meshes.polygons import INNER, fans, nearest, outlines, overlaps, places
+from vemcvx.meshes import AnyMesh, PolygonMesh, PolyhedralMesh
+from vemcvx.meshes.polygons import INNER, cell_of_corner, fans, nearest, outlines, overlaps, places
 from vemcvx.results.results import Results
-from vemcvx.vem import CellGroup, Space, elastic_matrix, strains, stresses, upper_triangle
+from vemcvx.vem import CellGroup, Space, elastic_matrix, solid_places, strains, stresses, upper_triangle
 from vemcvx.vem.elasticity import missed_squares, softest_shear
 
 
@@ -44,30 +48,34 @@ class InnerStrain:
     """Strains that are linear in every cell."""
 
     mean: Floats
-    """(n_cells, 3) e_xx, e_yy, 2 e_xy at the centre"""
+    """(n_cells, 3) e_xx, e_yy, 2 e_xy at the centre; in space (n_cells, 6)"""
     slope: Floats
-    """(n_cells, 2, 3) their gradients"""
+    """(n_cells, dim, 3) their gradients"""
     centre: Floats
-    """(n_cells, 2)"""
+    """(n_cells, dim)"""
 
     def at(self, cells: Ints, points: Floats) -> Floats:
-        """Strains (q, 3) at points (q, 2) of cells (q,)."""
+        """Strains (q, 3) at points (q, dim) of cells (q,)."""
         off_centre: Floats = np.einsum("qk,qkl->ql", points - self.centre[cells], self.slope[cells])
         return self.mean[cells] + off_centre
 
 
 def inner_strain(field: Field, kind: str, subject: str) -> InnerStrain:
-    """Strains of Pi u, or for "exact" of the virtual function: MeshError if a cell is no triangle nor rectangle."""
-    slope = np.zeros((field.mesh.n_cells, 2, 3))
+    """Strains of Pi u, or for "exact" of the virtual function: MeshError if that is not known in a cell."""
+    plane, known = (
+        field.space.in_plane,
+        "neither a triangle nor a rectangle" if field.space.in_plane else "no tetrahedron",
+    )
+    slope = np.zeros((field.mesh.n_cells, field.space.dim, field.strain.shape[1]))
     for group in field.space.groups if kind == "exact" else ():
         n = group.nodes.shape[1]
-        bad = ~_rectangles(group.corners) if n == 4 else np.full(len(group.cells), n != 3)
+        bad = ~_rectangles(group.corners) if plane and n == 4 else np.full(len(group.cells), not group.simplices)
         if bad.any():
             raise MeshError(
-                f"{subject}: cell {group.cells[bad][0]}, of {n} vertices, is neither a triangle nor a rectangle, and "
+                f"{subject}: cell {group.cells[bad][0]}, of {n} vertices, is {known}, and "
                 "inside others virtual functions are not known. Measure their projections: kind='projected'."
             )
-        if n == 4:
+        if plane and n == 4:
             slope[group.cells] = _slopes(group, field.displacement)
     return InnerStrain(field.strain, slope, field.mesh.centroids)
 
@@ -101,8 +109,8 @@ class Field:
 
     Parameters
     ----------
-    mesh : PolygonMesh
-    displacement : (n_nodes, 2) array
+    mesh : PolygonMesh or PolyhedralMesh
+    displacement : (n_nodes, dim) array
         At the nodes, length.
     moduli : (2, n_cells) or (6, n_cells) array
         As in `History.moduli`, force per area.
@@ -115,20 +123,20 @@ class Field:
         The arrays do not fit the mesh.
     """
 
-    mesh: PolygonMesh
+    mesh: AnyMesh
     displacement: Floats
     moduli: Floats
     time: float = 0.0
 
     def __post_init__(self) -> None:
-        if not isinstance(self.mesh, PolygonMesh):
-            raise HistoryError(f"Field: found mesh = {brief(self.mesh)}; wanted a PolygonMesh.")
+        if not isinstance(self.mesh, (PolygonMesh, PolyhedralMesh)):
+            raise HistoryError(f"Field: found mesh = {brief(self.mesh)}; wanted a PolygonMesh or a PolyhedralMesh.")
         number(self.time, "Field: found time", "the instant, a finite number")
         for name in ("displacement", "moduli"):
             values = as_real_array(getattr(self, name), f"Field: {name}", "numbers, as many as fit the mesh")
             finite(values, f"Field: {name}")
             object.__setattr__(self, name, values)
-        nodes, cells = (self.mesh.n_nodes, 2), self.mesh.n_cells
+        nodes, cells = self.mesh.points.shape, self.mesh.n_cells
         if np.shape(self.displacement) != nodes:
             raise HistoryError(f"Field: found displacements {np.shape(self.displacement)}; this mesh takes {nodes}.")
         if np.shape(self.moduli) not in ((2, cells), (6, cells)):
@@ -144,7 +152,7 @@ class Field:
 
     @cached_property
     def strain(self) -> Floats:
-        """(n_cells, 3) strains of Pi u: e_xx, e_yy, 2 e_xy."""
+        """(n_cells, 3) strains of Pi u: e_xx, e_yy, 2 e_xy; in space (n_cells, 6), as stresses are ordered."""
         return strains(self.space, self.displacement)
 
 
@@ -155,7 +163,7 @@ def field_of(run: Results | Field, step: int, subject: str) -> Field:
     if not isinstance(run, Results):
         raise HistoryError(f"{subject}: found {brief(run)} where a History (or a vx.measures.Field) goes.")
     row = run.row(step)
-    return Field(plane_mesh(run.mesh, subject), run.displacement[row], run.moduli, float(run.times[row]))
+    return Field(run.mesh, run.displacement[row], run.moduli, float(run.times[row]))
 
 
 def step_at(history: Results, time: float) -> int:
@@ -220,25 +228,52 @@ class CommonRule:
     """(q,) the cell of the first mesh that each point belongs to"""
     second: Ints
     weights: Floats
-    """(q,) that add up to the area that the meshes share"""
+    """(q,) that add up to the area, or volume, that the meshes share"""
     points: Floats
-    """(q, 2)"""
+    """(q, dim)"""
 
 
 @lru_cache(maxsize=4)
-def common_rule(first: PolygonMesh, second: PolygonMesh) -> CommonRule:
-    """A quadrature exact for what is quadratic on the cells of both meshes.
+def common_rule(first: AnyMesh, second: AnyMesh) -> CommonRule:
+    """A quadrature exact for what is quadratic on the cells of both meshes; in space for constants on nested ones.
 
     The last few are kept: a history is compared step by step on the same two meshes.
     """
+    if isinstance(second, PolyhedralMesh):
+        return _in_pyramids(first, second)
+    assert isinstance(first, PolygonMesh)
     i, j, shared = overlaps(*(outlines(mesh.points, mesh.offsets, mesh.vertices) for mesh in (first, second)))
     corners, areas, owner = fans(shared)
     points = places(corners, INNER).reshape(-1, 2)
     return CommonRule(np.repeat(i[owner], 3), np.repeat(j[owner], 3), np.repeat(areas / 3.0, 3), points)
 
 
-def check_covered(rule: CommonRule, first: PolygonMesh, second: PolygonMesh, subject: str) -> None:
+def _in_pyramids(first: AnyMesh, second: PolyhedralMesh) -> CommonRule:
+    """A point in each pyramid between the centroid of a cell of the second mesh and a face of it."""
+    assert isinstance(first, PolyhedralMesh)
+    cell, face = cell_of_corner(second.cell_offsets), second.cell_faces
+    arms = second.face_centroids[face] - second.centroids[cell]
+    weights = second.face_signs * second.face_areas[face] / 3.0 * np.sum(arms * second.face_normals[face], axis=1)
+    # Where a cell is not convex a pyramid may be outside of it, and counts against those inside.
+    points = second.centroids[cell] + 0.75 * arms
+    held = solid_places(Space(first), first, points)[1]
+    found = np.flatnonzero(np.diff(held.indptr))
+    holder = held.indices[held.indptr[found]].astype(np.int64)
+    return CommonRule(holder, cell[found], weights[found], points[found])
+
+
+def check_covered(rule: CommonRule, first: AnyMesh, second: AnyMesh, subject: str) -> None:
     """Raise MeshError unless both meshes cover the same domain."""
+    if not (isinstance(first, PolygonMesh) and isinstance(second, PolygonMesh)):
+        volumes = [float(mesh.volumes.sum()) for mesh in (first, second) if isinstance(mesh, PolyhedralMesh)]
+        volumes.append(float(rule.weights.sum()))
+        if max(volumes) - min(volumes) > 1e-8 * max(volumes):
+            raise MeshError(
+                f"{subject}: the first mesh has the volume {volumes[0]:.6g}, the second {volumes[1]:.6g}, and they "
+                f"share {volumes[2]:.6g}; both must cover the same domain. Give common=True to measure on what they "
+                "share."
+            )
+        return
     for mine, mesh, name, other in ((rule.first, first, "first", "second"), (rule.second, second, "second", "first")):
         covered = totals(mine, rule.weights, mesh.n_cells) / mesh.areas
         # A cell is covered up to 1e-8 of its area, and a strip along it as wide as the rounding of both boundaries.
@@ -302,6 +337,8 @@ def energy_distance(
         step = step_at(run, time) if isinstance(run, Results) else step
         reference_step = step_at(reference, time) if isinstance(reference, Results) else reference_step
     u, v = field_of(run, step, subject), field_of(reference, reference_step, subject)
+    if u.space.dim != v.space.dim:
+        raise MeshError(f"{subject}: one mesh is of polygons, the other of polyhedra; give two of one kind.")
     if kind == "nodal":
         return _nodal(u, v)
     fields = [inner_strain(field, kind, f"{subject} ({name} mesh)") for field, name in ((u, "first"), (v, "second"))]
@@ -316,7 +353,9 @@ def energy_distance(
 
 def _apart(rule: CommonRule, u: Field, v: Field) -> float:
     """The largest relative difference of elastic matrices at the same place."""
-    mine, other = (upper_triangle(elastic_matrix(field.moduli)) for field in (u, v))
+    mine, other = (
+        upper_triangle(elastic_matrix(field.moduli)) if field.space.in_plane else field.moduli for field in (u, v)
+    )
     if all((mine[:, :1] == C).all() for C in (mine, other)):
         return 0.0
     difference = np.abs(mine[:, rule.first] - other[:, rule.second]).max(axis=0)
@@ -336,7 +375,7 @@ def _nodal(u: Field, v: Field) -> Measured:
     return measured(_cell_energies(u, u.displacement - at_nodes), float(_cell_energies(u, at_nodes).sum()))
 
 
-def _nested_nodes(coarse: PolygonMesh, fine: PolygonMesh) -> Ints:
+def _nested_nodes(coarse: AnyMesh, fine: AnyMesh) -> Ints:
     """The node of the fine mesh at every node of the coarse one, (n_nodes,)."""
     if coarse is fine:
         return np.arange(coarse.n_nodes)
@@ -353,7 +392,9 @@ def _nested_nodes(coarse: PolygonMesh, fine: PolygonMesh) -> Ints:
 
 
 def _cell_energies(field: Field, w: Floats) -> Floats:
-    """a_K^h(w, w) of nodal displacements w (n_nodes, 2), with the moduli of a field, cell by cell: (n_cells,)."""
-    strain = strains(field.space, w)
-    energy: Floats = field.mesh.areas * np.sum(strain * stresses(field.moduli, strain), axis=1)
-    return energy + softest_shear(elastic_matrix(field.moduli)) * missed_squares(field.space, w)
+    """a_K^h(w, w) of nodal displacements w (n_nodes, dim), with the moduli of a field, cell by cell: (n_cells,)."""
+    strain, mesh, missed = strains(field.space, w), field.mesh, missed_squares(field.space, w)
+    density = np.sum(strain * stresses(field.moduli, strain), axis=1)
+    if isinstance(mesh, PolyhedralMesh):
+        return np.asarray(mesh.volumes * density + 2.0 * field.moduli[1] * mesh.diameters * missed)
+    return np.asarray(mesh.areas * density + softest_shear(elastic_matrix(field.moduli)) * missed)

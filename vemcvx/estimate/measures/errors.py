@@ -13,13 +13,23 @@ from vemcvx.arrays import Floats, Ints, as_real_array, brief, totals
 from vemcvx.effects import data
 from vemcvx.errors import HistoryError
 from vemcvx.estimate.measures.distance import Field, Measured, field_of, measured
-from vemcvx.meshes import plane_mesh
+from vemcvx.meshes import PolygonMesh, PolyhedralMesh
 from vemcvx.meshes.interpolation import projected_values
-from vemcvx.meshes.polygons import RADON_POINTS, RADON_WEIGHTS, outlines, places, triangulated
+from vemcvx.meshes.polygons import (
+    RADON_POINTS,
+    RADON_WEIGHTS,
+    cell_of_corner,
+    next_corner,
+    outlines,
+    places,
+    rows_in_order,
+    triangulated,
+)
 from vemcvx.outline import Table
 from vemcvx.owned_files import path_of
 from vemcvx.results.results import Results
 from vemcvx.vem import Space, stresses
+from vemcvx.vem.points_in_solids import solid_values
 
 # Observed orders of convergence: e = C h^p between two runs gives p = log(e_1 / e_2) / log(h_1 / h_2).
 
@@ -81,7 +91,8 @@ def checked(h: ArrayLike, errors: ArrayLike, subject: str, missing: bool = False
 #     energy    ( sum_K int_K C (eps(u) - eps(Pi u_h)) : (eps(u) - eps(Pi u_h)) dx )^(1/2)
 #     L2        ( sum_K int_K |u - Pi u_h|^2 dx )^(1/2)
 #
-# by quadrature of degree 5; Pi as in :mod:`vemcvx.vem.projection`. Under (3.28) of the paper the first is O(h + k).
+# by quadrature of degree 5, in space of degree 2 on tetrahedra; Pi as in :mod:`vemcvx.vem.projection`. Under (3.28) of
+# the paper the first is O(h + k).
 #
 # Strains of closed forms are no polynomials, and a rule of low degree hides what is to be measured: at the centroids
 # of squares the strains of the numerical answer superconverge. So Radon's seven points are taken on every triangle of
@@ -95,7 +106,8 @@ def energy_error(history: Results | Field, strain: data.Datum, step: int = -1) -
     ----------
     history : History or Field
     strain : callable (x, t) -> (m, 3)
-        e_xx, e_yy and 2 e_xy at points x (m, 2) and the instant t of the step.
+        e_xx, e_yy and 2 e_xy at points x (m, 2) and the instant t of the step; in space (m, 6), e_xx, e_yy, e_zz,
+        2 e_xy, 2 e_yz and 2 e_xz.
     step : int
         A stored step; negative ones count from the end.
 
@@ -113,7 +125,8 @@ def energy_error(history: Results | Field, strain: data.Datum, step: int = -1) -
     """
     field = field_of(history, step, "energy_error")
     x, weights, owner = _cell_rule(field.space)
-    exact = data.tensor(strain, x, field.time, "energy_error: strain (e_xx, e_yy, 2 e_xy)")
+    names = "e_xx, e_yy, 2 e_xy" if field.space.in_plane else "e_xx, e_yy, e_zz, 2 e_xy, 2 e_yz, 2 e_xz"
+    exact = data.tensor(strain, x, field.time, f"energy_error: strain ({names})")
     moduli = field.moduli[:, owner]
     missed = exact - field.strain[owner]
     missed, exact = (np.sum(e * stresses(moduli, e), axis=1) for e in (missed, exact))
@@ -127,8 +140,8 @@ def l2_error(history: Results | Field, displacement: data.Datum, step: int = -1)
     ----------
     history, step : as of `energy_error`
         Which says what is raised, too.
-    displacement : callable (x, t) -> (m, 2)
-        At points x (m, 2) and the instant t of the step.
+    displacement : callable (x, t) -> (m, dim)
+        At points x (m, dim) and the instant t of the step.
 
     Returns
     -------
@@ -138,18 +151,39 @@ def l2_error(history: Results | Field, displacement: data.Datum, step: int = -1)
     field = field_of(history, step, "l2_error")
     x, weights, owner = _cell_rule(field.space)
     exact = data.vector(displacement, x, field.time, "l2_error: displacement")
-    missed = exact - projected_values(field.mesh, owner, x) @ field.displacement
+    mesh = field.mesh
+    if isinstance(mesh, PolygonMesh):
+        missed = exact - projected_values(mesh, owner, x) @ field.displacement
+    else:
+        missed = exact - solid_values(field.space, x, np.arange(len(x)), owner) @ field.displacement
     missed, exact = (np.sum(u**2, axis=1) for u in (missed, exact))
     return measured(totals(owner, weights * missed, field.mesh.n_cells), float(weights @ exact))
 
 
 def _cell_rule(space: Space) -> tuple[Floats, Floats, Ints]:
-    """Points (q, 2), weights (q,) that add up to the areas, and the cell (q,) of each point."""
-    mesh = plane_mesh(space.mesh, "energy_error")
+    """Points (q, dim), weights (q,) that add up to the areas, or volumes, and the cell (q,) of each point."""
+    mesh = space.mesh
+    if isinstance(mesh, PolyhedralMesh):
+        return _on_tetrahedra(mesh)
     triangles = triangulated(outlines(mesh.points, mesh.offsets, mesh.vertices))
     points = places(triangles.corners, RADON_POINTS).reshape(-1, 2)
     weights = triangles.areas[:, None] * RADON_WEIGHTS
     return points, weights.ravel(), np.repeat(triangles.owner, len(RADON_WEIGHTS))
+
+
+def _on_tetrahedra(mesh: PolyhedralMesh) -> tuple[Floats, Floats, Ints]:
+    """Four points each of the tetrahedra between the centroid of a cell, of a face, and an edge of this."""
+    rows, nodes = rows_in_order(mesh.face_offsets, mesh.face_vertices, mesh.cell_faces)
+    at = cell_of_corner(rows)
+    cell, face = cell_of_corner(mesh.cell_offsets)[at], mesh.cell_faces[at]
+    ends = [mesh.points[nodes], mesh.points[nodes[next_corner(rows)]]]
+    corners = np.stack([mesh.centroids[cell], mesh.face_centroids[face], *ends], axis=1)
+    a, b, c = np.moveaxis(corners[:, 1:] - corners[:, :1], 1, 0)
+    # Where a cell or a face is not convex some tetrahedra are outside of it, and count against those inside.
+    volumes = mesh.face_signs[at] * np.einsum("ki,ki->k", a, np.cross(b, c)) / 6.0
+    near = (5.0 - np.sqrt(5.0)) / 20.0
+    points = near * corners.sum(axis=1)[:, None] + (1.0 - 4.0 * near) * corners
+    return points.reshape(-1, 3), np.repeat(0.25 * volumes, 4), np.repeat(cell, 4)
 
 
 # Errors and their observed orders, run by run, as Markdown, CSV and LaTeX.

@@ -117,12 +117,29 @@ def test_a_probe_in_space_has_three_coordinates(tmp_path):
     assert float(rows[-1].split(",")[-3]) == pytest.approx(0.1 * np.sin(3.0))
 
 
+@pytest.mark.slow
+def test_what_accuracy_costs_in_space(tmp_path):
+    """Estimates are above true errors, beside a finer mesh in space."""
+    pytest.importorskip("matplotlib")
+    out = tmp_path / "out"
+    asked = ["--n", "1,2", "--steps", "2", "--solver", "newton", "--workers", "1", "--out", str(out)]
+    result = CliRunner().invoke(app, ["cost", "block_in_space", *asked])
+    assert result.exit_code == 0, result.output
+    assert (out / "cost.png").stat().st_size > 0
+    lines = (out / "cost.csv").read_text().splitlines()
+    columns = lines[0].split(",")
+    rows = [dict(zip(columns, line.split(","), strict=True)) for line in lines[1:]]
+    assert sorted((row["family"], row["n"]) for row in rows) == [
+        (family, n) for family in ("cubes", "tetrahedra") for n in ("1", "2")
+    ]
+    assert all(0.0 < float(row["error"]) < float(row["estimated"]) for row in rows)
+
+
 REFUSED = {
     "families of the plane": (
         ["run", "--mesh", "squares"],
         "no family 'squares'; there are cubes, tetrahedra,",
     ),
-    "what accuracy costs": (["cost"], "cost: exists in the plane only, and this mesh is of polyhedra."),
     "adaptive runs": (["run", "--n", "2", "--steps", "2", "--target", "0.1"], "adapt: exists in the plane only"),
 }
 

@@ -21,13 +21,14 @@ from vemcvx.cost.sweeping import JOURNAL
 from vemcvx.cost.table import REFUSED, Row, answers, effectivities, picture, table, within_reach, without_limit
 from vemcvx.errors import HistoryError, ProblemError, VemcvxError
 from vemcvx.estimate.adapt import OF
-from vemcvx.meshes import FAMILIES, plane_mesh
+from vemcvx.meshes import FAMILIES, SPACE_FAMILIES
 from vemcvx.owned_files import Owned
 from vemcvx.stepping.backward_euler import checked_times
 from vemcvx.version import __version__
 
 USUAL = ("squares", "triangles", "voronoi")
 USUAL_N, USUAL_TARGETS = "8,16,32,64,128", "0.05,0.02,0.01"
+IN_SPACE, N_IN_SPACE, TARGETS_IN_SPACE = ("cubes", "tetrahedra"), "3,6,12", "0.2,0.1"
 TABLE, PICTURE, RATIOS = "cost.csv", "cost.png", "effectivity.png"
 
 
@@ -52,7 +53,7 @@ class FromFile:
         problem = read_problem(self.path)
         return Ingredients(
             problem.scene(self.settings),
-            plane_mesh(problem.mesh(point.n, point.family), "cost"),
+            problem.mesh(point.n, point.family),
             checked_times(problem.times(point.steps or 2)),
             named_solver(point.solver, point.accuracy),
             problem.initial,
@@ -69,10 +70,12 @@ class Cost:
         typer.Option(
             metavar="A,B,...",
             autocompletion=families,
-            help="Families of meshes. (default: squares,triangles,voronoi)",
+            help="Families of meshes. (default: squares,triangles,voronoi; in space cubes,tetrahedra)",
         ),
     ] = None
-    n: Annotated[str | None, typer.Option("--n", metavar="N,N,...", help=f"{CELLS} (default: 8,16,32,64,128)")] = None
+    n: Annotated[
+        str | None, typer.Option("--n", metavar="N,N,...", help=f"{CELLS} (default: 8,16,32,64,128; in space 3,6,12)")
+    ] = None
     steps: Annotated[str, typer.Option(metavar="N,N,...", help="Steps of backward Euler.")] = "8,32"
     solver: Annotated[
         str | None,
@@ -90,7 +93,8 @@ class Cost:
         str | None,
         typer.Option(
             metavar="X,X,...",
-            help="Relative errors to aim at, and to give advice for. (default: 0.05,0.02,0.01; none, with --n)",
+            help="Relative errors to aim at, and to give advice for. (default: 0.05,0.02,0.01, in space 0.2,0.1; none, "
+            "with --n)",
         ),
     ] = None
     of: Of = "energy"
@@ -142,7 +146,9 @@ class Cost:
         """The grid that is asked for."""
         several = "one or more, with commas between"
         known = dict.fromkeys([*problem.families, *([problem.family] if problem.family else [])])
+        space = problem.in_space
         families: tuple[str | None, ...] = USUAL if problem.family in FAMILIES else (None,)
+        families = IN_SPACE if problem.family in SPACE_FAMILIES else families
         if self.mesh is not None:
             families = listed("--mesh", self.mesh, str, several)
             for family in families:
@@ -152,10 +158,11 @@ class Cost:
         for solver in solvers or ():
             named_solver(solver, None)
         # Who says how fine meshes are to be asks for no others, be they adaptive or those of a far finer reference.
-        targets = self.target or (USUAL_TARGETS if self.n is None else None)
+        usual = TARGETS_IN_SPACE if space else USUAL_TARGETS
+        targets = self.target or (usual if self.n is None else None)
         return Grid(
             families=families,
-            ns=listed("--n", self.n or USUAL_N, _whole, WHOLE),
+            ns=listed("--n", self.n or (N_IN_SPACE if space else USUAL_N), _whole, WHOLE),
             steps=listed("--steps", self.steps, _whole, WHOLE),
             solvers=solvers,
             accuracies=None if self.accuracy is None else listed("--accuracy", self.accuracy, _share, SHARES),

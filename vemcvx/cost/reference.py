@@ -30,7 +30,7 @@ from vemcvx.estimate.measures import Field, energy_distance
 from vemcvx.estimate.measures.distance import step_at
 from vemcvx.estimate.quantities import quantities, value_of
 from vemcvx.history import History
-from vemcvx.meshes import PolygonMesh, plane_mesh
+from vemcvx.meshes import AnyMesh
 from vemcvx.results.files import finite_or_none, peak_memory_mb, read_archive, write_archive
 from vemcvx.results.results import largest_values
 
@@ -43,7 +43,7 @@ ARCHIVE, ABOUT = "reference.npz", "reference.json"
 class Ran:
     """A run: its displacement (T, n_nodes, 2) at the instants asked for, and its columns of the table."""
 
-    mesh: PolygonMesh
+    mesh: AnyMesh
     displacement: Floats
     moduli: Floats
     columns: dict[str, Any]
@@ -88,7 +88,7 @@ def run_point(recipe: Recipe, point: Point, instants: Floats) -> Ran:
         "peak_mb": peak,
         "message": "; ".join(dict.fromkeys(said)),
     }
-    return Ran(plane_mesh(history.mesh, "cost"), history.displacement[rows], history.moduli, columns)
+    return Ran(history.mesh, history.displacement[rows], history.moduli, columns)
 
 
 def _estimated(history: History, of: str) -> float | None:
@@ -100,7 +100,7 @@ def _estimated(history: History, of: str) -> float | None:
 
 def _bound(made: Ingredients, history: History) -> dict[str, Any]:
     """The guaranteed bound of a run, which is made once more with all of its steps stored."""
-    again = replace(made, mesh=plane_mesh(history.mesh, "cost"), times=history.trajectory.times).simulated(check=False)
+    again = replace(made, mesh=history.mesh, times=history.trajectory.times).simulated(check=False)
     steps = [again.row(int(n)) for n in history.stored if n > 0]
     # Scenes without a bound of whole histories may have those of steps, and some have none.
     with contextlib.suppress(SceneError):
@@ -208,7 +208,7 @@ def build_reference(
     """Compute the reference, write it to the folder, and say what it is."""
     start = time.perf_counter()
     made, fine = recipe(coarsest), recipe(replace(finest, n=2 * finest.n, steps=4 * (finest.steps or 1)))
-    common = bool(abs(made.mesh.areas.sum() / fine.mesh.areas.sum() - 1.0) > 1e-9)
+    common = bool(abs(made.mesh.measures.sum() / fine.mesh.measures.sum() - 1.0) > 1e-9)
     estimated, adapted = None, True
     try:
         # 700,000 unknowns take some 4 GB. Refining more than `adapt` does by default makes fewer passes.
@@ -257,7 +257,7 @@ def errors(ran: Ran, folder: Path, reference: Reference) -> tuple[float, float, 
     found = []
     for u, t in zip(ran.displacement, reference.instants, strict=True):
         row = int(np.argmin(np.abs(fine.times - t)))
-        there = Field(plane_mesh(fine.mesh, "cost"), fine.displacement[row], fine.moduli, float(fine.times[row]))
+        there = Field(fine.mesh, fine.displacement[row], fine.moduli, float(fine.times[row]))
         found.append(energy_distance(Field(ran.mesh, u, ran.moduli, t), there, common=reference.common))
     scale, apart = max(one.reference for one in found), max(one.moduli_apart for one in found)
     if scale == 0.0:

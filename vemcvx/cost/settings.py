@@ -16,7 +16,7 @@ from vemcvx.arrays import Floats
 from vemcvx.errors import ProblemError
 from vemcvx.estimate.adapt import Adapted, adapt
 from vemcvx.history import History
-from vemcvx.meshes import PolygonMesh
+from vemcvx.meshes import AnyMesh
 from vemcvx.scene import Scene
 from vemcvx.simulation import simulate
 from vemcvx.solvers import Solver
@@ -63,7 +63,7 @@ class Ingredients:
     """The arguments of `simulate` and `adapt` for one point."""
 
     scene: Scene
-    mesh: PolygonMesh
+    mesh: AnyMesh
     times: Floats
     solver: Solver
     initial: ArrayLike | str | None = None

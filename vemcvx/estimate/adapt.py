@@ -34,7 +34,7 @@ from vemcvx.estimate.budget import ErrorBudget, budget_of, in_time
 from vemcvx.estimate.finer_steps import Finer, beside_finer
 from vemcvx.estimate.quantities import StepErrors, errors_of_steps, value_of, with_quantities
 from vemcvx.history import History
-from vemcvx.meshes import AnyMesh, PolygonMesh, plane_mesh
+from vemcvx.meshes import AnyMesh
 from vemcvx.outline import Outline, Outlined
 from vemcvx.program.tolerances import ADAPTED
 from vemcvx.results.quoted import SINGULAR, growth
@@ -237,7 +237,7 @@ def adapt(
     Parameters
     ----------
     scene : Scene
-    mesh : PolygonMesh
+    mesh : PolygonMesh or PolyhedralMesh
         A coarse mesh to begin with; it must have the boundaries that the scene names.
     times : increasing sequence of instants
         The first and the last instant, and those at which the history stores the answer; others are inserted between.
@@ -280,7 +280,6 @@ def adapt(
         A step misses the accuracy.
     """
     check_kinds(scene, mesh)
-    mesh = plane_mesh(mesh, "adapt", "simulate on finer meshes")
     _check(target, of, theta=theta, most=most_unknowns, progress=progress)
     bounded = choice(estimate, "adapt", "estimate", ("residual", "bound")) == "bound"
     if bounded and of != "energy":
@@ -308,7 +307,8 @@ def adapt(
         marked, split = _next(now, indicators, (instants, lost), target, theta)
         done = now.total <= target or not (marked.any() or len(split) > len(instants))
         done = done or (of != "energy" and stalled(passes))
-        if done or now.unknowns * (1 + 3 * marked.mean()) > most_unknowns:
+        # A cell that is split becomes four, in space eight.
+        if done or now.unknowns * (1 + (2 ** mesh.points.shape[1] - 1) * marked.mean()) > most_unknowns:
             if of != "energy":
                 budget, _ = _judged(history, None, aim, _Time(posed, None))
             asked = {"target": target} if of == "energy" else {}
@@ -358,7 +358,7 @@ def _wanted(times: ArrayLike) -> Floats:
 
 
 def _simulated(
-    scene: Scene, mesh: PolygonMesh, instants: Floats, aim: _Aim, start: float
+    scene: Scene, mesh: AnyMesh, instants: Floats, aim: _Aim, start: float
 ) -> tuple[PosedScene, History, ErrorBound | None]:
     """The run of a pass that began at `start`, and the bound of the steps at which the mesh is judged, if wanted."""
     posed = pose_scene(scene, mesh, instants.tolist())
@@ -406,12 +406,12 @@ class _Time:
 
 
 def _extremes(history: History) -> dict[str, tuple[float, float]]:
-    mesh, found = plane_mesh(history.mesh, "adapt"), {}
+    mesh, found = history.mesh, {}
     for one, *_ in largest_values(history):
         if one.key in SINGULAR:
             # Of a contact node, the smallest cell nearby, whose centroid is not a cell's width away.
             near = np.linalg.norm(mesh.centroids - one.place, axis=1)
-            found[one.key] = float(np.sqrt(mesh.areas[np.argmin(near)])), one.value
+            found[one.key] = float(mesh.measures[np.argmin(near)] ** (1.0 / mesh.points.shape[1])), one.value
     return found
 
 
@@ -464,7 +464,7 @@ def _check(target: object, of: object, theta: object, most: object, progress: ob
     check_takes(progress, 1, "adapt: progress", "each Pass")
 
 
-def _begin(scene: Scene, mesh: PolygonMesh, aim: _Aim) -> tuple[Floats, Finer | None]:
+def _begin(scene: Scene, mesh: AnyMesh, aim: _Aim) -> tuple[Floats, Finer | None]:
     """Instants with which the coarse mesh loses little to time, and, for energies, the run beside one in finer steps.
 
     Nothing is left out here: what is zero at the instants asked for need not be so between them.

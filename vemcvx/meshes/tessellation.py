@@ -323,6 +323,11 @@ class Tessellation(Mesh):
         return self._areas_and_centroids[0]
 
     @property
+    def measures(self) -> Floats:
+        """Area of each cell, in space its volume, (n_cells,)."""
+        return self.areas
+
+    @property
     def centroids(self) -> Floats:
         """Centroid of each cell, (n_cells, 2)."""
         return self._areas_and_centroids[1]
@@ -460,6 +465,11 @@ class SpaceTessellation(Mesh):
     def volumes(self) -> Floats:
         """Volume of each cell, (n_cells,)."""
         return self._volumes_and_centroids[0]
+
+    @property
+    def measures(self) -> Floats:
+        """Volume of each cell, (n_cells,): what areas are in the plane."""
+        return self.volumes
 
     @property
     def centroids(self) -> Floats:

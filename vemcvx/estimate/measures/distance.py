@@ -395,6 +395,6 @@ def _cell_energies(field: Field, w: Floats) -> Floats:
     """a_K^h(w, w) of nodal displacements w (n_nodes, dim), with the moduli of a field, cell by cell: (n_cells,)."""
     strain, mesh, missed = strains(field.space, w), field.mesh, missed_squares(field.space, w)
     density = np.sum(strain * stresses(field.moduli, strain), axis=1)
-    if isinstance(mesh, PolyhedralMesh):
-        return np.asarray(mesh.volumes * density + 2.0 * field.moduli[1] * mesh.diameters * missed)
-    return np.asarray(mesh.areas * density + softest_shear(elastic_matrix(field.moduli)) * missed)
+    if not field.space.in_plane:
+        return np.asarray(mesh.measures * density + 2.0 * field.moduli[1] * mesh.diameters * missed)
+    return np.asarray(mesh.measures * density + softest_shear(elastic_matrix(field.moduli)) * missed)

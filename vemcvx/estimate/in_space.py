@@ -45,9 +45,10 @@ from vemcvx.vem.elasticity import missed_squares
 from vemcvx.vem.projection import face_groups
 
 CONSTANT, MISSED = 0.68, 7.0
-"""c of the residuals, and the number before tau of what the projection misses: estimates are 1.1 to 2.0 of the true error
-on cubes of 1/4 and 1/10 (a sheared block, Coulomb's law, lift-off, springs, weight, heat, locked stress, two bodies), and
-1.4 to 2.9 on manufactured full slip, all families, up to lambda = 1e6."""
+"""c of the residuals, and the number before tau of what the projection misses.
+
+Estimates are 1.1 to 2.0 of the true error on cubes of 1/4 and 1/10 (a sheared block, Coulomb's law, lift-off, springs,
+weight, heat, locked stress, two bodies), and 1.4 to 2.9 on manufactured full slip, all families, up to lambda = 1e6."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -50,7 +50,7 @@ class History(Results, Outlined):
         Nodal forces of supports, contact and friction on the body: A u - f, or with viscosity A u + A_1 u' - f at the
         rates of the step. Row 0 has no viscous part, because no step leads to it.
     contact : Contact
-    moduli : (2, n_cells) or (6, n_cells)
+    moduli : (2, n_cells), (6, n_cells) or, in space, (21, n_cells)
         Lame's lambda (as it acts in the plane) and mu; where some cell is anisotropic the upper triangle of the elastic
         matrix row by row, see :mod:`vemcvx.vem.elasticity`.
     trajectory : Trajectory

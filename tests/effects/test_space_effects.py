@@ -210,10 +210,6 @@ REFUSED = {
         [vx.Elasticity(E, NU, plane="strain"), vx.Clamp(on="bottom")],
         rf"^Elasticity: plane=: {ONLY}; leave it out, a body in space is in neither plane\.$",
     ),
-    "orthotropic": (
-        [vx.Orthotropic((E, E), NU, MU), vx.Clamp(on="bottom")],
-        rf"^Orthotropic: {ONLY}; take Elasticity, or an effect of your own with a stiffness\.$",
-    ),
     "one-way friction": (
         [*RUBBED, vx.TrescaFriction(1.0, on="bottom", backward=2.0)],
         rf"^TrescaFriction on bottom: backward=: {ONLY}; tangents in space have no two directions; leave it out\.$",

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -23,6 +24,7 @@ from vemcvx.vem import (
     stiffness,
     upper_triangle,
 )
+from vemcvx.vem.elasticity import COMPONENTS
 
 # What every material is: a law for the cells of a region, the whole body unless `on` names cells.
 
@@ -109,7 +111,7 @@ class Elasticity(MaterialLaw):
 
         def at(x: Floats, inside: Ints) -> tuple[Floats, Floats]:
             lam, mu = self._lame(data.InCells(space.mesh, x, inside), None)
-            return upper_triangle(elastic_matrix(np.stack([lam, mu]))), self._blocked(lam, mu, space.dim)[1]
+            return upper_triangle(elastic_matrix(np.stack([lam, mu]), space.dim)), self._blocked(lam, mu, space.dim)[1]
 
         material = Material(
             subject="Elasticity" if self.on is None else f"Elasticity on {where(self.on)}",
@@ -185,92 +187,124 @@ class Elasticity(MaterialLaw):
 # from x, strains turn by e' = Q e (c = cos a, s = sin a),
 #
 #     Q = [[c^2, s^2, c s], [s^2, c^2, -c s], [-2 c s, 2 c s, c^2 - s^2]],   C = Q'C'Q,   stresses sigma = Q'sigma'.
+#
+# In space 2 e_13 = sigma_13 / G13 and 2 e_23 = sigma_23 / G23, too, and with the axes a_1, a_2, a_3 = a_1 x a_2 as the
+# rows of R tensors turn by e' = R e R': of Q the row of e'_ab has (2 - delta_ab) (R_ai R_bj + R_aj R_bi) / 2 for e_ij.
 
 
 @dataclass(frozen=True)
 class Orthotropic(MaterialLaw):
-    """Orthotropic linear elasticity with two axes of symmetry in the plane.
+    """Orthotropic linear elasticity: in the plane with two axes of symmetry there, in space with three.
 
     The stabilisation is scaled by the softest shear modulus (:mod:`vemcvx.vem.elasticity`). Every modulus is a
     number, an (n_cells,) array, a callable f(x) at centroids, or the name of a cell datum.
 
     Parameters
     ----------
-    young : (E1, E2) in plane stress, (E1, E2, E3) in plane strain
+    young : (E1, E2) in plane stress, (E1, E2, E3) in plane strain and in space
         Young's moduli along the axes, force per area, > 0.
-    poisson : nu12 in plane stress, (nu12, nu13, nu23) in plane strain
+    poisson : nu12 in plane stress, (nu12, nu13, nu23) in plane strain and in space
         nu_ij = -e_j / e_i under tension along i, so that nu21 = nu12 E2 / E1. The energy must be positive.
-    shear : modulus
-        G12 > 0, force per area.
+    shear : G12 in the plane, (G12, G13, G23) in space
+        Moduli of shear, force per area, > 0.
     angle : modulus
-        From x to axis 1, counter-clockwise, in radians, from -2 pi to 2 pi.
-    plane : {"stress", "strain"}
+        From x to axis 1, counter-clockwise, in radians, from -2 pi to 2 pi; in space about z, which is axis 3 then.
+    plane : {"stress", "strain"}, optional
+        What a plane body is in; "stress" by default. Of bodies in space it says nothing, and is refused.
+    axes : (axis 1, axis 2), optional
+        In space the two vectors (3,), or callables f(x) -> (m, 3) at centroids; of any length, and of axis 2 what is
+        across axis 1 counts. In place of `angle`.
     on : None, str or sequence of str
         The cells of this material, as for Elasticity.
     """
 
     young: Sequence[Constant]
     poisson: Constant | Sequence[Constant]
-    shear: Constant
+    shear: Constant | Sequence[Constant]
     angle: Constant = 0.0
-    plane: str = "stress"
+    plane: str | None = None
+    axes: Sequence[Any] | None = field(default=None, metadata={"in space": True})
     on: str | Sequence[str] | None = None
 
     def contribute(self, space: Space) -> Contribution:
-        space.require_plane("Orthotropic", "take Elasticity, or an effect of your own with a stiffness")
-        choice(self.plane, "Orthotropic", "plane", PLANES)
+        choice(self._plane, "Orthotropic", "plane", PLANES)
+        if self.plane is not None:
+            space.require_plane("Orthotropic: plane=", "leave it out, a body in space is in neither plane")
+        turned = not (isinstance(self.angle, (int, float)) and self.angle == 0.0)
+        if self.axes is not None and (space.in_plane or turned):
+            but = "belong to bodies in space; give angle=" if space.in_plane else "take the place of angle=; give one"
+            raise SceneError(f"Orthotropic: found axes = {brief(self.axes)}, which {but}.")
         cells = region(space, self.on, "Orthotropic")
         inside = np.ones(space.mesh.n_cells) if cells is None else cells.astype(float)
-        C, thermal_stress_moduli, out_of_plane = self._law(data.InCells(space.mesh), inside)
+        law = self._law if space.in_plane else self._law_in_space
+        C, thermal_stress_moduli, out_of_plane = law(data.InCells(space.mesh), inside)
 
         def at(x: Floats, within: Ints) -> tuple[Floats, Floats]:
-            C, thermal_stress_moduli, _ = self._law(data.InCells(space.mesh, x, within), np.ones(len(x)))
+            C, thermal_stress_moduli, _ = law(data.InCells(space.mesh, x, within), np.ones(len(x)))
             return upper_triangle(C), thermal_stress_moduli
 
-        constants = (*self._constants("young", 2), *self._constants("poisson", 1), self.shear, self.angle)
+        names = "young", "poisson", "shear"
+        constants = [one for name in names for one in self._constants(name, space.in_plane)]
         material = Material(
             subject="Orthotropic" if self.on is None else f"Orthotropic on {where(self.on)}",
             moduli=upper_triangle(C),
             thermal_stress_moduli=thermal_stress_moduli,
-            plane=self.plane,
+            plane=self._plane if space.in_plane else "strain",
             cells=cells,
             out_of_plane=out_of_plane,
-            at=at if data.varies(*constants) else None,
+            at=at if data.varies(*constants, self.angle, *(() if self.axes is None else self.axes)) else None,
         )
         return Contribution(stiffness=anisotropic_stiffness(space, C), material=material)
 
+    @property
+    def _plane(self) -> str:
+        return "stress" if self.plane is None else self.plane
+
     def _law(self, at: data.InCells, inside: Floats) -> tuple[Floats, Floats, Floats]:
         """C (k, 3, 3), and Material's thermal_stress_moduli (k, 3) and out_of_plane (k, 4); zero where not `inside`."""
-        S = self._compliance(at, inside > 0)
-        G, angle = self._read(at, self.shear, "shear"), self._radians(at, inside > 0)
-        self._require(np.where(inside > 0, G, 1.0) > 0, G, "shear", "must be > 0")
+        S, stress = self._compliance(at, inside > 0, True), self._plane == "stress"
+        (G,), angle = self._shears(at, inside > 0, True), self._radians(at, inside > 0)
         C = np.zeros_like(S)
         inverse = np.linalg.inv(S)
-        C[:, :2, :2] = np.linalg.inv(S[:, :2, :2]) if self.plane == "stress" else inverse[:, :2, :2]
+        C[:, :2, :2] = np.linalg.inv(S[:, :2, :2]) if stress else inverse[:, :2, :2]
         C[:, 2, 2] = G
         blocked = np.zeros((len(S), 3))
-        blocked[:, :2] = C[:, :2, :2].sum(axis=2) if self.plane == "stress" else inverse[:, :2].sum(axis=2)
+        blocked[:, :2] = C[:, :2, :2].sum(axis=2) if stress else inverse[:, :2].sum(axis=2)
         Q = _turn(angle)
         C = Q.transpose(0, 2, 1) @ C @ Q * inside[:, None, None]
         C = 0.5 * (C + C.transpose(0, 2, 1))
         thermal_stress_moduli = np.einsum("cki,ck->ci", Q, blocked) * inside[:, None]
         out_of_plane = np.zeros((len(S), 4))
-        if self.plane == "strain":
+        if not stress:
             out_of_plane[:, :3] = np.einsum("ck,ckl->cl", inverse[:, 2, :2], Q[:, :2])
             out_of_plane[:, 3] = inverse[:, 2].sum(axis=1)
         return C, thermal_stress_moduli, out_of_plane * inside[:, None]
 
+    def _law_in_space(self, at: data.InCells, inside: Floats) -> tuple[Floats, Floats, None]:
+        """C (k, 6, 6) and thermal_stress_moduli (k, 6), likewise."""
+        C = np.zeros((len(inside), 6, 6))
+        C[:, :3, :3] = np.linalg.inv(self._compliance(at, inside > 0, False))
+        # G12, G13, G23; components are in the order xy, yz, xz.
+        for component, G in zip((3, 5, 4), self._shears(at, inside > 0, False), strict=True):
+            C[:, component, component] = G
+        Q = _turn_in_space(self._frame(at, inside > 0))
+        C = Q.transpose(0, 2, 1) @ C @ Q * inside[:, None, None]
+        C = 0.5 * (C + C.transpose(0, 2, 1))
+        return C, C[:, :, :3].sum(axis=2), None
+
     def describe(self) -> str:
         place = "" if self.on is None else f", on {where(self.on)}"
-        E, nu = (_words(values) for values in (self.young, self.poisson))
-        return (
-            f"Orthotropic: E = {E}, nu = {nu}, G = {amount(self.shear, 'x')}, angle {amount(self.angle, 'x')}, "
-            f"plane {self.plane}{place}"
-        )
+        E, nu, G = (_words(values) for values in (self.young, self.poisson, self.shear))
+        turned = f"angle {amount(self.angle, 'x')}" if self.axes is None else f"axes {_words(tuple(self.axes))}"
+        plane = "" if self.plane is None else f", plane {self.plane}"
+        return f"Orthotropic: E = {E}, nu = {nu}, G = {G}, {turned}{plane}{place}"
 
-    def _compliance(self, at: data.InCells, inside: np.ndarray) -> Floats:
+    def described(self, in_plane: bool) -> str:
+        return replace(self, plane=self._plane).describe() if in_plane else self.describe()
+
+    def _compliance(self, at: data.InCells, inside: Bools, in_plane: bool) -> Floats:
         """S (n_cells, 3, 3) of the normal directions; without coupling to 3 in plane stress."""
-        E, nu = self._several(at, "young", 2), self._several(at, "poisson", 1)
+        E, nu = self._several(at, "young", in_plane), self._several(at, "poisson", in_plane)
         E, nu = np.where(inside, E, 1.0), np.where(inside, nu, 0.0)
         for i, values in enumerate(E):
             self._require(values > 0, values, f"young ({i + 1})", "must be > 0")
@@ -283,11 +317,20 @@ class Orthotropic(MaterialLaw):
         # Scaled to a unit diagonal: entries do not depend on units, nor overflow.
         scale = 1.0 / np.sqrt(np.einsum("cii->ci", S))
         positive = np.linalg.eigvalsh(scale[:, :, None] * S * scale[:, None, :]).min(axis=1) > 0
-        rule = "nu12^2 < E1 / E2" if self.plane == "stress" else "such that S (see the module) is positive definite"
+        stress = in_plane and self._plane == "stress"
+        rule = "nu12^2 < E1 / E2" if stress else "such that S (see the module) is positive definite"
         self._require(positive, nu[0], "poisson (nu12)", f"must leave the energy positive: {rule}")
         return S
 
-    def _radians(self, at: data.InCells, inside: np.ndarray) -> Floats:
+    def _shears(self, at: data.InCells, inside: Bools, in_plane: bool) -> Floats:
+        shears = self._several(at, "shear", in_plane)
+        for name, G in zip(
+            ("shear",) if in_plane else ("shear (G12)", "shear (G13)", "shear (G23)"), shears, strict=True
+        ):
+            self._require(np.where(inside, G, 1.0) > 0, G, name, "must be > 0")
+        return shears
+
+    def _radians(self, at: data.InCells, inside: Bools) -> Floats:
         angle = self._read(at, self.angle, "angle")
         beyond = inside & (np.abs(angle) > 2 * np.pi)
         first = angle[np.argmax(beyond)]
@@ -295,25 +338,65 @@ class Orthotropic(MaterialLaw):
         self._require(~beyond, angle, "angle", rule)
         return angle
 
-    def _several(self, at: data.InCells, name: str, in_stress: int) -> Floats:
-        return np.stack([self._read(at, part, name) for part in self._constants(name, in_stress)])
+    def _frame(self, at: data.InCells, inside: Bools) -> Floats:
+        """R (k, 3, 3): the unit axes, row by row."""
+        if self.axes is None:
+            angle = self._radians(at, inside)
+            c, s, zero = np.cos(angle), np.sin(angle), np.zeros(len(angle))
+            return np.array([[c, s, zero], [-s, c, zero], [zero, zero, zero + 1.0]]).transpose(2, 0, 1)
+        if not isinstance(self.axes, (list, tuple, np.ndarray)) or len(self.axes) != 2:
+            raise SceneError(
+                f"Orthotropic: found axes = {brief(self.axes)}; give two vectors, of axis 1 and of axis 2."
+            )
+        x = at.mesh.centroids if at.x is None else at.x
+        first, second = (data.vector(_of_place(axis), x, 0.0, "Orthotropic: axes") for axis in self.axes)
+        third = np.cross(first, second)
+        sizes = np.linalg.norm(first, axis=1) * np.linalg.norm(second, axis=1)
+        area = np.linalg.norm(third, axis=1)
+        flat = inside & (area <= PARALLEL * sizes)
+        if flat.any():
+            cell = int(np.argmax(flat))
+            raise SceneError(
+                f"Orthotropic: axes 1 and 2 are {first[cell]} and {second[cell]} in cell {cell}; they must not be zero "
+                "nor parallel."
+            )
+        lengths = np.linalg.norm(first, axis=1)
+        first, third = (
+            rows / np.where(size > 0, size, 1.0)[:, None] for rows, size in ((first, lengths), (third, area))
+        )
+        return np.stack([first, np.cross(third, first), third], axis=1)
 
-    def _constants(self, name: str, in_stress: int) -> Sequence[Constant]:
-        given, count = getattr(self, name), in_stress if self.plane == "stress" else 3
+    def _several(self, at: data.InCells, name: str, in_plane: bool) -> Floats:
+        return np.stack([self._read(at, part, name) for part in self._constants(name, in_plane)])
+
+    def _constants(self, name: str, in_plane: bool) -> Sequence[Constant]:
+        given, stress = getattr(self, name), in_plane and self._plane == "stress"
+        count = {"young": 2 if stress else 3, "poisson": 1 if stress else 3, "shear": 1 if in_plane else 3}[name]
         parts = [given] if count == 1 else given
         several = isinstance(parts, (list, tuple)) or (type(parts) is np.ndarray and parts.ndim > 0)
         if not several or len(parts) != count:
-            wanted = {1: "nu12", 2: "(E1, E2)"}.get(count, "(E1, E2, E3)" if name == "young" else "(nu12, nu13, nu23)")
-            raise SceneError(f"Orthotropic: found {name} = {brief(given)}; plane {self.plane} takes {wanted}.")
+            names = {"young": "(E1, E2, E3)", "poisson": "(nu12, nu13, nu23)", "shear": "(G12, G13, G23)"}
+            wanted = {"young": "(E1, E2)", "poisson": "nu12", "shear": "G12"}[name] if count < 3 else names[name]
+            body = f"plane {self._plane}" if in_plane else "a body in space"
+            raise SceneError(f"Orthotropic: found {name} = {brief(given)}; {body} takes {wanted}.")
         return list(parts)
 
     def _read(self, at: data.InCells, value: Constant, name: str) -> Floats:
         return at.read(value, f"Orthotropic: {name}")
 
-    def _require(self, holds: np.ndarray, values: Floats, name: str, rule: str) -> None:
+    def _require(self, holds: Bools, values: Floats, name: str, rule: str) -> None:
         if not holds.all():
             cell = int(np.argmin(holds))
             raise SceneError(f"Orthotropic: found {name} = {values[cell]:.6g} in cell {cell}; it {rule}.")
+
+
+PARALLEL = 1e-6
+"""Sine of the angle between vectors that are parallel."""
+
+
+def _of_place(axis: Any) -> Any:
+    """A vector, or a function of place as one of place and time."""
+    return (lambda x, t: axis(x)) if callable(axis) else axis
 
 
 def _turn(angle: Floats) -> Floats:
@@ -321,6 +404,16 @@ def _turn(angle: Floats) -> Floats:
     c, s = np.cos(angle), np.sin(angle)
     rows = [[c * c, s * s, c * s], [s * s, c * c, -c * s], [-2 * c * s, 2 * c * s, c * c - s * s]]
     return np.array(rows).transpose(2, 0, 1)
+
+
+def _turn_in_space(R: Floats) -> Floats:
+    """Q (n_cells, 6, 6): strains in axes, the rows of R (n_cells, 3, 3), from those along x, y and z."""
+    Q = np.empty((len(R), 6, 6))
+    for k, (a, b) in enumerate(COMPONENTS[3]):
+        for m, (i, j) in enumerate(COMPONENTS[3]):
+            both = 0.5 * (R[:, a, i] * R[:, b, j] + R[:, a, j] * R[:, b, i])
+            Q[:, k, m] = both if a == b else 2.0 * both
+    return Q
 
 
 def _words(values: object) -> str:

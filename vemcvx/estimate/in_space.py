@@ -40,7 +40,7 @@ from vemcvx.meshes.polygons import cell_of_corner, next_corner, rows_in_order, s
 from vemcvx.scene.contact_table import ContactRows, jump_rows
 from vemcvx.scene.pose import PosedScene
 from vemcvx.scene.supports import free_directions, on_free
-from vemcvx.vem import strains, stresses
+from vemcvx.vem import elastic_matrix, mean_shear, strains, stresses
 from vemcvx.vem.elasticity import missed_squares
 from vemcvx.vem.projection import face_groups
 
@@ -85,8 +85,13 @@ class Residuals:
 
     @cached_property
     def shear(self) -> Floats:
-        """(n_cells,) mu."""
-        return np.asarray(self.posed.material.moduli[1])
+        """(n_cells,) mu; half the harmonic mean of the five moduli of shear where they differ."""
+        return 0.5 * mean_shear(self.elastic)
+
+    @cached_property
+    def elastic(self) -> Floats:
+        """(n_cells, 6, 6) elastic matrices."""
+        return elastic_matrix(self.posed.material.moduli, 3)
 
     @cached_property
     def outer(self) -> Ints:
@@ -188,8 +193,8 @@ class Residuals:
         dyad = np.column_stack([x * x, y * y, z * z, x * y, y * z, x * z])
         moved = np.einsum("ed,ed->e", u[both[1]] - u[both[0]], along) / length**2
         missed = moved - np.einsum("ek,ek->e", dyad, strain[cell])
-        lame, shear = self.posed.material.moduli[:, cell]
-        young = shear * (3.0 * lame + 2.0 * shear) / (lame + shear)
+        compliance = np.linalg.inv(self.elastic)[cell]
+        young = 1.0 / np.einsum("ei,eij,ej->e", dyad, compliance, dyad)
         section = mesh.volumes[cell] / self.widths(cell, unit.T)
         return totals(cell, section * young / 12.0 * missed**2 * length, mesh.n_cells)
 
@@ -284,11 +289,11 @@ class Residuals:
         return found
 
     def _locked(self, t: float) -> Floats:
-        """|sigma_0 - sigma_0K|^2_K in C^{-1}: of (s : s - lambda / (3 lambda + 2 mu) (tr s)^2) / (2 mu)."""
+        """|sigma_0 - sigma_0K|^2_K in C^{-1}."""
         prestress = self.posed.prestress
         if prestress is None:
             return np.zeros(self.mesh.n_cells)
-        (owner, x), (lam, mu) = self._vertices, self.posed.material.moduli
+        owner, x = self._vertices
         apart = np.zeros((len(x), 6))
         for swelling in prestress.eigenstrains:
             if swelling.at is not None:
@@ -297,9 +302,7 @@ class Residuals:
         for stress in prestress.stresses:
             if stress.at is not None:
                 apart += stress.at(x, owner, t) - stress.value(t)[owner]
-        squares = np.sum(apart[:, :3] ** 2, axis=1) + 2.0 * np.sum(apart[:, 3:] ** 2, axis=1)
-        squares -= (lam / (3.0 * lam + 2.0 * mu))[owner] * np.sum(apart[:, :3], axis=1) ** 2
-        return self._integral(squares / (2.0 * mu[owner]))
+        return self._integral(np.einsum("qi,qij,qj->q", apart, np.linalg.inv(self.elastic)[owner], apart))
 
     @cached_property
     def _vertices(self) -> tuple[Ints, Floats]:

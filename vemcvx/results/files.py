@@ -139,8 +139,8 @@ def _check_arrays(arrays: Arrays, sizes: dict[str, int]) -> None:
         if not fits or array.dtype.kind != kind:
             raise ValueError(f"found {name} of shape {array.shape}, {array.dtype}, which does not go with the rest")
         sizes.update((size, n) for size, n in zip(names, array.shape, strict=True) if not size.isdecimal())
-    if sizes["constants"] not in (2, 6):
-        raise ValueError(f"found {sizes['constants']} moduli a cell, wanted 2 or 6")
+    if sizes["constants"] not in (2, 6, 21):
+        raise ValueError(f"found {sizes['constants']} moduli a cell, wanted 2, 6 or 21")
     numbered = {"contact.nodes": (0, "nodes"), "contact.partners": (-1, "nodes"), "trajectory.stored": (0, "N")}
     for name, (least, size) in numbered.items():
         count = sizes[size]

@@ -42,7 +42,8 @@ def compose(materials: Sequence[Material], mesh: AnyMesh) -> Material:
             f"materials: found {words}; one body is in one of them, so give all materials the same plane=."
         )
     isotropic = all(len(m.moduli) == 2 for m in materials)
-    moduli = [m.moduli if isotropic else upper_triangle(elastic_matrix(m.moduli)) for m in materials]
+    dim = mesh.points.shape[1]
+    moduli = [m.moduli if isotropic else upper_triangle(elastic_matrix(m.moduli, dim)) for m in materials]
     thermal_stress_moduli = np.sum([m.thermal_stress_moduli for m in materials], axis=0)
     known = [m.out_of_plane for m in materials if m.out_of_plane is not None]
     out_of_plane = np.sum(known, axis=0) if len(known) == len(materials) else None

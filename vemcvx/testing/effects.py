@@ -91,9 +91,9 @@ class EffectSample:
 
     @property
     def fields(self) -> list[str]:
-        """The names of its fields."""
+        """The names of its fields, but for those of bodies in space, which mean nothing on a mesh of squares."""
         effect: Any = self.effect
-        return [setting.name for setting in dataclasses.fields(effect)]
+        return [setting.name for setting in dataclasses.fields(effect) if not setting.metadata.get("in space")]
 
     @property
     def on(self) -> list[str] | None:

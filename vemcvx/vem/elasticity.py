@@ -19,16 +19,17 @@ direction (1, 1, 0) and turn the deviatoric plane, spanned by (1, -1, 0) / sqrt 
 
     tau = smallest eigenvalue of C_k on the deviatoric plane = mean - sqrt(((p - q) / 2)^2 + r^2) of [[p, r], [r, q]].
 
-It has the units of C, does not depend on the axes, and is 2 mu for an isotropic material. It does not lock: a
+In space, D = diag(1, 1, 1, sqrt 2, sqrt 2, sqrt 2), the deviatoric part has five dimensions. tau has the units of C,
+does not depend on the axes, and is 2 mu for an isotropic material. It does not lock: a
 volumetric modulus that grows leaves the deviatoric plane alone, and fibres whose modulus grows add a matrix of rank
-one to it, which leaves the smaller of its two eigenvalues bounded. (The trace or the mean would grow with the fibres:
+one to it, which leaves the smallest of its eigenvalues bounded. (The trace or the mean would grow with the fibres:
 with E1 / G = 2e8 and 8 Voronoi cells a side, 1.04 of the energy of a sheared body is found; with either of them
 nothing.)
 
 Components of symmetric tensors are in the order xx, yy, xy in the plane and xx, yy, zz, xy, yz, xz in space; of
 strains those across are 2 e_xy and so on. Moduli are rows over cells: (2, n_cells) Lame's lam (in the plane as it acts
-there) and mu, or, in the plane, (6, n_cells) the upper triangle of the elastic matrix C row by row: xx-xx, xx-yy,
-xx-xy, yy-yy, yy-xy, xy-xy. Principal stresses in the plane, and von Mises' equivalent stress:
+there) and mu, or the upper triangle of the elastic matrix C row by row: in the plane (6, n_cells), xx-xx, xx-yy, xx-xy,
+yy-yy, yy-xy, xy-xy, and in space (21, n_cells). Principal stresses in the plane, and von Mises' equivalent stress:
 
     sigma_1,2 = (xx + yy) / 2 +- sqrt(((xx - yy) / 2)^2 + xy^2)                                 Mohr's circle (1882)
     sigma_v^2 = ((xx - yy)^2 + (yy - zz)^2 + (zz - xx)^2) / 2 + 3 (xy^2 + yz^2 + xz^2)          von Mises (1913)
@@ -214,14 +215,14 @@ def local_blocks(cells: CellGroup, lam: Floats, mu: Floats, tau: Floats) -> Floa
 
 
 def anisotropic_stiffness(space: Space, C: Floats) -> sp.csr_matrix:
-    """Matrix of a^h over all nodal values, (2 n_nodes, 2 n_nodes), symmetric to the bit.
+    """Matrix of a^h over all nodal values, (n_u, n_u), symmetric to the bit.
 
     Parameters
     ----------
     space : Space
-    C : (n_cells, 3, 3) array
-        Stresses (xx, yy, xy) from strains (e_xx, e_yy, 2 e_xy), force per area; symmetric, positive definite, or zero
-        on cells that another material fills.
+    C : (n_cells, 3, 3) array, in space (n_cells, 6, 6)
+        Stresses from strains, components as above, force per area; symmetric, positive definite, or zero on cells that
+        another material fills.
     """
     tau = softest_shear(C)
     filled = np.abs(C).max(axis=(1, 2)) > 0.0
@@ -230,6 +231,8 @@ def anisotropic_stiffness(space: Space, C: Floats) -> sp.csr_matrix:
 
 def softest_shear(C: Floats) -> Floats:
     """The smallest Kelvin modulus of deviatoric strains, (n_cells,); 2 mu where C is isotropic."""
+    if C.shape[1] == len(COMPONENTS[3]):
+        return np.asarray(np.linalg.eigvalsh(_deviatoric_in_space(C))[:, 0])
     p, q, r = _deviatoric(C)
     larger = 0.5 * (p + q) + np.hypot(0.5 * (p - q), r)
     # The product of the two is the determinant: their difference would cancel where fibres are stiff.
@@ -237,7 +240,11 @@ def softest_shear(C: Floats) -> Floats:
 
 
 def mean_shear(C: Floats) -> Floats:
-    """The harmonic mean (n_cells,) of the two Kelvin moduli of deviatoric strains; 2 mu where C is isotropic."""
+    """The harmonic mean (n_cells,) of the Kelvin moduli of deviatoric strains; 2 mu where C is isotropic."""
+    if C.shape[1] == len(COMPONENTS[3]):
+        moduli = np.linalg.eigvalsh(_deviatoric_in_space(C))
+        positive = moduli[:, 0] > 0
+        return np.where(positive, 5.0 / np.sum(1.0 / np.where(positive[:, None], moduli, 1.0), axis=1), 0.0)
     p, q, r = _deviatoric(C)
     return np.divide(2.0 * (p * q - r * r), p + q, out=np.zeros_like(p), where=p + q > 0)
 
@@ -247,13 +254,22 @@ def _deviatoric(C: Floats) -> tuple[Floats, Floats, Floats]:
     return 0.5 * (C[:, 0, 0] + C[:, 1, 1]) - C[:, 0, 1], 2.0 * C[:, 2, 2], C[:, 0, 2] - C[:, 1, 2]
 
 
+def _deviatoric_in_space(C: Floats) -> Floats:
+    """The Kelvin matrix (n_cells, 5, 5) on deviatoric strains."""
+    basis = np.zeros((5, 6))
+    basis[0, :2], basis[1, :3] = np.array([1.0, -1.0]) / np.sqrt(2.0), np.array([1.0, 1.0, -2.0]) / np.sqrt(6.0)
+    basis[2:, 3:] = np.sqrt(2.0) * np.eye(3)
+    return np.asarray(basis @ C @ basis.T)
+
+
 def general_blocks(cells: CellGroup, C: Floats, tau: Floats) -> Floats:
-    """The local matrices (c, n, n, 2, 2) of polygons with n vertices; `local_blocks` is the isotropic case."""
-    areas, g = cells.gradients()
-    B = np.zeros((*g.shape[:2], 3, 2))
-    B[:, :, 0, 0] = B[:, :, 2, 1] = g[:, :, 0]
-    B[:, :, 1, 1] = B[:, :, 2, 0] = g[:, :, 1]
-    stress = np.einsum("ckl,cjlb->cjkb", C / areas[:, None, None], B)
+    """The local matrices (c, n, n, dim, dim) of cells with n vertices; `local_blocks` is the isotropic case."""
+    measures, g = cells.gradients()
+    dim = g.shape[2]
+    B = np.zeros((*g.shape[:2], len(COMPONENTS[dim]), dim))
+    for k, (a, b) in enumerate(COMPONENTS[dim]):
+        B[:, :, k, a], B[:, :, k, b] = g[:, :, b], g[:, :, a]
+    stress = np.einsum("ckl,cjlb->cjkb", C / measures[:, None, None], B)
     blocks: Floats = np.einsum("cika,cjkb->cijab", B, stress)
     blocks = 0.5 * (blocks + blocks.transpose(0, 2, 1, 4, 3))
     add_stabilisation(blocks, cells, tau)
@@ -302,7 +318,6 @@ def split_motion(mode: Floats) -> tuple[Floats, Floats]:
     return (mode[:2], mode[2:]) if len(mode) == 3 else (mode[:3], mode[3:])
 
 
-UPPER = np.triu_indices(3)
 COMPONENTS = {2: ((0, 0), (1, 1), (0, 1)), 3: ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))}
 """Of symmetric tensors in dim dimensions, axis by axis."""
 
@@ -319,7 +334,7 @@ def isotropic_stress(value: Floats, dim: int) -> Floats:
 
 def stresses(moduli: Floats, strain: Floats) -> Floats:
     """Stresses (n_cells, components) of strains of these components."""
-    if len(moduli) == len(UPPER[0]):
+    if len(moduli) != 2:
         stress: Floats = np.einsum("ckl,cl->ck", elastic_matrix(moduli), strain)
         return stress
     lam, mu = moduli
@@ -329,22 +344,25 @@ def stresses(moduli: Floats, strain: Floats) -> Floats:
     return np.column_stack([*normal, *(mu * shear for shear in strain[:, dim:].T)])
 
 
-def elastic_matrix(moduli: Floats) -> Floats:
-    """C (n_cells, 3, 3) of moduli in either form, in the plane."""
-    C = np.zeros((moduli.shape[1], 3, 3))
-    if len(moduli) == len(UPPER[0]):
-        C[:, UPPER[0], UPPER[1]] = C[:, UPPER[1], UPPER[0]] = moduli.T
+def elastic_matrix(moduli: Floats, dim: int = 2) -> Floats:
+    """C (n_cells, 3, 3), in space (n_cells, 6, 6), of moduli in either form; `dim` counts for Lame's alone."""
+    if len(moduli) != 2:
+        size = len(COMPONENTS[2 if len(moduli) == 6 else 3])
+        upper, C = np.triu_indices(size), np.zeros((moduli.shape[1], size, size))
+        C[:, upper[0], upper[1]] = C[:, upper[1], upper[0]] = moduli.T
         return C
-    lam, mu = moduli
-    C[:, 0, 0] = C[:, 1, 1] = lam + 2 * mu
-    C[:, 0, 1] = C[:, 1, 0] = lam
-    C[:, 2, 2] = mu
+    (lam, mu), size = moduli, len(COMPONENTS[dim])
+    C = np.zeros((len(lam), size, size))
+    C[:, :dim, :dim] = lam[:, None, None]
+    for a in range(size):
+        C[:, a, a] += 2 * mu if a < dim else mu
     return C
 
 
 def upper_triangle(C: Floats) -> Floats:
-    """Moduli (6, n_cells) of C (n_cells, 3, 3)."""
-    return np.ascontiguousarray(C[:, UPPER[0], UPPER[1]].T)
+    """Moduli (6, n_cells), in space (21, n_cells), of elastic matrices."""
+    rows, columns = np.triu_indices(C.shape[1])
+    return np.ascontiguousarray(C[:, rows, columns].T)
 
 
 def principal(stress: Floats) -> Floats:

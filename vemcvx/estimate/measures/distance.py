@@ -112,7 +112,7 @@ class Field:
     mesh : PolygonMesh or PolyhedralMesh
     displacement : (n_nodes, dim) array
         At the nodes, length.
-    moduli : (2, n_cells) or (6, n_cells) array
+    moduli : (2, n_cells), (6, n_cells) or, in space, (21, n_cells) array
         As in `History.moduli`, force per area.
     time : float
         The instant, which closed forms are asked for.
@@ -139,10 +139,11 @@ class Field:
         nodes, cells = self.mesh.points.shape, self.mesh.n_cells
         if np.shape(self.displacement) != nodes:
             raise HistoryError(f"Field: found displacements {np.shape(self.displacement)}; this mesh takes {nodes}.")
-        if np.shape(self.moduli) not in ((2, cells), (6, cells)):
+        full = 6 if nodes[1] == 2 else 21
+        if np.shape(self.moduli) not in ((2, cells), (full, cells)):
             raise HistoryError(
                 f"Field: found moduli {np.shape(self.moduli)}; wanted (2, {cells}), lambda and mu of every cell, or "
-                f"(6, {cells}), the upper triangle of its elastic matrix."
+                f"({full}, {cells}), the upper triangle of its elastic matrix."
             )
 
     @cached_property
@@ -353,9 +354,7 @@ def energy_distance(
 
 def _apart(rule: CommonRule, u: Field, v: Field) -> float:
     """The largest relative difference of elastic matrices at the same place."""
-    mine, other = (
-        upper_triangle(elastic_matrix(field.moduli)) if field.space.in_plane else field.moduli for field in (u, v)
-    )
+    mine, other = (upper_triangle(elastic_matrix(field.moduli, field.space.dim)) for field in (u, v))
     if all((mine[:, :1] == C).all() for C in (mine, other)):
         return 0.0
     difference = np.abs(mine[:, rule.first] - other[:, rule.second]).max(axis=0)
@@ -395,6 +394,6 @@ def _cell_energies(field: Field, w: Floats) -> Floats:
     """a_K^h(w, w) of nodal displacements w (n_nodes, dim), with the moduli of a field, cell by cell: (n_cells,)."""
     strain, mesh, missed = strains(field.space, w), field.mesh, missed_squares(field.space, w)
     density = np.sum(strain * stresses(field.moduli, strain), axis=1)
-    if not field.space.in_plane:
-        return np.asarray(mesh.measures * density + 2.0 * field.moduli[1] * mesh.diameters * missed)
-    return np.asarray(mesh.measures * density + softest_shear(elastic_matrix(field.moduli)) * missed)
+    tau = softest_shear(elastic_matrix(field.moduli, field.space.dim))
+    sizes = 1.0 if field.space.in_plane else mesh.diameters
+    return np.asarray(mesh.measures * density + tau * sizes * missed)

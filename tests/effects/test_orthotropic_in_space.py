@@ -1,0 +1,184 @@
+"""Orthotropic bodies in space: closed forms, turned axes, isotropic and plane bodies as special cases, mistakes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from solids import SOLIDS, solid
+
+import vemcvx as vx
+from vemcvx.vem import Space, elastic_matrix, mean_shear, softest_shear, strains, upper_triangle
+
+BOX = ((0, 1), (0, 1), (0, 1))
+SIDES = ["left", "right", "front", "back", "bottom", "top"]
+E, NU, G = (120.0, 60.0, 30.0), (0.3, 0.25, 0.35), (20.0, 15.0, 10.0)
+WOOD = vx.Orthotropic(E, NU, G)
+TURN = Rotation.from_euler("zyx", [0.4, -0.7, 1.1]).as_matrix()
+GRADIENT = np.array([[0.02, 0.04, -0.03], [0.01, -0.05, 0.02], [0.03, 0.01, -0.012]])
+
+
+def compliance():
+    """Strains (e_11, e_22, e_33, 2 e_12, 2 e_23, 2 e_13) from stresses, in the axes of the material."""
+    S = np.diag([*(1 / np.array(E)), 1 / G[0], 1 / G[2], 1 / G[1]])
+    for (i, j), nu in zip(((0, 1), (0, 2), (1, 2)), NU, strict=True):
+        S[i, j] = S[j, i] = -nu / E[i]
+    return S
+
+
+def tensor(components, strain=False):
+    xx, yy, zz, xy, yz, xz = components
+    across = 0.5 if strain else 1.0
+    xy, yz, xz = across * xy, across * yz, across * xz
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
+def stretched(effect, mesh, **options):
+    """A body whose sides move affinely."""
+    moved = vx.PrescribedDisplacement(lambda x, t: t * x @ GRADIENT.T, on=SIDES)
+    return vx.simulate(vx.Scene(effect, moved), mesh, [0.0, 1.0], **options)
+
+
+@pytest.mark.parametrize("name", SOLIDS)
+def test_affine_displacements_have_the_stress_of_hooke_s_law(name):
+    """In turned axes: sigma = R'sigma'R with sigma' = S^-1 e', e' = R e R'."""
+    history = stretched(vx.Orthotropic(E, NU, G, axes=(TURN[0], 3.0 * TURN[1] + 2.0 * TURN[0])), solid(name, 2, BOX))
+    strain = TURN @ (0.5 * (GRADIENT + GRADIENT.T)) @ TURN.T
+    inside = np.linalg.solve(compliance(), [*np.diag(strain), *(2 * strain[[0, 1, 0], [1, 2, 2]])])
+    stress = TURN.T @ tensor(inside) @ TURN
+    for row in history.stress(-1):
+        np.testing.assert_allclose(tensor(row), stress, atol=1e-10)
+    assert history.von_mises(-1).shape == (history.mesh.n_cells,)
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_tension_along_an_axis(axis):
+    """e_ii = sigma / E_i, and across it -nu_ij sigma / E_i."""
+    free = [side for k, pair in enumerate((SIDES[:2], SIDES[2:4], SIDES[4:])) for side in pair[:1] if k >= 0]
+    pull = np.eye(3)[axis]
+    scene = vx.Scene(
+        WOOD,
+        vx.Symmetry(on=free),
+        vx.Traction(lambda x, t: t * np.tile(pull, (len(x), 1)), on=SIDES[2 * axis + 1]),
+    )
+    history = vx.simulate(scene, vx.meshes.voronoi3(2), [0.0, 1.0])
+    np.testing.assert_allclose(
+        strains(Space(history.mesh), history.displacement[-1]),
+        np.tile(compliance()[axis], (history.mesh.n_cells, 1)),
+        atol=1e-10,
+    )
+
+
+def test_isotropic_constants_are_elasticity():
+    mesh, nu = vx.meshes.kelvin(2), 0.3
+    iso = vx.Orthotropic((10.0,) * 3, (nu,) * 3, (10.0 / (2 * (1 + nu)),) * 3, axes=(TURN[0], TURN[1]))
+    pushed = (
+        vx.Clamp(on="bottom"),
+        vx.Traction(lambda x, t: t * np.column_stack([x[:, 1], 0.2 + 0 * x[:, 0], -x[:, 2]]), on="right"),
+        vx.ThermalStrain(1e-3, lambda x, t: t * x[:, 0]),
+    )
+    one, other = (
+        vx.simulate(vx.Scene(material, *pushed), mesh, [0.0, 1.0]) for material in (iso, vx.Elasticity(10.0, nu))
+    )
+    np.testing.assert_allclose(one.displacement, other.displacement, atol=1e-12)
+    np.testing.assert_allclose(one.stress(-1), other.stress(-1), atol=1e-11)
+    assert vx.measures.energy_distance(one, other).relative < 1e-11
+    assert vx.error_budget(one).space[-1] == pytest.approx(vx.error_budget(other).space[-1], rel=1e-9)
+
+
+def test_a_prism_in_plane_strain_is_the_plane_body():
+    """Between walls that hold it along z, with the axes turned about z."""
+    flat, angle = vx.meshes.voronoi(3), 0.6
+
+    def pull(x, t):
+        return t * np.column_stack([1.0 + x[:, 1], 0.3 + 0 * x[:, 0], *([0 * x[:, 0]] if x.shape[1] == 3 else [])])
+
+    material = vx.Orthotropic(E, NU, G, angle)
+    solid_ = vx.Scene(material, vx.Clamp(on="left"), vx.Symmetry(on=["bottom", "top"]), vx.Traction(pull, on="right"))
+    plane_ = vx.Scene(
+        vx.Orthotropic(E, NU, G[0], angle, plane="strain"), vx.Clamp(on="left"), vx.Traction(pull, on="right")
+    )
+    found = vx.simulate(solid_, flat.extruded([0.0, 0.4]), [0.0, 1.0])
+    # The projections of a prism and of its base are the same for displacements that do not depend on z; what they miss
+    # is weighed differently, by order h.
+    wanted = vx.simulate(plane_, flat, [0.0, 1.0])
+    assert found.trajectory.energy[-1] / 0.4 == pytest.approx(wanted.trajectory.energy[-1], rel=0.1)
+
+
+def test_moduli_of_shear_do_not_depend_on_axes():
+    C = np.linalg.inv(compliance())[None]
+    turned = elastic_matrix(stretched(vx.Orthotropic(E, NU, G, axes=TURN[:2]), vx.meshes.cubes(1)).moduli)
+    for of in (softest_shear, mean_shear):
+        np.testing.assert_allclose(of(turned), of(C), rtol=1e-12)
+    lame = np.array([[3.0], [2.0]])
+    np.testing.assert_allclose(softest_shear(elastic_matrix(lame, 3)), 4.0, rtol=1e-14)
+    np.testing.assert_allclose(mean_shear(elastic_matrix(lame, 3)), 4.0, rtol=1e-14)
+    assert upper_triangle(turned).shape == (21, 1)
+
+
+def test_fibres_do_not_lock():
+    """Sheared across fibres 1e8 times as stiff: the energy stays that of the matrix around them."""
+    energies = []
+    for stiff in (1e2, 1e8):
+        scene = vx.Scene(
+            vx.Orthotropic((stiff, 1.0, 1.0), (0.0, 0.0, 0.3), (0.4, 0.4, 1.0 / 2.6), axes=((1, 0, 1), (0, 1, 0))),
+            vx.Clamp(on="bottom"),
+            vx.PrescribedDisplacement(lambda x, t: [0.0, 0.1 * t, 0.0], on="top"),
+        )
+        energies.append(vx.simulate(scene, vx.meshes.voronoi3(4), [0.0, 1.0]).trajectory.energy[-1])
+    assert energies[1] == pytest.approx(energies[0], rel=0.1)
+
+
+def test_files_keep_the_moduli(tmp_path):
+    history = stretched(WOOD, vx.meshes.cubes(2))
+    history.write(tmp_path)
+    again = vx.read_history(tmp_path)
+    np.testing.assert_array_equal(again.moduli, history.moduli)
+    assert history.moduli.shape == (21, 8)
+
+
+def test_axes_may_follow_the_place():
+    """Rings of fibres about the z axis: axis 1 along circles."""
+
+    def along(x):
+        return np.column_stack([-x[:, 1], x[:, 0], 0 * x[:, 0]])
+
+    mesh = vx.meshes.cubes(3, ((1, 2), (0, 1), (0, 1)))
+    history = stretched(vx.Orthotropic(E, NU, G, axes=(along, (0.0, 0.0, 1.0))), mesh)
+    strain, C = strains(Space(mesh), history.displacement[-1]), elastic_matrix(history.moduli)
+    for k in (0, 13):
+        x, y, _ = mesh.centroids[k] / np.linalg.norm(mesh.centroids[k, :2])
+        R = np.array([[-y, x, 0.0], [0.0, 0.0, 1.0], [x, y, 0.0]])
+        e = R @ tensor(strain[k], strain=True) @ R.T
+        inside = np.linalg.solve(compliance(), [*np.diag(e), *(2 * e[[0, 1, 0], [1, 2, 2]])])
+        np.testing.assert_allclose(tensor(C[k] @ strain[k]), R.T @ tensor(inside) @ R, atol=1e-12)
+
+
+REFUSED = {
+    "one modulus of shear": (vx.Orthotropic(E, NU, 1.0), r"shear = 1\.0; a body in space takes \(G12, G13, G23\)\."),
+    "two moduli": (vx.Orthotropic(E[:2], NU, G), r"young = \(120.0, 60.0\); a body in space takes \(E1, E2, E3\)\."),
+    "a plane": (vx.Orthotropic(E, NU, G, plane="strain"), r"plane=: exists in the plane only, .* in neither plane\."),
+    "angle and axes": (vx.Orthotropic(E, NU, G, 0.1, axes=TURN[:2]), "take the place of angle=; give one"),
+    "one axis": (vx.Orthotropic(E, NU, G, axes=[(1, 0, 0)]), "give two vectors, of axis 1 and of axis 2"),
+    "parallel axes": (vx.Orthotropic(E, NU, G, axes=((1, 0, 0), (2, 0, 0))), "in cell 0; they must not be zero nor"),
+    "no energy": (vx.Orthotropic(E, (0.9, 0.9, 0.9), G), "must leave the energy positive: such that S"),
+    "no shear": (vx.Orthotropic(E, NU, (1.0, -1.0, 1.0)), r"shear \(G13\) = -1 in cell 0; it must be > 0"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_mistakes_are_told(name):
+    effect, sentence = REFUSED[name]
+    with pytest.raises(vx.SceneError, match=f"(?s)^Orthotropic: .*{sentence}" if name != "a plane" else sentence):
+        stretched(effect, vx.meshes.cubes(1))
+
+
+def test_axes_are_of_bodies_in_space():
+    with pytest.raises(
+        vx.SceneError, match=r"(?s)^Orthotropic: found axes = .* belong to bodies in space; give angle=\.$"
+    ):
+        vx.simulate(
+            vx.Scene(vx.Orthotropic(E[:2], 0.3, 20.0, axes=TURN[:2]), vx.Clamp(on="left")),
+            vx.meshes.squares(2),
+            [0.0, 1.0],
+        )

@@ -222,6 +222,30 @@ def test_errors_of_the_mesh_cover_what_finer_meshes_find():
 
 
 @pytest.mark.long
+@pytest.mark.slow
+def test_wear_that_moves_is_seen_and_wear_without_a_limit_is_told():
+    """On a compliant floor the largest wear hardly moves from 4 to 8 squares, 5 % off; a rigid one sets no limit."""
+
+    def top(x, t):
+        return np.tile([0.02 * np.sin(5 * t), -0.01 * (1 - np.cos(7 * t))], (len(x), 1))
+
+    def rubbed_on(floor):
+        steel = vx.Elasticity(200.0, 0.3), vx.PrescribedDisplacement(top, on="top")
+        return vx.Scene(*steel, floor, vx.CoulombFriction(0.3, on="bottom"))
+
+    times = np.linspace(0.0, 1.0, 7)
+    soft, rigid = rubbed_on(vx.NormalCompliance(500.0, on="bottom")), rubbed_on(vx.UnilateralContact(on="bottom"))
+    truth = vx.simulate(soft, vx.meshes.squares(96), times, store="last").contact.wear_second_order[-1].max()
+    for n in (4, 8, 16):
+        found = vx.quantities(vx.simulate(soft, vx.meshes.squares(n), times))["wear"]
+        assert 1.0 <= found.mesh / abs(found.value - truth) <= 6.0
+        assert found.unbounded == ""
+    told = vx.quantities(vx.simulate(rigid, vx.meshes.squares(4), times))
+    assert told["wear"].unbounded.startswith("at a corner of contact that ")
+    assert told["wear"].words.endswith(told["wear"].unbounded)
+    assert told["dissipated"].unbounded == ""
+
+
 def test_the_budget_has_them():
     history = pad(6, 3)
     budget = vx.error_budget(history)

@@ -331,10 +331,13 @@ def _quantities(history: History, why: str) -> str:
         ]
         for name, one in history.quantities.items()
     ]
-    return (
+    told = [f"<p>Wear: {escape(one.unbounded)}.</p>" for one in history.quantities.values() if one.unbounded]
+    head = (
         "<p>Quantities over the whole run, of second order in the steps, with errors that are estimated by the same "
         "run in finer steps, and on the mesh whose cells are all refined.</p>"
-    ) + _numbers(["quantity", "value", "error", "relative", "of the steps", "of the mesh", "unit"], rows)
+    )
+    table = _numbers(["quantity", "value", "error", "relative", "of the steps", "of the mesh", "unit"], rows)
+    return "".join([head, table, *told])
 
 
 def _run(history: History) -> str:

@@ -215,6 +215,8 @@ class Adapted(Outlined):
             met += (
                 ", and its error does not fall as the mesh is refined: there is no limit, as where stress is singular"
             )
+        aim = (self.history.quantities or {}).get(self.of)
+        met += f"; the value on this mesh stands {aim.unbounded}" if aim is not None and aim.unbounded else ""
         return "\n".join([head, *rows, *self.budget.jumps, f"target {self.target:.2%} of {OF[self.of]}: {met}"])
 
 

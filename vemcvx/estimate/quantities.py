@@ -5,7 +5,8 @@ are estimated by three further runs of the same scene:
 
     steps   3/2 (|Q_k - Q_{k/2}| + |Q_{k/2} - Q_{k/4}|)     on the same mesh, in halves and quarters of the steps, and
                                                             where data bend (:mod:`.finer_steps`),
-    mesh    2 |Q_h - Q_{h/2}|       at the same instants, on the mesh whose cells are all refined once.
+    mesh    2 |Q_h - Q_{h/2}|       at the same instants, on the mesh whose cells are all refined once; of wear the
+                                    largest over all contact nodes that both have.
 
 The finest steps have an error, too: a quarter of the one looked for where friction turns in space or a reversal is
 missed, which is of first order and asks for 4/3, and a sixteenth where all is smooth. Where values rise, or fall, from
@@ -14,9 +15,14 @@ difference would say nothing: of the largest wear of a dovetail in 48 steps it f
 .55; the sum found 1.13 and 2.97 (truth: 768 steps).
 
 The error of the refined mesh is half of the one looked for where the order is one, as with singular corners, and a
-quarter where the solution is smooth. All are estimates and no bounds. Where pressure is singular, as at most corners of
-contact, the largest wear grows without limit as the mesh is refined, and the error that the mesh makes in it is that of
-the next refinement only.
+quarter where the solution is smooth. All are estimates and no bounds. The largest wear may stand still by chance while
+wear elsewhere does not: of a block on a compliant floor, 4 squares a side, |Q_h - Q_{h/2}| was .11 of its error, the
+largest over nodes 2.6. Where pressure is singular, as at most corners of contact, the largest wear grows without limit
+as the mesh is refined, which is told as of extremes (:mod:`vemcvx.results.corners`), and the error that the mesh makes
+in it is that of the next refinement only.
+
+Values are of second order in the steps where the states at their ends are. In space friction turns with the slip, and
+the states of backward Euler are of first order there, and so are the values; the estimate tells.
 
 :func:`vemcvx.adapt` splits the steps in which runs in k and k/4 gain most differently, and refines the cells with the
 largest energy errors until the quantity that it aims at is as exact as asked for.
@@ -32,6 +38,8 @@ from vemcvx.arrays import Floats
 from vemcvx.estimate.finer_steps import finer_instants
 from vemcvx.history import History, scene_of
 from vemcvx.meshes import AnyMesh, PolygonMesh
+from vemcvx.meshes.polygons import nearest
+from vemcvx.results.corners import Corners
 from vemcvx.results.quoted import Quantity
 from vemcvx.results.results import SPREAD, displacement, record
 from vemcvx.scene.pose import pose_scene, unwarned
@@ -79,17 +87,25 @@ def with_quantities(history: History) -> tuple[History, StepErrors]:
     """The history with its quantities and the errors of energies at all instants, and what steps contribute."""
     own, found = _courses(history), errors_of_steps(history)
     steps = found.errors
-    refined = dict.fromkeys(own, np.array([np.nan]))
+    mesh = dict.fromkeys(own, np.array([np.nan]))
     if isinstance(history.mesh, PolygonMesh):
         begin = "settled" if _start(history).any() else None
-        refined = _courses(_beside(history, history.mesh.refine(), history.trajectory.times, begin))
-    mesh = {name: 2.0 * np.abs(own[name] - refined[name]) for name in own}
+        finer = _beside(history, history.mesh.refine(), history.trajectory.times, begin)
+        refined = _courses(finer)
+        mesh = {name: 2.0 * np.abs(own[name] - refined[name]) for name in own}
+        mesh["wear"] = np.maximum(mesh["wear"], 2.0 * _wear_apart(history, finer))
     over = SPREAD[history.mesh.points.shape[1]][0]
     units = {"dissipated": "energy", "work": "energy", "wear": f"energy/{over}"}
     told = replace(
         history,
         quantities={
-            name: Quantity(float(own[name][-1]), float(steps[name][-1]), float(mesh[name][-1]), units[name])
+            name: Quantity(
+                float(own[name][-1]),
+                float(steps[name][-1]),
+                float(mesh[name][-1]),
+                units[name],
+                _of_wear_without_limit(history) if name == "wear" else "",
+            )
             for name in own
         },
         dissipated_error=steps["dissipated"] + np.nan_to_num(mesh["dissipated"]),
@@ -132,6 +148,28 @@ def _courses(history: History) -> dict[str, Floats]:
     run, contact = history.trajectory, history.contact
     wear = contact.wear_second_order[-1:].max(axis=1, initial=0.0)
     return {"dissipated": run.dissipated_second_order, "work": run.work_second_order, "wear": wear}
+
+
+def _wear_apart(history: History, finer: History) -> float:
+    """The largest difference of wear at the end on contact nodes that both runs have."""
+    own, other = history.contact, finer.contact
+    if not (len(own.nodes) and len(other.nodes)):
+        return 0.0
+    away, node = nearest(other.points, own.points)
+    shared = away <= 1e-9 * history.mesh.h
+    apart = own.wear_second_order[-1] - other.wear_second_order[-1][node]
+    return float(np.abs(apart[shared]).max(initial=0.0))
+
+
+def _of_wear_without_limit(history: History) -> str:
+    """What is said of the largest wear where it sits at a corner at which friction has no limit at some instant."""
+    contact, wear = history.contact, history.contact.wear_second_order[-1:].max(axis=0, initial=0.0)
+    if not wear.any():
+        return ""
+    corners = Corners(history.mesh, contact, history.moduli, history.sides)
+    near = dict.fromkeys(corners.beside(int(contact.nodes[np.argmax(wear)])), 1.0)
+    told = (corners.sentence(near, row, "friction") for row in range(len(history.stored)))
+    return next(filter(None, told), "")
 
 
 def _start(history: History) -> Floats:

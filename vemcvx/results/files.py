@@ -158,7 +158,7 @@ def _check_words(about: dict[str, Any], known: dict[str, Any]) -> None:
         *((run["solver"], str), (run["linear"], str), (run["seconds"], dict)),
         *((run["accuracy"], (float, type(None))), (about["errors"], (dict, type(None)))),
         (known["growth"], (dict, type(None))),
-        *((one.unit, str) for one in (known["quantities"] or {}).values()),
+        *((words, str) for one in (known["quantities"] or {}).values() for words in (one.unit, one.unbounded)),
         *((value, float) for one in (known["quantities"] or {}).values() for value in (one.value, one.steps, one.mesh)),
         *((about.get(name), (dict, type(None))) for name in ("bound", "bounded_force")),
     ]
@@ -250,7 +250,7 @@ def summary(history: Results, origin: Origin, writing: float) -> dict[str, Any]:
         "quantities": history.quantities
         and {
             name: {key: finite_or_none(getattr(one, key)) for key in ("value", "steps", "mesh", "error")}
-            | {"unit": one.unit}
+            | {"unit": one.unit, "unbounded": one.unbounded or None}
             for name, one in history.quantities.items()
         },
         "contact": {"nodes": len(touch.nodes)} | {name: int(count[-1]) for name, count in counts.items()},

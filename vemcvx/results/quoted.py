@@ -84,17 +84,21 @@ class Quantity:
     Attributes
     ----------
     value : float
-        Of second order in the steps.
+        Of second order in the steps, of first where slip turns in space (:mod:`vemcvx.estimate.quantities`).
     steps, mesh : float
         The estimated errors that time steps and mesh make in it; `mesh` is NaN in space, where no mesh is refined.
     unit : str
         In words.
+    unbounded : str
+        Why the largest wear means nothing but on this mesh, as of an :class:`Extreme`; empty where nothing is known
+        against it.
     """
 
     value: float
     steps: float
     mesh: float
     unit: str
+    unbounded: str = ""
 
     @property
     def error(self) -> float:
@@ -110,6 +114,8 @@ class Quantity:
     def words(self) -> str:
         """The value with its error and the parts of that."""
         mesh = "mesh not estimated" if np.isnan(self.mesh) else f"mesh {self.mesh:.2g}"
+        but = f"; {self.unbounded}" if self.unbounded else ""
         return (
             f"{self.value:.6g}, error estimated {self.error:.2g}, {self.relative:.2%} (steps {self.steps:.2g}, {mesh})"
+            f"{but}"
         )

@@ -99,8 +99,9 @@ class Results:
     def dissipated_second_order(self) -> Floats:
         """(S,) energy lost to friction, with the bounds of both ends of every step: of second order in its length.
 
-        Quote it, and `work_second_order`, rather than `dissipated` and `work`: these make up the balance of backward
-        Euler and are of first order, even where the states at the instants are exact.
+        Where slip turns in space it is of first. Quote it, and `work_second_order`, rather than `dissipated` and
+        `work`: these make up the balance of backward Euler and are of first order, even where the states at the
+        instants are exact.
         """
         return self.trajectory.dissipated_second_order[self.stored]
 

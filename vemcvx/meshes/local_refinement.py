@@ -30,6 +30,7 @@ from vemcvx.meshes.polygons import (
     rounding,
     spans,
 )
+from vemcvx.meshes.tessellation import Mesh as AnyMesh
 from vemcvx.meshes.tessellation import Tessellation
 
 # The sides of polygonal cells, and the places where refinement splits them.
@@ -92,17 +93,11 @@ class Splitting:
     """(n_corners,) and the middle of the edge that starts there"""
 
 
-def splitting_of(mesh: Tessellation) -> Splitting:
-    """Find the sides of all cells and the places to split at."""
+def splitting_of(mesh: Tessellation, *, every: bool = False) -> Splitting:
+    """Find the sides of all cells and the places to split at: if ``every``, all bends are corners and all sides long."""
     begin = mesh.offsets[:-1]
     length, turn, bend = _outlines(mesh)
-    corner = _at_least_three(np.abs(turn) > SHARP, bend, mesh.offsets)
-    sides = _sides(mesh, length, corner)
-    smooth = _cancelling(sides, turn)
-    if len(smooth):
-        fewer = corner.copy()
-        fewer[smooth] = False
-        sides = _sides(mesh, length, _at_least_three(fewer, corner, mesh.offsets))
+    sides = _sides(mesh, length, bend, every) if every else _long_and_short(mesh, length, turn, bend)
     order, first = sides.order, sides.first
     vertex, edge = np.zeros((2, len(order)), dtype=bool)
     at, between = _middles(length[order], sides)
@@ -118,6 +113,18 @@ def splitting_of(mesh: Tessellation) -> Splitting:
         vertex=vertex,
         edge=edge,
     )
+
+
+def _long_and_short(mesh: Tessellation, length: Floats, turn: Floats, bend: Bools) -> Sides:
+    """Sides between sharp corners, runs of short ones that cancel taken together."""
+    corner = _at_least_three(np.abs(turn) > SHARP, bend, mesh.offsets)
+    sides = _sides(mesh, length, corner)
+    smooth = _cancelling(sides, turn)
+    if not len(smooth):
+        return sides
+    fewer = corner.copy()
+    fewer[smooth] = False
+    return _sides(mesh, length, _at_least_three(fewer, corner, mesh.offsets))
 
 
 def _outlines(mesh: Tessellation) -> tuple[Floats, Floats, Bools]:
@@ -139,15 +146,15 @@ def _at_least_three(flags: Bools, otherwise: Bools, offsets: Ints) -> Bools:
     return np.where(np.repeat(few, np.diff(offsets)), otherwise, flags)
 
 
-def _sides(mesh: Tessellation, length: Floats, corner: Bools) -> Sides:
-    """Sides between the given corners."""
+def _sides(mesh: Tessellation, length: Floats, corner: Bools, every: bool = False) -> Sides:
+    """Sides between the given corners, every one of them long if so told."""
     cell = cell_of_corner(mesh.offsets)
     order = rotation(mesh.offsets, first_in_row(corner, mesh.offsets))
     for _ in range(2):  # once to know the long sides, once more to begin with one
         first = np.flatnonzero(corner[order])
         lengths = np.add.reduceat(length[order], first) / mesh.diameters[cell[first]]
         triangle = np.bincount(cell[first], minlength=mesh.n_cells) == 3
-        long = (lengths >= SHORT) | triangle[cell[first]]
+        long = (lengths >= SHORT) | triangle[cell[first]] | every
         sides = Sides(cell[first], first, order, lengths, long)
         starts_long = np.zeros(len(order), dtype=bool)
         starts_long[first[long]] = True
@@ -401,7 +408,8 @@ def _pieces(outlines: Outlines, cells: Ints, points: Floats) -> tuple[Ints, list
 # on.
 
 
-Mesh = TypeVar("Mesh", bound=Tessellation)
+Mesh = TypeVar("Mesh", bound=AnyMesh)
+PlaneMesh = TypeVar("PlaneMesh", bound=Tessellation)
 
 
 @dataclass(frozen=True, eq=False)
@@ -437,7 +445,7 @@ class Refinement(Generic[Mesh]):
     prolongation: csr_array
 
 
-def refinement(mesh: Mesh, cells: ArrayLike | None = None, *, balance: bool = True) -> Refinement[Mesh]:
+def refinement(mesh: PlaneMesh, cells: ArrayLike | None = None, *, balance: bool = True) -> Refinement[PlaneMesh]:
     """Split the given cells of a mesh.
 
     Parameters
@@ -471,7 +479,7 @@ def refinement(mesh: Mesh, cells: ArrayLike | None = None, *, balance: bool = Tr
         marked = closed(marked, wanted, mesh, splitting, edges)
     split = _split(marked, wanted, mesh, edges)
     ends = edges.ends[split]
-    _check_lengths(mesh.points, ends)
+    check_lengths(mesh.points, ends)
     middle = np.full(len(split), -1)
     middle[split] = mesh.n_nodes + np.arange(len(ends))
     kinds = Kinds.of(splitting, marked, seen)
@@ -516,7 +524,7 @@ def _edges_of(mesh: Tessellation) -> Edges:
     return Edges(of_corner, ends, twins)
 
 
-def _check_lengths(points: Floats, ends: Ints) -> None:
+def check_lengths(points: Floats, ends: Ints) -> None:
     """MeshError if an edge is so short that its halves would be rounding of the coordinates."""
     one, other = points[ends[:, 0]], points[ends[:, 1]]
     short = np.flatnonzero(np.abs(other - one).max(axis=1) <= 4.0 * rounding(one, other))
@@ -552,7 +560,7 @@ def closed(marked: Bools, wanted: Bools, mesh: Tessellation, splitting: Splittin
             return marked
 
 
-def _carried(mesh: Mesh, refined: Mesh, parents: Ints, edges: Edges, middle: Ints) -> Mesh:
+def _carried(mesh: PlaneMesh, refined: PlaneMesh, parents: Ints, edges: Edges, middle: Ints) -> PlaneMesh:
     """The refined mesh with the names, interfaces and cell data of the old one."""
 
     def halved(part: Ints) -> Ints:

@@ -93,11 +93,15 @@ class Splitting:
     """(n_corners,) and the middle of the edge that starts there"""
 
 
-def splitting_of(mesh: Tessellation, *, every: bool = False) -> Splitting:
-    """Find the sides of all cells and the places to split at: if ``every``, all bends are corners and all sides long."""
+def splitting_of(mesh: Tessellation, least: Floats | None = None) -> Splitting:
+    """Find the sides of all cells and the places to split at.
+
+    If ``least`` (n_corners,) is given, all bends are corners, and the side that begins at one is long if it has that
+    length at least.
+    """
     begin = mesh.offsets[:-1]
     length, turn, bend = _outlines(mesh)
-    sides = _sides(mesh, length, bend, every) if every else _long_and_short(mesh, length, turn, bend)
+    sides = _long_and_short(mesh, length, turn, bend) if least is None else _sides(mesh, length, bend, least)
     order, first = sides.order, sides.first
     vertex, edge = np.zeros((2, len(order)), dtype=bool)
     at, between = _middles(length[order], sides)
@@ -146,15 +150,17 @@ def _at_least_three(flags: Bools, otherwise: Bools, offsets: Ints) -> Bools:
     return np.where(np.repeat(few, np.diff(offsets)), otherwise, flags)
 
 
-def _sides(mesh: Tessellation, length: Floats, corner: Bools, every: bool = False) -> Sides:
-    """Sides between the given corners, every one of them long if so told."""
+def _sides(mesh: Tessellation, length: Floats, corner: Bools, least: Floats | None = None) -> Sides:
+    """Sides between the given corners."""
     cell = cell_of_corner(mesh.offsets)
     order = rotation(mesh.offsets, first_in_row(corner, mesh.offsets))
     for _ in range(2):  # once to know the long sides, once more to begin with one
         first = np.flatnonzero(corner[order])
         lengths = np.add.reduceat(length[order], first) / mesh.diameters[cell[first]]
         triangle = np.bincount(cell[first], minlength=mesh.n_cells) == 3
-        long = (lengths >= SHORT) | triangle[cell[first]] | every
+        long = (lengths >= SHORT) | triangle[cell[first]]
+        if least is not None:
+            long = lengths * mesh.diameters[cell[first]] >= least[order[first]]
         sides = Sides(cell[first], first, order, lengths, long)
         starts_long = np.zeros(len(order), dtype=bool)
         starts_long[first[long]] = True
@@ -304,7 +310,7 @@ class Kinds:
     def of(cls, splitting: Splitting, marked: Bools, seen: Bools) -> Kinds:
         """Tell what becomes of each cell from which are marked, and which have a centre that sees all of them."""
         parted = marked & seen
-        medial = parted & (splitting.sides == 3) & splitting.convex
+        medial = parted & (splitting.sides == 3) & splitting.all_long & splitting.convex
         return cls(parted, parted & ~medial & ~((splitting.places == 2) & splitting.convex), medial, marked & ~seen)
 
 

@@ -1,0 +1,295 @@
+"""Kinds of polyhedral cells that are to be split, by the corners of their sides, and the points they are split about."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vemcvx.arrays import Bools, Floats, Ints
+from vemcvx.errors import MeshError
+from vemcvx.meshes import local_refinement as plane
+from vemcvx.meshes.cell_sides import Asked, CellSides, Corners, Skin, corners_in_pieces
+from vemcvx.meshes.local_refinement import Kinds, Outlines
+from vemcvx.meshes.polygons import (
+    offsets_of,
+    smallest_linked,
+    spans,
+)
+from vemcvx.meshes.polyhedra import (
+    volumes_and_centroids,
+)
+
+# Of its diameter, by how much a new face may be off its plane; a mesh may have faces of 1e-6.
+PLANE = 1e-7
+# Of the diameter of a cell, by which its centre is at least behind the plane of every face.
+BEHIND = 1e-6
+
+
+# Split faces.
+
+
+@dataclass(frozen=True, eq=False)
+class Cut:
+    """New faces, and the new nodes on edges and in faces.
+
+    Nodes are numbered: those in the old places, middles of edges, centres of faces, centres of cells.
+    """
+
+    outlines: Outlines
+    """old faces with the new middles, of corners, middles and centres numbered as below"""
+    kinds: Kinds
+    number: Ints
+    """the node that is each corner of an old face, each middle and each centre"""
+    offsets: Ints
+    vertices: Ints
+    first: Ints
+    """(n_faces + 1,) where the new faces of each begin"""
+    halved: Ints
+    """(h,) edges with a new middle"""
+    centred: Ints
+    """(c,) faces with a new centre"""
+    points: Floats
+    """of old nodes, middles and centres"""
+
+
+def cut_faces(asked: Asked, marked: Bools) -> Cut:
+    """Split the faces that marked cells ask for."""
+    skin = asked.skin
+    split = asked.faces(marked)
+    halved = np.flatnonzero(asked.edges(split))
+    plane.check_lengths(skin.points, skin.ends[halved])
+    n_nodes, n_corners = len(skin.points), len(skin.nodes)
+    middle = np.full(len(skin.ends), -1)
+    middle[halved] = n_corners + np.arange(len(halved))
+    kinds = Kinds.of(skin.splitting, split, skin.seen)
+    outlines = plane.outlines_of(skin.polygons, skin.splitting, kinds, middle[skin.edge])
+    offsets, vertices, parents = plane.children_of(outlines, kinds, skin.polygons.points, n_corners + len(halved))
+    centred = np.flatnonzero(kinds.centred)
+    number = np.concatenate([skin.nodes, n_nodes + np.arange(len(halved) + len(centred))])
+    middles = skin.points[skin.ends[halved]].mean(axis=1)
+    return Cut(
+        outlines=outlines,
+        kinds=kinds,
+        number=number,
+        offsets=offsets,
+        vertices=number[vertices],
+        first=offsets_of(np.bincount(parents, minlength=len(skin.seen))),
+        halved=halved,
+        centred=centred,
+        points=np.concatenate([skin.points, middles, skin.centres[centred]]),
+    )
+
+
+def corners_of_cut(skin: Skin, cut: Cut, listed: Ints) -> tuple[Corners, Bools]:
+    """Corners of single faces that have been split; and which of these have one corner in each part."""
+    outlines = cut.outlines
+    bend = np.append(skin.splitting.bend, np.zeros(len(cut.number) - len(skin.nodes), dtype=bool))[outlines.nodes]
+    bends, before = np.flatnonzero(bend), offsets_of(bend.astype(np.int64))
+    # Marks of faces in the order of the faces, as their parts are.
+    begin = offsets_of(np.bincount(outlines.cell, minlength=len(skin.seen)))
+    inside = before[outlines.stop] - before[np.minimum(outlines.marks + 1, len(bend))]
+    bad = np.bincount(outlines.cell, inside != 1, minlength=len(skin.seen)) > 0
+    regular = ~bad & (cut.kinds.centred | cut.kinds.medial)
+    face = skin.faces.cell_faces[listed]
+    good = regular[face]
+    listed, face = listed[good], face[good]
+    counts = np.diff(begin)[face]
+    mark = spans(begin[face], counts)
+    owner = np.repeat(face, counts)
+    node = bends[before[np.minimum(outlines.marks[mark] + 1, len(bend))]] if len(mark) else mark
+    known = cut.number[outlines.nodes]
+    n_middles = len(skin.points) + len(cut.halved)
+    centre = np.full(len(skin.seen), -1)
+    centre[cut.centred] = n_middles + np.arange(len(cut.centred))
+    return Corners(
+        listed=np.repeat(listed, counts),
+        node=known[node],
+        before=known[outlines.marks[mark]],
+        after=known[outlines.follower[mark]],
+        centre=centre[owner],
+        row=cut.first[owner] + mark - begin[owner],
+        rows=np.ones(len(mark), dtype=np.int64),
+    ), good
+
+
+# Kinds of cells.
+
+
+@dataclass(frozen=True, eq=False)
+class Solids:
+    """Marked cells whose sides are all split at their corners, by these, and the kind of each cell."""
+
+    corners: Corners
+    """oriented outwards"""
+    cell: Ints
+    side: Ints
+    vertex: Ints
+    """(k,) the vertex of a cell that each corner is at: numbers of pairs of both"""
+    follower: Ints
+    """(k,) the corner of the next side around the vertex, which has the edge after this one before it"""
+    kind: Ints
+    """(n_cells,)"""
+    centre: Floats
+    """(n_cells, 3), of cells that are split about it"""
+
+
+STAYS, CONES, VERTICES, TETRA, OCTA, PYRAMID, WEDGE = range(7)
+
+
+def solids_of(asked: Asked, cut: Cut, marked: Bools, parted: Bools) -> Solids:
+    """Tell the kinds of marked cells."""
+    skin, sides = asked.skin, asked.sides
+    single = np.flatnonzero(marked[skin.cell] & (sides.pieces == 1))
+    one, good = corners_of_cut(skin, cut, single)
+    bad = np.zeros(len(skin.cell), dtype=bool)
+    bad[single[~good]] = True
+    bad[(sides.pieces > 1) & ~parted] = True
+    n_cells = len(skin.faces.cell_offsets) - 1
+    whole = marked & (np.bincount(skin.cell, bad, minlength=n_cells) == 0)
+    two = corners_in_pieces(skin, sides)[0]
+    face = skin.faces.cell_faces[two.listed]
+    two = two._replace(row=cut.first[face], rows=np.diff(cut.first)[face])
+    corners = Corners(*(np.concatenate(pair) for pair in zip(one, two, strict=True)))
+    corners = _of(corners, whole[skin.cell[corners.listed]])
+    inwards = skin.signs[corners.listed] < 0.0
+    before, after = corners.before, corners.after
+    corners = corners._replace(before=np.where(inwards, after, before), after=np.where(inwards, before, after))
+    return _with_kinds(asked, cut, marked, _around_vertices(skin, sides, corners))
+
+
+def _of(corners: Corners, kept: Bools) -> Corners:
+    return Corners(*(values[kept] for values in corners))
+
+
+def _around_vertices(skin: Skin, sides: CellSides, corners: Corners) -> tuple[Corners, Ints, Ints]:
+    """The corners of cells at whose vertices they close, with the numbers of vertices and followers."""
+    n_nodes, n_cells = len(skin.points), len(skin.faces.cell_offsets) - 1
+    cell = skin.cell[corners.listed]
+    places, vertex = np.unique(cell * n_nodes + corners.node, return_inverse=True)
+    most = int(max(corners.before.max(initial=0), corners.after.max(initial=0))) + 1
+    wanted, there = vertex * most + corners.after, vertex * most + corners.before
+    order = np.argsort(there, kind="stable")
+    at = np.searchsorted(there[order], wanted)
+    follower = order[np.minimum(at, max(len(order) - 1, 0))]
+    bad = there[follower] != wanted
+    bad |= np.bincount(follower, minlength=len(follower)) != 1
+    label = smallest_linked(np.column_stack([np.arange(len(follower)), follower]), len(follower))
+    least = np.full(len(places), len(label))
+    np.minimum.at(least, vertex, label)
+    bad |= label != least[vertex]
+    bad |= sides.degree(cell, corners.node, n_nodes) != np.bincount(vertex, minlength=len(places))[vertex]
+    ends = np.bincount(sides.keys[sides.degrees > 2] // n_nodes, minlength=n_cells)
+    odd = np.bincount(places // n_nodes, minlength=n_cells) != ends
+    odd[cell[bad]] = True
+    kept = ~odd[cell]
+    place = np.cumsum(kept) - 1
+    return _of(corners, kept), vertex[kept], place[follower[kept]]
+
+
+def _with_kinds(asked: Asked, cut: Cut, marked: Bools, closed: tuple[Corners, Ints, Ints]) -> Solids:
+    skin, (corners, vertex, follower) = asked.skin, closed
+    n_cells = len(marked)
+    cell, side = skin.cell[corners.listed], asked.sides.side[corners.listed]
+
+    def counted(values: Ints, flags: Bools) -> Ints:
+        """How many different values each cell has, of the flagged corners."""
+        return np.bincount(cell[flags][np.unique(values[flags], return_index=True)[1]], minlength=n_cells)
+
+    triangle, any_one = corners.centre < 0, np.ones(len(cell), dtype=bool)
+    triangles, others = counted(side, triangle), counted(side, ~triangle)
+    n_vertices, degree = counted(vertex, any_one), np.zeros(n_cells, dtype=np.int64)
+    np.maximum.at(degree, cell, np.bincount(vertex)[vertex] if len(vertex) else vertex)
+    concave = ~skin.splitting.convex[skin.faces.cell_faces]
+    convex = np.bincount(skin.cell, concave, minlength=n_cells) == 0
+    kind = np.where(marked, CONES, STAYS)
+    kind[(triangles == 4) & (others == 0) & (n_vertices == 4)] = TETRA
+    kind[(triangles == 8) & (others == 0) & (n_vertices == 6) & (degree == 4)] = OCTA
+    kind[(triangles == 4) & (others == 1) & (n_vertices == 5) & convex] = PYRAMID
+    kind[(triangles == 2) & (others == 3) & (n_vertices == 6) & convex] = WEDGE
+    kind[(triangles == 0) & (others > 3)] = VERTICES
+    found = Solids(corners, cell, side, vertex, follower, kind, _centres(skin, cut, kind, closed, others))
+    bent = cell[_not_plane(found, cut)]
+    kind[bent] = CONES
+    behind = _behind(skin, found.centre)
+    kind[skin.cell[behind & np.isin(kind[skin.cell], (VERTICES, OCTA))]] = CONES
+    coned = kind == CONES
+    centre = np.where(coned[:, None], _centroids(skin), found.centre)
+    hidden = np.flatnonzero(_behind(skin, centre) & coned[skin.cell])
+    if len(hidden):
+        k = hidden[0]
+        raise MeshError(
+            f"cell {skin.cell[k]} is not star-shaped about its centroid, which does not see the inside of its face at "
+            f"{skin.shapes.centroids[skin.faces.cell_faces[k]]}: it cannot be refined; cut it into convex cells first."
+        )
+    return replace(found, centre=centre)
+
+
+def _centroids(skin: Skin) -> Floats:
+    return volumes_and_centroids(skin.shapes, skin.faces.cell_offsets, skin.faces.cell_faces, skin.signs)[1]
+
+
+def _behind(skin: Skin, centre: Floats) -> Bools:
+    """A mask of the listed faces whose inside the centres of their cells do not see."""
+    face = skin.faces.cell_faces
+    arm = skin.shapes.centroids[face] - centre[skin.cell]
+    size = np.sqrt(np.maximum.reduceat(np.einsum("ij,ij->i", arm, arm), skin.faces.cell_offsets[:-1]))
+    height = skin.signs * np.einsum("ij,ij->i", arm, skin.shapes.normals[face])
+    hidden: Bools = height <= BEHIND * size[skin.cell]
+    return hidden
+
+
+def _centres(skin: Skin, cut: Cut, kind: Ints, closed: tuple[Corners, Ints, Ints], others: Ints) -> Floats:
+    """Means of vertices, but where there are more than six sides or not all have four corners: nearest to the planes.
+
+    These are the planes through the middle of an edge and the centres of the sides beside it.
+    """
+    corners, vertex, follower = closed
+    n_cells, cell = len(kind), skin.cell[corners.listed]
+    once = np.unique(vertex, return_index=True)[1]
+    counts = np.maximum(np.bincount(cell[once], minlength=n_cells), 1)
+    origin = skin.points[skin.nodes[skin.faces.face_offsets[skin.faces.cell_faces[skin.faces.cell_offsets[:-1]]]]]
+    arms = skin.points[corners.node[once]] - origin[cell[once]]
+    means = np.column_stack([np.bincount(cell[once], arm, n_cells) for arm in arms.T]) / counts[:, None] + origin
+    many = (kind == VERTICES) & ((others != 6) | (counts != 8))
+    some = np.flatnonzero(many[cell])
+    if not len(some):
+        return means
+    of = cell[some]
+    at, normal = _middle_planes(corners, follower, cut.points, some)
+    height = np.einsum("ij,ij->i", normal, at - means[of])
+    number = np.cumsum(many) - 1
+    matrix = np.zeros((np.count_nonzero(many), 3, 3))
+    right = np.zeros((len(matrix), 3))
+    np.add.at(matrix, number[of], normal[:, :, None] * normal[:, None, :])
+    np.add.at(right, number[of], normal * height[:, None])
+    means[many] += np.einsum("cij,cj->ci", np.linalg.pinv(matrix, hermitian=True), right)
+    return means
+
+
+def _middle_planes(corners: Corners, follower: Ints, points: Floats, some: Ints) -> tuple[Floats, Floats]:
+    """The middle of the edge after each corner, and the normal of the plane through it and the centres beside it."""
+    at = points[corners.after[some]]
+    one, other = (points[corners.centre[k]] - at for k in (some, follower[some]))
+    normal = np.cross(one, other)
+    length = np.linalg.norm(normal, axis=1)
+    return at, normal / np.where(length > 0.0, length, 1.0)[:, None]
+
+
+def _not_plane(solids: Solids, cut: Cut) -> Ints:
+    """Corners at which a new quadrilateral inside would not be plane."""
+    corners, follower, kind = solids.corners, solids.follower, solids.kind[solids.cell]
+    some = np.flatnonzero(kind == VERTICES)
+    at, normal = _middle_planes(corners, follower, cut.points, some)
+    arm = solids.centre[solids.cell[some]] - at
+    off = np.abs(np.einsum("ij,ij->i", normal, arm)) > PLANE * np.linalg.norm(arm, axis=1)
+    bent = some[off | (np.einsum("ij,ij->i", normal, normal) < 0.5)]
+    some = np.flatnonzero((kind == WEDGE) & (corners.centre < 0))
+    one = follower[some]
+    quads = np.stack(
+        [corners.before[some], corners.after[some], corners.centre[one], corners.centre[follower[one]]], axis=1
+    )
+    x = cut.points[quads]
+    arms = x[:, 1:] - x[:, :1]
+    volume = np.abs(np.einsum("ij,ij->i", arms[:, 2], np.cross(arms[:, 0], arms[:, 1])))
+    return np.concatenate([bent, some[volume > PLANE * np.prod(np.linalg.norm(arms, axis=2), axis=1)]])

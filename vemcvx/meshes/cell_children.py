@@ -68,61 +68,103 @@ def joined(parts: list[Inner]) -> Inner:
     return Inner(cell, key, offsets_of(np.concatenate(counts)), vertices)
 
 
+class Keys(NamedTuple):
+    """Keys of children, at each of the corners of solids."""
+
+    vertex: Ints
+    """of the child at the vertex"""
+    side: Ints
+    """of the child on the side"""
+    inner: Ints
+    """of the one child that touches no more than the middles of edges"""
+
+
 def regular_children(asked: Asked, cut: Cut, solids: Solids, about: Ints) -> tuple[Outer, Inner]:
     """Children of all cells but those that stay or fall into cones; about (n_cells,) are the nodes in their centres."""
-    corners, cell, side, vertex = solids.corners, solids.cell, solids.side, solids.vertex
-    kind, many = solids.kind[cell], int(vertex.max(initial=0)) + 1
-    n_listed, to = len(asked.skin.cell), solids.follower
-    at_side, last = many + side, np.full(len(cell), many + n_listed)
-    node, before, after, centre = corners.node, corners.before, corners.after, corners.centre
-    parts: list[Inner] = []
-
-    def add(some: Ints, key: Ints, *columns: Ints) -> None:
-        parts.append(Inner.of(cell[some], key[some], *columns))
-
-    # At each vertex a cell between its own edges, halved, and the centres.
-    i = np.flatnonzero(kind == VERTICES)
-    add(i, vertex, centre[i], after[i], centre[to[i]], about[cell[i]])
-    # A tetrahedron at each vertex, and an octahedron between them.
-    first = np.unique(vertex, return_index=True)[1]
-    i = first[kind[first] == TETRA]
-    cap = [after[i], after[to[i]], after[to[to[i]]]]
-    add(i, vertex, *cap)
-    add(i, last, *cap[::-1])
-    # An octahedron at each vertex, a tetrahedron on each face.
-    i = np.flatnonzero(kind == OCTA)
-    add(i, vertex, before[i], after[i], about[cell[i]])
-    add(i, at_side, after[i], before[i], about[cell[i]])
-    # Pyramids at all vertices and upside down on the base, tetrahedra on the other faces.
-    base = np.zeros(len(kind) and int(cell.max()) + 1, dtype=np.int64)
-    quads = (kind == PYRAMID) & (centre >= 0)
-    base[cell[quads]] = centre[quads]
-    at_base = np.zeros(many, dtype=bool)
-    at_base[vertex[quads]] = True
-    i = np.flatnonzero((kind == PYRAMID) & (centre < 0))
-    add(i, at_side, after[i], before[i], base[cell[i]])
-    add(i, np.where(at_base[vertex], vertex, last), before[i], after[i], base[cell[i]])
-    i = first[(kind[first] == PYRAMID) & ~at_base[vertex[first]]]
-    cap = [after[i], after[to[i]], after[to[to[i]]], after[to[to[to[i]]]]]
-    add(i, vertex, *cap)
-    add(i, last, *cap[::-1])
-    # Wedges below and above the middle of a wedge, at each vertex and on the faces.
-    i = np.flatnonzero((kind == WEDGE) & (centre < 0))
-    one, other = centre[to[i]], centre[to[to[i]]]
-    add(i, vertex, before[i], after[i], one, other)
-    add(i, vertex, one, after[to[i]], other)
-    add(i, at_side, other, one, after[i], before[i])
-    total = np.bincount(side[i], one, minlength=n_listed).astype(np.int64)
-    k = np.unique(side[i], return_index=True)[1]
-    add(i[k], at_side, one[k], other[k], total[side[i[k]]] - one[k] - other[k])
-    outer = Outer(vertex, corners.listed, corners.row, corners.rows)
+    corners, kind = solids.corners, solids.kind[solids.cell]
+    many, n_listed = int(solids.vertex.max(initial=0)) + 1, len(asked.skin.cell)
+    keys = Keys(solids.vertex, many + solids.side, np.full(len(kind), many + n_listed))
+    parts = [
+        *_about_centres(solids, keys, about),
+        *_of_tetrahedra(solids, keys),
+        *_of_pyramids(solids, keys),
+        *_of_wedges(solids, keys),
+    ]
     middle = _middle_parts(asked, cut, solids)
-    on = solids.kind[asked.skin.cell[middle.listed]]
-    middle = middle._replace(key=np.where(on == TETRA, many + n_listed, many + asked.sides.side[middle.listed]))
-    both = Outer(*(np.concatenate(pair) for pair in zip(outer, middle, strict=True)))
-    kept = np.isin(solids.kind[asked.skin.cell[both.listed]], (VERTICES, TETRA, OCTA, PYRAMID, WEDGE))
-    inner = joined(parts)
-    return Outer(*(values[kept] for values in both)), _with_hanging(asked, cut, inner)
+    tetra = solids.kind[asked.skin.cell[middle.listed]] == TETRA
+    middle = middle._replace(key=many + np.where(tetra, n_listed, asked.sides.side[middle.listed]))
+    outer = zip((keys.vertex, corners.listed, corners.row, corners.rows), middle, strict=True)
+    both = Outer(*(np.concatenate(pair) for pair in outer))
+    kept = solids.kind[asked.skin.cell[both.listed]] != CONES
+    return Outer(*(values[kept] for values in both)), _with_hanging(asked, cut, joined(parts))
+
+
+def _about_centres(solids: Solids, keys: Keys, about: Ints) -> list[Inner]:
+    """A cell at each vertex, between its edges, halved, and the centres; of octahedra one on each side, too."""
+    cell, corners, kind = solids.cell, solids.corners, solids.kind[solids.cell]
+    i = np.flatnonzero(kind == VERTICES)
+    quads = corners.centre[i], corners.after[i], corners.centre[solids.follower[i]], about[cell[i]]
+    j = np.flatnonzero(kind == OCTA)
+    ends = corners.before[j], corners.after[j]
+    return [
+        Inner.of(cell[i], keys.vertex[i], *quads),
+        Inner.of(cell[j], keys.vertex[j], *ends, about[cell[j]]),
+        Inner.of(cell[j], keys.side[j], *ends[::-1], about[cell[j]]),
+    ]
+
+
+def _of_tetrahedra(solids: Solids, keys: Keys) -> list[Inner]:
+    """A tetrahedron at each vertex and an octahedron between them."""
+    first = np.unique(solids.vertex, return_index=True)[1]
+    i = first[solids.kind[solids.cell[first]] == TETRA]
+    return _caps(solids, keys, i, 3)
+
+
+def _caps(solids: Solids, keys: Keys, i: Ints, degree: int) -> list[Inner]:
+    """The polygons between the middles of edges about vertices, one of whose corners are i; on both sides."""
+    around = [i]
+    for _ in range(degree - 1):
+        around.append(solids.follower[around[-1]])
+    cap, cell = [solids.corners.after[k] for k in around], solids.cell[i]
+    return [Inner.of(cell, keys.vertex[i], *cap), Inner.of(cell, keys.inner[i], *cap[::-1])]
+
+
+def _of_pyramids(solids: Solids, keys: Keys) -> list[Inner]:
+    """A pyramid at each vertex, one upside down on the centre of the base, a tetrahedron on each other side."""
+    cell, corners = solids.cell, solids.corners
+    pyramid, triangle = solids.kind[cell] == PYRAMID, corners.centre < 0
+    base, on_base = np.zeros(len(solids.kind), dtype=np.int64), np.zeros(len(cell) + 1, dtype=bool)
+    quads = np.flatnonzero(pyramid & ~triangle)
+    base[cell[quads]] = corners.centre[quads]
+    on_base[solids.vertex[quads]] = True
+    i = np.flatnonzero(pyramid & triangle)
+    ends = corners.before[i], corners.after[i]
+    key = np.where(on_base[solids.vertex], keys.vertex, keys.inner)
+    first = np.unique(solids.vertex, return_index=True)[1]
+    tops = first[pyramid[first] & ~on_base[solids.vertex[first]]]
+    return [
+        Inner.of(cell[i], keys.side[i], *ends[::-1], base[cell[i]]),
+        Inner.of(cell[i], key[i], *ends, base[cell[i]]),
+        *_caps(solids, keys, tops, 4),
+    ]
+
+
+def _of_wedges(solids: Solids, keys: Keys) -> list[Inner]:
+    """Wedges below and above the middle of a wedge: at each vertex, and one between these."""
+    cell, corners, side = solids.cell, solids.corners, solids.side
+    i = np.flatnonzero((solids.kind[cell] == WEDGE) & (corners.centre < 0))
+    to = solids.follower[i]
+    one, other = corners.centre[to], corners.centre[solids.follower[to]]
+    before, after = corners.before[i], corners.after[i]
+    total = np.bincount(side[i], one, minlength=int(side.max(initial=0)) + 1).astype(np.int64)
+    k = np.unique(side[i], return_index=True)[1]
+    third = total[side[i[k]]] - one[k] - other[k]
+    return [
+        Inner.of(cell[i], keys.vertex[i], before, after, one, other),
+        Inner.of(cell[i], keys.vertex[i], one, corners.after[to], other),
+        Inner.of(cell[i], keys.side[i], other, one, after, before),
+        Inner.of(cell[i[k]], keys.side[i[k]], one[k], other[k], third),
+    ]
 
 
 def _middle_parts(asked: Asked, cut: Cut, solids: Solids) -> Outer:

@@ -1,4 +1,17 @@
-"""Kinds of polyhedral cells that are to be split, by the corners of their sides, and the points they are split about."""
+"""Kinds of polyhedral cells that are to be split, by the corners of their sides; and where they are split.
+
+The sides of most cells are split with one part at each corner, or are in such parts already, made by a finer neighbour:
+:class:`Corners` has both alike. Around a vertex of a cell the edge after a corner of one side is the edge before a
+corner of the next; where this closes at all vertices, the numbers of sides and vertices tell tetrahedra, octahedra,
+pyramids, and wedges. All other cells have a child at each vertex if the new faces between these are plane, or else a
+cone on each new face.
+
+The quadrilateral between two children at a vertex has for corners the middle of an edge of the cell, the centres of the
+sides beside this, and the centre of the cell, which therefore has to lie in as many planes as there are edges. There is
+such a point in parallelepipeds, in prisms over any polygon, and in cells all of whose vertices are on a sphere about a
+point that projects to the centres of the sides, as those of Kelvin's foam. It is the mean of the vertices in hexahedra,
+else the point nearest to all planes.
+"""
 
 from __future__ import annotations
 
@@ -8,9 +21,8 @@ import numpy as np
 
 from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.errors import MeshError
-from vemcvx.meshes import local_refinement as plane
 from vemcvx.meshes.cell_sides import Asked, CellSides, Corners, Skin, corners_in_pieces
-from vemcvx.meshes.local_refinement import Kinds, Outlines
+from vemcvx.meshes.local_refinement import Kinds, Outlines, check_lengths, children_of, outlines_of
 from vemcvx.meshes.polygons import (
     offsets_of,
     smallest_linked,
@@ -58,13 +70,13 @@ def cut_faces(asked: Asked, marked: Bools) -> Cut:
     skin = asked.skin
     split = asked.faces(marked)
     halved = np.flatnonzero(asked.edges(split))
-    plane.check_lengths(skin.points, skin.ends[halved])
+    check_lengths(skin.points, skin.ends[halved])
     n_nodes, n_corners = len(skin.points), len(skin.nodes)
     middle = np.full(len(skin.ends), -1)
     middle[halved] = n_corners + np.arange(len(halved))
     kinds = Kinds.of(skin.splitting, split, skin.seen)
-    outlines = plane.outlines_of(skin.polygons, skin.splitting, kinds, middle[skin.edge])
-    offsets, vertices, parents = plane.children_of(outlines, kinds, skin.polygons.points, n_corners + len(halved))
+    outlines = outlines_of(skin.polygons, skin.splitting, kinds, middle[skin.edge])
+    offsets, vertices, parents = children_of(outlines, kinds, skin.polygons.points, n_corners + len(halved))
     centred = np.flatnonzero(kinds.centred)
     number = np.concatenate([skin.nodes, n_nodes + np.arange(len(halved) + len(centred))])
     middles = skin.points[skin.ends[halved]].mean(axis=1)
@@ -82,35 +94,33 @@ def cut_faces(asked: Asked, marked: Bools) -> Cut:
 
 
 def corners_of_cut(skin: Skin, cut: Cut, listed: Ints) -> tuple[Corners, Bools]:
-    """Corners of single faces that have been split; and which of these have one corner in each part."""
-    outlines = cut.outlines
-    bend = np.append(skin.splitting.bend, np.zeros(len(cut.number) - len(skin.nodes), dtype=bool))[outlines.nodes]
-    bends, before = np.flatnonzero(bend), offsets_of(bend.astype(np.int64))
-    # Marks of faces in the order of the faces, as their parts are.
+    """Corners of listed faces that have been split; and which of these have one corner in each part."""
+    outlines, face = cut.outlines, skin.faces.cell_faces[listed]
+    new = np.zeros(len(cut.number) - len(skin.nodes), dtype=bool)
+    bend = np.append(skin.splitting.bend, new)[outlines.nodes]
+    bends, before = np.append(np.flatnonzero(bend), -1), offsets_of(bend.astype(np.int64))
+    # Marks stand in the order of the faces, as parts do.
     begin = offsets_of(np.bincount(outlines.cell, minlength=len(skin.seen)))
-    inside = before[outlines.stop] - before[np.minimum(outlines.marks + 1, len(bend))]
-    bad = np.bincount(outlines.cell, inside != 1, minlength=len(skin.seen)) > 0
-    regular = ~bad & (cut.kinds.centred | cut.kinds.medial)
-    face = skin.faces.cell_faces[listed]
-    good = regular[face]
+    next_bend = before[np.minimum(outlines.marks + 1, len(bend))]
+    odd = before[outlines.stop] - next_bend != 1
+    regular = np.bincount(outlines.cell, odd, minlength=len(skin.seen)) == 0
+    good = (regular & (cut.kinds.centred | cut.kinds.medial))[face]
     listed, face = listed[good], face[good]
     counts = np.diff(begin)[face]
-    mark = spans(begin[face], counts)
-    owner = np.repeat(face, counts)
-    node = bends[before[np.minimum(outlines.marks[mark] + 1, len(bend))]] if len(mark) else mark
-    known = cut.number[outlines.nodes]
-    n_middles = len(skin.points) + len(cut.halved)
+    mark, owner = spans(begin[face], counts), np.repeat(face, counts)
     centre = np.full(len(skin.seen), -1)
-    centre[cut.centred] = n_middles + np.arange(len(cut.centred))
-    return Corners(
+    centre[cut.centred] = len(skin.points) + len(cut.halved) + np.arange(len(cut.centred))
+    known = cut.number[outlines.nodes]
+    found = Corners(
         listed=np.repeat(listed, counts),
-        node=known[node],
+        node=known[bends[next_bend[mark]]],
         before=known[outlines.marks[mark]],
         after=known[outlines.follower[mark]],
         centre=centre[owner],
         row=cut.first[owner] + mark - begin[owner],
         rows=np.ones(len(mark), dtype=np.int64),
-    ), good
+    )
+    return found, good
 
 
 # Kinds of cells.
@@ -132,34 +142,31 @@ class Solids:
     """(n_cells,)"""
     centre: Floats
     """(n_cells, 3), of cells that are split about it"""
+    others: Ints
+    """(n_cells,) how many sides are no triangles"""
 
 
 STAYS, CONES, VERTICES, TETRA, OCTA, PYRAMID, WEDGE = range(7)
+ABOUT_CENTRES = (CONES, VERTICES, OCTA)
 
 
-def solids_of(asked: Asked, cut: Cut, marked: Bools, parted: Bools) -> Solids:
-    """Tell the kinds of marked cells."""
+def solids_of(asked: Asked, cut: Cut, marked: Bools) -> Solids:
+    """Tell the kinds of marked cells, or MeshError if one has no centre that sees all of it."""
     skin, sides = asked.skin, asked.sides
     single = np.flatnonzero(marked[skin.cell] & (sides.pieces == 1))
     one, good = corners_of_cut(skin, cut, single)
-    bad = np.zeros(len(skin.cell), dtype=bool)
-    bad[single[~good]] = True
-    bad[(sides.pieces > 1) & ~parted] = True
-    n_cells = len(skin.faces.cell_offsets) - 1
-    whole = marked & (np.bincount(skin.cell, bad, minlength=n_cells) == 0)
-    two = corners_in_pieces(skin, sides)[0]
+    two, parted = corners_in_pieces(skin, sides)
     face = skin.faces.cell_faces[two.listed]
     two = two._replace(row=cut.first[face], rows=np.diff(cut.first)[face])
     corners = Corners(*(np.concatenate(pair) for pair in zip(one, two, strict=True)))
-    corners = _of(corners, whole[skin.cell[corners.listed]])
+    odd = (sides.pieces > 1) & ~parted
+    odd[single[~good]] = True
+    whole = marked & (np.bincount(skin.cell, odd, minlength=len(marked)) == 0)
+    corners = corners.where(whole[skin.cell[corners.listed]])
     inwards = skin.signs[corners.listed] < 0.0
     before, after = corners.before, corners.after
     corners = corners._replace(before=np.where(inwards, after, before), after=np.where(inwards, before, after))
-    return _with_kinds(asked, cut, marked, _around_vertices(skin, sides, corners))
-
-
-def _of(corners: Corners, kept: Bools) -> Corners:
-    return Corners(*(values[kept] for values in corners))
+    return _settled(skin, cut, _about(skin, cut, _with_kinds(asked, marked, _around_vertices(skin, sides, corners))))
 
 
 def _around_vertices(skin: Skin, sides: CellSides, corners: Corners) -> tuple[Corners, Ints, Ints]:
@@ -184,49 +191,54 @@ def _around_vertices(skin: Skin, sides: CellSides, corners: Corners) -> tuple[Co
     odd[cell[bad]] = True
     kept = ~odd[cell]
     place = np.cumsum(kept) - 1
-    return _of(corners, kept), vertex[kept], place[follower[kept]]
+    return corners.where(kept), vertex[kept], place[follower[kept]]
 
 
-def _with_kinds(asked: Asked, cut: Cut, marked: Bools, closed: tuple[Corners, Ints, Ints]) -> Solids:
+def _with_kinds(asked: Asked, marked: Bools, closed: tuple[Corners, Ints, Ints]) -> Solids:
+    """Solids by their numbers of triangular sides, of other sides and of vertices; without centres."""
     skin, (corners, vertex, follower) = asked.skin, closed
     n_cells = len(marked)
     cell, side = skin.cell[corners.listed], asked.sides.side[corners.listed]
+    triangle = corners.centre < 0
 
-    def counted(values: Ints, flags: Bools) -> Ints:
-        """How many different values each cell has, of the flagged corners."""
-        return np.bincount(cell[flags][np.unique(values[flags], return_index=True)[1]], minlength=n_cells)
+    big = max(len(skin.cell), len(cell)) + 1
 
-    triangle, any_one = corners.centre < 0, np.ones(len(cell), dtype=bool)
-    triangles, others = counted(side, triangle), counted(side, ~triangle)
-    n_vertices, degree = counted(vertex, any_one), np.zeros(n_cells, dtype=np.int64)
+    def counted(some: Bools, values: Ints) -> Ints:
+        """How many different values each cell has."""
+        return np.bincount(np.unique(cell[some] * big + values[some]) // big, minlength=n_cells)
+
+    triangles, others = counted(triangle, side), counted(~triangle, side)
+    n_vertices = counted(np.ones_like(triangle), vertex)
+    degree = np.zeros(n_cells, dtype=np.int64)
     np.maximum.at(degree, cell, np.bincount(vertex)[vertex] if len(vertex) else vertex)
     concave = ~skin.splitting.convex[skin.faces.cell_faces]
     convex = np.bincount(skin.cell, concave, minlength=n_cells) == 0
     kind = np.where(marked, CONES, STAYS)
+    kind[(triangles == 0) & (others > 3)] = VERTICES
     kind[(triangles == 4) & (others == 0) & (n_vertices == 4)] = TETRA
     kind[(triangles == 8) & (others == 0) & (n_vertices == 6) & (degree == 4)] = OCTA
     kind[(triangles == 4) & (others == 1) & (n_vertices == 5) & convex] = PYRAMID
     kind[(triangles == 2) & (others == 3) & (n_vertices == 6) & convex] = WEDGE
-    kind[(triangles == 0) & (others > 3)] = VERTICES
-    found = Solids(corners, cell, side, vertex, follower, kind, _centres(skin, cut, kind, closed, others))
-    bent = cell[_not_plane(found, cut)]
-    kind[bent] = CONES
-    behind = _behind(skin, found.centre)
-    kind[skin.cell[behind & np.isin(kind[skin.cell], (VERTICES, OCTA))]] = CONES
+    return Solids(corners, cell, side, vertex, follower, kind, np.zeros((n_cells, 3)), others)
+
+
+def _settled(skin: Skin, cut: Cut, solids: Solids) -> Solids:
+    """The solids with cones in place of what would not be plane or is not seen, or MeshError."""
+    kind = solids.kind.copy()
+    kind[solids.cell[_not_plane(solids, cut)]] = CONES
+    behind = skin.cell[_behind(skin, solids.centre)]
+    kind[behind[np.isin(kind[behind], (VERTICES, OCTA))]] = CONES
     coned = kind == CONES
-    centre = np.where(coned[:, None], _centroids(skin), found.centre)
+    centroids = volumes_and_centroids(skin.shapes, skin.faces.cell_offsets, skin.faces.cell_faces, skin.signs)[1]
+    centre = np.where(coned[:, None], centroids, solids.centre)
     hidden = np.flatnonzero(_behind(skin, centre) & coned[skin.cell])
     if len(hidden):
-        k = hidden[0]
+        cell, place = skin.cell[hidden[0]], skin.shapes.centroids[skin.faces.cell_faces[hidden[0]]]
         raise MeshError(
-            f"cell {skin.cell[k]} is not star-shaped about its centroid, which does not see the inside of its face at "
-            f"{skin.shapes.centroids[skin.faces.cell_faces[k]]}: it cannot be refined; cut it into convex cells first."
+            f"cell {cell} is not star-shaped about its centroid, which does not see the face at "
+            f"({', '.join(f'{x:.6g}' for x in place)}) from inside: refine elsewhere, or cut it into convex cells."
         )
-    return replace(found, centre=centre)
-
-
-def _centroids(skin: Skin) -> Floats:
-    return volumes_and_centroids(skin.shapes, skin.faces.cell_offsets, skin.faces.cell_faces, skin.signs)[1]
+    return replace(solids, kind=kind, centre=centre)
 
 
 def _behind(skin: Skin, centre: Floats) -> Bools:
@@ -239,32 +251,26 @@ def _behind(skin: Skin, centre: Floats) -> Bools:
     return hidden
 
 
-def _centres(skin: Skin, cut: Cut, kind: Ints, closed: tuple[Corners, Ints, Ints], others: Ints) -> Floats:
-    """Means of vertices, but where there are more than six sides or not all have four corners: nearest to the planes.
+def _about(skin: Skin, cut: Cut, solids: Solids) -> Solids:
+    """The solids with their centres: means of vertices, and nearest to the planes where these say more.
 
     These are the planes through the middle of an edge and the centres of the sides beside it.
     """
-    corners, vertex, follower = closed
-    n_cells, cell = len(kind), skin.cell[corners.listed]
-    once = np.unique(vertex, return_index=True)[1]
+    corners, cell, n_cells = solids.corners, solids.cell, len(solids.kind)
+    once = np.unique(solids.vertex, return_index=True)[1]
     counts = np.maximum(np.bincount(cell[once], minlength=n_cells), 1)
     origin = skin.points[skin.nodes[skin.faces.face_offsets[skin.faces.cell_faces[skin.faces.cell_offsets[:-1]]]]]
     arms = skin.points[corners.node[once]] - origin[cell[once]]
     means = np.column_stack([np.bincount(cell[once], arm, n_cells) for arm in arms.T]) / counts[:, None] + origin
-    many = (kind == VERTICES) & ((others != 6) | (counts != 8))
+    many = (solids.kind == VERTICES) & ((solids.others != 6) | (counts != 8))
     some = np.flatnonzero(many[cell])
-    if not len(some):
-        return means
-    of = cell[some]
-    at, normal = _middle_planes(corners, follower, cut.points, some)
-    height = np.einsum("ij,ij->i", normal, at - means[of])
-    number = np.cumsum(many) - 1
-    matrix = np.zeros((np.count_nonzero(many), 3, 3))
-    right = np.zeros((len(matrix), 3))
-    np.add.at(matrix, number[of], normal[:, :, None] * normal[:, None, :])
-    np.add.at(right, number[of], normal * height[:, None])
+    of, number = cell[some], (np.cumsum(many) - 1)[cell[some]]
+    at, normal = _middle_planes(corners, solids.follower, cut.points, some)
+    matrix, right = np.zeros((np.count_nonzero(many), 3, 3)), np.zeros((np.count_nonzero(many), 3))
+    np.add.at(matrix, number, normal[:, :, None] * normal[:, None, :])
+    np.add.at(right, number, normal * np.einsum("ij,ij->i", normal, at - means[of])[:, None])
     means[many] += np.einsum("cij,cj->ci", np.linalg.pinv(matrix, hermitian=True), right)
-    return means
+    return replace(solids, centre=means)
 
 
 def _middle_planes(corners: Corners, follower: Ints, points: Floats, some: Ints) -> tuple[Floats, Floats]:

@@ -2,8 +2,8 @@
 
 A cell beside smaller ones has several coplanar faces, which together are one *side* of it; the edges between two sides
 follow each other on *lines*, with hanging nodes between them. Every face is a polygon of a plane mesh in a plane of its
-own, so that it is split as the cells of plane meshes are (:mod:`.local_refinement`): the middles of its edges are joined
-to its centre, those of a triangle to each other. How it is split depends on nothing but the face, its edges and the
+own, so that it is split as cells of plane meshes are (:mod:`.local_refinement`): the middles of its edges are joined to
+its centre, those of a triangle to each other. How it is split depends on nothing but the face, its edges and the
 cells beside these: whichever of its two cells asks for it, both get the same new faces.
 
 Edges that are tiny beside the cells around them are not split, nor are tiny faces for the sake of a cell that is not
@@ -18,9 +18,8 @@ from typing import NamedTuple
 import numpy as np
 
 from vemcvx.arrays import Bools, Floats, Ints
-from vemcvx.meshes import local_refinement as plane
 from vemcvx.meshes.interfaces import pairs_of, places_of
-from vemcvx.meshes.local_refinement import Splitting
+from vemcvx.meshes.local_refinement import Splitting, centres_of, splitting_of
 from vemcvx.meshes.polygons import (
     cell_of_corner,
     directed_edges,
@@ -64,7 +63,7 @@ class Skin:
     signs: Floats
     """(n_listed,) 1 where a listed face runs outwards as it is stored"""
     sizes: Floats
-    """(n_cells,) nine volumes over the area: half as much again as the width of a cube, nine halves of a thin plate's"""
+    """(n_cells,) nine volumes over the area: 1.5 widths of a cube, 4.5 of a thin plate"""
     polygons: Tessellation
     """faces in their own planes; its vertices are the corners of faces, numbered through"""
     splitting: Splitting
@@ -85,10 +84,9 @@ class Skin:
 
 def skin_of(mesh: SpaceTessellation) -> Skin:
     """Lay every face of a mesh into its plane and find where it is to be split."""
-    place = places_of(pairs_of(mesh.interfaces), mesh.points)
     faces, shapes = mesh.faces, mesh._face_shapes
     if mesh.interfaces:
-        listed = listed_faces(faces)
+        listed, place = listed_faces(faces), places_of(pairs_of(mesh.interfaces), mesh.points)
         faces = joined_faces(listed.offsets, place[listed.vertices], listed.cell_offsets)
         shapes = face_shapes(mesh.points, faces.face_offsets, faces.face_vertices)
     axes, owner = axes_in_planes(shapes), cell_of_corner(faces.face_offsets)
@@ -100,17 +98,11 @@ def skin_of(mesh: SpaceTessellation) -> Skin:
     edge[shared.corners] = np.repeat(np.arange(len(shared.first)), shared.counts)
     ends = directed_edges(faces.face_offsets, faces.face_vertices)[shared.corners[shared.first]]
     sizes = 9.0 * mesh.volumes / np.add.reduceat(shapes.areas[faces.cell_faces], faces.cell_offsets[:-1])
-    # Every face has the size of the smaller of its cells, every edge that of the smallest beside its faces.
-    of_face = sizes[faces.face_cells[:, 0]]
-    inner = faces.face_cells[:, 1] >= 0
-    of_face[inner] = np.minimum(of_face[inner], sizes[faces.face_cells[inner, 1]])
-    least = np.minimum.reduceat(of_face[owner][shared.corners], shared.first)[edge]
-    splitting = plane.splitting_of(polygons, TINY * least)
-    middles, seen = plane.centres_of(polygons, splitting)
-    seen &= splitting.places > 1
+    smallest = np.minimum.reduceat(_sizes_of_faces(sizes, faces)[owner][shared.corners], shared.first)
+    splitting = splitting_of(polygons, TINY * smallest[edge])
+    middles, seen = centres_of(polygons, splitting)
     # To the bit on a side of a box.
     low, high = (f.reduceat(corners, faces.face_offsets[:-1], axis=0) for f in (np.minimum, np.maximum))
-    centres = np.clip(shapes.centroids + np.einsum("fai,fa->fi", axes[:, :2], middles), low, high)
     return Skin(
         points=mesh.points,
         faces=faces,
@@ -120,11 +112,17 @@ def skin_of(mesh: SpaceTessellation) -> Skin:
         sizes=sizes,
         polygons=polygons,
         splitting=splitting,
-        centres=centres,
-        seen=seen,
+        centres=np.clip(shapes.centroids + np.einsum("fai,fa->fi", axes[:, :2], middles), low, high),
+        seen=seen & (splitting.places > 1),
         edge=edge,
         ends=np.sort(ends, axis=1),
     )
+
+
+def _sizes_of_faces(sizes: Floats, faces: Faces) -> Floats:
+    """The size of the smaller cell beside each face."""
+    one, other = faces.face_cells.T
+    return np.minimum(sizes[one], sizes[np.where(other < 0, one, other)])
 
 
 # Sides of cells: one face, or several that are coplanar; and the straight edges of cells between two sides.
@@ -156,9 +154,10 @@ class CellSides:
 
     def degree(self, cell: Ints, node: Ints, n_nodes: int) -> Ints:
         """How many edges between sides of a cell end at a node; 0 for those inside of sides, and new ones."""
-        wanted = np.where(node < n_nodes, cell * n_nodes + node, -1)
+        wanted = np.where((node >= 0) & (node < n_nodes), cell * n_nodes + node, -1)
         at = np.minimum(np.searchsorted(self.keys, wanted), len(self.keys) - 1)
-        return np.where(self.keys[at] == wanted, self.degrees[at], 0)
+        degrees: Ints = np.where(self.keys[at] == wanted, self.degrees[at], 0)
+        return degrees
 
 
 def sides_of(skin: Skin) -> CellSides:
@@ -217,6 +216,10 @@ class Corners(NamedTuple):
     rows: Ints
     """how many they are"""
 
+    def where(self, kept: Bools) -> Corners:
+        """Those of a mask."""
+        return Corners(*(values[kept] for values in self))
+
 
 def corners_in_pieces(skin: Skin, sides: CellSides) -> tuple[Corners, Bools]:
     """Corners of sides that consist of the parts into which they would be split; and which listed faces are of such.
@@ -224,48 +227,53 @@ def corners_in_pieces(skin: Skin, sides: CellSides) -> tuple[Corners, Bools]:
     These are n quadrilaterals about a common node, each with one corner of the side, or four triangles, one of which
     has none.
     """
-    n_nodes, many = len(skin.points), np.flatnonzero(sides.pieces > 1)
-    parted = np.zeros(len(skin.cell), dtype=bool)
+    many = np.flatnonzero(sides.pieces > 1)
     rows, position = rows_in_order(sides.rows, np.arange(len(sides.corners)), many)
     before = position[previous_corner(rows)] if len(position) else position
     bend = skin.splitting.bend[sides.corners[position]]
-    own = (bend & sides.outer[position] & sides.outer[before])[bend]
+    own = (sides.outer[position] & sides.outer[before])[bend]
     owner = cell_of_corner(rows)[bend]
     counts = np.bincount(owner, minlength=len(many))
-    node, ring = skin.nodes[sides.corners[position[bend]]], offsets_of(counts)
-    own_counts = np.bincount(owner, own, minlength=len(many)).astype(np.int64)
-    side = sides.side[many]
-
-    def all_of(flags: Bools) -> Bools:
-        bad = np.bincount(side, ~flags, minlength=len(skin.cell))
-        return bad[side] == 0
-
-    corner = np.flatnonzero(own)
+    node, ring, corner = skin.nodes[sides.corners[position[bend]]], offsets_of(counts), np.flatnonzero(own)
     piece = owner[corner]
-    place, size = corner - ring[piece], counts[piece]
-    around = [node[ring[piece] + (place + step) % size] for step in (-1, 0, 1, 2)]
-    cell = skin.cell[many[piece]]
-    on_line = sides.degree(cell, around[0], n_nodes) == 2
-    on_line &= sides.degree(cell, around[2], n_nodes) == 2
-    good = np.ones(len(many), dtype=bool)
-    good[piece[~on_line]] = False
-    # Quadrilaterals about one node inside.
+    place = corner - ring[piece]
+    around = [node[ring[piece] + (place + step) % counts[piece]] for step in (-1, 0, 1, 2)]
+    alone = np.bincount(piece, minlength=len(many)) < 2
     centre = np.full(len(many), -1)
     centre[piece] = around[3]
-    lowest, highest = np.full(len(skin.cell), len(skin.points)), np.full(len(skin.cell), -1)
-    np.minimum.at(lowest, side, centre)
-    np.maximum.at(highest, side, centre)
-    inside = sides.degree(skin.cell[many], centre, n_nodes) == 0
-    quads = all_of(good & (counts == 4) & (own_counts == 1) & inside) & (lowest == highest)[side]
-    quads &= sides.pieces[many] > 2
-    bare = np.bincount(side, own_counts == 0, minlength=len(skin.cell))[side]
-    triangles = all_of(good & (counts == 3) & (own_counts <= 1)) & (bare == 1) & (sides.pieces[many] == 4)
+    # Beside a corner are nodes inside of lines.
+    good = alone.copy()
+    for there in (around[0], around[2]):
+        good[piece[sides.degree(skin.cell[many[piece]], there, len(skin.points)) != 2]] = False
+    quads, triangles = _sides_in_parts(skin, sides, (many, np.where(good, counts, 0), centre))
+    parted = np.zeros(len(skin.cell), dtype=bool)
     parted[many[quads | triangles]] = True
     kept = parted[many[piece]]
-    found = Corners(
-        many[piece], around[1], around[0], around[2], np.where(quads[piece], around[3], -1), *np.empty((2, 0), int)
-    )
-    return Corners(*(values[kept] for values in found[:5]), *found[5:]), parted
+    middle = np.where(quads[piece], around[3], -1)
+    found = Corners(many[piece], around[1], around[0], around[2], middle, *np.zeros((2, len(piece)), dtype=np.int64))
+    return found.where(kept), parted
+
+
+def _sides_in_parts(skin: Skin, sides: CellSides, pieces: tuple[Ints, Ints, Ints]) -> tuple[Bools, Bools]:
+    """Masks of the pieces that belong to sides of quadrilaterals about a node, and to sides of four triangles.
+
+    Pieces are listed faces, how many corners they have, and the node opposite to that of the side, -1 if there is none.
+    """
+    many, counts, centre = pieces
+    side, n_listed = sides.side[many], len(skin.cell)
+
+    def number(flags: Bools) -> Ints:
+        return np.bincount(side[flags], minlength=n_listed)[side]
+
+    lowest, highest = np.full(n_listed, len(skin.points)), np.full(n_listed, -1)
+    np.minimum.at(lowest, side, centre)
+    np.maximum.at(highest, side, centre)
+    inside = sides.degree(skin.cell[many], centre, len(skin.points)) == 0
+    number_of_all = sides.pieces[many]
+    quads = number((counts == 4) & (centre >= 0) & inside) == number_of_all
+    quads &= (lowest == highest)[side] & (number_of_all > 2)
+    triangles = (number(counts == 3) == number_of_all) & (number(centre < 0) == 1) & (number_of_all == 4)
+    return quads, triangles
 
 
 # Grading. A side of an unrefined cell has one face, or those into which it would be split itself; a line between two
@@ -316,15 +324,10 @@ def asked_of(skin: Skin, sides: CellSides, parted: Bools) -> Asked:
     single = sides.pieces == 1
     wants = single & (sizes >= TINY * skin.sizes[skin.cell])
     several = np.flatnonzero(~single & ~parted)
-    if len(several):
-        listing = cell_of_corner(sides.rows)
-        chosen = np.zeros(len(wants), dtype=bool)
-        chosen[several] = True
-        at = chosen[listing]
-        x, of = skin.points[skin.nodes[sides.corners[at]]], sides.side[listing[at]]
-        low, high = np.full((len(wants), 3), np.inf), np.full((len(wants), 3), -np.inf)
-        np.minimum.at(low, of, x)
-        np.maximum.at(high, of, x)
-        whole = np.linalg.norm(high - low, axis=1)
-        wants[several] = sizes[several] > LARGE * whole[sides.side[several]]
+    rows, corners = rows_in_order(sides.rows, sides.corners, several)
+    x, side = skin.points[skin.nodes[corners]], sides.side[several]
+    low, high = np.full((len(single), 3), np.inf), np.full((len(single), 3), -np.inf)
+    np.minimum.at(low, side[cell_of_corner(rows)], x)
+    np.maximum.at(high, side[cell_of_corner(rows)], x)
+    wants[several] = sizes[several] > LARGE * np.linalg.norm(high[side] - low[side], axis=1)
     return Asked(skin, sides, wants)

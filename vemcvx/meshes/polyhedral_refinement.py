@@ -14,7 +14,7 @@ from vemcvx.errors import MeshError
 from vemcvx.meshes import local_refinement as plane
 from vemcvx.meshes.box import check_cell_data
 from vemcvx.meshes.cell_children import Inner, Outer, cones, joined, regular_children
-from vemcvx.meshes.cell_kinds import CONES, OCTA, STAYS, VERTICES, Cut, cut_faces, solids_of
+from vemcvx.meshes.cell_kinds import ABOUT_CENTRES, STAYS, Cut, cut_faces, solids_of
 from vemcvx.meshes.cell_sides import Skin, asked_of, corners_in_pieces, sides_of, skin_of
 from vemcvx.meshes.interfaces import Interface, faces_of, on_faces, padded, pairs_of, places_of
 from vemcvx.meshes.local_refinement import Refinement, check_marks
@@ -91,8 +91,8 @@ def refined(mesh: SpaceMesh, marked: Bools, balance: bool) -> tuple[SpaceMesh, I
     asked = asked_of(skin, sides, parted)
     marked = asked.closed(marked) if balance else marked
     cut = cut_faces(asked, marked)
-    solids = solids_of(asked, cut, marked, parted)
-    inside = np.flatnonzero(np.isin(solids.kind, (CONES, VERTICES, OCTA)))
+    solids = solids_of(asked, cut, marked)
+    inside = np.flatnonzero(np.isin(solids.kind, ABOUT_CENTRES))
     about = np.full(mesh.n_cells, -1)
     about[inside] = len(cut.points) + np.arange(len(inside))
     lots = [regular_children(asked, cut, solids, about), cones(asked, cut, solids, about)]

@@ -9,8 +9,8 @@ cone on each new face.
 The quadrilateral between two children at a vertex has for corners the middle of an edge of the cell, the centres of the
 sides beside this, and the centre of the cell, which therefore has to lie in as many planes as there are edges. There is
 such a point in parallelepipeds, in prisms over any polygon, and in cells all of whose vertices are on a sphere about a
-point that projects to the centres of the sides, as those of Kelvin's foam. It is the mean of the vertices in hexahedra,
-else the point nearest to all planes.
+point that projects to the centres of the sides, as those of Kelvin's foam. It is the mean of the vertices in convex
+hexahedra, else the point nearest to all planes.
 """
 
 from __future__ import annotations
@@ -262,7 +262,8 @@ def _about(skin: Skin, cut: Cut, solids: Solids) -> Solids:
     origin = skin.points[skin.nodes[skin.faces.face_offsets[skin.faces.cell_faces[skin.faces.cell_offsets[:-1]]]]]
     arms = skin.points[corners.node[once]] - origin[cell[once]]
     means = np.column_stack([np.bincount(cell[once], arm, n_cells) for arm in arms.T]) / counts[:, None] + origin
-    many = (solids.kind == VERTICES) & ((solids.others != 6) | (counts != 8))
+    concave = np.bincount(skin.cell, ~skin.splitting.convex[skin.faces.cell_faces], minlength=n_cells) > 0
+    many = (solids.kind == VERTICES) & ((solids.others != 6) | (counts != 8) | concave)
     some = np.flatnonzero(many[cell])
     of, number = cell[some], (np.cumsum(many) - 1)[cell[some]]
     at, normal = _middle_planes(corners, solids.follower, cut.points, some)

@@ -537,8 +537,8 @@ def check_lengths(points: Floats, ends: Ints) -> None:
     if len(short):
         a, b = ends[short[0]]
         raise MeshError(
-            f"the edge ({a}, {b}) at ({points[a, 0]:.6g}, {points[a, 1]:.6g}) is only "
-            f"{np.hypot(*(points[b] - points[a])):.2g} long: its middle would be rounding of the coordinates. Refine "
+            f"the edge ({a}, {b}) at ({', '.join(f'{x:.6g}' for x in points[a])}) is only "
+            f"{np.linalg.norm(points[b] - points[a]):.2g} long: its middle would be rounding of the coordinates. Refine "
             "elsewhere, or put the origin there."
         )
 

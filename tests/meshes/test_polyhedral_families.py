@@ -248,7 +248,6 @@ def test_bad_requests(make, given, says):
         make(**given)
 
 
-
 @pytest.mark.parametrize("make", [vx.meshes.cubes, vx.meshes.tetrahedra, vx.meshes.kelvin])
 def test_cells_narrower_than_the_spacing_of_numbers(make):
     with pytest.raises(vx.MeshError, match="narrower than the spacing of floating-point numbers"):

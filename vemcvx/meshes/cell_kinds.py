@@ -21,8 +21,8 @@ import numpy as np
 
 from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.errors import MeshError
-from vemcvx.meshes.cell_sides import Asked, CellSides, Corners, Skin, corners_in_pieces
-from vemcvx.meshes.local_refinement import Kinds, Outlines, check_lengths, children_of, outlines_of
+from vemcvx.meshes.cell_sides import Asked, CellSides, Corners, Skin, asked_of, corners_in_pieces
+from vemcvx.meshes.local_refinement import Kinds, Outlines, children_of, outlines_of
 from vemcvx.meshes.polygons import (
     offsets_of,
     smallest_linked,
@@ -70,7 +70,6 @@ def cut_faces(asked: Asked, marked: Bools) -> Cut:
     skin = asked.skin
     split = asked.faces(marked)
     halved = np.flatnonzero(asked.edges(split))
-    check_lengths(skin.points, skin.ends[halved])
     n_nodes, n_corners = len(skin.points), len(skin.nodes)
     middle = np.full(len(skin.ends), -1)
     middle[halved] = n_corners + np.arange(len(halved))
@@ -151,7 +150,7 @@ ABOUT_CENTRES = (CONES, VERTICES, OCTA)
 
 
 def solids_of(asked: Asked, cut: Cut, marked: Bools) -> Solids:
-    """Tell the kinds of marked cells, or MeshError if one has no centre that sees all of it."""
+    """Tell the kinds of marked cells."""
     skin, sides = asked.skin, asked.sides
     single = np.flatnonzero(marked[skin.cell] & (sides.pieces == 1))
     one, good = corners_of_cut(skin, cut, single)
@@ -223,22 +222,35 @@ def _with_kinds(asked: Asked, marked: Bools, closed: tuple[Corners, Ints, Ints])
 
 
 def _settled(skin: Skin, cut: Cut, solids: Solids) -> Solids:
-    """The solids with cones in place of what would not be plane or is not seen, or MeshError."""
+    """The solids with cones about their centroids in place of what would not be plane or is not seen."""
     kind = solids.kind.copy()
     kind[solids.cell[_not_plane(solids, cut)]] = CONES
     behind = skin.cell[_behind(skin, solids.centre)]
     kind[behind[np.isin(kind[behind], (VERTICES, OCTA))]] = CONES
-    coned = kind == CONES
     centroids = volumes_and_centroids(skin.shapes, skin.faces.cell_offsets, skin.faces.cell_faces, skin.signs)[1]
-    centre = np.where(coned[:, None], centroids, solids.centre)
-    hidden = np.flatnonzero(_behind(skin, centre) & coned[skin.cell])
+    return replace(solids, kind=kind, centre=np.where((kind == CONES)[:, None], centroids, solids.centre))
+
+
+def check_seen(skin: Skin, solids: Solids) -> None:
+    """MeshError if the centroid of a cell that is to fall into cones does not see all of it."""
+    hidden = np.flatnonzero(_behind(skin, solids.centre) & (solids.kind == CONES)[skin.cell])
     if len(hidden):
         cell, place = skin.cell[hidden[0]], skin.shapes.centroids[skin.faces.cell_faces[hidden[0]]]
         raise MeshError(
             f"cell {cell} is not star-shaped about its centroid, which does not see the face at "
             f"({', '.join(f'{x:.6g}' for x in place)}) from inside: refine elsewhere, or cut it into convex cells."
         )
-    return replace(solids, kind=kind, centre=centre)
+
+
+def with_regular_ones_whole(skin: Skin, sides: CellSides) -> Skin:
+    """The skin with nothing tiny on cells that are split regularly if all their edges are: prisms stay prisms."""
+    some = skin.tiny_parts()
+    if not some.any():
+        return skin
+    whole = skin.with_sizes(np.zeros_like(skin.sizes))
+    asked = asked_of(whole, sides, corners_in_pieces(whole, sides)[1])
+    regular = solids_of(asked, cut_faces(asked, some), some).kind > CONES
+    return skin.with_sizes(np.where(regular, 0.0, skin.sizes)) if regular.any() else skin
 
 
 def _behind(skin: Skin, centre: Floats) -> Bools:

@@ -12,7 +12,8 @@ tiny itself: their share of the cells doubles from pass to pass until they are.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -81,6 +82,36 @@ class Skin:
         """(n_corners,) the node at each corner."""
         return self.faces.face_vertices
 
+    @cached_property
+    def least(self) -> Floats:
+        """(n_edges,) lengths below which edges are tiny: beside the smallest cell at a face of theirs."""
+        one, other = self.faces.face_cells.T
+        of_face = np.minimum(self.sizes[one], self.sizes[np.where(other < 0, one, other)])
+        smallest = np.full(len(self.ends), np.inf)
+        np.minimum.at(smallest, self.edge, np.repeat(of_face, np.diff(self.faces.face_offsets)))
+        return TINY * smallest
+
+    def tiny_parts(self) -> Bools:
+        """A mask of the cells that have tiny edges or faces."""
+        faces, cells = self.faces, np.zeros(len(self.sizes), dtype=bool)
+        short = np.linalg.norm(self.points[self.ends[:, 1]] - self.points[self.ends[:, 0]], axis=1) < self.least
+        beside = np.logical_or.reduceat(short[self.edge], faces.face_offsets[:-1])[faces.cell_faces]
+        cells[self.cell[beside | (self.polygons.diameters[faces.cell_faces] < TINY * self.sizes[self.cell])]] = True
+        return cells
+
+    def with_sizes(self, sizes: Floats) -> Skin:
+        """The skin with faces split by other sizes of cells: by none that is zero nothing is tiny."""
+        skin, faces, shapes = replace(self, sizes=sizes), self.faces, self.shapes
+        splitting = splitting_of(self.polygons, skin.least[self.edge])
+        middles, seen = centres_of(self.polygons, splitting)
+        centres = shapes.centroids + np.einsum("fai,fa->fi", axes_in_planes(shapes)[:, :2], middles)
+        # To the bit on a side of a box.
+        corners = self.points[self.nodes]
+        low, high = (f.reduceat(corners, faces.face_offsets[:-1], axis=0) for f in (np.minimum, np.maximum))
+        return replace(
+            skin, splitting=splitting, centres=np.clip(centres, low, high), seen=seen & (splitting.places > 1)
+        )
+
 
 def skin_of(mesh: SpaceTessellation) -> Skin:
     """Lay every face of a mesh into its plane and find where it is to be split."""
@@ -98,12 +129,7 @@ def skin_of(mesh: SpaceTessellation) -> Skin:
     edge[shared.corners] = np.repeat(np.arange(len(shared.first)), shared.counts)
     ends = directed_edges(faces.face_offsets, faces.face_vertices)[shared.corners[shared.first]]
     sizes = 9.0 * mesh.volumes / np.add.reduceat(shapes.areas[faces.cell_faces], faces.cell_offsets[:-1])
-    smallest = np.minimum.reduceat(_sizes_of_faces(sizes, faces)[owner][shared.corners], shared.first)
-    splitting = splitting_of(polygons, TINY * smallest[edge])
-    middles, seen = centres_of(polygons, splitting)
-    # To the bit on a side of a box.
-    low, high = (f.reduceat(corners, faces.face_offsets[:-1], axis=0) for f in (np.minimum, np.maximum))
-    return Skin(
+    skin = Skin(
         points=mesh.points,
         faces=faces,
         shapes=shapes,
@@ -111,18 +137,13 @@ def skin_of(mesh: SpaceTessellation) -> Skin:
         signs=signs_of(faces),
         sizes=sizes,
         polygons=polygons,
-        splitting=splitting,
-        centres=np.clip(shapes.centroids + np.einsum("fai,fa->fi", axes[:, :2], middles), low, high),
-        seen=seen & (splitting.places > 1),
+        splitting=splitting_of(polygons, np.zeros(len(flat))),
+        centres=shapes.centroids,
+        seen=np.ones(len(shapes.areas), dtype=bool),
         edge=edge,
         ends=np.sort(ends, axis=1),
     )
-
-
-def _sizes_of_faces(sizes: Floats, faces: Faces) -> Floats:
-    """The size of the smaller cell beside each face."""
-    one, other = faces.face_cells.T
-    return np.minimum(sizes[one], sizes[np.where(other < 0, one, other)])
+    return skin.with_sizes(sizes)
 
 
 # Sides of cells: one face, or several that are coplanar; and the straight edges of cells between two sides.

@@ -538,8 +538,8 @@ def check_lengths(points: Floats, ends: Ints) -> None:
         a, b = ends[short[0]]
         raise MeshError(
             f"the edge ({a}, {b}) at ({', '.join(f'{x:.6g}' for x in points[a])}) is only "
-            f"{np.linalg.norm(points[b] - points[a]):.2g} long: its middle would be rounding of the coordinates. Refine "
-            "elsewhere, or put the origin there."
+            f"{np.linalg.norm(points[b] - points[a]):.2g} long: its middle would be rounding of the coordinates. "
+            "Refine elsewhere, or put the origin there."
         )
 
 

@@ -14,10 +14,18 @@ from vemcvx.errors import MeshError
 from vemcvx.meshes import local_refinement as plane
 from vemcvx.meshes.box import check_cell_data
 from vemcvx.meshes.cell_children import Inner, Outer, cones, joined, regular_children
-from vemcvx.meshes.cell_kinds import ABOUT_CENTRES, STAYS, Cut, cut_faces, solids_of
+from vemcvx.meshes.cell_kinds import (
+    ABOUT_CENTRES,
+    STAYS,
+    Cut,
+    check_seen,
+    cut_faces,
+    solids_of,
+    with_regular_ones_whole,
+)
 from vemcvx.meshes.cell_sides import Skin, asked_of, corners_in_pieces, sides_of, skin_of
 from vemcvx.meshes.interfaces import Interface, faces_of, on_faces, padded, pairs_of, places_of
-from vemcvx.meshes.local_refinement import Refinement, check_marks
+from vemcvx.meshes.local_refinement import Refinement, check_lengths, check_marks
 from vemcvx.meshes.polygons import (
     cell_of_corner,
     offsets_of,
@@ -87,11 +95,13 @@ def refined(mesh: SpaceMesh, marked: Bools, balance: bool) -> tuple[SpaceMesh, I
     """The refined mesh, the parents of its cells, and its new nodes."""
     skin = skin_of(mesh)
     sides = sides_of(skin)
-    parted = corners_in_pieces(skin, sides)[1]
-    asked = asked_of(skin, sides, parted)
+    skin = with_regular_ones_whole(skin, sides)
+    asked = asked_of(skin, sides, corners_in_pieces(skin, sides)[1])
     marked = asked.closed(marked) if balance else marked
     cut = cut_faces(asked, marked)
+    check_lengths(skin.points, skin.ends[cut.halved])
     solids = solids_of(asked, cut, marked)
+    check_seen(skin, solids)
     inside = np.flatnonzero(np.isin(solids.kind, ABOUT_CENTRES))
     about = np.full(mesh.n_cells, -1)
     about[inside] = len(cut.points) + np.arange(len(inside))

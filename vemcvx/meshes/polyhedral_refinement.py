@@ -1,4 +1,43 @@
-"""HEAD"""
+"""Local refinement of polyhedral meshes: chosen cells are split, neighbours take new coplanar faces and stay.
+
+A cell is split at the middles of its edges and the centres of its faces; which children it has depends on its kind
+(:mod:`.cell_kinds`, :mod:`.cell_children`):
+
+    triangular faces    four triangles                          other faces     n quadrilaterals about the centre
+    tetrahedra          a tetrahedron at each vertex, an octahedron between them
+    octahedra           an octahedron at each vertex, a tetrahedron on each face
+    pyramids            a pyramid at each vertex, one upside down, a tetrahedron on each triangle
+    wedges              eight wedges
+    parallelepipeds, prisms, all others between whose edges new plane faces fit
+                        a cell at each vertex, spanned by the middles of its edges, the centres of its faces, and the
+                        centre of the cell: cubes become eight cubes, prisms those over the children of their polygons
+    all others that are star-shaped about their centroid
+                        joined to it: one child a new face, or for all new faces about a tiny edge together
+
+New faces are always plane. A hanging node near the middle of a straight edge is its middle; coplanar faces that a
+neighbour has made already are taken as they are if they are those into which the side would be split, so that a cell
+beside finer ones is split as any other.
+
+*Grading.* An unrefined cell is refined, too, if one of its straight edges would get a second hanging node, or a face of
+one of its sides that is in several pieces would be split; and so on.
+
+*Shapes.* Children of tetrahedra and octahedra have the shape of the tetrahedron or of the octahedron in it, up to a
+reflection at a point: two shapes for ever, where eight tetrahedra (J. Bey, Computing 55 (1995), 355-378) have three and
+need a diagonal chosen (for the two: G. Greiner, R. Grosso, The Visual Computer 16 (2000), 357-369). For with corners a,
+b, c, d the tetrahedron at a is (T + a) / 2; and if O is the octahedron of the six middles, with centre m, those at its
+vertices v are (O + v) / 2, while the faces of O with m span images of T under x -> p - x / 2 or p + x / 2. Wedges and
+parallelepipeds are halves of their parents. So are the pyramids over a parallelogram, with the one upside down reflected;
+their tetrahedra all have the halves of the four rising edges and, opposite each other, of two sides of the base: one
+shape. Other quadrilaterals are split at the crossing of their middle lines, so that the quarters of quarters tend to
+parallelograms. What is joined to a centroid falls into tetrahedra and pyramids, so that all is settled from the second
+pass on but where edges are tiny.
+
+Measured over twelve passes at a point, and along an edge and a plane as far as two cells from a point of these
+(tests/meshes/test_polyhedral_refine.py): TABLE
+
+Virtual elements take the hanging nodes and coplanar faces as they are; their number being bounded is what adaptive
+methods ask for (L. Beirao da Veiga et al., SIAM J. Numer. Anal. 61 (2023), 457-494).
+"""
 
 from __future__ import annotations
 
@@ -198,7 +237,8 @@ def refinement(mesh: AnyMesh, cells: ArrayLike | None = None, *, balance: bool =
         cell is not star-shaped about its centroid.
     """
     if isinstance(mesh, Tessellation):
-        return plane.refinement(mesh, cells, balance=balance)
+        flat = plane.refinement(mesh, cells, balance=balance)
+        return Refinement(flat.mesh, flat.parents, flat.prolongation)
     if not isinstance(mesh, SpaceTessellation):
         raise MeshError(f"refinement: found {brief(mesh)} where a PolygonMesh or PolyhedralMesh is wanted.")
     made, parents, nodes = _checked(mesh, cells, balance)

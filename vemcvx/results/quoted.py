@@ -86,7 +86,7 @@ class Quantity:
     value : float
         Of second order in the steps.
     steps, mesh : float
-        The estimated errors that time steps and mesh make in it; `mesh` is NaN in space, where no mesh is refined.
+        The estimated errors that time steps and mesh make in it; `mesh` is NaN in space, where no run on a refined mesh is made.
     unit : str
         In words.
     """

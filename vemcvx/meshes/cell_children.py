@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -55,7 +56,7 @@ class Inner(NamedTuple):
     vertices: Ints
 
     @classmethod
-    def of(cls, cell: Ints, key: Ints, *columns: Ints) -> Inner:
+    def of(cls, cell: Ints, key: Ints, columns: Sequence[Ints]) -> Inner:
         """Faces with the same number of vertices, column by column."""
         vertices = np.column_stack(columns)
         return cls(cell, key, np.arange(len(cell) + 1) * len(columns), vertices.ravel())
@@ -107,16 +108,15 @@ def _about_centres(solids: Solids, keys: Keys, about: Ints) -> list[Inner]:
     j = np.flatnonzero(kind == OCTA)
     ends = corners.before[j], corners.after[j]
     return [
-        Inner.of(cell[i], keys.vertex[i], *quads),
-        Inner.of(cell[j], keys.vertex[j], *ends, about[cell[j]]),
-        Inner.of(cell[j], keys.side[j], *ends[::-1], about[cell[j]]),
+        Inner.of(cell[i], keys.vertex[i], quads),
+        Inner.of(cell[j], keys.vertex[j], (*ends, about[cell[j]])),
+        Inner.of(cell[j], keys.side[j], (*ends[::-1], about[cell[j]])),
     ]
 
 
 def _of_tetrahedra(solids: Solids, keys: Keys) -> list[Inner]:
     """A tetrahedron at each vertex and an octahedron between them."""
-    first = np.unique(solids.vertex, return_index=True)[1]
-    i = first[solids.kind[solids.cell[first]] == TETRA]
+    i = solids.first[solids.kind[solids.cell[solids.first]] == TETRA]
     return _caps(solids, keys, i, 3)
 
 
@@ -126,7 +126,7 @@ def _caps(solids: Solids, keys: Keys, i: Ints, degree: int) -> list[Inner]:
     for _ in range(degree - 1):
         around.append(solids.follower[around[-1]])
     cap, cell = [solids.corners.after[k] for k in around], solids.cell[i]
-    return [Inner.of(cell, keys.vertex[i], *cap), Inner.of(cell, keys.inner[i], *cap[::-1])]
+    return [Inner.of(cell, keys.vertex[i], cap), Inner.of(cell, keys.inner[i], cap[::-1])]
 
 
 def _of_pyramids(solids: Solids, keys: Keys) -> list[Inner]:
@@ -140,11 +140,10 @@ def _of_pyramids(solids: Solids, keys: Keys) -> list[Inner]:
     i = np.flatnonzero(pyramid & triangle)
     ends = corners.before[i], corners.after[i]
     key = np.where(on_base[solids.vertex], keys.vertex, keys.inner)
-    first = np.unique(solids.vertex, return_index=True)[1]
-    tops = first[pyramid[first] & ~on_base[solids.vertex[first]]]
+    tops = solids.first[pyramid[solids.first] & ~on_base[solids.vertex[solids.first]]]
     return [
-        Inner.of(cell[i], keys.side[i], *ends[::-1], base[cell[i]]),
-        Inner.of(cell[i], key[i], *ends, base[cell[i]]),
+        Inner.of(cell[i], keys.side[i], (*ends[::-1], base[cell[i]])),
+        Inner.of(cell[i], key[i], (*ends, base[cell[i]])),
         *_caps(solids, keys, tops, 4),
     ]
 
@@ -160,10 +159,10 @@ def _of_wedges(solids: Solids, keys: Keys) -> list[Inner]:
     k = np.unique(side[i], return_index=True)[1]
     third = total[side[i[k]]] - one[k] - other[k]
     return [
-        Inner.of(cell[i], keys.vertex[i], before, after, one, other),
-        Inner.of(cell[i], keys.vertex[i], one, corners.after[to], other),
-        Inner.of(cell[i], keys.side[i], other, one, after, before),
-        Inner.of(cell[i[k]], keys.side[i[k]], one[k], other[k], third),
+        Inner.of(cell[i], keys.vertex[i], (before, after, one, other)),
+        Inner.of(cell[i], keys.vertex[i], (one, corners.after[to], other)),
+        Inner.of(cell[i], keys.side[i], (other, one, after, before)),
+        Inner.of(cell[i[k]], keys.side[i[k]], (one[k], other[k], third)),
     ]
 
 

@@ -135,6 +135,8 @@ class Solids:
     side: Ints
     vertex: Ints
     """(k,) the vertex of a cell that each corner is at: numbers of pairs of both"""
+    first: Ints
+    """(v,) one of the corners at each vertex"""
     follower: Ints
     """(k,) the corner of the next side around the vertex, which has the edge after this one before it"""
     kind: Ints
@@ -200,14 +202,17 @@ def _with_kinds(asked: Asked, marked: Bools, closed: tuple[Corners, Ints, Ints])
     cell, side = skin.cell[corners.listed], asked.sides.side[corners.listed]
     triangle = corners.centre < 0
 
-    big = max(len(skin.cell), len(cell)) + 1
+    first = np.empty(int(vertex.max(initial=-1)) + 1, dtype=np.int64)
+    first[vertex] = np.arange(len(vertex))
 
-    def counted(some: Bools, values: Ints) -> Ints:
-        """How many different values each cell has."""
-        return np.bincount(np.unique(cell[some] * big + values[some]) // big, minlength=n_cells)
+    def counted(some: Bools) -> Ints:
+        """How many sides each cell has that these corners are of."""
+        sides = np.zeros(len(skin.cell), dtype=bool)
+        sides[side[some]] = True
+        return np.bincount(skin.cell[sides], minlength=n_cells)
 
-    triangles, others = counted(triangle, side), counted(~triangle, side)
-    n_vertices = counted(np.ones_like(triangle), vertex)
+    triangles, others = counted(triangle), counted(~triangle)
+    n_vertices = np.bincount(cell[first], minlength=n_cells)
     degree = np.zeros(n_cells, dtype=np.int64)
     np.maximum.at(degree, cell, np.bincount(vertex)[vertex] if len(vertex) else vertex)
     concave = ~skin.splitting.convex[skin.faces.cell_faces]
@@ -218,7 +223,17 @@ def _with_kinds(asked: Asked, marked: Bools, closed: tuple[Corners, Ints, Ints])
     kind[(triangles == 8) & (others == 0) & (n_vertices == 6) & (degree == 4)] = OCTA
     kind[(triangles == 4) & (others == 1) & (n_vertices == 5) & convex] = PYRAMID
     kind[(triangles == 2) & (others == 3) & (n_vertices == 6) & convex] = WEDGE
-    return Solids(corners, cell, side, vertex, follower, kind, np.zeros((n_cells, 3)), others)
+    return Solids(
+        corners=corners,
+        cell=cell,
+        side=side,
+        vertex=vertex,
+        first=first,
+        follower=follower,
+        kind=kind,
+        centre=np.zeros((n_cells, 3)),
+        others=others,
+    )
 
 
 def _settled(skin: Skin, cut: Cut, solids: Solids) -> Solids:
@@ -247,10 +262,10 @@ def with_regular_ones_whole(skin: Skin, sides: CellSides) -> Skin:
     some = skin.tiny_parts()
     if not some.any():
         return skin
-    whole = skin.with_sizes(np.zeros_like(skin.sizes))
+    whole = replace(skin, sizes=np.zeros_like(skin.sizes))
     asked = asked_of(whole, sides, corners_in_pieces(whole, sides)[1])
     regular = solids_of(asked, cut_faces(asked, some), some).kind > CONES
-    return skin.with_sizes(np.where(regular, 0.0, skin.sizes)) if regular.any() else skin
+    return replace(skin, sizes=np.where(regular, 0.0, skin.sizes)) if regular.any() else skin
 
 
 def _behind(skin: Skin, centre: Floats) -> Bools:
@@ -269,7 +284,7 @@ def _about(skin: Skin, cut: Cut, solids: Solids) -> Solids:
     These are the planes through the middle of an edge and the centres of the sides beside it.
     """
     corners, cell, n_cells = solids.corners, solids.cell, len(solids.kind)
-    once = np.unique(solids.vertex, return_index=True)[1]
+    once = solids.first
     counts = np.maximum(np.bincount(cell[once], minlength=n_cells), 1)
     origin = skin.points[skin.nodes[skin.faces.face_offsets[skin.faces.cell_faces[skin.faces.cell_offsets[:-1]]]]]
     arms = skin.points[corners.node[once]] - origin[cell[once]]

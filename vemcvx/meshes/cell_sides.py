@@ -12,7 +12,7 @@ tiny itself: their share of the cells doubles from pass to pass until they are.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
@@ -64,14 +64,9 @@ class Skin:
     signs: Floats
     """(n_listed,) 1 where a listed face runs outwards as it is stored"""
     sizes: Floats
-    """(n_cells,) nine volumes over the area: 1.5 widths of a cube, 4.5 of a thin plate"""
+    """(n_cells,) nine volumes over the area: 1.5 widths of a cube, 4.5 of a thin plate; 0 where nothing is tiny"""
     polygons: Tessellation
     """faces in their own planes; its vertices are the corners of faces, numbered through"""
-    splitting: Splitting
-    centres: Floats
-    """(n_faces, 3)"""
-    seen: Bools
-    """(n_faces,) whether the centre sees all of the face"""
     edge: Ints
     """(n_corners,) number of the edge that starts at each corner"""
     ends: Ints
@@ -99,18 +94,28 @@ class Skin:
         cells[self.cell[beside | (self.polygons.diameters[faces.cell_faces] < TINY * self.sizes[self.cell])]] = True
         return cells
 
-    def with_sizes(self, sizes: Floats) -> Skin:
-        """The skin with faces split by other sizes of cells: by none that is zero nothing is tiny."""
-        skin, faces, shapes = replace(self, sizes=sizes), self.faces, self.shapes
-        splitting = splitting_of(self.polygons, skin.least[self.edge])
-        middles, seen = centres_of(self.polygons, splitting)
-        centres = shapes.centroids + np.einsum("fai,fa->fi", axes_in_planes(shapes)[:, :2], middles)
-        # To the bit on a side of a box.
-        corners = self.points[self.nodes]
-        low, high = (f.reduceat(corners, faces.face_offsets[:-1], axis=0) for f in (np.minimum, np.maximum))
-        return replace(
-            skin, splitting=splitting, centres=np.clip(centres, low, high), seen=seen & (splitting.places > 1)
-        )
+    @cached_property
+    def splitting(self) -> Splitting:
+        """Where faces are split."""
+        return splitting_of(self.polygons, self.least[self.edge])
+
+    @cached_property
+    def _middles(self) -> tuple[Floats, Bools]:
+        return centres_of(self.polygons, self.splitting)
+
+    @property
+    def seen(self) -> Bools:
+        """(n_faces,) whether a face has a centre that sees all of it."""
+        return self._middles[1] & (self.splitting.places > 1)
+
+    @cached_property
+    def centres(self) -> Floats:
+        """(n_faces, 3) the centres of faces; of those on a side of a box, on it to the bit."""
+        corners, begin = self.points[self.nodes], self.faces.face_offsets[:-1]
+        low, high = (f.reduceat(corners, begin, axis=0) for f in (np.minimum, np.maximum))
+        inside = np.einsum("fai,fa->fi", axes_in_planes(self.shapes)[:, :2], self._middles[0])
+        centres: Floats = np.clip(self.shapes.centroids + inside, low, high)
+        return centres
 
 
 def skin_of(mesh: SpaceTessellation) -> Skin:
@@ -129,7 +134,7 @@ def skin_of(mesh: SpaceTessellation) -> Skin:
     edge[shared.corners] = np.repeat(np.arange(len(shared.first)), shared.counts)
     ends = directed_edges(faces.face_offsets, faces.face_vertices)[shared.corners[shared.first]]
     sizes = 9.0 * mesh.volumes / np.add.reduceat(shapes.areas[faces.cell_faces], faces.cell_offsets[:-1])
-    skin = Skin(
+    return Skin(
         points=mesh.points,
         faces=faces,
         shapes=shapes,
@@ -137,13 +142,9 @@ def skin_of(mesh: SpaceTessellation) -> Skin:
         signs=signs_of(faces),
         sizes=sizes,
         polygons=polygons,
-        splitting=splitting_of(polygons, np.zeros(len(flat))),
-        centres=shapes.centroids,
-        seen=np.ones(len(shapes.areas), dtype=bool),
         edge=edge,
         ends=np.sort(ends, axis=1),
     )
-    return skin.with_sizes(sizes)
 
 
 # Sides of cells: one face, or several that are coplanar; and the straight edges of cells between two sides.
@@ -271,7 +272,8 @@ def corners_in_pieces(skin: Skin, sides: CellSides) -> tuple[Corners, Bools]:
     parted[many[quads | triangles]] = True
     kept = parted[many[piece]]
     middle = np.where(quads[piece], around[3], -1)
-    found = Corners(many[piece], around[1], around[0], around[2], middle, *np.zeros((2, len(piece)), dtype=np.int64))
+    row, rows = np.zeros((2, len(piece)), dtype=np.int64)  # known once faces are cut
+    found = Corners(many[piece], around[1], around[0], around[2], centre=middle, row=row, rows=rows)
     return found.where(kept), parted
 
 

@@ -26,7 +26,7 @@ reflection at a point: two shapes for ever, where eight tetrahedra (J. Bey, Comp
 need a diagonal chosen (for the two: G. Greiner, R. Grosso, The Visual Computer 16 (2000), 357-369). For with corners a,
 b, c, d the tetrahedron at a is (T + a) / 2; and if O is the octahedron of the six middles, with centre m, those at its
 vertices v are (O + v) / 2, while the faces of O with m span images of T under x -> p - x / 2 or p + x / 2. Wedges and
-parallelepipeds are halves of their parents. So are the pyramids over a parallelogram, with the one upside down reflected;
+parallelepipeds are halves of their parents. So are the pyramids over a parallelogram, the one upside down reflected;
 their tetrahedra all have the halves of the four rising edges and, opposite each other, of two sides of the base: one
 shape. Other quadrilaterals are split at the crossing of their middle lines, so that the quarters of quarters tend to
 parallelograms. What is joined to a centroid falls into tetrahedra and pyramids, so that all is settled from the second
@@ -149,11 +149,12 @@ def refined(mesh: SpaceMesh, marked: Bools, balance: bool) -> tuple[SpaceMesh, I
     face = skin.faces.cell_faces[stays]
     outer = [*(lot[0] for lot in lots), Outer(np.zeros_like(stays), stays, cut.first[face], np.diff(cut.first)[face])]
     whole = Outer(*(np.concatenate(values) for values in zip(*outer, strict=True)))
-    return _assembled(mesh, skin, cut, whole, joined([lot[1] for lot in lots]), (inside, solids.centre[inside]))
+    inner, centres = joined([lot[1] for lot in lots]), (inside, solids.centre[inside])
+    return _assembled(mesh, skin, cut, outer=whole, inner=inner, centres=centres)
 
 
 def _assembled(
-    mesh: SpaceMesh, skin: Skin, cut: Cut, outer: Outer, inner: Inner, centres: tuple[Ints, Floats]
+    mesh: SpaceMesh, skin: Skin, cut: Cut, *, outer: Outer, inner: Inner, centres: tuple[Ints, Floats]
 ) -> tuple[SpaceMesh, Ints, Nodes]:
     listed, row = np.repeat(outer.listed, outer.rows), spans(outer.row, outer.rows)
     # New faces of every face of the old mesh; at interfaces there are two in one place.

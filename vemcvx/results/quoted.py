@@ -86,7 +86,8 @@ class Quantity:
     value : float
         Of second order in the steps.
     steps, mesh : float
-        The estimated errors that time steps and mesh make in it; `mesh` is NaN in space, where no run on a refined mesh is made.
+        The estimated errors that time steps and mesh make in it; `mesh` is NaN in space, where no run is made on a
+        refined mesh.
     unit : str
         In words.
     """

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import full_slip_in_space as full_slip
 import numpy as np
 import pytest
@@ -157,3 +159,21 @@ def test_effectivity_on_scenes(name):
     times = np.linspace(0.0, 1.0, 5)
     history, fine = (vx.simulate(scene, mesh(n), times, store="last") for n in (4, 20))
     assert LEAST <= vx.error_budget(history).space[-1] / apart(history, fine) <= MOST
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("target", [0.3, 0.2])
+@pytest.mark.parametrize("family", ["cubes", "tetrahedra", "prisms", "voronoi3"])
+@pytest.mark.parametrize("name", ["block", "coulomb", "heat"])
+def test_adaptive_meshes_meet_their_targets_in_truth(name, family, target):
+    """Beside uniform cubes of 1/24: true errors are within the target."""
+    scene, _ = scenes()[name]
+    found = vx.adapt(scene, vx.meshes.SPACE_FAMILIES[family](3), [0.0, 0.5, 1.0], target)
+    assert found.met
+    fine = references(name)
+    assert vx.measures.energy_distance(found.history, fine).relative <= target
+
+
+@cache
+def references(name):
+    return vx.simulate(scenes()[name][0], vx.meshes.cubes(24), np.linspace(0.0, 1.0, 9), store="last")

@@ -248,11 +248,6 @@ def test_bad_requests(make, given, says):
         make(**given)
 
 
-def test_meshes_in_space_are_not_refined():
-    with pytest.raises(vx.MeshError, match=r"^refine: exists in the plane only, .* make a finer one, by the n of"):
-        vx.meshes.cubes(1).refine([0])
-
-
 @pytest.mark.parametrize("make", [vx.meshes.cubes, vx.meshes.tetrahedra, vx.meshes.kelvin])
 def test_cells_narrower_than_the_spacing_of_numbers(make):
     with pytest.raises(vx.MeshError, match="narrower than the spacing of floating-point numbers"):

@@ -132,7 +132,6 @@ def test_a_probe_outside_says_so(history, x):
 
 
 PLANE_ONLY = {
-    "adapt": lambda h: vx.adapt(h.scene, h.mesh, [0.0, 1.0]),
     "history: out_of_plane_stress": lambda h: h.out_of_plane_stress(1),
     "deformed_mesh": lambda h: plots.deformed_mesh(h),
     "friction_traction": lambda h: plots.friction_traction(h),

@@ -172,6 +172,7 @@ CALLED = [
     (vx.meshes.bodies, {"meshes": PAIR, "interfaces": None, "tolerance": None},
      {"interfaces": {"None", "no dict"}, "tolerance": {"None", "zero"}}),
     (vx.meshes.refinement, {"mesh": MESH, "cells": None, "balance": True}, {"cells": {"None", "no list", "no array"}}),
+    (CUBE.refine, {"cells": None, "balance": True}, {"cells": {"None", "no list", "no array"}}),
     (vx.measures.orders, {"h": [1.0, 0.5], "errors": [1.0, 0.5]}, {key: {"an array"} for key in ("h", "errors")}),
     (vx.measures.convergence_table, {"h": [1.0, 0.5], "errors": [1.0, 0.5], "name": "h"},
      {"h": {"an array"}, "errors": {"an array"}, "name": NAMES | {"no words"}}),

@@ -8,9 +8,10 @@ from vemcvx.meshes.families.space import cubes, kelvin, prisms, tetrahedra
 from vemcvx.meshes.families.voronoi import voronoi, voronoi3
 from vemcvx.meshes.foreign import AnyMesh, convert, plane_mesh, read
 from vemcvx.meshes.interfaces import Interface
-from vemcvx.meshes.local_refinement import Refinement, refinement
+from vemcvx.meshes.local_refinement import Refinement
 from vemcvx.meshes.polygon_mesh import PolygonMesh
 from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
+from vemcvx.meshes.polyhedral_refinement import refinement
 from vemcvx.meshes.several_bodies import bodies
 
 FAMILIES = {

@@ -30,6 +30,7 @@ from vemcvx.meshes.polygons import (
     rounding,
     spans,
 )
+from vemcvx.meshes.tessellation import Mesh as AnyMesh
 from vemcvx.meshes.tessellation import Tessellation
 
 # The sides of polygonal cells, and the places where refinement splits them.
@@ -92,17 +93,15 @@ class Splitting:
     """(n_corners,) and the middle of the edge that starts there"""
 
 
-def splitting_of(mesh: Tessellation) -> Splitting:
-    """Find the sides of all cells and the places to split at."""
+def splitting_of(mesh: Tessellation, least: Floats | None = None) -> Splitting:
+    """Find the sides of all cells and the places to split at.
+
+    If ``least`` (n_corners,) is given, all bends are corners, and the side that begins at one is long if it has that
+    length at least.
+    """
     begin = mesh.offsets[:-1]
     length, turn, bend = _outlines(mesh)
-    corner = _at_least_three(np.abs(turn) > SHARP, bend, mesh.offsets)
-    sides = _sides(mesh, length, corner)
-    smooth = _cancelling(sides, turn)
-    if len(smooth):
-        fewer = corner.copy()
-        fewer[smooth] = False
-        sides = _sides(mesh, length, _at_least_three(fewer, corner, mesh.offsets))
+    sides = _long_and_short(mesh, length, turn, bend) if least is None else _sides(mesh, length, bend, least)
     order, first = sides.order, sides.first
     vertex, edge = np.zeros((2, len(order)), dtype=bool)
     at, between = _middles(length[order], sides)
@@ -118,6 +117,18 @@ def splitting_of(mesh: Tessellation) -> Splitting:
         vertex=vertex,
         edge=edge,
     )
+
+
+def _long_and_short(mesh: Tessellation, length: Floats, turn: Floats, bend: Bools) -> Sides:
+    """Sides between sharp corners, runs of short ones that cancel taken together."""
+    corner = _at_least_three(np.abs(turn) > SHARP, bend, mesh.offsets)
+    sides = _sides(mesh, length, corner)
+    smooth = _cancelling(sides, turn)
+    if not len(smooth):
+        return sides
+    fewer = corner.copy()
+    fewer[smooth] = False
+    return _sides(mesh, length, _at_least_three(fewer, corner, mesh.offsets))
 
 
 def _outlines(mesh: Tessellation) -> tuple[Floats, Floats, Bools]:
@@ -139,7 +150,7 @@ def _at_least_three(flags: Bools, otherwise: Bools, offsets: Ints) -> Bools:
     return np.where(np.repeat(few, np.diff(offsets)), otherwise, flags)
 
 
-def _sides(mesh: Tessellation, length: Floats, corner: Bools) -> Sides:
+def _sides(mesh: Tessellation, length: Floats, corner: Bools, least: Floats | None = None) -> Sides:
     """Sides between the given corners."""
     cell = cell_of_corner(mesh.offsets)
     order = rotation(mesh.offsets, first_in_row(corner, mesh.offsets))
@@ -148,6 +159,8 @@ def _sides(mesh: Tessellation, length: Floats, corner: Bools) -> Sides:
         lengths = np.add.reduceat(length[order], first) / mesh.diameters[cell[first]]
         triangle = np.bincount(cell[first], minlength=mesh.n_cells) == 3
         long = (lengths >= SHORT) | triangle[cell[first]]
+        if least is not None:
+            long = lengths * mesh.diameters[cell[first]] >= least[order[first]]
         sides = Sides(cell[first], first, order, lengths, long)
         starts_long = np.zeros(len(order), dtype=bool)
         starts_long[first[long]] = True
@@ -297,7 +310,7 @@ class Kinds:
     def of(cls, splitting: Splitting, marked: Bools, seen: Bools) -> Kinds:
         """Tell what becomes of each cell from which are marked, and which have a centre that sees all of them."""
         parted = marked & seen
-        medial = parted & (splitting.sides == 3) & splitting.convex
+        medial = parted & (splitting.sides == 3) & splitting.all_long & splitting.convex
         return cls(parted, parted & ~medial & ~((splitting.places == 2) & splitting.convex), medial, marked & ~seen)
 
 
@@ -401,7 +414,8 @@ def _pieces(outlines: Outlines, cells: Ints, points: Floats) -> tuple[Ints, list
 # on.
 
 
-Mesh = TypeVar("Mesh", bound=Tessellation)
+Mesh = TypeVar("Mesh", bound=AnyMesh)
+PlaneMesh = TypeVar("PlaneMesh", bound=Tessellation)
 
 
 @dataclass(frozen=True, eq=False)
@@ -437,7 +451,7 @@ class Refinement(Generic[Mesh]):
     prolongation: csr_array
 
 
-def refinement(mesh: Mesh, cells: ArrayLike | None = None, *, balance: bool = True) -> Refinement[Mesh]:
+def refinement(mesh: PlaneMesh, cells: ArrayLike | None = None, *, balance: bool = True) -> Refinement[PlaneMesh]:
     """Split the given cells of a mesh.
 
     Parameters
@@ -471,7 +485,7 @@ def refinement(mesh: Mesh, cells: ArrayLike | None = None, *, balance: bool = Tr
         marked = closed(marked, wanted, mesh, splitting, edges)
     split = _split(marked, wanted, mesh, edges)
     ends = edges.ends[split]
-    _check_lengths(mesh.points, ends)
+    check_lengths(mesh.points, ends)
     middle = np.full(len(split), -1)
     middle[split] = mesh.n_nodes + np.arange(len(ends))
     kinds = Kinds.of(splitting, marked, seen)
@@ -516,16 +530,16 @@ def _edges_of(mesh: Tessellation) -> Edges:
     return Edges(of_corner, ends, twins)
 
 
-def _check_lengths(points: Floats, ends: Ints) -> None:
+def check_lengths(points: Floats, ends: Ints) -> None:
     """MeshError if an edge is so short that its halves would be rounding of the coordinates."""
     one, other = points[ends[:, 0]], points[ends[:, 1]]
     short = np.flatnonzero(np.abs(other - one).max(axis=1) <= 4.0 * rounding(one, other))
     if len(short):
         a, b = ends[short[0]]
         raise MeshError(
-            f"the edge ({a}, {b}) at ({points[a, 0]:.6g}, {points[a, 1]:.6g}) is only "
-            f"{np.hypot(*(points[b] - points[a])):.2g} long: its middle would be rounding of the coordinates. Refine "
-            "elsewhere, or put the origin there."
+            f"the edge ({a}, {b}) at ({', '.join(f'{x:.6g}' for x in points[a])}) is only "
+            f"{np.linalg.norm(points[b] - points[a]):.2g} long: its middle would be rounding of the coordinates. "
+            "Refine elsewhere, or put the origin there."
         )
 
 
@@ -552,7 +566,7 @@ def closed(marked: Bools, wanted: Bools, mesh: Tessellation, splitting: Splittin
             return marked
 
 
-def _carried(mesh: Mesh, refined: Mesh, parents: Ints, edges: Edges, middle: Ints) -> Mesh:
+def _carried(mesh: PlaneMesh, refined: PlaneMesh, parents: Ints, edges: Edges, middle: Ints) -> PlaneMesh:
     """The refined mesh with the names, interfaces and cell data of the old one."""
 
     def halved(part: Ints) -> Ints:

@@ -59,16 +59,20 @@ class Faces(NamedTuple):
 
 def joined_faces(offsets: Ints, vertices: Ints, cell_offsets: Ints) -> Faces:
     """Faces of cells that list all of theirs, outwards: listed face k is ``vertices[offsets[k]:offsets[k + 1]]``."""
-    first, number = same_rows(offsets, vertices)
-    face_offsets, face_vertices = rows_in_order(offsets, vertices, first)
-    owner = cell_of_corner(cell_offsets)
+    return numbered_faces(Listed(offsets, vertices, cell_offsets), *same_rows(offsets, vertices))
+
+
+def numbered_faces(listed: Listed, first: Ints, number: Ints) -> Faces:
+    """Faces of cells that list all of theirs: each first listed as number `first`, and which each listed one is."""
+    face_offsets, face_vertices = rows_in_order(listed.offsets, listed.vertices, first)
+    owner = cell_of_corner(listed.cell_offsets)
     second = np.full(len(first), -1)
     later = np.flatnonzero(first[number] != np.arange(len(number)))
     second[number[later]] = owner[later]
     return Faces(
         face_offsets,
         face_vertices,
-        cell_offsets,
+        listed.cell_offsets,
         number,
         np.column_stack([owner[first], second]),
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING, Self
 
 from numpy.typing import ArrayLike
 
@@ -13,6 +13,7 @@ from vemcvx.errors import MeshError
 from vemcvx.meshes.box import plotted_points, plotted_values
 from vemcvx.meshes.exported import Exported
 from vemcvx.meshes.polygons import rows_in_order
+from vemcvx.meshes.polyhedral_refinement import refined_mesh
 from vemcvx.meshes.tessellation import SpaceTessellation
 
 if TYPE_CHECKING:
@@ -75,11 +76,9 @@ class PolyhedralMesh(SpaceTessellation, Exported):
     All arrays are read-only. Node and cell order are those given; faces are numbered as cells first name them.
     """
 
-    def refine(self, cells: ArrayLike | None = None, *, balance: bool = True) -> NoReturn:
-        """Meshes in space are not refined: always raise MeshError, which says so."""
-        raise MeshError(
-            "refine: exists in the plane only, and this mesh is of polyhedra; make a finer one, by the n of its family."
-        )
+    def refine(self, cells: ArrayLike | None = None, *, balance: bool = True) -> Self:
+        """Return this mesh with cells split (numbers, or a bool each; None: all): :func:`vemcvx.meshes.refinement`."""
+        return refined_mesh(self, cells, balance)
 
     def plot(
         self,

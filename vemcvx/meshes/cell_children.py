@@ -1,0 +1,349 @@
+"""Children of polyhedral cells, by kinds: their faces on the skin of the cell, and those between each other."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from vemcvx.arrays import Bools, Floats, Ints
+from vemcvx.meshes.cell_kinds import CONES, OCTA, PYRAMID, TETRA, VERTICES, WEDGE, Cut, Solids
+from vemcvx.meshes.cell_sides import TINY, Asked, Skin
+from vemcvx.meshes.polygons import (
+    cell_of_corner,
+    directed_edges,
+    edge_keys,
+    first_in_row,
+    next_corner,
+    offsets_of,
+    previous_corner,
+    rotation,
+    rounding,
+    rows_in_order,
+    smallest_linked,
+    spans,
+    turned,
+)
+from vemcvx.meshes.polyhedra import (
+    face_shapes,
+    volumes_and_centroids,
+)
+
+# Of its diameter, how far the centroid of a cell joined of several cones is at least behind the planes of its faces.
+CLEAR = 0.02
+
+
+# Children.
+
+
+class Outer(NamedTuple):
+    """New faces on the skin of old cells, for children by keys that are unique within their parent."""
+
+    key: Ints
+    listed: Ints
+    row: Ints
+    rows: Ints
+
+
+class Inner(NamedTuple):
+    """New faces between children."""
+
+    cell: Ints
+    key: Ints
+    offsets: Ints
+    vertices: Ints
+
+    @classmethod
+    def of(cls, cell: Ints, key: Ints, columns: Sequence[Ints]) -> Inner:
+        """Faces with the same number of vertices, column by column."""
+        vertices = np.column_stack(columns)
+        return cls(cell, key, np.arange(len(cell) + 1) * len(columns), vertices.ravel())
+
+
+def joined(parts: list[Inner]) -> Inner:
+    """All of several lots."""
+    counts = [np.diff(part.offsets) for part in parts]
+    cell, key, vertices = (np.concatenate([getattr(p, name) for p in parts]) for name in ("cell", "key", "vertices"))
+    return Inner(cell, key, offsets_of(np.concatenate(counts)), vertices)
+
+
+class Keys(NamedTuple):
+    """Keys of children, at each of the corners of solids."""
+
+    vertex: Ints
+    """of the child at the vertex"""
+    side: Ints
+    """of the child on the side"""
+    inner: Ints
+    """of the one child that touches no more than the middles of edges"""
+
+
+def regular_children(asked: Asked, cut: Cut, solids: Solids, about: Ints) -> tuple[Outer, Inner]:
+    """Children of all cells but those that stay or fall into cones; about (n_cells,) are the nodes in their centres."""
+    corners, kind = solids.corners, solids.kind[solids.cell]
+    many, n_listed = int(solids.vertex.max(initial=0)) + 1, len(asked.skin.cell)
+    keys = Keys(solids.vertex, many + solids.side, np.full(len(kind), many + n_listed))
+    parts = [
+        *_about_centres(solids, keys, about),
+        *_of_tetrahedra(solids, keys),
+        *_of_pyramids(solids, keys),
+        *_of_wedges(solids, keys),
+    ]
+    middle = _middle_parts(asked, cut, solids)
+    tetra = solids.kind[asked.skin.cell[middle.listed]] == TETRA
+    middle = middle._replace(key=many + np.where(tetra, n_listed, asked.sides.side[middle.listed]))
+    outer = zip((keys.vertex, corners.listed, corners.row, corners.rows), middle, strict=True)
+    both = Outer(*(np.concatenate(pair) for pair in outer))
+    kept = solids.kind[asked.skin.cell[both.listed]] != CONES
+    return Outer(*(values[kept] for values in both)), _with_hanging(asked, cut, joined(parts))
+
+
+def _about_centres(solids: Solids, keys: Keys, about: Ints) -> list[Inner]:
+    """A cell at each vertex, between its edges, halved, and the centres; of octahedra one on each side, too."""
+    cell, corners, kind = solids.cell, solids.corners, solids.kind[solids.cell]
+    i = np.flatnonzero(kind == VERTICES)
+    quads = corners.centre[i], corners.after[i], corners.centre[solids.follower[i]], about[cell[i]]
+    j = np.flatnonzero(kind == OCTA)
+    ends = corners.before[j], corners.after[j]
+    return [
+        Inner.of(cell[i], keys.vertex[i], quads),
+        Inner.of(cell[j], keys.vertex[j], (*ends, about[cell[j]])),
+        Inner.of(cell[j], keys.side[j], (*ends[::-1], about[cell[j]])),
+    ]
+
+
+def _of_tetrahedra(solids: Solids, keys: Keys) -> list[Inner]:
+    """A tetrahedron at each vertex and an octahedron between them."""
+    i = solids.first[solids.kind[solids.cell[solids.first]] == TETRA]
+    return _caps(solids, keys, i, 3)
+
+
+def _caps(solids: Solids, keys: Keys, i: Ints, degree: int) -> list[Inner]:
+    """The polygons between the middles of edges about vertices, one of whose corners are i; on both sides."""
+    around = [i]
+    for _ in range(degree - 1):
+        around.append(solids.follower[around[-1]])
+    cap, cell = [solids.corners.after[k] for k in around], solids.cell[i]
+    return [Inner.of(cell, keys.vertex[i], cap), Inner.of(cell, keys.inner[i], cap[::-1])]
+
+
+def _of_pyramids(solids: Solids, keys: Keys) -> list[Inner]:
+    """A pyramid at each vertex, one upside down on the centre of the base, a tetrahedron on each other side."""
+    cell, corners = solids.cell, solids.corners
+    pyramid, triangle = solids.kind[cell] == PYRAMID, corners.centre < 0
+    base, on_base = np.zeros(len(solids.kind), dtype=np.int64), np.zeros(len(cell) + 1, dtype=bool)
+    quads = np.flatnonzero(pyramid & ~triangle)
+    base[cell[quads]] = corners.centre[quads]
+    on_base[solids.vertex[quads]] = True
+    i = np.flatnonzero(pyramid & triangle)
+    ends = corners.before[i], corners.after[i]
+    key = np.where(on_base[solids.vertex], keys.vertex, keys.inner)
+    tops = solids.first[pyramid[solids.first] & ~on_base[solids.vertex[solids.first]]]
+    return [
+        Inner.of(cell[i], keys.side[i], (*ends[::-1], base[cell[i]])),
+        Inner.of(cell[i], key[i], (*ends, base[cell[i]])),
+        *_caps(solids, keys, tops, 4),
+    ]
+
+
+def _of_wedges(solids: Solids, keys: Keys) -> list[Inner]:
+    """Wedges below and above the middle of a wedge: at each vertex, and one between these."""
+    cell, corners, side = solids.cell, solids.corners, solids.side
+    i = np.flatnonzero((solids.kind[cell] == WEDGE) & (corners.centre < 0))
+    to = solids.follower[i]
+    one, other = corners.centre[to], corners.centre[solids.follower[to]]
+    before, after = corners.before[i], corners.after[i]
+    total = np.bincount(side[i], one, minlength=int(side.max(initial=0)) + 1).astype(np.int64)
+    k = np.unique(side[i], return_index=True)[1]
+    third = total[side[i[k]]] - one[k] - other[k]
+    return [
+        Inner.of(cell[i], keys.vertex[i], (before, after, one, other)),
+        Inner.of(cell[i], keys.vertex[i], (one, corners.after[to], other)),
+        Inner.of(cell[i], keys.side[i], (other, one, after, before)),
+        Inner.of(cell[i[k]], keys.side[i[k]], (one[k], other[k], third)),
+    ]
+
+
+def _middle_parts(asked: Asked, cut: Cut, solids: Solids) -> Outer:
+    """The middle of the four triangles of each triangular side."""
+    corners, face = solids.corners, asked.skin.faces.cell_faces
+    triangle = corners.centre < 0
+    side, at = np.unique(solids.side[triangle], return_index=True)
+    listed = corners.listed[triangle][at]
+    single = asked.sides.pieces[listed] == 1
+    # Of sides in four pieces, that one which has no corner of the side.
+    bare, wanted = np.ones(len(face), dtype=bool), np.zeros(len(face), dtype=bool)
+    bare[corners.listed] = False
+    wanted[side[~single]] = True
+    one, two = listed[single], np.flatnonzero(wanted[asked.sides.side] & bare)
+    row = np.append(cut.first[face[one]] + 3, cut.first[face[two]])
+    rows = np.append(np.ones(len(one), dtype=np.int64), np.diff(cut.first)[face[two]])
+    listed = np.append(one, two)
+    return Outer(np.zeros_like(listed), listed, row, rows)
+
+
+def _with_hanging(asked: Asked, cut: Cut, inner: Inner) -> Inner:
+    """New faces with the nodes that hang on their edges, where these are edges of pieces of sides already."""
+    skin, outlines = asked.skin, cut.outlines
+    pieces = np.unique(skin.faces.cell_faces[asked.sides.pieces > 1])
+    if not len(pieces):
+        return inner
+    rows, position = rows_in_order(outlines.offsets, np.arange(len(outlines.nodes)), pieces)
+    node = outlines.nodes[position]
+    bend = np.append(skin.splitting.bend, np.zeros(len(cut.number) - len(skin.nodes), dtype=bool))[node]
+    turn = rotation(rows, first_in_row(bend, rows))
+    node, bend = cut.number[node[turn]], bend[turn]
+    begin = np.flatnonzero(bend)
+    many = np.diff(np.append(begin, len(bend))) - 1
+    owner = cell_of_corner(rows)[begin]
+    last = np.append(owner[1:] != owner[:-1], True)
+    end = np.where(last, rows[owner], np.append(begin[1:], 0))
+    kept = many > 0
+    ends = np.column_stack([node[begin], node[end]])[kept]
+    if not len(ends):
+        return inner
+    begin, many = begin[kept] + 1, many[kept]
+    count = int(inner.vertices.max()) + 1
+    keys, at = np.unique(edge_keys(ends, count), return_index=True)
+    edges = directed_edges(inner.offsets, inner.vertices)
+    wanted = edge_keys(edges, count)
+    found = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
+    corner = np.flatnonzero(keys[found] == wanted)
+    line = at[found[corner]]
+    new, size = spans(begin[line], many[line]), offsets_of(many[line])
+    mirrored = np.repeat(begin[line] + begin[line] + many[line] - 1, many[line]) - new
+    backwards = np.repeat(ends[line, 0] != edges[corner, 0], many[line])
+    vertices = np.insert(inner.vertices, np.repeat(corner + 1, many[line]), node[np.where(backwards, mirrored, new)])
+    more = np.bincount(cell_of_corner(inner.offsets)[corner], many[line], minlength=len(inner.cell))
+    assert size[-1] == more.sum()
+    return inner._replace(offsets=offsets_of(np.diff(inner.offsets) + more.astype(np.int64)), vertices=vertices)
+
+
+@dataclass(frozen=True, eq=False)
+class Cones:
+    """New faces of cells that are joined to their centre, outwards, each from a vertex of its own."""
+
+    listed: Ints
+    row: Ints
+    cell: Ints
+    offsets: Ints
+    nodes: Ints
+    joint: Ints
+    """(k,) where the edges begin of which a cone has faces: from a node at which three faces meet, or one turns"""
+    stop: Ints
+    """(k,) where these end, and the node there"""
+    end: Ints
+    beside: Ints
+    """(k,) the new face on the other side of each"""
+
+    @classmethod
+    def of(cls, skin: Skin, cut: Cut, cells: Bools) -> Cones:
+        """Lay out the new faces of the given cells."""
+        listed = np.flatnonzero(cells[skin.cell])
+        face = skin.faces.cell_faces[listed]
+        counts = np.diff(cut.first)[face]
+        row, listed = spans(cut.first[face], counts), np.repeat(listed, counts)
+        offsets, nodes = rows_in_order(cut.offsets, cut.vertices, row)
+        nodes = turned(offsets, nodes, skin.signs[listed] < 0.0)
+        of, cell = cell_of_corner(offsets), skin.cell[listed]
+        at, degree = np.unique(cell[of] * len(cut.points) + nodes, return_inverse=True, return_counts=True)[1:]
+        bend = _turns(cut.points[nodes], offsets) | (degree[at] > 2)
+        turn = rotation(offsets, first_in_row(bend, offsets))
+        nodes, bend = nodes[turn], bend[turn]
+        joint = np.flatnonzero(bend)
+        owner = of[joint]
+        last, after = np.append(owner[1:] != owner[:-1], True), np.append(joint[1:], 0)
+        keys = edge_keys(directed_edges(offsets, nodes), len(cut.points))
+        order = np.lexsort((keys, cell[of])).reshape(-1, 2)
+        partner = np.empty(len(nodes), dtype=np.int64)
+        partner[order] = order[:, ::-1]
+        return cls(
+            listed=listed,
+            row=row,
+            cell=cell,
+            offsets=offsets,
+            nodes=nodes,
+            joint=joint,
+            stop=np.where(last, offsets[owner + 1], after),
+            end=np.where(last, offsets[owner], after),
+            beside=of[partner[joint]],
+        )
+
+    def between(self, label: Ints, about: Ints) -> Inner:
+        """The faces of cones, children by labels of new faces, that are between different ones."""
+        owner = cell_of_corner(self.offsets)[self.joint]
+        kept = np.flatnonzero(label[owner] != label[self.beside])
+        owner, begin = owner[kept], self.joint[kept]
+        pool, one = np.append(self.nodes, about[self.cell]), np.ones(len(kept), dtype=np.int64)
+        starts = np.column_stack([begin, self.end[kept], len(self.nodes) + owner])
+        counts = np.column_stack([self.stop[kept] - begin, one, one])
+        offsets = offsets_of(counts.sum(axis=1))
+        backwards = turned(offsets, pool[spans(starts.ravel(), counts.ravel())], one > 0)
+        return Inner(self.cell[owner], label[owner], offsets, backwards)
+
+    def clusters(self, points: Floats, tiny: Floats, free: Bools) -> Ints:
+        """Labels of new faces: the free ones about edges shorter than what is tiny in a cell have one."""
+        of = cell_of_corner(self.offsets)
+        keys, at = np.unique(self.cell[of] * len(points) + self.nodes, return_inverse=True)
+        follow = next_corner(self.offsets)
+        length = np.linalg.norm(points[self.nodes[follow]] - points[self.nodes], axis=1)
+        short = length < tiny[self.cell[of]]
+        close = smallest_linked(np.column_stack([at[short], at[follow[short]]]), len(keys))
+        several = (np.bincount(close, minlength=len(keys)) > 1)[close[at]] & free[of]
+        links = np.column_stack([of[several], len(self.row) + close[at[several]]])
+        return smallest_linked(links, len(self.row) + len(keys))[: len(self.row)]
+
+
+def _turns(x: Floats, offsets: Ints) -> Bools:
+    """A mask of the corners of polygons in space at which the outline does not go straight on."""
+    step = x[next_corner(offsets)] - x
+    back = step[previous_corner(offsets)]
+    length, shorter = np.linalg.norm(step, axis=1), np.linalg.norm(back, axis=1)
+    sine = np.linalg.norm(np.cross(back, step), axis=1)
+    slack = 1e-6 * length * shorter + rounding(x) * (length + shorter)
+    turns: Bools = (sine > slack) | (np.einsum("ij,ij->i", back, step) <= 0.0)
+    return turns
+
+
+def cones(asked: Asked, cut: Cut, solids: Solids, about: Ints) -> tuple[Outer, Inner]:
+    """Children of cells that are joined to their centre, one a new face, or one for all about a tiny edge."""
+    cells = solids.kind == CONES
+    if not cells.any():
+        nothing = np.empty(0, dtype=np.int64)
+        return Outer(*[nothing] * 4), Inner(nothing, nothing, np.zeros(1, dtype=np.int64), nothing)
+    found = Cones.of(asked.skin, cut, cells)
+    points = np.concatenate([cut.points, solids.centre[about >= 0]])
+    label = np.arange(len(found.row))
+    for part in TINY / 4.0 ** np.arange(4):  # fewer together where not all is seen
+        alone = np.bincount(label, minlength=len(label))[label] == 1
+        wider = found.clusters(cut.points, part * asked.skin.sizes, alone)
+        label = np.where(alone, wider, label)
+        inner = found.between(label, about)
+        bad = _unseen(found, label, inner, points)
+        label = np.where(bad[label], np.arange(len(label)), label)
+    inner = found.between(label, about)
+    return Outer(label, found.listed, found.row, np.ones_like(label)), inner
+
+
+def _unseen(found: Cones, label: Ints, inner: Inner, points: Floats) -> Bools:
+    """A mask of the labels of several cones that make a cell whose centroid does not see all of it."""
+    many, bad = np.bincount(label, minlength=len(label)) > 1, np.zeros(len(label), dtype=bool)
+    one, other = np.flatnonzero(many[label]), np.flatnonzero(many[inner.key])
+    if not len(one):
+        return bad
+    rows, nodes = rows_in_order(found.offsets, found.nodes, one)
+    more, others = rows_in_order(inner.offsets, inner.vertices, other)
+    key = np.append(label[one], inner.key[other])
+    order = np.argsort(key, kind="stable")
+    rows, nodes = rows_in_order(np.concatenate([rows, rows[-1] + more[1:]]), np.append(nodes, others), order)
+    names, counts = np.unique(key, return_counts=True)
+    shapes, offsets = face_shapes(points, rows, nodes), offsets_of(counts)
+    volumes, centroids = volumes_and_centroids(shapes, offsets, np.arange(len(key)), np.ones(len(key)))
+    of = cell_of_corner(offsets)
+    arm = shapes.centroids - centroids[of]
+    size = np.sqrt(np.maximum.reduceat(np.einsum("ij,ij->i", arm, arm), offsets[:-1]))
+    low = np.minimum.reduceat(np.einsum("ij,ij->i", arm, shapes.normals), offsets[:-1])
+    bad[names] = (low < CLEAR * size) | (volumes <= 0.0)
+    return bad

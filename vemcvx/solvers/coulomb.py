@@ -63,9 +63,10 @@ from itertools import islice
 
 import numpy as np
 from scipy.linalg import LinAlgError
-from scipy.linalg.blas import dsymv
+from scipy.linalg.blas import ssymv
 
 from vemcvx.arrays import EPS, Floats, lengths
+from vemcvx.program.operators import Rows
 from vemcvx.program.step_program import StepProgram
 from vemcvx.solvers.newton import Iterate, Sets, Shifts, most_curved, sets_at, without_redundant_rows
 from vemcvx.solvers.sets_system import Answers, Response, SetsSystem
@@ -209,13 +210,13 @@ def on_sets(program: StepProgram, law: Piece, sets: Sets, response: Response, ne
             error, norm = operators.energy_norm(step), free + np.sqrt(operators.factor.energy(response.act(x)))
             if error <= SETTLED * norm:
                 break
-    size, last, off = np.abs(x), np.abs(more).max(initial=0.0), response.A @ step
+    size, last, off = np.abs(x), np.abs(more).max(initial=0.0), response.rows.read(step)
     solved = last <= SOLVED * max(np.abs(program.g).max(initial=0.0), size.max(initial=0.0)) and error <= SOLVED * norm
     # Sets that leave a rigid motion free put the body anywhere along it; the work of multipliers on it shows that.
     solved = solved and size @ np.abs(off) <= SOLVED * norm**2
     if not solved or not _balances(program, point.lam, point.p):
         raise LinAlgError("singular")
-    reach = response.sizes @ np.abs(point.d) + np.abs(np.concatenate([program.b, program.e]))
+    reach = response.rows.absolute.read(np.abs(point.d)) + np.abs(np.concatenate([program.b, program.e]))
     return Found(
         sets=sets,
         once=sets,
@@ -363,6 +364,9 @@ SWEEPS = 50
 without, 50 after 30 of them, 31 after 100; a system costs as much as 80."""
 
 
+TINY = float(np.finfo(float).tiny)
+
+
 def swept(program: StepProgram, law: PressureLaw, start: Iterate, response: Response) -> Iterate:
     """A point near a solution of (Q): projected gradients with momentum, on the multipliers x = (lam, p).
 
@@ -371,21 +375,24 @@ def swept(program: StepProgram, law: PressureLaw, start: Iterate, response: Resp
     :attr:`Response.step`.
     """
     operators, norms, limits, step = program.operators, response.norms, response.limits, response.step
-    free, piece = operators.factor.solve(program.g), law.piece(start.p)
-    apart = np.concatenate([program.slip(free).ravel(), program.excess(free)])
+    free, piece, metric = operators.factor.solve(program.g), law.piece(start.p), 1.0 / step
+    follow = Rows(piece.slope).read
+    without = piece.weights - follow(piece.forces)
+    ahead = step * np.concatenate([program.slip(free).ravel(), program.excess(free)])
     x = y = np.concatenate([start.lam.ravel(), start.p])
-    momentum, metric = 1.0, 1.0 / step
+    momentum = 1.0
     for _ in range(SWEEPS):
-        last, x = x, y + step * (apart - dsymv(1.0, response.softness.T, y))
+        last, x = x, y + ahead - step * ssymv(1.0, response.softness.T, y)
         lam, p = operators.blocks(x[norms]), x[limits]
         np.maximum(p, 0.0, out=p)
-        w, size = piece.at(p), np.sqrt(np.einsum("ij,ij->i", lam, lam))
-        lam *= (w / np.maximum(np.maximum(w, size), np.finfo(float).tiny))[:, None]
+        w = np.maximum(without + follow(p), 0.0)
+        size = np.sqrt(np.einsum("ij,ij->i", lam, lam))
+        lam *= (w / np.maximum(np.maximum(w, size), TINY))[:, None]
         change = x - last
         if (metric * (y - x)) @ change > 0:
             momentum = 1.0
-        ahead = 0.5 + np.sqrt(0.25 + momentum**2)
-        y, momentum = x + (momentum - 1.0) / ahead * change, ahead
+        last_one, momentum = momentum, 0.5 + np.sqrt(0.25 + momentum**2)
+        y = x + ((last_one - 1.0) / momentum) * change
     return Iterate(operators.factor.solve(program.g - response.act(x)), operators.blocks(x[norms]), x[limits])
 
 

@@ -38,13 +38,14 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
+from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, lapack, qr, solve_triangular
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import eigsh
 
 from vemcvx.arrays import Bools, Floats, Ints, lengths
 from vemcvx.linear import Factor
-from vemcvx.program.operators import Operators, restricted, transverse
+from vemcvx.program.operators import Operators, Rows, restricted, transverse
 from vemcvx.solvers.newton import FOLLOWS, Sets
 
 
@@ -52,10 +53,9 @@ class Response:
     """The rows A = [B; D] of operators, and how the unknowns that they read answer forces: K_r with all others free."""
 
     def __init__(self, operators: Operators):
-        self.operators, self.A = operators, sp.csr_matrix(sp.vstack([operators.B, operators.D]))
+        self.operators, self.A = operators, sp.csr_matrix(sp.vstack([operators.B, operators.D], format="csr"))
+        self.rows = Rows(self.A)
         self.norms, self.limits = slice(operators.B.shape[0]), slice(operators.B.shape[0], None)
-        self.sizes = abs(self.A)
-        """(m * block + r, n) |A|"""
         n = self.A.shape[1]
         self.anchor: Floats = np.zeros(n) if operators.anchor is None else operators.anchor
         """(n,) the stiffness of the anchors, without which K_r is K"""
@@ -72,8 +72,10 @@ class Response:
 
         The last are remembered: sets that hold the same are asked for again while directions turn.
         """
-        some = np.flatnonzero((touched @ self.sizes > 0) | (self.anchor > 0))
-        some = some if 2 * len(some) < len(self.read) else self.read
+        some = self.read
+        if 2 * np.count_nonzero(touched) < len(touched):
+            few = np.flatnonzero((self.rows.absolute.force_of(touched) > 0) | (self.anchor > 0))
+            some = few if 2 * len(few) < len(self.read) else some
         if self._last is None or not (np.array_equal(held, self._last.held) and np.array_equal(some, self._last.some)):
             self._last = None  # Before there is another, lest memory hold two.
             self._last = Place(self, held, some)
@@ -118,12 +120,13 @@ class Response:
         return _dense(K - coupling.T @ factor.solve(coupling))
 
     @cached_property
-    def softness(self) -> Floats:
-        """(N, N) W + C: how far rows move under multipliers, W = A K_r^{-1} A'."""
+    def softness(self) -> NDArray[np.float32]:
+        """(N, N) W + C: how far rows move under multipliers, W = A K_r^{-1} A'; in single precision, for directions."""
         A = self.A[:, self.read]
-        return np.asarray(
-            A @ (A @ self.flexibility).T + np.diag(np.append(np.zeros(self.norms.stop), self.operators.compliance))
-        )
+        found = np.asarray(A @ (A @ self.flexibility).T, dtype=np.float32)
+        at = np.arange(self.limits.start, len(found))
+        found[at, at] += self.operators.compliance
+        return found
 
     @cached_property
     def reach(self) -> Floats:
@@ -140,7 +143,8 @@ class Response:
         diagonal = np.append(np.repeat(operators.norm_flexibility, operators.block), 1.0 / operators.limit_stiffness)
         root = 1.0 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
         # Lanczos' method finds nearly the largest eigenvalue, from below.
-        largest = eigsh(root[:, None] * self.softness * root, 1, v0=root, tol=0.01, return_eigenvectors=False)[0]
+        scale = root.astype(np.float32)
+        largest = eigsh(scale[:, None] * self.softness * scale, 1, v0=scale, tol=0.01, return_eigenvectors=False)[0]
         step: Floats = root**2 / (1.1 * largest)
         return step
 
@@ -191,47 +195,76 @@ class Place:
 
     def __init__(self, response: Response, held: Ints, some: Ints):
         self.held, self.some, self.anchor, self.G = held, some, response.anchor[some], None
+        self.block = response.operators.block
         if len(some) == len(response.read):
             self.inner = response.stiffness
         else:
             among = np.searchsorted(response.read, some)
             self.inner = np.linalg.inv(np.asarray(restricted(response.flexibility, among)))
         """K_r of the unknowns, all others being free"""
-        A = response.A if len(some) == response.A.shape[1] else sp.csr_matrix(response.A[:, some])
-        holding, S = A[held], self.inner
-        columns, entries = holding.indices.astype(np.int64), holding.data
-        if (np.diff(holding.indptr) != 1).any() or len(np.unique(columns)) < len(columns):
-            self.G = G = unit_rows(holding)
+        whole = len(some) == response.A.shape[1]
+        A, S, self.rows, self.norms = response.A, self.inner, response.rows, response.operators.rows
+        if not whole:
+            A = sp.csr_matrix(A[:, some])
+        first = A.indptr[held]
+        columns, entries = A.indices[first].astype(np.int64), A.data[first]
+        if (A.indptr[held + 1] - first != 1).any() or len(np.unique(columns)) < len(columns):
+            self.G = G = unit_rows(A[held])
             A, S, columns, entries = sp.csr_matrix(A @ G), G.T @ (S @ G), np.arange(len(held)), np.ones(len(held))
+        if not (whole and self.G is None):
+            self.rows, self.norms = Rows(A), Rows(sp.csr_matrix(A[response.norms]))
+        """A and B in the coordinates"""
+        if self.anchor.any():
+            S = S - self.anchors
         self.S: Floats = S
-        self.A, self.turned = A, sp.csr_matrix(A[response.norms].T)
-        """A and B' in the coordinates"""
+        """K of them"""
         self.columns, self.entries = columns, entries
         """(h,) the coordinates that are held, and what the rows that hold them have there"""
-        self.free: Ints = np.setdiff1d(np.arange(len(S)), columns)
+        free = np.ones(len(S), dtype=bool)
+        free[columns] = False
+        self.free: Ints = np.flatnonzero(free)
 
     @cached_property
     def within(self) -> Floats:
         """S of the free coordinates."""
         return np.asarray(restricted(self.S, self.free))
 
+    @cached_property
+    def pushing(self) -> sp.csr_matrix:
+        """B' on the free coordinates."""
+        return sp.csr_matrix(self.norms.B[:, self.free].T)
+
     @property
-    def anchors(self) -> sp.csr_matrix:
-        """The stiffness of the anchors of the unknowns."""
-        return sp.csr_matrix(sp.diags_array(self.anchor))
+    def anchors(self) -> Floats:
+        """(c, c) the stiffness of the anchors."""
+        return np.diag(self.anchor) if self.G is None else np.asarray((self.G.T * self.anchor) @ self.G.toarray())
 
-    def reduced(self, K: sp.csr_matrix) -> sp.csr_matrix:
-        """A matrix of the unknowns, in the coordinates."""
-        return sp.csr_matrix(K if self.G is None else self.G.T @ K @ self.G)
+    @cached_property
+    def _pairs(self) -> tuple[Ints, Ints, sp.csr_matrix]:
+        """Places (i, j) where A'HA may have entries, H a block a term and limit; and what these are, of H's entries."""
+        A, block, m = self.rows.B, self.block, self.norms.B.shape[0]
+        row = np.repeat(np.arange(A.shape[0]), np.diff(A.indptr))
+        term = np.where(row < m, row // block, row - m + m // block)
+        alike = sp.csr_matrix((np.ones(len(row)), term, np.arange(len(row) + 1)))
+        one, other = (alike @ alike.T).nonzero()
+        # Entry (k, l) of the block of a term, or the one of a limit.
+        entry = np.where(row[one] < m, row[one] * block + row[other] % block, row[one] + m * (block - 1))
+        place, slot = np.unique(A.indices[one].astype(np.int64) * A.shape[1] + A.indices[other], return_inverse=True)
+        made = sp.csr_matrix(
+            (A.data[one] * A.data[other], (slot, entry)), shape=(len(place), A.shape[0] + m * (block - 1))
+        )
+        return *np.divmod(place, A.shape[1]), made
 
-    def beside_free(self, T: sp.csr_matrix, rows: Ints) -> Floats:
-        """S + T, these coordinates beside the free ones."""
+    def beside_free(self, H: Floats | None, rows: Ints) -> Floats:
+        """S + A'HA, these coordinates beside the free ones; H are entries of blocks (m * block^2) and limits (r,)."""
         S = self.within.copy() if rows is self.free else self.S.take(rows, 0).take(self.free, 1)
-        row, column, added = np.full(len(self.S), -1), np.full(len(self.S), -1), T.tocoo()
-        row[rows], column[self.free] = np.arange(len(rows)), np.arange(len(self.free))
-        i, j = row[added.row], column[added.col]
-        there = (i >= 0) & (j >= 0)
-        S[i[there], j[there]] += added.data[there]
+        if H is not None:
+            i, j, made = self._pairs
+            row, column = np.full(len(self.S), -1), np.full(len(self.S), -1)
+            row[rows], column[self.free] = np.arange(len(rows)), np.arange(len(self.free))
+            i, j = row[i], column[j]
+            there = (i >= 0) & (j >= 0)
+            S[i[there], j[there]] += (made @ H)[there]
         return np.asarray(S)
 
 
@@ -245,30 +278,40 @@ class SetsSystem:
     """
 
     def __init__(self, operators: Operators, sets: Sets, J: sp.csr_matrix, response: Response):
-        self._operators, self._response, self._sets = operators, response, sets
+        self._operators, self._response, self._sets, self._slope = operators, response, sets, J
         hard, stick = sets.act & (operators.compliance == 0), np.repeat(sets.stick, operators.block)
         self._spring = np.divide(1.0, operators.compliance, out=np.zeros(len(hard)), where=sets.act & ~hard)
         self._slips, self._hard = np.flatnonzero(~stick), np.flatnonzero(hard)
         stick[sets.idle] = False
-        concerned = np.repeat(sets.stick | (sets.curvature > 0) | (abs(J) @ sets.act > 0), operators.block)
+        steep = abs(J)
+        concerned = np.repeat(sets.stick | (sets.curvature > 0) | (steep @ sets.act > 0), operators.block)
         held = np.concatenate([response.limits.start + self._hard, np.flatnonzero(stick)])
         self._place = place = response.place(held, np.append(concerned, sets.act))
-        H = sets.curvature[:, None, None] * transverse(sets.direction)
-        T = operators.stiffening(H, self._spring if self._spring.any() else None)
-        T = T if len(place.some) == T.shape[0] else T[place.some][:, place.some]
-        self._T = place.reduced(T - place.anchors if place.anchor.any() else T)
+        self._H = self._curved()
         self._share()
-        self._pull = _blockwise(sets.direction[:, :, None]) @ J
-        self._untie: sp.csr_matrix | None = None
-        self._pull.eliminate_zeros()
-        self._tug = place.turned @ self._pull
-        if np.diff(self._tug.indptr)[place.columns].any():
-            self._tie()
-        h, forces = len(self._hard), place.columns if self._R is not None else place.columns[: len(self._hard)]
-        self._P = np.zeros((len(hard), len(place.free)))
-        self._P[self._hard] = -self._carried(place.beside_free(self._T, forces), place.entries[: len(forces)])[:h]
+        self._feedback: Floats | None = None
+        pulls = (np.abs(sets.direction) * (steep @ np.ones(len(hard)))[:, None]).ravel()
+        if place.norms.absolute.force_of(pulls)[place.columns].any():
+            self._close_loop()
+        self._reactions = self._forces_of_limits()
+
+    def _curved(self) -> Floats | None:
+        """What T has for blocks of terms (m * block^2) and limits (r,); None if that is nothing."""
+        if not (self._sets.curvature.any() or self._spring.any()):
+            return None
+        blocks = self._sets.curvature[:, None, None] * transverse(self._sets.direction)
+        return np.concatenate([blocks.ravel(), self._spring])
+
+    def _forces_of_limits(self) -> Floats:
+        """P (r, f): how the forces of limits follow the motions y, as if nothing pulled at what they hold."""
+        place, h = self._place, len(self._hard)
+        count = len(place.columns) if self._R is not None else h
+        force = place.beside_free(self._H, place.columns[:count])
+        P = np.zeros((len(self._spring), len(place.free)))
+        P[self._hard] = -self._carried(force, place.entries[:count])[:h]
         if self._spring.any():
-            self._P += (sp.diags_array(self._spring) @ place.A[response.limits])[:, place.free].toarray()
+            P += self._spring[:, None] * place.rows.B[self._response.limits][:, place.free].toarray()
+        return P
 
     def _share(self) -> None:
         """x = R f + given (shares of x) of limits that hold, terms that stick and idle rows, f the force on what holds.
@@ -278,7 +321,7 @@ class SetsSystem:
         idle, h, place = self._sets.idle, len(self._hard), self._place
         self._rows, self._given, self._R = np.append(place.held, idle), np.zeros((len(place.held), 0)), None
         if len(idle):
-            pushed = place.turned[:, idle].toarray()[place.columns] / place.entries[:, None]
+            pushed = place.norms.B[idle][:, place.columns].toarray().T / place.entries[:, None]
             own = np.concatenate([np.zeros((len(idle), h)), self._sets.shares[:, place.held[h:]]], axis=1)
             chosen = np.linalg.inv(self._sets.shares[:, idle] - own @ pushed)
             self._given = np.concatenate([-pushed @ chosen, chosen])
@@ -289,17 +332,39 @@ class SetsSystem:
         own: Floats = (force.T / entries).T
         return own if self._R is None else self._R @ own
 
-    def _tie(self) -> None:
+    def _close_loop(self) -> None:
         """p = E^{-1} (what limits would carry alone), where terms that slip pull at what limits hold."""
         E, place = np.eye(len(self._spring)), self._place
-        E[self._hard] += self._carried(self._tug.toarray()[place.columns], place.entries)[: len(self._hard)]
-        self._untie = sp.csr_matrix(np.linalg.inv(E))
-        self._pull, self._tug = self._pull @ self._untie, self._tug @ self._untie
+        pulled = (self._sets.direction[:, :, None] * self._slope.toarray()[:, None, :]).reshape(-1, len(E))
+        pulled = (place.norms.B[:, place.columns].T @ pulled).reshape(len(place.columns), len(E))
+        E[self._hard] += self._carried(pulled, place.entries)[: len(self._hard)]
+        self._feedback = np.linalg.inv(E)
+        self._slope = self._slope @ self._feedback
+
+    def _followed(self, p: Floats) -> Floats:
+        """(m * block,) q J p: what multipliers of slipping terms follow of the forces of limits (r,)."""
+        followed: Floats = (self._sets.direction * (self._slope @ p)[:, None]).ravel()
+        return followed
+
+    def _pull(self, p: Floats) -> Floats:
+        """B'q J p, on the coordinates."""
+        return self._place.norms.force_of(self._followed(p))
+
+    def _stiff(self, d: Floats) -> Floats:
+        """(S + T) d."""
+        place, force = self._place, self._place.S @ d
+        if self._H is None:
+            return np.asarray(force)
+        read = place.rows.read(d)
+        bent = self._sets.bent(self._operators.blocks(read[self._response.norms])).ravel()
+        return np.asarray(force + place.rows.force_of(np.append(bent, self._spring * read[self._response.limits])))
 
     def _parts(self) -> tuple[Floats, Floats]:
         """S + T and B'q J P on y, which add up to M."""
-        place = self._place
-        return place.beside_free(self._T, place.free), np.asarray(self._tug[place.free] @ self._P)
+        place, q, pushing = self._place, self._sets.direction, self._place.pushing
+        along = pushing.data * q.ravel()[pushing.indices], pushing.indices // q.shape[1], pushing.indptr
+        pulling = sp.csr_matrix(along, shape=(len(place.free), len(q)))
+        return place.beside_free(self._H, place.free), np.asarray(pulling @ (self._slope @ self._reactions))
 
     @cached_property
     def _lu(self) -> tuple[Floats, Ints]:
@@ -334,16 +399,16 @@ class SetsSystem:
         d = np.zeros(len(place.S))
         d[place.columns], rest = wanted[place.held] / place.entries, self._passed(force - response.act(x))
         if d.any():
-            rest -= place.S @ d + self._T @ d
-        p = x[limits] + self._spring * (place.A @ d)[limits]
+            rest = rest - self._stiff(d)
+        p = x[limits] + self._spring * place.rows.read(d)[limits]
         p[self._hard] += (self._carried(rest[place.columns], place.entries) + given)[:h]
-        y[place.free] = self._opened((rest - self._tug @ p)[place.free])
-        p += self._P @ y[place.free]
+        y[place.free] = self._opened((rest - self._pull(p))[place.free])
+        p += self._reactions @ y[place.free]
         d += y
         if len(self._rows) > h:
-            rest -= place.S @ y + self._T @ y + self._tug @ p
-        x[norms] += sets.bent(self._operators.blocks((place.A @ d)[norms])).ravel() + self._pull @ p
-        x[limits] = p if self._untie is None else self._untie @ p
+            rest = rest - self._stiff(y) - self._pull(p)
+        x[norms] += sets.bent(self._operators.blocks(place.norms.read(d))).ravel() + self._followed(p)
+        x[limits] = p if self._feedback is None else self._feedback @ p
         x[self._rows[h:]] = (self._carried(rest[place.columns], place.entries) + given)[h:]
         d = d if place.G is None else np.asarray(place.G @ d)
         if len(d) == len(force):
@@ -358,7 +423,7 @@ class SetsSystem:
         place = self._place
         if len(place.free) == 0:
             return 0.0
-        anchors = place.reduced(place.anchors).toarray()[np.ix_(place.free, place.free)] if place.anchor.any() else 0.0
+        anchors = place.anchors[np.ix_(place.free, place.free)] if place.anchor.any() else 0.0
         # y'My >= y'Ny / 2 where J is small: M + M' - N is definite, which shows in a tenth of the work of the norm.
         twice, followed = self._parts()
         twice += followed
@@ -371,40 +436,46 @@ class SetsSystem:
     def answers(self, along: Floats, across: Floats) -> Answers:
         """Bounds on the answers to psi, its parts being at most `along` and `across` (m,), none of what sticks."""
         response, place, block, h = self._response, self._place, self._operators.block, self._sets.curvature
-        norms, limits, turned, pull = response.norms, response.limits, abs(place.turned), abs(self._pull)
-        moving = self._moving
+        norms, limits, push, steep = response.norms, response.limits, place.norms.absolute.force_of, abs(self._slope)
+        moving, diagonal = self._moving, np.diagonal(place.S)
         # A term moves if one of its rows does.
         phi = self._operators.blocks(moving[norms]).max(axis=1)
         chi = np.minimum(phi, 1.0 / np.sqrt(np.where(h > 0, h, np.inf)), where=h > 0, out=phi.copy())
         psi = np.repeat(np.hypot(along, across), block)
-        tied = lengths(self._operators.blocks(pull @ self._on_limits(turned @ psi)))
+        tied = lengths(self._sets.direction) * (steep @ self._on_limits(push(psi)))
         energy = self.gain * float(response.reach[norms][::block] @ tied + phi @ along + chi @ across)
         excess = moving[limits] * energy
         # |K_r d| on a coordinate, by Schwarz's inequality; anchors pull with no more than the root of their stiffness.
-        force = np.sqrt(np.diagonal(place.S)) * energy + turned @ (psi + np.repeat(h * chi * energy, block))
         if place.anchor.any():
-            force += np.sqrt(place.reduced(place.anchors).diagonal()) * energy
-        force += abs(place.A[limits]).T @ (self._spring * excess)
+            anchors = np.diagonal(place.anchors)
+            force = (np.sqrt(diagonal + anchors) + np.sqrt(anchors)) * energy
+        else:
+            force = np.sqrt(diagonal) * energy
+        # and curvature and springs.
+        bent = np.append(psi + np.repeat(h * chi * energy, block), self._spring * excess)
+        force += place.rows.absolute.force_of(bent)
         forces = self._on_limits(force) + self._spring * excess
         held = np.zeros(len(moving))
-        held[self._rows] = self._bounded(force + turned @ (pull @ forces))
+        followed = np.abs(self._sets.direction) * (steep @ forces)[:, None]
+        held[self._rows] = self._bounded(force + push(followed.ravel()))
         return Answers(
             energy=energy,
             along=phi * energy,
             across=chi * energy,
             excess=excess,
             multipliers=lengths(self._operators.blocks(held[norms])),
-            forces=forces if self._untie is None else abs(self._untie) @ forces,
+            forces=forces if self._feedback is None else abs(self._feedback) @ forces,
         )
 
     @property
     def _moving(self) -> Floats:
         """(m * block + r,) `reach` of rows, zero for those that what is held does not let move."""
-        response, place, sizes = self._response, self._place, abs(self._place.A)
+        response, place, sizes = self._response, self._place, self._place.rows.absolute
         free, others = np.zeros(len(place.S)), np.ones(len(response.anchor))
         free[place.free], others[place.some] = 1.0, 0.0
         # By lengths of the rows themselves: of rows that nearly follow from others, those in coordinates are longer.
-        held = (sizes @ free <= FOLLOWS * (response.sizes @ np.ones(len(others)))) & (response.sizes @ others == 0)
+        own = response.rows.absolute.read
+        held = (sizes.read(free) <= FOLLOWS * own(np.ones(len(others)))) & (own(others) == 0)
         return np.where(held, 0.0, response.reach)
 
     def _bounded(self, force: Floats) -> Floats:
@@ -438,9 +509,3 @@ class Answers(NamedTuple):
 def _dense(K: Floats | sp.csr_matrix) -> Floats:
     """The matrix as an array by rows."""
     return np.ascontiguousarray(K if isinstance(K, np.ndarray) else K.toarray())
-
-
-def _blockwise(blocks: Floats) -> sp.csr_matrix:
-    """The block diagonal matrix of blocks (m, i, j)."""
-    m, i, j = blocks.shape
-    return sp.csr_matrix(sp.bsr_matrix((blocks, np.arange(m), np.arange(m + 1)), shape=(m * i, m * j)))

@@ -183,7 +183,7 @@ def law_of(terms: Terms, some: slice, press: sp.csr_matrix | None) -> Law | None
 
 
 def _entries(gather: sp.csr_matrix, press: sp.csr_matrix) -> tuple[sp.csr_matrix, Ints, Ints]:
-    """The product gather diag(x) press, of any x (rows,): its entries are made @ x, at these indices and ends of rows."""
+    """made, indices and ends of rows: the product gather diag(x) press has the entries made @ x there, x (rows,)."""
     of_press = press.tocoo()
     pairs = sp.csr_matrix(gather[:, of_press.row]).tocoo()
     term, row, limit = pairs.row.astype(np.int64), of_press.row[pairs.col], of_press.col[pairs.col]

@@ -60,6 +60,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import islice
+from math import sqrt
 
 import numpy as np
 from scipy.linalg import LinAlgError
@@ -70,7 +71,7 @@ from vemcvx.program.operators import Rows
 from vemcvx.program.step_program import StepProgram
 from vemcvx.solvers.newton import Iterate, Sets, Shifts, most_curved, sets_at, without_redundant_rows
 from vemcvx.solvers.sets_system import Answers, Response, SetsSystem
-from vemcvx.weight_law import Piece, PressureLaw
+from vemcvx.weight_law import Piece, PressureLaw, same_matrix
 
 SOLVED = 1e-6
 """Part of the answer above which a correction shows a nearly singular system, whose sets leave a motion free."""
@@ -136,7 +137,7 @@ class Found:
         p = np.maximum(self.point.p, 0.0)
         for there in (np.maximum(p - pi, 0.0), p + pi):
             off = law.weights(there) - self.weights - self.law.slope @ (there - p)
-            if (np.abs(off) > self.forces).any() or abs(law.slope(there) - self.law.slope).sum() > 0:
+            if (np.abs(off) > self.forces).any() or not same_matrix(law.slope(there), self.law.slope):
                 return False
         return True
 
@@ -364,35 +365,36 @@ SWEEPS = 50
 without, 50 after 30 of them, 31 after 100; a system costs as much as 80."""
 
 
-TINY = float(np.finfo(float).tiny)
+TINY = float(np.finfo(np.float32).tiny)
+"""Radius of discs of none while they are swept, in single precision."""
 
 
 def swept(program: StepProgram, law: PressureLaw, start: Iterate, response: Response) -> Iterate:
     """A point near a solution of (Q): projected gradients with momentum, on the multipliers x = (lam, p).
 
-    x becomes the projection of y + r (A K^{-1} g - [b; e] - (W + C) y) on discs of the radius w(p) and on p >= 0, y
-    being ahead of x (Nesterov 1983), and x itself where that led back (O'Donoghue and Candes 2015); r is
-    :attr:`Response.step`.
+    In the units of :attr:`Response.descent` x becomes the projection of y + A K^{-1} g - [b; e] - (W + C) y on discs of
+    the radius w(p) and on p >= 0, y being ahead of x (Nesterov 1983), and x itself where that led back (O'Donoghue and
+    Candes 2015).
     """
-    operators, norms, limits, step = program.operators, response.norms, response.limits, response.step
-    free, piece, metric = operators.factor.solve(program.g), law.piece(start.p), 1.0 / step
-    follow = Rows(piece.slope).read
-    without = piece.weights - follow(piece.forces)
-    ahead = step * np.concatenate([program.slip(free).ravel(), program.excess(free)])
-    x = y = np.concatenate([start.lam.ravel(), start.p])
-    momentum = 1.0
+    operators, norms, limits, (unit, descent) = program.operators, response.norms, response.limits, response.descent
+    piece = law.scaled(1.0 / unit[norms][:: operators.block], unit[limits]).piece(start.p / unit[limits])
+    follow, free = Rows(piece.slope).read, operators.factor.solve(program.g)
+    without, apart = piece.weights - follow(piece.forces), np.append(program.slip(free), program.excess(free))
+    ahead, momentum = unit * apart, 1.0
+    x = y = np.append(start.lam, start.p) / unit
     for _ in range(SWEEPS):
-        last, x = x, y + ahead - step * ssymv(1.0, response.softness.T, y)
+        last, x = x, ahead + ssymv(1.0, descent.T, y)
         lam, p = operators.blocks(x[norms]), x[limits]
         np.maximum(p, 0.0, out=p)
-        w = np.maximum(without + follow(p), 0.0)
-        size = np.sqrt(np.einsum("ij,ij->i", lam, lam))
-        lam *= (w / np.maximum(np.maximum(w, size), TINY))[:, None]
+        w, size = without + follow(p), np.sqrt(np.einsum("ij,ij->i", lam, lam))
+        np.maximum(w, TINY, out=w)
+        lam *= (w / np.maximum(w, size))[:, None]
         change = x - last
-        if (metric * (y - x)) @ change > 0:
+        if (y - x) @ change > 0:
             momentum = 1.0
-        last_one, momentum = momentum, 0.5 + np.sqrt(0.25 + momentum**2)
-        y = x + ((last_one - 1.0) / momentum) * change
+        before, momentum = momentum, 0.5 + sqrt(0.25 + momentum**2)
+        y = x + (before - 1.0) / momentum * change
+    x *= unit
     return Iterate(operators.factor.solve(program.g - response.act(x)), operators.blocks(x[norms]), x[limits])
 
 

@@ -74,7 +74,7 @@ class Response:
         """
         some = self.read
         if 2 * np.count_nonzero(touched) < len(touched):
-            few = np.flatnonzero((self.rows.absolute.force_of(touched) > 0) | (self.anchor > 0))
+            few = np.flatnonzero((self.rows.absolute.force_of(touched.astype(float)) > 0) | (self.anchor > 0))
             some = few if 2 * len(few) < len(self.read) else some
         if self._last is None or not (np.array_equal(held, self._last.held) and np.array_equal(some, self._last.some)):
             self._last = None  # Before there is another, lest memory hold two.
@@ -120,15 +120,6 @@ class Response:
         return _dense(K - coupling.T @ factor.solve(coupling))
 
     @cached_property
-    def softness(self) -> NDArray[np.float32]:
-        """(N, N) W + C: how far rows move under multipliers, W = A K_r^{-1} A'; in single precision, for directions."""
-        A = self.A[:, self.read]
-        found = np.asarray(A @ (A @ self.flexibility).T, dtype=np.float32)
-        at = np.arange(self.limits.start, len(found))
-        found[at, at] += self.operators.compliance
-        return found
-
-    @cached_property
     def reach(self) -> Floats:
         """(m * block + r,) bounds on what rows read of motions, (A d)_i <= reach_i |d|, and on |B_i'x| in K_r^{-1}."""
         operators = self.operators
@@ -137,16 +128,26 @@ class Response:
         return reach
 
     @cached_property
-    def step(self) -> Floats:
-        """(m * block + r,) by which multipliers may follow gradients, alike in a block: 1 / step exceeds W + C."""
-        operators = self.operators
+    def descent(self) -> tuple[Floats, NDArray[np.float32]]:
+        """Units u (N,) of multipliers, alike in a block, and I - (W + C) in these, which is positive definite.
+
+        W = A K_r^{-1} A' and the compliances C say how far rows move under multipliers. Where a descent leads to sets
+        alone, single precision is enough.
+        """
+        operators, A = self.operators, self.A[:, self.read]
+        softness = np.asarray(A @ (A @ self.flexibility).T)
+        on_limits = np.arange(self.limits.start, len(softness))
+        softness[on_limits, on_limits] += operators.compliance
         diagonal = np.append(np.repeat(operators.norm_flexibility, operators.block), 1.0 / operators.limit_stiffness)
-        root = 1.0 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
+        u = 1.0 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
+        softness *= u[:, None]
+        softness *= u
+        left = softness.astype(np.float32)
         # Lanczos' method finds nearly the largest eigenvalue, from below.
-        scale = root.astype(np.float32)
-        largest = eigsh(scale[:, None] * self.softness * scale, 1, v0=scale, tol=0.01, return_eigenvectors=False)[0]
-        step: Floats = root**2 / (1.1 * largest)
-        return step
+        largest = 1.1 * float(eigsh(left, 1, v0=u.astype(left.dtype), tol=0.01, return_eigenvectors=False)[0])
+        left /= -largest
+        left[np.diag_indices(len(left))] += 1.0
+        return u / np.sqrt(largest), left
 
 
 def unit_rows(A: sp.csr_matrix) -> sp.csr_matrix:
@@ -203,16 +204,17 @@ class Place:
             self.inner = np.linalg.inv(np.asarray(restricted(response.flexibility, among)))
         """K_r of the unknowns, all others being free"""
         whole = len(some) == response.A.shape[1]
-        A, S, self.rows, self.norms = response.A, self.inner, response.rows, response.operators.rows
-        if not whole:
-            A = sp.csr_matrix(A[:, some])
-        first = A.indptr[held]
-        columns, entries = A.indices[first].astype(np.int64), A.data[first]
-        if (A.indptr[held + 1] - first != 1).any() or len(np.unique(columns)) < len(columns):
+        A = response.A if whole else sp.csr_matrix(response.A[:, some])
+        single = (A.indptr[held + 1] - A.indptr[held] == 1).all()
+        S, columns = self.inner, A.indices[A.indptr[held]].astype(np.int64) if single else held
+        if single and len(np.unique(columns)) == len(columns):
+            entries = A.data[A.indptr[held]]
+        else:
             self.G = G = unit_rows(A[held])
             A, S, columns, entries = sp.csr_matrix(A @ G), G.T @ (S @ G), np.arange(len(held)), np.ones(len(held))
-        if not (whole and self.G is None):
-            self.rows, self.norms = Rows(A), Rows(sp.csr_matrix(A[response.norms]))
+        own = whole and self.G is None
+        self.rows = response.rows if own else Rows(A)
+        self.norms = response.operators.rows if own else Rows(sp.csr_matrix(A[response.norms]))
         """A and B in the coordinates"""
         if self.anchor.any():
             S = S - self.anchors
@@ -278,21 +280,22 @@ class SetsSystem:
     """
 
     def __init__(self, operators: Operators, sets: Sets, J: sp.csr_matrix, response: Response):
-        self._operators, self._response, self._sets, self._slope = operators, response, sets, J
+        self._operators, self._response, self._sets = operators, response, sets
+        self._slope: Floats | sp.csr_matrix = J
+        self._steep: Floats | sp.csr_matrix = abs(J)
         hard, stick = sets.act & (operators.compliance == 0), np.repeat(sets.stick, operators.block)
         self._spring = np.divide(1.0, operators.compliance, out=np.zeros(len(hard)), where=sets.act & ~hard)
         self._slips, self._hard = np.flatnonzero(~stick), np.flatnonzero(hard)
         stick[sets.idle] = False
-        steep = abs(J)
-        concerned = np.repeat(sets.stick | (sets.curvature > 0) | (steep @ sets.act > 0), operators.block)
+        concerned = np.repeat(sets.stick | (sets.curvature > 0) | (self._steep @ sets.act > 0), operators.block)
         held = np.concatenate([response.limits.start + self._hard, np.flatnonzero(stick)])
         self._place = place = response.place(held, np.append(concerned, sets.act))
         self._H = self._curved()
         self._share()
         self._feedback: Floats | None = None
-        pulls = (np.abs(sets.direction) * (steep @ np.ones(len(hard)))[:, None]).ravel()
+        pulls = (np.abs(sets.direction) * (self._steep @ np.ones(len(hard)))[:, None]).ravel()
         if place.norms.absolute.force_of(pulls)[place.columns].any():
-            self._close_loop()
+            self._close_loop(J)
         self._reactions = self._forces_of_limits()
 
     def _curved(self) -> Floats | None:
@@ -332,14 +335,15 @@ class SetsSystem:
         own: Floats = (force.T / entries).T
         return own if self._R is None else self._R @ own
 
-    def _close_loop(self) -> None:
+    def _close_loop(self, J: sp.csr_matrix) -> None:
         """p = E^{-1} (what limits would carry alone), where terms that slip pull at what limits hold."""
         E, place = np.eye(len(self._spring)), self._place
-        pulled = (self._sets.direction[:, :, None] * self._slope.toarray()[:, None, :]).reshape(-1, len(E))
+        pulled = (self._sets.direction[:, :, None] * J.toarray()[:, None, :]).reshape(-1, len(E))
         pulled = (place.norms.B[:, place.columns].T @ pulled).reshape(len(place.columns), len(E))
         E[self._hard] += self._carried(pulled, place.entries)[: len(self._hard)]
-        self._feedback = np.linalg.inv(E)
-        self._slope = self._slope @ self._feedback
+        self._feedback = feedback = np.asarray(np.linalg.inv(E))
+        self._slope = slope = np.asarray(J @ feedback)
+        self._steep = np.abs(slope)
 
     def _followed(self, p: Floats) -> Floats:
         """(m * block,) q J p: what multipliers of slipping terms follow of the forces of limits (r,)."""
@@ -423,20 +427,23 @@ class SetsSystem:
         place = self._place
         if len(place.free) == 0:
             return 0.0
-        anchors = place.anchors[np.ix_(place.free, place.free)] if place.anchor.any() else 0.0
+        stiff, followed = self._parts()
+        anchors = place.anchors[np.ix_(place.free, place.free)] if place.anchor.any() else None
         # y'My >= y'Ny / 2 where J is small: M + M' - N is definite, which shows in a tenth of the work of the norm.
-        twice, followed = self._parts()
-        twice += followed
-        twice += followed.T - anchors
-        if lapack.dpotrf(twice.T, overwrite_a=True)[1] == 0:
+        twice = stiff + followed
+        twice += followed.T
+        if anchors is not None:
+            twice -= anchors
+            stiff += anchors
+        if lapack.dpotrf(twice.T, lower=1, clean=0, overwrite_a=True)[1] == 0:
             return 2.0
-        root, info = lapack.dpotrf(self._parts()[0] + anchors)
+        root, info = lapack.dpotrf(stiff)
         return np.inf if info else float(np.linalg.norm(np.triu(root) @ self._opened(np.triu(root).T)))
 
     def answers(self, along: Floats, across: Floats) -> Answers:
         """Bounds on the answers to psi, its parts being at most `along` and `across` (m,), none of what sticks."""
         response, place, block, h = self._response, self._place, self._operators.block, self._sets.curvature
-        norms, limits, push, steep = response.norms, response.limits, place.norms.absolute.force_of, abs(self._slope)
+        norms, limits, push, steep = response.norms, response.limits, place.norms.absolute.force_of, self._steep
         moving, diagonal = self._moving, np.diagonal(place.S)
         # A term moves if one of its rows does.
         phi = self._operators.blocks(moving[norms]).max(axis=1)

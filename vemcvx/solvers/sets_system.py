@@ -10,7 +10,7 @@ The unknowns that no row reads are eliminated: S is K of the others, or, where m
 sets do something with. In coordinates of which sticking terms and acting bounds read one a row (:class:`Place`), these
 are held, and all others are the motions y. Let T = B'hB - with h_i (I - q_i q_i') in its blocks - and D'D / c of soft
 limits that act. A row that holds carries the force that is left on its coordinate. So the forces of limits are affine
-in y, with the derivative P = E^{-1} (D / c - (S + T)), of the rows of limits, and E = I + B'q J of these rows, where
+in y, with the derivative P = L^{-1} (D / c - (S + T)), of the rows of limits, and L = I + B'q J of these rows, where
 terms that slip pull at what limits hold; and y has
 
     M y = (all known forces on y),        M = S + T + B'q J P  on y,
@@ -19,12 +19,12 @@ symmetric but for weights that follow p: as many equations as motions are left, 
 needs no care: K_r = K + diag(a), definite by the stiffness a of anchors, stands for K where a factor is wanted, and T
 has -a.
 
-If forces -B'psi act on slipping terms, y moves by -M^{-1} B'(psi - q J psi_p), -psi_p = -E^{-1} B'psi being how the
+If forces -B'psi act on slipping terms, y moves by -M^{-1} B'(psi - q J psi_p), -psi_p = -L^{-1} B'psi being how the
 forces of limits change while y is held. With N = S + T + diag(a), which is not less than K, c such that M^{-1} f has at
 most c times the norm of f, |M^{-1} f|_N <= c |f| in N^{-1}, and phi_i^2 >= |B_i K_r^{-1} B_i'|, the motion d that
-answers |psi_i| <= t_i along q_i and <= r_i across it is bounded by
+answers |psi_i| <= t_i along q_i and <= u_i across it is bounded by
 
-    |d|_N  <=  E_psi = c sum_i (phi_i (t_i + |q J psi_p|_i) + chi_i r_i),               chi_i = min(phi_i, h_i^{-1/2}),
+    |d|_N  <=  E = c sum_i (phi_i (t_i + |q J psi_p|_i) + chi_i u_i),               chi_i = min(phi_i, h_i^{-1/2}),
 
 for B_i d has at most phi_i |d| along q_i, and chi_i |d| across it. Forces of what is held follow from Schwarz's
 inequality. The norm of N^{1/2} M^{-1} N^{1/2} is such a c; so is 2 if y'My >= y'Ny / 2 for all y, which a factorisation
@@ -306,7 +306,7 @@ class SetsSystem:
         return np.concatenate([blocks.ravel(), self._spring])
 
     def _forces_of_limits(self) -> Floats:
-        """P (r, f): how the forces of limits follow the motions y, as if nothing pulled at what they hold."""
+        """P (r, y): how the forces of limits follow the motions y, as if nothing pulled at what they hold."""
         place, h = self._place, len(self._hard)
         count = len(place.columns) if self._R is not None else h
         force = place.beside_free(self._H, place.columns[:count])
@@ -336,12 +336,12 @@ class SetsSystem:
         return own if self._R is None else self._R @ own
 
     def _close_loop(self, J: sp.csr_matrix) -> None:
-        """p = E^{-1} (what limits would carry alone), where terms that slip pull at what limits hold."""
-        E, place = np.eye(len(self._spring)), self._place
-        pulled = (self._sets.direction[:, :, None] * J.toarray()[:, None, :]).reshape(-1, len(E))
-        pulled = (place.norms.B[:, place.columns].T @ pulled).reshape(len(place.columns), len(E))
-        E[self._hard] += self._carried(pulled, place.entries)[: len(self._hard)]
-        self._feedback = feedback = np.asarray(np.linalg.inv(E))
+        """p = L^{-1} (what limits would carry alone), where terms that slip pull at what limits hold."""
+        L, place = np.eye(len(self._spring)), self._place
+        pulled = (self._sets.direction[:, :, None] * J.toarray()[:, None, :]).reshape(-1, len(L))
+        pulled = (place.norms.B[:, place.columns].T @ pulled).reshape(len(place.columns), len(L))
+        L[self._hard] += self._carried(pulled, place.entries)[: len(self._hard)]
+        self._feedback = feedback = np.asarray(np.linalg.inv(L))
         self._slope = slope = np.asarray(J @ feedback)
         self._steep = np.abs(slope)
 

@@ -104,18 +104,15 @@ class Response:
     @cached_property
     def flexibility(self) -> Floats:
         """(u, u) K_r^{-1} of the unknowns that rows read."""
-        unit = np.zeros((self.A.shape[1], len(self.read)))
-        unit[self.read, np.arange(len(self.read))] = 1.0
-        found: Floats = self.operators.factor.solve(unit)[self.read]
-        return found
+        return self.operators.factor.flexibility(self.read, self.A.shape[1])
 
     @cached_property
     def stiffness(self) -> Floats:
         """(u, u) its inverse: K_r of these unknowns, all others being free."""
-        K = restricted(self.operators.regular.K, self.read)
+        K = self.operators.regular.K
         if len(self.read) == self.A.shape[1]:
             return _dense(K)
-        rest, factor = self._inner
+        K, (rest, factor) = restricted(K, self.read), self._inner
         coupling = _dense(self.operators.K[rest][:, self.read])
         return _dense(K - coupling.T @ factor.solve(coupling))
 

@@ -95,3 +95,9 @@ class Piece:
     def at(self, p: Floats) -> Floats:
         """The weights (m,) that the piece has under the forces p (r,), none below zero."""
         return np.asarray(np.maximum(self.weights + self.slope @ (p - self.forces), 0.0))
+
+
+def same_matrix(one: sp.csr_matrix, other: sp.csr_matrix) -> bool:
+    """Return True if two matrices of a shape have the same entries, in the same order."""
+    parts = (one.data, other.data), (one.indices, other.indices), (one.indptr, other.indptr)
+    return all(np.array_equal(*pair) for pair in parts)

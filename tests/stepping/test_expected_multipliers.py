@@ -19,7 +19,7 @@ TIMES = np.linspace(0.0, 1.0, 33)
 
 def expected(t, at=3.0, before=2.0, p=(5.0, 1.0)):
     """After multipliers 1 and 2, one instant before, those at `t`; in binary fractions, which are not rounded."""
-    earlier = Earlier(before, np.array([[1.0], [-1.0]]), np.array([4.0, 3.0]))
+    earlier = Earlier(before, np.array([[1.0], [-1.0]]), np.array([4.0, 3.0]), np.zeros(3))
     return State.expected(SimpleNamespace(t=at, lam=np.array([[2.0], [-4.0]]), p=np.array(p), earlier=earlier), t)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -361,6 +362,7 @@ class CoulombFriction(Effect):
         rows = space.part(self.on, "CoulombFriction", contact=True).node_normals
         points = space.mesh.points[rows.nodes]
 
+        @lru_cache(maxsize=1)  # Of a step it is asked some ten times.
         def read(t: float) -> tuple[Floats, Floats]:
             mu = data.nonnegative(self.coefficient, points, t, subject, name="coefficient")
             if self.cap is None:

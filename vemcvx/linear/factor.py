@@ -15,7 +15,7 @@ from typing import ClassVar, Protocol
 import numpy as np
 import scipy.sparse as sp
 from scipy.linalg.blas import dtrsv
-from scipy.linalg.lapack import dpotrf, dpotrs, dtrtri
+from scipy.linalg.lapack import dpotrf, dpotri, dpotrs, dtrtri
 from scipy.sparse.linalg import LinearOperator, cg
 
 from vemcvx.arrays import Bools, Floats, Ints, power_of_two
@@ -88,6 +88,13 @@ class Factor(ABC):
         dense = rows.toarray()
         responses: Floats = np.einsum("ij,ji->i", dense, self.solve(np.ascontiguousarray(dense.T)))
         return responses
+
+    def flexibility(self, some: Ints, n: int) -> Floats:
+        """K^{-1} (n, n) of the unknowns `some` (k,) alone, (k, k)."""
+        unit = np.zeros((n, len(some)))
+        unit[some, np.arange(len(some))] = 1.0
+        found: Floats = self.solve(unit)[some]
+        return found
 
     def random_energy(self, size: Floats) -> float:
         """The mean of b'K^{-1}b over forces b of independent entries, of mean zero and deviations `size` (n,).
@@ -170,6 +177,14 @@ class DenseCholesky(Factor):
         # R^{-1} takes a sixth of the work of solving for as many right sides.
         energies: Floats = np.square(rows @ np.triu(dtrtri(self._upper, lower=0)[0])).sum(axis=1)
         return energies
+
+    def flexibility(self, some: Ints, n: int) -> Floats:
+        if n == 0:
+            return np.zeros((0, 0))
+        # A third of the work of solving for as many right sides.
+        upper = np.triu(dpotri(self._upper, lower=0)[0])
+        upper += np.triu(upper, 1).T
+        return np.asarray(upper if len(some) == n else upper.take(some, 0).take(some, 1))
 
     def within(self, K_FF: Matrix, F: Ints) -> DenseCholesky:
         return DenseCholesky(K_FF if isinstance(K_FF, np.ndarray) else K_FF.toarray())

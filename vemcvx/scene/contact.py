@@ -162,7 +162,7 @@ def law_of(terms: Terms, some: slice, press: sp.csr_matrix | None) -> Law | None
     if press is None or not laws:
         return None
     slips, spread, still = any(law.slips for law in laws), gather.T, np.zeros(gather.shape[1])
-    own = _slices(frictions)
+    own, (made, indices, indptr) = _slices(frictions), _entries(gather, press)
 
     def each(p: Floats, *of_terms: Floats) -> Iterable[tuple[Friction, list[Floats]]]:
         of_rows = [press @ p, *(spread @ slip if slips else still for slip in of_terms)]
@@ -174,13 +174,23 @@ def law_of(terms: Terms, some: slice, press: sp.csr_matrix | None) -> Law | None
 
     def slope(t: float, p: Floats, past: Floats) -> sp.csr_matrix:
         steep = np.concatenate([f.slope_under(t, *under) for f, under in each(p, past)])
-        entries = np.repeat(steep, np.diff(press.indptr)) * press.data
-        return sp.csr_matrix(gather @ sp.csr_matrix((entries, press.indices, press.indptr), shape=press.shape))
+        return sp.csr_matrix((made @ steep, indices, indptr), shape=(gather.shape[0], press.shape[1]))
 
     soft = all(law.softening is not None for law in laws)
     softening = gather @ np.concatenate([f.softening for f in frictions]) if soft else None
     known = all(law.slope is not None for law in laws)
     return Law(weights, softening, any(law.pressed for law in laws), slope if known else None, slips)
+
+
+def _entries(gather: sp.csr_matrix, press: sp.csr_matrix) -> tuple[sp.csr_matrix, Ints, Ints]:
+    """made, indices and ends of rows: the product gather diag(x) press has the entries made @ x there, x (rows,)."""
+    of_press = press.tocoo()
+    pairs = sp.csr_matrix(gather[:, of_press.row]).tocoo()
+    term, row, limit = pairs.row.astype(np.int64), of_press.row[pairs.col], of_press.col[pairs.col]
+    place, slot = np.unique(term * press.shape[1] + limit, return_inverse=True)
+    made = sp.csr_matrix((pairs.data * of_press.data[pairs.col], (slot, row)), shape=(len(place), press.shape[0]))
+    ends = np.arange(gather.shape[0] + 1) * press.shape[1]
+    return made, place % max(press.shape[1], 1), np.searchsorted(place, ends)
 
 
 def _slices(frictions: Sequence[Friction]) -> list[slice]:

@@ -34,17 +34,17 @@ miss of the law itself, w_i(p) s_i / |s_i| - lam_i, while that halves. Let d_0, 
     psi_i(s, p) = w_i(p) s_i / |s_i| - q_i (w(p_0) + J (p - p_0))_i - h_i (I - q_i q_i') s_i - psi_i^0.
 
 (Q) on the sets is their system with psi_i^0 + psi_i(s, p) added to lam_i; without psi, d_0 and x_0 solve it. Where psi
-has at most t_i along q_i and at most r_i across it, the solution differs from d_0 by at most E in energy, its slips by
+has at most t_i along q_i and at most u_i across it, the solution differs from d_0 by at most E in energy, its slips by
 at most alpha_i along q_i and gamma_i across it, and its forces of limits by at most pi_j
 (:meth:`vemcvx.solvers.sets_system.SetsSystem.answers`). With v_i = |s_i| at d_0 let
 
     turn_i = gamma_i / (v_i - alpha_i - gamma_i),
-    R_i = turn_i (w_i ((alpha_i + gamma_i) / v_i + turn_i / 2) + (|J| pi)_i).
+    rho_i = turn_i (w_i ((alpha_i + gamma_i) / v_i + turn_i / 2) + (|J| pi)_i).
 
-Theorem 2. Let t, r >= 0 be such that alpha_i + gamma_i < v_i on slipping terms, |psi_i(s_0, p_0) . q_i| + R_i <= t_i,
-and what psi_i(s_0, p_0) has across q_i, with R_i and (w_i / v_i - h_i) gamma_i added, is at most r_i. If w is affine on
-|p - p_0| <= pi, and the inequalities of the sets hold for all answers to such psi, then (Q) has a solution d with |d -
-d_0|_K <= E. Terms of weight zero slip with h_i = 0, and psi_i = -lam_i is all that they miss.
+Theorem 2. Let t, u >= 0 be such that alpha_i + gamma_i < v_i on slipping terms, |psi_i(s_0, p_0) . q_i| + rho_i is at
+most t_i, and what psi_i(s_0, p_0) has across q_i, with rho_i and (w_i / v_i - h_i) gamma_i added, at most u_i. If w is
+affine on |p - p_0| <= pi, and the inequalities of the sets hold for all answers to such psi, then (Q) has a solution d
+with |d - d_0|_K <= E. Terms of weight zero slip with h_i = 0, and psi_i = -lam_i is all that they miss.
 
 Proof. Let s_i move by a q_i + g, |a| <= alpha_i and |g| <= gamma_i, g across q_i. The direction of s_i turns by at most
 turn_i: across q_i by |g| / |s_i|, which differs from g / v_i by at most turn_i (alpha_i + gamma_i) / v_i, and along q_i
@@ -60,16 +60,18 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import islice
+from math import sqrt
 
 import numpy as np
 from scipy.linalg import LinAlgError
-from scipy.linalg.blas import dsymv
+from scipy.linalg.blas import ssymv
 
 from vemcvx.arrays import EPS, Floats, lengths
+from vemcvx.program.operators import Rows
 from vemcvx.program.step_program import StepProgram
 from vemcvx.solvers.newton import Iterate, Sets, Shifts, most_curved, sets_at, without_redundant_rows
 from vemcvx.solvers.sets_system import Answers, Response, SetsSystem
-from vemcvx.weight_law import Piece, PressureLaw
+from vemcvx.weight_law import Piece, PressureLaw, same_matrix
 
 SOLVED = 1e-6
 """Part of the answer above which a correction shows a nearly singular system, whose sets leave a motion free."""
@@ -135,7 +137,7 @@ class Found:
         p = np.maximum(self.point.p, 0.0)
         for there in (np.maximum(p - pi, 0.0), p + pi):
             off = law.weights(there) - self.weights - self.law.slope @ (there - p)
-            if (np.abs(off) > self.forces).any() or abs(law.slope(there) - self.law.slope).sum() > 0:
+            if (np.abs(off) > self.forces).any() or not same_matrix(law.slope(there), self.law.slope):
                 return False
         return True
 
@@ -209,13 +211,13 @@ def on_sets(program: StepProgram, law: Piece, sets: Sets, response: Response, ne
             error, norm = operators.energy_norm(step), free + np.sqrt(operators.factor.energy(response.act(x)))
             if error <= SETTLED * norm:
                 break
-    size, last, off = np.abs(x), np.abs(more).max(initial=0.0), response.A @ step
+    size, last, off = np.abs(x), np.abs(more).max(initial=0.0), response.rows.read(step)
     solved = last <= SOLVED * max(np.abs(program.g).max(initial=0.0), size.max(initial=0.0)) and error <= SOLVED * norm
     # Sets that leave a rigid motion free put the body anywhere along it; the work of multipliers on it shows that.
     solved = solved and size @ np.abs(off) <= SOLVED * norm**2
     if not solved or not _balances(program, point.lam, point.p):
         raise LinAlgError("singular")
-    reach = response.sizes @ np.abs(point.d) + np.abs(np.concatenate([program.b, program.e]))
+    reach = response.rows.absolute.read(np.abs(point.d)) + np.abs(np.concatenate([program.b, program.e]))
     return Found(
         sets=sets,
         once=sets,
@@ -273,42 +275,64 @@ def turned(program: StepProgram, found: Found, near: Floats) -> Found:
 
 def distance_to_a_solution(program: StepProgram, law: PressureLaw, found: Found, response: Response) -> float | None:
     """A bound on |d - d*|_K to a solution d* of (Q), by theorem 2; None if there is no proof."""
-    sets, w, J, lam = found.sets, found.weights, abs(found.law.slope), found.point.lam
-    s = program.slip(found.point.d)
-    v, slips = lengths(s), ~sets.stick & (w > 0)
-    # What slips by no more than rounding is held by others, wherever lam_i points.
-    slides, held, left = slips & (v > found.blur), slips & (v <= found.blur), ~(sets.stick | slips) * lengths(lam)
+    sets, w, lam, s = found.sets, found.weights, found.point.lam, program.slip(found.point.d)
+    v, bears = lengths(s), found.weights > 0
+    slips = ~sets.stick & bears
+    slides = slips & (v > found.blur)
+    left = np.where(sets.stick | bears, 0.0, lengths(lam))
     if not (slides.any() or left.any()):
         return 0.0 if found.holds(program) else None
     v = np.where(slides, v, 1.0)
     q, h = s / v[:, None], np.minimum(w / v, most_curved(program))
-    direction, curvature = np.where(slides[:, None], q, sets.direction), np.where(slides, h, (w > 0) * sets.curvature)
+    direction, curvature = np.where(slides[:, None], q, sets.direction), np.where(slides, h, bears * sets.curvature)
     own = replace(found.once, direction=direction, curvature=curvature)
-    missed = w[:, None] * q - lam
-    along = np.einsum("ij,ij->i", missed, q)
-    psi = np.stack([np.abs(along), lengths(missed - along[:, None] * q)])
-    psi = (psi + found.forces + w * np.stack([(found.blur / v) ** 2, found.blur / v])) * slides + left
+    psi = _missed_by_the_law(found, q, v) * slides + left
     with suppress(LinAlgError):
-        system, t = SetsSystem(program.operators, own, found.law.slope, response), 2.0 * psi
-        for _ in range(DOUBLED):
-            answers = system.answers(*t)
-            alpha, gamma = answers.along * slides, answers.across * slides
-            if not (alpha + gamma < v).all():
-                return None
-            turn = gamma / (v - alpha - gamma)
-            R = turn * (w * ((alpha + gamma) / v + turn / 2) + J @ answers.forces)
-            led = psi + np.stack([R, R + (w / v - h) * gamma]) * slides
-            if (led <= t).all():
-                pi = np.where(found.once.act, answers.forces, 0.0)
-                silent = sets.stick | (w > 0) | (J @ pi == 0)
-                proven = (answers.along[held] <= found.blur).all() and silent.all() and found.affine(law, pi)
-                return answers.energy if proven and found.stands(program, answers) else None
-            t = np.maximum(t, 2.0 * led)
+        system = SetsSystem(program.operators, own, found.law.slope, response)
+        answers = _bounded_answers(system, found, psi, np.where(slides, v, np.inf), w / v - h)
+        if answers is not None:
+            pi = np.where(found.once.act, answers.forces, 0.0)
+            # What slips by no more than rounding is held by others, wherever lam_i points.
+            held = (answers.along[slips & ~slides] <= found.blur).all()
+            silent = (sets.stick | bears | (abs(found.law.slope) @ pi == 0)).all()
+            proven = held and silent and found.affine(law, pi) and found.stands(program, answers)
+            return answers.energy if proven else None
     return None
 
 
+def _missed_by_the_law(found: Found, q: Floats, v: Floats) -> Floats:
+    """(2, m) what psi_i is at most along q_i and across it, at the point, of terms whose slips v_i q_i are known."""
+    w = found.weights
+    missed = w[:, None] * q - found.point.lam
+    along = np.einsum("ij,ij->i", missed, q)
+    psi = np.stack([np.abs(along), lengths(missed - along[:, None] * q)])
+    return np.asarray(psi + found.forces + w * np.stack([(found.blur / v) ** 2, found.blur / v]))
+
+
 DOUBLED = 8
-"""Bounds t that are tried, each twice what the last lead to: where psi changes little, the first do."""
+"""Bounds (t, u) that are tried, each twice what the last lead to: where psi changes little, the first do."""
+
+
+def _bounded_answers(system: SetsSystem, found: Found, psi: Floats, v: Floats, lacking: Floats) -> Answers | None:
+    """Answers to all psi within bounds (t, u) as theorem 2 wants them; None where none are found.
+
+    `psi` (2, m) at the point, v (m,) slips, infinite on terms that do not slide, and `lacking` (m,) w / v - h.
+    """
+    J, slides, bounds = abs(found.law.slope), v < np.inf, 2.0 * psi
+    for _ in range(DOUBLED):
+        answers = system.answers(*bounds)
+        alpha, gamma = answers.along * slides, answers.across * slides
+        if not (alpha + gamma < v).all():
+            return None
+        turn = gamma / (v - alpha - gamma)
+        rho = turn * (found.weights * ((alpha + gamma) / v + turn / 2) + J @ answers.forces)
+        led = psi + np.stack([rho, rho + lacking * gamma]) * slides
+        if (led <= bounds).all():
+            return answers
+        bounds = np.maximum(bounds, 2.0 * led)
+    return None
+
+
 STEEPER = 10**0.5
 """The factor by which softened laws become steeper at a time. Of 180 random problems with a steep law, sets did not
 settle in 4; of the first 60 in 6 with a factor of 10, and in 18 where the law was steep at once."""
@@ -363,29 +387,42 @@ SWEEPS = 50
 without, 50 after 30 of them, 31 after 100; a system costs as much as 80."""
 
 
+TINY = float(np.finfo(np.float32).tiny)
+"""Radius of discs of none while they are swept, in single precision."""
+
+
 def swept(program: StepProgram, law: PressureLaw, start: Iterate, response: Response) -> Iterate:
     """A point near a solution of (Q): projected gradients with momentum, on the multipliers x = (lam, p).
 
-    x becomes the projection of y + r (A K^{-1} g - [b; e] - (W + C) y) on discs of the radius w(p) and on p >= 0, y
-    being ahead of x (Nesterov 1983), and x itself where that led back (O'Donoghue and Candes 2015); r is
-    :attr:`Response.step`.
+    In the units of :attr:`Response.descent` x becomes the projection of y + A K^{-1} g - [b; e] - (W + C) y on discs of
+    the radius w(p) and on p >= 0, y being ahead of x (Nesterov 1983), and x itself where that led back (O'Donoghue and
+    Candes 2015). Products with W are single precision's, of y less the x where that happened last.
     """
-    operators, norms, limits, step = program.operators, response.norms, response.limits, response.step
-    free, piece = operators.factor.solve(program.g), law.piece(start.p)
-    apart = np.concatenate([program.slip(free).ravel(), program.excess(free)])
-    x = y = np.concatenate([start.lam.ravel(), start.p])
-    momentum, metric = 1.0, 1.0 / step
+    operators, norms, limits, (unit, descent) = program.operators, response.norms, response.limits, response.descent
+    piece = law.scaled(1.0 / unit[norms][:: operators.block], unit[limits]).piece(start.p / unit[limits])
+    follow = Rows(piece.slope).read
+    without, momentum = piece.weights - follow(piece.forces), 1.0
+
+    def descended(x: Floats) -> Floats:
+        d = operators.factor.solve(program.g - response.act(unit * x))
+        excess = program.excess(d) - operators.compliance * (unit * x)[limits]
+        return np.asarray(x + unit * np.append(program.slip(d), excess))
+
+    x = y = begin = np.append(start.lam, start.p) / unit
+    ahead = descended(begin)
     for _ in range(SWEEPS):
-        last, x = x, y + step * (apart - dsymv(1.0, response.softness.T, y))
+        last, x = x, ahead + ssymv(1.0, descent.T, y - begin)
         lam, p = operators.blocks(x[norms]), x[limits]
         np.maximum(p, 0.0, out=p)
-        w, size = piece.at(p), np.sqrt(np.einsum("ij,ij->i", lam, lam))
-        lam *= (w / np.maximum(np.maximum(w, size), np.finfo(float).tiny))[:, None]
+        w, size = without + follow(p), np.sqrt(np.einsum("ij,ij->i", lam, lam))
+        np.maximum(w, TINY, out=w)
+        lam *= (w / np.maximum(w, size))[:, None]
         change = x - last
-        if (metric * (y - x)) @ change > 0:
-            momentum = 1.0
-        ahead = 0.5 + np.sqrt(0.25 + momentum**2)
-        y, momentum = x + (momentum - 1.0) / ahead * change, ahead
+        if (y - x) @ change > 0:
+            momentum, begin, ahead = 1.0, x, descended(x)
+        before, momentum = momentum, 0.5 + sqrt(0.25 + momentum**2)
+        y = x + (before - 1.0) / momentum * change
+    x = unit * x
     return Iterate(operators.factor.solve(program.g - response.act(x)), operators.blocks(x[norms]), x[limits])
 
 

@@ -10,7 +10,7 @@ The unknowns that no row reads are eliminated: S is K of the others, or, where m
 sets do something with. In coordinates of which sticking terms and acting bounds read one a row (:class:`Place`), these
 are held, and all others are the motions y. Let T = B'hB - with h_i (I - q_i q_i') in its blocks - and D'D / c of soft
 limits that act. A row that holds carries the force that is left on its coordinate. So the forces of limits are affine
-in y, with the derivative P = E^{-1} (D / c - (S + T)), of the rows of limits, and E = I + B'q J of these rows, where
+in y, with the derivative P = L^{-1} (D / c - (S + T)), of the rows of limits, and L = I + B'q J of these rows, where
 terms that slip pull at what limits hold; and y has
 
     M y = (all known forces on y),        M = S + T + B'q J P  on y,
@@ -19,12 +19,12 @@ symmetric but for weights that follow p: as many equations as motions are left, 
 needs no care: K_r = K + diag(a), definite by the stiffness a of anchors, stands for K where a factor is wanted, and T
 has -a.
 
-If forces -B'psi act on slipping terms, y moves by -M^{-1} B'(psi - q J psi_p), -psi_p = -E^{-1} B'psi being how the
+If forces -B'psi act on slipping terms, y moves by -M^{-1} B'(psi - q J psi_p), -psi_p = -L^{-1} B'psi being how the
 forces of limits change while y is held. With N = S + T + diag(a), which is not less than K, c such that M^{-1} f has at
 most c times the norm of f, |M^{-1} f|_N <= c |f| in N^{-1}, and phi_i^2 >= |B_i K_r^{-1} B_i'|, the motion d that
-answers |psi_i| <= t_i along q_i and <= r_i across it is bounded by
+answers |psi_i| <= t_i along q_i and <= u_i across it is bounded by
 
-    |d|_N  <=  E_psi = c sum_i (phi_i (t_i + |q J psi_p|_i) + chi_i r_i),               chi_i = min(phi_i, h_i^{-1/2}),
+    |d|_N  <=  E = c sum_i (phi_i (t_i + |q J psi_p|_i) + chi_i u_i),               chi_i = min(phi_i, h_i^{-1/2}),
 
 for B_i d has at most phi_i |d| along q_i, and chi_i |d| across it. Forces of what is held follow from Schwarz's
 inequality. The norm of N^{1/2} M^{-1} N^{1/2} is such a c; so is 2 if y'My >= y'Ny / 2 for all y, which a factorisation
@@ -38,13 +38,14 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
+from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, lapack, qr, solve_triangular
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import eigsh
 
 from vemcvx.arrays import Bools, Floats, Ints, lengths
 from vemcvx.linear import Factor
-from vemcvx.program.operators import Operators, restricted, transverse
+from vemcvx.program.operators import Operators, Rows, restricted, transverse
 from vemcvx.solvers.newton import FOLLOWS, Sets
 
 
@@ -52,10 +53,9 @@ class Response:
     """The rows A = [B; D] of operators, and how the unknowns that they read answer forces: K_r with all others free."""
 
     def __init__(self, operators: Operators):
-        self.operators, self.A = operators, sp.csr_matrix(sp.vstack([operators.B, operators.D]))
+        self.operators, self.A = operators, sp.csr_matrix(sp.vstack([operators.B, operators.D], format="csr"))
+        self.rows = Rows(self.A)
         self.norms, self.limits = slice(operators.B.shape[0]), slice(operators.B.shape[0], None)
-        self.sizes = abs(self.A)
-        """(m * block + r, n) |A|"""
         n = self.A.shape[1]
         self.anchor: Floats = np.zeros(n) if operators.anchor is None else operators.anchor
         """(n,) the stiffness of the anchors, without which K_r is K"""
@@ -72,8 +72,10 @@ class Response:
 
         The last are remembered: sets that hold the same are asked for again while directions turn.
         """
-        some = np.flatnonzero((touched @ self.sizes > 0) | (self.anchor > 0))
-        some = some if 2 * len(some) < len(self.read) else self.read
+        some = self.read
+        if 2 * np.count_nonzero(touched) < len(touched):
+            few = np.flatnonzero((self.rows.absolute.force_of(touched.astype(float)) > 0) | (self.anchor > 0))
+            some = few if 2 * len(few) < len(self.read) else some
         if self._last is None or not (np.array_equal(held, self._last.held) and np.array_equal(some, self._last.some)):
             self._last = None  # Before there is another, lest memory hold two.
             self._last = Place(self, held, some)
@@ -102,28 +104,17 @@ class Response:
     @cached_property
     def flexibility(self) -> Floats:
         """(u, u) K_r^{-1} of the unknowns that rows read."""
-        unit = np.zeros((self.A.shape[1], len(self.read)))
-        unit[self.read, np.arange(len(self.read))] = 1.0
-        found: Floats = self.operators.factor.solve(unit)[self.read]
-        return found
+        return self.operators.factor.flexibility(self.read, self.A.shape[1])
 
     @cached_property
     def stiffness(self) -> Floats:
         """(u, u) its inverse: K_r of these unknowns, all others being free."""
-        K = restricted(self.operators.regular.K, self.read)
+        K = self.operators.regular.K
         if len(self.read) == self.A.shape[1]:
             return _dense(K)
-        rest, factor = self._inner
+        K, (rest, factor) = restricted(K, self.read), self._inner
         coupling = _dense(self.operators.K[rest][:, self.read])
         return _dense(K - coupling.T @ factor.solve(coupling))
-
-    @cached_property
-    def softness(self) -> Floats:
-        """(N, N) W + C: how far rows move under multipliers, W = A K_r^{-1} A'."""
-        A = self.A[:, self.read]
-        return np.asarray(
-            A @ (A @ self.flexibility).T + np.diag(np.append(np.zeros(self.norms.stop), self.operators.compliance))
-        )
 
     @cached_property
     def reach(self) -> Floats:
@@ -134,15 +125,26 @@ class Response:
         return reach
 
     @cached_property
-    def step(self) -> Floats:
-        """(m * block + r,) by which multipliers may follow gradients, alike in a block: 1 / step exceeds W + C."""
-        operators = self.operators
+    def descent(self) -> tuple[Floats, NDArray[np.float32]]:
+        """Units u (N,) of multipliers, alike in a block, and I - (W + C) in these, which is positive definite.
+
+        W = A K_r^{-1} A' and the compliances C say how far rows move under multipliers. Where a descent leads to sets
+        alone, single precision is enough.
+        """
+        operators, A = self.operators, self.A[:, self.read]
+        softness = np.asarray(A @ (A @ self.flexibility).T)
+        on_limits = np.arange(self.limits.start, len(softness))
+        softness[on_limits, on_limits] += operators.compliance
         diagonal = np.append(np.repeat(operators.norm_flexibility, operators.block), 1.0 / operators.limit_stiffness)
-        root = 1.0 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
+        u = 1.0 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
+        softness *= u[:, None]
+        softness *= u
+        left = softness.astype(np.float32)
         # Lanczos' method finds nearly the largest eigenvalue, from below.
-        largest = eigsh(root[:, None] * self.softness * root, 1, v0=root, tol=0.01, return_eigenvectors=False)[0]
-        step: Floats = root**2 / (1.1 * largest)
-        return step
+        largest = 1.1 * float(eigsh(left, 1, v0=u.astype(left.dtype), tol=0.01, return_eigenvectors=False)[0])
+        left /= -largest
+        left[np.diag_indices(len(left))] += 1.0
+        return u / np.sqrt(largest), left
 
 
 def unit_rows(A: sp.csr_matrix) -> sp.csr_matrix:
@@ -191,47 +193,77 @@ class Place:
 
     def __init__(self, response: Response, held: Ints, some: Ints):
         self.held, self.some, self.anchor, self.G = held, some, response.anchor[some], None
+        self.block = response.operators.block
         if len(some) == len(response.read):
             self.inner = response.stiffness
         else:
             among = np.searchsorted(response.read, some)
             self.inner = np.linalg.inv(np.asarray(restricted(response.flexibility, among)))
         """K_r of the unknowns, all others being free"""
-        A = response.A if len(some) == response.A.shape[1] else sp.csr_matrix(response.A[:, some])
-        holding, S = A[held], self.inner
-        columns, entries = holding.indices.astype(np.int64), holding.data
-        if (np.diff(holding.indptr) != 1).any() or len(np.unique(columns)) < len(columns):
-            self.G = G = unit_rows(holding)
+        whole = len(some) == response.A.shape[1]
+        A = response.A if whole else sp.csr_matrix(response.A[:, some])
+        single = (A.indptr[held + 1] - A.indptr[held] == 1).all()
+        S, columns = self.inner, A.indices[A.indptr[held]].astype(np.int64) if single else held
+        if single and len(np.unique(columns)) == len(columns):
+            entries = A.data[A.indptr[held]]
+        else:
+            self.G = G = unit_rows(A[held])
             A, S, columns, entries = sp.csr_matrix(A @ G), G.T @ (S @ G), np.arange(len(held)), np.ones(len(held))
+        own = whole and self.G is None
+        self.rows = response.rows if own else Rows(A)
+        self.norms = response.operators.rows if own else Rows(sp.csr_matrix(A[response.norms]))
+        """A and B in the coordinates"""
+        if self.anchor.any():
+            S = S - self.anchors
         self.S: Floats = S
-        self.A, self.turned = A, sp.csr_matrix(A[response.norms].T)
-        """A and B' in the coordinates"""
+        """K of them"""
         self.columns, self.entries = columns, entries
         """(h,) the coordinates that are held, and what the rows that hold them have there"""
-        self.free: Ints = np.setdiff1d(np.arange(len(S)), columns)
+        free = np.ones(len(S), dtype=bool)
+        free[columns] = False
+        self.free: Ints = np.flatnonzero(free)
 
     @cached_property
     def within(self) -> Floats:
         """S of the free coordinates."""
         return np.asarray(restricted(self.S, self.free))
 
+    @cached_property
+    def pushing(self) -> sp.csr_matrix:
+        """B' on the free coordinates."""
+        return sp.csr_matrix(self.norms.B[:, self.free].T)
+
     @property
-    def anchors(self) -> sp.csr_matrix:
-        """The stiffness of the anchors of the unknowns."""
-        return sp.csr_matrix(sp.diags_array(self.anchor))
+    def anchors(self) -> Floats:
+        """(c, c) the stiffness of the anchors."""
+        return np.diag(self.anchor) if self.G is None else np.asarray((self.G.T * self.anchor) @ self.G.toarray())
 
-    def reduced(self, K: sp.csr_matrix) -> sp.csr_matrix:
-        """A matrix of the unknowns, in the coordinates."""
-        return sp.csr_matrix(K if self.G is None else self.G.T @ K @ self.G)
+    @cached_property
+    def _pairs(self) -> tuple[Ints, Ints, sp.csr_matrix]:
+        """Places (i, j) where A'HA may have entries, H a block a term and limit; and what these are, of H's entries."""
+        A, block, m = self.rows.B, self.block, self.norms.B.shape[0]
+        row = np.repeat(np.arange(A.shape[0]), np.diff(A.indptr))
+        term = np.where(row < m, row // block, row - m + m // block)
+        alike = sp.csr_matrix((np.ones(len(row)), term, np.arange(len(row) + 1)))
+        one, other = (alike @ alike.T).nonzero()
+        # Entry (k, l) of the block of a term, or the one of a limit.
+        entry = np.where(row[one] < m, row[one] * block + row[other] % block, row[one] + m * (block - 1))
+        place, slot = np.unique(A.indices[one].astype(np.int64) * A.shape[1] + A.indices[other], return_inverse=True)
+        made = sp.csr_matrix(
+            (A.data[one] * A.data[other], (slot, entry)), shape=(len(place), A.shape[0] + m * (block - 1))
+        )
+        return *np.divmod(place, A.shape[1]), made
 
-    def beside_free(self, T: sp.csr_matrix, rows: Ints) -> Floats:
-        """S + T, these coordinates beside the free ones."""
+    def beside_free(self, H: Floats | None, rows: Ints) -> Floats:
+        """S + A'HA, these coordinates beside the free ones; H are entries of blocks (m * block^2) and limits (r,)."""
         S = self.within.copy() if rows is self.free else self.S.take(rows, 0).take(self.free, 1)
-        row, column, added = np.full(len(self.S), -1), np.full(len(self.S), -1), T.tocoo()
-        row[rows], column[self.free] = np.arange(len(rows)), np.arange(len(self.free))
-        i, j = row[added.row], column[added.col]
-        there = (i >= 0) & (j >= 0)
-        S[i[there], j[there]] += added.data[there]
+        if H is not None:
+            i, j, made = self._pairs
+            row, column = np.full(len(self.S), -1), np.full(len(self.S), -1)
+            row[rows], column[self.free] = np.arange(len(rows)), np.arange(len(self.free))
+            i, j = row[i], column[j]
+            there = (i >= 0) & (j >= 0)
+            S[i[there], j[there]] += (made @ H)[there]
         return np.asarray(S)
 
 
@@ -246,29 +278,40 @@ class SetsSystem:
 
     def __init__(self, operators: Operators, sets: Sets, J: sp.csr_matrix, response: Response):
         self._operators, self._response, self._sets = operators, response, sets
+        self._slope: Floats | sp.csr_matrix = J
+        self._steep: Floats | sp.csr_matrix = abs(J)
         hard, stick = sets.act & (operators.compliance == 0), np.repeat(sets.stick, operators.block)
         self._spring = np.divide(1.0, operators.compliance, out=np.zeros(len(hard)), where=sets.act & ~hard)
         self._slips, self._hard = np.flatnonzero(~stick), np.flatnonzero(hard)
         stick[sets.idle] = False
-        concerned = np.repeat(sets.stick | (sets.curvature > 0) | (abs(J) @ sets.act > 0), operators.block)
+        concerned = np.repeat(sets.stick | (sets.curvature > 0) | (self._steep @ sets.act > 0), operators.block)
         held = np.concatenate([response.limits.start + self._hard, np.flatnonzero(stick)])
         self._place = place = response.place(held, np.append(concerned, sets.act))
-        H = sets.curvature[:, None, None] * transverse(sets.direction)
-        T = operators.stiffening(H, self._spring if self._spring.any() else None)
-        T = T if len(place.some) == T.shape[0] else T[place.some][:, place.some]
-        self._T = place.reduced(T - place.anchors if place.anchor.any() else T)
+        self._H = self._curved()
         self._share()
-        self._pull = _blockwise(sets.direction[:, :, None]) @ J
-        self._untie: sp.csr_matrix | None = None
-        self._pull.eliminate_zeros()
-        self._tug = place.turned @ self._pull
-        if np.diff(self._tug.indptr)[place.columns].any():
-            self._tie()
-        h, forces = len(self._hard), place.columns if self._R is not None else place.columns[: len(self._hard)]
-        self._P = np.zeros((len(hard), len(place.free)))
-        self._P[self._hard] = -self._carried(place.beside_free(self._T, forces), place.entries[: len(forces)])[:h]
+        self._feedback: Floats | None = None
+        pulls = (np.abs(sets.direction) * (self._steep @ np.ones(len(hard)))[:, None]).ravel()
+        if place.norms.absolute.force_of(pulls)[place.columns].any():
+            self._close_loop(J)
+        self._reactions = self._forces_of_limits()
+
+    def _curved(self) -> Floats | None:
+        """What T has for blocks of terms (m * block^2) and limits (r,); None if that is nothing."""
+        if not (self._sets.curvature.any() or self._spring.any()):
+            return None
+        blocks = self._sets.curvature[:, None, None] * transverse(self._sets.direction)
+        return np.concatenate([blocks.ravel(), self._spring])
+
+    def _forces_of_limits(self) -> Floats:
+        """P (r, y): how the forces of limits follow the motions y, as if nothing pulled at what they hold."""
+        place, h = self._place, len(self._hard)
+        count = len(place.columns) if self._R is not None else h
+        force = place.beside_free(self._H, place.columns[:count])
+        P = np.zeros((len(self._spring), len(place.free)))
+        P[self._hard] = -self._carried(force, place.entries[:count])[:h]
         if self._spring.any():
-            self._P += (sp.diags_array(self._spring) @ place.A[response.limits])[:, place.free].toarray()
+            P += self._spring[:, None] * place.rows.B[self._response.limits][:, place.free].toarray()
+        return P
 
     def _share(self) -> None:
         """x = R f + given (shares of x) of limits that hold, terms that stick and idle rows, f the force on what holds.
@@ -278,7 +321,7 @@ class SetsSystem:
         idle, h, place = self._sets.idle, len(self._hard), self._place
         self._rows, self._given, self._R = np.append(place.held, idle), np.zeros((len(place.held), 0)), None
         if len(idle):
-            pushed = place.turned[:, idle].toarray()[place.columns] / place.entries[:, None]
+            pushed = place.norms.B[idle][:, place.columns].toarray().T / place.entries[:, None]
             own = np.concatenate([np.zeros((len(idle), h)), self._sets.shares[:, place.held[h:]]], axis=1)
             chosen = np.linalg.inv(self._sets.shares[:, idle] - own @ pushed)
             self._given = np.concatenate([-pushed @ chosen, chosen])
@@ -289,17 +332,40 @@ class SetsSystem:
         own: Floats = (force.T / entries).T
         return own if self._R is None else self._R @ own
 
-    def _tie(self) -> None:
-        """p = E^{-1} (what limits would carry alone), where terms that slip pull at what limits hold."""
-        E, place = np.eye(len(self._spring)), self._place
-        E[self._hard] += self._carried(self._tug.toarray()[place.columns], place.entries)[: len(self._hard)]
-        self._untie = sp.csr_matrix(np.linalg.inv(E))
-        self._pull, self._tug = self._pull @ self._untie, self._tug @ self._untie
+    def _close_loop(self, J: sp.csr_matrix) -> None:
+        """p = L^{-1} (what limits would carry alone), where terms that slip pull at what limits hold."""
+        L, place = np.eye(len(self._spring)), self._place
+        pulled = (self._sets.direction[:, :, None] * J.toarray()[:, None, :]).reshape(-1, len(L))
+        pulled = (place.norms.B[:, place.columns].T @ pulled).reshape(len(place.columns), len(L))
+        L[self._hard] += self._carried(pulled, place.entries)[: len(self._hard)]
+        self._feedback = feedback = np.asarray(np.linalg.inv(L))
+        self._slope = slope = np.asarray(J @ feedback)
+        self._steep = np.abs(slope)
+
+    def _followed(self, p: Floats) -> Floats:
+        """(m * block,) q J p: what multipliers of slipping terms follow of the forces of limits (r,)."""
+        followed: Floats = (self._sets.direction * (self._slope @ p)[:, None]).ravel()
+        return followed
+
+    def _pull(self, p: Floats) -> Floats:
+        """B'q J p, on the coordinates."""
+        return self._place.norms.force_of(self._followed(p))
+
+    def _stiff(self, d: Floats) -> Floats:
+        """(S + T) d."""
+        place, force = self._place, self._place.S @ d
+        if self._H is None:
+            return np.asarray(force)
+        read = place.rows.read(d)
+        bent = self._sets.bent(self._operators.blocks(read[self._response.norms])).ravel()
+        return np.asarray(force + place.rows.force_of(np.append(bent, self._spring * read[self._response.limits])))
 
     def _parts(self) -> tuple[Floats, Floats]:
         """S + T and B'q J P on y, which add up to M."""
-        place = self._place
-        return place.beside_free(self._T, place.free), np.asarray(self._tug[place.free] @ self._P)
+        place, q, pushing = self._place, self._sets.direction, self._place.pushing
+        along = pushing.data * q.ravel()[pushing.indices], pushing.indices // q.shape[1], pushing.indptr
+        pulling = sp.csr_matrix(along, shape=(len(place.free), len(q)))
+        return place.beside_free(self._H, place.free), np.asarray(pulling @ (self._slope @ self._reactions))
 
     @cached_property
     def _lu(self) -> tuple[Floats, Ints]:
@@ -334,16 +400,16 @@ class SetsSystem:
         d = np.zeros(len(place.S))
         d[place.columns], rest = wanted[place.held] / place.entries, self._passed(force - response.act(x))
         if d.any():
-            rest -= place.S @ d + self._T @ d
-        p = x[limits] + self._spring * (place.A @ d)[limits]
+            rest = rest - self._stiff(d)
+        p = x[limits] + self._spring * place.rows.read(d)[limits]
         p[self._hard] += (self._carried(rest[place.columns], place.entries) + given)[:h]
-        y[place.free] = self._opened((rest - self._tug @ p)[place.free])
-        p += self._P @ y[place.free]
+        y[place.free] = self._opened((rest - self._pull(p))[place.free])
+        p += self._reactions @ y[place.free]
         d += y
         if len(self._rows) > h:
-            rest -= place.S @ y + self._T @ y + self._tug @ p
-        x[norms] += sets.bent(self._operators.blocks((place.A @ d)[norms])).ravel() + self._pull @ p
-        x[limits] = p if self._untie is None else self._untie @ p
+            rest = rest - self._stiff(y) - self._pull(p)
+        x[norms] += sets.bent(self._operators.blocks(place.norms.read(d))).ravel() + self._followed(p)
+        x[limits] = p if self._feedback is None else self._feedback @ p
         x[self._rows[h:]] = (self._carried(rest[place.columns], place.entries) + given)[h:]
         d = d if place.G is None else np.asarray(place.G @ d)
         if len(d) == len(force):
@@ -358,53 +424,62 @@ class SetsSystem:
         place = self._place
         if len(place.free) == 0:
             return 0.0
-        anchors = place.reduced(place.anchors).toarray()[np.ix_(place.free, place.free)] if place.anchor.any() else 0.0
+        stiff, followed = self._parts()
+        anchors = place.anchors[np.ix_(place.free, place.free)] if place.anchor.any() else None
         # y'My >= y'Ny / 2 where J is small: M + M' - N is definite, which shows in a tenth of the work of the norm.
-        twice, followed = self._parts()
-        twice += followed
-        twice += followed.T - anchors
-        if lapack.dpotrf(twice.T, overwrite_a=True)[1] == 0:
+        twice = stiff + followed
+        twice += followed.T
+        if anchors is not None:
+            twice -= anchors
+            stiff += anchors
+        if lapack.dpotrf(twice.T, lower=1, clean=0, overwrite_a=True)[1] == 0:
             return 2.0
-        root, info = lapack.dpotrf(self._parts()[0] + anchors)
+        root, info = lapack.dpotrf(stiff)
         return np.inf if info else float(np.linalg.norm(np.triu(root) @ self._opened(np.triu(root).T)))
 
     def answers(self, along: Floats, across: Floats) -> Answers:
         """Bounds on the answers to psi, its parts being at most `along` and `across` (m,), none of what sticks."""
         response, place, block, h = self._response, self._place, self._operators.block, self._sets.curvature
-        norms, limits, turned, pull = response.norms, response.limits, abs(place.turned), abs(self._pull)
-        moving = self._moving
+        norms, limits, push, steep = response.norms, response.limits, place.norms.absolute.force_of, self._steep
+        moving, diagonal = self._moving, np.diagonal(place.S)
         # A term moves if one of its rows does.
         phi = self._operators.blocks(moving[norms]).max(axis=1)
         chi = np.minimum(phi, 1.0 / np.sqrt(np.where(h > 0, h, np.inf)), where=h > 0, out=phi.copy())
         psi = np.repeat(np.hypot(along, across), block)
-        tied = lengths(self._operators.blocks(pull @ self._on_limits(turned @ psi)))
+        tied = lengths(self._sets.direction) * (steep @ self._on_limits(push(psi)))
         energy = self.gain * float(response.reach[norms][::block] @ tied + phi @ along + chi @ across)
         excess = moving[limits] * energy
         # |K_r d| on a coordinate, by Schwarz's inequality; anchors pull with no more than the root of their stiffness.
-        force = np.sqrt(np.diagonal(place.S)) * energy + turned @ (psi + np.repeat(h * chi * energy, block))
         if place.anchor.any():
-            force += np.sqrt(place.reduced(place.anchors).diagonal()) * energy
-        force += abs(place.A[limits]).T @ (self._spring * excess)
+            anchors = np.diagonal(place.anchors)
+            force = (np.sqrt(diagonal + anchors) + np.sqrt(anchors)) * energy
+        else:
+            force = np.sqrt(diagonal) * energy
+        # and curvature and springs.
+        bent = np.append(psi + np.repeat(h * chi * energy, block), self._spring * excess)
+        force += place.rows.absolute.force_of(bent)
         forces = self._on_limits(force) + self._spring * excess
         held = np.zeros(len(moving))
-        held[self._rows] = self._bounded(force + turned @ (pull @ forces))
+        followed = np.abs(self._sets.direction) * (steep @ forces)[:, None]
+        held[self._rows] = self._bounded(force + push(followed.ravel()))
         return Answers(
             energy=energy,
             along=phi * energy,
             across=chi * energy,
             excess=excess,
             multipliers=lengths(self._operators.blocks(held[norms])),
-            forces=forces if self._untie is None else abs(self._untie) @ forces,
+            forces=forces if self._feedback is None else abs(self._feedback) @ forces,
         )
 
     @property
     def _moving(self) -> Floats:
         """(m * block + r,) `reach` of rows, zero for those that what is held does not let move."""
-        response, place, sizes = self._response, self._place, abs(self._place.A)
+        response, place, sizes = self._response, self._place, self._place.rows.absolute
         free, others = np.zeros(len(place.S)), np.ones(len(response.anchor))
         free[place.free], others[place.some] = 1.0, 0.0
         # By lengths of the rows themselves: of rows that nearly follow from others, those in coordinates are longer.
-        held = (sizes @ free <= FOLLOWS * (response.sizes @ np.ones(len(others)))) & (response.sizes @ others == 0)
+        own = response.rows.absolute.read
+        held = (sizes.read(free) <= FOLLOWS * own(np.ones(len(others)))) & (own(others) == 0)
         return np.where(held, 0.0, response.reach)
 
     def _bounded(self, force: Floats) -> Floats:
@@ -438,9 +513,3 @@ class Answers(NamedTuple):
 def _dense(K: Floats | sp.csr_matrix) -> Floats:
     """The matrix as an array by rows."""
     return np.ascontiguousarray(K if isinstance(K, np.ndarray) else K.toarray())
-
-
-def _blockwise(blocks: Floats) -> sp.csr_matrix:
-    """The block diagonal matrix of blocks (m, i, j)."""
-    m, i, j = blocks.shape
-    return sp.csr_matrix(sp.bsr_matrix((blocks, np.arange(m), np.arange(m + 1)), shape=(m * i, m * j)))

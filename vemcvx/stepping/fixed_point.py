@@ -122,14 +122,15 @@ class DependentStep:
         return posed.solve_balanced(self.n, FIXED_POINT, near)
 
     def from_before(self) -> tuple[State | None, int]:
-        """A solution near the state before, if one is found in a few sets, and how many it took.
+        """A solution near the state that the one before lets expect, if a few sets find one, and how many it took.
 
         The sets of the step before are nearer than the answer to a program with its weights; for bodies without
         supports that program has the weights of `start`, under which all contacts stick.
         """
         if not (self.replaces and self.attempt.ordinary):
             return None, 0
-        return self.solution_near(self.attempt.before, 0, FEW_SETS)
+        before, t = self.attempt.before, self.attempt.data.t
+        return self.solution_near(before.ahead(t), 0, FEW_SETS)
 
     def solution_near(self, state: State, spent: int, most: float = np.inf) -> tuple[State | None, int]:
         """A solution of the step near the state, with the certificate of its own error, and how many sets it took.

@@ -332,7 +332,7 @@ class PosedStep:
             safeguards=answer.safeguards,
             size=max(before.size, size, ground_norm(operators, self.data.ground, self.program.w)),
             noise=noise,
-            earlier=Earlier(before.t, before.lam, before.p),
+            earlier=Earlier(before.t, before.lam, before.p, before.y),
             dragged=before.dragged,
         )
 

@@ -191,13 +191,19 @@ class Dragged:
 
 @dataclass(frozen=True)
 class Earlier:
-    """Multipliers of the step before: from them and its own a state expects the next ones."""
+    """The step before: from it and its own a state expects the next one."""
 
     t: float
     lam: Floats
     """(m, block)"""
     p: Floats
     """(r,)"""
+    y: Floats
+    """(m,)"""
+
+    def share(self, now: float, t: float) -> float:
+        """Part of what has changed since, up to `now`, that is expected to change once more up to `t`."""
+        return min(1.0, (t - now) / (now - self.t)) if self.t < now else 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -284,11 +290,24 @@ class State:
         h = k = 1/256, a second active set is then needed in 19 steps instead of 116.
         """
         before = self.earlier
-        if before is None or not before.t < self.t:
+        share = 0.0 if before is None else before.share(self.t, t)
+        if before is None or share == 0.0:
             return self.lam, self.p
-        share = min(1.0, (t - self.t) / (self.t - before.t))
         lam, p = self.lam + share * (self.lam - before.lam), self.p + share * (self.p - before.p)
         return lam, np.maximum(p, 0.0)
+
+    def ahead(self, t: float) -> State:
+        """The state moved on to what is expected at the next instant `t`: its motion goes on like the multipliers.
+
+        What slips under Coulomb's law is at its bound and would seem to stick if it stood still: on 64 squares, 64
+        steps take 109 and 131 systems of sets from there, and 219 and 211 from the state itself.
+        """
+        before = self.earlier
+        share = 0.0 if before is None else before.share(self.t, t)
+        if before is None or share == 0.0:
+            return self
+        lam, p = self.expected(t)
+        return replace(self, y=self.y + share * (self.y - before.y), lam=lam, p=p)
 
     def unit(self, accuracy: float) -> float:
         """The energy norm that errors are relative to: see :mod:`vemcvx.stepping.posed_step`."""

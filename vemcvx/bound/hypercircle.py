@@ -211,16 +211,14 @@ class Hypercircle:
         largest = max(float(np.abs(one).max(initial=0.0)) for one in (*tractions, surface.forces))
         motion, squares = self.equilibrium.solve(given, largest)
         work = [-outline_forces(a) - one.outline for a, one in zip(constant, inside, strict=True)]
-        energy, potential = float(boundary.spring_energies(ends).sum()), float(surface.cost.sum())
-        for fans, one, a, b in zip(self.fans, inside, linear, still, strict=True):
-            areas = 0.5 * fans.doubled_areas.sum(axis=1)
-            energy += float(np.einsum("c,ck,ck->", areas, a, one.v.strain) + np.sum(one.v.bent * one.outline))
-            potential += float(np.einsum("c,ck,ck->", areas, b, one.v.strain))
+        springs, potential = float(boundary.spring_energies(ends).sum()), float(surface.cost.sum())
+        for fans, one, b in zip(self.fans, inside, still, strict=True):
+            potential += float(np.einsum("c,ck,ck->", 0.5 * fans.doubled_areas.sum(axis=1), b, one.v.strain))
             squares[fans.cells] += one.squares
         squares = np.maximum(squares, 0.0)
+        energy, of_body = self._inner(inside, body, outline)
         for k, f in enumerate(body):
-            energy, work[k] = energy + f.energy, work[k] + f.outline
-            potential -= f.work + float(np.sum(f.outline * outline[self.outlines[k]]))
+            work[k] = work[k] + f.outline
         residual = gathered(self.outlines, work, self.Q.shape[0]) + self.of_tractions(surface.loads)
         left = self.Q.T @ residual
         w, defect = self.factor.solve(left), Defect(motion, outline, densities)
@@ -235,8 +233,8 @@ class Hypercircle:
             springs=boundary.spring_energies(motion[numbered.outer]),
             oscillation=oscillation,
             cells=self.enlarged(squares, defect, oscillation),
-            potential=potential + 0.5 * energy - float(np.sum(surface.loads[:, :2] * ends)),
-            norm=float(np.sqrt(max(energy, 0.0))),
+            potential=potential + 0.5 * (energy + springs) - of_body - float(np.sum(surface.loads[:, :2] * ends)),
+            norm=float(np.sqrt(max(energy + springs, 0.0))),
             lowered=float(np.sqrt(max(float(left @ w), 0.0))),
         )
 
@@ -261,6 +259,21 @@ class Hypercircle:
             squares += f.squares - 2.0 * np.einsum("ci,ci->c", f.mixed, v.bent)
             edges = edges + f.edges
         return _Inside(v, edges, on_outline, squares)
+
+    def inner(self, u: Floats, t: float) -> tuple[float, float]:
+        """|v|^2 in cells of the displacement with nodal values (n_nodes, 2), and the work of body forces on it."""
+        body, outline = self.body_forces.of(self.densities_at(t)), self.equilibrium.edges.outline(u)
+        return self._inner([self._inside(k, outline, body[k : k + 1]) for k in range(len(self.fans))], body, outline)
+
+    def _inner(self, inside: Sequence[_Inside], body: Sequence[Body], outline: Floats) -> tuple[float, float]:
+        energy, work = sum(f.energy for f in body), sum(f.work for f in body)
+        for fans, one in zip(self.fans, inside, strict=True):
+            areas, strain = 0.5 * fans.doubled_areas.sum(axis=1), one.v.strain
+            energy += float(np.einsum("c,ck,ckl,cl->", areas, strain, fans.C, strain, optimize=True))
+            energy += float(np.sum(one.v.bent * one.outline))
+        for f, place in zip(body, self.outlines, strict=False):
+            work += float(np.sum(f.outline * outline[place]))
+        return energy, work
 
     def at_stations(self, k: int, defect: Defect) -> Floats:
         """r (c, n, 18, 3) in the k-th chunk of cells, at its stations, under the defect's body forces."""
@@ -295,6 +308,11 @@ class Hypercircle:
             own = np.einsum("ci,ci->c", x, fans.apply(stress.stiffness, x))
             found[fans.cells] = own + self._inside(k, defect.outline, body[k : k + 1]).squares
         return np.maximum(found, 0.0)
+
+    def norm(self, defect: Defect, missed: Floats) -> float:
+        """The norm of a defect, each cell's larger by what is missed (corners,)."""
+        squares = self.squares_of(defect, self.body_forces.of(defect.densities))
+        return float(np.sqrt(self.enlarged(squares, defect, missed).sum()))
 
     def squares(self, stresses: Sequence[Floats]) -> Floats:
         """(corners,) squares in C^-1 of stresses (c, n, 18, 3) on the triangles of each chunk of cells."""

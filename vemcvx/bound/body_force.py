@@ -30,6 +30,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import reduce
 
 import numpy as np
 
@@ -170,25 +171,34 @@ class BodyForces:
         """What body forces (c, n, 21, 2) of each chunk make; nothing where there are none."""
         if not densities:
             return ()
-        largest, s, left = max(float(np.abs(f).max()) for f in densities), np.zeros(len(self.known)), list(densities)
-        for k, (shape, norm) in enumerate(zip(self.known, self.norms, strict=True)):
-            s[k] = sum(map(np.vdot, left, shape)) / norm
-            left = [f - s[k] * one for f, one in zip(left, shape, strict=True)]
-        if self.known and max(float(np.abs(f).max()) for f in left) <= ROUNDING * largest:
+        largest = max(map(_largest, densities))
+        works = [sum(map(np.vdot, densities, shape)) / norm for shape, norm in zip(self.known, self.norms, strict=True)]
+        s = np.array(works)
+
+        def rest(k: int) -> Floats:
+            """What is no combination in the k-th chunk."""
+            return reduce(lambda f, one: f - one[0] * one[1][k], zip(s, self.known, strict=True), densities[k])
+
+        if self.known and all(_largest(rest(k)) <= ROUNDING * largest for k in range(len(densities))):
             if not self.made:
                 self.made.append(tuple(_shapes(fans, each) for fans, *each in zip(self.fans, *self.known, strict=True)))
             return tuple(one.combined(s, f) for one, f in zip(self.made[0], densities, strict=True))
         found = tuple(_shapes(fans, [f]) for fans, f in zip(self.fans, densities, strict=True))
         if largest > 0.0:
             self.made.clear()
+            left = tuple(map(rest, range(len(densities))))
             if len(self.known) in (0, MOST_SHAPES):
                 self.known.clear()
                 self.norms.clear()
                 self.made.append(found)
-                left = list(densities)
-            self.known.append(tuple(left))
+                left = tuple(densities)
+            self.known.append(left)
             self.norms.append(float(sum(map(np.vdot, left, left))))
         return tuple(one.combined(np.ones(1), f) for one, f in zip(found, densities, strict=True))
+
+
+def _largest(f: Floats) -> float:
+    return float(max(f.max(), -f.min()))
 
 
 def alone(fans: Fans, f: Floats) -> tuple[Floats, Floats]:

@@ -202,12 +202,10 @@ class DataOscillation:
     @cached_property
     def parts(self) -> list[Contribution]:
         """What all effects say there, also those that assembled as zero; materials, on the mesh as it is."""
-        effects = self.posed.scene.canonical
-        laws = [effect for effect in effects if isinstance(effect, MaterialLaw)]
-        others = [effect for effect in effects if not isinstance(effect, MaterialLaw)]
+        others = [effect for effect in self.posed.scene.canonical if not isinstance(effect, MaterialLaw)]
         with unwarned():
-            asked = (*contributions(others, Space(self.fine.mesh)), *contributions(laws, self.posed.space))
-        return [part for _, part in asked]
+            asked = contributions(others, Space(self.fine.mesh))
+        return [*(part for _, part in asked), *self.posed.laws]
 
     @cached_property
     def body_loads(self) -> list[Load]:

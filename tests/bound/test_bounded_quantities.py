@@ -216,6 +216,19 @@ def test_quantities_of_two_bodies_are_between_their_bounds(name):
         check_against_finer(STACKS[name], (stacked(3), stacked(9)), of)
 
 
+@pytest.mark.parametrize("seed", [0, 3])
+def test_estimates_end_where_the_certain_interval_ends(seed):
+    """The dual state that is frozen as the run's is made on this mesh, and may be the worse of the two."""
+    scene, turn = random_scene(seed)
+    history = vx.simulate(scene, coarse_mesh(seed, 3), [0.0, turn])
+    of = vx.PrescribedDisplacement(ALONG, on="right") if seed == 0 else vx.Traction(UP, on="top")
+    bound = vx.error_bound(history, -1, of)
+    assert bound.certain[0] <= bound.low < bound.high <= bound.certain[1]
+    # The former would go beyond it on both sides, and so is a theorem; the latter above.
+    assert bound.guaranteed == (seed == 0)
+    assert bound.high == bound.certain[1]
+
+
 def test_what_friction_alone_holds_has_an_estimate():
     with pytest.warns(vx.SceneWarning, match="supports"):
         history = vx.simulate(SCENES["held by friction"], vx.meshes.squares(6), [0.0, 1.0])

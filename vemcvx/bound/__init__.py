@@ -45,8 +45,9 @@ linear in time between instants, D_n being what the friction of tau and the slip
 
     |tau - sigma|  <=  y_n  =  (y_{n-1}^2 + 2 D_n)^{1/2} + |r_n - r_{n-1}|.
 
-The path is the same run in finer steps, with instants at which data bend, turn or jump; data are read at these and at
-quarters of the steps between, and taken for linear in time between readings. Statement and proof: :mod:`.error_bound`.
+The path is the same run in finer steps, with instants at which data bend, turn or jump, on cells within its own; data
+are read at these instants and at quarters of the steps between, and taken for linear in time between readings.
+Statement and proof: :mod:`.error_bound`, :mod:`.within`.
 
 **The data** are functions of which a program knows values at points, and the theorems are about data as read there:
 body forces at 21 points of each triangle of a fan, tractions at three of each piece of the boundary (1/512 of the size

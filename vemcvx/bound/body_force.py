@@ -7,16 +7,32 @@ Loads less their linear moments do no work on rigid motions of a triangle T, so 
 h_T the diameter, s the least shear modulus (2 mu): Payne and Weinberger's inequality on convex T, the divergence of
 (x - a) w^2, a being the apex over the edge e, and Korn's |grad w|^2 <= K |eps(w)|^2 without mean rotation. K = 1 + 2 /
 beta^2: the rotation p of w, of mean zero, is div phi of some phi that vanishes on the boundary, beta |grad phi| <= |p|,
-and int p^2 = int eps(w) : M with |M| <= |grad phi|. A domain between concentric discs of the radii rho and R that is
-star-shaped for the smaller one has (M. Costabel and M. Dauge, Arch. Ration. Mech. Anal. 217 (2015), arXiv 1303.6141)
+and int p^2 = int eps(w) : M with |M| <= |grad phi|. Of a triangle, rho and R being the radius of the incircle and the
+distance of its centre from the farthest corner,
 
-    beta >= rho / (2^{1/2} R) (1 + (1 - rho^2 / R^2)^{1/2})^{-1/2},            of a disc exactly 2^{-1/2}.
+    beta >= rho / (2^{1/2} R) (1 + (1 - rho^2 / R^2)^{1/2})^{-1/2},
 
-Of a triangle, rho / R is the sine of half its least angle a, and this is sin(a / 4): the bound of C. O. Horgan and
-L. E. Payne (ibid. 82 (1983)) by the angle a / 2 between the sides and the rays from the incentre. Both are cited from
-memory. Of the paper of 2015 the abstract and the introduction were at hand: Horgan and Payne's bound holds for some
-classes of star-shaped domains and a weaker one for all; that triangles are such a class was not read. On triangles
-beta^2 is, by eigenvalues, 1.4 to 2.2 times as large (test_inf_sup_constants_are_below_eigenvalues).
+the bound of C. O. Horgan and L. E. Payne (Arch. Ration. Mech. Anal. 82 (1983)). It does not hold for all
+star-shaped domains, as M. Costabel and M. Dauge found (ibid. 217 (2015), arXiv 1303.6141), but does for polygons
+with an incircle:
+
+(i) h and g, conjugate harmonic, int h = 0, have |h|^2 <= G |g|^2. Take h less its value at the centre of the incircle,
+from which angles and the boundary r = f(a) are measured; this only enlarges |h|. On each curve r = t f(a), t < 1,
+Cauchy's formula for (h + i g)^2 says int (h^2 - g^2 + 2 h g T) da = -2 pi g(0)^2 <= 0, T = f' / f. With c f^2 < 1,
+
+    c int f^2 h^2 da  <=  int (g^2 - 2 h g T - (1 - c f^2) h^2) da  <=  int g^2 (1 + T^2 / (1 - c f^2)) da,
+
+and with t dt integrated, f^2 t dt da being an area, G <= max_a (1 + T^2 / (1 - c f^2)) / (c f^2). Sides that touch the
+circle have f^2 = rho^2 (1 + T^2): with b = c rho^2 the fraction is (1 - b) / (b (1 - c f^2)), largest in the farthest
+corner, and by the best of all b < rho^2 / R^2 it is G = (R / rho + (R^2 / rho^2 - 1)^{1/2})^2 there.
+
+(ii) Of all phi with div phi = p that vanish on the boundary let phi have the least |grad phi|. Then Delta phi = grad q
+for some q, so that s = curl phi and g = q - p are conjugate harmonic, |grad phi|^2 = |p|^2 + |s|^2 = int q p, hence
+|s|^2 = int g p. By (i) for g without its mean, |s|^2 <= G^{1/2} |s| |p|: |grad phi|^2 <= (1 + G) |p|^2, and beta^2 >= 1
+/ (1 + G), which is the bound.
+
+rho / R is the sine of half the least angle a of the triangle, and the bound is sin(a / 4). By eigenvalues beta^2 is 1.4
+to 2.2 times as large (test_inf_sup_constants_are_below_eigenvalues).
 
 What is quadratic in f - f_1 and t - t_1 counts by the norm of a stress that balances it, and only the rest like that.
 
@@ -30,6 +46,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import reduce
 
 import numpy as np
 
@@ -170,25 +187,34 @@ class BodyForces:
         """What body forces (c, n, 21, 2) of each chunk make; nothing where there are none."""
         if not densities:
             return ()
-        largest, s, left = max(float(np.abs(f).max()) for f in densities), np.zeros(len(self.known)), list(densities)
-        for k, (shape, norm) in enumerate(zip(self.known, self.norms, strict=True)):
-            s[k] = sum(map(np.vdot, left, shape)) / norm
-            left = [f - s[k] * one for f, one in zip(left, shape, strict=True)]
-        if self.known and max(float(np.abs(f).max()) for f in left) <= ROUNDING * largest:
+        largest = max(map(_largest, densities))
+        works = [sum(map(np.vdot, densities, shape)) / norm for shape, norm in zip(self.known, self.norms, strict=True)]
+        s = np.array(works)
+
+        def rest(k: int) -> Floats:
+            """What is no combination in the k-th chunk."""
+            return reduce(lambda f, one: f - one[0] * one[1][k], zip(s, self.known, strict=True), densities[k])
+
+        if self.known and all(_largest(rest(k)) <= ROUNDING * largest for k in range(len(densities))):
             if not self.made:
                 self.made.append(tuple(_shapes(fans, each) for fans, *each in zip(self.fans, *self.known, strict=True)))
             return tuple(one.combined(s, f) for one, f in zip(self.made[0], densities, strict=True))
         found = tuple(_shapes(fans, [f]) for fans, f in zip(self.fans, densities, strict=True))
         if largest > 0.0:
             self.made.clear()
+            left = tuple(map(rest, range(len(densities))))
             if len(self.known) in (0, MOST_SHAPES):
                 self.known.clear()
                 self.norms.clear()
                 self.made.append(found)
-                left = list(densities)
-            self.known.append(tuple(left))
+                left = tuple(densities)
+            self.known.append(left)
             self.norms.append(float(sum(map(np.vdot, left, left))))
         return tuple(one.combined(np.ones(1), f) for one, f in zip(found, densities, strict=True))
+
+
+def _largest(f: Floats) -> float:
+    return float(max(f.max(), -f.min()))
 
 
 def alone(fans: Fans, f: Floats) -> tuple[Floats, Floats]:

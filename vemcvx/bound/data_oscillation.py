@@ -202,12 +202,10 @@ class DataOscillation:
     @cached_property
     def parts(self) -> list[Contribution]:
         """What all effects say there, also those that assembled as zero; materials, on the mesh as it is."""
-        effects = self.posed.scene.canonical
-        laws = [effect for effect in effects if isinstance(effect, MaterialLaw)]
-        others = [effect for effect in effects if not isinstance(effect, MaterialLaw)]
+        others = [effect for effect in self.posed.scene.canonical if not isinstance(effect, MaterialLaw)]
         with unwarned():
-            asked = (*contributions(others, Space(self.fine.mesh)), *contributions(laws, self.posed.space))
-        return [part for _, part in asked]
+            asked = contributions(others, Space(self.fine.mesh))
+        return [*(part for _, part in asked), *self.posed.laws]
 
     @cached_property
     def body_loads(self) -> list[Load]:
@@ -433,13 +431,20 @@ class DataOscillation:
         lacking = np.stack([self._integrals(one) for one in apart.T], axis=1)
         return POINCARE * edges.sizes**2 / edges.shear * self._integrals(np.sum(apart**2, axis=1)), lacking
 
+    @cached_property
+    def inside_cells(self) -> bool:
+        """True where moduli, eigenstrains or prestress may vary inside cells."""
+        materials = any(part.material.at for part in self.parts if part.material)
+        swelling = any(one.at for part in self.parts for one in part.eigenstrains)
+        return materials or swelling or any(one.at for part in self.parts for one in part.initial_stresses)
+
     def stress(self, t: float, strain: Floats) -> Floats:
         """|(C - C_K) eps + sigma_0 - sigma_0K|^2_K in C^-1."""
+        if not self.inside_cells:
+            return np.zeros(len(strain))
         laws = [(part.material, part.material.at) for part in self.parts if part.material and part.material.at]
         swelling = [(one, one.at) for part in self.parts for one in part.eigenstrains if one.at]
         initial = [(one, one.at) for part in self.parts for one in part.initial_stresses if one.at]
-        if not (laws or swelling or initial):
-            return np.zeros(len(strain))
         x, owner, material = self.inside.x, self.inside.owner, self.posed.material
         C_K, blocked_K = elastic_matrix(material.moduli)[owner], material.thermal_stress_moduli[owner]
         C, blocked, apart = C_K.copy(), blocked_K.copy(), np.zeros((len(owner), 3))

@@ -169,10 +169,10 @@ def without_slopes(fans: Fans, outline: Floats) -> OutlineValues:
     values, after = outline.reshape(c, 2, n, 2), np.roll(fans.corners, -1, axis=1)
     ends = values[:, 0]
     means = (ends + np.roll(ends, -1, axis=1) + 4.0 * values[:, 1]) / 6.0
-    slopes = np.matmul(means.transpose(0, 2, 1), fans.normals) / (0.5 * fans.doubled_areas.sum(axis=1))[:, None, None]
+    slopes = np.matmul(means.transpose(0, 2, 1), fans.normals) / fans.areas[:, None, None]
     x = np.concatenate([fans.corners, 0.5 * (fans.corners + after)], axis=1)
     bent = outline.reshape(c, 2 * n, 2) - np.matmul(x, slopes.transpose(0, 2, 1))
-    bent -= bent[:, :n].mean(axis=1, keepdims=True)
+    bent -= np.matmul(np.full((1, n), 1.0 / n), bent[:, :n])
     return OutlineValues(slopes, bent.reshape(c, 4 * n))
 
 

@@ -13,13 +13,15 @@ with Brezis' lemma (y^2 / 2 <= a^2 / 2 + int m y implies y <= a + int m)
 
 The path of v and tau between the instants of a run is free, and none is far from the exact one that is linear over long
 steps: friction that grows to its bound while something slips already lacks half of g |s| of Tresca's law. So the path
-is that of the same run in finer steps, PATH in all at least, and at the instants at which data bend, turn or jump. At
-those of the run, with its own displacement v_n in place of v, r_n = tau - sigma_0 - C eps(v_n) and C eps(u - v_n) = r_n
-- X,
+is that of the same run in finer steps, PATH in all at least, and at the instants at which data bend, turn or jump; and
+on cells within its own, in parts where r is largest, by which y grows each time that a load turns (:mod:`.within`). At
+the instants of the run, with its own displacement v_n in place of v, r_n = tau - sigma_0 - C eps(v_n) and C eps(u -
+v_n) = r_n - X,
 
     |u - v_n|_a^2  <=  y_n^2 + 2 y_n |r_n| + |r_n|^2.
 
-(By the paths of runs themselves bounds on cycles of five to eight steps were twice to three times as large.)
+(By the paths of runs themselves bounds on cycles of five to eight steps were twice to three times as large; by their
+cells twice as large on cycles of 20.)
 
 For v and v_n one may take v + w of :mod:`.hypercircle`, richer inside of the body and on contact the same: r is smaller
 by half, and only in the last square it is that of v_n, because X is orthogonal to C eps(w). y_0 is |r_0| of v: the
@@ -45,17 +47,17 @@ from typing import Any, NamedTuple, overload
 import numpy as np
 
 from vemcvx.arrays import Floats, Ints, totals
-from vemcvx.bound.hypercircle import Defect, Hypercircle, Pair, hypercircle
+from vemcvx.bound.hypercircle import Hypercircle, Pair, hypercircle
 from vemcvx.bound.quantity import CertainQuantity, QuantityBound, quantity_bound
 from vemcvx.bound.skeleton import Instant, instant
 from vemcvx.bound.surface import products
+from vemcvx.bound.within import Inner, Within, within_cells
 from vemcvx.effects import Effect
 from vemcvx.errors import SceneError
 from vemcvx.history import History, scene_of
 from vemcvx.outline import Outline, Outlined
 from vemcvx.scene import Scene
 from vemcvx.scene.pose import PosedScene, pose_scene, unwarned
-from vemcvx.stepping.backward_euler import march
 from vemcvx.stepping.course import ACROSS, course, divided, inside_steps
 
 log = logging.getLogger("vemcvx")
@@ -353,28 +355,9 @@ def _of_history(scene: Scene, history: History) -> ErrorBound:
         bends = inside_steps(times, course(posed.system, times).bends)
         finer, missed = _followed(posed, np.union1d(divided(times, 1, PATH), bends))
     # A load that comes and goes within a step is left out by runs, and leaves friction behind.
-    circle = hypercircle(pose_scene(scene, mesh, _readings(finer).tolist()))
     _warn_between(bends, missed)
-    path = _path(circle.posed, history, finer)
-    last = path[0]
-    pair = circle.pair(last, last)
-    read = circle.reading(pair, last.t)
-    reached, dissipated, worst, misread = float(np.sqrt(pair.A2)), 0.0, (0.0, pair.cells), read.energy
-    found = [(reached, dissipated, *_sizes(circle, pair), 2.0 * misread)]
-    for ahead in path[1:]:
-        for now in _between(circle, last, ahead):
-            beyond = circle.pair(now, last)
-            lost = _dissipation_gap(circle, pair, beyond)
-            change = _norm(circle, beyond.richer - pair.richer, _missed(circle, pair, beyond))
-            reached, dissipated = float(np.sqrt(reached**2 + 2.0 * lost)) + change, dissipated + lost
-            seen = circle.reading(beyond, now.t)
-            misread += (seen - read).energy
-            pair, last, read = beyond, now, seen
-        n = int(np.searchsorted(times, last.t))
-        if times[n] == last.t:
-            own = circle.pair(replace(last, u=history.displacement[n]), last)
-            found.append((reached, dissipated, *_sizes(circle, own), misread + read.energy))
-            worst = max(worst, (reached, own.cells), key=lambda one: one[0])
+    within, inner, path = within_cells(scene, history, finer, _readings(finer).tolist())
+    found, worst = _along(within, inner, path, history)
     y, D, norm, A, richer, mesh_part, data, eta = np.array(found).T
     upper = np.sqrt(np.square(y) + 2.0 * richer * y + A**2) + eta
     nothing = np.full(len(times), np.inf)
@@ -384,7 +367,7 @@ def _of_history(scene: Scene, history: History) -> ErrorBound:
         lower=np.zeros(len(times)),
         energy=_energies(norm, upper),
         potential=(-nothing, nothing),
-        cells=_shares(circle, worst[1], np.zeros(len(circle.boundary.edges.outer)), upper.max()),
+        cells=upper.max() ** 2 * worst / (worst.sum() or 1.0),
         parts={
             "mesh": mesh_part,
             "contact": np.sqrt(2.0 * D),
@@ -397,6 +380,36 @@ def _of_history(scene: Scene, history: History) -> ErrorBound:
         history=history,
         bends=bends,
     )
+
+
+def _along(
+    within: Within, inner: Sequence[Inner], path: Sequence[Instant], history: History
+) -> tuple[list[tuple[float, ...]], Floats]:
+    """What bounds at the instants of a run are made of, along a path on cells within its own.
+
+    And the squares (n_cells,) of its cells at the instant that has the largest y.
+    """
+    circle, times, last = within.circle, history.trajectory.times, path[0]
+    pair = circle.pair(last, last)
+    read, start = circle.reading(pair, last.t), within.sizes(last, history.displacement[0], inner[0])
+    reached, dissipated, misread = start.defect, 0.0, read.energy
+    found: list[tuple[float, ...]] = [(reached, dissipated, *start[:-1], misread + read.energy)]
+    worst = 0.0, start.cells
+    for ahead in path[1:]:
+        for now in _between(circle, last, ahead):
+            beyond = circle.pair(now, last)
+            lost = _dissipation_gap(circle, pair, beyond)
+            change = circle.norm(beyond.richer - pair.richer, _missed(circle, pair, beyond))
+            reached, dissipated = float(np.sqrt(reached**2 + 2.0 * lost)) + change, dissipated + lost
+            seen = circle.reading(beyond, now.t)
+            misread += (seen - read).energy
+            pair, last, read = beyond, now, seen
+        n = int(np.searchsorted(times, last.t))
+        if times[n] == last.t:
+            own = within.sizes(last, history.displacement[n], inner[n])
+            found.append((reached, dissipated, *own[:-1], misread + read.energy))
+            worst = max(worst, (reached, own.cells), key=lambda one: one[0])
+    return found, worst[1]
 
 
 def _warn_between(bends: Floats, missed: Floats) -> None:
@@ -455,34 +468,6 @@ def _apart(posed: PosedScene, known: Floats, at: Floats) -> Floats:
     largest = np.max(sizes, axis=0)
     apart: Floats = np.array(found) / np.where(largest > 0.0, largest, 1.0)
     return apart
-
-
-def _path(posed: PosedScene, history: History, instants: Floats) -> list[Instant]:
-    """The run once more, at these instants; not certified, for any path that is admissible will do."""
-    run = march(posed.system, instants, initial=history.trajectory.state[0], check=False)
-    if len(posed.terms) != run.multipliers.shape[1]:
-        raise SceneError(
-            "error_bound: friction acts, or supports move, between the instants of this run only; simulate the scene "
-            "at more instants."
-        )
-    P, motion = posed.supports.P, posed.supports.motion
-    parts = run.state, run.multipliers, run.pressures, run.weights, run.worn
-    return [
-        Instant(float(t), (P @ y + motion(float(t))).reshape(-1, 2), *others)
-        for t, y, *others in zip(instants, *parts, strict=True)
-    ]
-
-
-def _sizes(circle: Hypercircle, pair: Pair) -> tuple[float, ...]:
-    """|v|_a; |r| of v and of v + w, with what is missed of the data; and the parts of the first."""
-    mesh, data = float(np.sqrt(pair.squares.sum())), float(np.sqrt(np.sum(pair.oscillation**2)))
-    return pair.norm, float(np.sqrt(pair.A2)), _norm(circle, pair.richer, pair.oscillation), mesh, data
-
-
-def _norm(circle: Hypercircle, defect: Defect, missed: Floats) -> float:
-    """The norm of a defect, each cell's larger by what is missed (corners,)."""
-    squares = circle.squares_of(defect, circle.body_forces.of(defect.densities))
-    return float(np.sqrt(circle.enlarged(squares, defect, missed).sum()))
 
 
 def _between(circle: Hypercircle, last: Instant, ahead: Instant) -> Iterator[Instant]:

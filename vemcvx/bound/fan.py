@@ -153,10 +153,19 @@ class Fans:
         areas: Floats = one[..., 0] * two[..., 1] - one[..., 1] * two[..., 0]
         return areas
 
+    @cached_property
+    def areas(self) -> Floats:
+        """(c,) of the cells."""
+        areas: Floats = 0.5 * self.doubled_areas.sum(axis=1)
+        return areas
+
     def points(self, rule: Floats = RULE) -> Floats:
         """(c, n, q, 2) the q points of a rule, by default of the one with 21, in all triangles."""
-        x: Floats = self.centres[:, None, None] + np.matmul(rule.reshape(-1, 2), self.B.transpose(0, 1, 3, 2))
-        return x
+        of_shapes = np.matmul(rule.reshape(-1, 2), self.shapes.B.transpose(0, 1, 3, 2))
+        around = of_shapes.reshape(len(of_shapes), -1)
+        x = self.centres @ np.tile(np.eye(2), around.shape[1] // 2)
+        x += around if len(around) == 1 else self.of_cells(around)
+        return x.reshape(-1, *of_shapes.shape[1:])
 
 
 def inner(fans: Fans, one: Floats, other: Floats) -> Floats:

@@ -34,7 +34,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, reduce
 
 import numpy as np
 import scipy.sparse as sp
@@ -161,6 +161,8 @@ class _Inside:
     """A displacement in a chunk of cells, and the forces of edges and outlines that it and its body force make."""
 
     v: OutlineValues
+    stress: Floats
+    """(c, 3) of its linear part"""
     edges: Floats
     """(c, 4 n) G L u + b_f"""
     outline: Floats
@@ -202,8 +204,7 @@ class Hypercircle:
         inside = [self._inside(k, outline, body[k : k + 1]) for k in range(len(self.fans))]
         # The linear part of v and the prestress are constant stresses, that of tau less these what x strains.
         still = [prestress[fans.cells] for fans in self.fans]
-        linear = [np.einsum("ckl,cl->ck", fans.C, one.v.strain) for fans, one in zip(self.fans, inside, strict=True)]
-        constant = [edge_forces(fans, a + b) for fans, a, b in zip(self.fans, linear, still, strict=True)]
+        constant = [edge_forces(fans, one.stress + b) for fans, one, b in zip(self.fans, inside, still, strict=True)]
         tractions = [a + one.edges for a, one in zip(constant, inside, strict=True)]
         given = -gathered(numbered.places, tractions, 4 * numbered.count)
         pull = np.einsum("bij,bj->bi", boundary.springs, ends.reshape(-1, 4)).reshape(ends.shape)
@@ -211,16 +212,14 @@ class Hypercircle:
         largest = max(float(np.abs(one).max(initial=0.0)) for one in (*tractions, surface.forces))
         motion, squares = self.equilibrium.solve(given, largest)
         work = [-outline_forces(a) - one.outline for a, one in zip(constant, inside, strict=True)]
-        energy, potential = float(boundary.spring_energies(ends).sum()), float(surface.cost.sum())
-        for fans, one, a, b in zip(self.fans, inside, linear, still, strict=True):
-            areas = 0.5 * fans.doubled_areas.sum(axis=1)
-            energy += float(np.einsum("c,ck,ck->", areas, a, one.v.strain) + np.sum(one.v.bent * one.outline))
-            potential += float(np.einsum("c,ck,ck->", areas, b, one.v.strain))
+        springs, potential = float(boundary.spring_energies(ends).sum()), float(surface.cost.sum())
+        for fans, one, b in zip(self.fans, inside, still, strict=True):
+            potential += float(fans.areas @ np.einsum("ck,ck->c", b, one.v.strain))
             squares[fans.cells] += one.squares
         squares = np.maximum(squares, 0.0)
+        energy, of_body = self._inner(inside, body, outline)
         for k, f in enumerate(body):
-            energy, work[k] = energy + f.energy, work[k] + f.outline
-            potential -= f.work + float(np.sum(f.outline * outline[self.outlines[k]]))
+            work[k] = work[k] + f.outline
         residual = gathered(self.outlines, work, self.Q.shape[0]) + self.of_tractions(surface.loads)
         left = self.Q.T @ residual
         w, defect = self.factor.solve(left), Defect(motion, outline, densities)
@@ -235,14 +234,15 @@ class Hypercircle:
             springs=boundary.spring_energies(motion[numbered.outer]),
             oscillation=oscillation,
             cells=self.enlarged(squares, defect, oscillation),
-            potential=potential + 0.5 * energy - float(np.sum(surface.loads[:, :2] * ends)),
-            norm=float(np.sqrt(max(energy, 0.0))),
+            potential=potential + 0.5 * (energy + springs) - of_body - float(np.sum(surface.loads[:, :2] * ends)),
+            norm=float(np.sqrt(max(energy + springs, 0.0))),
             lowered=float(np.sqrt(max(float(left @ w), 0.0))),
         )
 
     def _prestress(self, now: Instant) -> Floats:
         """sigma_0 (n_cells, 3), one a cell."""
-        if np.any(self.boundary.oscillation.stress(now.t, strains(self.posed.space, now.u))):
+        oscillation = self.boundary.oscillation
+        if oscillation.inside_cells and np.any(oscillation.stress(now.t, strains(self.posed.space, now.u))):
             raise SceneError(
                 "error_bound: moduli, eigenstrains or prestress vary inside cells, and there is no bound for that; "
                 "give one value a cell, as an array (n_cells,) or by on=."
@@ -260,7 +260,21 @@ class Hypercircle:
         for f in body:
             squares += f.squares - 2.0 * np.einsum("ci,ci->c", f.mixed, v.bent)
             edges = edges + f.edges
-        return _Inside(v, edges, on_outline, squares)
+        return _Inside(v, np.matmul(fans.C, v.strain[:, :, None])[:, :, 0], edges, on_outline, squares)
+
+    def inner(self, u: Floats, t: float) -> tuple[float, float]:
+        """|v|^2 in cells of the displacement with nodal values (n_nodes, 2), and the work of body forces on it."""
+        body, outline = self.body_forces.of(self.densities_at(t)), self.equilibrium.edges.outline(u)
+        return self._inner([self._inside(k, outline, body[k : k + 1]) for k in range(len(self.fans))], body, outline)
+
+    def _inner(self, inside: Sequence[_Inside], body: Sequence[Body], outline: Floats) -> tuple[float, float]:
+        energy, work = sum(f.energy for f in body), sum(f.work for f in body)
+        for fans, one in zip(self.fans, inside, strict=True):
+            energy += float(fans.areas @ np.einsum("ck,ck->c", one.stress, one.v.strain))
+            energy += float(np.vdot(one.v.bent, one.outline))
+        for f, place in zip(body, self.outlines, strict=False):
+            work += float(np.sum(f.outline * outline[place]))
+        return energy, work
 
     def at_stations(self, k: int, defect: Defect) -> Floats:
         """r (c, n, 18, 3) in the k-th chunk of cells, at its stations, under the defect's body forces."""
@@ -295,6 +309,11 @@ class Hypercircle:
             own = np.einsum("ci,ci->c", x, fans.apply(stress.stiffness, x))
             found[fans.cells] = own + self._inside(k, defect.outline, body[k : k + 1]).squares
         return np.maximum(found, 0.0)
+
+    def norm(self, defect: Defect, missed: Floats) -> float:
+        """The norm of a defect, each cell's larger by what is missed (corners,)."""
+        squares = self.squares_of(defect, self.body_forces.of(defect.densities))
+        return float(np.sqrt(self.enlarged(squares, defect, missed).sum()))
 
     def squares(self, stresses: Sequence[Floats]) -> Floats:
         """(corners,) squares in C^-1 of stresses (c, n, 18, 3) on the triangles of each chunk of cells."""
@@ -366,8 +385,8 @@ class Hypercircle:
         loads = self.boundary.oscillation.body_loads
         if not loads:
             return ()
-        points = [fans.points() for fans in self.fans]
-        return tuple(np.sum([load.at(x.reshape(-1, 2), t).reshape(x.shape) for load in loads], axis=0) for x in points)
+        points = (fans.points() for fans in self.fans)
+        return tuple(reduce(np.add, [load.at(x.reshape(-1, 2), t).reshape(x.shape) for load in loads]) for x in points)
 
     def reading(self, pair: Pair, t: float) -> Reading:
         """How well the loads of a pair are read."""

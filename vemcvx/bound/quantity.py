@@ -89,7 +89,7 @@ class QuantityBound(Outlined):
     value : float
         q of the run. The interval need not contain it: its middle is corrected by the dual solution.
     low, high : float
-        The interval.
+        The interval; an estimate is cut where `certain` ends.
     guaranteed : bool
         True if q(u) is between low and high by a theorem: in scenes without friction and one-sided contact, and where
         they are `certain`, if besides the load and the quantity are polynomials as far as points tell (`reading` is
@@ -164,7 +164,7 @@ def quantity_bound(
     if fields is None or not (compliant or len(posed.terms) + len(posed.obstacles) == 0):
         held = _Held.frozen(circle, now, history.trajectory.sticking[history.row(step)])
         fields = dual.frozen(held)
-        own = _interval(primal, fields, dual.unknown_work(fields, held, pair))
+        own = _within(certain, _interval(primal, fields, dual.unknown_work(fields, held, pair)))
     plain = _Fields.of(circle, replace(pair, w=0.0 * pair.w), now.t)
     value = fields.quantity_of(plain) - float(np.sum(history.forces[history.row(step)] * dual.lifted))
     return QuantityBound(
@@ -176,6 +176,12 @@ def quantity_bound(
         certain=certain,
         reading=_misread(primal, fields),
     )
+
+
+def _within(certain: tuple[float, float], estimate: tuple[float, float]) -> tuple[float, float]:
+    """The part of an estimate that is certain to be possible; all that is, if there is none."""
+    low, high = max(certain[0], estimate[0]), min(certain[1], estimate[1])
+    return (low, high) if low <= high else certain
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,7 @@ import logging
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, partial, reduce
 from itertools import chain
 from operator import add
@@ -16,7 +16,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from vemcvx.arrays import Floats, Ints, read_only
-from vemcvx.effects import ContactSurface, Contribution, Friction, Load, Material, Obstacle
+from vemcvx.effects import ContactSurface, Contribution, Friction, Load, Material, MaterialLaw, Obstacle
 from vemcvx.errors import SceneWarning
 from vemcvx.linear import nested_dissection
 from vemcvx.meshes import AnyMesh
@@ -149,6 +149,8 @@ class PosedScene:
 
     viscosity: sp.csr_matrix | None = None
     """(n_u, n_u) matrix of the form of rates over all nodal values; None if there is none"""
+    laws: tuple[Contribution, ...] = ()
+    """what materials contribute, but for their stiffness"""
 
     def force(self, t: float) -> Floats:
         """The nodal load f (n_u,) of everything but reactions."""
@@ -215,6 +217,11 @@ def pose_scene(scene: Scene, mesh: AnyMesh, times: Sequence[float] = ()) -> Pose
         inactive=(*inactive, *out_of_reach(contact.terms, stops, supports)),
         curves=_chain(p.curves for p in parts),
         viscosity=forms.viscosity,
+        laws=tuple(
+            replace(part, stiffness=None)
+            for effect, part in zip(scene.canonical, parts, strict=True)
+            if isinstance(effect, MaterialLaw)
+        ),
     )
 
 

@@ -63,7 +63,8 @@ from vemcvx.arrays import Bools, Floats, Ints, brief, flag, read_only
 from vemcvx.errors import MeshError
 from vemcvx.meshes import local_refinement as plane
 from vemcvx.meshes.box import check_cell_data
-from vemcvx.meshes.cell_children import Inner, Outer, cones, joined, regular_children
+from vemcvx.meshes.cell_children import Inner, Outer, joined, regular_children
+from vemcvx.meshes.cell_cones import cones
 from vemcvx.meshes.cell_kinds import (
     ABOUT_CENTRES,
     STAYS,

@@ -178,7 +178,7 @@ def _with_hanging(asked: Asked, cut: Cut, inner: Inner) -> Inner:
     """New faces with the nodes that hang on their edges, where these are edges of pieces of sides already."""
     skin, outlines = asked.skin, cut.outlines
     pieces = np.unique(skin.faces.cell_faces[asked.sides.pieces > 1])
-    if not len(pieces):
+    if not len(pieces) or not len(inner.cell):
         return inner
     rows, position = rows_in_order(outlines.offsets, np.arange(len(outlines.nodes)), pieces)
     node = outlines.nodes[position]

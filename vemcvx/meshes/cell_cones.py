@@ -1,9 +1,9 @@
-"""Polyhedral cells that fall into cones: their new faces, joined in groups to the centre of the cell, one child a group.
+"""Polyhedral cells that fall into cones: their new faces, joined in groups to the centre of the cell, one child each.
 
 Most new faces are alone. Those that are tiny, or have a tiny edge, would give needles: all new faces about a tiny edge
-are one group. The faces of a side in pieces that are none of the parts into which it would be split, as where the tilings
-of two bodies meet askew, are grouped by the corner of the side that is nearest, so that slivers go with their neighbours.
-A group is taken if the centroid of its child sees all of that; else fewer go together, or all of the side.
+are one group. Faces of a side in pieces that are none of the parts into which it would be split, as where tilings of
+two bodies meet askew, are grouped by the nearest corner of the side, so that slivers go with their neighbours. A group
+is taken if the centroid of its child sees all of that; else fewer go together, or all of the side.
 """
 
 from __future__ import annotations
@@ -81,6 +81,8 @@ class Cones:
     def between(self, label: Ints) -> Inner:
         """The faces between children, which are labels of new faces: triangles on lines between two of these."""
         edge = np.flatnonzero(label[self.of] != label[self.of[self.partner]])
+        if not len(edge):
+            return Inner(edge, edge, np.zeros(1, dtype=np.int64), edge)
         start, end = self.nodes[edge], self.nodes[next_corner(self.offsets)[edge]]
         owner = self.of[edge]
         mine, count = label[owner], len(self.points)
@@ -107,7 +109,7 @@ class Cones:
         )[1:]
         number = np.argsort(key + ends[:, 0])
         keys = (key + ends[:, 0])[number]
-        follower = number[np.minimum(np.searchsorted(keys, key + ends[:, 1]), max(len(keys) - 1, 0))]
+        follower = number[np.minimum(np.searchsorted(keys, key + ends[:, 1]), len(keys) - 1)]
         step = self.points[ends[:, 1]] - self.points[ends[:, 0]]
         length = np.linalg.norm(step, axis=1)
         sine = np.linalg.norm(np.cross(step, step[follower]), axis=1)
@@ -194,6 +196,10 @@ def _unseen(found: Cones, label: Ints) -> Bools:
     """A mask of the labels of several new faces whose child has a centroid that does not see all of it."""
     inner = found.between(label)
     many, bad = np.bincount(label, minlength=len(label)) > 1, np.zeros(len(label), dtype=bool)
+    alone = np.ones(len(label), dtype=bool)
+    alone[inner.key] = False
+    bad[label[alone[label]]] = True  # all of the cell
+    many &= ~bad
     one, other = np.flatnonzero(many[label]), np.flatnonzero(many[inner.key])
     if not len(one):
         return bad

@@ -33,9 +33,9 @@ parallelograms. What is joined to a centroid falls into tetrahedra and pyramids,
 pass on but where edges are tiny.
 
 Measured over twelve passes at a point, and along a line and a plane as far as two cells from a point of these, the
-least of all cells and passes: volume over diameter^3, angle at corners of faces, distance in diameters from centroids to
-planes of faces; and the largest condition number of the stiffness scaled by its diagonal, rigid motions left out, of up
-to 1,300 nodes (tests/meshes/test_polyhedral_refine.py):
+least of all cells and passes: volume over diameter^3, angle at corners of faces, distance of centroids from the planes
+of faces in diameters; and the largest condition number of the stiffness scaled by its diagonal, rigid motions left out,
+of up to 1,300 nodes (tests/meshes/test_polyhedral_refine.py):
 
     cubes(2)          .19       90       .29       135      as they began
     tetrahedra(2)     .032      35       .10       333      as they began

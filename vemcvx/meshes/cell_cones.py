@@ -164,7 +164,7 @@ def _grouped(found: Cones, asked: Asked) -> Ints:
     askew = np.flatnonzero(several & ~parted)
     group[askew] = side[askew] * big + 1 + _nearest_corners(found, sides, skin, askew)
     label = found.connected(group)
-    bad = _unseen(found, label)[label] & several
+    bad = _unseen(found, label, several)[label] & several
     if bad.any():
         whole = np.zeros(len(skin.cell), dtype=bool)
         whole[side[bad]] = True
@@ -192,10 +192,12 @@ def _nearest_corners(found: Cones, sides: CellSides, skin: Skin, some: Ints) -> 
     return nearest
 
 
-def _unseen(found: Cones, label: Ints) -> Bools:
-    """A mask of the labels of several new faces whose child has a centroid that does not see all of it."""
+def _unseen(found: Cones, label: Ints, also: Bools | None = None) -> Bools:
+    """A mask of the labels of several new faces, and of some others, whose child its centroid does not see all of."""
     inner = found.between(label)
     many, bad = np.bincount(label, minlength=len(label)) > 1, np.zeros(len(label), dtype=bool)
+    if also is not None:
+        many[label[also]] = True
     alone = np.ones(len(label), dtype=bool)
     alone[inner.key] = False
     bad[label[alone[label]]] = True  # all of the cell

@@ -3,32 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from vemcvx.arrays import Bools, Floats, Ints
+from vemcvx.arrays import Ints
 from vemcvx.meshes.cell_kinds import CONES, OCTA, PYRAMID, TETRA, VERTICES, WEDGE, Cut, Solids
-from vemcvx.meshes.cell_sides import TINY, Asked, Skin
+from vemcvx.meshes.cell_sides import Asked
 from vemcvx.meshes.polygons import (
     cell_of_corner,
     directed_edges,
     edge_keys,
     first_in_row,
-    next_corner,
     offsets_of,
-    previous_corner,
     rotation,
-    rounding,
     rows_in_order,
-    smallest_linked,
     spans,
-    turned,
-)
-from vemcvx.meshes.polyhedra import (
-    face_shapes,
-    volumes_and_centroids,
 )
 
 # Of its diameter, how far the centroid of a cell joined of several cones is at least behind the planes of its faces.
@@ -188,7 +178,7 @@ def _with_hanging(asked: Asked, cut: Cut, inner: Inner) -> Inner:
     """New faces with the nodes that hang on their edges, where these are edges of pieces of sides already."""
     skin, outlines = asked.skin, cut.outlines
     pieces = np.unique(skin.faces.cell_faces[asked.sides.pieces > 1])
-    if not len(pieces):
+    if not len(pieces) or not len(inner.cell):
         return inner
     rows, position = rows_in_order(outlines.offsets, np.arange(len(outlines.nodes)), pieces)
     node = outlines.nodes[position]
@@ -219,131 +209,3 @@ def _with_hanging(asked: Asked, cut: Cut, inner: Inner) -> Inner:
     more = np.bincount(cell_of_corner(inner.offsets)[corner], many[line], minlength=len(inner.cell))
     assert size[-1] == more.sum()
     return inner._replace(offsets=offsets_of(np.diff(inner.offsets) + more.astype(np.int64)), vertices=vertices)
-
-
-@dataclass(frozen=True, eq=False)
-class Cones:
-    """New faces of cells that are joined to their centre, outwards, each from a vertex of its own."""
-
-    listed: Ints
-    row: Ints
-    cell: Ints
-    offsets: Ints
-    nodes: Ints
-    joint: Ints
-    """(k,) where the edges begin of which a cone has faces: from a node at which three faces meet, or one turns"""
-    stop: Ints
-    """(k,) where these end, and the node there"""
-    end: Ints
-    beside: Ints
-    """(k,) the new face on the other side of each"""
-
-    @classmethod
-    def of(cls, skin: Skin, cut: Cut, cells: Bools) -> Cones:
-        """Lay out the new faces of the given cells."""
-        listed = np.flatnonzero(cells[skin.cell])
-        face = skin.faces.cell_faces[listed]
-        counts = np.diff(cut.first)[face]
-        row, listed = spans(cut.first[face], counts), np.repeat(listed, counts)
-        offsets, nodes = rows_in_order(cut.offsets, cut.vertices, row)
-        nodes = turned(offsets, nodes, skin.signs[listed] < 0.0)
-        of, cell = cell_of_corner(offsets), skin.cell[listed]
-        at, degree = np.unique(cell[of] * len(cut.points) + nodes, return_inverse=True, return_counts=True)[1:]
-        bend = _turns(cut.points[nodes], offsets) | (degree[at] > 2)
-        turn = rotation(offsets, first_in_row(bend, offsets))
-        nodes, bend = nodes[turn], bend[turn]
-        joint = np.flatnonzero(bend)
-        owner = of[joint]
-        last, after = np.append(owner[1:] != owner[:-1], True), np.append(joint[1:], 0)
-        keys = edge_keys(directed_edges(offsets, nodes), len(cut.points))
-        order = np.lexsort((keys, cell[of])).reshape(-1, 2)
-        partner = np.empty(len(nodes), dtype=np.int64)
-        partner[order] = order[:, ::-1]
-        return cls(
-            listed=listed,
-            row=row,
-            cell=cell,
-            offsets=offsets,
-            nodes=nodes,
-            joint=joint,
-            stop=np.where(last, offsets[owner + 1], after),
-            end=np.where(last, offsets[owner], after),
-            beside=of[partner[joint]],
-        )
-
-    def between(self, label: Ints, about: Ints) -> Inner:
-        """The faces of cones, children by labels of new faces, that are between different ones."""
-        owner = cell_of_corner(self.offsets)[self.joint]
-        kept = np.flatnonzero(label[owner] != label[self.beside])
-        owner, begin = owner[kept], self.joint[kept]
-        pool, one = np.append(self.nodes, about[self.cell]), np.ones(len(kept), dtype=np.int64)
-        starts = np.column_stack([begin, self.end[kept], len(self.nodes) + owner])
-        counts = np.column_stack([self.stop[kept] - begin, one, one])
-        offsets = offsets_of(counts.sum(axis=1))
-        backwards = turned(offsets, pool[spans(starts.ravel(), counts.ravel())], one > 0)
-        return Inner(self.cell[owner], label[owner], offsets, backwards)
-
-    def clusters(self, points: Floats, tiny: Floats, free: Bools) -> Ints:
-        """Labels of new faces: the free ones about edges shorter than what is tiny in a cell have one."""
-        of = cell_of_corner(self.offsets)
-        keys, at = np.unique(self.cell[of] * len(points) + self.nodes, return_inverse=True)
-        follow = next_corner(self.offsets)
-        length = np.linalg.norm(points[self.nodes[follow]] - points[self.nodes], axis=1)
-        short = length < tiny[self.cell[of]]
-        close = smallest_linked(np.column_stack([at[short], at[follow[short]]]), len(keys))
-        several = (np.bincount(close, minlength=len(keys)) > 1)[close[at]] & free[of]
-        links = np.column_stack([of[several], len(self.row) + close[at[several]]])
-        return smallest_linked(links, len(self.row) + len(keys))[: len(self.row)]
-
-
-def _turns(x: Floats, offsets: Ints) -> Bools:
-    """A mask of the corners of polygons in space at which the outline does not go straight on."""
-    step = x[next_corner(offsets)] - x
-    back = step[previous_corner(offsets)]
-    length, shorter = np.linalg.norm(step, axis=1), np.linalg.norm(back, axis=1)
-    sine = np.linalg.norm(np.cross(back, step), axis=1)
-    slack = 1e-6 * length * shorter + rounding(x) * (length + shorter)
-    turns: Bools = (sine > slack) | (np.einsum("ij,ij->i", back, step) <= 0.0)
-    return turns
-
-
-def cones(asked: Asked, cut: Cut, solids: Solids, about: Ints) -> tuple[Outer, Inner]:
-    """Children of cells that are joined to their centre, one a new face, or one for all about a tiny edge."""
-    cells = solids.kind == CONES
-    if not cells.any():
-        nothing = np.empty(0, dtype=np.int64)
-        return Outer(*[nothing] * 4), Inner(nothing, nothing, np.zeros(1, dtype=np.int64), nothing)
-    found = Cones.of(asked.skin, cut, cells)
-    points = np.concatenate([cut.points, solids.centre[about >= 0]])
-    label = np.arange(len(found.row))
-    for part in TINY / 4.0 ** np.arange(4):  # fewer together where not all is seen
-        alone = np.bincount(label, minlength=len(label))[label] == 1
-        wider = found.clusters(cut.points, part * asked.skin.sizes, alone)
-        label = np.where(alone, wider, label)
-        inner = found.between(label, about)
-        bad = _unseen(found, label, inner, points)
-        label = np.where(bad[label], np.arange(len(label)), label)
-    inner = found.between(label, about)
-    return Outer(label, found.listed, found.row, np.ones_like(label)), inner
-
-
-def _unseen(found: Cones, label: Ints, inner: Inner, points: Floats) -> Bools:
-    """A mask of the labels of several cones that make a cell whose centroid does not see all of it."""
-    many, bad = np.bincount(label, minlength=len(label)) > 1, np.zeros(len(label), dtype=bool)
-    one, other = np.flatnonzero(many[label]), np.flatnonzero(many[inner.key])
-    if not len(one):
-        return bad
-    rows, nodes = rows_in_order(found.offsets, found.nodes, one)
-    more, others = rows_in_order(inner.offsets, inner.vertices, other)
-    key = np.append(label[one], inner.key[other])
-    order = np.argsort(key, kind="stable")
-    rows, nodes = rows_in_order(np.concatenate([rows, rows[-1] + more[1:]]), np.append(nodes, others), order)
-    names, counts = np.unique(key, return_counts=True)
-    shapes, offsets = face_shapes(points, rows, nodes), offsets_of(counts)
-    volumes, centroids = volumes_and_centroids(shapes, offsets, np.arange(len(key)), np.ones(len(key)))
-    of = cell_of_corner(offsets)
-    arm = shapes.centroids - centroids[of]
-    size = np.sqrt(np.maximum.reduceat(np.einsum("ij,ij->i", arm, arm), offsets[:-1]))
-    low = np.minimum.reduceat(np.einsum("ij,ij->i", arm, shapes.normals), offsets[:-1])
-    bad[names] = (low < CLEAR * size) | (volumes <= 0.0)
-    return bad

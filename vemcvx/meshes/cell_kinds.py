@@ -202,8 +202,9 @@ def _with_kinds(asked: Asked, marked: Bools, closed: tuple[Corners, Ints, Ints])
     cell, side = skin.cell[corners.listed], asked.sides.side[corners.listed]
     triangle = corners.centre < 0
 
-    first = np.empty(int(vertex.max(initial=-1)) + 1, dtype=np.int64)
+    first = np.full(int(vertex.max(initial=-1)) + 1, -1)
     first[vertex] = np.arange(len(vertex))
+    first = first[first >= 0]
 
     def counted(some: Bools) -> Ints:
         """How many sides each cell has that these corners are of."""

@@ -267,6 +267,8 @@ def corners_in_pieces(skin: Skin, sides: CellSides) -> tuple[Corners, Bools]:
     good = alone.copy()
     for there in (around[0], around[2]):
         good[piece[sides.degree(skin.cell[many[piece]], there, len(skin.points)) != 2]] = False
+    middles = np.column_stack([around[0], around[2]])
+    good[piece[_apart(skin, sides.side[many[piece]], around[1], middles)]] = False
     quads, triangles = _sides_in_parts(skin, sides, (many, np.where(good, counts, 0), centre))
     parted = np.zeros(len(skin.cell), dtype=bool)
     parted[many[quads | triangles]] = True
@@ -275,6 +277,18 @@ def corners_in_pieces(skin: Skin, sides: CellSides) -> tuple[Corners, Bools]:
     row, rows = np.zeros((2, len(piece)), dtype=np.int64)  # known once faces are cut
     found = Corners(many[piece], around[1], around[0], around[2], centre=middle, row=row, rows=rows)
     return found.where(kept), parted
+
+
+def _apart(skin: Skin, side: Ints, node: Ints, middles: Ints) -> Bools:
+    """A mask of the corners of sides of whose nodes (k, 2) beside them one is not near the middle of its line."""
+    lengths = np.linalg.norm(skin.points[middles] - skin.points[node][:, None], axis=2)
+    line = np.unique(side[:, None] * len(skin.points) + middles, return_inverse=True)[1].reshape(middles.shape)
+    shortest, longest = np.full(line.max(initial=-1) + 1, np.inf), np.zeros(line.max(initial=-1) + 1)
+    np.minimum.at(shortest, line, lengths)
+    np.maximum.at(longest, line, lengths)
+    # A node is taken for the middle of a line from .3 to .7 of its length.
+    apart: Bools = (longest > 2.4 * shortest)[line].any(axis=1)
+    return apart
 
 
 def _sides_in_parts(skin: Skin, sides: CellSides, pieces: tuple[Ints, Ints, Ints]) -> tuple[Bools, Bools]:

@@ -177,3 +177,11 @@ def test_adaptive_meshes_meet_their_targets_in_truth(name, family, target):
 @cache
 def references(name):
     return vx.simulate(scenes()[name][0], vx.meshes.cubes(24), np.linspace(0.0, 1.0, 9), store="last")
+
+
+@pytest.mark.long
+def test_friction_work_in_space_has_an_error_of_the_mesh():
+    scene, _ = scenes()["coulomb"]
+    told = vx.quantities(vx.simulate(scene, vx.meshes.cubes(2), [0.0, 0.5, 1.0]))
+    truth = vx.simulate(scene, vx.meshes.cubes(8), [0.0, 0.5, 1.0]).dissipated_second_order[-1]
+    assert 1.0 <= told["dissipated"].mesh / abs(told["dissipated"].value - truth) <= 5.0

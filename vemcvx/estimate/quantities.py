@@ -30,14 +30,16 @@ largest energy errors until the quantity that it aims at is as exact as asked fo
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from vemcvx.arrays import Floats
+from vemcvx.errors import MeshError
 from vemcvx.estimate.finer_steps import finer_instants
 from vemcvx.history import History, scene_of
-from vemcvx.meshes import AnyMesh, PolygonMesh
+from vemcvx.meshes import AnyMesh
 from vemcvx.meshes.polygons import nearest
 from vemcvx.results.corners import Corners
 from vemcvx.results.quoted import Quantity
@@ -52,8 +54,8 @@ from vemcvx.stepping.trajectory import Memory
 def quantities(history: History) -> dict[str, Quantity]:
     """Friction work, work and the largest wear of a run, of second order in its steps, with estimated errors.
 
-    The scene is simulated three times more: in steps of a half and a quarter, and, in the plane, on a refined mesh;
-    unless the history has them already, as those of adaptive runs that aim at one have.
+    The scene is simulated three times more: in steps of a half and a quarter, and on a mesh whose cells are all
+    refined; unless the history has them already, as those of adaptive runs that aim at one have.
 
     Parameters
     ----------
@@ -88,9 +90,11 @@ def with_quantities(history: History) -> tuple[History, StepErrors]:
     own, found = _courses(history), errors_of_steps(history)
     steps = found.errors
     mesh = dict.fromkeys(own, np.array([np.nan]))
-    if isinstance(history.mesh, PolygonMesh):
+    # Cells that are not star-shaped about their centroids are not split in space.
+    with contextlib.suppress(MeshError):
+        finer_mesh = history.mesh.refine()
         begin = "settled" if _start(history).any() else None
-        finer = _beside(history, history.mesh.refine(), history.trajectory.times, begin)
+        finer = _beside(history, finer_mesh, history.trajectory.times, begin)
         refined = _courses(finer)
         mesh = {name: 2.0 * np.abs(own[name] - refined[name]) for name in own}
         mesh["wear"] = np.maximum(mesh["wear"], 2.0 * _wear_apart(history, finer))

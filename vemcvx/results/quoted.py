@@ -86,8 +86,8 @@ class Quantity:
     value : float
         Of second order in the steps, of first where slip turns in space (:mod:`vemcvx.estimate.quantities`).
     steps, mesh : float
-        The estimated errors that time steps and mesh make in it; `mesh` is NaN in space, where no run is made on a
-        refined mesh.
+        The estimated errors that time steps and mesh make in it; `mesh` is NaN in space where a
+        cell is not star-shaped about its centroid, so that no mesh is refined.
     unit : str
         In words.
     unbounded : str

@@ -1,7 +1,7 @@
 """Local refinement of polyhedral meshes: chosen cells are split, neighbours take new coplanar faces and stay.
 
 A cell is split at the middles of its edges and the centres of its faces; which children it has depends on its kind
-(:mod:`.cell_kinds`, :mod:`.cell_children`):
+(:mod:`.cell_sides`, :mod:`.cell_kinds`, :mod:`.cell_children`):
 
     triangular faces    four triangles                          other faces     n quadrilaterals about the centre
     tetrahedra          a tetrahedron at each vertex, an octahedron between them
@@ -12,7 +12,7 @@ A cell is split at the middles of its edges and the centres of its faces; which 
                         a cell at each vertex, spanned by the middles of its edges, the centres of its faces, and the
                         centre of the cell: cubes become eight cubes, prisms those over the children of their polygons
     all others that are star-shaped about their centroid
-                        joined to it: one child a new face, or for all new faces about a tiny edge together
+                        joined to it: one child a new face, or a group of these (:mod:`.cell_cones`)
 
 New faces are always plane. A hanging node near the middle of a straight edge is its middle; coplanar faces that a
 neighbour has made already are taken as they are if they are those into which the side would be split, so that a cell
@@ -40,8 +40,8 @@ of up to 1,300 nodes (tests/meshes/test_polyhedral_refine.py):
     cubes(2)          .19       90       .29       135      as they began
     tetrahedra(2)     .032      35       .10       333      as they began
     prisms(3)         .034      45       .039      370      began with .19, 89 and .28
-    kelvin(2)         .0073     9.5      .037      247      began with .10, 45 and .16
-    voronoi3(2)       4e-5      .36      3e-4      330      began with .15, 22 and .20
+    kelvin(2)         .0073     13       .037      247      began with .10, 45 and .16
+    voronoi3(2)       2e-5      .45      8e-4      330      began with .15, 22 and .20
 
 Voronoi cells in space may have edges and faces as short as chance makes them. Where cones about these cannot be joined,
 because the centroid would not see all of the child, they are as slender as the edges are short.

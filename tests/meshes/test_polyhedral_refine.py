@@ -392,6 +392,7 @@ def test_boxes_that_are_far_away_small_or_thin(box):
             assert area(fine, side) == pytest.approx(area(mesh, side), rel=1e-9)
 
 
+@pytest.mark.long
 def test_refinement_ends_where_rounding_begins():
     mesh, said = vx.meshes.cubes(1), ""
     for _ in range(60):

@@ -29,7 +29,10 @@ LONGER = {
     ),
     "exchange": "damaged_programs",
     "linear": "linear",
-    "meshes": "bodies mesh_families mesh_hostile mesh_objects mesh_refine polyhedral_families polyhedral_validity",
+    "meshes": (
+        "bodies mesh_families mesh_hostile mesh_objects mesh_refine polyhedral_families polyhedral_refine "
+        "polyhedral_validity"
+    ),
     "plots": "animation plots plots_in_space",
     "problems": (
         "hard_cases hysteresis_patch lessons membrane_with_friction paper_figures problem_gallery "

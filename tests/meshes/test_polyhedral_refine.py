@@ -287,6 +287,29 @@ def test_interfaces_stay_matched(others):
     )
 
 
+@pytest.mark.parametrize("offset", [1e-8, 3e-6, 0.01])
+def test_slivers_of_a_joint_go_with_their_neighbours(offset):
+    mesh = bodies({"a": vx.meshes.cubes(2), "b": vx.meshes.cubes(2, ((offset, 1 + offset), (0, 1), (1, 2)))})
+    for _ in range(2):
+        mesh = mesh.refine(np.linalg.norm(mesh.centroids - [0.6, 0.4, 1.0], axis=1) < mesh.diameters)
+        checked(mesh)
+    assert fatness(mesh) > 0.004
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("others", [("tetrahedra", 3), ("voronoi3", 2), ("prisms", 3)], ids=str)
+def test_askew_joints_are_refined_again_and_again(others):
+    make, n = others
+    lower, upper = vx.meshes.cubes(3), SPACE_FAMILIES[make](n, UP, seed=3)
+    turn, middle = np.array([[0.96, -0.28, 0], [0.28, 0.96, 0], [0, 0, 1]]), [0.5, 0.5, 0.0]
+    upper = vx.PolyhedralMesh((upper.points - middle) @ turn.T + middle, upper.cells)
+    mesh = bodies({"a": lower, "b": upper})
+    for level in range(3):
+        mesh = mesh.refine(np.linalg.norm(mesh.centroids - [0.45, 0.55, 1.0], axis=1) < 0.3 * 0.6**level)
+        checked(mesh)
+    assert fatness(mesh) > 1e-6
+
+
 def test_the_other_body_takes_the_finer_faces_and_stays():
     mesh = bodies({"a": vx.meshes.cubes(2), "b": vx.meshes.cubes(2, UP)})
     top = np.flatnonzero((mesh.centroids[:, 2] > 0.5) & (mesh.centroids[:, 2] < 1.0))[:1]
@@ -369,6 +392,7 @@ def test_boxes_that_are_far_away_small_or_thin(box):
             assert area(fine, side) == pytest.approx(area(mesh, side), rel=1e-9)
 
 
+@pytest.mark.long
 def test_refinement_ends_where_rounding_begins():
     mesh, said = vx.meshes.cubes(1), ""
     for _ in range(60):

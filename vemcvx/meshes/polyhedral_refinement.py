@@ -1,7 +1,7 @@
 """Local refinement of polyhedral meshes: chosen cells are split, neighbours take new coplanar faces and stay.
 
 A cell is split at the middles of its edges and the centres of its faces; which children it has depends on its kind
-(:mod:`.cell_kinds`, :mod:`.cell_children`):
+(:mod:`.cell_sides`, :mod:`.cell_kinds`, :mod:`.cell_children`):
 
     triangular faces    four triangles                          other faces     n quadrilaterals about the centre
     tetrahedra          a tetrahedron at each vertex, an octahedron between them
@@ -12,7 +12,7 @@ A cell is split at the middles of its edges and the centres of its faces; which 
                         a cell at each vertex, spanned by the middles of its edges, the centres of its faces, and the
                         centre of the cell: cubes become eight cubes, prisms those over the children of their polygons
     all others that are star-shaped about their centroid
-                        joined to it: one child a new face, or for all new faces about a tiny edge together
+                        joined to it: one child a new face, or a group of these (:mod:`.cell_cones`)
 
 New faces are always plane. A hanging node near the middle of a straight edge is its middle; coplanar faces that a
 neighbour has made already are taken as they are if they are those into which the side would be split, so that a cell
@@ -40,8 +40,8 @@ of up to 1,300 nodes (tests/meshes/test_polyhedral_refine.py):
     cubes(2)          .19       90       .29       135      as they began
     tetrahedra(2)     .032      35       .10       333      as they began
     prisms(3)         .034      45       .039      370      began with .19, 89 and .28
-    kelvin(2)         .0073     9.5      .037      247      began with .10, 45 and .16
-    voronoi3(2)       4e-5      .36      3e-4      330      began with .15, 22 and .20
+    kelvin(2)         .0073     13       .037      247      began with .10, 45 and .16
+    voronoi3(2)       2e-5      .45      8e-4      330      began with .15, 22 and .20
 
 Voronoi cells in space may have edges and faces as short as chance makes them. Where cones about these cannot be joined,
 because the centroid would not see all of the child, they are as slender as the edges are short.
@@ -85,10 +85,7 @@ from vemcvx.meshes.polygons import (
     spans,
     turned,
 )
-from vemcvx.meshes.polyhedra import (
-    Listed,
-    numbered_faces,
-)
+from vemcvx.meshes.polyhedra import Listed, numbered_faces
 from vemcvx.meshes.tessellation import Mesh, SpaceTessellation, Tessellation
 
 AnyMesh = TypeVar("AnyMesh", bound=Mesh)
@@ -111,10 +108,84 @@ class Nodes(NamedTuple):
     """of all nodes, old ones first"""
 
 
-def own_nodes(mesh: SpaceTessellation, skin: Skin, cut: Cut, cell: Ints, number: Ints) -> tuple[Ints, Ints, Ints]:
-    """Of corners (m,) of children of cells (m,) the nodes of the bodies to which these belong.
+def refined(mesh: SpaceMesh, marked: Bools, balance: bool) -> tuple[SpaceMesh, Ints, Nodes]:
+    """The refined mesh, the parents of its cells, and its new nodes."""
+    skin = skin_of(mesh)
+    sides = sides_of(skin)
+    skin = with_regular_ones_whole(skin, sides)
+    asked = asked_of(skin, sides, corners_in_pieces(skin, sides)[1])
+    marked = asked.closed(marked) if balance else marked
+    cut = cut_faces(asked, marked)
+    check_lengths(skin.points, skin.ends[cut.halved])
+    solids = solids_of(asked, cut, marked)
+    check_seen(skin, solids)
+    inside = np.flatnonzero(np.isin(solids.kind, ABOUT_CENTRES))
+    about = np.full(mesh.n_cells, -1)
+    about[inside] = len(cut.points) + np.arange(len(inside))
+    lots = [regular_children(asked, cut, solids, about), cones(asked, cut, solids, about)]
+    stays = np.flatnonzero(solids.kind[skin.cell] == STAYS)
+    face = skin.faces.cell_faces[stays]
+    outer = [*(lot[0] for lot in lots), Outer(np.zeros_like(stays), stays, cut.first[face], np.diff(cut.first)[face])]
+    whole = Outer(*(np.concatenate(values) for values in zip(*outer, strict=True)))
+    laid = _laid_out(mesh, skin, cut, whole, joined([lot[1] for lot in lots]))
+    return _assembled(mesh, skin, cut, laid, (inside, solids.centre[inside]))
 
-    Besides, the ends (e, 2) of edges that are halved, and faces (f,) with a centre. Corners are numbered as in `Cut`.
+
+class Laid(NamedTuple):
+    """New cells, their nodes numbered as in `Cut`."""
+
+    listed: Listed
+    parents: Ints
+    number: Ints
+    """which of the new faces each listed one is: first those of faces of the old mesh, in their order, then others"""
+    own: Ints
+    """(n_faces + 1,) where the new faces of each face of the old mesh begin"""
+
+
+def _laid_out(mesh: SpaceTessellation, skin: Skin, cut: Cut, outer: Outer, inner: Inner) -> Laid:
+    """The cells that new faces make; of each face at an interface there are two."""
+    merged = np.empty(mesh.n_faces, dtype=np.int64)
+    merged[mesh.cell_faces] = skin.faces.cell_faces
+    own = offsets_of(np.diff(cut.first)[merged])
+    listed, row = np.repeat(outer.listed, outer.rows), spans(outer.row, outer.rows)
+    face = mesh.cell_faces[listed]
+    outside = own[face] + row - cut.first[merged[face]]
+    number = np.append(outside, own[-1] + same_rows(inner.offsets, inner.vertices)[1])
+    rows, nodes = rows_in_order(cut.offsets, cut.vertices, row)
+    nodes = turned(rows, nodes, skin.signs[listed] < 0.0)
+    rows, nodes = np.concatenate([rows, rows[-1] + inner.offsets[1:]]), np.append(nodes, inner.vertices)
+    key = np.append(np.repeat(outer.key, outer.rows), inner.key)
+    many = int(key.max()) + 1
+    children, child = np.unique(np.append(skin.cell[listed], inner.cell) * many + key, return_inverse=True)
+    order = np.argsort(child, kind="stable")
+    cells = Listed(*rows_in_order(rows, nodes, order), offsets_of(np.bincount(child)))
+    return Laid(cells, children // many, number[order], own)
+
+
+def _assembled(
+    mesh: SpaceMesh, skin: Skin, cut: Cut, laid: Laid, centres: tuple[Ints, Floats]
+) -> tuple[SpaceMesh, Ints, Nodes]:
+    """The mesh of new cells, and its new nodes; those in cells, and their places, are given."""
+    listed, found = laid.listed, Nodes(skin.ends[cut.halved], cut.centred, centres[0], cut.points)
+    if mesh.interfaces:
+        cell = np.repeat(laid.parents, np.diff(listed.cell_offsets))[cell_of_corner(listed.offsets)]
+        vertices, found = own_nodes(mesh, skin, cut, cell, listed.vertices)
+        listed = listed._replace(vertices=vertices)
+    found = found._replace(cells=centres[0], points=np.concatenate([found.points, centres[1]]))
+    numbers, first, at = np.unique(laid.number, return_index=True, return_inverse=True)
+    rank = np.empty_like(first)
+    rank[np.argsort(first)] = np.arange(len(first))
+    joint = numbered_faces(listed, np.sort(first), rank[at])
+    outside, place = numbers < laid.own[-1], np.full(laid.own[-1], -1)
+    place[numbers[outside]] = rank[outside]
+    made = type(mesh).unchecked(found.points, *joint, box=mesh._box)
+    return _carried(mesh, made, laid.parents, laid.own, place), laid.parents, found
+
+
+def own_nodes(mesh: SpaceTessellation, skin: Skin, cut: Cut, cell: Ints, number: Ints) -> tuple[Ints, Nodes]:
+    """Of corners (m,), numbered as in `Cut`, of children of cells (m,) the nodes of the bodies to which these belong.
+
+    Besides, the new nodes on edges and in faces.
     """
     n_nodes, n_faces = mesh.n_nodes, len(skin.seen)
     stops = n_nodes + np.cumsum([0, len(cut.halved), len(cut.centred)])
@@ -139,68 +210,11 @@ def own_nodes(mesh: SpaceTessellation, skin: Skin, cut: Cut, cell: Ints, number:
     faces, at = np.unique(mesh.cell_faces[order[np.searchsorted(key, wanted, sorter=order)]], return_inverse=True)
     numbers[centre] = n_nodes + len(found) + at
     numbers[inner] = number[inner] + n_nodes + len(found) + len(faces) - stops[2]
-    return numbers, np.column_stack(np.divmod(found, n_nodes)), faces
-
-
-def refined(mesh: SpaceMesh, marked: Bools, balance: bool) -> tuple[SpaceMesh, Ints, Nodes]:
-    """The refined mesh, the parents of its cells, and its new nodes."""
-    skin = skin_of(mesh)
-    sides = sides_of(skin)
-    skin = with_regular_ones_whole(skin, sides)
-    asked = asked_of(skin, sides, corners_in_pieces(skin, sides)[1])
-    marked = asked.closed(marked) if balance else marked
-    cut = cut_faces(asked, marked)
-    check_lengths(skin.points, skin.ends[cut.halved])
-    solids = solids_of(asked, cut, marked)
-    check_seen(skin, solids)
-    inside = np.flatnonzero(np.isin(solids.kind, ABOUT_CENTRES))
-    about = np.full(mesh.n_cells, -1)
-    about[inside] = len(cut.points) + np.arange(len(inside))
-    lots = [regular_children(asked, cut, solids, about), cones(asked, cut, solids, about)]
-    stays = np.flatnonzero(solids.kind[skin.cell] == STAYS)
-    face = skin.faces.cell_faces[stays]
-    outer = [*(lot[0] for lot in lots), Outer(np.zeros_like(stays), stays, cut.first[face], np.diff(cut.first)[face])]
-    whole = Outer(*(np.concatenate(values) for values in zip(*outer, strict=True)))
-    inner, centres = joined([lot[1] for lot in lots]), (inside, solids.centre[inside])
-    return _assembled(mesh, skin, cut, outer=whole, inner=inner, centres=centres)
-
-
-def _assembled(
-    mesh: SpaceMesh, skin: Skin, cut: Cut, *, outer: Outer, inner: Inner, centres: tuple[Ints, Floats]
-) -> tuple[SpaceMesh, Ints, Nodes]:
-    listed, row = np.repeat(outer.listed, outer.rows), spans(outer.row, outer.rows)
-    # New faces of every face of the old mesh; at interfaces there are two in one place.
-    merged = np.empty(mesh.n_faces, dtype=np.int64)
-    merged[mesh.cell_faces] = skin.faces.cell_faces
-    own = offsets_of(np.diff(cut.first)[merged])
-    face = mesh.cell_faces[listed]
-    outside = own[face] + row - cut.first[merged[face]]
-    number = np.append(outside, own[-1] + same_rows(inner.offsets, inner.vertices)[1])
-    rows, nodes = rows_in_order(cut.offsets, cut.vertices, row)
-    nodes = turned(rows, nodes, skin.signs[listed] < 0.0)
-    rows, nodes = np.concatenate([rows, rows[-1] + inner.offsets[1:]]), np.append(nodes, inner.vertices)
-    parent = np.append(skin.cell[listed], inner.cell)
-    key = np.append(np.repeat(outer.key, outer.rows), inner.key)
-    children, child = np.unique(parent * (key.max() + 1) + key, return_inverse=True)
-    order = np.argsort(child, kind="stable")
-    rows, nodes = rows_in_order(rows, nodes, order)
-    ends, faces, points = skin.ends[cut.halved], cut.centred, cut.points
-    if mesh.interfaces:
-        place = nodes
-        nodes, ends, faces = own_nodes(mesh, skin, cut, parent[order][cell_of_corner(rows)], nodes)
-        points = np.empty((int(nodes.max()) + 1 - len(centres[0]), 3))
-        points[nodes[place < len(cut.points)]] = cut.points[place[place < len(cut.points)]]
-        points[: mesh.n_nodes] = mesh.points
-    found = Nodes(ends, faces, centres[0], np.concatenate([points, centres[1]]))
-    numbers, first, at = np.unique(number[order], return_index=True, return_inverse=True)
-    rank = np.empty_like(first)
-    rank[np.argsort(first)] = np.arange(len(first))
-    joint = numbered_faces(Listed(rows, nodes, offsets_of(np.bincount(child))), np.sort(first), rank[at])
-    place = np.full(own[-1], -1)
-    place[numbers[numbers < own[-1]]] = rank[numbers < own[-1]]
-    made = type(mesh).unchecked(found.points, *joint, box=mesh._box)
-    parents = children // (key.max() + 1)
-    return _carried(mesh, made, parents, own, place), parents, found
+    points = np.empty((n_nodes + len(found) + len(faces), 3))
+    points[: mesh.n_nodes] = mesh.points
+    for new in (middle, centre):
+        points[numbers[new]] = cut.points[number[new]]
+    return numbers, Nodes(np.column_stack(np.divmod(found, n_nodes)), faces, faces[:0], points)
 
 
 def _carried(mesh: SpaceMesh, made: SpaceMesh, parents: Ints, own: Ints, place: Ints) -> SpaceMesh:

@@ -18,7 +18,7 @@ from vemcvx.meshes.polygons import cell_of_corner
 from vemcvx.program import SolvedProgram
 from vemcvx.results import quoted
 from vemcvx.results.contact import Contact, contact_history
-from vemcvx.results.corners import Corners, Sides, sides_of
+from vemcvx.results.corners import SIGNED, Corners, Peak, Sides, sides_of
 from vemcvx.scene import Scene
 from vemcvx.scene.contact_table import ContactRows
 from vemcvx.scene.pose import PosedScene, pose_scene, unwarned
@@ -288,8 +288,9 @@ class Results:
         """
         corners, grew = Corners(self.mesh, self.contact, self.moduli, self.sides), self.growth or {}
         told = (
-            (one, "" if even else corners.sentence(_near(self, corners, one, of), self.row(one.step), one.key))
+            (one, "" if even else corners.sentence(_near(self, corners, one, of), self.row(one.step), one.key, peak))
             for one, of, even in largest_values(self)
+            for peak in [Peak(one.value, self.stress(one.step) if one.key in SIGNED else None)]
         )
         return tuple(
             replace(one, unbounded="; ".join(filter(None, [words, grew.get(one.key, "")]))) for one, words in told
@@ -417,7 +418,7 @@ def record(posed: PosedScene, trajectory: Trajectory, assembled: float, storage:
         out_of_plane_prestress=blocked_across,
         out_of_plane=None if across is None else np.ascontiguousarray(across[:, :3]),
         inactive=posed.inactive + _untouched(posed, trajectory),
-        sides=sides_of(posed),
+        sides=sides_of(posed, times),
         **_friction_of_dragged(posed, trajectory),
     )
 

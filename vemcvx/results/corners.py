@@ -30,135 +30,26 @@ as r^-1 (Boussinesq 1885).
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
-from typing import Annotated, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-import scipy.sparse as sp
 
 from vemcvx.arrays import Bools, Floats, Ints
-from vemcvx.effects.effect import Load
 from vemcvx.meshes import AnyMesh, PolygonMesh
 from vemcvx.meshes.polygons import cell_of_corner
-from vemcvx.outline import ArrayRecord
 from vemcvx.results.contact import Contact
 from vemcvx.results.quoted import ON_CONTACT
+from vemcvx.results.sides import Sides
 from vemcvx.results.wedges import CLAMPED, FREE, LIMIT, Sector, Wedge, held_along, joined, slipping, turned
-from vemcvx.scene.contact_table import ContactRows, pair_numbers
-from vemcvx.scene.pose import PosedScene
-from vemcvx.scene.supports import free_directions
 from vemcvx.vem.boundary import CURVE
 from vemcvx.vem.elasticity import principal
 
 GROWS = "grows without limit as the mesh is refined"
 MATERIALS = 8
 """More kinds of cells are no materials, but a field that changes from cell to cell."""
-
-
-@dataclass(frozen=True, kw_only=True, repr=False)
-class Sides(ArrayRecord):
-    """The conditions on the edges of the boundary, of which bodies in space have none, and point loads.
-
-    Attributes
-    ----------
-    edges : (b, 2) int
-        Each with the body on its left.
-    free : (b, 4)
-        Projectors (2, 2) on the directions that supports leave free, row by row.
-    contact : (b,) bool
-        True where the edge touches, or may touch, something rigid, or is the first body's at an interface.
-    pressed : (b,) bool
-        True where friction follows pressure.
-    loaded : (q,) int or None
-        The nodes on which forces act as on points.
-    traction : (S, b, 4) or None
-        The tractions given at the beginning of each edge, and at its end; None if there are none.
-    """
-
-    edges: Annotated[Ints, "sides 2", ""]
-    free: Annotated[Floats, "sides 4", ""]
-    contact: Annotated[Bools, "sides", ""]
-    pressed: Annotated[Bools, "sides", ""]
-    loaded: Annotated[Ints | None, "loaded", ""] = None
-    traction: Annotated[Floats | None, "S sides 4", "force/length"] = None
-
-    @cached_property
-    def leaving(self) -> dict[int, int]:
-        """The edge that begins at a node; -1 where there are several."""
-        return _once(self.edges[:, 0])
-
-    @cached_property
-    def arriving(self) -> dict[int, int]:
-        """The edge that ends at a node, likewise."""
-        return _once(self.edges[:, 1])
-
-
-def _once(nodes: Ints) -> dict[int, int]:
-    found: dict[int, int] = {}
-    for k, node in enumerate(nodes.tolist()):
-        found[node] = -1 if node in found else k
-    return found
-
-
-def sides_of(posed: PosedScene, times: Sequence[float]) -> Sides:
-    """The sides of a posed scene, with tractions at these instants."""
-    mesh = posed.space.mesh
-    loads = [load for load in posed.loads if isinstance(load, Load) and load.cells is None and load.edges is None]
-    rows = np.concatenate([np.zeros(0, np.int64), *(load.matrix.tocoo().row for load in loads)])
-    loaded = np.unique(rows // mesh.points.shape[1])
-    if not isinstance(mesh, PolygonMesh):
-        none = np.zeros(0, dtype=bool)
-        return Sides(
-            edges=np.zeros((0, 2), dtype=np.int64), free=np.zeros((0, 4)), contact=none, pressed=none, loaded=loaded
-        )
-    edges, terms = mesh.boundaries["boundary"], posed.terms
-    laws = [friction.law is not None and friction.law.pressed for friction in terms.frictions]
-    follows = np.repeat(np.array(laws, dtype=float), [len(friction.nodes) for friction in terms.frictions])
-    pressed, soft = np.flatnonzero(terms.gather @ follows > 0), posed.obstacles.compliance > 0
-    return Sides(
-        edges=edges,
-        free=free_directions(posed.supports.P, edges.ravel(), np.repeat(np.arange(len(edges)), 2), 2).reshape(-1, 4),
-        # What gives way presses with a force that has a limit, as a load.
-        contact=_owned(posed.surface, edges) & ~_owned(posed.obstacles[np.flatnonzero(soft)], edges),
-        pressed=_owned(terms[pressed], edges),
-        loaded=loaded,
-        traction=_tractions(posed, edges, times),
-    )
-
-
-INSIDE = 1e-4
-"""How far from the ends of edges tractions are read, as a part of them: they may jump at nodes, or beside them."""
-
-
-def _tractions(posed: PosedScene, edges: Ints, times: Sequence[float]) -> Floats | None:
-    """The tractions (S, b, 4) at the ends of edges; None if there are none."""
-    points, place, total = posed.space.mesh.points, {(a, b): k for k, (a, b) in enumerate(edges.tolist())}, None
-    for load in posed.loads:
-        if not isinstance(load, Load) or load.edges is None:
-            continue
-        at = np.array([place[a, b] for a, b in np.unique(load.edges, axis=0).tolist()], dtype=np.int64)
-        ends = points[edges[at]]
-        along = ends[:, 1] - ends[:, 0]
-        x = np.stack([ends[:, 0] + INSIDE * along, ends[:, 1] - INSIDE * along], axis=1).reshape(-1, 2)
-        inward = np.repeat(np.column_stack([-along[:, 1], along[:, 0]]) / np.linalg.norm(along, axis=1)[:, None], 2, 0)
-        total = np.zeros((len(times), len(edges), 4)) if total is None else total
-        # Data that cannot be read there, beside the points of quadrature, leave the corner unknown, and the run whole.
-        with suppress(Exception):
-            for row, t in enumerate(times):
-                values = load.at(x, t)
-                # A scalar is a pressure.
-                total[row, at] += (values[:, None] * inward if values.ndim == 1 else values).reshape(-1, 4)
-    return total
-
-
-def _owned(rows: ContactRows, edges: Ints) -> Bools:
-    """Whether some row owns an end of each edge."""
-    names, most = rows.names[np.unique(sp.csr_matrix(rows.ends).indices)], int(edges.max())
-    known, one, other = (pair_numbers(pairs[:, 0], pairs[:, 1], most) for pairs in (names, edges, edges[:, ::-1]))
-    return np.isin(one, known) | np.isin(other, known)
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,7 +66,8 @@ class Corner:
     rubs : whether friction that follows pressure acts there
     holds : whether friction with a given bound sticks there
     singular : False along smooth sides
-    shear : the stress that log r multiplies, as A, B, C and D of each sector
+    jumps : whether displacements that are given jump there
+    shear : the stress that log r multiplies, as A, B, C and D of each sector; None where there is none
     """
 
     wedge: Wedge
@@ -186,11 +78,14 @@ class Corner:
     rubs: bool
     holds: bool
     singular: bool
-    shear: Floats
+    jumps: bool
+    shear: Floats | None
 
     @property
     def exponent(self) -> float:
         """The exponent of the field whose stress grows most; 1 where there is none."""
+        if self.jumps:
+            return 0.0
         return self.wedge.exponent if self.singular else 1.0
 
     def reach(self, lam: float, x: Floats, key: str) -> float:
@@ -218,14 +113,14 @@ class Corner:
             return False
         if key in ON_CONTACT and len(self.rays) == 0:
             return False
-        if key not in SIGNED or peak.stress is None or (x := self.wedge.mode) is None:
+        if key not in SIGNED or self.jumps or peak.stress is None or (x := self.wedge.mode) is None:
             return True
         x = self.sign(mesh, x, peak.stress) * x
         return self.reach(self.exponent, x, key) >= PART * self.reach(self.exponent, x, "von_mises")
 
     def adds(self, key: str) -> float:
         """What the logarithm adds to an extreme where cells are halved."""
-        return 0.0 if key == "friction" else self.reach(1.0, -np.log(2.0) * self.shear, key)
+        return 0.0 if key == "friction" or self.shear is None else self.reach(1.0, -np.log(2.0) * self.shear, key)
 
 
 class Peak(NamedTuple):
@@ -298,11 +193,11 @@ class Corners:
         if powers:
             worst = min(powers, key=lambda one: one.exponent)
             grows = "grows as the mesh is refined, as long as friction holds" if worst.holds else GROWS
-            return f"{worst.where}: {grows}, like r^{worst.exponent - 1:.2f}"
+            power = "-1" if worst.jumps else f"{worst.exponent - 1:.2f}"
+            return f"{worst.where}: {grows}, like r^{power}"
         least, size = 2.0 ** (1.0 - LIMIT) - 1.0, abs(peak.value)
-        logs = (one.where for one, part in corners if one.adds(key) >= size * max(1.0 - part, least))
-        where = next(logs, "")
-        return where and f"{where}, where shear does not match: {GROWS}, like log r"
+        adding = [one for one, part in corners if one.adds(key) >= max(size * max(1.0 - part, least), np.spacing(0.0))]
+        return f"{adding[0].where}: {GROWS}, like log r" if adding else ""
 
     def known_at(self, sides: Sides, node: int, row: int) -> Corner | None:
         """The corner at a node, at a row of the arrays, judged once."""
@@ -317,6 +212,8 @@ class Corners:
 
     def judged(self, sides: Sides, node: int, row: int) -> Corner | None:
         """The corner at a node, at a row of the arrays; None where nothing is to be said."""
+        if node not in sides.leaving and node not in sides.arriving:
+            return self.inside(node) if len(sides.edges) else None
         chain = self.around(sides, node)
         if chain is None:
             return None
@@ -327,8 +224,8 @@ class Corners:
         joints = [_joint(self, sides, sides.arriving[node], row) for node in (nodes if ring else nodes[:-1])]
         ends = [] if ring else [_condition(self, sides, sides.leaving[nodes[0]], row, True)]
         ends += [] if ring else [_condition(self, sides, sides.arriving[nodes[-1]], row, False)]
-        smooth = _smooth(made, ends, ring)
-        if smooth and not (ends and _straight(made, ends)):
+        smooth, jumps = _smooth(made, ends, ring), not ring and _jumps(sides, nodes, row, ends)
+        if smooth and not jumps and not (ends and _straight(made, ends)):
             return None
         wedge = _wedge(made, joints, ends)
         given = np.concatenate([np.zeros(4 * len(wedge.sectors) - (4 if ends else 0)), *(one.given for one in ends)])
@@ -343,14 +240,33 @@ class Corners:
         between = zip([*ends[:1], *joints, *ends[1:]], turns if ends else turns[1:], strict=True)
         return Corner(
             wedge=wedge,
-            where=_where([*ends, *joints], mixed=max(map(len, made)) > 1),
+            where=JUMP if jumps else _where([*ends, *joints], smooth, mixed=max(map(len, made)) > 1),
             nodes=tuple(nodes),
             start=float(np.arctan2(out[1], out[0])),
             rays=np.array([turn for one, turn in between if "contact" in one.name]),
             rubs=bool(sides.pressed[touching].any()),
             holds=any(one.holds for one in (*ends, *joints)),
             singular=not smooth,
-            shear=wedge.logarithm(given) if asked and given.any() else np.zeros(4 * len(wedge.sectors)),
+            jumps=jumps,
+            shear=wedge.logarithm(given) if asked and given.any() else None,
+        )
+
+    def inside(self, node: int) -> Corner | None:
+        """The point at which materials meet inside a body, that is no point of a smooth interface."""
+        made, start = _ring(self, node)
+        if len(made) < 2 or (len(made) == 2 and abs(made[0].angle - np.pi) < CURVE):
+            return None
+        return Corner(
+            wedge=Wedge(made, [joined("sticks")] * len(made), None),
+            where="where materials meet inside the body",
+            nodes=(node,),
+            start=start,
+            rays=np.zeros(0),
+            rubs=False,
+            holds=False,
+            singular=True,
+            jumps=False,
+            shear=None,
         )
 
     def around(self, sides: Sides, node: int) -> tuple[list[int], bool] | None:
@@ -378,27 +294,56 @@ class Corners:
 
 def _sectors(corners: Corners, sides: Sides, node: int) -> list[Sector]:
     """The body at a node counter-clockwise, a sector for each material; none where moduli vary, or are not two."""
-    mesh = corners.mesh
-    assert isinstance(mesh, PolygonMesh)
+    points = corners.mesh.points
     if len(corners.moduli) != 2 or corners.varies:
         return []
+    rays, cells = _fan(corners.mesh, node)
+    out = points[sides.edges[sides.leaving[node], 1]] - points[node]
+    back = points[sides.edges[sides.arriving[node], 0]] - points[node]
+    # A ray that is out itself may be turned from it by rounding, backwards.
+    order = np.argsort((_turned(out, rays) + 1e-6) % (2 * np.pi))
+    return _materials([*rays[order], back], corners.moduli[:, cells[order]])
+
+
+def _ring(corners: Corners, node: int) -> tuple[list[Sector], float]:
+    """The materials around a node inside of a body, and the angle to the x axis at which the first begins."""
+    if len(corners.moduli) != 2 or corners.varies:
+        return [], 0.0
+    rays, cells = _fan(corners.mesh, node)
+    angles = np.arctan2(rays[:, 1], rays[:, 0])
+    order = np.argsort(angles)
+    begins = np.flatnonzero(_differ(corners.moduli[:, cells[np.roll(order, 1)]], corners.moduli[:, cells[order]]))
+    if len(begins) == 0:
+        return [], 0.0
+    order = np.roll(order, -begins[0])
+    return _materials([*rays[order], rays[order[0]]], corners.moduli[:, cells[order]]), float(angles[order[0]])
+
+
+def _fan(mesh: AnyMesh, node: int) -> tuple[Floats, Ints]:
+    """The cells at a node, and of each the ray (2,) along which it begins, counter-clockwise."""
+    assert isinstance(mesh, PolygonMesh)
     at = np.flatnonzero(mesh.vertices == node)
     cells = cell_of_corner(mesh.offsets)[at]
     first, size = mesh.offsets[cells], np.diff(mesh.offsets)[cells]
-    after = mesh.points[mesh.vertices[first + (at - first + 1) % size]] - mesh.points[node]
-    out = mesh.points[sides.edges[sides.leaving[node], 1]] - mesh.points[node]
-    back = mesh.points[sides.edges[sides.arriving[node], 0]] - mesh.points[node]
-    # A ray that is out itself may be turned from it by rounding, backwards.
-    order = np.argsort((_turned(out, after) + 1e-6) % (2 * np.pi))
-    rays, cells = [*after[order], back], cells[order]
-    moduli, found = corners.moduli[:, cells], list[Sector]()
-    begins = np.flatnonzero(np.append(True, (np.abs(np.diff(moduli)) > 1e-9 * moduli.max(axis=1)[:, None]).any(axis=0)))
-    for begin, end in pairwise([*begins.tolist(), len(cells)]):
+    return mesh.points[mesh.vertices[first + (at - first + 1) % size]] - mesh.points[node], cells
+
+
+def _differ(one: Floats, other: Floats) -> Bools:
+    """Where the moduli (2, q) of materials differ."""
+    largest = np.abs(one).max(axis=1, initial=0.0)[:, None]
+    differ: Bools = (np.abs(one - other) > 1e-9 * largest).any(axis=0)
+    return differ
+
+
+def _materials(rays: Sequence[Floats], moduli: Floats) -> list[Sector]:
+    """Sectors of one material each, from the moduli (2, q) between q + 1 rays."""
+    begins = np.flatnonzero(np.append(True, _differ(moduli[:, 1:], moduli[:, :-1])))
+    found: list[Sector] = []
+    for begin, end in pairwise([*begins.tolist(), moduli.shape[1]]):
         angle, (lame, shear) = float(_turned(rays[begin], rays[end])), moduli[:, begin]
         # The two sides of a crack are one ray.
-        found.append(
-            Sector(angle if angle > 1e-6 else 2 * np.pi, float((lame + 3 * shear) / (lame + shear)), float(shear))
-        )
+        whole = angle if angle > 1e-6 else 2 * np.pi
+        found.append(Sector(whole, float((lame + 3 * shear) / (lame + shear)), float(shear)))
     return found
 
 
@@ -420,6 +365,18 @@ class Condition:
     given: Floats
     holds: bool = False
     slips: bool = False
+
+
+JUMP = "where displacements that are given jump"
+
+
+def _jumps(sides: Sides, nodes: list[int], row: int, ends: list[Condition]) -> bool:
+    """Whether the displacements given on both sides of a node differ: a hundredth of the largest is no rounding."""
+    if sides.moved is None or len(nodes) > 1 or any(end.name != "clamp" for end in ends):
+        return False
+    moved, (node,) = sides.moved[row], nodes
+    apart = moved[sides.leaving[node], :2] - moved[sides.arriving[node], 2:]
+    return bool(np.linalg.norm(apart) > 0.01 * np.abs(moved).max())
 
 
 def _smooth(made: list[list[Sector]], ends: list[Condition], ring: bool) -> bool:
@@ -452,8 +409,10 @@ def _wedge(made: list[list[Sector]], joints: list[Condition], ends: list[Conditi
     return Wedge(sectors, rows, (ends[0].rows, ends[1].rows) if ends else None)
 
 
-def _where(met: list[Condition], mixed: bool) -> str:
+def _where(met: list[Condition], smooth: bool, mixed: bool) -> str:
     kinds = list(dict.fromkeys(sorted(one.name for one in met)))
+    if smooth:
+        return f"where shear jumps along a {' and '.join(kinds)}".replace("a contact", "contact")
     if mixed:
         return f"where materials meet at {' and '.join(kinds)}"
     return "at a reentrant corner" if kinds == ["free side"] else f"at a corner of {' and '.join(kinds)}"
@@ -546,8 +505,9 @@ def _state(corners: Corners, sides: Sides, k: int, node: int, row: int) -> State
 def _below(contact: Contact, row: int) -> Bools:
     """Where friction (m,) has not reached its bound, which is given: what rests there may have slipped before."""
     bound = np.minimum(contact.bound[row], contact.backward[row])
-    below: Bools = contact.sticking[row] & contact.closed[row]
-    return below & (np.linalg.norm(contact.traction[row], axis=1) < (1.0 - 1e-6) * bound)
+    below: Bools = np.linalg.norm(contact.traction[row], axis=1) < (1.0 - 1e-6) * bound
+    below &= contact.sticking[row] & contact.closed[row]
+    return below
 
 
 def _shear(contact: Contact, nodes: list[int], below: Bools, friction: Floats, along: Floats) -> float:

@@ -18,7 +18,8 @@ from vemcvx.meshes.polygons import cell_of_corner
 from vemcvx.program import SolvedProgram
 from vemcvx.results import quoted
 from vemcvx.results.contact import Contact, contact_history
-from vemcvx.results.corners import SIGNED, Corners, Peak, Sides, sides_of
+from vemcvx.results.corners import SIGNED, Corners, Peak
+from vemcvx.results.sides import Sides, sides_of
 from vemcvx.scene import Scene
 from vemcvx.scene.contact_table import ContactRows
 from vemcvx.scene.pose import PosedScene, pose_scene, unwarned
@@ -329,7 +330,9 @@ def _near(history: Results, corners: Corners, one: quoted.Extreme, of: tuple[int
     """
     (k, values), mesh = of, history.mesh
     if one.key in quoted.ON_CONTACT:
-        return dict.fromkeys(corners.beside(int(history.contact.nodes[k])), 1.0)
+        nodes = history.contact.nodes
+        parts = dict(zip(nodes.tolist(), (values / (one.value or 1.0)).tolist(), strict=True))
+        return {node: min(float(parts.get(node, 1.0)), 1.0) for node in corners.beside(int(nodes[k]))}
     if one.key == "displacement":
         return {k: 1.0}
     if one.key == "slip":

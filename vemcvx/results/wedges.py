@@ -160,10 +160,15 @@ class Wedge:
         found: Floats = rows[-1]
         return found if sizes[-2] > 1e-4 * sizes[0] else None
 
-    def logarithm(self, given: Floats) -> Floats:
-        """A, B, C and D of R b: with the exponent 1, the stress that log r multiplies."""
-        near: Floats = NEAR * np.linalg.solve(self.matrix(np.array([1.0 + NEAR + 0.0j]))[0].real, given)
-        return near
+    def logarithm(self, given: Floats) -> Floats | None:
+        """A, B, C and D of R b, with the exponent 1: the stress that log r multiplies; None where it is rounding."""
+        steps = np.array([NEAR, -NEAR])
+        matrices: Floats = self.matrix(np.array(1.0 + steps, dtype=np.complex128)).real
+        both = np.array([np.linalg.solve(matrix, given) for matrix in matrices])
+        # Terms of odd order cancel.
+        found: Floats = 0.5 * steps @ both
+        rotations = np.arange(len(found)) % 4 == 3
+        return found if np.abs(found[~rotations]).max() > 1e-6 * np.abs(given).max() else None
 
     def stress(self, lam: float, x: Floats, t: Floats) -> Floats:
         """(q, 3) xx, yy and xy, x along the first ray, of the field with this exponent at angles, for r = 1."""

@@ -90,33 +90,44 @@ class Corner:
 
     def reach(self, lam: float, x: Floats, key: str) -> float:
         """The largest of what an extreme is of, at r = 1, of the field with this exponent."""
-        t = np.linspace(0.0, sum(sector.angle for sector in self.wedge.sectors), 181)
         if key in PRESSURES:
             across = turned(self.wedge.stress(lam, x, self.rays), -self.rays)[:, 1]
             return float(np.max(-across, initial=0.0))
-        both = principal(self.wedge.stress(lam, x, t))
-        of = {"largest_principal_stress": both[:, 0], "smallest_principal_stress": -both[:, 1]}
-        return float(of.get(key, np.abs(both).max(axis=1)).max())
+        t = np.linspace(0.0, self.wedge.angle, 181)
+        return float(_sizes(self.wedge.stress(lam, x, t), key).max())
 
-    def sign(self, mesh: AnyMesh, x: Floats, stress: Floats) -> float:
-        """The sign with which a field takes part in the stress (n_cells, 3)."""
+    def field(self, mesh: AnyMesh, x: Floats, cells: Ints) -> Floats:
+        """(q, 3) the stress of the field with the leading exponent at the centroids of cells."""
+        out = mesh.centroids[cells] - mesh.points[self.nodes[0]]
+        t = np.clip((np.arctan2(out[:, 1], out[:, 0]) - self.start) % (2 * np.pi), 0.0, self.wedge.angle)
+        field = turned(self.wedge.stress(self.exponent, x, t), self.start)
+        field *= np.linalg.norm(out, axis=1)[:, None] ** (self.exponent - 1.0)
+        return field
+
+    def factor(self, mesh: AnyMesh, x: Floats, stress: Floats) -> float:
+        """By which a field takes part in the stress (n_cells, 3), as the cells at the corner have it."""
         assert isinstance(mesh, PolygonMesh)
         cells = np.unique(cell_of_corner(mesh.offsets)[np.isin(mesh.vertices, self.nodes)])
-        out, total = mesh.centroids[cells] - mesh.points[self.nodes[0]], sum(part.angle for part in self.wedge.sectors)
-        t = np.clip((np.arctan2(out[:, 1], out[:, 0]) - self.start) % (2 * np.pi), 0.0, total)
-        field = turned(self.wedge.stress(self.exponent, x, t), self.start)
-        return float(np.sign(mesh.areas[cells] @ (field * stress[cells]) @ np.array([1.0, 1.0, 2.0])))
+        field, weights = self.field(mesh, x, cells), np.array([1.0, 1.0, 2.0])
+        both, square = ((mesh.areas[cells] @ (field * other)) @ weights for other in (stress[cells], field))
+        return float(both / square)
 
-    def powers(self, mesh: AnyMesh, key: str, peak: Peak) -> bool:
-        """Whether an extreme of this key grows as the exponent says."""
-        if key == "friction" and not (self.rubs or self.holds):
+    def powers(self, mesh: AnyMesh, key: str, peak: Peak, part: float) -> bool:
+        """Whether an extreme of this key grows as the exponent says, a cell at the corner having a part of it."""
+        if key in ON_CONTACT and (len(self.rays) == 0 or (key == "friction" and not (self.rubs or self.holds))):
             return False
-        if key in ON_CONTACT and len(self.rays) == 0:
+        # A cell at a corner that has 2^(lam - 1) of an extreme beside it exceeds this once cells are halved.
+        exceeds = bool(part >= 2.0 ** (self.exponent - 1.0))
+        if self.jumps or peak.stress is None or (x := self.wedge.mode) is None:
+            return self.jumps or exceeds
+        x = self.factor(mesh, x, peak.stress) * x
+        if key in SIGNED and self.reach(self.exponent, x, key) < PART * self.reach(self.exponent, x, "von_mises"):
             return False
-        if key not in SIGNED or self.jumps or peak.stress is None or (x := self.wedge.mode) is None:
-            return True
-        x = self.sign(mesh, x, peak.stress) * x
-        return self.reach(self.exponent, x, key) >= PART * self.reach(self.exponent, x, "von_mises")
+        if exceeds or peak.cell is None:
+            return exceeds
+        # Or the field is largest at other angles than those of the cells at the corner.
+        own, whole = (_sizes(of, key) for of in (self.field(mesh, x, np.array([peak.cell])), peak.stress[[peak.cell]]))
+        return bool(own[0] >= 0.5 * whole[0])
 
     def adds(self, key: str) -> float:
         """What the logarithm adds to an extreme where cells are halved."""
@@ -124,10 +135,19 @@ class Corner:
 
 
 class Peak(NamedTuple):
-    """An extreme value, and the stress (n_cells, 3) at its instant where its sign matters."""
+    """An extreme value, the stress (n_cells, 3) at its instant, and its cell, if it is one of a cell."""
 
     value: float = np.inf
     stress: Floats | None = None
+    cell: int | None = None
+
+
+def _sizes(stress: Floats, key: str) -> Floats:
+    """What an extreme is of, positive where it is large, of stress (q, 3)."""
+    both = principal(stress)
+    if key == "largest_principal_stress":
+        return both[:, 0]
+    return -both[:, 1] if key == "smallest_principal_stress" else np.maximum(both[:, 0], -both[:, 1])
 
 
 PRESSURES = "pressure", "pressure_recovered"
@@ -187,9 +207,8 @@ class Corners:
             return ""
         met = [(self.known_at(sides, node, row), part) for node, part in near.items()]
         corners = [(corner, part) for corner, part in met if corner is not None]
-        # A cell at a corner that has 2^(lam - 1) of an extreme beside it exceeds this once cells are halved.
-        powers = [one for one, part in corners if one.exponent < LIMIT and part >= 2.0 ** (one.exponent - 1.0)]
-        powers = [one for one in powers if one.powers(self.mesh, key, peak)]
+        singular = [(one, part) for one, part in corners if one.exponent < LIMIT]
+        powers = [one for one, part in singular if one.powers(self.mesh, key, peak, part)]
         if powers:
             worst = min(powers, key=lambda one: one.exponent)
             grows = "grows as the mesh is refined, as long as friction holds" if worst.holds else GROWS

@@ -109,6 +109,11 @@ class Wedge:
     joints: Sequence[tuple[Floats, Floats]]
     ends: tuple[Floats, Floats] | None
 
+    @property
+    def angle(self) -> float:
+        """That of all sectors."""
+        return sum(sector.angle for sector in self.sectors)
+
     def matrix(self, lam: Complex) -> Complex:
         """(q, 4 s, 4 s) the conditions on A, B, C and D of each sector, those of joints first."""
         count = len(self.sectors)

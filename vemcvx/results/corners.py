@@ -15,7 +15,8 @@ times stress : f(t), f being the stress of the field at r = 1.
 Shear tractions, given or of friction that slips at its bound, make stress grow like log r where they do not match:
 where they jump along a straight side, and where contact or a roller meets a side at a right angle on which there is
 another shear. Friction that changes its sign along a side, or slips up to a plane of symmetry, does so at a node of
-the mesh, but sticks in between on the continuum, and nothing is said of it.
+the mesh, but sticks in between on the continuum, and nothing is said of it, unless the corner itself is moved over what
+it rubs on.
 
 Where what touches, sticks or slips changes along a smooth side, the border lies where stress is bounded, and is no
 corner. Materials that meet at the boundary are sectors that stick to each other, at smooth sides, too (Bogy,
@@ -251,8 +252,8 @@ class Corners:
         after = np.cumsum([len(several) for several in made])
         for joint, place in zip(joints, after, strict=False):
             given[4 * place - 4 : 4 * place] = joint.given
-        # Beside what holds the corner, friction that slips on the mesh may stick on the continuum.
-        asked = smooth or any(end.name == "free side" for end in ends)
+        # Beside what holds the corner in its place, friction that slips on the mesh may stick on the continuum.
+        asked = smooth or any(end.name == "free side" for end in ends) or (not ring and all(end.moves for end in ends))
         out = self.mesh.points[sides.edges[sides.leaving[nodes[0]], 1]] - self.mesh.points[nodes[0]]
         touching = [k for node in nodes for k in (sides.leaving[node], sides.arriving[node]) if sides.contact[k]]
         turns = np.cumsum([0.0, *(sum(sector.angle for sector in several) for several in made)])
@@ -376,7 +377,8 @@ def _turned(one: Floats, other: Floats) -> Floats:
 class Condition:
     """What holds on a ray: in words, as rows, of a joint those of both sides, and the tractions that these meet.
 
-    `holds` is True where friction with a given bound sticks, and `slips` where it slips, or would.
+    `holds` is True where friction with a given bound sticks, and `slips` where it slips, or would; `moves` is False of
+    contact whose node at the corner itself does not slip.
     """
 
     name: str
@@ -384,6 +386,7 @@ class Condition:
     given: Floats
     holds: bool = False
     slips: bool = False
+    moves: bool = True
 
 
 JUMP = "where displacements that are given jump"
@@ -416,7 +419,8 @@ def _straight(made: list[list[Sector]], ends: list[Condition]) -> bool:
         return False
     # sigma_rt of the two rays, along opposite directions.
     one_way = ends[0].given[1] * ends[1].given[1] >= 0.0
-    return names <= {"free side", "roller"} or (one_way and all(end.slips for end in ends))
+    slips = one_way and all(end.slips for end in ends)
+    return names <= {"free side", "roller"} or slips or ("roller" in names and all(end.moves for end in ends))
 
 
 def _wedge(made: list[list[Sector]], joints: list[Condition], ends: list[Condition]) -> Wedge:
@@ -430,8 +434,8 @@ def _wedge(made: list[list[Sector]], joints: list[Condition], ends: list[Conditi
 
 def _where(met: list[Condition], smooth: bool, mixed: bool) -> str:
     kinds = list(dict.fromkeys(sorted(one.name for one in met)))
-    if smooth:
-        return f"where shear jumps along a {' and '.join(kinds)}".replace("a contact", "contact")
+    if smooth and len(kinds) == 1:
+        return f"where shear jumps along a {kinds[0]}".replace("a contact", "contact")
     if mixed:
         return f"where materials meet at {' and '.join(kinds)}"
     return "at a reentrant corner" if kinds == ["free side"] else f"at a corner of {' and '.join(kinds)}"
@@ -453,7 +457,7 @@ def _condition(corners: Corners, sides: Sides, k: int, row: int, leaving: bool) 
         state = _state(corners, sides, k, int(sides.edges[k, 1 if leaving else 0]), row)
         rows = {"open": FREE, "sticks": CLAMPED}.get(state.name, slipping(-sign * state.friction))
         rubbing = rows[:, 2:] @ given + np.array([0.0, sign * state.shear])
-        return Condition(_contact(sides, k, state), rows, rubbing, state.holds, state.slips)
+        return Condition(_contact(sides, k, state), rows, rubbing, state.holds, state.slips, state.moves)
     if freedom < 1.5:
         held = np.eye(2) - free
         direction = held[:, int(np.argmax(np.diag(held)))]
@@ -483,6 +487,7 @@ class State(NamedTuple):
     friction: float = 0.0
     shear: float = 0.0
     holds: bool = False
+    moves: bool = True
 
     @property
     def slips(self) -> bool:
@@ -512,7 +517,8 @@ def _state(corners: Corners, sides: Sides, k: int, node: int, row: int) -> State
         below = _below(contact, row)
         if below[nodes].all():
             return State("sticks", holds=True)
-        return State("slips", shear=_shear(contact, nodes, below, contact.traction[row] @ along, along))
+        moves = len(nodes) > 1 and not contact.sticking[row, nodes[1]]
+        return State("slips", shear=_shear(contact, nodes, below, contact.traction[row] @ along, along), moves=moves)
     if contact.sticking[row, i]:
         return State("sticks")
     pressure = float(contact.pressure[row, i])

@@ -7,10 +7,14 @@ node along its side when the extreme was reached: open, sticking, or slipping wi
 is given does not follow pressure. On a mesh on which it holds the corner and the node next to it, it is a clamp, and
 stress grows until it holds them no more; where it slips, it is a shear traction that is known.
 
-Whether the singular field takes part at all depends on the load, and is not asked; but with which sign it does, where
-a principal stress is looked at: often both principal stresses of the field have one sign at all angles, and of the two
-extremes one grows and the other does not. The sign is that of the sum, over the cells at the corner, of their areas
-times stress : f(t), f being the stress of the field at r = 1.
+Whether the singular field takes part at all depends on the load, and is not asked. But of principal stresses, and of
+pressure, it is asked with which sign it does: often both principal stresses of the field have one sign at all angles,
+and one extreme grows and the other does not. Its factor is that of least squares, over the cells at the corner by area,
+
+    sum a_K stress_K : f(x_K) / sum a_K f(x_K) : f(x_K),   f the stress of the field.
+
+An extreme grows with the field if a cell at the corner exceeds it once cells are halved, or if half of it is the
+field's.
 
 Shear tractions, given or of friction that slips at its bound, make stress grow like log r where they do not match:
 where they jump along a straight side, and where contact or a roller meets a side at a right angle on which there is
@@ -247,17 +251,11 @@ class Corners:
         smooth, jumps = _smooth(made, ends, ring), not ring and _jumps(sides, nodes, row, ends)
         if smooth and not jumps and not (ends and _straight(made, ends)):
             return None
-        wedge = _wedge(made, joints, ends)
-        given = np.concatenate([np.zeros(4 * len(wedge.sectors) - (4 if ends else 0)), *(one.given for one in ends)])
-        after = np.cumsum([len(several) for several in made])
-        for joint, place in zip(joints, after, strict=False):
-            given[4 * place - 4 : 4 * place] = joint.given
-        # Beside what holds the corner in its place, friction that slips on the mesh may stick on the continuum.
-        asked = smooth or any(end.name == "free side" for end in ends) or (not ring and all(end.moves for end in ends))
         out = self.mesh.points[sides.edges[sides.leaving[nodes[0]], 1]] - self.mesh.points[nodes[0]]
         touching = [k for node in nodes for k in (sides.leaving[node], sides.arriving[node]) if sides.contact[k]]
         turns = np.cumsum([0.0, *(sum(sector.angle for sector in several) for several in made)])
         between = zip([*ends[:1], *joints, *ends[1:]], turns if ends else turns[1:], strict=True)
+        wedge = _wedge(made, joints, ends)
         return Corner(
             wedge=wedge,
             where=JUMP if jumps else _where([*ends, *joints], smooth, mixed=max(map(len, made)) > 1),
@@ -268,7 +266,7 @@ class Corners:
             holds=any(one.holds for one in (*ends, *joints)),
             singular=not smooth,
             jumps=jumps,
-            shear=wedge.logarithm(given) if asked and given.any() else None,
+            shear=wedge.logarithm(_given(made, joints, ends)) if smooth or _asked(ends) else None,
         )
 
     def inside(self, node: int) -> Corner | None:
@@ -432,6 +430,19 @@ def _wedge(made: list[list[Sector]], joints: list[Condition], ends: list[Conditi
     return Wedge(sectors, rows, (ends[0].rows, ends[1].rows) if ends else None)
 
 
+def _given(made: list[list[Sector]], joints: list[Condition], ends: list[Condition]) -> Floats:
+    """The tractions that the rows of a wedge meet."""
+    given = [np.zeros(4 * len(several)) for several in made]
+    for own, joint in zip(given, joints, strict=False):
+        own[-4:] = joint.given
+    return np.concatenate([np.concatenate(given)[: -4 if ends else None], *(end.given for end in ends)])
+
+
+def _asked(ends: list[Condition]) -> bool:
+    """False beside what holds a corner in its place: friction that slips on the mesh may stick on the continuum."""
+    return len(ends) > 0 and (any(end.name == "free side" for end in ends) or all(end.moves for end in ends))
+
+
 def _where(met: list[Condition], smooth: bool, mixed: bool) -> str:
     kinds = list(dict.fromkeys(sorted(one.name for one in met)))
     if smooth and len(kinds) == 1:
@@ -456,8 +467,14 @@ def _condition(corners: Corners, sides: Sides, k: int, row: int, leaving: bool) 
     if sides.contact[k]:
         state = _state(corners, sides, k, int(sides.edges[k, 1 if leaving else 0]), row)
         rows = {"open": FREE, "sticks": CLAMPED}.get(state.name, slipping(-sign * state.friction))
-        rubbing = rows[:, 2:] @ given + np.array([0.0, sign * state.shear])
-        return Condition(_contact(sides, k, state), rows, rubbing, state.holds, state.slips, state.moves)
+        return Condition(
+            name=_contact(sides, k, state),
+            rows=rows,
+            given=rows[:, 2:] @ given + np.array([0.0, sign * state.shear]),
+            holds=state.holds,
+            slips=state.slips,
+            moves=state.moves,
+        )
     if freedom < 1.5:
         held = np.eye(2) - free
         direction = held[:, int(np.argmax(np.diag(held)))]

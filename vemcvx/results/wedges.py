@@ -21,10 +21,11 @@ Given tractions b are met by stress that is bounded if M(1) x = b has a solution
 meets them, and with M(lam)^-1 = R / (lam - 1) + ... has stress log r times that of R b, which is constant in a sector
 (Dempsey, *The wedge subjected to tractions: a paradox resolved*, J. Elasticity 11, 1981; Sinclair, *Logarithmic stress
 singularities resulting from various boundary conditions in angular corners of plates in extension*, J. Appl. Mech. 66,
-1999). Where cells are halved it adds -log(2) times as much. Between tractions R b is a rotation, without stress, at all
-angles but 180 and 360 degrees: shear that jumps along a straight side gives a logarithm, shear on one side of a right
-angle does not. Between a traction and contact, or a roller, it is no rotation at 90 degrees: the shear of the one side
-is to be that of the other, as stress is symmetric.
+1999). Where cells are halved it adds -log(2) times as much. Between tractions R b is a rotation, without stress, at
+all angles a but 180 and 360 degrees, and that of tan a = a, 257 degrees, where the power is stronger: shear that
+jumps along a straight side gives a logarithm, shear on one side of a right angle does not. Between a traction and
+contact, or a roller, it is no rotation at 90 degrees: the shear of the one side is to be that of the other, as stress
+is symmetric.
 """
 
 from __future__ import annotations
@@ -167,6 +168,8 @@ class Wedge:
 
     def logarithm(self, given: Floats) -> Floats | None:
         """A, B, C and D of R b, with the exponent 1: the stress that log r multiplies; None where it is rounding."""
+        if not given.any():
+            return None
         steps = np.array([NEAR, -NEAR])
         matrices: Floats = self.matrix(np.array(1.0 + steps, dtype=np.complex128)).real
         both = np.array([np.linalg.solve(matrix, given) for matrix in matrices])

@@ -13,9 +13,6 @@ and one extreme grows and the other does not. Its factor is that of least square
 
     sum a_K stress_K : f(x_K) / sum a_K f(x_K) : f(x_K),   f the stress of the field.
 
-An extreme grows with the field if a cell at the corner exceeds it once cells are halved, or if half of it is the
-field's.
-
 Shear tractions, given or of friction that slips at its bound, make stress grow like log r where they do not match:
 where they jump along a straight side, and where contact or a roller meets a side at a right angle on which there is
 another shear. Friction that changes its sign along a side, or slips up to a plane of symmetry, does so at a node of
@@ -70,7 +67,7 @@ class Corner:
     rays : angles from there at which there is contact
     rubs : whether friction that follows pressure acts there
     holds : whether friction with a given bound sticks there
-    singular : False along smooth sides
+    singular : not along smooth sides
     jumps : whether displacements that are given jump there
     shear : the stress that log r multiplies, as A, B, C and D of each sector; None where there is none
     """
@@ -122,17 +119,12 @@ class Corner:
         if key in ON_CONTACT and (len(self.rays) == 0 or (key == "friction" and not (self.rubs or self.holds))):
             return False
         # A cell at a corner that has 2^(lam - 1) of an extreme beside it exceeds this once cells are halved.
-        exceeds = bool(part >= 2.0 ** (self.exponent - 1.0))
-        if self.jumps or peak.stress is None or (x := self.wedge.mode) is None:
-            return self.jumps or exceeds
+        if self.jumps or part < 2.0 ** (self.exponent - 1.0):
+            return self.jumps
+        if key not in SIGNED or peak.stress is None or (x := self.wedge.mode) is None:
+            return True
         x = self.factor(mesh, x, peak.stress) * x
-        if key in SIGNED and self.reach(self.exponent, x, key) < PART * self.reach(self.exponent, x, "von_mises"):
-            return False
-        if exceeds or peak.cell is None:
-            return exceeds
-        # Or the field is largest at other angles than those of the cells at the corner.
-        own, whole = (_sizes(of, key) for of in (self.field(mesh, x, np.array([peak.cell])), peak.stress[[peak.cell]]))
-        return bool(own[0] >= 0.5 * whole[0])
+        return self.reach(self.exponent, x, key) >= PART * self.reach(self.exponent, x, "von_mises")
 
     def adds(self, key: str) -> float:
         """What the logarithm adds to an extreme where cells are halved."""
@@ -140,11 +132,10 @@ class Corner:
 
 
 class Peak(NamedTuple):
-    """An extreme value, the stress (n_cells, 3) at its instant, and its cell, if it is one of a cell."""
+    """An extreme value, and the stress (n_cells, 3) at its instant where its sign matters."""
 
     value: float = np.inf
     stress: Floats | None = None
-    cell: int | None = None
 
 
 def _sizes(stress: Floats, key: str) -> Floats:

@@ -18,7 +18,7 @@ from vemcvx.meshes.polygons import cell_of_corner
 from vemcvx.program import SolvedProgram
 from vemcvx.results import quoted
 from vemcvx.results.contact import Contact, contact_history
-from vemcvx.results.corners import Corners, Peak
+from vemcvx.results.corners import SIGNED, Corners, Peak
 from vemcvx.results.sides import Sides, sides_of
 from vemcvx.scene import Scene
 from vemcvx.scene.contact_table import ContactRows
@@ -291,17 +291,11 @@ class Results:
         told = (
             (one, "" if even else corners.sentence(_near(self, corners, one, of), self.row(one.step), one.key, peak))
             for one, of, even in largest_values(self)
-            for peak in [self._peak(one, of[0])]
+            for peak in [Peak(one.value, self.stress(one.step) if one.key in SIGNED and self._space.in_plane else None)]
         )
         return tuple(
             replace(one, unbounded="; ".join(filter(None, [words, grew.get(one.key, "")]))) for one, words in told
         )
-
-    def _peak(self, one: quoted.Extreme, k: int) -> Peak:
-        """An extreme, reached at a place of its field, with the stress around it if that is of the plane."""
-        if one.key not in quoted.SINGULAR or not self._space.in_plane:
-            return Peak(one.value)
-        return Peak(one.value, self.stress(one.step), None if one.key in quoted.ON_CONTACT else k)
 
     def row(self, step: int) -> int:
         """The row of a step in the arrays; negative steps count from the end."""

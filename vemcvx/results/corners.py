@@ -1,27 +1,29 @@
-"""Corners of the boundary at which stress has no limit: told from angles, materials and conditions.
+"""Corners of the boundary at which stress has no limit: told from angles, materials, conditions and loads.
 
-Near a point where sides meet, displacements behave as r^lam and stresses as r^(lam - 1), with lam the exponent with the
-smallest positive real part of the fields that satisfy equilibrium and the conditions of both sides (Williams, *Stress
-singularities resulting from various boundary conditions in angular corners of plates in extension*, J. Appl. Mech. 19,
-1952). Below 1 a computed stress grows without limit as the mesh is refined, by 2^(1 - lam) where cells are halved. In
-a sector of an isotropic body in the plane, kappa = (lambda + 3 mu) / (lambda + mu),
+Exponents, and the logarithms of given shear, are those of :mod:`vemcvx.results.wedges`. Clamps hold both
+displacements, rollers and contact the one along the normal, loads neither. Contact acts as it was found at the next
+node along its side when the extreme was reached: open, sticking, or slipping with the friction mu p it then had
+(Comninou, *Stress singularity at a sharp edge in contact problems with friction*, ZAMP 27, 1976). Friction whose bound
+is given does not follow pressure. On a mesh on which it holds the corner and the node next to it, it is a clamp, and
+stress grows until it holds them no more; where it slips, it is a shear traction that is known.
 
-    sigma_tt = lam (lam + 1) F,   sigma_rt = -lam F',   F = A cos (lam+1) t + B sin (lam+1) t + C cos (lam-1) t + ...
-    2 mu u_r = -(lam + 1) F + (kappa + 1) (C cos (lam-1) t + D sin (lam-1) t)
-    2 mu u_t = -F'          + (kappa + 1) (C sin (lam-1) t - D cos (lam-1) t)
+Whether the singular field takes part at all depends on the load, and is not asked. But of principal stresses, and of
+pressure, it is asked with which sign it does: often both principal stresses of the field have one sign at all angles,
+and one extreme grows and the other does not. Its factor is that of least squares, over the cells at the corner by area,
 
-all times powers of r. Two conditions at each end, four where two bodies meet: the exponents are the zeros of the
-determinant. Clamps hold both displacements, rollers and contact the one along the normal, loads neither. Contact acts
-as it was found at the next node along its side when the extreme was reached: open, sticking, or slipping with the
-friction mu p it then had (Comninou, *Stress singularity at a sharp edge in contact problems with friction*, ZAMP 27,
-1976).
-Friction whose bound is given, and does not follow pressure, is too small near a singular point to hold anything, and
-counts as none. Whether the singular field takes part at all depends on the load, and is not asked.
+    sum a_K stress_K : f(x_K) / sum a_K f(x_K) : f(x_K),   f the stress of the field.
+
+Shear tractions, given or of friction that slips at its bound, make stress grow like log r where they do not match:
+where they jump along a straight side, and where contact or a roller meets a side at a right angle on which there is
+another shear. Friction that changes its sign along a side, or slips up to a plane of symmetry, does so at a node of
+the mesh, but sticks in between on the continuum, and nothing is said of it, unless the corner itself is moved over what
+it rubs on.
 
 Where what touches, sticks or slips changes along a smooth side, the border lies where stress is bounded, and is no
 corner. Materials that meet at the boundary are sectors that stick to each other, at smooth sides, too (Bogy,
 *Edge-bonded dissimilar orthogonal elastic wedges under normal and shear loading*, J. Appl. Mech. 35, 1968). Of corners
-nothing is said where the material is anisotropic or changes from cell to cell, nor in space.
+nothing is said where the material is anisotropic or changes from cell to cell, nor of edges and corners in space, nor
+of the logarithms that springs and initial stresses make where they end.
 
 Under a force on a point stress is as r^-1, and displacement as log r (Flamant 1892, Kelvin 1848); in space as r^-2, and
 as r^-1 (Boussinesq 1885).
@@ -33,209 +35,122 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
-from typing import Annotated
+from typing import NamedTuple
 
 import numpy as np
-import scipy.sparse as sp
-from numpy.typing import NDArray
 
 from vemcvx.arrays import Bools, Floats, Ints
-from vemcvx.effects.effect import Load
 from vemcvx.meshes import AnyMesh, PolygonMesh
 from vemcvx.meshes.polygons import cell_of_corner
-from vemcvx.outline import ArrayRecord
 from vemcvx.results.contact import Contact
 from vemcvx.results.quoted import ON_CONTACT
-from vemcvx.scene.contact_table import ContactRows, pair_numbers
-from vemcvx.scene.pose import PosedScene
-from vemcvx.scene.supports import free_directions
+from vemcvx.results.sides import Sides
+from vemcvx.results.wedges import CLAMPED, FREE, LIMIT, Sector, Wedge, held_along, joined, slipping, turned
 from vemcvx.vem.boundary import CURVE
+from vemcvx.vem.elasticity import principal
 
-Complex = NDArray[np.complex128]
+GROWS = "grows without limit as the mesh is refined"
 MATERIALS = 8
 """More kinds of cells are no materials, but a field that changes from cell to cell."""
-LIMIT = 0.99
-"""Exponents from here on are no corner's that matters: at .99 stress grows by .7 % where cells are halved."""
 
 
-@dataclass(frozen=True)
-class Sector:
-    """A body between two rays: how far it turns, and its material."""
-
-    angle: float
-    kappa: float
-    shear: float
-
-    def fields(self, lam: Complex, t: float) -> Complex:
-        """(q, 4, 4) u_r, u_t, sigma_tt and sigma_rt / lam on the ray t, by columns of A, B, C and D."""
-        plus, minus, none = (lam + 1) * t, (lam - 1) * t, np.zeros_like(lam)
-        F = np.array([np.cos(plus), np.sin(plus), np.cos(minus), np.sin(minus)])
-        rates = np.array([-(lam + 1), lam + 1, -(lam - 1), lam - 1])
-        slope = rates * F[[1, 0, 3, 2]]
-        radial = np.array([none, none, F[2], F[3]])
-        across = np.array([none, none, F[3], -F[2]])
-        u_r = (-(lam + 1) * F + (self.kappa + 1) * radial) / (2 * self.shear)
-        u_t = (-slope + (self.kappa + 1) * across) / (2 * self.shear)
-        rows: Complex = np.moveaxis(np.array([u_r, u_t, (lam + 1) * F, -slope]), 2, 0)
-        return rows
-
-
-FREE = np.array([[0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
-CLAMPED = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0]])
-
-
-def held_along(radial: float, across: float) -> Floats:
-    """The conditions of a side that is held along a direction with these components, and carries nothing across it."""
-    return np.array([[radial, across, 0.0, 0.0], [0.0, 0.0, radial, -across]])
-
-
-def slipping(friction: float) -> Floats:
-    """The conditions of a side that slides on a rigid obstacle: sigma_rt = friction sigma_tt."""
-    return np.array([[0.0, 1.0, 0.0, 0.0], [0.0, 0.0, -friction, 1.0]])
-
-
-def joined(state: str, friction: float = 0.0) -> tuple[Floats, Floats]:
-    """The conditions (4, 4) on both sides of a joint, which add up to zero: "open", "sticks" or "slips"."""
-    one, other = np.zeros((4, 4)), np.zeros((4, 4))
-    if state == "open":
-        one[:2], other[2:] = FREE, FREE
-    elif state == "sticks":
-        one, other = np.eye(4), -np.eye(4)
-    else:
-        one[:3], other[:3] = np.eye(4)[1:], -np.eye(4)[1:]
-        one[3] = slipping(friction)[1]
-    return one, other
-
-
-def exponent(
-    sectors: Sequence[Sector], joints: Sequence[tuple[Floats, Floats]], ends: tuple[Floats, Floats] | None
-) -> float:
-    """The smallest real part between 0 and 1 of an exponent, 1 if there is none.
-
-    Parameters
-    ----------
-    sectors : counter-clockwise
-    joints : one between each two; of a full ring, one more, from the last sector to the first
-    ends : conditions (2, 4) on the first ray and on the last one; None of a ring
-    """
-    unit, count = sectors[0].shear, len(sectors)
-
-    def determinant(lam: Complex) -> Complex:
-        matrix = np.zeros((len(lam), 4 * count, 4 * count), dtype=complex)
-        scale = np.array([unit, unit, 1.0, 1.0])[:, None]
-        first = [scale * sector.fields(lam, 0.0) for sector in sectors]
-        last = [scale * sector.fields(lam, sector.angle) for sector in sectors]
-        row = 0
-        for k, (one, other) in enumerate(joints):
-            after = (k + 1) % count
-            matrix[:, row : row + 4, 4 * k : 4 * k + 4] += one @ last[k]
-            matrix[:, row : row + 4, 4 * after : 4 * after + 4] += other @ first[after]
-            row += 4
-        if ends is not None:
-            matrix[:, row : row + 2, :4] = ends[0] @ first[0]
-            matrix[:, row + 2 :, -4:] = ends[1] @ last[-1]
-        found: Complex = np.linalg.det(matrix)
-        return found
-
-    real, imaginary = np.meshgrid(np.linspace(0.06, 0.98, 13), [0.0, 0.1, 0.4])
-    lam = (real + 1j * imaginary).ravel()
-    with np.errstate(all="ignore"):
-        # Double zeros, as of a crack, are approached by halves.
-        for _ in range(30):
-            value, h = determinant(lam), 1e-6
-            step = value * 2 * h / (determinant(lam + h) - determinant(lam - h))
-            lam = np.where(np.isfinite(step) & (np.abs(step) < 1.0), lam - step, lam)
-        settled = np.isfinite(step) & (np.abs(step) < 1e-6)
-    inside = settled & (lam.real > 0.02) & (lam.real < LIMIT) & (np.abs(lam.imag) < 2.0)
-    return float(lam.real[inside].min(initial=1.0))
-
-
-@dataclass(frozen=True, kw_only=True, repr=False)
-class Sides(ArrayRecord):
-    """The conditions on the edges of the boundary, of which bodies in space have none, and point loads.
+@dataclass(frozen=True, eq=False)
+class Corner:
+    """A point of the boundary at an instant.
 
     Attributes
     ----------
-    edges : (b, 2) int
-        Each with the body on its left.
-    free : (b, 4)
-        Projectors (2, 2) on the directions that supports leave free, row by row.
-    contact : (b,) bool
-        True where the edge touches, or may touch, something rigid, or is the first body's at an interface.
-    pressed : (b,) bool
-        True where friction follows pressure.
-    loaded : (q,) int or None
-        The nodes on which forces act as on points.
+    wedge : what meets there
+    where : in words
+    nodes : those of all bodies there
+    start : the angle of the first ray to the x axis
+    rays : angles from there at which there is contact
+    rubs : whether friction that follows pressure acts there
+    holds : whether friction with a given bound sticks there
+    singular : not along smooth sides
+    jumps : whether displacements that are given jump there
+    shear : the stress that log r multiplies, as A, B, C and D of each sector; None where there is none
     """
 
-    edges: Annotated[Ints, "sides 2", ""]
-    free: Annotated[Floats, "sides 4", ""]
-    contact: Annotated[Bools, "sides", ""]
-    pressed: Annotated[Bools, "sides", ""]
-    loaded: Annotated[Ints | None, "loaded", ""] = None
-
-    @cached_property
-    def leaving(self) -> dict[int, int]:
-        """The edge that begins at a node; -1 where there are several."""
-        return _once(self.edges[:, 0])
-
-    @cached_property
-    def arriving(self) -> dict[int, int]:
-        """The edge that ends at a node, likewise."""
-        return _once(self.edges[:, 1])
-
-
-def _once(nodes: Ints) -> dict[int, int]:
-    found: dict[int, int] = {}
-    for k, node in enumerate(nodes.tolist()):
-        found[node] = -1 if node in found else k
-    return found
-
-
-def sides_of(posed: PosedScene) -> Sides:
-    """The sides of a posed scene."""
-    mesh = posed.space.mesh
-    loads = [load for load in posed.loads if isinstance(load, Load) and load.cells is None and load.edges is None]
-    rows = np.concatenate([np.zeros(0, np.int64), *(load.matrix.tocoo().row for load in loads)])
-    loaded = np.unique(rows // mesh.points.shape[1])
-    if not isinstance(mesh, PolygonMesh):
-        none = np.zeros(0, dtype=bool)
-        return Sides(
-            edges=np.zeros((0, 2), dtype=np.int64), free=np.zeros((0, 4)), contact=none, pressed=none, loaded=loaded
-        )
-    edges, terms = mesh.boundaries["boundary"], posed.terms
-    laws = [friction.law is not None and friction.law.pressed for friction in terms.frictions]
-    follows = np.repeat(np.array(laws, dtype=float), [len(friction.nodes) for friction in terms.frictions])
-    pressed, soft = np.flatnonzero(terms.gather @ follows > 0), posed.obstacles.compliance > 0
-    return Sides(
-        edges=edges,
-        free=free_directions(posed.supports.P, edges.ravel(), np.repeat(np.arange(len(edges)), 2), 2).reshape(-1, 4),
-        # What gives way presses with a force that has a limit, as a load.
-        contact=_owned(posed.surface, edges) & ~_owned(posed.obstacles[np.flatnonzero(soft)], edges),
-        pressed=_owned(terms[pressed], edges),
-        loaded=loaded,
-    )
-
-
-def _owned(rows: ContactRows, edges: Ints) -> Bools:
-    """Whether some row owns an end of each edge."""
-    names, most = rows.names[np.unique(sp.csr_matrix(rows.ends).indices)], int(edges.max())
-    known, one, other = (pair_numbers(pairs[:, 0], pairs[:, 1], most) for pairs in (names, edges, edges[:, ::-1]))
-    return np.isin(one, known) | np.isin(other, known)
-
-
-@dataclass(frozen=True)
-class Corner:
-    """A point of the boundary at an instant: the exponent there, in words where it is, and what touches."""
-
-    exponent: float
+    wedge: Wedge
     where: str
-    touches: bool
+    nodes: tuple[int, ...]
+    start: float
+    rays: Floats
     rubs: bool
-    """whether friction that follows pressure acts there"""
+    holds: bool
+    singular: bool
+    jumps: bool
+    shear: Floats | None
+
+    @property
+    def exponent(self) -> float:
+        """The exponent of the field whose stress grows most; 1 where there is none."""
+        if self.jumps:
+            return 0.0
+        return self.wedge.exponent if self.singular else 1.0
+
+    def reach(self, lam: float, x: Floats, key: str) -> float:
+        """The largest of what an extreme is of, at r = 1, of the field with this exponent."""
+        if key in PRESSURES:
+            across = turned(self.wedge.stress(lam, x, self.rays), -self.rays)[:, 1]
+            return float(np.max(-across, initial=0.0))
+        t = np.linspace(0.0, self.wedge.angle, 181)
+        return float(_sizes(self.wedge.stress(lam, x, t), key).max())
+
+    def field(self, mesh: AnyMesh, x: Floats, cells: Ints) -> Floats:
+        """(q, 3) the stress of the field with the leading exponent at the centroids of cells."""
+        out = mesh.centroids[cells] - mesh.points[self.nodes[0]]
+        t = np.clip((np.arctan2(out[:, 1], out[:, 0]) - self.start) % (2 * np.pi), 0.0, self.wedge.angle)
+        field = turned(self.wedge.stress(self.exponent, x, t), self.start)
+        field *= np.linalg.norm(out, axis=1)[:, None] ** (self.exponent - 1.0)
+        return field
+
+    def factor(self, mesh: AnyMesh, x: Floats, stress: Floats) -> float:
+        """By which a field takes part in the stress (n_cells, 3), as the cells at the corner have it."""
+        assert isinstance(mesh, PolygonMesh)
+        cells = np.unique(cell_of_corner(mesh.offsets)[np.isin(mesh.vertices, self.nodes)])
+        field, weights = self.field(mesh, x, cells), np.array([1.0, 1.0, 2.0])
+        both, square = ((mesh.areas[cells] @ (field * other)) @ weights for other in (stress[cells], field))
+        return float(both / square)
+
+    def powers(self, mesh: AnyMesh, key: str, peak: Peak, part: float) -> bool:
+        """Whether an extreme of this key grows as the exponent says, a cell at the corner having a part of it."""
+        if key in ON_CONTACT and (len(self.rays) == 0 or (key == "friction" and not (self.rubs or self.holds))):
+            return False
+        # A cell at a corner that has 2^(lam - 1) of an extreme beside it exceeds this once cells are halved.
+        if self.jumps or part < 2.0 ** (self.exponent - 1.0):
+            return self.jumps
+        if key not in SIGNED or peak.stress is None or (x := self.wedge.mode) is None:
+            return True
+        x = self.factor(mesh, x, peak.stress) * x
+        return self.reach(self.exponent, x, key) >= PART * self.reach(self.exponent, x, "von_mises")
+
+    def adds(self, key: str) -> float:
+        """What the logarithm adds to an extreme where cells are halved."""
+        return 0.0 if key == "friction" or self.shear is None else self.reach(1.0, -np.log(2.0) * self.shear, key)
 
 
-NOWHERE = Corner(1.0, "", False, False)
+class Peak(NamedTuple):
+    """An extreme value, and the stress (n_cells, 3) at its instant where its sign matters."""
+
+    value: float = np.inf
+    stress: Floats | None = None
+
+
+def _sizes(stress: Floats, key: str) -> Floats:
+    """What an extreme is of, positive where it is large, of stress (q, 3)."""
+    both = principal(stress)
+    if key == "largest_principal_stress":
+        return both[:, 0]
+    return -both[:, 1] if key == "smallest_principal_stress" else np.maximum(both[:, 0], -both[:, 1])
+
+
+PRESSURES = "pressure", "pressure_recovered"
+SIGNED = "largest_principal_stress", "smallest_principal_stress", *PRESSURES
+"""Keys of extremes that grow, or do not, with the sign of the field."""
+PART = 0.05
+"""A principal stress that is less than this part of the field's largest is none of the field's."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -246,7 +161,7 @@ class Corners:
     contact: Contact
     moduli: Floats
     sides: Sides | None
-    known: dict[tuple[int, int], Corner] = field(default_factory=dict)
+    known: dict[tuple[int, int], Corner | None] = field(default_factory=dict)
 
     @cached_property
     def varies(self) -> bool:
@@ -270,7 +185,7 @@ class Corners:
         near = [sides.edges[table[node]] for table in (sides.leaving, sides.arriving) if table.get(node, -1) >= 0]
         return [node, *(other for edge in near for other in edge.tolist() if other != node)]
 
-    def sentence(self, near: Mapping[int, float], row: int, key: str) -> str:
+    def sentence(self, near: Mapping[int, float], row: int, key: str, peak: Peak = Peak()) -> str:  # noqa: B008
         """The sentence on an extreme reached near these nodes, at a row of the arrays; empty if there is none.
 
         `key` is that of the extreme, and nodes have the largest value of the cells at them, as a part of it.
@@ -283,61 +198,85 @@ class Corners:
         bounded = key == "slip" or (key == "friction" and not self.rubs(sides, nodes))
         if not bounded and sides.loaded is not None and np.isin(nodes, sides.loaded).any():
             order = self.mesh.points.shape[1] - (2 if key == "displacement" else 1)
-            like = f"r^-{order}" if order else "log r"
-            return f"at a point load: grows without limit as the mesh is refined, like {like}"
+            return f"at a point load: {GROWS}, like {f'r^-{order}' if order else 'log r'}"
         if key in ("displacement", "slip"):
             return ""
-        found = []
-        for node, part in near.items():
-            if (node, row) not in self.known:
-                self.known[node, row] = self.judged(sides, node, row)
-            # A cell at a corner that has 2^(lam - 1) of an extreme beside it exceeds this once cells are halved.
-            if part >= 2.0 ** (self.known[node, row].exponent - 1.0):
-                found.append(self.known[node, row])
-        if key in ON_CONTACT:
-            found = [one for one in found if one.touches and (one.rubs or key != "friction")]
-        worst = min(found, key=lambda one: one.exponent, default=NOWHERE)
-        if worst.exponent >= LIMIT:
-            return ""
-        return f"{worst.where}: grows without limit as the mesh is refined, like r^{worst.exponent - 1:.2f}"
+        met = [(self.known_at(sides, node, row), part) for node, part in near.items()]
+        corners = [(corner, part) for corner, part in met if corner is not None]
+        singular = [(one, part) for one, part in corners if one.exponent < LIMIT]
+        powers = [one for one, part in singular if one.powers(self.mesh, key, peak, part)]
+        if powers:
+            worst = min(powers, key=lambda one: one.exponent)
+            grows = "grows as the mesh is refined, as long as friction holds" if worst.holds else GROWS
+            power = "-1" if worst.jumps else f"{worst.exponent - 1:.2f}"
+            return f"{worst.where}: {grows}, like r^{power}"
+        least, size = 2.0 ** (1.0 - LIMIT) - 1.0, abs(peak.value)
+        adding = [one for one, part in corners if one.adds(key) >= max(size * max(1.0 - part, least), np.spacing(0.0))]
+        return f"{adding[0].where}: {GROWS}, like log r" if adding else ""
+
+    def known_at(self, sides: Sides, node: int, row: int) -> Corner | None:
+        """The corner at a node, at a row of the arrays, judged once."""
+        if (node, row) not in self.known:
+            self.known[node, row] = self.judged(sides, node, row)
+        return self.known[node, row]
 
     @staticmethod
     def rubs(sides: Sides, nodes: Sequence[int]) -> bool:
         """Whether friction that follows pressure acts at one of the nodes, in the plane."""
         return bool(sides.pressed[np.isin(sides.edges, nodes).any(axis=1)].any())
 
-    def judged(self, sides: Sides, node: int, row: int) -> Corner:
-        """The corner at a node, at a row of the arrays."""
+    def judged(self, sides: Sides, node: int, row: int) -> Corner | None:
+        """The corner at a node, at a row of the arrays; None where nothing is to be said."""
+        if node not in sides.leaving and node not in sides.arriving:
+            return self.inside(node) if len(sides.edges) else None
         chain = self.around(sides, node)
         if chain is None:
-            return NOWHERE
+            return None
         nodes, ring = chain
         made = [_sectors(self, sides, node) for node in nodes]
         if not all(made):
-            return NOWHERE
-        sectors, mixed = [sector for several in made for sector in several], len(made) < sum(map(len, made))
-        first, last = sides.leaving[nodes[0]], sides.arriving[nodes[-1]]
+            return None
         joints = [_joint(self, sides, sides.arriving[node], row) for node in (nodes if ring else nodes[:-1])]
-        names, rows, ends = [name for name, _ in joints], list[tuple[Floats, Floats]](), None
-        for k, several in enumerate(made):
-            rows += [joined("sticks")] * (len(several) - 1) + [rows_of for _, rows_of in joints[k : k + 1]]
-        angles = np.array([sum(sector.angle for sector in several) for several in made])
-        if ring:
-            smooth = len(nodes) > 1
-        else:
-            start, end = (_condition(self, sides, k, row, leaving) for k, leaving in ((first, True), (last, False)))
-            names, ends = [start[0], *names, end[0]], (start[1], end[1])
-            # A roller is a plane of symmetry, behind which the body goes on as its mirror image.
-            mirrored = "roller" in (start[0], end[0])
-            angles = angles * (2.0 if mirrored else 1.0)
-            smooth = mirrored or start[0] == end[0] or bool(sides.contact[first] and sides.contact[last])
-        if smooth and not mixed and (np.abs(angles - np.pi) < CURVE).all():
-            return NOWHERE
-        kinds = list(dict.fromkeys(sorted(names)))
-        where = "at a reentrant corner" if kinds == ["free side"] else f"at a corner of {' and '.join(kinds)}"
-        where = f"where materials meet at {' and '.join(kinds)}" if mixed else where
+        ends = [] if ring else [_condition(self, sides, sides.leaving[nodes[0]], row, True)]
+        ends += [] if ring else [_condition(self, sides, sides.arriving[nodes[-1]], row, False)]
+        smooth, jumps = _smooth(made, ends, ring), not ring and _jumps(sides, nodes, row, ends)
+        if smooth and not jumps and not (ends and _straight(made, ends)):
+            return None
+        out = self.mesh.points[sides.edges[sides.leaving[nodes[0]], 1]] - self.mesh.points[nodes[0]]
         touching = [k for node in nodes for k in (sides.leaving[node], sides.arriving[node]) if sides.contact[k]]
-        return Corner(exponent(sectors, rows, ends), where, bool(touching), bool(sides.pressed[touching].any()))
+        turns = np.cumsum([0.0, *(sum(sector.angle for sector in several) for several in made)])
+        between = zip([*ends[:1], *joints, *ends[1:]], turns if ends else turns[1:], strict=True)
+        wedge = _wedge(made, joints, ends)
+        return Corner(
+            wedge=wedge,
+            where=JUMP if jumps else _where([*ends, *joints], smooth, mixed=max(map(len, made)) > 1),
+            nodes=tuple(nodes),
+            start=float(np.arctan2(out[1], out[0])),
+            rays=np.array([turn for one, turn in between if "contact" in one.name]),
+            rubs=bool(sides.pressed[touching].any()),
+            holds=any(one.holds for one in (*ends, *joints)),
+            singular=not smooth,
+            jumps=jumps,
+            shear=wedge.logarithm(_given(made, joints, ends)) if smooth or _asked(ends) else None,
+        )
+
+    def inside(self, node: int) -> Corner | None:
+        """The point at which materials meet inside a body, that is no point of a smooth interface."""
+        made, start = _ring(self, node)
+        if len(made) < 2 or (len(made) == 2 and abs(made[0].angle - np.pi) < CURVE):
+            return None
+        return Corner(
+            wedge=Wedge(made, [joined("sticks")] * len(made), None),
+            where="where materials meet inside the body",
+            nodes=(node,),
+            start=start,
+            rays=np.zeros(0),
+            rubs=False,
+            holds=False,
+            singular=True,
+            jumps=False,
+            shear=None,
+        )
 
     def around(self, sides: Sides, node: int) -> tuple[list[int], bool] | None:
         """The nodes of all bodies that meet at a node, counter-clockwise, and whether they close a ring."""
@@ -364,27 +303,56 @@ class Corners:
 
 def _sectors(corners: Corners, sides: Sides, node: int) -> list[Sector]:
     """The body at a node counter-clockwise, a sector for each material; none where moduli vary, or are not two."""
-    mesh = corners.mesh
-    assert isinstance(mesh, PolygonMesh)
+    points = corners.mesh.points
     if len(corners.moduli) != 2 or corners.varies:
         return []
+    rays, cells = _fan(corners.mesh, node)
+    out = points[sides.edges[sides.leaving[node], 1]] - points[node]
+    back = points[sides.edges[sides.arriving[node], 0]] - points[node]
+    # A ray that is out itself may be turned from it by rounding, backwards.
+    order = np.argsort((_turned(out, rays) + 1e-6) % (2 * np.pi))
+    return _materials([*rays[order], back], corners.moduli[:, cells[order]])
+
+
+def _ring(corners: Corners, node: int) -> tuple[list[Sector], float]:
+    """The materials around a node inside of a body, and the angle to the x axis at which the first begins."""
+    if len(corners.moduli) != 2 or corners.varies:
+        return [], 0.0
+    rays, cells = _fan(corners.mesh, node)
+    angles = np.arctan2(rays[:, 1], rays[:, 0])
+    order = np.argsort(angles)
+    begins = np.flatnonzero(_differ(corners.moduli[:, cells[np.roll(order, 1)]], corners.moduli[:, cells[order]]))
+    if len(begins) == 0:
+        return [], 0.0
+    order = np.roll(order, -begins[0])
+    return _materials([*rays[order], rays[order[0]]], corners.moduli[:, cells[order]]), float(angles[order[0]])
+
+
+def _fan(mesh: AnyMesh, node: int) -> tuple[Floats, Ints]:
+    """The cells at a node, and of each the ray (2,) along which it begins, counter-clockwise."""
+    assert isinstance(mesh, PolygonMesh)
     at = np.flatnonzero(mesh.vertices == node)
     cells = cell_of_corner(mesh.offsets)[at]
     first, size = mesh.offsets[cells], np.diff(mesh.offsets)[cells]
-    after = mesh.points[mesh.vertices[first + (at - first + 1) % size]] - mesh.points[node]
-    out = mesh.points[sides.edges[sides.leaving[node], 1]] - mesh.points[node]
-    back = mesh.points[sides.edges[sides.arriving[node], 0]] - mesh.points[node]
-    # A ray that is out itself may be turned from it by rounding, backwards.
-    order = np.argsort((_turned(out, after) + 1e-6) % (2 * np.pi))
-    rays, cells = [*after[order], back], cells[order]
-    moduli, found = corners.moduli[:, cells], list[Sector]()
-    begins = np.flatnonzero(np.append(True, (np.abs(np.diff(moduli)) > 1e-9 * moduli.max(axis=1)[:, None]).any(axis=0)))
-    for begin, end in pairwise([*begins.tolist(), len(cells)]):
+    return mesh.points[mesh.vertices[first + (at - first + 1) % size]] - mesh.points[node], cells
+
+
+def _differ(one: Floats, other: Floats) -> Bools:
+    """Where the moduli (2, q) of materials differ."""
+    largest = np.abs(one).max(axis=1, initial=0.0)[:, None]
+    differ: Bools = (np.abs(one - other) > 1e-9 * largest).any(axis=0)
+    return differ
+
+
+def _materials(rays: Sequence[Floats], moduli: Floats) -> list[Sector]:
+    """Sectors of one material each, from the moduli (2, q) between q + 1 rays."""
+    begins = np.flatnonzero(np.append(True, _differ(moduli[:, 1:], moduli[:, :-1])))
+    found: list[Sector] = []
+    for begin, end in pairwise([*begins.tolist(), moduli.shape[1]]):
         angle, (lame, shear) = float(_turned(rays[begin], rays[end])), moduli[:, begin]
         # The two sides of a crack are one ray.
-        found.append(
-            Sector(angle if angle > 1e-6 else 2 * np.pi, float((lame + 3 * shear) / (lame + shear)), float(shear))
-        )
+        whole = angle if angle > 1e-6 else 2 * np.pi
+        found.append(Sector(whole, float((lame + 3 * shear) / (lame + shear)), float(shear)))
     return found
 
 
@@ -394,63 +362,197 @@ def _turned(one: Floats, other: Floats) -> Floats:
     return turned
 
 
-def _condition(corners: Corners, sides: Sides, k: int, row: int, leaving: bool) -> tuple[str, Floats]:
+@dataclass(frozen=True, eq=False)
+class Condition:
+    """What holds on a ray: in words, as rows, of a joint those of both sides, and the tractions that these meet.
+
+    `holds` is True where friction with a given bound sticks, and `slips` where it slips, or would; `moves` is False of
+    contact whose node at the corner itself does not slip.
+    """
+
+    name: str
+    rows: Floats
+    given: Floats
+    holds: bool = False
+    slips: bool = False
+    moves: bool = True
+
+
+JUMP = "where displacements that are given jump"
+
+
+def _jumps(sides: Sides, nodes: list[int], row: int, ends: list[Condition]) -> bool:
+    """Whether the displacements given on both sides of a node differ: a hundredth of the largest is no rounding."""
+    if sides.moved is None or len(nodes) > 1 or any(end.name != "clamp" for end in ends):
+        return False
+    moved, (node,) = sides.moved[row], nodes
+    apart = moved[sides.leaving[node], :2] - moved[sides.arriving[node], 2:]
+    return bool(np.linalg.norm(apart) > 0.01 * np.abs(moved).max())
+
+
+def _smooth(made: list[list[Sector]], ends: list[Condition], ring: bool) -> bool:
+    """Whether a side goes on smoothly: what touches, sticks or slips there may change."""
+    names = [end.name for end in ends]
+    # A roller is a plane of symmetry, behind which the body goes on as its mirror image.
+    mirrored = "roller" in names
+    angles = (2.0 if mirrored else 1.0) * np.array([sum(sector.angle for sector in several) for several in made])
+    alike = len(made) > 1 if ring else mirrored or names[0] == names[1] or all("contact" in name for name in names)
+    return alike and max(map(len, made)) == 1 and bool((np.abs(angles - np.pi) < CURVE).all())
+
+
+def _straight(made: list[list[Sector]], ends: list[Condition]) -> bool:
+    """Whether the side of one body goes on straight, loaded or slipping the same way, so that a jump of shear tells."""
+    names = {end.name for end in ends}
+    angle = made[0][0].angle * (2.0 if "roller" in names else 1.0)
+    if len(made) > 1 or abs(angle - np.pi) > 1e-6:
+        return False
+    # sigma_rt of the two rays, along opposite directions.
+    one_way = ends[0].given[1] * ends[1].given[1] >= 0.0
+    slips = one_way and all(end.slips for end in ends)
+    return names <= {"free side", "roller"} or slips or ("roller" in names and all(end.moves for end in ends))
+
+
+def _wedge(made: list[list[Sector]], joints: list[Condition], ends: list[Condition]) -> Wedge:
+    """The sectors of all bodies, those of one body glued to each other."""
+    rows: list[tuple[Floats, Floats]] = []
+    for k, several in enumerate(made):
+        rows += [joined("sticks")] * (len(several) - 1) + [(one.rows[0], one.rows[1]) for one in joints[k : k + 1]]
+    sectors = [sector for several in made for sector in several]
+    return Wedge(sectors, rows, (ends[0].rows, ends[1].rows) if ends else None)
+
+
+def _given(made: list[list[Sector]], joints: list[Condition], ends: list[Condition]) -> Floats:
+    """The tractions that the rows of a wedge meet."""
+    given = [np.zeros(4 * len(several)) for several in made]
+    for own, joint in zip(given, joints, strict=False):
+        own[-4:] = joint.given
+    return np.concatenate([np.concatenate(given)[: -4 if ends else None], *(end.given for end in ends)])
+
+
+def _asked(ends: list[Condition]) -> bool:
+    """False beside what holds a corner in its place: friction that slips on the mesh may stick on the continuum."""
+    return len(ends) > 0 and (any(end.name == "free side" for end in ends) or all(end.moves for end in ends))
+
+
+def _where(met: list[Condition], smooth: bool, mixed: bool) -> str:
+    kinds = list(dict.fromkeys(sorted(one.name for one in met)))
+    if smooth and len(kinds) == 1:
+        return f"where shear jumps along a {kinds[0]}".replace("a contact", "contact")
+    if mixed:
+        return f"where materials meet at {' and '.join(kinds)}"
+    return "at a reentrant corner" if kinds == ["free side"] else f"at a corner of {' and '.join(kinds)}"
+
+
+def _condition(corners: Corners, sides: Sides, k: int, row: int, leaving: bool) -> Condition:
     """The condition on an edge at an end of the chain: `leaving` edges are the first ray, others the last."""
     a, b = corners.mesh.points[sides.edges[k]]
     along = (b - a if leaving else a - b) / np.linalg.norm(b - a)
-    across = np.array([-along[1], along[0]])
-    free = sides.free[k].reshape(2, 2)
+    frame = np.array([[-along[1], along[0]], along])
+    # The outward normal is along t on the last ray, and against it on the first.
+    sign = -1.0 if leaving else 1.0
+    load = np.zeros(2) if sides.traction is None else sides.traction[row, k, slice(0, 2) if leaving else slice(2, 4)]
+    given, free = sign * frame @ load, sides.free[k].reshape(2, 2)
     freedom = float(np.trace(free))
     if freedom < 0.5:
-        return "clamp", CLAMPED
+        return Condition("clamp", CLAMPED, np.zeros(2))
     if sides.contact[k]:
-        state, friction = _state(corners, sides, k, int(sides.edges[k, 1 if leaving else 0]), row)
-        name = _contact(sides, k, state)
-        if state == "open":
-            return name, FREE
-        # The outward normal is along t on the last ray, and against it on the first.
-        return name, CLAMPED if state == "sticks" else slipping(friction if leaving else -friction)
+        state = _state(corners, sides, k, int(sides.edges[k, 1 if leaving else 0]), row)
+        rows = {"open": FREE, "sticks": CLAMPED}.get(state.name, slipping(-sign * state.friction))
+        return Condition(
+            name=_contact(sides, k, state),
+            rows=rows,
+            given=rows[:, 2:] @ given + np.array([0.0, sign * state.shear]),
+            holds=state.holds,
+            slips=state.slips,
+            moves=state.moves,
+        )
     if freedom < 1.5:
         held = np.eye(2) - free
         direction = held[:, int(np.argmax(np.diag(held)))]
-        direction = direction / np.linalg.norm(direction)
-        return "roller", held_along(float(direction @ along), float(direction @ across))
-    return "free side", FREE
+        across, radial = frame @ direction / np.linalg.norm(direction)
+        rows = held_along(float(radial), float(across))
+        return Condition("roller", rows, rows[:, 2:] @ given)
+    return Condition("free side", FREE, given)
 
 
-def _joint(corners: Corners, sides: Sides, k: int, row: int) -> tuple[str, tuple[Floats, Floats]]:
+def _joint(corners: Corners, sides: Sides, k: int, row: int) -> Condition:
     """The condition on an edge where two bodies meet, the last ray of the first of them."""
+    sign, end = 1.0, 0
     if not sides.contact[k]:
         other = corners.across[(int(sides.edges[k, 0]), int(sides.edges[k, 1]))]
-        k = sides.leaving[other[0]]
+        k, sign, end = sides.leaving[other[0]], -1.0, 1
         if not sides.contact[k]:
-            return "open joint", joined("open")
-        state, friction = _state(corners, sides, k, int(sides.edges[k, 1]), row)
-    else:
-        state, friction = _state(corners, sides, k, int(sides.edges[k, 0]), row)
-        friction = -friction
-    return _contact(sides, k, state), joined(state, friction)
+            return Condition("open joint", np.array(joined("open")), np.zeros(4))
+    state = _state(corners, sides, k, int(sides.edges[k, end]), row)
+    rows = np.array(joined(state.name, -sign * state.friction))
+    return Condition(_contact(sides, k, state), rows, np.array([0.0, 0.0, 0.0, sign * state.shear]), state.holds)
 
 
-def _contact(sides: Sides, k: int, state: str) -> str:
+class State(NamedTuple):
+    """What contact does on an edge, with friction outwards from the corner over pressure, or as it is given."""
+
+    name: str
+    friction: float = 0.0
+    shear: float = 0.0
+    holds: bool = False
+    moves: bool = True
+
+    @property
+    def slips(self) -> bool:
+        """Whether it slips with friction that is known."""
+        return self.name == "slips" and self.friction == 0.0
+
+
+def _contact(sides: Sides, k: int, state: State) -> str:
     """The words for contact on an edge in this state."""
-    return "open contact" if state == "open" else f"contact that {state}" if sides.pressed[k] else "contact"
+    if state.name == "open":
+        return "open contact"
+    return f"contact that {state.name}" if sides.pressed[k] or state.holds else "contact"
 
 
-def _state(corners: Corners, sides: Sides, k: int, node: int, row: int) -> tuple[str, float]:
-    """What contact does at a node of an edge, and friction outwards from the corner over pressure, if it follows it."""
+def _state(corners: Corners, sides: Sides, k: int, node: int, row: int) -> State:
+    """What contact does at a node of an edge."""
     contact = corners.contact
     at = np.flatnonzero(contact.nodes == node)
     if len(at) == 0 or not contact.closed[row, at[0]]:
-        return "open", 0.0
+        return State("open")
     i = int(at[0])
-    if not sides.pressed[k]:
-        return "slips", 0.0
-    if contact.sticking[row, i]:
-        return "sticks", 0.0
     corner = int(sides.edges[k, 0] if sides.edges[k, 1] == node else sides.edges[k, 1])
     along = corners.mesh.points[node] - corners.mesh.points[corner]
+    along = along / np.linalg.norm(along)
+    if not sides.pressed[k]:
+        nodes = [i, *np.flatnonzero(contact.nodes == corner)[:1].tolist()]
+        below = _below(contact, row)
+        if below[nodes].all():
+            return State("sticks", holds=True)
+        moves = len(nodes) > 1 and not contact.sticking[row, nodes[1]]
+        return State("slips", shear=_shear(contact, nodes, below, contact.traction[row] @ along, along), moves=moves)
+    if contact.sticking[row, i]:
+        return State("sticks")
     pressure = float(contact.pressure[row, i])
     if pressure <= 0.0:
-        return "slips", 0.0
-    return "slips", float(contact.traction[row, i] @ along) / float(np.linalg.norm(along)) / pressure
+        return State("slips")
+    return State("slips", float(contact.traction[row, i] @ along) / pressure)
+
+
+def _below(contact: Contact, row: int) -> Bools:
+    """Where friction (m,) has not reached its bound, which is given: what rests there may have slipped before."""
+    bound = np.minimum(contact.bound[row], contact.backward[row])
+    below: Bools = np.linalg.norm(contact.traction[row], axis=1) < (1.0 - 1e-6) * bound
+    below &= contact.sticking[row] & contact.closed[row]
+    return below
+
+
+def _shear(contact: Contact, nodes: list[int], below: Bools, friction: Floats, along: Floats) -> float:
+    """Friction at a corner, from the node next to it and the one beyond, or its own if that sticks."""
+    i = nodes[-1] if below[nodes[0]] else nodes[0]
+    out = contact.points - contact.points[i]
+    far = out @ along
+    straight = np.linalg.norm(out - far[:, None] * along, axis=1) < 1e-9 * far
+    # What is known at the corner itself tells how far that is.
+    beyond = np.flatnonzero(straight & ~below & (friction * friction[i] > 0.0))
+    if i == nodes[-1] or len(beyond) == 0:
+        return float(friction[i])
+    after = int(beyond[np.argmin(far[beyond])])
+    step = float((contact.points[i] - contact.points[nodes[-1]]) @ along)
+    return float(friction[i] + (friction[i] - friction[after]) * step / far[after])

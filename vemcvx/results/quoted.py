@@ -32,8 +32,8 @@ class Extreme:
     step : int
         The step that ends there.
     unbounded : str
-        Why the value means nothing but on this mesh, as it grows without limit when the mesh is refined: it sits at a
-        corner (:mod:`vemcvx.results.corners`), or grew from mesh to mesh; empty where nothing is known against it.
+        Why the value means nothing but on this mesh, as it grows when the mesh is refined: it sits at a corner or a
+        jump of data (:mod:`vemcvx.results.corners`), or grew from mesh to mesh; empty if nothing is known against it.
     """
 
     key: str

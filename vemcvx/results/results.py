@@ -18,7 +18,8 @@ from vemcvx.meshes.polygons import cell_of_corner
 from vemcvx.program import SolvedProgram
 from vemcvx.results import quoted
 from vemcvx.results.contact import Contact, contact_history
-from vemcvx.results.corners import Corners, Sides, sides_of
+from vemcvx.results.corners import SIGNED, Corners, Peak
+from vemcvx.results.sides import Sides, sides_of
 from vemcvx.scene import Scene
 from vemcvx.scene.contact_table import ContactRows
 from vemcvx.scene.pose import PosedScene, pose_scene, unwarned
@@ -283,14 +284,15 @@ class Results:
 
         Displacements are those of nodes, stresses those of cells, Pi u's, at their centroids, and slips, friction and
         pressure, raw and recovered, those of contact nodes. Signs are kept: the smallest principal stress is the
-        largest compression. `unbounded` says of those at corners and point loads that they grow without limit as the
-        mesh is refined, unless half of the field is within a percent of them: no corner is loaded then. Found once,
-        when first asked for.
+        largest compression. `unbounded` says of those at corners, point loads and jumps of data that they grow without
+        limit as the mesh is refined, unless half of the field is within a percent of them: no corner is loaded then.
+        In space edges and corners of bodies are not looked at, only point loads. Found once, when first asked for.
         """
         corners, grew = Corners(self.mesh, self.contact, self.moduli, self.sides), self.growth or {}
         told = (
-            (one, "" if even else corners.sentence(_near(self, corners, one, of), self.row(one.step), one.key))
+            (one, "" if even else corners.sentence(_near(self, corners, one, of), self.row(one.step), one.key, peak))
             for one, of, even in largest_values(self)
+            for peak in [Peak(one.value, self.stress(one.step) if one.key in SIGNED and self._space.in_plane else None)]
         )
         return tuple(
             replace(one, unbounded="; ".join(filter(None, [words, grew.get(one.key, "")]))) for one, words in told
@@ -329,7 +331,9 @@ def _near(history: Results, corners: Corners, one: quoted.Extreme, of: tuple[int
     """
     (k, values), mesh = of, history.mesh
     if one.key in quoted.ON_CONTACT:
-        return dict.fromkeys(corners.beside(int(history.contact.nodes[k])), 1.0)
+        nodes = history.contact.nodes
+        parts = dict(zip(nodes.tolist(), (values / (one.value or 1.0)).tolist(), strict=True))
+        return {node: min(float(parts.get(node, 1.0)), 1.0) for node in corners.beside(int(nodes[k]))}
     if one.key == "displacement":
         return {k: 1.0}
     if one.key == "slip":
@@ -418,7 +422,7 @@ def record(posed: PosedScene, trajectory: Trajectory, assembled: float, storage:
         out_of_plane_prestress=blocked_across,
         out_of_plane=None if across is None else np.ascontiguousarray(across[:, :3]),
         inactive=posed.inactive + _untouched(posed, trajectory),
-        sides=sides_of(posed),
+        sides=sides_of(posed, times),
         **_friction_of_dragged(posed, trajectory),
     )
 

@@ -27,6 +27,7 @@ from vemcvx.results.quoted import Quantity
 from vemcvx.results.results import Results, programs_of_steps
 from vemcvx.results.tables import Columns, dataset, frame, table
 from vemcvx.scene import Scene
+from vemcvx.stepping.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -215,10 +216,12 @@ class History(Results, Outlined):
         return dataset(self)
 
     def program(self, n: int, condense: bool = True) -> SolvedProgram:
-        """The convex program of step `n` as it was solved, with its certified answer.
+        """The convex program of step `n` as it was solved, with its answer, certified as in the history.
 
         It is posed again from the stored states before and after the step; :func:`vemcvx.programs` gives the programs
-        of all steps with one factorisation.
+        of all steps with one factorisation. Where the difference of these states has lost digits that the certificate
+        feels, the answer is sharpened by an active-set step: its certificate is then a better one. Where the history
+        is certified by the distance to a known solution, as under Coulomb's law, this one is of the program alone.
 
         Parameters
         ----------
@@ -308,10 +311,6 @@ def in_words(history: Results) -> Outline:
         f"{history.mesh.n_cells} cells, {history.mesh.n_nodes} nodes, {run.state.shape[1]} unknowns, "
         f"{len(touch.nodes)} contact nodes, {history.steps} steps"
     )
-    certified = (
-        f"{run.certified.max():.1e} relative energy error a step, rounding included; "
-        f"{run.certified_total[-1]:.1e} accumulated"
-    )
     iterations = (
         f"{int(np.median(run.iterations[1:])) if history.steps else 0} a step at the median, at most "
         f"{run.iterations.max()}; {run.safeguards.sum()} of them safeguards"
@@ -327,7 +326,7 @@ def in_words(history: Results) -> Outline:
     lines = [
         *(("left out", words) for words in history.inactive),
         ("solver", history.solver),
-        ("certified", certified),
+        ("certified", _certified(run)),
         *kind,
         *_errors(history.errors, history.quantities),
         *_bound(history.bound),
@@ -338,6 +337,15 @@ def in_words(history: Results) -> Outline:
         ("seconds", ", ".join(f"{name} {value:.3g}" for name, value in history.seconds.items())),
     ]
     return Outline(title, lines)
+
+
+def _certified(run: Trajectory) -> str:
+    """The certified error of the steps, and of all together: the largest of both over the run."""
+    asked = run.above_asked
+    return (
+        f"{run.certified.max():.1e} relative energy error a step, rounding included; "
+        f"{run.certified_total.max():.1e} accumulated{asked and f'; {asked}'}"
+    )
 
 
 def _bound(bound: dict[str, float] | None) -> Lines:

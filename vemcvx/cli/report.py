@@ -244,10 +244,11 @@ def _certificates(history: History) -> str:
         "energy norm so far. Steps are certified one by one; the errors of mesh and time steps are not in it."
     )
     estimate = f"<p>In {run.estimated.sum()} steps certificates are estimates, {WHY_ESTIMATED}.</p>"
+    largest = f"{run.certified.max():.1e}, {MEANING[run.certificate_kind]}"
     lines = [
         ("asked for", "-" if run.accuracy is None else f"{run.accuracy:.1e}"),
-        ("largest of a step", f"{run.certified.max():.1e}, {MEANING[run.certificate_kind]}"),
-        ("all steps added up", f"{run.certified_total[-1]:.1e}"),
+        ("largest of a step", "; ".join(filter(None, (largest, run.above_asked)))),
+        ("all steps added up", f"{run.certified_total.max():.1e}, the largest of the run"),
     ]
     # The table has twelve steps at most; steps.csv has all.
     rows = np.unique(np.linspace(0, history.steps, min(12, history.steps + 1)).round().astype(int))

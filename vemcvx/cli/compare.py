@@ -36,7 +36,7 @@ from vemcvx.cli.options import NONE, Accuracy, File, Mesh, N, Settings, Steps, T
 from vemcvx.cli.problem_file import Problem, read_problem
 from vemcvx.cli.report import page
 from vemcvx.cli.solver_names import NAMES, named_solver, on_threads, read_options
-from vemcvx.cli.terminal import NOT_CERTIFIED, broken, check_writable, listed, progress_bar, say
+from vemcvx.cli.terminal import NOT_CERTIFIED, broken, check_writable, listed, logged_at_most, progress_bar, say
 from vemcvx.cost.workers import Crashed, Refused, TookTooLong, alone
 from vemcvx.errors import NotAccepted, NotCertified, NotContracting, ProblemError, SceneError, VemcvxError
 from vemcvx.meshes import AnyMesh
@@ -280,7 +280,7 @@ def compare_solvers(problem: Problem, asked: Compare) -> Compared:
         raise ProblemError(f"--time-limit: found {asked.time_limit:g}; wanted seconds, more than zero.")
     solvers = entrants(asked)
     scene, mesh, times = asked.posed(problem)
-    with warned_once(), progress_bar("posing") as shown:
+    with warned_once(), logged_at_most(1), progress_bar("posing") as shown:
         system = pose_scene(scene, mesh, times.tolist()).system
         attempts = []
         for i, (solver, settings) in enumerate(solvers):
@@ -342,8 +342,9 @@ def _attempted_within(seconds: float, problem: Problem, asked: Compare, i: int, 
 
 
 def attempted_alone(path: Path, asked: Compare, i: int, row: Row) -> Attempt:
-    """The attempt of solver `i` in a process that has read nothing yet."""
-    return attempted(read_problem(path), asked, row, entrants(asked)[i][0], None)
+    """The attempt of solver `i` in a process that has read nothing yet; what all would log the first does."""
+    with logged_at_most(0 if i else 1):
+        return attempted(read_problem(path), asked, row, entrants(asked)[i][0], None)
 
 
 def attempted(

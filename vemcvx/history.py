@@ -78,7 +78,7 @@ class History(Results, Outlined):
     sides : Sides or None
         The conditions on the boundary, by which `extremes` knows corners and point loads.
     growth : dict of str to str, or None
-        Extremes that grew from mesh to mesh of an adaptive run by a factor that does not fall, and how, by their keys.
+        Extremes that grew from mesh to mesh of an adaptive run at a rate that hardly falls, and how, by their keys.
     quantities : dict of str to Quantity, or None
         "dissipated", "work" and "wear" with their estimated errors, where these were asked for: see
         :func:`vemcvx.quantities`.
@@ -307,6 +307,8 @@ def in_words(history: Results) -> Outline:
     run, touch = history.trajectory, history.contact
     sticks, slips, opened = (int(count[-1]) for count in (touch.stick_count, touch.slip_count, touch.open_count))
     gone = f", {opened} are open" if opened else ""
+    rubs = touch.bound.any() or touch.backward.any() or touch.traction.any()
+    did = f"{sticks} nodes stick, {slips} slip" if rubs else f"{sticks + slips} nodes touch, without friction"
     title = (
         f"{history.mesh.n_cells} cells, {history.mesh.n_nodes} nodes, {run.state.shape[1]} unknowns, "
         f"{len(touch.nodes)} contact nodes, {history.steps} steps"
@@ -333,7 +335,7 @@ def in_words(history: Results) -> Outline:
         ("iterations", iterations),
         ("energy", energy),
         ("", between),
-        ("contact", f"{sticks} nodes stick, {slips} slip{gone} in the last step"),
+        *([("contact", f"{did}{gone} in the last step")] if len(touch.nodes) else []),
         ("seconds", ", ".join(f"{name} {value:.3g}" for name, value in history.seconds.items())),
     ]
     return Outline(title, lines)

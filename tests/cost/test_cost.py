@@ -305,7 +305,7 @@ def test_extremes_without_a_limit_are_told():
 
     rows = [row(n, n**0.3) for n in (16, 4, 8)]
     assert without_limit(rows) == [
-        "the largest von Mises stress grew from mesh to mesh by a factor that does not fall: 1.52, 1.87, 2.3 "
+        "the largest von Mises stress grew from mesh to mesh at a rate that hardly falls: 1.52, 1.87, 2.3 "
         "(squares, n = 4, 8, 16)"
     ]
     assert without_limit(rows[:2]) == []

@@ -330,7 +330,7 @@ def test_magnified_as_asked_with_the_units_and_limits_of_the_reader(history):
     wear(history, ax=axes[3], limits=(0, 1), units=units)
     assert axes[3].get_ylabel() == "friction work\n(N mm/mm)"
     energy_ledger(history, ax=axes[4], limits=(-1, 1), units=units)
-    assert (axes[4].get_ylim(), axes[4].get_ylabel()) == ((-1, 1), "energy (N mm)")
+    assert (axes[4].get_ylim(), axes[4].get_ylabel()) == ((-1, 1), "energy (N mm), per thickness")
     stressed_body(history, ax=axes[5], magnify=2, limits=(-1, 1), units={**units, "force per area": "MPa"})
     assert "displacements × 2," in axes[5].get_title()
     assert axes[5].collections[0].get_clim() == (-1, 1)

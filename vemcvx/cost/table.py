@@ -223,7 +223,7 @@ EXTREMES = {
 
 
 def without_limit(rows: Sequence[Row]) -> list[str]:
-    """A sentence for each extreme that grows from mesh to mesh of one family by a factor that does not fall."""
+    """A sentence for each extreme that grows from mesh to mesh of one family at a rate that hardly falls."""
     uniform = [row for row in rows if row.done and row.target is None]
     lines = []
     for key, words in EXTREMES.items():

@@ -61,7 +61,13 @@ BY_STRESS = {
 """Of force and length, or of stress and length where only that is given."""
 THICKNESS = {"force per length": "force per area", "energy per length": "energy per area"}
 """What is per length of a contact boundary in the plane is per unit of thickness, too."""
-WORDS = {"force/length": "force per length", "force/length²": "force per area", "force × length": "energy"}
+WORDS = {
+    "force/length": "force per length",
+    "force/length²": "force per area",
+    "force × length": "energy",
+    "energy/length": "energy per length",
+    "energy/length²": "energy per area",
+}
 """Quantities by the products of units that tables have for them."""
 QUANTITIES = ("length", "force", "time", *DERIVED)
 

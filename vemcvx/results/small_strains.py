@@ -95,25 +95,22 @@ def _motions(results: Results, rows: Ints) -> Iterator[Found]:
 
 
 def farthest(points: Floats) -> tuple[int, int]:
-    """Two of points (n, dim) that lie farthest apart: to .1 % in the plane and 1 % in space.
+    """Two of points (n, dim) that lie farthest apart, to a percent.
 
-    They are looked for among those that lie outermost in 64 directions, of half the plane or space.
+    The outermost in 64 directions are a beginning, from which each is moved to the point that is farthest from the
+    other, as long as that gains.
     """
-    k = np.arange(64.0)
-    if points.shape[1] == 2:
-        way = np.column_stack([np.cos(np.pi * k / 64), np.sin(np.pi * k / 64)])
-    else:
-        # Fibonacci's spiral from the equator up.
-        up, turn = (k + 0.5) / 64, np.pi * (3 - np.sqrt(5)) * k
-        way = np.column_stack([*(np.sqrt(1 - up**2) * (np.cos(turn), np.sin(turn))), up])
-    found = []
-    for one in np.vstack([way, np.eye(points.shape[1])]):
-        along = points @ one
-        found += [int(along.argmin()), int(along.argmax())]
-    outer = np.unique(found)
-    apart = np.linalg.norm(points[outer, None] - points[outer], axis=2)
-    p, q = np.unravel_index(np.argmax(apart), apart.shape)
-    return int(outer[p]), int(outer[q])
+    ways = np.random.default_rng(0).normal(size=(64, points.shape[1]))
+    along = (points @ way for way in (*ways, *np.eye(points.shape[1])))
+    outer = np.unique([[one.argmin(), one.argmax()] for one in along])
+    between = np.linalg.norm(points[outer, None] - points[outer], axis=2)
+    p, q = (int(outer[k]) for k in np.unravel_index(np.argmax(between), between.shape))
+    apart = float(between.max())
+    while True:
+        from_p = np.linalg.norm(points - points[p], axis=1)
+        if not from_p.max() > apart:
+            return p, q
+        p, q, apart = int(from_p.argmax()), p, float(from_p.max())
 
 
 def _slips(results: Results, rows: Ints) -> Iterator[Found]:

@@ -72,7 +72,7 @@ def picture(history):
     """The joint when pulled, and the wear along it: the work of friction at the edges of the clamped zone."""
     figure = new_figure(8.4, 5.6)
     body, graph = figure.subplots(2, 1, height_ratios=(1.0, 1.3))
-    stressed_body(body, history, step=history.steps - 3, stress="shear", units=UNITS)
+    stressed_body(history, ax=body, step=history.steps - 3, stress="shear", units=UNITS)
     wear(history, steps=range(4, history.steps + 1, 4), ax=graph, units=UNITS)
     for edge in (-1, 1):
         graph.axvline(LENGTH / 2 + edge * BOLT / 2, color="0.6", linestyle=":", linewidth=1.2)

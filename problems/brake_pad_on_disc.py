@@ -98,7 +98,7 @@ def picture(history):
     """Pad and rim while they slip, the torque over the angle, and wear along the rim after every cycle."""
     figure = new_figure(9.4, 5.6)
     axes = figure.subplot_mosaic([["body", "torque"], ["body", "wear"]])
-    stressed_body(axes["body"], history, step=10, stress="shear", window=((-1.05, 1.05), (-1.05, 1.4)), units=UNITS)
+    stressed_body(history, 10, ax=axes["body"], stress="shear", window=((-1.05, 1.05), (-1.05, 1.4)), units=UNITS)
     angle, graph = 1e3 * turned(history.times), axes["torque"]
     graph.plot(angle, torque(history), "o-", color=COMPUTED, markersize=4, linewidth=0.8, label="computed")
     for P, label in ((PRESSURE, "pad slips"), (-0.1 * PRESSURE, None)):

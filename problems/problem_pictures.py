@@ -31,7 +31,7 @@ def body_and_graph(history, *, window=None, stretch=1.0, shares=(1.0, 1.0), unit
     figure.set_layout_engine("constrained", w_pad=0.1)
     # Numbers of small steps are long, and run into each other where there are more.
     graph.locator_params(nbins=6)
-    stressed_body(body, history, window=window, stretch=stretch, units=units, **how)
+    stressed_body(history, ax=body, window=window, stretch=stretch, units=units, **how)
     return figure, graph
 
 

@@ -75,10 +75,12 @@ def figure_of(ax: Axes) -> Figure:
 
 
 def legend_below(ax: Axes) -> None:
-    """Name what is drawn: below axes that are alone in their figure, within them if they share it."""
+    """Name what is drawn: below axes that are alone in their figure or full of colours, else within them."""
     figure, count = figure_of(ax), len(ax.get_legend_handles_labels()[0])
     if count and len(figure.axes) == 1 and figure.get_layout_engine() is not None:
         figure.legend(loc="outside lower center", ncols=4 if count == 4 else 3, frameon=False)
+    elif count and any(drawn.get_array() is not None for drawn in ax.collections):
+        legend_under(ax)
     elif count:
         ax.legend(frameon=False, fontsize="small")
 
@@ -172,21 +174,37 @@ def draw_polygons(ax: Axes, corners: Floats, colours: Sequence[str] | None) -> P
     return drawn
 
 
-def colour_bar(ax: Axes, mapped: ScalarMappable, label: str) -> None:
+Pointed = Literal["neither", "both", "min", "max"]
+"""Ends of a colour bar that are pointed, because some values lie beyond."""
+
+
+def pointed(values: Floats, ends: tuple[float, float]) -> Pointed:
+    """Return the ends of a colour scale beyond which some of the values lie, by more than rounding."""
+    slack = 1e-6 * (ends[1] - ends[0])
+    below, above = (bool((sign * (values - end) > slack).any()) for sign, end in zip((-1, 1), ends, strict=True))
+    return "both" if below and above else "min" if below else "max" if above else "neither"
+
+
+def colour_bar(ax: Axes, mapped: ScalarMappable, label: str, extend: Pointed = "neither") -> None:
     """Say what the colours of axes mean, beside them."""
-    ax.figure.colorbar(mapped, ax=ax, shrink=0.75).set_label(label, fontsize="small")
+    ax.figure.colorbar(mapped, ax=ax, shrink=0.75, extend=extend).set_label(label, fontsize="small")
 
 
 def show_image(
-    ax: Axes, image: NDArray[np.uint8], colours: str | Colormap, limits: tuple[float, float], label: str
+    ax: Axes, image: NDArray[np.uint8], colours: ScalarMappable, label: str, extend: Pointed = "neither"
 ) -> None:
     """Show an image (height, width, 3), without axes, beside the bar of its colours."""
+    ax.imshow(image)
+    ax.set_axis_off()
+    colour_bar(ax, colours, label, extend)
+
+
+def scale_of(colours: str | Colormap, limits: tuple[float, float]) -> ScalarMappable:
+    """Return a scale of colours between limits, of what is drawn by others."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
-    ax.imshow(image)
-    ax.set_axis_off()
-    colour_bar(ax, ScalarMappable(Normalize(*limits), colours), label)
+    return ScalarMappable(Normalize(*limits), colours)
 
 
 def draw_cells(
@@ -215,7 +233,7 @@ def draw_cells(
     return ax
 
 
-def bar_beside(ax: Axes, cells: Collection) -> Colorbar:
+def bar_beside(ax: Axes, cells: Collection, extend: Pointed = "neither") -> Colorbar:
     """Return the bar of the colours of cells, in axes of its own: as high as the body, whatever its shape."""
     from matplotlib.ticker import MaxNLocator
 
@@ -224,7 +242,7 @@ def bar_beside(ax: Axes, cells: Collection) -> Colorbar:
     # Beside a body a third as high as it is wide six labels of the size that narrow screens need run into each other.
     flat = 3 * np.ptp(ax.get_ylim()) <= np.ptp(ax.get_xlim())
     ticks = MaxNLocator(2 if flat else 5)
-    return figure_of(ax).colorbar(cells, cax=ax.inset_axes((1.03, 0.0, 0.04, 1.0)), ticks=ticks)
+    return figure_of(ax).colorbar(cells, cax=ax.inset_axes((1.03, 0.0, 0.04, 1.0)), ticks=ticks, extend=extend)
 
 
 def draw_faces(

@@ -77,8 +77,8 @@ class NotCertified(VemcvxError):
     time : float
         Its instant.
     reached, asked, floor : float
-        Certified relative energy error: what was reached, what was asked, and the part of it that
-        round-off alone accounts for.
+        Certified relative energy error: what was reached, rounding included, what was asked, and the part of what was
+        reached that round-off alone accounts for.
     """
 
     def __init__(self, message: str, *, step: int, time: float, reached: float, asked: float, floor: float):

@@ -27,6 +27,7 @@ from vemcvx.results.quoted import Quantity
 from vemcvx.results.results import Results, programs_of_steps
 from vemcvx.results.tables import Columns, dataset, frame, table
 from vemcvx.scene import Scene
+from vemcvx.stepping.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -77,7 +78,7 @@ class History(Results, Outlined):
     sides : Sides or None
         The conditions on the boundary, by which `extremes` knows corners and point loads.
     growth : dict of str to str, or None
-        Extremes that grew from mesh to mesh of an adaptive run by a factor that does not fall, and how, by their keys.
+        Extremes that grew from mesh to mesh of an adaptive run at a rate that hardly falls, and how, by their keys.
     quantities : dict of str to Quantity, or None
         "dissipated", "work" and "wear" with their estimated errors, where these were asked for: see
         :func:`vemcvx.quantities`.
@@ -215,10 +216,12 @@ class History(Results, Outlined):
         return dataset(self)
 
     def program(self, n: int, condense: bool = True) -> SolvedProgram:
-        """The convex program of step `n` as it was solved, with its certified answer.
+        """The convex program of step `n` as it was solved, with its answer, certified as in the history.
 
         It is posed again from the stored states before and after the step; :func:`vemcvx.programs` gives the programs
-        of all steps with one factorisation.
+        of all steps with one factorisation. Where the difference of these states has lost digits that the certificate
+        feels, the answer is sharpened by an active-set step: its certificate is then a better one. Where the history
+        is certified by the distance to a known solution, as under Coulomb's law, this one is of the program alone.
 
         Parameters
         ----------
@@ -304,13 +307,11 @@ def in_words(history: Results) -> Outline:
     run, touch = history.trajectory, history.contact
     sticks, slips, opened = (int(count[-1]) for count in (touch.stick_count, touch.slip_count, touch.open_count))
     gone = f", {opened} are open" if opened else ""
+    rubs = touch.bound.any() or touch.backward.any() or touch.traction.any()
+    did = f"{sticks} nodes stick, {slips} slip" if rubs else f"{sticks + slips} nodes touch, without friction"
     title = (
         f"{history.mesh.n_cells} cells, {history.mesh.n_nodes} nodes, {run.state.shape[1]} unknowns, "
         f"{len(touch.nodes)} contact nodes, {history.steps} steps"
-    )
-    certified = (
-        f"{run.certified.max():.1e} relative energy error a step, rounding included; "
-        f"{run.certified_total[-1]:.1e} accumulated"
     )
     iterations = (
         f"{int(np.median(run.iterations[1:])) if history.steps else 0} a step at the median, at most "
@@ -327,17 +328,26 @@ def in_words(history: Results) -> Outline:
     lines = [
         *(("left out", words) for words in history.inactive),
         ("solver", history.solver),
-        ("certified", certified),
+        ("certified", _certified(run)),
         *kind,
         *_errors(history.errors, history.quantities),
         *_bound(history.bound),
         ("iterations", iterations),
         ("energy", energy),
         ("", between),
-        ("contact", f"{sticks} nodes stick, {slips} slip{gone} in the last step"),
+        *([("contact", f"{did}{gone} in the last step")] if len(touch.nodes) else []),
         ("seconds", ", ".join(f"{name} {value:.3g}" for name, value in history.seconds.items())),
     ]
     return Outline(title, lines)
+
+
+def _certified(run: Trajectory) -> str:
+    """The certified error of the steps, and of all together: the largest of both over the run."""
+    asked = run.above_asked
+    return (
+        f"{run.certified.max():.1e} relative energy error a step, rounding included; "
+        f"{run.certified_total.max():.1e} accumulated{asked and f'; {asked}'}"
+    )
 
 
 def _bound(bound: dict[str, float] | None) -> Lines:

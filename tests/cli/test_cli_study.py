@@ -13,6 +13,7 @@ from test_cli_supplied import call
 import vemcvx as vx
 from vemcvx.cli.problem_file import read_problem, several
 from vemcvx.cost import study
+from vemcvx.errors import ProblemError
 
 PAD = '''"""A pad."""
 import numpy as np
@@ -77,10 +78,11 @@ def test_combinations(pad):
         ("friction=.2", "kind=hard"),
         ("friction=.2", "kind=soft"),
     ]
-    # The scene's own push is a pair, so that two numbers are one, as ever; the later of two settings counts, as ever.
+    # The scene's own push is a pair, so that two numbers are one, as ever; two settings of one are refused.
     assert problem.studied(["push=.1,-.02"]) == [("push=.1,-.02",)]
     assert problem.studied(["push=(.1,-.02),(.2,-.02)"]) == [("push=(.1,-.02)",), ("push=(.2,-.02)",)]
-    assert problem.studied(["friction=.1", "friction=.2"]) == [("friction=.2",)]
+    with pytest.raises(ProblemError, match="friction is given twice"):
+        problem.studied(["friction=.1", "friction=.2"])
     assert problem.studied([]) == [()]
 
 

@@ -307,7 +307,7 @@ def test_all_steps_share_one_scale(history):
         scales.add(round(np.abs(drawn).max() / np.abs(history.contact.traction[step]).max(), 9))
     assert len(scales) == 1
     assert len({friction_traction(history, step).axes[0].get_ylim() for step in (1, 6, 24)}) == 1
-    bodies = [stressed_body(new_figure().add_subplot(), history, step=step) for step in (1, 6, 24)]
+    bodies = [stressed_body(history, step).axes[0] for step in (1, 6, 24)]
     assert len({(ax.collections[0].get_clim(), ax.collections[0].get_cmap().name) for ax in bodies}) == 1
 
 
@@ -330,8 +330,8 @@ def test_magnified_as_asked_with_the_units_and_limits_of_the_reader(history):
     wear(history, ax=axes[3], limits=(0, 1), units=units)
     assert axes[3].get_ylabel() == "friction work\n(N mm/mm)"
     energy_ledger(history, ax=axes[4], limits=(-1, 1), units=units)
-    assert (axes[4].get_ylim(), axes[4].get_ylabel()) == ((-1, 1), "energy (N mm)")
-    stressed_body(axes[5], history, magnify=2, limits=(-1, 1), units={**units, "force per area": "MPa"})
+    assert (axes[4].get_ylim(), axes[4].get_ylabel()) == ((-1, 1), "energy (N mm), per thickness")
+    stressed_body(history, ax=axes[5], magnify=2, limits=(-1, 1), units={**units, "force per area": "MPa"})
     assert "displacements × 2," in axes[5].get_title()
     assert axes[5].collections[0].get_clim() == (-1, 1)
     for wrong, words in (
@@ -394,13 +394,13 @@ def test_a_body_is_coloured_by_its_stress_and_pushed_by_its_contact(history):
     sticks = contact.sticking[row]
     assert [len(some.U) for some in arrows] == [sticks.sum(), (~sticks).sum()]
     assert arrows[0].width > arrows[1].width
-    for friction in stressed_body(figure.add_subplot(), history, forces="friction").collections[1:]:
+    for friction in stressed_body(history, forces="friction").axes[0].collections[1:]:
         assert np.abs(friction.V).max(initial=0.0) == 0.0
-    assert len(stressed_body(figure.add_subplot(), history, forces="none").collections) == 1
+    assert len(stressed_body(history, forces="none").axes[0].collections) == 1
     for wrong in ({"stress": "zz"}, {"forces": "weight"}):
         (name, value) = next(iter(wrong.items()))
         with pytest.raises(vx.VemcvxError, match=f"stressed_body: found {name} = '{value}'; there are (xx|contact), "):
-            stressed_body(figure.add_subplot(), history, **wrong)
+            stressed_body(history, **wrong)
 
 
 def test_computed_values_stand_beside_their_closed_form():
@@ -442,7 +442,7 @@ def test_instants_have_their_unit_in_every_picture():
 
 def stressed_body_alone(history, **options):
     figure = new_figure(4, 3)
-    stressed_body(figure.add_subplot(), history, **options)
+    stressed_body(history, ax=figure.add_subplot(), **options)
     return figure
 
 
@@ -528,9 +528,9 @@ def test_stresses_that_engineers_quote(rubbed):
         "min_principal": rubbed.principal_stresses(-1)[:, 1],
     }
     for stress, values in found.items():
-        ax = stressed_body(new_figure().add_subplot(), rubbed, stress=stress)
+        ax = stressed_body(rubbed, stress=stress).axes[0]
         assert np.array_equal(ax.collections[0].get_array(), values)
-    low, high = stressed_body(new_figure().add_subplot(), rubbed, stress="von_mises").collections[0].get_clim()
+    low, high = stressed_body(rubbed, stress="von_mises").axes[0].collections[0].get_clim()
     assert low == 0.0 < high
 
 

@@ -11,6 +11,7 @@ import pytest
 import feng_han_huang
 import gallery
 import vemcvx as vx
+from vemcvx.results import small_strains
 
 PROBLEMS = sorted(path.stem for path in Path(gallery.__file__).parent.glob("*.py"))
 LONG = {
@@ -45,28 +46,65 @@ def test_young_in_other_units_than_loads(caplog, mesh):
     (told,) = said(caplog, lambda: pulled(2.0, mesh))
     found = re.fullmatch(
         r"small strains are left: a strain of ([\d.]+) at \(.*\), t = 0; displacements that differ by ([\d.]+) in a "
-        r"body of the size ([\d.]+), the largest at \(1, .*\), t = 0\. Probably young and the loads are in different "
-        r"units, as GPa and MPa: compare them\.",
+        r"body of the size ([\d.]+), between \(0, .*\) and \(1, .*\), t = 0\. Probably young and the loads are "
+        r"in different units, as GPa and MPa: compare them\.",
         told,
     )
     strain, apart, size = map(float, found.groups())
     assert 0.5 < strain < 2.0
     u = pulled(2.0, mesh).displacement[-1]
-    assert apart == pytest.approx(np.linalg.norm(np.ptp(u, axis=0)), rel=0.01)
+    assert apart == pytest.approx(np.linalg.norm(u[:, None] - u, axis=2).max(), rel=0.01)
     assert size == pytest.approx((2 if mesh is None else 3) ** 0.5, rel=0.01)
 
 
-def test_what_is_prescribed_in_other_units(caplog):
-    def run(size):
-        sheared = vx.PrescribedDisplacement((size, 0.0), on="top")
-        scene = vx.Scene(vx.Elasticity(1.0, 0.3), vx.Clamp(on="bottom"), sheared)
-        vx.simulate(scene, vx.meshes.squares(4), [0.0, 1.0], initial="settled")
+def moved(way, *others):
+    """A block whose bottom is held and whose top is moved by `way`, at rest under that."""
+    supports = vx.Clamp(on="bottom"), vx.PrescribedDisplacement(way, on="top")
+    scene = vx.Scene(vx.Elasticity(1.0, 0.3), *supports, *others)
+    return vx.simulate(scene, vx.meshes.squares(4), [0.0, 1.0], initial="settled")
 
-    assert said(caplog, lambda: run(0.02)) == []
-    (told,) = said(caplog, lambda: run(0.2))
+
+PRESCRIBED = "Probably what is prescribed (displacements, gaps) and the mesh are in different units: compare them."
+
+
+def test_what_is_prescribed_in_other_units(caplog):
+    """A small load beside it is not to blame, though there is one."""
+    assert said(caplog, lambda: moved((0.02, 0.0))) == []
+    for others in ((), (vx.Traction((1e-6, 0.0), on="right"),)):
+        (told,) = said(caplog, lambda others=others: moved((20.0, 0.0), *others))
+        assert told.endswith(PRESCRIBED)
+
+
+@pytest.mark.parametrize("way", [(0.0, -0.1), (0.2, 0.0), (0.1, 0.1)])
+def test_places_and_differences_are_true_and_units_are_not_blamed_for_a_tenth(caplog, way):
+    (told,) = said(caplog, lambda: moved(way))
+    (apart, *places) = re.search(r"differ by (\S+) in .*, between \((.*)\) and \((.*)\), t", told).groups()
+    history = moved(way)
+    u = history.displacement[-1]
+    assert float(apart) == pytest.approx(np.linalg.norm(u[:, None] - u, axis=2).max(), rel=5e-3)
+    at = history.probe([[float(x) for x in place.split(",")] for place in places])[-1]
+    assert float(apart) == pytest.approx(np.linalg.norm(at[0] - at[1]), rel=1e-2)
+    assert told.endswith("The linear model, of small strains, turns and slips, does not hold there.")
+
+
+def test_heat_in_other_units(caplog):
+    """Expansion in millionths, the million forgotten: neither young nor a load is to blame."""
+    heated = vx.ThermalStrain(12.0, 100.0), vx.Elasticity(200.0, 0.3), vx.Clamp(on="bottom")
+    run = lambda: vx.simulate(vx.Scene(*heated), vx.meshes.squares(3), [0.0, 1.0], initial="settled")  # noqa: E731
+    (told,) = said(caplog, run)
     assert told.endswith(
-        "Probably what is prescribed (displacements, gaps) and the mesh are in different units: compare them."
+        "Probably expansion and temperature, or prestress and young, are in different units: compare them."
     )
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_the_farthest_of_points(dim):
+    for seed in range(20):
+        points = np.random.default_rng(seed).normal(size=(200, dim)) * [1.0, 0.3, 0.1][:dim]
+        p, q = small_strains.farthest(points)
+        largest = np.linalg.norm(points[:, None] - points, axis=2).max()
+        assert np.linalg.norm(points[p] - points[q]) >= 0.99 * largest
+    assert small_strains.farthest(np.ones((3, dim))) == (0, 0)
 
 
 def test_adaptive_runs_warn_once(caplog):

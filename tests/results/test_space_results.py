@@ -137,7 +137,7 @@ PLANE_ONLY = {
     "friction_traction": lambda h: plots.friction_traction(h),
     "stick_slip_map": lambda h: plots.stick_slip_map(h),
     "wear": lambda h: plots.wear(h),
-    "stressed_body": lambda h: plots.stressed_body(None, h),
+    "stressed_body": lambda h: plots.stressed_body(h),
 }
 
 

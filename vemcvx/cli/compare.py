@@ -5,10 +5,10 @@ Steps with given weights are nonexpansive in the energy norm, so two answers y, 
     |y_n - z_n|_K <= sum over m <= n of sqrt(2 gap_m) + sqrt(2 floor_m), of y, plus the same of z.
 
 The left side is exact: K is the matrix of the scene. Against the most certain answer, whose right side is the smallest,
-this tests every certificate: those that keep the bound are *honest*. A certificate that is as small as was asked for is
-*good*; an honest one need not be. Where the weights follow the answer, or friction or rates meet limits, a step depends
-on the one before in ways that the sum does not bound (:class:`vemcvx.stepping.trajectory.Trajectory`); the distance is
-then told only.
+this tests every certificate: those that keep the bound are *honest*. A certificate that is as small as was asked for,
+but for its rounding floor, is *good*; an honest one need not be. Where the weights follow the answer, or friction or
+rates meet limits, a step depends on the one before in ways that the sum does not bound
+(:class:`vemcvx.stepping.trajectory.Trajectory`); the distance is then told only.
 
 Whatever becomes of a solver is a row: it refuses the program, misses its accuracy, breaks down, or is out of time. With
 a time limit each solver has a process of its own, which is ended, so that even a crash is only a row.
@@ -36,7 +36,7 @@ from vemcvx.cli.options import NONE, Accuracy, File, Mesh, N, Settings, Steps, T
 from vemcvx.cli.problem_file import Problem, read_problem
 from vemcvx.cli.report import page
 from vemcvx.cli.solver_names import NAMES, named_solver, on_threads, read_options
-from vemcvx.cli.terminal import NOT_CERTIFIED, broken, check_writable, listed, progress_bar, say
+from vemcvx.cli.terminal import NOT_CERTIFIED, broken, check_writable, listed, logged_at_most, progress_bar, say
 from vemcvx.cost.workers import Crashed, Refused, TookTooLong, alone
 from vemcvx.errors import NotAccepted, NotCertified, NotContracting, ProblemError, SceneError, VemcvxError
 from vemcvx.meshes import AnyMesh
@@ -117,7 +117,8 @@ class Judged:
             return []
         default = any(row.settings == "default" for row in self.rows)
         lines = ["default: as the solver's library comes, through cvxpy"] if default else []
-        lines.append("good: certified as asked, in all steps; rel.: to the largest energy norm so far")
+        lines.append("certified: rounding included; rel.: to the largest energy norm so far")
+        lines.append("good: as asked, but for what rounding leaves, in all steps")
         if sum(row.certified is not None for row in self.rows) > 1:
             lines.append(f"distance: of the states to those by {best}, the most certain, in energy norm")
             lines.append("allowed: what both certificates allow for it; honest: whether the distance is within that")
@@ -143,7 +144,7 @@ def _judged_row(system: System, row: Row, run: Trajectory | None, best: Trajecto
     return replace(
         row,
         outcome=MISSED if len(missed) else CERTIFIED,
-        certified=float(run.certificate.max()),
+        certified=float(run.certified.max()),
         floor=float(run.certificate_floor.max()),
         distance=None if apart is None else apart[0],
         allowed=None if apart is None else apart[1],
@@ -195,7 +196,7 @@ def _of_misses(run: Trajectory, missed: Ints) -> str:
     where = (["at the start"] if n == 0 else []) + ([f"in {later} of {len(run.times) - 1} steps"] if later else [])
     return (
         f"misses its accuracy {' and '.join(where)}, "
-        f"first in step {n} at t = {run.times[n]:.6g}, where it reached {run.certificate[n]:.1e}"
+        f"first in step {n} at t = {run.times[n]:.6g}, where it reached {run.certified[n]:.1e}"
     )
 
 
@@ -279,7 +280,7 @@ def compare_solvers(problem: Problem, asked: Compare) -> Compared:
         raise ProblemError(f"--time-limit: found {asked.time_limit:g}; wanted seconds, more than zero.")
     solvers = entrants(asked)
     scene, mesh, times = asked.posed(problem)
-    with warned_once(), progress_bar("posing") as shown:
+    with warned_once(), logged_at_most(1), progress_bar("posing") as shown:
         system = pose_scene(scene, mesh, times.tolist()).system
         attempts = []
         for i, (solver, settings) in enumerate(solvers):
@@ -293,7 +294,7 @@ def compare_solvers(problem: Problem, asked: Compare) -> Compared:
             words = row.outcome
             if run is not None:
                 seconds = (row.assemble_seconds or 0) + (row.prepare_seconds or 0) + (row.solve_seconds or 0)
-                words = f"certified to {run.certificate.max():.1e} in {seconds:.2f} s"
+                words = f"certified to {run.certified.max():.1e} in {seconds:.2f} s"
             say(f"{i + 1} of {len(solvers)}: {row.label}: {words}", err=True)
             attempts.append((row, run))
         _raise_what_all_say([row for row, _ in attempts])
@@ -341,8 +342,9 @@ def _attempted_within(seconds: float, problem: Problem, asked: Compare, i: int, 
 
 
 def attempted_alone(path: Path, asked: Compare, i: int, row: Row) -> Attempt:
-    """The attempt of solver `i` in a process that has read nothing yet."""
-    return attempted(read_problem(path), asked, row, entrants(asked)[i][0], None)
+    """The attempt of solver `i` in a process that has read nothing yet; what all would log the first does."""
+    with logged_at_most(0 if i else 1):
+        return attempted(read_problem(path), asked, row, entrants(asked)[i][0], None)
 
 
 def attempted(

@@ -27,7 +27,7 @@ from vemcvx.cli.options import problem_names
 from vemcvx.cli.problem_file import executed, own_errors
 from vemcvx.cli.report import page
 from vemcvx.cli.supplied import problems_folder
-from vemcvx.cli.terminal import check_writable, say
+from vemcvx.cli.terminal import check_writable, logged_at_most, say
 from vemcvx.errors import ProblemError
 
 GIVEN = "VEMCVX_APP"
@@ -95,7 +95,8 @@ class App:
 def check() -> str:
     """Run all cells of the app in this process, without a browser, and return a line with the certificate."""
     start = time.perf_counter()
-    _, cells, found = _run()
+    with logged_at_most(0):
+        _, cells, found = _run()
     error, steps = found["history"].certified.max(), found["history"].steps
     seconds = time.perf_counter() - start
     return f"app: all {cells} cells run, in {seconds:.1f} s; {steps} steps are certified to {error:.0e}."
@@ -104,7 +105,8 @@ def check() -> str:
 def serve(port: int | None, browser: bool) -> None:
     """Offer the page to browsers on this machine, at that port or at any that is free, until Ctrl-C."""
     with _listening(port) as listener:
-        _run()  # what does not work is told before anybody looks
+        with logged_at_most(0):
+            _run()  # what does not work is told before anybody looks
         import uvicorn
         from marimo import create_asgi_app
 

@@ -9,6 +9,7 @@ import os
 import re
 import sys
 import traceback
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from inspect import cleandoc
@@ -116,7 +117,7 @@ class Problem:
 
     def parameters(self, settings: Sequence[str] = ()) -> list[tuple[str, str]]:
         """The parameters of the scene with their values in words: those given as "name=value", else their defaults."""
-        given = dict(self._parameter(setting) for setting in settings)
+        given = self._given(settings)
         own = inspect.signature(self.module.scene).parameters
         known = {name: one.default for name, one in own.items() if one.kind is not one.VAR_KEYWORD}
         return [(n, repr(v) if isinstance(v, str) else amount(v)) for n, v in (known | given).items()]
@@ -128,13 +129,14 @@ class Problem:
         around them say anywhere; several values are in brackets then.
         """
         choices: dict[str, list[str]] = {}
-        for setting in settings:
-            name, value = self._parameter(setting)
+        for setting, (name, value) in zip(settings, self._given(settings).items(), strict=True):
             default = inspect.signature(self.module.scene).parameters.get(name)
             rows = isinstance(value, tuple) and all(isinstance(one, (tuple, list)) for one in value)
             single = default is not None and isinstance(default.default, (tuple, list)) and not rows
             text = setting.partition("=")[2]
             choices[name] = [text] if single else several(text)
+            if twice := [one for one, count in Counter(choices[name]).items() if count > 1]:
+                raise ProblemError(f"--set: {name} is {twice[0]} twice in {setting!r}; give each value once.")
         return [
             tuple(f"{name}={value}" for name, value in zip(choices, each, strict=True))
             for each in product(*choices.values())
@@ -142,7 +144,7 @@ class Problem:
 
     def scene(self, settings: Sequence[str] = ()) -> Scene:
         """The scene, with parameters given as "name=value"."""
-        made = self._call("scene", **dict(self._parameter(setting) for setting in settings))
+        made = self._call("scene", **self._given(settings))
         if not isinstance(made, Scene):
             raise self._unlike(made, "scene", "a vemcvx.Scene")
         return made
@@ -204,7 +206,23 @@ class Problem:
         if name not in known and not any(p.kind is p.VAR_KEYWORD for p in known.values()):
             there_are = ", ".join(map(str, known.values())) or "none"
             raise ProblemError(f"--set: {self.path} has no parameter {name!r}; its scene has {there_are}.")
-        return name, literal(text)
+        value = literal(text)
+        default = known[name].default if name in known else None
+        if text.rstrip().endswith(",") and not isinstance(default, (tuple, list)):
+            raise ProblemError(
+                f"--set: found {setting!r}; several values have commas between, {name}=1,2, and one has none."
+            )
+        return name, value
+
+    def _given(self, settings: Sequence[str]) -> dict[str, Any]:
+        """The parameters that settings give, each of them once."""
+        given: dict[str, Any] = {}
+        for setting in settings:
+            name, value = self._parameter(setting)
+            if name in given:
+                raise ProblemError(f"--set: {name} is given twice; several values stand behind one --set, {name}=1,2.")
+            given[name] = value
+        return given
 
     def _call(self, part: str, *given: Any, **named: Any) -> Any:
         words = ", ".join([*map(repr, given), *(f"{name}={value!r}" for name, value in named.items())])

@@ -27,7 +27,7 @@ from vemcvx.history import WHY_ESTIMATED, History
 from vemcvx.meshes import PolygonMesh
 from vemcvx.outline import Lines, Outline, Table, coordinates
 from vemcvx.plots.pictures import draw_pictures, left_out
-from vemcvx.plots.style import Units, in_units
+from vemcvx.plots.style import WORDS, Units, in_units, unit
 from vemcvx.scene import Scene
 from vemcvx.version import __version__
 
@@ -78,6 +78,8 @@ COLUMNS = {
     "certified_total": "added up\nrelative",
     "iterations": "iterations",
 }
+REDUCED = {"energy": ENERGY, "energy/length": FORCE, "energy/length²": "force/length"}
+"""Energies in tables: products of force and length, reduced."""
 PARTS = {
     "algebra": "solving the steps",
     "space": "the mesh",
@@ -123,7 +125,7 @@ def write_report(
         "Pictures": "".join(_pictures(history, problem.units)),
         "Results": _results(history, points, problem.units),
         "Certificates": _certificates(history),
-        "Error budget": _budget(history) + _quantities(history, why),
+        "Error budget": _budget(history) + _quantities(history, why, problem.units),
         "The run": _run(history),
         "How to repeat it": _again(problem, settings, command),
     }
@@ -209,7 +211,7 @@ def _results(history: History, points: Floats | None, named: Units | None) -> st
         f"{THICKNESS[len(axes)]}. Extremes are over the {len(history.stored)} stored of {history.steps + 1} instants; "
         f"displacements of points and reactions are those at {end}."
     )
-    rows = [(what, value, in_units(product, named).replace("/", " / ")) for what, value, product in rows]
+    rows = [(what, value, _unit(product, named)) for what, value, product in rows]
     told = f"{_numbers(['quantity', 'value', 'unit'], rows)}{_without_limit(history)}<p>{units}</p>"
     forces = {name: history.reaction(name)[-1] for name in history.mesh.boundaries}
     largest = max(float(np.linalg.norm(force)) for force in forces.values())
@@ -231,7 +233,8 @@ def _without_limit(history: History) -> str:
     for one in history.extremes:
         if one.unbounded:
             names.setdefault(one.unbounded, []).append(one.name)
-    return "".join(f"<p>{escape(', '.join(some).capitalize())}: {escape(why)}.</p>" for why, some in names.items())
+    told = ((", ".join(some), why) for why, some in names.items())
+    return "".join(f"<p>{escape(who[0].upper() + who[1:])}: {escape(why)}.</p>" for who, why in told)
 
 
 def _certificates(history: History) -> str:
@@ -244,10 +247,11 @@ def _certificates(history: History) -> str:
         "energy norm so far. Steps are certified one by one; the errors of mesh and time steps are not in it."
     )
     estimate = f"<p>In {run.estimated.sum()} steps certificates are estimates, {WHY_ESTIMATED}.</p>"
+    largest = f"{run.certified.max():.1e}, {MEANING[run.certificate_kind]}"
     lines = [
         ("asked for", "-" if run.accuracy is None else f"{run.accuracy:.1e}"),
-        ("largest of a step", f"{run.certified.max():.1e}, {MEANING[run.certificate_kind]}"),
-        ("all steps added up", f"{run.certified_total[-1]:.1e}"),
+        ("largest of a step", "; ".join(filter(None, (largest, run.above_asked)))),
+        ("all steps added up", f"{run.certified_total.max():.1e}, the largest of the run"),
     ]
     # The table has twelve steps at most; steps.csv has all.
     rows = np.unique(np.linspace(0, history.steps, min(12, history.steps + 1)).round().astype(int))
@@ -316,7 +320,13 @@ def with_errors(history: History) -> tuple[History, str]:
         return history, str(error)
 
 
-def _quantities(history: History, why: str) -> str:
+def _unit(product: str, named: Units | None) -> str:
+    """The unit of a table, as a product of force and length or by the names that are given."""
+    plain = REDUCED.get(product, product)
+    return (unit(named, WORDS.get(product, plain)) if named else plain).replace("/", " / ")
+
+
+def _quantities(history: History, why: str, named: Units | None) -> str:
     """Friction work, work and wear with their errors, or the reason why there are none."""
     if history.quantities is None:
         return f"<p>Errors of friction work, work and wear are not estimated. {escape(why)}</p>"
@@ -328,7 +338,7 @@ def _quantities(history: History, why: str) -> str:
             f"{100 * one.relative:.3g} %",
             f"{one.steps:.2g}",
             "-" if np.isnan(one.mesh) else f"{one.mesh:.2g}",
-            one.unit.replace("energy", ENERGY).replace("/", " / "),
+            _unit(one.unit, named),
         ]
         for name, one in history.quantities.items()
     ]

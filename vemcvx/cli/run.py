@@ -160,7 +160,7 @@ class Run:
                 history, told = self.simulated(problem, mesh, steps, self._stored, shown=shown, rows=rows)
             else:
                 history, told = self._adapted(problem, mesh, steps, self.target, shown)
-            history, left = with_errors(history) if self.report else (history, "")
+            history, left = self._with_errors(history, shown)
             shown("extremes", 0, None)
             extremes, start = list(_extremes(history, units)), time.perf_counter()
             files = self._written(history, problem, folder, n, shown)
@@ -186,6 +186,14 @@ class Run:
             )
             lines.append(f"report      {path}")
         return history, lines
+
+    def _with_errors(self, history: History, shown: Shown) -> tuple[History, str]:
+        """The history with the errors of its quantities, for a report, and why it has none."""
+        if not self.report:
+            return history, ""
+        if history.quantities is None:
+            shown("estimating errors, in finer steps and on a finer mesh", 0, None)
+        return with_errors(history)
 
     def _study(self, problem: Problem, several: list[tuple[str, ...]]) -> None:
         """Run all combinations, each in a process and a folder of its own, and say what came out."""
@@ -252,7 +260,10 @@ class Run:
         if not self.probes:
             return None
         try:
-            return np.array([[float(word) for word in probe.split(",")] for probe in self.probes])
+            points = np.array([[float(word) for word in probe.split(",")] for probe in self.probes])
+            if points.shape[1] not in (2, 3):
+                raise ValueError
+            return points
         except ValueError:
             found = ", ".join(map(repr, self.probes))
             raise ProblemError(f"--probe: found {found}; wanted points, such as 0.5,0.25.") from None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import re
 import shutil
 import signal
@@ -9,6 +10,7 @@ import sys
 import threading
 import time
 import warnings
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -134,6 +136,24 @@ def _lines(doing: str) -> Iterator[Shown]:
     finally:
         ended.set()
         speaker.join()
+
+
+@contextmanager
+def logged_at_most(times: int) -> Iterator[None]:
+    """Let each kind of line of the package's log, by its words before a colon, be logged so many times within."""
+    counts: Counter[str] = Counter()
+
+    def wanted(record: logging.LogRecord) -> bool:
+        kind = record.getMessage().split(":")[0]
+        counts[kind] += 1
+        return counts[kind] <= times
+
+    log = logging.getLogger("vemcvx")
+    log.addFilter(wanted)
+    try:
+        yield
+    finally:
+        log.removeFilter(wanted)
 
 
 # A command ends with an exit code, 0 done, 2 invalid input, 3 not certified, and errors are a line.

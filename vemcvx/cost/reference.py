@@ -77,7 +77,7 @@ def run_point(recipe: Recipe, point: Point, instants: Floats) -> Ran:
         "cells": history.mesh.n_cells,
         "unknowns": run.state.shape[1],
         "estimated": finite_or_none(estimated),
-        "certificate": finite_or_none(run.certificate_total[-1]),
+        "certificate": finite_or_none(run.certified_total.max()),
         "value": None if point.of == "energy" else value_of(history, point.of),
         "seconds": sum(seconds.values()),
         **seconds,

@@ -112,13 +112,17 @@ def table(rows: Sequence[Row], chosen: Sequence[str]) -> Table:
 
 
 def said_of(rows: Sequence[Row]) -> Iterator[str]:
-    """Lines that say why runs have failed, and each warning once."""
+    """Lines that say why runs have failed, and each warning once, with the runs that it is of."""
+    warned: dict[str, list[str]] = {}
     for row in rows:
+        settings = ", ".join(f"{name}={row.settings[name]}" for name in varied(rows))
         if row.status != DONE:
-            settings = ", ".join(f"{name}={row.settings[name]}" for name in varied(rows))
             yield f"{row.status:11s} {settings}: {row.message}"
-    for words in dict.fromkeys(words for row in rows for words in row.warnings):
-        yield f"warning     {words}"
+        for words in row.warnings:
+            warned.setdefault(words, []).append(settings)
+    for words, runs in warned.items():
+        of = "all runs" if len(runs) == len(rows) else "; ".join(runs)
+        yield f"warning     {of}: {words}"
 
 
 def _shown(value: float | None) -> str:

@@ -44,7 +44,7 @@ class Row:
         its largest energy norm; `error_end` is that at the last instant. Of another quantity both are its relative
         error at the end, and `value` is what the run has
     estimated : the run's own estimate, vemcvx.error_budget: algebra + space + time; or vemcvx.quantities
-    certificate : certified relative energy error of the steps, added up
+    certificate : certified relative energy error of the steps, rounding included, added up: the largest of the run
     seconds : what the answer costs: assemble + prepare + solve + adapt
     assemble, prepare, solve : as in history.seconds (of an adaptive run: of its last pass)
     adapt : earlier passes, estimates and refinement of an adaptive run
@@ -223,7 +223,7 @@ EXTREMES = {
 
 
 def without_limit(rows: Sequence[Row]) -> list[str]:
-    """A sentence for each extreme that grows from mesh to mesh of one family by a factor that does not fall."""
+    """A sentence for each extreme that grows from mesh to mesh of one family at a rate that hardly falls."""
     uniform = [row for row in rows if row.done and row.target is None]
     lines = []
     for key, words in EXTREMES.items():

@@ -20,6 +20,8 @@ from vemcvx.canvas import (
     draw_arrows,
     draw_hatched,
     legend_below,
+    pointed,
+    scale_of,
     show_image,
 )
 from vemcvx.errors import HistoryError, VemcvxError
@@ -85,6 +87,7 @@ STRESSES_IN_SPACE: dict[str, Stress] = {
 UNSIGNED = {"shear", "von_mises"}
 FORCES = ("contact", "friction", "none")
 CLOSED, ARROWS = "closed contact bold or hatched", "thick arrows stick"
+NO_GAPS = "gaps given as data are not drawn: open where not bold"
 PAGE_IN_SPACE = 6.4, 4.6
 """Width and height in inches."""
 MISSING = "drawing bodies in space needs PyVista, which is not installed: pip install 'vemcvx[view]'"
@@ -130,7 +133,8 @@ def deformed_mesh(
     cells = ax.collections[-1]
     cells.set_array(means[row])
     cells.set(cmap=SIZE, clim=value_range(limits, (0.0, float(means.max()) or 1.0)))
-    bar_beside(ax, cells).set_label(label("$|u|$", "length", units))
+    bar = bar_beside(ax, cells, pointed(means, cells.get_clim()))
+    bar.set_label(label("$|u|$", "length", units))
     touching = _closed_contact(history, row, mesh.points + factor * history.displacement[row])
     if touching:
         draw_hatched(ax, touching)
@@ -142,6 +146,8 @@ def deformed_mesh(
     if history.contact.bound.any():
         largest = label(f"{_friction_arrows(ax, history, row, factor):.3g}", "force per length", units)
         title += f"\narrows: friction on the body, at most {largest}"
+    if _gaps_not_drawn(history, row, factor):
+        title += f"\n{NO_GAPS}"
     ax.update_datalim(extent(history, factor))
     ax.autoscale_view()
     legend_below(ax)
@@ -189,10 +195,10 @@ def _friction_arrows(ax: Axes, history: Results, row: int, factor: float) -> flo
 
 
 def stressed_body(
-    ax: Axes,
     history: Results,
-    *,
     step: int = -1,
+    *,
+    ax: Axes | None = None,
     stress: str = "mean",
     forces: str = "contact",
     window: Window | None = None,
@@ -201,15 +207,12 @@ def stressed_body(
     magnify: float | None = None,
     limits: ArrayLike | None = None,
     units: Units | None = None,
-) -> Axes:
-    """Draw the body on given axes.
+) -> Figure:
+    """Draw the deformed body, each cell in its stress, at a stored step.
 
     Parameters
     ----------
-    ax : Axes
-    history : History
-    step : int
-        A stored step; negative ones count from the end.
+    history, step, ax : as of `friction_traction`
     stress : {"mean", "xx", "yy", "xy", "shear", "von_mises", "max_principal", "min_principal"}
         Principal stresses are those in the plane. Tension is red and compression blue.
     forces : {"contact", "friction", "none"}
@@ -230,9 +233,10 @@ def stressed_body(
 
     Returns
     -------
-    Axes
+    matplotlib Figure
         Displacements are magnified, and forces (per length, on the body) at most, as the title says. Where contact is
-        closed the boundary is bold; what displacements so magnified draw apart, or one in the other, is hatched.
+        closed the boundary is bold; what displacements so magnified draw apart, or one in the other, is hatched. Where
+        the colour bar is pointed some stresses lie beyond its end: one cell in a hundred may.
 
     Raises
     ------
@@ -244,6 +248,7 @@ def stressed_body(
             raise HistoryError(f"stressed_body: found {name} = {found!r}; there are {', '.join(known)}.")
     row, mesh = history.row(step), plane_mesh(history.mesh, "stressed_body", "deformed_body draws it")
     seen, size = within(mesh.centroids, window), _size(mesh.points if window is None else np.transpose(window))
+    ax = axes_or_new(ax, *size_of_page(history))
     factor = common_magnification(history, size, magnify, within(mesh.points, window))
     moved = factor * history.displacement[row]
     line = float(np.clip(9.0 / np.sqrt(seen.sum()), 0.0, 0.5))
@@ -252,7 +257,8 @@ def stressed_body(
     colours, ends = colours_of([found[seen] for found in values], stress)
     style: dict[str, Any] = {"array": values[row], "cmap": colours, "clim": value_range(limits, ends)}
     mesh.plot(ax=ax, displacement=moved, linewidth=line, edgecolor="0.35", **style)
-    bar_beside(ax, ax.collections[0]).set_label(label(words, "force per area", units), fontsize="small")
+    beyond = pointed(np.concatenate([found[seen] for found in values]), style["clim"])
+    bar_beside(ax, ax.collections[0], beyond).set_label(label(words, "force per area", units), fontsize="small")
     for signs in mirrors:
         # No orientation and no check is needed to draw cells; bodies in contact have nodes in the same places.
         image = PolygonMesh.unchecked((mesh.points + moved) * signs, mesh.offsets, mesh.vertices)
@@ -263,14 +269,15 @@ def stressed_body(
     largest = _contact_arrows(ax, history, row, mesh.points + moved, (forces, size, window, stretch))
     title = f"{instant(history.times[row], units)}, displacements × {factor:g}"
     title += _drawn(largest, forces, bool(touching), bool(history.contact.bound.any()), units=units)
+    if _gaps_not_drawn(history, row, factor):
+        title += f"\n{NO_GAPS}"
     ax.tick_params(labelsize="small")
     ax.locator_params(nbins=6)
     if window is None:
         ax.autoscale_view()
     drawn = "" if stretch == 1.0 else f",\n× {stretch:g}"
     y = f"$x_2$ ({unit(units, 'length')}{drawn})"
-    named(ax, label("$x_1$", "length", units), y, title, size="small", window=window, aspect=stretch)
-    return ax
+    return named(ax, label("$x_1$", "length", units), y, title, size="small", window=window, aspect=stretch)
 
 
 def _drawn(largest: float, forces: str, touching: bool, rubs: bool, *, units: Units | None) -> str:
@@ -313,6 +320,15 @@ def _closed_contact(history: Results, row: int, places: Floats) -> list[Floats]:
     near, far = places[nodes], places[np.where(partners < 0, nodes, partners)]
     parts = np.split(np.arange(len(nodes)), np.union1d(line.gaps, 1 + np.flatnonzero(closed[1:] != closed[:-1])))
     return [np.concatenate([near[part], far[part[::-1]]]) for part in parts if closed[part[0]]]
+
+
+def _gaps_not_drawn(history: Results, row: int, factor: float) -> bool:
+    """Return True if open contact is drawn as closed or overlapping, as initial gaps are no part of the mesh."""
+    contact, u = history.contact, history.displacement[row]
+    between = np.flatnonzero((contact.partners >= 0) & ~contact.closed[row])
+    apart = u[contact.nodes[between]] - u[contact.partners[between]]
+    nearer = np.einsum("md,md->m", apart, contact.normals[between])
+    return bool((factor * nearer > 1e-3 * _size(history.mesh.points)).any())
 
 
 def _contact_arrows(
@@ -396,7 +412,8 @@ def deformed_body(
     image = _rendered(surface, stresses[row], (colours, scale), extent(history, factor), _direction(view))
     height, width = image.shape[:2]
     ax = axes_or_new(ax, PAGE_IN_SPACE[0], 0.5 + 0.8 * PAGE_IN_SPACE[0] * height / width)
-    show_image(ax, image, colours, scale, label(words, "force per area", units))
+    beyond = pointed(np.concatenate(stresses), scale)
+    show_image(ax, image, scale_of(colours, scale), label(words, "force per area", units), beyond)
     return named(ax, "", "", f"{instant(history.times[row], units)}, displacements × {factor:g}", size="small")
 
 

@@ -213,8 +213,11 @@ def friction_traction(
     # Bounds of slip forward, with the body on the left, and backward: what that is along the line, tangents say.
     onward = line.along(np.column_stack([-contact.normals[:, 1], contact.normals[:, 0]])) > 0
     forward, backward = contact.bound[row, line.order], contact.backward[row, line.order]
+    top = _reach(contact)
+    ends = value_range(limits, (-top, top))
+    far = _off_axis(np.minimum(forward, backward), min(-ends[0], ends[1]), units)
     for bound, name in (
-        (np.where(onward, backward, forward), "bound $\\pm g$"),
+        (np.where(onward, backward, forward), f"bound $\\pm g${far}"),
         (-np.where(onward, forward, backward), None),
     ):
         ax.plot(*line.broken(bound), color="black", linestyle="--", linewidth=1.2, label=name)
@@ -224,11 +227,35 @@ def friction_traction(
         if chosen.any():
             ax.plot(line.position[chosen], traction[chosen], marker=marker, color=colour, label=word, **style)
     gone = "" if touches.all() else f", {(~touches).sum()} are open"
-    top = 1.2 * max(float(np.abs(force).max()) for force in (contact.bound, contact.backward, contact.traction)) or 1.0
     light_grid(ax)
-    title = f"{instant(history.times[row], units)}: {sticks.sum()} contact nodes stick, {slips.sum()} slip{gone}"
+    did = f"{sticks.sum()} contact nodes stick, {slips.sum()} slip" if rubs(history) else "there is no friction"
+    title = f"{instant(history.times[row], units)}: {did}{gone}"
     words = label("friction on the body\n", "force per length", units)
-    return line.framed(ax, words, title, units, value_range(limits, (-top, top)), size="large")
+    return line.framed(ax, words, title, units, ends, size="large")
+
+
+def _reach(contact: Contact) -> float:
+    """Where an axis of friction ends: beyond bound and friction, or where bounds are far beyond the friction."""
+    friction = float(np.abs(contact.traction).max(initial=0.0))
+    bound = max(float(np.abs(force).max(initial=0.0)) for force in (contact.bound, contact.backward))
+    # Within a fifth of the axis friction is still seen, and rounding is not to be.
+    far = 1e-8 * bound < friction < 0.2 * bound
+    return 1.2 * (friction if far else max(bound, friction)) or 1.0
+
+
+def _off_axis(bound: Floats, end: float, units: Units | None) -> str:
+    """Words for bounds (m,) that all lie beyond the end of an axis of forces; empty where some are seen."""
+    least, most = float(bound.min()), float(bound.max())
+    if least <= end:
+        return ""
+    size = f"{least:.3g} {unit(units, 'force per length') if units else ''}".rstrip()
+    return f" off the axis, {size}{' or more' if most > least else ''}"
+
+
+def rubs(history: Results) -> bool:
+    """Return True if there is friction, or a bound on it, at some stored instant."""
+    contact = history.contact
+    return bool(contact.bound.any() or contact.backward.any() or contact.traction.any())
 
 
 STATES = ((-1, BACKWARD, "slip towards smaller {}"), (0, STICK_AREA, "stick"), (1, FORWARD, "slip towards larger {}"))
@@ -260,6 +287,8 @@ def stick_slip_map(history: Results, *, ax: Axes | None = None, units: Units | N
     for state, colour, words in STATES:
         if (states == state).any():
             ax.plot([], [], "s", markersize=9, color=colour, label=words.format(line.symbol))
+    if np.isnan(states).any():
+        ax.plot([], [], "s", markersize=9, color="white", markeredgecolor="0.6", label="open")
     missing = history.steps - len(steps)
     bands = f"\neach band: its last step ({missing} of {history.steps} steps not stored)" if missing else ""
     title = f"Stick and slip on the contact boundary{bands}"
@@ -300,10 +329,16 @@ def pressures(history: Results) -> Floats:
     return found if np.abs(found).max(initial=0.0) > 1e-10 * stress else np.zeros_like(found)
 
 
+def slips(history: Results) -> Floats:
+    """(S, m, dim) the slip, zero where all of it is rounding beside the displacements."""
+    slip, largest = history.contact.slip, float(np.abs(history.displacement).max(initial=0.0))
+    return slip if np.abs(slip).max(initial=0.0) > 1e-10 * largest else np.zeros_like(slip)
+
+
 Along = Callable[[Results, ContactLine], Floats]
 PROFILES: dict[str, tuple[str, str, str, Along]] = {
     "pressure": ("force per length", "contact pressure", "Contact pressure", lambda h, on: pressures(h)[:, on.order]),
-    "slip": ("length", "slip towards larger {}", "Slip since the beginning", lambda h, on: on.along(h.contact.slip)),
+    "slip": ("length", "slip towards larger {}", "Slip since the beginning", lambda h, on: on.along(slips(h))),
     "wear": ("energy per length", "friction work", "Wear, as friction work", lambda h, on: h.contact.wear[:, on.order]),
 }
 """Along the contact boundary: quantity, label, title, and values (S, m) in the order of the line."""

@@ -29,7 +29,9 @@ from vemcvx.plots.contact import (
     friction_traction,
     hidden,
     pressures,
+    rubs,
     seen,
+    slips,
     stick_slip_map,
     wear,
 )
@@ -68,7 +70,8 @@ def energy_ledger(
         raise HistoryError("energy_ledger: this history has no step after the initial instant.")
     given = new_figure(7.6, 3.9).subplots(1, 2) if ax is None else ax
     panels = list(given) if isinstance(given, Iterable) else [given]
-    _energies(panels[0], history, unit(units, "energy"))
+    energy, thickness = unit(units, "energy"), ", per thickness" if _plane(history) else ""
+    _energies(panels[0], history, "energy" if energy == "energy" else f"energy ({energy}){thickness}")
     if limits is not None:
         panels[0].set_ylim(value_range(limits, ()))
     for second in panels[1:]:
@@ -80,7 +83,7 @@ def energy_ledger(
     return figure_of(panels[0])
 
 
-def _energies(ax: Axes, history: Results, energy: str) -> None:
+def _energies(ax: Axes, history: Results, words: str) -> None:
     run = history.trajectory
     stored = run.energy - run.energy[0]
     lines = (
@@ -89,11 +92,11 @@ def _energies(ax: Axes, history: Results, energy: str) -> None:
         (run.dissipated, DISSIPATED, "-.", "dissipated by friction"),
         (run.work - stored - run.dissipated, NUMERICAL, ":", "lost by time stepping"),
     )
-    for values, colour, style, words in lines:
-        ax.plot(run.times, values, style, color=colour, linewidth=1.6, label=words)
+    for values, colour, style, name in lines:
+        ax.plot(run.times, values, style, color=colour, linewidth=1.6, label=name)
     if history.energy_bounds is not None:
         _bars(ax, run.times, history.energy_bounds - run.energy[0], STORED)
-    ax.set(ylabel="energy" if energy == "energy" else f"energy ({energy})", title="Energy ledger")
+    ax.set(ylabel=words, title="Energy ledger")
 
 
 def _bars(ax: Axes, x: Floats, between: Floats, colour: str) -> None:
@@ -197,6 +200,7 @@ def hysteresis_loop(
         when = instant(history.times[row], units)
         ax.plot(u[row], force[row], mark, color=WORK, fillstyle="none", markersize=8, label=when)
     light_grid(ax)
+    ax.locator_params(axis="x", nbins=6)  # small motions have long labels
     if limits is not None:
         ax.set_ylim(value_range(limits, ()))
     legend_below(ax)
@@ -208,9 +212,7 @@ def hysteresis_loop(
 def _stressed_page(history: Results, units: Units | None = None) -> Figure:
     """Von Mises' stress on the deformed body, or the largest shear stress where the material does not say it."""
     stress = "shear" if history.out_of_plane is None else "von_mises"
-    return figure_of(
-        stressed_body(new_figure(*size_of_page(history)).add_subplot(), history, stress=stress, units=units)
-    )
+    return stressed_body(history, stress=stress, units=units)
 
 
 def _plane(history: Results) -> bool:
@@ -240,8 +242,8 @@ PICTURES: dict[str, tuple[Callable[..., Figure], Callable[[Results], bool]]] = {
         partial(along_contact, show="pressure"),
         lambda h: _along(h) and bool(pressures(h).any()),
     ),
-    "contact_slip": (partial(along_contact, show="slip"), lambda h: _along(h) and bool(h.contact.slip.any())),
-    "friction_traction": (friction_traction, lambda h: _plane(h) and _touches(h)),
+    "contact_slip": (partial(along_contact, show="slip"), lambda h: _along(h) and bool(slips(h).any())),
+    "friction_traction": (friction_traction, lambda h: _plane(h) and rubs(h)),
     "stick_slip_map": (stick_slip_map, _along),
     "wear": (wear, lambda h: _plane(h) and _moves(h) and bool(h.contact.wear.any())),
     "deformed_body": (deformed_body, lambda h: not _plane(h) and has_pyvista()),

@@ -52,20 +52,35 @@ DERIVED = {
     "energy per length": "{force} {length}/{length}",
     "energy per area": "{force} {length}/{length}²",
 }
+BY_STRESS = {
+    "force": "{stress} {length}²",
+    "energy": "{stress} {length}³",
+    "energy per length": "{stress} {length}²",
+    "energy per area": "{stress} {length}",
+}
+"""Of force and length, or of stress and length where only that is given."""
 THICKNESS = {"force per length": "force per area", "energy per length": "energy per area"}
 """What is per length of a contact boundary in the plane is per unit of thickness, too."""
-WORDS = {"force/length": "force per length", "force/length²": "force per area", "force × length": "energy"}
+WORDS = {
+    "force/length": "force per length",
+    "force/length²": "force per area",
+    "force × length": "energy",
+    "energy/length": "energy per length",
+    "energy/length²": "energy per area",
+}
 """Quantities by the products of units that tables have for them."""
 QUANTITIES = ("length", "force", "time", *DERIVED)
 
 
 def unit(units: Units | None, quantity: str) -> str:
-    """Return the name of the unit of a quantity: as given, made of force and length, or the quantity itself."""
+    """Return the name of the unit of a quantity: as given, made of those of others, or the quantity itself."""
     given = checked_units(units)
     if quantity not in given and THICKNESS.get(quantity) in given:
         quantity = THICKNESS[quantity]
     if quantity not in given and quantity in DERIVED and {"force", "length"} <= set(given):
         return DERIVED[quantity].format(**given)
+    if quantity not in given and quantity in BY_STRESS and {"force per area", "length"} <= set(given):
+        return BY_STRESS[quantity].format(stress=given["force per area"], length=given["length"])
     return given.get(quantity, quantity)
 
 

@@ -53,7 +53,7 @@ SINGULAR = "von_mises", "largest_principal_stress", "smallest_principal_stress",
 
 
 def growth(sizes: Sequence[float], values: Sequence[float]) -> str:
-    """The sentence where the values on ever finer meshes grow by a factor that does not fall; empty where they do not.
+    """The sentence where the values on ever finer meshes grow at a rate that hardly falls; empty where they do not.
 
     Towards a limit the rates log(v_k+1 / v_k) / log(h_k / h_k+1) fall by half, or by 2^.5, where cells are halved;
     where stress grows like r^-a they come near a. Two rates tell: the last is at least .05, and .75 of the one before.
@@ -74,7 +74,7 @@ def growth(sizes: Sequence[float], values: Sequence[float]) -> str:
     if len(rates) < 2 or rates[-1] < 0.05 or rates[-1] < 0.75 * rates[-2]:
         return ""
     listed = ", ".join(f"{v:.3g}" for _, v in kept[-4:])
-    return f"grew from mesh to mesh by a factor that does not fall: {listed}"
+    return f"grew from mesh to mesh at a rate that hardly falls: {listed}"
 
 
 @dataclass(frozen=True)

@@ -100,7 +100,8 @@ def require_certified(run: PreparedRun, state: State, n: int) -> None:
     # A relative rounding floor is also about how wrong K^{-1} is, and with it the certificate: beyond .1 it is none.
     if wanted and certificate.error_floor <= 0.1 * unit:
         return
-    reached, floor = ((part / unit if unit > 0 else np.inf) for part in (certificate.error, certificate.error_floor))
+    parts = certificate.error + certificate.error_floor, certificate.error_floor
+    reached, floor = ((part / unit if unit > 0 else np.inf) for part in parts)
     worst = ""
     # Where the gap is no number, or friction has none of it, it sits nowhere.
     if norms is not None and np.isfinite(certificate.error) and certificate.friction.max(initial=0.0) > 0:
@@ -109,7 +110,7 @@ def require_certified(run: PreparedRun, state: State, n: int) -> None:
     raise NotCertified(
         f"step {n} at t = {state.t:.6g}: {solver.name} reached a certified relative energy error of {reached:.1e}, "
         f"asked was {accuracy:.1e}.{said}{worst} "
-        f"{_uncondensed(run)}{_advice(solver, reached, accuracy, floor)}, or pass check=False to go on regardless.",
+        f"{_uncondensed(run)}{_advice(solver, reached, accuracy, floor)}. In Python check=False goes on regardless.",
         step=n,
         time=state.t,
         reached=reached,

@@ -275,6 +275,17 @@ class Trajectory(ArrayRecord):
         return self.certificate + self.certificate_floor
 
     @property
+    def above_asked(self) -> str:
+        """What was asked and why `certified` is above it, in words; empty where it is not."""
+        asked, worst = self.accuracy, float(self.certified.max())
+        if asked is None or worst <= asked:
+            return ""
+        missed = np.count_nonzero((self.certificate > asked) & (self.gap > self.floor))
+        if missed:
+            return f"asked for {asked:.3g}, missed at {missed} of {len(self.times)} instants"
+        return f"asked for {asked:.3g}; round-off leaves {worst:.1e}"
+
+    @property
     def certificate_total(self) -> Floats:
         """(N + 1,) certified relative error of u_n, all steps' errors accumulated.
 

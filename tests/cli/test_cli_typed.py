@@ -1,0 +1,85 @@
+"""What was typed is taken as it stands, or refused with its reason; and what is said back is true of it."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import pytest
+from test_cli_supplied import call
+
+import vemcvx as vx
+from vemcvx.cli.problem_file import Problem, read_problem
+from vemcvx.cli.report import _unit, _without_limit
+from vemcvx.cli.run import Run
+from vemcvx.cost import study
+from vemcvx.errors import ProblemError
+
+PAPER = read_problem("feng_han_huang")
+HELD = vx.Elasticity(200.0, 0.3), vx.Clamp(on="left")
+
+
+@pytest.mark.parametrize(
+    ("settings", "says"),
+    [
+        (["bound=1,"], "found 'bound=1,'; several values have commas between, bound=1,2"),
+        (["young=100,200", "young=300"], "young is given twice; several values stand behind one --set"),
+        (["bound=1,2,1"], "bound is 1 twice in 'bound=1,2,1'"),
+    ],
+)
+def test_settings_that_are_no_study_are_refused(settings, says):
+    with pytest.raises(ProblemError, match=f"^--set: {says}"):
+        PAPER.studied(settings)
+
+
+def test_settings_given_twice_are_refused_by_all_commands():
+    with pytest.raises(ProblemError, match="young is given twice"):
+        PAPER.scene(["young=1", "young=2"])
+    code, said = call("show", "feng_han_huang", "--set", "young=1", "--set", "young=2")
+    assert code == 2
+    assert "young is given twice" in said
+
+
+def test_a_tuple_of_one_is_a_value_where_the_scene_takes_tuples():
+    module = SimpleNamespace(scene=lambda axes=(1, 0): axes)
+    assert Problem(PAPER.path, module).studied(["axes=1,"]) == [("axes=1,",)]
+
+
+@pytest.mark.parametrize("probe", ["1", "1,2,3,4", "a,b"])
+def test_a_probe_that_is_no_point_is_called_so(probe):
+    code, said = call("run", "feng_han_huang", "--n", "2", "--steps", "1", "--probe", probe)
+    assert code == 2
+    assert f"--probe: found '{probe}'; wanted points" in said
+    assert "--out" not in said
+
+
+def test_warnings_of_a_study_name_their_runs():
+    rows = [study.Row({"a": a, "b": "1"}, warnings=("all do", *said)) for a, said in (("1", ()), ("2", ("only one",)))]
+    assert list(study.said_of(rows)) == ["warning     all runs: all do", "warning     a=2: only one"]
+
+
+def test_a_report_names_the_stage_in_which_it_estimates(monkeypatch):
+    stages = []
+    monkeypatch.setattr("vemcvx.cli.run.with_errors", lambda history: (history, ""))
+    history = SimpleNamespace(quantities=None)
+    Run(file="x", report=True)._with_errors(history, lambda doing, *_: stages.append(doing))
+    Run(file="x")._with_errors(history, lambda doing, *_: stages.append(doing))
+    assert stages == ["estimating errors, in finer steps and on a finer mesh"]
+
+
+def test_contact_is_told_where_there_is_some_and_slip_where_there_is_friction():
+    pull = vx.Traction((0.0, -1.0), on="top")
+    free, touching = (
+        vx.simulate(vx.Scene(*HELD, pull, *more), vx.meshes.squares(2), [0.0, 1.0], initial="settled").summary()
+        for more in ((), (vx.BilateralContact(on="bottom"),))
+    )
+    assert "contact    " not in free
+    assert "2 nodes touch, without friction in the last step" in touching
+
+
+def test_names_and_units_of_the_report():
+    extreme = SimpleNamespace(name="largest von Mises stress", unbounded="it grows")
+    assert _without_limit(SimpleNamespace(extremes=[extreme])) == "<p>Largest von Mises stress: it grows.</p>"
+    assert _unit("energy/length", None) == "force"
+    assert _unit("energy/length²", None) == "force / length"
+    assert _unit("energy/length", {"energy per length": "J/m²"}) == "J / m²"
+    assert _unit("force × length", {"force": "N", "length": "mm"}) == "N mm"

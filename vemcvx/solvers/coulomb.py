@@ -64,7 +64,7 @@ from math import sqrt
 
 import numpy as np
 from scipy.linalg import LinAlgError
-from scipy.linalg.blas import ssymv
+from scipy.linalg.blas import dsymv
 
 from vemcvx.arrays import EPS, Floats, lengths
 from vemcvx.program.operators import Rows
@@ -387,39 +387,29 @@ SWEEPS = 50
 without, 50 after 30 of them, 31 after 100; a system costs as much as 80."""
 
 
-TINY = float(np.finfo(np.float32).tiny)
-"""Radius of discs of none while they are swept, in single precision."""
-
-
 def swept(program: StepProgram, law: PressureLaw, start: Iterate, response: Response) -> Iterate:
     """A point near a solution of (Q): projected gradients with momentum, on the multipliers x = (lam, p).
 
     In the units of :attr:`Response.descent` x becomes the projection of y + A K^{-1} g - [b; e] - (W + C) y on discs of
     the radius w(p) and on p >= 0, y being ahead of x (Nesterov 1983), and x itself where that led back (O'Donoghue and
-    Candes 2015). Products with W are single precision's, of y less the x where that happened last.
+    Candes 2015).
     """
     operators, norms, limits, (unit, descent) = program.operators, response.norms, response.limits, response.descent
     piece = law.scaled(1.0 / unit[norms][:: operators.block], unit[limits]).piece(start.p / unit[limits])
-    follow = Rows(piece.slope).read
+    follow, free = Rows(piece.slope).read, operators.factor.solve(program.g)
     without, momentum = piece.weights - follow(piece.forces), 1.0
-
-    def descended(x: Floats) -> Floats:
-        d = operators.factor.solve(program.g - response.act(unit * x))
-        excess = program.excess(d) - operators.compliance * (unit * x)[limits]
-        return np.asarray(x + unit * np.append(program.slip(d), excess))
-
-    x = y = begin = np.append(start.lam, start.p) / unit
-    ahead = descended(begin)
+    ahead = unit * np.append(program.slip(free), program.excess(free))
+    x = y = np.append(start.lam, start.p) / unit
     for _ in range(SWEEPS):
-        last, x = x, ahead + ssymv(1.0, descent.T, y - begin)
+        last, x = x, ahead + dsymv(1.0, descent.T, y)
         lam, p = operators.blocks(x[norms]), x[limits]
         np.maximum(p, 0.0, out=p)
         w, size = without + follow(p), np.sqrt(np.einsum("ij,ij->i", lam, lam))
-        np.maximum(w, TINY, out=w)
-        lam *= (w / np.maximum(w, size))[:, None]
+        np.maximum(w, 0.0, out=w)
+        lam *= (w / np.maximum(np.maximum(w, size), np.finfo(float).tiny))[:, None]
         change = x - last
         if (y - x) @ change > 0:
-            momentum, begin, ahead = 1.0, x, descended(x)
+            momentum = 1.0
         before, momentum = momentum, 0.5 + sqrt(0.25 + momentum**2)
         y = x + (before - 1.0) / momentum * change
     x = unit * x

@@ -38,7 +38,6 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, lapack, qr, solve_triangular
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import eigsh
@@ -125,11 +124,11 @@ class Response:
         return reach
 
     @cached_property
-    def descent(self) -> tuple[Floats, NDArray[np.float32]]:
+    def descent(self) -> tuple[Floats, Floats]:
         """Units u (N,) of multipliers, alike in a block, and I - (W + C) in these, which is positive definite.
 
-        W = A K_r^{-1} A' and the compliances C say how far rows move under multipliers. Where a descent leads to sets
-        alone, single precision is enough.
+        W = A K_r^{-1} A' and the compliances C say how far rows move under multipliers. In single precision discs at
+        their bounds, which do not slip, stick and slip in turns.
         """
         operators, A = self.operators, self.A[:, self.read]
         softness = np.asarray(A @ (A @ self.flexibility).T)
@@ -139,12 +138,11 @@ class Response:
         u = 1.0 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
         softness *= u[:, None]
         softness *= u
-        left = softness.astype(np.float32)
         # Lanczos' method finds nearly the largest eigenvalue, from below.
-        largest = 1.1 * float(eigsh(left, 1, v0=u.astype(left.dtype), tol=0.01, return_eigenvectors=False)[0])
-        left /= -largest
-        left[np.diag_indices(len(left))] += 1.0
-        return u / np.sqrt(largest), left
+        largest = 1.1 * float(eigsh(softness, 1, v0=u, tol=0.01, return_eigenvectors=False)[0])
+        softness /= -largest
+        softness[np.diag_indices(len(softness))] += 1.0
+        return u / np.sqrt(largest), softness
 
 
 def unit_rows(A: sp.csr_matrix) -> sp.csr_matrix:

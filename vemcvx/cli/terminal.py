@@ -47,6 +47,9 @@ def broken(text: str, width: int) -> str:
 def _broken(line: str, width: int) -> str:
     column = COLUMN.match(line)
     indent = column.end() if column else 0
+    if len(line) > width and indent > width // 2 and not line[:indent].strip():
+        # What goes on in a column far to the right does so further to the left.
+        line, indent = " " * (width // 4) + line[indent:], width // 4
     if len(line) <= width or indent > width // 2:
         return line
     wrap = TextWrapper(width - indent, break_long_words=False, break_on_hyphens=False)

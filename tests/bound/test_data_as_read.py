@@ -253,9 +253,8 @@ COURSES = {
 QUICK = ("ground", "support")
 
 
-@pytest.mark.long
 @pytest.mark.parametrize(
-    "name", [one if one in QUICK else pytest.param(one, marks=pytest.mark.slow) for one in COURSES]
+    "name", [pytest.param(one, marks=pytest.mark.long if one in QUICK else pytest.mark.slow) for one in COURSES]
 )
 def test_what_happens_between_instants_is_in_the_bound_and_named(name, caplog):
     effects, steps = COURSES[name]
@@ -277,8 +276,7 @@ def test_what_happens_between_instants_is_in_the_bound_and_named(name, caplog):
     assert (bound.kind == "bound") == ("not linear between" not in caplog.text)
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("steps", [1, pytest.param(2, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("steps", [pytest.param(1, marks=pytest.mark.long), pytest.param(2, marks=pytest.mark.slow)])
 def test_supports_may_move_nonlinearly_in_time(steps):
     """They are read at more instants; what is refused is motion that is nonlinear along edges."""
     moved = vx.PrescribedDisplacement(uniform(lambda t: t**2), on="top")

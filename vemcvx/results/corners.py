@@ -138,6 +138,9 @@ class Peak(NamedTuple):
     stress: Floats | None = None
 
 
+NO_PEAK = Peak()
+
+
 def _sizes(stress: Floats, key: str) -> Floats:
     """What an extreme is of, positive where it is large, of stress (q, 3)."""
     both = principal(stress)
@@ -185,7 +188,7 @@ class Corners:
         near = [sides.edges[table[node]] for table in (sides.leaving, sides.arriving) if table.get(node, -1) >= 0]
         return [node, *(other for edge in near for other in edge.tolist() if other != node)]
 
-    def sentence(self, near: Mapping[int, float], row: int, key: str, peak: Peak = Peak()) -> str:  # noqa: B008
+    def sentence(self, near: Mapping[int, float], row: int, key: str, peak: Peak = NO_PEAK) -> str:
         """The sentence on an extreme reached near these nodes, at a row of the arrays; empty if there is none.
 
         `key` is that of the extreme, and nodes have the largest value of the cells at them, as a part of it.

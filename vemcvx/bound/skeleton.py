@@ -32,25 +32,26 @@ from vemcvx.vem import elastic_matrix, mean_shear
 
 @dataclass(frozen=True)
 class Joints:
-    """Pairs of boundary edges in one place."""
+    """Pairs of boundary edges, in space faces, in one place."""
 
     across: Ints
-    """(b, 2) the partners of the nodes of each boundary edge; -1 where it is no first body's at an interface"""
+    """(b, 2) the partners of the nodes of each boundary edge; -1 where it is no first body's at an interface; in space
+    there are none"""
     first: Ints
-    """(k,) boundary edges of first bodies"""
+    """(k,) boundary edges, or faces, of first bodies"""
     second: Ints
     """(k,) those of second ones in the same places"""
     bonded: Bools
     """(k,) whether normals are held together"""
 
     def reaction(self, force: Floats) -> Floats:
-        """The reaction on second bodies of contact that exerts forces (b, 2) on first ones."""
+        """The reaction on second bodies of contact that exerts forces (b, dim) on first ones."""
         back = np.zeros_like(force)
         back[self.second] = -force[self.first]
         return back
 
     def normal_forces(self, traction: Floats, weights: Floats, units: Floats) -> Floats:
-        """(b, 2) what bilateral contact exerts on both bodies, by the tractions (b, 2) of the stresses on all edges."""
+        """(b, dim) what bilateral contact exerts on both bodies, by the tractions (b, dim) of stresses on all edges."""
         one, other = self.first[self.bonded], self.second[self.bonded]
         n, w, v = units[one], weights[one], weights[other]
         size = np.einsum("kd,kd->k", (w[:, None] * traction[one] - v[:, None] * traction[other]), n) / (w + v)
@@ -243,8 +244,8 @@ def edge_loads(posed: PosedScene, edges: Skeleton, t: float) -> Floats:
 
 
 def body_forces(posed: PosedScene, t: float) -> Floats:
-    """Loads (n_cells, 2) in the cells."""
-    total = np.zeros((posed.space.mesh.n_cells, 2))
+    """Loads (n_cells, dim) in the cells."""
+    total = np.zeros((posed.space.mesh.n_cells, posed.space.dim))
     for load in posed.loads:
         if not isinstance(load, InitialStresses) and load.cells is not None:
             np.add.at(total, load.cells, load.forces(t))

@@ -146,7 +146,7 @@ class Cost:
         """The grid that is asked for."""
         several = "one or more, with commas between"
         known = dict.fromkeys([*problem.families, *([problem.family] if problem.family else [])])
-        space = problem.in_space
+        space = problem.in_space()
         families: tuple[str | None, ...] = USUAL if problem.family in FAMILIES else (None,)
         families = IN_SPACE if problem.family in SPACE_FAMILIES else families
         if self.mesh is not None:

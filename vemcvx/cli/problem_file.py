@@ -172,17 +172,16 @@ class Problem:
         default = inspect.signature(self.module.mesh).parameters.get("family")
         return default.default if default is not None and isinstance(default.default, str) else None
 
-    @property
-    def in_space(self) -> bool:
+    def in_space(self, family: str | None = None) -> bool:
         """Whether its bodies are of polyhedra. A family of the file's own does not say so; its mesh does."""
-        family = self.family
-        return family in SPACE_FAMILIES or (family not in FAMILIES and not isinstance(self.mesh(SPACE_N), PolygonMesh))
+        known = family or self.family
+        own = known not in FAMILIES and known not in SPACE_FAMILIES
+        return known in SPACE_FAMILIES or (own and not isinstance(self.mesh(SPACE_N, family), PolygonMesh))
 
     def usual_n(self, usual: int, family: str | None = None) -> int:
         """Cells across the shortest side when nobody says how many: as `usual` in the plane, at most 8 in space."""
-        plane = usual <= SPACE_N or (family is not None and is_file(family)) or (family or self.family) in FAMILIES
-        # A family of the file's own does not say where it is; its mesh does.
-        return usual if plane or isinstance(self.mesh(SPACE_N, family), PolygonMesh) else SPACE_N
+        plane = usual <= SPACE_N or (family is not None and is_file(family)) or not self.in_space(family)
+        return usual if plane else SPACE_N
 
     def times(self, steps: int) -> Any:
         """The instants; `simulate` checks them."""

@@ -72,7 +72,7 @@ from vemcvx.results.results import displacement
 from vemcvx.scene.pose import PosedScene, pose_scene
 from vemcvx.stepping.state import prepare
 from vemcvx.stepping.trajectory import Trajectory
-from vemcvx.vem import elastic_matrix, strains, stresses
+from vemcvx.vem import elastic_matrix, strains, stresses, tractions
 from vemcvx.vem.elasticity import missed_squares
 
 CONSTANT = 0.63
@@ -109,7 +109,7 @@ def _volume(posed: PosedScene, edges: Skeleton, t: float) -> Floats:
 
 def _jumps(edges: Skeleton, sigma: Floats) -> Floats:
     one, two = edges.inside.T
-    jump = _traction(sigma[one] - sigma[two], edges.inside_normals)
+    jump = tractions(sigma[one] - sigma[two], edges.inside_normals)
     length = np.linalg.norm(edges.inside_normals, axis=1)
     d = 0.5 * (edges.depths(one, edges.inside_normals) + edges.depths(two, edges.inside_normals))
     mu = 0.5 * (edges.shear[one] + edges.shear[two])
@@ -118,17 +118,11 @@ def _jumps(edges: Skeleton, sigma: Floats) -> Floats:
 
 
 def _boundary(edges: Skeleton, sigma: Floats, force: Floats) -> Floats:
-    stress = _traction(sigma[edges.outer], edges.outer_normals)
+    stress = tractions(sigma[edges.outer], edges.outer_normals)
     rest = force + edges.joints.normal_forces(stress, edges.weights, edges.units) - stress
     rest = np.einsum("bij,bj->bi", edges.free, rest)
     part = edges.weights * np.einsum("bd,bd->b", rest, rest) / edges.lengths
     return totals(edges.outer, part, len(sigma))
-
-
-def _traction(sigma: Floats, normals: Floats) -> Floats:
-    xx, yy, xy = sigma.T
-    x, y = normals.T
-    return np.column_stack([xx * x + xy * y, xy * x + yy * y])
 
 
 def stabilised(posed: PosedScene, u: Floats) -> Floats:

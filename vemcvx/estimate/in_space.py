@@ -30,17 +30,18 @@ from functools import cached_property
 
 import numpy as np
 
-from vemcvx.arrays import Bools, Floats, Ints, totals
+from vemcvx.arrays import Floats, Ints, totals
 from vemcvx.bound.data_oscillation import POINCARE
-from vemcvx.bound.skeleton import Instant
+from vemcvx.bound.skeleton import Instant, Joints, body_forces
 from vemcvx.effects.effect import Load
 from vemcvx.meshes import PolyhedralMesh
 from vemcvx.meshes.interfaces import faces_of
 from vemcvx.meshes.polygons import cell_of_corner, next_corner, rows_in_order, spans
+from vemcvx.meshes.polyhedra import Listed, listed_faces
 from vemcvx.scene.contact_table import ContactRows, jump_rows
 from vemcvx.scene.pose import PosedScene
 from vemcvx.scene.supports import free_directions, on_free
-from vemcvx.vem import elastic_matrix, mean_shear, strains, stresses
+from vemcvx.vem import elastic_matrix, mean_shear, strains, stresses, tractions
 from vemcvx.vem.elasticity import missed_squares
 from vemcvx.vem.projection import face_groups
 
@@ -94,6 +95,21 @@ class Residuals:
         return elastic_matrix(self.posed.material.moduli, 3)
 
     @cached_property
+    def compliance(self) -> Floats:
+        """(n_cells, 6, 6) their inverses."""
+        return np.asarray(np.linalg.inv(self.elastic))
+
+    @cached_property
+    def listed(self) -> Listed:
+        """The faces of all cells, outwards."""
+        return listed_faces(self.mesh.faces)
+
+    @cached_property
+    def _cell_of_corner(self) -> Ints:
+        """The cell of each corner of these."""
+        return cell_of_corner(self.listed.cell_offsets)[cell_of_corner(self.listed.offsets)]
+
+    @cached_property
     def outer(self) -> Ints:
         """(b,) the faces of the boundary, ascending."""
         return self.mesh.boundaries["boundary"]
@@ -118,17 +134,34 @@ class Residuals:
 
         Over the tetrahedron of c = 0, a, b and d int x x' = |T| / 20 (a a' + b b' + d d' + (a + b + d)(a + b + d)').
         """
-        mesh = self.mesh
-        rows, nodes = rows_in_order(mesh.face_offsets, mesh.face_vertices, mesh.cell_faces)
-        face = cell_of_corner(rows)
-        cell = cell_of_corner(mesh.cell_offsets)[face]
-        arms = [mesh.points[at] - mesh.centroids[cell] for at in (nodes[rows[face]], nodes, nodes[next_corner(rows)])]
-        volume = mesh.face_signs[face] * np.einsum("ki,ki->k", arms[0], np.cross(arms[1], arms[2])) / 6.0
+        mesh, (rows, nodes, _) = self.mesh, self.listed
+        cell, first = self._cell_of_corner, nodes[rows[cell_of_corner(rows)]]
+        arms = [mesh.points[at] - mesh.centroids[cell] for at in (first, nodes, nodes[next_corner(rows)])]
+        volume = np.einsum("ki,ki->k", arms[0], np.cross(arms[1], arms[2])) / 6.0
         moments = np.zeros((mesh.n_cells, 3, 3))
         for arm in (*arms, arms[0] + arms[1] + arms[2]):
             np.add.at(moments, cell, (volume / 20.0)[:, None, None] * arm[:, :, None] * arm[:, None, :])
         longest: Floats = np.sqrt(12.0 * np.linalg.eigvalsh(moments)[:, -1] / mesh.volumes)
         return longest
+
+    @cached_property
+    def depths(self) -> Floats:
+        """d_f of the faces between two cells: the mean of both widths."""
+        cells, normals = self.mesh.face_cells[self.inner], self.mesh.face_normals[self.inner]
+        return 0.5 * (self.widths(cells[:, 0], normals) + self.widths(cells[:, 1], normals))
+
+    @cached_property
+    def edges(self) -> tuple[Ints, Ints, Floats, Floats]:
+        """Cells (e,) and the ends (e, 2) of their edges, with the dyads (e, 6) of these and their E |K| / l_e / 12."""
+        nodes, after = self.listed.vertices, next_corner(self.listed.offsets)
+        ends = np.sort(np.column_stack([nodes, nodes[after]]), axis=1)
+        cell, *both = np.unique(np.column_stack([self._cell_of_corner, ends]), axis=0).T
+        along = self.mesh.points[both[1]] - self.mesh.points[both[0]]
+        x, y, z = unit = (along / np.linalg.norm(along, axis=1)[:, None]).T
+        dyad = np.column_stack([x * x, y * y, z * z, x * y, y * z, x * z])
+        young = 1.0 / np.einsum("ei,eij,ej->e", dyad, self.compliance[cell], dyad)
+        section = self.mesh.volumes[cell] / self.widths(cell, unit.T)
+        return cell, np.column_stack(both), dyad, section * young / 12.0
 
     @cached_property
     def weights(self) -> Floats:
@@ -147,56 +180,34 @@ class Residuals:
 
     def _volume(self, t: float) -> Floats:
         """h^2 / mu |f|^2_K with the mean force: F = |K| f."""
-        force = np.zeros((self.mesh.n_cells, 3))
-        for load in self._loads:
-            if load.cells is not None:
-                np.add.at(force, load.cells, load.forces(t))
+        force = body_forces(self.posed, t)
         squares: Floats = self.sizes**2 / self.mesh.volumes * np.sum(force**2, axis=1) / self.shear
         return squares
 
     def _jumps(self, sigma: Floats) -> Floats:
         mesh, cells = self.mesh, self.mesh.face_cells[self.inner]
         normals, areas = mesh.face_normals[self.inner], mesh.face_areas[self.inner]
-        jump = traction(sigma[cells[:, 0]] - sigma[cells[:, 1]], normals)
-        d = 0.5 * (self.widths(cells[:, 0], normals) + self.widths(cells[:, 1], normals))
+        jump = tractions(sigma[cells[:, 0]] - sigma[cells[:, 1]], normals)
         mu = 0.5 * (self.shear[cells[:, 0]] + self.shear[cells[:, 1]])
-        part = d / (4.0 * mu) * np.sum(jump**2, axis=1) * areas
+        part = self.depths / (4.0 * mu) * np.sum(jump**2, axis=1) * areas
         return totals(cells.ravel(), np.repeat(0.5 * part, 2), mesh.n_cells)
 
     def _boundary(self, sigma: Floats, now: Instant) -> Floats:
         mesh, cells = self.mesh, self.mesh.face_cells[self.outer, 0]
         normals, areas = mesh.face_normals[self.outer], mesh.face_areas[self.outer]
-        contact = self._contact(now)
-        for one, other, _ in self._pairs:
-            contact[other] -= contact[one]
-        force = self._tractions(now.t) + contact + self._springs(now.u)
-        stress = areas[:, None] * traction(sigma[cells], normals)
-        for one, other, bonded in self._pairs:
-            n, w, v = normals[one[bonded]], self.weights[one[bonded]], self.weights[other[bonded]]
-            apart = w[:, None] * stress[one[bonded]] - v[:, None] * stress[other[bonded]]
-            held = (np.einsum("kd,kd->k", apart, n) / (w + v))[:, None] * n
-            force[one[bonded]] += held
-            force[other[bonded]] -= held
+        contact, stress = self._contact(now), areas[:, None] * tractions(sigma[cells], normals)
+        force = self._tractions(now.t) + contact + self.joints.reaction(contact) + self._springs(now.u)
+        force += self.joints.normal_forces(stress, self.weights, normals)
         rest = np.einsum("bij,bj->bi", self.free, force - stress)
         return totals(cells, self.weights * np.sum(rest**2, axis=1) / areas, mesh.n_cells)
 
     def _along(self, u: Floats, strain: Floats) -> Floats:
         """|K| / l_e E / 12 |eps_ss(u) - eps_ss(Pi u)|^2_e, added up over the edges of each cell."""
-        mesh = self.mesh
-        rows, nodes = rows_in_order(mesh.face_offsets, mesh.face_vertices, mesh.cell_faces)
-        cell = cell_of_corner(mesh.cell_offsets)[cell_of_corner(rows)]
-        ends = np.sort(np.column_stack([nodes, nodes[next_corner(rows)]]), axis=1)
-        cell, *both = np.unique(np.column_stack([cell, ends]), axis=0).T
-        along = mesh.points[both[1]] - mesh.points[both[0]]
+        cell, ends, dyad, stiffness = self.edges
+        along, moved = np.diff(self.mesh.points[ends], axis=1)[:, 0], np.diff(u[ends], axis=1)[:, 0]
         length = np.linalg.norm(along, axis=1)
-        x, y, z = unit = (along / length[:, None]).T
-        dyad = np.column_stack([x * x, y * y, z * z, x * y, y * z, x * z])
-        moved = np.einsum("ed,ed->e", u[both[1]] - u[both[0]], along) / length**2
-        missed = moved - np.einsum("ek,ek->e", dyad, strain[cell])
-        compliance = np.linalg.inv(self.elastic)[cell]
-        young = 1.0 / np.einsum("ei,eij,ej->e", dyad, compliance, dyad)
-        section = mesh.volumes[cell] / self.widths(cell, unit.T)
-        return totals(cell, section * young / 12.0 * missed**2 * length, mesh.n_cells)
+        missed = np.einsum("ed,ed->e", moved, along) / length**2 - np.einsum("ek,ek->e", dyad, strain[cell])
+        return totals(cell, stiffness * missed**2 * length, self.mesh.n_cells)
 
     # Forces on faces of the boundary, (b, 3).
 
@@ -231,7 +242,7 @@ class Residuals:
         ends, force = rows.ends.tocoo(), np.zeros((len(self.outer), 3))
         at = self._at(rows.names[ends.col, 1])
         np.add.at(force, at, ends.data[:, None] * values[ends.row])
-        joined = np.concatenate([at[:0], *(one for one, _, _ in self._pairs)])
+        joined = self.joints.first
         known = totals(at, ends.data, len(self.outer))[joined]
         whole = self.mesh.face_areas[self.outer[joined]]
         force[joined] *= np.divide(whole, known, out=np.ones(len(known)), where=known > 0)[:, None]
@@ -256,18 +267,20 @@ class Residuals:
         return force
 
     @cached_property
-    def _pairs(self) -> tuple[tuple[Ints, Ints, Bools], ...]:
-        """Of each interface its faces, those of the second body there, and where normals are held together."""
-        outlines, found = rows_in_order(self.mesh.face_offsets, self.mesh.face_vertices, self.outer), []
+    def joints(self) -> Joints:
+        """Where two bodies meet."""
+        outlines = rows_in_order(self.mesh.face_offsets, self.mesh.face_vertices, self.outer)
+        first, second, bonded = [self.outer[:0]], [self.outer[:0]], [np.zeros(0, dtype=bool)]
         for joint in self.mesh.interfaces.values():
-            one, other = faces_of(joint.edges, outlines), faces_of(joint.partners, outlines)
+            first.append(faces_of(joint.edges, outlines))
+            second.append(faces_of(joint.partners, outlines))
             there = joint.edges >= 0
-            normals = np.repeat(self.mesh.face_normals[self.outer[one]], there.sum(axis=1), axis=0)[:, None]
+            normals = np.repeat(self.mesh.face_normals[self.outer[first[-1]]], there.sum(axis=1), axis=0)[:, None]
             normal = jump_rows(joint.edges[there], joint.partners[there], normals, self.mesh.points)
             held = np.ones(there.shape, dtype=bool)
             held[there] = np.diff(on_free(normal, self.posed.supports).indptr) == 0
-            found.append((one, other, np.asarray(held.all(axis=1))))
-        return tuple(found)
+            bonded.append(np.asarray(held.all(axis=1)))
+        return Joints(np.empty((0, 2), dtype=np.int64), *map(np.concatenate, (first, second, bonded)))
 
     # Data.
 
@@ -276,10 +289,10 @@ class Residuals:
         mesh, found = self.mesh, self._locked(t)
         for load in (load for load in self._loads if callable(load.value)):
             if load.edges is not None:
-                at, size = self._at(load.edges), _measures(load)
-                forces, area = np.zeros((len(self.outer), 3)), totals(at, size, len(self.outer))
-                np.add.at(forces, at, load.forces(t))
-                apart = load.forces(t) / size[:, None] - (forces[at] / area[at, None])
+                at, size, forces = self._at(load.edges), _measures(load), load.forces(t)
+                whole, area = np.zeros((len(self.outer), 3)), totals(at, size, len(self.outer))
+                np.add.at(whole, at, forces)
+                apart = forces / size[:, None] - whole[at] / area[at, None]
                 squares = totals(at, size * np.sum(apart**2, axis=1), len(self.outer))
                 found += totals(mesh.face_cells[self.outer, 0], self.weights * squares, mesh.n_cells)
             elif load.cells is not None:
@@ -302,7 +315,7 @@ class Residuals:
         for stress in prestress.stresses:
             if stress.at is not None:
                 apart += stress.at(x, owner, t) - stress.value(t)[owner]
-        return self._integral(np.einsum("qi,qij,qj->q", apart, np.linalg.inv(self.elastic)[owner], apart))
+        return self._integral(np.einsum("qi,qij,qj->q", apart, self.compliance[owner], apart))
 
     @cached_property
     def _vertices(self) -> tuple[Ints, Floats]:
@@ -315,13 +328,6 @@ class Residuals:
         offsets, _ = self.mesh.cell_nodes
         integral: Floats = self.mesh.volumes / 3.0 * np.add.reduceat(squares, offsets[:-1]) / np.diff(offsets)
         return integral
-
-
-def traction(sigma: Floats, normals: Floats) -> Floats:
-    """sigma n (k, 3) of stresses (k, 6) on faces with unit normals (k, 3)."""
-    xx, yy, zz, xy, yz, xz = sigma.T
-    x, y, z = normals.T
-    return np.column_stack([xx * x + xy * y + xz * z, xy * x + yy * y + yz * z, xz * x + yz * y + zz * z])
 
 
 def _measures(load: Load) -> Floats:

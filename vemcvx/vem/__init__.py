@@ -16,6 +16,7 @@ from vemcvx.vem.elasticity import (
     stiffness,
     strains,
     stresses,
+    tractions,
     upper_triangle,
 )
 from vemcvx.vem.loads import cell_load, cell_quadrature, edge_load, stress_load
@@ -52,5 +53,6 @@ __all__ = [
     "stress_load",
     "stresses",
     "tangents_of",
+    "tractions",
     "upper_triangle",
 ]

@@ -344,6 +344,16 @@ def stresses(moduli: Floats, strain: Floats) -> Floats:
     return np.column_stack([*normal, *(mu * shear for shear in strain[:, dim:].T)])
 
 
+def tractions(sigma: Floats, normals: Floats) -> Floats:
+    """sigma n (k, dim) of stresses (k, components) and normals (k, dim), of any length."""
+    force = np.zeros(normals.shape)
+    for component, (a, b) in zip(sigma.T, COMPONENTS[normals.shape[1]], strict=True):
+        force[:, a] += component * normals[:, b]
+        if a != b:
+            force[:, b] += component * normals[:, a]
+    return force
+
+
 def elastic_matrix(moduli: Floats, dim: int = 2) -> Floats:
     """C (n_cells, 3, 3), in space (n_cells, 6, 6), of moduli in either form; `dim` counts for Lame's alone."""
     if len(moduli) != 2:

@@ -22,9 +22,9 @@ from vemcvx.meshes.polygons import (
     next_corner,
     outlines,
     places,
-    rows_in_order,
     triangulated,
 )
+from vemcvx.meshes.polyhedra import listed_faces
 from vemcvx.outline import Table
 from vemcvx.owned_files import path_of
 from vemcvx.results.results import Results
@@ -173,14 +173,14 @@ def _cell_rule(space: Space) -> tuple[Floats, Floats, Ints]:
 
 def _on_tetrahedra(mesh: PolyhedralMesh) -> tuple[Floats, Floats, Ints]:
     """Four points each of the tetrahedra between the centroid of a cell, of a face, and an edge of this."""
-    rows, nodes = rows_in_order(mesh.face_offsets, mesh.face_vertices, mesh.cell_faces)
+    rows, nodes, cells = listed_faces(mesh.faces)
     at = cell_of_corner(rows)
-    cell, face = cell_of_corner(mesh.cell_offsets)[at], mesh.cell_faces[at]
+    cell, face = cell_of_corner(cells)[at], mesh.cell_faces[at]
     ends = [mesh.points[nodes], mesh.points[nodes[next_corner(rows)]]]
     corners = np.stack([mesh.centroids[cell], mesh.face_centroids[face], *ends], axis=1)
     a, b, c = np.moveaxis(corners[:, 1:] - corners[:, :1], 1, 0)
     # Where a cell or a face is not convex some tetrahedra are outside of it, and count against those inside.
-    volumes = mesh.face_signs[at] * np.einsum("ki,ki->k", a, np.cross(b, c)) / 6.0
+    volumes = np.einsum("ki,ki->k", a, np.cross(b, c)) / 6.0
     near = (5.0 - np.sqrt(5.0)) / 20.0
     points = near * corners.sum(axis=1)[:, None] + (1.0 - 4.0 * near) * corners
     return points.reshape(-1, 3), np.repeat(0.25 * volumes, 4), np.repeat(cell, 4)

@@ -311,13 +311,7 @@ def adapt(
         done = done or (of != "energy" and stalled(passes))
         # A cell that is split becomes four, in space eight.
         if done or now.unknowns * (1 + (2 ** mesh.points.shape[1] - 1) * marked.mean()) > most_unknowns:
-            if of != "energy":
-                budget, _ = _judged(history, None, aim, _Time(posed, None))
-            asked = {"target": target} if of == "energy" else {}
-            known = {} if bound is None else bound.kept()
-            history = replace(history, errors={**budget.largest, **asked}, growth=_growth(passes), **known)
-            warn_of(posed, history)
-            return Adapted(history=history, budget=budget, passes=tuple(passes), target=target, of=of, bound=bound)
+            return _adapted(posed, history, (budget, bound), aim, passes)
         start = time.perf_counter()
         mesh = mesh.refine(marked) if marked.any() else mesh
         instants, finer = split, finer if len(split) == len(instants) else None
@@ -387,6 +381,24 @@ def _missed(
     lost = Lost.of_quantity(found, of, aim.value)
     parts |= {"space": aim.mesh / (abs(aim.value) or 1.0), "time": lost.error}
     return history, lost, parts, indicators * (parts["space"] ** 2 / (indicators.sum() or 1.0))
+
+
+def _adapted(
+    posed: PosedScene,
+    history: History,
+    judged: tuple[ErrorBudget, ErrorBound | None],
+    aim: _Aim,
+    passes: Sequence[Pass],
+) -> Adapted:
+    """The result of the last pass; its budget is of the energy norm, whatever the target is of."""
+    (budget, bound), of_energy = judged, aim.of == "energy"
+    if not of_energy:
+        budget, _ = _judged(history, None, aim, _Time(posed, None))
+    asked, known = {"target": aim.target} if of_energy else {}, {} if bound is None else bound.kept()
+    history = replace(history, errors={**budget.largest, **asked}, growth=_growth(passes), **known)
+    warn_of(posed, history)
+    passes = tuple(passes)
+    return Adapted(history=history, budget=budget, passes=passes, target=aim.target, of=aim.of, bound=bound)
 
 
 def _tell(passes: Sequence[Pass], budget: ErrorBudget, progress: Callable[[Pass], None] | None) -> None:

@@ -452,28 +452,7 @@ class Refinement(Generic[Mesh]):
 
 
 def refinement(mesh: PlaneMesh, cells: ArrayLike | None = None, *, balance: bool = True) -> Refinement[PlaneMesh]:
-    """Split the given cells of a mesh.
-
-    Parameters
-    ----------
-    mesh : PolygonMesh
-        Any valid mesh.
-    cells : (m,) array_like of int or (n_cells,) array_like of bool, optional
-        Cells to split; by default all.
-    balance : bool
-        Also split every cell of which a side would get a new hanging node beside another one, until no side has
-        two of them (if none had before).
-
-    Returns
-    -------
-    Refinement
-        The new mesh, the parent of each cell, and the prolongation of nodal values.
-
-    Raises
-    ------
-    MeshError
-        ``cells`` are not numbers of cells or one bool a cell, or edges to split are as short as rounding.
-    """
+    """Split the given cells of a mesh in the plane: see :func:`vemcvx.meshes.refinement`."""
     if not isinstance(mesh, Tessellation):
         raise MeshError(f"refinement: found {brief(mesh)} where a PolygonMesh is wanted.")
     balance, marked = flag(balance, "refinement: balance"), check_marks(cells, mesh.n_cells)

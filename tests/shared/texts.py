@@ -1,0 +1,45 @@
+"""The texts of the project, README.md, CONTRIBUTING.md and the pages of the site, and what stands in them."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+SITE = ROOT / ".ci" / "site"
+README, CONTRIBUTING = ROOT / "README.md", ROOT / "CONTRIBUTING.md"
+PAGES = sorted(SITE.rglob("*.md"))
+"""Those that are written; lessons, problems and the reference get pages when the site is built."""
+TEXTS = [README, CONTRIBUTING, *PAGES]
+
+
+def page(name: str) -> str:
+    """The text of a page of the site, such as "howto/solver"."""
+    return (SITE / f"{name}.md").read_text(encoding="utf-8")
+
+
+def blocks(text: str, kind: str) -> list[str]:
+    """What stands in its fenced blocks of a kind, without options (":tags: ...")."""
+    found = re.findall(rf"^```{re.escape(kind)}\n(.*?)^```$", text, re.DOTALL | re.MULTILINE)
+    return [re.sub(r"\A(?::.*\n)+\n?", "", block) for block in found]
+
+
+def cells(text: str) -> list[str]:
+    """The Python that the site runs, in the page's order."""
+    return blocks(text, "{code-cell}")
+
+
+def prose(text: str) -> str:
+    """The text without its fenced blocks."""
+    return re.sub(r"^(`{3,}|:{3,})\{?code.*?^\1$|^```.*?^```$", "", text, flags=re.DOTALL | re.MULTILINE)
+
+
+def outside(page: Path, target: str) -> bool:
+    """Whether a link of a page leads to what the site makes of lessons, problem files and docstrings, if these exist."""
+    made = target.removeprefix("../")
+    if found := re.fullmatch(r"(?:learn/)?(lesson_\d+\w*)\.md", made):
+        name = found[1]
+        return any((ROOT / "problems" / "lessons").glob(f"{name}*.py"))
+    if found := re.fullmatch(r"gallery/(\w+)\.md", made):
+        return found[1] == "index" or (ROOT / "problems" / f"{found[1]}.py").exists()
+    return made.startswith("reference/")

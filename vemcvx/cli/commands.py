@@ -21,6 +21,7 @@ from vemcvx.cli.run import Export, Run
 from vemcvx.cli.show import Show
 from vemcvx.cli.supplied import copy_lesson, lessons, problem_files, problems_folder
 from vemcvx.cli.terminal import say
+from vemcvx.errors import ProblemError
 from vemcvx.interrupt import as_usual
 from vemcvx.outline import Table
 from vemcvx.version import __version__
@@ -44,17 +45,24 @@ class Lesson:
         int | None,
         typer.Argument(metavar="[N]", autocompletion=lesson_numbers, help="Its number; without it they are listed."),
     ] = None
+    notebook: Annotated[bool, typer.Option("--notebook", help="Copy them as notebooks, .ipynb.")] = False
 
     def __call__(self) -> None:
         """List or copy."""
+        if self.number is None and self.notebook:
+            raise ProblemError("lesson: found --notebook without a number; `vemcvx lesson` lists the lessons.")
         if self.number is None:
             rows = [(str(n), file.sentence.removeprefix(f"Lesson {n}, ")) for n, file in lessons().items()]
             typer.echo(Table((), rows).text())
             say("\nvemcvx lesson N copies lesson N and its solutions into this folder.")
             return
-        for path in copy_lesson(self.number, Path()):
+        for path in copy_lesson(self.number, Path(), self.notebook):
             say(f"{path}")
-        say("Open it as a notebook in VS Code, Jupyter (jupytext) or marimo, or run it by python.")
+        say(
+            "Open it in Jupyter or VS Code."
+            if self.notebook
+            else "Open it as a notebook in VS Code, Jupyter (jupytext) or marimo, or run it by python."
+        )
 
 
 app = typer.Typer(

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
+from vemcvx.cli.notebook import as_notebook
 from vemcvx.errors import ProblemError
 
 PACKAGE = Path(__file__).parents[1]
@@ -77,13 +78,14 @@ def problem_path(file: str | Path) -> Path:
     return known[path.name].path
 
 
-def copy_lesson(number: int, into: Path) -> list[Path]:
-    """Copy a lesson and its solutions, and return the copies; no file is overwritten."""
+def copy_lesson(number: int, into: Path, notebook: bool = False) -> list[Path]:
+    """Copy a lesson and its solutions, as notebooks if so asked, and return the copies; no file is overwritten."""
     known = lessons()
     if number not in known:
         raise ProblemError(f"lesson: there is no lesson {number}; there are {', '.join(map(str, known))}.")
     lesson = known[number].path
-    copies = {into / path.name: path for path in (lesson, lesson.with_name(f"lesson_{number}_solutions.py"))}
+    both = lesson, lesson.with_name(f"lesson_{number}_solutions.py")
+    copies = {into / (f"{path.stem}.ipynb" if notebook else path.name): path for path in both}
     for copy in filter(os.path.lexists, copies):
         raise ProblemError(
             f"lesson: {copy} exists, and no file is overwritten; move it away, or copy the lesson in another folder."
@@ -91,7 +93,8 @@ def copy_lesson(number: int, into: Path) -> list[Path]:
     for copy, path in copies.items():
         try:
             with copy.open("x", encoding="utf-8") as file:
-                file.write(path.read_text(encoding="utf-8"))
+                text = path.read_text(encoding="utf-8")
+                file.write(as_notebook(text) if notebook else text)
         except OSError as error:
             raise ProblemError(f"lesson: {copy} cannot be written: {error.strerror}; go to another folder.") from error
     return list(copies)

@@ -1,0 +1,82 @@
+"""Build the site: python .ci/site.py DIR [--work FOLDER].
+
+Sphinx with MyST-NB runs the lessons and the code of the pages, and reads the docstrings; furo is the theme. Sources are in
+`.ci/site`, whose `conf.py` has the conventions; what they show lives where it lives: lessons, problem files and pictures in
+`problems`, docstrings in `vemcvx`, CHANGELOG.md. Warnings are errors, and the pages are checked when they are built: every
+link and anchor, words for every picture, headings in order, and nothing that a browser would load from another host.
+
+With --work the sources and executed notebooks are kept in that folder, and code that has not changed is not run again.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shutil
+import sys
+import tempfile
+import time
+from importlib.util import find_spec
+from pathlib import Path
+from unittest.mock import MagicMock
+
+HERE = Path(__file__).resolve().parent
+ROOT = HERE.parent
+sys.path[:0] = [str(ROOT), str(HERE / "site")]
+os.environ["PYTHONPATH"] = str(ROOT)  # for the kernels that run cells
+TEXTS = "README.md", "CONTRIBUTING.md", "CHANGELOG.md", "LICENSE", "CITATION.cff"
+
+
+def staged(sources: Path) -> None:
+    """Put together Sphinx's folder of sources: the pages of this folder, and those written from what lives elsewhere."""
+    from generator import gallery, lessons, live, reference
+
+    shutil.copytree(HERE / "site", sources, dirs_exist_ok=True, ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copytree(ROOT / "problems" / "pictures", sources / "pictures", dirs_exist_ok=True)
+    (sources / "pictures" / "README.md").unlink()
+    for text in TEXTS:
+        shutil.copy2(ROOT / text, sources / text)
+    lessons.write(sources / "learn")
+    gallery.write(sources / "gallery")
+    reference.write(sources / "reference")
+    live.write(sources / "_static" / "live")
+    math = Path(find_spec("sphinx-mathjax-offline").origin).parent / "static" / "mathjax"
+    (sources / "_static" / "mathjax").mkdir(exist_ok=True)
+    shutil.copy2(math / "tex-svg-full.js", sources / "_static" / "mathjax")
+
+
+def built(sources: Path, pages: Path, work: Path, cached: bool) -> int:
+    """Run Sphinx on the sources; its exit code."""
+    from sphinx.cmd.build import main
+
+    # Notebooks are run by two processes; the cache is one file, which they would write to at once.
+    how = ["-D", "nb_execution_mode=cache", "-D", f"nb_execution_cache_path={work / 'cells'}"] if cached else ["-j", "2"]
+    words = ["-b", "html", "-W", "--keep-going", "-q", "-n", "-d", str(work / "doctrees"), *how, str(sources), str(pages)]
+    return int(main(words))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("folder", type=Path, metavar="DIR")
+    parser.add_argument("--work", type=Path, metavar="FOLDER")
+    asked = parser.parse_args()
+    start = time.perf_counter()
+    with tempfile.TemporaryDirectory(prefix="vemcvx-site-") as passing:
+        work = (asked.work or Path(passing)).resolve()
+        staged(work / "sources")
+        ended = built(work / "sources", asked.folder.resolve(), work, asked.work is not None)
+        if ended:
+            sys.exit(f"site: Sphinx found the faults above and ended with {ended}.")
+    from generator import checks, slides
+
+    slides.write(asked.folder)
+    faults = checks.faults(asked.folder)
+    if faults:
+        sys.exit("\n".join(faults) + f"\nsite: {len(faults)} faults.")
+    print(f"site: {asked.folder} in {time.perf_counter() - start:.0f} s")
+
+
+if __name__ == "__main__":
+    if find_spec("pytest") is None:
+        sys.modules["pytest"] = MagicMock()  # `vemcvx.testing` is described without pytest, which only runs it
+    main()

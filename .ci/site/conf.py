@@ -1,0 +1,68 @@
+"""Sphinx's settings for the site: `python .ci/site.py DIR` builds it.
+
+Conventions for pages
+---------------------
+Sources are MyST Markdown in this folder: `index.md`, `learn/`, `howto/`, `theory/`, `gallery/`, `reference/`. The builder
+copies them beside what it writes from lessons, problem files and docstrings; those pages (`learn/lesson_*`, `gallery/*`,
+`reference/*`) are in no folder of the repository. A page that is added is named in the toctree of its folder's `index.md`.
+
+- One `#` heading a page, then `##`, then `###`; none is skipped.
+- Formulas: `$u$` within a line, `$$ ... $$ (label)` on lines of their own, referred to by `` {eq}`label` ``.
+- References: `` {py:class}`vemcvx.Elasticity` ``, `` {py:func}`vemcvx.simulate` ``, `` {py:meth}`vemcvx.History.write` ``,
+  `` {py:attr}`...` ``; the short form is `` {py:func}`~vemcvx.simulate` ``. Modules: `vemcvx.meshes`, `vemcvx.plots`,
+  `vemcvx.estimate.measures` (not `vemcvx.measures`). A name that does not exist fails the build.
+- Pages: `[words](../howto/resume.md)`, lessons `../learn/lesson_3.md` (solutions `lesson_3_solutions.md`), problem files
+  `../gallery/hertz_contact.md`; headings by `[words](page.md#the-heading-as-an-anchor)`.
+- Files of the repository: `` {file}`vemcvx/program/certificate.py` `` shows the path, and links to it where
+  `VEMCVX_SITE_SOURCE` names the address of the sources.
+- Pictures: `![what one sees](/pictures/feng_han_huang.png)`, all of `problems/pictures` being there. Words are required.
+- Python that is run: blocks `` ```{code-cell} `` in a page that begins with
+  ``---\nfile_format: mystnb\nkernelspec:\n  name: python3\n---``; `:tags: [hide-input]` folds what only draws. Cells run in an
+  empty folder of their own. An error fails the build.
+- Commands that are run: blocks `` ```console `` whose lines begin with `$ `; `tests/whole/test_site.py` runs them, page by
+  page, in one folder a page, in which the files of the page (`` ```{code-block} python `` with `:caption: name.py`) are.
+- Text that stands elsewhere is included, not repeated: `` ```{include} /CHANGELOG.md `` (README.md, CONTRIBUTING.md, LICENSE,
+  CITATION.cff are there); `:start-after: <!-- measured: begin -->` and `:end-before:` take a part.
+- Cards, grids, tabs: sphinx-design, `::::{grid} 1 1 3 3`. Answers that unfold: `:::{dropdown} Answer`.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+project = "vemcvx"
+author = "The vemcvx authors"
+extensions = [
+    "myst_nb",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.napoleon",
+    "sphinx.ext.mathjax",
+    "sphinx_design",
+    "sphinx_copybutton",
+]
+exclude_patterns = ["README.md", "CONTRIBUTING.md", "CHANGELOG.md", "generator"]
+nitpicky = True
+
+html_theme = "furo"
+html_title = "vemcvx"
+html_static_path = ["_static"]
+html_css_files = ["site.css"]
+html_copy_source = False
+html_show_sphinx = False
+mathjax_path = "mathjax/tex-svg-full.js"
+
+myst_enable_extensions = ["amsmath", "attrs_block", "attrs_inline", "colon_fence", "deflist", "dollarmath"]
+myst_heading_anchors = 3
+nb_execution_raise_on_error = True
+nb_execution_timeout = 300
+nb_merge_streams = True
+nb_execution_in_temp = True
+
+autodoc_typehints = "none"
+autodoc_member_order = "bysource"
+napoleon_use_param = False
+napoleon_use_rtype = False
+napoleon_use_ivar = True

@@ -1,0 +1,1 @@
+"""Pages that are written from where their matter lives: lessons, problem files, docstrings."""

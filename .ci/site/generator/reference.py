@@ -1,0 +1,177 @@
+"""The reference: all public names by topic, one page a topic, from the docstrings."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+from dataclasses import dataclass
+from pathlib import Path
+
+
+@dataclass(frozen=True)
+class Topic:
+    """A page of the reference: its names stand in the order in which one meets them."""
+
+    title: str
+    sentence: str
+    names: str
+    """Qualified by their module below `vemcvx`, separated by spaces."""
+
+
+NAMESPACES = {
+    "": "vemcvx",
+    "meshes": "vemcvx.meshes",
+    "measures": "vemcvx.estimate.measures",
+    "plots": "vemcvx.plots",
+    "program": "vemcvx.program",
+    "effects": "vemcvx.effects",
+    "vem": "vemcvx.vem",
+    "testing": "vemcvx.testing",
+}
+"""Modules whose `__all__` is public, by the name under which they stand here."""
+TOPICS = {
+    "simulation": Topic(
+        "Simulation",
+        "A scene on a mesh, stepped through time; and the convex programs of its steps.",
+        "Scene simulate programs instants march __version__",
+    ),
+    "results": Topic(
+        "Results",
+        "What a run leaves: displacements, contact, stresses, energies, certificates, files, tables.",
+        "History read_history Contact Trajectory Quantity quantities",
+    ),
+    "materials": Topic(
+        "Materials",
+        "Elasticity, with viscosity and stresses that are there at zero strain.",
+        "Elasticity Orthotropic Viscosity ThermalStrain Prestress",
+    ),
+    "loads-and-supports": Topic(
+        "Loads and supports",
+        "What pulls a body, and what holds it.",
+        "Traction Pressure BodyForce PointLoad Clamp PrescribedDisplacement Symmetry ElasticFoundation Tabulated",
+    ),
+    "contact-and-friction": Topic(
+        "Contact and friction",
+        "With obstacles, and between bodies where `on=` names an interface.",
+        "BilateralContact UnilateralContact NormalCompliance TrescaFriction CoulombFriction Law",
+    ),
+    "meshes": Topic(
+        "Meshes",
+        "Families of meshes in the plane and in space, mesh files, bodies that touch, refinement.",
+        "PolygonMesh PolyhedralMesh meshes.AnyMesh meshes.squares meshes.triangles meshes.hexagons meshes.voronoi "
+        "meshes.distorted meshes.nonconvex meshes.hanging meshes.l_shape meshes.FAMILIES meshes.cubes "
+        "meshes.tetrahedra meshes.prisms meshes.kelvin meshes.voronoi3 meshes.SPACE_FAMILIES meshes.read "
+        "meshes.convert meshes.plane_mesh meshes.bodies meshes.Interface meshes.refinement meshes.Refinement",
+    ),
+    "solvers": Topic(
+        "Solvers",
+        "Of the convex program of a step; every answer is certified, whoever gives it.",
+        "Solver Newton Clarabel OSQP Direct ThroughCvxpy",
+    ),
+    "linear-solvers": Topic(
+        "Linear solvers",
+        "Factorisations of the stiffness matrix, and what takes their place where they are too large.",
+        "LinearSolver SuperLU Pardiso Multigrid PETSc",
+    ),
+    "programs": Topic(
+        "Programs and certificates",
+        "A step as a convex program in arrays, without mesh or physics; programs as files.",
+        "StepProgram Operators Norms Limits Damping System Answer Certificate SolvedProgram read_program "
+        "write_program program.QUADRATIC program.ABSOLUTE_VALUES program.BOUNDS program.SECOND_ORDER_CONES "
+        "program.SQUARED_POSITIVE_PARTS",
+    ),
+    "accuracy": Topic(
+        "Errors of meshes and steps",
+        "Estimates, guaranteed bounds, adaptive runs, distances between runs, orders of convergence.",
+        "error_budget ErrorBudget adapt Adapted error_bound ErrorBound QuantityBound measures.convergence_table "
+        "measures.ConvergenceTable measures.Measured measures.energy_error measures.l2_error measures.Field "
+        "measures.energy_distance measures.orders measures.Orders",
+    ),
+    "plots": Topic(
+        "Pictures",
+        "Of results; each function returns matplotlib's axes or figure.",
+        "plots.deformed_mesh plots.stressed_body plots.deformed_body plots.contact_face plots.along_contact "
+        "plots.friction_traction plots.friction_disc plots.stick_slip_map plots.hysteresis_loop plots.energy_ledger "
+        "plots.wear plots.error_map plots.animate plots.write_plots",
+    ),
+    "own-effects": Topic(
+        "Effects of one's own",
+        "What a class returns to be an effect: arrays over the nodes of a space.",
+        "Effect effects.Contribution effects.Load effects.Support effects.Obstacle effects.Friction "
+        "effects.ContactSurface effects.MaterialLaw effects.Material effects.Eigenstrain effects.InitialStress",
+    ),
+    "virtual-elements": Topic(
+        "Virtual elements",
+        "The space of lowest order on polygons and polyhedra, its matrices, strains and stresses.",
+        "vem.Space vem.Part vem.BoundaryRows vem.CellGroup vem.EdgeEnds vem.MirrorPlanes vem.SideRule vem.stiffness "
+        "vem.anisotropic_stiffness vem.elastic_matrix vem.softest_shear vem.mean_shear vem.stabilisation_factor "
+        "vem.cell_load vem.cell_quadrature vem.edge_load vem.edge_part vem.stress_load vem.strains vem.stresses "
+        "vem.isotropic_stress vem.equivalent vem.principal vem.component_names vem.tractions vem.tangents_of "
+        "vem.rigid_modes vem.split_motion vem.solid_places vem.upper_triangle",
+    ),
+    "testing": Topic(
+        "Tests of one's own effects and solvers",
+        "What every solver, linear solver and effect must satisfy, for pytest.",
+        "testing.effect_suite testing.EffectSample testing.Other testing.solver_suite testing.linear_suite "
+        "testing.Instance testing.INSTANCES",
+    ),
+    "exceptions": Topic(
+        "Exceptions and warnings",
+        "Each names its subject, what was found, what exists, and what to do next.",
+        "VemcvxError SceneError MeshError ProblemError ProgramError HistoryError NotAccepted NotCertified "
+        "NotContracting SolverFailed SceneWarning MeshWarning",
+    ),
+}
+
+
+def public_names() -> list[str]:
+    """All public names, qualified as in `TOPICS`: those of `vemcvx` itself are not repeated in its modules."""
+    own = [name for name in importlib.import_module("vemcvx").__all__ if name not in NAMESPACES]
+    modules = {short: importlib.import_module(module) for short, module in NAMESPACES.items() if short}
+    return [*own, *(f"{short}.{name}" for short, module in modules.items() for name in module.__all__ if name not in own)]
+
+
+def full_name(name: str) -> str:
+    """The name with its module, as in `vemcvx.meshes.squares`."""
+    short, _, last = name.rpartition(".")
+    return f"{NAMESPACES[short]}.{last}"
+
+
+def found(name: str) -> object:
+    """What a name of `TOPICS` stands for."""
+    short, _, last = name.rpartition(".")
+    return getattr(importlib.import_module(NAMESPACES[short]), last)
+
+
+def write(folder: Path) -> None:
+    """Write a page for every topic, and the page that lists them."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for slug, topic in TOPICS.items():
+        (folder / f"{slug}.md").write_text(_page(topic), encoding="utf-8")
+    rows = "\n".join(
+        f"[{topic.title}]({slug}.md)\n: {topic.sentence} {', '.join(map(_link, topic.names.split()))}\n"
+        for slug, topic in TOPICS.items()
+    )
+    pages = "\n".join(TOPICS)
+    (folder / "index.md").write_text(
+        "# Reference\n\nAll public names by topic, from their docstrings. `vx` is `vemcvx`, as in `import vemcvx as vx`.\n\n"
+        f"{rows}\n```{{toctree}}\n:hidden:\n\n{pages}\n```\n",
+        encoding="utf-8",
+    )
+
+
+def _link(name: str) -> str:
+    return f"{{py:obj}}`{name} <{full_name(name)}>`"
+
+
+def _page(topic: Topic) -> str:
+    entries = "\n".join(_entry(name) for name in topic.names.split())
+    return f"# {topic.title}\n\n{topic.sentence}\n\n```{{eval-rst}}\n{entries}\n```\n"
+
+
+def _entry(name: str) -> str:
+    thing, full = found(name), full_name(name)
+    if inspect.isclass(thing):
+        members = "   :members:\n   :show-inheritance:\n" if not issubclass(thing, Warning) else ""
+        return f".. autoclass:: {full}\n{members}"
+    return f".. autofunction:: {full}\n" if inspect.isroutine(thing) else f".. autodata:: {full}\n   :no-value:\n"

@@ -11,6 +11,8 @@ With --work the sources and executed notebooks are kept in that folder, and code
 from __future__ import annotations
 
 import argparse
+import json
+import logging
 import os
 import shutil
 import sys
@@ -45,6 +47,16 @@ def staged(sources: Path) -> None:
     shutil.copy2(math / "tex-svg-full.js", sources / "_static" / "mathjax")
 
 
+def kernel(folder: Path) -> None:
+    """Give the cells this Python, one thread, and no log but errors: Jupyter finds it before any other."""
+    argv = [sys.executable, "-m", "ipykernel_launcher", "-f", "{connection_file}", "--log-level=ERROR"]
+    given = {"argv": argv, "display_name": "Python 3", "language": "python", "env": {"OPENBLAS_NUM_THREADS": "1"}}
+    (folder / "kernels" / "python3").mkdir(parents=True, exist_ok=True)
+    (folder / "kernels" / "python3" / "kernel.json").write_text(json.dumps(given))
+    os.environ["JUPYTER_PATH"] = str(folder)
+    logging.getLogger("traitlets").setLevel(logging.WARNING)
+
+
 def built(sources: Path, pages: Path, work: Path, cached: bool) -> int:
     """Run Sphinx on the sources; its exit code."""
     from sphinx.cmd.build import main
@@ -64,6 +76,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory(prefix="vemcvx-site-") as passing:
         work = (asked.work or Path(passing)).resolve()
         staged(work / "sources")
+        kernel(work / "jupyter")
         ended = built(work / "sources", asked.folder.resolve(), work, asked.work is not None)
         if ended:
             sys.exit(f"site: Sphinx found the faults above and ended with {ended}.")

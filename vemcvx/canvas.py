@@ -54,7 +54,20 @@ def _figure_class() -> type[Figure]:
         def _repr_png_(self) -> bytes:
             return as_png(self)
 
+        def __repr__(self) -> str:
+            return in_words(self)
+
     return NotebookFigure
+
+
+def in_words(figure: Figure) -> str:
+    """Return the titles of a figure, and what it draws over what: for prompts, and for who cannot see the picture."""
+    said = [figure.get_suptitle()]
+    for ax in figure.axes:
+        graph = " over ".join(filter(None, (ax.get_ylabel(), ax.get_xlabel())))
+        said.append(": ".join(filter(None, (ax.get_title() or ax.get_title(loc="left"), graph))))
+    words = "; ".join(dict.fromkeys(filter(None, said))) or f"{len(figure.axes)} axes without titles"
+    return f"Picture: {' '.join(words.replace('$', '').split())}"
 
 
 def as_png(figure: Figure, dpi: float | None = None) -> bytes:

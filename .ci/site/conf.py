@@ -11,7 +11,7 @@ copies them beside what it writes from lessons, problem files and docstrings; th
 - References: `` {py:class}`vemcvx.Elasticity` ``, `` {py:func}`vemcvx.simulate` ``, `` {py:meth}`vemcvx.History.write` ``,
   `` {py:attr}`...` ``; the short form is `` {py:func}`~vemcvx.simulate` ``. Modules: `vemcvx.meshes`, `vemcvx.plots`,
   `vemcvx.estimate.measures` (not `vemcvx.measures`). A name that does not exist fails the build.
-- Pages: `[words](../howto/resume.md)`, lessons `../learn/lesson_3.md` (solutions `lesson_3_solutions.md`), problem files
+- Pages: `[words](../howto/resume.md)`, lessons `../learn/lesson_3.ipynb` (solutions `lesson_3_solutions.ipynb`), problem files
   `../gallery/hertz_contact.md`; headings by `[words](page.md#the-heading-as-an-anchor)`.
 - Files of the repository: `` {file}`vemcvx/program/certificate.py` `` shows the path, and links to it where
   `VEMCVX_SITE_SOURCE` names the address of the sources.
@@ -31,6 +31,8 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
+from sphinx.application import Sphinx
+
 sys.path.insert(0, str(Path(__file__).parent))
 
 project = "vemcvx"
@@ -38,12 +40,12 @@ author = "The vemcvx authors"
 extensions = [
     "myst_nb",
     "sphinx.ext.autodoc",
-    "sphinx.ext.napoleon",
+    "numpydoc",
     "sphinx.ext.mathjax",
     "sphinx_design",
     "sphinx_copybutton",
 ]
-exclude_patterns = ["README.md", "CONTRIBUTING.md", "CHANGELOG.md", "generator"]
+exclude_patterns = ["README.md", "CONTRIBUTING.md", "CHANGELOG.md", "generator", "problems"]
 nitpicky = True
 
 html_theme = "furo"
@@ -63,6 +65,14 @@ nb_execution_in_temp = True
 
 autodoc_typehints = "none"
 autodoc_member_order = "bysource"
-napoleon_use_param = False
-napoleon_use_rtype = False
-napoleon_use_ivar = True
+numpydoc_show_class_members = False
+numpydoc_use_plots = False
+
+
+def setup(app: Sphinx) -> None:
+    """Docstrings are read as they are meant, before numpydoc reads their sections."""
+    from generator import docstrings
+
+    app.connect("autodoc-process-docstring", docstrings.prepared, priority=400)
+    app.connect("autodoc-process-bases", docstrings.public_bases)
+    app.connect("doctree-read", docstrings.pictures_in_words)

@@ -18,3 +18,13 @@ def test_a_figure_says_its_picture_to_notebooks():
     pixels = image.imread(BytesIO(figure._repr_png_()))
     assert pixels.shape[:2] == (200, 300)
     assert pixels[..., :3].min() < 0.5, "nothing is drawn"
+
+
+def test_a_figure_says_in_words_what_it_shows():
+    figure = new_figure()
+    assert repr(figure) == "Picture: 0 axes without titles"
+    left, right = figure.subplots(1, 2)
+    figure.suptitle("a loop")
+    left.set(title="force", xlabel="$t$", ylabel="F\nin N")
+    right.set_ylabel("energy")
+    assert repr(figure) == "Picture: a loop; force: F in N over t; energy"

@@ -3,30 +3,72 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
+from generator.gallery import names
 from vemcvx.cli.notebook import notebook
-from vemcvx.cli.supplied import Supplied, lessons
+from vemcvx.cli.supplied import lessons
+
+INDEX = """# Learn
+
+Lessons for students who know linear algebra and a little of finite elements: formula, code, picture, questions whose
+answers unfold, exercises with solutions. `vemcvx lesson N` copies lesson N into your folder, `vemcvx lesson N --notebook`
+as notebooks.
+
+How to teach with them: [](course.md).
+
+{rows}
+
+```{{toctree}}
+:hidden:
+
+course
+{pages}
+```
+"""
 
 
 def write(folder: Path) -> None:
-    """Write `lesson_N.ipynb` and `lesson_N_solutions.ipynb`, which MyST-NB runs, beside the pages of the folder."""
+    """Write `lesson_N.ipynb` and `lesson_N_solutions.ipynb`, which MyST-NB runs, and the page that lists them."""
     folder.mkdir(parents=True, exist_ok=True)
+    notebooks = folder.parent / "_static" / "notebooks"
+    notebooks.mkdir(parents=True, exist_ok=True)
+    rows, pages = [], []
     for number, lesson in lessons().items():
-        _write(lesson.path, folder / f"lesson_{number}.ipynb", _links(number, lesson))
         solutions = lesson.path.with_name(f"lesson_{number}_solutions.py")
-        _write(solutions, folder / f"lesson_{number}_solutions.ipynb", "")
+        for path, name in ((lesson.path, f"lesson_{number}"), (solutions, f"lesson_{number}_solutions")):
+            made = notebook(path.read_text(encoding="utf-8"))
+            _kept(made, notebooks / f"{path.stem}.ipynb")
+            for cell in made["cells"]:
+                if cell["metadata"]:
+                    cell["metadata"]["tags"] = ["hide-input"]
+                if cell["cell_type"] == "markdown":
+                    cell["source"] = [_linked(line, number) for line in cell["source"]]
+            _kept(made, folder / f"{name}.ipynb")
+            pages.append(name)
+        title = lesson.sentence.removeprefix(f"Lesson {number}, ")
+        rows.append(
+            f"{number}. [{title[0].upper()}{title[1:]}](lesson_{number}.ipynb)\n"
+            f"   ([solutions](lesson_{number}_solutions.ipynb), "
+            f'<a href="slides/lesson_{number}.html">slides</a>, '
+            f'<a href="../_static/notebooks/{lesson.path.stem}.ipynb" download>notebook</a>)'
+        )
+    (folder / "index.md").write_text(INDEX.format(rows="\n".join(rows), pages="\n".join(pages)), encoding="utf-8")
 
 
-def _write(path: Path, into: Path, first: str) -> None:
-    made = notebook(path.read_text(encoding="utf-8"))
-    for cell in made["cells"]:
-        if cell["metadata"]:
-            cell["metadata"]["tags"] = ["hide-input"]
+def _kept(made: dict[str, object], path: Path) -> None:
+    """Write a notebook, unless it is there: its cells need not be run again."""
     text = json.dumps(made, indent=1, ensure_ascii=False)
-    if not into.is_file() or into.read_text(encoding="utf-8") != text:
-        into.write_text(text, encoding="utf-8")
+    if not path.is_file() or path.read_text(encoding="utf-8") != text:
+        path.write_text(text, encoding="utf-8")
 
 
-def _links(number: int, lesson: Supplied) -> str:
-    return ""
+def _linked(line: str, number: int) -> str:
+    """A line of a lesson in which the file of its solutions, and problem files, are links."""
+    line = line.replace(f"`lesson_{number}_solutions.py`", f"[`lesson_{number}_solutions.py`](lesson_{number}_solutions.ipynb)")
+    return re.sub(r"`(?:problems/)?(\w+)\.py`", lambda found: _problem(found.group(1)) or found.group(), line)
+
+
+def _problem(name: str) -> str | None:
+    return f"[`{name}.py`](../gallery/{name}.md)" if name in names() else None

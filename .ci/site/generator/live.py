@@ -1,9 +1,21 @@
-"""Live pages of two scenes, on which time moves."""
+"""Live pages of two scenes, on which time moves: what `vemcvx app FILE --html PAGE` writes, which loads nothing."""
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
+
+from vemcvx.cli.live_page import GIVEN, write as write_page
+
+SCENES = {"feng_han_huang": 30, "frictional_hysteresis": 20}
+"""Names of problem files, and the step at which their page opens."""
 
 
 def write(folder: Path) -> None:
-    """Write the pages."""
+    """Write a page for each scene that is not there yet."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, step in SCENES.items():
+        path = folder / f"{name}.html"
+        if not path.is_file():
+            os.environ[GIVEN] = name
+            write_page(path, step)

@@ -1,0 +1,113 @@
+"""Docstrings for Sphinx: what they mean by `|`, by names that end in `_`, and by names that have no page."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Callable, Iterator
+from functools import cache
+from itertools import pairwise
+from pathlib import Path
+
+import vemcvx
+from docutils import nodes
+from generator.reference import TOPICS, found, full_name
+
+LITERAL = re.compile(r"``.*?``|:\w+(?::\w+)?:`[^`]+`|`[^`]+`")
+"""What is literal, or a role, on one line."""
+ROLE = re.compile(r":(?:py:)?(\w+):`~?\.?([\w.]+)`")
+PUBLIC = {name: full_name(name) for topic in TOPICS.values() for name in topic.names.split()}
+SHORT = {name.rpartition(".")[2]: full for name, full in PUBLIC.items()}
+
+
+def _members() -> set[str]:
+    classes = {full: found(name) for name, full in PUBLIC.items() if isinstance(found(name), type)}
+    return {f"{full}.{member}" for full, kind in classes.items() for member in dir(kind) if not member.startswith("_")}
+
+
+KNOWN = {*PUBLIC.values(), *_members()}
+
+
+def prepared(app: object, what: str, name: str, thing: object, options: object, lines: list[str]) -> None:
+    """Rewrite the lines of a docstring, in place (Sphinx's event autodoc-process-docstring)."""
+    if what == "data":
+        lines[:] = [_said_of(name.rpartition(".")[2]), ""]
+    text = re.sub(r"(?<!`)`[^`]+\n[^`]+`(?!`)", lambda found: " ".join(found.group().split()), "\n".join(lines))
+    lines[:] = [line if formula else _line(line, _escaped) for line, formula in _marked(text)]
+
+
+def _marked(text: str) -> Iterator[tuple[str, bool]]:
+    """The lines of a docstring, and whether they are formulas: indented, but not below a name in a section's list.
+
+    Formulas are given the mark of a literal block before them.
+    """
+    listed = within = False
+    following = [*text.split("\n")[1:], ""]
+    for line, under in zip(text.split("\n"), following, strict=True):
+        if re.fullmatch(r"-{3,}", under):
+            listed = line not in ("Notes", "Examples")
+        formula = not listed and line.startswith("    ")
+        if formula and not within:
+            yield from ((mark, True) for mark in ("", ".. code-block:: text", "   :class: formula", ""))
+        elif within and line and not formula:
+            yield "", True
+        within = formula or (within and not line)
+        yield line, formula
+
+
+@cache
+def _said_of_all() -> dict[str, str]:
+    """What stands below constants of the package, by their names."""
+    said = {}
+    for path in Path(vemcvx.__file__).parent.rglob("*.py"):
+        body = ast.parse(path.read_text(encoding="utf-8")).body
+        for node, below in pairwise(body):
+            if isinstance(node, ast.Assign) and isinstance(below, ast.Expr) and isinstance(below.value, ast.Constant):
+                said |= {target.id: str(below.value.value) for target in node.targets if isinstance(target, ast.Name)}
+    return said
+
+
+def _said_of(name: str) -> str:
+    return " ".join(_said_of_all().get(name, "").split())
+
+
+def _line(line: str, plain: Callable[[str], str]) -> str:
+    done, at = "", 0
+    for literal in LITERAL.finditer(line):
+        done += plain(line[at : literal.start()]) + _reference(literal.group())
+        at = literal.end()
+    return done + plain(line[at:])
+
+
+def _escaped(words: str) -> str:
+    """Bars are absolute values, never substitutions; a name that ends in _ is no target; `**style` is no emphasis."""
+    words = re.sub(r"(?<!\\)\|", r"\|", words)
+    words = re.sub(r"(?<![\w*])\*\*(?=\w+\b(?!\*))", r"\*\*", words)
+    return re.sub(r"(\w)_(?!\w)", r"\1\\_", words)
+
+
+def _reference(literal: str) -> str:
+    """A role whose object has a page, or a name within backquotes that is public: a link. All else is literal."""
+    role = ROLE.fullmatch(literal)
+    if role:
+        name = role.group(2)
+        full = next((one for one in (name, SHORT.get(name.removeprefix("vemcvx.")), f"vemcvx.{name}") if one in KNOWN), None)
+        return f":py:obj:`{name} <{full}>`" if full else f"``{name}``"
+    words = literal.strip("`")
+    if not literal.startswith("``") and not literal.startswith(":") and words in SHORT:
+        return f":py:obj:`{words} <{SHORT[words]}>`"
+    return literal if literal.startswith((":", "``")) else f"``{words}``"
+
+
+def public_bases(app: object, name: str, thing: object, options: object, bases: list[type]) -> None:
+    """Of the bases of a class name those that have a page (autodoc-process-bases)."""
+    public = {id(found(one)) for one in PUBLIC}
+    bases[:] = [base for base in bases if id(base) in public] or [object]
+
+
+def pictures_in_words(app: object, tree: nodes.document) -> None:
+    """Give pictures that cells show the words that their figures say of themselves (doctree-read)."""
+    for bundle in tree.findall(lambda node: isinstance(node, nodes.container) and node.get("nb_element") == "mime_bundle"):
+        words = [" ".join(child.astext().split()) for child in bundle.children if child.get("mime_type") == "text/plain"]
+        for image in bundle.findall(nodes.image):
+            image.setdefault("alt", *words)

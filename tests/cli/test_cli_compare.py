@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scenes import cyclic, paper_scene, small
+from texts import page
 from typer.testing import CliRunner
 
 import vemcvx as vx
@@ -409,8 +410,8 @@ def test_first_clauses(message, says):
 
 
 @pytest.mark.long
-def test_the_readme_shows_this_table():
-    text = (ROOT / "README.md").read_text()
+def test_the_page_of_solvers_shows_this_table():
+    text = page("solvers")
     command, block = re.search(r"`vemcvx (compare [^`]*)`[^`]*```text\n(.*?)```", text, re.DOTALL).groups()
     arguments = command.split()[1:]
     done = CliRunner().invoke(app, ["compare", str(ROOT / arguments[0]), *arguments[1:]], env={"COLUMNS": "80"})

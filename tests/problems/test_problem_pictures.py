@@ -9,6 +9,7 @@ from importlib import import_module
 from pathlib import Path
 
 import pytest
+import texts
 from pages import assert_drawn_within_the_page
 
 import gallery
@@ -17,7 +18,7 @@ from vemcvx.effects import Effect, MaterialLaw
 
 ROOT = Path(gallery.__file__).parent.parent
 SHOWN = ("cattaneo_mindlin", "plate_with_hole", "janssen_silo", "block_with_grain", "block_in_space")
-"""Those that the README shows; the others are drawn by the slow tests, a third of a second each."""
+"""Of every kind one; the others are drawn by the slow tests, a third of a second each."""
 SLOW = [name for name in gallery.problem_files() if name not in SHOWN]
 LONG = ("bolted_flange", "spherical_indenter", "twisted_pad")
 """Those whose small setting takes more than a second."""
@@ -47,8 +48,8 @@ def test_it_is_drawn_within_the_page(name):
 
 
 def test_every_effect_has_a_problem_that_shows_it():
-    """The table of the README has a line for every effect, and the problem that it names has it in its scene."""
-    lines = re.findall(r"^\| `(\w+)` \|.*\| \[`(\w+)`\]\(problems/\2\.py\) \|$", (ROOT / "README.md").read_text(), re.M)
+    """The table of effects has a line for every effect, and the problem that it names has it in its scene."""
+    lines = re.findall(r"^\| `(\w+)` \|.*\| \[`(\w+)`\]\(gallery/\2\.md\) \|$", texts.page("effects"), re.M)
     exported = [getattr(effects, name) for name in effects.__all__]
     wanted = {
         kind.__name__

@@ -29,13 +29,20 @@ def cells(text: str) -> list[str]:
     return blocks(text, "{code-cell}")
 
 
+def file(text: str, caption: str) -> str:
+    """A file that a page shows, by its name."""
+    head = rf"```\{{code-block\}} python\n:caption: {re.escape(caption)}\n"
+    (found,) = re.findall(rf"^{head}(.*?)^```$", text, re.DOTALL | re.MULTILINE)
+    return found
+
+
 def prose(text: str) -> str:
     """The text without its fenced blocks."""
     return re.sub(r"^(`{3,}|:{3,})\{?code.*?^\1$|^```.*?^```$", "", text, flags=re.DOTALL | re.MULTILINE)
 
 
-def outside(page: Path, target: str) -> bool:
-    """Whether a link of a page leads to what the site makes of lessons, problem files and docstrings, if these exist."""
+def outside(target: str) -> bool:
+    """Whether a link of a page leads to what the site makes of a lesson, a problem file or docstrings."""
     made = target.removeprefix("../")
     if found := re.fullmatch(r"(?:learn/)?(lesson_\d+\w*)\.md", made):
         name = found[1]

@@ -1,7 +1,8 @@
-"""Every command in the README, in CONTRIBUTING and in the lessons is run, from fresh environments.
+"""Every command in README, CONTRIBUTING, the pages of the site and the lessons is run, from fresh environments.
 
-Commands are indented lines, and what stands between backquotes, that begin with a program. `HOW` has each of them, word
-for word, so that a new one fails the first test until somebody says here how it is run, or why not.
+Commands are indented lines, and what stands between backquotes, that begin with a program; blocks of the console on pages
+are run by the tests of the site. `HOW` has each command, word for word, so that a new one fails the first test until
+somebody says here how it is run, or why not.
 """
 
 from __future__ import annotations
@@ -17,9 +18,10 @@ from pathlib import Path
 import meshio
 import numpy as np
 import pytest
+import texts
 
 ROOT = Path(__file__).parents[2]
-TEXTS = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "problems" / "lessons").glob("*.py"))]
+TEXTS = [*texts.TEXTS, *sorted((ROOT / "problems" / "lessons").glob("*.py"))]
 PROGRAM = r"(?:python3?|pip|vemcvx|meshio|ruff) \S|\. \.venv|mypy$|\.ci/\w+$"
 SECONDS = 900
 
@@ -59,7 +61,7 @@ FEW, LONG, ONE_SLOW = (
     "tests/cost/test_foreseen.py -k cubes",
 )
 HOW = {
-    # README
+    # README and the pages
     'python3 -m venv .venv && .venv/bin/pip install -q ".[plot]" && .venv/bin/vemcvx run problems/feng_han_huang.py '
     "--mesh voronoi --n 24 --steps 64 --solver clarabel --out results/feng_han_huang --plot": As(),
     'python3 -m venv .venv && .venv/bin/pip install -q -e ".[plot,test]" && .venv/bin/python -m pytest -n 2': As(
@@ -89,9 +91,6 @@ HOW = {
     "vemcvx app --check": As(env="app"),
     "vemcvx app FILE": Not("it is `vemcvx app`"),
     "vemcvx app FILE --html PAGE": As(f"vemcvx app {PAPER} --html results/page.html", env="app"),
-    "vemcvx show pad.py": As(),
-    "vemcvx run pad.py --n 16 --steps 32 --out results/pad --plot": As(),
-    "vemcvx run pad.py --n 16 --steps 32 --set coefficient=.1,.2,.3 --out results/pads --plot": As(),
     "meshio convert a.xyz a.vtu": As(
         "meshio convert a.mesh a.vtu && python -c 'import vemcvx as vx; vx.meshes.read(\"a.vtu\")'"
     ),
@@ -107,13 +106,22 @@ HOW = {
     "python problems/gallery.py --page": As(),
     "python problems/hard_cases.py": As(),
     "python -m pytest -m slow": As(addopts=ONE_SLOW),
-    "python tests/benchmarks/run.py --readme": As("python tests/benchmarks/run.py --readme --quick", env="all"),
     'pip install ".[all]"': As(env="all"),
+    "python tests/benchmarks/run.py --page": As("python tests/benchmarks/run.py --page --quick", env="all"),
     'pip install ".[mkl]"': As(),
+    'pip install ".[multigrid]"': As(),
+    'pip install ".[pandas,xarray]"': As(),
+    "vemcvx run FILE --target 0.02": As(f"vemcvx run {PAPER} --target 0.1 --steps 2"),
+    "vemcvx run FILE --mesh bracket.msh --report": As(
+        "python -c \"import vemcvx as vx; vx.meshes.squares(8).write('bracket.msh')\" && "
+        f"vemcvx run {PAPER} --mesh bracket.msh --steps 4 --report"
+    ),
     "vemcvx lesson": As(),
     "vemcvx lesson 6": As("cd results && vemcvx lesson 6 && python lesson_6_certificates.py"),
-    'pip install ".[docs]" && python .ci/reference.py docs/reference': As(env="docs"),
     # CONTRIBUTING
+    'pip install ".[docs]"': As(env="docs"),
+    "python .ci/site.py site": Not("it takes minutes; tests/whole/test_site.py builds the site"),
+    "python .ci/reference.py docs/reference": As(env="docs"),
     'pip install -e ".[plot,test]"': As(),
     "python -m pytest -n 2 -m quick": As(addopts=FEW),
     "python -m pytest -n 2": As(addopts=FEW),
@@ -140,10 +148,6 @@ HOW = {
         "it builds PETSc, which takes an hour; tests/linear/test_petsc.py runs with the system's"
     ),
     "python -m pytest -k bricks": Not("test_contributing.py adds the family of meshes, and runs the tests of it"),
-    "vemcvx compare FILE --solvers newton,mine.py:Fista": As(
-        f"vemcvx compare {PAPER} --n 8 --steps 4 --solvers newton,mine.py:Fista"
-    ),
-    "vemcvx run FILE --solver mine.py:Fista": As(f"vemcvx run {PAPER} --n 8 --steps 4 --solver mine.py:Fista"),
 }
 
 
@@ -168,9 +172,8 @@ def checkout(tmp_path_factory):
     for name in filter(None, listed.stdout.decode().split("\0")):
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         shutil.copy2(ROOT / name, folder / name)
-    (pad,) = re.findall(r"```py\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
-    (folder / "pad.py").write_text(pad)
-    (mine,) = re.findall(r"```python\n# mine.py\n(.*?)```", (ROOT / "CONTRIBUTING.md").read_text(), re.DOTALL)
+    (folder / "pad.py").write_text(texts.file(texts.page("howto/problem_file"), "pad.py"))
+    mine = texts.file(texts.page("howto/own_solver"), "mine.py")
     (folder / "mine.py").write_text(f"{mine}\n\nMine = Fista\n")
     square = np.array([(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.0, 1.0, 0.0), (0.0, 1.0, 0.0)])
     meshio.Mesh(square, [("triangle", np.array([(0, 1, 2), (0, 2, 3)]))]).write(folder / "a.mesh")

@@ -1,4 +1,4 @@
-"""The recipes of CONTRIBUTING.md, followed word for word: an effect, a family of meshes, a solver."""
+"""The recipes of CONTRIBUTING.md and its pages, followed word for word: an effect, a family of meshes, a solver."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 from scenes import paper_scene
 from test_structure import PAGE
+from texts import CONTRIBUTING, blocks, file, page
 from typer.testing import CliRunner
 
 import vemcvx as vx
@@ -25,19 +26,24 @@ from vemcvx.cli import app
 from vemcvx.scene import pose_scene
 
 ROOT = Path(__file__).parents[2]
-TEXT, README = (ROOT / "CONTRIBUTING.md").read_text(), (ROOT / "README.md").read_text()
-BLOCKS = re.findall(r"```python\n(.*?)```", TEXT, re.DOTALL)
+TEXT, EFFECT_PAGE, SOLVER_PAGE = CONTRIBUTING.read_text(), page("howto/own_effect"), page("howto/own_solver")
+BLOCKS = blocks(TEXT, "python")
 NAMES = {i: found[1] for i, text in enumerate(BLOCKS) if (found := re.match(r"# (\S+)\n", text))}
-FILES = {name: BLOCKS[i] for i, name in NAMES.items()}
-LINES = {name: BLOCKS[i + 1] for i, name in NAMES.items()}
-ROBIN_SAMPLE, ROBIN_MADE = (block for block in BLOCKS if "vx.Robin" in block)
-"""Each recipe is a file, whose path its first line says, and a line; that of effects has two entries in tests, too."""
+FILES = {name: BLOCKS[i] for i, name in NAMES.items()} | {"mine.py": file(SOLVER_PAGE, "mine.py")}
+LINES = {name: BLOCKS[i + 1] for i, name in NAMES.items()} | {"mine.py": file(SOLVER_PAGE, "test_mine.py")}
+ROBIN_SAMPLE, ROBIN_MADE = (block for block in blocks(TEXT, "text") if "vx.Robin" in block)
+"""Each recipe is a file, whose path its first line says, and a line; that of effects has two entries in tests, too.
+The recipe of a solver stands on its page."""
 
 
 def test_the_page_names_every_package_in_its_order_and_its_links_lead_somewhere():
     assert re.findall(r"^\| `vemcvx/(\w+)(?:\.py)?` \|", TEXT, re.MULTILINE) == list(PAGE)[:-1]
     for target in re.findall(r"\]\(([^)#]+)\)", re.sub(r"```.*?```", "", TEXT, flags=re.DOTALL)):
         assert (ROOT / target).exists(), target
+
+
+def test_the_page_is_read_in_one_sitting():
+    assert len(TEXT.splitlines()) <= 250
 
 
 @pytest.fixture
@@ -79,7 +85,8 @@ def test_an_effect_in_one_file_and_a_line(made):
     assert any(words.startswith("Robin: stiffness 3.0") for words in history.effects)
 
 
-SAMPLE, LAW, BED = re.findall(r"```py\n(.*?)```", TEXT, re.DOTALL)
+SAMPLE, BED = file(EFFECT_PAGE, "test_slip_weakening.py"), file(EFFECT_PAGE, "contribute of a bed of springs")
+LAW = file(page("howto/own_law"), "contribute of slip weakening")
 
 
 def test_the_law_that_sees_its_slip_is_that_of_its_problem_file():
@@ -194,7 +201,7 @@ def test_what_was_contributed_passes_the_tests_of_what_is_there(contributed, ask
 
 
 def test_the_table_of_effects_has_a_row_for_each():
-    rows = set(re.findall(r"^\| `(\w+)` \| .* \| \[`\w+`\]\(problems/\w+\.py\) \|$", README, re.MULTILINE))
+    rows = set(re.findall(r"^\| `(\w+)` \| .* \| \[`\w+`\]\(gallery/\w+\.md\) \|$", page("effects"), re.MULTILINE))
     exported = {name for name in vx.effects.__all__ if isinstance(getattr(vx.effects, name), type)}
     concrete = {name for name in exported if not inspect.isabstract(getattr(vx.effects, name))}
     assert rows == {name for name in concrete if issubclass(getattr(vx.effects, name), vx.Effect)}

@@ -3,44 +3,75 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
+from itertools import pairwise
 
 import pytest
-from texts import PAGES, ROOT, SITE, cells, outside, prose
+from texts import CONTRIBUTING, PAGES, README, ROOT, SITE, cells, file, outside, page, prose
+from typer.testing import CliRunner
+
+import vemcvx as vx
+from vemcvx.cli import app
 
 
-def name(page):
-    return str(page.relative_to(SITE).with_suffix(""))
+def name(path):
+    return str(path.relative_to(SITE).with_suffix(""))
 
 
-RUN = [page for page in PAGES if cells(page.read_text())]
+RUN = [path for path in PAGES if cells(path.read_text())]
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("page", RUN, ids=name)
-def test_the_cells_of_a_page_run(page, tmp_path, monkeypatch):
+@pytest.mark.parametrize("path", RUN, ids=name)
+def test_the_cells_of_a_page_run(path, tmp_path, monkeypatch):
     """In an empty folder, as the site runs them; what they claim they assert."""
     monkeypatch.chdir(tmp_path)
     known = {"__name__": "__main__"}
-    for i, cell in enumerate(cells(page.read_text())):
-        exec(compile(cell, f"{name(page)}, cell {i}", "exec"), known)
+    for i, cell in enumerate(cells(path.read_text())):
+        exec(compile(cell, f"{name(path)}, cell {i}", "exec"), known)
 
 
-@pytest.mark.parametrize("page", PAGES, ids=name)
-def test_links_and_files_of_a_page_exist(page):
-    text = prose(page.read_text())
+@pytest.mark.parametrize("path", PAGES, ids=name)
+def test_links_and_files_of_a_page_exist(path):
+    text = prose(path.read_text())
     for target in re.findall(r"\]\(([^)#\s]+?\.\w+)(?:#[^)]*)?\)", text):
         if target.startswith("/pictures/"):
             assert (ROOT / "problems" / target[1:]).exists(), target
         elif not target.startswith("http"):
-            assert (page.parent / target).exists() or outside(page, target), target
-    for path in re.findall(r"\{file\}`([^`]+)`", text):
-        assert (ROOT / path).exists(), path
+            assert (path.parent / target).exists() or outside(target), target
+    for named in re.findall(r"\{file\}`([^`]+)`", text):
+        assert (ROOT / named).exists(), named
 
 
-@pytest.mark.parametrize("page", PAGES, ids=name)
-def test_headings_follow_in_order(page):
+@pytest.mark.parametrize("path", PAGES, ids=name)
+def test_headings_follow_in_order(path):
     """One title, and no level is skipped."""
-    levels = [len(marks) for marks in re.findall(r"^(#+) ", prose(page.read_text()), re.MULTILINE)]
+    levels = [len(marks) for marks in re.findall(r"^(#+) ", prose(path.read_text()), re.MULTILINE)]
     assert levels[0] == 1
     assert levels.count(1) == 1
-    assert all(after <= before + 1 for before, after in zip(levels, levels[1:], strict=False))
+    assert all(after <= before + 1 for before, after in pairwise(levels))
+
+
+def test_nothing_is_said_twice():
+    """No sentence of a dozen words stands in two places, nor twice in one: texts include each other."""
+    said = Counter()
+    for path in (README, CONTRIBUTING, *PAGES):
+        text = re.sub(r"\s+", " ", prose(path.read_text()))
+        said.update(sentence for sentence in re.split(r"(?<=[.:;]) |\| ", text) if len(sentence.split()) >= 12)
+    assert [sentence for sentence, times in said.items() if times > 1] == []
+
+
+@pytest.mark.long
+def test_the_problem_file_runs_as_described(tmp_path):
+    """Its pad slips as a whole in the end: friction is the coefficient times the pressure, against the drag."""
+    text = page("howto/problem_file")
+    (tmp_path / "pad.py").write_text(file(text, "pad.py"))
+    assert "$ vemcvx run pad.py --n 16" in text
+    options = ["--n", "6", "--steps", "4", "--set", "coefficient=0.5", "--out"]
+    done = CliRunner().invoke(app, ["run", str(tmp_path / "pad.py"), *options, str(tmp_path / "out")])
+    assert done.exit_code == 0, done.output
+    history = vx.read_history(tmp_path / "out")
+    across, up = history.reaction("bottom")[-1]
+    assert up > 0
+    assert across == pytest.approx(-0.5 * up, rel=1e-8)
+    assert not history.contact.sticking[-1].any()

@@ -4,28 +4,21 @@ from __future__ import annotations
 
 import re
 import subprocess
-from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
+from texts import README, ROOT, page
 
 import vemcvx as vx
-from vemcvx.cli import app
 
-ROOT = Path(__file__).parents[2]
-README = (ROOT / "README.md").read_text()
+TEXT = README.read_text()
 
 
 @pytest.mark.long
-def test_the_programs_print_what_is_printed_below_them(capsys, tmp_path, monkeypatch):
-    """The others go on where the first ends."""
+def test_the_program_prints_what_is_printed_below_it(capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    programs = re.findall(r"```python\n(.*?)```.*?```text\n(.*?)```", README, re.DOTALL)
-    assert len(programs) == 3
-    known = {}
-    for program, printed in programs:
-        exec(compile(program, "README.md", "exec"), known)
-        compare(capsys.readouterr().out, printed)
+    ((program, printed),) = re.findall(r"```python\n(.*?)```.*?```text\n(.*?)```", TEXT, re.DOTALL)
+    exec(compile(program, "README.md", "exec"), {})
+    compare(capsys.readouterr().out, printed)
 
 
 def compare(said, printed):
@@ -40,31 +33,35 @@ def compare(said, printed):
 
 
 def test_commands_are_single_lines_of_which_ci_runs_one():
-    commands = re.findall(r"^ {4}(python3 -m venv .*)$", README, re.MULTILINE)
+    commands = re.findall(r"^ {4}(python3 -m venv .*)$", TEXT, re.MULTILINE)
     assert len(commands) == 2
     assert "vemcvx run" in commands[0]
     assert "pytest" in commands[1]
     chosen = re.search(r"sed -n '(.*?)'", (ROOT / ".ci" / "run").read_text()).group(1)
-    picked = subprocess.run(["sed", "-n", chosen, ROOT / "README.md"], capture_output=True, text=True, check=True)
+    picked = subprocess.run(["sed", "-n", chosen, README], capture_output=True, text=True, check=True)
     assert picked.stdout.splitlines() == [commands[1]]
 
 
 def test_links_lead_somewhere():
-    for target in re.findall(r"\]\(([^)#]+)\)", README):
+    for target in re.findall(r"\]\(([^)#]+)\)", TEXT):
         assert (ROOT / target).exists(), target
 
 
-@pytest.mark.long
-def test_the_problem_file_runs_as_described(tmp_path):
-    """Its pad slips as a whole in the end: friction is the coefficient times the pressure, against the drag."""
-    (text,) = re.findall(r"```py\n(.*?)```", README, re.DOTALL)
-    (tmp_path / "pad.py").write_text(text)
-    assert "`vemcvx run pad.py --n 16" in README
-    options = ["--n", "6", "--steps", "4", "--set", "coefficient=0.5", "--out"]
-    done = CliRunner().invoke(app, ["run", str(tmp_path / "pad.py"), *options, str(tmp_path / "out")])
-    assert done.exit_code == 0, done.output
-    history = vx.read_history(tmp_path / "out")
-    across, up = history.reaction("bottom")[-1]
-    assert up > 0
-    assert across == pytest.approx(-0.5 * up, rel=1e-8)
-    assert not history.contact.sticking[-1].any()
+def test_it_is_two_screens_with_a_table_of_ten_rows():
+    assert len(TEXT.splitlines()) <= 150
+    assert len(re.findall(r"^\| \*\*", TEXT, re.MULTILINE)) == 10
+    limits = TEXT[TEXT.index("## Limits") : TEXT.index("## Citing")]
+    assert limits.count("\n- ") == 5
+
+
+def test_what_it_counts_is_as_many():
+    effects = re.findall(r"^\| `\w+` \|", page("effects"), re.MULTILINE)
+    assert f"{len(effects)} effects" in TEXT
+    assert len(vx.meshes.FAMILIES) == 13
+    assert "thirteen families" in TEXT
+    lessons = [path for path in (ROOT / "problems" / "lessons").glob("*.py") if "solutions" not in path.stem]
+    assert len(lessons) == 10
+    assert "ten [lessons]" in TEXT
+    commands = re.findall(r"^\| `vemcvx ", page("howto/command_line"), re.MULTILINE)
+    assert len(commands) == 10
+    assert "ten commands" in TEXT

@@ -24,12 +24,15 @@ CHECKS = {"arrays.py", "effects/data.py"}
 
 
 def walks():
-    """title -> its hops, file -> function."""
+    """title -> its hops, file -> function; a walk may go "as to the cone, down to" a file of the one before it."""
     text = (ROOT.parent / "CONTRIBUTING.md").read_text()
-    section = text[text.index("### Walks") :].split("\n## ")[0]
-    found = {}
-    for title, block in re.findall(r"\n([^\n]+):\n\n```text\n(.*?)```", section, flags=re.DOTALL):
-        found[title] = dict(re.findall(r"^(\S+\.py) +(\S+)", block, flags=re.MULTILINE))
+    block = re.search(r"### Walks\n.*?```text\n(.*?)```", text, flags=re.DOTALL)[1]
+    found, hops = {}, []
+    for title, how, lines in re.findall(r"^(\w.*?)(?: \((.*)\))?\n((?:  .*\n)+)", block, flags=re.MULTILINE):
+        last = re.search(r"down to (\S+\.py)", how)
+        above = hops[: [file for file, _ in hops].index(last[1]) + 1] if last else []
+        hops = above + re.findall(r"^  (\S+\.py) +(\S+)", lines, flags=re.MULTILINE)
+        found[title] = dict(hops)
     return found
 
 
@@ -112,21 +115,21 @@ def displacement_to_file(folder):
 RECORD = "effects/effect.py"
 """It holds functions and matrices, and does nothing with them."""
 WALKS = {
-    "`bound`, from `TrescaFriction` to the cone": (bound_to_cone, "stepping/state.py"),
-    "`bound`, from `TrescaFriction` to Newton's method": (
+    "bound, from TrescaFriction to the cone": (bound_to_cone, "stepping/state.py"),
+    "bound, from TrescaFriction to Newton's method": (
         bound_to_newton,
         "stepping/state.py program/operators.py program/certificate.py program/operators.py",
     ),
-    "`young`, from `Elasticity` to K": (
+    "young, from Elasticity to K": (
         young_to_stiffness,
         "vem/elasticity.py vem/elasticity.py vem/space.py scene/pose.py",
     ),
-    "`accuracy`, from the command line to an option of a solver": (
+    "accuracy, from the command line to an option of a solver": (
         accuracy_to_option,
         "solvers/solver.py program/iterative_refinement.py stepping/posed_step.py stepping/backward_euler.py "
         "stepping/trajectory.py",
     ),
-    "`u`, from the answer to a step to a VTU file": (
+    "u, from the answer to a step to a VTU file": (
         displacement_to_file,
         "program/step_program.py program/operators.py stepping/ledger.py program/condensation.py linear/superlu.py "
         "program/iterative_refinement.py results/contact.py vem/elasticity.py results/small_strains.py history.py",

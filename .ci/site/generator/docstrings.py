@@ -33,6 +33,8 @@ def prepared(app: object, what: str, name: str, thing: object, options: object, 
     if what == "data":
         lines[:] = [_said_of(name.rpartition(".")[2]), ""]
     text = re.sub(r"(?<!`)(`+)(?!`)[^`]+\n[^`]+\1(?!`)", lambda found: " ".join(found.group().split()), "\n".join(lines))
+    raised = f"({'|'.join(name for name in PUBLIC if name[0].isupper() and '.' not in name)})"
+    text = re.sub(rf"^{raised}$", r"`\1`", text, flags=re.MULTILINE)
     lines[:] = [line if formula else _line(line, _escaped) for line, formula in _marked(text)]
 
 

@@ -16,6 +16,8 @@ copies them beside what it writes from lessons, problem files and docstrings; th
 - Files of the repository: `` {file}`vemcvx/program/certificate.py` `` shows the path, and links to it where
   `VEMCVX_SITE_SOURCE` names the address of the sources.
 - Pictures: `![what one sees](/pictures/feng_han_huang.png)`, all of `problems/pictures` being there. Words are required.
+- Live pages: `<iframe class="live" loading="lazy" title="..." src="_static/live/feng_han_huang.html"></iframe>`, or
+  `frictional_hysteresis.html`, from the folder of the page.
 - Python that is run: blocks `` ```{code-cell} `` in a page that begins with
   ``---\nfile_format: mystnb\nkernelspec:\n  name: python3\n---``; `:tags: [hide-input]` folds what only draws. Cells run in an
   empty folder of their own. An error fails the build.
@@ -64,6 +66,7 @@ nb_merge_streams = True
 nb_execution_in_temp = True
 
 autodoc_typehints = "none"
+autodoc_inherit_docstrings = False  # what a base class says of a method stands there, once
 autodoc_member_order = "bysource"
 numpydoc_show_class_members = False
 numpydoc_use_plots = False

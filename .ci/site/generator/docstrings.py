@@ -32,7 +32,9 @@ def prepared(app: object, what: str, name: str, thing: object, options: object, 
     """Rewrite the lines of a docstring, in place (Sphinx's event autodoc-process-docstring)."""
     if what == "data":
         lines[:] = [_said_of(name.rpartition(".")[2]), ""]
-    text = re.sub(r"(?<!`)`[^`]+\n[^`]+`(?!`)", lambda found: " ".join(found.group().split()), "\n".join(lines))
+    text = re.sub(r"(?<!`)(`+)(?!`)[^`]+\n[^`]+\1(?!`)", lambda found: " ".join(found.group().split()), "\n".join(lines))
+    raised = f"({'|'.join(name for name in PUBLIC if name[0].isupper() and '.' not in name)})"
+    text = re.sub(rf"^{raised}$", r"`\1`", text, flags=re.MULTILINE)
     lines[:] = [line if formula else _line(line, _escaped) for line, formula in _marked(text)]
 
 
@@ -42,13 +44,19 @@ def _marked(text: str) -> Iterator[tuple[str, bool]]:
     Formulas are given the mark of a literal block before them.
     """
     listed = within = False
+    language = "text"
     following = [*text.split("\n")[1:], ""]
     for line, under in zip(text.split("\n"), following, strict=True):
         if re.fullmatch(r"-{3,}", under):
             listed = line not in ("Notes", "Examples")
         formula = not listed and line.startswith("    ")
+        if line == "::":
+            language = "python"
+            continue
         if formula and not within:
-            yield from ((mark, True) for mark in ("", ".. code-block:: text", "   :class: formula", ""))
+            kind = "   :class: formula" if language == "text" else ""
+            yield from ((mark, True) for mark in ("", f".. code-block:: {language}", kind, ""))
+            language = "text"
         elif within and line and not formula:
             yield "", True
         within = formula or (within and not line)

@@ -11,6 +11,7 @@ from pathlib import Path
 from textwrap import dedent
 
 from generator.docstrings import SHORT
+from generator.live import SCENES
 
 ROOT = Path(__file__).resolve().parents[3]
 PROBLEMS = ROOT / "problems"
@@ -48,6 +49,11 @@ class Problem:
     def tree(self) -> ast.Module:
         """Its syntax."""
         return ast.parse(self.path.read_text(encoding="utf-8"))
+
+    @property
+    def begins(self) -> int:
+        """The line at which its code begins, below its docstring."""
+        return self.tree.body[1].lineno
 
     @property
     def title(self) -> str:
@@ -156,10 +162,26 @@ def _page(problem: Problem, group: str) -> str:
         markdown(problem.statement),
         f"## Run it\n\n```text\n{problem.command}\n```",
         f"It uses {', '.join(uses)}." if uses else "",
+        _live(problem.name),
         "## What the tests compare\n\n" + "\n".join(f"- {test}" for test in tests) if tests else "",
-        f"## The file\n\n```{{literalinclude}} /problems/{problem.name}.py\n:language: python\n```",
+        f"## The file\n\n`problems/{problem.name}.py`, below its docstring, which is above:\n\n"
+        f"```{{literalinclude}} /problems/{problem.name}.py\n:language: python\n:lines: {problem.begins}-\n```",
     ]
     return "\n\n".join(part for part in parts if part) + "\n"
+
+
+def _live(name: str) -> str:
+    """The page on which time moves, where there is one."""
+    if name not in SCENES:
+        return ""
+    frame = f'<iframe class="live" loading="lazy" title="{name}, step by step" src="../_static/live/{name}.html"></iframe>'
+    return f"## Step by step\n\n{frame}\n\n`vemcvx app {name} --html PAGE` wrote this page, `vemcvx app {name}` opens it with sliders for all else."
+
+
+def _short(problem: Problem) -> tuple[str, str]:
+    """What stands before the colon of its title, and after it."""
+    first, _, rest = problem.title.partition(": ")
+    return first, rest
 
 
 def _alt(problem: Problem, name: str) -> str:
@@ -175,7 +197,7 @@ def write(folder: Path) -> None:
     index = ["# Gallery", "Every problem file of `problems`, with its statement, its picture and its code."]
     for group, listed in GROUPS.items():
         cards = "\n".join(_card(Problem(name)) for name in listed.split())
-        hidden = "\n".join(listed.split())
+        hidden = "\n".join(f"{_short(Problem(name))[0]} <{name}>" for name in listed.split())
         index += [f"## {group}", f"::::{{grid}} 1 2 3 3\n:gutter: 3\n\n{cards}\n::::"]
         index += [f"```{{toctree}}\n:hidden:\n\n{hidden}\n```"]
         for name in listed.split():
@@ -187,4 +209,5 @@ def write(folder: Path) -> None:
 def _card(problem: Problem) -> str:
     picture = problem.pictures[:1]
     image = f":img-top: /pictures/{picture[0]}.png\n:img-alt: {_alt(problem, picture[0])}\n" if picture else ""
-    return f":::{{grid-item-card}} {markdown(problem.title)}\n:link: {problem.name}\n:link-type: doc\n{image}:::\n"
+    first, rest = map(markdown, _short(problem))
+    return f":::{{grid-item-card}} {first}\n:link: {problem.name}\n:link-type: doc\n{image}\n{rest}\n:::\n"

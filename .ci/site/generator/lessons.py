@@ -45,9 +45,11 @@ def write(folder: Path) -> None:
                     cell["metadata"]["tags"] = ["hide-input"]
                 if cell["cell_type"] == "markdown":
                     cell["source"] = [_linked(line, number) for line in cell["source"]]
+            if path == lesson.path:
+                made["cells"].append(_below(number))
             _kept(made, folder / f"{name}.ipynb")
-            pages.append(name)
         title = lesson.sentence.removeprefix(f"Lesson {number}, ")
+        pages.append(f"Lesson {number}, {title.partition(':')[0]} <lesson_{number}>")
         rows.append(
             f"{number}. [{title[0].upper()}{title[1:]}](lesson_{number}.ipynb)\n"
             f"   ([solutions](lesson_{number}_solutions.ipynb), "
@@ -62,6 +64,12 @@ def _kept(made: dict[str, object], path: Path) -> None:
     text = json.dumps(made, indent=1, ensure_ascii=False)
     if not path.is_file() or path.read_text(encoding="utf-8") != text:
         path.write_text(text, encoding="utf-8")
+
+
+def _below(number: int) -> dict[str, object]:
+    """A cell that puts the solutions below their lesson in the list of pages."""
+    tree = f"```{{toctree}}\n:hidden:\n\nSolutions <lesson_{number}_solutions>\n```"
+    return {"cell_type": "markdown", "id": "solutions", "metadata": {}, "source": tree.splitlines(keepends=True)}
 
 
 def _linked(line: str, number: int) -> str:

@@ -41,12 +41,11 @@ def prose(text: str) -> str:
     return re.sub(r"^(`{3,}|:{3,})\{?code.*?^\1$|^```.*?^```$", "", text, flags=re.DOTALL | re.MULTILINE)
 
 
-def outside(target: str) -> bool:
-    """Whether a link of a page leads to what the site makes of a lesson, a problem file or docstrings."""
-    made = target.removeprefix("../")
-    if found := re.fullmatch(r"(?:learn/)?(lesson_\d+\w*)\.md", made):
-        name = found[1]
-        return any((ROOT / "problems" / "lessons").glob(f"{name}*.py"))
-    if found := re.fullmatch(r"gallery/(\w+)\.md", made):
-        return found[1] == "index" or (ROOT / "problems" / f"{found[1]}.py").exists()
-    return made.startswith("reference/")
+def is_made(path: Path) -> bool:
+    """Whether the site makes this page, of a lesson, a problem file or docstrings."""
+    folder, _, name = path.relative_to(SITE).with_suffix("").as_posix().partition("/")
+    if folder == "learn":
+        return name == "index" or any((ROOT / "problems" / "lessons").glob(f"{name}*.py"))
+    if folder == "gallery":
+        return name == "index" or (ROOT / "problems" / f"{name}.py").exists()
+    return folder == "reference"

@@ -7,7 +7,7 @@ from collections import Counter
 from itertools import pairwise
 
 import pytest
-from texts import CONTRIBUTING, PAGES, README, ROOT, SITE, cells, file, outside, page, prose
+from texts import CONTRIBUTING, PAGES, README, ROOT, SITE, cells, file, is_made, page, prose
 from typer.testing import CliRunner
 
 import vemcvx as vx
@@ -39,7 +39,8 @@ def test_links_and_files_of_a_page_exist(path):
         if target.startswith("/pictures/"):
             assert (ROOT / "problems" / target[1:]).exists(), target
         elif not target.startswith("http"):
-            assert (path.parent / target).exists() or outside(target), target
+            named = (path.parent / target).resolve()
+            assert named.exists() or is_made(named), target
     for named in re.findall(r"\{file\}`([^`]+)`", text):
         assert (ROOT / named).exists(), named
 
@@ -47,6 +48,9 @@ def test_links_and_files_of_a_page_exist(path):
 @pytest.mark.parametrize("path", PAGES, ids=name)
 def test_headings_follow_in_order(path):
     """One title, and no level is skipped."""
+    if path.stem == "changes":
+        assert path.read_text() == "```{include} /CHANGELOG.md\n```\n"
+        return
     levels = [len(marks) for marks in re.findall(r"^(#+) ", prose(path.read_text()), re.MULTILINE)]
     assert levels[0] == 1
     assert levels.count(1) == 1

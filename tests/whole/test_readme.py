@@ -57,7 +57,7 @@ def test_it_is_two_screens_with_a_table_of_ten_rows():
 def test_what_it_counts_is_as_many():
     effects = re.findall(r"^\| `\w+` \|", page("effects"), re.MULTILINE)
     assert f"{len(effects)} effects" in TEXT
-    families = re.findall(r"^`vx.meshes.(.*?)` take", page("meshes"), re.MULTILINE)
+    families = re.findall(r"^`vx.meshes.([^`(]*)` take `", page("meshes"), re.MULTILINE)
     names = ", ".join(families).split(", ")
     assert len(names) == 13
     assert all(callable(getattr(vx.meshes, name)) for name in names)

@@ -36,7 +36,7 @@ class MeshError(VemcvxError):
 
 
 class MeshWarning(UserWarning):
-    """The mesh was mended on the way in: cells or faces turned, unused nodes, inner lines or faces dropped."""
+    """The mesh was corrected when it was made: cells or faces turned, unused nodes, inner lines or faces dropped."""
 
 
 class SceneError(VemcvxError):

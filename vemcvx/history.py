@@ -85,7 +85,6 @@ class History(Results, Outlined):
     dissipated_error, work_error : (N + 1,) or None
         The estimated errors of `dissipated_second_order` and `work_second_order` at all instants, of steps and mesh
         together, likewise.
-        Relative energy errors of an adaptive run: "algebra", "space", "time", their sum "total", and the "target".
     bound : dict or None
         Of ``simulate(..., bound=True)``: "upper" and "lower", guaranteed bounds on the error of the mesh in the energy
         norm in the "step" for which the upper one is largest, each step given the one before

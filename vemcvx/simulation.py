@@ -154,7 +154,7 @@ def instants(scene: Scene, mesh: AnyMesh, times: ArrayLike) -> Floats:
     -------
     (N + 1,) array
         Of a jump both sides, a billionth of the run apart at most. Data are sampled at 256 instants, or at the middles
-        of steps: what is over between two of these is not seen.
+        of steps: what begins and ends between two of these is not seen.
 
     Raises
     ------

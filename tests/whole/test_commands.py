@@ -1,8 +1,8 @@
 """Every command in README, CONTRIBUTING, the pages of the site and the lessons is run, from fresh environments.
 
-Commands are indented lines, and what stands between backquotes, that begin with a program; the tests of the site run blocks
-of the console. `HOW` has each command, word for word, so that a new one fails the first test until somebody says here how
-it is run, or why not.
+Commands are indented lines, and what stands between backquotes, that begin with a program; the tests of the site run
+blocks of the console. `HOW` has each command, word for word, so that a new one fails the first test until somebody says
+here how it is run, or why not.
 """
 
 from __future__ import annotations

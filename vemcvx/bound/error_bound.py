@@ -193,12 +193,12 @@ def error_bound(
         every step of which must be stored, and in which nothing but friction with a given bound acts
         (BilateralContact and TrescaFriction). Its bound is about data as read at the instants of the run, at 32 of a
         path at least and at three within each step of that, at bends, turns and jumps; between them data are taken for
-        linear in time. Where they are seen not to be, a warning names the instants.
+        linear in time. Where they are found not to be, a warning names the instants.
     of : Effect or sequence of Effect, optional
         A linear quantity, given as the load that does its work: ``Traction((1.0 / length, 0.0), on="top")`` is the mean
         displacement along x of a side, ``BodyForce((1.0 / area, 0.0))`` that of the body, ``Prestress((-1.0 / area,
         0.0, 0.0))`` its mean strain, and a PrescribedDisplacement on a support the work that the support's force on the
-        body does on it: ``(1.0, 0.0)`` is the force along x. Several add up. A step is to be given.
+        body does on it: ``(1.0, 0.0)`` is the force along x. Several add up. This needs a step.
 
     Returns
     -------

@@ -80,7 +80,7 @@ class Elasticity(MaterialLaw):
     poisson : likewise
         Poisson's ratio, -1 < nu < 1/2 in plane strain and in space, -1 < nu <= 1/2 in plane stress.
     plane : {"strain", "stress"}, optional
-        What a plane body is in; "strain" by default. Of bodies in space it says nothing, and is refused.
+        Plane strain (the default) or plane stress, of bodies in the plane. Bodies in space refuse it.
     stabilisation : {"shear", "unit"}
         The part of a_K^h that vanishes for linear displacements: "shear" is 2 mu times the dofi-dofi product, which
         does not depend on units and does not lock; "unit" is S_K of (3.13) to the letter, without a factor.
@@ -210,10 +210,10 @@ class Orthotropic(MaterialLaw):
     angle : modulus
         From x to axis 1, counter-clockwise, in radians, from -2 pi to 2 pi; in space about z, which is axis 3 then.
     plane : {"stress", "strain"}, optional
-        What a plane body is in; "stress" by default. Of bodies in space it says nothing, and is refused.
+        Plane stress (the default) or plane strain, of bodies in the plane. Bodies in space refuse it.
     axes : (axis 1, axis 2), optional
-        In space the two vectors (3,), or callables f(x) -> (m, 3) at centroids; of any length, and of axis 2 what is
-        across axis 1 counts. In place of `angle`.
+        In space the two vectors (3,), or callables f(x) -> (m, 3) at centroids; of any length. Of axis 2 only
+        the part across axis 1 counts. Instead of `angle`.
     on : None, str or sequence of str
         The cells of this material, as for Elasticity.
     """

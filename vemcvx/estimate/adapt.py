@@ -174,7 +174,6 @@ class Adapted(Outlined):
         The relative error that was asked for.
     of : {"energy", "dissipated", "work", "wear"}
         The quantity that it is of; `history.quantities` has the last three with their errors, if it is one of them.
-        The relative energy error that was asked for.
     bound : ErrorBound or None
         Of the last pass, with ``estimate="bound"``; `budget.space` and `budget.cells` are then its.
     """
@@ -271,8 +270,8 @@ def adapt(
     Warns
     -----
     SceneWarning
-        Conditions on normals hold along a curve: refined meshes keep the corners of the coarse one, as what slides
-        along it feels.
+        Conditions on normals hold along a curve: refined meshes keep the corners of the coarse one, and a body that
+        slides along them is held there.
 
     Raises
     ------

@@ -33,7 +33,7 @@ of both cells): of a rectangle a side, of a triangle its height, and short edges
 .82 of the height estimates were .94 of the error on squares cut by both diagonals.) For h_K serves the longer side of
 the rectangle with the cell's second moments. A stress that varies along a cell of the sides L and H jumps across its
 *short* edges by L d(sigma)/dx; with |K|^{1/2} for d this counted (H / L)^{1/2} of its square, and estimates were .49 of
-the error on README's scene with 128 x 4 squares.
+the error on the paper's scene with 128 x 4 squares.
 
 Tractions do not contain eps_ss, the strain along an edge. Seen from both cells the strain eps_ss(u) is the same and
 eps_ss(Pi u) is not; on a rectangle they differ by the variation of the strain that jumps do not see, H d(eps_xx)/dy and

@@ -58,7 +58,7 @@ def read(path: str | Path, bodies: str | None = None) -> PolygonMesh | Any:
     Parameters
     ----------
     path : str or Path
-        The file; its suffix tells the format. What others wrote, `meshio convert a.xyz a.vtu` makes a file of VTK.
+        The file; its suffix tells the format. `meshio convert a.xyz a.vtu` converts files of other formats.
     bodies : "physical", optional
         Make a body of every physical group of cells, as :func:`vemcvx.meshes.bodies` joins them: where groups meet, in
         nodes that they share or that are double, there is an interface. Boundaries are called "plate.rim".
@@ -90,7 +90,7 @@ def read(path: str | Path, bodies: str | None = None) -> PolygonMesh | Any:
 def convert(other: Any) -> PolygonMesh | Any:
     """Return the mesh that an object of another library holds; `to` of a mesh is the way back.
 
-    What holds for files, holds here: order, names, data, sides without names, checks (see :func:`read`).
+    Order, names and data are kept, sides without names are named, and the mesh is checked, all as in :func:`read`.
 
     Parameters
     ----------

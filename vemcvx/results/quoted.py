@@ -91,8 +91,8 @@ class Quantity:
     unit : str
         In words.
     unbounded : str
-        Why the largest wear means nothing but on this mesh, as of an :class:`Extreme`; empty where nothing is known
-        against it.
+        Why the largest wear is a number of this mesh alone, which grows as the mesh is refined; empty where no reason
+        is known.
     """
 
     value: float

@@ -324,7 +324,7 @@ class OSQP(ThroughCvxpy):
     Parameters
     ----------
     polygon : int, optional
-        Take discs of multipliers, |lam_i| <= w_i, for regular polygons with so many corners on their rims, at least 4.
+        Replace discs of multipliers, |lam_i| <= w_i, by regular polygons with this many corners on the rim, at least 4.
         Certificates are those of the discs: gaps are up to 1 - cos(pi / polygon) of sum w_i |s_i|, .019 with 16. By
         default programs with discs are refused.
     """

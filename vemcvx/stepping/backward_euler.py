@@ -515,7 +515,7 @@ def march(
     check, condense, linear : as of :func:`vemcvx.simulate`
     progress : callable (step, steps), optional
     storage : Storage, optional
-        Where rows are kept; a Folder that holds an interrupted run of the same system is gone on with.
+        Where rows are kept; an interrupted run of the same system in a Folder is continued.
 
     Raises
     ------

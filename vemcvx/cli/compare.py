@@ -7,7 +7,7 @@ Steps with given weights are nonexpansive in the energy norm, so two answers y, 
 The left side is exact: K is the matrix of the scene. Against the most certain answer, whose right side is the smallest,
 this tests every certificate: those that keep the bound are *honest*. A certificate that is as small as was asked for,
 but for its rounding floor, is *good*; an honest one need not be. Where the weights follow the answer, or friction or
-rates meet limits, a step depends on the one before in ways that the sum does not bound
+viscosity stand beside limits, a step depends on the one before in ways that the sum does not bound
 (:class:`vemcvx.stepping.trajectory.Trajectory`); the distance is then told only.
 
 Whatever becomes of a solver is a row: it refuses the program, misses its accuracy, breaks down, or is out of time. With
@@ -118,12 +118,13 @@ class Judged:
         default = any(row.settings == "default" for row in self.rows)
         lines = ["default: as the solver's library comes, through cvxpy"] if default else []
         lines.append("certified: rounding included; rel.: to the largest energy norm so far")
-        lines.append("good: as asked, but for what rounding leaves, in all steps")
+        lines.append("good: certified as asked for in all steps, rounding aside")
         if sum(row.certified is not None for row in self.rows) > 1:
             lines.append(f"distance: of the states to those by {best}, the most certain, in energy norm")
             lines.append("allowed: what both certificates allow for it; honest: whether the distance is within that")
         if not self.rigorous:
-            lines.append("allowed: no bound here, where weights follow the answer, or friction or rates meet limits")
+            why = "friction follows pressure or slip, or stands, or viscosity does, beside one-sided contact"
+            lines.append(f"allowed: no bound here: {why}")
         return lines + [f"WRONG: {name} is farther from {best} than both certificates allow" for name in self.liars]
 
 

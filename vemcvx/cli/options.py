@@ -81,7 +81,8 @@ Linear = Annotated[
 Threads = Annotated[
     int | None,
     typer.Option(
-        min=1, help="Threads of PARDISO; several need the extra `threads`. (default: MKL_NUM_THREADS, OMP_NUM_THREADS or 1)"
+        min=1,
+        help="Threads of PARDISO; several need the extra threads. (default: MKL_NUM_THREADS, OMP_NUM_THREADS or 1)",
     ),
 ]
 CELLS = "Cells across the shortest side."

@@ -113,7 +113,11 @@ def _certificate(norms: Norms | None, operators: Operators) -> str:
         found = stability(operators, norms.softening)
         if found is not None and found.margin > 0:
             return f"a bound, because friction falls slowly with slip: softening over stiffness is {found.rho:.2g} < 1"
-        said = "" if found is None else f": softening over stiffness is {found.rho:.2g}, where less than 1 proves more"
-        return f"an estimate, because weights depend on slip{said}"
-    bound = "a bound on the distance to a solution, by its sets; where they do not settle "
-    return (bound if norms.sloped else "") + "an estimate, because weights depend on pressures"
+        said = "" if found is None else f": softening over stiffness is {found.rho:.2g}; below 1 it would be a bound"
+        return f"an estimate, because friction bounds depend on slip{said}"
+    if not norms.sloped:
+        return "an estimate, because friction bounds depend on pressures"
+    return (
+        "a bound on the distance to a solution, by which nodes stick, slip and touch; an estimate in steps where these "
+        "do not settle, because friction bounds depend on pressures"
+    )

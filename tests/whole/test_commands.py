@@ -112,7 +112,7 @@ HOW = {
     'pip install ".[mkl]"': As(),
     "vemcvx lesson": As(),
     "vemcvx lesson 6": As("cd results && vemcvx lesson 6 && python lesson_6_certificates.py"),
-    'pip install ".[docs]" && python .ci/reference.py docs/reference': As(env="docs"),
+    'pip install ".[docs]" && python .ci/site.py docs/site': As(env="docs"),
     # CONTRIBUTING
     'pip install -e ".[plot,test]"': As(),
     "python -m pytest -n 2 -m quick": As(addopts=FEW),

@@ -1,8 +1,8 @@
 """Build the site: python .ci/site.py DIR [--work FOLDER].
 
 Sphinx with MyST-NB runs the lessons and the code of the pages, and reads the docstrings; furo is the theme. They were
-chosen over MkDocs because MyST-NB takes notebooks and code in pages alike, references fail the build where they lead nowhere,
-and numpydoc is the style of the docstrings; all are under BSD or MIT licences, MathJax, which is shipped inside, under
+chosen over MkDocs because MyST-NB takes notebooks and code in pages alike, a reference that leads nowhere fails the
+build, and numpydoc is the style of the docstrings. All have BSD or MIT licences; MathJax, which is shipped inside, has
 Apache 2.0.
 
 Sources are in `.ci/site`, whose `conf.py` has the conventions; what they show stays where it lives: lessons, problem

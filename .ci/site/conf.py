@@ -4,13 +4,15 @@ Conventions for pages
 ---------------------
 Sources are MyST Markdown in this folder: `index.md`, `learn/`, `howto/`, `theory/`, and pages beside them. The builder
 copies them beside what it writes from lessons, problem files and docstrings: `learn/index`, `learn/lesson_*`,
-`gallery/` and `reference/` are in no folder of the repository. A page that is added is named in the toctree of its `index.md`.
+`gallery/` and `reference/` are in no folder of the repository. A page that is added is named in the toctree of
+its `index.md`.
 
 - One `#` heading a page, then `##`, then `###`; none is skipped.
 - Formulas: `$u$` within a line, `$$ ... $$ (label)` on lines of their own, referred to by `` {eq}`label` ``.
 - References: `` {py:class}`vemcvx.Elasticity` ``, `` {py:func}`vemcvx.simulate` ``,
   `` {py:meth}`vemcvx.History.write` ``, `` {py:attr}`...` ``; in short `` {py:func}`~vemcvx.simulate` ``. Modules are
-  `vemcvx.meshes`, `vemcvx.plots`, `vemcvx.estimate.measures` (not `vemcvx.measures`). A name that does not exist fails the build.
+  `vemcvx.meshes`, `vemcvx.plots`, `vemcvx.estimate.measures` (not `vemcvx.measures`). A name that does
+  not exist fails the build.
 - Pages: `[words](../howto/resume.md)`, lessons `../learn/lesson_3.ipynb` (and `lesson_3_solutions.ipynb`), problem
   files `../gallery/hertz_contact.md`; headings by `[words](page.md#the-heading-as-an-anchor)`.
 - Files of the repository by their path alone: `` `vemcvx/program/certificate.py` ``.
@@ -19,8 +21,8 @@ copies them beside what it writes from lessons, problem files and docstrings: `l
   `frictional_hysteresis.html`, from the folder of the page.
 - Python that is run: blocks `` ```{code-cell} `` in a page that begins with
   ``---\nfile_format: mystnb\nkernelspec:\n  name: python3\n---``; `:tags: [hide-input]` folds what only draws. Cells
-  run in an empty folder of their own. An error fails the build. A figure of ours says in words what it shows, which is its
-  text for those who cannot see it; let it be the last line of a cell.
+  run in an empty folder of their own. An error fails the build. A figure of ours says in words what it shows, which
+  is its text for those who cannot see it; let it be the last line of a cell.
 - Commands that are run: blocks `` ```console `` whose lines begin with `$ `; `tests/whole/test_site.py` runs them, page
   by page, in a folder with `problems` and the files of the page (`` ```{code-block} python ``, `:caption: name.py`).
 - Text that stands elsewhere is included, not repeated: `` ```{include} /CHANGELOG.md `` (README.md, CONTRIBUTING.md,

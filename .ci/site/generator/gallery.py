@@ -98,17 +98,18 @@ def names() -> list[str]:
 
 @cache
 def tests() -> dict[str, list[str]]:
-    """Of every problem the tests that use it, a line each; those of texts and of the house are not about any."""
+    """Of every problem the tests that use it, a line each: those of problems, and others that say what they are."""
     found: dict[str, list[str]] = {}
     known = re.compile("|".join(names()))
     for path in sorted((ROOT / "tests").glob("*/test_*.py")):
         text = path.read_text(encoding="utf-8")
-        named = known.search(text) and path.parent.name != "whole"
+        # Tests of texts and of commands are about no problem.
+        named = path.parent.name not in ("whole", "cli") and known.search(text)
         for name, test in _uses(ast.parse(text)) if named else ():
             said = (ast.get_docstring(test) or "").partition("\n\n")[0].replace("\n", " ")
             of = f"::{test.name}" if isinstance(test, ast.FunctionDef) else ""
-            where = f"`{path.relative_to(ROOT)}{of}`"
-            found.setdefault(name, []).append(f"{where}: {markdown(said)}" if said else where)
+            if said or path.parent.name == "problems":
+                found.setdefault(name, []).append(f"`{path.relative_to(ROOT)}{of}`" + (said and f": {markdown(said)}"))
     return found
 
 

@@ -1,9 +1,14 @@
 """Build the site: python .ci/site.py DIR [--work FOLDER].
 
-Sphinx with MyST-NB runs the lessons and the code of the pages, and reads the docstrings; furo is the theme. Sources are in
-`.ci/site`, whose `conf.py` has the conventions; what they show lives where it lives: lessons, problem files and pictures in
-`problems`, docstrings in `vemcvx`, CHANGELOG.md. Warnings are errors, and the pages are checked when they are built: every
-link and anchor, words for every picture, headings in order, and nothing that a browser would load from another host.
+Sphinx with MyST-NB runs the lessons and the code of the pages, and reads the docstrings; furo is the theme. They were
+chosen over MkDocs because MyST-NB takes notebooks and code in pages alike, a reference that leads nowhere fails the
+build, and numpydoc is the style of the docstrings. All have BSD or MIT licences; MathJax, which is shipped inside, has
+Apache 2.0.
+
+Sources are in `.ci/site`, whose `conf.py` has the conventions; what they show stays where it lives: lessons, problem
+files and pictures in `problems`, docstrings in `vemcvx`, CHANGELOG.md. Warnings are errors, and pages are checked when
+they are built: every link and anchor, words for every picture, headings in order, and nothing that a browser would load
+from another host.
 
 With --work the sources and executed notebooks are kept in that folder, and code that has not changed is not run again.
 """
@@ -30,7 +35,7 @@ TEXTS = "README.md", "CONTRIBUTING.md", "CHANGELOG.md", "LICENSE", "CITATION.cff
 
 
 def staged(sources: Path) -> None:
-    """Put together Sphinx's folder of sources: the pages of this folder, and those written from what lives elsewhere."""
+    """Put together Sphinx's folder of sources: pages of `.ci/site`, and those written from what lives elsewhere."""
     from generator import gallery, lessons, live, reference
 
     shutil.copytree(HERE / "site", sources, dirs_exist_ok=True, ignore=shutil.ignore_patterns("__pycache__"))
@@ -62,12 +67,13 @@ def built(sources: Path, pages: Path, work: Path, cached: bool) -> int:
     from sphinx.cmd.build import main
 
     # Notebooks are run by two processes; the cache is one file, which they would write to at once.
-    how = ["-D", "nb_execution_mode=cache", "-D", f"nb_execution_cache_path={work / 'cells'}"] if cached else ["-j", "2"]
-    words = ["-b", "html", "-W", "--keep-going", "-q", "-n", "-d", str(work / "doctrees"), *how, str(sources), str(pages)]
-    return int(main(words))
+    cells = ["-D", "nb_execution_mode=cache", "-D", f"nb_execution_cache_path={work / 'cells'}"]
+    how = ["-b", "html", "-W", "--keep-going", "-q", "-n", "-d", str(work / "doctrees")]
+    return int(main([*how, *(cells if cached else ["-j", "2"]), str(sources), str(pages)]))
 
 
 def main() -> None:
+    """Build the site, and check it; the exit code is 1 where anything is at fault."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", type=Path, metavar="DIR")
     parser.add_argument("--work", type=Path, metavar="FOLDER")

@@ -1,30 +1,32 @@
-"""Sphinx's settings for the site: `python .ci/site.py DIR` builds it.
+r"""Sphinx's settings for the site: `python .ci/site.py DIR` builds it.
 
 Conventions for pages
 ---------------------
-Sources are MyST Markdown in this folder: `index.md`, `learn/`, `howto/`, `theory/`, `gallery/`, `reference/`. The builder
-copies them beside what it writes from lessons, problem files and docstrings; those pages (`learn/lesson_*`, `gallery/*`,
-`reference/*`) are in no folder of the repository. A page that is added is named in the toctree of its folder's `index.md`.
+Sources are MyST Markdown in this folder: `index.md`, `learn/`, `howto/`, `theory/`, and pages beside them. The builder
+copies them beside what it writes from lessons, problem files and docstrings: `learn/index`, `learn/lesson_*`,
+`gallery/` and `reference/` are in no folder of the repository. A page that is added is named in the toctree of
+its `index.md`.
 
 - One `#` heading a page, then `##`, then `###`; none is skipped.
 - Formulas: `$u$` within a line, `$$ ... $$ (label)` on lines of their own, referred to by `` {eq}`label` ``.
-- References: `` {py:class}`vemcvx.Elasticity` ``, `` {py:func}`vemcvx.simulate` ``, `` {py:meth}`vemcvx.History.write` ``,
-  `` {py:attr}`...` ``; the short form is `` {py:func}`~vemcvx.simulate` ``. Modules: `vemcvx.meshes`, `vemcvx.plots`,
-  `vemcvx.estimate.measures` (not `vemcvx.measures`). A name that does not exist fails the build.
-- Pages: `[words](../howto/resume.md)`, lessons `../learn/lesson_3.ipynb` (solutions `lesson_3_solutions.ipynb`), problem files
-  `../gallery/hertz_contact.md`; headings by `[words](page.md#the-heading-as-an-anchor)`.
-- Files of the repository: `` {file}`vemcvx/program/certificate.py` `` shows the path, and links to it where
-  `VEMCVX_SITE_SOURCE` names the address of the sources.
-- Pictures: `![what one sees](/pictures/feng_han_huang.png)`, all of `problems/pictures` being there. Words are required.
+- References: `` {py:class}`vemcvx.Elasticity` ``, `` {py:func}`vemcvx.simulate` ``,
+  `` {py:meth}`vemcvx.History.write` ``, `` {py:attr}`...` ``; in short `` {py:func}`~vemcvx.simulate` ``. Modules are
+  `vemcvx.meshes`, `vemcvx.plots`, `vemcvx.estimate.measures` (not `vemcvx.measures`). A name that does
+  not exist fails the build.
+- Pages: `[words](../howto/resume.md)`, lessons `../learn/lesson_3.ipynb` (and `lesson_3_solutions.ipynb`), problem
+  files `../gallery/hertz_contact.md`; headings by `[words](page.md#the-heading-as-an-anchor)`.
+- Files of the repository by their path alone: `` `vemcvx/program/certificate.py` ``.
+- Pictures: `![what one sees](/pictures/feng_han_huang.png)`, from `problems/pictures`. Words are required.
 - Live pages: `<iframe class="live" loading="lazy" title="..." src="_static/live/feng_han_huang.html"></iframe>`, or
   `frictional_hysteresis.html`, from the folder of the page.
 - Python that is run: blocks `` ```{code-cell} `` in a page that begins with
-  ``---\nfile_format: mystnb\nkernelspec:\n  name: python3\n---``; `:tags: [hide-input]` folds what only draws. Cells run in an
-  empty folder of their own. An error fails the build.
-- Commands that are run: blocks `` ```console `` whose lines begin with `$ `; `tests/whole/test_site.py` runs them, page by
-  page, in one folder a page, in which the files of the page (`` ```{code-block} python `` with `:caption: name.py`) are.
-- Text that stands elsewhere is included, not repeated: `` ```{include} /CHANGELOG.md `` (README.md, CONTRIBUTING.md, LICENSE,
-  CITATION.cff are there); `:start-after: <!-- measured: begin -->` and `:end-before:` take a part.
+  ``---\nfile_format: mystnb\nkernelspec:\n  name: python3\n---``; `:tags: [hide-input]` folds what only draws. Cells
+  run in an empty folder of their own. An error fails the build. A figure of ours says in words what it shows, which
+  is its text for those who cannot see it; let it be the last line of a cell.
+- Commands that are run: blocks `` ```console `` whose lines begin with `$ `; `tests/whole/test_site.py` runs them, page
+  by page, in a folder with `problems` and the files of the page (`` ```{code-block} python ``, `:caption: name.py`).
+- Text that stands elsewhere is included, not repeated: `` ```{include} /CHANGELOG.md `` (README.md, CONTRIBUTING.md,
+  LICENSE, CITATION.cff are there); `:start-after: <!-- measured: begin -->` and `:end-before:` take a part.
 - Cards, grids, tabs: sphinx-design, `::::{grid} 1 1 3 3`. Answers that unfold: `:::{dropdown} Answer`.
 """
 

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import ast
+import json
 import os
+import re
 import subprocess
 import sys
 import zipfile
@@ -93,6 +96,39 @@ def test_lessons_are_listed_and_copied_and_nothing_is_overwritten(tmp_path):
     assert f"{names[1]} exists, and no file is overwritten" in said
     assert [path.name for path in tmp_path.iterdir()] == [names[1]]
     assert (tmp_path / names[1]).read_text() == "mine"
+
+
+def test_lessons_are_copied_as_notebooks(tmp_path):
+    """Cells have the source that they have in the file; the title is markdown, and what only draws is folded."""
+    code, said = call("lesson", "3", "--notebook")
+    assert code == 0
+    names = ["lesson_3_solutions.ipynb", "lesson_3_virtual_elements.ipynb"]
+    assert sorted(said.split()[:2]) == sorted(path.name for path in tmp_path.iterdir()) == names
+    made = json.loads((tmp_path / names[1]).read_text(encoding="utf-8"))
+    assert (made["nbformat"], made["nbformat_minor"]) == (4, 5)
+    text = (ROOT / "problems" / "lessons" / "lesson_3_virtual_elements.py").read_text(encoding="utf-8")
+    cells = made["cells"]
+    assert len(cells) == len(re.findall("^# %%", text, re.MULTILINE))
+    assert len({cell["id"] for cell in cells}) == len(cells)
+    assert cells[0]["cell_type"] == "markdown"
+    assert cells[0]["source"] == [ast.get_docstring(ast.parse(text))]
+    for cell in cells[1:]:
+        source = "".join(cell["source"])
+        if cell["cell_type"] == "code":
+            ast.parse(source)
+            assert source in text
+            assert cell["metadata"] == ({"jupyter": {"source_hidden": True}} if "new_figure(" in source else {})
+        else:
+            assert source.replace("\n", "\n# ").replace("# \n", "#\n") in text
+    code, said = call("lesson", "3", "--notebook")
+    assert code == 2
+    assert "lesson_3_virtual_elements.ipynb exists, and no file is overwritten" in said
+
+
+def test_a_notebook_of_no_lesson_is_an_error():
+    code, said = call("lesson", "--notebook")
+    assert code == 2
+    assert "found --notebook without a number; `vemcvx lesson` lists" in said
 
 
 def test_a_link_that_leads_nowhere_is_not_followed(tmp_path):

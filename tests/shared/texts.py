@@ -31,7 +31,7 @@ def cells(text: str) -> list[str]:
 
 def file(text: str, caption: str) -> str:
     """A file that a page shows, by its name."""
-    head = rf"```\{{code-block\}} python\n:caption: {re.escape(caption)}\n"
+    head = rf"```\{{code-block\}} python\n:caption: {re.escape(caption)}\n\n"
     (found,) = re.findall(rf"^{head}(.*?)^```$", text, re.DOTALL | re.MULTILINE)
     return found
 

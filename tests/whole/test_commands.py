@@ -120,9 +120,7 @@ HOW = {
     "vemcvx lesson 6 --notebook": As("cd results && vemcvx lesson 6 --notebook"),
     "vemcvx lesson 6": As("cd results && vemcvx lesson 6 && python lesson_6_certificates.py"),
     # CONTRIBUTING
-    'pip install ".[docs]"': As(env="docs"),
-    "python .ci/site.py site": As(env="docs"),
-    "python .ci/reference.py docs/reference": As(env="docs"),
+    'pip install ".[docs]" && python .ci/site.py docs/site': As(env="docs"),
     'pip install -e ".[plot,test]"': As(),
     "python -m pytest -n 2 -m quick": As(addopts=FEW),
     "python -m pytest -n 2": As(addopts=FEW),

@@ -5,12 +5,13 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 from urllib.parse import unquote, urldefrag
 
-from bs4 import BeautifulSoup, Tag
+from bs4 import BeautifulSoup
 
-LOADS = {"img": "src", "script": "src", "iframe": "src", "link": "href", "source": "src", "object": "data", "use": "href"}
+LOADS = {"img": "src", "script": "src", "iframe": "src", "link": "href", "source": "src", "object": "data"}
 """What a browser fetches without being asked."""
 ELSEWHERE = re.compile(r"(?:https?:)?//|ftp:", re.IGNORECASE)
 IN_STYLE = re.compile(r"(?:url\(|@import)\s*['\"]?\s*((?:https?:)?//[^'\")]+)")
@@ -18,7 +19,8 @@ IN_STYLE = re.compile(r"(?:url\(|@import)\s*['\"]?\s*((?:https?:)?//[^'\")]+)")
 
 def faults(site: Path) -> list[str]:
     """All faults found, a line each."""
-    parsed = {path: BeautifulSoup(path.read_text(encoding="utf-8"), "html.parser") for path in sorted(site.rglob("*.html"))}
+    paths = sorted(site.rglob("*.html"))
+    parsed = {path: BeautifulSoup(path.read_text(encoding="utf-8"), "html.parser") for path in paths}
     anchors = {path: {tag["id"] for tag in page.find_all(id=True)} for path, page in parsed.items()}
     found = []
     for path, page in parsed.items():
@@ -27,7 +29,8 @@ def faults(site: Path) -> list[str]:
         of_page += _headings(page) if path.name != "search.html" else []
         found += [f"{path.relative_to(site)}: {fault}" for fault in of_page]
     for style in site.rglob("*.css"):
-        found += [f"{style.relative_to(site)}: loads {url}" for url in IN_STYLE.findall(style.read_text(encoding="utf-8"))]
+        urls = IN_STYLE.findall(style.read_text(encoding="utf-8"))
+        found += [f"{style.relative_to(site)}: loads {url}" for url in urls]
     return found
 
 
@@ -62,7 +65,8 @@ def _pictures(page: BeautifulSoup) -> Iterator[str]:
         words = image.get("alt", "").strip()
         if not words or Path(words).suffix in (".png", ".svg", ".gif"):
             yield f"the picture {image.get('src', '')[:80]} has no words"
-    yield from (f"the frame {frame.get('src')} has no title" for frame in page.find_all("iframe") if not frame.get("title"))
+    untitled = [frame for frame in page.find_all("iframe") if not frame.get("title")]
+    yield from (f"the frame {frame.get('src')} has no title" for frame in untitled)
 
 
 def _headings(page: BeautifulSoup) -> Iterator[str]:
@@ -71,11 +75,11 @@ def _headings(page: BeautifulSoup) -> Iterator[str]:
     levels = [(int(tag.name[1]), tag.get_text(" ", strip=True)) for tag in body.find_all(re.compile(r"^h[1-6]$"))]
     if [level for level, _ in levels].count(1) != 1:
         yield f"{[level for level, _ in levels].count(1)} headings of the first level"
-    for (before, _), (level, words) in zip(levels, levels[1:], strict=False):
+    for (before, _), (level, words) in pairwise(levels):
         if level > before + 1:
             yield f"the heading {words!r} is of level {level} below one of level {before}"
 
 
 def _ids(page: BeautifulSoup) -> Iterator[str]:
-    counted = Counter(tag["id"] for tag in page.find_all(id=True) if isinstance(tag, Tag) and not tag.find_parent("svg"))
+    counted = Counter(tag["id"] for tag in page.find_all(id=True) if not tag.find_parent("svg"))
     yield from (f"{times} elements have the id {one}" for one, times in counted.items() if times > 1)

@@ -9,15 +9,14 @@ from functools import cache
 from itertools import pairwise
 from pathlib import Path
 
-import vemcvx
 from docutils import nodes
-from generator.reference import TOPICS, found, full_name
+
+import vemcvx
+from generator.reference import PUBLIC, SHORT, found
 
 LITERAL = re.compile(r"``.*?``|:\w+(?::\w+)?:`[^`]+`|`[^`]+`")
 """What is literal, or a role, on one line."""
 ROLE = re.compile(r":(?:py:)?(\w+):`~?\.?([\w.]+)`")
-PUBLIC = {name: full_name(name) for topic in TOPICS.values() for name in topic.names.split()}
-SHORT = {name.rpartition(".")[2]: full for name, full in PUBLIC.items()}
 
 
 def _members() -> set[str]:
@@ -32,7 +31,8 @@ def prepared(app: object, what: str, name: str, thing: object, options: object, 
     """Rewrite the lines of a docstring, in place (Sphinx's event autodoc-process-docstring)."""
     if what == "data":
         lines[:] = [_said_of(name.rpartition(".")[2]), ""]
-    text = re.sub(r"(?<!`)(`+)(?!`)[^`]+\n[^`]+\1(?!`)", lambda found: " ".join(found.group().split()), "\n".join(lines))
+    literal = r"(?<!`)(`+)(?!`)[^`]+\n[^`]+\1(?!`)"
+    text = re.sub(literal, lambda broken: " ".join(broken.group().split()), "\n".join(lines))
     raised = f"({'|'.join(name for name in PUBLIC if name[0].isupper() and '.' not in name)})"
     text = re.sub(rf"^{raised}$", r"`\1`", text, flags=re.MULTILINE)
     lines[:] = [line if formula else _line(line, _escaped) for line, formula in _marked(text)]
@@ -99,7 +99,8 @@ def _reference(literal: str) -> str:
     role = ROLE.fullmatch(literal)
     if role:
         name = role.group(2)
-        full = next((one for one in (name, SHORT.get(name.removeprefix("vemcvx.")), f"vemcvx.{name}") if one in KNOWN), None)
+        candidates = name, SHORT.get(name.removeprefix("vemcvx.")), f"vemcvx.{name}"
+        full = next((one for one in candidates if one in KNOWN), None)
         return f":py:obj:`{name} <{full}>`" if full else f"``{name}``"
     words = literal.strip("`")
     if not literal.startswith("``") and not literal.startswith(":") and words in SHORT:
@@ -115,7 +116,10 @@ def public_bases(app: object, name: str, thing: object, options: object, bases: 
 
 def pictures_in_words(app: object, tree: nodes.document) -> None:
     """Give pictures that cells show the words that their figures say of themselves (doctree-read)."""
-    for bundle in tree.findall(lambda node: isinstance(node, nodes.container) and node.get("nb_element") == "mime_bundle"):
-        words = [" ".join(child.astext().split()) for child in bundle.children if child.get("mime_type") == "text/plain"]
+    for bundle in tree.findall(nodes.container):
+        if bundle.get("nb_element") != "mime_bundle":
+            continue
+        plain = [child for child in bundle.children if child.get("mime_type") == "text/plain"]
+        words = [" ".join(child.astext().split()) for child in plain]
         for image in bundle.findall(nodes.image):
             image.setdefault("alt", *words)

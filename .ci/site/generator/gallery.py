@@ -10,8 +10,8 @@ from functools import cache
 from pathlib import Path
 from textwrap import dedent
 
-from generator.docstrings import SHORT
 from generator.live import SCENES
+from generator.reference import SHORT
 
 ROOT = Path(__file__).resolve().parents[3]
 PROBLEMS = ROOT / "problems"
@@ -87,7 +87,8 @@ class Problem:
         """Public names that it takes from `vx`, in the order of the file, with their pages."""
         attributes = [node for node in ast.walk(self.tree) if isinstance(node, ast.Attribute)]
         taken = [node.attr for node in sorted(attributes, key=lambda node: (node.lineno, node.col_offset))]
-        return [f"{{py:obj}}`{name} <{SHORT[name]}>`" for name in dict.fromkeys(taken) if name in SHORT and name[0].isupper()]
+        known = [name for name in dict.fromkeys(taken) if name in SHORT and name[0].isupper()]
+        return [f"{{py:obj}}`{name} <{SHORT[name]}>`" for name in known]
 
 
 def names() -> list[str]:
@@ -96,31 +97,39 @@ def names() -> list[str]:
 
 
 @cache
-def _tests() -> dict[str, list[str]]:
-    """Of every problem the tests that use it, a line each."""
+def tests() -> dict[str, list[str]]:
+    """Of every problem the tests that use it, a line each: those of problems, and others that say what they are."""
     found: dict[str, list[str]] = {}
+    known = re.compile("|".join(names()))
     for path in sorted((ROOT / "tests").glob("*/test_*.py")):
-        for name, test in _uses(ast.parse(path.read_text(encoding="utf-8"))):
+        text = path.read_text(encoding="utf-8")
+        # Tests of texts and of commands are about no problem.
+        named = path.parent.name not in ("whole", "cli") and known.search(text)
+        for name, test in _uses(ast.parse(text)) if named else ():
             said = (ast.get_docstring(test) or "").partition("\n\n")[0].replace("\n", " ")
-            where = f"`{path.relative_to(ROOT)}::{test.name}`"
-            found.setdefault(name, []).append(f"{where}: {markdown(said)}" if said else where)
+            of = f"::{test.name}" if isinstance(test, ast.FunctionDef) else ""
+            if said or path.parent.name == "problems":
+                found.setdefault(name, []).append(f"`{path.relative_to(ROOT)}{of}`" + (said and f": {markdown(said)}"))
     return found
 
 
-def _uses(tree: ast.Module) -> Iterator[tuple[str, ast.FunctionDef]]:
-    """Problems and the tests of a module that name them: by the module's alias, or in words."""
+def _uses(tree: ast.Module) -> Iterator[tuple[str, ast.FunctionDef | ast.Module]]:
+    """Problems and the tests of a module that name them, by an import or in words; or the module, if none does."""
     known, aliases = set(names()), {}
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             aliases |= {one.asname or one.name: one.name for one in node.names if one.name in known}
         elif isinstance(node, ast.ImportFrom) and node.module in known:
             aliases |= {one.asname or one.name: node.module for one in node.names}
+    left = set(aliases.values())
     for test in tree.body:
         if isinstance(test, ast.FunctionDef) and test.name.startswith("test"):
             inner = list(ast.walk(test))
             named = {aliases[node.id] for node in inner if isinstance(node, ast.Name) and node.id in aliases}
             words = {node.value for node in inner if isinstance(node, ast.Constant) and isinstance(node.value, str)}
+            left -= named
             yield from ((name, test) for name in sorted(named | known & words))
+    yield from ((name, tree) for name in sorted(left))
 
 
 def markdown(text: str) -> str:
@@ -153,9 +162,9 @@ def _plain(text: str) -> str:
     return "".join(part if n % 2 else re.sub(r"([*<>|\[\]$])", r"\\\1", part) for n, part in enumerate(parts))
 
 
-def _page(problem: Problem, group: str) -> str:
+def _page(problem: Problem) -> str:
     pictures = "\n\n".join(f"![{_alt(problem, name)}](/pictures/{name}.png)" for name in problem.pictures)
-    uses, tests = problem.uses, _tests().get(problem.name, [])
+    uses, compared = problem.uses, "\n".join(f"- {test}" for test in tests().get(problem.name, ()))
     parts = [
         f"# {problem.title}",
         pictures,
@@ -163,7 +172,7 @@ def _page(problem: Problem, group: str) -> str:
         f"## Run it\n\n```text\n{problem.command}\n```",
         f"It uses {', '.join(uses)}." if uses else "",
         _live(problem.name),
-        "## What the tests compare\n\n" + "\n".join(f"- {test}" for test in tests) if tests else "",
+        f"## What the tests compare\n\n{compared}" if compared else "",
         f"## The file\n\n`problems/{problem.name}.py`, below its docstring, which is above:\n\n"
         f"```{{literalinclude}} /problems/{problem.name}.py\n:language: python\n:lines: {problem.begins}-\n```",
     ]
@@ -174,8 +183,10 @@ def _live(name: str) -> str:
     """The page on which time moves, where there is one."""
     if name not in SCENES:
         return ""
-    frame = f'<iframe class="live" loading="lazy" title="{name}, step by step" src="../_static/live/{name}.html"></iframe>'
-    return f"## Step by step\n\n{frame}\n\n`vemcvx app {name} --html PAGE` wrote this page, `vemcvx app {name}` opens it with sliders for all else."
+    source = f"../_static/live/{name}.html"
+    frame = f'<iframe class="live" loading="lazy" title="{name}, step by step" src="{source}"></iframe>'
+    how = f"`vemcvx app {name} --html PAGE` wrote this page; on that of `vemcvx app {name}` all else has sliders, too."
+    return f"## Step by step\n\n{frame}\n\n{how}"
 
 
 def _short(problem: Problem) -> tuple[str, str]:
@@ -201,7 +212,7 @@ def write(folder: Path) -> None:
         index += [f"## {group}", f"::::{{grid}} 1 2 3 3\n:gutter: 3\n\n{cards}\n::::"]
         index += [f"```{{toctree}}\n:hidden:\n\n{hidden}\n```"]
         for name in listed.split():
-            (folder / f"{name}.md").write_text(_page(Problem(name), group), encoding="utf-8")
+            (folder / f"{name}.md").write_text(_page(Problem(name)), encoding="utf-8")
             (sources / f"{name}.py").write_text(Problem(name).path.read_text(encoding="utf-8"), encoding="utf-8")
     (folder / "index.md").write_text("\n\n".join(index) + "\n", encoding="utf-8")
 

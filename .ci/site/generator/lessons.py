@@ -13,8 +13,8 @@ from vemcvx.cli.supplied import lessons
 INDEX = """# Learn
 
 Lessons for students who know linear algebra and a little of finite elements: formula, code, picture, questions whose
-answers unfold, exercises with solutions. `vemcvx lesson N` copies lesson N into your folder, `vemcvx lesson N --notebook`
-as notebooks.
+answers unfold, exercises with solutions. `vemcvx lesson N` copies lesson N and its solutions into your folder, with
+`--notebook` as notebooks.
 
 How to teach with them: [](course.md).
 
@@ -74,7 +74,8 @@ def _below(number: int) -> dict[str, object]:
 
 def _linked(line: str, number: int) -> str:
     """A line of a lesson in which the file of its solutions, and problem files, are links."""
-    line = line.replace(f"`lesson_{number}_solutions.py`", f"[`lesson_{number}_solutions.py`](lesson_{number}_solutions.ipynb)")
+    solutions = f"lesson_{number}_solutions"
+    line = line.replace(f"`{solutions}.py`", f"[`{solutions}.py`]({solutions}.ipynb)")
     return re.sub(r"`(?:problems/)?(\w+)\.py`", lambda found: _problem(found.group(1)) or found.group(), line)
 
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from vemcvx.cli.live_page import GIVEN, write as write_page
+from vemcvx.cli.live_page import GIVEN
+from vemcvx.cli.live_page import write as write_page
 
 SCENES = {"feng_han_huang": 30, "frictional_hysteresis": 20}
 """Names of problem files, and the step at which their page opens."""

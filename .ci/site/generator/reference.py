@@ -128,13 +128,19 @@ def public_names() -> list[str]:
     """All public names, qualified as in `TOPICS`: those of `vemcvx` itself are not repeated in its modules."""
     own = [name for name in importlib.import_module("vemcvx").__all__ if name not in NAMESPACES]
     modules = {short: importlib.import_module(module) for short, module in NAMESPACES.items() if short}
-    return [*own, *(f"{short}.{name}" for short, module in modules.items() for name in module.__all__ if name not in own)]
+    others = [(short, name) for short, module in modules.items() for name in module.__all__ if name not in own]
+    return [*own, *(f"{short}.{name}" for short, name in others)]
 
 
 def full_name(name: str) -> str:
     """The name with its module, as in `vemcvx.meshes.squares`."""
     short, _, last = name.rpartition(".")
     return f"{NAMESPACES[short]}.{last}"
+
+
+PUBLIC = {name: full_name(name) for topic in TOPICS.values() for name in topic.names.split()}
+SHORT = {name.rpartition(".")[2]: full for name, full in PUBLIC.items()}
+"""Names with their modules, by how they are called here, and by their last part."""
 
 
 def found(name: str) -> object:
@@ -154,7 +160,7 @@ def write(folder: Path) -> None:
     )
     pages = "\n".join(TOPICS)
     (folder / "index.md").write_text(
-        "# Reference\n\nAll public names by topic, from their docstrings. `vx` is `vemcvx`, as in `import vemcvx as vx`.\n\n"
+        "# Reference\n\nAll public names by topic, from their docstrings, in which `vx` is `vemcvx`.\n\n"
         f"{rows}\n```{{toctree}}\n:hidden:\n\n{pages}\n```\n",
         encoding="utf-8",
     )

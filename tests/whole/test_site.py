@@ -1,0 +1,222 @@
+"""The site: every public name and problem file has its place; it is built without a warning, and loads nothing."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+import threading
+from collections import Counter
+from functools import partial
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+
+import pytest
+from generator import gallery, reference
+from pages_seen import FAINT, browser_of, metrics
+
+from vemcvx.cli.supplied import lessons, problem_files
+
+ROOT = Path(__file__).parents[2]
+SCRIPT = ROOT / ".ci" / "site.py"
+PAGES = sorted((ROOT / ".ci" / "site").glob("**/*.md"))
+FURTHER = "sphinx", "myst_nb", "furo", "numpydoc", "sphinx_design", "sphinx_copybutton", "marimo", "pandas", "xarray"
+COMMAND = re.compile(r"^```console\n(.*?)^```", re.DOTALL | re.MULTILINE)
+FILE = re.compile(r"^```\{code-block\} \w+\n:caption: (\S+)\n(?::.*\n)*\n(.*?)^```", re.DOTALL | re.MULTILINE)
+
+
+def test_every_public_name_is_in_one_topic():
+    listed = Counter(name for topic in reference.TOPICS.values() for name in topic.names.split())
+    assert set(listed) == set(reference.public_names())
+    assert [name for name, times in listed.items() if times > 1] == []
+    assert all(hasattr(sys.modules["vemcvx"], name) or "." in name for name in listed)
+
+
+def test_every_problem_file_is_in_one_group_of_the_gallery():
+    listed = Counter(" ".join(gallery.GROUPS.values()).split())
+    assert set(listed) == set(gallery.names()) >= set(problem_files())
+    assert [name for name, times in listed.items() if times > 1] == []
+
+
+@pytest.mark.parametrize("name", gallery.names())
+def test_a_problem_has_statement_picture_and_command(name):
+    problem = gallery.Problem(name)
+    assert problem.title
+    assert problem.statement
+    assert problem.command.split()[0] in ("vemcvx", "python")
+    assert problem.name in problem.command
+    assert problem.pictures or name == "highs_optimal_at_zero"
+    page = gallery.markdown(problem.statement)
+    assert problem.command not in page
+    assert page.count("```") % 2 == 0
+
+
+@pytest.mark.long
+def test_gallery_pages_name_the_tests_of_a_problem():
+    found = gallery.tests()
+    assert any("test_reference_problems.py::test_hertz" in line for line in found["hertz_contact"])
+    # tests/problems/test_hysteresis_patch.py poses the problem of this file itself.
+    assert set(problem_files()) - set(found) == {"frictional_hysteresis"}
+
+
+def test_text_of_a_docstring_is_text():
+    """Stars and bars of formulas are themselves, emphasis is emphasis, and problem files are links."""
+    made = gallery.markdown("|u| < a* of *Contact Mechanics*, see :mod:`hertz_contact`:\n\n    a^2 = 4 P R / E*\n\nend")
+    assert r"\|u\| \< a\* of *Contact Mechanics*, see [" in made
+    assert "](hertz_contact.md):" in made
+    assert "a^2" in made
+
+
+def test_the_command_stands_where_contributors_look():
+    assert f"python {SCRIPT.relative_to(ROOT)} " in (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+
+
+def test_checks_find_what_they_look_for(tmp_path):
+    pytest.importorskip("bs4")
+    from generator import checks
+
+    good = '<article><h1 id="a">A</h1><h2>B</h2><img src="x.png" alt="a loop"><a href="#a">a</a></article>'
+    (tmp_path / "x.png").touch()
+    (tmp_path / "page.html").write_text(good)
+    assert checks.faults(tmp_path) == []
+    wrong = {
+        "leads nowhere": '<a href="none.html">x</a>',
+        "no such anchor": '<a href="#b">x</a>',
+        "<script> loads https://": '<script src="https://cdn.example/x.js"></script>',
+        "which is not there": '<script src="y.js"></script>',
+        "has no words": '<img src="x.png">',
+        "has no title": '<iframe src="page.html"></iframe>',
+        "of level 4 below one of level 2": "<h4>C</h4>",
+        "2 headings of the first level": "<h1>C</h1>",
+        "have the id a": '<p id="a"></p>',
+        "a style loads //": "<style>@import '//cdn.example/x.css'</style>",
+    }
+    for words, html in wrong.items():
+        (tmp_path / "page.html").write_text(good.replace("</article>", f"{html}</article>"))
+        (fault,) = checks.faults(tmp_path)
+        assert words in fault
+
+
+def test_docstrings_are_read_as_they_are_meant():
+    pytest.importorskip("docutils")
+    from generator.docstrings import prepared
+
+    lines = ["|v| of `Newton`, `n_i_`, see :mod:`vemcvx.plots.style`, lam_:", "", "    a^2 = b", "", "Raises", "------"]
+    made = [*lines, "SceneError", "    |x| > 1."]
+    prepared(None, "function", "vemcvx.x", None, None, made)
+    text = "\n".join(made)
+    assert r"\|v\| of :py:obj:`Newton <vemcvx.Newton>`, ``n_i_``, see ``vemcvx.plots.style``, lam\_:" in text
+    assert ".. code-block:: text\n   :class: formula\n\n    a^2 = b" in text
+    assert ":py:obj:`SceneError <vemcvx.SceneError>`\n    \\|x\\| > 1." in text
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    """The whole site; the command says nothing but where it is, and how long it took."""
+    for package in FURTHER:
+        pytest.importorskip(package)
+    folder = tmp_path_factory.mktemp("site")
+    kept = {name: value for name, value in os.environ.items() if not name.startswith(("PYTEST", "JUPYTER"))}
+    done = subprocess.run(
+        [sys.executable, SCRIPT, folder / "site"], cwd=ROOT, env=kept, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-6000:]
+    assert re.fullmatch(rf"site: {re.escape(str(folder / 'site'))} in \d+ s\n", done.stdout)
+    assert "WARNING" not in done.stderr
+    return folder / "site"
+
+
+@pytest.mark.slow
+def test_the_whole_site_is_built_without_a_warning(site):
+    """Links, anchors, words of pictures, headings and what pages load are checked by the command itself."""
+    from generator import checks
+
+    assert checks.faults(site) == []
+    for number in lessons():
+        text = (site / "learn" / f"lesson_{number}.html").read_text(encoding="utf-8")
+        assert re.search(r'<img alt="Picture: [^"]+" src="../_images/', text)
+        assert "<summary>Answer</summary>" in text
+        assert (site / "learn" / "slides" / f"lesson_{number}.html").is_file()
+    for name in gallery.names():
+        assert (site / "gallery" / f"{name}.html").is_file()
+    shown = "".join(page.read_text(encoding="utf-8") for page in (site / "reference").glob("*.html"))
+    assert [one for one in map(reference.full_name, reference.public_names()) if f'id="{one}"' not in shown] == []
+
+
+SEEN = (
+    "index.html",
+    "learn/lesson_3.html",
+    "learn/slides/lesson_3.html",
+    "gallery/index.html",
+    "gallery/feng_han_huang.html",
+    "howto/index.html",
+    "theory/certificate.html",
+    "reference/contact-and-friction.html",
+    "search.html?q=friction",
+)
+READY = "return document.readyState === 'complete' && !document.querySelector('.math:not(:has(mjx-container))')"
+
+
+@pytest.fixture
+def served(site):
+    """The address of the site, served from this machine."""
+    quiet = type("Quiet", (SimpleHTTPRequestHandler,), {"log_message": lambda *_: None})
+    server = ThreadingHTTPServer(("127.0.0.1", 0), partial(quiet, directory=site))
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    yield f"http://127.0.0.1:{server.server_port}/"
+    server.shutdown()
+
+
+@pytest.mark.slow
+def test_in_a_browser_no_request_leaves_the_host_and_pages_are_read(served, tmp_path):
+    """At 1280 and 380 pixels, light and dark: formulas are set, nothing is wider than the window, no word is faint."""
+    from selenium.webdriver.support.wait import WebDriverWait
+
+    with browser_of(tmp_path) as browser:
+        for page in SEEN:
+            for width, theme in ((1280, "light"), (1280, "dark"), (380, "light"), (380, "dark")):
+                metrics(browser, width, theme)
+                browser.get(served + page)
+                WebDriverWait(browser, 60, poll_frequency=0.2).until(lambda b: b.execute_script(READY))
+                wide = browser.execute_script("return document.documentElement.scrollWidth - window.innerWidth")
+                assert wide <= 0, (page, width)
+                assert browser.execute_script(FAINT) == [], (page, theme)
+        browser.get(served + "search.html?q=friction")
+        found = "return document.querySelectorAll('#search-results li').length"
+        WebDriverWait(browser, 60, poll_frequency=0.2).until(lambda b: b.execute_script(found) > 5)
+        assert [line for line in browser.get_log("browser") if line["level"] == "SEVERE"] == []
+        logged = [json.loads(line["message"])["message"] for line in browser.get_log("performance")]
+        sent = [one["params"]["request"]["url"] for one in logged if one["method"] == "Network.requestWillBeSent"]
+        assert len(sent) > 100
+        assert [url for url in sent if not url.startswith((served, "data:", "blob:"))] == []
+
+
+def commands(page):
+    """The commands of a page's console blocks; a line that ends in a backslash goes on."""
+    blocks = "\n".join(COMMAND.findall(page.read_text(encoding="utf-8"))).replace("\\\n", " ")
+    return [line.removeprefix("$ ") for line in blocks.splitlines() if line.startswith("$ ")]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", [page for page in PAGES if commands(page)], ids=lambda page: page.stem)
+def test_commands_of_a_page_run(page, tmp_path):
+    """One after the other, in a folder with the files of the page."""
+    for name, text in FILE.findall(page.read_text(encoding="utf-8")):
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    shutil.copytree(ROOT / "problems", tmp_path / "problems", ignore=shutil.ignore_patterns("pictures", "__pycache__"))
+    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+    for command in commands(page):
+        done = subprocess.run(
+            ["bash", "-c", command],
+            cwd=tmp_path,
+            env={**os.environ, "PATH": path, "PYTHONPATH": str(ROOT)},
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            timeout=600,
+            check=False,
+        )
+        assert done.returncode == 0, f"{command}\n{done.stdout[-2000:]}\n{done.stderr[-2000:]}"

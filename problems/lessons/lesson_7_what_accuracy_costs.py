@@ -155,7 +155,8 @@ budgets = [vx.error_budget(vx.simulate(ramp, vx.meshes.squares(n), eight)) for n
 estimates = np.array([budget.largest["space"] for budget in budgets])
 print(budgets[1])
 print("estimated over true", np.round(estimates / errors["squares"][1:], 2))
-# An estimate is no bound: its constant is chosen so that it errs on the safe side, and README says by how much.
+# An estimate is no bound: its constant is chosen so that it errs on the safe side. The page "Choose accuracy" says by
+# how much.
 assert (estimates > errors["squares"][1:]).all()
 assert (estimates < 2.5 * errors["squares"][1:]).all()
 

@@ -30,7 +30,7 @@ class Case:
 
 
 def block():
-    """README's scene."""
+    """The paper's scene."""
 
     def pull(x, t):
         return np.column_stack([8 * (1.25 - x[:, 1]) * t, np.full(len(x), -0.01 * t)])

@@ -66,6 +66,12 @@ def test_nothing_is_said_twice():
     assert [sentence for sentence, times in said.items() if times > 1] == []
 
 
+def test_each_class_of_the_course_has_its_ninety_minutes():
+    classes = re.split(r"^## ", page("learn/course"), flags=re.MULTILINE)
+    minutes = [sum(map(int, re.findall(r"^\| (\d+) \|", one, re.MULTILINE))) for one in classes]
+    assert [total for total in minutes if total] == [90, 90, 90]
+
+
 @pytest.mark.long
 def test_the_problem_file_runs_as_described(tmp_path):
     """Its pad slips as a whole in the end: friction is the coefficient times the pressure, against the drag."""

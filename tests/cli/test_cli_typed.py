@@ -22,7 +22,7 @@ HELD = vx.Elasticity(200.0, 0.3), vx.Clamp(on="left")
     ("settings", "says"),
     [
         (["bound=1,"], "found 'bound=1,'; several values have commas between, bound=1,2"),
-        (["young=100,200", "young=300"], "young is given twice; several values stand behind one --set"),
+        (["young=100,200", "young=300"], "young is given twice; give several values in one --set"),
         (["bound=1,2,1"], "bound is 1 twice in 'bound=1,2,1'"),
     ],
 )

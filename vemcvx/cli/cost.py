@@ -122,11 +122,11 @@ class Cost:
         if self.of not in OF:
             raise ProblemError(f"--of: found {self.of!r}; errors are of {', '.join(OF)}.")
         if self.bound and self.of != "energy":
-            raise ProblemError(f"--bound: bounds are of the energy norm alone; leave --of {self.of} away.")
+            raise ProblemError(f"--bound: bounds are of the energy norm alone; omit --of {self.of}.")
         if self.workers < 1:
             raise ProblemError(f"--workers: found {self.workers}; wanted at least one.")
         if self.scheduler is not None and self.threads is not None:
-            raise ProblemError("--threads: on the workers of a scheduler every run has one thread; leave it away.")
+            raise ProblemError("--threads: on the workers of a scheduler every run has one thread; omit it.")
         recipe = FromFile(str(problem.path.resolve()), tuple(self.settings), self.threads)
         folder = self.out or Path("results") / f"cost_{problem.name}"
         # A problem that cannot be posed is an error here, and not in every point.

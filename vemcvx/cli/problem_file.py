@@ -219,7 +219,7 @@ class Problem:
         for setting in settings:
             name, value = self._parameter(setting)
             if name in given:
-                raise ProblemError(f"--set: {name} is given twice; several values stand behind one --set, {name}=1,2.")
+                raise ProblemError(f"--set: {name} is given twice; give several values in one --set, {name}=1,2.")
             given[name] = value
         return given
 

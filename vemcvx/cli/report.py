@@ -207,7 +207,7 @@ def _results(history: History, points: Floats | None, named: Units | None) -> st
                 (f"displacement along {axis}, {where}", f"{x:.6g}", LENGTH) for axis, x in zip(axes, u, strict=True)
             ]
     units = (
-        "Consistent units, those of the problem's data: the unit of force and the unit of length say all others"
+        "Consistent units, those of the problem's data: the units of force, length and time determine all others"
         f"{THICKNESS[len(axes)]}. Extremes are over the {len(history.stored)} stored of {history.steps + 1} instants; "
         f"displacements of points and reactions are those at {end}."
     )
@@ -243,7 +243,7 @@ def _certificates(history: History) -> str:
     bound = (
         "A certificate bounds the distance of an answer from the exact solution of its step in the energy norm, "
         "whatever the solver says: by the duality gap of the step's convex program, ½ |u − u*|² ≤ gap, and with "
-        "Coulomb's law by a solution beside that of the sets that stick, slip and touch. It is relative to the largest "
+        "Coulomb's law by a solution in which the same nodes stick, slip and touch. It is relative to the largest "
         "energy norm so far. Steps are certified one by one; the errors of mesh and time steps are not in it."
     )
     estimate = f"<p>In {run.estimated.sum()} steps certificates are estimates, {WHY_ESTIMATED}.</p>"

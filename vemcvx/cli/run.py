@@ -142,7 +142,7 @@ class Run:
     def made(self, problem: Problem) -> tuple[History, list[str]]:
         """The history, written and drawn as asked for, and what there is to say of it."""
         if self.resume is not None and self.out is not None:
-            raise ProblemError("--resume: a run goes on in the folder that holds it; leave --out away.")
+            raise ProblemError("--resume: a run continues in the folder that holds it; omit --out.")
         folder, units = self.out or self.resume, problem.units
         drawings = folder or Path("results") / problem.name
         self._refuse_early(folder, drawings)

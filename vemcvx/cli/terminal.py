@@ -73,7 +73,9 @@ def listed(option: str, typed: str, kind: Callable[[str], T], wanted: str) -> tu
 def check_writable(path: Path, option: str) -> None:
     """Refuse a file that could not be written before the work for it is done."""
     if path.is_dir() or not path.parent.is_dir():
-        raise ProblemError(f"{option}: {path} cannot be written: its folder must exist, and it must be none itself.")
+        raise ProblemError(
+            f"{option}: {path} cannot be written: its folder must exist, and the path must not be a folder."
+        )
 
 
 Shown = Callable[[str, int, int | None], None]
@@ -194,7 +196,7 @@ def reported() -> Iterator[None]:
     except SystemExit as error:
         raise end(f"the problem's own code ended the program by SystemExit({error.code!r}).", INVALID) from error
     except KeyboardInterrupt as stop:
-        kept = "`run --resume DIR` goes on with what --out DIR has kept, `cost` with the runs it has finished"
+        kept = "`run --resume DIR` continues what --out DIR has kept, and `cost` keeps the runs that it has finished"
         raise end(f"interrupted; {kept}.", 128 + signal.SIGINT) from stop
     except Ended as error:
         raise typer.Exit(128 + error.args[0]) from error

@@ -95,7 +95,7 @@ class PETSc(LinearSolver):
         one, two = float(b @ rows.cycle(c)), float(c @ rows.cycle(b))
         size = np.sqrt(abs(float(b @ rows.cycle(b)) * float(c @ rows.cycle(c))))
         if not abs(one - two) <= 1e-8 * size:
-            raise NotAccepted(f"PETSc: with the options {self.options!r} the cycle is not symmetric; leave some away.")
+            raise NotAccepted(f"PETSc: with the options {self.options!r} the cycle is not symmetric; omit some.")
         return PETScFactor(self, K, rows, lowest_eigenvalue(K, rows.cycle, "PETSc"))
 
 

@@ -70,4 +70,4 @@ def test_an_interrupt_ends_in_one_sentence(tmp_path):
     code, shown = call("run", str(file))
     assert code == 130
     assert shown.count("\n") == 1
-    assert shown.startswith("vemcvx: interrupted; `run --resume DIR` goes on")
+    assert shown.startswith("vemcvx: interrupted; `run --resume DIR` continues")

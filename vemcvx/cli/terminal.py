@@ -74,7 +74,7 @@ def check_writable(path: Path, option: str) -> None:
     """Refuse a file that could not be written before the work for it is done."""
     if path.is_dir() or not path.parent.is_dir():
         raise ProblemError(
-            f"{option}: {path} cannot be written: its folder must exist, and the path must not be a folder."
+            f"{option}: {path} cannot be written: its folder must exist, and the file must not be a folder."
         )
 
 

@@ -80,7 +80,7 @@ class Elasticity(MaterialLaw):
     poisson : likewise
         Poisson's ratio, -1 < nu < 1/2 in plane strain and in space, -1 < nu <= 1/2 in plane stress.
     plane : {"strain", "stress"}, optional
-        Plane strain (the default) or plane stress, of bodies in the plane. Bodies in space refuse it.
+        What a plane body is in; "strain" by default. Of bodies in space it says nothing, and is refused.
     stabilisation : {"shear", "unit"}
         The part of a_K^h that vanishes for linear displacements: "shear" is 2 mu times the dofi-dofi product, which
         does not depend on units and does not lock; "unit" is S_K of (3.13) to the letter, without a factor.

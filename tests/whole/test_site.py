@@ -15,7 +15,7 @@ from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
 import pytest
-from generator import gallery, reference
+from generator import formulas, gallery, reference
 from pages_seen import FAINT, browser_of, metrics
 
 from vemcvx.cli.supplied import lessons, problem_files
@@ -68,6 +68,25 @@ def test_text_of_a_docstring_is_text():
     assert r"\|u\| \< a\* of *Contact Mechanics*, see [" in made
     assert "](hertz_contact.md):" in made
     assert "a^2" in made
+
+
+@pytest.mark.parametrize(
+    ("typed", "made"),
+    {
+        "a^2 = 4 P R (1 - nu^2) / (pi E)": r"a^{2}=4\,P\,R\,(1-\nu ^{2})/(\pi \,E)",
+        "1/E* = sqrt(1 - x^2/a^2),   p0 = 5/6 G H": r"1/E^{*}=\sqrt{1-x^{2}/a^{2}},\qquad p_{0}=5/6\,G\,H",
+        "gamma+ = -e C26,  |u| <= R where it slips.": r"\gamma ^{+}=-e\,C_{26},\qquad |u|\le R\ \text{where it slips}.",
+        "a_n = clip(a_{n-1}, +-g), j = sum_i |v_i|": r"a_{n}=\operatorname{clip}(a_{n-1},\pm g),j=\sum _{i}\,|v_{i}|",
+        "T(x) = int_x^L u(s) ds, a . b = lam_K": r"T(x)=\int _{x}^{L}\,u(s)\,ds,a\cdot b=\lambda _{K}",
+    }.items(),
+)
+def test_typed_formulas_are_set(typed, made):
+    assert formulas.tex(f"    {typed}\n") == f"\\begin{{aligned}}\n& {made}\n\\end{{aligned}}"
+
+
+def test_tables_and_words_are_no_formulas():
+    for block in ("it sticks until it slips, and then again", "cubes(2)   .19   90", "solver = `Newton`"):
+        assert formulas.tex(f"    {block}\n") is None
 
 
 def test_the_command_stands_where_contributors_look():

@@ -10,6 +10,7 @@ from functools import cache
 from pathlib import Path
 from textwrap import dedent
 
+from generator.formulas import tex
 from generator.live import SCENES
 from generator.reference import SHORT
 
@@ -139,6 +140,9 @@ def markdown(text: str) -> str:
 
 
 def _formula(block: str) -> str:
+    made = tex(block)
+    if made:
+        return f"\n$$\n{made}\n$$\n\n"
     return f"\n```{{code-block}} text\n:class: formula\n\n{dedent(block).strip(chr(10))}\n```\n\n"
 
 

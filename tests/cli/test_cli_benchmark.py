@@ -62,10 +62,10 @@ def test_fates_are_told_apart():
     late = [trial(1e-2, 1.0, 1e-2), trial(1e-4, None, None, outcome=STOPPED)]
     assert fate(late, 1e-3) == STOPPED
     assert fate([trial(1e-2, None, None, outcome=FAILED)], 1e-3) == FAILED
-    instances = [Listed("a", "d", "easy", discs=False, certified=1e-8)]
-    assert counted(instances, 1e-6, discs=False) == ["a"]
-    assert counted(instances, 1e-8, discs=False) == []
-    rows = scores(ENTRIES, instances, discs=False, limit=10.0).rows
+    instances = [Listed("a", "d", "plane", certified=1e-8)]
+    assert counted(instances, 1e-6, kind="plane") == ["a"]
+    assert counted(instances, 1e-8, kind="plane") == []
+    rows = scores(ENTRIES, instances, kind="plane", limit=10.0).rows
     assert [row[:7] for row in rows] == [
         ["quick", "1", "1", "1", "0", "0", "0"],
         ["sure", "1", "1", "1", "0", "1", "0"],
@@ -200,6 +200,7 @@ def test_whatever_becomes_of_a_solver_is_a_fate(collection, tmp_path):
     assert "exit code 7" in (tmp_path / "out" / "trials.csv").read_text()
 
 
+@pytest.mark.long
 def test_what_cannot_be_compared_is_refused(tmp_path):
     (tmp_path / "empty").mkdir()
     for given, said in (

@@ -43,8 +43,7 @@ def programs_of_march(
     """March as :func:`vemcvx.march` does, and yield the program of every step with its certified answer."""
     check_kinds(system, solver, linear)
     instants, condense = checked_times(times), flag(condense, "condense")
-    run, steps = _prepared(system, instants, solver, condense, linear)
-    run = replace(run, check=flag(check, "check"))
+    run, steps = _prepared(system, instants, solver, flag(check, "check"), condense, linear)
     before = certified_in_full(run, first_state(run, instants, initial))
     states = states_of(run, steps, instants, 0, before)
     for _ in instants[1:]:
@@ -67,7 +66,7 @@ def programs_of_trajectory(
     """
     for n in numbers:
         _check_stored(trajectory, n)
-    run, steps = _prepared(system, trajectory.times, None, flag(condense, "condense"), None)
+    run, steps = _prepared(system, trajectory.times, None, True, flag(condense, "condense"), None)
     for n in numbers:
         yield _solved_program(steps, _stored(run, trajectory, n - 1), _stored(run, trajectory, n), n)
 
@@ -76,12 +75,13 @@ def _prepared(
     system: System,
     instants: Floats,
     solver: Solver | Solves | None,
+    check: bool,
     condense: bool,
     linear: LinearSolver | None,
 ) -> tuple[PreparedRun, Steps]:
     linear = system.linear(linear)
     with threads_of_steps(system, condense, linear):
-        run = prepare(system, solver, True, condense, linear)
+        run = prepare(system, solver, check, condense, linear)
     return run, steps_of(run, instants)
 
 

@@ -12,7 +12,8 @@ on an instance is that of the *cheapest* trial whose true error is at most E. Fr
 - the performance profile (Dolan and Moré 2002): the share of instances on which it takes at most x times as long as
   the fastest.
 
-Instances with discs (friction in space) are a table of their own, for not every solver takes their cones. An instance
+Instances with discs (friction in space) are a table of their own, for not every solver takes their cones; so are those
+without an optimum, where a solver is right if it says "infeasible" or "unbounded" as it is. Any other instance
 counts at E if its optimum is certified to E/10. How much the comparison owes to a convention is said, too: on how many
 instances another solver would be first by certified error, or by what solvers claim when they are asked for 1e-6.
 """
@@ -57,6 +58,13 @@ if TYPE_CHECKING:
 SHIFT = 0.01
 """Seconds of the shifted geometric mean: differences far below do not count."""
 TABLE, WORDS, PROFILES, MEANS = "trials.csv", "benchmark.md", "profiles.png", "means.png"
+PLANE, DISCS, NONE_THERE = "plane", "discs", "no optimum"
+KINDS = {
+    PLANE: "Absolute values and bounds",
+    DISCS: "Discs: second-order cones",
+    NONE_THERE: "Infeasible or unbounded",
+}
+"""Kinds of instances, and how tables call them."""
 TOGETHER = 10
 """Instances that a process tries; starting it takes a second."""
 USUAL_TOLERANCES = ",".join(f"1e-{k}" for k in range(1, 14))
@@ -139,9 +147,8 @@ class Listed:
 
     name: str
     digest: str
-    grade: str
-    discs: bool
-    certified: float
+    kind: str
+    certified: float = 0.0
 
 
 def read_instances(folder: Path, only: str | None) -> list[Listed]:
@@ -159,20 +166,25 @@ def read_instances(folder: Path, only: str | None) -> list[Listed]:
         raise ProblemError(
             f"{folder}: has no {MANIFEST} of a collection ({error}); write one by vemcvx collection --out {folder}."
         ) from error
-    words = () if only is None else listed("--only", only, str, "words such as discs,degenerate")
-    found = []
-    for row in rows:
-        if not words or any(word == row["grade"] or word in row["name"] for word in words):
-            digest = sha256((folder / f"{row['name']}.npz").read_bytes()).hexdigest()[:12]
-            optimum = row["optimum"]
-            certified = (optimum["energy_error"] + (2 * optimum["rounding_floor"]) ** 0.5) / (
-                optimum["energy_norm"] or 1.0
-            )
-            found.append(Listed(row["name"], digest, row["grade"], row["block"] > 1, certified))
+    words = () if only is None else listed("--only", only, str, "words such as core,discs,degenerate")
+    found = [
+        _listed(folder, row)
+        for row in rows
+        if not words or any(w == row["grade"] or w in row["name"] or (w == "core" and row.get("core")) for w in words)
+    ]
     if not found:
         grades = ", ".join(sorted({row["grade"] for row in rows}))
         raise ProblemError(f"--only: no grade or name has {only!r}; the grades are {grades}.")
     return found
+
+
+def _listed(folder: Path, row: Mapping[str, Any]) -> Listed:
+    digest = sha256((folder / f"{row['name']}.npz").read_bytes()).hexdigest()[:12]
+    if "optimum" not in row:
+        return Listed(row["name"], digest, NONE_THERE)
+    optimum = row["optimum"]
+    error = optimum["energy_error"] + (2 * optimum["rounding_floor"]) ** 0.5
+    return Listed(row["name"], digest, DISCS if row["block"] > 1 else PLANE, error / (optimum["energy_norm"] or 1.0))
 
 
 def stored_as(entrant: Entrant) -> str:
@@ -224,9 +236,9 @@ def fate(trials: Sequence[Trial], error: float) -> str:
     return next((one for one in (STOPPED, FAILED) if one in outcomes), "missed")
 
 
-def counted(instances: Sequence[Listed], error: float, discs: bool) -> list[str]:
-    """The instances with or without discs whose optimum is certified to a tenth of the error."""
-    return [one.name for one in instances if one.discs == discs and one.certified <= 0.1 * error]
+def counted(instances: Sequence[Listed], error: float, kind: str) -> list[str]:
+    """The instances of a kind whose optimum is certified to a tenth of the error."""
+    return [one.name for one in instances if one.kind == kind and one.certified <= 0.1 * error]
 
 
 def shifted_mean(seconds: Sequence[float], limit: float) -> float:
@@ -278,17 +290,18 @@ class Words:
     markdown: str
 
 
-KINDS = {False: "Absolute values and bounds", True: "Discs: second-order cones"}
-
-
 def in_words(entries: Entries, instances: Sequence[Listed], limit: float) -> Words:
     """A table for each kind of instances, and what it owes to conventions."""
     text, markdown = [], ["# Solvers at equal true accuracy\n"]
-    for discs, title in KINDS.items():
-        names = [one.name for one in instances if one.discs == discs]
+    for kind, title in KINDS.items():
+        names = [one.name for one in instances if one.kind == kind]
         if some := taking(entries, names):
-            heading, table = f"{title}: {len(names)} instances", scores(some, instances, discs, limit)
-            said = conventions(some, [name for name in counted(instances, CLAIMED, discs) if _tried(some, name)])
+            heading, table = f"{title}: {len(names)} instances", scores(some, instances, kind, limit)
+            said = (
+                ""
+                if kind == NONE_THERE
+                else conventions(some, [name for name in counted(instances, CLAIMED, kind) if _tried(some, name)])
+            )
             text += [heading, table.text(), "", said, ""]
             markdown += [f"## {heading}\n", table.markdown(), f"{said}\n"]
     remark = (
@@ -304,12 +317,12 @@ def _tried(entries: Entries, name: str) -> bool:
     return any(name in own for own in entries.values())
 
 
-def scores(entries: Entries, instances: Sequence[Listed], discs: bool, limit: float) -> Table:
+def scores(entries: Entries, instances: Sequence[Listed], kind: str, limit: float) -> Table:
     """A row a solver, the fastest to 1e-6 first."""
     rows = []
     for label, own in entries.items():
-        names = {one.name for one in instances if one.discs == discs and one.name in own and taken(own[one.name])}
-        at = {error: [name for name in counted(instances, error, discs) if name in names] for error in ASKED}
+        names = {one.name for one in instances if one.kind == kind and one.name in own and taken(own[one.name])}
+        at = {error: [name for name in counted(instances, error, kind) if name in names] for error in ASKED}
         reached = [sum(fate(own[name], error) == "reached" for name in at[error]) for error in ASKED]
         sure = sum(np.isfinite(seconds_to(own[name], CLAIMED, "certified")) for name in at[CLAIMED])
         fates = [fate(own[name], CLAIMED) for name in at[CLAIMED]]
@@ -317,7 +330,15 @@ def scores(entries: Entries, instances: Sequence[Listed], discs: bool, limit: fl
         misses = sum(_spent(own[name]) for name in at[CLAIMED] if fate(own[name], CLAIMED) != "reached")
         counts = [len(at[CLAIMED]), *reached, sure, *(fates.count(one) for one in ("missed", FAILED, STOPPED))]
         rows.append(
-            (mean[1], [label, *map(str, counts), *("-" if np.isnan(m) else f"{m:.2g}" for m in mean), f"{misses:.0f}"])
+            (
+                mean[1],
+                [
+                    label,
+                    *map(str, counts),
+                    *("-" if np.isnan(m) else f"{m:.2g}".removeprefix("0") for m in mean),
+                    f"{misses:.0f}",
+                ],
+            )
         )
     errors = [f"1e{round(np.log10(error))}" for error in ASKED]
     heads = ("solver", "of", *(f"to\n{error}" for error in errors), f"sure\n{errors[1]}", "miss", "fail", "late")
@@ -403,8 +424,8 @@ def shared(entries: Entries, instances: Sequence[Listed], error: float) -> tuple
     VemcvxError
         There is none.
     """
-    for discs in KINDS:
-        names = counted(instances, error, discs)
+    for kind in KINDS:
+        names = counted(instances, error, kind)
         some = taking(entries, names)
         names = [name for name in names if all(name in own and taken(own[name]) for own in some.values())]
         if some and names:

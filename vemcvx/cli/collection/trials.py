@@ -44,7 +44,7 @@ from vemcvx.cost.workers import Crashed, Refused, alone
 from vemcvx.errors import NotAccepted, ProblemError, VemcvxError
 from vemcvx.exchange import read_program
 from vemcvx.program.scaling import scaling
-from vemcvx.program.step_program import SolvedProgram
+from vemcvx.program.step_program import SolvedProgram, StepProgram
 from vemcvx.solvers import Solver, ThroughCvxpy
 from vemcvx.solvers.solver import named_failures
 from vemcvx.version import __version__
@@ -156,7 +156,7 @@ class Entrant:
             return (None,)
         return tuple(sorted({max(one, LEAST.get(name, 0.0)) for one in tolerances}, reverse=True))
 
-    def taking(self, program: SolvedProgram) -> Asking:
+    def taking(self, program: StepProgram) -> Asking:
         """A function of a tolerance that solves the program, compiled or scaled once.
 
         Raises
@@ -177,12 +177,12 @@ class Entrant:
         return _scaled(program, solver)
 
 
-Found = tuple[float, Floats, Floats | None, Floats | None, int | None, str]
-"""Seconds, d, lam, p, iterations, and what the solver says."""
+Found = tuple[float, Floats | None, Floats | None, Floats | None, int | None, str]
+"""Seconds, d if there is an answer, lam, p, iterations, and what the solver says."""
 Asking = Callable[[float | None], Found]
 
 
-def _through_cvxpy(program: SolvedProgram, name: str, options: dict[str, Any]) -> Asking:
+def _through_cvxpy(program: StepProgram, name: str, options: dict[str, Any]) -> Asking:
     posed = program.to_cvxpy()
     data, chain, inverse = posed.problem.get_problem_data(name, solver_opts={})
 
@@ -193,8 +193,6 @@ def _through_cvxpy(program: SolvedProgram, name: str, options: dict[str, Any]) -
         raw = chain.solver.solve_via_data(dict(data), False, False, given, {})
         seconds = time.perf_counter() - start
         posed.problem.unpack_results(raw, chain, inverse)
-        if posed.d.value is None:
-            raise ValueError(f"{posed.problem.status}, without an answer")
         stats = posed.problem.solver_stats
         iterations = None if stats is None else stats.num_iters
         return seconds, posed.d.value, posed.lam, posed.p, iterations, posed.problem.status
@@ -202,14 +200,14 @@ def _through_cvxpy(program: SolvedProgram, name: str, options: dict[str, Any]) -
     return ask
 
 
-def _scaled(program: SolvedProgram, solver: Solver) -> Asking:
+def _scaled(program: StepProgram, solver: Solver) -> Asking:
     scales = scaling(program.operators)
     alpha = scales.size(program) or 1.0
     scaled, prepared = scales.scale(program, alpha), solver.prepare(scales.operators)
-    block = program.operators.block
+    block, unit = program.operators.block, _unit(program)
 
     def ask(tolerance: float | None) -> Found:
-        target = scales.energy(0.5 * ((tolerance or 0.0) * (program.norm or 1.0)) ** 2, alpha)
+        target = scales.energy(0.5 * ((tolerance or 0.0) * unit) ** 2, alpha)
         start = time.perf_counter()
         answer = prepared.solve(scaled, target, np.zeros((len(program.w), block)), np.zeros_like(program.e))
         seconds = time.perf_counter() - start
@@ -219,8 +217,15 @@ def _scaled(program: SolvedProgram, solver: Solver) -> Asking:
     return ask
 
 
-def measured(ask: Asking, program: SolvedProgram, tolerance: float | None) -> dict[str, Any]:
+def _unit(program: StepProgram) -> float:
+    """|d*|_K; 1 where that is zero, or there is no d*."""
+    return (program.norm or 1.0) if isinstance(program, SolvedProgram) else 1.0
+
+
+def measured(ask: Asking, program: StepProgram, tolerance: float | None, status: str = "") -> dict[str, Any]:
     """The fields of a trial: seconds, errors and residuals of the answer.
+
+    Where the program has no optimum, its `status` is what a solver is to say: that has no error, all else is of size 1.
 
     Raises
     ------
@@ -236,23 +241,32 @@ def measured(ask: Asking, program: SolvedProgram, tolerance: float | None) -> di
             if time.perf_counter() - begun > LONG_ENOUGH:
                 break
             seconds = min(seconds, ask(tolerance)[0])
+        found = {"seconds": seconds, "iterations": None if iterations is None else int(iterations), "says": says}
+        if status:
+            error = 0.0 if says.lower().removesuffix("_inaccurate") == status else 1.0
+            return {**found, "true": error, "certified": error}
+        if d is None:
+            raise ValueError(f"{says}, without an answer")
         if not np.isfinite(d).all():
             raise ValueError("its answer is not finite")
-    operators, best, unit = program.operators, program.answer.d, program.norm or 1.0
+    return {**found, **_judged(program, d, lam, p)}
+
+
+def _judged(program: StepProgram, d: Floats, lam: Floats | None, p: Floats | None) -> dict[str, float]:
+    """Errors and residuals of an answer."""
+    assert isinstance(program, SolvedProgram)
+    operators, best, unit = program.operators, program.answer.d, _unit(program)
     certificate = program.certify(d, lam, p)
     lam, p = program.multipliers(d, lam, p)
     apart, rigid = d - best, operators.compliance == 0
     square = float(apart @ (operators.K @ apart))
     size = np.abs(program.e) + operators.limits.absolute.read(np.abs(best)) if len(program.e) else np.zeros(1)
     return {
-        "seconds": seconds,
         "true": max(square, 0.0) ** 0.5 / unit,
         "certified": float(certificate.error + certificate.error_floor) / unit,
         "gap": float(certificate.gap),
         "primal_residual": float(program.excess(d)[rigid].max(initial=0.0) / (size.max(initial=0.0) or 1.0)),
         "dual_residual": float(abs(program.residual(d, lam, p)).max() / (abs(program.g).max() or 1.0)),
-        "iterations": None if iterations is None else int(iterations),
-        "says": says,
     }
 
 
@@ -327,7 +341,8 @@ def tried(folder: Path, entrant: Entrant, work: Sequence[Work], limit: float, pa
     """Try a solver on instances, in this process, which ends where a trial takes longer than the limit."""
     for instance, digest, ladder in work:
         program = read_program(folder / f"{instance}.npz")
-        if not isinstance(program, SolvedProgram):
+        status = json.loads((folder / f"{instance}.json").read_text(encoding="utf-8")).get("status", "")
+        if not status and not isinstance(program, SolvedProgram):
             raise ProblemError(f"{folder / instance}.npz: has no answer to compare with.")
         trial = partial(Trial, instance=instance, digest=digest, limit=limit)
         note(path, trial(tolerance=ladder[0], outcome=BEGUN, seconds=time.time()))
@@ -341,7 +356,7 @@ def tried(folder: Path, entrant: Entrant, work: Sequence[Work], limit: float, pa
             with open(os.devnull, "w") as nowhere:
                 faulthandler.dump_traceback_later(limit, exit=True, file=nowhere)
                 try:
-                    found = measured(ask, program, tolerance)
+                    found = measured(ask, program, tolerance, status)
                 except VemcvxError as error:
                     note(path, trial(tolerance=tolerance, outcome=FAILED, says=str(error)))
                     break

@@ -43,7 +43,7 @@ def programs_of_march(
     """March as :func:`vemcvx.march` does, and yield the program of every step with its certified answer."""
     check_kinds(system, solver, linear)
     instants, condense = checked_times(times), flag(condense, "condense")
-    run, steps = _prepared(system, instants, solver, flag(check, "check"), condense, linear)
+    run, steps = _prepared(system, instants, solver, condense, linear, check=flag(check, "check"))
     before = certified_in_full(run, first_state(run, instants, initial))
     states = states_of(run, steps, instants, 0, before)
     for _ in instants[1:]:
@@ -66,7 +66,7 @@ def programs_of_trajectory(
     """
     for n in numbers:
         _check_stored(trajectory, n)
-    run, steps = _prepared(system, trajectory.times, None, True, flag(condense, "condense"), None)
+    run, steps = _prepared(system, trajectory.times, None, flag(condense, "condense"), None)
     for n in numbers:
         yield _solved_program(steps, _stored(run, trajectory, n - 1), _stored(run, trajectory, n), n)
 
@@ -75,9 +75,9 @@ def _prepared(
     system: System,
     instants: Floats,
     solver: Solver | Solves | None,
-    check: bool,
     condense: bool,
     linear: LinearSolver | None,
+    check: bool = True,
 ) -> tuple[PreparedRun, Steps]:
     linear = system.linear(linear)
     with threads_of_steps(system, condense, linear):

@@ -39,9 +39,9 @@ from vemcvx.cli.collection.trials import (
     REFUSED,
     STOPPED,
     Entrant,
+    Running,
     Trial,
     journal,
-    try_all,
 )
 from vemcvx.cli.collection.writing import MANIFEST
 from vemcvx.cli.options import NONE, solver_names
@@ -107,12 +107,12 @@ class Benchmark:
         out = self.out or self.folder / "benchmark"
         with Owned(out) as own:
             for entrant in self.entrants():
-                path = own.take(stored_as(entrant))
+                running = Running(self.folder, entrant, self.time_limit, own.take(stored_as(entrant)))
                 work = [(one.name, one.digest, entrant.ladder(tolerances)) for one in instances]
                 with progress_bar(entrant.name) as shown:
                     for done in range(0, len(work), TOGETHER):
                         shown(entrant.name, done, len(work))
-                        try_all(self.folder, entrant, work[done : done + TOGETHER], self.time_limit, path)
+                        running.try_all(work[done : done + TOGETHER])
             entries = stored(out, instances)
             if not entries:
                 raise ProblemError(f"{out}: no results are stored there; name solvers by --solvers.")

@@ -29,7 +29,8 @@ import os
 import time
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, fields, replace
 from functools import partial
 from hashlib import sha256
 from importlib.metadata import PackageNotFoundError, version
@@ -314,54 +315,64 @@ def left(trials: Sequence[Trial], work: Sequence[Work], limit: float) -> Iterato
             yield instance, digest, rest
 
 
-def try_all(folder: Path, entrant: Entrant, work: Sequence[Work], limit: float, path: Path) -> None:
-    """Try a solver on instances, in processes of its own, until no work is left."""
-    while todo := list(left(journal(path), work, limit)):
-        died = ""
-        try:
-            alone(tried, folder, entrant, todo, limit, path)
-        except (Crashed, Refused) as error:
-            died = str(error)
-        open_ = {one.instance: one for one in unfinished(path)}
-        for one in open_.values():
-            late = one.seconds is not None and time.time() - one.seconds >= limit
-            outcome, words = (STOPPED, "") if late else (FAILED, f"its process ended: {died}")
-            note(path, Trial(**{**asdict(one), "outcome": outcome, "seconds": None, "says": words}))
-        if died and not open_:
-            raise ProblemError(f"benchmark: the process of {entrant.name} ended before it tried anything: {died}")
+@dataclass(frozen=True)
+class Running:
+    """A solver on the instances of a folder, with so many seconds a trial, and the journal of its trials."""
 
+    folder: Path
+    entrant: Entrant
+    limit: float
+    path: Path
 
-def unfinished(path: Path) -> list[Trial]:
-    """The trial that began last and did not end, if there is one."""
-    trials = journal(path)
-    return trials[-1:] if trials and trials[-1].outcome == BEGUN else []
+    def try_all(self, work: Sequence[Work]) -> None:
+        """Try the solver on instances, in processes of its own, until no work is left."""
+        while todo := list(left(journal(self.path), work, self.limit)):
+            died = ""
+            try:
+                alone(Running.tried, self, todo)
+            except (Crashed, Refused) as error:
+                died = str(error)
+            last = journal(self.path)[-1:]
+            if last and last[0].outcome == BEGUN:
+                late = last[0].seconds is not None and time.time() - last[0].seconds >= self.limit
+                outcome, words = (STOPPED, "") if late else (FAILED, f"its process ended: {died}")
+                note(self.path, replace(last[0], outcome=outcome, seconds=None, says=words))
+            elif died:
+                raise ProblemError(f"benchmark: {self.entrant.name} ended before it tried anything: {died}")
 
-
-def tried(folder: Path, entrant: Entrant, work: Sequence[Work], limit: float, path: Path) -> None:
-    """Try a solver on instances, in this process, which ends where a trial takes longer than the limit."""
-    for instance, digest, ladder in work:
-        program = read_program(folder / f"{instance}.npz")
-        status = json.loads((folder / f"{instance}.json").read_text(encoding="utf-8")).get("status", "")
-        if not status and not isinstance(program, SolvedProgram):
-            raise ProblemError(f"{folder / instance}.npz: has no answer to compare with.")
-        trial = partial(Trial, instance=instance, digest=digest, limit=limit)
-        note(path, trial(tolerance=ladder[0], outcome=BEGUN, seconds=time.time()))
-        try:
-            ask = entrant.taking(program)
-        except NotAccepted as error:
-            note(path, trial(tolerance=None, outcome=REFUSED, says=str(error)))
-            continue
-        for tolerance in ladder:
-            note(path, trial(tolerance=tolerance, outcome=BEGUN, seconds=time.time()))
-            with open(os.devnull, "w") as nowhere:
-                faulthandler.dump_traceback_later(limit, exit=True, file=nowhere)
+    def tried(self, work: Sequence[Work]) -> None:
+        """Try it on instances in this process, which ends where a trial takes longer than the limit."""
+        for instance, digest, ladder in work:
+            program = read_program(self.folder / f"{instance}.npz")
+            status = json.loads((self.folder / f"{instance}.json").read_text(encoding="utf-8")).get("status", "")
+            if not status and not isinstance(program, SolvedProgram):
+                raise ProblemError(f"{self.folder / instance}.npz: has no answer to compare with.")
+            trial = partial(Trial, instance=instance, digest=digest, limit=self.limit)
+            note(self.path, trial(tolerance=ladder[0], outcome=BEGUN, seconds=time.time()))
+            try:
+                ask = self.entrant.taking(program)
+            except NotAccepted as error:
+                note(self.path, trial(tolerance=None, outcome=REFUSED, says=str(error)))
+                continue
+            for tolerance in ladder:
+                note(self.path, trial(tolerance=tolerance, outcome=BEGUN, seconds=time.time()))
                 try:
-                    found = measured(ask, program, tolerance, status)
+                    with ended_after(self.limit):
+                        found = measured(ask, program, tolerance, status)
                 except VemcvxError as error:
-                    note(path, trial(tolerance=tolerance, outcome=FAILED, says=str(error)))
+                    note(self.path, trial(tolerance=tolerance, outcome=FAILED, says=str(error)))
                     break
-                finally:
-                    faulthandler.cancel_dump_traceback_later()
-            note(path, trial(tolerance=tolerance, outcome=ANSWERED, **found))
-            if found["certified"] <= min(ASKED):
-                break
+                note(self.path, trial(tolerance=tolerance, outcome=ANSWERED, **found))
+                if found["certified"] <= min(ASKED):
+                    break
+
+
+@contextmanager
+def ended_after(seconds: float) -> Iterator[None]:
+    """End this process, whatever it is doing, if what is within takes longer."""
+    with open(os.devnull, "w") as nowhere:
+        faulthandler.dump_traceback_later(seconds, exit=True, file=nowhere)
+        try:
+            yield
+        finally:
+            faulthandler.cancel_dump_traceback_later()

@@ -7,31 +7,38 @@ import csv
 import json
 import subprocess
 import sys
+from hashlib import sha256
 from pathlib import Path
 
+import numpy as np
 import pytest
 from test_cli import invoke
 
 import vemcvx as vx
 from vemcvx.cli import supplied
 from vemcvx.cli.collection import INSTANCES, confirm, write_collection
+from vemcvx.cli.collection.instances import CORE, LARGE
 
 SCRIPT = Path(vx.__file__).parent / "cli" / "collection" / "confirm.py"
 GRADES = {instance.grade for instance in INSTANCES}
 
 
 def one_a_grade():
-    """The first condensed instance of each grade that takes no time."""
+    """The first condensed instance of each grade that takes no time; of those without optimum one of each kind."""
     large = "cattaneo_mindlin", "janssen_silo", "shear_lag", "thermal_expansion_blocked_by_friction"
     small = [one for one in INSTANCES if one.condense and one.n <= 32 and one.problem not in large]
-    return [next(one for one in small if one.grade == grade) for grade in sorted(GRADES)]
+    first = {(one.grade, one.without): one for one in reversed(small)}
+    return [first[key] for key in sorted(first)]
 
 
 def test_the_list_is_named_and_graded():
     names = [instance.name for instance in INSTANCES]
-    assert len(set(names)) == len(names) == 82
+    assert len(set(names)) == len(names) == 138
     hard = {"bounds", "pressure", "soft", "viscous", "sticking", "degenerate", "incompressible", "units", "discs"}
-    assert {"easy", "sizes"} | hard == GRADES
+    assert {"easy", "sizes", "bodies", "floating", "no optimum"} | hard == GRADES
+    assert len(CORE) == 40
+    assert {one.grade for one in INSTANCES if one.name in CORE} == GRADES
+    assert not {one.name for one in LARGE} & set(names)
 
 
 def test_the_script_needs_four_packages():
@@ -46,9 +53,11 @@ def test_the_script_needs_four_packages():
 def test_what_is_written_is_confirmed(tmp_path, capsys):
     """In each grade: the manifest says what the files hold, and independent gaps agree with ours."""
     said = write_collection(tmp_path, "mtx", instances=one_a_grade())
-    assert said.startswith(f"{len(GRADES)} instances of 'vemcvx collection 2'")
-    rows = json.loads((tmp_path / "manifest.json").read_text())["instances"]
-    assert {row["grade"] for row in rows} == GRADES
+    assert said.startswith(f"{len(GRADES) + 1} instances of 'vemcvx collection 3'")
+    every = json.loads((tmp_path / "manifest.json").read_text())["instances"]
+    assert {row["grade"] for row in every} == GRADES
+    rows = [row for row in every if "optimum" in row]
+    assert {row["status"] for row in every if row not in rows} == {"infeasible", "unbounded"}
     for row in rows:
         program = vx.read_program(tmp_path / f"{row['name']}.npz")
         other = vx.read_program(tmp_path / f"{row['name']}.mtx")
@@ -67,12 +76,33 @@ def test_what_is_written_is_confirmed(tmp_path, capsys):
     said = capsys.readouterr().out
     assert f"{len(table)} of {len(table)} answers to {len(rows)} instances confirm the certified optima" in said
     assert {row["confirmed"] for row in table} == {"True"}
+    assert "2 of 2 instances are proved to have no optimum" in said
     # HiGHS and inequalities take no cones, and HiGHS takes long where there are more unknowns.
     tried = [2 if row["grade"] == "discs" else 5 if row["unknowns"] <= 100 else 3 for row in rows]
     assert len(table) == sum(tried)
     # Certificates are bounds: none is less than the distance to our answer, but for what both leave open.
     for row in table:
         assert float(row["true"]) <= 1.01 * float(row["certified"]) + 1e-7
+
+
+@pytest.mark.parametrize("status", ["infeasible", "unbounded"])
+def test_a_proof_that_is_none_is_refused(tmp_path, status):
+    """A multiplier of the other sign, a ray the other way."""
+    write_collection(tmp_path, instances=[one for one in one_a_grade() if one.without == status])
+    (row,) = json.loads((tmp_path / "manifest.json").read_text())["instances"]
+    program, vector = confirm.Program(tmp_path / f"{row['name']}.npz"), np.array(row["certificate"])
+    assert confirm.proved(program, status, vector)
+    assert not confirm.proved(program, status, -vector)
+    assert not confirm.proved(program, status, np.ones_like(vector))
+
+
+def test_the_folder_says_what_it_is_and_is_whole(tmp_path):
+    write_collection(tmp_path, instances=[one_a_grade()[0]])
+    for line in (tmp_path / "SHA256SUMS.txt").read_text().splitlines():
+        digest, name = line.split("  ")
+        assert sha256((tmp_path / name).read_bytes()).hexdigest() == digest
+    assert {path.name for path in tmp_path.iterdir()} >= {"README.md", "LICENSE.txt", "CITATION.cff", "confirm.py"}
+    assert "Version 3" in (tmp_path / "README.md").read_text()
 
 
 def test_an_optimum_that_is_none_is_not_confirmed(tmp_path, monkeypatch):
@@ -108,4 +138,5 @@ def test_the_whole_collection_is_confirmed(tmp_path):
     assert done.exit_code == 0, done.output
     run = subprocess.run([sys.executable, tmp_path / "confirm.py"], capture_output=True, text=True, check=False)
     assert run.returncode == 0, run.stdout + run.stderr
-    assert "answers to 82 instances confirm the certified optima" in run.stdout
+    assert "answers to 132 instances confirm the certified optima" in run.stdout
+    assert "6 of 6 instances are proved to have no optimum" in run.stdout

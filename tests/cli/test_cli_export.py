@@ -15,10 +15,10 @@ import vemcvx as vx
 @pytest.mark.long
 def test_export_writes_the_programs_of_the_run(tmp_path):
     options = ["--n", 4, "--of", 8, "--set", "bound=2.0", "--out", tmp_path]
-    done = invoke("export", PROBLEM, "--steps", "7, 3,7", *options)
+    done = invoke("export", PROBLEM, "--steps", "6-7, 3,7", *options)
     assert done.exit_code == 0, done.output
     assert sorted(path.name for path in tmp_path.glob("f*")) == [
-        f"feng_han_huang_{n}.{suffix}" for n in (3, 7) for suffix in ("json", "npz")
+        f"feng_han_huang_{n}.{suffix}" for n in (3, 6, 7) for suffix in ("json", "npz")
     ]
     program = vx.read_program(tmp_path / "feng_han_huang_7.npz")
     words = json.loads((tmp_path / "feng_han_huang_7.json").read_text())
@@ -36,7 +36,9 @@ def test_export_writes_the_programs_of_the_run(tmp_path):
 @pytest.mark.parametrize(
     ("options", "says"),
     [
-        (["--steps", "0"], "--steps: found '0'; wanted numbers from 1 to 64 with commas between, such as 1,64"),
+        (["--steps", "0"], "--steps: found '0'; wanted numbers from 1 to 64 with commas between, or ranges"),
+        (["--steps", "4-2"], "--steps: found '4-2'"),
+        (["--steps", "1-2-3"], "--steps: found '1-2-3'"),
         (["--steps", "65"], "--steps: found '65'"),
         (["--steps", "one"], "--steps: found 'one'"),
         (["--steps", "1", "--format", "sif"], "--format: there is no format 'sif'; there are npz, mtx, cbf, qps, mps"),

@@ -12,6 +12,7 @@ from typing import Annotated
 import typer
 
 from vemcvx.cli.collection import Collection
+from vemcvx.cli.collection.benchmark import Benchmark
 from vemcvx.cli.compare import Compare
 from vemcvx.cli.cost import Cost
 from vemcvx.cli.doctor import Doctor
@@ -71,7 +72,7 @@ app = typer.Typer(
     help="Quasistatic frictional contact on polygonal meshes, posed as certified convex programs.",
     epilog="Exit codes: 0 done, 2 invalid input, 3 not certified.",
 )
-for kind in (Run, Show, Compare, Export, Collection, Cost, Problems, Lesson, App, Doctor):
+for kind in (Run, Show, Compare, Export, Collection, Benchmark, Cost, Problems, Lesson, App, Doctor):
     add_command(app, kind)
 
 

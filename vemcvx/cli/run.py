@@ -427,7 +427,9 @@ class Export:
     """Write the convex programs of some steps, for other solvers, with their certified optima."""
 
     file: File
-    steps: Annotated[str, typer.Option(metavar="N,N,...", help="The steps to write; 1 is the first.")]
+    steps: Annotated[
+        str, typer.Option(metavar="N,N-N,...", help="The steps to write, 1-8 for a range; 1 is the first.")
+    ]
     form: Annotated[str, typer.Option("--format", help="npz, mtx, cbf, qps, mps or hdf5.")] = "npz"
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="(default: results/programs_<problem>)")] = None
     mesh: Mesh = None
@@ -444,8 +446,9 @@ class Export:
         if served(self.linear):
             return
         problem = read_problem(self.file)
-        such = f"numbers from 1 to {self.of} with commas between, such as 1,{self.of}"
-        numbers = listed("--steps", self.steps, self._step, f"{such}; --of says how many steps the run has")
+        such = f"numbers from 1 to {self.of} with commas between, or ranges, such as 1,{self.of} or 1-{self.of}"
+        runs = listed("--steps", self.steps, self._steps, f"{such}; --of says how many steps the run has")
+        numbers = tuple(dict.fromkeys(n for run in runs for n in run))
         if self.form not in FORMATS:
             raise ProblemError(f"--format: there is no format {self.form!r}; there are {', '.join(FORMATS)}.")
         with Owned(self.out or Path("results") / f"programs_{problem.name}") as folder:
@@ -472,7 +475,9 @@ class Export:
                 lines.append(f"{name}.{self.form}  {counts}; the optimum is between {low:.17g} and {high:.17g}")
         say("\n".join(lines))
 
-    def _step(self, word: str) -> int:
-        if not (word.isdecimal() and 1 <= int(word) <= self.of):
+    def _steps(self, words: str) -> range:
+        first, dash, last = words.partition("-")
+        last = last if dash else first
+        if not (first.isdecimal() and last.isdecimal() and 1 <= int(first) <= int(last) <= self.of):
             raise ValueError
-        return int(word)
+        return range(int(first), int(last) + 1)

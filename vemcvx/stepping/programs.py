@@ -43,8 +43,7 @@ def programs_of_march(
     """March as :func:`vemcvx.march` does, and yield the program of every step with its certified answer."""
     check_kinds(system, solver, linear)
     instants, condense = checked_times(times), flag(condense, "condense")
-    run, steps = _prepared(system, instants, solver, condense, linear)
-    run = replace(run, check=flag(check, "check"))
+    run, steps = _prepared(system, instants, solver, condense, linear, check=flag(check, "check"))
     before = certified_in_full(run, first_state(run, instants, initial))
     states = states_of(run, steps, instants, 0, before)
     for _ in instants[1:]:
@@ -78,10 +77,11 @@ def _prepared(
     solver: Solver | Solves | None,
     condense: bool,
     linear: LinearSolver | None,
+    check: bool = True,
 ) -> tuple[PreparedRun, Steps]:
     linear = system.linear(linear)
     with threads_of_steps(system, condense, linear):
-        run = prepare(system, solver, True, condense, linear)
+        run = prepare(system, solver, check, condense, linear)
     return run, steps_of(run, instants)
 
 

@@ -3,124 +3,100 @@
 from __future__ import annotations
 
 import json
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
+from hashlib import sha256
 from itertools import groupby
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
+import scipy.sparse as sp
 import typer
 
+from vemcvx.cli.collection.instances import CORE, INFEASIBLE, INSTANCES, LARGE, UNBOUNDED, VERSION, Instance
 from vemcvx.cli.problem_file import read_problem
 from vemcvx.cli.supplied import problems_folder
-from vemcvx.cli.terminal import progress_bar, say
-from vemcvx.errors import ProblemError
+from vemcvx.cli.terminal import logged_at_most, progress_bar, say
+from vemcvx.errors import ProblemError, SceneWarning
 from vemcvx.exchange import FORMATS, encoded, put
 from vemcvx.owned_files import Owned
-from vemcvx.program import SolvedProgram
-from vemcvx.simulation import programs
+from vemcvx.program.step_program import SolvedProgram, StepProgram
+from vemcvx.simulation import simulate
+from vemcvx.solvers import Newton
 from vemcvx.version import __version__
 
-VERSION = 2
-"""The version of the list below: other instances, or others under the same names, are another version."""
+MANIFEST, SCRIPT, SUMS = "manifest.json", "confirm.py", "SHA256SUMS.txt"
+README = """# A collection of convex programs from frictional contact, with certified optima
 
+Version {version}, written by vemcvx {vemcvx}. Each instance is one step of a quasistatic problem with friction,
 
-@dataclass(frozen=True, kw_only=True)
-class Instance:
-    """Step `step` of a run of `of` steps of a problem file, with n cells per unit length and settings "name=value".
+    minimise 1/2 d'Kd - g'd + sum_i w_i |B_i d - b_i|  subject to  D d <= e,
 
-    The grade is the reason why the program is hard; "pressure" is Coulomb's friction, "discs" friction in space. In a
-    degenerate instance the weights of terms that stick are lowered to what these carry: the answer stays, and every
-    such term is at once at rest and at its bound.
-    """
+where a limit with a compliance c_j > 0 has (D_j d - e_j)_+^2 / (2 c_j) in place of its bound. B_i d is a number in the
+plane, a vector of two components in space. At the solution K d = g - B'lam - D'p, |lam_i| <= w_i, p >= 0.
 
-    grade: str
-    problem: str
-    n: int
-    of: int
-    step: int
-    settings: tuple[str, ...] = ()
-    condense: bool = True
-    degenerate: bool = False
+| file | what it holds |
+|---|---|
+| `NAME.npz` | K, B, D, g, w, b, e, c as NumPy arrays, and the answer d, lam, p |
+| `NAME.json` | origin, sizes, condition of K, degenerate terms, the certified optimum with bounds on it |
+| `manifest.json` | the same of all instances in one file, with their grades, and which are of the core set |
+| `confirm.py` | solves all by Clarabel and HiGHS, and confirms every optimum |
+| `SHA256SUMS.txt` | `sha256sum -c SHA256SUMS.txt` |
 
-    @property
-    def name(self) -> str:
-        """A word with all settings but the grade."""
-        ends = ("-full" * (not self.condense), "-degenerate" * self.degenerate)
-        settings = "".join(f"-{setting.replace('=', '')}" for setting in self.settings)
-        return f"{self.problem}-n{self.n}-{self.step}of{self.of}{settings}{''.join(ends)}"
+Sparse arrays are compressed rows, `B_data, B_indices, B_indptr, B_shape`. `confirm.py` needs numpy, scipy, clarabel and
+highspy only.
 
-    @property
-    def run(self) -> tuple[str, int, int, tuple[str, ...], bool]:
-        """The run that it is a step of."""
-        return self.problem, self.n, self.of, self.settings, self.condense
+With the answer d* of the file, the *true error* of yours is |d - d*|_K / |d*|_K; d* itself is certified to the error
+that the JSON names, `optimum.energy_error` over `optimum.energy_norm`, by the duality gap. Instances of the grade "no
+optimum" have in place of an answer a vector `certificate`: of an infeasible one p >= 0 with D'p = 0 and e'p < 0; of an
+unbounded one a ray d with K d = 0, D d <= 0 and g'd > sum_i w_i |B_i d|.
 
+## Your solver in ten minutes
 
-SI = "young=2e11", "bound=4e9", "push=8e9", "press=1e7"
-TINY = "young=2e-4", "bound=4e-6", "push=8e-6", "press=1e-8"
-PAPER = "feng_han_huang"
+`pip install vemcvx[plot]`, or the checkout of it, and a file `mine.py`:
 
-# grade, problem, cells per unit length, steps, settings
-Row = tuple[str, str, tuple[int, ...], tuple[int, ...], tuple[str, ...]]
-PLAIN: tuple[str, ...] = ()
-NEAR_HALF = ("poisson=0.499",), ("poisson=0.49999",), ("poisson=0.4999999",)
-CONDENSED: tuple[Row, ...] = (
-    ("easy", PAPER, (8, 16), (4, 8), PLAIN),
-    ("easy", "frictional_hysteresis", (4, 8), (2,), PLAIN),
-    ("easy", "manufactured_full_slip", (8, 16), (2,), PLAIN),
-    ("sizes", PAPER, (32, 64), (4, 8), PLAIN),
-    ("bounds", "hertz_contact", (6, 12), (2, 8), PLAIN),
-    ("bounds", "block_between_dies", (6, 12), (2,), PLAIN),
-    ("bounds", "beam_on_a_stop", (6,), (2, 8), PLAIN),
-    ("pressure", "cattaneo_mindlin", (6,), (2, 8), PLAIN),
-    ("pressure", "janssen_silo", (4,), (2, 8), PLAIN),
-    ("pressure", "block_with_grain", (6, 12), (2, 8), PLAIN),
-    ("soft", "rough_layer", (6, 12), (2, 8), PLAIN),
-    ("viscous", "kelvin_voigt_creep", (6,), (2, 5, 8), PLAIN),
-    ("sticking", "shear_lag", (6,), (2, 5, 8), PLAIN),
-    ("sticking", "thermal_expansion_blocked_by_friction", (6,), (2, 5, 8), PLAIN),
-    ("sticking", "l_shaped_bracket", (8, 16), (6, 8), PLAIN),
-    *(("incompressible", PAPER, (16,), (8,), near) for near in NEAR_HALF),
-    *(("units", PAPER, (8, 16), (8,), units) for units in (SI, TINY)),
-    ("discs", "block_in_space", (4,), (4, 8), PLAIN),
-    ("discs", "block_in_space", (8,), (8,), PLAIN),
-    ("discs", "circular_hysteresis", (2,), (4, 8), PLAIN),
-    ("discs", "block_dragged_along_a_curve", (4,), (8,), PLAIN),
-)
-ON_ALL_UNKNOWNS: tuple[Row, ...] = (
-    ("sizes", PAPER, (8, 16, 32), (4, 8), PLAIN),
-    ("sizes", PAPER, (64,), (8,), PLAIN),
-    ("bounds", "hertz_contact", (6,), (8,), PLAIN),
-    ("pressure", "block_with_grain", (6,), (8,), PLAIN),
-    ("viscous", "kelvin_voigt_creep", (6,), (8,), PLAIN),
-    *(("incompressible", PAPER, (16,), (8,), near) for near in NEAR_HALF),
-    *(("units", PAPER, (8,), (8,), units) for units in (SI, TINY)),
-    ("discs", "block_in_space", (4,), (8,), PLAIN),
-)
-DEGENERATE: tuple[Row, ...] = (
-    ("degenerate", "l_shaped_bracket", (8, 16), (6, 8), PLAIN),
-    ("degenerate", PAPER, (16, 32), (6, 8), PLAIN),
-)
-INSTANCES = tuple(
-    Instance(
-        grade=grade,
-        problem=problem,
-        n=n,
-        of=8,
-        step=step,
-        settings=settings,
-        condense=rows is not ON_ALL_UNKNOWNS,
-        degenerate=rows is DEGENERATE,
-    )
-    for rows in (CONDENSED, ON_ALL_UNKNOWNS, DEGENERATE)
-    for grade, problem, cells, steps, settings in rows
-    for n in cells
-    for step in steps
-)
+    import numpy as np
 
+    class Mine:
+        def solve(self, program, target):
+            K, B, D = program.operators.K, program.operators.B, program.operators.D
+            g, w, b, e = program.g, program.w, program.b, program.e
+            ...  # solve it to a duality gap of `target`
+            return d, lam, p  # or d alone: multipliers are recovered
 
-MANIFEST, SCRIPT = "manifest.json", "confirm.py"
+    vemcvx benchmark . --solvers newton,clarabel,scs,mine.py:Mine --only core --time-limit 10
+
+sweeps the tolerances of all of them, takes for every solver and instance the cheapest that reaches a true error of
+1e-3, 1e-6 and 1e-9, and writes a table, performance profiles and means into `benchmark/`. Results are stored a solver
+and version; the command goes on where it was stopped, and shows what others have stored there, too.
+
+Licence: BSD Zero Clause (LICENSE.txt): do with it what you like. To cite it: CITATION.cff.
+"""
+LICENCE = """BSD Zero Clause License
+
+Copyright (C) 2026 the vemcvx authors
+
+Permission to use, copy, modify, and/or distribute this software for any purpose with or without fee is hereby granted.
+
+THE SOFTWARE IS PROVIDED "AS IS" AND THE AUTHOR DISCLAIMS ALL WARRANTIES WITH REGARD TO THIS SOFTWARE INCLUDING ALL
+IMPLIED WARRANTIES OF MERCHANTABILITY AND FITNESS. IN NO EVENT SHALL THE AUTHOR BE LIABLE FOR ANY SPECIAL, DIRECT,
+INDIRECT, OR CONSEQUENTIAL DAMAGES OR ANY DAMAGES WHATSOEVER RESULTING FROM LOSS OF USE, DATA OR PROFITS, WHETHER IN AN
+ACTION OF CONTRACT, NEGLIGENCE OR OTHER TORTIOUS ACTION, ARISING OUT OF OR IN CONNECTION WITH THE USE OR PERFORMANCE OF
+THIS SOFTWARE.
+"""
+CITATION = """cff-version: 1.2.0
+message: "If you use this collection, please cite it."
+title: "Convex programs from frictional contact with certified optima, version {version}"
+type: dataset
+version: {version}
+license: 0BSD
+authors:
+  - name: "The vemcvx authors"
+"""
+ACCURACY = 1e-14
+"""Asked of optima: as much as there is."""
 
 
 def write_collection(
@@ -136,20 +112,34 @@ def write_collection(
     if beside is not None and beside not in FORMATS:
         raise ProblemError(f"--format: there is no format {beside!r}; there are {', '.join(FORMATS)}.")
     forms = tuple(dict.fromkeys([*([beside] if beside else []), "npz"]))
-    rows = []
+    rows, written = [], []
     with Owned(folder) as files:
-        for done, (instance, program) in enumerate(_made(instances)):
+
+        def place(name: str) -> Path:
+            written.append(files.take(name))
+            return written[-1]
+
+        for done, (instance, program, proof) in enumerate(_made(instances)):
             told(instance.name, done, len(instances))
             data = {end: data for form in forms for end, data in encoded(program, form).items() if data is not None}
-            put({f"{instance.name}{end}": content for end, content in data.items()}, files.take)
-            rows.append({"name": instance.name, **asdict(instance), **json.loads(data[".json"])})
+            words = {**json.loads(data[".json"]), **proof}
+            data[".json"] = f"{json.dumps(words, indent=1)}\n".encode()
+            put({f"{instance.name}{end}": content for end, content in data.items()}, place)
+            rows.append({"name": instance.name, "core": instance.name in CORE, **asdict(instance), **words})
         made = {"collection": VERSION, "vemcvx": __version__, "instances": rows}
-        files.take(MANIFEST).write_text(json.dumps(made, indent=1) + "\n")
-        files.take(SCRIPT).write_text(Path(__file__).with_name(SCRIPT).read_text())
+        about = {"version": VERSION, "vemcvx": __version__}
+        place(MANIFEST).write_text(json.dumps(made, indent=1) + "\n")
+        place(SCRIPT).write_text(Path(__file__).with_name(SCRIPT).read_text())
+        place("README.md").write_text(README.format(**about))
+        place("LICENSE.txt").write_text(LICENCE)
+        place("CITATION.cff").write_text(CITATION.format(**about))
+        sums = "".join(f"{sha256(path.read_bytes()).hexdigest()}  {path.name}\n" for path in sorted(written))
+        files.take(SUMS).write_text(sums)
     sizes = [row["unknowns"] for row in rows]
     return (
         f"{len(rows)} instances of 'vemcvx collection {VERSION}' in {folder}: {min(sizes)} to {max(sizes)} unknowns\n"
-        f"{MANIFEST} has sizes, nonzeros, degenerate terms, conditions, certified optima; python {SCRIPT} confirms them"
+        f"{MANIFEST} has sizes, nonzeros, degenerate terms, conditions, certified optima; python {SCRIPT} confirms "
+        f"them; README.md says what the files hold"
     )
 
 
@@ -161,31 +151,52 @@ class Collection:
     form: Annotated[
         str | None, typer.Option("--format", metavar="mtx|cbf|qps|mps", help="A format to write beside npz.")
     ] = None
+    large: Annotated[
+        bool, typer.Option("--large", help="With sparse programs of up to a million unknowns: minutes, and a GB.")
+    ] = False
 
     def __call__(self) -> None:
         """Write it, and say what there is."""
-        with progress_bar("reading") as shown:
-            say(write_collection(self.out, self.form, told=shown))
+        # What simulations log is about physics that nobody here asks for.
+        with progress_bar("reading") as shown, logged_at_most(0):
+            say(write_collection(self.out, self.form, (*INSTANCES, *(LARGE if self.large else ())), told=shown))
 
 
-def _made(instances: Sequence[Instance]) -> Iterator[tuple[Instance, SolvedProgram]]:
+Proof = dict[str, Any]
+"""What the words of an instance without an optimum have beside the others': its status, and a vector that proves it."""
+
+
+def _made(instances: Sequence[Instance]) -> Iterator[tuple[Instance, StepProgram, Proof]]:
     """The instances with their programs; those of one run come from one run."""
     here = problems_folder()
-    for _, group in groupby(sorted(instances, key=lambda one: (*one.run, one.step)), key=lambda one: one.run):
+    for _, group in groupby(sorted(instances, key=lambda one: (*one.run, one.name)), key=lambda one: one.run):
         wanted = list(group)
         first, last = wanted[0], max(one.step for one in wanted)
         problem = read_problem(here / f"{first.problem}.py")
-        marched = programs(
-            problem.scene(first.settings),
-            problem.mesh(first.n),
-            np.asarray(problem.times(first.of))[: last + 1],
-            initial=problem.initial,
-            condense=first.condense,
-        )
-        for program in marched:
-            for one in wanted:
-                if one.step == program.step:
-                    yield one, _barely_sticking(program) if one.degenerate else program
+        with warnings.catch_warnings():
+            # What holds the bodies is what grades are about.
+            warnings.simplefilter("ignore", SceneWarning)
+            history = simulate(
+                problem.scene(first.settings),
+                problem.mesh(first.n),
+                np.asarray(problem.times(first.of))[: last + 1],
+                solver=Newton(accuracy=ACCURACY),
+                initial=problem.initial,
+                check=False,
+                progress=False,
+            )
+        for one in wanted:
+            yield one, *_variant(one, history.program(one.step, condense=one.condense))
+
+
+def _variant(instance: Instance, program: SolvedProgram) -> tuple[StepProgram, Proof]:
+    if instance.degenerate:
+        return _barely_sticking(program), {}
+    if instance.without == INFEASIBLE:
+        return _pinched(program)
+    if instance.without == UNBOUNDED:
+        return _pushed_off(program)
+    return program, {}
 
 
 def _barely_sticking(program: SolvedProgram) -> SolvedProgram:
@@ -195,3 +206,35 @@ def _barely_sticking(program: SolvedProgram) -> SolvedProgram:
     sticks = size <= 1e-9 * size.max(initial=0.0)
     lower = np.where(sticks, np.linalg.norm(program.answer.lam, axis=1), program.w)
     return replace(program, w=np.minimum(lower, program.w))
+
+
+def _pinched(program: SolvedProgram) -> tuple[StepProgram, Proof]:
+    """The program with a second obstacle opposite the first, which it overlaps.
+
+    D_1 d <= e_1 and -D_1 d <= -e_1 - |e|_oo contradict each other: their sum is 0 <= -|e|_oo.
+    """
+    operators = program.operators
+    D = sp.csr_matrix(sp.vstack([operators.D, -operators.D[:1]]))
+    overlap = float(np.abs(program.e).max()) or float(np.abs(program.answer.d).max())
+    both = replace(operators, D=D, compliance=np.append(operators.compliance, 0.0), given_factor=operators.factor)
+    p = np.zeros(D.shape[0])
+    p[[0, -1]] = 1.0
+    e = np.append(program.e, -program.e[0] - overlap)
+    return StepProgram(both, program.g, program.w, program.b, e), {"status": INFEASIBLE, "certificate": p.tolist()}
+
+
+def _pushed_off(program: SolvedProgram) -> tuple[StepProgram, Proof]:
+    """The program whose load pushes it along a motion of the kernel twice as hard as friction holds it there.
+
+    Along the ray r, K r = 0 and D r <= 0, the objective falls by g'r - sum w_i |B_i r| > 0 for each length of r.
+    """
+    operators = program.operators
+    assert operators.kernel is not None
+    motions = [sign * operators.kernel[:, j] for j in range(operators.kernel.shape[1]) for sign in (1.0, -1.0)]
+    # A motion along an obstacle does not run into it because of the rounding of its entries.
+    ray = next(r for r in motions if len(program.e) == 0 or (operators.D @ r).max() <= 1e-12 * np.abs(r).max())
+    held = float(program.w @ np.linalg.norm(operators.blocks(operators.B @ ray), axis=1))
+    held = held or float(np.abs(program.g).max())
+    g = program.g + (2.0 * held - program.g @ ray) / (ray @ ray) * ray
+    pushed = StepProgram(operators, g, program.w, program.b, program.e)
+    return pushed, {"status": UNBOUNDED, "certificate": ray.tolist()}

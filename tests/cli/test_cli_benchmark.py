@@ -1,0 +1,225 @@
+"""`vemcvx benchmark`: times to true errors, whatever tolerances mean, and whatever becomes of a solver."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+import shutil
+
+import numpy as np
+import pytest
+from test_cli import invoke
+
+import vemcvx as vx
+from vemcvx.cli.collection import INSTANCES, write_collection
+from vemcvx.cli.collection.benchmark import Listed, counted, fate, first, profile, scores, seconds_to, shifted_mean
+from vemcvx.cli.collection.trials import ANSWERED, FAILED, REFUSED, STOPPED, Trial, journal, left, measured
+
+SMALL = [one for one in INSTANCES if one.grade == "easy" and one.problem == "frictional_hysteresis"]
+
+
+def trial(tolerance, seconds, true, certified=None, outcome=ANSWERED, says="optimal", instance="a"):
+    certified = true if certified is None else certified
+    return Trial(
+        instance=instance,
+        digest="d",
+        tolerance=tolerance,
+        outcome=outcome,
+        limit=10.0,
+        seconds=seconds,
+        true=true,
+        certified=certified,
+        says=says,
+    )
+
+
+ENTRIES = {
+    "quick": {"a": [trial(1e-2, 0.1, 1e-4, 1e-1), trial(1e-6, 0.3, 1e-7, 1e-4)]},
+    "sure": {"a": [trial(1e-2, 0.2, 1e-2), trial(1e-6, 0.4, 1e-10)]},
+    "claims": {"a": [trial(1e-6, 0.01, 0.2)]},
+}
+
+
+def test_the_cheapest_trial_that_reaches_an_error_counts():
+    """By hand: quick reaches 1e-3 with its loosest tolerance, sure only with its tightest."""
+    assert seconds_to(ENTRIES["quick"]["a"], 1e-3) == 0.1
+    assert seconds_to(ENTRIES["sure"]["a"], 1e-3) == 0.4
+    assert seconds_to(ENTRIES["quick"]["a"], 1e-9) == math.inf
+    assert profile(ENTRIES, ["a"], 1e-6) == {"quick": [1.0], "sure": [0.4 / 0.3], "claims": [math.inf]}
+    assert [first(ENTRIES, "a", by) for by in ("true", "certified", "claim")] == ["quick", "sure", "claims"]
+
+
+def test_means_are_shifted_and_geometric():
+    """Of .09 and .39 with a shift of .01: (.1 * .4)^(1/2) - .01 = .19; what is not reached counts as the limit."""
+    assert shifted_mean([0.09, 0.39], 10.0) == pytest.approx(0.19, rel=1e-12)
+    assert shifted_mean([0.09, math.inf], 0.39) == pytest.approx(0.19, rel=1e-12)
+
+
+def test_fates_are_told_apart():
+    assert fate(ENTRIES["quick"]["a"], 1e-3) == "reached"
+    assert fate(ENTRIES["claims"]["a"], 1e-3) == "missed"
+    late = [trial(1e-2, 1.0, 1e-2), trial(1e-4, None, None, outcome=STOPPED)]
+    assert fate(late, 1e-3) == STOPPED
+    assert fate([trial(1e-2, None, None, outcome=FAILED)], 1e-3) == FAILED
+    instances = [Listed("a", "d", "plane", certified=1e-8)]
+    assert counted(instances, 1e-6, kind="plane") == ["a"]
+    assert counted(instances, 1e-8, kind="plane") == []
+    rows = scores(ENTRIES, instances, kind="plane", limit=10.0).rows
+    assert [row[:7] for row in rows] == [
+        ["quick", "1", "1", "1", "0", "0", "0"],
+        ["sure", "1", "1", "1", "0", "1", "0"],
+        ["claims", "1", "0", "0", "0", "0", "1"],
+    ]
+
+
+def test_what_is_left_is_what_no_trial_answers():
+    work = [("a", "d", (1e-2, 1e-4, 1e-6))]
+    assert list(left([], work, 1.0)) == work
+    assert list(left([trial(1e-2, 0.1, 1e-3)], work, 1.0)) == [("a", "d", (1e-4, 1e-6))]
+    assert list(left([trial(1e-2, 0.1, 1e-11)], work, 1.0)) == []
+    late = [trial(1e-2, None, None, outcome=STOPPED)]
+    assert list(left(late, work, 10.0)) == []
+    assert list(left(late, work, 20.0)) == work
+    assert list(left([trial(None, None, None, outcome=REFUSED)], work, 1.0)) == []
+    assert list(left([trial(1e-2, 0.1, 1e-11)], [("a", "other", (1e-2,))], 1.0)) == [("a", "other", (1e-2,))]
+
+
+def paper_step():
+    history = vx.simulate(
+        vx.Scene(
+            vx.Elasticity(1.0, 0.3),
+            vx.Clamp(on="right"),
+            vx.Traction(vx.Tabulated([0.0, 1.0], [(0.0, 0.0), (1.0, 0.0)]), on="left"),
+            vx.BilateralContact(on="bottom"),
+            vx.TrescaFriction(0.3, on="bottom"),
+        ),
+        vx.meshes.squares(4),
+        [0.0, 1.0],
+    )
+    return history.program(1)
+
+
+def test_the_true_error_is_the_distance_from_the_optimum():
+    """An answer that is 3 % of the optimum too long is 3 % off; it is never certified to less."""
+    program = paper_step()
+    best = program.answer
+
+    def ask(tolerance):
+        return 0.5, 1.03 * best.d, best.lam, best.p, 7, "solved"
+
+    found = measured(ask, program, 1e-3)
+    assert found["true"] == pytest.approx(0.03, rel=1e-12)
+    assert found["certified"] >= found["true"]
+    assert found["seconds"] == 0.5
+    assert found["dual_residual"] == pytest.approx(
+        np.abs(0.03 * program.operators.K @ best.d).max() / np.abs(program.g).max(), rel=1e-6
+    )
+    with pytest.raises(vx.SolverFailed, match="not finite"):
+        measured(lambda tolerance: (0.5, np.full_like(best.d, np.nan), None, None, 1, ""), program, 1e-3)
+
+
+OWN = '''
+import os
+import time
+
+import numpy as np
+
+import vemcvx as vx
+
+
+class Mine:
+    """The package's own method, under another name."""
+
+    def solve(self, program, target):
+        prepared = vx.Newton().prepare(program.operators)
+        return prepared.solve(program, target, np.zeros((len(program.w), 1)), np.zeros(len(program.e)))
+
+
+class Hangs(Mine):
+    def solve(self, program, target):
+        time.sleep(100)
+
+
+class Crashes(Mine):
+    def solve(self, program, target):
+        os._exit(7)
+
+
+class Raises(Mine):
+    def solve(self, program, target):
+        raise RuntimeError("no pivot")
+'''
+
+
+@pytest.fixture(scope="module")
+def collection(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("collection")
+    write_collection(folder, instances=SMALL)
+    (folder / "own.py").write_text(OWN)
+    return folder
+
+
+@pytest.mark.slow
+def test_solvers_are_compared_stored_and_merged(collection, tmp_path):
+    asked = ["--solvers", f"newton,clarabel,scipy,{collection / 'own.py'}:Mine", "--tolerances", "1e-2,1e-6,1e-10"]
+    done = invoke("benchmark", collection, *asked, "--out", tmp_path / "one", "--time-limit", "20")
+    assert done.exit_code == 0, done.output
+    assert "First to 1e-06 by true error on 2 instances" in done.output
+    rows = list(csv.DictReader((tmp_path / "one" / "trials.csv").read_text().splitlines()))
+    assert {row["outcome"] for row in rows if row["solver"].startswith("scipy")} == {REFUSED}
+    answered = [row for row in rows if row["outcome"] == ANSWERED]
+    assert {row["solver"].split()[0] for row in answered} == {"newton", "clarabel", "Mine"}
+    # Certificates are bounds of true errors, but for what is open about the optimum itself.
+    assert all(float(row["true"]) <= float(row["certified"]) + 1e-12 for row in answered)
+    for name in ("benchmark.md", "profiles.png", "means.png"):
+        assert (tmp_path / "one" / name).stat().st_size > 500
+    before = {path.name: path.read_bytes() for path in (tmp_path / "one").glob("*.jsonl")}
+    again = invoke("benchmark", collection, *asked, "--out", tmp_path / "one", "--time-limit", "20")
+    assert again.exit_code == 0
+    assert {path.name: path.read_bytes() for path in (tmp_path / "one").glob("*.jsonl")} == before
+    # Results of another machine are copied into the folder, and stand in the table.
+    asked = ["--solvers", "osqp", "--out", tmp_path / "two"]
+    assert invoke("benchmark", collection, *asked, "--tolerances", "1e-2,1e-6").exit_code == 0
+    for path in (tmp_path / "one").glob("*.jsonl"):
+        shutil.copy(path, tmp_path / "two")
+    merged = invoke("benchmark", collection, "--out", tmp_path / "two")
+    assert all(name in merged.output for name in ("newton", "clarabel", "Mine", "osqp"))
+
+
+@pytest.mark.slow
+def test_whatever_becomes_of_a_solver_is_a_fate(collection, tmp_path):
+    solvers = ",".join(f"{collection / 'own.py'}:{name}" for name in ("Hangs", "Crashes", "Raises", "Mine"))
+    done = invoke("benchmark", collection, "--solvers", solvers, "--out", tmp_path / "out", "--time-limit", "1")
+    assert done.exit_code == 0, done.output
+    rows = {}
+    for path in (tmp_path / "out").glob("*.jsonl"):
+        rows[path.name.split("_")[0]] = {one.outcome for one in journal(path)} - {"begun"}
+    assert rows == {"Hangs": {STOPPED}, "Crashes": {FAILED}, "Raises": {FAILED}, "Mine": {ANSWERED}}
+    assert "no pivot" in (tmp_path / "out" / "trials.csv").read_text()
+    assert "exit code 7" in (tmp_path / "out" / "trials.csv").read_text()
+
+
+@pytest.mark.long
+def test_what_cannot_be_compared_is_refused(tmp_path):
+    (tmp_path / "empty").mkdir()
+    for given, said in (
+        ([tmp_path / "empty"], "has no manifest.json of a collection"),
+        ([tmp_path / "empty", "--time-limit", "0"], "--time-limit: found 0"),
+    ):
+        done = invoke("benchmark", *given)
+        assert done.exit_code == 2
+        assert said in " ".join(done.output.split())
+    row = {"name": "a", "grade": "easy", "block": 1}
+    row["optimum"] = {"energy_error": 1e-12, "rounding_floor": 0.0, "energy_norm": 1.0}
+    (tmp_path / "manifest.json").write_text(json.dumps({"instances": [row]}))
+    (tmp_path / "a.npz").write_bytes(b"")
+    for given, said in (
+        (["--only", "hard"], "--only: no grade or name has 'hard'; the grades are easy."),
+        (["--tolerances", "2"], "--tolerances: found 2; wanted numbers between 0 and 1."),
+        (["--solvers", "nobody"], "--solvers: there is no solver 'nobody'"),
+        ([], "no results are stored there; name solvers by --solvers."),
+    ):
+        done = invoke("benchmark", tmp_path, *given)
+        assert done.exit_code == 2
+        assert said in " ".join(done.output.split())

@@ -1,0 +1,441 @@
+"""`vemcvx benchmark`: solvers on a collection, compared at equal true accuracy, whatever their tolerances mean.
+
+Tolerances of two solvers cannot be compared: one bounds a duality gap, another a residual, a third both relative to
+norms of its own. So each solver is asked with many (:mod:`vemcvx.cli.collection.trials`), and its time to the error E
+on an instance is that of the *cheapest* trial whose true error is at most E. From these times come
+
+- for every E how many instances a solver reaches, and what became of the rest: *missed* (answers, all farther off),
+  *failed* (no answer: it broke down, or its process died), *late* (out of time); those that it does not take do not
+  count;
+- the shifted geometric mean exp(mean log(t + s)) - s of its seconds with s = .01, where an instance that it does not
+  reach counts as the time limit, whatever it took; the seconds that misses did take stand beside it;
+- the performance profile (Dolan and Moré 2002): the share of instances on which it takes at most x times as long as
+  the fastest.
+
+Instances with discs (friction in space) are a table of their own, for not every solver takes their cones; so are those
+without an optimum, where a solver is right if it says "infeasible" or "unbounded" as it is. Any other instance
+counts at E if its optimum is certified to E/10. How much the comparison owes to a convention is said, too: on how many
+instances another solver would be first by certified error, or by what solvers claim when they are asked for 1e-6.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import astuple, dataclass, fields
+from hashlib import sha256
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+import typer
+
+from vemcvx.canvas import legend_below, light_grid, new_figure, plain_logarithms
+from vemcvx.cli.collection.trials import (
+    ASKED,
+    BEGUN,
+    FAILED,
+    REFUSED,
+    STOPPED,
+    Entrant,
+    Running,
+    Trial,
+    journal,
+)
+from vemcvx.cli.collection.writing import MANIFEST
+from vemcvx.cli.options import NONE, solver_names
+from vemcvx.cli.solver_names import read_options
+from vemcvx.cli.terminal import listed, progress_bar, say
+from vemcvx.errors import ProblemError, VemcvxError
+from vemcvx.outline import Table
+from vemcvx.owned_files import Owned
+from vemcvx.plots.style import MARKERS, SERIES
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+SHIFT = 0.01
+"""Seconds of the shifted geometric mean: differences far below do not count."""
+TABLE, WORDS, PROFILES, MEANS = "trials.csv", "benchmark.md", "profiles.png", "means.png"
+PLANE, DISCS, NONE_THERE = "plane", "discs", "no optimum"
+KINDS = {
+    PLANE: "Absolute values and bounds",
+    DISCS: "Discs: second-order cones",
+    NONE_THERE: "Infeasible or unbounded",
+}
+"""Kinds of instances, and how tables call them."""
+TOGETHER = 10
+"""Instances that a process tries; starting it takes a second."""
+USUAL_TOLERANCES = ",".join(f"1e-{k}" for k in range(1, 14))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Benchmark:
+    """Compare solvers on a collection at equal true accuracy: a sweep of tolerances, a table, profiles, means."""
+
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="A folder that `vemcvx collection` wrote.")]
+    solvers: Annotated[
+        str | None,
+        typer.Option(
+            metavar="A,B,...",
+            autocompletion=solver_names,
+            help="Names of solvers, or FILE.py:CLASS for your own. (default: none, the table of what is stored)",
+        ),
+    ] = None
+    time_limit: Annotated[float, typer.Option(metavar="SECONDS", help="Of a solver for one trial.")] = 60.0
+    tolerances: Annotated[
+        str, typer.Option(metavar="X,X,...", help="What solvers are asked with.", show_default="1e-1,1e-2,...,1e-13")
+    ] = USUAL_TOLERANCES
+    options: Annotated[
+        list[str],
+        typer.Option("--option", metavar="SOLVER.NAME=VALUE", help="A setting of a solver's library; may be repeated."),
+    ] = NONE
+    only: Annotated[
+        str | None, typer.Option(metavar="WORD,WORD,...", help="Instances whose grade or name has one of these words.")
+    ] = None
+    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Results. (default: benchmark, in the folder)")] = None
+
+    def __call__(self) -> None:
+        """Try what is not tried yet, write tables and pictures of all that is stored, and print the tables."""
+        if not self.time_limit > 0:
+            raise ProblemError(f"--time-limit: found {self.time_limit:g}; wanted seconds, more than zero.")
+        instances = read_instances(self.folder, self.only)
+        tolerances = listed("--tolerances", self.tolerances, float, "numbers such as 1e-3,1e-6,1e-9")
+        if not all(0 < one < 1 for one in tolerances):
+            raise ProblemError(f"--tolerances: found {self.tolerances}; wanted numbers between 0 and 1.")
+        out = self.out or self.folder / "benchmark"
+        with Owned(out) as own:
+            for entrant in self.entrants():
+                running = Running(self.folder, entrant, self.time_limit, own.take(stored_as(entrant)))
+                work = [(one.name, one.digest, entrant.ladder(tolerances)) for one in instances]
+                with progress_bar(entrant.name) as shown:
+                    for done in range(0, len(work), TOGETHER):
+                        shown(entrant.name, done, len(work))
+                        running.try_all(work[done : done + TOGETHER])
+            entries = stored(out, instances)
+            if not entries:
+                raise ProblemError(f"{out}: no results are stored there; name solvers by --solvers.")
+            found = in_words(entries, instances, self.time_limit)
+            own.take(TABLE).write_text(every_trial(entries).csv(), encoding="utf-8")
+            own.take(WORDS).write_text(found.markdown, encoding="utf-8")
+            pictures = [own.take(PROFILES), own.take(MEANS)]
+        say(found.text)
+        try:
+            profiles(entries, instances).savefig(pictures[0], dpi=150)
+            means(entries, instances, self.time_limit).savefig(pictures[1], dpi=150)
+        except VemcvxError as error:
+            say(f"No pictures: {error}.")
+        say(f"\n{out} has every trial ({TABLE}), the tables ({WORDS}) and pictures ({PROFILES}, {MEANS})")
+
+    def entrants(self) -> list[Entrant]:
+        """The solvers asked for, with the settings of their libraries."""
+        if self.solvers is None:
+            return []
+        names = listed("--solvers", self.solvers, str, "names such as clarabel,scs,mine.py:Mine")
+        options = read_options(self.options, names)
+        entrants = [Entrant(name, tuple(options.get(name, {}).items())) for name in dict.fromkeys(names)]
+        # A name that there is not is an error here, and not in every trial.
+        for entrant in entrants:
+            entrant.solver.check_accuracy()
+        return entrants
+
+
+@dataclass(frozen=True)
+class Listed:
+    """An instance, as the manifest and its file have it; `certified` is the relative error of its optimum."""
+
+    name: str
+    digest: str
+    kind: str
+    certified: float = 0.0
+
+
+def read_instances(folder: Path, only: str | None) -> list[Listed]:
+    """The instances of a collection, or those whose grade or name has one of the words.
+
+    Raises
+    ------
+    ProblemError
+        There is no collection in the folder, or no such instance.
+    """
+    path = folder / MANIFEST
+    try:
+        rows = json.loads(path.read_text(encoding="utf-8"))["instances"]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise ProblemError(
+            f"{folder}: has no {MANIFEST} of a collection ({error}); write one by vemcvx collection --out {folder}."
+        ) from error
+    words = () if only is None else listed("--only", only, str, "words such as core,discs,degenerate")
+    found = [
+        _listed(folder, row)
+        for row in rows
+        if not words or any(w == row["grade"] or w in row["name"] or (w == "core" and row.get("core")) for w in words)
+    ]
+    if not found:
+        grades = ", ".join(sorted({row["grade"] for row in rows}))
+        raise ProblemError(f"--only: no grade or name has {only!r}; the grades are {grades}.")
+    return found
+
+
+def _listed(folder: Path, row: Mapping[str, Any]) -> Listed:
+    digest = sha256((folder / f"{row['name']}.npz").read_bytes()).hexdigest()[:12]
+    if "optimum" not in row:
+        return Listed(row["name"], digest, NONE_THERE)
+    optimum = row["optimum"]
+    error = optimum["energy_error"] + (2 * optimum["rounding_floor"]) ** 0.5
+    return Listed(row["name"], digest, DISCS if row["block"] > 1 else PLANE, error / (optimum["energy_norm"] or 1.0))
+
+
+def stored_as(entrant: Entrant) -> str:
+    """The name of an entrant's journal."""
+    return re.sub(r"[^\w.=+ -]+", "_", f"{entrant.name} {entrant.version}").replace(" ", "_") + ".jsonl"
+
+
+Entries = Mapping[str, Mapping[str, Sequence[Trial]]]
+"""The label of a solver -> the name of an instance -> its trials, but those that began only."""
+
+
+def stored(folder: Path, instances: Sequence[Listed]) -> Entries:
+    """All journals in a folder, whoever made them; trials of other files than these instances' do not count."""
+    digests = {one.name: one.digest for one in instances}
+    found: dict[str, dict[str, list[Trial]]] = {}
+    for path in sorted(folder.glob("*.jsonl")):
+        own: dict[str, list[Trial]] = {}
+        for trial in journal(path):
+            if trial.outcome != BEGUN and digests.get(trial.instance) == trial.digest:
+                own.setdefault(trial.instance, []).append(trial)
+        if own:
+            found[path.stem.replace("_", " ")] = own
+    return found
+
+
+# Scores.
+
+
+def seconds_to(trials: Iterable[Trial], error: float, measure: str = "true") -> float:
+    """The seconds of the cheapest trial that reaches the error; infinite if none does."""
+    reached = [one.seconds for one in trials if one.seconds is not None and _at_most(getattr(one, measure), error)]
+    return min(reached, default=np.inf)
+
+
+def _at_most(value: float | None, error: float) -> bool:
+    return value is not None and value <= error
+
+
+def taken(trials: Sequence[Trial]) -> bool:
+    """Return True if the solver takes the instance."""
+    return not any(one.outcome == REFUSED for one in trials)
+
+
+def fate(trials: Sequence[Trial], error: float) -> str:
+    """What became of an instance at an error: "reached", "missed", FAILED or STOPPED."""
+    if np.isfinite(seconds_to(trials, error)):
+        return "reached"
+    outcomes = [one.outcome for one in trials]
+    return next((one for one in (STOPPED, FAILED) if one in outcomes), "missed")
+
+
+def counted(instances: Sequence[Listed], error: float, kind: str) -> list[str]:
+    """The instances of a kind whose optimum is certified to a tenth of the error."""
+    return [one.name for one in instances if one.kind == kind and one.certified <= 0.1 * error]
+
+
+def shifted_mean(seconds: Sequence[float], limit: float) -> float:
+    """The shifted geometric mean, in which what is not reached counts as the limit; NaN of none."""
+    if not seconds:
+        return float("nan")
+    capped = np.minimum(np.asarray(seconds, dtype=float), limit)
+    return float(np.exp(np.log(capped + SHIFT).mean()) - SHIFT)
+
+
+def profile(entries: Entries, names: Sequence[str], error: float) -> dict[str, list[float]]:
+    """label -> on each instance, seconds over those of the fastest; infinite where it is not reached."""
+    times = {label: [seconds_to(own.get(name, ()), error) for name in names] for label, own in entries.items()}
+    best = [min(column) for column in zip(*times.values(), strict=True)]
+    return {
+        label: [t / fastest if np.isfinite(t) else np.inf for t, fastest in zip(own, best, strict=True)]
+        for label, own in times.items()
+    }
+
+
+CLAIMED = 1e-6
+"""The tolerance at which claims of solvers are looked at."""
+
+
+def first(entries: Entries, name: str, by: str) -> str | None:
+    """The fastest solver to 1e-6 on an instance: by "true" error, by "certified" error, or by "claim"."""
+    times = {}
+    for label, own in entries.items():
+        trials = own.get(name, ())
+        if by == "claim":
+            trials = [
+                one for one in trials if one.tolerance in (None, CLAIMED) and not re.search("inacc|limit", one.says)
+            ]
+            times[label] = seconds_to(trials, np.inf)
+        else:
+            times[label] = seconds_to(trials, CLAIMED, by)
+    best = min(times, key=lambda label: times[label], default=None)
+    return best if best is not None and np.isfinite(times[best]) else None
+
+
+# The scores as text, Markdown and pictures.
+
+
+@dataclass(frozen=True)
+class Words:
+    """The tables as text for a terminal, and as Markdown."""
+
+    text: str
+    markdown: str
+
+
+def in_words(entries: Entries, instances: Sequence[Listed], limit: float) -> Words:
+    """A table for each kind of instances, and what it owes to conventions."""
+    text, markdown = [], ["# Solvers at equal true accuracy\n"]
+    for kind, title in KINDS.items():
+        names = [one.name for one in instances if one.kind == kind]
+        if some := taking(entries, names):
+            heading, table = f"{title}: {len(names)} instances", scores(some, instances, kind, limit)
+            said = (
+                ""
+                if kind == NONE_THERE
+                else conventions(some, [name for name in counted(instances, CLAIMED, kind) if _tried(some, name)])
+            )
+            text += [heading, table.text(), "", said, ""]
+            markdown += [f"## {heading}\n", table.markdown(), f"{said}\n"]
+    remark = (
+        "Counts and seconds to a relative error in energy norm, by the cheapest tolerance that reaches it: shifted "
+        f"geometric means, with {limit:g} s for an instance that is not reached. of: instances that the solver takes; "
+        f"sure: reached by certified error, too; miss, fail, late: fates of the others at {CLAIMED:g}, and lost: the "
+        "seconds that they took."
+    )
+    return Words("\n".join([*text, remark]), "\n".join([*markdown, remark, ""]))
+
+
+def _tried(entries: Entries, name: str) -> bool:
+    return any(name in own for own in entries.values())
+
+
+def scores(entries: Entries, instances: Sequence[Listed], kind: str, limit: float) -> Table:
+    """A row a solver, the fastest to 1e-6 first."""
+    rows = []
+    for label, own in entries.items():
+        names = {one.name for one in instances if one.kind == kind and one.name in own and taken(own[one.name])}
+        at = {error: [name for name in counted(instances, error, kind) if name in names] for error in ASKED}
+        reached = [sum(fate(own[name], error) == "reached" for name in at[error]) for error in ASKED]
+        sure = sum(np.isfinite(seconds_to(own[name], CLAIMED, "certified")) for name in at[CLAIMED])
+        fates = [fate(own[name], CLAIMED) for name in at[CLAIMED]]
+        mean = [shifted_mean([seconds_to(own[name], error) for name in at[error]], limit) for error in ASKED]
+        misses = sum(_spent(own[name]) for name in at[CLAIMED] if fate(own[name], CLAIMED) != "reached")
+        counts = [len(at[CLAIMED]), *reached, sure, *(fates.count(one) for one in ("missed", FAILED, STOPPED))]
+        rows.append(
+            (
+                mean[1],
+                [
+                    label,
+                    *map(str, counts),
+                    *("-" if np.isnan(m) else f"{m:.2g}".removeprefix("0") for m in mean),
+                    f"{misses:.0f}",
+                ],
+            )
+        )
+    errors = [f"1e{round(np.log10(error))}" for error in ASKED]
+    heads = ("solver", "of", *(f"to\n{error}" for error in errors), f"sure\n{errors[1]}", "miss", "fail", "late")
+    heads = (*heads, *(f"s to\n{error}" for error in errors), "lost\ns")
+    return Table(heads, [cells for _, cells in sorted(rows, key=lambda row: row[0])])
+
+
+def _spent(trials: Sequence[Trial]) -> float:
+    """The seconds of all trials; those out of time took their limit."""
+    return sum(one.limit if one.outcome == STOPPED else one.seconds or 0.0 for one in trials)
+
+
+def conventions(entries: Entries, names: Sequence[str]) -> str:
+    """A sentence on the instances whose first place another measure would give to another solver."""
+    by_true = {name: first(entries, name, "true") for name in names}
+    others = {
+        by: sum(first(entries, name, by) != best for name, best in by_true.items()) for by in ("certified", "claim")
+    }
+    return (
+        f"First to {CLAIMED:g} by true error on {len(names)} instances; by certified error another solver would be "
+        f"first on {others['certified']}, by what solvers claim at tolerance {CLAIMED:g} on {others['claim']}."
+    )
+
+
+def every_trial(entries: Entries) -> Table:
+    """Every trial, a row each."""
+    heads = ("solver", *(field.name for field in fields(Trial)))
+    return Table(
+        heads, [(label, *astuple(one)) for label, own in entries.items() for some in own.values() for one in some]
+    )
+
+
+def profiles(entries: Entries, instances: Sequence[Listed]) -> Figure:
+    """Performance profiles at each error, over the instances that all solvers take."""
+    figure = new_figure(11.0, 4.6)
+    axes = figure.subplots(1, len(ASKED), sharey=True)
+    for ax, error in zip(axes, ASKED, strict=True):
+        some, names = shared(entries, instances, error)
+        for k, (label, ratios) in enumerate(profile(some, names, error).items()):
+            x = np.concatenate([[1.0], np.sort([one for one in ratios if np.isfinite(one)]), [1e9]])
+            share = np.arange(len(x)) / max(len(names), 1)
+            share[-1] = share[-2]
+            ax.step(x, share, where="post", label=label, **_style(k))
+        ax.set(xscale="log", xlim=(1.0, 1e4), ylim=(0.0, 1.02), title=f"true error {error:.0e}: {len(names)} instances")
+        ax.set_xlabel("times as long as the fastest")
+        plain_logarithms(ax.xaxis, (1.0,))
+        light_grid(ax)
+    axes[0].set_ylabel("share of instances")
+    legend_below(axes[1])
+    return figure
+
+
+def means(entries: Entries, instances: Sequence[Listed], limit: float) -> Figure:
+    """The shifted geometric means to each error over the instances that all solvers take, the fastest to 1e-6 above."""
+    names = {error: shared(entries, instances, error)[1] for error in ASKED}
+    found = {
+        label: [shifted_mean([seconds_to(own[name], error) for name in names[error]], limit) for error in ASKED]
+        for label, own in shared(entries, instances, CLAIMED)[0].items()
+    }
+    labels = sorted(found, key=lambda label: -found[label][1])
+    figure = new_figure(7.0, 1.6 + 0.3 * len(labels))
+    ax = figure.subplots()
+    for k, (error, marker) in enumerate(zip(ASKED, MARKERS, strict=False)):
+        values = [found[label][k] for label in labels]
+        ax.plot(values, range(len(labels)), marker, color=SERIES[k], label=f"true error {error:.0e}")
+    ax.set_yticks(range(len(labels)), labels)
+    ax.set(xscale="log", xlabel=f"shifted geometric mean of seconds ({limit:g} where not reached)")
+    light_grid(ax)
+    legend_below(ax)
+    return figure
+
+
+def taking(entries: Entries, names: Sequence[str]) -> Entries:
+    """The solvers that take some of the instances."""
+    return {label: own for label, own in entries.items() if any(name in own and taken(own[name]) for name in names)}
+
+
+def shared(entries: Entries, instances: Sequence[Listed], error: float) -> tuple[Entries, list[str]]:
+    """The solvers, and the instances that count and that all of them take; with discs only where there are no others.
+
+    Raises
+    ------
+    VemcvxError
+        There is none.
+    """
+    for kind in KINDS:
+        names = counted(instances, error, kind)
+        some = taking(entries, names)
+        names = [name for name in names if all(name in own and taken(own[name]) for own in some.values())]
+        if some and names:
+            return some, names
+    raise VemcvxError(f"no instance whose optimum is certified to {0.1 * error:.0e} was tried by all solvers")
+
+
+def _style(k: int) -> dict[str, Any]:
+    return {
+        "color": SERIES[k % len(SERIES)],
+        "linestyle": ("-", "--", ":", "-.")[k // len(SERIES) % 4],
+        "linewidth": 1.6,
+    }

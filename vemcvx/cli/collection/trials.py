@@ -1,0 +1,378 @@
+"""One solver on the instances of a collection: asked with many tolerances, timed, and held against the optimum.
+
+A trial is one call of a solver with one tolerance. With d* the certified optimum of the file and d what the solver
+answers, its *true error* is
+
+    |d - d*|_K / |d*|_K,
+
+known up to the certificate of d*, which the file has. Beside it stand the certified error of the answer, which needs no
+d* (:meth:`vemcvx.program.step_program.StepProgram.certify`), its duality gap, and the residuals
+
+    primal  max_j (D_j d - e_j)_+ / max (|D||d*| + |e|)  over the bounds,  dual  |g - B'lam - D'p - K d|_oo / |g|_oo.
+
+Solvers that cvxpy calls run as their libraries come, but for the tolerance, one number for all that the library has,
+and for limits on iterations, which make way for the limit on seconds. They are given the numbers of the file as they
+are. Ours, and those in files of users, are given the program scaled, as they are in a run, with the duality gap
+1/2 (tolerance |d*|)^2 as their target. Seconds are those of the library's set-up and solve, cvxpy's compilation left
+out: the least of up to five calls within a tenth of a second.
+
+Tolerances go from loose to tight, until the answer is certified to the least error that is asked of any, or a trial
+does not end. Trials run in processes of their own. Each is written down before it begins and after it has ended, so
+that a process that dies or is out of time shows where; the next process goes on behind it.
+"""
+
+from __future__ import annotations
+
+import faulthandler
+import json
+import os
+import time
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, fields, replace
+from functools import partial
+from hashlib import sha256
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vemcvx.arrays import Floats
+from vemcvx.cli.solver_names import named_solver
+from vemcvx.cost.workers import Crashed, Refused, alone
+from vemcvx.errors import NotAccepted, ProblemError, VemcvxError
+from vemcvx.exchange import read_program
+from vemcvx.program.scaling import scaling
+from vemcvx.program.step_program import SolvedProgram, StepProgram
+from vemcvx.solvers import Solver, ThroughCvxpy
+from vemcvx.solvers.solver import named_failures
+from vemcvx.version import __version__
+
+ASKED = 1e-3, 1e-6, 1e-9
+"""Relative errors in energy norm by which solvers are compared."""
+ANSWERED, FAILED, STOPPED, REFUSED = "answered", "failed", "out of time", "refused"
+"""What a trial comes to: an answer, however good; none; none in time; a program that the solver does not take."""
+REPEATS, LONG_ENOUGH = 5, 0.1
+"""Calls of a trial, and the seconds after which it is called no more: the least of these is what others repeat."""
+TOLERANCES: Mapping[str, tuple[str, ...]] = {
+    "CLARABEL": ("tol_gap_abs", "tol_gap_rel", "tol_feas"),
+    "CVXOPT": ("abstol", "reltol", "feastol"),
+    "DAQP": ("primal_tol", "dual_tol"),
+    "ECOS": ("abstol", "reltol", "feastol"),
+    "HIGHS": ("primal_feasibility_tolerance", "dual_feasibility_tolerance"),
+    "OSQP": ("eps_abs", "eps_rel"),
+    "PIQP": ("eps_abs", "eps_rel"),
+    "PROXQP": ("eps_abs", "eps_rel"),
+    "QOCO": ("abstol", "reltol"),
+    "SCS": ("eps_abs", "eps_rel"),
+}
+"""What cvxpy calls the tolerances of solvers; others are tried once, as they come."""
+UNLIMITED: Mapping[str, Mapping[str, int]] = {
+    "CLARABEL": {"max_iter": 10_000},
+    "CVXOPT": {"max_iters": 10_000},
+    "ECOS": {"max_iters": 10_000},
+    "OSQP": {"max_iter": 10**9},
+    "PIQP": {"max_iter": 10_000},
+    "PROXQP": {"max_iter": 10**9},
+    "QOCO": {"max_iters": 10_000},
+    "SCS": {"max_iters": 10**9},
+}
+"""Limits on iterations that never end a trial before its seconds do."""
+LEAST: Mapping[str, float] = {"HIGHS": 1e-10}
+"""The least tolerance that a library takes."""
+PACKAGES = {"CLARABEL": "clarabel", "HIGHS": "highspy", "PROXQP": "proxsuite"}
+"""Packages that are not called as cvxpy calls the solver, but for capitals."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trial:
+    """What became of a solver, asked with a tolerance, on an instance.
+
+    Attributes
+    ----------
+    instance, digest : str
+        Its name, and the beginning of the SHA-256 of its file: results for another file of that name do not count.
+    tolerance : float or None
+        What the solver was asked with; None where it has none.
+    outcome : str
+        ANSWERED, FAILED, STOPPED or REFUSED.
+    limit : float
+        Seconds that it had.
+    says : str
+        The solver's own words.
+    """
+
+    instance: str
+    digest: str
+    tolerance: float | None
+    outcome: str
+    limit: float
+    seconds: float | None = None
+    true: float | None = None
+    certified: float | None = None
+    gap: float | None = None
+    primal_residual: float | None = None
+    dual_residual: float | None = None
+    iterations: int | None = None
+    says: str = ""
+
+
+@dataclass(frozen=True)
+class Entrant:
+    """A solver that takes part: its name as it was typed, and settings of its library beside the tolerance."""
+
+    typed: str
+    options: tuple[tuple[str, Any], ...] = ()
+
+    @property
+    def solver(self) -> Solver:
+        """The solver itself: one of ours, of a user's file, or of cvxpy's."""
+        return named_solver(self.typed, None, "--solvers")
+
+    @property
+    def name(self) -> str:
+        """What tables call it; settings of its own are another entrant."""
+        words = "".join(f" {name}={value}" for name, value in self.options)
+        return f"{self.solver.name if ':' in self.typed else self.typed.lower()}{words}"
+
+    @property
+    def version(self) -> str:
+        """The version of its library, of this package, or of the contents of the user's file."""
+        if ":" in self.typed:
+            return sha256(Path(self.typed.rpartition(":")[0]).read_bytes()).hexdigest()[:8]
+        if not isinstance(self.solver, ThroughCvxpy):
+            return __version__
+        name = self.typed.upper()
+        try:
+            return version(PACKAGES.get(name, name.lower()))
+        except PackageNotFoundError:
+            return "unknown"
+
+    def ladder(self, tolerances: Sequence[float]) -> tuple[float | None, ...]:
+        """The tolerances that it is asked with, from loose to tight."""
+        name = self.typed.upper()
+        if isinstance(self.solver, ThroughCvxpy) and name not in TOLERANCES:
+            return (None,)
+        return tuple(sorted({max(one, LEAST.get(name, 0.0)) for one in tolerances}, reverse=True))
+
+    def taking(self, program: StepProgram) -> Asking:
+        """A function of a tolerance that solves the program, compiled or scaled once.
+
+        Raises
+        ------
+        NotAccepted
+            The solver does not take such a program, or is not installed.
+        """
+        solver, operators = self.solver, program.operators
+        missing = operators.features - solver.accepts
+        if missing or (operators.kernel is not None and not solver.semidefinite):
+            lacking = sorted(missing) or ["a K with a kernel"]
+            raise NotAccepted(f"solver {self.name}: takes no {' and no '.join(lacking)}.")
+        if isinstance(solver, ThroughCvxpy):
+            solver.prepare(operators)
+            return _through_cvxpy(program, self.typed.upper(), dict(self.options))
+        if self.options:
+            raise ProblemError(f"--option: {self.name} is not called through cvxpy; set its settings in its own file.")
+        return _scaled(program, solver)
+
+
+Found = tuple[float, Floats | None, Floats | None, Floats | None, int | None, str]
+"""Seconds, d if there is an answer, lam, p, iterations, and what the solver says."""
+Asking = Callable[[float | None], Found]
+
+
+def _through_cvxpy(program: StepProgram, name: str, options: dict[str, Any]) -> Asking:
+    posed = program.to_cvxpy()
+    data, chain, inverse = posed.problem.get_problem_data(name, solver_opts={})
+
+    def ask(tolerance: float | None) -> Found:
+        given = {**UNLIMITED.get(name, {}), **dict.fromkeys(TOLERANCES.get(name, ()), tolerance), **options}
+        start = time.perf_counter()
+        # Some of cvxpy's interfaces change the dictionary that they are given.
+        raw = chain.solver.solve_via_data(dict(data), False, False, given, {})
+        seconds = time.perf_counter() - start
+        posed.problem.unpack_results(raw, chain, inverse)
+        stats = posed.problem.solver_stats
+        iterations = None if stats is None else stats.num_iters
+        return seconds, posed.d.value, posed.lam, posed.p, iterations, posed.problem.status
+
+    return ask
+
+
+def _scaled(program: StepProgram, solver: Solver) -> Asking:
+    scales = scaling(program.operators)
+    alpha = scales.size(program) or 1.0
+    scaled, prepared = scales.scale(program, alpha), solver.prepare(scales.operators)
+    block, unit = program.operators.block, _unit(program)
+
+    def ask(tolerance: float | None) -> Found:
+        target = scales.energy(0.5 * ((tolerance or 0.0) * unit) ** 2, alpha)
+        start = time.perf_counter()
+        answer = prepared.solve(scaled, target, np.zeros((len(program.w), block)), np.zeros_like(program.e))
+        seconds = time.perf_counter() - start
+        answer = scales.restore(answer, alpha)
+        return seconds, answer.d, answer.lam, answer.p, answer.iterations, answer.status
+
+    return ask
+
+
+def _unit(program: StepProgram) -> float:
+    """|d*|_K; 1 where that is zero, or there is no d*."""
+    return (program.norm or 1.0) if isinstance(program, SolvedProgram) else 1.0
+
+
+def measured(ask: Asking, program: StepProgram, tolerance: float | None, status: str = "") -> dict[str, Any]:
+    """The fields of a trial: seconds, errors and residuals of the answer.
+
+    Where the program has no optimum, its `status` is what a solver is to say: that has no error, all else is of size 1.
+
+    Raises
+    ------
+    SolverFailed
+        The solver fails, or its answer is not finite.
+    """
+    begun = time.perf_counter()
+    with named_failures("asked"), warnings.catch_warnings():
+        # What a library warns of, its status says.
+        warnings.simplefilter("ignore")
+        seconds, d, lam, p, iterations, says = ask(tolerance)
+        for _ in range(REPEATS - 1):
+            if time.perf_counter() - begun > LONG_ENOUGH:
+                break
+            seconds = min(seconds, ask(tolerance)[0])
+        found = {"seconds": seconds, "iterations": None if iterations is None else int(iterations), "says": says}
+        if status:
+            error = 0.0 if says.lower().removesuffix("_inaccurate") == status else 1.0
+            return {**found, "true": error, "certified": error}
+        if d is None:
+            raise ValueError(f"{says}, without an answer")
+        if not np.isfinite(d).all():
+            raise ValueError("its answer is not finite")
+    return {**found, **_judged(program, d, lam, p)}
+
+
+def _judged(program: StepProgram, d: Floats, lam: Floats | None, p: Floats | None) -> dict[str, float]:
+    """Errors and residuals of an answer."""
+    assert isinstance(program, SolvedProgram)
+    operators, best, unit = program.operators, program.answer.d, _unit(program)
+    certificate = program.certify(d, lam, p)
+    lam, p = program.multipliers(d, lam, p)
+    apart, rigid = d - best, operators.compliance == 0
+    square = float(apart @ (operators.K @ apart))
+    size = np.abs(program.e) + operators.limits.absolute.read(np.abs(best)) if len(program.e) else np.zeros(1)
+    return {
+        "true": max(square, 0.0) ** 0.5 / unit,
+        "certified": float(certificate.error + certificate.error_floor) / unit,
+        "gap": float(certificate.gap),
+        "primal_residual": float(program.excess(d)[rigid].max(initial=0.0) / (size.max(initial=0.0) or 1.0)),
+        "dual_residual": float(abs(program.residual(d, lam, p)).max() / (abs(program.g).max() or 1.0)),
+    }
+
+
+# The journal of a solver: a line when a trial begins, a line when it ends.
+
+
+def journal(path: Path) -> list[Trial]:
+    """The trials in a journal; one that began and did not end, the process died in."""
+    trials: list[Trial] = []
+    known = {field.name for field in fields(Trial)}
+    for line in path.read_text(encoding="utf-8").splitlines() if path.exists() else []:
+        try:
+            record = json.loads(line)
+        except ValueError:
+            continue  # torn, when its process died
+        if isinstance(record, dict) and known >= set(record) and {"instance", "digest", "outcome"} <= set(record):
+            trials.append(Trial(**record))
+    return trials
+
+
+def note(path: Path, trial: Trial) -> None:
+    """Append a trial to the journal."""
+    with path.open("a", encoding="utf-8") as stream:
+        stream.write(json.dumps(asdict(trial)) + "\n")
+
+
+BEGUN = "begun"
+Work = tuple[str, str, tuple[float | None, ...]]
+"""An instance, its digest, and the tolerances that are left to be tried."""
+
+
+def left(trials: Sequence[Trial], work: Sequence[Work], limit: float) -> Iterator[Work]:
+    """The part of the work that the trials do not answer; what was out of time is tried again where there is more."""
+    for instance, digest, ladder in work:
+        own = [one for one in trials if one.instance == instance and one.digest == digest]
+        ended = any(
+            one.outcome in (REFUSED, FAILED)
+            or (one.outcome == STOPPED and one.limit >= limit)
+            or (one.certified is not None and one.certified <= min(ASKED))
+            for one in own
+        )
+        done = {one.tolerance for one in own if one.outcome == ANSWERED}
+        rest = tuple(one for one in ladder if one not in done)
+        if rest and not ended:
+            yield instance, digest, rest
+
+
+@dataclass(frozen=True)
+class Running:
+    """A solver on the instances of a folder, with so many seconds a trial, and the journal of its trials."""
+
+    folder: Path
+    entrant: Entrant
+    limit: float
+    path: Path
+
+    def try_all(self, work: Sequence[Work]) -> None:
+        """Try the solver on instances, in processes of its own, until no work is left."""
+        while todo := list(left(journal(self.path), work, self.limit)):
+            died = ""
+            try:
+                alone(Running.tried, self, todo)
+            except (Crashed, Refused) as error:
+                died = str(error)
+            last = journal(self.path)[-1:]
+            if last and last[0].outcome == BEGUN:
+                late = last[0].seconds is not None and time.time() - last[0].seconds >= self.limit
+                outcome, words = (STOPPED, "") if late else (FAILED, f"its process ended: {died}")
+                note(self.path, replace(last[0], outcome=outcome, seconds=None, says=words))
+            elif died:
+                raise ProblemError(f"benchmark: {self.entrant.name} ended before it tried anything: {died}")
+
+    def tried(self, work: Sequence[Work]) -> None:
+        """Try it on instances in this process, which ends where a trial takes longer than the limit."""
+        for instance, digest, ladder in work:
+            program = read_program(self.folder / f"{instance}.npz")
+            status = json.loads((self.folder / f"{instance}.json").read_text(encoding="utf-8")).get("status", "")
+            if not status and not isinstance(program, SolvedProgram):
+                raise ProblemError(f"{self.folder / instance}.npz: has no answer to compare with.")
+            trial = partial(Trial, instance=instance, digest=digest, limit=self.limit)
+            note(self.path, trial(tolerance=ladder[0], outcome=BEGUN, seconds=time.time()))
+            try:
+                ask = self.entrant.taking(program)
+            except NotAccepted as error:
+                note(self.path, trial(tolerance=None, outcome=REFUSED, says=str(error)))
+                continue
+            for tolerance in ladder:
+                note(self.path, trial(tolerance=tolerance, outcome=BEGUN, seconds=time.time()))
+                try:
+                    with ended_after(self.limit):
+                        found = measured(ask, program, tolerance, status)
+                except VemcvxError as error:
+                    note(self.path, trial(tolerance=tolerance, outcome=FAILED, says=str(error)))
+                    break
+                note(self.path, trial(tolerance=tolerance, outcome=ANSWERED, **found))
+                if found["certified"] <= min(ASKED):
+                    break
+
+
+@contextmanager
+def ended_after(seconds: float) -> Iterator[None]:
+    """End this process, whatever it is doing, if what is within takes longer."""
+    with open(os.devnull, "w") as nowhere:
+        faulthandler.dump_traceback_later(seconds, exit=True, file=nowhere)
+        try:
+            yield
+        finally:
+            faulthandler.cancel_dump_traceback_later()

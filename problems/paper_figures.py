@@ -180,13 +180,13 @@ def notes_on_table_1(every: dict[str, Errors], sizes: Sequence[int]) -> list[str
         f"exact: of the virtual functions, bilinear on squares; orders {slopes['unit']:.2f} (unit) and "
         f"{slopes['shear']:.2f} (2 mu) rather than 1, for the solution is not in H^2 at the clamped corners, where the "
         "boundary condition changes.",
-        "projected: of Pi u, constant on cells. nodal: |I u_ref - u|_{a^h}, what the coarse nodes see, in the a^h of the "
-        "run; consistent: its first part, without S_K.",
+        "projected: of Pi u, constant on cells. nodal: |I u_ref - u|_{a^h}, what the coarse nodes see, in the a^h of "
+        "the run; consistent: its first part, without S_K.",
         f"k alone: {in_time:.0e} at most, the distance to as many steps as the reference takes, on the same mesh. The "
         "load is proportional and nothing that slips sticks again: backward Euler makes no error here, and all that is "
         "measured is h.",
-        f"printed: {' '.join(nearest_to_print(every, sizes))} No reading of the text that we tried gives the print, nor "
-        "the rise of its order to 1.17.",
+        f"printed: {' '.join(nearest_to_print(every, sizes))} No reading of the text that we tried gives the print, "
+        "nor the rise of its order to 1.17.",
     ]
 
 

@@ -61,6 +61,7 @@ from vemcvx.scene import Scene
 from vemcvx.simulation import instants, programs, simulate
 from vemcvx.solvers import OSQP, Clarabel, Direct, Newton, Solver, ThroughCvxpy
 from vemcvx.stepping import Trajectory, march
+from vemcvx.vem import Stabilisation
 from vemcvx.version import __version__
 from vemcvx.weight_law import Law
 
@@ -116,6 +117,7 @@ __all__ = [
     "SolvedProgram",
     "Solver",
     "SolverFailed",
+    "Stabilisation",
     "StepProgram",
     "SuperLU",
     "Symmetry",

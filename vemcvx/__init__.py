@@ -52,6 +52,7 @@ from vemcvx.estimate.budget import ErrorBudget, error_budget
 from vemcvx.estimate.quantities import quantities
 from vemcvx.exchange import read_program, write_program
 from vemcvx.history import History, read_history
+from vemcvx.initial_displacement import projected
 from vemcvx.linear import LinearSolver, Multigrid, Pardiso, PETSc, SuperLU
 from vemcvx.meshes import PolygonMesh, PolyhedralMesh
 from vemcvx.program import Answer, Certificate, Damping, Limits, Norms, Operators, SolvedProgram, StepProgram, System
@@ -140,6 +141,7 @@ __all__ = [
     "measures",
     "meshes",
     "programs",
+    "projected",
     "quantities",
     "read_history",
     "read_program",

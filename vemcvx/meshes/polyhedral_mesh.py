@@ -14,6 +14,7 @@ from vemcvx.meshes.box import plotted_points, plotted_values
 from vemcvx.meshes.exported import Exported
 from vemcvx.meshes.polygons import rows_in_order
 from vemcvx.meshes.polyhedral_refinement import refined_mesh
+from vemcvx.meshes.quality import Quality, quality_of
 from vemcvx.meshes.tessellation import SpaceTessellation
 
 if TYPE_CHECKING:
@@ -79,6 +80,10 @@ class PolyhedralMesh(SpaceTessellation, Exported):
     def refine(self, cells: ArrayLike | None = None, *, balance: bool = True) -> Self:
         """Return this mesh with cells split (numbers, or a bool each; None: all): :func:`vemcvx.meshes.refinement`."""
         return refined_mesh(self, cells, balance)
+
+    def quality(self) -> Quality:
+        """Shapes of the cells, as of `PolygonMesh.quality`: which says what is warned of."""
+        return quality_of(self)
 
     def plot(
         self,

@@ -40,7 +40,8 @@ class PolygonMesh(Tessellation, Exported):
         Vertices of each cell, in order around it. Clockwise cells are turned, with a `MeshWarning`.
     boundaries : mapping of str to (m, 2) array_like of int, optional
         Named sets of boundary edges, in either direction. The name "boundary" (all of it) is always
-        there, and means nothing else.
+        there, and means nothing else. If none are given, edges where x or y is least or greatest are "left",
+        "right", "bottom" and "top", as families and readers of files name them; an empty mapping names nothing.
     cell_data : mapping of str to (n_cells, ...) array_like, optional
         Data on cells, such as moduli or material numbers.
 
@@ -69,6 +70,8 @@ class PolygonMesh(Tessellation, Exported):
     -----
     All arrays are read-only. Node and cell order are those given.
     """
+
+    NAMED_BY_PLACE = True
 
     def refine(self, cells: ArrayLike | None = None, *, balance: bool = True) -> Self:
         """Return this mesh with cells split (numbers, or a bool each; None: all): :func:`vemcvx.meshes.refinement`."""

@@ -29,7 +29,6 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.optimize import linprog
@@ -37,10 +36,8 @@ from scipy.optimize import linprog
 from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.errors import MeshWarning
 from vemcvx.meshes.polygons import next_corner
+from vemcvx.meshes.tessellation import SpaceTessellation, Tessellation
 from vemcvx.outline import Outline, Outlined
-
-if TYPE_CHECKING:
-    from vemcvx.meshes import PolygonMesh, PolyhedralMesh
 
 STAR, EDGE = 0.05, 1e-4
 """Ratios below which a warning is due: stretched by nine to one, where S / a_mu spreads over a factor of seventy, and
@@ -119,17 +116,15 @@ class Quality(Outlined):
         )
 
 
-def quality_of(mesh: PolygonMesh | PolyhedralMesh, *, warned: bool = True) -> Quality:
+def quality_of(mesh: Tessellation | SpaceTessellation, *, warned: bool = True) -> Quality:
     """The shapes of all cells; a MeshWarning says where constants grow, unless it is not `warned`."""
-    from vemcvx.meshes import PolygonMesh
-
-    found = _of_polygons(mesh) if isinstance(mesh, PolygonMesh) else _of_polyhedra(mesh)
+    found = _of_polygons(mesh) if isinstance(mesh, Tessellation) else _of_polyhedra(mesh)
     for words in found.remarks if warned else ():
         warnings.warn(f"quality: {words}", MeshWarning, stacklevel=3)
     return found
 
 
-def _of_polygons(mesh: PolygonMesh) -> Quality:
+def _of_polygons(mesh: Tessellation) -> Quality:
     along = mesh.points[mesh.vertices[next_corner(mesh.offsets)]] - mesh.points[mesh.vertices]
     lengths = np.linalg.norm(along, axis=1)
     normals = np.column_stack([along[:, 1], -along[:, 0]]) / lengths[:, None]
@@ -138,7 +133,7 @@ def _of_polygons(mesh: PolygonMesh) -> Quality:
     return Quality(np.maximum(radii, 0.0) / mesh.diameters, shortest / mesh.diameters)
 
 
-def _of_polyhedra(mesh: PolyhedralMesh) -> Quality:
+def _of_polyhedra(mesh: SpaceTessellation) -> Quality:
     along = mesh.points[mesh.face_vertices[next_corner(mesh.face_offsets)]] - mesh.points[mesh.face_vertices]
     of_faces = np.minimum.reduceat(np.linalg.norm(along, axis=1), mesh.face_offsets[:-1])
     faces = mesh.cell_faces

@@ -31,12 +31,12 @@ def course(t):
     return t
 
 
-def scene(young=200.0, poisson=0.3, bound=4.0, push=8.0, press=0.01, course=course):
+def scene(young=200.0, poisson=0.3, bound=4.0, push=8.0, press=0.01, course=course, stabilisation="shear"):
     def pull(x, t):
         return np.column_stack([push * (1.25 - x[:, 1]), np.full(len(x), -press)]) * course(t)
 
     return vx.Scene(
-        vx.Elasticity(young=young, poisson=poisson),
+        vx.Elasticity(young=young, poisson=poisson, stabilisation=stabilisation),
         vx.Clamp(on="right"),
         vx.Traction(pull, on="left"),
         vx.BilateralContact(on="bottom"),

@@ -65,7 +65,7 @@ def lame(poisson):
     return 2 * MU * poisson / (1 - 2 * poisson)
 
 
-def scene(poisson=0.3, phi=lambda t: t, pulled=False):
+def scene(poisson=0.3, phi=lambda t: t, pulled=False, stabilisation="shear"):
     lam = lame(poisson)
 
     def of(field):
@@ -73,7 +73,7 @@ def scene(poisson=0.3, phi=lambda t: t, pulled=False):
 
     held = ["left", "right"] if pulled else ["left", "right", "top"]
     return vx.Scene(
-        vx.Elasticity(young=2 * MU * (1 + poisson), poisson=poisson),
+        vx.Elasticity(young=2 * MU * (1 + poisson), poisson=poisson, stabilisation=stabilisation),
         vx.BodyForce(of(body_force)),
         vx.PrescribedDisplacement(of(displacement), on=held),
         *([vx.Traction(of(traction_on_top), on="top")] if pulled else []),

@@ -44,8 +44,8 @@ import scipy.sparse as sp
 import vemcvx as vx
 from spring_slider_chain import course, sampled, turning_instants
 from vemcvx.vem import Space
-from vemcvx.vem.elasticity import missed_products
 from vemcvx.vem.projection import area_gradients, vertex_values
+from vemcvx.vem.stabilisation import missed_products
 
 LENGTH, HEIGHT, BOUND = 1.0, 0.5, 2.0
 TURNS = (0, 1.75, -1.25, 1.25)

@@ -52,6 +52,7 @@ from vemcvx.estimate.budget import ErrorBudget, error_budget
 from vemcvx.estimate.quantities import quantities
 from vemcvx.exchange import read_program, write_program
 from vemcvx.history import History, read_history
+from vemcvx.initial_displacement import projected
 from vemcvx.linear import LinearSolver, Multigrid, Pardiso, PETSc, SuperLU
 from vemcvx.meshes import PolygonMesh, PolyhedralMesh
 from vemcvx.program import Answer, Certificate, Damping, Limits, Norms, Operators, SolvedProgram, StepProgram, System
@@ -61,6 +62,7 @@ from vemcvx.scene import Scene
 from vemcvx.simulation import instants, programs, simulate
 from vemcvx.solvers import OSQP, Clarabel, Direct, Newton, Solver, ThroughCvxpy
 from vemcvx.stepping import Trajectory, march
+from vemcvx.vem import Stabilisation
 from vemcvx.version import __version__
 from vemcvx.weight_law import Law
 
@@ -116,6 +118,7 @@ __all__ = [
     "SolvedProgram",
     "Solver",
     "SolverFailed",
+    "Stabilisation",
     "StepProgram",
     "SuperLU",
     "Symmetry",
@@ -138,6 +141,7 @@ __all__ = [
     "measures",
     "meshes",
     "programs",
+    "projected",
     "quantities",
     "read_history",
     "read_program",

@@ -101,6 +101,9 @@ class History(Results, Outlined):
         force of that support along the axis of its longest way; NaN at the initial instant, and where none is known.
     bounded_force : dict or None
         That boundary, by its name, and the number of that axis, such as {"top": 0}.
+    stabilisation : vx.Stabilisation or None
+        S_K of the run's a^h, in which nodal distances are measured; None if it was read from files and is a class of
+        one's own, of which files know nothing.
     """
 
     def __getstate__(self) -> dict[str, Any]:

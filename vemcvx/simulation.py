@@ -13,12 +13,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vemcvx.arrays import Floats, brief, flag, shaped
+from vemcvx.arrays import Floats, brief, flag
 from vemcvx.bound.error_bound import Stepped, certain_intervals, of_steps, pairs_of
 from vemcvx.bound.hypercircle import Hypercircle, hypercircle
 from vemcvx.effects import PrescribedDisplacement
 from vemcvx.errors import SceneError
 from vemcvx.history import History
+from vemcvx.initial_displacement import Projected, free_unknowns
 from vemcvx.linear import LinearSolver
 from vemcvx.meshes import AnyMesh, PolygonMesh, PolyhedralMesh
 from vemcvx.program import SolvedProgram
@@ -28,7 +29,7 @@ from vemcvx.results.results import Results, record, with_origin
 from vemcvx.scene import Scene
 from vemcvx.scene.pose import PosedScene, pose_scene, unwarned
 from vemcvx.solvers import Solver, Solves
-from vemcvx.stepping.backward_euler import ROUNDED_LOAD, checked_times, march
+from vemcvx.stepping.backward_euler import checked_times, march
 from vemcvx.stepping.course import course, inside_steps
 from vemcvx.stepping.programs import programs_of_march
 from vemcvx.stepping.trajectory import Folder, Memory, Storage, Trajectory
@@ -42,7 +43,7 @@ def simulate(
     times: ArrayLike,
     *,
     solver: Solver | Solves | None = None,
-    initial: ArrayLike | str | None = None,
+    initial: ArrayLike | str | Projected | None = None,
     store: str | int | Sequence[int] = "all",
     check: bool = True,
     condense: bool = True,
@@ -62,9 +63,9 @@ def simulate(
         times[0] is the initial instant; data are evaluated at each of the others.
     solver : Solver, or object with solve(program, target), optional
         By default Direct for programs without friction and one-sided contact, else Newton.
-    initial : None, (n_nodes, dim) array, "equilibrium" or "settled"
+    initial : None, (n_nodes, dim) array, "equilibrium", "settled" or vx.projected(u_0)
         The displacement at times[0]: zero; the array; the equilibrium a(u_0, .) = l(0) without friction; the result of
-        one step from zero.
+        one step from zero; P^h u_0 of a function, (2.11), see :func:`vemcvx.projected`.
     store : "all", "last", int n or sequence of int
         Steps to store: all; the last; every n-th and the last; or those given and the last. All are certified.
     check : bool
@@ -236,7 +237,7 @@ def programs(
     times: ArrayLike,
     *,
     solver: Solver | Solves | None = None,
-    initial: ArrayLike | str | None = None,
+    initial: ArrayLike | str | Projected | None = None,
     check: bool = True,
     condense: bool = True,
     linear: LinearSolver | None = None,
@@ -288,31 +289,6 @@ def check_kinds(scene: object, mesh: object) -> None:
         raise SceneError(
             f"simulate: found {brief(mesh)} where the mesh goes; give a PolygonMesh, such as vemcvx.meshes.squares(16)."
         )
-
-
-def free_unknowns(initial: ArrayLike | str | None, posed: PosedScene, times: Floats) -> ArrayLike | str | None:
-    """The free unknowns of an initial displacement, at the first of the times; words pass."""
-    if isinstance(initial, str):
-        return initial
-    t = float(times[0])
-    held = posed.supports.motion(t)
-    points = posed.space.mesh.points
-    wanted = f"displacements of shape {points.shape}, one row a node, or None, 'equilibrium' or 'settled'"
-    u = np.zeros(points.shape) if initial is None else shaped(initial, "initial", wanted, points.shape)
-    if (bad := ~np.isfinite(u).all(axis=1)).any():
-        raise SceneError(f"initial: found NaN or infinity at node {int(np.argmax(bad))}; wanted finite {wanted}.")
-    P = posed.supports.P
-    y = P.T @ (u.ravel() - held)
-    off = np.abs(P @ y + held - u.ravel())
-    known = off.max() <= 1e-9 * max(np.abs(u).max(), np.abs(held).max())
-    # Of supports that move later, rounding may be all that there is now.
-    if not known and off.max() > ROUNDED_LOAD * max(np.abs(posed.supports.motion(t)).max() for t in times.tolist()):
-        node = int(np.argmax(off)) // points.shape[1]
-        raise SceneError(
-            f"initial: the displacement {u[node]} of node {node} at {points[node]} contradicts its supports at "
-            f"t = {t:.6g}, by {off.max():.6g}. Give an initial displacement that obeys them, or initial='settled'."
-        )
-    return y
 
 
 def _log(step: int, steps: int) -> None:

@@ -33,7 +33,7 @@ from scipy.io import mmwrite
 import vemcvx as vx
 from vemcvx.arrays import Floats
 from vemcvx.scene import pose_scene
-from vemcvx.stepping import backward_euler
+from vemcvx.stepping import fixed_point
 from vemcvx.stepping.fixed_point import DependentStep
 from vemcvx.stepping.state import State
 
@@ -119,7 +119,7 @@ def asked(python: str, code: str, *arguments: str) -> object:
 def beside_siconos(n: int, python: str) -> None:
     """Steps on the same condensed data, ours and NSGS's."""
     seconds: list[float] = []
-    original = backward_euler.resolved
+    original = fixed_point.resolved
 
     def timed(step: DependentStep) -> State:
         start = time.process_time()
@@ -127,11 +127,11 @@ def beside_siconos(n: int, python: str) -> None:
         seconds.append(time.process_time() - start)
         return state
 
-    backward_euler.resolved = timed
+    fixed_point.resolved = timed
     try:
         solved = list(vx.programs(SCENE, block(n), TIMES, initial="settled", solver=vx.Newton(1e-9)))
     finally:
-        backward_euler.resolved = original
+        fixed_point.resolved = original
     operators = solved[0].operators
     m = operators.D.shape[0]
     # Siconos takes the normal part first, and forces on the body: r = (p, -lam), u = (-z, s).

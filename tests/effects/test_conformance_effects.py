@@ -120,6 +120,7 @@ SAMPLES = {
             "angle": 0.1,
             "plane": Other("strain", {"young": (200.0, 60.0, 50.0), "poisson": (0.3, 0.3, 0.2)}),
             "on": REST_STRESS,
+            "stabilisation": "unit",
         },
         ("young",),
     ),

@@ -274,7 +274,7 @@ def test_they_are_loaded_late():
 
 
 def nameless(mesh):
-    return vx.PolygonMesh(mesh.points, list(mesh.cells))
+    return vx.PolygonMesh(mesh.points, list(mesh.cells), boundaries={})
 
 
 NAMED = "no part of the boundary has a name; by their place, sides are called "

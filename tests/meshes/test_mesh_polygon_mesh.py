@@ -72,9 +72,46 @@ def test_copies(mesh, copied):
 
 
 def test_every_mesh_names_its_whole_boundary():
-    mesh = PolygonMesh(SQUARE, [[0, 1, 2], [0, 2, 3]])
+    mesh = PolygonMesh(SQUARE, [[0, 1, 2], [0, 2, 3]], boundaries={})
     assert list(mesh.boundaries) == ["boundary"]
     assert mesh.boundaries["boundary"].tolist() == [[0, 1], [1, 2], [2, 3], [3, 0]]
+
+
+def test_the_sides_of_a_box_are_named_by_place():
+    """As files do; where something is named, or nothing is to be, they are not; a circle has none."""
+    mesh = PolygonMesh(SQUARE, [[0, 1, 2], [0, 2, 3]])
+    sides = {"left": [[3, 0]], "right": [[1, 2]], "bottom": [[0, 1]], "top": [[2, 3]]}
+    assert {name: edges.tolist() for name, edges in mesh.boundaries.items() if name != "boundary"} == sides
+    assert set(mesh.refine().boundaries) == {*sides, "boundary"}
+    named = PolygonMesh(SQUARE, [[0, 1, 2, 3]], boundaries={"floor": [(0, 1)]})
+    assert list(named.boundaries) == ["floor", "boundary"]
+    with_one_more = mesh.with_boundary("floor", lambda x: x[:, 1] == 0)
+    assert set(with_one_more.boundaries) == {*sides, "floor", "boundary"}
+    angle = 2 * np.pi * (np.arange(12) + 0.25) / 12
+    assert list(PolygonMesh(np.column_stack([np.cos(angle), np.sin(angle)]), [range(12)]).boundaries) == ["boundary"]
+
+
+@pytest.mark.parametrize("family", vx.meshes.FAMILIES)
+def test_names_by_place_are_those_of_families(family):
+    mesh = vx.meshes.FAMILIES[family](3)
+    again = PolygonMesh(mesh.points, mesh.cells)
+    for name, edges in mesh.boundaries.items():
+        np.testing.assert_array_equal(again.boundaries[name], edges)
+    scene = vx.Scene(vx.Elasticity(200.0, 0.3), vx.Clamp("right"), vx.Traction((1.0, 0.0), on="left"))
+    np.testing.assert_array_equal(
+        vx.simulate(scene, again, [0.0, 1.0], initial="settled").displacement,
+        vx.simulate(scene, mesh, [0.0, 1.0], initial="settled").displacement,
+    )
+
+
+@pytest.mark.parametrize("family", vx.meshes.SPACE_FAMILIES)
+def test_in_space_likewise(family):
+    mesh = vx.meshes.SPACE_FAMILIES[family](2)
+    again = vx.PolyhedralMesh(mesh.points, mesh.cells)
+    assert list(again.boundaries) == ["left", "right", "front", "back", "bottom", "top", "boundary"]
+    for name in again.boundaries:
+        assert len(again.boundaries[name]) == len(mesh.boundaries[name])
+    assert list(vx.PolyhedralMesh(mesh.points, mesh.cells, boundaries={}).boundaries) == ["boundary"]
 
 
 def test_given_boundaries_are_turned_and_sorted():

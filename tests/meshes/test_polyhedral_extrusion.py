@@ -61,7 +61,7 @@ def test_names_and_data_come_along():
 
 
 def test_a_plane_mesh_without_names():
-    square = vx.PolygonMesh([(0, 0), (1, 0), (1, 1), (0, 1)], [[0, 1, 2, 3]])
+    square = vx.PolygonMesh([(0, 0), (1, 0), (1, 1), (0, 1)], [[0, 1, 2, 3]], boundaries={})
     assert list(square.extruded([0, 1]).boundaries) == ["bottom", "top", "boundary"]
 
 

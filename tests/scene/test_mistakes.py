@@ -70,7 +70,7 @@ def hinged():
 def apart():
     """Two squares that share nothing."""
     points = [[0, 0], [1, 0], [1, 1], [0, 1], [3, 0], [4, 0], [4, 1], [3, 1]]
-    mesh = vx.PolygonMesh(np.array(points, dtype=float), [[0, 1, 2, 3], [4, 5, 6, 7]])
+    mesh = vx.PolygonMesh(np.array(points, dtype=float), [[0, 1, 2, 3], [4, 5, 6, 7]], boundaries={})
     return mesh.with_boundary("first", lambda x: x[:, 0] < 0.1)
 
 

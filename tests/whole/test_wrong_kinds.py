@@ -63,7 +63,7 @@ MADE = [
     (vx.Elasticity, {"young": 200.0, "poisson": 0.3, "plane": "strain", "stabilisation": "shear", "on": None},
      lambda made: run(made, HELD, PUSH), {"on": {"None"}, "plane": {"None"}}),
     (vx.Orthotropic, {"young": (2.0, 1.0), "poisson": 0.3, "shear": 0.5, "angle": 0.0, "plane": "stress",
-                      "axes": None, "on": None},
+                      "axes": None, "on": None, "stabilisation": "shear"},
      lambda made: run(made, HELD, PUSH), {"on": {"None"}, "young": {"an array"}, "angle": {"negative"},
                                           "plane": {"None"}, "axes": {"None"}}),
     (vx.Clamp, {"on": "right"}, lambda made: run(STEEL, made, PUSH), {}),

@@ -15,6 +15,7 @@ from vemcvx.cli.problem_file import Problem, is_file, read_problem
 from vemcvx.cli.terminal import say
 from vemcvx.effects import Effect
 from vemcvx.meshes import AnyMesh
+from vemcvx.meshes.quality import quality_of
 from vemcvx.outline import Table
 from vemcvx.program import Norms
 from vemcvx.program.condensation import Condensation
@@ -66,6 +67,7 @@ def scene_in_words(scene: Scene, mesh: AnyMesh, times: Floats, name: str) -> lis
         "left out": "\n".join(posed.inactive),
         "not simulated": ", ".join(_absent(scene)),
         "mesh": f"{name}: {mesh.n_cells} cells, {mesh.n_nodes} nodes, h = {mesh.h:.4g}",
+        "shapes": quality_of(mesh, warned=False).in_a_line(),
         "unknowns": f"{n} in all, {m} after condensation",
         "program": _program(operators, posed.system.damping is not None),
         "terms": _terms(operators),

@@ -17,7 +17,16 @@ import scipy.sparse as sp
 from vemcvx.arrays import Bools, Floats, Ints, brief, called, fading, read_only, shaped
 from vemcvx.effects import data
 from vemcvx.errors import SceneError
-from vemcvx.vem import BoundaryRows, EdgeEnds, Space, elastic_matrix, softest_shear
+from vemcvx.vem import (
+    BoundaryRows,
+    EdgeEnds,
+    Space,
+    Stabilisation,
+    VertexWeights,
+    elastic_matrix,
+    missed_energies,
+    softest_shear,
+)
 from vemcvx.weight_law import Law
 
 
@@ -280,16 +289,23 @@ class Material:
     out_of_plane: Floats | None = None
     """(n_cells, 4) stress zz across the plane of unit strains e_xx, e_yy, 2 e_xy, and what holds back a unit
     eigenstrain there, with a minus sign; zero in plane stress, None where the law does not say, and in space"""
-    stabilisation: Floats | None = None
-    """(n_cells,) tau, by which the stiffness weighs what Pi misses; None means :func:`vemcvx.vem.softest_shear`"""
+    stabilisation: Stabilisation | None = None
+    """S_K, by which the stiffness weighs what Pi misses; None means "shear", :func:`vemcvx.vem.softest_shear`"""
     at: Callable[[Floats, Ints], tuple[Floats, Floats]] | None = None
     """points (k, dim) of cells (k,) -> the upper triangle of the elastic matrix and the thermal stress moduli there,
     which error estimates read; None if they are constant in every cell"""
 
-    @property
-    def tau(self) -> Floats:
-        """(n_cells,) the factor of the stabilisation."""
-        return softest_shear(elastic_matrix(self.moduli)) if self.stabilisation is None else self.stabilisation
+    def elastic(self, dim: int) -> Floats:
+        """(n_cells, 3, 3), in space (n_cells, 6, 6), stresses from strains."""
+        return elastic_matrix(self.moduli, dim)
+
+    def stabilised(self, dim: int) -> Stabilisation:
+        """S_K, of the softest shear where the material does not say."""
+        return VertexWeights(softest_shear(self.elastic(dim))) if self.stabilisation is None else self.stabilisation
+
+    def missed(self, space: Space, u: Floats) -> Floats:
+        """S_K(u - Pi u, u - Pi u) of each cell, (n_cells,), of nodal displacements (n_nodes, dim)."""
+        return missed_energies(space, self.stabilised(space.dim), self.elastic(space.dim), u)
 
 
 @dataclass(frozen=True)

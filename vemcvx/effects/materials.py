@@ -17,10 +17,12 @@ from vemcvx.effects.effect import Contribution, Effect, Eigenstrain, InitialStre
 from vemcvx.errors import SceneError, SceneWarning
 from vemcvx.vem import (
     Space,
+    Stabilisation,
     anisotropic_stiffness,
     elastic_matrix,
     isotropic_stress,
-    stabilisation_factor,
+    softest_shear,
+    stabilisation_of,
     stiffness,
     upper_triangle,
 )
@@ -69,6 +71,17 @@ def region(space: Space, on: str | Sequence[str] | None, subject: str) -> Bools 
 STABILISATIONS = ("shear", "unit")
 
 
+def check_stabilisation(given: object, subject: str) -> None:
+    """Raise SceneError unless this is a stabilisation, or the name of one."""
+    if not isinstance(given, Stabilisation):
+        choice(given, subject, "stabilisation", STABILISATIONS)
+
+
+def named(stabilisation: str | Stabilisation) -> str:
+    """The name of a stabilisation."""
+    return stabilisation.describe() if isinstance(stabilisation, Stabilisation) else stabilisation
+
+
 @dataclass(frozen=True)
 class Elasticity(MaterialLaw):
     """Isotropic linear elasticity of the body, or of a part of it.
@@ -81,9 +94,10 @@ class Elasticity(MaterialLaw):
         Poisson's ratio, -1 < nu < 1/2 in plane strain and in space, -1 < nu <= 1/2 in plane stress.
     plane : {"strain", "stress"}, optional
         What a plane body is in; "strain" by default. Of bodies in space it says nothing, and is refused.
-    stabilisation : {"shear", "unit"}
+    stabilisation : {"shear", "unit"}, or a vx.Stabilisation
         The part of a_K^h that vanishes for linear displacements: "shear" is 2 mu times the dofi-dofi product, which
-        does not depend on units and does not lock; "unit" is S_K of (3.13) to the letter, without a factor.
+        does not depend on units and does not lock; "unit" is S_K of (3.13) to the letter, without a factor; or one's
+        own, :class:`vemcvx.Stabilisation`.
     on : None, str or sequence of str
         The cells of this material: those where the cell datum of that name is nonzero; None is the whole body. Moduli
         must be finite on all cells, but only their values on these count.
@@ -92,11 +106,11 @@ class Elasticity(MaterialLaw):
     young: data.Constant
     poisson: data.Constant
     plane: str | None = None
-    stabilisation: str = "shear"
+    stabilisation: str | Stabilisation = "shear"
     on: str | Sequence[str] | None = None
 
     def contribute(self, space: Space) -> Contribution:
-        choice(self.stabilisation, "Elasticity", "stabilisation", STABILISATIONS)
+        check_stabilisation(self.stabilisation, "Elasticity")
         cells = region(space, self.on, "Elasticity")
         if self.plane is not None:
             space.require_plane("Elasticity: plane=", "leave it out, a body in space is in neither plane")
@@ -105,7 +119,8 @@ class Elasticity(MaterialLaw):
             self._warn_of_locking(lam, mu, space)
         if cells is not None:
             lam, mu = lam * cells, mu * cells
-        A = stiffness(space, lam, mu, stabilisation=self.stabilisation)
+        stabilisation = stabilisation_of(self.stabilisation, mu)
+        A = stiffness(space, lam, mu, stabilisation)
         volume, thermal = self._blocked(lam, mu, space.dim)
         out_of_plane = np.column_stack([lam, lam, np.zeros_like(lam), volume]) * float(self._plane == "strain")
 
@@ -120,7 +135,7 @@ class Elasticity(MaterialLaw):
             plane=self._plane,
             cells=cells,
             out_of_plane=out_of_plane if space.in_plane else None,
-            stabilisation=stabilisation_factor(mu, self.stabilisation),
+            stabilisation=stabilisation,
             at=at if data.varies(self.young, self.poisson) else None,
         )
         return Contribution(stiffness=A, material=material)
@@ -134,7 +149,7 @@ class Elasticity(MaterialLaw):
     def _words(self, plane: str) -> str:
         place = "" if self.on is None else f", on {where(self.on)}"
         constants = f"E = {amount(self.young, 'x')}, nu = {amount(self.poisson, 'x')}"
-        return f"Elasticity: {constants}, {plane}{self.stabilisation} stabilisation{place}"
+        return f"Elasticity: {constants}, {plane}{named(self.stabilisation)} stabilisation{place}"
 
     @property
     def _plane(self) -> str:
@@ -196,8 +211,7 @@ class Elasticity(MaterialLaw):
 class Orthotropic(MaterialLaw):
     """Orthotropic linear elasticity: in the plane with two axes of symmetry there, in space with three.
 
-    The stabilisation is scaled by the softest shear modulus (:mod:`vemcvx.vem.elasticity`). Every modulus is a
-    number, an (n_cells,) array, a callable f(x) at centroids, or the name of a cell datum.
+    Every modulus is a number, an (n_cells,) array, a callable f(x) at centroids, or the name of a cell datum.
 
     Parameters
     ----------
@@ -216,6 +230,8 @@ class Orthotropic(MaterialLaw):
         the part across axis 1 counts. Instead of `angle`.
     on : None, str or sequence of str
         The cells of this material, as for Elasticity.
+    stabilisation : {"shear", "unit"}, or a vx.Stabilisation
+        As for Elasticity, with the softest modulus of shear for 2 mu (:mod:`vemcvx.vem.elasticity`).
     """
 
     young: Sequence[Constant]
@@ -225,8 +241,10 @@ class Orthotropic(MaterialLaw):
     plane: str | None = None
     axes: Sequence[Any] | None = field(default=None, metadata={"in space": True})
     on: str | Sequence[str] | None = None
+    stabilisation: str | Stabilisation = "shear"
 
     def contribute(self, space: Space) -> Contribution:
+        check_stabilisation(self.stabilisation, "Orthotropic")
         choice(self._plane, "Orthotropic", "plane", PLANES)
         if self.plane is not None:
             space.require_plane("Orthotropic: plane=", "leave it out, a body in space is in neither plane")
@@ -245,6 +263,7 @@ class Orthotropic(MaterialLaw):
 
         names = "young", "poisson", "shear"
         constants = [one for name in names for one in self._constants(name, space.in_plane)]
+        stabilisation = stabilisation_of(self.stabilisation, 0.5 * softest_shear(C))
         material = Material(
             subject="Orthotropic" if self.on is None else f"Orthotropic on {where(self.on)}",
             moduli=upper_triangle(C),
@@ -252,9 +271,10 @@ class Orthotropic(MaterialLaw):
             plane=self._plane if space.in_plane else "strain",
             cells=cells,
             out_of_plane=out_of_plane,
+            stabilisation=stabilisation,
             at=at if data.varies(*constants, self.angle, *(() if self.axes is None else self.axes)) else None,
         )
-        return Contribution(stiffness=anisotropic_stiffness(space, C), material=material)
+        return Contribution(stiffness=anisotropic_stiffness(space, C, stabilisation), material=material)
 
     @property
     def _plane(self) -> str:
@@ -297,7 +317,9 @@ class Orthotropic(MaterialLaw):
         E, nu, G = (_words(values) for values in (self.young, self.poisson, self.shear))
         turned = f"angle {amount(self.angle, 'x')}" if self.axes is None else f"axes {_words(tuple(self.axes))}"
         plane = "" if self.plane is None else f", plane {self.plane}"
-        return f"Orthotropic: E = {E}, nu = {nu}, G = {G}, {turned}{plane}{place}"
+        name = named(self.stabilisation)
+        stable = "" if name == "shear" else f", {name} stabilisation"
+        return f"Orthotropic: E = {E}, nu = {nu}, G = {G}, {turned}{plane}{stable}{place}"
 
     def described(self, in_plane: bool) -> str:
         return replace(self, plane=self._plane).describe() if in_plane else self.describe()

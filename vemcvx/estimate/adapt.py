@@ -34,6 +34,7 @@ from vemcvx.estimate.budget import ErrorBudget, budget_of, in_time
 from vemcvx.estimate.finer_steps import Finer, beside_finer
 from vemcvx.estimate.quantities import StepErrors, errors_of_steps, value_of, with_quantities
 from vemcvx.history import History
+from vemcvx.initial_displacement import Projected, free_unknowns
 from vemcvx.meshes import AnyMesh
 from vemcvx.outline import Outline, Outlined
 from vemcvx.program.tolerances import ADAPTED
@@ -43,7 +44,8 @@ from vemcvx.scene import Scene
 from vemcvx.scene.pose import PosedScene, pose_scene
 from vemcvx.simulation import check_kinds, warn_of
 from vemcvx.solvers import Solver, Solves, as_solver
-from vemcvx.stepping.backward_euler import checked_times, initial_state, march
+from vemcvx.stepping.backward_euler import checked_times, march
+from vemcvx.stepping.beginning import initial_state
 from vemcvx.stepping.course import ACROSS, course
 from vemcvx.stepping.posed_step import certified_in_full
 from vemcvx.stepping.state import prepare
@@ -227,7 +229,7 @@ def adapt(
     *,
     of: str = "energy",
     solver: Solver | Solves | None = None,
-    initial: ArrayLike | str | None = None,
+    initial: ArrayLike | str | Projected | None = None,
     most_unknowns: int = 400_000,
     theta: float = THETA,
     progress: Callable[[Pass], None] | None = None,
@@ -251,7 +253,7 @@ def adapt(
         end when the error has not fallen in four of them. Each pass costs two more runs, one with all cells refined.
     solver : Solver, or object with solve(program, target), optional
         An accuracy finer than a hundredth of the target is replaced by that: nothing finer is needed.
-    initial : None, "equilibrium" or "settled"
+    initial : None, "equilibrium", "settled" or vx.projected(u_0)
         As in :func:`vemcvx.simulate`.
     most_unknowns : int
         No pass after the first is started that is expected to have more unknowns; the result then says that the target
@@ -323,7 +325,7 @@ class _Aim:
     target: float
     of: str
     bounded: bool
-    initial: str | None
+    initial: str | Projected | None
     wanted: Floats
     """instants that are asked for"""
     solver: Solver | None
@@ -337,11 +339,12 @@ class _Aim:
         return steps
 
 
-def _begun(initial: ArrayLike | str | None) -> str | None:
-    if initial is None or isinstance(initial, str):
+def _begun(initial: ArrayLike | str | Projected | None) -> str | Projected | None:
+    if initial is None or isinstance(initial, (str, Projected)):
         return initial
     raise SceneError(
-        "adapt: found an initial displacement, which belongs to one mesh; begin from None, 'equilibrium' or 'settled'."
+        "adapt: found an initial displacement, which belongs to one mesh; begin from None, 'equilibrium', 'settled' or "
+        "vx.projected(u_0)."
     )
 
 
@@ -359,7 +362,8 @@ def _simulated(
     posed = pose_scene(scene, mesh, instants.tolist())
     circle, steps = hypercircle(posed) if aim.bounded else None, aim.steps(instants)
     kept = np.union1d(np.searchsorted(instants, aim.wanted), steps - 1 if aim.bounded else steps).tolist()
-    trajectory = march(posed.system, instants, solver=aim.solver, initial=aim.initial, store=kept)
+    begun = free_unknowns(aim.initial, posed, instants)
+    trajectory = march(posed.system, instants, solver=aim.solver, initial=begun, store=kept)
     assembled = time.perf_counter() - start - sum(trajectory.seconds.values())
     history = History.of(record(posed, trajectory, assembled, Memory()))
     if circle is None:
@@ -493,15 +497,15 @@ def _begin(scene: Scene, mesh: AnyMesh, aim: _Aim) -> tuple[Floats, Finer | None
             SceneWarning,
             stacklevel=3,
         )
-    run = prepare(posed.system, None, False, True)
-    state = certified_in_full(run, initial_state(run, aim.wanted, aim.initial))
+    run, begun = prepare(posed.system, None, False, True), free_unknowns(aim.initial, posed, aim.wanted)
+    state = certified_in_full(run, initial_state(run, aim.wanted, begun))
     known, times, finer = course(posed.system, aim.wanted), aim.wanted, None
     while True:
         if aim.of == "energy":
             finer = beside_finer(run, times, state.unknowns, known)
             lost = Lost.of_energy(finer, finer.norm)
         else:
-            last = march(posed.system, times, initial=aim.initial, store="last", check=False)
+            last = march(posed.system, times, initial=begun, store="last", check=False)
             history = History.of(record(posed, last, 0.0, Memory()))
             lost = Lost.of_quantity(errors_of_steps(history), aim.of, value_of(history, aim.of))
         split = split_steps(times, lost, TIME_SHARE * aim.target)

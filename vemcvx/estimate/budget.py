@@ -13,7 +13,7 @@ The mesh is judged by residual indicators of one state, cell by cell:
                    + sum over inner edges     d_e / (4 mu) |[sigma n]|^2_e / 2       jumps, half to each neighbour
                    + sum over boundary edges  d_e / (2 mu) |t - sigma n|^2_e )       loads, friction, contact, springs
               + the larger of
-                     tau |(I - Pi) u|^2 at the vertices                              the stabilisation, as in K
+                     S_K(u - Pi u, u - Pi u)                                         the stabilisation, as in K
                      sum over edges  d_e E / 6 |eps_ss(u) - eps_ss(Pi u)|^2_e        strain along edges
               + what of the data was not assembled                              :mod:`vemcvx.bound.data_oscillation`
 
@@ -60,7 +60,7 @@ from vemcvx.bound.skeleton import (
     skeleton,
     surface_forces,
 )
-from vemcvx.errors import HistoryError
+from vemcvx.errors import HistoryError, SceneError
 from vemcvx.estimate.finer_steps import Finer, beside_finer
 from vemcvx.estimate.in_space import Residuals
 from vemcvx.estimate.quantities import quantities
@@ -72,8 +72,7 @@ from vemcvx.results.results import displacement
 from vemcvx.scene.pose import PosedScene, pose_scene
 from vemcvx.stepping.state import prepare
 from vemcvx.stepping.trajectory import Trajectory
-from vemcvx.vem import elastic_matrix, strains, stresses, tractions
-from vemcvx.vem.elasticity import missed_squares
+from vemcvx.vem import cell_energies, elastic_matrix, strains, stresses, tractions
 
 CONSTANT = 0.63
 """c, of the residuals alone: what the projection misses and data count by their own energy.
@@ -126,8 +125,34 @@ def _boundary(edges: Skeleton, sigma: Floats, force: Floats) -> Floats:
 
 
 def stabilised(posed: PosedScene, u: Floats) -> Floats:
-    """tau |(I - Pi) u|^2 (n_cells,), which the energy u'A u includes."""
-    return posed.material.tau * missed_squares(posed.space, u)
+    """S_K(u - Pi u, u - Pi u) (n_cells,), which the energy u'A u includes."""
+    return posed.material.missed(posed.space, u)
+
+
+SAME = 1e-9
+"""Part of the energy by which u'A u and the sum of a_K^h(u, u) may differ: a million times what rounding leaves."""
+
+
+def require_same_form(posed: PosedScene, u: Floats) -> None:
+    """Raise SceneError unless the stiffness is a^h of the material, by the energy of displacements (n_nodes, dim).
+
+    An effect of one's own may bring a stiffness of one form and a material of another.
+    """
+    stiffness = posed.A if posed.springs is None else posed.A - posed.springs
+    about = u - u.mean(axis=0)
+    energy = float(about.ravel() @ (stiffness @ about.ravel()))
+    material = posed.material
+    parts = cell_energies(posed.space, material.moduli, material.stabilised(posed.space.dim), about)
+    apart = abs(energy - float(parts.sum()))
+    # What the energies of rotations, which are zero, are rounded by.
+    rounding = 1e-14 * float(np.abs(about).ravel() @ (abs(stiffness) @ np.abs(about).ravel()))
+    if apart > SAME * max(energy, float(parts.sum())) + rounding:
+        raise SceneError(
+            f"error_budget: the stiffness of the scene gives a state the energy {energy:.9g}, and {material.subject} "
+            f"by its moduli and stabilisation {parts.sum():.9g}: they are not of one form a^h, and there is no "
+            "estimate. Give the material's Contribution the stabilisation that its stiffness has, as "
+            "Elasticity(stabilisation=...) does of any vx.Stabilisation."
+        )
 
 
 def _along(posed: PosedScene, edges: Skeleton, u: Floats, strain: Floats) -> Floats:
@@ -244,6 +269,7 @@ def _whole_numbers(steps: int | Sequence[int]) -> list[int]:
 def budget_of(posed: PosedScene, history: History, rows: Sequence[int], finer: Finer | None = None) -> ErrorBudget:
     """The budget of a run whose posed scene is at hand, at rows of its arrays; `finer` if that is known."""
     check_estimable(posed, "error_budget")
+    require_same_form(posed, history.displacement[rows[-1]])
     run, of_state = history.trajectory, residuals(posed)
     squares = [of_state(instant(history, k)) for k in rows]
     steps = history.stored[np.asarray(rows, dtype=np.int64)]

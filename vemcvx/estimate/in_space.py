@@ -5,7 +5,7 @@ As in the plane (:mod:`vemcvx.estimate.budget`), with faces f for edges and thei
     eta_K^2 = c^2 (  h_K^2 / (9 mu) |f|^2_K  +  sum over inner faces  d_f / (4 mu) |[sigma n]|^2_f / 2
                    + sum over boundary faces  d_f / (2 mu) |t - sigma n|^2_f )
               + the larger of
-                     7 tau |K|^{1/3} times the mean of |(I - Pi) u|^2 over the vertices
+                     7 |K|^{1/3} / (h_K N_K) S_K(u - Pi u, u - Pi u)
                      sum over edges  |K| / l_e  E / 12  |eps_ss(u) - eps_ss(Pi u)|^2_e
               + what of the data is not constant on faces and in cells
 
@@ -42,7 +42,6 @@ from vemcvx.scene.contact_table import ContactRows, jump_rows
 from vemcvx.scene.pose import PosedScene
 from vemcvx.scene.supports import free_directions, on_free
 from vemcvx.vem import elastic_matrix, mean_shear, strains, stresses, tractions
-from vemcvx.vem.elasticity import missed_squares
 from vemcvx.vem.projection import face_groups
 
 CONSTANT, MISSED = 0.68, 7.0
@@ -65,8 +64,10 @@ class Residuals:
         sigma = stresses(posed.material.moduli, strain)
         if posed.prestress is not None:
             sigma = sigma + posed.prestress.stress(now.t)
-        mean_square = missed_squares(posed.space, now.u) / np.diff(self.mesh.cell_nodes[0])
-        missed = MISSED * posed.material.tau * np.cbrt(self.mesh.volumes) * mean_square
+        vertices = np.diff(self.mesh.cell_nodes[0])
+        # Of S_K = tau h_K sum |(I - Pi) u|^2 the mean over vertices, with |K|^{1/3} in place of h_K.
+        share = np.cbrt(self.mesh.volumes) / (self.mesh.diameters * vertices)
+        missed = MISSED * share * posed.material.missed(posed.space, now.u)
         return {
             "volume": CONSTANT**2 * POINCARE * self._volume(now.t),
             "jumps": CONSTANT**2 * self._jumps(sigma),

@@ -39,13 +39,13 @@ from vemcvx.arrays import Floats
 from vemcvx.errors import MeshError
 from vemcvx.estimate.finer_steps import finer_instants
 from vemcvx.history import History, scene_of
+from vemcvx.initial_displacement import free_unknowns
 from vemcvx.meshes import AnyMesh
 from vemcvx.meshes.polygons import nearest
 from vemcvx.results.corners import Corners
 from vemcvx.results.quoted import Quantity
 from vemcvx.results.results import SPREAD, displacement, record
 from vemcvx.scene.pose import pose_scene, unwarned
-from vemcvx.simulation import free_unknowns
 from vemcvx.stepping.backward_euler import march
 from vemcvx.stepping.course import course
 from vemcvx.stepping.trajectory import Memory

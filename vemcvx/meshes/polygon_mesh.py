@@ -20,6 +20,7 @@ from vemcvx.meshes.local_refinement import refinement
 from vemcvx.meshes.polygons import cell_of_corner, next_vertex, offsets_of, positions, rows_in_order
 from vemcvx.meshes.polyhedra import joined_faces
 from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
+from vemcvx.meshes.quality import Quality, quality_of
 from vemcvx.meshes.several_bodies import cut
 from vemcvx.meshes.tessellation import Tessellation
 
@@ -39,7 +40,8 @@ class PolygonMesh(Tessellation, Exported):
         Vertices of each cell, in order around it. Clockwise cells are turned, with a `MeshWarning`.
     boundaries : mapping of str to (m, 2) array_like of int, optional
         Named sets of boundary edges, in either direction. The name "boundary" (all of it) is always
-        there, and means nothing else.
+        there, and means nothing else. If none are given, edges where x or y is least or greatest are "left",
+        "right", "bottom" and "top", as families and readers of files name them; an empty mapping names nothing.
     cell_data : mapping of str to (n_cells, ...) array_like, optional
         Data on cells, such as moduli or material numbers.
 
@@ -69,9 +71,22 @@ class PolygonMesh(Tessellation, Exported):
     All arrays are read-only. Node and cell order are those given.
     """
 
+    NAMED_BY_PLACE = True
+
     def refine(self, cells: ArrayLike | None = None, *, balance: bool = True) -> Self:
         """Return this mesh with cells split (numbers, or a bool each; None: all): :func:`vemcvx.meshes.refinement`."""
         return refinement(self, cells, balance=balance).mesh
+
+    def quality(self) -> Quality:
+        """Shapes of the cells, (n_cells,): star-shapedness and shortest edges over diameters, of Assumption 3.3.
+
+        Warns
+        -----
+        MeshWarning
+            Cells are stretched, dented or have edges so short that the constants of the method grow; how much is
+            measured in :mod:`vemcvx.meshes.quality`.
+        """
+        return quality_of(self)
 
     def cut(self, name: str, sides: Mapping[str, ArrayLike]) -> Self:
         """Return this mesh with a crack: the edges between two sets of its cells become an interface.

@@ -14,6 +14,7 @@ from vemcvx.meshes.box import plotted_points, plotted_values
 from vemcvx.meshes.exported import Exported
 from vemcvx.meshes.polygons import rows_in_order
 from vemcvx.meshes.polyhedral_refinement import refined_mesh
+from vemcvx.meshes.quality import Quality, quality_of
 from vemcvx.meshes.tessellation import SpaceTessellation
 
 if TYPE_CHECKING:
@@ -36,7 +37,8 @@ class PolyhedralMesh(SpaceTessellation, Exported):
         outside are turned, with a `MeshWarning`.
     boundaries : mapping of str to array_like, optional
         Named sets of boundary faces: their numbers, or rows of their vertices. The name "boundary" (all of it) is
-        always there, and means nothing else.
+        always there, and means nothing else. If none are given, faces where x, y or z is least or greatest are "left",
+        "right", "front", "back", "bottom" and "top"; an empty mapping names nothing.
     cell_data : mapping of str to (n_cells, ...) array_like, optional
         Data on cells, such as moduli or material numbers.
     interfaces : mapping of str to Interface, optional
@@ -76,9 +78,15 @@ class PolyhedralMesh(SpaceTessellation, Exported):
     All arrays are read-only. Node and cell order are those given; faces are numbered as cells first name them.
     """
 
+    NAMED_BY_PLACE = True
+
     def refine(self, cells: ArrayLike | None = None, *, balance: bool = True) -> Self:
         """Return this mesh with cells split (numbers, or a bool each; None: all): :func:`vemcvx.meshes.refinement`."""
         return refined_mesh(self, cells, balance)
+
+    def quality(self) -> Quality:
+        """Shapes of the cells, as of `PolygonMesh.quality`: which says what is warned of."""
+        return quality_of(self)
 
     def plot(
         self,

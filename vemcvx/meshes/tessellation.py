@@ -56,6 +56,8 @@ class Mesh(ABC):
     PARTS: ClassVar[str]
     """Name of the parts that make its boundary, and of one of them."""
     A_PART: ClassVar[str]
+    NAMED_BY_PLACE: ClassVar[bool] = False
+    """Whether sides get their names by place where no part of the boundary is named; readers of files do that."""
 
     @classmethod
     def unchecked(cls, *arrays: Floats | Ints, box: Box | None = None) -> Self:
@@ -84,6 +86,11 @@ class Mesh(ABC):
             warnings.warn(note, MeshWarning, stacklevel=3)
         object.__setattr__(self, "_named", self._checked_parts(boundaries, self.node_map))
         object.__setattr__(self, "cell_data", MappingProxyType(check_cell_data(cell_data, self.n_cells)))
+
+    def _name_by_place(self, boundaries: object) -> None:
+        """Name the sides of a box, if the user names nothing: not even by an empty mapping."""
+        if self.NAMED_BY_PLACE and boundaries is None and not self.interfaces:
+            object.__setattr__(self, "_named", straight_sides(self))
 
     @property
     @abstractmethod
@@ -301,6 +308,7 @@ class Tessellation(Mesh):
         self._finish(boundaries, cell_data, notes)
         matched = on_boundary(given, self._boundary, self.n_nodes, node_map)
         object.__setattr__(self, "interfaces", MappingProxyType(matched))
+        self._name_by_place(boundaries)
 
     @property
     def n_cells(self) -> int:
@@ -401,6 +409,7 @@ class SpaceTessellation(Mesh):
         self._fill(points, *faces, node_map=node_map)
         self._finish(boundaries, cell_data, notes)
         object.__setattr__(self, "interfaces", MappingProxyType(on_faces(given, self._outlines, node_map)))
+        self._name_by_place(boundaries)
 
     @cached_property
     def cells(self) -> tuple[tuple[Ints, ...], ...]:

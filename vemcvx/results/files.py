@@ -52,13 +52,15 @@ from vemcvx.owned_files import DRAFTS, Owned, path_of
 from vemcvx.results.quoted import Quantity
 from vemcvx.results.results import RECORDS, Results, labelled
 from vemcvx.results.tables import FILES, write_tables
-from vemcvx.vem import component_names
+from vemcvx.vem import VertexWeights, component_names
 from vemcvx.version import __version__
 
 NAME = "vemcvx history"
 ENERGIES = "energy", "dissipated", "work", "dissipated_second_order", "work_second_order"
 FORMAT = f"{NAME} 4"
 ARRAYS = {prefix + name: of for prefix, record in RECORDS.items() for name, of in quantities(record).items()}
+WEIGHTS = "stabilisation.tau"
+"""The array of S_K = tau h_K^(dim - 2) I."""
 ARCHIVE, SERIES, SUMMARY = "history.npz", "history.pvd", "summary.json"
 WRITING, COMPLETE = ".vemcvx-writing", "complete"
 STEP = r"step_[0-9]+\.vtu"
@@ -85,6 +87,8 @@ def write_archive(history: Results, path: Path) -> None:
         **{f"cell_data.{name}": values for name, values in mesh.cell_data.items()},
         **{name: values for name, values, _ in labelled(history)},
     }
+    if isinstance(history.stabilisation, VertexWeights):
+        arrays[WEIGHTS] = history.stabilisation.tau
     np.savez(path, **arrays)
 
 
@@ -118,6 +122,7 @@ def _history(arrays: Arrays) -> Results:
     _check_arrays(arrays, {"nodes": mesh.n_nodes, "cells": mesh.n_cells, "dim": dim, "components": components})
     known = {"mesh": mesh, "scene": None, "seconds": about["seconds"], "errors": about["errors"]}
     known["growth"] = about.get("growth")
+    known["stabilisation"] = _stabilisation(arrays, mesh.n_cells)
     known |= {name: about.get(name) for name in ("bound", "bounded_force")}
     known |= {name: tuple(about[name]) for name in ("effects", "inactive")}
     quoted = about.get("quantities")
@@ -126,6 +131,16 @@ def _history(arrays: Arrays) -> Results:
     _check_words(about, known)
     found: Results = record_of(Results, arrays, known)
     return found
+
+
+def _stabilisation(arrays: Arrays, cells: int) -> VertexWeights | None:
+    """S_K by its weights; None of a class of one's own."""
+    if WEIGHTS not in arrays:
+        return None
+    tau = arrays[WEIGHTS]
+    if tau.shape != (cells,) or tau.dtype.kind != "f":
+        raise ValueError(f"found {WEIGHTS} of shape {tau.shape}, {tau.dtype}, which does not go with the rest")
+    return VertexWeights(tau)
 
 
 def _check_arrays(arrays: Arrays, sizes: dict[str, int]) -> None:

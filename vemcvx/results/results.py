@@ -25,7 +25,7 @@ from vemcvx.scene.contact_table import ContactRows
 from vemcvx.scene.pose import PosedScene, pose_scene, unwarned
 from vemcvx.stepping.programs import programs_of_trajectory
 from vemcvx.stepping.trajectory import Storage, Trajectory
-from vemcvx.vem import Space, equivalent, principal, strains, stresses
+from vemcvx.vem import Space, Stabilisation, equivalent, principal, strains, stresses
 
 SPREAD = {2: ("length", "force/length"), 3: ("area", "force/length²")}
 """By dimension: the extent that forces of contact are spread over, and the unit of such a force."""
@@ -61,6 +61,7 @@ class Results:
     cell_bounds: Annotated[Floats | None, "cells", "force length"] = None
     force_bounds: Annotated[Floats | None, "N 2", "force"] = None
     bounded_force: dict[str, int] | None = None
+    stabilisation: Stabilisation | None = None
 
     @property
     def steps(self) -> int:
@@ -416,6 +417,7 @@ def record(posed: PosedScene, trajectory: Trajectory, assembled: float, storage:
         forces=forces,
         contact=contact_history(posed, trajectory, u, forces),
         moduli=material.moduli,
+        stabilisation=material.stabilised(posed.space.dim),
         trajectory=trajectory,
         seconds={"assemble": assembled, **trajectory.seconds},
         prestress=blocked,

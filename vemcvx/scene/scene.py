@@ -17,7 +17,17 @@ from vemcvx.outline import Outline
 from vemcvx.program.system import DRAG_ROUNDING
 from vemcvx.scene.contact_table import STRAIGHT, pairs_of
 from vemcvx.scene.supports import along
-from vemcvx.vem import MirrorPlanes, Space, elastic_matrix, stress_load, tangents_of, upper_triangle
+from vemcvx.vem import (
+    InRegions,
+    MirrorPlanes,
+    Space,
+    Stabilisation,
+    VertexWeights,
+    elastic_matrix,
+    stress_load,
+    tangents_of,
+    upper_triangle,
+)
 
 # The body put together from its materials: every cell has exactly one.
 #
@@ -47,7 +57,6 @@ def compose(materials: Sequence[Material], mesh: AnyMesh) -> Material:
     thermal_stress_moduli = np.sum([m.thermal_stress_moduli for m in materials], axis=0)
     known = [m.out_of_plane for m in materials if m.out_of_plane is not None]
     out_of_plane = np.sum(known, axis=0) if len(known) == len(materials) else None
-    tau = np.sum([m.tau for m in materials], axis=0)
     return Material(
         subject="materials",
         moduli=np.sum(moduli, axis=0),
@@ -55,8 +64,18 @@ def compose(materials: Sequence[Material], mesh: AnyMesh) -> Material:
         plane=materials[0].plane,
         cells=None,
         out_of_plane=out_of_plane,
-        stabilisation=tau,
+        stabilisation=_together(materials, dim),
     )
+
+
+def _together(materials: Sequence[Material], dim: int) -> Stabilisation:
+    """The stabilisation of a body of several materials, each of which is zero where another is."""
+    own = [m.stabilised(dim) for m in materials]
+    weights = [one.tau for one in own if isinstance(one, VertexWeights)]
+    if len(weights) == len(own):
+        return VertexWeights(np.sum(weights, axis=0))
+    filled = [np.abs(m.moduli).max(axis=0) > 0.0 for m in materials]
+    return InRegions(tuple(zip(filled, own, strict=True)))
 
 
 def _check_cover(materials: Sequence[Material], mesh: AnyMesh) -> None:

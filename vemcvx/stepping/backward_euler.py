@@ -9,11 +9,7 @@ certify   :mod:`.posed_step`    on the retained unknowns
                                 and on all, refined against K itself, where the factors are too coarse
 record    :mod:`.trajectory`    steps that are kept, certified on all unknowns: rows of a trajectory
 
-The initial state is to obey a(u_0, v) + j(v) >= <l(0), v> for all v, which holds if and only if one step at
-times[0] from u_prev = u_0 returns u_0. The jump of that step, in the energy norm, is what a violation costs, and is
-measured here: u_0 is at most jump + (certified error of that step) away from a state that obeys (2.1), which is the
-certificate of step 0. The step maps are nonexpansive, so later states are off by no more, beside their own errors:
-it counts in the total.
+It begins from a state that obeys (2.1): :mod:`.beginning`.
 
 Nodes that supports move along the contact have a given slip: their friction enters no program, but it dissipates. With
 c(t) the position of these norm terms, and s = c(t_n) - c(t_{n-1}) their slip,
@@ -41,6 +37,7 @@ d (1/k' - 1/k) out of balance, which because of K_1 / k' <= K' is at most |1 - k
 
 from __future__ import annotations
 
+import logging
 import time
 from collections import OrderedDict
 from collections.abc import Callable, Iterator, Sequence
@@ -51,29 +48,29 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
-from vemcvx.arrays import EPS, Floats, as_real_array, brief, check_takes, flag, shaped
+from vemcvx.arrays import EPS, Floats, as_real_array, brief, check_takes, flag
 from vemcvx.errors import NotContracting, SceneError
 from vemcvx.linear import LinearSolver
 from vemcvx.linear.default import one_thread
 from vemcvx.program.iterative_refinement import residual, rounding
-from vemcvx.program.operators import energy_norm
 from vemcvx.program.step_program import Answer
 from vemcvx.program.system import DRAG_ROUNDING, Damping, System
 from vemcvx.program.tolerances import VISCOUS
 from vemcvx.solvers import Solver, Solves, as_solver
-from vemcvx.stepping.fixed_point import DependentStep, resolved
-from vemcvx.stepping.ledger import Ledger, Rubbed, StepData, energy, energy_in_full, in_range, strain_energy
+from vemcvx.stepping.beginning import Beginning, initial_state
+from vemcvx.stepping.fixed_point import refined_step, solved
+from vemcvx.stepping.ledger import Ledger, Rubbed, StepData, energy_in_full, in_range
 from vemcvx.stepping.posed_step import (
     PosedStep,
     certified_in_full,
     data_norms,
     pose_step,
-    posed_sharply,
-    refined_state,
     require_certified,
 )
 from vemcvx.stepping.state import Dragged, PreparedRun, State, prepare
 from vemcvx.stepping.trajectory import Memory, Recorder, Storage, Trajectory, stored_steps
+
+log = logging.getLogger("vemcvx")
 
 
 @dataclass(frozen=True)
@@ -108,29 +105,6 @@ class QuasistaticSteps:
         if run.check:
             require_certified(run, state, n)
         return state
-
-
-def refined_step(attempt: PosedStep, state: State, n: int) -> State:
-    """The state refined; once more, posed with what the first time has shown to act, if it must be.
-
-    Soft limits yield to the error of a program's forces. Bounds take that error and hold their place; but weights that
-    follow pressures were evaluated before these were refined, which no gap shows: on springs of 1e-6 of the body's
-    modulus they were off by 3e-8 under a certificate of 1e-12.
-    """
-    run, state = attempt.run, refined_state(attempt, state)
-    follows, soft = run.system.follows_answer, bool(run.operators.compliance.any())
-    if not follows and (not soft or state.accepted(run.accuracy)):
-        return state
-    again = posed_sharply(attempt, state)
-    return refined_state(again, solved(again, n))
-
-
-def solved(attempt: PosedStep, n: int) -> State:
-    """The step; weights that depend on the answer begin with those it was posed with."""
-    norms = attempt.run.system.norms
-    if norms is not None and norms.law is not None:
-        return resolved(DependentStep(attempt, norms, n))
-    return attempt.solve_balanced(n)
 
 
 class ViscousSteps:
@@ -349,149 +323,12 @@ def with_dragged_friction(system: System, before: State, state: State) -> State:
     return replace(state, ledger=ledger, dragged=dragged)
 
 
-JUMP = 1e-6
-"""Initial states whose first step jumps by more, relative to the energy norm, violate (2.1)."""
-ROUNDED_LOAD = 1e-12
-"""Part of the largest load of a run that an initial state may be out of balance by: sin(2 pi) is rounding, not load."""
-
-
-def initial_state(run: PreparedRun, instants: Floats, initial: ArrayLike | str | None) -> State:
-    """The state at the first of the instants.
-
-    Where what acts there is rounding beside the loads of later instants, that is the state that it settles in.
-
-    Raises
-    ------
-    SceneError
-        `initial` is not understood, or the state violates (2.1).
-    """
-    t = float(instants[0])
-    now = run.driven(t)
-    if isinstance(initial, str) and initial == "settled":
-        settled = _settle(run, state_given(run, now, np.zeros(run.system.n)))
-        if run.check:
-            require_certified(run, settled, 0)
-        return _beginning(run, settled)
-    y = _given(run, now, initial)
-    state = state_given(run, now, y)
-    if run.system.damping is not None:
-        # Where rates cost, a load that nothing balances yet sets the body in motion instead of in place.
-        ledger = Ledger.opening(strain_energy(run.system, y, t), run.operators.count)
-        return replace(state, ledger=ledger, scale=ledger.norm, full=y)
-    settled = _settle(run, state)
-    jump = energy_norm(run.system.K, settled.unknowns - y)
-    scale = max(state.ledger.norm, energy_norm(run.system.K, now.force.x))
-    if not jump <= JUMP * scale + settled.certificate.error:
-        if jump <= ROUNDED_LOAD * max(energy_norm(run.system.K, run.driven(t).force.x) for t in instants.tolist()):
-            return _beginning(run, settled)
-        raise SceneError(_overlap(run, state) or _violation(run, state, jump / scale if scale > 0 else np.inf))
-    # How far it may be from a state that obeys (2.1): its jump to the one settled, and the error of that.
-    away = settled.certificate.away(jump + settled.certificate.error)
-    return _beginning(run, replace(settled, y=state.y, full=y, unbalanced=state.unbalanced, certificate=away))
-
-
-def settled_from(run: PreparedRun, t: float, y: Floats) -> State:
-    """The state after one step at `t` from y (n,): the same one, if (2.1) holds there."""
-    return _beginning(run, _settle(run, state_given(run, run.driven(t), y)))
-
-
-def _given(run: PreparedRun, now: StepData, initial: ArrayLike | str | None) -> Floats:
-    n = run.system.n
-    if initial is None:
-        return np.zeros(n)
-    if isinstance(initial, str):
-        if initial == "equilibrium":
-            if run.system.kernel is not None:
-                raise SceneError(
-                    "initial: 'equilibrium' is without friction, and nothing but friction holds the body; "
-                    "use 'settled' (one step from zero) or a given state."
-                )
-            return now.force.x
-        raise SceneError(
-            f"initial: found {initial!r}; there are None (zero), an array, 'equilibrium' (no friction) and "
-            "'settled' (one step from zero)."
-        )
-    wanted = f"{n} finite values, one an unknown"
-    y = shaped(initial, "initial", wanted, (n,))
-    if not np.isfinite(y).all():
-        raise SceneError(
-            f"initial: found NaN or infinity in unknown {int(np.argmin(np.isfinite(y)))}; wanted {wanted}."
-        )
-    return y
-
-
-def state_given(run: PreparedRun, now: StepData, y: Floats) -> State:
-    """The state y (n,), whatever led to it: as far as is known, nothing slipped or pressed."""
-    norms, operators = run.system.norms, run.operators
-    weights = np.zeros(0) if norms is None else norms.weights_under(now.t, np.zeros(len(operators.compliance)))
-    y_c = y[run.condensation.retained]
-    start = energy(run.condensation, y_c, now, np.zeros(len(operators.compliance)))
-    return replace(State.still(operators, now, y_c, weights, start), full=y)
-
-
-def _settle(run: PreparedRun, state: State) -> State:
-    """One step at the same instant, all unknowns and the certificate of the full system included."""
-    attempt = pose_step(run, state, state.data, state.weights)
-    settled = solved(attempt, 0)
-    if run.refines:
-        settled = refined_step(attempt, settled, 0)
-    return certified_in_full(run, settled)
-
-
-def _beginning(run: PreparedRun, state: State) -> State:
-    """The state as the beginning of a history: nothing has slipped, nothing is lost or done."""
-    start = energy(run.condensation, state.y, state.data, state.p)
-    if run.refines:
-        start = energy_in_full(run.system, state.unknowns, state.t, state.p)
-    ledger = Ledger.opening(start, run.operators.count)
-    floor, accuracy = state.certificate.error_floor, run.solver.accuracy
-    size, noise = data_norms(run.condensation, state.data, ledger.norm, floor, accuracy)
-    return replace(state, slip=np.zeros_like(state.slip), ledger=ledger, scale=ledger.norm, size=size, noise=noise)
-
-
-def _violation(run: PreparedRun, state: State, jump: float) -> str:
-    operators, norms = run.operators, run.system.norms
-    where = ""
-    if norms is not None and operators.count:
-        needed = np.linalg.lstsq(operators.B.T.toarray(), state.unbalanced, rcond=None)[0]
-        excess = np.linalg.norm(operators.blocks(needed - state.data.bias), axis=1) - state.weights
-        worst = int(np.argmax(excess))
-        if excess[worst] > 0:
-            where = (
-                f" The worst place is {norms.name(worst)}, where holding still takes a force of "
-                f"{excess[worst] + state.weights[worst]:.6g}, {excess[worst]:.6g} over the bound "
-                f"{state.weights[worst]:.6g}."
-            )
-    held = "in equilibrium" if norms is None else "held by friction"
-    much = f"by {jump:.1e} of the energy norm, allowed is {JUMP:.0e}" if np.isfinite(jump) else "from rest"
-    return (
-        f"initial: the state at t = {state.t:.6g} is not {held} (condition (2.1)): one step there moves it {much}."
-        f"{where} If something acts from the start, say "
-        "initial='settled', in a problem file too: the body begins at rest under it, one step from zero. Or start from "
-        "'equilibrium' (no friction), from a given state, or with a load that begins at zero."
-    )
-
-
-def _overlap(run: PreparedRun, state: State) -> str | None:
-    """The place where a state violates a bound, in words; None if it is nowhere."""
-    operators, limits = run.operators, run.system.limits
-    over = operators.limits.read(state.y) - state.data.remaining_gap
-    inside = np.where(operators.compliance > 0, 0.0, over)
-    if limits is None or not inside.max(initial=0.0) > 0:
-        return None
-    worst = int(np.argmax(inside))
-    return (
-        f"initial: at t = {state.t:.6g} the body is {inside[worst]:.6g} inside its obstacle at {limits.name(worst)}. "
-        "Start from initial='settled' (one step from zero), from a given state, or with a gap that begins at zero."
-    )
-
-
 def march(
     system: System,
     times: ArrayLike,
     *,
     solver: Solver | Solves | None = None,
-    initial: ArrayLike | str | None = None,
+    initial: Beginning = None,
     store: str | int | Sequence[int] = "all",
     check: bool = True,
     condense: bool = True,
@@ -508,7 +345,7 @@ def march(
         times[0] is the initial one.
     solver : Solver, or object with solve(program, target), optional
         By default the smallest that accepts the program.
-    initial : None, (n,) array, "equilibrium" or "settled"
+    initial : None, (n,) array, "equilibrium", "settled" or Balanced
         Zero; a given state; K y = load(t_0), without friction; or one step from zero at t_0.
     store : "all", "last", int or sequence of int
         Which states to keep: every one, the last, every so many and the last, or those of these steps and the last.
@@ -562,7 +399,7 @@ def states_of(
         yield n, state
 
 
-def first_state(run: PreparedRun, instants: Floats, initial: ArrayLike | str | None) -> State:
+def first_state(run: PreparedRun, instants: Floats, initial: Beginning) -> State:
     """The initial state at the first of the instants, with the friction of what supports will drag along."""
     first = initial_state(run, instants, initial)
     return replace(first, dragged=nothing_dragged(run.system, first.t, first.p))

@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import ArrayLike
 
 from vemcvx.archives import Arrays, arrays_of, record_of
 from vemcvx.arrays import Floats, Ints
@@ -31,7 +30,7 @@ DRIVE = "data"
 SEAL = "seal"
 
 
-def fixed_marks(run: PreparedRun, times: Floats, kept: Ints, initial: ArrayLike | str | None) -> Arrays:
+def fixed_marks(run: PreparedRun, times: Floats, kept: Ints, initial: object) -> Arrays:
     """Marks of what two runs must share if one is to go on where the other stopped, by what users call it."""
     condensation = run.condensation
     return {

@@ -20,11 +20,11 @@ from vemcvx.stepping.backward_euler import (
     check_kinds,
     checked_times,
     first_state,
-    state_given,
     states_of,
     steps_of,
     threads_of_steps,
 )
+from vemcvx.stepping.beginning import Beginning, state_given
 from vemcvx.stepping.posed_step import certified_in_full
 from vemcvx.stepping.state import PreparedRun, State, prepare
 from vemcvx.stepping.trajectory import Trajectory
@@ -35,7 +35,7 @@ def programs_of_march(
     times: ArrayLike,
     *,
     solver: Solver | Solves | None = None,
-    initial: ArrayLike | str | None = None,
+    initial: Beginning = None,
     check: bool = True,
     condense: bool = True,
     linear: LinearSolver | None = None,

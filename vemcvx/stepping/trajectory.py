@@ -395,11 +395,11 @@ class Recorder:
         Numbers of the steps to keep.
     storage : Storage
         Where the rows go.
-    initial : what :func:`vemcvx.stepping.backward_euler.initial_state` takes
+    initial : what :func:`vemcvx.stepping.beginning.initial_state` takes
         A run goes on only where it began.
     """
 
-    def __init__(self, run: PreparedRun, times: Floats, kept: Ints, storage: Storage, initial: ArrayLike | str | None):
+    def __init__(self, run: PreparedRun, times: Floats, kept: Ints, storage: Storage, initial: object):
         self._run, self._times, self._kept, self._storage = run, times, kept, storage
         self._row = {int(n): row for row, n in enumerate(kept)}
         self._marks = fixed_marks(run, times, kept, initial) if storage.lasting else {}

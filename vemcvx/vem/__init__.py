@@ -3,7 +3,9 @@
 from vemcvx.vem.boundary import BoundaryRows, EdgeEnds, MirrorPlanes, Part, SideRule, edge_part
 from vemcvx.vem.elasticity import (
     anisotropic_stiffness,
+    cell_energies,
     component_names,
+    consistent_blocks,
     elastic_matrix,
     equivalent,
     isotropic_stress,
@@ -12,42 +14,50 @@ from vemcvx.vem.elasticity import (
     rigid_modes,
     softest_shear,
     split_motion,
-    stabilisation_factor,
     stiffness,
     strains,
     stresses,
     tractions,
     upper_triangle,
 )
+from vemcvx.vem.energy_projection import mean_strains
 from vemcvx.vem.loads import cell_load, cell_quadrature, edge_load, stress_load
 from vemcvx.vem.points_in_solids import solid_places
 from vemcvx.vem.projection import CellGroup, tangents_of
 from vemcvx.vem.space import Space
+from vemcvx.vem.stabilisation import InRegions, Stabilisation, VertexWeights, missed_energies, stabilisation_of
 
 __all__ = [
     "BoundaryRows",
     "CellGroup",
     "EdgeEnds",
+    "InRegions",
     "MirrorPlanes",
     "Part",
     "SideRule",
     "Space",
+    "Stabilisation",
+    "VertexWeights",
     "anisotropic_stiffness",
+    "cell_energies",
     "cell_load",
     "cell_quadrature",
     "component_names",
+    "consistent_blocks",
     "edge_load",
     "edge_part",
     "elastic_matrix",
     "equivalent",
     "isotropic_stress",
     "mean_shear",
+    "mean_strains",
+    "missed_energies",
     "principal",
     "rigid_modes",
     "softest_shear",
     "solid_places",
     "split_motion",
-    "stabilisation_factor",
+    "stabilisation_of",
     "stiffness",
     "strains",
     "stress_load",

@@ -47,12 +47,17 @@ import numpy as np
 import scipy.sparse as sp
 
 from vemcvx.arrays import Bools, Floats, Ints
-from vemcvx.errors import SceneError
 from vemcvx.vem.projection import CellGroup
 from vemcvx.vem.space import Space
-
-# 2^16 numbers of eight bytes and a few temporaries of that size stay in a second-level cache.
-CHUNK = 2**16
+from vemcvx.vem.stabilisation import (
+    CHUNK,
+    Stabilisation,
+    VertexWeights,
+    add_stabilisation,
+    missed_energies,
+    missed_products,
+    stabilisation_of,
+)
 
 
 def assemble_cells(
@@ -131,7 +136,7 @@ def _counting_sort(keys: Ints, n: int) -> Ints:
     return np.asarray(columns.indices)
 
 
-def add_stabilisation(blocks: Floats, cells: CellGroup, tau: Floats) -> None:
+def add_weights(blocks: Floats, cells: CellGroup, tau: Floats) -> None:
     """Add tau h_K^(dim - 2) (I - Pi)'(I - Pi), component by component, to local matrices (c, n, n, dim, dim)."""
     if cells.simplices:
         return
@@ -140,26 +145,7 @@ def add_stabilisation(blocks: Floats, cells: CellGroup, tau: Floats) -> None:
         blocks[..., axis, axis] += stable
 
 
-def missed_products(Pi: Floats) -> Floats:
-    """(I - Pi)'(I - Pi), (c, n, n), of the projection of vertex values: scalar products of what it misses."""
-    missed = np.eye(Pi.shape[1]) - Pi
-    product: Floats = np.matmul(missed.transpose(0, 2, 1), missed)
-    # A matrix product may sum (i, j) and (j, i) in different orders.
-    return 0.5 * (product + product.transpose(0, 2, 1))
-
-
-def missed_squares(space: Space, u: Floats) -> Floats:
-    """|(I - Pi) u|^2 at the vertices of each cell, (n_cells,), of nodal displacements (n_nodes, dim)."""
-    squares = np.zeros(space.mesh.n_cells)
-    for group in space.groups:
-        for chunk in () if group.simplices else group.chunks(CHUNK):
-            about = u[chunk.nodes] - u[chunk.nodes[:, :1]]
-            missed = about - np.matmul(chunk.vertex_values(), about)
-            squares[chunk.cells] = np.sum(missed**2, axis=(1, 2))
-    return squares
-
-
-def stiffness(space: Space, lam: Floats, mu: Floats, stabilisation: str = "shear") -> sp.csr_matrix:
+def stiffness(space: Space, lam: Floats, mu: Floats, stabilisation: str | Stabilisation = "shear") -> sp.csr_matrix:
     """Matrix of a^h over all nodal values, (n_u, n_u), symmetric to the bit.
 
     Parameters
@@ -168,28 +154,32 @@ def stiffness(space: Space, lam: Floats, mu: Floats, stabilisation: str = "shear
     lam, mu : (n_cells,) arrays
         Lame's constants, force per area; `lam` already reduced in plane stress. Both zero on cells that another
         material fills.
-    stabilisation : {"shear", "unit"}
-        tau = 2 mu, or tau = 1.
+    stabilisation : {"shear", "unit"}, or Stabilisation
+        tau = 2 mu, or tau = 1, or one's own.
 
     Raises
     ------
     SceneError
-        `stabilisation` is neither.
+        `stabilisation` is neither, or its form is none.
 
     Notes
     -----
     Scaling all coordinates by a power of two changes no bit; scaling moduli by one scales the matrix exactly
     (with "unit", its consistent part). Entries that happen to vanish are stored.
     """
-    tau = stabilisation_factor(mu, stabilisation)
-    return assemble_cells(space, local_blocks, (lam != 0.0) | (mu != 0.0), (lam, mu, tau))
+    own, filled = stabilisation_of(stabilisation, mu), (lam != 0.0) | (mu != 0.0)
+    if isinstance(own, VertexWeights):
+        return assemble_cells(space, local_blocks, filled, (lam, mu, own.tau))
+    return _stiffness_of_ones_own(space, elastic_matrix(np.stack([lam, mu]), space.dim), filled, own)
 
 
-def stabilisation_factor(mu: Floats, stabilisation: str) -> Floats:
-    """tau (n_cells,) of an isotropic material; zero on cells that another material fills."""
-    if stabilisation not in ("shear", "unit"):
-        raise SceneError(f"stiffness: found stabilisation {stabilisation!r}; there are 'shear' and 'unit'.")
-    return 2.0 * mu if stabilisation == "shear" else np.sign(mu)
+def _stiffness_of_ones_own(space: Space, C: Floats, filled: Bools, own: Stabilisation) -> sp.csr_matrix:
+    def local(cells: CellGroup, C: Floats) -> Floats:
+        blocks = consistent_blocks(cells, C)
+        add_stabilisation(blocks, cells, own, C)
+        return blocks
+
+    return assemble_cells(space, local, filled, (C,))
 
 
 def local_blocks(cells: CellGroup, lam: Floats, mu: Floats, tau: Floats) -> Floats:
@@ -210,11 +200,11 @@ def local_blocks(cells: CellGroup, lam: Floats, mu: Floats, tau: Floats) -> Floa
             ba = ab.transpose(0, 2, 1)
             blocks[..., a, b] = lam * ab + mu * ba
             blocks[..., b, a] = lam * ba + mu * ab
-    add_stabilisation(blocks, cells, tau)
+    add_weights(blocks, cells, tau)
     return blocks
 
 
-def anisotropic_stiffness(space: Space, C: Floats) -> sp.csr_matrix:
+def anisotropic_stiffness(space: Space, C: Floats, stabilisation: str | Stabilisation = "shear") -> sp.csr_matrix:
     """Matrix of a^h over all nodal values, (n_u, n_u), symmetric to the bit.
 
     Parameters
@@ -223,10 +213,13 @@ def anisotropic_stiffness(space: Space, C: Floats) -> sp.csr_matrix:
     C : (n_cells, 3, 3) array, in space (n_cells, 6, 6)
         Stresses from strains, components as above, force per area; symmetric, positive definite, or zero on cells that
         another material fills.
+    stabilisation : {"shear", "unit"}, or Stabilisation
+        With the softest modulus of shear for 2 mu.
     """
-    tau = softest_shear(C)
-    filled = np.abs(C).max(axis=(1, 2)) > 0.0
-    return assemble_cells(space, general_blocks, filled, (C, tau))
+    own, filled = stabilisation_of(stabilisation, 0.5 * softest_shear(C)), np.abs(C).max(axis=(1, 2)) > 0.0
+    if isinstance(own, VertexWeights):
+        return assemble_cells(space, general_blocks, filled, (C, own.tau))
+    return _stiffness_of_ones_own(space, C, filled, own)
 
 
 def softest_shear(C: Floats) -> Floats:
@@ -262,8 +255,8 @@ def _deviatoric_in_space(C: Floats) -> Floats:
     return np.asarray(basis @ C @ basis.T)
 
 
-def general_blocks(cells: CellGroup, C: Floats, tau: Floats) -> Floats:
-    """The local matrices (c, n, n, dim, dim) of cells with n vertices; `local_blocks` is the isotropic case."""
+def consistent_blocks(cells: CellGroup, C: Floats) -> Floats:
+    """|K| eps(Pi u)' C eps(Pi v), the consistent part of a_K^h, as local matrices (c, n, n, dim, dim)."""
     measures, g = cells.gradients()
     dim = g.shape[2]
     B = np.zeros((*g.shape[:2], len(COMPONENTS[dim]), dim))
@@ -271,9 +264,22 @@ def general_blocks(cells: CellGroup, C: Floats, tau: Floats) -> Floats:
         B[:, :, k, a], B[:, :, k, b] = g[:, :, b], g[:, :, a]
     stress = np.einsum("ckl,cjlb->cjkb", C / measures[:, None, None], B)
     blocks: Floats = np.einsum("cika,cjkb->cijab", B, stress)
-    blocks = 0.5 * (blocks + blocks.transpose(0, 2, 1, 4, 3))
-    add_stabilisation(blocks, cells, tau)
+    return 0.5 * (blocks + blocks.transpose(0, 2, 1, 4, 3))
+
+
+def general_blocks(cells: CellGroup, C: Floats, tau: Floats) -> Floats:
+    """The local matrices (c, n, n, dim, dim) of cells with n vertices; `local_blocks` is the isotropic case."""
+    blocks = consistent_blocks(cells, C)
+    add_weights(blocks, cells, tau)
     return blocks
+
+
+def cell_energies(space: Space, moduli: Floats, stabilisation: Stabilisation, u: Floats) -> Floats:
+    """a_K^h(u, u) of nodal displacements u (n_nodes, dim), cell by cell: (n_cells,), force times length."""
+    strain = strains(space, u)
+    density = np.sum(strain * stresses(moduli, strain), axis=1)
+    missed = missed_energies(space, stabilisation, elastic_matrix(moduli, space.dim), u)
+    return np.asarray(space.mesh.measures * density + missed)
 
 
 def strains(space: Space, u: Floats) -> Floats:

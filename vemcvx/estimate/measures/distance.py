@@ -7,9 +7,9 @@
 The first two integrate on the overlaps of the cells, exactly: strains are linear or constant on each. They are
 norms of a difference in one space of strains, hence symmetric where the moduli are the same, and obey the triangle
 inequality. The nodal distance misses what v does between the coarse nodes, and is the smallest of the three. Cell
-by cell, with tau the smallest shear stiffness, 2 mu if isotropic,
+by cell, in the a^h of the stiffness of `run`, with its own stabilisation,
 
-    |w|^2 = sum_K |K| eps(Pi w) : C eps(Pi w) + tau sum_i |w(x_i) - Pi w(x_i)|^2,    (3.13).
+    |w|^2 = sum_K |K| eps(Pi w) : C eps(Pi w) + S_K(w - Pi w, w - Pi w),    (3.13).
 
 Strains inside cells: of Pi u, constant; and of the virtual function itself where it is known.
 
@@ -39,8 +39,19 @@ from vemcvx.errors import HistoryError, MeshError
 from vemcvx.meshes import AnyMesh, PolygonMesh, PolyhedralMesh
 from vemcvx.meshes.polygons import INNER, cell_of_corner, fans, nearest, outlines, overlaps, places
 from vemcvx.results.results import Results
-from vemcvx.vem import CellGroup, Space, elastic_matrix, solid_places, strains, stresses, upper_triangle
-from vemcvx.vem.elasticity import missed_squares, softest_shear
+from vemcvx.vem import (
+    CellGroup,
+    Space,
+    Stabilisation,
+    cell_energies,
+    elastic_matrix,
+    softest_shear,
+    solid_places,
+    stabilisation_of,
+    strains,
+    stresses,
+    upper_triangle,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,6 +127,8 @@ class Field:
         As in `History.moduli`, force per area.
     time : float
         The instant, which closed forms are asked for.
+    stabilisation : {"shear", "unit"}, a vx.Stabilisation, or None
+        As of `Elasticity`, for nodal distances; None of runs read from files that do not say it.
 
     Raises
     ------
@@ -127,6 +140,7 @@ class Field:
     displacement: Floats
     moduli: Floats
     time: float = 0.0
+    stabilisation: str | Stabilisation | None = "shear"
 
     def __post_init__(self) -> None:
         if not isinstance(self.mesh, (PolygonMesh, PolyhedralMesh)):
@@ -145,6 +159,8 @@ class Field:
                 f"Field: found moduli {np.shape(self.moduli)}; wanted (2, {cells}), lambda and mu of every cell, or "
                 f"({full}, {cells}), the upper triangle of its elastic matrix."
             )
+        if not (self.stabilisation is None or isinstance(self.stabilisation, Stabilisation)):
+            choice(self.stabilisation, "Field", "stabilisation", ("shear", "unit"), HistoryError)
 
     @cached_property
     def space(self) -> Space:
@@ -164,7 +180,7 @@ def field_of(run: Results | Field, step: int, subject: str) -> Field:
     if not isinstance(run, Results):
         raise HistoryError(f"{subject}: found {brief(run)} where a History (or a vx.measures.Field) goes.")
     row = run.row(step)
-    return Field(run.mesh, run.displacement[row], run.moduli, float(run.times[row]))
+    return Field(run.mesh, run.displacement[row], run.moduli, float(run.times[row]), run.stabilisation)
 
 
 def step_at(history: Results, time: float) -> int:
@@ -327,7 +343,8 @@ def energy_distance(
         The meshes do not cover the same domain; "exact" on cells other than triangles and rectangles; "nodal" where
         nodes of `run` are no nodes of `reference`.
     HistoryError
-        There is no such kind, or no step was stored at `time`.
+        There is no such kind, no step was stored at `time`, or "nodal" of a run read from files that do not say its
+        stabilisation.
     SceneError
         A step was not stored.
     """
@@ -370,6 +387,11 @@ def _apart(rule: CommonRule, u: Field, v: Field) -> float:
 
 def _nodal(u: Field, v: Field) -> Measured:
     """|u - I v|_{a^h} on the mesh of u, relative to |I v|_{a^h}."""
+    if u.stabilisation is None:
+        raise HistoryError(
+            "energy_distance: the first run was read from files that do not say its stabilisation, and the nodal "
+            "distance is in its a^h; give vx.measures.Field(mesh, displacement, moduli, stabilisation=...) instead."
+        )
     at_nodes = v.displacement[_nested_nodes(u.mesh, v.mesh)]
     return measured(_cell_energies(u, u.displacement - at_nodes), float(_cell_energies(u, at_nodes).sum()))
 
@@ -391,9 +413,9 @@ def _nested_nodes(coarse: AnyMesh, fine: AnyMesh) -> Ints:
 
 
 def _cell_energies(field: Field, w: Floats) -> Floats:
-    """a_K^h(w, w) of nodal displacements w (n_nodes, dim), with the moduli of a field, cell by cell: (n_cells,)."""
-    strain, mesh, missed = strains(field.space, w), field.mesh, missed_squares(field.space, w)
-    density = np.sum(strain * stresses(field.moduli, strain), axis=1)
-    tau = softest_shear(elastic_matrix(field.moduli, field.space.dim))
-    sizes = 1.0 if field.space.in_plane else mesh.diameters
-    return np.asarray(mesh.measures * density + tau * sizes * missed)
+    """a_K^h(w, w) of nodal displacements w (n_nodes, dim), with moduli and stabilisation of a field: (n_cells,)."""
+    own = field.stabilisation
+    assert own is not None
+    if isinstance(own, str):
+        own = stabilisation_of(own, 0.5 * softest_shear(elastic_matrix(field.moduli, field.space.dim)))
+    return cell_energies(field.space, field.moduli, own, w)

@@ -1,0 +1,117 @@
+"""Two stabilisations of one's own, with their patch test, their orders and what they do to incompressible bodies.
+
+A stabilisation says the energy of what the projection Pi misses, S(v - Pi v, w - Pi w), cell by cell, as a class with
+one method; the scene takes it as ``vx.Elasticity(..., stabilisation=DRecipe())``, and the stiffness, the error budget
+and the nodal distance use the same a^h.
+
+boundary    S = mu / 2 sum_e (|e| mean / |e|) (v_b - v_a).(w_b - w_a)    slopes along the edges from a to b, (d_s v,
+            d_s w)_dK: S. Brenner and Sung, Virtual element methods on meshes with small edges or faces (2018);
+            P. Wriggers and others, A virtual element method for contact (2016)
+D-recipe    S = sum_i max(mu, a_K(Pi phi_i, Pi phi_i)) v_i w_i    L. Beirao da Veiga, F. Dassi and A. Russo, High-order
+            virtual element method on polyhedral meshes (2017); L. Mascotto (2018)
+
+On a square the edges of an hourglass (1, -1, 1, -1) differ by 2 on each of four sides, so that the boundary form is
+mu / 2 * 16 = 8 mu, as is our 2 mu sum_i v_i^2. There the diagonal of the consistent part is (lam + 3 mu) / 4, by |K|
+G_i = a / 2 (+-1, +-1), below mu until lam > mu: up to Poisson's ratio 1/4 the D-recipe is half of our default. Beyond,
+it grows with lam, and locks; deviatoric=True takes a_K with lam = 0.
+
+    python problems/stabilisations_of_ones_own.py
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+import manufactured_full_slip as full_slip
+import vemcvx as vx
+from vemcvx.vem import consistent_blocks
+
+
+@dataclass(frozen=True)
+class Boundary(vx.Stabilisation):
+    """The slopes along the edges of a polygon."""
+
+    factor: float = 0.5
+
+    def form(self, cells, C):
+        length = np.linalg.norm(np.roll(cells.corners, -1, axis=1) - cells.corners, axis=2)
+        weight = self.factor * C[:, 2, 2, None] * length.mean(axis=1)[:, None] / length
+        here = np.eye(length.shape[1])
+        step = np.roll(here, 1, axis=1) - here
+        return np.einsum("ce,ei,ej->cij", weight, step, step)
+
+
+@dataclass(frozen=True)
+class DRecipe(vx.Stabilisation):
+    """The diagonal of the consistent part, and mu where that is more."""
+
+    deviatoric: bool = False
+
+    def form(self, cells, C):
+        if self.deviatoric:
+            C = C - C[:, 0, 1][:, None, None] * np.array([[1, 1, 0], [1, 1, 0], [0, 0, 0]])
+        diagonal = np.einsum("ciiaa->cia", consistent_blocks(cells, C))
+        n, dim = diagonal.shape[1:]
+        weights = np.maximum(C[:, 2, 2, None, None], diagonal)
+        return np.einsum("cia,ij,ab->cijab", weights, np.eye(n), np.eye(dim))
+
+
+VARIANTS = {
+    "shear": "shear",
+    "unit": "unit",
+    "boundary": Boundary(),
+    "D-recipe": DRecipe(),
+    "D-recipe, deviatoric": DRecipe(deviatoric=True),
+}
+SIZES = (4, 8, 16)
+NEAR = 0.49999
+
+
+def patch_error(stabilisation, mesh):
+    """How far the answer under linear displacements on the whole boundary is from these, relative."""
+    slope = np.array([[0.3, -0.1], [0.2, 0.4]])
+    scene = vx.Scene(
+        vx.Elasticity(young=200.0, poisson=0.3, stabilisation=stabilisation),
+        vx.PrescribedDisplacement(lambda x, t: t * x @ slope.T * 1e-3, on="boundary"),
+    )
+    history = vx.simulate(scene, mesh, [0.0, 1.0])
+    exact = 1e-3 * mesh.points @ slope.T
+    return float(np.abs(history.displacement[-1] - exact).max() / np.abs(exact).max())
+
+
+def errors(stabilisation, family, sizes=SIZES, poisson=0.3):
+    """Relative energy errors of Pi u at t = 1 of the block that slips everywhere."""
+    lam, scene = full_slip.lame(poisson), full_slip.scene(poisson, small, stabilisation=stabilisation)
+    runs = [vx.simulate(scene, full_slip.mesh(n, family), [0.0, 1.0]) for n in sizes]
+    exact = partial(exact_strain, lam=lam)
+    return np.array([vx.measures.energy_error(run, exact).relative for run in runs])
+
+
+def small(t):
+    """The course of the load, by which strains stay below a thousandth."""
+    return 1e-3 * t
+
+
+def exact_strain(x, t, lam):
+    return full_slip.strain(x[:, 0], x[:, 1], small(t), lam)
+
+
+def main():
+    print(
+        f"{'stabilisation':<22} {'patch':>8}  {'voronoi: errors':<24} {'order':>5} {'hexagons':>9} {'nu = .4999':>11}"
+    )
+    patch = vx.meshes.voronoi(6)
+    for name, stabilisation in VARIANTS.items():
+        found, h = errors(stabilisation, "voronoi"), 1 / np.array(SIZES)
+        slope = vx.measures.orders(h, found).slope
+        other = vx.measures.orders(h, errors(stabilisation, "hexagons")).slope
+        near, said = errors(stabilisation, "voronoi", (8,), NEAR)[0], " ".join(f"{e:.5f}" for e in found)
+        missed = patch_error(stabilisation, patch)
+        print(f"{name:<22} {missed:>8.0e}  {said:<24} {slope:>5.2f} {other:>9.2f} {near:>11.4f}")
+
+
+if __name__ == "__main__":
+    main()

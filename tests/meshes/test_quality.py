@@ -1,0 +1,127 @@
+"""Shapes of cells: star-shapedness and shortest edges over diameters, by hand and by a solver of linear programs."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pytest
+from scipy.optimize import linprog
+
+import vemcvx as vx
+from vemcvx.meshes.quality import EDGE, STAR, quality_of
+
+EVERY = {**vx.meshes.FAMILIES, **vx.meshes.SPACE_FAMILIES}
+
+
+def polygon(n, aspect=1.0):
+    angle = 2 * np.pi * np.arange(n) / n
+    return vx.PolygonMesh(np.column_stack([aspect * np.cos(angle), np.sin(angle)]), [range(n)])
+
+
+def test_regular_polygons_by_hand():
+    """rho = cos(pi / n) of the circle around; h its diameter for even n, 2 cos(pi / 2n) for odd n."""
+    for n in (3, 4, 5, 6, 7, 12, 40):
+        h = 2.0 if n % 2 == 0 else 2 * np.cos(np.pi / (2 * n))
+        found = polygon(n).quality()
+        assert found.star[0] == pytest.approx(np.cos(np.pi / n) / h, rel=1e-8)
+        assert found.edge[0] == pytest.approx(2 * np.sin(np.pi / n) / h, rel=1e-12)
+
+
+@pytest.mark.parametrize("a", [1.0, 3.0, 10.0, 1e4])
+def test_boxes_by_hand(a):
+    """Half the shortest side over the diagonal, and that side over it; on cubes many sides are tied."""
+    for make, box in ((vx.meshes.squares, [(0, a), (0, 1)]), (vx.meshes.cubes, [(0, a), (0, 1), (0, 2 * a)])):
+        mesh = make((1,) * len(box), box)
+        diagonal = np.linalg.norm(np.diff(box, axis=1))
+        found = quality_of(mesh, warned=False)
+        assert found.star[0] == pytest.approx(0.5 / diagonal, rel=1e-7, abs=1e-9)
+        assert found.edge[0] == pytest.approx(1 / diagonal, rel=1e-12)
+
+
+def by_linear_program(mesh, cell):
+    """The largest ball in the half spaces of all sides, from outside of the package."""
+    if isinstance(mesh, vx.PolygonMesh):
+        x = mesh.points[mesh.vertices[mesh.offsets[cell] : mesh.offsets[cell + 1]]]
+        along = np.roll(x, -1, axis=0) - x
+        normals = np.column_stack([along[:, 1], -along[:, 0]]) / np.linalg.norm(along, axis=1)[:, None]
+    else:
+        own = slice(mesh.cell_offsets[cell], mesh.cell_offsets[cell + 1])
+        faces = mesh.cell_faces[own]
+        x, normals = mesh.face_centroids[faces], mesh.face_signs[own][:, None] * mesh.face_normals[faces]
+    dim = x.shape[1]
+    away = np.einsum("ni,ni->n", normals, x - mesh.centroids[cell])
+    rows = np.column_stack([normals, np.ones(len(x))])
+    found = linprog([*np.zeros(dim), -1.0], A_ub=rows, b_ub=away, bounds=[(None, None)] * (dim + 1))
+    return max(found.x[-1], 0.0) / mesh.diameters[cell]
+
+
+@pytest.mark.parametrize("family", EVERY)
+def test_families(family):
+    """As a solver of linear programs has it; of default settings no cell is poor."""
+    mesh = EVERY[family](8 if family in vx.meshes.FAMILIES else 3)
+    found = quality_of(mesh, warned=False)
+    for cell in range(0, mesh.n_cells, max(1, mesh.n_cells // 20)):
+        assert found.star[cell] == pytest.approx(by_linear_program(mesh, cell), rel=1e-6)
+    assert not found.poor.any()
+    assert found.remarks == ()
+
+
+@pytest.mark.long
+def test_random_polygons_and_their_images():
+    """Star-shaped or not, with up to 30 vertices; turned, moved and scaled the ratios are the same."""
+    rng = np.random.default_rng(0)
+    for _ in range(200):
+        n = int(rng.integers(3, 31))
+        radius = rng.uniform(0.05, 1.0, n) if rng.random() < 0.5 else rng.uniform(0.5, 1.0, n)
+        angle = 2 * np.pi * (np.arange(n) + rng.uniform(0, 0.8, n)) / n
+        points = radius[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+        try:
+            mesh = vx.PolygonMesh(points, [range(n)])
+        except vx.MeshError:
+            continue
+        found = quality_of(mesh, warned=False)
+        assert found.star[0] == pytest.approx(by_linear_program(mesh, 0), abs=1e-7)
+        turn, s = rng.uniform(0, 6), 10.0 ** rng.uniform(-3, 3)
+        R = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+        image = quality_of(vx.PolygonMesh(s * points @ R.T + 7 * s, [range(n)]), warned=False)
+        assert image.star[0] == pytest.approx(found.star[0], abs=1e-7)
+        assert image.edge[0] == pytest.approx(found.edge[0], rel=1e-9)
+
+
+CROWN = [[0, 0], [1, 0], [1, 1], [0.9, 1], [0.9, 0.1], [0.1, 0.1], [0.1, 1], [0, 1]]
+
+
+def test_where_constants_grow_it_warns():
+    """Stretched by ten, not star-shaped, an edge of 1e-5; ratios of problems/stabilisation_spectrum.py."""
+    with pytest.warns(vx.MeshWarning, match=r"1 of 1 cells are stretched.*star < .05.*The worst is cell 0, 0\.043\."):
+        found = polygon(6, 10.0).quality()
+    assert found.star[0] == pytest.approx(np.sqrt(3) / 40, rel=1e-8)
+    with pytest.warns(vx.MeshWarning, match="not star-shaped"):
+        assert vx.PolygonMesh(CROWN, [range(8)]).quality().star[0] == 0.0
+    cut = 1e-5 / np.sqrt(2)
+    with pytest.warns(vx.MeshWarning, match=r"1 of 1 cells have edges below 1e-4 of their diameter"):
+        found = vx.PolygonMesh([[0, 0], [1, 0], [1, 1 - cut], [1 - cut, 1], [0, 1]], [range(5)]).quality()
+    assert found.edge[0] == pytest.approx(1e-5 / np.sqrt(2), rel=1e-4)
+    assert found.poor.tolist() == [True]
+    assert "constants grow in 1 of 1 cells" in found.in_a_line()
+    assert "grows" in repr(found)
+
+
+def test_what_is_well_shaped_is_quiet():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = vx.meshes.voronoi(8).quality()
+    assert found.in_a_line().startswith(f"star {found.star.min():.2g} to {found.star.max():.2g}, edge ")
+    assert "constants" not in found.in_a_line()
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("aspect", [1.0, 10.0])
+def test_the_threshold_is_where_constants_spread(aspect):
+    """S / a_mu of hexagons is 1.03 to 1.88 as they are, and spreads over a factor of 90 at ten to one, star .043."""
+    import stabilisation_spectrum as spectrum
+
+    least, greatest, _ = spectrum.spectrum(spectrum.hexagon(aspect))
+    assert (greatest / least > 70) == (quality_of(polygon(6, aspect), warned=False).star[0] < STAR)
+    assert EDGE < 1e-3

@@ -68,7 +68,7 @@ def built(sources: Path, pages: Path, work: Path, cached: bool) -> int:
 
     # Notebooks are run by two processes; the cache is one file, which they would write to at once.
     cells = ["-D", "nb_execution_mode=cache", "-D", f"nb_execution_cache_path={work / 'cells'}"]
-    how = ["-b", "html", "-W", "--keep-going", "-q", "-n", "-d", str(work / "doctrees")]
+    how = ["-b", "html", "-a", "-W", "--keep-going", "-q", "-n", "-d", str(work / "doctrees")]
     return int(main([*how, *(cells if cached else ["-j", "2"]), str(sources), str(pages)]))
 
 

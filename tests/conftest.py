@@ -50,7 +50,7 @@ LONGER = {
         "resume_exactly slip_laws soft_limits_refined threads_and_processes viscosity"
     ),
     "vem": "space_stiffness stabilisation_spectrum",
-    "whole": "any_scene contributing independent_bodies independent_programs properties structure wrong_kinds",
+    "whole": "any_scene contributing independent_bodies independent_programs properties site structure wrong_kinds",
 }
 """Files of tests, by folder, that take longer than a few seconds in all: the rest is the tier for people who edit."""
 

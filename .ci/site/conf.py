@@ -55,6 +55,7 @@ nitpicky = True
 html_theme = "furo"
 html_title = "vemcvx"
 html_static_path = ["_static"]
+html_favicon = "_static/icon.svg"
 html_css_files = ["site.css"]
 html_copy_source = False
 html_show_sphinx = False

@@ -1,7 +1,7 @@
 """Formulas of docstrings, which are typed as in a letter (`a^2 = 4 P R (1 - nu^2) / (pi E)`), as TeX.
 
-Nothing is rearranged: a slash stays a slash, a line stays a line. Names become letters, `^` and `_` raise and lower what
-follows, words stay words.
+Nothing is rearranged: a slash stays a slash, a line stays a line. Names become letters, `^` and `_` raise and lower
+what follows, words stay words.
 """
 
 from __future__ import annotations
@@ -9,16 +9,15 @@ from __future__ import annotations
 import re
 from textwrap import dedent
 
-GREEK = {
-    word: rf"\{word}"
-    for word in (
-        "alpha beta gamma delta epsilon zeta eta theta kappa lambda mu nu xi pi rho sigma tau phi psi omega "
-        "Gamma Delta Theta Lambda Xi Pi Sigma Phi Psi Omega"
-    ).split()
-} | {"lam": r"\lambda", "eps": r"\varepsilon"}
-OPERATORS = "sin cos tan sinh cosh exp log min max".split()
-NAMED = "clip diag div grad Re conj play stop dev sign sqrt Laplace mean".split()
-ENGLISH = "as at by if in is it no of on or to up".split()
+LETTERS_OF_GREEK = (
+    "alpha beta gamma delta epsilon zeta eta theta kappa lambda mu nu xi pi rho sigma tau phi psi omega "
+    "Gamma Delta Theta Lambda Xi Pi Sigma Phi Psi Omega"
+)
+GREEK = {word: rf"\{word}" for word in LETTERS_OF_GREEK.split()} | {"lam": r"\lambda", "eps": r"\varepsilon"}
+OPERATORS = ("sin", "cos", "tan", "sinh", "cosh", "exp", "log", "min", "max")
+NAMED = ("clip", "diag", "div", "grad", "Re", "conj", "play", "stop", "dev", "sign", "sqrt", "Laplace", "mean")
+ENGLISH = ("as", "at", "by", "if", "in", "is", "it", "no", "of", "on", "or", "to", "up")
+"""Words of two letters that are no products."""
 TOKEN = re.compile(
     r"(?P<gap> {2,})|(?P<space> )|(?P<relation><=|>=|->|\+-|\.\.\.)"
     r"|(?P<word>[A-Za-z]+(?:-[a-z]{2,})*)(?P<number>\d*)(?P<dual>\*(?=[\s),^|]|$))?(?P<sign>[+-](?= =))?"

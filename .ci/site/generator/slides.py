@@ -20,6 +20,7 @@ SHORT = 12
 PAGE = """<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width">
 <title>{title}, slides</title>
+<link rel="icon" href="../../_static/icon.svg">
 <link rel="stylesheet" href="../../_static/pygments.css"><link rel="stylesheet" href="../../_static/slides.css">
 <script defer src="../../_static/slides.js"></script><script defer src="../../_static/mathjax/tex-svg-full.js"></script>
 </head><body><main>

@@ -184,7 +184,7 @@ def notes_on_table_1(every: dict[str, Errors], sizes: Sequence[int]) -> list[str
         f"{slopes['shear']:.2f} (2 mu) rather than 1, for the solution is not in H^2 at the clamped corners, where the "
         "boundary condition changes.",
         "projected: of Pi u, constant on cells. nodal: |I u_ref - u|_{a^h}, what the coarse nodes see, in the a^h of "
-        "the run; consistent: its first part, without S_K. (In the a^h of 2 mu the nodal distances of the unit runs are "
+        "the run; consistent: its first part, without S_K. (In the a^h of 2 mu the nodal distances of unit runs are "
         f"{of_ours}.)",
         f"k alone: {in_time:.0e} at most, the distance to as many steps as the reference takes, on the same mesh. The "
         "load is proportional and nothing that slips sticks again: backward Euler makes no error here, and all that is "

@@ -81,7 +81,7 @@ def test_every_deviation_has_a_word_that_the_package_knows(figures):
     rows = [line.split("|")[1:-1] for line in figures.deviations().splitlines()]
     assert {len(row) for row in rows} == {3}
     words = "".join(row[2] for row in rows[2:])
-    for name in ("Elasticity", "TrescaFriction", "simulate", "Traction", "projected"):
+    for name in ("Elasticity", "TrescaFriction", "simulate", "projected"):
         assert name in words
         assert hasattr(vx, name)
     assert len(rows) == 2 + len(figures.DEVIATIONS)

@@ -15,8 +15,11 @@ even it makes no error in time, and what is left is h.
     vemcvx run problems/manufactured_start_and_stop.py --mesh voronoi --n 16 --steps 17
 """
 
+import numpy as np
+
 import manufactured_full_slip as full_slip
 import vemcvx as vx
+from problem_pictures import beside_closed_form, body_and_graph
 
 SIZE, STOP, RISE = 1e-3, 0.5, 3.0
 UNITS = full_slip.UNITS
@@ -50,4 +53,24 @@ def strain(x, t, poisson=0.3):
 
 
 initial = vx.projected(displacement)
-mesh, times = full_slip.mesh, full_slip.times
+
+
+def mesh(n, family="voronoi"):
+    return full_slip.mesh(n, family)
+
+
+def times(steps):
+    return full_slip.times(steps)
+
+
+def picture(history):
+    """The block at the end, and the place of a node of its contact: found slipping, it stops inside a step."""
+    figure, graph = body_and_graph(history, stress="mean", forces="friction", magnify=100)
+    outer = int(np.argmax(history.contact.points[:, 0] * (history.contact.points[:, 0] < 1)))
+    place = history.contact.points[outer]
+    line = np.linspace(0, 1, 201)
+    exact = [displacement(place[None], s)[0, 0] for s in line]
+    found = history.times, history.contact.slip[:, outer, 0]
+    beside_closed_form(graph, found, (line, exact), label="computed")
+    graph.set(xlabel="time (s)", ylabel=f"$u_1$ at $x_1$ = {place[0]:.2f} (mm)")
+    return figure

@@ -147,7 +147,7 @@ def test_a_mesh_file_in_place_of_a_family(tmp_path):
 @pytest.mark.filterwarnings("default:.*no part of the boundary has a name")
 def test_a_mesh_file_without_names(tmp_path):
     mesh = vx.meshes.voronoi(3)
-    vx.PolygonMesh(mesh.points, mesh.cells).write(tmp_path / "part.vtu")
+    vx.PolygonMesh(mesh.points, mesh.cells, boundaries={}).write(tmp_path / "part.vtu")
     done = invoke("run", PROBLEM, "--steps", 2, "--mesh", tmp_path / "part.vtu")
     assert done.exit_code == 0, done.output
     said = "part.vtu: no part of the boundary has a name; by their place, sides are called left, right, bottom, top."

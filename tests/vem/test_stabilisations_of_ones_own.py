@@ -282,3 +282,33 @@ def test_a_scene_says_it():
         bar("trace", vx.meshes.squares(2))
     with pytest.raises(vx.HistoryError, match="stabilisation"):
         vx.measures.Field(vx.meshes.squares(2), np.zeros((9, 2)), np.ones((2, 4)), stabilisation="trace")
+
+
+class Springs(vx.Stabilisation):
+    """In space: mu h_K for every component at every vertex, half of the default."""
+
+    def form(self, cells, C):
+        weights = C[:, 3, 3] * cells.stabilised_size
+        return weights[:, None, None] * np.eye(cells.nodes.shape[1])
+
+
+@pytest.mark.parametrize("family", ["cubes", "voronoi3", "prisms"])
+def test_in_space(family):
+    """Patch test, and one form: half of the default's energy of what Pi misses, and w'Aw."""
+    mesh = vx.meshes.SPACE_FAMILIES[family](2)
+
+    def linear(x, t):
+        return 1e-3 * t * x @ [[0.3, 0.1, 0.0], [0.2, -0.4, 0.1], [0.0, 0.5, 0.2]]
+
+    material = vx.Elasticity(YOUNG, POISSON, stabilisation=Springs())
+    pinned = vx.simulate(vx.Scene(material, vx.PrescribedDisplacement(linear, on="boundary")), mesh, [0.0, 1.0])
+    np.testing.assert_allclose(pinned.displacement[-1], linear(mesh.points, 1.0), atol=1e-15)
+    scene = vx.Scene(material, vx.Clamp(on="left"), vx.Traction((0.3, 0.1, 0.0), on="right"))
+    history = vx.simulate(scene, mesh, [0.0, 1.0], initial="settled")
+    vx.error_budget(history)
+    posed, w = pose_scene(scene, mesh), np.random.default_rng(0).normal(size=mesh.points.shape)
+    default = pose_scene(scene.without(vx.Elasticity).with_(vx.Elasticity(YOUNG, POISSON)), mesh).material
+    np.testing.assert_allclose(posed.material.missed(posed.space, w), 0.5 * default.missed(posed.space, w), rtol=1e-12)
+    moved = dataclasses.replace(history, displacement=history.displacement + w)
+    apart = vx.measures.energy_distance(moved, history, kind="nodal").absolute
+    assert apart**2 == pytest.approx(w.ravel() @ (posed.A @ w.ravel()), rel=1e-12)

@@ -73,6 +73,15 @@ HOW = {
     "vemcvx compare FILE": As(f"vemcvx compare {PAPER}"),
     "vemcvx export FILE --steps 3,17": As(f"vemcvx export {PAPER} --steps 3,17"),
     "vemcvx collection --out DIR": As("vemcvx collection --out results/collection"),
+    "vemcvx collection --out collection": As(),
+    "vemcvx benchmark DIR --solvers A,B": As(
+        "vemcvx collection --out results/collection; "
+        "vemcvx benchmark results/collection --solvers newton,clarabel --only easy --tolerances 1e-2,1e-6"
+    ),
+    "vemcvx benchmark collection --solvers newton,clarabel,scs,mine.py:Mine --only core --time-limit 10": As(
+        "vemcvx collection --out collection; vemcvx benchmark collection --solvers newton,clarabel,mine.py:Mine "
+        "--only easy --time-limit 10 --tolerances 1e-2,1e-6"
+    ),
     "vemcvx cost FILE": As(f"vemcvx cost {PAPER} --n 8,16 --steps 8 --mesh squares"),
     "vemcvx problems": As(),
     "vemcvx run feng_han_huang": As(),

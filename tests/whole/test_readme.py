@@ -67,5 +67,5 @@ def test_what_it_counts_is_as_many():
     assert len(lessons) == 10
     assert "ten [lessons]" in TEXT
     commands = re.findall(r"^\| `vemcvx ", page("howto/command_line"), re.MULTILINE)
-    assert len(commands) == 10
-    assert "ten commands" in TEXT
+    assert len(commands) == 11
+    assert "eleven commands" in TEXT

@@ -80,6 +80,8 @@ MADE = [
      lambda made: run(STEEL, HELD, PUSH, vx.UnilateralContact(ON), made),
      {"coefficient": VALUES, "cap": VALUES | {"None"}, "ground": {"None"}}),
     (vx.Traction, {"force": (1.0, 0.0), "on": "left"}, settled, {"force": VALUES}),
+    (vx.projected, {"displacement": lambda x, t: 0 * x},
+     lambda made: vx.simulate(SCENE, MESH, [0.0, 1.0], initial=made), {}),
     (vx.Tabulated, {"times": [0.0, 1.0], "values": [0.0, 1.0]}, lambda made: made(None, 0.5),
      {"values": {"flags", "an array"}}),
     (vx.Pressure, {"value": 1.0, "on": "left"}, settled, {"value": VALUES}),

@@ -16,6 +16,7 @@ from vemcvx.arrays import Floats
 from vemcvx.errors import ProblemError
 from vemcvx.estimate.adapt import Adapted, adapt
 from vemcvx.history import History
+from vemcvx.initial_displacement import Projected
 from vemcvx.meshes import AnyMesh
 from vemcvx.scene import Scene
 from vemcvx.simulation import simulate
@@ -66,7 +67,7 @@ class Ingredients:
     mesh: AnyMesh
     times: Floats
     solver: Solver
-    initial: ArrayLike | str | None = None
+    initial: ArrayLike | str | Projected | None = None
 
     def simulated(self, **options: Any) -> History:
         """The history on this mesh and at these instants."""

@@ -87,8 +87,6 @@ def write_archive(history: Results, path: Path) -> None:
         **{f"cell_data.{name}": values for name, values in mesh.cell_data.items()},
         **{name: values for name, values, _ in labelled(history)},
     }
-    if isinstance(history.stabilisation, VertexWeights):
-        arrays[WEIGHTS] = history.stabilisation.tau
     np.savez(path, **arrays)
 
 
@@ -122,7 +120,8 @@ def _history(arrays: Arrays) -> Results:
     _check_arrays(arrays, {"nodes": mesh.n_nodes, "cells": mesh.n_cells, "dim": dim, "components": components})
     known = {"mesh": mesh, "scene": None, "seconds": about["seconds"], "errors": about["errors"]}
     known["growth"] = about.get("growth")
-    known["stabilisation"] = _stabilisation(arrays, mesh.n_cells)
+    # Of a class of one's own files know nothing.
+    known["stabilisation"] = VertexWeights(arrays[WEIGHTS]) if WEIGHTS in arrays else None
     known |= {name: about.get(name) for name in ("bound", "bounded_force")}
     known |= {name: tuple(about[name]) for name in ("effects", "inactive")}
     quoted = about.get("quantities")
@@ -131,16 +130,6 @@ def _history(arrays: Arrays) -> Results:
     _check_words(about, known)
     found: Results = record_of(Results, arrays, known)
     return found
-
-
-def _stabilisation(arrays: Arrays, cells: int) -> VertexWeights | None:
-    """S_K by its weights; None of a class of one's own."""
-    if WEIGHTS not in arrays:
-        return None
-    tau = arrays[WEIGHTS]
-    if tau.shape != (cells,) or tau.dtype.kind != "f":
-        raise ValueError(f"found {WEIGHTS} of shape {tau.shape}, {tau.dtype}, which does not go with the rest")
-    return VertexWeights(tau)
 
 
 def _check_arrays(arrays: Arrays, sizes: dict[str, int]) -> None:

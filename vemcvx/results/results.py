@@ -25,7 +25,7 @@ from vemcvx.scene.contact_table import ContactRows
 from vemcvx.scene.pose import PosedScene, pose_scene, unwarned
 from vemcvx.stepping.programs import programs_of_trajectory
 from vemcvx.stepping.trajectory import Storage, Trajectory
-from vemcvx.vem import Space, Stabilisation, equivalent, principal, strains, stresses
+from vemcvx.vem import Space, Stabilisation, VertexWeights, equivalent, principal, strains, stresses
 
 SPREAD = {2: ("length", "force/length"), 3: ("area", "force/length²")}
 """By dimension: the extent that forces of contact are spread over, and the unit of such a force."""
@@ -372,13 +372,21 @@ def _fields(history: Results, row: int, step: int) -> Iterator[tuple[str, tuple[
             yield "pressure_recovered", (smooth, unit, contact.pressure_recovered[row], contact.points)
 
 
-RECORDS: dict[str, type] = {"": Results, "contact.": Contact, "trajectory.": Trajectory, "sides.": Sides}
+RECORDS: dict[str, type] = {
+    "": Results,
+    "contact.": Contact,
+    "trajectory.": Trajectory,
+    "sides.": Sides,
+    "stabilisation.": VertexWeights,
+}
 """Records whose arrays make up a history, under the first part of the names that their arrays have in files."""
 
 
 def labelled(history: Results) -> Iterator[tuple[str, NDArray[Any], Quantity]]:
     """Give every array of a history with its name and what there is to say of it."""
-    for prefix, record in zip(RECORDS, (history, history.contact, history.trajectory, history.sides), strict=True):
+    stabilisation = history.stabilisation if isinstance(history.stabilisation, VertexWeights) else None
+    records = history, history.contact, history.trajectory, history.sides, stabilisation
+    for prefix, record in zip(RECORDS, records, strict=True):
         if record is None:
             continue
         for name, of in quantities(type(record)).items():

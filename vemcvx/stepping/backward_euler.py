@@ -9,7 +9,9 @@ certify   :mod:`.posed_step`    on the retained unknowns
                                 and on all, refined against K itself, where the factors are too coarse
 record    :mod:`.trajectory`    steps that are kept, certified on all unknowns: rows of a trajectory
 
-It begins from a state that obeys (2.1): :mod:`.beginning`.
+It begins from a state that obeys (2.1): :mod:`.beginning`. Why not by the midpoint rule, which is a convex program a
+step, too, says problems/midpoint_rule.py: its states at the instants violate (2.1), and where slips begin inside of
+steps it is of order one, and no better.
 
 Nodes that supports move along the contact have a given slip: their friction enters no program, but it dissipates. With
 c(t) the position of these norm terms, and s = c(t_n) - c(t_{n-1}) their slip,

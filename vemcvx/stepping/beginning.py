@@ -6,8 +6,9 @@ that obeys (2.1), which is the certificate of step 0. The step maps are nonexpan
 more, beside their own errors: it counts in the total.
 
 P^h u_0, (3.26), is settled by that very step: what obeys (2.1) in the continuum misses it in V^h by O(h), for loads
-and friction are integrated by other rules than a(u_0, v). The state begun from obeys it, as (2.13) asks, and is as near
-to u_0 as P^h u_0 is, by O(h) in the energy norm; the jump is said.
+and friction are integrated by other rules than a(u_0, v): (2.6), l^h(0) = l(0), does not hold for the l^h of Section 3
+where a body force acts, which sees the mean of v over vertices. The state begun from obeys it, as (2.13) asks, and is
+as near to u_0 as P^h u_0 is, by O(h) in the energy norm; the jump is said.
 """
 
 from __future__ import annotations

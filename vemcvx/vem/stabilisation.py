@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
@@ -80,9 +81,15 @@ class Stabilisation(ABC):
 
 @dataclass(frozen=True, eq=False)
 class VertexWeights(Stabilisation):
-    """S = tau h_K^(dim - 2) I with a number tau (n_cells,) for every cell of a mesh, force per area."""
+    """S = tau h_K^(dim - 2) I.
 
-    tau: Floats
+    Attributes
+    ----------
+    tau : (n_cells,)
+        The modulus by which the stiffness weighs what Pi misses.
+    """
+
+    tau: Annotated[Floats, "cells", "force/area"]
 
     def form(self, cells: CellGroup, C: Floats) -> Floats:
         """S, (c, n, n)."""

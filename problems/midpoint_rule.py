@@ -29,7 +29,7 @@ their direction, it is *exact* at the instants, as long as they include those at
 (:func:`vemcvx.instants`): the play of a monotone input does not depend on its steps. What is summed over steps, work
 and dissipation, is of second order in either case (`dissipated_second_order`).
 
-    python problems/midpoint_rule.py
+    python problems/midpoint_rule.py [--picture FILE]
 
 The slider is the block of :mod:`circular_hysteresis`: u is the place of its sole, u_l that of its top, C the disc about
 zero whose radius is the unit of length. The experiments: a straight pull there and back; a slip that turns, from the
@@ -38,11 +38,15 @@ exact state; and a pull from rest that turns afterwards. Slips begin inside of s
 
 from __future__ import annotations
 
+import argparse
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 
 import vemcvx as vx
+from vemcvx.canvas import light_grid, new_figure
+from vemcvx.plots.style import COMPUTED, SECOND
 
 R = 2.0
 STEPS = (16, 32, 64, 128, 256)
@@ -135,13 +139,50 @@ def table(steps=STEPS):
     return {name: np.array([one[name] for one in every]).T for name in every[0]}
 
 
-def main():
-    for name, both in table().items():
+TITLES = {
+    "straight": "a straight pull there and back",
+    "turning": "a slip that turns",
+    "from rest": "a pull from rest that turns",
+}
+
+
+def picture(found, steps=STEPS):
+    """Errors over steps, with lines of the orders one and two."""
+    figure = new_figure(10.5, 3.8)
+    axes = figure.subplots(1, len(TITLES), sharey=True)
+    k = 1 / np.array(steps)
+    for ax, (name, title) in zip(axes, TITLES.items(), strict=True):
+        for label, colour, mark, values in zip(
+            ("backward Euler", "midpoint rule"), (COMPUTED, SECOND), "os", found[name], strict=True
+        ):
+            exact = bool((values < 1e-13).all())
+            if exact:
+                ax.text(0.97, 0.05, f"{label}: exact", color=colour, ha="right", transform=ax.transAxes)
+            else:
+                ax.plot(k, values, mark, color=colour, label=label)
+        ax.plot(k, 2 * k, color="0.6", linewidth=0.8, label="order 1")
+        ax.plot(k, 2 * k**2, color="0.6", linewidth=0.8, linestyle="--", label="order 2")
+        ax.set(xscale="log", yscale="log", title=title, xlabel="1 / steps")
+        ax.set_xticks(k, [f"1/{n}" for n in steps])
+        ax.minorticks_off()
+        light_grid(ax)
+    axes[0].set_ylabel("largest error / radius of the disc")
+    axes[1].legend(frameon=False, fontsize="small")
+    return figure
+
+
+def main(arguments=None):
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--picture", type=Path, help="draw the errors there")
+    given, found = parser.parse_args(arguments), table()
+    for name, both in found.items():
         rules = dict(zip(("backward Euler", "midpoint rule"), both, strict=True))
         exact = [rule for rule, values in rules.items() if (values < 1e-13).all()]
         shown = {rule: values for rule, values in rules.items() if (values > 1e-13).all()}
         print(f"{name}{''.join(f'; {rule} is exact' for rule in exact)}\n")
         print(f"{vx.measures.convergence_table(1 / np.array(STEPS), shown, 'k')}\n")
+    if given.picture is not None:
+        picture(found).savefig(given.picture, dpi=110)
 
 
 if __name__ == "__main__":

@@ -20,7 +20,8 @@ NO_PROBLEMS = "gallery", "problem_pictures", "live_page"
 """Files that others draw with; the live page has a page of its own."""
 GROUPS = {
     "Friction": "feng_han_huang frictional_hysteresis circular_hysteresis shear_lag block_on_incline janssen_silo "
-    "strip_on_a_belt pretensioned_tendon thermal_expansion_blocked_by_friction kelvin_voigt_creep slip_weakening",
+    "strip_on_a_belt pretensioned_tendon thermal_expansion_blocked_by_friction kelvin_voigt_creep slip_weakening "
+    "manufactured_start_and_stop",
     "Contact": "hertz_contact cattaneo_mindlin rough_layer plate_on_springs beam_on_a_stop liner_in_housing "
     "block_between_dies bonded_pad",
     "Several bodies": "two_blocks_in_series pack_of_blocks press_fit lap_joint hertz_two_cylinders bolted_joint "
@@ -28,7 +29,8 @@ GROUPS = {
     "In space": "block_in_space spherical_indenter twisted_pad skew_joint bolted_flange block_dragged_along_a_curve",
     "Materials": "plate_with_hole circular_inclusion bimetallic_strip block_with_grain",
     "Accuracy": "guaranteed_bounds manufactured_full_slip missed_reversal l_shaped_bracket adaptive_meshes effectivity "
-    "stabilisation_spectrum solver_accuracy hard_cases highs_optimal_at_zero paper_figures",
+    "stabilisation_spectrum stabilisations_of_ones_own midpoint_rule solver_accuracy hard_cases "
+    "highs_optimal_at_zero paper_figures",
     "The same programs elsewhere": "spring_slider_chain elastoplastic_truss elastoplastic_block membrane_with_friction",
 }
 COMMAND = re.compile(r"^ {4}((?:vemcvx|python) .*)$", re.MULTILINE)

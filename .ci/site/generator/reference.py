@@ -33,7 +33,7 @@ TOPICS = {
     "simulation": Topic(
         "Simulation",
         "A scene on a mesh, stepped through time; and the convex programs of its steps.",
-        "Scene simulate programs instants march __version__",
+        "Scene simulate projected programs instants march __version__",
     ),
     "results": Topic(
         "Results",
@@ -43,7 +43,7 @@ TOPICS = {
     "materials": Topic(
         "Materials",
         "Elasticity, with viscosity and stresses that are there at zero strain.",
-        "Elasticity Orthotropic Viscosity ThermalStrain Prestress",
+        "Elasticity Orthotropic Stabilisation Viscosity ThermalStrain Prestress",
     ),
     "loads-and-supports": Topic(
         "Loads and supports",
@@ -104,7 +104,8 @@ TOPICS = {
         "Virtual elements",
         "The space of lowest order on polygons and polyhedra, its matrices, strains and stresses.",
         "vem.Space vem.Part vem.BoundaryRows vem.CellGroup vem.EdgeEnds vem.MirrorPlanes vem.SideRule vem.stiffness "
-        "vem.anisotropic_stiffness vem.elastic_matrix vem.softest_shear vem.mean_shear vem.stabilisation_factor "
+        "vem.anisotropic_stiffness vem.elastic_matrix vem.softest_shear vem.mean_shear vem.VertexWeights vem.InRegions "
+        "vem.stabilisation_of vem.consistent_blocks vem.cell_energies vem.missed_energies vem.mean_strains "
         "vem.cell_load vem.cell_quadrature vem.edge_load vem.edge_part vem.stress_load vem.strains vem.stresses "
         "vem.isotropic_stress vem.equivalent vem.principal vem.component_names vem.tractions vem.tangents_of "
         "vem.rigid_modes vem.split_motion vem.solid_places vem.upper_triangle",

@@ -16,6 +16,7 @@ With --work the sources and executed notebooks are kept in that folder, and code
 from __future__ import annotations
 
 import argparse
+import importlib
 import json
 import logging
 import os
@@ -43,6 +44,8 @@ def staged(sources: Path) -> None:
     (sources / "pictures" / "README.md").unlink()
     for text in TEXTS:
         shutil.copy2(ROOT / text, sources / text)
+    sys.path.insert(0, str(ROOT / "problems"))
+    (sources / "deviations.txt").write_text(importlib.import_module("paper_figures").deviations(), encoding="utf-8")
     lessons.write(sources / "learn")
     gallery.write(sources / "gallery")
     reference.write(sources / "reference")

@@ -114,6 +114,7 @@ HOW = {
     "python problems/gallery.py": As(),
     "python problems/gallery.py --page": As(),
     "python problems/hard_cases.py": As(),
+    "python problems/paper_figures.py --deviations": As(),
     "python -m pytest -m slow": As(addopts=ONE_SLOW),
     'pip install ".[all]"': As(env="all"),
     "python tests/benchmarks/run.py --page": As("python tests/benchmarks/run.py --page --quick", env="all"),

@@ -124,16 +124,15 @@ def main(arguments=None):
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--picture", type=Path, help="draw the errors there")
     given, found = parser.parse_args(arguments), {}
-    print(
-        f"{'stabilisation':<22} {'patch':>8}  {'voronoi: errors':<24} {'order':>5} {'hexagons':>9} {'nu = .4999':>11}"
-    )
+    names = f"{'voronoi: errors':<24} {'order':>5} {'hexagons':>9} {f'nu = {NEAR}':>13}"
+    print(f"{'stabilisation':<22} {'patch':>8}  {names}")
     patch, h = vx.meshes.voronoi(6), 1 / np.array(SIZES)
     for name, stabilisation in VARIANTS.items():
         own, near = (errors(stabilisation, "voronoi", poisson=poisson) for poisson in (0.3, NEAR))
         found[name, 0.3], found[name, NEAR] = own, near
         slope, other = (vx.measures.orders(h, e).slope for e in (own, errors(stabilisation, "hexagons")))
         said, missed = " ".join(f"{e:.5f}" for e in own), patch_error(stabilisation, patch)
-        print(f"{name:<22} {missed:>8.0e}  {said:<24} {slope:>5.2f} {other:>9.2f} {near[1]:>11.4f}")
+        print(f"{name:<22} {missed:>8.0e}  {said:<24} {slope:>5.2f} {other:>9.2f} {near[1]:>13.4f}")
     if given.picture is not None:
         picture(found).savefig(given.picture, dpi=110)
 

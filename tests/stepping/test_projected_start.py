@@ -130,6 +130,7 @@ def test_nodal_values_do_not_obey_it():
         vx.simulate(moving.scene(), mesh, [0.0, 1.0], initial=moving.displacement(mesh.points, 0.0))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("family", PLANE[:4])
 def test_a_violation_is_told(family, caplog):
     """Twice the displacement that loads and friction balance; the right one is logged, and no warning."""
@@ -170,6 +171,7 @@ def test_viscous_bodies_begin_from_it_unsettled():
     np.testing.assert_allclose(run.displacement[0], u, atol=1e-12 * np.abs(u).max())
 
 
+@pytest.mark.long
 def test_adaptive_runs_and_programs_take_it():
     adapted = vx.adapt(moving.scene(), moving.mesh(4, "squares"), [0.0, 0.5], 0.2, initial=moving.initial)
     assert vx.measures.energy_error(adapted.history, moving.strain, step=0).relative < 0.2
@@ -180,6 +182,7 @@ def test_adaptive_runs_and_programs_take_it():
     np.testing.assert_allclose(program.answer.d, run.program(1).answer.d, rtol=1e-9, atol=1e-18)
 
 
+@pytest.mark.long
 def test_runs_are_continued_only_from_the_same(tmp_path):
     mesh = full_slip.mesh(3)
     first = vx.simulate(moving.scene(), mesh, moving.times(3), initial=moving.initial, stream=tmp_path)

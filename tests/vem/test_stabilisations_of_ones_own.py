@@ -96,6 +96,7 @@ def written_and_read(history, folder):
     return vx.read_history(history.write(folder))
 
 
+@pytest.mark.long
 def test_files_keep_the_weights_and_know_no_classes(tmp_path):
     mesh = vx.meshes.voronoi(3)
     for name in ("shear", "unit"):
@@ -292,7 +293,7 @@ class Springs(vx.Stabilisation):
         return weights[:, None, None] * np.eye(cells.nodes.shape[1])
 
 
-@pytest.mark.parametrize("family", ["cubes", "voronoi3", "prisms"])
+@pytest.mark.parametrize("family", ["cubes", pytest.param("voronoi3", marks=pytest.mark.long), "prisms"])
 def test_in_space(family):
     """Patch test, and one form: half of the default's energy of what Pi misses, and w'Aw."""
     mesh = vx.meshes.SPACE_FAMILIES[family](2)

@@ -34,7 +34,7 @@ GROUPS = {
     "The same programs elsewhere": "spring_slider_chain elastoplastic_truss elastoplastic_block membrane_with_friction",
 }
 COMMAND = re.compile(r"^ {4}((?:vemcvx|python) .*)$", re.MULTILINE)
-PICTURES = {"paper_figures": ("paper_figure_1", "paper_figure_2", "paper_figure_3", "paper_figure_4")}
+PICTURES = {"paper_figures": tuple(f"paper_figure_{name}" for name in ("1", "2_unit", "2_shear", "3", "4"))}
 
 
 @dataclass(frozen=True)

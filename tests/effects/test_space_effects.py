@@ -212,7 +212,8 @@ REFUSED = {
     ),
     "one-way friction": (
         [*RUBBED, vx.TrescaFriction(1.0, on="bottom", backward=2.0)],
-        rf"^TrescaFriction on bottom: backward=: {ONLY}; tangents in space have no two directions; leave it out\.$",
+        rf"^TrescaFriction on bottom: backward=: {ONLY}; tangents in space have no two directions; give direction= "
+        r"and across= instead\.$",
     ),
     "the tangent": (
         [*PUSHED, vx.PrescribedDisplacement(0.0, on="left", direction="tangent")],

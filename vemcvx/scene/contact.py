@@ -33,11 +33,13 @@ class Terms(ContactRows):
     """The norm terms of a posed scene, over all nodal values; `normals` are what their tangents are across."""
 
     rows: sp.csr_matrix
-    """(m * (dim - 1), n_u) B^, orthonormal tangents"""
+    """(m * (dim - 1), n_u) B^, the products with `tangents`"""
     tangents: Floats
-    """(m, dim - 1, dim)"""
+    """(m, dim - 1, dim) orthonormal, but for friction by direction and along given ones: `Friction.read`"""
     directed: Bools
     """(m,) which are along directions that their friction gives"""
+    elliptic: Bools
+    """(m,) which are of friction by direction"""
     frictions: Sequence[Friction]
     gather: sp.csr_matrix
     """(m, rows) which rows of all frictions, one after the other, add up to a term"""
@@ -77,22 +79,23 @@ def friction_terms(
     points = supports.points
     _check_directions(frictions)
     normals = np.concatenate([points[:0], *(f.across for f in frictions)])
-    first, term = merged((table.nodes, table.partners), normals, kinds=_grounds(frictions))
+    first, term = merged((table.nodes, table.partners), normals, kinds=_kinds(frictions))
     every = replace(table, normals=normals).joined(first, term)
     under = None if all(f.ground is None for f in frictions) else partial(_moved, frictions, first)
-    held = freedom(every, supports, times, under)
+    each = np.concatenate([tangents_of(points[:0]), *(f.read(times) for f in frictions)])
+    held = freedom(every, supports, times, under, tangents=each[first])
     acting = np.flatnonzero(held.slides)
     kept = np.concatenate([acting, np.flatnonzero((held.normal_only | held.dragged) & ~held.slides)])
     if under is not None:
         _refuse_overlap(frictions, table.ends, every.ends)
-    rows = every[kept]
-    tangents = tangents_of(rows.normals)
+    rows, tangents = every[kept], each[first][kept]
     moves = under is not None and len(kept) > 0
     return Terms(
         **rows.columns,
         rows=rows.matrix(tangents, points),
         tangents=tangents,
         directed=_of_rows(frictions, [f.directions is not None for f in frictions]).astype(bool)[first][kept],
+        elliptic=_of_rows(frictions, [f.ellipse is not None for f in frictions]).astype(bool)[first][kept],
         frictions=frictions,
         gather=summing(term, len(first))[kept],
         sign=np.sign(np.einsum("ij,ij->i", normals, normals[first][term])),
@@ -102,10 +105,20 @@ def friction_terms(
     )
 
 
-def _grounds(frictions: Sequence[Friction]) -> Ints:
-    """The ground of each row of all frictions: that of the first friction that rubs on it."""
-    grounds = [None if f.ground is None else f.ground.value for f in frictions]
-    return _of_rows(frictions, [next(k for k, other in enumerate(grounds) if other is ground) for ground in grounds])
+def _kinds(frictions: Sequence[Friction]) -> Ints:
+    """The kind of each row of all frictions, the number of the first friction of it: rows of one kind may be one term.
+
+    They rub on one ground, have one ellipse and, in space, are all along given directions or none of them.
+    """
+    kinds = [
+        (
+            None if f.ground is None else id(f.ground.value),
+            None if f.ellipse is None else id(f.ellipse),
+            f.directions is not None and not f.in_plane,
+        )
+        for f in frictions
+    ]
+    return _of_rows(frictions, [kinds.index(kind) for kind in kinds])
 
 
 def _of_rows(frictions: Sequence[Friction], numbers: Sequence[int]) -> Ints:
@@ -142,11 +155,11 @@ def _check_directions(frictions: Sequence[Friction]) -> None:
     for f in frictions:
         if f.directions is None:
             continue
-        block, shape = tangents_of(f.normals[:1]).shape[1], np.shape(f.directions)
-        if block > 1 or shape != f.normals.shape or np.abs(np.linalg.norm(f.directions, axis=1) - 1).max() > PARALLEL:
+        shape = np.shape(f.directions)
+        if shape != f.normals.shape or np.abs(np.linalg.norm(f.directions, axis=1) - 1).max() > PARALLEL:
             raise SceneError(
                 f"{f.subject}: found directions of shape {shape} for normals of shape {f.normals.shape}; rows along "
-                "directions are for bodies in the plane, one unit vector a row."
+                "directions have one unit vector a row."
             )
 
 

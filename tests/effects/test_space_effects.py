@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from solids import SOLIDS, solid
@@ -243,6 +245,15 @@ def test_what_does_not_exist_in_space_is_refused_in_a_sentence(name):
     effects, sentence = REFUSED[name]
     with pytest.raises(vx.SceneError, match=sentence):
         run(CUBES, *effects)
+
+
+def test_what_stays_refused_is_listed_in_one_sentence():
+    listed = re.search(r"What stays refused in space: (.*?)\.\n", vx.effects.__doc__, re.DOTALL).group(1)
+    only = [sentence for _, sentence in REFUSED.values() if ONLY in sentence]
+    for words in ("plane", "backward", "tangent"):
+        assert words in listed
+        assert any(words in sentence for sentence in only)
+    assert len(only) == 3
 
 
 def test_a_block_that_friction_alone_holds_is_said_to_drift_and_turn():

@@ -274,7 +274,7 @@ class TrescaFriction(Effect):
     bound: data.Datum
     on: str | Sequence[str]
     quadrature: str = "nodes"
-    backward: data.Datum | None = None
+    backward: data.Datum | None = field(default=None, metadata={"in the plane": True})
     while_closed: bool | None = None
     ground: data.Datum | None = None
     direction: data.Constant | None = field(default=None, metadata={"in space": True})

@@ -238,12 +238,10 @@ def _jump(u: Floats, surface: Surface) -> Floats:
 def _ground(posed: PosedScene, trajectory: Trajectory, at: Ints, length: Floats) -> Floats | float:
     """The motion of the ground along the boundary (S, m, dim), the mean by length where parts meet."""
     terms = posed.terms
-    if terms.ground is None:
+    if terms.reported is None:
         return 0.0
-    moved = np.array([terms.ground(float(t)) for t in trajectory.times[trajectory.stored]])
-    share = terms.lengths / length[at]
-    each = np.einsum("smb,mbd,m->smd", moved.reshape(len(moved), len(at), -1), terms.tangents, share)
-    return summed_columns(each, at, len(length))
+    moved = np.array([terms.reported(float(t)) for t in trajectory.times[trajectory.stored]])
+    return summed_columns(moved * (terms.lengths / length[at])[:, None], at, len(length))
 
 
 def _pressure(posed: PosedScene, trajectory: Trajectory, forces: Floats) -> Floats:

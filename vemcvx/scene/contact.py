@@ -51,6 +51,8 @@ class Terms(ContactRows):
     """(m,) which of them supports move along the boundary, in some direction at least"""
     ground: Callable[[float], Floats] | None = None
     """t -> (m * (dim - 1),), how far the ground has moved along the tangents since the first instant; None if still"""
+    reported: Callable[[float], Floats] | None = None
+    """t -> (m, dim), that motion as a vector"""
 
     def weights(self, t: float) -> Floats:
         """Weights (m,) at the instant `t`: those of their rows added up, without what follows the answer."""
@@ -89,19 +91,23 @@ def friction_terms(
     if under is not None:
         _refuse_overlap(frictions, table.ends, every.ends)
     rows, tangents = every[kept], each[first][kept]
-    moves = under is not None and len(kept) > 0
+    moved = None if under is None or not len(kept) else partial(_moved, frictions, first[kept])
+    elliptic = _of_rows(frictions, [f.ellipse is not None for f in frictions]).astype(bool)[first][kept]
+    # What an ellipse shortens, or does not read at all, is slip nonetheless.
+    unit = np.where(elliptic[:, None, None], tangents_of(rows.normals), tangents)
     return Terms(
         **rows.columns,
         rows=rows.matrix(tangents, points),
         tangents=tangents,
         directed=_of_rows(frictions, [f.directions is not None for f in frictions]).astype(bool)[first][kept],
-        elliptic=_of_rows(frictions, [f.ellipse is not None for f in frictions]).astype(bool)[first][kept],
+        elliptic=elliptic,
         frictions=frictions,
         gather=summing(term, len(first))[kept],
         sign=np.sign(np.einsum("ij,ij->i", normals, normals[first][term])),
         acting=len(acting),
         dragged=held.dragged[kept],
-        ground=_relative(tangents, partial(_moved, frictions, first[kept]), times) if moves else None,
+        ground=None if moved is None else _relative(tangents, moved, times),
+        reported=None if moved is None else _vectors(unit, _relative(unit, moved, times)),
     )
 
 
@@ -137,6 +143,11 @@ def _relative(tangents: Floats, moved: Moving, times: Sequence[float]) -> Callab
     """The motion along the tangents since the first instant."""
     start = along(tangents, moved(float(times[0]))) if len(times) else 0.0
     return lambda t: along(tangents, moved(t)) - start
+
+
+def _vectors(tangents: Floats, along: Callable[[float], Floats]) -> Callable[[float], Floats]:
+    """Motions along orthonormal tangents as vectors (m, dim)."""
+    return lambda t: np.asarray(np.einsum("mb,mbd->md", along(t).reshape(tangents.shape[:2]), tangents))
 
 
 def _refuse_overlap(frictions: Sequence[Friction], owns: sp.csr_matrix, ends: sp.csr_matrix) -> None:

@@ -14,11 +14,13 @@ import numpy as np
 
 from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.meshes.interfaces import padded
-from vemcvx.meshes.meeting import Meeting, Surface, lines_between, meeting_of, settled, unmatched
+from vemcvx.meshes.meeting import Meeting, Surface, lines_between, meeting_of, unmatched
 from vemcvx.meshes.polygons import (
+    among,
     areas_and_centroids,
     cell_of_corner,
     cross,
+    distinct,
     edge_keys,
     next_corner,
     offsets_of,
@@ -65,8 +67,7 @@ def common_tiling(points: Floats, faces: Faces, body: Ints, place: Ints, toleran
     MeshError
         The edges of two tilings do not make polygons that cover a face; it says where.
     """
-    surface = settled(Surface.of(points, faces, body, place, tolerance))
-    meeting = meeting_of(points, surface)
+    meeting = meeting_of(points, Surface.of(points, faces, body, place, tolerance))
     outline = _with_hanging(faces, meeting)
     return _assembled(faces, meeting, outline, _pieces(meeting, outline))
 
@@ -130,7 +131,7 @@ def _pieces(meeting: Meeting, outline: _Outlines) -> _Pieces:
     offsets, vertices = rows_in_order(outline.offsets, outline.vertices, surface.faces)
     places = outline.place[vertices]
     face, lines = _lines_over_faces(meeting, offsets, places)
-    cut = np.unique(face)
+    cut = distinct(face)
     if not len(cut):
         return _Pieces(cut, np.zeros(1, dtype=np.int64), cut)
     rows, around = rows_in_order(offsets, places, cut)
@@ -158,13 +159,13 @@ def _lines_over_faces(meeting: Meeting, offsets: Ints, places: Ints) -> tuple[In
     count, faces = len(surface.points), len(surface.faces)
     lines, owner = lines_between(surface, meeting.on_edges)
     in_face = np.concatenate([cell_of_corner(offsets), meeting.in_faces.face])
-    incident = np.unique(np.concatenate([places, meeting.in_faces.place]) * faces + in_face)
+    incident = distinct(np.concatenate([places, meeting.in_faces.place]) * faces + in_face)
     place, in_face = np.divmod(incident, faces)
     first, last = (np.searchsorted(place, lines[:, 0], side=side) for side in ("left", "right"))
     number, face = np.repeat(np.arange(len(lines)), last - first), in_face[spans(first, last - first)]
     other = surface.body_of_face[face] != surface.body_of_edge[owner[number]]
     number, face = number[other], face[other]
-    runs = np.isin(lines[number, 1] * faces + face, incident)
+    runs = among(lines[number, 1] * faces + face, incident)
     face, ends = face[runs], lines[number[runs]]
 
     def key(face: Ints, ends: Ints) -> Ints:
@@ -173,7 +174,7 @@ def _lines_over_faces(meeting: Meeting, offsets: Ints, places: Ints) -> tuple[In
 
     sides = np.sort(np.column_stack([places, places[next_corner(offsets)]]), axis=1)
     keys, first = np.unique(key(face, ends), return_index=True)
-    first = first[~np.isin(keys, key(cell_of_corner(offsets), sides))]
+    first = first[~among(keys, key(cell_of_corner(offsets), sides))]
     first = first[_inside(surface, face[first], ends[first])]
     return face[first], ends[first]
 
@@ -238,7 +239,8 @@ def _assembled(faces: Faces, meeting: Meeting, outline: _Outlines, cut: _Pieces)
     surface, in_faces = meeting.surface, meeting.in_faces
     known = surface.key(outline.place, outline.body)
     wanted = surface.key(cut.places, surface.body_of_face[cut.face][cell_of_corner(cut.offsets)])
-    known = np.concatenate([known, np.setdiff1d(wanted, known)])
+    fresh = distinct(wanted)
+    known = np.concatenate([known, fresh[~among(fresh, known)]])
     order = np.argsort(known)
     nodes = order[np.searchsorted(known, wanted, sorter=order)]
     place, body = np.divmod(known, len(surface.boxes[0]))
@@ -251,7 +253,7 @@ def _assembled(faces: Faces, meeting: Meeting, outline: _Outlines, cut: _Pieces)
     touched[: len(meeting.before)] = (points[: len(meeting.before)] != meeting.before).any(axis=1)
     tiled, part = _flattened(points, tiled, number[place], touched)
     host = surface.body_of_face[in_faces.face]
-    bare = ~np.isin(surface.key(in_faces.place, host), known)
+    bare = ~among(surface.key(in_faces.place, host), known)
     touching = np.column_stack([number[in_faces.place], host])[bare]
     return Tiled(points, tiled, body=body, place=number[place], origin=origin[part], touching=touching)
 
@@ -265,7 +267,7 @@ def _replaced(faces: Faces, some: Ints, offsets: Ints, nodes: Ints) -> tuple[Fac
     many[face] = count
     origin = np.repeat(np.arange(len(many)), many)
     row = origin.copy()
-    row[np.isin(origin, face)] = len(many) + np.arange(len(some))
+    row[among(origin, face)] = len(many) + np.arange(len(some))
     face_offsets, face_vertices = rows_in_order(
         np.concatenate([faces.face_offsets, faces.face_offsets[-1] + offsets[1:]]),
         np.concatenate([faces.face_vertices, nodes]),

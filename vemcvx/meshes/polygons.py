@@ -58,6 +58,24 @@ def turned(offsets: Ints, vertices: Ints, backwards: Bools) -> Ints:
     return np.where(np.repeat(backwards, np.diff(offsets)), vertices[mirrored], vertices)
 
 
+def distinct(numbers: Ints) -> Ints:
+    """The different numbers of (k,), ascending.
+
+    Sorting takes a third of the time of np.unique, which looks up whole numbers in a table from numpy 2.3 on.
+    """
+    ordered = np.sort(numbers)
+    return ordered[np.concatenate([[True], ordered[1:] != ordered[:-1]])] if len(ordered) else ordered
+
+
+def among(numbers: Ints, known: Ints) -> Bools:
+    """Return True if each of the numbers (k,) is one of those known."""
+    ordered = distinct(known)
+    if not len(ordered):
+        return np.zeros(len(numbers), dtype=bool)
+    found: Bools = ordered[np.minimum(np.searchsorted(ordered, numbers), len(ordered) - 1)] == numbers
+    return found
+
+
 def same_rows(offsets: Ints, vertices: Ints) -> tuple[Ints, Ints]:
     """Rows of the same entries, in any order, are one: the first of each, and which of these each row is."""
     counts = np.diff(offsets)
@@ -69,7 +87,7 @@ def same_rows(offsets: Ints, vertices: Ints) -> tuple[Ints, Ints]:
         rows = rows[order]
         starts = np.concatenate([[True], (rows[1:] != rows[:-1]).any(axis=1)])
         leader[listed[order]] = listed[order[np.flatnonzero(starts)]][np.cumsum(starts) - 1]
-    first = np.unique(leader)
+    first = distinct(leader)
     return first, np.searchsorted(first, leader)
 
 

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vemcvx.arrays import Bools, Floats, Ints
+from vemcvx.meshes.arrangement import polygons_between
 from vemcvx.meshes.interfaces import padded
 from vemcvx.meshes.meeting import Meeting, Surface, lines_between, meeting_of, unmatched
 from vemcvx.meshes.polygons import (
@@ -141,8 +142,8 @@ def _pieces(meeting: Meeting, outline: _Outlines) -> _Pieces:
     def seen(place: Ints, of: Ints) -> Floats:
         return surface.seen(surface.points[place], cut[of])[:, :2]
 
-    ends = segments.ravel()
-    found, ring, place = _polygons(owner, np.column_stack([seen(ends, np.repeat(owner, 2)), ends]).reshape(-1, 2, 3))
+    at = seen(segments.ravel(), np.repeat(owner, 2)).reshape(-1, 2, 2)
+    found, ring, place = polygons_between(owner, segments, at)
     corners, whole = seen(place, found[cell_of_corner(ring)]), seen(around, cell_of_corner(rows))
     areas = areas_and_centroids(corners, ring, np.arange(len(corners)))[0]
     all_of = areas_and_centroids(whole, rows, np.arange(len(whole)))[0]
@@ -194,41 +195,6 @@ def _inside(surface: Surface, face: Ints, lines: Ints) -> Bools:
     middle = surface.seen(surface.points[lines[asked]].mean(axis=1), face[asked])
     inside[asked] = shapely.contains_xy(surface.charts[face[asked]], middle[:, 0], middle[:, 1])
     return inside
-
-
-def _polygons(owner: Ints, segments: Floats) -> tuple[Ints, Ints, Ints]:
-    """The polygons between segments (s, 2, 3) of one owner, in order of these: owner, offsets, and third coordinates.
-
-    Polygons with holes are cut in triangles.
-    """
-    import shapely
-
-    lines = shapely.linestrings(segments)
-    order = np.argsort(owner, kind="stable")
-    counts = np.bincount(owner)
-    width, begin = 2 ** np.ceil(np.log2(counts)).astype(np.int64), offsets_of(counts)
-    polygons, of = [], []
-    for size in np.unique(width):
-        rows = np.flatnonzero(width == size)
-        table = np.full((len(rows), size), None, dtype=object)
-        table[np.arange(size) < counts[rows, None]] = lines[order[spans(begin[rows], counts[rows])]]
-        parts, row = shapely.get_parts(shapely.polygonize(table), return_index=True)
-        polygons.append(parts)
-        of.append(rows[row])
-    every, found = np.concatenate(polygons), np.concatenate(of)
-    holed = shapely.get_num_interior_rings(every) > 0
-    corners, ring = shapely.get_coordinates(every[~holed], include_z=True, return_index=True)
-    first = np.diff(ring, append=-1) == 0  # without the last corner, which is the first again
-    names, sizes, found_in = corners[first, 2], np.bincount(ring[first]), found[~holed]
-    if holed.any():
-        corners, ring = shapely.get_coordinates(every[holed], include_z=True, return_index=True)
-        owner, triangle = triangles_of(
-            every[holed], offsets_of(np.bincount(ring)), np.arange(len(ring)), corners[:, :2]
-        )
-        names, sizes = np.append(names, corners[triangle, 2]), np.append(sizes, np.full(len(triangle), 3))
-        found_in = np.append(found_in, found[holed][owner])
-    ranked = np.argsort(found_in, kind="stable")
-    return found_in[ranked], *rows_in_order(offsets_of(sizes), names.astype(np.int64), ranked)
 
 
 # All bodies again.

@@ -94,6 +94,13 @@ class Surface:
             reach=tolerance,
         )
 
+    def extended(self, points: Floats) -> Surface:
+        """The surface with more points after its own, which changes nothing that is known of its faces."""
+        grown = replace(self, points=np.concatenate([self.points, points]))
+        known = {name: value for name, value in vars(self).items() if name not in vars(grown)}
+        vars(grown).update(known)
+        return grown
+
     @cached_property
     def shapes(self) -> FaceShapes:
         """Shapes of the faces."""
@@ -336,7 +343,7 @@ def meeting_of(before: Floats, surface: Surface) -> Meeting:
     edge = owner[order[spans(begin[crossed], counts[crossed])]]
     place = np.repeat(np.tile(fresh, 2), counts[crossed])
     start, arm = _arms(surface.points[surface.place[surface.ends[edge]]])
-    surface = replace(surface, points=np.concatenate([surface.points, at[first]]))
+    surface = surface.extended(at[first])
     along = np.einsum("ki,ki->k", surface.points[place] - start, arm) / np.einsum("ki,ki->k", arm, arm)
     on_edges = OnEdges(
         np.concatenate([on_edges.place, place]),

@@ -234,7 +234,7 @@ def overlapping_boxes(low: Floats, high: Floats, tree_low: Floats, tree_high: Fl
         return np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64)
     u, v = np.argsort(tree_low.min(axis=0) - tree_high.max(axis=0), kind="stable")[:2]
     tree = box(tree_low[:, u], tree_low[:, v], tree_high[:, u], tree_high[:, v])
-    boxes = points(low[:, [u, v]]) if low is high else box(low[:, u], low[:, v], high[:, u], high[:, v])
+    boxes = points(low[:, u], low[:, v]) if low is high else box(low[:, u], low[:, v], high[:, u], high[:, v])
     i, j = STRtree(tree).query(boxes)
     meet = ((low[i] <= tree_high[j]) & (high[i] >= tree_low[j])).all(axis=1)
     return i[meet], j[meet]

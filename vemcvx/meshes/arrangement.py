@@ -12,6 +12,8 @@ and rings may touch themselves. Shapely is asked for these.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from vemcvx.arrays import Bools, Floats, Ints
@@ -35,11 +37,11 @@ def polygons_between(owner: Ints, ends: Ints, at: Floats) -> tuple[Ints, Ints, I
     found, offsets, nodes
         The owner (p,) of each polygon, and its nodes. Polygons with holes are cut in triangles.
     """
-    ring, walk, of, area = _rings(owner, ends, at)
-    awkward = _awkward(owner, ends, ring, walk, of, area)
-    kept = (area > 0.0) & ~awkward[of]
-    offsets, walks = rows_in_order(ring, walk, np.flatnonzero(kept))
-    found, nodes = of[kept], ends.T.ravel()[walks]
+    rings = _rings(owner, ends, at)
+    awkward = _awkward(owner, ends, rings)
+    kept = (rings.area > 0.0) & ~awkward[rings.of]
+    offsets, walks = rows_in_order(rings.offsets, rings.walks, np.flatnonzero(kept))
+    found, nodes = rings.of[kept], ends.T.ravel()[walks]
     if not awkward.any():
         return found, offsets, nodes
     some, graphs = np.flatnonzero(awkward[owner]), np.flatnonzero(awkward)
@@ -49,11 +51,19 @@ def polygons_between(owner: Ints, ends: Ints, at: Floats) -> tuple[Ints, Ints, I
     return found[order], *rows_in_order(offsets_of(sizes), np.concatenate([nodes, names]), order)
 
 
-def _rings(owner: Ints, ends: Ints, at: Floats) -> tuple[Ints, Ints, Ints, Floats]:
-    """Rings of walks: offsets, walks, and owner and twice the area of each.
+class _Rings(NamedTuple):
+    """Walks that close: walk k < s goes along segment k, and walk k + s back."""
 
-    Walk k < s goes along segment k, and walk k + s back.
-    """
+    offsets: Ints
+    walks: Ints
+    of: Ints
+    """the owner of each ring"""
+    area: Floats
+    """twice the area, negative where it runs clockwise"""
+
+
+def _rings(owner: Ints, ends: Ints, at: Floats) -> _Rings:
+    """The rings of all walks, in order of their owners."""
     count = len(owner)
     start, of = ends.T.ravel(), np.tile(owner, 2)
     here, there = np.concatenate([at[:, 0], at[:, 1]]), np.concatenate([at[:, 1], at[:, 0]])
@@ -79,12 +89,12 @@ def _rings(owner: Ints, ends: Ints, at: Floats) -> tuple[Ints, Ints, Ints, Float
     area = np.add.reduceat(cross(here[walk] - origin, there[walk] - origin), begin)
     by_owner = np.argsort(of[walk[begin]], kind="stable")
     rows, walk = rows_in_order(ring, walk, by_owner)
-    return rows, walk, of[walk[rows[:-1]]], area[by_owner]
+    return _Rings(rows, walk, of[walk[rows[:-1]]], area[by_owner])
 
 
-def _awkward(owner: Ints, ends: Ints, ring: Ints, walk: Ints, of: Ints, area: Floats) -> Bools:
+def _awkward(owner: Ints, ends: Ints, rings: _Rings) -> Bools:
     """Return True for each owner whose rings are not all outlines of polygons, or the one around them."""
-    graphs, count = int(owner.max(initial=-1)) + 1, len(owner)
+    (ring, walk, of, area), graphs, count = rings, int(owner.max(initial=-1)) + 1, len(owner)
     awkward: Bools = np.bincount(of, area <= 0.0, graphs) != np.bincount(owner, minlength=graphs).astype(bool)
     ring_of = np.empty_like(walk)
     ring_of[walk] = np.repeat(np.arange(len(of)), np.diff(ring))

@@ -11,6 +11,7 @@ import bolted_flange as flange
 import circular_hysteresis as circles
 import cone_clutch as clutch
 import hertz_two_balls as balls
+import lug_and_pin as lug
 import skew_joint as skew
 import spherical_indenter as sphere
 import tubes_shrunk_on as tubes
@@ -287,3 +288,36 @@ def test_a_cone_clutch_slips_at_its_torque():
         off.append(1 - torque[-1] / clutch.TORQUE)
     assert 0 < off[1] < 0.01
     assert off[0] / off[1] == pytest.approx((8 / 6) ** 2, rel=0.05)
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:supports")
+def test_a_lug_bears_its_pin_as_the_load_turns():
+    history = small_run(lug, lug.mesh(4))
+    area = history.mesh.face_areas[history.mesh.boundaries["pin.top"]].sum()
+    force = lug.joint_force(history)[:, :2] / (area * lug.SHEAR)
+    assert np.abs(force + lug.load(history.times)[:, :2] / lug.SHEAR).max() < 1e-9
+    assert (np.diff(history.dissipated)[1:] > 0).all()
+    contact = history.contact
+    risen = history.times >= 1.0
+    assert (contact.open_count[risen] > 50).all()
+    # The pressure follows the load.
+    weights = contact.pressure * contact.lengths
+    middle = np.arctan2(weights @ contact.points[:, 1], weights @ contact.points[:, 0])
+    behind = (middle - lug.direction(history.times) + np.pi) % (2 * np.pi) - np.pi
+    assert np.abs(behind[risen]).max() < 0.3
+
+
+@pytest.mark.long
+@pytest.mark.filterwarnings("ignore:supports")
+def test_a_load_that_is_turned_has_the_turned_answer():
+    mesh, turn = lug.mesh(3, layers=1), 2 * np.pi * 5 / 24
+    c, s = np.cos(turn), np.sin(turn)
+    R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    times, solver = lug.times(8), vx.Newton(1e-7)
+    plain, other = (vx.simulate(lug.scene(turn=angle), mesh, times, solver=solver) for angle in (0.0, turn))
+    x = plain.contact.points
+    there = np.linalg.norm((x @ R.T)[:, None] - x, axis=2).argmin(axis=1)
+    size = plain.contact.pressure.max()
+    assert other.contact.pressure[:, there] == pytest.approx(plain.contact.pressure, abs=1e-3 * size)
+    assert other.contact.traction[:, there] == pytest.approx(plain.contact.traction @ R.T, abs=1e-3 * size)

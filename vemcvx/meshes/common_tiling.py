@@ -32,7 +32,7 @@ from vemcvx.meshes.polygons import (
     triangles_of,
     turned,
 )
-from vemcvx.meshes.polyhedra import Faces, FaceShapes, face_shapes, in_planes
+from vemcvx.meshes.polyhedra import Faces, FaceShapes, face_shapes, heights, in_planes
 
 
 class Tiled(NamedTuple):
@@ -253,7 +253,7 @@ def _flattened(points: Floats, faces: Faces, place: Ints, touched: Bools) -> tup
     some = np.flatnonzero(np.logical_or.reduceat(touched[faces.face_vertices], faces.face_offsets[:-1]))
     offsets, vertices = rows_in_order(faces.face_offsets, faces.face_vertices, some)
     shapes, corner = face_shapes(points, offsets, vertices), cell_of_corner(offsets)
-    height = np.abs(in_planes(points[vertices], corner, shapes)[:, 2])
+    height = np.abs(heights(points[vertices], corner, shapes))
     # A mesh may have faces of 1e-6 off their planes.
     warped = np.flatnonzero(np.maximum.reduceat(height, offsets[:-1]) > 1e-7 * np.sqrt(shapes.areas))
     if not len(warped):

@@ -31,7 +31,7 @@ from vemcvx.meshes.polygons import (
     smallest_linked,
     spans,
 )
-from vemcvx.meshes.polyhedra import Faces, FaceShapes, along_axes, axes_in_planes, face_shapes
+from vemcvx.meshes.polyhedra import Faces, FaceShapes, along_axes, axes_in_planes, face_shapes, heights
 
 # Cosine of the outward normals of faces that face each other. Bodies that are flush have edges near to each other
 # on faces that do not.
@@ -304,9 +304,9 @@ def _in_faces(surface: Surface, spots: Ints, known: Ints) -> InFaces:
     place, face = _in_boxes(surface, spots, surface.body_of_face, (low - surface.reach, high + surface.reach))
     new = ~among(surface.key(place, surface.body_of_face[face]), np.concatenate([surface.taken, known]))
     place, face = place[new], face[new]
+    near = np.abs(heights(surface.points[place], face, surface.shapes)) <= surface.reach
+    place, face = place[near], face[near]
     seen = surface.seen(surface.points[place], face)
-    near = np.abs(seen[:, 2]) <= surface.reach
-    place, face, seen = place[near], face[near], seen[near]
     inside = shapely.contains_xy(surface.charts[face], seen[:, 0], seen[:, 1])
     place, face, height = place[inside], face[inside], seen[inside, 2]
     key = surface.key(place, surface.body_of_face[face])

@@ -264,6 +264,16 @@ def test_a_block_that_friction_alone_holds_is_said_to_drift_and_turn():
         run(CUBES, BODY, vx.BilateralContact(on="bottom"), vx.TrescaFriction(1.0, on="bottom"))
 
 
+def test_friction_that_supports_drag_all_over():
+    """No unknown moves what rubs: friction is g against the motion, and the supports bear it."""
+    moved = vx.PrescribedDisplacement(lambda x, t: [0.1 * t, 0.2 * t, 0.0], on="bottom")
+    scene = (BODY, vx.Clamp(on="top"), moved, vx.BilateralContact(on="bottom"), vx.TrescaFriction(3.0, on="bottom"))
+    history = run(CUBES, *scene)
+    assert history.dissipated == pytest.approx(3.0 * np.hypot(0.1, 0.2) * np.array(STEPS), rel=1e-12)
+    along = np.array([0.1, 0.2, 0.0]) / np.hypot(0.1, 0.2)
+    assert history.contact.traction[1:] == pytest.approx(np.tile(-3.0 * along, (2, 9, 1)), rel=1e-12)
+
+
 def test_near_one_half_tetrahedra_lock_and_say_so():
     mesh = vx.meshes.tetrahedra(1)
     with pytest.warns(vx.SceneWarning, match=r"poisson = 0\.4999 on a mesh of tetrahedra, which lock near 1/2; poly"):

@@ -97,7 +97,7 @@ def torque(history):
 
 def picture(history):
     """The bodies in full slip, and the torque over the angle."""
-    figure = new_figure(9.4, 3.9)
+    figure = new_figure(8.4, 3.4)
     body, graph = figure.subplots(1, 2)
     deformed_body(history, ax=body, units=UNITS)
     marks = ANGLE * np.maximum(history.times - 1.0, 0.0), torque(history)

@@ -79,7 +79,7 @@ def joint_force(history):
 
 def picture(history):
     """Pin and lug from above at the end, and the pressure around the pin in the plane of symmetry as the load turns."""
-    figure = new_figure(9.4, 3.9)
+    figure = new_figure(8.0, 3.1)
     body, graph = figure.subplots(1, 2)
     deformed_body(history, ax=body, view=(-0.4, -1.0, 1.6), units=UNITS)
     contact, rise = history.contact, int(np.searchsorted(history.times, 1.0))
@@ -93,6 +93,10 @@ def picture(history):
         graph.plot(angle[order], pressure, f"{mark}-", color=colour, markersize=3.5, linewidth=1.0, label=words)
     light_grid(graph)
     graph.legend(frameon=False, fontsize="small", loc="upper center")
-    graph.set(xlabel="angle around the pin from $x_1$ (degrees)", ylabel="pressure (MPa)", ylim=(0, None))
+    graph.set(
+        xlabel="angle around the pin from $x_1$ (degrees)",
+        ylabel="pressure (MPa)",
+        ylim=(0, 1.4 * contact.pressure.max()),
+    )
     graph.set_xticks(range(0, 361, 90))
     return figure

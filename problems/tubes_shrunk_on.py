@@ -69,7 +69,7 @@ def mean_pressure(history):
 
 def picture(history):
     """The tubes in the stress across the symmetry, and the stresses along the radius in the middle layers."""
-    figure = new_figure(9.4, 3.9)
+    figure = new_figure(8.2, 3.3)
     body, graph = figure.subplots(1, 2)
     deformed_body(history, ax=body, stress="von_mises", units=UNITS)
     x, sigma = history.mesh.centroids, history.stress(-1)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from solids import SOLIDS, solid
@@ -212,7 +214,8 @@ REFUSED = {
     ),
     "one-way friction": (
         [*RUBBED, vx.TrescaFriction(1.0, on="bottom", backward=2.0)],
-        rf"^TrescaFriction on bottom: backward=: {ONLY}; tangents in space have no two directions; leave it out\.$",
+        rf"^TrescaFriction on bottom: backward=: {ONLY}; tangents in space have no two directions; give direction= "
+        r"and across= instead\.$",
     ),
     "the tangent": (
         [*PUSHED, vx.PrescribedDisplacement(0.0, on="left", direction="tangent")],
@@ -244,12 +247,31 @@ def test_what_does_not_exist_in_space_is_refused_in_a_sentence(name):
         run(CUBES, *effects)
 
 
+def test_what_stays_refused_is_listed_in_one_sentence():
+    listed = re.search(r"What stays refused in space: (.*?)\.\n", vx.effects.__doc__, re.DOTALL).group(1)
+    only = [sentence for _, sentence in REFUSED.values() if ONLY in sentence]
+    for words in ("plane", "backward", "tangent"):
+        assert words in listed
+        assert any(words in sentence for sentence in only)
+    assert len(only) == 3
+
+
 def test_a_block_that_friction_alone_holds_is_said_to_drift_and_turn():
     motions = (
         r"translation \(1, 0, 0\) .* translation \(0, 1, 0\) .* a rotation about \(0, 0, 1\) of the body\. Stresses"
     )
     with pytest.warns(vx.SceneWarning, match=motions):
         run(CUBES, BODY, vx.BilateralContact(on="bottom"), vx.TrescaFriction(1.0, on="bottom"))
+
+
+def test_friction_that_supports_drag_all_over():
+    """No unknown moves what rubs: friction is g against the motion, and the supports bear it."""
+    moved = vx.PrescribedDisplacement(lambda x, t: [0.1 * t, 0.2 * t, 0.0], on="bottom")
+    scene = (BODY, vx.Clamp(on="top"), moved, vx.BilateralContact(on="bottom"), vx.TrescaFriction(3.0, on="bottom"))
+    history = run(CUBES, *scene)
+    assert history.dissipated == pytest.approx(3.0 * np.hypot(0.1, 0.2) * np.array(STEPS), rel=1e-12)
+    along = np.array([0.1, 0.2, 0.0]) / np.hypot(0.1, 0.2)
+    assert history.contact.traction[1:] == pytest.approx(np.tile(-3.0 * along, (2, 9, 1)), rel=1e-12)
 
 
 def test_near_one_half_tetrahedra_lock_and_say_so():

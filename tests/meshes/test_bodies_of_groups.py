@@ -102,3 +102,53 @@ def test_groups_of_volumes_become_bodies(tmp_path):
     assert (mesh.n_cells, mesh.n_nodes) == (made.n_cells, made.n_nodes + 9)
     assert mesh.face_areas[mesh.boundaries["plate|pin"]].sum() == pytest.approx(1.0)
     assert mesh.cell_data["pin"].sum() == right.sum()
+
+
+HEXES = """$MeshFormat
+2.2 0 8
+$EndMeshFormat
+$PhysicalNames
+5
+2 1 "wall"
+2 2 "joint"
+2 3 "end"
+3 11 "lug"
+3 12 "pin"
+$EndPhysicalNames
+$Nodes
+12
+{nodes}
+$EndNodes
+$Elements
+5
+1 3 2 1 1 1 4 8 5
+2 3 2 2 2 2 3 7 6
+3 3 2 3 3 9 10 12 11
+4 5 2 11 11 1 2 3 4 5 6 7 8
+5 5 2 12 12 2 9 10 3 6 11 12 7
+$EndElements
+"""
+
+
+def test_two_hexahedra_that_share_a_named_face(tmp_path):
+    """Written by hand: the named face between two volumes is their interface, under the name of both."""
+    x = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
+    x += [(3, 0, 0), (3, 1, 0), (3, 0, 1), (3, 1, 1)]
+    path = tmp_path / "two.msh"
+    path.write_text(HEXES.format(nodes="\n".join(f"{k} {a} {b} {c}" for k, (a, b, c) in enumerate(x, start=1))))
+    mesh = vx.meshes.read(path, bodies="physical")
+    assert (mesh.n_cells, mesh.n_nodes) == (2, 16)
+    assert mesh.measures.tolist() == [1.0, 2.0]
+    assert mesh.interfaces["lug|pin"].bodies == ("lug", "pin")
+    assert {"lug.wall", "pin.end", "lug|pin"} <= set(mesh.boundaries)
+    scene = vx.Scene(
+        vx.Elasticity(10.0, 0.0, on="lug"),
+        vx.Elasticity(20.0, 0.0, on="pin"),
+        vx.Clamp(on="lug.wall"),
+        vx.Traction((-0.1, 0.0, 0.0), on="pin.end"),
+        vx.UnilateralContact(on="lug|pin"),
+        vx.TrescaFriction(1.0, on="lug|pin"),
+    )
+    history = vx.simulate(scene, mesh, [0.0, 1.0], initial="settled")
+    assert history.contact.pressure[-1] == pytest.approx(0.1, rel=1e-9)
+    assert history.displacement[-1, mesh.points[:, 0] == 3, 0] == pytest.approx(-0.1 * (1 / 10 + 2 / 20), rel=1e-9)

@@ -9,8 +9,12 @@ import block_dragged_along_a_curve as curve
 import block_in_space as block
 import bolted_flange as flange
 import circular_hysteresis as circles
+import cone_clutch as clutch
+import hertz_two_balls as balls
+import lug_and_pin as lug
 import skew_joint as skew
 import spherical_indenter as sphere
+import tubes_shrunk_on as tubes
 import twisted_pad as pad
 import vemcvx as vx
 from vemcvx.vem import Space
@@ -229,3 +233,91 @@ def test_what_the_skew_joint_loses():
     """The small setting, in numbers; a full cycle of stiff blocks would lose two thirds of what goes in."""
     history = simulated(skew, **skew.SMALL)
     assert history.dissipated_second_order[-1] == pytest.approx(0.0011581957100063552, rel=1e-6)
+
+
+def small_run(problem, mesh):
+    """In the problem's small setting, on another mesh."""
+    initial, small = getattr(problem, "initial", None), problem.SMALL
+    times, solver = problem.times(small["steps"]), vx.Newton(small["accuracy"])
+    return vx.simulate(problem.scene(), mesh, times, solver=solver, initial=initial)
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:supports")
+@pytest.mark.parametrize(("n", "upper", "highest"), [(8, None, 0.03), (12, 9, 0.07)])
+def test_two_balls_press_as_hertz_says(n, upper, highest):
+    """Radius and peak of the half-ellipsoid within three per cent; nodal pressures alternate where meshes differ."""
+    history = small_run(balls, balls.mesh(n, upper=upper))
+    radius, peak = balls.hertz(balls.force(history)[-1])
+    found = balls.measured(history)
+    assert found[0] == pytest.approx(radius, rel=0.03)
+    assert found[1] == pytest.approx(peak, rel=0.03)
+    assert history.contact.pressure[-1].max() == pytest.approx(peak, rel=highest)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("n", "outer", "spread"), [(8, None, 0.32), (12, 12, 0.05)])
+def test_tubes_that_are_shrunk_on_press_as_lame_says(n, outer, spread):
+    """The mean pressure within one per cent; and the tubes change their lengths."""
+    history = small_run(tubes, tubes.mesh(n, outer=outer))
+    assert tubes.mean_pressure(history) == pytest.approx(tubes.pressure() * history.times, rel=0.01, abs=1e-12)
+    assert history.contact.pressure[-1] == pytest.approx(tubes.pressure(), rel=spread)
+    mesh = history.mesh
+    for tube, strain in zip(("inner", "outer"), tubes.lengthwise(), strict=True):
+        nodes = Space(mesh).part(f"{tube}.top", "top").nodes
+        grown = history.displacement[-1, nodes, 2]
+        assert (mesh.points[nodes, 2] == tubes.LENGTH).all()
+        assert grown == pytest.approx(strain * tubes.LENGTH, rel=0.05)
+        assert grown.mean() == pytest.approx(strain * tubes.LENGTH, rel=0.01)
+
+
+@pytest.mark.long
+def test_a_cone_clutch_slips_at_its_torque():
+    """Within one per cent, of second order in the sectors; pressed uniformly before and then."""
+    off = []
+    for n in (6, 8):
+        history = small_run(clutch, clutch.mesh(n))
+        torque, pressure = clutch.torque(history), history.contact.pressure
+        assert (np.diff(torque) > -1e-6 * clutch.TORQUE).all()
+        assert np.abs(torque[:2]).max() < 1e-9 * clutch.TORQUE
+        assert torque[2] < 0.6 * clutch.TORQUE
+        assert not history.contact.sticking[-1].any()
+        assert pressure[-1] == pytest.approx(pressure[-1].mean(), rel=1e-4)
+        assert pressure[1] == pytest.approx(pressure[1].mean(), rel=1e-9)
+        assert pressure[[1, -1]] == pytest.approx(clutch.PRESSURE, rel=(np.pi / (4 * n)) ** 2)
+        off.append(1 - torque[-1] / clutch.TORQUE)
+    assert 0 < off[1] < 0.01
+    assert off[0] / off[1] == pytest.approx((8 / 6) ** 2, rel=0.05)
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:supports")
+def test_a_lug_bears_its_pin_as_the_load_turns():
+    history = small_run(lug, lug.mesh(4))
+    area = history.mesh.face_areas[history.mesh.boundaries["pin.top"]].sum()
+    force = lug.joint_force(history)[:, :2] / (area * lug.SHEAR)
+    assert np.abs(force + lug.load(history.times)[:, :2] / lug.SHEAR).max() < 1e-9
+    assert (np.diff(history.dissipated)[1:] > 0).all()
+    contact = history.contact
+    risen = history.times >= 1.0
+    assert (contact.open_count[risen] > 50).all()
+    # The pressure follows the load.
+    weights = contact.pressure * contact.lengths
+    middle = np.arctan2(weights @ contact.points[:, 1], weights @ contact.points[:, 0])
+    behind = (middle - lug.direction(history.times) + np.pi) % (2 * np.pi) - np.pi
+    assert np.abs(behind[risen]).max() < 0.3
+
+
+@pytest.mark.long
+@pytest.mark.filterwarnings("ignore:supports")
+def test_a_load_that_is_turned_has_the_turned_answer():
+    mesh, turn = lug.mesh(3, layers=1), 2 * np.pi * 5 / 24
+    c, s = np.cos(turn), np.sin(turn)
+    R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    times, solver = lug.times(8), vx.Newton(1e-7)
+    plain, other = (vx.simulate(lug.scene(turn=angle), mesh, times, solver=solver) for angle in (0.0, turn))
+    x = plain.contact.points
+    there = np.linalg.norm((x @ R.T)[:, None] - x, axis=2).argmin(axis=1)
+    size = plain.contact.pressure.max()
+    assert other.contact.pressure[:, there] == pytest.approx(plain.contact.pressure, abs=1e-3 * size)
+    assert other.contact.traction[:, there] == pytest.approx(plain.contact.traction @ R.T, abs=1e-3 * size)

@@ -54,6 +54,7 @@ HEAVY = {
         "meshes/checks/plane.py",
         "meshes/checks/space.py",
         "meshes/several_bodies.py",
+        "meshes/arrangement.py",
         "meshes/common_tiling.py",
         "meshes/meeting.py",
     },

@@ -1,4 +1,10 @@
-"""Effects: the physics a scene can name."""
+"""Effects: the physics a scene can name.
+
+All of them, laws of friction of one's own among them, act in the plane and in space, where slip is a vector and laws
+read the length of its path, the sum of |ds| over the steps. What stays refused in space: `plane=` of materials, the
+direction "tangent", and `backward=` of TrescaFriction, in whose place `direction=` and `across=` stand, which are
+refused in the plane.
+"""
 
 from vemcvx.effects.contact import (
     BilateralContact,

@@ -1,15 +1,16 @@
-"""Contact, bilateral, rigid or compliant; and friction, by Tresca's law, one way or both, and by Coulomb's."""
+"""Contact, bilateral, rigid or compliant; and friction, by Tresca's law and by Coulomb's, one way or by direction."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
 
 from vemcvx.arrays import Floats, choice, flag
 from vemcvx.effects import data
+from vemcvx.effects.by_direction import Ellipse
 from vemcvx.effects.data import varies
 from vemcvx.effects.effect import (
     ContactSurface,
@@ -202,12 +203,12 @@ class _Bounds:
 
     def weights(self, t: float) -> Floats:
         """Weights of the norm terms: (g+ + g-) / 2 as a force of each node."""
-        forward = self._integrated(self.forward, t, "bound")
-        return forward if self.backward is None else 0.5 * (forward + self._integrated(self.backward, t, BACKWARD))
+        forward = self.integrated(self.forward, t, "bound")
+        return forward if self.backward is None else 0.5 * (forward + self.integrated(self.backward, t, BACKWARD))
 
     def bias(self, t: float) -> Floats:
         """(g+ - g-) / 2."""
-        return self._integrated(self.forward, t, "bound") - self.weights(t)
+        return self.integrated(self.forward, t, "bound") - self.weights(t)
 
     def ramp(self, t: float, p: Floats, *slips: Floats) -> Floats:
         """Weights under normal forces (m,) of contact, for friction that needs touch."""
@@ -217,7 +218,8 @@ class _Bounds:
         """The derivative of the ramp."""
         return np.where(STEEP * p < self.weights(t), STEEP, 0.0)
 
-    def _integrated(self, value: data.Datum, t: float, name: str) -> Floats:
+    def integrated(self, value: data.Datum, t: float, name: str) -> Floats:
+        """Weights (m,) of a bound that is called so in messages."""
         if self.quadrature == "nodes":
             return self.rows.lengths * self._checked(value, self.points, t, name)
         return self.rows.matrix @ self._checked(value, self.rows.points, t, name)
@@ -261,14 +263,22 @@ class TrescaFriction(Effect):
         How far the obstacle has moved, if it slides under the body (a belt, a roll, a table that shakes), in units of
         length: friction acts against the slip of the body relative to it, and its motion does work. What counts is how
         it changes in time, along the boundary; an obstacle that moves along the normal is a `gap` that changes.
+    direction : (3,), or callable f(x) -> (m, 3), optional
+        Friction by direction, in space: `bound` is that against slip along this vector (what of it is along the
+        surface), `across` the one across it; between them forces are bounded by the ellipse with these axes, and slip
+        is normal to it (:mod:`vemcvx.effects.by_direction`).
+    across : number, or callable f(x, t) -> (m,), optional
+        The bound across `direction`, >= 0, force per area; its ratio to `bound` must not change in time.
     """
 
     bound: data.Datum
     on: str | Sequence[str]
     quadrature: str = "nodes"
-    backward: data.Datum | None = None
+    backward: data.Datum | None = field(default=None, metadata={"in the plane": True})
     while_closed: bool | None = None
     ground: data.Datum | None = None
+    direction: data.Constant | None = field(default=None, metadata={"in space": True})
+    across: data.Datum | None = field(default=None, metadata={"in space": True})
 
     def contribute(self, space: Space) -> Contribution:
         subject = f"TrescaFriction on {where(self.on)}"
@@ -287,7 +297,16 @@ class TrescaFriction(Effect):
             quadrature=self.quadrature,
         )
         ground = Ground.of(self.ground, subject, points, rows.partners)
-        friction = replace(self._friction(rows, bounds, closed), ground=ground)
+        ellipse = Ellipse.of(
+            space,
+            subject,
+            points,
+            direction=self.direction,
+            across=self.across,
+            along=("bound", self.bound),
+            read=bounds.integrated,
+        )
+        friction = replace(self._friction(rows, bounds, closed), ground=ground, ellipse=ellipse)
         return Contribution(frictions=(friction,), surfaces=(ContactSurface.of(rows),))
 
     def _check_one_way(self, space: Space, closed: bool, subject: str) -> None:
@@ -296,7 +315,9 @@ class TrescaFriction(Effect):
             raise SceneError(
                 f"{subject}: found backward= beside while_closed=True, which takes one bound for both ways."
             )
-        space.require_plane(f"{subject}: backward=", "tangents in space have no two directions; leave it out")
+        space.require_plane(
+            f"{subject}: backward=", "tangents in space have no two directions; give direction= and across= instead"
+        )
 
     def _friction(self, rows: BoundaryRows, bounds: _Bounds, closed: bool) -> Friction:
         """The bounds as weights; as a law of the pressure where they act in closed contact only."""
@@ -313,9 +334,15 @@ class TrescaFriction(Effect):
 
     def describe(self) -> str:
         back = "" if self.backward is None else f" forward, {amount(self.backward)} backward,"
+        back += _by_direction(self.direction, self.across)
         closed = " where it is closed" if self.while_closed else ""
         moved = "" if self.ground is None else f", ground moved by {amount(self.ground)}"
         return f"TrescaFriction: |friction| <= {amount(self.bound)}{back} on {where(self.on)}{closed}{moved}"
+
+
+def _by_direction(direction: data.Constant | None, across: data.Datum | None) -> str:
+    """Friction by direction in words."""
+    return "" if direction is None else f" along {amount(direction, 'x')}, {amount(across)} across it,"
 
 
 # Coulomb's law: the friction bound is the coefficient times the contact pressure.
@@ -350,12 +377,19 @@ class CoulombFriction(Effect):
         of a material that yields (after Orowan).
     ground : callable f(x, t) -> (m, dim) or (dim,), optional
         How far the obstacle has moved, if it slides under the body: as of TrescaFriction.
+    direction : (3,), or callable f(x) -> (m, 3), optional
+        Friction by direction, in space, as of TrescaFriction: `coefficient` is that against slip along this vector.
+    across : number, or callable f(x, t) -> (m,), optional
+        The coefficient across `direction`, >= 0; its ratio to `coefficient` must not change in time. A `cap` is one
+        along the direction; across it is as many times smaller or larger.
     """
 
     coefficient: data.Datum
     on: str | Sequence[str]
     cap: data.Datum | None = None
     ground: data.Datum | None = None
+    direction: data.Constant | None = field(default=None, metadata={"in space": True})
+    across: data.Datum | None = field(default=None, metadata={"in space": True})
 
     def contribute(self, space: Space) -> Contribution:
         subject = f"CoulombFriction on {where(self.on)}"
@@ -379,11 +413,20 @@ class CoulombFriction(Effect):
 
         ground = Ground.of(self.ground, subject, points, rows.partners)
         law = Law(weights, pressed=True, slope=slope, slips=False)
-        friction = replace(Friction.of(rows, subject), law=law, ground=ground)
+        ellipse = Ellipse.of(
+            space,
+            subject,
+            points,
+            direction=self.direction,
+            across=self.across,
+            along=("coefficient", self.coefficient),
+            read=lambda value, t, name: data.nonnegative(value, points, t, subject, name=name),
+        )
+        friction = replace(Friction.of(rows, subject), law=law, ground=ground, ellipse=ellipse)
         return Contribution(frictions=(friction,), surfaces=(ContactSurface.of(rows),))
 
     def describe(self) -> str:
         cap = "" if self.cap is None else f", at most {amount(self.cap)},"
         moved = "" if self.ground is None else f", ground moved by {amount(self.ground)}"
-        bound = f"{amount(self.coefficient)} times the pressure{cap}"
+        bound = f"{amount(self.coefficient)} times the pressure{_by_direction(self.direction, self.across)}{cap}"
         return f"CoulombFriction: |friction| <= {bound} on {where(self.on)}{moved}"

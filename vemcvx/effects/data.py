@@ -119,6 +119,16 @@ def coefficient(value: Constant, x: Floats, subject: str) -> Floats:
     return _shaped(_call(value, (x,), "x", subject), (len(x),), subject, wanted, lambda row: f"at {x[row]}")
 
 
+def vector_field(value: Constant, x: Floats, subject: str) -> Floats:
+    """Vectors (m, dim) that vanish nowhere, one or f(x), at the points `x` (m, dim); they do not change in time."""
+    wanted = f"{x.shape[1]} components, or an array {x.shape}, one row a point"
+    found = _shaped(_call(value, (x,), "x", subject), x.shape, subject, wanted, lambda row: f"at {x[row]}")
+    size = np.linalg.norm(found, axis=1)
+    if (size == 0).any():
+        raise SceneError(f"{subject}: found a vector of length 0 at {x[int(np.argmin(size))]}; give a direction.")
+    return found
+
+
 def stiffness(value: Constant, x: Floats, subject: str) -> Floats:
     """Such values of a spring's stiffness, which is not negative anywhere."""
     k = coefficient(value, x, subject)

@@ -16,6 +16,7 @@ import scipy.sparse as sp
 
 from vemcvx.arrays import Bools, Floats, Ints, brief, called, fading, read_only, shaped
 from vemcvx.effects import data
+from vemcvx.effects.by_direction import Ellipse
 from vemcvx.errors import SceneError
 from vemcvx.vem import (
     BoundaryRows,
@@ -26,6 +27,7 @@ from vemcvx.vem import (
     elastic_matrix,
     missed_energies,
     softest_shear,
+    tangents_of,
 )
 from vemcvx.weight_law import Law
 
@@ -161,12 +163,32 @@ class Friction:
     law: Law | None = None
     """what forces of contact and slip add to the weights"""
     directions: Floats | None = None
-    """(m, 2) unit vectors: terms are w_i |e_i . (v - v_prev)|, instead of those along the tangents; in the plane"""
+    """(m, dim) unit vectors: terms are w_i |e_i . (v - v_prev)|, instead of those along the tangents"""
+    ellipse: Ellipse | None = None
+    """of friction by direction in space: terms are w_i |((v - v_prev) . e, r (v - v_prev) . (n x e))|"""
+
+    @property
+    def in_plane(self) -> bool:
+        """True if the normals are those of a body in the plane."""
+        return len(tangents_of(self.normals[:1]).swapaxes(0, 1)) == 1
 
     @property
     def across(self) -> Floats:
-        """(m, dim) unit vectors across which the terms are: normals, or `directions` turned by -90 degrees."""
-        return self.normals if self.directions is None else self.directions[:, ::-1] * (1.0, -1.0) + 0.0
+        """(m, dim) unit vectors that tell terms of a node from each other.
+
+        Those across which they are: normals, or `directions` turned by -90 degrees; in space the directions themselves.
+        """
+        if self.directions is None:
+            return self.normals
+        return self.directions[:, ::-1] * (1.0, -1.0) + 0.0 if self.in_plane else self.directions
+
+    def read(self, times: Sequence[float]) -> Floats:
+        """The vectors (m, dim - 1, dim) along which terms read slip; the second vanishes of directions in space."""
+        if self.ellipse is not None:
+            return self.ellipse.vectors(self.normals, times)
+        if self.directions is None or self.in_plane:
+            return tangents_of(self.across)
+        return np.stack([self.directions, 0.0 * self.directions], axis=1)
 
     def weights_under(self, t: float, p: Floats, past: Floats, slip: Floats) -> Floats:
         """The weights (m,) under normal forces p (m,), after slips (m,) before the step and in it.

@@ -105,7 +105,7 @@ class Elasticity(MaterialLaw):
 
     young: data.Constant
     poisson: data.Constant
-    plane: str | None = None
+    plane: str | None = field(default=None, metadata={"in the plane": True})
     stabilisation: str | Stabilisation = "shear"
     on: str | Sequence[str] | None = None
 
@@ -238,7 +238,7 @@ class Orthotropic(MaterialLaw):
     poisson: Constant | Sequence[Constant]
     shear: Constant | Sequence[Constant]
     angle: Constant = 0.0
-    plane: str | None = None
+    plane: str | None = field(default=None, metadata={"in the plane": True})
     axes: Sequence[Any] | None = field(default=None, metadata={"in space": True})
     on: str | Sequence[str] | None = None
     stabilisation: str | Stabilisation = "shear"

@@ -3,6 +3,7 @@
 In space: polyhedral meshes, and families of meshes of a box.
 """
 
+from vemcvx.meshes.families.around import ring
 from vemcvx.meshes.families.plane import distorted, hanging, hexagons, l_shape, nonconvex, squares, triangles
 from vemcvx.meshes.families.space import cubes, kelvin, prisms, tetrahedra
 from vemcvx.meshes.families.voronoi import voronoi, voronoi3
@@ -52,6 +53,7 @@ __all__ = [
     "prisms",
     "read",
     "refinement",
+    "ring",
     "squares",
     "tetrahedra",
     "triangles",

@@ -30,6 +30,8 @@ AXES = "xyz"
 MOST_CELLS = 10**8
 # Areas and moments of cells must neither overflow nor vanish.
 SHORTEST, LARGEST = 1e-60, 1e60
+STEEPEST = 1e6
+"""Cells of one mesh that differ by more in width are no use: 1e-6 of a body is a point of it."""
 
 UNIT_BOX: Corners = ((0.0, 1.0), (0.0, 1.0))
 UNIT_CUBE: SpaceCorners = ((0.0, 1.0), (0.0, 1.0), (0.0, 1.0))
@@ -47,9 +49,11 @@ class Box:
         """Lengths of its sides along the axes."""
         return tuple(high - low for low, high in zip(self.low, self.high, strict=True))
 
-    def ticks(self, *counts: int) -> list[Floats]:
-        """Equally spaced coordinates along each axis, one more than the counts, or MeshError if they meet."""
-        return [ticks(low, high, count) for low, high, count in zip(self.low, self.high, counts, strict=True)]
+    def ticks(self, *counts: int, grades: tuple[float, ...] | None = None) -> list[Floats]:
+        """Coordinates along each axis, one more than the counts, equally spaced or graded; MeshError if they meet."""
+        grades = (1.0,) * len(counts) if grades is None else grades
+        ends = zip(self.low, self.high, counts, grades, strict=True)
+        return [ticks(low, high, count, grade) for low, high, count, grade in ends]
 
 
 def check_box(box: Any, dimension: int = 2) -> Box:
@@ -94,6 +98,18 @@ def check_fraction(name: str, value: Any, high: float, *, closed: bool = False) 
         bracket = "]" if closed else ")"
         raise MeshError(f"{name} must be a number in [0, {high:g}{bracket}; got {value!r}.")
     return float(value)
+
+
+def check_grades(grade: Any, dimension: int = 3) -> tuple[float, ...]:
+    """Return a number an axis, the width of the last cell over that of the first, or raise MeshError."""
+    given = tuple(grade) if listed(grade) else (grade,) * dimension
+    if len(given) != dimension or not all(is_real(value) and 1 / STEEPEST <= value <= STEEPEST for value in given):
+        names = ", ".join(f"along {axis}" for axis in AXES[:dimension])
+        raise MeshError(
+            f"grade must be a number from {1 / STEEPEST:g} to {STEEPEST:g}, or one an axis ({names}): how many times "
+            f"wider the last cell is than the first; got {brief(grade)}."
+        )
+    return tuple(map(float, given))
 
 
 def cell_counts(n: Any, box: Box, size: float | None = None, stretch: float = 1.0, each: int = 1) -> tuple[int, ...]:
@@ -145,9 +161,16 @@ def check_total(cells: Number) -> Number:
     return cells
 
 
-def ticks(low: float, high: float, count: int) -> Floats:
-    """Return count + 1 equally spaced numbers, both ends exact, or raise MeshError if rounding makes them meet."""
+def ticks(low: float, high: float, count: int, grade: float = 1.0) -> Floats:
+    """Return count + 1 numbers, both ends exact, or raise MeshError if rounding makes them meet.
+
+    They are equally spaced, or each interval is as many times longer than the one before it that the last is `grade`
+    times as long as the first.
+    """
     line = np.linspace(low, high, count + 1)
+    if grade != 1.0 and count > 1:
+        far = np.cumsum(np.append(0.0, grade ** (np.arange(count) / (count - 1))))
+        line = np.append(low + far[:-1] * ((high - low) / far[-1]), high)
     if not np.all(np.diff(line) > 0.0):
         raise MeshError(
             f"{count} cells between {low!r} and {high!r} are narrower than the spacing of floating-point "

@@ -13,12 +13,15 @@ from typing import NamedTuple
 import numpy as np
 
 from vemcvx.arrays import Bools, Floats, Ints
+from vemcvx.meshes.arrangement import polygons_between
 from vemcvx.meshes.interfaces import padded
-from vemcvx.meshes.meeting import Meeting, Surface, lines_between, meeting_of, settled, unmatched
+from vemcvx.meshes.meeting import Meeting, Surface, lines_between, meeting_of, unmatched
 from vemcvx.meshes.polygons import (
+    among,
     areas_and_centroids,
     cell_of_corner,
     cross,
+    distinct,
     edge_keys,
     next_corner,
     offsets_of,
@@ -29,7 +32,7 @@ from vemcvx.meshes.polygons import (
     triangles_of,
     turned,
 )
-from vemcvx.meshes.polyhedra import Faces, FaceShapes, face_shapes, in_planes
+from vemcvx.meshes.polyhedra import Faces, FaceShapes, face_shapes, heights, in_planes
 
 
 class Tiled(NamedTuple):
@@ -65,8 +68,7 @@ def common_tiling(points: Floats, faces: Faces, body: Ints, place: Ints, toleran
     MeshError
         The edges of two tilings do not make polygons that cover a face; it says where.
     """
-    surface = settled(Surface.of(points, faces, body, place, tolerance))
-    meeting = meeting_of(points, surface)
+    meeting = meeting_of(points, Surface.of(points, faces, body, place, tolerance))
     outline = _with_hanging(faces, meeting)
     return _assembled(faces, meeting, outline, _pieces(meeting, outline))
 
@@ -130,7 +132,7 @@ def _pieces(meeting: Meeting, outline: _Outlines) -> _Pieces:
     offsets, vertices = rows_in_order(outline.offsets, outline.vertices, surface.faces)
     places = outline.place[vertices]
     face, lines = _lines_over_faces(meeting, offsets, places)
-    cut = np.unique(face)
+    cut = distinct(face)
     if not len(cut):
         return _Pieces(cut, np.zeros(1, dtype=np.int64), cut)
     rows, around = rows_in_order(offsets, places, cut)
@@ -140,8 +142,8 @@ def _pieces(meeting: Meeting, outline: _Outlines) -> _Pieces:
     def seen(place: Ints, of: Ints) -> Floats:
         return surface.seen(surface.points[place], cut[of])[:, :2]
 
-    ends = segments.ravel()
-    found, ring, place = _polygons(owner, np.column_stack([seen(ends, np.repeat(owner, 2)), ends]).reshape(-1, 2, 3))
+    at = seen(segments.ravel(), np.repeat(owner, 2)).reshape(-1, 2, 2)
+    found, ring, place = polygons_between(owner, segments, at)
     corners, whole = seen(place, found[cell_of_corner(ring)]), seen(around, cell_of_corner(rows))
     areas = areas_and_centroids(corners, ring, np.arange(len(corners)))[0]
     all_of = areas_and_centroids(whole, rows, np.arange(len(whole)))[0]
@@ -158,13 +160,13 @@ def _lines_over_faces(meeting: Meeting, offsets: Ints, places: Ints) -> tuple[In
     count, faces = len(surface.points), len(surface.faces)
     lines, owner = lines_between(surface, meeting.on_edges)
     in_face = np.concatenate([cell_of_corner(offsets), meeting.in_faces.face])
-    incident = np.unique(np.concatenate([places, meeting.in_faces.place]) * faces + in_face)
+    incident = distinct(np.concatenate([places, meeting.in_faces.place]) * faces + in_face)
     place, in_face = np.divmod(incident, faces)
     first, last = (np.searchsorted(place, lines[:, 0], side=side) for side in ("left", "right"))
     number, face = np.repeat(np.arange(len(lines)), last - first), in_face[spans(first, last - first)]
     other = surface.body_of_face[face] != surface.body_of_edge[owner[number]]
     number, face = number[other], face[other]
-    runs = np.isin(lines[number, 1] * faces + face, incident)
+    runs = among(lines[number, 1] * faces + face, incident)
     face, ends = face[runs], lines[number[runs]]
 
     def key(face: Ints, ends: Ints) -> Ints:
@@ -173,7 +175,7 @@ def _lines_over_faces(meeting: Meeting, offsets: Ints, places: Ints) -> tuple[In
 
     sides = np.sort(np.column_stack([places, places[next_corner(offsets)]]), axis=1)
     keys, first = np.unique(key(face, ends), return_index=True)
-    first = first[~np.isin(keys, key(cell_of_corner(offsets), sides))]
+    first = first[~among(keys, key(cell_of_corner(offsets), sides))]
     first = first[_inside(surface, face[first], ends[first])]
     return face[first], ends[first]
 
@@ -195,41 +197,6 @@ def _inside(surface: Surface, face: Ints, lines: Ints) -> Bools:
     return inside
 
 
-def _polygons(owner: Ints, segments: Floats) -> tuple[Ints, Ints, Ints]:
-    """The polygons between segments (s, 2, 3) of one owner, in order of these: owner, offsets, and third coordinates.
-
-    Polygons with holes are cut in triangles.
-    """
-    import shapely
-
-    lines = shapely.linestrings(segments)
-    order = np.argsort(owner, kind="stable")
-    counts = np.bincount(owner)
-    width, begin = 2 ** np.ceil(np.log2(counts)).astype(np.int64), offsets_of(counts)
-    polygons, of = [], []
-    for size in np.unique(width):
-        rows = np.flatnonzero(width == size)
-        table = np.full((len(rows), size), None, dtype=object)
-        table[np.arange(size) < counts[rows, None]] = lines[order[spans(begin[rows], counts[rows])]]
-        parts, row = shapely.get_parts(shapely.polygonize(table), return_index=True)
-        polygons.append(parts)
-        of.append(rows[row])
-    every, found = np.concatenate(polygons), np.concatenate(of)
-    holed = shapely.get_num_interior_rings(every) > 0
-    corners, ring = shapely.get_coordinates(every[~holed], include_z=True, return_index=True)
-    first = np.diff(ring, append=-1) == 0  # without the last corner, which is the first again
-    names, sizes, found_in = corners[first, 2], np.bincount(ring[first]), found[~holed]
-    if holed.any():
-        corners, ring = shapely.get_coordinates(every[holed], include_z=True, return_index=True)
-        owner, triangle = triangles_of(
-            every[holed], offsets_of(np.bincount(ring)), np.arange(len(ring)), corners[:, :2]
-        )
-        names, sizes = np.append(names, corners[triangle, 2]), np.append(sizes, np.full(len(triangle), 3))
-        found_in = np.append(found_in, found[holed][owner])
-    ranked = np.argsort(found_in, kind="stable")
-    return found_in[ranked], *rows_in_order(offsets_of(sizes), names.astype(np.int64), ranked)
-
-
 # All bodies again.
 
 
@@ -238,7 +205,8 @@ def _assembled(faces: Faces, meeting: Meeting, outline: _Outlines, cut: _Pieces)
     surface, in_faces = meeting.surface, meeting.in_faces
     known = surface.key(outline.place, outline.body)
     wanted = surface.key(cut.places, surface.body_of_face[cut.face][cell_of_corner(cut.offsets)])
-    known = np.concatenate([known, np.setdiff1d(wanted, known)])
+    fresh = distinct(wanted)
+    known = np.concatenate([known, fresh[~among(fresh, known)]])
     order = np.argsort(known)
     nodes = order[np.searchsorted(known, wanted, sorter=order)]
     place, body = np.divmod(known, len(surface.boxes[0]))
@@ -251,7 +219,7 @@ def _assembled(faces: Faces, meeting: Meeting, outline: _Outlines, cut: _Pieces)
     touched[: len(meeting.before)] = (points[: len(meeting.before)] != meeting.before).any(axis=1)
     tiled, part = _flattened(points, tiled, number[place], touched)
     host = surface.body_of_face[in_faces.face]
-    bare = ~np.isin(surface.key(in_faces.place, host), known)
+    bare = ~among(surface.key(in_faces.place, host), known)
     touching = np.column_stack([number[in_faces.place], host])[bare]
     return Tiled(points, tiled, body=body, place=number[place], origin=origin[part], touching=touching)
 
@@ -265,7 +233,7 @@ def _replaced(faces: Faces, some: Ints, offsets: Ints, nodes: Ints) -> tuple[Fac
     many[face] = count
     origin = np.repeat(np.arange(len(many)), many)
     row = origin.copy()
-    row[np.isin(origin, face)] = len(many) + np.arange(len(some))
+    row[among(origin, face)] = len(many) + np.arange(len(some))
     face_offsets, face_vertices = rows_in_order(
         np.concatenate([faces.face_offsets, faces.face_offsets[-1] + offsets[1:]]),
         np.concatenate([faces.face_vertices, nodes]),
@@ -285,7 +253,7 @@ def _flattened(points: Floats, faces: Faces, place: Ints, touched: Bools) -> tup
     some = np.flatnonzero(np.logical_or.reduceat(touched[faces.face_vertices], faces.face_offsets[:-1]))
     offsets, vertices = rows_in_order(faces.face_offsets, faces.face_vertices, some)
     shapes, corner = face_shapes(points, offsets, vertices), cell_of_corner(offsets)
-    height = np.abs(in_planes(points[vertices], corner, shapes)[:, 2])
+    height = np.abs(heights(points[vertices], corner, shapes))
     # A mesh may have faces of 1e-6 off their planes.
     warped = np.flatnonzero(np.maximum.reduceat(height, offsets[:-1]) > 1e-7 * np.sqrt(shapes.areas))
     if not len(warped):

@@ -15,6 +15,7 @@ from vemcvx.errors import MeshError
 from vemcvx.meshes.box import check_edges, check_mapping, check_name
 from vemcvx.meshes.polygons import (
     cell_of_corner,
+    distinct,
     edge_keys,
     matching_rows,
     offsets_of,
@@ -48,7 +49,9 @@ class Interface:
     def pairs(self) -> Ints:
         """Nodes of the first body and of the second in the same places, (m, 2), each pair once, in order."""
         known = self.edges.ravel() >= 0
-        return np.unique(np.column_stack([self.edges.ravel()[known], self.partners.ravel()[known]]), axis=0)
+        own, other = self.edges.ravel()[known], self.partners.ravel()[known]
+        count = int(other.max(initial=0)) + 1
+        return np.column_stack(np.divmod(distinct(own * count + other), count))
 
 
 def check_interfaces(

@@ -20,8 +20,10 @@ from numpy.typing import NDArray
 from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.errors import MeshError
 from vemcvx.meshes.polygons import (
+    among,
     cell_of_corner,
     directed_edges,
+    distinct,
     outlines,
     overlapping_boxes,
     rounding,
@@ -29,7 +31,7 @@ from vemcvx.meshes.polygons import (
     smallest_linked,
     spans,
 )
-from vemcvx.meshes.polyhedra import Faces, FaceShapes, along_axes, axes_in_planes, face_shapes
+from vemcvx.meshes.polyhedra import Faces, FaceShapes, along_axes, axes_in_planes, face_shapes, heights
 
 # Cosine of the outward normals of faces that face each other. Bodies that are flush have edges near to each other
 # on faces that do not.
@@ -92,6 +94,13 @@ class Surface:
             reach=tolerance,
         )
 
+    def extended(self, points: Floats) -> Surface:
+        """The surface with more points after its own, which changes nothing that is known of its faces."""
+        grown = replace(self, points=np.concatenate([self.points, points]))
+        known = {name: value for name, value in vars(self).items() if name not in vars(grown)}
+        vars(grown).update(known)
+        return grown
+
     @cached_property
     def shapes(self) -> FaceShapes:
         """Shapes of the faces."""
@@ -119,21 +128,21 @@ class Surface:
         second = first + (np.diff(edge[order], append=-1)[first] == 0)
         return np.stack([normals[first], np.where((second > first)[:, None], normals[second], 0.0)], axis=1)
 
-    @property
+    @cached_property
     def places(self) -> Ints:
         """The places of its nodes."""
-        return np.unique(self.place[self.vertices])
+        return distinct(self.place[self.vertices])
 
     def key(self, place: Ints, body: Ints) -> Ints:
         """One number for a place and a body."""
         number: Ints = place * len(self.boxes[0]) + body
         return number
 
-    @property
+    @cached_property
     def taken(self) -> Ints:
         """The keys of places and of the bodies that have a node there."""
-        nodes = np.unique(self.vertices)
-        return np.unique(self.key(self.place[nodes], self.body[nodes]))
+        nodes = distinct(self.vertices)
+        return distinct(self.key(self.place[nodes], self.body[nodes]))
 
     def seen(self, places: Floats, faces: Ints) -> Floats:
         """Coordinates of places in the plane of a face each, and above it."""
@@ -191,8 +200,11 @@ class InFaces(NamedTuple):
         return np.repeat(surface.shapes.normals[self.face][:, None], 2, axis=1)
 
 
-def settled(surface: Surface) -> Surface:
-    """The surface with places that were joined, and nodes that were moved to the bodies before theirs."""
+def settled(surface: Surface) -> tuple[Surface, OnEdges, InFaces]:
+    """The surface with places that were joined, and nodes that were moved to the bodies before theirs.
+
+    And where its places are on edges and in faces of other bodies.
+    """
     for _ in range(ROUNDS):
         near = _near_edges(surface, surface.places)
         if len(links := _corners(surface, near)):
@@ -208,7 +220,7 @@ def settled(surface: Surface) -> Surface:
             (host < surface.body[spot]) & (np.linalg.norm(at - here, axis=1) > 4.0 * rounding(here, at))
         )
         if not len(off):
-            return surface
+            return surface, on_edges, in_faces
         off = off[np.lexsort((host[off], spot[off]))]
         off = off[np.unique(spot[off], return_index=True)[1]]  # of several earlier bodies, the first
         points = surface.points.copy()
@@ -223,7 +235,7 @@ def settled(surface: Surface) -> Surface:
 def _linked(surface: Surface, links: Ints) -> Surface:
     """The surface with more places (l, 2) that are one; MeshError if two nodes of a body come together."""
     place = smallest_linked(links, len(surface.place))[surface.place]
-    nodes = np.unique(surface.vertices)
+    nodes = distinct(surface.vertices)
     _, first, counts = np.unique(surface.key(place[nodes], surface.body[nodes]), return_index=True, return_counts=True)
     if (counts > 1).any():
         raise unmatched(surface.points[nodes[first[counts > 1][0]]])
@@ -238,7 +250,7 @@ def _near_edges(surface: Surface, spots: Ints) -> OnEdges:
     ends = surface.place[surface.ends]
     low, high = _boxes_of(surface, ends)
     place, edge = _in_boxes(surface, spots, surface.body_of_edge, (low - surface.reach, high + surface.reach))
-    new = ~np.isin(surface.key(place, surface.body_of_edge[edge]), surface.taken)
+    new = ~among(surface.key(place, surface.body_of_edge[edge]), surface.taken)
     place, edge = place[new], edge[new]
     start, arm = _arms(surface.points[ends[edge]])
     along = np.einsum("ki,ki->k", surface.points[place] - start, arm) / np.einsum("ki,ki->k", arm, arm)
@@ -290,11 +302,11 @@ def _in_faces(surface: Surface, spots: Ints, known: Ints) -> InFaces:
     corners = surface.points[surface.place[surface.vertices]]
     low, high = (f.reduceat(corners, surface.offsets[:-1]) for f in (np.minimum, np.maximum))
     place, face = _in_boxes(surface, spots, surface.body_of_face, (low - surface.reach, high + surface.reach))
-    new = ~np.isin(surface.key(place, surface.body_of_face[face]), np.concatenate([surface.taken, known]))
+    new = ~among(surface.key(place, surface.body_of_face[face]), np.concatenate([surface.taken, known]))
     place, face = place[new], face[new]
+    near = np.abs(heights(surface.points[place], face, surface.shapes)) <= surface.reach
+    place, face = place[near], face[near]
     seen = surface.seen(surface.points[place], face)
-    near = np.abs(seen[:, 2]) <= surface.reach
-    place, face, seen = place[near], face[near], seen[near]
     inside = shapely.contains_xy(surface.charts[face], seen[:, 0], seen[:, 1])
     place, face, height = place[inside], face[inside], seen[inside, 2]
     key = surface.key(place, surface.body_of_face[face])
@@ -316,8 +328,8 @@ class Meeting(NamedTuple):
 
 
 def meeting_of(before: Floats, surface: Surface) -> Meeting:
-    """All places of a surface that is settled; `before` (n_nodes, 3) is where nodes have been."""
-    on_edges = _nearest_edges(surface, _near_edges(surface, surface.places))
+    """All places of a surface; `before` (n_nodes, 3) is where nodes have been."""
+    surface, on_edges, in_faces = settled(surface)
     lines, owner = lines_between(surface, on_edges)
     # Bodies share lines; each is crossed once, and so is every edge that it is a part of.
     key, number = np.unique(lines @ [len(surface.points), 1], return_inverse=True)
@@ -331,7 +343,7 @@ def meeting_of(before: Floats, surface: Surface) -> Meeting:
     edge = owner[order[spans(begin[crossed], counts[crossed])]]
     place = np.repeat(np.tile(fresh, 2), counts[crossed])
     start, arm = _arms(surface.points[surface.place[surface.ends[edge]]])
-    surface = replace(surface, points=np.concatenate([surface.points, at[first]]))
+    surface = surface.extended(at[first])
     along = np.einsum("ki,ki->k", surface.points[place] - start, arm) / np.einsum("ki,ki->k", arm, arm)
     on_edges = OnEdges(
         np.concatenate([on_edges.place, place]),
@@ -340,7 +352,8 @@ def meeting_of(before: Floats, surface: Surface) -> Meeting:
         np.concatenate([on_edges.at, surface.points[place]]),
     )
     known = surface.key(on_edges.place, surface.body_of_edge[on_edges.edge])
-    in_faces = _in_faces(surface, np.append(surface.places, fresh), known)
+    more = _in_faces(surface, fresh, known)
+    in_faces = InFaces(*(np.concatenate(both) for both in zip(in_faces, more, strict=True)))
     return Meeting(before, surface, on_edges, in_faces)
 
 

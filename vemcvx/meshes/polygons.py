@@ -58,6 +58,24 @@ def turned(offsets: Ints, vertices: Ints, backwards: Bools) -> Ints:
     return np.where(np.repeat(backwards, np.diff(offsets)), vertices[mirrored], vertices)
 
 
+def distinct(numbers: Ints) -> Ints:
+    """The different numbers of (k,), ascending.
+
+    Sorting takes a third of the time of np.unique, which looks up whole numbers in a table from numpy 2.3 on.
+    """
+    ordered = np.sort(numbers)
+    return ordered[np.concatenate([[True], ordered[1:] != ordered[:-1]])] if len(ordered) else ordered
+
+
+def among(numbers: Ints, known: Ints) -> Bools:
+    """Return True if each of the numbers (k,) is one of those known."""
+    ordered = distinct(known)
+    if not len(ordered):
+        return np.zeros(len(numbers), dtype=bool)
+    found: Bools = ordered[np.minimum(np.searchsorted(ordered, numbers), len(ordered) - 1)] == numbers
+    return found
+
+
 def same_rows(offsets: Ints, vertices: Ints) -> tuple[Ints, Ints]:
     """Rows of the same entries, in any order, are one: the first of each, and which of these each row is."""
     counts = np.diff(offsets)
@@ -69,7 +87,7 @@ def same_rows(offsets: Ints, vertices: Ints) -> tuple[Ints, Ints]:
         rows = rows[order]
         starts = np.concatenate([[True], (rows[1:] != rows[:-1]).any(axis=1)])
         leader[listed[order]] = listed[order[np.flatnonzero(starts)]][np.cumsum(starts) - 1]
-    first = np.unique(leader)
+    first = distinct(leader)
     return first, np.searchsorted(first, leader)
 
 
@@ -210,14 +228,18 @@ def overlapping_boxes(low: Floats, high: Floats, tree_low: Floats, tree_high: Fl
 
     A tree finds the pairs that meet along the two longest axes of all boxes together.
     """
-    from shapely import STRtree, box, points
+    from shapely import STRtree, linestrings, points
 
     if not len(low) or not len(tree_low):
         return np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64)
     u, v = np.argsort(tree_low.min(axis=0) - tree_high.max(axis=0), kind="stable")[:2]
-    tree = box(tree_low[:, u], tree_low[:, v], tree_high[:, u], tree_high[:, v])
-    boxes = points(low[:, [u, v]]) if low is high else box(low[:, u], low[:, v], high[:, u], high[:, v])
-    i, j = STRtree(tree).query(boxes)
+
+    def diagonals(low: Floats, high: Floats) -> NDArray[Any]:
+        # The tree knows boxes of geometries alone; those of their diagonals take half the time of polygons to make.
+        return np.asarray(linestrings(np.stack([low[:, [u, v]], high[:, [u, v]]], axis=1)))
+
+    asked = points(low[:, u], low[:, v]) if low is high else diagonals(low, high)
+    i, j = STRtree(diagonals(tree_low, tree_high)).query(asked)
     meet = ((low[i] <= tree_high[j]) & (high[i] >= tree_low[j])).all(axis=1)
     return i[meet], j[meet]
 

@@ -140,6 +140,12 @@ def along_axes(places: Floats, faces: Ints, axes: Floats, shapes: FaceShapes) ->
     return coordinates
 
 
+def heights(places: Floats, faces: Ints, shapes: FaceShapes) -> Floats:
+    """Heights (m,) of places (m, 3) above the plane of a face each."""
+    above: Floats = np.einsum("mi,mi->m", shapes.normals[faces], places - shapes.centroids[faces])
+    return above
+
+
 def volumes_and_centroids(faces: FaceShapes, offsets: Ints, cell_faces: Ints, signs: Floats) -> tuple[Floats, Floats]:
     """Signed volumes (n_cells,) and centroids (n_cells, 3) of cells.
 

@@ -35,6 +35,7 @@ from vemcvx.meshes.polygons import (
     cell_of_corner,
     close_pairs,
     directed_edges,
+    distinct,
     edge_keys,
     next_corner,
     offsets_of,
@@ -384,7 +385,7 @@ def _joined_in_space(
     starts = offsets_of(np.array([mesh.n_faces for mesh in each]))
     points, faces = np.concatenate([mesh.points for mesh in each]), _side_by_side(each)
     outer = np.flatnonzero(faces.face_cells[:, 1] < 0)
-    nodes = np.unique(rows_in_order(faces.face_offsets, faces.face_vertices, outer)[1])
+    nodes = distinct(rows_in_order(faces.face_offsets, faces.face_vertices, outer)[1])
     place = _same_places(names, body, points, nodes, tolerance)
     tiled = common_tiling(points, faces, body, place, tolerance)
     mesh = type(each[0]).unchecked(tiled.points, *tiled.faces)
@@ -483,7 +484,7 @@ def _check_apart_in_space(names: tuple[str, ...], mesh: SpaceTessellation, body:
     if upon:
         a, b = (repr(names[k]) for k in sorted(of_face[list(upon.faces)]))
         raise _hardly_apart(a, b, upon.distance, width, shapes.centroids[upon.faces[1]])
-    rim = np.unique(vertices[~touches[vertices]])
+    rim = distinct(vertices[~touches[vertices]])
     places = np.concatenate([mesh.points[rim], shapes.centroids - width * shapes.normals])
     of_place = np.concatenate([body[rim], of_face])
     for own, box in enumerate(boxes):

@@ -323,8 +323,7 @@ class Condensation:
 
     def __init__(self, system: System, condense: bool = True, linear: LinearSolver | None = None):
         self.system = system
-        n, norms = system.n, system.norms
-        B, D, block = system.B, system.D, 1 if norms is None else norms.block
+        n, B, D, block = system.n, system.B, system.D, system.block
         self.linear = system.linear(linear)
         compliance = np.zeros(0) if system.limits is None else system.limits.compliances
         retained = system.retained

@@ -274,6 +274,12 @@ class System(ArrayRecord):
         return sp.csr_matrix((0, self.n)) if self.limits is None else self.limits.D
 
     @property
+    def block(self) -> int:
+        """Components of a slip: those of norm terms, or where there are none of dragged ones; else 1."""
+        terms = self.norms or self.dragged
+        return 1 if terms is None else terms.block
+
+    @property
     def follows_answer(self) -> bool:
         """True if weights of norm terms depend on the answer of the step."""
         return self.norms is not None and self.norms.law is not None

@@ -87,7 +87,8 @@ class Contact(ArrayRecord):
         Friction force on the body of `nodes`, minus the multiplier, per length of the edges with friction.
     bound : (S, m)
         Friction bound per length against slip forward, along the boundary with the body on the left: w_i over int
-        phi_i; 0 without friction. Where parts meet, their mean.
+        phi_i; 0 without friction. Where parts meet, their mean. Of friction by direction the bound in the direction
+        in which it acts, along `direction` where there is none.
     backward : (S, m)
         Friction bound per length against slip backward, equal to `bound` unless a scene says otherwise.
     pressure : (S, m)
@@ -109,7 +110,8 @@ class Contact(ArrayRecord):
         `wear` with the friction bounds of both ends of every step: of second order in their length.
     accumulated_slip : (S, m)
         Length of the way that the node has slipped since the initial instant, to and fro, in all steps, stored or not,
-        which laws of friction may follow (where parts meet, the largest).
+        which laws of friction may follow (where parts meet, the largest). Of friction by direction slip across
+        `direction` counts across / bound times, so that ways cost alike.
     closed : (S, m) bool
         True where the node touches its obstacle, in one of its normals at least, and where contact is bilateral.
     lengths : (m,)
@@ -236,12 +238,10 @@ def _jump(u: Floats, surface: Surface) -> Floats:
 def _ground(posed: PosedScene, trajectory: Trajectory, at: Ints, length: Floats) -> Floats | float:
     """The motion of the ground along the boundary (S, m, dim), the mean by length where parts meet."""
     terms = posed.terms
-    if terms.ground is None:
+    if terms.reported is None:
         return 0.0
-    moved = np.array([terms.ground(float(t)) for t in trajectory.times[trajectory.stored]])
-    share = terms.lengths / length[at]
-    each = np.einsum("smb,mbd,m->smd", moved.reshape(len(moved), len(at), -1), terms.tangents, share)
-    return summed_columns(each, at, len(length))
+    moved = np.array([terms.reported(float(t)) for t in trajectory.times[trajectory.stored]])
+    return summed_columns(moved * (terms.lengths / length[at])[:, None], at, len(length))
 
 
 def _pressure(posed: PosedScene, trajectory: Trajectory, forces: Floats) -> Floats:
@@ -290,10 +290,19 @@ def _bounds(posed: PosedScene, trajectory: Trajectory, at: Ints, length: Floats)
     # What holds along given directions is no bound of friction where there is some.
     rubs = np.isin(at, at[~terms.directed])
     weights = np.where(terms.directed & rubs, 0.0, weights)
+    if terms.elliptic.any():
+        weights = weights * _reach(terms, trajectory.multipliers)
     tilt = np.zeros_like(weights)
     if terms.one_way:
         tilt = np.array([terms.bias(float(t)) for t in trajectory.times[trajectory.stored]])
     return _per_length(weights + tilt, at, length), _per_length(weights - tilt, at, length)
+
+
+def _reach(terms: Terms, lam: Floats) -> Floats:
+    """What friction by direction has at its bound, in the direction in which it acts, over the weight: (S, terms)."""
+    size, force = np.linalg.norm(lam, axis=2), np.linalg.norm(np.einsum("smb,mbd->smd", lam, terms.tangents), axis=2)
+    reach: Floats = np.divide(force, size, out=np.ones_like(size), where=terms.elliptic & (size > 0))
+    return reach
 
 
 def _sticking(trajectory: Trajectory, slip: Floats, at: Ints) -> Bools:

@@ -33,11 +33,13 @@ class Terms(ContactRows):
     """The norm terms of a posed scene, over all nodal values; `normals` are what their tangents are across."""
 
     rows: sp.csr_matrix
-    """(m * (dim - 1), n_u) B^, orthonormal tangents"""
+    """(m * (dim - 1), n_u) B^, the products with `tangents`"""
     tangents: Floats
-    """(m, dim - 1, dim)"""
+    """(m, dim - 1, dim) orthonormal, but for friction by direction and along given ones: `Friction.read`"""
     directed: Bools
     """(m,) which are along directions that their friction gives"""
+    elliptic: Bools
+    """(m,) which are of friction by direction"""
     frictions: Sequence[Friction]
     gather: sp.csr_matrix
     """(m, rows) which rows of all frictions, one after the other, add up to a term"""
@@ -49,6 +51,8 @@ class Terms(ContactRows):
     """(m,) which of them supports move along the boundary, in some direction at least"""
     ground: Callable[[float], Floats] | None = None
     """t -> (m * (dim - 1),), how far the ground has moved along the tangents since the first instant; None if still"""
+    reported: Callable[[float], Floats] | None = None
+    """t -> (m, dim), that motion as a vector"""
 
     def weights(self, t: float) -> Floats:
         """Weights (m,) at the instant `t`: those of their rows added up, without what follows the answer."""
@@ -77,35 +81,50 @@ def friction_terms(
     points = supports.points
     _check_directions(frictions)
     normals = np.concatenate([points[:0], *(f.across for f in frictions)])
-    first, term = merged((table.nodes, table.partners), normals, kinds=_grounds(frictions))
+    first, term = merged((table.nodes, table.partners), normals, kinds=_kinds(frictions))
     every = replace(table, normals=normals).joined(first, term)
     under = None if all(f.ground is None for f in frictions) else partial(_moved, frictions, first)
-    held = freedom(every, supports, times, under)
+    each = np.concatenate([tangents_of(points[:0]), *(f.read(times) for f in frictions)])
+    held = freedom(every, supports, times, under, tangents=each[first])
     acting = np.flatnonzero(held.slides)
     kept = np.concatenate([acting, np.flatnonzero((held.normal_only | held.dragged) & ~held.slides)])
     if under is not None:
         _refuse_overlap(frictions, table.ends, every.ends)
-    rows = every[kept]
-    tangents = tangents_of(rows.normals)
-    moves = under is not None and len(kept) > 0
+    rows, tangents = every[kept], each[first][kept]
+    moved = None if under is None or not len(kept) else partial(_moved, frictions, first[kept])
+    elliptic = _of_rows(frictions, [f.ellipse is not None for f in frictions]).astype(bool)[first][kept]
+    # What an ellipse shortens, or does not read at all, is slip nonetheless.
+    unit = np.where(elliptic[:, None, None], tangents_of(rows.normals), tangents)
     return Terms(
         **rows.columns,
         rows=rows.matrix(tangents, points),
         tangents=tangents,
         directed=_of_rows(frictions, [f.directions is not None for f in frictions]).astype(bool)[first][kept],
+        elliptic=elliptic,
         frictions=frictions,
         gather=summing(term, len(first))[kept],
         sign=np.sign(np.einsum("ij,ij->i", normals, normals[first][term])),
         acting=len(acting),
         dragged=held.dragged[kept],
-        ground=_relative(tangents, partial(_moved, frictions, first[kept]), times) if moves else None,
+        ground=None if moved is None else _relative(tangents, moved, times),
+        reported=None if moved is None else _vectors(unit, _relative(unit, moved, times)),
     )
 
 
-def _grounds(frictions: Sequence[Friction]) -> Ints:
-    """The ground of each row of all frictions: that of the first friction that rubs on it."""
-    grounds = [None if f.ground is None else f.ground.value for f in frictions]
-    return _of_rows(frictions, [next(k for k, other in enumerate(grounds) if other is ground) for ground in grounds])
+def _kinds(frictions: Sequence[Friction]) -> Ints:
+    """The kind of each row of all frictions, the number of the first friction of it: rows of one kind may be one term.
+
+    They rub on one ground, have one ellipse and, in space, are all along given directions or none of them.
+    """
+    kinds = [
+        (
+            None if f.ground is None else id(f.ground.value),
+            None if f.ellipse is None else id(f.ellipse),
+            f.directions is not None and not f.in_plane,
+        )
+        for f in frictions
+    ]
+    return _of_rows(frictions, [kinds.index(kind) for kind in kinds])
 
 
 def _of_rows(frictions: Sequence[Friction], numbers: Sequence[int]) -> Ints:
@@ -126,6 +145,11 @@ def _relative(tangents: Floats, moved: Moving, times: Sequence[float]) -> Callab
     return lambda t: along(tangents, moved(t)) - start
 
 
+def _vectors(tangents: Floats, along: Callable[[float], Floats]) -> Callable[[float], Floats]:
+    """Motions along orthonormal tangents as vectors (m, dim)."""
+    return lambda t: np.asarray(np.einsum("mb,mbd->md", along(t).reshape(tangents.shape[:2]), tangents))
+
+
 def _refuse_overlap(frictions: Sequence[Friction], owns: sp.csr_matrix, ends: sp.csr_matrix) -> None:
     """Raise SceneError where two terms own an edge, with grounds that move differently."""
     twice = np.flatnonzero(np.bincount(ends.indices, minlength=ends.shape[1]) > 1)
@@ -142,11 +166,11 @@ def _check_directions(frictions: Sequence[Friction]) -> None:
     for f in frictions:
         if f.directions is None:
             continue
-        block, shape = tangents_of(f.normals[:1]).shape[1], np.shape(f.directions)
-        if block > 1 or shape != f.normals.shape or np.abs(np.linalg.norm(f.directions, axis=1) - 1).max() > PARALLEL:
+        shape = np.shape(f.directions)
+        if shape != f.normals.shape or np.abs(np.linalg.norm(f.directions, axis=1) - 1).max() > PARALLEL:
             raise SceneError(
                 f"{f.subject}: found directions of shape {shape} for normals of shape {f.normals.shape}; rows along "
-                "directions are for bodies in the plane, one unit vector a row."
+                "directions have one unit vector a row."
             )
 
 

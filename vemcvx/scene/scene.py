@@ -287,6 +287,9 @@ def _grounded(friction: Friction, times: Sequence[float], said: list[str]) -> Fr
 
 def _bound(friction: Friction) -> Callable[[float], Floats]:
     law, m = friction.law, len(friction.nodes)
+    if friction.ellipse is not None:
+        bounds = friction.ellipse.bounds
+        return lambda t: np.maximum(*bounds(t))
     if law is None:
         return friction.weights
     if law.slips:

@@ -310,13 +310,21 @@ class Freedom:
         return ~self.slides & (self.opens | self.held_by_contact)
 
 
-def freedom(rows: ContactRows, supports: Supports, times: Sequence[float], ground: Moving | None = None) -> Freedom:
+def freedom(
+    rows: ContactRows,
+    supports: Supports,
+    times: Sequence[float],
+    ground: Moving | None = None,
+    *,
+    tangents: Floats | None = None,
+) -> Freedom:
     """The freedom of these rows; they are dragged if supports move them between any two of `times`.
 
-    With a `ground`, t -> (k, dim), motions are relative to it.
+    With a `ground`, t -> (k, dim), motions are relative to it. Rows of friction slide along `tangents` (k, dim - 1,
+    dim), by default those of their normals.
     """
     k, dim = rows.normals.shape
-    tangents = tangents_of(rows.normals)
+    tangents = tangents_of(rows.normals) if tangents is None else tangents
     reads = rows.matrix(tangents, supports.points)
     B = on_free(reads, supports)
     slides = np.asarray(np.diff(B.indptr).reshape(k, dim - 1).any(axis=1))

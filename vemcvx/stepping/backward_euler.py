@@ -289,7 +289,7 @@ def nothing_dragged(system: System, t: float, p: Floats) -> Dragged:
     """The friction of dragged terms before the first step: no slip, no loss."""
     terms = system.dragged
     if terms is None:
-        return Dragged.nothing(0, 1 if system.norms is None else system.norms.block)
+        return Dragged.nothing(0, system.block)
     none = np.zeros(terms.count)
     return replace(Dragged.nothing(terms.count, terms.block), weights=terms.weights(t, p, none, none))
 

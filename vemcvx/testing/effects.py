@@ -27,7 +27,7 @@ from vemcvx.effects import (
 )
 from vemcvx.errors import SceneError
 from vemcvx.history import History
-from vemcvx.meshes import FAMILIES, PolygonMesh
+from vemcvx.meshes import FAMILIES, SPACE_FAMILIES, AnyMesh
 from vemcvx.scene import Scene
 from vemcvx.simulation import simulate
 from vemcvx.vem import Space
@@ -49,7 +49,7 @@ class Other:
 
 @dataclass(frozen=True)
 class EffectSample:
-    """An effect, and a scene in which it does something, on a square mesh of the unit square.
+    """An effect, and a scene in which it does something, on a mesh of the unit square, or of the unit cube.
 
     Parameters
     ----------
@@ -64,6 +64,8 @@ class EffectSample:
         For every field another value, with which the answer differs; :class:`Other` where a value is not enough.
     pairs : tuple of str
         Names of the fields whose value is a pair of data.
+    in_space : bool
+        Whether the body is the cube.
     """
 
     effect: Effect
@@ -72,6 +74,7 @@ class EffectSample:
     data: Mapping[str, int] = field(default_factory=dict)
     others: Mapping[str, object] = field(default_factory=dict)
     pairs: tuple[str, ...] = ()
+    in_space: bool = False
 
     def with_datum(self, name: str, value: object) -> Effect:
         """The effect with a datum replaced; in a pair the second."""
@@ -91,9 +94,10 @@ class EffectSample:
 
     @property
     def fields(self) -> list[str]:
-        """The names of its fields, but for those of bodies in space, which mean nothing on a mesh of squares."""
+        """The names of its fields, but for those that bodies in space, or in the plane, do not have."""
         effect: Any = self.effect
-        return [setting.name for setting in dataclasses.fields(effect) if not setting.metadata.get("in space")]
+        foreign = "in the plane" if self.in_space else "in space"
+        return [setting.name for setting in dataclasses.fields(effect) if not setting.metadata.get(foreign)]
 
     @property
     def on(self) -> list[str] | None:
@@ -101,33 +105,52 @@ class EffectSample:
         effect: Any = self.effect
         return list(np.atleast_1d(effect.on)) if hasattr(effect, "on") and not isinstance(effect, MaterialLaw) else None
 
+    def mesh(self, which: int = 0) -> AnyMesh:
+        """The mesh of its answers; a finer one; one of another family."""
+        plane, space = (("squares", 3), ("voronoi", 4), ("hanging", 3)), (("cubes", 2), ("voronoi3", 3), ("prisms", 2))
+        return mesh(*(space if self.in_space else plane)[which])
+
+    def answer(self, *effects: Effect) -> History:
+        """The history of a scene of these effects on the first of these meshes."""
+        return answer(*effects, on=self.mesh())
+
+    def content(self, thing: Any) -> Any:
+        """What it contributes as plain data."""
+        return content(thing, dim=self.mesh().points.shape[1])
+
+    @property
+    def sides(self) -> str:
+        """The names of all parts of the boundary, as messages have them."""
+        between = ("front", "back") if self.in_space else ()
+        return ", ".join(map(repr, ("left", "right", *between, "bottom", "top", "boundary")))
+
 
 @cache
-def mesh(family: str = "squares", n: int = 3) -> PolygonMesh:
-    """A mesh of the unit square, with the cell data "west" and "east"."""
-    made: PolygonMesh = FAMILIES[family](n)
+def mesh(family: str = "squares", n: int = 3) -> AnyMesh:
+    """A mesh of the unit square, or of the unit cube, with the cell data "west" and "east"."""
+    made: AnyMesh = (FAMILIES | SPACE_FAMILIES)[family](n)
     west = made.centroids[:, 0] < 0.5
     return made.with_cell_data("west", west).with_cell_data("east", ~west)
 
 
-def answer(*effects: Effect, on: PolygonMesh | None = None) -> History:
+def answer(*effects: Effect, on: AnyMesh | None = None) -> History:
     """The history of a scene of these effects."""
     return simulate(Scene(*effects), on or mesh(), TIMES)
 
 
-def content(thing: Any, rows: int = 1) -> Any:
+def content(thing: Any, rows: int = 1, dim: int = 2) -> Any:
     """A contribution as plain data that can be compared; functions of so many rows are told by their values."""
     if dataclasses.is_dataclass(thing):
         rows = len(getattr(thing, "nodes", range(rows)))
         told = [f.name for f in dataclasses.fields(thing) if f.name not in ("value", "at")]
-        values = {name: content(getattr(thing, name), rows) for name in told}
-        return values | {"at times": _at_times(thing), "at places": _at_places(thing)}
+        values = {name: content(getattr(thing, name), rows, dim) for name in told}
+        return values | {"at times": _at_times(thing), "at places": _at_places(thing, dim)}
     if isinstance(thing, (sp.csr_matrix, sp.csr_array)):
         return content((thing.shape, thing.indptr, thing.indices, thing.data))
     if isinstance(thing, np.ndarray):
         return thing.shape, thing.dtype.str, thing.tobytes()
     if isinstance(thing, tuple):
-        return tuple(content(part, rows) for part in thing)
+        return tuple(content(part, rows, dim) for part in thing)
     if callable(thing):
         # Functions of friction take forces, and slips, of all rows.
         more = [np.full(rows, 0.5)] * (len(inspect.signature(thing).parameters) - 1)
@@ -135,11 +158,11 @@ def content(thing: Any, rows: int = 1) -> Any:
     return thing
 
 
-def _at_places(thing: Any) -> Any:
+def _at_places(thing: Any, dim: int) -> Any:
     """A material, eigenstrain or stress as a function of place, at points of the first cell."""
     if not isinstance(thing, (Material, Eigenstrain, InitialStress)) or thing.at is None:
         return None
-    x, cells = np.random.default_rng(0).uniform(0.0, 0.3, (5, 2)), np.zeros(5, dtype=np.int64)
+    x, cells = np.random.default_rng(0).uniform(0.0, 0.3, (5, dim)), np.zeros(5, dtype=np.int64)
     more = ((),) if isinstance(thing, Material) else tuple((t,) for t in TIMES)
     return tuple(content(thing.at(x, cells, *t)) for t in more)
 
@@ -170,24 +193,24 @@ def is_frozen(sample: EffectSample) -> None:
 
 def contributes_the_same_arrays_when_asked_twice(sample: EffectSample) -> None:
     """The arrays are the same after a run, too, and for another space of the same mesh."""
-    space = Space(mesh())
-    first = content(sample.effect.contribute(space))
-    answer(sample.effect, *sample.beside)
-    assert content(sample.effect.contribute(space)) == first
-    assert content(sample.changed().contribute(Space(mesh()))) == first
+    space = Space(sample.mesh())
+    first = sample.content(sample.effect.contribute(space))
+    sample.answer(sample.effect, *sample.beside)
+    assert sample.content(sample.effect.contribute(space)) == first
+    assert sample.content(sample.changed().contribute(Space(sample.mesh()))) == first
 
 
 def remembers_no_mesh(sample: EffectSample) -> None:
     """The contribution on one mesh does not depend on meshes seen before."""
-    fine, coarse = Space(mesh("voronoi", 4)), Space(mesh())
-    alone = content(sample.changed().contribute(coarse))
-    assert content(sample.effect.contribute(fine)) != alone
-    assert content(sample.effect.contribute(coarse)) == alone
+    fine, coarse = Space(sample.mesh(1)), Space(sample.mesh())
+    alone = sample.content(sample.changed().contribute(coarse))
+    assert sample.content(sample.effect.contribute(fine)) != alone
+    assert sample.content(sample.effect.contribute(coarse)) == alone
 
 
 def contributes_finite_arrays_that_fit_the_space(sample: EffectSample) -> None:
     """Shapes, node numbers, unit vectors, weights >= 0."""
-    space = Space(mesh("hanging", 3))
+    space = Space(sample.mesh(2))
     part = sample.effect.contribute(space)
     assert isinstance(part, Contribution)
     matrices = part.stiffness, part.viscosity
@@ -203,7 +226,7 @@ def contributes_finite_arrays_that_fit_the_space(sample: EffectSample) -> None:
         assert np.isfinite(load.vector(1.0)).all()
     for support in part.supports:
         m = len(support.nodes)
-        assert support.directions.shape == support.points.shape == (m, 2)
+        assert support.directions.shape == support.points.shape == (m, space.dim)
         assert _units(support.directions)
         assert support.value is None or support.value(1.0).shape == (m,)
     every: tuple[Friction | ContactSurface, ...] = (*part.frictions, *part.surfaces)
@@ -232,10 +255,10 @@ def names_an_unknown_boundary_and_what_exists(sample: EffectSample) -> None:
     for on in () if sample.on is None else ("bottm", ["left", "bottm"]):
         with pytest.raises(
             SceneError,
-            match=rf"^{sample.name}: there is no boundary named 'bottm'; this mesh has 'left', 'right', 'bottom', "
-            r"'top', 'boundary'; add one with mesh\.with_boundary\(name, predicate\)\.$",
+            match=rf"^{sample.name}: there is no boundary named 'bottm'; this mesh has {sample.sides}; add one with "
+            r"mesh\.with_boundary\(name, predicate\)\.$",
         ):
-            answer(sample.changed(on=on), *sample.beside)
+            sample.answer(sample.changed(on=on), *sample.beside)
 
 
 def names_an_unknown_cell_datum_and_what_exists(sample: EffectSample) -> None:
@@ -246,15 +269,15 @@ def names_an_unknown_cell_datum_and_what_exists(sample: EffectSample) -> None:
             match=rf"^{sample.name}: on= names cells by a cell datum that is nonzero there; found 'wst', but this mesh "
             r"has 'west', 'east'\. Add one with mesh\.with_cell_data\(name, values\)\.$",
         ):
-            answer(sample.changed(on=on), *sample.beside)
+            sample.answer(sample.changed(on=on), *sample.beside)
 
 
 def takes_a_name_or_a_list_of_names(sample: EffectSample) -> None:
     """On one boundary, or on several at once."""
-    space = Space(mesh())
+    space = Space(sample.mesh())
 
     def on(names: object) -> Any:
-        return nameless(content(sample.changed(on=names).contribute(space)))
+        return nameless(sample.content(sample.changed(on=names).contribute(space)))
 
     if isinstance(sample.effect, MaterialLaw):
         assert on("west") == on(["west"]) == on(("west", "west"))
@@ -280,7 +303,7 @@ def refuses_data_that_are_not_finite(sample: EffectSample) -> None:
             for value in (constant, late):
                 spoilt = sample.with_datum(name, value)
                 with pytest.raises(SceneError, match=rf"^{sample.name}.*found NaN or infinity .*must be finite"):
-                    answer(spoilt, *sample.beside)
+                    sample.answer(spoilt, *sample.beside)
 
 
 def refuses_numbers_that_are_not_finite(sample: EffectSample) -> None:
@@ -289,7 +312,7 @@ def refuses_numbers_that_are_not_finite(sample: EffectSample) -> None:
     for name in sample.fields:
         if isinstance(getattr(effect, name), float):
             with pytest.raises(SceneError, match=f"^{sample.name}"):
-                answer(sample.changed(**{name: np.nan}), *sample.beside)
+                sample.answer(sample.changed(**{name: np.nan}), *sample.beside)
 
 
 def leaves_the_arrays_of_the_user_alone(sample: EffectSample) -> None:
@@ -302,10 +325,10 @@ def leaves_the_arrays_of_the_user_alone(sample: EffectSample) -> None:
             return handed.setdefault(len(x), np.full(shape, 0.25))
 
         effect = sample.with_datum(name, given)
-        first = content(effect.contribute(Space(mesh())))
+        first = sample.content(effect.contribute(Space(sample.mesh())))
         assert handed
         assert all((array == 0.25).all() for array in handed.values())
-        assert content(effect.contribute(Space(mesh()))) == first
+        assert sample.content(effect.contribute(Space(sample.mesh()))) == first
 
 
 def describes_itself_in_one_line(sample: EffectSample) -> None:
@@ -333,11 +356,11 @@ def survives_a_copy_to_another_process(sample: EffectSample) -> None:
 def does_not_depend_on_its_place_in_the_scene(sample: EffectSample) -> None:
     """Histories are the same to the last bit, in whatever order effects are named."""
     effects = (sample.effect, *sample.beside)
-    reference = answer(*effects)
+    reference = sample.answer(*effects)
     rng = np.random.default_rng(0)
     orders = [tuple(reversed(range(len(effects)))), *(rng.permutation(len(effects)) for _ in range(2))]
     for order in orders:
-        other = answer(*(effects[i] for i in order))
+        other = sample.answer(*(effects[i] for i in order))
         for name in ("displacement", "forces", "energy", "work", "dissipated", "certificate", "iterations"):
             assert np.array_equal(getattr(other, name), getattr(reference, name)), name
         for name in ("slip", "traction", "pressure", "sticking"):
@@ -346,7 +369,7 @@ def does_not_depend_on_its_place_in_the_scene(sample: EffectSample) -> None:
 
 def changes_the_answer_of_a_scene(sample: EffectSample) -> None:
     """Without it, or with what stands in its place, displacements differ."""
-    present, absent = answer(sample.effect, *sample.beside), answer(*sample.instead, *sample.beside)
+    present, absent = sample.answer(sample.effect, *sample.beside), sample.answer(*sample.instead, *sample.beside)
     scale = np.abs(present.displacement).max() + np.abs(absent.displacement).max()
     # The smallest change is that of the quadrature rule's weights; round-off is 1e-15.
     assert np.abs(present.displacement - absent.displacement).max() > 1e-6 * scale
@@ -355,11 +378,11 @@ def changes_the_answer_of_a_scene(sample: EffectSample) -> None:
 def changes_the_answer_by_each_of_its_settings(sample: EffectSample) -> None:
     """Every field has another value with which they do."""
     assert set(sample.others) == set(sample.fields)
-    reference = answer(sample.effect, *sample.beside).displacement
+    reference = sample.answer(sample.effect, *sample.beside).displacement
     for name, other in sample.others.items():
         other = other if isinstance(other, Other) else Other(other)
         changed = sample.changed(**{name: other.value, **other.changes})
-        found = answer(changed, *sample.beside, *other.beside).displacement
+        found = sample.answer(changed, *sample.beside, *other.beside).displacement
         assert np.abs(found - reference).max() > 1e-6 * np.abs(reference).max(), name
 
 

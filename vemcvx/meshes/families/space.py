@@ -14,19 +14,28 @@ from vemcvx.meshes.box import (
     SpaceCount,
     cell_counts,
     check_box,
+    check_grades,
 )
 from vemcvx.meshes.families.voronoi import voronoi
 from vemcvx.meshes.polygons import offsets_of, rows_in_order
 from vemcvx.meshes.polyhedra import FACES, joined_faces
 from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 
-# Equal boxes (cubes where the box allows), numbered layer by layer, row by row.
+Grade = float | tuple[float, float, float]
+
+# Equal boxes (cubes where the box allows), numbered layer by layer, row by row; or boxes whose
+# widths grow along the axes.
 
 
 def cubes(
-    n: SpaceCount | None = None, box: SpaceCorners = UNIT_CUBE, seed: int = 0, *, size: float | None = None
+    n: SpaceCount | None = None,
+    box: SpaceCorners = UNIT_CUBE,
+    seed: int = 0,
+    *,
+    size: float | None = None,
+    grade: Grade = 1.0,
 ) -> PolyhedralMesh:
-    """Mesh a box with equal cubes; other families in space take what this one takes, and name the sides as it does.
+    """Mesh a box with cubes; other families in space take what this one takes, and name the sides as it does.
 
     Parameters
     ----------
@@ -39,6 +48,9 @@ def cubes(
         Start of the random numbers: the same seed gives the same mesh. Nothing is random here.
     size : float
         The width of a cell, instead of n; cells are as near to it as whole numbers of them come.
+    grade : number or (number, number, number)
+        How many times wider the last cell is than the first, along all axes or along each: widths grow by one factor
+        from cell to cell. Below 1 they shrink. `tetrahedra` take it, too.
 
     Returns
     -------
@@ -49,17 +61,18 @@ def cubes(
     Raises
     ------
     MeshError
-        n is not a positive whole number, size is not a positive length, both or neither are given, or box is no box.
+        n is not a positive whole number, size is not a positive length, both or neither are given, box is no box, or a
+        grade is not positive.
     """
     whole = check_box(box, 3)
-    points, corners = cube_grid(cell_counts(n, whole, size), whole)
+    points, corners = cube_grid(cell_counts(n, whole, size), whole, check_grades(grade))
     return mesh_of_equal_cells(points, corners[:, np.array(FACES["hexahedron"])], whole)
 
 
-def cube_grid(counts: tuple[int, ...], box: Box) -> tuple[Floats, Ints]:
+def cube_grid(counts: tuple[int, ...], box: Box, grades: tuple[float, ...] | None = None) -> tuple[Floats, Ints]:
     """Nodes, layer by layer, and the corners (n_cells, 8) of the cells: around the bottom, then around the top."""
     nx, ny, nz = counts
-    x, y, z = box.ticks(*counts)
+    x, y, z = box.ticks(*counts, grades=grades)
     level, row, column = np.meshgrid(z, y, x, indexing="ij")
     points = np.column_stack([column.ravel(), row.ravel(), level.ravel()])
     number = np.arange(len(points)).reshape(nz + 1, ny + 1, nx + 1)
@@ -87,13 +100,18 @@ SIX = np.array([[0, 6, 1, 2], [0, 6, 2, 3], [0, 6, 3, 7], [0, 6, 7, 4], [0, 6, 4
 
 
 def tetrahedra(
-    n: SpaceCount | None = None, box: SpaceCorners = UNIT_CUBE, seed: int = 0, *, size: float | None = None
+    n: SpaceCount | None = None,
+    box: SpaceCorners = UNIT_CUBE,
+    seed: int = 0,
+    *,
+    size: float | None = None,
+    grade: Grade = 1.0,
 ) -> PolyhedralMesh:
     """Mesh a box with tetrahedra, six to each cell of `cubes`.
 
     Parameters
     ----------
-    n, box, seed, size : as of `cubes`
+    n, box, seed, size, grade : as of `cubes`
 
     Returns
     -------
@@ -101,7 +119,7 @@ def tetrahedra(
         Nodes layer by layer, row by row; the six tetrahedra of a cube one after the other.
     """
     whole = check_box(box, 3)
-    points, corners = cube_grid(cell_counts(n, whole, size, each=6), whole)
+    points, corners = cube_grid(cell_counts(n, whole, size, each=6), whole, check_grades(grade))
     cells = corners[:, SIX].reshape(-1, 4)
     return mesh_of_equal_cells(points, cells[:, np.array(FACES["tetra"])], whole)
 

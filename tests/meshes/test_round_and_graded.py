@@ -1,0 +1,123 @@
+"""Rings, discs and the tubes and cylinders over them; boxes whose cells grow along the axes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import vemcvx as vx
+from vemcvx.meshes import cubes, ring, tetrahedra
+
+TURN = 2 * np.pi
+
+
+@pytest.mark.parametrize("radii", [[0.0, 1.0], [0.0, 0.5, 1.5], [0.4, 1.0], [0.4, 0.6, 1.0]])
+@pytest.mark.parametrize("angles", [(0.0, TURN), (-0.3, 1.9), (1.0, 1.0 + 1.5 * np.pi), (0.0, np.pi / 2)])
+def test_a_ring_has_the_area_and_the_sides_of_its_polygons(radii, angles):
+    s, part = 7, (angles[1] - angles[0]) / TURN
+    mesh, turns = ring(radii, s, angles=angles), np.isclose(part, 1.0)
+    step = part * TURN / s
+    area = s * np.sin(step) / 2 * (radii[-1] ** 2 - radii[0] ** 2)
+    assert mesh.areas.sum() == pytest.approx(area, rel=1e-13)
+    assert mesh.n_cells == s * (len(radii) - 1)
+    sides = {"outer": s} | ({} if radii[0] == 0 else {"inner": s})
+    sides |= {} if turns else {"first": len(radii) - 1, "last": len(radii) - 1}
+    assert {name: len(edges) for name, edges in mesh.boundaries.items()} == sides | {"boundary": sum(sides.values())}
+    for name, radius in (("outer", radii[-1]), ("inner", radii[0])):
+        if name in sides:
+            at = np.linalg.norm(mesh.points[np.unique(mesh.boundaries[name])], axis=1)
+            assert at == pytest.approx(radius, rel=1e-14)
+    for name, angle in (("first", angles[0]), ("last", angles[1])):
+        if name in sides:
+            at = mesh.points[np.unique(mesh.boundaries[name])]
+            assert at @ [-np.sin(angle), np.cos(angle)] == pytest.approx(0.0, abs=1e-14)
+            assert (at @ [np.cos(angle), np.sin(angle)] >= -1e-15).all()
+    # Checked like any mesh of one's own.
+    vx.PolygonMesh(mesh.points, mesh.cells)
+
+
+def test_rays_on_the_axes_are_on_them_to_the_bit():
+    quarter = ring([1.0, 2.0], 6, angles=(0.0, np.pi / 2))
+    assert (quarter.points[np.unique(quarter.boundaries["first"]), 1] == 0).all()
+    assert (quarter.points[np.unique(quarter.boundaries["last"]), 0] == 0).all()
+
+
+@pytest.mark.parametrize(("radii", "kinds"), [([0.5, 1.0], {6}), ([0.0, 0.5, 1.0], {5, 6})])
+def test_prisms_over_them_are_tubes_and_cylinders(radii, kinds, tmp_path):
+    """Of hexahedra and wedges, which other programs read."""
+    solid = ring(radii, 8).extruded([0.0, 0.5, 1.0])
+    assert set(np.diff(solid.cell_offsets)) == kinds
+    assert {"outer", "bottom", "top"} <= set(solid.boundaries)
+    solid.write(tmp_path / "round.msh")
+    again = vx.meshes.read(tmp_path / "round.msh")
+    assert np.array_equal(again.points, solid.points)
+    assert again.n_cells == solid.n_cells
+    shear = vx.simulate(
+        vx.Scene(
+            vx.Elasticity(10.0, 0.3),
+            vx.PrescribedDisplacement(
+                lambda x, t: t * x @ [[0.01, 0.0, 0.0], [0.02, 0.0, 0.0], [0.0, 0.01, 0.0]], on="boundary"
+            ),
+        ),
+        solid,
+        [0.0, 1.0],
+    )
+    assert shear.stress(-1) == pytest.approx(np.tile(shear.stress(-1)[0], (solid.n_cells, 1)), abs=1e-12)
+
+
+REFUSED = {
+    "no ring": (
+        lambda: ring([1.0], 4),
+        r"^ring: found radii = \[1\.0\]; wanted at least two increasing numbers >= 0, th",
+    ),
+    "a ring turned out": (lambda: ring([2.0, 1.0], 4), r"^ring: found radii = \[2\.0, 1\.0\]; wanted"),
+    "negative": (lambda: ring([-1.0, 1.0], 4), r"^ring: found radii = \[-1\.0, 1\.0\]; wanted"),
+    "two sectors": (lambda: ring([0.0, 1.0], 2), r"^sectors must be at least 3; got 2\.$"),
+    "half a turn in one": (lambda: ring([0, 1], 1, angles=(0.0, np.pi)), r"^sectors must be at least 2; got 1\.$"),
+    "two turns": (
+        lambda: ring([0, 1], 9, angles=(0.0, 7.0)),
+        r"^ring: found angles = \(0\.0, 7\.0\); wanted two incre",
+    ),
+    "too large": (
+        lambda: ring([0, 1e61], 9),
+        r"^ring: found a radius of 1e\+61; at most 1e\+60 can be computed with\.$",
+    ),
+    "a grade below zero": (
+        lambda: cubes(2, grade=-1.0),
+        r"^grade must be a number from 1e-06 to 1e\+06, or one an axis ",
+    ),
+    "two grades": (
+        lambda: tetrahedra(2, grade=(1.0, 2.0)),
+        r"\(along x, along y, along z\): how many times wider the la",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_is_no_ring_and_no_grade_is_refused(name):
+    make, sentence = REFUSED[name]
+    with pytest.raises(vx.MeshError, match=sentence):
+        make()
+
+
+@pytest.mark.parametrize("family", [cubes, tetrahedra])
+def test_widths_grow_by_one_factor(family):
+    box, counts, grades = ((-1.0, 1.0), (0.0, 3.0), (2.0, 2.5)), (5, 4, 1), (16.0, 0.125, 3.0)
+    mesh, equal = family(counts, box, grade=grades), family(counts, box)
+    for axis, (count, grade) in enumerate(zip(counts, grades, strict=True)):
+        ticks = np.unique(mesh.points[:, axis])
+        widths = np.diff(ticks)
+        assert (ticks[0], ticks[-1]) == box[axis]
+        assert widths[1:] / widths[:-1] == pytest.approx(grade ** (1 / max(count - 1, 1)), rel=1e-12)
+        if count > 1:
+            assert widths[-1] / widths[0] == pytest.approx(grade, rel=1e-12)
+    assert mesh.measures.sum() == pytest.approx(3.0, rel=1e-13)
+    assert {name: part.tolist() for name, part in mesh.boundaries.items()} == {
+        name: part.tolist() for name, part in equal.boundaries.items()
+    }
+    vx.PolyhedralMesh(mesh.points, mesh.cells)
+
+
+def test_one_grade_is_that_of_all_axes_and_one_is_none():
+    assert np.array_equal(cubes(3, grade=4.0).points, cubes(3, grade=(4.0, 4.0, 4.0)).points)
+    assert np.array_equal(cubes(3, grade=1.0).points, cubes(3).points)

@@ -497,6 +497,8 @@ def test_reversals_inside_steps_are_bounded_within_five_times(scene, steps):
         *((triangular, steps, 2.5) for steps in (4, 5, 8, 9, 16, 17)),
         (zigzag, 20, 4.0),
         *((sine, steps, 5.5) for steps in (8, 16, 32)),
+        (lambda t: sine(3.0 * t), 60, 4.0),
+        (lambda t: sine(5.0 * t), 100, 6.0),
     ],
 )
 def test_histories_are_bounded_over_mesh_and_steps(course, steps, most):

@@ -200,7 +200,7 @@ class Hypercircle:
         boundary.check_supports(now)
         densities, prestress, ends = self.densities_at(now.t), self._prestress(now), now.u[edges.outer_edges]
         body, outline = self.body_forces.of(densities), numbered.outline(now.u)
-        surface = boundary.at(now, before, self._work([one.moments for one in body]))
+        surface = self.surface(now, before, body)
         inside = [self._inside(k, outline, body[k : k + 1]) for k in range(len(self.fans))]
         # The linear part of v and the prestress are constant stresses, that of tau less these what x strains.
         still = [prestress[fans.cells] for fans in self.fans]
@@ -238,6 +238,12 @@ class Hypercircle:
             norm=float(np.sqrt(max(energy + springs, 0.0))),
             lowered=float(np.sqrt(max(float(left @ w), 0.0))),
         )
+
+    def surface(self, now: Instant, before: Instant, body: Sequence[Body] | None = None) -> Surface:
+        """The surface at the end of a step, under the body forces of its end, if these are not given."""
+        if body is None:
+            body = self.body_forces.of(self.densities_at(now.t)) if self.boundary.motions.shape[1] else ()
+        return self.boundary.at(now, before, self._work([one.moments for one in body]))
 
     def _prestress(self, now: Instant) -> Floats:
         """sigma_0 (n_cells, 3), one a cell."""
@@ -314,6 +320,13 @@ class Hypercircle:
         """The norm of a defect, each cell's larger by what is missed (corners,)."""
         squares = self.squares_of(defect, self.body_forces.of(defect.densities))
         return float(np.sqrt(self.enlarged(squares, defect, missed).sum()))
+
+    def squares_of_change(self, before: Pair, now: Pair) -> Floats:
+        """(n_cells,) squares of what r of v + w changes by from one pair to another, larger by what is missed of it."""
+        defect = now.richer - before.richer
+        body = self.body_forces.of(defect.densities)
+        missed = self.oscillation(now.surface.acting - before.surface.acting, body)
+        return self.enlarged(self.squares_of(defect, body), defect, missed)
 
     def squares(self, stresses: Sequence[Floats]) -> Floats:
         """(corners,) squares in C^-1 of stresses (c, n, 18, 3) on the triangles of each chunk of cells."""

@@ -359,7 +359,7 @@ def _of_history(scene: Scene, history: History) -> ErrorBound:
     _check_history(posed, history)
     if len(times) > 1:
         bends = inside_steps(times, course(posed.system, times).bends)
-        finer, missed = _followed(posed, np.union1d(divided(times, 1, PATH), bends))
+        finer, missed = _followed(posed, divided(np.union1d(times, bends), 1, PATH))
     # A load that comes and goes within a step is left out by runs, and leaves friction behind.
     _warn_between(bends, missed)
     within, inner, path = within_cells(scene, history, finer, _readings(finer).tolist())

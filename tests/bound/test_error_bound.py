@@ -553,8 +553,12 @@ def test_runs_that_cannot_be_bounded_are_refused_before_they_begin():
     with pytest.raises(vx.SceneError, match="store='all'"):
         vx.simulate(paper_scene(), vx.meshes.squares(4), [0.0, 1.0], store="last", bound=True)
     scene = vx.Scene(STEEL, vx.Clamp(on="left"), vx.Traction(lambda x, t: (t, 0.0, 0.0), on="right"))
-    with pytest.raises(vx.SceneError, match="exists in the plane only"):
+    with pytest.raises(vx.SceneError, match=r"exists in the plane only.* missing .*vemcvx\.bound.*error_budget"):
         vx.simulate(scene, vx.meshes.cubes(2), [0.0, 1.0], bound=True)
+    run = vx.simulate(scene, vx.meshes.cubes(2), [0.0, 1.0])
+    for step in (1, None):
+        with pytest.raises(vx.SceneError, match=r"that does not lock and a constant for loads .* are missing"):
+            vx.error_bound(run, step=step)
 
 
 @pytest.mark.long

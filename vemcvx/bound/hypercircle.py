@@ -70,6 +70,10 @@ from vemcvx.meshes import plane_mesh
 from vemcvx.scene.pose import PosedScene
 from vemcvx.vem import elastic_matrix, strains
 
+IN_SPACE = (
+    "in space a displacement inside polyhedra that does not lock and a constant for loads that are not linear are "
+    "missing (the docstring of vemcvx.bound says how far it goes); vemcvx.error_budget estimates the error"
+)
 COARSE = 0.1
 """Part of |r|^2 beyond which what is missed of loads is looked at triangle by triangle."""
 
@@ -498,7 +502,7 @@ def _free_outlines(posed: PosedScene, boundary: Boundary, outer: Ints, count: in
 
 def check_bounded(posed: PosedScene) -> None:
     """Raise SceneError where there is no bound."""
-    plane_mesh(posed.space.mesh, "error_bound", "compare runs on finer meshes and in finer steps")
+    plane_mesh(posed.space.mesh, "error_bound", IN_SPACE)
     check_estimable(posed, "error_bound")
     if posed.curves:
         raise SceneError(

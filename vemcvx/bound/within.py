@@ -37,7 +37,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from vemcvx.arrays import Floats, Ints, totals
-from vemcvx.bound.hypercircle import Hypercircle, hypercircle, outline_of
+from vemcvx.bound.hypercircle import IN_SPACE, Hypercircle, hypercircle, outline_of
 from vemcvx.bound.reading import reading
 from vemcvx.bound.skeleton import Instant
 from vemcvx.errors import MeshError, SceneError
@@ -58,8 +58,8 @@ HALVINGS, LACKING, LONGER = 2, 0.9, 3.0
 """How often steps of a path are halved at most, those that have this part of what friction lacks, while there are no
 more than LONGER times those at first."""
 ENOUGH, UNSLIPPED = 0.3, 1.0
-"""Parts of the largest |r| of the run's cells below which sums of |r_n - r_{n-1}| are left alone, and (2 D)^{1/2}: at .5
-for .3 bounds of a ramp in 4 steps on 4 x 4 squares were 1.6 times the error, not 1.2."""
+"""Parts of the largest |r| of the run's cells below which sums of |r_n - r_{n-1}| are left alone, and (2 D)^{1/2}:
+at .5 for .3 bounds of a ramp in 4 steps on 4 x 4 squares were 1.6 times the error, not 1.2."""
 
 
 class Inner(NamedTuple):
@@ -193,7 +193,7 @@ def within_cells(
 
     Data are read at `times`.
     """
-    mesh, at = plane_mesh(history.mesh, "error_bound"), history.trajectory.times.tolist()
+    mesh, at = plane_mesh(history.mesh, "error_bound", IN_SPACE), history.trajectory.times.tolist()
     whole = Within(scene, mesh, times, sp.eye_array(mesh.n_nodes, format="csr"), np.arange(mesh.n_cells))
     # Of each mesh what is made once is let go with its cells.
     own = replace(whole)

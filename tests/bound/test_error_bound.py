@@ -458,7 +458,7 @@ def test_a_reversal_inside_a_step_is_named_and_can_be_met(caplog):
         met = vx.error_bound(vx.simulate(scene, mesh, placed))
     assert len(met.bends) == 0
     assert "inside steps" not in caplog.text
-    assert met.parts["steps"][-1] == pytest.approx(bound.parts["steps"][-1], rel=0.02)
+    assert met.parts["steps"][-1] == pytest.approx(bound.parts["steps"][-1], rel=1e-9)
     assert met.upper[-1] < bound.upper[-1]
 
 
@@ -497,6 +497,8 @@ def test_reversals_inside_steps_are_bounded_within_five_times(scene, steps):
         *((triangular, steps, 2.5) for steps in (4, 5, 8, 9, 16, 17)),
         (zigzag, 20, 4.0),
         *((sine, steps, 5.5) for steps in (8, 16, 32)),
+        (lambda t: sine(3.0 * t), 60, 4.0),
+        (lambda t: sine(5.0 * t), 100, 6.0),
     ],
 )
 def test_histories_are_bounded_over_mesh_and_steps(course, steps, most):
@@ -551,8 +553,12 @@ def test_runs_that_cannot_be_bounded_are_refused_before_they_begin():
     with pytest.raises(vx.SceneError, match="store='all'"):
         vx.simulate(paper_scene(), vx.meshes.squares(4), [0.0, 1.0], store="last", bound=True)
     scene = vx.Scene(STEEL, vx.Clamp(on="left"), vx.Traction(lambda x, t: (t, 0.0, 0.0), on="right"))
-    with pytest.raises(vx.SceneError, match="exists in the plane only"):
+    with pytest.raises(vx.SceneError, match=r"exists in the plane only.* missing .*vemcvx\.bound.*error_budget"):
         vx.simulate(scene, vx.meshes.cubes(2), [0.0, 1.0], bound=True)
+    run = vx.simulate(scene, vx.meshes.cubes(2), [0.0, 1.0])
+    for step in (1, None):
+        with pytest.raises(vx.SceneError, match=r"that does not lock and a constant for loads .* are missing"):
+            vx.error_bound(run, step=step)
 
 
 @pytest.mark.long

@@ -46,7 +46,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import reduce
 
 import numpy as np
 
@@ -193,7 +192,10 @@ class BodyForces:
 
         def rest(k: int) -> Floats:
             """What is no combination in the k-th chunk."""
-            return reduce(lambda f, one: f - one[0] * one[1][k], zip(s, self.known, strict=True), densities[k])
+            left = densities[k].copy()
+            for one, shape in zip(s, self.known, strict=True):
+                left -= one * shape[k]
+            return left
 
         if self.known and all(_largest(rest(k)) <= ROUNDING * largest for k in range(len(densities))):
             if not self.made:

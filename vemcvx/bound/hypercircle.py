@@ -70,6 +70,10 @@ from vemcvx.meshes import plane_mesh
 from vemcvx.scene.pose import PosedScene
 from vemcvx.vem import elastic_matrix, strains
 
+IN_SPACE = (
+    "in space a displacement inside polyhedra that does not lock and a constant for loads that are not linear are "
+    "missing (the docstring of vemcvx.bound says how far it goes); vemcvx.error_budget estimates the error"
+)
 COARSE = 0.1
 """Part of |r|^2 beyond which what is missed of loads is looked at triangle by triangle."""
 
@@ -200,7 +204,7 @@ class Hypercircle:
         boundary.check_supports(now)
         densities, prestress, ends = self.densities_at(now.t), self._prestress(now), now.u[edges.outer_edges]
         body, outline = self.body_forces.of(densities), numbered.outline(now.u)
-        surface = boundary.at(now, before, self._work([one.moments for one in body]))
+        surface = self.surface(now, before, body)
         inside = [self._inside(k, outline, body[k : k + 1]) for k in range(len(self.fans))]
         # The linear part of v and the prestress are constant stresses, that of tau less these what x strains.
         still = [prestress[fans.cells] for fans in self.fans]
@@ -238,6 +242,12 @@ class Hypercircle:
             norm=float(np.sqrt(max(energy + springs, 0.0))),
             lowered=float(np.sqrt(max(float(left @ w), 0.0))),
         )
+
+    def surface(self, now: Instant, before: Instant, body: Sequence[Body] | None = None) -> Surface:
+        """The surface at the end of a step, under the body forces of its end, if these are not given."""
+        if body is None:
+            body = self.body_forces.of(self.densities_at(now.t)) if self.boundary.motions.shape[1] else ()
+        return self.boundary.at(now, before, self._work([one.moments for one in body]))
 
     def _prestress(self, now: Instant) -> Floats:
         """sigma_0 (n_cells, 3), one a cell."""
@@ -315,6 +325,13 @@ class Hypercircle:
         squares = self.squares_of(defect, self.body_forces.of(defect.densities))
         return float(np.sqrt(self.enlarged(squares, defect, missed).sum()))
 
+    def squares_of_change(self, before: Pair, now: Pair) -> Floats:
+        """(n_cells,) squares of what r of v + w changes by from one pair to another, larger by what is missed of it."""
+        defect = now.richer - before.richer
+        body = self.body_forces.of(defect.densities)
+        missed = self.oscillation(now.surface.acting - before.surface.acting, body)
+        return self.enlarged(self.squares_of(defect, body), defect, missed)
+
     def squares(self, stresses: Sequence[Floats]) -> Floats:
         """(corners,) squares in C^-1 of stresses (c, n, 18, 3) on the triangles of each chunk of cells."""
         found = np.zeros(len(self.boundary.edges.sides))
@@ -385,8 +402,14 @@ class Hypercircle:
         loads = self.boundary.oscillation.body_loads
         if not loads:
             return ()
-        points = (fans.points() for fans in self.fans)
-        return tuple(reduce(np.add, [load.at(x.reshape(-1, 2), t).reshape(x.shape) for load in loads]) for x in points)
+        return tuple(
+            reduce(np.add, [load.at(x.reshape(-1, 2), t).reshape(x.shape) for load in loads]) for x in self._points
+        )
+
+    @cached_property
+    def _points(self) -> tuple[Floats, ...]:
+        """(c, n, 21, 2) of each chunk of cells: 1.3 kB a square, a twelfth of the body forces' part of a step."""
+        return tuple(fans.points() for fans in self.fans)
 
     def reading(self, pair: Pair, t: float) -> Reading:
         """How well the loads of a pair are read."""
@@ -479,7 +502,7 @@ def _free_outlines(posed: PosedScene, boundary: Boundary, outer: Ints, count: in
 
 def check_bounded(posed: PosedScene) -> None:
     """Raise SceneError where there is no bound."""
-    plane_mesh(posed.space.mesh, "error_bound", "compare runs on finer meshes and in finer steps")
+    plane_mesh(posed.space.mesh, "error_bound", IN_SPACE)
     check_estimable(posed, "error_bound")
     if posed.curves:
         raise SceneError(

@@ -283,6 +283,12 @@ class Boundary:
             slip=laws.slip,
         )
 
+    def lacking(self, before: Surface, now: Surface) -> float:
+        """D, what friction and slip lack of their law between two instants, linear in time: >= 0."""
+        bound, bias, friction = (0.5 * (a + b) for a, b in zip(before.laws, now.laws, strict=True))
+        means = products(bound, np.abs(now.slip)) + products(bias - friction, now.slip)
+        return max(float(self.integrals(means).sum()), 0.0)
+
     def missed(self, traction: Floats) -> tuple[Floats, Floats]:
         """Of tractions t (k, 3, 2) int |t - t_2|^2 (b,), t_2 being quadratic on edges, with the same moments.
 

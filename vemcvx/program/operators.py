@@ -35,7 +35,7 @@ from vemcvx.errors import SceneError
 from vemcvx.linear import SAMPLES, DenseCholesky, Factor, Matrix, SuperLU
 from vemcvx.outline import ArrayRecord
 from vemcvx.program.kernel import KernelBalance
-from vemcvx.weight_law import Law, PressureLaw
+from vemcvx.weight_law import Law, PressureLaw, once_for_each
 
 SAY = "take the number of a term and say where it acts"
 
@@ -218,12 +218,12 @@ class Norms(ArrayRecord):
         law = self.law
         if law is None or law.slope is None:
             raise LookupError("Norms: the law has no slope; `sloped` says so.")
-        of_forces = law.slope
+        of_forces, failed = law.slope, f"Norms: slope: its function failed when called as f(t, p, past) with t = {t:.6g}"
+        checked = once_for_each(lambda J, p: checked_matrix(J, "Norms: slope", (self.count, len(p))))
 
         def slope(p: Floats) -> sp.csr_matrix:
-            failed = f"Norms: slope: its function failed when called as f(t, p, past) with t = {t:.6g}"
             J = called(of_forces, (t, p, past), failed, "return the law's derivative")
-            return checked_matrix(J, "Norms: slope", (self.count, len(p)))
+            return checked(J, p)
 
         return PressureLaw(lambda p: self.weights_under(t, p, past), slope)
 

@@ -358,6 +358,7 @@ class SetsSystem:
         bent = self._sets.bent(self._operators.blocks(read[self._response.norms])).ravel()
         return np.asarray(force + place.rows.force_of(np.append(bent, self._spring * read[self._response.limits])))
 
+    @cached_property
     def _parts(self) -> tuple[Floats, Floats]:
         """S + T and B'q J P on y, which add up to M."""
         place, q, pushing = self._place, self._sets.direction, self._place.pushing
@@ -368,9 +369,7 @@ class SetsSystem:
     @cached_property
     def _lu(self) -> tuple[Floats, Ints]:
         """The factors of M': LAPACK reads columns."""
-        M, followed = self._parts()
-        M += followed
-        lu, pivots, info = lapack.dgetrf(M.T, overwrite_a=True)
+        lu, pivots, info = lapack.dgetrf(np.add(*self._parts).T, overwrite_a=True)
         if info > 0 or not np.isfinite(lu).all():
             raise LinAlgError("singular")
         return lu, pivots
@@ -422,14 +421,14 @@ class SetsSystem:
         place = self._place
         if len(place.free) == 0:
             return 0.0
-        stiff, followed = self._parts()
+        stiff, followed = self._parts
         anchors = place.anchors[np.ix_(place.free, place.free)] if place.anchor.any() else None
         # y'My >= y'Ny / 2 where J is small: M + M' - N is definite, which shows in a tenth of the work of the norm.
         twice = stiff + followed
         twice += followed.T
         if anchors is not None:
             twice -= anchors
-            stiff += anchors
+            stiff = stiff + anchors
         if lapack.dpotrf(twice.T, lower=1, clean=0, overwrite_a=True)[1] == 0:
             return 2.0
         root, info = lapack.dpotrf(stiff)

@@ -69,6 +69,12 @@ class PressureLaw:
     weights: Callable[[Floats], Floats]
     slope: Callable[[Floats], sp.csr_matrix]
 
+    @staticmethod
+    def given(w: Floats, r: int) -> PressureLaw:
+        """The law of given weights (m,), whatever the forces (r,)."""
+        slope = sp.csr_matrix((len(w), r))
+        return PressureLaw(lambda p: w, lambda p: slope)
+
     def scaled(self, up: Floats, down: Floats) -> PressureLaw:
         """The law in units in which weights are `up` (m,) times as many, and forces are `down` (r,) of these."""
 

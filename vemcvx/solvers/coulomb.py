@@ -34,9 +34,9 @@ psi_i(s, p) added to lam_i,
 
     psi_i(s, p) = w_i(p) s_i / |s_i| - q_i (w(p_0) + J (p - p_0))_i - h_i (I - q_i q_i') s_i - psi_i^0,
 
-where psi^0 is such that d_0 and x_0 solve it without psi: there psi_i is w_i n_i - lam_i. Where psi has at most t_i along
-q_i and at most u_i across it, the solution differs from d_0 by at most E in energy, its slips by at most alpha_i along
-q_i and gamma_i across it, and its forces of limits by at most pi_j
+where psi^0 is such that d_0 and x_0 solve it without psi: there psi_i is w_i n_i - lam_i. Where psi has at most t_i
+along q_i and at most u_i across it, the solution differs from d_0 by at most E in energy, its slips by at most alpha_i
+along q_i and gamma_i across it, and its forces of limits by at most pi_j
 (:meth:`vemcvx.solvers.sets_system.SetsSystem.answers`). Let
 
     turn_i = (gamma_i + delta_i alpha_i) / (v_i - alpha_i - gamma_i),
@@ -49,8 +49,8 @@ with |d - d_0|_K <= E. Terms of weight zero slip with h_i = 0, and psi_i = -lam_
 
 Proof. Let s_i move by e = a q_i + g, |a| <= alpha_i and |g| <= gamma_i, g across q_i. Its part across n_i, g_n, is at
 most gamma_i + delta_i alpha_i, so that the direction of s_i turns by at most turn_i: across n_i by |g_n| / |s_i|, which
-differs from |g_n| / v_i by at most turn_i (alpha_i + gamma_i) / v_i, and along n_i by at most turn_i^2 / 2. And g_n - g =
-(q_i q_i' - n_i n_i') e is at most delta_i (alpha_i + gamma_i). Of w_i g / v_i psi_i keeps (w_i / v_i - h_i) g, across
+differs from |g_n| / v_i by at most turn_i (alpha_i + gamma_i) / v_i, and along n_i by at most turn_i^2 / 2. And g_n - g
+= (q_i q_i' - n_i n_i') e is at most delta_i (alpha_i + gamma_i). Of w_i g / v_i psi_i keeps (w_i / v_i - h_i) g, across
 q_i. The change of w counts along s_i / |s_i| - q_i, which is at most delta_i + turn_i. So (s, p) -> what the answer to
 psi(s, p) has for them is continuous and maps this convex compact set into itself: Brouwer gives a fixed point, which
 solves (Q). QED Rounding is that of d_0 and of the inequalities; rows of which what is held leaves less than FOLLOWS
@@ -66,18 +66,17 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import islice
-from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import LinAlgError
-from scipy.linalg.blas import dsymv
 
 from vemcvx.arrays import EPS, Bools, Floats, lengths
-from vemcvx.program.operators import Rows
 from vemcvx.program.step_program import StepProgram
-from vemcvx.solvers.newton import Iterate, Sets, Shifts, most_curved, sets_at, without_redundant_rows
+from vemcvx.solvers.newton import Sets, Shifts, most_curved, sets_at, without_redundant_rows
+from vemcvx.solvers.projected_gradients import sweepable, swept
 from vemcvx.solvers.sets_system import Answers, Response, SetsSystem
+from vemcvx.solvers.solver import Iterate
 from vemcvx.weight_law import Piece, PressureLaw, same_matrix
 
 SOLVED = 1e-6
@@ -338,7 +337,8 @@ def _beside_the_law(found: Found, sets: Sets, slides: Bools, s: Floats) -> Besid
     psi = np.stack([np.abs(along), lengths(missed - along[:, None] * q)])
     psi += found.forces + w * np.stack([blur * (blur + delta), blur])
     left = np.where(sets.stick | (w > 0), 0.0, lengths(lam))
-    return BesideTheLaw(np.where(slides, v, np.inf), delta, slides * np.abs(w / v - sets.curvature), psi * slides + left)
+    lacking: Floats = slides * np.abs(w / v - sets.curvature)
+    return BesideTheLaw(np.where(slides, v, np.inf), delta, lacking, psi * slides + left)
 
 
 DOUBLED = 8
@@ -399,7 +399,7 @@ def solution_near(
     rounds : iterator
         One is taken for the system of every sets; it gives up where there are no more.
     """
-    near = start if program.operators.block == 1 or response.anchor.any() else swept(program, law, start, response)
+    near = swept(program, law, start) if sweepable(program.operators) else start
     found = _from_sets(program, law, near, response, rounds)
     found = found or _from_sets(program, law, start=start, response=response, rounds=rounds, w=program.w)
     found = found or _by_softer_laws(program, law, start, response, rounds)
@@ -410,45 +410,6 @@ def solution_near(
     # Where the point is moved within bounds and into place, that counts.
     error = found.error + program.operators.energy_norm(point.d - found.point.d) + (away or 0.0)
     return SetsSolution(point, found.weights, error, away is not None)
-
-
-SWEEPS = 50
-"""Projected gradients before the first sets of discs, at most. Of 420 discs that press on a plane eight steps took 74
-systems without, 50 after 30 of them, 31 after 100; a system costs as much as 80."""
-SWEPT = 1.5e-5
-"""Part of the multipliers below which a change by a sweep is the last: the sets are then those of fifty as a rule."""
-
-
-def swept(program: StepProgram, law: PressureLaw, start: Iterate, response: Response) -> Iterate:
-    """A point near a solution of (Q): projected gradients with momentum, on the multipliers x = (lam, p).
-
-    In the units of :attr:`Response.descent` x becomes the projection of y + A K^{-1} g - [b; e] - (W + C) y on discs of
-    the radius w(p) and on p >= 0, y being ahead of x (Nesterov 1983), and x itself where that led back (O'Donoghue and
-    Candes 2015).
-    """
-    operators, norms, limits, (unit, descent) = program.operators, response.norms, response.limits, response.descent
-    piece = law.scaled(1.0 / unit[norms][:: operators.block], unit[limits]).piece(start.p / unit[limits])
-    follow, free = Rows(piece.slope).read, operators.factor.solve(program.g)
-    without, momentum = piece.weights - follow(piece.forces), 1.0
-    ahead = unit * np.append(program.slip(free), program.excess(free))
-    x = y = np.append(start.lam, start.p) / unit
-    for _ in range(SWEEPS):
-        last, x = x, dsymv(1.0, descent.T, y, 1.0, ahead)
-        lam, p = operators.blocks(x[norms]), x[limits]
-        np.maximum(p, 0.0, out=p)
-        w, size = without + follow(p), np.sqrt(np.einsum("ij,ij->i", lam, lam))
-        np.maximum(w, 0.0, out=w)
-        np.maximum(size, np.finfo(float).tiny, out=size)
-        lam *= np.minimum(w / size, 1.0)[:, None]
-        change = x - last
-        if change @ change <= SWEPT**2 * (x @ x):
-            break
-        if (y - x) @ change > 0:
-            momentum = 1.0
-        before, momentum = momentum, 0.5 + sqrt(0.25 + momentum**2)
-        y = x + (before - 1.0) / momentum * change
-    x = unit * x
-    return Iterate(operators.factor.solve(program.g - response.act(x)), operators.blocks(x[norms]), x[limits])
 
 
 def _by_softer_laws(

@@ -52,7 +52,7 @@ from vemcvx.program.certificate import Certificate, limit_gaps, norm_gaps
 from vemcvx.program.operators import Norms
 from vemcvx.program.tolerances import FIXED_POINT
 from vemcvx.solvers.coulomb import SOLVED, solution_near
-from vemcvx.solvers.newton import Iterate
+from vemcvx.solvers.solver import Iterate
 from vemcvx.stepping.posed_step import PosedStep
 from vemcvx.stepping.state import PreparedRun, State
 

@@ -195,7 +195,8 @@ def _turned(M: Matrix, load: Floats, program: StepProgram, sets: Sets, columns: 
     """Minimise 1/2 d'Md - load'd with the unknowns `columns` held; where sets stand, correct d on the factor.
 
     By what it misses of the law, while that halves: the directions of slips turn, and where they have nearly been found
-    a product and two triangular solves stand for the next factorisation.
+    a product and two triangular solves stand for the next factorisation. Multipliers stay those of the linear system:
+    w s / |s| has the rounding of small slips.
     """
     operators, stick = program.operators, np.repeat(sets.stick, program.operators.block)
     hard = sets.act & (operators.compliance == 0)
@@ -204,7 +205,7 @@ def _turned(M: Matrix, load: Floats, program: StepProgram, sets: Sets, columns: 
 
     def carried(d: Floats, lam: Floats, force: Floats) -> Iterate:
         """The point whose slipping terms carry lam, and what is held the rest of the force."""
-        p = spring * program.excess(d)
+        p, lam = spring * program.excess(d), lam.copy()
         lam.ravel()[stick], p[hard] = np.split(force[columns] / coefficient, [np.count_nonzero(stick)])
         return Iterate(d, lam, p)
 
@@ -214,21 +215,26 @@ def _turned(M: Matrix, load: Floats, program: StepProgram, sets: Sets, columns: 
     F = np.flatnonzero(free)
     factor = operators.factor.within(restricted(M, F), F)
     d[F] = factor.solve((load - M @ d)[F] if d.any() else load[F])
-    at_bound = program.w[:, None] * sets.direction
-    best, least = carried(d, at_bound + sets.bent(program.slip(d)), load - M @ d), np.inf
+    s = program.slip(d)
+    lam = program.w[:, None] * sets.direction + sets.bent(s)
+    linear = carried(d, lam, load - M @ d)
+    if (lengths(linear.lam) > program.w)[sets.stick].any():
+        return linear
+    best, least = (d, lam), np.inf
     for _ in range(TURNS):
-        s = program.slip(d)
-        back = ~sets.stick & (np.einsum("ij,ij->i", s, sets.direction) <= 0)
-        if back.any() or (lengths(best.lam) > program.w)[sets.stick].any():
+        if (~sets.stick & (np.einsum("ij,ij->i", s, sets.direction) <= 0)).any():
             break
-        lam = np.where(sets.stick[:, None], 0.0, program.w[:, None] * directions(s, lengths(s)))
-        force = program.residual(d, lam, spring * program.excess(d))
-        missed = float(np.abs(force[F]).max(initial=0.0))
+        law = np.where(sets.stick[:, None], 0.0, program.w[:, None] * directions(s, lengths(s)))
+        force = program.residual(d, law, spring * program.excess(d))[F]
+        missed = float(np.abs(force).max(initial=0.0))
         if missed > 0.5 * least:
             break
-        best, least, d = carried(d, lam, force), missed, d.copy()
-        d[F] += factor.solve(force[F])
-    return best
+        best, least, before, d = (d, lam), missed, s, d.copy()
+        d[F] += factor.solve(force)
+        s = program.slip(d)
+        lam = law + sets.bent(s - before)
+    d, lam = best
+    return linear if d is linear.d else carried(d, lam, program.residual(d, lam, spring * program.excess(d)))
 
 
 def _held(M: Matrix, load: Floats, program: StepProgram, stick: Ints, stop: Ints) -> tuple[Floats, Floats, Floats]:
@@ -464,7 +470,8 @@ class Newton(Solver):
         # Terms that were at their bound slip again, as under most loads they do.
         beyond = 4 * EPS if program.operators.block == 1 else OVERRELAXATION
         start = Iterate(np.zeros(len(program.g)), (1.0 + beyond) * program.project(lam), pressed)
-        if sweepable(program.operators) and isinstance(program.operators.K, np.ndarray):
+        operators = program.operators
+        if sweepable(operators) and isinstance(operators.K, np.ndarray) and operators.own_columns is not None:
             start = swept(program, PressureLaw.given(program.w, len(program.e)), start)
         run.newton(start, shift)
         # The safeguard's first shifts are a hundred of the active sets'.

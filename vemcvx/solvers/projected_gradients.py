@@ -5,7 +5,7 @@ The dual of a step's program in the multipliers x = (lam, p) of the rows A = [B;
     1/2 x'(W + C) x - x'(A K^{-1} g - [b; e])        |lam_i| <= w_i,  p >= 0,        W = A K^{-1} A',
 
 C being the compliances of limits. A gradient step on it is the projection of x + t (A K^{-1} g - [b; e] - (W + C) x) on
-discs and half lines, t <= 1 / |W + C|. It costs one product with a matrix of the size of the contact, and with momentum
+discs and half lines, t <= 1 / |W + C|. It costs one product with a matrix of as many rows as A, and with momentum
 (Nesterov 1983), which begins anew where it led back (O'Donoghue and Candes 2015), some thirty of them tell the sets.
 Where weights follow p each projection is on discs of the radius w(p): that is no minimisation, and the fixed points are
 the solutions of Coulomb's law (:mod:`vemcvx.solvers.coulomb`). Nothing is proven here; what sets lead to is.

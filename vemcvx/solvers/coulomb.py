@@ -337,7 +337,7 @@ def _beside_the_law(found: Found, sets: Sets, slides: Bools, s: Floats) -> Besid
     psi = np.stack([np.abs(along), lengths(missed - along[:, None] * q)])
     psi += found.forces + w * np.stack([blur * (blur + delta), blur])
     left = np.where(sets.stick | (w > 0), 0.0, lengths(lam))
-    lacking: Floats = slides * np.abs(w / v - sets.curvature)
+    lacking = np.where(slides, np.abs(w / v - sets.curvature), 0.0)
     return BesideTheLaw(np.where(slides, v, np.inf), delta, lacking, psi * slides + left)
 
 

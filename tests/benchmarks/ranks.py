@@ -49,7 +49,8 @@ def measured(given: argparse.Namespace) -> None:
         answers.append(factor.solve(force))
         seconds.append(time.perf_counter() - start)
     off = max(np.linalg.norm(f - system.K @ x) / np.linalg.norm(f) for f, x in zip(forces, answers, strict=True))
-    print(f"set-up {set_up:.2f} s, a solve {np.median(seconds):.2f} s, residual {off:.1e}; load {os.getloadavg()[0]:.1f}")
+    solve, load = np.median(seconds), os.getloadavg()[0]
+    print(f"set-up {set_up:.2f} s, a solve {solve:.2f} s, residual {off:.1e}; load {load:.1f}")
     if given.save:
         np.save(given.save, answers)
     if given.beside:

@@ -87,6 +87,28 @@ def test_certificates_in_space_are_bounds(coefficient):
     assert history.certificate.max() < 1e-10
 
 
+def test_the_system_that_was_solved_proves_its_answer(monkeypatch):
+    """Its factor serves twice: most steps need no system of the point itself."""
+    made, solved = [], []
+
+    class Counted(SetsSystem):
+        def __init__(self, *given):
+            made.append(given)
+            super().__init__(*given)
+
+    def on_sets(*given):
+        solved.append(given)
+        return original(*given)
+
+    original = coulomb.on_sets
+    monkeypatch.setattr(coulomb, "SetsSystem", Counted)
+    monkeypatch.setattr(coulomb, "on_sets", on_sets)
+    history = vx.march(rubbing(0.3), np.linspace(0, 1, 5))
+    assert history.certificate_kind == "bound"
+    assert history.certificate.max() < 1e-10
+    assert len(made) - len(solved) <= 1
+
+
 def test_what_is_nearly_anything_else_is_not_proven(monkeypatch):
     """Slips within rounding of none, forces of what sticks at their bound, pressures of nothing: no bound."""
     seen = []

@@ -1,9 +1,9 @@
 """Coulomb's law beside Siconos and GetFEM, on the same matrices: answers are compared before a ratio is printed.
 
-python tests/benchmarks/peers.py [--siconos 12 20 32] [--getfem 12 20] [--python /usr/bin/python3]
+python tests/benchmarks/peers.py [--siconos 12 20 32] [--getfem 12 20] [--steps 4] [--python /usr/bin/python3]
 
 A block (1 x 1 x 1/4, tetrahedra, n x n x n/4 cells, E = 200, nu = .3) is held at its top, pushed down, tilted and
-pushed sideways over a rigid floor, mu = .3, in four steps.
+pushed sideways over a rigid floor, mu = .3, in four steps or as many as are asked for.
 
 Siconos (Debian: python3-siconos) gets the step as FCLIB has it, u = W r + q on Coulomb's cones, and solves it by
 nonsmooth Gauss-Seidel (NSGS) to 1e-8, begun at the forces of the step before; we get the program of the step,
@@ -37,8 +37,7 @@ from vemcvx.stepping import fixed_point
 from vemcvx.stepping.fixed_point import DependentStep
 from vemcvx.stepping.state import State
 
-YOUNG, FRICTION, STEPS = 200.0, 0.3, 4
-TIMES = np.linspace(0.0, 1.0, STEPS + 1)
+YOUNG, FRICTION = 200.0, 0.3
 AGREE = 1e-6
 """Part of the largest entry by which answers may differ: what NSGS is asked for, times the condition of W."""
 SCENE = vx.Scene(
@@ -116,7 +115,7 @@ def asked(python: str, code: str, *arguments: str) -> object:
     return json.loads(made.stdout.strip().splitlines()[-1])
 
 
-def beside_siconos(n: int, python: str) -> None:
+def beside_siconos(n: int, steps: int, python: str) -> None:
     """Steps on the same condensed data, ours and NSGS's."""
     seconds: list[float] = []
     original = fixed_point.resolved
@@ -129,7 +128,8 @@ def beside_siconos(n: int, python: str) -> None:
 
     fixed_point.resolved = timed
     try:
-        solved = list(vx.programs(SCENE, block(n), TIMES, initial="settled", solver=vx.Newton(1e-9)))
+        times = np.linspace(0.0, 1.0, steps + 1)
+        solved = list(vx.programs(SCENE, block(n), times, initial="settled", solver=vx.Newton(1e-9)))
     finally:
         fixed_point.resolved = original
     operators = solved[0].operators
@@ -155,19 +155,20 @@ def beside_siconos(n: int, python: str) -> None:
     )
 
 
-def beside_getfem(n: int, python: str) -> None:
+def beside_getfem(n: int, steps: int, python: str) -> None:
     """Whole histories, ours with assembly, GetFEM's on our stiffness matrix."""
+    times = np.linspace(0.0, 1.0, steps + 1)
     system, start = pose_scene(SCENE, block(n)).system, time.process_time()
-    history = vx.simulate(SCENE, block(n), TIMES, initial="settled")
+    history = vx.simulate(SCENE, block(n), times, initial="settled")
     seconds, limits = time.process_time() - start, system.limits
     with tempfile.TemporaryDirectory() as folder:
         for name, matrix in (("K", system.K), ("BN", limits.D), ("BT", system.norms.B)):
             mmwrite(f"{folder}/{name}.mtx", sp.coo_matrix(matrix), symmetry="general")
-        f = [system.force(t) for t in TIMES]
+        f = [system.force(t) for t in times]
         np.savez(f"{folder}/data.npz", f=f, gap=limits.remaining_gap(0.0), mu=FRICTION)
         theirs = asked(python, GETFEM, folder, f"{folder}/made.npz", str(0.01 * YOUNG))
         motions = np.load(f"{folder}/made.npz")["motions"]
-    name = f"{system.n} unknowns, {limits.count} contacts: {STEPS + 1} steps"
+    name = f"{system.n} unknowns, {limits.count} contacts: {len(times)} steps"
     report(name, "GetFEM, version 1, r = E / 100", (seconds, theirs), history.trajectory.state, motions)
 
 
@@ -188,13 +189,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--siconos", type=int, nargs="*", default=[12, 20, 32], help="cells along a side")
     parser.add_argument("--getfem", type=int, nargs="*", default=[12, 20], help="cells along a side")
+    parser.add_argument("--steps", type=int, default=4)
     parser.add_argument("--python", default="/usr/bin/python3", help="that has the peers")
     arguments = parser.parse_args()
     print("| work | peer | vemcvx, s | peer, s | ratio | apart |\n|---|---|---|---|---|---|")
     for n in arguments.siconos:
-        beside_siconos(n, arguments.python)
+        beside_siconos(n, arguments.steps, arguments.python)
     for n in arguments.getfem:
-        beside_getfem(n, arguments.python)
+        beside_getfem(n, arguments.steps, arguments.python)
 
 
 if __name__ == "__main__":

@@ -11,7 +11,8 @@ from scipy.sparse.linalg import LinearOperator, cg
 import vemcvx as vx
 from vemcvx.linear.multigrid import Hierarchy
 from vemcvx.program.step_program import StepProgram
-from vemcvx.solvers.newton import INEXACT, Iterate, Sets, answer_on
+from vemcvx.solvers.newton import INEXACT, Sets, answer_on
+from vemcvx.solvers.solver import Iterate
 from vemcvx.stepping.backward_euler import march
 from vemcvx.stepping.state import prepare
 

@@ -172,7 +172,7 @@ from mpi4py import MPI
 if MPI.COMM_WORLD.rank == 1:
     def solve(self, *given):
         raise MemoryError("no memory is left here")
-    petsc.Rows.solve = solve
+    petsc.RankRows.solve = solve
 if petsc.serve():
     raise SystemExit
 K = 3 * np.eye(40) - np.eye(40, k=1) - np.eye(40, k=-1)

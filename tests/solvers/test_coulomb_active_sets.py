@@ -15,6 +15,7 @@ import scipy.sparse as sp
 import vemcvx as vx
 from vemcvx.program.condensation import Condensation
 from vemcvx.scene import pose_scene
+from vemcvx.weight_law import once_for_each
 
 SHIFT = 10.0
 
@@ -143,3 +144,20 @@ def test_bounds_that_follow_from_others_are_obeyed(order):
     exact = np.array([x, 0.1, 0.9 - mu * (p2 + p3)])
     off = np.linalg.norm(history.state[-1] - exact) / np.linalg.norm(exact)
     assert off <= max(history.certificate[-1], 1e-14)
+
+
+def test_slopes_that_nobody_writes_to_are_changed_once():
+    made = []
+
+    def doubled(J):
+        made.append(J)
+        return 2.0 * J
+
+    changed, J = once_for_each(doubled), sp.csr_matrix(np.eye(3))
+    assert changed(J) is not changed(J)
+    J.data[:] = 3.0
+    assert (changed(J).data == 6.0).all()
+    J.data.flags.writeable = False
+    assert changed(J) is changed(J)
+    assert not changed(J).data.flags.writeable
+    assert len(made) == 4

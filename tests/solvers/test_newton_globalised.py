@@ -10,7 +10,8 @@ from scenes import cyclic, paper_scene
 import vemcvx as vx
 from vemcvx.program.operators import Operators
 from vemcvx.program.step_program import StepProgram
-from vemcvx.solvers.newton import Iterate, Shifts, answer_on, sets_at
+from vemcvx.solvers.newton import Shifts, answer_on, sets_at
+from vemcvx.solvers.solver import Iterate
 
 pytestmark = pytest.mark.arithmetic
 

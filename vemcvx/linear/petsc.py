@@ -120,7 +120,7 @@ class Shared:
         self._ranks, self._number = ranks, ranks.next_number()
         # PETSc takes singular values below 1e-12 for zeros, whatever the unit.
         self._unit = float(power_of_two(K.diagonal().max()))
-        self._ranks.call(self._number, "hold", (options, *motions.shape), K / self._unit, motions)
+        self._ranks.call(self._number, "hold", (options, *motions.shape, self._unit), K, motions)
         self.levels, self.limits = ranks.held[self._number].levels, ranks.held[self._number].limits
         # The stiffness of what is held in the second hierarchy: coarse matrices do not feel a millionth of K's least.
         self._least = 1e-6 * float(K.diagonal().min()) / self._unit
@@ -217,6 +217,7 @@ class RankRows:
         options: dict[str, str],
         n: int,
         modes: int,
+        unit: float,
         K: sp.csr_matrix | None = None,
         motions: Floats | None = None,
     ):
@@ -224,7 +225,8 @@ class RankRows:
 
         self._petsc, self._comm, self._names = petsc, comm, options
         block, own = _own_block(comm, n, K, motions)
-        csr = [block.indptr.astype(petsc.IntType), block.indices.astype(petsc.IntType), block.data]
+        # Here, where K is a block of rows: scaled as a whole it would be on rank 0 twice.
+        csr = [block.indptr.astype(petsc.IntType), block.indices.astype(petsc.IntType), block.data / unit]
         size = (block.shape[0], n)
         self._K = petsc.Mat().createAIJ((size, size), csr=csr, comm=comm)
         self._K.setOption(petsc.Mat.Option.SPD, True)

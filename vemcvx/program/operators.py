@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike
+from scipy.sparse.linalg import eigsh
 
 from vemcvx.arrays import (
     EPS,
@@ -35,7 +36,7 @@ from vemcvx.errors import SceneError
 from vemcvx.linear import SAMPLES, DenseCholesky, Factor, Matrix, SuperLU
 from vemcvx.outline import ArrayRecord
 from vemcvx.program.kernel import KernelBalance
-from vemcvx.weight_law import Law, PressureLaw
+from vemcvx.weight_law import Law, PressureLaw, once_for_each
 
 SAY = "take the number of a term and say where it acts"
 
@@ -219,11 +220,12 @@ class Norms(ArrayRecord):
         if law is None or law.slope is None:
             raise LookupError("Norms: the law has no slope; `sloped` says so.")
         of_forces = law.slope
+        failed = f"Norms: slope: its function failed when called as f(t, p, past) with t = {t:.6g}"
+        checked = once_for_each(lambda J, p: checked_matrix(J, "Norms: slope", (self.count, len(p))))
 
         def slope(p: Floats) -> sp.csr_matrix:
-            failed = f"Norms: slope: its function failed when called as f(t, p, past) with t = {t:.6g}"
             J = called(of_forces, (t, p, past), failed, "return the law's derivative")
-            return checked_matrix(J, "Norms: slope", (self.count, len(p)))
+            return checked(J, p)
 
         return PressureLaw(lambda p: self.weights_under(t, p, past), slope)
 
@@ -469,6 +471,43 @@ class Operators(ArrayRecord):
         return rows, limits
 
     @cached_property
+    def A(self) -> sp.csr_matrix:
+        """[B; D], all rows, (N, n)."""
+        return sp.csr_matrix(sp.vstack([self.B, self.D], format="csr"))
+
+    @cached_property
+    def read(self) -> Ints:
+        """(u,) the unknowns that rows read, those of anchors among them."""
+        reads = np.bincount(self.A.indices, minlength=self.A.shape[1]) > 0
+        return np.flatnonzero(reads if self.anchor is None else reads | (self.anchor > 0))
+
+    @cached_property
+    def flexibility(self) -> Floats:
+        """(u, u) the inverse of K, with the anchors' stiffness, on the unknowns that rows read."""
+        return self.factor.flexibility(self.read, self.A.shape[1])
+
+    @cached_property
+    def descent(self) -> tuple[Floats, Floats]:
+        """Units u (N,) of multipliers, alike in a block, and I - (W + C) in these, which is positive semidefinite.
+
+        W = A K^{-1} A' and the compliances C say how far rows move under multipliers. In single precision discs at
+        their bounds, which do not slip, stick and slip in turns.
+        """
+        A = self.A[:, self.read]
+        softness = np.asarray(A @ (A @ self.flexibility).T)
+        on_limits = np.arange(self.B.shape[0], len(softness))
+        softness[on_limits, on_limits] += self.compliance
+        diagonal = np.append(np.repeat(self.norm_flexibility, self.block), 1.0 / self.limit_stiffness)
+        u = 1.0 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
+        softness *= u[:, None]
+        softness *= u
+        # Lanczos' method finds nearly the largest eigenvalue, from below.
+        largest = 1.1 * float(eigsh(softness, 1, v0=u, tol=0.01, return_eigenvectors=False)[0])
+        softness /= -largest
+        softness[np.diag_indices(len(softness))] += 1.0
+        return u / np.sqrt(largest), softness
+
+    @cached_property
     def absolute(self) -> Matrix:
         """|K|, entry by entry, for bounds on rounding."""
         return np.abs(self.K) if isinstance(self.K, np.ndarray) else sp.csr_matrix(abs(self.K))
@@ -493,12 +532,12 @@ class Operators(ArrayRecord):
     @cached_property
     def norm_flexibility(self) -> Floats:
         """(m,) largest diagonal entry of B_i K^{-1} B_i': |B_i d| <= its root times |d|_K."""
-        return np.asarray(self.blocks(self._response(self.B)).max(axis=1))
+        return np.asarray(self.blocks(self._flexibilities[: self.B.shape[0]]).max(axis=1))
 
     @cached_property
     def limit_flexibility(self) -> Floats:
         """(r,) D_j K^{-1} D_j'."""
-        return self._response(self.D)
+        return self._flexibilities[self.B.shape[0] :]
 
     @cached_property
     def norm_stiffness(self) -> Floats:
@@ -511,11 +550,13 @@ class Operators(ArrayRecord):
         softness = self.limit_flexibility + self.compliance
         return 1.0 / np.where(softness > 0, softness, 1.0)
 
-    def _response(self, rows: sp.csr_matrix) -> Floats:
-        """The diagonal of rows K^{-1} rows'.
+    @cached_property
+    def _flexibilities(self) -> Floats:
+        """(N,) the diagonal of A K^{-1} A'.
 
         Of an iterative factor an estimate: that of single unknowns, times the largest ratio found on sampled rows.
         """
+        rows = self.A
         if self.factor.exact:
             return self.factor.energies(rows)
         alone: Floats = rows.multiply(rows) @ (1.0 / self.K.diagonal())

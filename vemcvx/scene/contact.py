@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -188,6 +188,12 @@ def law_of(terms: Terms, some: slice, press: sp.csr_matrix | None) -> Law | None
     slips, spread, still = any(law.slips for law in laws), gather.T, np.zeros(gather.shape[1])
     own, (made, indices, indptr) = _slices(frictions), _entries(gather, press)
 
+    @lru_cache(maxsize=1)  # Steps are on few pieces of a law.
+    def matrix(steep: bytes) -> sp.csr_matrix:
+        entries = made @ np.frombuffer(steep)
+        entries.flags.writeable = False
+        return sp.csr_matrix((entries, indices, indptr), shape=(gather.shape[0], press.shape[1]))
+
     def each(p: Floats, *of_terms: Floats) -> Iterable[tuple[Friction, list[Floats]]]:
         of_rows = [press @ p, *(spread @ slip if slips else still for slip in of_terms)]
         return [(f, [values[rows] for values in of_rows]) for f, rows in zip(frictions, own, strict=True)]
@@ -197,8 +203,7 @@ def law_of(terms: Terms, some: slice, press: sp.csr_matrix | None) -> Law | None
         return total
 
     def slope(t: float, p: Floats, past: Floats) -> sp.csr_matrix:
-        steep = np.concatenate([f.slope_under(t, *under) for f, under in each(p, past)])
-        return sp.csr_matrix((made @ steep, indices, indptr), shape=(gather.shape[0], press.shape[1]))
+        return matrix(np.concatenate([f.slope_under(t, *under) for f, under in each(p, past)]).tobytes())
 
     soft = all(law.softening is not None for law in laws)
     softening = gather @ np.concatenate([f.softening for f in frictions]) if soft else None

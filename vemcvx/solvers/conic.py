@@ -34,8 +34,8 @@ from vemcvx.program.operators import (
 )
 from vemcvx.program.step_program import Answer, CvxpyStep, StepProgram, to_cvxpy
 from vemcvx.program.tolerances import CONIC_GAP, CONIC_RESIDUAL, CONIC_TOLERANCE
-from vemcvx.solvers.newton import Iterate, Shifts, answer_on, sets_at
-from vemcvx.solvers.solver import Solver
+from vemcvx.solvers.newton import Shifts, answer_on, sets_at
+from vemcvx.solvers.solver import Iterate, Solver
 
 
 @dataclass(frozen=True)

@@ -28,30 +28,36 @@ of its iterative refinement. (Where coefficients are not small there may be more
 
 In blocks of two and more the directions of slip turn with the answer, and the step is no linear system. Sets are solved
 with directions q_i and curvatures h_i at first; then d and x = (lam, p) are corrected on the same factor by what they
-miss of the law itself, w_i(p) s_i / |s_i| - lam_i, while that halves. Let d_0, x_0 be what this leads to, q_i = s_i /
-|s_i| at d_0, h_i = w_i / |s_i| or less, psi_i^0 = lam_i - w_i q_i there, and
+miss of the law itself, w_i(p) s_i / |s_i| - lam_i, while that halves. Let d_0, x_0 be what this leads to, s_i^0 = v_i
+n_i the slips there, |n_i| = 1, and delta_i = |n_i - q_i| <= 1. The law on the sets is their system with psi_i^0 +
+psi_i(s, p) added to lam_i,
 
-    psi_i(s, p) = w_i(p) s_i / |s_i| - q_i (w(p_0) + J (p - p_0))_i - h_i (I - q_i q_i') s_i - psi_i^0.
+    psi_i(s, p) = w_i(p) s_i / |s_i| - q_i (w(p_0) + J (p - p_0))_i - h_i (I - q_i q_i') s_i - psi_i^0,
 
-(Q) on the sets is their system with psi_i^0 + psi_i(s, p) added to lam_i; without psi, d_0 and x_0 solve it. Where psi
-has at most t_i along q_i and at most u_i across it, the solution differs from d_0 by at most E in energy, its slips by
-at most alpha_i along q_i and gamma_i across it, and its forces of limits by at most pi_j
-(:meth:`vemcvx.solvers.sets_system.SetsSystem.answers`). With v_i = |s_i| at d_0 let
+where psi^0 is such that d_0 and x_0 solve it without psi: there psi_i is w_i n_i - lam_i. Where psi has at most t_i
+along q_i and at most u_i across it, the solution differs from d_0 by at most E in energy, its slips by at most alpha_i
+along q_i and gamma_i across it, and its forces of limits by at most pi_j
+(:meth:`vemcvx.solvers.sets_system.SetsSystem.answers`). Let
 
-    turn_i = gamma_i / (v_i - alpha_i - gamma_i),
-    rho_i = turn_i (w_i ((alpha_i + gamma_i) / v_i + turn_i / 2) + (|J| pi)_i).
+    turn_i = (gamma_i + delta_i alpha_i) / (v_i - alpha_i - gamma_i),
+    rho_i = (delta_i + turn_i) (w_i ((alpha_i + gamma_i) / v_i + turn_i / 2) + (|J| pi)_i).
 
 Theorem 2. Let t, u >= 0 be such that alpha_i + gamma_i < v_i on slipping terms, |psi_i(s_0, p_0) . q_i| + rho_i is at
-most t_i, and what psi_i(s_0, p_0) has across q_i, with rho_i and (w_i / v_i - h_i) gamma_i added, at most u_i. If w is
+most t_i, and what psi_i(s_0, p_0) has across q_i, with rho_i and |w_i / v_i - h_i| gamma_i added, at most u_i. If w is
 affine on |p - p_0| <= pi, and the inequalities of the sets hold for all answers to such psi, then (Q) has a solution d
 with |d - d_0|_K <= E. Terms of weight zero slip with h_i = 0, and psi_i = -lam_i is all that they miss.
 
-Proof. Let s_i move by a q_i + g, |a| <= alpha_i and |g| <= gamma_i, g across q_i. The direction of s_i turns by at most
-turn_i: across q_i by |g| / |s_i|, which differs from g / v_i by at most turn_i (alpha_i + gamma_i) / v_i, and along q_i
-by at most turn_i^2 / 2. Of w_i g / v_i psi_i keeps (w_i / v_i - h_i) g, across q_i. The change of w counts along s_i /
-|s_i| - q_i, which is at most turn_i. So (s, p) -> what the answer to psi(s, p) has for them is continuous and maps this
-convex compact set into itself: Brouwer gives a fixed point, which solves (Q). QED Rounding is that of d_0 and of the
-inequalities; rows of which what is held leaves less than FOLLOWS count as held. No coefficient need be small.
+Proof. Let s_i move by e = a q_i + g, |a| <= alpha_i and |g| <= gamma_i, g across q_i. Its part across n_i, g_n, is at
+most gamma_i + delta_i alpha_i, so that the direction of s_i turns by at most turn_i: across n_i by |g_n| / |s_i|, which
+differs from |g_n| / v_i by at most turn_i (alpha_i + gamma_i) / v_i, and along n_i by at most turn_i^2 / 2. And g_n - g
+= (q_i q_i' - n_i n_i') e is at most delta_i (alpha_i + gamma_i). Of w_i g / v_i psi_i keeps (w_i / v_i - h_i) g, across
+q_i. The change of w counts along s_i / |s_i| - q_i, which is at most delta_i + turn_i. So (s, p) -> what the answer to
+psi(s, p) has for them is continuous and maps this convex compact set into itself: Brouwer gives a fixed point, which
+solves (Q). QED Rounding is that of d_0 and of the inequalities; rows of which what is held leaves less than FOLLOWS
+count as held. No coefficient need be small.
+
+The system that was solved is one of these, with directions of a point near d_0: its factor serves for the proof. Where
+bounds are not found on it, that of q_i = n_i and h_i = w_i / v_i is made, for which delta_i = 0.
 """
 
 from __future__ import annotations
@@ -60,17 +66,17 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import islice
-from math import sqrt
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import LinAlgError
-from scipy.linalg.blas import dsymv
 
-from vemcvx.arrays import EPS, Floats, lengths
-from vemcvx.program.operators import Rows
+from vemcvx.arrays import EPS, Bools, Floats, lengths
 from vemcvx.program.step_program import StepProgram
-from vemcvx.solvers.newton import Iterate, Sets, Shifts, most_curved, sets_at, without_redundant_rows
+from vemcvx.solvers.newton import Sets, Shifts, most_curved, sets_at, without_redundant_rows
+from vemcvx.solvers.projected_gradients import sweepable, swept
 from vemcvx.solvers.sets_system import Answers, Response, SetsSystem
+from vemcvx.solvers.solver import Iterate
 from vemcvx.weight_law import Piece, PressureLaw, same_matrix
 
 SOLVED = 1e-6
@@ -275,57 +281,81 @@ def turned(program: StepProgram, found: Found, near: Floats) -> Found:
 
 def distance_to_a_solution(program: StepProgram, law: PressureLaw, found: Found, response: Response) -> float | None:
     """A bound on |d - d*|_K to a solution d* of (Q), by theorem 2; None if there is no proof."""
-    sets, w, lam, s = found.sets, found.weights, found.point.lam, program.slip(found.point.d)
-    v, bears = lengths(s), found.weights > 0
-    slips = ~sets.stick & bears
-    slides = slips & (v > found.blur)
-    left = np.where(sets.stick | bears, 0.0, lengths(lam))
+    stick, bears, s = found.sets.stick, found.weights > 0, program.slip(found.point.d)
+    slides = ~stick & bears & (lengths(s) > found.blur)
+    left = ~stick & ~bears & (found.point.lam != 0).any(axis=1)
     if not (slides.any() or left.any()):
         return 0.0 if found.holds(program) else None
-    v = np.where(slides, v, 1.0)
-    q, h = s / v[:, None], np.minimum(w / v, most_curved(program))
-    direction, curvature = np.where(slides[:, None], q, sets.direction), np.where(slides, h, bears * sets.curvature)
-    own = replace(found.once, direction=direction, curvature=curvature)
-    psi = _missed_by_the_law(found, q, v) * slides + left
     with suppress(LinAlgError):
-        system = SetsSystem(program.operators, own, found.law.slope, response)
-        answers = _bounded_answers(system, found, psi, np.where(slides, v, np.inf), w / v - h)
-        if answers is not None:
+        for sets, system in _systems_of_proof(program, found, response, slides, s):
+            answers = _bounded_answers(system, found, _beside_the_law(found, sets, slides, s))
+            if answers is None:
+                continue
             pi = np.where(found.once.act, answers.forces, 0.0)
             # What slips by no more than rounding is held by others, wherever lam_i points.
-            held = (answers.along[slips & ~slides] <= found.blur).all()
-            silent = (sets.stick | bears | (abs(found.law.slope) @ pi == 0)).all()
-            proven = held and silent and found.affine(law, pi) and found.stands(program, answers)
-            return answers.energy if proven else None
+            held = (answers.along[~stick & bears & ~slides] <= found.blur).all()
+            silent = (stick | bears | (abs(found.law.slope) @ pi == 0)).all()
+            if held and silent and found.affine(law, pi) and found.stands(program, answers):
+                return answers.energy
     return None
 
 
-def _missed_by_the_law(found: Found, q: Floats, v: Floats) -> Floats:
-    """(2, m) what psi_i is at most along q_i and across it, at the point, of terms whose slips v_i q_i are known."""
-    w = found.weights
-    missed = w[:, None] * q - found.point.lam
+def _systems_of_proof(
+    program: StepProgram, found: Found, response: Response, slides: Bools, s: Floats
+) -> Iterator[tuple[Sets, SetsSystem]]:
+    """The system that the point was found on, where nothing bends that bears nothing; then that of the point itself."""
+    sets, w, bears = found.once, found.weights, found.weights > 0
+    if (bears | (sets.curvature == 0)).all():
+        yield sets, found.system
+    v = np.where(slides, lengths(s), 1.0)
+    direction = np.where(slides[:, None], s / v[:, None], sets.direction)
+    curvature = np.where(slides, np.minimum(w / v, most_curved(program)), bears * sets.curvature)
+    own = replace(sets, direction=direction, curvature=curvature)
+    yield own, SetsSystem(program.operators, own, found.law.slope, response)
+
+
+class BesideTheLaw(NamedTuple):
+    """How a system differs from the law at a point, in the letters of theorem 2; zero where terms do not slide."""
+
+    slips: Floats
+    """(m,) v, infinite where terms do not slide"""
+    turned: Floats
+    """(m,) delta"""
+    lacking: Floats
+    """(m,) |w / v - h|"""
+    missed: Floats
+    """(2, m) what psi_i is at most along q_i and across it, at the point"""
+
+
+def _beside_the_law(found: Found, sets: Sets, slides: Bools, s: Floats) -> BesideTheLaw:
+    """How the system of the sets differs from the law, at the point and its slips s (m, block)."""
+    w, lam, q = found.weights, found.point.lam, sets.direction
+    v = np.where(slides, lengths(s), 1.0)
+    n = s / v[:, None]
+    missed, delta, blur = w[:, None] * n - lam, slides * lengths(n - q), found.blur / v
     along = np.einsum("ij,ij->i", missed, q)
     psi = np.stack([np.abs(along), lengths(missed - along[:, None] * q)])
-    return np.asarray(psi + found.forces + w * np.stack([(found.blur / v) ** 2, found.blur / v]))
+    psi += found.forces + w * np.stack([blur * (blur + delta), blur])
+    left = np.where(sets.stick | (w > 0), 0.0, lengths(lam))
+    lacking = np.where(slides, np.abs(w / v - sets.curvature), 0.0)
+    return BesideTheLaw(np.where(slides, v, np.inf), delta, lacking, psi * slides + left)
 
 
 DOUBLED = 8
 """Bounds (t, u) that are tried, each twice what the last lead to: where psi changes little, the first do."""
 
 
-def _bounded_answers(system: SetsSystem, found: Found, psi: Floats, v: Floats, lacking: Floats) -> Answers | None:
-    """Answers to all psi within bounds (t, u) as theorem 2 wants them; None where none are found.
-
-    `psi` (2, m) at the point, v (m,) slips, infinite on terms that do not slide, and `lacking` (m,) w / v - h.
-    """
+def _bounded_answers(system: SetsSystem, found: Found, beside: BesideTheLaw) -> Answers | None:
+    """Answers to all psi within bounds (t, u) as theorem 2 wants them; None where none are found."""
+    v, delta, lacking, psi = beside
     J, slides, bounds = abs(found.law.slope), v < np.inf, 2.0 * psi
     for _ in range(DOUBLED):
         answers = system.answers(*bounds)
         alpha, gamma = answers.along * slides, answers.across * slides
         if not (alpha + gamma < v).all():
             return None
-        turn = gamma / (v - alpha - gamma)
-        rho = turn * (found.weights * ((alpha + gamma) / v + turn / 2) + J @ answers.forces)
+        turn = (gamma + delta * alpha) / (v - alpha - gamma)
+        rho = (delta + turn) * (found.weights * ((alpha + gamma) / v + turn / 2) + J @ answers.forces)
         led = psi + np.stack([rho, rho + lacking * gamma]) * slides
         if (led <= bounds).all():
             return answers
@@ -369,7 +399,7 @@ def solution_near(
     rounds : iterator
         One is taken for the system of every sets; it gives up where there are no more.
     """
-    near = start if program.operators.block == 1 or response.anchor.any() else swept(program, law, start, response)
+    near = swept(program, law, start) if sweepable(program.operators) else start
     found = _from_sets(program, law, near, response, rounds)
     found = found or _from_sets(program, law, start=start, response=response, rounds=rounds, w=program.w)
     found = found or _by_softer_laws(program, law, start, response, rounds)
@@ -380,40 +410,6 @@ def solution_near(
     # Where the point is moved within bounds and into place, that counts.
     error = found.error + program.operators.energy_norm(point.d - found.point.d) + (away or 0.0)
     return SetsSolution(point, found.weights, error, away is not None)
-
-
-SWEEPS = 50
-"""Projected gradients before the first sets of discs. Of 420 discs that press on a plane eight steps took 74 systems
-without, 50 after 30 of them, 31 after 100; a system costs as much as 80."""
-
-
-def swept(program: StepProgram, law: PressureLaw, start: Iterate, response: Response) -> Iterate:
-    """A point near a solution of (Q): projected gradients with momentum, on the multipliers x = (lam, p).
-
-    In the units of :attr:`Response.descent` x becomes the projection of y + A K^{-1} g - [b; e] - (W + C) y on discs of
-    the radius w(p) and on p >= 0, y being ahead of x (Nesterov 1983), and x itself where that led back (O'Donoghue and
-    Candes 2015).
-    """
-    operators, norms, limits, (unit, descent) = program.operators, response.norms, response.limits, response.descent
-    piece = law.scaled(1.0 / unit[norms][:: operators.block], unit[limits]).piece(start.p / unit[limits])
-    follow, free = Rows(piece.slope).read, operators.factor.solve(program.g)
-    without, momentum = piece.weights - follow(piece.forces), 1.0
-    ahead = unit * np.append(program.slip(free), program.excess(free))
-    x = y = np.append(start.lam, start.p) / unit
-    for _ in range(SWEEPS):
-        last, x = x, ahead + dsymv(1.0, descent.T, y)
-        lam, p = operators.blocks(x[norms]), x[limits]
-        np.maximum(p, 0.0, out=p)
-        w, size = without + follow(p), np.sqrt(np.einsum("ij,ij->i", lam, lam))
-        np.maximum(w, 0.0, out=w)
-        lam *= (w / np.maximum(np.maximum(w, size), np.finfo(float).tiny))[:, None]
-        change = x - last
-        if (y - x) @ change > 0:
-            momentum = 1.0
-        before, momentum = momentum, 0.5 + sqrt(0.25 + momentum**2)
-        y = x + (before - 1.0) / momentum * change
-    x = unit * x
-    return Iterate(operators.factor.solve(program.g - response.act(x)), operators.blocks(x[norms]), x[limits])
 
 
 def _by_softer_laws(

@@ -40,7 +40,6 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.linalg import LinAlgError, lapack, qr, solve_triangular
 from scipy.sparse.csgraph import connected_components
-from scipy.sparse.linalg import eigsh
 
 from vemcvx.arrays import Bools, Floats, Ints, lengths
 from vemcvx.linear import Factor
@@ -52,14 +51,12 @@ class Response:
     """The rows A = [B; D] of operators, and how the unknowns that they read answer forces: K_r with all others free."""
 
     def __init__(self, operators: Operators):
-        self.operators, self.A = operators, sp.csr_matrix(sp.vstack([operators.B, operators.D], format="csr"))
+        self.operators, self.A = operators, operators.A
         self.rows = Rows(self.A)
         self.norms, self.limits = slice(operators.B.shape[0]), slice(operators.B.shape[0], None)
-        n = self.A.shape[1]
-        self.anchor: Floats = np.zeros(n) if operators.anchor is None else operators.anchor
+        self.anchor: Floats = np.zeros(self.A.shape[1]) if operators.anchor is None else operators.anchor
         """(n,) the stiffness of the anchors, without which K_r is K"""
-        self.read: Ints = np.flatnonzero((np.bincount(self.A.indices, minlength=n) > 0) | (self.anchor > 0))
-        """(u,) the unknowns that rows read, those of anchors among them"""
+        self.read: Ints = operators.read
         self._last: Place | None = None
 
     def act(self, x: Floats) -> Floats:
@@ -101,11 +98,6 @@ class Response:
         return passed
 
     @cached_property
-    def flexibility(self) -> Floats:
-        """(u, u) K_r^{-1} of the unknowns that rows read."""
-        return self.operators.factor.flexibility(self.read, self.A.shape[1])
-
-    @cached_property
     def stiffness(self) -> Floats:
         """(u, u) its inverse: K_r of these unknowns, all others being free."""
         K = self.operators.regular.K
@@ -122,27 +114,6 @@ class Response:
         norms = np.repeat(operators.block * operators.norm_flexibility, operators.block)
         reach: Floats = np.sqrt(np.concatenate([norms, operators.limit_flexibility]))
         return reach
-
-    @cached_property
-    def descent(self) -> tuple[Floats, Floats]:
-        """Units u (N,) of multipliers, alike in a block, and I - (W + C) in these, which is positive definite.
-
-        W = A K_r^{-1} A' and the compliances C say how far rows move under multipliers. In single precision discs at
-        their bounds, which do not slip, stick and slip in turns.
-        """
-        operators, A = self.operators, self.A[:, self.read]
-        softness = np.asarray(A @ (A @ self.flexibility).T)
-        on_limits = np.arange(self.limits.start, len(softness))
-        softness[on_limits, on_limits] += operators.compliance
-        diagonal = np.append(np.repeat(operators.norm_flexibility, operators.block), 1.0 / operators.limit_stiffness)
-        u = 1.0 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
-        softness *= u[:, None]
-        softness *= u
-        # Lanczos' method finds nearly the largest eigenvalue, from below.
-        largest = 1.1 * float(eigsh(softness, 1, v0=u, tol=0.01, return_eigenvectors=False)[0])
-        softness /= -largest
-        softness[np.diag_indices(len(softness))] += 1.0
-        return u / np.sqrt(largest), softness
 
 
 def unit_rows(A: sp.csr_matrix) -> sp.csr_matrix:
@@ -196,7 +167,7 @@ class Place:
             self.inner = response.stiffness
         else:
             among = np.searchsorted(response.read, some)
-            self.inner = np.linalg.inv(np.asarray(restricted(response.flexibility, among)))
+            self.inner = np.linalg.inv(np.asarray(restricted(response.operators.flexibility, among)))
         """K_r of the unknowns, all others being free"""
         whole = len(some) == response.A.shape[1]
         A = response.A if whole else sp.csr_matrix(response.A[:, some])
@@ -358,6 +329,7 @@ class SetsSystem:
         bent = self._sets.bent(self._operators.blocks(read[self._response.norms])).ravel()
         return np.asarray(force + place.rows.force_of(np.append(bent, self._spring * read[self._response.limits])))
 
+    @cached_property
     def _parts(self) -> tuple[Floats, Floats]:
         """S + T and B'q J P on y, which add up to M."""
         place, q, pushing = self._place, self._sets.direction, self._place.pushing
@@ -368,9 +340,7 @@ class SetsSystem:
     @cached_property
     def _lu(self) -> tuple[Floats, Ints]:
         """The factors of M': LAPACK reads columns."""
-        M, followed = self._parts()
-        M += followed
-        lu, pivots, info = lapack.dgetrf(M.T, overwrite_a=True)
+        lu, pivots, info = lapack.dgetrf(np.add(*self._parts).T, overwrite_a=True)
         if info > 0 or not np.isfinite(lu).all():
             raise LinAlgError("singular")
         return lu, pivots
@@ -422,14 +392,14 @@ class SetsSystem:
         place = self._place
         if len(place.free) == 0:
             return 0.0
-        stiff, followed = self._parts()
+        stiff, followed = self._parts
         anchors = place.anchors[np.ix_(place.free, place.free)] if place.anchor.any() else None
         # y'My >= y'Ny / 2 where J is small: M + M' - N is definite, which shows in a tenth of the work of the norm.
         twice = stiff + followed
         twice += followed.T
         if anchors is not None:
             twice -= anchors
-            stiff += anchors
+            stiff = stiff + anchors
         if lapack.dpotrf(twice.T, lower=1, clean=0, overwrite_a=True)[1] == 0:
             return 2.0
         root, info = lapack.dpotrf(stiff)

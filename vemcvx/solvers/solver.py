@@ -10,6 +10,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from contextlib import contextmanager
 from copy import copy
+from dataclasses import dataclass
 from typing import ClassVar, Protocol, Self
 
 import numpy as np
@@ -18,6 +19,15 @@ from vemcvx.arrays import Floats, part
 from vemcvx.errors import SolverFailed, VemcvxError
 from vemcvx.program.operators import Operators
 from vemcvx.program.step_program import Answer, StepProgram
+
+
+@dataclass(frozen=True)
+class Iterate:
+    """Increments d (n,) with multipliers lam (m, block) and p (r,)."""
+
+    d: Floats
+    lam: Floats
+    p: Floats
 
 
 class Prepared(Protocol):

@@ -1,0 +1,77 @@
+"""PETSc over ranks: seconds to set up and to solve, iterations, and the peak memory of each rank.
+
+mpiexec -n 2 python tests/benchmarks/ranks.py [--n 40] [--linear petsc | multigrid] [--solves 3]
+
+A block (a unit cube of n x n x n cubes, E = 200, nu = .3) is held at its top and pushed sideways at its bottom, which
+is free. Set-up is what a run does once, the bound on the spectrum included; a solve is K^{-1} b to 1e-10 for forces of
+three shapes. Seconds are of the clock, on rank 0: on a machine that does something else they say little. Every rank
+says in a line what memory and CPU seconds it took at most. `--linear multigrid` on one rank is the same by PyAMG; the
+largest difference of displacements is compared by `--save` and `--beside`, files of the answers.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import resource
+import time
+
+import numpy as np
+
+import vemcvx as vx
+from vemcvx.linear import petsc
+from vemcvx.scene import pose_scene
+
+SCENE = vx.Scene(
+    vx.Elasticity(young=200.0, poisson=0.3),
+    vx.Clamp(on="top"),
+    vx.Traction(lambda x, t: np.column_stack([t + 0 * x[:, 0], 0.3 * x[:, 0], -0.2 + 0 * x[:, 0]]), on="bottom"),
+)
+
+
+def spent(rank: int) -> str:
+    """Memory and CPU seconds of this rank."""
+    own = resource.getrusage(resource.RUSAGE_SELF)
+    return f"rank {rank}: {own.ru_maxrss / 2**20:.2f} GB at most, {own.ru_utime + own.ru_stime:.1f} CPU seconds"
+
+
+def measured(given: argparse.Namespace) -> None:
+    """Print what one matrix takes."""
+    system = pose_scene(SCENE, vx.meshes.cubes(given.n)).system
+    print(f"{system.n} unknowns, {system.K.nnz} entries of K; posed, {spent(0)}", flush=True)
+    linear = vx.PETSc() if given.linear == "petsc" else vx.Multigrid()
+    start = time.perf_counter()
+    factor = linear.factorise(system.K, system.near_kernel)
+    set_up, b = time.perf_counter() - start, system.force(1.0)
+    forces, seconds, answers = [b, b * np.cos(np.arange(len(b))), system.force(0.2)][: given.solves], [], []
+    for force in forces:
+        start = time.perf_counter()
+        answers.append(factor.solve(force))
+        seconds.append(time.perf_counter() - start)
+    off = max(np.linalg.norm(f - system.K @ x) / np.linalg.norm(f) for f, x in zip(forces, answers, strict=True))
+    solve, load = np.median(seconds), os.getloadavg()[0]
+    print(f"set-up {set_up:.2f} s, a solve {solve:.2f} s, residual {off:.1e}; load {load:.1f}")
+    if given.save:
+        np.save(given.save, answers)
+    if given.beside:
+        others = np.load(given.beside)
+        apart = max(np.abs(x - y).max() / np.abs(y).max() for x, y in zip(answers, others, strict=True))
+        print(f"displacements are {apart:.1e} apart")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--n", type=int, default=40, help="cubes along a side")
+    parser.add_argument("--linear", choices=("petsc", "multigrid"), default="petsc")
+    parser.add_argument("--solves", type=int, default=3)
+    parser.add_argument("--save")
+    parser.add_argument("--beside")
+    given = parser.parse_args()
+    served = given.linear == "petsc" and petsc.serve()
+    if not served:
+        measured(given)
+    print(spent(petsc.all_ranks().comm.rank if given.linear == "petsc" else 0), flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -52,13 +52,8 @@ from vemcvx.program.certificate import Certificate, limit_gaps, norm_gaps
 from vemcvx.program.operators import Norms
 from vemcvx.program.tolerances import FIXED_POINT
 from vemcvx.solvers.coulomb import SOLVED, solution_near
-<<<<<<< HEAD
-from vemcvx.solvers.newton import Iterate
-from vemcvx.stepping.posed_step import PosedStep, posed_sharply, refined_state
-=======
 from vemcvx.solvers.solver import Iterate
-from vemcvx.stepping.posed_step import PosedStep
->>>>>>> coulomb
+from vemcvx.stepping.posed_step import PosedStep, posed_sharply, refined_state
 from vemcvx.stepping.state import PreparedRun, State
 
 log = logging.getLogger("vemcvx")

@@ -40,7 +40,8 @@ they are at PIECES instants of it, these are instants of the path.
 So the bound of a history is about data as they are read at the instants of the path, and at a quarter, the half and
 three quarters of the steps that it has at first; between, data are taken for linear in time. One instant between any
 two readings is looked at besides: where data miss the line there by more than MISSED of their size it becomes one of
-the path, and a warning names it. What happens within less than the distance of these instants is not in the bound.
+the path, data are read at the quarters around it, too, and a warning names it. What happens within less than the
+distance of these instants is not in the bound.
 """
 
 from __future__ import annotations
@@ -444,13 +445,25 @@ def _readings(path: Floats) -> Floats:
 def _followed(posed: PosedScene, path: Floats) -> tuple[Floats, Floats]:
     """The instants of a path with all readings of the steps in which data are not linear, and where data miss lines.
 
-    The latter are instants between any two readings, at random, so as not to be in step with waves.
+    The latter are instants between any two readings, at random, so as not to be in step with waves. Around these data
+    are read once more, at the quarters of what is left: a pulse that is as short as readings are apart has its top
+    there.
     """
     read = _readings(path)
     bent = np.repeat(_apart(posed, path, read[:-1]).max(axis=1).reshape(-1, PIECES).max(axis=1) > LINEAR, PIECES)
+    missed = _missing(posed, read)
+    path = np.union1d(np.union1d(path, read[:-1][bent]), missed)
+    if len(missed):
+        read = _readings(path)
+        path = np.union1d(path, read[_apart(posed, path, read).max(axis=1) > MISSED])
+        path = np.union1d(path, _missing(posed, read))
+    return path, missed
+
+
+def _missing(posed: PosedScene, read: Floats) -> Floats:
+    """Instants between readings at which data miss the lines between these by more than MISSED."""
     between = read[:-1] + np.random.default_rng(0).uniform(0.2, 0.8, len(read) - 1) * np.diff(read)
-    missed = between[_apart(posed, read, between).max(axis=1) > MISSED]
-    return np.union1d(np.union1d(path, read[:-1][bent]), missed), missed
+    return between[_apart(posed, read, between).max(axis=1) > MISSED]
 
 
 def _apart(posed: PosedScene, known: Floats, at: Floats) -> Floats:

@@ -483,4 +483,4 @@ def test_bounds_of_steps_are_told_apart(tmp_path):
 def test_bounds_are_of_the_energy_norm(tmp_path):
     done = cost(PROBLEM, *GRID, "--bound", "--of", "work", "--out", tmp_path)
     assert done.exit_code == 2
-    assert "--of work away" in done.output
+    assert "omit --of work" in done.output

@@ -142,7 +142,7 @@ class Table:
 
     def markdown(self) -> str:
         """A table of Markdown, with numbers to the right."""
-        lines = [[word.replace("|", r"\|") for word in line] for line in (self.heads, *self.rows)]
+        lines = [[word.replace("|", r"\|").replace("\n", " ") for word in line] for line in (self.heads, *self.rows)]
         lines.insert(1, ["---:"] * len(self.heads))
         return "".join(f"| {' | '.join(line)} |\n" for line in lines)
 

@@ -73,7 +73,7 @@ HOW = {
     "vemcvx compare FILE": As(f"vemcvx compare {PAPER}"),
     "vemcvx export FILE --steps 3,17": As(f"vemcvx export {PAPER} --steps 3,17"),
     "vemcvx collection --out DIR": As("vemcvx collection --out results/collection"),
-    "vemcvx collection --out collection": As(),
+    "vemcvx collection --out collection --core": As(),
     "vemcvx benchmark DIR --solvers A,B": As(
         "vemcvx collection --out results/collection; "
         "vemcvx benchmark results/collection --solvers newton,clarabel --only easy --tolerances 1e-2,1e-6"

@@ -463,7 +463,8 @@ def _followed(posed: PosedScene, path: Floats) -> tuple[Floats, Floats]:
 def _missing(posed: PosedScene, read: Floats) -> Floats:
     """Instants between readings at which data miss the lines between these by more than MISSED."""
     between = read[:-1] + np.random.default_rng(0).uniform(0.2, 0.8, len(read) - 1) * np.diff(read)
-    return between[_apart(posed, read, between).max(axis=1) > MISSED]
+    missing: Floats = between[_apart(posed, read, between).max(axis=1) > MISSED]
+    return missing
 
 
 def _apart(posed: PosedScene, known: Floats, at: Floats) -> Floats:

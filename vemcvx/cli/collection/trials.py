@@ -10,15 +10,17 @@ d* (:meth:`vemcvx.program.step_program.StepProgram.certify`), its duality gap, a
 
     primal  max_j (D_j d - e_j)_+ / max (|D||d*| + |e|)  over the bounds,  dual  |g - B'lam - D'p - K d|_oo / |g|_oo.
 
-Solvers that cvxpy calls run as their libraries come, but for the tolerance, one number for all that the library has,
-and for limits on iterations, which make way for the limit on seconds. They are given the numbers of the file as they
-are. Ours, and those in files of users, are given the program scaled, as they are in a run, with the duality gap
-1/2 (tolerance |d*|)^2 as their target. Seconds are those of the library's set-up and solve, cvxpy's compilation left
-out: the least of up to five calls within a tenth of a second.
+All are given the program scaled by powers of two (:mod:`vemcvx.program.scaling`), as in a run, so that no tolerance is
+one in the units of a file. Solvers that cvxpy calls run as their libraries come, but for the tolerance, one number for
+all that the library has, and for limits on iterations, which make way for the limit on seconds. Ours, and those in
+files of users, have the duality gap 1/2 (tolerance |d*|)^2 as their target; where K has a kernel and they want none,
+they are asked for proximal points (:mod:`vemcvx.solvers.semidefinite`). Seconds are of the processor, all threads
+together, for set-up and solve of the library, without cvxpy's compilation: the least of up to five calls within a tenth
+of a second.
 
-Tolerances go from loose to tight, until the answer is certified to the least error that is asked of any, or a trial
-does not end. Trials run in processes of their own. Each is written down before it begins and after it has ended, so
-that a process that dies or is out of time shows where; the next process goes on behind it.
+Tolerances go from loose to tight, until the true error is at most the least that is asked of any and the certified one
+at most the middle one, or a trial does not end. Trials run in processes of their own. Each is written down before it
+begins and after it has ended, so that a process that dies or is out of time shows where; the next one goes on behind.
 """
 
 from __future__ import annotations
@@ -45,8 +47,9 @@ from vemcvx.cost.workers import Crashed, Refused, alone
 from vemcvx.errors import NotAccepted, ProblemError, VemcvxError
 from vemcvx.exchange import read_program
 from vemcvx.program.scaling import scaling
-from vemcvx.program.step_program import SolvedProgram, StepProgram
+from vemcvx.program.step_program import Answer, SolvedProgram, StepProgram
 from vemcvx.solvers import Solver, ThroughCvxpy
+from vemcvx.solvers.semidefinite import ProximalPoints
 from vemcvx.solvers.solver import named_failures
 from vemcvx.version import __version__
 
@@ -100,6 +103,8 @@ class Trial:
         ANSWERED, FAILED, STOPPED or REFUSED.
     limit : float
         Seconds that it had.
+    begun : float or None
+        Of a trial that has not ended: when it began, in seconds since 1970.
     says : str
         The solver's own words.
     """
@@ -109,6 +114,7 @@ class Trial:
     tolerance: float | None
     outcome: str
     limit: float
+    begun: float | None = None
     seconds: float | None = None
     true: float | None = None
     certified: float | None = None
@@ -167,15 +173,14 @@ class Entrant:
         """
         solver, operators = self.solver, program.operators
         missing = operators.features - solver.accepts
-        if missing or (operators.kernel is not None and not solver.semidefinite):
-            lacking = sorted(missing) or ["a K with a kernel"]
-            raise NotAccepted(f"solver {self.name}: takes no {' and no '.join(lacking)}.")
+        if missing:
+            raise NotAccepted(f"solver {self.name}: takes no {' and no '.join(sorted(missing))}.")
         if isinstance(solver, ThroughCvxpy):
             solver.prepare(operators)
             return _through_cvxpy(program, self.typed.upper(), dict(self.options))
         if self.options:
             raise ProblemError(f"--option: {self.name} is not called through cvxpy; set its settings in its own file.")
-        return _scaled(program, solver)
+        return _own(program, solver)
 
 
 Found = tuple[float, Floats | None, Floats | None, Floats | None, int | None, str]
@@ -184,36 +189,43 @@ Asking = Callable[[float | None], Found]
 
 
 def _through_cvxpy(program: StepProgram, name: str, options: dict[str, Any]) -> Asking:
-    posed = program.to_cvxpy()
+    scales = scaling(program.operators)
+    alpha = scales.size(program) or 1.0
+    posed = scales.scale(program, alpha).to_cvxpy()
     data, chain, inverse = posed.problem.get_problem_data(name, solver_opts={})
 
     def ask(tolerance: float | None) -> Found:
         given = {**UNLIMITED.get(name, {}), **dict.fromkeys(TOLERANCES.get(name, ()), tolerance), **options}
-        start = time.perf_counter()
+        start = time.process_time()
         # Some of cvxpy's interfaces change the dictionary that they are given.
         raw = chain.solver.solve_via_data(dict(data), False, False, given, {})
-        seconds = time.perf_counter() - start
+        seconds = time.process_time() - start
         posed.problem.unpack_results(raw, chain, inverse)
-        stats = posed.problem.solver_stats
+        stats, status, d = posed.problem.solver_stats, posed.problem.status, posed.d.value
         iterations = None if stats is None else stats.num_iters
-        return seconds, posed.d.value, posed.lam, posed.p, iterations, posed.problem.status
+        if d is None or posed.lam is None or posed.p is None:
+            return seconds, None if d is None else alpha * scales.delta * d, None, None, iterations, status
+        found = scales.restore(Answer(d, posed.lam, 0, p=posed.p), alpha)
+        return seconds, found.d, found.lam, found.p, iterations, status
 
     return ask
 
 
-def _scaled(program: StepProgram, solver: Solver) -> Asking:
+def _own(program: StepProgram, solver: Solver) -> Asking:
     scales = scaling(program.operators)
-    alpha = scales.size(program) or 1.0
-    scaled, prepared = scales.scale(program, alpha), solver.prepare(scales.operators)
-    block, unit = program.operators.block, _unit(program)
+    alpha, operators = scales.size(program) or 1.0, scales.operators
+    definite = operators.kernel is None or solver.semidefinite
+    prepared = solver.prepare(operators) if definite else ProximalPoints(solver, operators, follows=False)
+    scaled, block, unit = scales.scale(program, alpha), operators.block, _unit(program)
 
     def ask(tolerance: float | None) -> Found:
         target = scales.energy(0.5 * ((tolerance or 0.0) * unit) ** 2, alpha)
-        start = time.perf_counter()
+        start = time.process_time()
         answer = prepared.solve(scaled, target, np.zeros((len(program.w), block)), np.zeros_like(program.e))
-        seconds = time.perf_counter() - start
+        seconds = time.process_time() - start
         answer = scales.restore(answer, alpha)
-        return seconds, answer.d, answer.lam, answer.p, answer.iterations, answer.status
+        # Who returns arrays alone does not say how many iterations they took.
+        return seconds, answer.d, answer.lam, answer.p, answer.iterations or None, answer.status
 
     return ask
 
@@ -299,6 +311,11 @@ Work = tuple[str, str, tuple[float | None, ...]]
 """An instance, its digest, and the tolerances that are left to be tried."""
 
 
+def enough(true: float, certified: float) -> bool:
+    """Return True if tighter tolerances would tell no more."""
+    return true <= min(ASKED) and certified <= ASKED[1]
+
+
 def left(trials: Sequence[Trial], work: Sequence[Work], limit: float) -> Iterator[Work]:
     """The part of the work that the trials do not answer; what was out of time is tried again where there is more."""
     for instance, digest, ladder in work:
@@ -306,7 +323,7 @@ def left(trials: Sequence[Trial], work: Sequence[Work], limit: float) -> Iterato
         ended = any(
             one.outcome in (REFUSED, FAILED)
             or (one.outcome == STOPPED and one.limit >= limit)
-            or (one.certified is not None and one.certified <= min(ASKED))
+            or (one.true is not None and one.certified is not None and enough(one.true, one.certified))
             for one in own
         )
         done = {one.tolerance for one in own if one.outcome == ANSWERED}
@@ -334,9 +351,9 @@ class Running:
                 died = str(error)
             last = journal(self.path)[-1:]
             if last and last[0].outcome == BEGUN:
-                late = last[0].seconds is not None and time.time() - last[0].seconds >= self.limit
+                late = last[0].begun is not None and time.time() - last[0].begun >= self.limit
                 outcome, words = (STOPPED, "") if late else (FAILED, f"its process ended: {died}")
-                note(self.path, replace(last[0], outcome=outcome, seconds=None, says=words))
+                note(self.path, replace(last[0], outcome=outcome, begun=None, says=words))
             elif died:
                 raise ProblemError(f"benchmark: {self.entrant.name} ended before it tried anything: {died}")
 
@@ -348,14 +365,14 @@ class Running:
             if not status and not isinstance(program, SolvedProgram):
                 raise ProblemError(f"{self.folder / instance}.npz: has no answer to compare with.")
             trial = partial(Trial, instance=instance, digest=digest, limit=self.limit)
-            note(self.path, trial(tolerance=ladder[0], outcome=BEGUN, seconds=time.time()))
+            note(self.path, trial(tolerance=ladder[0], outcome=BEGUN, begun=time.time()))
             try:
                 ask = self.entrant.taking(program)
             except NotAccepted as error:
                 note(self.path, trial(tolerance=None, outcome=REFUSED, says=str(error)))
                 continue
             for tolerance in ladder:
-                note(self.path, trial(tolerance=tolerance, outcome=BEGUN, seconds=time.time()))
+                note(self.path, trial(tolerance=tolerance, outcome=BEGUN, begun=time.time()))
                 try:
                     with ended_after(self.limit):
                         found = measured(ask, program, tolerance, status)
@@ -363,7 +380,7 @@ class Running:
                     note(self.path, trial(tolerance=tolerance, outcome=FAILED, says=str(error)))
                     break
                 note(self.path, trial(tolerance=tolerance, outcome=ANSWERED, **found))
-                if found["certified"] <= min(ASKED):
+                if enough(found["true"], found["certified"]):
                     break
 
 

@@ -21,13 +21,15 @@ from vemcvx.cli.supplied import problems_folder
 from vemcvx.cli.terminal import logged_at_most, progress_bar, say
 from vemcvx.errors import ProblemError, SceneWarning
 from vemcvx.exchange import FORMATS, encoded, put
-from vemcvx.owned_files import Owned
+from vemcvx.owned_files import ANY_KIND, Owned
 from vemcvx.program.step_program import SolvedProgram, StepProgram
 from vemcvx.simulation import simulate
 from vemcvx.solvers import Newton
 from vemcvx.version import __version__
 
 MANIFEST, SCRIPT, SUMS = "manifest.json", "confirm.py", "SHA256SUMS.txt"
+KINDS = rf"README\.md|LICENSE\.txt|CITATION\.cff|SHA256SUMS\.txt|{ANY_KIND}"
+"""Names of the files that a collection may have."""
 README = """# A collection of convex programs from frictional contact, with certified optima
 
 Version {version}, written by vemcvx {vemcvx}. Each instance is one step of a quasistatic problem with friction,
@@ -63,14 +65,15 @@ unbounded one a ray d with K d = 0, D d <= 0 and g'd > sum_i w_i |B_i d|.
         def solve(self, program, target):
             K, B, D = program.operators.K, program.operators.B, program.operators.D
             g, w, b, e = program.g, program.w, program.b, program.e
-            ...  # solve it to a duality gap of `target`
+            ...  # solve it to a duality gap of `target`, program.duality_gap(d, lam, p) says how far it is
             return d, lam, p  # or d alone: multipliers are recovered
 
     vemcvx benchmark . --solvers newton,clarabel,scs,mine.py:Mine --only core --time-limit 10
 
 sweeps the tolerances of all of them, takes for every solver and instance the cheapest that reaches a true error of
 1e-3, 1e-6 and 1e-9, and writes a table, performance profiles and means into `benchmark/`. Results are stored a solver
-and version; the command goes on where it was stopped, and shows what others have stored there, too.
+and version; the command goes on where it was stopped, and shows what others have stored there, too. A solver that finds
+a program infeasible or unbounded says so by `return vemcvx.Answer(d, lam, iterations, status="infeasible")`.
 
 Licence: BSD Zero Clause (LICENSE.txt): do with it what you like. To cite it: CITATION.cff.
 """
@@ -113,7 +116,7 @@ def write_collection(
         raise ProblemError(f"--format: there is no format {beside!r}; there are {', '.join(FORMATS)}.")
     forms = tuple(dict.fromkeys([*([beside] if beside else []), "npz"]))
     rows, written = [], []
-    with Owned(folder) as files:
+    with Owned(folder, KINDS) as files:
 
         def place(name: str) -> Path:
             written.append(files.take(name))
@@ -151,6 +154,7 @@ class Collection:
     form: Annotated[
         str | None, typer.Option("--format", metavar="mtx|cbf|qps|mps", help="A format to write beside npz.")
     ] = None
+    core: Annotated[bool, typer.Option("--core", help="The forty instances of the core set only.")] = False
     large: Annotated[
         bool, typer.Option("--large", help="With sparse programs of up to a million unknowns: minutes, and a GB.")
     ] = False
@@ -159,7 +163,8 @@ class Collection:
         """Write it, and say what there is."""
         # What simulations log is about physics that nobody here asks for.
         with progress_bar("reading") as shown, logged_at_most(0):
-            say(write_collection(self.out, self.form, (*INSTANCES, *(LARGE if self.large else ())), told=shown))
+            chosen = tuple(one for one in INSTANCES if one.name in CORE or not self.core)
+            say(write_collection(self.out, self.form, (*chosen, *(LARGE if self.large else ())), told=shown))
 
 
 Proof = dict[str, Any]

@@ -45,7 +45,8 @@ def test_the_certificate_of_a_slip_of_rounding_bounds_its_error(kind):
 def pressed(limits, edges, load):
     """The program of one step of two unknowns, K = I, with a load over rigid limits, after a march that answers it."""
     nothing = vx.Norms(np.array([[0.0, 1.0]]), [1e-3])
-    system = vx.System(np.eye(2), lambda t: load * t, norms=nothing, limits=vx.Limits(np.array(limits), np.array(edges)))
+    bounds = vx.Limits(np.array(limits), np.array(edges))
+    system = vx.System(np.eye(2), lambda t: load * t, norms=nothing, limits=bounds)
     (program,) = programs_of_march(system, [0.0, 1.0])
     return program
 

@@ -73,7 +73,8 @@ def free_unknowns(initial: ArrayLike | str | Projected | None, posed: PosedScene
     if isinstance(initial, Projected):
         return _projected(initial, posed, times)
     points = posed.space.mesh.points
-    wanted = f"displacements of shape {points.shape}, one row a node, or None, 'equilibrium', 'settled' or vx.projected(f)"
+    kinds = "one row a node, or None, 'equilibrium', 'settled' or vx.projected(f)"
+    wanted = f"displacements of shape {points.shape}, {kinds}"
     if callable(initial):
         raise SceneError(
             f"initial: found the function {brief(initial)}; wanted {wanted}. A displacement as a function f(x, t) of "

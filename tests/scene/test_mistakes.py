@@ -340,7 +340,10 @@ INSTANTS = {
     "ragged": (lambda: run(times=[[0], [1, 2]]), rf"^times: found \[\[0\], \[1, 2\]\], {NOT_REAL}; {WANTED_TIMES}"),
 }
 
-STATE = r"wanted {}displacements of shape \(16, 2\), one row a node, or None, 'equilibrium', 'settled' or vx\.projected\(f\)"
+STATE = (
+    r"wanted {}displacements of shape \(16, 2\), one row a node, or None, 'equilibrium', 'settled' or "
+    r"vx\.projected\(f\)\.$"
+)
 INITIAL = {
     "wrong shape": (
         lambda: run(initial=np.zeros(3)),
@@ -353,8 +356,8 @@ INITIAL = {
     "a number": (lambda: run(initial=0.0), rf"^initial: found the single number 0; {STATE.format('')}"),
     "a function": (
         lambda: run(initial=lambda x, t: 0.0 * x),
-        rf"^initial: found the function .*; {STATE.format('')}\. A displacement as a function f\(x, t\) of place goes in "
-        r"as vx\.projected\(f\), which takes it to the mesh\.$",
+        r"^initial: found the function .*; wanted displacements of shape \(16, 2\), .* A displacement as a function "
+        r"f\(x, t\) of place goes in as vx\.projected\(f\), which takes it to the mesh\.$",
     ),
     "NaN": (
         lambda: run(initial=np.where(np.arange(32).reshape(16, 2) == 11, np.nan, 0.0)),

@@ -377,7 +377,7 @@ def test_resuming_needs_something_to_resume(tmp_path):
     assert nothing.exit_code == 2
     assert "typo holds no interrupted run; begin one with --out" in nothing.output.replace("\n", " ")
     both = invoke("run", PROBLEM, "--resume", tmp_path, "--out", tmp_path)
-    assert "--resume: a run goes on in the folder that holds it" in both.output
+    assert "--resume: a run continues in the folder that holds it" in both.output
 
 
 @pytest.mark.long

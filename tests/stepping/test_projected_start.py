@@ -149,6 +149,25 @@ def test_a_violation_is_told(family, caplog):
         caplog.clear()
 
 
+@pytest.mark.slow
+def test_bounds_of_such_a_run_give_no_advice_to_their_own(caplog):
+    """On finer cells the state begun from moves: the path stays on those of the run, and nothing is to be done."""
+
+    def bent(x, t):
+        return 5e-4 * np.column_stack([(1 - x[:, 0]) * x[:, 1], 0 * x[:, 0]])
+
+    def push(x, t):
+        return np.tile([0.05 * (1 + t), 0.0], (len(x), 1))
+
+    acting = vx.Traction(push, on="left"), vx.BilateralContact(on="bottom"), vx.TrescaFriction(4.0, on="bottom")
+    scene = vx.Scene(STEEL, vx.Clamp(on="right"), *acting)
+    run = vx.simulate(scene, vx.meshes.squares(2), [0.0, 1.0], initial=vx.projected(bent))
+    with caplog.at_level(logging.INFO, logger="vemcvx"):
+        vx.error_bound(run)
+    (said,) = [one.getMessage() for one in caplog.records if "the path is on the cells of the run" in one.getMessage()]
+    assert said.endswith("of the energy norm, allowed is 1e-06.")
+
+
 def rest(x):
     """What supports hold, and more inside: a bubble."""
     bubble = np.prod(np.sin(np.pi * x), axis=1)[:, None]

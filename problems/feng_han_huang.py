@@ -1,4 +1,4 @@
-"""A block pulled over a rough obstacle: Section 4 of Feng, Han and Huang.
+"""A block pushed over a rough obstacle: Section 4 of Feng, Han and Huang.
 
 The unit square is the cross-section of an elastic body in plane strain, E = 200, nu = .3. It is clamped on its right
 side, x_1 = 1, and rests on a rigid obstacle below, x_2 = 0, in bilateral contact: it can slide there but not lift off.

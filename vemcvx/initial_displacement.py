@@ -25,14 +25,17 @@ class Projected:
 def projected(displacement: data.Datum) -> Projected:
     """The energy projection P^h u_0 of an initial displacement, ``simulate(..., initial=vx.projected(u_0))``.
 
-    a^h(P^h u_0, v) = a(u_0, v) for all v of V^h, (2.11) and (3.26): on every mesh the discrete displacement with the
-    stresses of u_0, from which Theorem 3.10 starts. u_0 is read on edges, in space on faces, where its strains are not
-    asked for (:mod:`vemcvx.vem.energy_projection`).
+    a^h(P^h u_0, v) = a(u_0, v) for all v of V^h, (2.11) and (3.26), up to O(h): on every mesh the discrete displacement
+    with the stresses of u_0. Of C eps(u_0) cells know the mean alone, for v is virtual, and what that leaves out of
+    a(u_0, v) is of the order of (3.18); it is nothing where u_0 is linear. u_0 is read on edges, in space on faces,
+    where its strains are not asked for (:mod:`vemcvx.vem.energy_projection`).
 
-    Condition (2.1), a(u_0, v) + j(v) >= <l(0), v>, says that the loads at times[0] and friction within its bounds
-    balance these stresses. A u_0 that obeys it gives a P^h u_0 that obeys it up to O(h), for loads and friction are
-    integrated by other rules; the run begins one step at times[0] from there, which obeys it by construction. How far
-    that step goes is logged, and where it is more than the mesh accounts for a warning says that u_0 violates (2.1).
+    **The run begins one step further.** Condition (2.1), a(u_0, v) + j(v) >= <l(0), v>, says that the loads at times[0]
+    and friction within its bounds balance the stresses of u_0. A u_0 that obeys it gives a P^h u_0 that obeys it on the
+    mesh up to O(h), for loads and friction are integrated by other rules. State 0 is the end of one step at times[0]
+    from P^h u_0, which obeys it by construction, (2.13), and is as near to u_0 by order, O(h). With Viscosity, where
+    nothing like (2.1) is asked, it is P^h u_0 itself. How far that step goes is logged, and where it is more than the
+    mesh accounts for a warning says that u_0 violates (2.1).
 
     Parameters
     ----------
@@ -70,7 +73,13 @@ def free_unknowns(initial: ArrayLike | str | Projected | None, posed: PosedScene
     if isinstance(initial, Projected):
         return _projected(initial, posed, times)
     points = posed.space.mesh.points
-    wanted = f"displacements of shape {points.shape}, one row a node, or None, 'equilibrium' or 'settled'"
+    kinds = "one row a node, or None, 'equilibrium', 'settled' or vx.projected(f)"
+    wanted = f"displacements of shape {points.shape}, {kinds}"
+    if callable(initial):
+        raise SceneError(
+            f"initial: found the function {brief(initial)}; wanted {wanted}. A displacement as a function f(x, t) of "
+            "place goes in as vx.projected(f), which takes it to the mesh."
+        )
     u = np.zeros(points.shape) if initial is None else shaped(initial, "initial", wanted, points.shape)
     if (bad := ~np.isfinite(u).all(axis=1)).any():
         raise SceneError(f"initial: found NaN or infinity at node {int(np.argmax(bad))}; wanted finite {wanted}.")

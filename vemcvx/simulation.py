@@ -95,7 +95,8 @@ def simulate(
     Raises
     ------
     SceneError
-        Scene, mesh and times make no well-posed problem, or u_0 violates condition (3.10).
+        Scene, mesh and times make no well-posed problem, or the nodal values of `initial`, or zero, violate condition
+        (3.10) on this mesh, (2.13). vx.projected(u_0) is not refused: it begins one step further, and logs or warns.
     NotAccepted
         The solver cannot take the scene's program.
     NotCertified

@@ -95,7 +95,7 @@ def test_a_pipe_gets_words_only(tmp_path):
     done = invoke("run", PROBLEM, "--n", 4, "--steps", 3)
     assert done.exit_code == 0
     assert not {c for c in done.output if ord(c) < 32} - {"\n"}
-    assert done.output.splitlines()[0].startswith("feng_han_huang: A block pulled over a rough obstacle")
+    assert done.output.splitlines()[0].startswith("feng_han_huang: A block pushed over a rough obstacle")
     assert done.output.splitlines()[-1].startswith("files       none; --out DIR")
     shown = invoke("show", PROBLEM, "--n", 4)
     assert not {c for c in shown.output if ord(c) < 32} - {"\n"}

@@ -156,7 +156,7 @@ def test_a_page_without_python_needs_nothing_else(tmp_path, monkeypatch):
     assert text.count("<section") == 2
     assert text.count(f'src="{PNG}') == 8
     assert opened(text) == ["step 1 of 30, t = 0.03333"]
-    assert "A block pulled over a rough obstacle" in text
+    assert "A block pushed over a rough obstacle" in text
     assert all(words in text for words in ("bound 4.0", "path a cycle", "solver Newton"))
     assert not re.search(r"(src|href)=.?(http|/)", text)
 

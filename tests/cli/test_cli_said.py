@@ -58,7 +58,7 @@ def test_pipes_get_whole_lines(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "40")
     lines = call(*COMMANDS["run"])[1].splitlines()
-    assert lines[0] == "feng_han_huang: A block pulled over a rough obstacle: Section 4 of Feng, Han and Huang."
+    assert lines[0] == "feng_han_huang: A block pushed over a rough obstacle: Section 4 of Feng, Han and Huang."
     assert sum(line.startswith("files") for line in lines) == 1
     assert "history.npz" in lines[-1]
 

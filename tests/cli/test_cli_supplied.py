@@ -42,7 +42,7 @@ def test_all_problem_files_are_listed_with_a_sentence():
         assert file.sentence[0].isupper()
         assert file.sentence[-1] in ".:?!"
     assert "hard_cases" not in said
-    assert "A block pulled over a rough" in said
+    assert "A block pushed over a rough" in said
     assert max(map(len, said.split("\n\n")[0].splitlines())) <= 80
 
 
@@ -59,7 +59,7 @@ def test_a_sentence_ends_at_its_own_full_stop(tmp_path):
 def test_a_problem_is_found_by_its_name(command):
     code, said = call(command, "feng_han_huang", "--n", "4", *(("--steps", "2") if command == "run" else ()))
     assert code == 0, said
-    assert said.startswith("feng_han_huang: A block pulled over a rough obstacle")
+    assert said.startswith("feng_han_huang: A block pushed over a rough obstacle")
 
 
 def test_a_file_that_is_here_comes_first(tmp_path):

@@ -340,7 +340,10 @@ INSTANTS = {
     "ragged": (lambda: run(times=[[0], [1, 2]]), rf"^times: found \[\[0\], \[1, 2\]\], {NOT_REAL}; {WANTED_TIMES}"),
 }
 
-STATE = r"wanted {}displacements of shape \(16, 2\), one row a node, or None, 'equilibrium' or 'settled'\.$"
+STATE = (
+    r"wanted {}displacements of shape \(16, 2\), one row a node, or None, 'equilibrium', 'settled' or "
+    r"vx\.projected\(f\)\.$"
+)
 INITIAL = {
     "wrong shape": (
         lambda: run(initial=np.zeros(3)),
@@ -351,6 +354,11 @@ INITIAL = {
         rf"^initial: found an array of shape \(2, 16\); {STATE.format('')}",
     ),
     "a number": (lambda: run(initial=0.0), rf"^initial: found the single number 0; {STATE.format('')}"),
+    "a function": (
+        lambda: run(initial=lambda x, t: 0.0 * x),
+        r"^initial: found the function .*; wanted displacements of shape \(16, 2\), .* A displacement as a function "
+        r"f\(x, t\) of place goes in as vx\.projected\(f\), which takes it to the mesh\.$",
+    ),
     "NaN": (
         lambda: run(initial=np.where(np.arange(32).reshape(16, 2) == 11, np.nan, 0.0)),
         rf"^initial: found NaN or infinity at node 5; {STATE.format('finite ')}",

@@ -17,7 +17,7 @@ is that of the same run in finer steps, PATH in all at least, and at the instant
 on cells within its own (:mod:`.within`). At the instants of the run, with its own displacement v_n in place of v, r_n =
 tau - sigma_0 - C eps(v_n) and C eps(u - v_n) = r_n - X,
 
-    |u - v_n|_a^2  <=  y_n^2 + 2 y_n |r_n| + |r_n|^2.
+    |u - v_n|_a^2  <=  y_n^2 + 2 y_n |r_n| + |r_n|^2  =  (y_n + |r_n|)^2.
 
 (By the paths of runs themselves bounds on cycles of five to eight steps were twice to three times as large; by their
 cells twice as large on cycles of 20.)

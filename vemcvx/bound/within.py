@@ -203,8 +203,9 @@ def within_cells(
         within = _finer(own, history, instants, growth)
         return within, inner, _shorter(within, history, instants, growth.largest)
     except (MeshError, SceneError) as error:
-        # As where data are given cell by cell, or finer cells would move from where the run begins.
-        log.info("error_bound: the path is on the cells of the run: %s", error)
+        # As where data are given cell by cell, or finer cells would move from where the run begins. What was found, and
+        # not what to do: the advice is for a run, and this one is not the reader's.
+        log.info("error_bound: the path is on the cells of the run: %s.", str(error).partition(". ")[0].rstrip("."))
     return whole, inner, _shorter(whole, history, instants, growth.largest)
 
 

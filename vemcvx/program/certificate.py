@@ -25,16 +25,20 @@ The gap is linear in the slip of a term that sticks: with |lam| < w it is w|s| -
 rounding, makes a gap of that size, and certifies no more than its root, 1e-8. Where a row reads one unknown of its own
 such slips are exact zeros; where it reads several they are not. A move v that puts them in place enters quadratically:
 
-    Theorem 2.  For every field v, |r|^2 = r'K^{-1}r at d, and T(v) the parts of norm terms and limits in the gap at
-    d - v,  |d - d*|_K <= 2 |v|_K + sqrt(|r|^2 + 2 T(v)).
+    Theorem 2.  For every field v that leaves d - v within the bounds, z_j(d - v) <= 0 where c_j = 0, with |r|^2 =
+    r'K^{-1}r at d, and T(v) the parts of norm terms and limits in the gap at d - v,
+    |d - d*|_K <= 2 |v|_K + sqrt(|r|^2 + 2 T(v)).
 
 Proof. |d - d*|_K <= |v|_K + |d - v - d*|_K. The residual at d - v is r + K v, and 1/2 |d - v - d*|_K^2 <=
 1/2 |r + K v|^2 + T(v) by theorem 1, with |r + K v| <= |r| + |K v| = |r| + |v|_K; at last sqrt((a + b)^2 + c) <=
 b + sqrt(a^2 + c).  QED
 
-No assumption is made about v: with v = 0 it is the gap itself, and the smaller bound is taken. v solves A v = x on the
-rows A of terms that seem to stick and of limits that seem to act, x their slips s and their excesses z - c p over what
-they press:  v = K^{-1}A'y,  A K^{-1}A'y = x.  Rows that depend on others make that singular; least squares then puts in
+Of v nothing else is assumed, and where it oversteps a bound T(v) is infinite, as (z_j)_+^2 / 2c_j is for c_j = 0: the
+theorem then says nothing. (K = I, g = (10, 0), d_1 <= 0, d = (0, 1), p = 10, v = (-.05, 0): without that T(v) would be
+-p z = -.5 and the bound .1, of the true error 1.) An excess below the rounding of D d - e counts as none. With v = 0 it
+is the gap itself, and the smaller bound is taken. v solves A v = x on the rows A of terms that seem to stick and of
+limits that seem to act, x their slips s and their excesses z - c p over what they press:  v = K^{-1}A'y,
+A K^{-1}A'y = x.  Rows that depend on others make that singular; least squares then puts in
 place what can be, and the rest stays in T.
 """
 

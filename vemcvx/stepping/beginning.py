@@ -190,12 +190,18 @@ def _violation(run: PreparedRun, state: State, jump: float) -> str:
                 f"{state.weights[worst]:.6g}."
             )
     held = "in equilibrium" if norms is None else "held by friction"
+    of_a_function = (
+        " Nodal values of a u_0 that obeys (2.1) miss it on a mesh: give simulate the function, "
+        "initial=vx.projected(u_0)."
+        if state.unknowns.any()
+        else ""
+    )
     much = f"by {jump:.1e} of the energy norm, allowed is {JUMP:.0e}" if np.isfinite(jump) else "from rest"
     return (
         f"initial: the state at t = {state.t:.6g} is not {held} (condition (2.1)): one step there moves it {much}."
         f"{where} If something acts from the start, say "
         "initial='settled', in a problem file too: the body begins at rest under it, one step from zero. Or start from "
-        "'equilibrium' (no friction), from a given state, or with a load that begins at zero."
+        f"'equilibrium' (no friction), from a given state, or with a load that begins at zero.{of_a_function}"
     )
 
 

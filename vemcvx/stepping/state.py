@@ -10,9 +10,10 @@ the sum of these squares is less than the elastic energy: with
 
     rho = the largest eigenvalue of  k^{1/2} B K^{-1} B' k^{1/2},      sum_i k_i |(B d)_i|^2 <= rho d'Kd,
 
-as long as rho < 1. In a block of height H and shear modulus mu that is k < mu / H per area: the stability of a spring
-and a slider. The margin 1 - rho does not depend on the length of steps. Without one a step may have several answers, or
-jump: what is found is then an estimate, which a warning says.
+as long as rho < 1. In a block of height H and shear modulus mu that shears uniformly that is k < mu / H per area: the
+stability of a spring and a slider; other motions of a block may be softer, and rho larger. The margin 1 - rho does not
+depend on the length of steps. Without one a step may have several answers, or jump: what is found is then an estimate,
+which a warning says.
 
 Theorem. Let rho < 1, and let (d_k, lam, p) be certified under the weights w' of its own slip by gap = 1/2
 |r|^2_{K^{-1}} + C. Then the step has one solution d, and  |d_k - d|_K <= sqrt(2 gap) / (1 - rho). Proof. With e = d_k -

@@ -5,8 +5,9 @@
 The first part is exact as soon as one of the two is linear, and since (I - Pi) p = 0 for linear p the second leaves
 that alone, whatever S_K is: (2.8), and with it the patch test, hold by construction. What S_K has to bring is (2.9),
 alpha_* a_K <= a_K^h <= alpha^* a_K with constants that do not depend on K: an energy of the size of the true one for
-what Pi misses, no less for any motion of the vertices. In vertex values that is a matrix S, symmetric and positive
-definite on the range of I - Pi, and the local matrix gains
+what Pi misses, no less for any motion of the vertices. (Of the size of its part in shear: with lam in it the method
+would lock. So alpha_* falls with nu, on a square as 6 mu / (lam + 3 mu): problems/stabilisation_spectrum.py.) In vertex
+values that is a matrix S, symmetric and positive definite on the range of I - Pi, and the local matrix gains
 
     (I - Pi)' S (I - Pi).
 
@@ -46,7 +47,8 @@ class Stabilisation(ABC):
 
     Examples
     --------
-    mu for every component at every vertex; problems/stabilisations_of_ones_own.py has others.
+    In the plane, where C[:, 2, 2] is mu (in space that is lam + 2 mu, and C[:, 3, 3] is mu): mu for every component at
+    every vertex, half of ours; problems/stabilisations_of_ones_own.py has others.
 
     >>> class HalfOfOurs(vx.Stabilisation):
     ...     def form(self, cells, C):

@@ -111,6 +111,8 @@ def test_checks_find_what_they_look_for(tmp_path):
         "of level 4 below one of level 2": "<h4>C</h4>",
         "2 headings of the first level": "<h1>C</h1>",
         "have the id a": '<p id="a"></p>',
+        "has '------' in": "<p>Raises ------ SceneError</p>",
+        "has '. seconds : dict' in": "<p>The <code>x : y</code>. seconds : dict</p>",
         "a style loads //": "<style>@import '//cdn.example/x.css'</style>",
     }
     for words, html in wrong.items():
@@ -124,9 +126,11 @@ def test_docstrings_are_read_as_they_are_meant():
     from generator.docstrings import prepared
 
     lines = ["|v| of `Newton`, `n_i_`, see :mod:`vemcvx.plots.style`, lam_:", "", "    a^2 = b", "", "Raises", "------"]
+    lines = ["`a`, of one line, and `b`, of two:", "`h.b(", "  c)`.", "", *lines]
     made = [*lines, "SceneError", "    |x| > 1."]
     prepared(None, "function", "vemcvx.x", None, None, made)
     text = "\n".join(made)
+    assert text.startswith("``a``, of one line, and ``b``, of two:\n``h.b( c)``.\n")
     assert r"\|v\| of :py:obj:`Newton <vemcvx.Newton>`, ``n_i_``, see ``vemcvx.plots.style``, lam\_:" in text
     assert ".. code-block:: text\n   :class: formula\n\n    a^2 = b" in text
     assert ":py:obj:`SceneError <vemcvx.SceneError>`\n    \\|x\\| > 1." in text

@@ -125,15 +125,24 @@ def test_docstrings_are_read_as_they_are_meant():
     pytest.importorskip("docutils")
     from generator.docstrings import prepared
 
-    lines = ["|v| of `Newton`, `n_i_`, see :mod:`vemcvx.plots.style`, lam_:", "", "    a^2 = b", "", "Raises", "------"]
+    lines = [
+        "|v| of `Newton`, `n_i_`, see :mod:`vemcvx.plots.style` and :mod:`.ground`, lam_:",
+        "",
+        "    a^2 = b",
+        "",
+        "Raises",
+        "------",
+    ]
     lines = ["`a`, of one line, and `b`, of two:", "`h.b(", "  c)`.", "", *lines]
-    made = [*lines, "SceneError", "    |x| > 1."]
+    made = [*lines, "SceneError", "    |x| > 1.", "", "Returns", "-------", "list of Extreme"]
     prepared(None, "function", "vemcvx.x", None, None, made)
     text = "\n".join(made)
     assert text.startswith("``a``, of one line, and ``b``, of two:\n``h.b( c)``.\n")
-    assert r"\|v\| of :py:obj:`Newton <vemcvx.Newton>`, ``n_i_``, see ``vemcvx.plots.style``, lam\_:" in text
+    assert r"\|v\| of :py:obj:`Newton <vemcvx.Newton>`, ``n_i_``, see :py:obj:`vemcvx.plots.style" in text
+    assert "<vemcvx.plots.style>` and ``ground``, lam\\_:" in text
     assert ".. code-block:: text\n   :class: formula\n\n    a^2 = b" in text
     assert ":py:obj:`SceneError <vemcvx.SceneError>`\n    \\|x\\| > 1." in text
+    assert text.endswith("\nlist of :py:obj:`Extreme <vemcvx.results.quoted.Extreme>`")
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ from pathlib import Path
 from docutils import nodes
 
 import vemcvx
-from generator.reference import DESCRIBED, MODULES, PUBLIC, SHORT
+from generator.reference import DESCRIBED, MODULES, SHORT
 
 LITERAL = re.compile(r"``.*?``|:\w+(?::\w+)?:`[^`]+`|`[^`]+`")
 """What is literal, or a role, on one line."""
@@ -36,8 +36,8 @@ def prepared(app: object, what: str, name: str, thing: object, options: object, 
     # Every literal is matched, so that what stands between two of them is none; one that has a line's end is one line.
     literal = r"(?<!`)(`+)(?!`)(?:[^`\n]|\n(?!\s*\n))+\1(?!`)"
     text = re.sub(literal, lambda one: re.sub(r"\s*\n\s*", " ", one.group()), "\n".join(lines))
-    raised = f"({'|'.join(name for name in PUBLIC if name[0].isupper() and '.' not in name)})"
-    text = re.sub(rf"^{raised}$", r"`\1`", text, flags=re.MULTILINE)
+    kinds = "|".join(name for name in SHORT if name[0].isupper())
+    text = re.sub(rf"^(list of )?({kinds})$", r"\1`\2`", text, flags=re.MULTILINE)  # what is raised, or returned
     lines[:] = [_typed(line) if formula else _line(line, _escaped) for line, formula in _marked(text)]
 
 

@@ -145,6 +145,25 @@ def test_docstrings_are_read_as_they_are_meant():
     assert text.endswith("\nlist of :py:obj:`Extreme <vemcvx.results.quoted.Extreme>`")
 
 
+def test_slides_keep_together_what_is_read_together():
+    """Sentences and their formulas; a question below its picture, and its answer; a heading with what follows."""
+    soup = pytest.importorskip("bs4").BeautifulSoup
+    from generator import slides
+
+    long = "word " * 200
+    picture = '<div class="cell tag_hide-input"><details class="hide"><pre>x</pre></details><img src="x.png"></div>'
+    html = f"""<h1>T</h1><p>{long}</p><p>which is, with</p><div class="math">a</div><p>where a is b.</p>
+        <p>{long}</p><p>Which?</p><details><summary>Answer</summary></details>{picture}<h2>B</h2><p>end</p>"""
+    made = list(slides._packed(slides._together(list(slides._blocks(soup(html, "html.parser"))))))
+    assert [bool(re.match(rf"<h2>{title}</h2>", slide)) for title, slide in zip("TTB", made[1:], strict=True)] == [
+        True
+    ] * 3
+    assert sum('class="math"' in slide and "which is" in slide and "where a" in slide for slide in made) == 1
+    (asked,) = (slide for slide in made if "Which?" in slide)
+    assert asked.index("<img") < asked.index("Which?") < asked.index("Answer")
+    assert made[-1] == "<h2>B</h2><p>end</p>"
+
+
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
     """The whole site; the command says nothing but where it is, and how long it took."""

@@ -25,3 +25,7 @@ document.addEventListener("keydown", (event) => {
   event.preventDefault();
 });
 addEventListener("scrollend", () => focused(slides[shown()]));
+document.addEventListener("focusin", (event) => {
+  const slide = event.target.closest("main > section");
+  if (slide && slide.clientHeight <= window.innerHeight) slide.scrollIntoView();
+});

@@ -113,8 +113,10 @@ def _reference(literal: str) -> str:
         full = next((one for one in candidates if one in KNOWN), None)
         return f":py:obj:`{name} <{full}>`" if full else f"``{name}``"
     words = literal.strip("`")
-    if not literal.startswith("``") and not literal.startswith(":") and words in SHORT:
-        return f":py:obj:`{words} <{SHORT[words]}>`"
+    first, _, member = words.partition(".")
+    full = SHORT.get(words) or (f"{SHORT[first]}.{member}" if first in SHORT else "")
+    if not literal.startswith("``") and not literal.startswith(":") and full in KNOWN:
+        return f":py:obj:`{words} <{full}>`"
     return literal if literal.startswith((":", "``")) else f"``{words}``"
 
 

@@ -14,7 +14,7 @@ from pathlib import Path
 from bs4 import BeautifulSoup, Tag
 
 FULL, TITLE = 560, 130
-"""Pixels that a slide holds below its heading in a window of 1280 x 720, and what a title of two lines takes of them."""
+"""Pixels that a slide holds below its heading in a window of 1280 x 720, and those that a title of two lines takes."""
 PICTURE, FORMULA, LINE, CODE, APART = 380, 80, 28, 22, 20
 """Pixels of a picture, a formula on its own, a line of text, one of code; and between blocks."""
 LETTERS = 105
@@ -53,8 +53,13 @@ def _slides(path: Path) -> str:
         summary.string = "Code"
     title = body.find("h1").get_text(strip=True)
     made = list(_packed(_together(list(_blocks(body)))))
-    foot = f'<p class="where"><a href="../{path.name}">{escape(title.partition(",")[0])}</a> {{0}} / {len(made)}</p>'
-    slides = "\n".join(f'<section tabindex="-1"><div>{slide}</div>{foot.format(n)}</section>' for n, slide in enumerate(made, 1))
+    back = f'<a href="../{path.name}">{escape(title.partition(",")[0])}</a>'
+    feet = [f"{back} {n} / {len(made)}" for n in range(1, len(made) + 1)]
+    feet[1:] = [foot.replace("<a ", '<a tabindex="-1" ') for foot in feet[1:]]  # the first is tab stop enough
+    slides = "\n".join(
+        f'<section tabindex="-1"><div>{slide}</div><p class="where">{foot}</p></section>'
+        for slide, foot in zip(made, feet, strict=True)
+    )
     return PAGE.format(title=escape(title), slides=slides)
 
 
@@ -92,7 +97,7 @@ def _together(blocks: list[Tag]) -> Iterator[list[Tag]]:
 def _said_by(block: Tag, following: Tag) -> bool:
     """A sentence goes on in a formula, or beyond it."""
     words = following.get_text(strip=True)
-    return block.name == "p" and _shown(following) or _shown(block) and words[:1].islower()
+    return _shown(following) if block.name == "p" else _shown(block) and words[:1].islower()
 
 
 def _asked_of(block: Tag, following: Tag) -> bool:

@@ -133,11 +133,12 @@ def test_docstrings_are_read_as_they_are_meant():
         "Raises",
         "------",
     ]
-    lines = ["`a`, of one line, and `b`, of two:", "`h.b(", "  c)`.", "", *lines]
+    lines = ["`a`, of one line, `Extreme.step`, and `b`, of two:", "`h.b(", "  c)`.", "", *lines]
     made = [*lines, "SceneError", "    |x| > 1.", "", "Returns", "-------", "list of Extreme"]
     prepared(None, "function", "vemcvx.x", None, None, made)
     text = "\n".join(made)
-    assert text.startswith("``a``, of one line, and ``b``, of two:\n``h.b( c)``.\n")
+    field = ":py:obj:`Extreme.step <vemcvx.results.quoted.Extreme>`"
+    assert text.startswith(f"``a``, of one line, {field}, and ``b``, of two:\n``h.b( c)``.\n")
     assert r"\|v\| of :py:obj:`Newton <vemcvx.Newton>`, ``n_i_``, see :py:obj:`vemcvx.plots.style" in text
     assert "<vemcvx.plots.style>` and ``ground``, lam\\_:" in text
     assert ".. code-block:: text\n   :class: formula\n\n    a^2 = b" in text

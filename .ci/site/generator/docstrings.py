@@ -21,7 +21,10 @@ ROLE = re.compile(r":(?:py:)?(\w+):`~?\.?([\w.]+)`")
 
 def _members() -> set[str]:
     classes = {full: kind for full, kind in DESCRIBED.items() if isinstance(kind, type)}
-    return {f"{full}.{member}" for full, kind in classes.items() for member in dir(kind) if not member.startswith("_")}
+    # Fields of dataclasses stand in the entry of their class, and have none of their own.
+    fields = {full: getattr(kind, "__dataclass_fields__", ()) for full, kind in classes.items()}
+    named = ((full, member) for full, kind in classes.items() for member in dir(kind) if not member.startswith("_"))
+    return {f"{full}.{member}" for full, member in named if member not in fields[full]}
 
 
 KNOWN = {*DESCRIBED, *MODULES, *_members()}
@@ -114,9 +117,9 @@ def _reference(literal: str) -> str:
         return f":py:obj:`{name} <{full}>`" if full else f"``{name}``"
     words = literal.strip("`")
     first, _, member = words.partition(".")
-    full = SHORT.get(words) or (f"{SHORT[first]}.{member}" if first in SHORT else "")
-    if not literal.startswith("``") and not literal.startswith(":") and full in KNOWN:
-        return f":py:obj:`{words} <{full}>`"
+    if not literal.startswith(("``", ":")) and first in SHORT:
+        own = f"{SHORT[first]}.{member}"
+        return f":py:obj:`{words} <{own if own in KNOWN else SHORT[first]}>`"
     return literal if literal.startswith((":", "``")) else f"``{words}``"
 
 

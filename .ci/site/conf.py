@@ -57,6 +57,7 @@ html_title = "vemcvx"
 html_static_path = ["_static"]
 html_favicon = "_static/icon.svg"
 html_css_files = ["site.css"]
+html_js_files = ["formulas.js"]
 html_copy_source = False
 html_show_sphinx = False
 mathjax_path = "mathjax/tex-svg-full.js"
@@ -67,6 +68,7 @@ nb_execution_raise_on_error = True
 nb_execution_timeout = 300
 nb_merge_streams = True
 nb_execution_in_temp = True
+nb_output_stderr = "remove"  # notices of the log, such as that of `vemcvx.simulate` about few steps
 
 autodoc_typehints = "none"
 autodoc_inherit_docstrings = False  # what a base class says of a method stands there, once

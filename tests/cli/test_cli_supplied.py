@@ -125,10 +125,21 @@ def test_lessons_are_copied_as_notebooks(tmp_path):
     assert "lesson_3_virtual_elements.ipynb exists, and no file is overwritten" in said
 
 
-def test_a_notebook_of_no_lesson_is_an_error():
-    code, said = call("lesson", "--notebook")
+@pytest.mark.parametrize(
+    ("words", "name"), [((), "lesson_1_one_slider.py"), (("--notebook",), "lesson_1_one_slider.ipynb")]
+)
+def test_for_homework_a_lesson_is_copied_without_its_solutions(tmp_path, words, name):
+    code, said = call("lesson", "1", "--no-solutions", *words)
+    assert code == 0
+    assert [said.split()[0]] == [path.name for path in tmp_path.iterdir()] == [name]
+    assert "--no-solutions" in call("lesson", "--help")[1]
+
+
+@pytest.mark.parametrize("option", ["--notebook", "--no-solutions"])
+def test_a_copy_of_no_lesson_is_an_error(option):
+    code, said = call("lesson", option)
     assert code == 2
-    assert "found --notebook without a number; `vemcvx lesson` lists" in said
+    assert f"found {option} without a number; `vemcvx lesson` lists" in said
 
 
 def test_a_link_that_leads_nowhere_is_not_followed(tmp_path):

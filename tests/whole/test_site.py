@@ -111,6 +111,8 @@ def test_checks_find_what_they_look_for(tmp_path):
         "of level 4 below one of level 2": "<h4>C</h4>",
         "2 headings of the first level": "<h1>C</h1>",
         "have the id a": '<p id="a"></p>',
+        "has '------' in": "<p>Raises ------ SceneError</p>",
+        "has '. seconds : dict' in": "<p>The <code>x : y</code>. seconds : dict</p>",
         "a style loads //": "<style>@import '//cdn.example/x.css'</style>",
     }
     for words, html in wrong.items():
@@ -123,13 +125,44 @@ def test_docstrings_are_read_as_they_are_meant():
     pytest.importorskip("docutils")
     from generator.docstrings import prepared
 
-    lines = ["|v| of `Newton`, `n_i_`, see :mod:`vemcvx.plots.style`, lam_:", "", "    a^2 = b", "", "Raises", "------"]
-    made = [*lines, "SceneError", "    |x| > 1."]
+    lines = [
+        "|v| of `Newton`, `n_i_`, see :mod:`vemcvx.plots.style` and :mod:`.ground`, lam_:",
+        "",
+        "    a^2 = b",
+        "",
+        "Raises",
+        "------",
+    ]
+    lines = ["`a`, of one line, `Extreme.step`, and `b`, of two:", "`h.b(", "  c)`.", "", *lines]
+    made = [*lines, "SceneError", "    |x| > 1.", "", "Returns", "-------", "list of Extreme"]
     prepared(None, "function", "vemcvx.x", None, None, made)
     text = "\n".join(made)
-    assert r"\|v\| of :py:obj:`Newton <vemcvx.Newton>`, ``n_i_``, see ``vemcvx.plots.style``, lam\_:" in text
+    field = ":py:obj:`Extreme.step <vemcvx.results.quoted.Extreme>`"
+    assert text.startswith(f"``a``, of one line, {field}, and ``b``, of two:\n``h.b( c)``.\n")
+    assert r"\|v\| of :py:obj:`Newton <vemcvx.Newton>`, ``n_i_``, see :py:obj:`vemcvx.plots.style" in text
+    assert "<vemcvx.plots.style>` and ``ground``, lam\\_:" in text
     assert ".. code-block:: text\n   :class: formula\n\n    a^2 = b" in text
     assert ":py:obj:`SceneError <vemcvx.SceneError>`\n    \\|x\\| > 1." in text
+    assert text.endswith("\nlist of :py:obj:`Extreme <vemcvx.results.quoted.Extreme>`")
+
+
+def test_slides_keep_together_what_is_read_together():
+    """Sentences and their formulas; a question below its picture, and its answer; a heading with what follows."""
+    soup = pytest.importorskip("bs4").BeautifulSoup
+    from generator import slides
+
+    long = "word " * 200
+    picture = '<div class="cell tag_hide-input"><details class="hide"><pre>x</pre></details><img src="x.png"></div>'
+    html = f"""<h1>T</h1><p>{long}</p><p>which is, with</p><div class="math">a</div><p>where a is b.</p>
+        <p>{long}</p><p>Which?</p><details><summary>Answer</summary></details>{picture}<h2>B</h2><p>end</p>"""
+    made = list(slides._packed(slides._together(list(slides._blocks(soup(html, "html.parser"))))))
+    assert [bool(re.match(rf"<h2>{title}</h2>", slide)) for title, slide in zip("TTB", made[1:], strict=True)] == [
+        True
+    ] * 3
+    assert sum('class="math"' in slide and "which is" in slide and "where a" in slide for slide in made) == 1
+    (asked,) = (slide for slide in made if "Which?" in slide)
+    assert asked.index("<img") < asked.index("Which?") < asked.index("Answer")
+    assert made[-1] == "<h2>B</h2><p>end</p>"
 
 
 @pytest.fixture(scope="module")

@@ -47,17 +47,21 @@ class Lesson:
         typer.Argument(metavar="[N]", autocompletion=lesson_numbers, help="Its number; without it they are listed."),
     ] = None
     notebook: Annotated[bool, typer.Option("--notebook", help="Copy them as notebooks, .ipynb.")] = False
+    no_solutions: Annotated[
+        bool, typer.Option("--no-solutions", help="Copy the lesson alone, as one hands it out for homework.")
+    ] = False
 
     def __call__(self) -> None:
         """List or copy."""
-        if self.number is None and self.notebook:
-            raise ProblemError("lesson: found --notebook without a number; `vemcvx lesson` lists the lessons.")
+        given = [name for name, set_ in (("--notebook", self.notebook), ("--no-solutions", self.no_solutions)) if set_]
+        if self.number is None and given:
+            raise ProblemError(f"lesson: found {given[0]} without a number; `vemcvx lesson` lists the lessons.")
         if self.number is None:
             rows = [(str(n), file.sentence.removeprefix(f"Lesson {n}, ")) for n, file in lessons().items()]
             typer.echo(Table((), rows).text())
             say("\nvemcvx lesson N copies lesson N and its solutions into this folder.")
             return
-        for path in copy_lesson(self.number, Path(), self.notebook):
+        for path in copy_lesson(self.number, Path(), self.notebook, not self.no_solutions):
             say(f"{path}")
         say(
             "Open it in Jupyter or VS Code."

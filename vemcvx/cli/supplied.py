@@ -78,14 +78,14 @@ def problem_path(file: str | Path) -> Path:
     return known[path.name].path
 
 
-def copy_lesson(number: int, into: Path, notebook: bool = False) -> list[Path]:
+def copy_lesson(number: int, into: Path, notebook: bool = False, solutions: bool = True) -> list[Path]:
     """Copy a lesson and its solutions, as notebooks if so asked, and return the copies; no file is overwritten."""
     known = lessons()
     if number not in known:
         raise ProblemError(f"lesson: there is no lesson {number}; there are {', '.join(map(str, known))}.")
     lesson = known[number].path
-    both = lesson, lesson.with_name(f"lesson_{number}_solutions.py")
-    copies = {into / (f"{path.stem}.ipynb" if notebook else path.name): path for path in both}
+    files = [lesson, *([lesson.with_name(f"lesson_{number}_solutions.py")] if solutions else [])]
+    copies = {into / (f"{path.stem}.ipynb" if notebook else path.name): path for path in files}
     for copy in filter(os.path.lexists, copies):
         raise ProblemError(
             f"lesson: {copy} exists, and no file is overwritten; move it away, or copy the lesson in another folder."

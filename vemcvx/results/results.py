@@ -285,9 +285,10 @@ class Results:
 
         Displacements are those of nodes, stresses those of cells, Pi u's, at their centroids, and slips, friction and
         pressure, raw and recovered, those of contact nodes. Signs are kept: the smallest principal stress is the
-        largest compression. `unbounded` says of those at corners, point loads and jumps of data that they grow without
-        limit as the mesh is refined, unless half of the field is within a percent of them: no corner is loaded then.
-        In space edges and corners of bodies are not looked at, only point loads. Found once, when first asked for.
+        largest compression. `Extreme.unbounded` says of those at corners, point loads and jumps of data that they grow
+        without limit as the mesh is refined, unless half of the field is within a percent of them: no corner is loaded
+        then. In space edges and corners of bodies are not looked at, only point loads. Found once, when first asked
+        for.
         """
         corners, grew = Corners(self.mesh, self.contact, self.moduli, self.sides), self.growth or {}
         told = (

@@ -2,11 +2,11 @@
 
 A step has four acts:
 
-pose      :mod:`.posed_step`    the convex program of the step, from the state before it and the data at t_n
-answer    :mod:`.posed_step`    by the solver, in scaled units; asked again where it misses
-          :mod:`.fixed_point`   where weights follow pressures (Coulomb), a fixed point of such programs
-certify   :mod:`.posed_step`    on the retained unknowns
-                                and on all, refined against K itself, where the factors are too coarse
+    pose      :mod:`.posed_step`    the convex program of the step, from the state before it and the data at t_n
+    answer    :mod:`.posed_step`    by the solver, in scaled units; asked again where it misses
+              :mod:`.fixed_point`   where weights follow pressures (Coulomb), a fixed point of such programs
+    certify   :mod:`.posed_step`    on the retained unknowns
+                                    and on all, refined against K itself, where the factors are too coarse
 record    :mod:`.trajectory`    steps that are kept, certified on all unknowns: rows of a trajectory
 
 It begins from a state that obeys (2.1): :mod:`.beginning`. Why not by the midpoint rule, which is a convex program a

@@ -1,11 +1,31 @@
 "use strict";
-// Arrows to the sides go on and back; space, page keys and arrows down are the browser's own.
-document.addEventListener("keydown", (event) => {
-  const way = { ArrowRight: 1, ArrowLeft: -1 }[event.key];
-  if (!way || event.altKey || event.ctrlKey || event.metaKey) return;
-  const slides = [...document.querySelectorAll("main > section")];
+// Arrows to the sides go on and back, "a" opens and closes answers; space, page keys and arrows down are the browser's
+// own. The slide that is shown has the focus, so that the next tab stop is on it.
+const slides = [...document.querySelectorAll("main > section")];
+const shown = () => {
   const middle = window.innerHeight / 2;
-  const here = slides.findIndex((one) => one.getBoundingClientRect().bottom > middle);
-  slides[Math.min(Math.max(here + way, 0), slides.length - 1)].scrollIntoView();
+  return Math.max(slides.findIndex((one) => one.getBoundingClientRect().bottom > middle), 0);
+};
+const focused = (slide) => {
+  if (!slide.contains(document.activeElement)) slide.focus({ preventScroll: true });
+};
+document.addEventListener("keydown", (event) => {
+  if (event.altKey || event.ctrlKey || event.metaKey) return;
+  const way = { ArrowRight: 1, ArrowLeft: -1 }[event.key];
+  if (way) {
+    const next = slides[Math.min(Math.max(shown() + way, 0), slides.length - 1)];
+    next.scrollIntoView();
+    focused(next);
+  } else if (event.key === "a") {
+    const answers = [...slides[shown()].querySelectorAll("details:not(.hide)")];
+    const closed = answers.some((one) => !one.open);
+    for (const one of answers) one.open = closed;
+    if (closed) answers.at(-1)?.scrollIntoView({ block: "nearest" });
+  } else return;
   event.preventDefault();
+});
+addEventListener("scrollend", () => focused(slides[shown()]));
+document.addEventListener("focusin", (event) => {
+  const slide = event.target.closest("main > section");
+  if (slide && slide.clientHeight <= window.innerHeight) slide.scrollIntoView();
 });

@@ -14,6 +14,8 @@ from bs4 import BeautifulSoup
 LOADS = {"img": "src", "script": "src", "iframe": "src", "link": "href", "source": "src", "object": "data"}
 """What a browser fetches without being asked."""
 ELSEWHERE = re.compile(r"(?:https?:)?//|ftp:", re.IGNORECASE)
+UNREAD = re.compile(r"[-—]{3,}|(?:^|[.)”\"] )\w+ : \S.*", re.MULTILINE)
+"""The line below a section of a docstring, or a name of its lists, where they stand in running text."""
 IN_STYLE = re.compile(r"(?:url\(|@import)\s*['\"]?\s*((?:https?:)?//[^'\")]+)")
 
 
@@ -24,7 +26,7 @@ def faults(site: Path) -> list[str]:
     anchors = {path: {tag["id"] for tag in page.find_all(id=True)} for path, page in parsed.items()}
     found = []
     for path, page in parsed.items():
-        of_page = [*_links(path, page, anchors), *_loads(path, page), *_pictures(page), *_ids(page)]
+        of_page = [*_links(path, page, anchors), *_loads(path, page), *_pictures(page), *_ids(page), *_unread(page)]
         # The heading of the page of searches is made by its script.
         of_page += _headings(page) if path.name != "search.html" else []
         found += [f"{path.relative_to(site)}: {fault}" for fault in of_page]
@@ -67,6 +69,14 @@ def _pictures(page: BeautifulSoup) -> Iterator[str]:
             yield f"the picture {image.get('src', '')[:80]} has no words"
     untitled = [frame for frame in page.find_all("iframe") if not frame.get("title")]
     yield from (f"the frame {frame.get('src')} has no title" for frame in untitled)
+
+
+def _unread(page: BeautifulSoup) -> Iterator[str]:
+    """Sections of docstrings that were not read as such."""
+    for paragraph in page.find_all("p"):
+        found = UNREAD.search(paragraph.get_text())
+        if found and paragraph.find_parent("table") is None:
+            yield f"the paragraph {paragraph.get_text()[:60]!r} has {found.group()[:60]!r} in running text"
 
 
 def _headings(page: BeautifulSoup) -> Iterator[str]:

@@ -12,7 +12,7 @@ from pathlib import Path
 from docutils import nodes
 
 import vemcvx
-from generator.reference import PUBLIC, SHORT, found
+from generator.reference import DESCRIBED, MODULES, SHORT
 
 LITERAL = re.compile(r"``.*?``|:\w+(?::\w+)?:`[^`]+`|`[^`]+`")
 """What is literal, or a role, on one line."""
@@ -20,36 +20,48 @@ ROLE = re.compile(r":(?:py:)?(\w+):`~?\.?([\w.]+)`")
 
 
 def _members() -> set[str]:
-    classes = {full: found(name) for name, full in PUBLIC.items() if isinstance(found(name), type)}
-    return {f"{full}.{member}" for full, kind in classes.items() for member in dir(kind) if not member.startswith("_")}
+    classes = {full: kind for full, kind in DESCRIBED.items() if isinstance(kind, type)}
+    # Fields of dataclasses stand in the entry of their class, and have none of their own.
+    fields = {full: getattr(kind, "__dataclass_fields__", ()) for full, kind in classes.items()}
+    named = ((full, member) for full, kind in classes.items() for member in dir(kind) if not member.startswith("_"))
+    return {f"{full}.{member}" for full, member in named if member not in fields[full]}
 
 
-KNOWN = {*PUBLIC.values(), *_members()}
+KNOWN = {*DESCRIBED, *MODULES, *_members()}
 
 
 def prepared(app: object, what: str, name: str, thing: object, options: object, lines: list[str]) -> None:
     """Rewrite the lines of a docstring, in place (Sphinx's event autodoc-process-docstring)."""
     if what == "data":
         lines[:] = [_said_of(name.rpartition(".")[2]), ""]
-    literal = r"(?<!`)(`+)(?!`)[^`]+\n[^`]+\1(?!`)"
-    text = re.sub(literal, lambda broken: " ".join(broken.group().split()), "\n".join(lines))
-    raised = f"({'|'.join(name for name in PUBLIC if name[0].isupper() and '.' not in name)})"
-    text = re.sub(rf"^{raised}$", r"`\1`", text, flags=re.MULTILINE)
-    lines[:] = [line if formula else _line(line, _escaped) for line, formula in _marked(text)]
+    if what == "module":
+        del lines[0]  # the heading
+    # Every literal is matched, so that what stands between two of them is none; one that has a line's end is one line.
+    literal = r"(?<!`)(`+)(?!`)(?:[^`\n]|\n(?!\s*\n))+\1(?!`)"
+    text = re.sub(literal, lambda one: re.sub(r"\s*\n\s*", " ", one.group()), "\n".join(lines))
+    kinds = "|".join(name for name in SHORT if name[0].isupper())
+    text = re.sub(rf"^(list of )?({kinds})$", r"\1`\2`", text, flags=re.MULTILINE)  # what is raised, or returned
+    lines[:] = [_typed(line) if formula else _line(line, _escaped) for line, formula in _marked(text)]
+
+
+def _typed(line: str) -> str:
+    """A line that is shown as it is typed, without roles: what stands to the right of one stays in its column."""
+    return ROLE.sub(lambda role: role.group(2).ljust(len(role.group())), line).rstrip()
 
 
 def _marked(text: str) -> Iterator[tuple[str, bool]]:
-    """The lines of a docstring, and whether they are formulas: indented, but not below a name in a section's list.
+    """The lines of a docstring, and whether they are formulas: indented below an empty line, in no section's list.
 
     Formulas are given the mark of a literal block before them.
     """
     listed = within = False
-    language = "text"
+    language, before = "text", ""
     following = [*text.split("\n")[1:], ""]
     for line, under in zip(text.split("\n"), following, strict=True):
         if re.fullmatch(r"-{3,}", under):
             listed = line not in ("Notes", "Examples")
-        formula = not listed and line.startswith("    ")
+        formula = not listed and line.startswith("    ") and (within or not before)
+        before = line
         if line == "::":
             language = "python"
             continue
@@ -99,19 +111,22 @@ def _reference(literal: str) -> str:
     role = ROLE.fullmatch(literal)
     if role:
         name = role.group(2)
-        candidates = name, SHORT.get(name.removeprefix("vemcvx.")), f"vemcvx.{name}"
+        last = name.rpartition(".")[2] if role.group(1) in ("class", "func") else name.removeprefix("vemcvx.")
+        candidates = name, SHORT.get(last), f"vemcvx.{name}"
         full = next((one for one in candidates if one in KNOWN), None)
         return f":py:obj:`{name} <{full}>`" if full else f"``{name}``"
     words = literal.strip("`")
-    if not literal.startswith("``") and not literal.startswith(":") and words in SHORT:
-        return f":py:obj:`{words} <{SHORT[words]}>`"
+    first, _, member = words.partition(".")
+    if not literal.startswith(("``", ":")) and first in SHORT:
+        own = f"{SHORT[first]}.{member}"
+        return f":py:obj:`{words} <{own if own in KNOWN else SHORT[first]}>`"
     return literal if literal.startswith((":", "``")) else f"``{words}``"
 
 
 def public_bases(app: object, name: str, thing: object, options: object, bases: list[type]) -> None:
     """Of the bases of a class name those that have a page (autodoc-process-bases)."""
-    public = {id(found(one)) for one in PUBLIC}
-    bases[:] = [base for base in bases if id(base) in public] or [object]
+    described = {id(one) for one in DESCRIBED.values()}
+    bases[:] = [base for base in bases if id(base) in described] or [object]
 
 
 def pictures_in_words(app: object, tree: nodes.document) -> None:

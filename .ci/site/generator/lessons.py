@@ -14,7 +14,7 @@ INDEX = """# Learn
 
 Lessons for students who know linear algebra and a little of finite elements: formula, code, picture, questions whose
 answers unfold, exercises with solutions. `vemcvx lesson N` copies lesson N and its solutions into your folder, with
-`--notebook` as notebooks.
+`--notebook` as notebooks, with `--no-solutions` the lesson alone, for homework.
 
 How to teach with them: [](course.md).
 

@@ -16,6 +16,10 @@ class Topic:
     sentence: str
     names: str
     """Qualified by their module below `vemcvx`, separated by spaces."""
+    returned: str = ""
+    """Classes that are no public names, but are what public names return: their module below `vemcvx`, and name."""
+    modules: str = ""
+    """Modules below `vemcvx` whose head has the mathematics or the table that docstrings point to."""
 
 
 NAMESPACES = {
@@ -34,11 +38,14 @@ TOPICS = {
         "Simulation",
         "A scene on a mesh, stepped through time; and the convex programs of its steps.",
         "Scene simulate projected programs instants march __version__",
+        modules="stepping.backward_euler stepping.posed_step",
     ),
     "results": Topic(
         "Results",
         "What a run leaves: displacements, contact, stresses, energies, certificates, files, tables.",
         "History read_history Contact Trajectory Quantity quantities",
+        returned="results.quoted.Extreme results.probe.Profile",
+        modules="results.probe results.files results.corners",
     ),
     "materials": Topic(
         "Materials",
@@ -54,6 +61,7 @@ TOPICS = {
         "Contact and friction",
         "With obstacles, and between bodies where `on=` names an interface.",
         "BilateralContact UnilateralContact NormalCompliance TrescaFriction CoulombFriction Law",
+        modules="stepping.fixed_point solvers.coulomb",
     ),
     "meshes": Topic(
         "Meshes",
@@ -62,16 +70,20 @@ TOPICS = {
         "meshes.distorted meshes.nonconvex meshes.hanging meshes.l_shape meshes.ring meshes.FAMILIES meshes.cubes "
         "meshes.tetrahedra meshes.prisms meshes.kelvin meshes.voronoi3 meshes.SPACE_FAMILIES meshes.read "
         "meshes.convert meshes.plane_mesh meshes.bodies meshes.Interface meshes.refinement meshes.Refinement",
+        returned="meshes.quality.Quality",
+        modules="meshes.quality",
     ),
     "solvers": Topic(
         "Solvers",
         "Of the convex program of a step; every answer is certified, whoever gives it.",
         "Solver Newton Clarabel OSQP Direct ThroughCvxpy",
+        returned="solvers.solver.Prepared",
     ),
     "linear-solvers": Topic(
         "Linear solvers",
         "Factorisations of the stiffness matrix, and what takes their place where they are too large.",
         "LinearSolver SuperLU Pardiso Multigrid PETSc",
+        returned="linear.factor.Factor",
     ),
     "programs": Topic(
         "Programs and certificates",
@@ -79,6 +91,7 @@ TOPICS = {
         "StepProgram Operators Norms Limits Damping System Answer Certificate SolvedProgram read_program "
         "write_program program.QUADRATIC program.ABSOLUTE_VALUES program.BOUNDS program.SECOND_ORDER_CONES "
         "program.SQUARED_POSITIVE_PARTS",
+        modules="program.certificate program.kernel exchange.files",
     ),
     "accuracy": Topic(
         "Errors of meshes and steps",
@@ -86,6 +99,7 @@ TOPICS = {
         "error_budget ErrorBudget adapt Adapted error_bound ErrorBound QuantityBound measures.convergence_table "
         "measures.ConvergenceTable measures.Measured measures.energy_error measures.l2_error measures.Field "
         "measures.energy_distance measures.orders measures.Orders",
+        modules="estimate.budget estimate.measures.distance",
     ),
     "plots": Topic(
         "Pictures",
@@ -93,6 +107,7 @@ TOPICS = {
         "plots.deformed_mesh plots.stressed_body plots.deformed_body plots.contact_face plots.along_contact "
         "plots.friction_traction plots.friction_disc plots.stick_slip_map plots.hysteresis_loop plots.energy_ledger "
         "plots.wear plots.error_map plots.animate plots.write_plots",
+        modules="plots.style",
     ),
     "own-effects": Topic(
         "Effects of one's own",
@@ -109,6 +124,7 @@ TOPICS = {
         "vem.cell_load vem.cell_quadrature vem.edge_load vem.edge_part vem.stress_load vem.strains vem.stresses "
         "vem.isotropic_stress vem.equivalent vem.principal vem.component_names vem.tractions vem.tangents_of "
         "vem.rigid_modes vem.split_motion vem.solid_places vem.upper_triangle",
+        modules="vem.elasticity",
     ),
     "testing": Topic(
         "Tests of one's own effects and solvers",
@@ -140,14 +156,20 @@ def full_name(name: str) -> str:
 
 
 PUBLIC = {name: full_name(name) for topic in TOPICS.values() for name in topic.names.split()}
-SHORT = {name.rpartition(".")[2]: full for name, full in PUBLIC.items()}
-"""Names with their modules, by how they are called here, and by their last part."""
+RETURNED = [f"vemcvx.{name}" for topic in TOPICS.values() for name in topic.returned.split()]
+MODULES = [f"vemcvx.{name}" for topic in TOPICS.values() for name in topic.modules.split()]
+SHORT = {full.rpartition(".")[2]: full for full in (*RETURNED, *PUBLIC.values())}
+"""Names with their modules, by how they are called here, those that are returned, and all by their last part."""
 
 
-def found(name: str) -> object:
-    """What a name of `TOPICS` stands for."""
-    short, _, last = name.rpartition(".")
-    return getattr(importlib.import_module(NAMESPACES[short]), last)
+def found(full: str) -> object:
+    """What a name with its module stands for."""
+    module, _, last = full.rpartition(".")
+    return getattr(importlib.import_module(module), last)
+
+
+DESCRIBED = {full: found(full) for full in (*PUBLIC.values(), *RETURNED)}
+"""What has an entry in the reference, by its name with its module."""
 
 
 def write(folder: Path) -> None:
@@ -172,13 +194,29 @@ def _link(name: str) -> str:
 
 
 def _page(topic: Topic) -> str:
-    entries = "\n".join(_entry(name) for name in topic.names.split())
-    return f"# {topic.title}\n\n{topic.sentence}\n\n```{{eval-rst}}\n{entries}\n```\n"
+    listed = [*map(full_name, topic.names.split()), *(f"vemcvx.{name}" for name in topic.returned.split())]
+    entries = "\n".join(map(_entry, listed))
+    heads = [_head(f"vemcvx.{name}") for name in topic.modules.split()]
+    return "\n\n".join([f"# {topic.title}", topic.sentence, f"```{{eval-rst}}\n{entries}\n```", *heads]) + "\n"
 
 
-def _entry(name: str) -> str:
-    thing, full = found(name), full_name(name)
+def _entry(full: str) -> str:
+    thing = DESCRIBED[full]
     if inspect.isclass(thing):
-        members = "   :members:\n   :show-inheritance:\n" if not issubclass(thing, Warning) else ""
+        members = "" if issubclass(thing, Warning) else f"   :members:\n   :show-inheritance:\n{_inherited(thing)}"
         return f".. autoclass:: {full}\n{members}"
     return f".. autofunction:: {full}\n" if inspect.isroutine(thing) else f".. autodata:: {full}\n   :no-value:\n"
+
+
+def _inherited(kind: type) -> str:
+    """Members of bases that have no entry are described with the class; those of other bases stand there, once."""
+    bases = [base for base in kind.__mro__[1:] if base.__module__.partition(".")[0] == "vemcvx"]
+    without = [base for base in bases if not any(base is one for one in DESCRIBED.values())]
+    described = [base.__name__ for base in kind.__mro__[1:] if base not in without]
+    return f"   :inherited-members: {', '.join(described)}\n" if without else ""
+
+
+def _head(module: str) -> str:
+    """The docstring of a module below its first line, which is the heading."""
+    title = (inspect.getdoc(importlib.import_module(module)) or "").partition("\n")[0].removesuffix(".")
+    return f"## {title}\n\n```{{eval-rst}}\n.. automodule:: {module}\n```"

@@ -13,16 +13,20 @@ from pathlib import Path
 
 from bs4 import BeautifulSoup, Tag
 
-FULL = 900
-"""Letters that a slide holds beside its heading; a picture counts for 600, a line of code for 60, a formula for 150."""
-SHORT = 12
-"""Lines of code that are shown; longer code is folded."""
+FULL, TITLE = 560, 130
+"""Pixels that a slide holds below its heading in a window of 1280 x 720, and those that a title of two lines takes."""
+PICTURE, FORMULA, LINE, CODE, APART = 380, 80, 28, 22, 20
+"""Pixels of a picture, a formula on its own, a line of text, one of code; and between blocks."""
+LETTERS = 105
+"""Of a line of text."""
 PAGE = """<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width">
 <title>{title}, slides</title>
 <link rel="icon" href="../../_static/icon.svg">
 <link rel="stylesheet" href="../../_static/pygments.css"><link rel="stylesheet" href="../../_static/slides.css">
-<script defer src="../../_static/slides.js"></script><script defer src="../../_static/mathjax/tex-svg-full.js"></script>
+<script>MathJax = {{ options: {{ enableMenu: false }} }};</script>
+<script defer src="../../_static/slides.js"></script><script defer src="../../_static/formulas.js"></script>
+<script defer src="../../_static/mathjax/tex-svg-full.js"></script>
 </head><body><main>
 {slides}
 </main></body></html>
@@ -45,12 +49,17 @@ def _slides(path: Path) -> str:
         link.decompose()
     for tag in body.find_all(True):
         _moved(tag, path.name)
-    for cell in body.find_all("div", class_="cell_input"):
-        _folded(page, cell)
+    for summary in body.select("details.hide > summary"):
+        summary.string = "Code"
     title = body.find("h1").get_text(strip=True)
-    made = list(_packed(list(_blocks(body))))
-    foot = f'<p class="where"><a href="../{path.name}">{escape(title.partition(",")[0])}</a> {{0}} / {len(made)}</p>'
-    slides = "\n".join(f"<section>{slide}{foot.format(n)}</section>" for n, slide in enumerate(made, 1))
+    made = list(_packed(_together(list(_blocks(body)))))
+    back = f'<a href="../{path.name}">{escape(title.partition(",")[0])}</a>'
+    feet = [f"{back} {n} / {len(made)}" for n in range(1, len(made) + 1)]
+    feet[1:] = [foot.replace("<a ", '<a tabindex="-1" ') for foot in feet[1:]]  # the first is tab stop enough
+    slides = "\n".join(
+        f'<section tabindex="-1"><div>{slide}</div><p class="where">{foot}</p></section>'
+        for slide, foot in zip(made, feet, strict=True)
+    )
     return PAGE.format(title=escape(title), slides=slides)
 
 
@@ -65,14 +74,6 @@ def _moved(tag: Tag, page: str) -> None:
             tag[attribute] = f"../{address}"
 
 
-def _folded(page: BeautifulSoup, cell: Tag) -> None:
-    if cell.find_parent("details") is None and cell.get_text().strip().count("\n") >= SHORT:
-        fold = page.new_tag("details")
-        summary = page.new_tag("summary")
-        summary.string = "Code"
-        cell.wrap(fold).insert(0, summary)
-
-
 def _blocks(section: Tag) -> Iterator[Tag]:
     """What stands in a section and those within it, in order."""
     for child in section.find_all(True, recursive=False):
@@ -82,29 +83,68 @@ def _blocks(section: Tag) -> Iterator[Tag]:
             yield child
 
 
-def _weight(block: Tag) -> int:
-    pictures = 600 * len(block.find_all("img")) + 150 * len(block.find_all("div", class_="math"))
-    if "cell" in block.get("class", ()):
-        shown = [pre for pre in block.find_all("pre") if pre.find_parent("details") is None]
-        return pictures + sum(60 * (1 + pre.get_text().count("\n")) for pre in shown)
-    return pictures + (0 if block.name == "details" else len(block.get_text()))
+def _together(blocks: list[Tag]) -> Iterator[list[Tag]]:
+    """Blocks that one slide shows: a paragraph and its formulas; a question below its picture, and its answer."""
+    held: list[Tag] = []
+    for at, block in enumerate(blocks):
+        held.append(block)
+        following = blocks[at + 1] if at + 1 < len(blocks) else None
+        if following is None or not (_said_by(block, following) or _asked_of(block, following)):
+            yield sorted(held, key=lambda one: not (_drawn(one) and any(map(_answers, held))))
+            held = []
 
 
-def _packed(blocks: list[Tag]) -> Iterator[str]:
-    """Slides of as many blocks as they hold; a heading begins one, and is repeated where its section goes on."""
-    heading, held, weight = "", [], 0
-    for block in blocks:
-        begins = block.name in ("h1", "h2")
-        if held and (begins or weight + _weight(block) > FULL) and not _answers(block):
-            yield heading + "".join(held)
-            heading, held, weight = heading.replace("h1>", "h2>"), [], 0
-        if begins:
-            heading = str(block)
-        else:
-            held.append(str(block))
-            weight += _weight(block)
-    yield heading + "".join(held)
+def _said_by(block: Tag, following: Tag) -> bool:
+    """A sentence goes on in a formula, or beyond it."""
+    words = following.get_text(strip=True)
+    return _shown(following) if block.name == "p" else _shown(block) and words[:1].islower()
+
+
+def _asked_of(block: Tag, following: Tag) -> bool:
+    """A question and its answer, and the picture below."""
+    return _answers(following) or (_answers(block) and _drawn(following))
 
 
 def _answers(block: Tag) -> bool:
     return block.name == "details"
+
+
+def _drawn(block: Tag) -> bool:
+    """A cell of which the picture alone is shown."""
+    return "tag_hide-input" in block.get("class", ()) and block.find("img") is not None
+
+
+def _shown(block: Tag) -> bool:
+    """A formula on its own."""
+    return bool({"math", "math-wrapper"} & set(block.get("class", ())))
+
+
+def _weight(block: Tag) -> int:
+    """Pixels of a block, about; what is folded has the line that unfolds it."""
+    if _answers(block):
+        return LINE + APART
+    if _shown(block):
+        return FORMULA * (1 + block.get_text().count("\\\\") // 2)
+    if "cell" in block.get("class", ()):
+        shown = [pre for pre in block.find_all("pre") if pre.find_parent("details") is None]
+        folded = LINE + APART if block.find("details") else 0
+        lines = sum(CODE * len(pre.get_text().strip().splitlines()) + 2 * APART for pre in shown)
+        return PICTURE * len(block.find_all("img")) + folded + lines
+    items = block.find_all("li") or block.find_all("tr") or [block]
+    return sum(LINE * (1 + len(item.get_text()) // LETTERS) + APART // 2 for item in items) + APART // 2
+
+
+def _packed(groups: Iterator[list[Tag]]) -> Iterator[str]:
+    """Slides of as many blocks as they hold; a heading begins one, and is repeated where its section goes on."""
+    heading, held, weight = "", [], 0
+    for group in groups:
+        begins, weighs = group[0].name in ("h1", "h2"), sum(map(_weight, group))
+        if held and (begins or weight + weighs > FULL):
+            yield heading + "".join(held)
+            heading, held, weight = heading.replace("h1>", "h2>"), [], 0
+        if begins:
+            heading, weight = str(group[0]), TITLE if group[0].name == "h1" else 0
+        else:
+            held += map(str, group)
+            weight += weighs
+    yield heading + "".join(held)

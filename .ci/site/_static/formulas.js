@@ -1,0 +1,12 @@
+"use strict";
+// A formula within a line that is wider than the page is scrolled by itself: CSS cannot tell which ones are.
+const marked = () => {
+  for (const one of document.querySelectorAll("mjx-container:not([display])")) {
+    one.classList.remove("wide");
+    const block = one.closest("p, li, dd, td, th, summary, h1, h2, h3");
+    if (block && one.getBoundingClientRect().width > block.clientWidth) one.classList.add("wide");
+  }
+};
+addEventListener("load", () => window.MathJax?.startup?.promise.then(marked));
+addEventListener("resize", marked);
+document.addEventListener("toggle", marked, true); // an answer has no width before it is open

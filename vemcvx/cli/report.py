@@ -277,11 +277,13 @@ def _guaranteed(history: History) -> str:
         return ""
     misread = bound.get("reading", 0.0)
     but = f" and loads as read at points, but for {misread:.2g}, an estimate of what these misread"
+    laws = " for the friction that the run's pressure gives" if "friction" in bound.get("kind", "") else ""
     return (
         f"<p>In every step the error of the mesh, given the step before, is at most {100 * bound['relative']:.3g} % of "
         f"the largest energy norm of the run: {bound['lower']:.4g} to {bound['upper']:.4g} in step "
-        f"{bound['step']:.0f}, where it may be largest. This is a theorem for any mesh and material"
-        f"{but if misread else ''}: no constant was estimated.</p>{_guaranteed_force(history)}"
+        f"{bound['step']:.0f}, where it may be largest. This is a theorem{laws}, for any mesh and material"
+        f"{but if misread else ''}: no constant was estimated ({bound.get('kind', 'bound')}).</p>"
+        f"{_guaranteed_force(history)}"
     )
 
 
@@ -293,7 +295,8 @@ def _guaranteed_force(history: History) -> str:
     force = history.reaction(on)[-1, axis]
     return (
         f"<p>The force of the support on {escape(on)} along x<sub>{axis + 1}</sub>, {force:.4g} in the last step, is "
-        f"between {low:.4g} and {high:.4g} in the exact answer of that step, by a theorem likewise.</p>"
+        f"between {low:.4g} and {high:.4g} in the exact answer of that step, given the step before, by a theorem "
+        "likewise.</p>"
     )
 
 

@@ -10,8 +10,8 @@ less is taken: the squared indicator of a cell drops to a quarter when it is spl
 
 The error of steps is that at the instants of the run, and no estimate sees a load that comes and goes between two of
 them. Where data bend, turn or jump inside a step, there is an instant from the beginning (:mod:`vemcvx.stepping.course`
-finds what lasts longer than 1/256 of the run). Then steps that lose much are halved: those that together make up a given
-part of the loss at once, the smallest set, as of cells.
+finds what lasts longer than 1/256 of the run). Then steps that lose much are halved: those that together make up a
+given part of the loss at once, the smallest set, as of cells.
 
 Where the target is of friction work, work or wear, the errors of mesh and steps are those of that quantity
 (:mod:`.quantities`), found by two more runs a pass; cells are still marked by energy indicators, scaled to its error.

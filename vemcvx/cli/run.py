@@ -62,7 +62,8 @@ from vemcvx.results.files import (
 )
 from vemcvx.results.probe import places
 from vemcvx.results.results import programs_of_steps
-from vemcvx.simulation import simulate
+from vemcvx.simulation import simulate, warn_of_turns
+from vemcvx.stepping.backward_euler import checked_times
 from vemcvx.stepping.trajectory import CHECKPOINT, Folder, stored_steps
 
 ROWS = "rows"
@@ -286,10 +287,12 @@ class Run:
             made.append(n)
             shown("marching", n, steps)
 
+        scene, times = problem.scene(self.settings), problem.times(steps)
+        warn_of_turns(scene, mesh, checked_times(times))
         history = simulate(
-            problem.scene(self.settings),
+            scene,
             mesh,
-            problem.times(steps),
+            times,
             solver=named_solver(self.solver, self.accuracy),
             initial=problem.initial,
             store=store,

@@ -269,7 +269,7 @@ def test_lost_work_is_warned_of_once_and_only_where_it_counts(caplog):
         run(8)
     assert len(caplog.records) == 1
     said = caplog.records[0].getMessage()
-    assert said.startswith("time steps: displacements and stresses are not affected; for work and friction energy quote")
+    assert said.startswith("time steps: displacements and stresses are not affected; for work and friction energy ")
     assert "history.work_second_order, " in said
 
 
@@ -287,4 +287,3 @@ def test_without_friction_no_lost_work_is_warned_of(caplog):
         history = swung(np.linspace(0.0, 1.0, 17))
     assert history.work[-1] > 0.05 * history.energy.max()
     assert not caplog.records
-

@@ -57,6 +57,24 @@ def test_warnings_of_a_study_name_their_runs():
     assert list(study.said_of(rows)) == ["warning     all runs: all do", "warning     a=2: only one"]
 
 
+def test_warnings_of_a_study_that_differ_by_numbers_are_one():
+    rows = [study.Row({"a": a}, warnings=(f"work is {a}e-05, of 2.5",)) for a in ("1", "2")]
+    assert list(study.said_of(rows)) == ["warning     all runs: work is 1e-05, of 2.5 (numbers of a=1)"]
+
+
+def test_a_study_says_what_has_no_limit_and_which_target_is_missed():
+    rows = [
+        study.Row({"a": a}, results={"slip": 1.0, "estimated_error": error}, unbounded=without, met=error < 0.1)
+        for a, error, without in (("1", 0.05, {}), ("2", 0.2, {"slip": "at a corner: grows"}))
+    ]
+    (line,) = study.said_of(rows)
+    assert line.startswith("no limit    a=2: slip grow without limit as the mesh is refined")
+    table = study.table(rows, ["slip"]).text().splitlines()
+    assert "error" in table[1]
+    assert table[-1].endswith("target not met")
+    assert not table[-2].endswith("target not met")
+
+
 def test_a_report_names_the_stage_in_which_it_estimates(monkeypatch):
     stages = []
     monkeypatch.setattr("vemcvx.cli.run.with_errors", lambda history: (history, ""))

@@ -88,9 +88,10 @@ class History(Results, Outlined):
     bound : dict or None
         Of ``simulate(..., bound=True)``: "upper" and "lower", guaranteed bounds on the error of the mesh in the energy
         norm in the "step" for which the upper one is largest, each step given the one before
-        (:func:`vemcvx.error_bound`), "relative", upper in parts of the largest energy norm of the run, and "reading",
+        (:func:`vemcvx.error_bound`), "relative", upper in parts of the largest energy norm of the run, "reading",
         what of upper is an estimate of what points misread of the loads: zero of polynomials, of which alone bounds are
-        guaranteed without more.
+        guaranteed without more; and "kind", what they suppose, such as "bound for the given friction" with Coulomb's
+        law.
     energy_bounds : (N + 1, 2) or None
         Likewise guaranteed bounds, low and high, on the elastic energy of the exact answer of every step; both are that
         of the run at the initial instant, and NaN in steps that adaptive runs did not look at.
@@ -352,13 +353,15 @@ def _certified(run: Trajectory) -> str:
     )
 
 
-def _bound(bound: dict[str, float] | None) -> Lines:
+def _bound(bound: dict[str, Any] | None) -> Lines:
     if bound is None:
         return []
-    words = f"{bound['lower']:.4g} ... {bound['upper']:.4g} in the energy norm, at most {bound['relative']:.2%}"
-    words += f": the error of the mesh in step {bound['step']:.0f}, the largest of all steps"
     misread = bound.get("reading", 0.0)
-    return [("bounded", f"{words}, for loads as read at points") if misread else ("guaranteed", words)]
+    # Files of earlier versions do not know the kind.
+    kind = bound.get("kind", "bound for loads as read at points" if misread else "bound")
+    words = f"{bound['lower']:.4g} ... {bound['upper']:.4g} in the energy norm, at most {bound['relative']:.2%}"
+    words += f": the error of the mesh in step {bound['step']:.0f}, the largest of all steps, given the step before"
+    return [("bounded" if misread else "guaranteed", f"{words}; {kind}")]
 
 
 def _errors(errors: dict[str, float] | None, quantities: dict[str, Quantity] | None) -> Lines:

@@ -549,6 +549,23 @@ def test_runs_keep_the_largest_bound_of_their_steps(tmp_path):
     assert (told["bound_upper"], told["bound_lower"]) == (worst.upper, worst.lower)
 
 
+def test_a_run_says_what_its_bound_supposes(tmp_path):
+    """With Coulomb's law the friction that the run's pressure gives."""
+    scene = vx.Scene(
+        STEEL,
+        vx.Clamp(on="right"),
+        vx.Traction((1.0, -5.0), on="top"),
+        vx.UnilateralContact(on="bottom"),
+        vx.CoulombFriction(0.3, on="bottom"),
+    )
+    history = vx.simulate(scene, vx.meshes.squares(2), [0.0, 1.0], initial="settled", bound=True)
+    assert history.bound["kind"] == vx.error_bound(history, 1).kind == "bound for the given friction"
+    assert "given the step before; bound for the given friction" in history.summary()
+    folder = history.write(tmp_path / "run")
+    assert json.loads((folder / "summary.json").read_text())["bound_kind"] == "bound for the given friction"
+    assert vx.read_history(folder).summary() == history.summary()
+
+
 def test_runs_that_cannot_be_bounded_are_refused_before_they_begin():
     with pytest.raises(vx.SceneError, match="store='all'"):
         vx.simulate(paper_scene(), vx.meshes.squares(4), [0.0, 1.0], store="last", bound=True)

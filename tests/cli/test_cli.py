@@ -356,7 +356,7 @@ def test_show_says_the_scene_in_words(tmp_path):
     assert rows["solvers"] == "Newton, OSQP, Clarabel; the smallest is Newton"
     assert rows["not"] == "Direct (no absolute values)"
     assert rows["mesh"] == "squares, n = 8: 64 cells, 81 nodes, h = 0.1768"
-    assert rows["shapes"] == "star 0.35 to 0.35, edge 0.71 to 0.71"
+    assert rows["shapes"] == "star 0.35 to 0.35, edge 0.71 to 0.71 (good above 0.05 and 0.0001)"
     assert rows["linear solve"].startswith("SuperLU on 136 x 136 with ")
     for effect in (
         "Clamp: u = 0 on right",

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
+from scenes import paper_scene
 from test_cli_supplied import call
 
 import vemcvx as vx
+from vemcvx.cli import report
 from vemcvx.cli.problem_file import Problem, read_problem
 from vemcvx.cli.report import _unit, _without_limit
 from vemcvx.cli.run import Run
@@ -57,6 +60,24 @@ def test_warnings_of_a_study_name_their_runs():
     assert list(study.said_of(rows)) == ["warning     all runs: all do", "warning     a=2: only one"]
 
 
+def test_warnings_of_a_study_that_differ_by_numbers_are_one():
+    rows = [study.Row({"a": a}, warnings=(f"work is {a}e-05, of 2.5",)) for a in ("1", "2")]
+    assert list(study.said_of(rows)) == ["warning     all runs: work is 1e-05, of 2.5 (numbers of a=1)"]
+
+
+def test_a_study_says_what_has_no_limit_and_which_target_is_missed():
+    rows = [
+        study.Row({"a": a}, results={"slip": 1.0, "estimated_error": error}, unbounded=without, met=error < 0.1)
+        for a, error, without in (("1", 0.05, {}), ("2", 0.2, {"slip": "at a corner: grows"}))
+    ]
+    (line,) = study.said_of(rows)
+    assert line.startswith("no limit    a=2: slip grow without limit as the mesh is refined")
+    table = study.table(rows, ["slip"]).text().splitlines()
+    assert "error" in table[1]
+    assert table[-1].endswith("target not met")
+    assert not table[-2].endswith("target not met")
+
+
 def test_a_report_names_the_stage_in_which_it_estimates(monkeypatch):
     stages = []
     monkeypatch.setattr("vemcvx.cli.run.with_errors", lambda history: (history, ""))
@@ -83,3 +104,26 @@ def test_names_and_units_of_the_report():
     assert _unit("energy/length²", None) == "force / length"
     assert _unit("energy/length", {"energy per length": "J/m²"}) == "J / m²"
     assert _unit("force × length", {"force": "N", "length": "mm"}) == "N mm"
+
+
+def test_units_of_energies_are_products_of_those_given():
+    assert _unit("energy", {"length": "mm", "force": "N"}) == "N mm"
+    assert _unit("force × length", {"length": "mm", "force": "N"}) == "N mm"
+
+
+def test_a_mesh_that_n_does_not_change_is_known(tmp_path):
+    """Such as that of a file, which a problem reads or the command names."""
+    vx.meshes.squares(2).write(tmp_path / "two.msh")
+    head = "import vemcvx as vx\ndef scene(): return vx.Scene()\ndef times(steps): return [0.0, 1.0]\n"
+    own, read = tmp_path / "own.py", tmp_path / "read.py"
+    own.write_text(f"{head}def mesh(n): return vx.meshes.squares(n)\n")
+    read.write_text(f"{head}def mesh(n): return vx.meshes.read({str(tmp_path / 'two.msh')!r})\n")
+    for path, family, ignores in ((own, None, False), (read, None, True), (own, "two.msh", True)):
+        assert read_problem(path).ignores_n(read_problem(path).mesh(4), 4, family) == ignores
+
+
+def test_a_report_judges_the_mesh_at_all_steps_or_at_the_largest_energy(monkeypatch):
+    history = vx.simulate(paper_scene(lambda t: np.sin(np.pi * t)), vx.meshes.squares(2), np.linspace(0.0, 1.0, 9))
+    assert report._looked_at(history) == list(range(1, 9))
+    monkeypatch.setattr(report, "BUDGETED", 2)
+    assert report._looked_at(history) == [1, int(np.argmax(history.trajectory.norm)), 8]

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import logging
 
+import numpy as np
 import pytest
+from scenes import paper_scene
 from test_cli_supplied import call
 
+import vemcvx as vx
 from vemcvx.cli import doctor, live_page
 from vemcvx.cli.terminal import logged_at_most
+from vemcvx.simulation import warn_of_turns
 
 
 @pytest.mark.long
@@ -34,3 +38,22 @@ def test_kinds_are_counted_apart(caplog):
                 log.info("%s", words)
         log.info("a: 3")
     assert [record.getMessage() for record in caplog.records] == ["a: 1", "b: 1", "a: 3"]
+
+
+@pytest.mark.parametrize(("steps", "warned"), [(4, True), (64, False), (None, False)])
+def test_turns_that_steps_miss_are_named(caplog, steps, warned):
+    """Of a load that goes to 1 at t = .3 and back; in 64 steps its turn is missed by .01, by vx.instants not at all."""
+    scene, mesh = paper_scene(lambda t: np.interp(t, [0.0, 0.3, 1.0], [0.0, 1.0, 0.0])), vx.meshes.squares(2)
+    times = vx.instants(scene, mesh, [0.0, 1.0]) if steps is None else np.linspace(0.0, 1.0, steps + 1)
+    with caplog.at_level(logging.WARNING, logger="vemcvx"):
+        warn_of_turns(scene, mesh, times)
+    said = [record.getMessage() for record in caplog.records]
+    assert len(said) == warned
+    assert all("inside steps, at t = 0.3, which" in words and "vemcvx.instants(" in words for words in said)
+
+
+@pytest.mark.long
+def test_runs_warn_of_turns_that_they_miss(caplog):
+    with caplog.at_level(logging.WARNING, logger="vemcvx"):
+        call("run", "frictional_hysteresis", "--n", "2", "--steps", "8")
+    assert any(record.getMessage().startswith("instants: ") for record in caplog.records)

@@ -329,3 +329,24 @@ def rubbed_pad():
         vx.UnilateralContact(on="bottom"),
         vx.CoulombFriction(0.3, on="bottom"),
     )
+
+
+def test_a_load_that_comes_and_goes_within_a_step_is_seen():
+    """At the instants asked for only the preload acts: of the shaking between no estimate at these would tell."""
+
+    def shaken(t):
+        return 1.0 + np.interp(t % 1.0, [0.0, 0.25, 0.75, 1.0], [0.0, 0.5, -0.5, 0.0])
+
+    found = vx.adapt(paper_scene(shaken), vx.meshes.squares(3), [0.0, 2.0], 0.4, initial="settled")
+    assert np.allclose(found.history.times, [0.0, 0.25, 0.75, 1.25, 1.75, 2.0], rtol=0, atol=1e-9)
+    assert found.met
+    assert found.history.dissipated[-1] > 0.0
+    # The mesh is judged where the load is largest, too.
+    judged = found.history.trajectory.times[found.budget.steps]
+    assert np.allclose(judged, [0.25, 0.75, 1.25, 1.75, 2.0], rtol=0, atol=1e-9)
+
+
+def test_between_the_turns_of_loads_nothing_is_added():
+    """Data that are linear between the instants asked for leave the run as it was."""
+    found = vx.adapt(paper_scene(), vx.meshes.squares(4), [0.0, 0.5, 1.0], 0.4)
+    assert found.history.times.tolist() == [0.0, 0.5, 1.0]

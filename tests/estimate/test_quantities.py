@@ -269,8 +269,8 @@ def test_lost_work_is_warned_of_once_and_only_where_it_counts(caplog):
         run(8)
     assert len(caplog.records) == 1
     said = caplog.records[0].getMessage()
-    assert "Quote history.work_second_order and dissipated_second_order" in said
-    assert "% of the largest work or energy of the run" in said
+    assert said.startswith("time steps: displacements and stresses are not affected; for work and friction energy ")
+    assert "history.work_second_order, " in said
 
 
 def swung(times):
@@ -280,14 +280,10 @@ def swung(times):
     return vx.simulate(scene, vx.meshes.squares(3), times)
 
 
-def test_lost_work_over_a_cycle_is_no_part_of_rounding(caplog):
-    """Its work is zero but for rounding at the end; backward Euler's is what the steps lose, of the largest energy."""
+def test_without_friction_no_lost_work_is_warned_of(caplog):
+    """Backward Euler's sum is off by .05 of the largest energy and more, but nothing is dissipated."""
     with caplog.at_level(logging.WARNING, logger="vemcvx"):
-        swung([0.0, 0.5, 1.0, 1.5])
-        assert not caplog.records
+        swung([0.0, 0.25])
         history = swung(np.linspace(0.0, 1.0, 17))
-    lost = history.work[-1]
-    assert lost > 0.05 * history.energy.max()
-    said = caplog.records[0].getMessage()
-    assert f"is {lost:.6g}, and 0 of second order" in said
-    assert f"differ by {100 * lost / history.energy.max():.3g} %" in said
+    assert history.work[-1] > 0.05 * history.energy.max()
+    assert not caplog.records

@@ -147,6 +147,7 @@ def test_summary_has_the_keys_of_the_contract(history, tmp_path):
         "estimated_energy_errors": type(None),
         "quantities": type(None),
         "bound_upper": type(None),
+        "bound_kind": type(None),
         "bound_lower": type(None),
         "bound_force": type(None),
         "energy": float,

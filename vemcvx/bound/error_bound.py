@@ -155,12 +155,12 @@ class ErrorBound(Outlined):
         return {"bound": self.largest, "energy_bounds": energies, "cell_bounds": self.cells}
 
     @property
-    def largest(self) -> dict[str, float]:
-        """The "upper" and "lower" of the "step" for which upper is largest, that as "relative", and "reading"."""
+    def largest(self) -> dict[str, Any]:
+        """The "upper" and "lower" of the "step" for which upper is largest, it as "relative", "reading" and "kind"."""
         k = int(np.argmax(self.upper))
         each = {"upper": self.upper, "lower": self.lower, "step": self.steps, "relative": self.relative}
         each["reading"] = self.parts["reading"]
-        return {name: float(np.atleast_1d(values)[k]) for name, values in each.items()}
+        return {**{name: float(np.atleast_1d(values)[k]) for name, values in each.items()}, "kind": self.kind}
 
     def outline(self) -> Outline:
         """The outline for prompts and notebooks: the step where the bound is largest."""

@@ -9,6 +9,7 @@ import os
 import re
 import sys
 import traceback
+import warnings
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -17,6 +18,8 @@ from itertools import product
 from pathlib import Path
 from types import ModuleType
 from typing import Any
+
+import numpy as np
 
 from vemcvx.arrays import brief
 from vemcvx.cli.supplied import problem_path
@@ -182,6 +185,18 @@ class Problem:
         """Cells across the shortest side when nobody says how many: as `usual` in the plane, at most 8 in space."""
         plane = usual <= SPACE_N or (family is not None and is_file(family)) or not self.in_space(family)
         return usual if plane else SPACE_N
+
+    def ignores_n(self, mesh: AnyMesh, n: int, family: str | None = None) -> bool:
+        """Whether the mesh is the same for another n, as that of a file is."""
+        if family is not None and is_file(family):
+            return True
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                other = self.mesh(2 if n != 2 else 3, family)
+        except VemcvxError:
+            return False
+        return np.array_equal(mesh.points, other.points)
 
     def times(self, steps: int) -> Any:
         """The instants; `simulate` checks them."""

@@ -28,6 +28,7 @@ from vemcvx.meshes import PolygonMesh
 from vemcvx.outline import Lines, Outline, Table, coordinates
 from vemcvx.plots.pictures import draw_pictures, left_out
 from vemcvx.plots.style import WORDS, Units, in_units, unit
+from vemcvx.results.files import ENERGIES
 from vemcvx.scene import Scene
 from vemcvx.version import __version__
 
@@ -71,9 +72,9 @@ THICKNESS = {2: ", in the plane per unit of thickness", 3: ""}
 COLUMNS = {
     "step": "step",
     "time": "t",
-    "energy": f"stored\n{ENERGY}",
-    "dissipated": f"dissipated\n{ENERGY}",
-    "work": f"work\n{ENERGY}",
+    "energy": "stored",
+    "dissipated": "dissipated",
+    "work": "work",
     "certified": "certified\nrelative",
     "certified_total": "added up\nrelative",
     "iterations": "iterations",
@@ -87,6 +88,8 @@ PARTS = {
     "total": "all",
     "target": "what was asked for",
 }
+BUDGETED = 64
+"""Steps at which a report judges the mesh at most: each takes residuals on all cells."""
 QUANTITIES = {"dissipated": "dissipated by friction", "work": "work of forces and supports", "wear": "largest wear"}
 MEANING = {"bound": "a bound", "estimate": "an estimate"}
 CAPTIONS = {
@@ -124,7 +127,7 @@ def write_report(
         "What was simulated": _prose(problem.text) + _scene(problem.scene(settings), history, mesh),
         "Pictures": "".join(_pictures(history, problem.units)),
         "Results": _results(history, points, problem.units),
-        "Certificates": _certificates(history),
+        "Certificates": _certificates(history, problem.units),
         "Error budget": _budget(history) + _quantities(history, why, problem.units),
         "The run": _run(history),
         "How to repeat it": _again(problem, settings, command),
@@ -237,7 +240,7 @@ def _without_limit(history: History) -> str:
     return "".join(f"<p>{escape(who[0].upper() + who[1:])}: {escape(why)}.</p>" for who, why in told)
 
 
-def _certificates(history: History) -> str:
+def _certificates(history: History, named: Units | None) -> str:
     """The meaning of certificates, the largest, and those of some steps."""
     run, columns = history.trajectory, history.table("steps")
     bound = (
@@ -258,17 +261,36 @@ def _certificates(history: History) -> str:
     body = [[f"{columns[name][row]:{'.1e' if 'certified' in name else '.6g'}}" for name in COLUMNS] for row in rows]
     return (
         f"<p>{bound}</p>{estimate if run.estimated.any() else ''}{_words('Relative energy errors', lines)}"
-        + _numbers(list(COLUMNS.values()), body)
+        + _numbers(
+            [f"{head}\n{_unit(ENERGY, named)}" if name in ENERGIES else head for name, head in COLUMNS.items()], body
+        )
     )
 
 
 def _budget(history: History) -> str:
     """The error budget, or the reason why there is none."""
     try:
-        parts = history.errors or error_budget(history, int(history.stored[-1])).largest
+        if history.errors:
+            return _guaranteed(history) + _estimated(history.errors, "the largest of the steps looked at")
+        budget = error_budget(history, _looked_at(history))
     except VemcvxError as error:
         return f"<p>There is none. {escape(str(error))}</p>"
-    return _guaranteed(history) + _estimated(parts)
+    worst = int(budget.steps[np.argmax(budget.total)])
+    where = (
+        f"at step {worst}, t = {history.trajectory.times[worst]:.6g}, the largest of {len(budget.steps)} stored steps"
+    )
+    return _guaranteed(history) + _estimated(budget.largest, where)
+
+
+def _looked_at(history: History) -> list[int]:
+    """The stored steps at which the mesh is judged: all, or BUDGETED of them and that of the largest energy."""
+    steps = history.stored[history.stored > 0] if len(history.stored) > 1 else history.stored
+    if len(steps) > BUDGETED:
+        largest = steps[np.argmax(history.trajectory.norm[steps])]
+        evenly = steps[np.linspace(0, len(steps) - 1, BUDGETED).round().astype(int)]
+        steps = np.union1d(evenly, largest)
+    found: list[int] = steps.tolist()
+    return found
 
 
 def _guaranteed(history: History) -> str:
@@ -277,11 +299,13 @@ def _guaranteed(history: History) -> str:
         return ""
     misread = bound.get("reading", 0.0)
     but = f" and loads as read at points, but for {misread:.2g}, an estimate of what these misread"
+    laws = " for the friction that the run's pressure gives" if "friction" in bound.get("kind", "") else ""
     return (
         f"<p>In every step the error of the mesh, given the step before, is at most {100 * bound['relative']:.3g} % of "
         f"the largest energy norm of the run: {bound['lower']:.4g} to {bound['upper']:.4g} in step "
-        f"{bound['step']:.0f}, where it may be largest. This is a theorem for any mesh and material"
-        f"{but if misread else ''}: no constant was estimated.</p>{_guaranteed_force(history)}"
+        f"{bound['step']:.0f}, where it may be largest. This is a theorem{laws}, for any mesh and material"
+        f"{but if misread else ''}: no constant was estimated ({bound.get('kind', 'bound')}).</p>"
+        f"{_guaranteed_force(history)}"
     )
 
 
@@ -293,15 +317,16 @@ def _guaranteed_force(history: History) -> str:
     force = history.reaction(on)[-1, axis]
     return (
         f"<p>The force of the support on {escape(on)} along x<sub>{axis + 1}</sub>, {force:.4g} in the last step, is "
-        f"between {low:.4g} and {high:.4g} in the exact answer of that step, by a theorem likewise.</p>"
+        f"between {low:.4g} and {high:.4g} in the exact answer of that step, given the step before, by a theorem "
+        "likewise.</p>"
     )
 
 
-def _estimated(parts: dict[str, float]) -> str:
+def _estimated(parts: dict[str, float], where: str) -> str:
     rows = [[name, f"{100 * parts[name]:.3g} %", says] for name, says in PARTS.items() if name in parts]
     return (
-        "<p>Parts of the largest energy norm of the run, at the last stored step; algebra is certified, the others are "
-        "estimated.</p>"
+        f"<p>Parts of the largest energy norm of the run, {where}; algebra is certified, the others are estimated. "
+        "They are of the instants of the run: what loads do between these is in none of them.</p>"
     ) + _numbers(["part", "relative energy error", "from"], rows)
 
 
@@ -323,7 +348,7 @@ def with_errors(history: History) -> tuple[History, str]:
 def _unit(product: str, named: Units | None) -> str:
     """The unit of a table, as a product of force and length or by the names that are given."""
     plain = REDUCED.get(product, product)
-    return (unit(named, WORDS.get(product, plain)) if named else plain).replace("/", " / ")
+    return (unit(named, WORDS.get(product, WORDS.get(plain, plain))) if named else plain).replace("/", " / ")
 
 
 def _quantities(history: History, why: str, named: Units | None) -> str:

@@ -62,7 +62,8 @@ from vemcvx.results.files import (
 )
 from vemcvx.results.probe import places
 from vemcvx.results.results import programs_of_steps
-from vemcvx.simulation import simulate
+from vemcvx.simulation import simulate, warn_of_turns
+from vemcvx.stepping.backward_euler import checked_times
 from vemcvx.stepping.trajectory import CHECKPOINT, Folder, stored_steps
 
 ROWS = "rows"
@@ -154,6 +155,12 @@ class Run:
             if self.target is None:
                 self._foresee(problem, n, steps, folder)
             mesh = problem.mesh(n, self.mesh)
+            file = (self.n is not None or self.report) and problem.ignores_n(mesh, n, self.mesh)
+            if file and self.n is not None:
+                say(
+                    f"vemcvx: --n: {self.n} changes nothing; this mesh is the same for every n, as that of a file is.",
+                    err=True,
+                )
             if self.points is not None:
                 places(mesh, self.points, "--probe")
             if self.target is None:
@@ -179,9 +186,9 @@ class Run:
                 problem,
                 history,
                 settings=self.settings,
-                mesh=mesh_name(problem, self.mesh, n) + ", adapted" * (self.target is not None),
+                mesh=mesh_name(problem, self.mesh, None if file else n) + ", adapted" * (self.target is not None),
                 points=self.points,
-                command=self._command(problem, n, steps, folder),
+                command=self._command(problem, None if file else n, steps, folder),
                 why=left,
             )
             lines.append(f"report      {path}")
@@ -286,10 +293,12 @@ class Run:
             made.append(n)
             shown("marching", n, steps)
 
+        scene, times = problem.scene(self.settings), problem.times(steps)
+        warn_of_turns(scene, mesh, checked_times(times))
         history = simulate(
-            problem.scene(self.settings),
+            scene,
             mesh,
-            problem.times(steps),
+            times,
             solver=named_solver(self.solver, self.accuracy),
             initial=problem.initial,
             store=store,
@@ -360,12 +369,12 @@ class Run:
         tables = ", ".join(sorted(listed_tables(folder / SUMMARY)))
         return [f"files       {folder}: {SERIES} with {len(history.stored)} instants, {SUMMARY}, {ARCHIVE}, {tables}"]
 
-    def _command(self, problem: Problem, n: int, steps: int, folder: Path | None) -> str:
+    def _command(self, problem: Problem, n: int | None, steps: int, folder: Path | None) -> str:
         """The command that repeats the run."""
         family = self.mesh or problem.family
         given = [
-            ("--mesh", family),
-            ("--n", None if family is not None and is_file(family) else n),
+            ("--mesh", family if n is not None else self.mesh),
+            ("--n", n),
             ("--steps", steps),
             ("--solver", self.solver),
             *(("--set", setting) for setting in self.settings),
@@ -410,7 +419,16 @@ def _made(run: Run) -> dict[str, Any]:
             return {"status": study.NOT_CERTIFIED, "message": str(error)}
         except VemcvxError as error:
             return {"status": study.REFUSED, "message": str(error)}
-    return {"status": study.DONE, "warnings": tuple(dict.fromkeys(said)), **study.results_of(history, problem.units)}
+    found = study.results_of(history, problem.units)
+    return {"status": study.DONE, "warnings": tuple(dict.fromkeys(said)), "met": _met(run, history), **found}
+
+
+def _met(run: Run, history: History) -> bool | None:
+    """Whether a run meets its target; None if it has none."""
+    if run.target is None or history.errors is None:
+        return None
+    aim = (history.quantities or {}).get(run.of)
+    return (history.errors["total"] if aim is None else history.errors["algebra"] + aim.relative) <= run.target
 
 
 def _extremes(history: History, units: Units | None) -> Iterator[str]:

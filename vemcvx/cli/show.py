@@ -46,10 +46,10 @@ class Show:
         say(f"{problem.name}: {problem.title}\n{Table((), rows).text()}")
 
 
-def mesh_name(problem: Problem, family: str | None, n: int) -> str:
-    """The name of a mesh: its file, or its family and number of cells."""
+def mesh_name(problem: Problem, family: str | None, n: int | None) -> str:
+    """The name of a mesh: its file, or its family and number of cells, None if there is no choice of that."""
     name = family or problem.family or "its own"
-    return name if is_file(name) else f"{name}, n = {n}"
+    return name if n is None or is_file(name) else f"{name}, n = {n}"
 
 
 def scene_in_words(scene: Scene, mesh: AnyMesh, times: Floats, name: str) -> list[tuple[str, str]]:

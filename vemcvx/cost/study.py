@@ -27,10 +27,13 @@ if TYPE_CHECKING:
 
 EXTREMES = "displacement", "von_mises", "largest_principal_stress", "smallest_principal_stress", "slip", "friction"
 COUNTS = "sticking", "slipping", "open"
-NAMES = (*ENERGIES, *EXTREMES, "pressure", "pressure_recovered", *COUNTS, "certified", "cells", "unknowns", "seconds")
+ESTIMATED = "estimated_error"
+SIZES = "cells", "unknowns", "seconds"
+NAMES = (*ENERGIES, *EXTREMES, "pressure", "pressure_recovered", *COUNTS, "certified", ESTIMATED, *SIZES)
 """Results of a run that a table or a picture can show."""
 USUAL = "dissipated_second_order", "displacement", "von_mises", "slip", "pressure"
 DONE, NOT_CERTIFIED, REFUSED, CRASHED = "done", "not certified", "refused", "crashed"
+NUMBER = re.compile(r"[-+]?\b\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 TABLE, WORDS, PICTURE = "study.csv", "study.json", "study.png"
 
 
@@ -45,6 +48,10 @@ class Row:
     warnings: tuple[str, ...] = ()
     results: dict[str, float | None] = field(default_factory=dict)
     labels: dict[str, str] = field(default_factory=dict)
+    unbounded: dict[str, str] = field(default_factory=dict)
+    """results that grow without limit as the mesh is refined, and why"""
+    met: bool | None = None
+    """whether the target of an adaptive run is met"""
 
 
 def results_of(history: Results, units: Units | None = None) -> dict[str, Any]:
@@ -63,11 +70,17 @@ def results_of(history: Results, units: Units | None = None) -> dict[str, Any]:
         counts = zip(COUNTS, (touch.stick_count, touch.slip_count, touch.open_count), strict=True)
         found |= {name: (f"nodes that are {name} at the end", int(count[-1])) for name, count in counts}
     found["certified"] = "certified relative energy error of a step", float(run.certified.max())
+    if history.errors:
+        found[ESTIMATED] = "estimated relative energy error", history.errors["total"]
     found["cells"] = "cells", history.mesh.n_cells
     found["unknowns"] = "unknowns", run.state.shape[1]
     found["seconds"] = "seconds", sum(history.seconds.values())
     results = {name: value if isinstance(value, int) else finite_or_none(value) for name, (_, value) in found.items()}
-    return {"results": results, "labels": {name: label for name, (label, _) in found.items()}}
+    return {
+        "results": results,
+        "labels": {name: label for name, (label, _) in found.items()},
+        "unbounded": {one.key: one.unbounded for one in history.extremes if one.unbounded},
+    }
 
 
 def chosen_results(typed: Sequence[str]) -> tuple[str, ...]:
@@ -91,8 +104,11 @@ def varied(rows: Sequence[Row]) -> list[str]:
 
 
 def shown(rows: Sequence[Row], chosen: Sequence[str]) -> list[str]:
-    """The chosen results that some run has: without contact there is no slip, and where all have failed nothing."""
-    return [name for name in chosen if any(name in row.results for row in rows)]
+    """The chosen results that some run has: without contact there is no slip, and where all have failed nothing.
+
+    Errors are shown where adaptive runs have estimated them.
+    """
+    return [name for name in dict.fromkeys([*chosen, ESTIMATED]) if any(name in row.results for row in rows)]
 
 
 def table(rows: Sequence[Row], chosen: Sequence[str]) -> Table:
@@ -104,7 +120,7 @@ def table(rows: Sequence[Row], chosen: Sequence[str]) -> Table:
         [
             *(row.settings[name] for name in varied(rows)),
             *(_shown(row.results.get(name)) for name in found),
-            "" if row.status == DONE else row.status,
+            ("target not met" if row.met is False else "") if row.status == DONE else row.status,
         ]
         for row in rows
     ]
@@ -112,17 +128,28 @@ def table(rows: Sequence[Row], chosen: Sequence[str]) -> Table:
 
 
 def said_of(rows: Sequence[Row]) -> Iterator[str]:
-    """Lines that say why runs have failed, and each warning once, with the runs that it is of."""
-    warned: dict[str, list[str]] = {}
+    """Lines that say why runs have failed, what has no limit, and each kind of warning once, with the runs it is of."""
+    # Warnings that differ by their numbers alone are one, told as of the first run.
+    warned: dict[str, dict[str, str]] = {}
+    limitless: dict[str, list[str]] = {}
     for row in rows:
         settings = ", ".join(f"{name}={row.settings[name]}" for name in varied(rows))
         if row.status != DONE:
             yield f"{row.status:11s} {settings}: {row.message}"
+        if row.unbounded:
+            limitless.setdefault(", ".join(row.unbounded), []).append(settings)
         for words in row.warnings:
-            warned.setdefault(words, []).append(settings)
-    for words, runs in warned.items():
-        of = "all runs" if len(runs) == len(rows) else "; ".join(runs)
-        yield f"warning     {of}: {words}"
+            warned.setdefault(NUMBER.sub("#", words), {}).setdefault(settings, words)
+    for names, runs in limitless.items():
+        yield f"no limit    {_of(runs, rows)}: {names} grow without limit as the mesh is refined: numbers of the mesh"
+    for said in warned.values():
+        first, *_ = said
+        numbers = f" (numbers of {first})" if len(set(said.values())) > 1 else ""
+        yield f"warning     {_of(list(said), rows)}: {said[first]}{numbers}"
+
+
+def _of(runs: Sequence[str], rows: Sequence[Row]) -> str:
+    return "all runs" if len(runs) == len(rows) else "; ".join(runs)
 
 
 def _shown(value: float | None) -> str:
@@ -166,9 +193,18 @@ def write(rows: Sequence[Row], folder: Path, figure: Figure | None) -> list[str]
     """Write the study as CSV and JSON, all settings and results of all runs, and its picture; return their names."""
     names = list(dict.fromkeys(name for row in rows for name in row.results))
     plain = [
-        [*row.settings.values(), row.status, *(row.results.get(name) for name in names), row.message] for row in rows
+        [
+            *row.settings.values(),
+            row.status,
+            *(row.results.get(name) for name in names),
+            row.met,
+            " ".join(row.unbounded),
+            row.message,
+        ]
+        for row in rows
     ]
-    text = Table([*(f"set.{name}" for name in rows[0].settings), "status", *names, "message"], plain).csv()
+    heads = [*(f"set.{name}" for name in rows[0].settings), "status", *names, "met", "unbounded", "message"]
+    text = Table(heads, plain).csv()
     with Owned(folder) as own:
         try:
             own.take(TABLE).write_text(text, encoding="utf-8")
@@ -211,7 +247,8 @@ def picture(rows: Sequence[Row], chosen: Sequence[str], title: str = "") -> Figu
                 marker=MARKERS[k % len(MARKERS)],
                 label=", ".join(f"{other} = {word}" for other, word in zip(others, kind, strict=True)),
             )
-        ax.set(xlabel=name, title=labels[key])
+        limitless = any(key in row.unbounded for row in rows)
+        ax.set(xlabel=name, title=labels[key] + "\ngrows without limit as the mesh is refined" * limitless)
         ax.title.set_fontsize("small")
         if ticks:
             ax.set_xticks(range(len(ticks)), ticks)

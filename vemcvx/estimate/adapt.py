@@ -6,9 +6,12 @@ little more than twice the last one.
 
 Refined is the smallest set of cells that carries a given part theta of the squared indicators (Dorfler, *A convergent
 adaptive algorithm for Poisson's equation*, SIAM J. Numer. Anal. 33, 1996). Where less is enough to reach the target,
-less is taken: the squared indicator of a cell drops to a quarter when it is split in four, as h^2 does. A step that
-loses much has data that bend or jump inside it, and these are instants from then on; or it is halved. The steps that
-together make up a given part of the loss are split at once: the smallest set, as of cells.
+less is taken: the squared indicator of a cell drops to a quarter when it is split in four, as h^2 does.
+
+The error of steps is that at the instants of the run, and no estimate sees a load that comes and goes between two of
+them. Where data bend, turn or jump inside a step, there is an instant from the beginning (:mod:`vemcvx.stepping.course`
+finds what lasts longer than 1/256 of the run). Then steps that lose much are halved: those that together make up a
+given part of the loss at once, the smallest set, as of cells.
 
 Where the target is of friction work, work or wear, the errors of mesh and steps are those of that quantity
 (:mod:`.quantities`), found by two more runs a pass; cells are still marked by energy indicators, scaled to its error.
@@ -20,7 +23,7 @@ import logging
 import time
 import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -46,7 +49,7 @@ from vemcvx.simulation import check_kinds, warn_of
 from vemcvx.solvers import Solver, Solves, as_solver
 from vemcvx.stepping.backward_euler import checked_times, march
 from vemcvx.stepping.beginning import initial_state
-from vemcvx.stepping.course import ACROSS, course
+from vemcvx.stepping.course import ACROSS, course, inside_steps
 from vemcvx.stepping.posed_step import certified_in_full
 from vemcvx.stepping.state import prepare
 from vemcvx.stepping.trajectory import Memory
@@ -243,10 +246,12 @@ def adapt(
     mesh : PolygonMesh or PolyhedralMesh
         A coarse mesh to begin with; it must have the boundaries that the scene names.
     times : increasing sequence of instants
-        The first and the last instant, and those at which the history stores the answer; others are inserted between.
+        The first and the last instant, and those at which the history stores the answer. It also stores those between
+        them at which data bend, turn or jump (:func:`vemcvx.instants`); others are inserted where steps lose much.
     target : float
-        Relative energy error (:class:`vemcvx.estimate.budget.ErrorBudget`), the largest over the instants examined; or
-        the relative error of another quantity at the last instant, see `of`.
+        Relative energy error (:class:`vemcvx.estimate.budget.ErrorBudget`), the largest over the instants examined, at
+        most eight of those given and eight at which data turn between them; or the relative error of another quantity
+        at the last instant, see `of`.
     of : {"energy", "dissipated", "work", "wear"}
         The quantity whose error is meant: the displacement in the energy norm; the energy that friction dissipates; the
         work; the largest wear (:func:`vemcvx.quantities`), which has no limit where pressure is singular: passes
@@ -289,7 +294,7 @@ def adapt(
         raise SceneError(f"adapt: found estimate='bound' beside of={of!r}; bounds are of the energy norm alone.")
     aim = _Aim(target, of, bounded, _begun(initial), _wanted(times), solver=_lenient(solver, target))
     passes, start = list[Pass](), time.perf_counter()
-    instants, finer = _begin(scene, mesh, aim)
+    aim, instants, finer = _begin(scene, mesh, aim)
     while True:
         posed, history, bound = _simulated(scene, mesh, instants, aim, start)
         # Steps are looked at once the mesh of the pass before came this near the target; before, as on the coarse
@@ -329,14 +334,28 @@ class _Aim:
     wanted: Floats
     """instants that are asked for"""
     solver: Solver | None
+    turns: Floats = field(default_factory=lambda: np.zeros(0))
+    """instants between these at which data bend, turn or jump"""
+
+    @property
+    def stored(self) -> Floats:
+        """The instants that the history stores."""
+        return np.union1d(self.wanted, self.turns)
 
     def steps(self, instants: Floats) -> Ints:
-        """Steps at which the mesh is judged: those asked for, or some of them, and the last."""
-        steps = np.searchsorted(instants, self.wanted[1:])
-        # The mesh is judged at eight instants at most: each costs one back-substitution a pass.
-        if len(steps) > 8:
-            steps = steps[np.linspace(0, len(steps) - 1, 8).round().astype(int)]
-        return steps
+        """Steps at which the mesh is judged: those asked for, the last, and where data turn between; or some of them.
+
+        A load that comes and goes between two instants is largest where it turns.
+        """
+        # The mesh is judged at eight instants of either kind at most: each costs one back-substitution a pass.
+        judged = np.union1d(_some(self.wanted[1:], 8), _some(self.turns, 8))
+        return np.searchsorted(instants, judged)
+
+
+def _some(instants: Floats, most: int) -> Floats:
+    """At most so many of the instants, evenly between the first and the last."""
+    few = len(instants) <= most
+    return instants if few else instants[np.linspace(0, len(instants) - 1, most).round().astype(int)]
 
 
 def _begun(initial: ArrayLike | str | Projected | None) -> str | Projected | None:
@@ -361,7 +380,7 @@ def _simulated(
     """The run of a pass that began at `start`, and the bound of the steps at which the mesh is judged, if wanted."""
     posed = pose_scene(scene, mesh, instants.tolist())
     circle, steps = hypercircle(posed) if aim.bounded else None, aim.steps(instants)
-    kept = np.union1d(np.searchsorted(instants, aim.wanted), steps - 1 if aim.bounded else steps).tolist()
+    kept = np.union1d(np.searchsorted(instants, aim.stored), steps - 1 if aim.bounded else steps).tolist()
     begun = free_unknowns(aim.initial, posed, instants)
     trajectory = march(posed.system, instants, solver=aim.solver, initial=begun, store=kept)
     assembled = time.perf_counter() - start - sum(trajectory.seconds.values())
@@ -481,10 +500,12 @@ def _check(target: object, of: object, theta: object, most: object, progress: ob
     check_takes(progress, 1, "adapt: progress", "each Pass")
 
 
-def _begin(scene: Scene, mesh: AnyMesh, aim: _Aim) -> tuple[Floats, Finer | None]:
+def _begin(scene: Scene, mesh: AnyMesh, aim: _Aim) -> tuple[_Aim, Floats, Finer | None]:
     """Instants with which the coarse mesh loses little to time, and, for energies, the run beside one in finer steps.
 
-    Nothing is left out here: what is zero at the instants asked for need not be so between them.
+    Those where data bend, turn or jump are among them, and the aim that is returned knows them: errors are those at the
+    instants of a run, where a load that comes and goes inside a step is zero, and no estimate sees it. Nothing is left
+    out here: what is zero at the instants asked for need not be so between them.
     """
     posed = pose_scene(scene, mesh)
     check_estimable(posed, "adapt")
@@ -499,7 +520,9 @@ def _begin(scene: Scene, mesh: AnyMesh, aim: _Aim) -> tuple[Floats, Finer | None
         )
     run, begun = prepare(posed.system, None, False, True), free_unknowns(aim.initial, posed, aim.wanted)
     state = certified_in_full(run, initial_state(run, aim.wanted, begun))
-    known, times, finer = course(posed.system, aim.wanted), aim.wanted, None
+    known, finer = course(posed.system, aim.wanted), None
+    aim = replace(aim, turns=inside_steps(aim.wanted, known.bends))
+    times = aim.stored
     while True:
         if aim.of == "energy":
             finer = beside_finer(run, times, state.unknowns, known)
@@ -510,7 +533,7 @@ def _begin(scene: Scene, mesh: AnyMesh, aim: _Aim) -> tuple[Floats, Finer | None
             lost = Lost.of_quantity(errors_of_steps(history), aim.of, value_of(history, aim.of))
         split = split_steps(times, lost, TIME_SHARE * aim.target)
         if len(split) == len(times) or len(split) > MOST_STEPS:
-            return times, finer
+            return aim, times, finer
         times = split
 
 

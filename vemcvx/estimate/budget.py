@@ -190,7 +190,10 @@ class ErrorBudget(Outlined):
     jumps : tuple of str
         A sentence for each instant at which data jump.
     scale : float
-        The energy norm to which all are relative, the root of force times length.
+        The energy norm to which all are relative, the root of force times length: the largest of the run, in which
+        springs (ElasticFoundation) count as stiffness does. Measured errors (:class:`.measures.Measured`) are relative
+        to the strain energy of the reference at one instant: where springs act, or the load is not at its largest, the
+        two are not parts of one number.
     history : History
         The run.
     """

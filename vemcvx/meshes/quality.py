@@ -98,8 +98,9 @@ class Quality(Outlined):
     def in_a_line(self) -> str:
         """Ranges of the ratios, and how many cells are poor."""
         ranges = [f"{name} {values.min():.2g} to {values.max():.2g}" for name, values in self._named]
+        good = f" (good above {STAR:g} and {EDGE:g})" if self.in_plane else f" (star is good above {STAR:g})"
         count = int(self.poor.sum())
-        return ", ".join(ranges) + (f"; constants grow in {count} of {len(self.star)} cells" if count else "")
+        return ", ".join(ranges) + good + (f"; constants grow in {count} of {len(self.star)} cells" if count else "")
 
     @property
     def _named(self) -> tuple[tuple[str, Floats], ...]:

@@ -249,6 +249,7 @@ def summary(history: Results, origin: Origin, writing: float) -> dict[str, Any]:
         "estimated_energy_errors": history.errors,
         "bound_upper": None if history.bound is None else finite_or_none(history.bound["upper"]),
         "bound_lower": None if history.bound is None else finite_or_none(history.bound["lower"]),
+        "bound_kind": None if history.bound is None else history.bound.get("kind"),
         "bound_force": _bounded_force(history),
         **{name: finite_or_none(getattr(run, name)[-1]) for name in ENERGIES},
         "quantities": history.quantities

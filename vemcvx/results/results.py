@@ -49,7 +49,7 @@ class Results:
     out_of_plane_prestress: Annotated[Floats | None, "S cells", "force/area"] = None
     inactive: tuple[str, ...] = ()
     errors: dict[str, float] | None = None
-    bound: dict[str, float] | None = None
+    bound: dict[str, Any] | None = None
     dragged_ends: Annotated[Ints | None, "dragged 2", ""] = None
     dragged_friction: Annotated[Floats | None, "S dragged dim", "force"] = None
     sides: Sides | None = None

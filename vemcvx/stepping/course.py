@@ -23,6 +23,9 @@ from vemcvx.program.system import System
 SUMS = 3
 BENT = 1e-6
 """Part of a datum's size: lines on two sides of an interval that miss each other by less are one."""
+MISSED = 0.05
+"""Part of a datum's size by which lines between the instants of a run miss it where that is worth a word. In 64 steps
+the problems that come with the package miss their turns by less, in eight by more."""
 ACROSS = 1e-9
 """Steps of no more than this part of the run are those across a jump."""
 
@@ -39,6 +42,17 @@ class Course:
     """(b,) instants where they bend, turn or jump; those of a jump are two, ACROSS apart at most"""
     jumps: tuple[str, ...]
     """sentences"""
+
+    def missed(self, times: Floats) -> Floats:
+        """Bends inside the steps of a run in which straight lines between its instants miss the data by MISSED."""
+        known = self.values[np.abs(self.times - times[:, None]).argmin(axis=1)]
+        lines = np.column_stack([np.interp(self.times, times, datum) for datum in known.T])
+        apart = np.abs(self.values - lines).max(axis=1, initial=0.0)
+        inside = inside_steps(times, self.bends)
+        of_samples, of_bends = np.searchsorted(times, self.times), np.searchsorted(times, inside)
+        far = np.unique(of_samples[apart > MISSED])
+        found: Floats = inside[np.isin(of_bends, far)]
+        return found
 
 
 Value = Callable[[float], Floats]

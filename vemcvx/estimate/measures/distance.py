@@ -222,7 +222,11 @@ class Measured:
 
     @property
     def relative(self) -> float:
-        """absolute / reference; 0 / 0 = 0, and infinity where only the reference is zero."""
+        """absolute / reference; 0 / 0 = 0, and infinity where only the reference is zero.
+
+        Norms are of strains alone, at this instant. An error budget is relative to the largest norm of its run, with
+        what springs (ElasticFoundation) store: see `scale` of :class:`vemcvx.estimate.budget.ErrorBudget`.
+        """
         if self.reference == 0.0:
             return 0.0 if self.absolute == 0.0 else float("inf")
         return self.absolute / self.reference

@@ -164,7 +164,11 @@ CALLED = [
      {key: {"None", "no dict"} for key in ("boundaries", "cell_data", "interfaces")}),
     (vx.meshes.cubes, {"n": 2, "box": ((0, 1), (0, 1), (0, 1)), "size": None, "grade": 2.0}, {"size": {"None"}}),
     (vx.meshes.tetrahedra, {"n": 1, "box": ((0, 1), (0, 1), (0, 1)), "grade": 2.0}, {}),
-    (vx.meshes.ring, {"radii": [0.5, 1.0], "sectors": 4, "angles": (0.0, 1.0)}, {"radii": {"an array"}, "angles": {"an array"}}),
+    (
+        vx.meshes.ring,
+        {"radii": [0.5, 1.0], "sectors": 4, "angles": (0.0, 1.0)},
+        {"radii": {"an array"}, "angles": {"an array"}},
+    ),
     (vx.meshes.prisms, {"n": 1, "box": ((0, 1), (0, 1), (0, 1)), "seed": 0}, {"seed": {"huge"}}),
     (vx.meshes.kelvin, {"n": 1, "box": ((0, 1), (0, 1), (0, 1))}, {}),
     (vx.meshes.voronoi3, {"n": 1, "box": ((0, 1), (0, 1), (0, 1)), "seed": 0, "cells": None, "relaxations": 1},

@@ -239,8 +239,8 @@ def _of_bounds(rows: Sequence[Row]) -> list[str]:
         lines.append(f"bounds      {min(ratios):.2g} to {max(ratios):.2g} times the true error, guaranteed")
     if sizes:
         lines.append(
-            f"bounds      of the mesh in a step, given the one before: {min(sizes):.2%} to {max(sizes):.2%}, guaranteed,"
-            " with Coulomb's law for the friction that the run's pressure gives"
+            f"bounds      of the mesh in a step, given the one before: {min(sizes):.2%} to {max(sizes):.2%}, "
+            "guaranteed, with Coulomb's law for the friction that the run's pressure gives"
         )
     if any(row.done and row.bounded and row.bound is None for row in rows):
         lines.append("bounds      none for this scene, or part of it; vemcvx run --bound says why")

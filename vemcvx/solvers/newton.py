@@ -45,11 +45,11 @@ Proof. If the safeguard is called finitely often, the last run of Newton has no 
 least once in PATIENCE points. Otherwise the safeguard's points are those of one proximal point algorithm: each of its
 minimisations ends, and its centres (lam, p) converge to a solution of the dual, since there is one (constraints are
 linear) and the shifts stay above the first, a. At a minimiser the residual r vanishes. With dlam, dp what the centre
-moves by, s = dlam / a + n where n is in the normal cone of the ball at lam, so that w |n| = lam.n and w |s| - lam.s <=
-2 w |dlam| / a; likewise the part of a soft limit is dp^2 times a bounded factor, and a rigid one is overstepped by
-|dp| / a at most, while |z| <= |dp| / a where p > 0. The step tends to 0, so these do. Points are moved back within the
-bounds before they are judged, by no more than a multiple of what they overstep, and the gap is continuous there. The
-best gap is at most theirs.  QED
+moves by, s = dlam / a + n where lam is the point of the ball nearest to lam + a n, so that w |n| = lam.n and w |s| -
+lam.s <= 2 w |dlam| / a; likewise the part of a soft limit is dp^2 times a bounded factor, and a rigid one is
+overstepped by |dp| / a at most, while |z| <= |dp| / a where p > 0. The step tends to 0, so these do. Points are moved
+back within the bounds before they are judged, by no more than a multiple of what they overstep, and the gap is
+continuous there. The best gap is at most theirs.  QED
 
 Here a centre is moved earlier, as soon as a Newton step on psi would gain less than .01 of what the centre moves by:
 that is a criterion of the kind of Rockafellar's (B), which saves steps, and not in the theorem; nor are iterative

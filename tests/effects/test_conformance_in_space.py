@@ -104,6 +104,7 @@ SAMPLES = {
             "shear": (stiff, 30.0, 20.0),
             "angle": Other(0.3, {"axes": None}),
             "axes": ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
+            "stabilisation": "unit",
             "on": REST,
         },
     ),

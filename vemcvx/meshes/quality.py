@@ -31,7 +31,6 @@ import warnings
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import linprog
 
 from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.errors import MeshWarning
@@ -202,6 +201,9 @@ def _cost(size: int) -> Floats:
 
 def _by_linear_program(rows: Floats, right: Floats) -> float:
     """The same of one cell."""
+    # Importing it takes a fifth of a second, and few cells come here.
+    from scipy.optimize import linprog
+
     size = rows.shape[1]
     found = linprog(-np.eye(size)[-1], A_ub=rows, b_ub=right, bounds=[(None, None)] * size)
     return float(found.x[-1]) if found.x is not None else np.nan

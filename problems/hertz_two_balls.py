@@ -33,7 +33,7 @@ REACH, EVEN, GROWTH = 10 * CONTACT, 1.25, 1.5
 DEPTH = 2.2e-3
 JOINT = "lower|upper"
 UNITS = MM
-SMALL = {"n": 8, "steps": 2, "accuracy": 1e-6}
+SMALL = {"n": 4, "steps": 2, "accuracy": 1e-6}
 
 
 def hertz(force):

@@ -122,11 +122,12 @@ WALKS = {
     ),
     "young, from Elasticity to K": (
         young_to_stiffness,
-        "vem/elasticity.py vem/elasticity.py vem/space.py scene/pose.py",
+        "vem/elasticity.py vem/stabilisation.py vem/space.py scene/pose.py",
     ),
     "accuracy, from the command line to an option of a solver": (
         accuracy_to_option,
-        "solvers/solver.py program/iterative_refinement.py stepping/posed_step.py stepping/backward_euler.py "
+        "solvers/solver.py program/iterative_refinement.py stepping/posed_step.py stepping/beginning.py "
+        "stepping/backward_euler.py "
         "stepping/trajectory.py",
     ),
     "u, from the answer to a step to a VTU file": (

@@ -6,7 +6,6 @@ import asyncio
 import http.client
 import json
 import re
-import shutil
 import signal
 import socket
 import subprocess
@@ -18,6 +17,7 @@ from urllib.parse import urlsplit
 import numpy as np
 import pytest
 from pages import words_drawn
+from pages_seen import browser_of
 from test_cli_supplied import call
 
 import vemcvx as vx
@@ -455,20 +455,8 @@ def test_without_the_token_there_is_no_page(address):
 
 @pytest.fixture
 def browser(tmp_path):
-    webdriver = pytest.importorskip("selenium.webdriver", reason="the browser is driven by selenium")
-    chromium, driver = shutil.which("chromium"), shutil.which("chromedriver")
-    if chromium is None or driver is None:
-        pytest.skip("there is no chromium or no chromedriver here")
-    options = webdriver.ChromeOptions()
-    options.binary_location = chromium
-    words = "headless no-sandbox disable-gpu disable-quic no-first-run disable-dev-shm-usage disable-sync"
-    more = "disable-background-networking disable-component-update window-size=1440,1000"
-    for word in (*words.split(), *more.split(), f"user-data-dir={tmp_path / 'chromium'}"):
-        options.add_argument(f"--{word}")
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
-    driven = webdriver.Chrome(options=options, service=webdriver.ChromeService(driver))
-    yield driven
-    driven.quit()
+    with browser_of(tmp_path) as driven:
+        yield driven
 
 
 NUMBERS = "return [...document.querySelectorAll('dl div')].map(e => e.innerText.split(/\\s+/).join(' '))"

@@ -46,7 +46,7 @@ from vemcvx.cli.solver_names import named_solver
 from vemcvx.cost.workers import Crashed, Refused, alone
 from vemcvx.errors import NotAccepted, ProblemError, VemcvxError
 from vemcvx.exchange import read_program
-from vemcvx.program.scaling import scaling
+from vemcvx.program.scaling import Scaling, scaling
 from vemcvx.program.step_program import Answer, SolvedProgram, StepProgram
 from vemcvx.solvers import Solver, ThroughCvxpy
 from vemcvx.solvers.semidefinite import ProximalPoints
@@ -175,12 +175,14 @@ class Entrant:
         missing = operators.features - solver.accepts
         if missing:
             raise NotAccepted(f"solver {self.name}: takes no {' and no '.join(sorted(missing))}.")
+        scales = scaling(operators)
+        alpha = scales.size(program) or 1.0
         if isinstance(solver, ThroughCvxpy):
             solver.prepare(operators)
-            return _through_cvxpy(program, self.typed.upper(), dict(self.options))
+            return _through_cvxpy(program, scales, alpha, self.typed.upper(), dict(self.options))
         if self.options:
             raise ProblemError(f"--option: {self.name} is not called through cvxpy; set its settings in its own file.")
-        return _own(program, solver)
+        return _own(program, scales, alpha, solver)
 
 
 Found = tuple[float, Floats | None, Floats | None, Floats | None, int | None, str]
@@ -188,9 +190,7 @@ Found = tuple[float, Floats | None, Floats | None, Floats | None, int | None, st
 Asking = Callable[[float | None], Found]
 
 
-def _through_cvxpy(program: StepProgram, name: str, options: dict[str, Any]) -> Asking:
-    scales = scaling(program.operators)
-    alpha = scales.size(program) or 1.0
+def _through_cvxpy(program: StepProgram, scales: Scaling, alpha: float, name: str, options: dict[str, Any]) -> Asking:
     posed = scales.scale(program, alpha).to_cvxpy()
     data, chain, inverse = posed.problem.get_problem_data(name, solver_opts={})
 
@@ -211,9 +211,8 @@ def _through_cvxpy(program: StepProgram, name: str, options: dict[str, Any]) -> 
     return ask
 
 
-def _own(program: StepProgram, solver: Solver) -> Asking:
-    scales = scaling(program.operators)
-    alpha, operators = scales.size(program) or 1.0, scales.operators
+def _own(program: StepProgram, scales: Scaling, alpha: float, solver: Solver) -> Asking:
+    operators = scales.operators
     definite = operators.kernel is None or solver.semidefinite
     prepared = solver.prepare(operators) if definite else ProximalPoints(solver, operators, follows=False)
     scaled, block, unit = scales.scale(program, alpha), operators.block, _unit(program)

@@ -289,8 +289,7 @@ def _looked_at(history: History) -> list[int]:
         largest = steps[np.argmax(history.trajectory.norm[steps])]
         evenly = steps[np.linspace(0, len(steps) - 1, BUDGETED).round().astype(int)]
         steps = np.union1d(evenly, largest)
-    found: list[int] = steps.tolist()
-    return found
+    return steps.tolist()
 
 
 def _guaranteed(history: History) -> str:

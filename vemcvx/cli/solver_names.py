@@ -122,8 +122,7 @@ def named_linear(name: str | None) -> LinearSolver | None:
     if name is None:
         return None
     if ":" in name:
-        made: LinearSolver = in_file(name, "--linear", "linear solver", "the base vemcvx.LinearSolver", _factorises)
-        return made
+        return in_file(name, "--linear", "linear solver", "the base vemcvx.LinearSolver", _factorises)
     if name.lower() not in LINEAR:
         raise ProblemError(
             f"--linear: there is no linear solver {name!r}; there are {', '.join(LINEAR)}, and your own, FILE.py:CLASS."

@@ -117,8 +117,7 @@ def _computed(run: Results, function: Callable[..., Answer], given: tuple[Any, .
     (found, why), *_ = run(answered, [(function, *given)])
     if found is None:
         raise ProblemError(f"the reference that errors are to be measured against was not computed: {why}")
-    answer: Answer = found
-    return answer
+    return found
 
 
 def answered(function: Callable[..., Answer], *given: Any) -> tuple[Answer | None, str]:

@@ -128,8 +128,7 @@ def unsealed(line: str) -> dict[str, Any] | None:
     words, _, digest = line.rstrip("\n").rpartition(SEAL)
     if digest != f'{_digest(words)}"}}':
         return None
-    found: dict[str, Any] = json.loads(words + "}")
-    return found
+    return json.loads(words + "}")
 
 
 def _digest(words: str) -> str:

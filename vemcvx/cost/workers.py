@@ -73,8 +73,7 @@ def alone(
     result, refusal = pickle.loads(reply)
     if refusal is not None:
         raise Refused(refusal)
-    found: Result = result
-    return found
+    return result
 
 
 def _why(code: int, said: IO[bytes]) -> str:

@@ -92,8 +92,7 @@ class ContactLine:
 
     def along(self, vectors: Floats) -> Floats:
         """(..., m) components along the line of vectors (..., m, 2) at the contact nodes, in the line's order."""
-        components: Floats = np.einsum("...md,md->...m", vectors[..., self.order, :], self.tangents)
-        return components
+        return np.einsum("...md,md->...m", vectors[..., self.order, :], self.tangents)
 
     @property
     def gaps(self) -> Ints:

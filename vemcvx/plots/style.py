@@ -126,8 +126,7 @@ def named(
 def within(points: Floats, window: Window | None) -> Bools:
     """(k,) bool, true of the points (k, 2) that a window shows."""
     low, high = np.transpose(window if window is not None else [[-np.inf, np.inf]] * 2)
-    inside: Bools = np.all((points >= low) & (points <= high), axis=1)
-    return inside
+    return np.all((points >= low) & (points <= high), axis=1)
 
 
 def idle(history: Results) -> Bools:

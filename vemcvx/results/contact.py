@@ -161,8 +161,7 @@ class Contact(ArrayRecord):
 
 
 def _count(nodes: Bools) -> Ints:
-    number: Ints = nodes.sum(axis=1)
-    return number
+    return nodes.sum(axis=1)
 
 
 def contact_history(posed: PosedScene, trajectory: Trajectory, u: Floats, forces: Floats) -> Contact:
@@ -252,8 +251,7 @@ def _pressure(posed: PosedScene, trajectory: Trajectory, forces: Floats) -> Floa
     rest = forces.reshape(S, -1)[:, held] + trajectory.multipliers.reshape(S, -1) @ terms.rows[:, held]
     normal = summed_columns(p, surface.find(obstacles), m)
     rest += p @ obstacles.rows[:, held]
-    pressure: Floats = (normal - rest @ surface.normal_reaction[:, held].T) / surface.lengths
-    return pressure
+    return (normal - rest @ surface.normal_reaction[:, held].T) / surface.lengths
 
 
 def _recovered(posed: PosedScene, traction: Floats, pressure: Floats, closed: Bools, at: Ints) -> tuple[Floats, Floats]:
@@ -301,8 +299,7 @@ def _bounds(posed: PosedScene, trajectory: Trajectory, at: Ints, length: Floats)
 def _reach(terms: Terms, lam: Floats) -> Floats:
     """What friction by direction has at its bound, in the direction in which it acts, over the weight: (S, terms)."""
     size, force = np.linalg.norm(lam, axis=2), np.linalg.norm(np.einsum("smb,mbd->smd", lam, terms.tangents), axis=2)
-    reach: Floats = np.divide(force, size, out=np.ones_like(size), where=terms.elliptic & (size > 0))
-    return reach
+    return np.divide(force, size, out=np.ones_like(size), where=terms.elliptic & (size > 0))
 
 
 def _sticking(trajectory: Trajectory, slip: Floats, at: Ints) -> Bools:
@@ -389,8 +386,7 @@ def _runs(ends: Ints, lengths: Floats, hangs: Bools) -> Floats:
     node = ends.ravel()[order]
     same = np.flatnonzero((np.diff(node) == 0) & hangs[node[:-1]])
     run = smallest_linked(np.column_stack([order[same], order[same + 1]]) // 2, len(ends))
-    before: Floats = np.bincount(run, lengths, minlength=len(ends)).astype(float)[run]
-    return before
+    return np.bincount(run, lengths, minlength=len(ends)).astype(float)[run]
 
 
 def recovered(forces: Floats, lengths: Floats, sides: ContactSides, closed: Bools, *, presses: bool) -> Floats:
@@ -436,8 +432,7 @@ def _smoothed(forces: Floats, lengths: Floats, sides: ContactSides) -> Floats:
     soft = sp.diags_array((around @ h) * (scale / reach[inner] ** 2) ** 2)
     system = sp.csc_matrix(sp.vstack([sp.hstack([mass, J.T]), sp.hstack([J, -soft])]))
     loads = np.concatenate([forces.T, np.zeros((len(inner), len(forces)))])
-    smooth: Floats = splu(system).solve(loads)[:m].T
-    return smooth
+    return splu(system).solve(loads)[:m].T
 
 
 def _pressing(smooth: Floats, forces: Floats, lengths: Floats, sides: ContactSides) -> Floats:

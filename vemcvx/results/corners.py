@@ -343,8 +343,7 @@ def _fan(mesh: AnyMesh, node: int) -> tuple[Floats, Ints]:
 def _differ(one: Floats, other: Floats) -> Bools:
     """Where the moduli (2, q) of materials differ."""
     largest = np.abs(one).max(axis=1, initial=0.0)[:, None]
-    differ: Bools = (np.abs(one - other) > 1e-9 * largest).any(axis=0)
-    return differ
+    return (np.abs(one - other) > 1e-9 * largest).any(axis=0)
 
 
 def _materials(rays: Sequence[Floats], moduli: Floats) -> list[Sector]:
@@ -361,8 +360,7 @@ def _materials(rays: Sequence[Floats], moduli: Floats) -> list[Sector]:
 
 def _turned(one: Floats, other: Floats) -> Floats:
     """The angles from one direction to others (..., 2), counter-clockwise, from 0 to 2 pi."""
-    turned: Floats = np.arctan2(one[0] * other[..., 1] - one[1] * other[..., 0], other @ one) % (2 * np.pi)
-    return turned
+    return np.arctan2(one[0] * other[..., 1] - one[1] * other[..., 0], other @ one) % (2 * np.pi)
 
 
 @dataclass(frozen=True, eq=False)

@@ -128,8 +128,7 @@ def _history(arrays: Arrays) -> Results:
     known["quantities"] = quoted and {name: Quantity(**one) for name, one in quoted.items()}
     known |= {f"trajectory.{name}": value for name, value in about["trajectory"].items()}
     _check_words(about, known)
-    found: Results = record_of(Results, arrays, known)
-    return found
+    return record_of(Results, arrays, known)
 
 
 def _check_arrays(arrays: Arrays, sizes: dict[str, int]) -> None:

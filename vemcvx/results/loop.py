@@ -39,8 +39,7 @@ def loop_of(history: Results, on: str | None = None) -> Loop | None:
 def _motion(history: Results, name: str) -> Floats:
     """The mean displacement (S, dim) of a boundary."""
     part = Space(history.mesh).part(name, "hysteresis_loop", contact=True)
-    mean: Floats = np.einsum("smd,m->sd", history.displacement[:, part.nodes], part.node_lengths / part.measures.sum())
-    return mean
+    return np.einsum("smd,m->sd", history.displacement[:, part.nodes], part.node_lengths / part.measures.sum())
 
 
 def _driven(history: Results) -> dict[str, Floats]:

@@ -492,8 +492,7 @@ def _damped(posed: PosedScene, trajectory: Trajectory, row: int) -> Floats | flo
     if not posed.supports.still:
         s, t = (float(instant) for instant in trajectory.times[n - 1 : n + 1])
         v = v + (posed.supports.motion(t) - posed.supports.motion(s)) / (t - s)
-    force: Floats = posed.viscosity @ v
-    return force
+    return posed.viscosity @ v
 
 
 def _untouched(posed: PosedScene, trajectory: Trajectory) -> tuple[str, ...]:

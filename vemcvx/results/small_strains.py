@@ -73,8 +73,7 @@ def _motions(results: Results, rows: Ints) -> Iterator[Found]:
     def extent(values: Floats) -> Floats:
         """(bodies,) the diagonal of the box around values (n_nodes, dim) of each body."""
         low, high = (of.reduceat(values[order], begin, axis=0) for of in (np.minimum, np.maximum))
-        found: Floats = np.linalg.norm(high - low, axis=1)
-        return found
+        return np.linalg.norm(high - low, axis=1)
 
     size = extent(mesh.points)
     parts = np.array([extent(results.displacement[row]) for row in rows.tolist()]) / size

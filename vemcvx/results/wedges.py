@@ -64,8 +64,7 @@ class Sector:
         across = np.array([none, none, F[3], -F[2]])
         u_r = (-(lam + 1) * F + (self.kappa + 1) * radial) / (2 * self.shear)
         u_t = (-slope + (self.kappa + 1) * across) / (2 * self.shear)
-        rows: Complex = np.moveaxis(np.array([u_r, u_t, (lam + 1) * F, -slope]), 2, 0)
-        return rows
+        return np.moveaxis(np.array([u_r, u_t, (lam + 1) * F, -slope]), 2, 0)
 
 
 FREE = np.array([[0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
@@ -139,8 +138,7 @@ class Wedge:
         lam = (real + 1j * imaginary).ravel()
 
         def determinant(lam: Complex) -> Complex:
-            found: Complex = np.linalg.det(self.matrix(lam))
-            return found
+            return np.linalg.det(self.matrix(lam))
 
         with np.errstate(all="ignore"):
             # Double zeros, as of a crack, are approached by halves.

@@ -56,8 +56,7 @@ class Terms(ContactRows):
 
     def weights(self, t: float) -> Floats:
         """Weights (m,) at the instant `t`: those of their rows added up, without what follows the answer."""
-        total: Floats = self.gather @ np.concatenate([np.zeros(0), *(f.weights(t) for f in self.frictions)])
-        return total
+        return self.gather @ np.concatenate([np.zeros(0), *(f.weights(t) for f in self.frictions)])
 
     @property
     def one_way(self) -> bool:
@@ -67,8 +66,7 @@ class Terms(ContactRows):
     def bias(self, t: float) -> Floats:
         """The bias (m,) at the instant `t`, along the tangent of each term."""
         each = [np.zeros(len(f.nodes)) if f.bias is None else f.bias(t) for f in self.frictions]
-        total: Floats = self.gather @ (self.sign * np.concatenate([np.zeros(0), *each]))
-        return total
+        return self.gather @ (self.sign * np.concatenate([np.zeros(0), *each]))
 
 
 def friction_terms(
@@ -135,8 +133,7 @@ def _of_rows(frictions: Sequence[Friction], numbers: Sequence[int]) -> Ints:
 def _moved(frictions: Sequence[Friction], rows: Ints, t: float) -> Floats:
     """The motion of the ground of these rows, of all frictions one after the other, (k, dim)."""
     each = [np.zeros(f.normals.shape) if f.ground is None else f.ground.vector(t) for f in frictions]
-    moved: Floats = np.concatenate(each)[rows]
-    return moved
+    return np.concatenate(each)[rows]
 
 
 def _relative(tangents: Floats, moved: Moving, times: Sequence[float]) -> Callable[[float], Floats]:
@@ -199,8 +196,7 @@ def law_of(terms: Terms, some: slice, press: sp.csr_matrix | None) -> Law | None
         return [(f, [values[rows] for values in of_rows]) for f, rows in zip(frictions, own, strict=True)]
 
     def weights(t: float, p: Floats, past: Floats, slip: Floats) -> Floats:
-        total: Floats = gather @ np.concatenate([f.weights_under(t, *under) for f, under in each(p, past, slip)])
-        return total
+        return gather @ np.concatenate([f.weights_under(t, *under) for f, under in each(p, past, slip)])
 
     def slope(t: float, p: Floats, past: Floats) -> sp.csr_matrix:
         return matrix(np.concatenate([f.slope_under(t, *under) for f, under in each(p, past)]).tobytes())

@@ -41,8 +41,7 @@ def pairs_of(parts: Sequence[Acting | Support]) -> tuple[Ints, Ints]:
 
 def pair_numbers(nodes: Ints, partners: Ints, largest: int) -> Ints:
     """One number (m,) for each pair of node and partner, ordered by node; `largest` is that of all nodes."""
-    number: Ints = nodes * (largest + 2) + partners + 1
-    return number
+    return nodes * (largest + 2) + partners + 1
 
 
 def distinct_pairs(nodes: Ints, partners: Ints) -> tuple[Ints, Ints]:

@@ -106,8 +106,7 @@ def floating(part: Part, modes: Floats, points: Floats) -> str:
 
 def _forward(mode: Floats) -> Floats:
     """The motion with the sign that makes its largest component positive: of one that goes either way."""
-    forward: Floats = mode * np.sign(mode[np.argmax(np.abs(mode))])
-    return forward
+    return mode * np.sign(mode[np.argmax(np.abs(mode))])
 
 
 def _rigid(mode: Floats, directed: bool = False) -> str:
@@ -221,8 +220,7 @@ def seen_from_bodies(space: Space) -> Callable[[Floats], Floats]:
 
     def seen(u: Floats) -> Floats:
         R, transposed = motions()
-        strained: Floats = u - R @ (transposed @ u)
-        return strained
+        return u - R @ (transposed @ u)
 
     return seen
 
@@ -242,8 +240,7 @@ def _piece_by_piece(loose: Floats, k: int) -> Floats:
         alone.append(kept @ own.T if kept.shape[1] == k else kept)
     found = np.hstack(alone)
     rest = np.linalg.svd(found, full_matrices=True)[0][:, found.shape[1] :]
-    ordered: Floats = loose @ np.hstack([found, rest])
-    return ordered
+    return loose @ np.hstack([found, rest])
 
 
 def _along_axes(loose: Floats) -> Floats:
@@ -253,8 +250,7 @@ def _along_axes(loose: Floats) -> Floats:
     """
     preferred = 1.0 - 1e-3 * np.arange(len(loose))
     Q = qr(loose @ loose.T * preferred, pivoting=True)[0][:, : loose.shape[1]]
-    along: Floats = Q * np.sign(Q[np.argmax(np.abs(Q), axis=0), np.arange(Q.shape[1])])
-    return along
+    return Q * np.sign(Q[np.argmax(np.abs(Q), axis=0), np.arange(Q.shape[1])])
 
 
 def _without_rounding(loose: Floats, reach: float) -> Floats:
@@ -264,8 +260,7 @@ def _without_rounding(loose: Floats, reach: float) -> Floats:
     far the body goes. Sides of length h at a distance of `reach` h from the origin have directions known to EPS reach.
     """
     # Components below 64 roundings of the largest one of a rigid motion are none.
-    clean: Floats = np.where(np.abs(loose) > (64 * EPS) * max(1.0, reach) * np.abs(loose).max(axis=0), loose, 0.0)
-    return clean
+    return np.where(np.abs(loose) > (64 * EPS) * max(1.0, reach) * np.abs(loose).max(axis=0), loose, 0.0)
 
 
 def _unfelt(rows: Floats) -> Floats:

@@ -274,8 +274,7 @@ def _grounded(friction: Friction, times: Sequence[float], said: list[str]) -> Fr
         if tangents is None:
             return np.asarray(at != began)
         size = max(np.abs(began).max(initial=0.0), np.abs(at).max(initial=0.0))
-        drags: Bools = np.abs(along(tangents, at - began)) > DRAG_ROUNDING * size
-        return drags
+        return np.abs(along(tangents, at - began)) > DRAG_ROUNDING * size
 
     if not _zero(rubs, times):
         return friction

@@ -70,8 +70,7 @@ class Supports:
         """The nodal values at nodes that supports move, ascending."""
         dim, moving = self.points.shape[1], self._of_rows([support.value is not None for support in self.given])
         nodes = np.unique(self.H[:, np.flatnonzero(moving)].nonzero()[0] // dim)
-        values: Ints = (nodes[:, None] * dim + np.arange(dim)).ravel()
-        return values
+        return (nodes[:, None] * dim + np.arange(dim)).ravel()
 
     @cached_property
     def contact(self) -> Bools:
@@ -188,8 +187,7 @@ def _sites(nodes: Ints, partners: Ints, n_nodes: int) -> Ints:
     entries = np.ones(joined.sum()), (nodes[joined], partners[joined])
     label = connected_components(sp.csr_matrix(entries, shape=(n_nodes, n_nodes)), directed=False)[1]
     first, site = np.unique(label, return_index=True, return_inverse=True)[1:]
-    number: Ints = np.argsort(np.argsort(first))[site]
-    return number
+    return np.argsort(np.argsort(first))[site]
 
 
 def _members(site: Ints, chosen: Ints, dim: int) -> Ints:
@@ -338,8 +336,7 @@ def freedom(
 
 def normal_is_free(rows: ContactRows, supports: Supports) -> Bools:
     """Return True if some free unknown moves the node along the normal, (k,)."""
-    free: Bools = np.diff(on_free(normal_rows(rows, supports.points), supports).indptr) > 0
-    return free
+    return np.diff(on_free(normal_rows(rows, supports.points), supports).indptr) > 0
 
 
 def _rank_deficient(B: sp.csr_matrix, block: int) -> Bools:
@@ -347,8 +344,7 @@ def _rank_deficient(B: sp.csr_matrix, block: int) -> Bools:
     rows = [B[axis::block] for axis in range(block)]
     products = np.array([[np.asarray(one.multiply(other).sum(axis=1)).ravel() for other in rows] for one in rows])
     each = np.linalg.eigvalsh(products.transpose(2, 0, 1))
-    lean: Bools = each[:, 0] < PARALLEL * each[:, -1]
-    return lean
+    return each[:, 0] < PARALLEL * each[:, -1]
 
 
 def _dragged(
@@ -415,8 +411,7 @@ def normal_rows(rows: ContactRows, points: Floats) -> sp.csr_matrix:
 
 def along(tangents: Floats, vectors: Floats) -> Floats:
     """(k * (dim - 1),) the components of vectors (k, dim) along the tangents (k, dim - 1, dim) of each row."""
-    components: Floats = np.einsum("kbd,kd->kb", tangents, vectors).ravel()
-    return components
+    return np.einsum("kbd,kd->kb", tangents, vectors).ravel()
 
 
 def free_directions(P: sp.csr_matrix, corners: Ints, side: Ints, dim: int) -> Floats:
@@ -432,5 +427,4 @@ def free_directions(P: sp.csr_matrix, corners: Ints, side: Ints, dim: int) -> Fl
     values, vectors = np.linalg.eigh(freedom)
     # A direction in which all corners of a side move by less than this part of their freedom is held.
     kept = np.where(values > 1e-9, 1.0, 0.0)
-    projectors: Floats = np.einsum("bik,bk,bjk->bij", vectors, kept, vectors)
-    return projectors
+    return np.einsum("bik,bk,bjk->bij", vectors, kept, vectors)

@@ -84,8 +84,7 @@ class EffectSample:
     def changed(self, **fields: object) -> Effect:
         """The effect with other fields."""
         effect: Any = self.effect
-        changed: Effect = dataclasses.replace(effect, **fields)
-        return changed
+        return dataclasses.replace(effect, **fields)
 
     @property
     def name(self) -> str:

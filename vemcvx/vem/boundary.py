@@ -211,8 +211,7 @@ def _curvature(group: FaceGroup) -> Floats:
     corners = group.corners[:, :-1]
     a, b = np.roll(corners, -1, axis=1) - corners, np.roll(corners, 1, axis=1) - corners
     lengths = np.einsum("fni,fni->fn", a, a) * np.einsum("fni,fni->fn", b, b)
-    weights: Floats = np.linalg.norm(np.cross(a, b), axis=2) / lengths
-    return weights
+    return np.linalg.norm(np.cross(a, b), axis=2) / lengths
 
 
 # Rows of a part of the boundary: one a node and distinct normal.
@@ -383,8 +382,7 @@ class SideEnds:
         # Where no face has an angle at a node that hangs in its edges, areas count alone.
         share = np.divide(curvature, most[row], out=np.zeros_like(curvature), where=most[row] > 0)
         # Sides that are shorter by more, in parts of the longest at their node, hardly count in mean normals.
-        weights: Floats = share * part / (part + 0.03**4) + NORMAL_ROUNDING * part
-        return weights
+        return share * part / (part + 0.03**4) + NORMAL_ROUNDING * part
 
     def _along_drawn(self, normals: Floats, order: Ints, row: Ints) -> Floats:
         """Normals (k, dim) of rows, between those at the ends of the drawn sides where nodes hang in these."""
@@ -416,8 +414,7 @@ class SideEnds:
     def _alike(self, one: Ints, other: Ints) -> Bools:
         apart = np.linalg.norm(self.normals[one] - self.normals[other], axis=1)
         near = apart <= SMOOTH + self.noise[one] + self.noise[other]
-        alike: Bools = near & (self.partners[one] == self.partners[other])
-        return alike
+        return near & (self.partners[one] == self.partners[other])
 
 
 def _continued(normals: Floats, across: Floats, noise: Floats) -> Floats:

@@ -341,8 +341,7 @@ def isotropic_stress(value: Floats, dim: int) -> Floats:
 def stresses(moduli: Floats, strain: Floats) -> Floats:
     """Stresses (n_cells, components) of strains of these components."""
     if len(moduli) != 2:
-        stress: Floats = np.einsum("ckl,cl->ck", elastic_matrix(moduli), strain)
-        return stress
+        return np.einsum("ckl,cl->ck", elastic_matrix(moduli), strain)
     lam, mu = moduli
     dim = 2 if strain.shape[1] == len(COMPONENTS[2]) else 3
     trace = strain[:, 0] + strain[:, 1] if dim == 2 else strain[:, 0] + strain[:, 1] + strain[:, 2]

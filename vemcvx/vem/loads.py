@@ -76,8 +76,7 @@ def _sees(points: Floats, corners: Floats, areas: Floats) -> Bools:
     # hanging nodes), where round-off would decide; aspect ratios of 1e11 pass.
     reach = 1e-6 * np.sqrt(np.einsum("cia,cia->ci", edge, edge) * areas[:, None])
     left = cross(edge[:, :, None], points[:, None] - corners[:, :, None])
-    sees: Bools = np.all(left > reach[:, :, None], axis=(1, 2))
-    return sees
+    return np.all(left > reach[:, :, None], axis=(1, 2))
 
 
 def _on_ring(points: Floats, areas: Floats, owner: Ints) -> Rule:

@@ -52,8 +52,7 @@ def boundary_weights(corners: Floats) -> Floats:
     edge = np.roll(corners, -1, axis=1) - corners
     length = np.sqrt(np.einsum("cia,cia->ci", edge, edge))
     both = length + np.roll(length, 1, axis=1)
-    weights: Floats = both / both.sum(axis=1)[:, None]
-    return weights
+    return both / both.sum(axis=1)[:, None]
 
 
 def vertex_values(corners: Floats) -> Floats:
@@ -160,8 +159,7 @@ class FaceGroup:
                 total[rows, self.triangles[:, t, k]] += values[:, t, k]
         n = self.nodes.shape[1]
         weights = self.weights.reshape(*self.weights.shape, *[1] * (values.ndim - 3))
-        shared: Floats = total[:, :n] + weights * total[:, n:]
-        return shared
+        return total[:, :n] + weights * total[:, n:]
 
 
 def face_groups(points: Floats, offsets: Ints, vertices: Ints, faces: Ints) -> Iterator[FaceGroup]:
@@ -312,8 +310,7 @@ class PolyhedronGroup(CellGroup):
 
     def boundary_means(self) -> Floats:
         """As of polygons."""
-        means: Floats = self.shares / self.shares.sum(axis=1)[:, None]
-        return means
+        return self.shares / self.shares.sum(axis=1)[:, None]
 
     @property
     def stabilised_size(self) -> Floats:

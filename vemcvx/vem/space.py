@@ -138,8 +138,7 @@ class Space:
         first = np.full(self.mesh.n_nodes, self.mesh.n_cells)
         np.minimum.at(first, nodes, cells)
         outline = edges if across is None else np.where((across >= 0) & (first[across] < first[edges]), across, edges)
-        alone: Bools = np.bincount(nodes, minlength=self.mesh.n_nodes)[outline] == 1
-        return alone
+        return np.bincount(nodes, minlength=self.mesh.n_nodes)[outline] == 1
 
     def _across_faces(self, faces: Ints) -> Ints:
         """The nodes of other bodies beside the vertices of faces of first ones, by face; -1 where there is none."""

@@ -190,8 +190,7 @@ def faces_to_turn(offsets: Ints, vertices: Ints, cell_offsets: Ints, n_nodes: in
         raise MeshError(
             f"cell {owner[endless[0]]} has no inside: its faces close like those of a Klein bottle. Correct its faces."
         )
-    flips: Bools = label[:count] != label[first]
-    return flips
+    return label[:count] != label[first]
 
 
 def _pairs(ends: Ints, cells: Ints, n_nodes: int) -> Ints:

@@ -225,8 +225,7 @@ def _owners(mesh: AnyTessellation, part: Ints) -> Ints:
     """The cell that each edge or face of a part of the boundary belongs to."""
     if isinstance(mesh, SpaceTessellation):
         faces = part if part.ndim == 1 else mesh.boundaries[WHOLE][faces_of(part, mesh._outlines)]
-        cells: Ints = mesh.face_cells[faces, 0]
-        return cells
+        return mesh.face_cells[faces, 0]
     owner = cell_of_corner(mesh.offsets)[mesh.shared_edges.alone]
     return owner[positions(part, mesh.boundaries[WHOLE], mesh.n_nodes)]
 

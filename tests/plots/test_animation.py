@@ -37,7 +37,7 @@ def test_a_gif_has_a_frame_a_stored_step(history, tmp_path):
 @pytest.mark.long
 def test_frames_keep_their_place_and_scale(history):
     figure, seen = new_figure(), []
-    for _ in _frames(history, figure, (None, None, None)):
+    for _ in _frames(history, figure):
         figure.draw_without_rendering()
         ax = figure.axes[0]
         seen.append((ax.get_position().bounds, ax.get_xlim(), ax.get_ylim(), ax.collections[0].get_clim()))

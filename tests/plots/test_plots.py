@@ -399,7 +399,7 @@ def test_a_body_is_coloured_by_its_stress_and_pushed_by_its_contact(history):
     assert len(stressed_body(history, forces="none").axes[0].collections) == 1
     for wrong in ({"stress": "zz"}, {"forces": "weight"}):
         (name, value) = next(iter(wrong.items()))
-        with pytest.raises(vx.VemcvxError, match=f"stressed_body: found {name} = '{value}'; there are (xx|contact), "):
+        with pytest.raises(vx.VemcvxError, match=f"stressed_body: found {name} '{value}'; there are '(xx|contact)', "):
             stressed_body(history, **wrong)
 
 

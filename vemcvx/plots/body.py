@@ -6,48 +6,20 @@ In space PyVista, which needs no display, renders the surface to an image; this 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from vemcvx import canvas
 from vemcvx.arrays import Floats, Ints, as_real_array, brief, choice
-from vemcvx.canvas import (
-    HATCHING,
-    axes_or_new,
-    bar_beside,
-    blended,
-    draw_arrows,
-    draw_hatched,
-    legend_below,
-    pointed,
-    scale_of,
-    show_image,
-)
 from vemcvx.errors import HistoryError, VemcvxError
 from vemcvx.meshes import PolygonMesh, PolyhedralMesh, plane_mesh
 from vemcvx.meshes.polygons import rows_in_order
+from vemcvx.plots import style
 from vemcvx.plots.contact import contact_line
-from vemcvx.plots.style import (
-    COMPRESSION,
-    OUTLINE,
-    PUSH,
-    SIGNED,
-    SIZE,
-    SLIP,
-    STICK,
-    TENSION,
-    Units,
-    Window,
-    common_magnification,
-    extent,
-    instant,
-    label,
-    named,
-    unit,
-    value_range,
-    within,
-)
+from vemcvx.plots.style import Units, Window, common_magnification, extent, instant, label, named, unit, within
 from vemcvx.results.results import Results
 
 if TYPE_CHECKING:
@@ -63,25 +35,25 @@ def _component(number: str, column: int) -> Stress:
     return rf"$\sigma_{{{number}}}$", lambda history, step: history.stress(step)[:, column]
 
 
+def _mean(symbols: str, dim: int) -> Stress:
+    return rf"$({symbols})/{dim}$", lambda history, step: history.stress(step)[:, :dim].mean(axis=1)
+
+
 EQUIVALENT: dict[str, Stress] = {
     "von_mises": ("von Mises stress", lambda history, step: history.von_mises(step)),
     "max_principal": ("largest principal stress", lambda history, step: history.principal_stresses(step)[:, 0]),
     "min_principal": ("smallest principal stress", lambda history, step: history.principal_stresses(step)[:, -1]),
 }
-IN_PLANE = {"xx": "11", "yy": "22", "xy": "12"}
 STRESSES: dict[str, Stress] = {
-    **{name: _component(number, k) for k, (name, number) in enumerate(IN_PLANE.items())},
-    "mean": (r"$(\sigma_{11}+\sigma_{22})/2$", lambda history, step: history.stress(step)[:, :2].mean(axis=1)),
+    **{name: _component(number, k) for k, (name, number) in enumerate({"xx": "11", "yy": "22", "xy": "12"}.items())},
+    "mean": _mean(r"\sigma_{11}+\sigma_{22}", 2),
     "shear": ("largest shear stress", lambda history, step: -0.5 * np.diff(history.principal_stresses(step))[:, 0]),
     **EQUIVALENT,
 }
 IN_SPACE = {"xx": "11", "yy": "22", "zz": "33", "xy": "12", "yz": "23", "xz": "13"}
 STRESSES_IN_SPACE: dict[str, Stress] = {
     **EQUIVALENT,
-    "mean": (
-        r"$(\sigma_{11}+\sigma_{22}+\sigma_{33})/3$",
-        lambda history, step: history.stress(step)[:, :3].mean(axis=1),
-    ),
+    "mean": _mean(r"\sigma_{11}+\sigma_{22}+\sigma_{33}", 3),
     **{name: _component(number, k) for k, (name, number) in enumerate(IN_SPACE.items())},
 }
 UNSIGNED = {"shear", "von_mises"}
@@ -125,23 +97,23 @@ def deformed_mesh(
     """
     row, mesh = history.row(step), plane_mesh(history.mesh, "deformed_mesh", "deformed_body draws it")
     factor = common_magnification(history, _size(mesh.points), magnify)
-    ax = axes_or_new(ax, *size_of_page(history))
+    ax = canvas.axes_or_new(ax, *size_of_page(history))
     line = float(np.clip(12.0 / np.sqrt(mesh.n_cells), 0.0, 0.5)) if mesh.n_cells < 40_000 else 0.0
     mesh.plot(ax=ax, displacement=factor * history.displacement[row], linewidth=line, edgecolor="0.75")
     sizes = (np.linalg.norm(u, axis=1)[mesh.vertices] for u in history.displacement)
     means = np.array([np.add.reduceat(size, mesh.offsets[:-1]) / np.diff(mesh.offsets) for size in sizes])
     cells = ax.collections[-1]
     cells.set_array(means[row])
-    cells.set(cmap=SIZE, clim=value_range(limits, (0.0, float(means.max()) or 1.0)))
-    bar = bar_beside(ax, cells, pointed(means, cells.get_clim()))
+    cells.set(cmap=style.SIZE, clim=style.value_range(limits, (0.0, float(means.max()) or 1.0)))
+    bar = canvas.bar_beside(ax, cells, canvas.pointed(means, cells.get_clim()))
     bar.set_label(label("$|u|$", "length", units))
     touching = _closed_contact(history, row, mesh.points + factor * history.displacement[row])
     if touching:
-        draw_hatched(ax, touching)
-        ax.plot([], [], color=HATCHING, linewidth=3, label="closed contact (hatched)")
+        canvas.draw_hatched(ax, touching)
+        ax.plot([], [], color=canvas.HATCHING, linewidth=3, label="closed contact (hatched)")
     ends = mesh.points[mesh.boundaries["boundary"]]
     outline = np.concatenate([ends, np.full((len(ends), 1, 2), np.nan)], axis=1).reshape(-1, 2)
-    ax.plot(*outline.T, color=OUTLINE, linewidth=0.8, linestyle="--", label="undeformed", zorder=2.5)
+    ax.plot(*outline.T, color=style.OUTLINE, linewidth=0.8, linestyle="--", label="undeformed", zorder=2.5)
     title = f"{instant(history.times[row], units)}, displacements magnified {factor:g} times"
     if history.contact.bound.any():
         largest = label(f"{_friction_arrows(ax, history, row, factor):.3g}", "force per length", units)
@@ -150,7 +122,7 @@ def deformed_mesh(
         title += f"\n{NO_GAPS}"
     ax.update_datalim(extent(history, factor))
     ax.autoscale_view()
-    legend_below(ax)
+    canvas.legend_below(ax)
     return named(ax, label("$x_1$", "length", units), label("$x_2$", "length", units), title, size="medium")
 
 
@@ -185,9 +157,9 @@ def _friction_arrows(ax: Axes, history: Results, row: int, factor: float) -> flo
     forces = contact.traction[row, shown] * (0.9 * spacing / sizes.max() if sizes.any() else 1.0)
     forces = np.concatenate([forces, -forces[joined]])
     sticks = contact.sticking[row, np.append(shown, shown[joined])]
-    for chosen, colour, word, width in ((sticks, STICK, "sticks", 0.009), (~sticks, SLIP, "slips", 0.004)):
+    for chosen, colour, word, width in ((sticks, style.STICK, "sticks", 0.009), (~sticks, style.SLIP, "slips", 0.004)):
         if chosen.any():
-            draw_arrows(ax, centres[chosen], forces[chosen], colour=colour, pivot="mid", width=width)
+            canvas.draw_arrows(ax, centres[chosen], forces[chosen], colour=colour, pivot="mid", width=width)
         ax.plot([], [], color=colour, linewidth=500 * width, label=word)
     for corner in extent(history, factor):
         ax.update_datalim(corner + margin)
@@ -243,32 +215,35 @@ def stressed_body(
     HistoryError
         There is no stress, or are no forces, of that name.
     """
-    for name, found, known in (("stress", stress, STRESSES), ("forces", forces, FORCES)):
-        if found not in known:
-            raise HistoryError(f"stressed_body: found {name} = {found!r}; there are {', '.join(known)}.")
+    choice(stress, "stressed_body", "stress", list(STRESSES), HistoryError)
+    choice(forces, "stressed_body", "forces", FORCES, HistoryError)
     row, mesh = history.row(step), plane_mesh(history.mesh, "stressed_body", "deformed_body draws it")
     seen, size = within(mesh.centroids, window), _size(mesh.points if window is None else np.transpose(window))
-    ax = axes_or_new(ax, *size_of_page(history))
+    ax = canvas.axes_or_new(ax, *size_of_page(history))
     factor = common_magnification(history, size, magnify, within(mesh.points, window))
     moved = factor * history.displacement[row]
     line = float(np.clip(9.0 / np.sqrt(seen.sum()), 0.0, 0.5))
     words, part = STRESSES[stress]
     values = [part(history, int(n)) for n in history.stored]
     colours, ends = colours_of([found[seen] for found in values], stress)
-    style: dict[str, Any] = {"array": values[row], "cmap": colours, "clim": value_range(limits, ends)}
-    mesh.plot(ax=ax, displacement=moved, linewidth=line, edgecolor="0.35", **style)
-    beyond = pointed(np.concatenate([found[seen] for found in values]), style["clim"])
-    bar_beside(ax, ax.collections[0], beyond).set_label(label(words, "force per area", units), fontsize="small")
+    look: dict[str, Any] = {"array": values[row], "cmap": colours, "clim": style.value_range(limits, ends)}
+    mesh.plot(ax=ax, displacement=moved, linewidth=line, edgecolor="0.35", **look)
+    beyond = canvas.pointed(np.concatenate([found[seen] for found in values]), look["clim"])
+    canvas.bar_beside(ax, ax.collections[0], beyond).set_label(label(words, "force per area", units), fontsize="small")
     for signs in mirrors:
         # No orientation and no check is needed to draw cells; bodies in contact have nodes in the same places.
         image = PolygonMesh.unchecked((mesh.points + moved) * signs, mesh.offsets, mesh.vertices)
-        image.plot(ax=ax, linewidth=0, antialiased=False, **style)
+        image.plot(ax=ax, linewidth=0, antialiased=False, **look)
     touching = _closed_contact(history, row, mesh.points + moved)
     if touching:
-        draw_hatched(ax, [outline * signs for outline in touching for signs in ((1, 1), *mirrors)])
+        canvas.draw_hatched(ax, [outline * signs for outline in touching for signs in ((1, 1), *mirrors)])
     largest = _contact_arrows(ax, history, row, mesh.points + moved, (forces, size, window, stretch))
     title = f"{instant(history.times[row], units)}, displacements × {factor:g}"
-    title += _drawn(largest, forces, bool(touching), bool(history.contact.bound.any()), units=units)
+    if largest:
+        what = "forces of contact" if forces == "contact" else forces
+        title += f", {what} at most {largest:.3g} {unit(units, 'force per length') if units else ''}".rstrip()
+    marks = [CLOSED] * bool(touching) + [ARROWS] * (largest > 0.0 and bool(history.contact.bound.any()))
+    title += "\n" * bool(marks) + "; ".join(marks)
     if _gaps_not_drawn(history, row, factor):
         title += f"\n{NO_GAPS}"
     ax.tick_params(labelsize="small")
@@ -278,14 +253,6 @@ def stressed_body(
     drawn = "" if stretch == 1.0 else f",\n× {stretch:g}"
     y = f"$x_2$ ({unit(units, 'length')}{drawn})"
     return named(ax, label("$x_1$", "length", units), y, title, size="small", window=window, aspect=stretch)
-
-
-def _drawn(largest: float, forces: str, touching: bool, rubs: bool, *, units: Units | None) -> str:
-    """The end of a title: the largest of the forces that are drawn, and the marks of contact."""
-    most = f"{largest:.3g} {unit(units, 'force per length') if units else ''}".rstrip()
-    said = f", {'forces of contact' if forces == 'contact' else forces} at most {most}" if largest else ""
-    told = [CLOSED] * touching + [ARROWS] * (largest > 0.0 and rubs)
-    return said + "\n" * bool(told) + "; ".join(told)
 
 
 def colours_of(stresses: Sequence[Floats], name: str) -> Colours:
@@ -300,10 +267,10 @@ def colours_of(stresses: Sequence[Floats], name: str) -> Colours:
         # The end of a colour map is its darkest, or brightest: one stress everywhere is drawn in its middle.
         top *= 2.0
     if name in UNSIGNED:
-        return SIZE, (0.0, top)
+        return style.SIZE, (0.0, top)
     if low > -0.1 * top:
-        return TENSION, (0.0, top)
-    return (COMPRESSION, (-top, 0.0)) if high < 0.1 * top else (blended(SIGNED), (-top, top))
+        return style.TENSION, (0.0, top)
+    return (style.COMPRESSION, (-top, 0.0)) if high < 0.1 * top else (canvas.blended(style.SIGNED), (-top, top))
 
 
 def _closed_contact(history: Results, row: int, places: Floats) -> list[Floats]:
@@ -354,11 +321,13 @@ def _contact_arrows(
     arrows = every[row, shown] * longest / float(sizes.max()) / [1.0, stretch]
     sticks, rubs = contact.sticking[row, shown], bool(contact.bound.any())
     kinds = (
-        ((sticks, STICK, 0.008), (~sticks, SLIP, 0.004)) if rubs else ((np.ones(len(shown), dtype=bool), PUSH, 0.005),)
+        ((sticks, style.STICK, 0.008), (~sticks, style.SLIP, 0.004))
+        if rubs
+        else ((np.ones(len(shown), dtype=bool), style.PUSH, 0.005),)
     )
     for chosen, colour, width in kinds:
         at, vectors = heads[chosen], arrows[chosen]
-        drawn = draw_arrows(ax, at, vectors, colour=colour, pivot="tip" if together else "mid", width=width)
+        drawn = canvas.draw_arrows(ax, at, vectors, colour=colour, pivot="tip" if together else "mid", width=width)
         drawn.set_in_layout(False)
     ax.update_datalim(np.concatenate([heads - arrows, heads]))
     return largest
@@ -406,14 +375,14 @@ def deformed_body(
     factor = common_magnification(history, _size(mesh.points), magnify)
     stresses = [part(history, int(n))[mesh.face_cells[faces, 0]] for n in history.stored]
     colours, ends = colours_of(stresses, stress)
-    scale = value_range(limits, ends)
+    scale = style.value_range(limits, ends)
     points = mesh.points + factor * history.displacement[row]
     surface = points, *rows_in_order(mesh.face_offsets, mesh.face_vertices, faces)
     image = _rendered(surface, stresses[row], (colours, scale), extent(history, factor), _direction(view))
     height, width = image.shape[:2]
-    ax = axes_or_new(ax, PAGE_IN_SPACE[0], 0.5 + 0.8 * PAGE_IN_SPACE[0] * height / width)
-    beyond = pointed(np.concatenate(stresses), scale)
-    show_image(ax, image, scale_of(colours, scale), label(words, "force per area", units), beyond)
+    ax = canvas.axes_or_new(ax, PAGE_IN_SPACE[0], 0.5 + 0.8 * PAGE_IN_SPACE[0] * height / width)
+    beyond = canvas.pointed(np.concatenate(stresses), scale)
+    canvas.show_image(ax, image, canvas.scale_of(colours, scale), label(words, "force per area", units), beyond)
     return named(ax, "", "", f"{instant(history.times[row], units)}, displacements × {factor:g}", size="small")
 
 
@@ -427,19 +396,11 @@ def _direction(view: ArrayLike) -> Floats:
 
 def has_pyvista() -> bool:
     """Return True if there is something to draw bodies in space with."""
-    try:
-        import pyvista  # noqa: F401
-    except ImportError:
-        return False
-    return True
+    return find_spec("pyvista") is not None
 
 
 def _rendered(
-    surface: tuple[Floats, Ints, Ints],
-    values: Floats,
-    colours: Colours,
-    frame: Floats,
-    towards: Floats,
+    surface: tuple[Floats, Ints, Ints], values: Floats, colours: Colours, frame: Floats, towards: Floats
 ) -> NDArray[np.uint8]:
     """Draw polygons in space, with one value each, in parallel projection: (height, width, 3).
 

@@ -14,43 +14,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
+from vemcvx import canvas
 from vemcvx.arrays import Bools, Floats, Ints, choice
-from vemcvx.canvas import (
-    axes_or_new,
-    colour_bar,
-    distinct,
-    draw_arrows,
-    draw_polygons,
-    figure_of,
-    legend_below,
-    legend_under,
-    light_grid,
-)
 from vemcvx.errors import HistoryError
 from vemcvx.meshes import PolyhedralMesh, plane_mesh
 from vemcvx.meshes.polygons import right_of
-from vemcvx.plots.style import (
-    BACKWARD,
-    EARLY_TO_LATE,
-    FORWARD,
-    MARKERS,
-    OPEN_AREA,
-    PUSH,
-    SIZE,
-    SLIP,
-    SLIP_AREA,
-    STICK,
-    STICK_AREA,
-    Units,
-    Window,
-    idle,
-    instant,
-    label,
-    named,
-    unit,
-    value_range,
-    within,
-)
+from vemcvx.plots import style
+from vemcvx.plots.style import Units, Window, idle, instant, label, named, unit, value_range, within
 from vemcvx.results.contact import Contact
 from vemcvx.results.results import Results
 
@@ -116,16 +86,14 @@ class ContactLine:
         """Return the figure of axes along the line, which go from end to end, with labels, a title and a legend."""
         whole = (self.limits.min(), self.limits.max())
         named(ax, label(self.label, "length", units), y, title, size=size, window=(whole, ends))
-        legend_below(ax)
-        return figure_of(ax)
+        canvas.legend_below(ax)
+        return canvas.figure_of(ax)
 
 
 def contact_line(history: Results, picture: str) -> ContactLine:
     """Return the contact nodes of a plane history laid out, or raise HistoryError if there are none."""
-    contact = history.contact
     mesh = plane_mesh(history.mesh, picture, "contact_face and friction_disc draw contact in space")
-    _require_nodes(contact, picture)
-    normal = np.zeros_like(mesh.points)
+    contact, normal = _with_nodes(history, picture), np.zeros_like(mesh.points)
     normal[contact.nodes] = contact.normals
     edges = mesh.boundaries["boundary"]
     chord = mesh.points[edges[:, 1]] - mesh.points[edges[:, 0]]
@@ -149,9 +117,10 @@ def contact_line(history: Results, picture: str) -> ContactLine:
     return ContactLine(order[turn], position[turn], owned[turn], (sign * tangents)[turn], f"$x_{axis + 1}$")
 
 
-def _require_nodes(contact: Contact, picture: str) -> None:
-    if len(contact.nodes) == 0:
+def _with_nodes(history: Results, picture: str) -> Contact:
+    if len(history.contact.nodes) == 0:
         raise HistoryError(f"{picture}: this history has no contact nodes; the scene names no contact or friction.")
+    return history.contact
 
 
 def _walk(edges: Ints, history: Results) -> tuple[Ints, Floats]:
@@ -203,8 +172,8 @@ def friction_traction(
     traction = line.along(contact.traction[row])
     touches, still = ~idle(history)[row, line.order], contact.sticking[row, line.order]
     sticks, slips = touches & still, touches & ~still
-    kinds = (sticks, STICK, "o", "stick"), (slips, SLIP, "s", "slip")
-    ax = axes_or_new(ax, 6.4, 3.6)
+    kinds = (sticks, style.STICK, "o", "stick"), (slips, style.SLIP, "s", "slip")
+    ax = canvas.axes_or_new(ax, 6.4, 3.6)
     for chosen, colour, _, state in kinds:
         for start, stop in line.spans(chosen):
             # Hatched, for print in grey.
@@ -214,19 +183,22 @@ def friction_traction(
     forward, backward = contact.bound[row, line.order], contact.backward[row, line.order]
     top = _reach(contact)
     ends = value_range(limits, (-top, top))
-    far = _off_axis(np.minimum(forward, backward), min(-ends[0], ends[1]), units)
+    bounds, far = np.minimum(forward, backward), ""
+    if bounds.min() > min(-ends[0], ends[1]):
+        far = f" off the axis, {bounds.min():.3g} {unit(units, 'force per length') if units else ''}".rstrip()
+        far += " or more" * bool(np.ptp(bounds) > 0)
     for bound, name in (
         (np.where(onward, backward, forward), f"bound $\\pm g${far}"),
         (-np.where(onward, forward, backward), None),
     ):
         ax.plot(*line.broken(bound), color="black", linestyle="--", linewidth=1.2, label=name)
     ax.plot(*line.broken(traction), color="0.35", linewidth=1.0, zorder=1.5)
-    style = {"linestyle": "none", "markersize": np.clip(150 / len(sticks), 1.5, 4), "clip_on": False, "zorder": 3}
+    marks = {"linestyle": "none", "markersize": np.clip(150 / len(sticks), 1.5, 4), "clip_on": False, "zorder": 3}
     for chosen, colour, marker, word in kinds:
         if chosen.any():
-            ax.plot(line.position[chosen], traction[chosen], marker=marker, color=colour, label=word, **style)
+            ax.plot(line.position[chosen], traction[chosen], marker=marker, color=colour, label=word, **marks)
     gone = "" if touches.all() else f", {(~touches).sum()} are open"
-    light_grid(ax)
+    canvas.light_grid(ax)
     did = f"{sticks.sum()} contact nodes stick, {slips.sum()} slip" if rubs(history) else "there is no friction"
     title = f"{instant(history.times[row], units)}: {did}{gone}"
     words = label("friction on the body\n", "force per length", units)
@@ -236,19 +208,10 @@ def friction_traction(
 def _reach(contact: Contact) -> float:
     """Where an axis of friction ends: beyond bound and friction, or where bounds are far beyond the friction."""
     friction = float(np.abs(contact.traction).max(initial=0.0))
-    bound = max(float(np.abs(force).max(initial=0.0)) for force in (contact.bound, contact.backward))
+    bound = float(np.abs([contact.bound, contact.backward]).max(initial=0.0))
     # Within a fifth of the axis friction is still seen, and rounding is not to be.
     far = 1e-8 * bound < friction < 0.2 * bound
     return 1.2 * (friction if far else max(bound, friction)) or 1.0
-
-
-def _off_axis(bound: Floats, end: float, units: Units | None) -> str:
-    """Words for bounds (m,) that all lie beyond the end of an axis of forces; empty where some are seen."""
-    least, most = float(bound.min()), float(bound.max())
-    if least <= end:
-        return ""
-    size = f"{least:.3g} {unit(units, 'force per length') if units else ''}".rstrip()
-    return f" off the axis, {size}{' or more' if most > least else ''}"
 
 
 def rubs(history: Results) -> bool:
@@ -257,7 +220,11 @@ def rubs(history: Results) -> bool:
     return bool(contact.bound.any() or contact.backward.any() or contact.traction.any())
 
 
-STATES = ((-1, BACKWARD, "slip towards smaller {}"), (0, STICK_AREA, "stick"), (1, FORWARD, "slip towards larger {}"))
+STATES = (
+    (-1, style.BACKWARD, "slip towards smaller {}"),
+    (0, style.STICK_AREA, "stick"),
+    (1, style.FORWARD, "slip towards larger {}"),
+)
 
 
 def stick_slip_map(history: Results, *, ax: Axes | None = None, units: Units | None = None) -> Figure:
@@ -277,9 +244,9 @@ def stick_slip_map(history: Results, *, ax: Axes | None = None, units: Units | N
     """
     line, steps = contact_line(history, "stick_slip_map"), _later(history, "stick_slip_map")
     states = directions(history, line)
-    ax = axes_or_new(ax, 6.4, 4.2)
+    ax = canvas.axes_or_new(ax, 6.4, 4.2)
     edges = history.trajectory.times[np.concatenate([[0], steps])]
-    colours = distinct([colour for _, colour, _ in STATES])
+    colours = canvas.distinct([colour for _, colour, _ in STATES])
     # What no node owns, between the columns, is left blank.
     drawn = np.insert(states, range(1, states.shape[1]), np.nan, axis=1)
     ax.pcolormesh(line.limits.ravel(), edges, drawn, cmap=colours, vmin=-1.5, vmax=1.5)
@@ -370,19 +337,19 @@ def along_contact(
         The history has no contact, or no step; or too many steps are asked for, or what there is no picture of.
     """
     choice(show, "along_contact", "show", list(PROFILES), HistoryError)
-    picture, most = "wear" if show == "wear" else "along_contact", len(EARLY_TO_LATE)
+    picture, most = "wear" if show == "wear" else "along_contact", len(style.EARLY_TO_LATE)
     line, later = contact_line(history, picture), _later(history, picture)
     evenly = later[np.unique(np.linspace(0, len(later), min(most, len(later)) + 1)[1:].round().astype(int)) - 1]
     rows = [history.row(step) for step in (evenly.tolist() if steps is None else steps)]
     if not 0 < len(rows) <= most:
         raise HistoryError(f"{picture}: found {len(rows)} steps; it draws 1 to {most} of them.")
     quantity, words, title, found = PROFILES[show]
-    values, ax = found(history, line), axes_or_new(ax, 6.4, 3.6)
-    for row, colour, mark in zip(rows, EARLY_TO_LATE[-len(rows) :], MARKERS, strict=False):
+    values, ax = found(history, line), canvas.axes_or_new(ax, 6.4, 3.6)
+    for row, colour, mark in zip(rows, style.EARLY_TO_LATE[-len(rows) :], style.MARKERS, strict=False):
         (drawn,) = ax.plot(*line.broken(values[row]), f"{mark}-", color=colour, linewidth=1.4, markersize=3.5)
         drawn.set(label=instant(history.times[row], units), markevery=max(1, len(line.order) // 30))
     low, high = min(0.0, float(values.min())), max(0.0, float(values.max()))
-    light_grid(ax)
+    canvas.light_grid(ax)
     ends = value_range(limits, (1.05 * low, 1.05 * high if high > low else 1.0))
     return line.framed(ax, label(f"{words.format(line.symbol)}\n", quantity, units), title, units, ends)
 
@@ -424,17 +391,11 @@ class FaceLayout:
 
 
 def face_layout(history: Results, picture: str) -> FaceLayout:
-    """Return the contact nodes of a history in space laid out.
-
-    Raises
-    ------
-    HistoryError
-        There are none, the body is plane, or contact goes round it.
-    """
-    contact, mesh = history.contact, history.mesh
+    """The contact nodes of a history in space laid out; HistoryError where there are none, or no view shows them."""
+    mesh = history.mesh
     if not isinstance(mesh, PolyhedralMesh):
         raise HistoryError(f"{picture}: this body is plane; friction_traction and stick_slip_map draw its contact.")
-    _require_nodes(contact, picture)
+    contact = _with_nodes(history, picture)
     if not seen(contact):
         raise HistoryError(hidden(picture))
     frame, labels = _frame(contact.normals.mean(axis=0))
@@ -484,7 +445,7 @@ def _parts(contact: Contact, mesh: PolyhedralMesh) -> tuple[Floats, Ints]:
     return quadrilaterals[held >= 0], held[held >= 0]
 
 
-AREAS = {"sticks": STICK_AREA, "slips": SLIP_AREA, "is open": OPEN_AREA}
+AREAS = {"sticks": style.STICK_AREA, "slips": style.SLIP_AREA, "is open": style.OPEN_AREA}
 FIELDS: dict[str, tuple[str, str, Callable[[Results], Floats]]] = {
     "pressure": ("force per area", "contact pressure", pressures),
     "friction": ("force per area", "friction", lambda history: np.linalg.norm(history.contact.traction, axis=2)),
@@ -527,27 +488,32 @@ def contact_face(
     """
     row, layout, contact = history.row(step), face_layout(history, "contact_face"), history.contact
     choice(show, "contact_face", "show", ["states", *FIELDS], HistoryError)
-    ax = axes_or_new(ax, 6.0, 5.0)
+    ax = canvas.axes_or_new(ax, 6.0, 5.0)
     # Numbers of `AREAS`.
     states = np.where(idle(history)[row], 2, np.where(contact.sticking[row], 0, 1))
     if show == "states":
-        draw_polygons(ax, layout.corners, [list(AREAS.values())[state] for state in states[layout.owners]])
+        canvas.draw_polygons(ax, layout.corners, [list(AREAS.values())[state] for state in states[layout.owners]])
         for state, (words, colour) in enumerate(AREAS.items()):
             if (states == state).any():
                 ax.plot([], [], "s", color=colour, markeredgecolor="0.6", markersize=8, label=words)
-        legend_under(ax)
+        canvas.legend_under(ax)
     else:
         quantity, words, values = FIELDS[show]
         field = values(history)
-        drawn = draw_polygons(ax, layout.corners, None)
+        drawn = canvas.draw_polygons(ax, layout.corners, None)
         drawn.set_array(field[row, layout.owners])
         ends = value_range(limits, (min(0.0, float(field.min())), float(field.max()) or 1.0))
-        drawn.set(cmap=SIZE, clim=ends)
-        colour_bar(ax, drawn, label(words, quantity, units))
+        drawn.set(cmap=style.SIZE, clim=ends)
+        canvas.colour_bar(ax, drawn, label(words, quantity, units))
     shown = np.flatnonzero((states == 1) & within(layout.places, window) & (row > 0))
     moved = layout.flat(contact.slip[row] - contact.slip[max(row - 1, 0)])[shown]
     size = float(np.ptp(layout.places if window is None else np.transpose(window), axis=0).max())
-    largest = _slip_arrows(ax, layout.places[shown], moved, size)
+    places, largest = layout.places[shown], float(np.linalg.norm(moved, axis=1).max(initial=0.0))
+    if largest > 0.0:
+        # One in each square of a grid of 14, so that what is left out is left out evenly.
+        _, kept = np.unique(np.floor((places - places.min(axis=0)) * 14 / size + 0.5), axis=0, return_index=True)
+        arrows = moved[kept] * 0.085 * size / largest
+        canvas.draw_arrows(ax, places[kept], arrows, colour=style.PUSH, pivot="mid", width=0.005).set_in_layout(False)
     ax.locator_params(nbins=5)
     if window is None:
         ax.autoscale_view()
@@ -557,17 +523,6 @@ def contact_face(
     told = f", slip {since} at most {most}" if largest else ""
     x, y = (label(words, "length", units) for words in layout.labels)
     return named(ax, x, y, f"{instant(history.times[row], units)}{told}", size="small", window=window, aspect="equal")
-
-
-def _slip_arrows(ax: Axes, places: Floats, moved: Floats, size: float) -> float:
-    """Draw slips (k, 2) of nodes on a picture of that size; return the largest, 0 if none did."""
-    largest = float(np.linalg.norm(moved, axis=1).max(initial=0.0))
-    if largest > 0.0:
-        # One in each square of a grid of 14, so that what is left out is left out evenly.
-        _, kept = np.unique(np.floor((places - places.min(axis=0)) * 14 / size + 0.5), axis=0, return_index=True)
-        arrows = moved[kept] * 0.085 * size / largest
-        draw_arrows(ax, places[kept], arrows, colour=PUSH, pivot="mid", width=0.005).set_in_layout(False)
-    return largest
 
 
 def friction_disc(history: Results, step: int = -1, *, ax: Axes | None = None, units: Units | None = None) -> Figure:
@@ -588,17 +543,17 @@ def friction_disc(history: Results, step: int = -1, *, ax: Axes | None = None, u
         raise HistoryError(f"friction_disc: there is no friction at step {history.stored[row]}; draw another step.")
     share = layout.flat(contact.traction[row, rubs]) / contact.bound[row, rubs, None]
     sticks = contact.sticking[row, rubs]
-    ax = axes_or_new(ax, 5.0, 5.0)
+    ax = canvas.axes_or_new(ax, 5.0, 5.0)
     angle = np.linspace(0.0, 2.0 * np.pi, 241)
     ax.plot(np.cos(angle), np.sin(angle), "--", color="black", linewidth=1.2, label="bound", zorder=2)
-    for chosen, colour, marker, word in ((sticks, STICK, "o", "sticks"), (~sticks, SLIP, "s", "slips")):
+    for chosen, colour, marker, word in ((sticks, style.STICK, "o", "sticks"), (~sticks, style.SLIP, "s", "slips")):
         if chosen.any():
             rays = np.full((chosen.sum(), 3, 2), [[0.0], [0.0], [np.nan]])
             rays[:, 1] = share[chosen]
             ax.plot(*rays.reshape(-1, 2).T, color=colour, linewidth=0.5, alpha=0.35, zorder=1.5)
             ax.plot(*share[chosen].T, marker, color=colour, markersize=4, label=word, zorder=3)
-    light_grid(ax)
-    legend_under(ax)
+    canvas.light_grid(ax)
+    canvas.legend_under(ax)
     title = f"{instant(history.times[row], units)}: {sticks.sum()} contact nodes stick, {(~sticks).sum()} slip"
     x = f"friction on the body / bound, along {layout.labels[0]}"
     disc: Window = ((-1.15, 1.15), (-1.15, 1.15))

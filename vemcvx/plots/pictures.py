@@ -21,20 +21,9 @@ from vemcvx.canvas import axes_or_new, bar_beside, figure_of, film_writer, legen
 from vemcvx.errors import HistoryError
 from vemcvx.meshes import PolyhedralMesh, plane_mesh
 from vemcvx.owned_files import path_of
+from vemcvx.plots import contact
 from vemcvx.plots.body import MISSING, deformed_body, deformed_mesh, has_pyvista, size_of_page, stressed_body
-from vemcvx.plots.contact import (
-    along_contact,
-    contact_face,
-    friction_disc,
-    friction_traction,
-    hidden,
-    pressures,
-    rubs,
-    seen,
-    slips,
-    stick_slip_map,
-    wear,
-)
+from vemcvx.plots.contact import pressures, rubs, slips, wear
 from vemcvx.plots.style import DISSIPATED, NUMERICAL, STORED, WORK, Units, instant, label, named, unit, value_range
 from vemcvx.results.loop import loop_of
 from vemcvx.results.results import Results
@@ -143,10 +132,7 @@ def error_map(history: Results, *, ax: Axes | None = None, units: Units | None =
 
 def _certificates(ax: Axes, history: Results) -> None:
     run = history.trajectory
-    lines = (
-        (run.certified, STORED, "o", "each step"),
-        (run.certified_total, DISSIPATED, "-", "all steps so far"),
-    )
+    lines = (run.certified, STORED, "o", "each step"), (run.certified_total, DISSIPATED, "-", "all steps so far")
     ax.set(ylabel="relative energy error, at most", title="Certificate", yscale="log")
     for values, colour, style, words in lines:
         shown = np.isfinite(values) & (values > 0)
@@ -219,36 +205,29 @@ def _plane(history: Results) -> bool:
     return not isinstance(history.mesh, PolyhedralMesh)
 
 
-def _touches(history: Results) -> bool:
-    return len(history.contact.nodes) > 0
-
-
 def _moves(history: Results) -> bool:
     return bool((history.stored > 0).any())
 
 
 def _face(history: Results) -> bool:
-    return not _plane(history) and _touches(history) and seen(history.contact)
+    return not _plane(history) and len(history.contact.nodes) > 0 and contact.seen(history.contact)
 
 
 def _along(history: Results) -> bool:
-    return _plane(history) and _touches(history) and _moves(history)
+    return _plane(history) and len(history.contact.nodes) > 0 and _moves(history)
 
 
-PICTURES: dict[str, tuple[Callable[..., Figure], Callable[[Results], bool]]] = {
+PICTURES: dict[str, tuple[Callable[..., Figure], Callable[[Results], bool | np.bool_]]] = {
     "deformed_mesh": (deformed_mesh, _plane),
     "stressed_body": (_stressed_page, _plane),
-    "contact_pressure": (
-        partial(along_contact, show="pressure"),
-        lambda h: _along(h) and bool(pressures(h).any()),
-    ),
-    "contact_slip": (partial(along_contact, show="slip"), lambda h: _along(h) and bool(slips(h).any())),
-    "friction_traction": (friction_traction, lambda h: _plane(h) and rubs(h)),
-    "stick_slip_map": (stick_slip_map, _along),
-    "wear": (wear, lambda h: _plane(h) and _moves(h) and bool(h.contact.wear.any())),
+    "contact_pressure": (partial(contact.along_contact, show="pressure"), lambda h: _along(h) and pressures(h).any()),
+    "contact_slip": (partial(contact.along_contact, show="slip"), lambda h: _along(h) and slips(h).any()),
+    "friction_traction": (contact.friction_traction, lambda h: _plane(h) and rubs(h)),
+    "stick_slip_map": (contact.stick_slip_map, _along),
+    "wear": (wear, lambda h: _plane(h) and _moves(h) and h.contact.wear.any()),
     "deformed_body": (deformed_body, lambda h: not _plane(h) and has_pyvista()),
-    "contact_face": (contact_face, _face),
-    "friction_disc": (friction_disc, lambda h: _face(h) and bool((h.contact.bound[-1] > 0).any())),
+    "contact_face": (contact.contact_face, _face),
+    "friction_disc": (contact.friction_disc, lambda h: _face(h) and (h.contact.bound[-1] > 0).any()),
     "error_map": (error_map, lambda h: _plane(h) and h.cell_bounds is not None),
     "hysteresis_loop": (hysteresis_loop, lambda h: _moves(h) and loop_of(h) is not None),
     "energy_ledger": (energy_ledger, _moves),
@@ -266,8 +245,8 @@ def left_out(history: Results) -> dict[str, str]:
     """Pictures that there would be, by name, and why there are not."""
     if _plane(history):
         return {}
-    around = _touches(history) and not seen(history.contact)
-    faces = {name: hidden(name) for name in ("contact_face", "friction_disc") if around}
+    around = len(history.contact.nodes) > 0 and not contact.seen(history.contact)
+    faces = {name: contact.hidden(name) for name in ("contact_face", "friction_disc") if around}
     return ({} if has_pyvista() else {"deformed_body": MISSING}) | faces
 
 
@@ -381,7 +360,7 @@ def animate(
     rate = round(min(max(len(history.stored) / length, 1.0), 50.0))
     figure = new_figure(*size_of_page(history))
     writer = film_writer(kinds[path.suffix], rate)
-    frames = _frames(history, figure, (magnify, limits, units))
+    frames = _frames(history, figure, magnify=magnify, limits=limits, units=units)
     # The first frame tells whether all is as it should be before a file of that name is replaced.
     next(frames)
     try:
@@ -394,14 +373,10 @@ def animate(
     return path
 
 
-def _frames(
-    history: Results, figure: Figure, how: tuple[float | None, ArrayLike | None, Units | None]
-) -> Iterator[None]:
+def _frames(history: Results, figure: Figure, **how: Any) -> Iterator[None]:
     """Draw one stored step after another on the figure."""
-    magnify, limits, units = how
     draw = deformed_mesh if _plane(history) else deformed_body
     for step in history.stored:
         figure.clear()
-        ax = figure.add_subplot()
-        draw(history, int(step), ax=ax, magnify=magnify, limits=limits, units=units)
+        draw(history, int(step), ax=figure.add_subplot(), **how)
         yield

@@ -30,14 +30,9 @@ def most_unpacked(size: int) -> int:
 
 
 def read_arrays(path: Path) -> Arrays:
-    """Every array of an archive.
+    """Every array of an archive; ValueError, or whatever numpy and zipfile stumble over, where it is damaged.
 
-    Raises
-    ------
-    ValueError
-        It unpacks to more than 200 times its size, or holds what is no array of numbers, truth values or words.
-    Exception
-        It is damaged: whatever numpy, zipfile or the parser of headers stumbles over.
+    One that unpacks to more than 200 times its size, or holds what is no array of numbers or words, is refused.
     """
     # Opened here, because numpy leaves a damaged file open.
     with path.open("rb") as stream, NpzFile(stream, allow_pickle=False) as file:
@@ -68,10 +63,7 @@ def arrays_of(record: Any, without: str, prefix: str = "") -> Iterator[tuple[str
 def record_of(kind: type, arrays: Arrays, known: Mapping[str, Any], prefix: str = "") -> Any:
     """The record of arrays under the paths of its fields; fields that are `known`, by their paths, go in as they are.
 
-    Raises
-    ------
-    KeyError
-        A field is missing that may not be None.
+    KeyError where a field is missing that may not be None.
     """
     hints, values = get_type_hints(kind), {}
     for field in fields(kind):

@@ -32,13 +32,7 @@ CELL_STYLE = {"edgecolor": "0.25", "facecolor": "0.93", "linewidth": 0.5}
 
 
 def new_figure(width: float = 6.4, height: float = 4.8) -> Figure:
-    """Return an empty figure, sizes in inches; ``figure.savefig(path)`` writes it, a notebook shows it.
-
-    Raises
-    ------
-    VemcvxError
-        matplotlib is not installed.
-    """
+    """Return an empty figure, sizes in inches; ``figure.savefig(path)`` writes it; VemcvxError without matplotlib."""
     try:
         return _figure_class()(figsize=(width, height), layout="constrained")
     except ImportError:

@@ -267,13 +267,7 @@ class History(Results, Outlined):
 
 
 def scene_of(history: object, subject: str) -> Scene:
-    """The scene of a history that was simulated here.
-
-    Raises
-    ------
-    HistoryError
-        This is no history, or one that was read from files, so that its scene is not known.
-    """
+    """The scene of a history; HistoryError where it was read from files, which do not keep scenes, or is none."""
     if not isinstance(history, History):
         raise HistoryError(f"{subject}: found {brief(history)} where a History is wanted.")
     if history.scene is None:

@@ -40,16 +40,8 @@ BUSY = (errno.EACCES, errno.EAGAIN, errno.EDEADLK)
 class Owned:
     """Our files in a folder, which is made if need be; to be closed, or used by ``with``.
 
-    Parameters
-    ----------
-    path : Path
-    kinds : str
-        Names of the files that may be ours, as a regular expression without separators of paths.
-
-    Raises
-    ------
-    HistoryError
-        The folder cannot be made or written to, somebody else is at work there, or its mark is not one of ours.
+    `kinds` are the names of the files that may be ours, a regular expression without separators of paths. HistoryError
+    where the folder cannot be made or written to, somebody else is at work there, or its mark is none of ours.
     """
 
     def __init__(self, path: Path, kinds: str = ANY_KIND):
@@ -88,13 +80,7 @@ class Owned:
         self.close()
 
     def take(self, name: str) -> Path:
-        """The path of a file of that name, ours from now on.
-
-        Raises
-        ------
-        HistoryError
-            It is somebody else's.
-        """
+        """The path of a file of that name, ours from now on; HistoryError where it is somebody else's."""
         path = self.path / name
         if os.path.lexists(path) and (name not in self.names or not _is_file(path)):
             raise self._foreign(name)
@@ -157,13 +143,7 @@ class Owned:
 
 
 def path_of(raw: object, subject: str) -> Path:
-    """The path that `raw` names.
-
-    Raises
-    ------
-    HistoryError
-        It names none.
-    """
+    """The path that `raw` names, or HistoryError."""
     try:
         text = os.fspath(raw) if isinstance(raw, (str, os.PathLike)) else None
         if isinstance(text, str) and text and b"\0" not in os.fsencode(text):
@@ -182,15 +162,7 @@ def _is_file(path: Path) -> bool:
 
 
 def _locked(path: Path) -> int:
-    """A descriptor of the file, which is made if need be, and its folder; nobody else has one.
-
-    Raises
-    ------
-    BlockingIOError
-        Somebody holds it.
-    OSError
-        It cannot be made.
-    """
+    """A descriptor of the file, made with its folder if need be; BlockingIOError where somebody else has one."""
     while True:
         path.parent.mkdir(parents=True, exist_ok=True)
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o666)

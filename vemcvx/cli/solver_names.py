@@ -134,12 +134,7 @@ def named_linear(name: str | None) -> LinearSolver | None:
 def on_threads(threads: int | None, linear: str | None = None) -> Iterator[None]:
     """As many threads for PARDISO within, here and in processes that are started; None leaves that to the environment.
 
-    Raises
-    ------
-    ProblemError
-        The linear solver of the name `linear` has one thread.
-    NotAccepted
-        There is no threaded oneMKL.
+    ProblemError where the linear solver of the name `linear` has one thread; NotAccepted without a threaded oneMKL.
     """
     if threads is None:
         yield
@@ -160,10 +155,7 @@ def on_threads(threads: int | None, linear: str | None = None) -> Iterator[None]
 def served(linear: str | None, runs: int = 1) -> bool:
     """Under mpiexec, hold PETSc's rows until rank 0 ends, on all other ranks; False at once where there is more to do.
 
-    Raises
-    ------
-    ProblemError
-        Several `runs` are asked for, which have processes of their own.
+    ProblemError where several `runs` are asked for, which have processes of their own.
     """
     if linear is None or linear.lower() != "petsc":
         return False

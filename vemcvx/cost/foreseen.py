@@ -169,13 +169,7 @@ def foreseen(
 def check_fits(
     growth: Growth, n: int, steps: int, stored: int, linear: LinearSolver | None, *, folder: Path | None
 ) -> Foreseen:
-    """Return what a run takes that keeps its stored steps in `folder`, or in memory.
-
-    Raises
-    ------
-    ProblemError
-        The machine has not as much memory, or the disk not as much room.
-    """
+    """What a run takes that keeps its stored steps in `folder`, or in memory; ProblemError where it does not fit."""
 
     def at(n: int, stored: int = stored) -> Foreseen:
         return foreseen(growth, n, steps, stored, linear, streamed=folder is not None)

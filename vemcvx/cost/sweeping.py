@@ -55,29 +55,12 @@ def sweep(
 ) -> Sweep:
     """Run all points of a grid that the folder's journal does not hold.
 
-    Parameters
-    ----------
-    recipe : Recipe
-        The ingredients of points; it can be pickled, and workers can import its module.
-    grid : Grid
-        The points.
-    folder : path
-        The folder of the journal and the reference.
-    workers : int
-        The number of processes here.
-    scheduler : str, optional
-        The address of a dask.distributed scheduler, whose workers are taken instead.
-    fresh : bool
-        True begins anew, whatever the folder holds.
-    told : callable (what, finished, all), optional
-        A function that is called when something is finished.
+    The `recipe` makes the ingredients of points; it can be pickled, and `workers` processes here, or those of the
+    dask.distributed `scheduler` at an address, can import its module. The `folder` has the journal and the reference;
+    `fresh` begins anew, whatever it holds. `told` (what, finished, all) is called when something is finished.
 
-    Raises
-    ------
-    ProblemError
-        The scheduler does not answer, or the reference cannot be computed.
-    HistoryError
-        The folder cannot be written to, another sweep is on there, or it holds files of others by the names of ours.
+    ProblemError where the scheduler does not answer, or the reference cannot be computed; HistoryError where the folder
+    cannot be written to, another sweep is on there, or it holds files of others by the names of ours.
     """
     told = told or (lambda *_: None)
     with Owned(path_of(folder, "cost").resolve()) as files, pool(workers, scheduler) as run:

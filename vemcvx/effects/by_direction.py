@@ -93,10 +93,7 @@ class Ellipse:
     def vectors(self, normals: Floats, times: Sequence[float]) -> Floats:
         """The vectors e and r c (m, 2, 3) of each row.
 
-        Raises
-        ------
-        SceneError
-            The direction is along the normal somewhere; r is infinite, or changes between any two of `times`.
+        SceneError where the direction is along the normal; where r is infinite, or changes between any two of `times`.
         """
         size = np.linalg.norm(self.direction, axis=1)
         first = self.direction - np.einsum("mi,mi->m", self.direction, normals)[:, None] * normals

@@ -105,13 +105,7 @@ class Ground:
 
     @classmethod
     def of(cls, value: data.Datum | None, subject: str, points: Floats, partners: Ints) -> Ground | None:
-        """The ground of a friction effect; None if it stands still.
-
-        Raises
-        ------
-        SceneError
-            It is a constant, which moves nothing, or another body is there.
-        """
+        """The ground of a friction effect; None if it stands still. SceneError for a constant, or on an interface."""
         if value is None:
             return None
         if (partners >= 0).any():

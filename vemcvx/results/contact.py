@@ -165,15 +165,7 @@ def _count(nodes: Bools) -> Ints:
 
 
 def contact_history(posed: PosedScene, trajectory: Trajectory, u: Floats, forces: Floats) -> Contact:
-    """The contact boundary at the stored instants.
-
-    Parameters
-    ----------
-    posed : PosedScene
-    trajectory : Trajectory
-    u, forces : (S, n_nodes, dim) arrays
-        Displacements, and nodal forces A u - f.
-    """
+    """The contact boundary at the stored instants, from displacements and forces A u - f (S, n_nodes, dim) of nodes."""
     surface, terms, m = posed.surface, posed.terms, len(posed.surface.nodes)
     normals, at = surface.normals, surface.find(terms)
     length, force, cohesion = _friction_on_nodes(terms, trajectory.multipliers, at, normals)
@@ -390,18 +382,10 @@ def _runs(ends: Ints, lengths: Floats, hangs: Bools) -> Floats:
 
 
 def recovered(forces: Floats, lengths: Floats, sides: ContactSides, closed: Bools, *, presses: bool) -> Floats:
-    """Forces (S, m) on nodes as recovered forces per length.
+    """Forces (S, m) on nodes, with int phi_i as lengths (m,), as recovered forces per length.
 
-    Parameters
-    ----------
-    forces : (S, m) array
-    lengths : (m,) array
-        int phi_i, positive.
-    sides : ContactSides
-    closed : (S, m) bool array
-        The nodes to which stretches go, at each instant.
-    presses : bool
-        Whether a stretch with no negative forces has no negative values.
+    At each instant stretches go to the nodes that are `closed`, (S, m). If it `presses`, a stretch without negative
+    forces has no negative values.
     """
     found = forces / lengths
     patterns, of = np.unique(closed, axis=0, return_inverse=True)

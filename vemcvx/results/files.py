@@ -91,13 +91,7 @@ def write_archive(history: Results, path: Path) -> None:
 
 
 def read_archive(path: Path) -> Results:
-    """Read what :func:`write_archive` wrote.
-
-    Raises
-    ------
-    HistoryError
-        The file is damaged, foreign, or of another format.
-    """
+    """Read what :func:`write_archive` wrote; HistoryError where the file is damaged, foreign, or of another format."""
     try:
         arrays = read_arrays(path)
     except Exception as error:  # damage shows as whatever numpy, zipfile or the parser of headers stumbles over
@@ -311,30 +305,11 @@ def write_results(
     probes: ArrayLike | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Path:
-    """Write a history to a folder, which is made if need be; an older history in it is replaced.
+    """Write a history to a folder, which is made if need be and returned; an older history in it is replaced.
 
-    Parameters
-    ----------
-    history : Results
-    folder : str or Path
-    origin : Origin, optional
-        What the summary says of the problem and the family of meshes.
-    probes : (p, dim) points, optional
-        Of the body; the displacements there are written, too.
-    progress : callable (written, stored), optional
-        A function that is told of every step written.
-
-    Returns
-    -------
-    Path
-        The folder.
-
-    Raises
-    ------
-    HistoryError
-        The folder cannot be made or written to, somebody else is writing to it, or holds files of other things there.
-    SceneError
-        A probe is no point of the body.
+    The summary names problem and mesh by their `origin`; displacements at `probes`, points (p, dim) of the body, are
+    written, too; `progress` (written, stored) hears of every step. HistoryError where the folder cannot be written to,
+    somebody else is writing there, or it holds other files of these names; SceneError for a probe outside the body.
     """
     if not isinstance(history, Results):
         raise HistoryError(f"write: found {brief(history)}; wanted a History, such as simulate(...) returns.")
@@ -453,13 +428,7 @@ def _is_archive(path: Path) -> bool:
 
 
 def writable_folder(folder: str | Path) -> Path:
-    """The folder, made if need be.
-
-    Raises
-    ------
-    HistoryError
-        It is a file, or may not be written to.
-    """
+    """The folder, made if need be; HistoryError where it is a file, or may not be written to."""
     folder = path_of(folder, "write")
     try:
         folder.mkdir(parents=True, exist_ok=True)

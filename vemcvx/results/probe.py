@@ -103,13 +103,7 @@ class Places:
 
 
 def places(mesh: AnyMesh, points: ArrayLike, subject: str) -> Places:
-    """The places of points (p, dim) in the body.
-
-    Raises
-    ------
-    SceneError
-        They are not points, or one lies outside the body; `subject` asked.
-    """
+    """The places of points (p, dim) in the body; SceneError for what is none, or outside. `subject` asked."""
     x = _points(points, mesh.points.shape[1], subject)
     nodes, cells = solid_places(Space(mesh), mesh, x) if isinstance(mesh, PolyhedralMesh) else _in_plane(mesh, x)
     out = np.flatnonzero(np.diff(cells.indptr) == 0)

@@ -55,14 +55,10 @@ SINGULAR = "von_mises", "largest_principal_stress", "smallest_principal_stress",
 def growth(sizes: Sequence[float], values: Sequence[float]) -> str:
     """The sentence where the values on ever finer meshes grow at a rate that hardly falls; empty where they do not.
 
-    Towards a limit the rates log(v_k+1 / v_k) / log(h_k / h_k+1) fall by half, or by 2^.5, where cells are halved;
-    where stress grows like r^-a they come near a. Two rates tell: the last is at least .05, and .75 of the one before.
-    Meshes on which the size h is that of the one before say nothing new.
-
-    Parameters
-    ----------
-    sizes : of the cells where the value stands, from the coarsest mesh on
-    values : on these meshes
+    `sizes` are of the cells where the values stand, from the coarsest mesh on. Towards a limit the rates
+    log(v_k+1 / v_k) / log(h_k / h_k+1) fall by half, or by 2^.5, where cells are halved; where stress grows like r^-a
+    they come near a. Two rates tell: the last is at least .05, and .75 of the one before. Meshes on which the size h is
+    that of the one before say nothing new.
     """
     finer = [(h, abs(v)) for h, v in zip(sizes, values, strict=True) if v]
     kept: list[tuple[float, float]] = []

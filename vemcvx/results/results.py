@@ -515,10 +515,7 @@ def with_origin(
 def programs_of_steps(history: Results, numbers: Sequence[int], condense: bool = True) -> Iterator[SolvedProgram]:
     """The programs of these steps, with one factorisation.
 
-    Raises
-    ------
-    HistoryError
-        The history has no scene, no such step, or has not stored the states before and after one.
+    HistoryError where the history has no scene, no such step, or has not stored the states before and after one.
     """
     if history.scene is None:
         raise HistoryError(

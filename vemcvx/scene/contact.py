@@ -385,10 +385,7 @@ def _limits(table: ContactRows, compliance: Floats) -> tuple[Ints, Ints]:
 def pressing(obstacles: Obstacles, friction: Friction, rows: ContactRows, supports: Supports) -> sp.csr_matrix:
     """(rows of `friction`, r) which limits press on which rows, each with the share of its edges that rub there, too.
 
-    Raises
-    ------
-    SceneError
-        Nothing presses where friction depends on the pressure and the node is free to move.
+    SceneError where nothing presses on a node that is free to move, and friction depends on the pressure.
     """
     M, free = rows.shares(obstacles), normal_is_free(rows, supports)
     bare = (np.diff(M.indptr) == 0) & (free | (len(obstacles) == 0))

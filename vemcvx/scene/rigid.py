@@ -151,18 +151,8 @@ def floating_motions(
     """The motions without strain that no support resists but friction does; None if there are none.
 
     Besides, whether each is one of bodies that interfaces touch: to be held by contact is the normal case there.
-
-    Parameters
-    ----------
-    friction : (rows, n) sparse matrix
-        What norm terms and limits feel of the free unknowns.
-    springs : (n_u, n_u) sparse matrix, optional
-        Stiffness that is no material's, over all nodal values.
-
-    Raises
-    ------
-    SceneError
-        A connected part of the body can move without strain and without friction; the motion is named.
+    `friction` (rows, n) is what norm terms and limits feel of the free unknowns, `springs` (n_u, n_u) stiffness that is
+    no material's. SceneError names a motion of a connected part that meets neither strain nor friction.
     """
     piece, node = _pieces(space)
     count = np.bincount(node, minlength=space.mesh.n_nodes)

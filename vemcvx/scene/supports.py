@@ -89,13 +89,7 @@ class Supports:
         return self.P.T @ f if self.columns is None else f[self.columns]
 
     def motion(self, t: float) -> Floats:
-        """The held displacement u_D (n_u,) at the instant `t`, read-only.
-
-        Raises
-        ------
-        SceneError
-            Two prescriptions at one node contradict each other.
-        """
+        """The held displacement u_D (n_u,) at an instant, read-only; SceneError for contradicting prescriptions."""
         motion = self._last.get(t)
         if motion is None:
             none = [np.zeros(0)]
@@ -134,11 +128,7 @@ def by_precedence(supports: Sequence[Support]) -> list[Support]:
 def resolve(supports: Sequence[Support], normals: Sequence[Friction | Obstacle], points: Floats) -> Supports:
     """Choose the frame of every site and split it into held and free directions.
 
-    Parameters
-    ----------
-    supports, normals
-        In canonical order. Of the second, the normals become axes, and the tangents of jumps.
-    points : (n_nodes, dim) array
+    Supports and normals are in canonical order; the normals become axes, and the tangents of jumps.
     """
     dim, given = points.shape[1], by_precedence(supports)
     pairs, across = pairs_of(given), pairs_of(normals)

@@ -161,15 +161,8 @@ def face_part(
 ) -> Part:
     """The part of the boundary that faces (m,), ascending numbers, make.
 
-    Parameters
-    ----------
-    faces : (m,) array
-    mesh : PolyhedralMesh
-    across : (c,) array, optional
-        The nodes of other bodies that an interface joins to the vertices of the faces, one face after the other; -1 for
-        a face of no interface.
-    mirrors : MirrorPlanes, optional
-        Of symmetry, at its nodes.
+    `across` (c,) are the nodes of other bodies that an interface joins to the vertices of the faces, one face after the
+    other; -1 for a face of no interface. `mirrors` are planes of symmetry at its nodes.
     """
     groups = list(face_groups(mesh.points, mesh.face_offsets, mesh.face_vertices, faces))
     places = [np.searchsorted(faces, group.faces) for group in groups]

@@ -143,10 +143,7 @@ def in_components(form: Floats, dim: int) -> Floats:
 def add_stabilisation(blocks: Floats, cells: CellGroup, stabilisation: Stabilisation, C: Floats) -> None:
     """Add (I - Pi)' S (I - Pi) of a stabilisation of one's own to local matrices (c, n, n, dim, dim).
 
-    Raises
-    ------
-    SceneError
-        Its form is no symmetric matrix of that size, or not positive on all that Pi misses.
+    SceneError where its form is no symmetric matrix of that size, or not positive on all that Pi misses.
     """
     if cells.simplices:
         return

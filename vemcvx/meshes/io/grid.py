@@ -160,12 +160,8 @@ def grid_of(
 ) -> Grid:
     """Return the cells of a mesh with data, and the named parts of its boundary if `sides`.
 
-    In space cells are given by their vertices as other programs do, or all as `polyhedra`.
-
-    Raises
-    ------
-    MeshError
-        Cells are to be given by their vertices, and some cell is no tetrahedron, hexahedron, wedge or pyramid.
+    In space cells are given by their vertices as other programs do, which MeshError refuses for any but tetrahedra,
+    hexahedra, wedges and pyramids; or all as `polyhedra`.
     """
     faces = None
     if isinstance(mesh, Tessellation):
@@ -330,13 +326,7 @@ def by_corners(grid: Grid) -> Grid:
 
 
 def mesh_of(grid: Grid) -> tuple[AnyTessellation, list[str]]:
-    """Return the mesh of the solids that there are, or else of the polygons, and notes on what was left out.
-
-    Raises
-    ------
-    MeshError
-        The grid has cells or data of other kinds, or what it holds is no valid mesh.
-    """
+    """The mesh of the solids that there are, or else of the polygons, and notes on what was left out; or MeshError."""
     grid = by_corners(grid)
     _check(grid)
     inner, outer = grid.bounding

@@ -45,15 +45,10 @@ if TYPE_CHECKING:
 
 
 def from_meshio(mesh: meshio.Mesh) -> Grid:
-    """Cells block by block, their data, and named groups.
+    """Cells block by block, their data, and named groups; MeshError where data do not go with the cells.
 
     Groups of what bounds cells (lines; surfaces, where there are solids) name parts of the boundary; groups of cells
     become cell data, 1 in the group and 0 outside.
-
-    Raises
-    ------
-    MeshError
-        Data do not go with the cells.
     """
     known = [block.type in (*NODES, "polygon", *chain(*CORNERS.values())) for block in mesh.cells]
     rows = [
@@ -127,12 +122,8 @@ def _take_physical_groups(grid: Grid, names: Mapping[str, Any]) -> None:
 def groups_of(grid: Grid) -> dict[str, Grid]:
     """The cells of each physical group alone, with the lines or faces that its nodes have, by the name of the group.
 
-    Nodes are numbered anew in their order; data that say which cells are in a group are left out.
-
-    Raises
-    ------
-    MeshError
-        There are no groups, or cells in none.
+    Nodes are numbered anew in their order; data that say which cells are in a group are left out. MeshError where
+    there are no groups, or cells in none.
     """
     grid = by_corners(grid)
     tags, (inner, outer) = grid.data.get(PHYSICAL), grid.bounding

@@ -47,14 +47,9 @@ DAMAGED = "its lists of {} are damaged: offsets do not increase, or lead beyond 
 
 
 def vtk_grid(points: Floats, cells: Arrays, data: Arrays, fields: Arrays) -> Grid:
-    """Return the grid of arrays that describe cells, by the names that XML files give them.
+    """Return the grid of arrays that describe cells, by the names that XML files give them; or MeshError.
 
     `fields` are data of the whole file. Without types, cells are polygons.
-
-    Raises
-    ------
-    MeshError
-        Something is no array of whole numbers, or leads beyond the end of another.
     """
     if {"offsets", "connectivity"} - set(cells) or any(values.dtype.kind not in "iu" for values in cells.values()):
         raise MeshError("its cells are no whole numbers.")
@@ -241,21 +236,9 @@ def packed_cells(mesh: AnyTessellation) -> Packed:
 
 
 def write_cells(path: Path, packed: Packed, point_data: Arrays, cell_data: Arrays) -> None:
-    """Write fields on a mesh as a VTU file that ParaView opens.
+    """Write fields on a mesh, one row a node or cell, as a .vtu file that ParaView opens; or MeshError.
 
-    Parameters
-    ----------
-    path : Path
-        Must end in .vtu.
-    packed : Packed
-        The mesh, of :func:`packed_cells`.
-    point_data, cell_data : mapping of str to array
-        One row a node, one row a cell; vectors of two components get a third, zero.
-
-    Raises
-    ------
-    MeshError
-        The suffix is another, a field has the wrong number of rows, or the file cannot be written.
+    Vectors of two components get a third, zero.
     """
     if path.suffix != ".vtu":
         raise MeshError(f"{path}: fields are written as .vtu files; got the suffix {path.suffix!r}.")

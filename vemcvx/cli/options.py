@@ -45,12 +45,8 @@ def completing(names: Callable[[], Iterable[object]]) -> Callable[[str], list[st
     return complete
 
 
-def _problems() -> list[str]:
-    return [*problem_files(), *sorted(path.name for path in Path().glob("*.py"))]
-
-
 families, solver_names, lesson_numbers = completing(lambda: FAMILIES), completing(completions), completing(lessons)
-problem_names = completing(_problems)
+problem_names = completing(lambda: [*problem_files(), *sorted(path.name for path in Path().glob("*.py"))])
 
 File = Annotated[
     str,

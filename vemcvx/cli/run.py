@@ -17,20 +17,7 @@ import typer
 
 from vemcvx.arrays import Floats
 from vemcvx.canvas import new_figure
-from vemcvx.cli.options import (
-    CELLS,
-    NONE,
-    Accuracy,
-    Condense,
-    File,
-    Linear,
-    Mesh,
-    N,
-    Of,
-    Settings,
-    SolverName,
-    Threads,
-)
+from vemcvx.cli.options import CELLS, NONE, Accuracy, Condense, File, Linear, Mesh, N, Of, Settings, SolverName, Threads
 from vemcvx.cli.problem_file import SPACE_N, Problem, is_file, read_problem
 from vemcvx.cli.report import check_report, with_errors, write_report
 from vemcvx.cli.show import mesh_name
@@ -50,16 +37,8 @@ from vemcvx.owned_files import Owned
 from vemcvx.plots import write_plots
 from vemcvx.plots.pictures import check_pictures, left_out
 from vemcvx.plots.style import Units, in_units
-from vemcvx.results.files import (
-    ARCHIVE,
-    SERIES,
-    SUMMARY,
-    Origin,
-    check_replaceable,
-    listed_tables,
-    writable_folder,
-    write_results,
-)
+from vemcvx.results import files
+from vemcvx.results.files import ARCHIVE, SERIES, SUMMARY, Origin, listed_tables
 from vemcvx.results.probe import places
 from vemcvx.results.results import programs_of_steps
 from vemcvx.simulation import simulate, warn_of_turns
@@ -144,7 +123,7 @@ class Run:
         """The history, written and drawn as asked for, and what there is to say of it."""
         if self.resume is not None and self.out is not None:
             raise ProblemError("--resume: a run continues in the folder that holds it; omit --out.")
-        folder, units = self.out or self.resume, problem.units
+        folder = self.out or self.resume
         drawings = folder or Path("results") / problem.name
         self._refuse_early(folder, drawings)
         usual = 64 if self.target is None else 8
@@ -154,30 +133,25 @@ class Run:
         with held as rows, progress_bar("meshing") as shown:
             if self.target is None:
                 self._foresee(problem, n, steps, folder)
-            mesh = problem.mesh(n, self.mesh)
+            mesh, left = problem.mesh(n, self.mesh), ""
             file = (self.n is not None or self.report) and problem.ignores_n(mesh, n, self.mesh)
             if file and self.n is not None:
-                say(
-                    f"vemcvx: --n: {self.n} changes nothing; this mesh is the same for every n, as that of a file is.",
-                    err=True,
-                )
+                same = "this mesh is the same for every n, as that of a file is"
+                say(f"vemcvx: --n: {self.n} changes nothing; {same}.", err=True)
             if self.points is not None:
                 places(mesh, self.points, "--probe")
             if self.target is None:
                 history, told = self.simulated(problem, mesh, steps, self._stored, shown=shown, rows=rows)
             else:
                 history, told = self._adapted(problem, mesh, steps, self.target, shown)
-            history, left = self._with_errors(history, shown)
-            shown("extremes", 0, None)
-            extremes, start = list(_extremes(history, units)), time.perf_counter()
-            files = self._written(history, problem, folder, n, shown)
-            written = {"write": time.perf_counter() - start} if folder else {}
-            summary = replace(history, seconds={**history.seconds, **written}).summary()
-            lines = [f"{problem.name}: {problem.title}", *told, summary, *extremes, *files]
+            if self.report:
+                shown("estimating errors, in finer steps and on a finer mesh", 0, None)
+                history, left = with_errors(history)
+            lines = self._said(history, problem, folder, n, shown)
             if rows is not None:
                 rows.remove()
         if self.plot:
-            drawn = write_plots(history, drawings, units=units)
+            drawn = write_plots(history, drawings, units=problem.units)
             lines.append(f"pictures    {drawings}: {', '.join(path.name for path in drawn)}")
             lines += [f"left out    {why}" for why in dict.fromkeys(left_out(history).values())]
         if self.report:
@@ -192,15 +166,7 @@ class Run:
                 why=left,
             )
             lines.append(f"report      {path}")
-        return history, lines
-
-    def _with_errors(self, history: History, shown: Shown) -> tuple[History, str]:
-        """The history with the errors of its quantities, for a report, and why it has none."""
-        if not self.report:
-            return history, ""
-        if history.quantities is None:
-            shown("estimating errors, in finer steps and on a finer mesh", 0, None)
-        return with_errors(history)
+        return history, [f"{problem.name}: {problem.title}", *told, *lines]
 
     def _study(self, problem: Problem, several: list[tuple[str, ...]]) -> None:
         """Run all combinations, each in a process and a folder of its own, and say what came out."""
@@ -324,18 +290,8 @@ class Run:
         def told(now: Pass) -> None:
             shown(f"adapting, {now.unknowns} unknowns and {now.steps} steps have {now.total:.1%}", 0, None)
 
-        estimate = "bound" if self.bound else "residual"
-        found = adapt(
-            scene,
-            mesh,
-            times,
-            target,
-            of=self.of,
-            solver=solver,
-            initial=initial,
-            progress=told,
-            estimate=estimate,
-        )
+        how: dict[str, Any] = {"of": self.of, "estimate": "bound" if self.bound else "residual"}
+        found = adapt(scene, mesh, times, target, solver=solver, initial=initial, progress=told, **how)
         return found.history, [found.summary()]
 
     def _refuse_early(self, folder: Path | None, drawings: Path) -> None:
@@ -355,19 +311,24 @@ class Run:
         if self.report:
             check_report(drawings)
         if self.plot or self.report or folder:
-            writable_folder(drawings)
+            files.writable_folder(drawings)
         if folder:
-            check_replaceable(folder)
+            files.check_replaceable(folder)
 
-    def _written(self, history: History, problem: Problem, folder: Path | None, n: int, shown: Shown) -> list[str]:
+    def _said(self, history: History, problem: Problem, folder: Path | None, n: int, shown: Shown) -> list[str]:
+        """The summary and the extremes of a history in words, and the files to which it is written."""
+        shown("extremes", 0, None)
+        extremes, start = list(_extremes(history, problem.units)), time.perf_counter()
         if folder is None:
-            drawn = self.plot or self.report
-            return [] if drawn else ["files       none; --out DIR keeps the history, --plot draws it"]
+            none = "files       none; --out DIR keeps the history, --plot draws it"
+            return [history.summary(), *extremes, *([] if self.plot or self.report else [none])]
         mesh = self.mesh or problem.family
         origin = Origin(problem.name, mesh, None if mesh is not None and is_file(mesh) else n)
-        folder = write_results(history, folder, origin, self.points, lambda *now: shown("writing", *now))
-        tables = ", ".join(sorted(listed_tables(folder / SUMMARY)))
-        return [f"files       {folder}: {SERIES} with {len(history.stored)} instants, {SUMMARY}, {ARCHIVE}, {tables}"]
+        files.write_results(history, folder, origin, self.points, lambda *now: shown("writing", *now))
+        seconds = {**history.seconds, "write": time.perf_counter() - start}
+        names = SUMMARY, ARCHIVE, *sorted(listed_tables(folder / SUMMARY))
+        told = f"files       {folder}: {SERIES} with {len(history.stored)} instants, {', '.join(names)}"
+        return [replace(history, seconds=seconds).summary(), *extremes, told]
 
     def _command(self, problem: Problem, n: int | None, steps: int, folder: Path | None) -> str:
         """The command that repeats the run."""
@@ -420,15 +381,10 @@ def _made(run: Run) -> dict[str, Any]:
         except VemcvxError as error:
             return {"status": study.REFUSED, "message": str(error)}
     found = study.results_of(history, problem.units)
-    return {"status": study.DONE, "warnings": tuple(dict.fromkeys(said)), "met": _met(run, history), **found}
-
-
-def _met(run: Run, history: History) -> bool | None:
-    """Whether a run meets its target; None if it has none."""
-    if run.target is None or history.errors is None:
-        return None
-    aim = (history.quantities or {}).get(run.of)
-    return (history.errors["total"] if aim is None else history.errors["algebra"] + aim.relative) <= run.target
+    met, aim = None, (history.quantities or {}).get(run.of)
+    if run.target is not None and history.errors is not None:
+        met = (history.errors["total"] if aim is None else history.errors["algebra"] + aim.relative) <= run.target
+    return {"status": study.DONE, "warnings": tuple(dict.fromkeys(said)), "met": met, **found}
 
 
 def _extremes(history: History, units: Units | None) -> Iterator[str]:
@@ -472,14 +428,8 @@ class Export:
         with Owned(self.out or Path("results") / f"programs_{problem.name}") as folder:
             kept = sorted({m for n in numbers for m in (n - 1, n)})
             mesh = problem.mesh(self.n or problem.usual_n(16, self.mesh), self.mesh)
-            run = Run(
-                file=self.file,
-                solver=self.solver,
-                accuracy=self.accuracy,
-                condense=self.condense,
-                linear=self.linear,
-                settings=self.settings,
-            )
+            same = ("file", "solver", "accuracy", "condense", "linear", "settings")
+            run = Run(**{name: getattr(self, name) for name in same})
             with progress_bar("assembling") as shown:
                 history, _ = run.simulated(problem, mesh, self.of, kept, shown=shown)
             lines = [f"{problem.name}: {problem.title}", f"files       {folder.path}"]

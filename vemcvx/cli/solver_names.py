@@ -35,7 +35,7 @@ def named_solver(
     """
     given = dict(settings or {})
     if ":" in name:
-        made = in_file(name, option, "solver", "solve(program, target)", _solves, settings=given)
+        made = in_file(name, option, "solver", "solve(program, target)", _solves, **given)
         solver: Solver = own_errors(Path(name.rpartition(":")[0]), name, lambda: as_solver(made))
         solver = solver if accuracy is None else solver.asked(accuracy)
         solver.check_accuracy()
@@ -80,20 +80,13 @@ def read_options(typed: Sequence[str], names: Sequence[str]) -> dict[str, dict[s
     return found
 
 
-def in_file(
-    typed: str,
-    option: str,
-    noun: str,
-    has: str,
-    fits: Callable[[type], bool],
-    settings: Mapping[str, Any] | None = None,
-) -> Any:
+def in_file(typed: str, option: str, noun: str, has: str, fits: Callable[[type], bool], **settings: Any) -> Any:
     """What FILE.py:NAME names in a file of the user's: a class, made with the settings given, or an object.
 
     Its class has what is said by `has`, and `fits`.
     """
     file, _, name = typed.rpartition(":")
-    path, settings = Path(file), settings or {}
+    path = Path(file)
     module = executed(path, f"file of a {noun}")
     if not hasattr(module, name):
         there_are = sorted(key for key, value in vars(module).items() if isinstance(value, type) and fits(value))

@@ -25,12 +25,8 @@ from rich.text import Text
 from vemcvx.errors import NotCertified, ProblemError, VemcvxError
 
 T = TypeVar("T")
-
-# Commands write whole lines into pipes and files; on a terminal lines are broken between words, in their columns.
-
-
 COLUMN = re.compile(r"\s*(?:\S+ {2,})?")
-"""The beginning of a line that names what it is about; the line goes on in the column after it."""
+"""The beginning of a line that names what it is about; on a terminal the line goes on in the column after it."""
 
 
 def say(text: str, err: bool = False) -> None:
@@ -126,13 +122,10 @@ def _lines(doing: str) -> Iterator[Shown]:
     def speak() -> None:
         while not ended.wait(EVERY):
             (doing, finished, total, since, first), at = now, time.monotonic()
-            counted = "" if total is None else f" {finished} of {total}"
-            rest = (
-                ""
-                if total is None or finished == first
-                else f", {(at - since) * (total - finished) / (finished - first):.0f} s left"
-            )
-            say(f"vemcvx: {doing}{counted}, {at - begin:.0f} s{rest}", err=True)
+            words = f"{doing}{'' if total is None else f' {finished} of {total}'}, {at - begin:.0f} s"
+            if total is not None and finished > first:
+                words += f", {(at - since) * (total - finished) / (finished - first):.0f} s left"
+            say(f"vemcvx: {words}", err=True)
 
     speaker = threading.Thread(target=speak, daemon=True)
     speaker.start()
@@ -161,12 +154,8 @@ def logged_at_most(times: int) -> Iterator[None]:
         log.removeFilter(wanted)
 
 
-# A command ends with an exit code, 0 done, 2 invalid input, 3 not certified, and errors are a line.
-#
-# SIGTERM and SIGHUP end a command as Ctrl-C does, so that terminal and folders are left in order.
-
-
 INVALID, NOT_CERTIFIED = 2, 3
+"""Exit codes of commands that are not done. SIGTERM and SIGHUP end them as Ctrl-C does, and all is left in order."""
 
 
 class Ended(BaseException):

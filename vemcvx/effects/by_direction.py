@@ -27,11 +27,6 @@ from vemcvx.effects import data
 from vemcvx.errors import SceneError
 from vemcvx.vem import Space
 
-UPRIGHT = 1e-6
-"""Directions with so little of them along the surface, relative to their length, have none there."""
-STEADY = 1e-9
-"""Ratios that differ by rounding are one."""
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Ellipse:
@@ -98,7 +93,7 @@ class Ellipse:
         size = np.linalg.norm(self.direction, axis=1)
         first = self.direction - np.einsum("mi,mi->m", self.direction, normals)[:, None] * normals
         length = np.linalg.norm(first, axis=1)
-        upright = length <= UPRIGHT * size
+        upright = length <= 1e-6 * size
         if upright.any():
             worst = int(np.argmax(upright))
             raise SceneError(
@@ -116,13 +111,10 @@ class Ellipse:
             new = np.isnan(ratio) & (along > 0)
             ratio[new] = across[new] / along[new]
             wanted = np.where(np.isnan(ratio), 0.0, ratio) * along
-            apart = np.abs(across - wanted) > STEADY * np.maximum(across, wanted)
+            apart = np.abs(across - wanted) > 1e-9 * np.maximum(across, wanted)
             if apart.any():
-                self._refuse(int(np.argmax(apart)), float(t), along, across)
+                row, (one, other) = int(np.argmax(apart)), self.names
+                what = f"{one} = {along[row]:.6g} and {other} = {across[row]:.6g} at {self.points[row]} and t = {t:.6g}"
+                why = f"{one} must be > 0 where {other} is" if along[row] == 0 else "their ratio must not change"
+                raise SceneError(f"{self.subject}: found {what}; {why} in time.")
         return np.where(np.isnan(ratio), 1.0, ratio)
-
-    def _refuse(self, row: int, t: float, along: Floats, across: Floats) -> None:
-        one, other = self.names
-        what = f"{one} = {along[row]:.6g} and {other} = {across[row]:.6g} at {self.points[row]} and t = {t:.6g}"
-        why = f"{one} must be > 0 where {other} is" if along[row] == 0 else "their ratio must not change in time"
-        raise SceneError(f"{self.subject}: found {what}; {why}.")

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
@@ -185,30 +186,27 @@ class NormalCompliance(Effect):
 
 
 QUADRATURES = ("nodes", "integral")
-BACKWARD = "backward bound"
 STEEP = 1e6
 """Pressures below a millionth of the bound count as grazing."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class _Bounds:
     """The bounds g+ forward and g- backward, as weights (m,) of nodes; g- = g+ unless it is given."""
 
     subject: str
-    forward: data.Datum
-    backward: data.Datum | None
+    of: TrescaFriction
     rows: BoundaryRows
     points: Floats
-    quadrature: str
 
     def weights(self, t: float) -> Floats:
         """Weights of the norm terms: (g+ + g-) / 2 as a force of each node."""
-        forward = self.integrated(self.forward, t, "bound")
-        return forward if self.backward is None else 0.5 * (forward + self.integrated(self.backward, t, BACKWARD))
+        forward, backward = self.integrated(self.of.bound, t, "bound"), self.of.backward
+        return forward if backward is None else 0.5 * (forward + self.integrated(backward, t, "backward bound"))
 
     def bias(self, t: float) -> Floats:
         """(g+ - g-) / 2."""
-        return self.integrated(self.forward, t, "bound") - self.weights(t)
+        return self.integrated(self.of.bound, t, "bound") - self.weights(t)
 
     def ramp(self, t: float, p: Floats, *slips: Floats) -> Floats:
         """Weights under normal forces (m,) of contact, for friction that needs touch."""
@@ -220,13 +218,10 @@ class _Bounds:
 
     def integrated(self, value: data.Datum, t: float, name: str) -> Floats:
         """Weights (m,) of a bound that is called so in messages."""
-        if self.quadrature == "nodes":
-            return self.rows.lengths * self._checked(value, self.points, t, name)
-        return self.rows.matrix @ self._checked(value, self.rows.points, t, name)
-
-    def _checked(self, value: data.Datum, x: Floats, t: float, name: str) -> Floats:
-        rule = "a friction bound is a force per length and must be >= 0"
-        return data.nonnegative(value, x, t, self.subject, name=name, rule=rule)
+        nodes, rule = self.of.quadrature == "nodes", "a friction bound is a force per length and must be >= 0"
+        x = self.points if nodes else self.rows.points
+        found = data.nonnegative(value, x, t, self.subject, name=name, rule=rule)
+        return self.rows.lengths * found if nodes else self.rows.matrix @ found
 
 
 @dataclass(frozen=True)
@@ -285,52 +280,19 @@ class TrescaFriction(Effect):
         choice(self.quadrature, subject, "quadrature", QUADRATURES)
         closed = self.while_closed is not None and flag(self.while_closed, f"{subject}: while_closed")
         if self.backward is not None:
-            self._check_one_way(space, closed, subject)
+            if closed:
+                but = "which takes one bound for both ways"
+                raise SceneError(f"{subject}: found backward= beside while_closed=True, {but}.")
+            instead = "tangents in space have no two directions; give direction= and across= instead"
+            space.require_plane(f"{subject}: backward=", instead)
         rows = space.part(self.on, "TrescaFriction", contact=True).node_normals
-        points = space.mesh.points[rows.nodes]
-        bounds = _Bounds(
-            subject=subject,
-            forward=self.bound,
-            backward=self.backward,
-            rows=rows,
-            points=points,
-            quadrature=self.quadrature,
-        )
-        ground = Ground.of(self.ground, subject, points, rows.partners)
-        ellipse = Ellipse.of(
-            space,
-            subject,
-            points,
-            direction=self.direction,
-            across=self.across,
-            along=("bound", self.bound),
-            read=bounds.integrated,
-        )
-        friction = replace(self._friction(rows, bounds, closed), ground=ground, ellipse=ellipse)
-        return Contribution(frictions=(friction,), surfaces=(ContactSurface.of(rows),))
-
-    def _check_one_way(self, space: Space, closed: bool, subject: str) -> None:
-        """Raise SceneError where a second bound has no meaning."""
-        if closed:
-            raise SceneError(
-                f"{subject}: found backward= beside while_closed=True, which takes one bound for both ways."
-            )
-        space.require_plane(
-            f"{subject}: backward=", "tangents in space have no two directions; give direction= and across= instead"
-        )
-
-    def _friction(self, rows: BoundaryRows, bounds: _Bounds, closed: bool) -> Friction:
-        """The bounds as weights; as a law of the pressure where they act in closed contact only."""
-        friction = Friction.of(rows, bounds.subject)
-        if closed:
-            return replace(friction, law=Law(bounds.ramp, pressed=True, slope=bounds.slope, slips=False))
-        return replace(
-            friction,
-            weights=bounds.weights,
-            steady=not varies(self.bound, self.backward),
-            bias=None if self.backward is None else bounds.bias,
-            in_the_air=self.while_closed is None,
-        )
+        bounds = _Bounds(subject, self, rows, space.mesh.points[rows.nodes])
+        acts: dict[str, Any] = {"law": Law(bounds.ramp, pressed=True, slope=bounds.slope, slips=False)}
+        if not closed:
+            bias, steady = None if self.backward is None else bounds.bias, not varies(self.bound, self.backward)
+            in_the_air = self.while_closed is None
+            acts = {"weights": bounds.weights, "steady": steady, "bias": bias, "in_the_air": in_the_air}
+        return _rubbing(self, space, rows, subject, along=("bound", self.bound), read=bounds.integrated, **acts)
 
     def describe(self) -> str:
         back = "" if self.backward is None else f" forward, {amount(self.backward)} backward,"
@@ -338,6 +300,25 @@ class TrescaFriction(Effect):
         closed = " where it is closed" if self.while_closed else ""
         moved = "" if self.ground is None else f", ground moved by {amount(self.ground)}"
         return f"TrescaFriction: |friction| <= {amount(self.bound)}{back} on {where(self.on)}{closed}{moved}"
+
+
+def _rubbing(
+    effect: TrescaFriction | CoulombFriction,
+    space: Space,
+    rows: BoundaryRows,
+    subject: str,
+    *,
+    along: tuple[str, data.Datum],
+    read: Callable[[data.Datum, float, str], Floats],
+    **acts: Any,
+) -> Contribution:
+    """Friction that `acts` so on rows, over the ground and by the direction of an effect, and where it is reported."""
+    points = space.mesh.points[rows.nodes]
+    ground = Ground.of(effect.ground, subject, points, rows.partners)
+    given: dict[str, Any] = {"direction": effect.direction, "across": effect.across}
+    ellipse = Ellipse.of(space, subject, points, along=along, read=read, **given)
+    friction = replace(Friction.of(rows, subject), ground=ground, ellipse=ellipse, **acts)
+    return Contribution(frictions=(friction,), surfaces=(ContactSurface.of(rows),))
 
 
 def _by_direction(direction: data.Constant | None, across: data.Datum | None) -> str:
@@ -411,19 +392,11 @@ class CoulombFriction(Effect):
             mu, cap = read(t)
             return np.where(mu * p < cap, mu, 0.0)
 
-        ground = Ground.of(self.ground, subject, points, rows.partners)
+        def value(datum: data.Datum, t: float, name: str) -> Floats:
+            return data.nonnegative(datum, points, t, subject, name=name)
+
         law = Law(weights, pressed=True, slope=slope, slips=False)
-        ellipse = Ellipse.of(
-            space,
-            subject,
-            points,
-            direction=self.direction,
-            across=self.across,
-            along=("coefficient", self.coefficient),
-            read=lambda value, t, name: data.nonnegative(value, points, t, subject, name=name),
-        )
-        friction = replace(Friction.of(rows, subject), law=law, ground=ground, ellipse=ellipse)
-        return Contribution(frictions=(friction,), surfaces=(ContactSurface.of(rows),))
+        return _rubbing(self, space, rows, subject, along=("coefficient", self.coefficient), read=value, law=law)
 
     def describe(self) -> str:
         cap = "" if self.cap is None else f", at most {amount(self.cap)},"

@@ -57,12 +57,9 @@ class Load:
         """Nodal force (n_u,) at the instant `t`."""
         return self.matrix @ self.values(t)
 
-    def values(self, t: float) -> Floats:
-        """The datum at all points, by which `matrix` is to be multiplied."""
-        return self._faded(t)
-
     @cached_property
-    def _faded(self) -> Callable[[float], Floats]:
+    def values(self) -> Callable[[float], Floats]:
+        """t -> the datum at all points, by which `matrix` is to be multiplied."""
         return fading(lambda t: self.at(self.points, t).ravel(), self.times)
 
     def forces(self, t: float) -> Floats:

@@ -142,26 +142,22 @@ class Contact(ArrayRecord):
     @property
     def stick_count(self) -> Ints:
         """(S,) nodes that touch and stick; with `slip_count` and `open_count` all m."""
-        return _count(self.closed & self.sticking)
+        return (self.closed & self.sticking).sum(axis=1)
 
     @property
     def slip_count(self) -> Ints:
         """(S,) nodes that touch and slip."""
-        return _count(self.closed & ~self.sticking)
+        return (self.closed & ~self.sticking).sum(axis=1)
 
     @property
     def closed_count(self) -> Ints:
         """(S,) nodes that touch their obstacle."""
-        return _count(self.closed)
+        return self.closed.sum(axis=1)
 
     @property
     def open_count(self) -> Ints:
         """(S,) nodes that do not."""
-        return _count(~self.closed)
-
-
-def _count(nodes: Bools) -> Ints:
-    return nodes.sum(axis=1)
+        return (~self.closed).sum(axis=1)
 
 
 def contact_history(posed: PosedScene, trajectory: Trajectory, u: Floats, forces: Floats) -> Contact:
@@ -169,7 +165,10 @@ def contact_history(posed: PosedScene, trajectory: Trajectory, u: Floats, forces
     surface, terms, m = posed.surface, posed.terms, len(posed.surface.nodes)
     normals, at = surface.normals, surface.find(terms)
     length, force, cohesion = _friction_on_nodes(terms, trajectory.multipliers, at, normals)
-    jump = _jump(u, surface) - _ground(posed, trajectory, at, length)
+    jump, joined, slipped = u[:, surface.nodes], np.flatnonzero(surface.partners >= 0), np.zeros((len(u), m))
+    jump[:, joined] -= u[:, surface.partners[joined]]
+    jump -= _ground(posed, trajectory, at, length)
+    np.maximum.at(slipped.T, at, trajectory.slipped.T)
     slip = jump - np.einsum("smd,md->sm", jump, normals)[:, :, None] * normals
     bound, backward = _bounds(posed, trajectory, at, length)
     traction = -force / np.where(length > 0, length, 1.0)[:, None]
@@ -190,7 +189,7 @@ def contact_history(posed: PosedScene, trajectory: Trajectory, u: Floats, forces
         sticking=_sticking(trajectory, slip, at),
         wear=_per_length(trajectory.worn, at, length),
         wear_second_order=_per_length(trajectory.worn_second_order, at, length),
-        accumulated_slip=_largest(trajectory.slipped, at, m),
+        accumulated_slip=slipped,
         closed=closed,
         lengths=surface.lengths,
         friction_lengths=length,
@@ -209,21 +208,6 @@ def _friction_on_nodes(terms: Terms, lam: Floats, at: Ints, normals: Floats) -> 
     parts = [totals(at[kind], terms.lengths[kind], m) for kind in (given, ~given)]
     cohesion = np.einsum("smd,md->sm", summed_columns(each[:, given], at[given], m), normals)
     return np.maximum(*parts), force - cohesion[:, :, None] * normals, cohesion
-
-
-def _largest(values: Floats, at: Ints, m: int) -> Floats:
-    """The largest of the values (S, terms) of every node, (S, m); 0 without friction."""
-    found = np.zeros((len(values), m))
-    np.maximum.at(found.T, at, values.T)
-    return found
-
-
-def _jump(u: Floats, surface: Surface) -> Floats:
-    """The jumps of displacements (S, n_nodes, dim) that rows of contact read, (S, m, dim)."""
-    read: Floats = u[:, surface.nodes]
-    joined = np.flatnonzero(surface.partners >= 0)
-    read[:, joined] -= u[:, surface.partners[joined]]
-    return read
 
 
 def _ground(posed: PosedScene, trajectory: Trajectory, at: Ints, length: Floats) -> Floats | float:
@@ -251,13 +235,8 @@ def _recovered(posed: PosedScene, traction: Floats, pressure: Floats, closed: Bo
     surface, terms, mesh = posed.surface, posed.terms, posed.space.mesh
     if not isinstance(mesh, PolygonMesh) or len(surface) == 0:
         return traction, pressure
-    smooth = recovered(
-        pressure * surface.lengths,
-        surface.lengths,
-        ContactSides.of(surface, np.arange(len(surface)), surface, mesh),
-        closed,
-        presses=True,
-    )
+    sides = ContactSides.of(surface, np.arange(len(surface)), surface, mesh)
+    smooth = recovered(pressure * surface.lengths, surface.lengths, sides, closed, presses=True)
     # Forces along given directions are over lengths of their own.
     if len(terms) == 0 or terms.directed.any():
         return traction, smooth
@@ -281,17 +260,14 @@ def _bounds(posed: PosedScene, trajectory: Trajectory, at: Ints, length: Floats)
     rubs = np.isin(at, at[~terms.directed])
     weights = np.where(terms.directed & rubs, 0.0, weights)
     if terms.elliptic.any():
-        weights = weights * _reach(terms, trajectory.multipliers)
+        # What friction by direction has at its bound, in the direction in which it acts, over the weight.
+        lam = trajectory.multipliers
+        force, size = (np.linalg.norm(x, axis=2) for x in (np.einsum("smb,mbd->smd", lam, terms.tangents), lam))
+        weights = weights * np.divide(force, size, out=np.ones_like(size), where=terms.elliptic & (size > 0))
     tilt = np.zeros_like(weights)
     if terms.one_way:
         tilt = np.array([terms.bias(float(t)) for t in trajectory.times[trajectory.stored]])
     return _per_length(weights + tilt, at, length), _per_length(weights - tilt, at, length)
-
-
-def _reach(terms: Terms, lam: Floats) -> Floats:
-    """What friction by direction has at its bound, in the direction in which it acts, over the weight: (S, terms)."""
-    size, force = np.linalg.norm(lam, axis=2), np.linalg.norm(np.einsum("smb,mbd->smd", lam, terms.tangents), axis=2)
-    return np.divide(force, size, out=np.ones_like(size), where=terms.elliptic & (size > 0))
 
 
 def _sticking(trajectory: Trajectory, slip: Floats, at: Ints) -> Bools:

@@ -35,6 +35,7 @@ from collections.abc import Callable, Set
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from types import NoneType
 from typing import Any
 
 import numpy as np
@@ -50,7 +51,7 @@ from vemcvx.meshes.polygons import rows_in_order
 from vemcvx.meshes.polyhedra import Faces, listed_faces
 from vemcvx.owned_files import DRAFTS, Owned, path_of
 from vemcvx.results.quoted import Quantity
-from vemcvx.results.results import RECORDS, Results, labelled
+from vemcvx.results.results import RECORDS, Results, labelled, size_of
 from vemcvx.results.tables import FILES, write_tables
 from vemcvx.vem import VertexWeights, component_names
 from vemcvx.version import __version__
@@ -59,6 +60,8 @@ NAME = "vemcvx history"
 ENERGIES = "energy", "dissipated", "work", "dissipated_second_order", "work_second_order"
 FORMAT = f"{NAME} 4"
 ARRAYS = {prefix + name: of for prefix, record in RECORDS.items() for name, of in quantities(record).items()}
+PLAIN = "effects", "inactive", "errors", "bound", "bounded_force", "seconds", "growth"
+"""What is no array, and goes into JSON as it is."""
 WEIGHTS = "stabilisation.tau"
 """The array of S_K = tau h_K^(dim - 2) I."""
 ARCHIVE, SERIES, SUMMARY = "history.npz", "history.pvd", "summary.json"
@@ -73,8 +76,7 @@ def write_archive(history: Results, path: Path) -> None:
     mesh, run, quoted = history.mesh, vars(history.trajectory), history.quantities
     about = {
         "format": FORMAT,
-        **{name: getattr(history, name) for name in ("effects", "inactive", "errors", "bound", "seconds", "growth")},
-        "bounded_force": history.bounded_force,
+        **{name: getattr(history, name) for name in PLAIN},
         "quantities": None if quoted is None else {name: asdict(one) for name, one in quoted.items()},
         "bodies": {name: found.bodies for name, found in mesh.interfaces.items()},
         "trajectory": {name: value for name, value in run.items() if not isinstance(value, np.ndarray)},
@@ -112,13 +114,11 @@ def _history(arrays: Arrays) -> Results:
     dim = mesh.points.shape[1]
     components = len(component_names(dim))
     _check_arrays(arrays, {"nodes": mesh.n_nodes, "cells": mesh.n_cells, "dim": dim, "components": components})
-    known = {"mesh": mesh, "scene": None, "seconds": about["seconds"], "errors": about["errors"]}
-    known["growth"] = about.get("growth")
+    known = {name: about[name] for name in PLAIN} | {"mesh": mesh, "scene": None}
+    known |= {name: tuple(about[name]) for name in ("effects", "inactive")}
     # Of a class of one's own files know nothing.
     known["stabilisation"] = VertexWeights(arrays[WEIGHTS]) if WEIGHTS in arrays else None
-    known |= {name: about.get(name) for name in ("bound", "bounded_force")}
-    known |= {name: tuple(about[name]) for name in ("effects", "inactive")}
-    quoted = about.get("quantities")
+    quoted = about["quantities"]
     known["quantities"] = quoted and {name: Quantity(**one) for name, one in quoted.items()}
     known |= {f"trajectory.{name}": value for name, value in about["trajectory"].items()}
     _check_words(about, known)
@@ -148,16 +148,15 @@ def _check_arrays(arrays: Arrays, sizes: dict[str, int]) -> None:
 def _check_words(about: dict[str, Any], known: dict[str, Any]) -> None:
     """Raise ValueError unless what is no array is of its kind, and stands for no array."""
     run, lists = about["trajectory"], (about["effects"], about["inactive"])
+    quoted = (known["quantities"] or {}).values()
     kinds: list[tuple[Any, Any]] = [
         *((one, list) for one in lists),
         *((word, str) for one in lists for word in one),
         *((about["seconds"][name], (int, float)) for name in ("assemble", "prepare", "solve")),
-        *((run["solver"], str), (run["linear"], str), (run["seconds"], dict)),
-        *((run["accuracy"], (float, type(None))), (about["errors"], (dict, type(None)))),
-        (known["growth"], (dict, type(None))),
-        *((words, str) for one in (known["quantities"] or {}).values() for words in (one.unit, one.unbounded)),
-        *((value, float) for one in (known["quantities"] or {}).values() for value in (one.value, one.steps, one.mesh)),
-        *((about.get(name), (dict, type(None))) for name in ("bound", "bounded_force")),
+        *((run["solver"], str), (run["linear"], str), (run["seconds"], dict), (run["accuracy"], (float, NoneType))),
+        *((about[name], (dict, NoneType)) for name in ("errors", "growth", "bound", "bounded_force")),
+        *((words, str) for one in quoted for words in (one.unit, one.unbounded)),
+        *((value, float) for one in quoted for value in (one.value, one.steps, one.mesh)),
     ]
     if not all(isinstance(value, kind) for value, kind in kinds) or any(
         known[n] is not None for n in ARRAYS.keys() & known
@@ -211,9 +210,7 @@ def _told(path: Path) -> dict[str, Any]:
 def listed_tables(path: Path) -> set[str]:
     """Names of the CSV files that the summary `path` lists, if it is there and ours."""
     listed = _told(path).get("tables")
-    return (
-        set(FILES.values()) & {name for name in listed if isinstance(name, str)} if isinstance(listed, list) else set()
-    )
+    return {name for name in FILES.values() if isinstance(listed, list) and name in listed}
 
 
 def summary(history: Results, origin: Origin, writing: float) -> dict[str, Any]:
@@ -221,15 +218,18 @@ def summary(history: Results, origin: Origin, writing: float) -> dict[str, Any]:
 
     `writing` is how many seconds the other files took.
     """
-    mesh, run, touch = history.mesh, history.trajectory, history.contact
+    mesh, run, touch, bound = history.mesh, history.trajectory, history.contact, history.bound or {}
     counts = {"stick": touch.stick_count, "slip": touch.slip_count, "open": touch.open_count}
     seconds = {name: history.seconds[name] for name in ("assemble", "prepare", "solve")} | {"write": writing}
-    size = {"cells": mesh.n_cells, "nodes": mesh.n_nodes, "h": mesh.h}
+    forced: dict[str, Any] | None = None
+    if history.force_bounds is not None and history.bounded_force is not None:
+        ((on, axis),), (low, high) = history.bounded_force.items(), map(finite_or_none, history.force_bounds[-1])
+        forced = {"on": on, "axis": axis, "low": low, "high": high, "value": float(history.reaction(on)[-1, axis])}
     return {
         "format": FORMAT,
         "version": __version__,
         "problem": origin.problem,
-        "mesh": {"family": origin.family, "n": origin.n, **size},
+        "mesh": {"family": origin.family, "n": origin.n, **size_of(mesh)},
         "unknowns": run.state.shape[1],
         "steps": history.steps,
         "effects": list(history.effects),
@@ -240,10 +240,9 @@ def summary(history: Results, origin: Origin, writing: float) -> dict[str, Any]:
         "certified_energy_error": finite_or_none(run.certified.max()),
         "certificate_kind": run.certificate_kind,
         "estimated_energy_errors": history.errors,
-        "bound_upper": None if history.bound is None else finite_or_none(history.bound["upper"]),
-        "bound_lower": None if history.bound is None else finite_or_none(history.bound["lower"]),
-        "bound_kind": None if history.bound is None else history.bound.get("kind"),
-        "bound_force": _bounded_force(history),
+        **{f"bound_{name}": finite_or_none(bound.get(name)) for name in ("upper", "lower")},
+        "bound_kind": bound.get("kind"),
+        "bound_force": forced,
         **{name: finite_or_none(getattr(run, name)[-1]) for name in ENERGIES},
         "quantities": history.quantities
         and {
@@ -266,15 +265,6 @@ def summary(history: Results, origin: Origin, writing: float) -> dict[str, Any]:
         "seconds": {**seconds, "total": sum(seconds.values())},
         "peak_memory_mb": peak_memory_mb(),
     }
-
-
-def _bounded_force(history: Results) -> dict[str, Any] | None:
-    """The force of the boundary that is moved, at the end, and its bounds; None where there are none."""
-    if history.force_bounds is None or history.bounded_force is None:
-        return None
-    ((on, axis),) = history.bounded_force.items()
-    low, high = map(finite_or_none, history.force_bounds[-1])
-    return {"on": on, "axis": axis, "low": low, "high": high, "value": float(history.reaction(on)[-1, axis])}
 
 
 def finite_or_none(value: float | None) -> float | None:

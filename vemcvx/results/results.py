@@ -6,6 +6,7 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from operator import attrgetter
 from typing import Annotated, Any
 
 import numpy as np
@@ -290,15 +291,15 @@ class Results:
         then. In space edges and corners of bodies are not looked at, only point loads. Found once, when first asked
         for.
         """
-        corners, grew = Corners(self.mesh, self.contact, self.moduli, self.sides), self.growth or {}
-        told = (
-            (one, "" if even else corners.sentence(_near(self, corners, one, of), self.row(one.step), one.key, peak))
-            for one, of, even in largest_values(self)
-            for peak in [Peak(one.value, self.stress(one.step) if one.key in SIGNED and self._space.in_plane else None)]
-        )
-        return tuple(
-            replace(one, unbounded="; ".join(filter(None, [words, grew.get(one.key, "")]))) for one, words in told
-        )
+        corners, grew, found = Corners(self.mesh, self.contact, self.moduli, self.sides), self.growth or {}, []
+        for one, of, even in largest_values(self):
+            said = [grew.get(one.key, "")]
+            if not even:
+                stress = self.stress(one.step) if one.key in SIGNED and self._space.in_plane else None
+                near, peak = _near(self, corners, one, of), Peak(one.value, stress)
+                said.insert(0, corners.sentence(near, self.row(one.step), one.key, peak))
+            found.append(replace(one, unbounded="; ".join(filter(None, said))))
+        return tuple(found)
 
     def row(self, step: int) -> int:
         """The row of a step in the arrays; negative steps count from the end."""
@@ -385,12 +386,9 @@ RECORDS: dict[str, type] = {
 
 def labelled(history: Results) -> Iterator[tuple[str, NDArray[Any], Quantity]]:
     """Give every array of a history with its name and what there is to say of it."""
-    stabilisation = history.stabilisation if isinstance(history.stabilisation, VertexWeights) else None
-    records = history, history.contact, history.trajectory, history.sides, stabilisation
-    for prefix, record in zip(RECORDS, records, strict=True):
-        if record is None:
-            continue
-        for name, of in quantities(type(record)).items():
+    for prefix, kind in RECORDS.items():
+        record = attrgetter(prefix[:-1])(history) if prefix else history
+        for name, of in quantities(kind).items() if isinstance(record, kind) else ():
             if (values := getattr(record, name)) is not None:
                 yield prefix + name, values, of
 
@@ -418,6 +416,9 @@ def record(posed: PosedScene, trajectory: Trajectory, assembled: float, storage:
         if prestress.eigenstrains and across is not None and across.any():
             size = (posed.space.mesh.n_cells,)
             blocked_across = in_time("out_of_plane_prestress", size, prestress.out_of_plane)
+    untouched: tuple[str, ...] = ()
+    if trajectory.pressures.shape[1] > 0 and not trajectory.pressures.any():
+        untouched = (f"{', '.join(posed.obstacles.subjects)}: nothing pressed on it at the stored instants",)
     return Results(
         mesh=posed.space.mesh,
         scene=posed.scene,
@@ -432,7 +433,7 @@ def record(posed: PosedScene, trajectory: Trajectory, assembled: float, storage:
         prestress=blocked,
         out_of_plane_prestress=blocked_across,
         out_of_plane=None if across is None else np.ascontiguousarray(across[:, :3]),
-        inactive=posed.inactive + _untouched(posed, trajectory),
+        inactive=posed.inactive + untouched,
         sides=sides_of(posed, times),
         **_friction_of_dragged(posed, trajectory),
     )
@@ -495,21 +496,17 @@ def _damped(posed: PosedScene, trajectory: Trajectory, row: int) -> Floats | flo
     return posed.viscosity @ v
 
 
-def _untouched(posed: PosedScene, trajectory: Trajectory) -> tuple[str, ...]:
-    """A sentence if there are obstacles, and none was ever felt at a stored instant."""
-    if trajectory.pressures.shape[1] == 0 or trajectory.pressures.any():
-        return ()
-    subjects = ", ".join(posed.obstacles.subjects)
-    return (f"{subjects}: nothing pressed on it at the stored instants",)
-
-
 def with_origin(
     programs: Iterator[SolvedProgram], effects: Sequence[str], mesh: AnyMesh, **more: str
 ) -> Iterator[SolvedProgram]:
     """The programs, which now say what scene and mesh they are of."""
-    size = {"cells": mesh.n_cells, "nodes": mesh.n_nodes, "h": mesh.h}
     for program in programs:
-        yield replace(program, origin={"scene": list(effects), "mesh": size, **more})
+        yield replace(program, origin={"scene": list(effects), "mesh": size_of(mesh), **more})
+
+
+def size_of(mesh: AnyMesh) -> dict[str, Any]:
+    """The numbers of cells and nodes, and h, as files have them."""
+    return {"cells": mesh.n_cells, "nodes": mesh.n_nodes, "h": mesh.h}
 
 
 def programs_of_steps(history: Results, numbers: Sequence[int], condense: bool = True) -> Iterator[SolvedProgram]:

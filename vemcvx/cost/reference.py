@@ -57,7 +57,9 @@ def run_point(recipe: Recipe, point: Point, instants: Floats) -> Ran:
     """
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        _warm_up(recipe, point)
+        # An error of the point shows again when it is run.
+        with contextlib.suppress(VemcvxError):
+            recipe(replace(point, n=min(point.n, 4), steps=2, target=None)).simulated(check=False)
         caught.clear()
         start = time.perf_counter()
         made = recipe(point)
@@ -101,19 +103,11 @@ def _estimated(history: History, of: str) -> float | None:
 def _bound(made: Ingredients, history: History) -> dict[str, Any]:
     """The guaranteed bound of a run, which is made once more with all of its steps stored."""
     again = replace(made, mesh=history.mesh, times=history.trajectory.times).simulated(check=False)
-    steps = [again.row(int(n)) for n in history.stored if n > 0]
     # Scenes without a bound of whole histories may have those of steps, and some have none.
-    with contextlib.suppress(SceneError):
-        return {"bound": float(error_bound(again).relative.max()), "bound_of": "history"}
-    with contextlib.suppress(SceneError):
-        return {"bound": max(float(error_bound(again, n).relative) for n in steps), "bound_of": "step"}
+    for of, steps in (("history", [None]), ("step", history.stored[history.stored > 0].tolist())):
+        with contextlib.suppress(SceneError):
+            return {"bound": max(float(error_bound(again, n).relative.max()) for n in steps), "bound_of": of}
     return {}
-
-
-def _warm_up(recipe: Recipe, point: Point) -> None:
-    """Import what the point needs; an error of the point shows again when it is run."""
-    with contextlib.suppress(VemcvxError):
-        recipe(replace(point, n=min(point.n, 4), steps=2, target=None)).simulated(check=False)
 
 
 def _repeated(made: Ingredients, point: Point, instants: Floats) -> tuple[History, dict[str, float], int, float | None]:

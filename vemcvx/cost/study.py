@@ -5,10 +5,12 @@ from __future__ import annotations
 import json
 import logging
 import re
+import sys
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
+from logging.handlers import BufferingHandler
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -57,14 +59,10 @@ class Row:
 def results_of(history: Results, units: Units | None = None) -> dict[str, Any]:
     """The results and labels of a row: what a history has under `NAMES`, at the end or the largest of all steps."""
     run, touch = history.trajectory, history.contact
-    energies = {name: name.removesuffix("_second_order") for name in ENERGIES}
-    found = {
-        name: (
-            f"{word}{', of second order' * (word != name)}\n({in_units('energy', units)})",
-            float(getattr(run, name)[-1]),
-        )
-        for name, word in energies.items()
-    }
+    found, energy = dict[str, tuple[str, float]](), in_units("energy", units)
+    for name in ENERGIES:
+        words = name.replace("_second_order", ", of second order")
+        found[name] = f"{words}\n({energy})", float(getattr(run, name)[-1])
     found |= {one.key: (f"{one.name}\n({in_units(one.unit, units)})", one.value) for one in history.extremes}
     if len(touch.nodes):
         counts = zip(COUNTS, (touch.stick_count, touch.slip_count, touch.open_count), strict=True)
@@ -156,30 +154,19 @@ def _shown(value: float | None) -> str:
     return "-" if value is None else f"{value:.5g}"
 
 
-class _Noting(logging.Handler):
-    """A handler of the log that keeps what is warned of in a list."""
-
-    def __init__(self, said: list[str]):
-        super().__init__(logging.WARNING)
-        self._said = said
-
-    def emit(self, record: logging.LogRecord) -> None:
-        self._said.append(record.getMessage())
-
-
 @contextmanager
 def heard() -> Iterator[list[str]]:
-    """A list of all that is warned of within, by warnings and in the log."""
-    said: list[str] = []
-    handler, log = _Noting(said), logging.getLogger("vemcvx")
-    log.addHandler(handler)
+    """A list of all that was warned of within, by warnings and in the log, once it has ended."""
+    said, log, kept = list[str](), logging.getLogger("vemcvx"), BufferingHandler(sys.maxsize)
+    kept.setLevel(logging.WARNING)
+    log.addHandler(kept)
     try:
-        with warnings.catch_warnings():
+        with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
-            warnings.showwarning = lambda message, *_, **__: said.append(str(message))
             yield said
     finally:
-        log.removeHandler(handler)
+        log.removeHandler(kept)
+        said += [*(str(warning.message) for warning in caught), *(record.getMessage() for record in kept.buffer)]
 
 
 def claim(folder: Path) -> None:
@@ -192,17 +179,10 @@ def claim(folder: Path) -> None:
 def write(rows: Sequence[Row], folder: Path, figure: Figure | None) -> list[str]:
     """Write the study as CSV and JSON, all settings and results of all runs, and its picture; return their names."""
     names = list(dict.fromkeys(name for row in rows for name in row.results))
-    plain = [
-        [
-            *row.settings.values(),
-            row.status,
-            *(row.results.get(name) for name in names),
-            row.met,
-            " ".join(row.unbounded),
-            row.message,
-        ]
-        for row in rows
-    ]
+    plain = []
+    for row in rows:
+        ends = row.met, " ".join(row.unbounded), row.message
+        plain.append([*row.settings.values(), row.status, *map(row.results.get, names), *ends])
     heads = [*(f"set.{name}" for name in rows[0].settings), "status", *names, "met", "unbounded", "message"]
     text = Table(heads, plain).csv()
     with Owned(folder) as own:
@@ -239,14 +219,9 @@ def picture(rows: Sequence[Row], chosen: Sequence[str], title: str = "") -> Figu
         for k, kind in enumerate(kinds):
             own = [row for row in rows if tuple(row.settings[other] for other in others) == kind]
             own.sort(key=lambda row: places[row.settings[name]])
-            values = [np.nan if row.results.get(key) is None else row.results[key] for row in own]
-            ax.plot(
-                [places[row.settings[name]] for row in own],
-                values,
-                color=SERIES[k % len(SERIES)],
-                marker=MARKERS[k % len(MARKERS)],
-                label=", ".join(f"{other} = {word}" for other, word in zip(others, kind, strict=True)),
-            )
+            x, y = [places[row.settings[name]] for row in own], np.array([row.results.get(key) for row in own], float)
+            label = ", ".join(f"{other} = {word}" for other, word in zip(others, kind, strict=True))
+            ax.plot(x, y, MARKERS[k % len(MARKERS)] + "-", color=SERIES[k % len(SERIES)], label=label)
         limitless = any(key in row.unbounded for row in rows)
         ax.set(xlabel=name, title=labels[key] + "\ngrows without limit as the mesh is refined" * limitless)
         ax.title.set_fontsize("small")

@@ -7,19 +7,11 @@ import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from vemcvx.arrays import Floats
-from vemcvx.cost.reference import (
-    ABOUT,
-    ARCHIVE,
-    PART,
-    Reference,
-    build_reference,
-    estimated_error,
-    measured_point,
-    read_reference,
-)
+from vemcvx.cost import reference as of_reference
+from vemcvx.cost.reference import ABOUT, ARCHIVE, PART, Reference
 from vemcvx.cost.settings import Grid, Point, Recipe, common_instants
 from vemcvx.cost.table import CRASHED, DONE, REFUSED, Row, append, read_journal
 from vemcvx.cost.workers import Crashed, Refused, Results, alone, pool
@@ -30,7 +22,6 @@ JOURNAL = "journal.jsonl"
 
 log = logging.getLogger("vemcvx")
 
-Answer = TypeVar("Answer")
 Told = Callable[[str, int, int], None]
 
 
@@ -89,22 +80,22 @@ def _reference(
 ) -> Reference:
     """The reference that the folder holds, if it serves, else a new one; its goal is a part of the smallest error."""
     told("reference", 0, 1)
-    smallest = min(grid.targets) if grid.targets else _computed(run, estimated_error, (recipe, grid.finest))
-    goal, there = PART * smallest, None if fresh else read_reference(folder)
+
+    def computed(function: Callable[..., Any], *given: Any) -> Any:
+        (found, why), *_ = run(answered, [(function, *given)])
+        if found is None:
+            raise ProblemError(f"the reference that errors are to be measured against was not computed: {why}")
+        return found
+
+    targets = grid.targets or [computed(of_reference.estimated_error, recipe, grid.finest)]
+    goal, there = PART * min(targets), None if fresh else of_reference.read_reference(folder)
     if there is not None and there.serves(recipe.mark, instants.tolist(), goal, grid.finest):
         return there
-    return _computed(run, build_reference, (recipe, grid.coarsest, grid.finest, instants, goal, folder))
+    return computed(of_reference.build_reference, recipe, grid.coarsest, grid.finest, instants, goal, folder)
 
 
-def _computed(run: Results, function: Callable[..., Answer], given: tuple[Any, ...]) -> Answer:
-    (found, why), *_ = run(answered, [(function, *given)])
-    if found is None:
-        raise ProblemError(f"the reference that errors are to be measured against was not computed: {why}")
-    return found
-
-
-def answered(function: Callable[..., Answer], *given: Any) -> tuple[Answer | None, str]:
-    """Call a function in a process of its own; return its result, or the reason why there is none."""
+def answered(function: Callable[..., Any], *given: Any) -> tuple[Any, str]:
+    """Call a function in a process of its own; return its result, or None and the reason why there is none."""
     try:
         return alone(function, *given), ""
     except (Refused, Crashed) as error:
@@ -115,7 +106,7 @@ def finished_row(recipe: Recipe, point: Point, key: str, folder: Path, reference
     """Run a point, and measure its error, in a process of its own."""
     start = time.perf_counter()
     try:
-        status, found = DONE, alone(measured_point, recipe, point, folder, reference)
+        status, found = DONE, alone(of_reference.measured_point, recipe, point, folder, reference)
     except (Crashed, MemoryError, OSError) as crash:
         status, found = CRASHED, {"message": str(crash) or type(crash).__name__}
     except (Refused, VemcvxError) as refusal:

@@ -11,6 +11,8 @@ from dataclasses import asdict, astuple, dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import numpy as np
+
 from vemcvx.canvas import light_grid, new_figure, plain_logarithms
 from vemcvx.errors import HistoryError
 from vemcvx.outline import Table
@@ -193,14 +195,11 @@ def table(rows: Sequence[Row]) -> str:
         where = row.target is not None, row.family or "", row.target or 0.0, row.n, row.steps or 0
         return *where, row.solver, row.accuracy
 
-    found = answers(rows)
-    errors = [one.error for one in found]
-    costs: list[list[float]] = [[one.seconds for one in found], [one.unknowns for one in found]]
+    found, heads = answers(rows), [*(field.name for field in fields(Row)), "front_seconds", "front_unknowns"]
+    errors, costs = [one.error for one in found], ([float(getattr(one, cost)) for one in found] for cost in AXES)
     fronts = [{found[k].row.key for k in front(cost, errors)} for cost in costs]
-    heads = [*(field.name for field in fields(Row)), "front_seconds", "front_unknowns"]
-    return Table(
-        heads, [[*astuple(row), *(int(row.key in keys) for keys in fronts)] for row in sorted(rows, key=order)]
-    ).csv()
+    plain = [[*astuple(row), *(int(row.key in keys) for keys in fronts)] for row in sorted(rows, key=order)]
+    return Table(heads, plain).csv()
 
 
 def front(costs: Sequence[float], errors: Sequence[float]) -> list[int]:
@@ -249,19 +248,15 @@ def advice(rows: Sequence[Row], levels: Sequence[float]) -> list[str]:
     lines = []
     for level in levels:
         cheapest = min((one for one in found if one.error <= level), key=lambda one: one.seconds, default=None)
+        words = "no run of this sweep has an answer."
         if cheapest is not None:
             row, error, seconds, unknowns = cheapest
-            lines.append(
-                f"for {percent(level)}: use {row.settings}: costs {seconds:.2g} s, error {percent(error)} "
-                f"({unknowns} unknowns, {row.steps} steps, {row.peak_mb or float('nan'):.0f} MB)"
-            )
+            words = f"use {row.settings}: costs {seconds:.2g} s, error {percent(error)} "
+            words += f"({unknowns} unknowns, {row.steps} steps, {row.peak_mb or float('nan'):.0f} MB)"
         elif best is not None:
-            lines.append(
-                f"for {percent(level)}: no run of this sweep is as good; the best is {best.row.settings} with "
-                f"{percent(best.error)}. Ask for larger --n, or a smaller --target."
-            )
-        else:
-            lines.append(f"for {percent(level)}: no run of this sweep has an answer.")
+            words = f"no run of this sweep is as good; the best is {best.row.settings} with {percent(best.error)}. "
+            words += "Ask for larger --n, or a smaller --target."
+        lines.append(f"for {percent(level)}: {words}")
     return lines
 
 
@@ -277,16 +272,12 @@ def effectivities(rows: Sequence[Row], title: str = "") -> Figure | None:
     ax = figure.subplots()
     for k, family in enumerate(sorted({one.row.family for one in found}, key=str)):
         own = [one for one in found if one.row.family == family]
-        style: dict[str, Any] = {
-            "linestyle": "none",
-            "marker": MARKERS[k % len(MARKERS)],
-            "color": SERIES[k % len(SERIES)],
-        }
-        errors, name = [100.0 * one.error for one in own], family or "own mesh"
-        ratios = [(one.row.bound or 0.0) / one.error for one in own]
-        ax.plot(errors, ratios, **style, markersize=6, label=f"{name}, bound")
-        known = [(x, one.row.estimated / one.error) for x, one in zip(errors, own, strict=True) if one.row.estimated]
-        ax.plot(*zip(*known, strict=True), **style, markersize=6, fillstyle="none", label=f"{name}, estimate")
+        style: dict[str, Any] = {"markersize": 6, "color": SERIES[k % len(SERIES)]}
+        for word, fill in (("bound", "full"), ("estimate", "none")):
+            sizes = [one.row.bound if word == "bound" else one.row.estimated for one in own]
+            known = [(100.0 * one.error, size / one.error) for one, size in zip(own, sizes, strict=True) if size]
+            label = f"{family or 'own mesh'}, {word}"
+            ax.plot(*np.reshape(known, (-1, 2)).T, MARKERS[k % len(MARKERS)], fillstyle=fill, label=label, **style)
     ax.axhline(1.0, color="0.25", linewidth=1.0)
     ax.set(xscale="log", yscale="log", xlabel="true error, %", ylabel="bound or estimate over true error", title=title)
     plain_logarithms(ax.yaxis, (1.0, 1.2, 1.5, 2.0, 3.0, 5.0, 7.0))
@@ -325,14 +316,8 @@ def picture(
     axes[0].set(ylim=(low, max(errors) * 1.25), ylabel=f"true error of {of}, %")
     plain_logarithms(axes[0].yaxis)
     if resolved is not None:
-        middle = 0.02, 100 * resolved / BAND**0.5
-        axes[1].text(
-            *middle,
-            "the reference's own error",
-            transform=axes[1].get_yaxis_transform(),
-            va="center_baseline",
-            fontsize="small",
-        )
+        how: dict[str, Any] = {"transform": axes[1].get_yaxis_transform(), "va": "center_baseline", "fontsize": "small"}
+        axes[1].text(0.02, 100 * resolved / BAND**0.5, "the reference's own error", **how)
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside right upper", frameon=False, fontsize="small")
     figure.suptitle(title, fontsize="medium")
     return figure
@@ -349,18 +334,12 @@ def _marked(ax: Axes, found: Sequence[Answer], costs: Sequence[float]) -> None:
     ax.plot([costs[k] for k in best], [errors[k] for k in best], "0.25", linewidth=1.1, label="Pareto front")
     for family, solver, adaptive in sorted(set(kinds), key=lambda kind: (kind[2], solvers.index(kind[1]), str(kind))):
         own = [k for k, kind in enumerate(kinds) if kind == (family, solver, adaptive)]
-        colour = SERIES[families.index(family) % len(SERIES)]
-        ax.plot(
-            [costs[k] for k in own],
-            [errors[k] for k in own],
-            # A mark a family, for print in grey; with a black edge where meshes are adaptive.
-            MARKERS[families.index(family) % len(MARKERS)],
-            color=colour,
-            markersize=8 if adaptive else 5,
-            markeredgecolor="black" if adaptive else colour,
-            markeredgewidth=1.6 if adaptive else 1.0,
-            # Solvers mostly give the same errors: marks of the second are hollow, of others filled in half.
-            fillstyle=FILLED[solvers.index(solver) % len(FILLED)],
-            markerfacecoloralt="white",
-            label=f"{family or 'own mesh'}, {solver}{', adaptive' * adaptive}",
-        )
+        # A mark a family, for print in grey; with a black edge where meshes are adaptive. Solvers mostly give the same
+        # errors: marks of the second are hollow, of others filled in half.
+        place = families.index(family)
+        colour, mark = SERIES[place % len(SERIES)], MARKERS[place % len(MARKERS)]
+        (drawn,) = ax.plot([costs[k] for k in own], [errors[k] for k in own], mark, color=colour, markersize=5)
+        drawn.set(fillstyle=FILLED[solvers.index(solver) % len(FILLED)], markerfacecoloralt="white")
+        drawn.set(label=f"{family or 'own mesh'}, {solver}{', adaptive' * adaptive}")
+        if adaptive:
+            drawn.set(markersize=8, markeredgecolor="black", markeredgewidth=1.6)

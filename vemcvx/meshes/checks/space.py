@@ -23,16 +23,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.errors import MeshError
-from vemcvx.meshes.checks.plane import (
-    NARROW,
-    brief_row,
-    check_coincident,
-    check_points,
-    check_polygons,
-    check_simple,
-    dropped,
-    laid_flat,
-)
+from vemcvx.meshes.checks import plane
+from vemcvx.meshes.checks.plane import NARROW, brief_row, check_polygons, laid_flat
 from vemcvx.meshes.interfaces import Interface, check_interfaces, pairs_of, places_of
 from vemcvx.meshes.polygons import (
     TOLERANCE,
@@ -73,12 +65,12 @@ def checked_in_space(
     Besides, interfaces as given, the map of nodes, and notes on what was mended. Only at interfaces may two nodes be in
     one place; how cells fit together is checked as if nodes there were one.
     """
-    points = check_points(points, 3)
+    points = plane.check_points(points, 3)
     offsets, own, cell_offsets = check_face_lists(cells, len(points))
     interfaces = check_interfaces(interfaces, len(points), 3)
     place = places_of(pairs_of(interfaces), points)
     vertices = place[own]
-    check_coincident(points, np.unique(vertices))
+    plane.check_coincident(points, np.unique(vertices))
     owner = cell_of_corner(cell_offsets)
     shared = shared_faces(offsets, vertices, owner, len(points))
     shapes = check_faces(points, *rows_in_order(offsets, vertices, shared.first), owner[shared.first])
@@ -105,7 +97,7 @@ def checked_in_space(
         )
     if interfaces:
         faces = joined_faces(offsets, turned(offsets, own, turn), cell_offsets)
-    points, vertices, node_map, more = dropped(points, faces.face_vertices)
+    points, vertices, node_map, more = plane.dropped(points, faces.face_vertices)
     return points, faces._replace(face_vertices=vertices), interfaces, node_map, notes + more
 
 
@@ -310,12 +302,14 @@ def check_faces(points: Floats, offsets: Ints, vertices: Ints, cells: Ints) -> F
     if len(several):
         rows, corners = rows_in_order(offsets, np.arange(len(vertices)), several)
         polygons = outlines(places[:, :2], rows, corners)
-        check_simple(places[:, :2], rows, corners, polygons, named=lambda k: named(several[k]), nodes=vertices)
+        plane.check_simple(places[:, :2], rows, corners, polygons, named=lambda k: named(several[k]), nodes=vertices)
     return shapes
 
 
 def check_volumes(points: Floats, faces: Faces, volumes: Floats, shapes: FaceShapes) -> None:
     """MeshError if a cell has no volume, or cells overlap or meet in parts of faces."""
+    from scipy.spatial import ConvexHull, QhullError
+
     offsets, nodes = nodes_of_cells(faces, len(points))
     sizes = diameters(points, offsets, nodes)
     largest = np.maximum.reduceat(np.abs(points[nodes]).max(axis=1), offsets[:-1])
@@ -326,21 +320,15 @@ def check_volumes(points: Floats, faces: Faces, volumes: Floats, shapes: FaceSha
             "or correct its faces."
         )
     _check_outer_faces(points, faces, shapes, NARROW * float((volumes / sizes**2).min()))
-    hull = _volume_of_hull(points[np.unique(nodes)])
+    try:
+        hull = float(ConvexHull(points[np.unique(nodes)]).volume)
+    except QhullError:  # as flat as rounding
+        hull = np.inf
     if volumes.sum() > (1.0 + NARROW) * hull:
         raise MeshError(
             f"cells overlap: their volumes add up to {volumes.sum():.6g}, and the convex hull of all has {hull:.6g}. "
             "Remove or correct some of them."
         )
-
-
-def _volume_of_hull(points: Floats) -> float:
-    from scipy.spatial import ConvexHull, QhullError
-
-    try:
-        return float(ConvexHull(points).volume)
-    except QhullError:  # as flat as rounding
-        return np.inf
 
 
 class Upon(NamedTuple):

@@ -167,11 +167,8 @@ def grid_of(
     if isinstance(mesh, Tessellation):
         kinds, offsets, vertices = polygon_kinds(mesh.offsets), mesh.offsets, mesh.vertices
     elif polyhedra:
-        kinds, faces, (offsets, vertices) = (
-            np.full(mesh.n_cells, "polyhedron"),
-            listed_faces(mesh.faces),
-            mesh.cell_nodes,
-        )
+        kinds, faces = np.full(mesh.n_cells, "polyhedron"), listed_faces(mesh.faces)
+        offsets, vertices = mesh.cell_nodes
     else:
         kinds, offsets, vertices = by_vertices(mesh)
     parts = named_parts(mesh) if sides else {}
@@ -341,16 +338,16 @@ def mesh_of(grid: Grid) -> tuple[AnyTessellation, list[str]]:
     interfaces = _interfaces(parts)
     if grid.solid:
         solids = _solids(grid, cells)
-        solid, left_out = _with_parts(
+        mesh, left_out = _with_parts(
             SpaceTessellation(grid.points, solids, cell_data=data, interfaces=interfaces), parts
         )
-        return solid, [*grid.notes, *left_out]
-    offsets, vertices = rows_in_order(grid.offsets, grid.vertices, cells)
-    counts = np.unique(np.diff(offsets))
-    polygons = vertices.reshape(-1, counts[0]) if len(counts) == 1 else np.split(vertices, offsets[1:-1])
-    made = Tessellation(_plane(grid.points), polygons, cell_data=data, interfaces=interfaces)
-    flat, left_out = _with_parts(made, parts)
-    return flat, [*grid.notes, *left_out]
+    else:
+        offsets, vertices = rows_in_order(grid.offsets, grid.vertices, cells)
+        counts = np.unique(np.diff(offsets))
+        polygons = vertices.reshape(-1, counts[0]) if len(counts) == 1 else np.split(vertices, offsets[1:-1])
+        plane = Tessellation(_plane(grid.points), polygons, cell_data=data, interfaces=interfaces)
+        mesh, left_out = _with_parts(plane, parts)
+    return mesh, [*grid.notes, *left_out]
 
 
 def _check(grid: Grid) -> None:

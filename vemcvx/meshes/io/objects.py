@@ -72,12 +72,13 @@ def from_meshio(mesh: meshio.Mesh) -> Grid:
     starts = offsets_of(np.array(sizes, dtype=np.int64))
     for name, members in mesh.cell_sets.items():
         if not name.startswith("gmsh:"):
-            chosen = [
-                start + np.asarray(m, dtype=np.int64)
-                for start, m in zip(starts, members, strict=False)
-                if m is not None
-            ]
-            _take_group(grid, name, np.isin(np.arange(len(grid.kinds)), np.concatenate([none, *chosen])))
+            some = [(start, m) for start, m in zip(starts, members, strict=False) if m is not None]
+            chosen = np.concatenate([none, *(start + np.asarray(m, dtype=np.int64) for start, m in some)])
+            inside, (inner, outer) = np.isin(np.arange(len(grid.kinds)), chosen), grid.bounding
+            if (inside & outer).any():
+                grid.sides[name] = inside
+            elif (inside & inner).any():
+                grid.data[name] = inside.astype(np.uint8)
     return grid
 
 
@@ -90,14 +91,6 @@ def _joined(name: str, parts: list[NDArray[Any]], sizes: list[int]) -> NDArray[A
     if len(shapes) > 1:
         raise MeshError(f"its cell datum {name!r} has values of different shapes: {', '.join(map(str, shapes))}.")
     return np.concatenate(parts) if parts else np.zeros(0)
-
-
-def _take_group(grid: Grid, name: str, chosen: NDArray[np.bool_]) -> None:
-    inner, outer = grid.bounding
-    if (chosen & outer).any():
-        grid.sides[name] = chosen
-    elif (chosen & inner).any():
-        grid.data[name] = chosen.astype(np.uint8)
 
 
 def _take_physical_groups(grid: Grid, names: Mapping[str, Any]) -> None:

@@ -17,7 +17,7 @@ import zlib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Literal, NamedTuple, Protocol
+from typing import Any, Literal, NamedTuple
 from urllib.parse import quote, unquote
 from xml.etree import ElementTree
 
@@ -119,10 +119,6 @@ def face_stream(listed: Listed) -> tuple[Ints, Ints]:
 # XML files.
 
 
-class _Unpacker(Protocol):
-    def decompress(self, data: bytes, max_length: int = ..., /) -> bytes: ...
-
-
 class _Xml:
     """The arrays of an XML file, decoded where they are asked for."""
 
@@ -152,7 +148,10 @@ class _Xml:
                 data = self.appended[start : next(place for place in self.places if place > start)]
             else:
                 data = (array.text or "").encode()
-            data = data if self.raw and array.get("format") == "appended" else _from_base64(data)
+            if not (self.raw and array.get("format") == "appended"):
+                # Texts one after the other, each filled up with = where it ends early.
+                texts = re.findall(rb"[A-Za-z0-9+/]+={0,2}", b"".join(data.split()))
+                data = b"".join(map(base64.b64decode, texts))
             values = np.frombuffer(self._unpacked(data), dtype.newbyteorder(self.order)).astype(dtype)
         components = int(array.get("NumberOfComponents", 1))
         return values.reshape(-1, components) if components > 1 else values
@@ -168,7 +167,7 @@ class _Xml:
             return b""
         sizes, at, parts = np.frombuffer(data, self.head, 3 + count)[3:].tolist(), (3 + count) * width, []
         for size in sizes:
-            unpacker: _Unpacker = zlib.decompressobj() if "ZLib" in self.compressor else lzma.LZMADecompressor()
+            unpacker: Any = zlib.decompressobj() if "ZLib" in self.compressor else lzma.LZMADecompressor()
             parts.append(unpacker.decompress(data[at : at + size], self.left + 1))
             at, self.left = at + size, self.left - len(parts[-1])
             if self.left < 0:
@@ -176,21 +175,14 @@ class _Xml:
         return b"".join(parts)
 
 
-def _from_base64(text: bytes) -> bytes:
-    """The bytes of base64 texts one after the other, each filled up with = where it ends early."""
-    return b"".join(map(base64.b64decode, re.findall(rb"[A-Za-z0-9+/]+={0,2}", b"".join(text.split()))))
-
-
 def read_xml(data: bytes, kind: str) -> Grid:
     """Return the grid of a VTU file, or the polygons of a VTP file (`kind` "PolyData")."""
     file = _Xml(data)
-    section = file.root.find(kind)
-    grids = kind == "UnstructuredGrid"
-    pieces = [] if section is None else section.findall("Piece")
-    if section is None or not pieces:
-        raise MeshError("it holds no UnstructuredGrid." if grids else "it holds no polygons.")
-    if len(pieces) != 1:
+    grids, pieces = kind == "UnstructuredGrid", file.root.findall(f"{kind}/Piece")
+    if len(pieces) > 1:
         raise MeshError(f"it holds {len(pieces)} pieces; wanted is one: merge them before writing.")
+    if not pieces:
+        raise MeshError("it holds no UnstructuredGrid." if grids else "it holds no polygons.")
     (piece,) = pieces
     if not grids:
         counts = {name: int(piece.get(f"NumberOf{name}", 0)) for name in ("Polys", "Verts", "Lines", "Strips")}
@@ -203,7 +195,7 @@ def read_xml(data: bytes, kind: str) -> Grid:
     claimed, there = int(piece.get(f"NumberOf{name}", 0)), len(cells.get("offsets", ()))
     if claimed != there:
         raise MeshError(f"it claims {claimed} cells; there are {there}.")
-    fields = file.arrays(section.find("FieldData"))
+    fields = file.arrays(file.root.find(f"{kind}/FieldData"))
     return vtk_grid(next(iter(points.values())), cells, file.arrays(piece.find("CellData")), fields)
 
 
@@ -280,17 +272,16 @@ def _write(path: Path, packed: Packed, data: Mapping[str, list[Block]], fields: 
     root.set("byte_order", "LittleEndian" if sys.byteorder == "little" else "BigEndian")
     root.set("compressor", "vtkZLibDataCompressor")
     whole, arrays = ElementTree.SubElement(root, "UnstructuredGrid"), list[tuple[ElementTree.Element, bytes]]()
-    sizes = {"NumberOfPoints": str(packed.nodes), "NumberOfCells": str(packed.cells)}
-    parents = {"FieldData": whole, "": ElementTree.Element("Piece", sizes)}
+    sizes, at = {"NumberOfPoints": str(packed.nodes), "NumberOfCells": str(packed.cells)}, 0
+    piece = ElementTree.Element("Piece", sizes)
     for tag, blocks in {"FieldData": fields, **packed.sections, **data}.items():
-        section = ElementTree.SubElement(parents.get(tag, parents[""]), tag)
+        section = ElementTree.SubElement(whole if tag == "FieldData" else piece, tag)
         arrays += [(ElementTree.SubElement(section, "DataArray", words, format="appended"), of) for words, of in blocks]
     arrays.reverse()
-    at = 0
     for array, block in arrays:
         array.set("offset", str(at))
         at += len(block)
-    whole.append(parents[""])
+    whole.append(piece)
     head = ElementTree.tostring(root, encoding="utf-8", xml_declaration=True).removesuffix(b"</VTKFile>")
     appended = [block for _, block in arrays]
     with path.open("wb") as file:

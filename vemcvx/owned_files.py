@@ -167,7 +167,12 @@ def _locked(path: Path) -> int:
         path.parent.mkdir(parents=True, exist_ok=True)
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o666)
         try:
-            _hold(descriptor, path)
+            try:
+                _lock(descriptor)
+            except OSError as error:
+                if error.errno in BUSY:
+                    raise BlockingIOError(error.errno, "held by somebody else") from error
+                log.warning("%s: cannot be locked (%s); see to it that no two runs share its folder", path, error)
             if os.path.exists(path) and os.path.samestat(os.fstat(descriptor), os.stat(path)):
                 os.lseek(descriptor, 0, os.SEEK_SET)
                 return descriptor
@@ -176,15 +181,6 @@ def _locked(path: Path) -> int:
             raise
         # Whoever held it has deleted it meanwhile.
         os.close(descriptor)
-
-
-def _hold(descriptor: int, path: Path) -> None:
-    try:
-        _lock(descriptor)
-    except OSError as error:
-        if error.errno in BUSY:
-            raise BlockingIOError(error.errno, "held by somebody else") from error
-        log.warning("%s: cannot be locked (%s); see to it that no two runs share its folder", path, error)
 
 
 def _lock(descriptor: int) -> None:

@@ -116,7 +116,9 @@ def simulate(
     posed = pose_scene(scene, mesh, given.tolist())
     for words in posed.inactive:
         log.info("left out: %s", words)
-    circle = _circle(posed, store) if flag(bound, "bound") else None
+    if flag(bound, "bound") and not (isinstance(store, str) and store == "all"):
+        raise SceneError("bound: every step is bounded given the one before, and needs store='all'.")
+    circle = hypercircle(posed) if bound else None
     assembled = time.perf_counter() - start
     with _storage(stream, resume) as storage:
         trajectory = march(
@@ -197,13 +199,6 @@ def warn_of_turns(scene: Scene, mesh: AnyMesh, times: Floats) -> None:
     )
 
 
-def _circle(posed: PosedScene, store: object) -> Hypercircle:
-    """What bounds of all steps are made of."""
-    if not (isinstance(store, str) and store == "all"):
-        raise SceneError("bound: every step is bounded given the one before, and needs store='all'.")
-    return hypercircle(posed)
-
-
 def _bounds_of_force(circle: Hypercircle, history: History, stepped: Sequence[Stepped]) -> dict[str, Any]:
     """The fields of a history that bound the force by which a boundary is moved; none where nothing moves."""
     if (loop := loop_of(history)) is None:
@@ -219,15 +214,11 @@ def _bounds_of_force(circle: Hypercircle, history: History, stepped: Sequence[St
 
 def warn_of(posed: PosedScene, results: Results) -> None:
     """Log warnings of what a run says that is not to be quoted, or that no small strain holds for."""
-    _warn_of_lost_work(results.trajectory, _still(posed))
+    # An energy that is rounding: with strains of 1e-12 there is no less than this in a cell, or at a node.
+    size = float(np.ptp(posed.space.mesh.points, axis=0).max())
+    _warn_of_lost_work(results.trajectory, 1e-24 * size**2 * float(posed.A.diagonal().max(initial=0.0)))
     if left := small_strains.warning(posed, results):
         log.warning("%s", left)
-
-
-def _still(posed: PosedScene) -> float:
-    """An energy that is rounding: with strains of 1e-12 there is no less than this in a cell, or at a node."""
-    size = float(np.ptp(posed.space.mesh.points, axis=0).max())
-    return 1e-24 * size**2 * float(posed.A.diagonal().max(initial=0.0))
 
 
 def _warn_of_lost_work(run: Trajectory, still: float) -> None:

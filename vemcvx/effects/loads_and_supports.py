@@ -175,14 +175,16 @@ class Clamp(Effect):
     on: str | Sequence[str]
 
     def contribute(self, space: Space) -> Contribution:
-        nodes = space.part(self.on, "Clamp").nodes
-        dim = space.mesh.points.shape[1]
-        repeated = np.repeat(nodes, dim)
-        axes = np.tile(np.eye(dim), (len(nodes), 1))
-        return Contribution(supports=(Support("Clamp", repeated, axes, space.mesh.points[repeated]),))
+        return Contribution(supports=(held("Clamp", space, space.part(self.on, "Clamp").nodes),))
 
     def describe(self) -> str:
         return f"Clamp: u = 0 on {where(self.on)}"
+
+
+def held(subject: str, space: Space, nodes: Ints, value: Callable[[float], Floats] | None = None) -> Support:
+    """All components of nodes prescribed, node by node: zero, or t -> (m * dim,)."""
+    repeated, axes = np.repeat(nodes, space.dim), np.tile(np.eye(space.dim), (len(nodes), 1))
+    return Support(subject, repeated, axes, space.mesh.points[repeated], value)
 
 
 # A line of symmetry, or a row of rollers: u . n = 0 and sigma_tau = 0.
@@ -249,8 +251,12 @@ class PrescribedDisplacement(Effect):
         subject = f"PrescribedDisplacement on {where(self.on)}"
         part = space.part(self.on, "PrescribedDisplacement")
         if self.direction is None:
-            whole = self._whole(part.nodes, space.mesh.points[part.nodes], subject)
-            return Contribution(supports=(whole,))
+            places = space.mesh.points[part.nodes]
+
+            def whole(t: float) -> Floats:
+                return data.vector(self.value, places, t, subject).ravel()
+
+            return Contribution(supports=(held(subject, space, part.nodes, self._unless_zero(whole)),))
         nodes, directions, cosines = self._rows(part, space, subject)
         points = space.mesh.points[nodes]
 
@@ -262,18 +268,8 @@ class PrescribedDisplacement(Effect):
         return Contribution(supports=(support,), curves=(subject,) if curved else ())
 
     def describe(self) -> str:
-        held = "" if self.direction is None else f" along {self.direction}"
-        return f"PrescribedDisplacement: u = {amount(self.value)}{held} on {where(self.on)}"
-
-    def _whole(self, nodes: Ints, points: Floats, subject: str) -> Support:
-        dim = points.shape[1]
-
-        def value(t: float) -> Floats:
-            return data.vector(self.value, points, t, subject).ravel()
-
-        repeated = np.repeat(nodes, dim)
-        axes, places = np.tile(np.eye(dim), (len(nodes), 1)), np.repeat(points, dim, axis=0)
-        return Support(subject, repeated, axes, places, self._unless_zero(value))
+        along = "" if self.direction is None else f" along {self.direction}"
+        return f"PrescribedDisplacement: u = {amount(self.value)}{along} on {where(self.on)}"
 
     def _unless_zero(self, value: Callable[[float], Floats]) -> Callable[[float], Floats] | None:
         """None for a constant of zero, which holds its nodes as a clamp or rollers do."""
@@ -346,7 +342,8 @@ class ElasticFoundation(Effect):
         ends = rule.shares / rule.shares.sum(axis=1, keepdims=True)
         blocks = np.zeros((m, count, dim, count, dim))
         for name, direction in (("normal", across), ("tangential", along)):
-            k = self._stiffness(name, rule.points.reshape(-1, dim)).reshape(m, q)
+            subject = f"ElasticFoundation on {where(self.on)}: {name}"
+            k = data.stiffness(getattr(self, name), rule.points.reshape(-1, dim), subject).reshape(m, q)
             mass = np.einsum("eiq,ejq,eq->eij", rule.shares, ends, k)
             # The product above rounds (i, j) and (j, i) differently.
             mass = 0.5 * (mass + mass.transpose(0, 2, 1))
@@ -358,9 +355,6 @@ class ElasticFoundation(Effect):
             f"ElasticFoundation: normal {amount(self.normal, 'x')}, tangential {amount(self.tangential, 'x')} "
             f"on {where(self.on)}"
         )
-
-    def _stiffness(self, name: str, x: Floats) -> Floats:
-        return data.stiffness(getattr(self, name), x, f"ElasticFoundation on {where(self.on)}: {name}")
 
 
 def _spread(blocks: Floats, rule: SideRule, space: Space) -> sp.csr_matrix:

@@ -345,10 +345,8 @@ class Orthotropic(MaterialLaw):
         return S
 
     def _shears(self, at: data.InCells, inside: Bools, in_plane: bool) -> Floats:
-        shears = self._several(at, "shear", in_plane)
-        for name, G in zip(
-            ("shear",) if in_plane else ("shear (G12)", "shear (G13)", "shear (G23)"), shears, strict=True
-        ):
+        shears, names = self._several(at, "shear", in_plane), ("shear (G12)", "shear (G13)", "shear (G23)")
+        for name, G in zip(("shear",) if in_plane else names, shears, strict=True):
             self._require(np.where(inside, G, 1.0) > 0, G, name, "must be > 0")
         return shears
 
@@ -371,7 +369,8 @@ class Orthotropic(MaterialLaw):
                 f"Orthotropic: found axes = {brief(self.axes)}; give two vectors, of axis 1 and of axis 2."
             )
         x = at.mesh.centroids if at.x is None else at.x
-        first, second = (data.vector(_of_place(axis), x, 0.0, "Orthotropic: axes") for axis in self.axes)
+        given = [(lambda x, t, of=axis: of(x)) if callable(axis) else axis for axis in self.axes]
+        first, second = (data.vector(axis, x, 0.0, "Orthotropic: axes") for axis in given)
         third = np.cross(first, second)
         sizes = np.linalg.norm(first, axis=1) * np.linalg.norm(second, axis=1)
         area = np.linalg.norm(third, axis=1)
@@ -414,11 +413,6 @@ class Orthotropic(MaterialLaw):
 
 PARALLEL = 1e-6
 """Sine of the angle between vectors that are parallel."""
-
-
-def _of_place(axis: Any) -> Any:
-    """A vector, or a function of place as one of place and time."""
-    return (lambda x, t: axis(x)) if callable(axis) else axis
 
 
 def _turn(angle: Floats) -> Floats:

@@ -50,8 +50,6 @@ from vemcvx.vem.boundary import CURVE
 from vemcvx.vem.elasticity import principal
 
 GROWS = "grows without limit as the mesh is refined"
-MATERIALS = 8
-"""More kinds of cells are no materials, but a field that changes from cell to cell."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,8 +166,8 @@ class Corners:
 
     @cached_property
     def varies(self) -> bool:
-        """True if moduli change from cell to cell, and not from material to material."""
-        return len(np.unique(self.moduli, axis=1).T) > MATERIALS
+        """True if moduli change from cell to cell: more than eight kinds are no materials."""
+        return len(np.unique(self.moduli, axis=1).T) > 8
 
     @cached_property
     def across(self) -> dict[tuple[int, int], tuple[int, int]]:

@@ -29,8 +29,6 @@ from vemcvx.vem import Space, principal, strains
 
 LARGEST_STRAIN = 0.05
 """Strains, and displacements in parts of the body, up to which squares of strains, .1 % of one, are left out."""
-OUT_OF_ALL_BOUNDS = 0.5
-"""Strains, and displacements in parts of the body, from which on units are suspected."""
 Found = tuple[float, str]
 """A strain, or a displacement in parts of the body, and what to say of it."""
 
@@ -44,7 +42,8 @@ def warning(posed: PosedScene, results: Results) -> str:
     if not found:
         return ""
     said = f"small strains are left: {'; '.join(words for _, words in found)}."
-    if max(size for size, _ in found) < OUT_OF_ALL_BOUNDS:
+    # From a half on, units are suspected.
+    if max(size for size, _ in found) < 0.5:
         return f"{said} The linear model, of small strains, turns and slips, does not hold there."
     return f"{said} {_cause(posed, results, int(rows[np.argmax(energies[rows])]))}"
 

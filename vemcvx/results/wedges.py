@@ -42,8 +42,6 @@ from vemcvx.arrays import Floats
 Complex = NDArray[np.complex128]
 LIMIT = 0.99
 """Exponents from here on are no corner's that matters: at .99 stress grows by .7 % where cells are halved."""
-NEAR = 1e-4
-"""How far from 1 the residue is taken: far beside the rounding of angles."""
 
 
 @dataclass(frozen=True)
@@ -168,7 +166,7 @@ class Wedge:
         """A, B, C and D of R b, with the exponent 1: the stress that log r multiplies; None where it is rounding."""
         if not given.any():
             return None
-        steps = np.array([NEAR, -NEAR])
+        steps = np.array([1e-4, -1e-4])  # far beside the rounding of angles
         matrices: Floats = self.matrix(np.array(1.0 + steps, dtype=np.complex128)).real
         both = np.array([np.linalg.solve(matrix, given) for matrix in matrices])
         # Terms of odd order cancel.

@@ -59,6 +59,11 @@ class Terms(ContactRows):
         return self.gather @ np.concatenate([np.zeros(0), *(f.weights(t) for f in self.frictions)])
 
     @property
+    def block(self) -> int:
+        """The number of components of a term."""
+        return self.tangents.shape[1]
+
+    @property
     def one_way(self) -> bool:
         """True if some cost more one way than the other."""
         return any(f.bias is not None for f in self.frictions)
@@ -93,6 +98,9 @@ def friction_terms(
     elliptic = _of_rows(frictions, [f.ellipse is not None for f in frictions]).astype(bool)[first][kept]
     # What an ellipse shortens, or does not read at all, is slip nonetheless.
     unit = np.where(elliptic[:, None, None], tangents_of(rows.normals), tangents)
+    ground = slid = None
+    if moved is not None:
+        ground, slid = (_relative(some, moved, times) for some in (tangents, unit))
     return Terms(
         **rows.columns,
         rows=rows.matrix(tangents, points),
@@ -104,8 +112,8 @@ def friction_terms(
         sign=np.sign(np.einsum("ij,ij->i", normals, normals[first][term])),
         acting=len(acting),
         dragged=held.dragged[kept],
-        ground=None if moved is None else _relative(tangents, moved, times),
-        reported=None if moved is None else _vectors(unit, _relative(unit, moved, times)),
+        ground=ground,
+        reported=slid and (lambda t: np.einsum("mb,mbd->md", slid(t).reshape(unit.shape[:2]), unit)),
     )
 
 
@@ -114,14 +122,9 @@ def _kinds(frictions: Sequence[Friction]) -> Ints:
 
     They rub on one ground, have one ellipse and, in space, are all along given directions or none of them.
     """
-    kinds = [
-        (
-            None if f.ground is None else id(f.ground.value),
-            None if f.ellipse is None else id(f.ellipse),
-            f.directions is not None and not f.in_plane,
-        )
-        for f in frictions
-    ]
+    grounds = [f.ground and id(f.ground.value) for f in frictions]
+    ways = [(f.ellipse and id(f.ellipse), f.directions is not None and not f.in_plane) for f in frictions]
+    kinds = list(zip(grounds, ways, strict=True))
     return _of_rows(frictions, [kinds.index(kind) for kind in kinds])
 
 
@@ -140,11 +143,6 @@ def _relative(tangents: Floats, moved: Moving, times: Sequence[float]) -> Callab
     """The motion along the tangents since the first instant."""
     start = along(tangents, moved(float(times[0]))) if len(times) else 0.0
     return lambda t: along(tangents, moved(t)) - start
-
-
-def _vectors(tangents: Floats, along: Callable[[float], Floats]) -> Callable[[float], Floats]:
-    """Motions along orthonormal tangents as vectors (m, dim)."""
-    return lambda t: np.asarray(np.einsum("mb,mbd->md", along(t).reshape(tangents.shape[:2]), tangents))
 
 
 def _refuse_overlap(frictions: Sequence[Friction], owns: sp.csr_matrix, ends: sp.csr_matrix) -> None:
@@ -226,10 +224,9 @@ def _slices(frictions: Sequence[Friction]) -> list[slice]:
 
 def norm_terms(terms: Terms, press: sp.csr_matrix | None, supports: Supports) -> Norms | None:
     """The terms that some unknown moves; `press` (rows, r) maps the forces of limits to the rows that laws read."""
-    m = terms.acting
+    m, block, ground = terms.acting, terms.block, terms.ground
     if m == 0:
         return None
-    block, ground = terms.rows.shape[0] // len(terms.nodes), terms.ground
     return Norms(
         B=on_free(acting_rows(terms), supports),
         w=terms.weights(0.0)[:m] if all(f.steady for f in terms.frictions) else lambda t: terms.weights(t)[:m],
@@ -243,10 +240,9 @@ def norm_terms(terms: Terms, press: sp.csr_matrix | None, supports: Supports) ->
 
 def dragged_terms(terms: Terms, press: sp.csr_matrix | None, supports: Supports) -> DraggedTerms | None:
     """The terms that no unknown moves."""
-    m, q = terms.acting, len(terms.nodes) - terms.acting
+    m, q, block, ground = terms.acting, len(terms) - terms.acting, terms.block, terms.ground
     if q == 0:
         return None
-    block, ground = terms.rows.shape[0] // len(terms.nodes), terms.ground
     rows, law = terms.rows[m * block :], law_of(terms, slice(m, m + q), press)
     weights: Callable[..., Any] = (lambda t, p, past, slip: terms.weights(t)[m:]) if law is None else law.weights
     return DraggedTerms(
@@ -261,8 +257,7 @@ def dragged_terms(terms: Terms, press: sp.csr_matrix | None, supports: Supports)
 
 def acting_rows(terms: Terms) -> sp.csr_matrix:
     """B^ of the terms that some unknown moves."""
-    block = terms.rows.shape[0] // max(len(terms.nodes), 1)
-    return terms.rows[: terms.acting * block]
+    return terms.rows[: terms.acting * terms.block]
 
 
 def warn_of_free_normals(frictions: Sequence[Friction], supports: Supports, stopped: Ints) -> None:

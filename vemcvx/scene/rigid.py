@@ -56,8 +56,8 @@ class Part:
         return {str(name): each[one] for name, one in zip(names, large, strict=True)}
 
     def motion(self, mode: Floats, directed: bool = False) -> str:
-        """A motion in words, and whose it is: which way it goes if it is `directed`, else one way of the two."""
-        mode = mode if directed else _forward(mode)
+        """A motion in words, and whose it is: which way it goes if it is `directed`, else that of its largest part."""
+        mode = mode if directed else mode * np.sign(mode[np.argmax(np.abs(mode))])
         moved = self.moved(mode)
         if moved is None:
             return f"{self.alone(mode, directed)} of {self.which}"
@@ -90,7 +90,7 @@ def floating(part: Part, modes: Floats, points: Floats) -> str:
             f"share single nodes, such as node {hinges[0]} at {points[hinges[0]]}, turn about them like hinges. "
             "Join the cells along edges, or support each piece."
         )
-    first = _forward(modes[:, 0])
+    first = modes[:, 0] * np.sign(modes[np.argmax(np.abs(modes[:, 0])), 0])
     moved = part.moved(first)
     motions = f"{count} rigid motion{'s' * (count > 1)}"
     meet = f"meet{'s' * (count == 1)} neither a support nor friction"
@@ -102,11 +102,6 @@ def floating(part: Part, modes: Floats, points: Floats) -> str:
         f"supports: {says}. Add Clamp, PrescribedDisplacement or BilateralContact where they stop it; friction holds "
         "what slides along its boundary only, and loads hold nothing."
     )
-
-
-def _forward(mode: Floats) -> Floats:
-    """The motion with the sign that makes its largest component positive: of one that goes either way."""
-    return mode * np.sign(mode[np.argmax(np.abs(mode))])
 
 
 def _rigid(mode: Floats, directed: bool = False) -> str:
@@ -180,7 +175,9 @@ def floating_motions(
         part = Part(which, tuple(bodies[one] for one in own), hinges)
         loose = _without_rounding(_piece_by_piece(loose, k), np.abs(space.mesh.points).max() / space.mesh.h)
         field = fields @ loose
-        unfelt = loose @ _unfelt(friction @ field)
+        _, size, rotated = np.linalg.svd(friction @ field, full_matrices=friction.shape[0] < field.shape[1])
+        # An orthonormal basis of what friction does not feel.
+        unfelt = loose @ rotated[int((size > FREE**0.5 * size.max(initial=0.0)).sum()) :].T
         if unfelt.shape[1] > 0:
             raise SceneError(floating(part, _piece_by_piece(unfelt, k), space.mesh.points))
         size = np.abs(field).max(axis=0)
@@ -251,12 +248,6 @@ def _without_rounding(loose: Floats, reach: float) -> Floats:
     """
     # Components below 64 roundings of the largest one of a rigid motion are none.
     return np.where(np.abs(loose) > (64 * EPS) * max(1.0, reach) * np.abs(loose).max(axis=0), loose, 0.0)
-
-
-def _unfelt(rows: Floats) -> Floats:
-    """An orthonormal basis of the combinations of the columns that friction does not feel."""
-    _, singular, rotated = np.linalg.svd(rows, full_matrices=len(rows) < rows.shape[1])
-    return rotated[int((singular > FREE**0.5 * singular.max(initial=0.0)).sum()) :].T
 
 
 def _without_energy(springs: sp.csr_matrix, fields: Floats) -> Floats:

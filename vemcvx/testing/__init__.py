@@ -13,9 +13,8 @@ eliminates is tested for that, too; an effect in the scene of its sample. This n
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
-from typing import Any
 
 import pytest
 
@@ -23,20 +22,10 @@ pytest.register_assert_rewrite("vemcvx.testing.solvers", "vemcvx.testing.linear"
 
 from vemcvx.linear import LinearSolver  # noqa: E402 - pytest first, so that it tells why sentences fail
 from vemcvx.solvers import Solver, Solves, as_solver  # noqa: E402
-from vemcvx.testing.effects import (  # noqa: E402
-    SENTENCES,
-    EffectSample,
-    Other,
-)
+from vemcvx.testing import solvers as of_solvers  # noqa: E402
+from vemcvx.testing.effects import SENTENCES, EffectSample, Other  # noqa: E402
 from vemcvx.testing.linear import sentences  # noqa: E402
-from vemcvx.testing.solvers import (  # noqa: E402
-    INSTANCES,
-    OF_ANY_SOLVER,
-    OF_EACH_INSTANCE,
-    Case,
-    Instance,
-    refuses_what_it_does_not_accept,
-)
+from vemcvx.testing.solvers import INSTANCES, Instance  # noqa: E402
 
 __all__ = ["INSTANCES", "EffectSample", "Instance", "Other", "effect_suite", "linear_suite", "solver_suite"]
 
@@ -59,29 +48,28 @@ def solver_suite(
         Otherwise the last digits of its answers may differ from time to time.
     """
     named = solvers if isinstance(solvers, Mapping) else {as_solver(solvers).name: solvers}
-    cases = [case for name, solver in named.items() for case in _cases(name, as_solver(solver), must_answer)]
-    return _test([case for case in cases if repeatable or not case.id.endswith(ON_DIGITS)])
+    cases: Cases = {}
+    for name, solver in ((name, as_solver(one)) for name, one in named.items()):
+        cases |= {f"{name}: {of_any.__name__}": partial(of_any, solver) for of_any in of_solvers.OF_ANY_SOLVER}
+        for instance in INSTANCES.values():
+            case = of_solvers.Case(solver, instance, must_answer)
+            able = instance.features <= solver.accepts
+            for sentence in of_solvers.OF_EACH_INSTANCE if able else (of_solvers.refuses_what_it_does_not_accept,):
+                cases[f"{name}: {instance.name}: {sentence.__name__}"] = partial(sentence, case)
+    return _test({words: case for words, case in cases.items() if repeatable or not words.endswith(ON_DIGITS)})
 
 
-def _test(cases: list[Any]) -> Callable[..., None]:
+Cases = dict[str, Callable[[], None]]
+
+
+def _test(cases: Cases) -> Callable[..., None]:
     @pytest.mark.filterwarnings("ignore:.*nothing holds the body in the normal direction")
     @pytest.mark.filterwarnings("ignore:.*nothing but friction or one-sided contact")
-    @pytest.mark.parametrize("case", cases)
+    @pytest.mark.parametrize("case", [pytest.param(case, id=words) for words, case in cases.items()])
     def test(case: Callable[[], None]) -> None:
         case()
 
     return test
-
-
-def _cases(name: str, solver: Solver, must_answer: bool) -> Iterator[Any]:
-    """The cases of one solver, as parameters of a test."""
-    for of_any in OF_ANY_SOLVER:
-        yield pytest.param(partial(of_any, solver), id=f"{name}: {of_any.__name__}")
-    for instance in INSTANCES.values():
-        able = instance.features <= solver.accepts
-        case = Case(solver, instance, must_answer)
-        for sentence in OF_EACH_INSTANCE if able else (refuses_what_it_does_not_accept,):
-            yield pytest.param(partial(sentence, case), id=f"{name}: {instance.name}: {sentence.__name__}")
 
 
 def effect_suite(samples: EffectSample | Mapping[str, EffectSample]) -> Callable[..., None]:
@@ -93,13 +81,8 @@ def effect_suite(samples: EffectSample | Mapping[str, EffectSample]) -> Callable
         Several where settings of an effect exclude each other.
     """
     named = samples if isinstance(samples, Mapping) else {samples.name: samples}
-    return _test(
-        [
-            pytest.param(partial(sentence, sample), id=f"{name}: {sentence.__name__}")
-            for name, sample in named.items()
-            for sentence in SENTENCES
-        ]
-    )
+    each = [(name, sample, sentence) for name, sample in named.items() for sentence in SENTENCES]
+    return _test({f"{name}: {sentence.__name__}": partial(sentence, sample) for name, sample, sentence in each})
 
 
 def linear_suite(solvers: LinearSolver | Mapping[str, LinearSolver]) -> Callable[..., None]:
@@ -110,10 +93,5 @@ def linear_suite(solvers: LinearSolver | Mapping[str, LinearSolver]) -> Callable
     solvers : LinearSolver, or mapping of names to linear solvers
     """
     named = solvers if isinstance(solvers, Mapping) else {type(solvers).__name__: solvers}
-    return _test(
-        [
-            pytest.param(partial(sentence, linear), id=f"{name}: {words}")
-            for name, linear in named.items()
-            for words, sentence in sentences(linear)
-        ]
-    )
+    each = [(name, linear, *said) for name, linear in named.items() for said in sentences(linear)]
+    return _test({f"{name}: {words}": partial(sentence, linear) for name, linear, words, sentence in each})

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import inspect
 import pickle
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from typing import Any
@@ -143,7 +143,9 @@ def content(thing: Any, rows: int = 1, dim: int = 2) -> Any:
         rows = len(getattr(thing, "nodes", range(rows)))
         told = [f.name for f in dataclasses.fields(thing) if f.name not in ("value", "at")]
         values = {name: content(getattr(thing, name), rows, dim) for name in told}
-        return values | {"at times": _at_times(thing), "at places": _at_places(thing, dim)}
+        value = getattr(thing, "vector", getattr(thing, "value", None))
+        at_times = tuple(content(value(t)) for t in TIMES) if callable(value) else None
+        return values | {"at times": at_times, "at places": _at_places(thing, dim)}
     if isinstance(thing, (sp.csr_matrix, sp.csr_array)):
         return content((thing.shape, thing.indptr, thing.indices, thing.data))
     if isinstance(thing, np.ndarray):
@@ -164,13 +166,6 @@ def _at_places(thing: Any, dim: int) -> Any:
     x, cells = np.random.default_rng(0).uniform(0.0, 0.3, (5, dim)), np.zeros(5, dtype=np.int64)
     more = ((),) if isinstance(thing, Material) else tuple((t,) for t in TIMES)
     return tuple(content(thing.at(x, cells, *t)) for t in more)
-
-
-def _at_times(thing: Any) -> Any:
-    """A load or a support as a function of time."""
-    if hasattr(thing, "vector"):
-        return tuple(content(thing.vector(t)) for t in TIMES)
-    return content(thing.value) if callable(getattr(thing, "value", None)) else None
 
 
 def nameless(thing: Any) -> Any:
@@ -212,10 +207,7 @@ def contributes_finite_arrays_that_fit_the_space(sample: EffectSample) -> None:
     space = Space(sample.mesh(2))
     part = sample.effect.contribute(space)
     assert isinstance(part, Contribution)
-    matrices = part.stiffness, part.viscosity
-    assert any(value for value in vars(part).values() if isinstance(value, tuple)) or any(
-        matrix is not None for matrix in matrices
-    )
+    assert any(len(value) if isinstance(value, tuple) else value is not None for value in vars(part).values())
     n, nodes = space.n_unknowns, space.mesh.n_nodes
     if part.stiffness is not None:
         assert part.stiffness.shape == (n, n)
@@ -251,23 +243,21 @@ def _units(vectors: Floats) -> bool:
 
 def names_an_unknown_boundary_and_what_exists(sample: EffectSample) -> None:
     """In one sentence, which begins with the name of its class."""
-    for on in () if sample.on is None else ("bottm", ["left", "bottm"]):
-        with pytest.raises(
-            SceneError,
-            match=rf"^{sample.name}: there is no boundary named 'bottm'; this mesh has {sample.sides}; add one with "
-            r"mesh\.with_boundary\(name, predicate\)\.$",
-        ):
-            sample.answer(sample.changed(on=on), *sample.beside)
+    wrong = () if sample.on is None else ("bottm", ["left", "bottm"])
+    words = f"there is no boundary named 'bottm'; this mesh has {sample.sides}; add one with "
+    _refuses(sample, wrong, words + r"mesh\.with_boundary\(name, predicate\)\.$")
 
 
 def names_an_unknown_cell_datum_and_what_exists(sample: EffectSample) -> None:
     """A material of a region names them in one sentence, too."""
-    for on in ("wst", ["west", "wst"]) if isinstance(sample.effect, MaterialLaw) else ():
-        with pytest.raises(
-            SceneError,
-            match=rf"^{sample.name}: on= names cells by a cell datum that is nonzero there; found 'wst', but this mesh "
-            r"has 'west', 'east'\. Add one with mesh\.with_cell_data\(name, values\)\.$",
-        ):
+    words = "on= names cells by a cell datum that is nonzero there; found 'wst', but this mesh has 'west', 'east'"
+    wrong = ("wst", ["west", "wst"]) if isinstance(sample.effect, MaterialLaw) else ()
+    _refuses(sample, wrong, words + r"\. Add one with mesh\.with_cell_data\(name, values\)\.$")
+
+
+def _refuses(sample: EffectSample, wrong: Sequence[object], words: str) -> None:
+    for on in wrong:
+        with pytest.raises(SceneError, match=f"^{sample.name}: {words}"):
             sample.answer(sample.changed(on=on), *sample.beside)
 
 

@@ -68,12 +68,9 @@ def block(
         course = np.sin(6 * t) if held else 0.02 * np.sin(6 * t)
         return np.column_stack([8 * (1.25 - x[:, 1]) * course, np.full(len(x), -0.5 * course)])
 
-    def make() -> System:
-        support = [Clamp(on="right")] if held else []
-        scene = Scene(of or Elasticity(200.0, 0.3), *support, Traction(pull, on="left"), *below)
-        return pose_scene(scene, FAMILIES[family](n), TIMES.tolist()).system
-
-    return make
+    support = [Clamp(on="right")] if held else []
+    scene = Scene(of or Elasticity(200.0, 0.3), *support, Traction(pull, on="left"), *below)
+    return lambda: pose_scene(scene, FAMILIES[family](n), TIMES.tolist()).system
 
 
 def _cube(*below: Effect) -> Callable[[], System]:
@@ -83,11 +80,8 @@ def _cube(*below: Effect) -> Callable[[], System]:
         size = min(1.0, 4 * t)
         return np.tile(size * np.array([np.cos(6 * t), np.sin(6 * t), -0.6]), (len(x), 1))
 
-    def make() -> System:
-        scene = Scene(Elasticity(2.5, 0.25), Clamp(on="right"), Traction(pull, on="top"), *below)
-        return pose_scene(scene, SPACE_FAMILIES["cubes"](2), TIMES.tolist()).system
-
-    return make
+    scene = Scene(Elasticity(2.5, 0.25), Clamp(on="right"), Traction(pull, on="top"), *below)
+    return lambda: pose_scene(scene, SPACE_FAMILIES["cubes"](2), TIMES.tolist()).system
 
 
 def sliders(block: int, n: int = 6) -> System:

@@ -22,9 +22,6 @@ from vemcvx.vem.elasticity import COMPONENTS
 from vemcvx.vem.projection import face_groups
 from vemcvx.vem.space import Space
 
-GAUSS = 4
-"""Points an edge: exact for degree 7, as faces are for degree 5."""
-
 
 def mean_strains(space: Space, displacement: Callable[[Floats], Floats]) -> Floats:
     """(n_cells, components) means over cells of the strains of a displacement, a function of points (q, dim).
@@ -40,7 +37,7 @@ def mean_strains(space: Space, displacement: Callable[[Floats], Floats]) -> Floa
 
 def _over_edges(mesh: PolygonMesh, displacement: Callable[[Floats], Floats]) -> Floats:
     """int_dK u (x) n ds, (n_cells, 2, 2)."""
-    place, weight = np.polynomial.legendre.leggauss(GAUSS)
+    place, weight = np.polynomial.legendre.leggauss(4)  # exact for degree 7, as faces are for degree 5
     start = mesh.points[mesh.vertices]
     along = mesh.points[mesh.vertices[next_corner(mesh.offsets)]] - start
     points = start[:, None] + (0.5 + 0.5 * place)[:, None] * along[:, None]

@@ -14,21 +14,12 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 
+from vemcvx import vem
 from vemcvx.arrays import Bools, Floats, Ints, brief, called, fading, read_only, shaped
 from vemcvx.effects import data
 from vemcvx.effects.by_direction import Ellipse
 from vemcvx.errors import SceneError
-from vemcvx.vem import (
-    BoundaryRows,
-    EdgeEnds,
-    Space,
-    Stabilisation,
-    VertexWeights,
-    elastic_matrix,
-    missed_energies,
-    softest_shear,
-    tangents_of,
-)
+from vemcvx.vem import BoundaryRows, EdgeEnds, Space, Stabilisation
 from vemcvx.weight_law import Law
 
 
@@ -161,7 +152,7 @@ class Friction:
     @property
     def in_plane(self) -> bool:
         """True if the normals are those of a body in the plane."""
-        return len(tangents_of(self.normals[:1]).swapaxes(0, 1)) == 1
+        return len(vem.tangents_of(self.normals[:1]).swapaxes(0, 1)) == 1
 
     @property
     def across(self) -> Floats:
@@ -178,7 +169,7 @@ class Friction:
         if self.ellipse is not None:
             return self.ellipse.vectors(self.normals, times)
         if self.directions is None or self.in_plane:
-            return tangents_of(self.across)
+            return vem.tangents_of(self.across)
         return np.stack([self.directions, 0.0 * self.directions], axis=1)
 
     def weights_under(self, t: float, p: Floats, past: Floats, slip: Floats) -> Floats:
@@ -310,15 +301,19 @@ class Material:
 
     def elastic(self, dim: int) -> Floats:
         """(n_cells, 3, 3), in space (n_cells, 6, 6), stresses from strains."""
-        return elastic_matrix(self.moduli, dim)
+        return vem.elastic_matrix(self.moduli, dim)
 
     def stabilised(self, dim: int) -> Stabilisation:
         """S_K, of the softest shear where the material does not say."""
-        return VertexWeights(softest_shear(self.elastic(dim))) if self.stabilisation is None else self.stabilisation
+        return (
+            vem.VertexWeights(vem.softest_shear(self.elastic(dim)))
+            if self.stabilisation is None
+            else self.stabilisation
+        )
 
     def missed(self, space: Space, u: Floats) -> Floats:
         """S_K(u - Pi u, u - Pi u) of each cell, (n_cells,), of nodal displacements (n_nodes, dim)."""
-        return missed_energies(space, self.stabilised(space.dim), self.elastic(space.dim), u)
+        return vem.missed_energies(space, self.stabilised(space.dim), self.elastic(space.dim), u)
 
 
 @dataclass(frozen=True)

@@ -10,22 +10,13 @@ from typing import Any
 
 import numpy as np
 
+from vemcvx import vem
 from vemcvx.arrays import Bools, Floats, Ints, brief, choice
 from vemcvx.effects import data
 from vemcvx.effects.data import Constant
 from vemcvx.effects.effect import Contribution, Effect, Eigenstrain, InitialStress, Material, amount, where
 from vemcvx.errors import SceneError, SceneWarning
-from vemcvx.vem import (
-    Space,
-    Stabilisation,
-    anisotropic_stiffness,
-    elastic_matrix,
-    isotropic_stress,
-    softest_shear,
-    stabilisation_of,
-    stiffness,
-    upper_triangle,
-)
+from vemcvx.vem import Space, Stabilisation
 from vemcvx.vem.elasticity import COMPONENTS
 
 # What every material is: a law for the cells of a region, the whole body unless `on` names cells.
@@ -119,14 +110,16 @@ class Elasticity(MaterialLaw):
             self._warn_of_locking(lam, mu, space)
         if cells is not None:
             lam, mu = lam * cells, mu * cells
-        stabilisation = stabilisation_of(self.stabilisation, mu)
-        A = stiffness(space, lam, mu, stabilisation)
+        stabilisation = vem.stabilisation_of(self.stabilisation, mu)
+        A = vem.stiffness(space, lam, mu, stabilisation)
         volume, thermal = self._blocked(lam, mu, space.dim)
         out_of_plane = np.column_stack([lam, lam, np.zeros_like(lam), volume]) * float(self._plane == "strain")
 
         def at(x: Floats, inside: Ints) -> tuple[Floats, Floats]:
             lam, mu = self._lame(data.InCells(space.mesh, x, inside), None)
-            return upper_triangle(elastic_matrix(np.stack([lam, mu]), space.dim)), self._blocked(lam, mu, space.dim)[1]
+            return vem.upper_triangle(vem.elastic_matrix(np.stack([lam, mu]), space.dim)), self._blocked(
+                lam, mu, space.dim
+            )[1]
 
         material = Material(
             subject="Elasticity" if self.on is None else f"Elasticity on {where(self.on)}",
@@ -170,7 +163,7 @@ class Elasticity(MaterialLaw):
     def _blocked(self, lam: Floats, mu: Floats, dim: int) -> tuple[Floats, Floats]:
         """The energy of a blocked unit eigenstrain, and its stresses (k, components)."""
         volume = 3 * lam + 2 * mu if self._plane == "strain" else 2 * (lam + mu)
-        return volume, isotropic_stress(volume, dim)
+        return volume, vem.isotropic_stress(volume, dim)
 
     def _lame(self, at: data.InCells, cells: Bools | None) -> tuple[Floats, Floats]:
         E, nu = at.read(self.young, "Elasticity: young"), at.read(self.poisson, "Elasticity: poisson")
@@ -259,14 +252,14 @@ class Orthotropic(MaterialLaw):
 
         def at(x: Floats, within: Ints) -> tuple[Floats, Floats]:
             C, thermal_stress_moduli, _ = law(data.InCells(space.mesh, x, within), np.ones(len(x)))
-            return upper_triangle(C), thermal_stress_moduli
+            return vem.upper_triangle(C), thermal_stress_moduli
 
         names = "young", "poisson", "shear"
         constants = [one for name in names for one in self._constants(name, space.in_plane)]
-        stabilisation = stabilisation_of(self.stabilisation, 0.5 * softest_shear(C))
+        stabilisation = vem.stabilisation_of(self.stabilisation, 0.5 * vem.softest_shear(C))
         material = Material(
             subject="Orthotropic" if self.on is None else f"Orthotropic on {where(self.on)}",
-            moduli=upper_triangle(C),
+            moduli=vem.upper_triangle(C),
             thermal_stress_moduli=thermal_stress_moduli,
             plane=self._plane if space.in_plane else "strain",
             cells=cells,
@@ -274,7 +267,7 @@ class Orthotropic(MaterialLaw):
             stabilisation=stabilisation,
             at=at if data.varies(*constants, self.angle, *(() if self.axes is None else self.axes)) else None,
         )
-        return Contribution(stiffness=anisotropic_stiffness(space, C, stabilisation), material=material)
+        return Contribution(stiffness=vem.anisotropic_stiffness(space, C, stabilisation), material=material)
 
     @property
     def _plane(self) -> str:
@@ -466,7 +459,7 @@ class Viscosity(Effect):
 
     def contribute(self, space: Space) -> Contribution:
         eta, zeta = self._checked(self.shear, space, "shear"), self._checked(self.volume, space, "volume")
-        return Contribution(viscosity=stiffness(space, zeta, eta, stabilisation="shear"))
+        return Contribution(viscosity=vem.stiffness(space, zeta, eta, stabilisation="shear"))
 
     def describe(self) -> str:
         return f"Viscosity: shear {amount(self.shear, 'x')}, volume {amount(self.volume, 'x')}"

@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 import numpy as np
 import scipy.sparse as sp
 
+from vemcvx import vem
 from vemcvx.arrays import Bools, Floats, Ints, brief, fading, read_only
 from vemcvx.effects import Contribution, Effect, Eigenstrain, Friction, InitialStress, Load, Material, MaterialLaw
 from vemcvx.errors import SceneError, VemcvxError
@@ -17,17 +18,7 @@ from vemcvx.outline import Outline
 from vemcvx.program.system import DRAG_ROUNDING
 from vemcvx.scene.contact_table import STRAIGHT, pairs_of
 from vemcvx.scene.supports import along
-from vemcvx.vem import (
-    InRegions,
-    MirrorPlanes,
-    Space,
-    Stabilisation,
-    VertexWeights,
-    elastic_matrix,
-    stress_load,
-    tangents_of,
-    upper_triangle,
-)
+from vemcvx.vem import MirrorPlanes, Space, Stabilisation, VertexWeights
 
 # The body put together from its materials: every cell has exactly one.
 #
@@ -53,7 +44,7 @@ def compose(materials: Sequence[Material], mesh: AnyMesh) -> Material:
         )
     isotropic = all(len(m.moduli) == 2 for m in materials)
     dim = mesh.points.shape[1]
-    moduli = [m.moduli if isotropic else upper_triangle(elastic_matrix(m.moduli, dim)) for m in materials]
+    moduli = [m.moduli if isotropic else vem.upper_triangle(vem.elastic_matrix(m.moduli, dim)) for m in materials]
     thermal_stress_moduli = np.sum([m.thermal_stress_moduli for m in materials], axis=0)
     known = [m.out_of_plane for m in materials if m.out_of_plane is not None]
     out_of_plane = np.sum(known, axis=0) if len(known) == len(materials) else None
@@ -75,7 +66,7 @@ def _together(materials: Sequence[Material], dim: int) -> Stabilisation:
     if len(weights) == len(own):
         return VertexWeights(np.sum(weights, axis=0))
     filled = [np.abs(m.moduli).max(axis=0) > 0.0 for m in materials]
-    return InRegions(tuple(zip(filled, own, strict=True)))
+    return vem.InRegions(tuple(zip(filled, own, strict=True)))
 
 
 def _check_cover(materials: Sequence[Material], mesh: AnyMesh) -> None:
@@ -136,7 +127,9 @@ def initial_stresses(parts: Sequence[Contribution], material: Material, space: S
     """The initial stresses of all contributions; None without any."""
     eigenstrains = tuple(s for part in parts for s in part.eigenstrains)
     stresses = tuple(s for part in parts for s in part.initial_stresses)
-    return InitialStresses(material, eigenstrains, stresses, stress_load(space)) if eigenstrains or stresses else None
+    return (
+        InitialStresses(material, eigenstrains, stresses, vem.stress_load(space)) if eigenstrains or stresses else None
+    )
 
 
 # Curves of contact that end on a plane of symmetry: they go on behind it as their mirror image.
@@ -267,7 +260,7 @@ def _grounded(friction: Friction, times: Sequence[float], said: list[str]) -> Fr
     start = float(times[0])
 
     # Directions that are given are checked where norm terms are made of them.
-    tangents = None if friction.directions is not None else tangents_of(friction.normals)
+    tangents = None if friction.directions is not None else vem.tangents_of(friction.normals)
 
     def rubs(t: float) -> Bools:
         began, at = ground.vector(start), ground.vector(t)

@@ -170,16 +170,7 @@ def stiffness(space: Space, lam: Floats, mu: Floats, stabilisation: str | Stabil
     own, filled = stabilisation_of(stabilisation, mu), (lam != 0.0) | (mu != 0.0)
     if isinstance(own, VertexWeights):
         return assemble_cells(space, local_blocks, filled, (lam, mu, own.tau))
-    return _stiffness_of_ones_own(space, elastic_matrix(np.stack([lam, mu]), space.dim), filled, own)
-
-
-def _stiffness_of_ones_own(space: Space, C: Floats, filled: Bools, own: Stabilisation) -> sp.csr_matrix:
-    def local(cells: CellGroup, C: Floats) -> Floats:
-        blocks = consistent_blocks(cells, C)
-        add_stabilisation(blocks, cells, own, C)
-        return blocks
-
-    return assemble_cells(space, local, filled, (C,))
+    return anisotropic_stiffness(space, elastic_matrix(np.stack([lam, mu]), space.dim), own)
 
 
 def local_blocks(cells: CellGroup, lam: Floats, mu: Floats, tau: Floats) -> Floats:
@@ -217,9 +208,16 @@ def anisotropic_stiffness(space: Space, C: Floats, stabilisation: str | Stabilis
         With the softest modulus of shear for 2 mu.
     """
     own, filled = stabilisation_of(stabilisation, 0.5 * softest_shear(C)), np.abs(C).max(axis=(1, 2)) > 0.0
-    if isinstance(own, VertexWeights):
-        return assemble_cells(space, general_blocks, filled, (C, own.tau))
-    return _stiffness_of_ones_own(space, C, filled, own)
+
+    def local(cells: CellGroup, C: Floats, *tau: Floats) -> Floats:
+        blocks = consistent_blocks(cells, C)
+        if tau:
+            add_weights(blocks, cells, *tau)
+        else:
+            add_stabilisation(blocks, cells, own, C)
+        return blocks
+
+    return assemble_cells(space, local, filled, (C, own.tau) if isinstance(own, VertexWeights) else (C,))
 
 
 def softest_shear(C: Floats) -> Floats:
@@ -265,13 +263,6 @@ def consistent_blocks(cells: CellGroup, C: Floats) -> Floats:
     stress = np.einsum("ckl,cjlb->cjkb", C / measures[:, None, None], B)
     blocks: Floats = np.einsum("cika,cjkb->cijab", B, stress)
     return 0.5 * (blocks + blocks.transpose(0, 2, 1, 4, 3))
-
-
-def general_blocks(cells: CellGroup, C: Floats, tau: Floats) -> Floats:
-    """The local matrices (c, n, n, dim, dim) of cells with n vertices; `local_blocks` is the isotropic case."""
-    blocks = consistent_blocks(cells, C)
-    add_weights(blocks, cells, tau)
-    return blocks
 
 
 def cell_energies(space: Space, moduli: Floats, stabilisation: Stabilisation, u: Floats) -> Floats:

@@ -34,24 +34,27 @@ def cell_quadrature(group: CellGroup) -> Rule:
     corners = group.corners
     origin = group.points[group.nodes[:, 0]]
     if corners.shape[1] == 3:
-        return _placed(_on_triangles(corners, np.arange(len(corners))), origin)
+        points, weights, owner = _on_triangles(corners, np.arange(len(corners)))
+        return points + origin[owner], weights, owner
     areas, centres = polygon_centroids(corners)
     about = corners - centres[:, None]
     ring = _ring(about, areas)
     convex = _sees(ring, about, areas)
     rest = np.flatnonzero(~convex)
     star = _sees(np.zeros((len(rest), 1, 2)), about[rest], areas[rest])
-    pieces = [
-        _on_ring(ring[convex] + centres[convex, None], areas[convex], np.flatnonzero(convex)),
-        _on_fan(corners[rest[star]], centres[rest[star]], rest[star]),
-        _along_diagonals(corners[rest[~star]], rest[~star]),
-    ]
+    seen, cut = rest[star], rest[~star]
+    top = np.broadcast_to(centres[seen, None], corners[seen].shape)
+    fans = np.stack([top, corners[seen], np.roll(corners[seen], -1, axis=1)], axis=2)
+    along = corners[cut[:, None, None], diagonals_of(corners[cut])]
+    four, whole = (ring[convex] + centres[convex, None]).reshape(-1, 2), np.flatnonzero(convex)
+    pieces = (
+        (four, np.repeat(0.25 * areas[convex], 4), np.repeat(whole, 4)),
+        *(
+            _on_triangles(triangles, np.repeat(of, triangles.shape[1]))
+            for triangles, of in ((fans, seen), (along, cut))
+        ),
+    )
     points, weights, owner = (np.concatenate(part) for part in zip(*pieces, strict=True))
-    return _placed((points, weights, owner), origin)
-
-
-def _placed(rule: Rule, origin: Floats) -> Rule:
-    points, weights, owner = rule
     return points + origin[owner], weights, owner
 
 
@@ -79,22 +82,9 @@ def _sees(points: Floats, corners: Floats, areas: Floats) -> Bools:
     return np.all(left > reach[:, :, None], axis=(1, 2))
 
 
-def _on_ring(points: Floats, areas: Floats, owner: Ints) -> Rule:
-    return points.reshape(-1, 2), np.repeat(0.25 * areas, 4), np.repeat(owner, 4)
-
-
-def _on_fan(corners: Floats, centres: Floats, owner: Ints) -> Rule:
-    top = np.broadcast_to(centres[:, None], corners.shape)
-    triangles = np.stack([top, corners, np.roll(corners, -1, axis=1)], axis=2)
-    return _on_triangles(triangles.reshape(-1, 3, 2), np.repeat(owner, corners.shape[1]))
-
-
-def _along_diagonals(corners: Floats, owner: Ints) -> Rule:
-    cut = corners[np.arange(len(corners))[:, None, None], diagonals_of(corners)]
-    return _on_triangles(cut.reshape(-1, 3, 2), np.repeat(owner, cut.shape[1]))
-
-
 def _on_triangles(triangles: Floats, owner: Ints) -> Rule:
+    """Three points in each triangle (..., 3, 2) of the cells that own them."""
+    triangles = triangles.reshape(-1, 3, 2)
     weights = np.repeat(signed_areas(triangles) / 3.0, 3)
     return places(triangles, INNER).reshape(-1, 2), weights, np.repeat(owner, 3)
 

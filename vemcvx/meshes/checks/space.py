@@ -23,35 +23,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.errors import MeshError
+from vemcvx.meshes import polygons, polyhedra
 from vemcvx.meshes.checks import plane
 from vemcvx.meshes.checks.plane import NARROW, brief_row, check_polygons, laid_flat
 from vemcvx.meshes.interfaces import Interface, check_interfaces, pairs_of, places_of
-from vemcvx.meshes.polygons import (
-    TOLERANCE,
-    cell_of_corner,
-    cross,
-    diameters,
-    directed_edges,
-    edge_keys,
-    next_corner,
-    offsets_of,
-    outlines,
-    overlapping_boxes,
-    rows_in_order,
-    same_rows,
-    smallest_linked,
-    turned,
-)
-from vemcvx.meshes.polyhedra import (
-    Faces,
-    FaceShapes,
-    Listed,
-    face_shapes,
-    in_planes,
-    joined_faces,
-    nodes_of_cells,
-    volumes_and_centroids,
-)
+from vemcvx.meshes.polygons import TOLERANCE, cell_of_corner, directed_edges, offsets_of, rows_in_order, turned
+from vemcvx.meshes.polyhedra import Faces, FaceShapes, Listed
 
 # Of the diameter of a face: coordinates in single precision, or printed with seven digits, are nearer to its plane.
 PLANE = 1e-6
@@ -75,7 +52,9 @@ def checked_in_space(
     shared = shared_faces(offsets, vertices, owner, len(points))
     shapes = check_faces(points, *rows_in_order(offsets, vertices, shared.first), owner[shared.first])
     turn = faces_to_turn(offsets, vertices, cell_offsets, len(points))
-    volumes = volumes_and_centroids(shapes, cell_offsets, shared.number, np.where(shared.along ^ turn, 1.0, -1.0))[0]
+    volumes = polyhedra.volumes_and_centroids(
+        shapes, cell_offsets, shared.number, np.where(shared.along ^ turn, 1.0, -1.0)
+    )[0]
     turn ^= (volumes < 0.0)[owner]
     first, outwards = shared.first[shared.number], shared.along ^ turn
     bad = np.flatnonzero((first != np.arange(len(owner))) & (outwards == outwards[first]))
@@ -85,7 +64,7 @@ def checked_in_space(
             f"cells {owner[first[k]]} and {owner[k]} overlap: both lie on the same side of their face "
             f"{_row(offsets, vertices, k)}. Remove or correct one of them."
         )
-    faces = joined_faces(offsets, turned(offsets, vertices, turn), cell_offsets)
+    faces = polyhedra.joined_faces(offsets, turned(offsets, vertices, turn), cell_offsets)
     shapes = shapes._replace(normals=np.where(turn[shared.first, None], -shapes.normals, shapes.normals))
     check_volumes(points, faces, np.abs(volumes), shapes)
     notes = []
@@ -96,7 +75,7 @@ def checked_in_space(
             f"outside (the first is cell {mended[0]}); they have been turned."
         )
     if interfaces:
-        faces = joined_faces(offsets, turned(offsets, own, turn), cell_offsets)
+        faces = polyhedra.joined_faces(offsets, turned(offsets, own, turn), cell_offsets)
     points, vertices, node_map, more = plane.dropped(points, faces.face_vertices)
     return points, faces._replace(face_vertices=vertices), interfaces, node_map, notes + more
 
@@ -159,7 +138,7 @@ def faces_to_turn(offsets: Ints, vertices: Ints, cell_offsets: Ints, n_nodes: in
     ends = directed_edges(offsets, vertices)
     corners = _pairs(ends, owner[listing], n_nodes)
     pairs = listing[corners]
-    connected = smallest_linked(pairs, len(owner))
+    connected = polygons.smallest_linked(pairs, len(owner))
     first = np.repeat(cell_offsets[:-1], np.diff(cell_offsets))
     apart = np.flatnonzero(connected != first)
     if len(apart):
@@ -176,7 +155,7 @@ def faces_to_turn(offsets: Ints, vertices: Ints, cell_offsets: Ints, n_nodes: in
     links = np.concatenate(
         [np.column_stack([one, backwards]), np.column_stack([one + count, (backwards + count) % (2 * count)])]
     )
-    label = smallest_linked(links, 2 * count)
+    label = polygons.smallest_linked(links, 2 * count)
     endless = np.flatnonzero(label[:count] == label[count:])
     if len(endless):
         raise MeshError(
@@ -187,7 +166,7 @@ def faces_to_turn(offsets: Ints, vertices: Ints, cell_offsets: Ints, n_nodes: in
 
 def _pairs(ends: Ints, cells: Ints, n_nodes: int) -> Ints:
     """The two corners (m, 2) of each cell that start an edge of it; MeshError if there are more or fewer."""
-    edges, number = np.unique(edge_keys(ends, n_nodes), return_inverse=True)
+    edges, number = np.unique(polygons.edge_keys(ends, n_nodes), return_inverse=True)
     keys = cells * len(edges) + number
     order = np.argsort(keys, kind="stable")
     _, starts, counts = np.unique(keys[order], return_index=True, return_counts=True)
@@ -221,7 +200,7 @@ class SharedFaces(NamedTuple):
 
 def shared_faces(offsets: Ints, vertices: Ints, owner: Ints, n_nodes: int) -> SharedFaces:
     """Join the faces that cells list (see `SharedFaces`); MeshError if one has three cells, or two outlines."""
-    first, number = same_rows(offsets, vertices)
+    first, number = polygons.same_rows(offsets, vertices)
     counts = np.bincount(number)
     order = np.argsort(number, kind="stable")
     starts = np.cumsum(counts) - counts
@@ -274,8 +253,8 @@ def _row(offsets: Ints, vertices: Ints, listing: int) -> str:
 
 def check_faces(points: Floats, offsets: Ints, vertices: Ints, cells: Ints) -> FaceShapes:
     """Shapes of faces of the cells (n_faces,), or MeshError at the first that is no plane simple polygon."""
-    shapes = face_shapes(points, offsets, vertices)
-    sizes = diameters(points, offsets, vertices)
+    shapes = polyhedra.face_shapes(points, offsets, vertices)
+    sizes = polygons.diameters(points, offsets, vertices)
     face = cell_of_corner(offsets)
     largest = np.maximum.reduceat(np.abs(points[vertices]).max(axis=1), offsets[:-1])
 
@@ -288,7 +267,7 @@ def check_faces(points: Floats, offsets: Ints, vertices: Ints, cells: Ints) -> F
             f"{named(flat[0])} has no area (area {shapes.areas[flat[0]]:.3g}, diameter {sizes[flat[0]]:.3g}): its "
             "vertices lie on one line, or its outline crosses itself. Remove it or correct its vertices."
         )
-    places = in_planes(points[vertices], face, shapes)
+    places = polyhedra.in_planes(points[vertices], face, shapes)
     height = np.abs(places[:, 2])
     bent = np.flatnonzero(height > (PLANE * sizes + TOLERANCE * largest)[face])
     if len(bent):
@@ -301,8 +280,8 @@ def check_faces(points: Floats, offsets: Ints, vertices: Ints, cells: Ints) -> F
     several = np.flatnonzero(np.diff(offsets) > 3)
     if len(several):
         rows, corners = rows_in_order(offsets, np.arange(len(vertices)), several)
-        polygons = outlines(places[:, :2], rows, corners)
-        plane.check_simple(places[:, :2], rows, corners, polygons, named=lambda k: named(several[k]), nodes=vertices)
+        flat = polygons.outlines(places[:, :2], rows, corners)
+        plane.check_simple(places[:, :2], rows, corners, flat, named=lambda k: named(several[k]), nodes=vertices)
     return shapes
 
 
@@ -310,8 +289,8 @@ def check_volumes(points: Floats, faces: Faces, volumes: Floats, shapes: FaceSha
     """MeshError if a cell has no volume, or cells overlap or meet in parts of faces."""
     from scipy.spatial import ConvexHull, QhullError
 
-    offsets, nodes = nodes_of_cells(faces, len(points))
-    sizes = diameters(points, offsets, nodes)
+    offsets, nodes = polyhedra.nodes_of_cells(faces, len(points))
+    sizes = polygons.diameters(points, offsets, nodes)
     largest = np.maximum.reduceat(np.abs(points[nodes]).max(axis=1), offsets[:-1])
     flat = np.flatnonzero(volumes <= TOLERANCE * largest * sizes**2)
     if len(flat):
@@ -350,7 +329,7 @@ def faces_upon(
     corners = points[vertices]
     low, high = (f.reduceat(corners, offsets[:-1], axis=0) for f in (np.minimum, np.maximum))
     slack = width + TOLERANCE * np.abs(corners).max()
-    one, other = overlapping_boxes(low - slack, high + slack, low, high)
+    one, other = polygons.overlapping_boxes(low - slack, high + slack, low, high)
     tilt = np.linalg.norm(np.cross(shapes.normals[one], shapes.normals[other]), axis=1)
     apart = np.abs(np.einsum("ij,ij->i", shapes.normals[one], shapes.centroids[other] - shapes.centroids[one]))
     near = (one < other) & (apart + tilt * np.sqrt(shapes.areas[other]) <= slack)
@@ -362,7 +341,9 @@ def faces_upon(
 
     def in_plane(listed: Ints) -> NDArray[Any]:
         rows, nodes = rows_in_order(offsets, vertices, listed)
-        return outlines(in_planes(points[nodes], one[cell_of_corner(rows)], shapes)[:, :2], rows, np.arange(len(nodes)))
+        return polygons.outlines(
+            polyhedra.in_planes(points[nodes], one[cell_of_corner(rows)], shapes)[:, :2], rows, np.arange(len(nodes))
+        )
 
     common = shapely.area(shapely.intersection(in_plane(one), in_plane(other)))
     over = np.flatnonzero(common > NARROW * np.minimum(shapes.areas[one], shapes.areas[other]))
@@ -394,13 +375,13 @@ RAYS = np.linalg.qr(np.array([[0.61, -0.32, 0.71], [0.23, 0.94, 0.11], [-0.77, 0
 def enclosed(places: Floats, points: Floats, offsets: Ints, vertices: Ints) -> Bools:
     """A mask of the places (m, 3) inside a closed surface of faces that run outwards: rays from there leave it."""
     places, points = places @ RAYS, points @ RAYS
-    first, after = np.repeat(vertices[offsets[:-1]], np.diff(offsets)), next_corner(offsets)
+    first, after = np.repeat(vertices[offsets[:-1]], np.diff(offsets)), polygons.next_corner(offsets)
     corners = points[np.stack([first, vertices, vertices[after]], axis=1)]
     corners = corners[(first != vertices) & (first != vertices[after])]
     low, high = corners[..., :2].min(axis=1), corners[..., :2].max(axis=1)
-    i, k = overlapping_boxes(places[:, :2], places[:, :2], low, high)
+    i, k = polygons.overlapping_boxes(places[:, :2], places[:, :2], low, high)
     arms = corners[k] - places[i, None]
-    turns = np.stack([cross(arms[:, a, :2], arms[:, b, :2]) for a, b in ((1, 2), (2, 0), (0, 1))], axis=1)
+    turns = np.stack([polygons.cross(arms[:, a, :2], arms[:, b, :2]) for a, b in ((1, 2), (2, 0), (0, 1))], axis=1)
     sign = np.where((turns > 0.0).all(axis=1), 1.0, np.where((turns < 0.0).all(axis=1), -1.0, 0.0))
     above = np.einsum("ka,ka->k", turns, arms[:, :, 2]) * sign > 0.0
     return np.bincount(i[above], sign[above], len(places)) > 0.5

@@ -16,21 +16,15 @@ from numpy.typing import NDArray
 from vemcvx.arrays import Ints, brief
 from vemcvx.errors import MeshError, MeshWarning, VemcvxError
 from vemcvx.meshes.box import WHOLE, matching_faces
+from vemcvx.meshes.io import grid as grids
 from vemcvx.meshes.io.grid import (
     CELL,
-    CORNERS,
     MARK,
-    NODES,
     PHYSICAL,
     AnyTessellation,
     Grid,
     by_corners,
-    by_vertices,
-    finished,
     grid_of,
-    mesh_of,
-    named,
-    padded_parts,
     take_parts,
     translated,
 )
@@ -50,7 +44,7 @@ def from_meshio(mesh: meshio.Mesh) -> Grid:
     Groups of what bounds cells (lines; surfaces, where there are solids) name parts of the boundary; groups of cells
     become cell data, 1 in the group and 0 outside.
     """
-    known = [block.type in (*NODES, "polygon", *chain(*CORNERS.values())) for block in mesh.cells]
+    known = [block.type in (*grids.NODES, "polygon", *chain(*grids.CORNERS.values())) for block in mesh.cells]
     rows = [
         np.asarray(block.data if fits else np.zeros((len(block.data), 1))).astype(np.int64)
         for block, fits in zip(mesh.cells, known, strict=True)
@@ -216,7 +210,7 @@ def to_skfem(mesh: AnyTessellation) -> tuple[Any, list[str]]:
     import skfem
 
     if isinstance(mesh, SpaceTessellation):
-        kinds, offsets, vertices = by_vertices(mesh)
+        kinds, offsets, vertices = grids.by_vertices(mesh)
         made = {"tetra": skfem.MeshTet, "hexahedron": skfem.MeshHex}.get(kinds[0])
         if len(np.unique(kinds)) > 1 or made is None:
             raise MeshError("scikit-fem has meshes of tetrahedra or of hexahedra; here, there are other cells.")
@@ -266,7 +260,7 @@ def to_pyvista(mesh: AnyTessellation) -> Any:
     """UnstructuredGrid with the cells in their order."""
     import pyvista
 
-    fields = {MARK + name: rows for name, rows in padded_parts(mesh).items()}
+    fields = {MARK + name: rows for name, rows in grids.padded_parts(mesh).items()}
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "grid.vtu"
         write_xml(file, grid_of(mesh, mesh.cell_data, polyhedra=True, sides=False), fields=fields)
@@ -295,10 +289,10 @@ def from_object(other: Any) -> AnyTessellation:
     def made() -> tuple[AnyTessellation, list[str]]:
         with translated(subject, "cannot be converted"):
             grid = {"meshio": from_meshio, "skfem": from_skfem, "pyvista": from_pyvista}[library](other)
-        with named(subject):
-            return mesh_of(grid)
+        with grids.named(subject):
+            return grids.mesh_of(grid)
 
-    return finished(subject, made)
+    return grids.finished(subject, made)
 
 
 def to_object(mesh: AnyTessellation, library: str) -> Any:

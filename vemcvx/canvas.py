@@ -8,10 +8,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from functools import cache
 from io import BytesIO
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vemcvx.arrays import Floats, Ints
 from vemcvx.errors import VemcvxError
@@ -144,21 +143,11 @@ def draw_arrows(
     """Draw vectors (m, 2) at places (m, 2), in units of the axes."""
     from matplotlib.patheffects import withStroke
 
-    return ax.quiver(
-        *places.T,
-        *vectors.T,
-        angles="xy",
-        scale_units="xy",
-        scale=1.0,
-        color=colour,
-        pivot=pivot,
-        width=width,
-        zorder=3,
-        # By default arrows shorter than a line's width are dots, which would be marks of nothing.
-        minlength=0.0,
-        # A white rim sets arrows off from cells of any colour, in grey print, too.
-        path_effects=[withStroke(linewidth=1.0, foreground="white")],
-    )
+    # A white rim sets arrows off from cells of any colour, in grey print, too. By default arrows shorter than a line's
+    # width are dots, which would be marks of nothing.
+    look: dict[str, Any] = {"color": colour, "path_effects": [withStroke(linewidth=1.0, foreground="white")]}
+    look |= {"pivot": pivot, "width": width, "minlength": 0.0, "zorder": 3}
+    return ax.quiver(*places.T, *vectors.T, angles="xy", scale_units="xy", scale=1.0, **look)
 
 
 def draw_hatched(ax: Axes, outlines: Sequence[Floats]) -> None:
@@ -197,15 +186,6 @@ def colour_bar(ax: Axes, mapped: ScalarMappable, label: str, extend: Pointed = "
     ax.figure.colorbar(mapped, ax=ax, shrink=0.75, extend=extend).set_label(label, fontsize="small")
 
 
-def show_image(
-    ax: Axes, image: NDArray[np.uint8], colours: ScalarMappable, label: str, extend: Pointed = "neither"
-) -> None:
-    """Show an image (height, width, 3), without axes, beside the bar of its colours."""
-    ax.imshow(image)
-    ax.set_axis_off()
-    colour_bar(ax, colours, label, extend)
-
-
 def scale_of(colours: str | Colormap, limits: tuple[float, float]) -> ScalarMappable:
     """Return a scale of colours between limits, of what is drawn by others."""
     from matplotlib.cm import ScalarMappable
@@ -215,12 +195,7 @@ def scale_of(colours: str | Colormap, limits: tuple[float, float]) -> ScalarMapp
 
 
 def draw_cells(
-    points: Floats,
-    offsets: Ints,
-    vertices: Ints,
-    values: Floats | None,
-    ax: Axes | None,
-    style: Mapping[str, object],
+    points: Floats, offsets: Ints, vertices: Ints, values: Floats | None, ax: Axes | None, style: Mapping[str, object]
 ) -> Axes:
     """Draw polygons (see `PolygonMesh.plot`), with a colour bar if there are ``values``, one a cell."""
     width, height = np.ptp(points, axis=0)
@@ -253,12 +228,7 @@ def bar_beside(ax: Axes, cells: Collection, extend: Pointed = "neither") -> Colo
 
 
 def draw_faces(
-    points: Floats,
-    offsets: Ints,
-    vertices: Ints,
-    values: Floats | None,
-    ax: Axes | None,
-    style: Mapping[str, object],
+    points: Floats, offsets: Ints, vertices: Ints, values: Floats | None, ax: Axes | None, style: Mapping[str, object]
 ) -> Axes:
     """Draw polygons in space (see `PolyhedralMesh.plot`), with a colour bar if there are ``values``, one a polygon."""
     if ax is None:

@@ -27,7 +27,6 @@ from vemcvx.results.quoted import Quantity
 from vemcvx.results.results import Results, programs_of_steps
 from vemcvx.results.tables import Columns, dataset, frame, table
 from vemcvx.scene import Scene
-from vemcvx.stepping.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -314,9 +313,10 @@ def in_words(history: Results) -> Outline:
         f"{int(np.median(run.iterations[1:])) if history.steps else 0} a step at the median, at most "
         f"{run.iterations.max()}; {run.safeguards.sum()} of them safeguards"
     )
-    estimated = run.estimated.sum()
+    estimated, asked = run.estimated.sum(), run.above_asked
+    certified = f"{run.certified.max():.1e} relative energy error a step, rounding included; "
+    certified += f"{run.certified_total.max():.1e} accumulated{asked and f'; {asked}'}"
     at = f"an estimate at {estimated} of {len(run.estimated)} instants, {WHY_ESTIMATED}; else a bound"
-    kind = [("", at)] if estimated else []
     energy = f"stored {run.energy[-1]:.6g}, dissipated {run.dissipated[-1]:.6g}, work {run.work[-1]:.6g}"
     between = (
         f"dissipated {run.dissipated_second_order[-1]:.6g}, work {run.work_second_order[-1]:.6g} between the instants, "
@@ -325,8 +325,8 @@ def in_words(history: Results) -> Outline:
     lines = [
         *(("left out", words) for words in history.inactive),
         ("solver", history.solver),
-        ("certified", _certified(run)),
-        *kind,
+        ("certified", certified),
+        *([("", at)] if estimated else []),
         *_errors(history.errors, history.quantities),
         *_bound(history.bound),
         ("iterations", iterations),
@@ -336,15 +336,6 @@ def in_words(history: Results) -> Outline:
         ("seconds", ", ".join(f"{name} {value:.3g}" for name, value in history.seconds.items())),
     ]
     return Outline(title, lines)
-
-
-def _certified(run: Trajectory) -> str:
-    """The certified error of the steps, and of all together: the largest of both over the run."""
-    asked = run.above_asked
-    return (
-        f"{run.certified.max():.1e} relative energy error a step, rounding included; "
-        f"{run.certified_total.max():.1e} accumulated{asked and f'; {asked}'}"
-    )
 
 
 def _bound(bound: dict[str, Any] | None) -> Lines:

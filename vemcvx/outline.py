@@ -117,13 +117,9 @@ class Table:
         drawn = Drawn(show_header=bool(self.heads), box=None, padding=(0, 1 if self.heads else 2, 0, 0), pad_edge=False)
         columns = list(zip(*self.rows, strict=True))
         for k, cells in enumerate(columns):
-            number = bool(self.heads) and all(_kind(text) != "w" for text in cells)
-            drawn.add_column(
-                self.heads[k] if self.heads else "",
-                justify="right" if number else "left",
-                no_wrap=number or k < len(columns) - 1,
-                overflow="fold",
-            )
+            number, head = bool(self.heads) and all(_kind(text) != "w" for text in cells), self.heads[k : k + 1]
+            fixed = number or k < len(columns) - 1
+            drawn.add_column(*head, justify="right" if number else "left", no_wrap=fixed, overflow="fold")
         for row in self.rows:
             drawn.add_row(*row)
         # Square brackets in what users write are no markup.

@@ -190,8 +190,7 @@ def warn_of_turns(scene: Scene, mesh: AnyMesh, times: Floats) -> None:
         missed = course(pose_scene(scene, mesh).system, times).missed(times)
     if not len(missed):
         return
-    span = float(times[-1] - times[0])
-    apart = missed[np.diff(missed, prepend=-np.inf) > 1e-6 * span]
+    apart = missed[np.diff(missed, prepend=-np.inf) > 1e-6 * float(times[-1] - times[0])]
     named = ", ".join(f"{t:.6g}" for t in apart[:6]) + f" and {len(apart) - 6} more" * (len(apart) > 6)
     log.warning(
         f"instants: loads or other data turn, bend or jump inside steps, at t = {named}, which steps miss. Return "

@@ -32,8 +32,6 @@ EXTRAS = {
     **{"matplotlib": "plot", "py-mkl-pardiso": "mkl", "mkl": "threads", "pyamg": "multigrid", "petsc4py": "petsc"},
     **{"distributed": "cluster", "pandas": "pandas", "pyvista": "view", "marimo": "app"},
 }
-
-
 PACKAGES = {"pardiso": "py-mkl-pardiso", "multigrid": "pyamg", "petsc": "petsc4py"}
 """Packages of linear solvers, by the names of these."""
 

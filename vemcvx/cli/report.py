@@ -189,13 +189,14 @@ def _results(history: History, points: Floats | None, named: Units | None) -> st
     """Energies, extremes over the stored steps, displacements of points at the last one, and reactions."""
     run, contact, end = history.trajectory, history.contact, f"t = {history.times[-1]:.6g}"
     axes = "xyz"[: history.mesh.points.shape[1]]
-    rows = [
-        ("stored energy", f"{run.energy[-1]:.6g}", ENERGY),
-        ("dissipated by friction since the beginning", f"{run.dissipated[-1]:.6g}", ENERGY),
-        ("work of forces and supports since the beginning", f"{run.work[-1]:.6g}", ENERGY),
-        ("dissipated, of second order in the steps", f"{run.dissipated_second_order[-1]:.6g}", ENERGY),
-        ("work, of second order in the steps", f"{run.work_second_order[-1]:.6g}", ENERGY),
-    ]
+    energies = {
+        "stored energy": run.energy,
+        "dissipated by friction since the beginning": run.dissipated,
+        "work of forces and supports since the beginning": run.work,
+        "dissipated, of second order in the steps": run.dissipated_second_order,
+        "work, of second order in the steps": run.work_second_order,
+    }
+    rows = [(words, f"{values[-1]:.6g}", ENERGY) for words, values in energies.items()]
     for one in history.extremes:
         place = f"{one.name}, at {coordinates(one.place)}, t = {one.time:.6g}"
         rows.append((place, f"{one.value:.6g}", one.unit))
@@ -206,9 +207,7 @@ def _results(history: History, points: Floats | None, named: Units | None) -> st
     if points is not None:
         for point, u in zip(points, history.probe(points)[-1], strict=True):
             where = f"at {coordinates(point)}"
-            rows += [
-                (f"displacement along {axis}, {where}", f"{x:.6g}", LENGTH) for axis, x in zip(axes, u, strict=True)
-            ]
+            rows += [(f"displacement along {axes[k]}, {where}", f"{x:.6g}", LENGTH) for k, x in enumerate(u)]
     units = (
         "Consistent units, those of the problem's data: the units of force, length and time determine all others"
         f"{THICKNESS[len(axes)]}. Extremes are over the {len(history.stored)} stored of {history.steps + 1} instants; "
@@ -259,12 +258,9 @@ def _certificates(history: History, named: Units | None) -> str:
     # The table has twelve steps at most; steps.csv has all.
     rows = np.unique(np.linspace(0, history.steps, min(12, history.steps + 1)).round().astype(int))
     body = [[f"{columns[name][row]:{'.1e' if 'certified' in name else '.6g'}}" for name in COLUMNS] for row in rows]
-    return (
-        f"<p>{bound}</p>{estimate if run.estimated.any() else ''}{_words('Relative energy errors', lines)}"
-        + _numbers(
-            [f"{head}\n{_unit(ENERGY, named)}" if name in ENERGIES else head for name, head in COLUMNS.items()], body
-        )
-    )
+    heads = [f"{head}\n{_unit(ENERGY, named)}" if name in ENERGIES else head for name, head in COLUMNS.items()]
+    said = f"<p>{bound}</p>{estimate if run.estimated.any() else ''}{_words('Relative energy errors', lines)}"
+    return said + _numbers(heads, body)
 
 
 def _budget(history: History) -> str:
@@ -276,9 +272,8 @@ def _budget(history: History) -> str:
     except VemcvxError as error:
         return f"<p>There is none. {escape(str(error))}</p>"
     worst = int(budget.steps[np.argmax(budget.total)])
-    where = (
-        f"at step {worst}, t = {history.trajectory.times[worst]:.6g}, the largest of {len(budget.steps)} stored steps"
-    )
+    where = f"at step {worst}, t = {history.trajectory.times[worst]:.6g}"
+    where += f", the largest of {len(budget.steps)} stored steps"
     return _guaranteed(history) + _estimated(budget.largest, where)
 
 
@@ -286,9 +281,8 @@ def _looked_at(history: History) -> list[int]:
     """The stored steps at which the mesh is judged: all, or BUDGETED of them and that of the largest energy."""
     steps = history.stored[history.stored > 0] if len(history.stored) > 1 else history.stored
     if len(steps) > BUDGETED:
-        largest = steps[np.argmax(history.trajectory.norm[steps])]
         evenly = steps[np.linspace(0, len(steps) - 1, BUDGETED).round().astype(int)]
-        steps = np.union1d(evenly, largest)
+        steps = np.union1d(evenly, steps[np.argmax(history.trajectory.norm[steps])])
     return steps.tolist()
 
 
@@ -354,18 +348,11 @@ def _quantities(history: History, why: str, named: Units | None) -> str:
     """Friction work, work and wear with their errors, or the reason why there are none."""
     if history.quantities is None:
         return f"<p>Errors of friction work, work and wear are not estimated. {escape(why)}</p>"
-    rows = [
-        [
-            QUANTITIES[name],
-            f"{one.value:.6g}",
-            f"{one.error:.2g}",
-            f"{100 * one.relative:.3g} %",
-            f"{one.steps:.2g}",
-            "-" if np.isnan(one.mesh) else f"{one.mesh:.2g}",
-            _unit(one.unit, named),
-        ]
-        for name, one in history.quantities.items()
-    ]
+    rows = []
+    for name, one in history.quantities.items():
+        mesh = "-" if np.isnan(one.mesh) else f"{one.mesh:.2g}"
+        errors = f"{one.error:.2g}", f"{100 * one.relative:.3g} %", f"{one.steps:.2g}", mesh
+        rows.append([QUANTITIES[name], f"{one.value:.6g}", *errors, _unit(one.unit, named)])
     told = [f"<p>Wear: {escape(one.unbounded)}.</p>" for one in history.quantities.values() if one.unbounded]
     head = (
         "<p>Quantities over the whole run, of second order in the steps, with errors that are estimated by the same "

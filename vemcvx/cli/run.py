@@ -47,8 +47,6 @@ from vemcvx.stepping.trajectory import CHECKPOINT, Folder, stored_steps
 
 ROWS = "rows"
 """The folder, in the output folder, in which a run keeps completed steps until the history is written."""
-LONG = 256
-"""Steps of runs that are foreseen; of fewer, on meshes of the usual size, all take seconds."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -207,11 +205,12 @@ class Run:
 
     def _foresee(self, problem: Problem, n: int, steps: int, folder: Path | None) -> None:
         """Say what a long run will take; refuse one that this machine has no memory or no room for."""
-        if (n <= SPACE_N and steps <= LONG) or (self.mesh is not None and is_file(self.mesh)):
+        # Of up to 256 steps, on meshes of the usual size, all runs take seconds.
+        if (n <= SPACE_N and steps <= 256) or (self.mesh is not None and is_file(self.mesh)):
             return
         stored = len(stored_steps(self._stored, steps))
         try:
-            if n <= problem.usual_n(64, self.mesh) and steps <= LONG:
+            if n <= problem.usual_n(64, self.mesh) and steps <= 256:
                 return
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
@@ -348,16 +347,12 @@ class Run:
             ("--out", folder),
             ("--store", None if self.store == "all" else self.store),
         ]
-        flags = {
-            "--no-condense": not self.condense,
-            "--plot": self.plot,
-            "--report": self.report,
-            "--bound": self.bound,
-        }
         words = [str(word) for name, value in given if value is not None for word in (name, value)]
+        words += [] if self.condense else ["--no-condense"]
+        words += [f"--{name}" for name in ("plot", "report", "bound") if getattr(self, name)]
         # Problems that came with the package go by their names.
         file = problem.name if problem.path.parent == problems_folder() else str(problem.path)
-        return shlex.join(["vemcvx", "run", file, *words, *(name for name, is_set in flags.items() if is_set)])
+        return shlex.join(["vemcvx", "run", file, *words])
 
 
 def _attempted(number: int, run: Run) -> tuple[int, study.Row]:

@@ -58,8 +58,8 @@ def scene_in_words(scene: Scene, mesh: AnyMesh, times: Floats, name: str) -> lis
     seen, n = Condensation(posed.system), posed.system.n
     operators, m = seen.operators, len(seen.retained)
     able = [solver for solver in BY_SIZE if operators.features <= solver.accepts]
-    unable = [solver for solver in BY_SIZE if solver not in able]
-    refuse = [f"{solver.name} (no {words(operators.features - solver.accepts)})" for solver in unable]
+    lacking = {solver.name: operators.features - solver.accepts for solver in BY_SIZE if solver not in able}
+    refuse = [f"{name} (no {words(features)})" for name, features in lacking.items()]
     once = f"{type(seen.linear).__name__} on {n} x {n} with {posed.system.K.nnz} nonzeros, once"
     again = f"; then dense {m} x {m} each step" if m < n else " a step"
     rows = {

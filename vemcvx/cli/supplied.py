@@ -14,7 +14,6 @@ from vemcvx.errors import ProblemError
 
 PACKAGE = Path(__file__).parents[1]
 LESSON = re.compile(r"lesson_(\d+)_(?!solutions)\w+\.py")
-PARTS = "scene", "mesh", "times"
 
 
 @dataclass(frozen=True)
@@ -38,7 +37,7 @@ class Supplied:
     def is_problem(self) -> bool:
         """True if it is a problem file: it defines a scene, a mesh and times."""
         defined = {node.name for node in self._tree.body if isinstance(node, ast.FunctionDef)}
-        return defined.issuperset(PARTS)
+        return defined.issuperset({"scene", "mesh", "times"})
 
 
 def problems_folder() -> Path:

@@ -367,7 +367,7 @@ class Orthotropic(MaterialLaw):
         third = np.cross(first, second)
         sizes = np.linalg.norm(first, axis=1) * np.linalg.norm(second, axis=1)
         area = np.linalg.norm(third, axis=1)
-        flat = inside & (area <= PARALLEL * sizes)
+        flat = inside & (area <= 1e-6 * sizes)
         if flat.any():
             cell = int(np.argmax(flat))
             raise SceneError(
@@ -402,10 +402,6 @@ class Orthotropic(MaterialLaw):
         if not holds.all():
             cell = int(np.argmin(holds))
             raise SceneError(f"Orthotropic: found {name} = {values[cell]:.6g} in cell {cell}; it {rule}.")
-
-
-PARALLEL = 1e-6
-"""Sine of the angle between vectors that are parallel."""
 
 
 def _turn(angle: Floats) -> Floats:

@@ -382,7 +382,9 @@ def deformed_body(
     height, width = image.shape[:2]
     ax = canvas.axes_or_new(ax, PAGE_IN_SPACE[0], 0.5 + 0.8 * PAGE_IN_SPACE[0] * height / width)
     beyond = canvas.pointed(np.concatenate(stresses), scale)
-    canvas.show_image(ax, image, canvas.scale_of(colours, scale), label(words, "force per area", units), beyond)
+    ax.imshow(image)
+    ax.set_axis_off()
+    canvas.colour_bar(ax, canvas.scale_of(colours, scale), label(words, "force per area", units), beyond)
     return named(ax, "", "", f"{instant(history.times[row], units)}, displacements × {factor:g}", size="small")
 
 

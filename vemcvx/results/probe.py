@@ -108,7 +108,13 @@ def places(mesh: AnyMesh, points: ArrayLike, subject: str) -> Places:
     nodes, cells = solid_places(Space(mesh), mesh, x) if isinstance(mesh, PolyhedralMesh) else _in_plane(mesh, x)
     out = np.flatnonzero(np.diff(cells.indptr) == 0)
     if len(out):
-        raise SceneError(_outside(mesh, x, out, subject))
+        first, kind = int(out[0]), "polyhedra" if isinstance(mesh, PolyhedralMesh) else "polygons"
+        node = int(np.argmin(np.linalg.norm(mesh.points - x[first], axis=1)))
+        more = f" (and so do {len(out) - 1} others)" if len(out) > 1 else ""
+        raise SceneError(
+            f"{subject}: point {first} at {x[first]} lies outside the body{more}; the nearest node of the mesh is "
+            f"{node} at {mesh.points[node]}. Give points of the {kind} that the mesh is made of."
+        )
     return Places(nodes, cells)
 
 
@@ -138,16 +144,6 @@ def _points(points: ArrayLike, dim: int, subject: str) -> Floats:
     if bad.any():
         raise SceneError(f"{subject}: found NaN or infinity in point {int(np.argmax(bad))}; wanted finite {wanted}.")
     return x
-
-
-def _outside(mesh: AnyMesh, x: Floats, out: Ints, subject: str) -> str:
-    first, cells = int(out[0]), "polyhedra" if isinstance(mesh, PolyhedralMesh) else "polygons"
-    node = int(np.argmin(np.linalg.norm(mesh.points - x[first], axis=1)))
-    more = f" (and so do {len(out) - 1} others)" if len(out) > 1 else ""
-    return (
-        f"{subject}: point {first} at {x[first]} lies outside the body{more}; the nearest node of the mesh is {node} "
-        f"at {mesh.points[node]}. Give points of the {cells} that the mesh is made of."
-    )
 
 
 ON_CELLS = ("stress", "out_of_plane_stress", "von_mises", "principal_stresses")

@@ -96,17 +96,14 @@ def sides_of(posed: PosedScene, times: Sequence[float]) -> Sides:
     )
 
 
-INSIDE = 1e-4
-"""How far from the ends of edges data are read, as a part of them: they may jump at nodes, or beside them."""
-
-
 def _ends(posed: PosedScene, edges: Ints, of: Ints) -> tuple[Ints, Floats]:
     """The numbers of edges `of` some datum among those of the boundary, and the points (2 q, 2) at their ends."""
     place = {(a, b): k for k, (a, b) in enumerate(edges.tolist())}
     at = np.array([place[a, b] for a, b in np.unique(of, axis=0).tolist()], dtype=np.int64)
     ends = posed.space.mesh.points[edges[at]]
-    along = ends[:, 1] - ends[:, 0]
-    return at, np.stack([ends[:, 0] + INSIDE * along, ends[:, 1] - INSIDE * along], axis=1).reshape(-1, 2)
+    # Data may jump at nodes, or beside them.
+    inside = 1e-4 * (ends[:, 1] - ends[:, 0])
+    return at, np.stack([ends[:, 0] + inside, ends[:, 1] - inside], axis=1).reshape(-1, 2)
 
 
 def _tractions(posed: PosedScene, edges: Ints, times: Sequence[float]) -> Floats | None:

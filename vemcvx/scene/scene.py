@@ -45,28 +45,20 @@ def compose(materials: Sequence[Material], mesh: AnyMesh) -> Material:
     isotropic = all(len(m.moduli) == 2 for m in materials)
     dim = mesh.points.shape[1]
     moduli = [m.moduli if isotropic else vem.upper_triangle(vem.elastic_matrix(m.moduli, dim)) for m in materials]
-    thermal_stress_moduli = np.sum([m.thermal_stress_moduli for m in materials], axis=0)
     known = [m.out_of_plane for m in materials if m.out_of_plane is not None]
-    out_of_plane = np.sum(known, axis=0) if len(known) == len(materials) else None
+    # Each material, and its stabilisation, is zero where another is.
+    own: list[Stabilisation] = [m.stabilised(dim) for m in materials]
+    weights = [one.tau for one in own if isinstance(one, VertexWeights)]
+    filled = [np.abs(m.moduli).max(axis=0) > 0.0 for m in materials]
+    regions = vem.InRegions(tuple(zip(filled, own, strict=True)))
     return Material(
         subject="materials",
         moduli=np.sum(moduli, axis=0),
-        thermal_stress_moduli=thermal_stress_moduli,
+        thermal_stress_moduli=np.sum([m.thermal_stress_moduli for m in materials], axis=0),
         plane=materials[0].plane,
-        cells=None,
-        out_of_plane=out_of_plane,
-        stabilisation=_together(materials, dim),
+        out_of_plane=np.sum(known, axis=0) if len(known) == len(materials) else None,
+        stabilisation=VertexWeights(np.sum(weights, axis=0)) if len(weights) == len(own) else regions,
     )
-
-
-def _together(materials: Sequence[Material], dim: int) -> Stabilisation:
-    """The stabilisation of a body of several materials, each of which is zero where another is."""
-    own = [m.stabilised(dim) for m in materials]
-    weights = [one.tau for one in own if isinstance(one, VertexWeights)]
-    if len(weights) == len(own):
-        return VertexWeights(np.sum(weights, axis=0))
-    filled = [np.abs(m.moduli).max(axis=0) > 0.0 for m in materials]
-    return vem.InRegions(tuple(zip(filled, own, strict=True)))
 
 
 def _check_cover(materials: Sequence[Material], mesh: AnyMesh) -> None:

@@ -24,8 +24,6 @@ from vemcvx.vem.space import Space
 # the coordinates: points computed as 0.1 + 0.2 are 5e-17 off.
 CLOSE = 1e-12
 POINT_ROUNDING = 16 * float(np.finfo(float).eps)
-# Points in one go: each meets some hundred triangles.
-CHUNK = 2**12
 
 
 def solid_places(space: Space, mesh: PolyhedralMesh, x: Floats) -> tuple[sp.csr_matrix, sp.csr_matrix]:
@@ -33,7 +31,8 @@ def solid_places(space: Space, mesh: PolyhedralMesh, x: Floats) -> tuple[sp.csr_
 
     Where several cells meet, their values are averaged; points outside of the mesh have empty rows.
     """
-    parts = [_places(space, mesh, x[k : k + CHUNK]) for k in range(0, len(x), CHUNK)]
+    # Points in one go: each meets some hundred triangles.
+    parts = [_places(space, mesh, x[k : k + 2**12]) for k in range(0, len(x), 2**12)]
     nodes, cells = ([part[k] for part in parts] for k in range(2))
     return sp.vstack(nodes, format="csr"), sp.vstack(cells, format="csr")
 

@@ -338,9 +338,8 @@ def mesh_of(grid: Grid) -> tuple[AnyTessellation, list[str]]:
     interfaces = _interfaces(parts)
     if grid.solid:
         solids = _solids(grid, cells)
-        mesh, left_out = _with_parts(
-            SpaceTessellation(grid.points, solids, cell_data=data, interfaces=interfaces), parts
-        )
+        space = SpaceTessellation(grid.points, solids, cell_data=data, interfaces=interfaces)
+        mesh, left_out = _with_parts(space, parts)
     else:
         offsets, vertices = rows_in_order(grid.offsets, grid.vertices, cells)
         counts = np.unique(np.diff(offsets))

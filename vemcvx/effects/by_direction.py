@@ -115,6 +115,7 @@ class Ellipse:
             if apart.any():
                 row, (one, other) = int(np.argmax(apart)), self.names
                 what = f"{one} = {along[row]:.6g} and {other} = {across[row]:.6g} at {self.points[row]} and t = {t:.6g}"
-                why = f"{one} must be > 0 where {other} is" if along[row] == 0 else "their ratio must not change in time"
+                none = f"{one} must be > 0 where {other} is"
+                why = none if along[row] == 0 else "their ratio must not change in time"
                 raise SceneError(f"{self.subject}: found {what}; {why}.")
         return np.where(np.isnan(ratio), 1.0, ratio)

@@ -91,7 +91,8 @@ def _reference(
     goal, there = PART * min(targets), None if fresh else of_reference.read_reference(folder)
     if there is not None and there.serves(recipe.mark, instants.tolist(), goal, grid.finest):
         return there
-    return computed(of_reference.build_reference, recipe, grid.coarsest, grid.finest, instants, goal, folder)
+    given = recipe, grid.coarsest, grid.finest, instants, goal, folder
+    return computed(of_reference.build_reference, *given)
 
 
 def answered(function: Callable[..., Any], *given: Any) -> tuple[Any, str]:

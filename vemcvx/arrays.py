@@ -28,8 +28,8 @@ MatrixLike = ArrayLike | sp.sparray | sp.spmatrix
 """A matrix as users give it, dense or sparse."""
 Array = TypeVar("Array", bound=np.ndarray[Any, Any])
 
-SOME = 2**14
-"""Things whose rows of a matrix are made at a time: of the nodes of a block of cubes they have 4e6 entries."""
+SOME = 2**12
+"""Things whose rows of a matrix are made at a time: of the nodes of a block of cubes they have 1e6 entries."""
 
 
 def read_only(array: Array) -> Array:
@@ -112,7 +112,7 @@ def spread(values: Floats, rows: Ints, n: int) -> Floats:
 
 
 def by_rows(made: Callable[[int, int], sp.csr_matrix], n: int, most: int, shape: tuple[int, int]) -> sp.csr_matrix:
-    """The matrix whose rows are made for some of n things at a time, from one to another; it is never there twice.
+    """The matrix whose rows are made for SOME of n things at a time, and no copy of it is ever beside it.
 
     `most` are the entries that it has at most.
     """

@@ -62,6 +62,8 @@ def test_rows_made_a_few_at_a_time_have_the_bits_of_all_without_a_copy_beside_it
     for one, other in ((A, B), (K, L)):
         assert all(np.array_equal(getattr(one, part), getattr(other, part)) for part in ("data", "indices", "indptr"))
     assert (np.array(most) - few > 1).all()
+    for some in (np.random.default_rng(0).permutation(A.shape[0])[:400], np.zeros(0, dtype=np.int64)):
+        assert abs(_principal(A, some) - A[some][:, some]).nnz == 0
 
 
 def space_of(A):

@@ -28,6 +28,9 @@ MatrixLike = ArrayLike | sp.sparray | sp.spmatrix
 """A matrix as users give it, dense or sparse."""
 Array = TypeVar("Array", bound=np.ndarray[Any, Any])
 
+SOME = 2**12
+"""Things whose rows of a matrix are made at a time: of the nodes of a block of cubes they have 1e6 entries."""
+
 
 def read_only(array: Array) -> Array:
     """The same array, which from now on refuses to be written to."""
@@ -103,6 +106,24 @@ def spread(values: Floats, rows: Ints, n: int) -> Floats:
     array = np.zeros(n)
     array[rows] = values
     return array
+
+
+def by_rows(made: Callable[[int, int], sp.csr_matrix], n: int, most: int, shape: tuple[int, int]) -> sp.csr_matrix:
+    """The matrix whose rows are made for SOME of n things at a time, and no copy of it is ever beside it.
+
+    `most` are the entries that it has at most.
+    """
+    kind: np.dtype[np.int32 | np.int64] = np.dtype(np.int32 if max(most, *shape) < 2**31 else np.int64)
+    data, indices, indptr, row = np.empty(most), np.empty(most, kind), np.zeros(shape[0] + 1, kind), 0
+    for start in range(0, n, SOME):
+        rows = made(start, min(start + SOME, n))
+        begin, stop = indptr[row], row + rows.shape[0]
+        data[begin : begin + rows.nnz], indices[begin : begin + rows.nnz] = rows.data, rows.indices
+        indptr[row : stop + 1] = begin + rows.indptr
+        row = stop
+    for entries in (data, indices):
+        entries.resize(indptr[-1], refcheck=False)  # Nothing else refers to them.
+    return sp.csr_matrix((data, indices, indptr), shape=shape)
 
 
 def fading(value: Callable[[float], Floats], times: Sequence[float]) -> Callable[[float], Floats]:

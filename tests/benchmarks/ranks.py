@@ -3,10 +3,11 @@
 mpiexec -n 2 python tests/benchmarks/ranks.py [--n 40] [--linear petsc | multigrid] [--solves 3]
 
 A block (a unit cube of n x n x n cubes, E = 200, nu = .3) is held at its top and pushed sideways at its bottom, which
-is free. Set-up is what a run does once, the bound on the spectrum included; a solve is K^{-1} b to 1e-10 for forces of
+is free. Set-up is what a run does once, the bound on the spectrum included; a solve is K^{-1} b to 1e-12 for forces of
 three shapes. Seconds are of the clock, on rank 0: on a machine that does something else they say little. Every rank
-says in a line what memory and CPU seconds it took at most. `--linear multigrid` on one rank is the same by PyAMG; the
-largest difference of displacements is compared by `--save` and `--beside`, files of the answers.
+says in a line what memory it took at most, and how many CPU seconds and floating-point operations (PETSc counts those
+of solves and of products of matrices) set-up and solves took. `--linear multigrid` on one rank is the same by PyAMG;
+the largest difference of displacements is compared by `--save` and `--beside`, files of the answers.
 """
 
 from __future__ import annotations
@@ -29,16 +30,22 @@ SCENE = vx.Scene(
 )
 
 
-def spent(rank: int) -> str:
-    """Memory and CPU seconds of this rank."""
+def seconds_here() -> float:
+    """CPU seconds of this rank so far."""
     own = resource.getrusage(resource.RUSAGE_SELF)
-    return f"rank {rank}: {own.ru_maxrss / 2**20:.2f} GB at most, {own.ru_utime + own.ru_stime:.1f} CPU seconds"
+    return own.ru_utime + own.ru_stime
 
 
-def measured(given: argparse.Namespace) -> None:
-    """Print what one matrix takes."""
+def peak() -> str:
+    """The memory that this rank has taken at most."""
+    return f"{resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20:.2f} GB at most"
+
+
+def measured(given: argparse.Namespace) -> float:
+    """Print what one matrix takes; the CPU seconds are returned at which it was posed."""
     system = pose_scene(SCENE, vx.meshes.cubes(given.n)).system
-    print(f"{system.n} unknowns, {system.K.nnz} entries of K; posed, {spent(0)}", flush=True)
+    print(f"{system.n} unknowns, {system.K.nnz} entries of K; posed, {peak()}", flush=True)
+    posed = seconds_here()
     linear = vx.PETSc() if given.linear == "petsc" else vx.Multigrid()
     start = time.perf_counter()
     factor = linear.factorise(system.K, system.near_kernel)
@@ -57,6 +64,7 @@ def measured(given: argparse.Namespace) -> None:
         others = np.load(given.beside)
         apart = max(np.abs(x - y).max() / np.abs(y).max() for x, y in zip(answers, others, strict=True))
         print(f"displacements are {apart:.1e} apart")
+    return posed
 
 
 def main() -> None:
@@ -67,10 +75,15 @@ def main() -> None:
     parser.add_argument("--save")
     parser.add_argument("--beside")
     given = parser.parse_args()
-    served = given.linear == "petsc" and petsc.serve()
-    if not served:
-        measured(given)
-    print(spent(petsc.all_ranks().comm.rank if given.linear == "petsc" else 0), flush=True)
+    before, own = seconds_here(), "rank 0"
+    if given.linear == "multigrid" or not petsc.serve():
+        before = measured(given)
+    counted = ""
+    if given.linear == "petsc":
+        from petsc4py import PETSc
+
+        own, counted = f"rank {petsc.all_ranks().comm.rank}", f", {PETSc.Log.getFlops():.4g} operations"
+    print(f"{own}: {peak()}, {seconds_here() - before:.1f} CPU seconds{counted}", flush=True)
 
 
 if __name__ == "__main__":

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 import skfem
@@ -9,6 +11,7 @@ from skfem.models.elasticity import linear_elasticity
 from solids import SOLIDS, solid
 
 import vemcvx as vx
+from vemcvx.scene.pose import _principal
 from vemcvx.vem import Space, cell_load, edge_load, rigid_modes, stiffness, strains, stress_load
 from vemcvx.vem.projection import face_groups
 
@@ -40,6 +43,31 @@ def test_symmetric_to_the_bit_with_the_six_rigid_modes(mesh):
     assert np.abs(values[:6]).max() < floor
     assert values[6] > 1e-5 * values[-1]
     assert np.abs(K @ rigid_modes(mesh.points)).max() < floor
+
+
+def test_rows_made_a_few_at_a_time_have_the_bits_of_all_without_a_copy_beside_it(monkeypatch):
+    """Beside the matrix at least as much memory as it has itself is spared."""
+    space, ones, found = Space(vx.meshes.cubes(12)), np.ones(12**3), []
+    for some in (128, 10**6):
+        monkeypatch.setattr("vemcvx.arrays.SOME", some)
+        tracemalloc.start()
+        A = stiffness(space, ones, ones)
+        summed = tracemalloc.get_traced_memory()[1] - space_of(A)
+        tracemalloc.reset_peak()
+        K = _principal(A, np.arange(A.shape[0])[A.shape[0] // 8 :])
+        restricted = tracemalloc.get_traced_memory()[1] - space_of(A) - space_of(K)
+        tracemalloc.stop()
+        found.append((A, K, summed / space_of(A), restricted / space_of(A)))
+    (A, K, *few), (B, L, *most) = found
+    for one, other in ((A, B), (K, L)):
+        assert all(np.array_equal(getattr(one, part), getattr(other, part)) for part in ("data", "indices", "indptr"))
+    assert (np.array(most) - few > 1).all()
+    for some in (np.random.default_rng(0).permutation(A.shape[0])[:400], np.zeros(0, dtype=np.int64)):
+        assert abs(_principal(A, some) - A[some][:, some]).nnz == 0
+
+
+def space_of(A):
+    return A.data.nbytes + A.indices.nbytes + A.indptr.nbytes
 
 
 def test_a_linear_field_with_jumping_moduli_has_the_forces_of_its_stresses(mesh):

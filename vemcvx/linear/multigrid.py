@@ -136,7 +136,7 @@ class MultigridFactor(Factor):
 
     exact = False
 
-    def __init__(self, limits: Stopping, K: sp.csr_matrix, cycle: Cycle, lowest: float):
+    def __init__(self, limits: Stopping, K: sp.csr_matrix | LinearOperator, cycle: Cycle, lowest: float):
         self._limits, self._K, self._lowest = limits, K, lowest
         self._cycle = LinearOperator(K.shape, matvec=cycle, dtype=np.float64)
 
@@ -189,7 +189,7 @@ class WholeFactor(MultigridFactor):
         return lambda b: spread(hierarchy.cycle(b[F]), F, len(b))
 
 
-def lowest_eigenvalue(K: sp.csr_matrix, cycle: Cycle, name: str) -> float:
+def lowest_eigenvalue(K: sp.csr_matrix | LinearOperator, cycle: Cycle, name: str) -> float:
     """A bound from below on the eigenvalues of MK, by Lanczos' method in the inner product of M from a random force.
 
     After k steps from a direction that is uniformly distributed in n dimensions, the largest Ritz value of a positive

@@ -3,7 +3,8 @@
 Rank 0 poses the problem, steps and keeps K; every rank holds a block of K's rows in the order of the unknowns, its part
 of the hierarchy, and its part of vectors. The other ranks wait for the calls of rank 0 (:func:`serve`), which names a
 method of :class:`RankRows` that all of them then call together. In this version K is assembled whole on rank 0, and
-sent in blocks from there: its memory bounds K, while that of the hierarchy and the work of all solves are shared.
+sent in blocks from there: its memory bounds K, while that of the hierarchy and the work of all solves and of products
+with K in them are shared. Of a million unknowns in space rank 0 takes 2.2 GB beside the 3.8 GB that ranks share.
 
 GAMG smooths its aggregates from the rigid motions, as :mod:`vemcvx.linear.multigrid` does, and smooths by Chebyshev
 polynomials of the same degree before and after the coarse correction. The polynomial is self-adjoint in the energy,
@@ -31,6 +32,7 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
+from scipy.sparse.linalg import LinearOperator
 
 from vemcvx.arrays import Bools, Floats, Ints, brief, power_of_two
 from vemcvx.errors import NotAccepted, SceneError
@@ -96,13 +98,14 @@ class PETSc(LinearSolver):
         size = np.sqrt(abs(float(b @ rows.cycle(b)) * float(c @ rows.cycle(c))))
         if not abs(one - two) <= 1e-8 * size:
             raise NotAccepted(f"PETSc: with the options {self.options!r} the cycle is not symmetric; omit some.")
-        return PETScFactor(self, K, rows, lowest_eigenvalue(K, rows.cycle, "PETSc"))
+        shared = LinearOperator(K.shape, matvec=rows.product, dtype=np.float64)
+        return PETScFactor(rows, shared, lowest_eigenvalue(shared, rows.cycle, "PETSc"))
 
 
 class PETScFactor(MultigridFactor):
-    """The factor of all of K, whose rows all ranks hold."""
+    """The factor of all of K, whose rows all ranks hold and multiply."""
 
-    def __init__(self, settings: PETSc, K: sp.csr_matrix, rows: Shared, lowest: float):
+    def __init__(self, rows: Shared, K: LinearOperator, lowest: float):
         super().__init__(rows.limits, K, rows.cycle, lowest)
         self._rows = rows
 
@@ -120,7 +123,7 @@ class Shared:
         self._ranks, self._number = ranks, ranks.next_number()
         # PETSc takes singular values below 1e-12 for zeros, whatever the unit.
         self._unit = float(power_of_two(K.diagonal().max()))
-        self._ranks.call(self._number, "hold", (options, *motions.shape, self._unit), K, motions)
+        self._ranks.call(self._number, "hold", (options, K.shape[0], self._unit), K, motions)
         self.levels, self.limits = ranks.held[self._number].levels, ranks.held[self._number].limits
         # The stiffness of what is held in the second hierarchy: coarse matrices do not feel a millionth of K's least.
         self._least = 1e-6 * float(K.diagonal().min()) / self._unit
@@ -133,6 +136,11 @@ class Shared:
         """An approximation of K^{-1} b, and 0 if its residual meets the tolerance."""
         x, missed = self._ranks.call(self._number, "solve", (tolerance,), b)
         return x / self._unit, missed
+
+    def product(self, x: Floats) -> Floats:
+        """K x."""
+        found: Floats = self._ranks.call(self._number, "product", (), x)
+        return found * self._unit
 
     def cycle(self, b: Floats) -> Floats:
         """M b."""
@@ -216,7 +224,6 @@ class RankRows:
         comm: Any,
         options: dict[str, str],
         n: int,
-        modes: int,
         unit: float,
         K: sp.csr_matrix | None = None,
         motions: Floats | None = None,
@@ -224,17 +231,7 @@ class RankRows:
         from petsc4py import PETSc as petsc
 
         self._petsc, self._comm, self._names = petsc, comm, options
-        block, own = _own_block(comm, n, K, motions)
-        # Here, where K is a block of rows: scaled as a whole it would be on rank 0 twice.
-        csr = [block.indptr.astype(petsc.IntType), block.indices.astype(petsc.IntType), block.data / unit]
-        size = (block.shape[0], n)
-        self._K = petsc.Mat().createAIJ((size, size), csr=csr, comm=comm)
-        self._K.setOption(petsc.Mat.Option.SPD, True)
-        self._near = None
-        if modes:
-            vectors = [petsc.Vec().createWithArray(column.copy(), (len(own), n), comm=comm) for column in own.T]
-            self._near = petsc.NullSpace().create(vectors=vectors, comm=comm)
-            self._K.setNearNullSpace(self._near)
+        self._K, self._near = self._taken(n, unit, *_own_block(comm, n, K, motions))
         self._x, self._b = self._K.createVecs()
         self._scatter, self._whole = petsc.Scatter.toZero(self._x)
         self._ksp = self._solver(self._K)
@@ -243,6 +240,19 @@ class RankRows:
         pc = self._ksp.getPC()
         self.levels = pc.getMGLevels() if pc.getType() == "gamg" else 2
         self._stiffened: Any = None
+
+    def _taken(self, n: int, unit: float, block: sp.csr_matrix, motions: Floats) -> tuple[Any, Any]:
+        """PETSc's copy of a block of rows, and its null space; ours is gone before a hierarchy is set up beside it."""
+        petsc, comm, size = self._petsc, self._comm, (block.shape[0], n)
+        # Here, where K is a block of rows: scaled as a whole it would be on rank 0 twice.
+        csr = [block.indptr.astype(petsc.IntType), block.indices.astype(petsc.IntType), block.data / unit]
+        matrix, near = petsc.Mat().createAIJ((size, size), csr=csr, comm=comm), None
+        matrix.setOption(petsc.Mat.Option.SPD, True)
+        if motions.shape[1]:
+            vectors = [petsc.Vec().createWithArray(column.copy(), size, comm=comm) for column in motions.T]
+            near = petsc.NullSpace().create(vectors=vectors, comm=comm)
+            matrix.setNearNullSpace(near)
+        return matrix, near
 
     def _solver(self, matrix: Any) -> Any:
         """Conjugate gradients with the cycle of a matrix."""
@@ -272,6 +282,12 @@ class RankRows:
         self._ksp.setTolerances(rtol=tolerance, atol=0.0)
         self._ksp.solve(self._b, self._x)
         return self._gathered(), 0 if self._ksp.getConvergedReason() > 0 else 1
+
+    def product(self, x: Floats | None = None) -> Floats | None:
+        """K x on rank 0."""
+        self._spread(x)
+        self._K.mult(self._b, self._x)
+        return self._gathered()
 
     def cycle(self, stiffened: bool, b: Floats | None = None) -> Floats | None:
         """M b on rank 0, M the cycle of K, or of K + S on the free unknowns."""

@@ -46,7 +46,7 @@ from math import isqrt
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.arrays import Bools, Floats, Ints
+from vemcvx.arrays import Bools, Floats, Ints, by_rows
 from vemcvx.vem.projection import CellGroup
 from vemcvx.vem.space import Space
 from vemcvx.vem.stabilisation import (
@@ -120,13 +120,17 @@ def assemble(nodes: Sequence[Ints], blocks: Floats, which: Ints, n_nodes: int) -
     indptr = np.append(0, ends)
     begins[indptr[:-1][np.diff(indptr) > 0]] = True
     first = np.flatnonzero(begins)
-    gather = sp.csr_matrix(
-        (np.ones(len(order)), which[order], np.append(first, len(order))), shape=(len(first), len(blocks))
-    )
-    indptr = np.searchsorted(first, indptr)
-    dim = isqrt(blocks.shape[1])
-    shape = (dim * n_nodes, dim * n_nodes)
-    return sp.bsr_matrix(((gather @ blocks).reshape(-1, dim, dim), columns[first], indptr), shape=shape).tocsr()
+    which, columns, bounds = which[order], columns[first], np.append(first, len(order))
+    indptr, dim = np.searchsorted(first, indptr), isqrt(blocks.shape[1])
+
+    def of_nodes(start: int, stop: int) -> sp.csr_matrix:
+        i, j = indptr[[start, stop]]
+        p, q = bounds[[i, j]]
+        gather = sp.csr_matrix((np.ones(q - p), which[p:q], bounds[i : j + 1] - p), shape=(j - i, len(blocks)))
+        entries = (gather @ blocks).reshape(-1, dim, dim), columns[i:j], indptr[start : stop + 1] - i
+        return sp.bsr_matrix(entries, shape=(dim * (stop - start), dim * n_nodes)).tocsr()
+
+    return by_rows(of_nodes, n_nodes, dim * dim * len(first), (dim * n_nodes, dim * n_nodes))
 
 
 def _counting_sort(keys: Ints, n: int) -> Ints:

@@ -40,7 +40,7 @@ def test_every_problem_runs_in_its_small_setting(name):
     assert 5_000 < drawn.stat().st_size < 250_000, "run problems/gallery.py"
 
 
-VIEWED = ("cone_clutch", "hertz_two_balls", "lug_and_pin", "tubes_shrunk_on")
+VIEWED = ("bracket_in_space", "cone_clutch", "hertz_two_balls", "lug_and_pin", "tubes_shrunk_on")
 """Bodies in space that PyVista draws."""
 
 

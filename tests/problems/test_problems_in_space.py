@@ -8,6 +8,7 @@ import pytest
 import block_dragged_along_a_curve as curve
 import block_in_space as block
 import bolted_flange as flange
+import bracket_in_space as bracket
 import circular_hysteresis as circles
 import cone_clutch as clutch
 import hertz_two_balls as balls
@@ -240,6 +241,27 @@ def small_run(problem, mesh):
     initial, small = getattr(problem, "initial", None), problem.SMALL
     times, solver = problem.times(small["steps"]), vx.Newton(small["accuracy"])
     return vx.simulate(problem.scene(), mesh, times, solver=solver, initial=initial)
+
+
+def test_the_field_at_the_edge_leaves_the_inner_sides_free():
+    """Tractions there are errors of central differences: their step squared, and rounding over it."""
+    lame = bracket.SHEAR * 2 * bracket.POISSON / (1 - 2 * bracket.POISSON)
+    upwards = np.array([[0.5, 0.5 + y, 0.1] for y in (0.01, 0.1, 0.4)])
+    for x, across in ((upwards, 0), (upwards[:, [1, 0, 2]], 1)):
+        e = bracket.strain(x, 1.0)
+        stress = lame * (e[:, :1] + e[:, 1:2]) + 2 * bracket.SHEAR * e[:, :2]
+        shear = bracket.SHEAR * e[:, 3]
+        assert np.abs(np.column_stack([stress[:, across], shear])).max() < 1e-8 * np.abs(stress).max()
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("n", "target"), [(16, 0.25), pytest.param(24, 0.2, marks=pytest.mark.slow)])
+def test_an_adaptive_bracket_has_less_than_two_fifths_of_the_nodes(n, target):
+    """Of equal cubes whose true error is the same or larger."""
+    found = bracket.adaptive(target)
+    equal = vx.simulate(bracket.scene(), bracket.mesh(n), bracket.times(1))
+    assert bracket.error(found) < min(target, bracket.error(equal))
+    assert found.mesh.n_nodes < 0.4 * equal.mesh.n_nodes
 
 
 @pytest.mark.slow

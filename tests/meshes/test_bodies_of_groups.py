@@ -131,7 +131,7 @@ $EndElements
 
 
 def test_two_hexahedra_that_share_a_named_face(tmp_path):
-    """Written by hand: the named face between two volumes is their interface, under the name of both."""
+    """Written by hand: the named face between two volumes is their interface, under its name."""
     x = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
     x += [(3, 0, 0), (3, 1, 0), (3, 0, 1), (3, 1, 1)]
     path = tmp_path / "two.msh"
@@ -139,16 +139,44 @@ def test_two_hexahedra_that_share_a_named_face(tmp_path):
     mesh = vx.meshes.read(path, bodies="physical")
     assert (mesh.n_cells, mesh.n_nodes) == (2, 16)
     assert mesh.measures.tolist() == [1.0, 2.0]
-    assert mesh.interfaces["lug|pin"].bodies == ("lug", "pin")
-    assert {"lug.wall", "pin.end", "lug|pin"} <= set(mesh.boundaries)
+    assert mesh.interfaces["joint"].bodies == ("lug", "pin")
+    assert set(mesh.boundaries) == {"lug.wall", "pin.end", "joint", "boundary"}
     scene = vx.Scene(
         vx.Elasticity(10.0, 0.0, on="lug"),
         vx.Elasticity(20.0, 0.0, on="pin"),
         vx.Clamp(on="lug.wall"),
         vx.Traction((-0.1, 0.0, 0.0), on="pin.end"),
-        vx.UnilateralContact(on="lug|pin"),
-        vx.TrescaFriction(1.0, on="lug|pin"),
+        vx.UnilateralContact(on="joint"),
+        vx.TrescaFriction(1.0, on="joint"),
     )
     history = vx.simulate(scene, mesh, [0.0, 1.0], initial="settled")
     assert history.contact.pressure[-1] == pytest.approx(0.1, rel=1e-9)
     assert history.displacement[-1, mesh.points[:, 0] == 3, 0] == pytest.approx(-0.1 * (1 / 10 + 2 / 20), rel=1e-9)
+
+
+@pytest.mark.parametrize("share", [0.5, 1.0])
+def test_a_named_part_of_an_interface_is_said_to_be_left_out(tmp_path, share):
+    """Lines between two bodies that share nodes: if they are all that is between them, the interface has their name."""
+    made = vx.meshes.squares((4, 2), box=((0.0, 2.0), (0.0, 1.0)))
+    cells = np.array(made.cells)
+    right = made.centroids[:, 0] > 1
+    middle = np.flatnonzero(np.abs(made.points[:, 0] - 1) < 1e-12)
+    lines = np.column_stack([middle[:-1], middle[1:]])[: round(2 * share)]
+    tags = [np.full(len(lines), 1), np.where(right, 12, 11)]
+    groups = {"joint": [1, 1], "plate": [11, 2], "pin": [12, 2]}
+    mesh = meshio.Mesh(
+        np.pad(made.points, ((0, 0), (0, 1))),
+        [("line", lines), ("quad", cells)],
+        cell_data={"gmsh:physical": tags, "gmsh:geometrical": tags},
+        field_data={name: np.array(value) for name, value in groups.items()},
+    )
+    path = tmp_path / "two.msh"
+    meshio.write(path, mesh, file_format="gmsh22", binary=False)
+    if share == 1.0:
+        found = vx.meshes.read(path, bodies="physical")
+        assert list(found.interfaces) == ["joint"]
+        assert sorted(found.boundaries) == ["boundary", "joint"]
+        return
+    with pytest.warns(vx.MeshWarning, match=r"two\.msh: the sides named 'joint' are on interfaces, .* 'plate\|pin': "):
+        found = vx.meshes.read(path, bodies="physical")
+    assert list(found.interfaces) == ["plate|pin"]

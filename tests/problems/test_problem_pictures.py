@@ -20,7 +20,7 @@ ROOT = Path(gallery.__file__).parent.parent
 SHOWN = ("cattaneo_mindlin", "plate_with_hole", "janssen_silo", "block_with_grain", "block_in_space")
 """Of every kind one; the others are drawn by the slow tests, a third of a second each."""
 SLOW = [name for name in gallery.problem_files() if name not in SHOWN]
-LONG = ("bolted_flange", "spherical_indenter", "twisted_pad")
+LONG = ("ball_in_socket", "bolted_flange", "dovetail", "spherical_indenter", "twisted_pad")
 """Those whose small setting takes more than a second."""
 matplotlib = pytest.importorskip("matplotlib")
 
@@ -40,7 +40,15 @@ def test_every_problem_runs_in_its_small_setting(name):
     assert 5_000 < drawn.stat().st_size < 250_000, "run problems/gallery.py"
 
 
-VIEWED = ("cone_clutch", "hertz_two_balls", "lug_and_pin", "tubes_shrunk_on")
+VIEWED = (
+    "ball_in_socket",
+    "bracket_in_space",
+    "cone_clutch",
+    "dovetail",
+    "hertz_two_balls",
+    "lug_and_pin",
+    "tubes_shrunk_on",
+)
 """Bodies in space that PyVista draws."""
 
 

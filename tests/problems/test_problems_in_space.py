@@ -5,11 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+import ball_in_socket as ball
 import block_dragged_along_a_curve as curve
 import block_in_space as block
 import bolted_flange as flange
+import bracket_in_space as bracket
 import circular_hysteresis as circles
 import cone_clutch as clutch
+import dovetail
 import hertz_two_balls as balls
 import lug_and_pin as lug
 import skew_joint as skew
@@ -240,6 +243,65 @@ def small_run(problem, mesh):
     initial, small = getattr(problem, "initial", None), problem.SMALL
     times, solver = problem.times(small["steps"]), vx.Newton(small["accuracy"])
     return vx.simulate(problem.scene(), mesh, times, solver=solver, initial=initial)
+
+
+@pytest.mark.long
+def test_a_ball_lifts_off_its_socket_behind():
+    """Faces at a node turn from their mean by less than a cell is seen under, 90 degrees over 2n."""
+    history = small_run(ball, ball.mesh(2))
+    contact = history.contact
+    assert contact.pressure[1].max() == pytest.approx(ball.PRESSURE, rel=1e-9)
+    assert contact.pressure[1].min() > np.cos(np.pi / 8) * ball.PRESSURE
+    assert contact.sticking[1].all()
+    weight = ball.PRESSURE * history.mesh.face_areas[history.mesh.boundaries["ball.top"]].sum()
+    force = ball.joint_force(history)
+    balance = force + history.reaction("ball.grip")
+    balance[1:, 2] -= weight
+    assert np.abs(balance).max() < 1e-9 * np.abs(force).max()
+    x = contact.points[:, 0]
+    opened = contact.pressure[-1] == 0
+    assert x[opened].max() < 0 < opened.sum()
+    assert (np.diff(contact.open_count[1:]) > 0).all()
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("slant", [0.0, 0.5])
+def test_a_dovetail_is_held_between_the_lines_of_full_slip(slant):
+    mesh, solver = dovetail.mesh(2), vx.Newton(1e-7)
+    history = vx.simulate(dovetail.scene(slant=slant), mesh, dovetail.times(12), solver=solver)
+    pull, normal, force = dovetail.load(history.times), dovetail.normal_force(history), dovetail.nodal_forces(history)
+    _, y, z = history.contact.points.T
+    moment = (force[:, :, 2] @ y) - (force[:, :, 1] @ z)
+    scale = dovetail.PULL
+    assert np.abs(force[:, :, 1].sum(axis=1) + pull / 2).max() < 1e-9 * scale
+    assert np.abs(force[:, :, 2].sum(axis=1)).max() < 1e-9 * scale
+    assert np.abs(moment - slant * dovetail.HALF * pull / 6).max() < 1e-9 * scale
+    assert (normal > dovetail.OUT * pull - 1e-6 * scale).all()
+    assert (normal < dovetail.IN * pull + 1e-6 * scale).all()
+    assert normal[1:5] == pytest.approx(dovetail.OUT * pull[1:5], rel=3e-3)
+    assert normal[7:9] == pytest.approx(dovetail.IN * pull[7:9], rel=3e-3)
+    assert normal[5] > 1.15 * dovetail.OUT * pull[5]
+
+
+def test_the_field_at_the_edge_leaves_the_inner_sides_free():
+    """Tractions there are errors of central differences: their step squared, and rounding over it."""
+    lame = bracket.SHEAR * 2 * bracket.POISSON / (1 - 2 * bracket.POISSON)
+    upwards = np.array([[0.5, 0.5 + y, 0.1] for y in (0.01, 0.1, 0.4)])
+    for x, across in ((upwards, 0), (upwards[:, [1, 0, 2]], 1)):
+        e = bracket.strain(x, 1.0)
+        stress = lame * (e[:, :1] + e[:, 1:2]) + 2 * bracket.SHEAR * e[:, :2]
+        shear = bracket.SHEAR * e[:, 3]
+        assert np.abs(np.column_stack([stress[:, across], shear])).max() < 1e-8 * np.abs(stress).max()
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("n", "target"), [(16, 0.25), pytest.param(24, 0.2, marks=pytest.mark.slow)])
+def test_an_adaptive_bracket_has_less_than_two_fifths_of_the_nodes(n, target):
+    """Of equal cubes whose true error is the same or larger."""
+    found = bracket.adaptive(target)
+    equal = vx.simulate(bracket.scene(), bracket.mesh(n), bracket.times(1))
+    assert bracket.error(found) < min(target, bracket.error(equal))
+    assert found.mesh.n_nodes < 0.4 * equal.mesh.n_nodes
 
 
 @pytest.mark.slow

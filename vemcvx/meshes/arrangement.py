@@ -68,8 +68,9 @@ def _rings(owner: Ints, ends: Ints, at: Floats) -> _Rings:
     start, of = ends.T.ravel(), np.tile(owner, 2)
     here, there = np.concatenate([at[:, 0], at[:, 1]]), np.concatenate([at[:, 1], at[:, 0]])
     arm = there - here
-    order = np.lexsort((np.arctan2(arm[:, 1], arm[:, 0]), start, of))
-    first = np.flatnonzero((np.diff(start[order], prepend=-1) != 0) | (np.diff(of[order], prepend=-1) != 0))
+    node = of * (int(start.max(initial=0)) + 1) + start
+    order = np.lexsort((np.arctan2(arm[:, 1], arm[:, 0]), node))
+    first = np.flatnonzero(np.diff(node[order], prepend=-1))
     sizes = np.diff(np.append(first, len(order)))
     before = np.arange(-1, len(order) - 1)
     before[first] = first + sizes - 1

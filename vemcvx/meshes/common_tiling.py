@@ -34,6 +34,9 @@ from vemcvx.meshes.polygons import (
 )
 from vemcvx.meshes.polyhedra import Faces, FaceShapes, face_shapes, heights, in_planes
 
+# Of the width of a face, by which it is off its plane and cut in triangles; a mesh may have ten times as much.
+WARPED = 1e-7
+
 
 class Tiled(NamedTuple):
     """Bodies whose faces have been cut."""
@@ -124,6 +127,8 @@ class _Pieces(NamedTuple):
     offsets: Ints
     places: Ints
     """places of the vertices"""
+    flat: Bools
+    """(k,) whether they are in the planes of the faces for certain"""
 
 
 def _pieces(meeting: Meeting, outline: _Outlines) -> _Pieces:
@@ -134,24 +139,26 @@ def _pieces(meeting: Meeting, outline: _Outlines) -> _Pieces:
     face, lines = _lines_over_faces(meeting, offsets, places)
     cut = distinct(face)
     if not len(cut):
-        return _Pieces(cut, np.zeros(1, dtype=np.int64), cut)
+        return _Pieces(cut, np.zeros(1, dtype=np.int64), cut, cut > 0)
     rows, around = rows_in_order(offsets, places, cut)
     segments = np.concatenate([np.column_stack([around, around[next_corner(rows)]]), lines])
     owner = np.concatenate([cell_of_corner(rows), np.searchsorted(cut, face)])
 
     def seen(place: Ints, of: Ints) -> Floats:
-        return surface.seen(surface.points[place], cut[of])[:, :2]
+        return surface.seen(surface.points[place], cut[of])
 
-    at = seen(segments.ravel(), np.repeat(owner, 2)).reshape(-1, 2, 2)
+    at = seen(segments.ravel(), np.repeat(owner, 2))[:, :2].reshape(-1, 2, 2)
     found, ring, place = polygons_between(owner, segments, at)
-    corners, whole = seen(place, found[cell_of_corner(ring)]), seen(around, cell_of_corner(rows))
-    areas = areas_and_centroids(corners, ring, np.arange(len(corners)))[0]
+    corners, whole = seen(place, found[cell_of_corner(ring)]), seen(around, cell_of_corner(rows))[:, :2]
+    areas = areas_and_centroids(corners[:, :2], ring, np.arange(len(corners)))[0]
     all_of = areas_and_centroids(whole, rows, np.arange(len(whole)))[0]
     # Pieces cover a face up to a thousandth: the tolerance is far below the edges, or bodies are not matched.
     missing = np.abs(np.bincount(found, np.abs(areas), len(cut)) - all_of) > 1e-3 * all_of
     if missing.any():
         raise unmatched(surface.shapes.centroids[cut[missing][0]])
-    return _Pieces(cut[found], ring, turned(ring, place, areas < 0.0))
+    # A piece is no farther off its own plane than a few times as far as off that of the face.
+    flat = np.maximum.reduceat(np.abs(corners[:, 2]), ring[:-1]) < 0.1 * WARPED * np.sqrt(np.abs(areas))
+    return _Pieces(cut[found], ring, turned(ring, place, areas < 0.0), flat)
 
 
 def _lines_over_faces(meeting: Meeting, offsets: Ints, places: Ints) -> tuple[Ints, Ints]:
@@ -211,13 +218,16 @@ def _assembled(faces: Faces, meeting: Meeting, outline: _Outlines, cut: _Pieces)
     nodes = order[np.searchsorted(known, wanted, sorter=order)]
     place, body = np.divmod(known, len(surface.boxes[0]))
     hanging = faces._replace(face_offsets=outline.offsets, face_vertices=outline.vertices)
-    tiled, origin = _replaced(hanging, surface.faces[cut.face], cut.offsets, nodes)
+    cut_faces = surface.faces[cut.face]
+    tiled, origin = _replaced(hanging, cut_faces, cut.offsets, nodes)
     points, leader = surface.points[place], np.unique(place, return_index=True)[1]
     number = np.full(len(surface.points), -1)
     number[place[leader]] = leader
     touched = np.ones(len(points), dtype=bool)
     touched[: len(meeting.before)] = (points[: len(meeting.before)] != meeting.before).any(axis=1)
-    tiled, part = _flattened(points, tiled, number[place], touched)
+    doubtful = np.logical_or.reduceat(touched[tiled.face_vertices], tiled.face_offsets[:-1])
+    doubtful[among(origin, cut_faces)] = ~cut.flat
+    tiled, part = _flattened(points, tiled, number[place], np.flatnonzero(doubtful))
     host = surface.body_of_face[in_faces.face]
     bare = ~among(surface.key(in_faces.place, host), known)
     touching = np.column_stack([number[in_faces.place], host])[bare]
@@ -245,17 +255,15 @@ def _replaced(faces: Faces, some: Ints, offsets: Ints, nodes: Ints) -> tuple[Fac
     return Faces(face_offsets, face_vertices, cell_offsets, cell_faces, faces.face_cells[origin]), origin
 
 
-def _flattened(points: Floats, faces: Faces, place: Ints, touched: Bools) -> tuple[Faces, Ints]:
-    """The faces with those cut into triangles that are not plane any more; and which face each was.
+def _flattened(points: Floats, faces: Faces, place: Ints, some: Ints) -> tuple[Faces, Ints]:
+    """The faces with those of some cut into triangles that are not plane any more; and which face each was.
 
     Faces of two bodies in the same places get the same triangles.
     """
-    some = np.flatnonzero(np.logical_or.reduceat(touched[faces.face_vertices], faces.face_offsets[:-1]))
     offsets, vertices = rows_in_order(faces.face_offsets, faces.face_vertices, some)
     shapes, corner = face_shapes(points, offsets, vertices), cell_of_corner(offsets)
     height = np.abs(heights(points[vertices], corner, shapes))
-    # A mesh may have faces of 1e-6 off their planes.
-    warped = np.flatnonzero(np.maximum.reduceat(height, offsets[:-1]) > 1e-7 * np.sqrt(shapes.areas))
+    warped = np.flatnonzero(np.maximum.reduceat(height, offsets[:-1]) > WARPED * np.sqrt(shapes.areas))
     if not len(warped):
         return faces, np.arange(len(faces.face_offsets) - 1)
     offsets, vertices = rows_in_order(offsets, vertices, warped)

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import warnings
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from vemcvx.arrays import brief
-from vemcvx.errors import MeshError, SceneError
+from vemcvx.errors import MeshError, MeshWarning, SceneError
+from vemcvx.meshes.interfaces import Interface
 from vemcvx.meshes.io.files import load, load_bodies
 from vemcvx.meshes.io.objects import from_object
 from vemcvx.meshes.polygon_mesh import PolygonMesh
@@ -61,7 +65,8 @@ def read(path: str | Path, bodies: str | None = None) -> PolygonMesh | Any:
         The file; its suffix tells the format. `meshio convert a.xyz a.vtu` converts files of other formats.
     bodies : "physical", optional
         Make a body of every physical group of cells, as :func:`vemcvx.meshes.bodies` joins them: where groups meet, in
-        nodes that they share or that are double, there is an interface. Boundaries are called "plate.rim".
+        nodes that they share or that are double, there is an interface. Boundaries are called "plate.rim", and an
+        interface "plate|pin", or as the physical group of lines (in space, of surfaces) that is all of it.
 
     Returns
     -------
@@ -77,14 +82,48 @@ def read(path: str | Path, bodies: str | None = None) -> PolygonMesh | Any:
     -----
     MeshWarning
         Cells were turned, unused nodes or those between the corners of cells of second order dropped, named lines or
-        faces inside the mesh left out, or sides named.
+        faces inside the mesh or on interfaces left out, or sides named.
     """
     if bodies is None:
         return _with_methods(load(path))
     if not isinstance(bodies, str) or bodies != "physical":
         raise MeshError(f"read: found bodies = {brief(bodies)}; there is 'physical', or None for one mesh.")
-    meshes: dict[str, Any] = {name: _with_methods(mesh) for name, mesh in load_bodies(path).items()}
-    return joined(meshes)
+    found, sides = load_bodies(path)
+    meshes: dict[str, Any] = {name: _with_methods(mesh) for name, mesh in found.items()}
+    mesh = joined(meshes)
+    lost = {
+        (body, side): len(own.boundaries[side])
+        for body, own in meshes.items()
+        for side in sides.intersection(own.boundaries)
+        if f"{body}.{side}" not in mesh.boundaries
+    }
+    return mesh._replace(interfaces=MappingProxyType(_named_by_groups(str(path), mesh.interfaces, lost)))
+
+
+def _named_by_groups(
+    path: str, interfaces: Mapping[str, Interface], lost: Mapping[tuple[str, str], int]
+) -> dict[str, Interface]:
+    """The interfaces, under the names of groups that are all of one; a warning names the other groups on interfaces.
+
+    `lost` are bodies and groups of which nothing is outside of interfaces, and how many sides of cells each has.
+    """
+    groups = sorted({side for _, side in lost})
+    named: dict[str, list[str]] = {side: [] for side in groups}
+    for name, found in interfaces.items():
+        for side in groups:
+            if all(lost.get((body, side)) == len(found.edges) for body in found.bodies):
+                named[side].append(name)
+    called = {names[0]: side for side, names in named.items() if len(names) == 1}
+    kept = {called.get(name, name): found for name, found in interfaces.items()}
+    left = ", ".join(repr(side) for side in groups if side not in kept)
+    if left:
+        warnings.warn(
+            f"{path}: the sides named {left} are on interfaces, which are called {', '.join(map(repr, kept))}: a name "
+            "is kept if it is of all of one interface.",
+            MeshWarning,
+            stacklevel=3,
+        )
+    return kept
 
 
 def convert(other: Any) -> PolygonMesh | Any:

@@ -398,7 +398,9 @@ def _joined_in_space(
         )
         raise _overlap(a, b, mesh.face_centroids[one[same_way][0]])
     matched = on_faces(_by_name(names, tiled.body, (sides, partners), interfaces), mesh._outlines)
-    mesh = mesh._replace(interfaces=MappingProxyType(matched))
+    free = np.ones(len(mesh._boundary), dtype=bool)
+    free[pairs] = False
+    mesh = mesh._replace(interfaces=MappingProxyType(matched), _outer=read_only(free))
     _check_pockets(mesh, tiled.body, tiled.place)
     if (mesh.volumes <= 0.0).any():
         cell = int(np.argmin(mesh.volumes))
@@ -408,7 +410,8 @@ def _joined_in_space(
         )
     touches = np.bincount(tiled.place)[tiled.place] > 1
     touches[tiled.touching[:, 0]] = True
-    _check_apart_in_space(names, mesh, tiled.body, touches)
+    width = NARROW_BETWEEN_BODIES * min(float((mesh.volumes / mesh.diameters**2).min()) for mesh in each)
+    _check_apart_in_space(names, mesh, tiled.body, touches, width)
     _check_contact_in_points(names, mesh, tiled.body, tiled.place, matched)
     if len(tiled.touching):
         node, other = tiled.touching[0]
@@ -462,12 +465,13 @@ def _side_by_side(meshes: list[SpaceTessellation]) -> Faces:
     )
 
 
-def _check_apart_in_space(names: tuple[str, ...], mesh: SpaceTessellation, body: Ints, touches: Bools) -> None:
-    """MeshError where bodies overlap or leave a slit.
+def _check_apart_in_space(
+    names: tuple[str, ...], mesh: SpaceTessellation, body: Ints, touches: Bools, width: float
+) -> None:
+    """MeshError where bodies overlap or leave a slit narrower than a width.
 
     Bodies overlap if a node of one, or the middle of a face, is inside another; nodes that `touches` names are on it.
     """
-    width = NARROW_BETWEEN_BODIES * float((mesh.volumes / mesh.diameters**2).min())
     outer, corners = mesh._outlines
     owner = body[corners[outer[:-1]]]
     low, high = (f.reduceat(mesh.points[corners], outer[:-1]) for f in (np.minimum, np.maximum))

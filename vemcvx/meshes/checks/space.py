@@ -374,6 +374,8 @@ RAYS = np.linalg.qr(np.array([[0.61, -0.32, 0.71], [0.23, 0.94, 0.11], [-0.77, 0
 
 def enclosed(places: Floats, points: Floats, offsets: Ints, vertices: Ints) -> Bools:
     """A mask of the places (m, 3) inside a closed surface of faces that run outwards: rays from there leave it."""
+    if not len(places):
+        return np.zeros(0, dtype=bool)
     places, points = places @ RAYS, points @ RAYS
     first, after = np.repeat(vertices[offsets[:-1]], np.diff(offsets)), polygons.next_corner(offsets)
     corners = points[np.stack([first, vertices, vertices[after]], axis=1)]

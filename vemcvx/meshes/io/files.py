@@ -55,13 +55,14 @@ def load(path: str | Path) -> AnyTessellation:
     return finished(str(path), made)
 
 
-def load_bodies(path: str | Path) -> dict[str, AnyTessellation]:
-    """The mesh of every physical group of cells in a file, by name."""
+def load_bodies(path: str | Path) -> tuple[dict[str, AnyTessellation], set[str]]:
+    """The mesh of every physical group of cells in a file, by name; and the names that the file has for sides."""
     path = _path(path)
     grid = _read(path)
     with named(str(path)):
         grids = groups_of(grid)
-    return {name: finished(f"{path}: {name}", partial(mesh_of, part)) for name, part in grids.items()}
+    meshes = {name: finished(f"{path}: {name}", partial(mesh_of, part)) for name, part in grids.items()}
+    return meshes, {side for grid in grids.values() for side in grid.sides}
 
 
 def _read(path: Path) -> Grid:

@@ -149,6 +149,22 @@ def test_a_violation_is_told(family, caplog):
         caplog.clear()
 
 
+@pytest.mark.parametrize("mesh", [vx.meshes.squares(3), vx.meshes.cubes(2)], ids=["squares", "cubes"])
+@pytest.mark.parametrize("pressed", [-1.0, 1.0])
+def test_what_nothing_holds_comes_to_rest(mesh, pressed, caplog):
+    """Lifted off or pressed into an obstacle at first: rounding of the stresses that were is no displacement."""
+    scene = vx.Scene(vx.Elasticity(10.0, 0.3), vx.Clamp(on="top"), vx.UnilateralContact(on="bottom"))
+
+    def moved(x, t):
+        return -0.01 * pressed * (1.0 - x[:, -1:]) * np.eye(x.shape[1])[-1]
+
+    with caplog.at_level(logging.WARNING, logger="vemcvx"):
+        history = vx.simulate(scene, mesh, [0.0, 1.0, 2.0], initial=vx.projected(moved))
+    # At rest as accurately as asked, 1e-8 of the displacement that was.
+    assert np.abs(history.displacement).max() <= 1e-8 * 0.01
+    assert "violates condition (2.1)" in caplog.text
+
+
 @pytest.mark.slow
 def test_bounds_of_such_a_run_give_no_advice_to_their_own(caplog):
     """On finer cells the state begun from moves: the path stays on those of the run, and nothing is to be done."""

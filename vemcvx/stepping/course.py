@@ -4,12 +4,15 @@ Data are sampled at instants 1/256 of the run apart, or at the ends and middles 
 what is over between two of them is not seen. Of every kind (load, bounds of friction, gaps, moving supports and ground)
 a few weighted sums are kept, with random weights, so that what changes changes them. A *bend* lies where the straight
 lines on both sides of an interval meet. A datum *turns* where it is largest or smallest: what slips one way there slips
-the other way from then on; the vertex of the parabola through three samples counts as a bend. A *jump* is what is left
-of a change when the interval is halved, and halved again, down to round-off.
+the other way from then on; the vertex of the parabola through three samples counts as a bend. Turns are those of
+entries (the load at an unknown, the gap at a node), for a sum of two data turns where neither does; and of entries that
+are a part TURNING of all that curves there, for under a wave that travels one node or another turns at every instant.
+A *jump* is what is left of a change when the interval is halved, and halved again, down to round-off.
 """
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
@@ -26,6 +29,8 @@ BENT = 1e-6
 MISSED = 0.05
 """Part of a datum's size by which lines between the instants of a run miss it where that is worth a word. In 64 steps
 the problems that come with the package miss their turns by less, in eight by more."""
+TURNING = 0.25
+"""Part of all that curves: of a wave along twelve nodes an eighth turns at once, of loads on two sides a half."""
 ACROSS = 1e-9
 """Steps of no more than this part of the run are those across a jump."""
 
@@ -65,20 +70,32 @@ def course(system: System, times: Floats) -> Course:
     draw = np.random.default_rng(0)
     weights = [draw.uniform(0.5, 1.5, (SUMS, len(block))) for block in first.values()]
 
-    def read(t: float) -> Floats:
-        return np.concatenate([W @ block for W, block in zip(weights, _blocks(system, t).values(), strict=True)])
+    def summed(blocks: dict[str, Floats]) -> Floats:
+        return np.concatenate([W @ block for W, block in zip(weights, blocks.values(), strict=True)])
 
-    raw = np.array([read(float(t)) for t in sampled])
+    raw, turned, size_of_blocks = [], [], np.zeros(len(first))
+    last: deque[dict[str, Floats]] = deque(maxlen=3)
+    for t in sampled.tolist():
+        last.append(_blocks(system, t))
+        raw.append(summed(last[-1]))
+        size_of_blocks = np.maximum(size_of_blocks, [np.abs(block).sum() for block in last[-1].values()])
+        if len(last) == 3:
+            around = sampled[len(raw) - 3 : len(raw)]
+            turned.append([_turned(around, *three) for three in zip(*(at.values() for at in last), strict=True)])
     size = np.abs(raw).max(axis=0)
     scale = np.where(size > 0, size, 1.0)
-    values = raw / scale
+    values = np.array(raw) / scale
 
     def value(t: float) -> Floats:
-        return read(t) / scale
+        return summed(_blocks(system, t)) / scale
 
     jumps, sentences = _jumps(sampled, values, value, np.repeat(list(first), SUMS))
     bends = np.union1d(jumps, _bends(sampled, values, value))
-    return Course(sampled, values, np.union1d(bends, _turns(sampled, values, bends)), sentences)
+    # Between a bend's two neighbours nothing is smooth.
+    smooth = np.searchsorted(bends, sampled[:-2]) == np.searchsorted(bends, sampled[2:], side="right")
+    amounts, turns = np.moveaxis(np.reshape(turned, (-1, len(first), 2)), 2, 0)
+    turns = turns[smooth[:, None] & (amounts > BENT * size_of_blocks)]
+    return Course(sampled, values, np.union1d(bends, turns), sentences)
 
 
 def divided(times: Floats, least: int, in_all: int) -> Floats:
@@ -150,17 +167,21 @@ def _crossing(times: Floats, values: Floats) -> float:
     return float(times[1] + rest / (left[k] - right[k]))
 
 
-def _turns(times: Floats, values: Floats, bends: Floats) -> Floats:
-    """Vertices of parabolas through three samples, where a datum is largest or smallest and does not bend nor jump."""
-    steps = np.diff(values, axis=0)
-    smooth = np.searchsorted(bends, times[:-2]) == np.searchsorted(bends, times[2:], side="right")
-    curved = np.abs(np.diff(steps, axis=0)) * (steps[:-1] * steps[1:] < 0)
-    j = np.flatnonzero((curved.max(axis=1) > BENT) & smooth)
-    k = np.argmax(curved[j], axis=1)
-    slopes = steps / np.diff(times)[:, None]
-    left, right = slopes[j, k], slopes[j + 1, k]
-    vertices: Floats = 0.5 * (times[j] + times[j + 1]) + 0.5 * (times[j + 2] - times[j]) * left / (left - right)
-    return vertices
+def _turned(times: Floats, before: Floats, at: Floats, after: Floats) -> tuple[float, float]:
+    """How much those entries turn that are largest or smallest near the middle one of three instants, and when.
+
+    Nothing, where they are a small part of what curves there.
+    """
+    left, right = (at - before) / (times[1] - times[0]), (after - at) / (times[2] - times[1])
+    half = 0.5 * (times[2] - times[0])
+    curved = half * np.abs(right - left)
+    turning = np.where(left * right < 0.0, curved, 0.0)
+    amount = float(turning.sum())
+    if amount <= TURNING * curved.sum():
+        return 0.0, float(times[1])
+    # The vertex of the parabola of the entry that turns most.
+    k = int(np.argmax(turning))
+    return amount, float(0.5 * (times[0] + times[1]) + half * left[k] / (left[k] - right[k]))
 
 
 def _jumps(times: Floats, values: Floats, value: Value, names: NDArray[np.str_]) -> tuple[Floats, tuple[str, ...]]:

@@ -174,7 +174,8 @@ def _assembled(edges: Edges, stresses: Sequence[FanStress], springs: Floats, P: 
         values.append(one.stiffness[same[~within]])
         first += len(blocks[-1])
     K = assemble(nodes, np.concatenate(blocks), np.concatenate(which), int(inner.sum()))
-    K.resize(P.shape[1], P.shape[1])
+    count = P.shape[1]
+    K = sp.csr_matrix((K.data, K.indices, np.pad(K.indptr, (0, count - K.shape[0]), mode="edge")), shape=(count, count))
     i, j = (
         np.concatenate([np.broadcast_to(np.expand_dims(at, axis), (*at.shape, at.shape[1])).ravel() for at in rows])
         for axis in (2, 1)

@@ -156,13 +156,13 @@ def _stars(
         values = one.fans.of_cells(one.stiffness[:, own[:, :, None], own[:, None]])
         where = start[vertex][:, :, None, None] + size[vertex][:, :, None, None] * rows[..., None] + rows[:, :, None]
         np.add.at(entries, where.ravel(), values.ravel())
-    found = []
+    found = list[tuple[Ints, Floats]]()
     for d in np.unique(degree[degree > 0]):
-        some = np.flatnonzero(degree == d)
+        some, m = np.flatnonzero(degree == d), 2 + 2 * int(d)
         nodes = np.column_stack([some, count + order[first[some, None] + np.arange(d)] // 2])
-        m = 2 + 2 * int(d)
         A = entries[start[some, None] + np.arange(m * m)].reshape(-1, m, m)
-        found.append(((2 * nodes[:, :, None] + np.arange(2)).reshape(-1, m), np.linalg.inv(_projected(A, free[nodes]))))
+        places: Ints = (2 * nodes[:, :, None] + np.arange(2)).reshape(-1, m)
+        found.append((places, np.asarray(np.linalg.inv(_projected(A, free[nodes])))))
     return tuple(found)
 
 

@@ -515,7 +515,7 @@ class Boundary:
         )
 
 
-def of_nodes(P: sp.spmatrix) -> Floats:
+def of_nodes(P: sp.csr_matrix | sp.csc_matrix) -> Floats:
     """(nodes, 2, 2) of each node what orthonormal columns P (2 nodes, k) move: the blocks of P P' on its diagonal."""
     moved = sp.csr_matrix(P @ P.T).tocoo()
     near, found = moved.row // 2 == moved.col // 2, np.zeros((P.shape[0] // 2, 2, 2))

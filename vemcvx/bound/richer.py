@@ -28,7 +28,7 @@ from vemcvx.arrays import Floats, Ints
 from vemcvx.bound.displacement import FanDisplacement
 from vemcvx.bound.equilibrium import Edges, Equilibrium, gathered
 
-MOST, ALONE, ENOUGH = 8, 3, 0.03
+MOST, ALONE, ENOUGH = 8, 3, 0.01
 """Conjugate gradients at most, those with stars alone, and the part of the energy of w below which one that gains it is
 the last."""
 

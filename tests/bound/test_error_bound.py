@@ -17,6 +17,7 @@ from typer.testing import CliRunner
 import manufactured_full_slip as full_slip
 import missed_reversal
 import vemcvx as vx
+from vemcvx.bound.richer import ENOUGH
 from vemcvx.bound.skeleton import instant
 from vemcvx.cli import app
 
@@ -98,7 +99,9 @@ def test_the_error_of_full_slip_is_bounded_for_all_poisson_ratios(family, poisso
         rounding = 1e-9 + 1e-15 * full_slip.lame(poisson) / error
         assert error * (1.0 - rounding) <= bound.upper <= (1.1 if n == 8 else 1.05) * error
         locks = family == "triangles" and poisson > 0.4
-        assert (0.9 if locks else 0.98) * error <= bound.lower <= error * (1.0 + rounding)
+        # The richer displacement is left where it takes off less than so much more energy.
+        least = (0.9 if locks else 0.98) * np.sqrt(1.0 - ENOUGH)
+        assert least * error <= bound.lower <= error * (1.0 + rounding)
 
 
 @pytest.mark.long

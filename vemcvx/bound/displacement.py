@@ -14,10 +14,11 @@ the polygon's edges.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
-from vemcvx.arrays import Floats, Ints
+from vemcvx.arrays import Floats, Ints, read_only
 from vemcvx.bound.fan import (
     BARYCENTRIC,
     COEFFICIENTS,
@@ -166,30 +167,33 @@ class OutlineValues:
 def without_slopes(fans: Fans, outline: Floats) -> OutlineValues:
     """The parts of values (c, 4 n) at vertices and middles of edges."""
     c, n = fans.corners.shape[:2]
-    values, after = outline.reshape(c, 2, n, 2), np.roll(fans.corners, -1, axis=1)
-    ends = values[:, 0]
-    means = (ends + np.roll(ends, -1, axis=1) + 4.0 * values[:, 1]) / 6.0
-    slopes = np.matmul(means.transpose(0, 2, 1), fans.normals) / fans.areas[:, None, None]
-    x = np.concatenate([fans.corners, 0.5 * (fans.corners + after)], axis=1)
-    bent = outline.reshape(c, 2 * n, 2) - np.matmul(x, slopes.transpose(0, 2, 1))
+    values = outline.reshape(c, 2 * n, 2)
+    slopes = np.matmul(values.transpose(0, 2, 1), fans.gradients)
+    bent = values - np.matmul(fans.outline, slopes.transpose(0, 2, 1))
     bent -= np.matmul(np.full((1, n), 1.0 / n), bent[:, :n])
     return OutlineValues(slopes, bent.reshape(c, 4 * n))
 
 
+@cache
+def _to_edges(n: int) -> Floats:
+    """(4 n, 4 n) the motions of outer edges from values at vertices and middles: see edge_motions."""
+    vertices, middles = np.split(np.eye(4 * n), 2, axis=1)
+    here = vertices.reshape(-1, n, 2)
+    ahead = np.roll(here, -1, axis=1)
+    bubble = (middles.reshape(-1, n, 2) - 0.5 * (here + ahead)) / 1.5
+    return read_only(np.stack([here + bubble, ahead + bubble], axis=2).reshape(4 * n, 4 * n))
+
+
 def edge_motions(outline: Floats) -> Floats:
     """(c, 4 n) motions of outer edges, linear on each, on which linear tractions do the work that they do on these."""
-    values = outline.reshape(len(outline), 2, -1, 2)
-    here, ahead = values[:, 0], np.roll(values[:, 0], -1, axis=1)
-    bubble = (values[:, 1] - 0.5 * (here + ahead)) / 1.5
-    return np.stack([here + bubble, ahead + bubble], axis=2).reshape(outline.shape)
+    motions: Floats = outline @ _to_edges(outline.shape[1] // 4)
+    return motions
 
 
 def outline_forces(forces: Floats) -> Floats:
     """(c, 4 n) the work of forces (c, 4 n) at both ends of outer edges on values at vertices and middles."""
-    ends = forces.reshape(len(forces), -1, 2, 2)
-    both = ends.sum(axis=2)
-    first, last = ends[:, :, 0] - both / 3.0, ends[:, :, 1] - both / 3.0
-    return np.concatenate([first + np.roll(last, 1, axis=1), both / 1.5], axis=1).reshape(forces.shape)
+    work: Floats = forces @ _to_edges(forces.shape[1] // 4).T
+    return work
 
 
 def edge_forces(fans: Fans, stress: Floats) -> Floats:

@@ -20,18 +20,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import chain
 
 import numpy as np
 import scipy.sparse as sp
 
 from vemcvx.arrays import Floats, Ints, totals
-from vemcvx.bound.fan import Fans, assembled
+from vemcvx.bound.fan import Fans
 from vemcvx.bound.skeleton import Skeleton
 from vemcvx.bound.stress import FanStress
 from vemcvx.errors import SceneError
 from vemcvx.linear import Factor, choose_linear
 from vemcvx.meshes import PolygonMesh
+from vemcvx.vem.elasticity import assemble
 
 UNBALANCED, ROUNDING, CORRECTIONS = 1e-7, 1e-13, 4
 """Parts of the largest force by which neighbours may differ, and below which they do by rounding (at lambda = 1e6 that
@@ -56,7 +56,7 @@ class Edges:
 
     def outline(self, u: Floats) -> Floats:
         """(2 nodes + 2 E,) a displacement (nodes, 2) at vertices and at middles of edges."""
-        return np.concatenate([u, u[self.nodes].mean(axis=1)]).ravel()
+        return np.concatenate([u, 0.5 * (u[self.nodes[:, 0]] + u[self.nodes[:, 1]])]).ravel()
 
     def motions(self, outline: Floats) -> Floats:
         """(4 E,) motions of edges on which linear tractions do the work that they do on values like these."""
@@ -150,10 +150,38 @@ def equilibrium(
 
     A body that `floats` is anchored by a little of the diagonal; forces that balance then need one or two corrections.
     """
-    P, stiffness = _free_motions(edges, free, bonds), (one.fans.of_cells(one.stiffness) for one in stresses)
-    K = assembled([*edges.places, edges.outer.reshape(-1, 4)], chain(stiffness, [springs]), P)
+    P = _free_motions(edges, free, bonds)
+    K = _assembled(edges, stresses, springs, P)
     K = K + sp.diags_array(ANCHOR * K.diagonal()) if floats else K
     return Equilibrium(edges, stresses, P, springs, choose_linear(K.shape[0]).factorise(K))
+
+
+def _assembled(edges: Edges, stresses: Sequence[FanStress], springs: Floats, P: sp.csr_matrix) -> sp.csr_matrix:
+    """P' G P: of cells inside the body as K is assembled, by ends of edges; P is a product on those at the boundary."""
+    size = P.shape[0]
+    inner = np.ones(size // 2, dtype=bool)
+    inner[edges.outer[..., 0].ravel() // 2] = False
+    number = np.cumsum(inner) - 1
+    nodes, blocks, which, first = list[Ints](), list[Floats](), list[Ints](), 0
+    rows, values = [edges.outer.reshape(-1, 4)], [springs]
+    for one, place in zip(stresses, edges.places, strict=True):
+        ends, same = place[:, ::2] // 2, one.fans.alike[1]
+        within, m = inner[ends].all(axis=1), ends.shape[1]
+        nodes.append(number[ends[within]])
+        blocks.append(one.stiffness.reshape(-1, m, 2, m, 2).swapaxes(2, 3).reshape(-1, 4))
+        which.append((first + m * m * same[within][:, None] + np.arange(m * m)).astype(np.int32).ravel())
+        rows.append(place[~within])
+        values.append(one.stiffness[same[~within]])
+        first += len(blocks[-1])
+    K = assemble(nodes, np.concatenate(blocks), np.concatenate(which), int(inner.sum()))
+    count = P.shape[1]
+    K = sp.csr_matrix((K.data, K.indices, np.pad(K.indptr, (0, count - K.shape[0]), mode="edge")), shape=(count, count))
+    i, j = (
+        np.concatenate([np.broadcast_to(np.expand_dims(at, axis), (*at.shape, at.shape[1])).ravel() for at in rows])
+        for axis in (2, 1)
+    )
+    G = sp.csr_matrix((np.concatenate([one.ravel() for one in values]), (i, j)), shape=(size, size))
+    return sp.csr_matrix(K + P.T @ G @ P)
 
 
 def _free_motions(edges: Edges, free: Floats, bonds: Bonds) -> sp.csr_matrix:

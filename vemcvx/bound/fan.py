@@ -11,7 +11,6 @@ such forces at the vertices, exactly.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
@@ -125,6 +124,18 @@ class Fans:
         """(c, n, 2) of the outer edges, outward, as long as these."""
         along = np.roll(self.corners, -1, axis=1) - self.corners
         return np.stack([along[..., 1], -along[..., 0]], axis=2)
+
+    @cached_property
+    def outline(self) -> Floats:
+        """(c, 2 n, 2) the vertices, and the middles of outer edges."""
+        return np.concatenate([self.corners, 0.5 * (self.corners + np.roll(self.corners, -1, axis=1))], axis=1)
+
+    @cached_property
+    def gradients(self) -> Floats:
+        """(c, 2 n, 2) the mean gradients in cells of what is one at a place of the outline and quadratic on edges."""
+        both = self.normals + np.roll(self.normals, 1, axis=1)
+        means: Floats = np.concatenate([both, 4.0 * self.normals], axis=1) / (6.0 * self.areas[:, None, None])
+        return means
 
     @cached_property
     def back(self) -> Floats:
@@ -271,44 +282,3 @@ def summed(each: Floats, rows: Ints, columns: Ints, shape: tuple[int, int]) -> F
         (np.ones(len(where)), (where, np.arange(len(where)))), shape=(shape[0] * shape[1], len(where))
     )
     return np.ascontiguousarray((places @ each.reshape(len(each), -1).T).T).reshape(len(each), *shape)
-
-
-def assembled(places: Sequence[Ints], matrices: Iterable[Floats], P: sp.csr_matrix) -> sp.csr_matrix:
-    """P' A P, A being the sum of matrices (c, m, m) at places (c, m); most rows of P are those of an identity.
-
-    Entries are numbered by P where they are: products of sparse matrices would take three times as long.
-    """
-    counts, size = np.diff(P.indptr), P.shape[1]
-    levels = []
-    for level in range(counts.max(initial=1)):
-        has, number, weight = counts > level, np.full(len(counts), -1, dtype=np.int32), np.zeros(len(counts))
-        entry = P.indptr[:-1][has] + level
-        number[has], weight[has] = P.indices[entry], P.data[entry]
-        levels.append((number, weight))
-    one, simple = levels[0][0], (counts == 1) & (levels[0][1] == 1.0)
-    whole = [simple[place].all(axis=1) for place in places]
-    # Filled in place, to be freed soon: of 65,000 Voronoi cells these are 37 million entries.
-    total = sum(int(some.sum()) * place.shape[1] ** 2 for some, place in zip(whole, places, strict=True))
-    more = len(levels) ** 2 * sum(
-        int((~some).sum()) * place.shape[1] ** 2 for some, place in zip(whole, places, strict=True)
-    )
-    rows, columns, values = (np.zeros(total + more, dtype=kind) for kind in (np.int32, np.int32, np.float64))
-    first, extra = 0, total
-    for place, matrix, some in zip(places, matrices, whole, strict=True):
-        at, m = one[place[some]], place.shape[1]
-        last = first + len(at) * m * m
-        shape = len(at), m, m
-        rows[first:last].reshape(shape)[:] = at[:, :, None]
-        columns[first:last].reshape(shape)[:] = at[:, None]
-        values[first:last].reshape(shape)[:] = matrix[some]
-        first, where = last, place[~some]
-        for i, w in levels:
-            for j, v in levels:
-                k, r, c = np.nonzero((i[where] >= 0)[:, :, None] & (j[where] >= 0)[:, None])
-                row, column, these = where[k, r], where[k, c], slice(extra, extra + len(k))
-                rows[these], columns[these] = i[row], j[column]
-                values[these] = w[row] * matrix[~some][k, r, c] * v[column]
-                extra += len(k)
-    entries = values[:extra], (rows[:extra], columns[:extra])
-    K: sp.csr_matrix = sp.csr_matrix(entries, shape=(size, size))
-    return K

@@ -55,17 +55,16 @@ from vemcvx.bound.displacement import (
 from vemcvx.bound.equilibrium import Bonds, Equilibrium, edges_of, equilibrium, gathered
 from vemcvx.bound.fan import (
     Fans,
-    assembled,
     fans_of,
     in_triangles,
     stresses_of,
 )
 from vemcvx.bound.reading import Reading, reading
+from vemcvx.bound.richer import Richer, richer
 from vemcvx.bound.skeleton import Instant, check_estimable, skeleton
 from vemcvx.bound.stress import fan_stress, lifted, of_edge
-from vemcvx.bound.surface import Boundary, Surface
+from vemcvx.bound.surface import Boundary, Surface, of_nodes
 from vemcvx.errors import SceneError
-from vemcvx.linear import Factor, choose_linear
 from vemcvx.meshes import plane_mesh
 from vemcvx.scene.pose import PosedScene
 from vemcvx.vem import elastic_matrix, strains
@@ -184,13 +183,13 @@ class Hypercircle:
     fans: tuple[Fans, ...]
     displacements: tuple[FanDisplacement, ...]
     equilibrium: Equilibrium
-    outlines: tuple[Ints, ...]
-    """(c, 4 n) of each chunk the places of vertices and of middles of edges among those of all"""
-    Q: sp.csr_matrix
-    """(2 nodes + 2 edges, m) motions w of vertices and of middles of edges from free ones"""
-    factor: Factor
-    """of their energy"""
+    inside: Richer
     body_forces: BodyForces
+
+    @property
+    def outlines(self) -> tuple[Ints, ...]:
+        """(c, 4 n) of each chunk the places of vertices and of middles of edges among those of all."""
+        return self.inside.outlines
 
     def pair(self, now: Instant, before: Instant) -> Pair:
         """The pair of a displacement that obstacles admit, at the end of a step.
@@ -224,23 +223,23 @@ class Hypercircle:
         energy, of_body = self._inner(inside, body, outline)
         for k, f in enumerate(body):
             work[k] = work[k] + f.outline
-        residual = gathered(self.outlines, work, self.Q.shape[0]) + self.of_tractions(surface.loads)
-        left = self.Q.T @ residual
-        w, defect = self.factor.solve(left), Defect(motion, outline, densities)
+        residual = gathered(self.outlines, work, self.inside.size) + self.of_tractions(surface.loads)
+        w, lowered = self.inside.best(residual, motion)
+        defect = Defect(motion, outline, densities)
         oscillation = self.oscillation(surface.acting, body)
         return Pair(
             circle=self,
             u=now.u,
             surface=surface,
             defect=defect,
-            w=self.Q @ w,
+            w=w,
             squares=squares,
             springs=boundary.spring_energies(motion[numbered.outer]),
             oscillation=oscillation,
             cells=self.enlarged(squares, defect, oscillation),
             potential=potential + 0.5 * (energy + springs) - of_body - float(np.sum(surface.loads[:, :2] * ends)),
             norm=float(np.sqrt(max(energy + springs, 0.0))),
-            lowered=float(np.sqrt(max(float(left @ w), 0.0))),
+            lowered=lowered,
         )
 
     def surface(self, now: Instant, before: Instant, body: Sequence[Body] | None = None) -> Surface:
@@ -343,13 +342,15 @@ class Hypercircle:
         """osc_T (corners,) of tractions (k, 3, 2) and body forces."""
         edges = self.boundary.edges
         found, missed, bent = np.zeros(len(edges.sides)), np.zeros(len(edges.sides)), np.zeros((len(edges.sides), 1, 2))
-        squares, bent[edges.outer_corners, 0] = self.boundary.missed(tractions)
-        missed[edges.outer_corners] = np.sqrt(squares)
+        squares, on_edges = self.boundary.missed(tractions)
+        missed[edges.outer_corners], bent[edges.outer_corners, 0] = np.sqrt(squares), on_edges
+        loaded = np.zeros(len(edges.areas), dtype=bool)
+        loaded[edges.outer[(squares != 0.0) | on_edges.any(axis=1)]] = True
         for fans in self.fans:
-            place = self._corners(fans)
-            rows = np.flatnonzero(np.any((missed[place] != 0.0) | bent[place].any(axis=(2, 3)), axis=1))
+            rows = np.flatnonzero(loaded[fans.cells])
             if len(rows):
-                part, at = fans.part(rows), place[rows]
+                part = fans.part(rows)
+                at = self._corners(part)
                 found[at] = oscillation_constants(part)[1] * missed[at] + lifted(part, of_edge(), bent[at])
         for fans, f in zip(self.fans, body, strict=False):
             found[self._corners(fans)] += f.missed
@@ -381,7 +382,7 @@ class Hypercircle:
         middles = 2 * self.middles[:, None] + np.arange(2)
         place = np.concatenate([nodes.ravel(), middles.ravel()])
         work = np.concatenate([(loads[:, :2] - 0.5 * loads[:, 2:]).ravel(), loads[:, 2].ravel()])
-        return totals(place, work, self.Q.shape[0])
+        return totals(place, work, self.inside.size)
 
     def _work(self, moments: Sequence[Floats]) -> Floats:
         """(j,) the work of body forces (c, 6 n) on the rigid motions of bodies that nothing else holds."""
@@ -456,17 +457,14 @@ def hypercircle(posed: PosedScene) -> Hypercircle:
     outlines = tuple(
         _outline(one, place, posed.space.n_unknowns) for one, place in zip(fans, numbered.places, strict=True)
     )
-    Q = _free_outlines(posed, boundary, numbered.outer[:, 0, 0] // 4, numbered.count)
-    K = assembled(outlines, (one.fans.of_cells(one.stiffness) for one in displacements), Q)
+    free = _free_outlines(posed, boundary, numbered.outer[:, 0, 0] // 4, numbered.count)
     return Hypercircle(
         posed=posed,
         boundary=boundary,
         fans=fans,
         displacements=displacements,
         equilibrium=balance,
-        outlines=outlines,
-        Q=Q,
-        factor=choose_linear(K.shape[0]).factorise(K),
+        inside=richer(balance, displacements, outlines, free),
         body_forces=BodyForces(fans),
     )
 
@@ -479,25 +477,18 @@ def _outline(fans: Fans, motions: Ints, first: int) -> Ints:
     return found
 
 
-def _free_outlines(posed: PosedScene, boundary: Boundary, outer: Ints, count: int) -> sp.csr_matrix:
-    """Q, which leaves out what touches."""
+def _free_outlines(posed: PosedScene, boundary: Boundary, outer: Ints, count: int) -> Floats:
+    """(nodes + E, 2, 2) projectors on what supports leave free of vertices and of middles that touch nothing."""
     edges, P = boundary.edges, sp.csc_matrix(posed.supports.P)
-    touched = np.zeros(posed.space.n_unknowns)
+    touched = np.zeros(P.shape[0])
     nodes = np.unique(edges.outer_edges[boundary.touching])
     touched[(2 * nodes[:, None] + np.arange(2)).ravel()] = 1.0
-    vertices = P[:, np.flatnonzero(abs(P).T @ touched == 0.0)]
-    projectors = np.where(boundary.touching[:, None, None], 0.0, boundary.free)
-    values, vectors = np.linalg.eigh(projectors)
-    edge, axis = np.nonzero(values > 0.5)
-    inner = np.ones(count, dtype=bool)
-    inner[outer] = False
-    alone = (2 * np.flatnonzero(inner)[:, None] + np.arange(2)).ravel()
-    rows = 2 * outer[edge][:, None] + np.arange(2)
-    columns = len(alone) + np.arange(len(rows))
-    data = np.append(np.ones(len(alone)), vectors[edge, :, axis].ravel())
-    where = np.append(alone, rows.ravel()), np.append(np.arange(len(alone)), np.repeat(columns, 2))
-    middles = sp.csr_matrix((data, where), shape=(2 * count, len(alone) + len(rows)))
-    return sp.csr_matrix(sp.block_diag([vertices, middles]))
+    middles = np.tile(np.eye(2), (count, 1, 1))
+    middles[outer] = np.where(boundary.touching[:, None, None], 0.0, boundary.free)
+    # P's columns are orthonormal: a value of one is that of a direction in which a node moves by itself.
+    values, vectors = np.linalg.eigh(of_nodes(P[:, np.flatnonzero(abs(P).T @ touched == 0.0)]))
+    vertices = np.einsum("nik,nk,njk->nij", vectors, values > 1.0 - 1e-9, vectors)
+    return np.concatenate([vertices, middles])
 
 
 def check_bounded(posed: PosedScene) -> None:

@@ -494,12 +494,7 @@ class Boundary:
         """
         ends, units, owner = self.edges.outer_edges, self.edges.units, self.fine.piece_owner
         size = float(np.abs(u).max(initial=0.0)) + EPS * float(np.abs(self.posed.space.mesh.points).max())
-        P = self.posed.supports.P
-        loose = sp.bsr_matrix(P @ P.T, blocksize=(2, 2)).tocoo()
-        near = loose.row // 2 == loose.col // 2
-        each = np.zeros((len(u), 2, 2))
-        each[loose.row[near] // 2, loose.row[near] % 2, loose.col[near] % 2] = loose.data[near]
-        free = np.einsum("bi,beij,bj->be", units, each[ends], units) > 0.5
+        free = np.einsum("bi,beij,bj->be", units, of_nodes(self.posed.supports.P)[ends], units) > 0.5
         share = self._line(free.astype(float))
         for _ in range(16):
             beyond, depth = np.zeros(len(ends)), self._depths(u, t, False)[0]
@@ -518,6 +513,14 @@ class Boundary:
             "error_bound: nodes at a corner cannot be moved back from two obstacles, or supports press them into one; "
             "there is no bound."
         )
+
+
+def of_nodes(P: sp.csr_matrix | sp.csc_matrix) -> Floats:
+    """(nodes, 2, 2) of each node what orthonormal columns P (2 nodes, k) move: the blocks of P P' on its diagonal."""
+    moved = sp.csr_matrix(P @ P.T).tocoo()
+    near, found = moved.row // 2 == moved.col // 2, np.zeros((P.shape[0] // 2, 2, 2))
+    found[moved.row[near] // 2, moved.row[near] % 2, moved.col[near] % 2] = moved.data[near]
+    return found
 
 
 def _spanned(squares: Floats) -> Floats:

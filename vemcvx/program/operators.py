@@ -380,7 +380,7 @@ class Operators(ArrayRecord):
     block : int
         Components of such a vector: 1 makes absolute values, more make second-order cones.
     given_factor : Factor, optional
-        `factor`, K (with the anchors' stiffness) ready to be solved with; made if it is not given.
+        `factor`; made when it is first asked for if it is not given.
     kernel : (n, k) array, optional
         Where K is only semidefinite: its kernel, orthonormal (:mod:`vemcvx.program.kernel`).
     anchor : (n,) array, optional
@@ -399,7 +399,6 @@ class Operators(ArrayRecord):
     anchor: Floats | None = None
     D: sp.csr_matrix = field(default_factory=lambda: sp.csr_matrix((0, 0)))
     compliance: Floats = field(default_factory=lambda: np.zeros(0))
-    factor: Factor = field(init=False, repr=False)
     _principal: dict[bytes, Factor] = field(default_factory=dict, init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -407,9 +406,12 @@ class Operators(ArrayRecord):
             object.__setattr__(self, "D", sp.csr_matrix((0, self.B.shape[1])))
         elif len(self.compliance) == 0:
             object.__setattr__(self, "compliance", np.zeros(self.D.shape[0]))
-        object.__setattr__(self, "factor", self.given_factor or self._factorised())
 
-    def _factorised(self) -> Factor:
+    @cached_property
+    def factor(self) -> Factor:
+        """K, with the anchors' stiffness, ready to be solved with."""
+        if self.given_factor is not None:
+            return self.given_factor
         if self.anchor is not None:
             return self.regular.factor
         return DenseCholesky(self.K) if isinstance(self.K, np.ndarray) else SuperLU().factorise(self.K)

@@ -46,8 +46,8 @@ def power_of_two(x: Floats | float) -> Floats:
 
 def lengths(x: Floats) -> Floats:
     """The Euclidean length of each row of x (k, components)."""
-    # |x| takes a fifth of the time of a norm, of which a step in the plane takes a few.
-    size: Floats = np.abs(x[:, 0]) if x.shape[1] == 1 else np.linalg.norm(x, axis=1)
+    # |x| takes a fifth of the time of a norm, of which a step in the plane takes a few, and NumPy's own three times it.
+    size: Floats = np.abs(x[:, 0]) if x.shape[1] == 1 else np.sqrt(np.einsum("ij,ij->i", x, x))
     return size
 
 

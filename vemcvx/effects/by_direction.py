@@ -56,20 +56,21 @@ class Ellipse:
         subject: str,
         points: Floats,
         *,
-        direction: data.Constant | None,
-        across: data.Datum | None,
+        sides: tuple[data.Constant | None, data.Datum | None],
         along: tuple[str, data.Datum],
         read: Callable[[data.Datum, float, str], Floats],
     ) -> Ellipse | None:
         """The ellipses of an effect at points (m, 3); None if it has none.
 
-        The bound `along` the direction has a name; a datum is read at an instant, under a name, by `read` -> (m,).
+        `sides` are the direction and the bound across it. The bound `along` the direction has a name; a datum is read
+        at an instant, under a name, by `read` -> (m,).
 
         Raises
         ------
         SceneError
-            One of `direction` and `across` is missing, the body is plane, or the direction is no vector.
+            One of the sides is missing, the body is plane, or the direction is no vector.
         """
+        direction, across = sides
         if direction is None and across is None:
             return None
         if direction is None or across is None:

@@ -297,15 +297,8 @@ class TrescaFriction(Effect):
             quadrature=self.quadrature,
         )
         ground = Ground.of(self.ground, subject, points, rows.partners)
-        ellipse = Ellipse.of(
-            space,
-            subject,
-            points,
-            direction=self.direction,
-            across=self.across,
-            along=("bound", self.bound),
-            read=bounds.integrated,
-        )
+        sides = (self.direction, self.across)
+        ellipse = Ellipse.of(space, subject, points, sides=sides, along=("bound", self.bound), read=bounds.integrated)
         friction = replace(self._friction(rows, bounds, closed), ground=ground, ellipse=ellipse)
         return Contribution(frictions=(friction,), surfaces=(ContactSurface.of(rows),))
 
@@ -396,12 +389,13 @@ class CoulombFriction(Effect):
         rows = space.part(self.on, "CoulombFriction", contact=True).node_normals
         points = space.mesh.points[rows.nodes]
 
+        def given(value: data.Datum, t: float, name: str) -> Floats:
+            return data.nonnegative(value, points, t, subject, name=name)
+
         @lru_cache(maxsize=1)  # Of a step it is asked some ten times.
         def read(t: float) -> tuple[Floats, Floats]:
-            mu = data.nonnegative(self.coefficient, points, t, subject, name="coefficient")
-            if self.cap is None:
-                return mu, np.full(len(points), np.inf)
-            return mu, rows.lengths * data.nonnegative(self.cap, points, t, subject, name="cap")
+            mu = given(self.coefficient, t, "coefficient")
+            return mu, np.full(len(points), np.inf) if self.cap is None else rows.lengths * given(self.cap, t, "cap")
 
         def weights(t: float, p: Floats, *slips: Floats) -> Floats:
             mu, cap = read(t)
@@ -413,15 +407,8 @@ class CoulombFriction(Effect):
 
         ground = Ground.of(self.ground, subject, points, rows.partners)
         law = Law(weights, pressed=True, slope=slope, slips=False)
-        ellipse = Ellipse.of(
-            space,
-            subject,
-            points,
-            direction=self.direction,
-            across=self.across,
-            along=("coefficient", self.coefficient),
-            read=lambda value, t, name: data.nonnegative(value, points, t, subject, name=name),
-        )
+        sides, along = (self.direction, self.across), ("coefficient", self.coefficient)
+        ellipse = Ellipse.of(space, subject, points, sides=sides, along=along, read=given)
         friction = replace(Friction.of(rows, subject), law=law, ground=ground, ellipse=ellipse)
         return Contribution(frictions=(friction,), surfaces=(ContactSurface.of(rows),))
 

@@ -48,8 +48,8 @@ def power_of_two(x: Floats | float) -> Floats:
 
 def lengths(x: Floats) -> Floats:
     """The Euclidean length of each row of x (k, components)."""
-    # |x| takes a fifth of the time of a norm, of which a step in the plane takes a few.
-    return np.abs(x[:, 0]) if x.shape[1] == 1 else np.linalg.norm(x, axis=1)
+    # |x| takes a fifth of the time of a norm, of which a step in the plane takes a few, and NumPy's own three times it.
+    return np.abs(x[:, 0]) if x.shape[1] == 1 else np.sqrt(np.einsum("ij,ij->i", x, x))
 
 
 def directions(x: Floats, size: Floats) -> Floats:

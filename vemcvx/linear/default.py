@@ -45,8 +45,8 @@ def choose_linear(
         fits, takes = unknowns <= LARGEST_FACTOR, ""
     else:
         memory = direct.memory_in_space(unknowns) + 4 * 8 * float(retained) ** 2
-        # A dense system of 6,000 unknowns of contact takes seconds, and there are a few of them in every step.
-        fits, takes = memory <= MOST_MEMORY and retained <= 6_000, f" in space take {memory / 1e9:.2g} GB"
+        # A dense system of 9,000 unknowns of contact takes half a minute, and there are one or two of them in a step.
+        fits, takes = memory <= MOST_MEMORY and retained <= 9_000, f" in space take {memory / 1e9:.2g} GB"
     if fits:
         if takes and unknowns >= 1_000:
             log.info("linear solver: %s; factors for %d unknowns%s", type(direct).__name__, unknowns, takes)

@@ -15,7 +15,7 @@ from typing import ClassVar, Protocol
 import numpy as np
 import scipy.sparse as sp
 from scipy.linalg.blas import dtrsv
-from scipy.linalg.lapack import dpotrf, dpotri, dpotrs, dtrtri
+from scipy.linalg.lapack import dlauum, dpotrf, dpotrs, dtrtri
 from scipy.sparse.linalg import LinearOperator, cg
 
 from vemcvx.arrays import Bools, Floats, Ints, power_of_two
@@ -154,8 +154,9 @@ class DenseCholesky(Factor):
     _upper: Floats
 
     def __init__(self, K: Floats):
-        # LAPACK without SciPy's checks: they take longer than factorising 100 unknowns.
-        self._upper, info = dpotrf(K, lower=0, clean=0) if len(K) else (K, 0)
+        # LAPACK without SciPy's checks: they take longer than factorising 100 unknowns. It reads columns: as rows of
+        # K', which is K, these are copied in half the time that it takes to factorise 256.
+        self._upper, info = dpotrf(K.T, lower=0, clean=0) if len(K) else (K, 0)
         if info > 0:
             raise singular()
 
@@ -174,15 +175,18 @@ class DenseCholesky(Factor):
     def energies(self, rows: sp.csr_matrix) -> Floats:
         if len(self._upper) == 0:
             return np.zeros(rows.shape[0])
-        # R^{-1} takes a sixth of the work of solving for as many right sides.
-        energies: Floats = np.square(rows @ np.triu(dtrtri(self._upper, lower=0)[0])).sum(axis=1)
+        energies: Floats = np.square(rows @ self._inverse).sum(axis=1)
         return energies
+
+    @cached_property
+    def _inverse(self) -> Floats:
+        """R^{-1}, which takes a sixth of the work of solving for as many right sides."""
+        return np.triu(dtrtri(self._upper, lower=0)[0])
 
     def flexibility(self, some: Ints, n: int) -> Floats:
         if n == 0:
             return np.zeros((0, 0))
-        # A third of the work of solving for as many right sides.
-        upper = np.triu(dpotri(self._upper, lower=0)[0])
+        upper = np.triu(dlauum(self._inverse, lower=0)[0])
         upper += np.triu(upper, 1).T
         return np.asarray(upper if len(some) == n else upper.take(some, 0).take(some, 1))
 
@@ -208,8 +212,9 @@ class Scaled(Factor):
         return None if inner is None else lambda b: kappa * (inner(b / D) / D)
 
     def _unscaled(self, A: Matrix, D: Floats) -> sp.csr_matrix:
-        undo = sp.diags_array(1.0 / D)
-        return sp.csr_matrix(undo @ A @ undo) * self._kappa
+        unscaled = sp.csr_matrix(A, copy=True)
+        unscaled.data *= self._kappa / D[unscaled.indices] / np.repeat(D, np.diff(unscaled.indptr))
+        return unscaled
 
     def rough(self, b: Floats) -> Floats:
         return self._kappa * (self._factor.rough(b / self._D) / self._D)
@@ -219,6 +224,10 @@ class Scaled(Factor):
 
     def energies(self, rows: sp.csr_matrix) -> Floats:
         return self._kappa * self._factor.energies(sp.csr_matrix(rows @ sp.diags_array(1.0 / self._D)))
+
+    def flexibility(self, some: Ints, n: int) -> Floats:
+        undo = 1.0 / self._D[some]
+        return np.asarray(self._kappa * undo[:, None] * self._factor.flexibility(some, n) * undo)
 
 
 def corrected(M: Matrix, x: Floats, b: Floats, free: Bools, *, cycle: Cycle, part: float) -> Floats:

@@ -29,7 +29,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.linalg import cholesky, solve_triangular
+from scipy.linalg import solve_triangular
+from scipy.linalg.lapack import dpotrf
 
 from vemcvx.arrays import EPS, Floats, Ints, power_of_two, whole
 from vemcvx.errors import NotAccepted
@@ -126,9 +127,11 @@ class PardisoFactor(DirectFactor):
                 self._pardiso.run_phase_into(12, np.zeros_like(own, order="F"), own)
             rank = np.argsort(np.argsort(self._last))
             S = own.ravel(order="F")[: m * m].reshape(m, m)[np.ix_(rank, rank)]
-            self._upper = cholesky(S) if m else S
-        except (RuntimeError, np.linalg.LinAlgError) as error:
+        except RuntimeError as error:
             raise singular() from error
+        self._upper, info = dpotrf(S.T, lower=0, clean=0) if m else (S, 0)
+        if info > 0:
+            raise singular()
         self.schur: Floats = self.unit * S
 
     def check_definite(self) -> None:

@@ -41,7 +41,7 @@ from vemcvx.errors import NotAccepted
 from vemcvx.linear import Factor, Halves, LinearSolver, Matrix, minimum_degree
 from vemcvx.program.kernel import anchors
 from vemcvx.program.operators import Operators, shifted
-from vemcvx.program.scaling import unit_diagonal
+from vemcvx.program.scaling import scaling, unit_diagonal
 from vemcvx.program.system import System
 
 SAME_FIELD = 8 * EPS
@@ -313,6 +313,8 @@ class Condensation:
         Their numbers.
     linear : LinearSolver
         Which linear solver serves; one that cannot eliminate leaves every unknown retained.
+    scaling : Scaling
+        Of the operators.
     whole : bool
         Whether nothing is eliminated: the operators are K itself.
     regular : (n, n) sparse matrix
@@ -343,6 +345,9 @@ class Condensation:
         self._S = self.operators.K
         if anchor is not None and system.kernel is not None:
             self.operators = _unanchored(self.operators, anchor[self.retained], system.kernel.modes[self.retained])
+        self.scaling = scaling(self.operators)
+        if self.operators.given_factor is None:
+            self.operators = replace(self.operators, given_factor=self.scaling.factor)
         modes = np.zeros((n, 0)) if system.kernel is None else system.kernel.modes
         self._motions = modes @ np.linalg.inv(np.linalg.qr(modes[self.retained])[1])
         self._halves: Halves = self.factor.halves or Held(

@@ -100,6 +100,11 @@ class Scaling:
         force = self.kappa * alpha
         return lam * self.sigma[:, None] / force, p * self.tau / force
 
+    @property
+    def factor(self) -> Scaled:
+        """That of the scaled operators in the units of the unscaled ones."""
+        return Scaled(self.operators.factor, 1.0 / self.delta, 1.0 / self.kappa)
+
     def energy(self, value: float, alpha: float) -> float:
         """An energy in scaled units."""
         return value / (self.kappa * alpha * alpha)
@@ -139,7 +144,7 @@ def scaling(operators: Operators) -> Scaling:
         K=_scaled(operators.K, delta, kappa),
         B=B,
         block=operators.block,
-        # A small dense matrix is factorised anew.
+        # A dense matrix is factorised in these units, in which its roots are those of the same numbers.
         given_factor=None if dense else Scaled(operators.factor, delta, kappa),
         kernel=kernel,
         anchor=anchor,
@@ -158,7 +163,9 @@ def unit_diagonal(diagonal: Floats) -> tuple[float, Floats]:
 def _scaled(K: Matrix, delta: Floats, kappa: float) -> Matrix:
     """delta K delta / kappa."""
     if isinstance(K, np.ndarray):
-        return delta[:, None] * K * (delta / kappa)
+        scaled = delta[:, None] * K
+        scaled *= delta / kappa
+        return scaled
     return sp.csr_matrix(sp.diags_array(delta) @ K @ sp.diags_array(delta / kappa))
 
 

@@ -341,7 +341,7 @@ def _beside_the_law(found: Found, sets: Sets, slides: Bools, s: Floats) -> Besid
     return BesideTheLaw(np.where(slides, v, np.inf), delta, lacking, psi * slides + left)
 
 
-DOUBLED = 8
+DOUBLED = 4
 """Bounds (t, u) that are tried, each twice what the last lead to: where psi changes little, the first do."""
 
 

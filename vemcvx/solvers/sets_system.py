@@ -43,8 +43,32 @@ from scipy.sparse.csgraph import connected_components
 
 from vemcvx.arrays import Bools, Floats, Ints, lengths
 from vemcvx.linear import Factor
-from vemcvx.program.operators import Operators, Rows, restricted, transverse
+from vemcvx.program.operators import Operators, Rows, product, restricted, transverse
 from vemcvx.solvers.newton import FOLLOWS, Sets
+
+
+class RowsOfTerms(Rows):
+    """Rows A of terms and limits, m * block of them of terms, and what matrices of blocks add to a stiffness."""
+
+    def __init__(self, A: sp.csr_matrix, block: int, of_terms: int):
+        super().__init__(A)
+        self._block, self._of_terms = block, of_terms
+
+    @cached_property
+    def pairs(self) -> tuple[Ints, Ints, sp.csr_matrix]:
+        """Places (i, j) where A'HA may have entries, H a block a term and limit; and what these are, of H's entries."""
+        A, block, m = self.B, self._block, self._of_terms
+        row = np.repeat(np.arange(A.shape[0]), np.diff(A.indptr))
+        term = np.where(row < m, row // block, row - m + m // block)
+        alike = sp.csr_matrix((np.ones(len(row)), term, np.arange(len(row) + 1)))
+        one, other = (alike @ alike.T).nonzero()
+        # Entry (k, l) of the block of a term, or the one of a limit.
+        entry = np.where(row[one] < m, row[one] * block + row[other] % block, row[one] + m * (block - 1))
+        place, slot = np.unique(A.indices[one].astype(np.int64) * A.shape[1] + A.indices[other], return_inverse=True)
+        made = sp.csr_matrix(
+            (A.data[one] * A.data[other], (slot, entry)), shape=(len(place), A.shape[0] + m * (block - 1))
+        )
+        return *np.divmod(place, A.shape[1]), made
 
 
 class Response:
@@ -52,7 +76,7 @@ class Response:
 
     def __init__(self, operators: Operators):
         self.operators, self.A = operators, operators.A
-        self.rows = Rows(self.A)
+        self.rows = RowsOfTerms(self.A, operators.block, operators.B.shape[0])
         self.norms, self.limits = slice(operators.B.shape[0]), slice(operators.B.shape[0], None)
         self.anchor: Floats = np.zeros(self.A.shape[1]) if operators.anchor is None else operators.anchor
         """(n,) the stiffness of the anchors, without which K_r is K"""
@@ -162,7 +186,6 @@ class Place:
 
     def __init__(self, response: Response, held: Ints, some: Ints):
         self.held, self.some, self.anchor, self.G = held, some, response.anchor[some], None
-        self.block = response.operators.block
         if len(some) == len(response.read):
             self.inner = response.stiffness
         else:
@@ -179,7 +202,7 @@ class Place:
             self.G = G = unit_rows(A[held])
             A, S, columns, entries = sp.csr_matrix(A @ G), G.T @ (S @ G), np.arange(len(held)), np.ones(len(held))
         own = whole and self.G is None
-        self.rows = response.rows if own else Rows(A)
+        self.rows = response.rows if own else RowsOfTerms(A, response.operators.block, response.norms.stop)
         self.norms = response.operators.rows if own else Rows(sp.csr_matrix(A[response.norms]))
         """A and B in the coordinates"""
         if self.anchor.any():
@@ -193,9 +216,9 @@ class Place:
         self.free: Ints = np.flatnonzero(free)
 
     @cached_property
-    def within(self) -> Floats:
-        """S of the free coordinates."""
-        return np.asarray(restricted(self.S, self.free))
+    def beside(self) -> Floats:
+        """S, all coordinates beside the free ones."""
+        return self.S.take(self.free, 1)
 
     @cached_property
     def pushing(self) -> sp.csr_matrix:
@@ -207,33 +230,17 @@ class Place:
         """(c, c) the stiffness of the anchors."""
         return np.diag(self.anchor) if self.G is None else np.asarray((self.G.T * self.anchor) @ self.G.toarray())
 
-    @cached_property
-    def _pairs(self) -> tuple[Ints, Ints, sp.csr_matrix]:
-        """Places (i, j) where A'HA may have entries, H a block a term and limit; and what these are, of H's entries."""
-        A, block, m = self.rows.B, self.block, self.norms.B.shape[0]
-        row = np.repeat(np.arange(A.shape[0]), np.diff(A.indptr))
-        term = np.where(row < m, row // block, row - m + m // block)
-        alike = sp.csr_matrix((np.ones(len(row)), term, np.arange(len(row) + 1)))
-        one, other = (alike @ alike.T).nonzero()
-        # Entry (k, l) of the block of a term, or the one of a limit.
-        entry = np.where(row[one] < m, row[one] * block + row[other] % block, row[one] + m * (block - 1))
-        place, slot = np.unique(A.indices[one].astype(np.int64) * A.shape[1] + A.indices[other], return_inverse=True)
-        made = sp.csr_matrix(
-            (A.data[one] * A.data[other], (slot, entry)), shape=(len(place), A.shape[0] + m * (block - 1))
-        )
-        return *np.divmod(place, A.shape[1]), made
-
     def beside_free(self, H: Floats | None, rows: Ints) -> Floats:
         """S + A'HA, these coordinates beside the free ones; H are entries of blocks (m * block^2) and limits (r,)."""
-        S = self.within.copy() if rows is self.free else self.S.take(rows, 0).take(self.free, 1)
+        S = self.beside.take(rows, 0)
         if H is not None:
-            i, j, made = self._pairs
+            i, j, made = self.rows.pairs
             row, column = np.full(len(self.S), -1), np.full(len(self.S), -1)
             row[rows], column[self.free] = np.arange(len(rows)), np.arange(len(self.free))
             i, j = row[i], column[j]
             there = (i >= 0) & (j >= 0)
             S[i[there], j[there]] += (made @ H)[there]
-        return np.asarray(S)
+        return S
 
 
 class SetsSystem:
@@ -277,7 +284,7 @@ class SetsSystem:
         count = len(place.columns) if self._R is not None else h
         force = place.beside_free(self._H, place.columns[:count])
         P = np.zeros((len(self._spring), len(place.free)))
-        P[self._hard] = -self._carried(force, place.entries[:count])[:h]
+        P[self._hard] = self._carried(force, -place.entries[:count])[:h]
         if self._spring.any():
             P += self._spring[:, None] * place.rows.B[self._response.limits][:, place.free].toarray()
         return P
@@ -322,9 +329,9 @@ class SetsSystem:
 
     def _stiff(self, d: Floats) -> Floats:
         """(S + T) d."""
-        place, force = self._place, self._place.S @ d
+        place, force = self._place, product(self._place.S, d)
         if self._H is None:
-            return np.asarray(force)
+            return force
         read = place.rows.read(d)
         bent = self._sets.bent(self._operators.blocks(read[self._response.norms])).ravel()
         return np.asarray(force + place.rows.force_of(np.append(bent, self._spring * read[self._response.limits])))
@@ -409,23 +416,14 @@ class SetsSystem:
         """Bounds on the answers to psi, its parts being at most `along` and `across` (m,), none of what sticks."""
         response, place, block, h = self._response, self._place, self._operators.block, self._sets.curvature
         norms, limits, push, steep = response.norms, response.limits, place.norms.absolute.force_of, self._steep
-        moving, diagonal = self._moving, np.diagonal(place.S)
-        # A term moves if one of its rows does.
-        phi = self._operators.blocks(moving[norms]).max(axis=1)
-        chi = np.minimum(phi, 1.0 / np.sqrt(np.where(h > 0, h, np.inf)), where=h > 0, out=phi.copy())
+        moving, phi, chi, root = self._moving
         psi = np.repeat(np.hypot(along, across), block)
         tied = lengths(self._sets.direction) * (steep @ self._on_limits(push(psi)))
         energy = self.gain * float(response.reach[norms][::block] @ tied + phi @ along + chi @ across)
         excess = moving[limits] * energy
-        # |K_r d| on a coordinate, by Schwarz's inequality; anchors pull with no more than the root of their stiffness.
-        if place.anchor.any():
-            anchors = np.diagonal(place.anchors)
-            force = (np.sqrt(diagonal + anchors) + np.sqrt(anchors)) * energy
-        else:
-            force = np.sqrt(diagonal) * energy
-        # and curvature and springs.
+        # Of K, curvatures and springs.
         bent = np.append(psi + np.repeat(h * chi * energy, block), self._spring * excess)
-        force += place.rows.absolute.force_of(bent)
+        force = root * energy + place.rows.absolute.force_of(bent)
         forces = self._on_limits(force) + self._spring * excess
         held = np.zeros(len(moving))
         followed = np.abs(self._sets.direction) * (steep @ forces)[:, None]
@@ -439,16 +437,27 @@ class SetsSystem:
             forces=forces if self._feedback is None else abs(self._feedback) @ forces,
         )
 
-    @property
-    def _moving(self) -> Floats:
-        """(m * block + r,) `reach` of rows, zero for those that what is held does not let move."""
+    @cached_property
+    def _moving(self) -> tuple[Floats, Floats, Floats, Floats]:
+        """(m * block + r,) `reach` of rows, zero for those that what is held does not let move; phi, chi (m,); forces.
+
+        The last are what K pulls at coordinates with, by Schwarz's inequality, for motions of energy norm one.
+        """
         response, place, sizes = self._response, self._place, self._place.rows.absolute
         free, others = np.zeros(len(place.S)), np.ones(len(response.anchor))
         free[place.free], others[place.some] = 1.0, 0.0
         # By lengths of the rows themselves: of rows that nearly follow from others, those in coordinates are longer.
         own = response.rows.absolute.read
         held = (sizes.read(free) <= FOLLOWS * own(np.ones(len(others)))) & (own(others) == 0)
-        return np.where(held, 0.0, response.reach)
+        moving, h = np.where(held, 0.0, response.reach), self._sets.curvature
+        # A term moves if one of its rows does.
+        phi = self._operators.blocks(moving[response.norms]).max(axis=1)
+        chi = np.minimum(phi, 1.0 / np.sqrt(np.where(h > 0, h, np.inf)), where=h > 0, out=phi.copy())
+        root = np.sqrt(np.diagonal(place.S))
+        if place.anchor.any():  # They pull with no more than the root of their stiffness.
+            anchors = np.diagonal(place.anchors)
+            root = np.sqrt(np.diagonal(place.S) + anchors) + np.sqrt(anchors)
+        return moving, phi, chi, root
 
     def _bounded(self, force: Floats) -> Floats:
         """Bounds on R f, from bounds on the forces on all coordinates."""

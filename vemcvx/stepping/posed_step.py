@@ -41,6 +41,7 @@ from vemcvx.program.step_program import Answer, StepProgram, fitting
 from vemcvx.program.tolerances import ASKED_AGAIN, INTERIOR
 from vemcvx.solvers import Solver
 from vemcvx.solvers.newton import Shifts
+from vemcvx.solvers.projected_gradients import sweepable
 from vemcvx.solvers.solver import named_failures
 from vemcvx.stepping.ledger import Rubbed, StepData, advance, advance_in_full
 from vemcvx.stepping.state import Earlier, PreparedRun, State
@@ -282,9 +283,10 @@ class PosedStep:
 
     @property
     def ordinary(self) -> bool:
-        """True if contact has pressed before, and what drives the step has an energy that numbers can hold."""
-        norm = float(np.sqrt(self.run.scaling.kappa)) * self.run.scaling.size(self.program)
-        return bool(self.before.p.any()) and SMALLEST_NORM <= norm <= LARGEST_NORM
+        """True if contact has pressed before, or sweeps tell where it will, and numbers can hold the step's energy."""
+        scales = self.run.scaling
+        norm = float(np.sqrt(scales.kappa)) * scales.size(self.program)
+        return (self.before.p.any() or sweepable(scales.operators)) and SMALLEST_NORM <= norm <= LARGEST_NORM
 
     def _still(self, lam: Floats, status: str) -> State:
         """The state where it was, exactly."""

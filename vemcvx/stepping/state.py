@@ -43,7 +43,7 @@ from vemcvx.program.certificate import Certificate
 from vemcvx.program.condensation import Condensation
 from vemcvx.program.iterative_refinement import needs_refinement
 from vemcvx.program.operators import Norms, Operators
-from vemcvx.program.scaling import Scaling, scaling
+from vemcvx.program.scaling import Scaling
 from vemcvx.program.step_program import Answer
 from vemcvx.program.system import System
 from vemcvx.solvers import Prepared, Solver, Solves, choose_solver
@@ -349,13 +349,12 @@ def prepare(
     """Factorise, condense, scale, and let the solver do what all steps share."""
     condensation = Condensation(system, condense, linear)
     chosen = choose_solver(condensation.operators, solver)
-    scales = scaling(condensation.operators)
-    prepared = prepared_solver(chosen, scales.operators, system)
+    prepared = prepared_solver(chosen, condensation.scaling.operators, system)
     refines = condensation.refinable and needs_refinement(condensation, chosen.accuracy)
     return PreparedRun(
         system=system,
         condensation=condensation,
-        scaling=scales,
+        scaling=condensation.scaling,
         solver=chosen,
         prepared=prepared,
         check=check,

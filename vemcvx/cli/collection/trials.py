@@ -16,7 +16,8 @@ all that the library has, and for limits on iterations, which make way for the l
 files of users, have the duality gap 1/2 (tolerance |d*|)^2 as their target; where K has a kernel and they want none,
 they are asked for proximal points (:mod:`vemcvx.solvers.semidefinite`). Seconds are of the processor, all threads
 together, for set-up and solve of the library, without cvxpy's compilation: the least of up to five calls within a tenth
-of a second.
+of a second. The limit is of the processor, too, where the system can count it, so that a busy machine makes nobody
+late; who does not compute at all is ended by the clock.
 
 Tolerances go from loose to tight, until the true error is at most the least that is asked of any and the certified one
 at most the middle one, or a trial does not end. Trials run in processes of their own. Each is written down before it
@@ -28,6 +29,7 @@ from __future__ import annotations
 import faulthandler
 import json
 import os
+import signal
 import time
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -59,6 +61,10 @@ ANSWERED, FAILED, STOPPED, REFUSED = "answered", "failed", "out of time", "refus
 """What a trial comes to: an answer, however good; none; none in time; a program that the solver does not take."""
 REPEATS, LONG_ENOUGH = 5, 0.1
 """Calls of a trial, and the seconds after which it is called no more: the least of these is what others repeat."""
+COUNTS = hasattr(signal, "setitimer")
+"""Whether the system ends a process by its seconds of the processor; Windows does not."""
+BY_CLOCK = 10.0 if COUNTS else 1.0
+"""Seconds by the clock in which a trial must get one of the processor."""
 TOLERANCES: Mapping[str, tuple[str, ...]] = {
     "CLARABEL": ("tol_gap_abs", "tol_gap_rel", "tol_feas"),
     "CVXOPT": ("abstol", "reltol", "feastol"),
@@ -350,7 +356,8 @@ class Running:
                 died = str(error)
             last = journal(self.path)[-1:]
             if last and last[0].outcome == BEGUN:
-                late = last[0].begun is not None and time.time() - last[0].begun >= self.limit
+                waited = time.time() - (last[0].begun or np.inf)
+                late = waited >= BY_CLOCK * self.limit or (COUNTS and died.endswith(f"signal {signal.SIGPROF.value}"))
                 outcome, words = (STOPPED, "") if late else (FAILED, f"its process ended: {died}")
                 note(self.path, replace(last[0], outcome=outcome, begun=None, says=words))
             elif died:
@@ -387,8 +394,12 @@ class Running:
 def ended_after(seconds: float) -> Iterator[None]:
     """End this process, whatever it is doing, if what is within takes longer."""
     with open(os.devnull, "w") as nowhere:
-        faulthandler.dump_traceback_later(seconds, exit=True, file=nowhere)
+        faulthandler.dump_traceback_later(BY_CLOCK * seconds, exit=True, file=nowhere)
+        if COUNTS:
+            signal.setitimer(signal.ITIMER_PROF, seconds)
         try:
             yield
         finally:
             faulthandler.cancel_dump_traceback_later()
+            if COUNTS:
+                signal.setitimer(signal.ITIMER_PROF, 0.0)

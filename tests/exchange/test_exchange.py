@@ -300,14 +300,14 @@ def test_what_cannot_be_written_or_read_is_refused(tmp_path):
             vx.read_program(tmp_path / "h.npz")
 
 
-def coulomb(law, n=4):
+def coulomb(law, n=4, condense=True):
     scene = vx.Scene(
         STEEL, vx.Clamp(on="top"), vx.Traction(press, on="left"), vx.UnilateralContact(gap=1e-3, on="bottom"), law
     )
-    return list(vx.programs(scene, vx.meshes.squares(n), TIMES))[-1]
+    return list(vx.programs(scene, vx.meshes.squares(n), TIMES, condense=condense))[-1]
 
 
-def coulomb_in_space():
+def coulomb_in_space(condense=True):
     """A pad that a plate presses, drags and twists."""
 
     def plate(x, t):
@@ -320,7 +320,7 @@ def coulomb_in_space():
         vx.UnilateralContact(gap=lambda x, t: 0.02 * x[:, 0] ** 2, on="bottom"),
         vx.CoulombFriction(0.3, on="bottom"),
     )
-    return list(vx.programs(scene, vx.meshes.cubes(3), TIMES, initial="settled"))[-1]
+    return list(vx.programs(scene, vx.meshes.cubes(3), TIMES, initial="settled", condense=condense))[-1]
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -352,6 +352,28 @@ def test_a_step_with_coulombs_law_as_fclib_has_it(tmp_path, dim):
     assert np.abs(mu * r_N * np.linalg.norm(u_T, axis=1) + (r_T * u_T).sum(axis=1)).max() < 1e-15
 
 
+@pytest.mark.parametrize("dim", [2, 3])
+def test_all_unknowns_are_fclibs_global_problem(tmp_path, dim):
+    """M v = H r + f and u = H'v + w, from the file alone; Coulomb's law is tested for the local problem above."""
+    h5py = pytest.importorskip("h5py")
+    made = coulomb_in_space if dim == 3 else lambda condense: coulomb(vx.CoulombFriction(0.3, on="bottom"), 4, condense)
+    program = made(condense=False)
+    with h5py.File(vx.write_program(program, tmp_path / "step.hdf5")) as file:
+        problem, solution = file["fclib_global"], {name: part[()] for name, part in file["solution"].items()}
+        assert problem["spacedim"][0] == dim
+        M, H = (
+            sp.csr_matrix((A["x"][()], A["i"][()], A["p"][()]), shape=(A["m"][0], A["n"][0]))
+            for A in (problem["M"], problem["H"])
+        )
+        f, w, mu = (problem["vectors"][name][()] for name in ("f", "w", "mu"))
+    assert (M != program.operators.K).nnz == 0
+    assert H.shape == (len(f), dim * len(mu)) == (len(solution["v"]), len(w))
+    v, r = solution["v"], solution["r"]
+    assert np.array_equal(solution["u"], H.T @ v + w)
+    off = M @ v - H @ r - f
+    assert 0.5 * off @ np.linalg.solve(M.toarray(), off) <= program.certificate.gap + program.certificate.floor
+
+
 @pytest.mark.parametrize(
     ("law", "says"),
     [
@@ -367,7 +389,7 @@ def test_what_fclib_has_no_model_for(law, says, tmp_path):
     with pytest.raises(vx.ProgramError, match="a solved step alone knows"):
         vx.write_program(StepProgram(operators, *np.ones((2, 1)), np.zeros(1)), tmp_path / "a.hdf5")
     (tmp_path / "b.hdf5").write_bytes(b"")
-    with pytest.raises(vx.ProgramError, match="keep W = h K"):
+    with pytest.raises(vx.ProgramError, match="pose Coulomb's law, no convex program"):
         vx.read_program(tmp_path / "b.hdf5")
 
 

@@ -4,7 +4,8 @@
 .npz     NumPy's archive, the certified answer included                every program, to the bit
 .mtx     Matrix Market, K in NAME.mtx, B in NAME_B.mtx, ...            every program, to the bit
 .cbf     Conic Benchmark Format, the energy as one more cone           every program; K = F'F with its rounding
-.hdf5    FCLIB's local problem (extra ``fclib``)                       steps with Coulomb's law; cannot be read back
+.hdf5    FCLIB's local problem (extra ``fclib``); of all unknowns its    steps with Coulomb's law; cannot be read back
+         global one
 .qps     MPS with a quadratic objective; .mps for HiGHS, which goes    absolute values, bounds, soft limits
          by the suffix
 =======  ============================================================  ======================================

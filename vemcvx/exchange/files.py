@@ -179,10 +179,13 @@ def encoded(program: StepProgram, name: str) -> Files:
         raise ProgramError(f"write_program: found {brief(program)}; wanted a StepProgram, as history.program(n) is.")
     if len(program.g) == 0:
         raise ProgramError("write_program: the program has no unknowns left; take condense=False, --no-condense.")
-    words = json.dumps(
-        description(program), indent=1, default=lambda x: x.item() if isinstance(x, np.generic) else str(x)
-    )
-    return {**FORMATS[name][0](program), ".json": f"{words}\n".encode()}
+    return {**FORMATS[name][0](program), ".json": in_json(description(program))}
+
+
+def in_json(words: Mapping[str, Any]) -> bytes:
+    """Words and numbers as a JSON file."""
+    text = json.dumps(words, indent=1, default=lambda x: x.item() if isinstance(x, np.generic) else str(x))
+    return f"{text}\n".encode()
 
 
 def read_program(path: str | Path) -> StepProgram:

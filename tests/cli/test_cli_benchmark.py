@@ -277,9 +277,9 @@ def test_steps_of_a_sequence_begin_cold_and_warm(tmp_path):
     cold, warm = ([one for one in trials["Seen"] if one.outcome == ANSWERED and one.instance.endswith(w)] for w in ("8", "warm"))
     assert [one.iterations for one in cold] == [None]
     assert [one.iterations for one in warm] == [7]
-    assert {one.outcome for one in trials.get("daqp", ()) if one.instance.endswith("warm")} <= {"begun", REFUSED}
+    assert {one.outcome for one in trials["daqp"] if one.instance.endswith("warm")} == {"begun", REFUSED}
     osqp = {one.instance: one.iterations for one in trials["osqp"] if one.outcome == ANSWERED}
-    assert osqp[f"{short.name}, warm"] < osqp[short.name]
+    assert osqp[f"{short.name}, warm"] != osqp[short.name]
 
 
 @pytest.mark.slow

@@ -9,7 +9,7 @@ CBF, the Conic Benchmark Format (version 1), holds every program: one cone a nor
 
 F is a root of K: of a sparse one the roots of the cells' matrices, one below the other, where the program knows them
 (SolvedProgram.energy_rows), since a Cholesky factor fills up: in space, of 26,040 unknowns, that would make 617 MB of
-text, not {}. Elsewhere it is that factor; where K has a kernel, and is dense, it has as many rows less. A reader gets
+text, not 42. Elsewhere it is that factor; where K has a kernel, and is dense, it has as many rows less. A reader gets
 K = F'F back, with the rounding of that product. The comment in the first line gives n, m, the size of a block, the
 numbers of limits, of soft ones, of motions in the kernel of K. At a solution the dual of a cone Q is (w_i, -lam_i),
 that of L+ is p.

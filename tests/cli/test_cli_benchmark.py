@@ -60,6 +60,9 @@ def test_the_cheapest_trial_that_reaches_an_error_counts():
     assert seconds_to(ENTRIES["sure"]["a"], 1e-3) == 0.4
     assert seconds_to(ENTRIES["quick"]["a"], 1e-9) == math.inf
     assert profile(ENTRIES, ["a"], 1e-6) == {"quick": [1.0], "sure": [0.4 / 0.3], "claims": [math.inf]}
+    # A clock that ticks slowly may count nothing: that is a microsecond.
+    idle = {"idle": {"a": [trial(1e-2, 0.0, 1e-9)]}, "sure": ENTRIES["sure"]}
+    assert profile(idle, ["a"], 1e-6) == {"idle": [1.0], "sure": [pytest.approx(0.4e6)]}
     assert [first(ENTRIES, "a", by) for by in ("true", "certified", "claim")] == ["quick", "sure", "claims"]
 
 
@@ -270,11 +273,15 @@ def test_steps_of_a_sequence_begin_cold_and_warm(tmp_path):
     write_collection(tmp_path / "all", instances=[short])
     (tmp_path / "seen.py").write_text(SEEN)
     solvers = f"{tmp_path / 'seen.py'}:Seen,osqp,daqp"
-    done = invoke("benchmark", tmp_path / "all", "--solvers", solvers, "--tolerances", "1e-8", "--out", tmp_path / "out")
+    done = invoke(
+        "benchmark", tmp_path / "all", "--solvers", solvers, "--tolerances", "1e-8", "--out", tmp_path / "out"
+    )
     assert done.exit_code == 0, done.output
     assert "each begun cold: 1 instances" in done.output
     trials = {path.name.split("_")[0]: journal(path) for path in (tmp_path / "out").glob("*.jsonl")}
-    cold, warm = ([one for one in trials["Seen"] if one.outcome == ANSWERED and one.instance.endswith(w)] for w in ("8", "warm"))
+    cold, warm = (
+        [one for one in trials["Seen"] if one.outcome == ANSWERED and one.instance.endswith(w)] for w in ("8", "warm")
+    )
     assert [one.iterations for one in cold] == [None]
     assert [one.iterations for one in warm] == [7]
     assert {one.outcome for one in trials["daqp"] if one.instance.endswith("warm")} == {"begun", REFUSED}

@@ -49,13 +49,18 @@ def test_optima_are_those_published(tmp_path):
     published = SCRIPT.with_name(OPTIMA).read_text().splitlines()
     names = {one.name for one in (*INSTANCES, *SEQUENCES, *LARGE)}
     assert {line.split(",")[0] for line in published[1:]} == names
-    small = [one for one in INSTANCES if one.name in CORE and one.problem in ("beam_on_a_stop", "frictional_hysteresis")]
+    small = [
+        one for one in INSTANCES if one.name in CORE and one.problem in ("beam_on_a_stop", "frictional_hysteresis")
+    ]
     said = write_collection(tmp_path, instances=small)
     assert "optima.csv agrees with that of version 4" in said
     (row, *_) = json.loads((tmp_path / "manifest.json").read_text())["instances"]
     assert departures([{**row, "unknowns": 99}]) == [f"{row['name']} has unknowns 99, not {row['unknowns']}"]
     assert departures([{**row, "name": "new"}]) == ["new is not in it"]
-    lower = {**row, "optimum": {**row["optimum"], "low": row["optimum"]["low"] - 2.0, "high": row["optimum"]["low"] - 1.0}}
+    lower = {
+        **row,
+        "optimum": {**row["optimum"], "low": row["optimum"]["low"] - 2.0, "high": row["optimum"]["low"] - 1.0},
+    }
     assert "the optimum of" in departures([lower])[0]
 
 

@@ -130,7 +130,9 @@ def test_what_not_cells_alone_hold_has_no_such_roots(tmp_path):
     program = next(vx.programs(scene, vx.meshes.squares(2), [0.0, 1.0], condense=False))
     assert program.energy_rows is None
     back = vx.read_program(vx.write_program(program, tmp_path / "a.cbf"))
-    assert abs(back.operators.K - program.operators.K).max() <= 4 * len(program.g) * EPS * abs(program.operators.K).max()
+    assert (
+        abs(back.operators.K - program.operators.K).max() <= 4 * len(program.g) * EPS * abs(program.operators.K).max()
+    )
 
 
 @pytest.mark.parametrize("form", ["npz", "mtx", "cbf"])

@@ -6,8 +6,8 @@ An NPZ archive holds every array to the bit, and the certified answer where it i
     B_data, B_indices, B_indptr, B_shape      compressed rows, as in scipy.sparse.csr_matrix((data, indices, indptr))
     g, w, b, e, c   vectors, c the compliances; N, anchor where K has a kernel; d, lam, p, step, t of an answer
 
-Of a sequence, the programs of successive steps with the same matrices, these are there once, and all that changes, g, w,
-b, e and answers, has one axis more, the first: its row k is that of the k-th step.
+Of a sequence, the programs of successive steps with the same matrices, these are there once, and all that changes, g,
+w, b, e and answers, has one axis more, the first: its row k is that of the k-th step.
 
 Matrix Market has one file an array, named as in the SuiteSparse collection: K in NAME.mtx, B in NAME_B.mtx, ... Arrays
 without entries have no file, and one that another program of that name left is removed.

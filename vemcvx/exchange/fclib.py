@@ -6,8 +6,8 @@
     r_N >= 0,  u_N >= 0,  r_N u_N = 0,   |r_T| <= mu r_N,   r_T = -mu r_N u_T / |u_T| where u_T != 0
 
 (Acary and others, INRIA RT-444, 2014, and FCLIB's fclib.h), contact by contact the normal component before the
-tangential one or two; spacedim is 2 or 3. From K d = g - B'lam - D'p, with the rows h_N = -D_j and h_T = B_i of the limit and the norm term of
-each contact,
+tangential one or two; spacedim is 2 or 3. From K d = g - B'lam - D'p, with the rows h_N = -D_j and h_T = B_i of the
+limit and the norm term of each contact,
 
     r_N = p,  r_T = -lam,  u_N = e - D d,  u_T = B d - b,    W = h K^{-1} h',   q = h K^{-1} g + w,
     v = d,  M = K,  f = g,  H = h',  w = (e; -b).

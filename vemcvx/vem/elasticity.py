@@ -302,9 +302,7 @@ def energy_rows(space: Space, C: Floats, stabilisation: Stabilisation) -> sp.csr
             columns = (dim * chunk.nodes[:, :, None] + np.arange(dim)).reshape(len(roots), 1, -1)
             own = rows + np.arange(roots.shape[0] * roots.shape[1]).reshape(*roots.shape[:2], 1)
             there = np.nonzero(roots)
-            entries.append(
-                (roots[there], *(np.broadcast_to(each, roots.shape)[there] for each in (own, columns)))
-            )
+            entries.append((roots[there], *(np.broadcast_to(each, roots.shape)[there] for each in (own, columns))))
             rows += own.size
     data, i, j = (np.concatenate([each[k] for each in entries]) for k in range(3))
     return sp.csr_matrix((data, (i, j)), shape=(rows, dim * space.mesh.n_nodes))

@@ -10,9 +10,10 @@ and the intervals [primal - gap, primal] of both hold the least value. Both are 
 solves what is counted, by the distance of the answer from the certified optimum relative to |d|_K, and by its certified
 error, which needs no optimum and may be far larger. Each solver is given the numbers of the file as they are, with its
 defaults and with the tolerance that its line names; Clarabel also with two inequalities in place of a cone. Tolerances
-of two solvers do not mean the same: `vemcvx benchmark` sweeps them. Of a sequence every step is solved, each begun cold;
-its errors are the largest, in units of the largest |d|_K of its steps. Instances that are infeasible or unbounded have a
-vector that proves it, which is tested: p >= 0 with D'p = 0 and e'p < 0, or d with K d = 0, D d <= 0, g'd > sum w|Bd|.
+of two solvers do not mean the same: `vemcvx benchmark` sweeps them. Of a sequence every step is solved, each begun
+cold; its errors are the largest, in units of the largest |d|_K of its steps. Instances that are infeasible or unbounded
+have a vector that proves it, which is tested: p >= 0 with D'p = 0 and e'p < 0, or d with K d = 0, D d <= 0, g'd > sum
+w|Bd|.
 """
 
 from __future__ import annotations
@@ -248,7 +249,9 @@ def main(folder: Path) -> int:
         able = [name for name in SOLVERS if program.block == 1 or name in CONIC]
         # HiGHS may take very long for more than a hundred unknowns, its limit of time notwithstanding.
         small, own = len(program.g) <= 100 and not others, {name: instance[name] for name in ("name", "grade")}
-        rows += [{**own, **confirmed([program, *others], name)} for name in able if small or not name.startswith("HiGHS")]
+        rows += [
+            {**own, **confirmed([program, *others], name)} for name in able if small or not name.startswith("HiGHS")
+        ]
     with open(folder / "results.csv", "w", newline="") as file:
         table = csv.DictWriter(file, list(rows[0]))
         table.writeheader()

@@ -5,8 +5,8 @@ are Coulomb's, at the pressures of the solution; *discs* friction in space, a se
 several of them; *floating* a K with a kernel, held by friction and contact alone; *soft* obstacles that give way;
 *viscous* matrices of rates; *sticking* terms of which few slip; *degenerate* terms that are at rest and at their bound
 at once; *incompressible* and *units* K of condition up to 1e9 and numbers of other sizes; *large* sparse K of up to a
-million unknowns; *no optimum* programs that are infeasible or unbounded, with a certificate of that; *sequences* the 256
-steps of a run, each with the answer before for a start.
+million unknowns; *no optimum* programs that are infeasible or unbounded, with a certificate of that; *sequences* the
+256 steps of a run, each with the answer before for a start.
 """
 
 from __future__ import annotations

@@ -204,7 +204,9 @@ def departures(rows: Sequence[Mapping[str, Any]]) -> list[str]:
         if row["low"] and known["low"]:
             low, high = (pick(float(row[key]), float(known[key])) for pick, key in ((max, "low"), (min, "high")))
             if low > high:
-                found.append(f"the optimum of {name} is at least {row['low']}, at most {row['high']}, not {known['high']}")
+                found.append(
+                    f"the optimum of {name} is at least {row['low']}, at most {row['high']}, not {known['high']}"
+                )
     return found
 
 

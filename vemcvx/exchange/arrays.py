@@ -165,7 +165,7 @@ def _arrays(program: StepProgram) -> dict[str, Any]:
 def sequence_from_npz(path: Path) -> list[StepProgram]:
     """The programs of a sequence; one alone of any other archive."""
     kept = read_arrays(path)
-    if np.ndim(kept.get("g")) != 2:
+    if "g" not in kept or kept["g"].ndim != 2:
         return [_program(kept)]
     every = [{**kept, **{name: kept[name][k] for name in CHANGING}} for k in range(len(kept["g"]))]
     first = _program(every[0])

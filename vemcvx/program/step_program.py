@@ -530,7 +530,8 @@ def read_answer(raw: Any, program: StepProgram, solver: str) -> Answer:
     """
     said = raw if isinstance(raw, Answer) else None
     parts = (said.d, said.lam, said.p) if said is not None else raw if isinstance(raw, tuple) else (raw,)
-    *parts, iterations = parts if len(parts) > 1 and is_whole(parts[-1]) else (*parts, 0)
+    counted = len(parts) > 1 and is_whole(parts[-1])
+    parts, iterations = (parts[:-1], int(parts[-1])) if counted else (parts, 0)
     shapes = program.shapes
     given = {key: np.zeros(shape) for key, shape in shapes.items() if 0 in shape}
     given |= {key: part for key, part in zip(shapes, parts, strict=False) if _there(part)}
@@ -545,7 +546,7 @@ def read_answer(raw: Any, program: StepProgram, solver: str) -> Answer:
         with np.errstate(over="ignore", invalid="ignore"):  # What has diverged is refused for its size.
             d, lam, p = program.admissible_point(d, lam, p)
     if said is None:
-        return Answer(d, lam, int(iterations), p=p)
+        return Answer(d, lam, iterations, p=p)
     return Answer(d, lam, said.iterations, said.status, said.safeguards, p=p)
 
 

@@ -294,7 +294,8 @@ def energy_rows(space: Space, C: Floats, stabilisation: Stabilisation) -> sp.csr
         Zero on cells without a material.
     stabilisation : Stabilisation
     """
-    dim, entries, rows = space.dim, list[tuple[Floats, Ints, Ints]](), 0
+    dim, rows = space.dim, 0
+    data, i, j = list[Floats](), list[Ints](), list[Ints]()
     filled = C[:, 0, 0] > 0.0
     for group in space.groups:
         for chunk in group.part(np.flatnonzero(filled[group.cells])).chunks(CHUNK):
@@ -302,10 +303,12 @@ def energy_rows(space: Space, C: Floats, stabilisation: Stabilisation) -> sp.csr
             columns = (dim * chunk.nodes[:, :, None] + np.arange(dim)).reshape(len(roots), 1, -1)
             own = rows + np.arange(roots.shape[0] * roots.shape[1]).reshape(*roots.shape[:2], 1)
             there = np.nonzero(roots)
-            entries.append((roots[there], *(np.broadcast_to(each, roots.shape)[there] for each in (own, columns))))
+            data.append(roots[there])
+            i.append(np.broadcast_to(own, roots.shape)[there])
+            j.append(np.broadcast_to(columns, roots.shape)[there])
             rows += own.size
-    data, i, j = (np.concatenate([each[k] for each in entries]) for k in range(3))
-    return sp.csr_matrix((data, (i, j)), shape=(rows, dim * space.mesh.n_nodes))
+    entries = np.concatenate(data), (np.concatenate(i), np.concatenate(j))
+    return sp.csr_matrix(entries, shape=(rows, dim * space.mesh.n_nodes))
 
 
 def _local_roots(cells: CellGroup, C: Floats, stabilisation: Stabilisation) -> Floats:
@@ -314,7 +317,7 @@ def _local_roots(cells: CellGroup, C: Floats, stabilisation: Stabilisation) -> F
     count, n, dim = g.shape
     strain = _strain_rows(g).reshape(count, n, -1, dim).transpose(0, 2, 1, 3).reshape(count, -1, n * dim)
     upper = np.linalg.cholesky(C / measures[:, None, None]).transpose(0, 2, 1)
-    consistent = np.matmul(upper, strain)
+    consistent: Floats = np.matmul(upper, strain)
     if cells.simplices:
         return consistent
     stable = np.zeros((count, n, n, dim, dim))

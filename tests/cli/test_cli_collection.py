@@ -45,12 +45,13 @@ def test_the_list_is_named_and_graded():
 
 
 def test_optima_are_those_published(tmp_path):
-    """The list that came with the version has every instance; what is written here agrees with it, or is told."""
+    """The list that came with the version has all but the largest; what is written here agrees with it, or is told."""
     published = SCRIPT.with_name(OPTIMA).read_text().splitlines()
-    names = {one.name for one in (*INSTANCES, *SEQUENCES, *LARGE)}
-    assert {line.split(",")[0] for line in published[1:]} == names
+    names = {line.split(",")[0] for line in published[1:]}
+    assert {one.name for one in (*INSTANCES, *SEQUENCES)} <= names
+    assert names <= {one.name for one in (*INSTANCES, *SEQUENCES, *LARGE)}
     small = [
-        one for one in INSTANCES if one.name in CORE and one.problem in ("beam_on_a_stop", "frictional_hysteresis")
+        one for one in INSTANCES if one.name in CORE and one.problem in ("block_between_dies", "block_on_incline")
     ]
     said = write_collection(tmp_path, instances=small)
     assert "optima.csv agrees with that of version 4" in said

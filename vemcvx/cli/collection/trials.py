@@ -60,7 +60,7 @@ from vemcvx.program.scaling import Scaling, scaling
 from vemcvx.program.step_program import Answer, SolvedProgram, StepProgram
 from vemcvx.solvers import Solver, ThroughCvxpy
 from vemcvx.solvers.semidefinite import ProximalPoints
-from vemcvx.solvers.solver import named_failures
+from vemcvx.solvers.solver import Prepared, named_failures
 from vemcvx.version import __version__
 
 ASKED = 1e-3, 1e-6, 1e-9
@@ -198,9 +198,9 @@ class Entrant:
         if self.options:
             raise ProblemError(f"--option: {self.name} is not called through cvxpy; set its settings in its own file.")
         definite = operators.kernel is None or solver.semidefinite
-        prepared = solver.prepare(scales.operators)
-        if not definite:
-            prepared = ProximalPoints(solver, scales.operators, follows=False)
+        prepared: Prepared = (
+            solver.prepare(scales.operators) if definite else ProximalPoints(solver, scales.operators, follows=False)
+        )
         unit = _unit(programs)
         return [_own(scales.scale(program, alpha), scales, alpha, prepared, unit) for program in programs]
 
@@ -246,7 +246,7 @@ def _through_cvxpy(scaled: StepProgram, scales: Scaling, alpha: float, name: str
     return ask
 
 
-def _own(scaled: StepProgram, scales: Scaling, alpha: float, prepared: Solver, unit: float) -> Asking:
+def _own(scaled: StepProgram, scales: Scaling, alpha: float, prepared: Prepared, unit: float) -> Asking:
     nothing = np.zeros((len(scaled.w), scaled.operators.block)), np.zeros_like(scaled.e)
 
     def ask(tolerance: float | None, memory: Memory) -> Found:

@@ -81,8 +81,10 @@ largest |d_k*|_K; their JSON has that of the worst step, and of values and bound
 
     class Mine:
         def solve(self, program, target):
-            K, B, D = program.operators.K, program.operators.B, program.operators.D
+            operators = program.operators  # K is dense or sparse, B and D are sparse; block is 1, or 2 for discs
+            K, B, D, c, block = operators.K, operators.B, operators.D, operators.compliance, operators.block
             g, w, b, e = program.g, program.w, program.b, program.e
+            ...  # d (n,), lam (m, block), p (r,); program.project(lam) and program.feasible(d) are within the bounds
             ...  # solve it to a duality gap of `target`, program.duality_gap(d, lam, p) says how far it is
             return d, lam, p, iterations  # or (d, lam, p), or d alone: multipliers are recovered
 

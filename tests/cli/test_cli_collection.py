@@ -29,6 +29,11 @@ GRADES = {instance.grade for instance in INSTANCES}
 def one_a_grade():
     """The first condensed instance of each grade that takes no time; of those without optimum one of each kind."""
     large = "cattaneo_mindlin", "janssen_silo", "shear_lag", "thermal_expansion_blocked_by_friction"
+
+
+@pytest.mark.long
+def test_optima_are_those_published(tmp_path):
+    """What is written here agrees with the list that came with the version, or is told."""
     small = [one for one in INSTANCES if one.condense and one.n <= 32 and one.problem not in large]
     first = {(one.grade, one.without): one for one in reversed(small)}
     return [first[key] for key in sorted(first)]
@@ -44,15 +49,12 @@ def test_the_list_is_named_and_graded():
     assert len({*names, *(one.name for one in (*LARGE, *SEQUENCES))}) == 138 + len(LARGE) + len(SEQUENCES)
 
 
-def test_optima_are_those_published(tmp_path):
-    """The list that came with the version has all but the largest; what is written here agrees with it, or is told."""
+def test_all_but_the_largest_are_published():
     published = SCRIPT.with_name(OPTIMA).read_text().splitlines()
     names = {line.split(",")[0] for line in published[1:]}
     assert {one.name for one in (*INSTANCES, *SEQUENCES)} <= names
     assert names <= {one.name for one in (*INSTANCES, *SEQUENCES, *LARGE)}
-    small = [
-        one for one in INSTANCES if one.name in CORE and one.problem in ("block_between_dies", "block_on_incline")
-    ]
+    small = [one for one in INSTANCES if one.name in CORE and one.problem in ("block_between_dies", "block_on_incline")]
     said = write_collection(tmp_path, instances=small)
     assert "optima.csv agrees with that of version 4" in said
     (row, *_) = json.loads((tmp_path / "manifest.json").read_text())["instances"]

@@ -234,7 +234,7 @@ class Collection:
 
 
 Words = dict[str, Any]
-Written = tuple[dict[str, bytes | None], Words]
+Written = tuple[dict[str, bytes], Words]
 """Contents of files under the ends of their names, and the words for the JSON."""
 
 
@@ -253,7 +253,7 @@ def _sequence(programs: Sequence[SolvedProgram]) -> Written:
     most = {name: max(one[name] for one in optima) for name in ("gap", "rounding_floor", "energy_error", "energy_norm")}
     words = {**each[-1], "steps": len(programs), "optimum": {**sums, **most}}
     words["degenerate"] = {name: sum(one["degenerate"][name] for one in each) for name in words["degenerate"]}
-    return dict(sequence_to_npz(programs)), words
+    return sequence_to_npz(programs), words
 
 
 def _made(instances: Sequence[Instance]) -> Iterator[tuple[Instance, list[SolvedProgram]]]:

@@ -277,7 +277,8 @@ def programs(
         condense=condense,
         linear=linear,
     )
-    return with_origin(found, [effect.described(posed.space.in_plane) for effect in scene.canonical], mesh)
+    effects = [effect.described(posed.space.in_plane) for effect in scene.canonical]
+    return with_origin(found, posed, effects, condense)
 
 
 def _storage(stream: str | Path | Folder | None, resume: bool) -> AbstractContextManager[Storage]:

@@ -6,6 +6,7 @@ import csv
 import json
 import math
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,7 +15,19 @@ from test_cli import invoke
 import vemcvx as vx
 from vemcvx.cli.collection import INSTANCES, write_collection
 from vemcvx.cli.collection.benchmark import Listed, counted, fate, first, profile, scores, seconds_to, shifted_mean
-from vemcvx.cli.collection.trials import ANSWERED, FAILED, REFUSED, STOPPED, Entrant, Trial, journal, left, measured
+from vemcvx.cli.collection.instances import Instance
+from vemcvx.cli.collection.trials import (
+    ANSWERED,
+    FAILED,
+    REFUSED,
+    STOPPED,
+    Entrant,
+    Trial,
+    journal,
+    left,
+    measured,
+    measured_in_turn,
+)
 
 SMALL = [one for one in INSTANCES if one.grade == "easy" and one.problem == "frictional_hysteresis"]
 
@@ -47,6 +60,9 @@ def test_the_cheapest_trial_that_reaches_an_error_counts():
     assert seconds_to(ENTRIES["sure"]["a"], 1e-3) == 0.4
     assert seconds_to(ENTRIES["quick"]["a"], 1e-9) == math.inf
     assert profile(ENTRIES, ["a"], 1e-6) == {"quick": [1.0], "sure": [0.4 / 0.3], "claims": [math.inf]}
+    # A clock that ticks slowly may count nothing: that is a microsecond.
+    idle = {"idle": {"a": [trial(1e-2, 0.0, 1e-9)]}, "sure": ENTRIES["sure"]}
+    assert profile(idle, ["a"], 1e-6) == {"idle": [1.0], "sure": [pytest.approx(0.4e6)]}
     assert [first(ENTRIES, "a", by) for by in ("true", "certified", "claim")] == ["quick", "sure", "claims"]
 
 
@@ -112,7 +128,7 @@ def test_the_true_error_is_the_distance_from_the_optimum():
     program = paper_step()
     best = program.answer
 
-    def ask(tolerance):
+    def ask(tolerance, memory):
         return 0.5, 1.03 * best.d, best.lam, best.p, 7, "solved"
 
     found = measured(ask, program, 1e-3)
@@ -123,7 +139,33 @@ def test_the_true_error_is_the_distance_from_the_optimum():
         np.abs(0.03 * program.operators.K @ best.d).max() / np.abs(program.g).max(), rel=1e-6
     )
     with pytest.raises(vx.SolverFailed, match="not finite"):
-        measured(lambda tolerance: (0.5, np.full_like(best.d, np.nan), None, None, 1, ""), program, 1e-3)
+        measured(lambda tolerance, memory: (0.5, np.full_like(best.d, np.nan), None, None, 1, ""), program, 1e-3)
+
+
+def test_a_sequence_is_as_good_as_its_worst_step():
+    """By hand: steps off by 3 % and 1 % of their own size, in units of the larger; each begins with the one before."""
+    programs = [paper_step(), replace(paper_step(), g=2.0 * paper_step().g)]
+    programs[1] = replace(programs[1], answer=replace(programs[0].answer, d=2.0 * programs[0].answer.d))
+    begun = []
+
+    def ask(off, program):
+        def answered(tolerance, memory):
+            begun.append(None if memory is None else dict(memory))
+            if memory is not None:
+                memory["lam"] = off
+            return 0.5, (1 + off) * program.answer.d, program.answer.lam, program.answer.p, 7, "solved"
+
+        return answered
+
+    asks = [ask(0.03, programs[0]), ask(0.01, programs[1])]
+    found = measured_in_turn(asks, programs, 1e-3, warm=False)
+    assert (found["seconds"], found["iterations"], begun) == (1.0, 14, [None, None])
+    assert found["true"] == pytest.approx(0.015, rel=1e-12)
+    assert measured_in_turn(asks, programs, 1e-3, warm=True)["true"] == found["true"]
+    assert begun[2:] == [{}, {"lam": 0.03}]
+    blind = [lambda tolerance, memory, own=own: own(tolerance, None) for own in asks]
+    with pytest.raises(vx.NotAccepted, match="handed nothing of the answer before"):
+        measured_in_turn(blind, programs, 1e-3, warm=True)
 
 
 @pytest.mark.long
@@ -140,7 +182,7 @@ def test_floating_bodies_are_taken_by_all(name):
         history = vx.simulate(scene, vx.meshes.squares(4), [0.0, 1.0])
     program = history.program(1)
     assert program.operators.kernel is not None
-    found = measured(Entrant(name).taking(program), program, 1e-10)
+    found = measured(Entrant(name).taking([program])[0], program, 1e-10)
     assert found["true"] <= found["certified"] + 1e-9
     assert found["true"] <= 1e-6
 
@@ -211,6 +253,40 @@ def test_solvers_are_compared_stored_and_merged(collection, tmp_path):
         shutil.copy(path, tmp_path / "two")
     merged = invoke("benchmark", collection, "--out", tmp_path / "two")
     assert all(name in merged.output for name in ("newton", "clarabel", "Mine", "osqp"))
+
+
+SEEN = """
+import numpy as np
+import vemcvx as vx
+
+class Seen:
+    def solve(self, program, target, lam, p):
+        answer = vx.Newton().prepare(program.operators).solve(program, target, lam, p)
+        return answer.d, answer.lam, answer.p, int(np.abs(lam).max() > 0)
+"""
+
+
+@pytest.mark.slow
+def test_steps_of_a_sequence_begin_cold_and_warm(tmp_path):
+    """Ours begins with its own multipliers, OSQP with its own answer; DAQP is handed nothing, and is refused warm."""
+    short = Instance(grade="sequences", problem="feng_han_huang", n=8, of=8, step=8, steps=8)
+    write_collection(tmp_path / "all", instances=[short])
+    (tmp_path / "seen.py").write_text(SEEN)
+    solvers = f"{tmp_path / 'seen.py'}:Seen,osqp,daqp"
+    done = invoke(
+        "benchmark", tmp_path / "all", "--solvers", solvers, "--tolerances", "1e-8", "--out", tmp_path / "out"
+    )
+    assert done.exit_code == 0, done.output
+    assert "each begun cold: 1 instances" in done.output
+    trials = {path.name.split("_")[0]: journal(path) for path in (tmp_path / "out").glob("*.jsonl")}
+    cold, warm = (
+        [one for one in trials["Seen"] if one.outcome == ANSWERED and one.instance.endswith(w)] for w in ("8", "warm")
+    )
+    assert [one.iterations for one in cold] == [None]
+    assert [one.iterations for one in warm] == [7]
+    assert {one.outcome for one in trials["daqp"] if one.instance.endswith("warm")} == {"begun", REFUSED}
+    osqp = {one.instance: one.iterations for one in trials["osqp"] if one.outcome == ANSWERED}
+    assert osqp[f"{short.name}, warm"] != osqp[short.name]
 
 
 @pytest.mark.slow

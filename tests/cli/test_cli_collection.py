@@ -7,6 +7,7 @@ import csv
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
 
@@ -17,7 +18,9 @@ from test_cli import invoke
 import vemcvx as vx
 from vemcvx.cli import supplied
 from vemcvx.cli.collection import INSTANCES, confirm, write_collection
-from vemcvx.cli.collection.instances import CORE, LARGE
+from vemcvx.cli.collection.instances import CORE, LARGE, SEQUENCES, Instance
+from vemcvx.cli.collection.writing import OPTIMA, departures
+from vemcvx.exchange import sequence_from_npz
 
 SCRIPT = Path(vx.__file__).parent / "cli" / "collection" / "confirm.py"
 GRADES = {instance.grade for instance in INSTANCES}
@@ -38,7 +41,54 @@ def test_the_list_is_named_and_graded():
     assert {"easy", "sizes", "bodies", "floating", "no optimum"} | hard == GRADES
     assert len(CORE) == 40
     assert {one.grade for one in INSTANCES if one.name in CORE} == GRADES
-    assert not {one.name for one in LARGE} & set(names)
+    assert len({*names, *(one.name for one in (*LARGE, *SEQUENCES))}) == 138 + len(LARGE) + len(SEQUENCES)
+
+
+def test_all_but_the_largest_are_published():
+    published = SCRIPT.with_name(OPTIMA).read_text().splitlines()
+    names = {line.split(",")[0] for line in published[1:]}
+    assert {one.name for one in (*INSTANCES, *SEQUENCES)} <= names
+    assert names <= {one.name for one in (*INSTANCES, *SEQUENCES, *LARGE)}
+
+
+@pytest.mark.long
+def test_optima_are_those_published(tmp_path):
+    """What is written here agrees with the list that came with the version, or is told."""
+    small = [one for one in INSTANCES if one.name in CORE and one.problem in ("block_between_dies", "block_on_incline")]
+    said = write_collection(tmp_path, instances=small)
+    assert "optima.csv agrees with that of version 4" in said
+    (row, *_) = json.loads((tmp_path / "manifest.json").read_text())["instances"]
+    assert departures([{**row, "unknowns": 99}]) == [f"{row['name']} has unknowns 99, not {row['unknowns']}"]
+    assert departures([{**row, "name": "new"}]) == ["new is not in it"]
+    lower = {
+        **row,
+        "optimum": {**row["optimum"], "low": row["optimum"]["low"] - 2.0, "high": row["optimum"]["low"] - 1.0},
+    }
+    assert "the optimum of" in departures([lower])[0]
+
+
+@pytest.mark.long
+def test_a_sequence_has_its_matrices_once(tmp_path):
+    """Read back it is the programs of its steps; the script that knows nothing of us confirms all of them."""
+    short = [
+        Instance(grade="sequences", problem=problem, n=n, of=8, step=8, steps=7)
+        for problem, n in (("feng_han_huang", 8), ("block_with_grain", 6), ("block_in_space", 4))
+    ]
+    write_collection(tmp_path / "all", instances=short)
+    for one in short:
+        write_collection(tmp_path / "one", instances=[replace(one, steps=1)])
+        last = vx.read_program(tmp_path / "one" / f"{replace(one, steps=1).name}.npz")
+        programs = sequence_from_npz(tmp_path / "all" / f"{one.name}.npz")
+        assert [program.step for program in programs] == [2, 3, 4, 5, 6, 7, 8]
+        assert all(program.operators is programs[0].operators for program in programs)
+        # Forces out of balance are differences of larger ones; their last digits depend on what was posed before.
+        (low, high), (lowest, highest) = last.bounds, programs[-1].bounds
+        assert max(low, lowest) <= min(high, highest)
+        words = json.loads((tmp_path / "all" / f"{one.name}.json").read_text())
+        assert words["optimum"]["low"] == sum(program.bounds[0] for program in programs)
+        assert words["optimum"]["energy_norm"] == max(program.norm for program in programs)
+        assert len(confirm.Program(tmp_path / "all" / f"{one.name}.npz").steps()) == 7
+    assert confirm.main(tmp_path / "all") == 0
 
 
 def test_the_script_needs_four_packages():
@@ -53,7 +103,7 @@ def test_the_script_needs_four_packages():
 def test_what_is_written_is_confirmed(tmp_path, capsys):
     """In each grade: the manifest says what the files hold, and independent gaps agree with ours."""
     said = write_collection(tmp_path, "mtx", instances=one_a_grade())
-    assert said.startswith(f"{len(GRADES) + 1} instances of 'vemcvx collection 3'")
+    assert said.startswith(f"{len(GRADES) + 1} instances of 'vemcvx collection 4'")
     every = json.loads((tmp_path / "manifest.json").read_text())["instances"]
     assert {row["grade"] for row in every} == GRADES
     rows = [row for row in every if "optimum" in row]
@@ -102,7 +152,7 @@ def test_the_folder_says_what_it_is_and_is_whole(tmp_path):
         digest, name = line.split("  ")
         assert sha256((tmp_path / name).read_bytes()).hexdigest() == digest
     assert {path.name for path in tmp_path.iterdir()} >= {"README.md", "LICENSE.txt", "CITATION.cff", "confirm.py"}
-    assert "Version 3" in (tmp_path / "README.md").read_text()
+    assert "Version 4" in (tmp_path / "README.md").read_text()
 
 
 def test_an_optimum_that_is_none_is_not_confirmed(tmp_path, monkeypatch):
@@ -138,5 +188,6 @@ def test_the_whole_collection_is_confirmed(tmp_path):
     assert done.exit_code == 0, done.output
     run = subprocess.run([sys.executable, tmp_path / "confirm.py"], capture_output=True, text=True, check=False)
     assert run.returncode == 0, run.stdout + run.stderr
-    assert "answers to 132 instances confirm the certified optima" in run.stdout
+    assert "optima.csv agrees with that of version 4" in " ".join(done.output.split())
+    assert "answers to 135 instances confirm the certified optima" in run.stdout
     assert "6 of 6 instances are proved to have no optimum" in run.stdout

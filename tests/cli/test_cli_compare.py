@@ -121,6 +121,34 @@ def attempts():
     return pose_scene(scene, mesh).system, made
 
 
+TUPLES = """
+import numpy as np
+import vemcvx as vx
+
+class Silent:
+    def solve(self, program, target):
+        zero = np.zeros((len(program.w), 1)), np.zeros(len(program.e))
+        answer = vx.Newton().prepare(program.operators).solve(program, target, *zero)
+        return answer.d, answer.lam, answer.p
+
+class Counting(Silent):
+    def solve(self, program, target):
+        return *super().solve(program, target), 7
+"""
+
+
+@pytest.mark.long
+def test_iterations_are_those_that_a_tuple_ends_in(tmp_path):
+    """A solver that does not count them has a dash."""
+    (tmp_path / "own.py").write_text(TUPLES)
+    solvers = f"{tmp_path / 'own.py'}:Silent,{tmp_path / 'own.py'}:Counting"
+    done = invoke(PROBLEM, "--n", 6, "--steps", 2, "--solvers", solvers, "--json", tmp_path / "out.json")
+    assert done.exit_code == 0, done.output
+    found = json.loads((tmp_path / "out.json").read_text())["rows"]
+    assert [row["iterations"] for row in found] == [None, 7]
+    assert rows(done.output)[("Silent", "own")][7] == "-"
+
+
 @pytest.mark.long
 def test_all_that_accept_the_program_agree():
     done = invoke(PROBLEM, "--n", 6, "--steps", 4)

@@ -145,7 +145,7 @@ CHANGES = [
         "cbf",
         "block 2",
         "block -5",
-        "the first line says .*; wanted unknowns, terms, block, limits, soft, each with a whole",
+        "the first line says .*; wanted unknowns, terms, block, limits, soft, motions, each with a whole",
     ),
     ("cbf", "block 2", "block 0", "found blocks of 0 components"),
     (

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 
 import clarabel
 import highspy
@@ -15,6 +16,7 @@ from reading_cbf import read_cbf, to_second_order
 import vemcvx as vx
 from vemcvx.program.operators import Operators
 from vemcvx.program.step_program import StepProgram
+from vemcvx.vem import Space
 
 EPS = float(np.finfo(float).eps)
 TIMES = np.linspace(0.0, 1.0, 4)
@@ -80,10 +82,6 @@ def in_space(seed=0):
 def test_programs_come_back(tmp_path, form, name, condense):
     """All data to the bit; K of a CBF as the product F'F, whose entries are sums of n products."""
     program, path = solved(name, condense), tmp_path / f"step.{form}"
-    if (form, name, condense) == ("cbf", "free", False):
-        with pytest.raises(vx.ProgramError, match="take the condensed program"):
-            vx.write_program(program, path)
-        return
     assert vx.write_program(program, path) == path
     back = vx.read_program(path)
     ours, theirs = program.operators, back.operators
@@ -93,7 +91,7 @@ def test_programs_come_back(tmp_path, form, name, condense):
     assert (ours.block, ours.features) == (theirs.block, theirs.features)
     assert (ours.B != theirs.B).nnz == (ours.D != theirs.D).nnz == 0
     off = abs(ours.K - theirs.K).max()
-    # Each factor of F is known to n eps, too; a K with a kernel has lost the anchors' part, 2^-8, to begin with.
+    # Each root is known to n eps, too; a K with a kernel has lost the anchors' part, 2^-8, to begin with.
     assert off <= (4 * len(program.g) * EPS * abs(ours.K).max() if form == "cbf" else 0.0)
     answer = program.answer
     found = back.certify(answer.d, answer.lam, answer.p)
@@ -101,6 +99,40 @@ def test_programs_come_back(tmp_path, form, name, condense):
     if form == "npz":
         assert isinstance(back, vx.SolvedProgram)
         assert back.bounds == program.bounds
+
+
+MESHES = {
+    "triangles": vx.meshes.triangles(3),
+    "voronoi": vx.meshes.voronoi(3),
+    "cubes": vx.meshes.cubes(2),
+    "tetrahedra": vx.meshes.tetrahedra(2),
+}
+
+
+@pytest.mark.parametrize("family", MESHES)
+def test_roots_of_cells_make_a_cbf_without_fill(family):
+    """F'F = K but for rounding, and no row of F reads more than one cell; where supports eliminate unknowns, too."""
+    mesh = MESHES[family]
+    soft = vx.Elasticity(3.0, 0.48, stabilisation="unit")
+    material = vx.Orthotropic((100.0, 50.0), 0.2, 20.0, angle=0.3) if family == "voronoi" else soft
+    scene = vx.Scene(material, vx.Clamp(on="right"), vx.BilateralContact(on="bottom"))
+    program = next(vx.programs(scene, mesh, [0.0, 1.0], condense=False))
+    F, K = program.energy_rows(), program.operators.K
+    # A cell adds a few products of numbers known to its own size, n dim <= 24, in eps.
+    assert abs(F.T @ F - K).max() <= 24 * 24 * EPS * abs(K).max()
+    most = max(group.nodes.shape[1] for group in Space(mesh).groups)
+    assert np.diff(F.indptr).max() <= most * mesh.points.shape[1]
+    assert next(vx.programs(scene, mesh, [0.0, 1.0])).energy_rows is None
+
+
+def test_what_not_cells_alone_hold_has_no_such_roots(tmp_path):
+    scene = vx.Scene(STEEL, vx.ElasticFoundation(normal=1.0, tangential=1.0, on="left"), *SCENES["friction"][2:])
+    program = next(vx.programs(scene, vx.meshes.squares(2), [0.0, 1.0], condense=False))
+    assert program.energy_rows is None
+    back = vx.read_program(vx.write_program(program, tmp_path / "a.cbf"))
+    assert (
+        abs(back.operators.K - program.operators.K).max() <= 4 * len(program.g) * EPS * abs(program.operators.K).max()
+    )
 
 
 @pytest.mark.parametrize("form", ["npz", "mtx", "cbf"])
@@ -186,10 +218,11 @@ def test_highs_solves_the_qps(tmp_path, name, condense):
     assert found.gap < 1e-6
 
 
+@pytest.mark.parametrize("condense", [True, False])
 @pytest.mark.parametrize("name", ["friction", "bounds", "soft", "free", "in space"])
-def test_clarabel_solves_the_cbf(tmp_path, name):
+def test_clarabel_solves_the_cbf(tmp_path, name, condense):
     """Through a reader of the format that knows nothing of us: the optimum lies within the bounds."""
-    program = in_space() if name == "in space" else solved(name)
+    program = in_space() if name == "in space" else solved(name, condense)
     vx.write_program(program, tmp_path / "step.cbf")
     cost, A, b, cones = to_second_order(*read_cbf((tmp_path / "step.cbf").read_text()))
     kinds = {"Q": clarabel.SecondOrderConeT, "L+": clarabel.NonnegativeConeT}
@@ -240,6 +273,7 @@ def test_what_cannot_be_written_or_read_is_refused(tmp_path):
         "a.lp": (program, "there is no format '.lp'; there are .npz, .mtx, .cbf, .qps, .mps, .hdf5."),
         "b.qps": (in_space(), "QPS has no second-order cones, which this program has; write .cbf, .npz or .mtx."),
         "c.npz": (SCENES, "wanted a StepProgram, as history.program(n) is."),
+        "f.cbf": (replace(solved("free", condense=False), energy_rows=None), "take the condensed program"),
         "d.npz": (nothing, "no unknowns left; take condense=False, --no-condense."),
         "file/e.npz": (program, "cannot be written"),
     }
@@ -268,14 +302,14 @@ def test_what_cannot_be_written_or_read_is_refused(tmp_path):
             vx.read_program(tmp_path / "h.npz")
 
 
-def coulomb(law, n=4):
+def coulomb(law, n=4, condense=True):
     scene = vx.Scene(
         STEEL, vx.Clamp(on="top"), vx.Traction(press, on="left"), vx.UnilateralContact(gap=1e-3, on="bottom"), law
     )
-    return list(vx.programs(scene, vx.meshes.squares(n), TIMES))[-1]
+    return list(vx.programs(scene, vx.meshes.squares(n), TIMES, condense=condense))[-1]
 
 
-def coulomb_in_space():
+def coulomb_in_space(condense=True):
     """A pad that a plate presses, drags and twists."""
 
     def plate(x, t):
@@ -288,7 +322,7 @@ def coulomb_in_space():
         vx.UnilateralContact(gap=lambda x, t: 0.02 * x[:, 0] ** 2, on="bottom"),
         vx.CoulombFriction(0.3, on="bottom"),
     )
-    return list(vx.programs(scene, vx.meshes.cubes(3), TIMES, initial="settled"))[-1]
+    return list(vx.programs(scene, vx.meshes.cubes(3), TIMES, initial="settled", condense=condense))[-1]
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -320,6 +354,28 @@ def test_a_step_with_coulombs_law_as_fclib_has_it(tmp_path, dim):
     assert np.abs(mu * r_N * np.linalg.norm(u_T, axis=1) + (r_T * u_T).sum(axis=1)).max() < 1e-15
 
 
+@pytest.mark.parametrize("dim", [2, 3])
+def test_all_unknowns_are_fclibs_global_problem(tmp_path, dim):
+    """M v = H r + f and u = H'v + w, from the file alone; Coulomb's law is tested for the local problem above."""
+    h5py = pytest.importorskip("h5py")
+    made = coulomb_in_space if dim == 3 else lambda condense: coulomb(vx.CoulombFriction(0.3, on="bottom"), 4, condense)
+    program = made(condense=False)
+    with h5py.File(vx.write_program(program, tmp_path / "step.hdf5")) as file:
+        problem, solution = file["fclib_global"], {name: part[()] for name, part in file["solution"].items()}
+        assert problem["spacedim"][0] == dim
+        M, H = (
+            sp.csr_matrix((A["x"][()], A["i"][()], A["p"][()]), shape=(A["m"][0], A["n"][0]))
+            for A in (problem["M"], problem["H"])
+        )
+        f, w, mu = (problem["vectors"][name][()] for name in ("f", "w", "mu"))
+    assert (M != program.operators.K).nnz == 0
+    assert H.shape == (len(f), dim * len(mu)) == (len(solution["v"]), len(w))
+    v, r = solution["v"], solution["r"]
+    assert np.array_equal(solution["u"], H.T @ v + w)
+    off = M @ v - H @ r - f
+    assert 0.5 * off @ np.linalg.solve(M.toarray(), off) <= program.certificate.gap + program.certificate.floor
+
+
 @pytest.mark.parametrize(
     ("law", "says"),
     [
@@ -335,7 +391,7 @@ def test_what_fclib_has_no_model_for(law, says, tmp_path):
     with pytest.raises(vx.ProgramError, match="a solved step alone knows"):
         vx.write_program(StepProgram(operators, *np.ones((2, 1)), np.zeros(1)), tmp_path / "a.hdf5")
     (tmp_path / "b.hdf5").write_bytes(b"")
-    with pytest.raises(vx.ProgramError, match="keep W = h K"):
+    with pytest.raises(vx.ProgramError, match="pose Coulomb's law, no convex program"):
         vx.read_program(tmp_path / "b.hdf5")
 
 

@@ -310,3 +310,15 @@ def test_one_copy_of_the_factors_is_kept():
     assert np.abs(S @ inside - np.eye(len(retained))).max() < 1e-10
     x = np.random.default_rng(5).normal(size=system.n)
     assert np.abs(factor.solve(system.K @ x) - x).max() < 1e-9
+
+
+@pytest.mark.parametrize("at_once", [1, 100])
+def test_energies_of_many_rows_are_found_in_parts(monkeypatch, at_once):
+    """Of unit vectors they are the diagonal of K^{-1}, however many are solved for together."""
+    n = 30
+    K = sp.csr_matrix(sp.diags_array([np.full(n - 1, -1.0), np.full(n, 2.5), np.full(n - 1, -1.0)], offsets=[-1, 0, 1]))
+    monkeypatch.setattr("vemcvx.linear.factor.AT_ONCE", at_once)
+    found = vx.SuperLU().factorise(K).energies(sp.eye_array(n, format="csr"))
+    # K has the condition 9; entries of its inverse are known to that many eps, and a few for sums.
+    assert np.abs(found - np.diag(np.linalg.inv(K.toarray()))).max() <= 64 * np.finfo(float).eps
+    assert len(vx.SuperLU().factorise(K).energies(sp.csr_matrix((0, n)))) == 0

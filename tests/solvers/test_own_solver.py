@@ -60,6 +60,7 @@ WAYS = {
     "an Answer": lambda a: a,
     "an Answer without p": lambda a: vx.Answer(a.d, a.lam, a.iterations, a.status),
     "(d, lam, p)": lambda a: (a.d, a.lam, a.p),
+    "(d, lam, p, iterations)": lambda a: (a.d, a.lam, a.p, 7),
     "(d, lam)": lambda a: (a.d, a.lam),
     "(d, None, p)": lambda a: (a.d, None, a.p),
     "d": lambda a: a.d,
@@ -77,6 +78,8 @@ def test_however_it_answers_it_is_certified(way, limits):
     apart = np.abs(own.displacement - ours.displacement).max()
     assert apart <= 1e-6 * np.abs(ours.displacement).max()
     assert own.solver == "Mine(accuracy=1e-06)"
+    if way == "(d, lam, p, iterations)":
+        assert set(own.iterations[1:].tolist()) == {7}
 
 
 def test_what_it_says_of_itself_is_read():
@@ -107,7 +110,7 @@ def test_it_gets_multipliers_to_begin_with_if_it_asks_for_them():
 NONSENSE = {
     "nothing": (None, r"found the answer None; it must return vx\.Answer"),
     "words": ("solved", r"d: found 'solved'.*; wanted numbers of shape \(3,\)\."),
-    "four things": ((1, 2, 3, 4), r"found the answer \(1, 2, 3, 4\); it must return"),
+    "five things": ((1, 2, 3, 4, 5), r"found the answer \(1, 2, 3, 4, 5\); it must return"),
     "too few increments": (np.zeros(2), r"d: found an array of shape \(2,\); wanted numbers of shape \(3,\)\."),
     "too many multipliers": (
         (np.zeros(3), np.zeros(5)),

@@ -60,8 +60,8 @@ SETTINGS = {"both": ("tuned", "default"), "tuned": ("tuned",), "default": ("defa
 class Row:
     """A row of the comparison: a solver with its own, tuned or default settings, and what became of it.
 
-    Errors are relative to the largest energy norm of the states so far. Iterations are those of the median step,
-    safeguards those of all steps.
+    Errors are relative to the largest energy norm of the states so far. Iterations are those of the median step, none
+    where the solver does not count them; safeguards those of all steps.
     """
 
     solver: str
@@ -151,7 +151,7 @@ def _judged_row(system: System, row: Row, run: Trajectory | None, best: Trajecto
         allowed=None if apart is None else apart[1],
         honest=apart[2] if apart is not None and rigorous else None,
         good=len(missed) == 0,
-        iterations=int(np.median(run.iterations[1:])) if len(run.times) > 1 else 0,
+        iterations=int(np.median(run.iterations[1:])) if run.iterations[1:].any() else None,
         safeguards=int(run.safeguards.sum()),
         says=_of_misses(run, missed),
     )

@@ -6,6 +6,9 @@ An NPZ archive holds every array to the bit, and the certified answer where it i
     B_data, B_indices, B_indptr, B_shape      compressed rows, as in scipy.sparse.csr_matrix((data, indices, indptr))
     g, w, b, e, c   vectors, c the compliances; N, anchor where K has a kernel; d, lam, p, step, t of an answer
 
+Of a sequence, the programs of successive steps with the same matrices, these are there once, and all that changes, g,
+w, b, e and answers, has one axis more, the first: its row k is that of the k-th step.
+
 Matrix Market has one file an array, named as in the SuiteSparse collection: K in NAME.mtx, B in NAME_B.mtx, ... Arrays
 without entries have no file, and one that another program of that name left is removed.
 """
@@ -14,7 +17,7 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -128,33 +131,58 @@ def _array(parts: Mapping[str, Matrix], name: str) -> Floats:
 
 
 CSR = "data", "indices", "indptr", "shape"
+CHANGING = "g", "w", "b", "e", "d", "lam", "p", "step", "t"
+"""What is different from step to step of a sequence."""
 
 
 def to_npz(program: StepProgram) -> dict[str, bytes]:
     """The archive, under its suffix."""
-    arrays: dict[str, object] = {}
+    return _archive(_arrays(program))
+
+
+def sequence_to_npz(programs: Sequence[SolvedProgram]) -> dict[str, bytes]:
+    """The archive of the programs of successive steps, which have the same operators, under its suffix."""
+    each = [_arrays(program) for program in programs]
+    return _archive({**each[0], **{name: np.stack([arrays[name] for arrays in each]) for name in CHANGING}})
+
+
+def _archive(arrays: Mapping[str, Any]) -> dict[str, bytes]:
+    made = io.BytesIO()
+    np.savez(made, **arrays)
+    return {".npz": made.getvalue()}
+
+
+def _arrays(program: StepProgram) -> dict[str, Any]:
+    arrays: dict[str, Any] = {}
     for name, part in parts_of(program).items():
         arrays |= {name: part} if isinstance(part, np.ndarray) else {f"{name}_{k}": getattr(part, k) for k in CSR}
     if isinstance(program, SolvedProgram):
         answer = program.answer
         arrays |= {"d": answer.d, "lam": answer.lam, "p": answer.p, "step": program.step, "t": program.t}
-    made = io.BytesIO()
-    np.savez(made, **arrays)  # type: ignore[arg-type]  # names of arrays are none of its options
-    return {".npz": made.getvalue()}
+    return arrays
+
+
+def sequence_from_npz(path: Path) -> list[StepProgram]:
+    """The programs of a sequence; one alone of any other archive."""
+    kept = read_arrays(path)
+    if "g" not in kept or kept["g"].ndim != 2:
+        return [_program(kept)]
+    every = [{**kept, **{name: kept[name][k] for name in CHANGING}} for k in range(len(kept["g"]))]
+    first = _program(every[0])
+    return [first, *(_program(arrays, first.operators) for arrays in every[1:])]
 
 
 def from_npz(path: Path) -> StepProgram:
     """The program, solved if the file has the answer."""
-    kept = read_arrays(path)
-    parts: Parts = {name: kept[name] for name in SIZES if name in kept}
-    for name in "KBD":
-        members = [f"{name}_{k}" for k in CSR]
-        if any(member in kept for member in members):
-            missing = [member for member in members if member not in kept]
-            if missing:
-                raise ProgramError(f"found no {missing[0]}; a sparse {name} has {', '.join(members)}.")
-            parts[name] = compressed_rows(name, *(kept[member] for member in members))
-    program = put_together(parts)
+    return _program(read_arrays(path))
+
+
+def _program(kept: Mapping[str, Any], operators: Operators | None = None) -> StepProgram:
+    """The program of these arrays; with operators that are known, its vectors are those of another one."""
+    if operators is None:
+        program = _posed(kept)
+    else:
+        program = StepProgram(operators, *(finite(as_real_array(kept[x], x, "numbers"), x) for x in "gwbe"))
     if "d" not in kept:
         return program
     shapes: dict[str, tuple[int, ...]] = {**program.shapes, "step": (), "t": ()}
@@ -163,6 +191,19 @@ def from_npz(path: Path) -> StepProgram:
         raise ProgramError(f"found no {missing[0]}; an answer has {', '.join(shapes)}.")
     d, lam, p, step, t = (finite(of_shape(kept[name], name, shape), name) for name, shape in shapes.items())
     return SolvedProgram.of(program, Answer(d, lam, 0, "read from a file", p=p), int(step), float(t))
+
+
+def _posed(kept: Mapping[str, Any]) -> StepProgram:
+    """The program of these arrays, without an answer."""
+    parts: Parts = {name: kept[name] for name in SIZES if name in kept}
+    for name in "KBD":
+        members = [f"{name}_{k}" for k in CSR]
+        if any(member in kept for member in members):
+            missing = [member for member in members if member not in kept]
+            if missing:
+                raise ProgramError(f"found no {missing[0]}; a sparse {name} has {', '.join(members)}.")
+            parts[name] = compressed_rows(name, *(kept[member] for member in members))
+    return put_together(parts)
 
 
 def to_matrix_market(program: StepProgram) -> dict[str, bytes | None]:

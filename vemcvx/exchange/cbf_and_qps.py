@@ -7,9 +7,12 @@ CBF, the Conic Benchmark Format (version 1), holds every program: one cone a nor
                 (t_i, B_i d - b_i)     in Q         |B_i d - b_i| <= t_i, one cone a term
                 e - D d + c p          in L+        p is the force of a soft limit
 
-F is a Cholesky factor of K; where K has a kernel, and is dense, it has as many rows less. A reader gets K = F'F back,
-with the rounding of that product. The comment in the first line gives n, m, the size of a block, the number of limits
-and that of soft ones. At a solution the dual of a cone Q is (w_i, -lam_i), that of L+ is p.
+F is a root of K: of a sparse one the roots of the cells' matrices, one below the other, where the program knows them
+(SolvedProgram.energy_rows), since a Cholesky factor fills up: in space, of 26,040 unknowns, that would make 617 MB of
+text, not 42. Elsewhere it is that factor; where K has a kernel, and is dense, it has as many rows less. A reader gets
+K = F'F back, with the rounding of that product. The comment in the first line gives n, m, the size of a block, the
+numbers of limits, of soft ones, of motions in the kernel of K. At a solution the dual of a cone Q is (w_i, -lam_i),
+that of L+ is p.
 
 QPS, the MPS format with a quadratic objective in free format, holds absolute values, bounds and soft limits.
 
@@ -34,11 +37,11 @@ from scipy.sparse.linalg import splu
 from vemcvx.arrays import Floats, Ints
 from vemcvx.errors import ProgramError
 from vemcvx.exchange.arrays import Parts, put_together, with_motions
-from vemcvx.program.operators import SECOND_ORDER_CONES, Operators
-from vemcvx.program.step_program import StepProgram
+from vemcvx.program.operators import SECOND_ORDER_CONES
+from vemcvx.program.step_program import SolvedProgram, StepProgram
 
 CBF_HEAD = "# vemcvx program:"
-SIZES = "unknowns", "terms", "block", "limits", "soft"
+SIZES = "unknowns", "terms", "block", "limits", "soft", "motions"
 QPS_HEAD = "* vemcvx program, motions in the kernel of K:"
 WIDTHS = {"NAME": 0, "ROWS": 2, "COLUMNS": 3, "RHS": 3, "RANGES": 0, "BOUNDS": 3, "QUADOBJ": 3, "ENDATA": 0}
 """Sections of QPS, and how many words the lines have of those that are read."""
@@ -53,9 +56,11 @@ def triplets(rows: Any) -> Iterator[tuple[int, int, str]]:
             yield i, j, repr(x)
 
 
-def root(operators: Operators) -> sp.csr_matrix:
-    """F with F'F = K, as many rows as K has rank."""
-    K = operators.K
+def root(program: StepProgram) -> sp.csr_matrix:
+    """F with F'F = K: rows of cells where they are known, else a factor."""
+    operators, K = program.operators, program.operators.K
+    if isinstance(program, SolvedProgram) and program.energy_rows is not None:
+        return program.energy_rows()
     if operators.kernel is not None:
         if not isinstance(K, np.ndarray):
             raise ProgramError(
@@ -76,6 +81,7 @@ def to_cbf(program: StepProgram) -> dict[str, bytes]:
     """The file, under its suffix."""
     operators = program.operators
     n, m, block, soft = len(program.g), operators.count, operators.block, np.flatnonzero(operators.compliance)
+    motions = 0 if operators.kernel is None else operators.kernel.shape[1]
     A, b, cones = _cone_rows(program, soft)
     cost = np.concatenate([-program.g, program.w, [1.0], np.zeros(len(soft))])
     entries = {
@@ -84,7 +90,7 @@ def to_cbf(program: StepProgram) -> dict[str, bytes]:
         "BCOORD": [f"{i} {x}" for _, i, x in triplets(sp.csr_matrix(b))],
     }
     lines = [
-        f"{CBF_HEAD} unknowns {n} terms {m} block {block} limits {len(program.e)} soft {len(soft)}",
+        f"{CBF_HEAD} unknowns {n} terms {m} block {block} limits {len(program.e)} soft {len(soft)} motions {motions}",
         *("VER", "1", "", "OBJSENSE", "MIN", "", "VAR", f"{A.shape[1]} 1", f"F {A.shape[1]}", ""),
         *("CON", f"{A.shape[0]} {len(cones)}", *cones, ""),
         *(line for name, found in entries.items() for line in (name, str(len(found)), *found, "")),
@@ -95,7 +101,7 @@ def to_cbf(program: StepProgram) -> dict[str, bytes]:
 def _cone_rows(program: StepProgram, soft: Ints) -> tuple[sp.csr_matrix, Floats, list[str]]:
     """A and b of A x + b, x = (d, t, q, p), and the cones that its rows are in."""
     operators = program.operators
-    m, block, c, F = operators.count, operators.block, operators.compliance, root(operators)
+    m, block, c, F = operators.count, operators.block, operators.compliance, root(program)
     energy = 2 + F.shape[0] + len(soft)
     blocks: Any = [
         [None, None, np.array([[1.0], [0.0]]), None],
@@ -141,14 +147,14 @@ def _sizes(lines: list[str]) -> tuple[int, ...]:
 
 
 def _cbf_parts(sizes: tuple[int, ...], lines: list[str]) -> Parts:
-    n, m, block, r, s = sizes
+    n, m, block, r, s, motions = sizes
     if block < 1 or "CON" not in lines:
         raise ValueError(f"found {f'blocks of {block} components' if block < 1 else 'no section CON'}")
     at = lines.index("CON")
     rows = int(lines[at + 1].split()[0])
     energy = rows - r - m * (1 + block)
     cones = _cones(energy, m, block, r)
-    if lines[at + 2 : at + 2 + len(cones)] != cones or not 0 <= energy - 2 - s <= n:
+    if lines[at + 2 : at + 2 + len(cones)] != cones or energy - 2 - s < 0:
         raise ValueError(
             f"its cones are not those of {n} unknowns, {m} terms of block {block}, {r} limits and {s} soft ones, which "
             f"leave {energy} of {rows} rows to the energy"
@@ -159,7 +165,7 @@ def _cbf_parts(sizes: tuple[int, ...], lines: list[str]) -> Parts:
     F, limits = A[2 : energy - s, :n], slice(rows - r, rows)
     parts: Parts = {"g": -cost[:n], "w": cost[n : n + m], "B": A[cone, :n], "b": -b[cone]}
     parts |= {"D": -A[limits, :n], "e": b[limits], "c": A[limits, n + m + 1 :] @ np.ones(s)}
-    return parts | with_motions(0.5 * (F.T @ F + (F.T @ F).T), n - F.shape[0])
+    return parts | with_motions(0.5 * (F.T @ F + (F.T @ F).T), motions)
 
 
 def _entries(lines: list[str], section: str, shape: tuple[int, ...]) -> sp.csr_matrix:

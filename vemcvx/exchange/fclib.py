@@ -1,14 +1,19 @@
-"""HDF5 as the Frictional Contact Library (FCLIB) has it: the local problem of a step with Coulomb's law, solved.
+"""HDF5 as the Frictional Contact Library (FCLIB) has it: a step with Coulomb's law, solved.
 
-    u = W r + q,   r_N >= 0,  u_N >= 0,  r_N u_N = 0,   |r_T| <= mu r_N,   r_T = -mu r_N u_T / |u_T| where u_T != 0
+    local   u = W r + q                         of a condensed program
+    global  M v = H r + f,   u = H'v + w        of all unknowns: W of 10,000 contacts in space would be 7 GB
 
-(Acary and others, INRIA RT-444, 2014), contact by contact the normal component before the tangential one or two;
-spacedim is 2 or 3. From K d = g - B'lam - D'p, with the rows h_N = -D_j and h_T = B_i of the limit and the norm term of
-each contact,
+    r_N >= 0,  u_N >= 0,  r_N u_N = 0,   |r_T| <= mu r_N,   r_T = -mu r_N u_T / |u_T| where u_T != 0
 
-    r_N = p,  r_T = -lam,  u_N = e - D d,  u_T = B d - b,    W = h K^{-1} h',   q = h K^{-1} g + (e; -b).
+(Acary and others, INRIA RT-444, 2014, and FCLIB's fclib.h), contact by contact the normal component before the
+tangential one or two; spacedim is 2 or 3. From K d = g - B'lam - D'p, with the rows h_N = -D_j and h_T = B_i of the
+limit and the norm term of each contact,
 
-W is stored by rows (nz = -2). Nothing can be read back: neither K, B nor D are kept. Needs h5py (extra ``fclib``).
+    r_N = p,  r_T = -lam,  u_N = e - D d,  u_T = B d - b,    W = h K^{-1} h',   q = h K^{-1} g + w,
+    v = d,  M = K,  f = g,  H = h',  w = (e; -b).
+
+Matrices are stored by rows (nz = -2). Steps of a run are files of their own; the solution of one is a guess for the
+next. Nothing is read back: weights are not those of a program but of Coulomb's law. Needs h5py (extra ``fclib``).
 """
 
 from __future__ import annotations
@@ -27,7 +32,7 @@ from vemcvx.arrays import EPS, Floats, Ints
 from vemcvx.errors import ProgramError
 from vemcvx.program.step_program import SolvedProgram, StepProgram
 
-MODEL = "u = W r + q; r_N >= 0, u_N >= 0, r_N u_N = 0; |r_T| <= mu r_N, r_T opposite to u_T where it slips"
+MODEL = "; r_N >= 0, u_N >= 0, r_N u_N = 0; |r_T| <= mu r_N, r_T opposite to u_T where it slips"
 
 
 def to_fclib(program: StepProgram) -> dict[str, bytes]:
@@ -47,26 +52,34 @@ def to_fclib(program: StepProgram) -> dict[str, bytes]:
     slips = (pairs[:, None] * operators.block + np.arange(operators.block)).ravel()
     order = np.column_stack([np.arange(m), m + np.arange(m * (dim - 1)).reshape(m, dim - 1)]).ravel()
     rows = sp.csr_matrix(sp.vstack([-operators.D, operators.B[slips]]))[order]
-    spread: Floats = operators.factor.solve(np.ascontiguousarray(rows.T.toarray()))
-    W = rows @ spread
-    q = rows @ operators.factor.solve(program.g) + np.concatenate([program.e, -program.b[slips]])[order]
+    w = np.concatenate([program.e, -program.b[slips]])[order]
     answer = program.answer
-    r = np.concatenate([answer.p, -answer.lam[pairs].ravel()])[order]
+    solution = {"r": (r := np.concatenate([answer.p, -answer.lam[pairs].ravel()])[order])}
+    if isinstance(operators.K, np.ndarray):
+        spread: Floats = operators.factor.solve(np.ascontiguousarray(rows.T.toarray()))
+        W, q = rows @ spread, rows @ operators.factor.solve(program.g) + w
+        name, posed, solution["u"] = "fclib_local", "u = W r + q", W @ r + q
+        matrices, vectors = {"W": sp.csr_matrix(0.5 * (W + W.T))}, {"q": q, "mu": mu}
+    else:
+        name, posed = "fclib_global", "M v = H r + f, u = H'v + w"
+        solution |= {"v": answer.d, "u": rows @ answer.d + w}
+        matrices, vectors = {"M": operators.K, "H": sp.csr_matrix(rows.T)}, {"f": program.g, "w": w, "mu": mu}
     made = io.BytesIO()
     with import_module("h5py").File(made, "w") as file:
-        local = file.create_group("fclib_local")
-        local["spacedim"] = np.array([dim], dtype=np.int32)
-        _write_rows(local.create_group("W"), sp.csr_matrix(0.5 * (W + W.T)))
-        _write(local.create_group("vectors"), {"q": q, "mu": mu})
-        words = {"title": f"vemcvx: step {program.step} at t = {program.t:.17g}", "math_info": MODEL}
-        _write(local.create_group("info"), {**words, "description": json.dumps(dict(program.origin), default=str)})
-        _write(file.create_group("solution"), {"u": W @ r + q, "r": r})
+        problem = file.create_group(name)
+        problem["spacedim"] = np.array([dim], dtype=np.int32)
+        for letter, matrix in matrices.items():
+            _write_rows(problem.create_group(letter), matrix)
+        _write(problem.create_group("vectors"), vectors)
+        words = {"title": f"vemcvx: step {program.step} at t = {program.t:.17g}", "math_info": posed + MODEL}
+        _write(problem.create_group("info"), {**words, "description": json.dumps(dict(program.origin), default=str)})
+        _write(file.create_group("solution"), solution)
     return {".hdf5": made.getvalue()}
 
 
 def from_fclib(_: Path) -> StepProgram:
-    """Refuses: the file has W, not K, B and D."""
-    raise ProgramError("FCLIB's files keep W = h K^-1 h' alone, no program; read an .npz, .mtx, .cbf or .qps.")
+    """Refuses: the file has a coefficient of friction, not the weights of a program."""
+    raise ProgramError("FCLIB's files pose Coulomb's law, no convex program; read an .npz, .mtx, .cbf or .qps.")
 
 
 def _contacts(program: SolvedProgram) -> tuple[Ints, Floats]:

@@ -4,7 +4,8 @@
 .npz     NumPy's archive, the certified answer included                every program, to the bit
 .mtx     Matrix Market, K in NAME.mtx, B in NAME_B.mtx, ...            every program, to the bit
 .cbf     Conic Benchmark Format, the energy as one more cone           every program; K = F'F with its rounding
-.hdf5    FCLIB's local problem (extra ``fclib``)                       steps with Coulomb's law; cannot be read back
+.hdf5    FCLIB's local problem (extra ``fclib``); of all unknowns its    steps with Coulomb's law; cannot be read back
+         global one
 .qps     MPS with a quadratic objective; .mps for HiGHS, which goes    absolute values, bounds, soft limits
          by the suffix
 =======  ============================================================  ======================================
@@ -178,10 +179,13 @@ def encoded(program: StepProgram, name: str) -> Files:
         raise ProgramError(f"write_program: found {brief(program)}; wanted a StepProgram, as history.program(n) is.")
     if len(program.g) == 0:
         raise ProgramError("write_program: the program has no unknowns left; take condense=False, --no-condense.")
-    words = json.dumps(
-        description(program), indent=1, default=lambda x: x.item() if isinstance(x, np.generic) else str(x)
-    )
-    return {**FORMATS[name][0](program), ".json": f"{words}\n".encode()}
+    return {**FORMATS[name][0](program), ".json": in_json(description(program))}
+
+
+def in_json(words: Mapping[str, Any]) -> bytes:
+    """Words and numbers as a JSON file."""
+    text = json.dumps(words, indent=1, default=lambda x: x.item() if isinstance(x, np.generic) else str(x))
+    return f"{text}\n".encode()
 
 
 def read_program(path: str | Path) -> StepProgram:

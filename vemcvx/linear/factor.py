@@ -29,6 +29,8 @@ Cycle = Callable[[Floats], Floats]
 
 SAMPLES = 8
 """Random forces or motions from which energies of others are estimated."""
+AT_ONCE = 2**25
+"""Numbers, 256 MB of them, that right sides have which are solved for together."""
 
 
 class Halves(Protocol):
@@ -85,9 +87,12 @@ class Factor(ABC):
 
     def energies(self, rows: sp.csr_matrix) -> Floats:
         """b'K^{-1}b of every row b of a matrix (m, n), (m,)."""
-        dense = rows.toarray()
-        responses: Floats = np.einsum("ij,ji->i", dense, self.solve(np.ascontiguousarray(dense.T)))
-        return responses
+        m, n = rows.shape
+        # Of a million unknowns 708 rows made 6 GB at once, several times over.
+        together = max(1, AT_ONCE // max(n, 1))
+        parts = (rows[first : first + together].toarray() for first in range(0, m, together))
+        found = [np.einsum("ij,ji->i", part, self.solve(np.ascontiguousarray(part.T))) for part in parts]
+        return np.concatenate([np.zeros(0), *found])
 
     def flexibility(self, some: Ints, n: int) -> Floats:
         """K^{-1} (n, n) of the unknowns `some` (k,) alone, (k, k)."""

@@ -463,7 +463,7 @@ class StepProgram(ArrayRecord):
         return d
 
 
-PROMISED = "return vx.Answer(d, lam, iterations), (d, lam, p), (d, lam), or d"
+PROMISED = "return vx.Answer(d, lam, iterations), (d, lam, p), (d, lam), or d; a tuple may end in its iterations"
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -521,6 +521,8 @@ def fitting(answer: Answer, program: StepProgram, solver: str) -> Answer:
 def read_answer(raw: Any, program: StepProgram, solver: str) -> Answer:
     """The returned value of a user's `solve` as an Answer; missing multipliers are recovered.
 
+    A whole number at the end of a tuple is the iterations.
+
     Raises
     ------
     SolverFailed
@@ -528,6 +530,8 @@ def read_answer(raw: Any, program: StepProgram, solver: str) -> Answer:
     """
     said = raw if isinstance(raw, Answer) else None
     parts = (said.d, said.lam, said.p) if said is not None else raw if isinstance(raw, tuple) else (raw,)
+    counted = len(parts) > 1 and is_whole(parts[-1])
+    parts, iterations = (parts[:-1], int(parts[-1])) if counted else (parts, 0)
     shapes = program.shapes
     given = {key: np.zeros(shape) for key, shape in shapes.items() if 0 in shape}
     given |= {key: part for key, part in zip(shapes, parts, strict=False) if _there(part)}
@@ -542,7 +546,7 @@ def read_answer(raw: Any, program: StepProgram, solver: str) -> Answer:
         with np.errstate(over="ignore", invalid="ignore"):  # What has diverged is refused for its size.
             d, lam, p = program.admissible_point(d, lam, p)
     if said is None:
-        return Answer(d, lam, 0, p=p)
+        return Answer(d, lam, iterations, p=p)
     return Answer(d, lam, said.iterations, said.status, said.safeguards, p=p)
 
 
@@ -570,6 +574,8 @@ class SolvedProgram(StepProgram):
         Where weights follow the forces of the limits: their derivative at the answer; coefficients of friction.
     origin : mapping
         Where the program comes from, in words and numbers: "scene", "mesh", "solver".
+    energy_rows : callable () -> (k, n) sparse matrix, optional
+        F with F'F = K, which has no fill: of a body the roots of its cells' matrices. Conic formats want one.
     """
 
     answer: Answer
@@ -577,6 +583,7 @@ class SolvedProgram(StepProgram):
     t: float
     slope: sp.csr_matrix | None = None
     origin: Mapping[str, Any] = field(default_factory=dict)
+    energy_rows: Callable[[], sp.csr_matrix] | None = None
 
     @classmethod
     def of(cls, program: StepProgram, answer: Answer, step: int, t: float) -> SolvedProgram:

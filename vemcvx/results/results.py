@@ -497,11 +497,12 @@ def _damped(posed: PosedScene, trajectory: Trajectory, row: int) -> Floats | flo
 
 
 def with_origin(
-    programs: Iterator[SolvedProgram], effects: Sequence[str], mesh: AnyMesh, **more: str
+    programs: Iterator[SolvedProgram], posed: PosedScene, effects: Sequence[str], condense: bool, **more: str
 ) -> Iterator[SolvedProgram]:
-    """The programs, which now say what scene and mesh they are of."""
+    """The programs, which now say what scene and mesh they are of, and whose cells K is made of."""
+    mesh, rows = posed.space.mesh, None if condense else posed.energy_rows
     for program in programs:
-        yield replace(program, origin={"scene": list(effects), "mesh": size_of(mesh), **more})
+        yield replace(program, origin={"scene": list(effects), "mesh": size_of(mesh), **more}, energy_rows=rows)
 
 
 def size_of(mesh: AnyMesh) -> dict[str, Any]:
@@ -520,6 +521,6 @@ def programs_of_steps(history: Results, numbers: Sequence[int], condense: bool =
             "take vemcvx.programs(scene, mesh, times)."
         )
     with unwarned():
-        system = pose_scene(history.scene, history.mesh, history.trajectory.times.tolist()).system
-    found = programs_of_trajectory(system, history.trajectory, numbers, condense)
-    return with_origin(found, history.effects, history.mesh, solver=history.solver)
+        posed = pose_scene(history.scene, history.mesh, history.trajectory.times.tolist())
+    found = programs_of_trajectory(posed.system, history.trajectory, numbers, condense)
+    return with_origin(found, posed, history.effects, condense, solver=history.solver)

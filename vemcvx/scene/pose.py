@@ -41,7 +41,7 @@ from vemcvx.scene.contact_table import ContactRows, straightened
 from vemcvx.scene.rigid import floating_motions, seen_from_bodies
 from vemcvx.scene.scene import InitialStresses, Scene, active_parts, compose, initial_stresses
 from vemcvx.scene.supports import Supports, by_precedence, on_free, resolve
-from vemcvx.vem import Space, rigid_modes
+from vemcvx.vem import Space, Stabilisation, energy_rows, rigid_modes
 
 # What drives a posed scene, over its free unknowns: the load, and the motion of its supports.
 
@@ -152,12 +152,24 @@ class PosedScene:
     laws: tuple[Contribution, ...] = ()
     """what materials contribute, but for their stiffness"""
 
+    @property
+    def energy_rows(self) -> Callable[[], sp.csr_matrix] | None:
+        """A function that gives F with F'F = K, without fill; None where not cells alone make K."""
+        if self.springs is not None or self.viscosity is not None:
+            return None
+        C, own = self.material.elastic(self.space.dim), self.material.stabilised(self.space.dim)
+        return partial(_energy_rows, self.space, C, own, self.supports.P)
+
     def force(self, t: float) -> Floats:
         """The nodal load f (n_u,) of everything but reactions."""
         f = np.zeros(self.A.shape[0])
         for load in self.loads:
             f += load.vector(t)
         return f
+
+
+def _energy_rows(space: Space, C: Floats, stabilisation: Stabilisation, P: sp.csr_matrix) -> sp.csr_matrix:
+    return sp.csr_matrix(energy_rows(space, C, stabilisation) @ P)
 
 
 @contextmanager

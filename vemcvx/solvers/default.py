@@ -3,7 +3,7 @@
 A solver of one's own is any object with `solve(program, target)`; it inherits from nothing and is registered nowhere.
 Its `solve` is given one scaled step at a time, a :class:`vemcvx.program.step_program.StepProgram`, with the duality gap
 asked for; parameters named lam and p, if it has them, get multipliers to begin with, which the steps before let expect.
-It returns an Answer, or (d, lam, p), (d, lam) or d alone.
+It returns an Answer, or (d, lam, p), (d, lam) or d alone; a whole number at the end of a tuple is its iterations.
 """
 
 from __future__ import annotations

@@ -45,6 +45,7 @@ from math import isqrt
 
 import numpy as np
 import scipy.sparse as sp
+from scipy.linalg.lapack import dpstrf
 
 from vemcvx.arrays import Bools, Floats, Ints, by_rows
 from vemcvx.vem.projection import CellGroup
@@ -260,13 +261,69 @@ def _deviatoric_in_space(C: Floats) -> Floats:
 def consistent_blocks(cells: CellGroup, C: Floats) -> Floats:
     """|K| eps(Pi u)' C eps(Pi v), the consistent part of a_K^h, as local matrices (c, n, n, dim, dim)."""
     measures, g = cells.gradients()
+    B = _strain_rows(g)
+    stress = np.einsum("ckl,cjlb->cjkb", C / measures[:, None, None], B)
+    blocks: Floats = np.einsum("cika,cjkb->cijab", B, stress)
+    return 0.5 * (blocks + blocks.transpose(0, 2, 1, 4, 3))
+
+
+def _strain_rows(g: Floats) -> Floats:
+    """|K| eps(Pi u) of a unit displacement of each vertex along each axis: (c, n, components, dim)."""
     dim = g.shape[2]
     B = np.zeros((*g.shape[:2], len(COMPONENTS[dim]), dim))
     for k, (a, b) in enumerate(COMPONENTS[dim]):
         B[:, :, k, a], B[:, :, k, b] = g[:, :, b], g[:, :, a]
-    stress = np.einsum("ckl,cjlb->cjkb", C / measures[:, None, None], B)
-    blocks: Floats = np.einsum("cika,cjkb->cijab", B, stress)
-    return 0.5 * (blocks + blocks.transpose(0, 2, 1, 4, 3))
+    return B
+
+
+def energy_rows(space: Space, C: Floats, stabilisation: Stabilisation) -> sp.csr_matrix:
+    """F (k, n_u) with F'F the matrix of a^h over all nodal values; a row of F reads the vertices of one cell alone.
+
+    Of a cell these are the roots of its two parts: |K|^{1/2} R eps(Pi u), R'R = C, and a Cholesky factor of the
+    stabilisation, as many rows as that has rank. F is no factor of the whole matrix, so nothing fills it.
+
+    Parameters
+    ----------
+    space : Space
+    C : (n_cells, 3, 3) array, in space (n_cells, 6, 6)
+        Zero on cells without a material.
+    stabilisation : Stabilisation
+    """
+    dim, rows = space.dim, 0
+    data, i, j = list[Floats](), list[Ints](), list[Ints]()
+    filled = C[:, 0, 0] > 0.0
+    for group in space.groups:
+        for chunk in group.part(np.flatnonzero(filled[group.cells])).chunks(CHUNK):
+            roots = _local_roots(chunk, C[chunk.cells], stabilisation)
+            columns = (dim * chunk.nodes[:, :, None] + np.arange(dim)).reshape(len(roots), 1, -1)
+            own = rows + np.arange(roots.shape[0] * roots.shape[1]).reshape(*roots.shape[:2], 1)
+            there = np.nonzero(roots)
+            data.append(roots[there])
+            i.append(np.broadcast_to(own, roots.shape)[there])
+            j.append(np.broadcast_to(columns, roots.shape)[there])
+            rows += own.size
+    entries = np.concatenate(data), (np.concatenate(i), np.concatenate(j))
+    return sp.csr_matrix(entries, shape=(rows, dim * space.mesh.n_nodes))
+
+
+def _local_roots(cells: CellGroup, C: Floats, stabilisation: Stabilisation) -> Floats:
+    """(c, r, n dim) rows whose squares add up to a_K^h(v, v) of cells with n vertices."""
+    measures, g = cells.gradients()
+    count, n, dim = g.shape
+    strain = _strain_rows(g).reshape(count, n, -1, dim).transpose(0, 2, 1, 3).reshape(count, -1, n * dim)
+    upper = np.linalg.cholesky(C / measures[:, None, None]).transpose(0, 2, 1)
+    consistent: Floats = np.matmul(upper, strain)
+    if cells.simplices:
+        return consistent
+    stable = np.zeros((count, n, n, dim, dim))
+    add_stabilisation(stable, cells, stabilisation, C)
+    size = n * dim
+    rank = size - dim * (dim + 1)  # linear displacements have no such energy
+    roots = np.zeros((count, rank, size))
+    for root, local in zip(roots, stable.transpose(0, 1, 3, 2, 4).reshape(count, size, size), strict=True):
+        factor, order, _, _ = dpstrf(local)
+        root[:, order - 1] = np.triu(factor)[:rank]
+    return np.concatenate([consistent, roots], axis=1)
 
 
 def cell_energies(space: Space, moduli: Floats, stabilisation: Stabilisation, u: Floats) -> Floats:

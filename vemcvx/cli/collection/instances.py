@@ -5,14 +5,15 @@ are Coulomb's, at the pressures of the solution; *discs* friction in space, a se
 several of them; *floating* a K with a kernel, held by friction and contact alone; *soft* obstacles that give way;
 *viscous* matrices of rates; *sticking* terms of which few slip; *degenerate* terms that are at rest and at their bound
 at once; *incompressible* and *units* K of condition up to 1e9 and numbers of other sizes; *large* sparse K of up to a
-million unknowns; *no optimum* programs that are infeasible or unbounded, with a certificate of that.
+million unknowns; *no optimum* programs that are infeasible or unbounded, with a certificate of that; *sequences* the
+256 steps of a run, each with the answer before for a start.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-VERSION = 3
+VERSION = 4
 """The version of the list below: other instances, or others under the same names, are another version."""
 INFEASIBLE, UNBOUNDED = "infeasible", "unbounded"
 
@@ -23,7 +24,7 @@ class Instance:
 
     In a degenerate instance the weights of terms that stick are lowered to what these carry: the answer stays, and
     every such term is at once at rest and at its bound. An instance with `without` has no optimum: it is infeasible or
-    unbounded.
+    unbounded. One of more than one of the `steps` is a sequence, which ends with that step.
     """
 
     grade: str
@@ -35,13 +36,15 @@ class Instance:
     condense: bool = True
     degenerate: bool = False
     without: str = ""
+    steps: int = 1
 
     @property
     def name(self) -> str:
         """A word with all settings but the grade."""
         ends = "-full" * (not self.condense), "-degenerate" * self.degenerate, f"-{self.without}" * bool(self.without)
         settings = "".join(f"-{setting.replace('=', '')}" for setting in self.settings)
-        return f"{self.problem}-n{self.n}-{self.step}of{self.of}{settings}{''.join(ends)}"
+        steps = f"{self.step - self.steps + 1}to" * (self.steps > 1) + f"{self.step}of{self.of}"
+        return f"{self.problem}-n{self.n}-{steps}{settings}{''.join(ends)}"
 
     @property
     def run(self) -> tuple[str, int, int, tuple[str, ...]]:
@@ -139,6 +142,11 @@ INSTANCES = (
     *_listed(DEGENERATE, degenerate=True),
     *NO_OPTIMUM,
 )
+SEQUENCES = tuple(
+    Instance(grade="sequences", problem=problem, n=n, of=256, step=256, steps=256)
+    for problem, n in ((PAPER, 32), ("block_with_grain", 6), (BLOCK, 4))
+)
+"""Of absolute values, of Coulomb's weights beside bounds, and of discs."""
 LARGE = _listed(ON_LARGE_MESHES, condense=False)
 """Instances that are written on demand only: minutes, and a gigabyte."""
 

@@ -14,9 +14,13 @@ All are given the program scaled by powers of two (:mod:`vemcvx.program.scaling`
 one in the units of a file. Solvers that cvxpy calls run as their libraries come, but for the tolerance, one number for
 all that the library has, and for limits on iterations, which make way for the limit on seconds. Ours, and those in
 files of users, have the duality gap 1/2 (tolerance |d*|)^2 as their target; where K has a kernel and they want none,
-they are asked for proximal points (:mod:`vemcvx.solvers.semidefinite`). Seconds are of the processor, all threads
+they are asked for proximal points (:mod:`vemcvx.solvers.semidefinite`). A sequence is asked for step by step, once cold
+and once warm, where every step is given what the one before has left: to solvers that cvxpy calls as it hands that on,
+answer or factors, to others their own multipliers. Errors are then the largest of all steps, in units of the largest
+|d*|_K, seconds and iterations those of all together. Seconds are of the processor, all threads
 together, for set-up and solve of the library, without cvxpy's compilation: the least of up to five calls within a tenth
-of a second.
+of a second. The limit is of the processor, too, where the system can count it, so that a busy machine makes nobody
+late; who does not compute at all is ended by the clock.
 
 Tolerances go from loose to tight, until the true error is at most the least that is asked of any and the certified one
 at most the middle one, or a trial does not end. Trials run in processes of their own. Each is written down before it
@@ -28,6 +32,7 @@ from __future__ import annotations
 import faulthandler
 import json
 import os
+import signal
 import time
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -41,16 +46,21 @@ from typing import Any
 
 import numpy as np
 
+try:
+    import resource
+except ImportError:  # on Windows
+    resource = None  # type: ignore[assignment]
+
 from vemcvx.arrays import Floats
 from vemcvx.cli.solver_names import named_solver
 from vemcvx.cost.workers import Crashed, Refused, alone
 from vemcvx.errors import NotAccepted, ProblemError, VemcvxError
-from vemcvx.exchange import read_program
+from vemcvx.exchange import sequence_from_npz
 from vemcvx.program.scaling import Scaling, scaling
 from vemcvx.program.step_program import Answer, SolvedProgram, StepProgram
 from vemcvx.solvers import Solver, ThroughCvxpy
 from vemcvx.solvers.semidefinite import ProximalPoints
-from vemcvx.solvers.solver import named_failures
+from vemcvx.solvers.solver import Prepared, named_failures
 from vemcvx.version import __version__
 
 ASKED = 1e-3, 1e-6, 1e-9
@@ -59,6 +69,10 @@ ANSWERED, FAILED, STOPPED, REFUSED = "answered", "failed", "out of time", "refus
 """What a trial comes to: an answer, however good; none; none in time; a program that the solver does not take."""
 REPEATS, LONG_ENOUGH = 5, 0.1
 """Calls of a trial, and the seconds after which it is called no more: the least of these is what others repeat."""
+COUNTS = hasattr(signal, "setitimer")
+"""Whether the system ends a process by its seconds of the processor; Windows does not."""
+BY_CLOCK = 10.0 if COUNTS else 1.0
+"""Seconds by the clock in which a trial must get one of the processor."""
 TOLERANCES: Mapping[str, tuple[str, ...]] = {
     "CLARABEL": ("tol_gap_abs", "tol_gap_rel", "tol_feas"),
     "CVXOPT": ("abstol", "reltol", "feastol"),
@@ -163,43 +177,64 @@ class Entrant:
             return (None,)
         return tuple(sorted({max(one, LEAST.get(name, 0.0)) for one in tolerances}, reverse=True))
 
-    def taking(self, program: StepProgram) -> Asking:
-        """A function of a tolerance that solves the program, compiled or scaled once.
+    def taking(self, programs: Sequence[StepProgram]) -> list[Asking]:
+        """Functions of a tolerance that solve these programs of the same operators, compiled or scaled once.
 
         Raises
         ------
         NotAccepted
             The solver does not take such a program, or is not installed.
         """
-        solver, operators = self.solver, program.operators
+        solver, operators = self.solver, programs[0].operators
         missing = operators.features - solver.accepts
         if missing:
             raise NotAccepted(f"solver {self.name}: takes no {' and no '.join(sorted(missing))}.")
         scales = scaling(operators)
-        alpha = scales.size(program) or 1.0
+        alpha = max(scales.size(program) for program in programs) or 1.0
         if isinstance(solver, ThroughCvxpy):
             solver.prepare(operators)
-            return _through_cvxpy(program, scales, alpha, self.typed.upper(), dict(self.options))
+            name, options = self.typed.upper(), dict(self.options)
+            return [_through_cvxpy(scales.scale(program, alpha), scales, alpha, name, options) for program in programs]
         if self.options:
             raise ProblemError(f"--option: {self.name} is not called through cvxpy; set its settings in its own file.")
-        return _own(program, scales, alpha, solver)
+        definite = operators.kernel is None or solver.semidefinite
+        prepared: Prepared = (
+            solver.prepare(scales.operators) if definite else ProximalPoints(solver, scales.operators, follows=False)
+        )
+        unit = _unit(programs)
+        return [_own(scales.scale(program, alpha), scales, alpha, prepared, unit) for program in programs]
 
 
 Found = tuple[float, Floats | None, Floats | None, Floats | None, int | None, str]
 """Seconds, d if there is an answer, lam, p, iterations, and what the solver says."""
-Asking = Callable[[float | None], Found]
+Memory = dict[str, Any] | None
+"""What the answer to a step of a sequence leaves for the next; empty before the first, None where each begins cold."""
+Asking = Callable[[float | None, Memory], Found]
 
 
-def _through_cvxpy(program: StepProgram, scales: Scaling, alpha: float, name: str, options: dict[str, Any]) -> Asking:
-    posed = scales.scale(program, alpha).to_cvxpy()
+def processor_seconds() -> float:
+    """The seconds of the processor that this process has taken, all threads together.
+
+    While a limit is set, Linux counts time.process_time() in ticks of 4 ms, and what ended between two as nothing.
+    """
+    if resource is None:
+        return time.process_time()
+    used = resource.getrusage(resource.RUSAGE_SELF)
+    return used.ru_utime + used.ru_stime
+
+
+def _through_cvxpy(scaled: StepProgram, scales: Scaling, alpha: float, name: str, options: dict[str, Any]) -> Asking:
+    posed = scaled.to_cvxpy()
     data, chain, inverse = posed.problem.get_problem_data(name, solver_opts={})
 
-    def ask(tolerance: float | None) -> Found:
+    def ask(tolerance: float | None, memory: Memory) -> Found:
         given = {**UNLIMITED.get(name, {}), **dict.fromkeys(TOLERANCES.get(name, ()), tolerance), **options}
-        start = time.process_time()
+        start = processor_seconds()
         # Some of cvxpy's interfaces change the dictionary that they are given.
-        raw = chain.solver.solve_via_data(dict(data), False, False, given, {})
-        seconds = time.process_time() - start
+        raw = chain.solver.solve_via_data(
+            dict(data), memory is not None, False, given, {} if memory is None else memory
+        )
+        seconds = processor_seconds() - start
         posed.problem.unpack_results(raw, chain, inverse)
         stats, status, d = posed.problem.solver_stats, posed.problem.status, posed.d.value
         iterations = None if stats is None else stats.num_iters
@@ -211,27 +246,27 @@ def _through_cvxpy(program: StepProgram, scales: Scaling, alpha: float, name: st
     return ask
 
 
-def _own(program: StepProgram, scales: Scaling, alpha: float, solver: Solver) -> Asking:
-    operators = scales.operators
-    definite = operators.kernel is None or solver.semidefinite
-    prepared = solver.prepare(operators) if definite else ProximalPoints(solver, operators, follows=False)
-    scaled, block, unit = scales.scale(program, alpha), operators.block, _unit(program)
+def _own(scaled: StepProgram, scales: Scaling, alpha: float, prepared: Prepared, unit: float) -> Asking:
+    nothing = np.zeros((len(scaled.w), scaled.operators.block)), np.zeros_like(scaled.e)
 
-    def ask(tolerance: float | None) -> Found:
+    def ask(tolerance: float | None, memory: Memory) -> Found:
         target = scales.energy(0.5 * ((tolerance or 0.0) * unit) ** 2, alpha)
-        start = time.process_time()
-        answer = prepared.solve(scaled, target, np.zeros((len(program.w), block)), np.zeros_like(program.e))
-        seconds = time.process_time() - start
+        begin = scales.guess(memory["lam"], memory["p"], alpha) if memory else nothing
+        start = processor_seconds()
+        answer = prepared.solve(scaled, target, *begin)
+        seconds = processor_seconds() - start
         answer = scales.restore(answer, alpha)
+        if memory is not None:
+            memory |= {"lam": answer.lam, "p": answer.p}
         # Who returns arrays alone does not say how many iterations they took.
         return seconds, answer.d, answer.lam, answer.p, answer.iterations or None, answer.status
 
     return ask
 
 
-def _unit(program: StepProgram) -> float:
-    """|d*|_K; 1 where that is zero, or there is no d*."""
-    return (program.norm or 1.0) if isinstance(program, SolvedProgram) else 1.0
+def _unit(programs: Sequence[StepProgram]) -> float:
+    """The largest |d*|_K; 1 where that is zero, or there is no d*."""
+    return max((program.norm for program in programs if isinstance(program, SolvedProgram)), default=0.0) or 1.0
 
 
 def measured(ask: Asking, program: StepProgram, tolerance: float | None, status: str = "") -> dict[str, Any]:
@@ -245,29 +280,65 @@ def measured(ask: Asking, program: StepProgram, tolerance: float | None, status:
         The solver fails, or its answer is not finite.
     """
     begun = time.perf_counter()
-    with named_failures("asked"), warnings.catch_warnings():
-        # What a library warns of, its status says.
-        warnings.simplefilter("ignore")
-        seconds, d, lam, p, iterations, says = ask(tolerance)
+    with _asked():
+        seconds, d, lam, p, iterations, says = ask(tolerance, None)
         for _ in range(REPEATS - 1):
             if time.perf_counter() - begun > LONG_ENOUGH:
                 break
-            seconds = min(seconds, ask(tolerance)[0])
+            seconds = min(seconds, ask(tolerance, None)[0])
         found = {"seconds": seconds, "iterations": None if iterations is None else int(iterations), "says": says}
         if status:
             error = 0.0 if says.lower().removesuffix("_inaccurate") == status else 1.0
             return {**found, "true": error, "certified": error}
-        if d is None:
-            raise ValueError(f"{says}, without an answer")
-        if not np.isfinite(d).all():
-            raise ValueError("its answer is not finite")
-    return {**found, **_judged(program, d, lam, p)}
+        return {**found, **_judged(program, _numbers(d, says), lam, p, _unit([program]))}
 
 
-def _judged(program: StepProgram, d: Floats, lam: Floats | None, p: Floats | None) -> dict[str, float]:
-    """Errors and residuals of an answer."""
+def measured_in_turn(
+    asks: Sequence[Asking], programs: Sequence[StepProgram], tolerance: float | None, warm: bool
+) -> dict[str, Any]:
+    """The fields of a trial of a sequence: sums of seconds and iterations, the largest of all else.
+
+    Raises
+    ------
+    SolverFailed
+        As of one step.
+    NotAccepted
+        It is to begin warm, and leaves nothing to begin with.
+    """
+    memory: Memory = {} if warm else None
+    unit, taken, judged = _unit(programs), [], []
+    with _asked():
+        for ask, program in zip(asks, programs, strict=True):
+            seconds, d, lam, p, iterations, says = ask(tolerance, memory)
+            taken.append((seconds, iterations or 0))
+            judged.append(_judged(program, _numbers(d, says), lam, p, unit))
+    if memory == {}:
+        raise NotAccepted("begins cold: it is handed nothing of the answer before.")
+    seconds, steps = (sum(column) for column in zip(*taken, strict=True))
+    worst = {name: max(one[name] for one in judged) for name in judged[0]}
+    return {"seconds": seconds, "iterations": int(steps) or None, "says": says, **worst}
+
+
+@contextmanager
+def _asked() -> Iterator[None]:
+    with named_failures("asked"), warnings.catch_warnings():
+        # What a library warns of, its status says.
+        warnings.simplefilter("ignore")
+        yield
+
+
+def _numbers(d: Floats | None, says: str) -> Floats:
+    if d is None:
+        raise ValueError(f"{says}, without an answer")
+    if not np.isfinite(d).all():
+        raise ValueError("its answer is not finite")
+    return d
+
+
+def _judged(program: StepProgram, d: Floats, lam: Floats | None, p: Floats | None, unit: float) -> dict[str, float]:
+    """Errors, in this unit, and residuals of an answer."""
     assert isinstance(program, SolvedProgram)
-    operators, best, unit = program.operators, program.answer.d, _unit(program)
+    operators, best = program.operators, program.answer.d
     certificate = program.certify(d, lam, p)
     lam, p = program.multipliers(d, lam, p)
     apart, rigid = d - best, operators.compliance == 0
@@ -306,6 +377,8 @@ def note(path: Path, trial: Trial) -> None:
 
 
 BEGUN = "begun"
+WARM = ", warm"
+"""The end of the name of a sequence where it is asked for warm."""
 Work = tuple[str, str, tuple[float | None, ...]]
 """An instance, its digest, and the tolerances that are left to be tried."""
 
@@ -350,7 +423,8 @@ class Running:
                 died = str(error)
             last = journal(self.path)[-1:]
             if last and last[0].outcome == BEGUN:
-                late = last[0].begun is not None and time.time() - last[0].begun >= self.limit
+                waited = time.time() - (last[0].begun or np.inf)
+                late = waited >= BY_CLOCK * self.limit or (COUNTS and died.endswith(f"signal {signal.SIGPROF.value}"))
                 outcome, words = (STOPPED, "") if late else (FAILED, f"its process ended: {died}")
                 note(self.path, replace(last[0], outcome=outcome, begun=None, says=words))
             elif died:
@@ -359,14 +433,15 @@ class Running:
     def tried(self, work: Sequence[Work]) -> None:
         """Try it on instances in this process, which ends where a trial takes longer than the limit."""
         for instance, digest, ladder in work:
-            program = read_program(self.folder / f"{instance}.npz")
-            status = json.loads((self.folder / f"{instance}.json").read_text(encoding="utf-8")).get("status", "")
-            if not status and not isinstance(program, SolvedProgram):
-                raise ProblemError(f"{self.folder / instance}.npz: has no answer to compare with.")
+            name = instance.removesuffix(WARM)
+            programs = sequence_from_npz(self.folder / f"{name}.npz")
+            status = json.loads((self.folder / f"{name}.json").read_text(encoding="utf-8")).get("status", "")
+            if not status and not isinstance(programs[0], SolvedProgram):
+                raise ProblemError(f"{self.folder / name}.npz: has no answer to compare with.")
             trial = partial(Trial, instance=instance, digest=digest, limit=self.limit)
             note(self.path, trial(tolerance=ladder[0], outcome=BEGUN, begun=time.time()))
             try:
-                ask = self.entrant.taking(program)
+                asks = self.entrant.taking(programs)
             except NotAccepted as error:
                 note(self.path, trial(tolerance=None, outcome=REFUSED, says=str(error)))
                 continue
@@ -374,7 +449,13 @@ class Running:
                 note(self.path, trial(tolerance=tolerance, outcome=BEGUN, begun=time.time()))
                 try:
                     with ended_after(self.limit):
-                        found = measured(ask, program, tolerance, status)
+                        if len(programs) == 1:
+                            found = measured(asks[0], programs[0], tolerance, status)
+                        else:
+                            found = measured_in_turn(asks, programs, tolerance, warm=name != instance)
+                except NotAccepted as error:
+                    note(self.path, trial(tolerance=None, outcome=REFUSED, says=str(error)))
+                    break
                 except VemcvxError as error:
                     note(self.path, trial(tolerance=tolerance, outcome=FAILED, says=str(error)))
                     break
@@ -387,8 +468,12 @@ class Running:
 def ended_after(seconds: float) -> Iterator[None]:
     """End this process, whatever it is doing, if what is within takes longer."""
     with open(os.devnull, "w") as nowhere:
-        faulthandler.dump_traceback_later(seconds, exit=True, file=nowhere)
+        faulthandler.dump_traceback_later(BY_CLOCK * seconds, exit=True, file=nowhere)
+        if COUNTS:
+            signal.setitimer(signal.ITIMER_PROF, seconds)
         try:
             yield
         finally:
             faulthandler.cancel_dump_traceback_later()
+            if COUNTS:
+                signal.setitimer(signal.ITIMER_PROF, 0.0)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from hashlib import sha256
 from itertools import groupby
@@ -15,19 +16,30 @@ import numpy as np
 import scipy.sparse as sp
 import typer
 
-from vemcvx.cli.collection.instances import CORE, INFEASIBLE, INSTANCES, LARGE, UNBOUNDED, VERSION, Instance
+from vemcvx.cli.collection.instances import (
+    CORE,
+    INFEASIBLE,
+    INSTANCES,
+    LARGE,
+    SEQUENCES,
+    UNBOUNDED,
+    VERSION,
+    Instance,
+)
 from vemcvx.cli.problem_file import read_problem
 from vemcvx.cli.supplied import problems_folder
 from vemcvx.cli.terminal import logged_at_most, progress_bar, say
 from vemcvx.errors import ProblemError, SceneWarning
-from vemcvx.exchange import FORMATS, encoded, put
+from vemcvx.exchange import FORMATS, description, encoded, in_json, put, sequence_to_npz
+from vemcvx.outline import Table
 from vemcvx.owned_files import ANY_KIND, Owned
 from vemcvx.program.step_program import SolvedProgram, StepProgram
+from vemcvx.results.results import programs_of_steps
 from vemcvx.simulation import simulate
 from vemcvx.solvers import Newton
 from vemcvx.version import __version__
 
-MANIFEST, SCRIPT, SUMS = "manifest.json", "confirm.py", "SHA256SUMS.txt"
+MANIFEST, OPTIMA, SCRIPT, SUMS = "manifest.json", "optima.csv", "confirm.py", "SHA256SUMS.txt"
 KINDS = rf"README\.md|LICENSE\.txt|CITATION\.cff|SHA256SUMS\.txt|{ANY_KIND}"
 """Names of the files that a collection may have."""
 README = """# A collection of convex programs from frictional contact, with certified optima
@@ -42,8 +54,10 @@ plane, a vector of two components in space. At the solution K d = g - B'lam - D'
 | file | what it holds |
 |---|---|
 | `NAME.npz` | K, B, D, g, w, b, e, c as NumPy arrays, and the answer d, lam, p |
+| `NAME-1toNofN.npz` | a sequence: g, w, b, e, d, lam, p have a row a step, K, B, D, c are those of all steps |
 | `NAME.json` | origin, sizes, condition of K, degenerate terms, the certified optimum with bounds on it |
 | `manifest.json` | the same of all instances in one file, with their grades, and which are of the core set |
+| `optima.csv` | name, sizes, and bounds on the least value, a line each: what two versions are compared by |
 | `confirm.py` | solves all by Clarabel and HiGHS, and confirms every optimum |
 | `SHA256SUMS.txt` | `sha256sum -c SHA256SUMS.txt` |
 
@@ -55,6 +69,10 @@ that the JSON names, `optimum.energy_error` over `optimum.energy_norm`, by the d
 optimum" have in place of an answer a vector `certificate`: of an infeasible one p >= 0 with D'p = 0 and e'p < 0; of an
 unbounded one a ray d with K d = 0, D d <= 0 and g'd > sum_i w_i |B_i d|.
 
+Sequences are for warm starts: 256 programs, the steps of a run, of which each is posed from the certified answer to the
+one before, so that errors of a solver do not add up. Their error is the largest of all steps, |d_k - d_k*|_K over the
+largest |d_k*|_K; their JSON has that of the worst step, and of values and bounds the sums.
+
 ## Your solver in ten minutes
 
 `pip install vemcvx[plot]`, or the checkout of it, and a file `mine.py`:
@@ -63,17 +81,21 @@ unbounded one a ray d with K d = 0, D d <= 0 and g'd > sum_i w_i |B_i d|.
 
     class Mine:
         def solve(self, program, target):
-            K, B, D = program.operators.K, program.operators.B, program.operators.D
+            operators = program.operators  # K is dense or sparse, B and D are sparse; block is 1, or 2 for discs
+            K, B, D, c, block = operators.K, operators.B, operators.D, operators.compliance, operators.block
             g, w, b, e = program.g, program.w, program.b, program.e
+            ...  # d (n,), lam (m, block), p (r,); program.project(lam) and program.feasible(d) are within the bounds
             ...  # solve it to a duality gap of `target`, program.duality_gap(d, lam, p) says how far it is
-            return d, lam, p  # or d alone: multipliers are recovered
+            return d, lam, p, iterations  # or (d, lam, p), or d alone: multipliers are recovered
 
     vemcvx benchmark . --solvers newton,clarabel,scs,mine.py:Mine --only core --time-limit 10
 
 sweeps the tolerances of all of them, takes for every solver and instance the cheapest that reaches a true error of
 1e-3, 1e-6 and 1e-9, and writes a table, performance profiles and means into `benchmark/`. Results are stored a solver
 and version; the command goes on where it was stopped, and shows what others have stored there, too. A solver that finds
-a program infeasible or unbounded says so by `return vemcvx.Answer(d, lam, iterations, status="infeasible")`.
+a program infeasible or unbounded says so by `return vemcvx.Answer(d, lam, iterations, status="infeasible")`. Sequences
+are tried twice, each step cold and each step warm: `def solve(self, program, target, lam, p)` is given the multipliers
+that it returned for the step before, zeros where it begins cold.
 
 Licence: BSD Zero Clause (LICENSE.txt): do with it what you like. To cite it: CITATION.cff.
 """
@@ -105,7 +127,7 @@ ACCURACY = 1e-14
 def write_collection(
     folder: Path,
     beside: str | None = None,
-    instances: Sequence[Instance] = INSTANCES,
+    instances: Sequence[Instance] = (*INSTANCES, *SEQUENCES),
     told: Callable[[str, int, int], None] = lambda *_: None,
 ) -> str:
     """Make every instance, write a file and its words for each, a manifest and the script; `beside` is a format.
@@ -122,16 +144,16 @@ def write_collection(
             written.append(files.take(name))
             return written[-1]
 
-        for done, (instance, program, proof) in enumerate(_made(instances)):
+        for done, (instance, programs) in enumerate(_made(instances)):
             told(instance.name, done, len(instances))
-            data = {end: data for form in forms for end, data in encoded(program, form).items() if data is not None}
-            words = {**json.loads(data[".json"]), **proof}
-            data[".json"] = f"{json.dumps(words, indent=1)}\n".encode()
+            data, words = _sequence(programs) if instance.steps > 1 else _single(instance, programs[0], forms)
+            data[".json"] = in_json(words)
             put({f"{instance.name}{end}": content for end, content in data.items()}, place)
             rows.append({"name": instance.name, "core": instance.name in CORE, **asdict(instance), **words})
         made = {"collection": VERSION, "vemcvx": __version__, "instances": rows}
         about = {"version": VERSION, "vemcvx": __version__}
         place(MANIFEST).write_text(json.dumps(made, indent=1) + "\n")
+        place(OPTIMA).write_text(optima(rows).csv())
         place(SCRIPT).write_text(Path(__file__).with_name(SCRIPT).read_text())
         place("README.md").write_text(README.format(**about))
         place("LICENSE.txt").write_text(LICENCE)
@@ -139,11 +161,55 @@ def write_collection(
         sums = "".join(f"{sha256(path.read_bytes()).hexdigest()}  {path.name}\n" for path in sorted(written))
         files.take(SUMS).write_text(sums)
     sizes = [row["unknowns"] for row in rows]
+    others = departures(rows)
+    as_published = "" if others else f"; {OPTIMA} agrees with that of version {VERSION}"
     return (
         f"{len(rows)} instances of 'vemcvx collection {VERSION}' in {folder}: {min(sizes)} to {max(sizes)} unknowns\n"
         f"{MANIFEST} has sizes, nonzeros, degenerate terms, conditions, certified optima; python {SCRIPT} confirms "
-        f"them; README.md says what the files hold"
+        f"them; README.md says what the files hold{as_published}"
+        + "".join(f"\nOTHER THAN VERSION {VERSION}: {words}" for words in others)
     )
+
+
+SIZES = "unknowns", "norm_terms", "block", "limits", "kernel", "steps"
+
+
+def optima(rows: Sequence[Mapping[str, Any]]) -> Table:
+    """Of instances, as the manifest has them: sizes, and between what numbers the least value is, or that none is."""
+
+    def cells(row: Mapping[str, Any]) -> list[str]:
+        optimum = row.get("optimum", {})
+        status, bounds = row.get("status", "optimal"), [repr(optimum[x]) if optimum else "" for x in ("low", "high")]
+        return [row["name"], row["grade"], *(str(row[name]) for name in SIZES), status, *bounds]
+
+    return Table(("name", "grade", *SIZES, "status", "low", "high"), [cells(row) for row in rows])
+
+
+def departures(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Sentences on instances that are others than those published with this version, in the list beside this file.
+
+    They are the same if sizes are, and if bounds on the least values overlap: their last digits are the machine's.
+    """
+    with Path(__file__).with_name(OPTIMA).open(encoding="utf-8", newline="") as file:
+        published = {row["name"]: row for row in csv.DictReader(file)}
+    found = []
+    for row in csv.DictReader(optima(rows).csv().splitlines()):
+        name, known = row["name"], published.get(row["name"])
+        if known is None:
+            found.append(f"{name} is not in it")
+            continue
+        found += [
+            f"{name} has {key} {row[key]}, not {known[key]}"
+            for key in ("grade", *SIZES, "status")
+            if row[key] != known[key]
+        ]
+        if row["low"] and known["low"]:
+            low, high = (pick(float(row[key]), float(known[key])) for pick, key in ((max, "low"), (min, "high")))
+            if low > high:
+                found.append(
+                    f"the optimum of {name} is at least {row['low']}, at most {row['high']}, not {known['high']}"
+                )
+    return found
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -167,12 +233,31 @@ class Collection:
             say(write_collection(self.out, self.form, (*chosen, *(LARGE if self.large else ())), told=shown))
 
 
-Proof = dict[str, Any]
-"""What the words of an instance without an optimum have beside the others': its status, and a vector that proves it."""
+Words = dict[str, Any]
+Written = tuple[dict[str, bytes], Words]
+"""Contents of files under the ends of their names, and the words for the JSON."""
 
 
-def _made(instances: Sequence[Instance]) -> Iterator[tuple[Instance, StepProgram, Proof]]:
-    """The instances with their programs; those of one run come from one run."""
+def _single(instance: Instance, solved: SolvedProgram, forms: Sequence[str]) -> Written:
+    """An instance of one step in these formats, its variant if it is one."""
+    program, proof = _variant(instance, solved)
+    files = {end: data for form in forms for end, data in encoded(program, form).items() if data is not None}
+    return files, {**json.loads(files[".json"]), **proof}
+
+
+def _sequence(programs: Sequence[SolvedProgram]) -> Written:
+    """A sequence; its value and the bounds on that are sums over all steps, errors those of the worst."""
+    each = [description(program) for program in programs]
+    optima = [words["optimum"] for words in each]
+    sums = {name: sum(one[name] for one in optima) for name in ("value", "low", "high")}
+    most = {name: max(one[name] for one in optima) for name in ("gap", "rounding_floor", "energy_error", "energy_norm")}
+    words = {**each[-1], "steps": len(programs), "optimum": {**sums, **most}}
+    words["degenerate"] = {name: sum(one["degenerate"][name] for one in each) for name in words["degenerate"]}
+    return sequence_to_npz(programs), words
+
+
+def _made(instances: Sequence[Instance]) -> Iterator[tuple[Instance, list[SolvedProgram]]]:
+    """The instances with the programs of their steps; those of one run come from one run."""
     here = problems_folder()
     for _, group in groupby(sorted(instances, key=lambda one: (*one.run, one.name)), key=lambda one: one.run):
         wanted = list(group)
@@ -191,10 +276,11 @@ def _made(instances: Sequence[Instance]) -> Iterator[tuple[Instance, StepProgram
                 progress=False,
             )
         for one in wanted:
-            yield one, *_variant(one, history.program(one.step, condense=one.condense))
+            numbers = range(one.step - one.steps + 1, one.step + 1)
+            yield one, list(programs_of_steps(history, numbers, one.condense))
 
 
-def _variant(instance: Instance, program: SolvedProgram) -> tuple[StepProgram, Proof]:
+def _variant(instance: Instance, program: SolvedProgram) -> tuple[StepProgram, Words]:
     if instance.degenerate:
         return _barely_sticking(program), {}
     if instance.without == INFEASIBLE:
@@ -213,7 +299,7 @@ def _barely_sticking(program: SolvedProgram) -> SolvedProgram:
     return replace(program, w=np.minimum(lower, program.w))
 
 
-def _pinched(program: SolvedProgram) -> tuple[StepProgram, Proof]:
+def _pinched(program: SolvedProgram) -> tuple[StepProgram, Words]:
     """The program with a second obstacle opposite the first, which it overlaps.
 
     D_1 d <= e_1 and -D_1 d <= -e_1 - |e|_oo contradict each other: their sum is 0 <= -|e|_oo.
@@ -228,7 +314,7 @@ def _pinched(program: SolvedProgram) -> tuple[StepProgram, Proof]:
     return StepProgram(both, program.g, program.w, program.b, e), {"status": INFEASIBLE, "certificate": p.tolist()}
 
 
-def _pushed_off(program: SolvedProgram) -> tuple[StepProgram, Proof]:
+def _pushed_off(program: SolvedProgram) -> tuple[StepProgram, Words]:
     """The program whose load pushes it along a motion of the kernel twice as hard as friction holds it there.
 
     Along the ray r, K r = 0 and D r <= 0, the objective falls by g'r - sum w_i |B_i r| > 0 for each length of r.

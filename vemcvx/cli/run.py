@@ -19,7 +19,7 @@ from vemcvx.arrays import Floats
 from vemcvx.canvas import new_figure
 from vemcvx.cli.options import CELLS, NONE, Accuracy, Condense, File, Linear, Mesh, N, Of, Settings, SolverName, Threads
 from vemcvx.cli.problem_file import SPACE_N, Problem, is_file, read_problem
-from vemcvx.cli.report import check_report, with_errors, write_report
+from vemcvx.cli.report import REPORT, check_report, with_errors, write_report
 from vemcvx.cli.show import mesh_name
 from vemcvx.cli.solver_names import named_linear, named_solver, on_threads, served
 from vemcvx.cli.supplied import problems_folder
@@ -35,7 +35,7 @@ from vemcvx.meshes import AnyMesh
 from vemcvx.outline import coordinates
 from vemcvx.owned_files import Owned
 from vemcvx.plots import write_plots
-from vemcvx.plots.pictures import check_pictures, left_out
+from vemcvx.plots.pictures import PICTURES, check_pictures, left_out
 from vemcvx.plots.style import Units, in_units
 from vemcvx.results import files
 from vemcvx.results.files import ARCHIVE, SERIES, SUMMARY, Origin, listed_tables
@@ -164,6 +164,10 @@ class Run:
                 why=left,
             )
             lines.append(f"report      {path}")
+        made = {REPORT: self.report} | {f"{name}.png": self.plot for name in PICTURES}
+        earlier = [name for name, anew in made.items() if folder is not None and not anew and (folder / name).exists()]
+        if earlier:
+            lines.append(f"remain      {', '.join(earlier)}: of an earlier run; --report and --plot make them anew")
         return history, [f"{problem.name}: {problem.title}", *told, *lines]
 
     def _study(self, problem: Problem, several: list[tuple[str, ...]]) -> None:

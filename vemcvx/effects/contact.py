@@ -292,7 +292,11 @@ class TrescaFriction(Effect):
             bias, steady = None if self.backward is None else bounds.bias, not varies(self.bound, self.backward)
             in_the_air = self.while_closed is None
             acts = {"weights": bounds.weights, "steady": steady, "bias": bias, "in_the_air": in_the_air}
-        return _rubbing(self, space, rows, subject, along=("bound", self.bound), read=bounds.integrated, **acts)
+
+        def mean(value: data.Datum, t: float, name: str) -> Floats:
+            return bounds.integrated(value, t, name) / rows.lengths
+
+        return _rubbing(self, space, rows, subject, along=("bound", self.bound), read=mean, **acts)
 
     def describe(self) -> str:
         back = "" if self.backward is None else f" forward, {amount(self.backward)} backward,"

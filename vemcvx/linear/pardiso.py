@@ -129,9 +129,10 @@ class PardisoFactor(DirectFactor):
             S = own.ravel(order="F")[: m * m].reshape(m, m)[np.ix_(rank, rank)]
         except RuntimeError as error:
             raise singular() from error
-        self._upper, info = dpotrf(S.T, lower=0, clean=0) if m else (S, 0)
+        upper, info = dpotrf(S.T, lower=0, clean=0) if m else (S, 0)
         if info > 0:
             raise singular()
+        self._upper: Floats = upper
         self.schur: Floats = self.unit * S
 
     def check_definite(self) -> None:

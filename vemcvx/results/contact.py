@@ -186,7 +186,7 @@ def contact_history(posed: PosedScene, trajectory: Trajectory, u: Floats, forces
         pressure=pressure,
         traction_recovered=smooth[0],
         pressure_recovered=smooth[1],
-        sticking=_sticking(trajectory, slip, at),
+        sticking=_sticking(trajectory, slip, terms, at),
         wear=_per_length(trajectory.worn, at, length),
         wear_second_order=_per_length(trajectory.worn_second_order, at, length),
         accumulated_slip=slipped,
@@ -270,25 +270,30 @@ def _bounds(posed: PosedScene, trajectory: Trajectory, at: Ints, length: Floats)
     return _per_length(weights + tilt, at, length), _per_length(weights - tilt, at, length)
 
 
-def _sticking(trajectory: Trajectory, slip: Floats, at: Ints) -> Bools:
+def _sticking(trajectory: Trajectory, slip: Floats, terms: Terms, at: Ints) -> Bools:
     """Return True if each node kept its place in the step that led to a row, (S, m).
 
     With friction, as the certificate tells; without, where both ends of the step are stored, by comparing them;
-    else a node without friction counts as sliding, unless the step had nothing to solve.
+    else a node without friction counts as sliding, unless the step had nothing to solve. Friction along a line alone is
+    both: what it does not read slides as without.
     """
     sticking = np.ones(slip.shape[:2], dtype=bool)
-    smooth = np.setdiff1d(np.arange(slip.shape[1]), at)
+    along, rails = terms.tangents[:, 0], terms.elliptic & ~terms.tangents[:, -1].any(axis=1)
+    smooth = np.union1d(np.setdiff1d(np.arange(slip.shape[1]), at), at[rails])
+    free = np.zeros((slip.shape[1], slip.shape[2]))
+    free[at[rails]] = along[rails]
     for row, n in enumerate(trajectory.stored):
         np.logical_and.at(sticking[row], at, trajectory.sticking[row])
         if n == 0 or len(smooth) == 0:
             continue
         if row > 0 and trajectory.stored[row - 1] == n - 1:
-            moved = np.abs(slip[row] - slip[row - 1]).max(axis=1)
-            sticking[row, smooth] = (moved <= 8 * EPS * np.abs(slip[row]).max())[smooth]
+            step = slip[row] - slip[row - 1]
+            moved = np.abs(step - np.sum(step * free, axis=1)[:, None] * free).max(axis=1)
+            kept = moved <= 8 * EPS * np.abs(slip[row]).max()
         else:
-            sticking[row, smooth] = trajectory.iterations[n] == 0
+            kept = np.full(slip.shape[1], trajectory.iterations[n] == 0)
+        sticking[row, smooth] &= kept[smooth]
     return sticking
-
 
 def _closed(posed: PosedScene, trajectory: Trajectory, u: Floats) -> Bools:
     """Return True if each node touches its obstacle, (S, m); true where nothing can open."""

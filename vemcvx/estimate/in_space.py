@@ -14,6 +14,10 @@ h_K is the longest side of the box with the cell's second moments, and l_e the w
 sum. The other part asks for less than the stabilisation of K, which on a cube is 5.6 times the energy of what Pi misses
 of x y; estimates with that were 2.2 to 3.0 of the error. Tetrahedra have no such parts.
 
+Where a body hardly changes its volume, residuals over mu are of |u - u_h| and |p - p_h| / sqrt(2 mu) together, p the
+pressure, of which the energy feels mu / lambda alone: on 4^3 Voronoi cells at lambda = 1e6 they are 2.9 times the error
+in energy, and 1.4 times both.
+
 Friction and pressure act on faces as on their corners: each node that a row of contact stands for bears the row's force
 by the share int_f phi_i that it has in the face.
 

@@ -129,7 +129,8 @@ class PardisoFactor(DirectFactor):
             S = own.ravel(order="F")[: m * m].reshape(m, m)[np.ix_(rank, rank)]
         except RuntimeError as error:
             raise singular() from error
-        self._upper, info = dpotrf(S.T, lower=0, clean=0) if m else (S, 0)
+        upper, info = dpotrf(S.T, lower=0, clean=0) if m else (S, 0)
+        self._upper: Floats = upper
         if info > 0:
             raise singular()
         self.schur: Floats = self.unit * S

@@ -218,6 +218,17 @@ def test_the_choice_is_by_size_and_can_be_overridden(caplog):
     assert chosen == (Multigrid() if find_spec("pyamg") else direct)
 
 
+def test_a_factor_in_other_units_has_the_flexibility_of_the_matrix_in_them():
+    """To the bit, as these are powers of two, of some unknowns as of all."""
+    n, some, D = 7, np.array([1, 2, 5]), 2.0 ** np.arange(-3, 4)
+    K = np.eye(n) + 0.1 * np.ones((n, n))
+    plain, scaled = DenseCholesky(K), Scaled(DenseCholesky(K), D, 4.0)
+    for F in (some, np.arange(n)):
+        undo = 2.0 / D[F]
+        assert np.array_equal(scaled.flexibility(F, n), undo[:, None] * plain.flexibility(F, n) * undo)
+    assert scaled.flexibility(np.arange(n), n) @ (D[:, None] * K * D / 4.0) == pytest.approx(np.eye(n), abs=1e-13)
+
+
 @pytest.mark.parametrize(("installed", "gigabytes"), [(True, (0.2, 3.6)), (False, (0.66, 19.0))])
 def test_in_space_the_choice_is_by_the_memory_that_is_foreseen(monkeypatch, caplog, installed, gigabytes):
     """And said beforehand: of cubes with 26,040 unknowns as measured, and of 260,000."""
@@ -231,6 +242,7 @@ def test_in_space_the_choice_is_by_the_memory_that_is_foreseen(monkeypatch, capl
     able = Multigrid() if find_spec("pyamg") else direct
     assert choose_linear(2_000_000, modes=6) == able
     assert choose_linear(260_000, modes=6) == (direct if installed else able)
+    assert choose_linear(66_825, modes=6, retained=6_075) == direct  # 2,025 contacts
     assert choose_linear(30_000, modes=6, retained=10_000) == able
     # In the plane factors are sparser.
     assert choose_linear(2_000_000, modes=3) == direct

@@ -122,7 +122,8 @@ TOPICS = {
         "vem.anisotropic_stiffness vem.elastic_matrix vem.softest_shear vem.mean_shear vem.VertexWeights vem.InRegions "
         "vem.stabilisation_of vem.consistent_blocks vem.energy_rows vem.cell_energies vem.missed_energies "
         "vem.mean_strains vem.cell_load vem.cell_quadrature vem.edge_load vem.edge_part vem.stress_load vem.strains "
-        "vem.stresses vem.isotropic_stress vem.equivalent vem.principal vem.component_names vem.tractions vem.tangents_of "
+        "vem.stresses vem.isotropic_stress vem.equivalent vem.principal vem.component_names vem.tractions "
+        "vem.tangents_of "
         "vem.rigid_modes vem.split_motion vem.solid_places vem.upper_triangle",
         modules="vem.elasticity",
     ),

@@ -49,7 +49,7 @@ def scene_with(body: str) -> vx.Scene:
     return vx.Scene(vx.Elasticity(young=200.0, poisson=0.3), vx.Clamp(on="right"), pull, *contact, *loads)
 
 
-def main(family: str, n: int, body: str = "none", steps: int = 4) -> None:
+def main(family: str, n: int, body: str = "none", steps: int = 6) -> None:
     """Print the figures as JSON."""
     mesh, times = vx.meshes.FAMILIES[family](n), np.linspace(0.0, 1.0, steps + 1)
     scene = scene_with(body)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.optimize import brentq
@@ -69,6 +71,11 @@ def test_a_sheared_block_follows_its_closed_form(family, across):
     assert np.abs(contact.traction[:, :, :2] + q[:, None]).max() < 1e-9
     slips = ~contact.sticking
     assert slips[2:].any()
+    moved = np.abs(np.diff(a, axis=0, prepend=0.0)).max(axis=1) > 1e-10
+    np.testing.assert_array_equal(slips, np.broadcast_to(moved[:, None], slips.shape))
+    if across == 0.0:
+        # What slides across the line alone is not at the bound.
+        slips &= (np.abs(np.diff(a @ AXES[0], prepend=0.0)) > 1e-10)[:, None]
     # |friction| is at its bound, which is that in its direction.
     size = np.linalg.norm(contact.traction, axis=2)
     assert contact.bound[slips] == pytest.approx(size[slips], abs=1e-9)
@@ -245,7 +252,11 @@ REFUSED = {
     ),
     "no bound along": (
         vx.TrescaFriction(0.0, across=2.0, **BELT),
-        r"found bound = 0 and across = 0\.125 at \[0\. 0\. 0\.\] and t = 0; bound must be > 0 where across is\.$",
+        r"found bound = 0 and across = 2 at \[0\. 0\. 0\.\] and t = 0; bound must be > 0 where across is\.$",
+    ),
+    "a ratio of bounds that changes": (
+        vx.TrescaFriction(lambda x, t: np.full(len(x), 0.7 * (1 + t)), across=0.25, **BELT),
+        r"found bound = 1\.05 and across = 0\.25 at \[0\. 0\. 0\.\] and t = 0\.5; their ratio must not change in ",
     ),
     "a ratio that changes": (
         vx.CoulombFriction(0.4, across=lambda x, t: 0.1 + t, **BELT),
@@ -260,6 +271,20 @@ def test_what_makes_no_ellipse_is_refused_in_a_sentence(name):
     effect, sentence = REFUSED[name]
     with pytest.raises(vx.SceneError, match=sentence):
         vx.simulate(vx.Scene(*PUSHED, effect), vx.meshes.cubes(2), [0.0, 0.5, 1.0])
+
+
+@pytest.mark.parametrize("direction", [(1.0, 0.0, 0.0), (0.6, 0.8, 0.0)])
+@pytest.mark.parametrize("friction", [vx.TrescaFriction(0.02, on="bottom"), vx.CoulombFriction(0.5, on="bottom")])
+def test_what_slides_across_a_line_of_friction_slips(friction, direction):
+    """The plate above carries the block along; friction along the line alone holds nothing of it."""
+    across = np.array([-direction[1], direction[0], 0.0])
+    plate = vx.PrescribedDisplacement(lambda x, t: np.tile(0.01 * t * across, (len(x), 1)), on="top")
+    line = replace(friction, direction=direction, across=0.0)
+    contact = vx.UnilateralContact if isinstance(friction, vx.CoulombFriction) else vx.BilateralContact
+    scene = vx.Scene(vx.Elasticity(10.0, 0.0), plate, contact(on="bottom"), line)
+    history = vx.simulate(scene, vx.meshes.cubes(1), [0.0, 0.5, 1.0])
+    np.testing.assert_allclose(history.contact.slip[-1], np.tile(0.01 * across, (4, 1)), atol=1e-12)
+    assert not history.contact.sticking[1:].any()
 
 
 def test_it_is_refused_in_the_plane():

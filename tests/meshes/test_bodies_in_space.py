@@ -269,11 +269,19 @@ def test_names_data_and_predicates_leave_interfaces_alone():
 
 
 APART = ((1.0, 2.0), (0.0, 1.0), (0.0, 1.0))
+
+
+def quarter(radii, sectors):
+    """A quarter of a tube; two of unequal sides cross."""
+    return vx.meshes.ring(radii, sectors, angles=(0.0, 0.5 * np.pi)).extruded([0.0, 0.4])
+
+
 REFUSED = [
     ({"a": cubes(1), "b": cubes(1)}, r"'a' and 'b' overlap near \("),
     ({"a": cubes(1), "b": cubes(2, ((0.5, 1.5), (0, 1), (0, 1)))}, r"'a' and 'b' overlap near \(0\.75"),
     ({"a": cubes(1), "b": cubes(2, ((0.2, 0.8), (0.2, 0.8), (0.2, 0.8)))}, "'a' and 'b' overlap near"),
     ({"a": cubes(1), "b": cubes(2, ((0.2, 0.8), (0.2, 0.8), (0.2, 1.0)))}, "'a' and 'b' overlap near"),
+    ({"a": quarter([0.9, 1.0], 8), "b": quarter([1.0, 1.1], 6)}, "'a' and 'b' overlap near .* give tolerance="),
     ({"a": cubes(1), "b": cubes(1, ((1, 2), (1, 2), (0, 1)))}, r"touch only in an edge or a point, near \(1, 1, 0\)"),
     ({"a": cubes(1), "b": cubes(1, ((1, 2), (1, 2), (1, 2)))}, r"touch only in an edge or a point, near \(1, 1, 1\)"),
     ({"a": cubes(1), "b": cubes(1, ((0.2, 0.8), (1, 2), (1, 2)))}, r"touch only in an edge .* let them share a face"),

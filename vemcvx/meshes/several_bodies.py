@@ -484,10 +484,6 @@ def _check_apart_in_space(
     offsets, vertices = rows_in_order(mesh.face_offsets, mesh.face_vertices, free)
     of_face = body[vertices[offsets[:-1]]]
     shapes = type(mesh._face_shapes)(*(values[free] for values in mesh._face_shapes))
-    upon = faces_upon(mesh.points, offsets, vertices, shapes, width=width, body=of_face)
-    if upon:
-        a, b = (repr(names[k]) for k in sorted(of_face[list(upon.faces)]))
-        raise _hardly_apart(a, b, upon.distance, width, shapes.centroids[upon.faces[1]])
     rim = distinct(vertices[~touches[vertices]])
     places = np.concatenate([mesh.points[rim], shapes.centroids - width * shapes.normals])
     of_place = np.concatenate([body[rim], of_face])
@@ -499,6 +495,10 @@ def _check_apart_in_space(
         if len(inside):
             a, b = (repr(names[k]) for k in sorted((own, int(of_place[inside[0]]))))
             raise _overlap(a, b, places[inside[0]])
+    upon = faces_upon(mesh.points, offsets, vertices, shapes, width=width, body=of_face)
+    if upon:
+        a, b = (repr(names[k]) for k in sorted(of_face[list(upon.faces)]))
+        raise _hardly_apart(a, b, upon.distance, width, shapes.centroids[upon.faces[1]])
 
 
 # Of both.

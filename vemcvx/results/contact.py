@@ -295,6 +295,7 @@ def _sticking(trajectory: Trajectory, slip: Floats, terms: Terms, at: Ints) -> B
         sticking[row, smooth] &= kept[smooth]
     return sticking
 
+
 def _closed(posed: PosedScene, trajectory: Trajectory, u: Floats) -> Bools:
     """Return True if each node touches its obstacle, (S, m); true where nothing can open."""
     closed, met = np.ones((len(u), len(posed.surface.nodes)), dtype=bool), [(posed.obstacles, trajectory.pressures)]

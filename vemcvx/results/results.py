@@ -500,9 +500,10 @@ def with_origin(
     programs: Iterator[SolvedProgram], posed: PosedScene, effects: Sequence[str], condense: bool, **more: str
 ) -> Iterator[SolvedProgram]:
     """The programs, which now say what scene and mesh they are of, and whose cells K is made of."""
-    mesh, rows = posed.space.mesh, None if condense else posed.energy_rows
     for program in programs:
-        yield replace(program, origin={"scene": list(effects), "mesh": size_of(mesh), **more}, energy_rows=rows)
+        rows = None if condense else posed.energy_rows
+        origin = {"scene": list(effects), "mesh": size_of(posed.space.mesh), **more}
+        yield replace(program, origin=origin, energy_rows=rows)
 
 
 def size_of(mesh: AnyMesh) -> dict[str, Any]:

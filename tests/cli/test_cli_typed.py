@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scenes import paper_scene
 from test_cli_supplied import call
+from typer.testing import CliRunner
 
 import vemcvx as vx
-from vemcvx.cli import report
+from vemcvx.cli import app, report
 from vemcvx.cli.problem_file import Problem, read_problem
 from vemcvx.cli.report import _unit, _without_limit
-from vemcvx.cli.run import Run
 from vemcvx.cost import study
 from vemcvx.errors import ProblemError
 
@@ -78,13 +79,27 @@ def test_a_study_says_what_has_no_limit_and_which_target_is_missed():
     assert not table[-2].endswith("target not met")
 
 
-def test_a_report_names_the_stage_in_which_it_estimates(monkeypatch):
+@pytest.mark.long
+def test_a_report_names_the_stage_in_which_it_estimates(tmp_path, monkeypatch):
     stages = []
+    spied = nullcontext(lambda doing, *_: stages.append(doing))
+    monkeypatch.setattr("vemcvx.cli.run.progress_bar", lambda *_: spied)
     monkeypatch.setattr("vemcvx.cli.run.with_errors", lambda history: (history, ""))
-    history = SimpleNamespace(quantities=None)
-    Run(file="x", report=True)._with_errors(history, lambda doing, *_: stages.append(doing))
-    Run(file="x")._with_errors(history, lambda doing, *_: stages.append(doing))
-    assert stages == ["estimating errors, in finer steps and on a finer mesh"]
+    monkeypatch.setattr("vemcvx.cli.run.write_report", lambda *_, **__: tmp_path)
+    given = ("run", "feng_han_huang", "--n", "2", "--steps", "2", "--out", str(tmp_path))
+    for more in ((), ("--report",)):
+        assert CliRunner().invoke(app, [*given, *more]).exit_code == 0
+    assert stages.count("estimating errors, in finer steps and on a finer mesh") == 1
+
+
+@pytest.mark.long
+def test_a_run_names_the_report_that_an_earlier_one_left(tmp_path, monkeypatch):
+    given = ("run", "feng_han_huang", "--n", "2", "--steps", "2", "--out", str(tmp_path))
+    (tmp_path / "report.html").write_text("an earlier one")
+    said = CliRunner().invoke(app, given).output
+    assert "remain      report.html: of an earlier run; --report and --plot make them anew" in said
+    (tmp_path / "report.html").unlink()
+    assert "an earlier run" not in CliRunner().invoke(app, given).output
 
 
 def test_contact_is_told_where_there_is_some_and_slip_where_there_is_friction():

@@ -388,7 +388,7 @@ def labelled(history: Results) -> Iterator[tuple[str, NDArray[Any], Quantity]]:
     """Give every array of a history with its name and what there is to say of it."""
     for prefix, kind in RECORDS.items():
         record = attrgetter(prefix[:-1])(history) if prefix else history
-        for name, of in quantities(kind).items() if isinstance(record, kind) else ():
+        for name, of in quantities(type(record)).items() if isinstance(record, kind) else ():
             if (values := getattr(record, name)) is not None:
                 yield prefix + name, values, of
 

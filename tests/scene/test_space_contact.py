@@ -148,7 +148,7 @@ def test_nothing_depends_on_which_tangents_are_taken(monkeypatch):
         c, s = np.cos(angle)[:, None], np.sin(angle)[:, None]
         return np.stack([c * first + s * second, c * second - s * first], axis=1)
 
-    for module in ("scene.contact", "scene.scene", "scene.supports", "effects.effect"):
+    for module in ("scene.contact", "scene.supports", "vem"):
         monkeypatch.setattr(f"vemcvx.{module}.tangents_of", turned)
     after = rubbed(mesh)
     assert not np.allclose(before.trajectory.multipliers, after.trajectory.multipliers)

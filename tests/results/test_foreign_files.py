@@ -219,14 +219,14 @@ def test_commands_at_once_leave_the_history_of_one(tmp_path):
 
 def test_a_command_says_where_it_went_on(tmp_path, monkeypatch):
     monkeypatch.setattr(trajectory, "BETWEEN", 0.0)
-    write = simulation.files.write_results
+    write = simulation.write_results
 
     def full(*_):
         raise vx.HistoryError("the disk is full")
 
-    monkeypatch.setattr(simulation.files, "write_results", full)
+    monkeypatch.setattr(simulation, "write_results", full)
     assert invoke("--out", tmp_path, "--store", "last").exit_code == 2
-    monkeypatch.setattr(simulation.files, "write_results", write)
+    monkeypatch.setattr(simulation, "write_results", write)
     done = invoke("--resume", tmp_path, "--store", "last")
     assert done.exit_code == 0, done.output
     assert "resumed     after step 3 of 3" in done.output

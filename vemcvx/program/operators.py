@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike
-from scipy.linalg.blas import dsymv
 from scipy.sparse.linalg import eigsh
 
 from vemcvx.arrays import (
@@ -447,7 +446,7 @@ class Operators(ArrayRecord):
 
     def force(self, d: Floats) -> Floats:
         """K d, without the part along K's kernel, which is rounding."""
-        force = product(self.K, d)
+        force: Floats = self.K @ d
         return force if self.kernel is None else force - self.kernel @ (self.kernel.T @ force)
 
     def multiplier_force(self, lam: Floats, p: Floats) -> Floats:
@@ -606,10 +605,4 @@ def shifted(K: Matrix, diagonal: Floats) -> Matrix:
 
 def energy_norm(K: Matrix, d: Floats) -> float:
     """|d|_K of increments d (n,)."""
-    return float(np.sqrt(max(float(d @ product(K, d)), 0.0))) if d.any() else 0.0
-
-
-def product(K: Matrix, d: Floats) -> Floats:
-    """K d, (n,): of a dense K one triangle is read, which takes half the time where memory takes it."""
-    dense = isinstance(K, np.ndarray) and len(d) > 0
-    return np.asarray(dsymv(1.0, K.T, d) if dense else K @ d)
+    return float(np.sqrt(max(float(d @ (K @ d)), 0.0))) if d.any() else 0.0

@@ -37,7 +37,7 @@ from vemcvx.arrays import EPS, Floats, brief, is_whole, lengths, of_shape, read_
 from vemcvx.errors import SceneError, SolverFailed
 from vemcvx.outline import ArrayRecord
 from vemcvx.program.certificate import Certificate, limit_gaps, moved_gap, norm_gaps
-from vemcvx.program.operators import Operators, Rows, product
+from vemcvx.program.operators import Operators, Rows
 
 if TYPE_CHECKING:
     import cvxpy as cp
@@ -211,7 +211,7 @@ class StepProgram(ArrayRecord):
 
     def residual(self, d: Floats, lam: Floats, p: Floats) -> Floats:
         """r = g - B'lam - D'p - K d, the forces that do not balance, (n,)."""
-        return self.g - self.operators.multiplier_force(lam, p) - product(self.operators.K, d)
+        return self.g - self.operators.multiplier_force(lam, p) - self.operators.K @ d
 
     def objective(self, d: Floats) -> float:
         """The energy that the step minimises; infinite beyond a bound."""

@@ -18,7 +18,6 @@ from __future__ import annotations
 from math import sqrt
 
 import numpy as np
-from scipy.linalg.blas import dsymv
 
 from vemcvx.program.operators import Operators, Rows
 from vemcvx.program.step_program import StepProgram
@@ -47,7 +46,7 @@ def swept(program: StepProgram, law: PressureLaw, start: Iterate) -> Iterate:
     ahead = unit * np.append(program.slip(free), program.excess(free))
     x = y = np.append(start.lam, start.p) / unit
     for _ in range(SWEEPS):
-        last, x = x, dsymv(1.0, descent.T, y, 1.0, ahead)
+        last, x = x, ahead + descent @ y
         lam, p = operators.blocks(x[norms]), x[limits]
         np.maximum(p, 0.0, out=p)
         w, size = without + follow(p), np.sqrt(np.einsum("ij,ij->i", lam, lam))

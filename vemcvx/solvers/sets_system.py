@@ -43,7 +43,7 @@ from scipy.sparse.csgraph import connected_components
 
 from vemcvx.arrays import Bools, Floats, Ints, lengths
 from vemcvx.linear import Factor
-from vemcvx.program.operators import Operators, Rows, product, restricted, transverse
+from vemcvx.program.operators import Operators, Rows, restricted, transverse
 from vemcvx.solvers.newton import FOLLOWS, Sets
 
 
@@ -329,7 +329,7 @@ class SetsSystem:
 
     def _stiff(self, d: Floats) -> Floats:
         """(S + T) d."""
-        place, force = self._place, product(self._place.S, d)
+        place, force = self._place, self._place.S @ d
         if self._H is None:
             return force
         read = place.rows.read(d)

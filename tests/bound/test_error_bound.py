@@ -14,6 +14,8 @@ from random_scenes import coarse_mesh, random_scene
 from scenes import FAMILIES, few_families, paper_scene
 from typer.testing import CliRunner
 
+import hertz_contact
+import hertz_two_cylinders
 import manufactured_full_slip as full_slip
 import missed_reversal
 import vemcvx as vx
@@ -92,7 +94,7 @@ def test_the_error_of_full_slip_is_bounded_from_both_sides(family):
 @pytest.mark.parametrize("poisson", [0.0, 0.3, 0.49, 0.4999, 0.4999995, 0.4999999])
 @pytest.mark.parametrize("family", FAMILIES)
 def test_the_error_of_full_slip_is_bounded_for_all_poisson_ratios(family, poisson):
-    for n in (8, 16, 32):
+    for n in (8, 16, 32, 64):
         history = slipped(poisson, family, n)
         bound, error = vx.error_bound(history, step=-1), exact_error(history, poisson)
         # Near 1/2 rounding in lambda div u is what all are exact to.
@@ -301,6 +303,20 @@ def test_bounds_of_two_bodies_agree_on_the_energy_that_a_step_makes_least(name):
     assert max(low, least) <= min(high, most)
     assert most - least < high - low
     assert all(bound.upper <= 1.6 * bound.lower for bound in found)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["a parabolic cylinder", "two cylinders", "press fit", "one-sided"])
+def test_bounds_of_contact_hold_against_much_finer_meshes(name):
+    """Hertz' contact in a gap that is no polygon, one and two bodies, and the stacks; as of random scenes."""
+    hertz = {"a parabolic cylinder": hertz_contact, "two cylinders": hertz_two_cylinders}.get(name)
+    scene, mesh = (STACKS[name], stacked(4)) if hertz is None else (hertz.scene(), hertz.mesh(4))
+    coarse = vx.simulate(scene, mesh, [0.0, 1.0])
+    bound = vx.error_bound(coarse, step=-1)
+    apart, own, ahead = beside_refined(coarse, 0.05)
+    assert apart >= 20.0 * own
+    assert bound.lower - own <= apart <= bound.upper + own
+    assert bound.potential[0] <= ahead.potential[0] <= ahead.potential[1] <= bound.potential[1]
 
 
 def test_a_bonded_pair_is_as_one_body():

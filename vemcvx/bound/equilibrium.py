@@ -33,7 +33,7 @@ from vemcvx.linear import Factor, choose_linear
 from vemcvx.meshes import PolygonMesh
 from vemcvx.vem.elasticity import assemble
 
-UNBALANCED, ROUNDING, CORRECTIONS = 1e-7, 1e-13, 4
+UNBALANCED, ROUNDING, CORRECTIONS = 1e-8, 1e-13, 4
 """Parts of the largest force by which neighbours may differ, and below which they do by rounding (at lambda = 1e6 that
 is 1e-9); and how often it is solved."""
 

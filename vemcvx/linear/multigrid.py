@@ -101,7 +101,14 @@ class Hierarchy:
         """Smoothed aggregation of K."""
         from pyamg import smoothed_aggregation_solver
 
-        levels = smoothed_aggregation_solver(K, B=near_kernel, max_coarse=50).levels
+        # PyAMG draws vectors from the generator that a process shares, for eigenvalues: here the same ones each time.
+        # Weights by sums of rows in their place would take a fifth more iterations.
+        shared = np.random.get_state()  # noqa: NPY002
+        np.random.seed(0)  # noqa: NPY002
+        try:
+            levels = smoothed_aggregation_solver(K, B=near_kernel, max_coarse=50).levels
+        finally:
+            np.random.set_state(shared)  # noqa: NPY002
         return cls([sp.csr_matrix(level.A) for level in levels], [sp.csr_matrix(level.P) for level in levels[:-1]])
 
     def cycle(self, b: Floats, depth: int = 0) -> Floats:

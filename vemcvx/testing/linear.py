@@ -74,6 +74,14 @@ def solves(linear: LinearSolver) -> None:
     assert factor.energy(0 * b) == 0.0
 
 
+def gives_the_same_answer_twice(linear: LinearSolver) -> None:
+    """Two factors of a matrix give the same answer, to the bit."""
+    (K, one), (_, other) = _factor(linear), _factor(linear)
+    b = _some(K.shape[0])
+    assert np.array_equal(one.solve(b), other.solve(b))
+    assert one.energy(b) == other.energy(b)
+
+
 def restricts(linear: LinearSolver) -> None:
     """A factor of a principal part of K."""
     K, factor = _factor(linear)
@@ -219,8 +227,8 @@ def refuses_indefinite_matrices_with_a_kernel(linear: LinearSolver) -> None:
 
 
 Sentence = Callable[[LinearSolver], None]
-OF_ANY: list[Sentence] = [solves, restricts, estimates_energies_of_random_forces, is_scaled]
-OF_ANY += [refuses_indefinite_matrices]
+OF_ANY: list[Sentence] = [solves, gives_the_same_answer_twice, restricts, estimates_energies_of_random_forces]
+OF_ANY += [is_scaled, refuses_indefinite_matrices]
 OF_ELIMINATING: list[Sentence] = [
     gives_the_schur_complement,
     eliminates_unknowns_that_nothing_couples,

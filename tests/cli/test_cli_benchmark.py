@@ -14,7 +14,18 @@ from test_cli import invoke
 
 import vemcvx as vx
 from vemcvx.cli.collection import INSTANCES, write_collection
-from vemcvx.cli.collection.benchmark import Listed, counted, fate, first, profile, scores, seconds_to, shifted_mean
+from vemcvx.cli.collection.benchmark import (
+    Listed,
+    conventions,
+    counted,
+    every_other,
+    fate,
+    first,
+    profile,
+    scores,
+    seconds_to,
+    shifted_mean,
+)
 from vemcvx.cli.collection.instances import Instance
 from vemcvx.cli.collection.trials import (
     ANSWERED,
@@ -64,6 +75,17 @@ def test_the_cheapest_trial_that_reaches_an_error_counts():
     idle = {"idle": {"a": [trial(1e-2, 0.0, 1e-9)]}, "sure": ENTRIES["sure"]}
     assert profile(idle, ["a"], 1e-6) == {"idle": [1.0], "sure": [pytest.approx(0.4e6)]}
     assert [first(ENTRIES, "a", by) for by in ("true", "certified", "claim")] == ["quick", "sure", "claims"]
+
+
+def test_what_a_first_place_owes_to_conventions_is_said():
+    """By hand: certified errors put `sure` first, claims `claims`; without 1e-6, and with 0.9e-6, others are first."""
+    said = conventions(ENTRIES, ["a"])
+    assert "another solver on 1 if certified errors count in place of true ones, and on 1 if claims do" in said
+    assert "another on 0 if true errors are a tenth larger or smaller" in said
+    assert "and on 1 if every other tolerance is left out" in said
+    assert [one.tolerance for one in every_other(ENTRIES)["quick"]["a"]] == [1e-2]
+    near = {**ENTRIES, "near": {"a": [trial(1e-2, 0.05, 1.05e-6)]}}
+    assert "another on 1 if true errors are a tenth larger or smaller" in conventions(near, ["a"])
 
 
 def test_means_are_shifted_and_geometric():

@@ -88,11 +88,11 @@ largest |d_k*|_K; their JSON has that of the worst step, and of values and bound
             ...  # solve it to a duality gap of `target`, program.duality_gap(d, lam, p) says how far it is
             return d, lam, p, iterations  # or (d, lam, p), or d alone: multipliers are recovered
 
-    vemcvx benchmark . --solvers newton,clarabel,scs,mine.py:Mine --only core --tolerances 1e-4,1e-8,1e-12 --time-limit 2
+    vemcvx benchmark . --solvers mine.py:Mine,newton,scs --only core --time-limit 2 --tolerances 1e-3,1e-6,1e-9,1e-12
 
 sweeps the tolerances of all of them, takes for every solver and instance the cheapest that reaches a true error of
-1e-3, 1e-6 and 1e-9, and writes a table, performance profiles and means into `benchmark/`. That is a first look, of two
-minutes of a processor; for a table to publish leave out `--only core` and `--tolerances`, and give every trial 10 s or
+1e-3, 1e-6 and 1e-9, and writes a table, performance profiles and means into `benchmark/`. That is a first look, of a
+minute of a processor; for a table to publish leave out `--only core` and `--tolerances`, and give every trial 10 s or
 more. Results are stored a solver and version, of a file a version for each of its contents; the command goes on where
 it was stopped, and shows what others have stored there, too.
 

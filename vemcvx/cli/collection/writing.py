@@ -92,9 +92,9 @@ largest |d_k*|_K; their JSON has that of the worst step, and of values and bound
 
 sweeps the tolerances of all of them, takes for every solver and instance the cheapest that reaches a true error of
 1e-3, 1e-6 and 1e-9, and writes a table, performance profiles and means into `benchmark/`. That is a first look, of a
-minute or two of a processor; for a table to publish leave out `--only core` and `--tolerances`, and give every trial 10 s or
-more. Results are stored a solver and version, of a file a version for each of its contents; the command goes on where
-it was stopped, and shows what others have stored there, too.
+minute or two of a processor; for a table to publish leave out `--only core` and `--tolerances`, and give every trial
+10 s or more. Results are stored a solver and version, of a file a version for each of its contents; the command goes on
+where it was stopped, and shows what others have stored there, too.
 
 K is definite as your solver sees it: bodies that float are made so by proximal terms, unless the class says
 `semidefinite = True`. A solver that finds a program infeasible or unbounded says so by

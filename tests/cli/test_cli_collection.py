@@ -17,7 +17,7 @@ from test_cli import invoke
 
 import vemcvx as vx
 from vemcvx.cli import supplied
-from vemcvx.cli.collection import INSTANCES, confirm, write_collection
+from vemcvx.cli.collection import INSTANCES, confirm, write_collection, writing
 from vemcvx.cli.collection.instances import CORE, LARGE, SEQUENCES, Instance
 from vemcvx.cli.collection.writing import OPTIMA, departures
 from vemcvx.exchange import sequence_from_npz
@@ -51,6 +51,22 @@ def test_all_but_the_largest_are_published():
     assert names <= {one.name for one in (*INSTANCES, *SEQUENCES, *LARGE)}
 
 
+@pytest.mark.parametrize(
+    ("asked", "wanted"),
+    [((), {*INSTANCES, *SEQUENCES}), (("--large",), {*INSTANCES, *SEQUENCES, *LARGE}), (("--core",), CORE)],
+)
+def test_the_command_writes_the_whole_list(tmp_path, monkeypatch, asked, wanted):
+    chosen = []
+
+    def written(folder, beside, instances, told):
+        chosen.extend(instances)
+        return "written"
+
+    monkeypatch.setattr(writing, "write_collection", written)
+    assert invoke("collection", "--out", tmp_path, *asked).exit_code == 0
+    assert {one.name for one in chosen} == {getattr(one, "name", one) for one in wanted}
+
+
 @pytest.mark.long
 def test_optima_are_those_published(tmp_path):
     """What is written here agrees with the list that came with the version, or is told."""
@@ -65,6 +81,9 @@ def test_optima_are_those_published(tmp_path):
         "optimum": {**row["optimum"], "low": row["optimum"]["low"] - 2.0, "high": row["optimum"]["low"] - 1.0},
     }
     assert "the optimum of" in departures([lower])[0]
+    # What another machine rounds otherwise is the same.
+    moved = {key: row["optimum"][key] * (1 - 1e-11) for key in ("low", "high")}
+    assert departures([{**row, "optimum": {**row["optimum"], **moved}}]) == []
 
 
 @pytest.mark.long

@@ -368,6 +368,8 @@ def test_all_unknowns_are_fclibs_global_problem(tmp_path, dim):
             for A in (problem["M"], problem["H"])
         )
         f, w, mu = (problem["vectors"][name][()] for name in ("f", "w", "mu"))
+        about = json.loads(problem["info"]["description"][()])
+    assert about["energy_error"] == program.certificate.error <= 1e-8 * about["energy_norm"]
     assert (M != program.operators.K).nnz == 0
     assert H.shape == (len(f), dim * len(mu)) == (len(solution["v"]), len(w))
     v, r = solution["v"], solution["r"]

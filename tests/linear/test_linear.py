@@ -330,7 +330,10 @@ def test_energies_of_many_rows_are_found_in_parts(monkeypatch, at_once):
     n = 30
     K = sp.csr_matrix(sp.diags_array([np.full(n - 1, -1.0), np.full(n, 2.5), np.full(n - 1, -1.0)], offsets=[-1, 0, 1]))
     monkeypatch.setattr("vemcvx.linear.factor.AT_ONCE", at_once)
-    found = vx.SuperLU().factorise(K).energies(sp.eye_array(n, format="csr"))
+    factor, inverse = vx.SuperLU().factorise(K), np.linalg.inv(K.toarray())
+    found = factor.energies(sp.eye_array(n, format="csr"))
     # K has the condition 9; entries of its inverse are known to that many eps, and a few for sums.
-    assert np.abs(found - np.diag(np.linalg.inv(K.toarray()))).max() <= 64 * np.finfo(float).eps
+    assert np.abs(found - np.diag(inverse)).max() <= 64 * np.finfo(float).eps
+    some = np.array([7, 0, 29, 3])
+    assert np.abs(factor.flexibility(some, n) - inverse[np.ix_(some, some)]).max() <= 64 * np.finfo(float).eps
     assert len(vx.SuperLU().factorise(K).energies(sp.csr_matrix((0, n)))) == 0

@@ -13,7 +13,9 @@ limit and the norm term of each contact,
     v = d,  M = K,  f = g,  H = h',  w = (e; -b).
 
 Matrices are stored by rows (nz = -2). Steps of a run are files of their own; the solution of one is a guess for the
-next. Nothing is read back: weights are not those of a program but of Coulomb's law. Needs h5py (extra ``fclib``).
+next. The info's description says, as JSON, what the solution is certified to, |v - v*|_M <= energy_error, as that of
+the convex program whose weights are its own mu r_N. Nothing is read back: weights are not those of a program but of
+Coulomb's law. Needs h5py (extra ``fclib``).
 """
 
 from __future__ import annotations
@@ -72,7 +74,8 @@ def to_fclib(program: StepProgram) -> dict[str, bytes]:
             _write_rows(problem.create_group(letter), matrix)
         _write(problem.create_group("vectors"), vectors)
         words = {"title": f"vemcvx: step {program.step} at t = {program.t:.17g}", "math_info": posed + MODEL}
-        _write(problem.create_group("info"), {**words, "description": json.dumps(dict(program.origin), default=str)})
+        about = {**program.origin, "energy_error": program.certificate.error, "energy_norm": program.norm}
+        _write(problem.create_group("info"), {**words, "description": json.dumps(about, default=str)})
         _write(file.create_group("solution"), solution)
     return {".hdf5": made.getvalue()}
 

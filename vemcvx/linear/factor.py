@@ -8,7 +8,7 @@ unknown of c would cost six factorisations on the paper's reference (h = 1/256).
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import cached_property
 from typing import ClassVar, Protocol
 
@@ -87,18 +87,18 @@ class Factor(ABC):
 
     def energies(self, rows: sp.csr_matrix) -> Floats:
         """b'K^{-1}b of every row b of a matrix (m, n), (m,)."""
-        m, n = rows.shape
-        # Of a million unknowns 708 rows made 6 GB at once, several times over.
-        together = max(1, AT_ONCE // max(n, 1))
-        parts = (rows[first : first + together].toarray() for first in range(0, m, together))
+        parts = (rows[part].toarray() for part in _parts(*rows.shape))
         found = [np.einsum("ij,ji->i", part, self.solve(np.ascontiguousarray(part.T))) for part in parts]
         return np.concatenate([np.zeros(0), *found])
 
     def flexibility(self, some: Ints, n: int) -> Floats:
         """K^{-1} (n, n) of the unknowns `some` (k,) alone, (k, k)."""
-        unit = np.zeros((n, len(some)))
-        unit[some, np.arange(len(some))] = 1.0
-        found: Floats = self.solve(unit)[some]
+        found = np.empty((len(some), len(some)))
+        for part in _parts(len(some), n):
+            own = some[part]
+            unit = np.zeros((n, len(own)))
+            unit[own, np.arange(len(own))] = 1.0
+            found[:, part] = self.solve(unit)[some]
         return found
 
     def random_energy(self, size: Floats) -> float:
@@ -108,6 +108,12 @@ class Factor(ABC):
         """
         signs = np.random.default_rng(0).choice([-1.0, 1.0], (SAMPLES, len(size)))
         return float(np.mean([self.energy(size * sign) for sign in signs]))
+
+
+def _parts(count: int, n: int) -> Iterator[slice]:
+    """Parts of so many right sides (n,): of a million unknowns 708 made 6 GB at once, several times over."""
+    together = max(1, AT_ONCE // max(n, 1))
+    return (slice(first, first + together) for first in range(0, count, together))
 
 
 class DirectFactor(Factor):

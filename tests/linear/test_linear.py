@@ -337,3 +337,16 @@ def test_energies_of_many_rows_are_found_in_parts(monkeypatch, at_once):
     some = np.array([7, 0, 29, 3])
     assert np.abs(factor.flexibility(some, n) - inverse[np.ix_(some, some)]).max() <= 64 * np.finfo(float).eps
     assert len(vx.SuperLU().factorise(K).energies(sp.csr_matrix((0, n)))) == 0
+
+
+def test_energies_of_rows_with_one_entry_are_those_of_any():
+    rng, n = np.random.default_rng(6), 12
+    root = rng.normal(size=(n, n))
+    K = root @ root.T + np.eye(n)
+    rows = sp.csr_matrix(-1.5 * np.eye(n)[[3, 0, 3, 7]])
+    alone, beside = (
+        DenseCholesky(K).energies(some) for some in (rows, sp.vstack([rows, np.eye(n)[:1] - np.eye(n)[1:2]], "csr"))
+    )
+    # Both are sums of n squares of the same numbers.
+    assert alone == pytest.approx(beside[:4], rel=2 * n * np.finfo(float).eps)
+    assert alone[0] == alone[2]

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy.linalg
 import scipy.sparse as sp
 from blocks_in_space import block, on_floor
 from faces_that_meet import TIMES, random_scene
@@ -195,3 +196,86 @@ def test_what_slips_without_weight_holds_nothing():
     at = np.zeros(3), np.array([[0, 0], [1e3, 0.02]]), np.array([1e3, 0.0])
     found = on_given_sets(K, B, D, np.array([0, 1.0]), at, J, np.array([1e4, 0.1]), np.array([1e4, 0, 1e4, 0]))
     assert found is None or found >= 1.63
+
+
+def answer_by_hand(K, A, H, c, pulled, psi, push):
+    """(d, x), by residuals in extended precision: the first disc sticks, psi + push s is added to what others have."""
+    n, m = K.shape[0], A.shape[0] - len(c)
+    M, right = np.zeros((n + len(A), n + len(A))), np.zeros(n + len(A))
+    M[:n, :n], M[:n, n:] = K, A.T
+    M[n : n + 2, :n] = A[:2]
+    # lam_i - q_i (J p)_i - (h_i (I - q_i q_i') + push) s_i = psi_i, and z_j = c_j p_j.
+    M[n + 2 : n + m, :n] = -((H + push) @ A[:m])[2:]
+    M[n + 2 :, n + 2 :] = np.eye(len(A) - 2)
+    M[n + 2 : n + m, n + m :] = -pulled[2:]
+    M[n + m :, :n], M[n + m :, n + m :] = A[m:], -np.diag(c)
+    right[n + 2 : n + m] = psi[2:]
+    found = np.zeros(len(right))
+    for _ in range(3):
+        off = right - M.astype(np.longdouble) @ found
+        found += np.linalg.solve(M, off.astype(float))
+    return found[:n], found[n:]
+
+
+@pytest.mark.long
+def test_forces_that_follow_motions_are_answered_within_bounds():
+    """Random systems: curvatures that are too small or too large by a given part, the worst of 16 signs of these."""
+    rng, met, nearest = np.random.default_rng(3), 0, 0.0
+    for _ in range(40):
+        n, m, r = 9, 4, 2
+        root, A = rng.normal(size=(n, n)), rng.normal(size=(2 * m + r, n))
+        K, c = root @ root.T + 0.3 * np.eye(n), np.array([0.0, 0.5])
+        turn = rng.uniform(0, 2 * np.pi, m)
+        q = np.column_stack([np.cos(turn), np.sin(turn)]) * (np.arange(m) > 0)[:, None]
+        h = 10.0 ** rng.uniform(-1, 2, m) * (np.arange(m) > 0)
+        J = 0.2 * rng.uniform(size=(m, r)) * (np.arange(m) > 0)[:, None]
+        sets = Sets(np.arange(m) == 0, q, h, np.ones(r, dtype=bool))
+        operators = Operators(K, sp.csr_matrix(A[: 2 * m]), 2, D=sp.csr_matrix(A[2 * m :]), compliance=c)
+        system = SetsSystem(operators, sets, sp.csr_matrix(J), Response(operators))
+        t, u = rng.uniform(size=(2, m)) * (np.arange(m) > 0)
+        lacking = h * np.append(np.zeros(2), 10.0 ** rng.uniform(-3, -0.7, m - 2))
+        lacking[1] = 3 * h[1] * (h[1] < 0.3)
+        bounds = system.answers(t, u, lacking)
+        if bounds is None:
+            continue
+        met += 1
+        beside = np.column_stack([-q[:, 1], q[:, 0]])
+        blocks = [np.outer(one, one) for one in beside]
+        H = scipy.linalg.block_diag(*(h[i] * blocks[i] for i in range(m)))
+        pulled = np.einsum("ij,ik->ijk", q, J).reshape(2 * m, r)
+        for _ in range(16):
+            a, b, sign = rng.choice([-1.0, 1.0], (3, m))
+            psi = ((a * t)[:, None] * q + (b * u)[:, None] * beside).ravel()
+            push = scipy.linalg.block_diag(*(sign[i] * lacking[i] * blocks[i] for i in range(m)))
+            d, x = answer_by_hand(K, A, H, c, pulled, psi, push)
+            s, lam = (A[: 2 * m] @ d).reshape(m, 2), x[: 2 * m].reshape(m, 2)
+            energy = np.sqrt(d @ K @ d + d @ A[: 2 * m].T @ H @ A[: 2 * m] @ d + (A[-1] @ d) ** 2 / c[1])
+            sizes = np.abs(np.einsum("ij,ij->i", s, q)), np.abs(np.einsum("ij,ij->i", s, beside)), A[2 * m :] @ d
+            found = bounds.along, bounds.across, bounds.excess
+            assert all((np.abs(size) <= bound + 1e-12).all() for size, bound in zip(sizes, found, strict=True))
+            assert energy <= bounds.energy
+            assert (np.abs(x[2 * m :]) <= bounds.forces).all()
+            assert np.hypot(*lam[0]) <= bounds.multipliers[0]
+            nearest = max(nearest, energy / bounds.energy)
+    assert met >= 20
+    assert nearest > 0.1
+
+
+def test_curvatures_that_are_off_count_by_the_worst_of_many_and_alone_where_they_are_few():
+    """Against the norm itself, of forces l_i |g_i| in the energy of K and curvatures, some of which are none."""
+    rng, nearest = np.random.default_rng(5), []
+    for _ in range(60):
+        n, m = 9, 4
+        root, B = rng.normal(size=(n, n)), rng.normal(size=(2 * m, n))
+        K, turn = root @ root.T + 0.3 * np.eye(n), rng.uniform(0, 2 * np.pi, m)
+        q, beside = np.stack([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]]).swapaxes(1, 2)
+        h, lacking = 10.0 ** rng.uniform(-2, 4, m), 10.0 ** rng.uniform(-3, 2, m)
+        h[rng.random(m) < 0.2] = 0.0
+        operators = Operators(K, sp.csr_matrix(B), 2)
+        sets = Sets(np.zeros(m, dtype=bool), q, h, np.zeros(0, dtype=bool))
+        system = SetsSystem(operators, sets, sp.csr_matrix((m, 0)), Response(operators))
+        across = np.einsum("ij,ijk->ik", beside, B.reshape(m, 2, n))
+        N = K + (across.T * h) @ across
+        exact = scipy.linalg.eigh((across.T * lacking) @ across, N, eigvals_only=True)[-1]
+        nearest.append(exact / system._bent_by(lacking))
+    assert 0.99 < max(nearest) <= 1 + 1e-12

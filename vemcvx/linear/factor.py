@@ -186,8 +186,16 @@ class DenseCholesky(Factor):
     def energies(self, rows: sp.csr_matrix) -> Floats:
         if len(self._upper) == 0:
             return np.zeros(rows.shape[0])
-        energies: Floats = np.square(rows @ self._inverse).sum(axis=1)
-        return energies
+        if (np.diff(rows.indptr) == 1).all():
+            own: Floats = rows.data**2 * self._compliance[rows.indices]
+            return own
+        moved = rows @ self._inverse
+        return np.einsum("ij,ij->i", moved, moved)
+
+    @cached_property
+    def _compliance(self) -> Floats:
+        """(n,) the diagonal of K^{-1}."""
+        return np.einsum("ij,ij->i", self._inverse, self._inverse)
 
     @cached_property
     def _inverse(self) -> Floats:
@@ -197,9 +205,11 @@ class DenseCholesky(Factor):
     def flexibility(self, some: Ints, n: int) -> Floats:
         if n == 0:
             return np.zeros((0, 0))
-        upper = np.triu(dlauum(self._inverse, lower=0)[0])
-        upper += np.triu(upper, 1).T
-        return np.asarray(upper if len(some) == n else upper.take(some, 0).take(some, 1))
+        # Zero below the diagonal, as R^{-1} is.
+        upper = dlauum(self._inverse, lower=0)[0]
+        whole = upper + upper.T
+        whole[np.diag_indices(n)] *= 0.5
+        return np.asarray(whole if len(some) == n else whole.take(some, 0).take(some, 1))
 
     def within(self, K_FF: Matrix, F: Ints) -> DenseCholesky:
         return DenseCholesky(K_FF if isinstance(K_FF, np.ndarray) else K_FF.toarray())

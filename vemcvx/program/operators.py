@@ -488,8 +488,8 @@ class Operators(ArrayRecord):
         return self.factor.flexibility(self.read, self.A.shape[1])
 
     @cached_property
-    def descent(self) -> tuple[Floats, Floats]:
-        """Units u (N,) of multipliers, alike in a block, and I - (W + C) in these, which is positive semidefinite.
+    def softness(self) -> tuple[Floats, Floats]:
+        """Units u (N,) of multipliers, alike in a block, and W + C in these, whose diagonal is near one.
 
         W = A K^{-1} A' and the compliances C say how far rows move under multipliers. In single precision discs at
         their bounds, which do not slip, stick and slip in turns.
@@ -502,10 +502,7 @@ class Operators(ArrayRecord):
         u = 1.0 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
         softness *= u[:, None]
         softness *= u
-        largest = 1.1 * _largest_ritz_value(softness)
-        softness /= -largest
-        softness[np.diag_indices(len(softness))] += 1.0
-        return u / np.sqrt(largest), softness
+        return u, softness
 
     @cached_property
     def absolute(self) -> Matrix:
@@ -604,17 +601,3 @@ def shifted(K: Matrix, diagonal: Floats) -> Matrix:
 def energy_norm(K: Matrix, d: Floats) -> float:
     """|d|_K of increments d (n,)."""
     return float(np.sqrt(max(float(d @ (K @ d)), 0.0))) if d.any() else 0.0
-
-
-def _largest_ritz_value(A: Floats) -> float:
-    """Nearly the largest eigenvalue of a symmetric A, from below: that on twelve powers of A times one vector.
-
-    The vector is the same in each run. SciPy's ARPACK draws one of its own where powers end before the space does.
-    """
-    powers = np.empty((len(A), 12))
-    v = np.random.default_rng(0).standard_normal(len(A))
-    for k in range(powers.shape[1]):
-        powers[:, k] = v / np.linalg.norm(v)
-        v = A @ powers[:, k]
-    Q = np.linalg.qr(powers)[0]
-    return float(np.linalg.eigvalsh(Q.T @ A @ Q)[-1])

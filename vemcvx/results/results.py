@@ -86,7 +86,7 @@ class Results:
 
     @property
     def dissipated(self) -> Floats:
-        """(S,) energy lost to friction since the initial instant."""
+        """(S,) energy lost to friction since the initial instant, and to dashpots (:class:`vemcvx.Viscosity`)."""
         return self.trajectory.dissipated[self.stored]
 
     @property
@@ -104,7 +104,7 @@ class Results:
 
         Where slip turns in space it is of first. Quote it, and `work_second_order`, rather than `dissipated` and
         `work`: these make up the balance of backward Euler and are of first order, even where the states at the
-        instants are exact.
+        instants are exact. What dashpots lose is in both alike, of first order.
         """
         return self.trajectory.dissipated_second_order[self.stored]
 

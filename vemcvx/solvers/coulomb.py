@@ -43,18 +43,19 @@ along q_i and gamma_i across it, and its forces of limits by at most pi_j
     rho_i = (delta_i + turn_i) (w_i ((alpha_i + gamma_i) / v_i + turn_i / 2) + (|J| pi)_i).
 
 Theorem 2. Let t, u >= 0 be such that alpha_i + gamma_i < v_i on slipping terms, |psi_i(s_0, p_0) . q_i| + rho_i is at
-most t_i, and what psi_i(s_0, p_0) has across q_i, with rho_i and |w_i / v_i - h_i| gamma_i added, at most u_i. If w is
-affine on |p - p_0| <= pi, and the inequalities of the sets hold for all answers to such psi, then (Q) has a solution d
-with |d - d_0|_K <= E. Terms of weight zero slip with h_i = 0, and psi_i = -lam_i is all that they miss.
+most t_i, and what psi_i(s_0, p_0) has across q_i, with rho_i added, at most u_i; let E, alpha, gamma, pi be those for
+|w_i / v_i - h_i| times what motions of energy E move across q_i besides. If w is affine on |p - p_0| <= pi, and the
+inequalities of the sets hold for all answers to such psi, then (Q) has a solution d with |d - d_0|_K <= E. Terms of
+weight zero slip with h_i = 0, and psi_i = -lam_i is all that they miss.
 
 Proof. Let s_i move by e = a q_i + g, |a| <= alpha_i and |g| <= gamma_i, g across q_i. Its part across n_i, g_n, is at
 most gamma_i + delta_i alpha_i, so that the direction of s_i turns by at most turn_i: across n_i by |g_n| / |s_i|, which
 differs from |g_n| / v_i by at most turn_i (alpha_i + gamma_i) / v_i, and along n_i by at most turn_i^2 / 2. And g_n - g
-= (q_i q_i' - n_i n_i') e is at most delta_i (alpha_i + gamma_i). Of w_i g / v_i psi_i keeps (w_i / v_i - h_i) g, across
-q_i. The change of w counts along s_i / |s_i| - q_i, which is at most delta_i + turn_i. So (s, p) -> what the answer to
-psi(s, p) has for them is continuous and maps this convex compact set into itself: Brouwer gives a fixed point, which
-solves (Q). QED Rounding is that of d_0 and of the inequalities; rows of which what is held leaves less than FOLLOWS
-count as held. No coefficient need be small.
+= (q_i q_i' - n_i n_i') e is at most delta_i (alpha_i + gamma_i). Of w_i g / v_i psi_i keeps (w_i / v_i - h_i) g, which
+is what may be besides. The change of w counts along s_i / |s_i| - q_i, which is at most delta_i + turn_i. So (d, p) ->
+the answer to psi(s, p) is continuous and maps the convex compact set of all motions within E and forces within pi into
+itself: Brouwer gives a fixed point, which solves (Q). QED Rounding is that of d_0 and of the inequalities; rows of
+which what is held leaves less than FOLLOWS count as held. No coefficient need be small.
 
 The system that was solved is one of these, with directions of a point near d_0: its factor serves for the proof. Where
 bounds are not found on it, that of q_i = n_i and h_i = w_i / v_i is made, for which delta_i = 0.
@@ -350,13 +351,15 @@ def _bounded_answers(system: SetsSystem, found: Found, beside: BesideTheLaw) -> 
     v, delta, lacking, psi = beside
     J, slides, bounds = abs(found.law.slope), v < np.inf, 2.0 * psi
     for _ in range(DOUBLED):
-        answers = system.answers(*bounds)
+        answers = system.answers(bounds[0], bounds[1], lacking)
+        if answers is None:
+            return None
         alpha, gamma = answers.along * slides, answers.across * slides
         if not (alpha + gamma < v).all():
             return None
         turn = (gamma + delta * alpha) / (v - alpha - gamma)
         rho = (delta + turn) * (found.weights * ((alpha + gamma) / v + turn / 2) + J @ answers.forces)
-        led = psi + np.stack([rho, rho + lacking * gamma]) * slides
+        led = psi + rho * slides
         if (led <= bounds).all():
             return answers
         bounds = np.maximum(bounds, 2.0 * led)

@@ -29,6 +29,15 @@ answers |psi_i| <= t_i along q_i and <= u_i across it is bounded by
 for B_i d has at most phi_i |d| along q_i, and chi_i |d| across it. Forces of what is held follow from Schwarz's
 inequality. The norm of N^{1/2} M^{-1} N^{1/2} is such a c; so is 2 if y'My >= y'Ny / 2 for all y, which a factorisation
 proves.
+
+Where psi_i may have l_i |g_i| across q_i besides, g_i being what a motion e with |e|_N <= E moves there, the work of
+this on y is at most sum_i l_i |g_i| |y_i|, y_i the part of B_i y across q_i. For sum_i h_i |g_i|^2 <= E^2, and likewise
+of y, terms with l_i <= r h_i do no more work than r E |y|_N together; of all others each does l_i chi_i^2 E |y|_N. So
+
+    E  <=  c sum_i (phi_i (t_i + |q J psi_p|_i) + chi_i u_i) + c kappa E,     kappa = min (r + sum l_i chi_i^2),
+
+the sum being over terms with l_i > r h_i; psi_p has l_i chi_i E besides, too. Term by term kappa would be a sum over
+all of them, which grows with their number.
 """
 
 from __future__ import annotations
@@ -412,14 +421,26 @@ class SetsSystem:
         root, info = lapack.dpotrf(stiff)
         return np.inf if info else float(np.linalg.norm(np.triu(root) @ self._opened(np.triu(root).T)))
 
-    def answers(self, along: Floats, across: Floats) -> Answers:
-        """Bounds on the answers to psi, its parts being at most `along` and `across` (m,), none of what sticks."""
+    def answers(self, along: Floats, across: Floats, lacking: Floats) -> Answers | None:
+        """Bounds on the answers to psi of at most `along`, `across` (m,), none of what sticks; None if none is known.
+
+        Across q_i may be `lacking` (m,) times what motions of the energy of the answers move there, besides.
+        """
         response, place, block, h = self._response, self._place, self._operators.block, self._sets.curvature
         norms, limits, push, steep = response.norms, response.limits, place.norms.absolute.force_of, self._steep
         moving, phi, chi, root = self._moving
-        psi = np.repeat(np.hypot(along, across), block)
-        tied = lengths(self._sets.direction) * (steep @ self._on_limits(push(psi)))
-        energy = self.gain * float(response.reach[norms][::block] @ tied + phi @ along + chi @ across)
+        pulls = lengths(self._sets.direction) * response.reach[norms][::block]
+        besides = lacking * chi
+
+        def tied(psi: Floats) -> float:
+            return float(pulls @ (steep @ self._on_limits(push(np.repeat(psi, block)))))
+
+        share = self.gain * (self._bent_by(lacking) + tied(besides))
+        if not share < 1.0:
+            return None
+        pushed = tied(np.hypot(along, across)) + float(phi @ along + chi @ across)
+        energy = self.gain * pushed / (1.0 - share)
+        psi = np.repeat(np.hypot(along, across + besides * energy), block)
         excess = moving[limits] * energy
         # Of K, curvatures and springs.
         bent = np.append(psi + np.repeat(h * chi * energy, block), self._spring * excess)
@@ -436,6 +457,13 @@ class SetsSystem:
             multipliers=lengths(self._operators.blocks(held[norms])),
             forces=forces if self._feedback is None else abs(self._feedback) @ forces,
         )
+
+    def _bent_by(self, lacking: Floats) -> float:
+        """kappa: at most what forces `lacking` (m,) times motions across q are in energy, for motions of norm one."""
+        h, alone = self._sets.curvature, lacking * self._moving[2] ** 2
+        ratio = np.divide(lacking, h, out=np.where(lacking > 0, np.inf, 0.0), where=h > 0)
+        order = np.argsort(-ratio, kind="stable")
+        return float((np.append(ratio[order], 0.0) + np.append(0.0, np.cumsum(alone[order]))).min())
 
     @cached_property
     def _moving(self) -> tuple[Floats, Floats, Floats, Floats]:

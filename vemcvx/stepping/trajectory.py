@@ -174,7 +174,7 @@ class Trajectory(ArrayRecord):
     energy : (N + 1,) array
         Stored energy 1/2 a(u, u).
     dissipated : (N + 1,) array
-        Cumulative sum of lam_i . s_i, which is w_i |s_i| + c_i . s_i at a solution.
+        Cumulative sum of lam_i . s_i, which is w_i |s_i| + c_i . s_i at a solution, and of what damping loses.
     dissipated_second_order : (N + 1,) array
         Likewise with the weights of both ends of every step: of second order in their length, where `dissipated` is of
         first (:mod:`vemcvx.stepping.ledger`).

@@ -9,6 +9,7 @@ import ball_in_socket as ball
 import block_dragged_along_a_curve as curve
 import block_in_space as block
 import bolted_flange as flange
+import bolted_lap_joint as lap_joint
 import bracket_in_space as bracket
 import circular_hysteresis as circles
 import cone_clutch as clutch
@@ -281,6 +282,32 @@ def test_a_dovetail_is_held_between_the_lines_of_full_slip(slant):
     assert normal[1:5] == pytest.approx(dovetail.OUT * pull[1:5], rel=3e-3)
     assert normal[7:9] == pytest.approx(dovetail.IN * pull[7:9], rel=3e-3)
     assert normal[5] > 1.15 * dovetail.OUT * pull[5]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("friction", [0.2, 0.1])
+def test_a_bolted_lap_joint_slips_at_mu_times_what_presses_it(friction):
+    """Friction turns into the pull as places slip: by a factor of seven a step, as they do here."""
+    history = vx.simulate(lap_joint.scene(friction), lap_joint.mesh(2), lap_joint.times(20), solver=vx.Newton(1e-7))
+    lap, heads, walls = lap_joint.on_the_upper_plate(history)
+    contact, pull, t = history.contact, history.reaction("upper.right"), history.times
+    nuts = contact.points[:, 2] < -0.9 * lap_joint.THICK
+    tension = contact.pressure[:, nuts] @ contact.lengths[nuts]
+    scale = tension.max()
+    assert (contact.pressure[1:, nuts] > 0).all()
+    assert np.abs((lap + heads + walls + pull)[:, [0, 2]]).max() < FLOOR * scale
+    assert np.abs(heads[:, 2] + tension).max() < FLOOR * scale
+    assert np.abs(heads[:, :2]).max() < FLOOR * scale
+    assert tension[:5] == pytest.approx(t[:5] * tension[4], rel=1e-2)
+    bound, bears = friction * lap[:, 2], walls[:, 0] < 0
+    assert (np.hypot(lap[:, 0], lap[:, 1]) <= bound * (1 + 1e-6)).all()
+    full, way = -lap[:, 0] > 0.99 * bound, lap_joint.PULLED * (t - 1.0)
+    slides = np.flatnonzero(full & ~bears & (t > 1.0))
+    assert np.abs(-lap[slides[-1], 0] / bound[slides[-1]] - 1) < 1e-8
+    assert pull[slides[2:-1], 0] == pytest.approx(pull[slides[-1], 0], rel=1e-4)
+    # The end goes by the clearance on top of what it takes to slip, to a step.
+    assert way[bears][0] == pytest.approx(lap_joint.CLEARANCE + way[slides[0]], abs=way[-1] - way[-2])
+    assert (np.diff(walls[bears, 0]) < 0).all()
 
 
 def test_the_field_at_the_edge_leaves_the_inner_sides_free():

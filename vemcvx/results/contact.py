@@ -237,9 +237,14 @@ def _recovered(posed: PosedScene, traction: Floats, pressure: Floats, closed: Bo
     surface, terms, mesh = posed.surface, posed.terms, posed.space.mesh
     if len(surface) == 0:
         return traction, pressure
-    kind = ContactSides if isinstance(mesh, PolygonMesh) else ContactFaces
-    sides = kind.of(surface, np.arange(len(surface)), surface, mesh)
-    smooth = recovered(pressure * surface.lengths, surface.lengths, sides, closed, presses=True)
+
+    def sides(rows: ContactRows, at: Ints) -> ContactSides | ContactFaces:
+        if isinstance(mesh, PolygonMesh):
+            return ContactSides.of(rows, at, surface, mesh)
+        return ContactFaces.of(rows, at, surface, mesh)
+
+    whole = sides(surface, np.arange(len(surface)))
+    smooth = recovered(pressure * surface.lengths, surface.lengths, whole, closed, presses=True)
     # Forces along given directions are over lengths of their own.
     if len(terms) == 0 or terms.directed.any():
         return traction, smooth
@@ -248,8 +253,8 @@ def _recovered(posed: PosedScene, traction: Floats, pressure: Floats, closed: Bo
     flat = isinstance(mesh, PolygonMesh)
     axes = tangents_of(surface.normals) if flat else np.tile(np.eye(3), (len(surface), 1, 1))
     along = np.einsum("smd,mad->asm", traction, axes)
-    rubs, safe, sides = length > 0, np.where(length > 0, length, 1.0), kind.of(terms, at, surface, mesh)
-    friction = np.array([recovered(each * safe, safe, sides, closed & rubs, presses=False) for each in along])
+    rubs, safe, part = length > 0, np.where(length > 0, length, 1.0), sides(terms, at)
+    friction = np.array([recovered(each * safe, safe, part, closed & rubs, presses=False) for each in along])
     change = np.einsum("asm,mad->smd", friction - along, axes)
     if not flat:
         change -= np.einsum("smd,md->sm", change, surface.normals)[:, :, None] * surface.normals

@@ -10,7 +10,8 @@ Timoshenko and Goodier, *Theory of Elasticity*, 28), and the tubes change their 
 the inner one by growing, the outer one by shrinking: they slide on each other by the difference times z. Their meshes
 do not match: sectors are 2n and 3n in the quarter, layers n/2 and 3n/4, and where the two polygons of the circle r = b
 are apart the outer tube takes the outline of the inner one (`tolerance=`). With n = 8 the mean pressure is Lame's
-within .8 %; pressures of nodes, of order h, scatter by 30 %, and by 5 % where sectors match (`outer=n`).
+within .8 %; pressures of nodes, of order h, scatter by 30 %, and by 5 % where sectors match (`outer=n`), but what is
+recovered from them, `contact.pressure_recovered`, by 1.6 %.
 
     vemcvx run problems/tubes_shrunk_on.py --n 8 --steps 2 --accuracy 1e-7 --plot
 """

@@ -70,6 +70,8 @@ REFUSED = {
         lambda: ring([1.0], 4),
         r"^ring: found radii = \[1\.0\]; wanted at least two increasing numbers >= 0, th",
     ),
+    "words": (lambda: ring("ab", 8), r"^ring: found radii = 'ab'; wanted"),
+    "angles in words": (lambda: ring([1.0, 2.0], 8, angles="ab"), r"^ring: found angles = 'ab'; wanted"),
     "a ring turned out": (lambda: ring([2.0, 1.0], 4), r"^ring: found radii = \[2\.0, 1\.0\]; wanted"),
     "negative": (lambda: ring([-1.0, 1.0], 4), r"^ring: found radii = \[-1\.0, 1\.0\]; wanted"),
     "two sectors": (lambda: ring([0.0, 1.0], 2), r"^sectors must be at least 3; got 2\.$"),

@@ -20,7 +20,7 @@ ROOT = Path(gallery.__file__).parent.parent
 SHOWN = ("cattaneo_mindlin", "plate_with_hole", "janssen_silo", "block_with_grain", "block_in_space")
 """Of every kind one; the others are drawn by the slow tests, a third of a second each."""
 SLOW = [name for name in gallery.problem_files() if name not in SHOWN]
-LONG = ("ball_in_socket", "bolted_flange", "dovetail", "spherical_indenter", "twisted_pad")
+LONG = ("ball_in_socket", "bolted_flange", "bolted_lap_joint", "dovetail", "spherical_indenter", "twisted_pad")
 """Those whose small setting takes more than a second."""
 matplotlib = pytest.importorskip("matplotlib")
 
@@ -42,6 +42,7 @@ def test_every_problem_runs_in_its_small_setting(name):
 
 VIEWED = (
     "ball_in_socket",
+    "bolted_lap_joint",
     "bracket_in_space",
     "cone_clutch",
     "dovetail",

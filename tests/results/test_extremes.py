@@ -56,9 +56,8 @@ def every(history):
         "largest slip": (np.linalg.norm(contact.slip, axis=2), nodes),
         f"largest friction per {over}": (np.linalg.norm(contact.traction, axis=2), nodes),
         f"largest contact pressure per {over}": (contact.pressure, nodes),
+        f"largest recovered contact pressure per {over}": (contact.pressure_recovered, nodes),
     }
-    if over == "length":
-        found["largest recovered contact pressure per length"] = contact.pressure_recovered, nodes
     return found
 
 

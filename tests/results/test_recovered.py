@@ -11,6 +11,8 @@ import pytest
 
 import vemcvx as vx
 from vemcvx.results.contact import ContactSides, recovered
+from vemcvx.results.contact_faces import ContactFaces
+from vemcvx.scene.pose import pose_scene
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "problems"))
 
@@ -190,13 +192,111 @@ def test_corners_keep_their_forces_and_full_slip_its_bound():
     assert np.abs(slipped.traction_recovered[-1] - [-0.1, 0.0]).max() < 1e-14
 
 
-def test_in_space_they_are_forces_over_areas():
+def joint_in_space(lower, upper, top, n=4):
+    """The pressures of a block of a family on one of another in five cells for four, under a stress on the top."""
+    make, (x, y) = vx.meshes.SPACE_FAMILIES, ((0, 1), (0, 1))
+    parts = {
+        "lower": make[lower](n, box=(x, y, (-1, 0)), seed=1),
+        "upper": make[upper](5 * n // 4, box=(x, y, (0, 1)), seed=2),
+    }
+    scene = vx.Scene(
+        vx.Elasticity(200.0, 0.3),
+        vx.Clamp(on="lower.bottom"),
+        vx.Symmetry(on=[f"{body}.{side}" for body in parts for side in ("left", "right", "front", "back")]),
+        vx.Traction(lambda x, t: np.column_stack([np.zeros((len(x), 2)), -t * top(x)]), on="upper.top"),
+        vx.UnilateralContact(on="lower|upper"),
+    )
+    return vx.simulate(scene, vx.meshes.bodies(parts), [0.0, 1.0]).contact
+
+
+@pytest.mark.parametrize(("pattern", "turn"), [(2.0, 0.0), (2.0, 0.3), (0.6, 0.3)])
+def test_in_space_constants_are_found_and_resultants_kept(pattern, turn):
+    """On all of a surface and on a part of it, whatever the forces of nodes are."""
+    c, s = np.cos(turn), np.sin(turn)
+    lower = vx.meshes.cubes(2, box=((-1, 2), (-1, 2), (-1, 0)))
+    upper = vx.meshes.voronoi3(3, box=((0, 1), (0, 1), (0, 1)))
+    upper = vx.PolyhedralMesh(upper.points @ [[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]], upper.cells)
+    mesh = vx.meshes.bodies({"lower": lower, "upper": upper})
+    held = vx.Clamp(on=["lower.bottom", "upper.top"])
+    surface = pose_scene(vx.Scene(vx.Elasticity(1.0, 0.3), held, vx.UnilateralContact(on="lower|upper")), mesh).surface
+    faces, lengths = ContactFaces.of(surface, np.arange(len(surface)), surface, mesh), surface.lengths
+    closed = mesh.points[surface.nodes, 0] < pattern
+    forces = np.array([lengths, np.random.default_rng(1).exponential(1.0, len(lengths)) ** 3]) * closed
+    found = recovered(forces, lengths, faces, np.tile(closed, (2, 1)), presses=True)
+    assert np.abs(found[0] - closed).max() < 1e-12
+    assert (found[:, closed] > 0).all()
+    assert (found[:, ~closed] == 0).all()
+    assert found @ lengths == pytest.approx(forces.sum(axis=1), rel=1e-12)
+    assert np.ptp(found[1, closed]) < 0.3 * np.ptp(forces[1, closed] / lengths[closed])
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("lower", "upper"), [("cubes", "voronoi3"), ("tetrahedra", "tetrahedra")])
+def test_in_space_constant_pressure_is_found_and_resultants_are_kept(lower, upper):
+    contact = joint_in_space(lower, upper, lambda x: np.ones(len(x)))
+    assert contact.pressure_recovered[-1] == pytest.approx(1.0, abs=1e-9)
+    contact = joint_in_space(lower, upper, lambda x: 1 + x[:, 0])
+    assert contact.pressure_recovered @ contact.lengths == pytest.approx(contact.pressure @ contact.lengths)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("lower", "upper", "raw", "bound"),
+    [
+        ("cubes", "cubes", 0.004, 0.002),
+        ("tetrahedra", "tetrahedra", 0.03, 0.004),
+        pytest.param("cubes", "voronoi3", 0.1, 0.004, marks=pytest.mark.slow),
+    ],
+)
+def test_in_space_pressure_has_no_ripple(lower, upper, raw, bound):
+    """Of the median 1, at h = 1/8, beside cosines: where that of nodes without area is 15 %, too."""
+
+    def waves(x, count):
+        return [np.cos(i * np.pi * x[:, 0]) * np.cos(j * np.pi * x[:, 1]) for i in range(count) for j in range(count)]
+
+    contact = joint_in_space(lower, upper, lambda x: 1 + 0.5 * waves(x, 2)[3], 8)
+    basis, weight = np.column_stack(waves(contact.points, 4)), np.sqrt(contact.lengths)
+    ps = contact.pressure[-1], contact.pressure_recovered[-1]
+    fits = [basis @ np.linalg.lstsq(basis * weight[:, None], p * weight, rcond=None)[0] for p in ps]
+    off = [np.abs(p - fit).max() for p, fit in zip(ps, fits, strict=True)]
+    assert off[0] > raw
+    assert off[1] < bound
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("family", "bound"), [("cubes", 0.01), ("tetrahedra", 0.035)])
+def test_the_pressure_of_a_flat_punch_has_no_ripple(family, bound):
+    """Beside an even polynomial within .7 of its half-width, of the median; nodes have 18 and 66 %. A quarter of it."""
+    make = vx.meshes.SPACE_FAMILIES[family]
+    lower, upper = make(16, box=((0, 2), (0, 2), (-2, 0)), seed=1), make(10, box=((0, 1), (0, 1), (0, 1)), seed=2)
+    scene = vx.Scene(
+        vx.Elasticity(200.0, 0.3, on="lower"),
+        vx.Elasticity(2000.0, 0.3, on="upper"),
+        vx.Symmetry(on=[f"{body}.{side}" for body in ("lower", "upper") for side in ("left", "front")]),
+        vx.Clamp(on="lower.bottom"),
+        vx.PrescribedDisplacement(motion(0.0, 0.0, -0.01), on="upper.top"),
+        vx.UnilateralContact(on="lower|upper"),
+    )
+    mesh = vx.meshes.bodies({"lower": lower, "upper": upper})
+    contact = vx.simulate(scene, mesh, [0.0, 1.0], solver=vx.Newton(1e-6)).contact
+    inside = contact.points[:, :2].max(axis=1) < 0.7
+    x, y = contact.points[inside, :2].T ** 2
+    basis = np.column_stack([x**i * y**j for i in range(5) for j in range(5 - i)])
+    weight, off = np.sqrt(contact.lengths[inside]), []
+    for p in (contact.pressure[-1], contact.pressure_recovered[-1]):
+        fit = basis @ np.linalg.lstsq(basis * weight[:, None], p[inside] * weight, rcond=None)[0]
+        off.append(np.abs(p[inside] - fit).max() / np.median(p))
+    assert off[0] > 0.15
+    assert off[1] < bound
+
+
+def test_in_space_friction_in_full_slip_is_its_bound():
     scene = vx.Scene(
         vx.Elasticity(100.0, 0.3),
-        vx.UnilateralContact(on="bottom"),
+        vx.BilateralContact(on="bottom"),
         vx.TrescaFriction(0.1, on="bottom"),
-        vx.PrescribedDisplacement(motion(0.01, 0.0, -0.01), on="top"),
+        vx.PrescribedDisplacement(motion(1.0, 0.0, -0.01), on="top"),
     )
-    contact = vx.simulate(scene, vx.meshes.cubes(2), [0.0, 1.0]).contact
-    assert (contact.pressure_recovered == contact.pressure).all()
-    assert (contact.traction_recovered == contact.traction).all()
+    contact = vx.simulate(scene, vx.meshes.voronoi3(2), [0.0, 1.0]).contact
+    assert not contact.sticking[-1].any()
+    assert contact.traction_recovered[-1] == pytest.approx(contact.traction[-1], abs=1e-3)

@@ -18,7 +18,7 @@ MEMORY = 2 * 2**30
 """Bytes that a process may hold. What it asks for is bounded by four times as many: some readers ask for much more than
 they write to, which costs nothing."""
 SECONDS = 30
-"""For a batch of files; a sound one takes milliseconds."""
+"""Of the processor, for a batch of files; a sound one takes milliseconds. A process that waits has ten times more."""
 
 STRANGE = (b"1000000000000", b"-1", b"nan", b"inf", b"1e400", b"99999999999999999999", b"", b"\xff\xfe", b"300000000")
 READER = textwrap.dedent(
@@ -26,14 +26,15 @@ READER = textwrap.dedent(
     import resource, sys, warnings
     from pathlib import Path
     resource.setrlimit(resource.RLIMIT_AS, (4 * int(sys.argv[1]),) * 2)
+    resource.setrlimit(resource.RLIMIT_CPU, (int(sys.argv[2]),) * 2)
     import vemcvx as vx
     from vemcvx.results.files import read_archive
     warnings.simplefilter("ignore")
     read = {"mesh": vx.meshes.read, "program": vx.read_program, "history": lambda path: read_archive(Path(path))}
-    for path in sys.argv[3:]:
+    for path in sys.argv[4:]:
         print("reading", path, flush=True)
         try:
-            read[sys.argv[2]](path)
+            read[sys.argv[3]](path)
         except vx.VemcvxError as error:
             print(error)
             assert str(error).startswith(path), error
@@ -45,12 +46,12 @@ READER = textwrap.dedent(
 
 def read_all(paths, kind="mesh"):
     """Read files in a process of their own; what is said of each, "" where one is read."""
-    command = [sys.executable, "-c", READER, str(MEMORY), kind, *map(str, paths)]
+    command = [sys.executable, "-c", READER, str(MEMORY), str(SECONDS), kind, *map(str, paths)]
     done = subprocess.run(
         command,
         capture_output=True,
         text=True,
-        timeout=SECONDS,
+        timeout=10 * SECONDS,
         cwd=ROOT,
         check=False,
         env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},

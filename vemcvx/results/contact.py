@@ -10,12 +10,12 @@ proportion to it (Archard 1953).
 A one-sided contact is closed where p_j + c_j z_j >= 0, z_j the excess over the gap and c_j = n'An at the node: the rule
 by which active sets are chosen, which tells a small pressure from a small distance whatever the units.
 
-Recovered pressure and friction, in the plane. Forces on nodes are right in the mean over a few sides, R(v) = int p v
-for smooth v, better than each of them is. A force over int phi_i, as `Contact.pressure` has it, is p not at node i but
-where phi_i has its centre, (h_2 - h_1) / 3 away from it between sides of lengths h_1, h_2; and where nodes of two
-bodies alternate, forces do, too, because a hanging node bends a cell in which strains are constant. Both are of order
-h, and show as a ripple. The recovered pressure is linear along sides, p = sum_i p_i phi_i, has these forces in the
-mean, and is smooth: it is least in
+Recovered pressure and friction, in the plane (in space: :mod:`.contact_faces`). Forces on nodes are right in the mean
+over a few sides, R(v) = int p v for smooth v, better than each of them is. A force over int phi_i, as
+`Contact.pressure` has it, is p not at node i but where phi_i has its centre, (h_2 - h_1) / 3 away from it between sides
+of lengths h_1, h_2; and where nodes of two bodies alternate, forces do, too, because a hanging node bends a cell in
+which strains are constant. Both are of order h, and show as a ripple. The recovered pressure is linear along sides, p =
+sum_i p_i phi_i, has these forces in the mean, and is smooth: it is least in
 
     1/2 int p^2 - sum_i R_i p_i + 1/2 c sum_i h_i^4 / l_i [p']_i^2,    hence    (M + c J' diag(h^4 / l) J) p = R,
 
@@ -46,6 +46,7 @@ from vemcvx.arrays import EPS, Bools, Floats, Ints, summed_columns, totals
 from vemcvx.meshes import PolygonMesh
 from vemcvx.meshes.polygons import smallest_linked
 from vemcvx.outline import ArrayRecord
+from vemcvx.results.contact_faces import ContactFaces
 from vemcvx.scene.contact import Surface, Terms
 from vemcvx.scene.contact_table import ContactRows, pair_numbers
 from vemcvx.scene.pose import PosedScene
@@ -96,11 +97,12 @@ class Contact(ArrayRecord):
         cohesive along the normal. A support that moves a node along the normal of its contact is an obstacle that
         moves: its force is pressure.
     traction_recovered, pressure_recovered : (S, m, dim), (S, m)
-        Friction and pressure in the plane without the ripple of order h where nodes of two bodies alternate or sides
-        are unequal: the smooth field, linear along sides, that has the same resultants and moments, exact where they
-        are constant or linear. Quote and draw these; laws and bounds of friction hold for `traction` and `pressure`
-        at every node. Edges of contact are as sharp as there, infinite values at corners of a body lower. In space
-        they are `traction` and `pressure`. See :mod:`vemcvx.results.contact`.
+        Friction and pressure without the ripple of order h where nodes of two bodies alternate or sides are unequal:
+        the smooth field, linear along sides, that has the same resultants and moments, exact where they are constant
+        or linear. Quote and draw these; laws and bounds of friction hold for `traction` and `pressure` at every node.
+        Edges of contact are as sharp as there, infinite values at corners of a body lower. In space, too, where nodes
+        without much area of their own have pressures that mean nothing; edges of contact are rounded over a cell. See
+        :mod:`vemcvx.results.contact` and :mod:`vemcvx.results.contact_faces`.
     sticking : (S, m) bool
         True where the increment of the step is zero, up to rounding, and in row 0.
     wear : (S, m)
@@ -231,20 +233,32 @@ def _pressure(posed: PosedScene, trajectory: Trajectory, forces: Floats) -> Floa
 
 
 def _recovered(posed: PosedScene, traction: Floats, pressure: Floats, closed: Bools, at: Ints) -> tuple[Floats, Floats]:
-    """Tractions and pressures at the instants, recovered in the plane; friction has its terms `at` contact nodes."""
+    """Tractions and pressures recovered at the instants; friction has its terms `at` contact nodes."""
     surface, terms, mesh = posed.surface, posed.terms, posed.space.mesh
-    if not isinstance(mesh, PolygonMesh) or len(surface) == 0:
+    if len(surface) == 0:
         return traction, pressure
-    sides = ContactSides.of(surface, np.arange(len(surface)), surface, mesh)
-    smooth = recovered(pressure * surface.lengths, surface.lengths, sides, closed, presses=True)
+
+    def sides(rows: ContactRows, at: Ints) -> ContactSides | ContactFaces:
+        if isinstance(mesh, PolygonMesh):
+            return ContactSides.of(rows, at, surface, mesh)
+        return ContactFaces.of(rows, at, surface, mesh)
+
+    whole = sides(surface, np.arange(len(surface)))
+    smooth = recovered(pressure * surface.lengths, surface.lengths, whole, closed, presses=True)
     # Forces along given directions are over lengths of their own.
     if len(terms) == 0 or terms.directed.any():
         return traction, smooth
-    length, tangents = totals(at, terms.lengths, len(surface)), tangents_of(surface.normals)[:, 0]
-    along = np.einsum("smd,md->sm", traction, tangents)
-    rubs, safe = length > 0, np.where(length > 0, length, 1.0)
-    friction = recovered(along * safe, safe, ContactSides.of(terms, at, surface, mesh), closed & rubs, presses=False)
-    return traction + (friction - along)[:, :, None] * tangents, smooth
+    length = totals(at, terms.lengths, len(surface))
+    # Of friction what is along the sides; in space, where tangents at a node are any two, what is along each axis.
+    flat = isinstance(mesh, PolygonMesh)
+    axes = tangents_of(surface.normals) if flat else np.tile(np.eye(3), (len(surface), 1, 1))
+    along = np.einsum("smd,mad->asm", traction, axes)
+    rubs, safe, part = length > 0, np.where(length > 0, length, 1.0), sides(terms, at)
+    friction = np.array([recovered(each * safe, safe, part, closed & rubs, presses=False) for each in along])
+    change = np.einsum("asm,mad->smd", friction - along, axes)
+    if not flat:
+        change -= np.einsum("smd,md->sm", change, surface.normals)[:, :, None] * surface.normals
+    return traction + change, smooth
 
 
 def _per_length(values: Floats, at: Ints, length: Floats) -> Floats:
@@ -347,6 +361,35 @@ class ContactSides:
             reach = np.minimum(reach, _runs(ends, lengths, (body >= 0) & (cells[body] == 1)))
         return cls(ends, lengths, reach)
 
+    def within(self, pattern: Bools) -> ContactSides:
+        """The sides both of whose nodes are in the pattern (m,)."""
+        kept = pattern[self.ends].all(axis=1)
+        return ContactSides(self.ends[kept], self.lengths[kept], self.reach[kept])
+
+    @property
+    def links(self) -> Ints:
+        """(k, 2) the nodes at the ends of sides."""
+        return self.ends
+
+    def smoothed(self, forces: Floats, lengths: Floats) -> Floats:
+        """The field (S, m) without regard to signs, R_i / int phi_i where no side is."""
+        m, ends, h = len(lengths), self.ends, self.lengths
+        differences = _differences(ends, m)
+        shared = sp.csr_matrix((np.tile(h / 6.0, 2), (ends.T.ravel(), ends[:, ::-1].T.ravel())), shape=(m, m))
+        mass = shared + sp.diags_array(lengths - np.asarray(shared.sum(axis=1)).ravel())
+        inner = np.flatnonzero(np.bincount(ends.ravel(), minlength=m) == 2)
+        around, reach = sp.csr_matrix(abs(differences.T))[inner], np.zeros(m)
+        np.maximum.at(reach, ends, self.reach[:, None])
+        # Rows of J times l_1 l_2 / (l_1 + l_2), and h, so that none is large.
+        scale = reach[inner] / (around @ (1.0 / h))
+        J = sp.diags_array(scale) @ sp.csr_matrix(differences.T @ sp.diags_array(1.0 / h) @ differences)[inner]
+        # c = 1/2: of ripples of two sides 2 % are left, of four 25 %. From .04 to 2.6 measured on flat joints, press
+        # fits, Hertz' contact and under a punch: more rounds the edge of contact, less leaves triangles' ripple.
+        soft = sp.diags_array((around @ h) * (scale / reach[inner] ** 2) ** 2)
+        system = sp.csc_matrix(sp.vstack([sp.hstack([mass, J.T]), sp.hstack([J, -soft])]))
+        loads = np.concatenate([forces.T, np.zeros((len(inner), len(forces)))])
+        return splu(system).solve(loads)[:m].T
+
 
 def _differences(ends: Ints, m: int) -> sp.csr_matrix:
     """(k, m) the differences of values at the ends of sides."""
@@ -363,7 +406,9 @@ def _runs(ends: Ints, lengths: Floats, hangs: Bools) -> Floats:
     return np.bincount(run, lengths, minlength=len(ends)).astype(float)[run]
 
 
-def recovered(forces: Floats, lengths: Floats, sides: ContactSides, closed: Bools, *, presses: bool) -> Floats:
+def recovered(
+    forces: Floats, lengths: Floats, sides: ContactSides | ContactFaces, closed: Bools, *, presses: bool
+) -> Floats:
     """Forces (S, m) on nodes, with int phi_i as lengths (m,), as recovered forces per length.
 
     At each instant stretches go to the nodes that are `closed`, (S, m). If it `presses`, a stretch without negative
@@ -373,38 +418,17 @@ def recovered(forces: Floats, lengths: Floats, sides: ContactSides, closed: Bool
     patterns, of = np.unique(closed, axis=0, return_inverse=True)
     for number, pattern in enumerate(patterns):
         rows = np.flatnonzero(of.ravel() == number)
-        kept = pattern[sides.ends].all(axis=1)
-        if kept.any():
-            stretch = ContactSides(sides.ends[kept], sides.lengths[kept], sides.reach[kept])
-            smooth = _smoothed(forces[rows], lengths, stretch)
-            found[rows] = _pressing(smooth, forces[rows], lengths, stretch) if presses else smooth
+        stretch = sides.within(pattern)
+        if len(stretch.links):
+            smooth = stretch.smoothed(forces[rows], lengths)
+            found[rows] = _pressing(smooth, forces[rows], lengths, stretch.links) if presses else smooth
     return found
 
 
-def _smoothed(forces: Floats, lengths: Floats, sides: ContactSides) -> Floats:
-    """The field (S, m) without regard to signs, R_i / int phi_i where no side is."""
-    m, ends, h = len(lengths), sides.ends, sides.lengths
-    differences = _differences(ends, m)
-    shared = sp.csr_matrix((np.tile(h / 6.0, 2), (ends.T.ravel(), ends[:, ::-1].T.ravel())), shape=(m, m))
-    mass = shared + sp.diags_array(lengths - np.asarray(shared.sum(axis=1)).ravel())
-    inner = np.flatnonzero(np.bincount(ends.ravel(), minlength=m) == 2)
-    around, reach = sp.csr_matrix(abs(differences.T))[inner], np.zeros(m)
-    np.maximum.at(reach, ends, sides.reach[:, None])
-    # Rows of J times l_1 l_2 / (l_1 + l_2), and h, so that none is large.
-    scale = reach[inner] / (around @ (1.0 / h))
-    J = sp.diags_array(scale) @ sp.csr_matrix(differences.T @ sp.diags_array(1.0 / h) @ differences)[inner]
-    # c = 1/2: of ripples of two sides 2 % are left, of four 25 %. From .04 to 2.6 measured on flat joints, press fits,
-    # Hertz' contact and under a punch: more rounds the edge of contact, less leaves more of triangles' ripple.
-    soft = sp.diags_array((around @ h) * (scale / reach[inner] ** 2) ** 2)
-    system = sp.csc_matrix(sp.vstack([sp.hstack([mass, J.T]), sp.hstack([J, -soft])]))
-    loads = np.concatenate([forces.T, np.zeros((len(inner), len(forces)))])
-    return splu(system).solve(loads)[:m].T
-
-
-def _pressing(smooth: Floats, forces: Floats, lengths: Floats, sides: ContactSides) -> Floats:
+def _pressing(smooth: Floats, forces: Floats, lengths: Floats, links: Ints) -> Floats:
     """The field without negative values in stretches that are pressed all over, with the same resultants."""
     m = len(lengths)
-    stretch = smallest_linked(sides.ends, m)
+    stretch = smallest_linked(links, m)
     pulled, turned = (summed_columns((each < 0).astype(float), stretch, m)[:, stretch] > 0 for each in (forces, smooth))
     positive = np.maximum(smooth, 0.0)
     total, wanted = (summed_columns(each, stretch, m)[:, stretch] for each in (positive * lengths, forces))

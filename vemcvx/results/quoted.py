@@ -19,7 +19,7 @@ class Extreme:
     ----------
     key : str
         "displacement", "von_mises", "largest_principal_stress", "smallest_principal_stress", "slip", "friction",
-        "pressure" or, in the plane, "pressure_recovered".
+        "pressure" or "pressure_recovered".
     name : str
         The same in words, such as "largest von Mises stress".
     value : float

@@ -369,9 +369,8 @@ def _fields(history: Results, row: int, step: int) -> Iterator[tuple[str, tuple[
         yield "slip", ("largest slip", "length", slip, contact.points)
         yield "friction", (f"largest friction per {over}", unit, friction, contact.points)
         yield "pressure", (f"largest contact pressure per {over}", unit, contact.pressure[row], contact.points)
-        if history.displacement.shape[2] == 2:
-            smooth = f"largest recovered contact pressure per {over}"
-            yield "pressure_recovered", (smooth, unit, contact.pressure_recovered[row], contact.points)
+        smooth = f"largest recovered contact pressure per {over}"
+        yield "pressure_recovered", (smooth, unit, contact.pressure_recovered[row], contact.points)
 
 
 RECORDS: dict[str, type] = {

@@ -27,7 +27,7 @@ GROUPS = {
     "Several bodies": "two_blocks_in_series pack_of_blocks press_fit lap_joint hertz_two_cylinders bolted_joint "
     "brake_pad_on_disc cohesive_interface",
     "In space": "block_in_space spherical_indenter hertz_two_balls tubes_shrunk_on cone_clutch lug_and_pin twisted_pad "
-    "ball_in_socket dovetail skew_joint bolted_flange block_dragged_along_a_curve",
+    "ball_in_socket dovetail skew_joint bolted_lap_joint bolted_flange block_dragged_along_a_curve",
     "Materials": "plate_with_hole circular_inclusion bimetallic_strip block_with_grain",
     "Accuracy": "guaranteed_bounds manufactured_full_slip missed_reversal l_shaped_bracket bracket_in_space "
     "adaptive_meshes effectivity stabilisation_spectrum stabilisations_of_ones_own midpoint_rule solver_accuracy "

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vemcvx.arrays import Floats, as_real_array, brief
+from vemcvx.arrays import Floats, brief, plain
 from vemcvx.errors import MeshError
 from vemcvx.meshes.box import LARGEST, SHORTEST, check_total, check_whole
 from vemcvx.meshes.polygon_mesh import PolygonMesh
@@ -73,8 +73,11 @@ def ring(radii: ArrayLike, sectors: int, *, angles: tuple[float, float] = (0.0, 
 
 def _increasing(radii: ArrayLike) -> Floats:
     wanted = "at least two increasing numbers >= 0, the radii of circles"
-    r = as_real_array(radii, "ring: radii", wanted)
-    if r.ndim != 1 or len(r) < 2 or not np.isfinite(r).all() or r[0] < 0 or np.diff(r).min() < SHORTEST:
+    given = plain(radii)
+    if given is None or given.dtype.kind not in "iuf" or given.ndim != 1 or len(given) < 2:
+        raise MeshError(f"ring: found radii = {brief(radii)}; wanted {wanted}.")
+    r = given.astype(float)
+    if not np.isfinite(r).all() or r[0] < 0 or np.diff(r).min() < SHORTEST:
         raise MeshError(f"ring: found radii = {brief(radii)}; wanted {wanted}.")
     if r[-1] > LARGEST:
         raise MeshError(f"ring: found a radius of {r[-1]:g}; at most {LARGEST:g} can be computed with.")
@@ -84,11 +87,12 @@ def _increasing(radii: ArrayLike) -> Floats:
 def _rays(angles: tuple[float, float]) -> tuple[float, float]:
     """The angles of the first and of the last ray."""
     wanted = "two increasing angles in radians, at most a turn apart"
-    given = as_real_array(angles, "ring: angles", wanted)
-    if given.shape != (2,) or not np.isfinite(given).all() or not 0 < given[1] - given[0] <= TURN * (1 + 1e-12):
-        raise MeshError(f"ring: found angles = {brief(angles)}; wanted {wanted}.")
-    start, end = map(float, given)
-    return start, end
+    given = plain(angles)
+    if given is not None and given.dtype.kind in "iuf" and given.shape == (2,) and np.isfinite(given).all():
+        start, end = map(float, given)
+        if 0 < end - start <= TURN * (1 + 1e-12):
+            return start, end
+    raise MeshError(f"ring: found angles = {brief(angles)}; wanted {wanted}.")
 
 
 def _directions(start: float, end: float, sectors: int) -> Floats:

@@ -228,6 +228,7 @@ def test_bounds_hold_against_much_finer_meshes(name, family):
     check_against_finer(name, vx.meshes.FAMILIES[family](8), vx.meshes.squares(64))
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("ignore:supports")
 @pytest.mark.parametrize("name", SCENES)
 def test_bounds_of_two_meshes_agree_on_the_energy_that_a_step_makes_least(name):

@@ -291,6 +291,7 @@ test_effects_of_problem_files = effect_suite(
 )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("sample", SAMPLES.values(), ids=SAMPLES)
 @pytest.mark.parametrize("family", FAMILIES)
 def test_every_effect_runs_on_every_family(sample, family):

@@ -60,6 +60,7 @@ def floor(across=ACROSS, **settings):
     return vx.BilateralContact(on="bottom"), rubs
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("across", [ACROSS, 2.5, 0.0])
 @pytest.mark.parametrize("family", SOLIDS)
 def test_a_sheared_block_follows_its_closed_form(family, across):

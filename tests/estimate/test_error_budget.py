@@ -29,6 +29,7 @@ def ratio_of(poisson, family, n):
     return budget.largest["total"] / true.relative
 
 
+@pytest.mark.long
 @few_families
 def test_effectivity_on_manufactured_full_slip(family):
     assert LEAST <= ratio_of(0.3, family, 8) <= MOST

@@ -42,6 +42,7 @@ def slip_errors(slip, family, lam, sizes, times=(0.0, 1.0), **options):
     return np.array(rows).T
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("family", ["squares", "triangles", "hexagons", "distorted", "hanging", "voronoi"])
 def test_first_order_in_the_mesh_size(slip, family):
     h, energy, l2 = slip_errors(slip, family, 1.0, (6, 12, 24))

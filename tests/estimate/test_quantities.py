@@ -246,6 +246,7 @@ def test_wear_that_moves_is_seen_and_wear_without_a_limit_is_told():
     assert told["dissipated"].unbounded == ""
 
 
+@pytest.mark.long
 def test_the_budget_has_them():
     history = pad(6, 3)
     budget = vx.error_budget(history)

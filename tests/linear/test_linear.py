@@ -181,6 +181,7 @@ def test_energies_of_inexact_solves_are_bounds(tolerance):
     assert held <= inexact.within(K_FF, F).energy(smooth[F]) < 1.5 * held
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("friction", [True, False], ids=["friction", "no friction"])
 @pytest.mark.parametrize("tolerance", [0.1, 1e-2, 1e-4, 1e-8])
 def test_certificates_hold_whatever_the_tolerance(tolerance, friction):

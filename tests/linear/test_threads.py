@@ -32,6 +32,7 @@ def _without_variables(monkeypatch):
         monkeypatch.delenv(name, raising=False)
 
 
+@pytest.mark.long
 @threaded
 @pytest.mark.parametrize("condense", [True, False], ids=["condensed", "all unknowns"])
 @pytest.mark.parametrize("viscous", [False, True])
@@ -75,6 +76,7 @@ for threads in map(int, sys.argv[1]):
 """
 
 
+@pytest.mark.long
 @threaded
 @needs("pymklpardiso")
 def test_one_thread_has_its_digits_whatever_ran_before_in_the_process():
@@ -132,6 +134,7 @@ def test_linear_solvers_of_one_thread_say_so():
     assert "--threads: the linear solver superlu has one thread; take --linear pardiso." in " ".join(run.output.split())
 
 
+@pytest.mark.long
 @threaded
 @pytest.mark.parametrize(
     "command", [("run",), ("compare", "--solvers", "newton"), ("cost", "--steps", "4", "--mesh", "squares")]

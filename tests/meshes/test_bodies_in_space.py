@@ -72,6 +72,7 @@ def assert_blocks_match(below, above, angle):
     return mesh
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("below", "above"), [*zip(FAMILIES, FAMILIES[1:] + FAMILIES[:1], strict=True)])
 def test_turned_blocks_match(below, above):
     mesh = assert_blocks_match(below, above, 0.4)

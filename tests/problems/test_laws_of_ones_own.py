@@ -28,6 +28,7 @@ def allowed(history, scene, rho, turns=3):
     return np.sqrt(np.diag(felt).max()) * total, 2 * stiff * total / history.contact.lengths.min()
 
 
+@pytest.mark.long
 def test_slip_weakening_follows_its_closed_form(family):
     mesh, times = weakening.mesh(3, family), weakening.times(20)
     history = vx.simulate(weakening.scene(), mesh, times, solver=vx.Newton(1e-9))
@@ -117,6 +118,7 @@ class Slips(vx.Effect):
         return "Slips: on bottom"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("fall", [6.25, 0.5, -2.0])
 @pytest.mark.parametrize("name", SOLIDS)
 def test_friction_that_weakens_and_hardens_in_space_follows_its_closed_form(name, fall):

@@ -220,6 +220,7 @@ def test_lesson_3_is_the_package_by_other_means():
         assert 2 * history.energy[-1] == pytest.approx(space["cantilever"][family, n][2], rel=1e-9)
 
 
+@pytest.mark.long
 def test_lesson_4_the_loop_loses_what_the_formula_says():
     space, _ = ran("lesson_4_quasistatic.py")
     assert space["lost"] == pytest.approx(space["closed_form"], rel=1e-14)
@@ -302,6 +303,7 @@ def test_answers_of_lessons_3_and_4():
     assert np.ptp(worked) < 1e-10 * worked[0]
 
 
+@pytest.mark.long
 def test_answers_of_lessons_5_and_6():
     space, _ = ran("lesson_5_active_sets.py")
     assert not space["sides"][0].any()
@@ -325,6 +327,7 @@ def test_answers_of_lessons_5_and_6():
     assert not (space["w"] * np.abs(exact) >= 2 * forces * exact).all()
 
 
+@pytest.mark.long
 def test_answers_of_lesson_7():
     space, _ = ran("lesson_7_what_accuracy_costs.py")
     told = answers("lesson_7_what_accuracy_costs.py")[0]
@@ -337,6 +340,7 @@ def test_answers_of_lesson_7():
         assert f"{space['nodes'][name][-1]}" in told
 
 
+@pytest.mark.long
 def test_answers_of_lessons_8_and_9():
     space, _ = ran("lesson_8_your_own_effect.py")
     for steps in (4, 16, 64):

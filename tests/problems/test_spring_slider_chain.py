@@ -30,6 +30,7 @@ def test_plays_compose_and_stay_within_reach():
     assert np.abs(x[:, None] - lesson.play([0.4, 2.0], x)).max(axis=0) == pytest.approx([0.4, 2.0], rel=1e-13)
 
 
+@pytest.mark.long
 def test_the_chain_adds_up_plays(marched):
     system, trajectory = marched
     u, friction = lesson.chain_in_closed_form(FORCE)

@@ -30,6 +30,7 @@ def test_two_blocks_make_one_loop(family):
     assert np.abs(contact.wear[-1] - contact.wear[turn] - loop).max() < 1e-10
 
 
+@pytest.mark.long
 def test_a_pack_of_blocks_slides_one_by_one(family):
     """Exact on every mesh: tractions, slips, the force on the plate by Masing's rule, when each begins to slide."""
     mesh, times = pack.mesh(2, family), pack.times(40)

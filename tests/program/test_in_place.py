@@ -30,6 +30,7 @@ def test_small_systems_are_certified_to_rounding(kind):
     assert max(answered(seed, kind)[1].certificate.max() for seed in range(36)) <= 1e-12
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["bounds", "soft", "mixed", "sticking"])
 def test_the_certificate_of_a_slip_of_rounding_bounds_its_error(kind):
     """A slip of 1e-14 is off by what putting it in place takes, which the certificate is not below."""

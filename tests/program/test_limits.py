@@ -44,6 +44,7 @@ def solved(program):
     return answer, program.certify(answer.d, answer.lam, answer.p)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("separate", [False, True])
 @pytest.mark.parametrize("block", [1, 2])
 def test_the_gap_bounds_the_error(block, separate):
@@ -135,6 +136,7 @@ def depth(t):
     return 0.05 * np.interp(t, [0, 1, 2, 3], [0, 1, 0, 0.6])
 
 
+@pytest.mark.long
 @few_families
 @pytest.mark.parametrize("stiffness", [None, 400.0])
 @pytest.mark.parametrize("solver", [vx.Newton(), vx.Clarabel(), vx.OSQP()], ids=lambda s: s.name)
@@ -187,6 +189,7 @@ def test_a_body_inside_its_obstacle_does_not_start_at_rest():
             vx.simulate(scene, vx.meshes.squares((2, 1), box=((0, 2), (0, 0.5))), TIMES, initial=initial)
 
 
+@pytest.mark.long
 @few_families
 @pytest.mark.parametrize("solver", [vx.Newton(), vx.Clarabel()], ids=lambda s: s.name)
 @pytest.mark.parametrize("cap", [None, 0.35])

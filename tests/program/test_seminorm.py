@@ -193,6 +193,7 @@ def test_a_body_is_carried_as_far_as_it_is_taken(far, solver):
     assert np.abs(run.multipliers[-1].ravel() - [-0.5, 0.5]).max() <= allowed
 
 
+@pytest.mark.long
 @few_families
 @pytest.mark.parametrize("angle", [0.0, 0.3, 0.7, 1.1])
 @pytest.mark.parametrize("limit", [vx.UnilateralContact, vx.NormalCompliance])

@@ -139,6 +139,7 @@ def dying_at(monkeypatch, move):
     return made
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("first", [True, False], ids=["first", "over another"])
 @pytest.mark.parametrize("move", range(1, 11))
 def test_a_folder_is_old_or_new_wherever_a_process_dies(tmp_path, monkeypatch, first, move):

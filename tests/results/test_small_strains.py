@@ -152,6 +152,7 @@ def test_corners_of_fine_meshes_do_not_count(caplog):
     assert said(caplog, lambda: vx.simulate(scene, vx.meshes.squares(48), times)) == []
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=pytest.mark.slow) if name in LONG else name for name in PROBLEMS]
 )

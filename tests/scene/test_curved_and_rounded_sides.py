@@ -152,6 +152,7 @@ def test_bilateral_interfaces_without_friction_beside_friction_elsewhere():
     assert vx.simulate(scene, mesh, [0, 0.5, 1]).certificate.max() <= 1e-8
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("housing", HOUSINGS)
 def test_adapting_along_a_curve_is_warned_of(housing):
     scene = vx.Scene(vx.Elasticity(100.0, 0.3), vx.PrescribedDisplacement(swollen, on="inner"), HOUSINGS[housing])

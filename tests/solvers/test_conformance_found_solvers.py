@@ -7,10 +7,12 @@ tried on them.
 
 from __future__ import annotations
 
+import pytest
 from test_conformance_solvers import FOUND
 
 from vemcvx.testing import solver_suite
 
+pytestmark = pytest.mark.long
 VARYING = {"PROXQP"}
 """Whose last digits vary from time to time."""
 test_every_solver_that_cvxpy_finds = solver_suite(

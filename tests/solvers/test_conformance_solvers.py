@@ -212,6 +212,7 @@ def failures(solver):
     return found
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", BROKEN)
 def test_the_suite_finds_what_is_wrong(kind):
     assert BROKEN[kind] in failures(kind())

@@ -64,6 +64,7 @@ def test_refining_worsens_nothing(form):
     assert exact.answer.certificate.gap <= answer.certificate.gap
 
 
+@pytest.mark.long
 def test_solvers_go_on_until_they_miss(rows):
     for step in study.STEPS:
         for form in study.FORMS:

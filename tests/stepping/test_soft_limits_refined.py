@@ -102,6 +102,7 @@ def joint(k):
     return scene, vx.meshes.bodies({"lower": lower, "upper": upper})
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", [*FRICTION, "inclined", "joint", "grazing"])
 @pytest.mark.parametrize("k", [1e-4, 1e-6, 1e-8])
 def test_against_steps_in_512_bits(k, kind):

@@ -231,6 +231,7 @@ def test_units_of_a_problem_file_reach_every_axis(ran, tmp_path):
         assert not [text for text in said for word in ("length", "force", "time") if f"({word}" in text]
 
 
+@pytest.mark.long
 def test_an_error_of_ones_own_scene_is_named(ran, tmp_path):
     (tmp_path / "own.py").write_text(OWN_FILE.format(kinds=2).replace("vx.Scene(", "vx.Scene(1 / (young - 10.0),"))
     problem = read_problem(tmp_path / "own.py")

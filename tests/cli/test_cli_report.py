@@ -106,6 +106,7 @@ def test_it_has_the_quantities_with_their_errors(paper):
     assert history.table("steps")["dissipated_error"][-1] == told["quantities"]["dissipated"]["error"]
 
 
+@pytest.mark.long
 def test_it_has_the_numbers_of_the_summary(paper):
     told, text = json.loads((paper[0] / "summary.json").read_text()), Reader(paper[1]).text
     assert f"{told['mesh']['cells']} cells, {told['mesh']['nodes']} nodes" in text

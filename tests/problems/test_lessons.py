@@ -202,6 +202,7 @@ def test_lesson_2_four_nodes_agree_with_the_hand():
     assert space["apart"] <= space["claimed"] < 1e-5
 
 
+@pytest.mark.long
 def test_lesson_3_is_the_package_by_other_means():
     """One pentagon to 1e-13; cantilevers, which the lesson assembles cell by cell, by `simulate`."""
     space, _ = ran("lesson_3_virtual_elements.py")

@@ -93,7 +93,8 @@ def test_friction_stays_in_its_disc_and_slips_on_the_rim(history):
 def test_how_large_things_are_on_the_face(history, show):
     figure = contact_face(history, show=show, units={"length": "mm", "force": "N"})
     contact, drawn = history.contact, figure.axes[0].collections[0]
-    field = np.linalg.norm(contact.traction, axis=2) if show == "friction" else getattr(contact, show)
+    drawn_of = {"pressure": contact.pressure_recovered, "friction": np.linalg.norm(contact.traction, axis=2)}
+    field = drawn_of.get(show, contact.wear)
     assert np.array_equal(drawn.get_array(), field[-1, face_layout(history, "test").owners])
     assert drawn.get_clim() == (min(0.0, field.min()), field.max())
     assert "N" in figure.axes[1].get_ylabel()

@@ -26,7 +26,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.spatial import cKDTree
 
 from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.meshes import PolyhedralMesh
@@ -102,6 +101,8 @@ class ContactFaces:
 
     def _nearness(self) -> sp.csr_matrix:
         """(m, m) k, symmetric; 1 on the diagonal."""
+        from scipy.spatial import cKDTree
+
         m, used = len(self.points), np.unique(self.corners)
         piece, x = smallest_linked(self.links, m), self.points
         near = cKDTree(x[used]).query_ball_point(x[used], self.reach[used])

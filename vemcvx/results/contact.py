@@ -253,9 +253,9 @@ def _recovered(posed: PosedScene, traction: Floats, pressure: Floats, closed: Bo
     flat = isinstance(mesh, PolygonMesh)
     axes = tangents_of(surface.normals) if flat else np.tile(np.eye(3), (len(surface), 1, 1))
     along = np.einsum("smd,mad->asm", traction, axes)
-    rubs, safe, part = length > 0, np.where(length > 0, length, 1.0), sides(terms, at)
-    friction = np.array([recovered(each * safe, safe, part, closed & rubs, presses=False) for each in along])
-    change = np.einsum("asm,mad->smd", friction - along, axes)
+    safe, rubs = np.where(length > 0, length, 1.0), np.tile(closed & (length > 0), (len(along), 1))
+    friction = recovered((along * safe).reshape(rubs.shape), safe, sides(terms, at), rubs, presses=False)
+    change = np.einsum("asm,mad->smd", friction.reshape(along.shape) - along, axes)
     if not flat:
         change -= np.einsum("smd,md->sm", change, surface.normals)[:, :, None] * surface.normals
     return traction + change, smooth
@@ -342,9 +342,7 @@ class ContactSides:
     @classmethod
     def of(cls, rows: ContactRows, at: Ints, surface: Surface, mesh: PolygonMesh) -> ContactSides:
         """The sides of these rows, whose places among the nodes of contact are `at`."""
-        each, (node, beyond) = rows.ends.tocoo(), rows.names.T
-        owner = np.full(len(node), -1)
-        owner[each.col] = at[each.row]
+        owner, (node, beyond) = rows.owners(at), rows.names.T
         one, back = (pair_numbers(*pair, mesh.n_nodes) for pair in ((node, beyond), (beyond, node)))
         other = np.minimum(np.searchsorted(one, back), len(one) - 1)
         whole = np.flatnonzero((one[other] == back) & (node < beyond) & (owner >= 0) & (owner[other] >= 0))

@@ -59,9 +59,7 @@ class ContactFaces:
     @classmethod
     def of(cls, rows: ContactRows, at: Ints, surface: Surface, mesh: PolyhedralMesh) -> ContactFaces:
         """The faces of these rows, whose places among the nodes of contact are `at`."""
-        each, (node, face) = rows.ends.tocoo(), rows.names.T
-        owner = np.full(len(node), -1)
-        owner[each.col] = at[each.row]
+        owner, (node, face) = rows.owners(at), rows.names.T
         faces = np.unique(face[face >= 0])
         offsets, vertices = rows_in_order(mesh.face_offsets, mesh.face_vertices, faces)
         face_of = faces[cell_of_corner(offsets)]

@@ -113,6 +113,12 @@ class ContactRows:
         picked = {name: column if name == "names" else column[rows] for name, column in self.columns.items()}
         return ContactRows(**picked)
 
+    def owners(self, of: Ints) -> Ints:
+        """(e,) the number in `of` (m,) of the row that owns each end; -1 where none of these rows does."""
+        each, found = self.ends.tocoo(), np.full(len(self.names), -1)
+        found[each.col] = of[each.row]
+        return found
+
     @property
     def columns(self) -> dict[str, Any]:
         """The columns of the table, of which records of terms and limits are made."""

@@ -18,6 +18,8 @@ import typer
 
 from vemcvx.cli.collection.instances import (
     CORE,
+    COULOMB,
+    FCLIB,
     INFEASIBLE,
     INSTANCES,
     LARGE,
@@ -31,11 +33,12 @@ from vemcvx.cli.supplied import problems_folder
 from vemcvx.cli.terminal import logged_at_most, progress_bar, say
 from vemcvx.errors import ProblemError, SceneWarning
 from vemcvx.exchange import FORMATS, description, encoded, in_json, put, sequence_to_npz
+from vemcvx.linear import direct_solver
 from vemcvx.outline import Table
 from vemcvx.owned_files import ANY_KIND, Owned
 from vemcvx.program.step_program import SolvedProgram, StepProgram
 from vemcvx.results.results import programs_of_steps
-from vemcvx.simulation import simulate
+from vemcvx.simulation import programs, simulate
 from vemcvx.solvers import Newton
 from vemcvx.version import __version__
 
@@ -152,9 +155,9 @@ def write_collection(
             written.append(files.take(name))
             return written[-1]
 
-        for done, (instance, programs) in enumerate(_made(instances)):
+        for done, (instance, solved) in enumerate(_made(instances)):
             told(instance.name, done, len(instances))
-            data, words = _sequence(programs) if instance.steps > 1 else _single(instance, programs[0], forms)
+            data, words = _sequence(instance, solved) if instance.steps > 1 else _single(instance, solved[0], forms)
             data[".json"] = in_json(words)
             put({f"{instance.name}{end}": content for end, content in data.items()}, place)
             rows.append({"name": instance.name, "core": instance.name in CORE, **asdict(instance), **words})
@@ -232,13 +235,17 @@ class Collection:
     large: Annotated[
         bool, typer.Option("--large", help="With sparse programs of up to a million unknowns: minutes, and a GB.")
     ] = False
+    fclib: Annotated[
+        bool, typer.Option("--fclib", help="With Coulomb's law on up to 10,000 contacts, as FCLIB has it: minutes.")
+    ] = False
 
     def __call__(self) -> None:
         """Write it, and say what there is."""
         # What simulations log is about physics that nobody here asks for.
         with progress_bar("reading") as shown, logged_at_most(0):
             chosen = tuple(one for one in (*INSTANCES, *SEQUENCES) if one.name in CORE or not self.core)
-            say(write_collection(self.out, self.form, (*chosen, *(LARGE if self.large else ())), told=shown))
+            more = (*(LARGE if self.large else ()), *(COULOMB if self.fclib else ()))
+            say(write_collection(self.out, self.form, (*chosen, *more), told=shown))
 
 
 Words = dict[str, Any]
@@ -253,15 +260,17 @@ def _single(instance: Instance, solved: SolvedProgram, forms: Sequence[str]) -> 
     return files, {**json.loads(files[".json"]), **proof}
 
 
-def _sequence(programs: Sequence[SolvedProgram]) -> Written:
+def _sequence(instance: Instance, solved: Sequence[SolvedProgram]) -> Written:
     """A sequence; its value and the bounds on that are sums over all steps, errors those of the worst."""
-    each = [description(program) for program in programs]
+    each = [description(program) for program in solved]
     optima = [words["optimum"] for words in each]
     sums = {name: sum(one[name] for one in optima) for name in ("value", "low", "high")}
     most = {name: max(one[name] for one in optima) for name in ("gap", "rounding_floor", "energy_error", "energy_norm")}
-    words = {**each[-1], "steps": len(programs), "optimum": {**sums, **most}}
+    words = {**each[-1], "steps": len(solved), "optimum": {**sums, **most}}
     words["degenerate"] = {name: sum(one["degenerate"][name] for one in each) for name in words["degenerate"]}
-    return sequence_to_npz(programs), words
+    if instance.grade != FCLIB:
+        return sequence_to_npz(solved), words
+    return {f"-{one.step}.hdf5": FORMATS["hdf5"][0](one)[".hdf5"] or b"" for one in solved}, words
 
 
 def _made(instances: Sequence[Instance]) -> Iterator[tuple[Instance, list[SolvedProgram]]]:
@@ -271,18 +280,26 @@ def _made(instances: Sequence[Instance]) -> Iterator[tuple[Instance, list[Solved
         wanted = list(group)
         first, last = wanted[0], max(one.step for one in wanted)
         problem = read_problem(here / f"{first.problem}.py")
+        scene, mesh = problem.scene(first.settings), problem.mesh(first.n)
+        times, exactly = np.asarray(problem.times(first.of))[: last + 1], Newton(accuracy=ACCURACY)
         with warnings.catch_warnings():
             # What holds the bodies is what grades are about.
             warnings.simplefilter("ignore", SceneWarning)
-            history = simulate(
-                problem.scene(first.settings),
-                problem.mesh(first.n),
-                np.asarray(problem.times(first.of))[: last + 1],
-                solver=Newton(accuracy=ACCURACY),
-                initial=problem.initial,
-                check=False,
-                progress=False,
-            )
+            if first.grade == FCLIB:  # Condensed, K of 10,000 contacts would be 7 GB.
+                linear = direct_solver(mesh.n_nodes)
+                found = programs(
+                    scene,
+                    mesh,
+                    times,
+                    solver=exactly,
+                    initial=problem.initial,
+                    check=False,
+                    condense=False,
+                    linear=linear,
+                )
+                yield first, list(found)
+                continue
+            history = simulate(scene, mesh, times, solver=exactly, initial=problem.initial, check=False, progress=False)
         for one in wanted:
             numbers = range(one.step - one.steps + 1, one.step + 1)
             yield one, list(programs_of_steps(history, numbers, one.condense))

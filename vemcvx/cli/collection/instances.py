@@ -157,14 +157,14 @@ COULOMB = tuple(
     Instance(
         grade=FCLIB,
         problem="block_dragged_along_a_curve",
-        n=(k, k, 2),
+        n=(k, k, layers),
         of=16384,
         step=8,
         steps=8,
         settings=("crown=0.0005",),
         condense=False,
     )
-    for k in (9, 19, 49, 99)
+    for k, layers in ((9, 2), (19, 2), (49, 2), (99, 1))
 )
 """Coulomb's law on a hundred to 10,000 contacts, of which some stick, some slip and some are open; on demand."""
 

@@ -280,26 +280,17 @@ def _made(instances: Sequence[Instance]) -> Iterator[tuple[Instance, list[Solved
         wanted = list(group)
         first, last = wanted[0], max(one.step for one in wanted)
         problem = read_problem(here / f"{first.problem}.py")
-        scene, mesh = problem.scene(first.settings), problem.mesh(first.n)
-        times, exactly = np.asarray(problem.times(first.of))[: last + 1], Newton(accuracy=ACCURACY)
         with warnings.catch_warnings():
             # What holds the bodies is what grades are about.
             warnings.simplefilter("ignore", SceneWarning)
+            scene, mesh, initial = problem.scene(first.settings), problem.mesh(first.n), problem.initial
+            times, exactly = np.asarray(problem.times(first.of))[: last + 1], Newton(accuracy=ACCURACY)
             if first.grade == FCLIB:  # Condensed, K of 10,000 contacts would be 7 GB.
-                linear = direct_solver(mesh.n_nodes)
-                found = programs(
-                    scene,
-                    mesh,
-                    times,
-                    solver=exactly,
-                    initial=problem.initial,
-                    check=False,
-                    condense=False,
-                    linear=linear,
-                )
-                yield first, list(found)
+                given: Any = {"condense": False, "linear": direct_solver(mesh.n_nodes)}
+                found = programs(scene, mesh, times, solver=exactly, initial=initial, check=False, **given)
+                yield first, [one for one in found if one.step > last - first.steps]
                 continue
-            history = simulate(scene, mesh, times, solver=exactly, initial=problem.initial, check=False, progress=False)
+            history = simulate(scene, mesh, times, solver=exactly, initial=initial, check=False, progress=False)
         for one in wanted:
             numbers = range(one.step - one.steps + 1, one.step + 1)
             yield one, list(programs_of_steps(history, numbers, one.condense))

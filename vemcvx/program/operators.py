@@ -485,9 +485,9 @@ class Operators(ArrayRecord):
 
     @cached_property
     def sparse(self) -> bool:
-        """True if systems of sets are solved on all unknowns, because those that rows read are too many for dense ones.
+        """True if systems of sets are to be sparse, on all unknowns: rows read too many for dense matrices of these.
 
-        A body that is not held has a K that is no factor of such systems.
+        Anchors of bodies that are not held have dense matrices; systems of these stay dense.
         """
         return sp.issparse(self.K) and self.anchor is None and len(self.read) ** 2 > AT_ONCE
 

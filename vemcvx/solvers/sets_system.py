@@ -15,9 +15,10 @@ terms that slip pull at what limits hold; and y has
 
     M y = (all known forces on y),        M = S + T + B'q J P  on y,
 
-symmetric but for weights that follow p: as many equations as motions are left, none where all sticks. A kernel of K
-needs no care: K_r = K + diag(a), definite by the stiffness a of anchors, stands for K where a factor is wanted, and T
-has -a.
+symmetric but for weights that follow p: as many equations as motions are left, none where all sticks. Where rows read
+too many unknowns for dense matrices of these (`Operators.sparse`) nothing is eliminated: S is K, and M is sparse. A
+kernel of K needs no care: K_r = K + diag(a), definite by the stiffness a of anchors, stands for K where a factor is
+wanted, and T has -a.
 
 If forces -B'psi act on slipping terms, y moves by -M^{-1} B'(psi - q J psi_p), -psi_p = -L^{-1} B'psi being how the
 forces of limits change while y is held. With N = S + T + diag(a), which is not less than K, c such that M^{-1} f has at
@@ -27,7 +28,7 @@ answers |psi_i| <= t_i along q_i and <= u_i across it is bounded by
     |d|_N  <=  E = c sum_i (phi_i (t_i + |q J psi_p|_i) + chi_i u_i),               chi_i = min(phi_i, h_i^{-1/2}),
 
 for B_i d has at most phi_i |d| along q_i, and chi_i |d| across it. Forces of what is held follow from Schwarz's
-inequality. The norm of N^{1/2} M^{-1} N^{1/2} is such a c; so is 2 if y'My >= y'Ny / 2 for all y, which a factorisation
+inequality. The norm of N^{1/2} M^{-1} N^{1/2} is such a c; so is any with y'My >= y'Ny / c for all y, which a factorisation
 proves.
 
 Where psi_i may have l_i |g_i| across q_i besides, g_i being what a motion e with |e|_N <= E moves there, the work of

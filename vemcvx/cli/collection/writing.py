@@ -58,6 +58,7 @@ plane, a vector of two components in space. At the solution K d = g - B'lam - D'
 |---|---|
 | `NAME.npz` | K, B, D, g, w, b, e, c as NumPy arrays, and the answer d, lam, p |
 | `NAME-1toNofN.npz` | a sequence: g, w, b, e, d, lam, p have a row a step, K, B, D, c are those of all steps |
+| `NAME-1toNofN-k.hdf5` | a step with Coulomb's law itself and its solution, as FCLIB has it (of the grade "fclib") |
 | `NAME.json` | origin, sizes, condition of K, degenerate terms, the certified optimum with bounds on it |
 | `manifest.json` | the same of all instances in one file, with their grades, and which are of the core set |
 | `optima.csv` | name, sizes, and bounds on the least value, a line each: what two versions are compared by |
@@ -65,7 +66,7 @@ plane, a vector of two components in space. At the solution K d = g - B'lam - D'
 | `SHA256SUMS.txt` | `sha256sum -c SHA256SUMS.txt` |
 
 Sparse arrays are compressed rows, `B_data, B_indices, B_indptr, B_shape`. `confirm.py` needs numpy, scipy, clarabel and
-highspy only.
+highspy only, and h5py for what is FCLIB's.
 
 With the answer d* of the file, the *true error* of yours is |d - d*|_K / |d*|_K; d* itself is certified to the error
 that the JSON names, `optimum.energy_error` over `optimum.energy_norm`, by the duality gap. Instances of the grade "no
@@ -75,6 +76,11 @@ unbounded one a ray d with K d = 0, D d <= 0 and g'd > sum_i w_i |B_i d|.
 Sequences are for warm starts: 256 programs, the steps of a run, of which each is posed from the certified answer to the
 one before, so that errors of a solver do not add up. Their error is the largest of all steps, |d_k - d_k*|_K over the
 largest |d_k*|_K; their JSON has that of the worst step, and of values and bounds the sums.
+
+Instances of the grade "fclib" are for solvers of Coulomb's law, M v = H r + f, u = H'v + w, r in the cones of mu: r_N >= 0,
+u_N >= 0, r_N u_N = 0, |r_T| <= mu r_N, r_T against u_T. No convex program is equivalent to them. The file's description
+says what the solution is certified to, as the answer to the convex program with the weights mu r_N, whose values
+`optima.csv` has; `confirm.py` puts it into every line of the law, with h5py.
 
 ## Your solver in ten minutes
 

@@ -28,8 +28,8 @@ answers |psi_i| <= t_i along q_i and <= u_i across it is bounded by
     |d|_N  <=  E = c sum_i (phi_i (t_i + |q J psi_p|_i) + chi_i u_i),               chi_i = min(phi_i, h_i^{-1/2}),
 
 for B_i d has at most phi_i |d| along q_i, and chi_i |d| across it. Forces of what is held follow from Schwarz's
-inequality. The norm of N^{1/2} M^{-1} N^{1/2} is such a c; so is any with y'My >= y'Ny / c for all y, which a factorisation
-proves.
+inequality. The norm of N^{1/2} M^{-1} N^{1/2} is such a c; so is any with y'My >= y'Ny / c for all y, which a
+factorisation proves.
 
 Where psi_i may have l_i |g_i| across q_i besides, g_i being what a motion e with |e|_N <= E moves there, the work of
 this on y is at most sum_i l_i |g_i| |y_i|, y_i the part of B_i y across q_i. For sum_i h_i |g_i|^2 <= E^2, and likewise

@@ -77,10 +77,10 @@ Sequences are for warm starts: 256 programs, the steps of a run, of which each i
 one before, so that errors of a solver do not add up. Their error is the largest of all steps, |d_k - d_k*|_K over the
 largest |d_k*|_K; their JSON has that of the worst step, and of values and bounds the sums.
 
-Instances of the grade "fclib" are for solvers of Coulomb's law, M v = H r + f, u = H'v + w, r in the cones of mu: r_N >= 0,
-u_N >= 0, r_N u_N = 0, |r_T| <= mu r_N, r_T against u_T. No convex program is equivalent to them. The file's description
-says what the solution is certified to, as the answer to the convex program with the weights mu r_N, whose values
-`optima.csv` has; `confirm.py` puts it into every line of the law, with h5py.
+Instances of the grade "fclib" are for solvers of Coulomb's law, M v = H r + f, u = H'v + w, r in the cones of mu: r_N
+>= 0, u_N >= 0, r_N u_N = 0, |r_T| <= mu r_N, r_T against u_T. No convex program is equivalent to them. The file's
+description says what the solution is certified to, as the answer to the convex program with the weights mu r_N, whose
+values `optima.csv` has; `confirm.py` puts it into every line of the law, with h5py.
 
 ## Your solver in ten minutes
 

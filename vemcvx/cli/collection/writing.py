@@ -133,6 +133,8 @@ version: {version}
 license: 0BSD
 authors:
   - name: "The vemcvx authors"
+abstract: "Steps of problems with frictional contact, as convex programs, and with Coulomb's law as FCLIB has it."
+keywords: [convex optimisation, second-order cones, frictional contact, virtual elements, benchmark]
 """
 ACCURACY = 1e-14
 """Asked of optima: as much as there is."""

@@ -40,14 +40,19 @@ def friction(instants):
     return -FRICTION * moved / np.linalg.norm(moved, axis=1, keepdims=True)
 
 
-def scene(coefficient=FRICTION):
+def scene(coefficient=FRICTION, crown=0.0):
+    """The floor lies `crown` lower than in its middle at a distance SIDE / 2 from there."""
+
     def plate(x, t):
         return np.tile([*top(t), -DEPTH], (len(x), 1))
+
+    def gap(x, t):
+        return crown * ((2 * x[:, :2] / SIDE - 1) ** 2).sum(axis=1)
 
     return vx.Scene(
         vx.Elasticity(young=YOUNG, poisson=POISSON),
         vx.PrescribedDisplacement(plate, on="top"),
-        vx.UnilateralContact(on="bottom"),
+        vx.UnilateralContact(on="bottom", gap=gap if crown else 0.0),
         vx.CoulombFriction(coefficient, on="bottom"),
     )
 

@@ -16,9 +16,11 @@ import pytest
 from test_cli import invoke
 
 import vemcvx as vx
+from vemcvx.arrays import EPS
 from vemcvx.cli import supplied
 from vemcvx.cli.collection import INSTANCES, confirm, write_collection, writing
-from vemcvx.cli.collection.instances import CORE, LARGE, SEQUENCES, Instance
+from vemcvx.cli.collection.benchmark import read_instances
+from vemcvx.cli.collection.instances import CORE, COULOMB, FCLIB, LARGE, SEQUENCES, Instance
 from vemcvx.cli.collection.writing import OPTIMA, departures
 from vemcvx.exchange import sequence_from_npz
 
@@ -41,18 +43,24 @@ def test_the_list_is_named_and_graded():
     assert {"easy", "sizes", "bodies", "floating", "no optimum"} | hard == GRADES
     assert len(CORE) == 40
     assert {one.grade for one in INSTANCES if one.name in CORE} == GRADES
-    assert len({*names, *(one.name for one in (*LARGE, *SEQUENCES))}) == 138 + len(LARGE) + len(SEQUENCES)
+    others = *LARGE, *SEQUENCES, *COULOMB
+    assert len({*names, *(one.name for one in others)}) == 138 + len(others)
 
 
 def test_all_are_published():
     published = SCRIPT.with_name(OPTIMA).read_text().splitlines()
     names = {line.split(",")[0] for line in published[1:]}
-    assert names == {one.name for one in (*INSTANCES, *SEQUENCES, *LARGE)}
+    assert names == {one.name for one in (*INSTANCES, *SEQUENCES, *LARGE, *COULOMB)}
 
 
 @pytest.mark.parametrize(
     ("asked", "wanted"),
-    [((), {*INSTANCES, *SEQUENCES}), (("--large",), {*INSTANCES, *SEQUENCES, *LARGE}), (("--core",), CORE)],
+    [
+        ((), {*INSTANCES, *SEQUENCES}),
+        (("--large",), {*INSTANCES, *SEQUENCES, *LARGE}),
+        (("--core",), CORE),
+        (("--core", "--fclib"), {*CORE, *(one.name for one in COULOMB)}),
+    ],
 )
 def test_the_command_writes_the_whole_list(tmp_path, monkeypatch, asked, wanted):
     chosen = []
@@ -107,6 +115,31 @@ def test_a_sequence_has_its_matrices_once(tmp_path):
         assert words["optimum"]["energy_norm"] == max(program.norm for program in programs)
         assert len(confirm.Program(tmp_path / "all" / f"{one.name}.npz").steps()) == 7
     assert confirm.main(tmp_path / "all") == 0
+
+
+@pytest.mark.long
+def test_steps_with_coulombs_law_are_files_of_fclib(tmp_path, capsys):
+    """The script finds every line of the law in the files, a benchmark of solvers of programs leaves them out."""
+    h5py = pytest.importorskip("h5py")
+    (last,) = (one for one in COULOMB if one.n == (9, 9, 2))
+    write_collection(tmp_path, instances=[replace(last, n=(6, 6, 2), step=3, steps=2), one_a_grade()[0]])
+    paths = sorted(tmp_path.glob("*.hdf5"))
+    assert [path.stem[-2:] for path in paths] == ["-2", "-3"]
+    assert confirm.main(tmp_path) == 0
+    assert "2 of 2 steps in FCLIB's form obey Coulomb's law: off by" in capsys.readouterr().out
+    (row,) = (row for row in json.loads((tmp_path / "manifest.json").read_text())["instances"] if row["grade"] == FCLIB)
+    assert (row["limits"], row["steps"]) == (49, 2)
+    assert "optimum" in row
+    assert [one.kind for one in read_instances(tmp_path, None)] == ["plane"]
+    missed = confirm.misses(paths[0])
+    assert missed.pop("error") < np.sqrt(64 * EPS)  # of a gap of rounding
+    assert max(missed.values()) < 64 * EPS
+    with h5py.File(paths[0], "r+") as file:
+        r = file["solution"]["r"]
+        r[0::3] = 1.01 * r[0::3]
+    missed = confirm.misses(paths[0])
+    assert min(missed[name] for name in ("balance", "against the slip", "error")) > 1e-6
+    assert confirm.main(tmp_path) == 1
 
 
 def test_the_script_needs_four_packages():

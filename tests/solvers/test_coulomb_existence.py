@@ -12,9 +12,11 @@ from blocks_in_space import block, on_floor
 from faces_that_meet import TIMES, random_scene
 
 import vemcvx as vx
+from vemcvx.linear import pardiso
+from vemcvx.program import operators
 from vemcvx.program.operators import Operators
 from vemcvx.program.step_program import StepProgram
-from vemcvx.solvers import coulomb
+from vemcvx.solvers import coulomb, sets_system
 from vemcvx.solvers.coulomb import distance_to_a_solution
 from vemcvx.solvers.newton import Sets
 from vemcvx.solvers.sets_system import Response, SetsSystem
@@ -279,3 +281,33 @@ def test_curvatures_that_are_off_count_by_the_worst_of_many_and_alone_where_they
         exact = scipy.linalg.eigh((across.T * lacking) @ across, N, eigvals_only=True)[-1]
         nearest.append(exact / system._bent_by(lacking))
     assert 0.99 < max(nearest) <= 1 + 1e-12
+
+
+@pytest.mark.parametrize("installed", [True, False], ids=["default", "SuperLU"])
+@pytest.mark.parametrize("softness", [0.0, 0.3], ids=["rigid", "soft"])
+def test_many_contacts_are_solved_on_all_unknowns_alike(monkeypatch, softness, installed):
+    """Sparse systems on all unknowns where those of contact are too many for dense ones: the same, proven as well."""
+    system = on_floor(block(3), pulled, coefficient=0.3, contact="unilateral")
+    limits = replace(system.limits, compliance=softness * (np.arange(system.limits.count) % 2))
+    system, times = replace(system, limits=limits), np.linspace(0, 1, 5)
+    made = []
+
+    def opened(M):
+        made.append(M)
+        return linear_opened(M)
+
+    linear_opened = sets_system.opened
+    monkeypatch.setattr(sets_system, "opened", opened)
+    dense = vx.march(system, times, condense=False)
+    assert not made
+    monkeypatch.setattr(operators, "AT_ONCE", 0)
+    if not installed:
+        monkeypatch.setattr(pardiso, "_solver_class", lambda: None)
+    sparse = vx.march(system, times, condense=False)
+    assert made
+    assert all(sp.issparse(M) for M in made)
+    apart = [np.sqrt(max(d @ (system.K @ d), 0.0)) for d in dense.state - sparse.state]
+    size = np.sqrt(max(d @ (system.K @ d) for d in dense.state))
+    assert max(apart) <= 1e-12 * size
+    np.testing.assert_array_equal(sparse.estimated, dense.estimated)
+    assert softness or not dense.estimated.any()

@@ -152,7 +152,7 @@ class Problem:
             raise self._unlike(made, "scene", "a vemcvx.Scene")
         return made
 
-    def mesh(self, n: int, family: str | None = None) -> AnyMesh:
+    def mesh(self, n: int | tuple[int, ...], family: str | None = None) -> AnyMesh:
         """The mesh, of the problem's own family by default; a name with a suffix is that of a mesh file."""
         if family is not None and is_file(family):
             return read(family)

@@ -12,10 +12,10 @@ limit and the norm term of each contact,
     r_N = p,  r_T = -lam,  u_N = e - D d,  u_T = B d - b,    W = h K^{-1} h',   q = h K^{-1} g + w,
     v = d,  M = K,  f = g,  H = h',  w = (e; -b).
 
-Matrices are stored by rows (nz = -2). Steps of a run are files of their own; the solution of one is a guess for the
-next. The info's description says, as JSON, what the solution is certified to, |v - v*|_M <= energy_error, as that of
-the convex program whose weights are its own mu r_N. Nothing is read back: weights are not those of a program but of
-Coulomb's law. Needs h5py (extra ``fclib``).
+Matrices are stored by rows (nz = -2), deflated, as HDF5's library reads them without being told. Steps of a run are
+files of their own; the solution of one is a guess for the next. The info's description says, as JSON, what the solution
+is certified to, |v - v*|_M <= energy_error, as that of the convex program whose weights are its own mu r_N. Nothing is
+read back: weights are not those of a program but of Coulomb's law. Needs h5py (extra ``fclib``).
 """
 
 from __future__ import annotations
@@ -114,4 +114,7 @@ def _write_rows(group: Any, A: sp.csr_matrix) -> None:
 
 def _write(group: Any, values: dict[str, Any]) -> None:
     for name, value in values.items():
-        group[name] = value
+        if np.size(value) > 1:  # On a mesh of like cells a matrix takes a tenth.
+            group.create_dataset(name, data=value, compression="gzip", shuffle=True)
+        else:
+            group[name] = value

@@ -2,6 +2,7 @@
 
 from vemcvx.linear.default import choose_linear, direct_solver
 from vemcvx.linear.factor import (
+    AT_ONCE,
     SAMPLES,
     Cycle,
     DenseCholesky,
@@ -14,11 +15,12 @@ from vemcvx.linear.factor import (
     singular,
 )
 from vemcvx.linear.multigrid import Multigrid
-from vemcvx.linear.pardiso import Pardiso
+from vemcvx.linear.pardiso import Pardiso, opened
 from vemcvx.linear.petsc import PETSc
 from vemcvx.linear.superlu import SuperLU, minimum_degree, nested_dissection
 
 __all__ = [
+    "AT_ONCE",
     "SAMPLES",
     "Cycle",
     "DenseCholesky",
@@ -36,5 +38,6 @@ __all__ = [
     "direct_solver",
     "minimum_degree",
     "nested_dissection",
+    "opened",
     "singular",
 ]

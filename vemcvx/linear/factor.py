@@ -87,14 +87,14 @@ class Factor(ABC):
 
     def energies(self, rows: sp.csr_matrix) -> Floats:
         """b'K^{-1}b of every row b of a matrix (m, n), (m,)."""
-        parts = (rows[part].toarray() for part in _parts(*rows.shape))
-        found = [np.einsum("ij,ji->i", part, self.solve(np.ascontiguousarray(part.T))) for part in parts]
+        each = (rows[part].toarray() for part in parts(*rows.shape))
+        found = [np.einsum("ij,ji->i", part, self.solve(np.ascontiguousarray(part.T))) for part in each]
         return np.concatenate([np.zeros(0), *found])
 
     def flexibility(self, some: Ints, n: int) -> Floats:
         """K^{-1} (n, n) of the unknowns `some` (k,) alone, (k, k)."""
         found = np.empty((len(some), len(some)))
-        for part in _parts(len(some), n):
+        for part in parts(len(some), n):
             own = some[part]
             unit = np.zeros((n, len(own)))
             unit[own, np.arange(len(own))] = 1.0
@@ -110,7 +110,7 @@ class Factor(ABC):
         return float(np.mean([self.energy(size * sign) for sign in signs]))
 
 
-def _parts(count: int, n: int) -> Iterator[slice]:
+def parts(count: int, n: int) -> Iterator[slice]:
     """Parts of so many right sides (n,): of a million unknowns 708 made 6 GB at once, several times over."""
     together = max(1, AT_ONCE // max(n, 1))
     return (slice(first, first + together) for first in range(0, count, together))

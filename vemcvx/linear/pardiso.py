@@ -19,6 +19,7 @@ import ctypes
 import os
 import sys
 import weakref
+from collections.abc import Callable
 from contextlib import suppress
 from ctypes.util import find_library
 from dataclasses import dataclass
@@ -31,10 +32,11 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.linalg import solve_triangular
 from scipy.linalg.lapack import dpotrf
+from scipy.sparse.linalg import splu
 
 from vemcvx.arrays import EPS, Floats, Ints, power_of_two, whole
 from vemcvx.errors import NotAccepted
-from vemcvx.linear.factor import SAMPLES, DirectFactor, LinearSolver, Matrix, singular
+from vemcvx.linear.factor import SAMPLES, DirectFactor, LinearSolver, Matrix, parts, singular
 from vemcvx.linear.superlu import SuperLU, SuperLUFactor
 
 PACKAGE = "pymklpardiso"
@@ -113,6 +115,7 @@ class PardisoFactor(DirectFactor):
 
     def __init__(self, K: sp.csr_matrix, last: Ints | None = None, threads: int = 1):
         self._threads = threads
+        self._exactly: tuple[Ints, Floats] = np.zeros(0, dtype=np.int64), np.zeros(0)
         self._K, self._last = K, np.zeros(0, dtype=np.int64) if last is None else last
         n, m, diagonal = K.shape[0], len(self._last), K.diagonal()
         if not (diagonal > 0).all():
@@ -153,10 +156,24 @@ class PardisoFactor(DirectFactor):
         return self._run(33, b) / self.unit
 
     def energy(self, b: Floats) -> float:
+        return float(self._energies(b[:, None])[0])
+
+    def energies(self, rows: sp.csr_matrix) -> Floats:
+        if not (np.diff(rows.indptr) == 1).all():
+            return super().energies(rows)
+        # Those of 30,000 unknowns take minutes, and are asked for in two systems of units.
+        if not np.array_equal(rows.indices, self._exactly[0]):
+            unit = sp.csr_matrix((np.ones(rows.nnz), rows.indices, rows.indptr), shape=rows.shape)
+            found = [self._energies(unit[part].toarray().T) for part in parts(*rows.shape)]
+            self._exactly = rows.indices.astype(np.int64), np.concatenate([np.zeros(0), *found])
+        return np.asarray(rows.data**2 * self._exactly[1])
+
+    def _energies(self, b: Floats) -> Floats:
+        """b'K^{-1}b of every column, (k,)."""
         z = self._run(331, b)
         if len(self._last):
             z[self._last] = solve_triangular(self._upper, z[self._last], trans=1)
-        return float(z @ z) / self.unit
+        return np.einsum("ij,ij->j", z, z) / self.unit
 
     @property
     def halves(self) -> PardisoFactor | None:
@@ -224,6 +241,32 @@ def _with_values(K: sp.csr_matrix, last: Ints, unit: float, threads: int) -> Any
     return solver
 
 
+def opened(M: sp.csr_matrix) -> Callable[[Floats], Floats]:
+    """M^{-1} of vectors (n,), of an M that is not symmetric; by SuperLU where PARDISO is not installed.
+
+    Raises
+    ------
+    RuntimeError
+        M is singular; PARDISO shifts pivots that vanish, which residuals show.
+    """
+    if (kind := _solver_class()) is None:
+        return splu(sp.csc_matrix(M), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.1).solve
+    solver, n = kind(UNSYMMETRIC, 0), M.shape[0]
+    M.sort_indices()
+    for number, value in ((0, 1), (1, 2), (9, 13), (34, 1)):
+        solver.set_iparm(number, value)
+    solver.set_pattern(ia=M.indptr.astype(np.int64), ja=M.indices.astype(np.int64), n=n)
+    solver.set_values(M.data)
+    solver.run_phase_into(12, np.zeros(n), np.zeros(n))
+
+    def solve(b: Floats) -> Floats:
+        x = np.zeros(n)
+        solver.run_phase_into(33, b, x)
+        return x
+
+    return solve
+
+
 def _opened(threads: int) -> Any:
     """A solver without a matrix."""
     if threads > 1:
@@ -236,8 +279,8 @@ def _opened(threads: int) -> Any:
     return kind(POSITIVE_DEFINITE, 0)
 
 
-POSITIVE_DEFINITE = 2
-"""PARDISO's number for matrices that are real, symmetric and positive definite."""
+POSITIVE_DEFINITE, UNSYMMETRIC = 2, 11
+"""PARDISO's numbers for real matrices that are symmetric and positive definite, and for any."""
 
 
 class Threaded:

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike
+from scipy.sparse.linalg import LinearOperator
 
 from vemcvx.arrays import (
     EPS,
@@ -32,7 +33,7 @@ from vemcvx.arrays import (
     shaped,
 )
 from vemcvx.errors import SceneError
-from vemcvx.linear import SAMPLES, DenseCholesky, Factor, Matrix, SuperLU
+from vemcvx.linear import AT_ONCE, SAMPLES, DenseCholesky, Factor, Matrix, SuperLU
 from vemcvx.outline import ArrayRecord
 from vemcvx.program.kernel import KernelBalance
 from vemcvx.weight_law import Law, PressureLaw, once_for_each
@@ -483,23 +484,35 @@ class Operators(ArrayRecord):
         return np.flatnonzero(reads if self.anchor is None else reads | (self.anchor > 0))
 
     @cached_property
+    def sparse(self) -> bool:
+        """True if systems of sets are to be sparse, on all unknowns: rows read too many for dense matrices of these.
+
+        Anchors of bodies that are not held have dense matrices; systems of these stay dense.
+        """
+        return sp.issparse(self.K) and self.anchor is None and len(self.read) ** 2 > AT_ONCE
+
+    @cached_property
     def flexibility(self) -> Floats:
         """(u, u) the inverse of K, with the anchors' stiffness, on the unknowns that rows read."""
         return self.factor.flexibility(self.read, self.A.shape[1])
 
     @cached_property
-    def softness(self) -> tuple[Floats, Floats]:
+    def softness(self) -> tuple[Floats, Floats | LinearOperator]:
         """Units u (N,) of multipliers, alike in a block, and W + C in these, whose diagonal is near one.
 
         W = A K^{-1} A' and the compliances C say how far rows move under multipliers. In single precision discs at
-        their bounds, which do not slip, stick and slip in turns.
+        their bounds, which do not slip, stick and slip in turns. Where these are too many, W takes a solve a product.
         """
-        A = self.A[:, self.read]
-        softness = np.asarray(A @ (A @ self.flexibility).T)
-        on_limits = np.arange(self.B.shape[0], len(softness))
-        softness[on_limits, on_limits] += self.compliance
         diagonal = np.append(np.repeat(self.norm_flexibility, self.block), 1.0 / self.limit_stiffness)
         u = 1.0 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
+        yielding = np.append(np.zeros(self.B.shape[0]), self.compliance)
+        if self.sparse:
+            A = sp.csr_matrix(sp.diags_array(u) @ self.A)
+            W = LinearOperator(2 * u.shape, lambda x: A @ self.factor.solve(A.T @ x) + u**2 * yielding * x, dtype=float)
+            return u, W
+        A = self.A[:, self.read]
+        softness = np.asarray(A @ (A @ self.flexibility).T)
+        softness[np.diag_indices(len(u))] += yielding
         softness *= u[:, None]
         softness *= u
         return u, softness

@@ -15,9 +15,10 @@ terms that slip pull at what limits hold; and y has
 
     M y = (all known forces on y),        M = S + T + B'q J P  on y,
 
-symmetric but for weights that follow p: as many equations as motions are left, none where all sticks. A kernel of K
-needs no care: K_r = K + diag(a), definite by the stiffness a of anchors, stands for K where a factor is wanted, and T
-has -a.
+symmetric but for weights that follow p: as many equations as motions are left, none where all sticks. Where rows read
+too many unknowns for dense matrices of these (`Operators.sparse`) nothing is eliminated: S is K, and M is sparse. A
+kernel of K needs no care: K_r = K + diag(a), definite by the stiffness a of anchors, stands for K where a factor is
+wanted, and T has -a.
 
 If forces -B'psi act on slipping terms, y moves by -M^{-1} B'(psi - q J psi_p), -psi_p = -L^{-1} B'psi being how the
 forces of limits change while y is held. With N = S + T + diag(a), which is not less than K, c such that M^{-1} f has at
@@ -27,8 +28,8 @@ answers |psi_i| <= t_i along q_i and <= u_i across it is bounded by
     |d|_N  <=  E = c sum_i (phi_i (t_i + |q J psi_p|_i) + chi_i u_i),               chi_i = min(phi_i, h_i^{-1/2}),
 
 for B_i d has at most phi_i |d| along q_i, and chi_i |d| across it. Forces of what is held follow from Schwarz's
-inequality. The norm of N^{1/2} M^{-1} N^{1/2} is such a c; so is 2 if y'My >= y'Ny / 2 for all y, which a factorisation
-proves.
+inequality. The norm of N^{1/2} M^{-1} N^{1/2} is such a c; so is any with y'My >= y'Ny / c for all y, which a
+factorisation proves.
 
 Where psi_i may have l_i |g_i| across q_i besides, g_i being what a motion e with |e|_N <= E moves there, the work of
 this on y is at most sum_i l_i |g_i| |y_i|, y_i the part of B_i y across q_i. For sum_i h_i |g_i|^2 <= E^2, and likewise
@@ -42,8 +43,10 @@ all of them, which grows with their number.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from contextlib import suppress
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -51,7 +54,8 @@ from scipy.linalg import LinAlgError, lapack, qr, solve_triangular
 from scipy.sparse.csgraph import connected_components
 
 from vemcvx.arrays import Bools, Floats, Ints, lengths
-from vemcvx.linear import Factor
+from vemcvx.errors import SceneError
+from vemcvx.linear import Factor, Matrix, direct_solver, opened
 from vemcvx.program.operators import Operators, Rows, restricted, transverse
 from vemcvx.solvers.newton import FOLLOWS, Sets
 
@@ -89,7 +93,7 @@ class Response:
         self.norms, self.limits = slice(operators.B.shape[0]), slice(operators.B.shape[0], None)
         self.anchor: Floats = np.zeros(self.A.shape[1]) if operators.anchor is None else operators.anchor
         """(n,) the stiffness of the anchors, without which K_r is K"""
-        self.read: Ints = operators.read
+        self.read: Ints = np.arange(self.A.shape[1]) if operators.sparse else operators.read
         self._last: Place | None = None
 
     def act(self, x: Floats) -> Floats:
@@ -131,9 +135,11 @@ class Response:
         return passed
 
     @cached_property
-    def stiffness(self) -> Floats:
+    def stiffness(self) -> Matrix:
         """(u, u) its inverse: K_r of these unknowns, all others being free."""
         K = self.operators.regular.K
+        if self.operators.sparse:
+            return K
         if len(self.read) == self.A.shape[1]:
             return _dense(K)
         K, (rest, factor) = restricted(K, self.read), self._inner
@@ -216,18 +222,18 @@ class Place:
         """A and B in the coordinates"""
         if self.anchor.any():
             S = S - self.anchors
-        self.S: Floats = S
+        self.S: Matrix = S
         """K of them"""
         self.columns, self.entries = columns, entries
         """(h,) the coordinates that are held, and what the rows that hold them have there"""
-        free = np.ones(len(S), dtype=bool)
+        free = np.ones(len(some), dtype=bool)
         free[columns] = False
         self.free: Ints = np.flatnonzero(free)
 
     @cached_property
-    def beside(self) -> Floats:
+    def beside(self) -> Matrix:
         """S, all coordinates beside the free ones."""
-        return self.S.take(self.free, 1)
+        return self.S.take(self.free, 1) if isinstance(self.S, np.ndarray) else self.S[:, self.free]
 
     @cached_property
     def pushing(self) -> sp.csr_matrix:
@@ -239,16 +245,19 @@ class Place:
         """(c, c) the stiffness of the anchors."""
         return np.diag(self.anchor) if self.G is None else np.asarray((self.G.T * self.anchor) @ self.G.toarray())
 
-    def beside_free(self, H: Floats | None, rows: Ints) -> Floats:
+    def beside_free(self, H: Floats | None, rows: Ints) -> Matrix:
         """S + A'HA, these coordinates beside the free ones; H are entries of blocks (m * block^2) and limits (r,)."""
-        S = self.beside.take(rows, 0)
+        S = self.beside.take(rows, 0) if isinstance(self.beside, np.ndarray) else self.beside[rows]
         if H is not None:
             i, j, made = self.rows.pairs
-            row, column = np.full(len(self.S), -1), np.full(len(self.S), -1)
+            row, column = np.full((2, len(self.some)), -1)
             row[rows], column[self.free] = np.arange(len(rows)), np.arange(len(self.free))
             i, j = row[i], column[j]
             there = (i >= 0) & (j >= 0)
-            S[i[there], j[there]] += (made @ H)[there]
+            if isinstance(S, np.ndarray):
+                S[i[there], j[there]] += (made @ H)[there]
+            else:
+                S = S + sp.csr_matrix(((made @ H)[there], (i[there], j[there])), shape=S.shape)
         return S
 
 
@@ -287,15 +296,16 @@ class SetsSystem:
         blocks = self._sets.curvature[:, None, None] * transverse(self._sets.direction)
         return np.concatenate([blocks.ravel(), self._spring])
 
-    def _forces_of_limits(self) -> Floats:
+    def _forces_of_limits(self) -> Matrix:
         """P (r, y): how the forces of limits follow the motions y, as if nothing pulled at what they hold."""
         place, h = self._place, len(self._hard)
         count = len(place.columns) if self._R is not None else h
         force = place.beside_free(self._H, place.columns[:count])
-        P = np.zeros((len(self._spring), len(place.free)))
-        P[self._hard] = self._carried(force, -place.entries[:count])[:h]
+        onto = sp.csr_matrix((np.ones(h), (self._hard, np.arange(h))), shape=(len(self._spring), h))
+        P: Any = onto @ self._carried(force, -place.entries[:count])[:h]
         if self._spring.any():
-            P += self._spring[:, None] * place.rows.B[self._response.limits][:, place.free].toarray()
+            bent = sp.diags_array(self._spring) @ place.rows.B[self._response.limits][:, place.free]
+            P = P + (bent.toarray() if isinstance(P, np.ndarray) else bent)
         return P
 
     def _share(self) -> None:
@@ -312,9 +322,9 @@ class SetsSystem:
             self._given = np.concatenate([-pushed @ chosen, chosen])
             self._R = np.eye(len(self._rows), len(place.held)) - self._given @ own
 
-    def _carried(self, force: Floats, entries: Floats) -> Floats:
+    def _carried(self, force: Matrix, entries: Floats) -> Any:
         """R f, of forces (h,) or (h, k) on the coordinates that are held, of such entries."""
-        own: Floats = (force.T / entries).T
+        own = (force.T / entries).T if isinstance(force, np.ndarray) else sp.diags_array(1.0 / entries) @ force
         return own if self._R is None else self._R @ own
 
     def _close_loop(self, J: sp.csr_matrix) -> None:
@@ -346,24 +356,27 @@ class SetsSystem:
         return np.asarray(force + place.rows.force_of(np.append(bent, self._spring * read[self._response.limits])))
 
     @cached_property
-    def _parts(self) -> tuple[Floats, Floats]:
+    def _parts(self) -> tuple[Matrix, Matrix]:
         """S + T and B'q J P on y, which add up to M."""
         place, q, pushing = self._place, self._sets.direction, self._place.pushing
         along = pushing.data * q.ravel()[pushing.indices], pushing.indices // q.shape[1], pushing.indptr
         pulling = sp.csr_matrix(along, shape=(len(place.free), len(q)))
-        return place.beside_free(self._H, place.free), np.asarray(pulling @ (self._slope @ self._reactions))
+        followed: Any = pulling @ (self._slope @ self._reactions)
+        return place.beside_free(self._H, place.free), followed
 
     @cached_property
-    def _lu(self) -> tuple[Floats, Ints]:
-        """The factors of M': LAPACK reads columns."""
-        lu, pivots, info = lapack.dgetrf(np.add(*self._parts).T, overwrite_a=True)
+    def _opened(self) -> Callable[[Floats], Floats]:
+        """M^{-1} of forces."""
+        stiff, followed = self._parts
+        if not isinstance(stiff, np.ndarray):
+            with suppress(RuntimeError):
+                return opened(sp.csr_matrix(stiff + followed))
+            raise LinAlgError("singular")
+        # LAPACK reads columns: these are factors of M'.
+        lu, pivots, info = lapack.dgetrf((stiff + followed).T, overwrite_a=True)
         if info > 0 or not np.isfinite(lu).all():
             raise LinAlgError("singular")
-        return lu, pivots
-
-    def _opened(self, rest: Floats) -> Floats:
-        """M^{-1} rest."""
-        return np.asarray(lapack.dgetrs(*self._lu, rest, trans=1)[0]) if len(rest) else rest
+        return lambda rest: np.asarray(lapack.dgetrs(lu, pivots, rest, trans=1)[0])
 
     def _passed(self, force: Floats) -> Floats:
         """The force (n,) on all, as one on the coordinates."""
@@ -380,14 +393,15 @@ class SetsSystem:
         response, sets, place, h = self._response, self._sets, self._place, len(self._hard)
         norms, limits, x = response.norms, response.limits, np.zeros(len(wanted))
         x[self._slips], x[limits] = wanted[self._slips], -self._spring * wanted[limits]
-        given, y = self._given @ wanted[sets.idle], np.zeros(len(place.S))
-        d = np.zeros(len(place.S))
+        given, y = self._given @ wanted[sets.idle], np.zeros(len(place.some))
+        d = np.zeros(len(place.some))
         d[place.columns], rest = wanted[place.held] / place.entries, self._passed(force - response.act(x))
         if d.any():
             rest = rest - self._stiff(d)
         p = x[limits] + self._spring * place.rows.read(d)[limits]
         p[self._hard] += (self._carried(rest[place.columns], place.entries) + given)[:h]
-        y[place.free] = self._opened((rest - self._pull(p))[place.free])
+        if len(place.free):
+            y[place.free] = self._opened((rest - self._pull(p))[place.free])
         p += self._reactions @ y[place.free]
         d += y
         if len(self._rows) > h:
@@ -413,6 +427,13 @@ class SetsSystem:
         # y'My >= y'Ny / 2 where J is small: M + M' - N is definite, which shows in a tenth of the work of the norm.
         twice = stiff + followed
         twice += followed.T
+        if not isinstance(stiff, np.ndarray):
+            # The norm of an inverse is not at hand; y'My >= y'Ny / c serves for every c.
+            for c in (2.0, 8.0, 32.0):
+                with suppress(SceneError):
+                    direct_solver(len(place.free)).factorise(sp.csr_matrix(twice + (1.0 - 2.0 / c) * stiff))
+                    return c
+            return np.inf
         if anchors is not None:
             twice -= anchors
             stiff = stiff + anchors
@@ -472,7 +493,7 @@ class SetsSystem:
         The last are what K pulls at coordinates with, by Schwarz's inequality, for motions of energy norm one.
         """
         response, place, sizes = self._response, self._place, self._place.rows.absolute
-        free, others = np.zeros(len(place.S)), np.ones(len(response.anchor))
+        free, others = np.zeros(len(place.some)), np.ones(len(response.anchor))
         free[place.free], others[place.some] = 1.0, 0.0
         # By lengths of the rows themselves: of rows that nearly follow from others, those in coordinates are longer.
         own = response.rows.absolute.read
@@ -481,10 +502,10 @@ class SetsSystem:
         # A term moves if one of its rows does.
         phi = self._operators.blocks(moving[response.norms]).max(axis=1)
         chi = np.minimum(phi, 1.0 / np.sqrt(np.where(h > 0, h, np.inf)), where=h > 0, out=phi.copy())
-        root = np.sqrt(np.diagonal(place.S))
+        root = np.sqrt(place.S.diagonal())
         if place.anchor.any():  # They pull with no more than the root of their stiffness.
             anchors = np.diagonal(place.anchors)
-            root = np.sqrt(np.diagonal(place.S) + anchors) + np.sqrt(anchors)
+            root = np.sqrt(place.S.diagonal() + anchors) + np.sqrt(anchors)
         return moving, phi, chi, root
 
     def _bounded(self, force: Floats) -> Floats:

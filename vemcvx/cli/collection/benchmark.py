@@ -33,6 +33,7 @@ import numpy as np
 import typer
 
 from vemcvx.canvas import legend_below, light_grid, new_figure, plain_logarithms
+from vemcvx.cli.collection.instances import FCLIB
 from vemcvx.cli.collection.trials import (
     ASKED,
     BEGUN,
@@ -177,6 +178,7 @@ def read_instances(folder: Path, only: str | None) -> list[Listed]:
     found = [
         one
         for row in rows
+        if row["grade"] != FCLIB
         if not words or any(w == row["grade"] or w in row["name"] or (w == "core" and row.get("core")) for w in words)
         for one in _listed(folder, row)
     ]

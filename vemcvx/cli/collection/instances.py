@@ -6,7 +6,8 @@ several of them; *floating* a K with a kernel, held by friction and contact alon
 *viscous* matrices of rates; *sticking* terms of which few slip; *degenerate* terms that are at rest and at their bound
 at once; *incompressible* and *units* K of condition up to 1e9 and numbers of other sizes; *large* sparse K of up to a
 million unknowns; *no optimum* programs that are infeasible or unbounded, with a certificate of that; *sequences* the
-256 steps of a run, each with the answer before for a start.
+256 steps of a run, each with the answer before for a start; *fclib* steps with Coulomb's law itself, as files of the
+Frictional Contact Library.
 """
 
 from __future__ import annotations
@@ -15,12 +16,14 @@ from dataclasses import dataclass
 
 VERSION = 4
 """The version of the list below: other instances, or others under the same names, are another version."""
-INFEASIBLE, UNBOUNDED = "infeasible", "unbounded"
+INFEASIBLE, UNBOUNDED, FCLIB = "infeasible", "unbounded", "fclib"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Instance:
     """Step `step` of a run of `of` steps of a problem file, with n cells per unit length and settings "name=value".
+
+    Of three numbers n each is the number of cells along an axis.
 
     In a degenerate instance the weights of terms that stick are lowered to what these carry: the answer stays, and
     every such term is at once at rest and at its bound. An instance with `without` has no optimum: it is infeasible or
@@ -29,7 +32,7 @@ class Instance:
 
     grade: str
     problem: str
-    n: int
+    n: int | tuple[int, ...]
     of: int
     step: int
     settings: tuple[str, ...] = ()
@@ -44,12 +47,13 @@ class Instance:
         ends = "-full" * (not self.condense), "-degenerate" * self.degenerate, f"-{self.without}" * bool(self.without)
         settings = "".join(f"-{setting.replace('=', '')}" for setting in self.settings)
         steps = f"{self.step - self.steps + 1}to" * (self.steps > 1) + f"{self.step}of{self.of}"
-        return f"{self.problem}-n{self.n}-{steps}{settings}{''.join(ends)}"
+        cells = "x".join(map(str, self.n)) if isinstance(self.n, tuple) else self.n
+        return f"{self.problem}-n{cells}-{steps}{settings}{''.join(ends)}"
 
     @property
-    def run(self) -> tuple[str, int, int, tuple[str, ...]]:
+    def run(self) -> tuple[str, tuple[int, ...], int, tuple[str, ...]]:
         """The run that it is a step of."""
-        return self.problem, self.n, self.of, self.settings
+        return self.problem, self.n if isinstance(self.n, tuple) else (self.n,), self.of, self.settings
 
 
 SI = "young=2e11", "bound=4e9", "push=8e9", "press=1e7"
@@ -149,6 +153,20 @@ SEQUENCES = tuple(
 """Of absolute values, of Coulomb's weights beside bounds, and of discs."""
 LARGE = _listed(ON_LARGE_MESHES, condense=False)
 """Instances that are written on demand only: minutes, and a gigabyte."""
+COULOMB = tuple(
+    Instance(
+        grade=FCLIB,
+        problem="block_dragged_along_a_curve",
+        n=(k, k, layers),
+        of=16384,
+        step=8,
+        steps=8,
+        settings=("crown=0.0005",),
+        condense=False,
+    )
+    for k, layers in ((9, 2), (19, 2), (49, 2), (99, 1))
+)
+"""Coulomb's law on a hundred to 10,000 contacts, of which some stick, some slip and some are open; on demand."""
 
 
 FEWER = dict.fromkeys(("easy", "soft", "viscous", "units", "incompressible"), 2) | {"discs": 6}

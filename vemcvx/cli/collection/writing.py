@@ -18,6 +18,8 @@ import typer
 
 from vemcvx.cli.collection.instances import (
     CORE,
+    COULOMB,
+    FCLIB,
     INFEASIBLE,
     INSTANCES,
     LARGE,
@@ -31,11 +33,12 @@ from vemcvx.cli.supplied import problems_folder
 from vemcvx.cli.terminal import logged_at_most, progress_bar, say
 from vemcvx.errors import ProblemError, SceneWarning
 from vemcvx.exchange import FORMATS, description, encoded, in_json, put, sequence_to_npz
+from vemcvx.linear import direct_solver
 from vemcvx.outline import Table
 from vemcvx.owned_files import ANY_KIND, Owned
 from vemcvx.program.step_program import SolvedProgram, StepProgram
 from vemcvx.results.results import programs_of_steps
-from vemcvx.simulation import simulate
+from vemcvx.simulation import programs, simulate
 from vemcvx.solvers import Newton
 from vemcvx.version import __version__
 
@@ -55,6 +58,7 @@ plane, a vector of two components in space. At the solution K d = g - B'lam - D'
 |---|---|
 | `NAME.npz` | K, B, D, g, w, b, e, c as NumPy arrays, and the answer d, lam, p |
 | `NAME-1toNofN.npz` | a sequence: g, w, b, e, d, lam, p have a row a step, K, B, D, c are those of all steps |
+| `NAME-1toNofN-k.hdf5` | a step with Coulomb's law itself and its solution, as FCLIB has it (of the grade "fclib") |
 | `NAME.json` | origin, sizes, condition of K, degenerate terms, the certified optimum with bounds on it |
 | `manifest.json` | the same of all instances in one file, with their grades, and which are of the core set |
 | `optima.csv` | name, sizes, and bounds on the least value, a line each: what two versions are compared by |
@@ -62,7 +66,7 @@ plane, a vector of two components in space. At the solution K d = g - B'lam - D'
 | `SHA256SUMS.txt` | `sha256sum -c SHA256SUMS.txt` |
 
 Sparse arrays are compressed rows, `B_data, B_indices, B_indptr, B_shape`. `confirm.py` needs numpy, scipy, clarabel and
-highspy only.
+highspy only, and h5py for what is FCLIB's.
 
 With the answer d* of the file, the *true error* of yours is |d - d*|_K / |d*|_K; d* itself is certified to the error
 that the JSON names, `optimum.energy_error` over `optimum.energy_norm`, by the duality gap. Instances of the grade "no
@@ -72,6 +76,11 @@ unbounded one a ray d with K d = 0, D d <= 0 and g'd > sum_i w_i |B_i d|.
 Sequences are for warm starts: 256 programs, the steps of a run, of which each is posed from the certified answer to the
 one before, so that errors of a solver do not add up. Their error is the largest of all steps, |d_k - d_k*|_K over the
 largest |d_k*|_K; their JSON has that of the worst step, and of values and bounds the sums.
+
+Instances of the grade "fclib" are for solvers of Coulomb's law, M v = H r + f, u = H'v + w, r in the cones of mu: r_N
+>= 0, u_N >= 0, r_N u_N = 0, |r_T| <= mu r_N, r_T against u_T. No convex program is equivalent to them. The file's
+description says what the solution is certified to, as the answer to the convex program with the weights mu r_N, whose
+values `optima.csv` has; `confirm.py` puts it into every line of the law, with h5py.
 
 ## Your solver in ten minutes
 
@@ -124,6 +133,8 @@ version: {version}
 license: 0BSD
 authors:
   - name: "The vemcvx authors"
+abstract: "Steps of problems with frictional contact, as convex programs, and with Coulomb's law as FCLIB has it."
+keywords: [convex optimisation, second-order cones, frictional contact, virtual elements, benchmark]
 """
 ACCURACY = 1e-14
 """Asked of optima: as much as there is."""
@@ -152,9 +163,9 @@ def write_collection(
             written.append(files.take(name))
             return written[-1]
 
-        for done, (instance, programs) in enumerate(_made(instances)):
+        for done, (instance, solved) in enumerate(_made(instances)):
             told(instance.name, done, len(instances))
-            data, words = _sequence(programs) if instance.steps > 1 else _single(instance, programs[0], forms)
+            data, words = _sequence(instance, solved) if instance.steps > 1 else _single(instance, solved[0], forms)
             data[".json"] = in_json(words)
             put({f"{instance.name}{end}": content for end, content in data.items()}, place)
             rows.append({"name": instance.name, "core": instance.name in CORE, **asdict(instance), **words})
@@ -232,13 +243,17 @@ class Collection:
     large: Annotated[
         bool, typer.Option("--large", help="With sparse programs of up to a million unknowns: minutes, and a GB.")
     ] = False
+    fclib: Annotated[
+        bool, typer.Option("--fclib", help="With Coulomb's law on up to 10,000 contacts, as FCLIB has it: minutes.")
+    ] = False
 
     def __call__(self) -> None:
         """Write it, and say what there is."""
         # What simulations log is about physics that nobody here asks for.
         with progress_bar("reading") as shown, logged_at_most(0):
             chosen = tuple(one for one in (*INSTANCES, *SEQUENCES) if one.name in CORE or not self.core)
-            say(write_collection(self.out, self.form, (*chosen, *(LARGE if self.large else ())), told=shown))
+            more = (*(LARGE if self.large else ()), *(COULOMB if self.fclib else ()))
+            say(write_collection(self.out, self.form, (*chosen, *more), told=shown))
 
 
 Words = dict[str, Any]
@@ -253,15 +268,17 @@ def _single(instance: Instance, solved: SolvedProgram, forms: Sequence[str]) -> 
     return files, {**json.loads(files[".json"]), **proof}
 
 
-def _sequence(programs: Sequence[SolvedProgram]) -> Written:
+def _sequence(instance: Instance, solved: Sequence[SolvedProgram]) -> Written:
     """A sequence; its value and the bounds on that are sums over all steps, errors those of the worst."""
-    each = [description(program) for program in programs]
+    each = [description(program) for program in solved]
     optima = [words["optimum"] for words in each]
     sums = {name: sum(one[name] for one in optima) for name in ("value", "low", "high")}
     most = {name: max(one[name] for one in optima) for name in ("gap", "rounding_floor", "energy_error", "energy_norm")}
-    words = {**each[-1], "steps": len(programs), "optimum": {**sums, **most}}
+    words = {**each[-1], "steps": len(solved), "optimum": {**sums, **most}}
     words["degenerate"] = {name: sum(one["degenerate"][name] for one in each) for name in words["degenerate"]}
-    return sequence_to_npz(programs), words
+    if instance.grade != FCLIB:
+        return sequence_to_npz(solved), words
+    return {f"-{one.step}.hdf5": FORMATS["hdf5"][0](one)[".hdf5"] or b"" for one in solved}, words
 
 
 def _made(instances: Sequence[Instance]) -> Iterator[tuple[Instance, list[SolvedProgram]]]:
@@ -274,15 +291,14 @@ def _made(instances: Sequence[Instance]) -> Iterator[tuple[Instance, list[Solved
         with warnings.catch_warnings():
             # What holds the bodies is what grades are about.
             warnings.simplefilter("ignore", SceneWarning)
-            history = simulate(
-                problem.scene(first.settings),
-                problem.mesh(first.n),
-                np.asarray(problem.times(first.of))[: last + 1],
-                solver=Newton(accuracy=ACCURACY),
-                initial=problem.initial,
-                check=False,
-                progress=False,
-            )
+            scene, mesh, initial = problem.scene(first.settings), problem.mesh(first.n), problem.initial
+            times, exactly = np.asarray(problem.times(first.of))[: last + 1], Newton(accuracy=ACCURACY)
+            if first.grade == FCLIB:  # Condensed, K of 10,000 contacts would be 7 GB.
+                given: Any = {"condense": False, "linear": direct_solver(mesh.n_nodes)}
+                found = programs(scene, mesh, times, solver=exactly, initial=initial, check=False, **given)
+                yield first, [one for one in found if one.step > last - first.steps]
+                continue
+            history = simulate(scene, mesh, times, solver=exactly, initial=initial, check=False, progress=False)
         for one in wanted:
             numbers = range(one.step - one.steps + 1, one.step + 1)
             yield one, list(programs_of_steps(history, numbers, one.condense))

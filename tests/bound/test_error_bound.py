@@ -673,7 +673,7 @@ def test_what_has_no_bound_says_so(effects, said):
 
 def test_bodies_in_space_and_steps_that_are_not_there_say_so():
     history = vx.simulate(paper_scene(), vx.meshes.squares(4), [0.0, 0.5, 1.0], store="last")
-    with pytest.raises(vx.SceneError, match="step 1 was not stored"):
+    with pytest.raises(vx.SceneError, match="step 2 is bounded given the one before, and step 1 was not stored"):
         vx.error_bound(history, step=-1)
     with pytest.raises(vx.SceneError, match="store='all'"):
         vx.error_bound(history)

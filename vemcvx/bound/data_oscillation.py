@@ -213,7 +213,10 @@ class DataOscillation:
         loads = [load for part in self.parts for load in part.loads if load.cells is not None]
         for load in loads:
             if load.matrix.shape[1] == len(load.points):
-                raise SceneError(f"error_bound: there is no bound for {load.subject}, a body force of one component.")
+                raise SceneError(
+                    f"error_bound: there is no bound for {load.subject}, a body force of one component; give it as a "
+                    "vector, as BodyForce does."
+                )
         return loads
 
     @cached_property

@@ -310,6 +310,11 @@ def _instants(history: History, step: int) -> tuple[int, Instant, Instant]:
     n = int(history.stored[history.row(step)])
     if n == 0:
         raise SceneError("error_bound: step 0 is where the run begins; the first step that has a bound is 1.")
+    if n - 1 not in history.stored:
+        raise SceneError(
+            f"error_bound: step {n} is bounded given the one before, and step {n - 1} was not stored; simulate with "
+            "store='all'."
+        )
     return n, instant(history, history.row(n)), instant(history, history.row(n - 1))
 
 

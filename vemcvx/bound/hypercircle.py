@@ -63,7 +63,7 @@ from vemcvx.bound.reading import Reading, reading
 from vemcvx.bound.richer import Richer, richer
 from vemcvx.bound.skeleton import Instant, check_estimable, skeleton
 from vemcvx.bound.stress import fan_stress, lifted, of_edge
-from vemcvx.bound.surface import Boundary, Surface, of_nodes
+from vemcvx.bound.surface import Boundary, Surface, free_alone
 from vemcvx.errors import SceneError
 from vemcvx.meshes import plane_mesh
 from vemcvx.scene.pose import PosedScene
@@ -485,9 +485,7 @@ def _free_outlines(posed: PosedScene, boundary: Boundary, outer: Ints, count: in
     touched[(2 * nodes[:, None] + np.arange(2)).ravel()] = 1.0
     middles = np.tile(np.eye(2), (count, 1, 1))
     middles[outer] = np.where(boundary.touching[:, None, None], 0.0, boundary.free)
-    # P's columns are orthonormal: a value of one is that of a direction in which a node moves by itself.
-    values, vectors = np.linalg.eigh(of_nodes(P[:, np.flatnonzero(abs(P).T @ touched == 0.0)]))
-    vertices = np.einsum("nik,nk,njk->nij", vectors, values > 1.0 - 1e-9, vectors)
+    vertices = free_alone(P[:, np.flatnonzero(abs(P).T @ touched == 0.0)])
     return np.concatenate([vertices, middles])
 
 

@@ -136,11 +136,11 @@ class Boundary:
         return np.eye(2) - self.held
 
     def _moves(self, directions: Floats) -> Bools:
-        """(b,) which edges are free along these directions (b, 2); of a joint, free to move apart along them."""
+        """(b,) which edges move along these directions (b, 2), also at an angle; of a joint, move apart along them."""
         joints = self.edges.joints
-        moves: Bools = np.einsum("bi,bij,bj->b", directions, self.free, directions) > 0.5
+        moves: Bools = np.einsum("bi,bij,bj->b", directions, self.free, directions) > FAR
         along = directions[joints.first]
-        bonded = np.einsum("ji,jik,jk->j", along, self.bonds, along) > 0.5
+        bonded = np.einsum("ji,jik,jk->j", along, self.bonds, along) > 1.0 - FAR
         moves[joints.first] = (moves[joints.first] | moves[joints.second]) & ~bonded
         return moves
 
@@ -377,8 +377,9 @@ class Boundary:
                 bias += np.nan_to_num(self._read(friction, friction.bias(now.t) / friction.lengths))
             if friction.ground is not None:
                 along = friction.ground.vector(now.t) - friction.ground.vector(before.t)
-                way = np.einsum("md,md->m", along, tangents_of(friction.normals)[:, 0])
-                moved += np.nan_to_num(self._read(friction, way))
+                way = self._read(friction, np.einsum("md,md->m", along, tangents_of(friction.normals)[:, 0]))
+                # Frictions that share an edge share their ground: it moves once.
+                moved = np.where(np.isfinite(way), way, moved)
         if any(friction.law is not None for friction in frictions):
             # Bounds that follow the pressure are those of the answer, linear between nodes.
             bound = self._line(self._at_ends(terms, (now.weights / terms.lengths)[:, None])[..., 0])
@@ -478,7 +479,10 @@ class Boundary:
             read = self._read(obstacle, obstacle.gap(t))
             known = np.isfinite(read)
             if compliant and (stiffness[known] > 0).any():
-                raise SceneError(f"error_bound: {obstacle.subject} and another compliant obstacle share an edge.")
+                raise SceneError(
+                    f"error_bound: there is no bound where {obstacle.subject} and another compliant obstacle share an "
+                    "edge; give each its own part of the boundary, or one NormalCompliance for both."
+                )
             distance[known] = np.minimum(distance[known], read[known])
             if compliant:
                 stiffness[known] = self._read(obstacle, 1.0 / (obstacle.compliance * obstacle.lengths))[known]
@@ -494,7 +498,10 @@ class Boundary:
         """
         ends, units, owner = self.edges.outer_edges, self.edges.units, self.fine.piece_owner
         size = float(np.abs(u).max(initial=0.0)) + EPS * float(np.abs(self.posed.space.mesh.points).max())
-        free = np.einsum("bi,beij,bj->be", units, of_nodes(self.posed.supports.P)[ends], units) > 0.5
+        along = np.einsum("beij,bj->bei", free_alone(self.posed.supports.P)[ends], units)
+        outward = np.einsum("bei,bi->be", along, units)
+        free = outward > FAR
+        along = np.divide(along, outward[..., None], out=np.zeros_like(along), where=free[..., None])
         share = self._line(free.astype(float))
         for _ in range(16):
             beyond, depth = np.zeros(len(ends)), self._depths(u, t, False)[0]
@@ -506,21 +513,27 @@ class Boundary:
             ways = np.zeros((2, *u.shape))
             # The two edges of a node, by their first and by their last end; the longer way counts for both.
             for end in range(2):
-                ways[end, ends[:, end]] = np.where(free[:, end, None], beyond[:, None] * units, 0.0)
+                ways[end, ends[:, end]] = beyond[:, None] * along[:, end]
             longer = np.linalg.norm(ways[0], axis=1) >= np.linalg.norm(ways[1], axis=1)
             u = u - np.where(longer[:, None], ways[0], ways[1])
         raise SceneError(
-            "error_bound: nodes at a corner cannot be moved back from two obstacles, or supports press them into one; "
-            "there is no bound."
+            "error_bound: supports press the body into an obstacle, or nodes at a corner cannot be moved back from two of "
+            "them: no displacement is at hand that is admissible, and there is no bound. Give the obstacle a gap of zero "
+            "or more next to supports, or refine the mesh at the corner."
         )
 
 
-def of_nodes(P: sp.csr_matrix | sp.csc_matrix) -> Floats:
-    """(nodes, 2, 2) of each node what orthonormal columns P (2 nodes, k) move: the blocks of P P' on its diagonal."""
+def free_alone(P: sp.csr_matrix | sp.csc_matrix) -> Floats:
+    """(nodes, 2, 2) projectors on the directions in which nodes move by themselves, by orthonormal columns P of all.
+
+    In the blocks of P P' on its diagonal these have the value one.
+    """
     moved = sp.csr_matrix(P @ P.T).tocoo()
-    near, found = moved.row // 2 == moved.col // 2, np.zeros((P.shape[0] // 2, 2, 2))
-    found[moved.row[near] // 2, moved.row[near] % 2, moved.col[near] % 2] = moved.data[near]
-    return found
+    near, blocks = moved.row // 2 == moved.col // 2, np.zeros((P.shape[0] // 2, 2, 2))
+    blocks[moved.row[near] // 2, moved.row[near] % 2, moved.col[near] % 2] = moved.data[near]
+    values, vectors = np.linalg.eigh(blocks)
+    alone: Floats = np.einsum("nik,nk,njk->nij", vectors, values > 1.0 - FAR, vectors)
+    return alone
 
 
 def _spanned(squares: Floats) -> Floats:

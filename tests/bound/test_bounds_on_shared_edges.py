@@ -1,0 +1,84 @@
+"""Bounds where several effects share an edge: supports at an angle with friction and obstacles, frictions, obstacles.
+
+A block that is clamped at its top shears and stretches uniformly, u = (1 - y) b, under tractions that are constant on
+its sides: virtual elements find that displacement, and a bound that knows all that acts is zero to rounding.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import vemcvx as vx
+
+pytestmark = pytest.mark.arithmetic
+
+STEEL = vx.Elasticity(young=200.0, poisson=0.0)
+SHEAR, YOUNG, GAP, PRESSURE, BOUND = 100.0, 200.0, 0.01, 1.0, 2.0
+
+
+def bounded(*effects):
+    return vx.error_bound(vx.simulate(vx.Scene(*effects), vx.meshes.squares(3), [0.0, 1.0]), step=-1)
+
+
+def grows(*force):
+    return lambda x, t: np.tile(t * np.array(force), (len(x), 1))
+
+
+@pytest.mark.parametrize("angle", [20.0, 40.0, 50.0, 70.0])
+def test_supports_at_an_angle_leave_friction_and_obstacles_their_part(angle):
+    c, s = np.cos(np.deg2rad(angle)), np.sin(np.deg2rad(angle))
+    # The bottom slides across (c, s) down to its obstacle, which presses; friction acts against it.
+    b = np.array([GAP * s / c, -GAP])
+    lift = (YOUNG * b[1] - PRESSURE) - (SHEAR * b[0] + BOUND) * s / c
+    found = bounded(
+        STEEL,
+        vx.Clamp(on="top"),
+        vx.PrescribedDisplacement(0.0, on="bottom", direction=(c, s)),
+        vx.Traction(grows(0.0, -SHEAR * b[0]), on="right"),
+        vx.Traction(grows(0.0, SHEAR * b[0]), on="left"),
+        vx.Traction(grows(0.0, lift), on="bottom"),
+        vx.UnilateralContact(on="bottom", gap=GAP),
+        vx.TrescaFriction(BOUND, on="bottom", while_closed=False),
+    )
+    J = 0.5 * (YOUNG * b[1] ** 2 + SHEAR * b[0] ** 2) - lift * b[1] + BOUND * abs(b[0])
+    assert found.upper <= 1e-6
+    assert found.potential == pytest.approx((J, J), rel=1e-6)
+
+
+@pytest.mark.parametrize("direction", [(0.5, 1.0), (1.0, 0.5)])
+def test_a_body_that_slides_at_an_angle_goes_back_from_a_bump_between_nodes(direction):
+    def over(height):
+        def gap(x, t):
+            return 1e-2 - height * (np.abs(x[:, 0] - 0.5) < 0.1)
+
+        return bounded(
+            STEEL,
+            vx.Clamp(on="top"),
+            vx.PrescribedDisplacement(0.0, on="bottom", direction=direction),
+            vx.Traction(grows(0.0, -10.0 * direction[1]), on="right"),
+            vx.UnilateralContact(on="bottom", gap=gap),
+        )
+
+    # No node is there, so that the answer is the same; it is not admissible, and what is costs more.
+    assert over(9e-3).potential[1] > over(0.0).potential[1] + 1e-6
+    assert over(9e-3).upper > 1.1 * over(0.0).upper
+
+
+def test_frictions_on_one_ground_are_one_friction():
+    def belt(x, t):
+        return 0.02 * t, 0.0
+
+    def rubbed(*bounds):
+        block = STEEL, vx.Clamp(on="top"), vx.BilateralContact(on="bottom")
+        return bounded(*block, *(vx.TrescaFriction(g, on="bottom", ground=belt) for g in bounds))
+
+    one, two = rubbed(1.5), rubbed(1.0, 0.5)
+    assert two.upper == pytest.approx(one.upper)
+    assert two.potential == pytest.approx(one.potential)
+
+
+def test_two_compliant_obstacles_on_an_edge_have_no_bound():
+    pads = vx.NormalCompliance(10.0, on="bottom"), vx.NormalCompliance(20.0, on="bottom", gap=0.1)
+    with pytest.raises(vx.SceneError, match=r"no bound where NormalCompliance on bottom .* give each"):
+        bounded(STEEL, vx.Clamp(on="top"), vx.Traction(grows(1.0, 0.0), on="left"), *pads)

@@ -171,7 +171,7 @@ def pressed_aside(x, t):
 
 
 @pytest.mark.skipif(not Path(PEER).exists(), reason="there is no Python of the system")
-@pytest.mark.parametrize("n", [3, pytest.param(8, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("n", [pytest.param(3, marks=pytest.mark.long), pytest.param(8, marks=pytest.mark.slow)])
 def test_coulomb_s_law_between_bodies_is_that_of_getfem(n, tmp_path):
     if not has_getfem():
         pytest.skip("GetFEM is not installed")

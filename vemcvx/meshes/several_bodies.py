@@ -404,7 +404,7 @@ def _joined_in_space(
         )
     touches = np.bincount(tiled.place)[tiled.place] > 1
     touches[tiled.touching[:, 0]] = True
-    width = NARROW_BETWEEN_BODIES * min(float((mesh.volumes / mesh.diameters**2).min()) for mesh in each)
+    width = NARROW_BETWEEN_BODIES * float((mesh.volumes / mesh.diameters**2).min())
     _check_apart_in_space(names, mesh, tiled.body, touches, width)
     _check_contact_in_points(names, mesh, tiled.body, tiled.place, matched)
     if len(tiled.touching):

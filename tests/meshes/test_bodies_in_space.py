@@ -223,6 +223,86 @@ def test_polyhedra_of_one_curved_surface_match(kind, backwards):
         bodies(meshes)
 
 
+@pytest.mark.parametrize("family", FAMILIES)
+def test_a_crack_inside_a_body(family):
+    """From the left side to the middle: nodes along its front stay single; both lips have the same places."""
+    whole = SPACE_FAMILIES[family](3 if family == "kelvin" else 4, seed=1).with_boundary(
+        "half", lambda x: x[:, 0] < 0.5
+    )
+    near = whole.centroids[:, 0] < 0.5
+    above = near & (whole.centroids[:, 2] > 0.5)
+    mesh = whole.cut("crack", {"upper lip": above, "lower lip": np.flatnonzero(near & ~above)})
+    found = mesh.interfaces["crack"]
+    assert found.bodies == ("upper lip", "lower lip")
+    pairs = found.pairs
+    np.testing.assert_array_equal(mesh.points[pairs[:, 0]], mesh.points[pairs[:, 1]])
+    single = pairs[:, 0] == pairs[:, 1]
+    assert 0 < single.sum() < len(pairs)
+    assert mesh.n_nodes == whole.n_nodes + (~single).sum()
+    np.testing.assert_array_equal(mesh.points[: whole.n_nodes], whole.points)
+    for one, other in zip(mesh.cells, whole.cells, strict=True):
+        for face, before in zip(one, other, strict=True):
+            np.testing.assert_array_equal(
+                *(np.unique(places, axis=0) for places in (mesh.points[face], whole.points[before]))
+            )
+    for name in ("left", "half", "right", "top"):
+        np.testing.assert_array_equal(
+            mesh.face_centroids[mesh.boundaries[name]], whole.face_centroids[whole.boundaries[name]]
+        )
+    assert len(mesh.boundaries["boundary"]) == len(whole.boundaries["boundary"]) + 2 * len(found.edges)
+    again = vx.PolyhedralMesh(mesh.points, mesh.cells, interfaces=mesh.interfaces)
+    assert_same(again, mesh, ("points", "face_offsets", "face_vertices", "cell_faces"), ())
+    finer = mesh.refine(mesh.centroids[:, 0] < 0.7)
+    vx.PolyhedralMesh(finer.points, finer.cells, interfaces=finer.interfaces)
+    areas = [one.face_areas[one.boundaries["crack"]].sum() for one in (mesh, finer)]
+    assert areas[0] == pytest.approx(areas[1], rel=1e-12)
+
+
+def test_a_crack_may_be_cut_before_a_plane_mesh_is_extruded_or_then():
+    plane = vx.meshes.voronoi(5, seed=2)
+    x, y = plane.centroids.T
+    sides = {"above": (x < 0.6) & (y > 0.4), "below": (x < 0.6) & (y < 0.4)}
+    before = plane.cut("crack", sides).extruded([0.0, 0.3, 0.5])
+    then = plane.extruded([0.0, 0.3, 0.5]).cut("crack", {name: np.tile(cells, 2) for name, cells in sides.items()})
+    assert before.n_nodes == then.n_nodes
+    lips = [np.unique(mesh.face_centroids[mesh.boundaries["crack"]].round(12), axis=0) for mesh in (before, then)]
+    np.testing.assert_array_equal(*lips)
+    pairs = [mesh.points[mesh.interfaces["crack"].pairs] for mesh in (before, then)]
+    np.testing.assert_array_equal(*(np.unique(places, axis=0) for places in pairs))
+
+
+def test_cuts_right_through_are_the_mesh_of_bodies():
+    mesh = cubes(4)
+    right, back = (mesh.centroids[:, axis] > 0.5 for axis in (0, 1))
+    parted = mesh.cut("joint", {"left": ~right, "right": right})
+    joined = bodies(
+        {"left": cubes((2, 4, 4), ((0, 0.5), (0, 1), (0, 1))), "right": cubes((2, 4, 4), ((0.5, 1), (0, 1), (0, 1)))}
+    )
+    assert parted.face_areas[parted.boundaries["joint"]].sum() == 1.0
+    assert joined.face_areas[joined.boundaries["left|right"]].sum() == 1.0
+    assert parted.n_nodes == joined.n_nodes
+    # Across the joint, where the nodes stay double, a second cut meets it: the four quarters share no node.
+    quarters = parted.cut("west", {"a": ~right & back, "b": ~right & ~back}).cut(
+        "east", {"c": right & back, "d": right & ~back}
+    )
+    assert quarters.n_nodes == 4 * 3 * 3 * 5
+    again = vx.PolyhedralMesh(quarters.points, quarters.cells, interfaces=quarters.interfaces)
+    assert_same(again, quarters, ("points", "face_vertices"), ())
+
+
+@pytest.mark.parametrize(
+    ("name", "sides", "said"),
+    [
+        ("left", {"a": [5], "b": [6]}, "there is a boundary 'left' already"),
+        ("crack", {"a": [0], "b": [63]}, "no face is between the cells of 'a' and 'b'"),
+        ("crack", {"a": [21], "b": [22]}, r"the face at \(0\.5, 0\.375, 0\.375\) has a tip at all its nodes"),
+    ],
+)
+def test_cracks_that_are_none_are_refused(name, sides, said):
+    with pytest.raises(vx.MeshError, match=said):
+        cubes(4).cut(name, sides)
+
+
 def three_bodies():
     return bodies(
         {

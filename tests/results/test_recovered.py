@@ -264,11 +264,16 @@ def test_in_space_pressure_has_no_ripple(lower, upper, raw, bound):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("family", "bound"), [("cubes", 0.01), ("tetrahedra", 0.035)])
-def test_the_pressure_of_a_flat_punch_has_no_ripple(family, bound):
-    """Beside an even polynomial within .7 of its half-width, of the median; nodes have 18 and 66 %. A quarter of it."""
-    make = vx.meshes.SPACE_FAMILIES[family]
-    lower, upper = make(16, box=((0, 2), (0, 2), (-2, 0)), seed=1), make(10, box=((0, 1), (0, 1), (0, 1)), seed=2)
+@pytest.mark.parametrize(
+    ("family", "n", "bound"), [("cubes", 1, 0.01), ("tetrahedra", 1, 0.035), ("tetrahedra", 2, 0.015)]
+)
+def test_the_pressure_of_a_flat_punch_has_no_ripple(family, n, bound):
+    """Beside an even polynomial within .7 of its half-width, of the median; nodes have 18, 66 and 38 %. A quarter.
+
+    The recovered pressure of tetrahedra has 3.2 % at h = 1/8 and 1.1 at 1/16.
+    """
+    make, unit = vx.meshes.SPACE_FAMILIES[family], ((0, 1), (0, 1), (0, 1))
+    lower, upper = make(16 * n, box=((0, 2), (0, 2), (-2, 0)), seed=1), make(10 * n, box=unit, seed=2)
     scene = vx.Scene(
         vx.Elasticity(200.0, 0.3, on="lower"),
         vx.Elasticity(2000.0, 0.3, on="upper"),

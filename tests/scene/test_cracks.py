@@ -1,4 +1,4 @@
-"""A crack whose lips touch, rub and part: Griffith's, in a plate that is strained uniformly but for it."""
+"""A crack whose lips touch, rub and part: Griffith's in a plate, Sneddon's in space, strained uniformly but for it."""
 
 import numpy as np
 import pytest
@@ -108,3 +108,74 @@ def test_solvers_agree_on_a_crack(solver):
     size = np.sqrt(2 * other.energy.max())
     distance = vx.measures.energy_distance(history, other).absolute
     assert distance <= (history.certificate_total[-1] + other.certificate_total[-1]) * size
+
+
+# In space.
+
+
+def round_block(n, far=6.0):
+    """A quarter of a cylinder about z with a crack of radius 1 in its middle plane; cells grow away from the rim."""
+    away = np.geomspace(1.0, far, 2 * n + 1) - 1.0
+    radii = np.append(np.linspace(0.0, 1.0, n + 1), 1.0 + away[1:])
+    mesh = vx.meshes.ring(radii, n, angles=(0.0, np.pi / 2)).extruded(np.append(-away[:0:-1], away))
+    within, z = np.linalg.norm(mesh.centroids[:, :2], axis=1) < 1.0, mesh.centroids[:, 2]
+    return mesh.cut("crack", {"below": within & (z < 0), "above": within & (z > 0)})
+
+
+def pulled(mesh, stress):
+    """Strained uniformly, but for the crack, along z."""
+    gradient = stress / YOUNG * np.diag([-POISSON, -POISSON, 1.0])
+    scene = vx.Scene(
+        vx.Elasticity(YOUNG, POISSON),
+        vx.Symmetry(on=["first", "last"]),
+        vx.PrescribedDisplacement(lambda x, t: t * x @ gradient, on=["outer", "bottom", "top"]),
+        vx.UnilateralContact(on="crack"),
+    )
+    return vx.simulate(scene, mesh, [0.0, 1.0]), mesh.points @ gradient
+
+
+def test_a_round_crack_that_is_pressed_is_none():
+    history, exact = pulled(round_block(3), -1.0)
+    assert np.abs(history.displacement[-1] - exact).max() < 1e-12 * np.abs(exact).max() * history.mesh.n_nodes
+    assert history.contact.closed[-1].all()
+    assert history.contact.pressure[-1] == pytest.approx(1.0, rel=1e-9)
+
+
+@pytest.mark.slow
+def test_a_round_crack_opens_as_sneddon_says():
+    """8 (1 - nu^2) sigma a / (pi E) in the middle of an infinite body (Proc. R. Soc. A 187 (1946)).
+
+    Errors are of order h, at the front, and h^2. The boundary, 6 a away, is held as if there were no crack, which takes
+    off some (a / W)^3.
+    """
+    found = []
+    for n in (4, 8, 16):
+        history, _ = pulled(round_block(n), 1.0)
+        contact, u = history.contact, history.displacement[-1]
+        assert not contact.closed[-1].any()
+        lips = (u[contact.partners] - u[contact.nodes])[:, 2]
+        found.append(lips.max() * np.pi * YOUNG / (8 * (1 - POISSON**2)))
+    coarse, middle, fine = found
+    assert fine == pytest.approx(1.0, abs=0.08)
+    assert (coarse - 6 * middle + 8 * fine) / 3 == pytest.approx(1.0, abs=0.01)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("family", ["tetrahedra", "voronoi3"])
+def test_a_crack_in_space_that_sticks_is_none(family):
+    """Sheared by less than friction bears, on lips that are plane or as Voronoi cells have them."""
+    mesh = vx.meshes.SPACE_FAMILIES[family](4, seed=1)
+    near, above = mesh.centroids[:, 0] < 0.5, mesh.centroids[:, 2] > 0.5
+    mesh = mesh.with_boundary("outside", lambda x: np.full(len(x), True))
+    mesh = mesh.cut("crack", {"below": near & ~above, "above": near & above})
+    gradient = np.array([[-0.02, 0.001, 0.002], [0.0, -0.02, 0.001], [0.001, 0.0, -0.02]])
+    scene = vx.Scene(
+        vx.Elasticity(YOUNG, POISSON),
+        vx.PrescribedDisplacement(lambda x, t: t * x @ gradient.T, on="outside"),
+        vx.BilateralContact(on="crack"),
+        vx.TrescaFriction(1e3, on="crack"),
+    )
+    history = vx.simulate(scene, mesh, [0.0, 1.0])
+    assert (history.contact.nodes != history.contact.partners).any()
+    assert np.abs(history.displacement[-1] - mesh.points @ gradient.T).max() < 1e-12
+    assert np.abs(history.contact.slip[-1]).max() < 1e-12

@@ -1,14 +1,21 @@
-"""Two bodies of tetrahedra against a program that was written again from scratch: scikit-fem, cvxpy, Clarabel.
+"""Two bodies of tetrahedra against programs that were written again from scratch, and against GetFEM.
 
 On tetrahedra virtual elements are linear elements. Where two tilings are the same triangles, every node of the joint
-exists twice; its weight is a third of the areas of its triangles. Contact with a gap that moves and Tresca's friction
-between the bodies, the lower one clamped, the upper one moved to and fro.
+exists twice; its weight is a third of the areas of its triangles. scikit-fem, cvxpy and Clarabel: contact with a gap
+that moves and Tresca's friction between the bodies, the lower one clamped, the upper one moved to and fro. GetFEM
+(Debian: python3-getfem, which only the system's Python may have): contact and Coulomb's friction, whose laws are about
+forces of nodes; GetFEM assembles its own matrix and solves by Newton's method for an augmented Lagrangian.
 """
 
 from __future__ import annotations
 
+import subprocess
+from functools import cache
+from pathlib import Path
+
 import cvxpy as cp
 import numpy as np
+import pytest
 import scipy.sparse as sp
 import skfem
 from skfem.models.elasticity import lame_parameters, linear_elasticity
@@ -70,25 +77,116 @@ def solved(points, cells, faces, body):
     return np.array(steps)
 
 
-def test_matching_tetrahedra_are_linear_elements_with_doubled_nodes():
-    lower = vx.meshes.tetrahedra(N)
-    upper = vx.meshes.tetrahedra(N, box=((0, 1), (0, 1), (1, 2)))
+def blocks(n, contact, steps=TIMES, moved=top):
+    """A run of ours, and the four nodes (k, 4) of all tetrahedra."""
+    lower = vx.meshes.tetrahedra(n)
+    upper = vx.meshes.tetrahedra(n, box=((0, 1), (0, 1), (1, 2)))
     mesh = vx.meshes.bodies({"lower": lower, "upper": upper})
     joint = mesh.interfaces["lower|upper"]
     # The tilings are the same: nothing is cut, and no node is new.
     assert mesh.n_nodes == lower.n_nodes + upper.n_nodes
-    assert joint.edges.shape == (2 * N**2, 3)
+    assert joint.edges.shape == (2 * n**2, 3)
     scene = vx.Scene(
         *(vx.Elasticity(E, nu, on=name) for E, nu, name in zip(YOUNG, POISSON, joint.bodies, strict=True)),
         vx.Clamp(on="lower.bottom"),
-        vx.PrescribedDisplacement(top, on="upper.top"),
-        vx.UnilateralContact(on="lower|upper", gap=gap),
-        vx.TrescaFriction(BOUND, on="lower|upper", while_closed=False),
+        vx.PrescribedDisplacement(moved, on="upper.top"),
+        *contact,
     )
-    history = vx.simulate(scene, mesh, TIMES)
-    cells = np.array([np.unique(np.concatenate(cell)) for cell in mesh.cells])
+    return vx.simulate(scene, mesh, steps), np.array([np.unique(np.concatenate(cell)) for cell in mesh.cells])
+
+
+@pytest.mark.parametrize("n", [3, pytest.param(8, marks=pytest.mark.slow)])
+def test_matching_tetrahedra_are_linear_elements_with_doubled_nodes(n):
+    """128 nodes, or 1,458."""
+    history, cells = blocks(
+        n,
+        [
+            vx.UnilateralContact(on="lower|upper", gap=gap),
+            vx.TrescaFriction(BOUND, on="lower|upper", while_closed=False),
+        ],
+    )
+    mesh, contact = history.mesh, history.contact
+    joint = mesh.interfaces["lower|upper"]
     other = solved(mesh.points, cells, (joint.edges, joint.partners), mesh.cell_data["body"])
     assert np.abs(history.displacement - other).max() < 1e-6 * np.abs(other).max()
-    contact = history.contact
     assert ((contact.closed_count > 0) & (contact.closed_count < len(contact.nodes))).any()
     assert ((contact.slip_count > 0) & (contact.stick_count > 0)).any()
+
+
+PEER, FRICTION = "/usr/bin/python3", 0.3
+GETFEM = """
+import sys, numpy as np, getfem as gf
+d = np.load(sys.argv[1])
+points, away = d["points"], 5.0 * np.ones(3)  # GetFEM merges what is in one place: the upper body is moved away
+mesh, model, cells = gf.Mesh("empty", 3), gf.Model("real"), ([], [])
+for body, cell in zip(d["body"], d["cells"]):
+    cells[body].append(mesh.add_convex(gf.GeoTrans("GT_PK(3,1)"), (points[cell] + body * away).T))
+fem, integral = gf.MeshFem(mesh, 3), gf.MeshIm(mesh, gf.Integ("IM_TETRAHEDRON(2)"))
+fem.set_fem(gf.Fem("FEM_PK(3,1)"))
+model.add_fem_variable("u", fem)
+for body, (young, poisson) in enumerate(zip(d["young"], d["poisson"])):
+    every = [np.ravel(cells[body]), np.full(len(cells[body]), -1)]
+    mesh.set_region(10 + body, np.array(every))
+    model.add_initialized_data(f"lame{body}", [young * poisson / (1 + poisson) / (1 - 2 * poisson)])
+    model.add_initialized_data(f"mu{body}", [young / 2 / (1 + poisson)])
+    model.add_isotropic_linearized_elasticity_brick(integral, "u", f"lame{body}", f"mu{body}", 10 + body)
+x = fem.basic_dof_nodes()[:, ::3].T
+upper = x[:, 2] > 4.0
+x = x - np.where(upper[:, None], away, 0.0)
+there = [(np.abs(points - p).max(axis=1) < 1e-9) & (d["of_node"] == k) for p, k in zip(x, upper)]
+node = np.array([np.flatnonzero(one)[0] for one in there])
+faces = mesh.outer_faces()
+level = [mesh.pts()[2, mesh.pid_in_faces(face[:, None])] for face in faces.T]
+mesh.set_region(1, faces[:, [np.abs(z).max() < 1e-9 or np.abs(z - 7.0).max() < 1e-9 for z in level]])
+model.add_initialized_fem_data("held", fem, d["held"][node].ravel())
+model.add_Dirichlet_condition_with_multipliers(integral, "u", fem, 1, "held")
+first = np.flatnonzero(~upper & (np.abs(x[:, 2] - 1.0) < 1e-9))
+second = [np.flatnonzero(upper & (np.abs(x - x[i]).max(axis=1) < 1e-9))[0] for i in first]
+BN, BT = gf.Spmat("empty", len(first), fem.nbdof()), gf.Spmat("empty", 2 * len(first), fem.nbdof())
+for row, pair in enumerate(zip(first, second)):
+    for k, sign in zip(pair, (1.0, -1.0)):
+        BN.add(row, int(3 * k + 2), sign)
+        BT.add(2 * row, int(3 * k), sign)
+        BT.add(2 * row + 1, int(3 * k + 1), sign)
+for name, value in (("r", d["young"].min()), ("friction", d["friction"]), ("gap", 0.0), ("alpha", 1.0)):
+    model.add_initialized_data(name, [float(value)])
+model.add_variable("normal", len(first))
+model.add_variable("tangent", 2 * len(first))
+model.add_basic_contact_brick("u", "normal", "tangent", "r", BN, BT, "friction", "gap", "alpha", 1)
+model.solve("max_res", 1e-11, "max_iter", 200)
+found = np.empty_like(points)
+found[node] = model.variable("u").reshape(-1, 3)
+np.save(sys.argv[2], found)
+"""
+
+
+@cache
+def has_getfem():
+    return not subprocess.run([PEER, "-c", "import getfem"], capture_output=True, check=False).returncode
+
+
+def pressed_aside(x, t):
+    """Pressed in, tilted, and pushed aside."""
+    return t * np.column_stack([0.02 + 0 * x[:, 0], 0.01 * x[:, 0], -0.005 - 0.04 * x[:, 0] + 0.01 * x[:, 1]])
+
+
+@pytest.mark.skipif(not Path(PEER).exists(), reason="there is no Python of the system")
+@pytest.mark.parametrize("n", [pytest.param(3, marks=pytest.mark.long), pytest.param(8, marks=pytest.mark.slow)])
+def test_coulomb_s_law_between_bodies_is_that_of_getfem(n, tmp_path):
+    if not has_getfem():
+        pytest.skip("GetFEM is not installed")
+    laws = vx.UnilateralContact(on="lower|upper"), vx.CoulombFriction(FRICTION, on="lower|upper")
+    history, cells = blocks(n, laws, [0.0, 1.0], pressed_aside)
+    mesh, contact = history.mesh, history.contact
+    held = np.where(mesh.points[:, 2:] > 1.5, pressed_aside(mesh.points, 1.0), 0.0)
+    body = mesh.cell_data["body"]
+    of_node = np.isin(np.arange(mesh.n_nodes), cells[body == 1])
+    given = {"points": mesh.points, "cells": cells, "body": body, "of_node": of_node, "held": held}
+    np.savez(tmp_path / "given.npz", young=YOUNG, poisson=POISSON, friction=FRICTION, **given)
+    arguments = [PEER, "-c", GETFEM, str(tmp_path / "given.npz"), str(tmp_path / "found.npy")]
+    made = subprocess.run(arguments, capture_output=True, text=True, check=False)
+    assert not made.returncode, made.stderr
+    other = np.load(tmp_path / "found.npy")
+    assert np.abs(history.displacement[-1] - other).max() < 1e-10 * np.abs(other).max()
+    assert 0 < contact.closed_count[-1] < len(contact.nodes)
+    assert contact.slip_count[-1] > 0 < contact.stick_count[-1]

@@ -14,6 +14,7 @@ from vemcvx.arrays import Ints, plain
 from vemcvx.canvas import draw_cells
 from vemcvx.errors import MeshError
 from vemcvx.meshes.box import LARGEST, SHORTEST, WHOLE, plotted_points, plotted_values
+from vemcvx.meshes.cracks import cut
 from vemcvx.meshes.exported import Exported
 from vemcvx.meshes.interfaces import Interface, on_faces
 from vemcvx.meshes.local_refinement import refinement
@@ -21,7 +22,6 @@ from vemcvx.meshes.polygons import cell_of_corner, next_vertex, offsets_of, posi
 from vemcvx.meshes.polyhedra import joined_faces
 from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 from vemcvx.meshes.quality import Quality, quality_of
-from vemcvx.meshes.several_bodies import cut
 from vemcvx.meshes.tessellation import Tessellation
 
 if TYPE_CHECKING:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Self
 
@@ -11,6 +12,7 @@ from vemcvx.arrays import brief
 from vemcvx.canvas import draw_faces
 from vemcvx.errors import MeshError
 from vemcvx.meshes.box import plotted_points, plotted_values
+from vemcvx.meshes.cracks import cut_in_space
 from vemcvx.meshes.exported import Exported
 from vemcvx.meshes.polygons import rows_in_order
 from vemcvx.meshes.polyhedral_refinement import refined_mesh
@@ -87,6 +89,14 @@ class PolyhedralMesh(SpaceTessellation, Exported):
     def quality(self) -> Quality:
         """Shapes of the cells, as of `PolygonMesh.quality`: which says what is warned of."""
         return quality_of(self)
+
+    def cut(self, name: str, sides: Mapping[str, ArrayLike]) -> Self:
+        """Return this mesh with a crack: the faces between two sets of its cells become an interface.
+
+        As `PolygonMesh.cut`, of faces in place of edges: nodes along the front of the crack inside the mesh stay
+        single, and a face all of whose nodes would be there cannot open.
+        """
+        return cut_in_space(self, name, sides)
 
     def plot(
         self,

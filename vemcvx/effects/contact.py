@@ -11,12 +11,12 @@ import numpy as np
 
 from vemcvx.arrays import Floats, choice, flag
 from vemcvx.effects import data
-from vemcvx.effects.by_direction import Ellipse
 from vemcvx.effects.data import varies
 from vemcvx.effects.effect import (
     ContactSurface,
     Contribution,
     Effect,
+    Ellipse,
     Friction,
     Ground,
     Obstacle,
@@ -261,7 +261,7 @@ class TrescaFriction(Effect):
     direction : (3,), or callable f(x) -> (m, 3), optional
         Friction by direction, in space: `bound` is that against slip along this vector (what of it is along the
         surface), `across` the one across it; between them forces are bounded by the ellipse with these axes, and slip
-        is normal to it (:mod:`vemcvx.effects.by_direction`).
+        is normal to it (:mod:`vemcvx.effects.effect`).
     across : number, or callable f(x, t) -> (m,), optional
         The bound across `direction`, >= 0, force per area; its ratio to `bound` must not change in time.
     """

@@ -14,7 +14,6 @@ from vemcvx.arrays import Bools, Floats, Ints, brief, flag, plain, read_only
 from vemcvx.errors import MeshError
 from vemcvx.meshes.box import check_cell_data
 from vemcvx.meshes.interfaces import Interface, on_boundary
-from vemcvx.meshes.interpolation import projected_values
 from vemcvx.meshes.polygons import (
     cell_of_corner,
     convex_pieces,
@@ -31,7 +30,7 @@ from vemcvx.meshes.polygons import (
     spans,
 )
 from vemcvx.meshes.tessellation import Mesh as AnyMesh
-from vemcvx.meshes.tessellation import Tessellation
+from vemcvx.meshes.tessellation import Tessellation, projected_values
 
 # The sides of polygonal cells, and the places where refinement splits them.
 #

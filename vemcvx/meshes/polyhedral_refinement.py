@@ -63,8 +63,7 @@ from vemcvx.arrays import Bools, Floats, Ints, brief, flag, read_only
 from vemcvx.errors import MeshError
 from vemcvx.meshes import local_refinement as plane
 from vemcvx.meshes.box import check_cell_data
-from vemcvx.meshes.cell_children import Inner, Outer, joined, regular_children
-from vemcvx.meshes.cell_cones import cones
+from vemcvx.meshes.cell_children import Inner, Outer, cones, joined, regular_children
 from vemcvx.meshes.cell_kinds import (
     ABOUT_CENTRES,
     STAYS,
@@ -272,14 +271,16 @@ def refinement(mesh: AnyMesh, cells: ArrayLike | None = None, *, balance: bool =
     return Refinement(made, read_only(parents), prolongation(mesh, nodes))
 
 
+def refined_mesh(mesh: AnyMesh, cells: ArrayLike | None, balance: bool) -> AnyMesh:
+    """The mesh of `refinement` alone, which in space is spared the prolongation."""
+    if isinstance(mesh, SpaceTessellation):
+        return _checked(mesh, cells, balance)[0]
+    return refinement(mesh, cells, balance=balance).mesh
+
+
 def _checked(mesh: SpaceMesh, cells: ArrayLike | None, balance: bool) -> tuple[SpaceMesh, Ints, Nodes]:
     balance = flag(balance, "refinement: balance")
     return refined(mesh, check_marks(cells, mesh.n_cells), balance)
-
-
-def refined_mesh(mesh: SpaceMesh, cells: ArrayLike | None, balance: bool) -> SpaceMesh:
-    """The mesh of `refinement` alone."""
-    return _checked(mesh, cells, balance)[0]
 
 
 def prolongation(mesh: SpaceTessellation, nodes: Nodes) -> csr_array:

@@ -20,8 +20,8 @@ from numpy.typing import ArrayLike
 from vemcvx.arrays import Floats, Ints, as_real_array, brief, is_whole, shape_in_words
 from vemcvx.errors import SceneError
 from vemcvx.meshes import AnyMesh, PolygonMesh, PolyhedralMesh
-from vemcvx.meshes.interpolation import projected_values
 from vemcvx.meshes.polygons import cell_of_corner, holding, next_vertex, outlines, overlapping_boxes
+from vemcvx.meshes.tessellation import projected_values
 from vemcvx.results.results import Results
 from vemcvx.vem import Space, solid_places
 from vemcvx.vem.points_in_solids import CLOSE, POINT_ROUNDING

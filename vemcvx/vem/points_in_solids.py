@@ -14,9 +14,9 @@ import scipy.sparse as sp
 
 from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.meshes.interfaces import faces_of
+from vemcvx.meshes.mesh import PolyhedralMesh
 from vemcvx.meshes.polygons import offsets_of, overlapping_boxes, spans
 from vemcvx.meshes.polyhedra import angles_seen
-from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 from vemcvx.vem.projection import face_groups
 from vemcvx.vem.space import Space
 

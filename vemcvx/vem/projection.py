@@ -10,8 +10,8 @@ from typing import Self
 import numpy as np
 
 from vemcvx.arrays import Bools, Floats, Ints, read_only, totals
+from vemcvx.meshes.mesh import PolyhedralMesh
 from vemcvx.meshes.polygons import RADON_POINTS, RADON_WEIGHTS, diagonals_of, spans
-from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 
 # The projection Pi_K of Section 3 in vertex values.
 #

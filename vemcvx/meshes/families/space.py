@@ -17,9 +17,9 @@ from vemcvx.meshes.box import (
     check_grades,
 )
 from vemcvx.meshes.families.voronoi import voronoi
+from vemcvx.meshes.mesh import PolyhedralMesh
 from vemcvx.meshes.polygons import offsets_of, rows_in_order
 from vemcvx.meshes.polyhedra import FACES, joined_faces
-from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 
 Grade = float | tuple[float, float, float]
 

@@ -63,9 +63,6 @@ def page(title: str, body: str, style: str = "") -> str:
     )
 
 
-# The report: sections of paragraphs, tables and pictures.
-
-
 REPORT = "report.html"
 FORCE, LENGTH, ENERGY = "force", "length", "force × length"
 THICKNESS = {2: ", in the plane per unit of thickness", 3: ""}
@@ -88,8 +85,7 @@ PARTS = {
     "total": "all",
     "target": "what was asked for",
 }
-BUDGETED = 64
-"""Steps at which a report judges the mesh at most: each takes residuals on all cells."""
+BUDGETED = 64  # Steps at which a report judges the mesh at most: each takes residuals on all cells.
 QUANTITIES = {"dissipated": "dissipated by friction", "work": "work of forces and supports", "wear": "largest wear"}
 MEANING = {"bound": "a bound", "estimate": "an estimate"}
 CAPTIONS = {

@@ -22,8 +22,7 @@ from vemcvx.scene import Scene
 from vemcvx.simulation import simulate
 from vemcvx.solvers import Solver
 
-FACTOR = 200
-"""Assembling and factorising cost as much as so many steps, on the paper's scene with 33,000 unknowns."""
+FACTOR = 200  # Assembling and factorising cost as much as so many steps, on the paper's scene with 33,000 unknowns.
 
 
 @dataclass(frozen=True)

@@ -37,8 +37,7 @@ from vemcvx.owned_files import Owned, path_of
 from vemcvx.results.files import finite_or_none, peak_memory_mb, read_archive, write_archive
 from vemcvx.results.results import largest_values
 
-PART = 0.25
-"""The part of the smallest error that the reference's own error may be."""
+PART = 0.25  # The part of the smallest error that the reference's own error may be.
 ARCHIVE, ABOUT = "reference.npz", "reference.json"
 
 

@@ -112,21 +112,17 @@ class Row:
         return f"{where} n = {self.n}, {self.steps} steps, {how}"
 
 
-# Records on the disk: a line of JSON that ends with a digest of what stands before it. A record that was torn when its
-# process died, or was edited, is none.
-
-
 SEAL = ', "seal": "'
 
 
 def sealed(record: Any) -> str:
-    """A dataclass as a line of JSON with a digest."""
+    """A dataclass as a line of JSON that ends with a digest of what stands before it."""
     words = json.dumps(asdict(record), allow_nan=False)[:-1]
     return f'{words}{SEAL}{_digest(words)}"}}\n'
 
 
 def unsealed(line: str) -> dict[str, Any] | None:
-    """The fields of such a record, None where the digest is not that of the line."""
+    """The fields of such a record; None where the digest is not its own: it was torn as its process died, or edited."""
     words, _, digest = line.rstrip("\n").rpartition(SEAL)
     if digest != f'{_digest(words)}"}}':
         return None
@@ -157,9 +153,6 @@ def append(path: Path, row: Row) -> None:
             os.fsync(stream.fileno())
     except OSError as error:
         raise HistoryError(f"{path}: cannot write the journal: {error}. What it holds is kept.") from error
-
-
-# The Pareto front of cost and error, and what to use for an accuracy.
 
 
 def percent(share: float) -> str:
@@ -288,10 +281,8 @@ def effectivities(rows: Sequence[Row], title: str = "") -> Figure | None:
 
 
 AXES = {"seconds": "seconds, in one thread", "unknowns": "unknowns"}
-FILLED = ("full", "none", "left", "top", "right", "bottom")
-"""Marks of solvers."""
-BAND = 1.4
-"""Height of the band of the reference's own error on a logarithmic axis: room for a line of words."""
+FILLED = ("full", "none", "left", "top", "right", "bottom")  # Marks of solvers.
+BAND = 1.4  # Height of the band of the reference's own error on a logarithmic axis: room for a line of words.
 
 
 def picture(

@@ -101,8 +101,7 @@ class Ground:
     """The displacement of what a body rubs on, (q, dim) at points: what of it is along the boundary counts."""
 
     subject: str
-    points: Floats
-    """(q, dim)"""
+    points: Floats  # (q, dim)
     value: data.Datum
 
     @classmethod
@@ -138,16 +137,11 @@ class Ellipse:
     """The ellipses of friction at m rows of nodes and normals."""
 
     subject: str
-    points: Floats
-    """(m, 3)"""
-    direction: Floats
-    """(m, 3) vectors of any length, of which what is along the surface counts"""
-    bounds: Callable[[float], tuple[Floats, Floats]]
-    """t -> (m,) bounds along the direction and across it, in any unit"""
-    names: tuple[str, str]
-    """what they are called in messages"""
-    steady: bool
-    """True if they do not change in time"""
+    points: Floats  # (m, 3)
+    direction: Floats  # (m, 3) vectors of any length, of which what is along the surface counts
+    bounds: Callable[[float], tuple[Floats, Floats]]  # t -> (m,) bounds along the direction and across it, in any unit
+    names: tuple[str, str]  # what they are called in messages
+    steady: bool  # True if they do not change in time
 
     @classmethod
     def of(

@@ -15,12 +15,10 @@ from vemcvx.effects.effect import Contribution, Effect, Load, Support, amount, w
 from vemcvx.errors import SceneError
 from vemcvx.vem import Part, SideRule, Space, cell_load, edge_load
 
-# Surface forces sigma n = f_2 on a part of the boundary, (3.4).
-
 
 @dataclass(frozen=True)
 class Traction(Effect):
-    """Surface force per length (and unit thickness), in space per area: the load int f_2 . v ds, exact for affine f_2.
+    """Surface force f_2 per length (and unit thickness), in space per area: int f_2 . v ds, (3.4), exact if affine.
 
     Parameters
     ----------
@@ -77,14 +75,11 @@ class Pressure(Effect):
         return f"Pressure: {amount(self.value)} on {where(self.on)}"
 
 
-# Volume forces -div sigma = f_1, (3.2), by the paper's rule: (Pi_0^0 f_1, average of the vertex values).
-
-
 @dataclass(frozen=True)
 class BodyForce(Effect):
     """A force per unit area (and unit thickness), in space per volume: <l^h, v> = sum_K int_K Pi_0^0 f_1 . v_hat.
 
-    v_hat is the average of the vertex values of v on K, as in Section 3 of the paper (before (3.14)). The sum of these
+    v_hat is the average of the vertex values of v on K, as in the paper, (3.2) and before (3.14). The sum of these
     forces is exact for constant ones; their torque is so on cells whose centroid is the mean of their vertices, such as
     boxes and simplices, and else within h times the force.
 
@@ -159,9 +154,6 @@ class PointLoad(Effect):
         return nodes
 
 
-# u = 0 on a part of the boundary, (3.3).
-
-
 @dataclass(frozen=True)
 class Clamp(Effect):
     """Fixed boundary: u = 0 at every node of the edges `on`, end points included, (3.3).
@@ -219,9 +211,6 @@ class Symmetry(Effect):
 
     def describe(self) -> str:
         return f"Symmetry: u.n = 0, free along {where(self.on)}"
-
-
-# Given displacements u = value on a part of the boundary: all components, or one direction of them.
 
 
 @dataclass(frozen=True)

@@ -19,9 +19,6 @@ from vemcvx.errors import SceneError, SceneWarning
 from vemcvx.vem import Space, Stabilisation
 from vemcvx.vem.elasticity import COMPONENTS
 
-# What every material is: a law for the cells of a region, the whole body unless `on` names cells.
-
-
 PLANES = ("strain", "stress")
 
 
@@ -427,12 +424,9 @@ def _words(values: object) -> str:
     return amount(values, "x")
 
 
-# Kelvin-Voigt viscosity, sigma = C eps + 2 eta eps' + zeta tr(eps') I.
-
-
 @dataclass(frozen=True)
 class Viscosity(Effect):
-    """Kelvin-Voigt viscosity: a stress proportional to the strain rate, added to the elastic one.
+    """Kelvin-Voigt viscosity: sigma = C eps + 2 eta eps' + zeta tr(eps') I, with the strain rate eps'.
 
     The form b^h(u', v) is that of elasticity with `shear` for mu and `volume` for lambda, stabilised likewise. Results
     of a step then depend on its length, which without viscosity they do not. Han and Sofonea, *Quasistatic Contact

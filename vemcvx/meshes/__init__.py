@@ -21,13 +21,7 @@ FAMILIES = {
     "nonconvex": nonconvex,
     "hanging": hanging,
 }
-SPACE_FAMILIES = {
-    "cubes": cubes,
-    "tetrahedra": tetrahedra,
-    "prisms": prisms,
-    "voronoi3": voronoi3,
-    "kelvin": kelvin,
-}
+SPACE_FAMILIES = {"cubes": cubes, "tetrahedra": tetrahedra, "prisms": prisms, "voronoi3": voronoi3, "kelvin": kelvin}
 
 __all__ = [
     "FAMILIES",

@@ -69,12 +69,9 @@ def joined(parts: list[Inner]) -> Inner:
 class Keys(NamedTuple):
     """Keys of children, at each of the corners of solids."""
 
-    vertex: Ints
-    """of the child at the vertex"""
-    side: Ints
-    """of the child on the side"""
-    inner: Ints
-    """of the one child that touches no more than the middles of edges"""
+    vertex: Ints  # of the child at the vertex
+    side: Ints  # of the child on the side
+    inner: Ints  # of the one child that touches no more than the middles of edges
 
 
 def regular_children(asked: Asked, cut: Cut, solids: Solids, about: Ints) -> tuple[Outer, Inner]:
@@ -226,19 +223,15 @@ CLEAR = 0.02
 class Cones:
     """New faces of cells that are joined to their centres, outwards."""
 
-    points: Floats
-    """of all nodes, those in the centres of cells included"""
+    points: Floats  # of all nodes, those in the centres of cells included
     listed: Ints
     row: Ints
     cell: Ints
     offsets: Ints
     nodes: Ints
-    of: Ints
-    """(m,) the new face of each corner"""
-    partner: Ints
-    """(m,) the corner that starts the same edge of the other new face of the cell that has it"""
-    top: Ints
-    """(n_rows,) the node in the centre of the cell"""
+    of: Ints  # (m,) the new face of each corner
+    partner: Ints  # (m,) the corner that starts the same edge of the other new face of the cell that has it
+    top: Ints  # (n_rows,) the node in the centre of the cell
 
     @classmethod
     def laid(cls, skin: Skin, cut: Cut, solids: Solids, about: Ints) -> Cones:

@@ -60,36 +60,24 @@ SHORT = 0.3
 class Sides:
     """Sides of all cells, in the order of the cells; those of one cell counter-clockwise, the first long if any is."""
 
-    cell: Ints
-    """(n_sides,) cell of each side"""
-    first: Ints
-    """(n_sides,) where in `order` each side begins"""
-    order: Ints
-    """(n_corners,) corners of the mesh, side after side"""
-    lengths: Floats
-    """(n_sides,) in diameters of the cell"""
-    long: Bools
-    """(n_sides,) those that are split: of `SHORT` at least, and all of triangles (whose parts are similar)"""
+    cell: Ints  # (n_sides,) cell of each side
+    first: Ints  # (n_sides,) where in `order` each side begins
+    order: Ints  # (n_corners,) corners of the mesh, side after side
+    lengths: Floats  # (n_sides,) in diameters of the cell
+    long: Bools  # (n_sides,) those that are split: of `SHORT` at least, and all of triangles (whose parts are similar)
 
 
 @dataclass(frozen=True, eq=False)
 class Splitting:
     """The points and edges at which cells are split: masks of cells and of their corners."""
 
-    sides: Ints
-    """(n_cells,) how many sides a cell has"""
-    all_long: Bools
-    """(n_cells,) cells all of whose sides are split in the middle"""
-    convex: Bools
-    """(n_cells,) cells that turn right nowhere"""
-    places: Ints
-    """(n_cells,) number of places to split at: 2 at least, for all but absurd shapes"""
-    bend: Bools
-    """(n_corners,) vertices where the outline of a cell does not go straight on"""
-    vertex: Bools
-    """(n_corners,) places to split at: the vertex at a corner of the mesh"""
-    edge: Bools
-    """(n_corners,) and the middle of the edge that starts there"""
+    sides: Ints  # (n_cells,) how many sides a cell has
+    all_long: Bools  # (n_cells,) cells all of whose sides are split in the middle
+    convex: Bools  # (n_cells,) cells that turn right nowhere
+    places: Ints  # (n_cells,) number of places to split at: 2 at least, for all but absurd shapes
+    bend: Bools  # (n_corners,) vertices where the outline of a cell does not go straight on
+    vertex: Bools  # (n_corners,) places to split at: the vertex at a corner of the mesh
+    edge: Bools  # (n_corners,) and the middle of the edge that starts there
 
 
 def splitting_of(mesh: Tessellation, least: Floats | None = None) -> Splitting:
@@ -296,14 +284,10 @@ Ranges = tuple[Ints, Ints, Ints]  # new cell, where in the pool its range begins
 class Kinds:
     """The fate of each cell, as masks (n_cells,)."""
 
-    parted: Bools
-    """at the middles of its sides"""
-    centred: Bools
-    """of these, with the middles joined to a new centre"""
-    medial: Bools
-    """or to each other, being a triangle; the others are cut across"""
-    unseen: Bools
-    """into convex pieces along diagonals, having no centre"""
+    parted: Bools  # at the middles of its sides
+    centred: Bools  # of these, with the middles joined to a new centre
+    medial: Bools  # or to each other, being a triangle; the others are cut across
+    unseen: Bools  # into convex pieces along diagonals, having no centre
 
     @classmethod
     def of(cls, splitting: Splitting, marked: Bools, seen: Bools) -> Kinds:
@@ -318,16 +302,11 @@ class Outlines:
     """Old cells with the new middles among their vertices, those to be cut turned so that they begin with a mark."""
 
     offsets: Ints
-    nodes: Ints
-    """cell c has the outline nodes[offsets[c]:offsets[c + 1]]"""
-    marks: Ints
-    """(m,) positions where cells are cut: middles of sides of parted cells, all bends of unseen ones"""
-    cell: Ints
-    """(m,) cell of each mark"""
-    stop: Ints
-    """(m,) where the part of the outline that begins at a mark ends"""
-    follower: Ints
-    """(m,) the position of the next mark of the cell"""
+    nodes: Ints  # cell c has the outline nodes[offsets[c]:offsets[c + 1]]
+    marks: Ints  # (m,) positions where cells are cut: middles of sides of parted cells, all bends of unseen ones
+    cell: Ints  # (m,) cell of each mark
+    stop: Ints  # (m,) where the part of the outline that begins at a mark ends
+    follower: Ints  # (m,) the position of the next mark of the cell
 
 
 def outlines_of(mesh: Tessellation, splitting: Splitting, kinds: Kinds, middle: Ints) -> Outlines:
@@ -421,12 +400,9 @@ PlaneMesh = TypeVar("PlaneMesh", bound=Tessellation)
 class Edges:
     """One number for each undirected edge."""
 
-    of_corner: Ints
-    """(n_corners,) number of the edge that starts at each corner of the mesh"""
-    ends: Ints
-    """(n_edges, 2) its nodes, the smaller first; edges are in the order of these pairs"""
-    twins: Ints
-    """(q, 2) numbers of the edges of both bodies in one place at interfaces"""
+    of_corner: Ints  # (n_corners,) number of the edge that starts at each corner of the mesh
+    ends: Ints  # (n_edges, 2) its nodes, the smaller first; edges are in the order of these pairs
+    twins: Ints  # (q, 2) numbers of the edges of both bodies in one place at interfaces
 
 
 @dataclass(frozen=True, eq=False)

@@ -76,14 +76,7 @@ from vemcvx.meshes.cell_kinds import (
 from vemcvx.meshes.cell_sides import Skin, asked_of, corners_in_pieces, sides_of, skin_of
 from vemcvx.meshes.interfaces import Interface, faces_of, on_faces, padded, pairs_of, places_of
 from vemcvx.meshes.local_refinement import Refinement, check_lengths, check_marks
-from vemcvx.meshes.polygons import (
-    cell_of_corner,
-    offsets_of,
-    rows_in_order,
-    same_rows,
-    spans,
-    turned,
-)
+from vemcvx.meshes.polygons import cell_of_corner, offsets_of, rows_in_order, same_rows, spans, turned
 from vemcvx.meshes.polyhedra import Listed, numbered_faces
 from vemcvx.meshes.tessellation import Mesh, SpaceTessellation, Tessellation
 
@@ -91,20 +84,13 @@ AnyMesh = TypeVar("AnyMesh", bound=Mesh)
 SpaceMesh = TypeVar("SpaceMesh", bound=SpaceTessellation)
 
 
-# The refined mesh.
-
-
 class Nodes(NamedTuple):
     """New nodes, numbered from n_nodes: middles of edges, centres of faces, centres of cells; at interfaces doubled."""
 
-    ends: Ints
-    """(e, 2) nodes of the old mesh that edges halved are between"""
-    faces: Ints
-    """(f,) faces of the old mesh with a centre"""
-    cells: Ints
-    """(c,) cells with a centre"""
-    points: Floats
-    """of all nodes, old ones first"""
+    ends: Ints  # (e, 2) nodes of the old mesh that edges halved are between
+    faces: Ints  # (f,) faces of the old mesh with a centre
+    cells: Ints  # (c,) cells with a centre
+    points: Floats  # of all nodes, old ones first
 
 
 def refined(mesh: SpaceMesh, marked: Bools, balance: bool) -> tuple[SpaceMesh, Ints, Nodes]:
@@ -137,8 +123,7 @@ class Laid(NamedTuple):
     parents: Ints
     number: Ints
     """which of the new faces each listed one is: first those of faces of the old mesh, in their order, then others"""
-    own: Ints
-    """(n_faces + 1,) where the new faces of each face of the old mesh begin"""
+    own: Ints  # (n_faces + 1,) where the new faces of each face of the old mesh begin
 
 
 def _laid_out(mesh: SpaceTessellation, skin: Skin, cut: Cut, outer: Outer, inner: Inner) -> Laid:

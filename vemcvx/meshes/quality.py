@@ -41,8 +41,7 @@ from vemcvx.outline import Outline, Outlined
 STAR, EDGE = 0.05, 1e-4
 """Ratios below which a warning is due: stretched by nine to one, where S / a_mu spreads over a factor of seventy, and
 edges that leave an eighth of the energy."""
-FAR = 10.0
-"""Distance of the sides that a search begins with, in parts of the largest in the cell."""
+FAR = 10.0  # Distance of the sides that a search begins with, in parts of the largest in the cell.
 ROUNDED, MOVED = 1e-12, 1e-9
 
 

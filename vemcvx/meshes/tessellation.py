@@ -52,10 +52,8 @@ class Mesh(ABC):
     _named: Mapping[str, Ints]
     _box: Box | None
 
-    ARRAYS: ClassVar[tuple[str, ...]]
-    """Names of the arrays that make it."""
-    PARTS: ClassVar[str]
-    """Name of the parts that make its boundary, and of one of them."""
+    ARRAYS: ClassVar[tuple[str, ...]]  # Names of the arrays that make it.
+    PARTS: ClassVar[str]  # Name of the parts that make its boundary, and of one of them.
     A_PART: ClassVar[str]
     NAMED_BY_PLACE: ClassVar[bool] = False
     """Whether sides get their names by place where no part of the boundary is named; readers of files do that."""

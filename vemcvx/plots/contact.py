@@ -31,8 +31,7 @@ if TYPE_CHECKING:
 ALONG = 0.9
 """Cosine between normals above which an edge or face at a contact node belongs to contact: a corner flatter than 25
 degrees passes for straight, which costs half an edge in a picture."""
-FLAT = 1e-9
-"""Lengths, as parts of the largest coordinate, and one less cosines, below which they are rounding."""
+FLAT = 1e-9  # Lengths, as parts of the largest coordinate, and one less cosines, below which they are rounding.
 ARC = "$s$"
 
 

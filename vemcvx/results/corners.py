@@ -150,8 +150,7 @@ def _sizes(stress: Floats, key: str) -> Floats:
 PRESSURES = "pressure", "pressure_recovered"
 SIGNED = "largest_principal_stress", "smallest_principal_stress", *PRESSURES
 """Keys of extremes that grow, or do not, with the sign of the field."""
-PART = 0.05
-"""A principal stress that is less than this part of the field's largest is none of the field's."""
+PART = 0.05  # A principal stress that is less than this part of the field's largest is none of the field's.
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,8 +23,7 @@ TABLES = "steps", "contact", "probes"
 FILES = {name: f"{name}.csv" for name in TABLES}
 DERIVED = "work_second_order", "certificate", "certificate_floor", "certificate_total", "certified", "certified_total"
 """Scalars of every step that a trajectory computes from its arrays."""
-ERRORS = "dissipated_error", "work_error"
-"""Columns of every step where a history has estimates."""
+ERRORS = "dissipated_error", "work_error"  # Columns of every step where a history has estimates.
 DIMENSIONS = {"S": "step", "N": "instant", "nodes": "node", "cells": "cell", "m": "contact", "dim": "axis"}
 """Names of sizes in datasets; others keep theirs, in the singular, and numbers are "of_2" and so on."""
 

@@ -32,27 +32,19 @@ from vemcvx.vem import tangents_of
 class Terms(ContactRows):
     """The norm terms of a posed scene, over all nodal values; `normals` are what their tangents are across."""
 
-    rows: sp.csr_matrix
-    """(m * (dim - 1), n_u) B^, the products with `tangents`"""
+    rows: sp.csr_matrix  # (m * (dim - 1), n_u) B^, the products with `tangents`
     tangents: Floats
     """(m, dim - 1, dim) orthonormal, but for friction by direction and along given ones: `Friction.read`"""
-    directed: Bools
-    """(m,) which are along directions that their friction gives"""
-    elliptic: Bools
-    """(m,) which are of friction by direction"""
+    directed: Bools  # (m,) which are along directions that their friction gives
+    elliptic: Bools  # (m,) which are of friction by direction
     frictions: Sequence[Friction]
-    gather: sp.csr_matrix
-    """(m, rows) which rows of all frictions, one after the other, add up to a term"""
-    sign: Floats
-    """(rows,) 1 where the tangent of a row is that of its term, else -1"""
-    acting: int = 0
-    """how many of the m, the first, some free unknown moves"""
-    dragged: Bools | None = None
-    """(m,) which of them supports move along the boundary, in some direction at least"""
+    gather: sp.csr_matrix  # (m, rows) which rows of all frictions, one after the other, add up to a term
+    sign: Floats  # (rows,) 1 where the tangent of a row is that of its term, else -1
+    acting: int = 0  # how many of the m, the first, some free unknown moves
+    dragged: Bools | None = None  # (m,) which of them supports move along the boundary, in some direction at least
     ground: Callable[[float], Floats] | None = None
     """t -> (m * (dim - 1),), how far the ground has moved along the tangents since the first instant; None if still"""
-    reported: Callable[[float], Floats] | None = None
-    """t -> (m, dim), that motion as a vector"""
+    reported: Callable[[float], Floats] | None = None  # t -> (m, dim), that motion as a vector
 
     def weights(self, t: float) -> Floats:
         """Weights (m,) at the instant `t`: those of their rows added up, without what follows the answer."""
@@ -278,9 +270,6 @@ def warn_of_free_normals(frictions: Sequence[Friction], supports: Supports, stop
             )
 
 
-# One-sided contact: its limits, over all nodal values and for a System, and the surface that pressure is read off.
-
-
 @dataclass(frozen=True, kw_only=True)
 class Surface(ContactRows):
     """The nodes of contact that are not held otherwise, ordered; at a corner, all rows are of both sides.
@@ -326,13 +315,10 @@ def contact_surface(
 class Obstacles(ContactRows):
     """The limits of a posed scene."""
 
-    rows: sp.csr_matrix
-    """(r, n_u) D^, unit normals"""
+    rows: sp.csr_matrix  # (r, n_u) D^, unit normals
     compliance: Floats
-    gap: Callable[[float], Floats]
-    """t -> (r,)"""
-    subjects: tuple[str, ...] = ()
-    """whose they are, in words"""
+    gap: Callable[[float], Floats]  # t -> (r,)
+    subjects: tuple[str, ...] = ()  # whose they are, in words
     prescribed: Obstacles | None = None
     """the obstacles whose gaps supports alone decide: they are no limits of the program, but are checked"""
 

@@ -43,8 +43,6 @@ from vemcvx.scene.scene import InitialStresses, Scene, active_parts, compose, in
 from vemcvx.scene.supports import Supports, by_precedence, on_free, resolve
 from vemcvx.vem import Space, Stabilisation, energy_rows, rigid_modes
 
-# What drives a posed scene, over its free unknowns: the load, and the motion of its supports.
-
 
 def load_of(
     loads: tuple[Load | InitialStresses, ...], A: sp.csr_matrix, supports: Supports
@@ -127,30 +125,22 @@ class PosedScene:
 
     scene: Scene
     space: Space
-    system: System
-    """K, load, norm terms and limits over the free unknowns, in consistent units"""
+    system: System  # K, load, norm terms and limits over the free unknowns, in consistent units
     supports: Supports
-    A: sp.csr_matrix
-    """(n_u, n_u) stiffness over all nodal values"""
+    A: sp.csr_matrix  # (n_u, n_u) stiffness over all nodal values
     loads: tuple[Load | InitialStresses, ...]
     terms: Terms
     obstacles: Obstacles
-    surface: Surface
-    """contact nodes not held otherwise"""
+    surface: Surface  # contact nodes not held otherwise
     material: Material
-    prestress: InitialStresses | None = None
-    """stresses at zero strain, also among the loads; None if there are none"""
-    springs: sp.csr_matrix | None = None
-    """stiffness of springs to the ground, also in A; None if there are none"""
-    inactive: tuple[str, ...] = ()
-    """sentences: effects that do nothing in this scene, and so were left out"""
-    curves: tuple[str, ...] = ()
-    """what has conditions on normals along curves, whose corners finer meshes keep"""
+    prestress: InitialStresses | None = None  # stresses at zero strain, also among the loads; None if there are none
+    springs: sp.csr_matrix | None = None  # stiffness of springs to the ground, also in A; None if there are none
+    inactive: tuple[str, ...] = ()  # sentences: effects that do nothing in this scene, and so were left out
+    curves: tuple[str, ...] = ()  # what has conditions on normals along curves, whose corners finer meshes keep
 
     viscosity: sp.csr_matrix | None = None
     """(n_u, n_u) matrix of the form of rates over all nodal values; None if there is none"""
-    laws: tuple[Contribution, ...] = ()
-    """what materials contribute, but for their stiffness"""
+    laws: tuple[Contribution, ...] = ()  # what materials contribute, but for their stiffness
 
     @property
     def energy_rows(self) -> Callable[[], sp.csr_matrix] | None:
@@ -242,8 +232,7 @@ class _Forms:
     """Matrices (n_u, n_u) of bilinear forms over all nodal values."""
 
     stiffness: sp.csr_matrix
-    springs: sp.csr_matrix | None
-    """of these the stiffness that is no material's"""
+    springs: sp.csr_matrix | None  # of these the stiffness that is no material's
     viscosity: sp.csr_matrix | None
 
 

@@ -84,8 +84,7 @@ class InitialStresses:
     material: Material
     eigenstrains: tuple[Eigenstrain, ...]
     stresses: tuple[InitialStress, ...]
-    matrix: sp.csr_matrix
-    """(n_u, components n_cells) virtual work of stresses constant on cells"""
+    matrix: sp.csr_matrix  # (n_u, components n_cells) virtual work of stresses constant on cells
 
     def stress(self, t: float) -> Floats:
         """sigma_0 (n_cells, components) at the instant `t`."""
@@ -289,11 +288,8 @@ def _zero(value: Callable[[float], Floats | Bools], times: Sequence[float]) -> b
         return False  # The step that needs the datum says what is wrong with it.
 
 
-# A scene: what is to be simulated, free of any mesh.
-
-
 class Scene:
-    """A set of effects: materials, and whatever supports, loads, contact and friction it calls for.
+    """A set of effects, free of any mesh: materials, and whatever supports, loads, contact and friction it calls for.
 
     The order of the effects changes nothing; a scene runs on every mesh that has the boundaries it names.
 

@@ -38,25 +38,17 @@ Forces = TypeVar("Forces", Floats, sp.csr_matrix)
 class Supports:
     """The free unknowns of a body, and the motion of the held ones."""
 
-    P: sp.csr_matrix
-    """(n_u, n) orthonormal columns, one a free unknown, ordered by site"""
-    columns: Ints | None
-    """(n,) positions in u where P merely selects (all frames are along the axes), else None"""
-    owner: Ints
-    """(n,) the site of each free unknown"""
-    sites: Ints
-    """(n_nodes,) the site of every node, numbered by their first nodes"""
+    P: sp.csr_matrix  # (n_u, n) orthonormal columns, one a free unknown, ordered by site
+    columns: Ints | None  # (n,) positions in u where P merely selects (all frames are along the axes), else None
+    owner: Ints  # (n,) the site of each free unknown
+    sites: Ints  # (n_nodes,) the site of every node, numbered by their first nodes
     points: Floats
-    given: Sequence[Support]
-    """those that make the rows of A, one after the other"""
-    A: sp.csr_matrix
-    """(s, n_u) what is prescribed"""
+    given: Sequence[Support]  # those that make the rows of A, one after the other
+    A: sp.csr_matrix  # (s, n_u) what is prescribed
     H: sp.csr_matrix
     """(n_u, s) the displacements that hold one row at 1 and all others at 0; zero for rows that depend on others"""
-    depends: Bools
-    """(s,) which rows depend on earlier ones"""
-    reach: Floats
-    """(s,) the length of a row's part across earlier ones"""
+    depends: Bools  # (s,) which rows depend on earlier ones
+    reach: Floats  # (s,) the length of a row's part across earlier ones
     _last: dict[float, Floats] = field(default_factory=dict, compare=False, repr=False)
     """the motion at the instant that was last asked for: in a step it is asked for half a dozen times"""
 
@@ -281,10 +273,8 @@ Moving = Callable[[float], Floats]
 class Freedom:
     """The freedom that supports leave to rows of contact, as arrays (k,)."""
 
-    slides: Bools
-    """True if some free unknown moves the node along the boundary"""
-    opens: Bools
-    """True if some free unknown moves it along the normal"""
+    slides: Bools  # True if some free unknown moves the node along the boundary
+    opens: Bools  # True if some free unknown moves it along the normal
     dragged: Bools
     """True if it does not slide, in some direction, and supports move it along the boundary, or the ground under it"""
     held_by_contact: Bools

@@ -62,13 +62,7 @@ from vemcvx.solvers import Solver, Solves, as_solver
 from vemcvx.stepping.beginning import Beginning, initial_state
 from vemcvx.stepping.fixed_point import refined_step, solved
 from vemcvx.stepping.ledger import Ledger, Rubbed, StepData, energy_in_full, in_range
-from vemcvx.stepping.posed_step import (
-    PosedStep,
-    certified_in_full,
-    data_norms,
-    pose_step,
-    require_certified,
-)
+from vemcvx.stepping.posed_step import PosedStep, certified_in_full, data_norms, pose_step, require_certified
 from vemcvx.stepping.state import Dragged, PreparedRun, State, prepare
 from vemcvx.stepping.trajectory import Memory, Recorder, Storage, Trajectory, stored_steps
 

@@ -25,8 +25,7 @@ from vemcvx.program.system import System
 from vemcvx.stepping.state import PreparedRun, State
 from vemcvx.version import __version__
 
-DRIVE = "data"
-"""The one field of a state that is not kept."""
+DRIVE = "data"  # The one field of a state that is not kept.
 SEAL = "seal"
 
 

@@ -33,8 +33,7 @@ from vemcvx.stepping.state import PreparedRun, State, sticking
 log = logging.getLogger("vemcvx")
 
 CHECKPOINT = "checkpoint.npz"
-ROWS = r"[a-z_]+\.npy|\.?checkpoint\.npz"
-"""Names of the files of a run, as a regular expression."""
+ROWS = r"[a-z_]+\.npy|\.?checkpoint\.npz"  # Names of the files of a run, as a regular expression.
 
 
 class Memory:
@@ -313,8 +312,7 @@ def relative(error: Floats, scale: Floats) -> Floats:
     return np.where((error == 0) & (scale == 0), 0.0, ratio)
 
 
-BETWEEN = 1.0
-"""Seconds after which a checkpoint is made at a step that is not stored."""
+BETWEEN = 1.0  # Seconds after which a checkpoint is made at a step that is not stored.
 
 
 def stored_steps(store: str | int | Sequence[int], steps: int) -> Ints:

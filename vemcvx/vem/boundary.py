@@ -232,8 +232,7 @@ def _curvature(group: FaceGroup) -> Floats:
 # (2005); Puso and Laursen, Comput. Methods Appl. Mech. Engrg. 193 (2004).)
 
 
-CURVE = float(np.radians(42.5))
-"""Sides that turn by less are a curve."""
+CURVE = float(np.radians(42.5))  # Sides that turn by less are a curve.
 SMOOTH = 2.0 * float(np.sin(0.5 * CURVE))
 """Distance of unit normals that are those of one curve: octagons and chamfers have corners, a regular nonagon is round,
 however their points are rounded."""
@@ -317,24 +316,15 @@ class SideEnds:
     """The nodes (e,) of all sides of a part, each with what its side gives it."""
 
     nodes: Ints
-    normals: Floats
-    """(e, dim) of the sides"""
-    curvature: Floats
-    """(e,) by which the normals of a curve are averaged: see above"""
-    noise: Floats
-    """(e,) by which rounding may have turned the side"""
-    sizes: Floats
-    """(e,) the length of the side as it was drawn, in space the area"""
-    lengths: Floats
-    """(e,) int phi_i ds over the side"""
-    beyond: Ints
-    """(e,) what tells the sides of a node apart"""
-    partners: Ints
-    """(e,)"""
-    drawn: Ints | None = None
-    """(e, 2) the ends, among these, of the side as it was drawn; None if nothing hangs"""
-    share: Floats | None = None
-    """(e,) the part of that side that is ahead of the node"""
+    normals: Floats  # (e, dim) of the sides
+    curvature: Floats  # (e,) by which the normals of a curve are averaged: see above
+    noise: Floats  # (e,) by which rounding may have turned the side
+    sizes: Floats  # (e,) the length of the side as it was drawn, in space the area
+    lengths: Floats  # (e,) int phi_i ds over the side
+    beyond: Ints  # (e,) what tells the sides of a node apart
+    partners: Ints  # (e,)
+    drawn: Ints | None = None  # (e, 2) the ends, among these, of the side as it was drawn; None if nothing hangs
+    share: Floats | None = None  # (e,) the part of that side that is ahead of the node
     mirrors: MirrorPlanes | None = None
 
     def rows(self, points: Floats, matrix: sp.csr_matrix) -> BoundaryRows:

@@ -63,8 +63,7 @@ class _Triangles:
     faces: Ints
     offsets: Ints
     corners: Floats
-    values: sp.csr_matrix
-    """(3 t, n_nodes)"""
+    values: sp.csr_matrix  # (3 t, n_nodes)
 
     @classmethod
     def of(cls, mesh: PolyhedralMesh, faces: Ints) -> _Triangles:

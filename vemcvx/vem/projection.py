@@ -68,9 +68,6 @@ def values_at_vertices(corners: Floats, measures: Floats, gradients: Floats, w: 
     return linear + w[:, None, :]
 
 
-# Plane faces of polyhedra: functions on them given by the vertices, and orthonormal tangents.
-
-
 def tangents_of(normals: Floats) -> Floats:
     """(k, dim - 1, dim) orthonormal vectors across each unit normal (k, dim); exact where the normal is an axis.
 
@@ -102,18 +99,12 @@ def tangents_of(normals: Floats) -> Floats:
 class FaceGroup:
     """Faces with equally many vertices, cut into equally many triangles."""
 
-    faces: Ints
-    """(f,) face numbers"""
-    nodes: Ints
-    """(f, n) their vertices; the right-hand rule gives the normal"""
-    origin: Floats
-    """(f, 3) the first vertex"""
-    corners: Floats
-    """(f, n + 1, 3) the vertices relative to the first, and c"""
-    weights: Floats
-    """(f, n) w_i"""
-    triangles: Ints
-    """(f, T, 3) numbers below n + 1"""
+    faces: Ints  # (f,) face numbers
+    nodes: Ints  # (f, n) their vertices; the right-hand rule gives the normal
+    origin: Floats  # (f, 3) the first vertex
+    corners: Floats  # (f, n + 1, 3) the vertices relative to the first, and c
+    weights: Floats  # (f, n) w_i
+    triangles: Ints  # (f, T, 3) numbers below n + 1
 
     @cached_property
     def vectors(self) -> Floats:
@@ -173,12 +164,7 @@ def face_groups(points: Floats, offsets: Ints, vertices: Ints, faces: Ints) -> I
         corners = np.concatenate([corners, np.einsum("fi,fia->fa", weights, corners)[:, None]], axis=1)
         triangles = np.broadcast_to(_fan(n), (len(some), *_fan(n).shape))
         fans = FaceGroup(
-            faces=some,
-            nodes=nodes,
-            origin=points[nodes[:, 0]],
-            corners=corners,
-            weights=weights,
-            triangles=triangles,
+            faces=some, nodes=nodes, origin=points[nodes[:, 0]], corners=corners, weights=weights, triangles=triangles
         )
         sees = np.einsum("fti,fi->ft", fans.vectors, fans.vectors.sum(axis=1)).min(axis=1) > 0.0
         if sees.all():
@@ -212,9 +198,6 @@ def _along_diagonals(corners: Floats) -> Ints:
     vector = 0.5 * np.cross(corners, np.roll(corners, -1, axis=1)).sum(axis=1)
     plane = tangents_of(vector / np.linalg.norm(vector, axis=1)[:, None])
     return diagonals_of(np.einsum("fbi,fni->fnb", plane, corners))
-
-
-# Cells with equally many vertices, in the plane and in space, and the integrals that their projection is made of.
 
 
 @dataclass(frozen=True, eq=False)
@@ -292,10 +275,8 @@ class CellGroup:
 class PolyhedronGroup(CellGroup):
     """Polyhedra with equally many vertices, each cell's in ascending order."""
 
-    vector_shares: Floats
-    """(c, n, 3) |K| G_i"""
-    shares: Floats
-    """(c, n) sum_f a_{f,i}"""
+    vector_shares: Floats  # (c, n, 3) |K| G_i
+    shares: Floats  # (c, n) sum_f a_{f,i}
     diameters: Floats
     centroids: Floats
 

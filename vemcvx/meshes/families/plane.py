@@ -24,8 +24,6 @@ from vemcvx.meshes.box import (
 from vemcvx.meshes.mesh import PolygonMesh
 from vemcvx.meshes.polygons import offsets_of
 
-# Equal rectangles (squares where the box allows), numbered row by row; meshes of such numberings with holes.
-
 
 def squares(
     n: Count | None = None, box: Corners = UNIT_BOX, seed: int = 0, *, size: float | None = None
@@ -81,13 +79,10 @@ def padded_mesh(points: Floats, present: Bools, rows: Ints, box: Box) -> Polygon
     return PolygonMesh.unchecked(points[present], offsets, vertices[vertices >= 0], box=box)
 
 
-# Squares cut in two by the diagonal from the lower left; halving n nests the meshes.
-
-
 def triangles(
     n: Count | None = None, box: Corners = UNIT_BOX, seed: int = 0, *, size: float | None = None
 ) -> PolygonMesh:
-    """Mesh a box with right-angled triangles, two to each square of `squares`.
+    """Mesh a box with right-angled triangles, two to each square of `squares`; halving n nests the meshes.
 
     Parameters
     ----------
@@ -150,9 +145,6 @@ def hexagons(
     return padded_mesh(points, present.ravel(), np.where(np.hstack([outside, outside[:, ::-1]]), -1, cells), rectangle)
 
 
-# Squares whose inner nodes are moved at random: quadrilaterals of every shape, some of them not convex.
-
-
 def distorted(
     n: Count | None = None, box: Corners = UNIT_BOX, seed: int = 0, *, size: float | None = None, amount: float = 0.5
 ) -> PolygonMesh:
@@ -183,9 +175,6 @@ def distorted(
     inner = points.reshape(ny + 1, nx + 1, 2)[1:-1, 1:-1]
     inner += random.uniform(-0.5 * amount, 0.5 * amount, inner.shape) * np.divide(rectangle.lengths, (nx, ny))
     return PolygonMesh.unchecked(points, np.arange(0, corners.size + 1, 4), corners.ravel(), box=rectangle)
-
-
-# Squares of which some are cut in four: their neighbours get a vertex in the middle of a straight edge.
 
 
 # Places of a 3 x 3 block of nodes, numbered from the lower left row by row: once around it, and its four quarters.
@@ -234,13 +223,10 @@ def hanging(
     return padded_mesh(points, present, rows[rows[:, :, 0] >= 0], rectangle)
 
 
-# Squares with zigzag edges: cells of up to twelve vertices, none of them convex, that lock into each other.
-
-
 def nonconvex(
     n: Count | None = None, box: Corners = UNIT_BOX, seed: int = 0, *, size: float | None = None, zigzag: float = 0.15
 ) -> PolygonMesh:
-    """Mesh a box with non-convex cells (where there is more than one).
+    """Mesh a box with cells of up to twelve vertices that lock into each other: none is convex, if there are several.
 
     Parameters
     ----------
@@ -287,9 +273,6 @@ def nonconvex(
     return padded_mesh(nodes, present, np.concatenate(around, axis=1), rectangle)
 
 
-# Squares in an L: a box without its upper right quarter, the usual body with a re-entrant corner.
-
-
 def l_shape(
     n: Count | None = None, box: Corners = UNIT_BOX, seed: int = 0, *, size: float | None = None
 ) -> PolygonMesh:
@@ -331,17 +314,15 @@ def l_shape(
     return mesh.with_boundary("inner_right", lambda m: m[:, 0] == x).with_boundary("inner_top", lambda m: m[:, 1] == y)
 
 
-# Nodes stand on circles, and sides are chords: of the area of a circle of radius r, a polygon of s sides lacks the part
-# 2 pi^2 / (3 s^2), and it is r (1 - cos(pi / s)) inside of the circle at most.
-
-
 TURN = 2.0 * np.pi
 
 
 def ring(radii: ArrayLike, sectors: int, *, angles: tuple[float, float] = (0.0, TURN)) -> PolygonMesh:
     """Mesh a ring, a disc or a part of them with quadrilaterals between circles and rays.
 
-    ``ring(...).extruded(heights)`` is a tube of hexahedra, and a cylinder of wedges and hexahedra.
+    ``ring(...).extruded(heights)`` is a tube of hexahedra, and a cylinder of wedges and hexahedra. Sides are chords:
+    s of them lack the part 2 pi^2 / (3 s^2) of the area of a circle of radius r, and are at most r (1 - cos(pi / s))
+    inside of it.
 
     Parameters
     ----------

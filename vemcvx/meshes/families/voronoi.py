@@ -186,9 +186,6 @@ def _inside(points: Floats, size: Floats) -> bool:
     return bool(np.max(np.abs(points - 0.5 * size) - 0.5 * size) < 1e-6)
 
 
-# Polygons.
-
-
 def _polygons(seeds: Floats, size: Floats) -> tuple[Floats, Ints, Ints]:
     """Voronoi cells of the seeds in [0, size]: points, offsets, vertices; one point a Delaunay triangle.
 
@@ -321,9 +318,6 @@ def _not_star_shaped(points: Floats, moved: Floats, offsets: Ints, vertices: Int
     collapsed = (here == after).all(axis=1)
     fan = np.where(collapsed, np.inf, cross(here, after))
     return np.flatnonzero(np.minimum.reduceat(fan, offsets[:-1]) <= 0.0)
-
-
-# Polyhedra.
 
 
 def _volumes_and_centroids(points: Floats, faces: Faces) -> tuple[Floats, Floats]:

@@ -40,8 +40,7 @@ from vemcvx.meshes.polyhedra import FACES, Listed, face_shapes, listed_faces, vo
 from vemcvx.meshes.tessellation import SpaceTessellation, Tessellation, straight_sides
 
 AnyTessellation = Tessellation | SpaceTessellation
-Rows = tuple[Ints, Ints]
-"""Offsets and nodes of rows of different lengths."""
+Rows = tuple[Ints, Ints]  # Offsets and nodes of rows of different lengths.
 
 CELL, MARK, PARTNERS, PHYSICAL = "vemcvx:cell", "boundary:", "partners:", "gmsh:physical"
 NODES = {"line": 2, "triangle": 3, "quad": 4, "tetra": 4, "hexahedron": 8, "wedge": 6, "pyramid": 5}
@@ -111,9 +110,6 @@ class Grid:
         return self.data | {MARK + name: chosen.astype(np.uint8) for name, chosen in self.sides.items()}
 
 
-# Errors that begin with their subject, and notes as warnings.
-
-
 def finished(subject: str, made: Callable[[], tuple[AnyTessellation, list[str]]]) -> AnyTessellation:
     """The mesh of a file or an object, its sides named if nothing is, and notes on it as warnings."""
     with warnings.catch_warnings(record=True) as caught:
@@ -150,9 +146,6 @@ def named(subject: str) -> Iterator[None]:
         yield
     except MeshError as error:
         raise MeshError(f"{subject}: {error}") from None
-
-
-# From a mesh to a grid.
 
 
 def grid_of(
@@ -254,9 +247,6 @@ def by_vertices(mesh: SpaceTessellation) -> tuple[NDArray[np.str_], Ints, Ints]:
         )
     offsets = offsets_of(shape[:, 0])
     return kinds, offsets, rows[np.arange(8) < shape[:, :1]]
-
-
-# From a grid to a mesh.
 
 
 def take_parts(grid: Grid, fields: Mapping[str, Any]) -> Grid:

@@ -43,9 +43,6 @@ TYPES = {kind: number for number, kind in KINDS.items()}
 DAMAGED = "its lists of {} are damaged: offsets do not increase, or lead beyond the end."
 
 
-# What describes cells: the arrays that all files of VTK's, and PyVista, have.
-
-
 def vtk_grid(points: Floats, cells: Arrays, data: Arrays, fields: Arrays) -> Grid:
     """Return the grid of arrays that describe cells, by the names that XML files give them; or MeshError.
 
@@ -114,9 +111,6 @@ def face_stream(listed: Listed) -> tuple[Ints, Ints]:
     starts = (listed.offsets + np.arange(len(listed.offsets)))[listed.cell_offsets]
     stream = np.insert(stream, starts[:-1], np.diff(listed.cell_offsets))
     return stream, starts[1:] + np.arange(1, len(starts))
-
-
-# XML files.
 
 
 class _Xml:
@@ -328,9 +322,6 @@ def _packed(data: bytes) -> bytes:
     packed = zlib.compress(data, int(2 * len(zlib.compress(sample, 1)) < len(sample)))
     header = np.array([1, len(data), len(data), len(packed)] if data else [0, 0, 0], dtype=np.uint64)
     return header.tobytes() + (packed if data else b"")
-
-
-# Legacy files.
 
 
 NUMBERS = {"double": "f8", "float": "f4", "vtkidtype": "i4", "signed_char": "i1"}

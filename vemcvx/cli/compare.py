@@ -157,7 +157,6 @@ def _judged_row(system: System, row: Row, run: Trajectory | None, best: Trajecto
 
 
 def _is_answer(run: Trajectory) -> bool:
-    """Return True if the states of a trajectory are numbers and its certificates are finite."""
     return bool(np.isfinite(run.state).all() and np.isfinite(allowed(run)).all())
 
 

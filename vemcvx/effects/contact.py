@@ -317,7 +317,6 @@ def _rubbing(
 
 
 def _by_direction(direction: data.Constant | None, across: data.Datum | None) -> str:
-    """Friction by direction in words."""
     return "" if direction is None else f" along {amount(direction, 'x')}, {amount(across)} across it,"
 
 

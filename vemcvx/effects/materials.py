@@ -280,7 +280,9 @@ class Orthotropic(MaterialLaw):
         C[:, 2, 2] = G
         blocked = np.zeros((len(S), 3))
         blocked[:, :2] = C[:, :2, :2].sum(axis=2) if stress else inverse[:, :2].sum(axis=2)
-        Q = _turn(angle)
+        c, s = np.cos(angle), np.sin(angle)
+        rows = [[c * c, s * s, c * s], [s * s, c * c, -c * s], [-2 * c * s, 2 * c * s, c * c - s * s]]
+        Q = np.array(rows).transpose(2, 0, 1)
         C = Q.transpose(0, 2, 1) @ C @ Q * inside[:, None, None]
         C = 0.5 * (C + C.transpose(0, 2, 1))
         thermal_stress_moduli = np.einsum("cki,ck->ci", Q, blocked) * inside[:, None]
@@ -399,13 +401,6 @@ class Orthotropic(MaterialLaw):
         if not holds.all():
             cell = int(np.argmin(holds))
             raise SceneError(f"Orthotropic: found {name} = {values[cell]:.6g} in cell {cell}; it {rule}.")
-
-
-def _turn(angle: Floats) -> Floats:
-    """Q (n_cells, 3, 3): strains in the axes of the material from strains along x and y."""
-    c, s = np.cos(angle), np.sin(angle)
-    rows = [[c * c, s * s, c * s], [s * s, c * c, -c * s], [-2 * c * s, 2 * c * s, c * c - s * s]]
-    return np.array(rows).transpose(2, 0, 1)
 
 
 def _turn_in_space(R: Floats) -> Floats:

@@ -79,9 +79,10 @@ def regular_children(asked: Asked, cut: Cut, solids: Solids, about: Ints) -> tup
     corners, kind = solids.corners, solids.kind[solids.cell]
     many, n_listed = int(solids.vertex.max(initial=0)) + 1, len(asked.skin.cell)
     keys = Keys(solids.vertex, many + solids.side, np.full(len(kind), many + n_listed))
+    tetrahedra = solids.first[kind[solids.first] == TETRA]  # each has one at each vertex, and an octahedron between
     parts = [
         *_about_centres(solids, keys, about),
-        *_of_tetrahedra(solids, keys),
+        *_caps(solids, keys, tetrahedra, 3),
         *_of_pyramids(solids, keys),
         *_of_wedges(solids, keys),
     ]
@@ -106,12 +107,6 @@ def _about_centres(solids: Solids, keys: Keys, about: Ints) -> list[Inner]:
         Inner.of(cell[j], keys.vertex[j], (*ends, about[cell[j]])),
         Inner.of(cell[j], keys.side[j], (*ends[::-1], about[cell[j]])),
     ]
-
-
-def _of_tetrahedra(solids: Solids, keys: Keys) -> list[Inner]:
-    """A tetrahedron at each vertex and an octahedron between them."""
-    i = solids.first[solids.kind[solids.cell[solids.first]] == TETRA]
-    return _caps(solids, keys, i, 3)
 
 
 def _caps(solids: Solids, keys: Keys, i: Ints, degree: int) -> list[Inner]:

@@ -449,7 +449,7 @@ def refinement(mesh: PlaneMesh, cells: ArrayLike | None = None, *, balance: bool
     points = np.concatenate([mesh.points, mesh.points[ends].mean(axis=1), inner])
     refined = _carried(mesh, type(mesh).unchecked(points, offsets, vertices, box=mesh._box), parents, edges, middle)
     at_centres = projected_values(mesh, np.flatnonzero(kinds.centred), inner)
-    return Refinement(refined, read_only(parents), _prolongation(mesh.n_nodes, ends, at_centres))
+    return Refinement(refined, read_only(parents), prolongation(mesh.n_nodes, ends, at_centres))
 
 
 def check_marks(cells: ArrayLike | None, n_cells: int, subject: str = "cells to refine") -> Bools:
@@ -537,7 +537,7 @@ def _carried(mesh: PlaneMesh, refined: PlaneMesh, parents: Ints, edges: Edges, m
     return refined._replace(_named=named, interfaces=MappingProxyType(matched), cell_data=MappingProxyType(data))
 
 
-def _prolongation(n_nodes: int, ends: Ints, inner: csr_array) -> csr_array:
+def prolongation(n_nodes: int, ends: Ints, *inner: csr_array) -> csr_array:
     """Rows of the identity, of means over edges, and of the inner nodes, one below the other."""
     middles = csr_array((np.full(ends.size, 0.5), ends.ravel(), 2 * np.arange(len(ends) + 1)), (len(ends), n_nodes))
-    return csr_array(vstack([eye_array(n_nodes), middles, inner], format="csr"))
+    return csr_array(vstack([eye_array(n_nodes), middles, *inner], format="csr"))

@@ -57,7 +57,7 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.sparse import csr_array, eye_array, vstack
+from scipy.sparse import csr_array
 
 from vemcvx.arrays import Bools, Floats, Ints, brief, flag, read_only
 from vemcvx.errors import MeshError
@@ -253,7 +253,14 @@ def refinement(mesh: AnyMesh, cells: ArrayLike | None = None, *, balance: bool =
     if not isinstance(mesh, SpaceTessellation):
         raise MeshError(f"refinement: found {brief(mesh)} where a PolygonMesh or PolyhedralMesh is wanted.")
     made, parents, nodes = _checked(mesh, cells, balance)
-    return Refinement(made, read_only(parents), prolongation(mesh, nodes))
+    middle = mesh.n_nodes + len(nodes.ends) + len(nodes.faces)
+    on_faces = rows_in_order(mesh.face_offsets, mesh.face_vertices, nodes.faces)
+    in_cells = rows_in_order(*mesh.cell_nodes, nodes.cells)
+    at_centres = (
+        _nearest_linear(mesh.points, *on_faces, nodes.points[middle - len(nodes.faces) : middle]),
+        _nearest_linear(mesh.points, *in_cells, nodes.points[middle:]),
+    )
+    return Refinement(made, read_only(parents), plane.prolongation(mesh.n_nodes, nodes.ends, *at_centres))
 
 
 def refined_mesh(mesh: AnyMesh, cells: ArrayLike | None, balance: bool) -> AnyMesh:
@@ -268,30 +275,11 @@ def _checked(mesh: SpaceMesh, cells: ArrayLike | None, balance: bool) -> tuple[S
     return refined(mesh, check_marks(cells, mesh.n_cells), balance)
 
 
-def prolongation(mesh: SpaceTessellation, nodes: Nodes) -> csr_array:
-    """The matrix that takes nodal values of the old mesh to the new nodes: linear functions to themselves.
-
-    Values at centres are those of the linear function that is nearest at the vertices of the face or cell.
-    """
-    first = mesh.n_nodes + len(nodes.ends)
-    middle = first + len(nodes.faces)
-    on_faces = rows_in_order(mesh.face_offsets, mesh.face_vertices, nodes.faces)
-    in_cells = rows_in_order(*mesh.cell_nodes, nodes.cells)
-    means = csr_array(
-        (np.full(nodes.ends.size, 0.5), nodes.ends.ravel(), 2 * np.arange(len(nodes.ends) + 1)),
-        (len(nodes.ends), mesh.n_nodes),
-    )
-    blocks = [
-        eye_array(mesh.n_nodes),
-        means,
-        _nearest_linear(mesh.points, *on_faces, nodes.points[first:middle]),
-        _nearest_linear(mesh.points, *in_cells, nodes.points[middle:]),
-    ]
-    return csr_array(vstack(blocks, format="csr"))
-
-
 def _nearest_linear(points: Floats, offsets: Ints, rows: Ints, at: Floats) -> csr_array:
-    """Values at points (m, 3) of linear functions that are nearest to those at a row of nodes each."""
+    """Values at points (m, 3) of linear functions that are nearest to those at a row of nodes each.
+
+    Linear functions are taken to themselves.
+    """
     shape = (len(at), len(points))
     if not len(at):
         return csr_array(shape)

@@ -187,19 +187,14 @@ def _exchanged(rows: Floats, met: Ints, entering: Ints) -> Ints:
     matrix = rows[np.arange(count)[:, None, None], tried].transpose(0, 1, 3, 2)
     singular = np.abs(np.linalg.det(matrix)) < ROUNDED
     matrix[singular] = np.eye(size)
-    least = np.linalg.solve(matrix, _cost(size)[:, None])[..., 0].min(axis=2)
+    # What is maximised: rho, and a little of x.
+    cost = np.append(MOVED * np.sqrt(np.arange(1.0, size)), 1.0)
+    least = np.linalg.solve(matrix, cost[:, None])[..., 0].min(axis=2)
     chosen: Ints = np.where(singular, -np.inf, least).argmax(axis=1)
     return np.asarray(tried[np.arange(count), chosen])
 
 
-def _cost(size: int) -> Floats:
-    """What is maximised: rho, and a little of x."""
-    cost = np.append(MOVED * np.sqrt(np.arange(1.0, size)), 1.0)
-    return cost
-
-
 def _by_linear_program(rows: Floats, right: Floats) -> float:
-    """The same of one cell."""
     # Importing it takes a fifth of a second, and few cells come here.
     from scipy.optimize import linprog
 

@@ -37,22 +37,13 @@ ARC = "$s$"
 
 @dataclass(frozen=True)
 class ContactLine:
-    """Contact nodes of a plane body in the order of a line.
+    """Contact nodes of a plane body in the order of a line."""
 
-    Attributes
-    ----------
-    order : (m,) rows of the contact arrays
-    position : (m,) places on the line
-    limits : (m, 2) the part of the line that each node owns
-    tangents : (m, 2) unit vectors towards larger positions
-    symbol : what the line measures
-    """
-
-    order: Ints
-    position: Floats
-    limits: Floats
-    tangents: Floats
-    symbol: str
+    order: Ints  # (m,) rows of the contact arrays
+    position: Floats  # (m,) places on the line
+    limits: Floats  # (m, 2) the part of the line that each node owns
+    tangents: Floats  # (m, 2) unit vectors towards larger positions
+    symbol: str  # what the line measures
 
     @property
     def label(self) -> str:
@@ -367,22 +358,13 @@ def wear(
 
 @dataclass(frozen=True)
 class FaceLayout:
-    """Contact nodes of a body in space in the plane of the picture.
+    """Contact nodes of a body in space in the plane of the picture."""
 
-    Attributes
-    ----------
-    frame : (2, 3) unit vectors to the right and up
-    labels : what they measure
-    places : (m, 2) of the contact nodes
-    corners : (k, 4, 2) quadrilaterals that make up the face
-    owners : (k,) rows of the contact arrays, of the nodes that own them
-    """
-
-    frame: Floats
-    labels: tuple[str, str]
-    places: Floats
-    corners: Floats
-    owners: Ints
+    frame: Floats  # (2, 3) unit vectors to the right and up
+    labels: tuple[str, str]  # what they measure
+    places: Floats  # (m, 2) of the contact nodes
+    corners: Floats  # (k, 4, 2) quadrilaterals that make up the face
+    owners: Ints  # (k,) rows of the contact arrays, of the nodes that own them
 
     def flat(self, vectors: Floats) -> Floats:
         """Vectors (..., 3) in the picture, (..., 2)."""

@@ -373,7 +373,6 @@ def animate(
 
 
 def _frames(history: Results, figure: Figure, **how: Any) -> Iterator[None]:
-    """Draw one stored step after another on the figure."""
     draw = deformed_mesh if _plane(history) else deformed_body
     for step in history.stored:
         figure.clear()

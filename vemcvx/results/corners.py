@@ -54,32 +54,18 @@ GROWS = "grows without limit as the mesh is refined"
 
 @dataclass(frozen=True, eq=False)
 class Corner:
-    """A point of the boundary at an instant.
-
-    Attributes
-    ----------
-    wedge : what meets there
-    where : in words
-    nodes : those of all bodies there
-    start : the angle of the first ray to the x axis
-    rays : angles from there at which there is contact
-    rubs : whether friction that follows pressure acts there
-    holds : whether friction with a given bound sticks there
-    singular : not along smooth sides
-    jumps : whether displacements that are given jump there
-    shear : the stress that log r multiplies, as A, B, C and D of each sector; None where there is none
-    """
+    """A point of the boundary at an instant, and what meets there."""
 
     wedge: Wedge
-    where: str
-    nodes: tuple[int, ...]
-    start: float
-    rays: Floats
-    rubs: bool
-    holds: bool
-    singular: bool
-    jumps: bool
-    shear: Floats | None
+    where: str  # in words
+    nodes: tuple[int, ...]  # those of all bodies there
+    start: float  # the angle of the first ray to the x axis
+    rays: Floats  # angles from there at which there is contact
+    rubs: bool  # whether friction that follows pressure acts there
+    holds: bool  # whether friction with a given bound sticks there
+    singular: bool  # not along smooth sides
+    jumps: bool  # whether displacements that are given jump there
+    shear: Floats | None  # the stress that log r multiplies, as A, B, C and D of each sector; None where there is none
 
     @property
     def exponent(self) -> float:

@@ -29,23 +29,13 @@ from vemcvx.vem.points_in_solids import CLOSE, POINT_ROUNDING
 
 @dataclass(frozen=True, eq=False)
 class Location:
-    """The cells and weights of p points.
+    """The cells and weights of p points: point points[i] lies in the closed cell cells[i], i < k."""
 
-    Attributes
-    ----------
-    points, cells : (k,) and (k,) arrays of int
-        Point points[i] lies in the closed cell cells[i]; by point, then by cell.
-    starts, ends : (p,) and (p,) arrays of int
-        The nodes of the side that a point lies on; -1 inside of cells and outside of the mesh.
-    along : (p,) array
-        How much of that side lies before the point, 0 ... 1.
-    """
-
-    points: Ints
+    points: Ints  # (k,) by point, then by cell
     cells: Ints
-    starts: Ints
+    starts: Ints  # (p,) the nodes of the side that a point lies on; -1 inside of cells and outside of the mesh
     ends: Ints
-    along: Floats
+    along: Floats  # (p,) how much of that side lies before the point, 0 ... 1
 
 
 def locate(mesh: PolygonMesh, points: Floats) -> Location:

@@ -71,7 +71,6 @@ def _probes(history: Results, points: ArrayLike) -> Columns:
 
 
 def _when(history: Results, count: int) -> Columns:
-    """The columns that say when, for rows of so many places a step."""
     return {"step": np.repeat(history.stored, count), "time": np.repeat(history.times, count)}
 
 

@@ -94,18 +94,11 @@ def joined(state: str, friction: float = 0.0) -> tuple[Floats, Floats]:
 
 @dataclass(frozen=True, eq=False)
 class Wedge:
-    """Bodies that meet at a point.
-
-    Attributes
-    ----------
-    sectors : counter-clockwise
-    joints : one between each two; of a full ring, one more, from the last sector to the first
-    ends : conditions (2, 4) on the first ray and on the last one; None of a ring
-    """
+    """Bodies that meet at a point, counter-clockwise."""
 
     sectors: Sequence[Sector]
-    joints: Sequence[tuple[Floats, Floats]]
-    ends: tuple[Floats, Floats] | None
+    joints: Sequence[tuple[Floats, Floats]]  # one between each two; of a full ring one more, from the last to the first
+    ends: tuple[Floats, Floats] | None  # conditions (2, 4) on the first ray and on the last one; None of a ring
 
     @property
     def angle(self) -> float:

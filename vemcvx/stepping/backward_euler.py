@@ -7,7 +7,7 @@ A step has four acts:
               :mod:`.fixed_point`   where weights follow pressures (Coulomb), a fixed point of such programs
     certify   :mod:`.posed_step`    on the retained unknowns
                                     and on all, refined against K itself, where the factors are too coarse
-record    :mod:`.trajectory`    steps that are kept, certified on all unknowns: rows of a trajectory
+    record    :mod:`.trajectory`    steps that are kept, certified on all unknowns: rows of a trajectory
 
 It begins from a state that obeys (2.1): :mod:`.beginning`. Why not by the midpoint rule, which is a convex program a
 step, too, says problems/midpoint_rule.py: its states at the instants violate (2.1), and where slips begin inside of

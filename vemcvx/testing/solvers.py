@@ -382,7 +382,6 @@ def _agree(program: StepProgram, one: Answer, other: Answer) -> None:
 
 
 def _in_units(system: System, length: float, stress: float) -> System:
-    """The same problem with lengths and stresses in other units."""
     force, norms, limits = stress * length, system.norms, system.limits
     if norms is not None:
         weights = norms.weights

@@ -387,7 +387,6 @@ def _increasing(radii: ArrayLike) -> Floats:
 
 
 def _rays(angles: tuple[float, float]) -> tuple[float, float]:
-    """The angles of the first and of the last ray."""
     wanted = "two increasing angles in radians, at most a turn apart"
     given = plain(angles)
     if given is not None and given.dtype.kind in "iuf" and given.shape == (2,) and np.isfinite(given).all():

@@ -130,7 +130,6 @@ def _path(path: str | Path) -> Path:
 
 
 def _suffix(path: Path) -> str:
-    """The suffix, one of those known, or MeshError."""
     suffix = path.suffix.lower()
     if suffix not in (*ANY_POLYGON, ".vtp", *THROUGH_MESHIO):
         raise MeshError(

@@ -63,35 +63,17 @@ SHAPES = {(4, 4, 4): ("tetra", 3), (8, 6, 0): ("hexahedron", 4), (6, 5, 2): ("we
 
 @dataclass
 class Grid:
-    """Cells and data.
+    """Cells and data: the nodes of cell i are ``vertices[offsets[i]:offsets[i + 1]]``."""
 
-    Attributes
-    ----------
-    points : (n, 2) or (n, 3)
-    kinds : (k,) str
-        Kinds of the cells, in meshio's words: "triangle", "quad", "polygon", "line" ...
-    offsets, vertices : (k + 1,), (m,) int
-        The nodes of cell i are ``vertices[offsets[i]:offsets[i + 1]]``.
-    data : dict of str to (k, ...) arrays
-    sides : dict of str to (k,) bool
-        Named sets of cells that bound others.
-    parts : dict of str to Rows
-        Named parts of the boundary that are no cells.
-    faces : Listed, optional
-        Faces of the polyhedra, in their order.
-    notes : tuple of str
-        What was left out of it, in sentences.
-    """
-
-    points: Floats
-    kinds: NDArray[np.str_]
-    offsets: Ints
-    vertices: Ints
-    data: dict[str, NDArray[Any]] = field(default_factory=dict)
-    sides: dict[str, Bools] = field(default_factory=dict)
-    parts: dict[str, Rows] = field(default_factory=dict)
-    faces: Listed | None = None
-    notes: tuple[str, ...] = ()
+    points: Floats  # (n, 2) or (n, 3)
+    kinds: NDArray[np.str_]  # (k,) kinds of the cells, in meshio's words: "triangle", "quad", "polygon", "line" ...
+    offsets: Ints  # (k + 1,)
+    vertices: Ints  # (m,)
+    data: dict[str, NDArray[Any]] = field(default_factory=dict)  # arrays (k, ...)
+    sides: dict[str, Bools] = field(default_factory=dict)  # (k,) named sets of cells that bound others
+    parts: dict[str, Rows] = field(default_factory=dict)  # named parts of the boundary that are no cells
+    faces: Listed | None = None  # faces of the polyhedra, in their order
+    notes: tuple[str, ...] = ()  # what was left out of it, in sentences
 
     @property
     def bounding(self) -> tuple[Bools, Bools]:

@@ -238,7 +238,6 @@ def write_cells(path: Path, packed: Packed, point_data: Arrays, cell_data: Array
 
 
 def _three(values: ArrayLike) -> NDArray[Any]:
-    """Vectors of two components with a third, zero."""
     values = np.asarray(values)
     return np.pad(values, ((0, 0), (0, 1))) if values.ndim == 2 and values.shape[1] == 2 else values
 
@@ -295,7 +294,6 @@ def _blocks(arrays: Arrays) -> list[Block]:
 
 
 def _cells(grid: Grid) -> Arrays:
-    """The arrays that describe the cells of a grid."""
     arrays: Arrays = {"connectivity": grid.vertices, "offsets": grid.offsets[1:], "types": _types(grid)}
     if grid.faces is None:
         return arrays
@@ -306,7 +304,6 @@ def _cells(grid: Grid) -> Arrays:
 
 
 def _types(grid: Grid) -> NDArray[np.uint8]:
-    """VTK's types of the cells."""
     kinds, place = np.unique(grid.kinds, return_inverse=True)
     return np.array([TYPES[kind] for kind in kinds.tolist()], dtype=np.uint8)[place]
 

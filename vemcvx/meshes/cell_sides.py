@@ -47,8 +47,7 @@ class Skin:
     shapes: FaceShapes
     cell: Ints  # (n_listed,) cell of each listed face
     signs: Floats  # (n_listed,) 1 where a listed face runs outwards as it is stored
-    sizes: Floats
-    """(n_cells,) nine volumes over the area: 1.5 widths of a cube, 4.5 of a thin plate; 0 where nothing is tiny"""
+    sizes: Floats  # (n_cells,) nine volumes over the area, 1.5 widths of a cube; 0 where nothing is tiny
     polygons: Tessellation  # faces in their own planes; its vertices are the corners of faces, numbered through
     edge: Ints  # (n_corners,) number of the edge that starts at each corner
     ends: Ints  # (n_edges, 2) its nodes, the smaller first

@@ -121,8 +121,7 @@ class Laid(NamedTuple):
 
     listed: Listed
     parents: Ints
-    number: Ints
-    """which of the new faces each listed one is: first those of faces of the old mesh, in their order, then others"""
+    number: Ints  # which new face each listed one is: first those of faces of the old mesh, in their order
     own: Ints  # (n_faces + 1,) where the new faces of each face of the old mesh begin
 
 

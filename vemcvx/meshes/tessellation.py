@@ -55,8 +55,7 @@ class Mesh(ABC):
     ARRAYS: ClassVar[tuple[str, ...]]  # Names of the arrays that make it.
     PARTS: ClassVar[str]  # Name of the parts that make its boundary, and of one of them.
     A_PART: ClassVar[str]
-    NAMED_BY_PLACE: ClassVar[bool] = False
-    """Whether sides get their names by place where no part of the boundary is named; readers of files do that."""
+    NAMED_BY_PLACE: ClassVar[bool] = False  # whether sides get names by place where nothing is named
 
     @classmethod
     def unchecked(cls, *arrays: Floats | Ints, box: Box | None = None) -> Self:

@@ -33,8 +33,7 @@ class Terms(ContactRows):
     """The norm terms of a posed scene, over all nodal values; `normals` are what their tangents are across."""
 
     rows: sp.csr_matrix  # (m * (dim - 1), n_u) B^, the products with `tangents`
-    tangents: Floats
-    """(m, dim - 1, dim) orthonormal, but for friction by direction and along given ones: `Friction.read`"""
+    tangents: Floats  # (m, dim - 1, dim) orthonormal, but for those that `Friction.read` gives
     directed: Bools  # (m,) which are along directions that their friction gives
     elliptic: Bools  # (m,) which are of friction by direction
     frictions: Sequence[Friction]
@@ -42,8 +41,7 @@ class Terms(ContactRows):
     sign: Floats  # (rows,) 1 where the tangent of a row is that of its term, else -1
     acting: int = 0  # how many of the m, the first, some free unknown moves
     dragged: Bools | None = None  # (m,) which of them supports move along the boundary, in some direction at least
-    ground: Callable[[float], Floats] | None = None
-    """t -> (m * (dim - 1),), how far the ground has moved along the tangents since the first instant; None if still"""
+    ground: Callable[[float], Floats] | None = None  # t -> (m * (dim - 1),) its way along tangents since times[0]
     reported: Callable[[float], Floats] | None = None  # t -> (m, dim), that motion as a vector
 
     def weights(self, t: float) -> Floats:
@@ -277,8 +275,7 @@ class Surface(ContactRows):
     Normals are means by length there, and lengths are sums. Contact presses on partners the other way.
     """
 
-    normal_reaction: sp.csr_matrix
-    """(m, n_u) g: with R the forces that supports and bilateral contact exert on nodes, contact presses with -g . R"""
+    normal_reaction: sp.csr_matrix  # (m, n_u) g: contact presses with -g . R, R the forces of supports and contact
 
 
 def contact_surface(
@@ -319,8 +316,7 @@ class Obstacles(ContactRows):
     compliance: Floats
     gap: Callable[[float], Floats]  # t -> (r,)
     subjects: tuple[str, ...] = ()  # whose they are, in words
-    prescribed: Obstacles | None = None
-    """the obstacles whose gaps supports alone decide: they are no limits of the program, but are checked"""
+    prescribed: Obstacles | None = None  # those whose gaps supports alone decide: no limits, but checked
 
 
 def gathered(obstacles: Sequence[Obstacle], table: ContactRows, supports: Supports) -> Obstacles:

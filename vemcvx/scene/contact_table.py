@@ -80,8 +80,7 @@ class ContactRows:
     partners: Ints  # (m,) nodes of other bodies; -1 where a row reads its node alone
     normals: Floats  # (m, dim) outward unit normals
     ends: sp.csr_matrix  # (m, e) the half lengths of the ends of edges that each row owns
-    names: Ints
-    """(e, 2) of each end its node, and the other node of its edge; -1 for all that a part without `ends` has there"""
+    names: Ints  # (e, 2) of each end its node, and the other node of its edge; -1 for all of a part without `ends`
 
     @classmethod
     def of(cls, parts: Sequence[Acting], dim: int) -> ContactRows:

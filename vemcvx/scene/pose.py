@@ -138,8 +138,7 @@ class PosedScene:
     inactive: tuple[str, ...] = ()  # sentences: effects that do nothing in this scene, and so were left out
     curves: tuple[str, ...] = ()  # what has conditions on normals along curves, whose corners finer meshes keep
 
-    viscosity: sp.csr_matrix | None = None
-    """(n_u, n_u) matrix of the form of rates over all nodal values; None if there is none"""
+    viscosity: sp.csr_matrix | None = None  # (n_u, n_u) of the form of rates over all nodal values
     laws: tuple[Contribution, ...] = ()  # what materials contribute, but for their stiffness
 
     @property
@@ -273,8 +272,7 @@ class _Contact:
     surface: Surface
     terms: Terms
     obstacles: Obstacles
-    press: sp.csr_matrix | None
-    """(rows of frictions, r) which limits press on rows whose weights follow them; None if no weight has a law"""
+    press: sp.csr_matrix | None  # (rows of frictions, r) which limits press on rows whose weights have a law
 
 
 def _contact(

@@ -45,8 +45,7 @@ class Supports:
     points: Floats
     given: Sequence[Support]  # those that make the rows of A, one after the other
     A: sp.csr_matrix  # (s, n_u) what is prescribed
-    H: sp.csr_matrix
-    """(n_u, s) the displacements that hold one row at 1 and all others at 0; zero for rows that depend on others"""
+    H: sp.csr_matrix  # (n_u, s) displacements that hold one row at 1, others at 0; zero for rows that depend on others
     depends: Bools  # (s,) which rows depend on earlier ones
     reach: Floats  # (s,) the length of a row's part across earlier ones
     _last: dict[float, Floats] = field(default_factory=dict, compare=False, repr=False)
@@ -275,12 +274,9 @@ class Freedom:
 
     slides: Bools  # True if some free unknown moves the node along the boundary
     opens: Bools  # True if some free unknown moves it along the normal
-    dragged: Bools
-    """True if it does not slide, in some direction, and supports move it along the boundary, or the ground under it"""
-    held_by_contact: Bools
-    """True if contact, and no support, holds the normal; where the node does not slide, supports hold the tangent"""
-    normal_reaction: sp.csr_matrix
-    """(k, n_u) g, the force with which contact holds the normal being -g . R; zero where it does not hold it"""
+    dragged: Bools  # if it does not slide, in some direction, and supports or the ground move along the boundary
+    held_by_contact: Bools  # if contact alone holds the normal; where a node does not slide, supports hold the tangent
+    normal_reaction: sp.csr_matrix  # (k, n_u) g: contact holds the normal with the force -g . R; else zero
 
     @property
     def normal_only(self) -> Bools:

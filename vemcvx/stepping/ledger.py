@@ -67,8 +67,7 @@ class StepData:
     prescribed_slip: Floats
     remaining_gap: Floats  # (r,) gaps of the limits at y = 0
     bias: Floats  # (m * block,) c of one-way friction
-    ground: Floats | None = None
-    """(m * block,) the motion of the ground, subtracted in `prescribed_slip`; None if it stands still"""
+    ground: Floats | None = None  # (m * block,) the motion of the ground, subtracted in `prescribed_slip`
     carried: Carried | None = None  # None if no supports move
 
     def still_as(self, other: StepData) -> bool:
@@ -90,8 +89,7 @@ class Ledger:
     energy: float
     dissipated: float
     work: float
-    worn: Floats
-    """(m,) cumulative lam_i . s_i of every norm term; they sum to `dissipated`, where nothing else dissipates"""
+    worn: Floats  # (m,) cumulative lam_i . s_i of every term; they sum to `dissipated`, but for what damping loses
     slipped: Floats  # (m,) cumulative |s_i|, which laws of friction may see
     dissipated_second_order: float
     worn_second_order: Floats  # (m,) of `worn`, likewise

@@ -117,8 +117,7 @@ class PreparedRun:
     check: bool
     refines: bool  # True if the factors are too coarse for the accuracy, so that every step is refined
 
-    default: bool = False
-    """True if nobody asked for the solver's accuracy: at the rounding floor an answer is then good enough"""
+    default: bool = False  # nobody asked for the accuracy: an answer at the rounding floor is good enough
 
     share: float = 1.0  # of the solver's accuracy that steps are solved to, where answers are but a part of something
 
@@ -216,11 +215,9 @@ class State:
     rate: float = np.nan  # estimated constant of contraction of the fixed point, where weights depend on the answer
     full: Floats | None = None  # (n,) `unknowns`, once somebody has asked for them
     size: float = 0.0  # largest energy norm that the data could cause; computed only while the states are far smaller
-    noise: float = 0.0
-    """largest energy norm that friction's forces alone could cause, of a state that is no more than their rounding"""
+    noise: float = 0.0  # largest energy norm that friction alone could cause, of a state that is its rounding
     earlier: Earlier | None = None  # multipliers of the step before, if there was one
-    dragged: Dragged = field(default_factory=lambda: Dragged.nothing(0, 1))
-    """as of the step before while the step is on"""
+    dragged: Dragged = field(default_factory=lambda: Dragged.nothing(0, 1))  # before the step, while it is on
     velocity: Floats | None = None  # (n,) their increments over the length of the step, where rates cost
 
     @classmethod

@@ -42,15 +42,11 @@ class Load:
     """A force that enters linearly: its nodal vector at t is matrix @ value(points, t)."""
 
     subject: str
-    points: Floats
-    """(q, dim) points where the datum is evaluated."""
-    matrix: sp.csr_matrix
-    """(n_u, q * dim) quadrature times test functions; (n_u, q) where the datum is a scalar."""
+    points: Floats  #: (q, dim) points where the datum is evaluated.
+    matrix: sp.csr_matrix  #: (n_u, q * dim) quadrature times test functions; (n_u, q) where the datum is a scalar.
     value: data.Datum
-    cells: Ints | None = None
-    """(q,) of a load in the body: the cell of each point"""
-    edges: Ints | None = None
-    """(q, 2) of a load on the boundary: the edge of each point"""
+    cells: Ints | None = None  #: (q,) of a load in the body: the cell of each point
+    edges: Ints | None = None  #: (q, 2) of a load on the boundary: the edge of each point
     times: tuple[float, ...] = ()  # of the run, where they are known
 
     def at(self, x: Floats, t: float) -> Floats:
@@ -82,16 +78,11 @@ class Support:
     """Prescribed components directions . u(node) = value(points, t); contact (value 0) yields to the rest."""
 
     subject: str
-    nodes: Ints
-    """(m,) node numbers; a node may appear once a direction."""
-    directions: Floats
-    """(m, dim) unit vectors."""
-    points: Floats
-    """(m, dim) where the nodes are."""
-    value: Callable[[float], Floats] | None = None
-    """t -> (m,) prescribed components; None means zero at all times."""
-    contact: bool = False
-    """Contact, u.n = 0, which at shared nodes yields to supports in the same direction."""
+    nodes: Ints  #: (m,) node numbers; a node may appear once a direction.
+    directions: Floats  #: (m, dim) unit vectors.
+    points: Floats  #: (m, dim) where the nodes are.
+    value: Callable[[float], Floats] | None = None  #: t -> (m,) prescribed components; None means zero at all times.
+    contact: bool = False  #: Contact, u.n = 0, which at shared nodes yields to supports in the same direction.
     partners: Ints | None = None
     """(m,) nodes of other bodies, or -1: the components of u(node) - u(partner) are prescribed"""
 
@@ -227,24 +218,17 @@ class Friction:
     subject: str
     nodes: Ints
     normals: Floats
-    lengths: Floats
-    """(m,) integrals of the nodal basis functions over the edges with that normal."""
+    lengths: Floats  #: (m,) integrals of the nodal basis functions over the edges with that normal.
     weights: Callable[[float], Floats]
     """t -> (m,) integrals of the friction bound against the nodal basis functions (force units)."""
-    steady: bool = False
-    """True if these are the same at all times"""
+    steady: bool = False  #: True if these are the same at all times
     bias: Callable[[float], Floats] | None = None
     """t -> (m,), of one-way friction: half the forward weight minus half the backward; `weights` are half the sum"""
-    ends: EdgeEnds | None = None
-    """the edges of each row; without, `lengths` are of an edge that no other part has"""
-    in_the_air: bool = False
-    """True if a warning is to say where it rubs while one-sided contact is open"""
-    partners: Ints | None = None
-    """(m,) nodes of other bodies, or -1: slip is that of u(node) - u(partner)"""
-    ground: Ground | None = None
-    """the obstacle under it, if that moves"""
-    law: Law | None = None
-    """what forces of contact and slip add to the weights"""
+    ends: EdgeEnds | None = None  #: the edges of each row; without, `lengths` are of an edge that no other part has
+    in_the_air: bool = False  #: True if a warning is to say where it rubs while one-sided contact is open
+    partners: Ints | None = None  #: (m,) nodes of other bodies, or -1: slip is that of u(node) - u(partner)
+    ground: Ground | None = None  #: the obstacle under it, if that moves
+    law: Law | None = None  #: what forces of contact and slip add to the weights
     directions: Floats | None = None
     """(m, dim) unit vectors: terms are w_i |e_i . (v - v_prev)|, instead of those along the tangents"""
     ellipse: Ellipse | None = None
@@ -348,16 +332,11 @@ class Obstacle:
     subject: str
     nodes: Ints
     normals: Floats
-    lengths: Floats
-    """(m,) integrals of the nodal basis functions over the edges with that normal."""
-    gap: Callable[[float], Floats]
-    """t -> (m,) distance to the obstacle along the outward normal."""
-    compliance: Floats
-    """(m,) depth per nodal force; 0 where the obstacle is rigid."""
-    ends: EdgeEnds | None = None
-    """the edges of each row, as of friction"""
-    partners: Ints | None = None
-    """(m,) nodes of other bodies, or -1: limits are those of u(node) - u(partner)"""
+    lengths: Floats  #: (m,) integrals of the nodal basis functions over the edges with that normal.
+    gap: Callable[[float], Floats]  #: t -> (m,) distance to the obstacle along the outward normal.
+    compliance: Floats  #: (m,) depth per nodal force; 0 where the obstacle is rigid.
+    ends: EdgeEnds | None = None  #: the edges of each row, as of friction
+    partners: Ints | None = None  #: (m,) nodes of other bodies, or -1: limits are those of u(node) - u(partner)
 
 
 @dataclass(frozen=True)
@@ -368,8 +347,7 @@ class ContactSurface:
     normals: Floats
     lengths: Floats
     ends: EdgeEnds | None = None
-    partners: Ints | None = None
-    """(m,) nodes of other bodies, or -1; lengths and edges are those of friction"""
+    partners: Ints | None = None  #: (m,) nodes of other bodies, or -1; lengths and edges are those of friction
 
     @classmethod
     def of(cls, rows: BoundaryRows) -> ContactSurface:
@@ -387,10 +365,8 @@ class Material:
     upper triangle of the elastic matrix row by row: see :mod:`vemcvx.vem.elasticity`"""
     thermal_stress_moduli: Floats
     """(n_cells, components) stress that holds back a unit strain in all directions of space, with a minus sign"""
-    plane: str
-    """plane "strain", as in space, or "stress"; one for the whole body"""
-    cells: Bools | None = None
-    """(n_cells,) which cells; None means all"""
+    plane: str  #: plane "strain", as in space, or "stress"; one for the whole body
+    cells: Bools | None = None  #: (n_cells,) which cells; None means all
     out_of_plane: Floats | None = None
     """(n_cells, 4) stress zz across the plane of unit strains e_xx, e_yy, 2 e_xy, and what holds back a unit
     eigenstrain there, with a minus sign; zero in plane stress, None where the law does not say, and in space"""
@@ -422,8 +398,7 @@ class Eigenstrain:
     """An isotropic strain that is free of stress; the material of a cell says what blocking it costs."""
 
     subject: str
-    value: Callable[[float], Floats]
-    """t -> (n_cells,)"""
+    value: Callable[[float], Floats]  #: t -> (n_cells,)
     at: Callable[[Floats, Ints, float], Floats] | None = None
     """points (k, dim) of cells (k,) and t -> (k,), as of a material"""
 
@@ -433,8 +408,7 @@ class InitialStress:
     """A stress that is there without strain."""
 
     subject: str
-    value: Callable[[float], Floats]
-    """t -> (n_cells, components): xx, yy, xy, in space xx, yy, zz, xy, yz, xz"""
+    value: Callable[[float], Floats]  #: t -> (n_cells, components): xx, yy, xy, in space xx, yy, zz, xy, yz, xz
     at: Callable[[Floats, Ints, float], Floats] | None = None
     """points (k, dim) of cells (k,) and t -> (k, components), as of a material"""
 
@@ -453,10 +427,8 @@ class Contribution:
     surfaces: tuple[ContactSurface, ...] = ()
     eigenstrains: tuple[Eigenstrain, ...] = ()
     initial_stresses: tuple[InitialStress, ...] = ()
-    viscosity: sp.csr_matrix | None = None
-    """matrix of b^h, stress in proportion to the rate of strain"""
-    curves: tuple[str, ...] = ()
-    """subjects whose conditions on normals hold along curves"""
+    viscosity: sp.csr_matrix | None = None  #: matrix of b^h, stress in proportion to the rate of strain
+    curves: tuple[str, ...] = ()  #: subjects whose conditions on normals hold along curves
 
 
 class Effect(ABC):

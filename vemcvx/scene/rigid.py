@@ -37,10 +37,8 @@ class Part:
     """A part of what is in a scene: pieces that supports, contact or springs join, and how it is called."""
 
     which: str
-    bodies: tuple[str | None, ...]
-    """the names of its pieces"""
-    hinges: list[int]
-    """nodes at which pieces are joined"""
+    bodies: tuple[str | None, ...]  #: the names of its pieces
+    hinges: list[int]  #: nodes at which pieces are joined
 
     def moved(self, mode: Floats) -> dict[str, Floats] | None:
         """The motions of bodies by their names; None if one has no name."""

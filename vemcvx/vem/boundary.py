@@ -19,14 +19,10 @@ from vemcvx.vem.projection import FaceGroup, face_groups, tangents_of
 class SideRule:
     """Quadrature on sides with equally many nodes."""
 
-    sides: Ints
-    """(m,) places in the part"""
-    nodes: Ints
-    """(m, n)"""
-    points: Floats
-    """(m, q, dim)"""
-    shares: Floats
-    """(m, n, q) weights times the sides' lengths or areas times the basis function of each node"""
+    sides: Ints  #: (m,) places in the part
+    nodes: Ints  #: (m, n)
+    points: Floats  #: (m, q, dim)
+    shares: Floats  #: (m, n, q) weights times the sides' lengths or areas times the basis function of each node
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -40,14 +36,11 @@ class Part:
 
     sides: Ints
     """the edges (m, 2), each as it runs in its counter-clockwise cell, or the numbers (m,) of the faces, ascending"""
-    normals: Floats
-    """(m, dim) outward unit normal of each side"""
-    measures: Floats
-    """(m,) the length, or area, of each side"""
+    normals: Floats  #: (m, dim) outward unit normal of each side
+    measures: Floats  #: (m,) the length, or area, of each side
     rules: Callable[[int], tuple[SideRule, ...]]
     """quadrature with as many Gauss points an edge; on the triangles of a face exact for degree 5, in any case"""
-    ends: SideEnds
-    """the nodes of all sides, in the order of the rules"""
+    ends: SideEnds  #: the nodes of all sides, in the order of the rules
 
     @cached_property
     def nodes(self) -> Ints:
@@ -250,20 +243,16 @@ class EdgeEnds:
     """
 
     row: Ints
-    beyond: Ints
-    """node number of the edge's other end; number of the face"""
-    lengths: Floats
-    """int phi_i ds over the edge, half its length; over the face"""
+    beyond: Ints  #: node number of the edge's other end; number of the face
+    lengths: Floats  #: int phi_i ds over the edge, half its length; over the face
 
 
 @dataclass(frozen=True, eq=False)
 class MirrorPlanes:
     """Planes of symmetry at some nodes: those across the directions in which these are held."""
 
-    nodes: Ints
-    """(k,) ascending"""
-    projections: Floats
-    """(k, dim, dim) on these directions of each node, symmetric"""
+    nodes: Ints  #: (k,) ascending
+    projections: Floats  #: (k, dim, dim) on these directions of each node, symmetric
 
     def across(self, vectors: Floats, nodes: Ints, partners: Ints) -> Floats:
         """The component of vectors (m, dim) across the planes that nodes share with their partners."""
@@ -282,21 +271,15 @@ class MirrorPlanes:
 class BoundaryRows:
     """One row a node, distinct normal and partner of a part of the boundary, ordered by node."""
 
-    nodes: Ints
-    """(k,)"""
-    normals: Floats
-    """(k, dim) outward unit normals, means of those of the edges or faces they stand for"""
-    lengths: Floats
-    """(k,) int phi_i ds over the edges or faces of this row"""
-    points: Floats
-    """(q, dim) quadrature points of all edges or faces"""
+    nodes: Ints  #: (k,)
+    normals: Floats  #: (k, dim) outward unit normals, means of those of the edges or faces they stand for
+    lengths: Floats  #: (k,) int phi_i ds over the edges or faces of this row
+    points: Floats  #: (q, dim) quadrature points of all edges or faces
     matrix: sp.csr_matrix
     """(k, q) by which g(points) gives int g phi_i ds over the edges or faces of each row, exact for g of degree 6 on
     edges and 4 on faces"""
-    ends: EdgeEnds
-    """the ends of edges, in space corners of faces, that each row stands for"""
-    partners: Ints
-    """(k,) nodes of other bodies at the same places; -1 where the edges are no interface"""
+    ends: EdgeEnds  #: the ends of edges, in space corners of faces, that each row stands for
+    partners: Ints  #: (k,) nodes of other bodies at the same places; -1 where the edges are no interface
     cosines: Floats
     """(k,) mean of n . n_e over the edges e of each row: edges that all move out by 1 move the node by 1 over that"""
 

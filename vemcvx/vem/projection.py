@@ -204,12 +204,9 @@ def _along_diagonals(corners: Floats) -> Ints:
 class CellGroup:
     """Polygons with equally many vertices; polyhedra differ as `PolyhedronGroup` says."""
 
-    cells: Ints
-    """(c,) cell numbers"""
-    nodes: Ints
-    """(c, n) their vertices, of polygons counter-clockwise"""
-    points: Floats
-    """(n_nodes, dim) the points of the whole mesh"""
+    cells: Ints  #: (c,) cell numbers
+    nodes: Ints  #: (c, n) their vertices, of polygons counter-clockwise
+    points: Floats  #: (n_nodes, dim) the points of the whole mesh
 
     @cached_property
     def corners(self) -> Floats:

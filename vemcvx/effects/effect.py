@@ -149,11 +149,7 @@ class Ellipse:
         """The ellipses of an effect at points (m, 3); None if it has none.
 
         The bound `along` the direction has a name; a datum is read at an instant, under a name, by `read` -> (m,).
-
-        Raises
-        ------
-        SceneError
-            One of `direction` and `across` is missing, the body is plane, or the direction is no vector.
+        SceneError where one of `direction` and `across` is missing, the body is plane, or the direction is no vector.
         """
         if direction is None and across is None:
             return None
@@ -260,10 +256,7 @@ class Friction:
     def weights_under(self, t: float, p: Floats, past: Floats, slip: Floats) -> Floats:
         """The weights (m,) under normal forces p (m,), after slips (m,) before the step and in it.
 
-        Raises
-        ------
-        SceneError
-            The law fails, or gives something else than a weight >= 0 for every row.
+        SceneError where the law fails, or gives something else than a weight >= 0 for every row.
         """
         w, law = self.weights(t), self.law
         if law is None:
@@ -295,10 +288,7 @@ class Friction:
     def softening(self) -> Floats:
         """The largest rate (m,) at which weights fall with slip; zero without a law.
 
-        Raises
-        ------
-        SceneError
-            That is no number >= 0, or forces of contact change them, too.
+        SceneError where that is no number >= 0, or forces of contact change them, too.
         """
         law = self.law
         if law is None:

@@ -416,10 +416,7 @@ AnyMesh = PolygonMesh | PolyhedralMesh
 def plane_mesh(mesh: AnyMesh, subject: str, instead: str = "") -> PolygonMesh:
     """The mesh, if it is of polygons.
 
-    Raises
-    ------
-    SceneError
-        It is of polyhedra; `subject` exists in the plane only, and `instead` says what to do.
+    SceneError where it is of polyhedra; `subject` exists in the plane only, and `instead` says what to do.
     """
     if isinstance(mesh, PolyhedralMesh):
         raise SceneError(

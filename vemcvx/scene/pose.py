@@ -172,22 +172,8 @@ def unwarned() -> Iterator[None]:
 def pose_scene(scene: Scene, mesh: AnyMesh, times: Sequence[float] = ()) -> PosedScene:
     """Assemble a scene on a mesh; effects that are zero at all of `times` are left out.
 
-    Parameters
-    ----------
-    scene : Scene
-    mesh : PolygonMesh or PolyhedralMesh
-    times : sequence of float, optional
-        Instants at which data are looked at, whether they are zero.
-
-    Returns
-    -------
-    PosedScene
-        Its `system` is what `vemcvx.march` takes.
-
-    Raises
-    ------
-    SceneError
-        The scene names what the mesh lacks, or leaves the body free to float.
+    The `system` of what is returned is what `vemcvx.march` takes. SceneError where the scene names what the mesh lacks,
+    or leaves the body free to float.
     """
     scene.require_material()
     space = Space(mesh)

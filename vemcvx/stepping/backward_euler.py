@@ -82,10 +82,7 @@ class QuasistaticSteps:
     def step(self, before: State, n: int, t: float) -> State:
         """The state at `t`, one step after `before`.
 
-        Raises
-        ------
-        NotCertified
-            The step misses the solver's accuracy, and the run is to be checked.
+        NotCertified where the step misses the solver's accuracy, and the run is to be checked.
         """
         run, attempt = self.run, self.posed(before, n, t)
         same = attempt.data.still_as(before.data) and np.array_equal(attempt.program.w, before.weights)
@@ -104,15 +101,7 @@ class QuasistaticSteps:
 
 
 class ViscousSteps:
-    """Steps of a system with damping.
-
-    Parameters
-    ----------
-    run : PreparedRun
-        Of the system without its damping.
-    damping : Damping
-    instants : (N + 1,) array
-    """
+    """Steps of a system with damping; the run is of the system without it."""
 
     def __init__(self, run: PreparedRun, damping: Damping, instants: Floats):
         self._run, self._damping = run, damping

@@ -51,10 +51,7 @@ def initial_state(run: PreparedRun, instants: Floats, initial: Beginning) -> Sta
 
     Where what acts there is rounding beside the loads of later instants, that is the state that it settles in.
 
-    Raises
-    ------
-    SceneError
-        `initial` is not understood, or the state violates (2.1).
+    SceneError where `initial` is not understood, or the state violates (2.1).
     """
     t = float(instants[0])
     now = run.driven(t)

@@ -282,10 +282,7 @@ class DependentStep:
 def resolved(step: DependentStep) -> State:
     """The state whose weights are those that its own pressures and slip call for.
 
-    Raises
-    ------
-    NotContracting
-        Sets do not settle, and successive iterates do not come closer, or too slowly.
+    NotContracting where sets do not settle, and successive iterates do not come closer, or too slowly.
     """
     n, accuracy = step.n, step.run.accuracy
     found, iterations = step.from_before()

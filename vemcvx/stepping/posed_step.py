@@ -222,10 +222,7 @@ class PosedStep:
         Where nothing balances the load on K's kernel there is none: solvers that are given the kernel are not asked
         then, and of proximal points the certificate is infinite.
 
-        Raises
-        ------
-        SceneError
-            Nothing balances the load.
+        SceneError where nothing balances the load.
         """
         refuse = partial(refuse_unbalanced, self.program, self.run.condensation, n, self.data)
         if self.run.solver.semidefinite:
@@ -239,13 +236,8 @@ class PosedStep:
         """Ask, certify, and ask more sharply where the size of u_n shows that too little was asked.
 
         Errors are relative to |u_n|, which the first answer tells: a solver is asked three times, as long as gaps fall.
-
-        Parameters
-        ----------
-        share : float
-            Of the solver's accuracy: less is asked where the answer is but a part of something.
-        near : State, optional
-            Whose multipliers to begin with; by default those that the steps before let expect.
+        A `share` of its accuracy is asked where the answer is but a part of something. It begins with the multipliers
+        of the state `near`, by default with those that the steps before let expect.
         """
         scales = self.run.scaling
         alpha = scales.size(self.program)

@@ -116,10 +116,7 @@ class InRegions(Stabilisation):
 def stabilisation_of(given: str | Stabilisation, shear: Floats) -> Stabilisation:
     """The stabilisation that is named, or given, on cells of the moduli of shear mu (n_cells,), zero where empty.
 
-    Raises
-    ------
-    SceneError
-        It is neither.
+    SceneError where it is neither.
     """
     return given if isinstance(given, Stabilisation) else VertexWeights(stabilisation_factor(shear, given))
 

@@ -70,15 +70,7 @@ def locate(mesh: PolygonMesh, points: Floats) -> Location:
 
 @dataclass(frozen=True, eq=False)
 class Places:
-    """p points of a body.
-
-    Attributes
-    ----------
-    nodes : (p, n_nodes) sparse matrix
-        Values at the points from values at nodes.
-    cells : (p, n_cells) sparse matrix
-        Values at the points from values on cells.
-    """
+    """p points of a body: by which matrices values there come from those at nodes, and on cells."""
 
     nodes: sp.csr_matrix
     cells: sp.csr_matrix

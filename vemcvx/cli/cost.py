@@ -16,8 +16,7 @@ from vemcvx.cli.problem_file import Problem, read_problem
 from vemcvx.cli.solver_names import named_solver, on_threads
 from vemcvx.cli.terminal import listed, progress_bar, say
 from vemcvx.cost import Ingredients, Point, Sweep, advice, sweep
-from vemcvx.cost.settings import Grid
-from vemcvx.cost.sweeping import JOURNAL
+from vemcvx.cost.sweeping import JOURNAL, Grid
 from vemcvx.cost.table import REFUSED, Row, answers, effectivities, picture, table, within_reach, without_limit
 from vemcvx.errors import HistoryError, ProblemError, VemcvxError
 from vemcvx.estimate.adapt import OF

@@ -177,8 +177,7 @@ def _locked(path: Path) -> int:
         except BaseException:
             os.close(descriptor)
             raise
-        # Whoever held it has deleted it meanwhile.
-        os.close(descriptor)
+        os.close(descriptor)  # Whoever held it has deleted it meanwhile.
 
 
 def _lock(descriptor: int) -> None:

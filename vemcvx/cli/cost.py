@@ -128,8 +128,7 @@ class Cost:
             raise ProblemError("--threads: on the workers of a scheduler every run has one thread; omit it.")
         recipe = FromFile(str(problem.path.resolve()), tuple(self.settings), self.threads)
         folder = self.out or Path("results") / f"cost_{problem.name}"
-        # A problem that cannot be posed is an error here, and not in every point.
-        recipe(grid.coarsest)
+        recipe(grid.coarsest)  # A problem that cannot be posed is an error here, and not in every point.
         with Owned(folder) as own:
             # A folder whose files could not be written is refused before the sweep begins.
             for name in (TABLE, PICTURE, JOURNAL, *([RATIOS] if self.bound else [])):

@@ -220,8 +220,7 @@ class Run:
                 warnings.simplefilter("ignore")
                 growth = Growth.of(lambda n: problem.mesh(n, self.mesh))
         except VemcvxError:
-            # The file may know no coarse meshes.
-            return
+            return  # The file may know no coarse meshes.
         found = check_fits(growth, n, steps, stored, named_linear(self.linear), folder=folder)
         if found.seconds > EVERY:
             say(f"foreseen    {found}", err=True)

@@ -83,8 +83,7 @@ def _why(code: int, said: IO[bytes]) -> str:
 
 def main() -> None:
     """Answer one request on standard input: the other side of :func:`alone`."""
-    # Words that the function prints must not come between the bytes of the reply.
-    reply = os.dup(1)
+    reply = os.dup(1)  # Words that the function prints must not come between the bytes of the reply.
     os.dup2(2, 1)
     seconds, ready, function, given = pickle.load(sys.stdin.buffer)
     threading.Thread(target=_end_with_parent, daemon=True).start()

@@ -375,8 +375,7 @@ def signed_areas(corners: Floats) -> Floats:
 
 def places(corners: Floats, barycentric: Floats) -> Floats:
     """The points (t, q, 2) with the given barycentric coordinates (q, 3) in each triangle."""
-    # Relative to the first vertex: a body far from the origin loses no digits.
-    origin = corners[:, :1]
+    origin = corners[:, :1]  # Relative to the first vertex: a body far from the origin loses no digits.
     within: Floats = np.matmul(barycentric, corners - origin)
     return origin + within
 

@@ -187,16 +187,14 @@ def _exchanged(rows: Floats, met: Ints, entering: Ints) -> Ints:
     matrix = rows[np.arange(count)[:, None, None], tried].transpose(0, 1, 3, 2)
     singular = np.abs(np.linalg.det(matrix)) < ROUNDED
     matrix[singular] = np.eye(size)
-    # What is maximised: rho, and a little of x.
-    cost = np.append(MOVED * np.sqrt(np.arange(1.0, size)), 1.0)
+    cost = np.append(MOVED * np.sqrt(np.arange(1.0, size)), 1.0)  # What is maximised: rho, and a little of x.
     least = np.linalg.solve(matrix, cost[:, None])[..., 0].min(axis=2)
     chosen: Ints = np.where(singular, -np.inf, least).argmax(axis=1)
     return np.asarray(tried[np.arange(count), chosen])
 
 
 def _by_linear_program(rows: Floats, right: Floats) -> float:
-    # Importing it takes a fifth of a second, and few cells come here.
-    from scipy.optimize import linprog
+    from scipy.optimize import linprog  # Importing it takes a fifth of a second, and few cells come here.
 
     size = rows.shape[1]
     found = linprog(-np.eye(size)[-1], A_ub=rows, b_ub=right, bounds=[(None, None)] * size)

@@ -470,8 +470,7 @@ def contact_face(
     row, layout, contact = history.row(step), face_layout(history, "contact_face"), history.contact
     choice(show, "contact_face", "show", ["states", *FIELDS], HistoryError)
     ax = canvas.axes_or_new(ax, 6.0, 5.0)
-    # Numbers of `AREAS`.
-    states = np.where(idle(history)[row], 2, np.where(contact.sticking[row], 0, 1))
+    states = np.where(idle(history)[row], 2, np.where(contact.sticking[row], 0, 1))  # Numbers of `AREAS`.
     if show == "states":
         canvas.draw_polygons(ax, layout.corners, [list(AREAS.values())[state] for state in states[layout.owners]])
         for state, (words, colour) in enumerate(AREAS.items()):

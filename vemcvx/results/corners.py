@@ -335,8 +335,7 @@ def _materials(rays: Sequence[Floats], moduli: Floats) -> list[Sector]:
     found: list[Sector] = []
     for begin, end in pairwise([*begins.tolist(), moduli.shape[1]]):
         angle, (lame, shear) = float(_turned(rays[begin], rays[end])), moduli[:, begin]
-        # The two sides of a crack are one ray.
-        whole = angle if angle > 1e-6 else 2 * np.pi
+        whole = angle if angle > 1e-6 else 2 * np.pi  # The two sides of a crack are one ray.
         found.append(Sector(whole, float((lame + 3 * shear) / (lame + shear)), float(shear)))
     return found
 

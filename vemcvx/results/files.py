@@ -168,8 +168,7 @@ def _mesh(arrays: Arrays, bodies: dict[str, list[str]]) -> AnyMesh:
         return {name.removeprefix(prefix): values for name, values in arrays.items() if name.startswith(prefix)}
 
     named, data = under("boundary."), under("cell_data.")
-    # Every mesh makes this one itself.
-    named.pop("boundary")
+    named.pop("boundary")  # Every mesh makes this one itself.
     solid = "mesh.face_cells" in arrays
     matched = {}
     for name, (one, other) in bodies.items():

@@ -109,8 +109,7 @@ def _in_plane(mesh: PolygonMesh, x: Floats) -> tuple[sp.csr_matrix, sp.csr_matri
     row, part = np.tile(on, 2), np.concatenate([1.0 - found.along[on], found.along[on]])
     ends = np.concatenate([found.starts[on], found.ends[on]])
     edges = sp.csr_matrix((part, (row, ends)), shape=(len(x), mesh.n_nodes))
-    # Inside, one cell holds the point.
-    inner, first = np.unique(found.points, return_index=True)
+    inner, first = np.unique(found.points, return_index=True)  # Inside, one cell holds the point.
     inside = found.starts[inner] < 0
     inner, cell = inner[inside], found.cells[first[inside]]
     spread = sp.csr_matrix((np.ones(len(inner)), (inner, np.arange(len(inner)))), shape=(len(x), len(inner)))

@@ -162,8 +162,7 @@ class Wedge:
         steps = np.array([1e-4, -1e-4])  # far beside the rounding of angles
         matrices: Floats = self.matrix(np.array(1.0 + steps, dtype=np.complex128)).real
         both = np.array([np.linalg.solve(matrix, given) for matrix in matrices])
-        # Terms of odd order cancel.
-        found: Floats = 0.5 * steps @ both
+        found: Floats = 0.5 * steps @ both  # Terms of odd order cancel.
         rotations = np.arange(len(found)) % 4 == 3
         return found if np.abs(found[~rotations]).max() > 1e-6 * np.abs(given).max() else None
 

@@ -313,8 +313,7 @@ def _restrict(A: sp.csr_matrix, supports: Supports) -> sp.csr_matrix:
         read_only(K.data)  # so that a System need not copy it
         return K
     K = supports.P.T @ A @ supports.P
-    # The triple product rounds (i, j) and (j, i) differently.
-    return sp.csr_matrix(0.5 * (K + K.T))
+    return sp.csr_matrix(0.5 * (K + K.T))  # The triple product rounds (i, j) and (j, i) differently.
 
 
 def _principal(A: sp.csr_matrix, free: Ints) -> sp.csr_matrix:

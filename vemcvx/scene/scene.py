@@ -408,8 +408,7 @@ def _rank(effect: Effect) -> tuple[str, list[bytes], list[int]]:
 
 def _content(setting: object) -> bytes:
     if isinstance(setting, np.ndarray):
-        # Printed, arrays are cut short and rounded to eight digits.
-        return setting.tobytes()
+        return setting.tobytes()  # Printed, arrays are cut short and rounded to eight digits.
     if isinstance(setting, (tuple, list)) and any(map(callable, setting)):
         return b", ".join(map(_content, setting))
     if callable(setting):

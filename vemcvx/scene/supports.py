@@ -234,8 +234,7 @@ def _free_axes(frames: _Frames, held: Ints, members: Ints, site: Ints, points: F
     order, column = np.argsort(owner, kind="stable"), np.empty(len(owner), dtype=np.int64)
     column[order] = np.arange(len(order))
     entries = frames.axes[place, axis]
-    # Entries of unit vectors below EPS are rounding.
-    row, k = np.nonzero(np.abs(entries) > EPS)
+    row, k = np.nonzero(np.abs(entries) > EPS)  # Entries of unit vectors below EPS are rounding.
     data = np.append(entries[row, k], np.ones(len(others)))
     where = np.append(members[place[row], k], others), np.append(column[row], column[len(place) :])
     return sp.csr_matrix((data, where), shape=(points.size, len(owner))), owner[order]

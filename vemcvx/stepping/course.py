@@ -173,8 +173,7 @@ def _turned(times: Floats, before: Floats, at: Floats, after: Floats) -> tuple[f
     amount = float(turning.sum())
     if amount <= TURNING * curved.sum():
         return 0.0, float(times[1])
-    # The vertex of the parabola of the entry that turns most.
-    k = int(np.argmax(turning))
+    k = int(np.argmax(turning))  # The vertex of the parabola of the entry that turns most.
     return amount, float(0.5 * (times[0] + times[1]) + half * left[k] / (left[k] - right[k]))
 
 

@@ -131,8 +131,7 @@ def refuse_unbalanced(program: StepProgram, condensation: Condensation, n: int, 
     # Unknowns of a joint that read a jump move by less than the bodies themselves.
     field /= np.abs(kernel.modes @ parts).max()
     slip = operators.rows.read(field)
-    # The bias of one-way friction is part of g; of the load it is none.
-    bias = float(now.bias @ slip)
+    bias = float(now.bias @ slip)  # The bias of one-way friction is part of g; of the load it is none.
     push = float(field @ program.g) + bias
     holds = float(program.w @ np.linalg.norm(operators.blocks(slip), axis=1)) + bias
     holds = holds if holds > 1e-12 * push else 0.0  # Less is rounding: no slip, or a bound that is zero one way.

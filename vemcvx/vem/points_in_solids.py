@@ -141,8 +141,7 @@ def _nearest(arms: Floats) -> tuple[Floats, Floats]:
     normal = np.cross(b - a, c - a)
     part = np.stack([np.einsum("ki,ki->k", normal, np.cross(p, q)) for p, q in ((b, c), (c, a), (a, b))], axis=1)
     part = np.maximum(part, 0.0)
-    # At a corner that corner alone counts.
-    here = np.all(arms == 0.0, axis=2)
+    here = np.all(arms == 0.0, axis=2)  # At a corner that corner alone counts.
     corner = np.any(here, axis=1)
     part[corner] = here[corner]
     weights = part / np.maximum(part.sum(axis=1), np.finfo(float).tiny)[:, None]

@@ -18,10 +18,8 @@ from numpy.lib.npyio import NpzFile
 from numpy.typing import NDArray
 
 Arrays = dict[str, NDArray[Any]]
-UNPACKED, SMALL = 200, 2**20
-"""How often a file's size it may unpack to, and the bytes that it may in any case."""
-KINDS = "biufcU"
-"""Numpy's letters for truth values, numbers and words."""
+UNPACKED, SMALL = 200, 2**20  # How often a file's size it may unpack to, and the bytes that it may in any case.
+KINDS = "biufcU"  # Numpy's letters for truth values, numbers and words.
 
 
 def most_unpacked(size: int) -> int:

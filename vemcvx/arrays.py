@@ -24,8 +24,7 @@ EPS = float(np.finfo(float).eps)
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
-MatrixLike = ArrayLike | sp.sparray | sp.spmatrix
-"""A matrix as users give it, dense or sparse."""
+MatrixLike = ArrayLike | sp.sparray | sp.spmatrix  # A matrix as users give it, dense or sparse.
 Array = TypeVar("Array", bound=np.ndarray[Any, Any])
 
 SOME = 2**12
@@ -193,8 +192,6 @@ def quantities(record: type) -> dict[str, Quantity]:
 
 
 # Truth is asked of nothing but flags, equality of nothing but words: other values may answer with arrays or errors.
-
-
 def flag(raw: Any, name: str) -> bool:
     """True or False; other values are refused, as "False" would be true."""
     if not isinstance(raw, (bool, np.bool_)):

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-LONGEST = 2_000
-"""Characters of a message: what a user handed in may be quoted in it, whatever its length."""
+LONGEST = 2_000  # Characters of a message: what a user handed in may be quoted in it, whatever its length.
 
 
 class VemcvxError(Exception):

@@ -28,7 +28,7 @@ def projected(displacement: data.Datum) -> Projected:
     a^h(P^h u_0, v) = a(u_0, v) for all v of V^h, (2.11) and (3.26), up to O(h): on every mesh the discrete displacement
     with the stresses of u_0. Of C eps(u_0) cells know the mean alone, for v is virtual, and what that leaves out of
     a(u_0, v) is of the order of (3.18); it is nothing where u_0 is linear. u_0 is read on edges, in space on faces,
-    where its strains are not asked for (:mod:`vemcvx.vem.energy_projection`).
+    where its strains are not asked for (:mod:`vemcvx.vem.loads`).
 
     **The run begins one step further.** Condition (2.1), a(u_0, v) + j(v) >= <l(0), v>, says that the loads at times[0]
     and friction within its bounds balance the stresses of u_0. A u_0 that obeys it gives a P^h u_0 that obeys it on the

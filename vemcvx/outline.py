@@ -110,8 +110,7 @@ class Table:
 
     def text(self) -> str:
         """The table as plain text as wide as the terminal, numbers to the right; the last column is folded."""
-        # Importing rich takes a tenth of a second.
-        from rich.console import Console
+        from rich.console import Console  # Importing rich takes a tenth of a second.
         from rich.table import Table as Drawn
 
         drawn = Drawn(show_header=bool(self.heads), box=None, padding=(0, 1 if self.heads else 2, 0, 0), pad_edge=False)

@@ -28,12 +28,10 @@ log = logging.getLogger("vemcvx")
 
 MARK = ".vemcvx"
 FIRST_LINE = "vemcvx files 1"
-OWN_FOLDER = ", folder and all"
-"""Added to the first line where the folder itself was made by us."""
+OWN_FOLDER = ", folder and all"  # Added to the first line where the folder itself was made by us.
 ANY_KIND = r"[^/\\\x00-\x1f]+\.(npy|npz|json|jsonl|csv|png|pvd|vtu|mtx|cbf|qps|mps|hdf5|py)"
 """Names of the files that are written to folders, as a regular expression."""
-DRAFTS = "new"
-"""The one folder that may be ours; what is in it is ours if it is a file of such a name."""
+DRAFTS = "new"  # The one folder that may be ours; what is in it is ours if it is a file of such a name.
 BUSY = (errno.EACCES, errno.EAGAIN, errno.EDEADLK)
 
 
@@ -179,8 +177,7 @@ def _locked(path: Path) -> int:
         except BaseException:
             os.close(descriptor)
             raise
-        # Whoever held it has deleted it meanwhile.
-        os.close(descriptor)
+        os.close(descriptor)  # Whoever held it has deleted it meanwhile.
 
 
 def _lock(descriptor: int) -> None:

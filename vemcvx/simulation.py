@@ -24,8 +24,7 @@ from vemcvx.linear import LinearSolver
 from vemcvx.meshes import AnyMesh, PolygonMesh, PolyhedralMesh
 from vemcvx.program import SolvedProgram
 from vemcvx.results import small_strains
-from vemcvx.results.loop import loop_of
-from vemcvx.results.results import Results, record, with_origin
+from vemcvx.results.results import Results, loop_of, record, with_origin
 from vemcvx.scene import Scene
 from vemcvx.scene.pose import PosedScene, pose_scene, unwarned
 from vemcvx.solvers import Solver, Solves

@@ -23,9 +23,17 @@ import feng_han_huang
 import vemcvx as vx
 from vemcvx.cli import app
 from vemcvx.cost import Ingredients, Point, Row, advice, front
-from vemcvx.cost.reference import PART, Reference, build_reference, errors, read_reference, run_point
-from vemcvx.cost.settings import Grid, common_instants
-from vemcvx.cost.sweeping import finished_row
+from vemcvx.cost.sweeping import (
+    PART,
+    Grid,
+    Reference,
+    build_reference,
+    common_instants,
+    errors,
+    finished_row,
+    read_reference,
+    run_point,
+)
 from vemcvx.cost.table import append, read_journal, table, without_limit
 from vemcvx.cost.workers import alone
 from vemcvx.estimate.measures import energy_distance

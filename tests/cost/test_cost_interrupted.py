@@ -15,9 +15,7 @@ import pytest
 from test_cost import GRID, PROBLEM, ROOT, UNIFORM, Recipe, cost, made, stay_at_home
 
 import vemcvx as vx
-from vemcvx.cost.reference import read_reference
-from vemcvx.cost.settings import Grid
-from vemcvx.cost.sweeping import finished_row, sweep
+from vemcvx.cost.sweeping import Grid, finished_row, read_reference, sweep
 from vemcvx.cost.table import append, read_journal
 from vemcvx.cost.workers import Crashed, alone
 from vemcvx.owned_files import Owned

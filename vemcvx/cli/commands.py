@@ -91,8 +91,7 @@ def options(
     version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Say which.")] = False,
 ) -> None:
     """Options of the program itself."""
-    # Typer has built its commands by now, so Ctrl-C may end what follows in order.
-    as_usual()
+    as_usual()  # Typer has built its commands by now, so Ctrl-C may end what follows in order.
 
 
 def main() -> None:

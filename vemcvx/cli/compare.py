@@ -87,8 +87,7 @@ class Row:
         return self.solver if self.settings == "own" else f"{self.solver} ({self.settings})"
 
 
-Attempt = tuple[Row, Trajectory | None]
-"""A row before it is held against others, with its answer if there is one."""
+Attempt = tuple[Row, Trajectory | None]  # A row before it is held against others, with its answer if there is one.
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -158,7 +157,6 @@ def _judged_row(system: System, row: Row, run: Trajectory | None, best: Trajecto
 
 
 def _is_answer(run: Trajectory) -> bool:
-    """Return True if the states of a trajectory are numbers and its certificates are finite."""
     return bool(np.isfinite(run.state).all() and np.isfinite(allowed(run)).all())
 
 
@@ -199,9 +197,6 @@ def _of_misses(run: Trajectory, missed: Ints) -> str:
         f"misses its accuracy {' and '.join(where)}, "
         f"first in step {n} at t = {run.times[n]:.6g}, where it reached {run.certified[n]:.1e}"
     )
-
-
-# The comparison itself: every solver is asked, in this process or in one of its own.
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -411,9 +406,6 @@ def clause(message: str) -> str:
 def _own_words(message: str) -> str:
     """An error without the name of the solver before it."""
     return re.sub(r"^solver \S+: ", "", message).removesuffix(".")
-
-
-# The comparison as text that fits the terminal, as JSON with everything, as CSV, and as a page of HTML.
 
 
 COLUMNS = {

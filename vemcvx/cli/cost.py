@@ -16,8 +16,7 @@ from vemcvx.cli.problem_file import Problem, read_problem
 from vemcvx.cli.solver_names import named_solver, on_threads
 from vemcvx.cli.terminal import listed, progress_bar, say
 from vemcvx.cost import Ingredients, Point, Sweep, advice, sweep
-from vemcvx.cost.settings import Grid
-from vemcvx.cost.sweeping import JOURNAL
+from vemcvx.cost.sweeping import JOURNAL, Grid
 from vemcvx.cost.table import REFUSED, Row, answers, effectivities, picture, table, within_reach, without_limit
 from vemcvx.errors import HistoryError, ProblemError, VemcvxError
 from vemcvx.estimate.adapt import OF
@@ -129,8 +128,7 @@ class Cost:
             raise ProblemError("--threads: on the workers of a scheduler every run has one thread; omit it.")
         recipe = FromFile(str(problem.path.resolve()), tuple(self.settings), self.threads)
         folder = self.out or Path("results") / f"cost_{problem.name}"
-        # A problem that cannot be posed is an error here, and not in every point.
-        recipe(grid.coarsest)
+        recipe(grid.coarsest)  # A problem that cannot be posed is an error here, and not in every point.
         with Owned(folder) as own:
             # A folder whose files could not be written is refused before the sweep begins.
             for name in (TABLE, PICTURE, JOURNAL, *([RATIOS] if self.bound else [])):

@@ -33,8 +33,7 @@ from vemcvx.errors import ProblemError
 GIVEN = "VEMCVX_APP"
 HOST = "127.0.0.1"
 MOST_SESSIONS = 6
-LINGER = 10
-"""Seconds for which a page that was closed, or lost its connection, is kept."""
+LINGER = 10  # Seconds for which a page that was closed, or lost its connection, is kept.
 Scope = MutableMapping[str, Any]
 Receive = Callable[[], Awaitable[MutableMapping[str, Any]]]
 Send = Callable[[MutableMapping[str, Any]], Awaitable[None]]

@@ -103,5 +103,4 @@ SolverName = Annotated[
         help="newton, clarabel, osqp, direct, a solver that cvxpy finds (scs, highs ...), or FILE.py:CLASS.",
     ),
 ]
-NONE: Any = ()
-"""The default of options that may be repeated."""
+NONE: Any = ()  # The default of options that may be repeated.

@@ -82,11 +82,7 @@ def several(text: str) -> list[str]:
     return [ast.get_source_segment(text, one) or "" for one in body.elts]
 
 
-# A problem file: Python that defines `scene(**parameters)`, `mesh(n, family=...)` and `times(steps)`.
-
-
-SPACE_N = 8
-"""Cells across the shortest side when nobody says how many, in space: 64 would be 262,144 cubes."""
+SPACE_N = 8  # Cells across the shortest side when nobody says how many, in space: 64 would be 262,144 cubes.
 PARTS = {"scene": "scene(**parameters)", "mesh": 'mesh(n, family="squares")', "times": "times(steps)"}
 
 RETURNS = {

@@ -63,9 +63,6 @@ def page(title: str, body: str, style: str = "") -> str:
     )
 
 
-# The report: sections of paragraphs, tables and pictures.
-
-
 REPORT = "report.html"
 FORCE, LENGTH, ENERGY = "force", "length", "force × length"
 THICKNESS = {2: ", in the plane per unit of thickness", 3: ""}
@@ -88,8 +85,7 @@ PARTS = {
     "total": "all",
     "target": "what was asked for",
 }
-BUDGETED = 64
-"""Steps at which a report judges the mesh at most: each takes residuals on all cells."""
+BUDGETED = 64  # Steps at which a report judges the mesh at most: each takes residuals on all cells.
 QUANTITIES = {"dissipated": "dissipated by friction", "work": "work of forces and supports", "wear": "largest wear"}
 MEANING = {"bound": "a bound", "estimate": "an estimate"}
 CAPTIONS = {
@@ -167,7 +163,6 @@ def _prose(text: str) -> str:
 
 
 def _scene(scene: Scene, history: History, name: str) -> str:
-    """The scene as `vemcvx show` describes it, on the mesh that was used, with the body's extent."""
     mesh = history.mesh
     ends = zip(mesh.points.min(axis=0), mesh.points.max(axis=0), strict=True)
     sides = " × ".join(f"[{low:.6g}, {high:.6g}]" for low, high in ends)
@@ -186,7 +181,6 @@ def _pictures(history: History, units: Units | None) -> Iterator[str]:
 
 
 def _results(history: History, points: Floats | None, named: Units | None) -> str:
-    """Energies, extremes over the stored steps, displacements of points at the last one, and reactions."""
     run, contact, end = history.trajectory, history.contact, f"t = {history.times[-1]:.6g}"
     axes = "xyz"[: history.mesh.points.shape[1]]
     energies = {
@@ -303,7 +297,6 @@ def _guaranteed(history: History) -> str:
 
 
 def _guaranteed_force(history: History) -> str:
-    """The bounds of the force by which a boundary is moved, at the end."""
     if history.force_bounds is None or history.bounded_force is None:
         return ""
     ((on, axis),), (low, high) = history.bounded_force.items(), history.force_bounds[-1]
@@ -363,7 +356,6 @@ def _quantities(history: History, why: str, named: Units | None) -> str:
 
 
 def _run(history: History) -> str:
-    """Mesh, solver, seconds and versions."""
     run, mesh = history.trajectory, history.mesh
     kept = int((history.stored > 0).sum())
     lines = [

@@ -220,8 +220,7 @@ class Run:
                 warnings.simplefilter("ignore")
                 growth = Growth.of(lambda n: problem.mesh(n, self.mesh))
         except VemcvxError:
-            # The file may know no coarse meshes.
-            return
+            return  # The file may know no coarse meshes.
         found = check_fits(growth, n, steps, stored, named_linear(self.linear), folder=folder)
         if found.seconds > EVERY:
             say(f"foreseen    {found}", err=True)
@@ -298,7 +297,6 @@ class Run:
         return found.history, [found.summary()]
 
     def _refuse_early(self, folder: Path | None, drawings: Path) -> None:
-        """Refuse a run that could not be resumed, written or drawn before it begins."""
         if self.of not in OF:
             raise ProblemError(f"--of: found {self.of!r}; a target is of {', '.join(OF)}.")
         if self.of != "energy" and self.target is None:
@@ -387,7 +385,6 @@ def _made(run: Run) -> dict[str, Any]:
 
 
 def _extremes(history: History, units: Units | None) -> Iterator[str]:
-    """Largest displacement, stress, and so on over all stored steps, a line each."""
     for one in history.extremes:
         where = f"at {coordinates(one.place)}, t = {one.time:.6g} {(units or {}).get('time', '')}".rstrip()
         yield f"{one.name:36s}{one.value:12.6g} {in_units(one.unit, units):14s} {where if one.value else ''}".rstrip()

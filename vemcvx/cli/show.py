@@ -108,7 +108,6 @@ def _terms(operators: Operators) -> str:
 
 
 def _certificate(norms: Norms | None, operators: Operators) -> str:
-    """The kind of a step's certificate: see :mod:`vemcvx.stepping.fixed_point`."""
     if norms is None or norms.law is None:
         return "a bound"
     if norms.remembers and not norms.sloped:

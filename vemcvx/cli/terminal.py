@@ -76,8 +76,7 @@ def check_writable(path: Path, option: str) -> None:
 
 Shown = Callable[[str, int, int | None], None]
 """A function (doing, finished, total) that says how far a command is; without a total nobody knows."""
-EVERY = 10.0
-"""Seconds between lines where there is no terminal, so that shorter runs say nothing."""
+EVERY = 10.0  # Seconds between lines where there is no terminal, so that shorter runs say nothing.
 
 
 class _Left(TimeRemainingColumn):

@@ -42,8 +42,7 @@ from vemcvx.linear import LinearSolver
 from vemcvx.linear.default import LARGEST_FACTOR, MOST_MEMORY, direct_solver
 from vemcvx.meshes import AnyMesh, PolygonMesh
 
-BASE = 1.2e8
-"""Bytes of the program and its libraries."""
+BASE = 1.2e8  # Bytes of the program and its libraries.
 
 
 class CostLaw(NamedTuple):
@@ -64,8 +63,7 @@ LAWS = {
 }
 """By linear solver, and whether the body is plane."""
 
-DENSITY = {True: 4.5, False: 8.5}
-"""Pairs to an unknown on squares, and on cubes."""
+DENSITY = {True: 4.5, False: 8.5}  # Pairs to an unknown on squares, and on cubes.
 COARSE = {True: (8, 16), False: (2, 4, 6)}
 """Cells across the shortest side of the coarse meshes, in the plane and in space: as many as there are powers of n."""
 
@@ -75,10 +73,8 @@ class Growth:
     """How the meshes of a problem grow with n: their cells, nodes and pairs as sums of powers of n."""
 
     plane: bool
-    coefficients: Floats
-    """(2 or 3, 3) of cells, nodes and pairs of nodes in a cell, that of the highest power first"""
-    meshing: float
-    """seconds that a cell takes to make; of Voronoi meshes 4e-4"""
+    coefficients: Floats  # (2 or 3, 3) of cells, nodes and pairs of nodes in a cell, that of the highest power first
+    meshing: float  # seconds that a cell takes to make; of Voronoi meshes 4e-4
 
     @classmethod
     def of(cls, mesh: Callable[[int], AnyMesh]) -> Growth:

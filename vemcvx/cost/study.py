@@ -50,10 +50,8 @@ class Row:
     warnings: tuple[str, ...] = ()
     results: dict[str, float | None] = field(default_factory=dict)
     labels: dict[str, str] = field(default_factory=dict)
-    unbounded: dict[str, str] = field(default_factory=dict)
-    """results that grow without limit as the mesh is refined, and why"""
-    met: bool | None = None
-    """whether the target of an adaptive run is met"""
+    unbounded: dict[str, str] = field(default_factory=dict)  # results that grow without limit with refinement, and why
+    met: bool | None = None  # whether the target of an adaptive run is met
 
 
 def results_of(history: Results, units: Units | None = None) -> dict[str, Any]:

@@ -1,22 +1,425 @@
-"""A sweep: many points at once, each written down when it is finished, those written down before left out."""
+"""A sweep over a grid of settings: many points at once, each measured against a reference and then written down.
+
+The mesh of the reference is adapted until its estimated error is no more than a quarter of the smallest error that is
+asked for, or, where none is, that is estimated of the finest uniform run. By (nearly) Galerkin's orthogonality
+|u - u_h|^2 = |u_ref - u_h|^2 + |u - u_ref|^2, and a quarter leaves what is measured true to 3 %; where that does not
+hold, to a quarter. Scenes that cannot be adapted (viscosity has no estimate, and below a point load no mesh is fine
+enough) get twice the cells along every side and four times the steps of the finest run.
+"""
 
 from __future__ import annotations
 
+import contextlib
+import hashlib
+import json
 import logging
 import time
-from collections.abc import Callable
+import warnings
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
+from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
 
 from vemcvx.arrays import Floats
-from vemcvx.cost import reference as of_reference
-from vemcvx.cost.reference import ABOUT, ARCHIVE, PART, Reference
-from vemcvx.cost.settings import Grid, Point, Recipe, common_instants
-from vemcvx.cost.table import CRASHED, DONE, REFUSED, Row, append, read_journal
+from vemcvx.bound.error_bound import error_bound
+from vemcvx.cost.table import CRASHED, DONE, EXTREMES, REFUSED, Row, append, read_journal, sealed, unsealed
 from vemcvx.cost.workers import Crashed, Refused, Results, alone, pool
-from vemcvx.errors import ProblemError, VemcvxError
+from vemcvx.errors import HistoryError, MeshError, ProblemError, SceneError, SceneWarning, VemcvxError
+from vemcvx.estimate.adapt import Adapted, adapt
+from vemcvx.estimate.budget import error_budget
+from vemcvx.estimate.measures import Field, energy_distance
+from vemcvx.estimate.measures.distance import step_at
+from vemcvx.estimate.quantities import quantities, value_of
+from vemcvx.history import History
+from vemcvx.initial_displacement import Projected
+from vemcvx.meshes import AnyMesh
 from vemcvx.owned_files import Owned, path_of
+from vemcvx.results.files import finite_or_none, peak_memory_mb, read_archive, write_archive
+from vemcvx.results.results import largest_values
+from vemcvx.scene import Scene
+from vemcvx.simulation import simulate
+from vemcvx.solvers import Solver
+
+FACTOR = 200  # Assembling and factorising cost as much as so many steps, on the paper's scene with 33,000 unknowns.
+
+
+@dataclass(frozen=True)
+class Point:
+    """Settings of one run: those of :class:`vemcvx.cost.Row`.
+
+    `family` is None for the problem's own, and `steps` where an adaptive run, which has a `target`, chooses them.
+    Errors and targets are `of` the energy norm or of another quantity that :func:`vemcvx.adapt` aims at. Where it is
+    `bounded` the guaranteed bound stands beside the estimate.
+    """
+
+    family: str | None
+    n: int
+    steps: int | None
+    solver: str
+    accuracy: float
+    target: float | None = None
+    of: str = "energy"
+    bounded: bool = False
+
+    def key(self, mark: str) -> str:
+        """A key that identifies the point among all runs; `mark` names all else that the answer depends on."""
+        words = json.dumps([asdict(self), mark], sort_keys=True)
+        return hashlib.sha256(words.encode()).hexdigest()[:16]
+
+    @property
+    def work(self) -> float:
+        """Unknowns times steps, roughly; only the order of runs is taken from it."""
+        if self.target is not None:
+            # An adaptive run has 3 / target^2 unknowns and 1 / target steps on the paper's scene.
+            return 2.0 * 3.0 / self.target**2 * (FACTOR + 1.0 / self.target)
+        unknowns = (4.0 if self.family == "voronoi" else 2.0) * self.n**2
+        return unknowns * (FACTOR + (self.steps or 0))
+
+
+@dataclass(frozen=True, eq=False)
+class Ingredients:
+    """The arguments of `simulate` and `adapt` for one point."""
+
+    scene: Scene
+    mesh: AnyMesh
+    times: Floats
+    solver: Solver
+    initial: ArrayLike | str | Projected | None = None
+
+    def simulated(self, **options: Any) -> History:
+        """The history on this mesh and at these instants."""
+        return simulate(self.scene, self.mesh, self.times, solver=self.solver, initial=self.initial, **options)
+
+    def adapted(self, instants: Floats, target: float, **options: Any) -> Adapted:
+        """The history on a mesh adapted from this one, which has these instants and the first."""
+        wanted = np.append(self.times[0], instants)
+        return adapt(self.scene, self.mesh, wanted, target, solver=self.solver, initial=self.initial, **options)
+
+
+class Recipe(Protocol):
+    """A recipe makes the ingredients of a point; it is sent to other processes by pickle."""
+
+    @property
+    def mark(self) -> str:
+        """A mark that identifies the problem: two recipes with one mark make the same ingredients."""
+
+    def __call__(self, point: Point) -> Ingredients:
+        """The ingredients of a point, of two steps if it has none."""
+
+
+OTHERS = ("clarabel", "osqp")
+
+
+@dataclass(frozen=True)
+class Grid:
+    """The grid of a sweep: all combinations of its fields.
+
+    Without `solvers` and `accuracies` Newton runs everywhere at 1e-8, and others at a few points. `targets` are those
+    of adaptive runs, and the levels that advice is given for; they, and all errors, are `of` one quantity. `bounded`
+    asks for guaranteed bounds beside estimates.
+    """
+
+    families: tuple[str | None, ...]
+    ns: tuple[int, ...]
+    steps: tuple[int, ...]
+    solvers: tuple[str, ...] | None
+    accuracies: tuple[float, ...] | None
+    targets: tuple[float, ...]
+    adaptive: bool = True
+    of: str = "energy"
+    bounded: bool = False
+
+    @property
+    def points(self) -> tuple[Point, ...]:
+        """The points, those with most work first, so that at the end no worker waits long for another."""
+        main = tuple(product(self.solvers or ("newton",), self.accuracies or (1e-8,)))
+        found = [Point(f, n, k, *how) for f, n, k, how in product(self.families, self.ns, self.steps, main)]
+        if self.adaptive:
+            start, (solver, accuracy) = min(self.ns), (main[0][0], min(accuracy for _, accuracy in main))
+            found += [
+                Point(family=f, n=start, steps=None, solver=solver, accuracy=accuracy, target=t)
+                for f, t in product(self.families, self.targets)
+            ]
+        if self.solvers is None and self.accuracies is None:
+            where = sorted(self.ns)[1:-1:2] or self.ns[:1]
+            # Without a choice of solvers Newton runs everywhere, and these on two meshes of the first family.
+            chosen = product(where, self.steps[-1:], OTHERS, (1e-3, 1e-6))
+            found += [Point(self.families[0], *settings) for settings in chosen]
+        found = [replace(point, of=self.of, bounded=self.bounded) for point in found]
+        return tuple(sorted(dict.fromkeys(found), key=lambda point: -point.work))
+
+    @property
+    def coarsest(self) -> Point:
+        """The point whose mesh the reference is refined from."""
+        return Point(self.families[0], min(self.ns), max(self.steps), "newton", 1e-8, of=self.of)
+
+    @property
+    def finest(self) -> Point:
+        """The point that the reference has to beat where it cannot be adapted."""
+        return Point(self.families[0], max(self.ns), max(self.steps), "newton", 1e-8, of=self.of)
+
+
+def common_instants(courses: Sequence[Floats]) -> Floats:
+    """Up to four instants that all courses of time have, evenly chosen, the last one among them."""
+    first, *others = courses
+    span = float(first[-1] - first[0])
+    for other in others:
+        if max(abs(other[0] - first[0]), abs(other[-1] - first[-1])) > 1e-9 * span:
+            raise ProblemError(
+                f"times({len(first) - 1}) runs from {first[0]:g} to {first[-1]:g}, times({len(other) - 1}) from "
+                f"{other[0]:g} to {other[-1]:g}; a sweep compares answers at the end, so both must be the same."
+            )
+    shared = [t for t in first[1:] if all(np.abs(other - t).min() <= 1e-9 * span for other in others)]
+    chosen = np.arange(1, 5) * len(shared) // 4 - 1
+    return np.array(shared)[np.unique(chosen[chosen >= 0])]
+
+
+PART = 0.25  # The part of the smallest error that the reference's own error may be.
+ARCHIVE, ABOUT = "reference.npz", "reference.json"
+
+
+@dataclass(frozen=True, eq=False)
+class Ran:
+    """A run: its displacement (T, n_nodes, 2) at the instants asked for, and its columns of the table."""
+
+    mesh: AnyMesh
+    displacement: Floats
+    moduli: Floats
+    columns: dict[str, Any]
+
+
+def run_point(recipe: Recipe, point: Point, instants: Floats) -> Ran:
+    """Make the ingredients of a point and simulate, in this process.
+
+    A small run of the same kind comes before, which imports what is imported late. Memory is the high-water mark of the
+    resident set when the last run ends.
+    """
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        # An error of the point shows again when it is run.
+        with contextlib.suppress(VemcvxError):
+            recipe(replace(point, n=min(point.n, 4), steps=2, target=None)).simulated(check=False)
+        caught.clear()
+        start = time.perf_counter()
+        made = recipe(point)
+        meshing = time.perf_counter() - start
+        history, seconds, repeats, estimated = _repeated(made, point, instants)
+        peak = peak_memory_mb()
+        if point.target is None:
+            estimated = _estimated(history, point.of)
+    bound = _bound(made, history) if point.bounded else {}
+    said = [str(warning.message) for warning in caught if issubclass(warning.category, SceneWarning)]
+    if point.target is not None and estimated is not None and estimated > point.target:
+        said.append(f"the target was not met: {estimated:.2%} estimated")
+    rows = [history.row(step_at(history, float(t))) for t in instants]
+    run = history.trajectory
+    columns = {
+        "steps": history.steps,
+        "cells": history.mesh.n_cells,
+        "unknowns": run.state.shape[1],
+        "estimated": finite_or_none(estimated),
+        "certificate": finite_or_none(run.certified_total.max()),
+        "value": None if point.of == "energy" else value_of(history, point.of),
+        "seconds": sum(seconds.values()),
+        **seconds,
+        **bound,
+        "mesh": meshing,
+        "repeats": repeats,
+        **{one.key: finite_or_none(one.value) for one, *_ in largest_values(history) if one.key in EXTREMES},
+        "peak_mb": peak,
+        "message": "; ".join(dict.fromkeys(said)),
+    }
+    return Ran(history.mesh, history.displacement[rows], history.moduli, columns)
+
+
+def _estimated(history: History, of: str) -> float | None:
+    """What a run estimates its own relative error to be; None where scenes have no estimate, as with viscosity."""
+    with contextlib.suppress(SceneError):
+        return error_budget(history).largest["total"] if of == "energy" else quantities(history)[of].relative
+    return None
+
+
+def _bound(made: Ingredients, history: History) -> dict[str, Any]:
+    """The guaranteed bound of a run, which is made once more with all of its steps stored."""
+    again = replace(made, mesh=history.mesh, times=history.trajectory.times).simulated(check=False)
+    # Scenes without a bound of whole histories may have those of steps, and some have none.
+    for of, steps in (("history", [None]), ("step", history.stored[history.stored > 0].tolist())):
+        with contextlib.suppress(SceneError):
+            return {"bound": max(float(error_bound(again, n).relative.max()) for n in steps), "bound_of": of}
+    return {}
+
+
+def _repeated(made: Ingredients, point: Point, instants: Floats) -> tuple[History, dict[str, float], int, float | None]:
+    """The history and seconds of the median run, of three if they are short, their number, and what one estimates."""
+    runs = [_timed(made, point, instants)]
+    if sum(runs[0][1].values()) < 0.3:
+        runs += [_timed(made, point, instants) for _ in range(2)]
+    history, seconds, estimated = sorted(runs, key=lambda run: sum(run[1].values()))[len(runs) // 2]
+    return history, seconds, len(runs), estimated
+
+
+def _timed(made: Ingredients, point: Point, instants: Floats) -> tuple[History, dict[str, float], float | None]:
+    if point.target is None:
+        steps = np.searchsorted(made.times, instants - 0.5 * np.diff(made.times).min())
+        history = made.simulated(store=steps.tolist())
+        return history, {**history.seconds, "adapt": 0.0}, None
+    start = time.perf_counter()
+    adapted = made.adapted(instants, point.target, of=point.of)
+    wall, last = time.perf_counter() - start, adapted.history.seconds
+    return adapted.history, {**last, "adapt": wall - sum(last.values())}, adapted.passes[-1].total
+
+
+@dataclass(frozen=True)
+class Reference:
+    """A reference without its fields: how it was made, and how fine it is.
+
+    Attributes
+    ----------
+    problem : the mark of the recipe
+    instants : those at which errors are measured
+    goal, estimated : the relative error that was aimed at, and reached; None where there is no estimate
+    n, steps : of the finest uniform run it was made for
+    adapted : whether its mesh is adapted, so that the goal and not `n` and `steps` says how fine it is
+    common : whether meshes of the problem cover different domains, so that only what they share is measured
+    cells, unknowns, made : its size, and the steps made
+    of, value : the quantity that errors are of, and its value; None of the energy norm
+    digest : of the file with the fields, which tells whether that is whole
+    """
+
+    problem: str
+    instants: tuple[float, ...]
+    goal: float
+    estimated: float | None
+    n: int
+    steps: int
+    adapted: bool
+    common: bool
+    cells: int
+    unknowns: int
+    made: int
+    seconds: float
+    of: str = "energy"
+    value: float | None = None
+    digest: str = ""
+
+    def serves(self, problem: str, instants: Sequence[float], goal: float, finest: Point) -> bool:
+        """Return True if the reference is fine enough for this sweep of this problem."""
+        same = self.problem == problem and self.instants == tuple(instants) and self.of == finest.of
+        if not self.adapted or self.common:
+            return same and self.n >= finest.n and self.steps >= (finest.steps or 0) and self.goal <= goal
+        return same and self.estimated is not None and min(self.estimated, self.goal) <= goal
+
+    @property
+    def mark(self) -> str:
+        """The settings that errors measured against the reference depend on, as a word."""
+        return str(asdict(replace(self, seconds=0.0, digest="")))
+
+
+def read_reference(folder: Path) -> Reference | None:
+    """The reference that a folder holds, if it is whole."""
+    about, archive = folder / ABOUT, folder / ARCHIVE
+    told = unsealed(about.read_text(encoding="utf-8", errors="replace")) if about.exists() else None
+    if told is None or not archive.exists() or told["digest"] != _digest(archive):
+        return None
+    return Reference(**{**told, "instants": tuple(told["instants"])})
+
+
+def _digest(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "blake2b").hexdigest()[:32]
+
+
+def estimated_error(recipe: Recipe, finest: Point) -> float:
+    """The estimated error of the finest uniform run, in two digits; 1 where scenes have no estimate."""
+    estimated = _estimated(recipe(finest).simulated(), finest.of)
+    return 1.0 if estimated is None else float(f"{estimated:.2g}")
+
+
+def build_reference(
+    recipe: Recipe, coarsest: Point, finest: Point, instants: Floats, goal: float, folder: Path
+) -> Reference:
+    """Compute the reference, write it to the folder, and say what it is."""
+    start = time.perf_counter()
+    made, fine = recipe(coarsest), recipe(replace(finest, n=2 * finest.n, steps=4 * (finest.steps or 1)))
+    common = bool(abs(made.mesh.measures.sum() / fine.mesh.measures.sum() - 1.0) > 1e-9)
+    estimated, adapted = None, True
+    try:
+        # 700,000 unknowns take some 4 GB. Refining more than `adapt` does by default makes fewer passes.
+        start_from = replace(made, mesh=fine.mesh if common else made.mesh)
+        found = start_from.adapted(instants, goal, of=finest.of, most_unknowns=700_000, theta=0.7)
+        history, estimated = found.history, found.passes[-1].total
+    except (SceneError, MeshError):
+        adapted = False
+        history = fine.simulated(store=[int(np.argmin(np.abs(fine.times - t))) for t in instants])
+        estimated = _estimated(history, finest.of)
+    # A process that dies from here on leaves fields that are not those of the digest, and so no reference.
+    write_archive(history, folder / ARCHIVE)
+    reference = Reference(
+        problem=recipe.mark,
+        instants=tuple(instants.tolist()),
+        goal=goal,
+        estimated=estimated,
+        n=finest.n,
+        steps=finest.steps or 0,
+        adapted=adapted,
+        common=common,
+        cells=history.mesh.n_cells,
+        unknowns=history.trajectory.state.shape[1],
+        made=history.steps,
+        seconds=time.perf_counter() - start,
+        of=finest.of,
+        value=None if finest.of == "energy" else value_of(history, finest.of),
+        digest=_digest(folder / ARCHIVE),
+    )
+    (folder / ABOUT).write_text(sealed(reference), encoding="utf-8")
+    return reference
+
+
+def errors(ran: Ran, folder: Path, reference: Reference) -> tuple[float, float, float]:
+    """The largest error over the instants and the one at the last, relative to the largest norm of the reference.
+
+    Of another quantity than the energy norm both are the relative error at the end. The third number is the relative
+    difference of the moduli of the two meshes: those of the run weigh the error.
+    """
+    if reference.value is not None:
+        if reference.value == 0.0:
+            raise HistoryError(f"the reference has no {reference.of} at all: no relative error exists.")
+        error = abs(ran.columns["value"] - reference.value) / abs(reference.value)
+        return error, error, 0.0
+    fine = read_archive(folder / ARCHIVE)
+    found = []
+    for u, t in zip(ran.displacement, reference.instants, strict=True):
+        row = int(np.argmin(np.abs(fine.times - t)))
+        there = Field(fine.mesh, fine.displacement[row], fine.moduli, float(fine.times[row]))
+        found.append(energy_distance(Field(ran.mesh, u, ran.moduli, t), there, common=reference.common))
+    scale, apart = max(one.reference for one in found), max(one.moduli_apart for one in found)
+    if scale == 0.0:
+        raise HistoryError("the reference does not deform at any instant looked at: no relative error exists.")
+    return max(one.absolute for one in found) / scale, found[-1].absolute / scale, apart
+
+
+def measured_point(recipe: Recipe, point: Point, folder: Path, reference: Reference) -> dict[str, Any]:
+    """Run a point and measure its error: the columns of the table.
+
+    A reference that cannot be read raises OSError, which is no fault of the point.
+    """
+    ran = run_point(recipe, point, np.array(reference.instants))
+    try:
+        error, error_end, apart = errors(ran, folder, reference)
+    except HistoryError as lost:
+        raise OSError(str(lost)) from lost
+    said = [ran.columns["message"]] if ran.columns["message"] else []
+    if apart > 0:
+        said.append(
+            "in places the material of its mesh is not that of the reference's mesh, because cells have one material "
+            "each and lie across the border between two: errors are weighed with the moduli of its own mesh"
+        )
+    return {**ran.columns, "error": error, "error_end": error_end, "message": "; ".join(said)}
+
 
 JOURNAL = "journal.jsonl"
 
@@ -87,12 +490,12 @@ def _reference(
             raise ProblemError(f"the reference that errors are to be measured against was not computed: {why}")
         return found
 
-    targets = grid.targets or [computed(of_reference.estimated_error, recipe, grid.finest)]
-    goal, there = PART * min(targets), None if fresh else of_reference.read_reference(folder)
+    targets = grid.targets or [computed(estimated_error, recipe, grid.finest)]
+    goal, there = PART * min(targets), None if fresh else read_reference(folder)
     if there is not None and there.serves(recipe.mark, instants.tolist(), goal, grid.finest):
         return there
     given = recipe, grid.coarsest, grid.finest, instants, goal, folder
-    return computed(of_reference.build_reference, *given)
+    return computed(build_reference, *given)
 
 
 def answered(function: Callable[..., Any], *given: Any) -> tuple[Any, str]:
@@ -107,7 +510,7 @@ def finished_row(recipe: Recipe, point: Point, key: str, folder: Path, reference
     """Run a point, and measure its error, in a process of its own."""
     start = time.perf_counter()
     try:
-        status, found = DONE, alone(of_reference.measured_point, recipe, point, folder, reference)
+        status, found = DONE, alone(measured_point, recipe, point, folder, reference)
     except (Crashed, MemoryError, OSError) as crash:
         status, found = CRASHED, {"message": str(crash) or type(crash).__name__}
     except (Refused, VemcvxError) as refusal:

@@ -32,68 +32,41 @@ DONE, REFUSED, CRASHED = "done", "refused", "crashed"
 class Row:
     """One point and what came out; None stands for a value that does not exist.
 
-    Attributes
-    ----------
-    family, n : meshes, and cells across the shortest side (of an adaptive run to begin with)
-    of : the quantity that errors and targets are of: "energy" (the energy norm), "dissipated", "work" or "wear"
-    target : relative error that an adaptive run aims at; None for uniform ones
-    solver, accuracy : and the certified relative energy error of a step that is asked of it
-    steps : steps of backward Euler, made
-    status : done, refused or crashed
-    key : identifies the point, the problem and the reference
-    cells, unknowns : of the (last) mesh
-    error : true error: the largest over the instants looked at, in the energy norm, against the reference, relative to
-        its largest energy norm; `error_end` is that at the last instant. Of another quantity both are its relative
-        error at the end, and `value` is what the run has
-    estimated : the run's own estimate, vemcvx.error_budget: algebra + space + time; or vemcvx.quantities
-    certificate : certified relative energy error of the steps, rounding included, added up: the largest of the run
-    seconds : what the answer costs: assemble + prepare + solve + adapt
-    assemble, prepare, solve : as in history.seconds (of an adaptive run: of its last pass)
-    adapt : earlier passes, estimates and refinement of an adaptive run
-    mesh : seconds that making the (first) mesh takes; not counted in `seconds`
-    repeats : runs of which these seconds are the median one
-    peak_mb : most memory (resident set) that a process of its own held, interpreter and libraries included
-    wall : seconds of the whole point: start of a process, warming up, repeats, measuring
-    at : when it was done, seconds since 1970
-    message : the refusal, or warnings
-    bounded : whether a guaranteed bound was asked for
-    bound : guaranteed relative error in the energy norm, vemcvx.error_bound, made after `seconds`; None without
-    bound_of : of which error: "history", of mesh and steps over the whole run; "step", of the mesh in a step, given the
-        one before, the largest over the instants looked at
-    von_mises, pressure, friction : the largest over the instants looked at
+    Errors are of the energy norm: the largest over the instants looked at, against the reference, relative to its
+    largest norm; `error_end` is that at the last instant. Of another quantity both are its relative error at the end.
     """
 
-    family: str | None
-    n: int
-    target: float | None
+    family: str | None  # of meshes
+    n: int  # cells across the shortest side; of an adaptive run to begin with
+    target: float | None  # relative error that an adaptive run aims at; None for uniform ones
     solver: str
-    accuracy: float
-    steps: int | None
-    status: str
-    key: str
-    cells: int | None = None
+    accuracy: float  # certified relative energy error of a step that is asked of it
+    steps: int | None  # of backward Euler, made
+    status: str  # done, refused or crashed
+    key: str  # identifies the point, the problem and the reference
+    cells: int | None = None  # of the (last) mesh
     unknowns: int | None = None
     error: float | None = None
     error_end: float | None = None
-    estimated: float | None = None
-    certificate: float | None = None
-    seconds: float | None = None
-    assemble: float | None = None
+    estimated: float | None = None  # by vemcvx.error_budget: algebra + space + time; or by vemcvx.quantities
+    certificate: float | None = None  # certified errors of the steps, rounding included, added up: the largest
+    seconds: float | None = None  # what the answer costs: assemble + prepare + solve + adapt
+    assemble: float | None = None  # these three as in history.seconds, of an adaptive run those of its last pass
     prepare: float | None = None
     solve: float | None = None
-    adapt: float | None = None
-    mesh: float | None = None
-    repeats: int | None = None
-    peak_mb: float | None = None
-    wall: float | None = None
-    at: float | None = None
-    message: str = ""
-    of: str = "energy"
-    value: float | None = None
-    bounded: bool = False
-    bound: float | None = None
-    bound_of: str = ""
-    von_mises: float | None = None
+    adapt: float | None = None  # earlier passes, estimates and refinement of an adaptive run
+    mesh: float | None = None  # seconds that making the (first) mesh takes; not counted in `seconds`
+    repeats: int | None = None  # runs of which these seconds are the median one
+    peak_mb: float | None = None  # most memory that a process of its own held, interpreter and libraries included
+    wall: float | None = None  # seconds of the whole point: start of a process, warming up, repeats, measuring
+    at: float | None = None  # when it was done, seconds since 1970
+    message: str = ""  # the refusal, or warnings
+    of: str = "energy"  # the quantity of errors and targets, or "dissipated", "work" or "wear"
+    value: float | None = None  # what the run has of another quantity than energy
+    bounded: bool = False  # whether a guaranteed bound was asked for
+    bound: float | None = None  # guaranteed relative error, vemcvx.error_bound, made after `seconds`
+    bound_of: str = ""  # "history": of mesh and steps over the run; "step": the largest of the mesh in a step looked at
+    von_mises: float | None = None  # these three are the largest over the instants looked at
     pressure: float | None = None
     friction: float | None = None
 
@@ -112,21 +85,17 @@ class Row:
         return f"{where} n = {self.n}, {self.steps} steps, {how}"
 
 
-# Records on the disk: a line of JSON that ends with a digest of what stands before it. A record that was torn when its
-# process died, or was edited, is none.
-
-
 SEAL = ', "seal": "'
 
 
 def sealed(record: Any) -> str:
-    """A dataclass as a line of JSON with a digest."""
+    """A dataclass as a line of JSON that ends with a digest of what stands before it."""
     words = json.dumps(asdict(record), allow_nan=False)[:-1]
     return f'{words}{SEAL}{_digest(words)}"}}\n'
 
 
 def unsealed(line: str) -> dict[str, Any] | None:
-    """The fields of such a record, None where the digest is not that of the line."""
+    """The fields of such a record; None where the digest is not its own: it was torn as its process died, or edited."""
     words, _, digest = line.rstrip("\n").rpartition(SEAL)
     if digest != f'{_digest(words)}"}}':
         return None
@@ -157,9 +126,6 @@ def append(path: Path, row: Row) -> None:
             os.fsync(stream.fileno())
     except OSError as error:
         raise HistoryError(f"{path}: cannot write the journal: {error}. What it holds is kept.") from error
-
-
-# The Pareto front of cost and error, and what to use for an accuracy.
 
 
 def percent(share: float) -> str:
@@ -288,10 +254,8 @@ def effectivities(rows: Sequence[Row], title: str = "") -> Figure | None:
 
 
 AXES = {"seconds": "seconds, in one thread", "unknowns": "unknowns"}
-FILLED = ("full", "none", "left", "top", "right", "bottom")
-"""Marks of solvers."""
-BAND = 1.4
-"""Height of the band of the reference's own error on a logarithmic axis: room for a line of words."""
+FILLED = ("full", "none", "left", "top", "right", "bottom")  # Marks of solvers.
+BAND = 1.4  # Height of the band of the reference's own error on a logarithmic axis: room for a line of words.
 
 
 def picture(

@@ -23,8 +23,7 @@ from typing import IO, Any, TypeVar
 from vemcvx.errors import ProblemError, VemcvxError
 
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
-LATE = b"Timeout ("
-"""The beginning of the reply of a process that faulthandler has ended; no pickle begins so."""
+LATE = b"Timeout ("  # The beginning of the reply of a process that faulthandler has ended; no pickle begins so.
 PROGRAM = "from vemcvx.cost.workers import main; main()"
 Result = TypeVar("Result")
 
@@ -42,10 +41,7 @@ class TookTooLong(Exception):
 
 
 def alone(
-    function: Callable[..., Result],
-    *given: Any,
-    seconds: float | None = None,
-    ready: Callable[[], object] = list,
+    function: Callable[..., Result], *given: Any, seconds: float | None = None, ready: Callable[[], object] = list
 ) -> Result:
     """Call a function of a module in a new process, with arguments and result that can be pickled.
 
@@ -87,8 +83,7 @@ def _why(code: int, said: IO[bytes]) -> str:
 
 def main() -> None:
     """Answer one request on standard input: the other side of :func:`alone`."""
-    # Words that the function prints must not come between the bytes of the reply.
-    reply = os.dup(1)
+    reply = os.dup(1)  # Words that the function prints must not come between the bytes of the reply.
     os.dup2(2, 1)
     seconds, ready, function, given = pickle.load(sys.stdin.buffer)
     threading.Thread(target=_end_with_parent, daemon=True).start()
@@ -112,8 +107,7 @@ def _end_with_parent() -> None:
     os._exit(1)
 
 
-CONNECT = 10.0
-"""Seconds that a scheduler has to answer."""
+CONNECT = 10.0  # Seconds that a scheduler has to answer.
 Results = Callable[[Callable[..., Any], list[tuple[Any, ...]]], Iterator[Any]]
 """A function that calls another for many arguments at once, and yields results as they are finished."""
 

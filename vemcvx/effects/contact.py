@@ -11,12 +11,12 @@ import numpy as np
 
 from vemcvx.arrays import Floats, choice, flag
 from vemcvx.effects import data
-from vemcvx.effects.by_direction import Ellipse
 from vemcvx.effects.data import varies
 from vemcvx.effects.effect import (
     ContactSurface,
     Contribution,
     Effect,
+    Ellipse,
     Friction,
     Ground,
     Obstacle,
@@ -28,12 +28,10 @@ from vemcvx.errors import SceneError
 from vemcvx.vem import BoundaryRows, Space
 from vemcvx.weight_law import Law
 
-# Contact without separation, u . n = 0 on Gamma_C, the first line of (3.6).
-
 
 @dataclass(frozen=True)
 class BilateralContact(Effect):
-    """Contact without separation: u . n = 0 at the nodes of `on`.
+    """Contact without separation: u . n = 0 at the nodes of `on`, the first line of (3.6).
 
     The contact boundary Gamma_C may be inclined. At a corner u . n = 0 for both normals, which fixes the node; sides
     that turn by less than 42.5 degrees are a curve, along which nodes slide. Clamps and prescribed displacements take
@@ -63,9 +61,6 @@ class BilateralContact(Effect):
 
     def describe(self) -> str:
         return f"BilateralContact: u.n = 0 on {where(self.on)}"
-
-
-# Signorini's contact with a rigid obstacle: u . n <= gap, pressure >= 0, and no pressure where there is a gap.
 
 
 @dataclass(frozen=True)
@@ -113,9 +108,6 @@ def obstacle(space: Space, rows: BoundaryRows, subject: str, gap: data.Datum, co
     stops = Obstacle(*own, gap=apart, compliance=compliance, ends=rows.ends, partners=rows.partners)
     curves = (subject,) if rows.curved else ()
     return Contribution(obstacles=(stops,), surfaces=(ContactSurface.of(rows),), curves=curves)
-
-
-# Contact with a compliant obstacle: pressure = stiffness times penetration.
 
 
 @dataclass(frozen=True)
@@ -186,8 +178,7 @@ class NormalCompliance(Effect):
 
 
 QUADRATURES = ("nodes", "integral")
-STEEP = 1e6
-"""Pressures below a millionth of the bound count as grazing."""
+STEEP = 1e6  # Pressures below a millionth of the bound count as grazing.
 
 
 @dataclass(frozen=True)
@@ -261,7 +252,7 @@ class TrescaFriction(Effect):
     direction : (3,), or callable f(x) -> (m, 3), optional
         Friction by direction, in space: `bound` is that against slip along this vector (what of it is along the
         surface), `across` the one across it; between them forces are bounded by the ellipse with these axes, and slip
-        is normal to it (:mod:`vemcvx.effects.by_direction`).
+        is normal to it (:mod:`vemcvx.effects.effect`).
     across : number, or callable f(x, t) -> (m,), optional
         The bound across `direction`, >= 0, force per area; its ratio to `bound` must not change in time.
     """
@@ -326,11 +317,7 @@ def _rubbing(
 
 
 def _by_direction(direction: data.Constant | None, across: data.Datum | None) -> str:
-    """Friction by direction in words."""
     return "" if direction is None else f" along {amount(direction, 'x')}, {amount(across)} across it,"
-
-
-# Coulomb's law: the friction bound is the coefficient times the contact pressure.
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,6 @@ from vemcvx.errors import SceneError
 from vemcvx.meshes import AnyMesh
 from vemcvx.vem import component_names
 
-# A datum given by a table: values at instants, linear in time between them and the same everywhere in the body.
-
 
 class Tabulated:
     """Values at instants, for every datum f(x, t): loads, bounds, gaps, temperatures, prescribed displacements.
@@ -78,8 +76,7 @@ class Tabulated:
 # signature is one clear :class:`~vemcvx.errors.SceneError` and never a numpy traceback.
 
 
-Datum = ArrayLike | Callable[[Floats, float], ArrayLike]
-"""A constant, or f(x, t)."""
+Datum = ArrayLike | Callable[[Floats, float], ArrayLike]  # A constant, or f(x, t).
 Constant = ArrayLike | Callable[[Floats], ArrayLike]
 """A number, f(x), or of materials a value for each cell or the name of a cell datum (words are ArrayLike)."""
 

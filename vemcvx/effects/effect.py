@@ -2,6 +2,21 @@
 
 Displacements are vectors u of n_nodes * dim nodal values, component a of node i at position i * dim + a. The kinds of
 contributions are closed; effects are open (each returns any of these kinds).
+
+Friction by direction on a surface in space is bounded by an ellipse of forces: with the bound g along a unit vector e
+of the surface and h across it, along c = n x e, friction q obeys
+
+    (q_e / g)^2 + (q_c / h)^2 <= 1.
+
+What it dissipates in the slip s is the largest work of such forces, by Cauchy and Schwarz on (q_e / g, q_c / h),
+
+    max -q . s = |(g s_e, h s_c)| = g |(s_e, r s_c)|,   r = h / g,
+
+and is attained where s is along the normal (q_e / g^2, q_c / h^2) of the ellipse: slip follows the force where that
+acts along an axis only. (Michalowski and Mroz, *Associated and non-associated sliding rules in contact friction
+problems*, Arch. Mech. 30, 1978.) It is the term of a disc with the weight g that reads slip by the vectors e and r c in
+place of two orthonormal tangents: the same second-order cone, certificate and active sets. These vectors are rows of a
+matrix that does not change in time; r must not, either.
 """
 
 from __future__ import annotations
@@ -17,7 +32,6 @@ import scipy.sparse as sp
 from vemcvx import vem
 from vemcvx.arrays import Bools, Floats, Ints, brief, called, fading, read_only, shaped
 from vemcvx.effects import data
-from vemcvx.effects.by_direction import Ellipse
 from vemcvx.errors import SceneError
 from vemcvx.vem import BoundaryRows, EdgeEnds, Space, Stabilisation
 from vemcvx.weight_law import Law
@@ -28,15 +42,11 @@ class Load:
     """A force that enters linearly: its nodal vector at t is matrix @ value(points, t)."""
 
     subject: str
-    points: Floats
-    """(q, dim) points where the datum is evaluated."""
-    matrix: sp.csr_matrix
-    """(n_u, q * dim) quadrature times test functions; (n_u, q) where the datum is a scalar."""
+    points: Floats  #: (q, dim) points where the datum is evaluated.
+    matrix: sp.csr_matrix  #: (n_u, q * dim) quadrature times test functions; (n_u, q) where the datum is a scalar.
     value: data.Datum
-    cells: Ints | None = None
-    """(q,) of a load in the body: the cell of each point"""
-    edges: Ints | None = None
-    """(q, 2) of a load on the boundary: the edge of each point"""
+    cells: Ints | None = None  #: (q,) of a load in the body: the cell of each point
+    edges: Ints | None = None  #: (q, 2) of a load on the boundary: the edge of each point
     times: tuple[float, ...] = ()  # of the run, where they are known
 
     def at(self, x: Floats, t: float) -> Floats:
@@ -68,16 +78,11 @@ class Support:
     """Prescribed components directions . u(node) = value(points, t); contact (value 0) yields to the rest."""
 
     subject: str
-    nodes: Ints
-    """(m,) node numbers; a node may appear once a direction."""
-    directions: Floats
-    """(m, dim) unit vectors."""
-    points: Floats
-    """(m, dim) where the nodes are."""
-    value: Callable[[float], Floats] | None = None
-    """t -> (m,) prescribed components; None means zero at all times."""
-    contact: bool = False
-    """Contact, u.n = 0, which at shared nodes yields to supports in the same direction."""
+    nodes: Ints  #: (m,) node numbers; a node may appear once a direction.
+    directions: Floats  #: (m, dim) unit vectors.
+    points: Floats  #: (m, dim) where the nodes are.
+    value: Callable[[float], Floats] | None = None  #: t -> (m,) prescribed components; None means zero at all times.
+    contact: bool = False  #: Contact, u.n = 0, which at shared nodes yields to supports in the same direction.
     partners: Ints | None = None
     """(m,) nodes of other bodies, or -1: the components of u(node) - u(partner) are prescribed"""
 
@@ -87,8 +92,7 @@ class Ground:
     """The displacement of what a body rubs on, (q, dim) at points: what of it is along the boundary counts."""
 
     subject: str
-    points: Floats
-    """(q, dim)"""
+    points: Floats  # (q, dim)
     value: data.Datum
 
     @classmethod
@@ -119,6 +123,90 @@ class Ground:
         return self.at(self.points, t)
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Ellipse:
+    """The ellipses of friction at m rows of nodes and normals."""
+
+    subject: str
+    points: Floats  # (m, 3)
+    direction: Floats  # (m, 3) vectors of any length, of which what is along the surface counts
+    bounds: Callable[[float], tuple[Floats, Floats]]  # t -> (m,) bounds along the direction and across it, in any unit
+    names: tuple[str, str]  # what they are called in messages
+    steady: bool  # True if they do not change in time
+
+    @classmethod
+    def of(
+        cls,
+        space: Space,
+        subject: str,
+        points: Floats,
+        *,
+        direction: data.Constant | None,
+        across: data.Datum | None,
+        along: tuple[str, data.Datum],
+        read: Callable[[data.Datum, float, str], Floats],
+    ) -> Ellipse | None:
+        """The ellipses of an effect at points (m, 3); None if it has none.
+
+        The bound `along` the direction has a name; a datum is read at an instant, under a name, by `read` -> (m,).
+        SceneError where one of `direction` and `across` is missing, the body is plane, or the direction is no vector.
+        """
+        if direction is None and across is None:
+            return None
+        if direction is None or across is None:
+            missing, given = ("direction", "across") if direction is None else ("across", "direction")
+            raise SceneError(f"{subject}: found {given}= without {missing}=; friction by direction takes both.")
+        if space.in_plane:
+            raise SceneError(
+                f"{subject}: found direction= and across=, which belong to bodies in space; in the plane backward= of "
+                "TrescaFriction tells the two ways of slip apart."
+            )
+        name, datum = along
+        return cls(
+            subject=subject,
+            points=points,
+            direction=data.vector_field(direction, points, f"{subject}: direction"),
+            bounds=lambda t: (read(datum, t, name), read(across, t, f"{name} across")),
+            names=(name, "across"),
+            steady=not data.varies(datum, across),
+        )
+
+    def vectors(self, normals: Floats, times: Sequence[float]) -> Floats:
+        """The vectors e and r c (m, 2, 3) of each row.
+
+        SceneError where the direction is along the normal; where r is infinite, or changes between any two of `times`.
+        """
+        size = np.linalg.norm(self.direction, axis=1)
+        first = self.direction - np.einsum("mi,mi->m", self.direction, normals)[:, None] * normals
+        length = np.linalg.norm(first, axis=1)
+        upright = length <= 1e-6 * size
+        if upright.any():
+            worst = int(np.argmax(upright))
+            raise SceneError(
+                f"{self.subject}: found direction = {self.direction[worst]} at {self.points[worst]}, where the normal "
+                f"is {normals[worst]}; give a vector that is not across the surface."
+            )
+        first = first / length[:, None]
+        return np.stack([first, self._ratio(times)[:, None] * np.cross(normals, first)], axis=1) + 0.0
+
+    def _ratio(self, times: Sequence[float]) -> Floats:
+        """r (m,), read at the first instant at which there is friction; 1 where there never is."""
+        ratio = np.full(len(self.points), np.nan)
+        for t in (0.0,) if self.steady or len(times) == 0 else times:
+            along, across = self.bounds(float(t))
+            new = np.isnan(ratio) & (along > 0)
+            ratio[new] = across[new] / along[new]
+            wanted = np.where(np.isnan(ratio), 0.0, ratio) * along
+            apart = np.abs(across - wanted) > 1e-9 * np.maximum(across, wanted)
+            if apart.any():
+                row, (one, other) = int(np.argmax(apart)), self.names
+                what = f"{one} = {along[row]:.6g} and {other} = {across[row]:.6g} at {self.points[row]} and t = {t:.6g}"
+                none = f"{one} must be > 0 where {other} is"
+                why = none if along[row] == 0 else "their ratio must not change in time"
+                raise SceneError(f"{self.subject}: found {what}; {why}.")
+        return np.where(np.isnan(ratio), 1.0, ratio)
+
+
 @dataclass(frozen=True)
 class Friction:
     """Terms w_i(t) |(I - n n') (v - v_prev)(node_i)|, v = u less the ground's motion: one row a node and normal."""
@@ -126,24 +214,17 @@ class Friction:
     subject: str
     nodes: Ints
     normals: Floats
-    lengths: Floats
-    """(m,) integrals of the nodal basis functions over the edges with that normal."""
+    lengths: Floats  #: (m,) integrals of the nodal basis functions over the edges with that normal.
     weights: Callable[[float], Floats]
     """t -> (m,) integrals of the friction bound against the nodal basis functions (force units)."""
-    steady: bool = False
-    """True if these are the same at all times"""
+    steady: bool = False  #: True if these are the same at all times
     bias: Callable[[float], Floats] | None = None
     """t -> (m,), of one-way friction: half the forward weight minus half the backward; `weights` are half the sum"""
-    ends: EdgeEnds | None = None
-    """the edges of each row; without, `lengths` are of an edge that no other part has"""
-    in_the_air: bool = False
-    """True if a warning is to say where it rubs while one-sided contact is open"""
-    partners: Ints | None = None
-    """(m,) nodes of other bodies, or -1: slip is that of u(node) - u(partner)"""
-    ground: Ground | None = None
-    """the obstacle under it, if that moves"""
-    law: Law | None = None
-    """what forces of contact and slip add to the weights"""
+    ends: EdgeEnds | None = None  #: the edges of each row; without, `lengths` are of an edge that no other part has
+    in_the_air: bool = False  #: True if a warning is to say where it rubs while one-sided contact is open
+    partners: Ints | None = None  #: (m,) nodes of other bodies, or -1: slip is that of u(node) - u(partner)
+    ground: Ground | None = None  #: the obstacle under it, if that moves
+    law: Law | None = None  #: what forces of contact and slip add to the weights
     directions: Floats | None = None
     """(m, dim) unit vectors: terms are w_i |e_i . (v - v_prev)|, instead of those along the tangents"""
     ellipse: Ellipse | None = None
@@ -175,10 +256,7 @@ class Friction:
     def weights_under(self, t: float, p: Floats, past: Floats, slip: Floats) -> Floats:
         """The weights (m,) under normal forces p (m,), after slips (m,) before the step and in it.
 
-        Raises
-        ------
-        SceneError
-            The law fails, or gives something else than a weight >= 0 for every row.
+        SceneError where the law fails, or gives something else than a weight >= 0 for every row.
         """
         w, law = self.weights(t), self.law
         if law is None:
@@ -210,10 +288,7 @@ class Friction:
     def softening(self) -> Floats:
         """The largest rate (m,) at which weights fall with slip; zero without a law.
 
-        Raises
-        ------
-        SceneError
-            That is no number >= 0, or forces of contact change them, too.
+        SceneError where that is no number >= 0, or forces of contact change them, too.
         """
         law = self.law
         if law is None:
@@ -247,16 +322,11 @@ class Obstacle:
     subject: str
     nodes: Ints
     normals: Floats
-    lengths: Floats
-    """(m,) integrals of the nodal basis functions over the edges with that normal."""
-    gap: Callable[[float], Floats]
-    """t -> (m,) distance to the obstacle along the outward normal."""
-    compliance: Floats
-    """(m,) depth per nodal force; 0 where the obstacle is rigid."""
-    ends: EdgeEnds | None = None
-    """the edges of each row, as of friction"""
-    partners: Ints | None = None
-    """(m,) nodes of other bodies, or -1: limits are those of u(node) - u(partner)"""
+    lengths: Floats  #: (m,) integrals of the nodal basis functions over the edges with that normal.
+    gap: Callable[[float], Floats]  #: t -> (m,) distance to the obstacle along the outward normal.
+    compliance: Floats  #: (m,) depth per nodal force; 0 where the obstacle is rigid.
+    ends: EdgeEnds | None = None  #: the edges of each row, as of friction
+    partners: Ints | None = None  #: (m,) nodes of other bodies, or -1: limits are those of u(node) - u(partner)
 
 
 @dataclass(frozen=True)
@@ -267,8 +337,7 @@ class ContactSurface:
     normals: Floats
     lengths: Floats
     ends: EdgeEnds | None = None
-    partners: Ints | None = None
-    """(m,) nodes of other bodies, or -1; lengths and edges are those of friction"""
+    partners: Ints | None = None  #: (m,) nodes of other bodies, or -1; lengths and edges are those of friction
 
     @classmethod
     def of(cls, rows: BoundaryRows) -> ContactSurface:
@@ -286,10 +355,8 @@ class Material:
     upper triangle of the elastic matrix row by row: see :mod:`vemcvx.vem.elasticity`"""
     thermal_stress_moduli: Floats
     """(n_cells, components) stress that holds back a unit strain in all directions of space, with a minus sign"""
-    plane: str
-    """plane "strain", as in space, or "stress"; one for the whole body"""
-    cells: Bools | None = None
-    """(n_cells,) which cells; None means all"""
+    plane: str  #: plane "strain", as in space, or "stress"; one for the whole body
+    cells: Bools | None = None  #: (n_cells,) which cells; None means all
     out_of_plane: Floats | None = None
     """(n_cells, 4) stress zz across the plane of unit strains e_xx, e_yy, 2 e_xy, and what holds back a unit
     eigenstrain there, with a minus sign; zero in plane stress, None where the law does not say, and in space"""
@@ -321,8 +388,7 @@ class Eigenstrain:
     """An isotropic strain that is free of stress; the material of a cell says what blocking it costs."""
 
     subject: str
-    value: Callable[[float], Floats]
-    """t -> (n_cells,)"""
+    value: Callable[[float], Floats]  #: t -> (n_cells,)
     at: Callable[[Floats, Ints, float], Floats] | None = None
     """points (k, dim) of cells (k,) and t -> (k,), as of a material"""
 
@@ -332,8 +398,7 @@ class InitialStress:
     """A stress that is there without strain."""
 
     subject: str
-    value: Callable[[float], Floats]
-    """t -> (n_cells, components): xx, yy, xy, in space xx, yy, zz, xy, yz, xz"""
+    value: Callable[[float], Floats]  #: t -> (n_cells, components): xx, yy, xy, in space xx, yy, zz, xy, yz, xz
     at: Callable[[Floats, Ints, float], Floats] | None = None
     """points (k, dim) of cells (k,) and t -> (k, components), as of a material"""
 
@@ -352,10 +417,8 @@ class Contribution:
     surfaces: tuple[ContactSurface, ...] = ()
     eigenstrains: tuple[Eigenstrain, ...] = ()
     initial_stresses: tuple[InitialStress, ...] = ()
-    viscosity: sp.csr_matrix | None = None
-    """matrix of b^h, stress in proportion to the rate of strain"""
-    curves: tuple[str, ...] = ()
-    """subjects whose conditions on normals hold along curves"""
+    viscosity: sp.csr_matrix | None = None  #: matrix of b^h, stress in proportion to the rate of strain
+    curves: tuple[str, ...] = ()  #: subjects whose conditions on normals hold along curves
 
 
 class Effect(ABC):

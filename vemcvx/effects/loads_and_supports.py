@@ -15,12 +15,10 @@ from vemcvx.effects.effect import Contribution, Effect, Load, Support, amount, w
 from vemcvx.errors import SceneError
 from vemcvx.vem import Part, SideRule, Space, cell_load, edge_load
 
-# Surface forces sigma n = f_2 on a part of the boundary, (3.4).
-
 
 @dataclass(frozen=True)
 class Traction(Effect):
-    """Surface force per length (and unit thickness), in space per area: the load int f_2 . v ds, exact for affine f_2.
+    """Surface force f_2 per length (and unit thickness), in space per area: int f_2 . v ds, (3.4), exact if affine.
 
     Parameters
     ----------
@@ -46,8 +44,6 @@ class Traction(Effect):
 # A pressure p on a part of the boundary: sigma n = -p n, the traction f_2 = -p n of (3.4).
 #
 # n is the outward normal of the undeformed edge or face: the pressure does not follow the body (small displacements).
-
-
 @dataclass(frozen=True)
 class Pressure(Effect):
     """Pressure on a part of the boundary: the load -int p n . v ds, exact for affine p, as of Traction.
@@ -77,14 +73,11 @@ class Pressure(Effect):
         return f"Pressure: {amount(self.value)} on {where(self.on)}"
 
 
-# Volume forces -div sigma = f_1, (3.2), by the paper's rule: (Pi_0^0 f_1, average of the vertex values).
-
-
 @dataclass(frozen=True)
 class BodyForce(Effect):
     """A force per unit area (and unit thickness), in space per volume: <l^h, v> = sum_K int_K Pi_0^0 f_1 . v_hat.
 
-    v_hat is the average of the vertex values of v on K, as in Section 3 of the paper (before (3.14)). The sum of these
+    v_hat is the average of the vertex values of v on K, as in the paper, (3.2) and before (3.14). The sum of these
     forces is exact for constant ones; their torque is so on cells whose centroid is the mean of their vertices, such as
     boxes and simplices, and else within h times the force.
 
@@ -110,8 +103,6 @@ class BodyForce(Effect):
 # On a continuum this is a model that no refinement improves: under a point force the displacement grows like log(1/h)
 # and the energy with it, without bound (Kelvin's and Flamant's solutions). On a given mesh the answer is that of the
 # force spread over about one cell; away from it the answer converges.
-
-
 @dataclass(frozen=True)
 class PointLoad(Effect):
     """A force on single nodes (per unit thickness).
@@ -159,9 +150,6 @@ class PointLoad(Effect):
         return nodes
 
 
-# u = 0 on a part of the boundary, (3.3).
-
-
 @dataclass(frozen=True)
 class Clamp(Effect):
     """Fixed boundary: u = 0 at every node of the edges `on`, end points included, (3.3).
@@ -191,8 +179,6 @@ def held(subject: str, space: Space, nodes: Ints, value: Callable[[float], Float
 #
 # Under symmetric loads a body moves along its line of symmetry, without shear stress on it: half of the body is
 # enough.
-
-
 @dataclass(frozen=True)
 class Symmetry(Effect):
     """Line of symmetry, or rollers: u . n = 0 on a part of the boundary, which is free to slide.
@@ -219,9 +205,6 @@ class Symmetry(Effect):
 
     def describe(self) -> str:
         return f"Symmetry: u.n = 0, free along {where(self.on)}"
-
-
-# Given displacements u = value on a part of the boundary: all components, or one direction of them.
 
 
 @dataclass(frozen=True)
@@ -307,8 +290,6 @@ class PrescribedDisplacement(Effect):
 #
 # to a(u, v). Traces are linear on edges and two Gauss points an edge integrate their products exactly (the P1 mass
 # matrix of the edge) for constant and affine k; likewise on faces of polyhedra, where traces are piecewise linear.
-
-
 @dataclass(frozen=True)
 class ElasticFoundation(Effect):
     """Springs between a part of the boundary and the ground, in tension and compression (Winkler foundation).

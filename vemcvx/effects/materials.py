@@ -19,9 +19,6 @@ from vemcvx.errors import SceneError, SceneWarning
 from vemcvx.vem import Space, Stabilisation
 from vemcvx.vem.elasticity import COMPONENTS
 
-# What every material is: a law for the cells of a region, the whole body unless `on` names cells.
-
-
 PLANES = ("strain", "stress")
 
 
@@ -198,8 +195,6 @@ class Elasticity(MaterialLaw):
 #
 # In space 2 e_13 = sigma_13 / G13 and 2 e_23 = sigma_23 / G23, too, and with the axes a_1, a_2, a_3 = a_1 x a_2 as the
 # rows of R tensors turn by e' = R e R': of Q the row of e'_ab has (2 - delta_ab) (R_ai R_bj + R_aj R_bi) / 2 for e_ij.
-
-
 @dataclass(frozen=True)
 class Orthotropic(MaterialLaw):
     """Orthotropic linear elasticity: in the plane with two axes of symmetry there, in space with three.
@@ -283,7 +278,9 @@ class Orthotropic(MaterialLaw):
         C[:, 2, 2] = G
         blocked = np.zeros((len(S), 3))
         blocked[:, :2] = C[:, :2, :2].sum(axis=2) if stress else inverse[:, :2].sum(axis=2)
-        Q = _turn(angle)
+        c, s = np.cos(angle), np.sin(angle)
+        rows = [[c * c, s * s, c * s], [s * s, c * c, -c * s], [-2 * c * s, 2 * c * s, c * c - s * s]]
+        Q = np.array(rows).transpose(2, 0, 1)
         C = Q.transpose(0, 2, 1) @ C @ Q * inside[:, None, None]
         C = 0.5 * (C + C.transpose(0, 2, 1))
         thermal_stress_moduli = np.einsum("cki,ck->ci", Q, blocked) * inside[:, None]
@@ -404,13 +401,6 @@ class Orthotropic(MaterialLaw):
             raise SceneError(f"Orthotropic: found {name} = {values[cell]:.6g} in cell {cell}; it {rule}.")
 
 
-def _turn(angle: Floats) -> Floats:
-    """Q (n_cells, 3, 3): strains in the axes of the material from strains along x and y."""
-    c, s = np.cos(angle), np.sin(angle)
-    rows = [[c * c, s * s, c * s], [s * s, c * c, -c * s], [-2 * c * s, 2 * c * s, c * c - s * s]]
-    return np.array(rows).transpose(2, 0, 1)
-
-
 def _turn_in_space(R: Floats) -> Floats:
     """Q (n_cells, 6, 6): strains in axes, the rows of R (n_cells, 3, 3), from those along x, y and z."""
     Q = np.empty((len(R), 6, 6))
@@ -427,12 +417,9 @@ def _words(values: object) -> str:
     return amount(values, "x")
 
 
-# Kelvin-Voigt viscosity, sigma = C eps + 2 eta eps' + zeta tr(eps') I.
-
-
 @dataclass(frozen=True)
 class Viscosity(Effect):
-    """Kelvin-Voigt viscosity: a stress proportional to the strain rate, added to the elastic one.
+    """Kelvin-Voigt viscosity: sigma = C eps + 2 eta eps' + zeta tr(eps') I, with the strain rate eps'.
 
     The form b^h(u', v) is that of elasticity with `shear` for mu and `volume` for lambda, stabilised likewise. Results
     of a step then depend on its length, which without viscosity they do not. Han and Sofonea, *Quasistatic Contact
@@ -479,8 +466,6 @@ class Viscosity(Effect):
 #   E / (1 - nu) (1, 1, 0).
 #
 # Each material says its own factor. (Boley and Weiner, Theory of Thermal Stresses, 1960.)
-
-
 @dataclass(frozen=True)
 class ThermalStrain(Effect):
     """Thermal expansion: the strain alpha theta in all directions, which causes stress where it is prevented.
@@ -522,8 +507,6 @@ class ThermalStrain(Effect):
 # Initial stress: sigma = C eps(u) + sigma_0.
 #
 # It enters the principle of virtual work as the load -int sigma_0 : eps(v), on cells -sum_K |K| sigma_0 : eps(Pi v).
-
-
 @dataclass(frozen=True)
 class Prestress(Effect):
     """Initial stress: a stress at zero strain, such as that of tendons or growth.

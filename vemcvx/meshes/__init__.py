@@ -3,15 +3,12 @@
 In space: polyhedral meshes, and families of meshes of a box.
 """
 
-from vemcvx.meshes.families.around import ring
-from vemcvx.meshes.families.plane import distorted, hanging, hexagons, l_shape, nonconvex, squares, triangles
+from vemcvx.meshes.families.plane import distorted, hanging, hexagons, l_shape, nonconvex, ring, squares, triangles
 from vemcvx.meshes.families.space import cubes, kelvin, prisms, tetrahedra
 from vemcvx.meshes.families.voronoi import voronoi, voronoi3
-from vemcvx.meshes.foreign import AnyMesh, convert, plane_mesh, read
 from vemcvx.meshes.interfaces import Interface
 from vemcvx.meshes.local_refinement import Refinement
-from vemcvx.meshes.polygon_mesh import PolygonMesh
-from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
+from vemcvx.meshes.mesh import AnyMesh, PolygonMesh, PolyhedralMesh, convert, plane_mesh, read
 from vemcvx.meshes.polyhedral_refinement import refinement
 from vemcvx.meshes.several_bodies import bodies
 
@@ -24,13 +21,7 @@ FAMILIES = {
     "nonconvex": nonconvex,
     "hanging": hanging,
 }
-SPACE_FAMILIES = {
-    "cubes": cubes,
-    "tetrahedra": tetrahedra,
-    "prisms": prisms,
-    "voronoi3": voronoi3,
-    "kelvin": kelvin,
-}
+SPACE_FAMILIES = {"cubes": cubes, "tetrahedra": tetrahedra, "prisms": prisms, "voronoi3": voronoi3, "kelvin": kelvin}
 
 __all__ = [
     "FAMILIES",

@@ -26,12 +26,9 @@ Number = TypeVar("Number", int, float)
 Corners = tuple[tuple[float, float], tuple[float, float]]
 SpaceCorners = tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
 AXES = "xyz"
-# A mesh of that size takes 10 GB before anything is assembled.
-MOST_CELLS = 10**8
-# Areas and moments of cells must neither overflow nor vanish.
-SHORTEST, LARGEST = 1e-60, 1e60
-STEEPEST = 1e6
-"""Cells of one mesh that differ by more in width are no use: 1e-6 of a body is a point of it."""
+MOST_CELLS = 10**8  # A mesh of that size takes 10 GB before anything is assembled.
+SHORTEST, LARGEST = 1e-60, 1e60  # Areas and moments of cells must neither overflow nor vanish.
+STEEPEST = 1e6  # Cells of one mesh that differ by more in width are no use: 1e-6 of a body is a point of it.
 
 UNIT_BOX: Corners = ((0.0, 1.0), (0.0, 1.0))
 UNIT_CUBE: SpaceCorners = ((0.0, 1.0), (0.0, 1.0), (0.0, 1.0))
@@ -188,10 +185,7 @@ def placed(points: Floats, size: Floats, low: Floats, high: Floats) -> Floats:
 
 WHOLE = "boundary"
 # Names of the two sides across each axis, in the plane and in space.
-SIDES = {
-    2: (("left", "right"), ("bottom", "top")),
-    3: (("left", "right"), ("front", "back"), ("bottom", "top")),
-}
+SIDES = {2: (("left", "right"), ("bottom", "top")), 3: (("left", "right"), ("front", "back"), ("bottom", "top"))}
 T = TypeVar("T")
 
 

@@ -23,22 +23,11 @@ from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.errors import MeshError
 from vemcvx.meshes.cell_sides import Asked, CellSides, Corners, Skin, asked_of, corners_in_pieces
 from vemcvx.meshes.local_refinement import Kinds, Outlines, children_of, outlines_of
-from vemcvx.meshes.polygons import (
-    offsets_of,
-    smallest_linked,
-    spans,
-)
-from vemcvx.meshes.polyhedra import (
-    volumes_and_centroids,
-)
+from vemcvx.meshes.polygons import offsets_of, smallest_linked, spans
+from vemcvx.meshes.polyhedra import volumes_and_centroids
 
-# Of its diameter, by how much a new face may be off its plane; a mesh may have faces of 1e-6.
-PLANE = 1e-7
-# Of the diameter of a cell, by which its centre is at least behind the plane of every face.
-BEHIND = 1e-6
-
-
-# Split faces.
+PLANE = 1e-7  # Of its diameter, by how much a new face may be off its plane; a mesh may have faces of 1e-6.
+BEHIND = 1e-6  # Of the diameter of a cell, by which its centre is at least behind the plane of every face.
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,21 +37,15 @@ class Cut:
     Nodes are numbered: those in the old places, middles of edges, centres of faces, centres of cells.
     """
 
-    outlines: Outlines
-    """old faces with the new middles, of corners, middles and centres numbered as below"""
+    outlines: Outlines  # old faces with the new middles, of corners, middles and centres numbered as below
     kinds: Kinds
-    number: Ints
-    """the node that is each corner of an old face, each middle and each centre"""
+    number: Ints  # the node that is each corner of an old face, each middle and each centre
     offsets: Ints
     vertices: Ints
-    first: Ints
-    """(n_faces + 1,) where the new faces of each begin"""
-    halved: Ints
-    """(h,) edges with a new middle"""
-    centred: Ints
-    """(c,) faces with a new centre"""
-    points: Floats
-    """of old nodes, middles and centres"""
+    first: Ints  # (n_faces + 1,) where the new faces of each begin
+    halved: Ints  # (h,) edges with a new middle
+    centred: Ints  # (c,) faces with a new centre
+    points: Floats  # of old nodes, middles and centres
 
 
 def cut_faces(asked: Asked, marked: Bools) -> Cut:
@@ -122,29 +105,19 @@ def corners_of_cut(skin: Skin, cut: Cut, listed: Ints) -> tuple[Corners, Bools]:
     return found, good
 
 
-# Kinds of cells.
-
-
 @dataclass(frozen=True, eq=False)
 class Solids:
     """Marked cells whose sides are all split at their corners, by these, and the kind of each cell."""
 
-    corners: Corners
-    """oriented outwards"""
+    corners: Corners  # oriented outwards
     cell: Ints
     side: Ints
-    vertex: Ints
-    """(k,) the vertex of a cell that each corner is at: numbers of pairs of both"""
-    first: Ints
-    """(v,) one of the corners at each vertex"""
-    follower: Ints
-    """(k,) the corner of the next side around the vertex, which has the edge after this one before it"""
-    kind: Ints
-    """(n_cells,)"""
-    centre: Floats
-    """(n_cells, 3), of cells that are split about it"""
-    others: Ints
-    """(n_cells,) how many sides are no triangles"""
+    vertex: Ints  # (k,) the vertex of a cell that each corner is at: numbers of pairs of both
+    first: Ints  # (v,) one of the corners at each vertex
+    follower: Ints  # (k,) the corner of the next side around the vertex, which has the edge after this one before it
+    kind: Ints  # (n_cells,)
+    centre: Floats  # (n_cells, 3), of cells that are split about it
+    others: Ints  # (n_cells,) how many sides are no triangles
 
 
 STAYS, CONES, VERTICES, TETRA, OCTA, PYRAMID, WEDGE = range(7)

@@ -30,26 +30,12 @@ from vemcvx.meshes.polygons import (
     shared_edges,
     smallest_linked,
 )
-from vemcvx.meshes.polyhedra import (
-    Faces,
-    FaceShapes,
-    axes_in_planes,
-    face_shapes,
-    joined_faces,
-    listed_faces,
-    signs_of,
-)
+from vemcvx.meshes.polyhedra import Faces, FaceShapes, axes_in_planes, face_shapes, joined_faces, listed_faces, signs_of
 from vemcvx.meshes.tessellation import SpaceTessellation, Tessellation
 
-# Faces of a cell whose normals differ by less, in radians, are of one side.
-FLAT = 1e-5
-# Of the size of a cell (see `Skin`), below which its edges and faces are not split.
-TINY = 0.07
-# Of the diameter of a side, pieces that are split although the side is in several pieces.
-LARGE = 0.75
-
-
-# All faces, each as a polygon in its own plane, which is split as the cells of plane meshes are.
+FLAT = 1e-5  # Faces of a cell whose normals differ by less, in radians, are of one side.
+TINY = 0.07  # Of the size of a cell (see `Skin`), below which its edges and faces are not split.
+LARGE = 0.75  # Of the diameter of a side, pieces that are split although the side is in several pieces.
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,18 +45,12 @@ class Skin:
     points: Floats
     faces: Faces
     shapes: FaceShapes
-    cell: Ints
-    """(n_listed,) cell of each listed face"""
-    signs: Floats
-    """(n_listed,) 1 where a listed face runs outwards as it is stored"""
-    sizes: Floats
-    """(n_cells,) nine volumes over the area: 1.5 widths of a cube, 4.5 of a thin plate; 0 where nothing is tiny"""
-    polygons: Tessellation
-    """faces in their own planes; its vertices are the corners of faces, numbered through"""
-    edge: Ints
-    """(n_corners,) number of the edge that starts at each corner"""
-    ends: Ints
-    """(n_edges, 2) its nodes, the smaller first"""
+    cell: Ints  # (n_listed,) cell of each listed face
+    signs: Floats  # (n_listed,) 1 where a listed face runs outwards as it is stored
+    sizes: Floats  # (n_cells,) nine volumes over the area, 1.5 widths of a cube; 0 where nothing is tiny
+    polygons: Tessellation  # faces in their own planes; its vertices are the corners of faces, numbered through
+    edge: Ints  # (n_corners,) number of the edge that starts at each corner
+    ends: Ints  # (n_edges, 2) its nodes, the smaller first
 
     @property
     def nodes(self) -> Ints:
@@ -147,32 +127,20 @@ def skin_of(mesh: SpaceTessellation) -> Skin:
     )
 
 
-# Sides of cells: one face, or several that are coplanar; and the straight edges of cells between two sides.
-
-
 @dataclass(frozen=True, eq=False)
 class CellSides:
     """Sides of all cells, and their edges."""
 
-    rows: Ints
-    """(n_listed + 1,) where in `corners` each listed face begins"""
-    corners: Ints
-    """corners of faces, in the order of the listed faces"""
-    side: Ints
-    """(n_listed,) the side: the first listed face of it"""
-    pieces: Ints
-    """(n_listed,) of how many faces that consists"""
-    outer: Bools
-    """(like `corners`) whether the edge that starts there is between two sides of the cell"""
-    cell: Ints
-    """(x,) cells of the edges between two sides, once a cell"""
+    rows: Ints  # (n_listed + 1,) where in `corners` each listed face begins
+    corners: Ints  # corners of faces, in the order of the listed faces
+    side: Ints  # (n_listed,) the side: the first listed face of it
+    pieces: Ints  # (n_listed,) of how many faces that consists
+    outer: Bools  # (like `corners`) whether the edge that starts there is between two sides of the cell
+    cell: Ints  # (x,) cells of the edges between two sides, once a cell
     edge: Ints
-    chain: Ints
-    """(x,) edges of one line of a cell have one number"""
-    keys: Ints
-    """sorted cell * n_nodes + node, of the nodes on these edges"""
-    degrees: Ints
-    """how many of them end there"""
+    chain: Ints  # (x,) edges of one line of a cell have one number
+    keys: Ints  # sorted cell * n_nodes + node, of the nodes on these edges
+    degrees: Ints  # how many of them end there
 
     def degree(self, cell: Ints, node: Ints, n_nodes: int) -> Ints:
         """How many edges between sides of a cell end at a node; 0 for those inside of sides, and new ones."""
@@ -225,18 +193,13 @@ def sides_of(skin: Skin) -> CellSides:
 class Corners(NamedTuple):
     """Corners of sides of cells, each with the part of its side that becomes a face of the child there."""
 
-    listed: Ints
-    """listed face of which the part is, or which it is"""
+    listed: Ints  # listed face of which the part is, or which it is
     node: Ints
-    before: Ints
-    """the middle of the edge before the corner, around the side as its faces are stored"""
+    before: Ints  # the middle of the edge before the corner, around the side as its faces are stored
     after: Ints
-    centre: Ints
-    """the centre of the side, -1 in triangles"""
-    row: Ints
-    """the first of the new faces that make the part"""
-    rows: Ints
-    """how many they are"""
+    centre: Ints  # the centre of the side, -1 in triangles
+    row: Ints  # the first of the new faces that make the part
+    rows: Ints  # how many they are
 
     def where(self, kept: Bools) -> Corners:
         """Those of a mask."""
@@ -313,18 +276,17 @@ def _sides_in_parts(skin: Skin, sides: CellSides, pieces: tuple[Ints, Ints, Ints
     return quads, triangles
 
 
-# Grading. A side of an unrefined cell has one face, or those into which it would be split itself; a line between two
-# of its sides has one node inside at most. A cell that would get more is refined, too, and so on.
-
-
 @dataclass(frozen=True, eq=False)
 class Asked:
-    """What marked cells ask for."""
+    """What marked cells ask for.
+
+    A side of an unrefined cell has one face, or those into which it would be split itself; a line between two of its
+    sides has one node inside at most. A cell that would get more is refined, too, and so on.
+    """
 
     skin: Skin
     sides: CellSides
-    wants: Bools
-    """(n_listed,) faces that their cell would have split"""
+    wants: Bools  # (n_listed,) faces that their cell would have split
 
     def faces(self, marked: Bools) -> Bools:
         """Faces to split, (n_faces,)."""

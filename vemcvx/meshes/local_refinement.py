@@ -14,7 +14,6 @@ from vemcvx.arrays import Bools, Floats, Ints, brief, flag, plain, read_only
 from vemcvx.errors import MeshError
 from vemcvx.meshes.box import check_cell_data
 from vemcvx.meshes.interfaces import Interface, on_boundary
-from vemcvx.meshes.interpolation import projected_values
 from vemcvx.meshes.polygons import (
     cell_of_corner,
     convex_pieces,
@@ -31,7 +30,7 @@ from vemcvx.meshes.polygons import (
     spans,
 )
 from vemcvx.meshes.tessellation import Mesh as AnyMesh
-from vemcvx.meshes.tessellation import Tessellation
+from vemcvx.meshes.tessellation import Tessellation, projected_values
 
 # The sides of polygonal cells, and the places where refinement splits them.
 #
@@ -61,36 +60,24 @@ SHORT = 0.3
 class Sides:
     """Sides of all cells, in the order of the cells; those of one cell counter-clockwise, the first long if any is."""
 
-    cell: Ints
-    """(n_sides,) cell of each side"""
-    first: Ints
-    """(n_sides,) where in `order` each side begins"""
-    order: Ints
-    """(n_corners,) corners of the mesh, side after side"""
-    lengths: Floats
-    """(n_sides,) in diameters of the cell"""
-    long: Bools
-    """(n_sides,) those that are split: of `SHORT` at least, and all of triangles (whose parts are similar)"""
+    cell: Ints  # (n_sides,) cell of each side
+    first: Ints  # (n_sides,) where in `order` each side begins
+    order: Ints  # (n_corners,) corners of the mesh, side after side
+    lengths: Floats  # (n_sides,) in diameters of the cell
+    long: Bools  # (n_sides,) those that are split: of `SHORT` at least, and all of triangles (whose parts are similar)
 
 
 @dataclass(frozen=True, eq=False)
 class Splitting:
     """The points and edges at which cells are split: masks of cells and of their corners."""
 
-    sides: Ints
-    """(n_cells,) how many sides a cell has"""
-    all_long: Bools
-    """(n_cells,) cells all of whose sides are split in the middle"""
-    convex: Bools
-    """(n_cells,) cells that turn right nowhere"""
-    places: Ints
-    """(n_cells,) number of places to split at: 2 at least, for all but absurd shapes"""
-    bend: Bools
-    """(n_corners,) vertices where the outline of a cell does not go straight on"""
-    vertex: Bools
-    """(n_corners,) places to split at: the vertex at a corner of the mesh"""
-    edge: Bools
-    """(n_corners,) and the middle of the edge that starts there"""
+    sides: Ints  # (n_cells,) how many sides a cell has
+    all_long: Bools  # (n_cells,) cells all of whose sides are split in the middle
+    convex: Bools  # (n_cells,) cells that turn right nowhere
+    places: Ints  # (n_cells,) number of places to split at: 2 at least, for all but absurd shapes
+    bend: Bools  # (n_corners,) vertices where the outline of a cell does not go straight on
+    vertex: Bools  # (n_corners,) places to split at: the vertex at a corner of the mesh
+    edge: Bools  # (n_corners,) and the middle of the edge that starts there
 
 
 def splitting_of(mesh: Tessellation, least: Floats | None = None) -> Splitting:
@@ -242,8 +229,6 @@ def _split_runs(sides: Sides, right: Bools) -> Ints:
 #                        of the kernel (the points that see the whole cell), an intersection of half-planes
 #
 # A cell whose kernel is empty, or so small that it would be seen under flat angles, has no such point.
-
-
 def centres_of(mesh: Tessellation, splitting: Splitting) -> tuple[Floats, Bools]:
     """Centres of all cells (n_cells, 2), and which cells have one, (n_cells,)."""
     centres, seen = mesh.centroids.copy(), np.ones(mesh.n_cells, dtype=bool)
@@ -297,14 +282,10 @@ Ranges = tuple[Ints, Ints, Ints]  # new cell, where in the pool its range begins
 class Kinds:
     """The fate of each cell, as masks (n_cells,)."""
 
-    parted: Bools
-    """at the middles of its sides"""
-    centred: Bools
-    """of these, with the middles joined to a new centre"""
-    medial: Bools
-    """or to each other, being a triangle; the others are cut across"""
-    unseen: Bools
-    """into convex pieces along diagonals, having no centre"""
+    parted: Bools  # at the middles of its sides
+    centred: Bools  # of these, with the middles joined to a new centre
+    medial: Bools  # or to each other, being a triangle; the others are cut across
+    unseen: Bools  # into convex pieces along diagonals, having no centre
 
     @classmethod
     def of(cls, splitting: Splitting, marked: Bools, seen: Bools) -> Kinds:
@@ -319,16 +300,11 @@ class Outlines:
     """Old cells with the new middles among their vertices, those to be cut turned so that they begin with a mark."""
 
     offsets: Ints
-    nodes: Ints
-    """cell c has the outline nodes[offsets[c]:offsets[c + 1]]"""
-    marks: Ints
-    """(m,) positions where cells are cut: middles of sides of parted cells, all bends of unseen ones"""
-    cell: Ints
-    """(m,) cell of each mark"""
-    stop: Ints
-    """(m,) where the part of the outline that begins at a mark ends"""
-    follower: Ints
-    """(m,) the position of the next mark of the cell"""
+    nodes: Ints  # cell c has the outline nodes[offsets[c]:offsets[c + 1]]
+    marks: Ints  # (m,) positions where cells are cut: middles of sides of parted cells, all bends of unseen ones
+    cell: Ints  # (m,) cell of each mark
+    stop: Ints  # (m,) where the part of the outline that begins at a mark ends
+    follower: Ints  # (m,) the position of the next mark of the cell
 
 
 def outlines_of(mesh: Tessellation, splitting: Splitting, kinds: Kinds, middle: Ints) -> Outlines:
@@ -422,12 +398,9 @@ PlaneMesh = TypeVar("PlaneMesh", bound=Tessellation)
 class Edges:
     """One number for each undirected edge."""
 
-    of_corner: Ints
-    """(n_corners,) number of the edge that starts at each corner of the mesh"""
-    ends: Ints
-    """(n_edges, 2) its nodes, the smaller first; edges are in the order of these pairs"""
-    twins: Ints
-    """(q, 2) numbers of the edges of both bodies in one place at interfaces"""
+    of_corner: Ints  # (n_corners,) number of the edge that starts at each corner of the mesh
+    ends: Ints  # (n_edges, 2) its nodes, the smaller first; edges are in the order of these pairs
+    twins: Ints  # (q, 2) numbers of the edges of both bodies in one place at interfaces
 
 
 @dataclass(frozen=True, eq=False)
@@ -474,7 +447,7 @@ def refinement(mesh: PlaneMesh, cells: ArrayLike | None = None, *, balance: bool
     points = np.concatenate([mesh.points, mesh.points[ends].mean(axis=1), inner])
     refined = _carried(mesh, type(mesh).unchecked(points, offsets, vertices, box=mesh._box), parents, edges, middle)
     at_centres = projected_values(mesh, np.flatnonzero(kinds.centred), inner)
-    return Refinement(refined, read_only(parents), _prolongation(mesh.n_nodes, ends, at_centres))
+    return Refinement(refined, read_only(parents), prolongation(mesh.n_nodes, ends, at_centres))
 
 
 def check_marks(cells: ArrayLike | None, n_cells: int, subject: str = "cells to refine") -> Bools:
@@ -562,7 +535,7 @@ def _carried(mesh: PlaneMesh, refined: PlaneMesh, parents: Ints, edges: Edges, m
     return refined._replace(_named=named, interfaces=MappingProxyType(matched), cell_data=MappingProxyType(data))
 
 
-def _prolongation(n_nodes: int, ends: Ints, inner: csr_array) -> csr_array:
+def prolongation(n_nodes: int, ends: Ints, *inner: csr_array) -> csr_array:
     """Rows of the identity, of means over edges, and of the inner nodes, one below the other."""
     middles = csr_array((np.full(ends.size, 0.5), ends.ravel(), 2 * np.arange(len(ends) + 1)), (len(ends), n_nodes))
-    return csr_array(vstack([eye_array(n_nodes), middles, inner], format="csr"))
+    return csr_array(vstack([eye_array(n_nodes), middles, *inner], format="csr"))

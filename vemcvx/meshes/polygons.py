@@ -161,12 +161,9 @@ def positions(wanted: Ints, edges: Ints, n_nodes: int) -> Ints:
 class SharedEdges:
     """Corners of a mesh sorted by the undirected edge they start."""
 
-    corners: Ints
-    """(n_corners,) all corners, those of one edge side by side, in the order of their cells"""
-    first: Ints
-    """(n_edges,) where in `corners` each edge begins"""
-    counts: Ints
-    """(n_edges,) how many cells share it: 1 on the boundary, 2 inside, more only in broken meshes"""
+    corners: Ints  # (n_corners,) all corners, those of one edge side by side, in the order of their cells
+    first: Ints  # (n_edges,) where in `corners` each edge begins
+    counts: Ints  # (n_edges,) how many cells share it: 1 on the boundary, 2 inside, more only in broken meshes
 
     @property
     def alone(self) -> Ints:
@@ -378,8 +375,7 @@ def signed_areas(corners: Floats) -> Floats:
 
 def places(corners: Floats, barycentric: Floats) -> Floats:
     """The points (t, q, 2) with the given barycentric coordinates (q, 3) in each triangle."""
-    # Relative to the first vertex: a body far from the origin loses no digits.
-    origin = corners[:, :1]
+    origin = corners[:, :1]  # Relative to the first vertex: a body far from the origin loses no digits.
     within: Floats = np.matmul(barycentric, corners - origin)
     return origin + within
 

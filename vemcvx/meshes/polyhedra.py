@@ -22,24 +22,15 @@ from typing import NamedTuple
 import numpy as np
 
 from vemcvx.arrays import Floats, Ints
-from vemcvx.meshes.polygons import (
-    cell_of_corner,
-    next_corner,
-    offsets_of,
-    rows_in_order,
-    same_rows,
-    turned,
-)
+from vemcvx.meshes.polygons import cell_of_corner, next_corner, offsets_of, rows_in_order, same_rows, turned
 
 
 class Listed(NamedTuple):
     """Faces of cells that list all of theirs, one cell after the other."""
 
-    offsets: Ints
-    """(n_listed + 1,) where in `vertices` each face begins"""
+    offsets: Ints  # (n_listed + 1,) where in `vertices` each face begins
     vertices: Ints
-    cell_offsets: Ints
-    """(n_cells + 1,) which faces are each cell's"""
+    cell_offsets: Ints  # (n_cells + 1,) which faces are each cell's
 
     def in_order(self, cells: Ints) -> Listed:
         """The faces of the cells with the given numbers, in this order."""
@@ -69,13 +60,7 @@ def numbered_faces(listed: Listed, first: Ints, number: Ints) -> Faces:
     second = np.full(len(first), -1)
     later = np.flatnonzero(first[number] != np.arange(len(number)))
     second[number[later]] = owner[later]
-    return Faces(
-        face_offsets,
-        face_vertices,
-        listed.cell_offsets,
-        number,
-        np.column_stack([owner[first], second]),
-    )
+    return Faces(face_offsets, face_vertices, listed.cell_offsets, number, np.column_stack([owner[first], second]))
 
 
 def listed_faces(faces: Faces) -> Listed:

@@ -57,14 +57,13 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.sparse import csr_array, eye_array, vstack
+from scipy.sparse import csr_array
 
 from vemcvx.arrays import Bools, Floats, Ints, brief, flag, read_only
 from vemcvx.errors import MeshError
 from vemcvx.meshes import local_refinement as plane
 from vemcvx.meshes.box import check_cell_data
-from vemcvx.meshes.cell_children import Inner, Outer, joined, regular_children
-from vemcvx.meshes.cell_cones import cones
+from vemcvx.meshes.cell_children import Inner, Outer, cones, joined, regular_children
 from vemcvx.meshes.cell_kinds import (
     ABOUT_CENTRES,
     STAYS,
@@ -77,14 +76,7 @@ from vemcvx.meshes.cell_kinds import (
 from vemcvx.meshes.cell_sides import Skin, asked_of, corners_in_pieces, sides_of, skin_of
 from vemcvx.meshes.interfaces import Interface, faces_of, on_faces, padded, pairs_of, places_of
 from vemcvx.meshes.local_refinement import Refinement, check_lengths, check_marks
-from vemcvx.meshes.polygons import (
-    cell_of_corner,
-    offsets_of,
-    rows_in_order,
-    same_rows,
-    spans,
-    turned,
-)
+from vemcvx.meshes.polygons import cell_of_corner, offsets_of, rows_in_order, same_rows, spans, turned
 from vemcvx.meshes.polyhedra import Listed, numbered_faces
 from vemcvx.meshes.tessellation import Mesh, SpaceTessellation, Tessellation
 
@@ -92,20 +84,13 @@ AnyMesh = TypeVar("AnyMesh", bound=Mesh)
 SpaceMesh = TypeVar("SpaceMesh", bound=SpaceTessellation)
 
 
-# The refined mesh.
-
-
 class Nodes(NamedTuple):
     """New nodes, numbered from n_nodes: middles of edges, centres of faces, centres of cells; at interfaces doubled."""
 
-    ends: Ints
-    """(e, 2) nodes of the old mesh that edges halved are between"""
-    faces: Ints
-    """(f,) faces of the old mesh with a centre"""
-    cells: Ints
-    """(c,) cells with a centre"""
-    points: Floats
-    """of all nodes, old ones first"""
+    ends: Ints  # (e, 2) nodes of the old mesh that edges halved are between
+    faces: Ints  # (f,) faces of the old mesh with a centre
+    cells: Ints  # (c,) cells with a centre
+    points: Floats  # of all nodes, old ones first
 
 
 def refined(mesh: SpaceMesh, marked: Bools, balance: bool) -> tuple[SpaceMesh, Ints, Nodes]:
@@ -136,10 +121,8 @@ class Laid(NamedTuple):
 
     listed: Listed
     parents: Ints
-    number: Ints
-    """which of the new faces each listed one is: first those of faces of the old mesh, in their order, then others"""
-    own: Ints
-    """(n_faces + 1,) where the new faces of each face of the old mesh begin"""
+    number: Ints  # which new face each listed one is: first those of faces of the old mesh, in their order
+    own: Ints  # (n_faces + 1,) where the new faces of each face of the old mesh begin
 
 
 def _laid_out(mesh: SpaceTessellation, skin: Skin, cut: Cut, outer: Outer, inner: Inner) -> Laid:
@@ -269,7 +252,21 @@ def refinement(mesh: AnyMesh, cells: ArrayLike | None = None, *, balance: bool =
     if not isinstance(mesh, SpaceTessellation):
         raise MeshError(f"refinement: found {brief(mesh)} where a PolygonMesh or PolyhedralMesh is wanted.")
     made, parents, nodes = _checked(mesh, cells, balance)
-    return Refinement(made, read_only(parents), prolongation(mesh, nodes))
+    middle = mesh.n_nodes + len(nodes.ends) + len(nodes.faces)
+    on_faces = rows_in_order(mesh.face_offsets, mesh.face_vertices, nodes.faces)
+    in_cells = rows_in_order(*mesh.cell_nodes, nodes.cells)
+    at_centres = (
+        _nearest_linear(mesh.points, *on_faces, nodes.points[middle - len(nodes.faces) : middle]),
+        _nearest_linear(mesh.points, *in_cells, nodes.points[middle:]),
+    )
+    return Refinement(made, read_only(parents), plane.prolongation(mesh.n_nodes, nodes.ends, *at_centres))
+
+
+def refined_mesh(mesh: AnyMesh, cells: ArrayLike | None, balance: bool) -> AnyMesh:
+    """The mesh of `refinement` alone, which in space is spared the prolongation."""
+    if isinstance(mesh, SpaceTessellation):
+        return _checked(mesh, cells, balance)[0]
+    return refinement(mesh, cells, balance=balance).mesh
 
 
 def _checked(mesh: SpaceMesh, cells: ArrayLike | None, balance: bool) -> tuple[SpaceMesh, Ints, Nodes]:
@@ -277,35 +274,11 @@ def _checked(mesh: SpaceMesh, cells: ArrayLike | None, balance: bool) -> tuple[S
     return refined(mesh, check_marks(cells, mesh.n_cells), balance)
 
 
-def refined_mesh(mesh: SpaceMesh, cells: ArrayLike | None, balance: bool) -> SpaceMesh:
-    """The mesh of `refinement` alone."""
-    return _checked(mesh, cells, balance)[0]
-
-
-def prolongation(mesh: SpaceTessellation, nodes: Nodes) -> csr_array:
-    """The matrix that takes nodal values of the old mesh to the new nodes: linear functions to themselves.
-
-    Values at centres are those of the linear function that is nearest at the vertices of the face or cell.
-    """
-    first = mesh.n_nodes + len(nodes.ends)
-    middle = first + len(nodes.faces)
-    on_faces = rows_in_order(mesh.face_offsets, mesh.face_vertices, nodes.faces)
-    in_cells = rows_in_order(*mesh.cell_nodes, nodes.cells)
-    means = csr_array(
-        (np.full(nodes.ends.size, 0.5), nodes.ends.ravel(), 2 * np.arange(len(nodes.ends) + 1)),
-        (len(nodes.ends), mesh.n_nodes),
-    )
-    blocks = [
-        eye_array(mesh.n_nodes),
-        means,
-        _nearest_linear(mesh.points, *on_faces, nodes.points[first:middle]),
-        _nearest_linear(mesh.points, *in_cells, nodes.points[middle:]),
-    ]
-    return csr_array(vstack(blocks, format="csr"))
-
-
 def _nearest_linear(points: Floats, offsets: Ints, rows: Ints, at: Floats) -> csr_array:
-    """Values at points (m, 3) of linear functions that are nearest to those at a row of nodes each."""
+    """Values at points (m, 3) of linear functions that are nearest to those at a row of nodes each.
+
+    Linear functions are taken to themselves.
+    """
     shape = (len(at), len(points))
     if not len(at):
         return csr_array(shape)

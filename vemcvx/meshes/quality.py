@@ -41,8 +41,7 @@ from vemcvx.outline import Outline, Outlined
 STAR, EDGE = 0.05, 1e-4
 """Ratios below which a warning is due: stretched by nine to one, where S / a_mu spreads over a factor of seventy, and
 edges that leave an eighth of the energy."""
-FAR = 10.0
-"""Distance of the sides that a search begins with, in parts of the largest in the cell."""
+FAR = 10.0  # Distance of the sides that a search begins with, in parts of the largest in the cell.
 ROUNDED, MOVED = 1e-12, 1e-9
 
 
@@ -188,21 +187,14 @@ def _exchanged(rows: Floats, met: Ints, entering: Ints) -> Ints:
     matrix = rows[np.arange(count)[:, None, None], tried].transpose(0, 1, 3, 2)
     singular = np.abs(np.linalg.det(matrix)) < ROUNDED
     matrix[singular] = np.eye(size)
-    least = np.linalg.solve(matrix, _cost(size)[:, None])[..., 0].min(axis=2)
+    cost = np.append(MOVED * np.sqrt(np.arange(1.0, size)), 1.0)  # What is maximised: rho, and a little of x.
+    least = np.linalg.solve(matrix, cost[:, None])[..., 0].min(axis=2)
     chosen: Ints = np.where(singular, -np.inf, least).argmax(axis=1)
     return np.asarray(tried[np.arange(count), chosen])
 
 
-def _cost(size: int) -> Floats:
-    """What is maximised: rho, and a little of x."""
-    cost = np.append(MOVED * np.sqrt(np.arange(1.0, size)), 1.0)
-    return cost
-
-
 def _by_linear_program(rows: Floats, right: Floats) -> float:
-    """The same of one cell."""
-    # Importing it takes a fifth of a second, and few cells come here.
-    from scipy.optimize import linprog
+    from scipy.optimize import linprog  # Importing it takes a fifth of a second, and few cells come here.
 
     size = rows.shape[1]
     found = linprog(-np.eye(size)[-1], A_ub=rows, b_ub=right, bounds=[(None, None)] * size)

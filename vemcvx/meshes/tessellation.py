@@ -19,6 +19,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.sparse import csr_array
 
 from vemcvx.arrays import Bools, Floats, Ints, brief, plain, read_only
 from vemcvx.errors import MeshError, MeshWarning
@@ -51,13 +52,10 @@ class Mesh(ABC):
     _named: Mapping[str, Ints]
     _box: Box | None
 
-    ARRAYS: ClassVar[tuple[str, ...]]
-    """Names of the arrays that make it."""
-    PARTS: ClassVar[str]
-    """Name of the parts that make its boundary, and of one of them."""
+    ARRAYS: ClassVar[tuple[str, ...]]  # Names of the arrays that make it.
+    PARTS: ClassVar[str]  # Name of the parts that make its boundary, and of one of them.
     A_PART: ClassVar[str]
-    NAMED_BY_PLACE: ClassVar[bool] = False
-    """Whether sides get their names by place where no part of the boundary is named; readers of files do that."""
+    NAMED_BY_PLACE: ClassVar[bool] = False  # whether sides get names by place where nothing is named
 
     @classmethod
     def unchecked(cls, *arrays: Floats | Ints, box: Box | None = None) -> Self:
@@ -289,7 +287,6 @@ class Tessellation(Mesh):
 
     offsets: Ints
     vertices: Ints
-    _box: Box | None
 
     ARRAYS = ("points", "offsets", "vertices")
     PARTS, A_PART = "edges", "an edge"
@@ -382,6 +379,32 @@ class Tessellation(Mesh):
         return 2 * np.arange(len(edges) + 1), edges.ravel()
 
 
+def projected_values(mesh: Tessellation, cells: Ints, points: Floats) -> csr_array:
+    """The matrix (p, n_nodes) from nodal values to those of Pi (see `vem.projection`) at points (p, 2) of cells (p,).
+
+        Pi v(x) = sum_i v_i (w_i + G_i . (x - xbar)),   G_i = (y_{i+1} - y_{i-1}, x_{i-1} - x_{i+1}) / (2 |K|),
+
+    with w_i the weights of the mean over the boundary and xbar = sum_i w_i x_i. Linear functions are reproduced.
+    """
+    shape = (len(cells), mesh.n_nodes)
+    if not len(cells):
+        return csr_array(shape)
+    counts = np.diff(mesh.offsets)[cells]
+    offsets = polygons.offsets_of(counts)
+    nodes = mesh.vertices[polygons.spans(mesh.offsets[cells], counts)]
+    x = mesh.points[nodes] - np.repeat(points, counts, axis=0)
+    after, before = x[polygons.next_corner(offsets)], x[polygons.previous_corner(offsets)]
+    length = np.hypot(*(after - x).T)
+    both = length + length[polygons.previous_corner(offsets)]
+    w = both / np.repeat(np.add.reduceat(both, offsets[:-1]), counts)
+    mean = np.add.reduceat(w[:, None] * x, offsets[:-1], axis=0)
+    chord = after - before
+    doubled = np.add.reduceat(x[:, 0] * chord[:, 1], offsets[:-1])  # the very sum that makes the gradient of x one
+    slope = polygons.right_of(chord) / np.repeat(doubled, counts)[:, None]
+    values = w - np.einsum("ij,ij->i", slope, np.repeat(mean, counts, axis=0))
+    return csr_array((values, nodes, offsets), shape=shape)
+
+
 @dataclass(frozen=True, eq=False, repr=False, init=False)
 class SpaceTessellation(Mesh):
     """Points, faces and polyhedral cells, checked: the data of a :class:`vemcvx.PolyhedralMesh`."""
@@ -391,7 +414,6 @@ class SpaceTessellation(Mesh):
     cell_offsets: Ints
     cell_faces: Ints
     face_cells: Ints
-    _box: Box | None
 
     ARRAYS = ("points", "face_offsets", "face_vertices", "cell_offsets", "cell_faces", "face_cells")
     PARTS, A_PART = "faces", "a face"

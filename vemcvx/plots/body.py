@@ -60,8 +60,7 @@ UNSIGNED = {"shear", "von_mises"}
 FORCES = ("contact", "friction", "none")
 CLOSED, ARROWS = "closed contact bold or hatched", "thick arrows stick"
 NO_GAPS = "gaps given as data are not drawn: open where not bold"
-PAGE_IN_SPACE = 6.4, 4.6
-"""Width and height in inches."""
+PAGE_IN_SPACE = 6.4, 4.6  # Width and height in inches.
 MISSING = "drawing bodies in space needs PyVista, which is not installed: pip install 'vemcvx[view]'"
 
 

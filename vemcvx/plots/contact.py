@@ -31,29 +31,19 @@ if TYPE_CHECKING:
 ALONG = 0.9
 """Cosine between normals above which an edge or face at a contact node belongs to contact: a corner flatter than 25
 degrees passes for straight, which costs half an edge in a picture."""
-FLAT = 1e-9
-"""Lengths, as parts of the largest coordinate, and one less cosines, below which they are rounding."""
+FLAT = 1e-9  # Lengths, as parts of the largest coordinate, and one less cosines, below which they are rounding.
 ARC = "$s$"
 
 
 @dataclass(frozen=True)
 class ContactLine:
-    """Contact nodes of a plane body in the order of a line.
+    """Contact nodes of a plane body in the order of a line."""
 
-    Attributes
-    ----------
-    order : (m,) rows of the contact arrays
-    position : (m,) places on the line
-    limits : (m, 2) the part of the line that each node owns
-    tangents : (m, 2) unit vectors towards larger positions
-    symbol : what the line measures
-    """
-
-    order: Ints
-    position: Floats
-    limits: Floats
-    tangents: Floats
-    symbol: str
+    order: Ints  # (m,) rows of the contact arrays
+    position: Floats  # (m,) places on the line
+    limits: Floats  # (m, 2) the part of the line that each node owns
+    tangents: Floats  # (m, 2) unit vectors towards larger positions
+    symbol: str  # what the line measures
 
     @property
     def label(self) -> str:
@@ -368,22 +358,13 @@ def wear(
 
 @dataclass(frozen=True)
 class FaceLayout:
-    """Contact nodes of a body in space in the plane of the picture.
+    """Contact nodes of a body in space in the plane of the picture."""
 
-    Attributes
-    ----------
-    frame : (2, 3) unit vectors to the right and up
-    labels : what they measure
-    places : (m, 2) of the contact nodes
-    corners : (k, 4, 2) quadrilaterals that make up the face
-    owners : (k,) rows of the contact arrays, of the nodes that own them
-    """
-
-    frame: Floats
-    labels: tuple[str, str]
-    places: Floats
-    corners: Floats
-    owners: Ints
+    frame: Floats  # (2, 3) unit vectors to the right and up
+    labels: tuple[str, str]  # what they measure
+    places: Floats  # (m, 2) of the contact nodes
+    corners: Floats  # (k, 4, 2) quadrilaterals that make up the face
+    owners: Ints  # (k,) rows of the contact arrays, of the nodes that own them
 
     def flat(self, vectors: Floats) -> Floats:
         """Vectors (..., 3) in the picture, (..., 2)."""
@@ -489,8 +470,7 @@ def contact_face(
     row, layout, contact = history.row(step), face_layout(history, "contact_face"), history.contact
     choice(show, "contact_face", "show", ["states", *FIELDS], HistoryError)
     ax = canvas.axes_or_new(ax, 6.0, 5.0)
-    # Numbers of `AREAS`.
-    states = np.where(idle(history)[row], 2, np.where(contact.sticking[row], 0, 1))
+    states = np.where(idle(history)[row], 2, np.where(contact.sticking[row], 0, 1))  # Numbers of `AREAS`.
     if show == "states":
         canvas.draw_polygons(ax, layout.corners, [list(AREAS.values())[state] for state in states[layout.owners]])
         for state, (words, colour) in enumerate(AREAS.items()):

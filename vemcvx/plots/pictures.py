@@ -25,8 +25,7 @@ from vemcvx.plots import contact
 from vemcvx.plots.body import MISSING, deformed_body, deformed_mesh, has_pyvista, size_of_page, stressed_body
 from vemcvx.plots.contact import pressures, rubs, slips, wear
 from vemcvx.plots.style import DISSIPATED, NUMERICAL, STORED, WORK, Units, instant, label, named, unit, value_range
-from vemcvx.results.loop import loop_of
-from vemcvx.results.results import Results
+from vemcvx.results.results import Results, loop_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -374,7 +373,6 @@ def animate(
 
 
 def _frames(history: Results, figure: Figure, **how: Any) -> Iterator[None]:
-    """Draw one stored step after another on the figure."""
     draw = deformed_mesh if _plane(history) else deformed_body
     for step in history.stored:
         figure.clear()

@@ -40,8 +40,7 @@ TENSION, COMPRESSION, SIZE = "Reds", "Blues_r", "viridis"
 SIGNED = ("#C8EEFF", "#52B5F2", "#8F8F94", "#C0392B", "#5A0012")
 """Colour maps: tension red and compression blue, one or both; and of what has no sign. From the largest compression to
 the largest tension it gets darker, so that in grey print, too, no stress looks like its opposite."""
-EARLY_TO_LATE = ("#BDBDBD", "#9FC9E2", "#0072B2", "#3B1C6B")
-"""Curves of ever later instants: ever darker."""
+EARLY_TO_LATE = ("#BDBDBD", "#9FC9E2", "#0072B2", "#3B1C6B")  # Curves of ever later instants: ever darker.
 
 Units = Mapping[str, str]
 Window = tuple[tuple[float, float], tuple[float, float]]

@@ -332,12 +332,9 @@ def _closed(posed: PosedScene, trajectory: Trajectory, u: Floats) -> Bools:
 class ContactSides:
     """The sides of contact in the plane between two of its m nodes, without those at corners."""
 
-    ends: Ints
-    """(k, 2) the nodes, of m"""
-    lengths: Floats
-    """(k,)"""
-    reach: Floats
-    """(k,) h, the length of the side of the finer of the two bodies that each is part of"""
+    ends: Ints  # (k, 2) the nodes, of m
+    lengths: Floats  # (k,)
+    reach: Floats  # (k,) h, the length of the side of the finer of the two bodies that each is part of
 
     @classmethod
     def of(cls, rows: ContactRows, at: Ints, surface: Surface, mesh: PolygonMesh) -> ContactSides:

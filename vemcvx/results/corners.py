@@ -54,32 +54,18 @@ GROWS = "grows without limit as the mesh is refined"
 
 @dataclass(frozen=True, eq=False)
 class Corner:
-    """A point of the boundary at an instant.
-
-    Attributes
-    ----------
-    wedge : what meets there
-    where : in words
-    nodes : those of all bodies there
-    start : the angle of the first ray to the x axis
-    rays : angles from there at which there is contact
-    rubs : whether friction that follows pressure acts there
-    holds : whether friction with a given bound sticks there
-    singular : not along smooth sides
-    jumps : whether displacements that are given jump there
-    shear : the stress that log r multiplies, as A, B, C and D of each sector; None where there is none
-    """
+    """A point of the boundary at an instant, and what meets there."""
 
     wedge: Wedge
-    where: str
-    nodes: tuple[int, ...]
-    start: float
-    rays: Floats
-    rubs: bool
-    holds: bool
-    singular: bool
-    jumps: bool
-    shear: Floats | None
+    where: str  # in words
+    nodes: tuple[int, ...]  # those of all bodies there
+    start: float  # the angle of the first ray to the x axis
+    rays: Floats  # angles from there at which there is contact
+    rubs: bool  # whether friction that follows pressure acts there
+    holds: bool  # whether friction with a given bound sticks there
+    singular: bool  # not along smooth sides
+    jumps: bool  # whether displacements that are given jump there
+    shear: Floats | None  # the stress that log r multiplies, as A, B, C and D of each sector; None where there is none
 
     @property
     def exponent(self) -> float:
@@ -150,8 +136,7 @@ def _sizes(stress: Floats, key: str) -> Floats:
 PRESSURES = "pressure", "pressure_recovered"
 SIGNED = "largest_principal_stress", "smallest_principal_stress", *PRESSURES
 """Keys of extremes that grow, or do not, with the sign of the field."""
-PART = 0.05
-"""A principal stress that is less than this part of the field's largest is none of the field's."""
+PART = 0.05  # A principal stress that is less than this part of the field's largest is none of the field's.
 
 
 @dataclass(frozen=True, eq=False)
@@ -350,8 +335,7 @@ def _materials(rays: Sequence[Floats], moduli: Floats) -> list[Sector]:
     found: list[Sector] = []
     for begin, end in pairwise([*begins.tolist(), moduli.shape[1]]):
         angle, (lame, shear) = float(_turned(rays[begin], rays[end])), moduli[:, begin]
-        # The two sides of a crack are one ray.
-        whole = angle if angle > 1e-6 else 2 * np.pi
+        whole = angle if angle > 1e-6 else 2 * np.pi  # The two sides of a crack are one ray.
         found.append(Sector(whole, float((lame + 3 * shear) / (lame + shear)), float(shear)))
     return found
 

@@ -62,8 +62,7 @@ FORMAT = f"{NAME} 4"
 ARRAYS = {prefix + name: of for prefix, record in RECORDS.items() for name, of in quantities(record).items()}
 PLAIN = "effects", "inactive", "errors", "bound", "bounded_force", "seconds", "growth"
 """What is no array, and goes into JSON as it is."""
-WEIGHTS = "stabilisation.tau"
-"""The array of S_K = tau h_K^(dim - 2) I."""
+WEIGHTS = "stabilisation.tau"  # The array of S_K = tau h_K^(dim - 2) I.
 ARCHIVE, SERIES, SUMMARY = "history.npz", "history.pvd", "summary.json"
 WRITING, COMPLETE = ".vemcvx-writing", "complete"
 STEP = r"step_[0-9]+\.vtu"
@@ -169,8 +168,7 @@ def _mesh(arrays: Arrays, bodies: dict[str, list[str]]) -> AnyMesh:
         return {name.removeprefix(prefix): values for name, values in arrays.items() if name.startswith(prefix)}
 
     named, data = under("boundary."), under("cell_data.")
-    # Every mesh makes this one itself.
-    named.pop("boundary")
+    named.pop("boundary")  # Every mesh makes this one itself.
     solid = "mesh.face_cells" in arrays
     matched = {}
     for name, (one, other) in bodies.items():
@@ -192,10 +190,8 @@ class Origin:
     """The origin of a history: problem, parameters and options."""
 
     problem: str = "unnamed"
-    family: str | None = None
-    """The family of meshes, if it was one, or the mesh file."""
-    n: int | None = None
-    """Cells across the shortest side, as that family was asked for; None of a file."""
+    family: str | None = None  # The family of meshes, if it was one, or the mesh file.
+    n: int | None = None  # Cells across the shortest side, as that family was asked for; None of a file.
 
 
 def _told(path: Path) -> dict[str, Any]:

@@ -20,8 +20,8 @@ from numpy.typing import ArrayLike
 from vemcvx.arrays import Floats, Ints, as_real_array, brief, is_whole, shape_in_words
 from vemcvx.errors import SceneError
 from vemcvx.meshes import AnyMesh, PolygonMesh, PolyhedralMesh
-from vemcvx.meshes.interpolation import projected_values
 from vemcvx.meshes.polygons import cell_of_corner, holding, next_vertex, outlines, overlapping_boxes
+from vemcvx.meshes.tessellation import projected_values
 from vemcvx.results.results import Results
 from vemcvx.vem import Space, solid_places
 from vemcvx.vem.points_in_solids import CLOSE, POINT_ROUNDING
@@ -29,23 +29,13 @@ from vemcvx.vem.points_in_solids import CLOSE, POINT_ROUNDING
 
 @dataclass(frozen=True, eq=False)
 class Location:
-    """The cells and weights of p points.
+    """The cells and weights of p points: point points[i] lies in the closed cell cells[i], i < k."""
 
-    Attributes
-    ----------
-    points, cells : (k,) and (k,) arrays of int
-        Point points[i] lies in the closed cell cells[i]; by point, then by cell.
-    starts, ends : (p,) and (p,) arrays of int
-        The nodes of the side that a point lies on; -1 inside of cells and outside of the mesh.
-    along : (p,) array
-        How much of that side lies before the point, 0 ... 1.
-    """
-
-    points: Ints
+    points: Ints  # (k,) by point, then by cell
     cells: Ints
-    starts: Ints
+    starts: Ints  # (p,) the nodes of the side that a point lies on; -1 inside of cells and outside of the mesh
     ends: Ints
-    along: Floats
+    along: Floats  # (p,) how much of that side lies before the point, 0 ... 1
 
 
 def locate(mesh: PolygonMesh, points: Floats) -> Location:
@@ -80,15 +70,7 @@ def locate(mesh: PolygonMesh, points: Floats) -> Location:
 
 @dataclass(frozen=True, eq=False)
 class Places:
-    """p points of a body.
-
-    Attributes
-    ----------
-    nodes : (p, n_nodes) sparse matrix
-        Values at the points from values at nodes.
-    cells : (p, n_cells) sparse matrix
-        Values at the points from values on cells.
-    """
+    """p points of a body: by which matrices values there come from those at nodes, and on cells."""
 
     nodes: sp.csr_matrix
     cells: sp.csr_matrix
@@ -127,8 +109,7 @@ def _in_plane(mesh: PolygonMesh, x: Floats) -> tuple[sp.csr_matrix, sp.csr_matri
     row, part = np.tile(on, 2), np.concatenate([1.0 - found.along[on], found.along[on]])
     ends = np.concatenate([found.starts[on], found.ends[on]])
     edges = sp.csr_matrix((part, (row, ends)), shape=(len(x), mesh.n_nodes))
-    # Inside, one cell holds the point.
-    inner, first = np.unique(found.points, return_index=True)
+    inner, first = np.unique(found.points, return_index=True)  # Inside, one cell holds the point.
     inside = found.starts[inner] < 0
     inner, cell = inner[inside], found.cells[first[inside]]
     spread = sp.csr_matrix((np.ones(len(inner)), (inner, np.arange(len(inner)))), shape=(len(x), len(inner)))

@@ -46,8 +46,7 @@ class Extreme:
     unbounded: str = ""
 
 
-ON_CONTACT = "friction", "pressure", "pressure_recovered"
-"""Keys of the extremes of forces on nodes of contact."""
+ON_CONTACT = "friction", "pressure", "pressure_recovered"  # Keys of the extremes of forces on nodes of contact.
 SINGULAR = "von_mises", "largest_principal_stress", "smallest_principal_stress", *ON_CONTACT
 """Keys of the extremes that may have no limit."""
 

@@ -101,8 +101,7 @@ def _ends(posed: PosedScene, edges: Ints, of: Ints) -> tuple[Ints, Floats]:
     place = {(a, b): k for k, (a, b) in enumerate(edges.tolist())}
     at = np.array([place[a, b] for a, b in np.unique(of, axis=0).tolist()], dtype=np.int64)
     ends = posed.space.mesh.points[edges[at]]
-    # Data may jump at nodes, or beside them.
-    inside = 1e-4 * (ends[:, 1] - ends[:, 0])
+    inside = 1e-4 * (ends[:, 1] - ends[:, 0])  # Data may jump at nodes, or beside them.
     return at, np.stack([ends[:, 0] + inside, ends[:, 1] - inside], axis=1).reshape(-1, 2)
 
 

@@ -29,8 +29,7 @@ from vemcvx.vem import Space, principal, strains
 
 LARGEST_STRAIN = 0.05
 """Strains, and displacements in parts of the body, up to which squares of strains, .1 % of one, are left out."""
-Found = tuple[float, str]
-"""A strain, or a displacement in parts of the body, and what to say of it."""
+Found = tuple[float, str]  # A strain, or a displacement in parts of the body, and what to say of it.
 
 
 def warning(posed: PosedScene, results: Results) -> str:

@@ -23,8 +23,7 @@ TABLES = "steps", "contact", "probes"
 FILES = {name: f"{name}.csv" for name in TABLES}
 DERIVED = "work_second_order", "certificate", "certificate_floor", "certificate_total", "certified", "certified_total"
 """Scalars of every step that a trajectory computes from its arrays."""
-ERRORS = "dissipated_error", "work_error"
-"""Columns of every step where a history has estimates."""
+ERRORS = "dissipated_error", "work_error"  # Columns of every step where a history has estimates.
 DIMENSIONS = {"S": "step", "N": "instant", "nodes": "node", "cells": "cell", "m": "contact", "dim": "axis"}
 """Names of sizes in datasets; others keep theirs, in the singular, and numbers are "of_2" and so on."""
 
@@ -72,7 +71,6 @@ def _probes(history: Results, points: ArrayLike) -> Columns:
 
 
 def _when(history: Results, count: int) -> Columns:
-    """The columns that say when, for rows of so many places a step."""
     return {"step": np.repeat(history.stored, count), "time": np.repeat(history.times, count)}
 
 

@@ -94,18 +94,11 @@ def joined(state: str, friction: float = 0.0) -> tuple[Floats, Floats]:
 
 @dataclass(frozen=True, eq=False)
 class Wedge:
-    """Bodies that meet at a point.
-
-    Attributes
-    ----------
-    sectors : counter-clockwise
-    joints : one between each two; of a full ring, one more, from the last sector to the first
-    ends : conditions (2, 4) on the first ray and on the last one; None of a ring
-    """
+    """Bodies that meet at a point, counter-clockwise."""
 
     sectors: Sequence[Sector]
-    joints: Sequence[tuple[Floats, Floats]]
-    ends: tuple[Floats, Floats] | None
+    joints: Sequence[tuple[Floats, Floats]]  # one between each two; of a full ring one more, from the last to the first
+    ends: tuple[Floats, Floats] | None  # conditions (2, 4) on the first ray and on the last one; None of a ring
 
     @property
     def angle(self) -> float:
@@ -169,8 +162,7 @@ class Wedge:
         steps = np.array([1e-4, -1e-4])  # far beside the rounding of angles
         matrices: Floats = self.matrix(np.array(1.0 + steps, dtype=np.complex128)).real
         both = np.array([np.linalg.solve(matrix, given) for matrix in matrices])
-        # Terms of odd order cancel.
-        found: Floats = 0.5 * steps @ both
+        found: Floats = 0.5 * steps @ both  # Terms of odd order cancel.
         rotations = np.arange(len(found)) % 4 == 3
         return found if np.abs(found[~rotations]).max() > 1e-6 * np.abs(given).max() else None
 

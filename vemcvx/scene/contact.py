@@ -19,6 +19,7 @@ from vemcvx.scene.contact_table import PARALLEL, ContactRows, merged, summing
 from vemcvx.scene.supports import Moving, Supports, along, freedom, normal_is_free, normal_rows, on_free
 from vemcvx.vem import tangents_of
 
+
 # The norm terms of friction, over all nodal values, and what a System knows of them.
 #
 # A friction effect brings one row a node and distinct normal; rows of one node with one normal are one term, whose
@@ -26,33 +27,21 @@ from vemcvx.vem import tangents_of
 # a term of its own. Over u the matrix of the terms is B^ (orthonormal tangents); over the free unknowns it is B = B^
 # P. Terms that no free unknown moves come last. They are kept where supports drag their nodes along the contact, which
 # dissipates, or where contact presses on them, which is reported; all others are dropped.
-
-
 @dataclass(frozen=True, kw_only=True)
 class Terms(ContactRows):
     """The norm terms of a posed scene, over all nodal values; `normals` are what their tangents are across."""
 
-    rows: sp.csr_matrix
-    """(m * (dim - 1), n_u) B^, the products with `tangents`"""
-    tangents: Floats
-    """(m, dim - 1, dim) orthonormal, but for friction by direction and along given ones: `Friction.read`"""
-    directed: Bools
-    """(m,) which are along directions that their friction gives"""
-    elliptic: Bools
-    """(m,) which are of friction by direction"""
+    rows: sp.csr_matrix  # (m * (dim - 1), n_u) B^, the products with `tangents`
+    tangents: Floats  # (m, dim - 1, dim) orthonormal, but for those that `Friction.read` gives
+    directed: Bools  # (m,) which are along directions that their friction gives
+    elliptic: Bools  # (m,) which are of friction by direction
     frictions: Sequence[Friction]
-    gather: sp.csr_matrix
-    """(m, rows) which rows of all frictions, one after the other, add up to a term"""
-    sign: Floats
-    """(rows,) 1 where the tangent of a row is that of its term, else -1"""
-    acting: int = 0
-    """how many of the m, the first, some free unknown moves"""
-    dragged: Bools | None = None
-    """(m,) which of them supports move along the boundary, in some direction at least"""
-    ground: Callable[[float], Floats] | None = None
-    """t -> (m * (dim - 1),), how far the ground has moved along the tangents since the first instant; None if still"""
-    reported: Callable[[float], Floats] | None = None
-    """t -> (m, dim), that motion as a vector"""
+    gather: sp.csr_matrix  # (m, rows) which rows of all frictions, one after the other, add up to a term
+    sign: Floats  # (rows,) 1 where the tangent of a row is that of its term, else -1
+    acting: int = 0  # how many of the m, the first, some free unknown moves
+    dragged: Bools | None = None  # (m,) which of them supports move along the boundary, in some direction at least
+    ground: Callable[[float], Floats] | None = None  # t -> (m * (dim - 1),) its way along tangents since times[0]
+    reported: Callable[[float], Floats] | None = None  # t -> (m, dim), that motion as a vector
 
     def weights(self, t: float) -> Floats:
         """Weights (m,) at the instant `t`: those of their rows added up, without what follows the answer."""
@@ -278,9 +267,6 @@ def warn_of_free_normals(frictions: Sequence[Friction], supports: Supports, stop
             )
 
 
-# One-sided contact: its limits, over all nodal values and for a System, and the surface that pressure is read off.
-
-
 @dataclass(frozen=True, kw_only=True)
 class Surface(ContactRows):
     """The nodes of contact that are not held otherwise, ordered; at a corner, all rows are of both sides.
@@ -288,8 +274,7 @@ class Surface(ContactRows):
     Normals are means by length there, and lengths are sums. Contact presses on partners the other way.
     """
 
-    normal_reaction: sp.csr_matrix
-    """(m, n_u) g: with R the forces that supports and bilateral contact exert on nodes, contact presses with -g . R"""
+    normal_reaction: sp.csr_matrix  # (m, n_u) g: contact presses with -g . R, R the forces of supports and contact
 
 
 def contact_surface(
@@ -320,21 +305,15 @@ def contact_surface(
 #
 # Rigid obstacles that meet at a node with one normal are one limit, at the smallest of their gaps, which acts on all
 # their edges; compliant obstacles each act with a force of their own.
-
-
 @dataclass(frozen=True, kw_only=True)
 class Obstacles(ContactRows):
     """The limits of a posed scene."""
 
-    rows: sp.csr_matrix
-    """(r, n_u) D^, unit normals"""
+    rows: sp.csr_matrix  # (r, n_u) D^, unit normals
     compliance: Floats
-    gap: Callable[[float], Floats]
-    """t -> (r,)"""
-    subjects: tuple[str, ...] = ()
-    """whose they are, in words"""
-    prescribed: Obstacles | None = None
-    """the obstacles whose gaps supports alone decide: they are no limits of the program, but are checked"""
+    gap: Callable[[float], Floats]  # t -> (r,)
+    subjects: tuple[str, ...] = ()  # whose they are, in words
+    prescribed: Obstacles | None = None  # those whose gaps supports alone decide: no limits, but checked
 
 
 def gathered(obstacles: Sequence[Obstacle], table: ContactRows, supports: Supports) -> Obstacles:

@@ -25,8 +25,7 @@ from vemcvx.effects import ContactSurface, Friction, Obstacle, Support
 Acting = Friction | Obstacle | ContactSurface
 Part = TypeVar("Part", Friction, Obstacle, ContactSurface)
 
-PARALLEL = 1e-9
-"""Rounding of unit directions that are one."""
+PARALLEL = 1e-9  # Rounding of unit directions that are one.
 STRAIGHT = 1e-2
 """Directions of several conditions that differ by less are one: no mesh is meant to resolve corners of half a degree,
 and straight sides with points of four digits have such."""
@@ -77,16 +76,11 @@ class ContactRows:
     surface that is reported are rows of it that were joined, where they are one, and picked, where something can move.
     """
 
-    nodes: Ints
-    """(m,) the nodes on which rows act; on their partners they act the other way"""
-    partners: Ints
-    """(m,) nodes of other bodies; -1 where a row reads its node alone"""
-    normals: Floats
-    """(m, dim) outward unit normals"""
-    ends: sp.csr_matrix
-    """(m, e) the half lengths of the ends of edges that each row owns"""
-    names: Ints
-    """(e, 2) of each end its node, and the other node of its edge; -1 for all that a part without `ends` has there"""
+    nodes: Ints  # (m,) the nodes on which rows act; on their partners they act the other way
+    partners: Ints  # (m,) nodes of other bodies; -1 where a row reads its node alone
+    normals: Floats  # (m, dim) outward unit normals
+    ends: sp.csr_matrix  # (m, e) the half lengths of the ends of edges that each row owns
+    names: Ints  # (e, 2) of each end its node, and the other node of its edge; -1 for all of a part without `ends`
 
     @classmethod
     def of(cls, parts: Sequence[Acting], dim: int) -> ContactRows:
@@ -162,11 +156,7 @@ class ContactRows:
 
 
 def merged(
-    pairs: tuple[Ints, Ints],
-    normals: Floats,
-    signed: bool = False,
-    kinds: Ints | None = None,
-    within: float = PARALLEL,
+    pairs: tuple[Ints, Ints], normals: Floats, signed: bool = False, kinds: Ints | None = None, within: float = PARALLEL
 ) -> tuple[Ints, Ints]:
     """Rows of one pair, kind and normal (up to sign) are one term: its first row, and the term of every row."""
     place = distinct_pairs(*pairs)[1]

@@ -43,8 +43,6 @@ from vemcvx.scene.scene import InitialStresses, Scene, active_parts, compose, in
 from vemcvx.scene.supports import Supports, by_precedence, on_free, resolve
 from vemcvx.vem import Space, Stabilisation, energy_rows, rigid_modes
 
-# What drives a posed scene, over its free unknowns: the load, and the motion of its supports.
-
 
 def load_of(
     loads: tuple[Load | InitialStresses, ...], A: sp.csr_matrix, supports: Supports
@@ -127,30 +125,21 @@ class PosedScene:
 
     scene: Scene
     space: Space
-    system: System
-    """K, load, norm terms and limits over the free unknowns, in consistent units"""
+    system: System  # K, load, norm terms and limits over the free unknowns, in consistent units
     supports: Supports
-    A: sp.csr_matrix
-    """(n_u, n_u) stiffness over all nodal values"""
+    A: sp.csr_matrix  # (n_u, n_u) stiffness over all nodal values
     loads: tuple[Load | InitialStresses, ...]
     terms: Terms
     obstacles: Obstacles
-    surface: Surface
-    """contact nodes not held otherwise"""
+    surface: Surface  # contact nodes not held otherwise
     material: Material
-    prestress: InitialStresses | None = None
-    """stresses at zero strain, also among the loads; None if there are none"""
-    springs: sp.csr_matrix | None = None
-    """stiffness of springs to the ground, also in A; None if there are none"""
-    inactive: tuple[str, ...] = ()
-    """sentences: effects that do nothing in this scene, and so were left out"""
-    curves: tuple[str, ...] = ()
-    """what has conditions on normals along curves, whose corners finer meshes keep"""
+    prestress: InitialStresses | None = None  # stresses at zero strain, also among the loads; None if there are none
+    springs: sp.csr_matrix | None = None  # stiffness of springs to the ground, also in A; None if there are none
+    inactive: tuple[str, ...] = ()  # sentences: effects that do nothing in this scene, and so were left out
+    curves: tuple[str, ...] = ()  # what has conditions on normals along curves, whose corners finer meshes keep
 
-    viscosity: sp.csr_matrix | None = None
-    """(n_u, n_u) matrix of the form of rates over all nodal values; None if there is none"""
-    laws: tuple[Contribution, ...] = ()
-    """what materials contribute, but for their stiffness"""
+    viscosity: sp.csr_matrix | None = None  # (n_u, n_u) of the form of rates over all nodal values
+    laws: tuple[Contribution, ...] = ()  # what materials contribute, but for their stiffness
 
     @property
     def energy_rows(self) -> Callable[[], sp.csr_matrix] | None:
@@ -183,22 +172,8 @@ def unwarned() -> Iterator[None]:
 def pose_scene(scene: Scene, mesh: AnyMesh, times: Sequence[float] = ()) -> PosedScene:
     """Assemble a scene on a mesh; effects that are zero at all of `times` are left out.
 
-    Parameters
-    ----------
-    scene : Scene
-    mesh : PolygonMesh or PolyhedralMesh
-    times : sequence of float, optional
-        Instants at which data are looked at, whether they are zero.
-
-    Returns
-    -------
-    PosedScene
-        Its `system` is what `vemcvx.march` takes.
-
-    Raises
-    ------
-    SceneError
-        The scene names what the mesh lacks, or leaves the body free to float.
+    The `system` of what is returned is what `vemcvx.march` takes. SceneError where the scene names what the mesh lacks,
+    or leaves the body free to float.
     """
     scene.require_material()
     space = Space(mesh)
@@ -242,8 +217,7 @@ class _Forms:
     """Matrices (n_u, n_u) of bilinear forms over all nodal values."""
 
     stiffness: sp.csr_matrix
-    springs: sp.csr_matrix | None
-    """of these the stiffness that is no material's"""
+    springs: sp.csr_matrix | None  # of these the stiffness that is no material's
     viscosity: sp.csr_matrix | None
 
 
@@ -284,8 +258,7 @@ class _Contact:
     surface: Surface
     terms: Terms
     obstacles: Obstacles
-    press: sp.csr_matrix | None
-    """(rows of frictions, r) which limits press on rows whose weights follow them; None if no weight has a law"""
+    press: sp.csr_matrix | None  # (rows of frictions, r) which limits press on rows whose weights have a law
 
 
 def _contact(
@@ -340,8 +313,7 @@ def _restrict(A: sp.csr_matrix, supports: Supports) -> sp.csr_matrix:
         read_only(K.data)  # so that a System need not copy it
         return K
     K = supports.P.T @ A @ supports.P
-    # The triple product rounds (i, j) and (j, i) differently.
-    return sp.csr_matrix(0.5 * (K + K.T))
+    return sp.csr_matrix(0.5 * (K + K.T))  # The triple product rounds (i, j) and (j, i) differently.
 
 
 def _principal(A: sp.csr_matrix, free: Ints) -> sp.csr_matrix:

@@ -19,11 +19,7 @@ from vemcvx.program.kernel import Kernel
 from vemcvx.scene.supports import Supports
 from vemcvx.vem import Space, rigid_modes, split_motion
 
-# Motions without strain in words: of the body, of a part of it, or of a body that has a name.
-
-
-SMALL = 1e-3
-"""Bodies that move by less than this part of the largest motion are not mentioned."""
+SMALL = 1e-3  # Bodies that move by less than this part of the largest motion are not mentioned.
 
 
 def body_names(mesh: AnyMesh, piece: Ints, node: Ints) -> list[str | None]:
@@ -41,10 +37,8 @@ class Part:
     """A part of what is in a scene: pieces that supports, contact or springs join, and how it is called."""
 
     which: str
-    bodies: tuple[str | None, ...]
-    """the names of its pieces"""
-    hinges: list[int]
-    """nodes at which pieces are joined"""
+    bodies: tuple[str | None, ...]  #: the names of its pieces
+    hinges: list[int]  #: nodes at which pieces are joined
 
     def moved(self, mode: Floats) -> dict[str, Floats] | None:
         """The motions of bodies by their names; None if one has no name."""

@@ -20,6 +20,7 @@ from vemcvx.scene.contact_table import STRAIGHT, pairs_of
 from vemcvx.scene.supports import along
 from vemcvx.vem import MirrorPlanes, Space, Stabilisation, VertexWeights
 
+
 # The body put together from its materials: every cell has exactly one.
 #
 # Stresses that need no strain are known only here, where the effects that cause them meet the materials that bear
@@ -29,8 +30,6 @@ from vemcvx.vem import MirrorPlanes, Space, Stabilisation, VertexWeights
 #
 # with b what a material says that a blocked unit eigenstrain costs. sigma_0 acts as the load
 # -sum_K |K| sigma_0 : eps(Pi v).
-
-
 def compose(materials: Sequence[Material], mesh: AnyMesh) -> Material:
     """One material for the whole body; SceneError if cells have none or several, or the planes are mixed."""
     if len(materials) == 1 and materials[0].cells is None:
@@ -84,8 +83,7 @@ class InitialStresses:
     material: Material
     eigenstrains: tuple[Eigenstrain, ...]
     stresses: tuple[InitialStress, ...]
-    matrix: sp.csr_matrix
-    """(n_u, components n_cells) virtual work of stresses constant on cells"""
+    matrix: sp.csr_matrix  # (n_u, components n_cells) virtual work of stresses constant on cells
 
     def stress(self, t: float) -> Floats:
         """sigma_0 (n_cells, components) at the instant `t`."""
@@ -130,8 +128,6 @@ def initial_stresses(parts: Sequence[Contribution], material: Material, space: S
 # by displacements of zero. The effects of contact are asked once more when it is known what supports hold, so that
 # nodes there get the normals that they have in the whole body. With those of their last facets, nodes at the ends of
 # a quarter of a press fit had a friction of .30 of the pressure, whatever the mesh width; the whole ring has none.
-
-
 def contributions(effects: Iterable[Effect], space: Space) -> list[tuple[Effect, Contribution]]:
     """The effects, each with what it contributes."""
     parts = [(effect, effect.contribute(space)) for effect in effects]
@@ -225,6 +221,9 @@ def _without_inactive(effect: Effect, part: Contribution, times: Sequence[float]
         said.extend(f"{data[i].subject}: its {what} is zero at all instants" for i in np.flatnonzero(zero))
         return tuple(data[i] for i in np.flatnonzero(~np.array(zero, dtype=bool)))
 
+    def faded(datum: Any) -> Any:
+        return replace(datum, value=fading(datum.value, times))
+
     matrices = () if part.material is not None else ("stiffness", "viscosity")
     weak = [name for name in matrices if (A := getattr(part, name)) is not None and not A.data.any()]
     none: dict[str, Any] = dict.fromkeys(weak)
@@ -233,14 +232,10 @@ def _without_inactive(effect: Effect, part: Contribution, times: Sequence[float]
         part,
         **none,
         loads=tuple(replace(x, times=tuple(times)) for x in alive(part.loads, lambda load: load.vector, "force")),
-        supports=tuple(x if x.value is None else replace(x, value=fading(x.value, times)) for x in part.supports),
+        supports=tuple(x if x.value is None else faded(x) for x in part.supports),
         frictions=tuple(_grounded(f, times, said) for f in alive(part.frictions, _bound, "bound")),
-        eigenstrains=tuple(
-            replace(x, value=fading(x.value, times)) for x in alive(part.eigenstrains, lambda x: x.value, "strain")
-        ),
-        initial_stresses=tuple(
-            replace(x, value=fading(x.value, times)) for x in alive(part.initial_stresses, lambda x: x.value, "stress")
-        ),
+        eigenstrains=tuple(map(faded, alive(part.eigenstrains, lambda x: x.value, "strain"))),
+        initial_stresses=tuple(map(faded, alive(part.initial_stresses, lambda x: x.value, "stress"))),
     )
 
 
@@ -289,11 +284,8 @@ def _zero(value: Callable[[float], Floats | Bools], times: Sequence[float]) -> b
         return False  # The step that needs the datum says what is wrong with it.
 
 
-# A scene: what is to be simulated, free of any mesh.
-
-
 class Scene:
-    """A set of effects: materials, and whatever supports, loads, contact and friction it calls for.
+    """A set of effects, free of any mesh: materials, and whatever supports, loads, contact and friction it calls for.
 
     The order of the effects changes nothing; a scene runs on every mesh that has the boundaries it names.
 
@@ -412,8 +404,7 @@ def _rank(effect: Effect) -> tuple[str, list[bytes], list[int]]:
 
 def _content(setting: object) -> bytes:
     if isinstance(setting, np.ndarray):
-        # Printed, arrays are cut short and rounded to eight digits.
-        return setting.tobytes()
+        return setting.tobytes()  # Printed, arrays are cut short and rounded to eight digits.
     if isinstance(setting, (tuple, list)) and any(map(callable, setting)):
         return b", ".join(map(_content, setting))
     if callable(setting):

@@ -38,25 +38,16 @@ Forces = TypeVar("Forces", Floats, sp.csr_matrix)
 class Supports:
     """The free unknowns of a body, and the motion of the held ones."""
 
-    P: sp.csr_matrix
-    """(n_u, n) orthonormal columns, one a free unknown, ordered by site"""
-    columns: Ints | None
-    """(n,) positions in u where P merely selects (all frames are along the axes), else None"""
-    owner: Ints
-    """(n,) the site of each free unknown"""
-    sites: Ints
-    """(n_nodes,) the site of every node, numbered by their first nodes"""
+    P: sp.csr_matrix  # (n_u, n) orthonormal columns, one a free unknown, ordered by site
+    columns: Ints | None  # (n,) positions in u where P merely selects (all frames are along the axes), else None
+    owner: Ints  # (n,) the site of each free unknown
+    sites: Ints  # (n_nodes,) the site of every node, numbered by their first nodes
     points: Floats
-    given: Sequence[Support]
-    """those that make the rows of A, one after the other"""
-    A: sp.csr_matrix
-    """(s, n_u) what is prescribed"""
-    H: sp.csr_matrix
-    """(n_u, s) the displacements that hold one row at 1 and all others at 0; zero for rows that depend on others"""
-    depends: Bools
-    """(s,) which rows depend on earlier ones"""
-    reach: Floats
-    """(s,) the length of a row's part across earlier ones"""
+    given: Sequence[Support]  # those that make the rows of A, one after the other
+    A: sp.csr_matrix  # (s, n_u) what is prescribed
+    H: sp.csr_matrix  # (n_u, s) displacements that hold one row at 1, others at 0; zero for rows that depend on others
+    depends: Bools  # (s,) which rows depend on earlier ones
+    reach: Floats  # (s,) the length of a row's part across earlier ones
     _last: dict[float, Floats] = field(default_factory=dict, compare=False, repr=False)
     """the motion at the instant that was last asked for: in a step it is asked for half a dozen times"""
 
@@ -243,8 +234,7 @@ def _free_axes(frames: _Frames, held: Ints, members: Ints, site: Ints, points: F
     order, column = np.argsort(owner, kind="stable"), np.empty(len(owner), dtype=np.int64)
     column[order] = np.arange(len(order))
     entries = frames.axes[place, axis]
-    # Entries of unit vectors below EPS are rounding.
-    row, k = np.nonzero(np.abs(entries) > EPS)
+    row, k = np.nonzero(np.abs(entries) > EPS)  # Entries of unit vectors below EPS are rounding.
     data = np.append(entries[row, k], np.ones(len(others)))
     where = np.append(members[place[row], k], others), np.append(column[row], column[len(place) :])
     return sp.csr_matrix((data, where), shape=(points.size, len(owner))), owner[order]
@@ -281,16 +271,11 @@ Moving = Callable[[float], Floats]
 class Freedom:
     """The freedom that supports leave to rows of contact, as arrays (k,)."""
 
-    slides: Bools
-    """True if some free unknown moves the node along the boundary"""
-    opens: Bools
-    """True if some free unknown moves it along the normal"""
-    dragged: Bools
-    """True if it does not slide, in some direction, and supports move it along the boundary, or the ground under it"""
-    held_by_contact: Bools
-    """True if contact, and no support, holds the normal; where the node does not slide, supports hold the tangent"""
-    normal_reaction: sp.csr_matrix
-    """(k, n_u) g, the force with which contact holds the normal being -g . R; zero where it does not hold it"""
+    slides: Bools  # True if some free unknown moves the node along the boundary
+    opens: Bools  # True if some free unknown moves it along the normal
+    dragged: Bools  # if it does not slide, in some direction, and supports or the ground move along the boundary
+    held_by_contact: Bools  # if contact alone holds the normal; where a node does not slide, supports hold the tangent
+    normal_reaction: sp.csr_matrix  # (k, n_u) g: contact holds the normal with the force -g . R; else zero
 
     @property
     def normal_only(self) -> Bools:

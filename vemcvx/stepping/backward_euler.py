@@ -7,7 +7,7 @@ A step has four acts:
               :mod:`.fixed_point`   where weights follow pressures (Coulomb), a fixed point of such programs
     certify   :mod:`.posed_step`    on the retained unknowns
                                     and on all, refined against K itself, where the factors are too coarse
-record    :mod:`.trajectory`    steps that are kept, certified on all unknowns: rows of a trajectory
+    record    :mod:`.trajectory`    steps that are kept, certified on all unknowns: rows of a trajectory
 
 It begins from a state that obeys (2.1): :mod:`.beginning`. Why not by the midpoint rule, which is a convex program a
 step, too, says problems/midpoint_rule.py: its states at the instants violate (2.1), and where slips begin inside of
@@ -62,13 +62,7 @@ from vemcvx.solvers import Solver, Solves, as_solver
 from vemcvx.stepping.beginning import Beginning, initial_state
 from vemcvx.stepping.fixed_point import refined_step, solved
 from vemcvx.stepping.ledger import Ledger, Rubbed, StepData, energy_in_full, in_range
-from vemcvx.stepping.posed_step import (
-    PosedStep,
-    certified_in_full,
-    data_norms,
-    pose_step,
-    require_certified,
-)
+from vemcvx.stepping.posed_step import PosedStep, certified_in_full, data_norms, pose_step, require_certified
 from vemcvx.stepping.state import Dragged, PreparedRun, State, prepare
 from vemcvx.stepping.trajectory import Memory, Recorder, Storage, Trajectory, stored_steps
 
@@ -88,10 +82,7 @@ class QuasistaticSteps:
     def step(self, before: State, n: int, t: float) -> State:
         """The state at `t`, one step after `before`.
 
-        Raises
-        ------
-        NotCertified
-            The step misses the solver's accuracy, and the run is to be checked.
+        NotCertified where the step misses the solver's accuracy, and the run is to be checked.
         """
         run, attempt = self.run, self.posed(before, n, t)
         same = attempt.data.still_as(before.data) and np.array_equal(attempt.program.w, before.weights)
@@ -110,15 +101,7 @@ class QuasistaticSteps:
 
 
 class ViscousSteps:
-    """Steps of a system with damping.
-
-    Parameters
-    ----------
-    run : PreparedRun
-        Of the system without its damping.
-    damping : Damping
-    instants : (N + 1,) array
-    """
+    """Steps of a system with damping; the run is of the system without it."""
 
     def __init__(self, run: PreparedRun, damping: Damping, instants: Floats):
         self._run, self._damping = run, damping

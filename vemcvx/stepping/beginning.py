@@ -41,8 +41,7 @@ class Balanced:
 Beginning = ArrayLike | str | Balanced | None
 """None (zero), unknowns (n,), "equilibrium", "settled", or forces to settle from."""
 
-JUMP = 1e-6
-"""Initial states whose first step jumps by more, relative to the energy norm, violate (2.1)."""
+JUMP = 1e-6  # Initial states whose first step jumps by more, relative to the energy norm, violate (2.1).
 ROUNDED_LOAD = 1e-12
 """Part of the largest load of a run that an initial state may be out of balance by: sin(2 pi) is rounding, not load."""
 
@@ -52,10 +51,7 @@ def initial_state(run: PreparedRun, instants: Floats, initial: Beginning) -> Sta
 
     Where what acts there is rounding beside the loads of later instants, that is the state that it settles in.
 
-    Raises
-    ------
-    SceneError
-        `initial` is not understood, or the state violates (2.1).
+    SceneError where `initial` is not understood, or the state violates (2.1).
     """
     t = float(instants[0])
     now = run.driven(t)

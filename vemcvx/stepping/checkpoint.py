@@ -25,8 +25,7 @@ from vemcvx.program.system import System
 from vemcvx.stepping.state import PreparedRun, State
 from vemcvx.version import __version__
 
-DRIVE = "data"
-"""The one field of a state that is not kept."""
+DRIVE = "data"  # The one field of a state that is not kept.
 SEAL = "seal"
 
 
@@ -142,7 +141,6 @@ def to_arrays(n: int, state: State, marks: Arrays, sums: dict[str, int]) -> Arra
 
 
 def _seal(arrays: Arrays) -> Ints:
-    """A mark of all arrays of a checkpoint."""
     return _mark([part for name in sorted(arrays) if name != SEAL for part in (name, arrays[name])])
 
 

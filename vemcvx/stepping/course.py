@@ -24,29 +24,23 @@ from vemcvx.arrays import Floats
 from vemcvx.program.system import System
 
 SUMS = 3
-BENT = 1e-6
-"""Part of a datum's size: lines on two sides of an interval that miss each other by less are one."""
+BENT = 1e-6  # Part of a datum's size: lines on two sides of an interval that miss each other by less are one.
 MISSED = 0.05
 """Part of a datum's size by which lines between the instants of a run miss it where that is worth a word. In 64 steps
 the problems that come with the package miss their turns by less, in eight by more."""
 TURNING = 0.25
 """Part of all that curves: of a wave along twelve nodes an eighth turns at once, of loads on two sides a half."""
-ACROSS = 1e-9
-"""Steps of no more than this part of the run are those across a jump."""
+ACROSS = 1e-9  # Steps of no more than this part of the run are those across a jump.
 
 
 @dataclass(frozen=True)
 class Course:
     """The data in time: samples, bends, turns and jumps."""
 
-    times: Floats
-    """(q,) instants at which data were sampled"""
-    values: Floats
-    """(q, k) weighted sums there, in parts of their largest size"""
-    bends: Floats
-    """(b,) instants where they bend, turn or jump; those of a jump are two, ACROSS apart at most"""
-    jumps: tuple[str, ...]
-    """sentences"""
+    times: Floats  # (q,) instants at which data were sampled
+    values: Floats  # (q, k) weighted sums there, in parts of their largest size
+    bends: Floats  # (b,) instants where they bend, turn or jump; those of a jump are two, ACROSS apart at most
+    jumps: tuple[str, ...]  # sentences
 
     def missed(self, times: Floats) -> Floats:
         """Bends inside the steps of a run in which straight lines between its instants miss the data by MISSED."""
@@ -179,8 +173,7 @@ def _turned(times: Floats, before: Floats, at: Floats, after: Floats) -> tuple[f
     amount = float(turning.sum())
     if amount <= TURNING * curved.sum():
         return 0.0, float(times[1])
-    # The vertex of the parabola of the entry that turns most.
-    k = int(np.argmax(turning))
+    k = int(np.argmax(turning))  # The vertex of the parabola of the entry that turns most.
     return amount, float(0.5 * (times[0] + times[1]) + half * left[k] / (left[k] - right[k]))
 
 

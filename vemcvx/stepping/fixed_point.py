@@ -83,11 +83,9 @@ def mixed(tried: list[tuple[Floats, Floats]]) -> Floats:
 class DependentStep:
     """A step whose weights depend on its answer: on the forces of its limits, or on its slip."""
 
-    attempt: PosedStep
-    """the step with weights that follow the forces of the step before, and its slips"""
+    attempt: PosedStep  # the step with weights that follow the forces of the step before, and its slips
     norms: Norms
-    n: int
-    """the step, for messages"""
+    n: int  # the step, for messages
 
     @property
     def run(self) -> PreparedRun:
@@ -284,10 +282,7 @@ class DependentStep:
 def resolved(step: DependentStep) -> State:
     """The state whose weights are those that its own pressures and slip call for.
 
-    Raises
-    ------
-    NotContracting
-        Sets do not settle, and successive iterates do not come closer, or too slowly.
+    NotContracting where sets do not settle, and successive iterates do not come closer, or too slowly.
     """
     n, accuracy = step.n, step.run.accuracy
     found, iterations = step.from_before()
@@ -374,9 +369,6 @@ def _estimated(own: Certificate, increments: list[float], quiet: float) -> Certi
     if len(last) > WINDOW and max(last) <= quiet:
         error = min(error, max(last) / (1.0 - SLOWEST) + CAUTION * own.error)
     return own.away(error, estimate=True)
-
-
-# Steps of either kind.
 
 
 def refined_step(attempt: PosedStep, state: State, n: int) -> State:

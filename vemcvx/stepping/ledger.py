@@ -54,10 +54,8 @@ class Carried:
     """The terms that moving supports contribute at an instant."""
 
     dirichlet_force: Reduced
-    field: Floats
-    """(n_u,) u_m, the displacement under these terms alone, less a rigid motion"""
-    pair: Callable[[Floats, Floats], float]
-    """a of two such fields"""
+    field: Floats  # (n_u,) u_m, the displacement under these terms alone, less a rigid motion
+    pair: Callable[[Floats, Floats], float]  # a of two such fields
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,17 +63,12 @@ class StepData:
     """The data of the system at an instant: its force, and the motion of its supports."""
 
     t: float
-    force: Reduced
-    """load minus Dirichlet force"""
+    force: Reduced  # load minus Dirichlet force
     prescribed_slip: Floats
-    remaining_gap: Floats
-    """(r,) gaps of the limits at y = 0"""
-    bias: Floats
-    """(m * block,) c of one-way friction"""
-    ground: Floats | None = None
-    """(m * block,) the motion of the ground, subtracted in `prescribed_slip`; None if it stands still"""
-    carried: Carried | None = None
-    """None if no supports move"""
+    remaining_gap: Floats  # (r,) gaps of the limits at y = 0
+    bias: Floats  # (m * block,) c of one-way friction
+    ground: Floats | None = None  # (m * block,) the motion of the ground, subtracted in `prescribed_slip`
+    carried: Carried | None = None  # None if no supports move
 
     def still_as(self, other: StepData) -> bool:
         """Return True if nothing differs between the two instants."""
@@ -96,13 +89,10 @@ class Ledger:
     energy: float
     dissipated: float
     work: float
-    worn: Floats
-    """(m,) cumulative lam_i . s_i of every norm term; they sum to `dissipated`, where nothing else dissipates"""
-    slipped: Floats
-    """(m,) cumulative |s_i|, which laws of friction may see"""
+    worn: Floats  # (m,) cumulative lam_i . s_i of every term; they sum to `dissipated`, but for what damping loses
+    slipped: Floats  # (m,) cumulative |s_i|, which laws of friction may see
     dissipated_second_order: float
-    worn_second_order: Floats
-    """(m,) of `worn`, likewise"""
+    worn_second_order: Floats  # (m,) of `worn`, likewise
 
     @classmethod
     def opening(cls, energy: float, count: int) -> Ledger:
@@ -120,11 +110,9 @@ class Ledger:
 class Rubbed:
     """Friction in a step: multipliers and slips (m, block), weights (m,) and biases (m, block) at both its ends."""
 
-    lam: Floats
-    """c + lam of the program, at the end of the step"""
+    lam: Floats  # c + lam of the program, at the end of the step
     slip: Floats
-    weights: tuple[Floats, Floats]
-    """before and after the step"""
+    weights: tuple[Floats, Floats]  # before and after the step
     biases: tuple[Floats, Floats]
 
     @cached_property

@@ -131,8 +131,7 @@ def refuse_unbalanced(program: StepProgram, condensation: Condensation, n: int, 
     # Unknowns of a joint that read a jump move by less than the bodies themselves.
     field /= np.abs(kernel.modes @ parts).max()
     slip = operators.rows.read(field)
-    # The bias of one-way friction is part of g; of the load it is none.
-    bias = float(now.bias @ slip)
+    bias = float(now.bias @ slip)  # The bias of one-way friction is part of g; of the load it is none.
     push = float(field @ program.g) + bias
     holds = float(program.w @ np.linalg.norm(operators.blocks(slip), axis=1)) + bias
     holds = holds if holds > 1e-12 * push else 0.0  # Less is rounding: no slip, or a bound that is zero one way.
@@ -222,10 +221,7 @@ class PosedStep:
         Where nothing balances the load on K's kernel there is none: solvers that are given the kernel are not asked
         then, and of proximal points the certificate is infinite.
 
-        Raises
-        ------
-        SceneError
-            Nothing balances the load.
+        SceneError where nothing balances the load.
         """
         refuse = partial(refuse_unbalanced, self.program, self.run.condensation, n, self.data)
         if self.run.solver.semidefinite:
@@ -239,13 +235,8 @@ class PosedStep:
         """Ask, certify, and ask more sharply where the size of u_n shows that too little was asked.
 
         Errors are relative to |u_n|, which the first answer tells: a solver is asked three times, as long as gaps fall.
-
-        Parameters
-        ----------
-        share : float
-            Of the solver's accuracy: less is asked where the answer is but a part of something.
-        near : State, optional
-            Whose multipliers to begin with; by default those that the steps before let expect.
+        A `share` of its accuracy is asked where the answer is but a part of something. It begins with the multipliers
+        of the state `near`, by default with those that the steps before let expect.
         """
         scales = self.run.scaling
         alpha = scales.size(self.program)

@@ -59,10 +59,7 @@ def programs_of_trajectory(
 ) -> Iterator[SolvedProgram]:
     """The programs of the steps of these numbers, posed again from the states before and after them.
 
-    Raises
-    ------
-    HistoryError
-        There is no such step, or these states are not stored.
+    HistoryError where there is no such step, or these states are not stored.
     """
     for n in numbers:
         _check_stored(trajectory, n)

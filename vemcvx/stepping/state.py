@@ -52,8 +52,7 @@ from vemcvx.solvers.sets_system import Response
 from vemcvx.solvers.solver import named_failures
 from vemcvx.stepping.ledger import Ledger, StepData, step_data
 
-STABLE = 0.999
-"""rho beyond which the rounding of answers counts for more than a thousand times itself."""
+STABLE = 0.999  # rho beyond which the rounding of answers counts for more than a thousand times itself.
 
 
 @dataclass(frozen=True)
@@ -116,14 +115,11 @@ class PreparedRun:
     solver: Solver
     prepared: Prepared
     check: bool
-    refines: bool
-    """True if the factors are too coarse for the accuracy, so that every step is refined"""
+    refines: bool  # True if the factors are too coarse for the accuracy, so that every step is refined
 
-    default: bool = False
-    """True if nobody asked for the solver's accuracy: at the rounding floor an answer is then good enough"""
+    default: bool = False  # nobody asked for the accuracy: an answer at the rounding floor is good enough
 
-    share: float = 1.0
-    """of the solver's accuracy that steps are solved to, where answers are but a part of something"""
+    share: float = 1.0  # of the solver's accuracy that steps are solved to, where answers are but a part of something
 
     @property
     def accuracy(self) -> float:
@@ -169,18 +165,12 @@ class PreparedRun:
 class Dragged:
     """The friction of nodes that supports drag along, after a step: see :mod:`vemcvx.stepping.backward_euler`."""
 
-    weights: Floats
-    """(q,)"""
-    lam: Floats
-    """(q, block) multipliers, the bias included"""
-    still: Bools
-    """(q,) which did not slip"""
-    worn: Floats
-    """(q,) cumulative loss"""
-    worn_second_order: Floats
-    """(q,) likewise, as the ledger has it"""
-    slipped: Floats
-    """(q,) and cumulative slip"""
+    weights: Floats  # (q,)
+    lam: Floats  # (q, block) multipliers, the bias included
+    still: Bools  # (q,) which did not slip
+    worn: Floats  # (q,) cumulative loss
+    worn_second_order: Floats  # (q,) likewise, as the ledger has it
+    slipped: Floats  # (q,) and cumulative slip
 
     @classmethod
     def nothing(cls, q: int, block: int) -> Dragged:
@@ -195,12 +185,9 @@ class Earlier:
     """The step before: from it and its own a state expects the next one."""
 
     t: float
-    lam: Floats
-    """(m, block)"""
-    p: Floats
-    """(r,)"""
-    y: Floats
-    """(m,)"""
+    lam: Floats  # (m, block)
+    p: Floats  # (r,)
+    y: Floats  # (m,)
 
     def share(self, now: float, t: float) -> float:
         """Part of what has changed since, up to `now`, that is expected to change once more up to `t`."""
@@ -212,41 +199,26 @@ class State:
     """Everything known at an instant, on the retained unknowns; `full`, once it is asked for, on all."""
 
     t: float
-    y: Floats
-    """(m,)"""
-    unbalanced: Floats
-    """(m,) load - K y, which norm terms and limits balance"""
+    y: Floats  # (m,)
+    unbalanced: Floats  # (m,) load - K y, which norm terms and limits balance
     data: StepData
-    weights: Floats
-    """(m,) of the friction bounds"""
+    weights: Floats  # (m,) of the friction bounds
     lam: Floats
-    p: Floats
-    """(r,) forces of the limits"""
-    slip: Floats
-    """(m, block) s of the step that led here"""
+    p: Floats  # (r,) forces of the limits
+    slip: Floats  # (m, block) s of the step that led here
     certificate: Certificate
     ledger: Ledger
-    scale: float
-    """largest energy norm of the states so far"""
+    scale: float  # largest energy norm of the states so far
     iterations: int
-    status: str = ""
-    """in the solver's own words"""
-    safeguards: int = 0
-    """how many of the iterations stood in for faster ones"""
-    rate: float = np.nan
-    """estimated constant of contraction of the fixed point, where weights depend on the answer"""
-    full: Floats | None = None
-    """(n,) `unknowns`, once somebody has asked for them"""
-    size: float = 0.0
-    """largest energy norm that the data could cause; computed only while the states are far smaller"""
-    noise: float = 0.0
-    """largest energy norm that friction's forces alone could cause, of a state that is no more than their rounding"""
-    earlier: Earlier | None = None
-    """multipliers of the step before, if there was one"""
-    dragged: Dragged = field(default_factory=lambda: Dragged.nothing(0, 1))
-    """as of the step before while the step is on"""
-    velocity: Floats | None = None
-    """(n,) their increments over the length of the step, where rates cost"""
+    status: str = ""  # in the solver's own words
+    safeguards: int = 0  # how many of the iterations stood in for faster ones
+    rate: float = np.nan  # estimated constant of contraction of the fixed point, where weights depend on the answer
+    full: Floats | None = None  # (n,) `unknowns`, once somebody has asked for them
+    size: float = 0.0  # largest energy norm that the data could cause; computed only while the states are far smaller
+    noise: float = 0.0  # largest energy norm that friction alone could cause, of a state that is its rounding
+    earlier: Earlier | None = None  # multipliers of the step before, if there was one
+    dragged: Dragged = field(default_factory=lambda: Dragged.nothing(0, 1))  # before the step, while it is on
+    velocity: Floats | None = None  # (n,) their increments over the length of the step, where rates cost
 
     @classmethod
     def still(cls, operators: Operators, data: StepData, y: Floats, weights: Floats, energy: float = 0.0) -> State:
@@ -340,11 +312,7 @@ def prepared_solver(solver: Solver, operators: Operators, system: System) -> Pre
 
 
 def prepare(
-    system: System,
-    solver: Solver | Solves | None,
-    check: bool,
-    condense: bool,
-    linear: LinearSolver | None = None,
+    system: System, solver: Solver | Solves | None, check: bool, condense: bool, linear: LinearSolver | None = None
 ) -> PreparedRun:
     """Factorise, condense, scale, and let the solver do what all steps share."""
     condensation = Condensation(system, condense, linear)

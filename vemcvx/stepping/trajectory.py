@@ -33,8 +33,7 @@ from vemcvx.stepping.state import PreparedRun, State, sticking
 log = logging.getLogger("vemcvx")
 
 CHECKPOINT = "checkpoint.npz"
-ROWS = r"[a-z_]+\.npy|\.?checkpoint\.npz"
-"""Names of the files of a run, as a regular expression."""
+ROWS = r"[a-z_]+\.npy|\.?checkpoint\.npz"  # Names of the files of a run, as a regular expression.
 
 
 class Memory:
@@ -66,19 +65,9 @@ class Memory:
 
 
 class Folder(Owned):
-    """Rows in files; to be closed, or used by ``with``.
+    """Rows in files of a folder, made if need be, that resumes the run it holds or begins anew; used by ``with``.
 
-    Parameters
-    ----------
-    path : str or Path
-        The folder, made if need be.
-    resumes : bool
-        Go on with a run that it holds; else it is begun anew.
-
-    Raises
-    ------
-    HistoryError
-        The folder cannot be made or written to, or another run is on in it.
+    HistoryError where the folder cannot be made or written to, or another run is on in it.
     """
 
     lasting = True
@@ -313,8 +302,7 @@ def relative(error: Floats, scale: Floats) -> Floats:
     return np.where((error == 0) & (scale == 0), 0.0, ratio)
 
 
-BETWEEN = 1.0
-"""Seconds after which a checkpoint is made at a step that is not stored."""
+BETWEEN = 1.0  # Seconds after which a checkpoint is made at a step that is not stored.
 
 
 def stored_steps(store: str | int | Sequence[int], steps: int) -> Ints:
@@ -387,16 +375,7 @@ def _row(state: State, sticks: Bools) -> dict[str, ArrayLike]:
 class Recorder:
     """Rows of a trajectory, entered as the march goes on, and checkpoints to go on from.
 
-    Parameters
-    ----------
-    run : PreparedRun
-    times : (N + 1,) array
-    kept : (S,) array
-        Numbers of the steps to keep.
-    storage : Storage
-        Where the rows go.
-    initial : what :func:`vemcvx.stepping.beginning.initial_state` takes
-        A run goes on only where it began.
+    The steps `kept` (S,) of the instants `times` (N + 1,) have rows; a run goes on only where it began, at `initial`.
     """
 
     def __init__(self, run: PreparedRun, times: Floats, kept: Ints, storage: Storage, initial: object):
@@ -431,10 +410,7 @@ class Recorder:
     def begin(self) -> tuple[int, State] | None:
         """The last step that an earlier run completed and its state, if there was one.
 
-        Raises
-        ------
-        HistoryError
-            The storage holds another run, or rows of it are missing.
+        HistoryError where the storage holds another run, or rows of it are missing.
         """
         arrays = self._storage.load()
         if arrays is None:
@@ -464,10 +440,7 @@ class Recorder:
     def add(self, n: int, state: State) -> None:
         """Enter the state after step `n`; with the initial one, 0, a new run begins.
 
-        Raises
-        ------
-        NotCertified
-            The answer of a kept step does not hold on the full system.
+        NotCertified where the answer of a kept step does not hold on the full system.
         """
         if n == 0:
             self._storage.clear()

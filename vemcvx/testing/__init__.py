@@ -29,8 +29,7 @@ from vemcvx.testing.solvers import INSTANCES, Instance  # noqa: E402
 
 __all__ = ["INSTANCES", "EffectSample", "Instance", "Other", "effect_suite", "linear_suite", "solver_suite"]
 
-ON_DIGITS = ("gives_the_same_answer_twice", "knows_no_units")
-"""Sentences about every digit."""
+ON_DIGITS = ("gives_the_same_answer_twice", "knows_no_units")  # Sentences about every digit.
 
 
 def solver_suite(

@@ -32,9 +32,6 @@ from vemcvx.scene import Scene
 from vemcvx.simulation import simulate
 from vemcvx.vem import Space
 
-# Samples of effects, in scenes in which they do something, and everything that they contribute as plain data.
-
-
 TIMES = np.array([0.0, 0.4, 1.0])
 
 
@@ -173,9 +170,6 @@ def nameless(thing: Any) -> Any:
     if isinstance(thing, dict):
         return {name: nameless(value) for name, value in thing.items() if name != "subject"}
     return tuple(map(nameless, thing)) if isinstance(thing, tuple) else thing
-
-
-# The sentences that every effect must satisfy: "every effect ..." of a sample.
 
 
 def is_frozen(sample: EffectSample) -> None:

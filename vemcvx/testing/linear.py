@@ -58,9 +58,6 @@ def _some(n: int, *columns: int) -> Floats:
     return np.random.default_rng(n).normal(size=(n, *columns))
 
 
-# Sentences of any linear solver
-
-
 def solves(linear: LinearSolver) -> None:
     """One right side and several, and energies b'K^{-1}b, which of an inexact solver are bounds."""
     K, factor = _factor(linear)
@@ -135,9 +132,6 @@ def runs_agree_within_their_certificates(kind: str, linear: LinearSolver) -> Non
         apart = [energy_norm(system.K, y - z) for y, z in zip(one.state, two.state, strict=True)]
         assert (apart <= np.cumsum(one.certificate * one.norm + two.certificate * two.norm)).all()
         assert two.certificate.max() <= 1e-8
-
-
-# Sentences of one that eliminates
 
 
 def gives_the_schur_complement(linear: LinearSolver) -> None:

@@ -35,9 +35,6 @@ from vemcvx.solvers import Newton, Solver
 from vemcvx.stepping.backward_euler import march
 from vemcvx.stepping.trajectory import Trajectory
 
-# Small problems on which solvers are tested: every kind of term, alone and together, under a load that reverses.
-
-
 TIMES: Floats = np.linspace(0.0, 1.0, 6)
 
 
@@ -127,9 +124,6 @@ INSTANCES = {
 """The instances by name; between them they have every feature of programs."""
 
 
-# The sentences that every solver must satisfy: those of any solver, and those of a solver on an instance.
-
-
 UNITS = [(10, 0), (0, 7), (-7, 31), (-30, -24)]
 """Lengths times 2^a, stresses times 2^b: steel in SI is (0, 37) away from a modulus of one."""
 
@@ -212,9 +206,6 @@ def steps_asked(instance: Instance) -> tuple[Asked, ...]:
     return tuple(seen)
 
 
-# Sentences of any solver
-
-
 def refuses_an_accuracy_that_means_nothing(solver: Solver) -> None:
     """An accuracy outside (0, 1) is refused."""
     for wrong in (0, 1, -1e-6, 2, np.nan, np.inf, "x", None):
@@ -228,9 +219,6 @@ def accepts_programs_without_terms(solver: Solver) -> None:
 
 
 OF_ANY_SOLVER: list[Callable[[Solver], None]] = [refuses_an_accuracy_that_means_nothing, accepts_programs_without_terms]
-
-
-# Sentences of a solver on an instance
 
 
 def refuses_what_it_does_not_accept(case: Case) -> None:
@@ -394,7 +382,6 @@ def _agree(program: StepProgram, one: Answer, other: Answer) -> None:
 
 
 def _in_units(system: System, length: float, stress: float) -> System:
-    """The same problem with lengths and stresses in other units."""
     force, norms, limits = stress * length, system.norms, system.limits
     if norms is not None:
         weights = norms.weights

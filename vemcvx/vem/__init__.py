@@ -21,8 +21,7 @@ from vemcvx.vem.elasticity import (
     tractions,
     upper_triangle,
 )
-from vemcvx.vem.energy_projection import mean_strains
-from vemcvx.vem.loads import cell_load, cell_quadrature, edge_load, stress_load
+from vemcvx.vem.loads import cell_load, cell_quadrature, edge_load, mean_strains, stress_load
 from vemcvx.vem.points_in_solids import solid_places
 from vemcvx.vem.projection import CellGroup, tangents_of
 from vemcvx.vem.space import Space

@@ -10,8 +10,8 @@ import numpy as np
 import scipy.sparse as sp
 
 from vemcvx.arrays import Bools, Floats, Ints, read_only, totals
+from vemcvx.meshes.mesh import PolyhedralMesh
 from vemcvx.meshes.polygons import offsets_of
-from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 from vemcvx.vem.projection import FaceGroup, face_groups, tangents_of
 
 
@@ -19,14 +19,10 @@ from vemcvx.vem.projection import FaceGroup, face_groups, tangents_of
 class SideRule:
     """Quadrature on sides with equally many nodes."""
 
-    sides: Ints
-    """(m,) places in the part"""
-    nodes: Ints
-    """(m, n)"""
-    points: Floats
-    """(m, q, dim)"""
-    shares: Floats
-    """(m, n, q) weights times the sides' lengths or areas times the basis function of each node"""
+    sides: Ints  #: (m,) places in the part
+    nodes: Ints  #: (m, n)
+    points: Floats  #: (m, q, dim)
+    shares: Floats  #: (m, n, q) weights times the sides' lengths or areas times the basis function of each node
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -40,14 +36,11 @@ class Part:
 
     sides: Ints
     """the edges (m, 2), each as it runs in its counter-clockwise cell, or the numbers (m,) of the faces, ascending"""
-    normals: Floats
-    """(m, dim) outward unit normal of each side"""
-    measures: Floats
-    """(m,) the length, or area, of each side"""
+    normals: Floats  #: (m, dim) outward unit normal of each side
+    measures: Floats  #: (m,) the length, or area, of each side
     rules: Callable[[int], tuple[SideRule, ...]]
     """quadrature with as many Gauss points an edge; on the triangles of a face exact for degree 5, in any case"""
-    ends: SideEnds
-    """the nodes of all sides, in the order of the rules"""
+    ends: SideEnds  #: the nodes of all sides, in the order of the rules
 
     @cached_property
     def nodes(self) -> Ints:
@@ -165,9 +158,9 @@ def face_part(
     other; -1 for a face of no interface. `mirrors` are planes of symmetry at its nodes.
     """
     groups = list(face_groups(mesh.points, mesh.face_offsets, mesh.face_vertices, faces))
-    places = [np.searchsorted(faces, group.faces) for group in groups]
+    placed = [(group, np.searchsorted(faces, group.faces)) for group in groups]
     vectors, outline = np.empty((len(faces), 3)), np.empty(len(faces))
-    for group, at in zip(groups, places, strict=True):
+    for group, at in placed:
         corners = group.corners[:, :-1]
         vectors[at] = group.vectors.sum(axis=1)
         outline[at] = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2).sum(axis=1)
@@ -175,16 +168,11 @@ def face_part(
     normals = vectors / areas[:, None] + 0.0
 
     def rules(count: int) -> tuple[SideRule, ...]:
-        return tuple(SideRule(at, group.nodes, *group.quadrature()) for group, at in zip(groups, places, strict=True))
+        return tuple(SideRule(at, group.nodes, *group.quadrature()) for group, at in placed)
 
     begin = offsets_of(np.diff(mesh.face_offsets)[faces])
-    corner = np.concatenate(
-        [
-            np.ravel(begin[at][:, None] + np.arange(group.nodes.shape[1]))
-            for group, at in zip(groups, places, strict=True)
-        ]
-    )
-    side = np.concatenate([np.repeat(at, group.nodes.shape[1]) for group, at in zip(groups, places, strict=True)])
+    corner = np.concatenate([np.ravel(begin[at][:, None] + np.arange(group.nodes.shape[1])) for group, at in placed])
+    side = np.concatenate([np.repeat(at, group.nodes.shape[1]) for group, at in placed])
     ends = SideEnds(
         nodes=np.concatenate([group.nodes.ravel() for group in groups]),
         normals=normals[side],
@@ -232,8 +220,7 @@ def _curvature(group: FaceGroup) -> Floats:
 # (2005); Puso and Laursen, Comput. Methods Appl. Mech. Engrg. 193 (2004).)
 
 
-CURVE = float(np.radians(42.5))
-"""Sides that turn by less are a curve."""
+CURVE = float(np.radians(42.5))  # Sides that turn by less are a curve.
 SMOOTH = 2.0 * float(np.sin(0.5 * CURVE))
 """Distance of unit normals that are those of one curve: octagons and chamfers have corners, a regular nonagon is round,
 however their points are rounded."""
@@ -251,20 +238,16 @@ class EdgeEnds:
     """
 
     row: Ints
-    beyond: Ints
-    """node number of the edge's other end; number of the face"""
-    lengths: Floats
-    """int phi_i ds over the edge, half its length; over the face"""
+    beyond: Ints  #: node number of the edge's other end; number of the face
+    lengths: Floats  #: int phi_i ds over the edge, half its length; over the face
 
 
 @dataclass(frozen=True, eq=False)
 class MirrorPlanes:
     """Planes of symmetry at some nodes: those across the directions in which these are held."""
 
-    nodes: Ints
-    """(k,) ascending"""
-    projections: Floats
-    """(k, dim, dim) on these directions of each node, symmetric"""
+    nodes: Ints  #: (k,) ascending
+    projections: Floats  #: (k, dim, dim) on these directions of each node, symmetric
 
     def across(self, vectors: Floats, nodes: Ints, partners: Ints) -> Floats:
         """The component of vectors (m, dim) across the planes that nodes share with their partners."""
@@ -283,21 +266,15 @@ class MirrorPlanes:
 class BoundaryRows:
     """One row a node, distinct normal and partner of a part of the boundary, ordered by node."""
 
-    nodes: Ints
-    """(k,)"""
-    normals: Floats
-    """(k, dim) outward unit normals, means of those of the edges or faces they stand for"""
-    lengths: Floats
-    """(k,) int phi_i ds over the edges or faces of this row"""
-    points: Floats
-    """(q, dim) quadrature points of all edges or faces"""
+    nodes: Ints  #: (k,)
+    normals: Floats  #: (k, dim) outward unit normals, means of those of the edges or faces they stand for
+    lengths: Floats  #: (k,) int phi_i ds over the edges or faces of this row
+    points: Floats  #: (q, dim) quadrature points of all edges or faces
     matrix: sp.csr_matrix
     """(k, q) by which g(points) gives int g phi_i ds over the edges or faces of each row, exact for g of degree 6 on
     edges and 4 on faces"""
-    ends: EdgeEnds
-    """the ends of edges, in space corners of faces, that each row stands for"""
-    partners: Ints
-    """(k,) nodes of other bodies at the same places; -1 where the edges are no interface"""
+    ends: EdgeEnds  #: the ends of edges, in space corners of faces, that each row stands for
+    partners: Ints  #: (k,) nodes of other bodies at the same places; -1 where the edges are no interface
     cosines: Floats
     """(k,) mean of n . n_e over the edges e of each row: edges that all move out by 1 move the node by 1 over that"""
 
@@ -317,24 +294,15 @@ class SideEnds:
     """The nodes (e,) of all sides of a part, each with what its side gives it."""
 
     nodes: Ints
-    normals: Floats
-    """(e, dim) of the sides"""
-    curvature: Floats
-    """(e,) by which the normals of a curve are averaged: see above"""
-    noise: Floats
-    """(e,) by which rounding may have turned the side"""
-    sizes: Floats
-    """(e,) the length of the side as it was drawn, in space the area"""
-    lengths: Floats
-    """(e,) int phi_i ds over the side"""
-    beyond: Ints
-    """(e,) what tells the sides of a node apart"""
-    partners: Ints
-    """(e,)"""
-    drawn: Ints | None = None
-    """(e, 2) the ends, among these, of the side as it was drawn; None if nothing hangs"""
-    share: Floats | None = None
-    """(e,) the part of that side that is ahead of the node"""
+    normals: Floats  # (e, dim) of the sides
+    curvature: Floats  # (e,) by which the normals of a curve are averaged: see above
+    noise: Floats  # (e,) by which rounding may have turned the side
+    sizes: Floats  # (e,) the length of the side as it was drawn, in space the area
+    lengths: Floats  # (e,) int phi_i ds over the side
+    beyond: Ints  # (e,) what tells the sides of a node apart
+    partners: Ints  # (e,)
+    drawn: Ints | None = None  # (e, 2) the ends, among these, of the side as it was drawn; None if nothing hangs
+    share: Floats | None = None  # (e,) the part of that side that is ahead of the node
     mirrors: MirrorPlanes | None = None
 
     def rows(self, points: Floats, matrix: sp.csr_matrix) -> BoundaryRows:

@@ -14,9 +14,9 @@ import scipy.sparse as sp
 
 from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.meshes.interfaces import faces_of
+from vemcvx.meshes.mesh import PolyhedralMesh
 from vemcvx.meshes.polygons import offsets_of, overlapping_boxes, spans
 from vemcvx.meshes.polyhedra import angles_seen
-from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 from vemcvx.vem.projection import face_groups
 from vemcvx.vem.space import Space
 
@@ -63,8 +63,7 @@ class _Triangles:
     faces: Ints
     offsets: Ints
     corners: Floats
-    values: sp.csr_matrix
-    """(3 t, n_nodes)"""
+    values: sp.csr_matrix  # (3 t, n_nodes)
 
     @classmethod
     def of(cls, mesh: PolyhedralMesh, faces: Ints) -> _Triangles:
@@ -142,8 +141,7 @@ def _nearest(arms: Floats) -> tuple[Floats, Floats]:
     normal = np.cross(b - a, c - a)
     part = np.stack([np.einsum("ki,ki->k", normal, np.cross(p, q)) for p, q in ((b, c), (c, a), (a, b))], axis=1)
     part = np.maximum(part, 0.0)
-    # At a corner that corner alone counts.
-    here = np.all(arms == 0.0, axis=2)
+    here = np.all(arms == 0.0, axis=2)  # At a corner that corner alone counts.
     corner = np.any(here, axis=1)
     part[corner] = here[corner]
     weights = part / np.maximum(part.sum(axis=1), np.finfo(float).tiny)[:, None]

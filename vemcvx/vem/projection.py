@@ -10,8 +10,9 @@ from typing import Self
 import numpy as np
 
 from vemcvx.arrays import Bools, Floats, Ints, read_only, totals
+from vemcvx.meshes.mesh import PolyhedralMesh
 from vemcvx.meshes.polygons import RADON_POINTS, RADON_WEIGHTS, diagonals_of, spans
-from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
+
 
 # The projection Pi_K of Section 3 in vertex values.
 #
@@ -33,8 +34,6 @@ from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 #
 # Nothing here divides by an edge length, so edges may be as short as round-off lets them be; all quantities are
 # homogeneous in the coordinates, so that scaling these by a power of two changes no bit of G |K| / h, w and Pi.
-
-
 def area_gradients(corners: Floats) -> tuple[Floats, Floats]:
     """Areas |K| (c,) and |K| G_i (c, n, 2) of cells (c, n, 2), counter-clockwise, relative to a point of the cell.
 
@@ -68,9 +67,6 @@ def values_at_vertices(corners: Floats, measures: Floats, gradients: Floats, w: 
     return linear + w[:, None, :]
 
 
-# Plane faces of polyhedra: functions on them given by the vertices, and orthonormal tangents.
-
-
 def tangents_of(normals: Floats) -> Floats:
     """(k, dim - 1, dim) orthonormal vectors across each unit normal (k, dim); exact where the normal is an axis.
 
@@ -96,24 +92,16 @@ def tangents_of(normals: Floats) -> Floats:
 # so that a_i is A/3 on triangles, A/4 on rectangles, and positive: contact has weights that are. Both cells of a face
 # share its triangles, so the sum of the b_i over a closed surface vanishes even if faces are warped by rounding. A
 # face that c does not see all of is cut into triangles along diagonals, without c.
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FaceGroup:
     """Faces with equally many vertices, cut into equally many triangles."""
 
-    faces: Ints
-    """(f,) face numbers"""
-    nodes: Ints
-    """(f, n) their vertices; the right-hand rule gives the normal"""
-    origin: Floats
-    """(f, 3) the first vertex"""
-    corners: Floats
-    """(f, n + 1, 3) the vertices relative to the first, and c"""
-    weights: Floats
-    """(f, n) w_i"""
-    triangles: Ints
-    """(f, T, 3) numbers below n + 1"""
+    faces: Ints  # (f,) face numbers
+    nodes: Ints  # (f, n) their vertices; the right-hand rule gives the normal
+    origin: Floats  # (f, 3) the first vertex
+    corners: Floats  # (f, n + 1, 3) the vertices relative to the first, and c
+    weights: Floats  # (f, n) w_i
+    triangles: Ints  # (f, T, 3) numbers below n + 1
 
     @cached_property
     def vectors(self) -> Floats:
@@ -173,12 +161,7 @@ def face_groups(points: Floats, offsets: Ints, vertices: Ints, faces: Ints) -> I
         corners = np.concatenate([corners, np.einsum("fi,fia->fa", weights, corners)[:, None]], axis=1)
         triangles = np.broadcast_to(_fan(n), (len(some), *_fan(n).shape))
         fans = FaceGroup(
-            faces=some,
-            nodes=nodes,
-            origin=points[nodes[:, 0]],
-            corners=corners,
-            weights=weights,
-            triangles=triangles,
+            faces=some, nodes=nodes, origin=points[nodes[:, 0]], corners=corners, weights=weights, triangles=triangles
         )
         sees = np.einsum("fti,fi->ft", fans.vectors, fans.vectors.sum(axis=1)).min(axis=1) > 0.0
         if sees.all():
@@ -214,19 +197,13 @@ def _along_diagonals(corners: Floats) -> Ints:
     return diagonals_of(np.einsum("fbi,fni->fnb", plane, corners))
 
 
-# Cells with equally many vertices, in the plane and in space, and the integrals that their projection is made of.
-
-
 @dataclass(frozen=True, eq=False)
 class CellGroup:
     """Polygons with equally many vertices; polyhedra differ as `PolyhedronGroup` says."""
 
-    cells: Ints
-    """(c,) cell numbers"""
-    nodes: Ints
-    """(c, n) their vertices, of polygons counter-clockwise"""
-    points: Floats
-    """(n_nodes, dim) the points of the whole mesh"""
+    cells: Ints  #: (c,) cell numbers
+    nodes: Ints  #: (c, n) their vertices, of polygons counter-clockwise
+    points: Floats  #: (n_nodes, dim) the points of the whole mesh
 
     @cached_property
     def corners(self) -> Floats:
@@ -286,16 +263,12 @@ class CellGroup:
 #
 # the constant of Pi by the mean over the surface, as in the plane by that over the outline (:mod:`.projection`). All
 # of it is homogeneous in the coordinates, and on a tetrahedron Pi v = v.
-
-
 @dataclass(frozen=True, eq=False)
 class PolyhedronGroup(CellGroup):
     """Polyhedra with equally many vertices, each cell's in ascending order."""
 
-    vector_shares: Floats
-    """(c, n, 3) |K| G_i"""
-    shares: Floats
-    """(c, n) sum_f a_{f,i}"""
+    vector_shares: Floats  # (c, n, 3) |K| G_i
+    shares: Floats  # (c, n) sum_f a_{f,i}
     diameters: Floats
     centroids: Floats
 

@@ -26,8 +26,7 @@ class Space:
     """V^h on a mesh."""
 
     mesh: AnyMesh
-    mirrors: MirrorPlanes | None = None
-    """of symmetry, where curves of contact end"""
+    mirrors: MirrorPlanes | None = None  #: of symmetry, where curves of contact end
 
     @property
     def dim(self) -> int:

@@ -30,12 +30,10 @@ from vemcvx.errors import SceneError
 from vemcvx.vem.projection import CellGroup
 from vemcvx.vem.space import Space
 
-# 2^16 numbers of eight bytes and a few temporaries of that size stay in a second-level cache.
-CHUNK = 2**16
+CHUNK = 2**16  # 2^16 numbers of eight bytes and a few temporaries of that size stay in a second-level cache.
 
 NAMED = ("shear", "unit")
-ROUNDED = 1e-12
-"""Part of the largest eigenvalue of a local form that is rounding."""
+ROUNDED = 1e-12  # Part of the largest eigenvalue of a local form that is rounding.
 
 
 class Stabilisation(ABC):
@@ -118,10 +116,7 @@ class InRegions(Stabilisation):
 def stabilisation_of(given: str | Stabilisation, shear: Floats) -> Stabilisation:
     """The stabilisation that is named, or given, on cells of the moduli of shear mu (n_cells,), zero where empty.
 
-    Raises
-    ------
-    SceneError
-        It is neither.
+    SceneError where it is neither.
     """
     return given if isinstance(given, Stabilisation) else VertexWeights(stabilisation_factor(shear, given))
 

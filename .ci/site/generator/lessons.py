@@ -7,8 +7,7 @@ import re
 from pathlib import Path
 
 from generator.gallery import names
-from vemcvx.cli.notebook import notebook
-from vemcvx.cli.supplied import lessons
+from vemcvx.cli.supplied import lessons, notebook
 
 INDEX = """# Learn
 

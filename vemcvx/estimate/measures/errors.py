@@ -14,7 +14,6 @@ from vemcvx.effects import data
 from vemcvx.errors import HistoryError
 from vemcvx.estimate.measures.distance import Field, Measured, field_of, measured
 from vemcvx.meshes import PolygonMesh, PolyhedralMesh
-from vemcvx.meshes.interpolation import projected_values
 from vemcvx.meshes.polygons import (
     RADON_POINTS,
     RADON_WEIGHTS,
@@ -25,6 +24,7 @@ from vemcvx.meshes.polygons import (
     triangulated,
 )
 from vemcvx.meshes.polyhedra import listed_faces
+from vemcvx.meshes.tessellation import projected_values
 from vemcvx.outline import Table
 from vemcvx.owned_files import path_of
 from vemcvx.results.results import Results

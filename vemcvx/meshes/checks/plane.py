@@ -87,9 +87,6 @@ def dropped(points: Floats, vertices: Ints) -> tuple[Floats, Ints, Ints | None, 
     return points[used], node_map[vertices], node_map, [note]
 
 
-# Numbers.
-
-
 def check_points(points: ArrayLike, dimension: int = 2) -> Floats:
     """Return a copy of the points as finite floats (n_nodes, dimension), or raise MeshError."""
     given = plain(points)
@@ -211,9 +208,6 @@ def check_coincident(points: Floats, used: Ints) -> None:
         )
 
 
-# Single cells.
-
-
 def check_cells(points: Floats, offsets: Ints, vertices: Ints, polygons: NDArray[Any]) -> Floats:
     """Return signed areas (n_cells,), or raise MeshError at the first cell that is no simple polygon with an area."""
     check_simple(points, offsets, vertices, polygons, lambda cell: f"cell {cell}")
@@ -284,9 +278,6 @@ def _fault(x: Floats, name: list[int], tolerance: float) -> str:
     return f" touches itself: its node {name[node]} lies on its edge {edge(k)}. Split the cell there, or move the node."
 
 
-# How cells fit together.
-
-
 def _check_sharing(offsets: Ints, vertices: Ints, n_nodes: int) -> Ints:
     """Corners on the boundary; MeshError if an edge belongs to three cells, or to two on the same side."""
     ends, cells = directed_edges(offsets, vertices), cell_of_corner(offsets)
@@ -321,10 +312,8 @@ class Misfit(NamedTuple):
     """Two cells that are no coverage."""
 
     cells: tuple[int, int]
-    overlap: bool
-    """else they are apart by a distance that is not zero and below the width of slits"""
-    at: Floats
-    """(2,) a point of the overlap or beside the slit"""
+    overlap: bool  # else they are apart by a distance that is not zero and below the width of slits
+    at: Floats  # (2,) a point of the overlap or beside the slit
     distance: float
 
 

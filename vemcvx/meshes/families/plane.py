@@ -1,12 +1,15 @@
-"""Families of meshes of the plane whose cells follow a grid."""
+"""Families of meshes of the plane whose cells follow a grid, or circles and rays about a centre."""
 
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from vemcvx.arrays import Bools, Floats, Ints
+from vemcvx.arrays import Bools, Floats, Ints, brief, plain
 from vemcvx.errors import MeshError
 from vemcvx.meshes.box import (
+    LARGEST,
+    SHORTEST,
     UNIT_BOX,
     Box,
     Corners,
@@ -14,13 +17,12 @@ from vemcvx.meshes.box import (
     cell_counts,
     check_box,
     check_fraction,
+    check_total,
     check_whole,
     listed,
 )
-from vemcvx.meshes.polygon_mesh import PolygonMesh
+from vemcvx.meshes.mesh import PolygonMesh
 from vemcvx.meshes.polygons import offsets_of
-
-# Equal rectangles (squares where the box allows), numbered row by row; meshes of such numberings with holes.
 
 
 def squares(
@@ -77,13 +79,10 @@ def padded_mesh(points: Floats, present: Bools, rows: Ints, box: Box) -> Polygon
     return PolygonMesh.unchecked(points[present], offsets, vertices[vertices >= 0], box=box)
 
 
-# Squares cut in two by the diagonal from the lower left; halving n nests the meshes.
-
-
 def triangles(
     n: Count | None = None, box: Corners = UNIT_BOX, seed: int = 0, *, size: float | None = None
 ) -> PolygonMesh:
-    """Mesh a box with right-angled triangles, two to each square of `squares`.
+    """Mesh a box with right-angled triangles, two to each square of `squares`; halving n nests the meshes.
 
     Parameters
     ----------
@@ -146,9 +145,6 @@ def hexagons(
     return padded_mesh(points, present.ravel(), np.where(np.hstack([outside, outside[:, ::-1]]), -1, cells), rectangle)
 
 
-# Squares whose inner nodes are moved at random: quadrilaterals of every shape, some of them not convex.
-
-
 def distorted(
     n: Count | None = None, box: Corners = UNIT_BOX, seed: int = 0, *, size: float | None = None, amount: float = 0.5
 ) -> PolygonMesh:
@@ -179,9 +175,6 @@ def distorted(
     inner = points.reshape(ny + 1, nx + 1, 2)[1:-1, 1:-1]
     inner += random.uniform(-0.5 * amount, 0.5 * amount, inner.shape) * np.divide(rectangle.lengths, (nx, ny))
     return PolygonMesh.unchecked(points, np.arange(0, corners.size + 1, 4), corners.ravel(), box=rectangle)
-
-
-# Squares of which some are cut in four: their neighbours get a vertex in the middle of a straight edge.
 
 
 # Places of a 3 x 3 block of nodes, numbered from the lower left row by row: once around it, and its four quarters.
@@ -230,13 +223,10 @@ def hanging(
     return padded_mesh(points, present, rows[rows[:, :, 0] >= 0], rectangle)
 
 
-# Squares with zigzag edges: cells of up to twelve vertices, none of them convex, that lock into each other.
-
-
 def nonconvex(
     n: Count | None = None, box: Corners = UNIT_BOX, seed: int = 0, *, size: float | None = None, zigzag: float = 0.15
 ) -> PolygonMesh:
-    """Mesh a box with non-convex cells (where there is more than one).
+    """Mesh a box with cells of up to twelve vertices that lock into each other: none is convex, if there are several.
 
     Parameters
     ----------
@@ -283,9 +273,6 @@ def nonconvex(
     return padded_mesh(nodes, present, np.concatenate(around, axis=1), rectangle)
 
 
-# Squares in an L: a box without its upper right quarter, the usual body with a re-entrant corner.
-
-
 def l_shape(
     n: Count | None = None, box: Corners = UNIT_BOX, seed: int = 0, *, size: float | None = None
 ) -> PolygonMesh:
@@ -325,3 +312,93 @@ def l_shape(
     x, y = points[(ny // 2) * (nx + 1) + nx // 2]
     mesh = padded_mesh(points, present, corners, rectangle)
     return mesh.with_boundary("inner_right", lambda m: m[:, 0] == x).with_boundary("inner_top", lambda m: m[:, 1] == y)
+
+
+TURN = 2.0 * np.pi
+
+
+def ring(radii: ArrayLike, sectors: int, *, angles: tuple[float, float] = (0.0, TURN)) -> PolygonMesh:
+    """Mesh a ring, a disc or a part of them with quadrilaterals between circles and rays.
+
+    ``ring(...).extruded(heights)`` is a tube of hexahedra, and a cylinder of wedges and hexahedra. Sides are chords:
+    s of them lack the part 2 pi^2 / (3 s^2) of the area of a circle of radius r, and are at most r (1 - cos(pi / s))
+    inside of it.
+
+    Parameters
+    ----------
+    radii : (k,) array
+        Radii of the circles, increasing, k >= 2: ``np.geomspace(a, b, k)`` for cells of one shape. If the first is 0,
+        the body is a disc, with triangles about the centre.
+    sectors : int
+        Sides of a circle; at least 3 of a whole turn, and more than the angle over pi.
+    angles : (float, float), optional
+        Where the first and the last ray stand, from x counter-clockwise, in radians; a whole turn closes.
+
+    Returns
+    -------
+    PolygonMesh
+        Nodes and cells circle by circle, a centre first, counter-clockwise from the first ray. Boundaries "outer",
+        "inner" but of a disc, of a part of a turn "first" and "last" (the rays), and "boundary".
+
+    Raises
+    ------
+    MeshError
+        Radii are negative or do not increase, the angle is no part of a turn, or there are too few sectors for it.
+
+    Examples
+    --------
+    >>> import numpy as np, vemcvx as vx
+    >>> vx.meshes.ring(np.linspace(1.0, 2.0, 5), 48).extruded(np.linspace(0.0, 3.0, 7)).n_cells
+    1152
+    """
+    r = _increasing(radii)
+    start, end = _rays(angles)
+    check_whole("sectors", sectors, int((end - start) / np.pi) + 1)
+    check_total(sectors * (len(r) - 1))
+    turns, disc = end - start > TURN * (1 - 1e-12), r[0] == 0.0
+    rays = sectors if turns else sectors + 1
+    unit = _directions(start, end, sectors)[:rays]
+    centre = np.zeros(int(disc), dtype=np.int64)
+    points = np.concatenate([np.zeros((len(centre), 2)), (r[len(centre) :, None, None] * unit).reshape(-1, 2)])
+    around = np.column_stack([np.arange(sectors), np.arange(1, sectors + 1) % rays])
+    circles = len(centre) + np.arange(len(r) - len(centre)) * rays
+    inner, outer = circles[:-1, None, None] + around, circles[1:, None, None] + around
+    quads = np.concatenate([inner[..., :1], outer, inner[..., 1:]], axis=2).reshape(-1, 4)
+    middle = np.insert(circles[0] + around, 0, 0, axis=1) if disc else quads[:0]
+    parts = {"outer": circles[-1] + around} | ({} if disc else {"inner": circles[0] + around})
+    if not turns:
+        for name, ray in (("first", circles), ("last", circles + sectors)):
+            along = np.append(centre, ray)
+            parts[name] = np.column_stack([along[:-1], along[1:]])
+    return PolygonMesh(points, [*middle, *quads], boundaries=parts)
+
+
+def _increasing(radii: ArrayLike) -> Floats:
+    wanted = "at least two increasing numbers >= 0, the radii of circles"
+    given = plain(radii)
+    if given is None or given.dtype.kind not in "iuf" or given.ndim != 1 or len(given) < 2:
+        raise MeshError(f"ring: found radii = {brief(radii)}; wanted {wanted}.")
+    r = given.astype(float)
+    if not np.isfinite(r).all() or r[0] < 0 or np.diff(r).min() < SHORTEST:
+        raise MeshError(f"ring: found radii = {brief(radii)}; wanted {wanted}.")
+    if r[-1] > LARGEST:
+        raise MeshError(f"ring: found a radius of {r[-1]:g}; at most {LARGEST:g} can be computed with.")
+    return r
+
+
+def _rays(angles: tuple[float, float]) -> tuple[float, float]:
+    wanted = "two increasing angles in radians, at most a turn apart"
+    given = plain(angles)
+    if given is not None and given.dtype.kind in "iuf" and given.shape == (2,) and np.isfinite(given).all():
+        start, end = map(float, given)
+        if 0 < end - start <= TURN * (1 + 1e-12):
+            return start, end
+    raise MeshError(f"ring: found angles = {brief(angles)}; wanted {wanted}.")
+
+
+def _directions(start: float, end: float, sectors: int) -> Floats:
+    """Unit vectors (sectors + 1, 2) of the rays; those along an axis are on it to the bit."""
+    angle = start + (end - start) * np.arange(sectors + 1) / sectors
+    unit = np.column_stack([np.cos(angle), np.sin(angle)])
+    unit[np.abs(unit) < 1e-15 * max(1.0, abs(start), abs(end))] = 0.0
+    return unit

@@ -7,24 +7,13 @@ from itertools import product
 import numpy as np
 
 from vemcvx.arrays import Floats, Ints
-from vemcvx.meshes.box import (
-    UNIT_CUBE,
-    Box,
-    SpaceCorners,
-    SpaceCount,
-    cell_counts,
-    check_box,
-    check_grades,
-)
+from vemcvx.meshes.box import UNIT_CUBE, Box, SpaceCorners, SpaceCount, cell_counts, check_box, check_grades
 from vemcvx.meshes.families.voronoi import voronoi
+from vemcvx.meshes.mesh import PolyhedralMesh
 from vemcvx.meshes.polygons import offsets_of, rows_in_order
 from vemcvx.meshes.polyhedra import FACES, joined_faces
-from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 
 Grade = float | tuple[float, float, float]
-
-# Equal boxes (cubes where the box allows), numbered layer by layer, row by row; or boxes whose
-# widths grow along the axes.
 
 
 def cubes(
@@ -122,9 +111,6 @@ def tetrahedra(
     points, corners = cube_grid(cell_counts(n, whole, size, each=6), whole, check_grades(grade))
     cells = corners[:, SIX].reshape(-1, 4)
     return mesh_of_equal_cells(points, cells[:, np.array(FACES["tetra"])], whole)
-
-
-# Layers of prisms over polygons.
 
 
 def prisms(

@@ -33,7 +33,7 @@ from vemcvx.meshes.box import (
     check_whole,
     placed,
 )
-from vemcvx.meshes.polygon_mesh import PolygonMesh
+from vemcvx.meshes.mesh import PolygonMesh, PolyhedralMesh
 from vemcvx.meshes.polygons import (
     areas_and_centroids,
     cell_of_corner,
@@ -48,7 +48,6 @@ from vemcvx.meshes.polygons import (
     turned,
 )
 from vemcvx.meshes.polyhedra import Faces, face_shapes, signs_of, volumes_and_centroids
-from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 
 # Circumcentres of nearly collinear triples carry 1e-12 of a cell; true edges below 1e-9 are as rare as 1e-9.
 ROUND_OFF = 1e-9
@@ -187,9 +186,6 @@ def _inside(points: Floats, size: Floats) -> bool:
     return bool(np.max(np.abs(points - 0.5 * size) - 0.5 * size) < 1e-6)
 
 
-# Polygons.
-
-
 def _polygons(seeds: Floats, size: Floats) -> tuple[Floats, Ints, Ints]:
     """Voronoi cells of the seeds in [0, size]: points, offsets, vertices; one point a Delaunay triangle.
 
@@ -322,9 +318,6 @@ def _not_star_shaped(points: Floats, moved: Floats, offsets: Ints, vertices: Int
     collapsed = (here == after).all(axis=1)
     fan = np.where(collapsed, np.inf, cross(here, after))
     return np.flatnonzero(np.minimum.reduceat(fan, offsets[:-1]) <= 0.0)
-
-
-# Polyhedra.
 
 
 def _volumes_and_centroids(points: Floats, faces: Faces) -> tuple[Floats, Floats]:

@@ -39,8 +39,7 @@ THROUGH_MESHIO = {
 }
 """What meshio calls the format of a file that it reads, and that it writes."""
 WORDS = "Gmsh (.msh), VTK (.vtu, .vtk, .vtp), Abaqus (.inp) and Nastran (.bdf, .nas, .fem)"
-UNSPEAKABLE = '"\\\r\n'
-"""Characters that Gmsh's names cannot have."""
+UNSPEAKABLE = '"\\\r\n'  # Characters that Gmsh's names cannot have.
 
 
 def load(path: str | Path) -> AnyTessellation:
@@ -131,7 +130,6 @@ def _path(path: str | Path) -> Path:
 
 
 def _suffix(path: Path) -> str:
-    """The suffix, one of those known, or MeshError."""
     suffix = path.suffix.lower()
     if suffix not in (*ANY_POLYGON, ".vtp", *THROUGH_MESHIO):
         raise MeshError(
@@ -150,9 +148,6 @@ def _check_target(path: Path) -> str:
     if os.path.isdir(path):
         raise MeshError(f"{path} is a folder; name a file.")
     return suffix
-
-
-# Files that meshio reads, checked before it has them in its hands.
 
 
 FORMAT = re.compile(rb"\$MeshFormat\s+(\S+)\s+1\s")  # of binary files of Gmsh, and their version

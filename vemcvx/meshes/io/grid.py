@@ -40,8 +40,7 @@ from vemcvx.meshes.polyhedra import FACES, Listed, face_shapes, listed_faces, vo
 from vemcvx.meshes.tessellation import SpaceTessellation, Tessellation, straight_sides
 
 AnyTessellation = Tessellation | SpaceTessellation
-Rows = tuple[Ints, Ints]
-"""Offsets and nodes of rows of different lengths."""
+Rows = tuple[Ints, Ints]  # Offsets and nodes of rows of different lengths.
 
 CELL, MARK, PARTNERS, PHYSICAL = "vemcvx:cell", "boundary:", "partners:", "gmsh:physical"
 NODES = {"line": 2, "triangle": 3, "quad": 4, "tetra": 4, "hexahedron": 8, "wedge": 6, "pyramid": 5}
@@ -64,35 +63,17 @@ SHAPES = {(4, 4, 4): ("tetra", 3), (8, 6, 0): ("hexahedron", 4), (6, 5, 2): ("we
 
 @dataclass
 class Grid:
-    """Cells and data.
+    """Cells and data: the nodes of cell i are ``vertices[offsets[i]:offsets[i + 1]]``."""
 
-    Attributes
-    ----------
-    points : (n, 2) or (n, 3)
-    kinds : (k,) str
-        Kinds of the cells, in meshio's words: "triangle", "quad", "polygon", "line" ...
-    offsets, vertices : (k + 1,), (m,) int
-        The nodes of cell i are ``vertices[offsets[i]:offsets[i + 1]]``.
-    data : dict of str to (k, ...) arrays
-    sides : dict of str to (k,) bool
-        Named sets of cells that bound others.
-    parts : dict of str to Rows
-        Named parts of the boundary that are no cells.
-    faces : Listed, optional
-        Faces of the polyhedra, in their order.
-    notes : tuple of str
-        What was left out of it, in sentences.
-    """
-
-    points: Floats
-    kinds: NDArray[np.str_]
-    offsets: Ints
-    vertices: Ints
-    data: dict[str, NDArray[Any]] = field(default_factory=dict)
-    sides: dict[str, Bools] = field(default_factory=dict)
-    parts: dict[str, Rows] = field(default_factory=dict)
-    faces: Listed | None = None
-    notes: tuple[str, ...] = ()
+    points: Floats  # (n, 2) or (n, 3)
+    kinds: NDArray[np.str_]  # (k,) kinds of the cells, in meshio's words: "triangle", "quad", "polygon", "line" ...
+    offsets: Ints  # (k + 1,)
+    vertices: Ints  # (m,)
+    data: dict[str, NDArray[Any]] = field(default_factory=dict)  # arrays (k, ...)
+    sides: dict[str, Bools] = field(default_factory=dict)  # (k,) named sets of cells that bound others
+    parts: dict[str, Rows] = field(default_factory=dict)  # named parts of the boundary that are no cells
+    faces: Listed | None = None  # faces of the polyhedra, in their order
+    notes: tuple[str, ...] = ()  # what was left out of it, in sentences
 
     @property
     def bounding(self) -> tuple[Bools, Bools]:
@@ -109,9 +90,6 @@ class Grid:
     def marked(self) -> dict[str, NDArray[Any]]:
         """The data, and a datum for every named set of cells."""
         return self.data | {MARK + name: chosen.astype(np.uint8) for name, chosen in self.sides.items()}
-
-
-# Errors that begin with their subject, and notes as warnings.
 
 
 def finished(subject: str, made: Callable[[], tuple[AnyTessellation, list[str]]]) -> AnyTessellation:
@@ -150,9 +128,6 @@ def named(subject: str) -> Iterator[None]:
         yield
     except MeshError as error:
         raise MeshError(f"{subject}: {error}") from None
-
-
-# From a mesh to a grid.
 
 
 def grid_of(
@@ -254,9 +229,6 @@ def by_vertices(mesh: SpaceTessellation) -> tuple[NDArray[np.str_], Ints, Ints]:
         )
     offsets = offsets_of(shape[:, 0])
     return kinds, offsets, rows[np.arange(8) < shape[:, :1]]
-
-
-# From a grid to a mesh.
 
 
 def take_parts(grid: Grid, fields: Mapping[str, Any]) -> Grid:

@@ -35,8 +35,6 @@ from vemcvx.meshes.tessellation import SpaceTessellation
 if TYPE_CHECKING:
     import meshio
 
-# meshio: cells in blocks of one kind and number of nodes; named sets of cells, or Gmsh's physical groups.
-
 
 def from_meshio(mesh: meshio.Mesh) -> Grid:
     """Cells block by block, their data, and named groups; MeshError where data do not go with the cells.
@@ -177,9 +175,6 @@ def to_meshio(grid: Grid, *, in_order: bool, groups: bool = False) -> meshio.Mes
     )
 
 
-# scikit-fem: cells of one kind, named facets, named sets of cells.
-
-
 PLANE = {"ElementTriP1": "triangle", "ElementQuad1": "quad"}
 KINDS = {**PLANE, "ElementTetP1": "tetra", "ElementHex1": "hexahedron"}
 # Where scikit-fem has the vertices of a hexahedron that runs around its bottom, then around its top.
@@ -237,9 +232,6 @@ def to_skfem(mesh: AnyTessellation) -> tuple[Any, list[str]]:
     return made.with_boundaries(sides).with_subdomains(sets), sorted(set(mesh.cell_data) - set(sets))
 
 
-# PyVista: unstructured grids, cells in their order; named boundaries are field data, rows of nodes.
-
-
 def from_pyvista(data: Any) -> Grid:
     """Points and cells of UnstructuredGrid, PolyData or whatever else casts to a grid, through a file of VTK's."""
     import pyvista
@@ -265,9 +257,6 @@ def to_pyvista(mesh: AnyTessellation) -> Any:
         file = Path(folder) / "grid.vtu"
         write_xml(file, grid_of(mesh, mesh.cell_data, polyhedra=True, sides=False), fields=fields)
         return pyvista.read(file)
-
-
-# Meshes of other libraries in memory: which library an object is of, and the way there and back.
 
 
 CALLED = {"meshio": "meshio", "skfem": "scikit-fem", "pyvista": "PyVista"}

@@ -43,9 +43,6 @@ TYPES = {kind: number for number, kind in KINDS.items()}
 DAMAGED = "its lists of {} are damaged: offsets do not increase, or lead beyond the end."
 
 
-# What describes cells: the arrays that all files of VTK's, and PyVista, have.
-
-
 def vtk_grid(points: Floats, cells: Arrays, data: Arrays, fields: Arrays) -> Grid:
     """Return the grid of arrays that describe cells, by the names that XML files give them; or MeshError.
 
@@ -114,9 +111,6 @@ def face_stream(listed: Listed) -> tuple[Ints, Ints]:
     starts = (listed.offsets + np.arange(len(listed.offsets)))[listed.cell_offsets]
     stream = np.insert(stream, starts[:-1], np.diff(listed.cell_offsets))
     return stream, starts[1:] + np.arange(1, len(starts))
-
-
-# XML files.
 
 
 class _Xml:
@@ -244,7 +238,6 @@ def write_cells(path: Path, packed: Packed, point_data: Arrays, cell_data: Array
 
 
 def _three(values: ArrayLike) -> NDArray[Any]:
-    """Vectors of two components with a third, zero."""
     values = np.asarray(values)
     return np.pad(values, ((0, 0), (0, 1))) if values.ndim == 2 and values.shape[1] == 2 else values
 
@@ -301,7 +294,6 @@ def _blocks(arrays: Arrays) -> list[Block]:
 
 
 def _cells(grid: Grid) -> Arrays:
-    """The arrays that describe the cells of a grid."""
     arrays: Arrays = {"connectivity": grid.vertices, "offsets": grid.offsets[1:], "types": _types(grid)}
     if grid.faces is None:
         return arrays
@@ -312,7 +304,6 @@ def _cells(grid: Grid) -> Arrays:
 
 
 def _types(grid: Grid) -> NDArray[np.uint8]:
-    """VTK's types of the cells."""
     kinds, place = np.unique(grid.kinds, return_inverse=True)
     return np.array([TYPES[kind] for kind in kinds.tolist()], dtype=np.uint8)[place]
 
@@ -323,14 +314,10 @@ def _packed(data: bytes) -> bytes:
     Numbers of cells and nodes, and fields that are zero away from contact, shrink 5 to 90 times, at 650 MB/s.
     Displacements and stresses shrink by a fifth, at 30 MB/s, and are only wrapped.
     """
-    # Bytes from the middle tell if compressing pays.
-    sample = data[len(data) // 2 :][:4096]
+    sample = data[len(data) // 2 :][:4096]  # Bytes from the middle tell if compressing pays.
     packed = zlib.compress(data, int(2 * len(zlib.compress(sample, 1)) < len(sample)))
     header = np.array([1, len(data), len(data), len(packed)] if data else [0, 0, 0], dtype=np.uint64)
     return header.tobytes() + (packed if data else b"")
-
-
-# Legacy files.
 
 
 NUMBERS = {"double": "f8", "float": "f4", "vtkidtype": "i4", "signed_char": "i1"}

@@ -517,9 +517,9 @@ class Boundary:
             longer = np.linalg.norm(ways[0], axis=1) >= np.linalg.norm(ways[1], axis=1)
             u = u - np.where(longer[:, None], ways[0], ways[1])
         raise SceneError(
-            "error_bound: supports press the body into an obstacle, or nodes at a corner cannot be moved back from two of "
-            "them: no displacement is at hand that is admissible, and there is no bound. Give the obstacle a gap of zero "
-            "or more next to supports, or refine the mesh at the corner."
+            "error_bound: supports press the body into an obstacle, or nodes at a corner cannot be moved back from two "
+            "of them: no displacement is at hand that is admissible, and there is no bound. Give the obstacle a gap of "
+            "zero or more next to supports, or refine the mesh at the corner."
         )
 
 

@@ -44,8 +44,6 @@ class Traction(Effect):
 # A pressure p on a part of the boundary: sigma n = -p n, the traction f_2 = -p n of (3.4).
 #
 # n is the outward normal of the undeformed edge or face: the pressure does not follow the body (small displacements).
-
-
 @dataclass(frozen=True)
 class Pressure(Effect):
     """Pressure on a part of the boundary: the load -int p n . v ds, exact for affine p, as of Traction.
@@ -105,8 +103,6 @@ class BodyForce(Effect):
 # On a continuum this is a model that no refinement improves: under a point force the displacement grows like log(1/h)
 # and the energy with it, without bound (Kelvin's and Flamant's solutions). On a given mesh the answer is that of the
 # force spread over about one cell; away from it the answer converges.
-
-
 @dataclass(frozen=True)
 class PointLoad(Effect):
     """A force on single nodes (per unit thickness).
@@ -183,8 +179,6 @@ def held(subject: str, space: Space, nodes: Ints, value: Callable[[float], Float
 #
 # Under symmetric loads a body moves along its line of symmetry, without shear stress on it: half of the body is
 # enough.
-
-
 @dataclass(frozen=True)
 class Symmetry(Effect):
     """Line of symmetry, or rollers: u . n = 0 on a part of the boundary, which is free to slide.
@@ -296,8 +290,6 @@ class PrescribedDisplacement(Effect):
 #
 # to a(u, v). Traces are linear on edges and two Gauss points an edge integrate their products exactly (the P1 mass
 # matrix of the edge) for constant and affine k; likewise on faces of polyhedra, where traces are piecewise linear.
-
-
 @dataclass(frozen=True)
 class ElasticFoundation(Effect):
     """Springs between a part of the boundary and the ground, in tension and compression (Winkler foundation).

@@ -195,8 +195,6 @@ class Elasticity(MaterialLaw):
 #
 # In space 2 e_13 = sigma_13 / G13 and 2 e_23 = sigma_23 / G23, too, and with the axes a_1, a_2, a_3 = a_1 x a_2 as the
 # rows of R tensors turn by e' = R e R': of Q the row of e'_ab has (2 - delta_ab) (R_ai R_bj + R_aj R_bi) / 2 for e_ij.
-
-
 @dataclass(frozen=True)
 class Orthotropic(MaterialLaw):
     """Orthotropic linear elasticity: in the plane with two axes of symmetry there, in space with three.
@@ -468,8 +466,6 @@ class Viscosity(Effect):
 #   E / (1 - nu) (1, 1, 0).
 #
 # Each material says its own factor. (Boley and Weiner, Theory of Thermal Stresses, 1960.)
-
-
 @dataclass(frozen=True)
 class ThermalStrain(Effect):
     """Thermal expansion: the strain alpha theta in all directions, which causes stress where it is prevented.
@@ -511,8 +507,6 @@ class ThermalStrain(Effect):
 # Initial stress: sigma = C eps(u) + sigma_0.
 #
 # It enters the principle of virtual work as the load -int sigma_0 : eps(v), on cells -sum_K |K| sigma_0 : eps(Pi v).
-
-
 @dataclass(frozen=True)
 class Prestress(Effect):
     """Initial stress: a stress at zero strain, such as that of tendons or growth.

@@ -229,8 +229,6 @@ def _split_runs(sides: Sides, right: Bools) -> Ints:
 #                        of the kernel (the points that see the whole cell), an intersection of half-planes
 #
 # A cell whose kernel is empty, or so small that it would be seen under flat angles, has no such point.
-
-
 def centres_of(mesh: Tessellation, splitting: Splitting) -> tuple[Floats, Bools]:
     """Centres of all cells (n_cells, 2), and which cells have one, (n_cells,)."""
     centres, seen = mesh.centroids.copy(), np.ones(mesh.n_cells, dtype=bool)

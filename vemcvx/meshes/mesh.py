@@ -35,8 +35,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-class Held(Mesh):
-    """What meshes of plane and space do alike."""
+class UserMesh(Mesh):
+    """What meshes do alike, in the plane and in space."""
 
     NAMED_BY_PLACE = True
 
@@ -110,7 +110,7 @@ class Held(Mesh):
 
 
 @dataclass(frozen=True, eq=False, repr=False, init=False)
-class PolygonMesh(Tessellation, Held):
+class PolygonMesh(Tessellation, UserMesh):
     """A polygonal mesh of a plane domain.
 
     Parameters
@@ -242,7 +242,7 @@ class PolygonMesh(Tessellation, Held):
 
 
 @dataclass(frozen=True, eq=False, repr=False, init=False)
-class PolyhedralMesh(SpaceTessellation, Held):
+class PolyhedralMesh(SpaceTessellation, UserMesh):
     """A polyhedral mesh of a domain in space.
 
     Cells are polyhedra with plane faces; two cells meet in whole faces of both, so that where a large cell meets four

@@ -19,6 +19,7 @@ from vemcvx.scene.contact_table import PARALLEL, ContactRows, merged, summing
 from vemcvx.scene.supports import Moving, Supports, along, freedom, normal_is_free, normal_rows, on_free
 from vemcvx.vem import tangents_of
 
+
 # The norm terms of friction, over all nodal values, and what a System knows of them.
 #
 # A friction effect brings one row a node and distinct normal; rows of one node with one normal are one term, whose
@@ -26,8 +27,6 @@ from vemcvx.vem import tangents_of
 # a term of its own. Over u the matrix of the terms is B^ (orthonormal tangents); over the free unknowns it is B = B^
 # P. Terms that no free unknown moves come last. They are kept where supports drag their nodes along the contact, which
 # dissipates, or where contact presses on them, which is reported; all others are dropped.
-
-
 @dataclass(frozen=True, kw_only=True)
 class Terms(ContactRows):
     """The norm terms of a posed scene, over all nodal values; `normals` are what their tangents are across."""
@@ -306,8 +305,6 @@ def contact_surface(
 #
 # Rigid obstacles that meet at a node with one normal are one limit, at the smallest of their gaps, which acts on all
 # their edges; compliant obstacles each act with a force of their own.
-
-
 @dataclass(frozen=True, kw_only=True)
 class Obstacles(ContactRows):
     """The limits of a posed scene."""

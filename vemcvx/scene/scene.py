@@ -20,6 +20,7 @@ from vemcvx.scene.contact_table import STRAIGHT, pairs_of
 from vemcvx.scene.supports import along
 from vemcvx.vem import MirrorPlanes, Space, Stabilisation, VertexWeights
 
+
 # The body put together from its materials: every cell has exactly one.
 #
 # Stresses that need no strain are known only here, where the effects that cause them meet the materials that bear
@@ -29,8 +30,6 @@ from vemcvx.vem import MirrorPlanes, Space, Stabilisation, VertexWeights
 #
 # with b what a material says that a blocked unit eigenstrain costs. sigma_0 acts as the load
 # -sum_K |K| sigma_0 : eps(Pi v).
-
-
 def compose(materials: Sequence[Material], mesh: AnyMesh) -> Material:
     """One material for the whole body; SceneError if cells have none or several, or the planes are mixed."""
     if len(materials) == 1 and materials[0].cells is None:
@@ -129,8 +128,6 @@ def initial_stresses(parts: Sequence[Contribution], material: Material, space: S
 # by displacements of zero. The effects of contact are asked once more when it is known what supports hold, so that
 # nodes there get the normals that they have in the whole body. With those of their last facets, nodes at the ends of
 # a quarter of a press fit had a friction of .30 of the pressure, whatever the mesh width; the whole ring has none.
-
-
 def contributions(effects: Iterable[Effect], space: Space) -> list[tuple[Effect, Contribution]]:
     """The effects, each with what it contributes."""
     parts = [(effect, effect.contribute(space)) for effect in effects]
@@ -224,6 +221,9 @@ def _without_inactive(effect: Effect, part: Contribution, times: Sequence[float]
         said.extend(f"{data[i].subject}: its {what} is zero at all instants" for i in np.flatnonzero(zero))
         return tuple(data[i] for i in np.flatnonzero(~np.array(zero, dtype=bool)))
 
+    def faded(datum: Any) -> Any:
+        return replace(datum, value=fading(datum.value, times))
+
     matrices = () if part.material is not None else ("stiffness", "viscosity")
     weak = [name for name in matrices if (A := getattr(part, name)) is not None and not A.data.any()]
     none: dict[str, Any] = dict.fromkeys(weak)
@@ -232,14 +232,10 @@ def _without_inactive(effect: Effect, part: Contribution, times: Sequence[float]
         part,
         **none,
         loads=tuple(replace(x, times=tuple(times)) for x in alive(part.loads, lambda load: load.vector, "force")),
-        supports=tuple(x if x.value is None else replace(x, value=fading(x.value, times)) for x in part.supports),
+        supports=tuple(x if x.value is None else faded(x) for x in part.supports),
         frictions=tuple(_grounded(f, times, said) for f in alive(part.frictions, _bound, "bound")),
-        eigenstrains=tuple(
-            replace(x, value=fading(x.value, times)) for x in alive(part.eigenstrains, lambda x: x.value, "strain")
-        ),
-        initial_stresses=tuple(
-            replace(x, value=fading(x.value, times)) for x in alive(part.initial_stresses, lambda x: x.value, "stress")
-        ),
+        eigenstrains=tuple(map(faded, alive(part.eigenstrains, lambda x: x.value, "strain"))),
+        initial_stresses=tuple(map(faded, alive(part.initial_stresses, lambda x: x.value, "stress"))),
     )
 
 

@@ -332,6 +332,7 @@ def _not_contracting(step: DependentStep, t: float, rate: float, why: str) -> No
 
 
 def _rate(increments: list[float], window: int) -> float:
+    """The largest of the last ratios of increments; NaN where there are not so many."""
     last = np.array(increments[-window - 1 :])
     if len(last) <= window:
         return np.nan

@@ -158,9 +158,9 @@ def face_part(
     other; -1 for a face of no interface. `mirrors` are planes of symmetry at its nodes.
     """
     groups = list(face_groups(mesh.points, mesh.face_offsets, mesh.face_vertices, faces))
-    places = [np.searchsorted(faces, group.faces) for group in groups]
+    placed = [(group, np.searchsorted(faces, group.faces)) for group in groups]
     vectors, outline = np.empty((len(faces), 3)), np.empty(len(faces))
-    for group, at in zip(groups, places, strict=True):
+    for group, at in placed:
         corners = group.corners[:, :-1]
         vectors[at] = group.vectors.sum(axis=1)
         outline[at] = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2).sum(axis=1)
@@ -168,16 +168,11 @@ def face_part(
     normals = vectors / areas[:, None] + 0.0
 
     def rules(count: int) -> tuple[SideRule, ...]:
-        return tuple(SideRule(at, group.nodes, *group.quadrature()) for group, at in zip(groups, places, strict=True))
+        return tuple(SideRule(at, group.nodes, *group.quadrature()) for group, at in placed)
 
     begin = offsets_of(np.diff(mesh.face_offsets)[faces])
-    corner = np.concatenate(
-        [
-            np.ravel(begin[at][:, None] + np.arange(group.nodes.shape[1]))
-            for group, at in zip(groups, places, strict=True)
-        ]
-    )
-    side = np.concatenate([np.repeat(at, group.nodes.shape[1]) for group, at in zip(groups, places, strict=True)])
+    corner = np.concatenate([np.ravel(begin[at][:, None] + np.arange(group.nodes.shape[1])) for group, at in placed])
+    side = np.concatenate([np.repeat(at, group.nodes.shape[1]) for group, at in placed])
     ends = SideEnds(
         nodes=np.concatenate([group.nodes.ravel() for group in groups]),
         normals=normals[side],

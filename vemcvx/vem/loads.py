@@ -118,8 +118,6 @@ def _on_triangles(triangles: Floats, owner: Ints) -> Rule:
 # where v_hat is the average of the vertex values of v on K: each vertex of K takes an equal part of the cell's
 # force int_K f_1 dx. Traces are linear, and two Gauss points an edge integrate f_2 . v exactly for f_2 of
 # degree 2; seven points a triangle of a face, for f_2 of degree 4.
-
-
 def edge_load(space: Space, part: Part) -> tuple[Floats, sp.csr_matrix, Ints]:
     """The load of a force per length, in space per area, on a part of the boundary.
 

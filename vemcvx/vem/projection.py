@@ -13,6 +13,7 @@ from vemcvx.arrays import Bools, Floats, Ints, read_only, totals
 from vemcvx.meshes.mesh import PolyhedralMesh
 from vemcvx.meshes.polygons import RADON_POINTS, RADON_WEIGHTS, diagonals_of, spans
 
+
 # The projection Pi_K of Section 3 in vertex values.
 #
 # For v in (W_K^h)^2, (3.11), the paper fixes the linear field Pi_K v by three conditions: for all linear q
@@ -33,8 +34,6 @@ from vemcvx.meshes.polygons import RADON_POINTS, RADON_WEIGHTS, diagonals_of, sp
 #
 # Nothing here divides by an edge length, so edges may be as short as round-off lets them be; all quantities are
 # homogeneous in the coordinates, so that scaling these by a power of two changes no bit of G |K| / h, w and Pi.
-
-
 def area_gradients(corners: Floats) -> tuple[Floats, Floats]:
     """Areas |K| (c,) and |K| G_i (c, n, 2) of cells (c, n, 2), counter-clockwise, relative to a point of the cell.
 
@@ -93,8 +92,6 @@ def tangents_of(normals: Floats) -> Floats:
 # so that a_i is A/3 on triangles, A/4 on rectangles, and positive: contact has weights that are. Both cells of a face
 # share its triangles, so the sum of the b_i over a closed surface vanishes even if faces are warped by rounding. A
 # face that c does not see all of is cut into triangles along diagonals, without c.
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FaceGroup:
     """Faces with equally many vertices, cut into equally many triangles."""
@@ -266,8 +263,6 @@ class CellGroup:
 #
 # the constant of Pi by the mean over the surface, as in the plane by that over the outline (:mod:`.projection`). All
 # of it is homogeneous in the coordinates, and on a tetrahedron Pi v = v.
-
-
 @dataclass(frozen=True, eq=False)
 class PolyhedronGroup(CellGroup):
     """Polyhedra with equally many vertices, each cell's in ascending order."""

@@ -188,6 +188,7 @@ CALLED = [
      {"h": {"an array"}, "errors": {"an array"}, "name": NAMES | {"no words"}}),
     (MESH.with_boundary, {"name": "a", "predicate": lambda x: x[:, 0] > 0.9}, {"name": NAMES}),
     (vx.meshes.squares(2).cut, {"name": "a", "sides": {"b": [0, 1], "c": [2, 3]}}, {"name": NAMES}),
+    (vx.meshes.cubes(2).cut, {"name": "a", "sides": {"b": [0, 1, 2, 3], "c": [4, 5, 6, 7]}}, {"name": NAMES}),
     (MESH.with_cell_data, {"name": "a", "values": [1.0]}, {"name": NAMES}),
 ]  # fmt: skip
 PLACES = {

@@ -30,6 +30,7 @@ from typing import Any, ClassVar
 import numpy as np
 import scipy.sparse as sp
 from scipy.linalg import solve_triangular
+from scipy.linalg.blas import dtrsv
 from scipy.linalg.lapack import dpotrf
 
 from vemcvx.arrays import EPS, Floats, Ints, power_of_two, whole
@@ -125,8 +126,10 @@ class PardisoFactor(DirectFactor):
         try:
             if n > 0:
                 self._pardiso.run_phase_into(12, np.zeros_like(own, order="F"), own)
-            rank = np.argsort(np.argsort(self._last))
-            S = own.ravel(order="F")[: m * m].reshape(m, m)[np.ix_(rank, rank)]
+            S = own.ravel(order="F")[: m * m].reshape(m, m)
+            if (np.diff(self._last) < 0).any():
+                rank = np.argsort(np.argsort(self._last))
+                S = S[np.ix_(rank, rank)]
         except RuntimeError as error:
             raise singular() from error
         upper, info = dpotrf(S.T, lower=0, clean=0) if m else (S, 0)
@@ -146,7 +149,7 @@ class PardisoFactor(DirectFactor):
     def random_motions(self) -> Floats:
         z = np.random.default_rng(0).standard_normal((SAMPLES, self._K.shape[0])).T
         if len(self._last):
-            z[self._last] = solve_triangular(self._upper, z[self._last])
+            z[self._last] = solve_triangular(self._upper, z[self._last], check_finite=False)
         return self._run(333, z)
 
     def solve(self, b: Floats) -> Floats:
@@ -155,7 +158,7 @@ class PardisoFactor(DirectFactor):
     def energy(self, b: Floats) -> float:
         z = self._run(331, b)
         if len(self._last):
-            z[self._last] = solve_triangular(self._upper, z[self._last], trans=1)
+            z[self._last] = dtrsv(self._upper, z[self._last], trans=1)
         return float(z @ z) / self.unit
 
     @property

@@ -494,14 +494,12 @@ class Operators(ArrayRecord):
         W = A K^{-1} A' and the compliances C say how far rows move under multipliers. In single precision discs at
         their bounds, which do not slip, stick and slip in turns.
         """
-        A = self.A[:, self.read]
-        softness = np.asarray(A @ (A @ self.flexibility).T)
-        on_limits = np.arange(self.B.shape[0], len(softness))
-        softness[on_limits, on_limits] += self.compliance
         diagonal = np.append(np.repeat(self.norm_flexibility, self.block), 1.0 / self.limit_stiffness)
         u = 1.0 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
-        softness *= u[:, None]
-        softness *= u
+        A = sp.diags_array(u) @ self.A[:, self.read]
+        softness = np.asarray(A @ (A @ self.flexibility).T)
+        on_limits = np.arange(self.B.shape[0], len(softness))
+        softness[on_limits, on_limits] += u[on_limits] ** 2 * self.compliance
         return u, softness
 
     @cached_property

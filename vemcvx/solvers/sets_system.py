@@ -346,17 +346,23 @@ class SetsSystem:
         return np.asarray(force + place.rows.force_of(np.append(bent, self._spring * read[self._response.limits])))
 
     @cached_property
-    def _parts(self) -> tuple[Floats, Floats]:
-        """S + T and B'q J P on y, which add up to M."""
+    def _pulled(self) -> Floats:
+        """B'q J P on y, what M has beside S + T."""
         place, q, pushing = self._place, self._sets.direction, self._place.pushing
         along = pushing.data * q.ravel()[pushing.indices], pushing.indices // q.shape[1], pushing.indptr
         pulling = sp.csr_matrix(along, shape=(len(place.free), len(q)))
-        return place.beside_free(self._H, place.free), np.asarray(pulling @ (self._slope @ self._reactions))
+        return np.asarray((pulling @ self._slope) @ self._reactions)
+
+    def _motions(self) -> Floats:
+        """M, made anew each time, for whoever overwrites it: another copy of it takes longer than that."""
+        M = self._place.beside_free(self._H, self._place.free)
+        M += self._pulled
+        return M
 
     @cached_property
     def _lu(self) -> tuple[Floats, Ints]:
         """The factors of M': LAPACK reads columns."""
-        lu, pivots, info = lapack.dgetrf(np.add(*self._parts).T, overwrite_a=True)
+        lu, pivots, info = lapack.dgetrf(self._motions().T, overwrite_a=True)
         if info > 0 or not np.isfinite(lu).all():
             raise LinAlgError("singular")
         return lu, pivots
@@ -408,16 +414,17 @@ class SetsSystem:
         place = self._place
         if len(place.free) == 0:
             return 0.0
-        stiff, followed = self._parts
         anchors = place.anchors[np.ix_(place.free, place.free)] if place.anchor.any() else None
         # y'My >= y'Ny / 2 where J is small: M + M' - N is definite, which shows in a tenth of the work of the norm.
-        twice = stiff + followed
-        twice += followed.T
+        twice = self._motions()
+        twice += self._pulled.T
         if anchors is not None:
             twice -= anchors
-            stiff = stiff + anchors
         if lapack.dpotrf(twice.T, lower=1, clean=0, overwrite_a=True)[1] == 0:
             return 2.0
+        stiff = place.beside_free(self._H, place.free)
+        if anchors is not None:
+            stiff += anchors
         root, info = lapack.dpotrf(stiff)
         return np.inf if info else float(np.linalg.norm(np.triu(root) @ self._opened(np.triu(root).T)))
 

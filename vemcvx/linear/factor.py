@@ -167,7 +167,7 @@ class DenseCholesky(Factor):
     def __init__(self, K: Floats):
         # LAPACK without SciPy's checks: they take longer than factorising 100 unknowns. It reads columns: as rows of
         # K', which is K, these are copied in half the time that it takes to factorise 256.
-        self._upper, info = dpotrf(K.T, lower=0, clean=0) if len(K) else (K, 0)
+        self._upper, info = dpotrf(K.T, lower=0) if len(K) else (K, 0)
         if info > 0:
             raise singular()
 
@@ -199,8 +199,8 @@ class DenseCholesky(Factor):
 
     @cached_property
     def _inverse(self) -> Floats:
-        """R^{-1}, which takes a sixth of the work of solving for as many right sides."""
-        return np.triu(dtrtri(self._upper, lower=0)[0])
+        """R^{-1}, which takes a sixth of the work of solving for as many right sides; zero below the diagonal, as R."""
+        return np.asarray(dtrtri(self._upper, lower=0)[0])
 
     def flexibility(self, some: Ints, n: int) -> Floats:
         if n == 0:

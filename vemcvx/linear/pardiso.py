@@ -128,8 +128,10 @@ class PardisoFactor(DirectFactor):
         try:
             if n > 0:
                 self._pardiso.run_phase_into(12, np.zeros_like(own, order="F"), own)
-            rank = np.argsort(np.argsort(self._last))
-            S = own.ravel(order="F")[: m * m].reshape(m, m)[np.ix_(rank, rank)]
+            S = own.ravel(order="F")[: m * m].reshape(m, m)
+            if (np.diff(self._last) < 0).any():
+                rank = np.argsort(np.argsort(self._last))
+                S = S[np.ix_(rank, rank)]
         except RuntimeError as error:
             raise singular() from error
         upper, info = dpotrf(S.T, lower=0, clean=0) if m else (S, 0)
@@ -149,7 +151,7 @@ class PardisoFactor(DirectFactor):
     def random_motions(self) -> Floats:
         z = np.random.default_rng(0).standard_normal((SAMPLES, self._K.shape[0])).T
         if len(self._last):
-            z[self._last] = solve_triangular(self._upper, z[self._last])
+            z[self._last] = solve_triangular(self._upper, z[self._last], check_finite=False)
         return self._run(333, z)
 
     def solve(self, b: Floats) -> Floats:
@@ -172,7 +174,7 @@ class PardisoFactor(DirectFactor):
         """b'K^{-1}b of every column, (k,)."""
         z = self._run(331, b)
         if len(self._last):
-            z[self._last] = solve_triangular(self._upper, z[self._last], trans=1)
+            z[self._last] = solve_triangular(self._upper, z[self._last], trans=1, check_finite=False)
         return np.einsum("ij,ij->j", z, z) / self.unit
 
     @property

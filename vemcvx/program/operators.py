@@ -505,16 +505,14 @@ class Operators(ArrayRecord):
         """
         diagonal = np.append(np.repeat(self.norm_flexibility, self.block), 1.0 / self.limit_stiffness)
         u = 1.0 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
-        yielding = np.append(np.zeros(self.B.shape[0]), self.compliance)
+        yielding = u**2 * np.append(np.zeros(self.B.shape[0]), self.compliance)
+        A = sp.csr_matrix(sp.diags_array(u) @ self.A)
         if self.sparse:
-            A = sp.csr_matrix(sp.diags_array(u) @ self.A)
-            W = LinearOperator(2 * u.shape, lambda x: A @ self.factor.solve(A.T @ x) + u**2 * yielding * x, dtype=float)
+            W = LinearOperator(2 * u.shape, lambda x: A @ self.factor.solve(A.T @ x) + yielding * x, dtype=float)
             return u, W
-        A = self.A[:, self.read]
+        A = A[:, self.read]
         softness = np.asarray(A @ (A @ self.flexibility).T)
         softness[np.diag_indices(len(u))] += yielding
-        softness *= u[:, None]
-        softness *= u
         return u, softness
 
     @cached_property

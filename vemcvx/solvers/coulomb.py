@@ -213,11 +213,12 @@ def on_sets(program: StepProgram, law: Piece, sets: Sets, response: Response, ne
         bound += sets.bent(program.slip(point.d))
         step, more = system.solve(force, _missing(program, sets, point, bound, near))
         point = _moved(point, step, more)
-        force, x = program.residual(point.d, point.lam, point.p), np.concatenate([point.lam.ravel(), point.p])
+        x = np.concatenate([point.lam.ravel(), point.p])
         if turn:
             error, norm = operators.energy_norm(step), free + np.sqrt(operators.factor.energy(response.act(x)))
             if error <= SETTLED * norm:
                 break
+        force = program.residual(point.d, point.lam, point.p)
     size, last, off = np.abs(x), np.abs(more).max(initial=0.0), response.rows.read(step)
     solved = last <= SOLVED * max(np.abs(program.g).max(initial=0.0), size.max(initial=0.0)) and error <= SOLVED * norm
     # Sets that leave a rigid motion free put the body anywhere along it; the work of multipliers on it shows that.

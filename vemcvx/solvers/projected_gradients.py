@@ -6,8 +6,9 @@ The dual of a step's program in the multipliers x = (lam, p) of the rows A = [B;
 
 C being the compliances of limits. A gradient step on it is the projection of x - a ((W + C) x - A K^{-1} g + [b; e]) on
 discs and half lines, and costs one product with a matrix of as many rows as A. Its length a is one over what W + C is
-along the last step dx, dx'dx / dx'(W + C) dx and dx'(W + C) dx / |(W + C) dx|^2 in turns (Barzilai and Borwein 1988;
-Dai and Fletcher 2005): the function may rise, and some thirty steps tell the sets. Where weights follow p each
+along the last step dx, dx'dx / dx'(W + C) dx once and dx'(W + C) dx / |(W + C) dx|^2 twice in turns (Barzilai and
+Borwein 1988; Dai and Fletcher 2005): the function may rise, and some thirty steps tell the sets. Once each takes a
+twentieth more of them. Where weights follow p each
 projection is on discs of the radius w(p): that is no minimisation, and the fixed points are the solutions of Coulomb's
 law (:mod:`vemcvx.solvers.coulomb`). Nothing is proven here; what sets lead to is.
 
@@ -52,7 +53,7 @@ def swept(program: StepProgram, law: PressureLaw, start: Iterate) -> Iterate:
         size, bent = step @ step, step @ turn
         if bent <= EPS * size:
             break  # Rows that follow from others: nothing yields to this.
-        last, x = x, x - (size / bent if sweep % 2 == 0 else bent / (turn @ turn)) * off
+        last, x = x, x - (size / bent if sweep % 3 == 0 else bent / (turn @ turn)) * off
         lam, p = operators.blocks(x[norms]), x[limits]
         np.maximum(p, 0.0, out=p)
         w, sizes = without + follow(p), np.sqrt(np.einsum("ij,ij->i", lam, lam))

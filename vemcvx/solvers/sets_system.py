@@ -356,24 +356,29 @@ class SetsSystem:
         return np.asarray(force + place.rows.force_of(np.append(bent, self._spring * read[self._response.limits])))
 
     @cached_property
-    def _parts(self) -> tuple[Matrix, Matrix]:
-        """S + T and B'q J P on y, which add up to M."""
+    def _pulled(self) -> Any:
+        """B'q J P on y, what M has beside S + T."""
         place, q, pushing = self._place, self._sets.direction, self._place.pushing
         along = pushing.data * q.ravel()[pushing.indices], pushing.indices // q.shape[1], pushing.indptr
         pulling = sp.csr_matrix(along, shape=(len(place.free), len(q)))
-        followed: Any = pulling @ (self._slope @ self._reactions)
-        return place.beside_free(self._H, place.free), followed
+        return (pulling @ self._slope) @ self._reactions
+
+    def _motions(self) -> Any:
+        """M, made anew each time, for whoever overwrites it: another copy of it takes longer than that."""
+        M: Any = self._place.beside_free(self._H, self._place.free)
+        M += self._pulled
+        return M
 
     @cached_property
     def _opened(self) -> Callable[[Floats], Floats]:
         """M^{-1} of forces."""
-        stiff, followed = self._parts
-        if not isinstance(stiff, np.ndarray):
+        M = self._motions()
+        if not isinstance(M, np.ndarray):
             with suppress(RuntimeError):
-                return opened(sp.csr_matrix(stiff + followed))
+                return opened(sp.csr_matrix(M))
             raise LinAlgError("singular")
         # LAPACK reads columns: these are factors of M'.
-        lu, pivots, info = lapack.dgetrf((stiff + followed).T, overwrite_a=True)
+        lu, pivots, info = lapack.dgetrf(M.T, overwrite_a=True)
         if info > 0 or not np.isfinite(lu).all():
             raise LinAlgError("singular")
         return lambda rest: np.asarray(lapack.dgetrs(lu, pivots, rest, trans=1)[0])
@@ -422,13 +427,13 @@ class SetsSystem:
         place = self._place
         if len(place.free) == 0:
             return 0.0
-        stiff, followed = self._parts
         anchors = place.anchors[np.ix_(place.free, place.free)] if place.anchor.any() else None
         # y'My >= y'Ny / 2 where J is small: M + M' - N is definite, which shows in a tenth of the work of the norm.
-        twice = stiff + followed
-        twice += followed.T
-        if not isinstance(stiff, np.ndarray):
+        twice = self._motions()
+        twice += self._pulled.T
+        if not isinstance(twice, np.ndarray):
             # The norm of an inverse is not at hand; y'My >= y'Ny / c serves for every c.
+            stiff = place.beside_free(self._H, place.free)
             for c in (2.0, 8.0, 32.0):
                 with suppress(SceneError):
                     direct_solver(len(place.free)).factorise(sp.csr_matrix(twice + (1.0 - 2.0 / c) * stiff))
@@ -436,9 +441,11 @@ class SetsSystem:
             return np.inf
         if anchors is not None:
             twice -= anchors
-            stiff = stiff + anchors
         if lapack.dpotrf(twice.T, lower=1, clean=0, overwrite_a=True)[1] == 0:
             return 2.0
+        stiff = place.beside_free(self._H, place.free)
+        if anchors is not None:
+            stiff += anchors
         root, info = lapack.dpotrf(stiff)
         return np.inf if info else float(np.linalg.norm(np.triu(root) @ self._opened(np.triu(root).T)))
 

@@ -140,6 +140,7 @@ def test_intervals_of_linear_scenes_are_theorems(name):
         assert abs(bounds[2].value - bounds[2].low) < abs(bounds[0].value - bounds[2].low)
 
 
+@pytest.mark.long
 def test_forces_of_supports_balance_loads():
     """What the load determines alone is known to rounding."""
     scene = vx.Scene(
@@ -216,6 +217,7 @@ def test_quantities_of_two_bodies_are_between_their_bounds(name):
         check_against_finer(STACKS[name], (stacked(3), stacked(9)), of)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [0, 3])
 def test_estimates_end_where_the_certain_interval_ends(seed):
     """The dual state that is frozen as the run's is made on this mesh, and may be the worse of the two."""
@@ -229,6 +231,7 @@ def test_estimates_end_where_the_certain_interval_ends(seed):
     assert bound.high == bound.certain[1]
 
 
+@pytest.mark.long
 def test_what_friction_alone_holds_has_an_estimate():
     with pytest.warns(vx.SceneWarning, match="supports"):
         history = vx.simulate(SCENES["held by friction"], vx.meshes.squares(6), [0.0, 1.0])

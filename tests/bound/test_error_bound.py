@@ -76,6 +76,7 @@ def exact_energy(poisson):
     return float(0.5 * (0.25 * np.outer(w, w).ravel()) @ density)
 
 
+@pytest.mark.long
 @few_families
 def test_the_error_of_full_slip_is_bounded_from_both_sides(family):
     history = slipped(0.3, family, 6)
@@ -297,6 +298,7 @@ STACKS = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", STACKS)
 def test_bounds_of_two_bodies_agree_on_the_energy_that_a_step_makes_least(name):
     found = [vx.error_bound(vx.simulate(STACKS[name], stacked(n), [0.0, 1.0]), step=-1) for n in (3, 6)]
@@ -320,6 +322,7 @@ def test_bounds_of_contact_hold_against_much_finer_meshes(name):
     assert bound.potential[0] <= ahead.potential[0] <= ahead.potential[1] <= bound.potential[1]
 
 
+@pytest.mark.long
 def test_a_bonded_pair_is_as_one_body():
     """Held together along normals, and by more friction than there is load, two blocks move as one does."""
 
@@ -347,6 +350,7 @@ def test_bounds_with_coulomb_s_law_are_for_the_given_friction():
     assert bound.lower <= bound.upper <= 1.3 * bound.lower
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["paper", "weight", "warm", "held by contact"])
 @pytest.mark.parametrize("poisson", [0.3, 0.4999995])
 @pytest.mark.filterwarnings("ignore:Elasticity", "ignore:supports")
@@ -369,6 +373,7 @@ def test_squares_by_what_moves_edges_are_those_of_the_stresses_themselves(name, 
 BODY = ("density", "moments", "edges", "mixed", "outline", "squares", "energy", "work")
 
 
+@pytest.mark.long
 def test_body_forces_are_integrated_once_a_shape():
     """Of combinations of forces that were asked for all is as of new ones; but what is missed is taken for more."""
     circle = circle_of(vx.simulate(SCENES["weight"], vx.meshes.voronoi(4), [0.0, 1.0]))
@@ -394,6 +399,7 @@ def test_body_forces_are_integrated_once_a_shape():
     assert len(forces.known) <= 4
 
 
+@pytest.mark.long
 def test_penetration_is_part_of_the_bound():
     history = vx.simulate(LIFTED, vx.meshes.squares(6), [0.0, 1.0])
     u = history.displacement.copy()
@@ -402,6 +408,7 @@ def test_penetration_is_part_of_the_bound():
     assert vx.error_bound(deep, step=-1).upper > vx.error_bound(history, step=-1).upper
 
 
+@pytest.mark.long
 def test_later_steps_are_bounded_given_the_one_before():
     history = vx.simulate(paper_scene(lambda t: np.sin(np.pi * t)), vx.meshes.squares(8), np.linspace(0.0, 1.0, 5))
     for step in range(1, 5):
@@ -569,6 +576,7 @@ def test_runs_keep_the_largest_bound_of_their_steps(tmp_path):
     assert (told["bound_upper"], told["bound_lower"]) == (worst.upper, worst.lower)
 
 
+@pytest.mark.long
 def test_a_run_says_what_its_bound_supposes(tmp_path):
     """With Coulomb's law the friction that the run's pressure gives."""
     scene = vx.Scene(
@@ -586,6 +594,7 @@ def test_a_run_says_what_its_bound_supposes(tmp_path):
     assert vx.read_history(folder).summary() == history.summary()
 
 
+@pytest.mark.long
 def test_runs_that_cannot_be_bounded_are_refused_before_they_begin():
     with pytest.raises(vx.SceneError, match="store='all'"):
         vx.simulate(paper_scene(), vx.meshes.squares(4), [0.0, 1.0], store="last", bound=True)
@@ -671,6 +680,7 @@ def test_what_has_no_bound_says_so(effects, said):
         vx.error_bound(history, step=-1)
 
 
+@pytest.mark.long
 def test_bodies_in_space_and_steps_that_are_not_there_say_so():
     history = vx.simulate(paper_scene(), vx.meshes.squares(4), [0.0, 0.5, 1.0], store="last")
     with pytest.raises(vx.SceneError, match="step 2 is bounded given the one before, and step 1 was not stored"):

@@ -263,6 +263,7 @@ def test_inf_sup_constants_are_below_eigenvalues(seed):
         assert bound <= found[1] <= 3.0 * bound
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(4))
 def test_oscillation_constants_bound_what_moves_without_straining(seed):
     """|w|_T and |w|_e of all quadratic w on a fine mesh of a triangle, less rigid motions, by their energy."""

@@ -73,6 +73,7 @@ def test_stars_are_solved_exactly():
     assert (counts[vertices:] == 2).all()
 
 
+@pytest.mark.long
 def test_motions_of_edges_become_displacements_with_their_means():
     """Those that are linear and go on at vertices are displacements; all others keep their means on inner edges."""
     circle, _ = found()
@@ -95,6 +96,7 @@ def test_what_balances_forces_on_edges_is_symmetric():
     assert r @ inside._of_edges(r) > 0.0
 
 
+@pytest.mark.long
 def test_residuals_that_do_no_work_have_no_displacement():
     circle, _ = found()
     w, bound = circle.inside.best(np.zeros(circle.inside.size), np.zeros(4 * circle.equilibrium.edges.count))

@@ -76,6 +76,7 @@ def test_run_writes_what_it_says(tmp_path):
     assert f"pictures    {tmp_path / 'out'}: deformed_mesh.png" in done.output
 
 
+@pytest.mark.long
 def test_probes_are_written(tmp_path):
     done = invoke("run", PROBLEM, "--n", 4, "--steps", 2, "--out", tmp_path, "--probe", "0,0", "--probe", "0.3,0.4")
     assert done.exit_code == 0, done.output
@@ -123,6 +124,7 @@ def test_solvers_by_name(solver, says):
     assert f"accuracy={float(accuracy)}" in done.output
 
 
+@pytest.mark.long
 def test_mesh_store_and_condensation_by_name(tmp_path):
     options = ("--n", 3, "--steps", 4, "--mesh", "voronoi", "--store", "last", "--no-condense", "--out", tmp_path)
     done = invoke("run", PROBLEM, *options)
@@ -131,6 +133,7 @@ def test_mesh_store_and_condensation_by_name(tmp_path):
     assert vx.read_history(tmp_path).stored.tolist() == [4]
 
 
+@pytest.mark.long
 def test_a_mesh_file_in_place_of_a_family(tmp_path):
     path = tmp_path / "part.vtu"
     vx.meshes.voronoi(3).write(path)
@@ -144,6 +147,7 @@ def test_a_mesh_file_in_place_of_a_family(tmp_path):
     assert "gone.vtu" in missing.output
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("default:.*no part of the boundary has a name")
 def test_a_mesh_file_without_names(tmp_path):
     mesh = vx.meshes.voronoi(3)
@@ -516,6 +520,7 @@ def test_without_a_terminal_long_runs_say_a_line_at_times(tmp_path):
     assert re.search(r"seconds +assemble .*, write \S+$", run.stdout, re.MULTILINE)
 
 
+@pytest.mark.long
 def test_the_linear_solver_can_be_named():
     pytest.importorskip("pyamg")
     lines = [
@@ -542,6 +547,7 @@ three = 3
 """
 
 
+@pytest.mark.long
 def test_a_linear_solver_can_be_in_a_file(tmp_path):
     (tmp_path / "mine.py").write_text(MINE)
 

@@ -277,6 +277,7 @@ def test_letters_are_large_and_labels_whole(ran):
                 assert inside, f"{name}, {kind}: {one.get_text()!r} is cut off"
 
 
+@pytest.mark.long
 def test_a_cell_that_fails_is_named(tmp_path, monkeypatch):
     file = tmp_path / "broken.py"
     file.write_text("import marimo\napp = marimo.App()\n\n@app.cell\ndef _():\n    1 / 0\n    return\n")

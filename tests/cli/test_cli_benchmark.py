@@ -164,6 +164,7 @@ def test_the_true_error_is_the_distance_from_the_optimum():
         measured(lambda tolerance, memory: (0.5, np.full_like(best.d, np.nan), None, None, 1, ""), program, 1e-3)
 
 
+@pytest.mark.long
 def test_a_sequence_is_as_good_as_its_worst_step():
     """By hand: steps off by 3 % and 1 % of their own size, in units of the larger; each begins with the one before."""
     programs = [paper_step(), replace(paper_step(), g=2.0 * paper_step().g)]

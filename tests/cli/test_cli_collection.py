@@ -186,6 +186,7 @@ def test_what_is_written_is_confirmed(tmp_path, capsys):
         assert float(row["true"]) <= 1.01 * float(row["certified"]) + 1e-7
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("status", ["infeasible", "unbounded"])
 def test_a_proof_that_is_none_is_refused(tmp_path, status):
     """A multiplier of the other sign, a ray the other way."""
@@ -197,6 +198,7 @@ def test_a_proof_that_is_none_is_refused(tmp_path, status):
     assert not confirm.proved(program, status, np.ones_like(vector))
 
 
+@pytest.mark.long
 def test_the_folder_says_what_it_is_and_is_whole(tmp_path):
     write_collection(tmp_path, instances=[one_a_grade()[0]])
     for line in (tmp_path / "SHA256SUMS.txt").read_text().splitlines():
@@ -206,6 +208,7 @@ def test_the_folder_says_what_it_is_and_is_whole(tmp_path):
     assert "Version 4" in (tmp_path / "README.md").read_text()
 
 
+@pytest.mark.long
 def test_an_optimum_that_is_none_is_not_confirmed(tmp_path, monkeypatch):
     """Gaps that are too small by far are found out by any other answer."""
     write_collection(tmp_path, instances=[one_a_grade()[0]])

@@ -178,6 +178,7 @@ def test_linear_problems_are_directs_too():
     assert rows(done.output)["Newton", "own"][6] == "yes"
 
 
+@pytest.mark.long
 def test_a_miss_stands_in_the_table_and_is_no_failure_of_the_others():
     options = ["--accuracy", "1e-12", "--tuning", "tuned", "--solvers", "newton,clarabel,Mosek"]
     done = invoke(PROBLEM, "--n", 4, "--steps", 3, *options)
@@ -197,6 +198,7 @@ def test_a_settled_start_that_misses_is_none_of_the_steps(tmp_path):
     assert says in " ".join(done.output.split())
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("solvers", "accuracy"), [("newton,osqp", "1e-17"), ("direct", "1e-6")])
 def test_nobody_certified_exits_with_three(solvers, accuracy):
     done = invoke(PROBLEM, "--n", 4, "--steps", 2, "--accuracy", accuracy, "--solvers", solvers)
@@ -262,6 +264,7 @@ def broken(tmp_path):
     return tmp_path / "broken.py"
 
 
+@pytest.mark.long
 def test_whatever_breaks_down_is_a_row(broken):
     names = ["Failing", "Leaving", "Full"]
     done = invoke(PROBLEM, "--n", 3, "--steps", 1, "--solvers", ",".join(["newton", *(f"{broken}:{x}" for x in names)]))
@@ -346,6 +349,7 @@ def test_tables_fit(width):
     assert "…" not in done.stdout
 
 
+@pytest.mark.long
 def test_files(tmp_path):
     paths = {kind: tmp_path / f"told.{kind}" for kind in ("json", "csv", "html")}
     written = [part for kind, path in paths.items() for part in (f"--{kind}", path)]
@@ -406,6 +410,7 @@ def test_distances_are_those_of_the_energy_norm(attempts):
     assert distance(system, newton, clarabel)[0] < 1e-3 * found
 
 
+@pytest.mark.long
 def test_a_start_that_misses_alone_is_told(attempts):
     system, ((newton, run), *_) = attempts
     missed = replace(run, gap=np.where(np.arange(len(run.gap)) == 0, 1.0, run.gap))

@@ -16,6 +16,7 @@ def small(monkeypatch):
     monkeypatch.setattr(doctor, "voronoi", lambda n: voronoi(4))
 
 
+@pytest.mark.long
 def test_all_is_well_here():
     code, said = call("doctor")
     assert code == 0, said
@@ -25,6 +26,7 @@ def test_all_is_well_here():
     assert "16 cells" in said
 
 
+@pytest.mark.long
 def test_a_missing_package_is_named(monkeypatch):
     known = doctor.version_of
     monkeypatch.setattr(doctor, "version_of", lambda name: None if name in ("osqp", "pyamg") else known(name))
@@ -35,6 +37,7 @@ def test_a_missing_package_is_named(monkeypatch):
     assert "Not well: osqp." in said
 
 
+@pytest.mark.long
 def test_a_solver_that_does_not_converge_is_named(monkeypatch):
     monkeypatch.setitem(doctor.NAMES, "newton", lambda: vx.Newton(max_iterations=1))
     code, said = call("doctor")
@@ -43,6 +46,7 @@ def test_a_solver_that_does_not_converge_is_named(monkeypatch):
     assert "Not well: newton." in said
 
 
+@pytest.mark.long
 def test_an_answer_beyond_its_certificate_is_named(monkeypatch):
     """Forces that are a millionth too large certify well and are wrong."""
     march = doctor.march
@@ -56,6 +60,7 @@ def test_an_answer_beyond_its_certificate_is_named(monkeypatch):
     assert ": above its certificate" in said
 
 
+@pytest.mark.long
 def test_arithmetic_that_is_off_the_closed_form_is_noticed(monkeypatch):
     monkeypatch.setattr(doctor, "Elasticity", lambda young, poisson: vx.Elasticity(young, 0.3 + 1e-6))
     code, said = call("doctor")

@@ -129,6 +129,7 @@ def test_it_has_the_numbers_of_the_summary(paper):
         assert f"{name} {told['seconds'][name]:.6g}" in text
 
 
+@pytest.mark.long
 def test_results_have_their_units_and_steps_are_not_all_there(paper):
     read = Reader(paper[1])
     assert "Consistent units" in read.text

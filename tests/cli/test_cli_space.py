@@ -41,6 +41,7 @@ def invoked(tmp_path, *arguments):
     return result.exit_code, " ".join(result.output.split())
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("family", "size"), [("cubes", "8 cells, 27 nodes"), ("tetrahedra", "48 cells, 27 nodes")])
 def test_a_problem_in_space_runs_on_its_families(tmp_path, family, size):
     code, said = invoked(tmp_path, "run", "--n", "2", "--steps", "2", "--mesh", family)
@@ -106,6 +107,7 @@ def test_pictures_and_report_say_what_they_leave_out(tmp_path, monkeypatch):
     assert "algebra is certified, the others are estimated" in page
 
 
+@pytest.mark.long
 def test_a_probe_in_space_has_three_coordinates(tmp_path):
     out = str(tmp_path / "out")
     code, said = invoked(tmp_path, "run", "--n", "2", "--steps", "2", "--probe", "0.5,0.5", "--out", out)

@@ -86,6 +86,7 @@ def test_combinations(pad):
     assert problem.studied([]) == [()]
 
 
+@pytest.mark.long
 def test_one_value_is_one_run(pad):
     code, said = call("run", str(pad), *SMALL, "--set", "friction=.1", "--set", "push=.1,-.02", "--out", "one")
     assert code == 0, said

@@ -35,6 +35,7 @@ def test_settings_that_are_no_study_are_refused(settings, says):
         PAPER.studied(settings)
 
 
+@pytest.mark.long
 def test_settings_given_twice_are_refused_by_all_commands():
     with pytest.raises(ProblemError, match="young is given twice"):
         PAPER.scene(["young=1", "young=2"])
@@ -48,6 +49,7 @@ def test_a_tuple_of_one_is_a_value_where_the_scene_takes_tuples():
     assert Problem(PAPER.path, module).studied(["axes=1,"]) == [("axes=1,",)]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("probe", ["1", "1,2,3,4", "a,b"])
 def test_a_probe_that_is_no_point_is_called_so(probe):
     code, said = call("run", "feng_han_huang", "--n", "2", "--steps", "1", "--probe", probe)

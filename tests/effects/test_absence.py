@@ -158,6 +158,7 @@ def test_without_says_what_is_there():
     assert scene.effects == (STEEL, HELD, PULLED)
 
 
+@pytest.mark.long
 def test_a_scene_without_its_material_is_one_to_add_to():
     full = vx.Scene(*SUPPORTED, PULLED)
     wood = vx.Orthotropic(young=(200.0, 60.0), poisson=0.3, shear=40.0)

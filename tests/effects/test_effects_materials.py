@@ -70,6 +70,7 @@ class TestRegions:
         whole = vx.Elasticity("young", 0.3, on="west"), vx.Elasticity(50.0, 0.3, on="east")
         assert np.unique(pose_scene(vx.Scene(*whole, vx.Clamp("left")), mesh).material.moduli[1]) == 50 / 2.6
 
+    @pytest.mark.long
     def test_two_kinds_of_material_share_a_body(self, tmp_path):
         """Isotropic constants written both ways: the answer of the isotropic scene, through files too."""
         mesh, times = halves(small("voronoi", 5), at=0.5), np.linspace(0, 1, 5)

@@ -135,6 +135,7 @@ def test_prestress_of_a_held_and_of_a_free_body(family, plane):
     assert near(free.stress(-1), 0.0, 3.0)
 
 
+@pytest.mark.long
 def test_stresses_at_zero_strain_come_back_from_files(tmp_path):
     scene = vx.Scene(
         vx.Elasticity(YOUNG, POISSON),

@@ -110,6 +110,7 @@ def test_solvers_agree(family):
     assert (apart <= sum(np.cumsum(np.sqrt(2 * run.trajectory.gap)) for run in runs)).all()
 
 
+@pytest.mark.long
 def test_equal_bounds_are_a_disc():
     _, q = closed_form(ACROSS)
     mesh = vx.meshes.voronoi3(2, BOX)
@@ -274,6 +275,7 @@ def test_what_makes_no_ellipse_is_refused_in_a_sentence(name):
         vx.simulate(vx.Scene(*PUSHED, effect), vx.meshes.cubes(2), [0.0, 0.5, 1.0])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("direction", [(1.0, 0.0, 0.0), (0.6, 0.8, 0.0)])
 @pytest.mark.parametrize("friction", [vx.TrescaFriction(0.02, on="bottom"), vx.CoulombFriction(0.5, on="bottom")])
 def test_what_slides_across_a_line_of_friction_slips(friction, direction):

@@ -69,6 +69,7 @@ def test_tension_along_an_axis(axis):
     )
 
 
+@pytest.mark.long
 def test_isotropic_constants_are_elasticity():
     mesh, nu = vx.meshes.kelvin(2), 0.3
     iso = vx.Orthotropic((10.0,) * 3, (nu,) * 3, (10.0 / (2 * (1 + nu)),) * 3, axes=(TURN[0], TURN[1]))
@@ -116,6 +117,7 @@ def test_moduli_of_shear_do_not_depend_on_axes():
     assert upper_triangle(turned).shape == (21, 1)
 
 
+@pytest.mark.long
 def test_fibres_do_not_lock():
     """Sheared across fibres 1e8 times as stiff: the energy stays that of the matrix around them."""
     energies = []

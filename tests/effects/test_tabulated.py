@@ -21,6 +21,7 @@ def block(pull, bound, lift):
     )
 
 
+@pytest.mark.long
 def test_a_table_is_the_function_that_interpolates_it():
     course = np.interp(TIMES, INSTANTS, PULLS)
     tables = (

@@ -46,6 +46,7 @@ def test_targets_are_met_in_nine_of_ten_scenes():
     assert sum(kept(seed) for seed in range(20)) >= 18
 
 
+@pytest.mark.long
 def test_a_reversal_that_costs_something_is_an_instant():
     scene, turn = random_scene(3)
     assert turn < 1.0
@@ -210,6 +211,7 @@ def pulse(t):
     return max(0.0, 2 - abs(8 * t - 4))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("course", [cycle, pulse])
 def test_loads_that_vanish_at_the_instants_asked_for_are_seen(course):
     found = vx.adapt(paper_scene(course), vx.meshes.squares(3), [0.0, 1.0], 0.3)
@@ -331,6 +333,7 @@ def rubbed_pad():
     )
 
 
+@pytest.mark.long
 def test_a_load_that_comes_and_goes_within_a_step_is_seen():
     """At the instants asked for only the preload acts: of the shaking between no estimate at these would tell."""
 
@@ -346,6 +349,7 @@ def test_a_load_that_comes_and_goes_within_a_step_is_seen():
     assert np.allclose(judged, [0.25, 0.75, 1.25, 1.75, 2.0], rtol=0, atol=1e-9)
 
 
+@pytest.mark.long
 def test_between_the_turns_of_loads_nothing_is_added():
     """Data that are linear between the instants asked for leave the run as it was."""
     found = vx.adapt(paper_scene(), vx.meshes.squares(4), [0.0, 0.5, 1.0], 0.4)

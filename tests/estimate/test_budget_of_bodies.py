@@ -56,6 +56,7 @@ def test_constant_pressure_has_no_residual_where_three_bodies_meet():
     assert space_of(scene, mesh).max() < 1e-12
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("contact", [vx.BilateralContact, vx.UnilateralContact])
 def test_constant_stress_has_no_residual_where_supports_hold_the_ends_of_an_interface(contact):
     """They bear what acts there, of which no multiplier tells."""

@@ -140,6 +140,7 @@ def test_nothing_is_lost_where_nothing_changes_its_mind():
     assert error_budget(history).added.max() <= 1e-12
 
 
+@pytest.mark.long
 def test_the_algebra_is_certified():
     loose = vx.simulate(paper_scene(), vx.meshes.squares(4), np.linspace(0, 1, 9), solver=vx.Clarabel(accuracy=1e-3))
     budget = error_budget(loose)
@@ -148,6 +149,7 @@ def test_the_algebra_is_certified():
     assert budget.total == pytest.approx(budget.algebra + budget.space + budget.time)
 
 
+@pytest.mark.long
 def test_parts_and_cells_add_up():
     budget = error_budget(vx.simulate(paper_scene(), vx.meshes.voronoi(4), [0.0, 1.0]))
     assert set(budget.parts) == {"volume", "jumps", "boundary", "stabilisation", "data"}
@@ -199,6 +201,7 @@ def test_an_affine_field_has_no_residual():
         assert budget.space.max() < 1e-12
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("ignore:supports. nothing but friction or one-sided contact")
 def test_contact_and_springs_balance_at_the_boundary():
     """A column on springs, and one on a rigid floor: the forces that they exert are those of the cells above."""

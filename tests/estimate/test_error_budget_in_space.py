@@ -36,6 +36,7 @@ def ratio_of(poisson, family, n):
     return budget.largest["total"] / full_slip.energy_error(history, plane.lame(poisson))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("family", ["cubes", "tetrahedra"])
 def test_effectivity_on_full_slip(family):
     assert LEAST <= ratio_of(0.3, family, 3) <= MOST

@@ -68,6 +68,7 @@ def test_first_order_in_the_mesh_size_whatever_lambda(slip, family):
         assert energy == pytest.approx(found[0], rel=0.05)
 
 
+@pytest.mark.long
 def test_nearly_incompressible_in_passing(slip):
     errors = [slip_errors(slip, "voronoi", lam, (10,), pulled=True)[1:, 0] for lam in (1.0, 1e6)]
     assert errors[1] == pytest.approx(errors[0], rel=0.1)

@@ -261,6 +261,7 @@ def test_runs_that_were_read_are_refused(tmp_path):
         vx.quantities(vx.read_history(tmp_path))
 
 
+@pytest.mark.long
 def test_lost_work_is_warned_of_once_and_only_where_it_counts(caplog):
     """5.8 % with 16 steps, 1.5 % with 64: by the balance the work is the same."""
     run = problem(feng_han_huang, 6)

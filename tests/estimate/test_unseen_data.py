@@ -139,6 +139,7 @@ def test_targets_are_met_in_truth_where_the_first_mesh_sees_nothing(name):
     assert vx.measures.energy_distance(found.history, truth).relative <= target
 
 
+@pytest.mark.long
 def test_data_that_do_not_vary_have_no_share():
     scene = rubbing(4.0, vx.Traction((0.0, 0.0), on="left"), vx.Pressure(1.0, on="top"))
     history = vx.simulate(scene, vx.meshes.squares(2), TIMES, initial="settled")

@@ -257,6 +257,7 @@ def test_systems_with_six_rigid_motions_are_in_space(monkeypatch):
     assert replace(system, near_kernel=None).linear() == SuperLU()
 
 
+@pytest.mark.long
 def test_a_run_chooses_once(monkeypatch, caplog):
     """Also where steps of several lengths are factorised for: what is said of the choice is said once."""
     pytest.importorskip("pyamg")

@@ -94,6 +94,7 @@ def test_flexibilities_are_estimated_by_a_few():
     assert (estimate < 4.0 * exact).all()
 
 
+@pytest.mark.long
 def test_what_is_held_and_what_is_stiff_is_known_on_every_level():
     """The coarse matrices are Galerkin's, and a cycle of K + S on the free unknowns is positive definite, below 1.
 

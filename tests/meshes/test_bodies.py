@@ -159,6 +159,7 @@ def test_a_file_with_two_bodies_and_no_interface_says_what_to_do(tmp_path):
         vx.meshes.read(tmp_path / "mesh.vtu")
 
 
+@pytest.mark.long
 def test_histories_keep_interfaces(tmp_path):
     mesh = bodies({"a": squares(1), "b": squares(1, ((1, 2), (0, 1)))})
     scene = vx.Scene(vx.Elasticity(1.0, 0.3), vx.Clamp(["a.left", "b.right"]), vx.BodyForce(lambda x, t: x * t))

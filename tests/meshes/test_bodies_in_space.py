@@ -330,6 +330,7 @@ def test_files_keep_interfaces(tmp_path):
         two.write(tmp_path / "mesh.msh")
 
 
+@pytest.mark.long
 def test_meshes_of_pyvista_keep_interfaces():
     pytest.importorskip("pyvista")
     mesh = three_bodies()

@@ -45,6 +45,7 @@ def test_colours_by_values_of_cells(mesh, by_name):
     assert ax.collections[0].get_linewidth() == [2.0]
 
 
+@pytest.mark.long
 def test_in_view_true_to_scale_and_saved(mesh, tmp_path):
     ax = mesh.plot(mesh.volumes)
     assert mesh.plot(ax=ax) is ax

@@ -70,6 +70,7 @@ def lines(ax):
     return {line.get_label(): line.get_xydata() for line in ax.lines}
 
 
+@pytest.mark.long
 def test_the_mesh_is_drawn_where_it_moves_to(history):
     ax = deformed_mesh(history).axes[0]
     u, mesh = history.displacement[-1], history.mesh
@@ -311,6 +312,7 @@ def test_all_steps_share_one_scale(history):
     assert len({(ax.collections[0].get_clim(), ax.collections[0].get_cmap().name) for ax in bodies}) == 1
 
 
+@pytest.mark.long
 def test_magnified_as_asked_with_the_units_and_limits_of_the_reader(history):
     units = {"length": "mm", "force": "N", "time": "s"}
     figure = new_figure()
@@ -521,6 +523,7 @@ def test_a_loop_needs_something_that_moves(history, rubbed, tmp_path):
         hysteresis_loop(read, "lid")
 
 
+@pytest.mark.long
 def test_stresses_that_engineers_quote(rubbed):
     found = {
         "von_mises": rubbed.von_mises(-1),

@@ -37,6 +37,7 @@ def test_energies_have_bars_where_the_exact_ones_are(bounded):
     assert (bounded.energy_bounds[:, 0] <= bounded.energy_bounds[:, 1]).all()
 
 
+@pytest.mark.long
 def test_the_map_shows_the_parts_of_cells(bounded):
     figure = error_map(bounded)
     shown = 10.0 ** figure.axes[0].collections[0].get_array()

@@ -112,6 +112,7 @@ def test_slip_that_is_rounding_is_drawn_as_none(held):
     assert all((line.get_ydata() == 0).all() for line in along_contact(noisy, "slip").axes[0].lines)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("draw", [deformed_mesh, stick_slip_map])
 def test_legends_of_shared_figures_cover_nothing(opened, draw):
     figure = new_figure(9.0, 4.0)

@@ -38,6 +38,7 @@ def test_three_bars_follow_their_closed_form(marched):
     assert (np.abs(reached - sigma) <= error).all()
 
 
+@pytest.mark.long
 def test_dissipation_and_energy(marched):
     system, trajectory = marched
     state, sigma, _ = lesson.three_bars_in_closed_form(FORCE)

@@ -50,6 +50,7 @@ def test_every_subject_of_the_table_has_cases():
     assert {subject for subject, _ in hard_cases.CASES} == set(hard_cases.SUBJECTS)
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("ignore")
 def test_the_table_notices_what_is_wrong():
     """A table that could not fail would show nothing: each kind of complaint is provoked once."""
@@ -78,6 +79,7 @@ def test_the_table_notices_what_is_wrong():
         assert re.search(complaint, complaints[0])
 
 
+@pytest.mark.long
 def test_solved_but_wrong_is_noticed():
     """A solver whose answer is off by more than it certifies, with a certificate to match, differs from the others."""
     mesh, times = vx.meshes.squares(4), np.linspace(0, 0.5, 3)

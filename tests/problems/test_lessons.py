@@ -189,6 +189,7 @@ def test_lesson_1_a_step_by_hand_minimises_its_energy():
             assert energy(u) == pytest.approx(-((f - lam) ** 2) / (2 * K) - lam * u_prev, abs=1e-14)
 
 
+@pytest.mark.long
 def test_lesson_2_four_nodes_agree_with_the_hand():
     """Clarabel's own tolerance, 1e-8 in the gap, is 1e-4 in the slip at worst and was seen to give 1e-8."""
     space, _ = ran("lesson_2_four_nodes.py")
@@ -232,6 +233,7 @@ def test_lesson_4_the_loop_loses_what_the_formula_says():
     assert np.ptp(spent) < 1e-12 * spent[0]
 
 
+@pytest.mark.long
 def test_lesson_5_ends_where_the_package_does():
     """Two answers to a program are no farther apart than both gaps allow."""
     space, _ = ran("lesson_5_active_sets.py")
@@ -279,6 +281,7 @@ def test_answers_of_lessons_1_and_2():
     assert (space["f"] - space["K"] @ space["by_hand"])[3] == 0.0
 
 
+@pytest.mark.long
 def test_answers_of_lessons_3_and_4():
     space, _ = ran("lesson_3_virtual_elements.py")
     lam, mu = space["moduli"]

@@ -53,6 +53,7 @@ def test_stick_slip_and_reversal_are_exact_on_every_mesh(family):
     assert closed == pytest.approx(4 * lesson.BOUND * lesson.LENGTH * lesson.HEIGHT * (lesson.PEAK - lesson.BOUND))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("solver", SOLVERS, ids=lambda solver: solver.name)
 def test_every_solver_finds_the_strip(solver):
     against_closed_form(vx.meshes.voronoi(4, BOX), solver)

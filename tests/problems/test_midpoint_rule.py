@@ -18,6 +18,7 @@ def orders(values):
     return np.log2(values[:-1] / values[1:])
 
 
+@pytest.mark.long
 def test_straight_pulls(found):
     """Backward Euler is exact; the midpoint rule of order one, in the middles, too: it carries its start along."""
     exact, first = found["straight"]

@@ -98,6 +98,7 @@ def test_a_grain_leans_the_loop_of_friction(family):
     assert np.array_equal(~contact.sticking[1:].any(axis=1), slides)
 
 
+@pytest.mark.long
 def test_a_tendon_keeps_its_stress_beyond_the_transfer_length():
     """The rod's error is of the order of H over the transfer length, 1/24; measured .1 % in the draw-in."""
     history, H = small("pretensioned_tendon"), tendon.HEIGHT
@@ -160,6 +161,7 @@ def test_a_belt_pulls_a_strip_by_the_force_of_a_rod():
     assert x[contact.sticking[k]].min() == pytest.approx(np.sqrt(run / belt.FULL) * belt.LENGTH, abs=belt.HEIGHT)
 
 
+@pytest.mark.long
 def test_a_silo_hangs_on_its_walls():
     """Slices that stay plane are off by (B / l)^2, .9 % at mu = .4 and .3 % at .2; and forces balance."""
     errors = []
@@ -185,6 +187,7 @@ def test_a_silo_hangs_on_its_walls():
     assert history.reaction("bottom")[-1, 1] < 0.4 * weight
 
 
+@pytest.mark.long
 def test_a_beam_meets_its_stop():
     """Deflection within h^2 and, once it leans, the force of the stop within one per cent of Timoshenko's beam."""
     history = small("beam_on_a_stop")
@@ -256,6 +259,7 @@ def test_a_column_and_its_layer_yield_in_series(family):
     assert -history.stress(-1)[:, 1] == pytest.approx(p[-1], rel=FLOOR)
 
 
+@pytest.mark.long
 def test_a_layer_spreads_the_pressure_of_hertz():
     """The softer, the lower and the wider; and a hard one gives back the rigid cylinder, by its own depth p / c."""
     mesh, runs = layer.punch_mesh(8), []

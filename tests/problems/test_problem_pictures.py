@@ -92,6 +92,7 @@ def test_a_gallery_of_one(tmp_path, capsys):
         gallery.main(["bonded_pat"], tmp_path)
 
 
+@pytest.mark.long
 def test_the_page_shows_every_picture_of_a_problem():
     """As it is in the repository: `python problems/gallery.py --page` writes it anew."""
     folder = ROOT / "problems" / "pictures"

@@ -37,6 +37,7 @@ def simulated(problem, n, steps, family=None, parameters=None, accuracy=None):
     return vx.simulate(problem.scene(**(parameters or {})), mesh, problem.times(steps), initial=initial, solver=solver)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("family", SPACE)
 def test_circular_hysteresis_is_exact_step_by_step(family):
     history = simulated(circles, 2, 30, family, {"steps": 30}, accuracy=1e-11)

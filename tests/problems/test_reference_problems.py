@@ -82,6 +82,7 @@ def test_shear_lag_with_reversal():
     assert slipped == pytest.approx(shear_lag.FORCE / shear_lag.BOUND, abs=1.0)
 
 
+@pytest.mark.long
 def test_creep():
     """Without friction the share of the elastic answer, exactly; with friction less, and both losses are counted."""
     times = creep.times(20)

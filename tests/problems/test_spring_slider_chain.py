@@ -41,6 +41,7 @@ def test_the_chain_adds_up_plays(marched):
     assert allowed.multipliers.max() < 1e-2
 
 
+@pytest.mark.long
 def test_loss_and_energy(marched):
     system, trajectory = marched
     u, _ = lesson.chain_in_closed_form(FORCE)
@@ -53,6 +54,7 @@ def test_loss_and_energy(marched):
     assert allowed.dissipated[-1] < 0.1 * loss[-1]
 
 
+@pytest.mark.long
 def test_closed_loops_enclose_what_they_lose():
     """Trapezoids are exact: all kinks of the loops, twice the thresholds from a turning point, are instants."""
     trajectory = lesson.march(lesson.chain(FORCE), FORCE)
@@ -81,6 +83,7 @@ def test_return_point_memory(marched):
     assert (np.abs(short.state[-1] - trajectory.state[-1]) <= allowed[-1]).all()
 
 
+@pytest.mark.long
 def test_congruency():
     """Closed loops between the same forces have the same shape after different histories."""
     loops, starts = [], []

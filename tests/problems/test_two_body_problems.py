@@ -168,6 +168,7 @@ def test_a_pad_brakes_a_disc():
     assert (added[1] > 0).all()
 
 
+@pytest.mark.long
 def test_two_cylinders_press_as_hertz_says():
     """Half-width and peak within two per cent, of meshes with 16 and 12 cells in the half-width."""
     history = vx.simulate(cylinders.scene(), cylinders.mesh(16), cylinders.times(1))
@@ -184,6 +185,7 @@ def test_two_cylinders_press_as_hertz_says():
     assert half_width > 1.2 * np.sqrt(4 * force * cylinders.RADIUS * (1 - 0.3**2) / (np.pi * cylinders.YOUNG[0]))
 
 
+@pytest.mark.long
 def test_the_glue_of_a_lap_joint_bears_its_load_at_the_ends():
     """Nodal tractions within one per cent of Volkersen's but for a height from the ends, where he has no free faces."""
     history = vx.simulate(lap.scene(), lap.mesh(4), lap.times(1))

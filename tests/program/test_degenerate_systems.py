@@ -62,6 +62,7 @@ def test_rows_none_of_which_reads_anything(terms, condense):
     assert run.dissipated[-1] == (6.0 if terms is NOTHING["norms on a ground"] else 0.0)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("block", [1, 2])
 def test_the_safeguard_never_loses_K(block):
     """When the floor cannot be met shifts stop growing, and whatever was found is handed back."""

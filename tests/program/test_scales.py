@@ -246,6 +246,7 @@ def test_what_is_no_number_certifies_nothing():
     assert found.tolist() == [0.0, np.inf, np.inf, np.inf, np.inf, 0.5]
 
 
+@pytest.mark.long
 @few_families
 @pytest.mark.parametrize("off", [1e-6, 1e-9, 0.0])
 def test_what_is_out_of_balance_at_the_start_is_certified(family, off):

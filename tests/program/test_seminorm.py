@@ -219,6 +219,7 @@ def test_ground_moves_under_a_body_between_rollers(family, angle, limit):
     assert np.abs(energies[1] - energies[0]).max() <= 1e-7 * energies[0].max()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("block", [1, 2])
 @pytest.mark.parametrize("modes", [1, 3])
 @pytest.mark.parametrize("limited", [False, True])

@@ -81,6 +81,7 @@ def said(history):
     return {one.key: one.unbounded for one in history.extremes}
 
 
+@pytest.mark.long
 def test_a_clamp_and_contact_that_sticks_are_told():
     """From squares of 1/8 to 1/16 the pressure at the corner grows by 2^.29, as the exponent says."""
     found = {n: cycle(vx.meshes.squares(n)) for n in (8, 16)}
@@ -255,6 +256,7 @@ def test_bonded_quarters_are_as_bogy_has_them(young, poisson):
     assert exponent(quarters, [joined("sticks")], (FREE, FREE)) == pytest.approx(known, abs=1e-8)
 
 
+@pytest.mark.long
 def test_the_free_edge_of_two_materials_is_told():
     """A strip of two materials, side by side, is pulled along: stress grows where they meet at its free sides."""
     found = {}

@@ -99,6 +99,7 @@ def test_given_friction_that_jumps_along_contact_is_told():
     assert grown == pytest.approx(np.log(2) * abs(across), rel=0.1)
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("ignore:supports. nothing but friction or one-sided contact")
 @pytest.mark.parametrize("contact", [vx.BilateralContact(on="bottom"), vx.UnilateralContact(on="bottom")])
 def test_given_friction_that_holds_is_a_clamp(contact):

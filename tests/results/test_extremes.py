@@ -81,6 +81,7 @@ def test_the_peak_of_a_cycle_is_not_its_end(history):
     assert found["largest von Mises stress"].value > 1.2 * history.von_mises(-1).max()
 
 
+@pytest.mark.long
 def test_steps_that_are_not_stored_do_not_count():
     last = cycle(vx.meshes.voronoi(5), store="last")
     assert {one.time for one in last.extremes} <= set(last.times.tolist())

@@ -71,6 +71,7 @@ def test_every_family_comes_back(family, tmp_path):
     assert_same(history, read_history(tmp_path))
 
 
+@pytest.mark.long
 def test_histories_without_contact_or_steps_come_back(tmp_path):
     scene = vx.Scene(vx.Elasticity(200.0, 0.3), vx.Clamp(on="right"), vx.Traction(paper_load(cyclic), on="left"))
     for times in (TIMES, [0.0]):
@@ -118,6 +119,7 @@ def test_fields_on_cells_are_those_of_the_cells(history, tmp_path):
     assert energy == pytest.approx(density, rel=1e-12, abs=1e-15 * density.max())
 
 
+@pytest.mark.long
 def test_on_triangles_the_density_adds_up_to_the_stored_energy(tmp_path):
     """There Pi u = u, and nothing is left to stabilise."""
     history = vx.simulate(paper_scene(), small("triangles", 5), TIMES)
@@ -263,6 +265,7 @@ def test_damaged_archives_are_refused_or_whole(history, tmp_path):
     assert refused > 30
 
 
+@pytest.mark.long
 def test_foreign_archives_are_refused(history, tmp_path):
     np.savez(tmp_path / "history.npz", u=np.zeros(3), v=np.ones(2))
     with pytest.raises(HistoryError, match="no history that this version reads: it holds u, v"):

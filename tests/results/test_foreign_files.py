@@ -41,6 +41,7 @@ def test_files_of_others_are_neither_written_to_nor_deleted(tmp_path, name):
     assert (tmp_path / name).read_bytes() == b"a thesis"
 
 
+@pytest.mark.long
 def test_what_else_is_there_stays(tmp_path):
     folder = tmp_path / "rows"
     folder.mkdir()
@@ -84,6 +85,7 @@ def test_a_mistake_leaves_the_earlier_run_as_it_was(tmp_path):
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
+@pytest.mark.long
 def test_the_second_of_two_runs_is_refused(tmp_path):
     told = []
 
@@ -217,6 +219,7 @@ def test_commands_at_once_leave_the_history_of_one(tmp_path):
         assert not (tmp_path / "out" / "rows").exists()
 
 
+@pytest.mark.long
 def test_a_command_says_where_it_went_on(tmp_path, monkeypatch):
     monkeypatch.setattr(trajectory, "BETWEEN", 0.0)
     write = simulation.write_results

@@ -112,6 +112,7 @@ def test_a_link_where_a_history_is_made_is_refused(tmp_path):
         history().write(tmp_path / "run")
 
 
+@pytest.mark.long
 def test_a_summary_that_lists_tables_of_others_takes_none_away(tmp_path):
     history().write(tmp_path)
     (tmp_path / "thesis.csv").write_text("a thesis")

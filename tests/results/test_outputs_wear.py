@@ -96,6 +96,7 @@ def test_without_condensation(name):
     assert full.contact.wear == pytest.approx(one.contact.wear, abs=24 * 1e-8 * one.contact.wear.max())
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("store", ["all", 5])
 def test_a_resumed_run_remembers(store, tmp_path):
     scene, mesh = SCENES["tresca"], small("squares", 4)

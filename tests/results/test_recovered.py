@@ -126,6 +126,7 @@ def test_pressure_has_no_ripple_where_meshes_do_not_match(families, bound, frict
     assert all(fine < 0.62 * raw for fine, raw in zip(errors["recovered"], errors["raw"], strict=True)), errors
 
 
+@pytest.mark.long
 def test_a_press_fit_has_the_pressure_of_lame():
     """Sizes 1 : .8 along the joint. Largest ripples, at the ends: 2.3, 1.1 and .6 %; of forces 4.4, 2.1 and .9 %."""
     import press_fit

@@ -107,6 +107,7 @@ def test_the_farthest_of_points(dim):
     assert small_strains.farthest(np.ones((3, dim))) == (0, 0)
 
 
+@pytest.mark.long
 def test_adaptive_runs_warn_once(caplog):
     scene = vx.Scene(vx.Elasticity(2.0, 0.3), vx.Clamp(on="left"), vx.Traction((2.0, 0.0), on="right"))
 

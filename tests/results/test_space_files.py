@@ -39,6 +39,7 @@ def test_the_folder_has_what_that_of_a_plane_run_has(folder, history):
     assert np.array_equal(back.contact.traction, history.contact.traction)
 
 
+@pytest.mark.long
 def test_tables_have_vectors_of_three_components(folder, history):
     with (folder / "contact.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))

@@ -33,6 +33,7 @@ def points_of(mesh, seed=0):
     return np.concatenate([inside, mesh.points, middles, mesh.face_centroids, mesh.centroids])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("family", FAMILIES)
 def test_linear_fields_are_exact_at_every_point(family):
     """On faces, edges and at nodes too, whatever cells meet there."""

@@ -100,6 +100,7 @@ def test_a_point_outside_leaves_the_older_history(history, tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == before
 
 
+@pytest.mark.long
 def test_frames_of_pandas(history):
     pandas = pytest.importorskip("pandas")
     for name, points in (("steps", None), ("contact", None), ("probes", POINTS)):
@@ -115,6 +116,7 @@ def test_without_pandas_it_says_so(history, monkeypatch):
         history.to_pandas()
 
 
+@pytest.mark.long
 def test_one_labelled_dataset_has_every_array(history, tmp_path):
     pytest.importorskip("xarray")
     found, contact = history.to_xarray(), history.contact

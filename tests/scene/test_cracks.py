@@ -102,6 +102,7 @@ def test_lips_part_as_griffith_says():
     assert found[-1] + fine == pytest.approx(1.0, abs=2 / (2 * WIDTH / HALF) ** 2)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("solver", [vx.Clarabel(), vx.OSQP()], ids=["Clarabel", "OSQP"])
 def test_solvers_agree_on_a_crack(solver):
     history, other = history_of(plate(8), solver), history_of(plate(8))

@@ -63,6 +63,7 @@ def test_a_ring_turns_in_another_without_friction(contact):
     assert np.abs(history.displacement[-1]).max() == pytest.approx(0.01 * JOINT, rel=1e-9)
 
 
+@pytest.mark.long
 def test_a_press_fit_on_other_nodes_needs_no_friction():
     """At all h friction was .33 of the pressure, which rippled by 6.8 %; the rings have none."""
     scene = vx.Scene(

@@ -40,6 +40,7 @@ def test_coulombs_law_at_edges_and_corners_of_contact(on, coefficient):
     assert (size <= bound + 1e-10 * bound.max()).all()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("bound", [0.003, 0.01])
 def test_given_bounds_on_three_faces(bound):
     on = ["bottom", "front", "left"]

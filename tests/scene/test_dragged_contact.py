@@ -115,6 +115,7 @@ def test_coulomb_rubs_with_the_pressure_that_the_step_ends_with(family, coeffici
     assert contact.wear @ contact.friction_lengths == pytest.approx(history.dissipated, rel=1e-12)
 
 
+@pytest.mark.long
 def test_nothing_is_lost_between_stored_rows_or_in_files(tmp_path):
     scene = vx.Scene(
         vx.Elasticity(YOUNG, 0.3),

@@ -132,6 +132,7 @@ def bowl(n):
     return vx.PolyhedralMesh(np.column_stack([x, y, floor + z * (1 - floor)]), block.cells)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("law", FRICTIONS)
 @pytest.mark.parametrize("parts", [2, 4])
 def test_a_round_body_in_space_is_computed_in_part(parts, law):

@@ -139,6 +139,7 @@ def dragged_over(mesh):
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("solver", SOLVERS)
 def test_solvers_agree_on_a_block_that_lies_on_another(solver):
     mesh = two_blocks("voronoi", "hexagons", (3, 4))
@@ -165,6 +166,7 @@ def closing(mesh):
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("solver", ["Clarabel", "OSQP"])
 def test_solvers_agree_where_gaps_close_with_friction(solver):
     """Bounds d_i = e_i that are met exactly are met by y_n - y_{n-1}, too, which is d but for rounding."""
@@ -178,6 +180,7 @@ def test_solvers_agree_where_gaps_close_with_friction(solver):
     assert distance <= (history.certificate_total[-1] + other.certificate_total[-1]) * size
 
 
+@pytest.mark.long
 def test_a_solver_that_is_too_coarse_for_friction_is_told_so():
     """What slips and touches is known from its answers, and these come no nearer: that is no lack of contraction."""
     mesh = two_blocks("squares", "squares", (2, 3))
@@ -222,6 +225,7 @@ def test_bonded_blocks_are_one_body():
     assert np.abs(two.displacement[-1] - one.displacement[-1][number]).max() < 1e-12
 
 
+@pytest.mark.long
 def test_four_blocks_meet_at_a_point():
     boxes = {f"{x}{y}": ((x, x + 1), (y, y + 1)) for x in (0, 1) for y in (0, 1)}
     made = {
@@ -246,6 +250,7 @@ def test_four_blocks_meet_at_a_point():
     assert np.abs(history.displacement[-1] - mesh.points @ gradient.T).max() < 1e-11
 
 
+@pytest.mark.long
 def test_partners_are_stored(tmp_path):
     mesh = two_blocks("squares", "triangles")
     history = vx.simulate(dragged_over(mesh), mesh, np.linspace(0, 1, 3))

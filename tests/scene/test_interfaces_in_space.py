@@ -197,6 +197,7 @@ EFFECTS = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", EFFECTS)
 def test_action_is_reaction(kind):
     mesh = two_blocks("voronoi3", "tetrahedra", (2, 2), angle=0.3)
@@ -218,6 +219,7 @@ def test_action_is_reaction(kind):
     assert np.abs(shown[-1]).max() > 0
 
 
+@pytest.mark.long
 def test_bonded_blocks_are_one_body():
     mesh = two_blocks("voronoi3", "cubes", (2, 3))
     place = np.arange(mesh.n_nodes)
@@ -257,6 +259,7 @@ def blocks_at_a_point(layers):
     return scene, mesh.with_boundary("outside", lambda x: np.ones(len(x), dtype=bool)), mesh.points @ gradient
 
 
+@pytest.mark.long
 def test_four_blocks_meet_at_an_edge():
     scene, mesh, exact = blocks_at_a_point(1)
     assert len(mesh.interfaces) == 4
@@ -280,6 +283,7 @@ def test_eight_blocks_meet_at_a_point(friction):
 # What else knows of interfaces.
 
 
+@pytest.mark.long
 def test_partners_are_stored_and_probes_tell_the_first_body(tmp_path):
     mesh = two_blocks("cubes", "tetrahedra")
     history = vx.simulate(dragged_over(*EFFECTS["Coulomb"]), mesh, np.linspace(0, 1, 3))

@@ -164,9 +164,9 @@ COULOMB = tuple(
         settings=("crown=0.0005",),
         condense=False,
     )
-    for k, layers in ((9, 2), (19, 2))
+    for k, layers in ((9, 2), (19, 2), (49, 2), (99, 1))
 )
-"""Coulomb's law on 100 and 400 contacts, of which some stick, some slip and some are open; on demand."""
+"""Coulomb's law on 100 to 10,000 contacts, of which some stick, some slip and some are open; on demand."""
 
 
 FEWER = dict.fromkeys(("easy", "soft", "viscous", "units", "incompressible"), 2) | {"discs": 6}

@@ -243,9 +243,9 @@ class Collection:
     large: Annotated[
         bool, typer.Option("--large", help="With sparse programs of up to a million unknowns: minutes, and a GB.")
     ] = False
-    fclib: Annotated[bool, typer.Option("--fclib", help="With steps of Coulomb's law in space, as FCLIB has them.")] = (
-        False
-    )
+    fclib: Annotated[
+        bool, typer.Option("--fclib", help="With Coulomb's law on 100 to 10,000 contacts, as FCLIB has it: minutes.")
+    ] = False
 
     def __call__(self) -> None:
         """Write it, and say what there is."""

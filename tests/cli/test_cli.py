@@ -92,6 +92,7 @@ def test_probes_are_written(tmp_path):
     assert "--probe: point 0 at [2. 0.] lies outside the body" in outside.output
 
 
+@pytest.mark.long
 def test_a_pipe_gets_words_only(tmp_path):
     done = invoke("run", PROBLEM, "--n", 4, "--steps", 3)
     assert done.exit_code == 0
@@ -102,6 +103,7 @@ def test_a_pipe_gets_words_only(tmp_path):
     assert not {c for c in shown.output if ord(c) < 32} - {"\n"}
 
 
+@pytest.mark.long
 def test_settings_reach_the_scene(tmp_path):
     frozen = invoke("run", PROBLEM, "--n", 4, "--steps", 2, "--set", "bound=1e6", "--out", tmp_path)
     assert frozen.exit_code == 0
@@ -112,6 +114,7 @@ def test_settings_reach_the_scene(tmp_path):
     assert "Clamp: u = 0 on top" in invoke("show", moved, "--n", 2, "--set", "on=top").output
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("solver", "says"),
     [("Newton", "Newton("), ("clarabel", "Clarabel("), ("osqp", "OSQP("), ("SCS", "ThroughCvxpy(solver='SCS'")],

@@ -171,6 +171,7 @@ def test_all_that_accept_the_program_agree():
     assert "36 cells, 49 nodes, 78 unknowns, 4 steps" in done.output
 
 
+@pytest.mark.long
 def test_linear_problems_are_directs_too():
     done = invoke(PROBLEM, "--n", 4, "--steps", 2, "--set", "bound=0.0", "--solvers", "direct,Newton,newton")
     assert done.exit_code == 0, done.output
@@ -189,6 +190,7 @@ def test_a_miss_stands_in_the_table_and_is_no_failure_of_the_others():
     assert rows(done.output)["Clarabel", "tuned"][6] == "yes"
 
 
+@pytest.mark.long
 def test_a_settled_start_that_misses_is_none_of_the_steps(tmp_path):
     """They were 4 of 3 steps, once."""
     (tmp_path / "settled.py").write_text(ONE_SIDED)
@@ -291,6 +293,7 @@ def test_answers_that_are_none_are_rows_and_make_no_liars(broken):
         assert rows(done.output)["Newton", "own"][2] == "yes"
 
 
+@pytest.mark.long
 def test_an_error_of_the_problem_is_told_once(tmp_path):
     """Its first state contradicts its supports, whoever is asked; a solver that takes no such program is not."""
     (tmp_path / "jump.py").write_text(ONE_SIDED.replace('initial = "settled"', ""))

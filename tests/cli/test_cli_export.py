@@ -51,6 +51,7 @@ def test_what_cannot_be_exported_exits_with_two(tmp_path, options, says):
     assert not (tmp_path / "new").exists()
 
 
+@pytest.mark.long
 def test_files_of_others_stay(tmp_path):
     mine = tmp_path / "feng_han_huang_1.json"
     mine.write_text("mine")

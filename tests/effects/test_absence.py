@@ -59,6 +59,7 @@ def answers(scene, on=None):
     return {name: bits(getattr(found, name)) for name in arrays}
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("ignore:.*nothing holds the body in the normal direction")
 @pytest.mark.parametrize("sample", SAMPLES.values(), ids=SAMPLES)
 def test_a_scene_without_an_effect_never_heard_of_it(sample):
@@ -118,6 +119,7 @@ VOID = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("void", "beside", "says"), VOID.values(), ids=VOID)
 def test_void_effects_are_dropped_and_said(void, beside, says, caplog):
     with_void, without = (

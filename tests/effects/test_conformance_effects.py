@@ -343,6 +343,7 @@ def test_functions_are_summed_in_the_order_in_which_they_are_written():
     assert list(order) == sorted(order)
 
 
+@pytest.mark.long
 def test_an_effect_of_ones_own_runs_beside_the_others():
     """Effects are an open set: any class that contributes arrays of the known kinds is one."""
 

@@ -136,6 +136,7 @@ def test_forces_on_the_two_ends_of_an_edge_are_its_traction(many):
     assert history.energy[-1] == pytest.approx(0.5 * force * strain * LENGTH, rel=1e-11)
 
 
+@pytest.mark.long
 def test_the_energy_of_a_point_force_grows_with_every_refinement():
     """Like log(1/h): halving h adds F^2 (1 / (pi E)) log 2 to 2 x energy (Flamant), within a few per cent."""
     energies = []

@@ -129,6 +129,7 @@ class TestOrthotropic:
         assert near(history.forces[-1], 0.0, s)
         assert history.energy[-1] == pytest.approx(0.5 * s**2 * pulled * 2.0, rel=1e-11)
 
+    @pytest.mark.long
     def test_answers_turn_with_body_and_axes(self, family):
         """Friction, contact and fibres together: nothing knows the axes x and y."""
         fibres = {"young": (140.0, 10.0), "poisson": 0.3, "shear": 5.0}
@@ -152,6 +153,7 @@ class TestOrthotropic:
             assert np.abs(one - other).max() < 1e-10 * np.abs(one).max()
         assert answers[0][2][-1] > 0
 
+    @pytest.mark.long
     def test_the_stabilisation_does_not_lock_on_stiff_fibres(self):
         """Fibres along x that do not stretch, held at both ends: u = (0, b x (1 - x) / (2 G)), energy b^2 / (24 G).
 

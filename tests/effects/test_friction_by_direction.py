@@ -189,6 +189,7 @@ def test_axes_follow_a_surface():
     assert (~left).any()
 
 
+@pytest.mark.long
 def test_scenes_turn():
     """A turned scene has the turned answer."""
     R, mesh = Rotation.from_euler("zyx", [0.4, -0.7, 1.1]).as_matrix(), vx.meshes.voronoi3(2, BOX)

@@ -29,6 +29,7 @@ def dashpots():
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("sentence", SENTENCES, ids=lambda f: f.__name__)
 def test_the_dashpots(sentence, dashpots):
     sentence(dashpots)

@@ -86,6 +86,7 @@ def test_clamp_bears_the_weight(mesh):
     assert history.reaction("bottom")[-1] == pytest.approx(VOLUME * np.array([-2.0, 1.0, 5.0]), rel=EXACT)
 
 
+@pytest.mark.long
 def test_elastic_foundation(mesh):
     """Under pressure it gives way by p/k; pushed along the floor, it moves by q/k besides its own shear."""
     springs = vx.ElasticFoundation(normal=50.0, tangential=20.0, on="bottom")
@@ -170,6 +171,7 @@ def test_one_sided_contact_closes_a_gap(mesh):
     assert not history.contact.closed[[0, 1, 3]].any()
 
 
+@pytest.mark.long
 def test_coulomb_friction_under_uniform_pressure(mesh):
     """Without cross contraction pressure is uniform, and friction is Tresca's with the bound f p."""
     shear, press, f = 80.0, 0.02, 0.4

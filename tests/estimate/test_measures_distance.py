@@ -186,6 +186,7 @@ def test_a_cell_with_forty_vertices_on_one_side():
     assert vx.measures.energy_distance(field(mesh, affine), field(others, affine)).relative < 1e-13
 
 
+@pytest.mark.long
 def test_far_from_the_origin():
     """Coordinates near 1e5 and cells of 1e-3: points are rounded to 1e-11, a part 1e-8 of a cell."""
     box = ((1e5, 1e5 + 0.01), (-1e5, -1e5 + 0.01))

@@ -254,6 +254,7 @@ def test_the_budget_has_them():
     assert budget.quantities["dissipated"].error > 0
 
 
+@pytest.mark.long
 def test_runs_that_were_read_are_refused(tmp_path):
     history = pad(2, 2)
     history.write(tmp_path)

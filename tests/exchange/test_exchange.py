@@ -265,6 +265,7 @@ def test_scs_solves_the_cbf(tmp_path):
     assert low - 1e-5 <= found["info"]["pobj"] <= high + 1e-5
 
 
+@pytest.mark.long
 def test_what_cannot_be_written_or_read_is_refused(tmp_path):
     program = solved("friction")
     nothing = next(vx.programs(vx.Scene(*SCENES["friction"][:3]), vx.meshes.squares(2), TIMES))

@@ -260,6 +260,7 @@ def test_polygons_of_one_circle_take_the_shape_of_the_first(hub, tyre, turned):
         bodies(parts)
 
 
+@pytest.mark.long
 @given(
     shift=st.floats(-0.9, 0.9),
     turn=st.floats(0.0, 6.3),

@@ -51,6 +51,7 @@ def test_whole_mesh_is_in_view_and_true_to_scale(mesh):
     assert bottom <= 0.0 < 3.0 <= top
 
 
+@pytest.mark.long
 def test_draws_on_given_axes_and_saves(mesh, tmp_path):
     ax = mesh.plot(mesh.areas)
     assert mesh.plot(ax=ax) is ax

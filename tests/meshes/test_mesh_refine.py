@@ -219,6 +219,7 @@ def test_wrong_marks(cells, found):
         mesh.refine(cells)
 
 
+@pytest.mark.long
 def test_refinement_ends_where_rounding_begins():
     """Towards the corner (1, 1) until the coordinates have no more digits: never a broken mesh, then an error."""
     mesh, said = vx.meshes.squares(1), ""

@@ -219,6 +219,7 @@ def test_graded_over_nine_orders():
     accepted(np.column_stack([x.ravel(), y.ravel()]), first[:, None] + [0, 1, count + 1, count], 1.0)
 
 
+@pytest.mark.long
 def test_a_cell_of_many_vertices():
     angle = np.linspace(0.0, 2.0 * np.pi, 1501)[:-1]
     radius = 1.0 + 0.2 * np.cos(60 * angle)

@@ -28,6 +28,7 @@ def test_voronoi_needs_a_count():
         meshes.voronoi()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("relaxations", [0, 50])
 @pytest.mark.parametrize("seed", range(4))
 def test_voronoi_has_no_short_edges(seed, relaxations):
@@ -44,6 +45,7 @@ def test_voronoi_keeps_short_edges_on_demand():
     assert edge_lengths(mesh).min() * 20 < 0.02
 
 
+@pytest.mark.long
 def test_relaxed_voronoi_cells_are_round():
     spread = [meshes.voronoi(cells=200, relaxations=k).areas.std() * 200 for k in (0, 50)]
     assert spread[0] > 0.4  # 0.53 for random seeds in the plane

@@ -182,6 +182,7 @@ def test_what_others_have_cut_is_taken_as_it_is():
     assert fatness(mesh) == pytest.approx(3**-1.5)
 
 
+@pytest.mark.long
 def test_lines_and_sides_keep_one_level_of_difference():
     for make in ("cubes", "tetrahedra"):
         mesh = family_of(make)
@@ -287,6 +288,7 @@ def test_interfaces_stay_matched(others):
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("offset", [1e-8, 3e-6, 0.01])
 def test_slivers_of_a_joint_go_with_their_neighbours(offset):
     mesh = bodies({"a": vx.meshes.cubes(2), "b": vx.meshes.cubes(2, ((offset, 1 + offset), (0, 1), (1, 2)))})
@@ -379,6 +381,7 @@ def test_a_cell_in_the_shape_of_an_l_is_seen_from_the_corner():
     assert clearance(mesh) > 0.01
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "box", [((1e6, 1e6 + 1), (0, 1), (0, 1)), ((0, 1e-8), (0, 1e-8), (0, 1e-8)), ((0, 9), (0, 1), (0, 0.05))]
 )

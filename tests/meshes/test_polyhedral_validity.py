@@ -142,6 +142,7 @@ def test_cells_that_do_not_fit(blocks, message, offset):
     refused(np.array(points) + offset, cells, message)
 
 
+@pytest.mark.long
 def test_bodies_are_refused_only_where_a_linear_program_says_that_they_overlap():
     """Random convex bodies, turned and moved: the largest ball in both is the independent judge."""
     rng = np.random.default_rng(2)

@@ -377,6 +377,7 @@ def test_pictures_say_what_they_miss(history, loose, tmp_path):
         write_plots(loose, tmp_path / "taken")
 
 
+@pytest.mark.long
 def test_a_body_is_coloured_by_its_stress_and_pushed_by_its_contact(history):
     figure, graph = body_and_graph(history, step=9, stress="xy", mirrors=[(-1, 1)])
     body, (row, contact) = figure.axes[0], (history.row(9), history.contact)
@@ -434,6 +435,7 @@ def test_open_contact_neither_sticks_nor_slips():
     assert np.isnan(states[-1]).sum() == opened
 
 
+@pytest.mark.long
 def test_instants_have_their_unit_in_every_picture():
     history = vx.simulate(paper_scene(), small("squares", 4), TIMES)
     for draw in (deformed_mesh, friction_traction, stressed_body_alone):

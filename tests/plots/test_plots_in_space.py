@@ -63,6 +63,7 @@ def test_what_sticks_and_slips_is_coloured(history):
     assert_drawn_within_the_page(figure)
 
 
+@pytest.mark.long
 def test_arrows_are_the_slip_of_the_step(history):
     contact = history.contact
     moved = (contact.slip[-1] - contact.slip[-2])[:, :2]
@@ -77,6 +78,7 @@ def test_arrows_are_the_slip_of_the_step(history):
     assert contact_face(history, 0).axes[0].get_title() == "t = 0"
 
 
+@pytest.mark.long
 def test_friction_stays_in_its_disc_and_slips_on_the_rim(history):
     ax = friction_disc(history).axes[0]
     shown = {line.get_label(): line.get_xydata() for line in ax.lines}
@@ -114,6 +116,7 @@ def test_a_window_and_units(history):
     assert ax.get_title().startswith("t = 1 s")
 
 
+@pytest.mark.long
 def test_a_face_that_leans_is_seen_along_its_normal():
     """What slips down a slope is drawn in its length, whatever axes say."""
     sheared = vx.meshes.cubes(2)

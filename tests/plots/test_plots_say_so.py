@@ -54,6 +54,7 @@ def labels(figure):
     ]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("draw", [deformed_mesh, stressed_body])
 def test_gaps_that_are_not_drawn_are_told(opened, draw):
     """Magnified, one body is drawn in the other where contact is open; without a gap there is nothing to tell."""
@@ -63,6 +64,7 @@ def test_gaps_that_are_not_drawn_are_told(opened, draw):
     assert NO_GAPS not in draw(pressed()).axes[0].get_title()
 
 
+@pytest.mark.long
 def test_a_bar_that_ends_below_the_largest_stress_is_pointed(held):
     """It ends where all cells but one in a hundred are; with limits beyond all it is flat."""
 
@@ -127,6 +129,7 @@ def test_energies_have_a_unit_where_stresses_have_one(opened):
     assert "reaction (Pa m²)" in hysteresis_loop(opened, units=PASCAL).axes[0].get_ylabel()
 
 
+@pytest.mark.long
 def test_ticks_of_small_motions_do_not_collide(opened):
     """Labels of ten thousandths are wide."""
     small = replace(opened, displacement=0.04 * opened.displacement)

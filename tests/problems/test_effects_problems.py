@@ -20,6 +20,7 @@ def problems(monkeypatch):
     monkeypatch.syspath_prepend(PROBLEMS)
 
 
+@pytest.mark.long
 def test_a_heated_bar_expands_from_its_ends_and_comes_half_way_back():
     """The rod's error is of the order of H / l = 1 / 20, measured 0.3 % in the end and 0.5 % in the loss."""
     bar = importlib.import_module("thermal_expansion_blocked_by_friction")
@@ -42,6 +43,7 @@ def test_a_heated_bar_expands_from_its_ends_and_comes_half_way_back():
     assert history.dissipated[8] == pytest.approx(0.066342783247750265, rel=1e-6)
 
 
+@pytest.mark.long
 def test_a_bimetallic_strip_bends_as_timoshenko_says():
     """Squares of h = H / 8 bend 2 % too little, those of H / 16 0.6 %, of H / 32 0.2 %: order h^2."""
     strip = importlib.import_module("bimetallic_strip")

@@ -36,6 +36,7 @@ def against_closed_form(mesh, stress, solver):
     return total, eps
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("solver", [vx.Newton(), vx.Clarabel()], ids=lambda solver: solver.name)
 def test_the_spiral_is_a_return_mapping(solver):
     against_closed_form(vx.meshes.voronoi(3), lesson.spiral()[::2], solver)

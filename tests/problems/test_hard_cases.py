@@ -101,6 +101,7 @@ def test_the_command(tmp_path):
     assert (tmp_path / "table.png").stat().st_size > 10_000
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["no clamp, friction holds", "no clamp, friction just holds"])
 def test_interior_points_keep_their_digits_on_bodies_without_supports(name):
     """With the regularisation that serves bodies with supports Clarabel ended at 6e-6 on the second."""

@@ -44,6 +44,7 @@ def test_zero_is_feasible_and_not_optimal():
     assert np.array([[2, -1], [-1, 2]]) @ d + 1 == pytest.approx([3, 0.5], rel=1e-15)
 
 
+@pytest.mark.long
 def test_the_script_says_what_highs_finds():
     run = subprocess.run([sys.executable, SCRIPT], capture_output=True, text=True, check=True, timeout=60)
     found = re.search(r"value (\S+); that of d = t = \(7/6, 1/3\) is -1.0833333333333333", run.stdout)

@@ -362,6 +362,7 @@ def test_answers_of_lessons_8_and_9():
     assert values[1] < values[0] - 10 * space["blur"]
 
 
+@pytest.mark.long
 def test_uzawas_step_is_the_least_eigenvalue():
     """Lesson 9: no direction is overshot, and the slowest shrinks by q; steps beyond twice that overshoot more."""
     space, _ = ran("lesson_9_forces.py")

@@ -60,6 +60,7 @@ def test_a_plate_with_a_hole():
     assert history.stress(-1)[:, 0].max() == pytest.approx(highest, rel=0.05)
 
 
+@pytest.mark.long
 def test_the_stress_in_a_fibre_is_uniform():
     """The mean of the fibre's stress, and the displacement around it, by h^2; single cells next to the angle by h."""
     mean, around = [], []
@@ -121,6 +122,7 @@ def test_a_tendon_keeps_its_stress_beyond_the_transfer_length():
     assert middle == pytest.approx(-tendon.PRESTRESS * H, rel=1e-3)
 
 
+@pytest.mark.long
 def test_a_liner_leans_on_its_housing_from_the_closing_pressure_on():
     """u_r and q of order h^2; before the gap closes there is no pressure on the housing."""
     errors = []
@@ -140,6 +142,7 @@ def test_a_liner_leans_on_its_housing_from_the_closing_pressure_on():
     assert (np.divide(*errors) < 5.0).all()
 
 
+@pytest.mark.long
 def test_a_belt_pulls_a_strip_by_the_force_of_a_rod():
     """The rod's error is O(H / l): .6 % of the largest force was measured; where all of it slips the force is exact."""
     history, contact = small("strip_on_a_belt"), small("strip_on_a_belt").contact

@@ -62,6 +62,7 @@ def test_a_turn_dissipates_what_the_closed_form_says():
     assert 1.9 < off[0] / off[1] < 2.1
 
 
+@pytest.mark.long
 def test_two_absolute_values_would_bear_more():
     """At 45 degrees the disc bears g; the square of one bound for each axis would bear sqrt(2) g."""
     history = simulated(circles, 1, 30, parameters={"steps": 30})
@@ -109,6 +110,7 @@ def test_friction_opposes_the_motion_along_a_curve():
     assert np.abs(np.diff(turned)).sum() > 1.5 * np.pi
 
 
+@pytest.mark.long
 @LOOSE
 def test_a_twisted_pad_bears_two_thirds_of_mu_p_r():
     mesh = pad.mesh(5)

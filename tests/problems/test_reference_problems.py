@@ -15,6 +15,7 @@ import shear_lag
 import vemcvx as vx
 
 
+@pytest.mark.long
 @few_families
 @pytest.mark.filterwarnings("ignore:.*one-sided contact holds the body")
 @pytest.mark.parametrize("polish", [False, True])
@@ -38,6 +39,7 @@ def test_a_block_pushed_uphill(polish, family):
     assert normal == pytest.approx([0.0, -incline.WEIGHT], abs=1e-4 * incline.WEIGHT)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("solver", [vx.Newton(), vx.Clarabel()], ids=lambda s: s.name)
 def test_hertz(solver):
     """Half-width and peak pressure within two per cent of those of the measured force, elements of a twelfth of a."""
@@ -69,6 +71,7 @@ def test_cattaneo_and_mindlin(drag):
     assert np.nan_to_num(history.contraction).max() < 0.2
 
 
+@pytest.mark.long
 def test_shear_lag_with_reversal():
     """Pushed, released, pushed: the end displacements of the rod to the order of H over the slip length."""
     history = vx.simulate(shear_lag.scene(), shear_lag.mesh(4), shear_lag.times(24))

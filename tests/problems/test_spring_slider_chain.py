@@ -68,6 +68,7 @@ def test_closed_loops_enclose_what_they_lose():
     assert lesson.loop_area(2 * lesson.BOUNDS[0]) == 0.0
 
 
+@pytest.mark.long
 def test_return_point_memory(marched):
     """Back at a turning point the state is what it was; what follows is as if the loop had never been."""
     system, trajectory = marched

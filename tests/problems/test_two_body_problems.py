@@ -17,6 +17,7 @@ from hertz_contact import fitted
 from vemcvx.stepping.fixed_point import FEW_SETS
 
 
+@pytest.mark.long
 def test_two_blocks_make_one_loop(family):
     """Exact on every mesh: friction, slip and loss of the two halves of the loop."""
     mesh, times = blocks.mesh(3, family), blocks.times(20)
@@ -57,6 +58,7 @@ def pressures(n, outer=None):
     return contact.pressure[-1] / fit.pressure(), contact.lengths
 
 
+@pytest.mark.long
 def test_a_press_fit_on_equal_meshes():
     """Every nodal pressure within one per cent of Lame's, uniform, and of order h^2."""
     coarse, fine = (pressures(n, outer=n)[0] for n in (8, 16))

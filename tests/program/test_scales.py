@@ -68,6 +68,7 @@ def test_approach(family, motion, condense, friction):
     judge(*lowered(motion, friction, family, vx.Newton(), condense), motion, friction)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("friction", ["none", "Coulomb's"])
 @pytest.mark.parametrize("solver", [vx.Clarabel(), vx.OSQP()], ids=lambda s: s.name)
 def test_approach_by_conic_solvers(solver, friction):
@@ -100,6 +101,7 @@ def test_loads_that_vanish_leave_what_friction_keeps_or_nothing(family, solver):
     assert (history.contact.pressure > 0).any()
 
 
+@pytest.mark.long
 def test_what_data_can_cause_does_not_depend_on_h():
     """Of a support that moves: at most |x|_K, which grows with 1/h, and as h falls it settles."""
     sizes, norms = [], []
@@ -179,6 +181,7 @@ def test_powers_of_two_change_no_bit(kind):
         assert history.certificate == pytest.approx(plain.certificate, rel=1e-15)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("solver", [vx.Clarabel(), vx.OSQP()], ids=lambda s: s.name)
 def test_powers_of_two_change_no_bit_for_conic_solvers(solver):
     mesh, times = vx.meshes.squares(3), [0.0, 1.0]

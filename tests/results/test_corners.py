@@ -49,6 +49,7 @@ def test_a_clamp_beside_a_free_side_is_as_williams_has_it(degrees):
         assert exponent([sector(degrees)], [], ends) == pytest.approx(brentq(closed, 0.3, 0.995), abs=1e-8)
 
 
+@pytest.mark.long
 def test_exponents_that_everybody_knows():
     smooth, crack, clamped = sector(180), sector(360), (CLAMPED, FREE)
     assert exponent([smooth], [], (FREE, FREE)) == 1.0
@@ -95,6 +96,7 @@ def test_a_clamp_and_contact_that_sticks_are_told():
     assert peak[1] / peak[0] == pytest.approx(2**0.29, rel=0.03)
 
 
+@pytest.mark.long
 def test_the_recovered_pressure_is_told_as_the_raw_one():
     """Nodes of contact are not cells: on a flat row of eight there are more of them."""
     moved = vx.PrescribedDisplacement(
@@ -107,6 +109,7 @@ def test_the_recovered_pressure_is_told_as_the_raw_one():
     assert told["pressure_recovered"] == told["pressure"] != ""
 
 
+@pytest.mark.long
 def test_clamp_and_contact_at_an_obtuse_corner():
     """120 degrees between them: by symmetry 240 degrees between two clamps, singular where 90 degrees are not."""
     mesh = vx.PolygonMesh(np.array([[0, 0], [2, 0], [2, 1], [-(3**-0.5), 1]]), [[0, 1, 2, 3]]).refine().refine()

@@ -79,6 +79,7 @@ def test_shear_that_jumps_along_a_side_is_told(force, grows):
     assert {found[key] for key in stresses} == {words if grows else ""}
 
 
+@pytest.mark.long
 def test_given_friction_that_jumps_along_contact_is_told():
     """A box dragged on its floor, the left half of which is rough; at its edge below there is another corner.
 
@@ -211,6 +212,7 @@ def test_sides_are_kept_in_files(tmp_path):
     assert told(vx.read_history(tmp_path)) == told(history)
 
 
+@pytest.mark.long
 def test_a_clamp_beside_a_slipping_side_is_not_asked():
     """Friction that slips up to a node that is held may stick beside it on the continuum."""
     assert stress_of(corner(90, CLAMPED, slipping(0.0)), [0, 0, 0, 1]) is not None

@@ -61,6 +61,7 @@ def every(history):
     return found
 
 
+@pytest.mark.long
 def test_extremes_are_those_of_all_stored_steps(history):
     expected = every(history)
     assert [one.name for one in history.extremes] == list(expected)
@@ -89,6 +90,7 @@ def test_steps_that_are_not_stored_do_not_count():
     assert found["largest von Mises stress"] == max(last.von_mises(n).max() for n in last.stored.tolist())
 
 
+@pytest.mark.long
 def test_files_keep_them(plane, tmp_path):
     plane.write(tmp_path)
     told = json.loads((tmp_path / "summary.json").read_text())["extremes"]
@@ -103,6 +105,7 @@ def test_files_keep_them(plane, tmp_path):
         assert (one.name, one.value, one.time, one.step) == (again.name, again.value, again.time, again.step)
 
 
+@pytest.mark.long
 def test_without_contact_there_are_stresses_only():
     scene = vx.Scene(vx.Elasticity(1.0, 0.3), vx.Clamp(on="left"), vx.Traction((1.0, 0.0), on="right"))
     history = vx.simulate(scene, vx.meshes.squares(2), [0.0, 1.0], initial="settled")
@@ -114,6 +117,7 @@ def test_without_contact_there_are_stresses_only():
     ]
 
 
+@pytest.mark.long
 def test_a_pulled_strip_has_the_stress_of_its_pull():
     """Closed form: free to contract, it is under the traction alone, sqrt(1 - nu + nu^2) of it across and along."""
     scene = vx.Scene(

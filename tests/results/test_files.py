@@ -58,6 +58,7 @@ def assert_same(one, other):
     assert one.summary() == other.summary()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("store", ["all", "last", 3])
 def test_back_to_the_bit(history, store, tmp_path):
     kept = vx.simulate(history.scene, history.mesh, TIMES, store=store)
@@ -65,6 +66,7 @@ def test_back_to_the_bit(history, store, tmp_path):
     assert_same(kept, read_history(tmp_path / "deep" / "folder"))
 
 
+@pytest.mark.long
 def test_every_family_comes_back(family, tmp_path):
     history = vx.simulate(paper_scene(), small(family, 3), TIMES[:3])
     history.write(tmp_path)
@@ -80,6 +82,7 @@ def test_histories_without_contact_or_steps_come_back(tmp_path):
         assert_same(history, read_history(tmp_path))
 
 
+@pytest.mark.long
 def test_what_is_read_can_be_written_again(history, tmp_path):
     history.write(tmp_path / "one")
     read_history(tmp_path / "one").write(tmp_path / "two")
@@ -203,6 +206,7 @@ def test_a_summary_of_a_miss_is_still_json(history, tmp_path):
     assert told["mesh"]["family"] is None
 
 
+@pytest.mark.long
 def test_a_new_history_replaces_the_old_one_and_nothing_else(history, tmp_path):
     history.write(tmp_path)
     for name in ("step_9999.vtu", "notes.txt", "deformed_mesh.png"):
@@ -214,6 +218,7 @@ def test_a_new_history_replaces_the_old_one_and_nothing_else(history, tmp_path):
     assert_same(some, read_history(tmp_path))
 
 
+@pytest.mark.long
 def test_a_write_that_fails_leaves_the_old_history(history, tmp_path, monkeypatch):
     history.write(tmp_path)
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}

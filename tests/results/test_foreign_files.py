@@ -66,6 +66,7 @@ def test_a_folder_goes_if_it_was_made_for_the_run(tmp_path, there):
     assert folder.exists() == there
 
 
+@pytest.mark.long
 def test_earlier_histories_keep_what_they_show(tmp_path):
     first = run(tmp_path)
     shown = first.displacement.copy()
@@ -73,6 +74,7 @@ def test_earlier_histories_keep_what_they_show(tmp_path):
     assert np.array_equal(first.displacement, shown)
 
 
+@pytest.mark.long
 def test_a_mistake_leaves_the_earlier_run_as_it_was(tmp_path):
     run(tmp_path)
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}

@@ -222,6 +222,7 @@ def test_a_process_that_is_killed_leaves_old_or_new(tmp_path, move):
     history().write(out)
 
 
+@pytest.mark.long
 def test_a_folder_for_reading_only_gives_the_new_history(tmp_path, monkeypatch):
     new = history(bound=1.0)
     with monkeypatch.context() as patch:

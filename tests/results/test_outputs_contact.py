@@ -30,6 +30,7 @@ def lifting(solver=None, contact=None, friction=None):
     return vx.simulate(scene, small("squares", 8), TIMES, solver=solver)
 
 
+@pytest.mark.long
 def test_counts_are_a_partition_and_agree_with_all_steps():
     history = vx.simulate(paper_scene(cyclic), small("voronoi", 6), TIMES)
     contact = history.contact

@@ -30,6 +30,7 @@ def history():
     return vx.simulate(scene, blocks(), np.linspace(0, 1, 5))
 
 
+@pytest.mark.long
 def test_both_sides_are_in_files(history, tmp_path):
     contact = history.contact
     history.write(tmp_path)

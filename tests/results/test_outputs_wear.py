@@ -54,6 +54,7 @@ def assert_adds_up(history):
     assert history.dissipated[-1] > 0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", SCENES)
 def test_wear_adds_up_to_what_is_dissipated_and_is_the_sum_of_weights_times_slips(name):
     scene, mesh = SCENES[name], small("voronoi", 5)
@@ -109,6 +110,7 @@ def test_a_resumed_run_remembers(store, tmp_path):
     assert np.array_equal(resumed.trajectory.stuck, whole.trajectory.stuck)
 
 
+@pytest.mark.long
 def test_a_checkpoint_without_wear_is_refused(tmp_path):
     scene, mesh = SCENES["tresca"], small("squares", 4)
     vx.simulate(scene, mesh, TIMES, stream=tmp_path)

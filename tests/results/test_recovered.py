@@ -166,6 +166,7 @@ def test_the_edge_of_hertz_contact_stays_sharp():
     assert errors[2] < 0.4 * errors[0]
 
 
+@pytest.mark.long
 def test_corners_keep_their_forces_and_full_slip_its_bound():
     """A square that rubs on its bottom and its right, where pressures differ, under Tresca's law."""
     mesh = vx.meshes.voronoi(6, seed=3)

@@ -130,6 +130,7 @@ def test_a_body_that_is_carried_far_does_not_strain(caplog):
     assert said(caplog, run) == []
 
 
+@pytest.mark.long
 def test_slips_between_bodies_beyond_an_edge(caplog):
     """A block pushed along another by more than the edges of their contact, both nearly rigid."""
 
@@ -145,6 +146,7 @@ def test_slips_between_bodies_beyond_an_edge(caplog):
     assert re.search(r"left: a slip of 0\.\d+ between bodies whose edges of contact there are 0\.\d+ long at \(", told)
 
 
+@pytest.mark.long
 def test_corners_of_fine_meshes_do_not_count(caplog):
     """Near a singular corner a strain is large if only the mesh is fine: of less than a hundredth of the body."""
     scene, times = feng_han_huang.scene(), feng_han_huang.times(1)

@@ -27,6 +27,7 @@ def folder(history, tmp_path_factory):
     return history.write(tmp_path_factory.mktemp("run") / "history")
 
 
+@pytest.mark.long
 def test_the_folder_has_what_that_of_a_plane_run_has(folder, history):
     steps = {f"step_{n:04d}.vtu" for n in (0, 2, 4)}
     files = {"history.pvd", "history.npz", "summary.json", "steps.csv", "contact.csv"}

@@ -66,6 +66,7 @@ def test_runs_in_a_folder_and_resumes(history, tmp_path):
     assert np.array_equal(again.contact.traction, history.contact.traction)
 
 
+@pytest.mark.long
 def test_the_archive_keeps_every_bit(history, tmp_path):
     swollen = vx.Scene(*path_free(history), vx.ThermalStrain(1e-4, lambda x, t: t * x[:, 2]))
     run = vx.simulate(swollen, history.mesh.with_cell_data("zone", np.arange(history.mesh.n_cells)), [0.0, 1.0])
@@ -147,6 +148,7 @@ def test_what_exists_in_the_plane_only_says_so(history, name):
         PLANE_ONLY[name](history)
 
 
+@pytest.mark.long
 def test_pyvista_reads_what_is_written(tmp_path):
     """Polyhedra of several sizes, in their order, with vectors of friction."""
     pyvista = pytest.importorskip("pyvista")

@@ -81,6 +81,7 @@ def test_files_have_every_digit(history, tmp_path):
             assert np.array_equal(told[column], values, equal_nan=True), column
 
 
+@pytest.mark.long
 def test_files_of_an_older_history_go(history, tmp_path):
     loose = vx.Scene(vx.Elasticity(1.0, 0.3), vx.Clamp(on="left"), vx.BodyForce((0.0, -1.0)))
     history.write(tmp_path, probes=POINTS)

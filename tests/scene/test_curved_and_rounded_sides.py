@@ -124,6 +124,7 @@ def test_a_ring_turns_in_a_frictionless_housing(housing, nt, uneven):
     assert abs(torque) <= (1e-4 * 2 * np.pi / nt if uneven else 1e-8) * pressing
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("nt", [65, 90])
 @pytest.mark.parametrize("friction", [0.0, 0.2])
 def test_newton_answers_in_a_round_housing(nt, friction):

@@ -63,6 +63,7 @@ def pushed(x, t):
     return t * np.column_stack([0.02 * x[:, 0], 0.03 * x[:, 1], -0.05 * (1 - 0.3 * x[:, 0] ** 2)])
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("ignore:supports. nothing but friction:vemcvx.SceneWarning")
 @pytest.mark.parametrize(
     ("planes", "counts"), [(["left"], (2, 4, 2)), (["front"], (4, 2, 2)), (["left", "front"], (2, 2, 2))]

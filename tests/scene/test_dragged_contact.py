@@ -38,6 +38,7 @@ def ledger_rest(history):
     return left - np.append(0.0, np.cumsum(rest))
 
 
+@pytest.mark.long
 @few_families
 @pytest.mark.parametrize("direction", [None, "normal"])
 @pytest.mark.parametrize("touch", [vx.BilateralContact, vx.UnilateralContact])
@@ -93,6 +94,7 @@ def test_a_floor_that_is_dragged_as_a_whole(family):
     assert history.iterations.max() == 0
 
 
+@pytest.mark.long
 @few_families
 @pytest.mark.parametrize("coefficient", [0.3, lambda x, t: 0.2 + 0.1 * x[:, 0]])
 def test_coulomb_rubs_with_the_pressure_that_the_step_ends_with(family, coefficient):
@@ -140,6 +142,7 @@ def test_nothing_is_lost_between_stored_rows_or_in_files(tmp_path):
     assert np.array_equal(resumed.work, whole.work)
 
 
+@pytest.mark.long
 @few_families
 def test_what_supports_hold_still_is_no_contact(family):
     """A prescribed value that never changes is a clamp: it neither rubs nor shows."""
@@ -156,6 +159,7 @@ def test_what_supports_hold_still_is_no_contact(family):
     assert held.dragged_ends is None
 
 
+@pytest.mark.long
 @few_families
 def test_dashpots_and_dragging_together(family):
     scene = vx.Scene(

@@ -65,6 +65,7 @@ def rings(angles, order):
     return mesh if angles[-1] > 6 else mesh.with_boundary("cut", lambda x: np.abs(x).min(axis=1) < 1e-9)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("order", [("inner", "outer"), ("outer", "inner")], ids=" in ".join)
 @pytest.mark.parametrize("law", FRICTIONS)
 @pytest.mark.parametrize("n", [4, 8])
@@ -91,6 +92,7 @@ def test_a_quarter_of_a_press_fit_shows_no_more_friction_than_the_ring(n, law, o
     assert np.abs(quarter.contact.traction).max() <= 1e-6 * p.max()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("holder", ROLLERS)
 @pytest.mark.parametrize(
     ("contact", "law"),
@@ -189,6 +191,7 @@ def test_a_wedge_on_a_line_of_symmetry_keeps_its_tip(degrees, holder):
         assert np.array_equal(normal, normal_at_the_end(slope(degrees)))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("degrees", [15.0, 30.0])
 def test_half_of_a_wedge_moves_as_the_whole_does(degrees):
     half = slope(degrees)

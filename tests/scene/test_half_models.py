@@ -56,6 +56,7 @@ def test_a_half_shows_what_the_whole_shows(contact, axis):
     assert one.pressure[-1].argmax() == 0 or contact != "rigid"
 
 
+@pytest.mark.long
 def test_hertz_line_contact_carries_its_whole_load():
     """The nodal pressures bear the measured load, and the one on the axis is Hertz' peak, to the mesh's 2 %."""
     path = Path(__file__).parents[2] / "problems" / "hertz_contact.py"

@@ -189,6 +189,7 @@ def test_a_solver_that_is_too_coarse_for_friction_is_told_so():
         vx.simulate(closing(mesh), mesh, [0.0, 0.25], solver=coarse)
 
 
+@pytest.mark.long
 def test_action_is_reaction():
     mesh = two_blocks("voronoi", "hexagons", (3, 4))
     history = vx.simulate(dragged_over(mesh), mesh, np.linspace(0, 1, 5))

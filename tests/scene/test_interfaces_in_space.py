@@ -112,6 +112,7 @@ def test_constant_stress_passes_between_all_families(below, above, kind):
     assert_patch(two_blocks(below, above, (4, 3), angle=0.4), kind)
 
 
+@pytest.mark.long
 def test_constant_stress_passes_through_a_curved_joint():
     """A pin of sixteen sides bonded in a hole of twenty-four: any linear displacement is that of one body."""
     mesh = bodies({"pin": ring([0.4, 1.0], 16, 2), "lug": ring([1.0, 2.0], 24, 3)}, tolerance=0.03)

@@ -54,6 +54,7 @@ PAIRS = {
 }
 
 
+@pytest.mark.long
 @few_families
 @pytest.mark.parametrize("pair", PAIRS)
 def test_one_side_in_two_names_is_one_side(family, pair):
@@ -160,6 +161,7 @@ def test_a_corner_shows_the_pressure_of_its_sides(family, degrees, touch):
         assert len(contact.nodes) == len(np.union1d(*(np.unique(mesh.boundaries[name]) for name in ("left", "bottom"))))
 
 
+@pytest.mark.long
 @few_families
 def test_a_corner_shows_the_bound_of_its_sides(family):
     sides = ["left", "bottom"]
@@ -176,6 +178,7 @@ def test_a_corner_shows_the_bound_of_its_sides(family):
     assert contact.friction_lengths == pytest.approx(contact.lengths, rel=1e-14)
 
 
+@pytest.mark.long
 @few_families
 def test_supports_beside_contact_keep_their_own_forces(family):
     """A slanted slide at the end of a floor: its reaction is none of the floor's pressure."""
@@ -204,6 +207,7 @@ def test_supports_beside_contact_keep_their_own_forces(family):
     assert np.abs(rest[-1, shared] @ slant).max() > 1e-3 * size
 
 
+@pytest.mark.long
 @few_families
 def test_friction_of_ones_own_is_shown_though_it_names_no_edges(family):
     """Effects of users may bring lengths alone, and no surface: beside others they act and are seen as before."""

@@ -112,7 +112,7 @@ def simulate(
     check_kinds(scene, mesh)
     given = checked_times(times)
     start = time.perf_counter()
-    posed = pose_scene(scene, mesh, given.tolist())
+    posed = pose_scene(scene, mesh, given.tolist(), linear if isinstance(linear, LinearSolver) else None)
     for words in posed.inactive:
         log.info("left out: %s", words)
     if flag(bound, "bound") and not (isinstance(store, str) and store == "all"):

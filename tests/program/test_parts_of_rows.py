@@ -9,7 +9,7 @@ import pytest
 import scipy.sparse as sp
 
 from vemcvx.arrays import EPS
-from vemcvx.program.iterative_refinement import CHUNK, _sizes, residual
+from vemcvx.linear.products import CHUNK, residual, sizes
 
 pytestmark = pytest.mark.arithmetic
 ROWS = 2 * CHUNK + 3
@@ -24,7 +24,7 @@ def K():
 
 def test_sizes_are_those_of_all_of_k_to_the_bit(K):
     y = np.random.default_rng(1).normal(size=ROWS)
-    assert np.array_equal(_sizes(K, y), abs(K) @ np.abs(y))
+    assert np.array_equal(sizes(K, y), abs(K) @ np.abs(y))
 
 
 def test_residuals_are_rounded_once(K):

@@ -17,13 +17,16 @@ from vemcvx.linear.factor import (
 from vemcvx.linear.multigrid import Multigrid
 from vemcvx.linear.pardiso import Pardiso, opened
 from vemcvx.linear.petsc import PETSc
+from vemcvx.linear.products import Congruent, Elsewhere, residual, sizes
 from vemcvx.linear.superlu import SuperLU, minimum_degree, nested_dissection
 
 __all__ = [
     "AT_ONCE",
     "SAMPLES",
+    "Congruent",
     "Cycle",
     "DenseCholesky",
+    "Elsewhere",
     "Factor",
     "Halves",
     "LinearSolver",
@@ -39,5 +42,7 @@ __all__ = [
     "minimum_degree",
     "nested_dissection",
     "opened",
+    "residual",
     "singular",
+    "sizes",
 ]

@@ -10,7 +10,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from functools import cached_property
-from typing import ClassVar, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 import scipy.sparse as sp
@@ -18,11 +18,13 @@ from scipy.linalg.blas import dtrsv
 from scipy.linalg.lapack import dlauum, dpotrf, dpotrs, dtrtri
 from scipy.sparse.linalg import LinearOperator, cg
 
-from vemcvx.arrays import Bools, Floats, Ints, power_of_two
+from vemcvx.arrays import Bools, Floats, Ints, by_rows, power_of_two
 from vemcvx.errors import NotAccepted, SceneError
+from vemcvx.linear.products import Congruent
 
 Matrix = Floats | sp.csr_matrix
-"""Of a program: dense where it was condensed, sparse where it was not."""
+"""Of a program: dense where it was condensed, sparse where it was not. Where solves are iterative a `Congruent` may
+stand for a sparse one: it is multiplied by, added to and restricted, and its entries are not read."""
 
 Cycle = Callable[[Floats], Floats]
 """b (n,) -> an approximation of K^{-1} b, linear, symmetric and positive definite in b."""
@@ -232,7 +234,9 @@ class Scaled(Factor):
         D, kappa, inner = self._D, self._kappa, self._factor.cycle(self._unscaled(S, self._D), free)
         return None if inner is None else lambda b: kappa * (inner(b / D) / D)
 
-    def _unscaled(self, A: Matrix, D: Floats) -> sp.csr_matrix:
+    def _unscaled(self, A: Matrix, D: Floats) -> Any:
+        if isinstance(A, Congruent):
+            return A.scaled(1.0 / D, self._kappa)
         unscaled = sp.csr_matrix(A, copy=True)
         unscaled.data *= self._kappa / D[unscaled.indices] / np.repeat(D, np.diff(unscaled.indptr))
         return unscaled
@@ -292,6 +296,14 @@ class LinearSolver(ABC):
     def memory_in_space(self, unknowns: int) -> float:
         """Bytes that a factor takes in space, about, where factors are fullest; nan where it is not known."""
         return np.nan
+
+    def held(self, made: Callable[[int, int], sp.csr_matrix], most: Ints) -> Any:
+        """K (n, n) where this solver has it, from a function that makes its rows from one number to another.
+
+        A sparse matrix, or an :class:`vemcvx.linear.Elsewhere` in its place; rows have `most` (n,) entries at most.
+        """
+        n = len(most)
+        return by_rows(made, n, int(most.sum()), (n, n))
 
     @abstractmethod
     def factorise(self, K: sp.csr_matrix, near_kernel: Floats | None = None) -> Factor:

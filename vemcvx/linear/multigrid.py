@@ -24,6 +24,7 @@ from __future__ import annotations
 
 import importlib.util
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -33,6 +34,7 @@ from scipy.sparse.linalg import LinearOperator, cg
 from vemcvx.arrays import EPS, Bools, Floats, Ints, part, spread, whole
 from vemcvx.errors import NotAccepted, SceneError
 from vemcvx.linear.factor import Cycle, Factor, LinearSolver, Matrix, singular
+from vemcvx.linear.products import Congruent, Elsewhere
 from vemcvx.linear.superlu import SuperLU
 
 SUITED = (
@@ -143,7 +145,7 @@ class MultigridFactor(Factor):
 
     exact = False
 
-    def __init__(self, limits: Stopping, K: sp.csr_matrix | LinearOperator, cycle: Cycle, lowest: float):
+    def __init__(self, limits: Stopping, K: sp.csr_matrix | Congruent | Elsewhere, cycle: Cycle, lowest: float):
         self._limits, self._K, self._lowest = limits, K, lowest
         self._cycle = LinearOperator(K.shape, matvec=cycle, dtype=np.float64)
 
@@ -174,13 +176,17 @@ class MultigridFactor(Factor):
         """The cycle for all of K, restricted to F, is a preconditioner there too: symmetric positive definite."""
         n = self._K.shape[0]
         return MultigridFactor(
-            self._limits, sp.csr_matrix(K_FF), lambda b: self._cycle.matvec(spread(b, F, n))[F], self._lowest
+            self._limits,
+            K_FF if isinstance(K_FF, Congruent) else sp.csr_matrix(K_FF),
+            lambda b: self._cycle.matvec(spread(b, F, n))[F],
+            self._lowest,
         )
 
     def _descended(self, b: Floats, tolerance: float) -> tuple[Floats, int]:
         """An approximation of K^{-1} b, and 0 if it meets the tolerance."""
         most = self._limits.max_iterations
-        found: tuple[Floats, int] = cg(self._K, b, rtol=tolerance, atol=0.0, maxiter=most, M=self._cycle)
+        K: Any = self._K
+        found: tuple[Floats, int] = cg(K, b, rtol=tolerance, atol=0.0, maxiter=most, M=self._cycle)
         return found
 
 
@@ -196,7 +202,7 @@ class WholeFactor(MultigridFactor):
         return lambda b: spread(hierarchy.cycle(b[F]), F, len(b))
 
 
-def lowest_eigenvalue(K: sp.csr_matrix | LinearOperator, cycle: Cycle, name: str) -> float:
+def lowest_eigenvalue(K: sp.csr_matrix | Elsewhere, cycle: Cycle, name: str) -> float:
     """A bound from below on the eigenvalues of MK, by Lanczos' method in the inner product of M from a random force.
 
     After k steps from a direction that is uniformly distributed in n dimensions, the largest Ritz value of a positive

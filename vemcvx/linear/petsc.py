@@ -1,10 +1,10 @@
 """PETSc's conjugate gradients with algebraic multigrid (GAMG) over the ranks of MPI, for K beyond one machine's cores.
 
-Rank 0 poses the problem, steps and keeps K; every rank holds a block of K's rows in the order of the unknowns, its part
-of the hierarchy, and its part of vectors. The other ranks wait for the calls of rank 0 (:func:`serve`), which names a
-method of :class:`RankRows` that all of them then call together. In this version K is assembled whole on rank 0, and
-sent in blocks from there: its memory bounds K, while that of the hierarchy and the work of all solves and of products
-with K in them are shared. Of a million unknowns in space rank 0 takes 2.2 GB beside the 3.8 GB that ranks share.
+Rank 0 poses the problem and steps; every rank holds a block of K's rows in the order of the unknowns, its part of the
+hierarchy, and its part of vectors. The other ranks wait for the calls of rank 0 (:func:`serve`), which names a method
+of :class:`RankRows` that all of them then call together. K never stands whole: rank 0 makes some rows at a time and
+sends them to the rank that holds them, and all that a run asks of K afterwards, products, its diagonal and residuals in
+extended precision, is asked of the ranks (:class:`OverRanks`).
 
 GAMG smooths its aggregates from the rigid motions, as :mod:`vemcvx.linear.multigrid` does, and smooths by Chebyshev
 polynomials of the same degree before and after the coarse correction. The polynomial is self-adjoint in the energy,
@@ -19,25 +19,27 @@ matrices are Galerkin's for the matrix in which what is held has no coupling and
 from __future__ import annotations
 
 import atexit
+import hashlib
 import logging
 import os
 import shlex
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
 from importlib.util import find_spec
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.linalg import LinearOperator
 
-from vemcvx.arrays import Bools, Floats, Ints, brief, power_of_two
+from vemcvx.arrays import SOME, Bools, Floats, Ints, brief, by_rows, power_of_two
 from vemcvx.errors import NotAccepted, SceneError
 from vemcvx.linear.factor import Cycle, LinearSolver
 from vemcvx.linear.multigrid import MultigridFactor, Stopping, lowest_eigenvalue
+from vemcvx.linear.products import Elsewhere, residual, sizes
 from vemcvx.linear.superlu import SuperLU
 
 PREFIX = "vemcvx_"
@@ -67,8 +69,7 @@ class PETSc(LinearSolver):
     """PETSc (extra ``petsc``): K in row blocks over the ranks of MPI, conjugate gradients with multigrid.
 
     On one rank it needs no mpiexec. ``mpiexec -n 8 vemcvx run FILE --linear petsc`` shares hierarchy and solves among
-    eight; in scripts under mpiexec, ranks above 0 call :func:`vemcvx.linear.petsc.serve` in place of the simulation. In
-    this version rank 0 also keeps K as a whole, from which blocks are sent.
+    eight; in scripts under mpiexec, ranks above 0 call :func:`vemcvx.linear.petsc.serve` in place of the simulation.
 
     Programs are not condensed, contact is solved matrix-free, and certificates take into account that solves are
     inexact, all as with ``Multigrid``: it suits the same bodies.
@@ -85,29 +86,35 @@ class PETSc(LinearSolver):
     def __post_init__(self) -> None:
         options_of(self.options)
 
-    def factorise(self, K: sp.csr_matrix, near_kernel: Floats | None = None) -> PETScFactor:
+    def held(self, made: Callable[[int, int], sp.csr_matrix], most: Ints) -> OverRanks:
         ranks = all_ranks()
         if ranks.comm.rank > 0:
             raise NotAccepted("PETSc: ranks above 0 do not simulate; they call vemcvx.linear.petsc.serve() instead.")
-        motions = np.zeros((K.shape[0], 0)) if near_kernel is None else np.linalg.qr(near_kernel)[0]
-        rows = Shared(ranks, sp.csr_matrix(K), motions, options_of(self.options))
-        if rows.levels < 2:  # The inverse of a single level would hide that K is singular.
-            SuperLU().factorise(K)
-        b, c = np.random.default_rng(1).normal(size=(2, K.shape[0]))
-        one, two = float(b @ rows.cycle(c)), float(c @ rows.cycle(b))
-        size = np.sqrt(abs(float(b @ rows.cycle(b)) * float(c @ rows.cycle(c))))
+        return OverRanks(ranks, made, most)
+
+    def factorise(self, K: Any, near_kernel: Floats | None = None) -> PETScFactor:
+        if not isinstance(K, OverRanks):
+            rows = sp.csr_matrix(K)
+            K = self.held(lambda start, stop: rows[start:stop], np.diff(rows.indptr))
+        n = K.shape[0]
+        motions = np.zeros((n, 0)) if near_kernel is None else np.linalg.qr(near_kernel)[0]
+        levels, limits = K.set_up(options_of(self.options), motions)
+        if levels < 2:  # The inverse of a single level would hide that K is singular.
+            SuperLU().factorise(K.whole())
+        b, c = np.random.default_rng(1).normal(size=(2, n))
+        one, two = float(b @ K.cycle(c)), float(c @ K.cycle(b))
+        size = np.sqrt(abs(float(b @ K.cycle(b)) * float(c @ K.cycle(c))))
         if not abs(one - two) <= 1e-8 * size:
             raise NotAccepted(f"PETSc: with the options {self.options!r} the cycle is not symmetric; omit some.")
-        shared = LinearOperator(K.shape, matvec=rows.product, dtype=np.float64)
-        return PETScFactor(rows, shared, lowest_eigenvalue(shared, rows.cycle, "PETSc"))
+        return PETScFactor(K, limits, lowest_eigenvalue(K, K.cycle, "PETSc"))
 
 
 class PETScFactor(MultigridFactor):
     """The factor of all of K, whose rows all ranks hold and multiply."""
 
-    def __init__(self, rows: Shared, K: LinearOperator, lowest: float):
-        super().__init__(rows.limits, K, rows.cycle, lowest)
-        self._rows = rows
+    def __init__(self, K: OverRanks, limits: Stopping, lowest: float):
+        super().__init__(limits, K, K.cycle, lowest)
+        self._rows = K
 
     def cycle(self, S: sp.csr_matrix, free: Bools) -> Cycle:
         return self._rows.within(S, free)
@@ -116,31 +123,68 @@ class PETScFactor(MultigridFactor):
         return self._rows.solve(b, tolerance) if b.any() else (np.zeros_like(b), 0)
 
 
-class Shared:
-    """Rank 0's view of a matrix whose rows all ranks hold: its methods are called on all of them."""
+class OverRanks(Elsewhere):
+    """Rank 0's view of a matrix whose rows all ranks hold: its methods are called on all of them.
 
-    def __init__(self, ranks: Ranks, K: sp.csr_matrix, motions: Floats, options: dict[str, str]):
-        self._ranks, self._number = ranks, ranks.next_number()
+    The rows are made on rank 0, some at a time, and sent to the rank that holds them.
+    """
+
+    def __init__(self, ranks: Ranks, made: Callable[[int, int], sp.csr_matrix], most: Ints):
+        n = len(most)
+        self.shape, self._ranks, self._number = (n, n), ranks, ranks.next_number()
+        self._diagonal, self._mark = np.empty(n), hashlib.blake2b(digest_size=16)
+
+        def noted(start: int, stop: int) -> sp.csr_matrix:
+            rows = made(start, stop)
+            self._diagonal[start:stop] = rows.diagonal(start)
+            for part in (rows.data, rows.indices, np.diff(rows.indptr)):
+                self._mark.update(np.ascontiguousarray(part).data)
+            return rows
+
+        bounds = [int(most[i:j].sum()) for i, j in pairwise(_ends(ranks.comm, n))]
+        self._ranks.call(self._number, "hold", (n, bounds), noted)
         # PETSc takes singular values below 1e-12 for zeros, whatever the unit.
-        self._unit = float(power_of_two(K.diagonal().max()))
-        self._ranks.call(self._number, "hold", (options, K.shape[0], self._unit), K, motions)
-        self.levels, self.limits = ranks.held[self._number].levels, ranks.held[self._number].limits
-        # The stiffness of what is held in the second hierarchy: coarse matrices do not feel a millionth of K's least.
-        self._least = 1e-6 * float(K.diagonal().min()) / self._unit
+        self._unit = float(power_of_two(self._diagonal.max()))
+
+    def __repr__(self) -> str:
+        # By this a run that is resumed knows its K again.
+        return f"{self.shape} in rows over ranks of MPI, {self._mark.hexdigest()}"
 
     def __del__(self) -> None:
         # Memory is freed on all ranks at once, when they hold the next matrix.
         self._ranks.forgotten.append(self._number)
 
+    def __matmul__(self, x: Floats) -> Floats:
+        if x.ndim == 2:
+            return np.column_stack([self @ column for column in x.T]) if x.shape[1] else np.zeros(x.shape)
+        found: Floats = self._ranks.call(self._number, "product", (), x)
+        return found
+
+    matvec = __matmul__  # so that SciPy's iterations take it
+
+    def diagonal(self) -> Floats:
+        return self._diagonal
+
+    def sizes(self, x: Floats) -> Floats:
+        found: Floats = self._ranks.call(self._number, "sizes", (), x)
+        return found
+
+    def residual(self, force: Floats, y: Floats, held: Floats) -> Floats:
+        found: Floats = self._ranks.call(self._number, "residual", (), y, np.column_stack([force, held]))
+        return found
+
+    def whole(self) -> sp.csr_matrix:
+        return sp.csr_matrix(self._ranks.call(self._number, "whole", ()))
+
+    def set_up(self, options: dict[str, str], motions: Floats) -> tuple[int, Stopping]:
+        """Set the hierarchy up, with these rigid motions (n, k); its levels, and where solves stop."""
+        found: tuple[int, Stopping] = self._ranks.call(self._number, "set_up", (options, self._unit), motions)
+        return found
+
     def solve(self, b: Floats, tolerance: float) -> tuple[Floats, int]:
         """An approximation of K^{-1} b, and 0 if its residual meets the tolerance."""
         x, missed = self._ranks.call(self._number, "solve", (tolerance,), b)
         return x / self._unit, missed
-
-    def product(self, x: Floats) -> Floats:
-        """K x."""
-        found: Floats = self._ranks.call(self._number, "product", (), x)
-        return found * self._unit
 
     def cycle(self, b: Floats) -> Floats:
         """M b."""
@@ -149,7 +193,9 @@ class Shared:
 
     def within(self, S: sp.csr_matrix, free: Bools) -> Cycle:
         """The cycle of K + S on the free unknowns; it serves until the next one is asked for."""
-        self._ranks.call(self._number, "stiffen", (sp.csr_matrix(S / self._unit), np.flatnonzero(~free), self._least))
+        # The stiffness of what is held in the second hierarchy: coarse matrices do not feel a millionth of K's least.
+        least = 1e-6 * float(self._diagonal.min()) / self._unit
+        self._ranks.call(self._number, "stiffen", (sp.csr_matrix(S / self._unit), np.flatnonzero(~free), least))
 
         def cycle(b: Floats) -> Floats:
             found: Floats = self._ranks.call(self._number, "cycle", (True,), np.where(free, b, 0.0))
@@ -219,40 +265,49 @@ class RankRows:
     Vectors are given to rank 0, and returned by it, as a whole.
     """
 
-    def __init__(
-        self,
-        comm: Any,
-        options: dict[str, str],
-        n: int,
-        unit: float,
-        K: sp.csr_matrix | None = None,
-        motions: Floats | None = None,
-    ):
+    def __init__(self, comm: Any, n: int, most: list[int], made: Callable[[int, int], sp.csr_matrix] | None = None):
         from petsc4py import PETSc as petsc
 
-        self._petsc, self._comm, self._names = petsc, comm, options
-        self._K, self._near = self._taken(n, unit, *_own_block(comm, n, K, motions))
+        self._petsc, self._comm, self._ends = petsc, comm, _ends(comm, n)
+        block = self._taken(most[comm.rank], made)
+        csr = [part.astype(petsc.IntType, copy=False) for part in (block.indptr, block.indices)]
+        self._size = block.shape
+        self._K = petsc.Mat().createAIJ((self._size, self._size), csr=[*csr, block.data], comm=comm)
+        self._K.setOption(petsc.Mat.Option.SPD, True)
         self._x, self._b = self._K.createVecs()
         self._scatter, self._whole = petsc.Scatter.toZero(self._x)
-        self._ksp = self._solver(self._K)
-        tolerance, _, _, most = self._ksp.getTolerances()
-        self.limits = Stopping("PETSc", float(tolerance), int(most))
-        pc = self._ksp.getPC()
-        self.levels = pc.getMGLevels() if pc.getType() == "gamg" else 2
+        self._unit, self._ksp, self._near = 1.0, petsc.KSP(), petsc.NullSpace()
         self._stiffened: Any = None
 
-    def _taken(self, n: int, unit: float, block: sp.csr_matrix, motions: Floats) -> tuple[Any, Any]:
-        """PETSc's copy of a block of rows, and its null space; ours is gone before a hierarchy is set up beside it."""
-        petsc, comm, size = self._petsc, self._comm, (block.shape[0], n)
-        # Here, where K is a block of rows: scaled as a whole it would be on rank 0 twice.
-        csr = [block.indptr.astype(petsc.IntType), block.indices.astype(petsc.IntType), block.data / unit]
-        matrix, near = petsc.Mat().createAIJ((size, size), csr=csr, comm=comm), None
-        matrix.setOption(petsc.Mat.Option.SPD, True)
-        if motions.shape[1]:
-            vectors = [petsc.Vec().createWithArray(column.copy(), size, comm=comm) for column in motions.T]
-            near = petsc.NullSpace().create(vectors=vectors, comm=comm)
-            matrix.setNearNullSpace(near)
-        return matrix, near
+    def _taken(self, most: int, made: Callable[[int, int], sp.csr_matrix] | None) -> sp.csr_matrix:
+        """The rows of this rank, made by rank 0, and sent by it, some at a time; its own ones are made last."""
+        comm, ends = self._comm, self._ends
+        if made is not None:
+            for rank in range(1, comm.size):
+                for start in range(ends[rank], ends[rank + 1], SOME):
+                    comm.send(made(start, min(start + SOME, ends[rank + 1])), dest=rank, tag=BLOCK)
+
+        def own(start: int, stop: int) -> sp.csr_matrix:
+            return comm.recv(source=0, tag=BLOCK) if made is None else made(start, stop)
+
+        count = ends[comm.rank + 1] - ends[comm.rank]
+        return by_rows(own, count, most, (count, ends[-1]))
+
+    def set_up(self, options: dict[str, str], unit: float, motions: Floats | None = None) -> tuple[int, Stopping]:
+        """Set the hierarchy of K / unit up; its levels, and where solves stop."""
+        petsc, comm, self._names = self._petsc, self._comm, options
+        self._K.scale(self._unit / unit)
+        self._unit = unit
+        own = self._dealt(motions)
+        if own.shape[1]:
+            vectors = [petsc.Vec().createWithArray(column.copy(), self._size, comm=comm) for column in own.T]
+            self._near = petsc.NullSpace().create(vectors=vectors, comm=comm)
+            self._K.setNearNullSpace(self._near)
+        self._ksp = self._solver(self._K)
+        tolerance, _, _, most = self._ksp.getTolerances()
+        pc = self._ksp.getPC()
+        levels = pc.getMGLevels() if pc.getType() == "gamg" else 2
+        return levels, Stopping("PETSc", float(tolerance), int(most))
 
     def _solver(self, matrix: Any) -> Any:
         """Conjugate gradients with the cycle of a matrix."""
@@ -287,7 +342,42 @@ class RankRows:
         """K x on rank 0."""
         self._spread(x)
         self._K.mult(self._b, self._x)
-        return self._gathered()
+        return self._gathered(self._unit)
+
+    def sizes(self, x: Floats | None = None) -> Floats | None:
+        """|K| |x| on rank 0."""
+        return self._joined(sizes(self._rows(), self._comm.bcast(x)))
+
+    def residual(self, y: Floats | None = None, forces: Floats | None = None) -> Floats | None:
+        """force - held - K y on rank 0, in extended precision; of both `forces` (n, 2) rank 0 has all."""
+        force, held = self._dealt(forces).T
+        return self._joined(residual(force, self._rows(), self._comm.bcast(y), held))
+
+    def whole(self) -> sp.csr_matrix | None:
+        """All of K on rank 0."""
+        parts = self._comm.gather(self._rows())
+        return None if parts is None else sp.csr_matrix(sp.vstack(parts, format="csr"))
+
+    def _rows(self) -> sp.csr_matrix:
+        """The rows of this rank, which PETSc has in two parts: a copy that is gone after its use."""
+        indptr, indices, data = self._K.getValuesCSR()
+        data *= self._unit
+        return sp.csr_matrix((data, indices, indptr), shape=self._size)
+
+    def _dealt(self, rows: Floats | None) -> Floats:
+        """The part of this rank of an array (n, ...) that rank 0 has."""
+        if rows is None:
+            own: Floats = self._comm.recv(source=0, tag=BLOCK)
+            return own
+        for rank, (i, j) in enumerate(pairwise(self._ends)):
+            if rank > 0:
+                self._comm.send(rows[i:j], dest=rank, tag=BLOCK)
+        return rows[: self._ends[1]]
+
+    def _joined(self, own: Floats) -> Floats | None:
+        """A vector on rank 0, from what each rank has of it."""
+        parts = self._comm.gather(own)
+        return None if parts is None else np.concatenate(parts)
 
     def cycle(self, stiffened: bool, b: Floats | None = None) -> Floats | None:
         """M b on rank 0, M the cycle of K, or of K + S on the free unknowns."""
@@ -300,7 +390,7 @@ class RankRows:
         petsc = self._petsc
         if self._stiffened is None:
             copied = self._K.duplicate(copy=True)
-            if self._near is not None:
+            if self._near:
                 copied.setNearNullSpace(self._near)
             # Set up once for all of K, whose prolongations are kept.
             self._stiffened = copied, self._solver(copied)
@@ -320,7 +410,7 @@ class RankRows:
     def destroy(self) -> None:
         """Free what this rank holds."""
         copied = () if self._stiffened is None else self._stiffened
-        for one in (self._ksp, self._K, self._x, self._b, self._scatter, self._whole, *copied):
+        for one in (self._ksp, self._near, self._K, self._x, self._b, self._scatter, self._whole, *copied):
             one.destroy()
 
     def _spread(self, b: Floats | None) -> None:
@@ -328,22 +418,14 @@ class RankRows:
             self._whole.getArray()[:] = b
         self._scatter.scatter(self._whole, self._b, mode=self._petsc.ScatterMode.REVERSE)
 
-    def _gathered(self) -> Floats | None:
+    def _gathered(self, unit: float = 1.0) -> Floats | None:
         self._scatter.scatter(self._x, self._whole)
-        return self._whole.getArray().copy() if self._comm.rank == 0 else None
+        return self._whole.getArray() * unit if self._comm.rank == 0 else None
 
 
-def _own_block(comm: Any, n: int, K: sp.csr_matrix | None, motions: Floats | None) -> tuple[sp.csr_matrix, Floats]:
-    """Return this rank's rows of K and of the rigid motions, sent by rank 0: as many on every one, but for one."""
-    ends = [n * (rank + 1) // comm.size for rank in range(comm.size)]
-    starts = [0, *ends[:-1]]
-    if K is None or motions is None:
-        block: tuple[sp.csr_matrix, Floats] = comm.recv(source=0, tag=BLOCK)
-        return block
-    for rank in range(1, comm.size):
-        part = slice(starts[rank], ends[rank])
-        comm.send((K[part], motions[part]), dest=rank, tag=BLOCK)
-    return K[: ends[0]], motions[: ends[0]]
+def _ends(comm: Any, n: int) -> list[int]:
+    """Where the rows of each rank begin and those of the last one end: as many on every one, but for one."""
+    return [n * rank // comm.size for rank in range(comm.size + 1)]
 
 
 @cache

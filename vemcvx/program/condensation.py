@@ -38,7 +38,7 @@ import scipy.sparse as sp
 
 from vemcvx.arrays import EPS, Floats, Ints, power_of_two, spread
 from vemcvx.errors import NotAccepted
-from vemcvx.linear import Factor, Halves, LinearSolver, Matrix, minimum_degree
+from vemcvx.linear import Congruent, Elsewhere, Factor, Halves, LinearSolver, Matrix, minimum_degree
 from vemcvx.program.kernel import anchors
 from vemcvx.program.operators import Operators, shifted
 from vemcvx.program.scaling import scaling, unit_diagonal
@@ -341,7 +341,8 @@ class Condensation:
         else:
             self.retained = np.arange(n)
             self.factor = self.linear.factorise(self.regular, system.near_kernel)
-            self.operators = Operators(self.regular, B, block, self.factor, D=D, compliance=compliance)
+            K = Congruent.of(self.regular) if isinstance(self.regular, Elsewhere) else self.regular
+            self.operators = Operators(K, B, block, self.factor, D=D, compliance=compliance)
         self._S = self.operators.K
         if anchor is not None and system.kernel is not None:
             self.operators = _unanchored(self.operators, anchor[self.retained], system.kernel.modes[self.retained])

@@ -33,7 +33,7 @@ from vemcvx.arrays import (
     shaped,
 )
 from vemcvx.errors import SceneError
-from vemcvx.linear import AT_ONCE, SAMPLES, DenseCholesky, Factor, Matrix, SuperLU
+from vemcvx.linear import AT_ONCE, SAMPLES, Congruent, DenseCholesky, Factor, Matrix, SuperLU
 from vemcvx.outline import ArrayRecord
 from vemcvx.program.kernel import KernelBalance
 from vemcvx.weight_law import Law, PressureLaw, once_for_each
@@ -489,7 +489,7 @@ class Operators(ArrayRecord):
 
         Anchors of bodies that are not held have dense matrices; systems of these stay dense.
         """
-        return sp.issparse(self.K) and self.anchor is None and len(self.read) ** 2 > AT_ONCE
+        return not isinstance(self.K, np.ndarray) and self.anchor is None and len(self.read) ** 2 > AT_ONCE
 
     @cached_property
     def flexibility(self) -> Floats:
@@ -515,10 +515,15 @@ class Operators(ArrayRecord):
         softness[np.diag_indices(len(u))] += yielding
         return u, softness
 
+    @property
+    def entries(self) -> Floats | sp.csr_matrix:
+        """K entry by entry, for solvers that take no products in its place."""
+        return self.K.whole() if isinstance(self.K, Congruent) else self.K
+
     @cached_property
     def absolute(self) -> Matrix:
         """|K|, entry by entry, for bounds on rounding."""
-        return np.abs(self.K) if isinstance(self.K, np.ndarray) else sp.csr_matrix(abs(self.K))
+        return np.abs(self.K) if isinstance(self.K, np.ndarray) else abs(self.K)
 
     @property
     def count(self) -> int:
@@ -587,7 +592,7 @@ class Operators(ArrayRecord):
 
     def plus(self, added: sp.csr_matrix) -> Matrix:
         """K + added."""
-        return self.K + added.toarray() if isinstance(self.K, np.ndarray) else sp.csr_matrix(self.K + added)
+        return self.K + added.toarray() if isinstance(self.K, np.ndarray) else self.K + added
 
     def energy_norm(self, d: Floats) -> float:
         """|d|_K of increments d (n,)."""
@@ -601,7 +606,9 @@ class Operators(ArrayRecord):
 def restricted(K: Matrix, F: Ints) -> Matrix:
     """K_FF, the principal submatrix of the unknowns F."""
     # Of dense matrices `take` copies three times as fast as an index does.
-    return K.take(F, 0).take(F, 1) if isinstance(K, np.ndarray) else K[F][:, F]
+    if isinstance(K, np.ndarray):
+        return K.take(F, 0).take(F, 1)
+    return K.principal(F) if isinstance(K, Congruent) else K[F][:, F]
 
 
 def shifted(K: Matrix, diagonal: Floats) -> Matrix:

@@ -34,7 +34,7 @@ import scipy.sparse as sp
 
 from vemcvx.arrays import Floats, power_of_two
 from vemcvx.errors import SceneError
-from vemcvx.linear import Matrix, Scaled
+from vemcvx.linear import Congruent, Matrix, Scaled
 from vemcvx.program.operators import Operators
 from vemcvx.program.step_program import Answer, StepProgram
 
@@ -141,7 +141,7 @@ def scaling(operators: Operators) -> Scaling:
         kernel, anchor = np.linalg.qr(kernel / delta[:, None])[0], delta * anchor * delta / kappa
     dense = isinstance(operators.K, np.ndarray)
     scaled = Operators(
-        K=_scaled(operators.K, delta, kappa),
+        K=_scaled(operators, delta, kappa),
         B=B,
         block=operators.block,
         # A dense matrix is factorised in these units, in which its roots are those of the same numbers.
@@ -160,12 +160,15 @@ def unit_diagonal(diagonal: Floats) -> tuple[float, Floats]:
     return kappa, np.ldexp(1.0, -(np.frexp(diagonal / kappa)[1] // 2))
 
 
-def _scaled(K: Matrix, delta: Floats, kappa: float) -> Matrix:
-    """delta K delta / kappa."""
+def _scaled(operators: Operators, delta: Floats, kappa: float) -> Matrix:
+    """delta K delta / kappa; in products, without a second K, where these are all that is asked for."""
+    K = operators.K
     if isinstance(K, np.ndarray):
         scaled = delta[:, None] * K
         scaled *= delta / kappa
         return scaled
+    if not operators.factor.exact:
+        return (K if isinstance(K, Congruent) else Congruent.of(K)).scaled(delta, 1.0 / kappa)
     return sp.csr_matrix(sp.diags_array(delta) @ K @ sp.diags_array(delta / kappa))
 
 

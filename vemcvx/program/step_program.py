@@ -103,7 +103,7 @@ def to_cvxpy(
     g, w, b, e = parameters if data is None else data
     d = cp.Variable(n)
     # assume_psd: K is a stiffness matrix; testing its eigenvalues would take longer than the solve.
-    energy: cp.Expression = 0.5 * cp.quad_form(d, operators.K, assume_PSD=True) - g @ d
+    energy: cp.Expression = 0.5 * cp.quad_form(d, operators.entries, assume_PSD=True) - g @ d
     constraints: list[cp.Constraint] = []
     lam, p = np.zeros((m, block)).copy, np.zeros(len(operators.compliance)).copy
     if m:

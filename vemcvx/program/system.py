@@ -35,7 +35,7 @@ from vemcvx.arrays import (
     spread,
 )
 from vemcvx.errors import SceneError
-from vemcvx.linear import LinearSolver, choose_linear, direct_solver, singular
+from vemcvx.linear import Elsewhere, LinearSolver, choose_linear, direct_solver, singular
 from vemcvx.outline import ArrayRecord
 from vemcvx.program.kernel import Kernel, rank_on
 from vemcvx.program.operators import DraggedTerms, Limits, Norms
@@ -195,9 +195,9 @@ class System(ArrayRecord):
         ) -> None: ...
 
     def __post_init__(self) -> None:
-        K = checked_matrix(self.K, "System: K")
-        check_stiffness(K)
-        object.__setattr__(self, "K", K)
+        if not isinstance(self.K, Elsewhere):
+            object.__setattr__(self, "K", checked_matrix(self.K, "System: K"))
+        check_stiffness(self.K)
         if not callable(self.load):
             raise SceneError(
                 f"System: found load = {brief(self.load)}; wanted a function of t that gives ({self.n},) forces."
@@ -337,11 +337,12 @@ class System(ArrayRecord):
 SYMMETRIC = 1e-10
 
 
-def check_stiffness(K: sp.csr_matrix) -> None:
-    """Raise SceneError unless K is square and symmetric with a positive diagonal."""
-    if K.nnz == 0 and K.shape[0] == K.shape[1]:
-        return
-    check_symmetric(K, "System: K")
+def check_stiffness(K: sp.csr_matrix | Elsewhere) -> None:
+    """Raise SceneError unless K is square and symmetric, as one elsewhere was made, with a positive diagonal."""
+    if not isinstance(K, Elsewhere):
+        if K.nnz == 0 and K.shape[0] == K.shape[1]:
+            return
+        check_symmetric(K, "System: K")
     diagonal = K.diagonal()
     if diagonal.min() <= 0:
         i = int(np.argmin(diagonal))

@@ -43,6 +43,7 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
 from vemcvx.arrays import EPS, Bools, Floats, Ints, summed_columns, totals
+from vemcvx.linear import Congruent
 from vemcvx.meshes import PolygonMesh
 from vemcvx.meshes.polygons import smallest_linked
 from vemcvx.outline import ArrayRecord
@@ -319,13 +320,22 @@ def _closed(posed: PosedScene, trajectory: Trajectory, u: Floats) -> Bools:
     for at in places:
         closed[:, at[at >= 0]] = False
     for (obstacles, p), at in zip(met, places, strict=True):
-        stiffness = np.asarray((obstacles.rows @ posed.A).multiply(obstacles.rows).sum(axis=1)).ravel()
+        stiffness = _stiffness_along(obstacles.rows, posed.A)
         for row, n in enumerate(trajectory.stored):
             gap, move = obstacles.gap(float(trajectory.times[n])), obstacles.rows @ u[row].ravel()
             blur = 8 * EPS * (np.abs(gap) + np.abs(move).max(initial=0.0))
             touches = p[row] + stiffness * (move - gap + blur) >= 0
             np.logical_or.at(closed[row], at[at >= 0], touches[at >= 0])
     return closed
+
+
+def _stiffness_along(rows: sp.csr_matrix, A: sp.csr_matrix) -> Floats:
+    """(r,) r'A r of every row r."""
+    own = A.S if isinstance(A, Congruent) else A
+    found = np.asarray((rows @ own).multiply(rows).sum(axis=1)).ravel()
+    if isinstance(A, Congruent):  # Of a K elsewhere, in frames along the axes, a row reads one unknown a body.
+        found += rows.multiply(rows) @ (A.diagonal() - own.diagonal())
+    return found
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from functools import cache, partial, reduce
 from itertools import chain
 from operator import add
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 import scipy.sparse as sp
@@ -18,7 +18,7 @@ import scipy.sparse as sp
 from vemcvx.arrays import Floats, Ints, by_rows, read_only
 from vemcvx.effects import ContactSurface, Contribution, Friction, Load, Material, MaterialLaw, Obstacle
 from vemcvx.errors import SceneWarning
-from vemcvx.linear import nested_dissection
+from vemcvx.linear import Congruent, Elsewhere, LinearSolver, SuperLU, nested_dissection
 from vemcvx.meshes import AnyMesh
 from vemcvx.program.kernel import Kernel
 from vemcvx.program.system import Damping, ForceOnPart, Motion, System
@@ -79,7 +79,8 @@ def load_of(
 def _moving(A: sp.csr_matrix, supports: Supports) -> tuple[Callable[[float], Floats], Ints, sp.csr_matrix]:
     """P'A u_D from the nodal values that supports move, and from the rows of P'A with entries there."""
     moved = supports.moved
-    return lambda t: supports.motion(t)[moved], *_rows_of(supports.gather(A[:, moved]))
+    columns = (A.S if isinstance(A, Congruent) else A)[:, moved]  # u_D is zero where the rest of A is
+    return lambda t: supports.motion(t)[moved], *_rows_of(supports.gather(columns))
 
 
 def _rows_of(matrix: sp.csr_matrix) -> tuple[Ints, sp.csr_matrix]:
@@ -127,7 +128,7 @@ class PosedScene:
     space: Space
     system: System  # K, load, norm terms and limits over the free unknowns, in consistent units
     supports: Supports
-    A: sp.csr_matrix  # (n_u, n_u) stiffness over all nodal values
+    A: sp.csr_matrix  # (n_u, n_u) stiffness over all nodal values; a Congruent where the linear solver has K
     loads: tuple[Load | InitialStresses, ...]
     terms: Terms
     obstacles: Obstacles
@@ -169,11 +170,13 @@ def unwarned() -> Iterator[None]:
         yield
 
 
-def pose_scene(scene: Scene, mesh: AnyMesh, times: Sequence[float] = ()) -> PosedScene:
+def pose_scene(
+    scene: Scene, mesh: AnyMesh, times: Sequence[float] = (), linear: LinearSolver | None = None
+) -> PosedScene:
     """Assemble a scene on a mesh; effects that are zero at all of `times` are left out.
 
     The `system` of what is returned is what `vemcvx.march` takes. SceneError where the scene names what the mesh lacks,
-    or leaves the body free to float.
+    or leaves the body free to float. Of K the linear solver, where one is given, says where it is to stand.
     """
     scene.require_material()
     space = Space(mesh)
@@ -188,12 +191,13 @@ def pose_scene(scene: Scene, mesh: AnyMesh, times: Sequence[float] = ()) -> Pose
     # Whatever refers to normals, so that nodal frames have them as axes.
     supports = resolve(holds, (*frictions, *stops), mesh.points)
     forms, contact = _forms(parts), _contact(surfaces, frictions, stops, supports, times)
+    A, system = _system(space, forms, loads, supports, contact, linear=linear or SuperLU())
     return PosedScene(
         scene=scene,
         space=space,
-        system=_system(space, forms, loads, supports, contact),
+        system=system,
         supports=supports,
-        A=forms.stiffness,
+        A=A,
         loads=loads,
         terms=contact.terms,
         surface=contact.surface,
@@ -232,23 +236,34 @@ def _forms(parts: Sequence[Contribution]) -> _Forms:
 
 
 def _system(
-    space: Space, forms: _Forms, loads: tuple[Load | InitialStresses, ...], supports: Supports, contact: _Contact
-) -> System:
-    A, terms, obstacles, points = forms.stiffness, contact.terms, contact.obstacles, space.mesh.points
+    space: Space,
+    forms: _Forms,
+    loads: tuple[Load | InitialStresses, ...],
+    supports: Supports,
+    contact: _Contact,
+    *,
+    linear: LinearSolver,
+) -> tuple[sp.csr_matrix, System]:
+    terms, obstacles, points = contact.terms, contact.obstacles, space.mesh.points
     # Springs to the ground feel rigid motions, too.
     seen = seen_from_bodies(space) if forms.springs is None else lambda u: u
-    return System(
-        K=_restrict(A, supports),
+    kernel = _unsupported(space, supports, contact, forms.springs)
+    # Where K has a kernel, or is one of a sum, it is here.
+    K = _restrict(forms.stiffness, supports, linear if kernel is None and forms.viscosity is None else SuperLU())
+    A = _bordered(forms.stiffness, K, supports) if isinstance(K, Elsewhere) else forms.stiffness
+    system = System(
+        K=K,
         load=load_of(loads, A, supports),
         norms=norm_terms(terms, contact.press, supports),
         motion=None if supports.still else motion_of(A, supports, acting_rows(terms), obstacles.rows, seen),
-        order=cache(partial(_order, A, supports, points)),
+        order=None if isinstance(A, Congruent) else cache(partial(_order, A, supports, points)),
         near_kernel=supports.P.T @ rigid_modes(points),
-        kernel=_unsupported(space, supports, contact, forms.springs),
+        kernel=kernel,
         limits=limits(obstacles, supports),
         damping=_damping(forms.viscosity, supports, seen),
         dragged=dragged_terms(terms, contact.press, supports),
     )
+    return A, system
 
 
 @dataclass(frozen=True)
@@ -307,17 +322,19 @@ def _chain(tuples: Iterable[tuple[T, ...]]) -> tuple[T, ...]:
     return tuple(chain.from_iterable(tuples))
 
 
-def _restrict(A: sp.csr_matrix, supports: Supports) -> sp.csr_matrix:
+def _restrict(A: sp.csr_matrix, supports: Supports, linear: LinearSolver) -> Any:
+    """P'A P; of frames along the axes some rows at a time, where the linear solver has them."""
     if supports.columns is not None:
-        K = _principal(A, supports.columns)
-        read_only(K.data)  # so that a System need not copy it
+        K = linear.held(_principal(A, supports.columns), np.diff(A.indptr)[supports.columns])
+        if not isinstance(K, Elsewhere):
+            read_only(K.data)  # so that a System need not copy it
         return K
     K = supports.P.T @ A @ supports.P
     return sp.csr_matrix(0.5 * (K + K.T))  # The triple product rounds (i, j) and (j, i) differently.
 
 
-def _principal(A: sp.csr_matrix, free: Ints) -> sp.csr_matrix:
-    """A on the free unknowns (k,) alone; all their rows at once would take twice the memory."""
+def _principal(A: sp.csr_matrix, free: Ints) -> Callable[[int, int], sp.csr_matrix]:
+    """The rows from one number to another of A on the free unknowns (k,) alone."""
     place = np.full(A.shape[0], -1, dtype=A.indices.dtype)
     place[free] = np.arange(len(free), dtype=place.dtype)
 
@@ -328,14 +345,31 @@ def _principal(A: sp.csr_matrix, free: Ints) -> sp.csr_matrix:
         indptr = np.append(0, np.cumsum(kept))[rows.indptr]
         return sp.csr_matrix((rows.data[kept], columns[kept], indptr), shape=(stop - start, len(free)))
 
-    return by_rows(of_free, len(free), A.nnz, (len(free), len(free)))
+    return of_free
+
+
+def _bordered(A: sp.csr_matrix, K: Elsewhere, supports: Supports) -> Any:
+    """A = P K P' and the rows and columns of what is held."""
+    held = np.ones(A.shape[0], dtype=bool)
+    held[supports.columns] = False
+
+    def of_held(start: int, stop: int) -> sp.csr_matrix:
+        rows = A[start:stop]
+        kept = held[rows.indices] | np.repeat(held[start:stop], np.diff(rows.indptr))
+        indptr = np.append(0, np.cumsum(kept))[rows.indptr]
+        return sp.csr_matrix((rows.data[kept], rows.indices[kept], indptr), shape=rows.shape)
+
+    most = 2 * int(np.diff(A.indptr)[held].sum())  # A is symmetric
+    return Congruent(supports.P, K, by_rows(of_held, A.shape[0], most, A.shape))
 
 
 def _damping(A: sp.csr_matrix | None, supports: Supports, seen: Callable[[Floats], Floats]) -> Damping | None:
     if A is None:
         return None
     nothing = sp.csr_matrix((0, A.shape[0]))
-    return Damping(_restrict(A, supports), None if supports.still else motion_of(A, supports, nothing, nothing, seen))
+    return Damping(
+        _restrict(A, supports, SuperLU()), None if supports.still else motion_of(A, supports, nothing, nothing, seen)
+    )
 
 
 def _order(A: sp.csr_matrix, supports: Supports, points: Floats) -> Ints:

@@ -389,7 +389,7 @@ class _PreparedConic:
     def _posed(self, program: StepProgram, cones: bool) -> _Posed:
         operators, corners = program.operators, self._settings.corners
         with COMPILING:
-            if sp.issparse(operators.K):
+            if not isinstance(operators.K, np.ndarray):
                 return _Posed(to_cvxpy(operators, program.data, cones, corners))
             if cones not in self._compiled:
                 self._compiled[cones] = _Posed(to_cvxpy(operators, None, cones, corners))

@@ -52,9 +52,9 @@ from numpy.typing import ArrayLike
 
 from vemcvx.arrays import EPS, Floats, as_real_array, brief, check_takes, flag
 from vemcvx.errors import NotContracting, SceneError
-from vemcvx.linear import LinearSolver
+from vemcvx.linear import LinearSolver, residual
 from vemcvx.linear.default import one_thread
-from vemcvx.program.iterative_refinement import residual, rounding
+from vemcvx.program.iterative_refinement import rounding
 from vemcvx.program.step_program import Answer
 from vemcvx.program.system import DRAG_ROUNDING, Damping, System
 from vemcvx.program.tolerances import VISCOUS

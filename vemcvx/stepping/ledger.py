@@ -42,8 +42,8 @@ from functools import cached_property
 import numpy as np
 
 from vemcvx.arrays import Floats, lengths
+from vemcvx.linear import residual
 from vemcvx.program.condensation import Condensation, Reduced
-from vemcvx.program.iterative_refinement import residual
 from vemcvx.program.scaling import LARGEST_NORM, checked_norm
 from vemcvx.program.step_program import Answer
 from vemcvx.program.system import System, on_part

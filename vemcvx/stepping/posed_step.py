@@ -32,9 +32,10 @@ import scipy.sparse as sp
 
 from vemcvx.arrays import EPS, Bools, Floats, lengths, power_of_two
 from vemcvx.errors import NotCertified, SceneError
+from vemcvx.linear import residual
 from vemcvx.program.certificate import Certificate, limit_gaps, norm_gaps
 from vemcvx.program.condensation import Condensation, Reduced
-from vemcvx.program.iterative_refinement import full_certificate, needs_refinement, refined, residual
+from vemcvx.program.iterative_refinement import full_certificate, needs_refinement, refined
 from vemcvx.program.operators import Operators
 from vemcvx.program.scaling import LARGEST_NORM, SMALLEST_NORM, checked_norm
 from vemcvx.program.step_program import Answer, StepProgram, fitting

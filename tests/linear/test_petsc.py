@@ -133,6 +133,92 @@ def test_cycles_that_bound_nothing_are_refused():
         vx.PETSc().factorise(sp.csr_matrix([[1.0, 2.0], [2.0, 1.0]]))
 
 
+def push(x, t):
+    return t * np.column_stack([8 * (1.25 - x[:, 2]), np.full(len(x), 2.0), np.full(len(x), -4.0)])
+
+
+HELD = vx.Elasticity(young=200.0, poisson=0.3), vx.Traction(push, on="left"), vx.TrescaFriction(bound=1.0, on="bottom")
+SCENES = {
+    "bilateral": (*HELD, vx.Clamp(on="right"), vx.BilateralContact(on="bottom")),
+    "one-sided": (*HELD, vx.Clamp(on="right"), vx.UnilateralContact(on="bottom")),
+    "moved": (
+        *HELD,
+        vx.PrescribedDisplacement(lambda x, t: np.tile([0.01 * t, 0.0, -0.02 * t], (len(x), 1)), on="right"),
+        vx.UnilateralContact(on="bottom"),
+    ),
+    "viscous": (*HELD, vx.Clamp(on="right"), vx.BilateralContact(on="bottom"), vx.Viscosity(0.1, 0.1)),
+}
+
+
+@here
+@pytest.mark.long
+@pytest.mark.parametrize("name", SCENES)
+def test_scenes_whose_stiffness_is_over_ranks_have_the_steps_and_forces_of_direct_factors(name):
+    scene, mesh = vx.Scene(*SCENES[name]), vx.meshes.cubes(4)
+    direct, iterative = (vx.simulate(scene, mesh, TIMES, linear=linear) for linear in (SuperLU(), vx.PETSc()))
+    posed = pose_scene(scene, mesh)
+    one, two = direct.trajectory, iterative.trajectory
+    assert_within_both_certificates(posed.system, one, two)
+    claimed = sum(run.certificate_total + run.certificate_floor for run in (one, two)) * one.scale
+    # |A e| <= |A|^(1/2) |e|_A, and the norm of A is at most its largest sum of a row; viscous forces have rates of e.
+    stiff = abs(posed.A).sum(axis=1).max()
+    if posed.viscosity is not None:
+        stiff += abs(posed.viscosity).sum(axis=1).max() * 2 / np.diff(TIMES).min()
+    rounding = 1e-13 * np.abs(abs(posed.A) @ np.abs(direct.displacement).max(axis=0).ravel()).max()
+    apart = np.linalg.norm((iterative.forces - direct.forces).reshape(len(TIMES), -1), axis=1)
+    assert (apart <= np.sqrt(stiff) * claimed + rounding).all()
+    assert np.array_equal(iterative.contact.closed, direct.contact.closed)
+
+
+@here
+@needs("cvxpy")
+@pytest.mark.long
+def test_solvers_that_read_all_entries_have_them():
+    scene, mesh = vx.Scene(*SCENES["bilateral"]), vx.meshes.cubes(3)
+    runs = [vx.simulate(scene, mesh, TIMES[:3], linear=vx.PETSc(), solver=s).trajectory for s in (None, vx.Clarabel())]
+    K, apart = pose_scene(scene, mesh).system.K, runs[0].state - runs[1].state
+    claimed = sum(run.certificate_total + run.certificate_floor for run in runs) * runs[0].scale
+    assert (np.sqrt(np.maximum(np.einsum("si,si->s", apart, (K @ apart.T).T), 0.0)) <= claimed).all()
+
+
+OVER_RANKS = """
+import gc, sys
+import numpy as np, scipy.sparse as sp, vemcvx as vx
+from vemcvx.arrays import EPS
+from vemcvx.linear import petsc, residual, sizes
+from vemcvx.scene import pose_scene
+if petsc.serve():
+    raise SystemExit
+scene = vx.Scene(vx.Elasticity(200.0, 0.3), vx.Clamp(on="right"), vx.Traction((1.0, 0.0, 0.0), on="left"))
+mesh = vx.meshes.cubes(8)
+posed = pose_scene(scene, mesh, linear=vx.PETSc())
+K, largest = posed.system.K, max(a.nnz for a in gc.get_objects() if sp.issparse(a))
+alone = pose_scene(scene, mesh)
+here, own, n = alone.system.K, largest / alone.system.K.nnz, alone.system.n
+x, force, held = np.random.default_rng(0).normal(size=(3, n))
+size = EPS * (abs(here) @ abs(x)) * 81
+assert (abs(K @ x - here @ x) <= size).all()
+assert np.array_equal(K.diagonal(), here.diagonal()) and (K.whole() != here).nnz == 0
+assert np.array_equal(residual(force, K, x, held), residual(force, here, x, held))
+assert (abs(sizes(K, x) - sizes(here, x)) <= size).all()
+u = np.random.default_rng(1).normal(size=3 * mesh.n_nodes)
+assert (abs(posed.A @ u - alone.A @ u) <= EPS * (abs(alone.A) @ abs(u)) * 81).all()
+assert np.abs(posed.A.diagonal() - alone.A.diagonal()).max() == 0.0
+other = pose_scene(vx.Scene(vx.Elasticity(200.0, 0.25), *scene.effects[1:]), mesh, linear=vx.PETSc()).system.K
+assert repr(K) == repr(pose_scene(scene, mesh, linear=vx.PETSc()).system.K) != repr(other)
+print("largest part of K on rank 0:", own)
+"""
+
+
+@ranked
+@pytest.mark.slow
+def test_no_rank_has_all_of_k():
+    """Rank 0 poses a scene, and keeps its own half of K; what it asks of K is that of all of K."""
+    run = on_two_ranks("-c", OVER_RANKS)
+    assert run.returncode == 0, run.stdout + run.stderr
+    assert float(run.stdout.split(":")[1]) < 0.51
+
+
 def started(*words):
     told = {**os.environ, "OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1"}
     told["OMPI_MCA_rmaps_base_oversubscribe"] = "1"

@@ -18,9 +18,9 @@ from scipy.linalg.blas import dtrsv
 from scipy.linalg.lapack import dlauum, dpotrf, dpotrs, dtrtri
 from scipy.sparse.linalg import LinearOperator, cg
 
-from vemcvx.arrays import Bools, Floats, Ints, by_rows, power_of_two
+from vemcvx.arrays import Bools, Floats, Ints, power_of_two
 from vemcvx.errors import NotAccepted, SceneError
-from vemcvx.linear.products import Congruent
+from vemcvx.linear.products import Congruent, Elsewhere
 
 Matrix = Floats | sp.csr_matrix
 """Of a program: dense where it was condensed, sparse where it was not. Where solves are iterative a `Congruent` may
@@ -297,13 +297,12 @@ class LinearSolver(ABC):
         """Bytes that a factor takes in space, about, where factors are fullest; nan where it is not known."""
         return np.nan
 
-    def held(self, made: Callable[[int, int], sp.csr_matrix], most: Ints) -> Any:
-        """K (n, n) where this solver has it, from a function that makes its rows from one number to another.
+    def held(self, made: Callable[[int, int], sp.csr_matrix], most: Ints) -> Elsewhere | None:
+        """K (n, n) where this solver holds it; None where K is to be a sparse matrix here.
 
-        A sparse matrix, or an :class:`vemcvx.linear.Elsewhere` in its place; rows have `most` (n,) entries at most.
+        `made` makes the rows of K from one number to another; they have `most` (n,) entries at most.
         """
-        n = len(most)
-        return by_rows(made, n, int(most.sum()), (n, n))
+        return None
 
     @abstractmethod
     def factorise(self, K: sp.csr_matrix, near_kernel: Floats | None = None) -> Factor:

@@ -27,7 +27,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from importlib.util import find_spec
 from itertools import pairwise
 from typing import Any
@@ -143,8 +143,7 @@ class OverRanks(Elsewhere):
 
         bounds = [int(most[i:j].sum()) for i, j in pairwise(_ends(ranks.comm, n))]
         self._ranks.call(self._number, "hold", (n, bounds), noted)
-        # PETSc takes singular values below 1e-12 for zeros, whatever the unit.
-        self._unit = float(power_of_two(self._diagonal.max()))
+        self._unit = ranks.held[self._number].unit
 
     def __repr__(self) -> str:
         # By this a run that is resumed knows its K again.
@@ -178,7 +177,7 @@ class OverRanks(Elsewhere):
 
     def set_up(self, options: dict[str, str], motions: Floats) -> tuple[int, Stopping]:
         """Set the hierarchy up, with these rigid motions (n, k); its levels, and where solves stop."""
-        found: tuple[int, Stopping] = self._ranks.call(self._number, "set_up", (options, self._unit), motions)
+        found: tuple[int, Stopping] = self._ranks.call(self._number, "set_up", (options,), motions)
         return found
 
     def solve(self, b: Floats, tolerance: float) -> tuple[Floats, int]:
@@ -269,15 +268,27 @@ class RankRows:
         from petsc4py import PETSc as petsc
 
         self._petsc, self._comm, self._ends = petsc, comm, _ends(comm, n)
-        block = self._taken(most[comm.rank], made)
-        csr = [part.astype(petsc.IntType, copy=False) for part in (block.indptr, block.indices)]
-        self._size = block.shape
-        self._K = petsc.Mat().createAIJ((self._size, self._size), csr=[*csr, block.data], comm=comm)
-        self._K.setOption(petsc.Mat.Option.SPD, True)
-        self._x, self._b = self._K.createVecs()
-        self._scatter, self._whole = petsc.Scatter.toZero(self._x)
-        self._unit, self._ksp, self._near = 1.0, petsc.KSP(), petsc.NullSpace()
+        self._block = self._taken(most[comm.rank], made)
+        self._size = self._block.shape
+        self._ksp, self._near = petsc.KSP(), petsc.NullSpace()
         self._stiffened: Any = None
+
+    @cached_property
+    def _K(self) -> Any:
+        """K / unit in PETSc: made when it is first asked for, because rank 0 has more while it makes rows."""
+        petsc, block = self._petsc, self._block
+        del self._block
+        csr = [part.astype(petsc.IntType, copy=False) for part in (block.indptr, block.indices)]
+        block.data /= self.unit
+        matrix = petsc.Mat().createAIJ((self._size, self._size), csr=[*csr, block.data], comm=self._comm)
+        matrix.setOption(petsc.Mat.Option.SPD, True)
+        return matrix
+
+    @cached_property
+    def _vectors(self) -> tuple[Any, Any, Any, Any]:
+        """Those that answers and right sides are in, and the whole one of rank 0 that they are sent to and from."""
+        x, b = self._K.createVecs()
+        return x, b, *self._petsc.Scatter.toZero(x)
 
     def _taken(self, most: int, made: Callable[[int, int], sp.csr_matrix] | None) -> sp.csr_matrix:
         """The rows of this rank, made by rank 0, and sent by it, some at a time; its own ones are made last."""
@@ -290,14 +301,15 @@ class RankRows:
         def own(start: int, stop: int) -> sp.csr_matrix:
             return comm.recv(source=0, tag=BLOCK) if made is None else made(start, stop)
 
-        count = ends[comm.rank + 1] - ends[comm.rank]
-        return by_rows(own, count, most, (count, ends[-1]))
+        first, last = ends[comm.rank : comm.rank + 2]
+        block = by_rows(own, last - first, most, (last - first, ends[-1]))
+        # PETSc takes singular values below 1e-12 for zeros, whatever the unit.
+        self.unit = float(power_of_two(max(comm.allgather(block.diagonal(first).max(initial=0.0)))))
+        return block
 
-    def set_up(self, options: dict[str, str], unit: float, motions: Floats | None = None) -> tuple[int, Stopping]:
+    def set_up(self, options: dict[str, str], motions: Floats | None = None) -> tuple[int, Stopping]:
         """Set the hierarchy of K / unit up; its levels, and where solves stop."""
         petsc, comm, self._names = self._petsc, self._comm, options
-        self._K.scale(self._unit / unit)
-        self._unit = unit
         own = self._dealt(motions)
         if own.shape[1]:
             vectors = [petsc.Vec().createWithArray(column.copy(), self._size, comm=comm) for column in own.T]
@@ -335,14 +347,16 @@ class RankRows:
         """K^{-1} b on rank 0, about, and 0 if its residual meets the tolerance."""
         self._spread(b)
         self._ksp.setTolerances(rtol=tolerance, atol=0.0)
-        self._ksp.solve(self._b, self._x)
+        x, b, _, _ = self._vectors
+        self._ksp.solve(b, x)
         return self._gathered(), 0 if self._ksp.getConvergedReason() > 0 else 1
 
     def product(self, x: Floats | None = None) -> Floats | None:
         """K x on rank 0."""
         self._spread(x)
-        self._K.mult(self._b, self._x)
-        return self._gathered(self._unit)
+        x, b, _, _ = self._vectors
+        self._K.mult(b, x)
+        return self._gathered(self.unit)
 
     def sizes(self, x: Floats | None = None) -> Floats | None:
         """|K| |x| on rank 0."""
@@ -361,7 +375,7 @@ class RankRows:
     def _rows(self) -> sp.csr_matrix:
         """The rows of this rank, which PETSc has in two parts: a copy that is gone after its use."""
         indptr, indices, data = self._K.getValuesCSR()
-        data *= self._unit
+        data *= self.unit
         return sp.csr_matrix((data, indices, indptr), shape=self._size)
 
     def _dealt(self, rows: Floats | None) -> Floats:
@@ -382,7 +396,8 @@ class RankRows:
     def cycle(self, stiffened: bool, b: Floats | None = None) -> Floats | None:
         """M b on rank 0, M the cycle of K, or of K + S on the free unknowns."""
         self._spread(b)
-        (self._stiffened[1] if stiffened else self._ksp).getPC().apply(self._b, self._x)
+        x, right, _, _ = self._vectors
+        (self._stiffened[1] if stiffened else self._ksp).getPC().apply(right, x)
         return self._gathered()
 
     def stiffen(self, S: sp.csr_matrix, held: Ints, least: float) -> None:
@@ -395,7 +410,11 @@ class RankRows:
             # Set up once for all of K, whose prolongations are kept.
             self._stiffened = copied, self._solver(copied)
         matrix, ksp = self._stiffened
-        self._K.copy(matrix, petsc.Mat.Structure.SAME_NONZERO_PATTERN)
+        alike = matrix.getInfo()["nz_used"] == self._K.getInfo()["nz_used"]
+        pattern = petsc.Mat.Structure.SAME_NONZERO_PATTERN if alike else petsc.Mat.Structure.DIFFERENT_NONZERO_PATTERN
+        self._K.copy(matrix, pattern)
+        # S may couple what K, where its entries are zero and left out, does not.
+        matrix.setOption(petsc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
         begin, end = matrix.getOwnershipRange()
         own = S[begin:end].tocoo()
         for i, j, value in zip(own.row.tolist(), own.col.tolist(), own.data.tolist(), strict=True):
@@ -410,17 +429,20 @@ class RankRows:
     def destroy(self) -> None:
         """Free what this rank holds."""
         copied = () if self._stiffened is None else self._stiffened
-        for one in (self._ksp, self._near, self._K, self._x, self._b, self._scatter, self._whole, *copied):
+        standing = (*self._vectors, self._K) if "_vectors" in vars(self) else ()
+        for one in (self._ksp, self._near, *copied, *standing):
             one.destroy()
 
     def _spread(self, b: Floats | None) -> None:
+        _, right, scatter, whole = self._vectors
         if b is not None:
-            self._whole.getArray()[:] = b
-        self._scatter.scatter(self._whole, self._b, mode=self._petsc.ScatterMode.REVERSE)
+            whole.getArray()[:] = b
+        scatter.scatter(whole, right, mode=self._petsc.ScatterMode.REVERSE)
 
     def _gathered(self, unit: float = 1.0) -> Floats | None:
-        self._scatter.scatter(self._x, self._whole)
-        return self._whole.getArray() * unit if self._comm.rank == 0 else None
+        x, _, scatter, whole = self._vectors
+        scatter.scatter(x, whole)
+        return whole.getArray() * unit if self._comm.rank == 0 else None
 
 
 def _ends(comm: Any, n: int) -> list[int]:

@@ -18,7 +18,7 @@ import scipy.sparse as sp
 from vemcvx.arrays import Floats, Ints, by_rows, read_only
 from vemcvx.effects import ContactSurface, Contribution, Friction, Load, Material, MaterialLaw, Obstacle
 from vemcvx.errors import SceneWarning
-from vemcvx.linear import Congruent, Elsewhere, LinearSolver, SuperLU, nested_dissection
+from vemcvx.linear import Congruent, LinearSolver, nested_dissection
 from vemcvx.meshes import AnyMesh
 from vemcvx.program.kernel import Kernel
 from vemcvx.program.system import Damping, ForceOnPart, Motion, System
@@ -191,7 +191,7 @@ def pose_scene(
     # Whatever refers to normals, so that nodal frames have them as axes.
     supports = resolve(holds, (*frictions, *stops), mesh.points)
     forms, contact = _forms(parts), _contact(surfaces, frictions, stops, supports, times)
-    A, system = _system(space, forms, loads, supports, contact, linear=linear or SuperLU())
+    A, system = _system(space, forms, loads, supports, contact, linear=linear)
     return PosedScene(
         scene=scene,
         space=space,
@@ -242,21 +242,22 @@ def _system(
     supports: Supports,
     contact: _Contact,
     *,
-    linear: LinearSolver,
+    linear: LinearSolver | None,
 ) -> tuple[sp.csr_matrix, System]:
     terms, obstacles, points = contact.terms, contact.obstacles, space.mesh.points
     # Springs to the ground feel rigid motions, too.
     seen = seen_from_bodies(space) if forms.springs is None else lambda u: u
     kernel = _unsupported(space, supports, contact, forms.springs)
-    # Where K has a kernel, or is one of a sum, it is here.
-    K = _restrict(forms.stiffness, supports, linear if kernel is None and forms.viscosity is None else SuperLU())
-    A = _bordered(forms.stiffness, K, supports) if isinstance(K, Elsewhere) else forms.stiffness
+    A, there = forms.stiffness, None
+    if linear is not None and kernel is None and forms.viscosity is None:  # Else it is added to, or its motions are.
+        there = _elsewhere(A, supports.P, linear)
+    A, K = there or (A, _restrict(A, supports))
     system = System(
         K=K,
         load=load_of(loads, A, supports),
         norms=norm_terms(terms, contact.press, supports),
         motion=None if supports.still else motion_of(A, supports, acting_rows(terms), obstacles.rows, seen),
-        order=None if isinstance(A, Congruent) else cache(partial(_order, A, supports, points)),
+        order=None if there else cache(partial(_order, A, supports, points)),
         near_kernel=supports.P.T @ rigid_modes(points),
         kernel=kernel,
         limits=limits(obstacles, supports),
@@ -322,19 +323,18 @@ def _chain(tuples: Iterable[tuple[T, ...]]) -> tuple[T, ...]:
     return tuple(chain.from_iterable(tuples))
 
 
-def _restrict(A: sp.csr_matrix, supports: Supports, linear: LinearSolver) -> Any:
-    """P'A P; of frames along the axes some rows at a time, where the linear solver has them."""
+def _restrict(A: sp.csr_matrix, supports: Supports) -> sp.csr_matrix:
     if supports.columns is not None:
-        K = linear.held(_principal(A, supports.columns), np.diff(A.indptr)[supports.columns])
-        if not isinstance(K, Elsewhere):
-            read_only(K.data)  # so that a System need not copy it
+        free = supports.columns
+        K = by_rows(_principal(A, free), len(free), A.nnz, (len(free), len(free)))
+        read_only(K.data)  # so that a System need not copy it
         return K
     K = supports.P.T @ A @ supports.P
     return sp.csr_matrix(0.5 * (K + K.T))  # The triple product rounds (i, j) and (j, i) differently.
 
 
 def _principal(A: sp.csr_matrix, free: Ints) -> Callable[[int, int], sp.csr_matrix]:
-    """The rows from one number to another of A on the free unknowns (k,) alone."""
+    """Make rows of A on the free unknowns (k,) alone; all of them at once would take twice the memory."""
     place = np.full(A.shape[0], -1, dtype=A.indices.dtype)
     place[free] = np.arange(len(free), dtype=place.dtype)
 
@@ -348,10 +348,27 @@ def _principal(A: sp.csr_matrix, free: Ints) -> Callable[[int, int], sp.csr_matr
     return of_free
 
 
-def _bordered(A: sp.csr_matrix, K: Elsewhere, supports: Supports) -> Any:
-    """A = P K P' and the rows and columns of what is held."""
-    held = np.ones(A.shape[0], dtype=bool)
-    held[supports.columns] = False
+def _elsewhere(A: sp.csr_matrix, P: sp.csr_matrix, linear: LinearSolver) -> tuple[Any, Any] | None:
+    """A and K = P'A P where the linear solver holds K; None where it does not, or frames are not along the axes.
+
+    K is then made some rows at a time, and A is P K P' and the rows and columns of what is held.
+    """
+    by_columns = sp.csc_matrix(P)
+    free, sign = by_columns.indices.astype(np.int64), by_columns.data
+    if by_columns.nnz != P.shape[1] or (np.abs(sign) != 1.0).any():
+        return None
+    of_free = _principal(A, free)
+
+    def signed(start: int, stop: int) -> sp.csr_matrix:
+        rows = of_free(start, stop)
+        rows.data *= sign[rows.indices] * np.repeat(sign[start:stop], np.diff(rows.indptr))
+        return rows
+
+    lengths, held = np.diff(A.indptr), np.ones(A.shape[0], dtype=bool)
+    K = linear.held(signed, lengths[free])
+    if K is None:
+        return None
+    held[free] = False
 
     def of_held(start: int, stop: int) -> sp.csr_matrix:
         rows = A[start:stop]
@@ -359,17 +376,15 @@ def _bordered(A: sp.csr_matrix, K: Elsewhere, supports: Supports) -> Any:
         indptr = np.append(0, np.cumsum(kept))[rows.indptr]
         return sp.csr_matrix((rows.data[kept], rows.indices[kept], indptr), shape=rows.shape)
 
-    most = 2 * int(np.diff(A.indptr)[held].sum())  # A is symmetric
-    return Congruent(supports.P, K, by_rows(of_held, A.shape[0], most, A.shape))
+    most = 2 * int(lengths[held].sum())  # A is symmetric
+    return Congruent(P, K, by_rows(of_held, A.shape[0], most, A.shape)), K
 
 
 def _damping(A: sp.csr_matrix | None, supports: Supports, seen: Callable[[Floats], Floats]) -> Damping | None:
     if A is None:
         return None
     nothing = sp.csr_matrix((0, A.shape[0]))
-    return Damping(
-        _restrict(A, supports, SuperLU()), None if supports.still else motion_of(A, supports, nothing, nothing, seen)
-    )
+    return Damping(_restrict(A, supports), None if supports.still else motion_of(A, supports, nothing, nothing, seen))
 
 
 def _order(A: sp.csr_matrix, supports: Supports, points: Floats) -> Ints:

@@ -177,16 +177,16 @@ def instants(scene: Scene, mesh: AnyMesh, times: ArrayLike) -> Floats:
     return np.union1d(given, inside_steps(given, bends))
 
 
-def warn_of_turns(scene: Scene, mesh: AnyMesh, times: Floats) -> None:
+def warn_of_turns(scene: Scene, mesh: AnyMesh, times: Floats, linear: LinearSolver | None = None) -> None:
     """Log a warning of the instants inside steps at which data bend, turn or jump by an amount that steps miss.
 
     It reads the data at 256 instants, which takes a twentieth of a run and more: the command line has it, and not
-    every run.
+    every run. K is posed as for that run, where `linear` holds it.
     """
     if len(times) < 2:
         return
     with unwarned():
-        missed = course(pose_scene(scene, mesh).system, times).missed(times)
+        missed = course(pose_scene(scene, mesh, linear=linear).system, times).missed(times)
     if not len(missed):
         return
     apart = missed[np.diff(missed, prepend=-np.inf) > 1e-6 * float(times[-1] - times[0])]

@@ -261,8 +261,8 @@ class Run:
             made.append(n)
             shown("marching", n, steps)
 
-        scene, times = problem.scene(self.settings), problem.times(steps)
-        warn_of_turns(scene, mesh, checked_times(times))
+        scene, times, linear = problem.scene(self.settings), problem.times(steps), named_linear(self.linear)
+        warn_of_turns(scene, mesh, checked_times(times), linear)
         history = simulate(
             scene,
             mesh,
@@ -271,7 +271,7 @@ class Run:
             initial=problem.initial,
             store=store,
             condense=self.condense,
-            linear=named_linear(self.linear),
+            linear=linear,
             progress=advance,
             stream=rows,
             resume=resumed,

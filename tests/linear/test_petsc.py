@@ -190,7 +190,7 @@ from vemcvx.scene import pose_scene
 if petsc.serve():
     raise SystemExit
 scene = vx.Scene(vx.Elasticity(200.0, 0.3), vx.Clamp(on="right"), vx.Traction((1.0, 0.0, 0.0), on="left"))
-mesh = vx.meshes.cubes(8)
+mesh = vx.meshes.cubes(14)  # several messages a rank
 posed = pose_scene(scene, mesh, linear=vx.PETSc())
 K, largest = posed.system.K, max(a.nnz for a in gc.get_objects() if sp.issparse(a))
 alone = pose_scene(scene, mesh)

@@ -310,7 +310,9 @@ class RankRows:
     def set_up(self, options: dict[str, str], motions: Floats | None = None) -> tuple[int, Stopping]:
         """Set the hierarchy of K / unit up; its levels, and where solves stop."""
         petsc, comm, self._names = self._petsc, self._comm, options
-        own = self._dealt(motions)
+        for one in (self._ksp, *(self._stiffened or ())):  # of other options
+            one.destroy()
+        self._stiffened, own = None, self._dealt(motions)
         if own.shape[1]:
             vectors = [petsc.Vec().createWithArray(column.copy(), self._size, comm=comm) for column in own.T]
             self._near = petsc.NullSpace().create(vectors=vectors, comm=comm)
@@ -347,15 +349,15 @@ class RankRows:
         """K^{-1} b on rank 0, about, and 0 if its residual meets the tolerance."""
         self._spread(b)
         self._ksp.setTolerances(rtol=tolerance, atol=0.0)
-        x, b, _, _ = self._vectors
-        self._ksp.solve(b, x)
+        answer, right, _, _ = self._vectors
+        self._ksp.solve(right, answer)
         return self._gathered(), 0 if self._ksp.getConvergedReason() > 0 else 1
 
     def product(self, x: Floats | None = None) -> Floats | None:
         """K x on rank 0."""
         self._spread(x)
-        x, b, _, _ = self._vectors
-        self._K.mult(b, x)
+        found, factor, _, _ = self._vectors
+        self._K.mult(factor, found)
         return self._gathered(self.unit)
 
     def sizes(self, x: Floats | None = None) -> Floats | None:
@@ -396,8 +398,8 @@ class RankRows:
     def cycle(self, stiffened: bool, b: Floats | None = None) -> Floats | None:
         """M b on rank 0, M the cycle of K, or of K + S on the free unknowns."""
         self._spread(b)
-        x, right, _, _ = self._vectors
-        (self._stiffened[1] if stiffened else self._ksp).getPC().apply(right, x)
+        found, right, _, _ = self._vectors
+        (self._stiffened[1] if stiffened else self._ksp).getPC().apply(right, found)
         return self._gathered()
 
     def stiffen(self, S: sp.csr_matrix, held: Ints, least: float) -> None:
@@ -428,9 +430,9 @@ class RankRows:
 
     def destroy(self) -> None:
         """Free what this rank holds."""
-        copied = () if self._stiffened is None else self._stiffened
-        standing = (*self._vectors, self._K) if "_vectors" in vars(self) else ()
-        for one in (self._ksp, self._near, *copied, *standing):
+        made = vars(self)
+        standing = *made.get("_vectors", ()), *((self._K,) if "_K" in made else ())
+        for one in (self._ksp, self._near, *(self._stiffened or ()), *standing):
             one.destroy()
 
     def _spread(self, b: Floats | None) -> None:

@@ -325,16 +325,20 @@ def _chain(tuples: Iterable[tuple[T, ...]]) -> tuple[T, ...]:
 
 def _restrict(A: sp.csr_matrix, supports: Supports) -> sp.csr_matrix:
     if supports.columns is not None:
-        free = supports.columns
-        K = by_rows(_principal(A, free), len(free), A.nnz, (len(free), len(free)))
+        K = _principal(A, supports.columns)
         read_only(K.data)  # so that a System need not copy it
         return K
     K = supports.P.T @ A @ supports.P
     return sp.csr_matrix(0.5 * (K + K.T))  # The triple product rounds (i, j) and (j, i) differently.
 
 
-def _principal(A: sp.csr_matrix, free: Ints) -> Callable[[int, int], sp.csr_matrix]:
-    """Make rows of A on the free unknowns (k,) alone; all of them at once would take twice the memory."""
+def _principal(A: sp.csr_matrix, free: Ints) -> sp.csr_matrix:
+    """A on the free unknowns (k,) alone; all their rows at once would take twice the memory."""
+    return by_rows(_rows_among(A, free), len(free), A.nnz, (len(free), len(free)))
+
+
+def _rows_among(A: sp.csr_matrix, free: Ints) -> Callable[[int, int], sp.csr_matrix]:
+    """What makes the rows of A, from one to another of the free unknowns (k,), on these alone."""
     place = np.full(A.shape[0], -1, dtype=A.indices.dtype)
     place[free] = np.arange(len(free), dtype=place.dtype)
 
@@ -357,7 +361,7 @@ def _elsewhere(A: sp.csr_matrix, P: sp.csr_matrix, linear: LinearSolver) -> tupl
     free, sign = by_columns.indices.astype(np.int64), by_columns.data
     if by_columns.nnz != P.shape[1] or (np.abs(sign) != 1.0).any():
         return None
-    of_free = _principal(A, free)
+    of_free = _rows_among(A, free)
 
     def signed(start: int, stop: int) -> sp.csr_matrix:
         rows = of_free(start, stop)

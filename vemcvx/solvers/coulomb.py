@@ -266,8 +266,8 @@ def turned(program: StepProgram, found: Found, near: Floats) -> Found:
     sets, best, point, least = found.once, found.point, found.point, np.inf
     law, J = found.law, found.system.J
     for _ in range(TURNS):
-        w, s, size = np.maximum(law.weights + J.read(point.p - law.forces), 0.0), program.slip(point.d), lengths(point.lam)
-        v = lengths(s)
+        w, s = np.maximum(law.weights + J.read(point.p - law.forces), 0.0), program.slip(point.d)
+        v, size = lengths(s), lengths(point.lam)
         slides = ~sets.stick & (v > found.blur)
         bound = np.where(slides[:, None], (w / np.where(slides, v, 1.0))[:, None] * s, point.lam)
         missed = np.abs(bound - point.lam).max(initial=0.0)

@@ -30,7 +30,7 @@ SWEEPS = 100
 SWEPT = 1e-7
 """Part of the multipliers below which a change by a sweep is the last. Where 1,089 discs press on a plane under
 Coulomb's law sixteen steps took 902 sweeps and 20 systems, all of which prove what they find; with 1e-6 they took 670
-and 27, with 1e-5 some 400 and 36, and a system of all of them costs as much as 100 sweeps."""
+and 27, with 1e-5 some 400 and 36, and a system of all of them costs more than 60 sweeps."""
 NONE = 1e-300
 """Added to squares of lengths that are divided by."""
 

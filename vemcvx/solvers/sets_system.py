@@ -291,6 +291,8 @@ class Place:
 class SetsSystem:
     """The system of some sets, reduced to the motions y that they leave, and factorised once it is solved.
 
+    Its matrices stand in the memory of the last one of the same response, which is no longer solved with.
+
     Raises
     ------
     LinAlgError
@@ -300,14 +302,16 @@ class SetsSystem:
     def __init__(self, operators: Operators, sets: Sets, J: sp.csr_matrix, response: Response):
         self._operators, self._response, self._sets = operators, response, sets
         self._slope: Floats | sp.csr_matrix = J
-        self.J = response.slope(J)
+        self.J: Rows = response.slope(J)
+        """the slope (m, r) of the law"""
         self._follow: Callable[[Floats], Floats] = self.J.read
         self._steep: Callable[[Floats], Floats] = self.J.absolute.read
         hard, stick = sets.act & (operators.compliance == 0), np.repeat(sets.stick, operators.block)
         self._spring = np.divide(1.0, operators.compliance, out=np.zeros(len(hard)), where=sets.act & ~hard)
         self._slips, self._hard = np.flatnonzero(~stick), np.flatnonzero(hard)
         stick[sets.idle] = False
-        concerned = np.repeat(sets.stick | (sets.curvature > 0) | (self._steep(sets.act.astype(float)) > 0), operators.block)
+        follows = self._steep(sets.act.astype(float)) > 0
+        concerned = np.repeat(sets.stick | (sets.curvature > 0) | follows, operators.block)
         held = np.concatenate([response.limits.start + self._hard, np.flatnonzero(stick)])
         self._place = place = response.place(held, np.append(concerned, sets.act))
         self._T = self._curved()

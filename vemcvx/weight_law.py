@@ -98,10 +98,6 @@ class Piece:
     slope: sp.csr_matrix
     forces: Floats
 
-    def at(self, p: Floats) -> Floats:
-        """The weights (m,) that the piece has under the forces p (r,), none below zero."""
-        return np.asarray(np.maximum(self.weights + self.slope @ (p - self.forces), 0.0))
-
 
 def once_for_each(change: Callable[..., sp.csr_matrix]) -> Callable[..., sp.csr_matrix]:
     """The change of a matrix, made once where the same matrix comes again, to which nobody writes.

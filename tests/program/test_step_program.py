@@ -10,7 +10,7 @@ import scipy.sparse as sp
 from test_certificate import random_program, solution
 
 import vemcvx as vx
-from vemcvx.program.operators import Operators
+from vemcvx.program.operators import Operators, product
 from vemcvx.program.step_program import StepProgram
 
 EPS = float(np.finfo(float).eps)
@@ -144,3 +144,15 @@ def test_stiffness_that_is_added_is_that_of_the_rows(own):
         by_hand = np.eye(9) + B.T @ sp.block_diag(list(H)).toarray() @ B + D.T @ np.diag(C) @ D
         dense = found if isinstance(found, np.ndarray) else found.toarray()
         assert np.abs(dense - by_hand).max() < 32 * EPS * np.abs(by_hand).max()
+
+
+@pytest.mark.parametrize("n", [0, 1, 33])
+def test_products_read_one_half_of_a_symmetric_matrix(n):
+    """What the other half has is not looked at, in either order of storage; sparse matrices are read whole."""
+    root, d = np.random.default_rng(n).normal(size=(n, n)), np.arange(1.0, n + 1)
+    K = root @ root.T
+    halved = K.copy()
+    halved[np.triu_indices(n, 1)] = np.nan
+    blur = 4 * max(n, 1) * EPS * (np.abs(K) @ np.abs(d)).max(initial=0.0)
+    for matrix in (K, np.asfortranarray(K), halved, halved.T, sp.csr_matrix(K)):
+        assert np.abs(product(matrix, d) - K @ d).max(initial=0.0) <= blur

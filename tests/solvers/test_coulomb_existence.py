@@ -311,3 +311,23 @@ def test_many_contacts_are_solved_on_all_unknowns_alike(monkeypatch, softness, i
     assert max(apart) <= 1e-12 * size
     np.testing.assert_array_equal(sparse.estimated, dense.estimated)
     assert softness or not dense.estimated.any()
+
+
+def test_a_system_stands_in_the_memory_of_the_last_and_answers_as_if_it_were_the_first():
+    rng, m, n = np.random.default_rng(5), 5, 15
+    root = rng.normal(size=(n, n))
+    operators = Operators(
+        root @ root.T + np.eye(n), sp.eye_array(2 * m, n, format="csr"), 2, D=sp.eye_array(n).tocsr()[2 * m :]
+    )
+    J, response, made = sp.csr_matrix(0.2 * np.eye(m)), Response(operators), []
+    for stuck in (1, 3, 2):
+        stick = np.arange(m) < stuck
+        q = np.where(stick[:, None], 0.0, [0.6, 0.8])
+        sets = Sets(stick, q, np.where(stick, 0.0, 2.0), np.ones(m, dtype=bool))
+        force, wanted = rng.normal(size=n), rng.normal(size=3 * m)
+        systems = SetsSystem(operators, sets, J, response), SetsSystem(operators, sets, J, Response(operators))
+        answers = [(*system.solve(force, wanted), system.gain) for system in systems]
+        assert all(np.array_equal(one, other) for one, other in zip(*answers, strict=True))
+        made.append(systems[0]._reactions)
+    assert np.shares_memory(made[0], made[1])
+    assert np.shares_memory(made[1], made[2])

@@ -37,7 +37,7 @@ from vemcvx.arrays import EPS, Floats, brief, is_whole, lengths, of_shape, read_
 from vemcvx.errors import SceneError, SolverFailed
 from vemcvx.outline import ArrayRecord
 from vemcvx.program.certificate import Certificate, limit_gaps, moved_gap, norm_gaps
-from vemcvx.program.operators import Operators, Rows
+from vemcvx.program.operators import Operators, Rows, product
 
 if TYPE_CHECKING:
     import cvxpy as cp
@@ -211,7 +211,7 @@ class StepProgram(ArrayRecord):
 
     def residual(self, d: Floats, lam: Floats, p: Floats) -> Floats:
         """r = g - B'lam - D'p - K d, the forces that do not balance, (n,)."""
-        return self.g - self.operators.multiplier_force(lam, p) - self.operators.K @ d
+        return self.g - self.operators.multiplier_force(lam, p) - product(self.operators.K, d)
 
     def objective(self, d: Floats) -> float:
         """The energy that the step minimises; infinite beyond a bound."""
@@ -222,7 +222,7 @@ class StepProgram(ArrayRecord):
         pressed = 0.5 * float(over[soft] @ (over[soft] / self.operators.compliance[soft]))
         if (over[~soft] > 0).any():
             return np.inf
-        return float(0.5 * d @ (self.operators.K @ d) - self.g @ d + self.w @ norms) + pressed
+        return float(0.5 * d @ product(self.operators.K, d) - self.g @ d + self.w @ norms) + pressed
 
     def project(self, lam: Floats) -> Floats:
         """The multipliers (m, block) nearest to `lam` with |lam_i| <= w_i."""
@@ -390,7 +390,7 @@ class StepProgram(ArrayRecord):
             held += operators.limits.absolute.force_of(p)
         if rows.columns is None:
             slip += np.where(rows.single, 0.0, rows.read(size))
-        blur = EPS * (np.abs(self.g) + held + operators.absolute @ size)
+        blur = EPS * (np.abs(self.g) + held + product(operators.absolute, size))
         floor = 0.5 * float(blur @ np.abs(operators.factor.rough(blur))) + float(p @ self.excess_blur(d))
         if slip.any():
             floor += EPS * float(self.w @ operators.blocks(slip).sum(axis=1))
@@ -607,6 +607,6 @@ class SolvedProgram(StepProgram):
         Rounding included: the certificate's floor, and that of sums of n terms, at most n eps of their sizes.
         """
         value, d = self.objective(self.answer.d), np.abs(self.answer.d)
-        terms = 0.5 * d @ (self.operators.absolute @ d) + np.abs(self.g) @ d
+        terms = 0.5 * d @ product(self.operators.absolute, d) + np.abs(self.g) @ d
         blur = self.certificate.floor + (len(d) + 2) * EPS * float(terms + np.abs(value))
         return value - self.certificate.gap - blur, value + blur

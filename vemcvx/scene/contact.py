@@ -14,7 +14,7 @@ import scipy.sparse as sp
 from vemcvx.arrays import EPS, Bools, Floats, Ints
 from vemcvx.effects import Friction, Law, Obstacle
 from vemcvx.errors import SceneError, SceneWarning
-from vemcvx.program.operators import DraggedTerms, Limits, Norms
+from vemcvx.program.operators import DraggedTerms, Limits, Norms, Rows
 from vemcvx.scene.contact_table import PARALLEL, ContactRows, merged, summing
 from vemcvx.scene.supports import Moving, Supports, along, freedom, normal_is_free, normal_rows, on_free
 from vemcvx.vem import tangents_of
@@ -170,6 +170,7 @@ def law_of(terms: Terms, some: slice, press: sp.csr_matrix | None) -> Law | None
     if press is None or not laws:
         return None
     slips, spread, still = any(law.slips for law in laws), gather.T, np.zeros(gather.shape[1])
+    pressed, gathered = Rows(press).read, Rows(sp.csr_matrix(gather)).read
     own, (made, indices, indptr) = _slices(frictions), _entries(gather, press)
 
     @lru_cache(maxsize=1)  # Steps are on few pieces of a law.
@@ -179,11 +180,11 @@ def law_of(terms: Terms, some: slice, press: sp.csr_matrix | None) -> Law | None
         return sp.csr_matrix((entries, indices, indptr), shape=(gather.shape[0], press.shape[1]))
 
     def each(p: Floats, *of_terms: Floats) -> Iterable[tuple[Friction, list[Floats]]]:
-        of_rows = [press @ p, *(spread @ slip if slips else still for slip in of_terms)]
+        of_rows = [pressed(p), *(spread @ slip if slips else still for slip in of_terms)]
         return [(f, [values[rows] for values in of_rows]) for f, rows in zip(frictions, own, strict=True)]
 
     def weights(t: float, p: Floats, past: Floats, slip: Floats) -> Floats:
-        return gather @ np.concatenate([f.weights_under(t, *under) for f, under in each(p, past, slip)])
+        return gathered(np.concatenate([f.weights_under(t, *under) for f, under in each(p, past, slip)]))
 
     def slope(t: float, p: Floats, past: Floats) -> sp.csr_matrix:
         return matrix(np.concatenate([f.slope_under(t, *under) for f, under in each(p, past)]).tobytes())

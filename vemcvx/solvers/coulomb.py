@@ -131,7 +131,7 @@ class Found:
         size, w = lengths(self.point.lam), self.weights
         if answers is not None:
             pi = np.where(act, answers.forces, 0.0)
-            size, w, p, z = size + answers.multipliers, w - abs(self.law.slope) @ pi, p - pi, z + answers.excess
+            size, w, p, z = size + answers.multipliers, w - self.system.J.absolute.read(pi), p - pi, z + answers.excess
         within = ~stick | (size <= w + self.forces)
         # Bounds that follow from others may have been dropped from the system, and must hold nevertheless.
         pressed = np.where(act, p >= -self.forces, z <= self.motions[program.b.size :])
@@ -143,7 +143,7 @@ class Found:
         """Return True if weights are those of the piece at forces within pi (r,), as far as corners tell."""
         p = np.maximum(self.point.p, 0.0)
         for there in (np.maximum(p - pi, 0.0), p + pi):
-            off = law.weights(there) - self.weights - self.law.slope @ (there - p)
+            off = law.weights(there) - self.weights - self.system.J.read(there - p)
             if (np.abs(off) > self.forces).any() or not same_matrix(law.slope(there), self.law.slope):
                 return False
         return True
@@ -209,7 +209,7 @@ def on_sets(program: StepProgram, law: Piece, sets: Sets, response: Response, ne
     point = Iterate(np.zeros(len(program.g)), np.zeros_like(near), np.zeros(len(sets.act)))
     force, free = program.g, np.sqrt(operators.factor.energy(program.g))
     for turn in range(3):
-        bound = sets.direction * (law.weights + law.slope @ (point.p - law.forces))[:, None]
+        bound = sets.direction * (law.weights + system.J.read(point.p - law.forces))[:, None]
         bound += sets.bent(program.slip(point.d))
         step, more = system.solve(force, _missing(program, sets, point, bound, near))
         point = _moved(point, step, more)
@@ -264,9 +264,10 @@ leaves more than half, a new factor is worth its while."""
 def turned(program: StepProgram, found: Found, near: Floats) -> Found:
     """The point corrected on the same factor by what it misses of the law itself, while sets stand and that halves."""
     sets, best, point, least = found.once, found.point, found.point, np.inf
+    law, J = found.law, found.system.J
     for _ in range(TURNS):
-        w, s, size = found.law.at(point.p), program.slip(point.d), lengths(point.lam)
-        v = lengths(s)
+        w, s = np.maximum(law.weights + J.read(point.p - law.forces), 0.0), program.slip(point.d)
+        v, size = lengths(s), lengths(point.lam)
         slides = ~sets.stick & (v > found.blur)
         bound = np.where(slides[:, None], (w / np.where(slides, v, 1.0))[:, None] * s, point.lam)
         missed = np.abs(bound - point.lam).max(initial=0.0)
@@ -296,7 +297,7 @@ def distance_to_a_solution(program: StepProgram, law: PressureLaw, found: Found,
             pi = np.where(found.once.act, answers.forces, 0.0)
             # What slips by no more than rounding is held by others, wherever lam_i points.
             held = (answers.along[~stick & bears & ~slides] <= found.blur).all()
-            silent = (stick | bears | (abs(found.law.slope) @ pi == 0)).all()
+            silent = (stick | bears | (found.system.J.absolute.read(pi) == 0)).all()
             if held and silent and found.affine(law, pi) and found.stands(program, answers):
                 return answers.energy
     return None
@@ -350,7 +351,7 @@ DOUBLED = 4
 def _bounded_answers(system: SetsSystem, found: Found, beside: BesideTheLaw) -> Answers | None:
     """Answers to all psi within bounds (t, u) as theorem 2 wants them; None where none are found."""
     v, delta, lacking, psi = beside
-    J, slides, bounds = abs(found.law.slope), v < np.inf, 2.0 * psi
+    J, slides, bounds = found.system.J.absolute, v < np.inf, 2.0 * psi
     for _ in range(DOUBLED):
         answers = system.answers(bounds[0], bounds[1], lacking)
         if answers is None:
@@ -359,7 +360,7 @@ def _bounded_answers(system: SetsSystem, found: Found, beside: BesideTheLaw) -> 
         if not (alpha + gamma < v).all():
             return None
         turn = (gamma + delta * alpha) / (v - alpha - gamma)
-        rho = (delta + turn) * (found.weights * ((alpha + gamma) / v + turn / 2) + J @ answers.forces)
+        rho = (delta + turn) * (found.weights * ((alpha + gamma) / v + turn / 2) + J.read(answers.forces))
         led = psi + rho * slides
         if (led <= bounds).all():
             return answers

@@ -56,7 +56,7 @@ from scipy.sparse.csgraph import connected_components
 from vemcvx.arrays import Bools, Floats, Ints, lengths
 from vemcvx.errors import SceneError
 from vemcvx.linear import Factor, Matrix, direct_solver, opened
-from vemcvx.program.operators import Operators, Rows, restricted, transverse
+from vemcvx.program.operators import Operators, Rows, product, restricted, transverse
 from vemcvx.solvers.newton import FOLLOWS, Sets
 
 
@@ -95,10 +95,27 @@ class Response:
         """(n,) the stiffness of the anchors, without which K_r is K"""
         self.read: Ints = np.arange(self.A.shape[1]) if operators.sparse else operators.read
         self._last: Place | None = None
+        self._slope: Rows | None = None
+        self._rooms: dict[str, Floats] = {}
 
     def act(self, x: Floats) -> Floats:
         """A'x, (n,)."""
         return self.operators.multiplier_force(x[self.norms], x[self.limits])
+
+    def slope(self, J: sp.csr_matrix) -> Rows:
+        """The slope (m, r) of a law of weights; the last is remembered, which most sets have."""
+        if self._slope is None or self._slope.B is not J:
+            self._slope = Rows(J)
+        return self._slope
+
+    def room(self, use: str, rows: int, columns: int) -> Floats:
+        """(rows, columns), as yet of no values, in the memory that had the last array of this use.
+
+        Of 3,267 rows each system has four matrices of 20 to 60 MB; fresh memory for them was a tenth of a run's time.
+        """
+        if use not in self._rooms:
+            self._rooms[use] = np.empty(len(self.read) ** 2)
+        return self._rooms[use][: rows * columns].reshape(rows, columns)
 
     def place(self, held: Ints, touched: Bools) -> Place:
         """Coordinates of the unknowns that rows `touched` (N,) read, or of all if these are most, for rows `held` (h,).
@@ -201,6 +218,7 @@ class Place:
 
     def __init__(self, response: Response, held: Ints, some: Ints):
         self.held, self.some, self.anchor, self.G = held, some, response.anchor[some], None
+        self._room = response.room
         if len(some) == len(response.read):
             self.inner = response.stiffness
         else:
@@ -233,36 +251,47 @@ class Place:
     @cached_property
     def beside(self) -> Matrix:
         """S, all coordinates beside the free ones."""
-        return self.S.take(self.free, 1) if isinstance(self.S, np.ndarray) else self.S[:, self.free]
+        if not isinstance(self.S, np.ndarray):
+            return self.S[:, self.free]
+        return self.S.take(self.free, 1, self._room("beside", len(self.some), len(self.free)), "clip")
 
     @cached_property
     def pushing(self) -> sp.csr_matrix:
         """B' on the free coordinates."""
-        return sp.csr_matrix(self.norms.B[:, self.free].T)
+        return self.norms.transposed[self.free]
 
     @property
     def anchors(self) -> Floats:
         """(c, c) the stiffness of the anchors."""
         return np.diag(self.anchor) if self.G is None else np.asarray((self.G.T * self.anchor) @ self.G.toarray())
 
-    def beside_free(self, H: Floats | None, rows: Ints) -> Matrix:
-        """S + A'HA, these coordinates beside the free ones; H are entries of blocks (m * block^2) and limits (r,)."""
-        S = self.beside.take(rows, 0) if isinstance(self.beside, np.ndarray) else self.beside[rows]
-        if H is not None:
-            i, j, made = self.rows.pairs
+    def beside_free(self, T: Floats | None, rows: Ints, use: str) -> Matrix:
+        """S + T, these coordinates beside the free ones, of the entries that T has at the places of `rows.pairs`.
+
+        It stands in the memory of the last that had this use.
+        """
+        S: Matrix
+        if isinstance(self.beside, np.ndarray):
+            S = self.beside.take(rows, 0, self._room(use, len(rows), len(self.free)), "clip")
+        else:
+            S = self.beside[rows]
+        if T is not None:
+            i, j, _ = self.rows.pairs
             row, column = np.full((2, len(self.some)), -1)
             row[rows], column[self.free] = np.arange(len(rows)), np.arange(len(self.free))
             i, j = row[i], column[j]
             there = (i >= 0) & (j >= 0)
             if isinstance(S, np.ndarray):
-                S[i[there], j[there]] += (made @ H)[there]
+                S[i[there], j[there]] += T[there]
             else:
-                S = S + sp.csr_matrix(((made @ H)[there], (i[there], j[there])), shape=S.shape)
+                S = S + sp.csr_matrix((T[there], (i[there], j[there])), shape=S.shape)
         return S
 
 
 class SetsSystem:
     """The system of some sets, reduced to the motions y that they leave, and factorised once it is solved.
+
+    Its matrices stand in the memory of the last one of the same response, which is no longer solved with.
 
     Raises
     ------
@@ -273,36 +302,41 @@ class SetsSystem:
     def __init__(self, operators: Operators, sets: Sets, J: sp.csr_matrix, response: Response):
         self._operators, self._response, self._sets = operators, response, sets
         self._slope: Floats | sp.csr_matrix = J
-        self._steep: Floats | sp.csr_matrix = abs(J)
+        self.J: Rows = response.slope(J)
+        """the slope (m, r) of the law"""
+        self._follow: Callable[[Floats], Floats] = self.J.read
+        self._steep: Callable[[Floats], Floats] = self.J.absolute.read
         hard, stick = sets.act & (operators.compliance == 0), np.repeat(sets.stick, operators.block)
         self._spring = np.divide(1.0, operators.compliance, out=np.zeros(len(hard)), where=sets.act & ~hard)
         self._slips, self._hard = np.flatnonzero(~stick), np.flatnonzero(hard)
         stick[sets.idle] = False
-        concerned = np.repeat(sets.stick | (sets.curvature > 0) | (self._steep @ sets.act > 0), operators.block)
+        follows = self._steep(sets.act.astype(float)) > 0
+        concerned = np.repeat(sets.stick | (sets.curvature > 0) | follows, operators.block)
         held = np.concatenate([response.limits.start + self._hard, np.flatnonzero(stick)])
         self._place = place = response.place(held, np.append(concerned, sets.act))
-        self._H = self._curved()
+        self._T = self._curved()
         self._share()
         self._feedback: Floats | None = None
-        pulls = (np.abs(sets.direction) * (self._steep @ np.ones(len(hard)))[:, None]).ravel()
+        pulls = (np.abs(sets.direction) * self._steep(np.ones(len(hard)))[:, None]).ravel()
         if place.norms.absolute.force_of(pulls)[place.columns].any():
             self._close_loop(J)
         self._reactions = self._forces_of_limits()
 
     def _curved(self) -> Floats | None:
-        """What T has for blocks of terms (m * block^2) and limits (r,); None if that is nothing."""
+        """The entries of T at the places of `rows.pairs`; None if there are none."""
         if not (self._sets.curvature.any() or self._spring.any()):
             return None
         blocks = self._sets.curvature[:, None, None] * transverse(self._sets.direction)
-        return np.concatenate([blocks.ravel(), self._spring])
+        return np.asarray(self._place.rows.pairs[2] @ np.append(blocks, self._spring))
 
     def _forces_of_limits(self) -> Matrix:
         """P (r, y): how the forces of limits follow the motions y, as if nothing pulled at what they hold."""
         place, h = self._place, len(self._hard)
         count = len(place.columns) if self._R is not None else h
-        force = place.beside_free(self._H, place.columns[:count])
-        onto = sp.csr_matrix((np.ones(h), (self._hard, np.arange(h))), shape=(len(self._spring), h))
-        P: Any = onto @ self._carried(force, -place.entries[:count])[:h]
+        force = place.beside_free(self._T, place.columns[:count], "reactions")
+        P: Any = self._carried(force, -place.entries[:count])[:h]
+        if h < len(self._spring):
+            P = sp.csr_matrix((np.ones(h), (self._hard, np.arange(h))), shape=(len(self._spring), h)) @ P
         if self._spring.any():
             bent = sp.diags_array(self._spring) @ place.rows.B[self._response.limits][:, place.free]
             P = P + (bent.toarray() if isinstance(P, np.ndarray) else bent)
@@ -323,8 +357,11 @@ class SetsSystem:
             self._R = np.eye(len(self._rows), len(place.held)) - self._given @ own
 
     def _carried(self, force: Matrix, entries: Floats) -> Any:
-        """R f, of forces (h,) or (h, k) on the coordinates that are held, of such entries."""
-        own = (force.T / entries).T if isinstance(force, np.ndarray) else sp.diags_array(1.0 / entries) @ force
+        """R f, of forces (h,) or (h, k) on the coordinates that are held, of such entries; they are overwritten."""
+        if isinstance(force, np.ndarray):
+            own: Any = np.divide(force.T, entries, out=force.T).T
+        else:
+            own = sp.diags_array(1.0 / entries) @ force
         return own if self._R is None else self._R @ own
 
     def _close_loop(self, J: sp.csr_matrix) -> None:
@@ -335,11 +372,11 @@ class SetsSystem:
         L[self._hard] += self._carried(pulled, place.entries)[: len(self._hard)]
         self._feedback = feedback = np.asarray(np.linalg.inv(L))
         self._slope = slope = np.asarray(J @ feedback)
-        self._steep = np.abs(slope)
+        self._follow, self._steep = slope.__matmul__, np.abs(slope).__matmul__
 
     def _followed(self, p: Floats) -> Floats:
         """(m * block,) q J p: what multipliers of slipping terms follow of the forces of limits (r,)."""
-        followed: Floats = (self._sets.direction * (self._slope @ p)[:, None]).ravel()
+        followed: Floats = (self._sets.direction * self._follow(p)[:, None]).ravel()
         return followed
 
     def _pull(self, p: Floats) -> Floats:
@@ -348,8 +385,8 @@ class SetsSystem:
 
     def _stiff(self, d: Floats) -> Floats:
         """(S + T) d."""
-        place, force = self._place, self._place.S @ d
-        if self._H is None:
+        place, force = self._place, product(self._place.S, d)
+        if self._T is None:
             return force
         read = place.rows.read(d)
         bent = self._sets.bent(self._operators.blocks(read[self._response.norms])).ravel()
@@ -363,16 +400,16 @@ class SetsSystem:
         pulling = sp.csr_matrix(along, shape=(len(place.free), len(q)))
         return (pulling @ self._slope) @ self._reactions
 
-    def _motions(self) -> Any:
-        """M, made anew each time, for whoever overwrites it: another copy of it takes longer than that."""
-        M: Any = self._place.beside_free(self._H, self._place.free)
+    def _motions(self, use: str) -> Any:
+        """M, made anew for each use, which overwrites it: another copy of it takes longer than that."""
+        M: Any = self._place.beside_free(self._T, self._place.free, use)
         M += self._pulled
         return M
 
     @cached_property
     def _opened(self) -> Callable[[Floats], Floats]:
         """M^{-1} of forces."""
-        M = self._motions()
+        M = self._motions("factor")
         if not isinstance(M, np.ndarray):
             with suppress(RuntimeError):
                 return opened(sp.csr_matrix(M))
@@ -429,11 +466,11 @@ class SetsSystem:
             return 0.0
         anchors = place.anchors[np.ix_(place.free, place.free)] if place.anchor.any() else None
         # y'My >= y'Ny / 2 where J is small: M + M' - N is definite, which shows in a tenth of the work of the norm.
-        twice = self._motions()
+        twice = self._motions("proof")
         twice += self._pulled.T
         if not isinstance(twice, np.ndarray):
             # The norm of an inverse is not at hand; y'My >= y'Ny / c serves for every c.
-            stiff = place.beside_free(self._H, place.free)
+            stiff = place.beside_free(self._T, place.free, "proof")
             for c in (2.0, 8.0, 32.0):
                 with suppress(SceneError):
                     direct_solver(len(place.free)).factorise(sp.csr_matrix(twice + (1.0 - 2.0 / c) * stiff))
@@ -443,7 +480,7 @@ class SetsSystem:
             twice -= anchors
         if lapack.dpotrf(twice.T, lower=1, clean=0, overwrite_a=True)[1] == 0:
             return 2.0
-        stiff = place.beside_free(self._H, place.free)
+        stiff = place.beside_free(self._T, place.free, "proof")
         if anchors is not None:
             stiff += anchors
         root, info = lapack.dpotrf(stiff)
@@ -461,7 +498,7 @@ class SetsSystem:
         besides = lacking * chi
 
         def tied(psi: Floats) -> float:
-            return float(pulls @ (steep @ self._on_limits(push(np.repeat(psi, block)))))
+            return float(pulls @ steep(self._on_limits(push(np.repeat(psi, block)))))
 
         share = self.gain * (self._bent_by(lacking) + tied(besides))
         if not share < 1.0:
@@ -475,7 +512,7 @@ class SetsSystem:
         force = root * energy + place.rows.absolute.force_of(bent)
         forces = self._on_limits(force) + self._spring * excess
         held = np.zeros(len(moving))
-        followed = np.abs(self._sets.direction) * (steep @ forces)[:, None]
+        followed = np.abs(self._sets.direction) * steep(forces)[:, None]
         held[self._rows] = self._bounded(force + push(followed.ravel()))
         return Answers(
             energy=energy,

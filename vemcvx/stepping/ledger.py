@@ -44,6 +44,7 @@ import numpy as np
 from vemcvx.arrays import Floats, lengths
 from vemcvx.linear import residual
 from vemcvx.program.condensation import Condensation, Reduced
+from vemcvx.program.operators import product
 from vemcvx.program.scaling import LARGEST_NORM, checked_norm
 from vemcvx.program.step_program import Answer
 from vemcvx.program.system import System, on_part
@@ -178,7 +179,7 @@ def energy(condensation: Condensation, y: Floats, now: StepData, p: Floats) -> f
         y, load = y + carried.dirichlet_force.x[condensation.retained], load + carried.dirichlet_force
         moved = 0.5 * carried.pair(carried.field, carried.field)
         moved += _anchor_work(condensation, carried.dirichlet_force, y)
-    square = load.work_inside(load) + float(y @ (condensation.operators.K @ y))
+    square = load.work_inside(load) + float(y @ product(condensation.operators.K, y))
     return 0.5 * (square + pressed) + moved
 
 

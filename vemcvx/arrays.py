@@ -107,6 +107,14 @@ def spread(values: Floats, rows: Ints, n: int) -> Floats:
     return array
 
 
+def columns(arrays: Sequence[Floats], count: int) -> Floats:
+    """Vectors (n,) beside each other as the first columns of an array (n, count), zero elsewhere."""
+    beside = np.zeros((len(arrays[0]), count), order="F")
+    for k, array in enumerate(arrays):
+        beside[:, k] = array
+    return beside
+
+
 def by_rows(made: Callable[[int, int], sp.csr_matrix], n: int, most: int, shape: tuple[int, int]) -> sp.csr_matrix:
     """The matrix whose rows are made for SOME of n things at a time, and no copy of it is ever beside it.
 

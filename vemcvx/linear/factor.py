@@ -45,7 +45,7 @@ class Halves(Protocol):
         """z (n,), L_ii^{-1} b_i in some unit, zero on c; and b_c - K_ci K_ii^{-1} b_i, its force on c if c is held."""
 
     def completed(self, z: Floats, x_c: Floats) -> Floats:
-        """x (n,) with these x_c and (K x)_i = b_i, from the half z of b."""
+        """x (n,) with these x_c and (K x)_i = b_i, from the half z of b; or (n, k), column by column."""
 
     def product(self, z: Floats, other: Floats) -> float:
         """a_i'K_ii^{-1} b_i of two forces a and b, from their halves z."""
@@ -86,6 +86,10 @@ class Factor(ABC):
     def energy(self, b: Floats) -> float:
         """b'K^{-1}b of a force (n,); if it is solved inexactly a bound from above: certificates rest on it."""
         return abs(float(b @ self.solve(b)))
+
+    def energies_of_columns(self, b: Floats) -> Floats:
+        """b'K^{-1}b of every column of an array (n, k), (k,), each as `energy` has it but for rounding."""
+        return np.array([self.energy(one) for one in b.T])
 
     def energies(self, rows: sp.csr_matrix) -> Floats:
         """b'K^{-1}b of every row b of a matrix (m, n), (m,)."""
@@ -290,7 +294,10 @@ class LinearSolver(ABC):
 
     @property
     def cores(self) -> int:
-        """Threads that it takes; dense matrices of steps, where they are large, take as many."""
+        """Threads that it takes; dense matrices of steps, where they are large, take as many.
+
+        Where they are several, answers need not have the digits of one thread: steps are then solved for together.
+        """
         return 1
 
     def memory_in_space(self, unknowns: int) -> float:

@@ -158,7 +158,7 @@ class PardisoFactor(DirectFactor):
         return self._run(33, b) / self.unit
 
     def energy(self, b: Floats) -> float:
-        return float(self._energies(b[:, None])[0])
+        return float(self.energies_of_columns(b[:, None])[0])
 
     def energies(self, rows: sp.csr_matrix) -> Floats:
         if not (np.diff(rows.indptr) == 1).all():
@@ -166,12 +166,11 @@ class PardisoFactor(DirectFactor):
         # Those of 30,000 unknowns take minutes, and are asked for in two systems of units.
         if not np.array_equal(rows.indices, self._exactly[0]):
             unit = sp.csr_matrix((np.ones(rows.nnz), rows.indices, rows.indptr), shape=rows.shape)
-            found = [self._energies(unit[part].toarray().T) for part in parts(*rows.shape)]
+            found = [self.energies_of_columns(unit[part].toarray().T) for part in parts(*rows.shape)]
             self._exactly = rows.indices.astype(np.int64), np.concatenate([np.zeros(0), *found])
         return np.asarray(rows.data**2 * self._exactly[1])
 
-    def _energies(self, b: Floats) -> Floats:
-        """b'K^{-1}b of every column, (k,)."""
+    def energies_of_columns(self, b: Floats) -> Floats:
         z = self._run(331, b)
         if len(self._last):
             z[self._last] = solve_triangular(self._upper, z[self._last], trans=1, check_finite=False)

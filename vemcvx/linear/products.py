@@ -125,7 +125,7 @@ class Congruent:
 
 
 def residual(force: Floats, K: sp.csr_matrix | Elsewhere, y: Floats, held: Floats) -> Floats:
-    """force - held - K y, (k,), in extended precision, rounded to double once; half as dear as one solve.
+    """force - held - K y, (k,) or (k, c), in extended precision, rounded to double once; half as dear as a solve.
 
     K may be k rows of a matrix.
     """
@@ -133,17 +133,19 @@ def residual(force: Floats, K: sp.csr_matrix | Elsewhere, y: Floats, held: Float
         return force - held
     if isinstance(K, Elsewhere):
         return K.residual(force, y, held)
-    r, exact = np.empty(len(force)), y.astype(np.longdouble)
+    r, exact = np.empty_like(force), np.atleast_2d(y.T).astype(np.longdouble, order="C")
+    each = [np.atleast_2d(one.T) for one in (r, force, held)]
     for part, rows in _in_parts(K, lambda entries: entries.astype(np.longdouble)):
-        r[part] = force[part].astype(np.longdouble) - held[part] - rows @ exact
+        for left, f, h, x in zip(*each, exact, strict=True):
+            left[part] = f[part].astype(np.longdouble) - h[part] - rows @ x
     return r
 
 
 def sizes(K: sp.csr_matrix | Elsewhere, y: Floats) -> Floats:
-    """|K| |y|, (k,), in parts: 0.7 of the time that it takes with all of |K|, and none of the memory."""
+    """|K| |y|, (k,) or (k, c), in parts: 0.7 of the time that it takes with all of |K|, and none of the memory."""
     if isinstance(K, Elsewhere):
         return K.sizes(np.abs(y))
-    found, size = np.empty(K.shape[0]), np.abs(y)
+    found, size = np.empty((K.shape[0], *y.shape[1:])), np.ascontiguousarray(np.abs(y))
     for part, rows in _in_parts(K, np.abs):
         found[part] = rows @ size
     return found

@@ -36,7 +36,7 @@ from functools import cached_property, partial
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.arrays import EPS, Floats, Ints, power_of_two, spread
+from vemcvx.arrays import EPS, Floats, Ints, columns, power_of_two, spread
 from vemcvx.errors import NotAccepted
 from vemcvx.linear import Congruent, Elsewhere, Factor, Halves, LinearSolver, Matrix, minimum_degree
 from vemcvx.program.kernel import anchors
@@ -389,6 +389,10 @@ class Condensation:
     def recover(self, y_c: Floats, f: Reduced) -> Floats:
         """All unknowns (n,) from the retained ones, K y = f + [0; rho]."""
         return self._halves.completed(f.inner, y_c)
+
+    def recover_together(self, y_c: Sequence[Floats], f: Sequence[Reduced], count: int) -> Floats:
+        """All unknowns (n, count) of several states, as `recover` has them but for rounding, and zeros after them."""
+        return self._halves.completed(columns([one.inner for one in f], count), columns(y_c, count))
 
     def response(self, y_c: Floats) -> Floats:
         """K^{-1} (0, S y_c) (n,), whose retained unknowns are y_c but for what S and the solver lose."""

@@ -141,13 +141,19 @@ def full_certificate(
     The floor is what the rounding of K's and the force's own entries brings about (:func:`rounding`).
     Norm terms and limits see retained unknowns only; their parts are of the condensed program's `own` certificate.
     """
-    system = condensation.system
-    r = residual(force, system.K, y, held)
-    size = np.abs(force) + np.abs(held)
+    r, size = out_of_balance(condensation.system, force, y, held)
+    return replace(own, equilibrium=0.5 * condensation.factor.energy(r), floor=rounding(condensation, size))
+
+
+def out_of_balance(system: System, force: Floats, y: Floats, held: Floats) -> tuple[Floats, Floats]:
+    """The force r = force - held - K y, less what motions of no energy feel, and the size of its terms' sum.
+
+    All (n,), or (n, k) for as many states.
+    """
+    r, size = residual(force, system.K, y, held), np.abs(force) + np.abs(held)
     if y.any():
         size += sizes(system.K, y)
-    equilibrium = 0.5 * condensation.factor.energy(_off_kernel(system, r))
-    return replace(own, equilibrium=equilibrium, floor=rounding(condensation, size))
+    return _off_kernel(system, r), size
 
 
 def _off_kernel(system: System, force: Floats) -> Floats:

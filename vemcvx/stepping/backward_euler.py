@@ -365,10 +365,13 @@ def march(
         if earlier is None:
             earlier = 0, first_state(run, instants, initial)
             recorder.add(*earlier)
-        for n, state in states_of(run, steps_of(run, instants), instants, *earlier):
-            recorder.add(n, state)
-            if progress is not None:
-                progress(n, len(instants) - 1)
+        try:
+            for n, state in states_of(run, steps_of(run, instants), instants, *earlier):
+                recorder.add(n, state)
+                if progress is not None:
+                    progress(n, len(instants) - 1)
+        finally:
+            recorder.enter_waiting()
         seconds = {"prepare": prepared - start, "solve": time.perf_counter() - prepared}
         return recorder.finish(seconds)
 

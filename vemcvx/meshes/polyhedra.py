@@ -142,7 +142,9 @@ def along_axes(places: Floats, faces: Ints, axes: Floats, shapes: FaceShapes) ->
 
 def heights(places: Floats, faces: Ints, shapes: FaceShapes) -> Floats:
     """Heights (m,) of places (m, 3) above the plane of a face each."""
-    above: Floats = np.einsum("mi,mi->m", shapes.normals[faces], places - shapes.centroids[faces])
+    above: Floats = np.einsum(
+        "mi,mi->m", shapes.normals.take(faces, axis=0), places - shapes.centroids.take(faces, axis=0)
+    )
     return above
 
 

@@ -276,7 +276,7 @@ class DependentStep:
         slip, accuracy = np.maximum(lengths(one.slip), lengths(other.slip)), self.run.accuracy
         work = float(np.abs(one.weights - other.weights) @ slip)
         apart, unit = self.run.operators.energy_norm(one.y - other.y), max(one.unit(accuracy), other.unit(accuracy))
-        return apart + (work / unit if unit > 0 else np.inf) if work > 0 else apart
+        return apart + work / (unit or np.inf)
 
 
 def resolved(step: DependentStep) -> State:

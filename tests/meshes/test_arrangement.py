@@ -33,9 +33,9 @@ def found(names):
     ends = np.concatenate([np.array(GRAPHS[name][0]) for name in names])
     mixed = np.random.default_rng(0).permutation(len(owner))
     owner, ends = owner[mixed], ends[mixed]
-    of, offsets, nodes = polygons_between(owner, ends, POINTS[ends])
+    of, offsets, corners = polygons_between(owner, ends, POINTS[ends])
     assert (np.diff(of) >= 0).all()
-    areas = np.abs(areas_and_centroids(POINTS[nodes], offsets, np.arange(len(nodes)))[0])
+    areas = np.abs(areas_and_centroids(POINTS, offsets, ends.ravel()[corners])[0])
     return [np.sort(areas[of == k]) for k in range(len(names))]
 
 

@@ -146,3 +146,19 @@ def test_a_skew_body_in_space_is_held_by_a_clamp():
     assert held.reaction("top")[-1, 0] == pytest.approx(-1.0, rel=1e-9)
     with pytest.raises(vx.SceneError, match="the body floats: 6 rigid motions"):
         vx.simulate(vx.Scene(vx.Elasticity(200.0, 0.3), push), mesh, [0.0, 1.0])
+
+
+@pytest.mark.long
+def test_what_an_overlap_moves_away_without_a_force_is_refused_in_words():
+    """The body has no energy, and no size to which an error could refer: found as a division by zero."""
+    box = {"lower": (0.0, 0.5), "upper": (0.5, 1.0)}
+    mesh = vx.meshes.bodies({name: vx.meshes.squares(2, box=((0, 1), high)) for name, high in box.items()})
+    scene = vx.Scene(
+        vx.Elasticity(10.0, 0.3),
+        vx.Clamp(on="lower.bottom"),
+        vx.Traction(lambda x, t: np.tile([0.002 * t, -0.01 * t], (len(x), 1)), on="upper.top"),
+        vx.UnilateralContact(on="lower|upper", gap=-0.003),
+        vx.CoulombFriction(0.4, on="lower|upper"),
+    )
+    with pytest.raises(vx.NotContracting, match="step 0 at t = 0"):
+        vx.simulate(scene, mesh, [0.0, 0.5, 1.0], initial="settled", solver=vx.Clarabel())

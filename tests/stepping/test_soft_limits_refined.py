@@ -198,3 +198,25 @@ def test_pressures_on_bounds_are_refined_before_coulombs_law_reads_them(k):
     apart, size = runs[0].contact.pressure - runs[1].contact.pressure, runs[1].contact.pressure.max()
     # 5e-12, 2e-10 and 3e-8 without; pressures are read to a few rounding errors of forces.
     assert np.abs(apart).max() < 1e-13 * size
+
+
+def test_slips_of_rounding_hide_no_stiffness_along_them():
+    """Discs at their bounds whose slips are 1e-21: |lam| / |s| = 1e19 would leave no digit of S along s."""
+    scene = vx.Scene(
+        vx.Elasticity(100.0, 0.3),
+        vx.Clamp(on="top"),
+        vx.Traction(lambda x, t: np.tile([t, 0.5 * t, 0.0], (len(x), 1)), on="left"),
+        vx.BilateralContact(on="bottom"),
+        vx.TrescaFriction(0.01, on="bottom"),
+    )
+    system = pose_scene(scene, vx.meshes.cubes(2)).system
+    run, condensation = vx.march(system, [0.0, 1.0]), Condensation(system)
+    y, lam, none = run.state[1], run.multipliers[1], np.zeros(0)
+    size = np.linalg.norm(lam, axis=1, keepdims=True)
+    assert np.linalg.norm(system.B @ (y - run.state[0])) > 1e-3
+    off = y - 1e-3 * system.B.T @ (system.B @ y)
+    given = {"gap": none, "p": none, "stick": np.zeros(len(lam), dtype=bool), "slip": 1e-21 * lam / size}
+    end, found, _ = refined(condensation, condensation.operators, system.force(1.0), off, lam=lam, **given)
+    left = system.force(1.0) - system.multiplier_force(found, none) - system.K @ end
+    # The sums of |K_ij y_j|, each rounded a few times, and turning that leaves sqrt(EPS) of what was off a round.
+    assert np.abs(left).max() <= 8 * EPS * (abs(system.K) @ np.abs(end)).max()

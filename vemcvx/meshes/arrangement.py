@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vemcvx.arrays import Bools, Floats, Ints
-from vemcvx.meshes.polygons import cross, offsets_of, rows_in_order, smallest_linked, spans, triangles_of
+from vemcvx.meshes.polygons import cross, offsets_of, rows_in_order, spans, triangles_of
 
 
 def polygons_between(owner: Ints, ends: Ints, at: Floats) -> tuple[Ints, Ints, Ints]:
@@ -34,25 +34,27 @@ def polygons_between(owner: Ints, ends: Ints, at: Floats) -> tuple[Ints, Ints, I
 
     Returns
     -------
-    found, offsets, nodes
-        The owner (p,) of each polygon, and its nodes. Polygons with holes are cut in triangles.
+    found, offsets, corners
+        The owner (p,) of each polygon, and where in `ends`, row by row, its nodes stand. Polygons with holes are cut in
+        triangles.
     """
     rings = _rings(owner, ends, at)
     awkward = _awkward(owner, ends, rings)
     kept = (rings.area > 0.0) & ~awkward[rings.of]
-    offsets, walks = rows_in_order(rings.offsets, rings.walks, np.flatnonzero(kept))
-    found, nodes = rings.of[kept], ends.T.ravel()[walks]
+    offsets, corners = rows_in_order(rings.offsets, rings.walks, np.flatnonzero(kept))
+    found = rings.of[kept]
     if not awkward.any():
-        return found, offsets, nodes
+        return found, offsets, corners
     some, graphs = np.flatnonzero(awkward[owner]), np.flatnonzero(awkward)
-    others, rows, names = _by_shapely(np.searchsorted(graphs, owner[some]), np.dstack([at[some], ends[some]]))
+    segments = np.dstack([at[some], 2 * some[:, None] + [0, 1]])
+    others, rows, more = _by_shapely(np.searchsorted(graphs, owner[some]), segments)
     found, sizes = np.concatenate([found, graphs[others]]), np.concatenate([np.diff(offsets), np.diff(rows)])
     order = np.argsort(found, kind="stable")
-    return found[order], *rows_in_order(offsets_of(sizes), np.concatenate([nodes, names]), order)
+    return found[order], *rows_in_order(offsets_of(sizes), np.concatenate([corners, more]), order)
 
 
 class _Rings(NamedTuple):
-    """Walks that close: walk k < s goes along segment k, and walk k + s back."""
+    """Walks that close: walk 2 k begins at the first end of segment k and goes along it, walk 2 k + 1 comes back."""
 
     offsets: Ints
     walks: Ints
@@ -64,51 +66,52 @@ class _Rings(NamedTuple):
 
 def _rings(owner: Ints, ends: Ints, at: Floats) -> _Rings:
     """The rings of all walks, in order of their owners."""
-    count = len(owner)
-    start, of = ends.T.ravel(), np.tile(owner, 2)
-    here, there = np.concatenate([at[:, 0], at[:, 1]]), np.concatenate([at[:, 1], at[:, 0]])
+    walks, of = np.arange(2 * len(owner)), np.repeat(owner, 2)
+    here, there = at.reshape(-1, 2), at[:, ::-1].reshape(-1, 2)
     arm = there - here
-    node = of * (int(start.max(initial=0)) + 1) + start
+    node = of * (int(ends.max(initial=0)) + 1) + ends.ravel()
     order = np.lexsort((np.arctan2(arm[:, 1], arm[:, 0]), node))
     first = np.flatnonzero(np.diff(node[order], prepend=-1))
-    sizes = np.diff(np.append(first, len(order)))
-    before = np.arange(-1, len(order) - 1)
-    before[first] = first + sizes - 1
+    before = walks - 1
+    before[first] = np.append(first[1:], len(order)) - 1
     rank = np.empty_like(order)
-    rank[order] = np.arange(len(order))
-    walks = np.arange(2 * count)
-    follow = order[before[rank[(walks + count) % (2 * count)]]]
-    leader = smallest_linked(np.column_stack([walks, follow]), 2 * count)
-    steps, ahead = (walks != leader).astype(np.int64), np.where(walks == leader, walks, follow)
+    rank[order] = walks
+    follow = order[before[rank[walks ^ 1]]]
+    # Of each ring the smallest walk leads: the smallest of twice as many that follow each, until none is smaller.
+    leader, ahead = walks, follow
+    while ((smaller := np.minimum(leader, leader[ahead])) < leader).any():
+        leader, ahead = smaller, ahead[ahead]
+    leads = walks == leader
+    steps, ahead = (~leads).astype(np.int64), np.where(leads, walks, follow)
     while (ahead != leader).any():
         steps, ahead = steps + steps[ahead], ahead[ahead]
-    # The leader has no steps to go and comes first; then the one with most.
-    walk = np.lexsort((np.where(walks == leader, -len(walks), -steps), leader))
-    begin = np.flatnonzero(np.diff(leader[walk], prepend=-1))
-    ring = np.append(begin, len(walk))
-    origin = np.repeat(here[walk[begin]], np.diff(ring), axis=0)
-    area = np.add.reduceat(cross(here[walk] - origin, there[walk] - origin), begin)
-    by_owner = np.argsort(of[walk[begin]], kind="stable")
-    rows, walk = rows_in_order(ring, walk, by_owner)
-    return _Rings(rows, walk, of[walk[rows[:-1]]], area[by_owner])
+    head, ring = np.flatnonzero(leads), (np.cumsum(leads) - 1)[leader]
+    size, by_owner = np.bincount(ring), np.argsort(of[leads], kind="stable")
+    offsets, begin = offsets_of(size[by_owner]), np.empty_like(head)
+    begin[by_owner] = offsets[:-1]
+    # The leader comes first; then the walk that has most steps to go to it.
+    walk = np.empty_like(walks)
+    walk[begin[ring] + (size[ring] - steps) % size[ring]] = walks
+    origin = np.repeat(here[walk[offsets[:-1]]], np.diff(offsets), axis=0)
+    area = np.add.reduceat(cross(here[walk] - origin, there[walk] - origin), offsets[:-1])
+    return _Rings(offsets, walk, of[head[by_owner]], area)
 
 
 def _awkward(owner: Ints, ends: Ints, rings: _Rings) -> Bools:
     """Return True for each owner whose rings are not all outlines of polygons, or the one around them."""
-    (ring, walk, of, area), graphs, count = rings, int(owner.max(initial=-1)) + 1, len(owner)
+    (offsets, walk, of, area), graphs = rings, int(owner.max(initial=-1)) + 1
     awkward: Bools = np.bincount(of, area <= 0.0, graphs) != np.bincount(owner, minlength=graphs).astype(bool)
     ring_of = np.empty_like(walk)
-    ring_of[walk] = np.repeat(np.arange(len(of)), np.diff(ring))
-    awkward[owner[ring_of[:count] == ring_of[count:]]] = True
-    node = ends.T.ravel()[walk]
-    order = np.lexsort((node, ring_of[walk]))
-    again = (np.diff(node[order]) == 0) & (np.diff(ring_of[walk[order]]) == 0)
-    awkward[of[ring_of[walk[order[1:][again]]]]] = True
+    ring_of[walk] = np.repeat(np.arange(len(of)), np.diff(offsets))
+    awkward[owner[ring_of[::2] == ring_of[1::2]]] = True
+    again = np.sort(ring_of * (int(ends.max(initial=0)) + 1) + ends.ravel())
+    twice = again[1:][again[1:] == again[:-1]]
+    awkward[of[twice // (int(ends.max(initial=0)) + 1)]] = True
     return awkward
 
 
 def _by_shapely(owner: Ints, segments: Floats) -> tuple[Ints, Ints, Ints]:
-    """The same polygons; segments (s, 2, 3) have the numbers of their ends as third coordinates."""
+    """The same polygons; segments (s, 2, 3) have as third coordinates where their ends stand."""
     import shapely
 
     lines = shapely.linestrings(segments)

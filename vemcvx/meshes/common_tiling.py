@@ -36,6 +36,8 @@ from vemcvx.meshes.polyhedra import Faces, FaceShapes, face_shapes, heights, in_
 
 # Of the width of a face, by which it is off its plane and cut in triangles; a mesh may have ten times as much.
 WARPED = 1e-7
+# Faces that are cut at a time, whose arrays stay in the caches: half the time of all 100,000 at once.
+AT_A_TIME = 2048
 
 
 class Tiled(NamedTuple):
@@ -136,29 +138,44 @@ def _pieces(meeting: Meeting, outline: _Outlines) -> _Pieces:
     surface = meeting.surface
     offsets, vertices = rows_in_order(outline.offsets, outline.vertices, surface.faces)
     places = outline.place[vertices]
-    face, lines = _lines_over_faces(meeting, offsets, places)
-    cut = distinct(face)
-    if not len(cut):
-        return _Pieces(cut, np.zeros(1, dtype=np.int64), cut, cut > 0)
+    over, lines = _lines_over_faces(meeting, offsets, places)
+    cut = distinct(over)
     rows, around = rows_in_order(offsets, places, cut)
-    segments = np.concatenate([np.column_stack([around, around[next_corner(rows)]]), lines])
-    owner = np.concatenate([cell_of_corner(rows), np.searchsorted(cut, face)])
+    face, sizes, place, flat = [cut[:0]], [cut[:0]], [cut[:0]], [cut[:0] > 0]
+    for first in range(0, len(cut), AT_A_TIME):
+        some = cut[first : first + AT_A_TIME]
+        begin, end = np.searchsorted(over, [some[0], some[-1] + 1])
+        row = rows[first : first + AT_A_TIME + 1]
+        crossed = np.searchsorted(some, over[begin:end]), lines[begin:end]
+        of, ring, places, plane = _cut(surface, some, (row - row[0], around[row[0] : row[-1]]), crossed)
+        face.append(some[of])
+        sizes.append(np.diff(ring))
+        place.append(places)
+        flat.append(plane)
+    return _Pieces(np.concatenate(face), offsets_of(np.concatenate(sizes)), np.concatenate(place), np.concatenate(flat))
 
-    def seen(place: Ints, of: Ints) -> Floats:
-        return surface.seen(surface.points[place], cut[of])
 
-    at = seen(segments.ravel(), np.repeat(owner, 2))[:, :2].reshape(-1, 2, 2)
-    found, ring, place = polygons_between(owner, segments, at)
-    corners, whole = seen(place, found[cell_of_corner(ring)]), seen(around, cell_of_corner(rows))[:, :2]
+def _cut(
+    surface: Surface, faces: Ints, outline: tuple[Ints, Ints], lines: tuple[Ints, Ints]
+) -> tuple[Ints, Ints, Ints, Bools]:
+    """The polygons between the outlines of faces, rows of places, and lines, each over one of these faces."""
+    rows, around = outline
+    owner, follow = cell_of_corner(rows), next_corner(rows)
+    sides = surface.seen(surface.points[around], faces[owner])
+    over = surface.seen(surface.points[lines[1].ravel()], np.repeat(faces[lines[0]], 2))
+    segments = np.concatenate([np.column_stack([around, around[follow]]), lines[1]])
+    at = np.concatenate([np.stack([sides, sides[follow]], axis=1), over.reshape(-1, 2, 3)])
+    found, ring, corner = polygons_between(np.concatenate([owner, lines[0]]), segments, at[:, :, :2])
+    corners, place = at.reshape(-1, 3)[corner], segments.ravel()[corner]
     areas = areas_and_centroids(corners[:, :2], ring, np.arange(len(corners)))[0]
-    all_of = areas_and_centroids(whole, rows, np.arange(len(whole)))[0]
+    whole = areas_and_centroids(sides[:, :2], rows, np.arange(len(sides)))[0]
     # Pieces cover a face up to a thousandth: the tolerance is far below the edges, or bodies are not matched.
-    missing = np.abs(np.bincount(found, np.abs(areas), len(cut)) - all_of) > 1e-3 * all_of
+    missing = np.abs(np.bincount(found, np.abs(areas), len(faces)) - whole) > 1e-3 * whole
     if missing.any():
-        raise unmatched(surface.shapes.centroids[cut[missing][0]])
+        raise unmatched(surface.shapes.centroids[faces[missing][0]])
     # A piece is no farther off its own plane than a few times as far as off that of the face.
     flat = np.maximum.reduceat(np.abs(corners[:, 2]), ring[:-1]) < 0.1 * WARPED * np.sqrt(np.abs(areas))
-    return _Pieces(cut[found], ring, turned(ring, place, areas < 0.0), flat)
+    return found, ring, turned(ring, place, areas < 0.0), flat
 
 
 def _lines_over_faces(meeting: Meeting, offsets: Ints, places: Ints) -> tuple[Ints, Ints]:

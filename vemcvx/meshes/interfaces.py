@@ -167,7 +167,8 @@ def on_faces(
         rows = offsets_of(there.sum(axis=1))
         new = [interface.edges[there], interface.partners[there]]
         nodes, partners = new if node_map is None else [node_map[side] for side in new]
-        number, beside = (matching_rows(offsets, vertices, rows, side) for side in (nodes, partners))
+        both = np.concatenate([rows, rows[-1] + rows[1:]]), np.concatenate([nodes, partners])
+        number, beside = np.split(matching_rows(offsets, vertices, *both), 2)
         for side, at in ((partners, beside), (nodes, number)):
             if (at < 0).any():
                 k = int(np.argmax(at < 0))

@@ -249,9 +249,8 @@ def _near_edges(surface: Surface, spots: Ints) -> OnEdges:
     """
     ends = surface.place[surface.ends]
     low, high = _boxes_of(surface, ends)
-    place, edge = _in_boxes(surface, spots, surface.body_of_edge, (low - surface.reach, high + surface.reach))
-    new = ~among(surface.key(place, surface.body_of_edge[edge]), surface.taken)
-    place, edge = place[new], edge[new]
+    boxes = low - surface.reach, high + surface.reach
+    place, edge = _in_boxes(surface, spots, surface.body_of_edge, boxes, surface.taken)
     start, arm = _arms(surface.points[ends[edge]])
     along = np.einsum("ki,ki->k", surface.points[place] - start, arm) / np.einsum("ki,ki->k", arm, arm)
     along = np.clip(along, 0.0, 1.0)
@@ -282,12 +281,15 @@ def _nearest_edges(surface: Surface, near: OnEdges) -> OnEdges:
     return OnEdges(near.place[order], near.edge[order], near.along[order], near.at[order])
 
 
-def _in_boxes(surface: Surface, spots: Ints, body: Ints, boxes: Boxes) -> tuple[Ints, Ints]:
-    """Pairs of a place, one of the spots, and one of the boxes, each of a part of a body, that it is in."""
+def _in_boxes(surface: Surface, spots: Ints, body: Ints, boxes: Boxes, known: Ints) -> tuple[Ints, Ints]:
+    """Pairs of a place, one of the spots, and one of the boxes, each of a part of a body, that it is in.
+
+    `known` are keys of places and bodies that are not asked for.
+    """
     found, points = [np.empty((2, 0), dtype=np.int64)], surface.points
     for number, box in enumerate(zip(*surface.boxes, strict=True)):
         own = np.flatnonzero(body == number)
-        there = spots[_meets((points[spots], points[spots]), box)]
+        there = spots[_meets((points[spots], points[spots]), box) & ~among(surface.key(spots, number), known)]
         at = points[there]
         i, j = overlapping_boxes(at, at, boxes[0][own], boxes[1][own])
         found.append(np.stack([there[i], own[j]]))
@@ -301,9 +303,9 @@ def _in_faces(surface: Surface, spots: Ints, known: Ints) -> InFaces:
 
     corners = surface.points[surface.place[surface.vertices]]
     low, high = (f.reduceat(corners, surface.offsets[:-1]) for f in (np.minimum, np.maximum))
-    place, face = _in_boxes(surface, spots, surface.body_of_face, (low - surface.reach, high + surface.reach))
-    new = ~among(surface.key(place, surface.body_of_face[face]), np.concatenate([surface.taken, known]))
-    place, face = place[new], face[new]
+    boxes = low - surface.reach, high + surface.reach
+    known = np.concatenate([surface.taken, known])
+    place, face = _in_boxes(surface, spots, surface.body_of_face, boxes, known)
     near = np.abs(heights(surface.points[place], face, surface.shapes)) <= surface.reach
     place, face = place[near], face[near]
     seen = surface.seen(surface.points[place], face)

@@ -83,6 +83,11 @@ def nodes_of_cells(faces: Faces, n_nodes: int) -> tuple[Ints, Ints]:
     return offsets_of(np.bincount(keys // n_nodes)), keys % n_nodes
 
 
+AT_A_TIME = 8192
+"""Faces whose shapes are computed at a time: their arrays stay in the caches, which takes half the time of a million at
+once."""
+
+
 class FaceShapes(NamedTuple):
     """Areas (n_faces,), unit normals and centroids (n_faces, 3); zero, zero and the first vertex of a flat face."""
 
@@ -93,16 +98,24 @@ class FaceShapes(NamedTuple):
 
 def face_shapes(points: Floats, offsets: Ints, vertices: Ints) -> FaceShapes:
     """Shapes of faces; normals by the right-hand rule."""
-    counts = np.diff(offsets)
-    origin = points[vertices[offsets[:-1]]]
-    here = points[vertices] - np.repeat(origin, counts, axis=0)
+    begin = range(0, max(len(offsets) - 1, 1), AT_A_TIME)
+    parts = [_shapes_of_some(points, offsets[first : first + AT_A_TIME + 1], vertices) for first in begin]
+    return FaceShapes(*map(np.concatenate, zip(*parts, strict=True)))
+
+
+def _shapes_of_some(points: Floats, offsets: Ints, vertices: Ints) -> FaceShapes:
+    places = points[vertices[offsets[0] : offsets[-1]]]
+    offsets = offsets - offsets[0]
+    counts, begin = np.diff(offsets), offsets[:-1]
+    origin = places[begin]
+    here = places - np.repeat(origin, counts, axis=0)
     after = here[next_corner(offsets)]
     part = 0.5 * np.cross(here, after)
-    vectors = np.add.reduceat(part, offsets[:-1], axis=0)
+    vectors = np.add.reduceat(part, begin, axis=0)
     areas = np.linalg.norm(vectors, axis=1)
     normals = _divided(vectors, areas)
     signed = np.einsum("ij,ij->i", part, np.repeat(normals, counts, axis=0))
-    moments = np.add.reduceat((here + after) * signed[:, None], offsets[:-1], axis=0)
+    moments = np.add.reduceat((here + after) * signed[:, None], begin, axis=0)
     return FaceShapes(areas, normals, origin + _divided(moments, 3.0 * areas))
 
 
@@ -121,14 +134,17 @@ def axes_in_planes(shapes: FaceShapes) -> Floats:
 
 def along_axes(places: Floats, faces: Ints, axes: Floats, shapes: FaceShapes) -> Floats:
     """Coordinates (m, 3) of places about the centroid of a face each, along its axes."""
-    # Axis by axis, which takes a fourth of the time of place by place.
-    coordinates: Floats = np.einsum("mai,mi->am", axes[faces], places - shapes.centroids[faces])
-    return coordinates.T
+    # Rows that are taken come in half the time of rows that are indexed.
+    arms = places - shapes.centroids.take(faces, axis=0)
+    coordinates: Floats = np.einsum("mai,mi->ma", axes.take(faces, axis=0), arms)
+    return coordinates
 
 
 def heights(places: Floats, faces: Ints, shapes: FaceShapes) -> Floats:
     """Heights (m,) of places (m, 3) above the plane of a face each."""
-    above: Floats = np.einsum("mi,mi->m", shapes.normals[faces], places - shapes.centroids[faces])
+    above: Floats = np.einsum(
+        "mi,mi->m", shapes.normals.take(faces, axis=0), places - shapes.centroids.take(faces, axis=0)
+    )
     return above
 
 

@@ -92,7 +92,7 @@ def refined(
     act = np.concatenate([np.repeat(stick, operators.block), (p > 0) & (operators.compliance == 0)])
     held[columns[act]] = True
     F = np.flatnonzero(~held)
-    turns = _turning(lam, slip, stick)
+    turns = _turning(operators, lam, slip, stick)
     best, springs, soft, S_FF = np.inf, np.zeros_like(p), operators.compliance > 0, None
     for _ in range(4):  # Each round gains as many digits as the factors have; two are usual.
         r = residual(force, condensation.system.K, y, condensation.system.multiplier_force(lam, p))
@@ -120,12 +120,17 @@ def refined(
     return y, lam, p
 
 
-def _turning(lam: Floats, slip: Floats, stick: Bools) -> Floats:
-    """(m, block, block) how multipliers turn with their slips, |lam| / |s| (I - ss'/|s|^2); zero where none does."""
+def _turning(operators: Operators, lam: Floats, slip: Floats, stick: Bools) -> Floats:
+    """(m, block, block) how multipliers turn with their slips, |lam| / |s| (I - ss'/|s|^2); zero where none does.
+
+    Slips of rounding turn as those whose curvature is K's own entry over sqrt(EPS): a larger one, 1e18 has been seen,
+    leaves no digit of the stiffness along s.
+    """
     size = np.linalg.norm(slip, axis=1)
     turns = ~stick & (size > 0)
     size = np.where(turns, size, 1.0)
-    curvature = np.where(turns, np.linalg.norm(lam, axis=1) / size, 0.0)
+    own = operators.blocks(operators.K.diagonal()[operators.rows.columns] / operators.B.data**2).max(axis=1, initial=0.0)
+    curvature = np.where(turns, np.minimum(np.linalg.norm(lam, axis=1) / size, own / np.sqrt(EPS)), 0.0)
     turning: Floats = curvature[:, None, None] * transverse(slip / size[:, None])
     return turning
 

@@ -275,8 +275,8 @@ class DependentStep:
         """Energy norm of the difference, and the work of that of their weights on the larger slips, over the norm."""
         slip, accuracy = np.maximum(lengths(one.slip), lengths(other.slip)), self.run.accuracy
         work = float(np.abs(one.weights - other.weights) @ slip)
-        apart = self.run.operators.energy_norm(one.y - other.y)
-        return apart + (work / max(one.unit(accuracy), other.unit(accuracy)) if work > 0 else 0.0)
+        apart, unit = self.run.operators.energy_norm(one.y - other.y), max(one.unit(accuracy), other.unit(accuracy))
+        return apart + work / (unit or np.inf)
 
 
 def resolved(step: DependentStep) -> State:

@@ -129,7 +129,8 @@ def _turning(operators: Operators, lam: Floats, slip: Floats, stick: Bools) -> F
     size = np.linalg.norm(slip, axis=1)
     turns = ~stick & (size > 0)
     size = np.where(turns, size, 1.0)
-    own = operators.blocks(operators.K.diagonal()[operators.rows.columns] / operators.B.data**2).max(axis=1, initial=0.0)
+    entries = operators.K.diagonal()[operators.rows.columns] / operators.B.data**2
+    own = operators.blocks(entries).max(axis=1, initial=0.0)
     curvature = np.where(turns, np.minimum(np.linalg.norm(lam, axis=1) / size, own / np.sqrt(EPS)), 0.0)
     turning: Floats = curvature[:, None, None] * transverse(slip / size[:, None])
     return turning

@@ -330,8 +330,8 @@ def cones(asked: Asked, cut: Cut, solids: Solids, about: Ints) -> tuple[Outer, I
 def _grouped(found: Cones, asked: Asked) -> Ints:
     """Labels of new faces by the piece, or the nearest corner, of a side in several pieces; else by the side."""
     skin, sides, own = asked.skin, asked.sides, np.arange(len(found.row))
-    several = sides.pieces[found.listed] > 1
-    if not several.any():
+    several, hidden = sides.pieces[found.listed] > 1, _hidden(found)
+    if not (several | hidden).any():
         return own
     parted = corners_in_pieces(skin, sides)[1][found.listed]
     side, big = sides.side[found.listed], len(skin.points) + 1
@@ -340,13 +340,30 @@ def _grouped(found: Cones, asked: Asked) -> Ints:
     askew = np.flatnonzero(several & ~parted)
     group[askew] = side[askew] * big + 1 + _nearest_corners(found, sides, skin, askew)
     label = found.connected(group)
-    bad = _unseen(found, label, several)[label] & several
+    bad = hidden | (_unseen(found, label, several)[label] & several)
     if bad.any():
         whole = np.zeros(len(skin.cell), dtype=bool)
         whole[side[bad]] = True
-        label = found.connected(np.where(whole[side] & several, side * big, group))
+        label = found.connected(np.where(whole[side], side * big, group))
         label = np.where(_unseen(found, label)[label], own, label)
     return label
+
+
+def _hidden(found: Cones) -> Bools:
+    """New faces with a corner inwards, of whose cones the centroid does not see all: they go with all of their side."""
+    shapes, follow, begin = (
+        face_shapes(found.points, found.offsets, found.nodes),
+        next_corner(found.offsets),
+        found.offsets,
+    )
+    here, normals = found.points[found.nodes], shapes.normals[found.of]
+    edge, arm = here[follow] - here, here - shapes.centroids[found.of]
+    turns = np.einsum("ij,ij->i", np.cross(edge, edge[follow]), normals)
+    clear = np.einsum("ij,ij->i", np.cross(arm, edge), normals) / np.linalg.norm(edge, axis=1)
+    inwards = np.minimum.reduceat(turns, begin[:-1]) < -1e-9 * shapes.areas
+    size = np.maximum.reduceat(np.linalg.norm(arm, axis=1), begin[:-1])
+    hidden: Bools = inwards & (np.minimum.reduceat(clear, begin[:-1]) < CLEAR * size)
+    return hidden
 
 
 def _nearest_corners(found: Cones, sides: CellSides, skin: Skin, some: Ints) -> Ints:

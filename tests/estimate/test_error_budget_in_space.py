@@ -12,12 +12,15 @@ from scipy.spatial import cKDTree
 import block_in_space
 import manufactured_full_slip as plane
 import vemcvx as vx
+from vemcvx.bound.skeleton import instant
+from vemcvx.estimate.in_space import Residuals
+from vemcvx.scene.pose import pose_scene
 from vemcvx.vem import Space, strains, stresses
 
 pytestmark = pytest.mark.arithmetic
 
 FAMILIES = tuple(vx.meshes.SPACE_FAMILIES)
-LEAST, MOST = 1.1, 3.0
+LEAST, MOST = 1.2, 2.5
 """Between these the estimate of the mesh stands to the true error."""
 STEEL = vx.Elasticity(10.0, 0.3)
 GRADIENT = np.array([[0.02, 0.04, -0.03], [0.01, -0.05, 0.02], [0.03, 0.01, -0.12]])
@@ -46,12 +49,8 @@ def test_effectivity_on_full_slip(family):
 @pytest.mark.parametrize("poisson", [0.0, 0.3, 0.4999995])
 @pytest.mark.parametrize("family", FAMILIES)
 def test_effectivity_on_full_slip_in_full(family, poisson):
-    """Tetrahedra and prisms lock where the body hardly changes its volume; the others are as good there.
-
-    Odd numbers of cubes have a pressure that alternates from cell to cell there, ten times that of the body, of which
-    the energy feels little and the estimate says so.
-    """
-    if family in ("tetrahedra", "prisms") and poisson > 0.4:
+    """Tetrahedra lock where the body hardly changes its volume; the others are as good there."""
+    if family == "tetrahedra" and poisson > 0.4:
         return
     found = [ratio_of(poisson, family, n) for n in ((2, 4, 6) if family == "kelvin" else (4, 8, 12))]
     assert min(found) >= LEAST
@@ -59,20 +58,10 @@ def test_effectivity_on_full_slip_in_full(family, poisson):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("family", ["cubes", "voronoi3"])
-def test_the_estimate_is_of_energy_and_pressure_where_the_volume_is_kept(family):
-    """Residuals over mu are of |u - u_h| and |p - p_h| / sqrt(2 mu) together, of which the energy feels p over lambda.
-
-    The pressure's error is twice the energy's on 4^3 Voronoi cells: their estimate is 2.9 times the latter, 1.4 both.
-    """
-    poisson = 0.4999995
-    lam, mesh = plane.lame(poisson), vx.meshes.SPACE_FAMILIES[family](4)
-    history = vx.simulate(full_slip.scene(poisson, pulled=True), mesh, [0.0, 1.0], store="last")
-    exact, found = full_slip.strain(mesh.centroids, 1.0, lam), strains(Space(mesh), history.displacement[-1])
-    pressure = lam * (found - exact)[:, :3].sum(axis=1)
-    squares = pressure**2 / (2 * plane.MU) @ mesh.volumes / (full_slip.density(exact, lam) @ mesh.volumes)
-    both = np.sqrt(squares + full_slip.energy_error(history, lam) ** 2)
-    assert 1.2 <= vx.error_budget(history).largest["total"] / both <= 2.5
+@pytest.mark.parametrize(("family", "n"), [("cubes", 3), ("cubes", 5), ("voronoi3", 4)])
+def test_pressures_that_move_nothing_are_no_errors(family, n):
+    """Odd numbers of cubes have a pressure, ten times that of the body, that alternates from cell to cell."""
+    assert LEAST <= ratio_of(0.4999995, family, n) <= MOST
 
 
 @pytest.mark.parametrize("family", [pytest.param(name, marks=pytest.mark.long) for name in FAMILIES[1:]] + ["cubes"])
@@ -130,6 +119,33 @@ def test_constant_stress_has_no_residual_at_an_interface(contact):
     )
     history = vx.simulate(scene, two_blocks((3, 4)), [0.0, 0.5, 1.0])
     assert vx.error_budget(history).space.max() < 1e-10
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("contact", [vx.BilateralContact, vx.UnilateralContact])
+def test_no_other_pressure_leaves_less(contact, monkeypatch):
+    """Also where two bodies, and supports at an angle, bear a part of it."""
+    scene = vx.Scene(
+        vx.Elasticity(10.0, 0.49),
+        vx.Clamp(on="lower.bottom"),
+        vx.PrescribedDisplacement(0.0, on="upper.right", direction=(3, 0, 4)),
+        vx.PrescribedDisplacement(0.0, on="upper.front", direction=(0, 1, 0)),
+        vx.Traction(lambda x, t: t * np.column_stack([0.2 + 0 * x[:, 0], 0 * x[:, 0], x[:, 1] - 1.5]), on="upper.top"),
+        contact(on="lower|upper"),
+        vx.TrescaFriction(0.1, on="lower|upper"),
+    )
+    history = vx.simulate(scene, two_blocks((1, 2)), [0.0, 1.0])
+    residuals, best = Residuals(pose_scene(scene, history.mesh)), Residuals._pressures
+
+    def total(shift):
+        monkeypatch.setattr(Residuals, "_pressures", lambda *state: best(*state) + shift)
+        return sum(part.sum() for part in residuals.indicators(instant(history, 1)).values())
+
+    least, cells = total(0.0), np.eye(history.mesh.n_cells)
+    more, less = (np.array([total(shift) for shift in sign * cells]) for sign in (1.0, -1.0))
+    # Squares of A q + r, least where A'r is zero, the columns of A being of length one: found to 1e-3 |A| |r|.
+    slopes = (more - less) / np.sqrt(8.0 * (more + less - 2.0 * least))
+    assert np.linalg.norm(slopes) <= 1e-3 * np.sqrt(len(cells) * least)
 
 
 def pressed_aside(x, t):

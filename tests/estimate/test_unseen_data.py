@@ -116,6 +116,34 @@ def test_what_a_mesh_has_not_seen_is_in_the_estimate(name):
     assert 1.0 <= ratio(SCENES[name], vx.meshes.squares(4), truth) <= MOST
 
 
+def slides(angle, *more):
+    """The bottom moves at this angle, in degrees, to the right and down."""
+    across = np.sin(np.deg2rad(angle)), np.cos(np.deg2rad(angle))
+    return vx.Scene(STEEL, vx.Clamp(on="right"), vx.PrescribedDisplacement(0.0, on="bottom", direction=across), *more)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("angle", [20.0, 40.0, 70.0])
+def test_a_bump_of_the_obstacle_is_seen_at_an_angle(angle):
+    bump = vx.UnilateralContact(on="bottom", gap=lambda x, t: np.where(near(x[:, 0], 0.375, 0.06), 0.0, 0.02))
+    scene = slides(angle, vx.Pressure(press, on="top"), bump)
+    truth = vx.simulate(scene, vx.meshes.squares(48), TIMES, store="last")
+    assert 1.2 <= ratio(scene, vx.meshes.squares(4), truth) <= MOST
+
+
+@pytest.mark.long
+@pytest.mark.filterwarnings("ignore:.*slide on air")
+def test_waves_of_the_bound_are_seen_at_an_angle():
+    """As long as an edge, so that their mean is what nodes say; their work is less by the cosine of the angle."""
+    pull = vx.Traction(lambda x, t: t * np.tile([6.0, -6.0], (len(x), 1)), on="left")
+    waves = vx.TrescaFriction(lambda x, t: 6.0 * (1.0 + np.sin(8.0 * np.pi * x[:, 0])), on="bottom")
+    angles = np.array([20.0, 50.0, 80.0])
+    runs = [vx.simulate(slides(angle, pull, waves), vx.meshes.squares(4), [0.0, 1.0]) for angle in angles]
+    seen = [budget.parts["data"][-1] * budget.scale for budget in map(error_budget, runs)] / np.cos(np.deg2rad(angles))
+    assert seen == pytest.approx(seen[0], rel=1e-6)
+    assert seen[0] > 0.1 * np.sqrt(runs[0].energy[-1])
+
+
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("name", SCENES)

@@ -349,9 +349,13 @@ class DataOscillation:
         return jumps
 
     def _of_jumps(self, values: Floats, unit: Floats) -> Floats:
-        """Values of the edges free along the units (b, 2); what reads jumps may move either of two bodies."""
-        free = np.einsum("bi,bij,bj->b", unit, self.edges.free, unit) > 0.5
-        found, joints = np.where(free, values, 0.0), self.edges.joints
+        """Compliances of edges along the units (b, 2); what reads jumps may move either of two bodies.
+
+        An edge that supports let move at the angle a to its unit has the part cos^2 a: the cosine of a force acts, and
+        the cosine of the way is along the unit.
+        """
+        free = np.einsum("bi,bij,bj->b", unit, self.edges.free, unit)
+        found, joints = np.where(free > ROUNDING, free * values, 0.0), self.edges.joints
         found[joints.first] += found[joints.second]
         return found
 

@@ -181,8 +181,8 @@ class ErrorBudget(Outlined):
     algebra, space, time : (S,)
         Certified, estimated and estimated: see :mod:`vemcvx.estimate.budget`.
     parts : mapping of str to (S,)
-        The shares of space: "volume", "jumps", "boundary", "stabilisation" and "data"; space^2 is the sum of their
-        squares.
+        The shares of space: "volume", "jumps", "boundary", "stabilisation" and "data", in space "pressure", too;
+        space^2 is the sum of their squares.
     cells : (n_cells,)
         The largest eta_K (:mod:`vemcvx.estimate.budget`) of each cell over the steps looked at.
     added : (N,)

@@ -289,7 +289,8 @@ def _in_boxes(surface: Surface, spots: Ints, body: Ints, boxes: Boxes, known: In
     found, points = [np.empty((2, 0), dtype=np.int64)], surface.points
     for number, box in enumerate(zip(*surface.boxes, strict=True)):
         own = np.flatnonzero(body == number)
-        there = spots[_meets((points[spots], points[spots]), box) & ~among(surface.key(spots, number), known)]
+        asked = ~among(surface.key(spots, np.full_like(spots, number)), known)
+        there = spots[_meets((points[spots], points[spots]), box) & asked]
         at = points[there]
         i, j = overlapping_boxes(at, at, boxes[0][own], boxes[1][own])
         found.append(np.stack([there[i], own[j]]))

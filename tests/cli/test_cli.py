@@ -174,6 +174,7 @@ def test_pictures_alone_go_where_results_go(tmp_path, monkeypatch):
     ]
 
 
+@pytest.mark.long
 def test_a_miss_exits_with_three(tmp_path):
     missed = invoke("run", PROBLEM, "--n", 4, "--steps", 2, "--accuracy", "1e-17", "--out", tmp_path / "out")
     assert missed.exit_code == 3
@@ -340,6 +341,7 @@ def test_a_family_is_asked_for_only_where_there_is_one(tmp_path):
     assert "mesh(2, family='voronoi') failed: TypeError" in refused.output
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("default")
 def test_warnings_are_a_line(tmp_path):
     text = MINIMAL.replace("vx.meshes.squares(n)", "vx.meshes.triangles(n)").replace("0.3", "0.4999")

@@ -240,6 +240,7 @@ def test_units_of_a_problem_file_reach_pictures_tables_and_the_terminal(tmp_path
     assert given == [{"length": "mm", "force": "N", "time": "s", "force per area": "MPa"}]
 
 
+@pytest.mark.long
 def test_units_that_are_none_are_refused_before_the_run(tmp_path):
     path = tmp_path / "hung.py"
     path.write_text(f'{LOOSE}UNITS = {{"lenght": "mm"}}\n')

@@ -87,6 +87,7 @@ def test_a_sheared_block_follows_its_closed_form(family, across):
     assert contact.accumulated_slip == pytest.approx(contact.wear / BOUND, abs=1e-10)
 
 
+@pytest.mark.long
 def test_slip_is_normal_to_the_ellipse_and_not_along_the_force():
     _, q = closed_form(ACROSS)
     history = vx.simulate(sheared(q, *floor()), BLOCK, TIMES, solver=vx.Newton(1e-9))

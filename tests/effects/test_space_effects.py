@@ -132,6 +132,7 @@ def test_prestress(mesh):
     assert np.abs(free.stress(-1)).max() < EXACT * 10
 
 
+@pytest.mark.long
 def test_viscosity_creeps_as_backward_euler_says(mesh):
     """Without cross contraction: sigma = 2 (mu e + eta e')."""
     shear, eta = 80.0, 30.0

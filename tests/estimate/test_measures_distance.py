@@ -122,6 +122,7 @@ def test_distances_are_symmetric(family, second):
     assert np.sum(there.cells**2) == pytest.approx(np.sum(back.cells**2), rel=1e-12)
 
 
+@pytest.mark.long
 def test_distances_obey_the_triangle_inequality():
     fields = [
         field(mesh_of(name, n, seed=n), f)
@@ -159,6 +160,7 @@ def graded(n):
     return vx.PolygonMesh(points, np.column_stack([k, k + 1, k + n + 3, k + n + 2]))
 
 
+@pytest.mark.long
 def test_sizes_spread_over_ten_decades():
     a, b = field(graded(33), wavy), field(vx.meshes.voronoi(6), wavy)
     there, back = vx.measures.energy_distance(a, b), vx.measures.energy_distance(b, a)

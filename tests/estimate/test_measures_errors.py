@@ -71,6 +71,7 @@ def pulled():
     return [vx.simulate(paper_scene(), vx.meshes.squares(4), np.linspace(0, 1, n + 1), store=2) for n in (4, 12)]
 
 
+@pytest.mark.long
 def test_instants_and_steps(pulled):
     """Runs with different steps meet at the instants both stored, by time or by number."""
     coarse, fine = pulled

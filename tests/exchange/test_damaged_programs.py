@@ -214,6 +214,7 @@ def test_parts_of_other_kinds_and_shapes(written):
         vx.read_program(written / "bad.npz")
 
 
+@pytest.mark.long
 def test_archives_that_unpack_to_more_than_their_size_lets_expect(tmp_path):
     """Zeros compress a thousand times: of two gigabytes a file keeps two megabytes."""
     made = io.BytesIO()

@@ -326,6 +326,7 @@ def coulomb_in_space(condense=True):
     return list(vx.programs(scene, vx.meshes.cubes(3), TIMES, initial="settled", condense=condense))[-1]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("dim", [2, 3])
 def test_a_step_with_coulombs_law_as_fclib_has_it(tmp_path, dim):
     """Read by h5py as its C library does; the solution in the file solves the file's problem, and is ours."""

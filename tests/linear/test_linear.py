@@ -314,6 +314,7 @@ def test_singular_matrices_are_a_clear_error():
         vx.march(vx.System(chain, lambda t: np.array([t, 0.0, 0.0])), [0, 1])
 
 
+@pytest.mark.long
 def test_one_copy_of_the_factors_is_kept():
     """The Schur complement is read off copies that are given back; the factor goes on solving."""
     system = pose_scene(paper_scene(), small("voronoi", 12)).system

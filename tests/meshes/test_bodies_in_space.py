@@ -130,6 +130,7 @@ def test_four_blocks_meet_at_an_edge_and_eight_at_a_point():
     assert np.isclose(mesh.points, 1.0).all(axis=1).sum() == 8
 
 
+@pytest.mark.long
 def test_a_joint_may_end_on_a_third_body():
     mesh = bodies(
         {

@@ -231,6 +231,7 @@ def test_fields_on_a_mesh(tmp_path):
     np.testing.assert_array_equal(again.cell_data["energy"], on_cells["energy"])
 
 
+@pytest.mark.long
 def test_meshio_interchanges_no_fields(tmp_path):
     """It replaces the offsets of arrays one after the other, and may meet a new one where it looks for an old one."""
     mesh, random = vx.meshes.squares(3), np.random.default_rng(0)

@@ -84,6 +84,7 @@ def test_meshio_to_polygons_and_back():
     assert_same(mesh, convert(back))
 
 
+@pytest.mark.long
 def test_what_meshio_holds_is_what_files_hold(tmp_path):
     mesh = rich("voronoi")
     mesh.write(tmp_path / "ours.vtu")

@@ -44,6 +44,7 @@ def test_they_are_read_to_the_bit(kind, family, tmp_path):
     np.testing.assert_array_equal(found.cell_data["kind"], kinds)
 
 
+@pytest.mark.long
 def test_vtk_reads_the_files_of_this_test_so_too(tmp_path):
     pyvista = pytest.importorskip("pyvista", reason="PyVista, the extra view, is not installed")
     mesh = vx.meshes.voronoi(3)

@@ -111,6 +111,7 @@ def test_squares_and_triangles_become_those_of_half_the_size(make, parts):
     np.testing.assert_allclose(mesh.centroids[order], fine.centroids[other], atol=1e-15)
 
 
+@pytest.mark.long
 def test_at_most_one_node_hangs_on_a_side():
     for make in (vx.meshes.squares, vx.meshes.triangles, vx.meshes.distorted):
         mesh = make(3)

@@ -200,6 +200,7 @@ def test_voronoi_cells_are_nearest_to_their_seeds():
         assert len(cells) == len(nearest[node])
 
 
+@pytest.mark.long
 def test_relaxed_voronoi_cells_are_rounder():
     raw, relaxed = (vx.meshes.voronoi3(4, seed=1, relaxations=k) for k in (0, 10))
     assert relaxed.volumes.std() < 0.5 * raw.volumes.std()

@@ -102,6 +102,7 @@ def followed(mesh, random, passes, balance=True):
     return mesh
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("balance", [True, False])
 def test_random_passes_keep_a_tiling(name, balance):
     mesh = followed(family_of(name), np.random.default_rng(2), 2, balance)
@@ -268,6 +269,7 @@ def test_prolongation_keeps_old_values_and_takes_means_over_edges():
     np.testing.assert_allclose(found.prolongation.sum(axis=1), 1.0, atol=1e-14)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("others", [("cubes", 2), ("cubes", 3), ("tetrahedra", 1), ("kelvin", 1)], ids=str)
 def test_interfaces_stay_matched(others):
     make, n = others

@@ -387,6 +387,7 @@ def test_cells_as_one_array(kind):
     assert (mesh.volumes == 1.0).all()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["cubes", "voronoi3"])
 def test_27_times_the_cells_take_few_more_calls(name):
     small, large = (vx.meshes.SPACE_FAMILIES[name](n) for n in (2, 6))

@@ -11,6 +11,7 @@ from vemcvx.canvas import new_figure
 image = pytest.importorskip("matplotlib.image")
 
 
+@pytest.mark.long
 def test_a_figure_says_its_picture_to_notebooks():
     """IPython and marimo ask an object for `_repr_png_`."""
     figure = new_figure(3.0, 2.0)

@@ -156,6 +156,7 @@ def test_the_map_shows_every_node_and_step(history):
     }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("store", ["last", 7])
 def test_a_band_reaches_from_one_stored_instant_to_the_next(history, store):
     some = vx.simulate(history.scene, history.mesh, TIMES, store=store)
@@ -364,6 +365,7 @@ def test_a_thin_layer_is_not_turned_inside_out():
     assert min(heights) > 0.4 * 0.001 / 4
 
 
+@pytest.mark.long
 def test_pictures_say_what_they_miss(history, loose, tmp_path):
     for draw in (friction_traction, stick_slip_map, along_contact, wear):
         with pytest.raises(vx.VemcvxError, match=f"{draw.__name__}: this history has no contact nodes"):

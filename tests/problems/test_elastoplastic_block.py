@@ -48,6 +48,7 @@ def test_uniform_on_every_family(family):
     assert np.abs(total - eps[:, None]).max() < 1e-6 * np.abs(eps).max()
 
 
+@pytest.mark.long
 def test_shear_alone_is_a_play():
     stress = np.outer(SHEAR, [0, 0, 1])
     total, _ = against_closed_form(vx.meshes.voronoi(3), stress, vx.Newton())

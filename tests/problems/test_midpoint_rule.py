@@ -69,6 +69,7 @@ def slider(top):
     return vx.System(np.eye(2), top, vx.Norms(np.eye(2), [1.0], block=2))
 
 
+@pytest.mark.long
 def test_the_package_takes_these_steps():
     """And its half step, reflected, is the midpoint rule's: the same convex program."""
     times = np.linspace(0, 2, 25)

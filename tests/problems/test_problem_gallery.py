@@ -39,6 +39,7 @@ def simulated(problem, n, steps=None, family=None, **parameters):
     return vx.simulate(problem.scene(**parameters), mesh, times, solver=solver)
 
 
+@pytest.mark.long
 def test_a_plate_with_a_hole():
     """Displacements and stresses of order h^2, the latter at centroids; the rollers bear the integral of sigma_xx."""
     off, rim = [], []
@@ -249,6 +250,7 @@ def test_dies_press_alike_whatever_their_angle(family):
     assert history.contact.pressure[-1][inner] == pytest.approx(p, rel=10 * FLOOR)
 
 
+@pytest.mark.long
 @few_families
 def test_a_column_and_its_layer_yield_in_series(family):
     """Exact on every mesh, before and after the gap closes."""

@@ -78,6 +78,7 @@ def test_every_effect_has_a_problem_that_shows_it():
         assert any(type(part).__name__ == effect for part in scene), (effect, problem)
 
 
+@pytest.mark.long
 def test_pictures_are_small_altogether():
     drawn = [ROOT / "problems" / "pictures" / f"{name}.png" for name in (*gallery.problem_files(), *gallery.LESSONS)]
     assert sum(path.stat().st_size for path in drawn) < 4_500_000

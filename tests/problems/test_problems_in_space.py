@@ -71,6 +71,7 @@ def test_two_absolute_values_would_bear_more():
     assert np.abs(history.contact.traction[..., :2]).sum(axis=2).max() > 1.3 * circles.BOUND
 
 
+@pytest.mark.long
 def test_a_push_to_the_other_side_mirrors_the_block():
     one, other = (simulated(block, 3, 4, parameters={"aside": aside}) for aside in (2.0, -2.0))
     x = one.mesh.points
@@ -81,6 +82,7 @@ def test_a_push_to_the_other_side_mirrors_the_block():
     assert one.contact.slip_count[-1] > 0 < one.contact.stick_count[-1]
 
 
+@pytest.mark.long
 def test_the_friction_of_the_block_turns():
     """It opposes the slip of its step where a node slips, at its bound, and its direction varies over the face."""
     contact = simulated(block, 4, 8).contact
@@ -161,6 +163,7 @@ def test_a_flange_unscrews_when_its_base_shakes(n):
     assert 0.85 < turned[-1] / final < 1
 
 
+@pytest.mark.long
 def test_a_flange_at_rest_holds_its_torque():
     history = simulated(flange, 1, 4, parameters={"shaking": 0.0})
     final = 0.75 * flange.BEARS / (flange.SPRINGS * flange.SECOND_MOMENT)

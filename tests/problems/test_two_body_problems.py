@@ -91,6 +91,7 @@ def test_nodal_pressures_of_a_press_fit_are_of_order_one():
     assert nodal[-1] < 0.01
 
 
+@pytest.mark.long
 def test_rings_that_are_pressed_together_are_stressed_as_lame_says():
     """The first invariant at centroids, by the square of the angle of a cell."""
     history = vx.simulate(fit.scene(), fit.mesh(16, outer=16), [0.0, 1.0], solver=vx.Newton(fit.SMALL["accuracy"]))

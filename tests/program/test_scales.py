@@ -305,6 +305,7 @@ def test_a_settled_start_is_held_to_the_accuracy():
         vx.simulate(scene, vx.meshes.squares(4), [0.5, 1.0], initial="settled", solver=vx.Newton(max_iterations=1))
 
 
+@pytest.mark.long
 def test_a_start_out_of_balance_is_left_at_the_first_step():
     """Nothing changes, but the given state is farther off than a step may be: it is solved, not held."""
     scene = vx.Scene(

@@ -133,6 +133,7 @@ def corners_of(history):
     return Corners(history.mesh, history.contact, history.moduli, history.sides)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("problem", "n"),
     [(hertz_contact, 8), (plate_with_hole, 6), (press_fit, 4), (two_blocks_in_series, 4), (block_between_dies, 8)],
@@ -155,6 +156,7 @@ def test_a_reentrant_corner_is_told():
     assert told == "at a reentrant corner: grows without limit as the mesh is refined, like r^-0.46"
 
 
+@pytest.mark.long
 def test_a_corner_beside_the_largest_stress_is_told():
     """On the coarse mesh von Mises' stress is largest one cell from the corner, which it is no more on the next."""
     places, told = [], []
@@ -227,6 +229,7 @@ def test_friction_at_a_point_load_is_told_where_it_follows_pressure(friction):
     assert said(history)["friction"].startswith("at a point load") == isinstance(friction, vx.CoulombFriction)
 
 
+@pytest.mark.long
 def test_point_loads_elsewhere_are_not_told(tmp_path):
     """The largest stress is that of a clamp's corner, and the remark on it is kept in files."""
     scene = vx.Scene(

@@ -320,6 +320,7 @@ def test_arrays_that_do_not_go_together_are_refused(history, tmp_path):
             read_history(tmp_path)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "words",
     [

@@ -55,6 +55,7 @@ def test_what_else_is_there_stays(tmp_path):
     assert (folder / "thesis.npy").read_bytes() == b"a thesis"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("there", [True, False])
 def test_a_folder_goes_if_it_was_made_for_the_run(tmp_path, there):
     folder = tmp_path / "rows"

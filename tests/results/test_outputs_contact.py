@@ -74,6 +74,7 @@ def test_conic_answers_open_where_ours_do(friction):
     assert np.array_equal(ours.contact.closed, theirs.contact.closed)
 
 
+@pytest.mark.long
 def test_a_gap_that_is_not_reached_stays_open():
     # The top moves by less than 0.01 towards it.
     history = lifting(contact=vx.UnilateralContact(gap=1.0, on="bottom"))

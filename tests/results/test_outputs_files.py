@@ -24,6 +24,7 @@ def history():
     return vx.simulate(vx.Scene(*paper_scene(cyclic).effects, heat), small("voronoi", 5), TIMES, store=2)
 
 
+@pytest.mark.long
 def test_steps_hold_stresses_and_contact(history, tmp_path):
     history.write(tmp_path)
     mesh, contact = history.mesh, history.contact

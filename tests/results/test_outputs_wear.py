@@ -121,6 +121,7 @@ def test_a_checkpoint_without_wear_is_refused(tmp_path):
         vx.simulate(scene, mesh, TIMES, stream=tmp_path, resume=True)
 
 
+@pytest.mark.long
 def test_dashpots_dissipate_and_do_not_wear():
     scene = vx.Scene(*SCENES["tresca"].effects, vx.Viscosity(shear=10.0, volume=5.0))
     mesh = small("squares", 4)

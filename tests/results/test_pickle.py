@@ -25,6 +25,7 @@ def test_what_can_be_kept_is_kept():
     assert [effect.describe() for effect in again.scene] == [effect.describe() for effect in history.scene]
 
 
+@pytest.mark.long
 def test_functions_inside_functions_are_told(tmp_path):
     history = vx.simulate(feng_han_huang.scene(), feng_han_huang.mesh(3), feng_han_huang.times(2))
     with pytest.raises(vx.HistoryError) as told:

@@ -211,6 +211,7 @@ def joint_in_space(lower, upper, top, n=4):
     return vx.simulate(scene, vx.meshes.bodies(parts), [0.0, 1.0]).contact
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("pattern", "turn"), [(2.0, 0.0), (2.0, 0.3), (0.6, 0.3)])
 def test_in_space_constants_are_found_and_resultants_kept(pattern, turn):
     """On all of a surface and on a part of it, whatever the forces of nodes are."""

@@ -30,6 +30,7 @@ def scene(*more):
     return vx.Scene(vx.Elasticity(200.0, 0.3), vx.PrescribedDisplacement(pressed, on="top"), *more)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("contact", CONTACTS)
 @pytest.mark.parametrize(
     "axis", [vx.Symmetry(on="left"), vx.PrescribedDisplacement(0.0, on="left", direction="normal")]

@@ -111,6 +111,7 @@ def in_series(times):
     return np.array(q), np.array(a)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("family", FAMILIES)
 def test_two_blocks_in_series_are_exact(family):
     times = np.linspace(0, 1.5, 19)
@@ -208,6 +209,7 @@ def test_action_is_reaction():
     assert np.abs(forces[i] - shown[-1][loaded]).max() < 1e-12 * size * mesh.n_nodes
 
 
+@pytest.mark.long
 def test_bonded_blocks_are_one_body():
     mesh = two_blocks("voronoi", "hexagons", (3, 4))
     place = np.arange(mesh.n_nodes)
@@ -270,6 +272,7 @@ def test_blocks_on_blocks_need_no_refinement(linear):
     assert not prepare(system, None, check=True, condense=True, linear=linear).refines
 
 
+@pytest.mark.long
 def test_probes_on_an_interface_tell_the_first_body():
     mesh = two_blocks("voronoi", "hexagons", (3, 4))
     history = vx.simulate(dragged_over(mesh), mesh, [0.0, 1.0])

@@ -23,6 +23,7 @@ def block(family, n=2):
     return solid(family, n, BOX)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("family", SOLIDS)
 def test_hysteresis_along_a_curve_is_exact_step_by_step(family):
     mesh, path = block(family), curve()
@@ -76,6 +77,7 @@ def test_ground_that_moves_in_a_curve_drags_the_block_likewise():
     assert history.dissipated[-1] == pytest.approx(loss, rel=1e-9)
 
 
+@pytest.mark.long
 def test_other_units_change_no_bit():
     """Lengths by a power of two, forces by another: the same sets, iterations and digits."""
     mesh, path = block("cubes"), curve()
@@ -106,6 +108,7 @@ def test_other_units_change_no_bit():
     assert np.array_equal(other.iterations, one.iterations)
 
 
+@pytest.mark.long
 def test_a_block_that_is_turned_in_space_answers_turned():
     mesh, path = block("voronoi3"), curve()
     axes = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0]
@@ -216,6 +219,7 @@ class Independent:
         return u.value
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("ignore:Solution may be inaccurate")
 def test_agrees_with_the_full_size_program_of_scikit_fem_cvxpy_and_clarabel():
     mesh, E, nu = vx.meshes.tetrahedra(3, BOX), 200.0, 0.3
@@ -310,6 +314,7 @@ def test_wear_is_traction_times_slip_but_at_edges_times_displacement():
     assert np.abs(out_of_plane[~edge]).max() < 1e-9
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("size", [1.0, 1000.0])
 def test_a_gap_that_is_negative_by_rounding_alone_is_none(size):
     """What coordinates are rounded by, size EPS, is nothing to refuse a body for; a hundred times that is."""
@@ -330,6 +335,7 @@ def test_a_gap_that_is_negative_by_rounding_alone_is_none(size):
         run(-100 * size * eps)
 
 
+@pytest.mark.long
 def test_newton_and_clarabel_agree_within_their_certificates():
     found = agree("voronoi3", "turning")
     assert found.contact.slip_count[-1] > 0 < found.contact.open_count.max()

@@ -59,6 +59,7 @@ def held_by(history, name, direction):
     return history.displacement[:, nodes] @ np.asarray(direction)
 
 
+@pytest.mark.long
 @few_families
 @pytest.mark.parametrize("degrees", [30.0, 90.0, -135.0])
 def test_inclined_contact_is_level_contact_turned(family, degrees):
@@ -82,6 +83,7 @@ def test_inclined_contact_is_level_contact_turned(family, degrees):
     assert np.abs(held_by(inclined, "bottom", R @ [0, -1])).max() < 4 * EPS * np.abs(inclined.displacement).max()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("family", FAMILIES)
 def test_numbering_changes_nothing(family):
     mesh, R = small(family, 4), turn(30.0)
@@ -132,6 +134,7 @@ def test_a_clamp_wins_at_shared_nodes(degrees):
     assert not np.isin(shared, history.contact.nodes).any()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("degrees", [0.0, 30.0])
 def test_a_prescribed_normal_wins_over_contact_and_leaves_friction(degrees):
     """An obstacle that moves: u . n is prescribed on the contact boundary itself."""
@@ -223,6 +226,7 @@ def test_two_oblique_components_hold_a_node_altogether():
     assert np.abs(found - components @ np.linalg.inv(directions).T).max() < 16 * EPS * 0.03
 
 
+@pytest.mark.long
 def test_the_same_prescribed_twice_is_no_contradiction():
     mesh = small("squares", 3)
 

@@ -51,6 +51,7 @@ def test_solvers_without_updates_stay_as_they_are():
     assert solvers == before
 
 
+@pytest.mark.long
 def test_a_history_is_that_of_all_data_to_the_bit(monkeypatch):
     mesh, times, solver = vx.meshes.squares(16), np.linspace(0, 1, 9), vx.Clarabel(accuracy=1e-6)
     told, update = [], KeptMatrices.update

@@ -68,6 +68,7 @@ WAYS = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize("limits", [False, True], ids=["friction", "limits, too"])
 def test_however_it_answers_it_is_certified(way, limits):
@@ -134,6 +135,7 @@ def test_what_is_no_number_is_not_certified():
         vx.simulate(paper_scene(), small("squares", 3), [0.0, 1.0], solver=Mine(lambda a: 1.01 * a.d))
 
 
+@pytest.mark.long
 def test_mistakes_in_python():
     def simulate(solver):
         vx.simulate(paper_scene(), small("squares", 3), [0.0, 1.0], solver=solver)
@@ -166,6 +168,7 @@ def mine(tmp_path):
     return tmp_path / "mine.py"
 
 
+@pytest.mark.long
 def test_the_command_line_takes_it_from_a_file(mine):
     problem = str(vx.__path__[0] + "/../problems/feng_han_huang.py")
     done = CliRunner().invoke(app, ["run", problem, "--n", "4", "--steps", "2", "--solver", f"{mine}:Mine"])
@@ -253,6 +256,7 @@ def test_parameters_may_have_any_name():
     assert history.certificate.max() < 1e-6
 
 
+@pytest.mark.long
 def test_multipliers_of_rows_that_share_unknowns_are_found_within_their_bounds():
     """At a corner least squares without bounds left 5e-3, which no solver that returns d alone could help."""
     scene = vx.Scene(
@@ -293,6 +297,7 @@ def loose():
     return vx.Scene(vx.Elasticity(10.0, 0.3), push, *floor)
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("ignore:.*nothing but friction or one-sided contact holds the body")
 @pytest.mark.parametrize("semidefinite", [False, True])
 def test_a_body_that_contact_alone_holds_asks_little_of_a_plain_object(loose, semidefinite):

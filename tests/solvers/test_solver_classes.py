@@ -33,6 +33,7 @@ class Prepared:
         return self._newton.solve(program, target, lam, p)
 
 
+@pytest.mark.long
 def test_the_accuracy_is_in_the_files_whatever_the_solver_prints(tmp_path):
     class Quiet(Own):
         __repr__ = object.__repr__
@@ -54,6 +55,7 @@ def test_the_solver_refuses_an_accuracy_that_means_nothing():
         Own(accuracy=2)
 
 
+@pytest.mark.long
 def test_a_solver_need_not_be_a_dataclass(tmp_path):
     class Plain(vx.Solver):
         accepts, max_iterations, prepare = Own.accepts, 20_000, Own.prepare

@@ -70,6 +70,7 @@ def test_friction_that_needs_touch(solver):
         assert history.dissipated[-1] < 0.9 * run().dissipated[-1]
 
 
+@pytest.mark.long
 def test_where_nothing_opens_it_is_friction_as_ever():
     closed, plain = run(True, -5.0), run(None, -5.0)
     assert (closed.contact.pressure[1:] > 0).all()
@@ -115,6 +116,7 @@ def dragged(top, bound, poisson=0.3):
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("n", [3, 4, 8])
 def test_a_place_that_grazes_is_found_on_the_slope(n):
     """A place that presses with less than a millionth of the bound slips against a part of its friction."""

@@ -101,6 +101,7 @@ def test_order_one_in_h_and_k(family):
     assert steps[-1] > 0.3 * found[-1]  # k is seen beside h
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("family", PLANE[:4])
 def test_it_begins_near(family):
     """Of the error of any step at the beginning, .066 at 1/8, and of O(h)."""
@@ -112,6 +113,7 @@ def test_it_begins_near(family):
     assert 0.4 < start[1] / start[0] < 0.6
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("family", PLANE[:4])
 def test_condition_2_1_holds_by_construction(family):
     """a^h(u_0, v) + j(v) >= <l(0), v>: a step at the same instant from the state begun from leaves it."""
@@ -123,6 +125,7 @@ def test_condition_2_1_holds_by_construction(family):
     assert vx.measures.energy_distance(nodal, run, kind="nodal").relative < 1e-12
 
 
+@pytest.mark.long
 def test_nodal_values_do_not_obey_it():
     """For which P^h is there: the interpolant is refused."""
     mesh = moving.mesh(6, "voronoi")
@@ -194,6 +197,7 @@ def moving_sheared(x, t):
     return moving.displacement(x, t) + 2e-4 * (np.sin(np.pi * x[:, :1]) * (1 - x[:, 1:]) * [1.0, 0.0])
 
 
+@pytest.mark.long
 def test_viscous_bodies_begin_from_it_unsettled():
     """Rates bear what is out of balance: the state is P^h u_0 itself."""
     mesh = moving.mesh(6, "voronoi")

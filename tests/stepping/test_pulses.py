@@ -39,6 +39,7 @@ SCENES = {
 }  # fmt: skip
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("steps", [16, 128])
 @pytest.mark.parametrize("name", SCENES)
 def test_a_pulse_drives_a_run(name, steps):
@@ -49,6 +50,7 @@ def test_a_pulse_drives_a_run(name, steps):
     assert history.energy[last : last + 2].max() > 0.01 * history.energy.max() > 0.0
 
 
+@pytest.mark.long
 def test_what_comes_of_the_pulse_is_what_comes_of_it_alone():
     """The instants without load change nothing of those with it."""
     mesh, scene = small("squares", 4), vx.Scene(*SCENES["traction"])

@@ -198,6 +198,7 @@ def check(seed, frictional=False):
         assert worn == pytest.approx(history.dissipated, abs=1e-12 * max(history.dissipated[-1], 1e-300))
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("ignore:supports. nothing but friction or one-sided contact")
 @pytest.mark.filterwarnings("ignore:.*nothing holds the body in the normal direction")
 @pytest.mark.parametrize("seed", range(21))

@@ -44,6 +44,7 @@ def test_a_resumed_run_ends_where_an_uninterrupted_one_does(tmp_path, store, sol
     assert np.array_equal(whole.contact.sticking, resumed.contact.sticking)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("other", [paper_scene(cyclic, bound=2.0), paper_scene(lambda t: 0.5 * cyclic(t))])
 def test_a_run_of_other_data_is_not_gone_on_with(tmp_path, other):
     mesh = small("squares", 4)
@@ -53,6 +54,7 @@ def test_a_run_of_other_data_is_not_gone_on_with(tmp_path, other):
         vx.simulate(other, mesh, TIMES, stream=tmp_path, resume=True)
 
 
+@pytest.mark.long
 def test_a_finished_run_resumes_to_itself(tmp_path):
     scene, mesh = paper_scene(), small("squares", 4)
     first = vx.simulate(scene, mesh, TIMES, stream=tmp_path)
@@ -79,6 +81,7 @@ def test_another_run_is_refused(tmp_path):
         vx.simulate(scene, mesh, TIMES, resume=True)
 
 
+@pytest.mark.long
 def test_a_damaged_checkpoint_is_a_clear_error(tmp_path):
     scene, mesh = paper_scene(), small("squares", 4)
     vx.simulate(scene, mesh, TIMES, stream=tmp_path)

@@ -219,6 +219,7 @@ def test_rows_that_are_missing_are_said(tmp_path, harm, name):
     assert_same(uninterrupted(), paper().simulate(stream=tmp_path))
 
 
+@pytest.mark.long
 def test_a_run_that_stores_only_the_last_step_has_checkpoints(tmp_path, monkeypatch, caplog):
     monkeypatch.setattr(trajectory, "BETWEEN", 0.0)
     kind, steps = paper(store="last"), []

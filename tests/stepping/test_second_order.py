@@ -64,6 +64,7 @@ def test_where_bounds_are_constant_both_friction_works_are_one():
     assert history.dissipated_second_order == pytest.approx(history.dissipated, rel=1e-9)
 
 
+@pytest.mark.long
 def test_supports_that_drag_nodes_and_weights_that_never_give_way_count_alike():
     """Friction against what supports drag has the bounds of both ends, too; sticking costs nothing under any bound."""
     drag = vx.PrescribedDisplacement(lambda x, t: np.tile([0.1 * t, 0.0], (len(x), 1)), on="bottom")
@@ -83,6 +84,7 @@ def test_supports_that_drag_nodes_and_weights_that_never_give_way_count_alike():
     assert vx.simulate(stuck, vx.meshes.voronoi(5), TIMES).dissipated_second_order.max() < 1e-12
 
 
+@pytest.mark.long
 def test_viscous_losses_count_in_both():
     scene = vx.Scene(
         vx.Elasticity(200.0, 0.3),

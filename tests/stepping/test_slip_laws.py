@@ -70,6 +70,7 @@ def test_solvers_agree_within_their_certificates():
     assert totals[-1] < 1e-5 * np.sqrt(2 * runs[0].energy.max())
 
 
+@pytest.mark.long
 def test_a_law_of_the_slip_before_takes_one_convex_program_a_step():
     """Step by step it is Tresca's friction with the bounds that the slip has left."""
 
@@ -94,6 +95,7 @@ def test_a_law_of_the_slip_before_takes_one_convex_program_a_step():
     assert np.abs(told.displacement - lagged.displacement).max() < 1e-8 * scale
 
 
+@pytest.mark.long
 def test_without_softening_the_answer_is_the_same_and_an_estimate():
     known, unknown = (simulate(Law(weakening, k)) for k in (30.0, None))
     assert (known.certificate_kind, unknown.certificate_kind) == ("bound", "estimate")
@@ -101,6 +103,7 @@ def test_without_softening_the_answer_is_the_same_and_an_estimate():
     assert np.abs(known.displacement - unknown.displacement).max() < 1e-7 * scale
 
 
+@pytest.mark.long
 def test_coulomb_with_a_coefficient_that_wears_off():
     """A block pressed by p and sheared: friction mu(A) p, with A its slip, at every instant and node."""
     young, height, p, k = 26.0, 0.5, 2.0, 5.0
@@ -146,6 +149,7 @@ def worn_slope(t, forces, before):
 PRESSED = {"contact": vx.UnilateralContact(on="bottom"), "load": lambda x, t: to_and_fro(x, t) - [0.0, 9.0 * t]}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("solver", [vx.Newton(1e-9), vx.Clarabel(1e-6)], ids=["Newton", "Clarabel"])
 def test_coulomb_with_a_coefficient_of_the_slip_before_has_bounds(solver):
     """A law of pressure and the slip before the step alone is Coulomb's, with that coefficient in each step."""
@@ -163,6 +167,7 @@ def test_coulomb_with_a_coefficient_of_the_slip_before_has_bounds(solver):
     assert np.abs(unproven.displacement - history.displacement).max() < 10 * max(slack, 1e-7) * scale
 
 
+@pytest.mark.long
 def test_a_coefficient_that_stays_is_coulombs():
     kept = simulate(
         Law(lambda t, p, a, s: 0.3 * np.maximum(p, 0), pressed=True, slope=lambda t, p, a: np.where(p >= 0, 0.3, 0.0)),
@@ -286,6 +291,7 @@ def test_where_the_fixed_point_does_not_contract_a_sentence_says_where():
         simulate(Law(hardening))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("rise", [10.0, 100.0])
 def test_friction_that_hardens_is_convex_however_steep(rise):
     """A sheared block, g = g_0 + h A: a = (mu U / H - g_0) / (mu / H + h); plain iteration needs h < mu / H = 20."""
@@ -299,12 +305,14 @@ def test_friction_that_hardens_is_convex_however_steep(rise):
     assert np.abs(history.contact.slip[:, :, 0] - a[:, None]).max() < 1e-7 * a.max()
 
 
+@pytest.mark.long
 def test_friction_that_hardens_too_steeply_is_refused():
     said = "has one answer, which is not found: let weights"
     with pytest.raises(NotContracting, match=said):
         simulate(Law(lambda t, pressure, before, slip: 0.5 + 1e5 * slip, softening=0.0))
 
 
+@pytest.mark.long
 def test_what_settles_before_the_first_instant_is_no_slip():
     history = simulate(Law(weakening, 30.0), load=lambda x, t: to_and_fro(x, 0.3 + t), initial="settled")
     assert (history.contact.accumulated_slip[0] == 0).all()
@@ -314,6 +322,7 @@ def test_what_settles_before_the_first_instant_is_no_slip():
     ).all()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("condense", [True, False])
 def test_programs_of_steps_have_the_weights_that_their_slip_has_left(condense):
     history = simulate(Law(weakening, 30.0))
@@ -323,6 +332,7 @@ def test_programs_of_steps_have_the_weights_that_their_slip_has_left(condense):
         assert np.array_equal(np.sort(program.w), np.sort(history.trajectory.weights[n]))
 
 
+@pytest.mark.long
 def test_full_programs_have_the_same_answers():
     one, other = (simulate(Law(weakening, 30.0), condense=condense) for condense in (True, False))
     scale = np.abs(one.displacement).max()
@@ -330,6 +340,7 @@ def test_full_programs_have_the_same_answers():
     assert one.certificate_kind == other.certificate_kind == "bound"
 
 
+@pytest.mark.long
 def test_ground_that_moves_wears_friction_off():
     """A block held at its top on a belt: the friction of the block sheared over a floor at rest, to rounding."""
     belt = vx.effects.effect.Ground
@@ -358,6 +369,7 @@ def test_ground_that_moves_wears_friction_off():
     assert np.abs(carried.contact.accumulated_slip - sheared.contact.accumulated_slip).max() < 1e-9
 
 
+@pytest.mark.long
 def test_in_space_the_slip_is_that_of_a_disc():
     """A block sheared along a circle wears off alike in all of its nodes, and as fast as its path is long."""
 
@@ -415,6 +427,7 @@ def test_directions_may_be_any():
     assert contact.accumulated_slip[-1] == pytest.approx(moved, rel=1e-9)
 
 
+@pytest.mark.long
 def test_the_slip_so_far_is_written_and_read_for_both_bodies(tmp_path):
     lower, upper = vx.meshes.hexagons(2, box=((0, 1), (0, 1))), vx.meshes.squares(3, box=((0, 1), (1, 2)))
     scene = vx.Scene(
@@ -435,6 +448,7 @@ def test_the_slip_so_far_is_written_and_read_for_both_bodies(tmp_path):
         assert np.array_equal(written[nodes], slip[-1])
 
 
+@pytest.mark.long
 def test_there_is_no_error_budget_of_such_laws():
     with pytest.raises(vx.SceneError, match="error_budget: there is no estimate for Law: its weights depend on slip"):
         vx.error_budget(simulate(Law(weakening, 30.0)))

@@ -142,6 +142,7 @@ def test_condensed_and_not_are_one_answer(friction, linear):
     assert np.sqrt(change**2 @ one.contact.lengths / STIFFNESS) <= error <= 1e-8
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("friction", FRICTION)
 def test_the_ledger_of_refined_steps_has_what_soft_limits_store(friction):
     """E = 1/2 y'Ky + sum c p^2 / 2, and where all contact is closed work - dE - loss is that of the increments."""
@@ -160,6 +161,7 @@ def test_the_ledger_of_refined_steps_has_what_soft_limits_store(friction):
     np.testing.assert_allclose(left, stored(y[1] - y[0], p[1] - p[0]), rtol=0, atol=blur)
 
 
+@pytest.mark.long
 def test_soft_limits_act_where_they_are_exceeded_whatever_pressed_before():
     """Multipliers that begin at zero, or where nothing touches, end at those of the step: c p = z where z > 0."""
     system = pose_scene(grazing(1e-4, squares(4)), squares(4)).system
@@ -174,6 +176,7 @@ def test_soft_limits_act_where_they_are_exceeded_whatever_pressed_before():
         np.testing.assert_allclose(end, y, rtol=0, atol=8 * EPS * p.sum() / 1e-4)
 
 
+@pytest.mark.long
 def test_what_cannot_be_refined_says_what_helps():
     """Two limits read each node at the bottom, and no unknown is one limit's own."""
     scene, mesh = pressed(1e-4, vx.UnilateralContact(on="bottom", gap=0.003), push=0.0), squares(6)

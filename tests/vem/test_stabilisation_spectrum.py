@@ -57,6 +57,7 @@ def test_nu_changes_the_dilatation_alone():
     assert rows[1][2] / rows[2][2] == pytest.approx(1000, rel=0.02)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("family", [name for name in vx.meshes.FAMILIES if name not in OF_TRIANGLES])
 def test_bounded_on_every_family(family):
     mesh = vx.meshes.FAMILIES[family](4, seed=2)

@@ -133,7 +133,8 @@ WALKS = {
     "u, from the answer to a step to a VTU file": (
         displacement_to_file,
         "program/step_program.py program/operators.py stepping/ledger.py program/condensation.py linear/superlu.py "
-        "program/iterative_refinement.py results/contact.py vem/elasticity.py results/small_strains.py history.py",
+        "linear/products.py program/iterative_refinement.py results/contact.py vem/elasticity.py "
+        "results/small_strains.py history.py",
     ),
 }
 """What is traced, and the files beside the way: they use the number, or give it back to who called them."""

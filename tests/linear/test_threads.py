@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.sparse as sp
-from installed import needs
+from installed import needs, threaded
 from scenes import cyclic, paper_scene, small
 from threadpoolctl import ThreadpoolController
 from typer.testing import CliRunner
@@ -21,7 +21,6 @@ from vemcvx.cli.solver_names import on_threads
 from vemcvx.linear import default, pardiso
 from vemcvx.scene import pose_scene
 
-threaded = pytest.mark.skipif(pardiso._threaded() is None, reason="no threaded oneMKL (libmkl_rt) is installed")
 TIMES = np.linspace(0.0, 1.0, 7)
 NAMES = pardiso.THREADS, "MKL_NUM_THREADS", "OMP_NUM_THREADS"
 

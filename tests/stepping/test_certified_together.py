@@ -7,13 +7,14 @@ import dataclasses
 import numpy as np
 import pytest
 from identical import same
+from installed import threaded
 from interrupted import KINDS, TIMES
 from scenes import cyclic, paper_scene, small
 from stopped import Stopped, stop_at
 
 import vemcvx as vx
-from vemcvx.linear import pardiso
-from vemcvx.program.iterative_refinement import out_of_balance, residual
+from vemcvx.linear import residual
+from vemcvx.program.iterative_refinement import out_of_balance
 from vemcvx.scene import pose_scene
 from vemcvx.stepping import trajectory
 from vemcvx.stepping.backward_euler import first_state, states_of, steps_of
@@ -30,7 +31,6 @@ class Several(vx.SuperLU):
         return 2
 
 
-threaded = pytest.mark.skipif(pardiso._threaded() is None, reason="no threaded oneMKL (libmkl_rt) is installed")
 LINEAR = [pytest.param(Several(), id="two"), pytest.param(vx.Pardiso(threads=2), id="PARDISO", marks=threaded)]
 ON_ALL = {"state", "velocity", "initial", "gap", "floor", "sticking", "stuck", "seconds", "linear"}
 """Of a trajectory, what is of all unknowns, or of certificates that are."""

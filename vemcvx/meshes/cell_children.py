@@ -351,18 +351,15 @@ def _grouped(found: Cones, asked: Asked) -> Ints:
 
 def _hidden(found: Cones) -> Bools:
     """New faces with a corner inwards, of whose cones the centroid does not see all: they go with all of their side."""
-    shapes, follow, begin = (
-        face_shapes(found.points, found.offsets, found.nodes),
-        next_corner(found.offsets),
-        found.offsets,
-    )
+    shapes = face_shapes(found.points, found.offsets, found.nodes)
+    follow, begin = next_corner(found.offsets), found.offsets[:-1]
     here, normals = found.points[found.nodes], shapes.normals[found.of]
     edge, arm = here[follow] - here, here - shapes.centroids[found.of]
     turns = np.einsum("ij,ij->i", np.cross(edge, edge[follow]), normals)
     clear = np.einsum("ij,ij->i", np.cross(arm, edge), normals) / np.linalg.norm(edge, axis=1)
-    inwards = np.minimum.reduceat(turns, begin[:-1]) < -1e-9 * shapes.areas
-    size = np.maximum.reduceat(np.linalg.norm(arm, axis=1), begin[:-1])
-    hidden: Bools = inwards & (np.minimum.reduceat(clear, begin[:-1]) < CLEAR * size)
+    inwards = np.minimum.reduceat(turns, begin) < -1e-9 * shapes.areas
+    size = np.maximum.reduceat(np.linalg.norm(arm, axis=1), begin)
+    hidden: Bools = inwards & (np.minimum.reduceat(clear, begin) < CLEAR * size)
     return hidden
 
 

@@ -278,8 +278,9 @@ class TrescaFriction(Effect):
             space.require_plane(f"{subject}: backward=", instead)
         rows = space.part(self.on, "TrescaFriction", contact=True).node_normals
         bounds = _Bounds(subject, self, rows, space.mesh.points[rows.nodes])
-        acts: dict[str, Any] = {"law": Law(bounds.ramp, pressed=True, slope=bounds.slope, slips=False)}
-        if not closed:
+        if closed:
+            acts: dict[str, Any] = {"law": Law(bounds.ramp, pressed=True, slope=bounds.slope, slips=False)}
+        else:
             bias, steady = None if self.backward is None else bounds.bias, not varies(self.bound, self.backward)
             in_the_air = self.while_closed is None
             acts = {"weights": bounds.weights, "steady": steady, "bias": bias, "in_the_air": in_the_air}

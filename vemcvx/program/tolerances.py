@@ -29,7 +29,7 @@ ADAPTED         error of a step in `adapt`     target / 100   Errors of the mesh
 
 Whatever a solver claims, a step is accepted by its certificate, at 1 times the accuracy. Not parts of the accuracy are:
 the rounding floor, refused above a tenth of the energy norm (:mod:`vemcvx.stepping.posed_step`); and a given initial
-state, which may be out of balance by 1e-6 of it (:mod:`vemcvx.stepping.beginning`).
+state, which may be out of balance by 1e-6 of it (:mod:`vemcvx.stepping.backward_euler`).
 """
 
 from __future__ import annotations

@@ -15,8 +15,19 @@ from vemcvx.arrays import EPS, Bools, Floats, Ints
 from vemcvx.effects import Friction, Law, Obstacle
 from vemcvx.errors import SceneError, SceneWarning
 from vemcvx.program.operators import DraggedTerms, Limits, Norms, Rows
-from vemcvx.scene.contact_table import PARALLEL, ContactRows, merged, summing
-from vemcvx.scene.supports import Moving, Supports, along, freedom, normal_is_free, normal_rows, on_free
+from vemcvx.scene.supports import (
+    PARALLEL,
+    ContactRows,
+    Moving,
+    Supports,
+    along,
+    freedom,
+    merged,
+    normal_is_free,
+    normal_rows,
+    on_free,
+    summing,
+)
 from vemcvx.vem import tangents_of
 
 

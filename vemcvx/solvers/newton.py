@@ -81,7 +81,7 @@ from vemcvx.program.operators import (
 )
 from vemcvx.program.step_program import Answer, StepProgram
 from vemcvx.program.tolerances import FURTHER_GAP
-from vemcvx.solvers.projected_gradients import sweepable, swept
+from vemcvx.solvers.projected_gradients import swept
 from vemcvx.solvers.solver import Iterate, Solver
 from vemcvx.weight_law import PressureLaw
 
@@ -487,7 +487,7 @@ class Newton(Solver):
         beyond = 4 * EPS if program.operators.block == 1 else OVERRELAXATION
         start = Iterate(np.zeros(len(program.g)), (1.0 + beyond) * program.project(lam), pressed)
         operators = program.operators
-        if sweepable(operators) and isinstance(operators.K, np.ndarray) and operators.own_columns is not None:
+        if operators.sweepable and isinstance(operators.K, np.ndarray) and operators.own_columns is not None:
             start = swept(program, PressureLaw.given(program.w, len(program.e)), start)
         run.newton(start, shift)
         # The safeguard's first shifts are a hundred of the active sets'.

@@ -35,18 +35,23 @@ from vemcvx.arrays import EPS, Bools, Floats, columns, lengths, power_of_two
 from vemcvx.errors import NotCertified, SceneError
 from vemcvx.linear import residual
 from vemcvx.program.certificate import Certificate, limit_gaps, norm_gaps
-from vemcvx.program.condensation import Condensation, Reduced
-from vemcvx.program.iterative_refinement import full_certificate, needs_refinement, out_of_balance, refined, rounding
+from vemcvx.program.condensation import (
+    Condensation,
+    Reduced,
+    full_certificate,
+    needs_refinement,
+    out_of_balance,
+    refined,
+    rounding,
+)
 from vemcvx.program.operators import Operators
 from vemcvx.program.scaling import LARGEST_NORM, SMALLEST_NORM, checked_norm
 from vemcvx.program.step_program import Answer, StepProgram, fitting
 from vemcvx.program.tolerances import ASKED_AGAIN, INTERIOR
 from vemcvx.solvers import Solver
 from vemcvx.solvers.newton import Shifts
-from vemcvx.solvers.projected_gradients import sweepable
 from vemcvx.solvers.solver import named_failures
-from vemcvx.stepping.ledger import Rubbed, StepData, advance, advance_in_full
-from vemcvx.stepping.state import Earlier, PreparedRun, State
+from vemcvx.stepping.state import Earlier, PreparedRun, Rubbed, State, StepData, advance, advance_in_full
 
 log = logging.getLogger("vemcvx")
 
@@ -282,7 +287,7 @@ class PosedStep:
         """True if contact has pressed before, or sweeps tell where it will, and numbers can hold the step's energy."""
         scales = self.run.scaling
         norm = float(np.sqrt(scales.kappa)) * scales.size(self.program)
-        return (self.before.p.any() or sweepable(scales.operators)) and SMALLEST_NORM <= norm <= LARGEST_NORM
+        return (self.before.p.any() or scales.operators.sweepable) and SMALLEST_NORM <= norm <= LARGEST_NORM
 
     def _still(self, lam: Floats, status: str) -> State:
         """The state where it was, exactly."""

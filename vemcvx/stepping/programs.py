@@ -16,15 +16,16 @@ from vemcvx.program.system import System
 from vemcvx.solvers import Solver, Solves
 from vemcvx.solvers.conic import polished
 from vemcvx.stepping.backward_euler import (
+    Beginning,
     Steps,
     check_kinds,
     checked_times,
     first_state,
+    state_given,
     states_of,
     steps_of,
     threads_of_steps,
 )
-from vemcvx.stepping.beginning import Beginning, state_given
 from vemcvx.stepping.posed_step import certified_in_full
 from vemcvx.stepping.state import PreparedRun, State, prepare
 from vemcvx.stepping.trajectory import Trajectory

@@ -214,11 +214,11 @@ def _bounds_of_force(circle: Hypercircle, history: History, stepped: Sequence[St
 
 def warn_of(posed: PosedScene, results: Results) -> None:
     """Log warnings of what a run says that is not to be quoted, or that no small strain holds for."""
+    if left := small_strains_left(posed, results):
+        log.warning("%s", left)
     # An energy that is rounding: with strains of 1e-12 there is no less than this in a cell, or at a node.
     size = float(np.ptp(posed.space.mesh.points, axis=0).max())
     _warn_of_lost_work(results.trajectory, 1e-24 * size**2 * float(posed.A.diagonal().max(initial=0.0)))
-    if left := small_strains_left(posed, results):
-        log.warning("%s", left)
 
 
 def _warn_of_lost_work(run: Trajectory, still: float) -> None:

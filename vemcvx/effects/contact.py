@@ -310,7 +310,7 @@ def _rubbing(
 ) -> Contribution:
     """Friction that `acts` so on rows, over the ground and by the direction of an effect, and where it is reported."""
     points = space.mesh.points[rows.nodes]
-    ground = Ground.of(effect.ground, subject, points, rows.partners)
+    ground = None if effect.ground is None else Ground.of(effect.ground, subject, points, rows.partners)
     given: dict[str, Any] = {"direction": effect.direction, "across": effect.across}
     ellipse = Ellipse.of(space, subject, points, along=along, read=read, **given)
     friction = replace(Friction.of(rows, subject), ground=ground, ellipse=ellipse, **acts)

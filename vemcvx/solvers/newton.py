@@ -180,7 +180,7 @@ def answer_on(program: StepProgram, sets: Sets, near: Iterate | None = None) -> 
     soft = sets.act & (operators.compliance > 0)
     spring = np.divide(1.0, operators.compliance, out=np.zeros(len(soft)), where=soft)
     at_bound = program.w[:, None] * sets.direction
-    M, load = operators.K, program.g - program.multiplier_force(at_bound, -spring * program.e)
+    M, load = operators.K, program.g - operators.multiplier_force(at_bound, -spring * program.e)
     S: sp.csr_matrix | None = None
     bends = sets.curvature.any()
     if bends or soft.any():
@@ -200,11 +200,11 @@ def answer_on(program: StepProgram, sets: Sets, near: Iterate | None = None) -> 
         if bends and not iterative:
             return _turned(M, load, program, sets, columns)
         d, reaction, stopped = _held_coordinates(M, load, program, stick, stop, columns=columns, near=begin)
-    lam = (at_bound + np.einsum("ijk,ik->ij", H, program.slip(d)) if bends else at_bound).ravel()
-    lam[stick] = reaction
+    lam = at_bound + np.einsum("ijk,ik->ij", H, program.slip(d)) if bends else at_bound
+    lam.ravel()[stick] = reaction
     p = spring * program.excess(d)
     p[stop] = stopped
-    return Iterate(d, operators.blocks(lam), p)
+    return Iterate(d, lam, p)
 
 
 def _turned(M: Matrix, load: Floats, program: StepProgram, sets: Sets, columns: Ints) -> Iterate:

@@ -312,6 +312,7 @@ class PosedStep:
         d, lam = answer.d, answer.lam + self.bias
         answer = Answer(d, lam, answer.iterations, answer.status, safeguards=answer.safeguards, p=answer.p)
         before, operators, y, slip = self.before, self.run.operators, self.before.y + d, self.program.slip(d)
+        unbalanced = self.program.g + operators.rows.force_of(self.data.bias) - operators.force(d)
         rubbed = Rubbed(lam, slip, (before.weights, self.program.w), (before.bias, self.bias))
         ledger = advance(
             self.run.condensation, before.ledger, (before.data, self.data), y, answer=answer, rubbed=rubbed
@@ -322,7 +323,7 @@ class PosedStep:
         return State(
             t=self.data.t,
             y=y,
-            unbalanced=self.program.g + operators.rows.force_of(self.data.bias) - operators.force(d),
+            unbalanced=unbalanced,
             data=self.data,
             weights=self.program.w,
             lam=lam,

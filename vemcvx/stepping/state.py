@@ -389,7 +389,7 @@ class PreparedRun:
 
     def after(self, iterations: int) -> PreparedRun:
         """The run whose solver has taken so many of them."""
-        solver = self.solver.after(iterations)
+        solver = self.solver.after(iterations) if iterations else self.solver
         return self if solver is self.solver else self.asking(solver)
 
     def asking(self, solver: Solver) -> PreparedRun:

@@ -17,7 +17,7 @@ from vemcvx.arrays import Floats, Ints, brief, flag, shaped
 from vemcvx.bound.error_bound import Stepped, certain_intervals, of_steps, pairs_of
 from vemcvx.bound.hypercircle import Hypercircle, hypercircle
 from vemcvx.effects import PrescribedDisplacement, data
-from vemcvx.errors import SceneError
+from vemcvx.errors import WORTH_A_WORD, SceneError
 from vemcvx.history import History
 from vemcvx.linear import LinearSolver
 from vemcvx.meshes import AnyMesh, PolygonMesh, PolyhedralMesh
@@ -232,7 +232,7 @@ def _warn_of_lost_work(run: Trajectory, still: float) -> None:
     lost, better = float(run.dissipated[-1]), float(run.dissipated_second_order[-1])
     size = max(float(np.abs(works).max()), float(run.energy.max()))
     # On 16 x 16 squares the paper's scene loses .015 of its work in 64 steps, .058 in 16.
-    if not (lost > still and abs(first - second) > 0.05 * size):
+    if not (lost > still and abs(first - second) > WORTH_A_WORD * size):
         return
     log.warning(
         "time steps: displacements and stresses are not affected; for work and friction energy quote "
@@ -426,8 +426,6 @@ def _projected(initial: Projected, posed: PosedScene, times: Floats) -> Balanced
 # with the loads f, the forces F of supports and contact and the load s of initial stresses, by virtual work with u.
 
 
-LARGEST_STRAIN = 0.05
-"""Strains, and displacements in parts of the body, up to which squares of strains, .1 % of one, are left out."""
 Found = tuple[float, str]  # A strain, or a displacement in parts of the body, and what to say of it.
 
 
@@ -456,7 +454,7 @@ def _strains(space: Space, results: Results, rows: Ints) -> Iterator[Found]:
     volumes = mesh.areas if isinstance(mesh, PolygonMesh) else mesh.volumes
     k = int(np.argmax(size))
     # At a singular corner some strain is that large, if only the mesh is fine.
-    if volumes[size > LARGEST_STRAIN].sum() > 0.01 * volumes.sum():
+    if volumes[size > WORTH_A_WORD].sum() > 0.01 * volumes.sum():
         yield float(size[k]), f"a strain of {size[k]:.2g} {_where(results, mesh.centroids[k], row)}"
 
 
@@ -475,7 +473,7 @@ def _motions(results: Results, rows: Ints) -> Iterator[Found]:
     size = extent(mesh.points)
     parts = np.array([extent(results.displacement[row]) for row in rows.tolist()]) / size
     # Differences are the diagonal of their box at most, and its longest edge at least.
-    near = np.argwhere(parts >= max(LARGEST_STRAIN, parts.max() / np.sqrt(mesh.points.shape[1])))
+    near = np.argwhere(parts >= max(WORTH_A_WORD, parts.max() / np.sqrt(mesh.points.shape[1])))
     nodes, largest = np.split(order, begin[1:]), (0.0, "")
     for at, one in near.tolist():
         row = int(rows[at])
@@ -486,7 +484,7 @@ def _motions(results: Results, rows: Ints) -> Iterator[Found]:
             places = " and ".join(coordinates(mesh.points[nodes[one][k]]) for k in (p, q))
             words = f"displacements that differ by {apart:.3g} in a body of the size {size[one]:.3g}"
             largest = apart / size[one], f"{words}, between {places}, t = {float(results.times[row]):.6g}"
-    if largest[0] > LARGEST_STRAIN:
+    if largest[0] > WORTH_A_WORD:
         yield largest
 
 

@@ -39,7 +39,7 @@ from vemcvx.estimate.quantities import StepErrors, errors_of_steps, value_of, wi
 from vemcvx.history import History
 from vemcvx.meshes import AnyMesh
 from vemcvx.outline import Outline, Outlined
-from vemcvx.program.tolerances import ADAPTED
+from vemcvx.program.tolerances import UNSEEN
 from vemcvx.results.quoted import SINGULAR, growth
 from vemcvx.results.results import largest_values, record
 from vemcvx.scene import Scene
@@ -541,4 +541,4 @@ def _lenient(given: Solver | Solves | None, target: float) -> Solver | None:
         return None
     solver = as_solver(given)
     solver.check_accuracy()
-    return solver if solver.accuracy >= ADAPTED * target else solver.asked(ADAPTED * target)
+    return solver if solver.accuracy >= UNSEEN * target else solver.asked(UNSEEN * target)

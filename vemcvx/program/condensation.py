@@ -75,7 +75,7 @@ from vemcvx.program.kernel import anchors
 from vemcvx.program.operators import Operators, restricted, shifted, transverse
 from vemcvx.program.scaling import scaling, unit_diagonal
 from vemcvx.program.system import System
-from vemcvx.program.tolerances import COARSE_FACTORS
+from vemcvx.program.tolerances import UNSEEN
 
 SAME_FIELD = 8 * EPS
 """Residuals of a load on the shapes solved for below this times the load are rounding, and are dropped. A shape that
@@ -476,14 +476,14 @@ TAIL = float(fdtri(1, SAMPLES, 1 - 1e-6))
 
 
 def needs_refinement(condensation: Condensation, accuracy: float) -> bool:
-    """Return True if one solve with the factors, or with S, errs by more than COARSE_FACTORS of `accuracy`.
+    """Return True if one solve with the factors, or with S, errs by more than UNSEEN of `accuracy`.
 
     Residuals in double precision are good enough to tell. Tried on the response x to a force of one on every unknown,
     which the softest motions answer, and on the response w to S x_c: what K w is on the retained unknowns, S w_c is.
     (On x itself this would tell how well the solver holds x_c, which is known to 1e-11 only at 131k unknowns.) Where
     a sample of what solves lose leaves no doubt neither is tried.
     """
-    enough = (COARSE_FACTORS * accuracy) ** 2
+    enough = (UNSEEN * accuracy) ** 2
     operators, c, K = condensation.operators, condensation.retained, condensation.system.K
     # A solve may lose more, in squares, than a sample: on 72 systems, among them slender ones, up to 29 times.
     if 100.0 * condensation.factor.lost <= enough:

@@ -37,8 +37,6 @@ from vemcvx.vem.boundary import CURVE
 
 CELLS = 1.5
 """How far means go, in h."""
-BALANCED = 1e-14
-"""Of K |phi| from 1. Each round comes nearer by a factor; a hundred rounds end it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,11 +87,12 @@ class ContactFaces:
 
     def smoothed(self, forces: Floats, lengths: Floats) -> Floats:
         """The means p (S, m), R_i / int phi_i where no face is."""
-        k, d = self._nearness(), np.ones(len(lengths))
-        for _ in range(100):
-            off = d * (k @ (d * lengths))
-            d /= np.sqrt(off)
-            if np.abs(off - 1.0).max() < BALANCED:
+        k, d, nearest = self._nearness(), np.ones(len(lengths)), np.inf
+        for _ in range(100):  # Each round comes nearer by a factor, until rounding ends that.
+            of_one = d * (k @ (d * lengths))
+            d /= np.sqrt(of_one)
+            before, nearest = nearest, float(np.abs(of_one - 1.0).max())
+            if nearest >= before:
                 break
         return (d[:, None] * (k @ (d[:, None] * forces.T))).T
 

@@ -38,16 +38,15 @@ from vemcvx.errors import SceneError, VemcvxError
 from vemcvx.program.system import DRAG_ROUNDING
 from vemcvx.vem import tangents_of
 
-Acting = Friction | Obstacle | ContactSurface
 Part = TypeVar("Part", Friction, Obstacle, ContactSurface)
 
 PARALLEL = 1e-9  # Rounding of unit directions that are one.
 STRAIGHT = 1e-2
-"""Directions of several conditions that differ by less are one: no mesh is meant to resolve corners of half a degree,
-and straight sides with points of four digits have such."""
+"""Directions of several conditions, and motions, that differ by less are one: no mesh is meant to resolve corners of
+half a degree, and straight sides with points of four digits have such."""
 
 
-def pairs_of(parts: Sequence[Acting | Support]) -> tuple[Ints, Ints]:
+def pairs_of(parts: Sequence[Friction | Obstacle | ContactSurface | Support]) -> tuple[Ints, Ints]:
     """The nodes (m,) of the rows of all parts, one part after the other, and their partners (m,), or -1."""
     none = np.zeros(0, dtype=np.int64)
     alone = [np.full(len(part.nodes), -1) if part.partners is None else part.partners for part in parts]
@@ -99,7 +98,7 @@ class ContactRows:
     names: Ints  # (e, 2) of each end its node, and the other node of its edge; -1 for all of a part without `ends`
 
     @classmethod
-    def of(cls, parts: Sequence[Acting], dim: int) -> ContactRows:
+    def of(cls, parts: Sequence[Friction | Obstacle | ContactSurface], dim: int) -> ContactRows:
         """The rows of all parts, one after the other."""
         nodes, partners = pairs_of(parts)
         row, beyond, half, first = [nodes[:0]], [nodes[:0]], [np.zeros(0)], 0
@@ -191,7 +190,7 @@ def merged(
     return np.concatenate(first), term
 
 
-def straightened(earlier: Sequence[Support | Acting], parts: Sequence[Part]) -> tuple[Part, ...]:
+def straightened(earlier: Sequence[Support | Friction | Obstacle], parts: Sequence[Part]) -> tuple[Part, ...]:
     """The parts, with the directions of earlier ones at the same nodes where their normals are nearly these."""
     if not parts:
         return ()

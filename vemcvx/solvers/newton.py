@@ -80,7 +80,7 @@ from vemcvx.program.operators import (
     transverse,
 )
 from vemcvx.program.step_program import Answer, StepProgram
-from vemcvx.program.tolerances import FURTHER_GAP
+from vemcvx.program.tolerances import UNSEEN
 from vemcvx.solvers.projected_gradients import swept
 from vemcvx.solvers.solver import Iterate, Solver
 from vemcvx.weight_law import PressureLaw
@@ -89,10 +89,6 @@ SHIFT = 0.1
 """Of the sets, in units of one over the flexibilities. At .1 the paper's scene takes 3-7 iterations from a cold start;
 at 1 and beyond undamped active sets cycle on it, and degenerate terms (|lam_i| = w_i, s_i = 0) count as slipping for a
 rounding error of s_i: the gap is linear in that slip."""
-
-INEXACT = 0.03
-"""Part of the forces out of balance that iterative linear solvers leave of them at each set: of 12 steps in space .1
-takes a half more sets and a tenth more conjugate gradients, .01 as many sets and as many of these."""
 
 
 @dataclass(frozen=True)
@@ -174,7 +170,7 @@ TURNS = 20
 def answer_on(program: StepProgram, sets: Sets, near: Iterate | None = None) -> Iterate:
     """The point that the sets lead to; its multipliers are not yet projected.
 
-    Where linear systems are solved iteratively, from the point `near`, if there is one, and as far as INEXACT says.
+    Where linear systems are solved iteratively, from the point `near`, if there is one, and as far as UNSEEN says.
     """
     operators = program.operators
     soft = sets.act & (operators.compliance > 0)
@@ -298,7 +294,7 @@ def _held_coordinates(
     free[columns] = False
     cycle = None if near is None else operators.factor.cycle(near[1], free)
     if cycle is not None:
-        d = corrected(M, d, load, free, cycle=cycle, part=INEXACT)
+        d = corrected(M, d, load, free, cycle=cycle, part=UNSEEN)
     else:
         F = np.flatnonzero(free)
         rest = load - M @ d if value.any() else load
@@ -544,7 +540,7 @@ class _Search:
     @property
     def enough(self) -> float:
         """The gap at which to stop; below the target iterations go on, where each is cheap and gains."""
-        return self.target if self.stationary or not self.exact else FURTHER_GAP * self.target
+        return self.target if self.stationary or not self.exact else UNSEEN**2 * self.target
 
     @property
     def exact(self) -> bool:

@@ -45,7 +45,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from vemcvx.arrays import Floats, as_real_array, brief, check_takes, flag, shaped
-from vemcvx.errors import SceneError
+from vemcvx.errors import WORTH_A_WORD, SceneError
 from vemcvx.linear import LinearSolver
 from vemcvx.linear.default import one_thread
 from vemcvx.program.operators import energy_norm
@@ -101,9 +101,6 @@ class QuasistaticSteps:
         if run.check:
             require_certified(run, state, n)
         return state
-
-
-Steps = QuasistaticSteps | ViscousSteps
 
 
 def nothing_dragged(system: System, t: float, p: Floats) -> Dragged:
@@ -215,7 +212,7 @@ def march(
 
 
 def states_of(
-    run: PreparedRun, steps: Steps, instants: Floats, begin: int, state: State
+    run: PreparedRun, steps: QuasistaticSteps | ViscousSteps, instants: Floats, begin: int, state: State
 ) -> Iterator[tuple[int, State]]:
     """Yield the number of each step after the step `begin`, which ended in `state`, and the state that it leads to."""
     if run.system.damping is not None:
@@ -237,7 +234,7 @@ def threads_of_steps(system: System, condense: bool, linear: LinearSolver) -> Ab
     return one_thread(unknowns if linear.eliminates else 0, linear.cores)
 
 
-def steps_of(run: PreparedRun, instants: Floats) -> Steps:
+def steps_of(run: PreparedRun, instants: Floats) -> QuasistaticSteps | ViscousSteps:
     """The steps of a run, viscous or not."""
     damping = run.system.damping
     return QuasistaticSteps(run) if damping is None else ViscousSteps(run, damping, instants)
@@ -333,9 +330,8 @@ FAR = 3.0
 """The jump of P^h u_0 into (2.1), in parts of its distance from the nodal values of u_0, beyond which a warning is due.
 
 Both fall with h where u_0 obeys (2.1), and the jump is .23 to 2.2 of the distance on all families of 1/2 to 1/16, on
-manufactured full slip; where it does not, the jump stays, and was 7 to 320 of the distance. FAR_NORM, in parts of the
-norm, is for displacements that are linear or nearly so, whose nodal values are P^h u_0."""
-FAR_NORM = 0.02
+manufactured full slip; where it does not, the jump stays, and was 7 to 320 of the distance. The part of the norm beside
+it is for displacements that are linear or nearly so, whose nodal values are P^h u_0."""
 
 
 def _from_balanced(run: PreparedRun, now: StepData, initial: Balanced) -> State:
@@ -354,7 +350,7 @@ def _from_balanced(run: PreparedRun, now: StepData, initial: Balanced) -> State:
     begun = replace(begun, size=max(begun.size, given.ledger.norm))
     jump, apart, norm = energy_norm(K, begun.unknowns - y), energy_norm(K, y - initial.near), begun.ledger.norm
     said = f"initial: one step at t = {now.t:.6g} moves P^h u_0 by {jump:.3g} in the energy norm, which is {norm:.3g}"
-    if jump > FAR * apart + FAR_NORM * norm:
+    if jump > FAR * apart + WORTH_A_WORD * norm:
         log.warning(
             f"{said}: u_0 violates condition (2.1), and the run begins where the body settles. Loads at the first "
             "instant and the friction that holds there are to balance the stresses of u_0."

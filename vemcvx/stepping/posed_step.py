@@ -47,7 +47,7 @@ from vemcvx.program.condensation import (
 from vemcvx.program.operators import Operators
 from vemcvx.program.scaling import LARGEST_NORM, SMALLEST_NORM, checked_norm
 from vemcvx.program.step_program import Answer, StepProgram, fitting
-from vemcvx.program.tolerances import ASKED_AGAIN, INTERIOR
+from vemcvx.program.tolerances import SHARE
 from vemcvx.solvers import Solver
 from vemcvx.solvers.newton import Shifts
 from vemcvx.solvers.solver import named_failures
@@ -271,7 +271,7 @@ class PosedStep:
         for _ in range(2):
             if best.accepted(accuracy) or spent >= self.run.most:
                 break
-            size = ASKED_AGAIN * min(size, best.unit(accuracy))
+            size = SHARE * min(size, best.unit(accuracy))
             if best.unit(accuracy) > 0:
                 # Of a body that is carried far this is much less than the motion of its unknowns let expect.
                 alpha = min(alpha, float(power_of_two(best.unit(accuracy) / np.sqrt(scales.kappa))))
@@ -387,7 +387,7 @@ def _balanced(run: PreparedRun, state: State, phi: Floats) -> tuple[Floats, Floa
 def _in_full(run: PreparedRun, state: State, y: Floats, balanced: tuple[Floats, Floats], full: Certificate) -> State:
     """The state with all unknowns y, refined inside where these miss the accuracy, and certificates of both systems."""
     (force, held), own = balanced, state.certificate
-    if full.error > INTERIOR * run.accuracy * state.unit(run.accuracy) and len(state.y) < run.system.n:
+    if full.error > SHARE * run.accuracy * state.unit(run.accuracy) and len(state.y) < run.system.n:
         r = residual(force, run.system.K, y, held)
         y = run.condensation.refine_interior(y, r)
         full = full_certificate(run.condensation, force, y, held, own)

@@ -30,7 +30,7 @@ from vemcvx.errors import NotContracting
 from vemcvx.linear import residual
 from vemcvx.program.condensation import rounding
 from vemcvx.program.system import Damping
-from vemcvx.program.tolerances import VISCOUS
+from vemcvx.program.tolerances import SHARE
 from vemcvx.stepping.fixed_point import solved
 from vemcvx.stepping.posed_step import PosedStep, certified_in_full, data_norms, pose_step, require_certified
 from vemcvx.stepping.state import (
@@ -68,7 +68,7 @@ class ViscousSteps:
             # The accuracy asked was relative to the increment's norm in K_0 + K_1 / k; it is meant relative to the
             # state's in K_0. A solver at its rounding floor gives nothing better, or fails.
             with suppress(NotContracting):
-                sharper, _ = self._stepped(before, n, t, VISCOUS * state.unit(accuracy) / asked)
+                sharper, _ = self._stepped(before, n, t, SHARE * state.unit(accuracy) / asked)
                 best = min(state, sharper, key=lambda found: found.certificate.gap)
                 state = replace(best, iterations=state.iterations + sharper.iterations)
         if self._run.check:

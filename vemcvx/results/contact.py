@@ -1,4 +1,4 @@
-"""The contact boundary over time, from what a march leaves.
+"""The boundary over time, from what a march leaves: contact, and the sides by which corners are judged.
 
 Slips are tangential parts of nodal displacements, (I - n n') u, less that of the ground. All forces are over int phi_i
 of their own edges, those of contact or those with friction, and at corners both sides count, forces and edges:

@@ -88,10 +88,11 @@ class ContactFaces:
     def smoothed(self, forces: Floats, lengths: Floats) -> Floats:
         """The means p (S, m), R_i / int phi_i where no face is."""
         k, d, nearest = self._nearness(), np.ones(len(lengths)), np.inf
-        for _ in range(100):  # Each round comes nearer by a factor, until rounding ends that.
-            of_one = d * (k @ (d * lengths))
-            d /= np.sqrt(of_one)
-            before, nearest = nearest, float(np.abs(of_one - 1.0).max())
+        for _ in range(100):
+            off = d * (k @ (d * lengths))
+            d /= np.sqrt(off)
+            # Of log d the step is 1/2 - 1/2 (a mean with weights): the largest change never grows, but by rounding.
+            before, nearest = nearest, float(np.abs(np.log(off)).max())
             if nearest >= before:
                 break
         return (d[:, None] * (k @ (d[:, None] * forces.T))).T

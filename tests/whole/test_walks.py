@@ -202,7 +202,7 @@ LENGTHS = {
     bound_to_newton: (("solvers/newton.py", "answer_on"), 9, 3),
     young_to_stiffness: (("program/system.py", "System.__post_init__"), 5, 2),
     accuracy_to_option: (("solvers/conic.py", "OfGap.at"), 11, 4),
-    displacement_to_file: (("meshes/io/vtk.py", "write_cells"), 15, 7),
+    displacement_to_file: (("meshes/io/vtk.py", "write_cells"), 15, 6),
     coefficient_to_certificate: (None, 7, 5),
     pair_to_files: (("results/files.py", "write_archive"), 8, 3),
 }

@@ -62,8 +62,7 @@ from vemcvx.canvas import light_grid, new_figure, plain_logarithms
 from vemcvx.plots.style import MARKERS, SERIES
 from vemcvx.scene import pose_scene
 from vemcvx.solvers.conic import installed
-from vemcvx.stepping.backward_euler import QuasistaticSteps
-from vemcvx.stepping.beginning import initial_state
+from vemcvx.stepping.backward_euler import QuasistaticSteps, initial_state
 from vemcvx.stepping.posed_step import certified_in_full
 from vemcvx.stepping.state import prepare
 

@@ -52,14 +52,13 @@ from vemcvx.estimate.budget import ErrorBudget, error_budget
 from vemcvx.estimate.quantities import quantities
 from vemcvx.exchange import read_program, write_program
 from vemcvx.history import History, read_history
-from vemcvx.initial_displacement import projected
 from vemcvx.linear import LinearSolver, Multigrid, Pardiso, PETSc, SuperLU
 from vemcvx.meshes import PolygonMesh, PolyhedralMesh
 from vemcvx.program import Answer, Certificate, Damping, Limits, Norms, Operators, SolvedProgram, StepProgram, System
 from vemcvx.results.contact import Contact
 from vemcvx.results.quoted import Quantity
 from vemcvx.scene import Scene
-from vemcvx.simulation import instants, programs, simulate
+from vemcvx.simulation import instants, programs, projected, simulate
 from vemcvx.solvers import OSQP, Clarabel, Direct, Newton, Solver, ThroughCvxpy
 from vemcvx.stepping import Trajectory, march
 from vemcvx.vem import Stabilisation

@@ -1,4 +1,4 @@
-"""From a scene, a mesh and instants to a history."""
+"""From a scene, a mesh, instants and where it begins to a history, and what that is not to be quoted for."""
 
 from __future__ import annotations
 
@@ -6,32 +6,34 @@ import logging
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vemcvx.arrays import Floats, brief, flag
+from vemcvx.arrays import Floats, Ints, brief, flag, shaped
 from vemcvx.bound.error_bound import Stepped, certain_intervals, of_steps, pairs_of
 from vemcvx.bound.hypercircle import Hypercircle, hypercircle
-from vemcvx.effects import PrescribedDisplacement
-from vemcvx.errors import SceneError
+from vemcvx.effects import PrescribedDisplacement, data
+from vemcvx.errors import WORTH_A_WORD, SceneError
 from vemcvx.history import History
-from vemcvx.initial_displacement import Projected, free_unknowns
 from vemcvx.linear import LinearSolver
 from vemcvx.meshes import AnyMesh, PolygonMesh, PolyhedralMesh
+from vemcvx.meshes.polygons import smallest_linked
+from vemcvx.outline import coordinates
 from vemcvx.program import SolvedProgram
-from vemcvx.results import small_strains
 from vemcvx.results.results import Results, loop_of, record, with_origin
 from vemcvx.scene import Scene
 from vemcvx.scene.pose import PosedScene, pose_scene, unwarned
+from vemcvx.scene.scene import InitialStresses
 from vemcvx.solvers import Solver, Solves
-from vemcvx.stepping.backward_euler import checked_times, march
+from vemcvx.stepping.backward_euler import ROUNDED_LOAD, Balanced, Beginning, checked_times, march
 from vemcvx.stepping.course import course, inside_steps
 from vemcvx.stepping.programs import programs_of_march
 from vemcvx.stepping.trajectory import Folder, Memory, Storage, Trajectory
+from vemcvx.vem import Space, mean_strains, principal, strains, stress_load, stresses
 
 log = logging.getLogger("vemcvx")
 
@@ -212,11 +214,11 @@ def _bounds_of_force(circle: Hypercircle, history: History, stepped: Sequence[St
 
 def warn_of(posed: PosedScene, results: Results) -> None:
     """Log warnings of what a run says that is not to be quoted, or that no small strain holds for."""
+    if left := small_strains_left(posed, results):
+        log.warning("%s", left)
     # An energy that is rounding: with strains of 1e-12 there is no less than this in a cell, or at a node.
     size = float(np.ptp(posed.space.mesh.points, axis=0).max())
     _warn_of_lost_work(results.trajectory, 1e-24 * size**2 * float(posed.A.diagonal().max(initial=0.0)))
-    if left := small_strains.warning(posed, results):
-        log.warning("%s", left)
 
 
 def _warn_of_lost_work(run: Trajectory, still: float) -> None:
@@ -230,7 +232,7 @@ def _warn_of_lost_work(run: Trajectory, still: float) -> None:
     lost, better = float(run.dissipated[-1]), float(run.dissipated_second_order[-1])
     size = max(float(np.abs(works).max()), float(run.energy.max()))
     # On 16 x 16 squares the paper's scene loses .015 of its work in 64 steps, .058 in 16.
-    if not (lost > still and abs(first - second) > 0.05 * size):
+    if not (lost > still and abs(first - second) > WORTH_A_WORD * size):
         return
     log.warning(
         "time steps: displacements and stresses are not affected; for work and friction energy quote "
@@ -303,3 +305,249 @@ def check_kinds(scene: object, mesh: object) -> None:
 def _log(step: int, steps: int) -> None:
     if step * 10 // steps > (step - 1) * 10 // steps:
         log.info("step %d of %d", step, steps)
+
+
+@dataclass(frozen=True)
+class Projected:
+    """P^h u_0: see :func:`vemcvx.projected`, which makes it."""
+
+    displacement: data.Datum
+
+
+def projected(displacement: data.Datum) -> Projected:
+    """The energy projection P^h u_0 of an initial displacement, ``simulate(..., initial=vx.projected(u_0))``.
+
+    a^h(P^h u_0, v) = a(u_0, v) for all v of V^h, (2.11) and (3.26), up to O(h): on every mesh the discrete displacement
+    with the stresses of u_0. Of C eps(u_0) cells know the mean alone, for v is virtual, and what that leaves out of
+    a(u_0, v) is of the order of (3.18); it is nothing where u_0 is linear. u_0 is read on edges, in space on faces,
+    where its strains are not asked for (:mod:`vemcvx.vem.loads`).
+
+    **The run begins one step further.** Condition (2.1), a(u_0, v) + j(v) >= <l(0), v>, says that the loads at times[0]
+    and friction within its bounds balance the stresses of u_0. A u_0 that obeys it gives a P^h u_0 that obeys it on the
+    mesh up to O(h), for loads and friction are integrated by other rules. State 0 is the end of one step at times[0]
+    from P^h u_0, which obeys it by construction, (2.13), and is as near to u_0 by order, O(h). With Viscosity, where
+    nothing like (2.1) is asked, it is P^h u_0 itself. How far that step goes is logged, and where it is more than the
+    mesh accounts for a warning says that u_0 violates (2.1).
+
+    Parameters
+    ----------
+    displacement : callable f(x, t) -> (m, dim)
+        u_0 at points x (m, dim), with the supports' values there; t is times[0].
+
+    Returns
+    -------
+    Projected
+        It knows no mesh: `adapt`, studies and problem files (``initial = vx.projected(u_0)``) take it alike.
+
+    Raises
+    ------
+    SceneError
+        It is no function.
+
+    Examples
+    --------
+    >>> def bent(x, t):
+    ...     return 1e-3 * np.column_stack([x[:, 0] * x[:, 1], -0.5 * x[:, 0] ** 2])
+    >>> history = vx.simulate(scene, mesh, times, initial=vx.projected(bent))  # doctest: +SKIP
+    """
+    if not callable(displacement):
+        raise SceneError(
+            f"projected: found {brief(displacement)}; wanted a function f(x, t) of points (m, dim) that gives their "
+            "displacements. Values at the nodes of one mesh go to initial= as they are."
+        )
+    return Projected(displacement)
+
+
+def free_unknowns(initial: ArrayLike | str | Projected | None, posed: PosedScene, times: Floats) -> Beginning:
+    """The free unknowns of an initial displacement, at the first of the times; words pass."""
+    if isinstance(initial, str):
+        return initial
+    if isinstance(initial, Projected):
+        return _projected(initial, posed, times)
+    points = posed.space.mesh.points
+    kinds = "one row a node, or None, 'equilibrium', 'settled' or vx.projected(f)"
+    wanted = f"displacements of shape {points.shape}, {kinds}"
+    if callable(initial):
+        raise SceneError(
+            f"initial: found the function {brief(initial)}; wanted {wanted}. A displacement as a function f(x, t) of "
+            "place goes in as vx.projected(f), which takes it to the mesh."
+        )
+    u = np.zeros(points.shape) if initial is None else shaped(initial, "initial", wanted, points.shape)
+    if (bad := ~np.isfinite(u).all(axis=1)).any():
+        raise SceneError(f"initial: found NaN or infinity at node {int(np.argmax(bad))}; wanted finite {wanted}.")
+    return _within_supports(u, posed, times)
+
+
+def _within_supports(u: Floats, posed: PosedScene, times: Floats) -> Floats:
+    """The free unknowns of nodal displacements (n_nodes, dim), or SceneError where supports hold others."""
+    t, points = float(times[0]), posed.space.mesh.points
+    P, held = posed.supports.P, posed.supports.motion(t)
+    y: Floats = P.T @ (u.ravel() - held)
+    off = np.abs(P @ y + held - u.ravel())
+    known = off.max() <= 1e-9 * max(np.abs(u).max(), np.abs(held).max())
+    # Of supports that move later, rounding may be all that there is now.
+    if not known and off.max() > ROUNDED_LOAD * max(np.abs(posed.supports.motion(t)).max() for t in times.tolist()):
+        node = int(np.argmax(off)) // points.shape[1]
+        raise SceneError(
+            f"initial: the displacement {u[node]} of node {node} at {points[node]} contradicts its supports at "
+            f"t = {t:.6g}, by {off.max():.6g}. Give an initial displacement that obeys them, or initial='settled'."
+        )
+    return y
+
+
+def _projected(initial: Projected, posed: PosedScene, times: Floats) -> Balanced:
+    """The forces a(u_0, v) over the free unknowns, with the nodal values of u_0."""
+    t, space = float(times[0]), posed.space
+
+    def u_0(x: Floats) -> Floats:
+        return data.vector(initial.displacement, x, t, "initial: projected")
+
+    nodal = u_0(space.mesh.points)
+    near = _within_supports(nodal, posed, times)
+    stress = stresses(posed.material.moduli, mean_strains(space, u_0))
+    force: Floats = stress_load(space) @ stress.ravel()
+    if posed.springs is not None:
+        force = force + posed.springs @ nodal.ravel()
+    return Balanced(posed.supports.gather(force - posed.A @ posed.supports.motion(t)), near)
+
+
+# The small strains of a run: where they are left, by how much, and what is the likely cause.
+#
+# Linear elasticity and contact between the nodes that lie opposite at the start hold while strains, turns and slips are
+# small. A run that leaves them is answered, and certified, all the same, as when Young's modulus is given in GPa and
+# loads in MPa. Looked at are 16 stored instants at most, that of the largest energy among them.
+#
+# A body that is a tenth shorter is past the linear model, and nothing is wrong with its units. Those are suspected
+# where strains, or displacements in parts of the body, are of the order of one; and then in what does most of the work,
+# for
+#
+#     a(u, u) = f . u + F . u + s . u
+#
+# with the loads f, the forces F of supports and contact and the load s of initial stresses, by virtual work with u.
+
+
+Found = tuple[float, str]  # A strain, or a displacement in parts of the body, and what to say of it.
+
+
+def small_strains_left(posed: PosedScene, results: Results) -> str:
+    """A sentence on what is largest and where, if small strains are left; else empty."""
+    count = len(results.stored)
+    energies = results.energy
+    rows = np.unique([*np.linspace(0, count - 1, min(16, count)).astype(int), int(np.argmax(energies))])
+    found = [*_strains(posed.space, results, rows), *_motions(results, rows), *_slips(results, rows)]
+    if not found:
+        return ""
+    said = f"small strains are left: {'; '.join(words for _, words in found)}."
+    # From a half on, units are suspected.
+    if max(size for size, _ in found) < 0.5:
+        return f"{said} The linear model, of small strains, turns and slips, does not hold there."
+    return f"{said} {_cause(posed, results, int(rows[np.argmax(energies[rows])]))}"
+
+
+def _strains(space: Space, results: Results, rows: Ints) -> Iterator[Found]:
+    """The largest principal strain, at the instant of the largest energy."""
+    row = int(rows[np.argmax(results.energy[rows])])
+    strain = strains(space, results.displacement[row])
+    tensor = strain.copy()
+    tensor[:, space.dim :] *= 0.5
+    size, mesh = np.abs(principal(tensor)).max(axis=1), space.mesh
+    volumes = mesh.areas if isinstance(mesh, PolygonMesh) else mesh.volumes
+    k = int(np.argmax(size))
+    # At a singular corner some strain is that large, if only the mesh is fine.
+    if volumes[size > WORTH_A_WORD].sum() > 0.01 * volumes.sum():
+        yield float(size[k]), f"a strain of {size[k]:.2g} {_where(results, mesh.centroids[k], row)}"
+
+
+def _motions(results: Results, rows: Ints) -> Iterator[Found]:
+    """The largest difference of displacements in a body: what all of it moves by strains nothing."""
+    mesh = results.mesh
+    body = _bodies(mesh)
+    order = np.argsort(body, kind="stable")
+    begin = np.flatnonzero(np.diff(body[order], prepend=-1))
+
+    def extent(values: Floats) -> Floats:
+        """(bodies,) the diagonal of the box around values (n_nodes, dim) of each body."""
+        low, high = (of.reduceat(values[order], begin, axis=0) for of in (np.minimum, np.maximum))
+        return np.linalg.norm(high - low, axis=1)
+
+    size = extent(mesh.points)
+    parts = np.array([extent(results.displacement[row]) for row in rows.tolist()]) / size
+    # Differences are the diagonal of their box at most, and its longest edge at least.
+    near = np.argwhere(parts >= max(WORTH_A_WORD, parts.max() / np.sqrt(mesh.points.shape[1])))
+    nodes, largest = np.split(order, begin[1:]), (0.0, "")
+    for at, one in near.tolist():
+        row = int(rows[at])
+        u = results.displacement[row][nodes[one]]
+        p, q = farthest(u)
+        apart = float(np.linalg.norm(u[p] - u[q]))
+        if apart > largest[0] * size[one]:
+            places = " and ".join(coordinates(mesh.points[nodes[one][k]]) for k in (p, q))
+            words = f"displacements that differ by {apart:.3g} in a body of the size {size[one]:.3g}"
+            largest = apart / size[one], f"{words}, between {places}, t = {float(results.times[row]):.6g}"
+    if largest[0] > WORTH_A_WORD:
+        yield largest
+
+
+def farthest(points: Floats) -> tuple[int, int]:
+    """Two of points (n, dim) that lie farthest apart, to a percent.
+
+    The outermost in 64 directions are a beginning, from which each is moved to the point that is farthest from the
+    other, as long as that gains.
+    """
+    ways = np.random.default_rng(0).normal(size=(64, points.shape[1]))
+    along = (points @ way for way in (*ways, *np.eye(points.shape[1])))
+    outer = np.unique([[one.argmin(), one.argmax()] for one in along])
+    between = np.linalg.norm(points[outer, None] - points[outer], axis=2)
+    p, q = (int(outer[k]) for k in np.unravel_index(np.argmax(between), between.shape))
+    apart = float(between.max())
+    while True:
+        from_p = np.linalg.norm(points - points[p], axis=1)
+        if not from_p.max() > apart:
+            return p, q
+        p, q, apart = int(from_p.argmax()), p, float(from_p.max())
+
+
+def _slips(results: Results, rows: Ints) -> Iterator[Found]:
+    """The largest slip between two bodies, in edges of their contact: nodes no longer face those they press on."""
+    contact, joined = results.contact, np.flatnonzero(results.contact.partners >= 0)
+    if len(joined) == 0:
+        return
+    edge = contact.lengths[joined] ** (1.0 / (contact.points.shape[1] - 1))
+    slip = np.linalg.norm(contact.slip[rows][:, joined], axis=2)
+    row, k = np.unravel_index(np.argmax(slip / edge), slip.shape)
+    if slip[row, k] > edge[k]:
+        size = float(np.linalg.norm(np.ptp(results.mesh.points, axis=0)))
+        yield (
+            float(slip[row, k]) / size,
+            f"a slip of {slip[row, k]:.3g} between bodies whose edges of contact there are {edge[k]:.3g} long "
+            f"{_where(results, contact.points[joined[k]], int(rows[row]))}",
+        )
+
+
+def _bodies(mesh: AnyMesh) -> Ints:
+    """A number (n_nodes,) for each node, the same for all of one connected body."""
+    if isinstance(mesh, PolygonMesh):
+        offsets, chain = mesh.offsets, mesh.vertices
+    else:
+        offsets, chain = mesh.face_offsets, mesh.face_vertices
+    first = np.repeat(chain[offsets[:-1]], np.diff(offsets))
+    return smallest_linked(np.column_stack([first, chain]), mesh.n_nodes)
+
+
+def _where(results: Results, place: Floats, row: int) -> str:
+    return f"at {coordinates(place)}, t = {float(results.times[row]):.6g}"
+
+
+def _cause(posed: PosedScene, results: Results, row: int) -> str:
+    """The likely cause: what does most of the work at a stored instant is in other units than what it acts on."""
+    t, u = float(results.times[row]), results.displacement[row].ravel()
+    loads, initial = (
+        float(sum(load.vector(t) @ u for load in posed.loads if isinstance(load, InitialStresses) is kind))
+        for kind in (False, True)
+    )
+    given = float(results.forces[row].ravel() @ u)
+    if loads >= max(initial, given):
+        return "Probably young and the loads are in different units, as GPa and MPa: compare them."
+    if initial > given:
+        return "Probably expansion and temperature, or prestress and young, are in different units: compare them."
+    return "Probably what is prescribed (displacements, gaps) and the mesh are in different units: compare them."

@@ -13,7 +13,7 @@ import vemcvx as vx
 from vemcvx.estimate.budget import error_budget
 from vemcvx.estimate.finer_steps import beside_finer
 from vemcvx.scene import pose_scene
-from vemcvx.stepping.beginning import initial_state
+from vemcvx.stepping.backward_euler import initial_state
 from vemcvx.stepping.course import course
 from vemcvx.stepping.posed_step import certified_in_full
 from vemcvx.stepping.state import prepare

@@ -7,8 +7,7 @@ import pytest
 from installed import needs
 
 import vemcvx as vx
-from vemcvx.program.condensation import Condensation
-from vemcvx.program.iterative_refinement import needs_refinement
+from vemcvx.program.condensation import Condensation, needs_refinement
 from vemcvx.scene import pose_scene
 
 pytestmark = pytest.mark.arithmetic

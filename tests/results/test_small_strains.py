@@ -11,7 +11,7 @@ import pytest
 import feng_han_huang
 import gallery
 import vemcvx as vx
-from vemcvx.results import small_strains
+from vemcvx.simulation import farthest
 
 PROBLEMS = sorted(path.stem for path in Path(gallery.__file__).parent.glob("*.py"))
 LONG = {
@@ -101,10 +101,10 @@ def test_heat_in_other_units(caplog):
 def test_the_farthest_of_points(dim):
     for seed in range(20):
         points = np.random.default_rng(seed).normal(size=(200, dim)) * [1.0, 0.3, 0.1][:dim]
-        p, q = small_strains.farthest(points)
+        p, q = farthest(points)
         largest = np.linalg.norm(points[:, None] - points, axis=2).max()
         assert np.linalg.norm(points[p] - points[q]) >= 0.99 * largest
-    assert small_strains.farthest(np.ones((3, dim))) == (0, 0)
+    assert farthest(np.ones((3, dim))) == (0, 0)
 
 
 @pytest.mark.long

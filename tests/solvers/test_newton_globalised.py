@@ -10,7 +10,6 @@ from scenes import cyclic, paper_scene
 import vemcvx as vx
 from vemcvx.program.operators import Operators
 from vemcvx.program.step_program import StepProgram
-from vemcvx.solvers import newton
 from vemcvx.solvers.newton import Shifts, answer_on, sets_at
 from vemcvx.solvers.solver import Iterate
 
@@ -48,7 +47,7 @@ def plain_active_sets(program, rounds=200):
 def test_the_safeguard_ends_what_plain_active_sets_do_not(block, monkeypatch):
     """Every program is answered to its rounding floor or 1e-8; some need the safeguard, on some plain sets cycle."""
     # Newton's method by itself: after sweeps over discs none of these needs it.
-    monkeypatch.setattr(newton, "sweepable", lambda operators: False)
+    monkeypatch.setattr(Operators, "sweepable", False)
     solver = vx.Newton(max_iterations=2000)
     cycled, saved = False, 0
     for seed in range(60):

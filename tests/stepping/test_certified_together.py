@@ -14,7 +14,7 @@ from stopped import Stopped, stop_at
 
 import vemcvx as vx
 from vemcvx.linear import residual
-from vemcvx.program.iterative_refinement import out_of_balance
+from vemcvx.program.condensation import out_of_balance
 from vemcvx.scene import pose_scene
 from vemcvx.stepping import trajectory
 from vemcvx.stepping.backward_euler import first_state, states_of, steps_of

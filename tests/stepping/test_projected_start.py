@@ -10,8 +10,8 @@ import pytest
 import manufactured_full_slip as full_slip
 import manufactured_start_and_stop as moving
 import vemcvx as vx
-from vemcvx.initial_displacement import free_unknowns
 from vemcvx.scene import pose_scene
+from vemcvx.simulation import free_unknowns
 from vemcvx.vem import Space, mean_strains
 
 STEEL = vx.Elasticity(young=200.0, poisson=0.3)

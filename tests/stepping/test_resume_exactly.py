@@ -24,8 +24,7 @@ from vemcvx.program.operators import DraggedTerms, Limits, Norms
 from vemcvx.program.system import Damping, Motion, System
 from vemcvx.stepping import trajectory
 from vemcvx.stepping.checkpoint import mark_of_data
-from vemcvx.stepping.ledger import Ledger
-from vemcvx.stepping.state import State
+from vemcvx.stepping.state import Ledger, State
 from vemcvx.weight_law import Law
 
 SECONDS = ("seconds", "mesh", "scene")

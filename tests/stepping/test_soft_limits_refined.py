@@ -8,8 +8,7 @@ from exact_steps import Steps
 from installed import needs
 
 import vemcvx as vx
-from vemcvx.program.condensation import Condensation
-from vemcvx.program.iterative_refinement import refined
+from vemcvx.program.condensation import Condensation, refined
 from vemcvx.scene import pose_scene
 
 EPS = float(np.finfo(float).eps)

@@ -14,7 +14,7 @@ from stopped import Stopped, stop_at
 
 import vemcvx as vx
 from vemcvx.scene import pose_scene
-from vemcvx.stepping.backward_euler import shared_lengths
+from vemcvx.stepping.viscous import shared_lengths
 
 pytestmark = pytest.mark.arithmetic
 

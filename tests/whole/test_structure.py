@@ -32,7 +32,6 @@ PAGE = {
     "plots": "pictures and films of results",
     "history": "results and all that can be asked of them",
     "bound": "guaranteed bounds on the error",
-    "initial_displacement": "the displacement that a run begins from",
     "simulation": "from a scene to results",
     "testing": "what every solver and every effect must satisfy, for those of one's own",
     "estimate": "distances to other runs, estimated errors, adaptivity",

@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 
 import vemcvx as vx
 from vemcvx.cli import app
+from vemcvx.scene.pose import pose_scene
 from vemcvx.solvers import conic
 
 ROOT = Path(vx.__file__).parent
@@ -36,10 +37,9 @@ def walks():
     return found
 
 
-def traced(run, powers=(1,), number=NUMBER, since=None):
-    """The functions in which a power of the number stands, times a power of two: (file, name), in order of time."""
+def in_values(number, powers=(1,)):
+    """Whether a power of the number, times a power of two, is an entry of an array or a matrix."""
     wanted = np.array([math.frexp(number**power)[0] for power in powers])
-    seen, here = {}, [since is None]
 
     def has(x):
         if isinstance(x, dict):
@@ -47,6 +47,35 @@ def traced(run, powers=(1,), number=NUMBER, since=None):
         if isinstance(x, (float, np.ndarray)) and np.size(x) < 5000 and np.asarray(x).dtype == float:
             return bool((np.abs(np.frexp(np.abs(np.ravel(x)))[0][:, None] - wanted) < 1e-14).any())
         return hasattr(x, "data") and hasattr(x, "indptr") and has(x.data)
+
+    return has
+
+
+def in_columns(numbers):
+    """Whether these whole numbers, in this order, are part of a column of an array."""
+
+    def has(x):
+        if isinstance(x, (dict, tuple)):
+            return any(map(has, x.values() if isinstance(x, dict) else x))
+        if not isinstance(x, np.ndarray) or x.ndim == 0 or x.size == 0 or x.dtype.kind != "i":
+            return False
+        columns = x.reshape(len(x), -1)
+        starts = range(len(x) - len(numbers) + 1)
+        return any((columns[k : k + len(numbers)] == numbers[:, None]).all(axis=0).any() for k in starts)
+
+    return has
+
+
+def counted(seen, end):
+    """How many files these functions are in, checks aside, as far as `end`; and how often one returns to a file."""
+    files = [file for file, _ in (seen[: seen.index(end) + 1] if end else seen) if file not in CHECKS]
+    stays = [file for file, before in zip(files, [None, *files], strict=False) if file != before]
+    return len(set(stays)), len(stays) - len(set(stays))
+
+
+def traced(run, has=None, since=None):
+    """The functions in which a number stands, among arguments, locals or answers: (file, name), in order of time."""
+    seen, here, has = {}, [since is None], has or in_values(NUMBER)
 
     def profile(frame, event, answer):
         code = frame.f_code
@@ -102,14 +131,43 @@ def accuracy_to_option(folder):
     """The target is a square."""
     problem, accuracy = str(ROOT.parent / "problems" / "feng_han_huang.py"), repr(NUMBER * 2.0**-20)
     asked = ["run", problem, "--n", "2", "--steps", "1", "--solver", "clarabel", "--accuracy", accuracy]
-    return traced(lambda: CliRunner().invoke(app, asked), powers=(1, 2))
+    return traced(lambda: CliRunner().invoke(app, asked), in_values(NUMBER, powers=(1, 2)))
 
 
 def displacement_to_file(folder):
     given = scene(bound=3.0)  # One node slips: with a power of two what friction loses would be that number, too.
     history = simulated(given)
     largest = np.abs(history.displacement[-1][history.contact.nodes]).max()
-    return traced(lambda: simulated(given).write(folder), number=largest, since="Scaling.restore")
+    return traced(lambda: simulated(given).write(folder), in_values(largest), since="Scaling.restore")
+
+
+def coefficient_to_certificate(folder):
+    pressed = vx.Scene(
+        vx.Elasticity(200.0, 0.3),
+        vx.PrescribedDisplacement(lambda x, t: (0.02 * t, -0.01 * t), on="top"),
+        vx.UnilateralContact(on="bottom"),
+        vx.CoulombFriction(NUMBER / 8, on="bottom"),
+    )
+    system = pose_scene(pressed, vx.meshes.squares(4)).system
+    return traced(lambda: vx.march(system, [0.0, 0.5], initial="settled"), since=STEP)
+
+
+def pair_to_files(folder):
+    """The nodes of the upper body are numbered at random: its part of the interface is a sequence of its own."""
+    square, order = vx.meshes.squares(4, box=((0, 1), (1, 2))), np.random.default_rng(0).permutation(25)
+    upper = vx.PolygonMesh(square.points[order], [np.argsort(order)[cell] for cell in square.cells])
+    upper = upper.with_boundary("top", lambda x: x[:, 1] > 1.999).with_boundary("foot", lambda x: x[:, 1] < 1.001)
+    joined = vx.meshes.bodies({"lower": vx.meshes.squares(4), "upper": upper})
+    given = vx.Scene(
+        vx.Elasticity(200.0, 0.3),
+        vx.Clamp(on="lower.bottom"),
+        vx.Traction((0.1, -0.4), on="upper.top"),
+        vx.UnilateralContact(on="lower|upper"),
+        vx.TrescaFriction(2.0, on="lower|upper", while_closed=False),
+    )
+    history = vx.simulate(given, joined, [0.0, 0.5], initial="settled")
+    partners = in_columns(history.contact.partners)
+    return traced(lambda: vx.simulate(given, joined, [0.0, 0.5], initial="settled").write(folder), partners)
 
 
 RECORD = "effects/effect.py"
@@ -126,18 +184,31 @@ WALKS = {
     ),
     "accuracy, from the command line to an option of a solver": (
         accuracy_to_option,
-        "solvers/solver.py program/iterative_refinement.py stepping/posed_step.py stepping/beginning.py "
+        "solvers/solver.py program/condensation.py stepping/posed_step.py "
         "stepping/backward_euler.py "
         "stepping/trajectory.py",
     ),
     "u, from the answer to a step to a VTU file": (
         displacement_to_file,
-        "program/step_program.py program/operators.py stepping/ledger.py program/condensation.py linear/superlu.py "
-        "linear/products.py program/iterative_refinement.py results/contact.py vem/elasticity.py "
-        "results/small_strains.py history.py",
+        "program/step_program.py program/operators.py program/condensation.py linear/superlu.py "
+        "linear/products.py results/contact.py vem/elasticity.py simulation.py history.py",
     ),
 }
 """What is traced, and the files beside the way: they use the number, or give it back to who called them."""
+
+
+LENGTHS = {
+    bound_to_cone: (("program/step_program.py", "to_cvxpy"), 7, 2),
+    bound_to_newton: (("solvers/newton.py", "answer_on"), 9, 3),
+    young_to_stiffness: (("program/system.py", "System.__post_init__"), 5, 2),
+    accuracy_to_option: (("solvers/conic.py", "OfGap.at"), 11, 4),
+    displacement_to_file: (("meshes/io/vtk.py", "write_cells"), 15, 7),
+    coefficient_to_certificate: (None, 7, 5),
+    pair_to_files: (("results/files.py", "write_archive"), 8, 3),
+}
+"""How many files a number stands in on its way to where it is used up, and how often one returns to a file on it."""
+ENTERED = 44
+"""Files of which the README's example calls functions: where PARDISO factorises, and with SuperLU alone."""
 
 
 def test_the_walks_are_those_that_are_traced():
@@ -159,3 +230,29 @@ def test_a_walk_is_short_and_as_it_is_told(title, tmp_path):
             assert file in before
             assert any(f"{where}.".startswith(f"{name}.") for at, where in seen if at == file), f"{name}: not there"
     assert set(before) - set(hops) - CHECKS <= set(beside.split())
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("trace", LENGTHS)
+def test_walks_do_not_grow(trace, tmp_path):
+    end, files, returns = LENGTHS[trace]
+    found = counted(trace(tmp_path), end)
+    assert found[0] <= files, "files"
+    assert found[1] <= returns, "returns to files that were left"
+
+
+@pytest.mark.long
+def test_the_example_of_the_readme_enters_few_files():
+    code = re.search(r"```python\n(.*?)```", (ROOT.parent / "README.md").read_text(), flags=re.DOTALL)[1]
+    entered = set()
+
+    def profile(frame, event, answer):
+        if event == "call" and frame.f_code.co_name != "<module>" and frame.f_code.co_filename.startswith(str(ROOT)):
+            entered.add(str(Path(frame.f_code.co_filename).relative_to(ROOT)))
+
+    sys.setprofile(profile)
+    try:
+        exec(compile(code, "README.md", "exec"), {})
+    finally:
+        sys.setprofile(None)
+    assert len(entered) <= ENTERED, sorted(entered)

@@ -72,9 +72,8 @@ from vemcvx.linear import choose_linear
 from vemcvx.meshes.polygons import positions
 from vemcvx.outline import Outline, Outlined
 from vemcvx.scene import Scene
-from vemcvx.scene.contact_table import ContactRows, jump_rows
 from vemcvx.scene.pose import PosedScene, pose_scene, unwarned
-from vemcvx.scene.supports import by_precedence, resolve
+from vemcvx.scene.supports import ContactRows, by_precedence, jump_rows, resolve
 from vemcvx.vem import Space, tangents_of
 
 

@@ -23,10 +23,9 @@ from vemcvx.errors import SceneError
 from vemcvx.history import History
 from vemcvx.meshes import PolygonMesh, plane_mesh
 from vemcvx.meshes.polygons import cell_of_corner, cross, directed_edges, positions, right_of
-from vemcvx.scene.contact_table import ContactRows, jump_rows
 from vemcvx.scene.pose import PosedScene
 from vemcvx.scene.scene import InitialStresses
-from vemcvx.scene.supports import free_directions, on_free
+from vemcvx.scene.supports import ContactRows, free_directions, jump_rows, on_free
 from vemcvx.vem import elastic_matrix, mean_shear
 
 

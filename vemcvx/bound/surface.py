@@ -30,8 +30,8 @@ from vemcvx.effects import Friction, Load, Obstacle
 from vemcvx.errors import SceneError
 from vemcvx.meshes.polygons import positions, spans
 from vemcvx.program.kernel import KernelBalance
-from vemcvx.scene.contact_table import ContactRows
 from vemcvx.scene.pose import PosedScene
+from vemcvx.scene.supports import ContactRows
 from vemcvx.vem import tangents_of
 
 GAUSS, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(3)

@@ -35,13 +35,12 @@ from vemcvx.estimate.measures import Field, energy_distance
 from vemcvx.estimate.measures.distance import step_at
 from vemcvx.estimate.quantities import quantities, value_of
 from vemcvx.history import History
-from vemcvx.initial_displacement import Projected
 from vemcvx.meshes import AnyMesh
 from vemcvx.owned_files import Owned, path_of
 from vemcvx.results.files import finite_or_none, peak_memory_mb, read_archive, write_archive
 from vemcvx.results.results import largest_values
 from vemcvx.scene import Scene
-from vemcvx.simulation import simulate
+from vemcvx.simulation import Projected, simulate
 from vemcvx.solvers import Solver
 
 FACTOR = 200  # Assembling and factorising cost as much as so many steps, on the paper's scene with 33,000 unknowns.

@@ -278,8 +278,9 @@ class TrescaFriction(Effect):
             space.require_plane(f"{subject}: backward=", instead)
         rows = space.part(self.on, "TrescaFriction", contact=True).node_normals
         bounds = _Bounds(subject, self, rows, space.mesh.points[rows.nodes])
-        acts: dict[str, Any] = {"law": Law(bounds.ramp, pressed=True, slope=bounds.slope, slips=False)}
-        if not closed:
+        if closed:
+            acts: dict[str, Any] = {"law": Law(bounds.ramp, pressed=True, slope=bounds.slope, slips=False)}
+        else:
             bias, steady = None if self.backward is None else bounds.bias, not varies(self.bound, self.backward)
             in_the_air = self.while_closed is None
             acts = {"weights": bounds.weights, "steady": steady, "bias": bias, "in_the_air": in_the_air}
@@ -309,7 +310,7 @@ def _rubbing(
 ) -> Contribution:
     """Friction that `acts` so on rows, over the ground and by the direction of an effect, and where it is reported."""
     points = space.mesh.points[rows.nodes]
-    ground = Ground.of(effect.ground, subject, points, rows.partners)
+    ground = None if effect.ground is None else Ground.of(effect.ground, subject, points, rows.partners)
     given: dict[str, Any] = {"direction": effect.direction, "across": effect.across}
     ellipse = Ellipse.of(space, subject, points, along=along, read=read, **given)
     friction = replace(Friction.of(rows, subject), ground=ground, ellipse=ellipse, **acts)

@@ -96,10 +96,8 @@ class Ground:
     value: data.Datum
 
     @classmethod
-    def of(cls, value: data.Datum | None, subject: str, points: Floats, partners: Ints) -> Ground | None:
-        """The ground of a friction effect; None if it stands still. SceneError for a constant, or on an interface."""
-        if value is None:
-            return None
+    def of(cls, value: data.Datum, subject: str, points: Floats, partners: Ints) -> Ground:
+        """The ground of a friction effect. SceneError for a constant, or on an interface."""
         if (partners >= 0).any():
             raise SceneError(
                 f"{subject}: found ground= on an interface, where the body rubs on another one; prescribe how that "

@@ -37,18 +37,16 @@ from vemcvx.estimate.budget import ErrorBudget, budget_of, in_time
 from vemcvx.estimate.finer_steps import Finer, beside_finer
 from vemcvx.estimate.quantities import StepErrors, errors_of_steps, value_of, with_quantities
 from vemcvx.history import History
-from vemcvx.initial_displacement import Projected, free_unknowns
 from vemcvx.meshes import AnyMesh
 from vemcvx.outline import Outline, Outlined
-from vemcvx.program.tolerances import ADAPTED
+from vemcvx.program.tolerances import UNSEEN
 from vemcvx.results.quoted import SINGULAR, growth
 from vemcvx.results.results import largest_values, record
 from vemcvx.scene import Scene
 from vemcvx.scene.pose import PosedScene, pose_scene
-from vemcvx.simulation import check_kinds, warn_of
+from vemcvx.simulation import Projected, check_kinds, free_unknowns, warn_of
 from vemcvx.solvers import Solver, Solves, as_solver
-from vemcvx.stepping.backward_euler import checked_times, march
-from vemcvx.stepping.beginning import initial_state
+from vemcvx.stepping.backward_euler import checked_times, initial_state, march
 from vemcvx.stepping.course import ACROSS, course, inside_steps
 from vemcvx.stepping.posed_step import certified_in_full
 from vemcvx.stepping.state import prepare
@@ -543,4 +541,4 @@ def _lenient(given: Solver | Solves | None, target: float) -> Solver | None:
         return None
     solver = as_solver(given)
     solver.check_accuracy()
-    return solver if solver.accuracy >= ADAPTED * target else solver.asked(ADAPTED * target)
+    return solver if solver.accuracy >= UNSEEN * target else solver.asked(UNSEEN * target)

@@ -21,8 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vemcvx.arrays import Floats
-from vemcvx.stepping.backward_euler import QuasistaticSteps
-from vemcvx.stepping.beginning import settled_from
+from vemcvx.stepping.backward_euler import QuasistaticSteps, settled_from
 from vemcvx.stepping.course import Course, course, divided
 from vemcvx.stepping.state import PreparedRun
 

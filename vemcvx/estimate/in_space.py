@@ -48,9 +48,8 @@ from vemcvx.meshes import PolyhedralMesh
 from vemcvx.meshes.interfaces import faces_of
 from vemcvx.meshes.polygons import cell_of_corner, next_corner, rows_in_order, spans
 from vemcvx.meshes.polyhedra import Listed, listed_faces
-from vemcvx.scene.contact_table import ContactRows, jump_rows
 from vemcvx.scene.pose import PosedScene
-from vemcvx.scene.supports import free_directions, on_free
+from vemcvx.scene.supports import ContactRows, free_directions, jump_rows, on_free
 from vemcvx.vem import elastic_matrix, mean_shear, strains, stresses, tractions
 from vemcvx.vem.projection import face_groups
 

@@ -1,6 +1,6 @@
 """Friction work, work and wear as one quotes them, and how far steps and mesh leave them off.
 
-Values are those of second order in the steps (:mod:`vemcvx.stepping.ledger`), Q_k on a mesh of the size h. Their errors
+Values are those of second order in the steps (:mod:`vemcvx.stepping.state`), Q_k on a mesh of the size h. Their errors
 are estimated by three further runs of the same scene:
 
     steps   3/2 (|Q_k - Q_{k/2}| + |Q_{k/2} - Q_{k/4}|)     on the same mesh, in halves and quarters of the steps, and
@@ -39,13 +39,13 @@ from vemcvx.arrays import Floats
 from vemcvx.errors import MeshError
 from vemcvx.estimate.finer_steps import finer_instants
 from vemcvx.history import History, scene_of
-from vemcvx.initial_displacement import free_unknowns
 from vemcvx.meshes import AnyMesh
 from vemcvx.meshes.polygons import nearest
 from vemcvx.results.corners import Corners
 from vemcvx.results.quoted import Quantity
 from vemcvx.results.results import SPREAD, displacement, record
 from vemcvx.scene.pose import pose_scene, unwarned
+from vemcvx.simulation import free_unknowns
 from vemcvx.stepping.backward_euler import march
 from vemcvx.stepping.course import course
 from vemcvx.stepping.trajectory import Memory

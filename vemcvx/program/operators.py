@@ -493,6 +493,11 @@ class Operators(ArrayRecord):
         """
         return not isinstance(self.K, np.ndarray) and self.anchor is None and len(self.read) ** 2 > AT_ONCE
 
+    @property
+    def sweepable(self) -> bool:
+        """True if there are discs to sweep over, and no kernel: W = A K^{-1} A' is that of a body that is held."""
+        return self.block > 1 and self.count > 0 and self.anchor is None and self.factor.exact
+
     @cached_property
     def flexibility(self) -> Floats:
         """(u, u) the inverse of K, with the anchors' stiffness, on the unknowns that rows read."""

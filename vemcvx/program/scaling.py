@@ -39,9 +39,8 @@ from vemcvx.program.operators import Operators
 from vemcvx.program.step_program import Answer, StepProgram
 
 SMALLEST_NORM, LARGEST_NORM = 1e-125, 1e125
-"""Energy norms outside have squares that are no numbers any more, or gaps beneath them that are not."""
-MOST = 1e150
-"""Of scaled weights and of what limits leave free: beyond, they are as good as infinite, and products overflow."""
+"""Energy norms outside have squares that are no numbers any more, or gaps beneath them that are not. Scaled weights and
+gaps of limits beyond the largest are as good as infinite."""
 
 
 def checked_norm(norm: float, t: float) -> float:
@@ -75,9 +74,9 @@ class Scaling:
         """The scaled program of a step; `unheld` is the energy norm of its frictionless answer where alpha is less."""
         force, e = self.kappa * alpha, program.e
         with np.errstate(over="ignore"):
-            w = np.minimum(program.w * self.sigma / force, MOST)
+            w = np.minimum(program.w * self.sigma / force, LARGEST_NORM)
             if len(e):
-                e = np.minimum(np.maximum(e / (alpha * self.tau), -MOST), MOST)
+                e = np.minimum(np.maximum(e / (alpha * self.tau), -LARGEST_NORM), LARGEST_NORM)
         b = (self.operators.blocks(program.b) / (alpha * self.sigma[:, None])).ravel()
         if self.operators.rows.columns is not None and self.operators.kernel is None and len(e) == 0:
             w = np.minimum(w, 16.0 * np.sqrt(self.operators.block) * (max(1.0, unheld / alpha) + np.abs(b).sum()))

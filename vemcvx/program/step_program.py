@@ -326,11 +326,12 @@ class StepProgram(ArrayRecord):
         return self._seen[point]
 
     def _gaps_afresh(self, d: Floats, lam: Floats, p: Floats) -> tuple[float, Floats, Floats, float]:
-        operators, equilibrium = self.operators, 0.5 * self.operators.factor.energy(self.residual(d, lam, p))
+        operators, excess = self.operators, (self.excess(d), self.excess_blur(d))
+        equilibrium = 0.5 * operators.factor.energy(self.residual(d, lam, p))
         if (N := operators.kernel) is not None and np.greater(*np.abs(self._imbalance(N, lam, p))).any():
             equilibrium = np.inf
         # Where K^{-1} has lost all digits its sign is rounding; its size says so, and zero would not.
-        equilibrium, excess = abs(equilibrium), (self.excess(d), self.excess_blur(d))
+        equilibrium = abs(equilibrium)
         parts = norm_gaps(self.w, lam, self.slip(d)), limit_gaps(operators.compliance, p, *excess)
         rest = float(parts[0].sum() + parts[1].sum())
         if operators.own_columns is None and operators.factor.exact and equilibrium < rest < np.inf:

@@ -32,13 +32,11 @@ from vemcvx.meshes import PolyhedralMesh
 from vemcvx.meshes.box import WHOLE
 from vemcvx.meshes.polygons import cell_of_corner, next_corner, offsets_of, rows_in_order, smallest_linked
 from vemcvx.scene.contact import Surface
-from vemcvx.scene.contact_table import ContactRows
+from vemcvx.scene.supports import ContactRows
 from vemcvx.vem.boundary import CURVE
 
 CELLS = 1.5
 """How far means go, in h."""
-BALANCED = 1e-14
-"""Of K |phi| from 1. Each round comes nearer by a factor; a hundred rounds end it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,11 +87,13 @@ class ContactFaces:
 
     def smoothed(self, forces: Floats, lengths: Floats) -> Floats:
         """The means p (S, m), R_i / int phi_i where no face is."""
-        k, d = self._nearness(), np.ones(len(lengths))
+        k, d, nearest = self._nearness(), np.ones(len(lengths)), np.inf
         for _ in range(100):
             off = d * (k @ (d * lengths))
             d /= np.sqrt(off)
-            if np.abs(off - 1.0).max() < BALANCED:
+            # Of log d the step is 1/2 - 1/2 (a mean with weights): the largest change never grows, but by rounding.
+            before, nearest = nearest, float(np.abs(np.log(off)).max())
+            if nearest >= before:
                 break
         return (d[:, None] * (k @ (d[:, None] * forces.T))).T
 

@@ -42,9 +42,8 @@ import numpy as np
 from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.meshes import AnyMesh, PolygonMesh
 from vemcvx.meshes.polygons import cell_of_corner
-from vemcvx.results.contact import Contact
+from vemcvx.results.contact import Contact, Sides
 from vemcvx.results.quoted import ON_CONTACT
-from vemcvx.results.sides import Sides
 from vemcvx.results.wedges import CLAMPED, FREE, LIMIT, Sector, Wedge, held_along, joined, slipping, turned
 from vemcvx.vem.boundary import CURVE
 from vemcvx.vem.elasticity import principal

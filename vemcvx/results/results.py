@@ -19,12 +19,11 @@ from vemcvx.meshes import AnyMesh, PolyhedralMesh
 from vemcvx.meshes.polygons import cell_of_corner
 from vemcvx.program import SolvedProgram
 from vemcvx.results import quoted
-from vemcvx.results.contact import Contact, contact_history
+from vemcvx.results.contact import Contact, Sides, contact_history, sides_of
 from vemcvx.results.corners import SIGNED, Corners, Peak
-from vemcvx.results.sides import Sides, sides_of
 from vemcvx.scene import Scene
-from vemcvx.scene.contact_table import ContactRows
 from vemcvx.scene.pose import PosedScene, pose_scene, unwarned
+from vemcvx.scene.supports import ContactRows
 from vemcvx.stepping.programs import programs_of_trajectory
 from vemcvx.stepping.trajectory import Storage, Trajectory
 from vemcvx.vem import Space, Stabilisation, VertexWeights, equivalent, principal, strains, stresses

@@ -15,8 +15,19 @@ from vemcvx.arrays import EPS, Bools, Floats, Ints
 from vemcvx.effects import Friction, Law, Obstacle
 from vemcvx.errors import SceneError, SceneWarning
 from vemcvx.program.operators import DraggedTerms, Limits, Norms, Rows
-from vemcvx.scene.contact_table import PARALLEL, ContactRows, merged, summing
-from vemcvx.scene.supports import Moving, Supports, along, freedom, normal_is_free, normal_rows, on_free
+from vemcvx.scene.supports import (
+    PARALLEL,
+    ContactRows,
+    Moving,
+    Supports,
+    along,
+    freedom,
+    merged,
+    normal_is_free,
+    normal_rows,
+    on_free,
+    summing,
+)
 from vemcvx.vem import tangents_of
 
 
@@ -73,10 +84,10 @@ def friction_terms(
     points = supports.points
     _check_directions(frictions)
     normals = np.concatenate([points[:0], *(f.across for f in frictions)])
+    each = np.concatenate([tangents_of(points[:0]), *(f.read(times) for f in frictions)])
     first, term = merged((table.nodes, table.partners), normals, kinds=_kinds(frictions))
     every = replace(table, normals=normals).joined(first, term)
     under = None if all(f.ground is None for f in frictions) else partial(_moved, frictions, first)
-    each = np.concatenate([tangents_of(points[:0]), *(f.read(times) for f in frictions)])
     held = freedom(every, supports, times, under, tangents=each[first])
     acting = np.flatnonzero(held.slides)
     kept = np.concatenate([acting, np.flatnonzero((held.normal_only | held.dragged) & ~held.slides)])

@@ -37,10 +37,9 @@ from vemcvx.scene.contact import (
     pressures,
     warn_of_free_normals,
 )
-from vemcvx.scene.contact_table import ContactRows, straightened
 from vemcvx.scene.rigid import floating_motions, seen_from_bodies
 from vemcvx.scene.scene import InitialStresses, Scene, active_parts, compose, initial_stresses
-from vemcvx.scene.supports import Supports, by_precedence, on_free, resolve
+from vemcvx.scene.supports import ContactRows, Supports, by_precedence, on_free, resolve, straightened
 from vemcvx.vem import Space, Stabilisation, energy_rows, rigid_modes
 
 

@@ -16,10 +16,8 @@ from vemcvx.errors import SceneError
 from vemcvx.linear import Matrix
 from vemcvx.meshes import AnyMesh
 from vemcvx.program.kernel import Kernel
-from vemcvx.scene.supports import Supports
+from vemcvx.scene.supports import STRAIGHT, Supports
 from vemcvx.vem import Space, rigid_modes, split_motion
-
-SMALL = 1e-3  # Bodies that move by less than this part of the largest motion are not mentioned.
 
 
 def body_names(mesh: AnyMesh, piece: Ints, node: Ints) -> list[str | None]:
@@ -43,7 +41,7 @@ class Part:
     def moved(self, mode: Floats) -> dict[str, Floats] | None:
         """The motions of bodies by their names; None if one has no name."""
         each = mode.reshape(len(self.bodies), -1)
-        large = np.flatnonzero(np.abs(each).max(axis=1) > SMALL * np.abs(mode).max())
+        large = np.flatnonzero(np.abs(each).max(axis=1) > STRAIGHT * np.abs(mode).max())
         names = [self.bodies[one] for one in large]
         if self.hinges or None in names or len(set(names)) < len(names):
             return None
@@ -71,7 +69,7 @@ def combined(motions: Sequence[tuple[Part, Floats]], c: Floats) -> str:
         sum_so_far = parts[part.which][1] if part.which in parts else 0.0
         parts[part.which] = part, sum_so_far + share * motion
     largest = max(np.abs(motion).max() for _, motion in parts.values())
-    large = [(part, motion) for part, motion in parts.values() if np.abs(motion).max() > SMALL * largest]
+    large = [(part, motion) for part, motion in parts.values() if np.abs(motion).max() > STRAIGHT * largest]
     return " and ".join(part.motion(motion, directed=True) for part, motion in large)
 
 
@@ -102,14 +100,14 @@ def _rigid(mode: Floats, directed: bool = False) -> str:
     move, turn = split_motion(np.asarray(np.round(mode / np.linalg.norm(mode), 6) + 0.0))
     rate = np.linalg.norm(turn)
     turns = "a rotation"
-    if rate > SMALL and len(turn) > 1:
+    if rate > STRAIGHT and len(turn) > 1:
         turns = f"a rotation about ({_listed(turn / rate)})"
     elif directed:
         turns = "an anticlockwise rotation" if turn[0] > 0 else "a clockwise rotation"
     if rate > 0.9:
         return turns
     moves = f"the translation ({_listed(move)})"
-    return moves if rate < SMALL else f"{moves} with {turns}"
+    return moves if rate < STRAIGHT else f"{moves} with {turns}"
 
 
 def _listed(components: Floats) -> str:

@@ -16,8 +16,7 @@ from vemcvx.errors import SceneError, VemcvxError
 from vemcvx.meshes import AnyMesh
 from vemcvx.outline import Outline
 from vemcvx.program.system import DRAG_ROUNDING
-from vemcvx.scene.contact_table import STRAIGHT, pairs_of
-from vemcvx.scene.supports import along
+from vemcvx.scene.supports import STRAIGHT, along, pairs_of
 from vemcvx.vem import MirrorPlanes, Space, Stabilisation, VertexWeights
 
 

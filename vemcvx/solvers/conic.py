@@ -33,7 +33,7 @@ from vemcvx.program.operators import (
     Operators,
 )
 from vemcvx.program.step_program import Answer, CvxpyStep, StepProgram, to_cvxpy
-from vemcvx.program.tolerances import CONIC_GAP, CONIC_RESIDUAL, CONIC_TOLERANCE
+from vemcvx.program.tolerances import SHARE, UNSEEN
 from vemcvx.solvers.newton import Shifts, answer_on, sets_at
 from vemcvx.solvers.solver import Iterate, Solver
 
@@ -84,22 +84,22 @@ class Setting:
         return f"{self.value} {self.when.value}".rstrip()
 
 
-TIGHT = OfGap(CONIC_TOLERANCE, 1e-14)
+TIGHT = OfGap(UNSEEN, 1e-14)
 """The tolerance of solvers with one for gap and residuals, whose meaning differs from solver to solver."""
-SHORT = OfGap(CONIC_TOLERANCE, 1e-13)
+SHORT = OfGap(UNSEEN, 1e-13)
 """The same for solvers that break down below 1e-13."""
 
 _ECOS = (
     Setting("abstol", TIGHT, "by default, 1e-8, certified 5e-5"),
     Setting("reltol", TIGHT, "by default, 1e-8, certified 5e-5"),
-    Setting("feastol", OfGap(CONIC_RESIDUAL, 1e-10, power=0.5), "an imbalance counts by its square"),
+    Setting("feastol", OfGap(UNSEEN, 1e-10, power=0.5), "an imbalance counts by its square"),
 )
 
 TUNED: Mapping[str, tuple[Setting, ...]] = {
     "CLARABEL": (
-        Setting("tol_gap_abs", OfGap(CONIC_GAP, 1e-15), "its gap is not that of the certificate"),
-        Setting("tol_gap_rel", OfGap(CONIC_GAP, 1e-15), "its gap is not that of the certificate"),
-        Setting("tol_feas", OfGap(CONIC_RESIDUAL, 1e-13, power=0.5), "an imbalance counts by its square"),
+        Setting("tol_gap_abs", OfGap(SHARE, 1e-15), "its gap is not that of the certificate"),
+        Setting("tol_gap_rel", OfGap(SHARE, 1e-15), "its gap is not that of the certificate"),
+        Setting("tol_feas", OfGap(UNSEEN, 1e-13, power=0.5), "an imbalance counts by its square"),
         Setting("max_threads", 1, "two threads are three times slower on the patterns cvxpy makes"),
         Setting("direct_solve_method", "faer", "4.6 s where qdldl takes 22 on the paper's full program"),
         Setting("iterative_refinement_enable", False, "doubles the time, mostly without a digit; done where it misses"),
@@ -115,8 +115,8 @@ TUNED: Mapping[str, tuple[Setting, ...]] = {
         Setting("max_step_fraction", 0.99, "the paper's steps reach 1e-8, with .999 4e-8", When.AGAIN),
     ),
     "OSQP": (
-        Setting("eps_abs", OfGap(CONIC_RESIDUAL, 1e-11, 1e-7, power=0.5), "residuals, which count by their squares"),
-        Setting("eps_rel", OfGap(CONIC_RESIDUAL, 1e-11, 1e-7, power=0.5), "residuals, which count by their squares"),
+        Setting("eps_abs", OfGap(UNSEEN, 1e-11, 1e-7, power=0.5), "residuals, which count by their squares"),
+        Setting("eps_rel", OfGap(UNSEEN, 1e-11, 1e-7, power=0.5), "residuals, which count by their squares"),
         Setting("eps_prim_inf", 1e-15, "by default takes a step for infeasible"),
         Setting("eps_dual_inf", 1e-15, "by default takes a step for unbounded"),
         Setting("max_iter", 100_000, "the default, 4000, ends before such tolerances"),

@@ -75,7 +75,7 @@ from scipy.linalg import LinAlgError
 from vemcvx.arrays import EPS, Bools, Floats, lengths
 from vemcvx.program.step_program import StepProgram
 from vemcvx.solvers.newton import Sets, Shifts, most_curved, sets_at, without_redundant_rows
-from vemcvx.solvers.projected_gradients import sweepable, swept
+from vemcvx.solvers.projected_gradients import swept
 from vemcvx.solvers.sets_system import Answers, Response, SetsSystem
 from vemcvx.solvers.solver import Iterate
 from vemcvx.weight_law import Piece, PressureLaw, same_matrix
@@ -404,7 +404,7 @@ def solution_near(
     rounds : iterator
         One is taken for the system of every sets; it gives up where there are no more.
     """
-    near = swept(program, law, start) if sweepable(program.operators) else start
+    near = swept(program, law, start) if program.operators.sweepable else start
     found = _from_sets(program, law, near, response, rounds)
     found = found or _from_sets(program, law, start=start, response=response, rounds=rounds, w=program.w)
     found = found or _by_softer_laws(program, law, start, response, rounds)

@@ -80,8 +80,8 @@ from vemcvx.program.operators import (
     transverse,
 )
 from vemcvx.program.step_program import Answer, StepProgram
-from vemcvx.program.tolerances import FURTHER_GAP
-from vemcvx.solvers.projected_gradients import sweepable, swept
+from vemcvx.program.tolerances import UNSEEN
+from vemcvx.solvers.projected_gradients import swept
 from vemcvx.solvers.solver import Iterate, Solver
 from vemcvx.weight_law import PressureLaw
 
@@ -89,10 +89,6 @@ SHIFT = 0.1
 """Of the sets, in units of one over the flexibilities. At .1 the paper's scene takes 3-7 iterations from a cold start;
 at 1 and beyond undamped active sets cycle on it, and degenerate terms (|lam_i| = w_i, s_i = 0) count as slipping for a
 rounding error of s_i: the gap is linear in that slip."""
-
-INEXACT = 0.03
-"""Part of the forces out of balance that iterative linear solvers leave of them at each set: of 12 steps in space .1
-takes a half more sets and a tenth more conjugate gradients, .01 as many sets and as many of these."""
 
 
 @dataclass(frozen=True)
@@ -174,13 +170,13 @@ TURNS = 20
 def answer_on(program: StepProgram, sets: Sets, near: Iterate | None = None) -> Iterate:
     """The point that the sets lead to; its multipliers are not yet projected.
 
-    Where linear systems are solved iteratively, from the point `near`, if there is one, and as far as INEXACT says.
+    Where linear systems are solved iteratively, from the point `near`, if there is one, and as far as UNSEEN says.
     """
     operators = program.operators
     soft = sets.act & (operators.compliance > 0)
     spring = np.divide(1.0, operators.compliance, out=np.zeros(len(soft)), where=soft)
     at_bound = program.w[:, None] * sets.direction
-    M, load = operators.K, program.g - program.multiplier_force(at_bound, -spring * program.e)
+    M, load = operators.K, program.g - operators.multiplier_force(at_bound, -spring * program.e)
     S: sp.csr_matrix | None = None
     bends = sets.curvature.any()
     if bends or soft.any():
@@ -200,11 +196,11 @@ def answer_on(program: StepProgram, sets: Sets, near: Iterate | None = None) -> 
         if bends and not iterative:
             return _turned(M, load, program, sets, columns)
         d, reaction, stopped = _held_coordinates(M, load, program, stick, stop, columns=columns, near=begin)
-    lam = (at_bound + np.einsum("ijk,ik->ij", H, program.slip(d)) if bends else at_bound).ravel()
-    lam[stick] = reaction
+    lam = at_bound + np.einsum("ijk,ik->ij", H, program.slip(d)) if bends else at_bound
+    lam.ravel()[stick] = reaction
     p = spring * program.excess(d)
     p[stop] = stopped
-    return Iterate(d, operators.blocks(lam), p)
+    return Iterate(d, lam, p)
 
 
 def _turned(M: Matrix, load: Floats, program: StepProgram, sets: Sets, columns: Ints) -> Iterate:
@@ -298,7 +294,7 @@ def _held_coordinates(
     free[columns] = False
     cycle = None if near is None else operators.factor.cycle(near[1], free)
     if cycle is not None:
-        d = corrected(M, d, load, free, cycle=cycle, part=INEXACT)
+        d = corrected(M, d, load, free, cycle=cycle, part=UNSEEN)
     else:
         F = np.flatnonzero(free)
         rest = load - M @ d if value.any() else load
@@ -487,7 +483,7 @@ class Newton(Solver):
         beyond = 4 * EPS if program.operators.block == 1 else OVERRELAXATION
         start = Iterate(np.zeros(len(program.g)), (1.0 + beyond) * program.project(lam), pressed)
         operators = program.operators
-        if sweepable(operators) and isinstance(operators.K, np.ndarray) and operators.own_columns is not None:
+        if operators.sweepable and isinstance(operators.K, np.ndarray) and operators.own_columns is not None:
             start = swept(program, PressureLaw.given(program.w, len(program.e)), start)
         run.newton(start, shift)
         # The safeguard's first shifts are a hundred of the active sets'.
@@ -544,7 +540,7 @@ class _Search:
     @property
     def enough(self) -> float:
         """The gap at which to stop; below the target iterations go on, where each is cheap and gains."""
-        return self.target if self.stationary or not self.exact else FURTHER_GAP * self.target
+        return self.target if self.stationary or not self.exact else UNSEEN**2 * self.target
 
     @property
     def exact(self) -> bool:

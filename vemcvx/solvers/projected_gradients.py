@@ -20,7 +20,7 @@ from __future__ import annotations
 import numpy as np
 
 from vemcvx.arrays import EPS
-from vemcvx.program.operators import Operators, Rows, product
+from vemcvx.program.operators import Rows, product
 from vemcvx.program.step_program import StepProgram
 from vemcvx.solvers.solver import Iterate
 from vemcvx.weight_law import PressureLaw
@@ -33,11 +33,6 @@ Coulomb's law sixteen steps took 902 sweeps and 20 systems, all of which prove w
 and 27, with 1e-5 some 400 and 36, and a system of all of them costs more than 60 sweeps."""
 NONE = 1e-300
 """Added to squares of lengths that are divided by."""
-
-
-def sweepable(operators: Operators) -> bool:
-    """Return True if there are discs to sweep over, and K has no kernel: W is then that of a body which is held."""
-    return operators.block > 1 and operators.count > 0 and operators.anchor is None and operators.factor.exact
 
 
 def swept(program: StepProgram, law: PressureLaw, start: Iterate) -> Iterate:

@@ -13,7 +13,7 @@ import numpy as np
 from vemcvx.arrays import Floats, Ints, lengths
 from vemcvx.program.operators import Operators
 from vemcvx.program.step_program import Answer, StepProgram, fitting
-from vemcvx.program.tolerances import FURTHER_GAP
+from vemcvx.program.tolerances import UNSEEN
 from vemcvx.solvers.solver import Solver
 
 MOST_MOVES = 2.0**40
@@ -41,7 +41,7 @@ class ProximalPoints:
         self._prepared, self._most = solver.prepare(self._regular), solver.max_iterations
 
     def solve(self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None) -> Answer:
-        enough, patience = (FURTHER_GAP * target, 6) if self._most < np.inf else (target, 2)
+        enough, patience = (UNSEEN**2 * target, 6) if self._most < np.inf else (target, 2)
         d = _motion_nearest_to_b(program) if self._follows else np.zeros(len(program.g))
         p = np.zeros_like(program.e) if p is None else p
         best = Answer(d, lam, 0, "nothing answered", p=p)

@@ -2,7 +2,7 @@
 
 Data are sampled at instants 1/256 of the run apart, or at the ends and middles of the steps where these are shorter:
 what is over between two of them is not seen. Of every kind (load, bounds of friction, gaps, moving supports and ground)
-a few weighted sums are kept, with random weights, so that what changes changes them. A *bend* lies where the straight
+a weighted sum is kept, with random weights, so that what changes changes them. A *bend* lies where the straight
 lines on both sides of an interval meet. A datum *turns* where it is largest or smallest: what slips one way there slips
 the other way from then on; the vertex of the parabola through three samples counts as a bend. Turns are those of
 entries (the load at an unknown, the gap at a node), for a sum of two data turns where neither does; and of entries that
@@ -21,13 +21,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vemcvx.arrays import Floats
+from vemcvx.errors import WORTH_A_WORD
 from vemcvx.program.system import System
 
-SUMS = 3
 BENT = 1e-6  # Part of a datum's size: lines on two sides of an interval that miss each other by less are one.
-MISSED = 0.05
-"""Part of a datum's size by which lines between the instants of a run miss it where that is worth a word. In 64 steps
-the problems that come with the package miss their turns by less, in eight by more."""
 TURNING = 0.25
 """Part of all that curves: of a wave along twelve nodes an eighth turns at once, of loads on two sides a half."""
 ACROSS = 1e-9  # Steps of no more than this part of the run are those across a jump.
@@ -43,13 +40,13 @@ class Course:
     jumps: tuple[str, ...]  # sentences
 
     def missed(self, times: Floats) -> Floats:
-        """Bends inside the steps of a run in which straight lines between its instants miss the data by MISSED."""
+        """Bends inside the steps of a run in which straight lines between its instants miss the data by a twentieth."""
         known = self.values[np.abs(self.times - times[:, None]).argmin(axis=1)]
         lines = np.column_stack([np.interp(self.times, times, datum) for datum in known.T])
         apart = np.abs(self.values - lines).max(axis=1, initial=0.0)
         inside = inside_steps(times, self.bends)
         of_samples, of_bends = np.searchsorted(times, self.times), np.searchsorted(times, inside)
-        far = np.unique(of_samples[apart > MISSED])
+        far = np.unique(of_samples[apart > WORTH_A_WORD])
         found: Floats = inside[np.isin(of_bends, far)]
         return found
 
@@ -62,10 +59,10 @@ def course(system: System, times: Floats) -> Course:
     sampled = divided(times, 2, 256)
     first = _blocks(system, float(times[0]))
     draw = np.random.default_rng(0)
-    weights = [draw.uniform(0.5, 1.5, (SUMS, len(block))) for block in first.values()]
+    weights = [draw.uniform(0.5, 1.5, len(block)) for block in first.values()]
 
     def summed(blocks: dict[str, Floats]) -> Floats:
-        return np.concatenate([W @ block for W, block in zip(weights, blocks.values(), strict=True)])
+        return np.array([w @ block for w, block in zip(weights, blocks.values(), strict=True)])
 
     raw, turned, size_of_blocks = [], [], np.zeros(len(first))
     last: deque[dict[str, Floats]] = deque(maxlen=3)
@@ -83,7 +80,7 @@ def course(system: System, times: Floats) -> Course:
     def value(t: float) -> Floats:
         return summed(_blocks(system, t)) / scale
 
-    jumps, sentences = _jumps(sampled, values, value, np.repeat(list(first), SUMS))
+    jumps, sentences = _jumps(sampled, values, value, np.array(list(first)))
     bends = np.union1d(jumps, _bends(sampled, values, value))
     # Between a bend's two neighbours nothing is smooth.
     smooth = np.searchsorted(bends, sampled[:-2]) == np.searchsorted(bends, sampled[2:], side="right")

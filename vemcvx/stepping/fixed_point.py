@@ -50,7 +50,7 @@ from vemcvx.arrays import Floats, lengths
 from vemcvx.errors import NotContracting, SceneError
 from vemcvx.program.certificate import Certificate, limit_gaps, norm_gaps
 from vemcvx.program.operators import Norms
-from vemcvx.program.tolerances import FIXED_POINT
+from vemcvx.program.tolerances import SHARE
 from vemcvx.solvers.coulomb import SOLVED, solution_near
 from vemcvx.solvers.solver import Iterate
 from vemcvx.stepping.posed_step import PosedStep, posed_sharply, refined_state
@@ -117,7 +117,7 @@ class DependentStep:
         """
         left = self.run.most - spent
         posed = self.pose(w, self.run.after(spent + int(left // 2) if np.isfinite(left) else 0))
-        return posed.solve_balanced(self.n, FIXED_POINT, near)
+        return posed.solve_balanced(self.n, SHARE, near)
 
     def from_before(self) -> tuple[State | None, int]:
         """A solution near the state that the one before lets expect, if a few sets find one, and how many it took.

@@ -35,18 +35,23 @@ from vemcvx.arrays import EPS, Bools, Floats, columns, lengths, power_of_two
 from vemcvx.errors import NotCertified, SceneError
 from vemcvx.linear import residual
 from vemcvx.program.certificate import Certificate, limit_gaps, norm_gaps
-from vemcvx.program.condensation import Condensation, Reduced
-from vemcvx.program.iterative_refinement import full_certificate, needs_refinement, out_of_balance, refined, rounding
+from vemcvx.program.condensation import (
+    Condensation,
+    Reduced,
+    full_certificate,
+    needs_refinement,
+    out_of_balance,
+    refined,
+    rounding,
+)
 from vemcvx.program.operators import Operators
 from vemcvx.program.scaling import LARGEST_NORM, SMALLEST_NORM, checked_norm
 from vemcvx.program.step_program import Answer, StepProgram, fitting
-from vemcvx.program.tolerances import ASKED_AGAIN, INTERIOR
+from vemcvx.program.tolerances import SHARE
 from vemcvx.solvers import Solver
 from vemcvx.solvers.newton import Shifts
-from vemcvx.solvers.projected_gradients import sweepable
 from vemcvx.solvers.solver import named_failures
-from vemcvx.stepping.ledger import Rubbed, StepData, advance, advance_in_full
-from vemcvx.stepping.state import Earlier, PreparedRun, State
+from vemcvx.stepping.state import Earlier, PreparedRun, Rubbed, State, StepData, advance, advance_in_full
 
 log = logging.getLogger("vemcvx")
 
@@ -266,7 +271,7 @@ class PosedStep:
         for _ in range(2):
             if best.accepted(accuracy) or spent >= self.run.most:
                 break
-            size = ASKED_AGAIN * min(size, best.unit(accuracy))
+            size = SHARE * min(size, best.unit(accuracy))
             if best.unit(accuracy) > 0:
                 # Of a body that is carried far this is much less than the motion of its unknowns let expect.
                 alpha = min(alpha, float(power_of_two(best.unit(accuracy) / np.sqrt(scales.kappa))))
@@ -282,7 +287,7 @@ class PosedStep:
         """True if contact has pressed before, or sweeps tell where it will, and numbers can hold the step's energy."""
         scales = self.run.scaling
         norm = float(np.sqrt(scales.kappa)) * scales.size(self.program)
-        return (self.before.p.any() or sweepable(scales.operators)) and SMALLEST_NORM <= norm <= LARGEST_NORM
+        return (self.before.p.any() or scales.operators.sweepable) and SMALLEST_NORM <= norm <= LARGEST_NORM
 
     def _still(self, lam: Floats, status: str) -> State:
         """The state where it was, exactly."""
@@ -307,6 +312,7 @@ class PosedStep:
         d, lam = answer.d, answer.lam + self.bias
         answer = Answer(d, lam, answer.iterations, answer.status, safeguards=answer.safeguards, p=answer.p)
         before, operators, y, slip = self.before, self.run.operators, self.before.y + d, self.program.slip(d)
+        unbalanced = self.program.g + operators.rows.force_of(self.data.bias) - operators.force(d)
         rubbed = Rubbed(lam, slip, (before.weights, self.program.w), (before.bias, self.bias))
         ledger = advance(
             self.run.condensation, before.ledger, (before.data, self.data), y, answer=answer, rubbed=rubbed
@@ -317,7 +323,7 @@ class PosedStep:
         return State(
             t=self.data.t,
             y=y,
-            unbalanced=self.program.g + operators.rows.force_of(self.data.bias) - operators.force(d),
+            unbalanced=unbalanced,
             data=self.data,
             weights=self.program.w,
             lam=lam,
@@ -381,7 +387,7 @@ def _balanced(run: PreparedRun, state: State, phi: Floats) -> tuple[Floats, Floa
 def _in_full(run: PreparedRun, state: State, y: Floats, balanced: tuple[Floats, Floats], full: Certificate) -> State:
     """The state with all unknowns y, refined inside where these miss the accuracy, and certificates of both systems."""
     (force, held), own = balanced, state.certificate
-    if full.error > INTERIOR * run.accuracy * state.unit(run.accuracy) and len(state.y) < run.system.n:
+    if full.error > SHARE * run.accuracy * state.unit(run.accuracy) and len(state.y) < run.system.n:
         r = residual(force, run.system.K, y, held)
         y = run.condensation.refine_interior(y, r)
         full = full_certificate(run.condensation, force, y, held, own)

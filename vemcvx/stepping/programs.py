@@ -16,18 +16,20 @@ from vemcvx.program.system import System
 from vemcvx.solvers import Solver, Solves
 from vemcvx.solvers.conic import polished
 from vemcvx.stepping.backward_euler import (
-    Steps,
+    Beginning,
+    QuasistaticSteps,
     check_kinds,
     checked_times,
     first_state,
+    state_given,
     states_of,
     steps_of,
     threads_of_steps,
 )
-from vemcvx.stepping.beginning import Beginning, state_given
 from vemcvx.stepping.posed_step import certified_in_full
 from vemcvx.stepping.state import PreparedRun, State, prepare
 from vemcvx.stepping.trajectory import Trajectory
+from vemcvx.stepping.viscous import ViscousSteps
 
 
 def programs_of_march(
@@ -75,14 +77,14 @@ def _prepared(
     condense: bool,
     linear: LinearSolver | None,
     check: bool = True,
-) -> tuple[PreparedRun, Steps]:
+) -> tuple[PreparedRun, QuasistaticSteps | ViscousSteps]:
     linear = system.linear(linear)
     with threads_of_steps(system, condense, linear):
         run = prepare(system, solver, check, condense, linear)
     return run, steps_of(run, instants)
 
 
-def _solved_program(steps: Steps, before: State, after: State, n: int) -> SolvedProgram:
+def _solved_program(steps: QuasistaticSteps | ViscousSteps, before: State, after: State, n: int) -> SolvedProgram:
     """The program of step `n` under the weights that the state after it was found for."""
     posed = steps.posed(before, n, after.t, after.weights)
     program, norms = posed.program, posed.run.system.norms

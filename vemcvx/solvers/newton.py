@@ -76,6 +76,7 @@ from vemcvx.program.operators import (
     SECOND_ORDER_CONES,
     SQUARED_POSITIVE_PARTS,
     Operators,
+    Rows,
     restricted,
     transverse,
 )
@@ -488,7 +489,8 @@ class Newton(Solver):
         start = Iterate(np.zeros(len(program.g)), (1.0 + beyond) * program.project(lam), pressed)
         operators = program.operators
         if sweepable(operators) and isinstance(operators.K, np.ndarray) and operators.own_columns is not None:
-            start = swept(program, PressureLaw.given(program.w, len(program.e)), start)
+            none = Rows(sp.csr_matrix((len(program.w), len(program.e))))
+            start = swept(program, PressureLaw(lambda p: program.w, lambda p: none), start)
         run.newton(start, shift)
         # The safeguard's first shifts are a hundred of the active sets'.
         safeguard = proximal_points(program, run.best, shift * 100.0)

@@ -20,7 +20,7 @@ from __future__ import annotations
 import numpy as np
 
 from vemcvx.arrays import EPS
-from vemcvx.program.operators import Operators, Rows, product
+from vemcvx.program.operators import Operators, product
 from vemcvx.program.step_program import StepProgram
 from vemcvx.solvers.solver import Iterate
 from vemcvx.weight_law import PressureLaw
@@ -44,9 +44,9 @@ def swept(program: StepProgram, law: PressureLaw, start: Iterate) -> Iterate:
     """A point near a solution of the step whose weights follow the law."""
     operators, (unit, softness) = program.operators, program.operators.softness
     norms, limits, block = slice(len(program.b)), slice(len(program.b), None), operators.block
-    piece = law.scaled(1.0 / unit[norms][::block], unit[limits]).piece(start.p / unit[limits])
-    follow, free, parts = Rows(piece.slope).read, operators.factor.solve(program.g), np.ones(block)
-    without = piece.weights - follow(piece.forces)
+    piece, disc, press = law.piece(start.p), unit[norms][::block], unit[limits]
+    follow, free, parts = piece.slope.read, operators.factor.solve(program.g), np.ones(block)
+    without = (piece.weights - follow(piece.forces)) / disc
     ahead = unit * np.append(program.slip(free), program.excess(free))
     x = np.append(start.lam, start.p) / unit
     off = product(softness, x) - ahead
@@ -58,7 +58,8 @@ def swept(program: StepProgram, law: PressureLaw, start: Iterate) -> Iterate:
         last, x = x, x - (size / bent if sweep % 3 == 0 else bent / (turn @ turn)) * off
         lam, p = x[norms].reshape(-1, block), x[limits]
         np.maximum(p, 0.0, out=p)
-        lam *= np.minimum(np.maximum(without + follow(p), 0.0) / np.sqrt(lam**2 @ parts + NONE), 1.0)[:, None]
+        bound = np.maximum(without + follow(press * p) / disc, 0.0)
+        lam *= np.minimum(bound / np.sqrt(lam**2 @ parts + NONE), 1.0)[:, None]
         step = x - last
         if step @ step <= SWEPT**2 * (x @ x):
             break

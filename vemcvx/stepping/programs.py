@@ -95,7 +95,7 @@ def _solved_program(steps: Steps, before: State, after: State, n: int) -> Solved
         found = SolvedProgram.of(program, polished(program, answer), n, after.t)
     if norms is None or not norms.sloped:
         return found
-    return replace(found, slope=norms.pressure_law(after.t, before.ledger.slipped).slope(after.p))
+    return replace(found, slope=norms.pressure_law(after.t, before.ledger.slipped).slope(after.p).B)
 
 
 def _check_stored(trajectory: Trajectory, n: int) -> None:

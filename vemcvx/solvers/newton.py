@@ -82,7 +82,7 @@ from vemcvx.program.operators import (
 )
 from vemcvx.program.step_program import Answer, StepProgram
 from vemcvx.program.tolerances import FURTHER_GAP
-from vemcvx.solvers.projected_gradients import sweepable, swept
+from vemcvx.solvers.projected_gradients import SWEPT, sweepable, swept
 from vemcvx.solvers.solver import Iterate, Solver
 from vemcvx.weight_law import PressureLaw
 
@@ -490,7 +490,7 @@ class Newton(Solver):
         operators = program.operators
         if sweepable(operators) and isinstance(operators.K, np.ndarray) and operators.own_columns is not None:
             none = Rows(sp.csr_matrix((len(program.w), len(program.e))))
-            start = swept(program, PressureLaw(lambda p: program.w, lambda p: none), start)
+            start = swept(program, PressureLaw(lambda p: program.w, lambda p: none), start, SWEPT**0.5)
         run.newton(start, shift)
         # The safeguard's first shifts are a hundred of the active sets'.
         safeguard = proximal_points(program, run.best, shift * 100.0)

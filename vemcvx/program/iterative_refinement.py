@@ -24,7 +24,7 @@ from dataclasses import replace
 import numpy as np
 
 from vemcvx.arrays import EPS, Bools, Floats
-from vemcvx.linear import SAMPLES, residual, sizes
+from vemcvx.linear import residual, sizes
 from vemcvx.program.certificate import Certificate
 from vemcvx.program.condensation import Condensation
 from vemcvx.program.operators import Operators, restricted, transverse

@@ -304,7 +304,7 @@ class Friction:
     def _of_rows(self, raw: object, name: str, what: str) -> Floats:
         m = len(self.nodes)
         given = shaped(raw, f"{self.subject}: {name}", f"one number, or ({m},) {what}, one a row", (), (m,))
-        return np.array(np.broadcast_to(given, (m,)))
+        return np.full(m, given)
 
     @classmethod
     def of(cls, rows: BoundaryRows, subject: str) -> Friction:

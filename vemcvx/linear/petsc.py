@@ -2,9 +2,10 @@
 
 Rank 0 poses the problem and steps; every rank holds a block of K's rows in the order of the unknowns, its part of the
 hierarchy, and its part of vectors. The other ranks wait for the calls of rank 0 (:func:`serve`), which names a method
-of :class:`RankRows` that all of them then call together. K never stands whole: rank 0 makes some rows at a time and
-sends them to the rank that holds them, and all that a run asks of K afterwards, products, its diagonal and residuals in
-extended precision, is asked of the ranks (:class:`OverRanks`).
+of :class:`RankRows` that all of them then call together. Neither K nor the stiffness of all nodal values ever stands
+whole: rank 0 makes some rows at a time, from the cells around their nodes, and sends them to the rank that holds them.
+All that a run asks of K afterwards, products, its diagonal and residuals in extended precision, is asked of the ranks
+(:class:`OverRanks`).
 
 GAMG smooths its aggregates from the rigid motions, as :mod:`vemcvx.linear.multigrid` does, and smooths by Chebyshev
 polynomials of the same degree before and after the coarse correction. The polynomial is self-adjoint in the energy,
@@ -35,7 +36,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.arrays import SOME, Bools, Floats, Ints, brief, power_of_two
+from vemcvx.arrays import SOME, Bools, Floats, Ints, brief, by_rows, power_of_two
 from vemcvx.errors import NotAccepted, SceneError
 from vemcvx.linear.factor import Cycle, LinearSolver
 from vemcvx.linear.multigrid import MultigridFactor, Stopping, lowest_eigenvalue
@@ -300,8 +301,7 @@ class RankRows:
             return comm.recv(source=0, tag=BLOCK) if made is None else made(start, stop)
 
         first, last = ends[comm.rank : comm.rank + 2]
-        each = [own(start, min(start + SOME, last)) for start in range(first, last, SOME)]
-        block = sp.vstack(each, format="csr") if each else sp.csr_matrix((0, ends[-1]))
+        block = by_rows(own, last - first, 0, (last - first, ends[-1]))
         # PETSc takes singular values below 1e-12 for zeros, whatever the unit.
         self.unit = float(power_of_two(max(comm.allgather(block.diagonal(first).max(initial=0.0)))))
         return block

@@ -16,14 +16,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
-import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
 from vemcvx.arrays import Floats, brief, flag, function
 from vemcvx.errors import SceneError
+
+if TYPE_CHECKING:
+    from vemcvx.program.operators import Rows
 
 
 @dataclass(frozen=True)
@@ -64,26 +65,13 @@ class Law:
 
 @dataclass(frozen=True)
 class PressureLaw:
-    """A law at an instant, after given slips: weights (m,) piecewise affine in the forces p (r,), with slope (m, r)."""
+    """A law at an instant, after given slips: weights (m,) piecewise affine in the forces p (r,), with slope (m, r).
+
+    The slope is one object on each piece of the law, in all steps of a run.
+    """
 
     weights: Callable[[Floats], Floats]
-    slope: Callable[[Floats], sp.csr_matrix]
-
-    @staticmethod
-    def given(w: Floats, r: int) -> PressureLaw:
-        """The law of given weights (m,), whatever the forces (r,)."""
-        slope = sp.csr_matrix((len(w), r))
-        return PressureLaw(lambda p: w, lambda p: slope)
-
-    def scaled(self, up: Floats, down: Floats) -> PressureLaw:
-        """The law in units in which weights are `up` (m,) times as many, and forces are `down` (r,) of these."""
-
-        def scale(J: sp.csr_matrix) -> sp.csr_matrix:
-            entries = np.repeat(up, np.diff(J.indptr)) * J.data * down[J.indices]
-            return sp.csr_matrix((entries, J.indices, J.indptr), shape=J.shape)
-
-        scaled = once_for_each(scale)
-        return PressureLaw(lambda p: up * self.weights(down * p), lambda p: scaled(self.slope(down * p)))
+    slope: Callable[[Floats], Rows]
 
     def piece(self, p: Floats) -> Piece:
         """The affine piece of the law at the forces p (r,)."""
@@ -95,33 +83,5 @@ class Piece:
     """An affine piece of a law at the forces p_0 (r,): weights (m,) there, and their derivative (m, r)."""
 
     weights: Floats
-    slope: sp.csr_matrix
+    slope: Rows
     forces: Floats
-
-
-def once_for_each(change: Callable[..., sp.csr_matrix]) -> Callable[..., sp.csr_matrix]:
-    """The change of a matrix, made once where the same matrix comes again, to which nobody writes.
-
-    Slopes of a law are one matrix on each of its pieces. A step asks for it some five times, and made anew thrice at
-    each they took a tenth of a step of 169 contacts.
-    """
-    last: list[tuple[Any, sp.csr_matrix]] = []
-
-    def changed(J: Any, *others: Any) -> sp.csr_matrix:
-        if not last or last[0][0] is not J:
-            made = change(J, *others)
-            if not isinstance(J, sp.csr_matrix) or J.data.flags.writeable:
-                return made
-            made.data.flags.writeable = False
-            last[:] = [(J, made)]
-        return last[0][1]
-
-    return changed
-
-
-def same_matrix(one: sp.csr_matrix, other: sp.csr_matrix) -> bool:
-    """Return True if two matrices of a shape have the same entries, in the same order."""
-    if one is other:
-        return True
-    parts = (one.data, other.data), (one.indices, other.indices), (one.indptr, other.indptr)
-    return all(np.array_equal(*pair) for pair in parts)

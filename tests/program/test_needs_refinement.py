@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from installed import needs
+from scipy.special import fdtri
 
 import vemcvx as vx
-from vemcvx.program.condensation import Condensation, needs_refinement
+from vemcvx.linear import SAMPLES
+from vemcvx.program.condensation import TAIL, Condensation, needs_refinement
 from vemcvx.scene import pose_scene
 
 pytestmark = pytest.mark.arithmetic
@@ -30,3 +32,7 @@ def test_a_floating_body_needs_none_and_one_that_is_nearly_incompressible_does(l
     # One solve loses 2e-13 of an energy norm; the upper block, which anchors hold, is known to 3e-12 as a whole.
     assert not needs_refinement(Condensation(two_blocks(0.3), linear=linear), 1e-10)
     assert needs_refinement(Condensation(two_blocks(0.499999), linear=linear), 1e-8)
+
+
+def test_the_tail_is_that_of_as_many_samples():
+    assert pytest.approx(fdtri(1, SAMPLES, 1 - 1e-6), rel=1e-14) == TAIL

@@ -14,8 +14,8 @@ import scipy.sparse as sp
 
 import vemcvx as vx
 from vemcvx.program.condensation import Condensation
+from vemcvx.program.operators import OnceForEach, Rows
 from vemcvx.scene import pose_scene
-from vemcvx.weight_law import once_for_each
 
 SHIFT = 10.0
 
@@ -151,13 +151,13 @@ def test_slopes_that_nobody_writes_to_are_changed_once():
 
     def doubled(J):
         made.append(J)
-        return 2.0 * J
+        return Rows(2.0 * J)
 
-    changed, J = once_for_each(doubled), sp.csr_matrix(np.eye(3))
+    changed, J = OnceForEach(doubled), sp.csr_matrix(np.eye(3))
     assert changed(J) is not changed(J)
     J.data[:] = 3.0
-    assert (changed(J).data == 6.0).all()
+    assert (changed(J).B.data == 6.0).all()
     J.data.flags.writeable = False
     assert changed(J) is changed(J)
-    assert not changed(J).data.flags.writeable
+    assert not changed(J).B.data.flags.writeable
     assert len(made) == 4

@@ -14,7 +14,7 @@ from faces_that_meet import TIMES, random_scene
 import vemcvx as vx
 from vemcvx.linear import pardiso
 from vemcvx.program import operators
-from vemcvx.program.operators import Operators
+from vemcvx.program.operators import Operators, Rows
 from vemcvx.program.step_program import StepProgram
 from vemcvx.solvers import coulomb, sets_system
 from vemcvx.solvers.coulomb import distance_to_a_solution
@@ -161,7 +161,7 @@ def test_random_scenes_are_as_near_to_a_solution_as_proven(monkeypatch, start):
 def on_given_sets(K, B, D, compliance, at, J, curvature, moves):
     """What is proven of a point (d, lam, p) where limits act and discs slip along the first axis, by `moves`."""
     (d, lam, p), w0 = at, np.maximum(np.linalg.norm(at[1], axis=1) - J @ at[2], 0.0)
-    law = PressureLaw(lambda p: w0 + J @ p, lambda p: sp.csr_matrix(J))
+    law = PressureLaw(lambda p: w0 + J @ p, lambda p: Rows(sp.csr_matrix(J)))
     operators = Operators(K, sp.csr_matrix(B), 2, D=sp.csr_matrix(D), compliance=compliance)
     force = K @ d + B.T @ lam.ravel() + D.T @ p
     program = StepProgram(operators, force, w0 + J @ p, B @ d - moves, D @ d - compliance * p)
@@ -177,7 +177,7 @@ def on_given_sets(K, B, D, compliance, at, J, curvature, moves):
         error=0.0,
         forces=1e-10,
         motions=np.full(B.shape[0] + len(p), 1e-13),
-        system=SetsSystem(operators, sets, sp.csr_matrix(J), response),
+        system=SetsSystem(operators, sets, Rows(sp.csr_matrix(J)), response),
     )
     return distance_to_a_solution(program, law, point, response)
 
@@ -233,7 +233,7 @@ def test_forces_that_follow_motions_are_answered_within_bounds():
         J = 0.2 * rng.uniform(size=(m, r)) * (np.arange(m) > 0)[:, None]
         sets = Sets(np.arange(m) == 0, q, h, np.ones(r, dtype=bool))
         operators = Operators(K, sp.csr_matrix(A[: 2 * m]), 2, D=sp.csr_matrix(A[2 * m :]), compliance=c)
-        system = SetsSystem(operators, sets, sp.csr_matrix(J), Response(operators))
+        system = SetsSystem(operators, sets, Rows(sp.csr_matrix(J)), Response(operators))
         t, u = rng.uniform(size=(2, m)) * (np.arange(m) > 0)
         lacking = h * np.append(np.zeros(2), 10.0 ** rng.uniform(-3, -0.7, m - 2))
         lacking[1] = 3 * h[1] * (h[1] < 0.3)
@@ -275,7 +275,7 @@ def test_curvatures_that_are_off_count_by_the_worst_of_many_and_alone_where_they
         h[rng.random(m) < 0.2] = 0.0
         operators = Operators(K, sp.csr_matrix(B), 2)
         sets = Sets(np.zeros(m, dtype=bool), q, h, np.zeros(0, dtype=bool))
-        system = SetsSystem(operators, sets, sp.csr_matrix((m, 0)), Response(operators))
+        system = SetsSystem(operators, sets, Rows(sp.csr_matrix((m, 0))), Response(operators))
         across = np.einsum("ij,ijk->ik", beside, B.reshape(m, 2, n))
         N = K + (across.T * h) @ across
         exact = scipy.linalg.eigh((across.T * lacking) @ across, N, eigvals_only=True)[-1]
@@ -319,7 +319,7 @@ def test_a_system_stands_in_the_memory_of_the_last_and_answers_as_if_it_were_the
     operators = Operators(
         root @ root.T + np.eye(n), sp.eye_array(2 * m, n, format="csr"), 2, D=sp.eye_array(n).tocsr()[2 * m :]
     )
-    J, response, made = sp.csr_matrix(0.2 * np.eye(m)), Response(operators), []
+    J, response, made = Rows(sp.csr_matrix(0.2 * np.eye(m))), Response(operators), []
     for stuck in (1, 3, 2):
         stick = np.arange(m) < stuck
         q = np.where(stick[:, None], 0.0, [0.6, 0.8])

@@ -120,10 +120,8 @@ class Softer(vx.Elasticity):
 
     def contribute(self, space):
         ours = super().contribute(space)
-        return dataclasses.replace(ours, stiffness=dataclasses.replace(self, stabilisation="unit")._stiff(space))
-
-    def _stiff(self, space):
-        return vx.Elasticity.contribute(self, space).stiffness
+        unit = vx.Elasticity(self.young, self.poisson, stabilisation="unit").contribute(space).material
+        return dataclasses.replace(ours, stiffness=unit.stiffness(space).whole())
 
 
 def test_a_budget_of_another_form_is_refused():

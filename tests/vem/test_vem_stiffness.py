@@ -11,7 +11,7 @@ from skfem.models.elasticity import linear_elasticity
 
 import vemcvx as vx
 from vemcvx.vem import Space, rigid_modes, stiffness
-from vemcvx.vem.elasticity import assemble_cells, distinct, local_blocks
+from vemcvx.vem.elasticity import SumOverCells, distinct, local_blocks
 
 SLOPE = np.array([[0.3, -1.2], [0.7, 0.4]])
 EPS = np.finfo(float).eps
@@ -282,11 +282,11 @@ def test_translates_of_equal_moduli_share_their_local_matrix(family, n, most, st
         made.append(len(cells.cells))
         return local_blocks(cells, *moduli)
 
-    shared = assemble_cells(Space(mesh), local, mu > 0, (lam, mu, 2 * mu))
+    shared = SumOverCells(Space(mesh), local, mu > 0, (lam, mu, 2 * mu)).whole()
     given = np.arange(mesh.n_cells)
-    own = assemble_cells(
+    own = SumOverCells(
         Space(mesh), lambda cells, at: local_blocks(cells, lam[at], mu[at], 2 * mu[at]), mu > 0, [given]
-    )
+    ).whole()
     assert np.array_equal(shared.toarray(), own.toarray())
     assert sum(made) <= most + stiffer
     assert sum(made) < mesh.n_cells / 2

@@ -304,7 +304,7 @@ class Friction:
     def _of_rows(self, raw: object, name: str, what: str) -> Floats:
         m = len(self.nodes)
         given = shaped(raw, f"{self.subject}: {name}", f"one number, or ({m},) {what}, one a row", (), (m,))
-        return np.array(np.broadcast_to(given, (m,)))
+        return np.full(m, given)
 
     @classmethod
     def of(cls, rows: BoundaryRows, subject: str) -> Friction:
@@ -376,6 +376,10 @@ class Material:
             else self.stabilisation
         )
 
+    def stiffness(self, space: Space) -> vem.SumOverCells:
+        """What resists strains of these cells."""
+        return vem.stiffness_of(space, self.moduli, self.stabilised(space.dim))
+
     def missed(self, space: Space, u: Floats) -> Floats:
         """S_K(u - Pi u, u - Pi u) of each cell, (n_cells,), of nodal displacements (n_nodes, dim)."""
         return vem.missed_energies(space, self.stabilised(space.dim), self.elastic(space.dim), u)
@@ -406,7 +410,7 @@ class Contribution:
     """The sum of what an effect adds; every field may be absent."""
 
     stiffness: sp.csr_matrix | None = None
-    """of a material, or of springs to the ground: motions that these feel are held"""
+    """of springs to the ground: motions that these feel are held; or of a material, where its moduli do not say all"""
     material: Material | None = None
     loads: tuple[Load, ...] = ()
     supports: tuple[Support, ...] = ()

@@ -107,8 +107,6 @@ class Elasticity(MaterialLaw):
             self._warn_of_locking(lam, mu, space)
         if cells is not None:
             lam, mu = lam * cells, mu * cells
-        stabilisation = vem.stabilisation_of(self.stabilisation, mu)
-        A = vem.stiffness(space, lam, mu, stabilisation)
         volume, thermal = self._blocked(lam, mu, space.dim)
         out_of_plane = np.column_stack([lam, lam, np.zeros_like(lam), volume]) * float(self._plane == "strain")
 
@@ -125,10 +123,10 @@ class Elasticity(MaterialLaw):
             plane=self._plane,
             cells=cells,
             out_of_plane=out_of_plane if space.in_plane else None,
-            stabilisation=stabilisation,
+            stabilisation=vem.stabilisation_of(self.stabilisation, mu),
             at=at if data.varies(self.young, self.poisson) else None,
         )
-        return Contribution(stiffness=A, material=material)
+        return Contribution(material=material)
 
     def describe(self) -> str:
         return self._words("" if self.plane is None else f"plane {self.plane}, ")
@@ -251,7 +249,6 @@ class Orthotropic(MaterialLaw):
 
         names = "young", "poisson", "shear"
         constants = [one for name in names for one in self._constants(name, space.in_plane)]
-        stabilisation = vem.stabilisation_of(self.stabilisation, 0.5 * vem.softest_shear(C))
         material = Material(
             subject="Orthotropic" if self.on is None else f"Orthotropic on {where(self.on)}",
             moduli=vem.upper_triangle(C),
@@ -259,10 +256,10 @@ class Orthotropic(MaterialLaw):
             plane=self._plane if space.in_plane else "strain",
             cells=cells,
             out_of_plane=out_of_plane,
-            stabilisation=stabilisation,
+            stabilisation=vem.stabilisation_of(self.stabilisation, 0.5 * vem.softest_shear(C)),
             at=at if data.varies(*constants, self.angle, *(() if self.axes is None else self.axes)) else None,
         )
-        return Contribution(stiffness=vem.anisotropic_stiffness(space, C, stabilisation), material=material)
+        return Contribution(material=material)
 
     @property
     def _plane(self) -> str:

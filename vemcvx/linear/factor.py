@@ -304,10 +304,10 @@ class LinearSolver(ABC):
         """Bytes that a factor takes in space, about, where factors are fullest; nan where it is not known."""
         return np.nan
 
-    def held(self, made: Callable[[int, int], sp.csr_matrix], most: Ints) -> Elsewhere | None:
+    def held(self, made: Callable[[int, int], sp.csr_matrix], n: int) -> Elsewhere | None:
         """K (n, n) where this solver holds it; None where K is to be a sparse matrix here.
 
-        `made` makes the rows of K from one number to another; they have `most` (n,) entries at most.
+        `made` makes the rows of K from one number to another.
         """
         return None
 

@@ -2,9 +2,10 @@
 
 Rank 0 poses the problem and steps; every rank holds a block of K's rows in the order of the unknowns, its part of the
 hierarchy, and its part of vectors. The other ranks wait for the calls of rank 0 (:func:`serve`), which names a method
-of :class:`RankRows` that all of them then call together. K never stands whole: rank 0 makes some rows at a time and
-sends them to the rank that holds them, and all that a run asks of K afterwards, products, its diagonal and residuals in
-extended precision, is asked of the ranks (:class:`OverRanks`).
+of :class:`RankRows` that all of them then call together. Neither K nor the stiffness of all nodal values ever stands
+whole: rank 0 makes some rows at a time, from the cells around their nodes, and sends them to the rank that holds them.
+All that a run asks of K afterwards, products, its diagonal and residuals in extended precision, is asked of the ranks
+(:class:`OverRanks`).
 
 GAMG smooths its aggregates from the rigid motions, as :mod:`vemcvx.linear.multigrid` does, and smooths by Chebyshev
 polynomials of the same degree before and after the coarse correction. The polynomial is self-adjoint in the energy,
@@ -86,16 +87,16 @@ class PETSc(LinearSolver):
     def __post_init__(self) -> None:
         options_of(self.options)
 
-    def held(self, made: Callable[[int, int], sp.csr_matrix], most: Ints) -> OverRanks:
+    def held(self, made: Callable[[int, int], sp.csr_matrix], n: int) -> OverRanks:
         ranks = all_ranks()
         if ranks.comm.rank > 0:
             raise NotAccepted("PETSc: ranks above 0 do not simulate; they call vemcvx.linear.petsc.serve() instead.")
-        return OverRanks(ranks, made, most)
+        return OverRanks(ranks, made, n)
 
     def factorise(self, K: Any, near_kernel: Floats | None = None) -> PETScFactor:
         if not isinstance(K, OverRanks):
             rows = sp.csr_matrix(K)
-            K = self.held(lambda start, stop: rows[start:stop], np.diff(rows.indptr))
+            K = self.held(lambda start, stop: rows[start:stop], rows.shape[0])
         n = K.shape[0]
         motions = np.zeros((n, 0)) if near_kernel is None else np.linalg.qr(near_kernel)[0]
         levels, limits = K.set_up(options_of(self.options), motions)
@@ -129,8 +130,7 @@ class OverRanks(Elsewhere):
     The rows are made on rank 0, some at a time, and sent to the rank that holds them.
     """
 
-    def __init__(self, ranks: Ranks, made: Callable[[int, int], sp.csr_matrix], most: Ints):
-        n = len(most)
+    def __init__(self, ranks: Ranks, made: Callable[[int, int], sp.csr_matrix], n: int):
         self.shape, self._ranks, self._number = (n, n), ranks, ranks.next_number()
         self._diagonal, self._mark = np.empty(n), hashlib.blake2b(digest_size=16)
 
@@ -141,8 +141,7 @@ class OverRanks(Elsewhere):
                 self._mark.update(np.ascontiguousarray(part).data)
             return rows
 
-        bounds = [int(most[i:j].sum()) for i, j in pairwise(_ends(ranks.comm, n))]
-        self._ranks.call(self._number, "hold", (n, bounds), noted)
+        self._ranks.call(self._number, "hold", (n,), noted)
         self._unit = ranks.held[self._number].unit
 
     def __repr__(self) -> str:
@@ -264,11 +263,11 @@ class RankRows:
     Vectors are given to rank 0, and returned by it, as a whole.
     """
 
-    def __init__(self, comm: Any, n: int, most: list[int], made: Callable[[int, int], sp.csr_matrix] | None = None):
+    def __init__(self, comm: Any, n: int, made: Callable[[int, int], sp.csr_matrix] | None = None):
         from petsc4py import PETSc as petsc
 
         self._petsc, self._comm, self._ends = petsc, comm, _ends(comm, n)
-        self._block = self._taken(most[comm.rank], made)
+        self._block = self._taken(made)
         self._size = self._block.shape
         self._ksp, self._near = petsc.KSP(), petsc.NullSpace()
         self._stiffened: Any = None
@@ -290,7 +289,7 @@ class RankRows:
         x, b = self._K.createVecs()
         return x, b, *self._petsc.Scatter.toZero(x)
 
-    def _taken(self, most: int, made: Callable[[int, int], sp.csr_matrix] | None) -> sp.csr_matrix:
+    def _taken(self, made: Callable[[int, int], sp.csr_matrix] | None) -> sp.csr_matrix:
         """The rows of this rank, made by rank 0, and sent by it, some at a time; its own ones are made last."""
         comm, ends = self._comm, self._ends
         if made is not None:
@@ -302,7 +301,7 @@ class RankRows:
             return comm.recv(source=0, tag=BLOCK) if made is None else made(start, stop)
 
         first, last = ends[comm.rank : comm.rank + 2]
-        block = by_rows(own, last - first, most, (last - first, ends[-1]))
+        block = by_rows(own, last - first, 0, (last - first, ends[-1]))
         # PETSc takes singular values below 1e-12 for zeros, whatever the unit.
         self.unit = float(power_of_two(max(comm.allgather(block.diagonal(first).max(initial=0.0)))))
         return block

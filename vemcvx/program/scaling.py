@@ -28,6 +28,7 @@ Without this, interior-point solvers stop at 40-70 % energy error in small units
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
@@ -35,8 +36,9 @@ import scipy.sparse as sp
 from vemcvx.arrays import Floats, power_of_two
 from vemcvx.errors import SceneError
 from vemcvx.linear import Congruent, Matrix, Scaled
-from vemcvx.program.operators import Operators
+from vemcvx.program.operators import OnceForEach, Operators
 from vemcvx.program.step_program import Answer, StepProgram
+from vemcvx.weight_law import PressureLaw
 
 SMALLEST_NORM, LARGEST_NORM = 1e-125, 1e125
 """Energy norms outside have squares that are no numbers any more, or gaps beneath them that are not. Scaled weights and
@@ -98,6 +100,17 @@ class Scaling:
         """Multipliers (m, block) and (r,) in scaled units."""
         force = self.kappa * alpha
         return lam * self.sigma[:, None] / force, p * self.tau / force
+
+    def law(self, law: PressureLaw, alpha: float) -> PressureLaw:
+        """A law of weights in scaled units. Its slope is the same for every alpha: weights and forces have one unit."""
+        force = self.kappa * alpha
+        up, down = self.sigma / force, force / self.tau
+        return PressureLaw(lambda p: up * law.weights(down * p), lambda p: self._slope(law.slope(down * p)))
+
+    @cached_property
+    def _slope(self) -> OnceForEach:
+        """A slope in scaled units."""
+        return OnceForEach(lambda J: J.scaled(self.sigma, 1.0 / self.tau))
 
     @property
     def factor(self) -> Scaled:

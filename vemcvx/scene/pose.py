@@ -40,11 +40,11 @@ from vemcvx.scene.contact import (
 from vemcvx.scene.rigid import floating_motions, seen_from_bodies
 from vemcvx.scene.scene import InitialStresses, Scene, active_parts, compose, initial_stresses
 from vemcvx.scene.supports import ContactRows, Supports, by_precedence, on_free, resolve, straightened
-from vemcvx.vem import Space, Stabilisation, energy_rows, rigid_modes
+from vemcvx.vem import Space, Stabilisation, SumOverCells, energy_rows, rigid_modes
 
 
 def load_of(
-    loads: tuple[Load | InitialStresses, ...], A: sp.csr_matrix, supports: Supports
+    loads: tuple[Load | InitialStresses, ...], A: sp.csr_matrix | Congruent, supports: Supports
 ) -> Callable[[float], Floats]:
     """The load of a System; loads on a part of the body touch its unknowns alone."""
     n = supports.P.shape[1]
@@ -75,7 +75,7 @@ def load_of(
     return load if others else part
 
 
-def _moving(A: sp.csr_matrix, supports: Supports) -> tuple[Callable[[float], Floats], Ints, sp.csr_matrix]:
+def _moving(A: sp.csr_matrix | Congruent, supports: Supports) -> tuple[Callable[[float], Floats], Ints, sp.csr_matrix]:
     """P'A u_D from the nodal values that supports move, and from the rows of P'A with entries there."""
     moved = supports.moved
     columns = (A.S if isinstance(A, Congruent) else A)[:, moved]  # u_D is zero where the rest of A is
@@ -90,7 +90,7 @@ def _rows_of(matrix: sp.csr_matrix) -> tuple[Ints, sp.csr_matrix]:
 
 
 def motion_of(
-    A: sp.csr_matrix,
+    A: sp.csr_matrix | Congruent,
     supports: Supports,
     tangential: sp.csr_matrix,
     normal: sp.csr_matrix,
@@ -127,7 +127,7 @@ class PosedScene:
     space: Space
     system: System  # K, load, norm terms and limits over the free unknowns, in consistent units
     supports: Supports
-    A: sp.csr_matrix  # (n_u, n_u) stiffness over all nodal values; a Congruent where the linear solver has K
+    A: Any  # (n_u, n_u) sparse stiffness over all nodal values; a Congruent where the linear solver has K
     loads: tuple[Load | InitialStresses, ...]
     terms: Terms
     obstacles: Obstacles
@@ -189,7 +189,7 @@ def pose_scene(
     surfaces = straightened((*holds, *frictions, *stops), _chain(p.surfaces for p in parts))
     # Whatever refers to normals, so that nodal frames have them as axes.
     supports = resolve(holds, (*frictions, *stops), mesh.points)
-    forms, contact = _forms(parts), _contact(surfaces, frictions, stops, supports, times)
+    forms, contact = _forms(parts, space), _contact(surfaces, frictions, stops, supports, times)
     A, system = _system(space, forms, loads, supports, contact, linear=linear)
     return PosedScene(
         scene=scene,
@@ -217,21 +217,34 @@ def pose_scene(
 
 @dataclass(frozen=True)
 class _Forms:
-    """Matrices (n_u, n_u) of bilinear forms over all nodal values."""
+    """Matrices (n_u, n_u) of bilinear forms over all nodal values; the stiffness is a sum of which none may stand."""
 
-    stiffness: sp.csr_matrix
+    stiffness: list[SumOverCells | sp.csr_matrix]
     springs: sp.csr_matrix | None  # of these the stiffness that is no material's
     viscosity: sp.csr_matrix | None
 
+    def whole(self) -> sp.csr_matrix:
+        """All of the stiffness."""
+        return reduce(add, (A.whole() if isinstance(A, SumOverCells) else A for A in self.stiffness))
 
-def _forms(parts: Sequence[Contribution]) -> _Forms:
+    def rows(self, unknowns: Ints) -> sp.csr_matrix:
+        """The rows (k, n_u) of the stiffness of some nodal values."""
+        return reduce(add, (A.rows(unknowns) if isinstance(A, SumOverCells) else A[unknowns] for A in self.stiffness))
+
+
+def _forms(parts: Sequence[Contribution], space: Space) -> _Forms:
     def summed(matrices: list[sp.csr_matrix]) -> sp.csr_matrix | None:
         return reduce(add, matrices) if matrices else None
 
-    stiffness = [(p.stiffness, p.material is None) for p in parts if p.stiffness is not None]
-    springs = summed([A for A, of_springs in stiffness if of_springs])
+    stiffness, springs = list[SumOverCells | sp.csr_matrix](), list[sp.csr_matrix]()
+    for part in parts:
+        if part.stiffness is not None:
+            stiffness.append(part.stiffness)
+            springs += [part.stiffness] * (part.material is None)
+        elif part.material is not None:
+            stiffness.append(part.material.stiffness(space))
     viscosity = summed([p.viscosity for p in parts if p.viscosity is not None])
-    return _Forms(reduce(add, [A for A, _ in stiffness]), springs, viscosity)
+    return _Forms(stiffness, summed(springs), viscosity)
 
 
 def _system(
@@ -242,21 +255,27 @@ def _system(
     contact: _Contact,
     *,
     linear: LinearSolver | None,
-) -> tuple[sp.csr_matrix, System]:
+) -> tuple[sp.csr_matrix | Congruent, System]:
     terms, obstacles, points = contact.terms, contact.obstacles, space.mesh.points
     # Springs to the ground feel rigid motions, too.
     seen = seen_from_bodies(space) if forms.springs is None else lambda u: u
     kernel = _unsupported(space, supports, contact, forms.springs)
-    A, there = forms.stiffness, None
+    A: sp.csr_matrix | Congruent
+    order: Callable[[], Ints] | None
+    there = None
     if linear is not None and kernel is None and forms.viscosity is None:  # Else it is added to, or its motions are.
-        there = _elsewhere(A, supports.P, linear)
-    A, K = there or (A, _restrict(A, supports))
+        there = _elsewhere(forms.rows, supports.P, linear)
+    if there is None:
+        A = forms.whole()
+        K, order = _restrict(A, supports), cache(partial(_order, A, supports, points))
+    else:
+        A, K, order = there, there.K, None
     system = System(
         K=K,
         load=load_of(loads, A, supports),
         norms=norm_terms(terms, contact.press, supports),
         motion=None if supports.still else motion_of(A, supports, acting_rows(terms), obstacles.rows, seen),
-        order=None if there else cache(partial(_order, A, supports, points)),
+        order=order,
         near_kernel=supports.P.T @ rigid_modes(points),
         kernel=kernel,
         limits=limits(obstacles, supports),
@@ -333,54 +352,51 @@ def _restrict(A: sp.csr_matrix, supports: Supports) -> sp.csr_matrix:
 
 def _principal(A: sp.csr_matrix, free: Ints) -> sp.csr_matrix:
     """A on the free unknowns (k,) alone; all their rows at once would take twice the memory."""
-    return by_rows(_rows_among(A, free), len(free), A.nnz, (len(free), len(free)))
+    among = _columns_among(free, A.shape[0])
+    return by_rows(lambda start, stop: among(A[free[start:stop]]), len(free), A.nnz, (len(free), len(free)))
 
 
-def _rows_among(A: sp.csr_matrix, free: Ints) -> Callable[[int, int], sp.csr_matrix]:
-    """What makes the rows of A, from one to another of the free unknowns (k,), on these alone."""
-    place = np.full(A.shape[0], -1, dtype=A.indices.dtype)
-    place[free] = np.arange(len(free), dtype=place.dtype)
+def _columns_among(free: Ints, n: int) -> Callable[[sp.csr_matrix], sp.csr_matrix]:
+    """What takes these columns (k,) from rows over n unknowns."""
+    place = np.full(n, -1, dtype=np.int32)
+    place[free] = np.arange(len(free), dtype=np.int32)
 
-    def of_free(start: int, stop: int) -> sp.csr_matrix:
-        rows = A[free[start:stop]]
+    def among(rows: sp.csr_matrix) -> sp.csr_matrix:
         columns = place[rows.indices]
         kept = columns >= 0
         indptr = np.append(0, np.cumsum(kept))[rows.indptr]
-        return sp.csr_matrix((rows.data[kept], columns[kept], indptr), shape=(stop - start, len(free)))
+        return sp.csr_matrix((rows.data[kept], columns[kept], indptr), shape=(rows.shape[0], len(free)))
 
-    return of_free
+    return among
 
 
-def _elsewhere(A: sp.csr_matrix, P: sp.csr_matrix, linear: LinearSolver) -> tuple[Any, Any] | None:
-    """A and K = P'A P where the linear solver holds K; None where it does not, or frames are not along the axes.
+def _elsewhere(rows: Callable[[Ints], sp.csr_matrix], P: sp.csr_matrix, linear: LinearSolver) -> Congruent | None:
+    """A, of which the linear solver holds K = P'A P; None where it does not, or frames are not along the axes.
 
-    K is then made some rows at a time, and A is P K P' and the rows and columns of what is held.
+    Of A, which `rows` are asked of, and of K some rows are made at a time: A is P K P' and the rows and columns of what
+    is held.
     """
-    by_columns = sp.csc_matrix(P)
+    by_columns, n = sp.csc_matrix(P), P.shape[0]
     free, sign = by_columns.indices.astype(np.int64), by_columns.data
     if by_columns.nnz != P.shape[1] or (np.abs(sign) != 1.0).any():
         return None
-    of_free = _rows_among(A, free)
+    among = _columns_among(free, n)
 
     def signed(start: int, stop: int) -> sp.csr_matrix:
-        rows = of_free(start, stop)
-        rows.data *= sign[rows.indices] * np.repeat(sign[start:stop], np.diff(rows.indptr))
-        return rows
+        made = among(rows(free[start:stop]))
+        made.data *= sign[made.indices] * np.repeat(sign[start:stop], np.diff(made.indptr))
+        return made
 
-    lengths, held = np.diff(A.indptr), np.ones(A.shape[0], dtype=bool)
-    K = linear.held(signed, lengths[free])
+    K = linear.held(signed, len(free))
     if K is None:
         return None
-    held[free] = False
-
-    def of_held(start: int, stop: int) -> sp.csr_matrix:
-        rows = A[start:stop]
-        kept = held[rows.indices] | np.repeat(held[start:stop], np.diff(rows.indptr))
-        indptr = np.append(0, np.cumsum(kept))[rows.indptr]
-        return sp.csr_matrix((rows.data[kept], rows.indices[kept], indptr), shape=rows.shape)
-
-    most = 2 * int(lengths[held].sum())  # A is symmetric
-    return Congruent(P, K, by_rows(of_held, A.shape[0], most, A.shape)), K
+    held = np.setdiff1d(np.arange(n), free)
+    own = rows(held)
+    i, j = np.repeat(held, np.diff(own.indptr)), own.indices.astype(np.int64)
+    outside = np.isin(j, free)
+    # A is symmetric: what is held has these entries in the columns of the free unknowns, too.
+    entries = np.append(own.data, own.data[outside]), (np.append(i, j[outside]), np.append(j, i[outside]))
+    return Congruent(P, K, sp.csr_matrix(entries, shape=(n, n)))
 
 
 def _damping(A: sp.csr_matrix | None, supports: Supports, seen: Callable[[Floats], Floats]) -> Damping | None:

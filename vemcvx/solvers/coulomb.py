@@ -73,12 +73,13 @@ import numpy as np
 from scipy.linalg import LinAlgError
 
 from vemcvx.arrays import EPS, Bools, Floats, lengths
+from vemcvx.program.operators import OnceForEach, Rows
 from vemcvx.program.step_program import StepProgram
 from vemcvx.solvers.newton import Sets, Shifts, most_curved, sets_at, without_redundant_rows
 from vemcvx.solvers.projected_gradients import swept
 from vemcvx.solvers.sets_system import Answers, Response, SetsSystem
 from vemcvx.solvers.solver import Iterate
-from vemcvx.weight_law import Piece, PressureLaw, same_matrix
+from vemcvx.weight_law import Piece, PressureLaw
 
 SOLVED = 1e-6
 """Part of the answer above which a correction shows a nearly singular system, whose sets leave a motion free."""
@@ -144,7 +145,7 @@ class Found:
         p = np.maximum(self.point.p, 0.0)
         for there in (np.maximum(p - pi, 0.0), p + pi):
             off = law.weights(there) - self.weights - self.system.J.read(there - p)
-            if (np.abs(off) > self.forces).any() or not same_matrix(law.slope(there), self.law.slope):
+            if (np.abs(off) > self.forces).any() or not law.slope(there).same(self.law.slope):
                 return False
         return True
 
@@ -417,6 +418,12 @@ def solution_near(
     return SetsSolution(point, found.weights, error, away is not None)
 
 
+def _softened(law: PressureLaw, share: float) -> PressureLaw:
+    """The law w(share p)."""
+    soften = OnceForEach(lambda J: Rows(share * J.B))
+    return PressureLaw(lambda p: law.weights(share * p), lambda p: soften(law.slope(share * p)))
+
+
 def _by_softer_laws(
     program: StepProgram, law: PressureLaw, start: Iterate, response: Response, rounds: Iterator[int]
 ) -> Found | None:
@@ -424,7 +431,7 @@ def _by_softer_laws(
     share, point, factor = 1e-6, start, STEEPER
     last: tuple[Iterate, float] | None = None
     while True:
-        softer = law if share >= 1.0 else law.scaled(np.ones(len(program.w)), np.full(len(start.p), share))
+        softer = law if share >= 1.0 else _softened(law, share)
         found = _from_sets(program, softer, point, response, rounds)
         if found is not None and share >= 1.0:
             return found
@@ -458,7 +465,8 @@ def _from_sets(
     for _ in islice(rounds, MOST_SETS):
         sets, piece = _sets(program, law, point, shift, None if met else w)
         # The same terms may stick and press on another piece of the law: on its slope, and then on its level.
-        parts = sets.stick, sets.act, piece.slope.data, piece.slope.indices, piece.slope.indptr
+        J = piece.slope.B
+        parts = sets.stick, sets.act, J.data, J.indices, J.indptr
         mark = b"".join(part.tobytes() for part in (parts if discs else (*parts, sets.direction)))
         returns += mark in met and not (discs and mark == met[-1])
         if returns > (RETURNS if discs else 0):

@@ -76,12 +76,13 @@ from vemcvx.program.operators import (
     SECOND_ORDER_CONES,
     SQUARED_POSITIVE_PARTS,
     Operators,
+    Rows,
     restricted,
     transverse,
 )
 from vemcvx.program.step_program import Answer, StepProgram
 from vemcvx.program.tolerances import UNSEEN
-from vemcvx.solvers.projected_gradients import swept
+from vemcvx.solvers.projected_gradients import SWEPT, swept
 from vemcvx.solvers.solver import Iterate, Solver
 from vemcvx.weight_law import PressureLaw
 
@@ -484,7 +485,8 @@ class Newton(Solver):
         start = Iterate(np.zeros(len(program.g)), (1.0 + beyond) * program.project(lam), pressed)
         operators = program.operators
         if operators.sweepable and isinstance(operators.K, np.ndarray) and operators.own_columns is not None:
-            start = swept(program, PressureLaw.given(program.w, len(program.e)), start)
+            none = Rows(sp.csr_matrix((len(program.w), len(program.e))))
+            start = swept(program, PressureLaw(lambda p: program.w, lambda p: none), start, SWEPT**0.5)
         run.newton(start, shift)
         # The safeguard's first shifts are a hundred of the active sets'.
         safeguard = proximal_points(program, run.best, shift * 100.0)

@@ -95,18 +95,11 @@ class Response:
         """(n,) the stiffness of the anchors, without which K_r is K"""
         self.read: Ints = np.arange(self.A.shape[1]) if operators.sparse else operators.read
         self._last: Place | None = None
-        self._slope: Rows | None = None
         self._rooms: dict[str, Floats] = {}
 
     def act(self, x: Floats) -> Floats:
         """A'x, (n,)."""
         return self.operators.multiplier_force(x[self.norms], x[self.limits])
-
-    def slope(self, J: sp.csr_matrix) -> Rows:
-        """The slope (m, r) of a law of weights; the last is remembered, which most sets have."""
-        if self._slope is None or self._slope.B is not J:
-            self._slope = Rows(J)
-        return self._slope
 
     def room(self, use: str, rows: int, columns: int) -> Floats:
         """(rows, columns), as yet of no values, in the memory that had the last array of this use.
@@ -299,10 +292,10 @@ class SetsSystem:
         It is singular: the sets hold nothing, or hold something twice.
     """
 
-    def __init__(self, operators: Operators, sets: Sets, J: sp.csr_matrix, response: Response):
+    def __init__(self, operators: Operators, sets: Sets, J: Rows, response: Response):
         self._operators, self._response, self._sets = operators, response, sets
-        self._slope: Floats | sp.csr_matrix = J
-        self.J: Rows = response.slope(J)
+        self._slope: Floats | sp.csr_matrix = J.B
+        self.J = J
         """the slope (m, r) of the law"""
         self._follow: Callable[[Floats], Floats] = self.J.read
         self._steep: Callable[[Floats], Floats] = self.J.absolute.read
@@ -319,7 +312,7 @@ class SetsSystem:
         self._feedback: Floats | None = None
         pulls = (np.abs(sets.direction) * self._steep(np.ones(len(hard)))[:, None]).ravel()
         if place.norms.absolute.force_of(pulls)[place.columns].any():
-            self._close_loop(J)
+            self._close_loop(J.B)
         self._reactions = self._forces_of_limits()
 
     def _curved(self) -> Floats | None:

@@ -148,11 +148,10 @@ class DependentStep:
     def _on_sets(self, state: State, rounds: Iterator[int]) -> State | None:
         """The solution of :mod:`vemcvx.solvers.coulomb` from the sets of the state, in the units of the system."""
         scales, posed = self.run.scaling, self.pose(state.weights)
-        alpha = scales.size(posed.program)
+        alpha = self.attempt.size or posed.size  # Where g is none, weights say what moves it.
         if alpha == 0.0:
             return replace(state, certificate=state.certificate.away(0.0))
-        up, down = scales.sigma / (scales.kappa * alpha), scales.kappa * alpha / scales.tau
-        law = self.norms.pressure_law(posed.data.t, posed.before.ledger.slipped).scaled(up, down)
+        law = scales.law(self.norms.pressure_law(posed.data.t, posed.before.ledger.slipped), alpha)
         start = Iterate(
             scales.shrink(state.y - posed.before.y, alpha), *scales.guess(state.lam - posed.bias, state.p, alpha)
         )
@@ -168,7 +167,8 @@ class DependentStep:
         error = gap if SOLVED * followed.operators.energy_norm(at.d) < gap < np.inf else found.error
         own = Certificate(0.0, np.zeros_like(w), floor, np.zeros_like(at.p)).away(error, not found.proven)
         answer = scales.restore(state.answer(at.d, at.lam, at.p), alpha)
-        return self.pose(w / up).state_after(answer, own.times(1.0 / scales.energy(1.0, alpha)))
+        own = own.times(1.0 / scales.energy(1.0, alpha))
+        return self.pose(scales.kappa * alpha * w / scales.sigma).state_after(answer, own)
 
     def _check_slope(self, found: State) -> None:
         """Raise SceneError where weights do depend on the slip of the step, which a slope is not known for."""

@@ -26,7 +26,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 import scipy.sparse as sp
@@ -249,7 +249,7 @@ class PosedStep:
         of the state `near`, by default with those that the steps before let expect.
         """
         scales = self.run.scaling
-        alpha = scales.size(self.program)
+        alpha = self.size
         if alpha == 0.0:
             return self._still(np.zeros_like(self.before.lam), "nothing pushes")
         if self.before.scale == 0.0 and (held := scales.scale(self.program, alpha).at_rest()) is not None:
@@ -282,11 +282,16 @@ class PosedStep:
             best = state
         return best if spent == best.iterations else replace(best, iterations=spent)
 
+    @cached_property
+    def size(self) -> float:
+        """alpha of the step; 0 where nothing moves it."""
+        return self.run.scaling.size(self.program)
+
     @property
     def ordinary(self) -> bool:
         """True if contact has pressed before, or sweeps tell where it will, and numbers can hold the step's energy."""
         scales = self.run.scaling
-        norm = float(np.sqrt(scales.kappa)) * scales.size(self.program)
+        norm = float(np.sqrt(scales.kappa)) * self.size
         return (self.before.p.any() or scales.operators.sweepable) and SMALLEST_NORM <= norm <= LARGEST_NORM
 
     def _still(self, lam: Floats, status: str) -> State:

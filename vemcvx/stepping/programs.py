@@ -97,7 +97,7 @@ def _solved_program(steps: QuasistaticSteps | ViscousSteps, before: State, after
         found = SolvedProgram.of(program, polished(program, answer), n, after.t)
     if norms is None or not norms.sloped:
         return found
-    return replace(found, slope=norms.pressure_law(after.t, before.ledger.slipped).slope(after.p))
+    return replace(found, slope=norms.pressure_law(after.t, before.ledger.slipped).slope(after.p).B)
 
 
 def _check_stored(trajectory: Trajectory, n: int) -> None:

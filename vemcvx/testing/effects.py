@@ -203,9 +203,12 @@ def contributes_finite_arrays_that_fit_the_space(sample: EffectSample) -> None:
     assert isinstance(part, Contribution)
     assert any(len(value) if isinstance(value, tuple) else value is not None for value in vars(part).values())
     n, nodes = space.n_unknowns, space.mesh.n_nodes
-    if part.stiffness is not None:
-        assert part.stiffness.shape == (n, n)
-        assert np.isfinite(part.stiffness.data).all()
+    own = part.stiffness
+    if own is None and part.material is not None:
+        own = part.material.stiffness(space).whole()
+    if own is not None:
+        assert own.shape == (n, n)
+        assert np.isfinite(own.data).all()
     for load in part.loads:
         assert load.matrix.shape in ((n, load.points.size), (n, len(load.points)))
         assert np.isfinite(load.vector(1.0)).all()

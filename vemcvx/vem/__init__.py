@@ -2,6 +2,7 @@
 
 from vemcvx.vem.boundary import BoundaryRows, EdgeEnds, MirrorPlanes, Part, SideRule, edge_part
 from vemcvx.vem.elasticity import (
+    SumOverCells,
     anisotropic_stiffness,
     cell_energies,
     component_names,
@@ -16,6 +17,7 @@ from vemcvx.vem.elasticity import (
     softest_shear,
     split_motion,
     stiffness,
+    stiffness_of,
     strains,
     stresses,
     tractions,
@@ -37,6 +39,7 @@ __all__ = [
     "SideRule",
     "Space",
     "Stabilisation",
+    "SumOverCells",
     "VertexWeights",
     "anisotropic_stiffness",
     "cell_energies",
@@ -60,6 +63,7 @@ __all__ = [
     "split_motion",
     "stabilisation_of",
     "stiffness",
+    "stiffness_of",
     "strains",
     "stress_load",
     "stresses",

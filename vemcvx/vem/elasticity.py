@@ -40,7 +40,8 @@ zz, across the plane, is the third principal stress: 0 in plane stress, lam (e_x
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import reduce
+from dataclasses import dataclass
+from functools import cached_property, reduce
 from math import isqrt
 
 import numpy as np
@@ -48,6 +49,7 @@ import scipy.sparse as sp
 from scipy.linalg.lapack import dpstrf
 
 from vemcvx.arrays import Bools, Floats, Ints, by_rows
+from vemcvx.meshes.polygons import offsets_of, spans
 from vemcvx.vem.projection import CellGroup
 from vemcvx.vem.space import Space
 from vemcvx.vem.stabilisation import (
@@ -61,30 +63,70 @@ from vemcvx.vem.stabilisation import (
 )
 
 
-def assemble_cells(
-    space: Space, local: Callable[..., Floats], filled: Bools, moduli: Sequence[Floats]
-) -> sp.csr_matrix:
-    """Sum of local matrices: `local` gives those of a piece of a group and its moduli, (c, n, n, dim, dim).
+@dataclass(frozen=True, eq=False)
+class SumOverCells:
+    """A matrix (n_u, n_u) over all nodal values, the sum of local ones: nothing of it stands before it is asked for.
 
-    Cells (n_cells,) that are not `filled` have none, where any are. `moduli` are arrays (n_cells, ...). Cells that are
-    translates of each other, to the bit, and have the same share one matrix; mirror images have one of their own, which
-    is one more in a piece of thousands.
+    Cells that are translates of each other, to the bit, and have the same moduli share one local matrix; mirror images
+    have one of their own, which is one more in a piece of thousands.
     """
-    partly = filled.any() and not filled.all()
-    groups = [group.part(np.flatnonzero(filled[group.cells])) if partly else group for group in space.groups]
-    dim = space.mesh.points.shape[1]
-    found, which, first = list[Floats](), list[Ints](), 0
-    for group in groups:
-        for chunk in group.chunks(CHUNK):
-            pairs = chunk.nodes.shape[1] ** 2
-            own = [each[chunk.cells] for each in moduli]
-            some, same = distinct([*chunk.shapes, *own])
-            found.append(local(chunk.part(some), *(each[some] for each in own)).reshape(-1, dim * dim))
-            which.append((first + pairs * same.astype(np.int32)[:, None] + np.arange(pairs, dtype=np.int32)).ravel())
-            first += len(found[-1])
-    blocks, all_of_them = np.concatenate(found), np.concatenate(which)
-    del found, which  # Of local matrices and of their places there are no two copies while they are added up.
-    return assemble([group.nodes for group in groups], blocks, all_of_them, space.mesh.n_nodes)
+
+    space: Space
+    local: Callable[..., Floats]  #: of a piece of a group of cells and its moduli, (c, n, n, dim, dim)
+    filled: Bools  #: (n_cells,); of the others there are no local matrices, where any is filled
+    moduli: Sequence[Floats]  #: arrays (n_cells, ...)
+
+    @cached_property
+    def _groups(self) -> Sequence[CellGroup]:
+        if self.filled.all() or not self.filled.any():
+            return self.space.groups
+        return [group.part(np.flatnonzero(self.filled[group.cells])) for group in self.space.groups]
+
+    def whole(self) -> sp.csr_matrix:
+        """All of it; column indices are sorted, without duplicates."""
+        groups = self._groups
+        return assemble([group.nodes for group in groups], *self._blocks(groups), self.space.mesh.n_nodes)
+
+    def rows(self, unknowns: Ints) -> sp.csr_matrix:
+        """The rows (k, n_u) of some unknowns, as they stand in the whole, from the cells around their nodes alone."""
+        dim, size = self.space.dim, (len(unknowns), self.space.n_unknowns)
+        nodes = np.unique(unknowns // dim)
+        begin, cells = self._around
+        around = np.unique(cells[spans(begin[nodes], begin[nodes + 1] - begin[nodes])])
+        if not len(around):
+            return sp.csr_matrix(size)
+        ends = offsets_of(np.array([len(group.cells) for group in self._groups]))
+        ours = np.split(around, np.searchsorted(around, ends[1:-1]))
+        groups = [group.part(some - k) for group, some, k in zip(self._groups, ours, ends[:-1], strict=True)]
+        # The same sums, of cells in the same order, as if the mesh ended with these cells.
+        near = np.unique(np.concatenate([nodes, *(group.nodes.ravel() for group in groups)]))
+        places = [np.searchsorted(near, group.nodes) for group in groups]
+        summed = assemble(places, *self._blocks(groups), len(near), np.isin(near, nodes, assume_unique=True))
+        found = summed[dim * np.searchsorted(near, unknowns // dim) + unknowns % dim]
+        columns = (dim * near[:, None] + np.arange(dim)).astype(np.int32).ravel()
+        return sp.csr_matrix((found.data, columns[found.indices], found.indptr), shape=size)
+
+    @cached_property
+    def _around(self) -> tuple[Ints, Ints]:
+        """Where the cells around each node begin (n_nodes + 1,), and all of these, counted through the groups."""
+        nodes = np.concatenate([group.nodes.ravel().astype(np.int32) for group in self._groups])
+        sizes = np.repeat([group.nodes.shape[1] for group in self._groups], [len(g.cells) for g in self._groups])
+        n, cells = self.space.mesh.n_nodes, np.repeat(np.arange(len(sizes)), sizes)
+        return offsets_of(np.bincount(nodes, minlength=n)), cells[_counting_sort(nodes, n)]
+
+    def _blocks(self, groups: Sequence[CellGroup]) -> tuple[Floats, Ints]:
+        """What couples two vertices of a cell, (k, dim^2), and which of these each pair of vertices has."""
+        dim, found, which, first = self.space.dim, list[Floats](), list[Ints](), 0
+        for group in groups:
+            for chunk in group.chunks(CHUNK):
+                pairs = chunk.nodes.shape[1] ** 2
+                own = [each[chunk.cells] for each in self.moduli]
+                some, same = distinct([*chunk.shapes, *own])
+                found.append(self.local(chunk.part(some), *(each[some] for each in own)).reshape(-1, dim * dim))
+                begin = first + pairs * same.astype(np.int32)
+                which.append((begin[:, None] + np.arange(pairs, dtype=np.int32)).ravel())
+                first += len(found[-1])
+        return np.concatenate(found), np.concatenate(which)
 
 
 def distinct(arrays: Sequence[Floats]) -> tuple[Ints | slice, Ints]:
@@ -106,13 +148,16 @@ def distinct(arrays: Sequence[Floats]) -> tuple[Ints | slice, Ints]:
     return (some, same) if (rows == rows[some[same]]).all() else (slice(None), every)
 
 
-def assemble(nodes: Sequence[Ints], blocks: Floats, which: Ints, n_nodes: int) -> sp.csr_matrix:
+def assemble(
+    nodes: Sequence[Ints], blocks: Floats, which: Ints, n_nodes: int, wanted: Bools | None = None
+) -> sp.csr_matrix:
     """Add up blocks that couple the vertices of cells; column indices are sorted, without duplicates.
 
     `nodes` are the vertices (c, n) of the cells, one array a number of vertices; `which` (pairs,) of the `blocks` (k,
-    dim^2) are added: arrays of `nodes` in turn, cell by cell, vertex i by vertex j.
+    dim^2) are added: arrays of `nodes` in turn, cell by cell, vertex i by vertex j. Rows of nodes (n_nodes,) that are
+    not `wanted` stay empty.
     """
-    which, bounds, columns, indptr = _gathered(nodes, which, n_nodes)
+    which, bounds, columns, indptr = _gathered(nodes, which, n_nodes, wanted)
     dim = isqrt(blocks.shape[1])
 
     def of_nodes(start: int, stop: int) -> sp.csr_matrix:
@@ -125,7 +170,7 @@ def assemble(nodes: Sequence[Ints], blocks: Floats, which: Ints, n_nodes: int) -
     return by_rows(of_nodes, n_nodes, dim * dim * len(columns), (dim * n_nodes, dim * n_nodes))
 
 
-def _gathered(nodes: Sequence[Ints], which: Ints, n_nodes: int) -> tuple[Ints, Ints, Ints, Ints]:
+def _gathered(nodes: Sequence[Ints], which: Ints, n_nodes: int, wanted: Bools | None) -> tuple[Ints, Ints, Ints, Ints]:
     """Blocks in the order of the rows and columns of their sums, k of them.
 
     Returns which blocks (pairs,), where those of each sum begin (k + 1,), its column (k,), and where the sums of each
@@ -134,12 +179,15 @@ def _gathered(nodes: Sequence[Ints], which: Ints, n_nodes: int) -> tuple[Ints, I
     small = [group.astype(np.int32) for group in nodes]  # half the memory traffic; enough for 2e9 nodes
     rows = np.concatenate([np.repeat(group, group.shape[1]) for group in small])
     columns = np.concatenate([np.tile(group, group.shape[1]).ravel() for group in small])
+    counts = sum(group.shape[1] * np.bincount(group.ravel(), minlength=n_nodes) for group in small)
+    if wanted is not None:
+        counts, kept = counts * wanted, wanted[rows]
+        rows, columns, which = rows[kept], columns[kept], which[kept]
     order = _counting_sort(columns, n_nodes)
     order = order[_counting_sort(rows[order], n_nodes)]
     columns, begins = columns[order], np.ones(len(order), dtype=bool)
     np.not_equal(columns[1:], columns[:-1], out=begins[1:])
-    ends = np.cumsum(sum(group.shape[1] * np.bincount(group.ravel(), minlength=n_nodes) for group in small))
-    indptr = np.append(0, ends)
+    indptr = np.append(0, np.cumsum(counts))
     begins[indptr[:-1][np.diff(indptr) > 0]] = True
     first = np.flatnonzero(begins)
     return which[order], np.append(first, len(order)), columns[first], np.searchsorted(first, indptr)
@@ -183,10 +231,26 @@ def stiffness(space: Space, lam: Floats, mu: Floats, stabilisation: str | Stabil
     Scaling all coordinates by a power of two changes no bit; scaling moduli by one scales the matrix exactly
     (with "unit", its consistent part). Entries that happen to vanish are stored.
     """
-    own, filled = stabilisation_of(stabilisation, mu), (lam != 0.0) | (mu != 0.0)
-    if isinstance(own, VertexWeights):
-        return assemble_cells(space, local_blocks, filled, (lam, mu, own.tau))
-    return anisotropic_stiffness(space, elastic_matrix(np.stack([lam, mu]), space.dim), own)
+    return stiffness_of(space, np.stack([lam, mu]), stabilisation_of(stabilisation, mu)).whole()
+
+
+def stiffness_of(space: Space, moduli: Floats, stabilisation: Stabilisation) -> SumOverCells:
+    """The same of moduli in either form, which are zero on cells that another material fills."""
+    weights = (stabilisation.tau,) if isinstance(stabilisation, VertexWeights) else ()
+    filled = (moduli != 0.0).any(axis=0)
+    if len(moduli) == 2 and weights:
+        return SumOverCells(space, local_blocks, filled, (*moduli, *weights))
+
+    def local(cells: CellGroup, moduli: Floats, *tau: Floats) -> Floats:
+        C = elastic_matrix(moduli.T, space.dim)
+        blocks = consistent_blocks(cells, C)
+        if tau:
+            add_weights(blocks, cells, *tau)
+        else:
+            add_stabilisation(blocks, cells, stabilisation, C)
+        return blocks
+
+    return SumOverCells(space, local, filled, (moduli.T, *weights))
 
 
 def local_blocks(cells: CellGroup, lam: Floats, mu: Floats, tau: Floats) -> Floats:
@@ -223,17 +287,7 @@ def anisotropic_stiffness(space: Space, C: Floats, stabilisation: str | Stabilis
     stabilisation : {"shear", "unit"}, or Stabilisation
         With the softest modulus of shear for 2 mu.
     """
-    own, filled = stabilisation_of(stabilisation, 0.5 * softest_shear(C)), np.abs(C).max(axis=(1, 2)) > 0.0
-
-    def local(cells: CellGroup, C: Floats, *tau: Floats) -> Floats:
-        blocks = consistent_blocks(cells, C)
-        if tau:
-            add_weights(blocks, cells, *tau)
-        else:
-            add_stabilisation(blocks, cells, own, C)
-        return blocks
-
-    return assemble_cells(space, local, filled, (C, own.tau) if isinstance(own, VertexWeights) else (C,))
+    return stiffness_of(space, upper_triangle(C), stabilisation_of(stabilisation, 0.5 * softest_shear(C))).whole()
 
 
 def softest_shear(C: Floats) -> Floats:

@@ -134,8 +134,9 @@ def simulate(
             progress=_log if progress is True else progress or None,
             storage=storage,
         )
+        warn_of_lost_work(posed, trajectory)
         results = record(posed, trajectory, assembled, storage)
-        warn_of(posed, results)
+        warn_of_large_strains(posed, results)
         history = History.of(results)
         if circle is None or history.steps == 0:
             return history
@@ -212,21 +213,15 @@ def _bounds_of_force(circle: Hypercircle, history: History, stepped: Sequence[St
     return {"force_bounds": found, "bounded_force": {loop.on: loop.axis}} if np.isfinite(found).any() else {}
 
 
-def warn_of(posed: PosedScene, results: Results) -> None:
-    """Log warnings of what a run says that is not to be quoted, or that no small strain holds for."""
-    if left := small_strains_left(posed, results):
-        log.warning("%s", left)
-    # An energy that is rounding: with strains of 1e-12 there is no less than this in a cell, or at a node.
-    size = float(np.ptp(posed.space.mesh.points, axis=0).max())
-    _warn_of_lost_work(results.trajectory, 1e-24 * size**2 * float(posed.A.diagonal().max(initial=0.0)))
-
-
-def _warn_of_lost_work(run: Trajectory, still: float) -> None:
+def warn_of_lost_work(posed: PosedScene, run: Trajectory) -> None:
     """Log a warning where end-of-step forces times increments are far above the work that was done.
 
     Far is 5 % of the largest work or energy of the run. What backward Euler loses, 1/2 a(du, du) a step, it loses
     without friction, too, where work is the change of energy and nobody asks for its sum: that is no warning.
     """
+    # An energy that is rounding: with strains of 1e-12 there is no less than this in a cell, or at a node.
+    extent = float(np.ptp(posed.space.mesh.points, axis=0).max())
+    still = 1e-24 * extent**2 * float(posed.A.diagonal().max(initial=0.0))
     works = run.work_second_order
     first, second = float(run.work[-1]), float(works[-1])
     lost, better = float(run.dissipated[-1]), float(run.dissipated_second_order[-1])
@@ -429,19 +424,20 @@ def _projected(initial: Projected, posed: PosedScene, times: Floats) -> Balanced
 Found = tuple[float, str]  # A strain, or a displacement in parts of the body, and what to say of it.
 
 
-def small_strains_left(posed: PosedScene, results: Results) -> str:
-    """A sentence on what is largest and where, if small strains are left; else empty."""
+def warn_of_large_strains(posed: PosedScene, results: Results) -> None:
+    """Log a warning of what is largest and where, if small strains are left."""
     count = len(results.stored)
     energies = results.energy
     rows = np.unique([*np.linspace(0, count - 1, min(16, count)).astype(int), int(np.argmax(energies))])
     found = [*_strains(posed.space, results, rows), *_motions(results, rows), *_slips(results, rows)]
     if not found:
-        return ""
+        return
     said = f"small strains are left: {'; '.join(words for _, words in found)}."
     # From a half on, units are suspected.
-    if max(size for size, _ in found) < 0.5:
-        return f"{said} The linear model, of small strains, turns and slips, does not hold there."
-    return f"{said} {_cause(posed, results, int(rows[np.argmax(energies[rows])]))}"
+    unlike = max(size for size, _ in found) >= 0.5
+    does_not_hold = "The linear model, of small strains, turns and slips, does not hold there."
+    why = _cause(posed, results, int(rows[np.argmax(energies[rows])])) if unlike else does_not_hold
+    log.warning("%s", f"{said} {why}")
 
 
 def _strains(space: Space, results: Results, rows: Ints) -> Iterator[Found]:

@@ -16,15 +16,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from numpy.typing import ArrayLike
 
 from vemcvx.arrays import Floats, brief, flag, function
 from vemcvx.errors import SceneError
-
-if TYPE_CHECKING:
-    from vemcvx.program.operators import Rows
 
 
 @dataclass(frozen=True)
@@ -61,27 +58,3 @@ class Law:
         function(self.slope, "Law: found slope", "a function of (t, p, past)")
         for name in ("pressed", "slips"):
             object.__setattr__(self, name, flag(getattr(self, name), f"Law: {name}"))
-
-
-@dataclass(frozen=True)
-class PressureLaw:
-    """A law at an instant, after given slips: weights (m,) piecewise affine in the forces p (r,), with slope (m, r).
-
-    The slope is one object on each piece of the law, in all steps of a run.
-    """
-
-    weights: Callable[[Floats], Floats]
-    slope: Callable[[Floats], Rows]
-
-    def piece(self, p: Floats) -> Piece:
-        """The affine piece of the law at the forces p (r,)."""
-        return Piece(self.weights(p), self.slope(p), p)
-
-
-@dataclass(frozen=True)
-class Piece:
-    """An affine piece of a law at the forces p_0 (r,): weights (m,) there, and their derivative (m, r)."""
-
-    weights: Floats
-    slope: Rows
-    forces: Floats

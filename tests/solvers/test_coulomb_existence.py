@@ -14,14 +14,13 @@ from faces_that_meet import TIMES, random_scene
 import vemcvx as vx
 from vemcvx.linear import pardiso
 from vemcvx.program import operators
-from vemcvx.program.operators import Operators, Rows
+from vemcvx.program.operators import Operators, PressureLaw, Rows
 from vemcvx.program.step_program import StepProgram
 from vemcvx.solvers import coulomb, sets_system
 from vemcvx.solvers.coulomb import distance_to_a_solution
 from vemcvx.solvers.newton import Sets
 from vemcvx.solvers.sets_system import Response, SetsSystem
 from vemcvx.solvers.solver import Iterate
-from vemcvx.weight_law import PressureLaw
 
 pytestmark = pytest.mark.arithmetic
 

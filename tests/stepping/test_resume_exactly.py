@@ -20,8 +20,8 @@ from stopped import Stopped, stop_at
 import vemcvx as vx
 from vemcvx.archives import arrays_of, record_of
 from vemcvx.program.certificate import Certificate
-from vemcvx.program.operators import DraggedTerms, Limits, Norms
-from vemcvx.program.system import Damping, Motion, System
+from vemcvx.program.operators import Norms
+from vemcvx.program.system import Damping, DraggedTerms, Limits, Motion, System
 from vemcvx.stepping import trajectory
 from vemcvx.stepping.checkpoint import mark_of_data
 from vemcvx.stepping.state import Ledger, State

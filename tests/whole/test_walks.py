@@ -200,10 +200,10 @@ WALKS = {
 LENGTHS = {
     bound_to_cone: (("program/step_program.py", "to_cvxpy"), 7, 2),
     bound_to_newton: (("solvers/newton.py", "answer_on"), 9, 3),
-    young_to_stiffness: (("program/system.py", "System.__post_init__"), 5, 2),
+    young_to_stiffness: (("program/system.py", "System.__post_init__"), 6, 1),
     accuracy_to_option: (("solvers/conic.py", "OfGap.at"), 11, 4),
-    displacement_to_file: (("meshes/io/vtk.py", "write_cells"), 15, 7),
-    coefficient_to_certificate: (None, 7, 5),
+    displacement_to_file: (("meshes/io/vtk.py", "write_cells"), 15, 6),
+    coefficient_to_certificate: (None, 6, 4),
     pair_to_files: (("results/files.py", "write_archive"), 8, 3),
 }
 """How many files a number stands in on its way to where it is used up, and how often one returns to a file on it."""

@@ -44,7 +44,7 @@ from vemcvx.results.quoted import SINGULAR, growth
 from vemcvx.results.results import largest_values, record
 from vemcvx.scene import Scene
 from vemcvx.scene.pose import PosedScene, pose_scene
-from vemcvx.simulation import Projected, check_kinds, free_unknowns, warn_of
+from vemcvx.simulation import Projected, check_kinds, free_unknowns, warn_of_large_strains, warn_of_lost_work
 from vemcvx.solvers import Solver, Solves, as_solver
 from vemcvx.stepping.backward_euler import checked_times, initial_state, march
 from vemcvx.stepping.course import ACROSS, course, inside_steps
@@ -416,7 +416,8 @@ def _adapted(
         budget, _ = _judged(history, None, aim, _Time(posed, None))
     asked, known = {"target": aim.target} if of_energy else {}, {} if bound is None else bound.kept()
     history = replace(history, errors={**budget.largest, **asked}, growth=_growth(passes), **known)
-    warn_of(posed, history)
+    warn_of_lost_work(posed, history.trajectory)
+    warn_of_large_strains(posed, history)
     passes = tuple(passes)
     return Adapted(history=history, budget=budget, passes=passes, target=aim.target, of=aim.of, bound=bound)
 

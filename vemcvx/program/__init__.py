@@ -10,12 +10,11 @@ from vemcvx.program.operators import (
     QUADRATIC,
     SECOND_ORDER_CONES,
     SQUARED_POSITIVE_PARTS,
-    Limits,
     Norms,
     Operators,
 )
 from vemcvx.program.step_program import Answer, SolvedProgram, StepProgram
-from vemcvx.program.system import Damping, System
+from vemcvx.program.system import Damping, Limits, System
 
 __all__ = [
     "ABSOLUTE_VALUES",

@@ -1,8 +1,7 @@
 """The operators that all steps share: K, the rows of norm terms and limits, and their responses to forces.
 
-`Norms` and `Limits` are what a system is made of: terms w_i |B_i y| with the laws of their weights, bounds D_j y <= e_j
-and their soft kin. `Operators` are the parts of these that do not change in a run, as solvers get them; `Rows` applies
-B or D as cheaply as its pattern allows.
+`Norms` are terms w_i |B_i y| of a system, with the laws of their weights. `Operators` are the parts of a system that do
+not change in a run, as solvers get them; `Rows` applies B or D as cheaply as its pattern allows.
 """
 
 from __future__ import annotations
@@ -37,7 +36,7 @@ from vemcvx.errors import SceneError
 from vemcvx.linear import AT_ONCE, SAMPLES, Congruent, DenseCholesky, Factor, Matrix, SuperLU
 from vemcvx.outline import ArrayRecord
 from vemcvx.program.kernel import KernelBalance
-from vemcvx.weight_law import Law, PressureLaw
+from vemcvx.weight_law import Law
 
 SAY = "take the number of a term and say where it acts"
 
@@ -140,6 +139,30 @@ class OnceForEach:
             made.B.data.flags.writeable = False
             self._last = J, made
         return made
+
+
+@dataclass(frozen=True)
+class PressureLaw:
+    """A law at an instant, after given slips: weights (m,) piecewise affine in the forces p (r,), with slope (m, r).
+
+    The slope is one object on each piece of the law, in all steps of a run.
+    """
+
+    weights: Callable[[Floats], Floats]
+    slope: Callable[[Floats], Rows]
+
+    def piece(self, p: Floats) -> Piece:
+        """The affine piece of the law at the forces p (r,)."""
+        return Piece(self.weights(p), self.slope(p), p)
+
+
+@dataclass(frozen=True)
+class Piece:
+    """An affine piece of a law at the forces p_0 (r,): weights (m,) there, and their derivative (m, r)."""
+
+    weights: Floats
+    slope: Rows
+    forces: Floats
 
 
 @dataclass(frozen=True, repr=False)
@@ -312,95 +335,10 @@ def _checked_slope(J: Any, shape: tuple[int, int]) -> Rows:
     return Rows(checked_matrix(J, "Norms: slope", shape))
 
 
-@dataclass(frozen=True)
-class DraggedTerms:
-    """Norm terms that no unknown moves, w_i |c_i(t_n) - c_i(t_{n-1})|: constants of a step's program, and losses."""
-
-    position: Callable[[float], Floats]
-    """t -> (q * block,), c: of the supports, less that of the ground"""
-    weights: Callable[[float, Floats, Floats, Floats], Floats]
-    """(t, p, past, slip) -> (q,), as of norm terms that follow the answer"""
-    count: int
-    block: int = 1
-    bias: Callable[[float], Floats] | None = None
-    """t -> (q * block,), as of norm terms"""
-    remembers: bool = False
-    """whether weights depend on slips"""
-
-
 def transverse(unit: Floats) -> Floats:
     """(m, block, block) I - q q', the derivative of v / |v| where |v| = 1, of unit vectors q (m, block)."""
     across: Floats = np.eye(unit.shape[1]) - np.einsum("ij,ik->ijk", unit, unit)
     return across
-
-
-@dataclass(frozen=True, repr=False)
-class Limits(ArrayRecord):
-    """Row j of D, the limit e_j and the compliance c_j.
-
-    With z_j = D_j y - e_j: a bound z_j <= 0 where c_j = 0; the energy (z_j)_+^2 / (2 c_j) where c_j > 0. The multiplier
-    p_j >= 0 is the force with which the limit answers, z_j <= c_j p_j with equality where p_j > 0.
-
-    Parameters
-    ----------
-    D : (r, n) array or sparse matrix
-    e : (r,) array, or callable t -> (r,)
-    compliance : number or (r,) array
-        Displacement per force, >= 0.
-    places : callable j -> str, optional
-        Where limit j acts, in words, for messages.
-    """
-
-    D: sp.csr_matrix
-    e: ArrayLike | Callable[[float], ArrayLike]
-    compliance: ArrayLike = 0.0
-    places: Callable[[int], str] | None = None
-
-    if TYPE_CHECKING:  # D is given as any matrix
-
-        def __init__(
-            self,
-            D: MatrixLike,
-            e: ArrayLike | Callable[[float], ArrayLike],
-            compliance: ArrayLike = 0.0,
-            places: Callable[[int], str] | None = None,
-        ) -> None: ...
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "D", checked_matrix(self.D, "Limits: D"))
-        compliance = self.compliances
-        if (compliance < 0).any():
-            j = int(np.argmin(compliance))
-            raise SceneError(f"Limits: found the compliance {compliance[j]:.6g} of {self.name(j)}; it must be >= 0.")
-        object.__setattr__(self, "compliance", compliance)
-        function(self.places, "Limits: found places", "a function of j that says where limit j acts")
-        if not callable(self.e):
-            object.__setattr__(self, "e", self._shaped(self.e, "Limits: e"))
-
-    @property
-    def compliances(self) -> Floats:
-        """c (r,)."""
-        return self._shaped(self.compliance, "Limits: compliance")
-
-    @property
-    def count(self) -> int:
-        """The number of limits r."""
-        return self.D.shape[0]
-
-    def name(self, j: int) -> str:
-        """The place of limit `j`, in words."""
-        return f"limit {j}" if self.places is None else str(called(self.places, (j,), "Limits: places failed", SAY))
-
-    def remaining_gap(self, t: float) -> Floats:
-        """e (r,) at the instant `t`."""
-        e = self.e
-        # An array was checked when it was given.
-        return e if isinstance(e, np.ndarray) else self._shaped(at_instant(e, t, "Limits: e"), "Limits: e")
-
-    def _shaped(self, raw: ArrayLike, subject: str) -> Floats:
-        wanted = f"a number, or ({self.count},) of them, one a limit"
-        values = finite(shaped(raw, subject, wanted, (), (self.count,)), subject)
-        return np.array(np.broadcast_to(values, (self.count,)))
 
 
 QUADRATIC = "quadratic"

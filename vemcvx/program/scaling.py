@@ -36,9 +36,8 @@ import scipy.sparse as sp
 from vemcvx.arrays import Floats, power_of_two
 from vemcvx.errors import SceneError
 from vemcvx.linear import Congruent, Matrix, Scaled
-from vemcvx.program.operators import OnceForEach, Operators
+from vemcvx.program.operators import OnceForEach, Operators, PressureLaw
 from vemcvx.program.step_program import Answer, StepProgram
-from vemcvx.weight_law import PressureLaw
 
 SMALLEST_NORM, LARGEST_NORM = 1e-125, 1e125
 """Energy norms outside have squares that are no numbers any more, or gaps beneath them that are not. Scaled weights and

@@ -2,7 +2,8 @@
 
 It is a quasistatic variational inequality in coordinates: problem 2.1 of the paper with a(u, v) = v'Ku, <l(t), v> =
 v'load(t) and the seminorm j(v) = sum_i w_i |B_i v| + c_i . B_i v, |c_i| <= w_i. Nothing here knows of meshes or of
-contact. `Motion` is what supports that move add to the energy, to the norm terms and to the limits.
+contact. `Limits` are bounds D_j y <= e_j and their soft kin; `Motion` is what supports that move add to the energy, to
+the norm terms and to the limits.
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ from vemcvx.arrays import (
     checked_matrix,
     fading,
     finite,
+    function,
     instance,
     shape_in_words,
     shaped,
@@ -38,10 +40,95 @@ from vemcvx.errors import SceneError
 from vemcvx.linear import Elsewhere, LinearSolver, choose_linear, direct_solver, singular
 from vemcvx.outline import ArrayRecord
 from vemcvx.program.kernel import Kernel, rank_on
-from vemcvx.program.operators import DraggedTerms, Limits, Norms
+from vemcvx.program.operators import SAY, Norms
 
 DRAG_ROUNDING = 16 * EPS
 """Slips below this part of the positions that they are differences of are zero but for rounding: they drag nothing."""
+
+
+@dataclass(frozen=True, repr=False)
+class Limits(ArrayRecord):
+    """Row j of D, the limit e_j and the compliance c_j.
+
+    With z_j = D_j y - e_j: a bound z_j <= 0 where c_j = 0; the energy (z_j)_+^2 / (2 c_j) where c_j > 0. The multiplier
+    p_j >= 0 is the force with which the limit answers, z_j <= c_j p_j with equality where p_j > 0.
+
+    Parameters
+    ----------
+    D : (r, n) array or sparse matrix
+    e : (r,) array, or callable t -> (r,)
+    compliance : number or (r,) array
+        Displacement per force, >= 0.
+    places : callable j -> str, optional
+        Where limit j acts, in words, for messages.
+    """
+
+    D: sp.csr_matrix
+    e: ArrayLike | Callable[[float], ArrayLike]
+    compliance: ArrayLike = 0.0
+    places: Callable[[int], str] | None = None
+
+    if TYPE_CHECKING:  # D is given as any matrix
+
+        def __init__(
+            self,
+            D: MatrixLike,
+            e: ArrayLike | Callable[[float], ArrayLike],
+            compliance: ArrayLike = 0.0,
+            places: Callable[[int], str] | None = None,
+        ) -> None: ...
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "D", checked_matrix(self.D, "Limits: D"))
+        compliance = self.compliances
+        if (compliance < 0).any():
+            j = int(np.argmin(compliance))
+            raise SceneError(f"Limits: found the compliance {compliance[j]:.6g} of {self.name(j)}; it must be >= 0.")
+        object.__setattr__(self, "compliance", compliance)
+        function(self.places, "Limits: found places", "a function of j that says where limit j acts")
+        if not callable(self.e):
+            object.__setattr__(self, "e", self._shaped(self.e, "Limits: e"))
+
+    @property
+    def compliances(self) -> Floats:
+        """c (r,)."""
+        return self._shaped(self.compliance, "Limits: compliance")
+
+    @property
+    def count(self) -> int:
+        """The number of limits r."""
+        return self.D.shape[0]
+
+    def name(self, j: int) -> str:
+        """The place of limit `j`, in words."""
+        return f"limit {j}" if self.places is None else str(called(self.places, (j,), "Limits: places failed", SAY))
+
+    def remaining_gap(self, t: float) -> Floats:
+        """e (r,) at the instant `t`."""
+        e = self.e
+        # An array was checked when it was given.
+        return e if isinstance(e, np.ndarray) else self._shaped(at_instant(e, t, "Limits: e"), "Limits: e")
+
+    def _shaped(self, raw: ArrayLike, subject: str) -> Floats:
+        wanted = f"a number, or ({self.count},) of them, one a limit"
+        values = finite(shaped(raw, subject, wanted, (), (self.count,)), subject)
+        return np.array(np.broadcast_to(values, (self.count,)))
+
+
+@dataclass(frozen=True)
+class DraggedTerms:
+    """Norm terms that no unknown moves, w_i |c_i(t_n) - c_i(t_{n-1})|: constants of a step's program, and losses."""
+
+    position: Callable[[float], Floats]
+    """t -> (q * block,), c: of the supports, less that of the ground"""
+    weights: Callable[[float, Floats, Floats, Floats], Floats]
+    """(t, p, past, slip) -> (q,), as of norm terms that follow the answer"""
+    count: int
+    block: int = 1
+    bias: Callable[[float], Floats] | None = None
+    """t -> (q * block,), as of norm terms"""
+    remembers: bool = False
+    """whether weights depend on slips"""
 
 
 @dataclass(frozen=True)

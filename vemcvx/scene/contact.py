@@ -14,7 +14,8 @@ import scipy.sparse as sp
 from vemcvx.arrays import EPS, Bools, Floats, Ints
 from vemcvx.effects import Friction, Law, Obstacle
 from vemcvx.errors import SceneError, SceneWarning
-from vemcvx.program.operators import DraggedTerms, Limits, Norms, Rows
+from vemcvx.program.operators import Norms, Rows
+from vemcvx.program.system import DraggedTerms, Limits
 from vemcvx.scene.supports import (
     PARALLEL,
     ContactRows,

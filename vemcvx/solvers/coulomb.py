@@ -73,13 +73,12 @@ import numpy as np
 from scipy.linalg import LinAlgError
 
 from vemcvx.arrays import EPS, Bools, Floats, lengths
-from vemcvx.program.operators import OnceForEach, Rows
+from vemcvx.program.operators import OnceForEach, Piece, PressureLaw, Rows
 from vemcvx.program.step_program import StepProgram
 from vemcvx.solvers.newton import Sets, Shifts, most_curved, sets_at, without_redundant_rows
 from vemcvx.solvers.projected_gradients import swept
 from vemcvx.solvers.sets_system import Answers, Response, SetsSystem
 from vemcvx.solvers.solver import Iterate
-from vemcvx.weight_law import Piece, PressureLaw
 
 SOLVED = 1e-6
 """Part of the answer above which a correction shows a nearly singular system, whose sets leave a motion free."""

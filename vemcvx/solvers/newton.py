@@ -76,6 +76,7 @@ from vemcvx.program.operators import (
     SECOND_ORDER_CONES,
     SQUARED_POSITIVE_PARTS,
     Operators,
+    PressureLaw,
     Rows,
     restricted,
     transverse,
@@ -84,7 +85,6 @@ from vemcvx.program.step_program import Answer, StepProgram
 from vemcvx.program.tolerances import UNSEEN
 from vemcvx.solvers.projected_gradients import SWEPT, swept
 from vemcvx.solvers.solver import Iterate, Solver
-from vemcvx.weight_law import PressureLaw
 
 SHIFT = 0.1
 """Of the sets, in units of one over the flexibilities. At .1 the paper's scene takes 3-7 iterations from a cold start;

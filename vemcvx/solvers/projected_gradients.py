@@ -20,10 +20,9 @@ from __future__ import annotations
 import numpy as np
 
 from vemcvx.arrays import EPS
-from vemcvx.program.operators import product
+from vemcvx.program.operators import PressureLaw, product
 from vemcvx.program.step_program import StepProgram
 from vemcvx.solvers.solver import Iterate
-from vemcvx.weight_law import PressureLaw
 
 SWEEPS = 100
 """Projected gradients at most."""

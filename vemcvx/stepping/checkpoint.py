@@ -20,8 +20,8 @@ import scipy.sparse as sp
 from vemcvx.archives import Arrays, arrays_of, record_of
 from vemcvx.arrays import Floats, Ints
 from vemcvx.errors import HistoryError, SceneError
-from vemcvx.program.operators import DraggedTerms, Norms
-from vemcvx.program.system import System
+from vemcvx.program.operators import Norms
+from vemcvx.program.system import DraggedTerms, System
 from vemcvx.stepping.state import PreparedRun, State
 from vemcvx.version import __version__
 

@@ -160,7 +160,7 @@ class Trajectory(ArrayRecord):
     worn : (S, m) array
         Work of each norm term since the initial instant, the cumulative sum of its lam_i . s_i over all steps, stored
         or not; a row sums to `dissipated`, but for what damping loses. Terms whose slip is given, where supports drag
-        (:class:`vemcvx.program.operators.DraggedTerms`), follow the others here as in `multipliers`, `weights`,
+        (:class:`vemcvx.program.system.DraggedTerms`), follow the others here as in `multipliers`, `weights`,
         `sticking` and `stuck`.
     slipped : (S, m) array
         Slip of each norm term since the initial instant, to and fro: the cumulative sum of its |s_i|, likewise.

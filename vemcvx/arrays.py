@@ -125,7 +125,7 @@ def by_rows(made: Callable[[int, int], sp.csr_matrix], n: int, most: int, shape:
     for start in range(0, n, SOME):
         rows = made(start, min(start + SOME, n))
         begin, stop = indptr[row], row + rows.shape[0]
-        if begin + rows.nnz > len(data):  # Pieces kept to be joined would leave gaps: .3 GB more of 1e6 unknowns.
+        if begin + rows.nnz > len(data):  # Pieces kept to be joined leave gaps: .3 GB of 1e6 unknowns.
             for entries in (data, indices):
                 entries.resize(begin + rows.nnz, refcheck=False)
         data[begin : begin + rows.nnz], indices[begin : begin + rows.nnz] = rows.data, rows.indices

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import sys
@@ -14,6 +15,10 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 if sys.platform != "win32":
     signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
+
+# While thousands of tests are read, the collector of garbage walks through all of them again and again, a third of the
+# time, and finds nothing.
+gc.disable()
 
 import pytest
 from scenes import FAMILIES
@@ -72,6 +77,11 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker("slow")
         if item.get_closest_marker("slow") is None and not longer(item.path):
             item.add_marker("quick")
+
+
+def pytest_collection_finish() -> None:
+    """Tests run with the collector, as users do."""
+    gc.enable()
 
 
 @pytest.fixture(params=FAMILIES)

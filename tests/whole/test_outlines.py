@@ -16,7 +16,7 @@ NAMES += "scene", "mesh"
 
 @pytest.fixture(scope="module")
 def shown():
-    scene, mesh = paper_scene(), vx.meshes.squares(12).with_cell_data("<soil>", np.arange(144.0))
+    scene, mesh = paper_scene(), vx.meshes.squares(6).with_cell_data("<soil>", np.arange(36.0))
     history = vx.simulate(scene, mesh, np.linspace(0.0, 1.0, 65))
     adapted = vx.adapt(scene, vx.meshes.squares(4), times=[0, 0.5, 1], target=0.2)
     return {

@@ -16,12 +16,11 @@ if sys.platform != "win32":
     signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
-# While thousands of tests are read, the collector of garbage walks through all of them again and again, a third of the
-# time, and finds nothing.
-gc.disable()
-
 import pytest
 from scenes import FAMILIES
+
+# While thousands of tests are read, the collector of garbage walks through all of them again and again for nothing.
+gc.disable()
 
 LONGER = {
     "bound": "error_bound",

@@ -17,7 +17,7 @@ NAMES += "scene", "mesh"
 @pytest.fixture(scope="module")
 def shown():
     scene, mesh = paper_scene(), vx.meshes.squares(6).with_cell_data("<soil>", np.arange(36.0))
-    history = vx.simulate(scene, mesh, np.linspace(0.0, 1.0, 65))
+    history = vx.simulate(scene, mesh, np.linspace(0.0, 1.0, 33))
     adapted = vx.adapt(scene, vx.meshes.squares(4), times=[0, 0.5, 1], target=0.2)
     return {
         "history": history,
@@ -47,7 +47,7 @@ def test_a_result_is_shown_in_a_screenful(shown, name):
 
 def test_it_says_what_counts(shown):
     assert repr(shown["history"]).splitlines()[0] == shown["history"].summary().splitlines()[0]
-    for words in ("certified", "dissipated", "64 steps", "Newton(accuracy=1e-08"):
+    for words in ("certified", "dissipated", "32 steps", "Newton(accuracy=1e-08"):
         assert words in repr(shown["history"])
     contact = dict(line.split(maxsplit=1) for line in repr(shown["contact"]).splitlines()[1:])
     assert contact["traction"] == str(shown["history"].contact.traction.shape)

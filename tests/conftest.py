@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import sys
@@ -17,6 +18,9 @@ if sys.platform != "win32":
 
 import pytest
 from scenes import FAMILIES
+
+# While thousands of tests are read, the collector of garbage walks through all of them again and again for nothing.
+gc.disable()
 
 LONGER = {
     "bound": "error_bound",
@@ -72,6 +76,11 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker("slow")
         if item.get_closest_marker("slow") is None and not longer(item.path):
             item.add_marker("quick")
+
+
+def pytest_collection_finish() -> None:
+    """Tests run with the collector, as users do."""
+    gc.enable()
 
 
 @pytest.fixture(params=FAMILIES)

@@ -6,9 +6,9 @@ import numpy as np
 
 import vemcvx as vx
 from hard.case import REFUSAL, WARNING, Case, Setting
-from hard.ground import TIMES, block, cyclic, known, on
+from hard.ground import TIMES, block, cyclic, known, on, voronoi
 
-MESH = vx.meshes.voronoi(12)
+MESH = voronoi(12)
 
 
 def sticks(setting, history):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 
 import frictional_hysteresis as hysteresis
@@ -10,6 +12,12 @@ from hard.case import Setting
 
 TIMES = np.linspace(0.0, 1.0, 9)
 HYSTERESIS_STEPS = 10
+
+
+@cache
+def voronoi(n):
+    """The unit square in n x n Voronoi cells; six subjects look at two of them, which took most of their import."""
+    return vx.meshes.voronoi(n)
 
 
 def cyclic(t):

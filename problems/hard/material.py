@@ -7,7 +7,7 @@ import numpy as np
 import manufactured_full_slip as full_slip
 import vemcvx as vx
 from hard.case import ANSWER, REFUSAL, WARNING, Case, Setting
-from hard.ground import on
+from hard.ground import on, voronoi
 from vemcvx.vem import Space, strains
 
 MESH = 12
@@ -46,7 +46,7 @@ def rough(mesh):
     return 200.0 * 10.0 ** np.random.default_rng(1).uniform(-4, 4, mesh.n_cells)
 
 
-VORONOI = vx.meshes.voronoi(MESH)
+VORONOI = voronoi(MESH)
 CASES = (
     *(incompressible(poisson) for poisson in (0.4999, 0.499999, 0.49999999)),
     Case("nu = .49999999, stick and slip", lambda: on(VORONOI, poisson=0.49999999), ANSWER),

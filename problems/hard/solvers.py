@@ -8,9 +8,9 @@ import numpy as np
 
 import vemcvx as vx
 from hard.case import Case, Setting
-from hard.ground import TIMES, block, on
+from hard.ground import TIMES, block, on, voronoi
 
-MESH = vx.meshes.voronoi(12)
+MESH = voronoi(12)
 CANNOT = "says it cannot"
 
 

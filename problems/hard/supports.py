@@ -6,9 +6,9 @@ import numpy as np
 
 import vemcvx as vx
 from hard.case import REFUSAL, WARNING, Case, Setting
-from hard.ground import TIMES, cyclic, on
+from hard.ground import TIMES, cyclic, on, voronoi
 
-MESH = vx.meshes.voronoi(10)
+MESH = voronoi(10)
 ALONE = "nothing but friction or one-sided contact holds the body against the translation (1, 0)"
 
 

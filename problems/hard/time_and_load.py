@@ -7,11 +7,10 @@ from dataclasses import replace
 import numpy as np
 
 import shear_lag
-import vemcvx as vx
 from hard.case import REFUSAL, Case, Setting
-from hard.ground import TIMES, cyclic, on
+from hard.ground import TIMES, cyclic, on, voronoi
 
-MESH = vx.meshes.voronoi(12)
+MESH = voronoi(12)
 
 
 def nothing(setting, history):

@@ -8,10 +8,10 @@ import numpy as np
 
 import vemcvx as vx
 from hard.case import Case, Setting
-from hard.ground import TIMES, cyclic
+from hard.ground import TIMES, cyclic, voronoi
 
 N = 10
-PLAIN = vx.meshes.voronoi(N)
+PLAIN = voronoi(N)
 
 
 def scene(length=1.0, force=1.0):

@@ -265,6 +265,11 @@ def test_error_bars_close_around_the_closed_form():
 # What is no quantity.
 
 
+@pytest.fixture(scope="module")
+def history():
+    return vx.simulate(paper_scene(), vx.meshes.squares(4), [0.0, 1.0])
+
+
 @pytest.mark.parametrize(
     ("of", "said"),
     [
@@ -278,8 +283,7 @@ def test_error_bars_close_around_the_closed_form():
         (vx.PrescribedDisplacement(1.0, on="bottom", direction="normal"), "ends beside another"),
     ],
 )
-def test_what_is_no_quantity_says_so(of, said):
-    history = vx.simulate(paper_scene(), vx.meshes.squares(4), [0.0, 1.0])
+def test_what_is_no_quantity_says_so(history, of, said):
     with pytest.raises(vx.SceneError, match=said):
         vx.error_bound(history, -1, of)
 

@@ -16,6 +16,7 @@ from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
+from installed import needs
 from pages import words_drawn
 from pages_seen import browser_of
 from test_cli_supplied import call
@@ -24,7 +25,7 @@ import vemcvx as vx
 from vemcvx.cli import live_page
 from vemcvx.cli.problem_file import read_problem
 
-pytest.importorskip("marimo", reason="the live page needs marimo")
+pytestmark = needs("marimo")  # which takes half a second to import: most of the default tests need not
 FigureCanvasAgg = pytest.importorskip(
     "matplotlib.backends.backend_agg", reason="the live page needs matplotlib"
 ).FigureCanvasAgg

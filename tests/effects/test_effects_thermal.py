@@ -60,7 +60,7 @@ class TestHeated:
         assert history.energy[-1] < ROUND * YOUNG * HOT**2
         whole = np.zeros_like(history.forces[-1])
         for name, normal in {"left": (-1, 0), "right": (1, 0), "bottom": (0, -1), "top": (0, 1)}.items():
-            part = history._space.part(name, "test")
+            part = vx.vem.Space(history.mesh).part(name, "test")
             whole[part.nodes] += sigma * part.node_lengths[:, None] * normal
         assert near(history.forces[-1], whole, YOUNG * HOT)
 
@@ -122,7 +122,7 @@ def test_prestress_of_a_held_and_of_a_free_body(family, plane):
     assert near(held.stress(-1), sigma, 3.0)
     assert near(held.displacement[-1], 0.0, 3.0 / YOUNG)
     # Tension in the body pulls the supports inwards: on the body they pull outwards, sigma n.
-    part = held._space.part("right", "test")
+    part = vx.vem.Space(held.mesh).part("right", "test")
     middle = mesh.points[part.nodes, 1] % HEIGHT != 0
     exact = part.node_lengths[middle, None] * sigma[[0, 2]]
     assert near(held.forces[-1][part.nodes[middle]], exact, 3.0)

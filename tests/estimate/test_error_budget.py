@@ -257,11 +257,11 @@ def rubbed():
     return vx.simulate(vx.Scene(*effects, vx.Traction((0.0, 0.0), on="top")), vx.meshes.squares(2), [0.0, 1.0])
 
 
-@pytest.mark.parametrize("steps", [[], "last", [0.5], [[1]]])
-def test_steps_are_numbers(steps):
+def test_steps_are_numbers():
     history = vx.simulate(paper_scene(), vx.meshes.squares(2), [0.0, 1.0])
-    with pytest.raises(vx.HistoryError, match=r"^error_budget: found steps = .*; wanted numbers of stored steps"):
-        error_budget(history, steps)
+    for steps in ([], "last", [0.5], [[1]]):
+        with pytest.raises(vx.HistoryError, match=r"^error_budget: found steps = .*; wanted numbers of stored steps"):
+            error_budget(history, steps)
     assert error_budget(history, -1).steps.tolist() == [1]
 
 

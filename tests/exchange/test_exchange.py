@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from dataclasses import replace
+from functools import cache
 
 import clarabel
 import highspy
@@ -58,6 +59,7 @@ SCENES = {
 pytestmark = pytest.mark.filterwarnings("ignore:supports. nothing but friction")
 
 
+@cache
 def solved(name, condense=True, n=3):
     return list(vx.programs(vx.Scene(*SCENES[name]), vx.meshes.squares(n), TIMES, condense=condense))[1]
 

@@ -8,6 +8,8 @@ linear, so every virtual element reproduces it; a loop of amplitude U0 > g H / m
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -49,10 +51,15 @@ def scene():
     )
 
 
-@pytest.fixture
-def history(family):
+@cache
+def run(family):
     mesh = vx.meshes.FAMILIES[family](4, box=((0, L), (0, H)))
     return vx.simulate(scene(), mesh, TIMES, solver=vx.Newton())
+
+
+@pytest.fixture
+def history(family):
+    return run(family)
 
 
 def test_displacements_are_exact(history):

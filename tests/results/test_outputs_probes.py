@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from functools import cache
 
 import numpy as np
 import pytest
@@ -16,8 +17,10 @@ TIMES = np.linspace(0.0, 1.0, 4)
 FIELDS = ("displacement", "stress", "out_of_plane_stress", "von_mises", "principal_stresses")
 
 
-def run(mesh):
-    return vx.simulate(paper_scene(cyclic), mesh, TIMES)
+@cache
+def run(family, n=4):
+    """A run that many tests ask for values."""
+    return vx.simulate(paper_scene(cyclic), small(family, n), TIMES)
 
 
 def points_in(n, seed=0):
@@ -62,7 +65,7 @@ def test_cells_that_hold_points(family):
 
 
 def test_nodes_take_their_own_values(family):
-    history = run(small(family, 4))
+    history = run(family)
     assert np.array_equal(history.probe(history.mesh.points), history.displacement)
 
 
@@ -70,7 +73,7 @@ def test_linear_fields_are_met_everywhere(family):
     mesh = small(family, 4)
     gradient, shift = np.array([[0.3, -1.2], [0.7, 0.4]]), np.array([5.0, -2.0])
     linear = (mesh.points @ gradient.T + shift)[None]
-    history = dataclasses.replace(run(mesh), displacement=linear)
+    history = dataclasses.replace(run(family), displacement=linear)
     x = np.concatenate([points_in(200), mesh.centroids[mesh.areas > 1e-3], [[0.0, 0.1 + 0.2], [1.0, 0.77]]])
     x = x[np.bincount(locate(mesh, x).points, minlength=len(x)) > 0]  # a centroid may lie outside of its own cell
     assert len(x) > 200
@@ -78,7 +81,7 @@ def test_linear_fields_are_met_everywhere(family):
 
 
 def test_inside_of_cells_it_is_the_projection(family):
-    history = run(small(family, 4))
+    history = run(family)
     mesh, x = history.mesh, points_in(20, 5)
     found = locate(mesh, x)
     for i, cell, value in zip(found.points, found.cells, history.probe(x).transpose(1, 0, 2), strict=True):
@@ -91,7 +94,7 @@ def test_inside_of_cells_it_is_the_projection(family):
 
 
 def test_on_edges_it_is_the_trace(family):
-    history = run(small(family, 4))
+    history = run(family)
     mesh = history.mesh
     ends = np.concatenate([np.column_stack([cell, np.roll(cell, -1)]) for cell in mesh.cells])
     a, b = history.displacement[:, ends[:, 0]], history.displacement[:, ends[:, 1]]
@@ -143,13 +146,13 @@ def test_many_points_at_once():
 
 
 def test_no_points_are_no_values():
-    history = run(small("squares", 3))
+    history = run("squares", 3)
     assert history.probe(np.zeros((0, 2))).shape == (len(TIMES), 0, 2)
 
 
 @pytest.mark.parametrize("field", FIELDS)
 def test_lines(field):
-    history = run(small("squares", 4))
+    history = run("squares")
     arc, values = history.along((0.0, 0.6), (1.0, 0.6), count=5, field=field)
     assert arc.tolist() == [0.0, 0.25, 0.5, 0.75, 1.0]
     if field == "displacement":
@@ -166,14 +169,14 @@ def test_lines(field):
 
 
 def test_an_inclined_line_has_its_length():
-    arc, values = run(small("hexagons", 4)).along([0.1, 0.2], [0.4, 0.6])
+    arc, values = run("hexagons").along([0.1, 0.2], [0.4, 0.6])
     assert arc[-1] == pytest.approx(0.5, rel=1e-15)
     assert arc.shape == (101,)
     assert values.shape == (len(TIMES), 101, 2)
 
 
 def test_points_outside_are_named():
-    history = run(small("squares", 4))
+    history = run("squares")
     with pytest.raises(
         vx.SceneError, match=r"probe: point 1 at \[1.5 0.5\] lies outside the body; the nearest node .* at "
     ):
@@ -190,11 +193,11 @@ def test_points_outside_are_named():
 @pytest.mark.parametrize("points", [[0.5, 0.5], [[0.5, 0.5, 0.5]], 1.0, "here", [[0.1], [0.2, 0.3]], None])
 def test_what_is_no_list_of_points(points):
     with pytest.raises(vx.SceneError, match=r"probe: .*wanted points \(p, 2\), one a row"):
-        run(small("squares", 2)).probe(points)
+        run("squares", 2).probe(points)
 
 
 def test_other_mistakes():
-    history = run(small("squares", 2))
+    history = run("squares", 2)
     with pytest.raises(vx.SceneError, match="NaN or infinity in point 1"):
         history.probe([[0.5, 0.5], [np.nan, 0.5]])
     with pytest.raises(vx.SceneError, match="no field 'strain'; there are 'displacement', 'stress'"):

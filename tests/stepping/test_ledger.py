@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
 from scenes import cyclic, few_families, paper_load, small
@@ -37,12 +39,18 @@ def on_a_belt(moving):
     return scene(moving).without(vx.TrescaFriction).with_(belt)
 
 
+@cache
+def run(of, family, moving, condense):
+    """A run that several tests look at."""
+    return vx.simulate(of(moving), small(family, 5), TIMES, solver=vx.Newton(), condense=condense)
+
+
 @few_families
 @pytest.mark.parametrize("condense", [True, False])
 @pytest.mark.parametrize("moving", [False, True])
 @pytest.mark.parametrize("of", [scene, on_a_belt])
 def test_ledger_closes(family, of, moving, condense):
-    history = vx.simulate(of(moving), small(family, 5), TIMES, solver=vx.Newton(), condense=condense)
+    history = run(of, family, moving, condense)
     A = pose_scene(history.scene, history.mesh).A
     increments = np.diff(history.displacement, axis=0).reshape(len(TIMES) - 1, -1)
     numerical = 0.5 * np.einsum("ni,ni->n", increments, (A @ increments.T).T)
@@ -58,7 +66,7 @@ def test_ledger_closes(family, of, moving, condense):
 @few_families
 @pytest.mark.parametrize("moving", [False, True])
 def test_stored_energy_is_that_of_the_displacement(family, moving):
-    history = vx.simulate(scene(moving), small(family, 4), TIMES, solver=vx.Newton())
+    history = run(scene, family, moving, True)
     A = pose_scene(history.scene, history.mesh).A
     u = history.displacement.reshape(len(TIMES), -1)
     energy = 0.5 * np.einsum("ni,ni->n", u, (A @ u.T).T)
@@ -68,7 +76,7 @@ def test_stored_energy_is_that_of_the_displacement(family, moving):
 @few_families
 @pytest.mark.parametrize("moving", [False, True])
 def test_reactions_and_friction_balance_the_loads(family, moving):
-    history = vx.simulate(scene(moving), small(family, 5), TIMES, solver=vx.Newton())
+    history = run(scene, family, moving, True)
     posed = pose_scene(history.scene, history.mesh)
     for row, t in enumerate(TIMES):
         load = posed.force(t).reshape(-1, 2)
@@ -86,7 +94,7 @@ def test_reactions_and_friction_balance_the_loads(family, moving):
 
 def test_contact_tractions_add_up_to_the_reaction(family):
     """Friction force and pressure per length, times length, are the reaction of the contact nodes."""
-    history = vx.simulate(scene(False), small(family, 5), TIMES, solver=vx.Newton())
+    history = run(scene, family, False, True)
     contact, part = history.contact, vx.vem.Space(history.mesh).part("bottom", "test")
     lengths = part.node_lengths[np.searchsorted(part.nodes, contact.nodes)]
     force = contact.traction - contact.pressure[:, :, None] * contact.normals

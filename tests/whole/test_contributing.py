@@ -242,14 +242,19 @@ def suite(name):
 SUITE = suite("fista")
 
 
-@pytest.mark.parametrize("case", [key for key in SUITE if not key.endswith("admits_what_it_cannot_reach")])
+MARCHES = "knows_no_units", "gives_the_same_answer_twice", "is_as_near_to_newton_as_certified"
+"""Sentences that take many steps, of which those in space take the recipe's solver hundreds of iterations each."""
+
+
+def takes(key):
+    """A case of the suite with the mark of the time that it takes."""
+    if key.endswith("admits_what_it_cannot_reach"):
+        return pytest.param(key, marks=pytest.mark.slow)
+    return pytest.param(key, marks=pytest.mark.long) if "in space" in key and key.endswith(MARCHES) else key
+
+
+@pytest.mark.parametrize("case", [takes(key) for key in SUITE])
 def test_it_passes_the_suite_first_time(case):
-    SUITE[case]()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("case", [key for key in SUITE if key.endswith("admits_what_it_cannot_reach")])
-def test_it_admits_what_it_cannot_reach(case):
     SUITE[case]()
 
 

@@ -74,17 +74,28 @@ def modules():
     return found
 
 
+@cache
+def nodes(path, kind):
+    """The nodes of a kind in the syntax of a file; a file is parsed once."""
+    return [node for node in parsed(path) if isinstance(node, kind)]
+
+
+@cache
+def parsed(path):
+    """All nodes in the syntax of a file."""
+    return list(ast.walk(ast.parse(path.read_text())))
+
+
 def imported(path, checking=True):
     """Names of modules that a file imports, anywhere in it; for type checking, too, unless told not to."""
-    tree = ast.parse(path.read_text())
-    guards = [node for node in ast.walk(tree) if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test)]
-    apart = set() if checking else {id(node) for guard in guards for node in ast.walk(guard)}
-    for node in ast.walk(tree):
+    guards = [] if checking else [node for node in nodes(path, ast.If) if "TYPE_CHECKING" in ast.unparse(node.test)]
+    apart = {id(node) for guard in guards for node in ast.walk(guard)}
+    for node in nodes(path, ast.Import | ast.ImportFrom):
         if id(node) in apart:
             continue
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom):
+        else:
             assert not node.level, f"{path}: relative import; write it out"
             inner = [f"{node.module}.{alias.name}" for alias in node.names]
             yield from (name if name in modules() else node.module for name in inner)
@@ -161,9 +172,9 @@ def test_files_are_short(name):
 
 @pytest.mark.parametrize("name", modules())
 def test_long_calls_name_their_arguments(name):
-    for node in ast.walk(ast.parse(modules()[name].read_text())):
-        if isinstance(node, ast.Call) and not ast.unparse(node.func).startswith("log."):
-            assert len(node.args) <= 5, f"{modules()[name]}:{node.lineno}: {len(node.args)} positional arguments"
+    for node in nodes(modules()[name], ast.Call):
+        few = len(node.args) <= 5 or ast.unparse(node.func).startswith("log.")
+        assert few, f"{modules()[name]}:{node.lineno}: {len(node.args)} positional arguments"
 
 
 def test_names_of_functions_hide_no_modules():
@@ -217,7 +228,7 @@ def kinds():
     """Names of all classes and aliases of types in the package."""
     words = {"None", "ArrayLike", "Axes", "Figure", "Path"}
     for path in modules().values():
-        words |= {node.name for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.ClassDef)}
+        words |= {node.name for node in nodes(path, ast.ClassDef)}
         words |= set(re.findall(r"^([A-Z]\w+) = ", path.read_text(), flags=re.MULTILINE))
     return words
 
@@ -241,6 +252,6 @@ def test_the_table_of_tolerances_has_a_line_for_each_and_each_is_used():
 
 def names_imported(path, module):
     """Names that a file imports from a module."""
-    for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, ast.ImportFrom) and node.module == module.__name__:
+    for node in nodes(path, ast.ImportFrom):
+        if node.module == module.__name__:
             yield from (alias.name for alias in node.names)

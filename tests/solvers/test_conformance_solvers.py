@@ -44,20 +44,7 @@ def scene():
     return paper_scene(lambda t: np.sin(6 * t))
 
 
-FEW = "friction of two components", "contact and friction in space", "plain matrices"
-"""Instances on which Clarabel is asked again by its name in cvxpy: of the code that answers its class adds nothing."""
-
-
-def suite(solvers, instances=INSTANCES):
-    """The suite over solvers, on some of its instances."""
-    test = solver_suite(solvers)
-    (mark,) = (mark for mark in test.pytestmark if mark.name == "parametrize")
-    mark.args[1][:] = [case for case in mark.args[1] if set(case.id.split(": ")[1:-1]) <= set(instances)]
-    return test
-
-
-test_every_solver = suite({name: solver for name, solver in OWN.items() if name != "ThroughCvxpy"})
-test_clarabel_through_cvxpy = suite({"ThroughCvxpy": OWN["ThroughCvxpy"]}, FEW)
+test_every_solver = solver_suite(OWN)
 
 
 @pytest.mark.parametrize("solver", OWN.values(), ids=OWN)

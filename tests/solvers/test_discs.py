@@ -278,9 +278,8 @@ def test_projected_gradients_go_where_sets_lead(monkeypatch):
     history = vx.march(scene("Coulomb, turning", 6), TIMES)
     assert history.iterations[2:].max() <= 8
     monkeypatch.setattr(projected_gradients, "SWEEPS", 3000)
-    monkeypatch.setattr(projected_gradients, "SWEPT", 0.0)
     for (program, law, start, _, _), found in asked:
         d, energy = found.point.d, program.operators.energy_norm
-        near = coulomb.swept(program, law, start)
+        near = coulomb.swept(program, law, start, 0.0)
         assert energy(near.d - d) <= 1e-9 * energy(d)
         assert np.linalg.norm(near.lam - found.point.lam) <= 1e-8 * np.linalg.norm(found.point.lam)

@@ -54,7 +54,7 @@ from typing import Any, NamedTuple, overload
 
 import numpy as np
 
-from vemcvx.arrays import Floats, Ints, totals
+from vemcvx.arrays import SAME, Floats, Ints, totals
 from vemcvx.bound.hypercircle import Hypercircle, Pair, hypercircle
 from vemcvx.bound.quantity import CertainQuantity, QuantityBound, quantity_bound
 from vemcvx.bound.skeleton import Instant, instant
@@ -71,9 +71,9 @@ log = logging.getLogger("vemcvx")
 PATH, PIECES = 32, 4
 """Steps of the path, at least (with twice as many bounds of cycles were lower by 3 %); and instants in each of them,
 which it has where data are not linear in time."""
-LINEAR, MISSED = 1e-9, 0.02
-"""Parts of their size by which data that are linear may differ from lines between readings, and others without a word:
-with readings 1/128 of the run apart, waves of more than eight periods do."""
+MISSED = 0.02
+"""Part of their size by which data may differ from lines between readings without a word: with readings 1/128 of the
+run apart, waves of more than eight periods do."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -455,7 +455,7 @@ def _followed(posed: PosedScene, path: Floats) -> tuple[Floats, Floats]:
     there.
     """
     read = _readings(path)
-    bent = np.repeat(_apart(posed, path, read[:-1]).max(axis=1).reshape(-1, PIECES).max(axis=1) > LINEAR, PIECES)
+    bent = np.repeat(_apart(posed, path, read[:-1]).max(axis=1).reshape(-1, PIECES).max(axis=1) > SAME, PIECES)
     missed = _missing(posed, read)
     path = np.union1d(np.union1d(path, read[:-1][bent]), missed)
     if len(missed):

@@ -40,7 +40,7 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.arrays import Floats, Ints, totals
+from vemcvx.arrays import SAME, Floats, Ints, totals
 from vemcvx.bound.data_oscillation import POINCARE
 from vemcvx.bound.skeleton import Instant, Joints, body_forces
 from vemcvx.effects.effect import Load
@@ -251,7 +251,7 @@ class Residuals:
         bonded = across != np.arange(len(cells))
         share = np.where(bonded, weights[across] / (weights + weights[across]), 1.0)
         free = np.einsum("bi,bij,bj->b", normals, self.free, normals)
-        outer = np.sqrt(np.divide(weights, areas * free, out=np.zeros(len(free)), where=free > 1e-9))
+        outer = np.sqrt(np.divide(weights, areas * free, out=np.zeros(len(free)), where=free > SAME))
         roots = CONSTANT * np.append(np.sqrt(self.jump_weights), outer)
         pick = sp.eye_array(self.mesh.n_cells, format="csr")
         inside, outside = (pick[side] for side in self.mesh.face_cells[self.inner].T)

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vemcvx.arrays import Bools, Floats, Ints
+from vemcvx.arrays import ROUNDING, Bools, Floats, Ints
 from vemcvx.errors import MeshError
 from vemcvx.meshes.polygons import (
     among,
@@ -397,7 +397,7 @@ def _crossings(surface: Surface, lines: Ints, owner: Ints) -> tuple[Ints, Ints, 
     across = np.cross(v, upright)
     start, fall = np.einsum("ki,ki->k", p - q, across), np.einsum("ki,ki->k", u, across)
     # Where edges that are parallel meet, their ends do.
-    turns = np.abs(fall) > 1e-12 * np.linalg.norm(u, axis=1) * np.linalg.norm(across, axis=1)
+    turns = np.abs(fall) > ROUNDING * np.linalg.norm(u, axis=1) * np.linalg.norm(across, axis=1)
     s = -start / np.where(turns, fall, 1.0)
     at = p + s[:, None] * u
     t = np.einsum("ki,ki->k", at - q, v) / np.einsum("ki,ki->k", v, v)

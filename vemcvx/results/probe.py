@@ -24,7 +24,7 @@ from vemcvx.meshes.polygons import cell_of_corner, holding, next_vertex, outline
 from vemcvx.meshes.tessellation import projected_values
 from vemcvx.results.results import Results
 from vemcvx.vem import Space, solid_places
-from vemcvx.vem.points_in_solids import CLOSE, POINT_ROUNDING
+from vemcvx.vem.points_in_solids import reach_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +41,7 @@ class Location:
 def locate(mesh: PolygonMesh, points: Floats) -> Location:
     """Find the finite points (p, 2) in the mesh; those outside are in no cell."""
     owner, a, b = cell_of_corner(mesh.offsets), mesh.vertices, next_vertex(mesh.offsets, mesh.vertices)
-    reach = CLOSE * mesh.diameters[owner] + POINT_ROUNDING * np.abs(mesh.points).max()
+    reach = reach_of(mesh.diameters[owner], mesh.points)
     low, high = (f(mesh.points[a], mesh.points[b]) for f in (np.minimum, np.maximum))
     i, s = overlapping_boxes(points, points, low - reach[:, None], high + reach[:, None])
     arm, side = points[i] - mesh.points[a[s]], mesh.points[b[s]] - mesh.points[a[s]]

@@ -23,6 +23,7 @@ from __future__ import annotations
 
 import json
 import re
+import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import astuple, dataclass, fields
 from hashlib import sha256
@@ -61,8 +62,6 @@ if TYPE_CHECKING:
 
 SHIFT = 0.01
 """Seconds of the shifted geometric mean: differences far below do not count."""
-TICK = 1e-6
-"""Seconds that no clock tells apart."""
 TABLE, WORDS, PROFILES, MEANS = "trials.csv", "benchmark.md", "profiles.png", "means.png"
 PLANE, DISCS, NONE_THERE, COLD, WARM_START = "plane", "discs", "no optimum", "cold", "warm"
 KINDS = {
@@ -267,7 +266,8 @@ def profile(entries: Entries, names: Sequence[str], error: float) -> dict[str, l
     """label -> on each instance, seconds over those of the fastest; infinite where it is not reached."""
     times = {label: [seconds_to(own.get(name, ()), error) for name in names] for label, own in entries.items()}
     # A clock that ticks slowly may count nothing at all.
-    times = {label: [max(t, TICK) for t in own] for label, own in times.items()}
+    tick = time.get_clock_info("process_time").resolution
+    times = {label: [max(t, tick) for t in own] for label, own in times.items()}
     best = [min(column) for column in zip(*times.values(), strict=True)]
     return {
         label: [t / fastest if np.isfinite(t) else np.inf for t, fastest in zip(own, best, strict=True)]
@@ -275,7 +275,7 @@ def profile(entries: Entries, names: Sequence[str], error: float) -> dict[str, l
     }
 
 
-CLAIMED = 1e-6
+CLAIMED = ASKED[1]
 """The tolerance at which claims of solvers are looked at."""
 
 

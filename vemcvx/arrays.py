@@ -108,6 +108,13 @@ def _masked(raw: Any) -> bool:
     return isinstance(raw, np.ma.MaskedArray)
 
 
+def largest(values: Floats, part: float) -> Ints:
+    """The numbers of the fewest values (k,), none negative, that make up this part of their sum; the largest first."""
+    order = np.argsort(-values, kind="stable")
+    sums = np.cumsum(values[order])
+    return order[: int(np.searchsorted(sums, part * sums[-1])) + 1]
+
+
 def spread(values: Floats, rows: Ints, n: int) -> Floats:
     """The vector (n,) with these values on some rows, and zero elsewhere."""
     array = np.zeros(n)

@@ -29,11 +29,6 @@ PARTS = np.array([[0, 1, 3], [1, 2, 3], [2, 0, 3]])
 """(3, 3) corners of the parts; 3 is the centroid. Part k has the edge from corner k to corner k + 1."""
 
 
-def _six(corners: Floats) -> Floats:
-    """The points (6, 2) of P2 on a triangle (3, 2): its corners, then the middles of its edges."""
-    return np.concatenate([corners, 0.5 * (corners + np.roll(corners, -1, axis=0))])
-
-
 def monomials(x: Floats) -> Floats:
     """(q, 6) 1, x, y, x^2, xy, y^2."""
     one, two = x.T
@@ -55,8 +50,8 @@ def monomial_slopes(x: Floats) -> Floats:
 
 _CENTRE = CORNERS.mean(axis=0)
 TRIANGLES = np.concatenate([CORNERS, _CENTRE[None]])[PARTS]
-STATIONS = np.stack([_six(part) for part in TRIANGLES])
-"""(3, 6, 2) the points by which a field on each part is given."""
+STATIONS = np.concatenate([TRIANGLES, 0.5 * (TRIANGLES + np.roll(TRIANGLES, -1, axis=1))], axis=1)
+"""(3, 6, 2) the points by which a field on each part is given: its corners, then the middles of its edges."""
 COEFFICIENTS = np.linalg.inv(np.stack([monomials(part) for part in STATIONS]))
 """(3, 6, 6) monomials of the six Lagrange functions of each part."""
 RULE = np.stack([RADON_POINTS @ part for part in TRIANGLES])

@@ -36,7 +36,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.arrays import Floats, Ints, totals
+from vemcvx.arrays import Floats, Ints, largest, totals
 from vemcvx.bound.hypercircle import IN_SPACE, Hypercircle, hypercircle, outline_of
 from vemcvx.bound.reading import reading
 from vemcvx.bound.skeleton import Instant
@@ -142,10 +142,7 @@ class Within:
 
     def split(self, squares: Floats) -> Within:
         """With those cells in parts that have most of such squares (n_cells,)."""
-        worst = np.argsort(-squares, kind="stable")
-        sums = np.cumsum(squares[worst])
-        count = int(np.searchsorted(sums, THETA * sums[-1])) + 1
-        finer = refinement(self.mesh, worst[:count])
+        finer = refinement(self.mesh, largest(squares, THETA))
         carried, parents = finer.prolongation @ self.carried, self.parents[finer.parents]
         return Within(self.scene, finer.mesh, self.times, carried, parents)
 
@@ -227,17 +224,15 @@ def _finer(within: Within, history: History, instants: Floats, growth: Growth) -
     return within
 
 
-def _shorter(within: Within, history: History, instants: Floats, largest: float) -> list[Instant]:
+def _shorter(within: Within, history: History, instants: Floats, unit: float) -> list[Instant]:
     """A path with these instants, and those between where friction lacks most, until that is ENOUGH of |r| at most."""
     path, most, least = within.path(history, instants), LONGER * len(instants), 4.0 * ACROSS * np.ptp(instants)
     for _ in range(HALVINGS):
         lacking = within.lacking(path)
         lacking[np.diff(instants) < least] = 0.0
-        if np.sqrt(2.0 * lacking.sum()) <= UNSLIPPED * largest or len(instants) > most:
+        if np.sqrt(2.0 * lacking.sum()) <= UNSLIPPED * unit or len(instants) > most:
             break
-        worst = np.argsort(-lacking, kind="stable")
-        sums = np.cumsum(lacking[worst])
-        halved = worst[: int(np.searchsorted(sums, LACKING * sums[-1])) + 1]
+        halved = largest(lacking, LACKING)
         instants = np.union1d(instants, 0.5 * (instants[halved] + instants[halved + 1]))
         path = within.path(history, instants)
     return path

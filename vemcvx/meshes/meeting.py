@@ -167,12 +167,6 @@ def _meets(boxes: Boxes, other: Boxes) -> Bools:
     return meets
 
 
-def _boxes_of(surface: Surface, lines: Ints) -> Boxes:
-    """The boxes of lines (l, 2) between places."""
-    ends = surface.points[lines]
-    return ends.min(axis=1), ends.max(axis=1)
-
-
 # Where places lie on other bodies.
 
 
@@ -248,10 +242,10 @@ def _near_edges(surface: Surface, spots: Ints) -> OnEdges:
     Across a face beside the edge, that is within `reach`; along this face, within the tolerance.
     """
     ends = surface.place[surface.ends]
-    low, high = _boxes_of(surface, ends)
-    boxes = low - surface.reach, high + surface.reach
+    x = surface.points[ends]
+    boxes = x.min(axis=1) - surface.reach, x.max(axis=1) + surface.reach
     place, edge = _in_boxes(surface, spots, surface.body_of_edge, boxes, surface.taken)
-    start, arm = _arms(surface.points[ends[edge]])
+    start, arm = _arms(x[edge])
     along = np.einsum("ki,ki->k", surface.points[place] - start, arm) / np.einsum("ki,ki->k", arm, arm)
     along = np.clip(along, 0.0, 1.0)
     at = start + along[:, None] * arm

@@ -21,14 +21,6 @@ from vemcvx.vem.projection import face_groups
 from vemcvx.vem.space import Space
 
 
-def reach_of(sizes: Floats | float, points: Floats) -> Floats | float:
-    """How far from a face, or in the plane a side, of cells of some sizes a point may be that is on it.
-
-    That is rounding, of the cells or of the coordinates: points computed as 0.1 + 0.2 are 5e-17 off.
-    """
-    return ROUNDING * sizes + TOLERANCE * float(np.abs(points).max())
-
-
 def solid_places(space: Space, mesh: PolyhedralMesh, x: Floats) -> tuple[sp.csr_matrix, sp.csr_matrix]:
     """Matrices (p, n_nodes) and (p, n_cells) that take values at nodes and on cells to points x (p, 3).
 
@@ -43,7 +35,8 @@ def solid_places(space: Space, mesh: PolyhedralMesh, x: Floats) -> tuple[sp.csr_
 def _places(space: Space, mesh: PolyhedralMesh, x: Floats) -> tuple[sp.csr_matrix, sp.csr_matrix]:
     offsets, vertices = mesh.cell_nodes
     low, high = (f.reduceat(mesh.points[vertices], offsets[:-1]) for f in (np.minimum, np.maximum))
-    reach = float(reach_of(mesh.h, mesh.points))
+    # Points computed as 0.1 + 0.2 are 5e-17 off.
+    reach = ROUNDING * mesh.h + TOLERANCE * float(np.abs(mesh.points).max())
     point, cell = overlapping_boxes(x - reach, x + reach, low, high)
     if len(point) == 0:
         return sp.csr_matrix((len(x), mesh.n_nodes)), sp.csr_matrix((len(x), mesh.n_cells))

@@ -114,7 +114,8 @@ class Benchmark:
         out = self.out or self.folder / "benchmark"
         with Owned(out, rf"{re.escape(WORDS)}|{ANY_KIND}") as own:
             for entrant in self.entrants():
-                running = Running(self.folder, entrant, self.time_limit, own.take(stored_as(entrant)))
+                kept = re.sub(r"[^\w.=+ -]+", "_", f"{entrant.name} {entrant.version}").replace(" ", "_")
+                running = Running(self.folder, entrant, self.time_limit, own.take(f"{kept}.jsonl"))
                 work = [(one.name, one.digest, entrant.ladder(tolerances)) for one in instances]
                 with progress_bar(entrant.name) as shown:
                     for done in range(0, len(work), TOGETHER):
@@ -200,11 +201,6 @@ def _listed(folder: Path, row: Mapping[str, Any]) -> list[Listed]:
     return [Listed(row["name"], digest, DISCS if row["block"] > 1 else PLANE, certified)]
 
 
-def stored_as(entrant: Entrant) -> str:
-    """The name of an entrant's journal."""
-    return re.sub(r"[^\w.=+ -]+", "_", f"{entrant.name} {entrant.version}").replace(" ", "_") + ".jsonl"
-
-
 Entries = Mapping[str, Mapping[str, Sequence[Trial]]]
 """The label of a solver -> the name of an instance -> its trials, but those that began only."""
 
@@ -228,12 +224,8 @@ def stored(folder: Path, instances: Sequence[Listed]) -> Entries:
 
 def seconds_to(trials: Iterable[Trial], error: float, measure: str = "true") -> float:
     """The seconds of the cheapest trial that reaches the error; infinite if none does."""
-    reached = [one.seconds for one in trials if one.seconds is not None and _at_most(getattr(one, measure), error)]
-    return min(reached, default=np.inf)
-
-
-def _at_most(value: float | None, error: float) -> bool:
-    return value is not None and value <= error
+    known = [(one.seconds, getattr(one, measure)) for one in trials if one.seconds is not None]
+    return min((seconds for seconds, reached in known if reached is not None and reached <= error), default=np.inf)
 
 
 def taken(trials: Sequence[Trial]) -> bool:

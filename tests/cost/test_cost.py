@@ -404,8 +404,10 @@ def test_clusters_that_are_not_there(tmp_path, monkeypatch):
         assert done.exit_code == 2
         assert "pip install 'vemcvx[cluster]'" in done.output
     pytest.importorskip("distributed")
-    monkeypatch.setattr("vemcvx.cost.workers.CONNECT", 0.2)
-    done = cost(PROBLEM, "--out", tmp_path, "--scheduler", "tcp://127.0.0.1:1")
+    import dask
+
+    with dask.config.set({"distributed.comm.timeouts.connect": 0.2}):
+        done = cost(PROBLEM, "--out", tmp_path, "--scheduler", "tcp://127.0.0.1:1")
     assert done.exit_code == 2
     assert "no dask scheduler answers at 'tcp://127.0.0.1:1'" in done.output
 

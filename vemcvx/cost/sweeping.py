@@ -175,7 +175,7 @@ def common_instants(courses: Sequence[Floats]) -> Floats:
     return np.array(shared)[np.unique(chosen[chosen >= 0])]
 
 
-PART = 0.25  # The part of the smallest error that the reference's own error may be.
+REFERENCE_PART = 0.25  # The part of the smallest error that the reference's own error may be.
 ARCHIVE, ABOUT = "reference.npz", "reference.json"
 
 
@@ -488,7 +488,7 @@ def _reference(
         return found
 
     targets = grid.targets or [computed(estimated_error, recipe, grid.finest)]
-    goal, there = PART * min(targets), None if fresh else read_reference(folder)
+    goal, there = REFERENCE_PART * min(targets), None if fresh else read_reference(folder)
     if there is not None and there.serves(recipe.mark, instants.tolist(), goal, grid.finest):
         return there
     given = recipe, grid.coarsest, grid.finest, instants, goal, folder

@@ -54,7 +54,7 @@ from vemcvx.scene.supports import free_directions, on_free
 from vemcvx.vem import elastic_matrix, mean_shear, strains, stresses, tractions
 from vemcvx.vem.projection import face_groups
 
-CONSTANT, MISSED = 0.8, 7.0
+CONSTANT, PROJECTED = 0.8, 7.0
 """c of the residuals, and the number before tau of what the projection misses.
 
 Estimates are 1.3 to 1.7 of the true error on cubes of 1/4 and 1/5 (a sheared block, Coulomb's law, weight, heat, two
@@ -77,7 +77,7 @@ class Residuals:
         vertices = np.diff(self.mesh.cell_nodes[0])
         # Of S_K = tau h_K sum |(I - Pi) u|^2 the mean over vertices, with |K|^{1/3} in place of h_K.
         share = np.cbrt(self.mesh.volumes) / (self.mesh.diameters * vertices)
-        missed = MISSED * share * posed.material.missed(posed.space, now.u)
+        missed = PROJECTED * share * posed.material.missed(posed.space, now.u)
         q = self._pressures(sigma, now)
         sigma[:, :3] += q[:, None]
         return {

@@ -60,7 +60,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-SHIFT = 0.01
+MEAN_SHIFT = 0.01
 """Seconds of the shifted geometric mean: differences far below do not count."""
 TABLE, WORDS, PROFILES, MEANS = "trials.csv", "benchmark.md", "profiles.png", "means.png"
 PLANE, DISCS, NONE_THERE, COLD, WARM_START = "plane", "discs", "no optimum", "cold", "warm"
@@ -72,7 +72,7 @@ KINDS = {
     WARM_START: "Sequences of steps, each begun with what the one before has left",
 }
 """Kinds of instances, and how tables call them."""
-TOGETHER = 10
+BATCH = 10
 """Instances that a process tries, between two words of how far it is; starting it takes a second."""
 USUAL_TOLERANCES = ",".join(f"1e-{k}" for k in range(1, 16))
 
@@ -118,9 +118,9 @@ class Benchmark:
                 running = Running(self.folder, entrant, self.time_limit, own.take(f"{kept}.jsonl"))
                 work = [(one.name, one.digest, entrant.ladder(tolerances)) for one in instances]
                 with progress_bar(entrant.name) as shown:
-                    for done in range(0, len(work), TOGETHER):
+                    for done in range(0, len(work), BATCH):
                         shown(entrant.name, done, len(work))
-                        running.try_all(work[done : done + TOGETHER])
+                        running.try_all(work[done : done + BATCH])
             entries = stored(out, instances)
             if not entries:
                 raise ProblemError(f"{out}: no results are stored there; name solvers by --solvers.")
@@ -251,7 +251,7 @@ def shifted_mean(seconds: Sequence[float], limit: float) -> float:
     if not seconds:
         return float("nan")
     capped = np.minimum(np.asarray(seconds, dtype=float), limit)
-    return float(np.exp(np.log(capped + SHIFT).mean()) - SHIFT)
+    return float(np.exp(np.log(capped + MEAN_SHIFT).mean()) - MEAN_SHIFT)
 
 
 def profile(entries: Entries, names: Sequence[str], error: float) -> dict[str, list[float]]:

@@ -436,8 +436,8 @@ def _warn_between(bends: Floats, missed: Floats) -> None:
         log.warning(
             f"error_bound: data are not linear between the instants at which the bound reads them, at t = "
             f"{', '.join(f'{t:.6g}' for t in missed[:5])}{' ...' if len(missed) > 5 else ''} by more than "
-            f"{OFF_LINE:.0%} of their size. It reads them there, too; what else happens between is not in it. Simulate in "
-            "steps that follow the data."
+            f"{OFF_LINE:.0%} of their size. It reads them there, too; what else happens between is not in it. Simulate "
+            "in steps that follow the data."
         )
 
 

@@ -24,7 +24,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.arrays import EPS, ROUNDING, Floats, Ints, totals
+from vemcvx.arrays import EPS, ROUNDING, SAME, Floats, Ints, totals
 from vemcvx.bound.fan import Fans
 from vemcvx.bound.skeleton import Skeleton
 from vemcvx.bound.stress import FanStress
@@ -34,8 +34,7 @@ from vemcvx.meshes import PolygonMesh
 from vemcvx.vem.elasticity import assemble
 
 HALF_DIGITS = float(np.sqrt(EPS))
-"""Part of the largest force by which neighbours may differ (at lambda = 1e6 they do by 1e-9), and of the diagonal that
-anchors what floats (of a body of a thousand cells a correction then loses all but 1e-4)."""
+"""Part of the largest force by which neighbours may differ (at lambda = 1e6 they do by 1e-9)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,8 +110,8 @@ class Equilibrium:
             Rounding leaves forces of neighbours apart.
         """
         left, x, size, apart, before = given, np.zeros(len(given)), len(given), np.inf, np.inf
-        # As long as a correction brings another digit.
-        while ROUNDING * largest < apart <= 0.1 * before:
+        # As long as corrections halve what is left: near nu = 1/2 a digit takes several.
+        while ROUNDING * largest < apart <= 0.5 * before:
             before, x = apart, x + self.P @ self.factor.solve(self.P.T @ left)
             local = [x[place] for place in self.edges.places]
             forces = [one.fans.apply(one.stiffness, m) for one, m in zip(self.stresses, local, strict=True)]
@@ -147,7 +146,8 @@ def equilibrium(
     """
     P = _free_motions(edges, free, bonds)
     K = _assembled(edges, stresses, springs, P)
-    K = K + sp.diags_array(HALF_DIGITS * K.diagonal()) if floats else K
+    # Of a body of a thousand cells a correction loses all but 1e-5.
+    K = K + sp.diags_array(SAME * K.diagonal()) if floats else K
     return Equilibrium(edges, stresses, P, springs, choose_linear(K.shape[0]).factorise(K))
 
 

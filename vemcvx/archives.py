@@ -18,13 +18,13 @@ from numpy.lib.npyio import NpzFile
 from numpy.typing import NDArray
 
 Arrays = dict[str, NDArray[Any]]
-UNPACKED, SMALL = 200, 2**20  # How often a file's size it may unpack to, and the bytes that it may in any case.
+UNPACKED, IN_ANY_CASE = 200, 2**20  # How often a file's size it may unpack to, and the bytes that it may in any case.
 KINDS = "biufcU"  # Numpy's letters for truth values, numbers and words.
 
 
 def most_unpacked(size: int) -> int:
     """Bytes that a compressed file of that size may hold."""
-    return max(SMALL, UNPACKED * size)
+    return max(IN_ANY_CASE, UNPACKED * size)
 
 
 def read_arrays(path: Path) -> Arrays:

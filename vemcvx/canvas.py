@@ -30,12 +30,20 @@ HATCHING = "0.2"
 CELL_STYLE = {"edgecolor": "0.25", "facecolor": "0.93", "linewidth": 0.5}
 
 
-def new_figure(width: float = 6.4, height: float = 4.8) -> Figure:
+def new_figure(width: float | None = None, height: float | None = None) -> Figure:
     """Return an empty figure, sizes in inches; ``figure.savefig(path)`` writes it; VemcvxError without matplotlib."""
+    wide, high = usual_page()
+    return _figure_class()(figsize=(width or wide, height or high), layout="constrained")
+
+
+def usual_page() -> tuple[float, float]:
+    """Return matplotlib's own width and height of a figure, in inches; VemcvxError without matplotlib."""
     try:
-        return _figure_class()(figsize=(width, height), layout="constrained")
+        import matplotlib.figure
     except ImportError:
         raise VemcvxError("drawing needs matplotlib, which is not installed: pip install 'vemcvx[plot]'") from None
+    width, height = matplotlib.rcParams["figure.figsize"]
+    return width, height
 
 
 @cache
@@ -200,7 +208,8 @@ def draw_cells(
     """Draw polygons (see `PolygonMesh.plot`), with a colour bar if there are ``values``, one a cell."""
     width, height = np.ptp(points, axis=0)
     if ax is None:
-        ax = new_figure(6.4, float(np.clip(6.4 * height / width, 1.6, 9.0))).add_subplot()
+        wide = usual_page()[0]
+        ax = new_figure(wide, float(np.clip(wide * height / width, 1.6, 9.0))).add_subplot()
     from matplotlib.cbook import normalize_kwargs
     from matplotlib.collections import PolyCollection
 
@@ -232,7 +241,7 @@ def draw_faces(
 ) -> Axes:
     """Draw polygons in space (see `PolyhedralMesh.plot`), with a colour bar if there are ``values``, one a polygon."""
     if ax is None:
-        ax = new_figure(6.4, 5.2).add_subplot(projection="3d")
+        ax = new_figure().add_subplot(projection="3d")
     from matplotlib.cbook import normalize_kwargs
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 

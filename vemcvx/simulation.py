@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vemcvx.arrays import Floats, Ints, brief, flag, shaped
+from vemcvx.arrays import SAME, Floats, Ints, brief, flag, shaped
 from vemcvx.bound.error_bound import Stepped, certain_intervals, of_steps, pairs_of
 from vemcvx.bound.hypercircle import Hypercircle, hypercircle
 from vemcvx.effects import PrescribedDisplacement, data
@@ -379,7 +379,7 @@ def _within_supports(u: Floats, posed: PosedScene, times: Floats) -> Floats:
     P, held = posed.supports.P, posed.supports.motion(t)
     y: Floats = P.T @ (u.ravel() - held)
     off = np.abs(P @ y + held - u.ravel())
-    known = off.max() <= 1e-9 * max(np.abs(u).max(), np.abs(held).max())
+    known = off.max() <= SAME * max(np.abs(u).max(), np.abs(held).max())
     # Of supports that move later, rounding may be all that there is now.
     if not known and off.max() > ROUNDED_LOAD * max(np.abs(posed.supports.motion(t)).max() for t in times.tolist()):
         node = int(np.argmax(off)) // points.shape[1]

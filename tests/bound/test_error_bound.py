@@ -19,7 +19,7 @@ import hertz_two_cylinders
 import manufactured_full_slip as full_slip
 import missed_reversal
 import vemcvx as vx
-from vemcvx.bound.richer import ENOUGH
+from vemcvx.bound.richer import LAST_GAIN
 from vemcvx.bound.skeleton import instant
 from vemcvx.cli import app
 
@@ -103,7 +103,7 @@ def test_the_error_of_full_slip_is_bounded_for_all_poisson_ratios(family, poisso
         assert error * (1.0 - rounding) <= bound.upper <= (1.1 if n == 8 else 1.05) * error
         locks = family == "triangles" and poisson > 0.4
         # The richer displacement is left where it takes off less than so much more energy.
-        least = (0.9 if locks else 0.98) * np.sqrt(1.0 - ENOUGH)
+        least = (0.9 if locks else 0.98) * np.sqrt(1.0 - LAST_GAIN)
         assert least * error <= bound.lower <= error * (1.0 + rounding)
 
 

@@ -24,7 +24,7 @@ import vemcvx as vx
 from vemcvx.cli import app
 from vemcvx.cost import Ingredients, Point, Row, advice, front
 from vemcvx.cost.sweeping import (
-    PART,
+    REFERENCE_PART,
     Grid,
     Reference,
     build_reference,
@@ -162,7 +162,7 @@ def test_who_says_n_gets_these_meshes_and_no_finer_ones(tmp_path, monkeypatch):
     finest = vx.simulate(feng_han_huang.scene(), feng_han_huang.mesh(4), feng_han_huang.times(2))
     told = json.loads((tmp_path / "reference.json").read_text())
     # It is rounded to two digits.
-    assert told["goal"] == pytest.approx(PART * vx.error_budget(finest).largest["total"], rel=0.05)
+    assert told["goal"] == pytest.approx(REFERENCE_PART * vx.error_budget(finest).largest["total"], rel=0.05)
     assert told["estimated"] <= told["goal"]
     assert min(float(row["error"]) for row in found) <= 0.5
     assert "for 50 %: use squares n = " in done.output
@@ -404,8 +404,10 @@ def test_clusters_that_are_not_there(tmp_path, monkeypatch):
         assert done.exit_code == 2
         assert "pip install 'vemcvx[cluster]'" in done.output
     pytest.importorskip("distributed")
-    monkeypatch.setattr("vemcvx.cost.workers.CONNECT", 0.2)
-    done = cost(PROBLEM, "--out", tmp_path, "--scheduler", "tcp://127.0.0.1:1")
+    import dask
+
+    with dask.config.set({"distributed.comm.timeouts.connect": 0.2}):
+        done = cost(PROBLEM, "--out", tmp_path, "--scheduler", "tcp://127.0.0.1:1")
     assert done.exit_code == 2
     assert "no dask scheduler answers at 'tcp://127.0.0.1:1'" in done.output
 

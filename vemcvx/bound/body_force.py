@@ -49,7 +49,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from vemcvx.arrays import Floats
+from vemcvx.arrays import ROUNDING, Floats
 from vemcvx.bound.displacement import (
     VALUES,
     FanDisplacement,
@@ -61,8 +61,6 @@ from vemcvx.bound.displacement import (
 from vemcvx.bound.fan import BARYCENTRIC, LINEAR_MASS_INVERSE, RULE, RULE_WEIGHTS, Fans, inner, monomials, stresses_of
 from vemcvx.bound.stress import PARABOLAS, FanStress, fan_stress, lifted, of_parabolas
 
-ROUNDING = 1e-13
-"""Parts of the largest by which body forces differ from combinations, and from parabolas, by rounding."""
 MOST_SHAPES = 4
 """Shapes that are kept: each takes as much memory as its values at the points of the rule, 2 kB a hexagon."""
 

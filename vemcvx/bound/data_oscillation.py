@@ -37,7 +37,7 @@ from types import MappingProxyType
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.arrays import Bools, Floats, Ints, totals
+from vemcvx.arrays import EPS, ROUNDING, Bools, Floats, Ints, totals
 from vemcvx.bound.skeleton import Instant, Skeleton, at_ends, body_forces, edge_loads, pressures_at_ends
 from vemcvx.effects import Contribution, Friction, Load, MaterialLaw, Obstacle, Support
 from vemcvx.errors import SceneError
@@ -51,8 +51,6 @@ from vemcvx.vem import Space, elastic_matrix
 PIECES, SPACING = 512, 128
 """Parts of the size of the body, on the boundary and inside, that are looked at; what is narrower than these may be
 missed. Edges have four pieces at least, and triangles four points."""
-ROUNDING = 1e-12
-"""Data that differ by less, in parts of the largest, do not differ."""
 POINCARE = 1.0 / 9.0
 """1 / pi^2 on a convex cell of the longer side one, and a tenth for turning, which no strain resists: sideways waves of
 weight on 8 x 8 and 16 x 16 squares were .9964 of the error with 1 / pi^2."""
@@ -249,7 +247,7 @@ class DataOscillation:
     def _factor(self) -> Factor:
         system = self.posed.system
         # Where K does not feel rigid motions a small part of its diagonal holds them; friction and contact do more.
-        grounded = system.K if system.kernel is None else system.K + sp.diags_array(1e-8 * system.K.diagonal())
+        grounded = system.K if system.kernel is None else system.K + sp.diags_array(np.sqrt(EPS) * system.K.diagonal())
         return system.linear(None).factorise(sp.csr_matrix(grounded), system.near_kernel)
 
     def of_the_body(self, on_edges: Floats, in_cells: Floats) -> Floats:

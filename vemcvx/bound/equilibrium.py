@@ -24,7 +24,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.arrays import Floats, Ints, totals
+from vemcvx.arrays import EPS, ROUNDING, SAME, Floats, Ints, totals
 from vemcvx.bound.fan import Fans
 from vemcvx.bound.skeleton import Skeleton
 from vemcvx.bound.stress import FanStress
@@ -33,13 +33,8 @@ from vemcvx.linear import Factor, choose_linear
 from vemcvx.meshes import PolygonMesh
 from vemcvx.vem.elasticity import assemble
 
-UNBALANCED, ROUNDING, CORRECTIONS = 1e-8, 1e-13, 4
-"""Parts of the largest force by which neighbours may differ, and below which they do by rounding (at lambda = 1e6 that
-is 1e-9); and how often it is solved."""
-
-
-ANCHOR = 1e-9
-"""Parts of the diagonal that anchor what floats: of a body of a thousand cells a correction loses all but 1e-5."""
+HALF_DIGITS = float(np.sqrt(EPS))
+"""Part of the largest force by which neighbours may differ (at lambda = 1e6 they do by 1e-9)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,18 +109,17 @@ class Equilibrium:
         SceneError
             Rounding leaves forces of neighbours apart.
         """
-        left, x, size = given, np.zeros(len(given)), len(given)
-        for _ in range(CORRECTIONS):
-            x = x + self.P @ self.factor.solve(self.P.T @ left)
+        left, x, size, apart, before = given, np.zeros(len(given)), len(given), np.inf, np.inf
+        # As long as corrections halve what is left: near nu = 1/2 a digit takes several.
+        while ROUNDING * largest < apart <= 0.5 * before:
+            before, x = apart, x + self.P @ self.factor.solve(self.P.T @ left)
             local = [x[place] for place in self.edges.places]
             forces = [one.fans.apply(one.stiffness, m) for one, m in zip(self.stresses, local, strict=True)]
             pull = np.einsum("bij,bj->bi", self.springs, x[self.edges.outer].reshape(-1, 4))
             left = given - gathered(self.edges.places, forces, size)
             left -= totals(self.edges.outer.ravel(), pull.ravel(), size)
             apart = float(np.abs(self.P.T @ left).max(initial=0.0))
-            if apart <= ROUNDING * largest:
-                break
-        if apart > UNBALANCED * largest:
+        if apart > HALF_DIGITS * largest:
             raise SceneError(
                 f"error_bound: rounding leaves forces of neighbouring cells {apart / largest:.1e} apart; a bound on "
                 "stresses in equilibrium needs better conditioned data, such as a Poisson ratio farther from 1/2, or "
@@ -148,11 +142,12 @@ def equilibrium(
 ) -> Equilibrium:
     """The hybrid problem, boundary edges being free along projectors (b, 2, 2) and on springs (b, 4, 4).
 
-    A body that `floats` is anchored by a little of the diagonal; forces that balance then need one or two corrections.
+    A body that `floats` is anchored by a little of the diagonal; forces that balance then need a few corrections.
     """
     P = _free_motions(edges, free, bonds)
     K = _assembled(edges, stresses, springs, P)
-    K = K + sp.diags_array(ANCHOR * K.diagonal()) if floats else K
+    # Of a body of a thousand cells a correction loses all but 1e-5.
+    K = K + sp.diags_array(SAME * K.diagonal()) if floats else K
     return Equilibrium(edges, stresses, P, springs, choose_linear(K.shape[0]).factorise(K))
 
 

@@ -35,11 +35,11 @@ For v and v_n one may take v + w of :mod:`.hypercircle`, richer inside of the bo
 by half, and only in the last square it is that of v_n, because X is orthogonal to C eps(w). y_0 is |r_0| of v: the
 exact history is one that begins like the run. What linear moments miss of loads is a stress of its own in tau, no
 larger than osc_T, and so are its changes in time. Where data are not linear in time within a step of the path, by what
-they are at PIECES instants of it, these are instants of the path.
+they are at READINGS instants of it, these are instants of the path.
 
 So the bound of a history is about data as they are read at the instants of the path, and at a quarter, the half and
 three quarters of the steps that it has at first; between, data are taken for linear in time. One instant between any
-two readings is looked at besides: where data miss the line there by more than MISSED of their size it becomes one of
+two readings is looked at besides: where data miss the line there by more than OFF_LINE of their size it becomes one of
 the path, data are read at the quarters around it, too, and a warning names it. What happens within less than the
 distance of these instants is not in the bound.
 """
@@ -54,7 +54,7 @@ from typing import Any, NamedTuple, overload
 
 import numpy as np
 
-from vemcvx.arrays import Floats, Ints, totals
+from vemcvx.arrays import SAME, Floats, Ints, totals
 from vemcvx.bound.hypercircle import Hypercircle, Pair, hypercircle
 from vemcvx.bound.quantity import CertainQuantity, QuantityBound, quantity_bound
 from vemcvx.bound.skeleton import Instant, instant
@@ -68,12 +68,12 @@ from vemcvx.scene.pose import PosedScene, pose_scene, unwarned
 from vemcvx.stepping.course import ACROSS, course, divided, inside_steps
 
 log = logging.getLogger("vemcvx")
-PATH, PIECES = 32, 4
+PATH, READINGS = 32, 4
 """Steps of the path, at least (with twice as many bounds of cycles were lower by 3 %); and instants in each of them,
 which it has where data are not linear in time."""
-LINEAR, MISSED = 1e-9, 0.02
-"""Parts of their size by which data that are linear may differ from lines between readings, and others without a word:
-with readings 1/128 of the run apart, waves of more than eight periods do."""
+OFF_LINE = 0.02
+"""Part of their size by which data may differ from lines between readings without a word: with readings 1/128 of the
+run apart, waves of more than eight periods do."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -435,15 +435,15 @@ def _warn_between(bends: Floats, missed: Floats) -> None:
     if len(missed):
         log.warning(
             f"error_bound: data are not linear between the instants at which the bound reads them, at t = "
-            f"{', '.join(f'{t:.6g}' for t in missed[:5])}{' ...' if len(missed) > 5 else ''} by more than {MISSED:.0%} "
-            "of their size. It reads them there, too; what else happens between is not in it. Simulate in steps that "
-            "follow the data."
+            f"{', '.join(f'{t:.6g}' for t in missed[:5])}{' ...' if len(missed) > 5 else ''} by more than "
+            f"{OFF_LINE:.0%} of their size. It reads them there, too; what else happens between is not in it. Simulate "
+            "in steps that follow the data."
         )
 
 
 def _readings(path: Floats) -> Floats:
-    """The instants at which loads may be read: PIECES in each step of a path."""
-    parts = np.linspace(0.0, 1.0, PIECES + 1)
+    """The instants at which loads may be read: READINGS in each step of a path."""
+    parts = np.linspace(0.0, 1.0, READINGS + 1)
     return np.unique(path[:-1, None] + parts * np.diff(path)[:, None]) if len(path) > 1 else path
 
 
@@ -455,20 +455,20 @@ def _followed(posed: PosedScene, path: Floats) -> tuple[Floats, Floats]:
     there.
     """
     read = _readings(path)
-    bent = np.repeat(_apart(posed, path, read[:-1]).max(axis=1).reshape(-1, PIECES).max(axis=1) > LINEAR, PIECES)
+    bent = np.repeat(_apart(posed, path, read[:-1]).max(axis=1).reshape(-1, READINGS).max(axis=1) > SAME, READINGS)
     missed = _missing(posed, read)
     path = np.union1d(np.union1d(path, read[:-1][bent]), missed)
     if len(missed):
         read = _readings(path)
-        path = np.union1d(path, read[_apart(posed, path, read).max(axis=1) > MISSED])
+        path = np.union1d(path, read[_apart(posed, path, read).max(axis=1) > OFF_LINE])
         path = np.union1d(path, _missing(posed, read))
     return path, missed
 
 
 def _missing(posed: PosedScene, read: Floats) -> Floats:
-    """Instants between readings at which data miss the lines between these by more than MISSED."""
+    """Instants between readings at which data miss the lines between these by more than OFF_LINE."""
     between = read[:-1] + np.random.default_rng(0).uniform(0.2, 0.8, len(read) - 1) * np.diff(read)
-    missing: Floats = between[_apart(posed, read, between).max(axis=1) > MISSED]
+    missing: Floats = between[_apart(posed, read, between).max(axis=1) > OFF_LINE]
     return missing
 
 

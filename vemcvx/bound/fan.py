@@ -17,20 +17,16 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.arrays import Floats, Ints
+from vemcvx.arrays import SINGLE, Floats, Ints
 from vemcvx.errors import SceneError
 from vemcvx.meshes.polygons import RADON_POINTS, RADON_WEIGHTS, polygon_centroids
+from vemcvx.meshes.quality import STAR
 from vemcvx.vem import Space
 from vemcvx.vem.elasticity import distinct
 
 CORNERS = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
 PARTS = np.array([[0, 1, 3], [1, 2, 3], [2, 0, 3]])
 """(3, 3) corners of the parts; 3 is the centroid. Part k has the edge from corner k to corner k + 1."""
-
-
-def _six(corners: Floats) -> Floats:
-    """The points (6, 2) of P2 on a triangle (3, 2): its corners, then the middles of its edges."""
-    return np.concatenate([corners, 0.5 * (corners + np.roll(corners, -1, axis=0))])
 
 
 def monomials(x: Floats) -> Floats:
@@ -54,8 +50,8 @@ def monomial_slopes(x: Floats) -> Floats:
 
 _CENTRE = CORNERS.mean(axis=0)
 TRIANGLES = np.concatenate([CORNERS, _CENTRE[None]])[PARTS]
-STATIONS = np.stack([_six(part) for part in TRIANGLES])
-"""(3, 6, 2) the points by which a field on each part is given."""
+STATIONS = np.concatenate([TRIANGLES, 0.5 * (TRIANGLES + np.roll(TRIANGLES, -1, axis=1))], axis=1)
+"""(3, 6, 2) the points by which a field on each part is given: its corners, then the middles of its edges."""
 COEFFICIENTS = np.linalg.inv(np.stack([monomials(part) for part in STATIONS]))
 """(3, 6, 6) monomials of the six Lagrange functions of each part."""
 RULE = np.stack([RADON_POINTS @ part for part in TRIANGLES])
@@ -70,9 +66,6 @@ LINEAR_MASS_INVERSE = 24.0 * np.linalg.inv(np.ones((3, 3)) + np.eye(3))
 BARYCENTRIC = np.column_stack([1.0 - RULE.reshape(-1, 2).sum(axis=1), RULE.reshape(-1, 2)])
 """(21, 3) lambda at the points of the rule."""
 ALL = slice(None)
-CELLS_TOGETHER = 2**14
-"""Entries of one n x n matrix a cell, over the cells that are treated together: some hundred hexagons, whose matrices
-take 20 MB."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,9 +202,10 @@ def fans_of(space: Space, C: Floats) -> tuple[Fans, ...]:
     found = []
     root = np.sqrt([1.0, 1.0, 2.0])
     shear = np.asarray(np.linalg.eigvalsh(C * root[:, None] * root)[:, 0], dtype=np.float64)
-    for chunk in (chunk for group in space.groups for chunk in group.chunks(CELLS_TOGETHER)):
+    for chunk in (chunk for group in space.groups for chunk in group.chunks()):
         centres = polygon_centroids(chunk.corners)[1]
-        for k in np.flatnonzero(_least_height(chunk.corners - centres[:, None]) < LOWEST):
+        # A better centre is sought where triangles are flat: they cost effectivity, not validity.
+        for k in np.flatnonzero(_least_height(chunk.corners - centres[:, None]) < STAR):
             centres[k] += _seeing(chunk.corners[k] - centres[k], int(chunk.cells[k]))
         fans = Fans(
             cells=chunk.cells,
@@ -226,10 +220,7 @@ def fans_of(space: Space, C: Floats) -> tuple[Fans, ...]:
     return tuple(found)
 
 
-LOWEST = 0.05
-"""Heights of fan triangles over the edges, in parts of the root of a cell's area, below which a better centre is
-sought: flat triangles cost effectivity, not validity."""
-SHORTEST = 1e-3
+SHORTEST_EDGE = 1e-3
 """Edges below this part of the cell's radius are refused."""
 
 
@@ -254,7 +245,7 @@ def _seeing(corners: Floats, cell: int) -> Floats:
     limits = -np.einsum("ia,ia->i", inward, corners)
     found = linprog([0.0, 0.0, -1.0], A_ub=rows, b_ub=limits, bounds=[(None, None), (None, None), (0.0, None)])
     size = np.abs(corners).max()
-    if found.x is None or found.x[2] <= 1e-6 * size:
+    if found.x is None or found.x[2] <= SINGLE * size:
         raise SceneError(
             f"error_bound: no point sees all of cell {cell}, so that no fan of triangles fills it; refine the mesh "
             "there, or cut the cell into pieces that are star-shaped."
@@ -265,13 +256,13 @@ def _seeing(corners: Floats, cell: int) -> Floats:
 def _refuse_short_edges(fans: Fans) -> None:
     lengths = np.linalg.norm(np.roll(fans.corners, -1, axis=1) - fans.corners, axis=2)
     ratio = lengths.min(axis=1) / np.linalg.norm(fans.corners, axis=2).max(axis=1)
-    if ratio.min() < SHORTEST:
+    if ratio.min() < SHORTEST_EDGE:
         worst = int(np.argmin(ratio))
         cell, side = int(fans.cells[worst]), int(np.argmin(lengths[worst]))
         raise SceneError(
-            f"error_bound: an edge of cell {cell}, from node {fans.nodes[worst, side]}, is {ratio[worst]:.2g} of the "
-            f"cell's radius; bounds are useless on edges shorter than {SHORTEST:g} of it. Merge its nodes, or refine "
-            "the cell there."
+            f"error_bound: an edge of cell {cell}, from node {fans.nodes[worst, side]}, is {ratio[worst]:.2g} of "
+            f"the cell's radius; bounds are useless on edges shorter than {SHORTEST_EDGE:g} of it. Merge its nodes, or "
+            "refine the cell there."
         )
 
 

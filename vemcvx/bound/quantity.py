@@ -56,7 +56,7 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.arrays import Bools, Floats, Ints, brief
+from vemcvx.arrays import SAME, Bools, Floats, Ints, brief
 from vemcvx.bound.body_force import BodyForces, alone
 from vemcvx.bound.data_oscillation import DataOscillation
 from vemcvx.bound.displacement import VALUES, strains_at_stations
@@ -124,7 +124,7 @@ class QuantityBound(Outlined):
         kind = "estimate: what sticks, slips and opens taken to be that of the run" if frozen else "guaranteed"
         kind += (
             "; its width does not say how far that is off"
-            if frozen and self.high - self.low <= 1e-9 * abs(self.value)
+            if frozen and self.high - self.low <= SAME * abs(self.value)
             else ""
         )
         kind += (
@@ -458,7 +458,7 @@ class _Dual:
     def lifted(self) -> Floats:
         """z_D (n_nodes, 2)."""
         supports, lifted = self.primal.posed.supports, self.quantity.motion(self.primal.posed.space)
-        if np.abs(supports.gather(lifted.ravel())).max(initial=0.0) > 1e-9 * np.abs(lifted).max(initial=0.0):
+        if np.abs(supports.gather(lifted.ravel())).max(initial=0.0) > SAME * np.abs(lifted).max(initial=0.0):
             raise SceneError(
                 "error_bound: found of= a displacement where no support of the scene holds the body in that direction; "
                 "it asks for the force of a support, such as of=PrescribedDisplacement((1.0, 0.0), on='left') for that "
@@ -500,7 +500,7 @@ class _Dual:
             ends, across = edges.outer_edges[acts].ravel(), edges.joints.across[acts].ravel()
             rows.append(jump_rows(ends, across, np.repeat(ways[acts], 2, axis=0)[:, None], points))
         touched = abs(sp.vstack(rows) @ primal.posed.supports.P).sum(axis=0)
-        return self._fields(circle, np.flatnonzero(np.asarray(touched).ravel() < 1e-9))
+        return self._fields(circle, np.flatnonzero(np.asarray(touched).ravel() < SAME))
 
     def frozen(self, held: _Held) -> _Fields:
         """z and stress of the problem in which these edges are held, as far as z_D does not move them."""

@@ -22,7 +22,7 @@ from itertools import product
 
 import numpy as np
 
-from vemcvx.arrays import Floats, totals
+from vemcvx.arrays import ROUNDING, Floats, totals
 from vemcvx.bound.data_oscillation import POINCARE, DataOscillation
 from vemcvx.bound.displacement import VALUES, spread
 from vemcvx.bound.fan import COEFFICIENTS, RULE_WEIGHTS, TRIANGLES, Fans, monomials
@@ -32,10 +32,8 @@ from vemcvx.meshes.polygons import RADON_POINTS, RADON_WEIGHTS
 SAFETY = 2.0
 """With this exact quantities took .65 of their allowance at most: 60 body forces with jumps, strips and peaks at random
 places, on squares, triangles, hexagons and Voronoi cells, a force and a mean displacement of each."""
-DEGREE = 3
-"""Of what both rules integrate exactly."""
-ROUNDING = 1e-13
-"""Parts of the largest load by which two readings differ by rounding."""
+DEGREE = 2 * len(GAUSS) - 3
+"""Of what both rules integrate exactly beside a quadratic displacement."""
 
 _MIDDLES = np.array([[1.0, 1.0, 0.0], [0.0, 1.0, 1.0], [1.0, 0.0, 1.0]]) / 2.0
 _QUARTERS = np.stack([_MIDDLES, *(np.stack([np.eye(3)[k], _MIDDLES[k], _MIDDLES[k - 1]]) for k in range(3))])

@@ -28,7 +28,7 @@ from vemcvx.arrays import Floats, Ints
 from vemcvx.bound.displacement import FanDisplacement
 from vemcvx.bound.equilibrium import Edges, Equilibrium, gathered
 
-MOST, ALONE, ENOUGH = 8, 3, 0.01
+GRADIENTS, ALONE, LAST_GAIN = 8, 3, 0.01
 """Conjugate gradients at most, those with stars alone, and the part of the energy of w below which one that gains it is
 the last."""
 
@@ -59,7 +59,7 @@ class Richer:
         part = float(left @ w) / (float(w @ made) or 1.0)
         w, r = part * w, left - part * made
         along, last, before = np.zeros_like(w), np.zeros_like(w), np.inf
-        for k in range(MOST):
+        for k in range(GRADIENTS):
             z = self._of_stars(r)
             if k >= ALONE:
                 z += self._of_edges(r)
@@ -71,7 +71,7 @@ class Richer:
             length = float(along @ r) / float(along @ made)
             gained = length * float(along @ r)
             w, r = w + length * along, r - length * made
-            if gained <= ENOUGH * float(left @ w):
+            if gained <= LAST_GAIN * float(left @ w):
                 break
         # The last of them is not quite at right angles to the first: the best multiple.
         work, energy = float(left @ w), float(w @ (left - r))

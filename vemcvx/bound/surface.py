@@ -23,7 +23,7 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.arrays import EPS, Bools, Floats, Ints, totals
+from vemcvx.arrays import EPS, ROUNDING, SAME, Bools, Floats, Ints, totals
 from vemcvx.bound.data_oscillation import DataOscillation, FineBoundary
 from vemcvx.bound.skeleton import Instant, Skeleton, at_ends
 from vemcvx.effects import Friction, Load, Obstacle
@@ -35,8 +35,6 @@ from vemcvx.scene.supports import ContactRows
 from vemcvx.vem import tangents_of
 
 GAUSS, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(3)
-FAR = 1e-9
-"""Lengths by which answers may violate supports and obstacles, in parts of the largest: rounding."""
 
 
 def products(a: Floats, b: Floats) -> Floats:
@@ -138,9 +136,9 @@ class Boundary:
     def _moves(self, directions: Floats) -> Bools:
         """(b,) which edges move along these directions (b, 2), also at an angle; of a joint, move apart along them."""
         joints = self.edges.joints
-        moves: Bools = np.einsum("bi,bij,bj->b", directions, self.free, directions) > FAR
+        moves: Bools = np.einsum("bi,bij,bj->b", directions, self.free, directions) > SAME
         along = directions[joints.first]
-        bonded = np.einsum("ji,jik,jk->j", along, self.bonds, along) > 1.0 - FAR
+        bonded = np.einsum("ji,jik,jk->j", along, self.bonds, along) > 1.0 - SAME
         moves[joints.first] = (moves[joints.first] | moves[joints.second]) & ~bonded
         return moves
 
@@ -181,7 +179,7 @@ class Boundary:
         k = stiffness[fine.old :] / fine.lengths[:, None, None]
         mean = np.zeros((count, 2, 2))
         np.add.at(mean, fine.owner, k / np.bincount(fine.owner)[fine.owner, None, None])
-        if np.abs(k - mean[fine.owner]).max(initial=0.0) > FAR * np.abs(k).max(initial=0.0):
+        if np.abs(k - mean[fine.owner]).max(initial=0.0) > SAME * np.abs(k).max(initial=0.0):
             raise SceneError(
                 "error_bound: there is no bound for springs (ElasticFoundation) whose stiffness varies along an edge; "
                 "give one number for each part of the boundary."
@@ -212,7 +210,7 @@ class Boundary:
             moved = np.where(partners[:, None] >= 0, self.fine.between(jumps, at), self.fine.between(ends, at))
             wanted = np.zeros(len(at)) if support.value is None else np.asarray(support.value(now.t))[new]
             apart = np.abs(np.einsum("qd,qd->q", directions, moved) - wanted)
-            if apart.max(initial=0.0) > FAR * max(size, np.abs(wanted).max(initial=0.0)):
+            if apart.max(initial=0.0) > SAME * max(size, np.abs(wanted).max(initial=0.0)):
                 raise SceneError(
                     f"error_bound: {support.subject} moves the boundary by {apart.max():.3g} otherwise than linearly "
                     "between nodes; there is no bound for such supports. Prescribe what is linear on edges, or give "
@@ -298,7 +296,7 @@ class Boundary:
         moments, owner, lengths = self.moments(traction), self.fine.piece_owner, self.edges.lengths[:, None]
         # The mean square of 1 - 6 s (1 - s) is 1/5.
         bent = 5.0 * (moments[:, :2].sum(axis=1) - 1.5 * moments[:, 2])
-        rounding = 1e-13 * np.abs(traction).max(initial=0.0)
+        rounding = ROUNDING * np.abs(traction).max(initial=0.0)
         bent[np.abs(bent) <= rounding * lengths] = 0.0
         tips = (4.0 * moments[:, :2] - 2.0 * moments[:, 1::-1]) / lengths[..., None]
         s, mean = self.gauss[..., None], (bent / lengths)[owner, None]
@@ -436,7 +434,7 @@ class Boundary:
         found, pressure, left = KernelBalance(G[:, None], H).nearest(
             theta.reshape(-1, 1), p, np.ones(2 * count), push, (1.0 / (length * g**2), 1.0 / np.tile(length, 2))
         )
-        if np.abs(left).max() > 1e-9 * max(np.abs(push).max(), np.abs(p @ H).max(), np.abs(theta.ravel() @ G).max()):
+        if np.abs(left).max() > SAME * max(np.abs(push).max(), np.abs(p @ H).max(), np.abs(theta.ravel() @ G).max()):
             raise SceneError(
                 "error_bound: no friction and pressure that are linear on edges balance the load on a body that "
                 "nothing else holds; there is no bound for that. Refine the mesh, or add a support."
@@ -500,7 +498,7 @@ class Boundary:
         size = float(np.abs(u).max(initial=0.0)) + EPS * float(np.abs(self.posed.space.mesh.points).max())
         along = np.einsum("beij,bj->bei", free_alone(self.posed.supports.P)[ends], units)
         outward = np.einsum("bei,bi->be", along, units)
-        free = outward > FAR
+        free = outward > SAME
         along = np.divide(along, outward[..., None], out=np.zeros_like(along), where=free[..., None])
         share = self._line(free.astype(float))
         for _ in range(16):
@@ -532,7 +530,7 @@ def free_alone(P: sp.csr_matrix | sp.csc_matrix) -> Floats:
     near, blocks = moved.row // 2 == moved.col // 2, np.zeros((P.shape[0] // 2, 2, 2))
     blocks[moved.row[near] // 2, moved.row[near] % 2, moved.col[near] % 2] = moved.data[near]
     values, vectors = np.linalg.eigh(blocks)
-    alone: Floats = np.einsum("nik,nk,njk->nij", vectors, values > 1.0 - FAR, vectors)
+    alone: Floats = np.einsum("nik,nk,njk->nij", vectors, values > 1.0 - SAME, vectors)
     return alone
 
 

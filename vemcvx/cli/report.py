@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from vemcvx.arrays import Floats
+from vemcvx.arrays import SAME, Floats
 from vemcvx.canvas import as_png
 from vemcvx.cli.doctor import EXTRAS, NEEDED, here, version_of
 from vemcvx.cli.problem_file import Problem
@@ -212,7 +212,7 @@ def _results(history: History, points: Floats | None, named: Units | None) -> st
     forces = {name: history.reaction(name)[-1] for name in history.mesh.boundaries}
     largest = max(float(np.linalg.norm(force)) for force in forces.values())
     # Reactions below this part of the largest are rounding.
-    held = {name: force for name, force in forces.items() if np.linalg.norm(force) > 1e-9 * largest}
+    held = {name: force for name, force in forces.items() if np.linalg.norm(force) > SAME * largest}
     if not held:
         return told
     heads = ["boundary", *(f"{axis}\n{in_units(FORCE, named)}" for axis in axes)]

@@ -115,7 +115,7 @@ def table(rows: Sequence[Row], chosen: Sequence[str]) -> Table:
     cells = [
         [
             *(row.settings[name] for name in varied(rows)),
-            *(_shown(row.results.get(name)) for name in found),
+            *("-" if (value := row.results.get(name)) is None else f"{value:.5g}" for name in found),
             ("target not met" if row.met is False else "") if row.status == DONE else row.status,
         ]
         for row in rows
@@ -146,10 +146,6 @@ def said_of(rows: Sequence[Row]) -> Iterator[str]:
 
 def _of(runs: Sequence[str], rows: Sequence[Row]) -> str:
     return "all runs" if len(runs) == len(rows) else "; ".join(runs)
-
-
-def _shown(value: float | None) -> str:
-    return "-" if value is None else f"{value:.5g}"
 
 
 @contextmanager

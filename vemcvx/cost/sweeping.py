@@ -24,7 +24,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vemcvx.arrays import Floats
+from vemcvx.arrays import SAME, Floats
 from vemcvx.bound.error_bound import error_bound
 from vemcvx.cost.table import CRASHED, DONE, EXTREMES, REFUSED, Row, append, read_journal, sealed, unsealed
 from vemcvx.cost.workers import Crashed, Refused, Results, alone, pool
@@ -42,8 +42,6 @@ from vemcvx.results.results import largest_values
 from vemcvx.scene import Scene
 from vemcvx.simulation import Projected, simulate
 from vemcvx.solvers import Solver
-
-FACTOR = 200  # Assembling and factorising cost as much as so many steps, on the paper's scene with 33,000 unknowns.
 
 
 @dataclass(frozen=True)
@@ -70,13 +68,12 @@ class Point:
         return hashlib.sha256(words.encode()).hexdigest()[:16]
 
     @property
-    def work(self) -> float:
-        """Unknowns times steps, roughly; only the order of runs is taken from it."""
+    def work(self) -> tuple[float, float]:
+        """Unknowns, roughly, and steps, hundreds of which take less than assembling: runs are in the order of it."""
         if self.target is not None:
-            # An adaptive run has 3 / target^2 unknowns and 1 / target steps on the paper's scene.
-            return 2.0 * 3.0 / self.target**2 * (FACTOR + 1.0 / self.target)
-        unknowns = (4.0 if self.family == "voronoi" else 2.0) * self.n**2
-        return unknowns * (FACTOR + (self.steps or 0))
+            # An adaptive run has 3 / target^2 unknowns and 1 / target steps on the paper's scene, and some passes.
+            return 2.0 * 3.0 / self.target**2, 1.0 / self.target
+        return (4.0 if self.family == "voronoi" else 2.0) * self.n**2, float(self.steps or 0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,7 +146,7 @@ class Grid:
             chosen = product(where, self.steps[-1:], OTHERS, (1e-3, 1e-6))
             found += [Point(self.families[0], *settings) for settings in chosen]
         found = [replace(point, of=self.of, bounded=self.bounded) for point in found]
-        return tuple(sorted(dict.fromkeys(found), key=lambda point: -point.work))
+        return tuple(sorted(dict.fromkeys(found), key=lambda point: point.work, reverse=True))
 
     @property
     def coarsest(self) -> Point:
@@ -167,17 +164,17 @@ def common_instants(courses: Sequence[Floats]) -> Floats:
     first, *others = courses
     span = float(first[-1] - first[0])
     for other in others:
-        if max(abs(other[0] - first[0]), abs(other[-1] - first[-1])) > 1e-9 * span:
+        if max(abs(other[0] - first[0]), abs(other[-1] - first[-1])) > SAME * span:
             raise ProblemError(
                 f"times({len(first) - 1}) runs from {first[0]:g} to {first[-1]:g}, times({len(other) - 1}) from "
                 f"{other[0]:g} to {other[-1]:g}; a sweep compares answers at the end, so both must be the same."
             )
-    shared = [t for t in first[1:] if all(np.abs(other - t).min() <= 1e-9 * span for other in others)]
+    shared = [t for t in first[1:] if all(np.abs(other - t).min() <= SAME * span for other in others)]
     chosen = np.arange(1, 5) * len(shared) // 4 - 1
     return np.array(shared)[np.unique(chosen[chosen >= 0])]
 
 
-PART = 0.25  # The part of the smallest error that the reference's own error may be.
+REFERENCE_PART = 0.25  # The part of the smallest error that the reference's own error may be.
 ARCHIVE, ABOUT = "reference.npz", "reference.json"
 
 
@@ -344,7 +341,7 @@ def build_reference(
     """Compute the reference, write it to the folder, and say what it is."""
     start = time.perf_counter()
     made, fine = recipe(coarsest), recipe(replace(finest, n=2 * finest.n, steps=4 * (finest.steps or 1)))
-    common = bool(abs(made.mesh.measures.sum() / fine.mesh.measures.sum() - 1.0) > 1e-9)
+    common = bool(abs(made.mesh.measures.sum() / fine.mesh.measures.sum() - 1.0) > SAME)
     estimated, adapted = None, True
     try:
         # 700,000 unknowns take some 4 GB. Refining more than `adapt` does by default makes fewer passes.
@@ -490,7 +487,7 @@ def _reference(
         return found
 
     targets = grid.targets or [computed(estimated_error, recipe, grid.finest)]
-    goal, there = PART * min(targets), None if fresh else read_reference(folder)
+    goal, there = REFERENCE_PART * min(targets), None if fresh else read_reference(folder)
     if there is not None and there.serves(recipe.mark, instants.tolist(), goal, grid.finest):
         return there
     given = recipe, grid.coarsest, grid.finest, instants, goal, folder

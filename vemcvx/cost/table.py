@@ -255,7 +255,6 @@ def effectivities(rows: Sequence[Row], title: str = "") -> Figure | None:
 
 AXES = {"seconds": "seconds, in one thread", "unknowns": "unknowns"}
 FILLED = ("full", "none", "left", "top", "right", "bottom")  # Marks of solvers.
-BAND = 1.4  # Height of the band of the reference's own error on a logarithmic axis: room for a line of words.
 
 
 def picture(
@@ -272,16 +271,16 @@ def picture(
         _marked(ax, found, [getattr(answer, cost) for answer in found])
         for level in levels:
             ax.axhline(100 * level, color="0.75", linewidth=0.8, linestyle="--", zorder=0)
-        if resolved is not None:
-            ax.axhspan(100 * resolved / BAND, 100 * resolved, color="0.93", zorder=0)
         ax.set(xscale="log", yscale="log", xlabel=AXES[cost])
         light_grid(ax)
-    low = min([error / 1.25 for error in errors] + ([] if resolved is None else [100 * resolved / BAND]))
+    low = min([*errors, np.inf if resolved is None else 100 * resolved]) / 1.25
     axes[0].set(ylim=(low, max(errors) * 1.25), ylabel=f"true error of {of}, %")
     plain_logarithms(axes[0].yaxis)
     if resolved is not None:
-        how: dict[str, Any] = {"transform": axes[1].get_yaxis_transform(), "va": "center_baseline", "fontsize": "small"}
-        axes[1].text(0.02, 100 * resolved / BAND**0.5, "the reference's own error", **how)
+        for ax in axes:
+            ax.axhspan(low, 100 * resolved, color="0.93", zorder=0)
+        how: dict[str, Any] = {"transform": axes[1].get_yaxis_transform(), "va": "top", "fontsize": "small"}
+        axes[1].text(0.02, 100 * resolved, "the reference's own error", **how)
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside right upper", frameon=False, fontsize="small")
     figure.suptitle(title, fontsize="medium")
     return figure

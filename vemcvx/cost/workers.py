@@ -107,7 +107,6 @@ def _end_with_parent() -> None:
     os._exit(1)
 
 
-CONNECT = 10.0  # Seconds that a scheduler has to answer.
 Results = Callable[[Callable[..., Any], list[tuple[Any, ...]]], Iterator[Any]]
 """A function that calls another for many arguments at once, and yields results as they are finished."""
 
@@ -131,7 +130,7 @@ def pool(workers: int, scheduler: str | None) -> Iterator[Results]:
             "--scheduler needs distributed, which is not installed: pip install 'vemcvx[cluster]'"
         ) from None
     try:
-        client = Client(scheduler, timeout=CONNECT)
+        client = Client(scheduler)
     except (OSError, ValueError) as error:
         raise ProblemError(
             f"--scheduler: no dask scheduler answers at {scheduler!r} ({error}); start one with `dask scheduler`, and "

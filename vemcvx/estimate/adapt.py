@@ -28,7 +28,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vemcvx.arrays import Bools, Floats, Ints, brief, check_takes, choice, is_real, part
+from vemcvx.arrays import Bools, Floats, Ints, brief, check_takes, choice, is_real, largest, part
 from vemcvx.bound.error_bound import ErrorBound, of_steps, pairs_of
 from vemcvx.bound.hypercircle import hypercircle
 from vemcvx.bound.skeleton import check_estimable
@@ -76,18 +76,9 @@ def cells_to_refine(squares: Floats, goal: float, theta: float) -> Bools:
     """The cells whose squared indicators (n_cells,) make up `theta` of the sum, or fewer if that reaches the goal."""
     total = float(squares.sum())
     excess = (total - MARGIN**2 * goal) / (GAIN * total) if total > 0 else 0.0
-    return largest(squares, min(theta, excess))
-
-
-def largest(values: Floats, part: float) -> Bools:
-    """The fewest entries that make up this part of the sum."""
-    if part <= 0.0:
-        return np.zeros(len(values), dtype=bool)
-    order = np.argsort(-values, kind="stable")
-    sums = np.cumsum(values[order])
-    count = int(np.searchsorted(sums, part * sums[-1])) + 1
-    chosen = np.zeros(len(values), dtype=bool)
-    chosen[order[:count]] = True
+    chosen = np.zeros(len(squares), dtype=bool)
+    if excess > 0.0:
+        chosen[largest(squares, min(theta, excess))] = True
     return chosen
 
 
@@ -123,7 +114,7 @@ def split_steps(times: Floats, lost: Lost, allowed: float) -> Floats:
     parts = 2 if lost.error <= 4.0 * allowed else 3
     new = [times]
     # Steps with .8 of the squared loss are split at once.
-    for n in np.flatnonzero(largest(squares, 0.8)):
+    for n in largest(squares, 0.8):
         a, b = times[n], times[n + 1]
         inside = lost.bends[(lost.bends > a) & (lost.bends < b)]
         new.append(inside if len(inside) else np.linspace(a, b, parts + 1)[1:-1])

@@ -49,7 +49,7 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from vemcvx.arrays import Floats, Ints, brief, plain, totals
+from vemcvx.arrays import SAME, Floats, Ints, brief, plain, totals
 from vemcvx.bound.data_oscillation import POINCARE, DataOscillation
 from vemcvx.bound.skeleton import (
     Instant,
@@ -127,10 +127,6 @@ def _boundary(edges: Skeleton, sigma: Floats, force: Floats) -> Floats:
 def stabilised(posed: PosedScene, u: Floats) -> Floats:
     """S_K(u - Pi u, u - Pi u) (n_cells,), which the energy u'A u includes."""
     return posed.material.missed(posed.space, u)
-
-
-SAME = 1e-9
-"""Part of the energy by which u'A u and the sum of a_K^h(u, u) may differ: a million times what rounding leaves."""
 
 
 def require_same_form(posed: PosedScene, u: Floats) -> None:

@@ -1,15 +1,15 @@
 """The error of the time steps: the run beside the same run in finer steps, which go to where its data bend and jump.
 
 Steps of a condensed system are cheap. The run is marched again, on the same mesh, at its own instants and at finer
-ones: PARTS in every step, more where data turn faster than that, and wherever they bend or jump
+ones: FINER in every step, more where data turn faster than that, and wherever they bend or jump
 (:mod:`vemcvx.stepping.course`). At the instants of the run both are driven by the same data, so that they differ by
 what their contact forces do, and with S the condensed stiffness
 
     |u_n - u_n'|_a^2 = (y_n - y_n')' S (y_n - y_n')     on the unknowns that friction and limits read.
 
-Finer steps have an error, too. Where it is of first order it is 1/PARTS of what is looked for, and
+Finer steps have an error, too. Where it is of first order it is 1/FINER of what is looked for, and
 
-    |u_n - u(t_n)|_a <= |u_n - u_n'|_a / (1 - 1/PARTS).
+    |u_n - u(t_n)|_a <= |u_n - u_n'|_a / (1 - 1/FINER).
 
 Without friction nothing depends on the path, and no step loses anything.
 """
@@ -25,8 +25,8 @@ from vemcvx.stepping.backward_euler import QuasistaticSteps, settled_from
 from vemcvx.stepping.course import Course, course, divided
 from vemcvx.stepping.state import PreparedRun
 
-PARTS, MARGIN = 4, 1.25
-"""MARGIN stands for 1 / (1 - 1/PARTS): the slow tests hold it to 1 to 5 times the truth on 40 random scenes."""
+FINER, TO_EXACT = 4, 1.25
+"""TO_EXACT stands for 1 / (1 - 1/FINER): the slow tests hold it to 1 to 5 times the truth on 40 random scenes."""
 
 
 @dataclass(frozen=True)
@@ -34,9 +34,9 @@ class Finer:
     """A run beside one of finer steps; bends and jumps are those of its :class:`Course`."""
 
     errors: Floats
-    """(N + 1,) estimated |u_n - u(t_n)|_a, MARGIN included"""
+    """(N + 1,) estimated |u_n - u(t_n)|_a, TO_EXACT included"""
     added: Floats
-    """(N,) what each step adds: the energy norm of the change of the difference, MARGIN included"""
+    """(N,) what each step adds: the energy norm of the change of the difference, TO_EXACT included"""
     times: Floats
     """(q,) the finer instants"""
     norm: float
@@ -58,13 +58,13 @@ def beside_finer(run: PreparedRun, times: Floats, initial: Floats, known: Course
     apart = own - other[np.searchsorted(finer, times)]
     K = run.operators.K
     errors, added = (
-        MARGIN * np.sqrt(np.maximum(np.einsum("ni,ni->n", d, (K @ d.T).T), 0.0))
+        TO_EXACT * np.sqrt(np.maximum(np.einsum("ni,ni->n", d, (K @ d.T).T), 0.0))
         for d in (apart, np.diff(apart, axis=0))
     )
     return Finer(errors=errors, added=added, times=finer, norm=norm, bends=known.bends, jumps=known.jumps)
 
 
-def finer_instants(times: Floats, known: Course, parts: int = PARTS) -> Floats:
+def finer_instants(times: Floats, known: Course, parts: int = FINER) -> Floats:
     """Parts of every step, 8 times as many in all, bends and jumps, and samples where straight lines miss the data."""
     chosen, width = np.union1d(divided(times, parts, 8 * parts), known.bends), np.diff(known.times)
     slopes = np.diff(known.values, axis=0) / width[:, None]

@@ -40,7 +40,7 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.arrays import Floats, Ints, totals
+from vemcvx.arrays import SAME, Floats, Ints, totals
 from vemcvx.bound.data_oscillation import POINCARE
 from vemcvx.bound.skeleton import Instant, Joints, body_forces
 from vemcvx.effects.effect import Load
@@ -53,7 +53,7 @@ from vemcvx.scene.supports import ContactRows, free_directions, jump_rows, on_fr
 from vemcvx.vem import elastic_matrix, mean_shear, strains, stresses, tractions
 from vemcvx.vem.projection import face_groups
 
-CONSTANT, MISSED = 0.8, 7.0
+CONSTANT, PROJECTED = 0.8, 7.0
 """c of the residuals, and the number before tau of what the projection misses.
 
 Estimates are 1.3 to 1.7 of the true error on cubes of 1/4 and 1/5 (a sheared block, Coulomb's law, weight, heat, two
@@ -76,7 +76,7 @@ class Residuals:
         vertices = np.diff(self.mesh.cell_nodes[0])
         # Of S_K = tau h_K sum |(I - Pi) u|^2 the mean over vertices, with |K|^{1/3} in place of h_K.
         share = np.cbrt(self.mesh.volumes) / (self.mesh.diameters * vertices)
-        missed = MISSED * share * posed.material.missed(posed.space, now.u)
+        missed = PROJECTED * share * posed.material.missed(posed.space, now.u)
         q = self._pressures(sigma, now)
         sigma[:, :3] += q[:, None]
         return {
@@ -250,7 +250,7 @@ class Residuals:
         bonded = across != np.arange(len(cells))
         share = np.where(bonded, weights[across] / (weights + weights[across]), 1.0)
         free = np.einsum("bi,bij,bj->b", normals, self.free, normals)
-        outer = np.sqrt(np.divide(weights, areas * free, out=np.zeros(len(free)), where=free > 1e-9))
+        outer = np.sqrt(np.divide(weights, areas * free, out=np.zeros(len(free)), where=free > SAME))
         roots = CONSTANT * np.append(np.sqrt(self.jump_weights), outer)
         pick = sp.eye_array(self.mesh.n_cells, format="csr")
         inside, outside = (pick[side] for side in self.mesh.face_cells[self.inner].T)

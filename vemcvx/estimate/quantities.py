@@ -35,7 +35,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vemcvx.arrays import Floats
+from vemcvx.arrays import SAME, Floats
 from vemcvx.errors import MeshError
 from vemcvx.estimate.finer_steps import finer_instants
 from vemcvx.history import History, scene_of
@@ -160,7 +160,7 @@ def _wear_apart(history: History, finer: History) -> float:
     if not (len(own.nodes) and len(other.nodes)):
         return 0.0
     away, node = nearest(other.points, own.points)
-    shared = away <= 1e-9 * history.mesh.h
+    shared = away <= SAME * history.mesh.h
     apart = own.wear_second_order[-1] - other.wear_second_order[-1][node]
     return float(np.abs(apart[shared]).max(initial=0.0))
 

@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vemcvx.arrays import Bools, Floats, Ints, brief, called, is_real, is_whole, plain, read_only
+from vemcvx.arrays import SINGLE, Bools, Floats, Ints, brief, called, is_real, is_whole, plain, read_only
 from vemcvx.errors import MeshError
 from vemcvx.meshes.polygons import matching_rows, rows_in_order
 from vemcvx.meshes.polyhedra import Faces
@@ -28,7 +28,6 @@ SpaceCorners = tuple[tuple[float, float], tuple[float, float], tuple[float, floa
 AXES = "xyz"
 MOST_CELLS = 10**8  # A mesh of that size takes 10 GB before anything is assembled.
 SHORTEST, LARGEST = 1e-60, 1e60  # Areas and moments of cells must neither overflow nor vanish.
-STEEPEST = 1e6  # Cells of one mesh that differ by more in width are no use: 1e-6 of a body is a point of it.
 
 UNIT_BOX: Corners = ((0.0, 1.0), (0.0, 1.0))
 UNIT_CUBE: SpaceCorners = ((0.0, 1.0), (0.0, 1.0), (0.0, 1.0))
@@ -100,10 +99,10 @@ def check_fraction(name: str, value: Any, high: float, *, closed: bool = False) 
 def check_grades(grade: Any, dimension: int = 3) -> tuple[float, ...]:
     """Return a number an axis, the width of the last cell over that of the first, or raise MeshError."""
     given = tuple(grade) if listed(grade) else (grade,) * dimension
-    if len(given) != dimension or not all(is_real(value) and 1 / STEEPEST <= value <= STEEPEST for value in given):
+    if len(given) != dimension or not all(is_real(value) and SINGLE <= value <= 1 / SINGLE for value in given):
         names = ", ".join(f"along {axis}" for axis in AXES[:dimension])
         raise MeshError(
-            f"grade must be a number from {1 / STEEPEST:g} to {STEEPEST:g}, or one an axis ({names}): how many times "
+            f"grade must be a number from {SINGLE:g} to {1 / SINGLE:g}, or one an axis ({names}): how many times "
             f"wider the last cell is than the first; got {brief(grade)}."
         )
     return tuple(map(float, given))

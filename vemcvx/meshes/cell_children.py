@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vemcvx.arrays import Bools, Floats, Ints
+from vemcvx.arrays import SAME, SINGLE, Bools, Floats, Ints
 from vemcvx.meshes.cell_kinds import CONES, OCTA, PYRAMID, TETRA, VERTICES, WEDGE, Cut, Solids
 from vemcvx.meshes.cell_sides import TINY, Asked, CellSides, Skin, corners_in_pieces
 from vemcvx.meshes.polygons import (
@@ -289,7 +289,7 @@ class Cones:
         step = self.points[ends[:, 1]] - self.points[ends[:, 0]]
         length = np.linalg.norm(step, axis=1)
         sine = np.linalg.norm(np.cross(step, step[follower]), axis=1)
-        slack = 1e-6 * length * length[follower] + rounding(self.points[ends[:, 0]]) * (length + length[follower])
+        slack = SINGLE * length * length[follower] + rounding(self.points[ends[:, 0]]) * (length + length[follower])
         straight = (sine <= slack) & (np.einsum("ij,ij->i", step, step[follower]) > 0.0) & (degree[at[follower]] == 2)
         chain = smallest_linked(np.column_stack([np.flatnonzero(straight), follower[straight]]), len(edge))
         arm = self.points[ends[:, 0]] - self.points[ends[chain, 0]]
@@ -357,7 +357,7 @@ def _hidden(found: Cones) -> Bools:
     edge, arm = here[follow] - here, here - shapes.centroids[found.of]
     turns = np.einsum("ij,ij->i", np.cross(edge, edge[follow]), normals)
     clear = np.einsum("ij,ij->i", np.cross(arm, edge), normals) / np.linalg.norm(edge, axis=1)
-    inwards = np.minimum.reduceat(turns, begin) < -1e-9 * shapes.areas
+    inwards = np.minimum.reduceat(turns, begin) < -SAME * shapes.areas
     size = np.maximum.reduceat(np.linalg.norm(arm, axis=1), begin)
     hidden: Bools = inwards & (np.minimum.reduceat(clear, begin) < CLEAR * size)
     return hidden

@@ -19,15 +19,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vemcvx.arrays import Bools, Floats, Ints
+from vemcvx.arrays import SINGLE, Bools, Floats, Ints
 from vemcvx.errors import MeshError
 from vemcvx.meshes.cell_sides import Asked, CellSides, Corners, Skin, asked_of, corners_in_pieces
 from vemcvx.meshes.local_refinement import Kinds, Outlines, children_of, outlines_of
 from vemcvx.meshes.polygons import offsets_of, smallest_linked, spans
 from vemcvx.meshes.polyhedra import volumes_and_centroids
-
-PLANE = 1e-7  # Of its diameter, by how much a new face may be off its plane; a mesh may have faces of 1e-6.
-BEHIND = 1e-6  # Of the diameter of a cell, by which its centre is at least behind the plane of every face.
 
 
 @dataclass(frozen=True, eq=False)
@@ -248,7 +245,7 @@ def _behind(skin: Skin, centre: Floats) -> Bools:
     arm = skin.shapes.centroids[face] - centre[skin.cell]
     size = np.sqrt(np.maximum.reduceat(np.einsum("ij,ij->i", arm, arm), skin.faces.cell_offsets[:-1]))
     height = skin.signs * np.einsum("ij,ij->i", arm, skin.shapes.normals[face])
-    hidden: Bools = height <= BEHIND * size[skin.cell]
+    hidden: Bools = height <= SINGLE * size[skin.cell]
     return hidden
 
 
@@ -290,7 +287,7 @@ def _not_plane(solids: Solids, cut: Cut) -> Ints:
     some = np.flatnonzero(kind == VERTICES)
     at, normal = _middle_planes(corners, follower, cut.points, some)
     arm = solids.centre[solids.cell[some]] - at
-    off = np.abs(np.einsum("ij,ij->i", normal, arm)) > PLANE * np.linalg.norm(arm, axis=1)
+    off = np.abs(np.einsum("ij,ij->i", normal, arm)) > SINGLE * np.linalg.norm(arm, axis=1)
     bent = some[off | (np.einsum("ij,ij->i", normal, normal) < 0.5)]
     some = np.flatnonzero((kind == WEDGE) & (corners.centre < 0))
     one = follower[some]
@@ -300,4 +297,4 @@ def _not_plane(solids: Solids, cut: Cut) -> Ints:
     x = cut.points[quads]
     arms = x[:, 1:] - x[:, :1]
     volume = np.abs(np.einsum("ij,ij->i", arms[:, 2], np.cross(arms[:, 0], arms[:, 1])))
-    return np.concatenate([bent, some[volume > PLANE * np.prod(np.linalg.norm(arms, axis=2), axis=1)]])
+    return np.concatenate([bent, some[volume > SINGLE * np.prod(np.linalg.norm(arms, axis=2), axis=1)]])

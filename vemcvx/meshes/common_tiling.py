@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vemcvx.arrays import Bools, Floats, Ints
+from vemcvx.arrays import SAME, SINGLE, SOME, Bools, Floats, Ints
 from vemcvx.meshes.arrangement import polygons_between
 from vemcvx.meshes.interfaces import padded
 from vemcvx.meshes.meeting import Meeting, Surface, lines_between, meeting_of, unmatched
@@ -33,11 +33,6 @@ from vemcvx.meshes.polygons import (
     turned,
 )
 from vemcvx.meshes.polyhedra import Faces, FaceShapes, face_shapes, heights, in_planes
-
-# Of the width of a face, by which it is off its plane and cut in triangles; a mesh may have ten times as much.
-WARPED = 1e-7
-# Faces that are cut at a time, whose arrays stay in the caches: half the time of all 100,000 at once.
-AT_A_TIME = 2048
 
 
 class Tiled(NamedTuple):
@@ -142,10 +137,10 @@ def _pieces(meeting: Meeting, outline: _Outlines) -> _Pieces:
     cut = distinct(over)
     rows, around = rows_in_order(offsets, places, cut)
     face, sizes, place, flat = [cut[:0]], [cut[:0]], [cut[:0]], [cut[:0] > 0]
-    for first in range(0, len(cut), AT_A_TIME):
-        some = cut[first : first + AT_A_TIME]
+    for first in range(0, len(cut), SOME):
+        some = cut[first : first + SOME]
         begin, end = np.searchsorted(over, [some[0], some[-1] + 1])
-        row = rows[first : first + AT_A_TIME + 1]
+        row = rows[first : first + SOME + 1]
         crossed = np.searchsorted(some, over[begin:end]), lines[begin:end]
         of, ring, places, plane = _cut(surface, some, (row - row[0], around[row[0] : row[-1]]), crossed)
         face.append(some[of])
@@ -174,7 +169,7 @@ def _cut(
     if missing.any():
         raise unmatched(surface.shapes.centroids[faces[missing][0]])
     # A piece is no farther off its own plane than a few times as far as off that of the face.
-    flat = np.maximum.reduceat(np.abs(corners[:, 2]), ring[:-1]) < 0.1 * WARPED * np.sqrt(np.abs(areas))
+    flat = np.maximum.reduceat(np.abs(corners[:, 2]), ring[:-1]) < 0.1 * SINGLE * np.sqrt(np.abs(areas))
     return found, ring, turned(ring, place, areas < 0.0), flat
 
 
@@ -212,7 +207,7 @@ def _inside(surface: Surface, face: Ints, lines: Ints) -> Bools:
     corners = surface.seen(surface.points[surface.place[surface.vertices]], every)[:, :2]
     arm = corners[next_corner(surface.offsets)] - corners
     # What rounding turns a corner inwards spans less than 1e-9 of the face's area.
-    inwards = cross(arm, arm[next_corner(surface.offsets)]) < -1e-9 * surface.shapes.areas[every]
+    inwards = cross(arm, arm[next_corner(surface.offsets)]) < -SAME * surface.shapes.areas[every]
     hollow = np.logical_or.reduceat(inwards, surface.offsets[:-1])
     inside = np.ones(len(face), dtype=bool)
     asked = np.flatnonzero(hollow[face])
@@ -280,7 +275,7 @@ def _flattened(points: Floats, faces: Faces, place: Ints, some: Ints) -> tuple[F
     offsets, vertices = rows_in_order(faces.face_offsets, faces.face_vertices, some)
     shapes, corner = face_shapes(points, offsets, vertices), cell_of_corner(offsets)
     height = np.abs(heights(points[vertices], corner, shapes))
-    warped = np.flatnonzero(np.maximum.reduceat(height, offsets[:-1]) > WARPED * np.sqrt(shapes.areas))
+    warped = np.flatnonzero(np.maximum.reduceat(height, offsets[:-1]) > SINGLE * np.sqrt(shapes.areas))
     if not len(warped):
         return faces, np.arange(len(faces.face_offsets) - 1)
     offsets, vertices = rows_in_order(offsets, vertices, warped)

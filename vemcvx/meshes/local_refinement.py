@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.sparse import csr_array, eye_array, vstack
 
-from vemcvx.arrays import Bools, Floats, Ints, brief, flag, plain, read_only
+from vemcvx.arrays import SINGLE, Bools, Floats, Ints, brief, flag, plain, read_only
 from vemcvx.errors import MeshError
 from vemcvx.meshes.box import check_cell_data
 from vemcvx.meshes.interfaces import Interface, on_boundary
@@ -126,7 +126,7 @@ def _outlines(mesh: Tessellation) -> tuple[Floats, Floats, Bools]:
     before = previous_corner(mesh.offsets)
     sine, cosine = cross(edge[before], edge), np.einsum("ij,ij->i", edge[before], edge)
     # Sine of the angle below which an edge goes straight on; beyond the rounding of the coordinates it means nothing.
-    slack = 1e-6 * length[before] * length + rounding(x) * (length[before] + length)
+    slack = SINGLE * length[before] * length + rounding(x) * (length[before] + length)
     bend = _at_least_three((np.abs(sine) > slack) | (cosine <= 0.0), np.ones(len(x), dtype=bool), mesh.offsets)
     return length, np.where(bend, np.arctan2(sine, cosine), 0.0), bend
 

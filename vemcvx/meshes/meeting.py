@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vemcvx.arrays import Bools, Floats, Ints
+from vemcvx.arrays import ROUNDING, Bools, Floats, Ints
 from vemcvx.errors import MeshError
 from vemcvx.meshes.polygons import (
     among,
@@ -167,12 +167,6 @@ def _meets(boxes: Boxes, other: Boxes) -> Bools:
     return meets
 
 
-def _boxes_of(surface: Surface, lines: Ints) -> Boxes:
-    """The boxes of lines (l, 2) between places."""
-    ends = surface.points[lines]
-    return ends.min(axis=1), ends.max(axis=1)
-
-
 # Where places lie on other bodies.
 
 
@@ -248,10 +242,10 @@ def _near_edges(surface: Surface, spots: Ints) -> OnEdges:
     Across a face beside the edge, that is within `reach`; along this face, within the tolerance.
     """
     ends = surface.place[surface.ends]
-    low, high = _boxes_of(surface, ends)
-    boxes = low - surface.reach, high + surface.reach
+    x = surface.points[ends]
+    boxes = x.min(axis=1) - surface.reach, x.max(axis=1) + surface.reach
     place, edge = _in_boxes(surface, spots, surface.body_of_edge, boxes, surface.taken)
-    start, arm = _arms(surface.points[ends[edge]])
+    start, arm = _arms(x[edge])
     along = np.einsum("ki,ki->k", surface.points[place] - start, arm) / np.einsum("ki,ki->k", arm, arm)
     along = np.clip(along, 0.0, 1.0)
     at = start + along[:, None] * arm
@@ -397,7 +391,7 @@ def _crossings(surface: Surface, lines: Ints, owner: Ints) -> tuple[Ints, Ints, 
     across = np.cross(v, upright)
     start, fall = np.einsum("ki,ki->k", p - q, across), np.einsum("ki,ki->k", u, across)
     # Where edges that are parallel meet, their ends do.
-    turns = np.abs(fall) > 1e-12 * np.linalg.norm(u, axis=1) * np.linalg.norm(across, axis=1)
+    turns = np.abs(fall) > ROUNDING * np.linalg.norm(u, axis=1) * np.linalg.norm(across, axis=1)
     s = -start / np.where(turns, fall, 1.0)
     at = p + s[:, None] * u
     t = np.einsum("ki,ki->k", at - q, v) / np.einsum("ki,ki->k", v, v)

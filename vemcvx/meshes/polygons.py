@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
-from vemcvx.arrays import Bools, Floats, Ints
+from vemcvx.arrays import SAME, Bools, Floats, Ints
 
 
 def spans(starts: Ints, counts: Ints) -> Ints:
@@ -478,4 +478,4 @@ def _height(triangle: list[int], edge: tuple[int, int], x: list[complex]) -> flo
 
 def _left(a: complex, b: complex, c: complex) -> bool:
     """Return True if the way from a over b to c turns left or goes straight on, up to a sine of 1e-9 for rounding."""
-    return ((b - a).conjugate() * (c - b)).imag >= -1e-9 * abs(b - a) * abs(c - b)
+    return ((b - a).conjugate() * (c - b)).imag >= -SAME * abs(b - a) * abs(c - b)

@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vemcvx.arrays import Floats, Ints
+from vemcvx.arrays import SOME, Floats, Ints
 from vemcvx.meshes.polygons import cell_of_corner, next_corner, offsets_of, rows_in_order, same_rows, turned
 
 
@@ -83,11 +83,6 @@ def nodes_of_cells(faces: Faces, n_nodes: int) -> tuple[Ints, Ints]:
     return offsets_of(np.bincount(keys // n_nodes)), keys % n_nodes
 
 
-AT_A_TIME = 8192
-"""Faces whose shapes are computed at a time: their arrays stay in the caches, which takes half the time of a million at
-once."""
-
-
 class FaceShapes(NamedTuple):
     """Areas (n_faces,), unit normals and centroids (n_faces, 3); zero, zero and the first vertex of a flat face."""
 
@@ -98,8 +93,8 @@ class FaceShapes(NamedTuple):
 
 def face_shapes(points: Floats, offsets: Ints, vertices: Ints) -> FaceShapes:
     """Shapes of faces; normals by the right-hand rule."""
-    begin = range(0, max(len(offsets) - 1, 1), AT_A_TIME)
-    parts = [_shapes_of_some(points, offsets[first : first + AT_A_TIME + 1], vertices) for first in begin]
+    begin = range(0, max(len(offsets) - 1, 1), SOME)
+    parts = [_shapes_of_some(points, offsets[first : first + SOME + 1], vertices) for first in begin]
     return FaceShapes(*map(np.concatenate, zip(*parts, strict=True)))
 
 

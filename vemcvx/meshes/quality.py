@@ -32,7 +32,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vemcvx.arrays import Bools, Floats, Ints
+from vemcvx.arrays import ROUNDING, SAME, Bools, Floats, Ints
 from vemcvx.errors import MeshWarning
 from vemcvx.meshes.polygons import next_corner
 from vemcvx.meshes.tessellation import SpaceTessellation, Tessellation
@@ -41,8 +41,6 @@ from vemcvx.outline import Outline, Outlined
 STAR, EDGE = 0.05, 1e-4
 """Ratios below which a warning is due: stretched by nine to one, where S / a_mu spreads over a factor of seventy, and
 edges that leave an eighth of the energy."""
-FAR = 10.0  # Distance of the sides that a search begins with, in parts of the largest in the cell.
-ROUNDED, MOVED = 1e-12, 1e-9
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -157,16 +155,19 @@ def _largest(normals: Floats, away: Floats) -> Floats:
     """max over x of min over sides of away - n . x, (c,), from normals (c, n, dim) and distances (c, n)."""
     count, n, dim = normals.shape
     size = np.abs(away).max(axis=1)
+    # The sides that a search begins with are farther than all others.
     first = np.vstack([np.eye(dim), -np.ones(dim) / np.sqrt(dim)])
     rows = np.concatenate([np.tile(first, (count, 1, 1)), normals], axis=1)
     rows = np.concatenate([rows, np.ones((count, n + dim + 1, 1))], axis=2)
-    shift = MOVED * (np.arange(n) * (np.sqrt(5.0) - 1.0) / 2.0 % 1.0)
-    right = np.concatenate([np.tile(FAR * size[:, None], dim + 1), away + size[:, None] * shift], axis=1)
+    shift = SAME * (np.arange(n) * (np.sqrt(5.0) - 1.0) / 2.0 % 1.0)
+    right = np.concatenate(
+        [np.tile(np.abs(away).sum(axis=1, keepdims=True), dim + 1), away + size[:, None] * shift], axis=1
+    )
     met, at, radii = np.tile(np.arange(dim + 1), (count, 1)), np.arange(count), np.full(count, np.nan)
     for _ in range(8 * (n + dim)):
         best = np.linalg.solve(rows[at[:, None], met[at]], right[at[:, None], met[at]][..., None])
         slack = right[at] - (rows[at] @ best)[..., 0]
-        done = slack.min(axis=1) >= -ROUNDED * size[at]
+        done = slack.min(axis=1) >= -ROUNDING * size[at]
         at_best = np.einsum("cni,ci->cn", normals[at[done]], best[done, :dim, 0])
         radii[at[done]] = (away[at[done]] - at_best).min(axis=1)
         at, entering = at[~done], slack[~done].argmin(axis=1)
@@ -185,9 +186,9 @@ def _exchanged(rows: Floats, met: Ints, entering: Ints) -> Ints:
     tried = np.repeat(met[:, None], size, axis=1)
     tried[:, np.arange(size), np.arange(size)] = entering[:, None]
     matrix = rows[np.arange(count)[:, None, None], tried].transpose(0, 1, 3, 2)
-    singular = np.abs(np.linalg.det(matrix)) < ROUNDED
+    singular = np.abs(np.linalg.det(matrix)) < ROUNDING
     matrix[singular] = np.eye(size)
-    cost = np.append(MOVED * np.sqrt(np.arange(1.0, size)), 1.0)  # What is maximised: rho, and a little of x.
+    cost = np.append(SAME * np.sqrt(np.arange(1.0, size)), 1.0)  # What is maximised: rho, and a little of x.
     least = np.linalg.solve(matrix, cost[:, None])[..., 0].min(axis=2)
     chosen: Ints = np.where(singular, -np.inf, least).argmax(axis=1)
     return np.asarray(tried[np.arange(count), chosen])

@@ -18,7 +18,7 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from vemcvx.arrays import Bools, Floats, Ints, brief, is_real, read_only
+from vemcvx.arrays import SAME, Bools, Floats, Ints, brief, is_real, read_only
 from vemcvx.errors import MeshError
 from vemcvx.meshes.box import WHOLE, check_cell_data, check_name
 from vemcvx.meshes.checks.plane import check_cells, lowest, misfit_of
@@ -542,7 +542,7 @@ def _check_tolerance(tolerance: float | None, points: Floats) -> float:
     extent = float(np.ptp(points, axis=0).max())
     if tolerance is None:
         # Well above the digits that files print, well below any edge.
-        return max(1e-9 * extent, TOLERANCE * float(np.abs(points).max()))
+        return max(SAME * extent, TOLERANCE * float(np.abs(points).max()))
     if not is_real(tolerance) or not 0.0 <= tolerance < extent:
         raise MeshError(
             f"bodies: tolerance must be a length below the extent {extent:.3g} of the bodies; got {brief(tolerance)}."

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import csr_array
 
-from vemcvx.arrays import Bools, Floats, Ints, brief, plain, read_only
+from vemcvx.arrays import SAME, Bools, Floats, Ints, brief, plain, read_only
 from vemcvx.errors import MeshError, MeshWarning
 from vemcvx.meshes import polygons, polyhedra
 from vemcvx.meshes.box import (
@@ -276,7 +276,7 @@ def straight_sides(mesh: Mesh) -> dict[str, Ints]:
     """Parts of the boundary that lie where a coordinate is extreme, by the names that families give them, if any."""
     low, high = mesh.points.min(axis=0), mesh.points.max(axis=0)
     # A mesh that was moved or scaled into place has straight sides to its digits.
-    rounding = 1e-9 * float((high - low).max())
+    rounding = SAME * float((high - low).max())
     sides = mesh._sides(Box(tuple(low.tolist()), tuple(high.tolist())), rounding)
     return {name: parts for name, parts in sides.items() if len(parts)}
 

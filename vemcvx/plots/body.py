@@ -60,7 +60,6 @@ UNSIGNED = {"shear", "von_mises"}
 FORCES = ("contact", "friction", "none")
 CLOSED, ARROWS = "closed contact bold or hatched", "thick arrows stick"
 NO_GAPS = "gaps given as data are not drawn: open where not bold"
-PAGE_IN_SPACE = 6.4, 4.6  # Width and height in inches.
 MISSING = "drawing bodies in space needs PyVista, which is not installed: pip install 'vemcvx[view]'"
 
 
@@ -132,7 +131,7 @@ def _size(points: ArrayLike) -> float:
 def size_of_page(history: Results) -> tuple[float, float]:
     """Width and height, in inches, of a page for the body, its title and its legend."""
     if isinstance(history.mesh, PolyhedralMesh):
-        return PAGE_IN_SPACE
+        return canvas.usual_page()
     width, height = np.ptp(history.mesh.points, axis=0)
     return 6.0, 1.6 + 4.2 * float(np.clip(height / width, 0.2, 1.6))
 
@@ -379,7 +378,8 @@ def deformed_body(
     surface = points, *rows_in_order(mesh.face_offsets, mesh.face_vertices, faces)
     image = _rendered(surface, stresses[row], (colours, scale), extent(history, factor), _direction(view))
     height, width = image.shape[:2]
-    ax = canvas.axes_or_new(ax, PAGE_IN_SPACE[0], 0.5 + 0.8 * PAGE_IN_SPACE[0] * height / width)
+    across = canvas.usual_page()[0]
+    ax = canvas.axes_or_new(ax, across, 0.5 + 0.8 * across * height / width)
     beyond = canvas.pointed(np.concatenate(stresses), scale)
     ax.imshow(image)
     ax.set_axis_off()

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from vemcvx import canvas
-from vemcvx.arrays import Bools, Floats, Ints, choice
+from vemcvx.arrays import SAME, Bools, Floats, Ints, choice
 from vemcvx.errors import HistoryError
 from vemcvx.meshes import PolyhedralMesh, plane_mesh
 from vemcvx.meshes.polygons import right_of
@@ -23,15 +23,15 @@ from vemcvx.plots import style
 from vemcvx.plots.style import Units, Window, idle, instant, label, named, unit, value_range, within
 from vemcvx.results.contact import Contact
 from vemcvx.results.results import Results
+from vemcvx.vem.boundary import CURVE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-ALONG = 0.9
-"""Cosine between normals above which an edge or face at a contact node belongs to contact: a corner flatter than 25
-degrees passes for straight, which costs half an edge in a picture."""
-FLAT = 1e-9  # Lengths, as parts of the largest coordinate, and one less cosines, below which they are rounding.
+ALONG = float(np.cos(0.5 * CURVE))
+"""Cosine between normals above which an edge or face at a contact node belongs to contact, half of the turn of a curve:
+a corner flatter than that passes for straight, which costs half an edge in a picture."""
 ARC = "$s$"
 
 
@@ -57,7 +57,7 @@ class ContactLine:
     @property
     def gaps(self) -> Ints:
         """Nodes between which and their predecessors the line is broken."""
-        return 1 + np.flatnonzero(self.limits[1:, 0] - self.limits[:-1, 1] > FLAT * np.abs(self.limits).max())
+        return 1 + np.flatnonzero(self.limits[1:, 0] - self.limits[:-1, 1] > SAME * np.abs(self.limits).max())
 
     def broken(self, values: Floats) -> tuple[Floats, Floats]:
         """Positions and values (m,), with NaN where the line is broken."""
@@ -97,7 +97,7 @@ def contact_line(history: Results, picture: str) -> ContactLine:
     limits = np.column_stack([arc - halves[0, nodes], arc + halves[1, nodes]])
     tangents = np.column_stack([-normals[:, 1], normals[:, 0]])
     spread = np.ptp(contact.points, axis=0)
-    flat = spread <= FLAT * max(float(spread.max()), float(np.abs(contact.points).max()))
+    flat = spread <= SAME * max(float(spread.max()), float(np.abs(contact.points).max()))
     if not flat.any():
         return ContactLine(order, arc, limits, tangents, ARC)
     axis = int(np.argmin(flat))
@@ -398,7 +398,7 @@ def _frame(mean: Floats) -> tuple[Floats, tuple[str, str]]:
     """Right and up, across the mean normal: axes where it is one, then as if looked at from inside the body."""
     length, axis = np.linalg.norm(mean), int(np.argmax(np.abs(mean)))
     right, up = (k for k in range(3) if k != axis)
-    if abs(mean[axis]) > (1 - FLAT) * length:
+    if abs(mean[axis]) > (1 - SAME) * length:
         return np.eye(3)[[right, up]], (f"$x_{right + 1}$", f"$x_{up + 1}$")
     along = np.eye(3)[right] - mean[right] / length**2 * mean
     along /= np.linalg.norm(along)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vemcvx.arrays import Bools, Floats, brief
+from vemcvx.arrays import ROUNDING, SAME, Bools, Floats, brief
 from vemcvx.canvas import figure_of
 from vemcvx.errors import HistoryError
 from vemcvx.meshes import PolyhedralMesh
@@ -132,7 +132,7 @@ def idle(history: Results) -> Bools:
     """(S, m) bool, true where contact is open and nothing rubs but for rounding: nothing sticks or slips there."""
     contact = history.contact
     friction = np.linalg.norm(contact.traction, axis=2)
-    return np.asarray(~contact.closed & (friction <= 1e-12 * friction.max(initial=0.0)))
+    return np.asarray(~contact.closed & (friction <= ROUNDING * friction.max(initial=0.0)))
 
 
 def rounded_down(wanted: float, largest: float) -> float:
@@ -141,8 +141,8 @@ def rounded_down(wanted: float, largest: float) -> float:
         return 1.0
     factor = wanted / largest
     power = 10.0 ** np.floor(np.log10(factor))
-    # Powers of ten are rounded: 1 + 1e-9 keeps a wanted 5 from becoming 2.
-    return float(max(f for f in (power, 2 * power, 5 * power) if f <= factor * (1 + 1e-9)))
+    # Powers of ten are rounded: SAME keeps a wanted 5 from becoming 2.
+    return float(max(f for f in (power, 2 * power, 5 * power) if f <= factor * (1 + SAME)))
 
 
 def common_magnification(history: Results, size: float, magnify: float | None, nodes: Bools | None = None) -> float:

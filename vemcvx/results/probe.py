@@ -17,14 +17,13 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
-from vemcvx.arrays import Floats, Ints, as_real_array, brief, is_whole, shape_in_words
+from vemcvx.arrays import ROUNDING, Floats, Ints, as_real_array, brief, is_whole, shape_in_words
 from vemcvx.errors import SceneError
 from vemcvx.meshes import AnyMesh, PolygonMesh, PolyhedralMesh
-from vemcvx.meshes.polygons import cell_of_corner, holding, next_vertex, outlines, overlapping_boxes
+from vemcvx.meshes.polygons import TOLERANCE, cell_of_corner, holding, next_vertex, outlines, overlapping_boxes
 from vemcvx.meshes.tessellation import projected_values
 from vemcvx.results.results import Results
 from vemcvx.vem import Space, solid_places
-from vemcvx.vem.points_in_solids import CLOSE, POINT_ROUNDING
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +40,7 @@ class Location:
 def locate(mesh: PolygonMesh, points: Floats) -> Location:
     """Find the finite points (p, 2) in the mesh; those outside are in no cell."""
     owner, a, b = cell_of_corner(mesh.offsets), mesh.vertices, next_vertex(mesh.offsets, mesh.vertices)
-    reach = CLOSE * mesh.diameters[owner] + POINT_ROUNDING * np.abs(mesh.points).max()
+    reach = ROUNDING * mesh.diameters[owner] + TOLERANCE * np.abs(mesh.points).max()
     low, high = (f(mesh.points[a], mesh.points[b]) for f in (np.minimum, np.maximum))
     i, s = overlapping_boxes(points, points, low - reach[:, None], high + reach[:, None])
     arm, side = points[i] - mesh.points[a[s]], mesh.points[b[s]] - mesh.points[a[s]]

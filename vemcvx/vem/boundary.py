@@ -11,7 +11,7 @@ import scipy.sparse as sp
 
 from vemcvx.arrays import Bools, Floats, Ints, read_only, totals
 from vemcvx.meshes.mesh import PolyhedralMesh
-from vemcvx.meshes.polygons import offsets_of
+from vemcvx.meshes.polygons import TOLERANCE, offsets_of
 from vemcvx.vem.projection import FaceGroup, face_groups, tangents_of
 
 
@@ -109,7 +109,7 @@ def edge_part(
         nodes=edges.ravel(),
         normals=np.repeat(drawn, 2, axis=0),
         curvature=np.repeat(1.0 / size, 2),
-        noise=np.repeat(NORMAL_ROUNDING * np.abs(points).max() / size, 2),
+        noise=np.repeat(TOLERANCE * np.abs(points).max() / size, 2),
         sizes=np.repeat(size, 2),
         lengths=np.repeat(0.5 * lengths, 2),
         drawn=np.repeat(np.column_stack([2 * first, 2 * last + 1]), 2, axis=0),
@@ -177,7 +177,7 @@ def face_part(
         nodes=np.concatenate([group.nodes.ravel() for group in groups]),
         normals=normals[side],
         curvature=np.concatenate([_curvature(group).ravel() for group in groups]),
-        noise=(NORMAL_ROUNDING * np.abs(mesh.points).max() * outline / areas)[side],
+        noise=(TOLERANCE * np.abs(mesh.points).max() * outline / areas)[side],
         sizes=areas[side],
         lengths=np.concatenate([group.shares.ravel() for group in groups]),
         beyond=faces[side],
@@ -224,8 +224,6 @@ CURVE = float(np.radians(42.5))  # Sides that turn by less are a curve.
 SMOOTH = 2.0 * float(np.sin(0.5 * CURVE))
 """Distance of unit normals that are those of one curve: octagons and chamfers have corners, a regular nonagon is round,
 however their points are rounded."""
-NORMAL_ROUNDING = 4.0 * float(np.finfo(float).eps)
-"""Points that were rounded a few times turn an edge by a few EPS |x| / length besides, and as much is granted."""
 DRAWN_STRAIGHT = 1e-2
 """Sides that turn by less at a node in one cell alone were drawn as one, with points of four digits, too."""
 
@@ -330,7 +328,7 @@ class SideEnds:
             matrix=sp.csr_matrix((each.data, (row[each.row], each.col)), shape=(k, len(points))),
             ends=EdgeEnds(read_only(row), read_only(self.beyond[order]), read_only(lengths)),
             partners=read_only(partners),
-            cosines=read_only(np.where(along < (1.0 - NORMAL_ROUNDING) * total, along / total, 1.0)),
+            cosines=read_only(np.where(along < (1.0 - TOLERANCE) * total, along / total, 1.0)),
         )
 
     def _weights(self, order: Ints, row: Ints, k: int) -> Floats:
@@ -343,7 +341,7 @@ class SideEnds:
         # Where no face has an angle at a node that hangs in its edges, areas count alone.
         share = np.divide(curvature, most[row], out=np.zeros_like(curvature), where=most[row] > 0)
         # Sides that are shorter by more, in parts of the longest at their node, hardly count in mean normals.
-        return share * part / (part + 0.03**4) + NORMAL_ROUNDING * part
+        return share * part / (part + 0.03**4) + TOLERANCE * part
 
     def _along_drawn(self, normals: Floats, order: Ints, row: Ints) -> Floats:
         """Normals (k, dim) of rows, between those at the ends of the drawn sides where nodes hang in these."""

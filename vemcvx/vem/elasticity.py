@@ -50,10 +50,9 @@ from scipy.linalg.lapack import dpstrf
 
 from vemcvx.arrays import Bools, Floats, Ints, by_rows
 from vemcvx.meshes.polygons import offsets_of, spans
-from vemcvx.vem.projection import CellGroup
+from vemcvx.vem.projection import CHUNK, CellGroup
 from vemcvx.vem.space import Space
 from vemcvx.vem.stabilisation import (
-    CHUNK,
     Stabilisation,
     VertexWeights,
     add_stabilisation,

@@ -156,8 +156,7 @@ def cell_load(space: Space) -> tuple[Floats, sp.csr_matrix, Ints]:
     points, matrices, cells = [], [], []
     for group in space.groups:
         n = group.nodes.shape[1]
-        # Cells are taken in pieces of a few tens of megabytes.
-        for chunk in group.chunks(2**22):
+        for chunk in group.chunks():
             x, weights, owner = cell_quadrature(chunk)
             points.append(x)
             cells.append(chunk.cells[owner])

@@ -12,18 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.arrays import Bools, Floats, Ints
+from vemcvx.arrays import ROUNDING, SOME, Bools, Floats, Ints
 from vemcvx.meshes.interfaces import faces_of
 from vemcvx.meshes.mesh import PolyhedralMesh
-from vemcvx.meshes.polygons import offsets_of, overlapping_boxes, spans
+from vemcvx.meshes.polygons import TOLERANCE, offsets_of, overlapping_boxes, spans
 from vemcvx.meshes.polyhedra import angles_seen
 from vemcvx.vem.projection import face_groups
 from vemcvx.vem.space import Space
-
-# A point is on a face, or in the plane on a side, within this part of the size of cells, or within a few roundings of
-# the coordinates: points computed as 0.1 + 0.2 are 5e-17 off.
-CLOSE = 1e-12
-POINT_ROUNDING = 16 * float(np.finfo(float).eps)
 
 
 def solid_places(space: Space, mesh: PolyhedralMesh, x: Floats) -> tuple[sp.csr_matrix, sp.csr_matrix]:
@@ -32,7 +27,7 @@ def solid_places(space: Space, mesh: PolyhedralMesh, x: Floats) -> tuple[sp.csr_
     Where several cells meet, their values are averaged; points outside of the mesh have empty rows.
     """
     # Points in one go: each meets some hundred triangles.
-    parts = [_places(space, mesh, x[k : k + 2**12]) for k in range(0, len(x), 2**12)]
+    parts = [_places(space, mesh, x[k : k + SOME]) for k in range(0, len(x), SOME)]
     nodes, cells = ([part[k] for part in parts] for k in range(2))
     return sp.vstack(nodes, format="csr"), sp.vstack(cells, format="csr")
 
@@ -40,7 +35,8 @@ def solid_places(space: Space, mesh: PolyhedralMesh, x: Floats) -> tuple[sp.csr_
 def _places(space: Space, mesh: PolyhedralMesh, x: Floats) -> tuple[sp.csr_matrix, sp.csr_matrix]:
     offsets, vertices = mesh.cell_nodes
     low, high = (f.reduceat(mesh.points[vertices], offsets[:-1]) for f in (np.minimum, np.maximum))
-    reach = CLOSE * mesh.h + POINT_ROUNDING * np.abs(mesh.points).max()
+    # Points computed as 0.1 + 0.2 are 5e-17 off.
+    reach = ROUNDING * mesh.h + TOLERANCE * float(np.abs(mesh.points).max())
     point, cell = overlapping_boxes(x - reach, x + reach, low, high)
     if len(point) == 0:
         return sp.csr_matrix((len(x), mesh.n_nodes)), sp.csr_matrix((len(x), mesh.n_cells))

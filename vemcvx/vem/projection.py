@@ -197,6 +197,10 @@ def _along_diagonals(corners: Floats) -> Ints:
     return diagonals_of(np.einsum("fbi,fni->fnb", plane, corners))
 
 
+CHUNK = 2**16
+"""Numbers of eight bytes that stay in a second-level cache with a few temporaries of that size."""
+
+
 @dataclass(frozen=True, eq=False)
 class CellGroup:
     """Polygons with equally many vertices; polyhedra differ as `PolyhedronGroup` says."""
@@ -242,7 +246,7 @@ class CellGroup:
         """Pi at the vertices, (c, n, n): entry (i, j) is Pi of the basis function of x_j at x_i."""
         return values_at_vertices(self.corners, *self.gradients(), self.boundary_means())
 
-    def chunks(self, entries: int) -> Iterator[CellGroup]:
+    def chunks(self, entries: int = CHUNK) -> Iterator[CellGroup]:
         """The group in pieces whose local n x n matrices hold about `entries` numbers together."""
         size = max(1, entries // self.nodes.shape[1] ** 2)
         for start in range(0, len(self.cells), size):

@@ -25,15 +25,12 @@ from typing import Annotated
 
 import numpy as np
 
-from vemcvx.arrays import Bools, Floats, as_real_array, called
+from vemcvx.arrays import ROUNDING, Bools, Floats, as_real_array, called
 from vemcvx.errors import SceneError
 from vemcvx.vem.projection import CellGroup
 from vemcvx.vem.space import Space
 
-CHUNK = 2**16  # 2^16 numbers of eight bytes and a few temporaries of that size stay in a second-level cache.
-
 NAMED = ("shear", "unit")
-ROUNDED = 1e-12  # Part of the largest eigenvalue of a local form that is rounding.
 
 
 class Stabilisation(ABC):
@@ -167,7 +164,7 @@ def _checked(stabilisation: Stabilisation, cells: CellGroup, C: Floats, dim: int
         )
     S = in_components(S, dim)
     skew = np.abs(S - S.transpose(0, 2, 1, 4, 3)).max()
-    if skew > ROUNDED * np.abs(S).max():
+    if skew > ROUNDING * np.abs(S).max():
         raise SceneError(
             f"{name}: found a form of a cell with {n} vertices that differs from its transpose by {skew:.3g}; energies "
             "want a symmetric one."
@@ -182,12 +179,12 @@ def _require_positive(stable: Floats, name: str) -> None:
     largest = np.abs(values).max(axis=1)
     # Linear displacements, dim (dim + 1) of them, are what Pi keeps; eigenvalues ascend.
     least, first = values[:, 0], values[:, dim * (dim + 1)]
-    if (least < -ROUNDED * largest).any():
+    if (least < -ROUNDING * largest).any():
         raise SceneError(
             f"{name}: found a cell with {n} vertices where what Pi misses has the energy {least.min():.3g}; every "
             "motion that is not linear must have a positive one."
         )
-    if (first <= ROUNDED * largest).any():
+    if (first <= ROUNDING * largest).any():
         raise SceneError(
             f"{name}: found a cell with {n} vertices where some motion that Pi misses has no energy; (2.9) wants one "
             "for every motion that is not linear, such as a part of mu times the identity."
@@ -209,7 +206,7 @@ def missed_energies(space: Space, stabilisation: Stabilisation, C: Floats, u: Fl
     """
     energies = np.zeros(space.mesh.n_cells)
     for group in space.groups:
-        for chunk in () if group.simplices else group.chunks(CHUNK):
+        for chunk in () if group.simplices else group.chunks():
             about = u[chunk.nodes] - u[chunk.nodes[:, :1]]
             missed = about - np.matmul(chunk.vertex_values(), about)
             if isinstance(stabilisation, VertexWeights):

@@ -23,6 +23,7 @@ from __future__ import annotations
 
 import json
 import re
+import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import astuple, dataclass, fields
 from hashlib import sha256
@@ -59,10 +60,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-SHIFT = 0.01
+MEAN_SHIFT = 0.01
 """Seconds of the shifted geometric mean: differences far below do not count."""
-TICK = 1e-6
-"""Seconds that no clock tells apart."""
 TABLE, WORDS, PROFILES, MEANS = "trials.csv", "benchmark.md", "profiles.png", "means.png"
 PLANE, DISCS, NONE_THERE, COLD, WARM_START = "plane", "discs", "no optimum", "cold", "warm"
 KINDS = {
@@ -73,7 +72,7 @@ KINDS = {
     WARM_START: "Sequences of steps, each begun with what the one before has left",
 }
 """Kinds of instances, and how tables call them."""
-TOGETHER = 10
+BATCH = 10
 """Instances that a process tries, between two words of how far it is; starting it takes a second."""
 USUAL_TOLERANCES = ",".join(f"1e-{k}" for k in range(1, 16))
 
@@ -115,12 +114,13 @@ class Benchmark:
         out = self.out or self.folder / "benchmark"
         with Owned(out, rf"{re.escape(WORDS)}|{ANY_KIND}") as own:
             for entrant in self.entrants():
-                running = Running(self.folder, entrant, self.time_limit, own.take(stored_as(entrant)))
+                kept = re.sub(r"[^\w.=+ -]+", "_", f"{entrant.name} {entrant.version}").replace(" ", "_")
+                running = Running(self.folder, entrant, self.time_limit, own.take(f"{kept}.jsonl"))
                 work = [(one.name, one.digest, entrant.ladder(tolerances)) for one in instances]
                 with progress_bar(entrant.name) as shown:
-                    for done in range(0, len(work), TOGETHER):
+                    for done in range(0, len(work), BATCH):
                         shown(entrant.name, done, len(work))
-                        running.try_all(work[done : done + TOGETHER])
+                        running.try_all(work[done : done + BATCH])
             entries = stored(out, instances)
             if not entries:
                 raise ProblemError(f"{out}: no results are stored there; name solvers by --solvers.")
@@ -201,11 +201,6 @@ def _listed(folder: Path, row: Mapping[str, Any]) -> list[Listed]:
     return [Listed(row["name"], digest, DISCS if row["block"] > 1 else PLANE, certified)]
 
 
-def stored_as(entrant: Entrant) -> str:
-    """The name of an entrant's journal."""
-    return re.sub(r"[^\w.=+ -]+", "_", f"{entrant.name} {entrant.version}").replace(" ", "_") + ".jsonl"
-
-
 Entries = Mapping[str, Mapping[str, Sequence[Trial]]]
 """The label of a solver -> the name of an instance -> its trials, but those that began only."""
 
@@ -229,12 +224,8 @@ def stored(folder: Path, instances: Sequence[Listed]) -> Entries:
 
 def seconds_to(trials: Iterable[Trial], error: float, measure: str = "true") -> float:
     """The seconds of the cheapest trial that reaches the error; infinite if none does."""
-    reached = [one.seconds for one in trials if one.seconds is not None and _at_most(getattr(one, measure), error)]
-    return min(reached, default=np.inf)
-
-
-def _at_most(value: float | None, error: float) -> bool:
-    return value is not None and value <= error
+    known = [(one.seconds, getattr(one, measure)) for one in trials if one.seconds is not None]
+    return min((seconds for seconds, reached in known if reached is not None and reached <= error), default=np.inf)
 
 
 def taken(trials: Sequence[Trial]) -> bool:
@@ -260,14 +251,15 @@ def shifted_mean(seconds: Sequence[float], limit: float) -> float:
     if not seconds:
         return float("nan")
     capped = np.minimum(np.asarray(seconds, dtype=float), limit)
-    return float(np.exp(np.log(capped + SHIFT).mean()) - SHIFT)
+    return float(np.exp(np.log(capped + MEAN_SHIFT).mean()) - MEAN_SHIFT)
 
 
 def profile(entries: Entries, names: Sequence[str], error: float) -> dict[str, list[float]]:
     """label -> on each instance, seconds over those of the fastest; infinite where it is not reached."""
     times = {label: [seconds_to(own.get(name, ()), error) for name in names] for label, own in entries.items()}
     # A clock that ticks slowly may count nothing at all.
-    times = {label: [max(t, TICK) for t in own] for label, own in times.items()}
+    tick = time.get_clock_info("process_time").resolution
+    times = {label: [max(t, tick) for t in own] for label, own in times.items()}
     best = [min(column) for column in zip(*times.values(), strict=True)]
     return {
         label: [t / fastest if np.isfinite(t) else np.inf for t, fastest in zip(own, best, strict=True)]
@@ -275,7 +267,7 @@ def profile(entries: Entries, names: Sequence[str], error: float) -> dict[str, l
     }
 
 
-CLAIMED = 1e-6
+CLAIMED = ASKED[1]
 """The tolerance at which claims of solvers are looked at."""
 
 

@@ -39,7 +39,7 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
 ASKED = 1e-3, 1e-6, 1e-9
-LIMIT, SHIFT = 10.0, 0.01
+SECONDS, MEAN_SHIFT = 10.0, 0.01
 """Seconds: of a solver for an instance, which a miss counts as, too; and the shift of the geometric mean."""
 EPS = float(np.finfo(float).eps)
 
@@ -187,7 +187,7 @@ def by_clarabel(program: Program, tight: bool, cones: bool = True) -> tuple[Any,
     m, r, size = len(program.w), len(program.e), 1 + program.block
     P, q, A, b = quadratic(program, cones)
     settings = clarabel.DefaultSettings()
-    settings.verbose, settings.time_limit = False, LIMIT
+    settings.verbose, settings.time_limit = False, SECONDS
     if tight:
         settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-12
     kinds = [clarabel.SecondOrderConeT(size)] * m if cones else [clarabel.NonnegativeConeT(2 * m)] * (m > 0)
@@ -206,7 +206,7 @@ def by_highs(program: Program, tight: bool) -> tuple[Any, Any, Any]:
     P, q, A, b = quadratic(program, cones=False)
     P, infinite, highs = sp.csc_matrix(sp.tril(P)), highspy.kHighsInf, highspy.Highs()
     highs.silent()
-    highs.setOptionValue("time_limit", LIMIT)
+    highs.setOptionValue("time_limit", SECONDS)
     if tight:
         for name in ("primal_feasibility_tolerance", "dual_feasibility_tolerance"):
             highs.setOptionValue(name, 1e-10)  # HiGHS takes no less
@@ -337,7 +337,7 @@ def say(rows: list[dict[str, Any]]) -> None:
             for measure in ("true", "certified")
         )
         taken = np.array([times[solver, row["name"]] for row in own])
-        mean = float(np.exp(np.log(np.where(np.isfinite(taken), taken, LIMIT) + SHIFT).mean()) - SHIFT)
+        mean = float(np.exp(np.log(np.where(np.isfinite(taken), taken, SECONDS) + MEAN_SHIFT).mean()) - MEAN_SHIFT)
         fastest = np.array([best[row["name"]] for row in own])
         profile = [float((np.isfinite(taken) & (taken <= k * fastest)).mean()) for k in (1, 2, 5, 20)]
         shares = "".join(f"{share:5.0%}" for share in profile)

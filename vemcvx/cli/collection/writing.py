@@ -16,6 +16,7 @@ import numpy as np
 import scipy.sparse as sp
 import typer
 
+from vemcvx.arrays import ROUNDING, SAME
 from vemcvx.cli.collection.instances import (
     CORE,
     COULOMB,
@@ -138,9 +139,6 @@ keywords: [convex optimisation, second-order cones, frictional contact, virtual 
 """
 ACCURACY = 1e-14
 """Asked of optima: as much as there is."""
-SAME = 1e-9
-"""Of a least value: the last digits of condensed matrices and of states before a step are the machine's. Under another
-BLAS the optimum of a graded mesh moved by 1.6e-11, where K did by 2e-12."""
 
 
 def write_collection(
@@ -207,7 +205,9 @@ def optima(rows: Sequence[Mapping[str, Any]]) -> Table:
 def departures(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     """Sentences on instances that are others than those published with this version, in the list beside this file.
 
-    They are the same if sizes are, and if bounds on the least values overlap but for SAME of them.
+    They are the same if sizes are, and if bounds on the least values overlap but for SAME of them: the last digits of
+    condensed matrices and of states before a step are the machine's. Under another BLAS the optimum of a graded mesh
+    moved by 1.6e-11, where K did by 2e-12.
     """
     with Path(__file__).with_name(OPTIMA).open(encoding="utf-8", newline="") as file:
         published = {row["name"]: row for row in csv.DictReader(file)}
@@ -318,7 +318,7 @@ def _barely_sticking(program: SolvedProgram) -> SolvedProgram:
     """The program whose terms that stick have just the weight that they need."""
     size = np.linalg.norm(program.slip(program.answer.d), axis=1)
     # Terms whose weight is lowered stick below this part of the largest slip.
-    sticks = size <= 1e-9 * size.max(initial=0.0)
+    sticks = size <= SAME * size.max(initial=0.0)
     lower = np.where(sticks, np.linalg.norm(program.answer.lam, axis=1), program.w)
     return replace(program, w=np.minimum(lower, program.w))
 
@@ -347,7 +347,7 @@ def _pushed_off(program: SolvedProgram) -> tuple[StepProgram, Words]:
     assert operators.kernel is not None
     motions = [sign * operators.kernel[:, j] for j in range(operators.kernel.shape[1]) for sign in (1.0, -1.0)]
     # A motion along an obstacle does not run into it because of the rounding of its entries.
-    ray = next(r for r in motions if len(program.e) == 0 or (operators.D @ r).max() <= 1e-12 * np.abs(r).max())
+    ray = next(r for r in motions if len(program.e) == 0 or (operators.D @ r).max() <= ROUNDING * np.abs(r).max())
     held = float(program.w @ np.linalg.norm(operators.blocks(operators.B @ ray), axis=1))
     held = held or float(np.abs(program.g).max())
     g = program.g + (2.0 * held - program.g @ ray) / (ray @ ray) * ray

@@ -34,7 +34,20 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from vemcvx.arrays import Bools, Floats, Ints, as_real_array, brief, choice, finite, flag, number, totals
+from vemcvx.arrays import (
+    ROUNDING,
+    SAME,
+    Bools,
+    Floats,
+    Ints,
+    as_real_array,
+    brief,
+    choice,
+    finite,
+    flag,
+    number,
+    totals,
+)
 from vemcvx.errors import HistoryError, MeshError
 from vemcvx.meshes import AnyMesh, PolygonMesh, PolyhedralMesh
 from vemcvx.meshes.polygons import INNER, cell_of_corner, fans, nearest, outlines, overlaps, places
@@ -189,7 +202,7 @@ def step_at(history: Results, time: float) -> int:
     nearest = int(np.argmin(np.abs(times - time)))
     span = float(history.trajectory.times[-1] - history.trajectory.times[0])
     # Two runs share an instant if theirs differ by no more than this part of the time they span: linspace rounds.
-    if abs(times[nearest] - time) > 1e-9 * span:
+    if abs(times[nearest] - time) > SAME * span:
         raise HistoryError(
             f"history: no step was stored at t = {time:.9g}; the nearest is step {history.stored[nearest]} at "
             f"t = {times[nearest]:.9g}. Give times that have this instant, or store='all'."
@@ -381,7 +394,7 @@ def _apart(rule: CommonRule, u: Field, v: Field) -> float:
     difference = np.abs(mine[:, rule.first] - other[:, rule.second]).max(axis=0)
     apart = float((difference / np.abs(mine).max(axis=0)[rule.first]).max())
     # Moduli read at the centroids of different cells agree to round-off if they are the same constants.
-    if apart <= 1e-12:
+    if apart <= ROUNDING:
         return 0.0
     logging.getLogger("vemcvx").warning(
         "energy_distance: the moduli of the two meshes differ by up to %.3g; those of the first are used", apart

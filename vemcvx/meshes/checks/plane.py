@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vemcvx.arrays import Floats, Ints, plain
+from vemcvx.arrays import SINGLE, Floats, Ints, plain
 from vemcvx.errors import MeshError
 from vemcvx.meshes.box import LARGEST
 from vemcvx.meshes.interfaces import Interface, check_interfaces, pairs_of, places_of
@@ -32,9 +32,6 @@ from vemcvx.meshes.polygons import (
     shared_edges,
     turned,
 )
-
-# Slits below this part of the lowest cell are mistakes (single precision, printed digits), not a geometry.
-NARROW = 1e-6
 
 
 def checked(
@@ -64,7 +61,8 @@ def checked(
         )
     boundary = _check_sharing(offsets, place[vertices], len(points))
     ends, cells_of_ends = directed_edges(offsets, place[vertices])[boundary], cell_of_corner(offsets)[boundary]
-    width = NARROW * lowest(np.abs(areas), diameters(points, offsets, vertices))
+    # Narrower slits are mistakes, not a geometry.
+    width = SINGLE * lowest(np.abs(areas), diameters(points, offsets, vertices))
     misfit = misfit_of(points, ends, cells_of_ends, polygons, width=width)
     if misfit:
         _check_hanging(points, ends, cells_of_ends)
@@ -377,6 +375,6 @@ def _in_words(misfit: Misfit, width: float) -> str:
     if misfit.overlap:
         return f"cells {one} and {other} overlap near {at}. Remove or correct the vertices of one of them."
     return (
-        f"there is a gap narrower than {width:.3g} between cells {one} and {other} near {at}, {NARROW:g} of the lowest "
+        f"there is a gap narrower than {width:.3g} between cells {one} and {other} near {at}, {SINGLE:g} of the lowest "
         "cell. Give both the same nodes there, or open the gap."
     )

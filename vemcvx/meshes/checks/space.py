@@ -21,17 +21,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vemcvx.arrays import Bools, Floats, Ints
+from vemcvx.arrays import SINGLE, Bools, Floats, Ints
 from vemcvx.errors import MeshError
 from vemcvx.meshes import polygons, polyhedra
 from vemcvx.meshes.checks import plane
-from vemcvx.meshes.checks.plane import NARROW, brief_row, check_polygons, laid_flat
+from vemcvx.meshes.checks.plane import brief_row, check_polygons, laid_flat
 from vemcvx.meshes.interfaces import Interface, check_interfaces, pairs_of, places_of
 from vemcvx.meshes.polygons import TOLERANCE, cell_of_corner, directed_edges, offsets_of, rows_in_order, turned
 from vemcvx.meshes.polyhedra import Faces, FaceShapes, Listed
-
-# Of the diameter of a face: coordinates in single precision, or printed with seven digits, are nearer to its plane.
-PLANE = 1e-6
 
 
 def checked_in_space(
@@ -269,13 +266,13 @@ def check_faces(points: Floats, offsets: Ints, vertices: Ints, cells: Ints) -> F
         )
     places = polyhedra.in_planes(points[vertices], face, shapes)
     height = np.abs(places[:, 2])
-    bent = np.flatnonzero(height > (PLANE * sizes + TOLERANCE * largest)[face])
+    bent = np.flatnonzero(height > (SINGLE * sizes + TOLERANCE * largest)[face])
     if len(bent):
         worst = bent[np.argmax(height[bent] / sizes[face[bent]])]
         raise MeshError(
-            f"{named(face[worst])} is not plane: node {vertices[worst]} lies {height[worst]:.3g} off its plane, and "
-            f"{PLANE:g} of the face's diameter {sizes[face[worst]]:.3g} is allowed. Split the face into triangles, the "
-            "same ones in both cells that have it, or move the node."
+            f"{named(face[worst])} is not plane: node {vertices[worst]} lies {height[worst]:.3g} off its plane, "
+            f"and {SINGLE:g} of its diameter {sizes[face[worst]]:.3g} is allowed. Split the face into triangles, "
+            "the same ones in both cells that have it, or move the node."
         )
     several = np.flatnonzero(np.diff(offsets) > 3)
     if len(several):
@@ -298,12 +295,12 @@ def check_volumes(points: Floats, faces: Faces, volumes: Floats, shapes: FaceSha
             f"cell {flat[0]} has no volume (volume {volumes[flat[0]]:.3g}, diameter {sizes[flat[0]]:.3g}). Remove it "
             "or correct its faces."
         )
-    _check_outer_faces(points, faces, shapes, NARROW * float((volumes / sizes**2).min()))
+    _check_outer_faces(points, faces, shapes, SINGLE * float((volumes / sizes**2).min()))
     try:
         hull = float(ConvexHull(points[np.unique(nodes)]).volume)
     except QhullError:  # as flat as rounding
         hull = np.inf
-    if volumes.sum() > (1.0 + NARROW) * hull:
+    if volumes.sum() > (1.0 + SINGLE) * hull:
         raise MeshError(
             f"cells overlap: their volumes add up to {volumes.sum():.6g}, and the convex hull of all has {hull:.6g}. "
             "Remove or correct some of them."
@@ -346,7 +343,7 @@ def faces_upon(
         )
 
     common = shapely.area(shapely.intersection(in_plane(one), in_plane(other)))
-    over = np.flatnonzero(common > NARROW * np.minimum(shapes.areas[one], shapes.areas[other]))
+    over = np.flatnonzero(common > SINGLE * np.minimum(shapes.areas[one], shapes.areas[other]))
     return Upon((int(one[over[0]]), int(other[over[0]])), float(apart[over[0]]), slack) if len(over) else None
 
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vemcvx.arrays import Bools, Floats, Ints, brief, plain
+from vemcvx.arrays import ROUNDING, Bools, Floats, Ints, brief, plain
 from vemcvx.errors import MeshError
 from vemcvx.meshes.box import (
     LARGEST,
@@ -314,10 +316,7 @@ def l_shape(
     return mesh.with_boundary("inner_right", lambda m: m[:, 0] == x).with_boundary("inner_top", lambda m: m[:, 1] == y)
 
 
-TURN = 2.0 * np.pi
-
-
-def ring(radii: ArrayLike, sectors: int, *, angles: tuple[float, float] = (0.0, TURN)) -> PolygonMesh:
+def ring(radii: ArrayLike, sectors: int, *, angles: tuple[float, float] = (0.0, math.tau)) -> PolygonMesh:
     """Mesh a ring, a disc or a part of them with quadrilaterals between circles and rays.
 
     ``ring(...).extruded(heights)`` is a tube of hexahedra, and a cylinder of wedges and hexahedra. Sides are chords:
@@ -355,7 +354,7 @@ def ring(radii: ArrayLike, sectors: int, *, angles: tuple[float, float] = (0.0, 
     start, end = _rays(angles)
     check_whole("sectors", sectors, int((end - start) / np.pi) + 1)
     check_total(sectors * (len(r) - 1))
-    turns, disc = end - start > TURN * (1 - 1e-12), r[0] == 0.0
+    turns, disc = end - start > math.tau * (1 - ROUNDING), r[0] == 0.0
     rays = sectors if turns else sectors + 1
     unit = _directions(start, end, sectors)[:rays]
     centre = np.zeros(int(disc), dtype=np.int64)
@@ -391,7 +390,7 @@ def _rays(angles: tuple[float, float]) -> tuple[float, float]:
     given = plain(angles)
     if given is not None and given.dtype.kind in "iuf" and given.shape == (2,) and np.isfinite(given).all():
         start, end = map(float, given)
-        if 0 < end - start <= TURN * (1 + 1e-12):
+        if 0 < end - start <= math.tau * (1 + ROUNDING):
             return start, end
     raise MeshError(f"ring: found angles = {brief(angles)}; wanted {wanted}.")
 

@@ -17,7 +17,7 @@ from itertools import chain
 import numpy as np
 from scipy.sparse import csr_array
 
-from vemcvx.arrays import Bools, Floats, Ints
+from vemcvx.arrays import SAME, SINGLE, Bools, Floats, Ints
 from vemcvx.errors import MeshError
 from vemcvx.meshes.box import (
     UNIT_BOX,
@@ -48,9 +48,6 @@ from vemcvx.meshes.polygons import (
     turned,
 )
 from vemcvx.meshes.polyhedra import Faces, face_shapes, signs_of, volumes_and_centroids
-
-# Circumcentres of nearly collinear triples carry 1e-12 of a cell; true edges below 1e-9 are as rare as 1e-9.
-ROUND_OFF = 1e-9
 
 
 def voronoi(
@@ -97,8 +94,8 @@ def voronoi(
         seeds = areas_and_centroids(*_polygons(seeds, sides))[1]
     points, offsets, vertices = _polygons(seeds, sides)
     for side in (np.zeros(2), sides):
-        points = np.where(np.abs(points - side) < ROUND_OFF, side, points)
-    place = smallest_linked(close_pairs(points, ROUND_OFF), len(points))
+        points = np.where(np.abs(points - side) < SAME, side, points)
+    place = smallest_linked(close_pairs(points, SAME), len(points))
     points, offsets, vertices, _ = _renumbered(points, offsets, place[vertices])
     if shortest > 0.0:
         points, offsets, vertices = collapse_short_edges(points, offsets, vertices, sides, shortest)
@@ -183,7 +180,7 @@ def _mirrored(seeds: Floats, size: Floats, reach: float) -> tuple[Floats, Ints, 
 
 def _inside(points: Floats, size: Floats) -> bool:
     """Return True if cells stay in the box: without enough images of seeds they leave it, or are open."""
-    return bool(np.max(np.abs(points - 0.5 * size) - 0.5 * size) < 1e-6)
+    return bool(np.max(np.abs(points - 0.5 * size) - 0.5 * size) < SINGLE)
 
 
 def _polygons(seeds: Floats, size: Floats) -> tuple[Floats, Ints, Ints]:
@@ -211,7 +208,7 @@ def _polygons(seeds: Floats, size: Floats) -> tuple[Floats, Ints, Ints]:
         order = np.lexsort((np.arctan2(direction[:, 1], direction[:, 0]), site))
         offsets, vertices = offsets_of(np.bincount(site, minlength=len(seeds))), centre[order]
         points = np.clip(centres, 0.0, size)
-        filled = abs(areas_and_centroids(points, offsets, vertices)[0].sum() - size.prod()) < 1e-6
+        filled = abs(areas_and_centroids(points, offsets, vertices)[0].sum() - size.prod()) < SINGLE
         if reach > size.max() or (_inside(centres, size) and filled):
             return points, offsets, vertices
         reach *= 2.0
@@ -241,7 +238,7 @@ def collapse_short_edges(
         edges = _short_edges(points, offsets, vertices, size, shortest)
         middles = points[edges].mean(axis=1)
         if len(refused) and len(edges):
-            edges = edges[nearest(refused, middles)[0] > ROUND_OFF]
+            edges = edges[nearest(refused, middles)[0] > SAME]
         if not len(edges):
             return points, offsets, vertices
         edges, cells = _far_apart(points, offsets, vertices, edges)
@@ -330,7 +327,7 @@ def _polyhedra(seeds: Floats, size: Floats) -> tuple[Floats, Faces]:
     reach = 2.0 if len(seeds) > 50 else np.inf
     while True:
         points, faces = _mirrored_cells(seeds, size, reach)
-        filled = abs(_volumes_and_centroids(points, faces)[0].sum() - len(seeds)) < 1e-6
+        filled = abs(_volumes_and_centroids(points, faces)[0].sum() - len(seeds)) < SINGLE
         if reach > size.max() or (_inside(points, size) and filled):
             return np.clip(points, 0.0, size), faces
         reach *= 2.0
@@ -353,7 +350,7 @@ def _mirrored_cells(seeds: Floats, size: Floats, reach: float) -> tuple[Floats, 
     of_corner = np.repeat(side, np.diff(offsets))
     for wall in range(6):  # vertices of faces on a side of the box lie there to the bit
         points[vertices[of_corner == wall], wall // 2] = size[wall // 2] * (wall % 2)
-    place = smallest_linked(close_pairs(points, ROUND_OFF), len(points))
+    place = smallest_linked(close_pairs(points, SAME), len(points))
     points, offsets, vertices, left = _renumbered(points, offsets, place[vertices])
     first, second, side = first[left], second[left], side[left]
     outwards = np.einsum("ij,ij->i", face_shapes(points, offsets, vertices).normals, sites[second] - sites[first])

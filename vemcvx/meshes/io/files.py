@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from vemcvx.errors import MeshError, MeshWarning
-from vemcvx.meshes.box import WHOLE
+from vemcvx.meshes.box import MOST_CELLS, WHOLE
 from vemcvx.meshes.io.grid import PHYSICAL, AnyTessellation, Grid, finished, grid_of, mesh_of, named, translated
 from vemcvx.meshes.io.objects import from_meshio, groups_of, to_meshio
 from vemcvx.meshes.io.vtk import read_legacy, read_xml, write_legacy, write_xml
@@ -152,8 +152,6 @@ def _check_target(path: Path) -> str:
 
 FORMAT = re.compile(rb"\$MeshFormat\s+(\S+)\s+1\s")  # of binary files of Gmsh, and their version
 SECTION = re.compile(rb"^\$(Nodes|Elements|NodeData|ElementData|ElementNodeData)[ \t\r]*\n", re.MULTILINE)
-LARGEST = 10**8
-"""Numbers of Gmsh's nodes are below this: meshio makes an array of as many entries, which then are a gigabyte."""
 LONG = re.compile(rb"(?<![\d.eE+-])\d{9,}(?![\d.eE])")
 NODES_OF_TYPE = {1: 2, 2: 3, 3: 4, 4: 4, 5: 8, 6: 6, 7: 5, 15: 1}
 NODES_OF_TYPE |= {8: 3, 9: 6, 10: 9, 11: 10, 12: 27, 13: 18, 14: 14, 16: 8, 17: 20, 18: 15, 19: 13}
@@ -247,9 +245,10 @@ def _check_blocks(name: str, data: bytes, at: int, *, newest: bool) -> None:
 
 
 def _check_number(name: str, number: int) -> None:
-    if number >= LARGEST:
+    # meshio makes an array of as many entries as the largest number of a node: a gigabyte.
+    if number >= MOST_CELLS:
         raise MeshError(
-            f"its section ${name} has the number {number}; nodes and elements have less than {LARGEST:,}: renumber "
+            f"its section ${name} has the number {number}; nodes and elements have less than {MOST_CELLS:,}: renumber "
             "them."
         )
 

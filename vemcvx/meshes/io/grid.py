@@ -23,7 +23,7 @@ from urllib.parse import quote, unquote
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vemcvx.arrays import Bools, Floats, Ints
+from vemcvx.arrays import SAME, Bools, Floats, Ints
 from vemcvx.errors import MeshError, MeshWarning
 from vemcvx.meshes.box import WHOLE
 from vemcvx.meshes.interfaces import Interface, faces_of, padded
@@ -350,7 +350,7 @@ def _plane(points: Floats) -> Floats:
     if points.ndim == 2 and points.shape[1] == 3 and len(points):
         # A plane that was turned into place by the program that wrote the file is plane to its digits. Points that
         # are no numbers are left to the checks of the mesh, which name them.
-        if np.ptp(points[:, 2]) > 1e-9 * np.nanmax(np.abs(points - points[0]), initial=0.0):
+        if np.ptp(points[:, 2]) > SAME * np.nanmax(np.abs(points - points[0]), initial=0.0):
             raise MeshError(
                 f"its points do not lie in a plane z = constant: z runs from {points[:, 2].min():.6g} to "
                 f"{points[:, 2].max():.6g}. Turn the mesh into the x-y plane first."

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vemcvx.arrays import SAME, Floats, Ints, brief, flag, shaped
+from vemcvx.arrays import ROUNDING, SAME, Floats, Ints, brief, flag, shaped
 from vemcvx.bound.error_bound import Stepped, certain_intervals, of_steps, pairs_of
 from vemcvx.bound.hypercircle import Hypercircle, hypercircle
 from vemcvx.effects import PrescribedDisplacement, data
@@ -29,7 +29,7 @@ from vemcvx.scene import Scene
 from vemcvx.scene.pose import PosedScene, pose_scene, unwarned
 from vemcvx.scene.scene import InitialStresses
 from vemcvx.solvers import Solver, Solves
-from vemcvx.stepping.backward_euler import ROUNDED_LOAD, Balanced, Beginning, checked_times, march
+from vemcvx.stepping.backward_euler import Balanced, Beginning, checked_times, march
 from vemcvx.stepping.course import course, inside_steps
 from vemcvx.stepping.programs import programs_of_march
 from vemcvx.stepping.trajectory import Folder, Memory, Storage, Trajectory
@@ -381,7 +381,7 @@ def _within_supports(u: Floats, posed: PosedScene, times: Floats) -> Floats:
     off = np.abs(P @ y + held - u.ravel())
     known = off.max() <= SAME * max(np.abs(u).max(), np.abs(held).max())
     # Of supports that move later, rounding may be all that there is now.
-    if not known and off.max() > ROUNDED_LOAD * max(np.abs(posed.supports.motion(t)).max() for t in times.tolist()):
+    if not known and off.max() > ROUNDING * max(np.abs(posed.supports.motion(t)).max() for t in times.tolist()):
         node = int(np.argmax(off)) // points.shape[1]
         raise SceneError(
             f"initial: the displacement {u[node]} of node {node} at {points[node]} contradicts its supports at "

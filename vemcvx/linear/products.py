@@ -15,10 +15,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from vemcvx.arrays import Floats, Ints
-
-CHUNK = 4096
-"""Rows at a time: of squares, whose entries take 1.2 MB in extended precision; more save a twentieth of the time."""
+from vemcvx.arrays import SOME, Floats, Ints
 
 
 class Elsewhere(ABC):
@@ -154,9 +151,9 @@ def sizes(K: sp.csr_matrix | Elsewhere, y: Floats) -> Floats:
 def _in_parts(
     K: sp.csr_matrix, changed: Callable[[Floats], NDArray[np.floating]]
 ) -> Iterator[tuple[slice, sp.csr_matrix]]:
-    """CHUNK rows of K at a time: which, and these with their entries changed."""
-    for start in range(0, K.shape[0], CHUNK):
-        stop = min(start + CHUNK, K.shape[0])
+    """SOME rows of K at a time: which, and these with their entries changed."""
+    for start in range(0, K.shape[0], SOME):
+        stop = min(start + SOME, K.shape[0])
         first, last = K.indptr[start], K.indptr[stop]
         entries = changed(K.data[first:last]), K.indices[first:last], K.indptr[start : stop + 1] - first
         yield slice(start, stop), sp.csr_matrix(entries, shape=(stop - start, K.shape[1]))

@@ -11,13 +11,12 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.arrays import EPS, Bools, Floats, Ints
+from vemcvx.arrays import EPS, SAME, Bools, Floats, Ints
 from vemcvx.effects import Friction, Law, Obstacle
 from vemcvx.errors import SceneError, SceneWarning
 from vemcvx.program.operators import Norms, Rows
 from vemcvx.program.system import DraggedTerms, Limits
 from vemcvx.scene.supports import (
-    PARALLEL,
     ContactRows,
     Moving,
     Supports,
@@ -163,7 +162,7 @@ def _check_directions(frictions: Sequence[Friction]) -> None:
         if f.directions is None:
             continue
         shape = np.shape(f.directions)
-        if shape != f.normals.shape or np.abs(np.linalg.norm(f.directions, axis=1) - 1).max() > PARALLEL:
+        if shape != f.normals.shape or np.abs(np.linalg.norm(f.directions, axis=1) - 1).max() > SAME:
             raise SceneError(
                 f"{f.subject}: found directions of shape {shape} for normals of shape {f.normals.shape}; rows along "
                 "directions have one unit vector a row."

@@ -16,8 +16,9 @@ from vemcvx.errors import SceneError
 from vemcvx.linear import Matrix
 from vemcvx.meshes import AnyMesh
 from vemcvx.program.kernel import Kernel
-from vemcvx.scene.supports import STRAIGHT, Supports
+from vemcvx.scene.supports import Supports
 from vemcvx.vem import Space, rigid_modes, split_motion
+from vemcvx.vem.boundary import STRAIGHT
 
 
 def body_names(mesh: AnyMesh, piece: Ints, node: Ints) -> list[str | None]:

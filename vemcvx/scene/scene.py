@@ -16,8 +16,9 @@ from vemcvx.errors import SceneError, VemcvxError
 from vemcvx.meshes import AnyMesh
 from vemcvx.outline import Outline
 from vemcvx.program.system import DRAG_ROUNDING
-from vemcvx.scene.supports import STRAIGHT, along, pairs_of
+from vemcvx.scene.supports import along, pairs_of
 from vemcvx.vem import MirrorPlanes, Space, Stabilisation, VertexWeights
+from vemcvx.vem.boundary import STRAIGHT
 
 
 # The body put together from its materials: every cell has exactly one.

@@ -32,18 +32,14 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
-from vemcvx.arrays import EPS, Bools, Floats, Ints
+from vemcvx.arrays import EPS, SAME, Bools, Floats, Ints
 from vemcvx.effects import ContactSurface, Friction, Obstacle, Support
 from vemcvx.errors import SceneError, VemcvxError
 from vemcvx.program.system import DRAG_ROUNDING
 from vemcvx.vem import tangents_of
+from vemcvx.vem.boundary import STRAIGHT
 
 Part = TypeVar("Part", Friction, Obstacle, ContactSurface)
-
-PARALLEL = 1e-9  # Rounding of unit directions that are one.
-STRAIGHT = 1e-2
-"""Directions of several conditions, and motions, that differ by less are one: no mesh is meant to resolve corners of
-half a degree, and straight sides with points of four digits have such."""
 
 
 def pairs_of(parts: Sequence[Friction | Obstacle | ContactSurface | Support]) -> tuple[Ints, Ints]:
@@ -171,7 +167,7 @@ class ContactRows:
 
 
 def merged(
-    pairs: tuple[Ints, Ints], normals: Floats, signed: bool = False, kinds: Ints | None = None, within: float = PARALLEL
+    pairs: tuple[Ints, Ints], normals: Floats, signed: bool = False, kinds: Ints | None = None, within: float = SAME
 ) -> tuple[Ints, Ints]:
     """Rows of one pair, kind and normal (up to sign) are one term: its first row, and the term of every row."""
     place = distinct_pairs(*pairs)[1]
@@ -199,7 +195,7 @@ def straightened(earlier: Sequence[Support | Friction | Obstacle], parts: Sequen
     first, group = merged(pairs_of(everything), each, within=STRAIGHT)
     straight = each[first][group]
     straight *= np.sign(np.einsum("ij,ij->i", each, straight))[:, None]
-    turned = np.linalg.norm(each - straight, axis=1) > PARALLEL
+    turned = np.linalg.norm(each - straight, axis=1) > SAME
     normals = np.split(np.where(turned[:, None], straight, each), np.cumsum([len(part.nodes) for part in everything]))
     return tuple(replace(part, normals=own) for part, own in zip(parts, normals[len(earlier) :], strict=False))
 
@@ -274,7 +270,7 @@ class Supports:
             missing = np.where(self.depends[rows], np.abs(wanted - present[rows]), 0.0)
             scale = max(np.abs(wanted).max(initial=0.0), np.abs(present[rows]).max(initial=0.0))
             # A row that is not quite along earlier ones reads what moves across them, too.
-            wrong = missing > PARALLEL * scale + 2.0 * self.reach[rows] * size
+            wrong = missing > SAME * scale + 2.0 * self.reach[rows] * size
             if wrong.any() and not support.contact:
                 row = int(np.argmax(wrong * missing))
                 raise SceneError(
@@ -492,7 +488,7 @@ def _rank_deficient(B: sp.csr_matrix, block: int) -> Bools:
     rows = [B[axis::block] for axis in range(block)]
     products = np.array([[np.asarray(one.multiply(other).sum(axis=1)).ravel() for other in rows] for one in rows])
     each = np.linalg.eigvalsh(products.transpose(2, 0, 1))
-    return each[:, 0] < PARALLEL * each[:, -1]
+    return each[:, 0] < SAME * each[:, -1]
 
 
 def _dragged(
@@ -527,7 +523,7 @@ def _normal_reactions(rows: ContactRows, supports: Supports) -> tuple[Bools, sp.
     common = sp.coo_matrix(N @ A.T)
     cosine = common.data / (1 + (rows.partners[common.row] >= 0))
     apart = A[common.col] - sp.diags_array(cosine) @ N[common.row]
-    same = np.sqrt(np.asarray(apart.multiply(apart).sum(axis=1)).ravel()) < PARALLEL
+    same = np.sqrt(np.asarray(apart.multiply(apart).sum(axis=1)).ravel()) < SAME
     row, col = common.row[same], common.col[same]
     # How many rows hold the site of each row, and how many of these are contact's.
     site = supports.sites[A.indices[A.indptr[:-1]] // supports.points.shape[1]]
@@ -545,8 +541,8 @@ def _normal_reactions(rows: ContactRows, supports: Supports) -> tuple[Bools, sp.
 def on_free(rows: sp.csr_matrix, supports: Supports) -> sp.csr_matrix:
     """B = B^ P without the rounding of t . n = 0 and t . t = 1."""
     B = sp.csr_matrix(rows @ supports.P)
-    B.data[np.abs(B.data) < PARALLEL] = 0.0
-    unit = np.abs(np.abs(B.data) - 1.0) < PARALLEL
+    B.data[np.abs(B.data) < SAME] = 0.0
+    unit = np.abs(np.abs(B.data) - 1.0) < SAME
     B.data[unit] = np.sign(B.data[unit])
     B.eliminate_zeros()
     return B

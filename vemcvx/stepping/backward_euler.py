@@ -44,7 +44,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vemcvx.arrays import Floats, as_real_array, brief, check_takes, flag, shaped
+from vemcvx.arrays import ROUNDING, Floats, as_real_array, brief, check_takes, flag, shaped
 from vemcvx.errors import WORTH_A_WORD, SceneError
 from vemcvx.linear import LinearSolver
 from vemcvx.linear.default import one_thread
@@ -288,8 +288,6 @@ Beginning = ArrayLike | str | Balanced | None
 """None (zero), unknowns (n,), "equilibrium", "settled", or forces to settle from."""
 
 JUMP = 1e-6  # Initial states whose first step jumps by more, relative to the energy norm, violate (2.1).
-ROUNDED_LOAD = 1e-12
-"""Part of the largest load of a run that an initial state may be out of balance by: sin(2 pi) is rounding, not load."""
 
 
 def initial_state(run: PreparedRun, instants: Floats, initial: Beginning) -> State:
@@ -318,7 +316,7 @@ def initial_state(run: PreparedRun, instants: Floats, initial: Beginning) -> Sta
     jump = energy_norm(run.system.K, settled.unknowns - y)
     scale = max(state.ledger.norm, energy_norm(run.system.K, now.force.x))
     if not jump <= JUMP * scale + settled.certificate.error:
-        if jump <= ROUNDED_LOAD * max(energy_norm(run.system.K, run.driven(t).force.x) for t in instants.tolist()):
+        if jump <= ROUNDING * max(energy_norm(run.system.K, run.driven(t).force.x) for t in instants.tolist()):
             return _beginning(run, settled)
         raise SceneError(_overlap(run, state) or _violation(run, state, jump / scale if scale > 0 else np.inf))
     # How far it may be from a state that obeys (2.1): its jump to the one settled, and the error of that.

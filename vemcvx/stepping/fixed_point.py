@@ -46,7 +46,7 @@ from operator import length_hint
 
 import numpy as np
 
-from vemcvx.arrays import Floats, lengths
+from vemcvx.arrays import SAME, Floats, lengths
 from vemcvx.errors import NotContracting, SceneError
 from vemcvx.program.certificate import Certificate, limit_gaps, norm_gaps
 from vemcvx.program.operators import Norms
@@ -65,8 +65,6 @@ SLOWEST = 0.98
 """Iterations that contract more slowly than this, ten times in a row, will not get there in MOST_PROGRAMS."""
 FEW_SETS = 10
 """Systems that may be solved from the sets of the step before; a bolted joint under cycles of load needs 4 to 6."""
-AT_BOUND = 1e-9
-"""Part of a weight that its multiplier may lack and be at its bound, and of what weights may fall by beyond a law."""
 
 
 def mixed(tried: list[tuple[Floats, Floats]]) -> Floats:
@@ -173,7 +171,7 @@ class DependentStep:
     def _check_slope(self, found: State) -> None:
         """Raise SceneError where weights do depend on the slip of the step, which a slope is not known for."""
         own = self.law(found)
-        off = np.abs(own - found.weights) - AT_BOUND * np.maximum(own, found.weights)
+        off = np.abs(own - found.weights) - SAME * np.maximum(own, found.weights)
         if (off > 0).any():
             i = int(np.argmax(off))
             raise SceneError(
@@ -190,7 +188,7 @@ class DependentStep:
             self._check_softening(state, w, rate)
             # A multiplier at its bound stays there: what that misses of forces counts by its square.
             size, slip = lengths(state.lam - posed.bias), lengths(state.slip)
-            slides = (slip > 0) & (w != state.weights) & (size >= (1.0 - AT_BOUND) * state.weights)
+            slides = (slip > 0) & (w != state.weights) & (size >= (1.0 - SAME) * state.weights)
             along = np.divide(w, slip, out=np.zeros_like(w), where=slides)[:, None] * state.slip
             state = replace(state, lam=np.where(slides[:, None], along + posed.bias, state.lam))
             certificate = _convex_certificate(posed, state, stability.margin)
@@ -212,7 +210,7 @@ class DependentStep:
     def _check_softening(self, state: State, w: Floats, rate: Floats) -> None:
         """Raise SceneError where weights have fallen faster than their law says."""
         start, slip = self.attempt.program.w, lengths(state.slip)
-        over = start - w - rate * slip - AT_BOUND * (start + rate * (self.attempt.before.ledger.slipped + slip))
+        over = start - w - rate * slip - SAME * (start + rate * (self.attempt.before.ledger.slipped + slip))
         if (over > 0).any():
             i = int(np.argmax(over))
             raise SceneError(

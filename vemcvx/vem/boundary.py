@@ -135,7 +135,7 @@ def _drawn(edges: Ints, points: Floats, inside: Bools | None) -> tuple[Ints, Int
     normals = _outward(points[edges[:, 1]] - points[edges[:, 0]])[0]
     order = np.argsort(edges[:, 0])
     after = order[np.minimum(np.searchsorted(edges[order, 0], edges[:, 1]), len(edges) - 1)]
-    straight = np.linalg.norm(normals[after] - normals, axis=1) < DRAWN_STRAIGHT
+    straight = np.linalg.norm(normals[after] - normals, axis=1) < STRAIGHT
     hung = np.flatnonzero((edges[after, 0] == edges[:, 1]) & inside[:, 1] & inside[after, 0] & straight)
     first, last = own.copy(), own.copy()
     first[after[hung]], last[hung] = hung, after[hung]
@@ -144,7 +144,7 @@ def _drawn(edges: Ints, points: Floats, inside: Bools | None) -> tuple[Ints, Int
     # What goes round a body of one cell has no ends, and what is bent in the large was not drawn as one side.
     ends = ~np.isin(first, after[hung])
     chord = np.where(ends[:, None], points[edges[last, 1]] - points[edges[first, 0]], 1.0)
-    bent = np.linalg.norm(_outward(chord)[0] - normals, axis=1) >= DRAWN_STRAIGHT
+    bent = np.linalg.norm(_outward(chord)[0] - normals, axis=1) >= STRAIGHT
     ends &= ~np.isin(first, first[bent])
     return np.where(ends, first, own), np.where(ends, last, own)
 
@@ -224,8 +224,9 @@ CURVE = float(np.radians(42.5))  # Sides that turn by less are a curve.
 SMOOTH = 2.0 * float(np.sin(0.5 * CURVE))
 """Distance of unit normals that are those of one curve: octagons and chamfers have corners, a regular nonagon is round,
 however their points are rounded."""
-DRAWN_STRAIGHT = 1e-2
-"""Sides that turn by less at a node in one cell alone were drawn as one, with points of four digits, too."""
+STRAIGHT = 1e-2
+"""Directions and motions that differ by less are one: no mesh is meant to resolve corners of half a degree. Sides that
+turn by less at a node in one cell alone were drawn as one: straight sides with points of four digits have such."""
 
 
 @dataclass(frozen=True, eq=False)

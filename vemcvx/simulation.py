@@ -68,7 +68,8 @@ def simulate(
         The displacement at times[0]: zero; the array; the equilibrium a(u_0, .) = l(0) without friction; the result of
         one step from zero; P^h u_0 of a function, (2.11), see :func:`vemcvx.projected`.
     store : "all", "last", int n or sequence of int
-        Steps to store: all; the last; every n-th and the last; or those given and the last. All are certified.
+        Steps to store: all; the last; every n-th and the last; or those given and the last. These are certified on all
+        unknowns, all others on those that contact and friction read: what factors round inside is not in that.
     check : bool
         Raise NotCertified if the certificate of a step exceeds the solver's accuracy.
     condense : bool

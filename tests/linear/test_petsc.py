@@ -256,7 +256,7 @@ def test_two_ranks_have_the_answer_of_other_linear_solvers_within_both_certifica
         one = vx.read_history(tmp_path / other)
         apart = (two.displacement - one.displacement).reshape(len(one.times), -1)
         distance = np.sqrt(np.maximum(np.einsum("si,si->s", apart, (A @ apart.T).T), 0.0))
-        bounds = one.certificate * one.trajectory.norm + two.certificate * two.trajectory.norm
+        bounds = one.certificate * one.trajectory.unit + two.certificate * two.trajectory.unit
         assert (distance <= np.cumsum(bounds)).all()
 
 

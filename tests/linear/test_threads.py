@@ -42,7 +42,7 @@ def test_two_threads_have_the_answer_of_one_within_both_certificates(condense, v
     A = pose_scene(scene, mesh).A
     apart = (two.displacement - one.displacement).reshape(len(TIMES), -1)
     energy = np.sqrt(np.maximum(np.einsum("ni,ni->n", apart, (A @ apart.T).T), 0.0))
-    bounds = one.certificate * one.trajectory.norm + two.certificate * two.trajectory.norm
+    bounds = one.certificate * one.trajectory.unit + two.certificate * two.trajectory.unit
     assert (energy <= np.cumsum(bounds)).all()
     assert two.certificate.max() <= 1e-8
     assert two.trajectory.linear == "Pardiso(threads=2)"

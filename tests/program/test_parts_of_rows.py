@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from vemcvx.arrays import EPS
-from vemcvx.linear.products import CHUNK, residual, sizes
+from vemcvx.arrays import EPS, SOME
+from vemcvx.linear.products import residual, sizes
 
 pytestmark = pytest.mark.arithmetic
-ROWS = 2 * CHUNK + 3
+ROWS = 2 * SOME + 3
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +32,7 @@ def test_residuals_are_rounded_once(K):
     y, held = np.random.default_rng(2).normal(size=(2, ROWS))
     force = K @ y + held
     found, size = residual(force, K, y, held), np.abs(force) + np.abs(held) + abs(K) @ np.abs(y)
-    for i in (0, 1, CHUNK - 1, CHUNK, 2 * CHUNK - 1, 2 * CHUNK, ROWS - 1):
+    for i in (0, 1, SOME - 1, SOME, 2 * SOME - 1, 2 * SOME, ROWS - 1):
         row = K[[i]]
         terms = (Fraction(a) * Fraction(y[j]) for j, a in zip(row.indices.tolist(), row.data.tolist(), strict=True))
         exact = Fraction(force[i]) - Fraction(held[i]) - sum(terms)

@@ -87,7 +87,7 @@ def test_records_are_kept_by_their_fields():
     ledger = Ledger(1.0, 2.0, 3.0, some, some, dissipated_second_order=4.0, worn_second_order=some)
     floats = [np.random.default_rng(k).normal(size=3) for k in range(6)]
     records = certificate, ledger, 1.5, 7, "so", 1, 0.5
-    values = (0.5, *floats[:2], None, floats[2], still, floats[4], still, *records)
+    values = (0.5, *floats[:2], None, *floats[2:4], still, floats[4], still, *records)
     state = State(**dict(zip((field.name for field in dataclasses.fields(State)), values, strict=False)))
     told = {field.name: getattr(state, field.name) for field in dataclasses.fields(state)}
     made = more(**told, inner=ledger, other=None)

@@ -1,9 +1,12 @@
 """Friction work and work of second order: beside the ledger of backward Euler, which is of first."""
 
+from dataclasses import dataclass, replace
+
 import numpy as np
 import pytest
 
 import vemcvx as vx
+from vemcvx.effects import ContactSurface, Contribution, Friction
 
 TIMES = np.linspace(0.0, 2.0, 25)
 
@@ -96,3 +99,41 @@ def test_viscous_losses_count_in_both():
     )
     history = vx.simulate(scene, vx.meshes.squares(4), TIMES)
     assert history.dissipated_second_order == pytest.approx(history.dissipated, rel=1e-9)
+
+
+@dataclass(frozen=True)
+class Polished(vx.Effect):
+    """Friction whose bound decays with the slip before the step, as in .ci/site/howto/own_law.md."""
+
+    distance: float
+
+    def contribute(self, space):
+        rows = space.part("bottom", "Polished", contact=True).node_normals
+        law = vx.Law(lambda t, p, past, slip: rows.lengths * np.exp(-past / self.distance), softening=0.0)
+        friction = replace(Friction.of(rows, "Polished"), law=law)
+        return Contribution(frictions=(friction,), surfaces=(ContactSurface.of(rows),))
+
+    def describe(self):
+        return "Polished"
+
+
+@pytest.mark.parametrize("viscous", [False, True])
+def test_friction_that_reads_the_slip_before_the_step_is_of_second_order(viscous):
+    """A block that slides as a whole by a given way a: it loses int exp(-A / d) dA = d (1 - exp(-a / d)) a length.
+
+    The bound that acts is that before the step; both its ends are those of the slips before and after it.
+    """
+    d, way = 0.3, 0.2
+    move = vx.PrescribedDisplacement(lambda x, t: np.tile([way * t, 0.0], (len(x), 1)), on="top")
+    level = vx.PrescribedDisplacement(0.0, on=["left", "right"], direction=(0.0, 1.0))
+    # So stiff that it slips all the way but for 1e-6 of it.
+    steel = (vx.Elasticity(1e6, 0.3), *([vx.Viscosity(1e-3, 1e-3)] if viscous else []))
+    scene = vx.Scene(*steel, move, level, vx.BilateralContact(on="bottom"), Polished(d))
+    truth, errors = d * (1 - np.exp(-way / d)), []
+    for steps in (8, 16):
+        history = vx.simulate(scene, vx.meshes.squares(2), np.linspace(0.0, 1.0, steps + 1))
+        errors.append(abs(history.dissipated_second_order[-1] - truth))
+        assert abs(history.dissipated[-1] - truth) > 10 * errors[-1]
+    # The trapezoidal rule: a / 12 (a / steps)^2 max |g''|.
+    assert errors[0] < way**3 / (12 * d**2 * 8**2) + 1e-5
+    assert errors[1] < way**3 / (12 * d**2 * 16**2) + 1e-5

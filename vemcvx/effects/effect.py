@@ -259,18 +259,20 @@ class Friction:
         w, law = self.weights(t), self.law
         if law is None:
             return w
-        failed = f"{self.subject}: its slip law failed when called as f(t, p, past, slip) with t = {t:.6g}"
+        failed = f"{self.subject}: its law of friction failed when called as f(t, p, past, slip) with t = {t:.6g}"
         wanted = "take the values of all rows at once and return a weight for each"
         if not law.pressed:
             wanted += "; normal forces are told where pressed=True says that it reads them"
         told = p if law.pressed else np.zeros(0)
-        added = self._of_rows(called(law.weights, (t, told, past, slip), failed, wanted), "slip law", "weights")
+        added = self._of_rows(called(law.weights, (t, told, past, slip), failed, wanted), "law of friction", "weights")
         lawful = (added >= 0) & (added < np.inf)
         if not lawful.all():
             i = int(np.argmin(lawful))
+            pressed = f", and the normal force {p[i]:.6g}" if law.pressed else ""
             raise SceneError(
                 f"{self.subject}: found the weight {added[i]:.6g} at node {self.nodes[i]} and t = {t:.6g}, where the "
-                f"slip is {past[i]:.6g} before the step and {slip[i]:.6g} in it; slip laws give finite weights >= 0."
+                f"slip is {past[i]:.6g} before the step and {slip[i]:.6g} in it{pressed}; laws of friction give finite "
+                "weights >= 0."
             )
         return w + added
 

@@ -40,7 +40,7 @@ FORMAT = "vemcvx program 1"
 STATEMENT = (
     "minimise 1/2 d'Kd - g'd + sum_i w_i |B_i d - b_i| subject to D d <= e; where a compliance c_j > 0, with "
     "(D_j d - e_j)_+^2 / (2 c_j) in place of the bound. K d = g - B'lam - D'p, |lam_i| <= w_i, p >= 0. "
-    "For any such d, lam, p: 1/2 |d - d*|_K^2 <= gap, primal less dual value."
+    "For any such d, lam, p: 1/2 |d - d*|_K^2 <= gap."
 )
 
 

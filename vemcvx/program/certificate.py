@@ -101,7 +101,10 @@ class Certificate(ArrayRecord):
 
     @cached_property
     def gap(self) -> float:
-        """1/2 |d - d*|_K^2 <= gap (up to `floor`); infinite where it is no number, which certifies nothing."""
+        """1/2 |d - d*|_K^2 <= gap (up to `floor`); infinite where it is no number, which certifies nothing.
+
+        Primal minus dual objective; where `moved` > 0 it bounds the error alone (theorem 2).
+        """
         gap = self.equilibrium + float(self.friction.sum()) + float(self.limits.sum()) + self.distance
         return moved_gap(self.moved, gap) if gap >= 0 else np.inf
 

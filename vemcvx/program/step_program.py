@@ -33,7 +33,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
-from vemcvx.arrays import EPS, Floats, brief, is_whole, lengths, of_shape, read_only
+from vemcvx.arrays import EPS, Floats, brief, is_whole, lengths, of_shape, read_only, shape_in_words
 from vemcvx.errors import SceneError, SolverFailed
 from vemcvx.outline import ArrayRecord
 from vemcvx.program.certificate import Certificate, limit_gaps, moved_gap, norm_gaps
@@ -177,8 +177,13 @@ class StepProgram(ArrayRecord):
 
     def __post_init__(self) -> None:
         """Hand out no array that may be written to: an answer is certified by them after a solver had them."""
-        for name in ("g", "w", "b", "e"):
-            object.__setattr__(self, name, read_only(np.asarray(getattr(self, name)).view()))
+        operators = self.operators
+        counts = operators.K.shape[0], operators.count, operators.B.shape[0], operators.D.shape[0]
+        for name, count in zip("gwbe", counts, strict=True):
+            array = np.asarray(getattr(self, name))
+            if array.shape != (count,):
+                raise SceneError(f"StepProgram: {name}: found {shape_in_words(array)}; wanted ({count},).")
+            object.__setattr__(self, name, read_only(array.view()))
 
     @property
     def data(self) -> tuple[Floats, Floats, Floats, Floats]:
@@ -302,8 +307,11 @@ class StepProgram(ArrayRecord):
         Raises
         ------
         SceneError
-            These are no arrays of such shapes.
+            These are no arrays of such shapes, or a weight of the program is negative, or no number.
         """
+        if not (self.w >= 0).all():
+            i = int(np.argmin(self.w >= 0))
+            raise SceneError(f"certify: found the weight {self.w[i]:.6g} of term {i}; weights are >= 0.")
         given = {"d": d} | {key: x for key, x in (("lam", lam), ("p", p)) if x is not None}
         read = {key: of_shape(x, f"certify: {key}", self.shapes[key]) for key, x in given.items()}
         return self.certificate_at(read["d"], *self.multipliers(**read))
@@ -322,17 +330,23 @@ class StepProgram(ArrayRecord):
         """The parts of the gap; of the last point they are remembered, which a solver has looked at as a rule."""
         if (point := (d.tobytes(), lam.tobytes(), p.tobytes())) not in self._seen:
             self._seen.clear()
-            self._seen[point] = self._gaps_afresh(d, lam, p)
+            equilibrium, friction, limits, moved = self._gaps_afresh(d, lam, p)
+            # Certificates hand the arrays out, and the next one of this point is made of them.
+            self._seen[point] = equilibrium, read_only(friction), read_only(limits), moved
         return self._seen[point]
 
-    def _gaps_afresh(self, d: Floats, lam: Floats, p: Floats) -> tuple[float, Floats, Floats, float]:
+    def _between(self, d: Floats, lam: Floats, p: Floats) -> tuple[float, Gaps]:
+        """The parts of primal minus dual objective (theorem 1)."""
         operators, excess = self.operators, (self.excess(d), self.excess_blur(d))
         equilibrium = 0.5 * operators.factor.energy(self.residual(d, lam, p))
         if (N := operators.kernel) is not None and np.greater(*np.abs(self._imbalance(N, lam, p))).any():
             equilibrium = np.inf
         # Where K^{-1} has lost all digits its sign is rounding; its size says so, and zero would not.
-        equilibrium = abs(equilibrium)
         parts = norm_gaps(self.w, lam, self.slip(d)), limit_gaps(operators.compliance, p, *excess)
+        return abs(equilibrium), parts
+
+    def _gaps_afresh(self, d: Floats, lam: Floats, p: Floats) -> tuple[float, Floats, Floats, float]:
+        operators, (equilibrium, parts) = self.operators, self._between(d, lam, p)
         rest = float(parts[0].sum() + parts[1].sum())
         if operators.own_columns is None and operators.factor.exact and equilibrium < rest < np.inf:
             moved, placed = self._put_in_place(parts, d, lam, p)
@@ -610,4 +624,7 @@ class SolvedProgram(StepProgram):
         value, d = self.objective(self.answer.d), np.abs(self.answer.d)
         terms = 0.5 * d @ product(self.operators.absolute, d) + np.abs(self.g) @ d
         blur = self.certificate.floor + (len(d) + 2) * EPS * float(terms + np.abs(value))
-        return value - self.certificate.gap - blur, value + blur
+        # Where that is smaller, the certificate's gap bounds the error alone (theorem 2).
+        d, lam, p = self.answer.d, self.answer.lam, self.answer.p
+        equilibrium, parts = self._between(d, *self.multipliers(d, lam, p))
+        return value - equilibrium - float(sum(part.sum() for part in parts)) - blur, value + blur

@@ -130,7 +130,7 @@ def with_dragged_friction(system: System, before: State, state: State) -> State:
         biases = terms.bias(before.t).reshape(slip.shape), terms.bias(state.t).reshape(slip.shape)
         lam = lam + np.where(still, 0.0, 1.0)[:, None] * biases[1]
     last_ones = before.dragged
-    rubbed = Rubbed(lam, along, (last_ones.weights, weights), biases)
+    rubbed = Rubbed(lam, along, weights, (last_ones.weights, weights), biases)
     worn, between = last_ones.worn + rubbed.loss, last_ones.worn_second_order + rubbed.loss_second_order
     ledger, total = state.ledger, float(rubbed.loss.sum())
     ledger = replace(

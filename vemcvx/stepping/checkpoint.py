@@ -64,10 +64,10 @@ def mark_of_data(system: System, t: float) -> int:
 def _followed(system: System, weights: Callable[..., Floats], t: float, terms: Norms | DraggedTerms) -> list[Floats]:
     """Weights (m,) as they follow forces and slips; none where a law refuses what need not come up.
 
-    A nodal force of each size shows cohesion, coefficient and cap; likewise the slip before a step, and in it.
+    Nodal forces of some sizes show cohesion, coefficient, cap and most tables; likewise slips before a step, and in it.
     """
     found = []
-    for size in (0.0, 1e-150, 1.0, 1e150):
+    for size in (0.0, 1e-150, *10.0 ** np.arange(-6, 13, 3), 1e150):
         for slip in (0.0, 1e-9, 1e-6, 1e-3, 1.0) if terms.remembers else (0.0,):
             slips = np.full(terms.count, slip)
             with suppress(SceneError):

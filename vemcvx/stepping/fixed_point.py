@@ -251,7 +251,8 @@ class DependentStep:
         i = int(np.argmax(np.abs(change)))
         place, stability = self.norms.name(i), self.run.stability
         stated = "" if stability is None else f" (softening over stiffness is {stability.rho:.3g} of the 1 it may be)"
-        return f"weights still change, at {place} from {last.weights[i]:.3g} to {own.weights[i]:.3g}{stated}"
+        by = abs(float(own.weights[i] - last.weights[i]))
+        return f"weights still change, at {place} by {by:.1e} of {last.weights[i]:.3g}{stated}"
 
     @property
     def advice(self) -> str:
@@ -325,6 +326,7 @@ def resolved(step: DependentStep) -> State:
 
 def _not_contracting(step: DependentStep, t: float, rate: float, why: str) -> NotContracting:
     how = f"contracts with the rate {rate:.3g} only" if rate >= 0.5 else "does not settle"
+    how = f"does not contract, increments grow by the factor {rate:.3g}" if rate > 1.0 else how
     message = f"step {step.n} at t = {t:.6g}: {step.subject} {how}: {why}."
     return NotContracting(f"{message} {step.advice}", step=step.n, time=t, rate=rate)
 

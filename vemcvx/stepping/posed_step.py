@@ -31,7 +31,7 @@ from functools import cached_property, partial
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.arrays import EPS, Bools, Floats, columns, lengths, power_of_two
+from vemcvx.arrays import EPS, SAME, Bools, Floats, columns, lengths, power_of_two
 from vemcvx.errors import NotCertified, SceneError
 from vemcvx.linear import residual
 from vemcvx.program.certificate import Certificate, limit_gaps, norm_gaps
@@ -318,7 +318,8 @@ class PosedStep:
         answer = Answer(d, lam, answer.iterations, answer.status, safeguards=answer.safeguards, p=answer.p)
         before, operators, y, slip = self.before, self.run.operators, self.before.y + d, self.program.slip(d)
         unbalanced = self.program.g + operators.rows.force_of(self.data.bias) - operators.force(d)
-        rubbed = Rubbed(lam, slip, (before.weights, self.program.w), (before.bias, self.bias))
+        w, bound = self.program.w, bound_after(self, self.program.w, answer.p, slip)
+        rubbed = Rubbed(lam, slip, w, (before.bound, bound), (before.bias, self.bias))
         ledger = advance(
             self.run.condensation, before.ledger, (before.data, self.data), y, answer=answer, rubbed=rubbed
         )
@@ -330,7 +331,8 @@ class PosedStep:
             y=y,
             unbalanced=unbalanced,
             data=self.data,
-            weights=self.program.w,
+            weights=w,
+            bound=bound,
             lam=lam,
             p=answer.p,
             slip=slip,
@@ -345,6 +347,15 @@ class PosedStep:
             earlier=Earlier(before.t, before.lam, before.p, before.y),
             dragged=before.dragged,
         )
+
+
+def bound_after(attempt: PosedStep, w: Floats, p: Floats, slip: Floats) -> Floats:
+    """The weights (m,) at the slips after a step of such weights: those ahead of a law that reads past slips alone."""
+    norms, t, past = attempt.run.system.norms, attempt.data.t, attempt.before.ledger.slipped
+    if norms is None or not norms.remembers:
+        return w
+    alone = np.abs(norms.weights_under(t, p, past) - w) <= SAME * w
+    return np.where(alone, norms.weights_under(t, p, past + lengths(slip)), w)
 
 
 def certified_in_full(run: PreparedRun, state: State, lost: sp.csr_matrix | None = None) -> State:
@@ -429,7 +440,8 @@ def refined_state(attempt: PosedStep, state: State) -> State:
     own = replace(state.certificate, equilibrium=0.0, friction=friction, limits=over, distance=away, moved=0.0)
     answer = state.answer(state.y - before.y + moved, lam, p)
     between, ends = (before.data, state.data), (before.unknowns, y)
-    rubbed = Rubbed(lam, slip, (before.weights, state.weights), (before.bias, state.bias))
+    bound = bound_after(attempt, state.weights, p, slip)
+    rubbed = Rubbed(lam, slip, state.weights, (before.bound, bound), (before.bias, state.bias))
     ledger = advance_in_full(run.system, before.ledger, between, ends, answer=answer, rubbed=rubbed)
     return replace(
         state,
@@ -442,6 +454,7 @@ def refined_state(attempt: PosedStep, state: State) -> State:
         certificate=full_certificate(run.condensation, force, y, forces, own),
         ledger=ledger,
         scale=float(np.maximum(before.scale, ledger.norm)),
+        bound=bound,
     )
 
 

@@ -13,8 +13,8 @@ identity   work - dE - loss = 1/2 a(du, du) + p . dz  step by step, for every ba
            the last term is -p . z_prev >= 0; for soft limits, less the change of their energy, at least c (dp)^2 / 2
 
 Between the instants. Forces at the end of a step do O(k) too much work, even where the states at both ends are exact,
-and friction whose bound changes in a step loses O(k) too much or too little. Of second order are, with weights w and
-biases c averaged over both ends of a step,
+and friction whose bound changes in a step loses O(k) too much or too little. Of second order are, with weights w (of
+laws that read slips, at the slips of the instants) and biases c averaged over both ends of a step,
 
 loss       = sum_i ( (w_i + w_i,prev) / 2 |s_i| + (c_i + c_i,prev) / 2 . s_i )     what slips is at its bound
 work       = E - E_0 + loss                                                        the balance of the continuum
@@ -145,11 +145,13 @@ class Ledger:
 
 @dataclass(frozen=True)
 class Rubbed:
-    """Friction in a step: multipliers and slips (m, block), weights (m,) and biases (m, block) at both its ends."""
+    """Friction in a step: multipliers and slips (m, block), weights (m,) of the step, and bounds at both its ends."""
 
     lam: Floats  # c + lam of the program, at the end of the step
     slip: Floats
-    weights: tuple[Floats, Floats]  # before and after the step
+    weights: Floats
+    bounds: tuple[Floats, Floats]
+    """(m,) weights at the slips of both ends: those of a step may be of the slip before it"""
     biases: tuple[Floats, Floats]
 
     @cached_property
@@ -160,18 +162,18 @@ class Rubbed:
 
     @property
     def loss_second_order(self) -> Floats:
-        """(m,) the loss with weights and biases averaged over both ends of the step.
+        """(m,) the loss with bounds and biases averaged over both ends of the step.
 
         (lam - c) . s is w |s| but for rounding, and stays small where a slip is rounding under a large weight.
         """
-        (before, after), (bias_before, bias) = self.weights, self.biases
+        (before, after), (bias_before, bias), w = self.bounds, self.biases, self.weights
         tilted = bias_before.any() or bias.any()
         rubs = np.einsum("mb,mb->m", self.lam - bias, self.slip) if tilted else self.loss
-        if not tilted and np.array_equal(before, after):
+        if not tilted and np.array_equal(before, w) and np.array_equal(after, w):
             return rubs
-        # |s|, by the forces that slip takes; by itself where the bound has vanished at the end of the step.
-        way = np.divide(rubs, after, out=lengths(self.slip).copy(), where=after > 0)
-        loss: Floats = 0.5 * rubs + 0.5 * before * way
+        # |s|, by the forces that slip takes; by itself where the weight has vanished at the end of the step.
+        way = np.divide(rubs, w, out=lengths(self.slip).copy(), where=w > 0)
+        loss: Floats = 0.5 * (before + after) * way
         if tilted:
             loss = loss + np.einsum("mb,mb->m", 0.5 * (bias_before + bias), self.slip)
         return np.maximum(loss, 0.0)
@@ -454,7 +456,8 @@ class State:
     y: Floats  # (m,)
     unbalanced: Floats  # (m,) load - K y, which norm terms and limits balance
     data: StepData
-    weights: Floats  # (m,) of the friction bounds
+    weights: Floats  # (m,) of the step that led here
+    bound: Floats  # (m,) weights at the slip after it, where a law reads slips
     lam: Floats
     p: Floats  # (r,) forces of the limits
     slip: Floats  # (m, block) s of the step that led here
@@ -483,6 +486,7 @@ class State:
             unbalanced=data.force.retained - operators.force(y),
             data=data,
             weights=weights,
+            bound=weights,
             lam=nothing,
             p=none,
             slip=nothing,

@@ -206,4 +206,5 @@ def _rest(run: PreparedRun, before: State, now: StepData) -> State:
         scale=before.scale,
         size=before.size,
         dragged=before.dragged,
+        bound=before.bound,
     )

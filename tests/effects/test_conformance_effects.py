@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ from cohesive_interface import Glue
 from slip_weakening import SlipWeakening
 from vemcvx.effects import Contribution
 from vemcvx.testing import EffectSample, Other, effect_suite
-from vemcvx.testing.effects import answer, mesh
+from vemcvx.testing.effects import answer, has_the_slope_of_its_law, mesh
 
 OTHER_FIELDS = {"on", "direction", "plane", "stabilisation", "quadrature", "stiffness", "at", "while_closed"}
 """Fields of effects that carry no data f(x, t)."""
@@ -366,3 +366,19 @@ def test_an_effect_of_ones_own_runs_beside_the_others():
     assert np.abs(soft.displacement - plain.displacement).max() < 1e-13 * np.abs(plain.displacement).max()
     left = hard.mesh.points[:, 0] == 0
     assert np.abs(hard.displacement[-1, left, 0]).max() < 1e-3 * np.abs(plain.displacement[-1, left, 0]).max()
+
+
+class Slanted(vx.CoulombFriction):
+    """Coulomb's law, whose slope is said to be a tenth of what it is."""
+
+    def contribute(self, space):
+        part = super().contribute(space)
+        (friction,) = part.frictions
+        law = replace(friction.law, slope=lambda t, p, past: 0.1 * friction.law.slope(t, p, past))
+        return replace(part, frictions=(replace(friction, law=law),))
+
+
+def test_a_wrong_slope_breaks_a_promise():
+    has_the_slope_of_its_law(EffectSample(vx.CoulombFriction(0.3, on="bottom"), ()))
+    with pytest.raises(AssertionError):
+        has_the_slope_of_its_law(EffectSample(Slanted(0.3, on="bottom"), ()))

@@ -7,6 +7,7 @@ import pytest
 
 import vemcvx as vx
 from vemcvx.effects import ContactSurface, Contribution, Friction
+from vemcvx.scene import pose_scene
 
 TIMES = np.linspace(0.0, 2.0, 25)
 
@@ -137,3 +138,29 @@ def test_friction_that_reads_the_slip_before_the_step_is_of_second_order(viscous
     # The trapezoidal rule: a / 12 (a / steps)^2 max |g''|.
     assert errors[0] < way**3 / (12 * d**2 * 8**2) + 1e-5
     assert errors[1] < way**3 / (12 * d**2 * 16**2) + 1e-5
+
+
+def rub(x, t):
+    return np.tile([0.06 * np.sin(5 * t), -0.02 * np.sin(2 * t)], (len(x), 1))
+
+
+def rising(x, t):
+    return np.full(len(x), 1.0 + t)
+
+
+@pytest.mark.parametrize("backward", [None, 0.3])
+def test_loss_has_the_mean_of_the_bounds_of_both_ends(backward):
+    friction = vx.TrescaFriction(rising, on="bottom", backward=backward)
+    top = vx.PrescribedDisplacement(rub, on="top")
+    scene = vx.Scene(vx.Elasticity(200.0, 0.3), vx.BilateralContact(on="bottom"), friction, top)
+    mesh = vx.meshes.squares(3)
+    times = np.linspace(0.0, 1.0, 7) ** 1.2
+    run = vx.simulate(scene, mesh, times, solver=vx.Newton()).trajectory
+    system = pose_scene(scene, mesh).system
+    given = np.array([system.prescribed_slip(t) for t in times])
+    slip = np.diff(run.state @ system.B.T.toarray() + given, axis=0)
+    bias, w = np.array([system.bias(t) for t in TIMES]), run.weights
+    loss = 0.5 * (w[1:] + w[:-1]) * np.abs(slip) + 0.5 * (bias[1:] + bias[:-1]) * slip
+    # Sums of 7 products, each to a few roundings.
+    assert np.abs(np.diff(run.worn_second_order, axis=0) - loss).max() < 1e-12 * loss.sum()
+    assert run.dissipated_second_order[-1] < 0.98 * run.dissipated[-1]  # the bound has grown

@@ -234,6 +234,19 @@ def contributes_finite_arrays_that_fit_the_space(sample: EffectSample) -> None:
             friction.weights_under(1.0, slip, slip, slip)
 
 
+def has_the_slope_of_its_law(sample: EffectSample) -> None:
+    """It is that of differences towards larger normal forces: a wrong one turns bounds into estimates."""
+    for friction in sample.effect.contribute(Space(sample.mesh(2))).frictions:
+        m = len(friction.nodes)
+        past, none = np.linspace(0.0, 1.0, m), np.zeros(m)
+        for size in (1e-3, 1.0, 1e3) if friction.law is not None and friction.law.slope is not None else ():
+            p, step = size * np.linspace(1.0, 2.0, m), 1e-6 * size
+            w, ahead = (friction.weights_under(1.0, forces, past, none) for forces in (p, p + step))
+            # Of a law that bends over forces of this size a difference is off by a millionth, and w rounds by 1e-10.
+            off = (ahead - w) / step - friction.slope_under(1.0, p, past)
+            assert (np.abs(off) <= 1e-4 * (w / size + np.abs(ahead - w) / step)).all()
+
+
 def _units(vectors: Floats) -> bool:
     return bool(np.abs(np.linalg.norm(vectors, axis=1) - 1).max() < 4 * np.finfo(float).eps)
 
@@ -377,6 +390,7 @@ SENTENCES: tuple[Callable[[EffectSample], None], ...] = (
     contributes_the_same_arrays_when_asked_twice,
     remembers_no_mesh,
     contributes_finite_arrays_that_fit_the_space,
+    has_the_slope_of_its_law,
     names_an_unknown_boundary_and_what_exists,
     names_an_unknown_cell_datum_and_what_exists,
     takes_a_name_or_a_list_of_names,

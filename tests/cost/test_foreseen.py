@@ -115,7 +115,7 @@ def test_long_runs_are_announced(monkeypatch, tmp_path):
     monkeypatch.setattr(command, "EVERY", 0.01)
     code, said = call("run", "feng_han_huang", "--n", "65", "--steps", "2", "--store", "last")
     assert code == 0, said
-    assert "foreseen    4,200 cells, 8,700 unknowns: 0.1" in said
+    assert "foreseen    4,200 cells, 8,700 unknowns: 0.0" in said
     assert "foreseen" not in call("run", "feng_han_huang", "--n", "16", "--steps", "2")[1]
     # A problem that cannot make coarse meshes, or has a mesh of its own, is run as it is.
     (tmp_path / "own.py").write_text(

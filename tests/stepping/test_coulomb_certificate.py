@@ -20,7 +20,7 @@ import vemcvx as vx
 from vemcvx.scene import pose_scene
 from vemcvx.solvers.newton import independent
 from vemcvx.stepping.backward_euler import QuasistaticSteps
-from vemcvx.stepping.state import step_data
+from vemcvx.stepping.ledger import step_data
 
 ROUNDING = 3e-11
 """Relative energy error of the reference: its programs are certified to 1e-11."""

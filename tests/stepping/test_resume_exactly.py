@@ -24,7 +24,8 @@ from vemcvx.program.operators import Norms
 from vemcvx.program.system import Damping, DraggedTerms, Limits, Motion, System
 from vemcvx.stepping import trajectory
 from vemcvx.stepping.checkpoint import mark_of_data
-from vemcvx.stepping.state import Ledger, State
+from vemcvx.stepping.ledger import Ledger
+from vemcvx.stepping.state import State
 from vemcvx.weight_law import Law
 
 SECONDS = ("seconds", "mesh", "scene")

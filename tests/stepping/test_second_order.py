@@ -159,7 +159,7 @@ def test_loss_has_the_mean_of_the_bounds_of_both_ends(backward):
     system = pose_scene(scene, mesh).system
     given = np.array([system.prescribed_slip(t) for t in times])
     slip = np.diff(run.state @ system.B.T.toarray() + given, axis=0)
-    bias, w = np.array([system.bias(t) for t in TIMES]), run.weights
+    bias, w = np.array([system.bias(t) for t in times]), run.weights
     loss = 0.5 * (w[1:] + w[:-1]) * np.abs(slip) + 0.5 * (bias[1:] + bias[:-1]) * slip
     # Sums of 7 products, each to a few roundings.
     assert np.abs(np.diff(run.worn_second_order, axis=0) - loss).max() < 1e-12 * loss.sum()

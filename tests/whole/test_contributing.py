@@ -169,6 +169,8 @@ def contributed(tmp_path_factory):
     insert("vemcvx/__init__.py", "from vemcvx.effects import (", "Robin, ")
     insert("vemcvx/__init__.py", "__all__ = [", '"Robin", ')
     insert("tests/effects/test_conformance_effects.py", "SAMPLES = {\n", ROBIN_SAMPLE)
+    in_space = ROBIN_SAMPLE.replace("(0.0, 0.0)", "(0.0, 0.0, 0.0)").replace('"support": 2', '"support": 3')
+    insert("tests/effects/test_conformance_in_space.py", "SAMPLES = {\n", in_space)
     insert("tests/whole/test_wrong_kinds.py", "MADE = [\n", ROBIN_MADE)
     insert("vemcvx/meshes/__init__.py", '"""\n\n', "from vemcvx.meshes.families.bricks import bricks\n")
     insert("vemcvx/meshes/__init__.py", "\nFAMILIES = {", LINES["vemcvx/meshes/families/bricks.py"])

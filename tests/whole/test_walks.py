@@ -191,7 +191,7 @@ WALKS = {
     "u, from the answer to a step to a VTU file": (
         displacement_to_file,
         "program/step_program.py program/operators.py program/condensation.py linear/superlu.py "
-        "linear/products.py results/contact.py vem/elasticity.py simulation.py history.py",
+        "linear/products.py stepping/ledger.py results/contact.py vem/elasticity.py simulation.py history.py",
     ),
 }
 """What is traced, and the files beside the way: they use the number, or give it back to who called them."""
@@ -202,12 +202,12 @@ LENGTHS = {
     bound_to_newton: (("solvers/newton.py", "answer_on"), 9, 3),
     young_to_stiffness: (("program/system.py", "System.__post_init__"), 6, 1),
     accuracy_to_option: (("solvers/conic.py", "OfGap.at"), 11, 4),
-    displacement_to_file: (("meshes/io/vtk.py", "write_cells"), 15, 6),
+    displacement_to_file: (("meshes/io/vtk.py", "write_cells"), 16, 6),
     coefficient_to_certificate: (None, 6, 4),
     pair_to_files: (("results/files.py", "write_archive"), 8, 3),
 }
 """How many files a number stands in on its way to where it is used up, and how often one returns to a file on it."""
-ENTERED = 44
+ENTERED = 45
 """Files of which the README's example calls functions: where PARDISO factorises, and with SuperLU alone."""
 
 

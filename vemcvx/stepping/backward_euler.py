@@ -53,19 +53,9 @@ from vemcvx.program.step_program import Answer
 from vemcvx.program.system import DRAG_ROUNDING, System
 from vemcvx.solvers import Solver, Solves, as_solver
 from vemcvx.stepping.fixed_point import refined_step, solved
+from vemcvx.stepping.ledger import Ledger, Rubbed, StepData, energy, energy_in_full, strain_energy
 from vemcvx.stepping.posed_step import PosedStep, certified_in_full, data_norms, pose_step, require_certified
-from vemcvx.stepping.state import (
-    Dragged,
-    Ledger,
-    PreparedRun,
-    Rubbed,
-    State,
-    StepData,
-    energy,
-    energy_in_full,
-    prepare,
-    strain_energy,
-)
+from vemcvx.stepping.state import Dragged, PreparedRun, State, prepare
 from vemcvx.stepping.trajectory import Memory, Recorder, Storage, Trajectory, stored_steps
 from vemcvx.stepping.viscous import ViscousSteps
 

@@ -51,7 +51,8 @@ from vemcvx.program.tolerances import SHARE
 from vemcvx.solvers import Solver
 from vemcvx.solvers.newton import Shifts
 from vemcvx.solvers.solver import named_failures
-from vemcvx.stepping.state import Earlier, PreparedRun, Rubbed, State, StepData, advance, advance_in_full
+from vemcvx.stepping.ledger import Rubbed, StepData, advance, advance_in_full
+from vemcvx.stepping.state import Earlier, PreparedRun, State
 
 log = logging.getLogger("vemcvx")
 

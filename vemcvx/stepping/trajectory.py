@@ -172,7 +172,7 @@ class Trajectory(ArrayRecord):
         Cumulative sum of lam_i . s_i, which is w_i |s_i| + c_i . s_i at a solution, and of what damping loses.
     dissipated_second_order : (N + 1,) array
         Likewise with the weights of both ends of every step: of second order in their length, where `dissipated` is of
-        first (:mod:`vemcvx.stepping.state`).
+        first (:mod:`vemcvx.stepping.ledger`).
     worn_second_order : (S, m) array
         Of `worn`, likewise.
     work : (N + 1,) array

@@ -32,16 +32,9 @@ from vemcvx.program.condensation import rounding
 from vemcvx.program.system import Damping
 from vemcvx.program.tolerances import SHARE
 from vemcvx.stepping.fixed_point import solved
+from vemcvx.stepping.ledger import Ledger, StepData, energy_in_full, in_range
 from vemcvx.stepping.posed_step import PosedStep, certified_in_full, data_norms, pose_step, require_certified
-from vemcvx.stepping.state import (
-    Ledger,
-    PreparedRun,
-    State,
-    StepData,
-    energy_in_full,
-    in_range,
-    prepare,
-)
+from vemcvx.stepping.state import PreparedRun, State, prepare
 
 
 class ViscousSteps:

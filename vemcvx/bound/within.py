@@ -51,10 +51,13 @@ from vemcvx.stepping.course import ACROSS
 
 log = logging.getLogger("vemcvx")
 PASSES, THETA, TIMES_AS_MANY, LOOKED = 8, 0.85, 2.0, 16
-"""How often cells are split, and steps of a path halved, at most: those that have the part THETA of what y grows by, as
-long as there are no more than TIMES_AS_MANY times those of the run, and FEW cells; looked at at so many instants."""
+"""How often cells are split at most, those that have this part of what y grows by, as long as there are no more than
+TIMES_AS_MANY times those of the run, and FEW; looked at at so many instants."""
 FEW = 256
 """Without these, bounds of a sine in 8 steps on 8 x 8 squares were .045, not .039."""
+HALVINGS, LONGER = 2, 3.0
+"""How often steps of a path are halved at most, as long as there are no more than LONGER times those at first. Halved
+PASSES times, up to twice as many, the path of a pulse between instants had a bound of .120 of an error of .122."""
 ENOUGH = 0.3
 """Part of the largest |r| of the run's cells below which sums of |r_n - r_{n-1}| are left alone: at .5 bounds of a ramp
 in 4 steps on 4 x 4 squares were 1.6 times the error, not 1.2."""
@@ -224,8 +227,8 @@ def _finer(within: Within, history: History, instants: Floats, growth: Growth) -
 
 def _shorter(within: Within, history: History, instants: Floats, unit: float) -> list[Instant]:
     """A path with these instants, and those between where friction lacks most, until (2 D)^{1/2} is |r| at most."""
-    path, most, least = within.path(history, instants), TIMES_AS_MANY * len(instants), 4.0 * ACROSS * np.ptp(instants)
-    for _ in range(PASSES):
+    path, most, least = within.path(history, instants), LONGER * len(instants), 4.0 * ACROSS * np.ptp(instants)
+    for _ in range(HALVINGS):
         lacking = within.lacking(path)
         lacking[np.diff(instants) < least] = 0.0
         if np.sqrt(2.0 * lacking.sum()) <= unit or len(instants) > most:

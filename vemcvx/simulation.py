@@ -21,7 +21,6 @@ from vemcvx.errors import WORTH_A_WORD, SceneError
 from vemcvx.history import History
 from vemcvx.linear import LinearSolver
 from vemcvx.meshes import AnyMesh, PolygonMesh, PolyhedralMesh
-from vemcvx.meshes.polygons import smallest_linked
 from vemcvx.outline import coordinates
 from vemcvx.program import SolvedProgram
 from vemcvx.results.results import Results, loop_of, record, with_origin
@@ -430,7 +429,7 @@ def warn_of_large_strains(posed: PosedScene, results: Results) -> None:
     count = len(results.stored)
     energies = results.energy
     rows = np.unique([*np.linspace(0, count - 1, min(16, count)).astype(int), int(np.argmax(energies))])
-    found = [*_strains(posed.space, results, rows), *_motions(results, rows), *_slips(results, rows)]
+    found = [*_strains(posed.space, results, rows), *_motions(posed.space, results, rows), *_slips(results, rows)]
     if not found:
         return
     said = f"small strains are left: {'; '.join(words for _, words in found)}."
@@ -455,23 +454,21 @@ def _strains(space: Space, results: Results, rows: Ints) -> Iterator[Found]:
         yield float(size[k]), f"a strain of {size[k]:.2g} {_where(results, mesh.centroids[k], row)}"
 
 
-def _motions(results: Results, rows: Ints) -> Iterator[Found]:
-    """The largest difference of displacements in a body: what all of it moves by strains nothing."""
-    mesh = results.mesh
-    body = _bodies(mesh)
-    order = np.argsort(body, kind="stable")
-    begin = np.flatnonzero(np.diff(body[order], prepend=-1))
+def _motions(space: Space, results: Results, rows: Ints) -> Iterator[Found]:
+    """The largest difference of displacements in a piece: what all of it moves by strains nothing."""
+    mesh, (piece, node) = results.mesh, space.pieces
+    begin = np.flatnonzero(np.diff(piece, prepend=-1))
 
     def extent(values: Floats) -> Floats:
-        """(bodies,) the diagonal of the box around values (n_nodes, dim) of each body."""
-        low, high = (of.reduceat(values[order], begin, axis=0) for of in (np.minimum, np.maximum))
-        return np.linalg.norm(high - low, axis=1)
+        """(pieces,) the diagonal of the box around values (n_nodes, dim) of each piece."""
+        own = values[node]
+        return np.linalg.norm(np.maximum.reduceat(own, begin) - np.minimum.reduceat(own, begin), axis=1)
 
     size = extent(mesh.points)
     parts = np.array([extent(results.displacement[row]) for row in rows.tolist()]) / size
     # Differences are the diagonal of their box at most, and its longest edge at least.
     near = np.argwhere(parts >= max(WORTH_A_WORD, parts.max() / np.sqrt(mesh.points.shape[1])))
-    nodes, largest = np.split(order, begin[1:]), (0.0, "")
+    nodes, largest = np.split(node, begin[1:]), (0.0, "")
     for at, one in near.tolist():
         row = int(rows[at])
         u = results.displacement[row][nodes[one]]
@@ -519,16 +516,6 @@ def _slips(results: Results, rows: Ints) -> Iterator[Found]:
             f"a slip of {slip[row, k]:.3g} between bodies whose edges of contact there are {edge[k]:.3g} long "
             f"{_where(results, contact.points[joined[k]], int(rows[row]))}",
         )
-
-
-def _bodies(mesh: AnyMesh) -> Ints:
-    """A number (n_nodes,) for each node, the same for all of one connected body."""
-    if isinstance(mesh, PolygonMesh):
-        offsets, chain = mesh.offsets, mesh.vertices
-    else:
-        offsets, chain = mesh.face_offsets, mesh.face_vertices
-    first = np.repeat(chain[offsets[:-1]], np.diff(offsets))
-    return smallest_linked(np.column_stack([first, chain]), mesh.n_nodes)
 
 
 def _where(results: Results, place: Floats, row: int) -> str:

@@ -259,15 +259,17 @@ class SolvedForces:
         return math.sqrt(entries @ entries), math.sqrt(done @ done)
 
     def _on_loaded(self, phi: Floats, rows: Ints | None) -> Floats:
-        """A force on the unknowns that any force loads; those that it is the first to load join them."""
-        some = np.flatnonzero(phi)
-        rows, phi = some if rows is None else rows[some], phi[some]
-        if (self._place[rows] < 0).any():
+        """A force on the unknowns that any force may load; those that it is the first to load join them."""
+        if rows is None:
+            rows = np.flatnonzero(phi)
+            phi = phi[rows]
+        place = self._place[rows]
+        if (place < 0).any():
             before, self._loaded = self._loaded, np.union1d(self._loaded, rows)
             self._place[self._loaded] = np.arange(len(self._loaded))
-            place, count = self._place[before], len(self._loaded)
-            self._basis = [(spread(q, place, count), a, b, one) for q, a, b, one in self._basis]
-        return spread(phi, self._place[rows], len(self._loaded))
+            moved, count, place = self._place[before], len(self._loaded), self._place[rows]
+            self._basis = [(spread(q, moved, count), a, b, one) for q, a, b, one in self._basis]
+        return spread(phi, place, len(self._loaded))
 
 
 class Held:

@@ -142,7 +142,7 @@ def floating_motions(
     `friction` (rows, n) is what norm terms and limits feel of the free unknowns, `springs` (n_u, n_u) stiffness that is
     no material's. SceneError names a motion of a connected part that meets neither strain nor friction.
     """
-    piece, node = _pieces(space)
+    piece, node = space.pieces
     count = np.bincount(node, minlength=space.mesh.n_nodes)
     R = _motions(piece, node, space.mesh.points)
     k, dim = R.shape[1] // (piece.max() + 1), space.mesh.points.shape[1]
@@ -266,17 +266,6 @@ def _connected(piece: Ints, node: Ints, sites: Ints, springs: sp.csr_matrix | No
         joined = joined + joined @ sp.csr_matrix((np.ones(entries.nnz), ends), shape=(n, n))
     parts, label = connected_components(joined @ joined.T, directed=False)
     return parts, label.astype(np.int64)
-
-
-def _pieces(space: Space) -> tuple[Ints, Ints]:
-    """Every (piece, node) pair, by piece: pieces are the sets of cells that edges, in space faces, join."""
-    mesh, (cell, node) = space.mesh, space.incidences
-    one, other = space.neighbours.T
-    graph = sp.csr_matrix((np.ones(len(one)), (one, other)), shape=(mesh.n_cells, mesh.n_cells))
-    label = connected_components(graph, directed=False)[1].astype(np.int64)
-    shape = (mesh.n_nodes, int(label.max()) + 1)
-    pairs = sp.csr_matrix((np.ones(len(node), dtype=np.int8), (node, label[cell])), shape=shape).tocsc()
-    return np.repeat(np.arange(shape[1]), np.diff(pairs.indptr)), pairs.indices.astype(np.int64)
 
 
 def _motions(piece: Ints, node: Ints, points: Floats) -> Matrix:

@@ -390,8 +390,8 @@ class Recorder:
         self._marks = fixed_marks(run, times, kept, initial) if storage.lasting else {}
         self._sums = dict.fromkeys(self._shapes, 0)
         self._saved = time.perf_counter()
-        every, several = len(kept) == len(times), run.condensation.linear.cores > 1
-        self._most, self._waiting = TOGETHER if every and several else 1, list[tuple[int, State]]()
+        every, direct = len(kept) == len(times), run.condensation.linear.eliminates
+        self._most, self._waiting = TOGETHER if every and direct else 1, list[tuple[int, State]]()
 
     @property
     def _shapes(self) -> dict[str, tuple[tuple[int, ...], type]]:
@@ -448,8 +448,8 @@ class Recorder:
     def add(self, n: int, state: State) -> None:
         """Enter the state after step `n`; with the initial one, 0, a new run begins.
 
-        Where the linear solver takes several threads and every step is kept, states wait for each other: certified
-        together, those of 131,000 unknowns take two thirds of the time. Where rows last they wait for BETWEEN at most.
+        Where K is factorised and every step is kept, states wait for each other: certified together they take a third
+        of the time. Where rows last they wait for BETWEEN at most.
 
         NotCertified where the answer of a kept step, of this one or of one that waited, does not hold on the full
         system.

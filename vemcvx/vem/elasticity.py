@@ -410,12 +410,14 @@ def strains(space: Space, u: Floats) -> Floats:
     for group in space.groups:
         for chunk in group.chunks(CHUNK):
             measures, g = chunk.gradients()
-            v = u[chunk.nodes]
+            v = u.take(chunk.nodes, axis=0)
             # Differences from a vertex: a rigid translation much larger than the deformation costs no digits.
-            v -= v[:, :1]
-            slope = np.matmul(v.transpose(0, 2, 1), g) / measures[:, None, None]
+            v -= v[:, :1].copy()
             for k, (a, b) in enumerate(COMPONENTS[dim]):
-                result[chunk.cells, k] = slope[:, a, a] if a == b else slope[:, a, b] + slope[:, b, a]
+                sums = np.einsum("ci,ci->c", v[:, :, a], g[:, :, b])
+                if a != b:
+                    sums += np.einsum("ci,ci->c", v[:, :, b], g[:, :, a])
+                result[chunk.cells, k] = sums / measures
     return result
 
 

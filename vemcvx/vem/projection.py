@@ -216,8 +216,9 @@ class CellGroup:
         Differences of neighbouring coordinates are exact, products of coordinates near 1e6 are not: with
         this origin a body far away from the origin loses nothing more than its points were rounded by.
         """
-        corners = self.points[self.nodes]
-        return read_only(corners - corners[:, :1])
+        corners = self.points.take(self.nodes, axis=0)  # in half the time of an index
+        corners -= corners[:, :1].copy()
+        return read_only(corners)
 
     @property
     def simplices(self) -> bool:

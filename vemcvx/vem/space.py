@@ -12,6 +12,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.csgraph import connected_components
 
 from vemcvx.arrays import Bools, Ints, read_only
 from vemcvx.errors import SceneError
@@ -78,6 +80,16 @@ class Space:
         if isinstance(mesh, PolyhedralMesh):
             return mesh.face_cells[mesh.face_cells[:, 1] >= 0]
         return mesh.neighbours
+
+    @cached_property
+    def pieces(self) -> tuple[Ints, Ints]:
+        """All pairs of a piece, which are the sets of cells that edges, in space faces, join, and one of its nodes."""
+        mesh, (cell, node) = self.mesh, self.incidences
+        graph = sp.csr_matrix((np.ones(len(self.neighbours)), self.neighbours.T), shape=(mesh.n_cells, mesh.n_cells))
+        label = connected_components(graph, directed=False)[1].astype(np.int64)
+        shape = (mesh.n_nodes, int(label.max()) + 1)
+        pairs = sp.csr_matrix((np.ones(len(node), dtype=np.int8), (node, label[cell])), shape=shape).tocsc()
+        return np.repeat(np.arange(shape[1]), np.diff(pairs.indptr)), pairs.indices.astype(np.int64)
 
     def require_plane(self, subject: str, instead: str) -> None:
         """Raise SceneError on polyhedra: `subject` is of plane bodies only; `instead` says what to do."""

@@ -1,4 +1,4 @@
-"""Steps on several threads, certified in full eight at a time: the same certificates, errors and resumed runs."""
+"""Steps certified in full eight at a time: the same certificates, errors and resumed runs."""
 
 from __future__ import annotations
 
@@ -21,18 +21,8 @@ from vemcvx.stepping.backward_euler import first_state, states_of, steps_of
 from vemcvx.stepping.posed_step import TOGETHER, certified_in_full, certified_together
 from vemcvx.stepping.state import prepare
 
-
-@dataclasses.dataclass(frozen=True)
-class Several(vx.SuperLU):
-    """One thread that says it were two: the digits of what is on retained unknowns alone are those of SuperLU."""
-
-    @property
-    def cores(self):
-        return 2
-
-
-LINEAR = [pytest.param(Several(), id="two"), pytest.param(vx.Pardiso(threads=2), id="PARDISO", marks=threaded)]
-ON_ALL = {"state", "velocity", "initial", "gap", "floor", "sticking", "stuck", "seconds", "linear"}
+LINEAR = [vx.SuperLU(), pytest.param(vx.Pardiso(threads=2), id="PARDISO", marks=threaded)]
+ON_ALL = {"state", "velocity", "initial", "gap", "floor", "sticking", "stuck", "seconds"}
 """Of a trajectory, what is of all unknowns, or of certificates that are."""
 
 
@@ -54,8 +44,10 @@ def run_of(linear, n=6, effects=None):
 @pytest.mark.long
 @pytest.mark.filterwarnings("ignore::vemcvx.SceneWarning")
 @pytest.mark.parametrize("name", KINDS)
-def test_runs_of_every_kind_are_those_of_steps_one_by_one(name):
-    alone, together = (KINDS[name].simulate(linear=linear) for linear in (vx.SuperLU(), Several()))
+def test_runs_of_every_kind_are_those_of_steps_one_by_one(name, monkeypatch):
+    together = KINDS[name].simulate(linear=vx.SuperLU())
+    monkeypatch.setattr(trajectory, "TOGETHER", 1)
+    alone = KINDS[name].simulate(linear=vx.SuperLU())
     one, two = fields(alone), fields(together)
     assert not [key for key in one if key not in ON_ALL and not same(one[key], two[key])]
     # The answer to a step is as far from both as they certify; accumulated, lest those of the steps before count.
@@ -85,7 +77,7 @@ def test_digits_do_not_depend_on_how_many_there_are(linear):
 
 
 def test_states_that_are_known_in_full_stay_as_they_are():
-    run, states = run_of(Several())
+    run, states = run_of(vx.SuperLU())
     known = certified_in_full(run, states[1])
     mixed = certified_together(run, [states[0], known, states[2]])
     assert mixed[1] is known
@@ -139,22 +131,22 @@ def test_an_answer_that_does_not_hold_names_its_own_step(tmp_path, monkeypatch, 
     spoil(monkeypatch, 3)
     scene, mesh, steps = paper_scene(cyclic), small("squares", 4), []
     with pytest.raises(vx.NotCertified, match=r"^step 3 at t = 0\.25: ") as caught:
-        vx.simulate(scene, mesh, TIMES, linear=Several(), stream=tmp_path, progress=stop_at(stop))
+        vx.simulate(scene, mesh, TIMES, stream=tmp_path, progress=stop_at(stop))
     assert caught.value.step == 3
     assert np.load(tmp_path / "checkpoint.npz")["numbers"][0] == 2
     monkeypatch.undo()
     given = {"stream": tmp_path, "resume": True, "progress": lambda n, _: steps.append(n)}
-    resumed = vx.simulate(scene, mesh, TIMES, linear=Several(), **given)
+    resumed = vx.simulate(scene, mesh, TIMES, **given)
     assert steps[0] == 3
-    assert np.array_equal(resumed.displacement, vx.simulate(scene, mesh, TIMES, linear=Several()).displacement)
+    assert np.array_equal(resumed.displacement, vx.simulate(scene, mesh, TIMES).displacement)
 
 
 @pytest.mark.parametrize(
     ("linear", "store", "wanted"),
-    [(Several(), "all", [1, 8, 4]), (Several(), 3, []), (vx.SuperLU(), "all", [])],
-    ids=["all steps", "every third", "one thread"],
+    [(vx.SuperLU(), "all", [1, 8, 4]), (vx.SuperLU(), 3, []), (vx.Multigrid(), "all", [])],
+    ids=["all steps", "every third", "no factor"],
 )
-def test_steps_wait_for_each_other_where_all_are_kept_on_several_threads(monkeypatch, linear, store, wanted):
+def test_steps_wait_for_each_other_where_all_are_kept_and_K_is_factorised(monkeypatch, linear, store, wanted):
     counts = []
 
     def counted(run, states):
@@ -173,6 +165,6 @@ def test_a_lasting_run_enters_what_has_waited_long(tmp_path, monkeypatch):
     def kept(n, _):
         numbers.append((n, int(np.load(tmp_path / "checkpoint.npz")["numbers"][0])))
 
-    options = {"linear": Several(), "stream": tmp_path, "progress": kept}
+    options = {"stream": tmp_path, "progress": kept}
     vx.simulate(paper_scene(cyclic), small("squares", 4), TIMES, **options)
     assert numbers == [(n, n) for n in range(1, len(TIMES))]

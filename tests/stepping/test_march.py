@@ -7,6 +7,7 @@ import pytest
 from scenes import cyclic, few_families, paper_load, paper_scene, small
 
 import vemcvx as vx
+from vemcvx.arrays import EPS
 from vemcvx.scene import pose_scene
 
 pytestmark = pytest.mark.arithmetic
@@ -28,6 +29,11 @@ def test_a_slider_follows_its_closed_form():
     assert np.array_equal(history.sticking[:, 0], np.append(True, np.diff(u) == 0))
 
 
+def equal_but_for_rounding(one, other):
+    """To a thousand roundings: all unknowns are recovered eight steps at a time where all are kept, and else singly."""
+    return np.abs(one - other).max() <= 1e3 * EPS * np.abs(other).max()
+
+
 @pytest.mark.parametrize(("store", "rows"), [("all", range(13)), ("last", [12]), (5, [0, 5, 10, 12]), (100, [0, 12])])
 def test_store_keeps_what_it_says_and_changes_nothing(store, rows):
     scene, mesh = paper_scene(cyclic), small("voronoi", 4)
@@ -35,12 +41,15 @@ def test_store_keeps_what_it_says_and_changes_nothing(store, rows):
     some = vx.simulate(scene, mesh, TIMES, store=store)
     rows = list(rows)
     assert some.stored.tolist() == rows
-    for name in ("times", "displacement", "energy", "dissipated", "work", "iterations"):
+    for name in ("times", "energy", "dissipated", "work", "iterations"):
         assert np.array_equal(getattr(some, name), getattr(every, name)[rows]), name
-    for name in ("slip", "traction", "pressure", "sticking", "bound"):
+    for name in ("traction", "sticking", "bound"):
         assert np.array_equal(getattr(some.contact, name), getattr(every.contact, name)[rows]), name
-    assert np.array_equal(some.reaction("right"), every.reaction("right")[rows])
-    assert np.array_equal(some.stress(12), every.stress(-1))
+    assert equal_but_for_rounding(some.displacement, every.displacement[rows])
+    assert equal_but_for_rounding(some.contact.slip, every.contact.slip[rows])
+    assert equal_but_for_rounding(some.contact.pressure, every.contact.pressure[rows])
+    assert equal_but_for_rounding(some.reaction("right"), every.reaction("right")[rows])
+    assert equal_but_for_rounding(some.stress(12), every.stress(-1))
     if 3 not in rows:
         with pytest.raises(vx.SceneError, match=r"step 3 was not stored; stored are \[.*12\] of 0 \.\.\. 12"):
             some.stress(3)
@@ -237,7 +246,7 @@ def test_store_keeps_the_steps_that_are_named():
     every = vx.simulate(scene, mesh, TIMES)
     some = vx.simulate(scene, mesh, TIMES, store=[7, 3])
     assert some.stored.tolist() == [3, 7, 12]
-    assert np.array_equal(some.displacement, every.displacement[[3, 7, 12]])
+    assert equal_but_for_rounding(some.displacement, every.displacement[[3, 7, 12]])
     assert np.array_equal(some.trajectory.energy, every.trajectory.energy)
 
 
@@ -264,7 +273,7 @@ def test_loads_from_the_start_need_one_word_and_no_ramp():
     with pytest.raises(vx.SceneError, match=r"If something acts from the start, say initial='settled'"):
         vx.simulate(constant, mesh, times)
     history = vx.simulate(constant, mesh, times, initial="settled")
-    assert np.array_equal(history.displacement, np.repeat(history.displacement[:1], 5, axis=0))
+    assert equal_but_for_rounding(history.displacement, np.repeat(history.displacement[:1], 5, axis=0))
     assert not history.work.any()
     assert not history.dissipated.any()
     ramp = vx.simulate(pressed(lambda force: vx.Tabulated([0.0, 1.0], [(0.0, 0.0), force])), mesh, [0.0, 1.0])

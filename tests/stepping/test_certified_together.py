@@ -16,7 +16,7 @@ import vemcvx as vx
 from vemcvx.linear import residual
 from vemcvx.program.condensation import out_of_balance
 from vemcvx.scene import pose_scene
-from vemcvx.stepping import trajectory
+from vemcvx.stepping import posed_step, trajectory
 from vemcvx.stepping.backward_euler import first_state, states_of, steps_of
 from vemcvx.stepping.posed_step import TOGETHER, certified_in_full, certified_together
 from vemcvx.stepping.state import prepare
@@ -46,7 +46,7 @@ def run_of(linear, n=6, effects=None):
 @pytest.mark.parametrize("name", KINDS)
 def test_runs_of_every_kind_are_those_of_steps_one_by_one(name, monkeypatch):
     together = KINDS[name].simulate(linear=vx.SuperLU())
-    monkeypatch.setattr(trajectory, "TOGETHER", 1)
+    monkeypatch.setattr(trajectory, "together", lambda run: 1)
     alone = KINDS[name].simulate(linear=vx.SuperLU())
     one, two = fields(alone), fields(together)
     assert not [key for key in one if key not in ON_ALL and not same(one[key], two[key])]
@@ -139,6 +139,17 @@ def test_an_answer_that_does_not_hold_names_its_own_step(tmp_path, monkeypatch, 
     resumed = vx.simulate(scene, mesh, TIMES, **given)
     assert steps[0] == 3
     assert np.array_equal(resumed.displacement, vx.simulate(scene, mesh, TIMES).displacement)
+
+
+def test_large_systems_take_no_more_memory_than_they_must(monkeypatch):
+    run, states = run_of(vx.SuperLU())
+    assert posed_step.together(run) == TOGETHER
+    monkeypatch.setattr(posed_step, "AT_ONCE", 12 * run.system.n * 3)
+    assert posed_step.together(run) == 3
+    one, two = (certified_together(run, states[:k])[0] for k in (3, 1))
+    assert same(np.array(one.full), np.array(two.full))
+    monkeypatch.setattr(posed_step, "AT_ONCE", 1)
+    assert posed_step.together(run) == 1
 
 
 @pytest.mark.parametrize(

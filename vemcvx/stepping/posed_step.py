@@ -33,7 +33,7 @@ import scipy.sparse as sp
 
 from vemcvx.arrays import EPS, SAME, Bools, Floats, columns, lengths, power_of_two
 from vemcvx.errors import NotCertified, SceneError
-from vemcvx.linear import residual
+from vemcvx.linear import AT_ONCE, residual
 from vemcvx.program.certificate import Certificate, limit_gaps, norm_gaps
 from vemcvx.program.condensation import (
     Condensation,
@@ -371,8 +371,14 @@ def certified_in_full(run: PreparedRun, state: State, lost: sp.csr_matrix | None
     return _in_full(run, state, y, (force, held), full)
 
 
+def together(run: PreparedRun) -> int:
+    """States to certify in full at once: TOGETHER, where K is factorised and a dozen arrays of them are not too large."""
+    most = AT_ONCE // max(12 * run.system.n, 1)
+    return max(1, min(TOGETHER, most)) if run.condensation.linear.eliminates else 1
+
+
 def certified_together(run: PreparedRun, states: Sequence[State]) -> list[State]:
-    """At most TOGETHER states as `certified_in_full` has them, but for rounding.
+    """At most `together` states as `certified_in_full` has them, but for rounding.
 
     PARDISO solves for eight in less than the time of four, and K is made extended once. There are always as many
     columns, zeros where there are fewer states: digits do not depend on how many there are.
@@ -380,9 +386,10 @@ def certified_together(run: PreparedRun, states: Sequence[State]) -> list[State]
     some, condensation = [state for state in states if state.full is None], run.condensation
     if not some:
         return list(states)
-    y = condensation.recover_together([one.y for one in some], [one.data.force for one in some], TOGETHER)
+    count = together(run)
+    y = condensation.recover_together([one.y for one in some], [one.data.force for one in some], count)
     both = [_balanced(run, one, one.data.force.phi) for one in some]
-    force, held = (columns(each, TOGETHER) for each in zip(*both, strict=True))
+    force, held = (columns(each, count) for each in zip(*both, strict=True))
     r, size = out_of_balance(run.system, force, y, held)
     floors = [rounding(condensation, size[:, k]) for k in range(len(some))]
     parts = zip((0.5 * condensation.factor.energies_of_columns(r)).tolist(), floors, strict=False)

@@ -27,13 +27,7 @@ from vemcvx.errors import HistoryError, SceneError
 from vemcvx.outline import ArrayRecord
 from vemcvx.owned_files import Owned, path_of
 from vemcvx.stepping.checkpoint import check_same, check_same_data, fixed_marks, from_arrays, mark_of_data, to_arrays
-from vemcvx.stepping.posed_step import (
-    TOGETHER,
-    certified_in_full,
-    certified_together,
-    require_certified,
-    say_floor,
-)
+from vemcvx.stepping.posed_step import certified_in_full, certified_together, require_certified, say_floor, together
 from vemcvx.stepping.state import PreparedRun, State, sticking
 
 log = logging.getLogger("vemcvx")
@@ -390,8 +384,8 @@ class Recorder:
         self._marks = fixed_marks(run, times, kept, initial) if storage.lasting else {}
         self._sums = dict.fromkeys(self._shapes, 0)
         self._saved = time.perf_counter()
-        every, direct = len(kept) == len(times), run.condensation.linear.eliminates
-        self._most, self._waiting = TOGETHER if every and direct else 1, list[tuple[int, State]]()
+        self._most = together(run) if len(kept) == len(times) else 1
+        self._waiting = list[tuple[int, State]]()
 
     @property
     def _shapes(self) -> dict[str, tuple[tuple[int, ...], type]]:

@@ -372,7 +372,7 @@ def certified_in_full(run: PreparedRun, state: State, lost: sp.csr_matrix | None
 
 
 def together(run: PreparedRun) -> int:
-    """States to certify in full at once: TOGETHER, where K is factorised and a dozen arrays of them are not too large."""
+    """States to certify in full at once: TOGETHER where K is factorised, fewer where a dozen arrays would be large."""
     most = AT_ONCE // max(12 * run.system.n, 1)
     return max(1, min(TOGETHER, most)) if run.condensation.linear.eliminates else 1
 

@@ -30,6 +30,7 @@ from vemcvx.arrays import (
     function,
     instance,
     is_whole,
+    read_only,
     shaped,
 )
 from vemcvx.errors import SceneError
@@ -350,6 +351,16 @@ FEATURES = frozenset({QUADRATIC, ABSOLUTE_VALUES, SECOND_ORDER_CONES, BOUNDS, SQ
 """All that a program can have."""
 
 
+def _locked(matrix: Any) -> Any:
+    """The same entries, not to be written to; products alone are left as they are."""
+    if isinstance(matrix, np.ndarray):
+        return read_only(matrix.view())
+    if not isinstance(matrix, sp.csr_matrix):
+        return matrix
+    entries = read_only(matrix.data.view()), matrix.indices, matrix.indptr
+    return sp.csr_matrix(entries, shape=matrix.shape)
+
+
 @dataclass(frozen=True, repr=False, eq=False)
 class Operators(ArrayRecord):
     """The data of a step's program that do not change.
@@ -388,6 +399,9 @@ class Operators(ArrayRecord):
             object.__setattr__(self, "D", sp.csr_matrix((0, self.B.shape[1])))
         elif len(self.compliance) == 0:
             object.__setattr__(self, "compliance", np.zeros(self.D.shape[0]))
+        # Solvers have them, and answers are certified by them afterwards.
+        for name in ("K", "B", "D", "compliance"):
+            object.__setattr__(self, name, _locked(getattr(self, name)))
 
     @cached_property
     def factor(self) -> Factor:

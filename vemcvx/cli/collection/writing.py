@@ -16,7 +16,7 @@ import numpy as np
 import scipy.sparse as sp
 import typer
 
-from vemcvx.arrays import ROUNDING, SAME
+from vemcvx.arrays import ROUNDING, SAME, Floats
 from vemcvx.cli.collection.instances import (
     CORE,
     COULOMB,
@@ -25,7 +25,6 @@ from vemcvx.cli.collection.instances import (
     INSTANCES,
     LARGE,
     SEQUENCES,
-    UNBOUNDED,
     VERSION,
     Instance,
 )
@@ -163,9 +162,9 @@ def write_collection(
 
         for done, (instance, solved) in enumerate(_made(instances)):
             told(instance.name, done, len(instances))
-            data, words = _sequence(instance, solved) if instance.steps > 1 else _single(instance, solved[0], forms)
-            data[".json"] = in_json(words)
+            data = _encoded(instance, solved, forms)
             put({f"{instance.name}{end}": content for end, content in data.items()}, place)
+            words = json.loads(data[".json"])
             rows.append({"name": instance.name, "core": instance.name in CORE, **asdict(instance), **words})
         made = {"collection": VERSION, "vemcvx": __version__, "instances": rows}
         about = {"version": VERSION, "vemcvx": __version__}
@@ -193,13 +192,12 @@ SIZES = "unknowns", "norm_terms", "block", "limits", "kernel", "steps"
 
 def optima(rows: Sequence[Mapping[str, Any]]) -> Table:
     """Of instances, as the manifest has them: sizes, and between what numbers the least value is, or that none is."""
-
-    def cells(row: Mapping[str, Any]) -> list[str]:
-        optimum = row.get("optimum", {})
-        status, bounds = row.get("status", "optimal"), [repr(optimum[x]) if optimum else "" for x in ("low", "high")]
-        return [row["name"], row["grade"], *(str(row[name]) for name in SIZES), status, *bounds]
-
-    return Table(("name", "grade", *SIZES, "status", "low", "high"), [cells(row) for row in rows])
+    cells = []
+    for row in rows:
+        sizes, optimum = [str(row[name]) for name in SIZES], row.get("optimum", {})
+        bounds = [repr(optimum[end]) if optimum else "" for end in ("low", "high")]
+        cells.append([row["name"], row["grade"], *sizes, row.get("status", "optimal"), *bounds])
+    return Table(("name", "grade", *SIZES, "status", "low", "high"), cells)
 
 
 def departures(rows: Sequence[Mapping[str, Any]]) -> list[str]:
@@ -217,11 +215,8 @@ def departures(rows: Sequence[Mapping[str, Any]]) -> list[str]:
         if known is None:
             found.append(f"{name} is not in it")
             continue
-        found += [
-            f"{name} has {key} {row[key]}, not {known[key]}"
-            for key in ("grade", *SIZES, "status")
-            if row[key] != known[key]
-        ]
+        sizes = [key for key in ("grade", *SIZES, "status") if row[key] != known[key]]
+        found += [f"{name} has {key} {row[key]}, not {known[key]}" for key in sizes]
         if row["low"] and known["low"]:
             low, high = (pick(float(row[key]), float(known[key])) for pick, key in ((max, "low"), (min, "high")))
             if low - high > SAME * abs(high):
@@ -256,29 +251,25 @@ class Collection:
             say(write_collection(self.out, self.form, (*chosen, *more), told=shown))
 
 
-Words = dict[str, Any]
-Written = tuple[dict[str, bytes], Words]
-"""Contents of files under the ends of their names, and the words for the JSON."""
+def _encoded(instance: Instance, solved: Sequence[SolvedProgram], forms: Sequence[str]) -> dict[str, bytes]:
+    """Contents of files under the ends of their names, of one program or of a sequence; the JSON is the last.
 
-
-def _single(instance: Instance, solved: SolvedProgram, forms: Sequence[str]) -> Written:
-    """An instance of one step in these formats, its variant if it is one."""
-    program, proof = _variant(instance, solved)
-    files = {end: data for form in forms for end, data in encoded(program, form).items() if data is not None}
-    return files, {**json.loads(files[".json"]), **proof}
-
-
-def _sequence(instance: Instance, solved: Sequence[SolvedProgram]) -> Written:
-    """A sequence; its value and the bounds on that are sums over all steps, errors those of the worst."""
+    Of a sequence the value and the bounds on that are sums over all steps, errors those of the worst.
+    """
+    if instance.steps == 1:
+        program, proof = _variant(instance, solved[0])
+        files = {end: data for form in forms for end, data in encoded(program, form).items() if data is not None}
+        return {**files, ".json": in_json({**json.loads(files[".json"]), **proof})}
     each = [description(program) for program in solved]
     optima = [words["optimum"] for words in each]
     sums = {name: sum(one[name] for one in optima) for name in ("value", "low", "high")}
     most = {name: max(one[name] for one in optima) for name in ("gap", "rounding_floor", "energy_error", "energy_norm")}
     words = {**each[-1], "steps": len(solved), "optimum": {**sums, **most}}
     words["degenerate"] = {name: sum(one["degenerate"][name] for one in each) for name in words["degenerate"]}
-    if instance.grade != FCLIB:
-        return sequence_to_npz(solved), words
-    return {f"-{one.step}.hdf5": FORMATS["hdf5"][0](one)[".hdf5"] or b"" for one in solved}, words
+    files = sequence_to_npz(solved)
+    if instance.grade == FCLIB:
+        files = {f"-{one.step}.hdf5": FORMATS["hdf5"][0](one)[".hdf5"] or b"" for one in solved}
+    return {**files, ".json": in_json(words)}
 
 
 def _made(instances: Sequence[Instance]) -> Iterator[tuple[Instance, list[SolvedProgram]]]:
@@ -304,27 +295,21 @@ def _made(instances: Sequence[Instance]) -> Iterator[tuple[Instance, list[Solved
             yield one, list(programs_of_steps(history, numbers, one.condense))
 
 
-def _variant(instance: Instance, program: SolvedProgram) -> tuple[StepProgram, Words]:
+def _variant(instance: Instance, program: SolvedProgram) -> tuple[StepProgram, dict[str, Any]]:
+    """The program of an instance, and the words that prove that it has no optimum, if it has none."""
     if instance.degenerate:
-        return _barely_sticking(program), {}
-    if instance.without == INFEASIBLE:
-        return _pinched(program)
-    if instance.without == UNBOUNDED:
-        return _pushed_off(program)
-    return program, {}
+        # Terms that stick have just the weight that they need: those that slip by less than SAME of the largest slip.
+        size = np.linalg.norm(program.slip(program.answer.d), axis=1)
+        lower = np.where(size <= SAME * size.max(initial=0.0), np.linalg.norm(program.answer.lam, axis=1), program.w)
+        return replace(program, w=np.minimum(lower, program.w)), {}
+    if not instance.without:
+        return program, {}
+    changed, proof = (_pinched if instance.without == INFEASIBLE else _pushed_off)(program)
+    return changed, {"status": instance.without, "certificate": proof.tolist()}
 
 
-def _barely_sticking(program: SolvedProgram) -> SolvedProgram:
-    """The program whose terms that stick have just the weight that they need."""
-    size = np.linalg.norm(program.slip(program.answer.d), axis=1)
-    # Terms whose weight is lowered stick below this part of the largest slip.
-    sticks = size <= SAME * size.max(initial=0.0)
-    lower = np.where(sticks, np.linalg.norm(program.answer.lam, axis=1), program.w)
-    return replace(program, w=np.minimum(lower, program.w))
-
-
-def _pinched(program: SolvedProgram) -> tuple[StepProgram, Words]:
-    """The program with a second obstacle opposite the first, which it overlaps.
+def _pinched(program: SolvedProgram) -> tuple[StepProgram, Floats]:
+    """The program with a second obstacle opposite the first, which it overlaps, and the multipliers that prove it.
 
     D_1 d <= e_1 and -D_1 d <= -e_1 - |e|_oo contradict each other: their sum is 0 <= -|e|_oo.
     """
@@ -332,24 +317,22 @@ def _pinched(program: SolvedProgram) -> tuple[StepProgram, Words]:
     D = sp.csr_matrix(sp.vstack([operators.D, -operators.D[:1]]))
     overlap = float(np.abs(program.e).max()) or float(np.abs(program.answer.d).max())
     both = replace(operators, D=D, compliance=np.append(operators.compliance, 0.0), given_factor=operators.factor)
-    p = np.zeros(D.shape[0])
+    e, p = np.append(program.e, -program.e[0] - overlap), np.zeros(D.shape[0])
     p[[0, -1]] = 1.0
-    e = np.append(program.e, -program.e[0] - overlap)
-    return StepProgram(both, program.g, program.w, program.b, e), {"status": INFEASIBLE, "certificate": p.tolist()}
+    return StepProgram(both, program.g, program.w, program.b, e), p
 
 
-def _pushed_off(program: SolvedProgram) -> tuple[StepProgram, Words]:
+def _pushed_off(program: SolvedProgram) -> tuple[StepProgram, Floats]:
     """The program whose load pushes it along a motion of the kernel twice as hard as friction holds it there.
 
     Along the ray r, K r = 0 and D r <= 0, the objective falls by g'r - sum w_i |B_i r| > 0 for each length of r.
     """
     operators = program.operators
     assert operators.kernel is not None
-    motions = [sign * operators.kernel[:, j] for j in range(operators.kernel.shape[1]) for sign in (1.0, -1.0)]
+    motions = [sign * motion for motion in operators.kernel.T for sign in (1.0, -1.0)]
     # A motion along an obstacle does not run into it because of the rounding of its entries.
     ray = next(r for r in motions if len(program.e) == 0 or (operators.D @ r).max() <= ROUNDING * np.abs(r).max())
     held = float(program.w @ np.linalg.norm(operators.blocks(operators.B @ ray), axis=1))
     held = held or float(np.abs(program.g).max())
     g = program.g + (2.0 * held - program.g @ ray) / (ray @ ray) * ray
-    pushed = StepProgram(operators, g, program.w, program.b, program.e)
-    return pushed, {"status": UNBOUNDED, "certificate": ray.tolist()}
+    return StepProgram(operators, g, program.w, program.b, program.e), ray

@@ -64,8 +64,7 @@ def rows(folder):
 
 def stay_at_home(monkeypatch):
     """Every run of a sweep in this process, which is quicker."""
-    module = sys.modules["vemcvx.cost.sweeping"]  # in its package that name is the function's
-    monkeypatch.setattr(module, "alone", lambda function, *given: function(*given))
+    monkeypatch.setattr("vemcvx.cost.workers.alone", lambda function, *given: function(*given))
 
 
 @pytest.fixture(scope="module")

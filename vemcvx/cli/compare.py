@@ -37,7 +37,7 @@ from vemcvx.cli.problem_file import Problem, read_problem
 from vemcvx.cli.report import page
 from vemcvx.cli.solver_names import NAMES, named_solver, on_threads, read_options
 from vemcvx.cli.terminal import NOT_CERTIFIED, broken, check_writable, listed, logged_at_most, progress_bar, say
-from vemcvx.cost.workers import Crashed, Refused, TookTooLong, alone
+from vemcvx.cost.workers import Crashed, TookTooLong, alone
 from vemcvx.errors import NotAccepted, NotCertified, NotContracting, ProblemError, SceneError, VemcvxError
 from vemcvx.meshes import AnyMesh
 from vemcvx.outline import Table
@@ -331,7 +331,7 @@ def _attempted_within(seconds: float, problem: Problem, asked: Compare, i: int, 
         return alone(attempted_alone, problem.path, asked, i, row, seconds=seconds, ready=installed)
     except TookTooLong:
         return replace(row, outcome=STOPPED, says=f"stopped after {seconds:g} s"), None
-    except (Crashed, Refused) as end:
+    except (Crashed, VemcvxError) as end:
         died = isinstance(end, Crashed)
         return replace(row, outcome=FAILED, says=f"its process ended: {end}" if died else _own_words(str(end))), None
 

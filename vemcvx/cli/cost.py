@@ -17,7 +17,8 @@ from vemcvx.cli.solver_names import named_solver, on_threads
 from vemcvx.cli.terminal import listed, progress_bar, say
 from vemcvx.cost import Ingredients, Point, Sweep, advice, sweep
 from vemcvx.cost.sweeping import JOURNAL, Grid
-from vemcvx.cost.table import REFUSED, Row, answers, effectivities, picture, table, within_reach, without_limit
+from vemcvx.cost.table import Row, answers, effectivities, picture, table, within_reach, without_limit
+from vemcvx.cost.workers import REFUSED
 from vemcvx.errors import HistoryError, ProblemError, VemcvxError
 from vemcvx.estimate.adapt import OF
 from vemcvx.meshes import FAMILIES, SPACE_FAMILIES

@@ -8,7 +8,7 @@ import time
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -26,8 +26,9 @@ from vemcvx.cli.supplied import problems_folder
 from vemcvx.cli.terminal import EVERY, INVALID, NOT_CERTIFIED, Shown, listed, progress_bar, say
 from vemcvx.cost import study
 from vemcvx.cost.foreseen import Growth, check_fits
-from vemcvx.cost.workers import Crashed, alone, pool
-from vemcvx.errors import NotCertified, ProblemError, VemcvxError
+from vemcvx.cost.workers import DONE, outcome, pool
+from vemcvx.cost.workers import NOT_CERTIFIED as MISSED
+from vemcvx.errors import ProblemError, VemcvxError
 from vemcvx.estimate.adapt import OF, Pass, adapt
 from vemcvx.exchange import FORMATS, encoded, put
 from vemcvx.history import History
@@ -47,6 +48,10 @@ from vemcvx.stepping.trajectory import CHECKPOINT, Folder, stored_steps
 
 ROWS = "rows"
 """The folder, in the output folder, in which a run keeps completed steps until the history is written."""
+
+
+SPELT = {"settings": "set", "probes": "probe"}
+"""Options whose names are not those of their fields."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -182,30 +187,27 @@ class Run:
             new_figure()
         if self.plot or self.out:
             study.claim(drawings)
-        names = study.folder_names(several)
+        folders = [self.out and self.out / name for name in study.folder_names(several)]
         runs = [
-            replace(self, settings=list(each), out=self.out and self.out / name, plot=False)
-            for each, name in zip(several, names, strict=True)
+            (k, replace(self, settings=list(each), out=out, plot=False))
+            for k, (each, out) in enumerate(zip(several, folders, strict=True))
         ]
         found: dict[int, study.Row] = {}
         with progress_bar("runs") as shown, pool(self.workers, None) as run:
             shown("runs", 0, len(runs))
-            for k, row in run(_attempted, list(enumerate(runs))):
+            for k, row in run(_attempted, runs):
                 found[k] = row
                 shown("runs", len(found), len(runs))
-        rows = [found[k] for k in range(len(runs))]
-        figure = None
-        lines = [f"{problem.name}: {problem.title}", study.table(rows, chosen).text(), *study.said_of(rows)]
-        if self.plot and study.shown(rows, chosen):
-            figure = study.picture(rows, chosen, f"{problem.name}: {problem.title}")
+        rows, title = [found[k] for k in range(len(runs))], f"{problem.name}: {problem.title}"
+        figure = study.picture(rows, chosen, title) if self.plot and study.shown(rows, chosen) else None
+        lines = [title, study.table(rows, chosen).text(), *study.said_of(rows)]
         if self.out:
             lines.append(f"files       {self.out}: {', '.join(study.write(rows, self.out, figure))}, a folder a run")
         elif figure is not None:
             lines.append(f"picture     {study.draw(figure, drawings)}")
         say("\n".join(lines))
-        failed = {row.status for row in rows} - {study.DONE}
-        if failed:
-            raise typer.Exit(NOT_CERTIFIED if failed == {study.NOT_CERTIFIED} else INVALID)
+        if failed := {row.status for row in rows} - {DONE}:
+            raise typer.Exit(NOT_CERTIFIED if failed == {MISSED} else INVALID)
 
     def _foresee(self, problem: Problem, n: int, steps: int, folder: Path | None) -> None:
         """Say what a long run will take; refuse one that this machine has no memory or no room for."""
@@ -333,55 +335,39 @@ class Run:
 
     def _command(self, problem: Problem, n: int | None, steps: int, folder: Path | None) -> str:
         """The command that repeats the run."""
-        family = self.mesh or problem.family
-        given = [
-            ("--mesh", family if n is not None else self.mesh),
-            ("--n", n),
-            ("--steps", steps),
-            ("--solver", self.solver),
-            *(("--set", setting) for setting in self.settings),
-            *(("--probe", probe) for probe in self.probes),
-            ("--accuracy", self.accuracy),
-            ("--linear", self.linear),
-            ("--threads", self.threads),
-            ("--target", self.target),
-            ("--of", None if self.of == "energy" else self.of),
-            ("--out", folder),
-            ("--store", None if self.store == "all" else self.store),
-        ]
-        words = [str(word) for name, value in given if value is not None for word in (name, value)]
-        words += [] if self.condense else ["--no-condense"]
-        words += [f"--{name}" for name in ("plot", "report", "bound") if getattr(self, name)]
         # Problems that came with the package go by their names.
         file = problem.name if problem.path.parent == problems_folder() else str(problem.path)
-        return shlex.join(["vemcvx", "run", file, *words])
+        words, mesh = [file], self.mesh or (problem.family if n is not None else None)
+        same = replace(self, mesh=mesh, n=n, steps=steps, out=folder, resume=None)
+        usual = {field.name: field.default for field in fields(Run) if field.name not in ("file", "solver")}
+        for name, value in asdict(same).items():
+            option = f"--{SPELT.get(name, name)}"
+            if name == "condense":
+                words += [] if value else ["--no-condense"]
+            elif isinstance(value, list | tuple):
+                words += [word for one in value for word in (option, one)]
+            elif name != "file" and value != usual.get(name):
+                words += [option] if value is True else [option, str(value)]
+        return shlex.join(["vemcvx", "run", *words])
 
 
 def _attempted(number: int, run: Run) -> tuple[int, study.Row]:
     """The row of one run of a study, made in a process of its own."""
     settings = dict(setting.split("=", 1) for setting in run.settings)
-    try:
-        found = alone(_made, run)
-    except (Crashed, MemoryError, OSError) as crash:
-        found = {"status": study.CRASHED, "message": str(crash) or type(crash).__name__}
-    folder = str(run.out) if run.out and found["status"] == study.DONE else None
-    return number, study.Row(settings, folder, **found)
+    status, found = outcome(_made, run)
+    if status != DONE:
+        return number, study.Row(settings, status=status, message=found)
+    return number, study.Row(settings, str(run.out) if run.out else None, **found)
 
 
 def _made(run: Run) -> dict[str, Any]:
-    """What came of a run: its results, or why there are none, and its warnings."""
+    """The results of a run, and its warnings."""
     with study.heard() as said:
-        try:
-            history, _ = run.made(problem := read_problem(run.file))
-        except NotCertified as error:
-            return {"status": study.NOT_CERTIFIED, "message": str(error)}
-        except VemcvxError as error:
-            return {"status": study.REFUSED, "message": str(error)}
-    found = study.results_of(history, problem.units)
+        history, _ = run.made(problem := read_problem(run.file))
     met, aim = None, (history.quantities or {}).get(run.of)
     if run.target is not None and history.errors is not None:
         met = (history.errors["total"] if aim is None else history.errors["algebra"] + aim.relative) <= run.target
-    return {"status": study.DONE, "warnings": tuple(dict.fromkeys(said)), "met": met, **found}
+    return {"warnings": tuple(dict.fromkeys(said)), "met": met, **study.results_of(history, problem.units)}
 
 
 def _extremes(history: History, units: Units | None) -> Iterator[str]:

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vemcvx.canvas import light_grid, new_figure
+from vemcvx.cost.workers import DONE
 from vemcvx.errors import HistoryError, ProblemError
 from vemcvx.outline import Table
 from vemcvx.owned_files import Owned
@@ -34,7 +35,6 @@ SIZES = "cells", "unknowns", "seconds"
 NAMES = (*ENERGIES, *EXTREMES, "pressure", "pressure_recovered", *COUNTS, "certified", ESTIMATED, *SIZES)
 """Results of a run that a table or a picture can show."""
 USUAL = "dissipated_second_order", "displacement", "von_mises", "slip", "pressure"
-DONE, NOT_CERTIFIED, REFUSED, CRASHED = "done", "not certified", "refused", "crashed"
 NUMBER = re.compile(r"[-+]?\b\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 TABLE, WORDS, PICTURE = "study.csv", "study.json", "study.png"
 

@@ -26,8 +26,8 @@ from numpy.typing import ArrayLike
 
 from vemcvx.arrays import SAME, Floats
 from vemcvx.bound.error_bound import error_bound
-from vemcvx.cost.table import CRASHED, DONE, EXTREMES, REFUSED, Row, append, read_journal, sealed, unsealed
-from vemcvx.cost.workers import Crashed, Refused, Results, alone, pool
+from vemcvx.cost.table import EXTREMES, Row, append, read_journal, sealed, unsealed
+from vemcvx.cost.workers import DONE, NOT_CERTIFIED, REFUSED, Results, outcome, pool
 from vemcvx.errors import HistoryError, MeshError, ProblemError, SceneError, SceneWarning, VemcvxError
 from vemcvx.estimate.adapt import Adapted, adapt
 from vemcvx.estimate.budget import error_budget
@@ -481,35 +481,22 @@ def _reference(
     told("reference", 0, 1)
 
     def computed(function: Callable[..., Any], *given: Any) -> Any:
-        (found, why), *_ = run(answered, [(function, *given)])
-        if found is None:
-            raise ProblemError(f"the reference that errors are to be measured against was not computed: {why}")
+        (status, found), *_ = run(outcome, [(function, *given)])
+        if status != DONE:
+            raise ProblemError(f"the reference that errors are to be measured against was not computed: {found}")
         return found
 
     targets = grid.targets or [computed(estimated_error, recipe, grid.finest)]
     goal, there = REFERENCE_PART * min(targets), None if fresh else read_reference(folder)
     if there is not None and there.serves(recipe.mark, instants.tolist(), goal, grid.finest):
         return there
-    given = recipe, grid.coarsest, grid.finest, instants, goal, folder
-    return computed(build_reference, *given)
-
-
-def answered(function: Callable[..., Any], *given: Any) -> tuple[Any, str]:
-    """Call a function in a process of its own; return its result, or None and the reason why there is none."""
-    try:
-        return alone(function, *given), ""
-    except (Refused, Crashed) as error:
-        return None, str(error)
+    return computed(build_reference, recipe, grid.coarsest, grid.finest, instants, goal, folder)
 
 
 def finished_row(recipe: Recipe, point: Point, key: str, folder: Path, reference: Reference) -> Row:
     """Run a point, and measure its error, in a process of its own."""
     start = time.perf_counter()
-    try:
-        status, found = DONE, alone(measured_point, recipe, point, folder, reference)
-    except (Crashed, MemoryError, OSError) as crash:
-        status, found = CRASHED, {"message": str(crash) or type(crash).__name__}
-    except (Refused, VemcvxError) as refusal:
-        status, found = REFUSED, {"message": str(refusal)}
-    told = {"key": key, "status": status, "wall": time.perf_counter() - start, "at": time.time()}
-    return Row(**{**asdict(point), **told, **found})
+    status, found = outcome(measured_point, recipe, point, folder, reference)
+    told = {"key": key, "status": REFUSED if status == NOT_CERTIFIED else status, "at": time.time()}
+    columns = found if status == DONE else {"message": found}
+    return Row(**{**asdict(point), **told, "wall": time.perf_counter() - start, **columns})

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from vemcvx.canvas import light_grid, new_figure, plain_logarithms
+from vemcvx.cost.workers import CRASHED, DONE
 from vemcvx.errors import HistoryError
 from vemcvx.outline import Table
 from vemcvx.plots.style import MARKERS, SERIES
@@ -23,9 +24,6 @@ from vemcvx.version import __version__
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-DONE, REFUSED, CRASHED = "done", "refused", "crashed"
-"""Outcomes: there is an answer; no well-posed problem, or not certified; out of memory, or broken down."""
 
 
 @dataclass(frozen=True)

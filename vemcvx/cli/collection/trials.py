@@ -53,7 +53,7 @@ except ImportError:  # on Windows
 
 from vemcvx.arrays import Floats
 from vemcvx.cli.solver_names import named_solver
-from vemcvx.cost.workers import Crashed, Refused, alone
+from vemcvx.cost.workers import Crashed, alone
 from vemcvx.errors import NotAccepted, ProblemError, VemcvxError
 from vemcvx.exchange import sequence_from_npz
 from vemcvx.program.scaling import Scaling, scaling
@@ -368,7 +368,7 @@ class Running:
             died = ""
             try:
                 alone(Running.tried, self, todo)
-            except (Crashed, Refused) as error:
+            except (Crashed, VemcvxError) as error:
                 died = str(error)
             last = journal(self.path)[-1:]
             if last and last[0].outcome == BEGUN:

@@ -271,36 +271,23 @@ def _timed(made: Ingredients, point: Point, instants: Floats) -> tuple[History, 
 
 @dataclass(frozen=True)
 class Reference:
-    """A reference without its fields: how it was made, and how fine it is.
+    """A reference without its fields: how it was made, and how fine it is."""
 
-    Attributes
-    ----------
-    problem : the mark of the recipe
-    instants : those at which errors are measured
-    goal, estimated : the relative error that was aimed at, and reached; None where there is no estimate
-    n, steps : of the finest uniform run it was made for
-    adapted : whether its mesh is adapted, so that the goal and not `n` and `steps` says how fine it is
-    common : whether meshes of the problem cover different domains, so that only what they share is measured
-    cells, unknowns, made : its size, and the steps made
-    of, value : the quantity that errors are of, and its value; None of the energy norm
-    digest : of the file with the fields, which tells whether that is whole
-    """
-
-    problem: str
-    instants: tuple[float, ...]
-    goal: float
-    estimated: float | None
-    n: int
+    problem: str  # the mark of the recipe
+    instants: tuple[float, ...]  # at which errors are measured
+    goal: float  # the relative error that was aimed at
+    estimated: float | None  # and reached; None where there is no estimate
+    n: int  # of the finest uniform run it was made for
     steps: int
-    adapted: bool
-    common: bool
+    adapted: bool  # whether its mesh is adapted, so that the goal and not `n` and `steps` says how fine it is
+    common: bool  # whether meshes of the problem cover different domains, so that only what they share is measured
     cells: int
     unknowns: int
-    made: int
+    made: int  # steps
     seconds: float
-    of: str = "energy"
-    value: float | None = None
-    digest: str = ""
+    of: str = "energy"  # the quantity that errors are of
+    value: float | None = None  # of that quantity; None of the energy norm
+    digest: str = ""  # of the file with the fields, which tells whether that is whole
 
     def serves(self, problem: str, instants: Sequence[float], goal: float, finest: Point) -> bool:
         """Return True if the reference is fine enough for this sweep of this problem."""

@@ -45,97 +45,8 @@ from vemcvx.version import __version__
 MANIFEST, OPTIMA, SCRIPT, SUMS = "manifest.json", "optima.csv", "confirm.py", "SHA256SUMS.txt"
 KINDS = rf"README\.md|LICENSE\.txt|CITATION\.cff|SHA256SUMS\.txt|{ANY_KIND}"
 """Names of the files that a collection may have."""
-README = """# A collection of convex programs from frictional contact, with certified optima
-
-Version {version}, written by vemcvx {vemcvx}. Each instance is one step of a quasistatic problem with friction,
-
-    minimise 1/2 d'Kd - g'd + sum_i w_i |B_i d - b_i|  subject to  D d <= e,
-
-where a limit with a compliance c_j > 0 has (D_j d - e_j)_+^2 / (2 c_j) in place of its bound. B_i d is a number in the
-plane, a vector of two components in space. At the solution K d = g - B'lam - D'p, |lam_i| <= w_i, p >= 0.
-
-| file | what it holds |
-|---|---|
-| `NAME.npz` | K, B, D, g, w, b, e, c as NumPy arrays, and the answer d, lam, p |
-| `NAME-1toNofN.npz` | a sequence: g, w, b, e, d, lam, p have a row a step, K, B, D, c are those of all steps |
-| `NAME-1toNofN-k.hdf5` | a step with Coulomb's law itself and its solution, as FCLIB has it (of the grade "fclib") |
-| `NAME.json` | origin, sizes, condition of K, degenerate terms, the certified optimum with bounds on it |
-| `manifest.json` | the same of all instances in one file, with their grades, and which are of the core set |
-| `optima.csv` | name, sizes, and bounds on the least value, a line each: what two versions are compared by |
-| `confirm.py` | solves all by Clarabel and HiGHS, and confirms every optimum |
-| `SHA256SUMS.txt` | `sha256sum -c SHA256SUMS.txt` |
-
-Sparse arrays are compressed rows, `B_data, B_indices, B_indptr, B_shape`. `confirm.py` needs numpy, scipy, clarabel and
-highspy only, and h5py for what is FCLIB's.
-
-With the answer d* of the file, the *true error* of yours is |d - d*|_K / |d*|_K; d* itself is certified to the error
-that the JSON names, `optimum.energy_error` over `optimum.energy_norm`, by the duality gap. Instances of the grade "no
-optimum" have in place of an answer a vector `certificate`: of an infeasible one p >= 0 with D'p = 0 and e'p < 0; of an
-unbounded one a ray d with K d = 0, D d <= 0 and g'd > sum_i w_i |B_i d|.
-
-Sequences are for warm starts: 256 programs, the steps of a run, of which each is posed from the certified answer to the
-one before, so that errors of a solver do not add up. Their error is the largest of all steps, |d_k - d_k*|_K over the
-largest |d_k*|_K; their JSON has that of the worst step, and of values and bounds the sums.
-
-Instances of the grade "fclib" are for solvers of Coulomb's law, M v = H r + f, u = H'v + w, r in the cones of mu: r_N
->= 0, u_N >= 0, r_N u_N = 0, |r_T| <= mu r_N, r_T against u_T. No convex program is equivalent to them. The file's
-description says what the solution is certified to, as the answer to the convex program with the weights mu r_N, whose
-values `optima.csv` has; `confirm.py` puts it into every line of the law, with h5py.
-
-## Your solver in ten minutes
-
-`pip install "vemcvx[plot]"`, or `pip install ".[plot]"` in a checkout, and in this folder a file `mine.py`:
-
-    import numpy as np
-
-    class Mine:
-        def solve(self, program, target):
-            operators = program.operators  # K is dense or sparse, B and D are sparse; block is 1, or 2 for discs
-            K, B, D, c, block = operators.K, operators.B, operators.D, operators.compliance, operators.block
-            g, w, b, e = program.g, program.w, program.b, program.e
-            ...  # d (n,), lam (m, block), p (r,); program.project(lam) and program.feasible(d) are within the bounds
-            ...  # solve it to a duality gap of `target`, program.duality_gap(d, lam, p) says how far it is
-            return d, lam, p, iterations  # or (d, lam, p), or d alone: multipliers are recovered
-
-    vemcvx benchmark . --solvers mine.py:Mine,newton,scs --only core --time-limit 2 --tolerances 1e-3,1e-6,1e-9,1e-12
-
-sweeps the tolerances of all of them, takes for every solver and instance the cheapest that reaches a true error of
-1e-3, 1e-6 and 1e-9, and writes a table, performance profiles and means into `benchmark/`. That is a first look, of a
-minute or two of a processor; for a table to publish leave out `--only core` and `--tolerances`, and give every trial
-10 s or more. Results are stored a solver and version, of a file a version for each of its contents; the command goes on
-where it was stopped, and shows what others have stored there, too.
-
-K is definite as your solver sees it: bodies that float are made so by proximal terms, unless the class says
-`semidefinite = True`. A solver that finds a program infeasible or unbounded says so by
-`return vemcvx.Answer(d, lam, iterations, status="infeasible")`. Sequences are tried twice, each step cold and each step
-warm: `def solve(self, program, target, lam, p)` is given the multipliers that it returned for the step before, zeros
-where it begins cold.
-
-Licence: BSD Zero Clause (LICENSE.txt): do with it what you like. To cite it: CITATION.cff.
-"""
-LICENCE = """BSD Zero Clause License
-
-Copyright (C) 2026 the vemcvx authors
-
-Permission to use, copy, modify, and/or distribute this software for any purpose with or without fee is hereby granted.
-
-THE SOFTWARE IS PROVIDED "AS IS" AND THE AUTHOR DISCLAIMS ALL WARRANTIES WITH REGARD TO THIS SOFTWARE INCLUDING ALL
-IMPLIED WARRANTIES OF MERCHANTABILITY AND FITNESS. IN NO EVENT SHALL THE AUTHOR BE LIABLE FOR ANY SPECIAL, DIRECT,
-INDIRECT, OR CONSEQUENTIAL DAMAGES OR ANY DAMAGES WHATSOEVER RESULTING FROM LOSS OF USE, DATA OR PROFITS, WHETHER IN AN
-ACTION OF CONTRACT, NEGLIGENCE OR OTHER TORTIOUS ACTION, ARISING OUT OF OR IN CONNECTION WITH THE USE OR PERFORMANCE OF
-THIS SOFTWARE.
-"""
-CITATION = """cff-version: 1.2.0
-message: "If you use this collection, please cite it."
-title: "Convex programs from frictional contact with certified optima, version {version}"
-type: dataset
-version: {version}
-license: 0BSD
-authors:
-  - name: "The vemcvx authors"
-abstract: "Steps of problems with frictional contact, as convex programs, and with Coulomb's law as FCLIB has it."
-keywords: [convex optimisation, second-order cones, frictional contact, virtual elements, benchmark]
-"""
+TEXTS = "README.md", "LICENSE.txt", "CITATION.cff"
+"""Files beside this one that a collection has with the numbers of its versions put in."""
 ACCURACY = 1e-14
 """Asked of optima: as much as there is."""
 
@@ -171,9 +82,9 @@ def write_collection(
         place(MANIFEST).write_text(json.dumps(made, indent=1) + "\n")
         place(OPTIMA).write_text(optima(rows).csv())
         place(SCRIPT).write_text(Path(__file__).with_name(SCRIPT).read_text())
-        place("README.md").write_text(README.format(**about))
-        place("LICENSE.txt").write_text(LICENCE)
-        place("CITATION.cff").write_text(CITATION.format(**about))
+        for name in TEXTS:
+            words = Path(__file__).with_name(name).read_text(encoding="utf-8")
+            place(name).write_text(words.format(**about), encoding="utf-8")
         sums = "".join(f"{sha256(path.read_bytes()).hexdigest()}  {path.name}\n" for path in sorted(written))
         files.take(SUMS).write_text(sums)
     sizes = [row["unknowns"] for row in rows]

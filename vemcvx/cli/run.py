@@ -204,7 +204,8 @@ class Run:
         if self.out:
             lines.append(f"files       {self.out}: {', '.join(study.write(rows, self.out, figure))}, a folder a run")
         elif figure is not None:
-            lines.append(f"picture     {study.draw(figure, drawings)}")
+            (name,) = study.write(rows, drawings, figure, tables=False)
+            lines.append(f"picture     {drawings / name}")
         say("\n".join(lines))
         if failed := {row.status for row in rows} - {DONE}:
             raise typer.Exit(NOT_CERTIFIED if failed == {MISSED} else INVALID)

@@ -151,13 +151,7 @@ class Listed:
 
 
 def read_instances(folder: Path, only: str | None) -> list[Listed]:
-    """The instances of a collection, or those whose grade or name has one of the words.
-
-    Raises
-    ------
-    ProblemError
-        There is no collection in the folder, or no such instance.
-    """
+    """The instances of a collection, or those whose grade or name has one of the words."""
     path = folder / MANIFEST
     try:
         rows = json.loads(path.read_text(encoding="utf-8"))["instances"]

@@ -161,10 +161,7 @@ class Entrant:
     def taking(self, programs: Sequence[StepProgram]) -> list[Asking]:
         """Functions of a tolerance that solve these programs of the same operators, compiled or scaled once.
 
-        Raises
-        ------
-        NotAccepted
-            The solver does not take such a program, or is not installed.
+        NotAccepted where the solver does not take such a program, or is not installed.
         """
         solver, operators = self.solver, programs[0].operators
         missing = operators.features - solver.accepts
@@ -257,12 +254,8 @@ def measured(
     A step that is alone is asked for several times, and its least seconds count. Where the program has no optimum, its
     `status` is what a solver is to say: that has no error, all else is of size 1.
 
-    Raises
-    ------
-    SolverFailed
-        The solver fails, or an answer is not finite.
-    NotAccepted
-        It is to begin warm, and leaves nothing to begin with.
+    SolverFailed where the solver fails, or an answer is not finite; NotAccepted where it is to begin warm, and leaves
+    nothing to begin with.
     """
     memory: Memory = {} if warm else None
     unit, taken, counts, judged = _unit(programs), 0.0, list[int](), list[dict[str, float]]()

@@ -32,7 +32,7 @@ import numpy as np
 import typer
 
 from vemcvx.arrays import Floats
-from vemcvx.cli.options import NONE, Accuracy, File, Mesh, N, Settings, Steps, Threads, solver_names
+from vemcvx.cli.options import NONE, Accuracy, File, Mesh, N, Options, Settings, Steps, Threads, solver_names
 from vemcvx.cli.problem_file import Problem, read_problem
 from vemcvx.cli.report import page
 from vemcvx.cli.solver_names import NAMES, named_solver, on_threads, read_options
@@ -231,9 +231,7 @@ class Compare:
     ] = "newton,clarabel,osqp,direct"
     accuracy: Accuracy = None
     threads: Threads = None
-    options: Annotated[
-        list[str], typer.Option("--option", metavar="SOLVER.NAME=VALUE", help="A setting of a solver; may be repeated.")
-    ] = NONE
+    options: Options = NONE
     tuning: Annotated[str, typer.Option(metavar="both|tuned|default", help="Settings of solvers that cvxpy calls.")] = (
         "both"
     )

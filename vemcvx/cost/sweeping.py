@@ -189,7 +189,7 @@ class Ran:
 
 
 def run_point(recipe: Recipe, point: Point, instants: Floats) -> Ran:
-    """Make the ingredients of a point and simulate, in this process.
+    """Make the ingredients of a point and simulate, in this process; seconds of short runs are the median of three.
 
     A small run of the same kind comes before, which imports what is imported late. Memory is the high-water mark of the
     resident set when the last run ends.
@@ -203,7 +203,9 @@ def run_point(recipe: Recipe, point: Point, instants: Floats) -> Ran:
         start = time.perf_counter()
         made = recipe(point)
         meshing = time.perf_counter() - start
-        history, seconds, repeats, estimated = _repeated(made, point, instants)
+        runs = [_timed(made, point, instants)]
+        runs += [_timed(made, point, instants) for _ in range(2 if sum(runs[0][1].values()) < 0.3 else 0)]
+        history, seconds, estimated = sorted(runs, key=lambda run: sum(run[1].values()))[len(runs) // 2]
         peak = peak_memory_mb()
         if point.target is None:
             estimated = _estimated(history, point.of)
@@ -224,7 +226,7 @@ def run_point(recipe: Recipe, point: Point, instants: Floats) -> Ran:
         **seconds,
         **bound,
         "mesh": meshing,
-        "repeats": repeats,
+        "repeats": len(runs),
         **{one.key: finite_or_none(one.value) for one, *_ in largest_values(history) if one.key in EXTREMES},
         "peak_mb": peak,
         "message": "; ".join(dict.fromkeys(said)),
@@ -247,15 +249,6 @@ def _bound(made: Ingredients, history: History) -> dict[str, Any]:
         with contextlib.suppress(SceneError):
             return {"bound": max(float(error_bound(again, n).relative.max()) for n in steps), "bound_of": of}
     return {}
-
-
-def _repeated(made: Ingredients, point: Point, instants: Floats) -> tuple[History, dict[str, float], int, float | None]:
-    """The history and seconds of the median run, of three if they are short, their number, and what one estimates."""
-    runs = [_timed(made, point, instants)]
-    if sum(runs[0][1].values()) < 0.3:
-        runs += [_timed(made, point, instants) for _ in range(2)]
-    history, seconds, estimated = sorted(runs, key=lambda run: sum(run[1].values()))[len(runs) // 2]
-    return history, seconds, len(runs), estimated
 
 
 def _timed(made: Ingredients, point: Point, instants: Floats) -> tuple[History, dict[str, float], float | None]:

@@ -37,7 +37,7 @@ from vemcvx.canvas import legend_below, light_grid, new_figure, plain_logarithms
 from vemcvx.cli.collection.instances import FCLIB
 from vemcvx.cli.collection.trials import ASKED, BEGUN, FAILED, REFUSED, STOPPED, WARM, Entrant, Running, Trial, journal
 from vemcvx.cli.collection.writing import MANIFEST
-from vemcvx.cli.options import NONE, solver_names
+from vemcvx.cli.options import NONE, Options, solver_names
 from vemcvx.cli.solver_names import read_options
 from vemcvx.cli.terminal import listed, progress_bar, say
 from vemcvx.errors import ProblemError, VemcvxError
@@ -83,10 +83,7 @@ class Benchmark:
     tolerances: Annotated[
         str, typer.Option(metavar="X,X,...", help="What solvers are asked with.", show_default="1e-1,1e-2,...,1e-15")
     ] = USUAL_TOLERANCES
-    options: Annotated[
-        list[str],
-        typer.Option("--option", metavar="SOLVER.NAME=VALUE", help="A setting of a solver's library; may be repeated."),
-    ] = NONE
+    options: Options = NONE
     only: Annotated[
         str | None, typer.Option(metavar="WORD,WORD,...", help="Instances whose grade or name has one of these words.")
     ] = None

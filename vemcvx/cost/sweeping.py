@@ -178,18 +178,8 @@ REFERENCE_PART = 0.25  # The part of the smallest error that the reference's own
 ARCHIVE, ABOUT = "reference.npz", "reference.json"
 
 
-@dataclass(frozen=True, eq=False)
-class Ran:
-    """A run: its displacement (T, n_nodes, 2) at the instants asked for, and its columns of the table."""
-
-    mesh: AnyMesh
-    displacement: Floats
-    moduli: Floats
-    columns: dict[str, Any]
-
-
-def run_point(recipe: Recipe, point: Point, instants: Floats) -> Ran:
-    """Make the ingredients of a point and simulate, in this process; seconds of short runs are the median of three.
+def run_point(recipe: Recipe, point: Point, instants: Floats) -> tuple[History, dict[str, Any]]:
+    """Run a point in this process: its history, and its columns of the table. Of three short runs it is the median one.
 
     A small run of the same kind comes before, which imports what is imported late. Memory is the high-water mark of the
     resident set when the last run ends.
@@ -213,9 +203,8 @@ def run_point(recipe: Recipe, point: Point, instants: Floats) -> Ran:
     said = [str(warning.message) for warning in caught if issubclass(warning.category, SceneWarning)]
     if point.target is not None and estimated is not None and estimated > point.target:
         said.append(f"the target was not met: {estimated:.2%} estimated")
-    rows = [history.row(step_at(history, float(t))) for t in instants]
     run = history.trajectory
-    columns = {
+    return history, {
         "steps": history.steps,
         "cells": history.mesh.n_cells,
         "unknowns": run.state.shape[1],
@@ -231,7 +220,6 @@ def run_point(recipe: Recipe, point: Point, instants: Floats) -> Ran:
         "peak_mb": peak,
         "message": "; ".join(dict.fromkeys(said)),
     }
-    return Ran(history.mesh, history.displacement[rows], history.moduli, columns)
 
 
 def _estimated(history: History, of: str) -> float | None:
@@ -355,7 +343,7 @@ def build_reference(
     return reference
 
 
-def errors(ran: Ran, folder: Path, reference: Reference) -> tuple[float, float, float]:
+def errors(history: History, folder: Path, reference: Reference) -> tuple[float, float, float]:
     """The largest error over the instants and the one at the last, relative to the largest norm of the reference.
 
     Of another quantity than the energy norm both are the relative error at the end. The third number is the relative
@@ -364,14 +352,15 @@ def errors(ran: Ran, folder: Path, reference: Reference) -> tuple[float, float, 
     if reference.value is not None:
         if reference.value == 0.0:
             raise HistoryError(f"the reference has no {reference.of} at all: no relative error exists.")
-        error = abs(ran.columns["value"] - reference.value) / abs(reference.value)
+        error = abs(value_of(history, reference.of) - reference.value) / abs(reference.value)
         return error, error, 0.0
     fine = read_archive(folder / ARCHIVE)
     found = []
-    for u, t in zip(ran.displacement, reference.instants, strict=True):
-        row = int(np.argmin(np.abs(fine.times - t)))
-        there = Field(fine.mesh, fine.displacement[row], fine.moduli, float(fine.times[row]))
-        found.append(energy_distance(Field(ran.mesh, u, ran.moduli, t), there, common=reference.common))
+    for t in reference.instants:
+        row, fine_row = history.row(step_at(history, t)), int(np.argmin(np.abs(fine.times - t)))
+        here = Field(history.mesh, history.displacement[row], history.moduli, t)
+        there = Field(fine.mesh, fine.displacement[fine_row], fine.moduli, float(fine.times[fine_row]))
+        found.append(energy_distance(here, there, common=reference.common))
     scale, apart = max(one.reference for one in found), max(one.moduli_apart for one in found)
     if scale == 0.0:
         raise HistoryError("the reference does not deform at any instant looked at: no relative error exists.")
@@ -383,18 +372,18 @@ def measured_point(recipe: Recipe, point: Point, folder: Path, reference: Refere
 
     A reference that cannot be read raises OSError, which is no fault of the point.
     """
-    ran = run_point(recipe, point, np.array(reference.instants))
+    history, columns = run_point(recipe, point, np.array(reference.instants))
     try:
-        error, error_end, apart = errors(ran, folder, reference)
+        error, error_end, apart = errors(history, folder, reference)
     except HistoryError as lost:
         raise OSError(str(lost)) from lost
-    said = [ran.columns["message"]] if ran.columns["message"] else []
+    said = [columns["message"]] if columns["message"] else []
     if apart > 0:
         said.append(
             "in places the material of its mesh is not that of the reference's mesh, because cells have one material "
             "each and lie across the border between two: errors are weighed with the moduli of its own mesh"
         )
-    return {**ran.columns, "error": error, "error_end": error_end, "message": "; ".join(said)}
+    return {**columns, "error": error, "error_end": error_end, "message": "; ".join(said)}
 
 
 JOURNAL = "journal.jsonl"

@@ -37,17 +37,14 @@ from vemcvx.cli.problem_file import Problem, read_problem
 from vemcvx.cli.report import page
 from vemcvx.cli.solver_names import NAMES, named_solver, on_threads, read_options
 from vemcvx.cli.terminal import NOT_CERTIFIED, broken, check_writable, listed, logged_at_most, progress_bar, say
+from vemcvx.cost import Ingredients
 from vemcvx.cost.workers import Crashed, TookTooLong, alone
 from vemcvx.errors import NotAccepted, NotCertified, NotContracting, ProblemError, SceneError, VemcvxError
-from vemcvx.meshes import AnyMesh
 from vemcvx.outline import Table
 from vemcvx.program.system import System
-from vemcvx.scene import Scene
 from vemcvx.scene.pose import pose_scene
-from vemcvx.simulation import simulate
 from vemcvx.solvers import Solver, ThroughCvxpy
 from vemcvx.solvers.conic import TUNED, installed
-from vemcvx.stepping.backward_euler import checked_times
 from vemcvx.stepping.trajectory import Trajectory
 from vemcvx.version import __version__
 
@@ -256,10 +253,10 @@ class Compare:
         if not found.trustworthy:
             raise typer.Exit(NOT_CERTIFIED)
 
-    def posed(self, problem: Problem) -> tuple[Scene, AnyMesh, Floats]:
+    def posed(self, problem: Problem) -> Ingredients:
         """The scene, the mesh and the instants."""
         mesh = problem.mesh(self.n or problem.usual_n(16, self.mesh), self.mesh)
-        return problem.scene(self.settings), mesh, checked_times(problem.times(self.steps))
+        return problem.posed(self.settings, mesh, self.steps)
 
 
 def compare_solvers(problem: Problem, asked: Compare) -> Judged:
@@ -267,9 +264,9 @@ def compare_solvers(problem: Problem, asked: Compare) -> Judged:
     if asked.time_limit is not None and not asked.time_limit > 0:
         raise ProblemError(f"--time-limit: found {asked.time_limit:g}; wanted seconds, more than zero.")
     solvers = entrants(asked)
-    scene, mesh, times = asked.posed(problem)
+    posed = asked.posed(problem)
     with warned_once(), logged_at_most(1), progress_bar("posing") as shown:
-        system = pose_scene(scene, mesh, times.tolist()).system
+        system = pose_scene(posed.scene, posed.mesh, posed.times.tolist()).system
         attempts: list[Attempt] = []
         for i, (solver, settings) in enumerate(solvers):
             row = Row(solver=solver.name, settings=settings, asked=solver.accuracy)
@@ -294,7 +291,7 @@ def compare_solvers(problem: Problem, asked: Compare) -> Judged:
     return replace(
         found,
         title=f"{problem.name}: {problem.title}",
-        size=f"{mesh.n_cells} cells, {mesh.n_nodes} nodes, {system.n} unknowns, {asked.steps} steps",
+        size=f"{posed.mesh.n_cells} cells, {posed.mesh.n_nodes} nodes, {system.n} unknowns, {asked.steps} steps",
         used=tuple(used for one in solvers if (one[0].name, one[1]) in told if (used := _used(*one))),
     )
 
@@ -344,10 +341,9 @@ def attempted(
     problem: Problem, asked: Compare, row: Row, solver: Solver, progress: Callable[[int, int], None] | None
 ) -> Attempt:
     """Solve the problem by one solver, whatever comes of it."""
-    scene, mesh, times = asked.posed(problem)
-    how: dict[str, Any] = {"initial": problem.initial, "check": False, "progress": progress or False}
+    posed = replace(asked.posed(problem), solver=solver)
     try:
-        history = simulate(scene, mesh, times, solver=solver, **how)
+        history = posed.simulated(check=False, progress=progress or False)
     except (VemcvxError, MemoryError) as error:
         outcome = next((end for kind, end in ENDS.items() if isinstance(error, kind)), FAILED)
         told = "it ran out of memory" if isinstance(error, MemoryError) else str(error)

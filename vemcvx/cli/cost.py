@@ -23,7 +23,6 @@ from vemcvx.errors import HistoryError, ProblemError, VemcvxError
 from vemcvx.estimate.adapt import OF
 from vemcvx.meshes import FAMILIES, SPACE_FAMILIES
 from vemcvx.owned_files import Owned
-from vemcvx.stepping.backward_euler import checked_times
 from vemcvx.version import __version__
 
 USUAL = ("squares", "triangles", "voronoi")
@@ -50,14 +49,8 @@ class FromFile:
 
     def __call__(self, point: Point) -> Ingredients:
         """Read the file, and make what `simulate` takes."""
-        problem = read_problem(self.path)
-        return Ingredients(
-            problem.scene(self.settings),
-            problem.mesh(point.n, point.family),
-            checked_times(problem.times(point.steps or 2)),
-            named_solver(point.solver, point.accuracy),
-            problem.initial,
-        )
+        problem, solver = read_problem(self.path), named_solver(point.solver, point.accuracy)
+        return problem.posed(self.settings, problem.mesh(point.n, point.family), point.steps or 2, solver)
 
 
 @dataclass(frozen=True, kw_only=True)

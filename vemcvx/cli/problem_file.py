@@ -23,11 +23,14 @@ import numpy as np
 
 from vemcvx.arrays import brief
 from vemcvx.cli.supplied import problem_path
+from vemcvx.cost import Ingredients
 from vemcvx.effects.effect import amount
 from vemcvx.errors import ProblemError, VemcvxError
 from vemcvx.meshes import FAMILIES, SPACE_FAMILIES, AnyMesh, PolygonMesh, PolyhedralMesh, read
 from vemcvx.plots.style import Units, checked_units
 from vemcvx.scene import Scene
+from vemcvx.solvers import Solver
+from vemcvx.stepping.backward_euler import checked_times
 
 
 def executed(path: Path, kind: str) -> ModuleType:
@@ -193,6 +196,10 @@ class Problem:
     def times(self, steps: int) -> Any:
         """The instants; `simulate` checks them."""
         return self._call("times", steps)
+
+    def posed(self, settings: Sequence[str], mesh: AnyMesh, steps: int, solver: Solver | None = None) -> Ingredients:
+        """What `simulate` and `adapt` take: the scene of these settings, this mesh, and instants of so many steps."""
+        return Ingredients(self.scene(settings), mesh, checked_times(self.times(steps)), solver, self.initial)
 
     @property
     def initial(self) -> Any:

@@ -24,12 +24,12 @@ from vemcvx.cli.show import mesh_name
 from vemcvx.cli.solver_names import named_linear, named_solver, on_threads, served
 from vemcvx.cli.supplied import problems_folder
 from vemcvx.cli.terminal import EVERY, INVALID, NOT_CERTIFIED, Shown, listed, progress_bar, say
-from vemcvx.cost import study
+from vemcvx.cost import Ingredients, study
 from vemcvx.cost.foreseen import Growth, check_fits
 from vemcvx.cost.workers import DONE, outcome, pool
 from vemcvx.cost.workers import NOT_CERTIFIED as MISSED
 from vemcvx.errors import ProblemError, VemcvxError
-from vemcvx.estimate.adapt import OF, Pass, adapt
+from vemcvx.estimate.adapt import OF, Pass
 from vemcvx.exchange import FORMATS, encoded, put
 from vemcvx.history import History
 from vemcvx.meshes import AnyMesh
@@ -42,8 +42,7 @@ from vemcvx.results import files
 from vemcvx.results.files import ARCHIVE, SERIES, SUMMARY, Origin, listed_tables, write_results
 from vemcvx.results.probe import places
 from vemcvx.results.results import programs_of_steps
-from vemcvx.simulation import simulate, warn_of_turns
-from vemcvx.stepping.backward_euler import checked_times
+from vemcvx.simulation import warn_of_turns
 from vemcvx.stepping.trajectory import CHECKPOINT, Folder, stored_steps
 
 ROWS = "rows"
@@ -264,23 +263,14 @@ class Run:
             made.append(n)
             shown("marching", n, steps)
 
-        scene, times, linear = problem.scene(self.settings), problem.times(steps), named_linear(self.linear)
-        warn_of_turns(scene, mesh, checked_times(times), linear)
-        history = simulate(
-            scene,
-            mesh,
-            times,
-            solver=named_solver(self.solver, self.accuracy),
-            initial=problem.initial,
-            store=store,
-            condense=self.condense,
-            linear=linear,
-            progress=advance,
-            stream=rows,
-            resume=resumed,
-            bound=self.bound,
-        )
+        linear, posed = named_linear(self.linear), self._posed(problem, mesh, steps)
+        warn_of_turns(posed.scene, mesh, posed.times, linear)
+        how: dict[str, Any] = {"condense": self.condense, "linear": linear, "bound": self.bound, "stream": rows}
+        history = posed.simulated(store=store, progress=advance, resume=resumed, **how)
         return history, [f"resumed     after step {history.steps - len(made)} of {history.steps}"] if resumed else []
+
+    def _posed(self, problem: Problem, mesh: AnyMesh, steps: int) -> Ingredients:
+        return problem.posed(self.settings, mesh, steps, named_solver(self.solver, self.accuracy))
 
     def _adapted(
         self, problem: Problem, mesh: AnyMesh, steps: int, target: float, shown: Shown
@@ -288,15 +278,14 @@ class Run:
         """The history on a mesh, and at instants, chosen for the target; those given are where that begins."""
         if self.resume or self.store != "all" or self.linear is not None or not self.condense:
             raise ProblemError("--target: adaptive runs take neither --resume, --store, --linear nor --no-condense.")
-        solver, times = named_solver(self.solver, self.accuracy), problem.times(steps)
-        scene, initial = problem.scene(self.settings), problem.initial
+        posed = self._posed(problem, mesh, steps)
         shown("adapting", 0, None)
 
         def told(now: Pass) -> None:
             shown(f"adapting, {now.unknowns} unknowns and {now.steps} steps have {now.total:.1%}", 0, None)
 
-        how: dict[str, Any] = {"of": self.of, "estimate": "bound" if self.bound else "residual"}
-        found = adapt(scene, mesh, times, target, solver=solver, initial=initial, progress=told, **how)
+        estimate = "bound" if self.bound else "residual"
+        found = posed.adapted(posed.times[1:], target, progress=told, of=self.of, estimate=estimate)
         return found.history, [found.summary()]
 
     def _refuse_early(self, folder: Path | None, drawings: Path) -> None:

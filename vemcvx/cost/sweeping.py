@@ -78,12 +78,12 @@ class Point:
 
 @dataclass(frozen=True, eq=False)
 class Ingredients:
-    """The arguments of `simulate` and `adapt` for one point."""
+    """The arguments of `simulate` and `adapt` for one point, or for one run."""
 
     scene: Scene
     mesh: AnyMesh
     times: Floats
-    solver: Solver
+    solver: Solver | None = None
     initial: ArrayLike | str | Projected | None = None
 
     def simulated(self, **options: Any) -> History:

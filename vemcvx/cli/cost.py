@@ -11,6 +11,7 @@ from typing import Annotated, Any
 
 import typer
 
+from vemcvx.canvas import as_png
 from vemcvx.cli.options import CELLS, NONE, File, Of, Settings, Threads, families, solver_names
 from vemcvx.cli.problem_file import Problem, read_problem
 from vemcvx.cli.solver_names import named_solver, on_threads
@@ -19,7 +20,7 @@ from vemcvx.cost import Ingredients, Point, Sweep, advice, sweep
 from vemcvx.cost.sweeping import JOURNAL, Grid
 from vemcvx.cost.table import Row, answers, effectivities, picture, table, within_reach, without_limit
 from vemcvx.cost.workers import REFUSED
-from vemcvx.errors import HistoryError, ProblemError, VemcvxError
+from vemcvx.errors import ProblemError, VemcvxError
 from vemcvx.estimate.adapt import OF
 from vemcvx.meshes import FAMILIES, SPACE_FAMILIES
 from vemcvx.owned_files import Owned
@@ -241,17 +242,13 @@ def _of_bounds(rows: Sequence[Row]) -> list[str]:
 def _written(found: Sweep, grid: Grid, folder: Path, problem: Problem) -> str:
     files, title = f"files       {folder}: {TABLE}, {JOURNAL}", f"{problem.name}: what accuracy costs"
     with Owned(folder) as own:
+        own.write(TABLE, table(found.rows))
+        if not any(row.done for row in found.rows):
+            return f"{files}\npicture     none: no run has an answer"
         try:
-            own.take(TABLE).write_text(table(found.rows), encoding="utf-8")
-            if not any(row.done for row in found.rows):
-                return f"{files}\npicture     none: no run has an answer"
             drawn = picture(found.rows, grid.targets, found.reference.estimated, title, OF[grid.of])
-            for name, figure in ((PICTURE, drawn), (RATIOS, effectivities(found.rows, title))):
-                if figure is not None:
-                    figure.savefig(own.take(name), dpi=160)
-                    files += f", {name}"
-        except OSError as error:
-            raise HistoryError(f"{folder}: cannot write the table and the picture there: {error}.") from error
+            pictures = {PICTURE: drawn, RATIOS: effectivities(found.rows, title)}
         except VemcvxError as error:
-            files += f"\npicture     none: {error}"
-    return files
+            return f"{files}\npicture     none: {error}"
+        names = [own.write(name, as_png(figure, 160)) for name, figure in pictures.items() if figure is not None]
+    return ", ".join([files, *names])

@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vemcvx.canvas import light_grid, new_figure
+from vemcvx.canvas import as_png, light_grid, new_figure
 from vemcvx.cost.workers import DONE
-from vemcvx.errors import HistoryError, ProblemError
+from vemcvx.errors import ProblemError
 from vemcvx.outline import Table
 from vemcvx.owned_files import Owned
 from vemcvx.plots.style import MARKERS, SERIES, Units, in_units
@@ -173,16 +173,10 @@ def write(rows: Sequence[Row], folder: Path, figure: Figure | None, *, tables: b
         plain.append([*row.settings.values(), row.status, *map(row.results.get, results), *ends])
     heads = [*(f"set.{name}" for name in rows[0].settings), "status", *results, "met", "unbounded", "message"]
     words = f"{json.dumps([asdict(row) for row in rows], indent=2)}\n"
-    texts = {TABLE: Table(heads, plain).csv(), WORDS: words} if tables else {}
+    files: dict[str, str | bytes] = {TABLE: Table(heads, plain).csv(), WORDS: words} if tables else {}
+    files |= {} if figure is None else {PICTURE: as_png(figure, 160)}
     with Owned(folder) as own:
-        try:
-            for name, text in texts.items():
-                own.take(name).write_text(text, encoding="utf-8")
-            if figure is not None:
-                figure.savefig(own.take(PICTURE), dpi=160)
-        except OSError as error:
-            raise HistoryError(f"{folder}: cannot write the study there: {error}.") from error
-    return [*texts, *([PICTURE] if figure is not None else [])]
+        return [own.write(name, content) for name, content in files.items()]
 
 
 def picture(rows: Sequence[Row], chosen: Sequence[str], title: str = "") -> Figure:

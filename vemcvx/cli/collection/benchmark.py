@@ -33,7 +33,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
-from vemcvx.canvas import legend_below, light_grid, new_figure, plain_logarithms
+from vemcvx.canvas import as_png, legend_below, light_grid, new_figure, plain_logarithms
 from vemcvx.cli.collection.instances import FCLIB
 from vemcvx.cli.collection.trials import ASKED, BEGUN, FAILED, REFUSED, STOPPED, WARM, Entrant, Running, Trial, journal
 from vemcvx.cli.collection.writing import MANIFEST
@@ -113,15 +113,14 @@ class Benchmark:
             text, markdown = in_words(entries, instances, self.time_limit)
             heads = ("solver", *(field.name for field in fields(Trial)))
             tried = [(label, *astuple(one)) for label, own in entries.items() for some in own.values() for one in some]
-            files.take(TABLE).write_text(Table(heads, tried).csv(), encoding="utf-8")
-            files.take(WORDS).write_text(markdown, encoding="utf-8")
-            pictures = [files.take(PROFILES), files.take(MEANS)]
-        say(text)
-        try:
-            profiles(entries, instances).savefig(pictures[0], dpi=150)
-            means(entries, instances, self.time_limit).savefig(pictures[1], dpi=150)
-        except VemcvxError as error:
-            say(f"No pictures: {error}.")
+            files.write(TABLE, Table(heads, tried).csv())
+            files.write(WORDS, markdown)
+            say(text)
+            try:
+                files.write(PROFILES, as_png(profiles(entries, instances), 150))
+                files.write(MEANS, as_png(means(entries, instances, self.time_limit), 150))
+            except VemcvxError as error:
+                say(f"No pictures: {error}.")
         say(f"\n{out} has every trial ({TABLE}), the tables ({WORDS}) and pictures ({PROFILES}, {MEANS})")
 
     def entrants(self) -> list[Entrant]:

@@ -38,7 +38,7 @@ from vemcvx.outline import Table
 from vemcvx.owned_files import ANY_KIND, Owned
 from vemcvx.program.step_program import SolvedProgram, StepProgram
 from vemcvx.results.results import programs_of_steps
-from vemcvx.simulation import programs, simulate
+from vemcvx.simulation import programs
 from vemcvx.solvers import Newton
 from vemcvx.version import __version__
 
@@ -86,7 +86,7 @@ def write_collection(
             words = Path(__file__).with_name(name).read_text(encoding="utf-8")
             place(name).write_text(words.format(**about), encoding="utf-8")
         sums = "".join(f"{sha256(path.read_bytes()).hexdigest()}  {path.name}\n" for path in sorted(written))
-        files.take(SUMS).write_text(sums)
+        files.write(SUMS, sums)
     sizes = [row["unknowns"] for row in rows]
     others = departures(rows)
     as_published = "" if others else f"; {OPTIMA} agrees with that of version {VERSION}"
@@ -185,7 +185,7 @@ def _encoded(instance: Instance, solved: Sequence[SolvedProgram], forms: Sequenc
 
 def _made(instances: Sequence[Instance]) -> Iterator[tuple[Instance, list[SolvedProgram]]]:
     """The instances with the programs of their steps; those of one run come from one run."""
-    here = problems_folder()
+    here, exactly = problems_folder(), Newton(accuracy=ACCURACY)
     for _, group in groupby(sorted(instances, key=lambda one: (*one.run, one.name)), key=lambda one: one.run):
         wanted = list(group)
         first, last = wanted[0], max(one.step for one in wanted)
@@ -193,14 +193,14 @@ def _made(instances: Sequence[Instance]) -> Iterator[tuple[Instance, list[Solved
         with warnings.catch_warnings():
             # What holds the bodies is what grades are about.
             warnings.simplefilter("ignore", SceneWarning)
-            scene, mesh, initial = problem.scene(first.settings), problem.mesh(first.n), problem.initial
-            times, exactly = np.asarray(problem.times(first.of))[: last + 1], Newton(accuracy=ACCURACY)
+            posed = problem.posed(first.settings, problem.mesh(first.n), first.of, exactly)
+            posed = replace(posed, times=posed.times[: last + 1])
             if first.grade == FCLIB:  # Condensed, K of 10,000 contacts would be 7 GB.
-                given: Any = {"condense": False, "linear": direct_solver(mesh.n_nodes)}
-                found = programs(scene, mesh, times, solver=exactly, initial=initial, check=False, **given)
+                given: Any = {"condense": False, "linear": direct_solver(posed.mesh.n_nodes), "initial": posed.initial}
+                found = programs(posed.scene, posed.mesh, posed.times, solver=exactly, check=False, **given)
                 yield first, [one for one in found if one.step > last - first.steps]
                 continue
-            history = simulate(scene, mesh, times, solver=exactly, initial=initial, check=False, progress=False)
+            history = posed.simulated(check=False, progress=False)
         for one in wanted:
             numbers = range(one.step - one.steps + 1, one.step + 1)
             yield one, list(programs_of_steps(history, numbers, one.condense))

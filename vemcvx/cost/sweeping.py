@@ -459,7 +459,8 @@ def _reference(
     goal, there = REFERENCE_PART * min(targets), None if fresh else read_reference(folder)
     if there is not None and there.serves(recipe.mark, instants.tolist(), goal, grid.finest):
         return there
-    return computed(build_reference, recipe, grid.coarsest, grid.finest, instants, goal, folder)
+    given = recipe, grid.coarsest, grid.finest, instants, goal, folder
+    return computed(build_reference, *given)
 
 
 def finished_row(recipe: Recipe, point: Point, key: str, folder: Path, reference: Reference) -> Row:

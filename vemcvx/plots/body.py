@@ -31,9 +31,9 @@ Colours = tuple["str | Colormap", tuple[float, float]]
 Stress = tuple[str, Callable[[Results, int], Floats]]
 
 
-def _stresses(*components: str) -> dict[str, Stress]:
+def _stresses(components: Sequence[str]) -> dict[str, Stress]:
     """Stresses that have names, with their symbols or words, and what they are of every cell at a step."""
-    dim = 2 if len(components) == 3 else 3
+    dim = sum(number[0] == number[1] for number in components)
     mean = "+".join(rf"\sigma_{{{number}}}" for number in components[:dim])
     found: dict[str, Stress] = {
         "von_mises": ("von Mises stress", lambda history, step: history.von_mises(step)),
@@ -50,10 +50,10 @@ def _stresses(*components: str) -> dict[str, Stress]:
 
 
 AXES = str.maketrans("123", "xyz")
-STRESSES = _stresses("11", "22", "12") | {
+STRESSES = _stresses(("11", "22", "12")) | {
     "shear": ("largest shear stress", lambda history, step: -0.5 * np.diff(history.principal_stresses(step))[:, 0])
 }
-STRESSES_IN_SPACE = _stresses("11", "22", "33", "12", "23", "13")
+STRESSES_IN_SPACE = _stresses(("11", "22", "33", "12", "23", "13"))
 UNSIGNED = {"shear", "von_mises"}
 FORCES = ("contact", "friction", "none")
 CLOSED, ARROWS = "closed contact bold or hatched", "thick arrows stick"

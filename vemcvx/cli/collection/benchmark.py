@@ -5,10 +5,9 @@ norms of its own. So each solver is asked with many (:mod:`vemcvx.cli.collection
 on an instance is that of the *cheapest* trial whose true error is at most E. From these times come
 
 - for every E how many instances a solver reaches, and what became of the rest: *missed* (answers, all farther off),
-  *failed* (no answer: it broke down, or its process died), *late* (out of time); those that it does not take do not
-  count;
+  *failed* (no answer), *late* (out of time); those that it does not take do not count;
 - the shifted geometric mean exp(mean log(t + s)) - s of its seconds with s = .01, where an instance that it does not
-  reach counts as the time limit, whatever it took; the seconds that misses did take stand beside it;
+  reach counts as the time limit, whatever it took;
 - the performance profile (Dolan and Moré 2002): the share of instances on which it takes at most x times as long as
   the fastest.
 

@@ -92,20 +92,23 @@ def progress_bar(doing: str) -> Iterator[Shown]:
     console, ended, begin = Console(stderr=True), threading.Event(), time.monotonic()
     columns = TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[counted]}"), TimeElapsedColumn()
     with Progress(*columns, _Left(), console=console, transient=True, disable=not console.is_terminal) as bar:
-        task = bar.add_task(doing, total=None, counted="")
+        task = bar.add_task(doing, total=None, counted="", first=0)
 
         def shown(doing: str, finished: int, total: int | None) -> None:
             if doing != bar.tasks[task].description:
-                bar.reset(task, description=doing, total=total, completed=finished)
+                bar.reset(task, description=doing, total=total, completed=finished, counted="", first=finished)
             counted = f"{finished}/{total}" if total is not None else ""
             bar.update(task, completed=finished, total=total, counted=counted)
 
         def speak() -> None:
             while not ended.wait(EVERY):
-                now, seconds = bar.tasks[task], time.monotonic() - begin
-                counted = f" {now.completed:.0f} of {now.total:.0f}" if now.total is not None else ""
-                left = f", {now.time_remaining:.0f} s left" if now.time_remaining is not None else ""
-                say(f"vemcvx: {now.description}{counted}, {seconds:.0f} s{left}", err=True)
+                now, words = bar.tasks[task], f", {time.monotonic() - begin:.0f} s"
+                total, finished, done = now.total, now.completed, now.completed - now.fields["first"]
+                if total is not None:
+                    words = f" {finished:.0f} of {total:.0f}{words}"
+                    if done > 0:
+                        words += f", {(now.elapsed or 0.0) * (total - finished) / done:.0f} s left"
+                say(f"vemcvx: {now.description}{words}", err=True)
 
         speaker = threading.Thread(target=speak, daemon=True)
         try:

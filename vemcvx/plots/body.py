@@ -46,7 +46,7 @@ def _stresses(components: Sequence[str]) -> dict[str, Stress]:
         return lambda history, step: history.stress(step)[:, k]
 
     symbols = {number.translate(AXES): rf"$\sigma_{{{number}}}$" for number in components}
-    return found | {name: (symbol, component(k)) for k, (name, symbol) in enumerate(symbols.items())}
+    return {name: (symbol, component(k)) for k, (name, symbol) in enumerate(symbols.items())} | found
 
 
 AXES = str.maketrans("123", "xyz")

@@ -31,8 +31,8 @@ Colours = tuple["str | Colormap", tuple[float, float]]
 Stress = tuple[str, Callable[[Results, int], Floats]]
 
 
-def _stresses(components: Sequence[str]) -> dict[str, Stress]:
-    """Stresses that have names, with their symbols or words, and what they are of every cell at a step."""
+def _stresses(components: Sequence[str]) -> tuple[dict[str, Stress], dict[str, Stress]]:
+    """Components and equivalent stresses by name: symbols or words, and what they are of every cell at a step."""
     dim = sum(number[0] == number[1] for number in components)
     mean = "+".join(rf"\sigma_{{{number}}}" for number in components[:dim])
     found: dict[str, Stress] = {
@@ -46,14 +46,18 @@ def _stresses(components: Sequence[str]) -> dict[str, Stress]:
         return lambda history, step: history.stress(step)[:, k]
 
     symbols = {number.translate(AXES): rf"$\sigma_{{{number}}}$" for number in components}
-    return {name: (symbol, component(k)) for k, (name, symbol) in enumerate(symbols.items())} | found
+    return {name: (symbol, component(k)) for k, (name, symbol) in enumerate(symbols.items())}, found
 
 
 AXES = str.maketrans("123", "xyz")
-STRESSES = _stresses(("11", "22", "12")) | {
-    "shear": ("largest shear stress", lambda history, step: -0.5 * np.diff(history.principal_stresses(step))[:, 0])
+COMPONENTS, EQUIVALENT = _stresses(("11", "22", "12"))
+STRESSES: dict[str, Stress] = {
+    **COMPONENTS,
+    "shear": ("largest shear stress", lambda history, step: -0.5 * np.diff(history.principal_stresses(step))[:, 0]),
+    **EQUIVALENT,
 }
-STRESSES_IN_SPACE = _stresses(("11", "22", "33", "12", "23", "13"))
+IN_SPACE, EQUIVALENT_IN_SPACE = _stresses(("11", "22", "33", "12", "23", "13"))
+STRESSES_IN_SPACE = EQUIVALENT_IN_SPACE | IN_SPACE
 UNSIGNED = {"shear", "von_mises"}
 FORCES = ("contact", "friction", "none")
 CLOSED, ARROWS = "closed contact bold or hatched", "thick arrows stick"

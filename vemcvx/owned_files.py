@@ -87,6 +87,15 @@ class Owned:
             self._write()
         return path
 
+    def write(self, name: str, content: str | bytes) -> str:
+        """Write a file of that name, ours from now on; return the name."""
+        path = self.take(name)
+        try:
+            path.write_bytes(content.encode() if isinstance(content, str) else content)
+        except OSError as error:
+            raise HistoryError(f"{path}: cannot be written: {error}.") from error
+        return name
+
     def clear(self) -> None:
         """Take away all of ours but the mark."""
         try:

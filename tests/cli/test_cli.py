@@ -296,7 +296,7 @@ def test_too_little_memory_is_said(monkeypatch):
     def hungry(*_, **__):
         raise MemoryError("Unable to allocate 7 EiB")
 
-    monkeypatch.setattr("vemcvx.cli.run.simulate", hungry)
+    monkeypatch.setattr("vemcvx.cost.sweeping.simulate", hungry)
     refused = invoke("run", PROBLEM)
     assert refused.exit_code == 2
     assert "not enough memory: Unable to allocate 7 EiB; take a coarser mesh" in refused.output
@@ -313,12 +313,12 @@ def test_a_command_that_is_ended_shows_the_cursor_again(tmp_path, name):
 import os, signal
 from vemcvx.cli import app
 from vemcvx.plots.style import in_units
-from vemcvx.cli import run as simulation
+from vemcvx.cost import sweeping
 def simulate(*_, progress, **__):
     progress(1, 9)
     os.kill(os.getpid(), signal.{name})
     progress(2, 9)
-simulation.simulate = simulate
+sweeping.simulate = simulate
 app(['run', {PROBLEM!r}, '--n', '2', '--out', {str(tmp_path)!r}])
 """
     environment = {**os.environ, "TERM": "xterm", "COLUMNS": "100"}

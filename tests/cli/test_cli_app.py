@@ -282,7 +282,7 @@ def test_letters_are_large_and_labels_whole(ran):
 def test_a_cell_that_fails_is_named(tmp_path, monkeypatch):
     file = tmp_path / "broken.py"
     file.write_text("import marimo\napp = marimo.App()\n\n@app.cell\ndef _():\n    1 / 0\n    return\n")
-    monkeypatch.setattr(live_page, "_path", lambda: file)
+    monkeypatch.setattr(live_page, "PAGE", file)
     code, said = call("app", "--check")
     assert code == 2
     assert "running its cells failed" in said

@@ -38,7 +38,6 @@ from vemcvx.cli.collection.trials import (
     journal,
     left,
     measured,
-    measured_in_turn,
 )
 
 SMALL = [one for one in INSTANCES if one.grade == "easy" and one.problem == "frictional_hysteresis"]
@@ -155,7 +154,7 @@ def test_the_true_error_is_the_distance_from_the_optimum():
     def ask(tolerance, memory):
         return 0.5, 1.03 * best.d, best.lam, best.p, 7, "solved"
 
-    found = measured(ask, program, 1e-3)
+    found = measured([ask], [program], 1e-3, warm=False)
     assert found["true"] == pytest.approx(0.03, rel=1e-12)
     assert found["certified"] >= found["true"]
     assert found["seconds"] == 0.5
@@ -163,7 +162,7 @@ def test_the_true_error_is_the_distance_from_the_optimum():
         np.abs(0.03 * program.operators.K @ best.d).max() / np.abs(program.g).max(), rel=1e-6
     )
     with pytest.raises(vx.SolverFailed, match="not finite"):
-        measured(lambda tolerance, memory: (0.5, np.full_like(best.d, np.nan), None, None, 1, ""), program, 1e-3)
+        measured([lambda *_: (0.5, np.full_like(best.d, np.nan), None, None, 1, "")], [program], 1e-3, warm=False)
 
 
 @pytest.mark.long
@@ -183,14 +182,14 @@ def test_a_sequence_is_as_good_as_its_worst_step():
         return answered
 
     asks = [ask(0.03, programs[0]), ask(0.01, programs[1])]
-    found = measured_in_turn(asks, programs, 1e-3, warm=False)
+    found = measured(asks, programs, 1e-3, warm=False)
     assert (found["seconds"], found["iterations"], begun) == (1.0, 14, [None, None])
     assert found["true"] == pytest.approx(0.015, rel=1e-12)
-    assert measured_in_turn(asks, programs, 1e-3, warm=True)["true"] == found["true"]
+    assert measured(asks, programs, 1e-3, warm=True)["true"] == found["true"]
     assert begun[2:] == [{}, {"lam": 0.03}]
     blind = [lambda tolerance, memory, own=own: own(tolerance, None) for own in asks]
     with pytest.raises(vx.NotAccepted, match="handed nothing of the answer before"):
-        measured_in_turn(blind, programs, 1e-3, warm=True)
+        measured(blind, programs, 1e-3, warm=True)
 
 
 @pytest.mark.long
@@ -207,7 +206,7 @@ def test_floating_bodies_are_taken_by_all(name):
         history = vx.simulate(scene, vx.meshes.squares(4), [0.0, 1.0])
     program = history.program(1)
     assert program.operators.kernel is not None
-    found = measured(Entrant(name).taking([program])[0], program, 1e-10)
+    found = measured(Entrant(name).taking([program]), [program], 1e-10, warm=False)
     assert found["true"] <= found["certified"] + 1e-9
     assert found["true"] <= 1e-6
 

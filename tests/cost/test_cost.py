@@ -64,8 +64,7 @@ def rows(folder):
 
 def stay_at_home(monkeypatch):
     """Every run of a sweep in this process, which is quicker."""
-    module = sys.modules["vemcvx.cost.sweeping"]  # in its package that name is the function's
-    monkeypatch.setattr(module, "alone", lambda function, *given: function(*given))
+    monkeypatch.setattr("vemcvx.cost.workers.alone", lambda function, *given: function(*given))
 
 
 @pytest.fixture(scope="module")
@@ -194,12 +193,12 @@ def test_errors_may_be_those_of_friction_work(tmp_path, monkeypatch):
 @pytest.mark.long
 def test_a_finer_reference_moves_errors_by_no_more_than_its_own(tmp_path):
     recipe, instants, found = Recipe(), np.array([0.5, 1.0]), []
-    ran = run_point(recipe, UNIFORM, instants)
+    history, _ = run_point(recipe, UNIFORM, instants)
     for goal in (0.1, 0.04):
         reference = build_reference(recipe, UNIFORM, UNIFORM, instants, goal, tmp_path)
         assert reference.estimated <= goal
         assert read_reference(tmp_path) == reference
-        found.append(errors(ran, tmp_path, reference)[0])
+        found.append(errors(history, tmp_path, reference)[0])
     assert found[0] != found[1]
     assert abs(found[0] - found[1]) <= 0.1 + 0.04
 
@@ -459,9 +458,9 @@ def test_scenes_without_an_estimate_have_a_reference(tmp_path):
     point, instants = replace(UNIFORM, solver="viscous"), np.array([0.5, 1.0])
     reference = build_reference(Recipe(), point, point, instants, 0.1, tmp_path)
     assert (reference.estimated, reference.cells, reference.made) == (None, 64, 16)
-    ran = run_point(Recipe(), point, instants)
-    assert ran.columns["estimated"] is None
-    assert 0 < errors(ran, tmp_path, reference)[0] < 0.5
+    history, columns = run_point(Recipe(), point, instants)
+    assert columns["estimated"] is None
+    assert 0 < errors(history, tmp_path, reference)[0] < 0.5
 
 
 @pytest.mark.long
@@ -484,7 +483,7 @@ def test_bounds_stand_beside_estimates(tmp_path, monkeypatch):
 def test_bounds_of_steps_are_told_apart(tmp_path):
     scene = paper_scene().without(vx.BilateralContact).with_(vx.UnilateralContact(on="bottom"))
     made = Ingredients(scene, vx.meshes.squares(3), np.linspace(0.0, 1.0, 3), vx.Newton(1e-8))
-    columns = run_point(lambda point: made, replace(UNIFORM, bounded=True), np.array([1.0])).columns
+    _, columns = run_point(lambda point: made, replace(UNIFORM, bounded=True), np.array([1.0]))
     history = made.simulated()
     assert columns["bound_of"] == "step"
     assert columns["bound"] == pytest.approx(float(vx.error_bound(history, step=-1).relative), rel=1e-6)

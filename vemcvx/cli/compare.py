@@ -26,33 +26,31 @@ from dataclasses import asdict, astuple, dataclass, fields, replace
 from functools import partial
 from html import escape
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import typer
 
-from vemcvx.arrays import Floats, Ints
-from vemcvx.cli.options import NONE, Accuracy, File, Mesh, N, Settings, Steps, Threads, solver_names
+from vemcvx.arrays import Floats
+from vemcvx.cli.options import NONE, Accuracy, File, Mesh, N, Options, Settings, Steps, Threads, solver_names
 from vemcvx.cli.problem_file import Problem, read_problem
 from vemcvx.cli.report import page
 from vemcvx.cli.solver_names import NAMES, named_solver, on_threads, read_options
 from vemcvx.cli.terminal import NOT_CERTIFIED, broken, check_writable, listed, logged_at_most, progress_bar, say
-from vemcvx.cost.workers import Crashed, Refused, TookTooLong, alone
+from vemcvx.cost import Ingredients
+from vemcvx.cost.workers import Crashed, TookTooLong, alone
 from vemcvx.errors import NotAccepted, NotCertified, NotContracting, ProblemError, SceneError, VemcvxError
-from vemcvx.meshes import AnyMesh
 from vemcvx.outline import Table
 from vemcvx.program.system import System
-from vemcvx.scene import Scene
 from vemcvx.scene.pose import pose_scene
-from vemcvx.simulation import simulate
 from vemcvx.solvers import Solver, ThroughCvxpy
 from vemcvx.solvers.conic import TUNED, installed
-from vemcvx.stepping.backward_euler import checked_times
 from vemcvx.stepping.trajectory import Trajectory
 from vemcvx.version import __version__
 
 CERTIFIED, MISSED, REFUSED, FAILED, STOPPED = "certified", "missed", "refused", "failed", "stopped"
 """Outcomes: good; less accurate than asked; unable to take the program; broken down; out of time."""
+ENDS = {NotAccepted: REFUSED, NotCertified: MISSED, NotContracting: MISSED}
 SETTINGS = {"both": ("tuned", "default"), "tuned": ("tuned",), "default": ("default",)}
 
 
@@ -90,13 +88,29 @@ class Row:
 Attempt = tuple[Row, Trajectory | None]  # A row before it is held against others, with its answer if there is one.
 
 
+@dataclass(frozen=True)
+class Used:
+    """The settings that cvxpy passed on to a solver, in words, and of those tuned by us (setting, value, reason)."""
+
+    solver: str
+    settings: str
+    passed_on: str
+    reasons: tuple[tuple[str, str, str], ...]
+
+
 @dataclass(frozen=True, kw_only=True)
 class Judged:
-    """All rows, the label of the most certain solver, and whether certificates bound distances of this problem."""
+    """All rows, the label of the most certain solver, and whether certificates bound distances of this problem.
+
+    A comparison has the problem's title and size beside them, and the settings of the solvers that answered.
+    """
 
     rows: tuple[Row, ...]
     most_certain: str | None
     rigorous: bool
+    title: str = ""
+    size: str = ""
+    used: tuple[Used, ...] = ()
 
     @property
     def liars(self) -> tuple[str, ...]:
@@ -139,20 +153,29 @@ def judged(system: System, attempts: Sequence[Attempt]) -> Judged:
 def _judged_row(system: System, row: Row, run: Trajectory | None, best: Trajectory | None, rigorous: bool) -> Row:
     if run is None:
         return row
-    apart = None if best is None or run is best or not _is_answer(run) else distance(system, best, run)
-    missed = np.flatnonzero(run.certificate > row.asked)
+    apart = limit = kept = None
+    if best is not None and run is not best and _is_answer(run):
+        apart, limit, kept = distance(system, best, run)
+    missed, says = np.flatnonzero(run.certificate > row.asked), ""
+    if len(missed):
+        n, later = int(missed[0]), np.count_nonzero(missed)
+        # A settled initial state is solved for and certified, too, but it is none of the steps.
+        where = ["at the start"] if n == 0 else []
+        where += [f"in {later} of {len(run.times) - 1} steps"] if later else []
+        says = f"misses its accuracy {' and '.join(where)}, first in step {n} at t = {run.times[n]:.6g}, "
+        says += f"where it reached {run.certified[n]:.1e}"
     return replace(
         row,
         outcome=MISSED if len(missed) else CERTIFIED,
         certified=float(run.certified.max()),
         floor=float(run.certificate_floor.max()),
-        distance=None if apart is None else apart[0],
-        allowed=None if apart is None else apart[1],
-        honest=apart[2] if apart is not None and rigorous else None,
+        distance=apart,
+        allowed=limit,
+        honest=kept if rigorous else None,
         good=len(missed) == 0,
         iterations=int(np.median(run.iterations[1:])) if run.iterations[1:].any() else None,
         safeguards=int(run.safeguards.sum()),
-        says=_of_misses(run, missed),
+        says=says,
     )
 
 
@@ -187,18 +210,6 @@ def bounds_distance(system: System) -> bool:
     return system.norms is None and system.damping is None
 
 
-def _of_misses(run: Trajectory, missed: Ints) -> str:
-    if len(missed) == 0:
-        return ""
-    n, later = missed[0], np.count_nonzero(missed)
-    # A settled initial state is solved for and certified, too, but it is none of the steps.
-    where = (["at the start"] if n == 0 else []) + ([f"in {later} of {len(run.times) - 1} steps"] if later else [])
-    return (
-        f"misses its accuracy {' and '.join(where)}, "
-        f"first in step {n} at t = {run.times[n]:.6g}, where it reached {run.certified[n]:.1e}"
-    )
-
-
 @dataclass(frozen=True, kw_only=True)
 class Compare:
     """Solve a problem by several solvers, and hold their answers against each other and their certificates."""
@@ -217,9 +228,7 @@ class Compare:
     ] = "newton,clarabel,osqp,direct"
     accuracy: Accuracy = None
     threads: Threads = None
-    options: Annotated[
-        list[str], typer.Option("--option", metavar="SOLVER.NAME=VALUE", help="A setting of a solver; may be repeated.")
-    ] = NONE
+    options: Options = NONE
     tuning: Annotated[str, typer.Option(metavar="both|tuned|default", help="Settings of solvers that cvxpy calls.")] = (
         "both"
     )
@@ -241,44 +250,24 @@ class Compare:
         for kind, path in paths.items():
             path.write_text(WRITERS[kind](found), encoding="utf-8")
         typer.echo(in_words(found))
-        if not found.judged.trustworthy:
+        if not found.trustworthy:
             raise typer.Exit(NOT_CERTIFIED)
 
-    def posed(self, problem: Problem) -> tuple[Scene, AnyMesh, Floats]:
+    def posed(self, problem: Problem) -> Ingredients:
         """The scene, the mesh and the instants."""
         mesh = problem.mesh(self.n or problem.usual_n(16, self.mesh), self.mesh)
-        return problem.scene(self.settings), mesh, checked_times(problem.times(self.steps))
+        return problem.posed(self.settings, mesh, self.steps)
 
 
-@dataclass(frozen=True)
-class Used:
-    """The settings that cvxpy passed on to a solver, in words, and of those tuned by us (setting, value, reason)."""
-
-    solver: str
-    settings: str
-    passed_on: str
-    reasons: tuple[tuple[str, str, str], ...]
-
-
-@dataclass(frozen=True)
-class Compared:
-    """A comparison: the problem, its size, the judged rows, and the settings of the solvers that answered."""
-
-    title: str
-    size: str
-    judged: Judged
-    used: tuple[Used, ...]
-
-
-def compare_solvers(problem: Problem, asked: Compare) -> Compared:
+def compare_solvers(problem: Problem, asked: Compare) -> Judged:
     """Solve the problem by all solvers asked for; a line on each is printed as soon as it is done."""
     if asked.time_limit is not None and not asked.time_limit > 0:
         raise ProblemError(f"--time-limit: found {asked.time_limit:g}; wanted seconds, more than zero.")
     solvers = entrants(asked)
-    scene, mesh, times = asked.posed(problem)
+    posed = asked.posed(problem)
     with warned_once(), logged_at_most(1), progress_bar("posing") as shown:
-        system = pose_scene(scene, mesh, times.tolist()).system
-        attempts = []
+        system = pose_scene(posed.scene, posed.mesh, posed.times.tolist()).system
+        attempts: list[Attempt] = []
         for i, (solver, settings) in enumerate(solvers):
             row = Row(solver=solver.name, settings=settings, asked=solver.accuracy)
             doing = f"{row.label}, {i + 1} of {len(solvers)}"
@@ -287,18 +276,24 @@ def compare_solvers(problem: Problem, asked: Compare) -> Compared:
                 row, run = attempted(problem, asked, row, solver, partial(shown, doing))
             else:
                 row, run = _attempted_within(asked.time_limit, problem, asked, i, row)
-            words = row.outcome
-            if run is not None:
-                seconds = (row.assemble_seconds or 0) + (row.prepare_seconds or 0) + (row.solve_seconds or 0)
-                words = f"certified to {run.certified.max():.1e} in {seconds:.2f} s"
+            seconds = (row.assemble_seconds or 0) + (row.prepare_seconds or 0) + (row.solve_seconds or 0)
+            words = row.outcome if run is None else f"certified to {run.certified.max():.1e} in {seconds:.2f} s"
             say(f"{i + 1} of {len(solvers)}: {row.label}: {words}", err=True)
-            attempts.append((row, run))
-        _raise_what_all_say([row for row, _ in attempts])
-        found = judged(system, _once(attempts))
-    size = f"{mesh.n_cells} cells, {mesh.n_nodes} nodes, {system.n} unknowns, {asked.steps} steps"
+            # A solver that refuses the program with all settings is told once.
+            if row.outcome != REFUSED or all((row.solver, row.says) != (one.solver, one.says) for one, _ in attempts):
+                attempts.append((row, run))
+        # An error in which every solver ends, of those that take the program, is one of the problem.
+        tried = [(row.outcome, row.says) for row, _ in attempts if row.outcome != REFUSED]
+        if len(tried) > 1 and len(set(tried)) == 1 and tried[0][0] == FAILED:
+            raise SceneError(tried[0][1])
+        found = judged(system, attempts)
     told = {(row.solver, row.settings) for row in found.rows}
-    used = tuple(_used(*entrant) for entrant in solvers if (entrant[0].name, entrant[1]) in told)
-    return Compared(f"{problem.name}: {problem.title}", size, found, tuple(one for one in used if one is not None))
+    return replace(
+        found,
+        title=f"{problem.name}: {problem.title}",
+        size=f"{posed.mesh.n_cells} cells, {posed.mesh.n_nodes} nodes, {system.n} unknowns, {asked.steps} steps",
+        used=tuple(used for one in solvers if (one[0].name, one[1]) in told if (used := _used(*one))),
+    )
 
 
 def entrants(asked: Compare) -> list[tuple[Solver, str]]:
@@ -331,10 +326,9 @@ def _attempted_within(seconds: float, problem: Problem, asked: Compare, i: int, 
         return alone(attempted_alone, problem.path, asked, i, row, seconds=seconds, ready=installed)
     except TookTooLong:
         return replace(row, outcome=STOPPED, says=f"stopped after {seconds:g} s"), None
-    except Crashed as crash:
-        return replace(row, outcome=FAILED, says=f"its process ended: {crash}"), None
-    except Refused as refusal:
-        return replace(row, outcome=FAILED, says=_own_words(str(refusal))), None
+    except (Crashed, VemcvxError) as end:
+        died = isinstance(end, Crashed)
+        return replace(row, outcome=FAILED, says=f"its process ended: {end}" if died else _own_words(str(end))), None
 
 
 def attempted_alone(path: Path, asked: Compare, i: int, row: Row) -> Attempt:
@@ -347,34 +341,15 @@ def attempted(
     problem: Problem, asked: Compare, row: Row, solver: Solver, progress: Callable[[int, int], None] | None
 ) -> Attempt:
     """Solve the problem by one solver, whatever comes of it."""
-    scene, mesh, times = asked.posed(problem)
+    posed = replace(asked.posed(problem), solver=solver)
     try:
-        history = simulate(
-            scene, mesh, times, solver=solver, initial=problem.initial, check=False, progress=progress or False
-        )
-    except NotAccepted as error:
-        return replace(row, outcome=REFUSED, says=clause(str(error))), None
-    except (NotCertified, NotContracting) as error:
-        return replace(row, outcome=MISSED, says=clause(str(error))), None
-    except VemcvxError as error:
-        return replace(row, outcome=FAILED, says=_own_words(str(error))), None
-    except MemoryError:
-        return replace(row, outcome=FAILED, says="it ran out of memory"), None
-    assemble, prepare, solve = (history.seconds[part] for part in ("assemble", "prepare", "solve"))
-    return replace(row, assemble_seconds=assemble, prepare_seconds=prepare, solve_seconds=solve), history.trajectory
-
-
-def _raise_what_all_say(rows: Sequence[Row]) -> None:
-    """Raise an error in which every solver ends, of those that take the program: it is one of the problem."""
-    tried = [(row.outcome, row.says) for row in rows if row.outcome != REFUSED]
-    if len(tried) > 1 and len(set(tried)) == 1 and tried[0][0] == FAILED:
-        raise SceneError(tried[0][1])
-
-
-def _once(attempts: Sequence[Attempt]) -> list[Attempt]:
-    """The attempts, in which a solver that refuses the program with all settings is told once."""
-    told = [(row.solver, row.says) if row.outcome == REFUSED else i for i, (row, _) in enumerate(attempts)]
-    return [attempt for i, attempt in enumerate(attempts) if told.index(told[i]) == i]
+        history = posed.simulated(check=False, progress=progress or False)
+    except (VemcvxError, MemoryError) as error:
+        outcome = next((end for kind, end in ENDS.items() if isinstance(error, kind)), FAILED)
+        told = "it ran out of memory" if isinstance(error, MemoryError) else str(error)
+        return replace(row, outcome=outcome, says=_own_words(told) if outcome == FAILED else clause(told)), None
+    seconds: dict[str, Any] = {f"{part}_seconds": history.seconds[part] for part in ("assemble", "prepare", "solve")}
+    return replace(row, **seconds), history.trajectory
 
 
 def _used(solver: Solver, settings: str) -> Used | None:
@@ -430,37 +405,34 @@ def _cells(row: Row, columns: dict[str, tuple[str, str]]) -> list[str]:
     found = [row.solver, row.settings]
     for name, form in columns.values():
         value = getattr(row, name)
-        found.append(
-            "-" if value is None else form if value is False else "yes" if value is True else f"{value:{form}}"
-        )
+        words = {None: "-", False: form, True: "yes"}
+        found.append(words[value] if value is None or isinstance(value, bool) else f"{value:{form}}")
     return found
 
 
-def in_words(found: Compared) -> str:
+def in_words(found: Judged) -> str:
     """The tables as text that fits the terminal."""
     width = shutil.get_terminal_size().columns
     # All columns take 112 characters.
     columns = {head: column for head, column in COLUMNS.items() if width >= 112 or column[0] not in LEFT_OUT}
-    heads, rows = ("solver", "settings"), found.judged.rows
-    tables = (
-        Table([*heads, *columns], [_cells(row, columns) for row in rows if row.certified is not None]),
-        Table(
-            [*heads, "outcome", "what happened"], [(r.solver, r.settings, r.outcome, r.says) for r in rows if r.says]
-        ),
-        Table(
-            [*heads, "as passed on; gap is what a step is asked for"],
-            [(used.solver, used.settings, used.passed_on) for used in found.used],
-        ),
-    )
-    title, remarks = broken(f"{found.title}\n{found.size}", width), broken("\n".join(found.judged.remarks), width)
-    return "\n\n".join([title, *(table.text() for table in tables if table.rows), remarks]).rstrip()
+    answered = [_cells(row, columns) for row in found.rows if row.certified is not None]
+    happened = [(row.solver, row.settings, row.outcome, row.says) for row in found.rows if row.says]
+    passed_on = [(used.solver, used.settings, used.passed_on) for used in found.used]
+    tables: dict[tuple[str, ...], Sequence[Sequence[str]]] = {
+        tuple(columns): answered,
+        ("outcome", "what happened"): happened,
+        ("as passed on; gap is what a step is asked for",): passed_on,
+    }
+    told = [Table(("solver", "settings", *heads), rows).text() for heads, rows in tables.items() if rows]
+    title, remarks = broken(f"{found.title}\n{found.size}", width), broken("\n".join(found.remarks), width)
+    return "\n\n".join([title, *told, remarks]).rstrip()
 
 
-def as_json(found: Compared) -> str:
+def as_json(found: Judged) -> str:
     """All rows, the settings used with their reasons, and how to read them; numbers that are not finite are words."""
     rows = [
         {key: str(x) if isinstance(x, float) and not np.isfinite(x) else x for key, x in asdict(row).items()}
-        for row in found.judged.rows
+        for row in found.rows
     ]
     told = {
         "format": "vemcvx comparison",
@@ -468,30 +440,30 @@ def as_json(found: Compared) -> str:
         "problem": found.title,
         "size": found.size,
         "units": "errors: relative to the largest energy norm of the states so far; times: seconds",
-        "most_certain": found.judged.most_certain,
-        "certificates_bound_distances": found.judged.rigorous,
-        "trustworthy": found.judged.trustworthy,
+        "most_certain": found.most_certain,
+        "certificates_bound_distances": found.rigorous,
+        "trustworthy": found.trustworthy,
         "rows": rows,
         "settings": [asdict(used) for used in found.used],
     }
     return json.dumps(told, indent=1) + "\n"
 
 
-def as_csv(found: Compared) -> str:
+def as_csv(found: Judged) -> str:
     """One line a row, by the names of JSON."""
-    return Table([field.name for field in fields(Row)], list(map(astuple, found.judged.rows))).csv()
+    return Table([field.name for field in fields(Row)], list(map(astuple, found.rows))).csv()
 
 
-def as_html(found: Compared) -> str:
+def as_html(found: Judged) -> str:
     """A page with the tables of the terminal, all columns, and the reasons of settings."""
-    rows = [[*_cells(row, COLUMNS), f"{row.outcome}: {row.says}".rstrip(": ")] for row in found.judged.rows]
+    rows = [[*_cells(row, COLUMNS), f"{row.outcome}: {row.says}".rstrip(": ")] for row in found.rows]
     why = [[used.solver, *reason] for used in found.used for reason in used.reasons]
     return page(
         found.title,
         f"<p>{escape(found.size)}</p>{Table(['solver', 'settings', *COLUMNS, 'outcome'], rows).html()}"
-        + "".join(f"<p>{escape(line)}</p>" for line in found.judged.remarks)
+        + "".join(f"<p>{escape(line)}</p>" for line in found.remarks)
         + f"<h2>Settings tuned for solvers</h2>{Table(['solver', 'setting', 'value', 'why'], why).html()}",
     )
 
 
-WRITERS: dict[str, Callable[[Compared], str]] = {"json": as_json, "csv": as_csv, "html": as_html}
+WRITERS: dict[str, Callable[[Judged], str]] = {"json": as_json, "csv": as_csv, "html": as_html}

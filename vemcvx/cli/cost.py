@@ -11,18 +11,19 @@ from typing import Annotated, Any
 
 import typer
 
+from vemcvx.canvas import as_png
 from vemcvx.cli.options import CELLS, NONE, File, Of, Settings, Threads, families, solver_names
 from vemcvx.cli.problem_file import Problem, read_problem
 from vemcvx.cli.solver_names import named_solver, on_threads
 from vemcvx.cli.terminal import listed, progress_bar, say
 from vemcvx.cost import Ingredients, Point, Sweep, advice, sweep
 from vemcvx.cost.sweeping import JOURNAL, Grid
-from vemcvx.cost.table import REFUSED, Row, answers, effectivities, picture, table, within_reach, without_limit
-from vemcvx.errors import HistoryError, ProblemError, VemcvxError
+from vemcvx.cost.table import Row, answers, effectivities, picture, table, within_reach, without_limit
+from vemcvx.cost.workers import REFUSED
+from vemcvx.errors import ProblemError, VemcvxError
 from vemcvx.estimate.adapt import OF
 from vemcvx.meshes import FAMILIES, SPACE_FAMILIES
 from vemcvx.owned_files import Owned
-from vemcvx.stepping.backward_euler import checked_times
 from vemcvx.version import __version__
 
 USUAL = ("squares", "triangles", "voronoi")
@@ -49,14 +50,8 @@ class FromFile:
 
     def __call__(self, point: Point) -> Ingredients:
         """Read the file, and make what `simulate` takes."""
-        problem = read_problem(self.path)
-        return Ingredients(
-            problem.scene(self.settings),
-            problem.mesh(point.n, point.family),
-            checked_times(problem.times(point.steps or 2)),
-            named_solver(point.solver, point.accuracy),
-            problem.initial,
-        )
+        problem, solver = read_problem(self.path), named_solver(point.solver, point.accuracy)
+        return problem.posed(self.settings, problem.mesh(point.n, point.family), point.steps or 2, solver)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -190,14 +185,15 @@ def _share(word: str) -> float:
 def _of_reference(found: Sweep, threads: int | None) -> list[str]:
     it = found.reference
     own = "with no estimate of its own error" if it.estimated is None else f"its own error estimated {it.estimated:.2%}"
+    size = f"{it.cells} cells, {it.unknowns} unknowns, {it.made} steps"
     instants = ", ".join(f"{t:g}" for t in it.instants)
+    errors = f"in the energy norm, the largest at t = {instants}, relative to the largest norm"
+    if it.value is not None:
+        errors = f"of {OF[it.of]} at the end, {it.value:.6g} by the reference, relative to that"
     on = "in one thread" if threads in (None, 1) else f"with {threads} threads of PARDISO"
     lines = [
-        f"reference   {it.cells} cells, {it.unknowns} unknowns, {it.made} steps, {own} (wanted: {it.goal:.2%}), "
-        f"{it.seconds:.3g} s",
-        f"errors      in the energy norm, the largest at t = {instants}, relative to the largest norm"
-        if it.value is None
-        else f"errors      of {OF[it.of]} at the end, {it.value:.6g} by the reference, relative to that",
+        f"reference   {size}, {own} (wanted: {it.goal:.2%}), {it.seconds:.3g} s",
+        f"errors      {errors}",
         f"seconds     {on}, from assembly to answer; the first mesh is made before",
     ]
     if it.estimated is not None and it.estimated > it.goal:
@@ -216,22 +212,20 @@ def _of_points(found: Sweep) -> list[str]:
     if ratios:
         lines.append(f"estimates   {min(ratios):.2g} to {max(ratios):.2g} times the true error")
     lines += _of_bounds(rows)
-    failed = [row for row in rows if not row.done]
-    for row in failed:
-        words = " ".join(row.message.split())
-        lines.append(
-            f"            {row.status}: {row.settings}: {words.split('; ')[0] if row.status == REFUSED else words}"
-        )
+    for row in rows:
+        if not row.done:
+            words = " ".join(row.message.split())
+            words = words.split("; ")[0] if row.status == REFUSED else words
+            lines.append(f"            {row.status}: {row.settings}: {words}")
     lines += [f"extremes    {words}" for words in without_limit(rows)]
     warned = dict.fromkeys(row.message for row in rows if row.done and row.message)
-    lines += [f"warning     {words}" for words in warned]
-    return lines
+    return [*lines, *(f"warning     {words}" for words in warned)]
 
 
 def _of_bounds(rows: Sequence[Row]) -> list[str]:
-    known = {of: [one for one in answers(rows) if one.row.bound_of == of] for of in ("history", "step")}
-    ratios = [(one.row.bound or 0.0) / one.error for one in known["history"] if one.error > 0]
-    sizes = [one.row.bound or 0.0 for one in known["step"]]
+    known = [(one.row.bound_of, one.row.bound or 0.0, one.error) for one in answers(rows)]
+    ratios = [bound / error for of, bound, error in known if of == "history" and error > 0]
+    sizes = [bound for of, bound, _ in known if of == "step"]
     lines = []
     if ratios:
         lines.append(f"bounds      {min(ratios):.2g} to {max(ratios):.2g} times the true error, guaranteed")
@@ -246,21 +240,15 @@ def _of_bounds(rows: Sequence[Row]) -> list[str]:
 
 
 def _written(found: Sweep, grid: Grid, folder: Path, problem: Problem) -> str:
-    files = f"files       {folder}: {TABLE}, {JOURNAL}"
+    files, title = f"files       {folder}: {TABLE}, {JOURNAL}", f"{problem.name}: what accuracy costs"
     with Owned(folder) as own:
-        places = own.take(TABLE), own.take(PICTURE)
+        own.write(TABLE, table(found.rows))
+        if not any(row.done for row in found.rows):
+            return f"{files}\npicture     none: no run has an answer"
         try:
-            places[0].write_text(table(found.rows), encoding="utf-8")
-            if not any(row.done for row in found.rows):
-                return f"{files}\npicture     none: no run has an answer"
-            title = f"{problem.name}: what accuracy costs"
-            picture(found.rows, grid.targets, found.reference.estimated, title, OF[grid.of]).savefig(places[1], dpi=160)
-            ratios = effectivities(found.rows, title)
-            if ratios is not None:
-                ratios.savefig(own.take(RATIOS), dpi=160)
-                return f"{files}, {PICTURE}, {RATIOS}"
-        except OSError as error:
-            raise HistoryError(f"{folder}: cannot write the table and the picture there: {error}.") from error
+            drawn = picture(found.rows, grid.targets, found.reference.estimated, title, OF[grid.of])
+            pictures = {PICTURE: drawn, RATIOS: effectivities(found.rows, title)}
         except VemcvxError as error:
             return f"{files}\npicture     none: {error}"
-    return f"{files}, {PICTURE}"
+        names = [own.write(name, as_png(figure, 160)) for name, figure in pictures.items() if figure is not None]
+    return ", ".join([files, *names])

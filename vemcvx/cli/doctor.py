@@ -36,13 +36,8 @@ PACKAGES = {"pardiso": "py-mkl-pardiso", "multigrid": "pyamg", "petsc": "petsc4p
 """Packages of linear solvers, by the names of these."""
 
 
-@dataclass(frozen=True)
-class Finding:
-    """A line of the doctor: the subject, the finding in words, and whether vemcvx can work with that."""
-
-    subject: str
-    words: str
-    well: bool = True
+Finding = tuple[str, str, bool]
+"""A line of the doctor: the subject, what was found in words, and whether vemcvx can work with that."""
 
 
 @dataclass(frozen=True)
@@ -52,9 +47,9 @@ class Doctor:
     def __call__(self) -> None:
         """Print the findings, each as soon as it is there."""
         ill = []
-        for found in findings():
-            typer.echo(Table((), [(f"{found.subject:14}", found.words)]).text())
-            ill += [] if found.well else [found.subject]
+        for subject, words, well in findings():
+            typer.echo(Table((), [(f"{subject:14}", words)]).text())
+            ill += [] if well else [subject]
         say(f"\nNot well: {', '.join(ill)}." if ill else "\nAll is well.")
         if ill:
             raise typer.Exit(1)
@@ -62,12 +57,12 @@ class Doctor:
 
 def findings() -> Iterator[Finding]:
     """The findings, each as soon as it is there: packages, solvers, linear solvers, and a closed form."""
-    yield Finding("vemcvx", here())
+    yield "vemcvx", here(), True
     for name in NEEDED:
         found = version_of(name)
-        yield Finding(name, found or "missing: install vemcvx anew", found is not None)
+        yield name, found or "missing: install vemcvx anew", found is not None
     for name, extra in EXTRAS.items():
-        yield Finding(name, version_of(name) or f"not installed; optional: pip install 'vemcvx[{extra}]'")
+        yield name, version_of(name) or f"not installed; optional: pip install 'vemcvx[{extra}]'", True
     for name in ("newton", "clarabel", "osqp"):
         yield _chain(name, NAMES[name](), None)
     for name, kind in LINEAR.items():
@@ -96,11 +91,11 @@ def _chain(name: str, solver: Solver, linear: LinearSolver | None) -> Finding:
     try:
         run = march(system, [0.0, 1.0], solver=solver, linear=linear)
     except VemcvxError as failure:
-        return Finding(name, f"does not work: {failure}", False)
+        return name, f"does not work: {failure}", False
     off = run.state[-1] - [0.9, 0.2, 0.0, 0.0]
     error, certified = float(np.sqrt(off @ (K @ off))), float((np.sqrt(2 * run.gap) + np.sqrt(2 * run.floor)).sum())
     words = f"error {error:.0e}, certified {certified:.0e}" + ": above its certificate" * (error > certified)
-    return Finding(name, words, error <= certified)
+    return name, words, error <= certified
 
 
 def _patch() -> Finding:
@@ -123,9 +118,9 @@ def _patch() -> Finding:
         with logged_at_most(0):
             history = simulate(scene, voronoi(32), np.linspace(0.0, 1.0, 9), solver=Newton())
     except VemcvxError as failure:
-        return Finding("arithmetic", f"the self-test fails: {failure}", False)
+        return "arithmetic", f"the self-test fails: {failure}", False
     exact = closed_form(history.mesh.points, 1.0)
     error = float(np.abs(history.displacement[-1] - exact).max() / np.abs(exact).max())
     size = f"{history.mesh.n_cells} cells, 8 steps, {time.perf_counter() - start:.1f} s"
     # No arithmetic in double precision errs by 1e-10 on a patch test of this size.
-    return Finding("arithmetic", f"{size}: off a closed form by {error:.0e}", error <= 1e-10)
+    return "arithmetic", f"{size}: off a closed form by {error:.0e}", error <= 1e-10

@@ -31,6 +31,7 @@ from vemcvx.cli.terminal import check_writable, logged_at_most, say
 from vemcvx.errors import ProblemError
 
 GIVEN = "VEMCVX_APP"
+PAGE = "live_page.py"
 HOST = "127.0.0.1"
 MOST_SESSIONS = 6
 LINGER = 10  # Seconds for which a page that was closed, or lost its connection, is kept.
@@ -103,7 +104,11 @@ def check() -> str:
 
 def serve(port: int | None, browser: bool) -> None:
     """Offer the page to browsers on this machine, at that port or at any that is free, until Ctrl-C."""
-    with _listening(port) as listener:
+    try:
+        listener = socket.create_server((HOST, port or 0))
+    except OSError as error:
+        raise ProblemError(f"--port: {port} cannot be had: {os.strerror(error.errno or 0)}; take another.") from error
+    with listener:
         with logged_at_most(0):
             _run()  # what does not work is told before anybody looks
         import uvicorn
@@ -117,7 +122,7 @@ def serve(port: int | None, browser: bool) -> None:
             return app
 
         made = create_asgi_app(quiet=True, token=token, session_ttl=LINGER)
-        made = made.with_app(path="/", root=str(_path()), middleware=[seen])
+        made = made.with_app(path="/", root=str(problems_folder() / PAGE), middleware=[seen])
         settings = uvicorn.Config(Door(made.build(), port), log_level="warning", timeout_graceful_shutdown=1)
         server = uvicorn.Server(settings)
         address = f"http://{HOST}:{port}/?access_token={token}"
@@ -149,26 +154,11 @@ class Door:
         self._open, self._ended = 0, deque[float]()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Hand on a request, or refuse it."""
-        if scope["type"] not in ("http", "websocket"):
-            await self._app(scope, receive, send)
+        """Hand on a request, or refuse it; a session counts from when the page, and its token, has let it in."""
+        session, accepted = scope["type"] == "websocket", False
+        if refusal := self._refusal(scope, session):
+            await _refuse(send, session, *refusal)
             return
-        named = {key.decode("latin-1"): value.decode("latin-1") for key, value in scope["headers"]}
-        session, origin = scope["type"] == "websocket", named.get("origin")
-        if named.get("host") not in self._hosts:
-            await _refuse(send, session, 403, f"This page is at http://{HOST}, on the machine that shows it.")
-        elif origin is not None and origin.removeprefix("http://") not in self._hosts:
-            await _refuse(send, session, 403, "Pages of other sites may not use this one.")
-        elif self._sessions() >= MOST_SESSIONS and (session or scope["path"] == "/"):
-            await _refuse(
-                send, session, 503, f"This page is open {MOST_SESSIONS} times; close one, and wait {LINGER} s."
-            )
-        else:
-            await self._counted(scope, receive, send)
-
-    async def _counted(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Hand on a request; a session counts from when the page, and its token, has let it in."""
-        accepted = False
 
         async def told(message: MutableMapping[str, Any]) -> None:
             nonlocal accepted
@@ -184,11 +174,21 @@ class Door:
                 self._open -= 1
                 self._ended.append(time.monotonic())
 
-    def _sessions(self) -> int:
-        """Pages that are open, and those closed so lately that marimo still keeps them."""
+    def _refusal(self, scope: Scope, session: bool) -> tuple[int, str] | None:
+        """The status and the sentence of a request that does not come in."""
+        if not session and scope["type"] != "http":
+            return None
+        named = {key.decode("latin-1"): value.decode("latin-1") for key, value in scope["headers"]}
+        if named.get("host") not in self._hosts:
+            return 403, f"This page is at http://{HOST}, on the machine that shows it."
+        if "origin" in named and named["origin"].removeprefix("http://") not in self._hosts:
+            return 403, "Pages of other sites may not use this one."
+        # Pages closed so lately that marimo still keeps them count, too.
         while self._ended and self._ended[0] < time.monotonic() - LINGER:
             self._ended.popleft()
-        return self._open + len(self._ended)
+        if self._open + len(self._ended) >= MOST_SESSIONS and (session or scope["path"] == "/"):
+            return 503, f"This page is open {MOST_SESSIONS} times; close one, and wait {LINGER} s."
+        return None
 
 
 async def _refuse(send: Send, session: bool, status: int, words: str) -> None:
@@ -235,21 +235,11 @@ def write(path: Path, opens: int | None = None) -> str:
     return f"{path}: {len(steps)} of {history.steps} steps"
 
 
-def _path() -> Path:
-    return problems_folder() / "live_page.py"
-
-
 def _run() -> tuple[Any, int, Mapping[str, Any]]:
     """The module of the app, how many cells it has, and what they define."""
     if importlib.util.find_spec("marimo") is None:
         raise ProblemError("app: the live page needs marimo, which is not installed: pip install 'vemcvx[app]'")
-    module = executed(_path(), "app")
-    outputs, found = own_errors(_path(), "running its cells", module.app.run)
+    path = problems_folder() / PAGE
+    module = executed(path, "app")
+    outputs, found = own_errors(path, "running its cells", module.app.run)
     return module, len(outputs), found
-
-
-def _listening(port: int | None) -> socket.socket:
-    try:
-        return socket.create_server((HOST, port or 0))
-    except OSError as error:
-        raise ProblemError(f"--port: {port} cannot be had: {os.strerror(error.errno or 0)}; take another.") from error

@@ -103,4 +103,7 @@ SolverName = Annotated[
         help="newton, clarabel, osqp, direct, a solver that cvxpy finds (scs, highs ...), or FILE.py:CLASS.",
     ),
 ]
+Options = Annotated[
+    list[str], typer.Option("--option", metavar="SOLVER.NAME=VALUE", help="A setting of a solver; may be repeated.")
+]
 NONE: Any = ()  # The default of options that may be repeated.

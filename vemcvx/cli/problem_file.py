@@ -23,11 +23,14 @@ import numpy as np
 
 from vemcvx.arrays import brief
 from vemcvx.cli.supplied import problem_path
+from vemcvx.cost import Ingredients
 from vemcvx.effects.effect import amount
 from vemcvx.errors import ProblemError, VemcvxError
 from vemcvx.meshes import FAMILIES, SPACE_FAMILIES, AnyMesh, PolygonMesh, PolyhedralMesh, read
 from vemcvx.plots.style import Units, checked_units
 from vemcvx.scene import Scene
+from vemcvx.solvers import Solver
+from vemcvx.stepping.backward_euler import checked_times
 
 
 def executed(path: Path, kind: str) -> ModuleType:
@@ -84,6 +87,7 @@ def several(text: str) -> list[str]:
 
 SPACE_N = 8  # Cells across the shortest side when nobody says how many, in space: 64 would be 262,144 cubes.
 PARTS = {"scene": "scene(**parameters)", "mesh": 'mesh(n, family="squares")', "times": "times(steps)"}
+KINDS = {"scene": (Scene,), "mesh": (PolygonMesh, PolyhedralMesh), "times": (object,)}
 
 RETURNS = {
     "scene": "a vemcvx.Scene",
@@ -143,10 +147,7 @@ class Problem:
 
     def scene(self, settings: Sequence[str] = ()) -> Scene:
         """The scene, with parameters given as "name=value"."""
-        made = self._call("scene", **self._given(settings))
-        if not isinstance(made, Scene):
-            raise self._unlike(made, "scene", "a vemcvx.Scene")
-        return made
+        return self._call("scene", **self._given(settings))
 
     def mesh(self, n: int | tuple[int, ...], family: str | None = None) -> AnyMesh:
         """The mesh, of the problem's own family by default; a name with a suffix is that of a mesh file."""
@@ -155,10 +156,7 @@ class Problem:
         if family is not None and family not in (*self.families, self.family):
             known = ", ".join(self.families)
             raise ProblemError(f"--mesh: there is no family {family!r}; there are {known}, and files such as part.msh.")
-        made = self._call("mesh", n) if family is None else self._call("mesh", n, family=family)
-        if not isinstance(made, (PolygonMesh, PolyhedralMesh)):
-            raise self._unlike(made, "mesh", "a vemcvx.PolygonMesh")
-        return made
+        return self._call("mesh", n, **({} if family is None else {"family": family}))
 
     @property
     def families(self) -> tuple[str, ...]:
@@ -174,8 +172,9 @@ class Problem:
     def in_space(self, family: str | None = None) -> bool:
         """Whether its bodies are of polyhedra. A family of the file's own does not say so; its mesh does."""
         known = family or self.family
-        own = known not in FAMILIES and known not in SPACE_FAMILIES
-        return known in SPACE_FAMILIES or (own and not isinstance(self.mesh(SPACE_N, family), PolygonMesh))
+        if known in FAMILIES or known in SPACE_FAMILIES:
+            return known in SPACE_FAMILIES
+        return not isinstance(self.mesh(SPACE_N, family), PolygonMesh)
 
     def usual_n(self, usual: int, family: str | None = None) -> int:
         """Cells across the shortest side when nobody says how many: as `usual` in the plane, at most 8 in space."""
@@ -198,6 +197,10 @@ class Problem:
         """The instants; `simulate` checks them."""
         return self._call("times", steps)
 
+    def posed(self, settings: Sequence[str], mesh: AnyMesh, steps: int, solver: Solver | None = None) -> Ingredients:
+        """What `simulate` and `adapt` take: the scene of these settings, this mesh, and instants of so many steps."""
+        return Ingredients(self.scene(settings), mesh, checked_times(self.times(steps)), solver, self.initial)
+
     @property
     def initial(self) -> Any:
         """The initial state, if the file names one: "settled", "equilibrium" or a displacement."""
@@ -208,39 +211,36 @@ class Problem:
         """The names of units of the problem's data, if the file has them as UNITS."""
         return checked_units(getattr(self.module, "UNITS", None), f"{self.path}: UNITS") or None
 
-    def _parameter(self, setting: str) -> tuple[str, Any]:
-        name, equals, text = setting.partition("=")
-        known = inspect.signature(self.module.scene).parameters
-        if not equals:
-            raise ProblemError(f"--set: found {setting!r}; wanted name=value, such as {next(iter(known), 'a')}=1.")
-        if name not in known and not any(p.kind is p.VAR_KEYWORD for p in known.values()):
-            there_are = ", ".join(map(str, known.values())) or "none"
-            raise ProblemError(f"--set: {self.path} has no parameter {name!r}; its scene has {there_are}.")
-        value = literal(text)
-        default = known[name].default if name in known else None
-        if text.rstrip().endswith(",") and not isinstance(default, (tuple, list)):
-            raise ProblemError(
-                f"--set: found {setting!r}; several values have commas between, {name}=1,2, and one has none."
-            )
-        return name, value
-
     def _given(self, settings: Sequence[str]) -> dict[str, Any]:
         """The parameters that settings give, each of them once."""
-        given: dict[str, Any] = {}
+        known, given = inspect.signature(self.module.scene).parameters, dict[str, Any]()
+        any_name = any(parameter.kind is parameter.VAR_KEYWORD for parameter in known.values())
         for setting in settings:
-            name, value = self._parameter(setting)
+            name, equals, text = setting.partition("=")
+            if not equals:
+                raise ProblemError(f"--set: found {setting!r}; wanted name=value, such as {next(iter(known), 'a')}=1.")
+            if name not in known and not any_name:
+                there_are = ", ".join(map(str, known.values())) or "none"
+                raise ProblemError(f"--set: {self.path} has no parameter {name!r}; its scene has {there_are}.")
             if name in given:
                 raise ProblemError(f"--set: {name} is given twice; give several values in one --set, {name}=1,2.")
-            given[name] = value
+            default = known[name].default if name in known else None
+            if text.rstrip().endswith(",") and not isinstance(default, (tuple, list)):
+                raise ProblemError(
+                    f"--set: found {setting!r}; several values have commas between, {name}=1,2, and one has none."
+                )
+            given[name] = literal(text)
         return given
 
     def _call(self, part: str, *given: Any, **named: Any) -> Any:
+        """What a function of the file returns, which is of the kind that it should be."""
         words = ", ".join([*map(repr, given), *(f"{name}={value!r}" for name, value in named.items())])
         wanted = f". That is the problem file's own {part}, which is to return {RETURNS[part]}."
-        return own_errors(self.path, f"{part}({words})", lambda: getattr(self.module, part)(*given, **named), wanted)
-
-    def _unlike(self, made: object, part: str, wanted: str) -> ProblemError:
-        return ProblemError(f"{self.path}: {part}(...) returned {brief(made)}; wanted {wanted}.")
+        made = own_errors(self.path, f"{part}({words})", lambda: getattr(self.module, part)(*given, **named), wanted)
+        if not isinstance(made, KINDS[part]):
+            kind = f"a vemcvx.{KINDS[part][0].__name__}"
+            raise ProblemError(f"{self.path}: {part}(...) returned {brief(made)}; wanted {kind}.")
+        return made
 
 
 def read_problem(file: str | Path) -> Problem:

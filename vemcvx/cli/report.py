@@ -34,33 +34,22 @@ from vemcvx.version import __version__
 
 MARK = '<meta name="generator" content="vemcvx">'
 """The mark by which pages of ours are known, so that no other is replaced."""
-STYLE = (
-    "body{font:15px/1.4 sans-serif;margin:2em auto;padding:0 1em;max-width:75em}"
-    "table{border-collapse:collapse;margin:1em 0}"
-    "th,td{padding:.2em .7em;text-align:right;border-bottom:1px solid #ccc}th{vertical-align:bottom}"
-    ".w{text-align:left}small{font-weight:normal;color:#666}.no{color:#b00}"
-)
-REPORT_STYLE = (
-    "body{max-width:60em}h2{margin-top:1.6em;border-bottom:2px solid #0072b2}.wide{overflow-x:auto}"
-    "caption{text-align:left;color:#555;white-space:nowrap}th[style]{vertical-align:top}td:not([style],.w),thead th"
-    "{white-space:nowrap}figure{margin:1.5em 0;break-inside:avoid}img{max-width:100%;height:auto;display:block}"
-    "figcaption{color:#555}pre{white-space:pre-wrap;overflow-wrap:anywhere;background:#f6f6f6;padding:.7em}"
-    "@page{margin:15mm}@media print{body{margin:0;padding:0;font-size:12px}h2,h3{break-after:avoid}"
-    "table{break-inside:avoid}img{max-height:220mm}pre{font-size:10px}.wide{overflow:visible}}"
-    # Letters of pictures stay legible on narrow screens, where one moves the picture and not the page.
-    "@media screen and (max-width:40em){h1{font-size:1.4em}figure{overflow-x:auto}img{max-width:none;width:44em}}"
-)
 
 
 def page(title: str, body: str, style: str = "") -> str:
     """A page of a title in words and a body of HTML, with style of its own beside what all pages share."""
     head = f'<meta charset="utf-8">{MARK}<meta name="viewport" content="width=device-width">'
-    head += f"<title>{escape(title)}</title><style>{STYLE}{style}</style>"
+    head += f"<title>{escape(title)}</title><style>{_rules('page.css')}{style}</style>"
     foot = f"<p><small>vemcvx {__version__}</small></p>"
     return (
         f'<!doctype html>\n<html lang="en"><head>{head}</head>\n'
         f"<body><h1>{escape(title)}</h1>{body}{foot}</body></html>\n"
     )
+
+
+def _rules(name: str) -> str:
+    """The rules of a style sheet beside this file."""
+    return Path(__file__).with_name(name).read_text(encoding="utf-8").replace("\n", "")
 
 
 REPORT = "report.html"
@@ -131,8 +120,9 @@ def write_report(
     body = f"<p>{history.outline().title}; certified to {history.trajectory.certified.max():.1e} a step.</p>"
     body += "".join(f"<section><h2>{title}</h2>{text}</section>" for title, text in sections.items())
     path = folder / REPORT
+    # On narrow screens letters of pictures stay legible: one moves the picture, and not the page.
     try:
-        path.write_text(page(f"{problem.name}: {problem.title}", body, REPORT_STYLE), encoding="utf-8")
+        path.write_text(page(f"{problem.name}: {problem.title}", body, _rules("report.css")), encoding="utf-8")
     except OSError as error:
         raise ProblemError(f"--report: {path} cannot be written: {error}.") from error
     return path
@@ -176,8 +166,7 @@ def _pictures(history: History, units: Units | None) -> Iterator[str]:
     for name, drawn in draw_pictures(history, units).items():
         data, says = base64.b64encode(as_png(drawn, 130)).decode(), CAPTIONS[name]
         yield f'<figure><img src="data:image/png;base64,{data}" alt="{says}"><figcaption>{says}</figcaption></figure>'
-    for why in dict.fromkeys(left_out(history).values()):
-        yield f"<p>Left out: {escape(why)}.</p>"
+    yield from (f"<p>Left out: {escape(why)}.</p>" for why in dict.fromkeys(left_out(history).values()))
 
 
 def _results(history: History, points: Floats | None, named: Units | None) -> str:
@@ -259,16 +248,21 @@ def _certificates(history: History, named: Units | None) -> str:
 
 def _budget(history: History) -> str:
     """The error budget, or the reason why there is none."""
+    parts, where = history.errors, "the largest of the steps looked at"
     try:
-        if history.errors:
-            return _guaranteed(history) + _estimated(history.errors, "the largest of the steps looked at")
-        budget = error_budget(history, _looked_at(history))
+        if not parts:
+            budget = error_budget(history, _looked_at(history))
+            worst = int(budget.steps[np.argmax(budget.total)])
+            parts, where = budget.largest, f"at step {worst}, t = {history.trajectory.times[worst]:.6g}"
+            where += f", the largest of {len(budget.steps)} stored steps"
     except VemcvxError as error:
         return f"<p>There is none. {escape(str(error))}</p>"
-    worst = int(budget.steps[np.argmax(budget.total)])
-    where = f"at step {worst}, t = {history.trajectory.times[worst]:.6g}"
-    where += f", the largest of {len(budget.steps)} stored steps"
-    return _guaranteed(history) + _estimated(budget.largest, where)
+    rows = [[name, f"{100 * parts[name]:.3g} %", says] for name, says in PARTS.items() if name in parts]
+    return (
+        f"{_guaranteed(history)}<p>Parts of the largest energy norm of the run, {where}; algebra is certified, the "
+        "others are estimated. They are of the instants of the run: what loads do between these is in none of them.</p>"
+        f"{_numbers(['part', 'relative energy error', 'from'], rows)}"
+    )
 
 
 def _looked_at(history: History) -> list[int]:
@@ -281,39 +275,27 @@ def _looked_at(history: History) -> list[int]:
 
 
 def _guaranteed(history: History) -> str:
-    """The bound of the mesh's error in a step, where the run was asked for it."""
+    """Bounds of the mesh's error in a step, and of the force of a support, where the run was asked for them."""
     if (bound := history.bound) is None:
         return ""
     misread = bound.get("reading", 0.0)
-    but = f" and loads as read at points, but for {misread:.2g}, an estimate of what these misread"
+    but = f" and loads as read at points, but for {misread:.2g}, an estimate of what these misread" if misread else ""
     laws = " for the friction that the run's pressure gives" if "friction" in bound.get("kind", "") else ""
-    return (
+    told = (
         f"<p>In every step the error of the mesh, given the step before, is at most {100 * bound['relative']:.3g} % of "
         f"the largest energy norm of the run: {bound['lower']:.4g} to {bound['upper']:.4g} in step "
         f"{bound['step']:.0f}, where it may be largest. This is a theorem{laws}, for any mesh and material"
-        f"{but if misread else ''}: no constant was estimated ({bound.get('kind', 'bound')}).</p>"
-        f"{_guaranteed_force(history)}"
+        f"{but}: no constant was estimated ({bound.get('kind', 'bound')}).</p>"
     )
-
-
-def _guaranteed_force(history: History) -> str:
     if history.force_bounds is None or history.bounded_force is None:
-        return ""
+        return told
     ((on, axis),), (low, high) = history.bounded_force.items(), history.force_bounds[-1]
-    force = history.reaction(on)[-1, axis]
-    return (
-        f"<p>The force of the support on {escape(on)} along x<sub>{axis + 1}</sub>, {force:.4g} in the last step, is "
+    return told + (
+        f"<p>The force of the support on {escape(on)} along x<sub>{axis + 1}</sub>, "
+        f"{history.reaction(on)[-1, axis]:.4g} in the last step, is "
         f"between {low:.4g} and {high:.4g} in the exact answer of that step, given the step before, by a theorem "
         "likewise.</p>"
     )
-
-
-def _estimated(parts: dict[str, float], where: str) -> str:
-    rows = [[name, f"{100 * parts[name]:.3g} %", says] for name, says in PARTS.items() if name in parts]
-    return (
-        f"<p>Parts of the largest energy norm of the run, {where}; algebra is certified, the others are estimated. "
-        "They are of the instants of the run: what loads do between these is in none of them.</p>"
-    ) + _numbers(["part", "relative energy error", "from"], rows)
 
 
 def with_errors(history: History) -> tuple[History, str]:

@@ -8,7 +8,7 @@ import time
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -24,11 +24,12 @@ from vemcvx.cli.show import mesh_name
 from vemcvx.cli.solver_names import named_linear, named_solver, on_threads, served
 from vemcvx.cli.supplied import problems_folder
 from vemcvx.cli.terminal import EVERY, INVALID, NOT_CERTIFIED, Shown, listed, progress_bar, say
-from vemcvx.cost import study
+from vemcvx.cost import Ingredients, study
 from vemcvx.cost.foreseen import Growth, check_fits
-from vemcvx.cost.workers import Crashed, alone, pool
-from vemcvx.errors import NotCertified, ProblemError, VemcvxError
-from vemcvx.estimate.adapt import OF, Pass, adapt
+from vemcvx.cost.workers import DONE, outcome, pool
+from vemcvx.cost.workers import NOT_CERTIFIED as MISSED
+from vemcvx.errors import ProblemError, VemcvxError
+from vemcvx.estimate.adapt import OF, Pass
 from vemcvx.exchange import FORMATS, encoded, put
 from vemcvx.history import History
 from vemcvx.meshes import AnyMesh
@@ -41,12 +42,15 @@ from vemcvx.results import files
 from vemcvx.results.files import ARCHIVE, SERIES, SUMMARY, Origin, listed_tables, write_results
 from vemcvx.results.probe import places
 from vemcvx.results.results import programs_of_steps
-from vemcvx.simulation import simulate, warn_of_turns
-from vemcvx.stepping.backward_euler import checked_times
+from vemcvx.simulation import warn_of_turns
 from vemcvx.stepping.trajectory import CHECKPOINT, Folder, stored_steps
 
 ROWS = "rows"
 """The folder, in the output folder, in which a run keeps completed steps until the history is written."""
+
+
+SPELT = {"settings": "set", "probes": "probe"}
+"""Options whose names are not those of their fields."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -182,30 +186,28 @@ class Run:
             new_figure()
         if self.plot or self.out:
             study.claim(drawings)
-        names = study.folder_names(several)
+        folders = [self.out and self.out / name for name in study.folder_names(several)]
         runs = [
-            replace(self, settings=list(each), out=self.out and self.out / name, plot=False)
-            for each, name in zip(several, names, strict=True)
+            (k, replace(self, settings=list(each), out=out, plot=False))
+            for k, (each, out) in enumerate(zip(several, folders, strict=True))
         ]
         found: dict[int, study.Row] = {}
         with progress_bar("runs") as shown, pool(self.workers, None) as run:
             shown("runs", 0, len(runs))
-            for k, row in run(_attempted, list(enumerate(runs))):
+            for k, row in run(_attempted, runs):
                 found[k] = row
                 shown("runs", len(found), len(runs))
-        rows = [found[k] for k in range(len(runs))]
-        figure = None
-        lines = [f"{problem.name}: {problem.title}", study.table(rows, chosen).text(), *study.said_of(rows)]
-        if self.plot and study.shown(rows, chosen):
-            figure = study.picture(rows, chosen, f"{problem.name}: {problem.title}")
+        rows, title = [found[k] for k in range(len(runs))], f"{problem.name}: {problem.title}"
+        figure = study.picture(rows, chosen, title) if self.plot and study.shown(rows, chosen) else None
+        lines = [title, study.table(rows, chosen).text(), *study.said_of(rows)]
         if self.out:
             lines.append(f"files       {self.out}: {', '.join(study.write(rows, self.out, figure))}, a folder a run")
         elif figure is not None:
-            lines.append(f"picture     {study.draw(figure, drawings)}")
+            (name,) = study.write(rows, drawings, figure, tables=False)
+            lines.append(f"picture     {drawings / name}")
         say("\n".join(lines))
-        failed = {row.status for row in rows} - {study.DONE}
-        if failed:
-            raise typer.Exit(NOT_CERTIFIED if failed == {study.NOT_CERTIFIED} else INVALID)
+        if failed := {row.status for row in rows} - {DONE}:
+            raise typer.Exit(NOT_CERTIFIED if failed == {MISSED} else INVALID)
 
     def _foresee(self, problem: Problem, n: int, steps: int, folder: Path | None) -> None:
         """Say what a long run will take; refuse one that this machine has no memory or no room for."""
@@ -261,23 +263,14 @@ class Run:
             made.append(n)
             shown("marching", n, steps)
 
-        scene, times, linear = problem.scene(self.settings), problem.times(steps), named_linear(self.linear)
-        warn_of_turns(scene, mesh, checked_times(times), linear)
-        history = simulate(
-            scene,
-            mesh,
-            times,
-            solver=named_solver(self.solver, self.accuracy),
-            initial=problem.initial,
-            store=store,
-            condense=self.condense,
-            linear=linear,
-            progress=advance,
-            stream=rows,
-            resume=resumed,
-            bound=self.bound,
-        )
+        linear, posed = named_linear(self.linear), self._posed(problem, mesh, steps)
+        warn_of_turns(posed.scene, mesh, posed.times, linear)
+        how: dict[str, Any] = {"condense": self.condense, "linear": linear, "bound": self.bound, "stream": rows}
+        history = posed.simulated(store=store, progress=advance, resume=resumed, **how)
         return history, [f"resumed     after step {history.steps - len(made)} of {history.steps}"] if resumed else []
+
+    def _posed(self, problem: Problem, mesh: AnyMesh, steps: int) -> Ingredients:
+        return problem.posed(self.settings, mesh, steps, named_solver(self.solver, self.accuracy))
 
     def _adapted(
         self, problem: Problem, mesh: AnyMesh, steps: int, target: float, shown: Shown
@@ -285,15 +278,14 @@ class Run:
         """The history on a mesh, and at instants, chosen for the target; those given are where that begins."""
         if self.resume or self.store != "all" or self.linear is not None or not self.condense:
             raise ProblemError("--target: adaptive runs take neither --resume, --store, --linear nor --no-condense.")
-        solver, times = named_solver(self.solver, self.accuracy), problem.times(steps)
-        scene, initial = problem.scene(self.settings), problem.initial
+        posed = self._posed(problem, mesh, steps)
         shown("adapting", 0, None)
 
         def told(now: Pass) -> None:
             shown(f"adapting, {now.unknowns} unknowns and {now.steps} steps have {now.total:.1%}", 0, None)
 
-        how: dict[str, Any] = {"of": self.of, "estimate": "bound" if self.bound else "residual"}
-        found = adapt(scene, mesh, times, target, solver=solver, initial=initial, progress=told, **how)
+        estimate = "bound" if self.bound else "residual"
+        found = posed.adapted(posed.times[1:], target, progress=told, of=self.of, estimate=estimate)
         return found.history, [found.summary()]
 
     def _refuse_early(self, folder: Path | None, drawings: Path) -> None:
@@ -333,55 +325,39 @@ class Run:
 
     def _command(self, problem: Problem, n: int | None, steps: int, folder: Path | None) -> str:
         """The command that repeats the run."""
-        family = self.mesh or problem.family
-        given = [
-            ("--mesh", family if n is not None else self.mesh),
-            ("--n", n),
-            ("--steps", steps),
-            ("--solver", self.solver),
-            *(("--set", setting) for setting in self.settings),
-            *(("--probe", probe) for probe in self.probes),
-            ("--accuracy", self.accuracy),
-            ("--linear", self.linear),
-            ("--threads", self.threads),
-            ("--target", self.target),
-            ("--of", None if self.of == "energy" else self.of),
-            ("--out", folder),
-            ("--store", None if self.store == "all" else self.store),
-        ]
-        words = [str(word) for name, value in given if value is not None for word in (name, value)]
-        words += [] if self.condense else ["--no-condense"]
-        words += [f"--{name}" for name in ("plot", "report", "bound") if getattr(self, name)]
         # Problems that came with the package go by their names.
         file = problem.name if problem.path.parent == problems_folder() else str(problem.path)
-        return shlex.join(["vemcvx", "run", file, *words])
+        words, mesh = [file], self.mesh or (problem.family if n is not None else None)
+        same = replace(self, mesh=mesh, n=n, steps=steps, out=folder, resume=None)
+        usual = {field.name: field.default for field in fields(Run) if field.name not in ("file", "solver")}
+        for name, value in asdict(same).items():
+            option = f"--{SPELT.get(name, name)}"
+            if name == "condense":
+                words += [] if value else ["--no-condense"]
+            elif isinstance(value, list | tuple):
+                words += [word for one in value for word in (option, one)]
+            elif name != "file" and value != usual.get(name):
+                words += [option] if value is True else [option, str(value)]
+        return shlex.join(["vemcvx", "run", *words])
 
 
 def _attempted(number: int, run: Run) -> tuple[int, study.Row]:
     """The row of one run of a study, made in a process of its own."""
     settings = dict(setting.split("=", 1) for setting in run.settings)
-    try:
-        found = alone(_made, run)
-    except (Crashed, MemoryError, OSError) as crash:
-        found = {"status": study.CRASHED, "message": str(crash) or type(crash).__name__}
-    folder = str(run.out) if run.out and found["status"] == study.DONE else None
-    return number, study.Row(settings, folder, **found)
+    status, found = outcome(_made, run)
+    if status != DONE:
+        return number, study.Row(settings, status=status, message=found)
+    return number, study.Row(settings, str(run.out) if run.out else None, **found)
 
 
 def _made(run: Run) -> dict[str, Any]:
-    """What came of a run: its results, or why there are none, and its warnings."""
+    """The results of a run, and its warnings."""
     with study.heard() as said:
-        try:
-            history, _ = run.made(problem := read_problem(run.file))
-        except NotCertified as error:
-            return {"status": study.NOT_CERTIFIED, "message": str(error)}
-        except VemcvxError as error:
-            return {"status": study.REFUSED, "message": str(error)}
-    found = study.results_of(history, problem.units)
+        history, _ = run.made(problem := read_problem(run.file))
     met, aim = None, (history.quantities or {}).get(run.of)
     if run.target is not None and history.errors is not None:
         met = (history.errors["total"] if aim is None else history.errors["algebra"] + aim.relative) <= run.target
-    return {"status": study.DONE, "warnings": tuple(dict.fromkeys(said)), "met": met, **found}
+    return {"warnings": tuple(dict.fromkeys(said)), "met": met, **study.results_of(history, problem.units)}
 
 
 def _extremes(history: History, units: Units | None) -> Iterator[str]:

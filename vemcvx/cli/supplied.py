@@ -98,7 +98,7 @@ def copy_lesson(number: int, into: Path, notebook: bool = False, solutions: bool
         try:
             with copy.open("x", encoding="utf-8") as file:
                 text = path.read_text(encoding="utf-8")
-                file.write(as_notebook(text) if notebook else text)
+                file.write(f"{json.dumps(as_notebook(text), indent=1, ensure_ascii=False)}\n" if notebook else text)
         except OSError as error:
             raise ProblemError(f"lesson: {copy} cannot be written: {error.strerror}; go to another folder.") from error
     return list(copies)
@@ -111,19 +111,19 @@ FOLDED = {"jupyter": {"source_hidden": True}}
 def cells(text: str) -> list[tuple[str, str, bool]]:
     """Kind ("markdown" or "code"), source and whether it is folded, of every cell of a file with cells."""
     first, *rest = MARK.split(text)
-    marked = [("", first), *zip(rest[::2], rest[1::2], strict=True)]
-    return [_cell(mark, source.strip("\n")) for mark, source in marked if source.strip()]
+    found = []
+    for mark, source in [("", first), *zip(rest[::2], rest[1::2], strict=True)]:
+        said = source.strip("\n")
+        if "[markdown]" not in mark:
+            found.append(("code", said, "source_hidden" in mark))
+        elif said.startswith('"""'):
+            found.append(("markdown", ast.literal_eval(said), False))
+        else:
+            found.append(("markdown", re.sub(r"^# ?", "", said, flags=re.MULTILINE), False))
+    return [cell for cell in found if cell[1].strip()]
 
 
-def _cell(mark: str, source: str) -> tuple[str, str, bool]:
-    if "[markdown]" not in mark:
-        return "code", source, "source_hidden" in mark
-    if source.startswith('"""'):
-        return "markdown", ast.literal_eval(source), False
-    return "markdown", re.sub(r"^# ?", "", source, flags=re.MULTILINE), False
-
-
-def notebook(text: str) -> dict[str, Any]:
+def as_notebook(text: str) -> dict[str, Any]:
     """Return a file with cells as a notebook, without outputs; what only draws is folded."""
     made = []
     for number, (kind, source, folded) in enumerate(cells(text)):
@@ -134,8 +134,3 @@ def notebook(text: str) -> dict[str, Any]:
     kernel = {"display_name": "Python 3", "language": "python", "name": "python3"}
     about = {"kernelspec": kernel, "language_info": {"name": "python"}}
     return {"cells": made, "metadata": about, "nbformat": 4, "nbformat_minor": 5}
-
-
-def as_notebook(text: str) -> str:
-    """Return a file with cells as the text of an .ipynb file."""
-    return json.dumps(notebook(text), indent=1, ensure_ascii=False) + "\n"

@@ -89,50 +89,36 @@ class _Left(TimeRemainingColumn):
 @contextmanager
 def progress_bar(doing: str) -> Iterator[Shown]:
     """What is being done, how far and for how long, on standard error: a bar on a terminal, else a line at times."""
-    console = Console(stderr=True)
-    if not console.is_terminal:
-        with _lines(doing) as shown:
-            yield shown
-        return
+    console, ended, begin = Console(stderr=True), threading.Event(), time.monotonic()
     columns = TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[counted]}"), TimeElapsedColumn()
-    with Progress(*columns, _Left(), console=console, transient=True) as bar:
-        task = bar.add_task(doing, total=None, counted="")
+    with Progress(*columns, _Left(), console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task(doing, total=None, counted="", first=0)
 
         def shown(doing: str, finished: int, total: int | None) -> None:
             if doing != bar.tasks[task].description:
-                bar.reset(task, description=doing, total=total, completed=finished)
+                bar.reset(task, description=doing, total=total, completed=finished, counted="", first=finished)
             counted = f"{finished}/{total}" if total is not None else ""
             bar.update(task, completed=finished, total=total, counted=counted)
 
-        yield shown
+        def speak() -> None:
+            while not ended.wait(EVERY):
+                now, words = bar.tasks[task], f", {time.monotonic() - begin:.0f} s"
+                total, finished, done = now.total, now.completed, now.completed - now.fields["first"]
+                if total is not None:
+                    words = f" {finished:.0f} of {total:.0f}{words}"
+                    if done > 0:
+                        words += f", {(now.elapsed or 0.0) * (total - finished) / done:.0f} s left"
+                say(f"vemcvx: {now.description}{words}", err=True)
 
-
-@contextmanager
-def _lines(doing: str) -> Iterator[Shown]:
-    begin = time.monotonic()
-    # Replaced as one, because another thread reads it: what is done, how far, of how much, since when and where.
-    now: tuple[str, int, int | None, float, int] = doing, 0, None, begin, 0
-    ended = threading.Event()
-
-    def shown(doing: str, finished: int, total: int | None) -> None:
-        nonlocal now
-        now = doing, finished, total, *(now[3:] if doing == now[0] else (time.monotonic(), finished))
-
-    def speak() -> None:
-        while not ended.wait(EVERY):
-            (doing, finished, total, since, first), at = now, time.monotonic()
-            words = f"{doing}{'' if total is None else f' {finished} of {total}'}, {at - begin:.0f} s"
-            if total is not None and finished > first:
-                words += f", {(at - since) * (total - finished) / (finished - first):.0f} s left"
-            say(f"vemcvx: {words}", err=True)
-
-    speaker = threading.Thread(target=speak, daemon=True)
-    speaker.start()
-    try:
-        yield shown
-    finally:
-        ended.set()
-        speaker.join()
+        speaker = threading.Thread(target=speak, daemon=True)
+        try:
+            if bar.disable:
+                speaker.start()
+            yield shown
+        finally:
+            ended.set()
+            if bar.disable:
+                speaker.join()
 
 
 @contextmanager

@@ -83,7 +83,9 @@ class Growth:
             start = time.perf_counter()
             made = mesh(n)
             seconds.append(time.perf_counter() - start)
-            sizes.append(_sizes(made))
+            offsets, nodes = (made.offsets, made.vertices) if isinstance(made, PolygonMesh) else made.cell_nodes
+            within = sp.csr_array((np.ones(len(nodes)), nodes, offsets), shape=(made.n_cells, made.n_nodes))
+            sizes.append((made.n_cells, made.n_nodes, (within.T @ within).nnz))
         meshing = (seconds[-1] - seconds[0]) / max(sizes[-1][0] - sizes[0][0], 1)
         powers = _powers(COARSE[plane], len(COARSE[plane]))
         return cls(plane, np.linalg.solve(powers, np.array(sizes, dtype=float)), max(meshing, 0.0))
@@ -99,12 +101,6 @@ def _powers(ns: Sequence[int], most: int) -> Floats:
     return np.array(ns, dtype=float)[:, None] ** np.arange(most, 0, -1)
 
 
-def _sizes(mesh: AnyMesh) -> tuple[int, int, int]:
-    offsets, nodes = (mesh.offsets, mesh.vertices) if isinstance(mesh, PolygonMesh) else mesh.cell_nodes
-    within = sp.csr_array((np.ones(len(nodes)), nodes, offsets), shape=(mesh.n_cells, mesh.n_nodes))
-    return mesh.n_cells, mesh.n_nodes, (within.T @ within).nnz
-
-
 @dataclass(frozen=True)
 class Foreseen:
     """What a run is foreseen to take: bytes of memory and of files, seconds."""
@@ -117,21 +113,16 @@ class Foreseen:
     seconds: float
 
     def __str__(self) -> str:
+        # Two digits, in a unit that is read without counting.
+        name, unit = ("h", 3600.0) if self.seconds >= 7200.0 else ("min", 60.0) if self.seconds >= 120.0 else ("s", 1.0)
         size = f"{_rounded(self.cells)} cells, {_rounded(self.unknowns)} unknowns"
-        return f"{size}: {_rounded(self.memory / 1e9)} GB of memory and {_duration(self.seconds)} with {self.linear}"
+        time = f"{_rounded(self.seconds / unit)} {name}"
+        return f"{size}: {_rounded(self.memory / 1e9)} GB of memory and {time} with {self.linear}"
 
 
 def _rounded(value: float) -> str:
     two = float(f"{value:.2g}")
     return f"{two:,.0f}" if two >= 10 else f"{two:g}"
-
-
-def _duration(seconds: float) -> str:
-    """Two digits, in a unit that is read without counting."""
-    for unit, size in (("h", 3600.0), ("min", 60.0)):
-        if seconds >= 2 * size:
-            return f"{_rounded(seconds / size)} {unit}"
-    return f"{_rounded(seconds)} s"
 
 
 def foreseen(
@@ -140,7 +131,13 @@ def foreseen(
     """Return what a run of so many steps takes; what is stored is in memory, or in files where it is `streamed`."""
     cells, nodes, pairs = growth.at(n)
     unknowns = len(growth.coefficients) * nodes
-    name = type(linear).__name__ if linear is not None else _usual_linear(unknowns, growth.plane)
+    name = type(linear).__name__
+    if linear is None:  # the one that `choose_linear` takes, as far as the unknowns tell
+        direct = direct_solver(int(unknowns))
+        memory = direct.memory_in_space(int(unknowns))
+        fits = unknowns <= LARGEST_FACTOR if growth.plane else memory <= MOST_MEMORY
+        large = not fits and importlib.util.find_spec("pyamg") is not None
+        name = "Multigrid" if large else type(direct).__name__
     # PETSc's hierarchy on one rank is of the kind of Multigrid's.
     law = LAWS["Multigrid" if name == "PETSc" else name, growth.plane]
     # The factor of triangles or tetrahedra is as full as that of squares or cubes with these nodes.
@@ -188,14 +185,6 @@ def check_fits(
             "Store fewer steps (--store last, or every N-th by --store N), or choose another disk."
         )
     return found
-
-
-def _usual_linear(unknowns: float, plane: bool) -> str:
-    """The name of the solver that `choose_linear` takes, as far as the unknowns tell."""
-    direct = direct_solver(int(unknowns))
-    fits = unknowns <= LARGEST_FACTOR if plane else direct.memory_in_space(int(unknowns)) <= MOST_MEMORY
-    large = not fits and importlib.util.find_spec("pyamg") is not None
-    return "Multigrid" if large else type(direct).__name__
 
 
 def machine_memory() -> float:

@@ -16,8 +16,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vemcvx.canvas import light_grid, new_figure
-from vemcvx.errors import HistoryError, ProblemError
+from vemcvx.canvas import as_png, light_grid, new_figure
+from vemcvx.cost.workers import DONE
+from vemcvx.errors import ProblemError
 from vemcvx.outline import Table
 from vemcvx.owned_files import Owned
 from vemcvx.plots.style import MARKERS, SERIES, Units, in_units
@@ -34,7 +35,6 @@ SIZES = "cells", "unknowns", "seconds"
 NAMES = (*ENERGIES, *EXTREMES, "pressure", "pressure_recovered", *COUNTS, "certified", ESTIMATED, *SIZES)
 """Results of a run that a table or a picture can show."""
 USUAL = "dissipated_second_order", "displacement", "von_mises", "slip", "pressure"
-DONE, NOT_CERTIFIED, REFUSED, CRASHED = "done", "not certified", "refused", "crashed"
 NUMBER = re.compile(r"[-+]?\b\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 TABLE, WORDS, PICTURE = "study.csv", "study.json", "study.png"
 
@@ -81,9 +81,8 @@ def results_of(history: Results, units: Units | None = None) -> dict[str, Any]:
 
 def chosen_results(typed: Sequence[str]) -> tuple[str, ...]:
     """The names of results that were chosen, or the usual ones; ProblemError where there is none of a name."""
-    for name in typed:
-        if name not in NAMES:
-            raise ProblemError(f"--results: there is no result {name!r}; there are {', '.join(NAMES)}.")
+    if unknown := [name for name in typed if name not in NAMES]:
+        raise ProblemError(f"--results: there is no result {unknown[0]!r}; there are {', '.join(NAMES)}.")
     return tuple(typed) or USUAL
 
 
@@ -109,18 +108,13 @@ def shown(rows: Sequence[Row], chosen: Sequence[str]) -> list[str]:
 
 def table(rows: Sequence[Row], chosen: Sequence[str]) -> Table:
     """The table of a study in words: what varies, chosen results that some run has, and where a run has failed."""
-    found = shown(rows, chosen)
+    several, found, cells = varied(rows), shown(rows, chosen), []
+    for row in rows:
+        values = ["-" if (value := row.results.get(name)) is None else f"{value:.5g}" for name in found]
+        end = row.status if row.status != DONE else "target not met" * (row.met is False)
+        cells.append([*(row.settings[name] for name in several), *values, end])
     # A parameter may have the name of a result.
-    heads = [*(f"{name} =" for name in varied(rows)), *(name.replace("_", "\n") for name in found), ""]
-    cells = [
-        [
-            *(row.settings[name] for name in varied(rows)),
-            *("-" if (value := row.results.get(name)) is None else f"{value:.5g}" for name in found),
-            ("target not met" if row.met is False else "") if row.status == DONE else row.status,
-        ]
-        for row in rows
-    ]
-    return Table(heads, cells)
+    return Table([*(f"{name} =" for name in several), *(name.replace("_", "\n") for name in found), ""], cells)
 
 
 def said_of(rows: Sequence[Row]) -> Iterator[str]:
@@ -136,16 +130,16 @@ def said_of(rows: Sequence[Row]) -> Iterator[str]:
             limitless.setdefault(", ".join(row.unbounded), []).append(settings)
         for words in row.warnings:
             warned.setdefault(NUMBER.sub("#", words), {}).setdefault(settings, words)
+
+    def of(runs: Sequence[str]) -> str:
+        return "all runs" if len(runs) == len(rows) else "; ".join(runs)
+
     for names, runs in limitless.items():
-        yield f"no limit    {_of(runs, rows)}: {names} grow without limit as the mesh is refined: numbers of the mesh"
+        yield f"no limit    {of(runs)}: {names} grow without limit as the mesh is refined: numbers of the mesh"
     for said in warned.values():
         first, *_ = said
         numbers = f" (numbers of {first})" if len(set(said.values())) > 1 else ""
-        yield f"warning     {_of(list(said), rows)}: {said[first]}{numbers}"
-
-
-def _of(runs: Sequence[str], rows: Sequence[Row]) -> str:
-    return "all runs" if len(runs) == len(rows) else "; ".join(runs)
+        yield f"warning     {of(list(said))}: {said[first]}{numbers}"
 
 
 @contextmanager
@@ -170,31 +164,19 @@ def claim(folder: Path) -> None:
             own.take(name)
 
 
-def write(rows: Sequence[Row], folder: Path, figure: Figure | None) -> list[str]:
+def write(rows: Sequence[Row], folder: Path, figure: Figure | None, *, tables: bool = True) -> list[str]:
     """Write the study as CSV and JSON, all settings and results of all runs, and its picture; return their names."""
-    names = list(dict.fromkeys(name for row in rows for name in row.results))
+    results = list(dict.fromkeys(name for row in rows for name in row.results))
     plain = []
     for row in rows:
         ends = row.met, " ".join(row.unbounded), row.message
-        plain.append([*row.settings.values(), row.status, *map(row.results.get, names), *ends])
-    heads = [*(f"set.{name}" for name in rows[0].settings), "status", *names, "met", "unbounded", "message"]
-    text = Table(heads, plain).csv()
+        plain.append([*row.settings.values(), row.status, *map(row.results.get, results), *ends])
+    heads = [*(f"set.{name}" for name in rows[0].settings), "status", *results, "met", "unbounded", "message"]
+    words = f"{json.dumps([asdict(row) for row in rows], indent=2)}\n"
+    files: dict[str, str | bytes] = {TABLE: Table(heads, plain).csv(), WORDS: words} if tables else {}
+    files |= {} if figure is None else {PICTURE: as_png(figure, 160)}
     with Owned(folder) as own:
-        try:
-            own.take(TABLE).write_text(text, encoding="utf-8")
-            own.take(WORDS).write_text(f"{json.dumps([asdict(row) for row in rows], indent=2)}\n", encoding="utf-8")
-            if figure is not None:
-                figure.savefig(own.take(PICTURE), dpi=160)
-        except OSError as error:
-            raise HistoryError(f"{folder}: cannot write the study there: {error}.") from error
-    return [TABLE, WORDS, *([PICTURE] if figure is not None else [])]
-
-
-def draw(figure: Figure, folder: Path) -> Path:
-    """Write the picture alone."""
-    with Owned(folder) as own:
-        figure.savefig(path := own.take(PICTURE), dpi=160)
-    return path
+        return [own.write(name, content) for name, content in files.items()]
 
 
 def picture(rows: Sequence[Row], chosen: Sequence[str], title: str = "") -> Figure:
@@ -204,18 +186,17 @@ def picture(rows: Sequence[Row], chosen: Sequence[str], title: str = "") -> Figu
     words = list(dict.fromkeys(row.settings[name] for row in rows))
     ticks = [] if all(map(_is_number, words)) else words
     places = {word: float(k) if ticks else float(word) for k, word in enumerate(words)}
+    lines: dict[tuple[str, ...], list[Row]] = {}
+    for row in sorted(rows, key=lambda row: places[row.settings[name]]):
+        lines.setdefault(tuple(f"{other} = {row.settings[other]}" for other in others), []).append(row)
     columns = min(3, len(keys))
-    lines = -(-len(keys) // columns)
-    figure = new_figure(1.0 + 3.6 * columns, 0.8 + 2.9 * lines)
-    panels = figure.subplots(lines, columns, squeeze=False).ravel()
-    kinds = list(dict.fromkeys(tuple(row.settings[other] for other in others) for row in rows))
+    height = -(-len(keys) // columns)
+    figure = new_figure(1.0 + 3.6 * columns, 0.8 + 2.9 * height)
+    panels = figure.subplots(height, columns, squeeze=False).ravel()
     for ax, key in zip(panels, keys, strict=False):
-        for k, kind in enumerate(kinds):
-            own = [row for row in rows if tuple(row.settings[other] for other in others) == kind]
-            own.sort(key=lambda row: places[row.settings[name]])
+        for k, (kind, own) in enumerate(lines.items()):
             x, y = [places[row.settings[name]] for row in own], np.array([row.results.get(key) for row in own], float)
-            label = ", ".join(f"{other} = {word}" for other, word in zip(others, kind, strict=True))
-            ax.plot(x, y, MARKERS[k % len(MARKERS)] + "-", color=SERIES[k % len(SERIES)], label=label)
+            ax.plot(x, y, MARKERS[k % len(MARKERS)] + "-", color=SERIES[k % len(SERIES)], label=", ".join(kind))
         limitless = any(key in row.unbounded for row in rows)
         ax.set(xlabel=name, title=labels[key] + "\ngrows without limit as the mesh is refined" * limitless)
         ax.title.set_fontsize("small")

@@ -26,8 +26,8 @@ from numpy.typing import ArrayLike
 
 from vemcvx.arrays import SAME, Floats
 from vemcvx.bound.error_bound import error_bound
-from vemcvx.cost.table import CRASHED, DONE, EXTREMES, REFUSED, Row, append, read_journal, sealed, unsealed
-from vemcvx.cost.workers import Crashed, Refused, Results, alone, pool
+from vemcvx.cost.table import EXTREMES, Row, append, read_journal, sealed, unsealed
+from vemcvx.cost.workers import DONE, NOT_CERTIFIED, REFUSED, Results, outcome, pool
 from vemcvx.errors import HistoryError, MeshError, ProblemError, SceneError, SceneWarning, VemcvxError
 from vemcvx.estimate.adapt import Adapted, adapt
 from vemcvx.estimate.budget import error_budget
@@ -78,12 +78,12 @@ class Point:
 
 @dataclass(frozen=True, eq=False)
 class Ingredients:
-    """The arguments of `simulate` and `adapt` for one point."""
+    """The arguments of `simulate` and `adapt` for one point, or for one run."""
 
     scene: Scene
     mesh: AnyMesh
     times: Floats
-    solver: Solver
+    solver: Solver | None = None
     initial: ArrayLike | str | Projected | None = None
 
     def simulated(self, **options: Any) -> History:
@@ -178,18 +178,8 @@ REFERENCE_PART = 0.25  # The part of the smallest error that the reference's own
 ARCHIVE, ABOUT = "reference.npz", "reference.json"
 
 
-@dataclass(frozen=True, eq=False)
-class Ran:
-    """A run: its displacement (T, n_nodes, 2) at the instants asked for, and its columns of the table."""
-
-    mesh: AnyMesh
-    displacement: Floats
-    moduli: Floats
-    columns: dict[str, Any]
-
-
-def run_point(recipe: Recipe, point: Point, instants: Floats) -> Ran:
-    """Make the ingredients of a point and simulate, in this process.
+def run_point(recipe: Recipe, point: Point, instants: Floats) -> tuple[History, dict[str, Any]]:
+    """Run a point in this process: its history, and its columns of the table. Of three short runs it is the median one.
 
     A small run of the same kind comes before, which imports what is imported late. Memory is the high-water mark of the
     resident set when the last run ends.
@@ -203,7 +193,9 @@ def run_point(recipe: Recipe, point: Point, instants: Floats) -> Ran:
         start = time.perf_counter()
         made = recipe(point)
         meshing = time.perf_counter() - start
-        history, seconds, repeats, estimated = _repeated(made, point, instants)
+        runs = [_timed(made, point, instants)]
+        runs += [_timed(made, point, instants) for _ in range(2 if sum(runs[0][1].values()) < 0.3 else 0)]
+        history, seconds, estimated = sorted(runs, key=lambda run: sum(run[1].values()))[len(runs) // 2]
         peak = peak_memory_mb()
         if point.target is None:
             estimated = _estimated(history, point.of)
@@ -211,9 +203,8 @@ def run_point(recipe: Recipe, point: Point, instants: Floats) -> Ran:
     said = [str(warning.message) for warning in caught if issubclass(warning.category, SceneWarning)]
     if point.target is not None and estimated is not None and estimated > point.target:
         said.append(f"the target was not met: {estimated:.2%} estimated")
-    rows = [history.row(step_at(history, float(t))) for t in instants]
     run = history.trajectory
-    columns = {
+    return history, {
         "steps": history.steps,
         "cells": history.mesh.n_cells,
         "unknowns": run.state.shape[1],
@@ -224,12 +215,11 @@ def run_point(recipe: Recipe, point: Point, instants: Floats) -> Ran:
         **seconds,
         **bound,
         "mesh": meshing,
-        "repeats": repeats,
+        "repeats": len(runs),
         **{one.key: finite_or_none(one.value) for one, *_ in largest_values(history) if one.key in EXTREMES},
         "peak_mb": peak,
         "message": "; ".join(dict.fromkeys(said)),
     }
-    return Ran(history.mesh, history.displacement[rows], history.moduli, columns)
 
 
 def _estimated(history: History, of: str) -> float | None:
@@ -249,15 +239,6 @@ def _bound(made: Ingredients, history: History) -> dict[str, Any]:
     return {}
 
 
-def _repeated(made: Ingredients, point: Point, instants: Floats) -> tuple[History, dict[str, float], int, float | None]:
-    """The history and seconds of the median run, of three if they are short, their number, and what one estimates."""
-    runs = [_timed(made, point, instants)]
-    if sum(runs[0][1].values()) < 0.3:
-        runs += [_timed(made, point, instants) for _ in range(2)]
-    history, seconds, estimated = sorted(runs, key=lambda run: sum(run[1].values()))[len(runs) // 2]
-    return history, seconds, len(runs), estimated
-
-
 def _timed(made: Ingredients, point: Point, instants: Floats) -> tuple[History, dict[str, float], float | None]:
     if point.target is None:
         steps = np.searchsorted(made.times, instants - 0.5 * np.diff(made.times).min())
@@ -271,36 +252,23 @@ def _timed(made: Ingredients, point: Point, instants: Floats) -> tuple[History, 
 
 @dataclass(frozen=True)
 class Reference:
-    """A reference without its fields: how it was made, and how fine it is.
+    """A reference without its fields: how it was made, and how fine it is."""
 
-    Attributes
-    ----------
-    problem : the mark of the recipe
-    instants : those at which errors are measured
-    goal, estimated : the relative error that was aimed at, and reached; None where there is no estimate
-    n, steps : of the finest uniform run it was made for
-    adapted : whether its mesh is adapted, so that the goal and not `n` and `steps` says how fine it is
-    common : whether meshes of the problem cover different domains, so that only what they share is measured
-    cells, unknowns, made : its size, and the steps made
-    of, value : the quantity that errors are of, and its value; None of the energy norm
-    digest : of the file with the fields, which tells whether that is whole
-    """
-
-    problem: str
-    instants: tuple[float, ...]
-    goal: float
-    estimated: float | None
-    n: int
+    problem: str  # the mark of the recipe
+    instants: tuple[float, ...]  # at which errors are measured
+    goal: float  # the relative error that was aimed at
+    estimated: float | None  # and reached; None where there is no estimate
+    n: int  # of the finest uniform run it was made for
     steps: int
-    adapted: bool
-    common: bool
+    adapted: bool  # whether its mesh is adapted, so that the goal and not `n` and `steps` says how fine it is
+    common: bool  # whether meshes of the problem cover different domains, so that only what they share is measured
     cells: int
     unknowns: int
-    made: int
+    made: int  # steps
     seconds: float
-    of: str = "energy"
-    value: float | None = None
-    digest: str = ""
+    of: str = "energy"  # the quantity that errors are of
+    value: float | None = None  # of that quantity; None of the energy norm
+    digest: str = ""  # of the file with the fields, which tells whether that is whole
 
     def serves(self, problem: str, instants: Sequence[float], goal: float, finest: Point) -> bool:
         """Return True if the reference is fine enough for this sweep of this problem."""
@@ -375,7 +343,7 @@ def build_reference(
     return reference
 
 
-def errors(ran: Ran, folder: Path, reference: Reference) -> tuple[float, float, float]:
+def errors(history: History, folder: Path, reference: Reference) -> tuple[float, float, float]:
     """The largest error over the instants and the one at the last, relative to the largest norm of the reference.
 
     Of another quantity than the energy norm both are the relative error at the end. The third number is the relative
@@ -384,14 +352,15 @@ def errors(ran: Ran, folder: Path, reference: Reference) -> tuple[float, float, 
     if reference.value is not None:
         if reference.value == 0.0:
             raise HistoryError(f"the reference has no {reference.of} at all: no relative error exists.")
-        error = abs(ran.columns["value"] - reference.value) / abs(reference.value)
+        error = abs(value_of(history, reference.of) - reference.value) / abs(reference.value)
         return error, error, 0.0
     fine = read_archive(folder / ARCHIVE)
     found = []
-    for u, t in zip(ran.displacement, reference.instants, strict=True):
-        row = int(np.argmin(np.abs(fine.times - t)))
-        there = Field(fine.mesh, fine.displacement[row], fine.moduli, float(fine.times[row]))
-        found.append(energy_distance(Field(ran.mesh, u, ran.moduli, t), there, common=reference.common))
+    for t in reference.instants:
+        row, fine_row = history.row(step_at(history, t)), int(np.argmin(np.abs(fine.times - t)))
+        here = Field(history.mesh, history.displacement[row], history.moduli, t)
+        there = Field(fine.mesh, fine.displacement[fine_row], fine.moduli, float(fine.times[fine_row]))
+        found.append(energy_distance(here, there, common=reference.common))
     scale, apart = max(one.reference for one in found), max(one.moduli_apart for one in found)
     if scale == 0.0:
         raise HistoryError("the reference does not deform at any instant looked at: no relative error exists.")
@@ -403,18 +372,18 @@ def measured_point(recipe: Recipe, point: Point, folder: Path, reference: Refere
 
     A reference that cannot be read raises OSError, which is no fault of the point.
     """
-    ran = run_point(recipe, point, np.array(reference.instants))
+    history, columns = run_point(recipe, point, np.array(reference.instants))
     try:
-        error, error_end, apart = errors(ran, folder, reference)
+        error, error_end, apart = errors(history, folder, reference)
     except HistoryError as lost:
         raise OSError(str(lost)) from lost
-    said = [ran.columns["message"]] if ran.columns["message"] else []
+    said = [columns["message"]] if columns["message"] else []
     if apart > 0:
         said.append(
             "in places the material of its mesh is not that of the reference's mesh, because cells have one material "
             "each and lie across the border between two: errors are weighed with the moduli of its own mesh"
         )
-    return {**ran.columns, "error": error, "error_end": error_end, "message": "; ".join(said)}
+    return {**columns, "error": error, "error_end": error_end, "message": "; ".join(said)}
 
 
 JOURNAL = "journal.jsonl"
@@ -481,9 +450,9 @@ def _reference(
     told("reference", 0, 1)
 
     def computed(function: Callable[..., Any], *given: Any) -> Any:
-        (found, why), *_ = run(answered, [(function, *given)])
-        if found is None:
-            raise ProblemError(f"the reference that errors are to be measured against was not computed: {why}")
+        (status, found), *_ = run(outcome, [(function, *given)])
+        if status != DONE:
+            raise ProblemError(f"the reference that errors are to be measured against was not computed: {found}")
         return found
 
     targets = grid.targets or [computed(estimated_error, recipe, grid.finest)]
@@ -494,22 +463,10 @@ def _reference(
     return computed(build_reference, *given)
 
 
-def answered(function: Callable[..., Any], *given: Any) -> tuple[Any, str]:
-    """Call a function in a process of its own; return its result, or None and the reason why there is none."""
-    try:
-        return alone(function, *given), ""
-    except (Refused, Crashed) as error:
-        return None, str(error)
-
-
 def finished_row(recipe: Recipe, point: Point, key: str, folder: Path, reference: Reference) -> Row:
     """Run a point, and measure its error, in a process of its own."""
     start = time.perf_counter()
-    try:
-        status, found = DONE, alone(measured_point, recipe, point, folder, reference)
-    except (Crashed, MemoryError, OSError) as crash:
-        status, found = CRASHED, {"message": str(crash) or type(crash).__name__}
-    except (Refused, VemcvxError) as refusal:
-        status, found = REFUSED, {"message": str(refusal)}
-    told = {"key": key, "status": status, "wall": time.perf_counter() - start, "at": time.time()}
-    return Row(**{**asdict(point), **told, **found})
+    status, found = outcome(measured_point, recipe, point, folder, reference)
+    told = {"key": key, "status": REFUSED if status == NOT_CERTIFIED else status, "at": time.time()}
+    columns = found if status == DONE else {"message": found}
+    return Row(**{**asdict(point), **told, "wall": time.perf_counter() - start, **columns})

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from vemcvx.canvas import light_grid, new_figure, plain_logarithms
+from vemcvx.cost.workers import CRASHED, DONE
 from vemcvx.errors import HistoryError
 from vemcvx.outline import Table
 from vemcvx.plots.style import MARKERS, SERIES
@@ -23,9 +24,6 @@ from vemcvx.version import __version__
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-DONE, REFUSED, CRASHED = "done", "refused", "crashed"
-"""Outcomes: there is an answer; no well-posed problem, or not certified; out of memory, or broken down."""
 
 
 @dataclass(frozen=True)
@@ -115,13 +113,11 @@ def read_journal(path: Path) -> dict[str, Row]:
 
 def append(path: Path, row: Row) -> None:
     """Write a row on a line of its own, down to the disk."""
-    line = sealed(row).encode()
     try:
         with path.open("ab+") as stream:
-            if stream.tell():
-                stream.seek(-1, os.SEEK_END)
-                line = line if stream.read(1) == b"\n" else b"\n" + line
-            stream.write(line)
+            stream.seek(max(0, stream.tell() - 1))
+            torn = stream.read(1) not in (b"", b"\n")
+            stream.write(b"\n" * torn + sealed(row).encode())
             stream.flush()
             os.fsync(stream.fileno())
     except OSError as error:
@@ -239,11 +235,11 @@ def effectivities(rows: Sequence[Row], title: str = "") -> Figure | None:
     for k, family in enumerate(sorted({one.row.family for one in found}, key=str)):
         own = [one for one in found if one.row.family == family]
         style: dict[str, Any] = {"markersize": 6, "color": SERIES[k % len(SERIES)]}
-        for word, fill in (("bound", "full"), ("estimate", "none")):
-            sizes = [one.row.bound if word == "bound" else one.row.estimated for one in own]
-            known = [(100.0 * one.error, size / one.error) for one, size in zip(own, sizes, strict=True) if size]
+        sizes = {"bound": [one.row.bound for one in own], "estimate": [one.row.estimated for one in own]}
+        for (word, known), fill in zip(sizes.items(), ("full", "none"), strict=True):
+            marks = [(100.0 * one.error, size / one.error) for one, size in zip(own, known, strict=True) if size]
             label = f"{family or 'own mesh'}, {word}"
-            ax.plot(*np.reshape(known, (-1, 2)).T, MARKERS[k % len(MARKERS)], fillstyle=fill, label=label, **style)
+            ax.plot(*np.reshape(marks, (-1, 2)).T, MARKERS[k % len(MARKERS)], fillstyle=fill, label=label, **style)
     ax.axhline(1.0, color="0.25", linewidth=1.0)
     ax.set(xscale="log", yscale="log", xlabel="true error, %", ylabel="bound or estimate over true error", title=title)
     plain_logarithms(ax.yaxis, (1.0, 1.2, 1.5, 2.0, 3.0, 5.0, 7.0))

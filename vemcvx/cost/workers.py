@@ -18,18 +18,16 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from multiprocessing.pool import ThreadPool
-from typing import IO, Any, TypeVar
+from typing import Any, TypeVar
 
-from vemcvx.errors import ProblemError, VemcvxError
+from vemcvx.errors import NotCertified, ProblemError, VemcvxError
 
+DONE, NOT_CERTIFIED, REFUSED, CRASHED = "done", "not certified", "refused", "crashed"
+"""What becomes of a run: an answer; a less accurate one than asked; no well-posed problem; broken down."""
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 LATE = b"Timeout ("  # The beginning of the reply of a process that faulthandler has ended; no pickle begins so.
 PROGRAM = "from vemcvx.cost.workers import main; main()"
 Result = TypeVar("Result")
-
-
-class Refused(Exception):
-    """The function raised a VemcvxError; its message."""
 
 
 class Crashed(Exception):
@@ -45,7 +43,8 @@ def alone(
 ) -> Result:
     """Call a function of a module in a new process, with arguments and result that can be pickled.
 
-    With `seconds` the process is ended so long after it has called `ready`. Raises Refused, Crashed or TookTooLong.
+    With `seconds` the process is ended so long after it has called `ready`. Raises the function's own VemcvxError, or
+    Crashed or TookTooLong.
     """
     path = os.pathsep.join(entry or os.getcwd() for entry in sys.path)
     env = {**os.environ, **dict.fromkeys(THREADS, "1"), "PYTHONPATH": path}
@@ -64,21 +63,27 @@ def alone(
             code = process.wait()
         if reply.startswith(LATE):
             raise TookTooLong
+        if code < 0:
+            hint = ", as the system does to a process that takes too much memory" if code == -9 else ""
+            raise Crashed(f"killed by signal {-code}{hint}")
         if code or not reply:
-            raise Crashed(_why(code, said))
+            said.seek(0)
+            lines = said.read().decode(errors="replace").strip().splitlines()
+            raise Crashed(lines[-1] if lines else f"ended with exit code {code}")
     result, refusal = pickle.loads(reply)
     if refusal is not None:
-        raise Refused(refusal)
+        raise refusal
     return result
 
 
-def _why(code: int, said: IO[bytes]) -> str:
-    if code < 0:
-        hint = ", as the system does to a process that takes too much memory" if code == -9 else ""
-        return f"killed by signal {-code}{hint}"
-    said.seek(0)
-    lines = said.read().decode(errors="replace").strip().splitlines()
-    return lines[-1] if lines else f"ended with exit code {code}"
+def outcome(function: Callable[..., Any], *given: Any) -> tuple[str, Any]:
+    """Call a function in a process of its own: DONE and its result, or what came of it instead, and why."""
+    try:
+        return DONE, alone(function, *given)
+    except VemcvxError as error:
+        return NOT_CERTIFIED if isinstance(error, NotCertified) else REFUSED, str(error)
+    except (Crashed, MemoryError, OSError) as crash:
+        return CRASHED, str(crash) or type(crash).__name__
 
 
 def main() -> None:
@@ -87,7 +92,7 @@ def main() -> None:
     os.dup2(2, 1)
     seconds, ready, function, given = pickle.load(sys.stdin.buffer)
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    answer: tuple[Any, str | None]
+    answer: tuple[Any, VemcvxError | None]
     with os.fdopen(reply, "wb") as stream:
         if seconds is not None:
             ready()
@@ -96,7 +101,8 @@ def main() -> None:
         try:
             answer = (function(*given), None)
         except VemcvxError as error:
-            answer = (None, str(error))
+            # Classes of users' files are not known on the other side.
+            answer = (None, error if type(error).__module__ == VemcvxError.__module__ else VemcvxError(str(error)))
         faulthandler.cancel_dump_traceback_later()
         pickle.dump(answer, stream)
 

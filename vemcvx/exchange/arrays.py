@@ -53,10 +53,7 @@ def parts_of(program: StepProgram) -> Parts:
 def put_together(parts: Mapping[str, Matrix]) -> StepProgram:
     """The program of these parts; norm terms, limits or a kernel that are not there are none.
 
-    Raises
-    ------
-    ProgramError
-        Something is missing, of another shape than the rest, not finite, or makes no convex program.
+    ProgramError where something is missing, of another shape than the rest, not finite, or makes no convex program.
     """
     for name in ("K", "g"):
         if name not in parts:
@@ -94,10 +91,7 @@ def put_together(parts: Mapping[str, Matrix]) -> StepProgram:
 def compressed_rows(name: str, data: Any, indices: Any, indptr: Any, shape: Any) -> sp.csr_matrix:
     """A matrix of compressed rows that a file claims to hold: SciPy's own code reads and writes where they lead.
 
-    Raises
-    ------
-    ProgramError
-        The arrays are of other kinds or lengths, or lead out of the matrix.
+    ProgramError where arrays are of other kinds or lengths, or lead out of the matrix.
     """
     whole = all(np.ndim(x) == 1 and np.asarray(x).dtype.kind in "iu" for x in (indices, indptr, shape))
     if not whole or np.ndim(data) != 1 or len(shape) != 2 or min(shape) < 0:
@@ -137,18 +131,15 @@ CHANGING = "g", "w", "b", "e", "d", "lam", "p", "step", "t"
 
 def to_npz(program: StepProgram) -> dict[str, bytes]:
     """The archive, under its suffix."""
-    return _archive(_arrays(program))
+    made = io.BytesIO()
+    np.savez(made, **_arrays(program))
+    return {".npz": made.getvalue()}
 
 
 def sequence_to_npz(programs: Sequence[SolvedProgram]) -> dict[str, bytes]:
     """The archive of the programs of successive steps, which have the same operators, under its suffix."""
-    each = [_arrays(program) for program in programs]
-    return _archive({**each[0], **{name: np.stack([arrays[name] for arrays in each]) for name in CHANGING}})
-
-
-def _archive(arrays: Mapping[str, Any]) -> dict[str, bytes]:
-    made = io.BytesIO()
-    np.savez(made, **arrays)
+    each, made = [_arrays(program) for program in programs], io.BytesIO()
+    np.savez(made, **{**each[0], **{name: np.stack([arrays[name] for arrays in each]) for name in CHANGING}})
     return {".npz": made.getvalue()}
 
 
@@ -179,10 +170,18 @@ def from_npz(path: Path) -> StepProgram:
 
 def _program(kept: Mapping[str, Any], operators: Operators | None = None) -> StepProgram:
     """The program of these arrays; with operators that are known, its vectors are those of another one."""
-    if operators is None:
-        program = _posed(kept)
-    else:
+    if operators is not None:
         program = StepProgram(operators, *(finite(as_real_array(kept[x], x, "numbers"), x) for x in "gwbe"))
+    else:
+        parts: Parts = {name: kept[name] for name in SIZES if name in kept}
+        for name in "KBD":
+            members = [f"{name}_{k}" for k in CSR]
+            missing = [member for member in members if member not in kept]
+            if 0 < len(missing) < len(CSR):
+                raise ProgramError(f"found no {missing[0]}; a sparse {name} has {', '.join(members)}.")
+            if not missing:
+                parts[name] = compressed_rows(name, *(kept[member] for member in members))
+        program = put_together(parts)
     if "d" not in kept:
         return program
     shapes: dict[str, tuple[int, ...]] = {**program.shapes, "step": (), "t": ()}
@@ -191,19 +190,6 @@ def _program(kept: Mapping[str, Any], operators: Operators | None = None) -> Ste
         raise ProgramError(f"found no {missing[0]}; an answer has {', '.join(shapes)}.")
     d, lam, p, step, t = (finite(of_shape(kept[name], name, shape), name) for name, shape in shapes.items())
     return SolvedProgram.of(program, Answer(d, lam, 0, "read from a file", p=p), int(step), float(t))
-
-
-def _posed(kept: Mapping[str, Any]) -> StepProgram:
-    """The program of these arrays, without an answer."""
-    parts: Parts = {name: kept[name] for name in SIZES if name in kept}
-    for name in "KBD":
-        members = [f"{name}_{k}" for k in CSR]
-        if any(member in kept for member in members):
-            missing = [member for member in members if member not in kept]
-            if missing:
-                raise ProgramError(f"found no {missing[0]}; a sparse {name} has {', '.join(members)}.")
-            parts[name] = compressed_rows(name, *(kept[member] for member in members))
-    return put_together(parts)
 
 
 def to_matrix_market(program: StepProgram) -> dict[str, bytes | None]:
@@ -232,10 +218,7 @@ def from_matrix_market(path: Path) -> StepProgram:
 def read_matrix(path: Path, name: str) -> Matrix:
     """The matrix of a file, dense where it is an array, sparse where it is a list of entries.
 
-    Raises
-    ------
-    ProgramError
-        The file is cut short or damaged, claims more than it has room for, or is of no real matrix.
+    ProgramError where it is cut short or damaged, claims more than it has room for, or is of no real matrix.
     """
     data = path.read_bytes()
     # SciPy's reader (1.17) ends the process where a file ends, or has a zero byte, in the middle of a number.

@@ -189,10 +189,7 @@ def _entries(lines: list[str], section: str, shape: tuple[int, ...]) -> sp.csr_m
 def to_qps(program: StepProgram, suffix: str = ".qps") -> dict[str, bytes]:
     """The file, under its suffix: readers that go by it may want .mps.
 
-    Raises
-    ------
-    ProgramError
-        The program has second-order cones.
+    ProgramError where the program has second-order cones.
     """
     if SECOND_ORDER_CONES in program.operators.features:
         raise ProgramError("QPS has no second-order cones, which this program has; write .cbf, .npz or .mtx.")

@@ -40,10 +40,7 @@ MODEL = "; r_N >= 0, u_N >= 0, r_N u_N = 0; |r_T| <= mu r_N, r_T opposite to u_T
 def to_fclib(program: StepProgram) -> dict[str, bytes]:
     """The file, under its suffix.
 
-    Raises
-    ------
-    ProgramError
-        h5py is not installed, or the program is not that of a step with Coulomb's law between rigid obstacles.
+    ProgramError where h5py is not installed, or the step is not one with Coulomb's law between rigid obstacles.
     """
     if find_spec("h5py") is None:
         raise ProgramError("FCLIB's files need h5py, which is not installed; pip install 'vemcvx[fclib]'.")

@@ -154,13 +154,7 @@ def write_program(program: StepProgram, path: str | Path) -> Path:
 
 
 def put(files: Files, place: Callable[[str], Path]) -> None:
-    """Write files, or remove those that are not to be there; `place` says where each is.
-
-    Raises
-    ------
-    ProgramError
-        One cannot be written.
-    """
+    """Write files, or remove those that are not to be there; `place` says where each is."""
     for end, data in files.items():
         path = place(end)
         try:

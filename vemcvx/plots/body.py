@@ -31,31 +31,33 @@ Colours = tuple["str | Colormap", tuple[float, float]]
 Stress = tuple[str, Callable[[Results, int], Floats]]
 
 
-def _component(number: str, column: int) -> Stress:
-    return rf"$\sigma_{{{number}}}$", lambda history, step: history.stress(step)[:, column]
+def _stresses(components: Sequence[str]) -> tuple[dict[str, Stress], dict[str, Stress]]:
+    """Components and equivalent stresses by name: symbols or words, and what they are of every cell at a step."""
+    dim = sum(number[0] == number[1] for number in components)
+    mean = "+".join(rf"\sigma_{{{number}}}" for number in components[:dim])
+    found: dict[str, Stress] = {
+        "von_mises": ("von Mises stress", lambda history, step: history.von_mises(step)),
+        "max_principal": ("largest principal stress", lambda history, step: history.principal_stresses(step)[:, 0]),
+        "min_principal": ("smallest principal stress", lambda history, step: history.principal_stresses(step)[:, -1]),
+        "mean": (f"$({mean})/{dim}$", lambda history, step: history.stress(step)[:, :dim].mean(axis=1)),
+    }
+
+    def component(k: int) -> Callable[[Results, int], Floats]:
+        return lambda history, step: history.stress(step)[:, k]
+
+    symbols = {number.translate(AXES): rf"$\sigma_{{{number}}}$" for number in components}
+    return {name: (symbol, component(k)) for k, (name, symbol) in enumerate(symbols.items())}, found
 
 
-def _mean(symbols: str, dim: int) -> Stress:
-    return rf"$({symbols})/{dim}$", lambda history, step: history.stress(step)[:, :dim].mean(axis=1)
-
-
-EQUIVALENT: dict[str, Stress] = {
-    "von_mises": ("von Mises stress", lambda history, step: history.von_mises(step)),
-    "max_principal": ("largest principal stress", lambda history, step: history.principal_stresses(step)[:, 0]),
-    "min_principal": ("smallest principal stress", lambda history, step: history.principal_stresses(step)[:, -1]),
-}
+AXES = str.maketrans("123", "xyz")
+COMPONENTS, EQUIVALENT = _stresses(("11", "22", "12"))
 STRESSES: dict[str, Stress] = {
-    **{name: _component(number, k) for k, (name, number) in enumerate({"xx": "11", "yy": "22", "xy": "12"}.items())},
-    "mean": _mean(r"\sigma_{11}+\sigma_{22}", 2),
+    **COMPONENTS,
     "shear": ("largest shear stress", lambda history, step: -0.5 * np.diff(history.principal_stresses(step))[:, 0]),
     **EQUIVALENT,
 }
-IN_SPACE = {"xx": "11", "yy": "22", "zz": "33", "xy": "12", "yz": "23", "xz": "13"}
-STRESSES_IN_SPACE: dict[str, Stress] = {
-    **EQUIVALENT,
-    "mean": _mean(r"\sigma_{11}+\sigma_{22}+\sigma_{33}", 3),
-    **{name: _component(number, k) for k, (name, number) in enumerate(IN_SPACE.items())},
-}
+IN_SPACE, EQUIVALENT_IN_SPACE = _stresses(("11", "22", "33", "12", "23", "13"))
+STRESSES_IN_SPACE = EQUIVALENT_IN_SPACE | IN_SPACE
 UNSIGNED = {"shear", "von_mises"}
 FORCES = ("contact", "friction", "none")
 CLOSED, ARROWS = "closed contact bold or hatched", "thick arrows stick"
@@ -78,13 +80,11 @@ def deformed_mesh(
 
     Parameters
     ----------
-    history, step, ax : as of `friction_traction`
+    history, step, ax, units : as of `friction_traction`
     magnify : float, optional
         How many times larger displacements are drawn than they are; by default 1, 2 or 5 times a power of ten.
     limits : (low, high), optional
         Ends of the colour scale; by default 0 and the largest |u| of all stored steps.
-    units : mapping of str to str, optional
-        Names of units, such as {"length": "mm", "force": "N", "time": "s"}: see :mod:`vemcvx.plots.style`.
 
     Returns
     -------
@@ -182,7 +182,7 @@ def stressed_body(
 
     Parameters
     ----------
-    history, step, ax : as of `friction_traction`
+    history, step, ax, units : as of `friction_traction`
     stress : {"mean", "xx", "yy", "xy", "shear", "von_mises", "max_principal", "min_principal"}
         Principal stresses are those in the plane. Tension is red and compression blue.
     forces : {"contact", "friction", "none"}
@@ -194,12 +194,7 @@ def stressed_body(
         How many times longer lengths along x_2 are drawn: of slender bodies.
     mirrors : sequence of (1 or -1, 1 or -1)
         Signs of x_1 and x_2 in the images to be drawn, without mesh, of a body that is the half or quarter of a whole.
-    magnify : float, optional
-        How many times larger displacements are drawn than they are; by default one that suits all stored steps.
-    limits : (low, high), optional
-        Ends of the colour scale; by default the same for all stored steps.
-    units : mapping of str to str, optional
-        Names of units: see :mod:`vemcvx.plots.style`.
+    magnify, limits : as of `deformed_mesh`; by default the same for all stored steps
 
     Returns
     -------
@@ -317,12 +312,10 @@ def _contact_arrows(
         heads = heads + 0.03 * size * contact.normals[shown] / [1.0, stretch]
     # One length of arrows for all steps: the largest of them is as long as may be.
     arrows = every[row, shown] * longest / float(sizes.max()) / [1.0, stretch]
-    sticks, rubs = contact.sticking[row, shown], bool(contact.bound.any())
-    kinds = (
-        ((sticks, style.STICK, 0.008), (~sticks, style.SLIP, 0.004))
-        if rubs
-        else ((np.ones(len(shown), dtype=bool), style.PUSH, 0.005),)
-    )
+    sticks = contact.sticking[row, shown]
+    kinds = [(sticks, style.STICK, 0.008), (~sticks, style.SLIP, 0.004)]
+    if not contact.bound.any():
+        kinds = [(np.ones_like(sticks), style.PUSH, 0.005)]
     for chosen, colour, width in kinds:
         at, vectors = heads[chosen], arrows[chosen]
         drawn = canvas.draw_arrows(ax, at, vectors, colour=colour, pivot="tip" if together else "mid", width=width)
@@ -353,10 +346,7 @@ def deformed_body(
         Tension is red and compression blue.
     view : (3,) vector
         From where the body is looked at, with x_3 upwards.
-    magnify : float, optional
-        How many times larger displacements are drawn than they are; by default 1, 2 or 5 times a power of ten.
-    limits : (low, high), optional
-        Ends of the colour scale; by default the same for all stored steps.
+    magnify, limits : as of `deformed_mesh`; by default the same for all stored steps
 
     Raises
     ------

@@ -7,7 +7,7 @@ import re
 from pathlib import Path
 
 from generator.gallery import names
-from vemcvx.cli.supplied import lessons, notebook
+from vemcvx.cli.supplied import as_notebook, lessons
 
 INDEX = """# Learn
 
@@ -37,7 +37,7 @@ def write(folder: Path) -> None:
     for number, lesson in lessons().items():
         solutions = lesson.path.with_name(f"lesson_{number}_solutions.py")
         for path, name in ((lesson.path, f"lesson_{number}"), (solutions, f"lesson_{number}_solutions")):
-            made = notebook(path.read_text(encoding="utf-8"))
+            made = as_notebook(path.read_text(encoding="utf-8"))
             _kept(made, notebooks / f"{path.stem}.ipynb")
             for cell in made["cells"]:
                 if cell["metadata"]:

@@ -5,10 +5,9 @@ norms of its own. So each solver is asked with many (:mod:`vemcvx.cli.collection
 on an instance is that of the *cheapest* trial whose true error is at most E. From these times come
 
 - for every E how many instances a solver reaches, and what became of the rest: *missed* (answers, all farther off),
-  *failed* (no answer: it broke down, or its process died), *late* (out of time); those that it does not take do not
-  count;
+  *failed* (no answer), *late* (out of time); those that it does not take do not count;
 - the shifted geometric mean exp(mean log(t + s)) - s of its seconds with s = .01, where an instance that it does not
-  reach counts as the time limit, whatever it took; the seconds that misses did take stand beside it;
+  reach counts as the time limit, whatever it took;
 - the performance profile (Dolan and Moré 2002): the share of instances on which it takes at most x times as long as
   the fastest.
 
@@ -33,22 +32,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
-from vemcvx.canvas import legend_below, light_grid, new_figure, plain_logarithms
+from vemcvx.canvas import as_png, legend_below, light_grid, new_figure, plain_logarithms
 from vemcvx.cli.collection.instances import FCLIB
-from vemcvx.cli.collection.trials import (
-    ASKED,
-    BEGUN,
-    FAILED,
-    REFUSED,
-    STOPPED,
-    WARM,
-    Entrant,
-    Running,
-    Trial,
-    journal,
-)
+from vemcvx.cli.collection.trials import ASKED, BEGUN, FAILED, REFUSED, STOPPED, WARM, Entrant, Running, Trial, journal
 from vemcvx.cli.collection.writing import MANIFEST
-from vemcvx.cli.options import NONE, solver_names
+from vemcvx.cli.options import NONE, Options, solver_names
 from vemcvx.cli.solver_names import read_options
 from vemcvx.cli.terminal import listed, progress_bar, say
 from vemcvx.errors import ProblemError, VemcvxError
@@ -94,10 +82,7 @@ class Benchmark:
     tolerances: Annotated[
         str, typer.Option(metavar="X,X,...", help="What solvers are asked with.", show_default="1e-1,1e-2,...,1e-15")
     ] = USUAL_TOLERANCES
-    options: Annotated[
-        list[str],
-        typer.Option("--option", metavar="SOLVER.NAME=VALUE", help="A setting of a solver's library; may be repeated."),
-    ] = NONE
+    options: Options = NONE
     only: Annotated[
         str | None, typer.Option(metavar="WORD,WORD,...", help="Instances whose grade or name has one of these words.")
     ] = None
@@ -112,10 +97,10 @@ class Benchmark:
         if not all(0 < one < 1 for one in tolerances):
             raise ProblemError(f"--tolerances: found {self.tolerances}; wanted numbers between 0 and 1.")
         out = self.out or self.folder / "benchmark"
-        with Owned(out, rf"{re.escape(WORDS)}|{ANY_KIND}") as own:
+        with Owned(out, rf"{re.escape(WORDS)}|{ANY_KIND}") as files:
             for entrant in self.entrants():
                 kept = re.sub(r"[^\w.=+ -]+", "_", f"{entrant.name} {entrant.version}").replace(" ", "_")
-                running = Running(self.folder, entrant, self.time_limit, own.take(f"{kept}.jsonl"))
+                running = Running(self.folder, entrant, self.time_limit, files.take(f"{kept}.jsonl"))
                 work = [(one.name, one.digest, entrant.ladder(tolerances)) for one in instances]
                 with progress_bar(entrant.name) as shown:
                     for done in range(0, len(work), BATCH):
@@ -124,16 +109,17 @@ class Benchmark:
             entries = stored(out, instances)
             if not entries:
                 raise ProblemError(f"{out}: no results are stored there; name solvers by --solvers.")
-            found = in_words(entries, instances, self.time_limit)
-            own.take(TABLE).write_text(every_trial(entries).csv(), encoding="utf-8")
-            own.take(WORDS).write_text(found.markdown, encoding="utf-8")
-            pictures = [own.take(PROFILES), own.take(MEANS)]
-        say(found.text)
-        try:
-            profiles(entries, instances).savefig(pictures[0], dpi=150)
-            means(entries, instances, self.time_limit).savefig(pictures[1], dpi=150)
-        except VemcvxError as error:
-            say(f"No pictures: {error}.")
+            text, markdown = in_words(entries, instances, self.time_limit)
+            heads = ("solver", *(field.name for field in fields(Trial)))
+            tried = [(label, *astuple(one)) for label, own in entries.items() for some in own.values() for one in some]
+            files.write(TABLE, Table(heads, tried).csv())
+            files.write(WORDS, markdown)
+            say(text)
+            try:
+                files.write(PROFILES, as_png(profiles(entries, instances), 150))
+                files.write(MEANS, as_png(means(entries, instances, self.time_limit), 150))
+            except VemcvxError as error:
+                say(f"No pictures: {error}.")
         say(f"\n{out} has every trial ({TABLE}), the tables ({WORDS}) and pictures ({PROFILES}, {MEANS})")
 
     def entrants(self) -> list[Entrant]:
@@ -160,13 +146,7 @@ class Listed:
 
 
 def read_instances(folder: Path, only: str | None) -> list[Listed]:
-    """The instances of a collection, or those whose grade or name has one of the words.
-
-    Raises
-    ------
-    ProblemError
-        There is no collection in the folder, or no such instance.
-    """
+    """The instances of a collection, or those whose grade or name has one of the words."""
     path = folder / MANIFEST
     try:
         rows = json.loads(path.read_text(encoding="utf-8"))["instances"]
@@ -228,9 +208,14 @@ def seconds_to(trials: Iterable[Trial], error: float, measure: str = "true") -> 
     return min((seconds for seconds, reached in known if reached is not None and reached <= error), default=np.inf)
 
 
-def taken(trials: Sequence[Trial]) -> bool:
-    """Return True if the solver takes the instance."""
-    return not any(one.outcome == REFUSED for one in trials)
+def takes(own: Mapping[str, Sequence[Trial]], name: str) -> bool:
+    """Return True if a solver was tried on an instance, and takes it."""
+    return name in own and all(one.outcome != REFUSED for one in own[name])
+
+
+def taking(entries: Entries, names: Sequence[str]) -> Entries:
+    """The solvers that take some of the instances."""
+    return {label: own for label, own in entries.items() if any(takes(own, name) for name in names)}
 
 
 def fate(trials: Sequence[Trial], error: float) -> str:
@@ -277,10 +262,9 @@ def first(entries: Entries, name: str, by: str, error: float = CLAIMED) -> str |
     for label, own in entries.items():
         trials = own.get(name, ())
         if by == "claim":
-            trials = [
-                one for one in trials if one.tolerance in (None, CLAIMED) and not re.search("inacc|limit", one.says)
-            ]
-            times[label] = seconds_to(trials, np.inf)
+            asked = [one for one in trials if one.tolerance in (None, CLAIMED)]
+            claims = [one for one in asked if not re.search("inacc|limit", one.says)]
+            times[label] = seconds_to(claims, np.inf)
         else:
             times[label] = seconds_to(trials, error, by)
     best = min(times, key=lambda label: times[label], default=None)
@@ -290,28 +274,18 @@ def first(entries: Entries, name: str, by: str, error: float = CLAIMED) -> str |
 # The scores as text, Markdown and pictures.
 
 
-@dataclass(frozen=True)
-class Words:
-    """The tables as text for a terminal, and as Markdown."""
-
-    text: str
-    markdown: str
-
-
-def in_words(entries: Entries, instances: Sequence[Listed], limit: float) -> Words:
-    """A table for each kind of instances, and what it owes to conventions."""
-    text, markdown = [], ["# Solvers at equal true accuracy\n"]
+def in_words(entries: Entries, instances: Sequence[Listed], limit: float) -> tuple[str, str]:
+    """A table for each kind of instances, and what it owes to conventions, as text for a terminal and as Markdown."""
+    text, markdown = "", "# Solvers at equal true accuracy\n\n"
     for kind, title in KINDS.items():
         names = [one.name for one in instances if one.kind == kind]
-        if some := taking(entries, names):
-            heading, table = f"{title}: {len(names)} instances", scores(some, instances, kind, limit)
-            said = (
-                ""
-                if kind == NONE_THERE
-                else conventions(some, [name for name in counted(instances, CLAIMED, kind) if _tried(some, name)])
-            )
-            text += [heading, table.text(), "", said, ""]
-            markdown += [f"## {heading}\n", table.markdown(), f"{said}\n"]
+        if not (some := taking(entries, names)):
+            continue
+        tried = [name for name in counted(instances, CLAIMED, kind) if any(name in own for own in some.values())]
+        said = "" if kind == NONE_THERE else conventions(some, tried)
+        heading, table = f"{title}: {len(names)} instances", scores(some, instances, kind, limit)
+        text += f"{heading}\n{table.text()}\n\n{said}\n\n"
+        markdown += f"## {heading}\n\n{table.markdown()}\n{said}\n\n"
     remark = (
         "Instances reached, of those that the solver takes and whose optimum is certified to a tenth of the error; and "
         "seconds of the processor to that error by the cheapest tolerance: shifted geometric means over the instances "
@@ -320,58 +294,51 @@ def in_words(entries: Entries, instances: Sequence[Listed], limit: float) -> Wor
         "instances that the solver does not take; lost: seconds of those that are not reached. A status, infeasible or "
         "unbounded, is right or wrong, whatever the error."
     )
-    return Words("\n".join([*text, remark]), "\n".join([*markdown, remark, ""]))
-
-
-def _tried(entries: Entries, name: str) -> bool:
-    return any(name in own for own in entries.values())
+    return f"{text}{remark}", f"{markdown}{remark}\n"
 
 
 def scores(entries: Entries, instances: Sequence[Listed], kind: str, limit: float) -> Table:
     """A row a solver, the fastest to 1e-6 first; means are over the instances that all these solvers take."""
-    rows, common = [], {error: _common(entries, counted(instances, error, kind)) for error in ASKED}
+    rows, names = [], {error: counted(instances, error, kind) for error in ASKED}
     for label, own in entries.items():
-        at = {error: [name for name in counted(instances, error, kind) if _takes(own, name)] for error in ASKED}
-        refused = sum(name in own and not taken(own[name]) for name in counted(instances, max(ASKED), kind))
-        reached = [sum(fate(own[name], error) == "reached" for name in at[error]) for error in ASKED]
+        at = {error: [name for name in names[error] if takes(own, name)] for error in ASKED}
+        refused = sum(name in own and not takes(own, name) for name in names[max(ASKED)])
+        reached = [f"{sum(fate(own[name], e) == 'reached' for name in at[e])}/{len(at[e])}" for e in ASKED]
         sure = sum(np.isfinite(seconds_to(own[name], CLAIMED, "certified")) for name in at[CLAIMED])
-        fates = [fate(own[name], CLAIMED) for name in at[CLAIMED]]
-        mean = [shifted_mean([seconds_to(own[name], error) for name in common[error]], limit) for error in ASKED]
-        misses = sum(_spent(own[name]) for name in at[CLAIMED] if fate(own[name], CLAIMED) != "reached")
-        ends = [sure, *(fates.count(one) for one in ("missed", FAILED, STOPPED)), refused]
-        parts = [f"{r}/{len(at[error])}" for r, error in zip(reached, ASKED, strict=True)]
+        fates = {name: fate(own[name], CLAIMED) for name in at[CLAIMED]}
+        ends = [list(fates.values()).count(one) for one in ("missed", FAILED, STOPPED)]
+        missed = [one for name, end in fates.items() if end != "reached" for one in own[name]]
+        # Trials that are out of time took their limit.
+        lost = sum(one.limit if one.outcome == STOPPED else one.seconds or 0.0 for one in missed)
+        mean = [mean_seconds(own, common(entries, names[error]), error, limit) for error in ASKED]
         means = ["-" if np.isnan(m) else f"{m:.2g}".removeprefix("0") for m in mean]
-        rows.append((mean[1], [label, *parts, *map(str, ends), *means, f"{misses:.0f}"]))
+        rows.append((mean[1], [label, *reached, *map(str, (sure, *ends, refused)), *means, f"{lost:.0f}"]))
     errors = [f"1e{round(np.log10(error))}" for error in ASKED]
     counts = (*(f"to\n{error}" for error in errors), f"sure\n{errors[1]}", "miss", "fail", "late", "not")
     heads = ("solver", *counts, *(f"s to\n{error}" for error in errors), "lost\ns")
     return Table(heads, [cells for _, cells in sorted(rows, key=lambda row: row[0])])
 
 
-def _takes(own: Mapping[str, Sequence[Trial]], name: str) -> bool:
-    return name in own and taken(own[name])
-
-
-def _common(entries: Entries, names: Sequence[str]) -> list[str]:
+def common(entries: Entries, names: Sequence[str]) -> list[str]:
     """The instances that all solvers were tried on and take."""
-    return [name for name in names if all(_takes(own, name) for own in entries.values())]
+    return [name for name in names if all(takes(own, name) for own in entries.values())]
 
 
-def _spent(trials: Sequence[Trial]) -> float:
-    """The seconds of all trials; those out of time took their limit."""
-    return sum(one.limit if one.outcome == STOPPED else one.seconds or 0.0 for one in trials)
+def mean_seconds(own: Mapping[str, Sequence[Trial]], names: Sequence[str], error: float, limit: float) -> float:
+    """The shifted geometric mean of a solver's seconds to an error on these instances."""
+    return shifted_mean([seconds_to(own[name], error) for name in names], limit)
 
 
 def conventions(entries: Entries, names: Sequence[str]) -> str:
     """Sentences on the instances whose first place another measure, or another sweep, would give to another solver."""
-    fewer = every_other(entries)
-    by_true = {name: first(entries, name, "true") for name in names}
-    by_near = {name: {first(entries, name, "true", (1 + x) * CLAIMED) for x in (-0.1, 0.1)} for name in names}
+    fewer, by_true = every_other(entries), {name: first(entries, name, "true") for name in names}
     certified, claim, sparse = (
         sum(first(some, name, by) != best for name, best in by_true.items())
         for some, by in ((entries, "certified"), (entries, "claim"), (fewer, "true"))
     )
-    near = sum(by_near[name] != {best} for name, best in by_true.items())
+    near = sum(
+        any(first(entries, name, "true", x * CLAIMED) != best for x in (0.9, 1.1)) for name, best in by_true.items()
+    )
     return (
         f"Of {len(names)} instances the fastest to {CLAIMED:g} is another solver on {certified} if certified errors "
         f"count in place of true ones, and on {claim} if claims do: answers called optimal at tolerance {CLAIMED:g}. "
@@ -390,27 +357,18 @@ def every_other(entries: Entries) -> Entries:
     return kept
 
 
-def every_trial(entries: Entries) -> Table:
-    """Every trial, a row each."""
-    heads = ("solver", *(field.name for field in fields(Trial)))
-    return Table(
-        heads, [(label, *astuple(one)) for label, own in entries.items() for some in own.values() for one in some]
-    )
-
-
 def profiles(entries: Entries, instances: Sequence[Listed]) -> Figure:
     """Performance profiles at each error, a row for each kind of instances, over those that all solvers of it take."""
-    rows = [kind for kind in (PLANE, DISCS) if shared(entries, instances, CLAIMED, kind) is not None]
+    rows = [kind for kind in (PLANE, DISCS) if shared(entries, instances, CLAIMED, kind)[1]]
     if not rows:
         raise VemcvxError("no instance was tried by all solvers that take some")
     figure = new_figure(11.0, 0.8 + 3.4 * len(rows))
     grid = figure.subplots(len(rows), len(ASKED), sharex=True, sharey=True, squeeze=False)
     for axes, kind in zip(grid, rows, strict=True):
         for ax, error in zip(axes, ASKED, strict=True):
-            found = shared(entries, instances, error, kind)
+            some, names = shared(entries, instances, error, kind)
             title = f"{kind}, true error {error:.0e}"
-            if found is not None:
-                some, names = found
+            if names:
                 _steps(ax, list(entries), profile(some, names, error))
                 title = f"{title}: {len(names)} instances"
             ax.set(xscale="log", xlim=(1.0, 1e4), ylim=(0.0, 1.02))
@@ -429,20 +387,22 @@ def _steps(ax: Axes, labels: Sequence[str], ratios: Mapping[str, Sequence[float]
         x = np.concatenate([[1.0], np.sort([one for one in own if np.isfinite(one)]), [1e9]])
         share = np.arange(len(x)) / max(len(own), 1)
         share[-1] = share[-2]
-        ax.step(x, share, where="post", label=label, **_style(labels.index(label)))
+        again, place = divmod(labels.index(label), len(SERIES))
+        ax.step(
+            x, share, ("-", "--", ":", "-.")[again % 4], color=SERIES[place], where="post", label=label, linewidth=1.6
+        )
 
 
 def means(entries: Entries, instances: Sequence[Listed], limit: float) -> Figure:
     """The shifted geometric means to each error, a panel for each kind of instances, the fastest to 1e-6 above."""
-    kinds = [kind for kind in (PLANE, DISCS) if shared(entries, instances, CLAIMED, kind) is not None]
+    kinds = [kind for kind in (PLANE, DISCS) if shared(entries, instances, CLAIMED, kind)[1]]
     figure = new_figure(5.6 * len(kinds), 1.8 + 0.3 * len(entries))
     for ax, kind in zip(figure.subplots(1, len(kinds), squeeze=False)[0], kinds, strict=True):
         found: dict[str, list[float]] = {}
         for error in ASKED:
-            some, names = shared(entries, instances, error, kind) or ({}, [])
-            for label, own in some.items():
-                seconds = [seconds_to(own[name], error) for name in names]
-                found.setdefault(label, []).append(shifted_mean(seconds, limit))
+            some, names = shared(entries, instances, error, kind)
+            for label, own in some.items() if names else ():
+                found.setdefault(label, []).append(mean_seconds(own, names, error, limit))
         labels = sorted(found, key=lambda label: -found[label][1])
         for k, (error, marker) in enumerate(zip(ASKED, MARKERS, strict=False)):
             values = [found[label][k] for label in labels]
@@ -454,22 +414,8 @@ def means(entries: Entries, instances: Sequence[Listed], limit: float) -> Figure
     return figure
 
 
-def taking(entries: Entries, names: Sequence[str]) -> Entries:
-    """The solvers that take some of the instances."""
-    return {label: own for label, own in entries.items() if any(name in own and taken(own[name]) for name in names)}
-
-
-def shared(entries: Entries, instances: Sequence[Listed], error: float, kind: str) -> tuple[Entries, list[str]] | None:
-    """The solvers that take some instances of a kind, and those that count and that all of these take."""
+def shared(entries: Entries, instances: Sequence[Listed], error: float, kind: str) -> tuple[Entries, list[str]]:
+    """The solvers that take some instances of a kind, and the instances that count and that all of these take."""
     names = counted(instances, error, kind)
     some = taking(entries, names)
-    common = _common(some, names)
-    return (some, common) if some and common else None
-
-
-def _style(k: int) -> dict[str, Any]:
-    return {
-        "color": SERIES[k % len(SERIES)],
-        "linestyle": ("-", "--", ":", "-.")[k // len(SERIES) % 4],
-        "linewidth": 1.6,
-    }
+    return some, common(some, names) if some else []

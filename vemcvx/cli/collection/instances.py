@@ -13,6 +13,7 @@ Frictional Contact Library.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 VERSION = 4
 """The version of the list below: other instances, or others under the same names, are another version."""
@@ -61,7 +62,7 @@ TINY = "young=2e-4", "bound=4e-6", "push=8e-6", "press=1e-8"
 PAPER, BLOCK = "feng_han_huang", "block_in_space"
 
 # grade, problem, cells per unit length, steps, settings
-Row = tuple[str, str, tuple[int, ...], tuple[int, ...], tuple[str, ...]]
+Row = tuple[str, str, tuple[int | tuple[int, ...], ...], tuple[int, ...], tuple[str, ...]]
 PLAIN: tuple[str, ...] = ()
 NEAR_HALF = ("poisson=0.499",), ("poisson=0.49999",), ("poisson=0.4999999",)
 CONDENSED: tuple[Row, ...] = (
@@ -119,53 +120,40 @@ ON_LARGE_MESHES: tuple[Row, ...] = (
 )
 
 
-def _listed(rows: tuple[Row, ...], *, condense: bool = True, degenerate: bool = False) -> tuple[Instance, ...]:
+def _listed(rows: tuple[Row, ...], *, of: int = 8, **more: Any) -> tuple[Instance, ...]:
     return tuple(
-        Instance(
-            grade=grade, problem=problem, n=n, of=8, step=k, settings=words, condense=condense, degenerate=degenerate
-        )
+        Instance(grade=grade, problem=problem, n=n, of=of, step=k, settings=words, **more)
         for grade, problem, cells, steps, words in rows
         for n in cells
         for k in steps
     )
 
 
-NO_OPTIMUM = (
-    *(
-        Instance(grade="no optimum", problem=problem, n=n, of=8, step=step, without=INFEASIBLE)
-        for problem, n, step in (("hertz_contact", 6, 8), ("block_with_grain", 6, 2), ("spherical_indenter", 6, 8))
-    ),
-    *(
-        Instance(grade="no optimum", problem=problem, n=n, of=8, step=2, without=UNBOUNDED)
-        for problem, n in (("block_on_incline", 6), ("bolted_joint", 6), ("twisted_pad", 4))
-    ),
+OVERLAPPED: tuple[Row, ...] = (
+    ("no optimum", "hertz_contact", (6,), (8,), PLAIN),
+    ("no optimum", "block_with_grain", (6,), (2,), PLAIN),
+    ("no optimum", "spherical_indenter", (6,), (8,), PLAIN),
+)
+PUSHED: tuple[Row, ...] = (
+    ("no optimum", "block_on_incline", (6,), (2,), PLAIN),
+    ("no optimum", "bolted_joint", (6,), (2,), PLAIN),
+    ("no optimum", "twisted_pad", (4,), (2,), PLAIN),
 )
 INSTANCES = (
     *_listed(CONDENSED),
     *_listed(ON_ALL_UNKNOWNS, condense=False),
     *_listed(DEGENERATE, degenerate=True),
-    *NO_OPTIMUM,
+    *_listed(OVERLAPPED, without=INFEASIBLE),
+    *_listed(PUSHED, without=UNBOUNDED),
 )
-SEQUENCES = tuple(
-    Instance(grade="sequences", problem=problem, n=n, of=256, step=256, steps=256)
-    for problem, n in ((PAPER, 32), ("block_with_grain", 6), (BLOCK, 4))
-)
+RUNS: tuple[tuple[str, int], ...] = ((PAPER, 32), ("block_with_grain", 6), (BLOCK, 4))
+SEQUENCES = _listed(tuple(("sequences", name, (n,), (256,), PLAIN) for name, n in RUNS), of=256, steps=256)
 """Of absolute values, of Coulomb's weights beside bounds, and of discs."""
 LARGE = _listed(ON_LARGE_MESHES, condense=False)
 """Instances that are written on demand only: minutes, and a gigabyte."""
-COULOMB = tuple(
-    Instance(
-        grade=FCLIB,
-        problem="block_dragged_along_a_curve",
-        n=(k, k, layers),
-        of=16384,
-        step=8,
-        steps=8,
-        settings=("crown=0.0005",),
-        condense=False,
-    )
-    for k, layers in ((9, 2), (19, 2), (49, 2), (99, 1))
-)
+CONTACTS = (9, 9, 2), (19, 19, 2), (49, 49, 2), (99, 99, 1)
+DRAGGED: Row = (FCLIB, "block_dragged_along_a_curve", CONTACTS, (8,), ("crown=0.0005",))
+COULOMB = _listed((DRAGGED,), of=16384, steps=8, condense=False)
 """Coulomb's law on 100 to 10,000 contacts, of which some stick, some slip and some are open; on demand."""
 
 

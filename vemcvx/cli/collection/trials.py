@@ -53,7 +53,7 @@ except ImportError:  # on Windows
 
 from vemcvx.arrays import Floats
 from vemcvx.cli.solver_names import named_solver
-from vemcvx.cost.workers import Crashed, Refused, alone
+from vemcvx.cost.workers import Crashed, alone
 from vemcvx.errors import NotAccepted, ProblemError, VemcvxError
 from vemcvx.exchange import sequence_from_npz
 from vemcvx.program.scaling import Scaling, scaling
@@ -73,30 +73,20 @@ COUNTS = hasattr(signal, "setitimer")
 """Whether the system ends a process by its seconds of the processor; Windows does not."""
 BY_CLOCK = 10.0 if COUNTS else 1.0
 """Seconds by the clock in which a trial must get one of the processor."""
-TOLERANCES: Mapping[str, tuple[str, ...]] = {
-    "CLARABEL": ("tol_gap_abs", "tol_gap_rel", "tol_feas"),
-    "CVXOPT": ("abstol", "reltol", "feastol"),
-    "DAQP": ("primal_tol", "dual_tol"),
-    "ECOS": ("abstol", "reltol", "feastol"),
-    "HIGHS": ("primal_feasibility_tolerance", "dual_feasibility_tolerance"),
-    "OSQP": ("eps_abs", "eps_rel"),
-    "PIQP": ("eps_abs", "eps_rel"),
-    "PROXQP": ("eps_abs", "eps_rel"),
-    "QOCO": ("abstol", "reltol"),
-    "SCS": ("eps_abs", "eps_rel"),
+LIBRARIES: Mapping[str, tuple[tuple[str, ...], Mapping[str, int]]] = {
+    "CLARABEL": (("tol_gap_abs", "tol_gap_rel", "tol_feas"), {"max_iter": 10_000}),
+    "CVXOPT": (("abstol", "reltol", "feastol"), {"max_iters": 10_000}),
+    "DAQP": (("primal_tol", "dual_tol"), {}),
+    "ECOS": (("abstol", "reltol", "feastol"), {"max_iters": 10_000}),
+    "HIGHS": (("primal_feasibility_tolerance", "dual_feasibility_tolerance"), {}),
+    "OSQP": (("eps_abs", "eps_rel"), {"max_iter": 10**9}),
+    "PIQP": (("eps_abs", "eps_rel"), {"max_iter": 10_000}),
+    "PROXQP": (("eps_abs", "eps_rel"), {"max_iter": 10**9}),
+    "QOCO": (("abstol", "reltol"), {"max_iters": 10_000}),
+    "SCS": (("eps_abs", "eps_rel"), {"max_iters": 10**9}),
 }
-"""What cvxpy calls the tolerances of solvers; others are tried once, as they come."""
-UNLIMITED: Mapping[str, Mapping[str, int]] = {
-    "CLARABEL": {"max_iter": 10_000},
-    "CVXOPT": {"max_iters": 10_000},
-    "ECOS": {"max_iters": 10_000},
-    "OSQP": {"max_iter": 10**9},
-    "PIQP": {"max_iter": 10_000},
-    "PROXQP": {"max_iter": 10**9},
-    "QOCO": {"max_iters": 10_000},
-    "SCS": {"max_iters": 10**9},
-}
-"""Limits on iterations that never end a trial before its seconds do."""
+"""What cvxpy calls the tolerances of solvers, and limits on iterations that never end a trial before its seconds do;
+solvers that are not in this table are tried once, as they come."""
 LEAST: Mapping[str, float] = {"HIGHS": 1e-10}
 """The least tolerance that a library takes."""
 PACKAGES = {"CLARABEL": "clarabel", "HIGHS": "highspy", "PROXQP": "proxsuite"}
@@ -105,30 +95,14 @@ PACKAGES = {"CLARABEL": "clarabel", "HIGHS": "highspy", "PROXQP": "proxsuite"}
 
 @dataclass(frozen=True, kw_only=True)
 class Trial:
-    """What became of a solver, asked with a tolerance, on an instance.
-
-    Attributes
-    ----------
-    instance, digest : str
-        Its name, and the beginning of the SHA-256 of its file: results for another file of that name do not count.
-    tolerance : float or None
-        What the solver was asked with; None where it has none.
-    outcome : str
-        ANSWERED, FAILED, STOPPED or REFUSED.
-    limit : float
-        Seconds that it had.
-    begun : float or None
-        Of a trial that has not ended: when it began, in seconds since 1970.
-    says : str
-        The solver's own words.
-    """
+    """What became of a solver, asked with a tolerance, on an instance."""
 
     instance: str
-    digest: str
-    tolerance: float | None
-    outcome: str
-    limit: float
-    begun: float | None = None
+    digest: str  # the beginning of the SHA-256 of its file: results for another file of that name do not count
+    tolerance: float | None  # what the solver was asked with; None where it has none
+    outcome: str  # ANSWERED, FAILED, STOPPED or REFUSED
+    limit: float  # seconds that it had
+    begun: float | None = None  # of a trial that has not ended: when, in seconds since 1970
     seconds: float | None = None
     true: float | None = None
     certified: float | None = None
@@ -137,6 +111,13 @@ class Trial:
     dual_residual: float | None = None
     iterations: int | None = None
     says: str = ""
+
+    @property
+    def enough(self) -> bool:
+        """True if tighter tolerances would tell no more."""
+        if self.true is None or self.certified is None:
+            return False
+        return self.true <= min(ASKED) and self.certified <= ASKED[1]
 
 
 @dataclass(frozen=True)
@@ -173,17 +154,14 @@ class Entrant:
     def ladder(self, tolerances: Sequence[float]) -> tuple[float | None, ...]:
         """The tolerances that it is asked with, from loose to tight."""
         name = self.typed.upper()
-        if isinstance(self.solver, ThroughCvxpy) and name not in TOLERANCES:
+        if isinstance(self.solver, ThroughCvxpy) and name not in LIBRARIES:
             return (None,)
         return tuple(sorted({max(one, LEAST.get(name, 0.0)) for one in tolerances}, reverse=True))
 
     def taking(self, programs: Sequence[StepProgram]) -> list[Asking]:
         """Functions of a tolerance that solve these programs of the same operators, compiled or scaled once.
 
-        Raises
-        ------
-        NotAccepted
-            The solver does not take such a program, or is not installed.
+        NotAccepted where the solver does not take such a program, or is not installed.
         """
         solver, operators = self.solver, programs[0].operators
         missing = operators.features - solver.accepts
@@ -226,14 +204,13 @@ def processor_seconds() -> float:
 def _through_cvxpy(scaled: StepProgram, scales: Scaling, alpha: float, name: str, options: dict[str, Any]) -> Asking:
     posed = scaled.to_cvxpy()
     data, chain, inverse = posed.problem.get_problem_data(name, solver_opts={})
+    tolerances, unlimited = LIBRARIES.get(name, ((), {}))
 
     def ask(tolerance: float | None, memory: Memory) -> Found:
-        given = {**UNLIMITED.get(name, {}), **dict.fromkeys(TOLERANCES.get(name, ()), tolerance), **options}
+        # Some of cvxpy's interfaces change the dictionaries that they are given.
+        given = {**unlimited, **dict.fromkeys(tolerances, tolerance), **options}, {} if memory is None else memory
         start = processor_seconds()
-        # Some of cvxpy's interfaces change the dictionary that they are given.
-        raw = chain.solver.solve_via_data(
-            dict(data), memory is not None, False, given, {} if memory is None else memory
-        )
+        raw = chain.solver.solve_via_data(dict(data), memory is not None, False, *given)
         seconds = processor_seconds() - start
         posed.problem.unpack_results(raw, chain, inverse)
         stats, status, d = posed.problem.solver_stats, posed.problem.status, posed.d.value
@@ -269,70 +246,44 @@ def _unit(programs: Sequence[StepProgram]) -> float:
     return max((program.norm for program in programs if isinstance(program, SolvedProgram)), default=0.0) or 1.0
 
 
-def measured(ask: Asking, program: StepProgram, tolerance: float | None, status: str = "") -> dict[str, Any]:
-    """The fields of a trial: seconds, errors and residuals of the answer.
-
-    Where the program has no optimum, its `status` is what a solver is to say: that has no error, all else is of size 1.
-
-    Raises
-    ------
-    SolverFailed
-        The solver fails, or its answer is not finite.
-    """
-    begun = time.perf_counter()
-    with _asked():
-        seconds, d, lam, p, iterations, says = ask(tolerance, None)
-        for _ in range(REPEATS - 1):
-            if time.perf_counter() - begun > LONG_ENOUGH:
-                break
-            seconds = min(seconds, ask(tolerance, None)[0])
-        found = {"seconds": seconds, "iterations": None if iterations is None else int(iterations), "says": says}
-        if status:
-            error = 0.0 if says.lower().removesuffix("_inaccurate") == status else 1.0
-            return {**found, "true": error, "certified": error}
-        return {**found, **_judged(program, _numbers(d, says), lam, p, _unit([program]))}
-
-
-def measured_in_turn(
-    asks: Sequence[Asking], programs: Sequence[StepProgram], tolerance: float | None, warm: bool
+def measured(
+    asks: Sequence[Asking], programs: Sequence[StepProgram], tolerance: float | None, *, status: str = "", warm: bool
 ) -> dict[str, Any]:
-    """The fields of a trial of a sequence: sums of seconds and iterations, the largest of all else.
+    """The fields of a trial: sums of seconds and iterations over the steps of an instance, the largest of all else.
 
-    Raises
-    ------
-    SolverFailed
-        As of one step.
-    NotAccepted
-        It is to begin warm, and leaves nothing to begin with.
+    A step that is alone is asked for several times, and its least seconds count. Where the program has no optimum, its
+    `status` is what a solver is to say: that has no error, all else is of size 1.
+
+    SolverFailed where the solver fails, or an answer is not finite; NotAccepted where it is to begin warm, and leaves
+    nothing to begin with.
     """
     memory: Memory = {} if warm else None
-    unit, taken, judged = _unit(programs), [], []
-    with _asked():
-        for ask, program in zip(asks, programs, strict=True):
-            seconds, d, lam, p, iterations, says = ask(tolerance, memory)
-            taken.append((seconds, iterations or 0))
-            judged.append(_judged(program, _numbers(d, says), lam, p, unit))
-    if memory == {}:
-        raise NotAccepted("begins cold: it is handed nothing of the answer before.")
-    seconds, steps = (sum(column) for column in zip(*taken, strict=True))
-    worst = {name: max(one[name] for one in judged) for name in judged[0]}
-    return {"seconds": seconds, "iterations": int(steps) or None, "says": says, **worst}
-
-
-@contextmanager
-def _asked() -> Iterator[None]:
+    unit, taken, counts, judged = _unit(programs), 0.0, list[int](), list[dict[str, float]]()
     with named_failures("asked"), warnings.catch_warnings():
         # What a library warns of, its status says.
         warnings.simplefilter("ignore")
-        yield
-
-
-def _numbers(d: Floats | None, says: str) -> Floats:
-    if d is None:
-        raise ValueError(f"{says}, without an answer")
-    if not np.isfinite(d).all():
-        raise ValueError("its answer is not finite")
-    return d
+        for ask, program in zip(asks, programs, strict=True):
+            begun = time.perf_counter()
+            seconds, d, lam, p, iterations, says = ask(tolerance, memory)
+            for _ in range(REPEATS - 1 if len(programs) == 1 else 0):
+                if time.perf_counter() - begun > LONG_ENOUGH:
+                    break
+                seconds = min(seconds, ask(tolerance, None)[0])
+            taken += seconds
+            counts += [] if iterations is None else [int(iterations)]
+            if status:
+                error = 0.0 if says.lower().removesuffix("_inaccurate") == status else 1.0
+                judged.append({"true": error, "certified": error})
+                continue
+            if d is None:
+                raise ValueError(f"{says}, without an answer")
+            if not np.isfinite(d).all():
+                raise ValueError("its answer is not finite")
+            judged.append(_judged(program, d, lam, p, unit))
+    if memory == {}:
+        raise NotAccepted("begins cold: it is handed nothing of the answer before.")
+    worst = {name: max(one[name] for one in judged) for name in judged[0]}
+    return {"seconds": taken, "iterations": sum(counts) if counts else None, "says": says, **worst}
 
 
 def _judged(program: StepProgram, d: Floats, lam: Floats | None, p: Floats | None, unit: float) -> dict[str, float]:
@@ -383,21 +334,12 @@ Work = tuple[str, str, tuple[float | None, ...]]
 """An instance, its digest, and the tolerances that are left to be tried."""
 
 
-def enough(true: float, certified: float) -> bool:
-    """Return True if tighter tolerances would tell no more."""
-    return true <= min(ASKED) and certified <= ASKED[1]
-
-
 def left(trials: Sequence[Trial], work: Sequence[Work], limit: float) -> Iterator[Work]:
     """The part of the work that the trials do not answer; what was out of time is tried again where there is more."""
     for instance, digest, ladder in work:
         own = [one for one in trials if one.instance == instance and one.digest == digest]
-        ended = any(
-            one.outcome in (REFUSED, FAILED)
-            or (one.outcome == STOPPED and one.limit >= limit)
-            or (one.true is not None and one.certified is not None and enough(one.true, one.certified))
-            for one in own
-        )
+        late = any(one.outcome == STOPPED and one.limit >= limit for one in own)
+        ended = late or any(one.outcome in (REFUSED, FAILED) or one.enough for one in own)
         done = {one.tolerance for one in own if one.outcome == ANSWERED}
         rest = tuple(one for one in ladder if one not in done)
         if rest and not ended:
@@ -419,7 +361,7 @@ class Running:
             died = ""
             try:
                 alone(Running.tried, self, todo)
-            except (Crashed, Refused) as error:
+            except (Crashed, VemcvxError) as error:
                 died = str(error)
             last = journal(self.path)[-1:]
             if last and last[0].outcome == BEGUN:
@@ -439,29 +381,20 @@ class Running:
             if not status and not isinstance(programs[0], SolvedProgram):
                 raise ProblemError(f"{self.folder / name}.npz: has no answer to compare with.")
             trial = partial(Trial, instance=instance, digest=digest, limit=self.limit)
-            note(self.path, trial(tolerance=ladder[0], outcome=BEGUN, begun=time.time()))
+            asks, asked = None, ladder[0]
             try:
-                asks = self.entrant.taking(programs)
+                for asked in ladder:
+                    note(self.path, trial(tolerance=asked, outcome=BEGUN, begun=time.time()))
+                    asks = asks or self.entrant.taking(programs)
+                    with ended_after(self.limit):
+                        found = measured(asks, programs, asked, status=status, warm=name != instance)
+                    note(self.path, answer := trial(tolerance=asked, outcome=ANSWERED, **found))
+                    if answer.enough:
+                        break
             except NotAccepted as error:
                 note(self.path, trial(tolerance=None, outcome=REFUSED, says=str(error)))
-                continue
-            for tolerance in ladder:
-                note(self.path, trial(tolerance=tolerance, outcome=BEGUN, begun=time.time()))
-                try:
-                    with ended_after(self.limit):
-                        if len(programs) == 1:
-                            found = measured(asks[0], programs[0], tolerance, status)
-                        else:
-                            found = measured_in_turn(asks, programs, tolerance, warm=name != instance)
-                except NotAccepted as error:
-                    note(self.path, trial(tolerance=None, outcome=REFUSED, says=str(error)))
-                    break
-                except VemcvxError as error:
-                    note(self.path, trial(tolerance=tolerance, outcome=FAILED, says=str(error)))
-                    break
-                note(self.path, trial(tolerance=tolerance, outcome=ANSWERED, **found))
-                if enough(found["true"], found["certified"]):
-                    break
+            except VemcvxError as error:
+                note(self.path, trial(tolerance=asked, outcome=FAILED, says=str(error)))
 
 
 @contextmanager

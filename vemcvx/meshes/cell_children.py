@@ -19,6 +19,7 @@ from vemcvx.arrays import SAME, SINGLE, Bools, Floats, Ints
 from vemcvx.meshes.cell_kinds import CONES, OCTA, PYRAMID, TETRA, VERTICES, WEDGE, Cut, Solids
 from vemcvx.meshes.cell_sides import TINY, Asked, CellSides, Skin, corners_in_pieces
 from vemcvx.meshes.polygons import (
+    backwards,
     cell_of_corner,
     directed_edges,
     edge_keys,
@@ -202,9 +203,9 @@ def _with_hanging(asked: Asked, cut: Cut, inner: Inner) -> Inner:
     corner = np.flatnonzero(keys[found] == wanted)
     line = at[found[corner]]
     new, size = spans(begin[line], many[line]), offsets_of(many[line])
-    mirrored = np.repeat(begin[line] + begin[line] + many[line] - 1, many[line]) - new
-    backwards = np.repeat(ends[line, 0] != edges[corner, 0], many[line])
-    vertices = np.insert(inner.vertices, np.repeat(corner + 1, many[line]), node[np.where(backwards, mirrored, new)])
+    against = np.repeat(ends[line, 0] != edges[corner, 0], many[line])
+    new = np.where(against, new[backwards(size)], new)
+    vertices = np.insert(inner.vertices, np.repeat(corner + 1, many[line]), node[new])
     more = np.bincount(cell_of_corner(inner.offsets)[corner], many[line], minlength=len(inner.cell))
     assert size[-1] == more.sum()
     return inner._replace(offsets=offsets_of(np.diff(inner.offsets) + more.astype(np.int64)), vertices=vertices)

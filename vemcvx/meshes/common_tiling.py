@@ -19,6 +19,7 @@ from vemcvx.meshes.meeting import Meeting, Surface, lines_between, meeting_of, u
 from vemcvx.meshes.polygons import (
     among,
     areas_and_centroids,
+    backwards,
     cell_of_corner,
     cross,
     distinct,
@@ -107,9 +108,8 @@ def _with_hanging(faces: Faces, meeting: Meeting) -> _Outlines:
     found = keys[at] == wanted
     corner, ends, at = corner[found], ends[found], at[found]
     new, rows = count + spans(begin[at], many[at]), offsets_of(many[at])
-    backwards = ends[:, 0] != surface.ends[edge[at], 0]
-    mirrored = np.repeat(rows[1:] + rows[:-1] - 1, many[at]) - np.arange(len(new))
-    new = np.where(np.repeat(backwards, many[at]), new[mirrored], new)
+    against = ends[:, 0] != surface.ends[edge[at], 0]
+    new = np.where(np.repeat(against, many[at]), new[backwards(rows)], new)
     vertices = np.insert(faces.face_vertices, np.repeat(corner + 1, many[at]), new)
     more = np.zeros(len(faces.face_offsets) - 1, dtype=np.int64)
     np.add.at(more, np.searchsorted(faces.face_offsets, corner, side="right") - 1, many[at])

@@ -531,7 +531,7 @@ def _carried(mesh: PlaneMesh, refined: PlaneMesh, parents: Ints, edges: Edges, m
     named = {name: halved(part) for name, part in mesh._named.items()}
     named = refined._checked_parts(named) if named else {}
     sides = {k: Interface(i.bodies, halved(i.edges), halved(i.partners)) for k, i in mesh.interfaces.items()}
-    matched = on_boundary(sides, refined._boundary, refined.n_nodes) if sides else {}
+    matched = on_boundary(sides, refined._outlines) if sides else {}
     return refined._replace(_named=named, interfaces=MappingProxyType(matched), cell_data=MappingProxyType(data))
 
 

@@ -116,6 +116,11 @@ def rotation(offsets: Ints, first: Ints) -> Ints:
     return begin + turned
 
 
+def backwards(offsets: Ints) -> Ints:
+    """Positions of all entries with every row from its last to its first."""
+    return np.repeat(offsets[:-1] + offsets[1:] - 1, np.diff(offsets)) - np.arange(offsets[-1])
+
+
 def next_corner(offsets: Ints) -> Ints:
     """Position of the corner that follows each corner in its own cell."""
     follow = np.arange(1, offsets[-1] + 1)
@@ -185,11 +190,6 @@ def shared_edges(offsets: Ints, vertices: Ints, n_nodes: int) -> SharedEdges:
     keys = keys[corners]
     first = np.flatnonzero(np.concatenate([[True], keys[1:] != keys[:-1]]))
     return SharedEdges(corners, first, np.diff(np.append(first, len(keys))))
-
-
-def neighbours(offsets: Ints, shared: SharedEdges) -> Ints:
-    """Pairs of cells that share an edge, (m, 2), the smaller number first; a pair appears once an edge."""
-    return cell_of_corner(offsets)[np.column_stack(shared.twice)]
 
 
 def smallest_linked(pairs: Ints, count: int) -> Ints:

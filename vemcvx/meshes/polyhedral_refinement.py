@@ -74,7 +74,7 @@ from vemcvx.meshes.cell_kinds import (
     with_regular_ones_whole,
 )
 from vemcvx.meshes.cell_sides import Skin, asked_of, corners_in_pieces, sides_of, skin_of
-from vemcvx.meshes.interfaces import Interface, faces_of, on_faces, padded, pairs_of, places_of
+from vemcvx.meshes.interfaces import Interface, faces_of, on_boundary, padded, pairs_of, places_of
 from vemcvx.meshes.local_refinement import Refinement, check_lengths, check_marks
 from vemcvx.meshes.polygons import cell_of_corner, offsets_of, rows_in_order, same_rows, spans, turned
 from vemcvx.meshes.polyhedra import Listed, numbered_faces
@@ -217,7 +217,7 @@ def _carried(mesh: SpaceMesh, made: SpaceMesh, parents: Ints, own: Ints, place: 
         mine, beside = (rows_in_order(made.face_offsets, made.face_vertices, parts(side)) for side in (one, other))
         across = turned(*beside, np.ones(len(beside[0]) - 1, dtype=bool))
         sides[name] = Interface(joint.bodies, padded(*mine), padded(beside[0], across))
-    matched = on_faces(sides, made._outlines) if sides else {}
+    matched = on_boundary(sides, made._outlines) if sides else {}
     return made._replace(_named=named, interfaces=MappingProxyType(matched), cell_data=MappingProxyType(data))
 
 

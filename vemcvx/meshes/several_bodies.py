@@ -24,7 +24,7 @@ from vemcvx.meshes.box import WHOLE, check_cell_data, check_name
 from vemcvx.meshes.checks.plane import check_cells, lowest, misfit_of
 from vemcvx.meshes.checks.space import enclosed, faces_upon
 from vemcvx.meshes.common_tiling import coinciding_faces, common_tiling
-from vemcvx.meshes.interfaces import Interface, on_boundary, on_faces, pairs_of, places_of
+from vemcvx.meshes.interfaces import Interface, on_boundary, pairs_of, places_of
 from vemcvx.meshes.meeting import FACING, unmatched
 from vemcvx.meshes.polygons import (
     TOLERANCE,
@@ -142,7 +142,7 @@ def _joined_in_plane(
     whole = apart.with_hanging(points, node, edge)
     place = np.concatenate([place, place[node]])
     _check_apart(whole, moved=not np.array_equal(points, apart.mesh.points))
-    matched = on_boundary(_interfaces_of(whole, place, interfaces), whole.ends, len(place))
+    matched = on_boundary(_interfaces_of(whole, place, interfaces), whole.mesh._outlines)
     _check_contact_in_points(whole.names, whole.mesh, whole.body, place, matched)
     origin = np.repeat(np.arange(len(apart.ends)), 1 + np.bincount(edge, minlength=len(apart.ends)))
     starts = np.searchsorted(apart.body, np.arange(len(meshes)))
@@ -391,7 +391,7 @@ def _joined_in_space(
             repr(names[tiled.body[mesh.face_vertices[mesh.face_offsets[side[same_way][0]]]]]) for side in (one, other)
         )
         raise _overlap(a, b, mesh.face_centroids[one[same_way][0]])
-    matched = on_faces(_by_name(names, tiled.body, (sides, partners), interfaces), mesh._outlines)
+    matched = on_boundary(_by_name(names, tiled.body, (sides, partners), interfaces), mesh._outlines)
     free = np.ones(len(mesh._boundary), dtype=bool)
     free[pairs] = False
     mesh = mesh._replace(interfaces=MappingProxyType(matched), _outer=read_only(free))

@@ -34,14 +34,17 @@ from vemcvx.meshes.polygons import (
 )
 
 
-def checked(
-    points: ArrayLike, cells: Any, interfaces: Mapping[str, Interface] | None
-) -> tuple[Floats, Ints, Ints, dict[str, Interface], Ints | None, list[str]]:
-    """Return valid arrays made of a user's points and cells (see `PolygonMesh`), or raise MeshError.
+class Checked(NamedTuple):
+    """Valid arrays made of a user's points and cells."""
 
-    Points, offsets, vertices, interfaces as given, the map of nodes, and notes on what was mended. Only at interfaces
-    may two nodes be in one place.
-    """
+    arrays: tuple[NDArray[Any], ...]  # as the class of the mesh names them
+    interfaces: dict[str, Interface]  # as given
+    node_map: Ints | None
+    notes: list[str]  # on what was mended
+
+
+def checked(points: ArrayLike, cells: Any, interfaces: Mapping[str, Interface] | None) -> Checked:
+    """Points, offsets and vertices of a `PolygonMesh`, or MeshError; only at interfaces nodes may be in one place."""
     points = check_points(points)
     offsets, vertices = _flattened(cells)
     if len(offsets) < 2:
@@ -68,7 +71,7 @@ def checked(
         _check_hanging(points, ends, cells_of_ends)
         raise MeshError(_in_words(misfit, width))
     points, vertices, node_map, more = dropped(points, vertices)
-    return points, offsets, vertices, interfaces, node_map, notes + more
+    return Checked((points, offsets, vertices), interfaces, node_map, notes + more)
 
 
 def dropped(points: Floats, vertices: Ints) -> tuple[Floats, Ints, Ints | None, list[str]]:

@@ -30,9 +30,9 @@ from vemcvx.meshes.polygons import (
     smallest_linked,
 )
 from vemcvx.meshes.polyhedra import joined_faces, listed_faces
-from vemcvx.meshes.tessellation import SpaceTessellation, Tessellation
+from vemcvx.meshes.tessellation import Mesh, SpaceTessellation
 
-AnyMesh = TypeVar("AnyMesh", bound=Tessellation | SpaceTessellation)
+AnyMesh = TypeVar("AnyMesh", bound=Mesh)
 TIPS = {"edges": ("edge", "both ends", "two edges long"), "faces": ("face", "all its nodes", "two faces wide")}
 """Words for sides that cannot open"""
 
@@ -80,13 +80,13 @@ def cut(mesh: AnyMesh, name: str, sides: Mapping[str, ArrayLike]) -> AnyMesh:
 
 def _with_nodes(mesh: AnyMesh, points: Floats, renumbered: Callable[[Ints, Ints, Ints], Ints]) -> AnyMesh:
     """The mesh of the same cells between other nodes: from cells, the rows that they own, and the nodes of these."""
-    cells = np.arange(mesh.n_cells)
-    if isinstance(mesh, Tessellation):
-        arrays = mesh.offsets, renumbered(cells, mesh.offsets, mesh.vertices)
-        return type(mesh).unchecked(points, *arrays, box=mesh._box)
-    listed = listed_faces(mesh.faces)
-    nodes = renumbered(cells, listed.offsets[listed.cell_offsets], listed.vertices)
-    return type(mesh).unchecked(points, *joined_faces(listed.offsets, nodes, listed.cell_offsets), box=mesh._box)
+    kind, cells = type(mesh), np.arange(mesh.n_cells)
+    if isinstance(mesh, SpaceTessellation):
+        listed = listed_faces(mesh.faces)
+        nodes = renumbered(cells, listed.offsets[listed.cell_offsets], listed.vertices)
+        return kind.unchecked(points, *joined_faces(listed.offsets, nodes, listed.cell_offsets), box=mesh._box)
+    offsets, vertices = mesh.cell_nodes
+    return kind.unchecked(points, offsets, renumbered(cells, offsets, vertices), box=mesh._box)
 
 
 def _numbered_anew(nodes: Ints, pairs: Ints, opened: Bools, count: int) -> tuple[Ints, Ints]:
@@ -101,9 +101,7 @@ def _numbered_anew(nodes: Ints, pairs: Ints, opened: Bools, count: int) -> tuple
     return number[np.searchsorted(first, parted)], np.concatenate([np.arange(count), nodes[first[fresh]]])
 
 
-def _check_sides(
-    mesh: Tessellation | SpaceTessellation, name: str, sides: Mapping[str, ArrayLike]
-) -> tuple[Bools, Bools]:
+def _check_sides(mesh: Mesh, name: str, sides: Mapping[str, ArrayLike]) -> tuple[Bools, Bools]:
     if check_name(name) in mesh.boundaries:
         raise MeshError(f"cut: there is a boundary {name!r} already; give the crack another name.")
     if not isinstance(sides, Mapping) or len(sides) != 2 or not all(isinstance(side, str) for side in sides):
@@ -119,14 +117,14 @@ def _names(sides: Mapping[str, ArrayLike]) -> tuple[str, str]:
     return first, second
 
 
-def _opened(opened: Bools, mesh: Tessellation | SpaceTessellation, sides: Mapping[str, ArrayLike]) -> Bools:
+def _opened(opened: Bools, mesh: Mesh, sides: Mapping[str, ArrayLike]) -> Bools:
     if not opened.any():
         between, side = " and ".join(map(repr, sides)), TIPS[mesh.PARTS][0]
         raise MeshError(f"cut: no {side} is between the cells of {between}; they must be neighbours.")
     return opened
 
 
-def _check_opening(mesh: Tessellation | SpaceTessellation, origin: Ints, lip: Ints, other: Ints) -> None:
+def _check_opening(mesh: Mesh, origin: Ints, lip: Ints, other: Ints) -> None:
     """MeshError where both lips, rows of nodes that were `origin`, are one side of all that is there."""
     closed = np.flatnonzero((lip == other).all(axis=1))
     if len(closed):

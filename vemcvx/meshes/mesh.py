@@ -44,7 +44,7 @@ class UserMesh(Mesh):
         """Return this mesh with cells split (numbers, or a bool each; None: all): :func:`vemcvx.meshes.refinement`."""
         return refined_mesh(self, cells, balance)
 
-    def cut(self: Any, name: str, sides: Mapping[str, ArrayLike]) -> Self:
+    def cut(self, name: str, sides: Mapping[str, ArrayLike]) -> Self:
         """Return this mesh with a crack: the edges, in space faces, between two sets of its cells become an interface.
 
         Nodes along the crack become double, the new ones last; a tip inside the mesh, in space the front, keeps its

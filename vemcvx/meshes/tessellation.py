@@ -53,6 +53,7 @@ class Mesh(ABC):
     _box: Box | None
 
     ARRAYS: ClassVar[tuple[str, ...]]  # Names of the arrays that make it.
+    NUMBERED: ClassVar[Mapping[str, str]]  # Names of arrays of numbers, and of how many there are of what they number.
     PARTS: ClassVar[str]  # Name of the parts that make its boundary, and of one of them.
     A_PART: ClassVar[str]
     NAMED_BY_PLACE: ClassVar[bool] = False  # whether sides get names by place where nothing is named
@@ -313,6 +314,7 @@ class Tessellation(Mesh):
     vertices: Ints
 
     ARRAYS = ("points", "offsets", "vertices")
+    NUMBERED = MappingProxyType({"vertices": "n_nodes"})
     PARTS, A_PART = "edges", "an edge"
 
     def __init__(
@@ -438,6 +440,7 @@ class SpaceTessellation(Mesh):
     face_cells: Ints
 
     ARRAYS = ("points", "face_offsets", "face_vertices", "cell_offsets", "cell_faces", "face_cells")
+    NUMBERED = MappingProxyType({"face_vertices": "n_nodes", "cell_faces": "n_faces", "face_cells": "n_cells"})
     PARTS, A_PART = "faces", "a face"
 
     def __init__(

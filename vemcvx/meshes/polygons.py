@@ -22,6 +22,7 @@ Shapely and SciPy's spatial structures are imported when somebody looks: they ta
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -169,6 +170,14 @@ class SharedEdges:
     corners: Ints  # (n_corners,) all corners, those of one edge side by side, in the order of their cells
     first: Ints  # (n_edges,) where in `corners` each edge begins
     counts: Ints  # (n_edges,) how many cells share it: 1 on the boundary, 2 inside, more only in broken meshes
+    ends: Ints  # (n_edges, 2) its nodes, the smaller first; edges are in the order of these pairs
+
+    @cached_property
+    def number(self) -> Ints:
+        """(n_corners,) the edge that starts at each corner."""
+        number = np.empty_like(self.corners)
+        number[self.corners] = np.repeat(np.arange(len(self.first)), self.counts)
+        return number
 
     @property
     def alone(self) -> Ints:
@@ -189,7 +198,8 @@ def shared_edges(offsets: Ints, vertices: Ints, n_nodes: int) -> SharedEdges:
     corners = np.argsort(keys, kind="stable")
     keys = keys[corners]
     first = np.flatnonzero(np.concatenate([[True], keys[1:] != keys[:-1]]))
-    return SharedEdges(corners, first, np.diff(np.append(first, len(keys))))
+    ends = np.column_stack(np.divmod(keys[first], n_nodes))
+    return SharedEdges(corners, first, np.diff(np.append(first, len(keys))), ends)
 
 
 def smallest_linked(pairs: Ints, count: int) -> Ints:

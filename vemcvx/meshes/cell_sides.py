@@ -282,6 +282,8 @@ class Asked:
 
     skin: Skin
     sides: CellSides
+    corners: Corners  # of sides that are in the parts into which they would be split
+    parted: Bools  # (n_listed,) the faces of these
     wants: Bools  # (n_listed,) faces that their cell would have split
 
     def faces(self, marked: Bools) -> Bools:
@@ -313,8 +315,9 @@ class Asked:
                 return marked
 
 
-def asked_of(skin: Skin, sides: CellSides, parted: Bools) -> Asked:
+def asked_of(skin: Skin, sides: CellSides) -> Asked:
     """Faces are split that are not tiny, and of sides in several pieces those that are nearly as large as all."""
+    in_pieces, parted = corners_in_pieces(skin, sides)
     sizes = skin.polygons.diameters[skin.faces.cell_faces]
     single = sides.pieces == 1
     wants = single & (sizes >= TINY * skin.sizes[skin.cell])
@@ -325,4 +328,4 @@ def asked_of(skin: Skin, sides: CellSides, parted: Bools) -> Asked:
     np.minimum.at(low, side[cell_of_corner(rows)], x)
     np.maximum.at(high, side[cell_of_corner(rows)], x)
     wants[several] = sizes[several] > LARGE * np.linalg.norm(high[side] - low[side], axis=1)
-    return Asked(skin, sides, wants)
+    return Asked(skin, sides, in_pieces, parted, wants)

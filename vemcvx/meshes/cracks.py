@@ -24,6 +24,7 @@ from vemcvx.meshes.polygons import (
     backwards,
     cell_of_corner,
     distinct,
+    found_in,
     matching_rows,
     offsets_of,
     rows_in_order,
@@ -47,10 +48,9 @@ def cut(mesh: AnyMesh, name: str, sides: Mapping[str, ArrayLike]) -> AnyMesh:
     opened = _opened(one[cells[:, 0]] & other[cells[:, 1]], mesh, sides)
     rows, nodes = mesh.cell_nodes
     keys = cell_of_corner(rows) * mesh.n_nodes + nodes
-    sorting = np.argsort(keys)
 
     def corners(cell: Ints, node: Ints) -> Ints:
-        return sorting[np.searchsorted(keys, cell * mesh.n_nodes + node, sorter=sorting)]
+        return found_in(keys, cell * mesh.n_nodes + node)
 
     side = cell_of_corner(offsets)
     pairs = np.column_stack([corners(cell, vertices) for cell in cells[side].T])

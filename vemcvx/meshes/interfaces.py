@@ -16,6 +16,7 @@ from vemcvx.meshes.box import check_mapping, check_name
 from vemcvx.meshes.polygons import (
     cell_of_corner,
     distinct,
+    found_in,
     matching_rows,
     offsets_of,
     rounding,
@@ -159,11 +160,9 @@ def on_boundary(
                 )
         order = np.argsort(number)
         count = int(max(vertices.max(), partners.max())) + 1
-        key = cell_of_corner(rows) * count + nodes
-        sorting = np.argsort(key)
         own_rows, own = rows_in_order(offsets, vertices, number[order])
         wanted = np.repeat(order, np.diff(own_rows)) * count + own
-        mine = partners[sorting[np.searchsorted(key, wanted, sorter=sorting)]]
+        mine = partners[found_in(cell_of_corner(rows) * count + nodes, wanted)]
         edges, across = (read_only(padded(own_rows, side)) for side in (own, mine))
         found[name] = replace(interface, edges=edges, partners=across)
     return found

@@ -21,10 +21,10 @@ from vemcvx.canvas import draw_cells, draw_faces
 from vemcvx.errors import MeshError, MeshWarning, SceneError
 from vemcvx.meshes.box import LARGEST, SHORTEST, WHOLE, plotted_points, plotted_values
 from vemcvx.meshes.cracks import cut
-from vemcvx.meshes.interfaces import Interface, on_boundary
+from vemcvx.meshes.interfaces import Interface, faces_of, on_boundary
 from vemcvx.meshes.io.files import load, load_bodies, write
 from vemcvx.meshes.io.objects import from_object, to_object
-from vemcvx.meshes.polygons import backwards, cell_of_corner, next_vertex, offsets_of, positions, rows_in_order
+from vemcvx.meshes.polygons import backwards, cell_of_corner, next_vertex, offsets_of, rows_in_order
 from vemcvx.meshes.polyhedra import joined_faces
 from vemcvx.meshes.polyhedral_refinement import refined_mesh
 from vemcvx.meshes.quality import Quality, quality_of
@@ -360,24 +360,19 @@ def extruded(mesh: Tessellation, heights: ArrayLike) -> PolyhedralMesh:
     )
     points = np.column_stack([np.tile(mesh.points, (layers + 1, 1)), np.repeat(levels, nodes)])
     solid = PolyhedralMesh.unchecked(points, *joined)
-    # In every layer, the faces of a cell are its bottom, its top and its sides in the order of its corners.
-    first = joined.cell_offsets[:-1].reshape(layers, cells)
-    corner_face = cell_of_corner(mesh.offsets) * 2 + 2 + np.arange(len(mesh.vertices))
-    sides = joined.cell_faces[corner_face + (np.arange(layers) * len(owner))[:, None]]
-    boundary = mesh.shared_edges.alone
-    parts = {}
-    for name, edges in named.items():
-        corners = boundary[positions(edges, mesh.boundaries[WHOLE], nodes)]
-        parts[RENAMED.get(name, name)] = sides[:, corners].ravel()
-    parts |= {"bottom": joined.cell_faces[first[0]], "top": joined.cell_faces[first[-1] + 1]}
-    solid = solid.with_boundaries(parts)
-    for name, values in mesh.cell_data.items():
-        solid = solid.with_cell_data(name, np.concatenate([values] * layers))
     level = nodes * np.arange(layers)[:, None, None]
 
     def above(ends: Ints) -> Ints:
         return (np.hstack([ends, ends[:, ::-1] + nodes]) + level).reshape(-1, 4)
 
+    sides = {RENAMED.get(name, name): faces_of(above(edges), solid._outlines) for name, edges in named.items()}
+    parts = {name: solid._boundary[places] for name, places in sides.items()}
+    # In every layer, the first two faces of a cell are its bottom and its top.
+    first = joined.cell_offsets[:-1].reshape(layers, cells)
+    parts |= {"bottom": joined.cell_faces[first[0]], "top": joined.cell_faces[first[-1] + 1]}
+    solid = solid.with_boundaries(parts)
+    for name, values in mesh.cell_data.items():
+        solid = solid.with_cell_data(name, np.concatenate([values] * layers))
     joints = {name: Interface(of.bodies, above(of.edges), above(of.partners)) for name, of in mesh.interfaces.items()}
     return solid._replace(interfaces=MappingProxyType(on_boundary(joints, solid._outlines)))
 

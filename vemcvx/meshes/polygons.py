@@ -77,6 +77,15 @@ def among(numbers: Ints, known: Ints) -> Bools:
     return found
 
 
+def found_in(keys: Ints, wanted: Ints) -> Ints:
+    """Where each of the wanted numbers stands among the keys (k,), the first of equal ones; -1 where it does not."""
+    if not len(keys):
+        return np.full(len(wanted), -1)
+    order = np.argsort(keys, kind="stable")
+    at = order[np.minimum(np.searchsorted(keys, wanted, sorter=order), len(keys) - 1)]
+    return np.where(keys[at] == wanted, at, -1)
+
+
 def same_rows(offsets: Ints, vertices: Ints) -> tuple[Ints, Ints]:
     """Rows of the same entries, in any order, are one: the first of each, and which of these each row is."""
     counts = np.diff(offsets)
@@ -158,9 +167,27 @@ def edge_keys(edges: Ints, n_nodes: int) -> Ints:
 
 def positions(wanted: Ints, edges: Ints, n_nodes: int) -> Ints:
     """The positions of wanted edges (k, 2) among the edges (m, 2), in either direction; all must be there."""
-    keys = edge_keys(edges, n_nodes)
-    order = np.argsort(keys)
-    return order[np.searchsorted(keys, edge_keys(wanted, n_nodes), sorter=order)]
+    return found_in(edge_keys(edges, n_nodes), edge_keys(wanted, n_nodes))
+
+
+def with_hanging(outlines: tuple[Ints, Ints], ends: Ints, rows: Ints, nodes: Ints) -> tuple[Ints, Ints]:
+    """Offsets and vertices of outlines with more nodes on some of their edges, whichever way these run.
+
+    On the edges with the given ends (k, 2) there are, from the first end to the second, ``nodes[rows[k]:rows[k + 1]]``.
+    """
+    offsets, vertices = outlines
+    count = int(max(vertices.max(initial=0), ends.max(initial=0))) + 1
+    touched = np.zeros(count, dtype=bool)
+    touched[ends] = True
+    edges = directed_edges(offsets, vertices)
+    corner = np.flatnonzero(touched[edges].all(axis=1))  # only these are looked up
+    line = found_in(edge_keys(ends, count), edge_keys(edges[corner], count))
+    corner, line = corner[line >= 0], line[line >= 0]
+    begin, new = rows_in_order(rows, nodes, line)
+    counts, against = np.diff(begin), ends[line, 0] != edges[corner, 0]
+    new = np.where(np.repeat(against, counts), new[backwards(begin)], new)
+    more = np.bincount(cell_of_corner(offsets)[corner], counts, len(offsets) - 1).astype(np.int64)
+    return offsets_of(np.diff(offsets) + more), np.insert(vertices, np.repeat(corner + 1, counts), new)
 
 
 @dataclass(frozen=True, eq=False)

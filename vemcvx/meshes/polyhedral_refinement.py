@@ -71,10 +71,10 @@ from vemcvx.meshes.cell_kinds import (
     solids_of,
     with_regular_ones_whole,
 )
-from vemcvx.meshes.cell_sides import Skin, asked_of, corners_in_pieces, sides_of, skin_of
+from vemcvx.meshes.cell_sides import Skin, asked_of, sides_of, skin_of
 from vemcvx.meshes.interfaces import pairs_of, places_of
 from vemcvx.meshes.local_refinement import Nodes, Refinement, carried, check_lengths, check_marks
-from vemcvx.meshes.polygons import cell_of_corner, offsets_of, rows_in_order, same_rows, spans, turned
+from vemcvx.meshes.polygons import cell_of_corner, found_in, offsets_of, rows_in_order, same_rows, spans, turned
 from vemcvx.meshes.polyhedra import Listed, numbered_faces
 from vemcvx.meshes.tessellation import Mesh, SpaceTessellation, Tessellation, projected_values
 
@@ -87,7 +87,7 @@ def refined(mesh: SpaceMesh, marked: Bools, balance: bool) -> tuple[SpaceMesh, I
     skin = skin_of(mesh)
     sides = sides_of(skin)
     skin = with_regular_ones_whole(skin, sides)
-    asked = asked_of(skin, sides, corners_in_pieces(skin, sides)[1])
+    asked = asked_of(skin, sides)
     marked = asked.closed(marked) if balance else marked
     cut = cut_faces(asked, marked)
     check_lengths(skin.points, skin.ends[cut.halved])
@@ -164,11 +164,9 @@ def own_nodes(mesh: SpaceTessellation, skin: Skin, cut: Cut, cell: Ints, number:
     old, middle, centre, inner = (np.flatnonzero(np.searchsorted(stops, number, side="right") == k) for k in range(4))
     offsets, nodes = mesh.cell_nodes
     key = cell_of_corner(offsets) * n_nodes + places_of(pairs_of(mesh.interfaces), mesh.points)[nodes]
-    order = np.argsort(key)
 
     def own(cells: Ints, place: Ints) -> Ints:
-        found: Ints = nodes[order[np.searchsorted(key, cells * n_nodes + place, sorter=order)]]
-        return found
+        return nodes[found_in(key, cells * n_nodes + place)]
 
     numbers = np.empty_like(number)
     numbers[old] = own(cell[old], number[old])
@@ -176,10 +174,9 @@ def own_nodes(mesh: SpaceTessellation, skin: Skin, cut: Cut, cell: Ints, number:
     ends = np.sort(np.column_stack([own(cell[middle], end) for end in ends.T]), axis=1)
     found, at = np.unique(ends[:, 0] * n_nodes + ends[:, 1], return_inverse=True)
     numbers[middle] = n_nodes + at
-    key = skin.cell * n_faces + skin.faces.cell_faces
-    order = np.argsort(key)
     wanted = cell[centre] * n_faces + cut.centred[number[centre] - stops[1]]
-    faces, at = np.unique(mesh.cell_faces[order[np.searchsorted(key, wanted, sorter=order)]], return_inverse=True)
+    listed = found_in(skin.cell * n_faces + skin.faces.cell_faces, wanted)
+    faces, at = np.unique(mesh.cell_faces[listed], return_inverse=True)
     numbers[centre] = n_nodes + len(found) + at
     numbers[inner] = number[inner] + n_nodes + len(found) + len(faces) - stops[2]
     points = np.empty((n_nodes + len(found) + len(faces), 3))

@@ -139,6 +139,25 @@ class Mesh(ABC):
         """Number of nodes."""
         return len(self.points)
 
+    @abstractmethod
+    def _measured(self) -> tuple[Floats, Floats]:
+        """Areas or volumes, and centroids."""
+
+    @cached_property
+    def _measures_and_centroids(self) -> tuple[Floats, Floats]:
+        measures, centroids = self._measured()
+        return read_only(measures), read_only(centroids)
+
+    @property
+    def measures(self) -> Floats:
+        """Area of each cell, in space its volume, (n_cells,)."""
+        return self._measures_and_centroids[0]
+
+    @property
+    def centroids(self) -> Floats:
+        """Centroid of each cell, (n_cells, 2), in space (n_cells, 3)."""
+        return self._measures_and_centroids[1]
+
     @cached_property
     def diameters(self) -> Floats:
         """Largest distance of two vertices of each cell, (n_cells,)."""
@@ -338,25 +357,13 @@ class Tessellation(Mesh):
         """Vertex numbers of each cell, counter-clockwise: one view an array of ``vertices`` a cell."""
         return tuple(self.vertices[start:end] for start, end in pairwise(self.offsets.tolist()))
 
-    @cached_property
-    def _areas_and_centroids(self) -> tuple[Floats, Floats]:
-        areas, centroids = polygons.areas_and_centroids(self.points, self.offsets, self.vertices)
-        return read_only(areas), read_only(centroids)
+    def _measured(self) -> tuple[Floats, Floats]:
+        return polygons.areas_and_centroids(self.points, self.offsets, self.vertices)
 
     @property
     def areas(self) -> Floats:
         """Area of each cell, (n_cells,)."""
-        return self._areas_and_centroids[0]
-
-    @property
-    def measures(self) -> Floats:
-        """Area of each cell, in space its volume, (n_cells,)."""
-        return self.areas
-
-    @property
-    def centroids(self) -> Floats:
-        """Centroid of each cell, (n_cells, 2)."""
-        return self._areas_and_centroids[1]
+        return self.measures
 
     @property
     def cell_nodes(self) -> tuple[Ints, Ints]:
@@ -506,27 +513,13 @@ class SpaceTessellation(Mesh):
         """1 where the normal of a cell's face points out of the cell, -1 where into it; as ``cell_faces``."""
         return read_only(polyhedra.signs_of(self.faces))
 
-    @cached_property
-    def _volumes_and_centroids(self) -> tuple[Floats, Floats]:
-        volumes, centroids = polyhedra.volumes_and_centroids(
-            self._face_shapes, self.cell_offsets, self.cell_faces, self.face_signs
-        )
-        return read_only(volumes), read_only(centroids)
+    def _measured(self) -> tuple[Floats, Floats]:
+        return polyhedra.volumes_and_centroids(self._face_shapes, self.cell_offsets, self.cell_faces, self.face_signs)
 
     @property
     def volumes(self) -> Floats:
         """Volume of each cell, (n_cells,)."""
-        return self._volumes_and_centroids[0]
-
-    @property
-    def measures(self) -> Floats:
-        """Volume of each cell, (n_cells,): what areas are in the plane."""
-        return self.volumes
-
-    @property
-    def centroids(self) -> Floats:
-        """Centroid of each cell, (n_cells, 3)."""
-        return self._volumes_and_centroids[1]
+        return self.measures
 
     @cached_property
     def cell_nodes(self) -> tuple[Ints, Ints]:

@@ -69,7 +69,15 @@ def checked(points: ArrayLike, cells: Any, interfaces: Mapping[str, Interface] |
     misfit = misfit_of(points, ends, cells_of_ends, polygons, width=width)
     if misfit:
         _check_hanging(points, ends, cells_of_ends)
-        raise MeshError(_in_words(misfit, width))
+        (one, other), at = sorted(misfit.cells), f"({misfit.at[0]:.6g}, {misfit.at[1]:.6g})"
+        if misfit.overlap:
+            raise MeshError(
+                f"cells {one} and {other} overlap near {at}. Remove or correct the vertices of one of them."
+            )
+        raise MeshError(
+            f"there is a gap narrower than {width:.3g} between cells {one} and {other} near {at}, {SINGLE:g} of the "
+            "lowest cell. Give both the same nodes there, or open the gap."
+        )
     points, vertices, node_map, more = dropped(points, vertices)
     return Checked((points, offsets, vertices), interfaces, node_map, notes + more)
 
@@ -371,13 +379,3 @@ def _check_hanging(points: Floats, ends: Ints, cells: Ints) -> None:
             f"hanging node must be a vertex of the cells on both sides: insert {node} between {a} and {b} in cell "
             f"{cell}."
         )
-
-
-def _in_words(misfit: Misfit, width: float) -> str:
-    (one, other), at = sorted(misfit.cells), f"({misfit.at[0]:.6g}, {misfit.at[1]:.6g})"
-    if misfit.overlap:
-        return f"cells {one} and {other} overlap near {at}. Remove or correct the vertices of one of them."
-    return (
-        f"there is a gap narrower than {width:.3g} between cells {one} and {other} near {at}, {SINGLE:g} of the lowest "
-        "cell. Give both the same nodes there, or open the gap."
-    )

@@ -139,7 +139,7 @@ def grid_of(
     else:
         kinds, offsets, vertices = by_vertices(mesh)
     parts = named_parts(mesh) if sides else {}
-    rows = {name: _rows_of(mesh, part) for name, part in parts.items()}
+    rows = {name: rows_of(mesh, part) for name, part in parts.items()}
     cells = np.concatenate(
         [np.arange(mesh.n_cells), *(mesh._owners[matching_rows(*mesh._outlines, *row)] for row in rows.values())]
     )
@@ -171,12 +171,8 @@ def named_parts(mesh: AnyTessellation) -> dict[str, Ints]:
     return parts
 
 
-def padded_parts(mesh: AnyTessellation) -> dict[str, Ints]:
-    """The nodes of all that a file names, a row (m, k) for each edge or face, filled up with -1."""
-    return {name: padded(*_rows_of(mesh, part)) for name, part in named_parts(mesh).items()}
-
-
-def _rows_of(mesh: AnyTessellation, part: Ints) -> Rows:
+def rows_of(mesh: AnyTessellation, part: Ints) -> Rows:
+    """The nodes of each edge or face of a part that is named."""
     if isinstance(mesh, SpaceTessellation) and part.ndim == 1:
         return rows_in_order(mesh.face_offsets, mesh.face_vertices, part)
     there = part >= 0

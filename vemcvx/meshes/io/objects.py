@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from vemcvx.arrays import Ints, brief
 from vemcvx.errors import MeshError, MeshWarning, VemcvxError
 from vemcvx.meshes.box import WHOLE
+from vemcvx.meshes.interfaces import padded
 from vemcvx.meshes.io import grid as grids
 from vemcvx.meshes.io.grid import (
     CELL,
@@ -249,7 +250,7 @@ def to_pyvista(mesh: AnyTessellation) -> Any:
     """UnstructuredGrid with the cells in their order."""
     import pyvista
 
-    fields = {MARK + name: rows for name, rows in grids.padded_parts(mesh).items()}
+    fields = {MARK + name: padded(*grids.rows_of(mesh, part)) for name, part in grids.named_parts(mesh).items()}
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "grid.vtu"
         write_xml(file, grid_of(mesh, mesh.cell_data, polyhedra=True, sides=False), fields=fields)

@@ -23,6 +23,7 @@ from vemcvx.meshes.polygons import (
     directed_edges,
     edge_keys,
     first_in_row,
+    least_of_each,
     next_corner,
     offsets_of,
     rotation,
@@ -360,8 +361,7 @@ def _nearest_corners(found: Cones, sides: CellSides, skin: Skin, some: Ints) -> 
     pairs, of = spans(begin, stop - begin), np.repeat(np.arange(len(some)), stop - begin)
     middle = face_shapes(found.points, *rows_in_order(found.offsets, found.nodes, some)).centroids
     away = np.linalg.norm(found.points[node[pairs]] - middle[of], axis=1)
-    order = np.lexsort((away, of))
-    first = order[np.append(True, np.diff(of[order]) > 0)[: len(order)]]
+    first = least_of_each(of, away)
     nearest = np.zeros(len(some), dtype=np.int64)
     nearest[of[first]] = node[pairs[first]]
     return nearest

@@ -24,6 +24,7 @@ from vemcvx.meshes.polygons import (
     cell_of_corner,
     directed_edges,
     distinct,
+    least_of_each,
     outlines,
     overlapping_boxes,
     rounding,
@@ -215,8 +216,7 @@ def settled(surface: Surface) -> tuple[Surface, OnEdges, InFaces]:
         )
         if not len(off):
             return surface, on_edges, in_faces
-        off = off[np.lexsort((host[off], spot[off]))]
-        off = off[np.unique(spot[off], return_index=True)[1]]  # of several earlier bodies, the first
+        off = off[least_of_each(spot[off], host[off])]  # of several earlier bodies, the first
         points = surface.points.copy()
         points[spot[off]] = at[off]
         # Faces between nodes that have moved across may be so much farther from what was within the tolerance.
@@ -269,10 +269,8 @@ def _corners(surface: Surface, near: OnEdges) -> Ints:
 def _nearest_edges(surface: Surface, near: OnEdges) -> OnEdges:
     """Of each body, the edge that is nearest to a place."""
     distance = np.linalg.norm(surface.points[near.place] - near.at, axis=1)
-    key = surface.key(near.place, surface.body_of_edge[near.edge])
-    order = np.lexsort((distance, key))
-    order = order[np.unique(key[order], return_index=True)[1]]
-    return OnEdges(near.place[order], near.edge[order], near.along[order], near.at[order])
+    nearest = least_of_each(surface.key(near.place, surface.body_of_edge[near.edge]), distance)
+    return OnEdges(near.place[nearest], near.edge[nearest], near.along[nearest], near.at[nearest])
 
 
 def _in_boxes(surface: Surface, spots: Ints, body: Ints, boxes: Boxes, known: Ints) -> tuple[Ints, Ints]:
@@ -306,10 +304,8 @@ def _in_faces(surface: Surface, spots: Ints, known: Ints) -> InFaces:
     seen = surface.seen(surface.points[place], face)
     inside = shapely.contains_xy(surface.charts[face], seen[:, 0], seen[:, 1])
     place, face, height = place[inside], face[inside], seen[inside, 2]
-    key = surface.key(place, surface.body_of_face[face])
-    order = np.lexsort((np.abs(height), key))
-    order = order[np.unique(key[order], return_index=True)[1]]
-    place, face, height = place[order], face[order], height[order]
+    nearest = least_of_each(surface.key(place, surface.body_of_face[face]), np.abs(height))
+    place, face, height = place[nearest], face[nearest], height[nearest]
     return InFaces(place, face, surface.points[place] - height[:, None] * surface.shapes.normals[face])
 
 

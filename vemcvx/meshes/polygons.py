@@ -86,6 +86,12 @@ def found_in(keys: Ints, wanted: Ints) -> Ints:
     return np.where(keys[at] == wanted, at, -1)
 
 
+def least_of_each(keys: Ints, values: Floats) -> Ints:
+    """Where the least of the values (k,) stands that go with each of the different keys, by key."""
+    order = np.lexsort((values, keys))
+    return order[np.unique(keys[order], return_index=True)[1]]
+
+
 def same_rows(offsets: Ints, vertices: Ints) -> tuple[Ints, Ints]:
     """Rows of the same entries, in any order, are one: the first of each, and which of these each row is."""
     counts = np.diff(offsets)

@@ -31,6 +31,7 @@ from vemcvx.meshes.polygons import (
     cell_of_corner,
     close_pairs,
     distinct,
+    least_of_each,
     offsets_of,
     outlines,
     rounding,
@@ -197,9 +198,8 @@ def _hanging(mesh: Tessellation, body: Ints, place: Ints, tolerance: float) -> t
     node, other = leaders[number], body[ends[edge, 0]]
     # Of each body that has no node in the place, the nearest edge.
     distance = shapely.distance(shapely.points(points[node]), edges[edge])
-    order = np.lexsort((distance, other, node))
-    order = order[~np.isin((node * count + other)[order], place * count + body)]
-    nearest = order[np.unique((node * count + other)[order], return_index=True)[1]]
+    without = np.flatnonzero(~among(node * count + other, place * count + body))
+    nearest = without[least_of_each((node * count + other)[without], distance[without])]
     node, edge, other, distance = node[nearest], edge[nearest], other[nearest], distance[nearest]
     off = (other < body[node]) & (distance > rounding(points[node], *points[ends[edge]].swapaxes(0, 1)))
     off = np.flatnonzero(off)

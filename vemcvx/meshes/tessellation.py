@@ -232,10 +232,14 @@ class Mesh(ABC):
     def _parts(self, name: str, given: Any, number: Ints) -> tuple[Ints, list[str]]:
         """The parts of the boundary that a user names by vertices, -1 for none, and words for each."""
         offsets, vertices = self._rows(name, given, len(number))
+        called = [f"({', '.join(map(str, row.tolist()))})" for row in np.split(vertices, offsets[1:-1])]
+        return self._found(offsets, vertices, number), called
+
+    def _found(self, offsets: Ints, vertices: Ints, number: Ints) -> Ints:
+        """Where in the boundary the parts with these vertices are, by their new numbers; -1 for none."""
         known = (vertices >= 0) & (vertices < len(number))
         own = np.where(known, number[np.where(known, vertices, 0)], -1)
-        called = [f"({', '.join(map(str, row.tolist()))})" for row in np.split(vertices, offsets[1:-1])]
-        return polygons.matching_rows(*self._outlines, offsets, own), called
+        return polygons.matching_rows(*self._outlines, offsets, own)
 
     def with_boundary(self, name: str, predicate: Callable[[Floats], Bools]) -> Self:
         """Return this mesh with one more named part of its boundary.

@@ -18,7 +18,7 @@ from vemcvx.errors import SceneError
 from vemcvx.meshes import AnyMesh, PolyhedralMesh, plane_mesh
 from vemcvx.meshes.polygons import cell_of_corner, spans
 from vemcvx.vem.boundary import MirrorPlanes, Part, edge_part, face_part
-from vemcvx.vem.projection import CellGroup, polyhedron_groups
+from vemcvx.vem.projection import CellGroup, cell_groups
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,16 +46,7 @@ class Space:
     @cached_property
     def groups(self) -> tuple[CellGroup, ...]:
         """The cells by number of vertices, ascending; cell numbers ascend within a group."""
-        mesh = self.mesh
-        if isinstance(mesh, PolyhedralMesh):
-            return polyhedron_groups(mesh)
-        counts = np.diff(mesh.offsets)
-        groups = []
-        for n in np.unique(counts):
-            cells = np.flatnonzero(counts == n)
-            nodes = mesh.vertices[mesh.offsets[cells][:, None] + np.arange(n)]
-            groups.append(CellGroup(read_only(cells), read_only(nodes), mesh.points))
-        return tuple(groups)
+        return cell_groups(self.mesh)
 
     @property
     def simplices(self) -> tuple[tuple[str, str], float]:

@@ -396,10 +396,7 @@ def _with_parts(mesh: AnyTessellation, parts: Mapping[str, Rows]) -> tuple[AnyTe
     whole, dimension = mesh.boundaries[WHOLE], mesh.points.shape[1]
     number = np.arange(mesh.n_nodes) if mesh.node_map is None else mesh.node_map
     for name, rows in parts.items():
-        offsets, given = rows_in_order(*rows, np.flatnonzero(np.diff(rows[0]) >= dimension))
-        known = (given >= 0) & (given < len(number))
-        own = np.where(known, number[np.where(known, given, 0)], -1)
-        found = matching_rows(*mesh._outlines, offsets, own)
+        found = mesh._found(*rows_in_order(*rows, np.flatnonzero(np.diff(rows[0]) >= dimension)), number)
         chosen, strange = np.unique(found[found >= 0]), np.count_nonzero(found < 0)
         if strange:
             kind = "lines" if dimension == 2 else "polygons"

@@ -495,7 +495,7 @@ def check_lengths(points: Floats, ends: Ints) -> None:
 
 def _split(marked: Bools, wanted: Bools, mesh: Tessellation, twins: Ints) -> Bools:
     """Edges to split: those that marked cells want split, and what is in the same place of another body, (n_edges,)."""
-    split = np.zeros(len(mesh.shared_edges.ends), dtype=bool)
+    split = np.zeros(len(mesh.shared_edges.first), dtype=bool)
     split[mesh.shared_edges.number[wanted & marked[cell_of_corner(mesh.offsets)]]] = True
     split[twins] = split[twins].any(axis=1, keepdims=True)
     return split

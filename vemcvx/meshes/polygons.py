@@ -203,7 +203,12 @@ class SharedEdges:
     corners: Ints  # (n_corners,) all corners, those of one edge side by side, in the order of their cells
     first: Ints  # (n_edges,) where in `corners` each edge begins
     counts: Ints  # (n_edges,) how many cells share it: 1 on the boundary, 2 inside, more only in broken meshes
-    ends: Ints  # (n_edges, 2) its nodes, the smaller first; edges are in the order of these pairs
+    outlines: tuple[Ints, Ints]  # offsets and vertices of the cells
+
+    @cached_property
+    def ends(self) -> Ints:
+        """(n_edges, 2) the nodes of each edge, the smaller first; edges are in the order of these pairs."""
+        return np.sort(directed_edges(*self.outlines)[self.corners[self.first]], axis=1)
 
     @cached_property
     def number(self) -> Ints:
@@ -231,8 +236,7 @@ def shared_edges(offsets: Ints, vertices: Ints, n_nodes: int) -> SharedEdges:
     corners = np.argsort(keys, kind="stable")
     keys = keys[corners]
     first = np.flatnonzero(np.concatenate([[True], keys[1:] != keys[:-1]]))
-    ends = np.column_stack(np.divmod(keys[first], n_nodes))
-    return SharedEdges(corners, first, np.diff(np.append(first, len(keys))), ends)
+    return SharedEdges(corners, first, np.diff(np.append(first, len(keys))), (offsets, vertices))
 
 
 def smallest_linked(pairs: Ints, count: int) -> Ints:

@@ -70,15 +70,7 @@ class Surface:
         """The outer faces of bodies that lie side by side, as far as they are near another."""
         outer = np.flatnonzero(faces.face_cells[:, 1] < 0)
         offsets, vertices = rows_in_order(faces.face_offsets, faces.face_vertices, outer)
-        corners = points[vertices]
-        low, high = (f.reduceat(corners, offsets[:-1]) for f in (np.minimum, np.maximum))
-        of_face = body[vertices[offsets[:-1]]]
-        first = np.searchsorted(of_face, np.arange(of_face[-1] + 1))
-        most = ROUNDS * tolerance
-        boxes = np.minimum.reduceat(low, first) - most, np.maximum.reduceat(high, first) + most
-        near: Bools = np.zeros(len(outer), dtype=bool)
-        for other, box in enumerate(zip(*boxes, strict=True)):
-            near |= (of_face != other) & _meets((low, high), box)
+        boxes, near = near_others(points, (offsets, vertices), body, ROUNDS * tolerance)
         offsets, vertices = rows_in_order(offsets, vertices, np.flatnonzero(near))
         ends = np.sort(directed_edges(offsets, vertices), axis=1)
         ends = ends[np.unique(ends @ [len(points), 1], return_index=True)[1]]
@@ -161,6 +153,20 @@ class Surface:
 
 
 Boxes = tuple[Floats, Floats]
+
+
+def near_others(points: Floats, outlines: tuple[Ints, Ints], body: Ints, width: float) -> tuple[Boxes, Bools]:
+    """The boxes of all bodies, wider by a width on all sides, and a mask of the outer faces that meet another's.
+
+    `outlines` are the offsets and vertices of all outer faces, body by body.
+    """
+    offsets, vertices = outlines
+    low, high = (f.reduceat(points[vertices], offsets[:-1]) for f in (np.minimum, np.maximum))
+    of_face = body[vertices[offsets[:-1]]]
+    first = np.searchsorted(of_face, np.arange(of_face[-1] + 1))
+    boxes = np.minimum.reduceat(low, first) - width, np.maximum.reduceat(high, first) + width
+    near = [(of_face != own) & _meets((low, high), box) for own, box in enumerate(zip(*boxes, strict=True))]
+    return boxes, np.any(near, axis=0)
 
 
 def _meets(boxes: Boxes, other: Boxes) -> Bools:

@@ -24,7 +24,7 @@ from vemcvx.meshes.checks.plane import check_cells, lowest, misfit_of
 from vemcvx.meshes.checks.space import enclosed, faces_upon
 from vemcvx.meshes.common_tiling import coinciding_faces, common_tiling
 from vemcvx.meshes.interfaces import Interface, on_boundary, pairs_of, places_of
-from vemcvx.meshes.meeting import FACING, unmatched
+from vemcvx.meshes.meeting import FACING, near_others, unmatched
 from vemcvx.meshes.polygons import (
     TOLERANCE,
     among,
@@ -382,12 +382,8 @@ def _check_apart_in_space(names: tuple[str, ...], joined: Joined[SpaceTessellati
     touches[joined.touching[:, 0]] = True
     width = NARROW_BETWEEN_BODIES * float((mesh.volumes / mesh.diameters**2).min())
     outer, corners = mesh._outlines
-    owner = body[corners[outer[:-1]]]
-    low, high = (f.reduceat(mesh.points[corners], outer[:-1]) for f in (np.minimum, np.maximum))
-    first = np.searchsorted(owner, np.arange(len(names)))
-    boxes = list(zip(np.minimum.reduceat(low, first) - width, np.maximum.reduceat(high, first) + width, strict=True))
-    near = [(owner != own) & ((low <= box[1]) & (high >= box[0])).all(axis=1) for own, box in enumerate(boxes)]
-    free = mesh._boundary[mesh._outer & np.any(near, axis=0)]
+    boxes, near = near_others(mesh.points, (outer, corners), body, width)
+    free = mesh._boundary[mesh._outer & near]
     if not len(free):
         return
     offsets, vertices = rows_in_order(mesh.face_offsets, mesh.face_vertices, free)
@@ -396,11 +392,10 @@ def _check_apart_in_space(names: tuple[str, ...], joined: Joined[SpaceTessellati
     rim = distinct(vertices[~touches[vertices]])
     places = np.concatenate([mesh.points[rim], shapes.centroids - width * shapes.normals])
     of_place = np.concatenate([body[rim], of_face])
-    for own, box in enumerate(boxes):
+    for own, box in enumerate(zip(*boxes, strict=True)):
         there = np.flatnonzero((of_place != own) & ((places >= box[0]) & (places <= box[1])).all(axis=1))
-        inside = there[
-            enclosed(places[there], mesh.points, *rows_in_order(outer, corners, np.flatnonzero(owner == own)))
-        ]
+        surface = rows_in_order(outer, corners, np.flatnonzero(body[corners[outer[:-1]]] == own))
+        inside = there[enclosed(places[there], mesh.points, *surface)]
         if len(inside):
             a, b = (repr(names[k]) for k in sorted((own, int(of_place[inside[0]]))))
             raise _overlap(a, b, places[inside[0]])

@@ -77,7 +77,7 @@ def test_shared_edges_count_cells():
     shared = mesh.shared_edges
     assert np.bincount(shared.counts).tolist() == [0, 12, 12]
     assert sorted(shared.corners.tolist()) == list(range(36))
-    assert polygons.neighbours(mesh.offsets, shared).tolist()[:3] == [[0, 1], [1, 2], [0, 3]]
+    assert mesh.neighbours.tolist()[:3] == [[0, 1], [1, 2], [0, 3]]
 
 
 def test_corners_before_and_after():

@@ -186,7 +186,7 @@ def test_no_name_at_all_is_refused():
 
 
 def test_boundary_without_edges_is_refused():
-    mesh = SimpleNamespace(boundaries={"gap": np.zeros((0, 2), dtype=np.int64)})
+    mesh = SimpleNamespace(boundaries={"gap": np.zeros((0, 2), dtype=np.int64)}, PARTS="edges")
     with pytest.raises(vx.SceneError, match="TrescaFriction: the boundary 'gap' of this mesh has no edges"):
         Space(mesh).part("gap", "TrescaFriction")
 

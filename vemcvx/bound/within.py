@@ -42,8 +42,7 @@ from vemcvx.bound.reading import reading
 from vemcvx.bound.skeleton import Instant
 from vemcvx.errors import MeshError, SceneError
 from vemcvx.history import History
-from vemcvx.meshes import PolygonMesh, plane_mesh
-from vemcvx.meshes.local_refinement import refinement
+from vemcvx.meshes import PolygonMesh, plane_mesh, refinement
 from vemcvx.scene import Scene
 from vemcvx.scene.pose import pose_scene, unwarned
 from vemcvx.stepping.backward_euler import march

@@ -3,8 +3,7 @@
 Every segment is walked in both directions, a polygon on the left of each. At its end the walk turns as far to the left
 as it can: the segments of a node are sorted by their angles, and what follows a walk a -> b is the one before b -> a,
 counter-clockwise. So walks close to rings (as in a doubly connected edge list; de Berg et al., *Computational
-Geometry*, 2.2): counter-clockwise those of the polygons, clockwise the one around each connected graph. Rings are found
-by doubling steps, as many times as the logarithm of the longest.
+Geometry*, 2.2): counter-clockwise those of the polygons, clockwise the one around each connected graph.
 
 Graphs in several pieces have polygons with holes, segments with the same polygon on both sides end nowhere or bridge,
 and rings may touch themselves. Shapely is asked for these.
@@ -17,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vemcvx.arrays import Bools, Floats, Ints
-from vemcvx.meshes.polygons import cross, offsets_of, rows_in_order, spans, triangles_of
+from vemcvx.meshes.polygons import cross, distinct, offsets_of, rows_in_order, smallest_linked, spans, triangles_of
 
 
 def polygons_between(owner: Ints, ends: Ints, at: Floats) -> tuple[Ints, Ints, Ints]:
@@ -77,24 +76,20 @@ def _rings(owner: Ints, ends: Ints, at: Floats) -> _Rings:
     rank = np.empty_like(order)
     rank[order] = walks
     follow = order[before[rank[walks ^ 1]]]
-    # Of each ring the smallest walk leads: the smallest of twice as many that follow each, until none is smaller.
-    leader, ahead = walks, follow
-    while ((smaller := np.minimum(leader, leader[ahead])) < leader).any():
-        leader, ahead = smaller, ahead[ahead]
-    leads = walks == leader
-    steps, ahead = (~leads).astype(np.int64), np.where(leads, walks, follow)
-    while (ahead != leader).any():
-        steps, ahead = steps + steps[ahead], ahead[ahead]
-    head, ring = np.flatnonzero(leads), (np.cumsum(leads) - 1)[leader]
-    size, by_owner = np.bincount(ring), np.argsort(of[leads], kind="stable")
-    offsets, begin = offsets_of(size[by_owner]), np.empty_like(head)
-    begin[by_owner] = offsets[:-1]
-    # The leader comes first; then the walk that has most steps to go to it.
-    walk = np.empty_like(walks)
-    walk[begin[ring] + (size[ring] - steps) % size[ring]] = walks
+    # The smallest walk of each ring leads; all rings go on at once, and leave when they are back at it.
+    head = distinct(smallest_linked(np.column_stack([walks, follow]), len(walks)))
+    head = head[np.argsort(of[head], kind="stable")]
+    ring, walk, found = np.arange(len(head)), head, list[tuple[Ints, Ints]]()
+    while len(walk):
+        found.append((ring, walk))
+        walk = follow[walk]
+        on = walk != head[ring]
+        ring, walk = ring[on], walk[on]
+    ring, walk = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    offsets, walk = offsets_of(np.bincount(ring)), walk[np.argsort(ring, kind="stable")]
     origin = np.repeat(here[walk[offsets[:-1]]], np.diff(offsets), axis=0)
     area = np.add.reduceat(cross(here[walk] - origin, there[walk] - origin), offsets[:-1])
-    return _Rings(offsets, walk, of[head[by_owner]], area)
+    return _Rings(offsets, walk, of[head], area)
 
 
 def _awkward(owner: Ints, ends: Ints, rings: _Rings) -> Bools:

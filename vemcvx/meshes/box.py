@@ -17,8 +17,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from vemcvx.arrays import SINGLE, Bools, Floats, Ints, brief, called, is_real, is_whole, plain, read_only
 from vemcvx.errors import MeshError
-from vemcvx.meshes.polygons import matching_rows, rows_in_order
-from vemcvx.meshes.polyhedra import Faces
 
 Count = int | tuple[int, int]
 SpaceCount = int | tuple[int, int, int]
@@ -300,12 +298,3 @@ def _array(values: ArrayLike) -> NDArray[Any]:
     """Values as an array; what makes none as an array of objects, which every check refuses."""
     array = plain(values)
     return np.empty(0, dtype=object) if array is None else array
-
-
-def matching_faces(mesh: Faces, offsets: Ints, vertices: Ints) -> Ints:
-    """Number of the face of the boundary that has the same vertices as each row, -1 where there is none."""
-    counts = np.diff(mesh.face_offsets)
-    # Only faces with as many vertices: sorting all faces of a mesh takes longer than reading it.
-    outer = np.flatnonzero((mesh.face_cells[:, 1] < 0) & np.isin(counts, np.diff(offsets)))
-    found = matching_rows(*rows_in_order(mesh.face_offsets, mesh.face_vertices, outer), offsets, vertices)
-    return np.append(outer, -1)[found]

@@ -17,12 +17,13 @@ import numpy as np
 
 from vemcvx.arrays import SAME, SINGLE, Bools, Floats, Ints
 from vemcvx.meshes.cell_kinds import CONES, OCTA, PYRAMID, TETRA, VERTICES, WEDGE, Cut, Solids
-from vemcvx.meshes.cell_sides import TINY, Asked, CellSides, Skin, corners_in_pieces
+from vemcvx.meshes.cell_sides import TINY, Asked, CellSides, Skin
 from vemcvx.meshes.polygons import (
     cell_of_corner,
     directed_edges,
     edge_keys,
     first_in_row,
+    least_of_each,
     next_corner,
     offsets_of,
     rotation,
@@ -31,6 +32,7 @@ from vemcvx.meshes.polygons import (
     smallest_linked,
     spans,
     turned,
+    with_hanging,
 )
 from vemcvx.meshes.polyhedra import face_shapes, volumes_and_centroids
 
@@ -190,24 +192,9 @@ def _with_hanging(asked: Asked, cut: Cut, inner: Inner) -> Inner:
     last = np.append(owner[1:] != owner[:-1], True)
     end = np.where(last, rows[owner], np.append(begin[1:], 0))
     kept = many > 0
-    ends = np.column_stack([node[begin], node[end]])[kept]
-    if not len(ends):
-        return inner
-    begin, many = begin[kept] + 1, many[kept]
-    count = int(inner.vertices.max()) + 1
-    keys, at = np.unique(edge_keys(ends, count), return_index=True)
-    edges = directed_edges(inner.offsets, inner.vertices)
-    wanted = edge_keys(edges, count)
-    found = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
-    corner = np.flatnonzero(keys[found] == wanted)
-    line = at[found[corner]]
-    new, size = spans(begin[line], many[line]), offsets_of(many[line])
-    mirrored = np.repeat(begin[line] + begin[line] + many[line] - 1, many[line]) - new
-    backwards = np.repeat(ends[line, 0] != edges[corner, 0], many[line])
-    vertices = np.insert(inner.vertices, np.repeat(corner + 1, many[line]), node[np.where(backwards, mirrored, new)])
-    more = np.bincount(cell_of_corner(inner.offsets)[corner], many[line], minlength=len(inner.cell))
-    assert size[-1] == more.sum()
-    return inner._replace(offsets=offsets_of(np.diff(inner.offsets) + more.astype(np.int64)), vertices=vertices)
+    ends, begin, many = np.column_stack([node[begin], node[end]])[kept], begin[kept] + 1, many[kept]
+    hung = with_hanging((inner.offsets, inner.vertices), ends, offsets_of(many), node[spans(begin, many)])
+    return Inner(inner.cell, inner.key, *hung)
 
 
 # Of its diameter, how far the centroid of a child over several faces is at least behind the planes of its faces.
@@ -333,11 +320,10 @@ def _grouped(found: Cones, asked: Asked) -> Ints:
     several, hidden = sides.pieces[found.listed] > 1, _hidden(found)
     if not (several | hidden).any():
         return own
-    parted = corners_in_pieces(skin, sides)[1][found.listed]
     side, big = sides.side[found.listed], len(skin.points) + 1
     alone = (own + 1) * big * len(skin.cell)
     group = np.where(several, found.listed * big, alone)
-    askew = np.flatnonzero(several & ~parted)
+    askew = np.flatnonzero(several & ~asked.parted[found.listed])
     group[askew] = side[askew] * big + 1 + _nearest_corners(found, sides, skin, askew)
     label = found.connected(group)
     bad = hidden | (_unseen(found, label, several)[label] & several)
@@ -375,8 +361,7 @@ def _nearest_corners(found: Cones, sides: CellSides, skin: Skin, some: Ints) -> 
     pairs, of = spans(begin, stop - begin), np.repeat(np.arange(len(some)), stop - begin)
     middle = face_shapes(found.points, *rows_in_order(found.offsets, found.nodes, some)).centroids
     away = np.linalg.norm(found.points[node[pairs]] - middle[of], axis=1)
-    order = np.lexsort((away, of))
-    first = order[np.append(True, np.diff(of[order]) > 0)[: len(order)]]
+    first = least_of_each(of, away)
     nearest = np.zeros(len(some), dtype=np.int64)
     nearest[of[first]] = node[pairs[first]]
     return nearest

@@ -21,7 +21,7 @@ import numpy as np
 
 from vemcvx.arrays import SINGLE, Bools, Floats, Ints
 from vemcvx.errors import MeshError
-from vemcvx.meshes.cell_sides import Asked, CellSides, Corners, Skin, asked_of, corners_in_pieces
+from vemcvx.meshes.cell_sides import Asked, CellSides, Corners, Skin, asked_of
 from vemcvx.meshes.local_refinement import Kinds, Outlines, children_of, outlines_of
 from vemcvx.meshes.polygons import offsets_of, smallest_linked, spans
 from vemcvx.meshes.polyhedra import volumes_and_centroids
@@ -126,11 +126,10 @@ def solids_of(asked: Asked, cut: Cut, marked: Bools) -> Solids:
     skin, sides = asked.skin, asked.sides
     single = np.flatnonzero(marked[skin.cell] & (sides.pieces == 1))
     one, good = corners_of_cut(skin, cut, single)
-    two, parted = corners_in_pieces(skin, sides)
-    face = skin.faces.cell_faces[two.listed]
-    two = two._replace(row=cut.first[face], rows=np.diff(cut.first)[face])
+    face = skin.faces.cell_faces[asked.corners.listed]
+    two = asked.corners._replace(row=cut.first[face], rows=np.diff(cut.first)[face])
     corners = Corners(*(np.concatenate(pair) for pair in zip(one, two, strict=True)))
-    odd = (sides.pieces > 1) & ~parted
+    odd = (sides.pieces > 1) & ~asked.parted
     odd[single[~good]] = True
     whole = marked & (np.bincount(skin.cell, odd, minlength=len(marked)) == 0)
     corners = corners.where(whole[skin.cell[corners.listed]])
@@ -234,7 +233,7 @@ def with_regular_ones_whole(skin: Skin, sides: CellSides) -> Skin:
     if not some.any():
         return skin
     whole = replace(skin, sizes=np.zeros_like(skin.sizes))
-    asked = asked_of(whole, sides, corners_in_pieces(whole, sides)[1])
+    asked = asked_of(whole, sides)
     regular = solids_of(asked, cut_faces(asked, some), some).kind > CONES
     return replace(skin, sizes=np.where(regular, 0.0, skin.sizes)) if regular.any() else skin
 

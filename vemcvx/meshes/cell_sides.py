@@ -23,7 +23,6 @@ from vemcvx.meshes.interfaces import pairs_of, places_of
 from vemcvx.meshes.local_refinement import Splitting, centres_of, splitting_of
 from vemcvx.meshes.polygons import (
     cell_of_corner,
-    directed_edges,
     offsets_of,
     previous_corner,
     rows_in_order,
@@ -110,9 +109,6 @@ def skin_of(mesh: SpaceTessellation) -> Skin:
     flat = np.einsum("mai,mi->ma", axes[owner, :2], corners - shapes.centroids[owner])
     polygons = Tessellation.unchecked(flat, faces.face_offsets, np.arange(len(flat)))
     shared = shared_edges(faces.face_offsets, faces.face_vertices, mesh.n_nodes)
-    edge = np.empty_like(shared.corners)
-    edge[shared.corners] = np.repeat(np.arange(len(shared.first)), shared.counts)
-    ends = directed_edges(faces.face_offsets, faces.face_vertices)[shared.corners[shared.first]]
     sizes = 9.0 * mesh.volumes / np.add.reduceat(shapes.areas[faces.cell_faces], faces.cell_offsets[:-1])
     return Skin(
         points=mesh.points,
@@ -122,8 +118,8 @@ def skin_of(mesh: SpaceTessellation) -> Skin:
         signs=signs_of(faces),
         sizes=sizes,
         polygons=polygons,
-        edge=edge,
-        ends=np.sort(ends, axis=1),
+        edge=shared.number,
+        ends=shared.ends,
     )
 
 
@@ -286,6 +282,8 @@ class Asked:
 
     skin: Skin
     sides: CellSides
+    corners: Corners  # of sides that are in the parts into which they would be split
+    parted: Bools  # (n_listed,) the faces of these
     wants: Bools  # (n_listed,) faces that their cell would have split
 
     def faces(self, marked: Bools) -> Bools:
@@ -317,8 +315,9 @@ class Asked:
                 return marked
 
 
-def asked_of(skin: Skin, sides: CellSides, parted: Bools) -> Asked:
+def asked_of(skin: Skin, sides: CellSides) -> Asked:
     """Faces are split that are not tiny, and of sides in several pieces those that are nearly as large as all."""
+    in_pieces, parted = corners_in_pieces(skin, sides)
     sizes = skin.polygons.diameters[skin.faces.cell_faces]
     single = sides.pieces == 1
     wants = single & (sizes >= TINY * skin.sizes[skin.cell])
@@ -329,4 +328,4 @@ def asked_of(skin: Skin, sides: CellSides, parted: Bools) -> Asked:
     np.minimum.at(low, side[cell_of_corner(rows)], x)
     np.maximum.at(high, side[cell_of_corner(rows)], x)
     wants[several] = sizes[several] > LARGE * np.linalg.norm(high[side] - low[side], axis=1)
-    return Asked(skin, sides, wants)
+    return Asked(skin, sides, in_pieces, parted, wants)

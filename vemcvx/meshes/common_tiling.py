@@ -22,7 +22,7 @@ from vemcvx.meshes.polygons import (
     cell_of_corner,
     cross,
     distinct,
-    edge_keys,
+    found_in,
     next_corner,
     offsets_of,
     outlines,
@@ -31,6 +31,7 @@ from vemcvx.meshes.polygons import (
     spans,
     triangles_of,
     turned,
+    with_hanging,
 )
 from vemcvx.meshes.polyhedra import Faces, FaceShapes, face_shapes, heights, in_planes
 
@@ -89,31 +90,14 @@ class _Outlines(NamedTuple):
 def _with_hanging(faces: Faces, meeting: Meeting) -> _Outlines:
     """Faces with a new node in every place on an edge."""
     surface, on_edges = meeting.surface, meeting.on_edges
-    count = len(surface.place)
     order = np.lexsort((on_edges.along, on_edges.edge))
-    edge, begin, many = np.unique(on_edges.edge[order], return_index=True, return_counts=True)
-    place = np.concatenate([surface.place, on_edges.place[order]])
-    body = np.concatenate([surface.body, surface.body_of_edge[on_edges.edge[order]]])
-    if not len(edge):
-        return _Outlines(faces.face_offsets, faces.face_vertices, place, body)
-    keys = edge_keys(surface.ends[edge], count)
-    touched = np.zeros(count, dtype=bool)
-    touched[surface.ends[edge]] = True
-    follow = faces.face_vertices[next_corner(faces.face_offsets)]
-    corner = np.flatnonzero(touched[faces.face_vertices] & touched[follow])
-    ends = np.column_stack([faces.face_vertices[corner], follow[corner]])
-    wanted, sorting = edge_keys(ends, count), np.argsort(keys)
-    at = sorting[np.minimum(np.searchsorted(keys, wanted, sorter=sorting), len(keys) - 1)]
-    found = keys[at] == wanted
-    corner, ends, at = corner[found], ends[found], at[found]
-    new, rows = count + spans(begin[at], many[at]), offsets_of(many[at])
-    backwards = ends[:, 0] != surface.ends[edge[at], 0]
-    mirrored = np.repeat(rows[1:] + rows[:-1] - 1, many[at]) - np.arange(len(new))
-    new = np.where(np.repeat(backwards, many[at]), new[mirrored], new)
-    vertices = np.insert(faces.face_vertices, np.repeat(corner + 1, many[at]), new)
-    more = np.zeros(len(faces.face_offsets) - 1, dtype=np.int64)
-    np.add.at(more, np.searchsorted(faces.face_offsets, corner, side="right") - 1, many[at])
-    return _Outlines(offsets_of(np.diff(faces.face_offsets) + more), vertices, place, body)
+    edge, many = np.unique(on_edges.edge[order], return_counts=True)
+    old, new = (faces.face_offsets, faces.face_vertices), len(surface.place) + np.arange(len(order))
+    return _Outlines(
+        *with_hanging(old, surface.ends[edge], offsets_of(many), new),
+        np.concatenate([surface.place, on_edges.place[order]]),
+        np.concatenate([surface.body, surface.body_of_edge[on_edges.edge[order]]]),
+    )
 
 
 class _Pieces(NamedTuple):
@@ -226,8 +210,7 @@ def _assembled(faces: Faces, meeting: Meeting, outline: _Outlines, cut: _Pieces)
     wanted = surface.key(cut.places, surface.body_of_face[cut.face][cell_of_corner(cut.offsets)])
     fresh = distinct(wanted)
     known = np.concatenate([known, fresh[~among(fresh, known)]])
-    order = np.argsort(known)
-    nodes = order[np.searchsorted(known, wanted, sorter=order)]
+    nodes = found_in(known, wanted)
     place, body = np.divmod(known, len(surface.boxes[0]))
     hanging = faces._replace(face_offsets=outline.offsets, face_vertices=outline.vertices)
     cut_faces = surface.faces[cut.face]
@@ -291,9 +274,8 @@ def _flattened(points: Floats, faces: Faces, place: Ints, some: Ints) -> tuple[F
     face = np.repeat(np.arange(len(number)), counts)
     triangles = np.where((face != first[number[face]])[:, None], triangles[:, ::-1], triangles)
     key = place[vertices] * len(offsets) + cell_of_corner(offsets)
-    sorting = np.argsort(key)
-    own = vertices[sorting[np.searchsorted(key, place[triangles] * len(offsets) + face[:, None], sorter=sorting)]]
-    return _replaced(faces, some[face], 3 * np.arange(len(own) + 1), own.ravel())
+    own = vertices[found_in(key, (place[triangles] * len(offsets) + face[:, None]).ravel())]
+    return _replaced(faces, some[face], 3 * np.arange(len(face) + 1), own)
 
 
 def coinciding_faces(outlines: tuple[Ints, Ints], body: Ints, place: Ints) -> tuple[Ints, Ints, Ints]:
@@ -314,8 +296,6 @@ def coinciding_faces(outlines: tuple[Ints, Ints], body: Ints, place: Ints) -> tu
     one, other = order[begin[double]], order[begin[double] + 1]
     mine = rows_in_order(rows, nodes, one)
     count = int(body.max()) + 1
-    key = place * count + body
-    sorting = np.argsort(key)
     of_other = np.repeat(body[nodes[rows[:-1]]][other], np.diff(mine[0]))
-    across = sorting[np.searchsorted(key, place[mine[1]] * count + of_other, sorter=sorting)]
+    across = found_in(place * count + body, place[mine[1]] * count + of_other)
     return faces[np.column_stack([one, other])], padded(*mine), padded(mine[0], across)

@@ -7,7 +7,7 @@ along the front of a crack in space, nothing is double.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import TypeVar
 
@@ -17,97 +17,76 @@ from numpy.typing import ArrayLike
 from vemcvx.arrays import Bools, Floats, Ints, brief, read_only
 from vemcvx.errors import MeshError
 from vemcvx.meshes.box import check_name
-from vemcvx.meshes.interfaces import Interface, faces_of, on_boundary, on_faces, padded
+from vemcvx.meshes.interfaces import Interface, faces_of, on_boundary, padded
 from vemcvx.meshes.local_refinement import check_marks
 from vemcvx.meshes.polygons import (
     among,
+    backwards,
     cell_of_corner,
-    directed_edges,
     distinct,
-    next_corner,
+    found_in,
+    matching_rows,
+    offsets_of,
     rows_in_order,
     smallest_linked,
 )
 from vemcvx.meshes.polyhedra import joined_faces, listed_faces
-from vemcvx.meshes.tessellation import SpaceTessellation, Tessellation
+from vemcvx.meshes.tessellation import Mesh, SpaceTessellation
 
-Mesh = TypeVar("Mesh", bound=Tessellation)
-Solid = TypeVar("Solid", bound=SpaceTessellation)
+AnyMesh = TypeVar("AnyMesh", bound=Mesh)
 TIPS = {"edges": ("edge", "both ends", "two edges long"), "faces": ("face", "all its nodes", "two faces wide")}
 """Words for sides that cannot open"""
 
 
-def cut(mesh: Mesh, name: str, sides: Mapping[str, ArrayLike]) -> Mesh:
-    """Cut a mesh along the edges between two sets of its cells: see :meth:`vemcvx.PolygonMesh.cut`."""
+def cut(mesh: AnyMesh, name: str, sides: Mapping[str, ArrayLike]) -> AnyMesh:
+    """Cut a mesh along the edges, in space faces, between two sets of its cells: see :meth:`vemcvx.PolygonMesh.cut`."""
     one, other = _check_sides(mesh, name, sides)
-    cell, (left, right) = cell_of_corner(mesh.offsets), mesh.shared_edges.twice
-    backwards = other[cell[left]]
-    left, right = np.where(backwards, right, left), np.where(backwards, left, right)
-    opened = _opened(one[cell[left]] & other[cell[right]], mesh, sides)
-    follow = next_corner(mesh.offsets)
-    pairs = np.concatenate([np.column_stack([left, follow[right]]), np.column_stack([follow[left], right])])
-    vertices, origin = _numbered_anew(mesh.vertices, pairs, np.tile(opened, 2), mesh.n_nodes)
-    before, after = directed_edges(mesh.offsets, mesh.vertices), directed_edges(mesh.offsets, vertices)
-    edges, partners = after[left[opened]], after[right[opened]][:, ::-1]
-    _check_opening(mesh, origin, edges, partners)
-    order = np.argsort(before @ [mesh.n_nodes, 1])
-
-    def renumbered(side: Ints) -> Ints:
-        place = np.searchsorted(before @ [mesh.n_nodes, 1], side @ [mesh.n_nodes, 1], sorter=order)
-        return read_only(after[order[place]])
-
-    joints = {name: Interface(_names(sides), edges, partners)}
-    for key, found in mesh.interfaces.items():
-        joints[key] = Interface(found.bodies, renumbered(found.edges), renumbered(found.partners[:, ::-1])[:, ::-1])
-    made = type(mesh).unchecked(mesh.points[origin], mesh.offsets, vertices, box=mesh._box)
-    return made._replace(
-        _named={key: renumbered(side) for key, side in mesh._named.items()},
-        interfaces=MappingProxyType(on_boundary(joints, made._boundary, made.n_nodes)),
-        cell_data=mesh.cell_data,
-    )
-
-
-def cut_in_space(mesh: Solid, name: str, sides: Mapping[str, ArrayLike]) -> Solid:
-    """Cut a mesh along the faces between two sets of its cells: see :meth:`vemcvx.PolyhedralMesh.cut`."""
-    one, other = _check_sides(mesh, name, sides)
-    inner = np.flatnonzero(mesh.face_cells[:, 1] >= 0)
-    cells = mesh.face_cells[inner]
-    cells = np.where(other[cells[:, :1]], cells[:, ::-1], cells)
+    cells, (offsets, vertices) = mesh.neighbours, mesh._inner_outlines
+    swapped = other[cells[:, 0]]
+    cells = np.where(swapped[:, None], cells[:, ::-1], cells)
+    vertices = np.where(np.repeat(swapped, np.diff(offsets)), vertices[backwards(offsets)], vertices)
     opened = _opened(one[cells[:, 0]] & other[cells[:, 1]], mesh, sides)
     rows, nodes = mesh.cell_nodes
     keys = cell_of_corner(rows) * mesh.n_nodes + nodes
 
     def corners(cell: Ints, node: Ints) -> Ints:
-        place: Ints = np.searchsorted(keys, cell * mesh.n_nodes + node)
-        return place
+        return found_in(keys, cell * mesh.n_nodes + node)
 
-    offsets, vertices = rows_in_order(mesh.face_offsets, mesh.face_vertices, inner)
-    beside = cells[cell_of_corner(offsets)]
-    pairs = np.column_stack([corners(cell, vertices) for cell in beside.T])
-    number, origin = _numbered_anew(nodes, pairs, opened[cell_of_corner(offsets)], mesh.n_nodes)
-    which = np.flatnonzero(opened)
-    lips = [padded(*rows_in_order(offsets, number[side], which)) for side in pairs.T]
+    side = cell_of_corner(offsets)
+    pairs = np.column_stack([corners(cell, vertices) for cell in cells[side].T])
+    number, origin = _numbered_anew(nodes, pairs, opened[side], mesh.n_nodes)
+    lips = [padded(*rows_in_order(offsets, number[lip], np.flatnonzero(opened))) for lip in pairs.T]
     _check_opening(mesh, origin, *lips)
-    joints = {name: Interface(_names(sides), *lips)}
+
+    def renumbered(cell: Ints, rows: Ints, nodes: Ints) -> Ints:
+        return number[corners(np.repeat(cell, np.diff(rows)), nodes)]
+
+    made = _with_nodes(mesh, mesh.points[origin], renumbered)
+    joints, named = {name: Interface(_names(sides), *lips)}, {}
     for key, found in mesh.interfaces.items():
-        moved = []
-        for side in (found.edges, found.partners):
-            there = side >= 0
-            cell = mesh.face_cells[mesh._boundary[faces_of(side, mesh._outlines)], 0]
-            moved.append(side.copy())
-            moved[-1][there] = number[corners(np.repeat(cell, there.sum(axis=1)), side[there])]
+        moved = [found.edges.copy(), found.partners.copy()]
+        for lip in moved:
+            there, cell = lip >= 0, mesh._owners[faces_of(lip, mesh._outlines)]
+            lip[there] = renumbered(cell, offsets_of(there.sum(axis=1)), lip[there])
         joints[key] = Interface(found.bodies, *moved)
-    listed = listed_faces(mesh.faces)
-    owner = np.repeat(cell_of_corner(listed.cell_offsets), np.diff(listed.offsets))
-    faces = joined_faces(listed.offsets, number[corners(owner, listed.vertices)], listed.cell_offsets)
-    made = type(mesh).unchecked(mesh.points[origin], *faces, box=mesh._box)
-    anew = np.empty(mesh.n_faces, dtype=np.int64)
-    anew[mesh.cell_faces] = faces.cell_faces
-    return made._replace(
-        _named={key: read_only(anew[side]) for key, side in mesh._named.items()},
-        interfaces=MappingProxyType(on_faces(joints, made._outlines)),
-        cell_data=mesh.cell_data,
-    )
+    for key, parts in mesh._named.items():
+        place = mesh._places(parts)
+        rows, nodes = rows_in_order(*mesh._outlines, place)
+        new = matching_rows(*made._outlines, rows, renumbered(mesh._owners[place], rows, nodes))
+        named[key] = read_only(made._boundary[new])
+    interfaces = MappingProxyType(on_boundary(joints, made._outlines))
+    return made._replace(_named=named, interfaces=interfaces, cell_data=mesh.cell_data)
+
+
+def _with_nodes(mesh: AnyMesh, points: Floats, renumbered: Callable[[Ints, Ints, Ints], Ints]) -> AnyMesh:
+    """The mesh of the same cells between other nodes: from cells, the rows that they own, and the nodes of these."""
+    kind, cells = type(mesh), np.arange(mesh.n_cells)
+    if isinstance(mesh, SpaceTessellation):
+        listed = listed_faces(mesh.faces)
+        nodes = renumbered(cells, listed.offsets[listed.cell_offsets], listed.vertices)
+        return kind.unchecked(points, *joined_faces(listed.offsets, nodes, listed.cell_offsets), box=mesh._box)
+    offsets, vertices = mesh.cell_nodes
+    return kind.unchecked(points, offsets, renumbered(cells, offsets, vertices), box=mesh._box)
 
 
 def _numbered_anew(nodes: Ints, pairs: Ints, opened: Bools, count: int) -> tuple[Ints, Ints]:
@@ -122,9 +101,7 @@ def _numbered_anew(nodes: Ints, pairs: Ints, opened: Bools, count: int) -> tuple
     return number[np.searchsorted(first, parted)], np.concatenate([np.arange(count), nodes[first[fresh]]])
 
 
-def _check_sides(
-    mesh: Tessellation | SpaceTessellation, name: str, sides: Mapping[str, ArrayLike]
-) -> tuple[Bools, Bools]:
+def _check_sides(mesh: Mesh, name: str, sides: Mapping[str, ArrayLike]) -> tuple[Bools, Bools]:
     if check_name(name) in mesh.boundaries:
         raise MeshError(f"cut: there is a boundary {name!r} already; give the crack another name.")
     if not isinstance(sides, Mapping) or len(sides) != 2 or not all(isinstance(side, str) for side in sides):
@@ -140,14 +117,14 @@ def _names(sides: Mapping[str, ArrayLike]) -> tuple[str, str]:
     return first, second
 
 
-def _opened(opened: Bools, mesh: Tessellation | SpaceTessellation, sides: Mapping[str, ArrayLike]) -> Bools:
+def _opened(opened: Bools, mesh: Mesh, sides: Mapping[str, ArrayLike]) -> Bools:
     if not opened.any():
         between, side = " and ".join(map(repr, sides)), TIPS[mesh.PARTS][0]
         raise MeshError(f"cut: no {side} is between the cells of {between}; they must be neighbours.")
     return opened
 
 
-def _check_opening(mesh: Tessellation | SpaceTessellation, origin: Ints, lip: Ints, other: Ints) -> None:
+def _check_opening(mesh: Mesh, origin: Ints, lip: Ints, other: Ints) -> None:
     """MeshError where both lips, rows of nodes that were `origin`, are one side of all that is there."""
     closed = np.flatnonzero((lip == other).all(axis=1))
     if len(closed):

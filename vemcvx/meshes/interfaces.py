@@ -10,13 +10,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vemcvx.arrays import Bools, Floats, Ints, brief, plain, read_only
+from vemcvx.arrays import Floats, Ints, brief, plain, read_only
 from vemcvx.errors import MeshError
-from vemcvx.meshes.box import check_edges, check_mapping, check_name
+from vemcvx.meshes.box import check_mapping, check_name
 from vemcvx.meshes.polygons import (
     cell_of_corner,
     distinct,
-    edge_keys,
+    found_in,
     matching_rows,
     offsets_of,
     rounding,
@@ -67,32 +67,38 @@ def check_interfaces(
         bodies = tuple(given.bodies) if isinstance(given.bodies, (tuple, list)) else ()
         if len(bodies) != 2 or not all(isinstance(body, str) for body in bodies):
             raise MeshError(f"interface {name!r}: bodies must be the names of two; got {brief(given.bodies)}.")
-        check = check_edges if dimension == 2 else _check_faces
-        edges, partners = (check(name, ends, n_nodes) for ends in (given.edges, given.partners))
+        edges, partners = (_check_sides(name, side, n_nodes, dimension) for side in (given.edges, given.partners))
         if edges.shape != partners.shape or not np.array_equal(edges < 0, partners < 0):
             raise MeshError(f"interface {name!r}: it has {len(edges)} {sides} and partners of {len(partners)}.")
         found[name] = Interface(bodies, edges, partners)
     return found
 
 
-def _check_faces(name: str, given: object, n_nodes: int) -> Ints:
-    """Rows (k, n) of the vertices of faces, filled up with -1, or MeshError."""
+def _check_sides(name: str, given: object, n_nodes: int, dimension: int) -> Ints:
+    """Rows (k, n) of the vertices of edges or faces, filled up with -1, or MeshError."""
     rows = plain(given)
-    if rows is None or rows.ndim != 2 or rows.dtype.kind not in "iu" or not rows.size:
-        raise MeshError(
-            f"interface {name!r}: faces must be rows (k, n) of nodes, filled up with -1; got {brief(given)}."
-        )
+    sides, wanted = "edges", "pairs (k, 2) of nodes"
+    if dimension == 3:
+        sides, wanted = "faces", "rows (k, n) of nodes, filled up with -1"
+    if (
+        rows is None
+        or rows.ndim != 2
+        or rows.dtype.kind not in "iu"
+        or not rows.size
+        or (dimension == 2) != (rows.shape[1] == 2)
+    ):
+        raise MeshError(f"interface {name!r}: {sides} must be {wanted}; got {brief(given)}.")
     rows = rows.astype(np.int64)
     filled = rows >= 0
     if (
         (rows >= n_nodes).any()
         or (rows < -1).any()
-        or not filled[:, :3].all()
+        or not filled[:, :dimension].all()
         or (filled[:, 1:] > filled[:, :-1]).any()
     ):
+        has = "an edge has two nodes" if dimension == 2 else "a face has three nodes or more"
         raise MeshError(
-            f"interface {name!r}: a face has three nodes or more, numbered 0 to {n_nodes - 1}, and its row is filled "
-            "up with -1 behind them."
+            f"interface {name!r}: {has}, numbered 0 to {n_nodes - 1}; rows of faces are filled up with -1 behind them."
         )
     return rows
 
@@ -122,43 +128,12 @@ def places_of(pairs: Ints, points: Floats) -> Ints:
     return smallest_linked(pairs, len(points))
 
 
-def outside(interfaces: Mapping[str, Interface], boundary: Ints, n_nodes: int) -> Bools:
-    """A mask of the edges of the boundary (m, 2) that no interface has on either side."""
-    keys = edge_keys(boundary, n_nodes)
-    sides = [edge_keys(side, n_nodes) for found in interfaces.values() for side in (found.edges, found.partners)]
-    return ~np.isin(keys, np.concatenate([keys[:0], *sides]))
-
-
 def on_boundary(
-    interfaces: Mapping[str, Interface], boundary: Ints, n_nodes: int, node_map: Ints | None = None
-) -> dict[str, Interface]:
-    """Interfaces with their edges in the order of the boundary; MeshError if one side is not on it."""
-    keys = boundary[:, 0] * n_nodes + boundary[:, 1]
-    order = np.argsort(keys)
-    found = {}
-    for name, interface in interfaces.items():
-        new = [interface.edges, interface.partners]
-        edges, partners = new if node_map is None else [node_map[ends] for ends in new]
-        for side in (partners[:, ::-1], edges):
-            wanted = side[:, 0] * n_nodes + side[:, 1]
-            place = order[np.minimum(np.searchsorted(keys, wanted, sorter=order), len(keys) - 1)]
-            wrong = np.flatnonzero(keys[place] != wanted)
-            if len(wrong):
-                raise MeshError(
-                    f"interface {name!r}: {tuple(side[wrong[0]].tolist())} is not an edge of the boundary. The edges "
-                    "of the first body run counter-clockwise about it; partners are the nodes of the second one there."
-                )
-        along = np.argsort(place)
-        found[name] = replace(interface, edges=read_only(edges[along]), partners=read_only(partners[along]))
-    return found
-
-
-def on_faces(
     interfaces: Mapping[str, Interface], outlines: tuple[Ints, Ints], node_map: Ints | None = None
 ) -> dict[str, Interface]:
-    """Interfaces with their faces in the order of the boundary, each as it runs there; MeshError if one is not on it.
+    """Interfaces with their sides in the order of the boundary, each as it runs there; MeshError if one is not on it.
 
-    `outlines` are the offsets and vertices of the faces of the boundary.
+    `outlines` are the offsets and vertices of the edges or faces of the boundary.
     """
     offsets, vertices = outlines
     found = {}
@@ -169,20 +144,25 @@ def on_faces(
         nodes, partners = new if node_map is None else [node_map[side] for side in new]
         both = np.concatenate([rows, rows[-1] + rows[1:]]), np.concatenate([nodes, partners])
         number, beside = np.split(matching_rows(offsets, vertices, *both), 2)
-        for side, at in ((partners, beside), (nodes, number)):
+        side, how = "a face", "Name faces of the first body by their vertices"
+        if there.shape[1] == 2:
+            side, how = "an edge", "The edges of the first body run counter-clockwise about it"
+            first = vertices[::2]
+            number[first[number] != nodes[::2]] = -1
+            beside[first[beside] != partners[1::2]] = -1
+        for given, at in ((partners, beside), (nodes, number)):
             if (at < 0).any():
                 k = int(np.argmax(at < 0))
+                row = tuple(given[rows[k] : rows[k + 1]].tolist())
                 raise MeshError(
-                    f"interface {name!r}: {tuple(side[rows[k] : rows[k + 1]].tolist())} is not a face of the boundary. "
-                    "Name faces of the first body by their vertices; partners are the nodes of the second one there."
+                    f"interface {name!r}: {row} is not {side} of the boundary. {how}; partners are the nodes of the "
+                    "second one there."
                 )
         order = np.argsort(number)
         count = int(max(vertices.max(), partners.max())) + 1
-        key = cell_of_corner(rows) * count + nodes
-        sorting = np.argsort(key)
         own_rows, own = rows_in_order(offsets, vertices, number[order])
         wanted = np.repeat(order, np.diff(own_rows)) * count + own
-        mine = partners[sorting[np.searchsorted(key, wanted, sorter=sorting)]]
+        mine = partners[found_in(cell_of_corner(rows) * count + nodes, wanted)]
         edges, across = (read_only(padded(own_rows, side)) for side in (own, mine))
         found[name] = replace(interface, edges=edges, partners=across)
     return found

@@ -4,21 +4,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Generic, TypeVar
+from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.sparse import csr_array, eye_array, vstack
+from scipy.sparse import csr_array
 
-from vemcvx.arrays import SINGLE, Bools, Floats, Ints, brief, flag, plain, read_only
+from vemcvx.arrays import SINGLE, Bools, Floats, Ints, brief, plain, read_only
 from vemcvx.errors import MeshError
 from vemcvx.meshes.box import check_cell_data
-from vemcvx.meshes.interfaces import Interface, on_boundary
+from vemcvx.meshes.interfaces import Interface, faces_of, on_boundary, padded
 from vemcvx.meshes.polygons import (
+    backwards,
     cell_of_corner,
     convex_pieces,
     cross,
-    directed_edges,
     first_in_row,
     kernel_centroids,
     next_vertex,
@@ -27,10 +27,12 @@ from vemcvx.meshes.polygons import (
     previous_corner,
     rotation,
     rounding,
+    rows_in_order,
     spans,
+    turned,
 )
 from vemcvx.meshes.tessellation import Mesh as AnyMesh
-from vemcvx.meshes.tessellation import Tessellation, projected_values
+from vemcvx.meshes.tessellation import Tessellation
 
 # The sides of polygonal cells, and the places where refinement splits them.
 #
@@ -395,15 +397,6 @@ PlaneMesh = TypeVar("PlaneMesh", bound=Tessellation)
 
 
 @dataclass(frozen=True, eq=False)
-class Edges:
-    """One number for each undirected edge."""
-
-    of_corner: Ints  # (n_corners,) number of the edge that starts at each corner of the mesh
-    ends: Ints  # (n_edges, 2) its nodes, the smaller first; edges are in the order of these pairs
-    twins: Ints  # (q, 2) numbers of the edges of both bodies in one place at interfaces
-
-
-@dataclass(frozen=True, eq=False)
 class Refinement(Generic[Mesh]):
     """A refined mesh, and where its cells and nodes come from.
 
@@ -424,30 +417,39 @@ class Refinement(Generic[Mesh]):
     prolongation: csr_array
 
 
-def refinement(mesh: PlaneMesh, cells: ArrayLike | None = None, *, balance: bool = True) -> Refinement[PlaneMesh]:
-    """Split the given cells of a mesh in the plane: see :func:`vemcvx.meshes.refinement`."""
-    if not isinstance(mesh, Tessellation):
-        raise MeshError(f"refinement: found {brief(mesh)} where a PolygonMesh is wanted.")
-    balance, marked = flag(balance, "refinement: balance"), check_marks(cells, mesh.n_cells)
-    splitting, edges = splitting_of(mesh), _edges_of(mesh)
+class Nodes(NamedTuple):
+    """New nodes, numbered from n_nodes: middles of edges, centres of faces, centres of cells; at interfaces doubled."""
+
+    ends: Ints  # (e, 2) nodes of the old mesh that edges halved are between
+    faces: Ints  # (f,) faces of the old mesh with a centre, none in the plane
+    cells: Ints  # (c,) cells with a centre
+
+
+def refined(mesh: PlaneMesh, marked: Bools, balance: bool) -> tuple[PlaneMesh, Ints, Nodes]:
+    """The refined mesh, the parents of its cells, and its new nodes."""
+    splitting, shared, twins = splitting_of(mesh), mesh.shared_edges, _twins(mesh)
     centres, seen = centres_of(mesh, splitting)
     seen &= splitting.places >= 2
     wanted = splitting.edge & seen[cell_of_corner(mesh.offsets)]
     if balance:
-        marked = closed(marked, wanted, mesh, splitting, edges)
-    split = _split(marked, wanted, mesh, edges)
-    ends = edges.ends[split]
+        marked = closed(marked, wanted, mesh, splitting.bend, twins)
+    split = _split(marked, wanted, mesh, twins)
+    ends = shared.ends[split]
     check_lengths(mesh.points, ends)
     middle = np.full(len(split), -1)
     middle[split] = mesh.n_nodes + np.arange(len(ends))
+    middle = middle[shared.number]
     kinds = Kinds.of(splitting, marked, seen)
-    outlines = outlines_of(mesh, splitting, kinds, middle[edges.of_corner])
+    outlines = outlines_of(mesh, splitting, kinds, middle)
     offsets, vertices, parents = children_of(outlines, kinds, mesh.points, mesh.n_nodes + len(ends))
-    inner = centres[kinds.centred]
-    points = np.concatenate([mesh.points, mesh.points[ends].mean(axis=1), inner])
-    refined = _carried(mesh, type(mesh).unchecked(points, offsets, vertices, box=mesh._box), parents, edges, middle)
-    at_centres = projected_values(mesh, np.flatnonzero(kinds.centred), inner)
-    return Refinement(refined, read_only(parents), prolongation(mesh.n_nodes, ends, at_centres))
+    centred = np.flatnonzero(kinds.centred)
+    points = np.concatenate([mesh.points, mesh.points[ends].mean(axis=1), centres[centred]])
+    made = type(mesh).unchecked(points, offsets, vertices, box=mesh._box)
+    (start, end), new = mesh._boundary.T, middle[shared.alone]
+    cut = np.flatnonzero(new >= 0)
+    halves = np.column_stack([np.insert(start, cut + 1, new[cut]), np.insert(end, cut, new[cut])])
+    made = carried(mesh, made, parents, offsets_of(1 + (new >= 0)), made._places(halves))
+    return made, parents, Nodes(ends, centred[:0], centred)
 
 
 def check_marks(cells: ArrayLike | None, n_cells: int, subject: str = "cells to refine") -> Bools:
@@ -472,14 +474,10 @@ def check_marks(cells: ArrayLike | None, n_cells: int, subject: str = "cells to 
     return marked
 
 
-def _edges_of(mesh: Tessellation) -> Edges:
-    shared = mesh.shared_edges
-    of_corner = np.empty_like(shared.corners)
-    of_corner[shared.corners] = np.repeat(np.arange(len(shared.first)), shared.counts)
-    ends = np.sort(directed_edges(mesh.offsets, mesh.vertices)[shared.corners[shared.first]], axis=1)
+def _twins(mesh: Tessellation) -> Ints:
+    """Numbers (q, 2) of the edges of both bodies in one place at interfaces."""
     sides = [np.empty((0, 4), dtype=np.int64), *(np.hstack([i.edges, i.partners]) for i in mesh.interfaces.values())]
-    twins = positions(np.concatenate(sides).reshape(-1, 2), ends, mesh.n_nodes).reshape(-1, 2)
-    return Edges(of_corner, ends, twins)
+    return positions(np.concatenate(sides).reshape(-1, 2), mesh.shared_edges.ends, mesh.n_nodes).reshape(-1, 2)
 
 
 def check_lengths(points: Floats, ends: Ints) -> None:
@@ -495,22 +493,22 @@ def check_lengths(points: Floats, ends: Ints) -> None:
         )
 
 
-def _split(marked: Bools, wanted: Bools, mesh: Tessellation, edges: Edges) -> Bools:
+def _split(marked: Bools, wanted: Bools, mesh: Tessellation, twins: Ints) -> Bools:
     """Edges to split: those that marked cells want split, and what is in the same place of another body, (n_edges,)."""
-    split = np.zeros(len(edges.ends), dtype=bool)
-    split[edges.of_corner[wanted & marked[cell_of_corner(mesh.offsets)]]] = True
-    split[edges.twins] = split[edges.twins].any(axis=1, keepdims=True)
+    split = np.zeros(len(mesh.shared_edges.first), dtype=bool)
+    split[mesh.shared_edges.number[wanted & marked[cell_of_corner(mesh.offsets)]]] = True
+    split[twins] = split[twins].any(axis=1, keepdims=True)
     return split
 
 
-def closed(marked: Bools, wanted: Bools, mesh: Tessellation, splitting: Splitting, edges: Edges) -> Bools:
+def closed(marked: Bools, wanted: Bools, mesh: Tessellation, bend: Bools, twins: Ints) -> Bools:
     """Cells marked, and those that would get a new node beside another one between two bends of their outline."""
     marked, cell = marked.copy(), cell_of_corner(mesh.offsets)
-    order = rotation(mesh.offsets, first_in_row(splitting.bend, mesh.offsets))
-    begin = np.flatnonzero(splitting.bend[order])
-    edge, hanging = edges.of_corner[order], np.diff(np.append(begin, len(order))) - 1
+    order = rotation(mesh.offsets, first_in_row(bend, mesh.offsets))
+    begin = np.flatnonzero(bend[order])
+    edge, hanging = mesh.shared_edges.number[order], np.diff(np.append(begin, len(order))) - 1
     while True:
-        new = np.add.reduceat(_split(marked, wanted, mesh, edges)[edge].astype(np.int64), begin)
+        new = np.add.reduceat(_split(marked, wanted, mesh, twins)[edge].astype(np.int64), begin)
         crowded = (new > 0) & (new + hanging > 1)
         before = np.count_nonzero(marked)
         marked[cell[begin[crowded]]] = True
@@ -518,24 +516,24 @@ def closed(marked: Bools, wanted: Bools, mesh: Tessellation, splitting: Splittin
             return marked
 
 
-def _carried(mesh: PlaneMesh, refined: PlaneMesh, parents: Ints, edges: Edges, middle: Ints) -> PlaneMesh:
-    """The refined mesh with the names, interfaces and cell data of the old one."""
+def carried(mesh: Mesh, made: Mesh, parents: Ints, first: Ints, place: Ints) -> Mesh:
+    """The refined mesh with the names, interfaces and cell data of the old one.
 
-    def halved(part: Ints) -> Ints:
-        new = middle[positions(part, edges.ends, mesh.n_nodes)]
-        cut, whole = new >= 0, part[new < 0]
-        first, second = np.column_stack([part[cut, 0], new[cut]]), np.column_stack([new[cut], part[cut, 1]])
-        return np.concatenate([whole, first, second])
-
-    data = check_cell_data({name: values[parents] for name, values in mesh.cell_data.items()}, refined.n_cells)
-    named = {name: halved(part) for name, part in mesh._named.items()}
-    named = refined._checked_parts(named) if named else {}
-    sides = {k: Interface(i.bodies, halved(i.edges), halved(i.partners)) for k, i in mesh.interfaces.items()}
-    matched = on_boundary(sides, refined._boundary, refined.n_nodes) if sides else {}
-    return refined._replace(_named=named, interfaces=MappingProxyType(matched), cell_data=MappingProxyType(data))
-
-
-def prolongation(n_nodes: int, ends: Ints, *inner: csr_array) -> csr_array:
-    """Rows of the identity, of means over edges, and of the inner nodes, one below the other."""
-    middles = csr_array((np.full(ends.size, 0.5), ends.ravel(), 2 * np.arange(len(ends) + 1)), (len(ends), n_nodes))
-    return csr_array(vstack([eye_array(n_nodes), middles, *inner], format="csr"))
+    In the boundary, ``place[first[k]:first[k + 1]]`` are the places of what has become of part k of the old one.
+    """
+    data = check_cell_data({name: values[parents] for name, values in mesh.cell_data.items()}, made.n_cells)
+    named, sides = {}, {}
+    for name, parts in mesh._named.items():
+        named[name] = read_only(made._boundary[np.sort(rows_in_order(first, place, mesh._places(parts))[1])])
+    for name, joint in mesh.interfaces.items():
+        one, other = (
+            rows_in_order(first, place, faces_of(side, mesh._outlines)) for side in (joint.edges, joint.partners)
+        )
+        mine, beside = (rows_in_order(*made._outlines, parts) for _, parts in (one, other))
+        if mesh.PARTS == "edges":  # on the other side they run the other way, and so do their halves
+            across = beside[1][backwards(2 * other[0])]
+        else:
+            across = turned(*beside, np.ones(len(beside[0]) - 1, dtype=bool))
+        sides[name] = Interface(joint.bodies, padded(*mine), padded(beside[0], across))
+    matched = on_boundary(sides, made._outlines)
+    return made._replace(_named=named, interfaces=MappingProxyType(matched), cell_data=MappingProxyType(data))

@@ -24,6 +24,7 @@ from vemcvx.meshes.polygons import (
     cell_of_corner,
     directed_edges,
     distinct,
+    least_of_each,
     outlines,
     overlapping_boxes,
     rounding,
@@ -69,15 +70,7 @@ class Surface:
         """The outer faces of bodies that lie side by side, as far as they are near another."""
         outer = np.flatnonzero(faces.face_cells[:, 1] < 0)
         offsets, vertices = rows_in_order(faces.face_offsets, faces.face_vertices, outer)
-        corners = points[vertices]
-        low, high = (f.reduceat(corners, offsets[:-1]) for f in (np.minimum, np.maximum))
-        of_face = body[vertices[offsets[:-1]]]
-        first = np.searchsorted(of_face, np.arange(of_face[-1] + 1))
-        most = ROUNDS * tolerance
-        boxes = np.minimum.reduceat(low, first) - most, np.maximum.reduceat(high, first) + most
-        near: Bools = np.zeros(len(outer), dtype=bool)
-        for other, box in enumerate(zip(*boxes, strict=True)):
-            near |= (of_face != other) & _meets((low, high), box)
+        boxes, near = near_others(points, (offsets, vertices), body, ROUNDS * tolerance)
         offsets, vertices = rows_in_order(offsets, vertices, np.flatnonzero(near))
         ends = np.sort(directed_edges(offsets, vertices), axis=1)
         ends = ends[np.unique(ends @ [len(points), 1], return_index=True)[1]]
@@ -162,6 +155,20 @@ class Surface:
 Boxes = tuple[Floats, Floats]
 
 
+def near_others(points: Floats, outlines: tuple[Ints, Ints], body: Ints, width: float) -> tuple[Boxes, Bools]:
+    """The boxes of all bodies, wider by a width on all sides, and a mask of the outer faces that meet another's.
+
+    `outlines` are the offsets and vertices of all outer faces, body by body.
+    """
+    offsets, vertices = outlines
+    low, high = (f.reduceat(points[vertices], offsets[:-1]) for f in (np.minimum, np.maximum))
+    of_face = body[vertices[offsets[:-1]]]
+    first = np.searchsorted(of_face, np.arange(of_face[-1] + 1))
+    boxes = np.minimum.reduceat(low, first) - width, np.maximum.reduceat(high, first) + width
+    near = [(of_face != own) & _meets((low, high), box) for own, box in enumerate(zip(*boxes, strict=True))]
+    return boxes, np.any(near, axis=0)
+
+
 def _meets(boxes: Boxes, other: Boxes) -> Bools:
     meets: Bools = np.all((boxes[0] <= other[1]) & (boxes[1] >= other[0]), axis=-1)
     return meets
@@ -215,8 +222,7 @@ def settled(surface: Surface) -> tuple[Surface, OnEdges, InFaces]:
         )
         if not len(off):
             return surface, on_edges, in_faces
-        off = off[np.lexsort((host[off], spot[off]))]
-        off = off[np.unique(spot[off], return_index=True)[1]]  # of several earlier bodies, the first
+        off = off[least_of_each(spot[off], host[off])]  # of several earlier bodies, the first
         points = surface.points.copy()
         points[spot[off]] = at[off]
         # Faces between nodes that have moved across may be so much farther from what was within the tolerance.
@@ -269,10 +275,8 @@ def _corners(surface: Surface, near: OnEdges) -> Ints:
 def _nearest_edges(surface: Surface, near: OnEdges) -> OnEdges:
     """Of each body, the edge that is nearest to a place."""
     distance = np.linalg.norm(surface.points[near.place] - near.at, axis=1)
-    key = surface.key(near.place, surface.body_of_edge[near.edge])
-    order = np.lexsort((distance, key))
-    order = order[np.unique(key[order], return_index=True)[1]]
-    return OnEdges(near.place[order], near.edge[order], near.along[order], near.at[order])
+    nearest = least_of_each(surface.key(near.place, surface.body_of_edge[near.edge]), distance)
+    return OnEdges(near.place[nearest], near.edge[nearest], near.along[nearest], near.at[nearest])
 
 
 def _in_boxes(surface: Surface, spots: Ints, body: Ints, boxes: Boxes, known: Ints) -> tuple[Ints, Ints]:
@@ -306,10 +310,8 @@ def _in_faces(surface: Surface, spots: Ints, known: Ints) -> InFaces:
     seen = surface.seen(surface.points[place], face)
     inside = shapely.contains_xy(surface.charts[face], seen[:, 0], seen[:, 1])
     place, face, height = place[inside], face[inside], seen[inside, 2]
-    key = surface.key(place, surface.body_of_face[face])
-    order = np.lexsort((np.abs(height), key))
-    order = order[np.unique(key[order], return_index=True)[1]]
-    place, face, height = place[order], face[order], height[order]
+    nearest = least_of_each(surface.key(place, surface.body_of_face[face]), np.abs(height))
+    place, face, height = place[nearest], face[nearest], height[nearest]
     return InFaces(place, face, surface.points[place] - height[:, None] * surface.shapes.normals[face])
 
 

@@ -20,11 +20,11 @@ from vemcvx.arrays import Ints, brief, plain
 from vemcvx.canvas import draw_cells, draw_faces
 from vemcvx.errors import MeshError, MeshWarning, SceneError
 from vemcvx.meshes.box import LARGEST, SHORTEST, WHOLE, plotted_points, plotted_values
-from vemcvx.meshes.cracks import cut, cut_in_space
-from vemcvx.meshes.interfaces import Interface, on_faces
+from vemcvx.meshes.cracks import cut
+from vemcvx.meshes.interfaces import Interface, faces_of, on_boundary
 from vemcvx.meshes.io.files import load, load_bodies, write
 from vemcvx.meshes.io.objects import from_object, to_object
-from vemcvx.meshes.polygons import cell_of_corner, next_vertex, offsets_of, positions, rows_in_order
+from vemcvx.meshes.polygons import backwards, cell_of_corner, next_vertex, offsets_of, rows_in_order
 from vemcvx.meshes.polyhedra import joined_faces
 from vemcvx.meshes.polyhedral_refinement import refined_mesh
 from vemcvx.meshes.quality import Quality, quality_of
@@ -43,6 +43,27 @@ class UserMesh(Mesh):
     def refine(self, cells: ArrayLike | None = None, *, balance: bool = True) -> Self:
         """Return this mesh with cells split (numbers, or a bool each; None: all): :func:`vemcvx.meshes.refinement`."""
         return refined_mesh(self, cells, balance)
+
+    def cut(self, name: str, sides: Mapping[str, ArrayLike]) -> Self:
+        """Return this mesh with a crack: the edges, in space faces, between two sets of its cells become an interface.
+
+        Nodes along the crack become double, the new ones last; a tip inside the mesh, in space the front, keeps its
+        nodes. Cells that are on neither side are left alone, so that sets near the crack say how long it is.
+
+        Parameters
+        ----------
+        name : str
+            Name of the crack, as an interface and as a boundary (the edges or faces of the first side).
+        sides : mapping of str to array_like
+            Names of the two sides -> their cells: numbers, or a bool each.
+
+        Raises
+        ------
+        MeshError
+            The sides have a cell in common or nothing between them, an edge would have a tip at both ends, in space a
+            face all its nodes at the front, or the name is taken.
+        """
+        return cut(self, name, sides)
 
     def quality(self: Any) -> Quality:
         """Shapes of the cells, (n_cells,): star-shapedness and shortest edges over diameters, of Assumption 3.3.
@@ -151,27 +172,6 @@ class PolygonMesh(Tessellation, UserMesh):
     -----
     All arrays are read-only. Node and cell order are those given.
     """
-
-    def cut(self, name: str, sides: Mapping[str, ArrayLike]) -> Self:
-        """Return this mesh with a crack: the edges between two sets of its cells become an interface.
-
-        Nodes along the crack become double, the new ones last; a tip inside the mesh keeps its one node. Cells that are
-        on neither side are left alone, so that sets near the crack say how long it is.
-
-        Parameters
-        ----------
-        name : str
-            Name of the crack, as an interface and as a boundary (the edges of the first side).
-        sides : mapping of str to array_like
-            Names of the two sides -> their cells: numbers, or a bool each.
-
-        Raises
-        ------
-        MeshError
-            The sides have a cell in common or no edge between them, an edge would have a tip at both ends, or the name
-            is taken.
-        """
-        return cut(self, name, sides)
 
     def extruded(self, heights: ArrayLike) -> PolyhedralMesh:
         """Return the mesh in space of the prisms over these cells, a layer between any two heights.
@@ -298,14 +298,6 @@ class PolyhedralMesh(SpaceTessellation, UserMesh):
     All arrays are read-only. Node and cell order are those given; faces are numbered as cells first name them.
     """
 
-    def cut(self, name: str, sides: Mapping[str, ArrayLike]) -> Self:
-        """Return this mesh with a crack: the faces between two sets of its cells become an interface.
-
-        As `PolygonMesh.cut`, of faces in place of edges: nodes along the front of the crack inside the mesh stay
-        single, and a face all of whose nodes would be there cannot open.
-        """
-        return cut_in_space(self, name, sides)
-
     def plot(
         self,
         values: str | ArrayLike | None = None,
@@ -368,26 +360,21 @@ def extruded(mesh: Tessellation, heights: ArrayLike) -> PolyhedralMesh:
     )
     points = np.column_stack([np.tile(mesh.points, (layers + 1, 1)), np.repeat(levels, nodes)])
     solid = PolyhedralMesh.unchecked(points, *joined)
-    # In every layer, the faces of a cell are its bottom, its top and its sides in the order of its corners.
-    first = joined.cell_offsets[:-1].reshape(layers, cells)
-    corner_face = cell_of_corner(mesh.offsets) * 2 + 2 + np.arange(len(mesh.vertices))
-    sides = joined.cell_faces[corner_face + (np.arange(layers) * len(owner))[:, None]]
-    boundary = mesh.shared_edges.alone
-    parts = {}
-    for name, edges in named.items():
-        corners = boundary[positions(edges, mesh.boundaries[WHOLE], nodes)]
-        parts[RENAMED.get(name, name)] = sides[:, corners].ravel()
-    parts |= {"bottom": joined.cell_faces[first[0]], "top": joined.cell_faces[first[-1] + 1]}
-    solid = solid.with_boundaries(parts)
-    for name, values in mesh.cell_data.items():
-        solid = solid.with_cell_data(name, np.concatenate([values] * layers))
     level = nodes * np.arange(layers)[:, None, None]
 
     def above(ends: Ints) -> Ints:
         return (np.hstack([ends, ends[:, ::-1] + nodes]) + level).reshape(-1, 4)
 
+    sides = {RENAMED.get(name, name): faces_of(above(edges), solid._outlines) for name, edges in named.items()}
+    parts = {name: solid._boundary[places] for name, places in sides.items()}
+    # In every layer, the first two faces of a cell are its bottom and its top.
+    first = joined.cell_offsets[:-1].reshape(layers, cells)
+    parts |= {"bottom": joined.cell_faces[first[0]], "top": joined.cell_faces[first[-1] + 1]}
+    solid = solid.with_boundaries(parts)
+    for name, values in mesh.cell_data.items():
+        solid = solid.with_cell_data(name, np.concatenate([values] * layers))
     joints = {name: Interface(of.bodies, above(of.edges), above(of.partners)) for name, of in mesh.interfaces.items()}
-    return solid._replace(interfaces=MappingProxyType(on_faces(joints, solid._outlines)))
+    return solid._replace(interfaces=MappingProxyType(on_boundary(joints, solid._outlines)))
 
 
 def _names_in_space(mesh: Tessellation) -> dict[str, Ints]:
@@ -404,13 +391,10 @@ def _names_in_space(mesh: Tessellation) -> dict[str, Ints]:
 def _layer(mesh: Tessellation) -> tuple[Ints, Ints, Ints]:
     """Faces of one layer, cell by cell and outwards: offsets, vertices (of the level above from n_nodes on), owners."""
     below = mesh.vertices
-    corner = np.arange(len(below))
-    # Backwards: corner k of a row becomes the last but k.
-    mirrored = np.repeat(mesh.offsets[:-1] + mesh.offsets[1:] - 1, np.diff(mesh.offsets)) - corner
     after = next_vertex(mesh.offsets, below)
     sides = np.column_stack([below, after, after + mesh.n_nodes, below + mesh.n_nodes])
     counts = np.diff(mesh.offsets)
-    vertices = np.concatenate([below[mirrored], below + mesh.n_nodes, sides.ravel()])
+    vertices = np.concatenate([below[backwards(mesh.offsets)], below + mesh.n_nodes, sides.ravel()])
     sizes = np.concatenate([counts, counts, np.full(len(below), 4)])
     cells = np.arange(mesh.n_cells)
     owner = np.concatenate([cells, cells, cell_of_corner(mesh.offsets)])

@@ -22,6 +22,7 @@ Shapely and SciPy's spatial structures are imported when somebody looks: they ta
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -76,6 +77,21 @@ def among(numbers: Ints, known: Ints) -> Bools:
     return found
 
 
+def found_in(keys: Ints, wanted: Ints) -> Ints:
+    """Where each of the wanted numbers stands among the keys (k,), the first of equal ones; -1 where it does not."""
+    if not len(keys):
+        return np.full(len(wanted), -1)
+    order = np.argsort(keys, kind="stable")
+    at = order[np.minimum(np.searchsorted(keys, wanted, sorter=order), len(keys) - 1)]
+    return np.where(keys[at] == wanted, at, -1)
+
+
+def least_of_each(keys: Ints, values: Floats) -> Ints:
+    """Where the least of the values (k,) stands that go with each of the different keys, by key."""
+    order = np.lexsort((values, keys))
+    return order[np.unique(keys[order], return_index=True)[1]]
+
+
 def same_rows(offsets: Ints, vertices: Ints) -> tuple[Ints, Ints]:
     """Rows of the same entries, in any order, are one: the first of each, and which of these each row is."""
     counts = np.diff(offsets)
@@ -116,6 +132,11 @@ def rotation(offsets: Ints, first: Ints) -> Ints:
     return begin + turned
 
 
+def backwards(offsets: Ints) -> Ints:
+    """Positions of all entries with every row from its last to its first."""
+    return np.repeat(offsets[:-1] + offsets[1:] - 1, np.diff(offsets)) - np.arange(offsets[-1])
+
+
 def next_corner(offsets: Ints) -> Ints:
     """Position of the corner that follows each corner in its own cell."""
     follow = np.arange(1, offsets[-1] + 1)
@@ -152,9 +173,27 @@ def edge_keys(edges: Ints, n_nodes: int) -> Ints:
 
 def positions(wanted: Ints, edges: Ints, n_nodes: int) -> Ints:
     """The positions of wanted edges (k, 2) among the edges (m, 2), in either direction; all must be there."""
-    keys = edge_keys(edges, n_nodes)
-    order = np.argsort(keys)
-    return order[np.searchsorted(keys, edge_keys(wanted, n_nodes), sorter=order)]
+    return found_in(edge_keys(edges, n_nodes), edge_keys(wanted, n_nodes))
+
+
+def with_hanging(outlines: tuple[Ints, Ints], ends: Ints, rows: Ints, nodes: Ints) -> tuple[Ints, Ints]:
+    """Offsets and vertices of outlines with more nodes on some of their edges, whichever way these run.
+
+    On the edges with the given ends (k, 2) there are, from the first end to the second, ``nodes[rows[k]:rows[k + 1]]``.
+    """
+    offsets, vertices = outlines
+    count = int(max(vertices.max(initial=0), ends.max(initial=0))) + 1
+    touched = np.zeros(count, dtype=bool)
+    touched[ends] = True
+    edges = directed_edges(offsets, vertices)
+    corner = np.flatnonzero(touched[edges].all(axis=1))  # only these are looked up
+    line = found_in(edge_keys(ends, count), edge_keys(edges[corner], count))
+    corner, line = corner[line >= 0], line[line >= 0]
+    begin, new = rows_in_order(rows, nodes, line)
+    counts, against = np.diff(begin), ends[line, 0] != edges[corner, 0]
+    new = np.where(np.repeat(against, counts), new[backwards(begin)], new)
+    more = np.bincount(cell_of_corner(offsets)[corner], counts, len(offsets) - 1).astype(np.int64)
+    return offsets_of(np.diff(offsets) + more), np.insert(vertices, np.repeat(corner + 1, counts), new)
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,6 +203,19 @@ class SharedEdges:
     corners: Ints  # (n_corners,) all corners, those of one edge side by side, in the order of their cells
     first: Ints  # (n_edges,) where in `corners` each edge begins
     counts: Ints  # (n_edges,) how many cells share it: 1 on the boundary, 2 inside, more only in broken meshes
+    outlines: tuple[Ints, Ints]  # offsets and vertices of the cells
+
+    @cached_property
+    def ends(self) -> Ints:
+        """(n_edges, 2) the nodes of each edge, the smaller first; edges are in the order of these pairs."""
+        return np.sort(directed_edges(*self.outlines)[self.corners[self.first]], axis=1)
+
+    @cached_property
+    def number(self) -> Ints:
+        """(n_corners,) the edge that starts at each corner."""
+        number = np.empty_like(self.corners)
+        number[self.corners] = np.repeat(np.arange(len(self.first)), self.counts)
+        return number
 
     @property
     def alone(self) -> Ints:
@@ -184,12 +236,7 @@ def shared_edges(offsets: Ints, vertices: Ints, n_nodes: int) -> SharedEdges:
     corners = np.argsort(keys, kind="stable")
     keys = keys[corners]
     first = np.flatnonzero(np.concatenate([[True], keys[1:] != keys[:-1]]))
-    return SharedEdges(corners, first, np.diff(np.append(first, len(keys))))
-
-
-def neighbours(offsets: Ints, shared: SharedEdges) -> Ints:
-    """Pairs of cells that share an edge, (m, 2), the smaller number first; a pair appears once an edge."""
-    return cell_of_corner(offsets)[np.column_stack(shared.twice)]
+    return SharedEdges(corners, first, np.diff(np.append(first, len(keys))), (offsets, vertices))
 
 
 def smallest_linked(pairs: Ints, count: int) -> Ints:

@@ -52,17 +52,15 @@ methods ask for (L. Beirao da Veiga et al., SIAM J. Numer. Anal. 61 (2023), 457-
 
 from __future__ import annotations
 
-from types import MappingProxyType
 from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.sparse import csr_array
+from scipy.sparse import csr_array, eye_array, vstack
 
 from vemcvx.arrays import Bools, Floats, Ints, brief, flag, read_only
 from vemcvx.errors import MeshError
 from vemcvx.meshes import local_refinement as plane
-from vemcvx.meshes.box import check_cell_data
 from vemcvx.meshes.cell_children import Inner, Outer, cones, joined, regular_children
 from vemcvx.meshes.cell_kinds import (
     ABOUT_CENTRES,
@@ -73,24 +71,15 @@ from vemcvx.meshes.cell_kinds import (
     solids_of,
     with_regular_ones_whole,
 )
-from vemcvx.meshes.cell_sides import Skin, asked_of, corners_in_pieces, sides_of, skin_of
-from vemcvx.meshes.interfaces import Interface, faces_of, on_faces, padded, pairs_of, places_of
-from vemcvx.meshes.local_refinement import Refinement, check_lengths, check_marks
-from vemcvx.meshes.polygons import cell_of_corner, offsets_of, rows_in_order, same_rows, spans, turned
+from vemcvx.meshes.cell_sides import Skin, asked_of, sides_of, skin_of
+from vemcvx.meshes.interfaces import pairs_of, places_of
+from vemcvx.meshes.local_refinement import Nodes, Refinement, carried, check_lengths, check_marks
+from vemcvx.meshes.polygons import cell_of_corner, found_in, offsets_of, rows_in_order, same_rows, spans, turned
 from vemcvx.meshes.polyhedra import Listed, numbered_faces
-from vemcvx.meshes.tessellation import Mesh, SpaceTessellation, Tessellation
+from vemcvx.meshes.tessellation import Mesh, SpaceTessellation, Tessellation, projected_values
 
 AnyMesh = TypeVar("AnyMesh", bound=Mesh)
 SpaceMesh = TypeVar("SpaceMesh", bound=SpaceTessellation)
-
-
-class Nodes(NamedTuple):
-    """New nodes, numbered from n_nodes: middles of edges, centres of faces, centres of cells; at interfaces doubled."""
-
-    ends: Ints  # (e, 2) nodes of the old mesh that edges halved are between
-    faces: Ints  # (f,) faces of the old mesh with a centre
-    cells: Ints  # (c,) cells with a centre
-    points: Floats  # of all nodes, old ones first
 
 
 def refined(mesh: SpaceMesh, marked: Bools, balance: bool) -> tuple[SpaceMesh, Ints, Nodes]:
@@ -98,7 +87,7 @@ def refined(mesh: SpaceMesh, marked: Bools, balance: bool) -> tuple[SpaceMesh, I
     skin = skin_of(mesh)
     sides = sides_of(skin)
     skin = with_regular_ones_whole(skin, sides)
-    asked = asked_of(skin, sides, corners_in_pieces(skin, sides)[1])
+    asked = asked_of(skin, sides)
     marked = asked.closed(marked) if balance else marked
     cut = cut_faces(asked, marked)
     check_lengths(skin.points, skin.ends[cut.halved])
@@ -149,37 +138,35 @@ def _assembled(
     mesh: SpaceMesh, skin: Skin, cut: Cut, laid: Laid, centres: tuple[Ints, Floats]
 ) -> tuple[SpaceMesh, Ints, Nodes]:
     """The mesh of new cells, and its new nodes; those in cells, and their places, are given."""
-    listed, found = laid.listed, Nodes(skin.ends[cut.halved], cut.centred, centres[0], cut.points)
+    listed, found, points = laid.listed, Nodes(skin.ends[cut.halved], cut.centred, centres[0]), cut.points
     if mesh.interfaces:
         cell = np.repeat(laid.parents, np.diff(listed.cell_offsets))[cell_of_corner(listed.offsets)]
-        vertices, found = own_nodes(mesh, skin, cut, cell, listed.vertices)
+        vertices, found, points = own_nodes(mesh, skin, cut, cell, listed.vertices)
         listed = listed._replace(vertices=vertices)
-    found = found._replace(cells=centres[0], points=np.concatenate([found.points, centres[1]]))
     numbers, first, at = np.unique(laid.number, return_index=True, return_inverse=True)
     rank = np.empty_like(first)
     rank[np.argsort(first)] = np.arange(len(first))
     joint = numbered_faces(listed, np.sort(first), rank[at])
     outside, place = numbers < laid.own[-1], np.full(laid.own[-1], -1)
     place[numbers[outside]] = rank[outside]
-    made = type(mesh).unchecked(found.points, *joint, box=mesh._box)
-    return _carried(mesh, made, laid.parents, laid.own, place), laid.parents, found
+    made = type(mesh).unchecked(np.concatenate([points, centres[1]]), *joint, box=mesh._box)
+    first, parts = rows_in_order(laid.own, place, mesh._boundary)
+    return carried(mesh, made, laid.parents, first, made._places(parts)), laid.parents, found._replace(cells=centres[0])
 
 
-def own_nodes(mesh: SpaceTessellation, skin: Skin, cut: Cut, cell: Ints, number: Ints) -> tuple[Ints, Nodes]:
+def own_nodes(mesh: SpaceTessellation, skin: Skin, cut: Cut, cell: Ints, number: Ints) -> tuple[Ints, Nodes, Floats]:
     """Of corners (m,), numbered as in `Cut`, of children of cells (m,) the nodes of the bodies to which these belong.
 
-    Besides, the new nodes on edges and in faces.
+    Besides, the new nodes on edges and in faces, and the places of all.
     """
     n_nodes, n_faces = mesh.n_nodes, len(skin.seen)
     stops = n_nodes + np.cumsum([0, len(cut.halved), len(cut.centred)])
     old, middle, centre, inner = (np.flatnonzero(np.searchsorted(stops, number, side="right") == k) for k in range(4))
     offsets, nodes = mesh.cell_nodes
     key = cell_of_corner(offsets) * n_nodes + places_of(pairs_of(mesh.interfaces), mesh.points)[nodes]
-    order = np.argsort(key)
 
     def own(cells: Ints, place: Ints) -> Ints:
-        found: Ints = nodes[order[np.searchsorted(key, cells * n_nodes + place, sorter=order)]]
-        return found
+        return nodes[found_in(key, cells * n_nodes + place)]
 
     numbers = np.empty_like(number)
     numbers[old] = own(cell[old], number[old])
@@ -187,38 +174,16 @@ def own_nodes(mesh: SpaceTessellation, skin: Skin, cut: Cut, cell: Ints, number:
     ends = np.sort(np.column_stack([own(cell[middle], end) for end in ends.T]), axis=1)
     found, at = np.unique(ends[:, 0] * n_nodes + ends[:, 1], return_inverse=True)
     numbers[middle] = n_nodes + at
-    key = skin.cell * n_faces + skin.faces.cell_faces
-    order = np.argsort(key)
     wanted = cell[centre] * n_faces + cut.centred[number[centre] - stops[1]]
-    faces, at = np.unique(mesh.cell_faces[order[np.searchsorted(key, wanted, sorter=order)]], return_inverse=True)
+    listed = found_in(skin.cell * n_faces + skin.faces.cell_faces, wanted)
+    faces, at = np.unique(mesh.cell_faces[listed], return_inverse=True)
     numbers[centre] = n_nodes + len(found) + at
     numbers[inner] = number[inner] + n_nodes + len(found) + len(faces) - stops[2]
     points = np.empty((n_nodes + len(found) + len(faces), 3))
     points[: mesh.n_nodes] = mesh.points
     for new in (middle, centre):
         points[numbers[new]] = cut.points[number[new]]
-    return numbers, Nodes(np.column_stack(np.divmod(found, n_nodes)), faces, faces[:0], points)
-
-
-def _carried(mesh: SpaceMesh, made: SpaceMesh, parents: Ints, own: Ints, place: Ints) -> SpaceMesh:
-    """The refined mesh with the names, interfaces and cell data of the old one.
-
-    The faces ``place[own[f]:own[f + 1]]`` are what has become of face f of the boundary.
-    """
-
-    def parts(faces: Ints) -> Ints:
-        return rows_in_order(own, place, faces)[1]
-
-    data = check_cell_data({name: values[parents] for name, values in mesh.cell_data.items()}, made.n_cells)
-    named = {name: read_only(np.sort(parts(faces))) for name, faces in mesh._named.items()}
-    sides = {}
-    for name, joint in mesh.interfaces.items():
-        one, other = (mesh._boundary[faces_of(side, mesh._outlines)] for side in (joint.edges, joint.partners))
-        mine, beside = (rows_in_order(made.face_offsets, made.face_vertices, parts(side)) for side in (one, other))
-        across = turned(*beside, np.ones(len(beside[0]) - 1, dtype=bool))
-        sides[name] = Interface(joint.bodies, padded(*mine), padded(beside[0], across))
-    matched = on_faces(sides, made._outlines) if sides else {}
-    return made._replace(_named=named, interfaces=MappingProxyType(matched), cell_data=MappingProxyType(data))
+    return numbers, Nodes(np.column_stack(np.divmod(found, n_nodes)), faces, faces[:0]), points
 
 
 def refinement(mesh: AnyMesh, cells: ArrayLike | None = None, *, balance: bool = True) -> Refinement[AnyMesh]:
@@ -246,32 +211,34 @@ def refinement(mesh: AnyMesh, cells: ArrayLike | None = None, *, balance: bool =
         ``cells`` are not numbers of cells or one bool a cell, or edges to split are as short as rounding; in space, a
         cell is not star-shaped about its centroid.
     """
-    if isinstance(mesh, Tessellation):
-        flat = plane.refinement(mesh, cells, balance=balance)
-        return Refinement(flat.mesh, flat.parents, flat.prolongation)
-    if not isinstance(mesh, SpaceTessellation):
-        raise MeshError(f"refinement: found {brief(mesh)} where a PolygonMesh or PolyhedralMesh is wanted.")
-    made, parents, nodes = _checked(mesh, cells, balance)
-    middle = mesh.n_nodes + len(nodes.ends) + len(nodes.faces)
-    on_faces = rows_in_order(mesh.face_offsets, mesh.face_vertices, nodes.faces)
-    in_cells = rows_in_order(*mesh.cell_nodes, nodes.cells)
-    at_centres = (
-        _nearest_linear(mesh.points, *on_faces, nodes.points[middle - len(nodes.faces) : middle]),
-        _nearest_linear(mesh.points, *in_cells, nodes.points[middle:]),
-    )
-    return Refinement(made, read_only(parents), plane.prolongation(mesh.n_nodes, nodes.ends, *at_centres))
+    made, parents, nodes = _refined(mesh, cells, balance)
+    return Refinement(made, read_only(parents), _prolongation(mesh, made.points, nodes))
 
 
 def refined_mesh(mesh: AnyMesh, cells: ArrayLike | None, balance: bool) -> AnyMesh:
-    """The mesh of `refinement` alone, which in space is spared the prolongation."""
-    if isinstance(mesh, SpaceTessellation):
-        return _checked(mesh, cells, balance)[0]
-    return refinement(mesh, cells, balance=balance).mesh
+    """The mesh of `refinement` alone, which is spared the prolongation."""
+    return _refined(mesh, cells, balance)[0]
 
 
-def _checked(mesh: SpaceMesh, cells: ArrayLike | None, balance: bool) -> tuple[SpaceMesh, Ints, Nodes]:
-    balance = flag(balance, "refinement: balance")
-    return refined(mesh, check_marks(cells, mesh.n_cells), balance)
+def _refined(mesh: AnyMesh, cells: ArrayLike | None, balance: bool) -> tuple[AnyMesh, Ints, Nodes]:
+    if not isinstance(mesh, (Tessellation, SpaceTessellation)):
+        raise MeshError(f"refinement: found {brief(mesh)} where a PolygonMesh or PolyhedralMesh is wanted.")
+    balance, marked = flag(balance, "refinement: balance"), check_marks(cells, mesh.n_cells)
+    return plane.refined(mesh, marked, balance) if isinstance(mesh, Tessellation) else refined(mesh, marked, balance)
+
+
+def _prolongation(mesh: Mesh, points: Floats, nodes: Nodes) -> csr_array:
+    """Rows of the identity, of means over edges, and of values at centres, one below the other."""
+    count, (ends, faces, cells) = mesh.n_nodes, nodes
+    middles = csr_array((np.full(ends.size, 0.5), ends.ravel(), 2 * np.arange(len(ends) + 1)), (len(ends), count))
+    in_faces, in_cells = np.split(points[count + len(ends) :], [len(faces)])
+    if isinstance(mesh, Tessellation):
+        inner = [projected_values(mesh, cells, in_cells)]
+    elif isinstance(mesh, SpaceTessellation):
+        of_faces = rows_in_order(mesh.face_offsets, mesh.face_vertices, faces)
+        of_cells = rows_in_order(*mesh.cell_nodes, cells)
+        inner = [_nearest_linear(mesh.points, *of_faces, in_faces), _nearest_linear(mesh.points, *of_cells, in_cells)]
+    return csr_array(vstack([eye_array(count), middles, *inner], format="csr"))
 
 
 def _nearest_linear(points: Floats, offsets: Ints, rows: Ints, at: Floats) -> csr_array:

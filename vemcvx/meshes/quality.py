@@ -34,7 +34,7 @@ import numpy as np
 
 from vemcvx.arrays import ROUNDING, SAME, Bools, Floats, Ints
 from vemcvx.errors import MeshWarning
-from vemcvx.meshes.polygons import next_corner
+from vemcvx.meshes.polygons import next_corner, right_of
 from vemcvx.meshes.tessellation import SpaceTessellation, Tessellation
 from vemcvx.outline import Outline, Outlined
 
@@ -115,29 +115,26 @@ class Quality(Outlined):
 
 def quality_of(mesh: Tessellation | SpaceTessellation, *, warned: bool = True) -> Quality:
     """The shapes of all cells; a MeshWarning says where constants grow, unless it is not `warned`."""
-    found = _of_polygons(mesh) if isinstance(mesh, Tessellation) else _of_polyhedra(mesh)
+    if isinstance(mesh, Tessellation):
+        along = _along(mesh.points, mesh.offsets, mesh.vertices)
+        lengths = np.linalg.norm(along, axis=1)
+        offsets, normals, places = mesh.offsets, right_of(along) / lengths[:, None], mesh.points[mesh.vertices]
+    else:
+        faces, along = mesh.cell_faces, _along(mesh.points, mesh.face_offsets, mesh.face_vertices)
+        lengths = np.minimum.reduceat(np.linalg.norm(along, axis=1), mesh.face_offsets[:-1])[faces]
+        offsets, normals = mesh.cell_offsets, mesh.face_signs[:, None] * mesh.face_normals[faces]
+        places = mesh.face_centroids[faces]
+    star = np.maximum(_radii(offsets, normals, places, mesh.centroids), 0.0) / mesh.diameters
+    edge = np.minimum.reduceat(lengths, offsets[:-1]) / mesh.diameters
+    found = Quality(star, edge, in_plane=isinstance(mesh, Tessellation))
     for words in found.remarks if warned else ():
         warnings.warn(f"quality: {words}", MeshWarning, stacklevel=3)
     return found
 
 
-def _of_polygons(mesh: Tessellation) -> Quality:
-    along = mesh.points[mesh.vertices[next_corner(mesh.offsets)]] - mesh.points[mesh.vertices]
-    lengths = np.linalg.norm(along, axis=1)
-    normals = np.column_stack([along[:, 1], -along[:, 0]]) / lengths[:, None]
-    radii = _radii(mesh.offsets, normals, mesh.points[mesh.vertices], mesh.centroids)
-    shortest = np.minimum.reduceat(lengths, mesh.offsets[:-1])
-    return Quality(np.maximum(radii, 0.0) / mesh.diameters, shortest / mesh.diameters)
-
-
-def _of_polyhedra(mesh: SpaceTessellation) -> Quality:
-    along = mesh.points[mesh.face_vertices[next_corner(mesh.face_offsets)]] - mesh.points[mesh.face_vertices]
-    of_faces = np.minimum.reduceat(np.linalg.norm(along, axis=1), mesh.face_offsets[:-1])
-    faces = mesh.cell_faces
-    normals = mesh.face_signs[:, None] * mesh.face_normals[faces]
-    radii = _radii(mesh.cell_offsets, normals, mesh.face_centroids[faces], mesh.centroids)
-    shortest = np.minimum.reduceat(of_faces[faces], mesh.cell_offsets[:-1])
-    return Quality(np.maximum(radii, 0.0) / mesh.diameters, shortest / mesh.diameters, in_plane=False)
+def _along(points: Floats, offsets: Ints, vertices: Ints) -> Floats:
+    """The edges that start at corners, as vectors."""
+    return points[vertices[next_corner(offsets)]] - points[vertices]
 
 
 def _radii(offsets: Ints, normals: Floats, places: Floats, centres: Floats) -> Floats:

@@ -10,42 +10,38 @@ it, and both have the same nodes along the common part. In space the tilings of 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vemcvx.arrays import SAME, Bools, Floats, Ints, brief, is_real, read_only
+from vemcvx.arrays import SAME, Floats, Ints, brief, is_real
 from vemcvx.errors import MeshError
 from vemcvx.meshes.box import WHOLE, check_cell_data, check_name
 from vemcvx.meshes.checks.plane import check_cells, lowest, misfit_of
 from vemcvx.meshes.checks.space import enclosed, faces_upon
 from vemcvx.meshes.common_tiling import coinciding_faces, common_tiling
-from vemcvx.meshes.interfaces import Interface, on_boundary, on_faces, pairs_of, places_of
-from vemcvx.meshes.meeting import FACING, unmatched
+from vemcvx.meshes.interfaces import Interface, on_boundary, pairs_of, places_of
+from vemcvx.meshes.meeting import FACING, near_others, unmatched
 from vemcvx.meshes.polygons import (
     TOLERANCE,
+    among,
     cell_of_corner,
     close_pairs,
     distinct,
-    edge_keys,
+    least_of_each,
     offsets_of,
     outlines,
-    positions,
     rounding,
     rows_in_order,
     smallest_linked,
     spans,
 )
-from vemcvx.meshes.polyhedra import Faces
 from vemcvx.meshes.tessellation import SpaceTessellation, Tessellation
 
-Mesh = TypeVar("Mesh", bound=Tessellation)
 AnyKind = TypeVar("AnyKind", bound=Tessellation | SpaceTessellation)
-Solid = TypeVar("Solid", bound=SpaceTessellation)
 # Bodies that programs of six digits or less drew apart are nearer than this part of the lowest cell.
 NARROW_BETWEEN_BODIES = 1e-3
 BODY = "body"
@@ -96,105 +92,62 @@ def bodies(
         one; tilings in space do not match; an interface is named that is none; names clash.
     """
     _check_meshes(meshes)
-    each = list(meshes.values())
-    extent = np.concatenate([mesh.points for mesh in each])
-    solid = isinstance(each[0], SpaceTessellation)
-    joined: Joined[AnyKind] = (_joined_in_space if solid else _joined_in_plane)(
-        meshes, interfaces, _check_tolerance(tolerance, extent)
-    )
-    return _named(meshes, joined)
-
-
-@dataclass(frozen=True, eq=False)
-class Joined(Generic[AnyKind]):
-    """Bodies joined to one mesh with its interfaces."""
-
-    mesh: AnyKind
-    body_of_cell: Ints
-    sides: Ints
-    """(m,) what each part of the boundary is a piece of: one of all parts that bodies side by side have had"""
-    parts: Mapping[str, Ints]
-    """"lower.left" -> its parts as they were, by these numbers"""
-
-
-def _named(meshes: Mapping[str, AnyKind], joined: Joined[AnyKind]) -> AnyKind:
-    """The mesh with what is left of named boundaries without the interfaces, and with cell data."""
-    mesh: Any
-    mesh, free, sides = joined.mesh, joined.mesh._outer, {}
-    for name, numbers in joined.parts.items():
-        left = mesh._boundary[free & np.isin(joined.sides, numbers)]
-        if len(left):
-            sides[name] = left
-    data = MappingProxyType(check_cell_data(_data(meshes, joined.body_of_cell), mesh.n_cells))
-    made: AnyKind = mesh._replace(_named=mesh._checked_parts(sides), cell_data=data)
+    names, each = tuple(meshes), list(meshes.values())
+    apart = _side_by_side(each)
+    length = _check_tolerance(tolerance, apart.points)
+    body = np.repeat(np.arange(len(each)), [mesh.n_nodes for mesh in each])
+    body_of_cell = np.repeat(np.arange(len(each)), [mesh.n_cells for mesh in each])
+    place = _same_places(names, body, apart.points, distinct(apart._outlines[1]), length)
+    matched = _matched_in_plane if isinstance(apart, Tessellation) else _matched_in_space
+    joined: Joined[Any] = matched(names, apart, body, place=place, tolerance=length)
+    pairs, *sides = coinciding_faces(joined.mesh._outlines, joined.body, joined.place)
+    if isinstance(joined.mesh, SpaceTessellation):
+        _check_sides_in_space(names, joined, pairs)
+    found = on_boundary(_by_name(names, joined.body, sides, interfaces), joined.mesh._outlines)
+    joined = joined._replace(mesh=joined.mesh._replace(interfaces=MappingProxyType(found)))
+    if isinstance(joined.mesh, SpaceTessellation):
+        _check_apart_in_space(names, joined, length)
+    _check_contact_in_points(names, joined)
+    # What is left of named boundaries without the interfaces.
+    starts = offsets_of(np.array([len(mesh._boundary) for mesh in each]))
+    mesh, named = joined.mesh, {}
+    for start, (own, given) in zip(starts, meshes.items(), strict=False):
+        for name, parts in given.boundaries.items():
+            left = mesh._outer & among(joined.origin, start + given._places(parts))
+            if name != WHOLE and left.any():
+                named[f"{own}.{name}"] = mesh._boundary[left]
+    data = MappingProxyType(check_cell_data(_data(meshes, body_of_cell), mesh.n_cells))
+    made: AnyKind = mesh._replace(_named=mesh._checked_parts(named), cell_data=data)
     return made
 
 
-# In the plane.
+class Joined(NamedTuple, Generic[AnyKind]):
+    """Bodies in one mesh, with the same nodes where their boundaries coincide."""
 
-
-def _joined_in_plane(
-    meshes: Mapping[str, Any], interfaces: Mapping[str, tuple[str, str]] | None, tolerance: float
-) -> Joined[Any]:
-    apart = SideBySide[Any].of(meshes)
-    place = _same_places(apart.names, apart.body, apart.mesh.points, np.unique(apart.ends), tolerance)
-    points, node, edge = _hanging(apart, place, tolerance)
-    whole = apart.with_hanging(points, node, edge)
-    place = np.concatenate([place, place[node]])
-    _check_apart(whole, moved=not np.array_equal(points, apart.mesh.points))
-    matched = on_boundary(_interfaces_of(whole, place, interfaces), whole.ends, len(place))
-    _check_contact_in_points(whole.names, whole.mesh, whole.body, place, matched)
-    origin = np.repeat(np.arange(len(apart.ends)), 1 + np.bincount(edge, minlength=len(apart.ends)))
-    starts = np.searchsorted(apart.body, np.arange(len(meshes)))
-    parts = {
-        f"{body}.{name}": positions(edges + start, apart.ends, len(apart.body))
-        for start, (body, mesh) in zip(starts, meshes.items(), strict=True)
-        for name, edges in mesh.boundaries.items()
-        if name != WHOLE
-    }
-    mesh = whole.mesh._replace(interfaces=MappingProxyType(matched))
-    return Joined(mesh, whole.body_of_cell, origin, parts)
-
-
-@dataclass(frozen=True, eq=False)
-class SideBySide(Generic[Mesh]):
-    """Plane meshes of several bodies in one, which share no node; nodes and cells in their order."""
-
-    names: tuple[str, ...]
-    mesh: Mesh
+    mesh: AnyKind
     body: Ints
     """(n_nodes,) the body of each node"""
+    place: Ints
+    """(n_nodes,) the place of each node: the first of those there"""
+    origin: Ints
+    """(m,) what each part of the boundary is a piece of: one of all parts that bodies side by side have had"""
+    touching: Ints
+    """(k, 2) nodes and bodies that touch there without a node"""
 
-    @classmethod
-    def of(cls, meshes: Mapping[str, Mesh]) -> SideBySide[Mesh]:
-        """Lay meshes side by side."""
-        each = list(meshes.values())
-        nodes = np.array([mesh.n_nodes for mesh in each])
-        whole = type(each[0]).unchecked(
-            np.concatenate([mesh.points for mesh in each]),
-            offsets_of(np.concatenate([np.diff(mesh.offsets) for mesh in each])),
-            np.concatenate([m.vertices + s for m, s in zip(each, offsets_of(nodes), strict=False)]),
-        )
-        return cls(tuple(meshes), whole, np.repeat(np.arange(len(each)), nodes))
 
-    @property
-    def ends(self) -> Ints:
-        """The edges of the boundary, as they run in their cells, in the order of these."""
-        return self.mesh.boundaries[WHOLE]
-
-    @property
-    def body_of_cell(self) -> Ints:
-        """The body of each cell."""
-        return self.body[self.mesh.vertices[self.mesh.offsets[:-1]]]
-
-    def with_hanging(self, points: Floats, node: Ints, edge: Ints) -> SideBySide[Mesh]:
-        """The bodies at moved points, with one more node in the place of each given one, in order on its edge."""
-        mesh = self.mesh
-        corner = mesh.shared_edges.alone[edge]
-        counts = np.diff(mesh.offsets) + np.bincount(cell_of_corner(mesh.offsets)[corner], minlength=mesh.n_cells)
-        vertices = np.insert(mesh.vertices, corner + 1, mesh.n_nodes + np.arange(len(node)))
-        whole = type(mesh).unchecked(np.concatenate([points, points[node]]), offsets_of(counts), vertices)
-        return SideBySide(self.names, whole, np.concatenate([self.body, self.body[self.ends[edge, 0]]]))
+def _side_by_side(meshes: list[Any]) -> Any:
+    """The meshes in one, which share no node; nodes, faces and cells in their order."""
+    kind, arrays = type(meshes[0]), []
+    for name in kind.ARRAYS:
+        own = [getattr(mesh, name) for mesh in meshes]
+        if name in kind.NUMBERED:
+            starts = offsets_of(np.array([getattr(mesh, kind.NUMBERED[name]) for mesh in meshes]))
+            own = [np.where(x < 0, -1, x + start) for x, start in zip(own, starts, strict=False)]
+        if name.endswith("offsets"):
+            arrays.append(offsets_of(np.concatenate([np.diff(x) for x in own])))
+        else:
+            arrays.append(np.concatenate(own))
+    return kind.unchecked(*arrays)
 
 
 def _same_places(names: tuple[str, ...], body: Ints, points: Floats, nodes: Ints, tolerance: float) -> Ints:
@@ -214,23 +167,41 @@ def _same_places(names: tuple[str, ...], body: Ints, points: Floats, nodes: Ints
     return place
 
 
-def _hanging(bodies: SideBySide[Mesh], place: Ints, tolerance: float) -> tuple[Floats, Ints, Ints]:
+# In the plane.
+
+
+def _matched_in_plane(
+    names: tuple[str, ...], apart: Tessellation, body: Ints, *, place: Ints, tolerance: float
+) -> Joined[Tessellation]:
+    """Hang nodes of each body into the edges of the others."""
+    points, node, edge = _hanging(apart, body, place, tolerance)
+    corner, cell = apart.shared_edges.alone[edge], cell_of_corner(apart.offsets)
+    counts = np.diff(apart.offsets) + np.bincount(cell[corner], minlength=apart.n_cells)
+    vertices = np.insert(apart.vertices, corner + 1, apart.n_nodes + np.arange(len(node)))
+    mesh = type(apart).unchecked(np.concatenate([points, points[node]]), offsets_of(counts), vertices)
+    body = np.concatenate([body, body[apart._boundary[edge, 0]]])
+    _check_apart(names, mesh, body, moved=not np.array_equal(points, apart.points))
+    origin = np.repeat(np.arange(len(apart._boundary)), 1 + np.bincount(edge, minlength=len(apart._boundary)))
+    nothing = np.empty((0, 2), dtype=np.int64)
+    return Joined(mesh, body, np.concatenate([place, place[node]]), origin, nothing)
+
+
+def _hanging(mesh: Tessellation, body: Ints, place: Ints, tolerance: float) -> tuple[Floats, Ints, Ints]:
     """The points moved into their places; nodes to hang on edges of the boundary, (q,) each, in order on each edge."""
     import shapely
 
-    points, ends, count = bodies.mesh.points[place], bodies.ends, len(bodies.names)
+    points, ends, count = mesh.points[place], mesh._boundary, int(body[-1]) + 1
     leaders, edges = np.unique(place[ends]), shapely.linestrings(points[ends])
     number, edge = shapely.STRtree(edges).query(
         shapely.points(points[leaders]), predicate="dwithin", distance=tolerance
     )
-    node, other = leaders[number], bodies.body[ends[edge, 0]]
+    node, other = leaders[number], body[ends[edge, 0]]
     # Of each body that has no node in the place, the nearest edge.
     distance = shapely.distance(shapely.points(points[node]), edges[edge])
-    order = np.lexsort((distance, other, node))
-    order = order[~np.isin((node * count + other)[order], place * count + bodies.body)]
-    nearest = order[np.unique((node * count + other)[order], return_index=True)[1]]
+    without = np.flatnonzero(~among(node * count + other, place * count + body))
+    nearest = without[least_of_each((node * count + other)[without], distance[without])]
     node, edge, other, distance = node[nearest], edge[nearest], other[nearest], distance[nearest]
-    off = (other < bodies.body[node]) & (distance > rounding(points[node], *points[ends[edge]].swapaxes(0, 1)))
+    off = (other < body[node]) & (distance > rounding(points[node], *points[ends[edge]].swapaxes(0, 1)))
     off = np.flatnonzero(off)
     off = off[np.unique(node[off], return_index=True)[1]]  # of several earlier bodies, the first
     meeting = shapely.shortest_line(edges[edge[off]], shapely.points(points[node[off]]))
@@ -242,20 +213,11 @@ def _hanging(bodies: SideBySide[Mesh], place: Ints, tolerance: float) -> tuple[F
     return points, node[order], edge[order]
 
 
-def _interfaces_of(
-    whole: SideBySide[Mesh], place: Ints, interfaces: Mapping[str, tuple[str, str]] | None
-) -> dict[str, Interface]:
-    """The interfaces of bodies that share the places of nodes, under the given names or "first|second"."""
-    keys = edge_keys(place[whole.ends], len(place))
-    order = np.argsort(keys, kind="stable")  # of two edges in one place, that of the earlier body comes first
-    same = np.flatnonzero(np.diff(keys[order]) == 0)
-    one, other = order[same], order[same + 1]
-    edges, partners = whole.ends[one], whole.ends[other][:, ::-1]
-    return _by_name(whole.names, whole.body, (edges, partners), interfaces)
+# Their interfaces.
 
 
 def _by_name(
-    names: tuple[str, ...], body: Ints, sides: tuple[Ints, Ints], interfaces: Mapping[str, tuple[str, str]] | None
+    names: tuple[str, ...], body: Ints, sides: Sequence[Ints], interfaces: Mapping[str, tuple[str, str]] | None
 ) -> dict[str, Interface]:
     """Sides of earlier bodies and their partners, rows (k, n) of nodes each, under the names of interfaces."""
     named = _check_names(interfaces, names)
@@ -267,9 +229,7 @@ def _by_name(
         pair = names[a], names[b]
         name = named.get(pair, named.get(pair[::-1], "|".join(pair)))
         if pair[::-1] in named:
-            # The edges of the second body run the other way; faces are turned as they are put on the boundary.
-            way = -1 if edges.shape[1] == 2 else 1
-            pair, edges, partners = pair[::-1], partners[:, ::way], edges[:, ::way]
+            pair, edges, partners = pair[::-1], partners[:, ::-1], edges[:, ::-1]  # which run the other way
         found[name] = Interface(pair, edges, partners)
     missing = [pair for pair, name in named.items() if name not in found]
     if missing:
@@ -307,9 +267,8 @@ def _at(point: Floats) -> str:
     return f"({', '.join(f'{x:.6g}' for x in point)})"
 
 
-def _check_apart(whole: SideBySide[Mesh], *, moved: bool) -> None:
+def _check_apart(names: tuple[str, ...], mesh: Tessellation, body: Ints, *, moved: bool) -> None:
     """MeshError where bodies overlap or leave a slit; if nodes were moved, so are cells, and checked again."""
-    mesh = whole.mesh
     polygons = outlines(mesh.points, mesh.offsets, mesh.vertices)
     if moved:
         try:
@@ -317,11 +276,11 @@ def _check_apart(whole: SideBySide[Mesh], *, moved: bool) -> None:
         except MeshError as error:
             raise MeshError(f"bodies: nodes that were moved to an interface spoil a cell; {error}") from None
     width = NARROW_BETWEEN_BODIES * lowest(mesh.areas, mesh.diameters)
-    cells = cell_of_corner(mesh.offsets)[mesh.shared_edges.alone]
-    misfit = misfit_of(mesh.points, whole.ends, cells, polygons, width=width, body=whole.body_of_cell)
+    of_cell = body[mesh.vertices[mesh.offsets[:-1]]]
+    misfit = misfit_of(mesh.points, mesh._boundary, mesh._owners, polygons, width=width, body=of_cell)
     if misfit is None:
         return
-    a, b = (repr(whole.names[number]) for number in np.sort(whole.body_of_cell[list(misfit.cells)]))
+    a, b = (repr(names[number]) for number in np.sort(of_cell[list(misfit.cells)]))
     if misfit.overlap:
         raise _overlap(a, b, misfit.at)
     raise _hardly_apart(a, b, misfit.distance, width, misfit.at)
@@ -343,20 +302,15 @@ def _hardly_apart(a: str, b: str, distance: float, width: float, at: Floats) -> 
     )
 
 
-def _check_contact_in_points(
-    names: tuple[str, ...],
-    mesh: Tessellation | SpaceTessellation,
-    body: Ints,
-    place: Ints,
-    found: Mapping[str, Interface],
-) -> None:
-    """MeshError where bodies share a place of nodes, but no interface goes there."""
-    joined = places_of(pairs_of(found), mesh.points)
-    alone = np.flatnonzero(joined != place)
-    if len(alone):
-        node = alone[0]
-        one, other = (names[number] for number in sorted(body[[place[node], node]]))
-        raise _only_touch(one, other, mesh.points[node])
+def _check_contact_in_points(names: tuple[str, ...], joined: Joined[Any]) -> None:
+    """MeshError where bodies share a place, but no interface goes there."""
+    mesh, body, place = joined.mesh, joined.body, joined.place
+    alone = np.flatnonzero(places_of(pairs_of(mesh.interfaces), mesh.points) != place)
+    touching = np.concatenate([np.column_stack([alone, body[place[alone]]]), joined.touching])
+    if len(touching):
+        node, other = touching[0]
+        first, second = (names[number] for number in sorted((body[node], other)))
+        raise _only_touch(first, second, mesh.points[node])
 
 
 def _only_touch(one: str, other: str, at: Floats) -> MeshError:
@@ -370,54 +324,25 @@ def _only_touch(one: str, other: str, at: Floats) -> MeshError:
 # In space.
 
 
-def _joined_in_space(
-    meshes: Mapping[str, Any], interfaces: Mapping[str, tuple[str, str]] | None, tolerance: float
-) -> Joined[Any]:
-    names, each = tuple(meshes), list(meshes.values())
-    body = np.repeat(np.arange(len(each)), [mesh.n_nodes for mesh in each])
-    body_of_cell = np.repeat(np.arange(len(each)), [mesh.n_cells for mesh in each])
-    starts = offsets_of(np.array([mesh.n_faces for mesh in each]))
-    points, faces = np.concatenate([mesh.points for mesh in each]), _side_by_side(each)
-    outer = np.flatnonzero(faces.face_cells[:, 1] < 0)
-    nodes = distinct(rows_in_order(faces.face_offsets, faces.face_vertices, outer)[1])
-    place = _same_places(names, body, points, nodes, tolerance)
-    tiled = common_tiling(points, faces, body, place, tolerance)
-    mesh = type(each[0]).unchecked(tiled.points, *tiled.faces)
-    pairs, sides, partners = coinciding_faces(mesh._outlines, tiled.body, tiled.place)
+def _matched_in_space(
+    names: tuple[str, ...], apart: SpaceTessellation, body: Ints, *, place: Ints, tolerance: float
+) -> Joined[SpaceTessellation]:
+    """Cut the faces of all bodies where they coincide."""
+    tiled = common_tiling(apart.points, apart.faces, body, place, tolerance)
+    mesh = type(apart).unchecked(tiled.points, *tiled.faces)
+    origin = apart._places(tiled.origin[mesh._boundary])
+    return Joined(mesh, tiled.body, tiled.place, origin, tiled.touching)
+
+
+def _check_sides_in_space(names: tuple[str, ...], joined: Joined[SpaceTessellation], pairs: Ints) -> None:
+    """MeshError where two bodies are on the same side of a face."""
+    mesh = joined.mesh
     one, other = mesh._boundary[pairs].T
     same_way = np.einsum("ki,ki->k", mesh.face_normals[one], mesh.face_normals[other]) > 0.0
     if same_way.any():
-        a, b = (
-            repr(names[tiled.body[mesh.face_vertices[mesh.face_offsets[side[same_way][0]]]]]) for side in (one, other)
-        )
+        first = mesh.face_vertices[mesh.face_offsets[[one[same_way][0], other[same_way][0]]]]
+        a, b = (repr(names[number]) for number in joined.body[first])
         raise _overlap(a, b, mesh.face_centroids[one[same_way][0]])
-    matched = on_faces(_by_name(names, tiled.body, (sides, partners), interfaces), mesh._outlines)
-    free = np.ones(len(mesh._boundary), dtype=bool)
-    free[pairs] = False
-    mesh = mesh._replace(interfaces=MappingProxyType(matched), _outer=read_only(free))
-    _check_pockets(mesh, tiled.body, tiled.place)
-    if (mesh.volumes <= 0.0).any():
-        cell = int(np.argmin(mesh.volumes))
-        raise MeshError(
-            f"bodies: nodes that were moved to an interface spoil a cell of {names[body_of_cell[cell]]!r} near "
-            f"{_at(mesh.centroids[cell])}; the tolerance {tolerance:.3g} must be well below the edges."
-        )
-    touches = np.bincount(tiled.place)[tiled.place] > 1
-    touches[tiled.touching[:, 0]] = True
-    width = NARROW_BETWEEN_BODIES * float((mesh.volumes / mesh.diameters**2).min())
-    _check_apart_in_space(names, mesh, tiled.body, touches, width)
-    _check_contact_in_points(names, mesh, tiled.body, tiled.place, matched)
-    if len(tiled.touching):
-        node, other = tiled.touching[0]
-        a, b = (names[k] for k in sorted([tiled.body[node], other]))
-        raise _only_touch(a, b, mesh.points[node])
-    parts = {
-        f"{own}.{name}": starts[number] + numbers
-        for number, (own, of) in enumerate(meshes.items())
-        for name, numbers in of.boundaries.items()
-        if name != WHOLE
-    }
-    return Joined(mesh, body_of_cell, tiled.origin[mesh._boundary], parts)
 
 
 def _check_pockets(mesh: SpaceTessellation, body: Ints, place: Ints) -> None:
@@ -439,40 +364,26 @@ def _check_pockets(mesh: SpaceTessellation, body: Ints, place: Ints) -> None:
         raise unmatched(mesh.face_centroids[faces[pocket[0]]])
 
 
-def _side_by_side(meshes: list[SpaceTessellation]) -> Faces:
-    """The faces of all meshes, which share no node; nodes, faces and cells in their order."""
-    nodes, faces, cells = (
-        offsets_of(np.array(counts))
-        for counts in zip(*((mesh.n_nodes, mesh.n_faces, mesh.n_cells) for mesh in meshes), strict=True)
-    )
-    return Faces(
-        offsets_of(np.concatenate([np.diff(mesh.face_offsets) for mesh in meshes])),
-        np.concatenate([mesh.face_vertices + start for mesh, start in zip(meshes, nodes, strict=False)]),
-        offsets_of(np.concatenate([np.diff(mesh.cell_offsets) for mesh in meshes])),
-        np.concatenate([mesh.cell_faces + start for mesh, start in zip(meshes, faces, strict=False)]),
-        np.concatenate(
-            [
-                np.where(mesh.face_cells < 0, -1, mesh.face_cells + start)
-                for mesh, start in zip(meshes, cells, strict=False)
-            ]
-        ),
-    )
+def _check_apart_in_space(names: tuple[str, ...], joined: Joined[SpaceTessellation], tolerance: float) -> None:
+    """MeshError where a cell has no inside any more, and where bodies overlap or leave a slit.
 
-
-def _check_apart_in_space(
-    names: tuple[str, ...], mesh: SpaceTessellation, body: Ints, touches: Bools, width: float
-) -> None:
-    """MeshError where bodies overlap or leave a slit narrower than a width.
-
-    Bodies overlap if a node of one, or the middle of a face, is inside another; nodes that `touches` names are on it.
+    Bodies overlap if a node of one, or the middle of a face, is inside another.
     """
+    mesh, body = joined.mesh, joined.body
+    _check_pockets(mesh, body, joined.place)
+    if (mesh.volumes <= 0.0).any():
+        cell = int(np.argmin(mesh.volumes))
+        own = names[body[mesh.cell_nodes[1][mesh.cell_nodes[0][cell]]]]
+        raise MeshError(
+            f"bodies: nodes that were moved to an interface spoil a cell of {own!r} near "
+            f"{_at(mesh.centroids[cell])}; the tolerance {tolerance:.3g} must be well below the edges."
+        )
+    touches = np.bincount(joined.place)[joined.place] > 1
+    touches[joined.touching[:, 0]] = True
+    width = NARROW_BETWEEN_BODIES * float((mesh.volumes / mesh.diameters**2).min())
     outer, corners = mesh._outlines
-    owner = body[corners[outer[:-1]]]
-    low, high = (f.reduceat(mesh.points[corners], outer[:-1]) for f in (np.minimum, np.maximum))
-    first = np.searchsorted(owner, np.arange(len(names)))
-    boxes = list(zip(np.minimum.reduceat(low, first) - width, np.maximum.reduceat(high, first) + width, strict=True))
-    near = [(owner != own) & ((low <= box[1]) & (high >= box[0])).all(axis=1) for own, box in enumerate(boxes)]
-    free = mesh._boundary[mesh._outer & np.any(near, axis=0)]
+    boxes, near = near_others(mesh.points, (outer, corners), body, width)
+    free = mesh._boundary[mesh._outer & near]
     if not len(free):
         return
     offsets, vertices = rows_in_order(mesh.face_offsets, mesh.face_vertices, free)
@@ -481,11 +392,10 @@ def _check_apart_in_space(
     rim = distinct(vertices[~touches[vertices]])
     places = np.concatenate([mesh.points[rim], shapes.centroids - width * shapes.normals])
     of_place = np.concatenate([body[rim], of_face])
-    for own, box in enumerate(boxes):
+    for own, box in enumerate(zip(*boxes, strict=True)):
         there = np.flatnonzero((of_place != own) & ((places >= box[0]) & (places <= box[1])).all(axis=1))
-        inside = there[
-            enclosed(places[there], mesh.points, *rows_in_order(outer, corners, np.flatnonzero(owner == own)))
-        ]
+        surface = rows_in_order(outer, corners, np.flatnonzero(body[corners[outer[:-1]]] == own))
+        inside = there[enclosed(places[there], mesh.points, *surface)]
         if len(inside):
             a, b = (repr(names[k]) for k in sorted((own, int(of_place[inside[0]]))))
             raise _overlap(a, b, places[inside[0]])

@@ -35,9 +35,9 @@ from vemcvx.meshes.box import (
     check_name,
     chosen_parts,
 )
-from vemcvx.meshes.checks.plane import checked
+from vemcvx.meshes.checks.plane import Checked, checked
 from vemcvx.meshes.checks.space import checked_in_space
-from vemcvx.meshes.interfaces import Interface, faces_of, on_boundary, on_faces, outside
+from vemcvx.meshes.interfaces import Interface, faces_of, on_boundary
 from vemcvx.outline import Outline, in_a_line
 
 
@@ -53,6 +53,7 @@ class Mesh(ABC):
     _box: Box | None
 
     ARRAYS: ClassVar[tuple[str, ...]]  # Names of the arrays that make it.
+    NUMBERED: ClassVar[Mapping[str, str]]  # Names of arrays of numbers, and of how many there are of what they number.
     PARTS: ClassVar[str]  # Name of the parts that make its boundary, and of one of them.
     A_PART: ClassVar[str]
     NAMED_BY_PLACE: ClassVar[bool] = False  # whether sides get names by place where nothing is named
@@ -65,30 +66,25 @@ class Mesh(ABC):
         return mesh
 
     def _fill(self, *arrays: Floats | Ints, **others: object) -> None:
-        fields = {
-            **{name: read_only(array) for name, array in zip(self.ARRAYS, arrays, strict=True)},
-            "cell_data": MappingProxyType({}),
-            "interfaces": MappingProxyType({}),
-            "node_map": None,
-            "_named": {},
-            "_box": None,
-            **others,
-        }
-        for name, value in fields.items():
-            object.__setattr__(self, name, value)
+        nothing: Mapping[str, Any] = MappingProxyType({})
+        own = {name: read_only(array) for name, array in zip(self.ARRAYS, arrays, strict=True)}
+        known = {"cell_data": nothing, "interfaces": nothing, "node_map": None, "_named": {}, "_box": None}
+        self.__dict__.update(own, **(known | others))
 
-    def _finish(
-        self, boundaries: Mapping[str, Any] | None, cell_data: Mapping[str, ArrayLike] | None, notes: list[str]
+    def _take(
+        self, found: Checked, boundaries: Mapping[str, Any] | None, cell_data: Mapping[str, ArrayLike] | None
     ) -> None:
-        for note in notes:
+        """Take what was checked; sides of a box get names if the user names nothing: not even by an empty mapping."""
+        self._fill(*found.arrays, node_map=found.node_map)
+        for note in found.notes:
             warnings.warn(note, MeshWarning, stacklevel=3)
-        object.__setattr__(self, "_named", self._checked_parts(boundaries, self.node_map))
-        object.__setattr__(self, "cell_data", MappingProxyType(check_cell_data(cell_data, self.n_cells)))
-
-    def _name_by_place(self, boundaries: object) -> None:
-        """Name the sides of a box, if the user names nothing: not even by an empty mapping."""
-        if self.NAMED_BY_PLACE and boundaries is None and not self.interfaces:
-            object.__setattr__(self, "_named", straight_sides(self))
+        named = self._checked_parts(boundaries, found.node_map)
+        data = check_cell_data(cell_data, self.n_cells)
+        interfaces = on_boundary(found.interfaces, self._outlines, found.node_map)
+        if self.NAMED_BY_PLACE and boundaries is None and not interfaces:
+            named = straight_sides(self)
+        fields = {"_named": named, "cell_data": MappingProxyType(data), "interfaces": MappingProxyType(interfaces)}
+        self.__dict__.update(fields)
 
     @property
     @abstractmethod
@@ -97,8 +93,8 @@ class Mesh(ABC):
 
     @property
     @abstractmethod
-    def diameters(self) -> Floats:
-        """Largest distance of two vertices of each cell, (n_cells,)."""
+    def cell_nodes(self) -> tuple[Ints, Ints]:
+        """Offsets (n_cells + 1,), and the nodes of each cell between them, once each."""
 
     @property
     @abstractmethod
@@ -112,13 +108,27 @@ class Mesh(ABC):
 
     @property
     @abstractmethod
-    def _outer(self) -> Bools:
-        """A mask of the parts of the boundary that no interface has on either side."""
+    def neighbours(self) -> Ints:
+        """Pairs of cells that share an edge, in space a face, (m, 2); a pair appears once a side."""
 
     @property
     @abstractmethod
-    def _choice(self) -> tuple[Ints, Floats]:
-        """The parts of the boundary that no interface has, and their middles (m, dim)."""
+    def _inner_outlines(self) -> tuple[Ints, Ints]:
+        """Offsets and vertices of the sides between `neighbours`, as they run in the first of these."""
+
+    @property
+    @abstractmethod
+    def _owners(self) -> Ints:
+        """The cell of each part of the boundary."""
+
+    @property
+    @abstractmethod
+    def _middles(self) -> Floats:
+        """The middles (m, dim) of the parts of the boundary."""
+
+    @abstractmethod
+    def _places(self, parts: Ints) -> Ints:
+        """Where parts stand in the boundary; all must be there."""
 
     @abstractmethod
     def _rows(self, name: str, given: Any, n_nodes: int) -> tuple[Ints, Ints]:
@@ -128,6 +138,30 @@ class Mesh(ABC):
     def n_nodes(self) -> int:
         """Number of nodes."""
         return len(self.points)
+
+    @abstractmethod
+    def _measured(self) -> tuple[Floats, Floats]:
+        """Areas or volumes, and centroids."""
+
+    @cached_property
+    def _measures_and_centroids(self) -> tuple[Floats, Floats]:
+        measures, centroids = self._measured()
+        return read_only(measures), read_only(centroids)
+
+    @property
+    def measures(self) -> Floats:
+        """Area of each cell, in space its volume, (n_cells,)."""
+        return self._measures_and_centroids[0]
+
+    @property
+    def centroids(self) -> Floats:
+        """Centroid of each cell, (n_cells, 2), in space (n_cells, 3)."""
+        return self._measures_and_centroids[1]
+
+    @cached_property
+    def diameters(self) -> Floats:
+        """Largest distance of two vertices of each cell, (n_cells,)."""
+        return read_only(polygons.diameters(self.points, *self.cell_nodes))
 
     @cached_property
     def h(self) -> float:
@@ -145,9 +179,19 @@ class Mesh(ABC):
         return MappingProxyType({**sides, **self._named, **self._joints, "boundary": self._boundary})
 
     @property
-    @abstractmethod
     def _joints(self) -> dict[str, Ints]:
         """The sides of the first body at each interface."""
+        own = {name: faces_of(interface.edges, self._outlines) for name, interface in self.interfaces.items()}
+        return {name: read_only(self._boundary[parts]) for name, parts in own.items()}
+
+    @cached_property
+    def _outer(self) -> Bools:
+        """A mask of the parts of the boundary that no interface has on either side."""
+        free = np.ones(len(self._boundary), dtype=bool)
+        for interface in self.interfaces.values():
+            for side in (interface.edges, interface.partners):
+                free[faces_of(side, self._outlines)] = False
+        return free
 
     def _sides(self, box: Box, tolerance: float = 0.0) -> dict[str, Ints]:
         """Parts of the boundary on each side of a box; families put points on its sides to the bit."""
@@ -188,10 +232,14 @@ class Mesh(ABC):
     def _parts(self, name: str, given: Any, number: Ints) -> tuple[Ints, list[str]]:
         """The parts of the boundary that a user names by vertices, -1 for none, and words for each."""
         offsets, vertices = self._rows(name, given, len(number))
+        called = [f"({', '.join(map(str, row.tolist()))})" for row in np.split(vertices, offsets[1:-1])]
+        return self._found(offsets, vertices, number), called
+
+    def _found(self, offsets: Ints, vertices: Ints, number: Ints) -> Ints:
+        """Where in the boundary the parts with these vertices are, by their new numbers; -1 for none."""
         known = (vertices >= 0) & (vertices < len(number))
         own = np.where(known, number[np.where(known, vertices, 0)], -1)
-        called = [f"({', '.join(map(str, row.tolist()))})" for row in np.split(vertices, offsets[1:-1])]
-        return polygons.matching_rows(*self._outlines, offsets, own), called
+        return polygons.matching_rows(*self._outlines, offsets, own)
 
     def with_boundary(self, name: str, predicate: Callable[[Floats], Bools]) -> Self:
         """Return this mesh with one more named part of its boundary.
@@ -209,7 +257,7 @@ class Mesh(ABC):
         MeshError
             The name is reserved, that of an interface or no string, the answer is not (m,) bool, or it selects nothing.
         """
-        parts, middles = self._choice
+        parts, middles = self._boundary[self._outer], self._middles[self._outer]
         return self._with_named({name: read_only(parts[chosen_parts(name, predicate, middles, self.PARTS)])})
 
     def with_boundaries(self, boundaries: Mapping[str, ArrayLike | Sequence[ArrayLike]]) -> Self:
@@ -289,6 +337,7 @@ class Tessellation(Mesh):
     vertices: Ints
 
     ARRAYS = ("points", "offsets", "vertices")
+    NUMBERED = MappingProxyType({"vertices": "n_nodes"})
     PARTS, A_PART = "edges", "an edge"
 
     def __init__(
@@ -300,12 +349,7 @@ class Tessellation(Mesh):
         cell_data: Mapping[str, ArrayLike] | None = None,
         interfaces: Mapping[str, Interface] | None = None,
     ):
-        points, offsets, vertices, given, node_map, notes = checked(points, cells, interfaces)
-        self._fill(points, offsets, vertices, node_map=node_map)
-        self._finish(boundaries, cell_data, notes)
-        matched = on_boundary(given, self._boundary, self.n_nodes, node_map)
-        object.__setattr__(self, "interfaces", MappingProxyType(matched))
-        self._name_by_place(boundaries)
+        self._take(checked(points, cells, interfaces), boundaries, cell_data)
 
     @property
     def n_cells(self) -> int:
@@ -317,30 +361,18 @@ class Tessellation(Mesh):
         """Vertex numbers of each cell, counter-clockwise: one view an array of ``vertices`` a cell."""
         return tuple(self.vertices[start:end] for start, end in pairwise(self.offsets.tolist()))
 
-    @cached_property
-    def _areas_and_centroids(self) -> tuple[Floats, Floats]:
-        areas, centroids = polygons.areas_and_centroids(self.points, self.offsets, self.vertices)
-        return read_only(areas), read_only(centroids)
+    def _measured(self) -> tuple[Floats, Floats]:
+        return polygons.areas_and_centroids(self.points, self.offsets, self.vertices)
 
     @property
     def areas(self) -> Floats:
         """Area of each cell, (n_cells,)."""
-        return self._areas_and_centroids[0]
+        return self.measures
 
     @property
-    def measures(self) -> Floats:
-        """Area of each cell, in space its volume, (n_cells,)."""
-        return self.areas
-
-    @property
-    def centroids(self) -> Floats:
-        """Centroid of each cell, (n_cells, 2)."""
-        return self._areas_and_centroids[1]
-
-    @cached_property
-    def diameters(self) -> Floats:
-        """Largest distance of two vertices of each cell, (n_cells,)."""
-        return read_only(polygons.diameters(self.points, self.offsets, self.vertices))
+    def cell_nodes(self) -> tuple[Ints, Ints]:
+        """Offsets (n_cells + 1,), and the vertices of each cell between them, counter-clockwise."""
+        return self.offsets, self.vertices
 
     @cached_property
     def shared_edges(self) -> polygons.SharedEdges:
@@ -358,21 +390,24 @@ class Tessellation(Mesh):
 
     @cached_property
     def neighbours(self) -> Ints:
-        """Pairs of cells that share an edge, (m, 2)."""
-        return read_only(polygons.neighbours(self.offsets, self.shared_edges))
+        """Pairs of cells that share an edge, (m, 2), the smaller number first; a pair appears once an edge."""
+        return read_only(polygons.cell_of_corner(self.offsets)[np.column_stack(self.shared_edges.twice)])
 
     @property
-    def _joints(self) -> dict[str, Ints]:
-        return {name: interface.edges for name, interface in self.interfaces.items()}
+    def _inner_outlines(self) -> tuple[Ints, Ints]:
+        edges = polygons.directed_edges(self.offsets, self.vertices)[self.shared_edges.twice[0]]
+        return 2 * np.arange(len(edges) + 1), edges.ravel()
 
     @property
-    def _outer(self) -> Bools:
-        return outside(self.interfaces, self._boundary, self.n_nodes)
+    def _owners(self) -> Ints:
+        return polygons.cell_of_corner(self.offsets)[self.shared_edges.alone]
 
     @property
-    def _choice(self) -> tuple[Ints, Floats]:
-        edges = self._boundary[self._outer]
-        return edges, 0.5 * (self.points[edges[:, 0]] + self.points[edges[:, 1]])
+    def _middles(self) -> Floats:
+        return 0.5 * (self.points[self._boundary[:, 0]] + self.points[self._boundary[:, 1]])
+
+    def _places(self, parts: Ints) -> Ints:
+        return polygons.positions(parts, self._boundary, self.n_nodes)
 
     def _rows(self, name: str, given: Any, n_nodes: int) -> tuple[Ints, Ints]:
         edges = check_edges(name, given, n_nodes)
@@ -416,6 +451,7 @@ class SpaceTessellation(Mesh):
     face_cells: Ints
 
     ARRAYS = ("points", "face_offsets", "face_vertices", "cell_offsets", "cell_faces", "face_cells")
+    NUMBERED = MappingProxyType({"face_vertices": "n_nodes", "cell_faces": "n_faces", "face_cells": "n_cells"})
     PARTS, A_PART = "faces", "a face"
 
     def __init__(
@@ -427,11 +463,7 @@ class SpaceTessellation(Mesh):
         cell_data: Mapping[str, ArrayLike] | None = None,
         interfaces: Mapping[str, Interface] | None = None,
     ):
-        points, faces, given, node_map, notes = checked_in_space(points, cells, interfaces)
-        self._fill(points, *faces, node_map=node_map)
-        self._finish(boundaries, cell_data, notes)
-        object.__setattr__(self, "interfaces", MappingProxyType(on_faces(given, self._outlines, node_map)))
-        self._name_by_place(boundaries)
+        self._take(checked_in_space(points, cells, interfaces), boundaries, cell_data)
 
     @cached_property
     def cells(self) -> tuple[tuple[Ints, ...], ...]:
@@ -485,27 +517,13 @@ class SpaceTessellation(Mesh):
         """1 where the normal of a cell's face points out of the cell, -1 where into it; as ``cell_faces``."""
         return read_only(polyhedra.signs_of(self.faces))
 
-    @cached_property
-    def _volumes_and_centroids(self) -> tuple[Floats, Floats]:
-        volumes, centroids = polyhedra.volumes_and_centroids(
-            self._face_shapes, self.cell_offsets, self.cell_faces, self.face_signs
-        )
-        return read_only(volumes), read_only(centroids)
+    def _measured(self) -> tuple[Floats, Floats]:
+        return polyhedra.volumes_and_centroids(self._face_shapes, self.cell_offsets, self.cell_faces, self.face_signs)
 
     @property
     def volumes(self) -> Floats:
         """Volume of each cell, (n_cells,)."""
-        return self._volumes_and_centroids[0]
-
-    @property
-    def measures(self) -> Floats:
-        """Volume of each cell, (n_cells,): what areas are in the plane."""
-        return self.volumes
-
-    @property
-    def centroids(self) -> Floats:
-        """Centroid of each cell, (n_cells, 3)."""
-        return self._volumes_and_centroids[1]
+        return self.measures
 
     @cached_property
     def cell_nodes(self) -> tuple[Ints, Ints]:
@@ -513,10 +531,15 @@ class SpaceTessellation(Mesh):
         offsets, nodes = polyhedra.nodes_of_cells(self.faces, self.n_nodes)
         return read_only(offsets), read_only(nodes)
 
-    @cached_property
-    def diameters(self) -> Floats:
-        """Largest distance of two vertices of each cell, (n_cells,)."""
-        return read_only(polygons.diameters(self.points, *self.cell_nodes))
+    @property
+    def neighbours(self) -> Ints:
+        """Pairs of cells that share a face, (m, 2), the smaller number first; a pair appears once a face."""
+        return self.face_cells[self.face_cells[:, 1] >= 0]
+
+    @property
+    def _inner_outlines(self) -> tuple[Ints, Ints]:
+        inner = np.flatnonzero(self.face_cells[:, 1] >= 0)
+        return polygons.rows_in_order(self.face_offsets, self.face_vertices, inner)
 
     @cached_property
     def _boundary(self) -> Ints:
@@ -527,24 +550,15 @@ class SpaceTessellation(Mesh):
         return polygons.rows_in_order(self.face_offsets, self.face_vertices, self._boundary)
 
     @property
-    def _joints(self) -> dict[str, Ints]:
-        return {
-            name: read_only(self._boundary[faces_of(interface.edges, self._outlines)])
-            for name, interface in self.interfaces.items()
-        }
-
-    @cached_property
-    def _outer(self) -> Bools:
-        free = np.ones(len(self._boundary), dtype=bool)
-        for joint in self.interfaces.values():
-            for side in (joint.edges, joint.partners):
-                free[faces_of(side, self._outlines)] = False
-        return free
+    def _owners(self) -> Ints:
+        return self.face_cells[self._boundary, 0]
 
     @property
-    def _choice(self) -> tuple[Ints, Floats]:
-        faces = self._boundary[self._outer]
-        return faces, self.face_centroids[faces]
+    def _middles(self) -> Floats:
+        return self.face_centroids[self._boundary]
+
+    def _places(self, parts: Ints) -> Ints:
+        return np.searchsorted(self._boundary, parts)
 
     def _parts(self, name: str, given: Any, number: Ints) -> tuple[Ints, list[str]]:
         faces = plain(given)

@@ -11,7 +11,7 @@ import scipy.sparse as sp
 
 from vemcvx.arrays import Bools, Floats, Ints, read_only, totals
 from vemcvx.meshes.mesh import PolyhedralMesh
-from vemcvx.meshes.polygons import TOLERANCE, offsets_of
+from vemcvx.meshes.polygons import TOLERANCE, found_in, offsets_of
 from vemcvx.vem.projection import FaceGroup, face_groups, tangents_of
 
 
@@ -133,10 +133,9 @@ def _drawn(edges: Ints, points: Floats, inside: Bools | None) -> tuple[Ints, Int
     if inside is None or not inside.any():
         return own, own
     normals = _outward(points[edges[:, 1]] - points[edges[:, 0]])[0]
-    order = np.argsort(edges[:, 0])
-    after = order[np.minimum(np.searchsorted(edges[order, 0], edges[:, 1]), len(edges) - 1)]
+    after = found_in(edges[:, 0], edges[:, 1])
     straight = np.linalg.norm(normals[after] - normals, axis=1) < STRAIGHT
-    hung = np.flatnonzero((edges[after, 0] == edges[:, 1]) & inside[:, 1] & inside[after, 0] & straight)
+    hung = np.flatnonzero((after >= 0) & inside[:, 1] & inside[after, 0] & straight)
     first, last = own.copy(), own.copy()
     first[after[hung]], last[hung] = hung, after[hung]
     for _ in range(len(edges).bit_length()):

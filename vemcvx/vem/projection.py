@@ -10,7 +10,7 @@ from typing import Self
 import numpy as np
 
 from vemcvx.arrays import SOME, Bools, Floats, Ints, read_only, totals
-from vemcvx.meshes.mesh import PolyhedralMesh
+from vemcvx.meshes.mesh import AnyMesh, PolyhedralMesh
 from vemcvx.meshes.polygons import RADON_POINTS, RADON_WEIGHTS, diagonals_of, spans
 
 
@@ -300,26 +300,21 @@ class PolyhedronGroup(CellGroup):
         return self.centroids, self.gradients()[0], np.arange(len(self.cells))
 
 
-def polyhedron_groups(mesh: PolyhedralMesh) -> tuple[PolyhedronGroup, ...]:
+def cell_groups(mesh: AnyMesh) -> tuple[CellGroup, ...]:
     """The cells by number of vertices, ascending; cell numbers ascend within a group."""
     offsets, nodes = mesh.cell_nodes
-    counts = np.diff(offsets)
-    vectors, areas = _shares_of_cells(mesh, offsets, nodes)
-    groups = []
+    counts, groups = np.diff(offsets), list[CellGroup]()
+    shares = _shares_of_cells(mesh, offsets, nodes) if isinstance(mesh, PolyhedralMesh) else ()
     for n in np.unique(counts):
         cells = np.flatnonzero(counts == n)
         at = offsets[cells][:, None] + np.arange(n)
-        groups.append(
-            PolyhedronGroup(
-                cells=read_only(cells),
-                nodes=read_only(nodes[at]),
-                points=mesh.points,
-                vector_shares=read_only(vectors[at]),
-                shares=read_only(areas[at]),
-                diameters=mesh.diameters[cells],
-                centroids=mesh.centroids[cells],
-            )
-        )
+        own = read_only(cells), read_only(nodes[at]), mesh.points
+        if isinstance(mesh, PolyhedralMesh):
+            vectors, areas = (read_only(values[at]) for values in shares)
+            sizes, centroids = mesh.diameters[cells], mesh.centroids[cells]
+            groups.append(PolyhedronGroup(*own, vectors, areas, diameters=sizes, centroids=centroids))
+        else:
+            groups.append(CellGroup(*own))
     return tuple(groups)
 
 

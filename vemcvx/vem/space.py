@@ -18,9 +18,9 @@ from scipy.sparse.csgraph import connected_components
 from vemcvx.arrays import Bools, Ints, read_only
 from vemcvx.errors import SceneError
 from vemcvx.meshes import AnyMesh, PolyhedralMesh, plane_mesh
-from vemcvx.meshes.polygons import spans
+from vemcvx.meshes.polygons import cell_of_corner, spans
 from vemcvx.vem.boundary import MirrorPlanes, Part, edge_part, face_part
-from vemcvx.vem.projection import CellGroup, polyhedron_groups
+from vemcvx.vem.projection import CellGroup, cell_groups
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,16 +48,7 @@ class Space:
     @cached_property
     def groups(self) -> tuple[CellGroup, ...]:
         """The cells by number of vertices, ascending; cell numbers ascend within a group."""
-        mesh = self.mesh
-        if isinstance(mesh, PolyhedralMesh):
-            return polyhedron_groups(mesh)
-        counts = np.diff(mesh.offsets)
-        groups = []
-        for n in np.unique(counts):
-            cells = np.flatnonzero(counts == n)
-            nodes = mesh.vertices[mesh.offsets[cells][:, None] + np.arange(n)]
-            groups.append(CellGroup(read_only(cells), read_only(nodes), mesh.points))
-        return tuple(groups)
+        return cell_groups(self.mesh)
 
     @property
     def simplices(self) -> tuple[tuple[str, str], float]:
@@ -69,17 +60,13 @@ class Space:
     @property
     def incidences(self) -> tuple[Ints, Ints]:
         """All pairs of a cell and one of its nodes, by cell: the cells (k,) and the nodes (k,)."""
-        mesh = self.mesh
-        offsets, nodes = mesh.cell_nodes if isinstance(mesh, PolyhedralMesh) else (mesh.offsets, mesh.vertices)
-        return np.repeat(np.arange(mesh.n_cells), np.diff(offsets)), nodes
+        offsets, nodes = self.mesh.cell_nodes
+        return cell_of_corner(offsets), nodes
 
     @property
     def neighbours(self) -> Ints:
         """Pairs of cells that share an edge, in space a face, (m, 2)."""
-        mesh = self.mesh
-        if isinstance(mesh, PolyhedralMesh):
-            return mesh.face_cells[mesh.face_cells[:, 1] >= 0]
-        return mesh.neighbours
+        return self.mesh.neighbours
 
     @cached_property
     def pieces(self) -> tuple[Ints, Ints]:
@@ -128,50 +115,34 @@ class Space:
                 )
                 raise SceneError(f"{subject}: there is no boundary named {name!r}; {what}.")
             if len(mesh.boundaries[name]) == 0:
-                sides = "faces" if isinstance(mesh, PolyhedralMesh) else "edges"
-                raise SceneError(f"{subject}: the boundary {name!r} of this mesh has no {sides}; it has {known}.")
-        edges = np.unique(np.concatenate([mesh.boundaries[name] for name in names]), axis=0)
-        solid = isinstance(mesh, PolyhedralMesh)
-        across = None if not mesh.interfaces else self._across_faces(edges) if solid else self._across(edges)
+                raise SceneError(f"{subject}: the boundary {name!r} of this mesh has no {mesh.PARTS}; it has {known}.")
+        sides = np.unique(np.concatenate([mesh.boundaries[name] for name in names]), axis=0)
+        across = self._across(sides) if mesh.interfaces else None
         if across is not None and not contact and (across >= 0).any():
             raise SceneError(
-                f"{subject}: on={on!r} has {'faces' if solid else 'edges'} of an interface "
-                f"({', '.join(mesh.interfaces)}) between two bodies, "
-                "where contact and friction act and nothing else; name boundaries that are on the outside."
+                f"{subject}: on={on!r} has {mesh.PARTS} of an interface ({', '.join(mesh.interfaces)}) between two "
+                "bodies, where contact and friction act and nothing else; name boundaries that are on the outside."
             )
         if isinstance(mesh, PolyhedralMesh):
-            return face_part(read_only(edges), mesh, across, self.mirrors)
-        return edge_part(read_only(edges), mesh.points, across, self.mirrors, self._inside(edges, across))
+            return face_part(read_only(sides), mesh, across, self.mirrors)
+        return edge_part(read_only(sides), mesh.points, across, self.mirrors, self._inside(sides, across))
 
     def _inside(self, edges: Ints, across: Ints | None) -> Bools:
         """Ends (m, 2) of edges whose node is in one cell alone, of the body whose outline both have: the earlier."""
         cells, nodes = self.incidences
         first = np.full(self.mesh.n_nodes, self.mesh.n_cells)
         np.minimum.at(first, nodes, cells)
-        outline = edges if across is None else np.where((across >= 0) & (first[across] < first[edges]), across, edges)
+        beside = edges if across is None else across.reshape(edges.shape)
+        outline = np.where((beside >= 0) & (first[beside] < first[edges]), beside, edges)
         return np.bincount(nodes, minlength=self.mesh.n_nodes)[outline] == 1
 
-    def _across_faces(self, faces: Ints) -> Ints:
-        """The nodes of other bodies beside the vertices of faces of first ones, by face; -1 where there is none."""
+    def _across(self, sides: Ints) -> Ints:
+        """The nodes of other bodies beside the vertices of sides of first ones, by side; -1 where there is none."""
         mesh = self.mesh
-        assert isinstance(mesh, PolyhedralMesh)
-        across = np.full(len(mesh.face_vertices), -1)
+        offsets, vertices = mesh._outlines
+        counts, across = np.diff(offsets), np.full(len(vertices), -1)
         for name, joint in mesh.interfaces.items():
-            own = mesh.boundaries[name]
-            corners = spans(mesh.face_offsets[own], np.diff(mesh.face_offsets)[own])
-            across[corners] = joint.partners[joint.partners >= 0]
-        return read_only(across[spans(mesh.face_offsets[faces], np.diff(mesh.face_offsets)[faces])])
-
-    def _across(self, edges: Ints) -> Ints:
-        """The nodes of the other body beside each edge (m, 2) of the first one; -1 where there is none."""
-        joints = self.mesh.interfaces.values()
-        across = np.full(edges.shape, -1)
-        n = self.mesh.n_nodes
-        key = edges[:, 0] * n + edges[:, 1]
-        for joint in joints:
-            mine = joint.edges[:, 0] * n + joint.edges[:, 1]
-            order = np.argsort(mine)
-            place = np.minimum(np.searchsorted(mine[order], key), len(mine) - 1)
-            found = mine[order][place] == key
-            across[found] = joint.partners[order][place[found]]
-        return read_only(across)
+            own = mesh._places(mesh.boundaries[name])
+            across[spans(offsets[own], counts[own])] = joint.partners[joint.partners >= 0]
+        asked = mesh._places(sides)
+        return read_only(across[spans(offsets[asked], counts[asked])])

@@ -34,14 +34,17 @@ from vemcvx.meshes.polygons import (
 )
 
 
-def checked(
-    points: ArrayLike, cells: Any, interfaces: Mapping[str, Interface] | None
-) -> tuple[Floats, Ints, Ints, dict[str, Interface], Ints | None, list[str]]:
-    """Return valid arrays made of a user's points and cells (see `PolygonMesh`), or raise MeshError.
+class Checked(NamedTuple):
+    """Valid arrays made of a user's points and cells."""
 
-    Points, offsets, vertices, interfaces as given, the map of nodes, and notes on what was mended. Only at interfaces
-    may two nodes be in one place.
-    """
+    arrays: tuple[NDArray[Any], ...]  # as the class of the mesh names them
+    interfaces: dict[str, Interface]  # as given
+    node_map: Ints | None
+    notes: list[str]  # on what was mended
+
+
+def checked(points: ArrayLike, cells: Any, interfaces: Mapping[str, Interface] | None) -> Checked:
+    """Points, offsets and vertices of a `PolygonMesh`, or MeshError; only at interfaces nodes may be in one place."""
     points = check_points(points)
     offsets, vertices = _flattened(cells)
     if len(offsets) < 2:
@@ -66,9 +69,17 @@ def checked(
     misfit = misfit_of(points, ends, cells_of_ends, polygons, width=width)
     if misfit:
         _check_hanging(points, ends, cells_of_ends)
-        raise MeshError(_in_words(misfit, width))
+        (one, other), at = sorted(misfit.cells), f"({misfit.at[0]:.6g}, {misfit.at[1]:.6g})"
+        if misfit.overlap:
+            raise MeshError(
+                f"cells {one} and {other} overlap near {at}. Remove or correct the vertices of one of them."
+            )
+        raise MeshError(
+            f"there is a gap narrower than {width:.3g} between cells {one} and {other} near {at}, {SINGLE:g} of the "
+            "lowest cell. Give both the same nodes there, or open the gap."
+        )
     points, vertices, node_map, more = dropped(points, vertices)
-    return points, offsets, vertices, interfaces, node_map, notes + more
+    return Checked((points, offsets, vertices), interfaces, node_map, notes + more)
 
 
 def dropped(points: Floats, vertices: Ints) -> tuple[Floats, Ints, Ints | None, list[str]]:
@@ -368,13 +379,3 @@ def _check_hanging(points: Floats, ends: Ints, cells: Ints) -> None:
             f"hanging node must be a vertex of the cells on both sides: insert {node} between {a} and {b} in cell "
             f"{cell}."
         )
-
-
-def _in_words(misfit: Misfit, width: float) -> str:
-    (one, other), at = sorted(misfit.cells), f"({misfit.at[0]:.6g}, {misfit.at[1]:.6g})"
-    if misfit.overlap:
-        return f"cells {one} and {other} overlap near {at}. Remove or correct the vertices of one of them."
-    return (
-        f"there is a gap narrower than {width:.3g} between cells {one} and {other} near {at}, {SINGLE:g} of the lowest "
-        "cell. Give both the same nodes there, or open the gap."
-    )

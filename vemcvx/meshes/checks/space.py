@@ -31,13 +31,10 @@ from vemcvx.meshes.polygons import TOLERANCE, cell_of_corner, directed_edges, of
 from vemcvx.meshes.polyhedra import Faces, FaceShapes, Listed
 
 
-def checked_in_space(
-    points: ArrayLike, cells: Any, interfaces: Mapping[str, Interface] | None = None
-) -> tuple[Floats, Faces, dict[str, Interface], Ints | None, list[str]]:
-    """Points and faces made of a user's points and cells, or MeshError.
+def checked_in_space(points: ArrayLike, cells: Any, interfaces: Mapping[str, Interface] | None) -> plane.Checked:
+    """Points and `Faces` of a `PolyhedralMesh`, or MeshError.
 
-    Besides, interfaces as given, the map of nodes, and notes on what was mended. Only at interfaces may two nodes be in
-    one place; how cells fit together is checked as if nodes there were one.
+    Only at interfaces may two nodes be in one place; how cells fit together is checked as if nodes there were one.
     """
     points = plane.check_points(points, 3)
     offsets, own, cell_offsets = check_face_lists(cells, len(points))
@@ -74,7 +71,7 @@ def checked_in_space(
     if interfaces:
         faces = polyhedra.joined_faces(offsets, turned(offsets, own, turn), cell_offsets)
     points, vertices, node_map, more = plane.dropped(points, faces.face_vertices)
-    return points, faces._replace(face_vertices=vertices), interfaces, node_map, notes + more
+    return plane.Checked((points, *faces._replace(face_vertices=vertices)), interfaces, node_map, notes + more)
 
 
 # Lists of faces.

@@ -373,13 +373,13 @@ def ring(radii: ArrayLike, sectors: int, *, angles: tuple[float, float] = (0.0, 
 
 
 def _increasing(radii: ArrayLike) -> Floats:
-    wanted = "at least two increasing numbers >= 0, the radii of circles"
     given = plain(radii)
-    if given is None or given.dtype.kind not in "iuf" or given.ndim != 1 or len(given) < 2:
-        raise MeshError(f"ring: found radii = {brief(radii)}; wanted {wanted}.")
-    r = given.astype(float)
-    if not np.isfinite(r).all() or r[0] < 0 or np.diff(r).min() < SHORTEST:
-        raise MeshError(f"ring: found radii = {brief(radii)}; wanted {wanted}.")
+    numbers = given is not None and given.dtype.kind in "iuf" and given.ndim == 1 and len(given) > 1
+    r = np.array(given, dtype=float) if numbers else np.zeros(1)
+    if not numbers or not np.isfinite(r).all() or r[0] < 0 or np.diff(r).min() < SHORTEST:
+        raise MeshError(
+            f"ring: found radii = {brief(radii)}; wanted at least two increasing numbers >= 0, the radii of circles."
+        )
     if r[-1] > LARGEST:
         raise MeshError(f"ring: found a radius of {r[-1]:g}; at most {LARGEST:g} can be computed with.")
     return r

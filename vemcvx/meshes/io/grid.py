@@ -26,16 +26,8 @@ from numpy.typing import ArrayLike, NDArray
 from vemcvx.arrays import SAME, Bools, Floats, Ints
 from vemcvx.errors import MeshError, MeshWarning
 from vemcvx.meshes.box import WHOLE
-from vemcvx.meshes.interfaces import Interface, faces_of, padded
-from vemcvx.meshes.polygons import (
-    cell_of_corner,
-    directed_edges,
-    offsets_of,
-    positions,
-    rows_in_order,
-    same_rows,
-    turned,
-)
+from vemcvx.meshes.interfaces import Interface, padded
+from vemcvx.meshes.polygons import directed_edges, matching_rows, offsets_of, rows_in_order, turned
 from vemcvx.meshes.polyhedra import FACES, Listed, face_shapes, listed_faces, volumes_and_centroids
 from vemcvx.meshes.tessellation import SpaceTessellation, Tessellation, straight_sides
 
@@ -147,8 +139,10 @@ def grid_of(
     else:
         kinds, offsets, vertices = by_vertices(mesh)
     parts = named_parts(mesh) if sides else {}
-    rows = {name: _rows_of(mesh, part) for name, part in parts.items()}
-    cells = np.concatenate([np.arange(mesh.n_cells), *(_owners(mesh, part) for part in parts.values())])
+    rows = {name: rows_of(mesh, part) for name, part in parts.items()}
+    cells = np.concatenate(
+        [np.arange(mesh.n_cells), *(mesh._owners[matching_rows(*mesh._outlines, *row)] for row in rows.values())]
+    )
     part = np.repeat(np.arange(len(parts) + 1), [mesh.n_cells, *map(len, parts.values())])
     values = {name: np.asarray(given) for name, given in data.items()}
     return Grid(
@@ -177,25 +171,12 @@ def named_parts(mesh: AnyTessellation) -> dict[str, Ints]:
     return parts
 
 
-def padded_parts(mesh: AnyTessellation) -> dict[str, Ints]:
-    """The nodes of all that a file names, a row (m, k) for each edge or face, filled up with -1."""
-    return {name: padded(*_rows_of(mesh, part)) for name, part in named_parts(mesh).items()}
-
-
-def _rows_of(mesh: AnyTessellation, part: Ints) -> Rows:
+def rows_of(mesh: AnyTessellation, part: Ints) -> Rows:
+    """The nodes of each edge or face of a part that is named."""
     if isinstance(mesh, SpaceTessellation) and part.ndim == 1:
         return rows_in_order(mesh.face_offsets, mesh.face_vertices, part)
     there = part >= 0
     return offsets_of(there.sum(axis=1)), part[there]
-
-
-def _owners(mesh: AnyTessellation, part: Ints) -> Ints:
-    """The cell that each edge or face of a part of the boundary belongs to."""
-    if isinstance(mesh, SpaceTessellation):
-        faces = part if part.ndim == 1 else mesh.boundaries[WHOLE][faces_of(part, mesh._outlines)]
-        return mesh.face_cells[faces, 0]
-    owner = cell_of_corner(mesh.offsets)[mesh.shared_edges.alone]
-    return owner[positions(part, mesh.boundaries[WHOLE], mesh.n_nodes)]
 
 
 def by_vertices(mesh: SpaceTessellation) -> tuple[NDArray[np.str_], Ints, Ints]:
@@ -413,16 +394,10 @@ def _with_parts(mesh: AnyTessellation, parts: Mapping[str, Rows]) -> tuple[AnyTe
     """The mesh with named parts of its boundary; what is not on it is left out, with a note."""
     notes, boundaries = [], {}
     whole, dimension = mesh.boundaries[WHOLE], mesh.points.shape[1]
-    outlines, nodes = _rows_of(mesh, whole)
     number = np.arange(mesh.n_nodes) if mesh.node_map is None else mesh.node_map
     for name, rows in parts.items():
-        offsets, given = rows_in_order(*rows, np.flatnonzero(np.diff(rows[0]) >= dimension))
-        known = (given >= 0) & (given < len(number))
-        own = np.where(known, number[np.where(known, given, 0)], -1)
-        counts = np.concatenate([np.diff(outlines), np.diff(offsets)])
-        first, place = same_rows(offsets_of(counts), np.concatenate([nodes, own]))
-        found = first[place[len(whole) :]]
-        chosen, strange = np.unique(found[found < len(whole)]), np.count_nonzero(found >= len(whole))
+        found = mesh._found(*rows_in_order(*rows, np.flatnonzero(np.diff(rows[0]) >= dimension)), number)
+        chosen, strange = np.unique(found[found >= 0]), np.count_nonzero(found < 0)
         if strange:
             kind = "lines" if dimension == 2 else "polygons"
             notes.append(f"{strange} of {len(found)} {kind} named {name!r} are not on the boundary and are left out.")

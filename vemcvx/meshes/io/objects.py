@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from vemcvx.arrays import Ints, brief
 from vemcvx.errors import MeshError, MeshWarning, VemcvxError
-from vemcvx.meshes.box import WHOLE, matching_faces
+from vemcvx.meshes.box import WHOLE
+from vemcvx.meshes.interfaces import padded
 from vemcvx.meshes.io import grid as grids
 from vemcvx.meshes.io.grid import (
     CELL,
@@ -29,7 +30,7 @@ from vemcvx.meshes.io.grid import (
     translated,
 )
 from vemcvx.meshes.io.vtk import read_xml, write_xml
-from vemcvx.meshes.polygons import offsets_of, polygon_centroids, positions, rows_in_order
+from vemcvx.meshes.polygons import matching_rows, offsets_of, polygon_centroids, rows_in_order
 from vemcvx.meshes.tessellation import SpaceTessellation
 
 if TYPE_CHECKING:
@@ -222,12 +223,9 @@ def to_skfem(mesh: AnyTessellation) -> tuple[Any, list[str]]:
     made = made(mesh.points.T.copy(), cells.T.copy())
     facets: Ints = made.facets.T.astype(np.int64)
     parts = {name: part for name, part in mesh.boundaries.items() if name != WHOLE}
-    if isinstance(mesh, SpaceTessellation):
-        # The number of the boundary face that each facet is, -1 inside.
-        faces = matching_faces(mesh.faces, np.arange(len(facets) + 1) * facets.shape[1], facets.ravel())
-        sides = {name: np.flatnonzero(np.isin(faces, part)) for name, part in parts.items()}
-    else:
-        sides = {name: positions(part, facets, mesh.n_nodes) for name, part in parts.items()}
+    # Where in the boundary each facet is, -1 inside.
+    place = matching_rows(*mesh._outlines, np.arange(len(facets) + 1) * facets.shape[1], facets.ravel())
+    sides = {name: np.flatnonzero(np.isin(place, mesh._places(part))) for name, part in parts.items()}
     sets = {name: np.flatnonzero(v) for name, v in mesh.cell_data.items() if v.ndim == 1 and np.isin(v, (0, 1)).all()}
     return made.with_boundaries(sides).with_subdomains(sets), sorted(set(mesh.cell_data) - set(sets))
 
@@ -252,7 +250,7 @@ def to_pyvista(mesh: AnyTessellation) -> Any:
     """UnstructuredGrid with the cells in their order."""
     import pyvista
 
-    fields = {MARK + name: rows for name, rows in grids.padded_parts(mesh).items()}
+    fields = {MARK + name: padded(*grids.rows_of(mesh, part)) for name, part in grids.named_parts(mesh).items()}
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "grid.vtu"
         write_xml(file, grid_of(mesh, mesh.cell_data, polyhedra=True, sides=False), fields=fields)

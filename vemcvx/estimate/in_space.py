@@ -159,8 +159,7 @@ class Residuals:
         moments = np.zeros((mesh.n_cells, 3, 3))
         for arm in (*arms, arms[0] + arms[1] + arms[2]):
             np.add.at(moments, cell, (volume / 20.0)[:, None, None] * arm[:, :, None] * arm[:, None, :])
-        longest: Floats = np.sqrt(12.0 * np.linalg.eigvalsh(moments)[:, -1] / mesh.volumes)
-        return longest
+        return np.sqrt(12.0 * np.linalg.eigvalsh(moments)[:, -1] / mesh.volumes)
 
     @cached_property
     def jump_weights(self) -> Floats:
@@ -168,8 +167,7 @@ class Residuals:
         cells, normals = self.mesh.face_cells[self.inner], self.mesh.face_normals[self.inner]
         depths = 0.5 * (self.widths(cells[:, 0], normals) + self.widths(cells[:, 1], normals))
         mu = 0.5 * (self.shear[cells[:, 0]] + self.shear[cells[:, 1]])
-        weights: Floats = depths / (4.0 * mu) * self.mesh.face_areas[self.inner]
-        return weights
+        return depths / (4.0 * mu) * self.mesh.face_areas[self.inner]
 
     @cached_property
     def edges(self) -> tuple[Ints, Ints, Floats, Floats]:
@@ -188,8 +186,7 @@ class Residuals:
     def weights(self) -> Floats:
         """(b,) d_f / (2 mu) of boundary faces."""
         cells = self.mesh.face_cells[self.outer, 0]
-        weights: Floats = self.widths(cells, self.mesh.face_normals[self.outer]) / (2.0 * self.shear[cells])
-        return weights
+        return self.widths(cells, self.mesh.face_normals[self.outer]) / (2.0 * self.shear[cells])
 
     @cached_property
     def free(self) -> Floats:
@@ -202,8 +199,7 @@ class Residuals:
     def _volume(self, t: float) -> Floats:
         """h^2 / mu |f|^2_K with the mean force: F = |K| f."""
         force = body_forces(self.posed, t)
-        squares: Floats = self.sizes**2 / self.mesh.volumes * np.sum(force**2, axis=1) / self.shear
-        return squares
+        return self.sizes**2 / self.mesh.volumes * np.sum(force**2, axis=1) / self.shear
 
     def _jump(self, sigma: Floats) -> Floats:
         """(f, 3) of tractions on the faces between two cells."""
@@ -234,8 +230,7 @@ class Residuals:
         normals, (roots, borne, units) = self.mesh.face_normals, self._of_pressures
         jump, rest = self._jump(sigma) * normals[self.inner], self._rest(sigma, now) * normals[self.outer]
         left = roots * np.append(jump.sum(axis=1), rest.sum(axis=1))
-        q: Floats = units * lsmr(borne, np.append(left, np.zeros(len(sigma))), atol=1e-3, btol=0.0)[0]
-        return q
+        return units * lsmr(borne, np.append(left, np.zeros(len(sigma))), atol=1e-3, btol=0.0)[0]
 
     @cached_property
     def _of_pressures(self) -> tuple[Floats, sp.csr_array, Floats]:
@@ -385,8 +380,7 @@ class Residuals:
     def _integral(self, squares: Floats) -> Floats:
         """Integrals (n_cells,) of squares (k,) at the vertices of cells."""
         offsets, _ = self.mesh.cell_nodes
-        integral: Floats = self.mesh.volumes / 3.0 * np.add.reduceat(squares, offsets[:-1]) / np.diff(offsets)
-        return integral
+        return self.mesh.volumes / 3.0 * np.add.reduceat(squares, offsets[:-1]) / np.diff(offsets)
 
 
 def _measures(load: Load) -> Floats:

@@ -102,8 +102,7 @@ class Congruent:
 
     def diagonal(self) -> Floats:
         """Its diagonal (m,)."""
-        own: Floats = self.unit * (self.L.multiply(self.L) @ self.K.diagonal()) + self.S.diagonal()
-        return own
+        return self.unit * (self.L.multiply(self.L) @ self.K.diagonal()) + self.S.diagonal()
 
     def scaled(self, D: Floats, unit: float) -> Any:
         """D (L K L' + S) D times a unit, D diagonal."""

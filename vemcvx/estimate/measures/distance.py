@@ -111,8 +111,7 @@ def _rectangles(corners: Floats) -> Bools:
     closes = np.abs(corners[:, 0] - corners[:, 1] + corners[:, 2] - corners[:, 3]).max(axis=1)
     skew = np.abs(np.sum(first * second, axis=1)) / np.maximum(*lengths)
     # Coordinates of a box may be rounded to twelve digits.
-    rectangles: Bools = np.maximum(closes, skew) <= 1e-10 * np.minimum(*lengths)
-    return rectangles
+    return np.maximum(closes, skew) <= 1e-10 * np.minimum(*lengths)
 
 
 def _slopes(group: CellGroup, displacement: Floats) -> Floats:

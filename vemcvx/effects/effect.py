@@ -63,14 +63,23 @@ class Load:
         """t -> the datum at all points, by which `matrix` is to be multiplied."""
         return fading(lambda t: self.at(self.points, t).ravel(), self.times)
 
+    @cached_property
+    def borne(self) -> Floats:
+        """(q, dim) the total that each point gives by a datum of one along each axis, or by a scalar one."""
+        dim, nodes = self.points.shape[1], np.ones(self.matrix.shape[0] // self.points.shape[1])
+        total = np.stack([nodes @ self.matrix[a::dim] for a in range(dim)], axis=1)
+        # Basis functions sum to one: the rows of one component to its total, on which no other acts.
+        return total if self.matrix.shape[1] == len(self.points) else total.reshape(-1, dim, dim).sum(axis=1)
+
+    @property
+    def measures(self) -> Floats:
+        """The part of length, area or volume (q,) that each point stands for."""
+        scalar = self.matrix.shape[1] == len(self.points)
+        return np.linalg.norm(self.borne, axis=1) if scalar else self.borne[:, 0]
+
     def forces(self, t: float) -> Floats:
         """Force (q, dim) that each point stands for at the instant `t`: the points of a cell sum to its total."""
-        dim = self.points.shape[1]
-        # Basis functions sum to one, so the rows of one component do to its total.
-        scalar, value = self.matrix.shape[1] == len(self.points), self.values(t)
-        nodes = np.ones(self.matrix.shape[0] // dim)
-        total = np.stack([nodes @ self.matrix[a::dim] * value for a in range(dim)], axis=1)
-        return total if scalar else total.reshape(-1, dim, dim).sum(axis=1)
+        return self.borne * self.values(t).reshape(len(self.points), -1)
 
 
 @dataclass(frozen=True)

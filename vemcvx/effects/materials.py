@@ -130,15 +130,13 @@ class Elasticity(MaterialLaw):
         return Contribution(material=material)
 
     def describe(self) -> str:
-        return self._words("" if self.plane is None else f"plane {self.plane}, ")
-
-    def described(self, in_plane: bool) -> str:
-        return self._words(f"plane {self._plane}, " if in_plane else "")
-
-    def _words(self, plane: str) -> str:
+        plane = "" if self.plane is None else f"plane {self.plane}, "
         place = "" if self.on is None else f", on {where(self.on)}"
         constants = f"E = {amount(self.young, 'x')}, nu = {amount(self.poisson, 'x')}"
         return f"Elasticity: {constants}, {plane}{named(self.stabilisation)} stabilisation{place}"
+
+    def described(self, in_plane: bool) -> str:
+        return replace(self, plane=self._plane).describe() if in_plane else self.describe()
 
     @property
     def _plane(self) -> str:

@@ -343,7 +343,7 @@ class Residuals:
         mesh, found = self.mesh, self._locked(t)
         for load in (load for load in self._loads if callable(load.value)):
             if load.edges is not None:
-                at, size, forces = self._at(load.edges), _measures(load), load.forces(t)
+                at, size, forces = self._at(load.edges), load.measures, load.forces(t)
                 whole, area = np.zeros((len(self.outer), 3)), totals(at, size, len(self.outer))
                 np.add.at(whole, at, forces)
                 apart = forces / size[:, None] - whole[at] / area[at, None]
@@ -381,10 +381,3 @@ class Residuals:
         """Integrals (n_cells,) of squares (k,) at the vertices of cells."""
         offsets, _ = self.mesh.cell_nodes
         return self.mesh.volumes / 3.0 * np.add.reduceat(squares, offsets[:-1]) / np.diff(offsets)
-
-
-def _measures(load: Load) -> Floats:
-    """The part of the area (q,) that each point of a load on faces stands for."""
-    total = np.stack([np.ones(load.matrix.shape[0] // 3) @ load.matrix[a::3] for a in range(3)])
-    scalar = load.matrix.shape[1] == len(load.points)
-    return np.asarray(np.linalg.norm(total, axis=0) if scalar else total[0, ::3])

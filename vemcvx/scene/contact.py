@@ -338,7 +338,9 @@ def gathered(obstacles: Sequence[Obstacle], table: ContactRows, supports: Suppor
     """The limits of all obstacles, whose rows are in the `table`, where something can move."""
     points = supports.points
     compliance = np.concatenate([np.zeros(0), *(finite_a_row(o, o.compliance, "compliance") for o in obstacles)])
-    first, limit = _limits(table, compliance)
+    kinds = np.where(compliance == 0, -1, np.arange(len(table)))
+    lead, place = merged((table.nodes, table.partners), table.normals, signed=True, kinds=kinds)
+    first, limit = np.sort(lead), np.argsort(np.argsort(lead))[place]
     every = table.joined(first, limit)
     rows = normal_rows(every, points)
     moves = np.diff(on_free(rows, supports).indptr) > 0
@@ -362,17 +364,6 @@ def gathered(obstacles: Sequence[Obstacle], table: ContactRows, supports: Suppor
         )
 
     return replace(those(np.flatnonzero(moves)), prescribed=those(np.flatnonzero(~moves)))
-
-
-def _limits(table: ContactRows, compliance: Floats) -> tuple[Ints, Ints]:
-    """The first row of every limit, in order, and the limit of every row."""
-    rigid = np.flatnonzero(compliance == 0)
-    first = np.arange(len(table))
-    if len(rigid):
-        leads, mine = merged((table.nodes[rigid], table.partners[rigid]), table.normals[rigid], signed=True)
-        first[rigid] = rigid[leads][mine]
-    first, limit = np.unique(first, return_inverse=True)
-    return first, limit
 
 
 def limits(obstacles: Obstacles, supports: Supports) -> Limits | None:

@@ -439,8 +439,8 @@ def freedom(
     tangents = tangents_of(rows.normals) if tangents is None else tangents
     reads = rows.matrix(tangents, supports.points)
     B = on_free(reads, supports)
-    slides = np.asarray(np.diff(B.indptr).reshape(k, dim - 1).any(axis=1))
-    held = np.flatnonzero(~slides | _rank_deficient(B, dim - 1))
+    each = _squares_along(B, dim - 1)
+    slides, held = each[:, -1] > 0, np.flatnonzero(each[:, 0] <= SAME * each[:, -1])
     dragged = np.zeros(k, dtype=bool)
     under = None if ground is None else (lambda t: along(tangents[held], ground(t)[held]))
     of_held = (held[:, None] * (dim - 1) + np.arange(dim - 1)).ravel()
@@ -453,12 +453,11 @@ def normal_is_free(rows: ContactRows, supports: Supports) -> Bools:
     return np.diff(on_free(normal_rows(rows, supports.points), supports).indptr) > 0
 
 
-def _rank_deficient(B: sp.csr_matrix, block: int) -> Bools:
-    """Return True if the free unknowns move a row along fewer than `block` directions, (k,)."""
+def _squares_along(B: sp.csr_matrix, block: int) -> Floats:
+    """(k, block) how much free unknowns move each row along its tangents: eigenvalues, ascending; zero where not."""
     rows = [B[axis::block] for axis in range(block)]
     products = np.array([[np.asarray(one.multiply(other).sum(axis=1)).ravel() for other in rows] for one in rows])
-    each = np.linalg.eigvalsh(products.transpose(2, 0, 1))
-    return each[:, 0] < SAME * each[:, -1]
+    return np.linalg.eigvalsh(products.transpose(2, 0, 1))
 
 
 def _dragged(

@@ -13,7 +13,6 @@ from scipy.sparse.csgraph import connected_components
 
 from vemcvx.arrays import EPS, Floats, Ints
 from vemcvx.errors import SceneError
-from vemcvx.linear import Matrix
 from vemcvx.meshes import AnyMesh
 from vemcvx.program.kernel import Kernel
 from vemcvx.scene.supports import Supports
@@ -190,13 +189,13 @@ def seen_from_bodies(space: Space) -> Callable[[Floats], Floats]:
     """
 
     @cache
-    def motions() -> tuple[Matrix, Matrix]:
+    def motions() -> tuple[sp.csr_matrix, sp.csr_matrix]:
         mesh, (cell, node) = space.mesh, space.incidences
         graph = sp.csr_matrix((np.ones(len(cell)), (node, cell)), shape=(mesh.n_nodes, mesh.n_cells))
         label = connected_components(graph @ graph.T, directed=False)[1].astype(np.int64)
         by_body = np.argsort(label, kind="stable")
         R = _motions(label[by_body], by_body, mesh.points)
-        return R, R.T if isinstance(R, np.ndarray) else sp.csr_matrix(R.T)
+        return R, sp.csr_matrix(R.T)
 
     def seen(u: Floats) -> Floats:
         R, transposed = motions()
@@ -279,10 +278,10 @@ def _pieces(space: Space) -> tuple[Ints, Ints]:
     return np.repeat(np.arange(shape[1]), np.diff(pairs.indptr)), pairs.indices.astype(np.int64)
 
 
-def _motions(piece: Ints, node: Ints, points: Floats) -> Matrix:
+def _motions(piece: Ints, node: Ints, points: Floats) -> sp.csr_matrix:
     """(n_u, pieces * k) the k rigid motions of each piece as orthonormal columns, of pairs by piece and node.
 
-    Dense for one piece. Taken about its middle and in units of its size: rotations then weigh like translations.
+    Taken about its middle and in units of its size: rotations then weigh like translations.
     """
     pieces, dim = piece.max() + 1, points.shape[1]
     inside = np.bincount(piece)
@@ -300,8 +299,6 @@ def _motions(piece: Ints, node: Ints, points: Floats) -> Matrix:
     # Products of normed motions below this are rounding.
     if np.abs(products - np.eye(k)).max() > 1e-9:
         modes = modes @ np.linalg.inv(np.linalg.cholesky(products)).swapaxes(1, 2)[piece]
-    if pieces == 1 and len(node) == len(points):
-        return modes.reshape(-1, k)
     rows = np.repeat(node[:, None] * dim + np.arange(dim), k, axis=1)
     columns = np.tile(piece[:, None] * k + np.arange(k), (1, dim))
     return sp.csr_matrix((modes.ravel(), (rows.ravel(), columns.ravel())), shape=(points.size, pieces * k))

@@ -131,28 +131,6 @@ def stiffness(value: Constant, x: Floats, subject: str) -> Floats:
     return k
 
 
-def modulus(value: Constant, mesh: AnyMesh, subject: str, x: Floats | None = None) -> Floats:
-    """Values (n_cells,) of a material constant: number, array a cell, f(centroids), or a cell datum's name.
-
-    Values (k,) of a function at points x (k, dim), if they are given.
-    """
-    raw: Any = value
-    count = mesh.n_cells
-    if isinstance(value, str):
-        if value not in mesh.cell_data:
-            known = ", ".join(repr(name) for name in mesh.cell_data) or "none"
-            raise SceneError(
-                f"{subject}: the mesh has no cell datum named {value!r}; it has {known}. "
-                "Add one with mesh.with_cell_data(name, values), or give a number, a value a cell, or a callable f(x)."
-            )
-        raw = mesh.cell_data[value]
-    elif callable(value):
-        x = mesh.centroids if x is None else x
-        count, raw = len(x), _call(value, x, None, subject)
-    wanted = f"a number, or ({count},) values, one a cell"
-    return _shaped(raw, (count,), subject, wanted, "in cell {}".format)
-
-
 def varies(*values: Datum | Constant | None) -> bool:
     """Return True if one of the data is a function, of place or of time."""
     return any(callable(value) for value in values)
@@ -167,8 +145,21 @@ class InCells:
     cells: Ints | None = None
 
     def read(self, value: Constant, subject: str) -> Floats:
-        """Values (k,) of a material constant."""
-        found = modulus(value, self.mesh, subject, self.x)
+        """Values (k,) of a material constant: a number, a value a cell, f(x), or the name of a cell datum."""
+        mesh, raw, count = self.mesh, value, self.mesh.n_cells
+        if isinstance(value, str):
+            if value not in mesh.cell_data:
+                known = ", ".join(repr(name) for name in mesh.cell_data) or "none"
+                raise SceneError(
+                    f"{subject}: the mesh has no cell datum named {value!r}; it has {known}. Add one with "
+                    "mesh.with_cell_data(name, values), or give a number, a value a cell, or a callable f(x)."
+                )
+            raw = mesh.cell_data[value]
+        elif callable(value):
+            x = mesh.centroids if self.x is None else self.x
+            count, raw = len(x), _call(value, x, None, subject)
+        wanted = f"a number, or ({count},) values, one a cell"
+        found = _shaped(raw, (count,), subject, wanted, "in cell {}".format)
         return found if callable(value) or self.cells is None else found[self.cells]
 
 

@@ -417,14 +417,14 @@ class Viscosity(Effect):
     volume: data.Constant = 0.0
 
     def contribute(self, space: Space) -> Contribution:
-        eta, zeta = self._checked(self.shear, space, "shear"), self._checked(self.volume, space, "volume")
+        eta, zeta = (self._checked(getattr(self, name), space, name) for name in ("shear", "volume"))
         return Contribution(viscosity=vem.stiffness(space, zeta, eta, stabilisation="shear"))
 
     def describe(self) -> str:
         return f"Viscosity: shear {amount(self.shear, 'x')}, volume {amount(self.volume, 'x')}"
 
     def _checked(self, value: data.Constant, space: Space, name: str) -> Floats:
-        found = data.modulus(value, space.mesh, f"Viscosity: {name}")
+        found = data.InCells(space.mesh).read(value, f"Viscosity: {name}")
         if (found < 0).any():
             cell = int(np.argmin(found))
             raise SceneError(f"Viscosity: found {name} = {found[cell]:.6g} in cell {cell}; it must be >= 0.")
@@ -464,7 +464,7 @@ class ThermalStrain(Effect):
     temperature: data.Datum
 
     def contribute(self, space: Space) -> Contribution:
-        alpha = data.modulus(self.expansion, space.mesh, "ThermalStrain: expansion")
+        alpha = data.InCells(space.mesh).read(self.expansion, "ThermalStrain: expansion")
 
         def strain(t: float) -> Floats:
             return alpha * data.scalar(self.temperature, space.mesh.centroids, t, "ThermalStrain: temperature")

@@ -383,9 +383,7 @@ def _pressures(
     """
     if all(f.law is None for f in frictions):
         return None
-    reads = np.array([f.law is not None and f.law.pressed for f in frictions])[
-        _of_rows(frictions, range(len(frictions)))
-    ]
+    reads = _of_rows(frictions, [f.law is not None and f.law.pressed for f in frictions]).astype(bool)
     shares = sp.csr_matrix(sp.diags_array(reads.astype(float)) @ table.shares(obstacles))
     shares.eliminate_zeros()
     bare = reads & (np.diff(shares.indptr) == 0) & (normal_is_free(table, supports) | (len(obstacles) == 0))

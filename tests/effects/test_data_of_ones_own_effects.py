@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import vemcvx as vx
-from vemcvx.effects import ContactSurface, Contribution, Friction
+from vemcvx.effects import Contribution, Friction
 from vemcvx.effects.contact import obstacle
 
 BODY = vx.Elasticity(200.0, 0.3), vx.Clamp(on="right"), vx.Traction((0.0, -1.0), on="top")
@@ -23,8 +23,7 @@ class Mine(vx.Effect):
         rows = space.part("bottom", "Mine", contact=True).node_normals
         (stop,) = obstacle(space, rows, "Mine", 0.0, np.zeros(len(rows.nodes))).obstacles
         rubs = replace(Friction.of(rows, "Mine"), **(self.friction or {}))
-        surface = ContactSurface.of(rows)
-        return Contribution(obstacles=(replace(stop, **(self.stop or {})),), frictions=(rubs,), surfaces=(surface,))
+        return Contribution(obstacles=(replace(stop, **(self.stop or {})),), frictions=(rubs,))
 
     def describe(self):
         return "Mine: on bottom"

@@ -354,7 +354,7 @@ def finite_a_row(part: Friction | Obstacle, raw: object, name: str) -> Floats:
 
 @dataclass(frozen=True)
 class ContactSurface:
-    """The surface on which contact is reported: one row a node and distinct normal."""
+    """A surface on which contact is reported, as on friction and obstacles: one row a node and distinct normal."""
 
     nodes: Ints
     normals: Floats
@@ -441,7 +441,7 @@ class Contribution:
     supports: tuple[Support, ...] = ()
     frictions: tuple[Friction, ...] = ()
     obstacles: tuple[Obstacle, ...] = ()
-    surfaces: tuple[ContactSurface, ...] = ()
+    surfaces: tuple[ContactSurface, ...] = ()  #: where contact is reported besides frictions and obstacles
     eigenstrains: tuple[Eigenstrain, ...] = ()
     initial_stresses: tuple[InitialStress, ...] = ()
     viscosity: sp.csr_matrix | None = None  #: matrix of b^h, stress in proportion to the rate of strain

@@ -38,7 +38,7 @@ from vemcvx.scene.contact import (
 from vemcvx.scene.rigid import floating_motions, seen_from_bodies
 from vemcvx.scene.scene import InitialStresses, Scene, active_parts, compose, initial_stresses
 from vemcvx.scene.supports import ContactRows, Supports, by_precedence, on_free, resolve, straightened
-from vemcvx.vem import Space, Stabilisation, SumOverCells, energy_rows, rigid_modes
+from vemcvx.vem import Space, SumOverCells, energy_rows, rigid_modes
 
 
 def load_of(
@@ -144,8 +144,9 @@ class PosedScene:
         """A function that gives F with F'F = K, without fill; None where not cells alone make K."""
         if self.springs is not None or self.viscosity is not None:
             return None
-        C, own = self.material.elastic(self.space.dim), self.material.stabilised(self.space.dim)
-        return partial(_energy_rows, self.space, C, own, self.supports.P)
+        space, P, C = self.space, self.supports.P, self.material.elastic(self.space.dim)
+        stabilisation = self.material.stabilised(space.dim)
+        return lambda: sp.csr_matrix(energy_rows(space, C, stabilisation) @ P)
 
     def force(self, t: float) -> Floats:
         """The nodal load f (n_u,) of everything but reactions."""
@@ -153,10 +154,6 @@ class PosedScene:
         for load in self.loads:
             f += load.vector(t)
         return f
-
-
-def _energy_rows(space: Space, C: Floats, stabilisation: Stabilisation, P: sp.csr_matrix) -> sp.csr_matrix:
-    return sp.csr_matrix(energy_rows(space, C, stabilisation) @ P)
 
 
 @contextmanager

@@ -244,8 +244,6 @@ def _without_rounding(loose: Floats, reach: float) -> Floats:
 
 def _without_energy(springs: sp.csr_matrix, fields: Floats) -> Floats:
     """Combinations of the columns, as orthonormal columns, to which springs give no energy."""
-    if fields.shape[1] == 0:
-        return np.zeros((0, 0))
     size = np.abs(fields).max(axis=0)
     energy, rotated = np.linalg.eigh((fields / size).T @ (springs @ (fields / size)))
     free = rotated[:, energy <= FREE * max(np.abs(springs.data).max(initial=0.0), energy[-1])]

@@ -83,7 +83,7 @@ Constant = ArrayLike | Callable[[Floats], ArrayLike]
 
 def scalar(value: Datum | Constant, x: Floats, t: float | None, subject: str) -> Floats:
     """Values (m,) of a scalar datum at points `x` (m, dim) and the instant `t`, None of constants in time."""
-    return _read(value, x, t, subject, (len(x),), f"a number, or ({len(x)},) values, one a point")
+    return _read(value, (x, t), subject, (len(x),), f"a number, or ({len(x)},) values, one a point")
 
 
 def nonnegative(value: Datum, x: Floats, t: float, subject: str, *, name: str, rule: str = "it must be >= 0") -> Floats:
@@ -97,7 +97,7 @@ def nonnegative(value: Datum, x: Floats, t: float, subject: str, *, name: str, r
 
 def vector(value: Datum | Constant, x: Floats, t: float | None, subject: str) -> Floats:
     """Values (m, dim) of a vector datum, likewise."""
-    return _read(value, x, t, subject, x.shape, f"{x.shape[1]} components, or an array {x.shape}, one row a point")
+    return _read(value, (x, t), subject, x.shape, f"{x.shape[1]} components, or an array {x.shape}, one row a point")
 
 
 def tensor(value: Datum, x: Floats, t: float, subject: str) -> Floats:
@@ -105,7 +105,7 @@ def tensor(value: Datum, x: Floats, t: float, subject: str) -> Floats:
     names = component_names(x.shape[1])
     shape = (len(x), len(names))
     wanted = f"{len(names)} components ({', '.join(names)}), or an array {shape}, one row a point"
-    return _read(value, x, t, subject, shape, wanted)
+    return _read(value, (x, t), subject, shape, wanted)
 
 
 def coefficient(value: Constant, x: Floats, subject: str) -> Floats:
@@ -157,23 +157,25 @@ class InCells:
             raw = mesh.cell_data[value]
         elif callable(value):
             x = mesh.centroids if self.x is None else self.x
-            count, raw = len(x), _call(value, x, None, subject)
+            count, raw = len(x), _call(value, (x, None), subject)
         wanted = f"a number, or ({count},) values, one a cell"
         found = _shaped(raw, (count,), subject, wanted, "in cell {}".format)
         return found if callable(value) or self.cells is None else found[self.cells]
 
 
-def _read(value: Any, x: Floats, t: float | None, subject: str, shape: tuple[int, ...], wanted: str) -> Floats:
-    at = "" if t is None else f" and t = {t:.6g}"
-    return _shaped(_call(value, x, t, subject), shape, subject, wanted, lambda row: f"at {x[row]}{at}")
+def _read(value: Any, at: tuple[Floats, float | None], subject: str, shape: tuple[int, ...], wanted: str) -> Floats:
+    x, t = at
+    when = "" if t is None else f" and t = {t:.6g}"
+    return _shaped(_call(value, at, subject), shape, subject, wanted, lambda row: f"at {x[row]}{when}")
 
 
-def _call(value: Any, x: Floats, t: float | None, subject: str) -> Any:
+def _call(value: Any, at: tuple[Floats, float | None], subject: str) -> Any:
     if not callable(value):
         return value
+    x, t = at
     failed = f"{subject}: its function failed when called as f(x{', t' * (t is not None)}) with x of shape {x.shape}"
-    arguments = (x,) if t is None else (x, t)
-    return called(value, arguments, failed, "take all points at once and return one value a point")
+    wanted = "take all points at once and return one value a point"
+    return called(value, (x,) if t is None else (x, t), failed, wanted)
 
 
 def _shaped(raw: Any, shape: tuple[int, ...], subject: str, wanted: str, place: Callable[[int], str]) -> Floats:

@@ -272,7 +272,7 @@ class Friction:
         w, law = self.weights_at(t), self.law
         if law is None:
             return w
-        added = self._asked("law of friction", law.weights, t, p, past, slip)
+        added = self._asked("law of friction", law.weights, t, (p, past, slip))
         lawful = (added >= 0) & (added < np.inf)
         if not lawful.all():
             i = int(np.argmin(lawful))
@@ -288,11 +288,11 @@ class Friction:
         """The derivative (m,) of the weights by the normal forces; zero if it is not known."""
         if self.law is None or self.law.slope is None:
             return np.zeros(len(self.nodes))
-        return self._asked("slope", self.law.slope, t, p, past)
+        return self._asked("slope", self.law.slope, t, (p, past))
 
-    def _asked(self, name: str, function: Callable[..., object], t: float, p: Floats, *slips: Floats) -> Floats:
-        """A function of the law, which is told what it says that it reads; of anything else, nothing."""
-        law, none = self.law, np.zeros(0)
+    def _asked(self, name: str, function: Callable[..., object], t: float, under: Sequence[Floats]) -> Floats:
+        """A function of the law under forces and slips, told what the law says that it reads, and nothing else."""
+        law, none, (p, *slips) = self.law, np.zeros(0), under
         assert law is not None
         told = (t, p if law.pressed else none, *(slip if law.slips else none for slip in slips))
         failed = f"{self.subject}: its {name} failed when called as f(t, p, past{', slip' * (len(slips) > 1)}) with "

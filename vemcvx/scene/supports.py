@@ -386,10 +386,11 @@ def _axes(values: Ints, n: int) -> sp.csr_matrix:
 def _lifted(A: sp.csr_matrix, units: sp.csr_matrix, reach: Floats) -> sp.csr_matrix:
     """H' of rows A = L Q, Q what Gram-Schmidt's method made of them: L'^{-1} Q, in as many steps as a site has rows."""
     later, shortened, lifted = sp.tril(A @ units.T, -1).T, sp.diags_array(1.0 / reach), units
-    while True:
+    for _ in reach:
         before, lifted = lifted, sp.csr_matrix(shortened @ (units - later @ lifted))
         if not (lifted - before).nnz:
-            return lifted
+            break
+    return lifted
 
 
 # The freedom of contact: which rows, nodes with normals, slide, open or are dragged, and which forces press on them.

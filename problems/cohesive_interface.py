@@ -19,7 +19,7 @@ import numpy as np
 
 import vemcvx as vx
 from problem_pictures import MM, beside_closed_form, body_and_graph
-from vemcvx.effects import ContactSurface, Contribution, Friction, Law
+from vemcvx.effects import Contribution, Friction, Law
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class Glue(vx.Effect):
         law = Law(weights, softening=initial / self.way)
         along = replace(Friction.of(rows, "Glue"), law=law)
         across = replace(along, directions=rows.normals)
-        return Contribution(frictions=(along, across), surfaces=(ContactSurface.of(rows),))
+        return Contribution(frictions=(along, across))
 
     def describe(self):
         return f"Glue: strength {self.strength}, lost over {self.way} on {self.on}"

@@ -22,7 +22,7 @@ import numpy as np
 
 import vemcvx as vx
 from problem_pictures import MM, beside_closed_form, body_and_graph
-from vemcvx.effects import ContactSurface, Contribution, Friction, Law
+from vemcvx.effects import Contribution, Friction, Law
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class SlipWeakening(vx.Effect):
 
         law = Law(weights, softening=k * rows.lengths)
         friction = replace(Friction.of(rows, "SlipWeakening"), law=law)
-        return Contribution(frictions=(friction,), surfaces=(ContactSurface.of(rows),))
+        return Contribution(frictions=(friction,))
 
     def describe(self):
         return f"SlipWeakening: bound from {self.peak} to {self.residual} over the slip {self.distance} on {self.on}"

@@ -163,8 +163,7 @@ def fading(value: Callable[[float], Floats], times: Sequence[float]) -> Callable
 
     def faded(t: float) -> Floats:
         found = value(t)
-        # Energies of data below 1e-60 of the largest value in a run are no numbers beside its own. Whatever the units
-        # are, few data are as small as that; of those alone the others are asked.
+        # Whatever the units are, few data are as small as that; of those alone the others are asked.
         if float(np.vdot(found, found)) > 1e-120:
             return found
         size = float(np.abs(found).max(initial=0.0))

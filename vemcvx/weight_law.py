@@ -43,7 +43,8 @@ class Law:
     slope : callable (t, p, past) -> (m,) array, or (m, r) matrix, optional
         The derivative by p, of the piece towards larger forces where two meet.
     slips : bool
-        True if weights read slip, before the step or in it; without, those arguments are zero.
+        True if weights read slip, before the step or in it; without, those arguments are empty arrays of an effect's
+        law, and zero of a system's.
     """
 
     weights: Callable[[float, Floats, Floats, Floats], ArrayLike]

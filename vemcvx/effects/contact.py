@@ -98,7 +98,7 @@ class UnilateralContact(Effect):
 
 
 def obstacle(space: Space, rows: BoundaryRows, subject: str, gap: data.Datum, compliance: Floats) -> Contribution:
-    """An obstacle at these rows of nodes and normals, and the surface where contact is looked at."""
+    """An obstacle at these rows of nodes and normals."""
     points = space.mesh.points[rows.nodes]
 
     def apart(t: float) -> Floats:
@@ -107,7 +107,7 @@ def obstacle(space: Space, rows: BoundaryRows, subject: str, gap: data.Datum, co
     own = subject, rows.nodes, rows.normals, rows.lengths
     stops = Obstacle(*own, gap=apart, compliance=compliance, ends=rows.ends, partners=rows.partners)
     curves = (subject,) if rows.curved else ()
-    return Contribution(obstacles=(stops,), surfaces=(ContactSurface.of(rows),), curves=curves)
+    return Contribution(obstacles=(stops,), curves=curves)
 
 
 @dataclass(frozen=True)
@@ -308,13 +308,13 @@ def _rubbing(
     read: Callable[[data.Datum, float, str], Floats],
     **acts: Any,
 ) -> Contribution:
-    """Friction that `acts` so on rows, over the ground and by the direction of an effect, and where it is reported."""
+    """Friction that `acts` so on rows, over the ground and by the direction of an effect."""
     points = space.mesh.points[rows.nodes]
     ground = None if effect.ground is None else Ground.of(effect.ground, subject, points, rows.partners)
     given: dict[str, Any] = {"direction": effect.direction, "across": effect.across}
     ellipse = Ellipse.of(space, subject, points, along=along, read=read, **given)
     friction = replace(Friction.of(rows, subject), ground=ground, ellipse=ellipse, **acts)
-    return Contribution(frictions=(friction,), surfaces=(ContactSurface.of(rows),))
+    return Contribution(frictions=(friction,))
 
 
 def _by_direction(direction: data.Constant | None, across: data.Datum | None) -> str:

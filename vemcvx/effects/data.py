@@ -81,10 +81,9 @@ Constant = ArrayLike | Callable[[Floats], ArrayLike]
 """A number, f(x), or of materials a value for each cell or the name of a cell datum (words are ArrayLike)."""
 
 
-def scalar(value: Datum, x: Floats, t: float, subject: str) -> Floats:
-    """Values (m,) of a scalar datum at the points `x` (m, dim) and the instant `t`."""
-    wanted = f"a number, or ({len(x)},) values, one a point"
-    return _shaped(_call(value, (x, t), "x, t", subject), (len(x),), subject, wanted, _place(x, t))
+def scalar(value: Datum | Constant, x: Floats, t: float | None, subject: str) -> Floats:
+    """Values (m,) of a scalar datum at points `x` (m, dim) and the instant `t`, None of constants in time."""
+    return _read(value, (x, t), subject, (len(x),), f"a number, or ({len(x)},) values, one a point")
 
 
 def nonnegative(value: Datum, x: Floats, t: float, subject: str, *, name: str, rule: str = "it must be >= 0") -> Floats:
@@ -96,10 +95,9 @@ def nonnegative(value: Datum, x: Floats, t: float, subject: str, *, name: str, r
     return found
 
 
-def vector(value: Datum, x: Floats, t: float, subject: str) -> Floats:
-    """Values (m, dim) of a vector datum at the points `x` (m, dim) and the instant `t`."""
-    wanted = f"{x.shape[1]} components, or an array {x.shape}, one row a point"
-    return _shaped(_call(value, (x, t), "x, t", subject), x.shape, subject, wanted, _place(x, t))
+def vector(value: Datum | Constant, x: Floats, t: float | None, subject: str) -> Floats:
+    """Values (m, dim) of a vector datum, likewise."""
+    return _read(value, (x, t), subject, x.shape, f"{x.shape[1]} components, or an array {x.shape}, one row a point")
 
 
 def tensor(value: Datum, x: Floats, t: float, subject: str) -> Floats:
@@ -107,19 +105,17 @@ def tensor(value: Datum, x: Floats, t: float, subject: str) -> Floats:
     names = component_names(x.shape[1])
     shape = (len(x), len(names))
     wanted = f"{len(names)} components ({', '.join(names)}), or an array {shape}, one row a point"
-    return _shaped(_call(value, (x, t), "x, t", subject), shape, subject, wanted, _place(x, t))
+    return _read(value, (x, t), subject, shape, wanted)
 
 
 def coefficient(value: Constant, x: Floats, subject: str) -> Floats:
     """Values (m,) of a scalar that does not change in time, a number or f(x), at the points `x` (m, dim)."""
-    wanted = f"a number, or ({len(x)},) values, one a point"
-    return _shaped(_call(value, (x,), "x", subject), (len(x),), subject, wanted, lambda row: f"at {x[row]}")
+    return scalar(value, x, None, subject)
 
 
 def vector_field(value: Constant, x: Floats, subject: str) -> Floats:
     """Vectors (m, dim) that vanish nowhere, one or f(x), at the points `x` (m, dim); they do not change in time."""
-    wanted = f"{x.shape[1]} components, or an array {x.shape}, one row a point"
-    found = _shaped(_call(value, (x,), "x", subject), x.shape, subject, wanted, lambda row: f"at {x[row]}")
+    found = vector(value, x, None, subject)
     size = np.linalg.norm(found, axis=1)
     if (size == 0).any():
         raise SceneError(f"{subject}: found a vector of length 0 at {x[int(np.argmin(size))]}; give a direction.")
@@ -127,34 +123,12 @@ def vector_field(value: Constant, x: Floats, subject: str) -> Floats:
 
 
 def stiffness(value: Constant, x: Floats, subject: str) -> Floats:
-    """Such values of a spring's stiffness, which is not negative anywhere."""
+    """Values (m,) of a spring's stiffness, which is not negative anywhere, at the points `x` (m, dim)."""
     k = coefficient(value, x, subject)
     if (k < 0).any():
         worst = int(np.argmin(k))
         raise SceneError(f"{subject}: found {k[worst]:.6g} at {x[worst]}; a spring's stiffness must be >= 0.")
     return k
-
-
-def modulus(value: Constant, mesh: AnyMesh, subject: str, x: Floats | None = None) -> Floats:
-    """Values (n_cells,) of a material constant: number, array a cell, f(centroids), or a cell datum's name.
-
-    Values (k,) of a function at points x (k, dim), if they are given.
-    """
-    raw: Any = value
-    count = mesh.n_cells
-    if isinstance(value, str):
-        if value not in mesh.cell_data:
-            known = ", ".join(repr(name) for name in mesh.cell_data) or "none"
-            raise SceneError(
-                f"{subject}: the mesh has no cell datum named {value!r}; it has {known}. "
-                "Add one with mesh.with_cell_data(name, values), or give a number, a value a cell, or a callable f(x)."
-            )
-        raw = mesh.cell_data[value]
-    elif callable(value):
-        x = mesh.centroids if x is None else x
-        count, raw = len(x), _call(value, (x,), "x", subject)
-    wanted = f"a number, or ({count},) values, one a cell"
-    return _shaped(raw, (count,), subject, wanted, "in cell {}".format)
 
 
 def varies(*values: Datum | Constant | None) -> bool:
@@ -171,20 +145,37 @@ class InCells:
     cells: Ints | None = None
 
     def read(self, value: Constant, subject: str) -> Floats:
-        """Values (k,) of a material constant."""
-        found = modulus(value, self.mesh, subject, self.x)
+        """Values (k,) of a material constant: a number, a value a cell, f(x), or the name of a cell datum."""
+        mesh, raw, count = self.mesh, value, self.mesh.n_cells
+        if isinstance(value, str):
+            if value not in mesh.cell_data:
+                known = ", ".join(repr(name) for name in mesh.cell_data) or "none"
+                raise SceneError(
+                    f"{subject}: the mesh has no cell datum named {value!r}; it has {known}. Add one with "
+                    "mesh.with_cell_data(name, values), or give a number, a value a cell, or a callable f(x)."
+                )
+            raw = mesh.cell_data[value]
+        elif callable(value):
+            x = mesh.centroids if self.x is None else self.x
+            count, raw = len(x), _call(value, (x, None), subject)
+        wanted = f"a number, or ({count},) values, one a cell"
+        found = _shaped(raw, (count,), subject, wanted, "in cell {}".format)
         return found if callable(value) or self.cells is None else found[self.cells]
 
 
-def _call(value: Datum | Constant, arguments: tuple[Any, ...], names: str, subject: str) -> Any:
+def _read(value: Any, at: tuple[Floats, float | None], subject: str, shape: tuple[int, ...], wanted: str) -> Floats:
+    x, t = at
+    when = "" if t is None else f" and t = {t:.6g}"
+    return _shaped(_call(value, at, subject), shape, subject, wanted, lambda row: f"at {x[row]}{when}")
+
+
+def _call(value: Any, at: tuple[Floats, float | None], subject: str) -> Any:
     if not callable(value):
         return value
-    failed = f"{subject}: its function failed when called as f({names}) with x of shape {arguments[0].shape}"
-    return called(value, arguments, failed, "take all points at once and return one value a point")
-
-
-def _place(x: Floats, t: float) -> Callable[[int], str]:
-    return lambda row: f"at {x[row]} and t = {t:.6g}"
+    x, t = at
+    failed = f"{subject}: its function failed when called as f(x{', t' * (t is not None)}) with x of shape {x.shape}"
+    wanted = "take all points at once and return one value a point"
+    return called(value, (x,) if t is None else (x, t), failed, wanted)
 
 
 def _shaped(raw: Any, shape: tuple[int, ...], subject: str, wanted: str, place: Callable[[int], str]) -> Floats:

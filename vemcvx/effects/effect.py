@@ -30,7 +30,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from vemcvx import vem
-from vemcvx.arrays import Bools, Floats, Ints, brief, called, fading, read_only, shaped
+from vemcvx.arrays import Bools, Floats, Ints, brief, called, fading, finite, read_only, shaped
 from vemcvx.effects import data
 from vemcvx.errors import SceneError
 from vemcvx.vem import BoundaryRows, EdgeEnds, Space, Stabilisation
@@ -63,14 +63,23 @@ class Load:
         """t -> the datum at all points, by which `matrix` is to be multiplied."""
         return fading(lambda t: self.at(self.points, t).ravel(), self.times)
 
+    @cached_property
+    def borne(self) -> Floats:
+        """(q, dim) the total that each point gives by a datum of one along each axis, or by a scalar one."""
+        dim, nodes = self.points.shape[1], np.ones(self.matrix.shape[0] // self.points.shape[1])
+        total = np.stack([nodes @ self.matrix[a::dim] for a in range(dim)], axis=1)
+        # Basis functions sum to one: the rows of one component to its total, on which no other acts.
+        return total if self.matrix.shape[1] == len(self.points) else total.reshape(-1, dim, dim).sum(axis=1)
+
+    @property
+    def measures(self) -> Floats:
+        """The part of length, area or volume (q,) that each point stands for."""
+        scalar = self.matrix.shape[1] == len(self.points)
+        return np.linalg.norm(self.borne, axis=1) if scalar else self.borne[:, 0]
+
     def forces(self, t: float) -> Floats:
         """Force (q, dim) that each point stands for at the instant `t`: the points of a cell sum to its total."""
-        dim = self.points.shape[1]
-        # Basis functions sum to one, so the rows of one component do to its total.
-        scalar, value = self.matrix.shape[1] == len(self.points), self.values(t)
-        nodes = np.ones(self.matrix.shape[0] // dim)
-        total = np.stack([nodes @ self.matrix[a::dim] * value for a in range(dim)], axis=1)
-        return total if scalar else total.reshape(-1, dim, dim).sum(axis=1)
+        return self.borne * self.values(t).reshape(len(self.points), -1)
 
 
 @dataclass(frozen=True)
@@ -251,20 +260,19 @@ class Friction:
             return vem.tangents_of(self.across)
         return np.stack([self.directions, 0.0 * self.directions], axis=1)
 
+    def weights_at(self, t: float) -> Floats:
+        """The weights (m,) that are given."""
+        return finite_a_row(self, self.weights(t), f"weights at t = {t:.6g}")
+
     def weights_under(self, t: float, p: Floats, past: Floats, slip: Floats) -> Floats:
         """The weights (m,) under normal forces p (m,), after slips (m,) before the step and in it.
 
         SceneError where the law fails, or gives something else than a weight >= 0 for every row.
         """
-        w, law = self.weights(t), self.law
+        w, law = self.weights_at(t), self.law
         if law is None:
             return w
-        failed = f"{self.subject}: its law of friction failed when called as f(t, p, past, slip) with t = {t:.6g}"
-        wanted = "take the values of all rows at once and return a weight for each"
-        if not law.pressed:
-            wanted += "; normal forces are told where pressed=True says that it reads them"
-        told = p if law.pressed else np.zeros(0)
-        added = self._of_rows(called(law.weights, (t, told, past, slip), failed, wanted), "law of friction", "weights")
+        added = self._asked("law of friction", law.weights, t, (p, past, slip))
         lawful = (added >= 0) & (added < np.inf)
         if not lawful.all():
             i = int(np.argmin(lawful))
@@ -280,9 +288,18 @@ class Friction:
         """The derivative (m,) of the weights by the normal forces; zero if it is not known."""
         if self.law is None or self.law.slope is None:
             return np.zeros(len(self.nodes))
-        failed = f"{self.subject}: slope failed when called as f(t, p, past) with t = {t:.6g}"
-        raw = called(self.law.slope, (t, p, past), failed, "take the values of all rows at once")
-        return self._of_rows(raw, "slope", "derivatives of weights")
+        return self._asked("slope", self.law.slope, t, (p, past))
+
+    def _asked(self, name: str, function: Callable[..., object], t: float, under: Sequence[Floats]) -> Floats:
+        """A function of the law under forces and slips, told what the law says that it reads, and nothing else."""
+        law, none, (p, *slips) = self.law, np.zeros(0), under
+        assert law is not None
+        told = (t, p if law.pressed else none, *(slip if law.slips else none for slip in slips))
+        failed = f"{self.subject}: its {name} failed when called as f(t, p, past{', slip' * (len(slips) > 1)}) with "
+        rule = "" if law.pressed else "; normal forces are told where pressed=True says that it reads them"
+        rule += "" if law.slips else "; slips are told where slips=True says that it reads them"
+        wanted = f"take the values of all rows at once and return one number for each{rule}"
+        return number_a_row(self, called(function, told, f"{failed}t = {t:.6g}", wanted), name, rule)
 
     @property
     def softening(self) -> Floats:
@@ -293,7 +310,7 @@ class Friction:
         law = self.law
         if law is None:
             return np.zeros(len(self.nodes))
-        rate = self._of_rows(law.softening, "softening", "weights lost per length of slip")
+        rate = number_a_row(self, law.softening, "softening")
         lawful = (rate >= 0) & (rate < np.inf)
         if law.pressed or not lawful.all():
             found = "beside pressed=True" if law.pressed else f"{rate[np.argmin(lawful)]:.6g}"
@@ -302,11 +319,6 @@ class Friction:
                 "forces, or None, which makes certificates estimates."
             )
         return rate
-
-    def _of_rows(self, raw: object, name: str, what: str) -> Floats:
-        m = len(self.nodes)
-        given = shaped(raw, f"{self.subject}: {name}", f"one number, or ({m},) {what}, one a row", (), (m,))
-        return np.full(m, given)
 
     @classmethod
     def of(cls, rows: BoundaryRows, subject: str) -> Friction:
@@ -329,9 +341,20 @@ class Obstacle:
     partners: Ints | None = None  #: (m,) nodes of other bodies, or -1: limits are those of u(node) - u(partner)
 
 
+def number_a_row(part: Friction | Obstacle, raw: object, name: str, rule: str = "") -> Floats:
+    """A number for each row of a part, (m,); SceneError by the part's subject, with a rule that may explain it."""
+    m = len(part.nodes)
+    return np.full(m, shaped(raw, f"{part.subject}: {name}", f"one number, or ({m},), one a row{rule}", (), (m,)))
+
+
+def finite_a_row(part: Friction | Obstacle, raw: object, name: str) -> Floats:
+    """A finite number for each row of a part, (m,)."""
+    return finite(number_a_row(part, raw, name), f"{part.subject}: {name}")
+
+
 @dataclass(frozen=True)
 class ContactSurface:
-    """The surface on which contact is reported: one row a node and distinct normal."""
+    """A surface on which contact is reported, as on friction and obstacles: one row a node and distinct normal."""
 
     nodes: Ints
     normals: Floats
@@ -418,7 +441,7 @@ class Contribution:
     supports: tuple[Support, ...] = ()
     frictions: tuple[Friction, ...] = ()
     obstacles: tuple[Obstacle, ...] = ()
-    surfaces: tuple[ContactSurface, ...] = ()
+    surfaces: tuple[ContactSurface, ...] = ()  #: where contact is reported besides frictions and obstacles
     eigenstrains: tuple[Eigenstrain, ...] = ()
     initial_stresses: tuple[InitialStress, ...] = ()
     viscosity: sp.csr_matrix | None = None  #: matrix of b^h, stress in proportion to the rate of strain

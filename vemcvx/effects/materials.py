@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from vemcvx import vem
-from vemcvx.arrays import Bools, Floats, Ints, brief, choice
+from vemcvx.arrays import Bools, Floats, Ints, brief, choice, directions
 from vemcvx.effects import data
 from vemcvx.effects.data import Constant
 from vemcvx.effects.effect import Contribution, Effect, Eigenstrain, InitialStress, Material, amount, where
@@ -20,6 +20,8 @@ from vemcvx.vem import Space, Stabilisation
 from vemcvx.vem.elasticity import COMPONENTS
 
 PLANES = ("strain", "stress")
+IN_PLANE = [COMPONENTS[3].index(pair) for pair in COMPONENTS[2]]
+"""Where xx, yy and xy are among the components in space."""
 
 
 class MaterialLaw(Effect):
@@ -112,9 +114,8 @@ class Elasticity(MaterialLaw):
 
         def at(x: Floats, inside: Ints) -> tuple[Floats, Floats]:
             lam, mu = self._lame(data.InCells(space.mesh, x, inside), None)
-            return vem.upper_triangle(vem.elastic_matrix(np.stack([lam, mu]), space.dim)), self._blocked(
-                lam, mu, space.dim
-            )[1]
+            C = vem.elastic_matrix(np.stack([lam, mu]), space.dim)
+            return vem.upper_triangle(C), self._blocked(lam, mu, space.dim)[1]
 
         material = Material(
             subject="Elasticity" if self.on is None else f"Elasticity on {where(self.on)}",
@@ -129,15 +130,13 @@ class Elasticity(MaterialLaw):
         return Contribution(material=material)
 
     def describe(self) -> str:
-        return self._words("" if self.plane is None else f"plane {self.plane}, ")
-
-    def described(self, in_plane: bool) -> str:
-        return self._words(f"plane {self._plane}, " if in_plane else "")
-
-    def _words(self, plane: str) -> str:
+        plane = "" if self.plane is None else f"plane {self.plane}, "
         place = "" if self.on is None else f", on {where(self.on)}"
         constants = f"E = {amount(self.young, 'x')}, nu = {amount(self.poisson, 'x')}"
         return f"Elasticity: {constants}, {plane}{named(self.stabilisation)} stabilisation{place}"
+
+    def described(self, in_plane: bool) -> str:
+        return replace(self, plane=self._plane).describe() if in_plane else self.describe()
 
     @property
     def _plane(self) -> str:
@@ -185,14 +184,12 @@ class Elasticity(MaterialLaw):
 #
 #     S = [[1/E1, -nu12/E1, -nu13/E1], [., 1/E2, -nu23/E2], [., ., 1/E3]],   2 e_12 = sigma_12 / G12,
 #
-# nu_ij = -e_j / e_i under a pull along i. Plane stress (sigma_3 = 0) inverts the block of S for 1, 2; plane strain
-# (e_3 = 0) takes that block of S^-1, whose third row is what is borne across the plane. With axis 1 at the angle a
-# from x, strains turn by e' = Q e (c = cos a, s = sin a),
+# nu_ij = -e_j / e_i under a pull along i, and in space 2 e_13 = sigma_13 / G13 and 2 e_23 = sigma_23 / G23, too. With
+# the axes a_1, a_2, a_3 = a_1 x a_2 as the rows of R tensors turn by e' = R e R', strains by e' = Q e: the row of e'_ab
+# has (2 - delta_ab) (R_ai R_bj + R_aj R_bi) / 2 for e_ij; so C = Q'C'Q.
 #
-#     Q = [[c^2, s^2, c s], [s^2, c^2, -c s], [-2 c s, 2 c s, c^2 - s^2]],   C = Q'C'Q,   stresses sigma = Q'sigma'.
-#
-# In space 2 e_13 = sigma_13 / G13 and 2 e_23 = sigma_23 / G23, too, and with the axes a_1, a_2, a_3 = a_1 x a_2 as the
-# rows of R tensors turn by e' = R e R': of Q the row of e'_ab has (2 - delta_ab) (R_ai R_bj + R_aj R_bi) / 2 for e_ij.
+# The plane is space with axis 3 across it. Plane strain (e_3 = 0) takes of C what is in the plane, and its row of zz is
+# what is borne across; in plane stress (sigma_3 = 0) S has no coupling to 3, so that C has none.
 @dataclass(frozen=True)
 class Orthotropic(MaterialLaw):
     """Orthotropic linear elasticity: in the plane with two axes of symmetry there, in space with three.
@@ -240,11 +237,12 @@ class Orthotropic(MaterialLaw):
             raise SceneError(f"Orthotropic: found axes = {brief(self.axes)}, which {but}.")
         cells = region(space, self.on, "Orthotropic")
         inside = np.ones(space.mesh.n_cells) if cells is None else cells.astype(float)
-        law = self._law if space.in_plane else self._law_in_space
-        C, thermal_stress_moduli, out_of_plane = law(data.InCells(space.mesh), inside)
+        C, thermal_stress_moduli, out_of_plane = self._law(data.InCells(space.mesh), inside, space.in_plane)
 
         def at(x: Floats, within: Ints) -> tuple[Floats, Floats]:
-            C, thermal_stress_moduli, _ = law(data.InCells(space.mesh, x, within), np.ones(len(x)))
+            C, thermal_stress_moduli, _ = self._law(
+                data.InCells(space.mesh, x, within), np.ones(len(x)), space.in_plane
+            )
             return vem.upper_triangle(C), thermal_stress_moduli
 
         names = "young", "poisson", "shear"
@@ -265,39 +263,24 @@ class Orthotropic(MaterialLaw):
     def _plane(self) -> str:
         return "stress" if self.plane is None else self.plane
 
-    def _law(self, at: data.InCells, inside: Floats) -> tuple[Floats, Floats, Floats]:
-        """C (k, 3, 3), and Material's thermal_stress_moduli (k, 3) and out_of_plane (k, 4); zero where not `inside`."""
-        S, stress = self._compliance(at, inside > 0, True), self._plane == "stress"
-        (G,), angle = self._shears(at, inside > 0, True), self._radians(at, inside > 0)
-        C = np.zeros_like(S)
-        inverse = np.linalg.inv(S)
-        C[:, :2, :2] = np.linalg.inv(S[:, :2, :2]) if stress else inverse[:, :2, :2]
-        C[:, 2, 2] = G
-        blocked = np.zeros((len(S), 3))
-        blocked[:, :2] = C[:, :2, :2].sum(axis=2) if stress else inverse[:, :2].sum(axis=2)
-        c, s = np.cos(angle), np.sin(angle)
-        rows = [[c * c, s * s, c * s], [s * s, c * c, -c * s], [-2 * c * s, 2 * c * s, c * c - s * s]]
-        Q = np.array(rows).transpose(2, 0, 1)
-        C = Q.transpose(0, 2, 1) @ C @ Q * inside[:, None, None]
-        C = 0.5 * (C + C.transpose(0, 2, 1))
-        thermal_stress_moduli = np.einsum("cki,ck->ci", Q, blocked) * inside[:, None]
-        out_of_plane = np.zeros((len(S), 4))
-        if not stress:
-            out_of_plane[:, :3] = np.einsum("ck,ckl->cl", inverse[:, 2, :2], Q[:, :2])
-            out_of_plane[:, 3] = inverse[:, 2].sum(axis=1)
-        return C, thermal_stress_moduli, out_of_plane * inside[:, None]
+    def _law(self, at: data.InCells, inside: Floats, in_plane: bool) -> tuple[Floats, Floats, Floats | None]:
+        """C (k, 6, 6), and Material's thermal_stress_moduli (k, 6); zero where not `inside`.
 
-    def _law_in_space(self, at: data.InCells, inside: Floats) -> tuple[Floats, Floats, None]:
-        """C (k, 6, 6) and thermal_stress_moduli (k, 6), likewise."""
+        In the plane (k, 3, 3) and (k, 3), and Material's out_of_plane (k, 4).
+        """
         C = np.zeros((len(inside), 6, 6))
-        C[:, :3, :3] = np.linalg.inv(self._compliance(at, inside > 0, False))
+        C[:, :3, :3] = np.linalg.inv(self._compliance(at, inside > 0, in_plane))
         # G12, G13, G23; components are in the order xy, yz, xz.
-        for component, G in zip((3, 5, 4), self._shears(at, inside > 0, False), strict=True):
+        for component, G in zip((3, 5, 4), self._shears(at, inside > 0, in_plane), strict=False):
             C[:, component, component] = G
-        Q = _turn_in_space(self._frame(at, inside > 0))
+        Q = _turn(self._frame(at, inside > 0))
         C = Q.transpose(0, 2, 1) @ C @ Q * inside[:, None, None]
         C = 0.5 * (C + C.transpose(0, 2, 1))
-        return C, C[:, :, :3].sum(axis=2), None
+        blocked = C[:, :, :3].sum(axis=2)
+        if not in_plane:
+            return C, blocked, None
+        borne = np.column_stack([C[:, 2, IN_PLANE], blocked[:, 2]]) * float(self._plane == "strain")
+        return C[:, IN_PLANE][:, :, IN_PLANE], blocked[:, IN_PLANE], borne
 
     def describe(self) -> str:
         place = "" if self.on is None else f", on {where(self.on)}"
@@ -356,8 +339,7 @@ class Orthotropic(MaterialLaw):
                 f"Orthotropic: found axes = {brief(self.axes)}; give two vectors, of axis 1 and of axis 2."
             )
         x = at.mesh.centroids if at.x is None else at.x
-        given = [(lambda x, t, of=axis: of(x)) if callable(axis) else axis for axis in self.axes]
-        first, second = (data.vector(axis, x, 0.0, "Orthotropic: axes") for axis in given)
+        first, second = (data.vector(axis, x, None, "Orthotropic: axes") for axis in self.axes)
         third = np.cross(first, second)
         sizes = np.linalg.norm(first, axis=1) * np.linalg.norm(second, axis=1)
         area = np.linalg.norm(third, axis=1)
@@ -368,10 +350,7 @@ class Orthotropic(MaterialLaw):
                 f"Orthotropic: axes 1 and 2 are {first[cell]} and {second[cell]} in cell {cell}; they must not be zero "
                 "nor parallel."
             )
-        lengths = np.linalg.norm(first, axis=1)
-        first, third = (
-            rows / np.where(size > 0, size, 1.0)[:, None] for rows, size in ((first, lengths), (third, area))
-        )
+        first, third = (directions(rows, np.linalg.norm(rows, axis=1)) for rows in (first, third))
         return np.stack([first, np.cross(third, first), third], axis=1)
 
     def _several(self, at: data.InCells, name: str, in_plane: bool) -> Floats:
@@ -398,7 +377,7 @@ class Orthotropic(MaterialLaw):
             raise SceneError(f"Orthotropic: found {name} = {values[cell]:.6g} in cell {cell}; it {rule}.")
 
 
-def _turn_in_space(R: Floats) -> Floats:
+def _turn(R: Floats) -> Floats:
     """Q (n_cells, 6, 6): strains in axes, the rows of R (n_cells, 3, 3), from those along x, y and z."""
     Q = np.empty((len(R), 6, 6))
     for k, (a, b) in enumerate(COMPONENTS[3]):
@@ -438,14 +417,14 @@ class Viscosity(Effect):
     volume: data.Constant = 0.0
 
     def contribute(self, space: Space) -> Contribution:
-        eta, zeta = self._checked(self.shear, space, "shear"), self._checked(self.volume, space, "volume")
+        eta, zeta = (self._checked(getattr(self, name), space, name) for name in ("shear", "volume"))
         return Contribution(viscosity=vem.stiffness(space, zeta, eta, stabilisation="shear"))
 
     def describe(self) -> str:
         return f"Viscosity: shear {amount(self.shear, 'x')}, volume {amount(self.volume, 'x')}"
 
     def _checked(self, value: data.Constant, space: Space, name: str) -> Floats:
-        found = data.modulus(value, space.mesh, f"Viscosity: {name}")
+        found = data.InCells(space.mesh).read(value, f"Viscosity: {name}")
         if (found < 0).any():
             cell = int(np.argmin(found))
             raise SceneError(f"Viscosity: found {name} = {found[cell]:.6g} in cell {cell}; it must be >= 0.")
@@ -485,7 +464,7 @@ class ThermalStrain(Effect):
     temperature: data.Datum
 
     def contribute(self, space: Space) -> Contribution:
-        alpha = data.modulus(self.expansion, space.mesh, "ThermalStrain: expansion")
+        alpha = data.InCells(space.mesh).read(self.expansion, "ThermalStrain: expansion")
 
         def strain(t: float) -> Floats:
             return alpha * data.scalar(self.temperature, space.mesh.centroids, t, "ThermalStrain: temperature")

@@ -289,7 +289,7 @@ def adapt(
         # Steps are looked at once the mesh of the pass before came this near the target; before, as on the coarse
         # mesh.
         near = of == "energy" and len(passes) > 0 and passes[-1].space <= 1.4 * target
-        budget, finer = _judged(history, bound, aim, _Time(posed, None if near else finer))
+        budget, finer = _judged(posed, history, bound, aim, None if near else finer)
         history, lost, parts, indicators = _missed(history, budget, finer, of)
         now = Pass(
             cells=mesh.n_cells,
@@ -404,7 +404,7 @@ def _adapted(
     """The result of the last pass; its budget is of the energy norm, whatever the target is of."""
     (budget, bound), of_energy = judged, aim.of == "energy"
     if not of_energy:
-        budget, _ = _judged(history, None, aim, _Time(posed, None))
+        budget, _ = _judged(posed, history, None, aim, None)
     asked, known = {"target": aim.target} if of_energy else {}, {} if bound is None else bound.kept()
     history = replace(history, errors={**budget.largest, **asked}, growth=_growth(passes), **known)
     warn_of_lost_work(posed, history.trajectory)
@@ -421,14 +421,6 @@ def _tell(passes: Sequence[Pass], budget: ErrorBudget, progress: Callable[[Pass]
     log.info("pass %d: %d cells, %d steps, estimated error %.3g", len(passes), now.cells, now.steps, now.total)
     if progress is not None:
         progress(now)
-
-
-@dataclass(frozen=True)
-class _Time:
-    """The error of time steps: of a posed scene, by a run beside one in finer steps, if that is known."""
-
-    posed: PosedScene
-    finer: Finer | None
 
 
 def _extremes(history: History) -> dict[str, tuple[float, float]]:
@@ -448,22 +440,22 @@ def _growth(passes: Sequence[Pass]) -> dict[str, str]:
     return {key: words for key, words in told.items() if words}
 
 
-def _judged(history: History, bound: ErrorBound | None, aim: _Aim, known: _Time) -> tuple[ErrorBudget, Finer]:
+def _judged(
+    posed: PosedScene, history: History, bound: ErrorBound | None, aim: _Aim, known: Finer | None
+) -> tuple[ErrorBudget, Finer]:
     """The budget at some steps, and the run beside one in finer steps: the one at hand until the target seems met."""
     rows = [history.row(int(n)) for n in aim.steps(history.trajectory.times)]
 
     def judged(finer: Finer) -> ErrorBudget:
-        budget = budget_of(known.posed, history, rows, finer)
+        budget = budget_of(posed, history, rows, finer)
         if bound is None:
             return budget
         unit = budget.scale or float(bound.upper.max()) or 1.0
         return replace(budget, space=bound.upper / unit, cells=np.sqrt(bound.cells) / unit)
 
-    if known.finer is not None:
-        budget = judged(known.finer)
-        if budget.largest["total"] > aim.target:
-            return budget, known.finer
-    finer = in_time(known.posed, history.trajectory)
+    if known is not None and (budget := judged(known)).largest["total"] > aim.target:
+        return budget, known
+    finer = in_time(posed, history.trajectory)
     return judged(finer), finer
 
 

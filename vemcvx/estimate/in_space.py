@@ -34,7 +34,6 @@ What bounds, gaps and supports are between nodes, and moduli within cells, count
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -47,7 +46,7 @@ from vemcvx.effects.effect import Load
 from vemcvx.meshes import PolyhedralMesh
 from vemcvx.meshes.interfaces import faces_of
 from vemcvx.meshes.polygons import cell_of_corner, next_corner, rows_in_order, spans
-from vemcvx.meshes.polyhedra import Listed, listed_faces
+from vemcvx.meshes.polyhedra import listed_faces
 from vemcvx.scene.pose import PosedScene
 from vemcvx.scene.supports import ContactRows, free_directions, jump_rows, on_free
 from vemcvx.vem import elastic_matrix, mean_shear, strains, stresses, tractions
@@ -60,11 +59,38 @@ Estimates are 1.3 to 1.7 of the true error on cubes of 1/4 and 1/5 (a sheared bl
 bodies), and 1.3 to 2.2 on manufactured full slip, up to lambda = 1e6 on all families but tetrahedra, which lock."""
 
 
-@dataclass(frozen=True, eq=False)
 class Residuals:
     """The residuals of states of a posed scene."""
 
-    posed: PosedScene
+    def __init__(self, posed: PosedScene):
+        mesh = posed.space.mesh
+        assert isinstance(mesh, PolyhedralMesh)
+        self.posed, self.mesh = posed, mesh
+        self.loads = [load for load in posed.loads if isinstance(load, Load)]
+        elastic = elastic_matrix(posed.material.moduli, 3)
+        self.compliance = np.asarray(np.linalg.inv(elastic))
+        # Of mu half the harmonic mean of the five moduli of shear, where they differ; and |I|^2_K in C^{-1}.
+        self.shear = 0.5 * mean_shear(elastic)
+        self.expansions = mesh.volumes * self.compliance[:, :3, :3].sum(axis=(1, 2))
+        # The vertices (k, 3) of all cells, and the cell of each.
+        offsets, nodes = mesh.cell_nodes
+        self.vertices = cell_of_corner(offsets), mesh.points[nodes]
+        # The faces of all cells, outwards, and the cell of each of their corners.
+        self.listed = listed_faces(mesh.faces)
+        self.cell_of_corner = cell_of_corner(self.listed.cell_offsets)[cell_of_corner(self.listed.offsets)]
+        # The f faces between two cells, with |f| d_f / (4 mu), d_f the mean of both widths.
+        self.inner = np.flatnonzero(mesh.face_cells[:, 1] >= 0)
+        cells, normals = mesh.face_cells[self.inner].T, mesh.face_normals[self.inner]
+        depths = 0.5 * (self.widths(cells[0], normals) + self.widths(cells[1], normals))
+        mu = 0.5 * (self.shear[cells[0]] + self.shear[cells[1]])
+        self.jump_weights = depths / (4.0 * mu) * mesh.face_areas[self.inner]
+        # The b faces of the boundary, ascending, with their cells, d_f / (2 mu), corners, and projectors (b, 3, 3) on
+        # the directions that supports leave free at one corner at least.
+        self.outer = mesh.boundaries["boundary"]
+        self.owner = mesh.face_cells[self.outer, 0]
+        self.weights = self.widths(self.owner, mesh.face_normals[self.outer]) / (2.0 * self.shear[self.owner])
+        self.corners = rows_in_order(mesh.face_offsets, mesh.face_vertices, self.outer)
+        self.free = free_directions(posed.supports.P, self.corners[1], cell_of_corner(self.corners[0]), 3)
 
     def indicators(self, now: Instant) -> dict[str, Floats]:
         """Squares (n_cells,) of "volume", "jumps", "boundary", "pressure", "stabilisation" and "data" in eta_K."""
@@ -90,53 +116,6 @@ class Residuals:
 
     # The mesh.
 
-    @property
-    def mesh(self) -> PolyhedralMesh:
-        """The mesh of the scene."""
-        mesh = self.posed.space.mesh
-        assert isinstance(mesh, PolyhedralMesh)
-        return mesh
-
-    @cached_property
-    def shear(self) -> Floats:
-        """(n_cells,) mu; half the harmonic mean of the five moduli of shear where they differ."""
-        return 0.5 * mean_shear(self.elastic)
-
-    @cached_property
-    def elastic(self) -> Floats:
-        """(n_cells, 6, 6) elastic matrices."""
-        return elastic_matrix(self.posed.material.moduli, 3)
-
-    @cached_property
-    def compliance(self) -> Floats:
-        """(n_cells, 6, 6) their inverses."""
-        return np.asarray(np.linalg.inv(self.elastic))
-
-    @cached_property
-    def expansions(self) -> Floats:
-        """(n_cells,) |I|^2_K in C^{-1}."""
-        return self.mesh.volumes * self.compliance[:, :3, :3].sum(axis=(1, 2))
-
-    @cached_property
-    def listed(self) -> Listed:
-        """The faces of all cells, outwards."""
-        return listed_faces(self.mesh.faces)
-
-    @cached_property
-    def _cell_of_corner(self) -> Ints:
-        """The cell of each corner of these."""
-        return cell_of_corner(self.listed.cell_offsets)[cell_of_corner(self.listed.offsets)]
-
-    @cached_property
-    def outer(self) -> Ints:
-        """(b,) the faces of the boundary, ascending."""
-        return self.mesh.boundaries["boundary"]
-
-    @cached_property
-    def inner(self) -> Ints:
-        """The faces between two cells."""
-        return np.flatnonzero(self.mesh.face_cells[:, 1] >= 0)
-
     def widths(self, cells: Ints, normals: Floats) -> Floats:
         """(k,) of cells (k,) along unit vectors (k, 3)."""
         offsets, nodes = self.mesh.cell_nodes
@@ -153,30 +132,20 @@ class Residuals:
         Over the tetrahedron of c = 0, a, b and d int x x' = |T| / 20 (a a' + b b' + d d' + (a + b + d)(a + b + d)').
         """
         mesh, (rows, nodes, _) = self.mesh, self.listed
-        cell, first = self._cell_of_corner, nodes[rows[cell_of_corner(rows)]]
+        cell, first = self.cell_of_corner, nodes[rows[cell_of_corner(rows)]]
         arms = [mesh.points[at] - mesh.centroids[cell] for at in (first, nodes, nodes[next_corner(rows)])]
         volume = np.einsum("ki,ki->k", arms[0], np.cross(arms[1], arms[2])) / 6.0
         moments = np.zeros((mesh.n_cells, 3, 3))
         for arm in (*arms, arms[0] + arms[1] + arms[2]):
             np.add.at(moments, cell, (volume / 20.0)[:, None, None] * arm[:, :, None] * arm[:, None, :])
-        longest: Floats = np.sqrt(12.0 * np.linalg.eigvalsh(moments)[:, -1] / mesh.volumes)
-        return longest
-
-    @cached_property
-    def jump_weights(self) -> Floats:
-        """|f| d_f / (4 mu) of the faces between two cells, d_f the mean of both widths."""
-        cells, normals = self.mesh.face_cells[self.inner], self.mesh.face_normals[self.inner]
-        depths = 0.5 * (self.widths(cells[:, 0], normals) + self.widths(cells[:, 1], normals))
-        mu = 0.5 * (self.shear[cells[:, 0]] + self.shear[cells[:, 1]])
-        weights: Floats = depths / (4.0 * mu) * self.mesh.face_areas[self.inner]
-        return weights
+        return np.sqrt(12.0 * np.linalg.eigvalsh(moments)[:, -1] / mesh.volumes)
 
     @cached_property
     def edges(self) -> tuple[Ints, Ints, Floats, Floats]:
         """Cells (e,) and the ends (e, 2) of their edges, with the dyads (e, 6) of these and their E |K| / l_e / 12."""
         nodes, after = self.listed.vertices, next_corner(self.listed.offsets)
         ends = np.sort(np.column_stack([nodes, nodes[after]]), axis=1)
-        cell, *both = np.unique(np.column_stack([self._cell_of_corner, ends]), axis=0).T
+        cell, *both = np.unique(np.column_stack([self.cell_of_corner, ends]), axis=0).T
         along = self.mesh.points[both[1]] - self.mesh.points[both[0]]
         x, y, z = unit = (along / np.linalg.norm(along, axis=1)[:, None]).T
         dyad = np.column_stack([x * x, y * y, z * z, x * y, y * z, x * z])
@@ -184,26 +153,12 @@ class Residuals:
         section = self.mesh.volumes[cell] / self.widths(cell, unit.T)
         return cell, np.column_stack(both), dyad, section * young / 12.0
 
-    @cached_property
-    def weights(self) -> Floats:
-        """(b,) d_f / (2 mu) of boundary faces."""
-        cells = self.mesh.face_cells[self.outer, 0]
-        weights: Floats = self.widths(cells, self.mesh.face_normals[self.outer]) / (2.0 * self.shear[cells])
-        return weights
-
-    @cached_property
-    def free(self) -> Floats:
-        """(b, 3, 3) projectors on the directions that supports leave free at one corner at least."""
-        rows, nodes = rows_in_order(self.mesh.face_offsets, self.mesh.face_vertices, self.outer)
-        return free_directions(self.posed.supports.P, nodes, cell_of_corner(rows), 3)
-
     # Residuals.
 
     def _volume(self, t: float) -> Floats:
         """h^2 / mu |f|^2_K with the mean force: F = |K| f."""
         force = body_forces(self.posed, t)
-        squares: Floats = self.sizes**2 / self.mesh.volumes * np.sum(force**2, axis=1) / self.shear
-        return squares
+        return self.sizes**2 / self.mesh.volumes * np.sum(force**2, axis=1) / self.shear
 
     def _jump(self, sigma: Floats) -> Floats:
         """(f, 3) of tractions on the faces between two cells."""
@@ -217,7 +172,7 @@ class Residuals:
     def _rest(self, sigma: Floats, now: Instant) -> Floats:
         """(b, 3) forces on faces of the boundary less those of stresses, where supports leave them free."""
         mesh, normals = self.mesh, self.mesh.face_normals[self.outer]
-        stress = mesh.face_areas[self.outer, None] * tractions(sigma[mesh.face_cells[self.outer, 0]], normals)
+        stress = mesh.face_areas[self.outer, None] * tractions(sigma[self.owner], normals)
         contact = self._contact(now)
         force = self._tractions(now.t) + contact + self.joints.reaction(contact) + self._springs(now.u)
         force += self.joints.normal_forces(stress, self.weights, normals)
@@ -225,7 +180,7 @@ class Residuals:
 
     def _boundary(self, sigma: Floats, now: Instant) -> Floats:
         squares = self.weights / self.mesh.face_areas[self.outer] * np.sum(self._rest(sigma, now) ** 2, axis=1)
-        return totals(self.mesh.face_cells[self.outer, 0], squares, self.mesh.n_cells)
+        return totals(self.owner, squares, self.mesh.n_cells)
 
     def _pressures(self, sigma: Floats, now: Instant) -> Floats:
         """(n_cells,) q, to a thousandth: with any q the sum is an estimate."""
@@ -234,8 +189,7 @@ class Residuals:
         normals, (roots, borne, units) = self.mesh.face_normals, self._of_pressures
         jump, rest = self._jump(sigma) * normals[self.inner], self._rest(sigma, now) * normals[self.outer]
         left = roots * np.append(jump.sum(axis=1), rest.sum(axis=1))
-        q: Floats = units * lsmr(borne, np.append(left, np.zeros(len(sigma))), atol=1e-3, btol=0.0)[0]
-        return q
+        return units * lsmr(borne, np.append(left, np.zeros(len(sigma))), atol=1e-3, btol=0.0)[0]
 
     @cached_property
     def _of_pressures(self) -> tuple[Floats, sp.csr_array, Floats]:
@@ -243,7 +197,7 @@ class Residuals:
 
         Bilateral contact bears what presses both bodies alike, as :meth:`Joints.normal_forces` has it.
         """
-        cells, areas, weights = self.mesh.face_cells[self.outer, 0], self.mesh.face_areas[self.outer], self.weights
+        cells, areas, weights = self.owner, self.mesh.face_areas[self.outer], self.weights
         normals, across = self.mesh.face_normals[self.outer], np.arange(len(cells))
         one, other = self.joints.first[self.joints.bonded], self.joints.second[self.joints.bonded]
         across[one], across[other] = other, one
@@ -270,17 +224,13 @@ class Residuals:
 
     # Forces on faces of the boundary, (b, 3).
 
-    @property
-    def _loads(self) -> list[Load]:
-        return [load for load in self.posed.loads if isinstance(load, Load)]
-
     def _at(self, faces: Ints) -> Ints:
         """Where faces stand in the boundary."""
         return np.searchsorted(self.outer, faces)
 
     def _tractions(self, t: float) -> Floats:
         force = np.zeros((len(self.outer), 3))
-        for load in self._loads:
+        for load in self.loads:
             if load.edges is not None:
                 np.add.at(force, self._at(load.edges), load.forces(t))
         return force
@@ -313,8 +263,7 @@ class Residuals:
         if springs is None:
             return force
         stiff = springs.diagonal().reshape(-1, 3).max(axis=1) > 0
-        rows, nodes = rows_in_order(self.mesh.face_offsets, self.mesh.face_vertices, self.outer)
-        sprung = self.outer[np.logical_and.reduceat(stiff[nodes], rows[:-1])]
+        sprung = self.outer[np.logical_and.reduceat(stiff[self.corners[1]], self.corners[0][:-1])]
         pull = -(springs @ u.ravel()).reshape(-1, 3)
         groups = list(face_groups(self.mesh.points, self.mesh.face_offsets, self.mesh.face_vertices, sprung))
         share = np.zeros(len(u))
@@ -328,11 +277,10 @@ class Residuals:
     @cached_property
     def joints(self) -> Joints:
         """Where two bodies meet."""
-        outlines = rows_in_order(self.mesh.face_offsets, self.mesh.face_vertices, self.outer)
         first, second, bonded = [self.outer[:0]], [self.outer[:0]], [np.zeros(0, dtype=bool)]
         for joint in self.mesh.interfaces.values():
-            first.append(faces_of(joint.edges, outlines))
-            second.append(faces_of(joint.partners, outlines))
+            first.append(faces_of(joint.edges, self.corners))
+            second.append(faces_of(joint.partners, self.corners))
             there = joint.edges >= 0
             normals = np.repeat(self.mesh.face_normals[self.outer[first[-1]]], there.sum(axis=1), axis=0)[:, None]
             normal = jump_rows(joint.edges[there], joint.partners[there], normals, self.mesh.points)
@@ -346,16 +294,16 @@ class Residuals:
     def _data(self, t: float) -> Floats:
         """What is not constant on faces and in cells."""
         mesh, found = self.mesh, self._locked(t)
-        for load in (load for load in self._loads if callable(load.value)):
+        for load in (load for load in self.loads if callable(load.value)):
             if load.edges is not None:
-                at, size, forces = self._at(load.edges), _measures(load), load.forces(t)
+                at, size, forces = self._at(load.edges), load.measures, load.forces(t)
                 whole, area = np.zeros((len(self.outer), 3)), totals(at, size, len(self.outer))
                 np.add.at(whole, at, forces)
                 apart = forces / size[:, None] - whole[at] / area[at, None]
                 squares = totals(at, size * np.sum(apart**2, axis=1), len(self.outer))
-                found += totals(mesh.face_cells[self.outer, 0], self.weights * squares, mesh.n_cells)
+                found += totals(self.owner, self.weights * squares, mesh.n_cells)
             elif load.cells is not None:
-                owner, x = self._vertices
+                owner, x = self.vertices
                 apart = load.at(x, t) - load.at(mesh.centroids, t)[owner]
                 found += POINCARE * self.sizes**2 / self.shear * self._integral(np.sum(apart**2, axis=1))
         return found
@@ -365,7 +313,7 @@ class Residuals:
         prestress = self.posed.prestress
         if prestress is None:
             return np.zeros(self.mesh.n_cells)
-        owner, x = self._vertices
+        owner, x = self.vertices
         apart = np.zeros((len(x), 6))
         for swelling in prestress.eigenstrains:
             if swelling.at is not None:
@@ -376,21 +324,7 @@ class Residuals:
                 apart += stress.at(x, owner, t) - stress.value(t)[owner]
         return self._integral(np.einsum("qi,qij,qj->q", apart, self.compliance[owner], apart))
 
-    @cached_property
-    def _vertices(self) -> tuple[Ints, Floats]:
-        """Cells (k,) and their vertices (k, 3)."""
-        offsets, nodes = self.mesh.cell_nodes
-        return cell_of_corner(offsets), self.mesh.points[nodes]
-
     def _integral(self, squares: Floats) -> Floats:
         """Integrals (n_cells,) of squares (k,) at the vertices of cells."""
         offsets, _ = self.mesh.cell_nodes
-        integral: Floats = self.mesh.volumes / 3.0 * np.add.reduceat(squares, offsets[:-1]) / np.diff(offsets)
-        return integral
-
-
-def _measures(load: Load) -> Floats:
-    """The part of the area (q,) that each point of a load on faces stands for."""
-    total = np.stack([np.ones(load.matrix.shape[0] // 3) @ load.matrix[a::3] for a in range(3)])
-    scalar = load.matrix.shape[1] == len(load.points)
-    return np.asarray(np.linalg.norm(total, axis=0) if scalar else total[0, ::3])
+        return self.mesh.volumes / 3.0 * np.add.reduceat(squares, offsets[:-1]) / np.diff(offsets)

@@ -182,8 +182,7 @@ class DenseCholesky(Factor):
             return b.copy()
         # For one right side LAPACK takes the path of many: five times as long at 256 unknowns.
         one = b.ndim == 1
-        x: Floats = dtrsv(self._upper, dtrsv(self._upper, b, trans=1)) if one else dpotrs(self._upper, b, lower=0)[0]
-        return x
+        return dtrsv(self._upper, dtrsv(self._upper, b, trans=1)) if one else dpotrs(self._upper, b, lower=0)[0]
 
     def energy(self, b: Floats) -> float:
         z = dtrsv(self._upper, b, trans=1) if len(b) else b
@@ -193,8 +192,7 @@ class DenseCholesky(Factor):
         if len(self._upper) == 0:
             return np.zeros(rows.shape[0])
         if (np.diff(rows.indptr) == 1).all():
-            own: Floats = rows.data**2 * self._compliance[rows.indices]
-            return own
+            return rows.data**2 * self._compliance[rows.indices]
         moved = rows @ self._inverse
         return np.einsum("ij,ij->i", moved, moved)
 

@@ -219,28 +219,37 @@ def _solver_class() -> Any:
 
 def _with_values(K: sp.csr_matrix, last: Ints, unit: float, threads: int) -> Any:
     """A solver that holds K / unit, by its upper triangle: the package's on one thread, else :class:`Threaded`."""
-    n, solver = K.shape[0], _opened(threads)
+    n = K.shape[0]
     if n == 0:
-        return solver
+        return None
     if not K.has_canonical_format:
         K = K.copy()
         K.sum_duplicates()
     upper = sp.triu(K, format="csr")
     # Settings of its own, METIS (on several threads the same order, in .19 s where it takes .30 at 131,000 unknowns in
     # the plane), factorisation in two levels, indices from zero.
-    settings = [(0, 1), (1, 3 if threads > 1 else 2), (23, 1), (34, 1)]
+    settings = {0: 1, 1: 3 if threads > 1 else 2, 23: 1, 34: 1}
     if len(last):
-        settings.append((35, 2))
+        settings[35] = 2
     if np.diff(K.indptr).max() <= 128:  # Half of the largest block that PARDISO takes.
-        settings.append((36, -100))
-    for number, value in settings:
+        settings[36] = -100
+    values, ia, ja = upper.data / unit, upper.indptr.astype(np.int64), upper.indices.astype(np.int64)
+    chosen = np.zeros(n, dtype=np.int64)
+    chosen[last] = 1
+    if threads > 1:
+        return Threaded(threads, settings, (values, ia, ja, chosen))
+    if (kind := _solver_class()) is None:
+        raise NotAccepted(
+            "Pardiso: the package py-mkl-pardiso (0.0.6 or a later 0.0) is not installed; pip install 'vemcvx[mkl]' "
+            "(x86-64 on Linux and Windows), or use SuperLU()."
+        )
+    solver = kind(POSITIVE_DEFINITE, 0)
+    for number, value in settings.items():
         solver.set_iparm(number, value)
-    solver.set_pattern(ia=upper.indptr.astype(np.int64), ja=upper.indices.astype(np.int64), n=n)
+    solver.set_pattern(ia=ia, ja=ja, n=n)
     if len(last):
-        chosen = np.zeros(n, dtype=np.int64)
-        chosen[last] = 1
         solver.set_perm(chosen)
-    solver.set_values(upper.data / unit)
+    solver.set_values(values)
     return solver
 
 
@@ -270,48 +279,23 @@ def opened(M: sp.csr_matrix) -> Callable[[Floats], Floats]:
     return solve
 
 
-def _opened(threads: int) -> Any:
-    """A solver without a matrix."""
-    if threads > 1:
-        return Threaded(threads)
-    if (kind := _solver_class()) is None:
-        raise NotAccepted(
-            "Pardiso: the package py-mkl-pardiso (0.0.6 or a later 0.0) is not installed; pip install 'vemcvx[mkl]' "
-            "(x86-64 on Linux and Windows), or use SuperLU()."
-        )
-    return kind(POSITIVE_DEFINITE, 0)
-
-
 POSITIVE_DEFINITE, UNSYMMETRIC = 2, 11
 """PARDISO's numbers for real matrices that are symmetric and positive definite, and for any."""
 
 
 class Threaded:
-    """PARDISO of a threaded oneMKL, called as the solver of py-mkl-pardiso is.
+    """PARDISO of a threaded oneMKL, which runs phases as the solver of py-mkl-pardiso does.
 
     The number of threads is set for the calling thread, for as long as a phase takes: the rest of the process keeps its
     own.
     """
 
-    def __init__(self, threads: int):
+    def __init__(self, threads: int, settings: dict[int, int], matrix: tuple[Floats, Ints, Ints, Ints]):
         check_threads(threads)
-        self._library, self._threads = _threaded(), threads
+        self._library, self._threads, self._matrix = _threaded(), threads, matrix
         self._handle, self._iparm = np.zeros(64, dtype=np.int64), np.zeros(64, dtype=np.int64)
-        self._ia = self._ja = self._perm = np.zeros(1, dtype=np.int64)
-        self._a, self._n = np.zeros(1), 0
-
-    def set_iparm(self, number: int, value: int) -> None:
-        self._iparm[number] = value
-
-    def set_pattern(self, *, ia: Ints, ja: Ints, n: int) -> None:
-        self._ia, self._ja, self._n, self._perm = ia, ja, n, np.zeros(n, dtype=np.int64)
-
-    def set_perm(self, perm: Ints) -> None:
-        self._perm = perm
-
-    def set_values(self, a: Floats) -> None:
-        self._a = a
-        weakref.finalize(self, _call, self._library, self._threads, self._arguments(-1, np.zeros(1), np.zeros(1)))
+        self._iparm[list(settings)] = list(settings.values())
+        weakref.finalize(self, _call, self._library, threads, self._arguments(-1, np.zeros(1), np.zeros(1)))
 
     def run_phase_into(self, phase: int, b: Floats, x: Floats) -> None:
         if error := _call(self._library, self._threads, self._arguments(phase, b, x)):
@@ -319,9 +303,8 @@ class Threaded:
 
     def _arguments(self, phase: int, b: Floats, x: Floats) -> list[Any]:
         """The arguments of pardiso_64, but for the error; arrays are kept alive by whoever holds them."""
-        columns = 1 if b.ndim == 1 else b.shape[1]
-        given = 1, 1, POSITIVE_DEFINITE, phase, self._n, self._a, self._ia, self._ja, self._perm, columns
-        return [self._handle, *given, self._iparm, 0, b, x]
+        columns, n = 1 if b.ndim == 1 else b.shape[1], len(self._matrix[-1])
+        return [self._handle, 1, 1, POSITIVE_DEFINITE, phase, n, *self._matrix, columns, self._iparm, 0, b, x]
 
 
 def _call(library: Any, threads: int, given: list[Any]) -> int:

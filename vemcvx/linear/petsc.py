@@ -155,8 +155,7 @@ class OverRanks(Elsewhere):
     def __matmul__(self, x: Floats) -> Floats:
         if x.ndim == 2:
             return np.column_stack([self @ column for column in x.T]) if x.shape[1] else np.zeros(x.shape)
-        found: Floats = self._ranks.call(self._number, "product", (), x)
-        return found
+        return self._ranks.call(self._number, "product", (), x)
 
     matvec = __matmul__  # so that SciPy's iterations take it
 
@@ -164,12 +163,10 @@ class OverRanks(Elsewhere):
         return self._diagonal
 
     def sizes(self, x: Floats) -> Floats:
-        found: Floats = self._ranks.call(self._number, "sizes", (), x)
-        return found
+        return self._ranks.call(self._number, "sizes", (), x)
 
     def residual(self, force: Floats, y: Floats, held: Floats) -> Floats:
-        found: Floats = self._ranks.call(self._number, "residual", (), y, np.column_stack([force, held]))
-        return found
+        return self._ranks.call(self._number, "residual", (), y, np.column_stack([force, held]))
 
     def whole(self) -> sp.csr_matrix:
         return sp.csr_matrix(self._ranks.call(self._number, "whole", ()))
@@ -382,8 +379,7 @@ class RankRows:
     def _dealt(self, rows: Floats | None) -> Floats:
         """The part of this rank of an array (n, ...) that rank 0 has."""
         if rows is None:
-            own: Floats = self._comm.recv(source=0, tag=BLOCK)
-            return own
+            return self._comm.recv(source=0, tag=BLOCK)
         for rank, (i, j) in enumerate(pairwise(self._ends)):
             if rank > 0:
                 self._comm.send(rows[i:j], dest=rank, tag=BLOCK)

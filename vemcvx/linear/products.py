@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
+from scipy.sparse.linalg import LinearOperator
 
 from vemcvx.arrays import SOME, Floats, Ints
 
@@ -43,18 +44,8 @@ class Elsewhere(ABC):
     def whole(self) -> sp.csr_matrix:
         """All of K, here, for what cannot do without."""
 
-    def __abs__(self) -> Sizes:
-        return Sizes(self)
-
-
-@dataclass(frozen=True)
-class Sizes:
-    """|K|, entry by entry."""
-
-    K: Elsewhere
-
-    def __matmul__(self, x: Floats) -> Floats:
-        return self.K.sizes(x)
+    def __abs__(self) -> LinearOperator:
+        return LinearOperator(self.shape, matvec=self.sizes, dtype=np.float64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,14 +56,14 @@ class Congruent:
     ----------
     L : (m, n) sparse matrix
         At most one entry a row.
-    K : (n, n) sparse matrix, or one that stands elsewhere, or its sizes
+    K : (n, n) sparse matrix, or one that stands elsewhere, or |K| of that
     S : (m, m) sparse matrix
         Symmetric.
     unit : float
     """
 
     L: sp.csr_matrix
-    K: Any  # a sparse matrix, an Elsewhere, or its Sizes
+    K: Any
     S: sp.csr_matrix
     unit: float = 1.0
 
@@ -102,8 +93,7 @@ class Congruent:
 
     def diagonal(self) -> Floats:
         """Its diagonal (m,)."""
-        own: Floats = self.unit * (self.L.multiply(self.L) @ self.K.diagonal()) + self.S.diagonal()
-        return own
+        return self.unit * (self.L.multiply(self.L) @ self.K.diagonal()) + self.S.diagonal()
 
     def scaled(self, D: Floats, unit: float) -> Any:
         """D (L K L' + S) D times a unit, D diagonal."""

@@ -59,12 +59,12 @@ class Corner:
     where: str  # in words
     nodes: tuple[int, ...]  # those of all bodies there
     start: float  # the angle of the first ray to the x axis
-    rays: Floats  # angles from there at which there is contact
-    rubs: bool  # whether friction that follows pressure acts there
-    holds: bool  # whether friction with a given bound sticks there
-    singular: bool  # not along smooth sides
-    jumps: bool  # whether displacements that are given jump there
-    shear: Floats | None  # the stress that log r multiplies, as A, B, C and D of each sector; None where there is none
+    rays: Floats = field(default_factory=lambda: np.zeros(0))  # angles from there at which there is contact
+    rubs: bool = False  # whether friction that follows pressure acts there
+    holds: bool = False  # whether friction with a given bound sticks there
+    singular: bool = True  # not along smooth sides
+    jumps: bool = False  # whether displacements that are given jump there
+    shear: Floats | None = None  # the stress that log r multiplies, as A, B, C and D of each sector; None without any
 
     @property
     def exponent(self) -> float:
@@ -239,7 +239,7 @@ class Corners:
             start=float(np.arctan2(out[1], out[0])),
             rays=np.array([turn for one, turn in between if "contact" in one.name]),
             rubs=bool(sides.pressed[touching].any()),
-            holds=any(one.holds for one in (*ends, *joints)),
+            holds=any(one.state.holds for one in (*ends, *joints)),
             singular=not smooth,
             jumps=jumps,
             shear=wedge.logarithm(_given(made, joints, ends)) if smooth or _asked(ends) else None,
@@ -250,18 +250,8 @@ class Corners:
         made, start = _ring(self, node)
         if len(made) < 2 or (len(made) == 2 and abs(made[0].angle - np.pi) < CURVE):
             return None
-        return Corner(
-            wedge=Wedge(made, [joined("sticks")] * len(made), None),
-            where="where materials meet inside the body",
-            nodes=(node,),
-            start=start,
-            rays=np.zeros(0),
-            rubs=False,
-            holds=False,
-            singular=True,
-            jumps=False,
-            shear=None,
-        )
+        wedge = Wedge(made, [joined("sticks")] * len(made), None)
+        return Corner(wedge, "where materials meet inside the body", (node,), start)
 
     def around(self, sides: Sides, node: int) -> tuple[list[int], bool] | None:
         """The nodes of all bodies that meet at a node, counter-clockwise, and whether they close a ring."""
@@ -344,20 +334,32 @@ def _turned(one: Floats, other: Floats) -> Floats:
     return np.arctan2(one[0] * other[..., 1] - one[1] * other[..., 0], other @ one) % (2 * np.pi)
 
 
+class State(NamedTuple):
+    """What contact does on an edge, with friction outwards from the corner over pressure, or as it is given."""
+
+    name: str = "none"
+    friction: float = 0.0
+    shear: float = 0.0
+    holds: bool = False  # whether friction with a given bound sticks
+    moves: bool = True  # whether the node of contact at the corner itself, if there is one, slips
+
+    @property
+    def slips(self) -> bool:
+        """Whether it slips with friction that is known."""
+        return self.name == "slips" and self.friction == 0.0
+
+
+NO_STATE = State()
+
+
 @dataclass(frozen=True, eq=False)
 class Condition:
-    """What holds on a ray: in words, as rows, of a joint those of both sides, and the tractions that these meet.
-
-    `holds` is True where friction with a given bound sticks, and `slips` where it slips, or would; `moves` is False of
-    contact whose node at the corner itself does not slip.
-    """
+    """What holds on a ray: in words, as rows, of a joint those of both sides, and the tractions that these meet."""
 
     name: str
     rows: Floats
     given: Floats
-    holds: bool = False
-    slips: bool = False
-    moves: bool = True
+    state: State = NO_STATE
 
 
 JUMP = "where displacements that are given jump"
@@ -390,8 +392,8 @@ def _straight(made: list[list[Sector]], ends: list[Condition]) -> bool:
         return False
     # sigma_rt of the two rays, along opposite directions.
     one_way = ends[0].given[1] * ends[1].given[1] >= 0.0
-    slips = one_way and all(end.slips for end in ends)
-    return names <= {"free side", "roller"} or slips or ("roller" in names and all(end.moves for end in ends))
+    slips = one_way and all(end.state.slips for end in ends)
+    return names <= {"free side", "roller"} or slips or ("roller" in names and all(end.state.moves for end in ends))
 
 
 def _wedge(made: list[list[Sector]], joints: list[Condition], ends: list[Condition]) -> Wedge:
@@ -413,7 +415,7 @@ def _given(made: list[list[Sector]], joints: list[Condition], ends: list[Conditi
 
 def _asked(ends: list[Condition]) -> bool:
     """False beside what holds a corner in its place: friction that slips on the mesh may stick on the continuum."""
-    return len(ends) > 0 and (any(end.name == "free side" for end in ends) or all(end.moves for end in ends))
+    return len(ends) > 0 and (any(end.name == "free side" for end in ends) or all(end.state.moves for end in ends))
 
 
 def _where(met: list[Condition], smooth: bool, mixed: bool) -> str:
@@ -440,14 +442,7 @@ def _condition(corners: Corners, sides: Sides, k: int, row: int, leaving: bool) 
     if sides.contact[k]:
         state = _state(corners, sides, k, int(sides.edges[k, 1 if leaving else 0]), row)
         rows = {"open": FREE, "sticks": CLAMPED}.get(state.name, slipping(-sign * state.friction))
-        return Condition(
-            name=_contact(sides, k, state),
-            rows=rows,
-            given=rows[:, 2:] @ given + np.array([0.0, sign * state.shear]),
-            holds=state.holds,
-            slips=state.slips,
-            moves=state.moves,
-        )
+        return Condition(_contact(sides, k, state), rows, rows[:, 2:] @ given + [0.0, sign * state.shear], state)
     if freedom < 1.5:
         held = np.eye(2) - free
         direction = held[:, int(np.argmax(np.diag(held)))]
@@ -467,22 +462,7 @@ def _joint(corners: Corners, sides: Sides, k: int, row: int) -> Condition:
             return Condition("open joint", np.array(joined("open")), np.zeros(4))
     state = _state(corners, sides, k, int(sides.edges[k, end]), row)
     rows = np.array(joined(state.name, -sign * state.friction))
-    return Condition(_contact(sides, k, state), rows, np.array([0.0, 0.0, 0.0, sign * state.shear]), state.holds)
-
-
-class State(NamedTuple):
-    """What contact does on an edge, with friction outwards from the corner over pressure, or as it is given."""
-
-    name: str
-    friction: float = 0.0
-    shear: float = 0.0
-    holds: bool = False
-    moves: bool = True
-
-    @property
-    def slips(self) -> bool:
-        """Whether it slips with friction that is known."""
-        return self.name == "slips" and self.friction == 0.0
+    return Condition(_contact(sides, k, state), rows, np.array([0.0, 0.0, 0.0, sign * state.shear]), state)
 
 
 def _contact(sides: Sides, k: int, state: State) -> str:

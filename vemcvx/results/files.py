@@ -31,8 +31,8 @@ import tempfile
 import time
 import xml.etree.ElementTree as ET
 import zipfile
-from collections.abc import Callable, Set
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Set
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from types import NoneType
@@ -310,35 +310,37 @@ def write_results(
     folder, start = writable_folder(folder), time.perf_counter()
     try:
         with _scratch(folder) as scratch:
-            _finish(folder, scratch)
-            try:
-                new = scratch.take(DRAFTS)
-                new.mkdir()
-                # The energy of displacements beyond 1e154 overflows, and is written as infinite.
-                with np.errstate(over="ignore", invalid="ignore"):
-                    _write_series(history, new / SERIES, progress or (lambda *_: None))
-                write_archive(history, new / ARCHIVE)
-                tables = write_tables(history, new, probes)
-                told = summary(history, origin or Origin(), time.perf_counter() - start) | {"tables": tables}
-                words = json.dumps(told, indent=2, allow_nan=False)
-                (new / SUMMARY).write_text(f"{words}\n", encoding="utf-8")
-                check_replaceable(folder, {path.name for path in new.iterdir()})
-            except BaseException:
-                scratch.remove()
-                raise
+            new = scratch.take(DRAFTS)
+            new.mkdir()
+            # The energy of displacements beyond 1e154 overflows, and is written as infinite.
+            with np.errstate(over="ignore", invalid="ignore"):
+                _write_series(history, new / SERIES, progress or (lambda *_: None))
+            write_archive(history, new / ARCHIVE)
+            tables = write_tables(history, new, probes)
+            told = summary(history, origin or Origin(), time.perf_counter() - start) | {"tables": tables}
+            words = json.dumps(told, indent=2, allow_nan=False)
+            (new / SUMMARY).write_text(f"{words}\n", encoding="utf-8")
+            check_replaceable(folder, {path.name for path in new.iterdir()})
             scratch.take(COMPLETE).touch()
-            _finish(folder, scratch)
-            scratch.remove()
     except (OSError, MeshError) as error:
         raise HistoryError(f"{folder}: cannot write a history there: {error}") from error
     return folder
 
 
-def _scratch(folder: Path) -> Owned:
-    """The folder, inside that of the history, in which it is prepared."""
+@contextmanager
+def _scratch(folder: Path) -> Iterator[Owned]:
+    """The folder, inside that of the history, in which it is made: moved at the end, swept away where that fails."""
     if (folder / WRITING).is_symlink():
         raise HistoryError(f"{folder / WRITING}: a link, and a history is made in its folder itself. Remove the link.")
-    return Owned(folder / WRITING, f"{DRAFTS}|{COMPLETE}")
+    with Owned(folder / WRITING, f"{DRAFTS}|{COMPLETE}") as scratch:
+        _finish(folder, scratch)
+        try:
+            yield scratch
+        except BaseException:
+            scratch.remove()
+            raise
+        _finish(folder, scratch)
+        scratch.remove()
 
 
 def _finish(folder: Path, scratch: Owned) -> None:
@@ -430,9 +432,8 @@ def read_results(folder: str | Path) -> Results:
     where = path_of(folder, "read_history")
     if os.path.isdir(where / WRITING):
         # Another process may be writing there, or the folder be for reading only: what is there is read then.
-        with suppress(HistoryError, OSError), _scratch(where) as scratch:
-            _finish(where, scratch)
-            scratch.remove()
+        with suppress(HistoryError, OSError), _scratch(where):
+            pass
         if (where / WRITING / COMPLETE).is_file() and (where / WRITING / DRAFTS / ARCHIVE).is_file():
             return read_archive(where / WRITING / DRAFTS / ARCHIVE)
     if os.path.isfile(where / ARCHIVE):

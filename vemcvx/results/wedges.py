@@ -52,8 +52,8 @@ class Sector:
     kappa: float
     shear: float
 
-    def fields(self, lam: Complex, t: float) -> Complex:
-        """(q, 4, 4) u_r, u_t, sigma_tt and sigma_rt / lam on the ray t, by columns of A, B, C and D."""
+    def fields(self, lam: Complex, t: float | Floats) -> Complex:
+        """(q, 5, 4) u_r, u_t, sigma_tt / lam, sigma_rt / lam and sigma_rr on rays t, by columns of A, B, C and D."""
         plus, minus, none = (lam + 1) * t, (lam - 1) * t, np.zeros_like(lam)
         F = np.array([np.cos(plus), np.sin(plus), np.cos(minus), np.sin(minus)])
         rates = np.array([-(lam + 1), lam + 1, -(lam - 1), lam - 1])
@@ -62,7 +62,7 @@ class Sector:
         across = np.array([none, none, F[3], -F[2]])
         u_r = (-(lam + 1) * F + (self.kappa + 1) * radial) / (2 * self.shear)
         u_t = (-slope + (self.kappa + 1) * across) / (2 * self.shear)
-        return np.moveaxis(np.array([u_r, u_t, (lam + 1) * F, -slope]), 2, 0)
+        return np.moveaxis(np.array([u_r, u_t, (lam + 1) * F, -slope, (lam + 1 - rates**2) * F]), 2, 0)
 
 
 FREE = np.array([[0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
@@ -111,8 +111,8 @@ class Wedge:
         matrix = np.zeros((len(lam), 4 * count, 4 * count), dtype=complex)
         unit = self.sectors[0].shear
         scale = np.array([unit, unit, 1.0, 1.0])[:, None]
-        first = [scale * sector.fields(lam, 0.0) for sector in self.sectors]
-        last = [scale * sector.fields(lam, sector.angle) for sector in self.sectors]
+        first = [scale * sector.fields(lam, 0.0)[:, :4] for sector in self.sectors]
+        last = [scale * sector.fields(lam, sector.angle)[:, :4] for sector in self.sectors]
         for k, (one, other) in enumerate(self.joints):
             after, rows = (k + 1) % count, slice(4 * k, 4 * k + 4)
             matrix[:, rows, 4 * k : 4 * k + 4] += one @ last[k]
@@ -170,13 +170,10 @@ class Wedge:
         """(q, 3) xx, yy and xy, x along the first ray, of the field with this exponent at angles, for r = 1."""
         starts = np.cumsum([0.0, *(sector.angle for sector in self.sectors)])
         of = np.clip(np.searchsorted(starts, t, side="right") - 1, 0, len(self.sectors) - 1)
-        own, (a, b, c, d) = t - starts[of], x.reshape(-1, 4)[of].T
-        plus, minus = (lam + 1) * own, (lam - 1) * own
-        outer, inner = a * np.cos(plus) + b * np.sin(plus), c * np.cos(minus) + d * np.sin(minus)
-        slope = (lam + 1) * (b * np.cos(plus) - a * np.sin(plus)) + (lam - 1) * (d * np.cos(minus) - c * np.sin(minus))
-        rr = -((lam + 1) ** 2) * outer - (lam - 1) ** 2 * inner + (lam + 1) * (outer + inner)
-        tt, rt = lam * (lam + 1) * (outer + inner), -lam * slope
-        return turned(np.column_stack([rr, tt, rt]), t)
+        # Stresses do not depend on the material.
+        fields = self.sectors[0].fields(np.full(len(t), lam, dtype=complex), t - starts[of]).real[:, [4, 2, 3]]
+        rr, tt, rt = np.einsum("qka,qa->kq", fields, x.reshape(-1, 4)[of])
+        return turned(np.column_stack([rr, lam * tt, lam * rt]), t)
 
 
 def turned(stress: Floats, t: Floats | float) -> Floats:

@@ -13,6 +13,7 @@ import scipy.sparse as sp
 
 from vemcvx.arrays import EPS, SAME, Bools, Floats, Ints
 from vemcvx.effects import Friction, Law, Obstacle
+from vemcvx.effects.effect import finite_a_row
 from vemcvx.errors import SceneError, SceneWarning
 from vemcvx.program.operators import Norms, Rows
 from vemcvx.program.system import DraggedTerms, Limits
@@ -53,15 +54,21 @@ class Terms(ContactRows):
     dragged: Bools | None = None  # (m,) which of them supports move along the boundary, in some direction at least
     ground: Callable[[float], Floats] | None = None  # t -> (m * (dim - 1),) its way along tangents since times[0]
     reported: Callable[[float], Floats] | None = None  # t -> (m, dim), that motion as a vector
+    press: sp.csr_matrix | None = None  # (rows, r) which limits press on rows whose law reads it; None without laws
 
     def weights(self, t: float) -> Floats:
         """Weights (m,) at the instant `t`: those of their rows added up, without what follows the answer."""
-        return self.gather @ np.concatenate([np.zeros(0), *(f.weights(t) for f in self.frictions)])
+        return self.gather @ np.concatenate([np.zeros(0), *(f.weights_at(t) for f in self.frictions)])
 
     @property
     def block(self) -> int:
         """The number of components of a term."""
         return self.tangents.shape[1]
+
+    @property
+    def acting_rows(self) -> sp.csr_matrix:
+        """B^ of the terms that some unknown moves."""
+        return self.rows[: self.acting * self.block]
 
     @property
     def one_way(self) -> bool:
@@ -73,13 +80,53 @@ class Terms(ContactRows):
         each = [np.zeros(len(f.nodes)) if f.bias is None else f.bias(t) for f in self.frictions]
         return self.gather @ (self.sign * np.concatenate([np.zeros(0), *each]))
 
+    def law(self, some: slice) -> Law | None:
+        """The law of some of the terms, given the forces p (r,) of all limits and the slips of these terms.
+
+        None if all weights are given. Rows read the forces that press on them and the slip of their term; weights of
+        rows add up.
+        """
+        frictions, gather, press = self.frictions, self.gather[some], self.press
+        laws = [f.law for f in frictions if f.law is not None]
+        if press is None or not laws:
+            return None
+        slips, spread, still = any(law.slips for law in laws), gather.T, np.zeros(gather.shape[1])
+        pressed, gathered = Rows(press).read, Rows(sp.csr_matrix(gather)).read
+        own, (made, indices, indptr) = _slices(frictions), _entries(gather, press)
+
+        @lru_cache(maxsize=1)  # Steps are on few pieces of a law.
+        def matrix(steep: bytes) -> sp.csr_matrix:
+            entries = made @ np.frombuffer(steep)
+            entries.flags.writeable = False
+            return sp.csr_matrix((entries, indices, indptr), shape=(gather.shape[0], press.shape[1]))
+
+        def each(p: Floats, *of_terms: Floats) -> Iterable[tuple[Friction, list[Floats]]]:
+            of_rows = [pressed(p), *(spread @ slip if slips else still for slip in of_terms)]
+            return [(f, [values[rows] for values in of_rows]) for f, rows in zip(frictions, own, strict=True)]
+
+        def weights(t: float, p: Floats, past: Floats, slip: Floats) -> Floats:
+            return gathered(np.concatenate([f.weights_under(t, *under) for f, under in each(p, past, slip)]))
+
+        def slope(t: float, p: Floats, past: Floats) -> sp.csr_matrix:
+            return matrix(np.concatenate([f.slope_under(t, *under) for f, under in each(p, past)]).tobytes())
+
+        soft = all(law.softening is not None for law in laws)
+        softening = gather @ np.concatenate([f.softening for f in frictions]) if soft else None
+        known = all(law.slope is not None for law in laws)
+        return Law(weights, softening, any(law.pressed for law in laws), slope if known else None, slips)
+
 
 def friction_terms(
-    frictions: Sequence[Friction], table: ContactRows, supports: Supports, times: Sequence[float] = ()
+    frictions: Sequence[Friction],
+    table: ContactRows,
+    supports: Supports,
+    times: Sequence[float] = (),
+    *,
+    obstacles: Obstacles,
 ) -> Terms:
     """The terms of all frictions where something can slip or is dragged; equal node, normal and ground make one term.
 
-    The `table` has their rows.
+    The `table` has their rows, on which `obstacles` press.
     """
     points = supports.points
     _check_directions(frictions)
@@ -114,6 +161,7 @@ def friction_terms(
         dragged=held.dragged[kept],
         ground=ground,
         reported=slid and (lambda t: np.einsum("mb,mbd->md", slid(t).reshape(unit.shape[:2]), unit)),
+        press=_pressures(frictions, table, obstacles, supports) if len(kept) else None,
     )
 
 
@@ -169,43 +217,6 @@ def _check_directions(frictions: Sequence[Friction]) -> None:
             )
 
 
-def law_of(terms: Terms, some: slice, press: sp.csr_matrix | None) -> Law | None:
-    """The law of some of the terms, given the forces p (r,) of all limits and the slips of these terms.
-
-    None if all weights are given.
-
-    Rows read the forces that press on them, by `press` (rows, r), and the slip of their term; weights of rows add up.
-    """
-    frictions, gather = terms.frictions, terms.gather[some]
-    laws = [f.law for f in frictions if f.law is not None]
-    if press is None or not laws:
-        return None
-    slips, spread, still = any(law.slips for law in laws), gather.T, np.zeros(gather.shape[1])
-    pressed, gathered = Rows(press).read, Rows(sp.csr_matrix(gather)).read
-    own, (made, indices, indptr) = _slices(frictions), _entries(gather, press)
-
-    @lru_cache(maxsize=1)  # Steps are on few pieces of a law.
-    def matrix(steep: bytes) -> sp.csr_matrix:
-        entries = made @ np.frombuffer(steep)
-        entries.flags.writeable = False
-        return sp.csr_matrix((entries, indices, indptr), shape=(gather.shape[0], press.shape[1]))
-
-    def each(p: Floats, *of_terms: Floats) -> Iterable[tuple[Friction, list[Floats]]]:
-        of_rows = [pressed(p), *(spread @ slip if slips else still for slip in of_terms)]
-        return [(f, [values[rows] for values in of_rows]) for f, rows in zip(frictions, own, strict=True)]
-
-    def weights(t: float, p: Floats, past: Floats, slip: Floats) -> Floats:
-        return gathered(np.concatenate([f.weights_under(t, *under) for f, under in each(p, past, slip)]))
-
-    def slope(t: float, p: Floats, past: Floats) -> sp.csr_matrix:
-        return matrix(np.concatenate([f.slope_under(t, *under) for f, under in each(p, past)]).tobytes())
-
-    soft = all(law.softening is not None for law in laws)
-    softening = gather @ np.concatenate([f.softening for f in frictions]) if soft else None
-    known = all(law.slope is not None for law in laws)
-    return Law(weights, softening, any(law.pressed for law in laws), slope if known else None, slips)
-
-
 def _entries(gather: sp.csr_matrix, press: sp.csr_matrix) -> tuple[sp.csr_matrix, Ints, Ints]:
     """made, indices and ends of rows: the product gather diag(x) press has the entries made @ x there, x (rows,)."""
     of_press = press.tocoo()
@@ -223,28 +234,28 @@ def _slices(frictions: Sequence[Friction]) -> list[slice]:
     return [slice(end - len(f.nodes), end) for f, end in zip(frictions, ends, strict=True)]
 
 
-def norm_terms(terms: Terms, press: sp.csr_matrix | None, supports: Supports) -> Norms | None:
-    """The terms that some unknown moves; `press` (rows, r) maps the forces of limits to the rows that laws read."""
+def norm_terms(terms: Terms, supports: Supports) -> Norms | None:
+    """The terms that some unknown moves."""
     m, block, ground = terms.acting, terms.block, terms.ground
     if m == 0:
         return None
     return Norms(
-        B=on_free(acting_rows(terms), supports),
+        B=on_free(terms.acting_rows, supports),
         w=terms.weights(0.0)[:m] if all(f.steady for f in terms.frictions) else lambda t: terms.weights(t)[:m],
         block=block,
         places=supports.places(terms.nodes),
-        law=law_of(terms, slice(0, m), press),
+        law=terms.law(slice(0, m)),
         bias=(lambda t: terms.bias(t)[: m * block]) if terms.one_way else None,
         ground=None if ground is None else lambda t: ground(t)[: m * block],
     )
 
 
-def dragged_terms(terms: Terms, press: sp.csr_matrix | None, supports: Supports) -> DraggedTerms | None:
+def dragged_terms(terms: Terms, supports: Supports) -> DraggedTerms | None:
     """The terms that no unknown moves."""
     m, q, block, ground = terms.acting, len(terms) - terms.acting, terms.block, terms.ground
     if q == 0:
         return None
-    rows, law = terms.rows[m * block :], law_of(terms, slice(m, m + q), press)
+    rows, law = terms.rows[m * block :], terms.law(slice(m, m + q))
     weights: Callable[..., Any] = (lambda t, p, past, slip: terms.weights(t)[m:]) if law is None else law.weights
     return DraggedTerms(
         position=lambda t: rows @ supports.motion(t) - (0.0 if ground is None else ground(t)[m * block :]),
@@ -254,11 +265,6 @@ def dragged_terms(terms: Terms, press: sp.csr_matrix | None, supports: Supports)
         bias=(lambda t: terms.bias(t)[m * block :]) if terms.one_way else None,
         remembers=law is not None and law.slips,
     )
-
-
-def acting_rows(terms: Terms) -> sp.csr_matrix:
-    """B^ of the terms that some unknown moves."""
-    return terms.rows[: terms.acting * terms.block]
 
 
 def warn_of_free_normals(frictions: Sequence[Friction], supports: Supports, stopped: Ints) -> None:
@@ -331,8 +337,10 @@ class Obstacles(ContactRows):
 def gathered(obstacles: Sequence[Obstacle], table: ContactRows, supports: Supports) -> Obstacles:
     """The limits of all obstacles, whose rows are in the `table`, where something can move."""
     points = supports.points
-    compliance = np.concatenate([np.zeros(0), *(o.compliance for o in obstacles)])
-    first, limit = _limits(table, compliance)
+    compliance = np.concatenate([np.zeros(0), *(finite_a_row(o, o.compliance, "compliance") for o in obstacles)])
+    kinds = np.where(compliance == 0, -1, np.arange(len(table)))
+    lead, place = merged((table.nodes, table.partners), table.normals, signed=True, kinds=kinds)
+    first, limit = np.sort(lead), np.argsort(np.argsort(lead))[place]
     every = table.joined(first, limit)
     rows = normal_rows(every, points)
     moves = np.diff(on_free(rows, supports).indptr) > 0
@@ -343,7 +351,8 @@ def gathered(obstacles: Sequence[Obstacle], table: ContactRows, supports: Suppor
     def those(chosen: Ints) -> Obstacles:
         def gap(t: float) -> Floats:
             nearest = np.full(len(first), np.inf)
-            np.minimum.at(nearest, limit, np.concatenate([nearest[:0], *(o.gap(t) for o in obstacles)]))
+            gaps = [finite_a_row(o, o.gap(t), f"gap at t = {t:.6g}") for o in obstacles]
+            np.minimum.at(nearest, limit, np.concatenate([nearest[:0], *gaps]))
             return np.where((-rounding <= nearest) & (nearest < 0), 0.0, nearest)[chosen]
 
         return Obstacles(
@@ -357,33 +366,6 @@ def gathered(obstacles: Sequence[Obstacle], table: ContactRows, supports: Suppor
     return replace(those(np.flatnonzero(moves)), prescribed=those(np.flatnonzero(~moves)))
 
 
-def _limits(table: ContactRows, compliance: Floats) -> tuple[Ints, Ints]:
-    """The first row of every limit, in order, and the limit of every row."""
-    rigid = np.flatnonzero(compliance == 0)
-    first = np.arange(len(table))
-    if len(rigid):
-        leads, mine = merged((table.nodes[rigid], table.partners[rigid]), table.normals[rigid], signed=True)
-        first[rigid] = rigid[leads][mine]
-    first, limit = np.unique(first, return_inverse=True)
-    return first, limit
-
-
-def pressing(obstacles: Obstacles, friction: Friction, rows: ContactRows, supports: Supports) -> sp.csr_matrix:
-    """(rows of `friction`, r) which limits press on which rows, each with the share of its edges that rub there, too.
-
-    SceneError where nothing presses on a node that is free to move, and friction depends on the pressure.
-    """
-    M, free = rows.shares(obstacles), normal_is_free(rows, supports)
-    bare = (np.diff(M.indptr) == 0) & (free | (len(obstacles) == 0))
-    if bare.any():
-        raise SceneError(
-            f"{friction.subject}: no pressure is known at {bare.sum()} of {len(rows)} places; it needs "
-            "UnilateralContact or NormalCompliance on the same boundary (with BilateralContact, TrescaFriction without "
-            "while_closed)."
-        )
-    return M
-
-
 def limits(obstacles: Obstacles, supports: Supports) -> Limits | None:
     """The limits of obstacles, over the free unknowns."""
     if len(obstacles.nodes) == 0:
@@ -392,17 +374,27 @@ def limits(obstacles: Obstacles, supports: Supports) -> Limits | None:
     return Limits(rows, obstacles.gap, obstacles.compliance, places)
 
 
-def pressures(terms: Terms, obstacles: Obstacles, table: ContactRows, supports: Supports) -> sp.csr_matrix | None:
-    """(rows of all frictions, r) which limits press on which rows whose law reads it; None if no weight has a law."""
-    if all(f.law is None for f in terms.frictions) or len(terms.nodes) == 0:
+def _pressures(
+    frictions: Sequence[Friction], table: ContactRows, obstacles: Obstacles, supports: Supports
+) -> sp.csr_matrix | None:
+    """(rows of all frictions, r) which limits press on rows whose law reads it, each with the share of its edges there.
+
+    None if no weight has a law. SceneError where nothing presses on a node that is free to move, but a law reads it.
+    """
+    if all(f.law is None for f in frictions):
         return None
-    each = [
-        pressing(obstacles, f, table[rows], supports)
-        if f.law is not None and f.law.pressed
-        else sp.csr_matrix((len(f.nodes), len(obstacles)))
-        for f, rows in zip(terms.frictions, _slices(terms.frictions), strict=True)
-    ]
-    return sp.csr_matrix(sp.vstack(each))
+    reads = _of_rows(frictions, [f.law is not None and f.law.pressed for f in frictions]).astype(bool)
+    shares = sp.csr_matrix(sp.diags_array(reads.astype(float)) @ table.shares(obstacles))
+    shares.eliminate_zeros()
+    bare = reads & (np.diff(shares.indptr) == 0) & (normal_is_free(table, supports) | (len(obstacles) == 0))
+    for f, rows in zip(frictions, _slices(frictions), strict=True):
+        if bare[rows].any():
+            raise SceneError(
+                f"{f.subject}: no pressure is known at {bare[rows].sum()} of {len(f.nodes)} places; it needs "
+                "UnilateralContact or NormalCompliance on the same boundary (with BilateralContact, TrescaFriction "
+                "without while_closed)."
+            )
+    return shares
 
 
 def out_of_reach(terms: Terms, obstacles: Sequence[Obstacle], supports: Supports) -> list[str]:

@@ -26,7 +26,6 @@ from vemcvx.scene.contact import (
     Obstacles,
     Surface,
     Terms,
-    acting_rows,
     contact_surface,
     dragged_terms,
     friction_terms,
@@ -34,13 +33,12 @@ from vemcvx.scene.contact import (
     limits,
     norm_terms,
     out_of_reach,
-    pressures,
     warn_of_free_normals,
 )
 from vemcvx.scene.rigid import floating_motions, seen_from_bodies
 from vemcvx.scene.scene import InitialStresses, Scene, active_parts, compose, initial_stresses
 from vemcvx.scene.supports import ContactRows, Supports, by_precedence, on_free, resolve, straightened
-from vemcvx.vem import Space, Stabilisation, SumOverCells, energy_rows, rigid_modes
+from vemcvx.vem import Space, SumOverCells, energy_rows, rigid_modes
 
 
 def load_of(
@@ -146,8 +144,9 @@ class PosedScene:
         """A function that gives F with F'F = K, without fill; None where not cells alone make K."""
         if self.springs is not None or self.viscosity is not None:
             return None
-        C, own = self.material.elastic(self.space.dim), self.material.stabilised(self.space.dim)
-        return partial(_energy_rows, self.space, C, own, self.supports.P)
+        space, P, C = self.space, self.supports.P, self.material.elastic(self.space.dim)
+        stabilisation = self.material.stabilised(space.dim)
+        return lambda: sp.csr_matrix(energy_rows(space, C, stabilisation) @ P)
 
     def force(self, t: float) -> Floats:
         """The nodal load f (n_u,) of everything but reactions."""
@@ -155,10 +154,6 @@ class PosedScene:
         for load in self.loads:
             f += load.vector(t)
         return f
-
-
-def _energy_rows(space: Space, C: Floats, stabilisation: Stabilisation, P: sp.csr_matrix) -> sp.csr_matrix:
-    return sp.csr_matrix(energy_rows(space, C, stabilisation) @ P)
 
 
 @contextmanager
@@ -189,8 +184,29 @@ def pose_scene(
     surfaces = straightened((*holds, *frictions, *stops), _chain(p.surfaces for p in parts))
     # Whatever refers to normals, so that nodal frames have them as axes.
     supports = resolve(holds, (*frictions, *stops), mesh.points)
-    forms, contact = _forms(parts, space), _contact(surfaces, frictions, stops, supports, times)
-    A, system = _system(space, forms, loads, supports, contact, linear=linear)
+    terms, obstacles, surface = _contact(surfaces, frictions, stops, supports, times)
+    stiffness = [form for part in parts if (form := _stiffness(part, space)) is not None]
+    springs = _sum([p.stiffness for p in parts if p.stiffness is not None and p.material is None])
+    viscosity = _sum([p.viscosity for p in parts if p.viscosity is not None])
+    kernel = _unsupported(space, supports, terms, obstacles, springs)
+    # Springs to the ground feel rigid motions, too.
+    seen = seen_from_bodies(space) if springs is None else lambda u: u
+    A: sp.csr_matrix | Congruent | None = None
+    if linear is not None and kernel is None and viscosity is None:  # Else it is added to, or its motions are.
+        A = _elsewhere(partial(_rows, stiffness), supports.P, linear)
+    A = _whole(stiffness) if A is None else A
+    system = System(
+        K=_restrict(A, supports),
+        load=load_of(loads, A, supports),
+        norms=norm_terms(terms, supports),
+        motion=None if supports.still else motion_of(A, supports, terms.acting_rows, obstacles.rows, seen),
+        order=None if isinstance(A, Congruent) else cache(partial(_order, A, supports, mesh.points)),
+        near_kernel=supports.P.T @ rigid_modes(mesh.points),
+        kernel=kernel,
+        limits=limits(obstacles, supports),
+        damping=_damping(viscosity, supports, seen),
+        dragged=dragged_terms(terms, supports),
+    )
     return PosedScene(
         scene=scene,
         space=space,
@@ -198,15 +214,15 @@ def pose_scene(
         supports=supports,
         A=A,
         loads=loads,
-        terms=contact.terms,
-        surface=contact.surface,
+        terms=terms,
+        surface=surface,
         material=material,
         prestress=prestress,
-        obstacles=contact.obstacles,
-        springs=forms.springs,
-        inactive=(*inactive, *out_of_reach(contact.terms, stops, supports)),
+        obstacles=obstacles,
+        springs=springs,
+        inactive=(*inactive, *out_of_reach(terms, stops, supports)),
         curves=_chain(p.curves for p in parts),
-        viscosity=forms.viscosity,
+        viscosity=viscosity,
         laws=tuple(
             replace(part, stiffness=None)
             for effect, part in zip(scene.canonical, parts, strict=True)
@@ -215,84 +231,24 @@ def pose_scene(
     )
 
 
-@dataclass(frozen=True)
-class _Forms:
-    """Matrices (n_u, n_u) of bilinear forms over all nodal values; the stiffness is a sum of which none may stand."""
-
-    stiffness: list[SumOverCells | sp.csr_matrix]
-    springs: sp.csr_matrix | None  # of these the stiffness that is no material's
-    viscosity: sp.csr_matrix | None
-
-    def whole(self) -> sp.csr_matrix:
-        """All of the stiffness."""
-        return reduce(add, (A.whole() if isinstance(A, SumOverCells) else A for A in self.stiffness))
-
-    def rows(self, unknowns: Ints) -> sp.csr_matrix:
-        """The rows (k, n_u) of the stiffness of some nodal values."""
-        return reduce(add, (A.rows(unknowns) if isinstance(A, SumOverCells) else A[unknowns] for A in self.stiffness))
+def _stiffness(part: Contribution, space: Space) -> SumOverCells | sp.csr_matrix | None:
+    """The stiffness (n_u, n_u) of a contribution; of a material by its moduli, where it brings no other."""
+    own = part.stiffness
+    return part.material.stiffness(space) if own is None and part.material is not None else own
 
 
-def _forms(parts: Sequence[Contribution], space: Space) -> _Forms:
-    def summed(matrices: list[sp.csr_matrix]) -> sp.csr_matrix | None:
-        return reduce(add, matrices) if matrices else None
-
-    stiffness, springs = list[SumOverCells | sp.csr_matrix](), list[sp.csr_matrix]()
-    for part in parts:
-        if part.stiffness is not None:
-            stiffness.append(part.stiffness)
-            springs += [part.stiffness] * (part.material is None)
-        elif part.material is not None:
-            stiffness.append(part.material.stiffness(space))
-    viscosity = summed([p.viscosity for p in parts if p.viscosity is not None])
-    return _Forms(stiffness, summed(springs), viscosity)
+def _sum(matrices: Sequence[sp.csr_matrix]) -> sp.csr_matrix | None:
+    return reduce(add, matrices) if matrices else None
 
 
-def _system(
-    space: Space,
-    forms: _Forms,
-    loads: tuple[Load | InitialStresses, ...],
-    supports: Supports,
-    contact: _Contact,
-    *,
-    linear: LinearSolver | None,
-) -> tuple[sp.csr_matrix | Congruent, System]:
-    terms, obstacles, points = contact.terms, contact.obstacles, space.mesh.points
-    # Springs to the ground feel rigid motions, too.
-    seen = seen_from_bodies(space) if forms.springs is None else lambda u: u
-    kernel = _unsupported(space, supports, contact, forms.springs)
-    A: sp.csr_matrix | Congruent
-    order: Callable[[], Ints] | None
-    there = None
-    if linear is not None and kernel is None and forms.viscosity is None:  # Else it is added to, or its motions are.
-        there = _elsewhere(forms.rows, supports.P, linear)
-    if there is None:
-        A = forms.whole()
-        K, order = _restrict(A, supports), cache(partial(_order, A, supports, points))
-    else:
-        A, K, order = there, there.K, None
-    system = System(
-        K=K,
-        load=load_of(loads, A, supports),
-        norms=norm_terms(terms, contact.press, supports),
-        motion=None if supports.still else motion_of(A, supports, acting_rows(terms), obstacles.rows, seen),
-        order=order,
-        near_kernel=supports.P.T @ rigid_modes(points),
-        kernel=kernel,
-        limits=limits(obstacles, supports),
-        damping=_damping(forms.viscosity, supports, seen),
-        dragged=dragged_terms(terms, contact.press, supports),
-    )
-    return A, system
+def _whole(forms: Sequence[SumOverCells | sp.csr_matrix]) -> sp.csr_matrix:
+    """All of a sum of matrices, of which none may stand."""
+    return reduce(add, (A.whole() if isinstance(A, SumOverCells) else A for A in forms))
 
 
-@dataclass(frozen=True)
-class _Contact:
-    """The surface of contact of a scene, and the norm terms and limits that friction and obstacles are there."""
-
-    surface: Surface
-    terms: Terms
-    obstacles: Obstacles
-    press: sp.csr_matrix | None  # (rows of frictions, r) which limits press on rows whose weights have a law
+def _rows(forms: Sequence[SumOverCells | sp.csr_matrix], unknowns: Ints) -> sp.csr_matrix:
+    """The rows (k, n_u) of some nodal values of such a sum."""
+    return reduce(add, (A.rows(unknowns) if isinstance(A, SumOverCells) else A[unknowns] for A in forms))
 
 
 def _contact(
@@ -301,28 +257,29 @@ def _contact(
     stops: Sequence[Obstacle],
     supports: Supports,
     times: Sequence[float],
-) -> _Contact:
+) -> tuple[Terms, Obstacles, Surface]:
+    """What friction and obstacles are on the free unknowns, and where contact is looked at: from one table of rows."""
     table = ContactRows.of([*surfaces, *frictions, *stops], supports.points.shape[1])
     moves = [np.full(len(f.nodes), f.ground is not None) for f in frictions]
     rubbing = slice(start := sum(len(s.nodes) for s in surfaces), start + sum(map(len, moves)))
     drawn = np.zeros(len(table), dtype=bool)
     drawn[rubbing] = np.concatenate([drawn[:0], *moves])
-    terms = friction_terms(frictions, table[rubbing], supports, times)
     obstacles = gathered(stops, table[rubbing.stop :], supports)
-    press = pressures(terms, obstacles, table[rubbing], supports)
-    return _Contact(contact_surface(table, drawn, terms, supports, times), terms, obstacles, press)
+    terms = friction_terms(frictions, table[rubbing], supports, times, obstacles=obstacles)
+    return terms, obstacles, contact_surface(table, drawn, terms, supports, times)
 
 
-def _unsupported(space: Space, supports: Supports, contact: _Contact, springs: sp.csr_matrix | None) -> Kernel | None:
+def _unsupported(
+    space: Space, supports: Supports, terms: Terms, obstacles: Obstacles, springs: sp.csr_matrix | None
+) -> Kernel | None:
     """The rigid motions that only friction or one-sided contact resists.
 
     A warning names them; where they are motions of one of several bodies, the log does.
     """
-    felt = [on_free(rows, supports) for rows in (contact.terms.rows, contact.obstacles.rows)]
+    felt = [on_free(rows, supports) for rows in (terms.rows, obstacles.rows)]
     kernel, of_bodies = floating_motions(space, supports, sp.vstack(felt, format="csr"), springs)
-    dim = space.mesh.points.shape[1]
-    sprung = np.zeros(0, dtype=np.int64) if springs is None else np.flatnonzero(springs.diagonal() > 0) // dim
-    warn_of_free_normals(contact.terms.frictions, supports, np.union1d(contact.obstacles.nodes, sprung))
+    sprung = np.zeros(0, dtype=np.int64) if springs is None else np.flatnonzero(springs.diagonal() > 0) // space.dim
+    warn_of_free_normals(terms.frictions, supports, np.union1d(obstacles.nodes, sprung))
     if kernel is not None:
         holds = "holds back" if of_bodies else "holds the body against"
         said = (
@@ -341,7 +298,10 @@ def _chain(tuples: Iterable[tuple[T, ...]]) -> tuple[T, ...]:
     return tuple(chain.from_iterable(tuples))
 
 
-def _restrict(A: sp.csr_matrix, supports: Supports) -> sp.csr_matrix:
+def _restrict(A: sp.csr_matrix | Congruent, supports: Supports) -> Any:
+    """K = P'A P; where the linear solver holds that, its own."""
+    if isinstance(A, Congruent):
+        return A.K
     if supports.columns is not None:
         K = _principal(A, supports.columns)
         read_only(K.data)  # so that a System need not copy it

@@ -13,7 +13,6 @@ from scipy.sparse.csgraph import connected_components
 
 from vemcvx.arrays import EPS, Floats, Ints
 from vemcvx.errors import SceneError
-from vemcvx.linear import Matrix
 from vemcvx.meshes import AnyMesh
 from vemcvx.program.kernel import Kernel
 from vemcvx.scene.supports import Supports
@@ -190,13 +189,13 @@ def seen_from_bodies(space: Space) -> Callable[[Floats], Floats]:
     """
 
     @cache
-    def motions() -> tuple[Matrix, Matrix]:
+    def motions() -> tuple[sp.csr_matrix, sp.csr_matrix]:
         mesh, (cell, node) = space.mesh, space.incidences
         graph = sp.csr_matrix((np.ones(len(cell)), (node, cell)), shape=(mesh.n_nodes, mesh.n_cells))
         label = connected_components(graph @ graph.T, directed=False)[1].astype(np.int64)
         by_body = np.argsort(label, kind="stable")
         R = _motions(label[by_body], by_body, mesh.points)
-        return R, R.T if isinstance(R, np.ndarray) else sp.csr_matrix(R.T)
+        return R, sp.csr_matrix(R.T)
 
     def seen(u: Floats) -> Floats:
         R, transposed = motions()
@@ -245,8 +244,6 @@ def _without_rounding(loose: Floats, reach: float) -> Floats:
 
 def _without_energy(springs: sp.csr_matrix, fields: Floats) -> Floats:
     """Combinations of the columns, as orthonormal columns, to which springs give no energy."""
-    if fields.shape[1] == 0:
-        return np.zeros((0, 0))
     size = np.abs(fields).max(axis=0)
     energy, rotated = np.linalg.eigh((fields / size).T @ (springs @ (fields / size)))
     free = rotated[:, energy <= FREE * max(np.abs(springs.data).max(initial=0.0), energy[-1])]
@@ -268,10 +265,10 @@ def _connected(piece: Ints, node: Ints, sites: Ints, springs: sp.csr_matrix | No
     return parts, label.astype(np.int64)
 
 
-def _motions(piece: Ints, node: Ints, points: Floats) -> Matrix:
+def _motions(piece: Ints, node: Ints, points: Floats) -> sp.csr_matrix:
     """(n_u, pieces * k) the k rigid motions of each piece as orthonormal columns, of pairs by piece and node.
 
-    Dense for one piece. Taken about its middle and in units of its size: rotations then weigh like translations.
+    Taken about its middle and in units of its size: rotations then weigh like translations.
     """
     pieces, dim = piece.max() + 1, points.shape[1]
     inside = np.bincount(piece)
@@ -289,8 +286,6 @@ def _motions(piece: Ints, node: Ints, points: Floats) -> Matrix:
     # Products of normed motions below this are rounding.
     if np.abs(products - np.eye(k)).max() > 1e-9:
         modes = modes @ np.linalg.inv(np.linalg.cholesky(products)).swapaxes(1, 2)[piece]
-    if pieces == 1 and len(node) == len(points):
-        return modes.reshape(-1, k)
     rows = np.repeat(node[:, None] * dim + np.arange(dim), k, axis=1)
     columns = np.tile(piece[:, None] * k + np.arange(k), (1, dim))
     return sp.csr_matrix((modes.ravel(), (rows.ravel(), columns.ravel())), shape=(points.size, pieces * k))

@@ -9,7 +9,6 @@ from functools import cache, cached_property
 import numpy as np
 import pytest
 import scipy.sparse as sp
-from numpy.typing import ArrayLike
 
 from vemcvx.arrays import Floats
 from vemcvx.effects import (
@@ -91,19 +90,14 @@ def sliders(block: int, n: int = 6) -> System:
     def load(t: float) -> Floats:
         return np.ravel(2 * np.sin(5 * t) * push)
 
-    return System(_sparse(np.diag(np.repeat(k, block))), load, Norms(_sparse(np.eye(n * block)), w, block=block))
+    return System(np.diag(np.repeat(k, block)), load, Norms(np.eye(n * block), w, block=block))
 
 
 def _plain_matrices() -> System:
     """Three unknowns; rows of B and D that read several of them."""
-    K = _sparse([[4.0, -1.0, 0.0], [-1.0, 3.0, -1.0], [0.0, -1.0, 5.0]])
-    norms = Norms(_sparse([[1.0, -1.0, 0.0], [0.0, 0.6, 0.8]]), [0.3, 0.5])
-    limits = Limits(_sparse([[1.0, 1.0, 0.0]]), [0.4])
-    return System(K, lambda t: [3 * t, -t, 2 * t * (1 - t)], norms, limits=limits)
-
-
-def _sparse(rows: ArrayLike) -> sp.csr_matrix:
-    return sp.csr_matrix(np.asarray(rows, dtype=float))
+    K = [[4.0, -1.0, 0.0], [-1.0, 3.0, -1.0], [0.0, -1.0, 5.0]]
+    norms = Norms([[1.0, -1.0, 0.0], [0.0, 0.6, 0.8]], [0.3, 0.5])
+    return System(K, lambda t: [3 * t, -t, 2 * t * (1 - t)], norms, limits=Limits([[1.0, 1.0, 0.0]], [0.4]))
 
 
 INSTANCES = {

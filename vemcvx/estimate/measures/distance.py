@@ -86,10 +86,8 @@ class InnerStrain:
 
 def inner_strain(field: Field, kind: str, subject: str) -> InnerStrain:
     """Strains of Pi u, or for "exact" of the virtual function: MeshError if that is not known in a cell."""
-    plane, known = (
-        field.space.in_plane,
-        "neither a triangle nor a rectangle" if field.space.in_plane else "no tetrahedron",
-    )
+    plane = field.space.in_plane
+    known = "neither a triangle nor a rectangle" if plane else "no tetrahedron"
     slope = np.zeros((field.mesh.n_cells, field.space.dim, field.strain.shape[1]))
     for group in field.space.groups if kind == "exact" else ():
         n = group.nodes.shape[1]
@@ -111,8 +109,7 @@ def _rectangles(corners: Floats) -> Bools:
     closes = np.abs(corners[:, 0] - corners[:, 1] + corners[:, 2] - corners[:, 3]).max(axis=1)
     skew = np.abs(np.sum(first * second, axis=1)) / np.maximum(*lengths)
     # Coordinates of a box may be rounded to twelve digits.
-    rectangles: Bools = np.maximum(closes, skew) <= 1e-10 * np.minimum(*lengths)
-    return rectangles
+    return np.maximum(closes, skew) <= 1e-10 * np.minimum(*lengths)
 
 
 def _slopes(group: CellGroup, displacement: Floats) -> Floats:

@@ -352,7 +352,7 @@ def _frames(rows: sp.csr_matrix, site: Ints) -> tuple[sp.csr_matrix, Floats]:
 
 def _across(units: sp.csr_matrix, rows: sp.csr_matrix) -> tuple[sp.csr_matrix, Floats]:
     """The part of each row across orthonormal ones, as a unit vector, zero where it is none; and its length."""
-    rest = sp.csr_matrix(rows - (rows @ units.T) @ units)
+    rest = sp.csr_matrix(rows - (rows @ units.T) @ units) if units.nnz else rows.copy()
     length = np.sqrt(np.asarray(rest.multiply(rest).sum(axis=1)).ravel())
     rest.data /= np.repeat(np.where(length > STRAIGHT, length, np.inf), np.diff(rest.indptr))
     rest.eliminate_zeros()

@@ -123,17 +123,30 @@ class Space:
                 f"{subject}: on={on!r} has {mesh.PARTS} of an interface ({', '.join(mesh.interfaces)}) between two "
                 "bodies, where contact and friction act and nothing else; name boundaries that are on the outside."
             )
+        key = tuple(sorted(set(names)))
+        if key not in self._parts:
+            self._parts[key] = self._part(read_only(sides), across)
+        return self._parts[key]
+
+    @cached_property
+    def _parts(self) -> dict[tuple[str, ...], Part]:
+        """The parts asked for so far: friction and contact act on the same one, and its normals are found once."""
+        return {}
+
+    def _part(self, sides: Ints, across: Ints | None) -> Part:
+        mesh = self.mesh
         if isinstance(mesh, PolyhedralMesh):
-            return face_part(read_only(sides), mesh, across, self.mirrors)
-        return edge_part(read_only(sides), mesh.points, across, self.mirrors, self._inside(sides, across))
+            return face_part(sides, mesh, across, self.mirrors)
+        return edge_part(sides, mesh.points, across, self.mirrors, self._inside(sides, across))
 
     def _inside(self, edges: Ints, across: Ints | None) -> Bools:
         """Ends (m, 2) of edges whose node is in one cell alone, of the body whose outline both have: the earlier."""
         cells, nodes = self.incidences
-        first = np.full(self.mesh.n_nodes, self.mesh.n_cells)
-        np.minimum.at(first, nodes, cells)
-        beside = edges if across is None else across.reshape(edges.shape)
-        outline = np.where((beside >= 0) & (first[beside] < first[edges]), beside, edges)
+        outline = edges
+        if across is not None:
+            first, beside = np.full(self.mesh.n_nodes, self.mesh.n_cells), across.reshape(edges.shape)
+            np.minimum.at(first, nodes, cells)
+            outline = np.where((beside >= 0) & (first[beside] < first[edges]), beside, edges)
         return np.bincount(nodes, minlength=self.mesh.n_nodes)[outline] == 1
 
     def _across(self, sides: Ints) -> Ints:

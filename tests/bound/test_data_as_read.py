@@ -254,7 +254,7 @@ COURSES = {
 QUICK = ("ground", "support")
 LINEAR = ("bump", "bump in three steps", "ground", "support", "bound")
 """Between bends that are found."""
-HALVED = [(2, one) for one in COURSES] + [(times, one) for times in (0, 8) for one in COURSES if one not in QUICK]
+HALVED = [(2, one) for one in COURSES] + [(8, one) for one in COURSES if one not in QUICK] + [(0, "pulse")]
 """How often steps of the path are halved: the better it is, the nearer is the bound to the error under data as read."""
 
 

@@ -123,17 +123,10 @@ class ErrorBound(Outlined):
 
     def at(self, k: int) -> ErrorBound:
         """The bound of the k-th of the steps alone."""
-        low, high = self.energy
-        least, most = self.potential
-        return replace(
-            self,
-            steps=self.steps[k],
-            upper=self.upper[k],
-            lower=self.lower[k],
-            energy=(low[k], high[k]),
-            potential=(least[k], most[k]),
-            parts={name: part[k] for name, part in self.parts.items()},
-        )
+        one = {name: getattr(self, name)[k] for name in ("steps", "upper", "lower")}
+        (low, high), (least, most) = self.energy, self.potential
+        parts = {name: part[k] for name, part in self.parts.items()}
+        return replace(self, **one, energy=(low[k], high[k]), potential=(least[k], most[k]), parts=parts)
 
     @property
     def relative(self) -> Floats:
@@ -294,8 +287,7 @@ def certain_intervals(circle: Hypercircle, stepped: Sequence[Stepped], of: Effec
         There is none for this quantity.
     """
     certain = CertainQuantity.of(circle, of)
-    # Of copies: fields in triangles, 2.6 kB a hexagon, would be kept with the pairs of all steps.
-    return np.array([certain.between(replace(one.pair), one.t) for one in stepped])
+    return np.array([certain.between(one.pair, one.t) for one in stepped])
 
 
 def _instants(history: History, step: int) -> tuple[int, Instant, Instant]:

@@ -392,7 +392,8 @@ class _Fields:
         for k, (fans, displacement) in enumerate(zip(circle.fans, circle.displacements, strict=True)):
             of_body = alone(fans, pair.densities[k])[0] if pair.densities else 0.0
             values.append(displacement.nodal(outline_of(fans, pair.u) + pair.w[circle.outlines[k]]) + of_body)
-        return cls(circle, pair, circle.prestress(t), t, tuple(values), defects, circle.squares(defects))
+        squares = circle.squares(defects)
+        return cls(circle, pair, circle.prestress(t), t, v=tuple(values), defects=defects, squares=squares)
 
     @cached_property
     def read(self) -> Reading:

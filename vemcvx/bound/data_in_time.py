@@ -4,16 +4,16 @@ A path has instants where data are not linear in time within one of its steps, b
 it. Between any two readings they are looked at once more. Where they miss the line by more than OFF_LINE of their size
 that is an instant of the path, too, data are read at the quarters around it, and a warning names it.
 
-The bound is a theorem for data that are linear between the instants of the path. By others the exact history differs
-from theirs. All that is certain is that it differs by no more than the variation in time of what they miss, and of a
-sine that is 2 / 128 of the amplitude for each radian, or a tenth, while in truth next to nothing is lost: where a slip
-turns, what data miss of the largest load. One place that slips (the play operator) loses no more than the largest of
-what data miss. So what is lost is estimated, by the run on its own cells: once more under the data as they are at the
-instants of the path and at those looked at, and under the lines between the former. What both differ by in the energy
-norm up to an instant of the run, times SAFETY, is added to the bound there.
+The bound is a theorem for data that are linear between the instants of the path. Under others the exact history is
+another one. For certain it is off by no more than the variation in time of what the lines miss, in the energy norm of
+an elastic body; but of a sine at 128 instants that is pi^2 / 128 of its amplitude, 8 %, where nothing is lost if its
+turns are among them: one place that slips (the play operator) loses no more than the most that lines miss by. So what
+is lost is estimated, by the run on its own cells at the instants of the path and at those looked at: under the data as
+they are, and under the lines. What the two differ by in the energy norm up to an instant of the run, times SAFETY, is
+added to the bound there.
 
 Without this a bound sinks below the error as its path gets better: the load of a pulse, .622 at its top, was .620 at
-the nearest instant, the error .122, the bound .120, and of these data right.
+the nearest instant, the error .122, and the bound .120, as it should be under such data.
 """
 
 from __future__ import annotations

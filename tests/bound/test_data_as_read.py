@@ -231,6 +231,10 @@ def pulse(t):
     return 0.4 * t + 0.4 * max(0.0, 1.0 - abs(t - 0.555) / 0.005)
 
 
+def short_dip(x, t):
+    return np.full(len(x), 0.5 - 0.4 * max(0.0, 1.0 - abs(t - 0.555) / 0.005))
+
+
 def ripples(t):
     return 0.45 * t + 0.3 * np.sin(40.0 * np.pi * t)
 
@@ -247,6 +251,12 @@ COURSES = {
     "bound": (sheared(lambda t: 0.45, dip), 2),
     "waves": (sheared(lambda t: 0.7 * np.sin(16.0 * np.pi * t)), 2),
     "pulse": (sheared(pulse), 10),
+    "pulse of ground": ((*LAYER, vx.Clamp(on="top"), vx.TrescaFriction(0.5, on="bottom", ground=uniform(pulse))), 10),
+    "pulse of support": (
+        (*LAYER, vx.PrescribedDisplacement(uniform(pulse), on="top"), vx.TrescaFriction(0.5, on="bottom")),
+        10,
+    ),
+    "pulse of bound": (sheared(lambda t: 0.45, short_dip), 10),
     "ripples": (sheared(ripples), 5),
     "more ripples": (sheared(ripples), 10),
     "fast ripples": (sheared(fast_ripples), 32),

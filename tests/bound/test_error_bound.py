@@ -361,7 +361,7 @@ def test_squares_by_what_moves_edges_are_those_of_the_stresses_themselves(name, 
     circle = circle_of(history)
     pair = circle.pair(instant(history, 1), instant(history, 0))
     exact, body = (
-        np.bincount(circle.boundary.edges.owner, circle.squares(pair.defects)),
+        np.bincount(circle.boundary.edges.owner, circle.squares(circle.fields(pair.defect))),
         circle.body_forces.of(pair.densities),
     )
     # Of nearly incompressible cells stresses are known to 1e-10 of lambda, and so are their squares.

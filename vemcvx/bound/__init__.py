@@ -46,10 +46,10 @@ data are linear in time there, too, and the exact history begins like the run, y
 
     |tau - sigma|  <=  y_n  =  (y_{n-1}^2 + 2 D_n)^{1/2} + |r_n - r_{n-1}|,    |u - v_n|_a  <=  y_n + |r_n|.
 
-The path is the same run in finer steps, with instants at which data bend, turn or jump, on cells within its own; data
-are read at these instants and at quarters of the steps between, and taken for linear in time between readings. y never
-decreases, so that cells are split where it grows and steps halved, until many cycles are bounded like one.
-Statement and proof: :mod:`.error_bound`, :mod:`.within`.
+The path is the same run in finer steps, with instants at which data bend, turn or jump, on cells within its own. Data
+that are not linear between its instants are bounded as read there, and an estimate of the rest is added
+(:mod:`.data_in_time`). y never decreases, so that cells are split where it grows and steps halved, until many cycles
+are bounded like one. Statement and proof: :mod:`.error_bound`, :mod:`.within`.
 
 **The data** are functions of which a program knows values at points, and the theorems are about data as read there:
 body forces at 21 points of each triangle of a fan, tractions at three of each piece of the boundary (1/512 of the size

@@ -173,10 +173,8 @@ class BodyForces:
     """Body forces on a mesh, and those that were asked for before."""
 
     fans: tuple[Fans, ...]
-    known: list[tuple[Floats, ...]] = field(default_factory=list)
-    """densities of shapes, chunk by chunk, at right angles to each other"""
-    norms: list[float] = field(default_factory=list)
-    """sums of their squares"""
+    known: list[tuple[float, tuple[Floats, ...]]] = field(default_factory=list)
+    """sums of squares, and densities chunk by chunk, of shapes at right angles to each other"""
     made: list[tuple[_Shapes, ...]] = field(default_factory=list)
     """what all of them make, chunk by chunk, once that was asked for"""
 
@@ -185,31 +183,29 @@ class BodyForces:
         if not densities:
             return ()
         largest = max(map(_largest, densities))
-        works = [sum(map(np.vdot, densities, shape)) / norm for shape, norm in zip(self.known, self.norms, strict=True)]
-        s = np.array(works)
+        shapes = [shape for _, shape in self.known]
+        s = np.array([sum(map(np.vdot, densities, shape)) / norm for norm, shape in self.known])
 
         def rest(k: int) -> Floats:
             """What is no combination in the k-th chunk."""
             left = densities[k].copy()
-            for one, shape in zip(s, self.known, strict=True):
+            for one, shape in zip(s, shapes, strict=True):
                 left -= one * shape[k]
             return left
 
-        if self.known and all(_largest(rest(k)) <= ROUNDING * largest for k in range(len(densities))):
+        if shapes and all(_largest(rest(k)) <= ROUNDING * largest for k in range(len(densities))):
             if not self.made:
-                self.made.append(tuple(_shapes(fans, each) for fans, *each in zip(self.fans, *self.known, strict=True)))
+                self.made.append(tuple(_shapes(fans, each) for fans, *each in zip(self.fans, *shapes, strict=True)))
             return tuple(one.combined(s, f) for one, f in zip(self.made[0], densities, strict=True))
         found = tuple(_shapes(fans, [f]) for fans, f in zip(self.fans, densities, strict=True))
         if largest > 0.0:
             self.made.clear()
             left = tuple(map(rest, range(len(densities))))
-            if len(self.known) in (0, MOST_SHAPES):
+            if len(shapes) in (0, MOST_SHAPES):
                 self.known.clear()
-                self.norms.clear()
                 self.made.append(found)
                 left = tuple(densities)
-            self.known.append(left)
-            self.norms.append(float(sum(map(np.vdot, left, left))))
+            self.known.append((float(sum(map(np.vdot, left, left))), left))
         return tuple(one.combined(np.ones(1), f) for one, f in zip(found, densities, strict=True))
 
 

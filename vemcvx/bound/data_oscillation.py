@@ -218,6 +218,16 @@ class DataOscillation:
         return loads
 
     @cached_property
+    def springs(self) -> Floats:
+        """(q, 2, 2) stiffness per length of springs to the ground at new nodes."""
+        springs, each = np.zeros((self.fine.mesh.n_nodes, 2, 2)), np.tile(np.eye(2), (self.fine.mesh.n_nodes, 1))
+        for part in self.parts:
+            if part.material is None and part.stiffness is not None:
+                springs += (part.stiffness @ each).reshape(-1, 2, 2)
+        found: Floats = springs[self.fine.old :] / self.fine.lengths[:, None, None]
+        return found
+
+    @cached_property
     def inside(self) -> SamplePoints:
         """Places in the cells."""
         return in_cells(plane_mesh(self.posed.space.mesh, "error_budget"))
@@ -333,18 +343,12 @@ class DataOscillation:
         """(b, 2) unit vectors along which friction acts; where there is none, along the way that the edges went."""
         terms, edges = self.posed.terms, self.edges
         force = np.einsum("mb,mbd->md", now.lam, terms.tangents) / terms.lengths[:, None]
-        acting, jump = (np.sum(one, axis=1) for one in (at_ends(edges, terms, force), self._jumps(now)))
+        acting, jump = (np.sum(one, axis=1) for one in (at_ends(edges, terms, force), edges.jumps(now.u)))
         jump -= np.einsum("bd,bd->b", jump, edges.units)[:, None] * edges.units
         way = np.where(np.any(acting != 0.0, axis=1)[:, None], acting, jump)
         size = np.linalg.norm(way, axis=1, keepdims=True)
         unit: Floats = np.divide(way, size, out=np.zeros_like(way), where=size > 0)
         return unit
-
-    def _jumps(self, now: Instant) -> Floats:
-        """(b, 2, 2) u at both ends of boundary edges, less that of another body where there is one."""
-        across = self.edges.joints.across
-        jumps: Floats = now.u[self.edges.outer_edges] - np.where(across[:, :, None] >= 0, now.u[across], 0.0)
-        return jumps
 
     def _of_jumps(self, values: Floats, unit: Floats) -> Floats:
         """Compliances of edges along the units (b, 2); what reads jumps may move either of two bodies.
@@ -360,7 +364,7 @@ class DataOscillation:
     def _obstacle(self, obstacle: Obstacle, now: Instant) -> Floats:
         """What rigid obstacles between nodes, and compliant ones there, count."""
         edges, soft = self.edges, obstacle.compliance > 0
-        cosines = np.einsum("bd,bsd->bs", edges.units, self._jumps(now))
+        cosines = np.einsum("bd,bsd->bs", edges.units, edges.jumps(now.u))
         stiffness = np.divide(1.0, obstacle.compliance * obstacle.lengths, out=np.zeros(len(soft)), where=soft)
         at, values, line = self.fine.read(obstacle, np.column_stack([obstacle.gap(now.t), stiffness]))
         (gap, k), (nodal, _), outward = values.T, line.T, self.fine.between(cosines, at)
@@ -405,14 +409,8 @@ class DataOscillation:
 
     def _springs(self, now: Instant) -> Floats:
         """What springs to the ground count whose stiffness is not the mean of their edge."""
-        fine, owner = self.fine, self.fine.owner
-        each = np.zeros((fine.mesh.n_nodes, 2, 2))
-        for part in self.parts:
-            if part.material is None and part.stiffness is not None:
-                each += (part.stiffness @ np.tile(np.eye(2), (len(each), 1))).reshape(-1, 2, 2)
-        each = each[fine.old :]
-        frame = np.stack([self.edges.units, self.edges.tangents])
-        k = np.einsum("jqa,qab,jqb->jq", frame[:, owner], each, frame[:, owner]) / fine.lengths
+        fine, owner, frame = self.fine, self.fine.owner, np.stack([self.edges.units, self.edges.tangents])
+        k = np.einsum("jqa,qab,jqb->jq", frame[:, owner], self.springs, frame[:, owner])
         mean = np.stack([totals(owner, one, len(self.edges.outer)) for one in k]) / np.bincount(owner)
         k, assembled = without_rounding(k, mean[:, owner])
         moved = np.einsum("jqd,qd->jq", frame[:, owner], fine.between(now.u[self.edges.outer_edges]))

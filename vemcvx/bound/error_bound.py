@@ -34,27 +34,23 @@ with it and .04 without, on the same cells.
 For v and v_n one may take v + w of :mod:`.hypercircle`, richer inside of the body and on contact the same: r is smaller
 by half, and only in the last square it is that of v_n, because X is orthogonal to C eps(w). y_0 is |r_0| of v: the
 exact history is one that begins like the run. What linear moments miss of loads is a stress of its own in tau, no
-larger than osc_T, and so are its changes in time. Where data are not linear in time within a step of the path, by what
-they are at READINGS instants of it, these are instants of the path.
+larger than osc_T, and so are its changes in time.
 
-So the bound of a history is about data as they are read at the instants of the path, and at a quarter, the half and
-three quarters of the steps that it has at first; between, data are taken for linear in time. One instant between any
-two readings is looked at besides: where data miss the line there by more than OFF_LINE of their size it becomes one of
-the path, data are read at the quarters around it, too, and a warning names it. What happens within less than the
-distance of these instants is not in the bound.
+So the theorem is about data that are linear in time between the instants of the path. What is missed of others is added
+as an estimate, and `kind` says so (:mod:`.data_in_time`).
 """
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
 from typing import Any, NamedTuple, overload
 
 import numpy as np
 
-from vemcvx.arrays import SAME, Floats, Ints, totals
+from vemcvx.arrays import Floats, Ints, totals
+from vemcvx.bound.data_in_time import OFF_LINE, Followed, followed, readings
 from vemcvx.bound.hypercircle import Hypercircle, Pair, hypercircle
 from vemcvx.bound.quantity import CertainQuantity, QuantityBound, quantity_bound
 from vemcvx.bound.skeleton import Instant, instant
@@ -65,15 +61,11 @@ from vemcvx.history import History, scene_of
 from vemcvx.outline import Outline, Outlined
 from vemcvx.scene import Scene
 from vemcvx.scene.pose import PosedScene, pose_scene, unwarned
-from vemcvx.stepping.course import ACROSS, course, divided, inside_steps
+from vemcvx.stepping.course import course, divided, inside_steps
 
 log = logging.getLogger("vemcvx")
-PATH, READINGS = 32, 4
-"""Steps of the path, at least (with twice as many bounds of cycles were lower by 3 %); and instants in each of them,
-which it has where data are not linear in time."""
-OFF_LINE = 0.02
-"""Part of their size by which data may differ from lines between readings without a word: with readings 1/128 of the
-run apart, waves of more than eight periods do."""
+PATH = 32
+"""Steps of the path, at least: with twice as many bounds of cycles were lower by 3 %."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -100,9 +92,9 @@ class ErrorBound(Outlined):
         Parts of the square of the (largest) upper.
     parts : mapping of str to (S,)
         Of upper: "mesh", what stress and strain differ by; "contact", what friction and contact do; "data", what is
-        missed of loads that are not polynomials; "reading", the allowance for what points may misread of these, an
-        estimate, zero if two readings agree; "algebra", the certified error of the solver, which is in the others; of
-        whole histories also "steps", y.
+        missed of loads that are not polynomials; "reading", the allowance for what points may misread of these, and
+        instants of data that are not linear in time between them, an estimate, zero if two readings agree; "algebra",
+        the certified error of the solver, which is in the others; of whole histories also "steps", y.
     bends : (k,)
         Of whole histories the instants inside steps at which data bend, turn or jump, which the run does not know: more
         steps, or these instants (:func:`vemcvx.instants`), bring it nearer.
@@ -111,8 +103,9 @@ class ErrorBound(Outlined):
         that are polynomials of degree three on the triangles of cells are. "bound for loads as read at points" where
         a finer reading of loads differs: `upper`, `lower`, `energy` and `potential` then have the part "reading" in
         them. "bound for the given friction", or "... the given friction and loads as read at points", where the bound
-        of friction follows the pressure of the answer. Of a history "... data as read at instants" if data between
-        these were found to be other than linear.
+        of friction follows the pressure of the answer. Of a history "... data as read at instants" if between those
+        of its path data were found to be other than linear: `upper` less "reading" is then a theorem for data that are
+        linear there, and "reading" an estimate of what else they do.
     history : History
         The run.
     """
@@ -130,17 +123,10 @@ class ErrorBound(Outlined):
 
     def at(self, k: int) -> ErrorBound:
         """The bound of the k-th of the steps alone."""
-        low, high = self.energy
-        least, most = self.potential
-        return replace(
-            self,
-            steps=self.steps[k],
-            upper=self.upper[k],
-            lower=self.lower[k],
-            energy=(low[k], high[k]),
-            potential=(least[k], most[k]),
-            parts={name: part[k] for name, part in self.parts.items()},
-        )
+        one = {name: getattr(self, name)[k] for name in ("steps", "upper", "lower")}
+        (low, high), (least, most) = self.energy, self.potential
+        parts = {name: part[k] for name, part in self.parts.items()}
+        return replace(self, **one, energy=(low[k], high[k]), potential=(least[k], most[k]), parts=parts)
 
     @property
     def relative(self) -> Floats:
@@ -198,9 +184,9 @@ def error_bound(
     step : int, optional
         A stored step after which the one before it was stored, too; -1 is the last one. By default the whole history,
         every step of which must be stored, and in which nothing but friction with a given bound acts
-        (BilateralContact and TrescaFriction). Its bound is about data as read at the instants of the run, at 32 of a
-        path at least and at three within each step of that, at bends, turns and jumps; between them data are taken for
-        linear in time. Where they are found not to be, a warning names the instants.
+        (BilateralContact and TrescaFriction). Its bound is a theorem for data that are linear in time between the
+        instants of a path: those of the run, 32 steps at least, bends, turns and jumps, and where data are found to be
+        off lines. What others do besides is in it by an estimate, and where that may be much a warning names instants.
     of : Effect or sequence of Effect, optional
         A linear quantity, given as the load that does its work: ``Traction((1.0 / length, 0.0), on="top")`` is the mean
         displacement along x of a side, ``BodyForce((1.0 / area, 0.0))`` that of the body, ``Prestress((-1.0 / area,
@@ -281,12 +267,12 @@ def of_steps(circle: Hypercircle, history: History, stepped: Sequence[Stepped]) 
             "reading": eta,
             "algebra": np.sqrt(2.0 * history.trajectory.gap[at]),
         },
-        kind=_kind({"the given friction": laws, "loads as read at points": bool(eta.any())}),
+        kind=_kind({"the given friction": laws, "loads as read at points": eta.any()}),
         history=history,
     )
 
 
-def _kind(supposed: dict[str, bool]) -> str:
+def _kind(supposed: Mapping[str, bool | np.bool]) -> str:
     """The kind of a bound that supposes some of these."""
     given = " and ".join(name for name, so in supposed.items() if so)
     return f"bound for {given}" if given else "bound"
@@ -301,8 +287,7 @@ def certain_intervals(circle: Hypercircle, stepped: Sequence[Stepped], of: Effec
         There is none for this quantity.
     """
     certain = CertainQuantity.of(circle, of)
-    # Of copies: fields in triangles, 2.6 kB a hexagon, would be kept with the pairs of all steps.
-    return np.array([certain.between(replace(one.pair), one.t) for one in stepped])
+    return np.array([certain.between(one.pair, one.t) for one in stepped])
 
 
 def _instants(history: History, step: int) -> tuple[int, Instant, Instant]:
@@ -359,18 +344,19 @@ def _check_history(posed: PosedScene, history: History) -> None:
 
 def _of_history(scene: Scene, history: History) -> ErrorBound:
     mesh, times = history.mesh, history.trajectory.times
-    finer, bends, missed = times, np.zeros(0), np.zeros(0)
+    read, bends = Followed(times), np.zeros(0)
     with unwarned():
         posed = pose_scene(scene, mesh)
     _check_history(posed, history)
     if len(times) > 1:
         bends = inside_steps(times, course(posed.system, times).bends)
-        finer, missed = _followed(posed, divided(np.union1d(times, bends), 1, PATH))
+        read = followed(posed, divided(np.union1d(times, bends), 1, PATH))
     # A load that comes and goes within a step is left out by runs, and leaves friction behind.
-    _warn_between(bends, missed)
-    within, inner, path = within_cells(scene, history, finer, _readings(finer).tolist())
+    _warn_between(bends, read.missed)
+    within, inner, path = within_cells(scene, history, read.path, readings(read.path).tolist())
     found, worst = _along(within, inner, path, history)
-    y, D, norm, A, richer, mesh_part, data, eta = np.array(found).T
+    y, D, norm, A, richer, mesh_part, data, at_points = np.array(found).T
+    eta = at_points + read.allowance(posed, history)
     upper = np.sqrt(np.square(y) + 2.0 * richer * y + A**2) + eta
     nothing = np.full(len(times), np.inf)
     return ErrorBound(
@@ -388,7 +374,7 @@ def _of_history(scene: Scene, history: History) -> ErrorBound:
             "algebra": np.sqrt(2.0 * history.trajectory.gap),
             "steps": y,
         },
-        kind=_kind({"loads as read at points": bool(eta.any()), "data as read at instants": len(missed) > 0}),
+        kind=_kind({"loads as read at points": at_points.any(), "data as read at instants": len(read.between) > 0}),
         history=history,
         bends=bends,
     )
@@ -436,64 +422,6 @@ def _warn_between(bends: Floats, missed: Floats) -> None:
         log.warning(
             f"error_bound: data are not linear between the instants at which the bound reads them, at t = "
             f"{', '.join(f'{t:.6g}' for t in missed[:5])}{' ...' if len(missed) > 5 else ''} by more than "
-            f"{OFF_LINE:.0%} of their size. It reads them there, too; what else happens between is not in it. Simulate "
+            f"{OFF_LINE:.0%} of their size. It reads them there, too, and estimates what it misses between. Simulate "
             "in steps that follow the data."
         )
-
-
-def _readings(path: Floats) -> Floats:
-    """The instants at which loads may be read: READINGS in each step of a path."""
-    parts = np.linspace(0.0, 1.0, READINGS + 1)
-    return np.unique(path[:-1, None] + parts * np.diff(path)[:, None]) if len(path) > 1 else path
-
-
-def _followed(posed: PosedScene, path: Floats) -> tuple[Floats, Floats]:
-    """The instants of a path with all readings of the steps in which data are not linear, and where data miss lines.
-
-    The latter are instants between any two readings, at random, so as not to be in step with waves. Around these data
-    are read once more, at the quarters of what is left: a pulse that is as short as readings are apart has its top
-    there.
-    """
-    read = _readings(path)
-    bent = np.repeat(_apart(posed, path, read[:-1]).max(axis=1).reshape(-1, READINGS).max(axis=1) > SAME, READINGS)
-    missed = _missing(posed, read)
-    path = np.union1d(np.union1d(path, read[:-1][bent]), missed)
-    if len(missed):
-        read = _readings(path)
-        path = np.union1d(path, read[_apart(posed, path, read).max(axis=1) > OFF_LINE])
-        path = np.union1d(path, _missing(posed, read))
-    return path, missed
-
-
-def _missing(posed: PosedScene, read: Floats) -> Floats:
-    """Instants between readings at which data miss the lines between these by more than OFF_LINE."""
-    between = read[:-1] + np.random.default_rng(0).uniform(0.2, 0.8, len(read) - 1) * np.diff(read)
-    missing: Floats = between[_apart(posed, read, between).max(axis=1) > OFF_LINE]
-    return missing
-
-
-def _apart(posed: PosedScene, known: Floats, at: Floats) -> Floats:
-    """(k, kinds) by which data at instants (k,) miss the lines between known ones, in parts of each kind's largest.
-
-    Nothing is looked at within the two sides of a jump.
-    """
-    data = lru_cache(maxsize=4)(lambda t: _data(posed, t))
-    found, sizes = [], []
-    for t in at:
-        k = int(np.clip(np.searchsorted(known, t), 1, len(known) - 1))
-        a, b = known[k - 1 : k + 1]
-        s = (t - a) / (b - a) if b - a > 2.0 * ACROSS * (known[-1] - known[0]) else 0.0
-        start, middle, stop = (data(float(x)) for x in (a, t if s else a, b))
-        rows = [m - f - s * (g - f) for f, m, g in zip(start, middle, stop, strict=True)]
-        found.append([np.abs(one).max(initial=0.0) for one in rows])
-        sizes.append(np.max([[np.abs(one).max(initial=0.0) for one in each] for each in (start, middle, stop)], axis=0))
-    largest = np.max(sizes, axis=0)
-    apart: Floats = np.array(found) / np.where(largest > 0.0, largest, 1.0)
-    return apart
-
-
-def _data(posed: PosedScene, t: float) -> list[Floats]:
-    """All that drives a scene, by kinds: motions of supports first."""
-    terms = posed.terms
-    kinds = [posed.supports.motion(t), posed.force(t), terms.weights(t), terms.bias(t)]
-    return kinds + ([] if terms.ground is None else [terms.ground(t)])

@@ -19,7 +19,7 @@ import scipy.sparse as sp
 
 from vemcvx.arrays import SINGLE, Floats, Ints
 from vemcvx.errors import SceneError
-from vemcvx.meshes.polygons import RADON_POINTS, RADON_WEIGHTS, polygon_centroids
+from vemcvx.meshes.polygons import RADON_POINTS, RADON_WEIGHTS, cross, polygon_centroids, right_of
 from vemcvx.meshes.quality import STAR
 from vemcvx.vem import Space
 from vemcvx.vem.elasticity import distinct
@@ -115,8 +115,7 @@ class Fans:
     @cached_property
     def normals(self) -> Floats:
         """(c, n, 2) of the outer edges, outward, as long as these."""
-        along = np.roll(self.corners, -1, axis=1) - self.corners
-        return np.stack([along[..., 1], -along[..., 0]], axis=2)
+        return right_of(np.roll(self.corners, -1, axis=1) - self.corners)
 
     @cached_property
     def outline(self) -> Floats:
@@ -153,9 +152,7 @@ class Fans:
     @cached_property
     def doubled_areas(self) -> Floats:
         """(c, n) det B."""
-        one, two = self.corners, np.roll(self.corners, -1, axis=1)
-        areas: Floats = one[..., 0] * two[..., 1] - one[..., 1] * two[..., 0]
-        return areas
+        return cross(self.corners, np.roll(self.corners, -1, axis=1))
 
     @cached_property
     def areas(self) -> Floats:
@@ -227,9 +224,9 @@ SHORTEST_EDGE = 1e-3
 def _least_height(corners: Floats) -> Floats:
     """The least height of the centre over an edge, (c,), in parts of the root of the area; negative if unseen."""
     ahead = np.roll(corners, -1, axis=1)
-    cross = corners[..., 0] * ahead[..., 1] - corners[..., 1] * ahead[..., 0]
-    height = cross / np.linalg.norm(ahead - corners, axis=2)
-    least: Floats = height.min(axis=1) / np.sqrt(0.5 * np.abs(cross.sum(axis=1)))
+    doubled = cross(corners, ahead)
+    height = doubled / np.linalg.norm(ahead - corners, axis=2)
+    least: Floats = height.min(axis=1) / np.sqrt(0.5 * np.abs(doubled.sum(axis=1)))
     return least
 
 
@@ -239,7 +236,7 @@ def _seeing(corners: Floats, cell: int) -> Floats:
     from scipy.optimize import linprog
 
     along = np.roll(corners, -1, axis=0) - corners
-    inward = np.column_stack([-along[:, 1], along[:, 0]]) / np.linalg.norm(along, axis=1)[:, None]
+    inward = -right_of(along) / np.linalg.norm(along, axis=1)[:, None]
     # Largest r with inward . (x - x_i) >= r.
     rows = np.column_stack([-inward, np.ones(len(corners))])
     limits = -np.einsum("ia,ia->i", inward, corners)

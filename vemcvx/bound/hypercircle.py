@@ -66,6 +66,7 @@ from vemcvx.bound.stress import fan_stress, lifted, of_edge
 from vemcvx.bound.surface import Boundary, Surface, free_alone
 from vemcvx.errors import SceneError
 from vemcvx.meshes import plane_mesh
+from vemcvx.meshes.polygons import right_of
 from vemcvx.scene.pose import PosedScene
 from vemcvx.vem import elastic_matrix, strains
 
@@ -136,11 +137,6 @@ class Pair:
         motion = self.defect.motion - self.circle.equilibrium.edges.motions(self.w)
         return replace(self.defect, motion=motion, outline=self.defect.outline + self.w)
 
-    @cached_property
-    def defects(self) -> tuple[Floats, ...]:
-        """r (c, n, 18, 3) of each chunk of cells, at its stations."""
-        return tuple(self.circle.at_stations(k, self.defect) for k in range(len(self.circle.fans)))
-
     @property
     def A2(self) -> float:
         """A^2."""
@@ -199,7 +195,8 @@ class Hypercircle:
         """
         boundary, edges, numbered = self.boundary, self.boundary.edges, self.equilibrium.edges
         boundary.check_supports(now)
-        densities, prestress, ends = self.densities_at(now.t), self._prestress(now), now.u[edges.outer_edges]
+        self._check_one_a_cell(now)
+        densities, prestress, ends = self.densities_at(now.t), self.prestress(now.t), now.u[edges.outer_edges]
         body, outline = self.body_forces.of(densities), numbered.outline(now.u)
         surface = self.surface(now, before, body)
         inside = [self._inside(k, outline, body[k : k + 1]) for k in range(len(self.fans))]
@@ -246,16 +243,19 @@ class Hypercircle:
             body = self.body_forces.of(self.densities_at(now.t)) if self.boundary.motions.shape[1] else ()
         return self.boundary.at(now, before, self._work([one.moments for one in body]))
 
-    def _prestress(self, now: Instant) -> Floats:
-        """sigma_0 (n_cells, 3), one a cell."""
+    def prestress(self, t: float) -> Floats:
+        """sigma_0 (n_cells, 3)."""
+        stresses = self.posed.prestress
+        return np.zeros((len(self.boundary.edges.areas), 3)) if stresses is None else stresses.stress(t)
+
+    def _check_one_a_cell(self, now: Instant) -> None:
+        """Raise SceneError where moduli, eigenstrains or prestress vary inside cells."""
         oscillation = self.boundary.oscillation
         if oscillation.inside_cells and np.any(oscillation.stress(now.t, strains(self.posed.space, now.u))):
             raise SceneError(
                 "error_bound: moduli, eigenstrains or prestress vary inside cells, and there is no bound for that; "
                 "give one value a cell, as an array (n_cells,) or by on=."
             )
-        prestress = self.posed.prestress
-        return np.zeros((len(self.boundary.edges.areas), 3)) if prestress is None else prestress.stress(now.t)
 
     def _inside(self, k: int, outline: Floats, body: Sequence[Body]) -> _Inside:
         """The displacement with these values in the k-th chunk of cells, under its body force, if there is one."""
@@ -282,6 +282,10 @@ class Hypercircle:
         for f, place in zip(body, self.outlines, strict=False):
             work += float(np.sum(f.outline * outline[place]))
         return energy, work
+
+    def fields(self, defect: Defect) -> tuple[Floats, ...]:
+        """r (c, n, 18, 3) of each chunk of cells, at its stations."""
+        return tuple(self.at_stations(k, defect) for k in range(len(self.fans)))
 
     def at_stations(self, k: int, defect: Defect) -> Floats:
         """r (c, n, 18, 3) in the k-th chunk of cells, at its stations, under the defect's body forces."""
@@ -386,10 +390,9 @@ class Hypercircle:
         for fans, F in zip(self.fans, moments, strict=False):
             for k, mode in enumerate(self.boundary.motions.T):
                 N, x = mode.reshape(-1, 2)[fans.nodes], fans.corners - fans.corners.mean(axis=1, keepdims=True)
-                turned = np.stack([-x[..., 1], x[..., 0]], axis=2)
-                turn = np.einsum("cid,cid->c", turned, N) / np.einsum("cid,cid->c", x, x)
+                turn = -np.einsum("cid,cid->c", right_of(x), N) / np.einsum("cid,cid->c", x, x)
                 y = fans.corners.mean(axis=1)
-                centre = N.mean(axis=1) + turn[:, None] * np.stack([y[:, 1], -y[:, 0]], axis=1)
+                centre = N.mean(axis=1) + turn[:, None] * right_of(y)
                 each = np.stack([np.broadcast_to(centre[:, None], N.shape), N, np.roll(N, -1, axis=1)], axis=2)
                 work[k] += float(np.sum(F * each.reshape(F.shape)))
         return work

@@ -388,14 +388,12 @@ class _Fields:
     @classmethod
     def of(cls, circle: Hypercircle, pair: Pair, t: float) -> _Fields:
         """Those of a pair at the instant t."""
-        values, defects = [], []
+        values, defects = [], circle.fields(pair.richer)
         for k, (fans, displacement) in enumerate(zip(circle.fans, circle.displacements, strict=True)):
-            richer = displacement.nodal(pair.w[circle.outlines[k]])
             of_body = alone(fans, pair.densities[k])[0] if pair.densities else 0.0
-            values.append(displacement.nodal(outline_of(fans, pair.u)) + richer + of_body)
-            defects.append(pair.defects[k] - stresses_of(fans, strains_at_stations(fans, richer)))
-        prestress, squares = _prestress(circle, t), circle.squares(defects)
-        return cls(circle, pair, prestress, t, v=tuple(values), defects=tuple(defects), squares=squares)
+            values.append(displacement.nodal(outline_of(fans, pair.u) + pair.w[circle.outlines[k]]) + of_body)
+        squares = circle.squares(defects)
+        return cls(circle, pair, circle.prestress(t), t, v=tuple(values), defects=defects, squares=squares)
 
     @cached_property
     def read(self) -> Reading:
@@ -439,12 +437,6 @@ class _Fields:
             stress = self.prestress[fans.cells][:, None, None] + np.zeros_like(strain)
             work -= float(inner(fans, stress, strain).sum())
         return work
-
-
-def _prestress(circle: Hypercircle, t: float) -> Floats:
-    """sigma_0 (n_cells, 3)."""
-    stresses = circle.posed.prestress
-    return np.zeros((len(circle.boundary.edges.areas), 3)) if stresses is None else stresses.stress(t)
 
 
 @dataclass(frozen=True, eq=False)

@@ -132,6 +132,12 @@ class Skeleton:
         """(b,) d_e / (2 mu) of boundary edges, by which squares of what they miss count."""
         return self.depths(self.outer, self.outer_normals) / (2.0 * self.shear[self.outer])
 
+    def jumps(self, u: Floats) -> Floats:
+        """(b, 2, 2) u (n_nodes, 2) at both ends of boundary edges, less that of another body where there is one."""
+        across = self.joints.across
+        jumps: Floats = u[self.outer_edges] - np.where(across[:, :, None] >= 0, u[across], 0.0)
+        return jumps
+
     def depths(self, cells: Ints, normals: Floats) -> Floats:
         """(e,) d_e: the widths of cells (e,) along these normals (e, 2), of any length."""
         if len(cells) == 0:

@@ -39,6 +39,7 @@ from vemcvx.bound.fan import (
     monomials,
     summed,
 )
+from vemcvx.meshes.polygons import right_of
 
 VOIGT = np.array([[[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], [[0.0, 0.0, 1.0], [0.0, 1.0, 0.0]]])
 """(2, 2, 3) entries of a symmetric tensor by its components xx, yy, xy."""
@@ -67,20 +68,15 @@ def _between(one: Floats, other: Floats, count: int) -> Floats:
     return points
 
 
-def _turned(edge: Floats) -> Floats:
-    """The normal on the right of an edge, as long as it."""
-    return np.array([edge[1], -edge[0]])
-
-
 def _conditions(count: int) -> tuple[Floats, Floats, Floats]:
     """Rows of outer tractions, of jumps across inner edges and of divergences at `count` points an edge."""
     outer, jumps, inside = [], [], []
     centre = CORNERS.mean(axis=0)
     for k in range(3):
         start, stop = CORNERS[k], CORNERS[(k + 1) % 3]
-        outer.append(_rows(k, _between(start, stop, count), _turned(stop - start)))
+        outer.append(_rows(k, _between(start, stop, count), right_of(stop - start)))
         # From corner k to the centroid run the parts k and k - 1.
-        x, n = _between(start, centre, count), _turned(centre - start)
+        x, n = _between(start, centre, count), right_of(centre - start)
         jumps.append(_rows(k, x, n) - _rows((k - 1) % 3, x, n))
         inside.append(_divergence_rows(k, STATIONS[k, :3]))
     return np.concatenate(outer), np.concatenate(jumps), np.concatenate(inside)
@@ -108,14 +104,18 @@ def reference() -> Floats:
     data[:12, :12] = of_ends
     data[24:42, 12:] = -np.kron(np.repeat(constants, 3, axis=0), two)
     found: Floats = np.linalg.pinv(stacked) @ data
-    outer, jumps, inside = _conditions(3)
     values = np.stack([1.0 - STATIONS[..., :3, :].sum(axis=2), STATIONS[..., :3, 0], STATIONS[..., :3, 1]], axis=2)
     linear = values.reshape(9, 3) @ LINEAR_MASS_INVERSE - np.repeat(constants, 3, axis=0)
+    found[:, 12:] += _least(np.concatenate([np.zeros((36, 6)), -np.kron(linear, two)]))
+    return found
+
+
+def _least(data: Floats) -> Floats:
+    """(54, j) the stresses of degree 2 and least mean square that meet the conditions at three points by data."""
+    stacked = np.concatenate(_conditions(3))
     half = np.kron(np.eye(3), np.kron(np.linalg.cholesky(MASS), np.diag([1.0, 1.0, np.sqrt(2.0)])))
     weighed = np.linalg.inv(half).T
-    stacked = np.concatenate([outer, jumps, inside])
-    data = np.concatenate([np.zeros((36, 6)), -np.kron(linear, two)])
-    found[:, 12:] += weighed @ np.linalg.pinv(stacked @ weighed) @ data
+    found: Floats = weighed @ np.linalg.pinv(stacked @ weighed) @ data
     return found
 
 
@@ -153,7 +153,7 @@ def of_parabolas() -> Floats:
     """(3, 3, 6, 6) int of products of components of the cubic stresses that balance parabolas in the triangle."""
     rows = []
     for k in range(3):
-        x, n = _between(CORNERS[k], CORNERS[(k + 1) % 3], 4), _turned(CORNERS[(k + 1) % 3] - CORNERS[k])
+        x, n = _between(CORNERS[k], CORNERS[(k + 1) % 3], 4), right_of(CORNERS[(k + 1) % 3] - CORNERS[k])
         rows.append(np.einsum("qi,abk,b->qaik", _cubics(x)[0], VOIGT, n).reshape(8, 30))
     x = _between(CORNERS[0], CORNERS[1], 3)
     x = np.concatenate([x, _between(CORNERS[0], CORNERS[2], 3)[1:], [[0.5, 0.5]]])
@@ -168,11 +168,9 @@ def of_parabolas() -> Floats:
 @cache
 def of_edge() -> Floats:
     """(3, 3, 2, 2) likewise of stresses that balance the tractions 1 - 6 s (1 - s) on the outer edge."""
-    stacked, data = np.concatenate(_conditions(3)), np.zeros((54, 2))
+    data = np.zeros((54, 2))
     data[6:12] = np.kron([[1.0], [-0.5], [1.0]], np.eye(2))
-    half = np.kron(np.eye(3), np.kron(np.linalg.cholesky(MASS), np.diag([1.0, 1.0, np.sqrt(2.0)])))
-    weighed = np.linalg.inv(half).T
-    at = (weighed @ np.linalg.pinv(stacked @ weighed) @ data).reshape(3, 6, 3, 2)
+    at = _least(data).reshape(3, 6, 3, 2)
     found: Floats = np.einsum("ij,piak,pjbl->abkl", MASS, at, at)
     return found
 

@@ -16,7 +16,6 @@ each >= 0. On a piece where s changes its sign |s| is not linear; the line betwe
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -142,27 +141,27 @@ class Boundary:
         moves[joints.first] = (moves[joints.first] | moves[joints.second]) & ~bonded
         return moves
 
-    def _bearing(self, rows: Iterable[Friction | Obstacle]) -> Bools:
-        """(b,) the edges of these."""
-        found = np.zeros(len(self.edges.outer), dtype=bool)
-        for one in rows:
-            found[self.fine.piece_owner[self._pieces(one)[0]]] = True
-        return found
+    @cached_property
+    def _bearing(self) -> tuple[Bools, Bools]:
+        """(b,) the edges of frictions, and of obstacles."""
+        found = np.zeros((2, len(self.edges.outer)), dtype=bool)
+        for part in self.oscillation.parts:
+            rows: tuple[Friction | Obstacle, ...] = (*part.frictions, *part.obstacles)
+            for one in rows:
+                found[int(isinstance(one, Obstacle)), self.fine.piece_owner[self._pieces(one)[0]]] = True
+        return found[0], found[1]
 
     @cached_property
     def acting(self) -> tuple[Bools, Bools]:
         """(b,) the edges on which friction, and obstacles, may act, also those that assembled as zero."""
-        parts = self.oscillation.parts
-        slip = self._bearing(friction for part in parts for friction in part.frictions)
-        normal = self._bearing(obstacle for part in parts for obstacle in part.obstacles)
+        slip, normal = self._bearing
         return slip & self._moves(self.edges.tangents), normal & self._moves(self.edges.units)
 
     @cached_property
     def touching(self) -> Bools:
         """(b,) edges on which friction or obstacles act, or another body is bonded."""
-        parts, joints = self.oscillation.parts, self.edges.joints
-        found = self._bearing(friction for part in parts for friction in part.frictions)
-        found |= self._bearing(obstacle for part in parts for obstacle in part.obstacles)
+        joints, (slip, normal) = self.edges.joints, self._bearing
+        found = slip | normal
         found[joints.first] |= self.bonds.any(axis=(1, 2))
         found |= self.springs.any(axis=(1, 2))
         found[joints.second] |= found[joints.first]
@@ -171,15 +170,10 @@ class Boundary:
     @cached_property
     def springs(self) -> Floats:
         """(b, 4, 4) matrices of springs to the ground on edges, by the motions of both ends."""
-        fine, count = self.fine, len(self.edges.outer)
-        stiffness = np.zeros((fine.mesh.n_nodes, 2, 2))
-        for part in self.oscillation.parts:
-            if part.material is None and part.stiffness is not None:
-                stiffness += (part.stiffness @ np.tile(np.eye(2), (len(stiffness), 1))).reshape(-1, 2, 2)
-        k = stiffness[fine.old :] / fine.lengths[:, None, None]
+        owner, k, count = self.fine.owner, self.oscillation.springs, len(self.edges.outer)
         mean = np.zeros((count, 2, 2))
-        np.add.at(mean, fine.owner, k / np.bincount(fine.owner)[fine.owner, None, None])
-        if np.abs(k - mean[fine.owner]).max(initial=0.0) > SAME * np.abs(k).max(initial=0.0):
+        np.add.at(mean, owner, k / np.bincount(owner)[owner, None, None])
+        if np.abs(k - mean[owner]).max(initial=0.0) > SAME * np.abs(k).max(initial=0.0):
             raise SceneError(
                 "error_bound: there is no bound for springs (ElasticFoundation) whose stiffness varies along an edge; "
                 "give one number for each part of the boundary."
@@ -194,15 +188,10 @@ class Boundary:
         energies: Floats = np.einsum("bi,bij,bj->b", flat, self.springs, flat)
         return energies
 
-    def _jumps(self, u: Floats) -> Floats:
-        """(b, 2, 2) u at both ends of edges, less that of another body where there is one."""
-        across = self.edges.joints.across
-        jumps: Floats = u[self.edges.outer_edges] - np.where(across[:, :, None] >= 0, u[across], 0.0)
-        return jumps
-
     def check_supports(self, now: Instant) -> None:
         """Raise SceneError where nodal values do not follow supports along edges."""
-        ends, jumps, size = now.u[self.edges.outer_edges], self._jumps(now.u), float(np.abs(now.u).max(initial=0.0))
+        ends, jumps = now.u[self.edges.outer_edges], self.edges.jumps(now.u)
+        size = float(np.abs(now.u).max(initial=0.0))
         for support in (support for part in self.oscillation.parts for support in part.supports):
             new = support.nodes >= self.fine.old
             at, directions = support.nodes[new] - self.fine.old, support.directions[new]
@@ -382,7 +371,7 @@ class Boundary:
             # Bounds that follow the pressure are those of the answer, linear between nodes.
             bound = self._line(self._at_ends(terms, (now.weights / terms.lengths)[:, None])[..., 0])
         moves = self._moves(self.edges.tangents)[owner, None]
-        slip = self._line(np.einsum("bed,bd->be", self._jumps(now.u - before.u), self.edges.tangents)) - moved
+        slip = self._line(np.einsum("bed,bd->be", self.edges.jumps(now.u - before.u), self.edges.tangents)) - moved
         return _Laws(np.where(moves, bound, 0.0), np.where(moves, bias, 0.0), slip)
 
     def _theta(self, now: Instant, laws: _Laws) -> Floats:
@@ -413,7 +402,7 @@ class Boundary:
         count, ends = len(self.edges.outer), self.edges.outer_edges
         moved = [mode.reshape(-1, 2) for mode in self.motions.T]
         along, outward = (
-            [self._line(np.einsum("bed,bd->be", self._jumps(mode), way)) for mode in moved]
+            [self._line(np.einsum("bed,bd->be", self.edges.jumps(mode), way)) for mode in moved]
             for way in (self.edges.tangents, self.edges.units)
         )
         hats = [self._line(np.tile(np.eye(2)[end], (count, 1))) for end in range(2)]
@@ -485,7 +474,7 @@ class Boundary:
             if compliant:
                 stiffness[known] = self._read(obstacle, 1.0 / (obstacle.compliance * obstacle.lengths))[known]
         distance[~self._moves(self.edges.units)[self.fine.piece_owner]] = np.inf
-        outward = self._line(np.einsum("bed,bd->be", self._jumps(u), self.edges.units))
+        outward = self._line(np.einsum("bed,bd->be", self.edges.jumps(u), self.edges.units))
         return outward - distance, stiffness
 
     def admitted(self, u: Floats, t: float) -> Floats:

@@ -257,8 +257,8 @@ def cross(a: Floats, b: Floats) -> Floats:
 
 
 def right_of(vectors: Floats) -> Floats:
-    """Vectors (m, 2) turned clockwise by a quarter: outward normals of counter-clockwise edges, as long as these."""
-    return np.column_stack([vectors[:, 1], -vectors[:, 0]])
+    """Vectors (..., 2) turned clockwise by a quarter: outward normals of counter-clockwise edges, as long as these."""
+    return np.stack([vectors[..., 1], -vectors[..., 0]], axis=-1)
 
 
 def rounding(*points: Floats) -> Floats:

@@ -357,6 +357,9 @@ def _locked(matrix: Any) -> Any:
         return read_only(matrix.view())
     if not isinstance(matrix, sp.csr_matrix):
         return matrix
+    if not matrix.has_canonical_format:  # SciPy would order the entries in place, at the first product that wants it.
+        matrix = matrix.copy()
+        matrix.sum_duplicates()
     entries = read_only(matrix.data.view()), matrix.indices, matrix.indptr
     return sp.csr_matrix(entries, shape=matrix.shape)
 

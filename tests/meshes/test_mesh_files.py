@@ -95,6 +95,17 @@ def test_rounded_points_are_said(tmp_path):
     assert caught[0].filename == __file__
 
 
+@pytest.mark.filterwarnings("ignore:.*do not keep all digits:vemcvx.MeshWarning")
+@pytest.mark.parametrize("size", [1e-12, 1e-5, 1.0, 1e5, 1e12])
+def test_points_that_nastran_has_no_room_for_are_rounded(size, tmp_path):
+    """Where they were negative, or had exponents of two digits, the file was not written at all."""
+    low, high = np.array([[-np.pi, -1.0], [np.e, 1.0 / 3.0]]) * size
+    mesh = vx.meshes.squares(4, box=tuple(zip(low, high, strict=True)))
+    mesh.write(tmp_path / "mesh.bdf")
+    again = read(tmp_path / "mesh.bdf").points
+    assert np.abs(again - mesh.points).max() <= 5e-10 * np.abs(mesh.points).max()  # Ten digits at least are left.
+
+
 @pytest.mark.parametrize("suffix", [".msh", ".inp", ".bdf"])
 @pytest.mark.parametrize("family", ["voronoi", "hexagons", "hanging", "nonconvex"])
 def test_formats_that_lose_polygons_are_refused(family, suffix, tmp_path):

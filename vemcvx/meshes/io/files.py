@@ -96,6 +96,7 @@ def write(path: str | Path, mesh: AnyTessellation) -> None:
         else:
             made = to_meshio(grid, in_order=True, groups=suffix == ".msh")
             made.cell_data = made.cell_data if suffix == ".msh" else {}
+            made.points = np.vectorize(_in_a_field)(made.points) if suffix in NASTRAN else made.points
             made.write(draft, file_format=THROUGH_MESHIO[suffix][1])
         os.replace(draft, path)
     if suffix not in ANY_POLYGON:
@@ -104,6 +105,14 @@ def write(path: str | Path, mesh: AnyTessellation) -> None:
         if lost := ", ".join([*rounded, *map(repr, sorted(names - {WHOLE}))]):
             others = ".vtu" if isinstance(mesh, SpaceTessellation) else " and ".join(ANY_POLYGON)
             warnings.warn(f"{path}: {suffix} files do not keep {lost}; {others} files do.", MeshWarning, stacklevel=3)
+
+
+def _in_a_field(x: float) -> float:
+    """A number with as many digits as Nastran's fields of 16 characters hold, where meshio gives up on more."""
+    digits = 12
+    while len(text := np.format_float_scientific(x, precision=digits, exp_digits=1)) > 16:
+        digits -= 1
+    return float(text)
 
 
 def _check_holds(suffix: str, mesh: AnyTessellation) -> None:

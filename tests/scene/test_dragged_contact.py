@@ -130,7 +130,8 @@ def test_nothing_is_lost_between_stored_rows_or_in_files(tmp_path):
     some = vx.simulate(scene, mesh, TIMES, store=5)
     for name in ("wear", "traction", "bound", "sticking"):
         assert np.array_equal(getattr(some.contact, name), getattr(whole.contact, name)[some.stored]), name
-    assert np.array_equal(some.reaction("left"), whole.reaction("left")[some.stored])
+    reaction = whole.reaction("left")
+    assert np.abs(some.reaction("left") - reaction[some.stored]).max() <= 1e-12 * np.abs(reaction).max()
     whole.write(tmp_path / "out")
     again = vx.read_history(tmp_path / "out")
     assert np.array_equal(again.reaction("left"), whole.reaction("left"))

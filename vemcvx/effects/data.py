@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vemcvx.arrays import Floats, Ints, as_real_array, brief, called, read_only, shape_in_words
+from vemcvx.arrays import Floats, Ints, as_real_array, brief, called, finite, read_only, shape_in_words, shaped
 from vemcvx.errors import SceneError
 from vemcvx.meshes import AnyMesh
 from vemcvx.vem import component_names
@@ -98,6 +98,16 @@ def nonnegative(value: Datum, x: Floats, t: float, subject: str, *, name: str, r
 def vector(value: Datum | Constant, x: Floats, t: float | None, subject: str) -> Floats:
     """Values (m, dim) of a vector datum, likewise."""
     return _read(value, (x, t), subject, x.shape, f"{x.shape[1]} components, or an array {x.shape}, one row a point")
+
+
+def number_a_row(raw: object, m: int, subject: str, rule: str = "") -> Floats:
+    """A number for each of the m rows of a part, with a rule that may explain a SceneError."""
+    return np.full(m, shaped(raw, subject, f"one number, or ({m},), one a row{rule}", (), (m,)))
+
+
+def finite_a_row(raw: object, m: int, subject: str) -> Floats:
+    """A finite number for each of the m rows of a part."""
+    return finite(number_a_row(raw, m, subject), subject)
 
 
 def tensor(value: Datum, x: Floats, t: float, subject: str) -> Floats:

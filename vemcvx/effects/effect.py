@@ -30,7 +30,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from vemcvx import vem
-from vemcvx.arrays import Bools, Floats, Ints, brief, called, fading, finite, read_only, shaped
+from vemcvx.arrays import Bools, Floats, Ints, brief, called, fading, read_only
 from vemcvx.effects import data
 from vemcvx.errors import SceneError
 from vemcvx.vem import BoundaryRows, EdgeEnds, Space, Stabilisation
@@ -260,16 +260,15 @@ class Friction:
             return vem.tangents_of(self.across)
         return np.stack([self.directions, 0.0 * self.directions], axis=1)
 
-    def weights_at(self, t: float) -> Floats:
-        """The weights (m,) that are given."""
-        return finite_a_row(self, self.weights(t), f"weights at t = {t:.6g}")
-
     def weights_under(self, t: float, p: Floats, past: Floats, slip: Floats) -> Floats:
         """The weights (m,) under normal forces p (m,), after slips (m,) before the step and in it.
 
         SceneError where the law fails, or gives something else than a weight >= 0 for every row.
         """
-        w, law = self.weights_at(t), self.law
+        w, law = (
+            data.finite_a_row(self.weights(t), len(self.nodes), f"{self.subject}: weights at t = {t:.6g}"),
+            self.law,
+        )
         if law is None:
             return w
         added = self._asked("law of friction", law.weights, t, (p, past, slip))
@@ -299,7 +298,8 @@ class Friction:
         rule = "" if law.pressed else "; normal forces are told where pressed=True says that it reads them"
         rule += "" if law.slips else "; slips are told where slips=True says that it reads them"
         wanted = f"take the values of all rows at once and return one number for each{rule}"
-        return number_a_row(self, called(function, told, f"{failed}t = {t:.6g}", wanted), name, rule)
+        raw = called(function, told, f"{failed}t = {t:.6g}", wanted)
+        return data.number_a_row(raw, len(self.nodes), f"{self.subject}: {name}", rule)
 
     @property
     def softening(self) -> Floats:
@@ -310,7 +310,7 @@ class Friction:
         law = self.law
         if law is None:
             return np.zeros(len(self.nodes))
-        rate = number_a_row(self, law.softening, "softening")
+        rate = data.number_a_row(law.softening, len(self.nodes), f"{self.subject}: softening")
         lawful = (rate >= 0) & (rate < np.inf)
         if law.pressed or not lawful.all():
             found = "beside pressed=True" if law.pressed else f"{rate[np.argmin(lawful)]:.6g}"
@@ -339,17 +339,6 @@ class Obstacle:
     compliance: Floats  #: (m,) depth per nodal force; 0 where the obstacle is rigid.
     ends: EdgeEnds | None = None  #: the edges of each row, as of friction
     partners: Ints | None = None  #: (m,) nodes of other bodies, or -1: limits are those of u(node) - u(partner)
-
-
-def number_a_row(part: Friction | Obstacle, raw: object, name: str, rule: str = "") -> Floats:
-    """A number for each row of a part, (m,); SceneError by the part's subject, with a rule that may explain it."""
-    m = len(part.nodes)
-    return np.full(m, shaped(raw, f"{part.subject}: {name}", f"one number, or ({m},), one a row{rule}", (), (m,)))
-
-
-def finite_a_row(part: Friction | Obstacle, raw: object, name: str) -> Floats:
-    """A finite number for each row of a part, (m,)."""
-    return finite(number_a_row(part, raw, name), f"{part.subject}: {name}")
 
 
 @dataclass(frozen=True)

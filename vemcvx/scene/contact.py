@@ -13,7 +13,7 @@ import scipy.sparse as sp
 
 from vemcvx.arrays import EPS, SAME, Bools, Floats, Ints
 from vemcvx.effects import Friction, Law, Obstacle
-from vemcvx.effects.effect import finite_a_row
+from vemcvx.effects.data import finite_a_row
 from vemcvx.errors import SceneError, SceneWarning
 from vemcvx.program.operators import Norms, Rows
 from vemcvx.program.system import DraggedTerms, Limits
@@ -58,7 +58,9 @@ class Terms(ContactRows):
 
     def weights(self, t: float) -> Floats:
         """Weights (m,) at the instant `t`: those of their rows added up, without what follows the answer."""
-        return self.gather @ np.concatenate([np.zeros(0), *(f.weights_at(t) for f in self.frictions)])
+        at = f"weights at t = {t:.6g}"
+        each = (finite_a_row(f.weights(t), len(f.nodes), f"{f.subject}: {at}") for f in self.frictions)
+        return self.gather @ np.concatenate([np.zeros(0), *each])
 
     @property
     def block(self) -> int:
@@ -337,7 +339,8 @@ class Obstacles(ContactRows):
 def gathered(obstacles: Sequence[Obstacle], table: ContactRows, supports: Supports) -> Obstacles:
     """The limits of all obstacles, whose rows are in the `table`, where something can move."""
     points = supports.points
-    compliance = np.concatenate([np.zeros(0), *(finite_a_row(o, o.compliance, "compliance") for o in obstacles)])
+    each = (finite_a_row(o.compliance, len(o.nodes), f"{o.subject}: compliance") for o in obstacles)
+    compliance = np.concatenate([np.zeros(0), *each])
     kinds = np.where(compliance == 0, -1, np.arange(len(table)))
     lead, place = merged((table.nodes, table.partners), table.normals, signed=True, kinds=kinds)
     first, limit = np.sort(lead), np.argsort(np.argsort(lead))[place]
@@ -351,7 +354,7 @@ def gathered(obstacles: Sequence[Obstacle], table: ContactRows, supports: Suppor
     def those(chosen: Ints) -> Obstacles:
         def gap(t: float) -> Floats:
             nearest = np.full(len(first), np.inf)
-            gaps = [finite_a_row(o, o.gap(t), f"gap at t = {t:.6g}") for o in obstacles]
+            gaps = [finite_a_row(o.gap(t), len(o.nodes), f"{o.subject}: gap at t = {t:.6g}") for o in obstacles]
             np.minimum.at(nearest, limit, np.concatenate([nearest[:0], *gaps]))
             return np.where((-rounding <= nearest) & (nearest < 0), 0.0, nearest)[chosen]
 

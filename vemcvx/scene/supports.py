@@ -299,29 +299,33 @@ def resolve(supports: Sequence[Support], normals: Sequence[Friction | Obstacle],
     # Of jumps the tangents follow the normal.
     N = jump_rows(*across, np.concatenate([axes[:, None], tangents_of(axes)], axis=1), points)
     follow = (np.arange(N.shape[0]) % dim == 0) | np.repeat(np.bincount(site)[site[across[0]]] > 1, dim)
-    of_row = np.append(site[pairs[0]], np.repeat(site[across[0]], dim)[follow])
-    frames, reach = _frames(sp.vstack([A, N[follow]], format="csr"), of_row)
-    new, s = reach > STRAIGHT, A.shape[0]
-    free, owner = _filled(frames[new], of_row[new], site, dim)
-    # All but what the rows of A made is free.
-    kept = np.flatnonzero(np.arange(free.shape[0]) >= np.count_nonzero(new[:s]))
-    order = kept[np.argsort(owner[kept], kind="stable")]
-    P = sp.csc_matrix(free[order].T)
-    P.data[np.abs(P.data) <= EPS] = 0.0  # Entries of unit vectors below EPS are rounding.
-    P.eliminate_zeros()
-    selects = P.nnz == P.shape[1] and (P.data == 1.0).all()
-    holds = np.flatnonzero(new[:s])
+
+    chosen, place = np.unique(site[np.append(pairs[0], across[0])], return_inverse=True)
+    members = _members(site, chosen, dim)
+    frames = _Frames(np.eye(members.shape[1]) * (members < 0)[:, :, None], (members >= 0).sum(axis=1))
+    local = np.zeros(points.size, dtype=np.int64)
+    local[members[members >= 0]] = np.nonzero(members >= 0)[1]
+    read = _dense(A, local, members.shape[1])
+    at, reach = frames.append(place[: len(pairs[0])], read)
+    held = frames.filled.copy()
+    several = np.flatnonzero(follow)
+    frames.append(np.repeat(place[len(pairs[0]) :], dim)[several], _dense(N[several], local, members.shape[1]))
+    frames.fill_with_axes()
+    new = np.flatnonzero(at >= 0)
+    P, owner = _free_axes(frames, held, members, site, points)
+    by_columns = sp.csc_matrix(P)
+    selects = by_columns.nnz == by_columns.shape[1] and (by_columns.data == 1.0).all()
     return Supports(
-        P=sp.csr_matrix(P),
-        columns=P.indices.astype(np.int64) if selects else None,
-        owner=owner[order],
+        P=P,
+        columns=by_columns.indices.astype(np.int64) if selects else None,
+        owner=owner,
         sites=site,
         points=points,
         given=given,
         A=A,
-        H=sp.csr_matrix(_lifted(A[holds], frames[holds], reach[holds]).T @ summing(holds, s).T),
-        depends=~new[:s],
-        reach=reach[:s],
+        H=_holding(frames, members, (place[new], at[new], new), read, A.shape),
+        depends=at < 0,
+        reach=reach,
     )
 
 
@@ -331,66 +335,91 @@ def _sites(nodes: Ints, partners: Ints, n_nodes: int) -> Ints:
     if not joined.any():
         return np.arange(n_nodes)
     entries = np.ones(joined.sum()), (nodes[joined], partners[joined])
-    joints = sp.csr_matrix(entries, shape=(n_nodes, n_nodes))
-    return connected_components(joints, directed=False)[1].astype(np.int64)  # SciPy numbers them so.
+    label = connected_components(sp.csr_matrix(entries, shape=(n_nodes, n_nodes)), directed=False)[1]
+    first, site = np.unique(label, return_index=True, return_inverse=True)[1:]
+    return np.argsort(np.argsort(first))[site]
 
 
-def _frames(rows: sp.csr_matrix, site: Ints) -> tuple[sp.csr_matrix, Floats]:
-    """Orthonormal rows by Gram-Schmidt's method, site by site; and the length (m,) of each row across earlier ones.
-
-    Where that is no more than STRAIGHT, the orthonormal row is zero.
-    """
-    order, turn = np.argsort(site, kind="stable"), np.empty_like(site)
-    turn[order] = np.arange(len(site)) - np.searchsorted(site[order], site[order])
-    units, reach = sp.csr_matrix(rows.shape), np.zeros(len(site))
-    for k in range(int(turn.max(initial=-1)) + 1):
-        mine = np.flatnonzero(turn == k)
-        rest, reach[mine] = _across(units, rows[mine])
-        units = sp.csr_matrix(units + summing(mine, len(site)) @ rest)
-    return units, reach
+def _members(site: Ints, chosen: Ints, dim: int) -> Ints:
+    """The nodal values (S, D) of the chosen of the sites (n_nodes,); -1 where a site has none left."""
+    place = np.full(site.max() + 1, -1)
+    place[chosen] = np.arange(len(chosen))
+    node = np.flatnonzero(place[site] >= 0)
+    node = node[np.argsort(place[site[node]], kind="stable")]
+    row = place[site[node]]
+    column = np.arange(len(node)) - np.searchsorted(row, row)
+    members = np.full((len(chosen), int(column.max(initial=0)) + 1, dim), -1)
+    members[row, column] = node[:, None] * dim + np.arange(dim)
+    return members.reshape(len(chosen), dim * members.shape[1])
 
 
-def _across(units: sp.csr_matrix, rows: sp.csr_matrix) -> tuple[sp.csr_matrix, Floats]:
-    """The part of each row across orthonormal ones, as a unit vector, zero where it is none; and its length."""
-    rest = sp.csr_matrix(rows - (rows @ units.T) @ units) if units.nnz else rows.copy()
-    length = np.sqrt(np.asarray(rest.multiply(rest).sum(axis=1)).ravel())
-    rest.data /= np.repeat(np.where(length > STRAIGHT, length, np.inf), np.diff(rest.indptr))
-    rest.eliminate_zeros()
-    return rest, length
+def _dense(rows: sp.csr_matrix, local: Ints, size: int) -> Floats:
+    """Rows (m, D) over the values of their sites, from rows over all."""
+    entries, read = rows.tocoo(), np.zeros((rows.shape[0], size))
+    read[entries.row, local[entries.col]] = entries.data
+    return read
 
 
-def _filled(frames: sp.csr_matrix, owner: Ints, site: Ints, dim: int) -> tuple[sp.csr_matrix, Ints]:
-    """The frames of all sites, and the site of each of their rows, completed by the axes that are least along them.
+class _Frames:
+    """Orthonormal frames of S sites as they are built, row by row."""
 
-    So frames along the axes stay exact. Sites of which there is no row have all the axes.
-    """
-    among = np.isin(np.repeat(site, dim), owner)
-    values, others = np.flatnonzero(among), np.flatnonzero(~among)
-    of_value = site[values // dim]
-    lacking = np.bincount(of_value, minlength=len(site)) - np.bincount(owner, minlength=len(site))
-    for k in range(int(lacking.max())):
-        left = np.flatnonzero(lacking > k)
-        along = np.asarray(frames.multiply(frames).sum(axis=0)).ravel()[values]
-        order = np.lexsort((along, of_value))
-        least = order[np.searchsorted(of_value[order], left)]
-        frames = sp.vstack([frames, _across(frames, _axes(values[least], len(among)))[0]], format="csr")
-        owner = np.append(owner, left)
-    return sp.vstack([frames, _axes(others, len(among))], format="csr"), np.append(owner, site[others // dim])
+    def __init__(self, axes: Floats, sizes: Ints):
+        self.axes, self.sizes, self.filled = axes, sizes, np.zeros(len(sizes), dtype=np.int64)
+
+    def append(self, place: Ints, read: Floats) -> tuple[Ints, Floats]:
+        """Append rows (m, D) in turn to the frames of their sites: which axis each gave, -1 for none; and its reach."""
+        order, turn = np.argsort(place, kind="stable"), np.empty_like(place)
+        turn[order] = np.arange(len(place)) - np.searchsorted(place[order], place[order])
+        at, reach = np.full(len(place), -1), np.zeros(len(place))
+        for k in range(int(turn.max(initial=-1)) + 1):
+            mine = np.flatnonzero(turn == k)
+            at[mine], reach[mine] = self._append(place[mine], read[mine])
+        return at, reach
+
+    def _append(self, site: Ints, read: Floats) -> tuple[Ints, Floats]:
+        """One Gram-Schmidt step at sites that differ."""
+        frame = self.axes[site]
+        rest = read - np.einsum("nki,nkj,nj->ni", frame, frame, read)
+        length, at = np.linalg.norm(rest, axis=1), self.filled[site]
+        new = length > STRAIGHT
+        self.axes[site[new], at[new]] = rest[new] / length[new, None]
+        self.filled[site[new]] += 1
+        return np.where(new, at, -1), length
+
+    def fill_with_axes(self) -> None:
+        """Complete every frame by the axes least represented in it, so that axis-aligned frames stay exact."""
+        while len(left := np.flatnonzero(self.filled < self.sizes)):
+            least = np.argmin(np.einsum("nki,nki->ni", self.axes[left], self.axes[left]), axis=1)
+            self._append(left, np.eye(self.axes.shape[1])[least])
 
 
-def _axes(values: Ints, n: int) -> sp.csr_matrix:
-    """Unit vectors (k, n) along the axes of these nodal values."""
-    return sp.csr_matrix((np.ones(len(values)), values, np.arange(len(values) + 1)), shape=(len(values), n))
+def _free_axes(frames: _Frames, held: Ints, members: Ints, site: Ints, points: Floats) -> tuple[sp.csr_matrix, Ints]:
+    """P, of the axes of frames that are not held, and those of nodes that no row reads; the site of each column."""
+    dim, among = points.shape[1], np.zeros(points.size, dtype=bool)
+    among[members[members >= 0]] = True
+    others = np.flatnonzero(~among)
+    place, axis = np.nonzero((np.arange(members.shape[1]) >= held[:, None]) & (members >= 0))
+    owner = site[np.concatenate([members[place, 0], others]) // dim]
+    order, column = np.argsort(owner, kind="stable"), np.empty(len(owner), dtype=np.int64)
+    column[order] = np.arange(len(order))
+    entries = frames.axes[place, axis]
+    row, k = np.nonzero(np.abs(entries) > EPS)  # Entries of unit vectors below EPS are rounding.
+    data = np.append(entries[row, k], np.ones(len(others)))
+    where = np.append(members[place[row], k], others), np.append(column[row], column[len(place) :])
+    return sp.csr_matrix((data, where), shape=(points.size, len(owner))), owner[order]
 
 
-def _lifted(A: sp.csr_matrix, units: sp.csr_matrix, reach: Floats) -> sp.csr_matrix:
-    """H' of rows A = L Q, Q what Gram-Schmidt's method made of them: L'^{-1} Q, in as many steps as a site has rows."""
-    later, shortened, lifted = sp.tril(A @ units.T, -1).T, sp.diags_array(1.0 / reach), units
-    for _ in reach:
-        before, lifted = lifted, sp.csr_matrix(shortened @ (units - later @ lifted))
-        if not (lifted - before).nnz:
-            break
-    return lifted
+def _holding(
+    frames: _Frames, members: Ints, held: tuple[Ints, Ints, Ints], read: Floats, shape: tuple[int, int]
+) -> sp.csr_matrix:
+    """H, from the place, the axis and the number of each row of A that holds."""
+    place, at, row = held
+    rows = frames.axes.copy()
+    rows[place, at] = read[row]
+    # Axes that are not held are across all rows, and so to the inverse.
+    lifted = np.linalg.inv(rows)[place, :, at]
+    one, k = np.nonzero((lifted != 0) & (members[place] >= 0))
+    return sp.csr_matrix((lifted[one, k], (members[place[one], k], row[one])), shape=shape[::-1])
 
 
 # The freedom of contact: which rows, nodes with normals, slide, open or are dragged, and which forces press on them.

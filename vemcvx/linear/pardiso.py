@@ -90,9 +90,7 @@ class Pardiso(LinearSolver):
         return factor
 
     def eliminate(self, K: sp.csr_matrix, order: Ints, last: Ints) -> tuple[PardisoFactor | SuperLUFactor, Floats]:
-        eliminated = np.ones(K.shape[0], dtype=bool)
-        eliminated[last] = False
-        inner = np.flatnonzero(eliminated)
+        inner = np.delete(np.arange(K.shape[0]), last)
         # Of a diagonal K_ii PARDISO's Schur complements read memory that nobody has written; a few rows tell.
         if len(last) and all(K[some][:, inner].nnz <= len(some) for some in (inner[:64], inner)):
             return SuperLU().eliminate(K, order, last)

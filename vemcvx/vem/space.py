@@ -63,20 +63,15 @@ class Space:
         offsets, nodes = self.mesh.cell_nodes
         return cell_of_corner(offsets), nodes
 
-    @property
-    def neighbours(self) -> Ints:
-        """Pairs of cells that share an edge, in space a face, (m, 2)."""
-        return self.mesh.neighbours
-
     @cached_property
     def pieces(self) -> tuple[Ints, Ints]:
         """All pairs of a piece, which are the sets of cells that edges, in space faces, join, and one of its nodes."""
-        mesh, (cell, node) = self.mesh, self.incidences
-        graph = sp.csr_matrix((np.ones(len(self.neighbours)), self.neighbours.T), shape=(mesh.n_cells, mesh.n_cells))
+        mesh, pairs, (cell, node) = self.mesh, self.mesh.neighbours, self.incidences
+        graph = sp.csr_matrix((np.ones(len(pairs)), pairs.T), shape=(mesh.n_cells, mesh.n_cells))
         label = connected_components(graph, directed=False)[1].astype(np.int64)
         shape = (mesh.n_nodes, int(label.max()) + 1)
-        pairs = sp.csr_matrix((np.ones(len(node), dtype=np.int8), (node, label[cell])), shape=shape).tocsc()
-        return np.repeat(np.arange(shape[1]), np.diff(pairs.indptr)), pairs.indices.astype(np.int64)
+        meets = sp.csr_matrix((np.ones(len(node), dtype=np.int8), (node, label[cell])), shape=shape).tocsc()
+        return np.repeat(np.arange(shape[1]), np.diff(meets.indptr)), meets.indices.astype(np.int64)
 
     def require_plane(self, subject: str, instead: str) -> None:
         """Raise SceneError on polyhedra: `subject` is of plane bodies only; `instead` says what to do."""

@@ -219,9 +219,9 @@ def warn_of_lost_work(posed: PosedScene, run: Trajectory) -> None:
     Far is 5 % of the largest work or energy of the run. What backward Euler loses, 1/2 a(du, du) a step, it loses
     without friction, too, where work is the change of energy and nobody asks for its sum: that is no warning.
     """
-    # An energy that is rounding: with strains of 1e-12 there is no less than this in a cell, or at a node.
-    extent = float(np.ptp(posed.space.mesh.points, axis=0).max())
-    still = 1e-24 * extent**2 * float(posed.A.diagonal().max(initial=0.0))
+    # An energy that is rounding: strains of 1e-12 all over the body have no more.
+    extent = np.ptp(posed.space.mesh.points, axis=0)
+    still = 1e-24 * float(np.prod(extent) * posed.material.moduli.max())
     works = run.work_second_order
     first, second = float(run.work[-1]), float(works[-1])
     lost, better = float(run.dissipated[-1]), float(run.dissipated_second_order[-1])

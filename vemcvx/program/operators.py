@@ -540,6 +540,11 @@ class Operators(ArrayRecord):
         return self.B.shape[0] // self.block
 
     @cached_property
+    def sizes(self) -> tuple[int, int, int, int]:
+        """The numbers of unknowns, of norm terms, of their rows and of limits: the lengths of g, w, b and e."""
+        return self.K.shape[0], self.count, self.B.shape[0], self.D.shape[0]
+
+    @cached_property
     def features(self) -> frozenset[str]:
         """The features that a solver must accept: a subset test matches the two."""
         found = {QUADRATIC}
@@ -609,7 +614,7 @@ class Operators(ArrayRecord):
 
     def blocks(self, x: Floats) -> Floats:
         """View (m * block,) entries as (m, block)."""
-        return x.reshape(self.count, self.block)
+        return x.reshape(-1, self.block)
 
 
 def product(K: Matrix | LinearOperator, d: Floats) -> Floats:

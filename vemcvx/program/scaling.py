@@ -131,7 +131,7 @@ class Scaling:
             size = float(power_of_two(inward)) if inward > 0 else 0.0
         if top > 0:
             unit = scaled / power_of_two(top)
-            answer = power_of_two(np.sqrt(abs(unit @ self.operators.factor.rough(unit))))
+            answer = power_of_two(np.sqrt(self.operators.factor.energy(unit)))
             size = max(size, float(power_of_two(top) * answer))
         else:
             pushed = float(program.w @ np.linalg.norm(self.operators.blocks(program.b), axis=1)) / self.kappa

@@ -177,9 +177,7 @@ class StepProgram(ArrayRecord):
 
     def __post_init__(self) -> None:
         """Hand out no array that may be written to: an answer is certified by them after a solver had them."""
-        operators = self.operators
-        counts = operators.K.shape[0], operators.count, operators.B.shape[0], operators.D.shape[0]
-        for name, count in zip("gwbe", counts, strict=True):
+        for name, count in zip("gwbe", self.operators.sizes, strict=True):
             array = np.asarray(getattr(self, name))
             if array.shape != (count,):
                 raise SceneError(f"StepProgram: {name}: found {shape_in_words(array)}; wanted ({count},).")
@@ -193,7 +191,7 @@ class StepProgram(ArrayRecord):
     @property
     def shapes(self) -> dict[str, tuple[int, ...]]:
         """The shapes of the increments d and of the multipliers lam and p."""
-        return {"d": self.g.shape, "lam": (self.operators.count, self.operators.block), "p": self.e.shape}
+        return {"d": self.g.shape, "lam": (len(self.w), self.operators.block), "p": self.e.shape}
 
     def slip(self, d: Floats) -> Floats:
         """s = B d - b, as (m, block)."""
@@ -347,8 +345,10 @@ class StepProgram(ArrayRecord):
 
     def _gaps_afresh(self, d: Floats, lam: Floats, p: Floats) -> tuple[float, Floats, Floats, float]:
         operators, (equilibrium, parts) = self.operators, self._between(d, lam, p)
+        if operators.own_columns is not None or not operators.factor.exact:
+            return equilibrium, *parts, 0.0
         rest = float(parts[0].sum() + parts[1].sum())
-        if operators.own_columns is None and operators.factor.exact and equilibrium < rest < np.inf:
+        if equilibrium < rest < np.inf:
             moved, placed = self._put_in_place(parts, d, lam, p)
             if moved_gap(moved, equilibrium + float(placed[0].sum() + placed[1].sum())) < equilibrium + rest:
                 return equilibrium, *placed, moved
@@ -457,7 +457,7 @@ class StepProgram(ArrayRecord):
     def feasible(self, d: Floats) -> Floats:
         """The increments d, moved as little as need be to obey the bounds."""
         operators = self.operators
-        rigid = np.flatnonzero(operators.compliance == 0)
+        rigid = np.flatnonzero(operators.compliance == 0) if len(self.e) else ()
         if len(rigid) == 0 or not (self.excess(d)[rigid] > 0).any():
             return d
         if operators.limits.single[rigid].all():

@@ -260,7 +260,8 @@ def _recovered(posed: PosedScene, traction: Floats, pressure: Floats, closed: Bo
     axes = tangents_of(surface.normals) if flat else np.tile(np.eye(3), (len(surface), 1, 1))
     along = np.einsum("smd,mad->asm", traction, axes)
     safe, rubs = np.where(length > 0, length, 1.0), np.tile(closed & (length > 0), (len(along), 1))
-    friction = recovered((along * safe).reshape(rubs.shape), safe, sides(terms, at), rubs, presses=False)
+    rubbing = whole if np.array_equal(length, surface.lengths) else sides(terms, at)
+    friction = recovered((along * safe).reshape(rubs.shape), safe, rubbing, rubs, presses=False)
     change = np.einsum("asm,mad->smd", friction.reshape(along.shape) - along, axes)
     if not flat:
         change -= np.einsum("smd,md->sm", change, surface.normals)[:, :, None] * surface.normals
@@ -411,11 +412,11 @@ class ContactSides:
 
 def _runs(ends: Ints, lengths: Floats, hangs: Bools) -> Floats:
     """The lengths (k,) of what sides were before the nodes that hang, of m, were put into them."""
-    if not hangs.any():
-        return lengths
     order = np.argsort(ends.ravel(), kind="stable")
     node = ends.ravel()[order]
     same = np.flatnonzero((np.diff(node) == 0) & hangs[node[:-1]])
+    if len(same) == 0:
+        return lengths
     run = smallest_linked(np.column_stack([order[same], order[same + 1]]) // 2, len(ends))
     return np.bincount(run, lengths, minlength=len(ends)).astype(float)[run]
 
@@ -428,11 +429,11 @@ def recovered(
     At each instant stretches go to the nodes that are `closed`, (S, m). If it `presses`, a stretch without negative
     forces has no negative values.
     """
-    found = forces / lengths
-    patterns, of = np.unique(closed, axis=0, return_inverse=True)
-    for number, pattern in enumerate(patterns):
-        rows = np.flatnonzero(of.ravel() == number)
-        stretch = sides.within(pattern)
+    found, rows_of = forces / lengths, dict[bytes, list[int]]()
+    for row, pattern in enumerate(closed):
+        rows_of.setdefault(pattern.tobytes(), []).append(row)
+    for rows in rows_of.values():
+        stretch = sides.within(closed[rows[0]])
         if len(stretch.links):
             smooth = stretch.smoothed(forces[rows], lengths)
             found[rows] = _pressing(smooth, forces[rows], lengths, stretch.links) if presses else smooth
@@ -441,6 +442,8 @@ def recovered(
 
 def _pressing(smooth: Floats, forces: Floats, lengths: Floats, links: Ints) -> Floats:
     """The field without negative values in stretches that are pressed all over, with the same resultants."""
+    if not (smooth < 0).any():
+        return smooth
     m = len(lengths)
     stretch = smallest_linked(links, m)
     pulled, turned = (summed_columns((each < 0).astype(float), stretch, m)[:, stretch] > 0 for each in (forces, smooth))

@@ -25,6 +25,7 @@ from vemcvx.scene.supports import (
     freedom,
     merged,
     normal_is_free,
+    normal_reactions,
     normal_rows,
     on_free,
     summing,
@@ -317,7 +318,7 @@ def contact_surface(
     together = summing(place, len(lead))
     surface = replace(rows[lead], normals=together @ (rows.lengths[:, None] * rows.normals), ends=together @ rows.ends)
     unit = surface.normals / np.linalg.norm(surface.normals, axis=1)[:, None]
-    reaction = sp.csr_matrix(together @ held.normal_reaction[kept])
+    reaction = sp.csr_matrix(together @ normal_reactions(rows, supports)[1])
     return Surface(**replace(surface, normals=unit).columns, normal_reaction=reaction)
 
 

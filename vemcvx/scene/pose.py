@@ -201,7 +201,7 @@ def pose_scene(
         norms=norm_terms(terms, supports),
         motion=None if supports.still else motion_of(A, supports, terms.acting_rows, obstacles.rows, seen),
         order=None if isinstance(A, Congruent) else cache(partial(_order, A, supports, mesh.points)),
-        near_kernel=supports.P.T @ rigid_modes(mesh.points),
+        near_kernel=supports.gather(rigid_modes(mesh.points)),
         kernel=kernel,
         limits=limits(obstacles, supports),
         damping=_damping(viscosity, supports, seen),

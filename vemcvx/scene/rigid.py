@@ -145,7 +145,7 @@ def floating_motions(
     count = np.bincount(node, minlength=space.mesh.n_nodes)
     R = _motions(piece, node, space.mesh.points)
     k, dim = R.shape[1] // (piece.max() + 1), space.mesh.points.shape[1]
-    free = supports.P.T @ (sp.diags_array(np.repeat(count**-0.5, dim)) @ R)
+    free = supports.gather(sp.csr_matrix(sp.diags_array(np.repeat(count**-0.5, dim)) @ R))
     held = sp.csr_matrix(sp.eye_array(R.shape[1]) - free.T @ free)
     parts, label = _connected(piece, node, supports.sites, springs)
     bodies = body_names(space.mesh, piece, node)

@@ -35,6 +35,7 @@ from scipy.sparse.csgraph import connected_components
 from vemcvx.arrays import EPS, SAME, Bools, Floats, Ints
 from vemcvx.effects import ContactSurface, Friction, Obstacle, Support
 from vemcvx.errors import SceneError, VemcvxError
+from vemcvx.meshes.polygons import spans
 from vemcvx.program.system import DRAG_ROUNDING
 from vemcvx.vem import tangents_of
 from vemcvx.vem.boundary import STRAIGHT
@@ -441,15 +442,8 @@ class Freedom:
     """The freedom that supports leave to rows of contact, as arrays (k,)."""
 
     slides: Bools  # True if some free unknown moves the node along the boundary
-    opens: Bools  # True if some free unknown moves it along the normal
     dragged: Bools  # if it does not slide, in some direction, and supports or the ground move along the boundary
-    held_by_contact: Bools  # if contact alone holds the normal; where a node does not slide, supports hold the tangent
-    normal_reaction: sp.csr_matrix  # (k, n_u) g: contact holds the normal with the force -g . R; else zero
-
-    @property
-    def normal_only(self) -> Bools:
-        """Rows whose tangent is held, but whose normal is contact's: they have a pressure."""
-        return ~self.slides & (self.opens | self.held_by_contact)
+    normal_only: Bools  # if its tangent is held, but its normal is contact's: it has a pressure
 
 
 def freedom(
@@ -475,7 +469,10 @@ def freedom(
     under = None if ground is None else (lambda t: along(tangents[held], ground(t)[held]))
     of_held = (held[:, None] * (dim - 1) + np.arange(dim - 1)).ravel()
     dragged[held] = _dragged(reads[of_held], rows[held], supports, times, under)
-    return Freedom(slides, normal_is_free(rows, supports), dragged, *_normal_reactions(rows, supports))
+    normal_only = np.zeros(k, dtype=bool)
+    if not slides.all():
+        normal_only = ~slides & (normal_is_free(rows, supports) | normal_reactions(rows, supports)[0])
+    return Freedom(slides, dragged, normal_only)
 
 
 def normal_is_free(rows: ContactRows, supports: Supports) -> Bools:
@@ -515,26 +512,37 @@ def _dragged(
     return dragged
 
 
-def _normal_reactions(rows: ContactRows, supports: Supports) -> tuple[Bools, sp.csr_matrix]:
-    """For each row, True where contact alone holds its normal, and g."""
-    N, holds = normal_rows(rows, supports.points), np.flatnonzero(~supports.depends)
-    A, contact = supports.A[holds], supports.contact[holds]
-    common = sp.coo_matrix(N @ A.T)
-    cosine = common.data / (1 + (rows.partners[common.row] >= 0))
-    apart = A[common.col] - sp.diags_array(cosine) @ N[common.row]
-    same = np.sqrt(np.asarray(apart.multiply(apart).sum(axis=1)).ravel()) < SAME
-    row, col = common.row[same], common.col[same]
+def normal_reactions(rows: ContactRows, supports: Supports) -> tuple[Bools, sp.csr_matrix]:
+    """For each of k rows, True where contact alone holds its normal, and g (k, n_u).
+
+    Contact holds the normal with the force -g . R of reactions R; g is zero where it does not.
+    """
+    (nodes, partners), holds = pairs_of(supports.given), np.flatnonzero(~supports.depends)
+    directions = np.concatenate([supports.points[:0], *(support.directions for support in supports.given)])[holds]
+    nodes, partners, contact = nodes[holds], partners[holds], supports.contact[holds]
+    # The pairs of a row and what holds its node, or both its nodes, named in this order or the other.
+    wanted, known = _unordered(rows.nodes, rows.partners), _unordered(nodes, partners)
+    order = np.argsort(known)
+    begin, end = (np.searchsorted(known[order], wanted, side) for side in ("left", "right"))
+    row, col = np.repeat(np.arange(len(rows)), end - begin), order[spans(begin, end - begin)]
+    cosine = np.einsum("ij,ij->i", directions[col], rows.normals[row])
+    same = np.linalg.norm(directions[col] - cosine[:, None] * rows.normals[row], axis=1) < SAME
+    row, col, cosine = row[same], col[same], cosine[same] * np.where(nodes[col] == rows.nodes[row], 1.0, -1.0)[same]
     # How many rows hold the site of each row, and how many of these are contact's.
-    site = supports.sites[A.indices[A.indptr[:-1]] // supports.points.shape[1]]
-    mine = supports.sites[rows.nodes]
-    count, of_contact = (np.bincount(site[some], minlength=len(supports.sites))[mine] for some in (site >= 0, contact))
+    site, mine, size = supports.sites[nodes], supports.sites[rows.nodes], len(supports.sites)
+    count, of_contact = np.bincount(site, minlength=size)[mine], np.bincount(site[contact], minlength=size)[mine]
     held_by_contact = np.zeros(len(rows), dtype=bool)
     # Where contact alone holds a node altogether, at its corners, the node is no place of contact.
     held_by_contact[row[contact[col]]] = True
     takes = contact[col] | (count[row] == 1)
-    entries = cosine[same][takes], (row[takes], col[takes])
-    reaction = sp.csr_matrix(entries, shape=(len(rows), len(holds))) @ supports.H[:, holds].T
+    entries = cosine[takes], (row[takes], holds[col[takes]])
+    reaction = sp.csr_matrix(entries, shape=(len(rows), len(supports.depends))) @ supports.H.T
     return held_by_contact & (of_contact == 1), sp.csr_matrix(reaction)
+
+
+def _unordered(nodes: Ints, partners: Ints) -> Ints:
+    """One number (m,) for each pair of a node and its partner, whichever is named first."""
+    return pair_numbers(np.maximum(nodes, partners), np.minimum(nodes, partners), 2**31)
 
 
 def on_free(rows: sp.csr_matrix, supports: Supports) -> sp.csr_matrix:

@@ -78,6 +78,7 @@ from vemcvx.program.operators import (
     Operators,
     PressureLaw,
     Rows,
+    product,
     restricted,
     transverse,
 )
@@ -114,8 +115,8 @@ class Sets:
     def same(self, other: Sets) -> bool:
         """Return True if the other sets lead to the same answer."""
         return (
-            bool((self.stick == other.stick).all())
-            and bool((self.act == other.act).all())
+            self.stick.tobytes() == other.stick.tobytes()
+            and self.act.tobytes() == other.act.tobytes()
             and np.array_equal(self.direction, other.direction)
         )
 
@@ -298,10 +299,10 @@ def _held_coordinates(
         d = corrected(M, d, load, free, cycle=cycle, part=UNSEEN)
     else:
         F = np.flatnonzero(free)
-        rest = load - M @ d if value.any() else load
+        rest = load - product(M, d) if value.any() else load
         within = operators.principal(F) if M is operators.K else operators.factor.within(restricted(M, F), F)
         d[F] = within.solve(rest[F])
-    reaction = (load - M @ d)[columns] / coefficient
+    reaction = (load - product(M, d))[columns] / coefficient
     return d, reaction[: len(stick)], reaction[len(stick) :]
 
 

@@ -115,7 +115,7 @@ def with_dragged_friction(system: System, before: State, state: State) -> State:
     past, size = before.dragged.slipped, np.where(still, 0.0, size)
     weights, along = terms.weights(state.t, state.p, past, size), np.where(still, 0.0, 1.0)[:, None] * slip
     lam = along * np.divide(weights, size, out=np.zeros_like(size), where=~still)[:, None]
-    biases = np.zeros_like(slip), np.zeros_like(slip)
+    biases = None
     if terms.bias is not None:
         biases = terms.bias(before.t).reshape(slip.shape), terms.bias(state.t).reshape(slip.shape)
         lam = lam + np.where(still, 0.0, 1.0)[:, None] * biases[1]

@@ -35,6 +35,7 @@ a kernel x_m comes of K + E, E the anchors' stiffness, and a(u_m, Pv) = -v'E x_m
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -71,6 +72,11 @@ class StepData:
     ground: Floats | None = None  # (m * block,) the motion of the ground, subtracted in `prescribed_slip`
     carried: Carried | None = None  # None if no supports move
 
+    @cached_property
+    def tilted(self) -> bool:
+        """True if friction is one-way somewhere."""
+        return bool(self.bias.any())
+
     def still_as(self, other: StepData) -> bool:
         """Return True if nothing differs between the two instants."""
         one, two = self.carried, other.carried
@@ -104,7 +110,7 @@ class Ledger:
     @property
     def norm(self) -> float:
         """|u|_a = sqrt(2 E)."""
-        return float(np.sqrt(2.0 * np.maximum(self.energy, 0.0)))
+        return math.sqrt(2.0 * max(self.energy, 0.0))
 
 
 @dataclass(frozen=True)
@@ -116,7 +122,8 @@ class Rubbed:
     weights: Floats
     bounds: tuple[Floats, Floats]
     """(m,) weights at the slips of both ends: those of a step may be of the slip before it"""
-    biases: tuple[Floats, Floats]
+    biases: tuple[Floats, Floats] | None = None
+    """(m, block) at both ends, where friction is one-way"""
 
     @cached_property
     def loss(self) -> Floats:
@@ -130,16 +137,15 @@ class Rubbed:
 
         (lam - c) . s is w |s| but for rounding, and stays small where a slip is rounding under a large weight.
         """
-        (before, after), (bias_before, bias), w = self.bounds, self.biases, self.weights
-        tilted = bias_before.any() or bias.any()
-        rubs = np.einsum("mb,mb->m", self.lam - bias, self.slip) if tilted else self.loss
-        if not tilted and (before == w).all() and (after == w).all():
-            return rubs
+        (before, after), w, biases = self.bounds, self.weights, self.biases
+        if biases is None and (before == w).all() and (after is w or (after == w).all()):
+            return self.loss
+        rubs = self.loss if biases is None else np.einsum("mb,mb->m", self.lam - biases[1], self.slip)
         # |s|, by the forces that slip takes; by itself where the weight has vanished at the end of the step.
         way = np.divide(rubs, w, out=lengths(self.slip).copy(), where=w > 0)
         loss: Floats = 0.5 * (before + after) * way
-        if tilted:
-            loss = loss + np.einsum("mb,mb->m", 0.5 * (bias_before + bias), self.slip)
+        if biases is not None:
+            loss = loss + np.einsum("mb,mb->m", 0.5 * (biases[0] + biases[1]), self.slip)
         return np.maximum(loss, 0.0)
 
 

@@ -80,7 +80,7 @@ def data_norms(
     if now.force.norm > 0.0 and norm <= accuracy * now.force.norm:
         size = data_norm(condensation, now.force)
     # The norm of a state at the rounding floor is at most ten floors.
-    if now.bias.any() and norm <= 10.0 * floor:
+    if now.tilted and norm <= 10.0 * floor:
         operators = condensation.operators
         noise = float(lengths(operators.blocks(now.bias)) @ np.sqrt(operators.norm_flexibility))
     return size, noise
@@ -201,7 +201,7 @@ def pose_step(run: PreparedRun, before: State, now: StepData, w: Floats | None =
         norms = run.system.norms
         w = np.zeros(0) if norms is None else norms.weights_under(now.t, before.p, before.ledger.slipped)
     g = before.unbalanced + (now.force.retained - before.data.force.retained)
-    if now.bias.any():
+    if now.tilted:
         g = g - run.operators.rows.force_of(now.bias)
     e = now.remaining_gap - run.operators.limits.read(before.y)
     b = before.data.prescribed_slip - now.prescribed_slip
@@ -225,6 +225,11 @@ class PosedStep:
     def bias(self) -> Floats:
         """c (m, block)."""
         return self.run.operators.blocks(self.data.bias)
+
+    @property
+    def biases(self) -> tuple[Floats, Floats] | None:
+        """c before the step and at its end, where one is not zero."""
+        return (self.before.bias, self.bias) if self.before.data.tilted or self.data.tilted else None
 
     def solve_balanced(self, n: int, share: float = 1.0, near: State | None = None) -> State:
         """The solution, as `solve` finds it, of step `n`.
@@ -317,11 +322,11 @@ class PosedStep:
         """The state that an answer of the program leads to."""
         d, before, operators, w = answer.d, self.before, self.run.operators, self.program.w
         y, slip, unbalanced = before.y + d, self.program.slip(d), self.program.g
-        if self.data.bias.any():
+        if self.data.tilted:
             answer = replace(answer, lam=answer.lam + self.bias)
             unbalanced = unbalanced + operators.rows.force_of(self.data.bias)
         unbalanced, lam, bound = unbalanced - operators.force(d), answer.lam, bound_after(self, w, answer.p, slip)
-        rubbed = Rubbed(lam, slip, w, (before.bound, bound), (before.bias, self.bias))
+        rubbed = Rubbed(lam, slip, w, (before.bound, bound), self.biases)
         ledger = advance(
             self.run.condensation, before.ledger, (before.data, self.data), y, answer=answer, rubbed=rubbed
         )
@@ -450,7 +455,7 @@ def refined_state(attempt: PosedStep, state: State) -> State:
     answer = state.answer(state.y - before.y + moved, lam, p)
     between, ends = (before.data, state.data), (before.unknowns, y)
     bound = bound_after(attempt, state.weights, p, slip)
-    rubbed = Rubbed(lam, slip, state.weights, (before.bound, bound), (before.bias, state.bias))
+    rubbed = Rubbed(lam, slip, state.weights, (before.bound, bound), attempt.biases)
     ledger = advance_in_full(run.system, before.ledger, between, ends, answer=answer, rubbed=rubbed)
     return replace(
         state,

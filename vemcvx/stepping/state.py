@@ -298,7 +298,7 @@ def sticking(run: PreparedRun, state: State) -> Bools:
     operators = run.operators
     if operators.count == 0:
         return np.zeros(0, dtype=bool)
-    blur = EPS * np.abs(operators.blocks(operators.rows.absolute.read(np.abs(state.y)))).max(axis=1)
+    blur = EPS * operators.blocks(operators.rows.absolute.read(np.abs(state.y))).max(axis=1)
     error = state.certificate.error + state.certificate.error_floor
     sticks: Bools = lengths(state.slip) <= error * np.sqrt(operators.norm_flexibility) + blur
     return sticks

@@ -350,7 +350,7 @@ def _scalars(state: State, sticks: Bools, accuracy: float) -> dict[str, float]:
         "iterations": state.iterations,
         "safeguards": state.safeguards,
         "contraction": state.rate,
-        "stuck": sticks.sum(),
+        "stuck": int(np.count_nonzero(sticks)),
         "estimated": certificate.estimate,
         "unit": state.unit(accuracy),
     }

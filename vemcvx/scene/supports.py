@@ -520,8 +520,11 @@ def normal_reactions(rows: ContactRows, supports: Supports) -> tuple[Bools, sp.c
     (nodes, partners), holds = pairs_of(supports.given), np.flatnonzero(~supports.depends)
     directions = np.concatenate([supports.points[:0], *(support.directions for support in supports.given)])[holds]
     nodes, partners, contact = nodes[holds], partners[holds], supports.contact[holds]
-    # The pairs of a row and what holds its node, or both its nodes, named in this order or the other.
-    wanted, known = _unordered(rows.nodes, rows.partners), _unordered(nodes, partners)
+    # The pairs of a row and what holds its node, or its node and partner, whichever of these is named first.
+    wanted, known = (
+        pair_numbers(np.maximum(*pair), np.minimum(*pair), len(supports.points))
+        for pair in ((rows.nodes, rows.partners), (nodes, partners))
+    )
     order = np.argsort(known)
     begin, end = (np.searchsorted(known[order], wanted, side) for side in ("left", "right"))
     row, col = np.repeat(np.arange(len(rows)), end - begin), order[spans(begin, end - begin)]
@@ -538,11 +541,6 @@ def normal_reactions(rows: ContactRows, supports: Supports) -> tuple[Bools, sp.c
     entries = cosine[takes], (row[takes], holds[col[takes]])
     reaction = sp.csr_matrix(entries, shape=(len(rows), len(supports.depends))) @ supports.H.T
     return held_by_contact & (of_contact == 1), sp.csr_matrix(reaction)
-
-
-def _unordered(nodes: Ints, partners: Ints) -> Ints:
-    """One number (m,) for each pair of a node and its partner, whichever is named first."""
-    return pair_numbers(np.maximum(nodes, partners), np.minimum(nodes, partners), 2**31)
 
 
 def on_free(rows: sp.csr_matrix, supports: Supports) -> sp.csr_matrix:

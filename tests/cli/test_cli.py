@@ -223,7 +223,11 @@ def test_invalid_options_exit_with_two(options, says):
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("import nowhere", "line 1: executing it failed: ModuleNotFoundError: No module named 'nowhere'"),
+        (
+            "import nowhere",
+            "line 1: executing it failed: ModuleNotFoundError: No module named 'nowhere'; what a file imports is "
+            "installed, or stands beside it",
+        ),
         ("def scene(:", "executing it failed: SyntaxError: invalid syntax"),
         (
             "def scene(): ...",
@@ -251,6 +255,12 @@ def test_invalid_problem_files_exit_with_two(tmp_path, text, says):
     named = (str(tmp_path / "problem.py"), "times:", "BodyForce")
     assert any(words in refused.output for words in named)
     assert says in refused.output
+
+
+def test_a_failing_line_is_named_where_the_path_is_relative(tmp_path, monkeypatch):
+    monkeypatch.chdir(written(tmp_path, "\nimport nowhere").parent)
+    refused = invoke("show", "problem.py")
+    assert "problem.py, line 2: executing it failed" in refused.output
 
 
 def test_problem_files_that_are_not_there(tmp_path, monkeypatch):

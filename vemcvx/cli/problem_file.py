@@ -59,9 +59,12 @@ def own_errors(path: Path, what: str, action: Callable[[], Any], wanted: str = "
     except VemcvxError:
         raise
     except (Exception, SystemExit) as error:
-        lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == str(path)]
+        frames, own = traceback.extract_tb(error.__traceback__), str(Path.cwd() / path)
+        lines = [frame.lineno for frame in frames if frame.filename in (own, str(path))]
         where = f", line {lines[-1]}" if lines else ""
         words = " ".join(str(error).split())
+        if isinstance(error, ModuleNotFoundError):
+            wanted += "; what a file imports is installed, or stands beside it"
         raise ProblemError(f"{path}{where}: {what} failed: {type(error).__name__}: {words}{wanted}") from error
 
 

@@ -33,7 +33,7 @@ def test_constant_and_linear_fields_are_found_exactly(smallest):
     x = np.cumsum(np.random.default_rng(1).choice([0.1, 0.25, smallest], 40))
     sides, lengths, mass = chain(x)
     fields = np.array([np.ones(40), x, 3 - 2 * x])
-    found = recovered(fields @ mass, lengths, sides, np.ones((3, 40), dtype=bool), presses=False)
+    found = recovered(fields @ mass, lengths, sides, np.ones((3, 40), dtype=bool))
     assert np.abs(found - fields).max() < 1e-14 * np.abs(fields).max() / smallest
 
 
@@ -44,7 +44,7 @@ def test_stretches_keep_their_resultants_and_moments_and_press(seed):
     sides, lengths, _ = chain(x)
     closed = np.repeat(random.random((3, 12)) < 0.7, 5, axis=1)
     forces = random.exponential(1.0, (3, 60)) ** 3 * lengths * closed
-    plain, pressed = (recovered(forces, lengths, sides, closed, presses=flag) for flag in (False, True))
+    plain, pressed = (recovered(forces, lengths, sides, closed, pressing=rows) for rows in (0, len(forces)))
     assert plain.min() < 0
     assert pressed.min() >= 0
     for row in range(3):
@@ -54,7 +54,7 @@ def test_stretches_keep_their_resultants_and_moments_and_press(seed):
             own = stretch == number
             for found in (plain, pressed):
                 assert found[row, own] @ lengths[own] == pytest.approx(forces[row, own].sum(), rel=1e-12)
-    whole = recovered(forces, lengths, sides, np.ones_like(closed), presses=False)
+    whole = recovered(forces, lengths, sides, np.ones_like(closed))
     moment = whole @ chain(x)[2] @ x
     assert moment == pytest.approx(forces @ x, rel=1e-12)
 
@@ -225,7 +225,7 @@ def test_in_space_constants_are_found_and_resultants_kept(pattern, turn):
     faces, lengths = ContactFaces.of(surface, np.arange(len(surface)), surface, mesh), surface.lengths
     closed = mesh.points[surface.nodes, 0] < pattern
     forces = np.array([lengths, np.random.default_rng(1).exponential(1.0, len(lengths)) ** 3]) * closed
-    found = recovered(forces, lengths, faces, np.tile(closed, (2, 1)), presses=True)
+    found = recovered(forces, lengths, faces, np.tile(closed, (2, 1)), pressing=2)
     assert np.abs(found[0] - closed).max() < 1e-12
     assert (found[:, closed] > 0).all()
     assert (found[:, ~closed] == 0).all()

@@ -249,19 +249,22 @@ def _recovered(posed: PosedScene, traction: Floats, pressure: Floats, closed: Bo
             return ContactSides.of(rows, at, surface, mesh)
         return ContactFaces.of(rows, at, surface, mesh)
 
-    whole = sides(surface, np.arange(len(surface)))
-    smooth = recovered(pressure * surface.lengths, surface.lengths, whole, closed, presses=True)
+    whole, pressed, rows = sides(surface, np.arange(len(surface))), pressure * surface.lengths, len(pressure)
     # Forces along given directions are over lengths of their own.
     if len(terms) == 0 or terms.directed.any():
-        return traction, smooth
+        return traction, recovered(pressed, surface.lengths, whole, closed, pressing=rows)
     length = totals(at, terms.lengths, len(surface))
     # Of friction what is along the sides; in space, where tangents at a node are any two, what is along each axis.
     flat = isinstance(mesh, PolygonMesh)
     axes = tangents_of(surface.normals) if flat else np.tile(np.eye(3), (len(surface), 1, 1))
     along = np.einsum("smd,mad->asm", traction, axes)
-    safe, rubs = np.where(length > 0, length, 1.0), np.tile(closed & (length > 0), (len(along), 1))
-    rubbing = whole if np.array_equal(length, surface.lengths) else sides(terms, at)
-    friction = recovered((along * safe).reshape(rubs.shape), safe, rubbing, rubs, presses=False)
+    if np.array_equal(length, surface.lengths):
+        forces, each = np.vstack([pressed, *(along * length)]), np.tile(closed, (1 + len(along), 1))
+        smooth, friction = np.split(recovered(forces, length, whole, each, pressing=rows), [rows])
+    else:
+        smooth = recovered(pressed, surface.lengths, whole, closed, pressing=rows)
+        safe, rubs = np.where(length > 0, length, 1.0), np.tile(closed & (length > 0), (len(along), 1))
+        friction = recovered((along * safe).reshape(rubs.shape), safe, sides(terms, at), rubs)
     change = np.einsum("asm,mad->smd", friction.reshape(along.shape) - along, axes)
     if not flat:
         change -= np.einsum("smd,md->sm", change, surface.normals)[:, :, None] * surface.normals
@@ -422,12 +425,12 @@ def _runs(ends: Ints, lengths: Floats, hangs: Bools) -> Floats:
 
 
 def recovered(
-    forces: Floats, lengths: Floats, sides: ContactSides | ContactFaces, closed: Bools, *, presses: bool
+    forces: Floats, lengths: Floats, sides: ContactSides | ContactFaces, closed: Bools, *, pressing: int = 0
 ) -> Floats:
-    """Forces (S, m) on nodes, with int phi_i as lengths (m,), as recovered forces per length.
+    """Forces (k, m) on nodes, with int phi_i as lengths (m,), as recovered forces per length.
 
-    At each instant stretches go to the nodes that are `closed`, (S, m). If it `presses`, a stretch without negative
-    forces has no negative values.
+    In each row stretches go to the nodes that are `closed`, (k, m). The first rows are `pressing`: of these a stretch
+    without negative forces has no negative values.
     """
     found, rows_of = forces / lengths, dict[bytes, list[int]]()
     for row, pattern in enumerate(closed):
@@ -435,8 +438,9 @@ def recovered(
     for rows in rows_of.values():
         stretch = sides.within(closed[rows[0]])
         if len(stretch.links):
-            smooth = stretch.smoothed(forces[rows], lengths)
-            found[rows] = _pressing(smooth, forces[rows], lengths, stretch.links) if presses else smooth
+            smooth, press = stretch.smoothed(forces[rows], lengths), np.array(rows) < pressing
+            smooth[press] = _pressing(smooth[press], forces[rows][press], lengths, stretch.links)
+            found[rows] = smooth
     return found
 
 

@@ -398,16 +398,16 @@ def cell_energies(space: Space, moduli: Floats, stabilisation: Stabilisation, u:
     return np.asarray(space.mesh.measures * density + missed)
 
 
-def strains(space: Space, u: Floats) -> Floats:
+def strains(space: Space, u: Floats, groups: Sequence[CellGroup] | None = None) -> Floats:
     """The mean strain of a virtual function on each cell, eps(Pi u), (3.13): (n_cells, components).
 
     These are e_xx, e_yy and 2 e_xy in the plane, and e_xx, e_yy, e_zz, 2 e_xy, 2 e_yz, 2 e_xz in space. u are nodal
-    displacements, (n_nodes, dim) or (n_u,).
+    displacements, (n_nodes, dim) or (n_u,). Where `groups` of some cells are given, rows of others mean nothing.
     """
     dim = space.mesh.points.shape[1]
     u = np.reshape(u, (-1, dim))
     result = np.empty((space.mesh.n_cells, len(COMPONENTS[dim])))
-    for group in space.groups:
+    for group in space.groups if groups is None else groups:
         for chunk in group.chunks(CHUNK):
             measures, g = chunk.gradients()
             v = u.take(chunk.nodes, axis=0)

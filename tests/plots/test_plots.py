@@ -218,6 +218,23 @@ def test_a_ceiling_reads_from_left_to_right():
     assert np.array_equal(line.along(history.contact.traction), history.contact.traction[:, line.order, 0])
 
 
+def alone(side):
+    """The unit square as one cell, held so that a single node of a side is in contact and slips along it."""
+    load = vx.Traction(lambda x, t: np.tile([-t, -t], (len(x), 1)), on="right" if side == "left" else "top")
+    contact = vx.BilateralContact(on=side), vx.TrescaFriction(bound=0.1, on=side)
+    held = vx.Clamp(on="bottom" if side == "left" else "left")
+    return vx.simulate(vx.Scene(vx.Elasticity(200.0, 0.3), held, load, *contact), vx.meshes.squares(1), [0.0, 1.0])
+
+
+@pytest.mark.parametrize(("side", "label", "place"), [("left", "$x_2$", 1.0), ("bottom", "$x_1$", 1.0)])
+def test_one_node_alone_lies_on_the_axis_along_contact(side, label, place):
+    history = alone(side)
+    line = contact_line(history, "test")
+    assert (line.label, line.position.tolist()) == (label, [place])
+    assert line.limits == pytest.approx(np.array([[0.5, 1.0]]))
+    assert abs(line.tangents[0]) @ history.contact.normals[0] == 0
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("draw", PICTURES)
 def test_nothing_is_cut_off(history, squeezed, draw):

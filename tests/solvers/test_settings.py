@@ -3,7 +3,7 @@
 import pytest
 
 import vemcvx as vx
-from vemcvx.solvers.conic import TUNED, When, _PreparedConic, settings_for
+from vemcvx.solvers.conic import TUNED, When, _PreparedConic
 from vemcvx.testing.solvers import INSTANCES, steps_asked
 
 REGULARISATION = "static_regularization_constant"
@@ -33,7 +33,7 @@ def test_a_setting_for_fewer_programs_follows_the_one_for_all(solver: str) -> No
     always = {setting.name for setting in TUNED[solver] if setting.when is When.ALWAYS}
     order = [setting.when is When.ALWAYS for setting in TUNED[solver]]
     assert order == sorted(order, reverse=True)
-    assert set(settings_for(solver, 1e-12, semidefinite=True, again=True)) == always
+    assert set(vx.ThroughCvxpy(solver).asks_with(1e-12, semidefinite=True, again=True)) == always
 
 
 def test_of_two_answers_the_better_one_is_given(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -356,10 +356,9 @@ def _used(solver: Solver, settings: str) -> Used | None:
     """The settings that are passed on; None of solvers that run as their libraries come."""
     if not isinstance(solver, ThroughCvxpy):
         return None
-    ours = TUNED.get(solver.solver, ()) if settings == "tuned" else ()
-    made = [f"{setting.name} = {setting.words}" for setting in ours if setting.name not in solver.options]
+    made = [f"{setting.name} = {setting.words}" for setting in solver.settings if setting.name not in solver.options]
     words = made + [f"{name} = {value!r} (asked for)" for name, value in solver.options.items()]
-    why = tuple((setting.name, setting.words, setting.why) for setting in ours)
+    why = tuple((setting.name, setting.words, setting.why) for setting in solver.settings)
     return Used(solver.name, settings, ", ".join(words), why) if words else None
 
 

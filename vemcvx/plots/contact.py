@@ -100,10 +100,10 @@ def contact_line(history: Results, picture: str) -> ContactLine:
     flat = spread <= SAME * max(float(spread.max()), float(np.abs(contact.points).max()))
     if not flat.any():
         return ContactLine(order, arc, limits, tangents, ARC)
-    axis = int(np.argmin(flat))
-    position, sign = contact.points[order, axis], float(np.sign(tangents[0, axis]))
+    axis = int(np.argmax(spread if spread.any() else np.abs(tangents[0])))  # One node has no spread.
+    position, sign = contact.points[order, axis], 1 if tangents[:, axis].sum() >= 0 else -1
     owned = np.sort(position[:, None] + sign * (limits - arc[:, None]), axis=1)
-    turn = slice(None, None, int(sign))
+    turn = slice(None, None, sign)
     return ContactLine(order[turn], position[turn], owned[turn], (sign * tangents)[turn], f"$x_{axis + 1}$")
 
 
@@ -488,6 +488,7 @@ def contact_face(
     shown = np.flatnonzero((states == 1) & within(layout.places, window) & (row > 0))
     moved = layout.flat(contact.slip[row] - contact.slip[max(row - 1, 0)])[shown]
     size = float(np.ptp(layout.places if window is None else np.transpose(window), axis=0).max())
+    size = size or float(np.ptp(layout.corners, axis=(0, 1)).max())  # One node alone.
     places, largest = layout.places[shown], float(np.linalg.norm(moved, axis=1).max(initial=0.0))
     if largest > 0.0:
         # One in each square of a grid of 14, so that what is left out is left out evenly.

@@ -147,12 +147,6 @@ TUNED: Mapping[str, tuple[Setting, ...]] = {
 }
 
 
-def settings_for(solver: str, gap: float, *, semidefinite: bool = False, again: bool = False) -> dict[str, Any]:
-    """The settings of a solver for a gap; what is for fewer programs goes before what is for all."""
-    now = {When.ALWAYS} | ({When.SEMIDEFINITE} if semidefinite else set()) | ({When.AGAIN} if again else set())
-    return {setting.name: setting.at(gap) for setting in TUNED.get(solver, ()) if setting.when in now}
-
-
 class KeptMatrices:
     """A solver of Clarabel's, whose `update` passes on matrices that differ from those it was last given.
 
@@ -185,12 +179,9 @@ def keep_matrices(solvers: dict[str, Any]) -> None:
 
 def _same(one: Any, other: Any) -> bool:
     """Return True if both are sparse matrices with the same entries at the same places."""
+    parts = "shape", "data", "indices", "indptr"
     both = sp.issparse(one) and sp.issparse(other)
-    return (
-        both
-        and one.shape == other.shape
-        and all(np.array_equal(getattr(one, part), getattr(other, part)) for part in ("data", "indices", "indptr"))
-    )
+    return both and all(np.array_equal(getattr(one, part), getattr(other, part)) for part in parts)
 
 
 COMPILING = threading.Lock()
@@ -298,10 +289,15 @@ class ThroughCvxpy(Solver):
             )
         return _PreparedConic(self)
 
+    @property
+    def settings(self) -> tuple[Setting, ...]:
+        """Our settings of it; those for fewer programs come last, and go before those for all."""
+        return TUNED.get(self.solver, ()) if self.tuned else ()
+
     def asks_with(self, gap: float, *, semidefinite: bool, again: bool) -> dict[str, Any]:
         """The solver's options for a duality gap of a scaled program: tuned ones, the user's last."""
-        ours = settings_for(self.solver, gap, semidefinite=semidefinite, again=again) if self.tuned else {}
-        return {**ours, **self.options}
+        now = {When.ALWAYS} | ({When.SEMIDEFINITE} if semidefinite else set()) | ({When.AGAIN} if again else set())
+        return {**{one.name: one.at(gap) for one in self.settings if one.when in now}, **self.options}
 
 
 @dataclass(frozen=True)
@@ -368,8 +364,7 @@ class _PreparedConic:
     def solve(self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None) -> Answer:
         cones = self._settings.cones
         answer = self._ask(program, target, cones)
-        ours = TUNED.get(self._settings.solver, ()) if self._settings.tuned else ()
-        more = any(setting.when is When.AGAIN for setting in ours)
+        more = any(setting.when is When.AGAIN for setting in self._settings.settings)
         if more and _gap(program, answer) > target:
             again = self._ask(program, target, cones and program.operators.block > 1, again=True)
             # Beyond what it can reach the second may be the worse one, by a factor of 100 in gap.

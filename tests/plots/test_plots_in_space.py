@@ -159,6 +159,8 @@ def test_refusals(history):
         vx.plots.friction_traction(history)
     with pytest.raises(vx.HistoryError, match="found show 'stress'; there are 'states', 'pressure'"):
         contact_face(history, show="stress")
+    with pytest.raises(vx.HistoryError, match="window: found .*; wanted"):
+        contact_face(history, window=((0.0, np.nan), (0.0, 1.0)))
     with pytest.raises(vx.HistoryError, match="wanted a vector of three finite components that is not along x_3"):
         deformed_body(history, view=(0.0, 0.0, 1.0))
     with pytest.raises(vx.HistoryError, match="found stress 'large'; there are 'von_mises', 'max_principal'"):

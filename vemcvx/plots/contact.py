@@ -7,7 +7,7 @@ of every face at it a node owns the quadrilateral between itself, the middles of
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -303,7 +303,7 @@ PROFILES: dict[str, tuple[str, str, str, Along]] = {
 def along_contact(
     history: Results,
     show: str = "pressure",
-    steps: Sequence[int] | None = None,
+    steps: int | Iterable[int] | None = None,
     *,
     ax: Axes | None = None,
     limits: ArrayLike | None = None,
@@ -316,7 +316,7 @@ def along_contact(
     history, ax, units : as of `friction_traction`
     show : {"pressure", "slip", "wear"}
         Pressure and slip at these instants, or the friction work per length until then.
-    steps : sequence of int, optional
+    steps : int or sequence of int, optional
         Stored steps, at most four; by default as many, evenly apart, the last among them.
     limits : (low, high), optional
         Ends of the axis of values; by default from 0, or less, to a little more than the largest of all steps.
@@ -330,7 +330,8 @@ def along_contact(
     picture, most = "wear" if show == "wear" else "along_contact", len(style.EARLY_TO_LATE)
     line, later = contact_line(history, picture), _later(history, picture)
     evenly = later[np.unique(np.linspace(0, len(later), min(most, len(later)) + 1)[1:].round().astype(int)) - 1]
-    rows = [history.row(step) for step in (evenly.tolist() if steps is None else steps)]
+    asked = evenly.tolist() if steps is None else steps if isinstance(steps, Iterable) else [steps]
+    rows = [history.row(step) for step in asked]
     if not 0 < len(rows) <= most:
         raise HistoryError(f"{picture}: found {len(rows)} steps; it draws 1 to {most} of them.")
     quantity, words, title, found = PROFILES[show]
@@ -346,7 +347,7 @@ def along_contact(
 
 def wear(
     history: Results,
-    steps: Sequence[int] | None = None,
+    steps: int | Iterable[int] | None = None,
     *,
     ax: Axes | None = None,
     limits: ArrayLike | None = None,
@@ -469,6 +470,7 @@ def contact_face(
     """
     row, layout, contact = history.row(step), face_layout(history, "contact_face"), history.contact
     choice(show, "contact_face", "show", ["states", *FIELDS], HistoryError)
+    window = style.window_of(window)
     ax = canvas.axes_or_new(ax, 6.0, 5.0)
     states = np.where(idle(history)[row], 2, np.where(contact.sticking[row], 0, 1))  # Numbers of `AREAS`.
     if show == "states":

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vemcvx.arrays import ROUNDING, SAME, Bools, Floats, brief, is_real
+from vemcvx.arrays import ROUNDING, SAME, Bools, Floats, brief, is_real, shaped
 from vemcvx.canvas import figure_of
 from vemcvx.errors import HistoryError
 from vemcvx.meshes import PolyhedralMesh
@@ -120,6 +120,18 @@ def named(
     if window is not None:
         ax.set(xlim=window[0], ylim=window[1])
     return figure_of(ax)
+
+
+def window_of(raw: ArrayLike | None) -> Window | None:
+    """Return the part of the plane that a picture shows, as asked; HistoryError if it is none. None is all of it."""
+    if raw is None:
+        return None
+    wanted = "((low, high), (low, high)), the parts of both axes"
+    found = shaped(raw, "window", wanted, (2, 2))
+    if not (np.isfinite(found).all() and (found[:, 0] < found[:, 1]).all()):
+        raise HistoryError(f"window: found {brief(raw)}; wanted {wanted}.")
+    (left, right), (bottom, top) = found.tolist()
+    return (left, right), (bottom, top)
 
 
 def within(points: Floats, window: Window | None) -> Bools:

@@ -333,7 +333,7 @@ def _bounded_answers(system: SetsSystem, sets: Sets, found: Found, slides: Bools
     psi = np.stack([np.abs(along), lengths(missed - along[:, None] * q)])
     psi += slides * (found.forces + w * np.stack([blur / v * (blur / v + delta), blur / v]))
     psi += np.where(sets.stick | (w > 0), 0.0, lengths(lam))
-    lacking = slides * np.abs(w / v - sets.curvature)
+    lacking = np.where(slides, np.abs(w / v - sets.curvature), 0.0)
     J, bounds = found.system.J.absolute, 2.0 * psi
     for _ in range(DOUBLED):
         answers = system.answers(bounds[0], bounds[1], lacking)

@@ -351,6 +351,10 @@ class OSQP(ThroughCvxpy):
         return np.column_stack([np.cos(angles), np.sin(angles)])
 
 
+Posed = tuple[CvxpyStep, dict[str, Any]]
+"""A step in cvxpy, and the solvers that cvxpy keeps for the next one, by name."""
+
+
 class _PreparedConic:
     """The program compiled once, its data as parameters; on sparse K it is posed afresh every step.
 
@@ -359,7 +363,7 @@ class _PreparedConic:
 
     def __init__(self, settings: ThroughCvxpy):
         self._settings = settings
-        self._compiled: dict[bool, _Posed] = {}
+        self._compiled: dict[bool, Posed] = {}
 
     def solve(self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None) -> Answer:
         cones = self._settings.cones
@@ -373,34 +377,24 @@ class _PreparedConic:
         return polished(program, answer) if self._settings.polish else answer
 
     def _ask(self, program: StepProgram, target: float, cones: bool, again: bool = False) -> Answer:
-        posed, semidefinite = self._posed(program, cones), program.operators.kernel is not None
+        (step, kept), semidefinite = self._posed(program, cones), program.operators.kernel is not None
         options = self._settings.asks_with(target, semidefinite=semidefinite, again=again)
-        status, iterations = _run(posed, self._settings, options)
+        status, iterations = _run(step, kept, self._settings, options)
         still = np.zeros_like(program.g), np.zeros((program.operators.count, program.operators.block)), 0 * program.e
-        step = posed.step
         found = still if step.d.value is None else (step.d.value, step.lam, step.p)
         # Interior points stop a rounding error short of their bounds, or beyond them.
         d, lam, p = program.admissible_point(*found)
         return Answer(d, lam, iterations, status, p=p)
 
-    def _posed(self, program: StepProgram, cones: bool) -> _Posed:
+    def _posed(self, program: StepProgram, cones: bool) -> Posed:
         operators, corners = program.operators, self._settings.corners
         with COMPILING:
             if not isinstance(operators.K, np.ndarray):
-                return _Posed(to_cvxpy(operators, program.data, cones, corners))
+                return to_cvxpy(operators, program.data, cones, corners), {}
             if cones not in self._compiled:
-                self._compiled[cones] = _Posed(to_cvxpy(operators, None, cones, corners))
-        posed = self._compiled[cones]
-        posed.step.at(program.data)
-        return posed
-
-
-@dataclass(frozen=True)
-class _Posed:
-    """A step in cvxpy, and the solvers that cvxpy keeps for the next one, by name."""
-
-    step: CvxpyStep
-    solvers: dict[str, Any] = field(default_factory=dict)
+                self._compiled[cones] = to_cvxpy(operators, None, cones, corners), {}
+        step, kept = self._compiled[cones]
+        return step.at(program.data), kept
 
 
 def polished(program: StepProgram, answer: Answer) -> Answer:
@@ -416,19 +410,19 @@ def _gap(program: StepProgram, answer: Answer) -> float:
     return program.duality_gap(answer.d, answer.lam, answer.p)
 
 
-def _run(posed: _Posed, settings: ThroughCvxpy, options: dict[str, Any]) -> tuple[str, int]:
+def _run(step: CvxpyStep, kept: dict[str, Any], settings: ThroughCvxpy, options: dict[str, Any]) -> tuple[str, int]:
     """Solve in cvxpy's own steps: its `solve` would warn of what the certificate measures. Status and iterations."""
     from cvxpy.error import SolverError
     from cvxpy.settings import SOLUTION_PRESENT
 
-    problem, options = posed.step.problem, dict(options)
+    problem, options = step.problem, dict(options)
     verbose, warm_start = bool(options.pop("verbose", False)), bool(options.pop("warm_start", True))
-    posed.step.d.save_value(None)
+    step.d.save_value(None)
     try:
         with COMPILING:
             data, chain, inverse = problem.get_problem_data(settings.solver, solver_opts=options)
-        raw = chain.solver.solve_via_data(data, warm_start, verbose, options, posed.solvers)
-        keep_matrices(posed.solvers)
+        raw = chain.solver.solve_via_data(data, warm_start, verbose, options, kept)
+        keep_matrices(kept)
         solution = chain.invert(raw, inverse)
     except SolverError as error:
         return f"failed: {error}", 0

@@ -67,7 +67,14 @@ class AdaptedSolver(Solver):
     def __init__(self, own: Solves):
         self._own, self._asks = own, _asks_for(own)
         self.accuracy = getattr(own, "accuracy", Solver.accuracy)
-        self.accepts = _features(getattr(own, "accepts", FEATURES), self.name)
+        accepts = getattr(own, "accepts", FEATURES)
+        several = isinstance(accepts, (set, frozenset, list, tuple))
+        if not several or not all(isinstance(x, str) and x in FEATURES for x in accepts):
+            there_are = ", ".join(map(repr, sorted(FEATURES)))
+            raise SceneError(
+                f"solver {self.name}: found accepts = {brief(accepts)}; wanted a set of some of {there_are}."
+            )
+        self.accepts = frozenset(accepts)
         self.semidefinite = flag(getattr(own, "semidefinite", False), f"solver {self.name}: semidefinite")
 
     def __repr__(self) -> str:
@@ -89,14 +96,6 @@ class AdaptedSolver(Solver):
         begin = {"lam": lam.copy(), "p": np.zeros_like(program.e) if p is None else p.copy()}
         given = {name: begin[name] for name in self._asks}
         return read_answer(self._own.solve(program, target, **given), program, self.name)
-
-
-def _features(raw: Any, name: str) -> frozenset[str]:
-    known = isinstance(raw, (set, frozenset, list, tuple)) and all(isinstance(x, str) and x in FEATURES for x in raw)
-    if not known:
-        there_are = ", ".join(map(repr, sorted(FEATURES)))
-        raise SceneError(f"solver {name}: found accepts = {brief(raw)}; wanted a set of some of {there_are}.")
-    return frozenset(raw)
 
 
 def _asks_for(own: Solves) -> list[str]:

@@ -79,8 +79,10 @@ class AdaptedSolver(Solver):
 
     def __repr__(self) -> str:
         """Its name, and those of its public attributes that are plain: they say the same in every process."""
-        public = {name: x for name, x in getattr(self._own, "__dict__", {}).items() if not name.startswith("_")}
-        plain = {name: value for name, value in public.items() if isinstance(value, (int, float, str))}
+        slots = [name for kind in type(self._own).__mro__ for name in vars(kind).get("__slots__", ())]
+        names = [name for name in (*getattr(self._own, "__dict__", ()), *slots) if not name.startswith("_")]
+        values = {name: getattr(self._own, name, None) for name in names}
+        plain = {name: value for name, value in values.items() if isinstance(value, (int, float, str))}
         settings = {**plain, "accuracy": self.accuracy}
         return f"{self.name}({', '.join(f'{name}={value!r}' for name, value in sorted(settings.items()))})"
 

@@ -1,4 +1,4 @@
-"""The errors a user can meet; every one says what was found, what exists and what to do next."""
+"""The errors and warnings a user can meet; every one says what was found, what exists and what to do next."""
 
 from __future__ import annotations
 

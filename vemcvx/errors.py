@@ -1,10 +1,21 @@
-"""The errors a user can meet; every one says what was found, what exists and what to do next."""
+"""The errors and warnings a user can meet; every one says what was found, what exists and what to do next."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
+from warnings import WarningMessage, catch_warnings, simplefilter
 
 LONGEST = 2_000  # Characters of a message: what a user handed in may be quoted in it, whatever its length.
+
+
+@contextmanager
+def quietly() -> Iterator[list[WarningMessage]]:
+    """Let nobody hear the warnings that are given within but who has the list of them, which is yielded."""
+    with catch_warnings(record=True) as warned:
+        simplefilter("always")
+        yield warned
 
 
 class VemcvxError(Exception):

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import csv
 import io
+import sys
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
 from dataclasses import Field, dataclass, fields
 from html import escape
 from textwrap import shorten
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 import scipy.sparse as sp
@@ -109,7 +110,10 @@ class Table:
     rows: Sequence[Sequence[Any]]
 
     def text(self) -> str:
-        """The table as plain text as wide as the terminal, numbers to the right; the last column is folded."""
+        """The table as plain text as wide as the terminal, numbers to the right; the last column is folded.
+
+        However narrow the terminal is, no other column is cut: what digits were missing of would be other numbers.
+        """
         from rich.console import Console  # Importing rich takes a tenth of a second.
         from rich.table import Table as Drawn
 
@@ -118,11 +122,15 @@ class Table:
         for k, cells in enumerate(columns):
             number, head = bool(self.heads) and all(_kind(text) != "w" for text in cells), self.heads[k : k + 1]
             fixed = number or k < len(columns) - 1
-            drawn.add_column(*head, justify="right" if number else "left", no_wrap=fixed, overflow="fold")
+            least = None if fixed else min(24, max(map(len, cells)))
+            side: Literal["left", "right"] = "right" if number else "left"
+            drawn.add_column(*head, justify=side, no_wrap=fixed, overflow="fold", min_width=least)
         for row in self.rows:
             drawn.add_row(*row)
         # Square brackets in what users write are no markup.
         console = Console(highlight=False, markup=False, color_system=None)
+        needed = console.measure(drawn, options=console.options.update(max_width=sys.maxsize)).minimum
+        console.width = max(console.width, needed + 1)  # It leaves out the space behind the last column.
         with console.capture() as captured:
             console.print(drawn)
         return "\n".join(line.rstrip() for line in captured.get().rstrip("\n").splitlines())

@@ -49,27 +49,37 @@ class Owned:
             if os.path.lexists(path / MARK) and not _is_file(path / MARK):
                 raise self._foreign(MARK)
             self._mark = _locked(path / MARK)
-            # 16 MB are a hundred times the mark of the largest collection of programs.
-            text = os.read(self._mark, 2**24).decode(errors="replace")
         except BlockingIOError as error:
             raise HistoryError(
                 f"{path}: another run is writing there. Wait until it has ended, or choose another folder."
             ) from error
         except OSError as error:
             raise HistoryError(f"{path}: cannot be made a folder to write to: {error}.") from error
+        try:
+            self._first, self.names = self._read(made)
+            self._write()
+        except BaseException:
+            os.close(self._mark)  # Whoever tries again, once there is room on the disk, say, is not held off.
+            raise
+
+    def _read(self, made: bool) -> tuple[str, list[str]]:
+        """The first line of the mark, and the names in it, all of which must be those of our kinds of files."""
+        try:
+            # 16 MB are a hundred times the mark of the largest collection of programs.
+            text = os.read(self._mark, 2**24).decode(errors="replace")
+        except OSError as error:
+            raise HistoryError(f"{self.path / MARK}: cannot be read: {error}.") from error
         if not (text.startswith(FIRST_LINE) or FIRST_LINE.startswith(text)):
-            os.close(self._mark)
             raise self._foreign(MARK)
         # A process that dies while it writes leaves a last line that is cut short: it had not made that file yet.
-        self._first, *self.names = text.split("\n")[:-1] or [FIRST_LINE + OWN_FOLDER * made]
-        strange = next((name for name in self.names if not self._kinds.fullmatch(name)), None)
+        first, *names = text.split("\n")[:-1] or [FIRST_LINE + OWN_FOLDER * made]
+        strange = next((name for name in names if not self._kinds.fullmatch(name)), None)
         if strange is not None:
-            os.close(self._mark)
             raise HistoryError(
-                f"{path / MARK}: it lists {brief(strange)}, which no run writes there, so nothing there is touched. "
-                "Choose another folder, or remove this one."
+                f"{self.path / MARK}: it lists {brief(strange)}, which no run writes there, so nothing there is "
+                "touched. Choose another folder, or remove this one."
             )
-        self._write()
+        return first, names
 
     def __enter__(self) -> Self:
         return self
@@ -137,7 +147,9 @@ class Owned:
         data = "".join(f"{line}\n" for line in (self._first, *self.names)).encode()
         try:
             os.lseek(self._mark, 0, os.SEEK_SET)
-            os.write(self._mark, data)
+            rest = data
+            while rest:  # A disk that is nearly full takes a part, and is an error the next time.
+                rest = rest[os.write(self._mark, rest) :]
             os.ftruncate(self._mark, len(data))
         except OSError as error:
             raise HistoryError(f"{self.path / MARK}: cannot be written: {error}.") from error

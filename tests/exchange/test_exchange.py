@@ -103,6 +103,14 @@ def test_programs_come_back(tmp_path, form, name, condense):
         assert back.bounds == program.bounds
 
 
+@pytest.mark.parametrize("form", FORMATS)
+def test_a_suffix_in_capitals_is_that_of_the_file(tmp_path, form):
+    program, path = solved("friction"), tmp_path / f"STEP.{form.upper()}"
+    assert vx.write_program(program, path) == path
+    assert np.array_equal(vx.read_program(path).g, program.g)
+    assert (tmp_path / "STEP.json").exists()
+
+
 MESHES = {
     "triangles": vx.meshes.triangles(3),
     "voronoi": vx.meshes.voronoi(3),

@@ -218,6 +218,23 @@ def test_a_ceiling_reads_from_left_to_right():
     assert np.array_equal(line.along(history.contact.traction), history.contact.traction[:, line.order, 0])
 
 
+def alone(side):
+    """The unit square as one cell, held so that a single node of a side is in contact and slips along it."""
+    load = vx.Traction(lambda x, t: np.tile([-t, -t], (len(x), 1)), on="right" if side == "left" else "top")
+    contact = vx.BilateralContact(on=side), vx.TrescaFriction(bound=0.1, on=side)
+    held = vx.Clamp(on="bottom" if side == "left" else "left")
+    return vx.simulate(vx.Scene(vx.Elasticity(200.0, 0.3), held, load, *contact), vx.meshes.squares(1), [0.0, 1.0])
+
+
+@pytest.mark.parametrize(("side", "label", "place"), [("left", "$x_2$", 1.0), ("bottom", "$x_1$", 1.0)])
+def test_one_node_alone_lies_on_the_axis_along_contact(side, label, place):
+    history = alone(side)
+    line = contact_line(history, "test")
+    assert (line.label, line.position.tolist()) == (label, [place])
+    assert line.limits == pytest.approx(np.array([[0.5, 1.0]]))
+    assert abs(line.tangents[0]) @ history.contact.normals[0] == 0
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("draw", PICTURES)
 def test_nothing_is_cut_off(history, squeezed, draw):
@@ -349,6 +366,23 @@ def test_magnified_as_asked_with_the_units_and_limits_of_the_reader(history):
             deformed_mesh(history, **wrong)
 
 
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        ({"window": "x"}, "window: found 'x'"),
+        ({"window": [1, 2]}, r"window: found an array of shape \(2,\); wanted \(\(low, high\), \(low, high\)\)"),
+        ({"window": ((0, 0), (0, 1))}, r"window: found \(\(0, 0\), \(0, 1\)\); wanted"),
+        ({"window": ((5, 6), (0, 1))}, r"window: .*, which shows no cell; the body is within \(\(0, 1\), \(0, 1\)\)"),
+        ({"stretch": 0}, "stretch: found 0; wanted a positive number"),
+        ({"mirrors": None}, "mirrors: found None"),
+        ({"mirrors": [(2, 1)]}, r"mirrors: found \[\(2, 1\)\]; wanted pairs of signs"),
+    ],
+)
+def test_what_is_no_part_of_the_plane_is_refused(history, wrong, words):
+    with pytest.raises(vx.VemcvxError, match=words):
+        stressed_body(history, **wrong)
+
+
 def test_a_thin_layer_is_not_turned_inside_out():
     """In SI: steel pressed by a thousandth of its thickness, under a block a hundred times as wide as it is thick."""
     scene = vx.Scene(
@@ -477,6 +511,7 @@ def test_pressure_slip_and_wear_are_drawn_along_the_contact(rubbed):
         low, high = ax.get_ylim()
         assert low <= values.min()
         assert high > values.max()
+    assert [line.get_label() for line in along_contact(rubbed, "slip", 30).axes[0].lines] == ["t = 0.9375"]
     assert along_contact(rubbed, "slip").axes[0].get_ylabel() == "slip towards larger $x_1$\n(length)"
     with pytest.raises(
         vx.HistoryError, match="along_contact: found show 'gap'; there are 'pressure', 'slip' and 'wear'"

@@ -109,6 +109,17 @@ def test_slips_since_stored_steps_are_named_so():
     assert "slip since the last stored step at most" in contact_face(sparse).axes[0].get_title()
 
 
+def test_one_node_alone_has_its_face():
+    pull = vx.Traction(lambda x, t: np.tile([0.0, -t, -t], (len(x), 1)), on="top")
+    contact = vx.BilateralContact(on="right"), vx.TrescaFriction(bound=0.01, on="right")
+    scene = vx.Scene(vx.Elasticity(200.0, 0.3), vx.Clamp(on=["bottom", "front"]), pull, *contact)
+    history = vx.simulate(scene, vx.meshes.cubes(1), [0.0, 1.0])
+    assert history.contact.slip_count[-1] == len(history.contact.nodes) == 1
+    (arrows,) = [drawn for drawn in contact_face(history).axes[0].collections if hasattr(drawn, "U")]
+    # As long as .085 of the quarter of a square of side 1 that it owns.
+    assert np.hypot(arrows.U, arrows.V) == pytest.approx([0.085 * 0.5])
+
+
 def test_a_window_and_units(history):
     ax = contact_face(history, window=((0.0, 0.5), (0.0, 0.25)), units={"length": "mm", "time": "s"}).axes[0]
     assert ax.get_xlim() == (0.0, 0.5)
@@ -148,6 +159,8 @@ def test_refusals(history):
         vx.plots.friction_traction(history)
     with pytest.raises(vx.HistoryError, match="found show 'stress'; there are 'states', 'pressure'"):
         contact_face(history, show="stress")
+    with pytest.raises(vx.HistoryError, match="window: found .*; wanted"):
+        contact_face(history, window=((0.0, np.nan), (0.0, 1.0)))
     with pytest.raises(vx.HistoryError, match="wanted a vector of three finite components that is not along x_3"):
         deformed_body(history, view=(0.0, 0.0, 1.0))
     with pytest.raises(vx.HistoryError, match="found stress 'large'; there are 'von_mises', 'max_principal'"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import subprocess
 import sys
@@ -70,6 +71,21 @@ def test_a_mark_that_is_no_file_of_ours_is_refused(tmp_path, kind):
         history(stream=run)
     assert other.read_text() == "vemcvx files 1\n"
     assert not (tmp_path / "nowhere").exists()
+
+
+def test_a_disk_that_was_full_holds_nobody_off(tmp_path, monkeypatch):
+    write = os.write
+
+    def full(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "write", full)
+    with pytest.raises(vx.HistoryError, match="cannot be written: .*No space left"):
+        Folder(tmp_path)
+    monkeypatch.setattr(os, "write", lambda file, data: write(file, data[:3]))  # A part at a time.
+    with Folder(tmp_path) as folder:
+        folder.take("state.npy")
+        assert (tmp_path / MARK).read_text() == "vemcvx files 1\nstate.npy\n"
 
 
 @pytest.mark.parametrize("kind", ["link to a file", "link to a folder", "folder"])

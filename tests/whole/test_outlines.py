@@ -8,6 +8,7 @@ import pytest
 from scenes import paper_scene
 
 import vemcvx as vx
+from vemcvx.outline import Table
 
 SCREEN = 30, 140
 """Lines, and characters in one."""
@@ -58,3 +59,13 @@ def test_it_says_what_counts(shown):
     assert f"{total:.1e}" in repr(shown("budget"))
     assert ("not met" in repr(shown("adapted"))) == (not shown("adapted").met)
     assert "TrescaFriction" in shown("scene")._repr_html_()
+
+
+@pytest.mark.parametrize("width", [20, 60, 80])
+def test_tables_keep_their_digits_on_any_terminal(monkeypatch, width):
+    monkeypatch.setenv("COLUMNS", str(width))
+    numbers, words = ["1.23456789e-05"] * 7, "words that are folded where there is no room for them"
+    told = Table(("a",) * 7, [numbers]).text().splitlines()[-1]
+    assert told.split() == numbers
+    folded = Table(("a",) * 8, [[*numbers, words]]).text()
+    assert folded.split() == ["a"] * 8 + numbers + words.split()

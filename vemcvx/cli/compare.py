@@ -39,7 +39,7 @@ from vemcvx.cli.solver_names import NAMES, named_solver, on_threads, read_option
 from vemcvx.cli.terminal import NOT_CERTIFIED, broken, check_writable, listed, logged_at_most, progress_bar, say
 from vemcvx.cost import Ingredients
 from vemcvx.cost.workers import Crashed, TookTooLong, alone
-from vemcvx.errors import NotAccepted, NotCertified, NotContracting, ProblemError, SceneError, VemcvxError
+from vemcvx.errors import NotAccepted, NotCertified, NotContracting, ProblemError, SceneError, VemcvxError, quietly
 from vemcvx.outline import Table
 from vemcvx.program.system import System
 from vemcvx.scene.pose import pose_scene
@@ -356,18 +356,16 @@ def _used(solver: Solver, settings: str) -> Used | None:
     """The settings that are passed on; None of solvers that run as their libraries come."""
     if not isinstance(solver, ThroughCvxpy):
         return None
-    ours = TUNED.get(solver.solver, ()) if settings == "tuned" else ()
-    made = [f"{setting.name} = {setting.words}" for setting in ours if setting.name not in solver.options]
+    made = [f"{setting.name} = {setting.words}" for setting in solver.settings if setting.name not in solver.options]
     words = made + [f"{name} = {value!r} (asked for)" for name, value in solver.options.items()]
-    why = tuple((setting.name, setting.words, setting.why) for setting in ours)
+    why = tuple((setting.name, setting.words, setting.why) for setting in solver.settings)
     return Used(solver.name, settings, ", ".join(words), why) if words else None
 
 
 @contextmanager
 def warned_once() -> Iterator[None]:
     """Say each warning once, however many solvers meet it."""
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
+    with quietly() as caught:
         yield
     for words, kind in dict.fromkeys((str(warning.message), warning.category) for warning in caught):
         warnings.warn(words, kind, stacklevel=2)

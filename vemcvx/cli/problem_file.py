@@ -9,7 +9,6 @@ import os
 import re
 import sys
 import traceback
-import warnings
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -25,7 +24,7 @@ from vemcvx.arrays import brief
 from vemcvx.cli.supplied import problem_path
 from vemcvx.cost import Ingredients
 from vemcvx.effects.effect import amount
-from vemcvx.errors import ProblemError, VemcvxError
+from vemcvx.errors import ProblemError, VemcvxError, quietly
 from vemcvx.meshes import FAMILIES, SPACE_FAMILIES, AnyMesh, PolygonMesh, PolyhedralMesh, read
 from vemcvx.plots.style import Units, checked_units
 from vemcvx.scene import Scene
@@ -189,8 +188,7 @@ class Problem:
         if family is not None and is_file(family):
             return True
         try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")
+            with quietly():
                 other = self.mesh(2 if n != 2 else 3, family)
         except VemcvxError:
             return False

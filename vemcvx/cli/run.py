@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import shlex
 import time
-import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import nullcontext
 from dataclasses import asdict, dataclass, fields, replace
@@ -28,7 +27,7 @@ from vemcvx.cost import Ingredients, study
 from vemcvx.cost.foreseen import Growth, check_fits
 from vemcvx.cost.workers import DONE, outcome, pool
 from vemcvx.cost.workers import NOT_CERTIFIED as MISSED
-from vemcvx.errors import ProblemError, VemcvxError
+from vemcvx.errors import ProblemError, VemcvxError, quietly
 from vemcvx.estimate.adapt import OF, Pass
 from vemcvx.exchange import FORMATS, encoded, put
 from vemcvx.history import History
@@ -218,8 +217,7 @@ class Run:
         try:
             if n <= problem.usual_n(64, self.mesh) and steps <= 256:
                 return
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")
+            with quietly():
                 growth = Growth.of(lambda n: problem.mesh(n, self.mesh))
         except VemcvxError:
             return  # The file may know no coarse meshes.

@@ -6,7 +6,6 @@ import json
 import logging
 import re
 import sys
-import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
@@ -18,7 +17,7 @@ import numpy as np
 
 from vemcvx.canvas import as_png, light_grid, new_figure
 from vemcvx.cost.workers import DONE
-from vemcvx.errors import ProblemError
+from vemcvx.errors import ProblemError, quietly
 from vemcvx.outline import Table
 from vemcvx.owned_files import Owned
 from vemcvx.plots.style import MARKERS, SERIES, Units, in_units
@@ -149,8 +148,7 @@ def heard() -> Iterator[list[str]]:
     kept.setLevel(logging.WARNING)
     log.addHandler(kept)
     try:
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always")
+        with quietly() as caught:
             yield said
     finally:
         log.removeHandler(kept)

@@ -14,7 +14,6 @@ import hashlib
 import json
 import logging
 import time
-import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import product
@@ -28,7 +27,7 @@ from vemcvx.arrays import SAME, Floats
 from vemcvx.bound.error_bound import error_bound
 from vemcvx.cost.table import EXTREMES, Row, append, read_journal, sealed, unsealed
 from vemcvx.cost.workers import DONE, NOT_CERTIFIED, REFUSED, Results, outcome, pool
-from vemcvx.errors import HistoryError, MeshError, ProblemError, SceneError, SceneWarning, VemcvxError
+from vemcvx.errors import HistoryError, MeshError, ProblemError, SceneError, SceneWarning, VemcvxError, quietly
 from vemcvx.estimate.adapt import Adapted, adapt
 from vemcvx.estimate.budget import error_budget
 from vemcvx.estimate.measures import Field, energy_distance
@@ -184,8 +183,7 @@ def run_point(recipe: Recipe, point: Point, instants: Floats) -> tuple[History, 
     A small run of the same kind comes before, which imports what is imported late. Memory is the high-water mark of the
     resident set when the last run ends.
     """
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
+    with quietly() as caught:
         # An error of the point shows again when it is run.
         with contextlib.suppress(VemcvxError):
             recipe(replace(point, n=min(point.n, 4), steps=2, target=None)).simulated(check=False)

@@ -67,8 +67,11 @@ def to_fclib(program: StepProgram) -> dict[str, bytes]:
     with import_module("h5py").File(made, "w") as file:
         problem = file.create_group(name)
         problem["spacedim"] = np.array([dim], dtype=np.int32)
-        for letter, matrix in matrices.items():
-            _write_rows(problem.create_group(letter), matrix)
+        for letter, A in matrices.items():
+            sizes = {"nzmax": A.nnz, "m": A.shape[0], "n": A.shape[1], "nz": -2}
+            whole = {name: np.array([size], dtype=np.int32) for name, size in sizes.items()}
+            entries = {"p": A.indptr.astype(np.int32), "i": A.indices.astype(np.int32), "x": A.data}
+            _write(problem.create_group(letter), whole | entries)
         _write(problem.create_group("vectors"), vectors)
         words = {"title": f"vemcvx: step {program.step} at t = {program.t:.17g}", "math_info": posed + MODEL}
         about = {**program.origin, "energy_error": program.certificate.error, "energy_norm": program.norm}
@@ -102,12 +105,6 @@ def _contacts(program: SolvedProgram) -> tuple[Ints, Floats]:
     if other.any():
         raise ProgramError(f"{words}here {other.sum()} weights are not those of the answer's own pressures.")
     return pairs.indices.astype(np.int64), mu
-
-
-def _write_rows(group: Any, A: sp.csr_matrix) -> None:
-    whole = {"nzmax": A.nnz, "m": A.shape[0], "n": A.shape[1], "nz": -2}
-    _write(group, {name: np.array([value], dtype=np.int32) for name, value in whole.items()})
-    _write(group, {"p": A.indptr.astype(np.int32), "i": A.indices.astype(np.int32), "x": A.data})
 
 
 def _write(group: Any, values: dict[str, Any]) -> None:

@@ -149,7 +149,7 @@ def write_program(program: StepProgram, path: str | Path) -> Path:
         There is no such format, it cannot hold the program, or the files cannot be written.
     """
     place, name = _place(path)
-    put(encoded(program, name), lambda end: place.with_name(place.stem + end))
+    put(encoded(program, name), lambda end: place if end == f".{name}" else place.with_name(place.stem + end))
     return place
 
 

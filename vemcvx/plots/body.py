@@ -211,7 +211,15 @@ def stressed_body(
     choice(stress, "stressed_body", "stress", list(STRESSES), HistoryError)
     choice(forces, "stressed_body", "forces", FORCES, HistoryError)
     row, mesh = history.row(step), plane_mesh(history.mesh, "stressed_body", "deformed_body draws it")
+    window, stretch = style.window_of(window), style.positive(stretch, "stretch: found", "a positive number")
+    images = as_real_array(mirrors, "mirrors", "pairs of signs, 1 or -1")
+    if images.size and (images.shape[1:] != (2,) or (np.abs(images) != 1).any()):
+        raise HistoryError(f"mirrors: found {brief(mirrors)}; wanted pairs of signs, such as [(-1, 1)].")
     seen, size = within(mesh.centroids, window), _size(mesh.points if window is None else np.transpose(window))
+    if not seen.any():
+        (left, right), (bottom, top) = np.transpose([mesh.points.min(axis=0), mesh.points.max(axis=0)])
+        body = f"(({left:.4g}, {right:.4g}), ({bottom:.4g}, {top:.4g}))"
+        raise HistoryError(f"window: found {brief(window)}, which shows no cell; the body is within {body}.")
     ax = canvas.axes_or_new(ax, *size_of_page(history))
     factor = common_magnification(history, size, magnify, within(mesh.points, window))
     moved = factor * history.displacement[row]
@@ -223,13 +231,13 @@ def stressed_body(
     mesh.plot(ax=ax, displacement=moved, linewidth=line, edgecolor="0.35", **look)
     beyond = canvas.pointed(np.concatenate([found[seen] for found in values]), look["clim"])
     canvas.bar_beside(ax, ax.collections[0], beyond).set_label(label(words, "force per area", units), fontsize="small")
-    for signs in mirrors:
+    for signs in images:
         # No orientation and no check is needed to draw cells; bodies in contact have nodes in the same places.
         image = PolygonMesh.unchecked((mesh.points + moved) * signs, mesh.offsets, mesh.vertices)
         image.plot(ax=ax, linewidth=0, antialiased=False, **look)
     touching = _closed_contact(history, row, mesh.points + moved)
     if touching:
-        canvas.draw_hatched(ax, [outline * signs for outline in touching for signs in ((1, 1), *mirrors)])
+        canvas.draw_hatched(ax, [outline * signs for outline in touching for signs in ((1, 1), *images)])
     largest = _contact_arrows(ax, history, row, mesh.points + moved, (forces, size, window, stretch))
     title = f"{instant(history.times[row], units)}, displacements × {factor:g}"
     if largest:

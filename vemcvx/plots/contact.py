@@ -7,7 +7,7 @@ of every face at it a node owns the quadrilateral between itself, the middles of
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -100,10 +100,10 @@ def contact_line(history: Results, picture: str) -> ContactLine:
     flat = spread <= SAME * max(float(spread.max()), float(np.abs(contact.points).max()))
     if not flat.any():
         return ContactLine(order, arc, limits, tangents, ARC)
-    axis = int(np.argmin(flat))
-    position, sign = contact.points[order, axis], float(np.sign(tangents[0, axis]))
+    axis = int(np.argmax(spread if spread.any() else np.abs(tangents[0])))  # One node has no spread.
+    position, sign = contact.points[order, axis], 1 if tangents[:, axis].sum() >= 0 else -1
     owned = np.sort(position[:, None] + sign * (limits - arc[:, None]), axis=1)
-    turn = slice(None, None, int(sign))
+    turn = slice(None, None, sign)
     return ContactLine(order[turn], position[turn], owned[turn], (sign * tangents)[turn], f"$x_{axis + 1}$")
 
 
@@ -303,7 +303,7 @@ PROFILES: dict[str, tuple[str, str, str, Along]] = {
 def along_contact(
     history: Results,
     show: str = "pressure",
-    steps: Sequence[int] | None = None,
+    steps: int | Iterable[int] | None = None,
     *,
     ax: Axes | None = None,
     limits: ArrayLike | None = None,
@@ -316,7 +316,7 @@ def along_contact(
     history, ax, units : as of `friction_traction`
     show : {"pressure", "slip", "wear"}
         Pressure and slip at these instants, or the friction work per length until then.
-    steps : sequence of int, optional
+    steps : int or sequence of int, optional
         Stored steps, at most four; by default as many, evenly apart, the last among them.
     limits : (low, high), optional
         Ends of the axis of values; by default from 0, or less, to a little more than the largest of all steps.
@@ -330,7 +330,8 @@ def along_contact(
     picture, most = "wear" if show == "wear" else "along_contact", len(style.EARLY_TO_LATE)
     line, later = contact_line(history, picture), _later(history, picture)
     evenly = later[np.unique(np.linspace(0, len(later), min(most, len(later)) + 1)[1:].round().astype(int)) - 1]
-    rows = [history.row(step) for step in (evenly.tolist() if steps is None else steps)]
+    asked = evenly.tolist() if steps is None else steps if isinstance(steps, Iterable) else [steps]
+    rows = [history.row(step) for step in asked]
     if not 0 < len(rows) <= most:
         raise HistoryError(f"{picture}: found {len(rows)} steps; it draws 1 to {most} of them.")
     quantity, words, title, found = PROFILES[show]
@@ -346,7 +347,7 @@ def along_contact(
 
 def wear(
     history: Results,
-    steps: Sequence[int] | None = None,
+    steps: int | Iterable[int] | None = None,
     *,
     ax: Axes | None = None,
     limits: ArrayLike | None = None,
@@ -469,6 +470,7 @@ def contact_face(
     """
     row, layout, contact = history.row(step), face_layout(history, "contact_face"), history.contact
     choice(show, "contact_face", "show", ["states", *FIELDS], HistoryError)
+    window = style.window_of(window)
     ax = canvas.axes_or_new(ax, 6.0, 5.0)
     states = np.where(idle(history)[row], 2, np.where(contact.sticking[row], 0, 1))  # Numbers of `AREAS`.
     if show == "states":
@@ -488,6 +490,7 @@ def contact_face(
     shown = np.flatnonzero((states == 1) & within(layout.places, window) & (row > 0))
     moved = layout.flat(contact.slip[row] - contact.slip[max(row - 1, 0)])[shown]
     size = float(np.ptp(layout.places if window is None else np.transpose(window), axis=0).max())
+    size = size or float(np.ptp(layout.corners, axis=(0, 1)).max())  # One node alone.
     places, largest = layout.places[shown], float(np.linalg.norm(moved, axis=1).max(initial=0.0))
     if largest > 0.0:
         # One in each square of a grid of 14, so that what is left out is left out evenly.

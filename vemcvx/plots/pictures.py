@@ -16,15 +16,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vemcvx.arrays import Floats, brief, choice, number, shaped
+from vemcvx.arrays import Floats, brief, choice, shaped
 from vemcvx.canvas import axes_or_new, bar_beside, figure_of, film_writer, legend_below, light_grid, new_figure
 from vemcvx.errors import HistoryError
 from vemcvx.meshes import PolyhedralMesh, plane_mesh
 from vemcvx.owned_files import path_of
-from vemcvx.plots import contact
+from vemcvx.plots import contact, style
 from vemcvx.plots.body import MISSING, deformed_body, deformed_mesh, has_pyvista, size_of_page, stressed_body
 from vemcvx.plots.contact import pressures, rubs, slips, wear
-from vemcvx.plots.style import DISSIPATED, NUMERICAL, STORED, WORK, Units, instant, label, named, unit, value_range
+from vemcvx.plots.style import Units, instant, label, named, positive, unit, value_range
 from vemcvx.results.results import Results, loop_of
 
 if TYPE_CHECKING:
@@ -75,15 +75,15 @@ def _energies(ax: Axes, history: Results, words: str) -> None:
     run = history.trajectory
     stored = run.energy - run.energy[0]
     lines = (
-        (run.work, WORK, "-", "work done on the body"),
-        (stored, STORED, "--", "stored" if run.energy[0] == 0 else "stored since the start"),
-        (run.dissipated, DISSIPATED, "-.", "dissipated by friction"),
-        (run.work - stored - run.dissipated, NUMERICAL, ":", "lost by time stepping"),
+        (run.work, style.WORK, "-", "work done on the body"),
+        (stored, style.STORED, "--", "stored" if run.energy[0] == 0 else "stored since the start"),
+        (run.dissipated, style.DISSIPATED, "-.", "dissipated by friction"),
+        (run.work - stored - run.dissipated, style.NUMERICAL, ":", "lost by time stepping"),
     )
-    for values, colour, style, name in lines:
-        ax.plot(run.times, values, style, color=colour, linewidth=1.6, label=name)
+    for values, colour, line, name in lines:
+        ax.plot(run.times, values, line, color=colour, linewidth=1.6, label=name)
     if history.energy_bounds is not None:
-        _bars(ax, run.times, history.energy_bounds - run.energy[0], STORED)
+        _bars(ax, run.times, history.energy_bounds - run.energy[0], style.STORED)
     ax.set(ylabel=words, title="Energy ledger")
 
 
@@ -131,11 +131,11 @@ def error_map(history: Results, *, ax: Axes | None = None, units: Units | None =
 
 def _certificates(ax: Axes, history: Results) -> None:
     run = history.trajectory
-    lines = (run.certified, STORED, "o", "each step"), (run.certified_total, DISSIPATED, "-", "all steps so far")
+    each, total = (run.certified, style.STORED, "o"), (run.certified_total, style.DISSIPATED, "-")
     ax.set(ylabel="relative energy error, at most", title="Certificate", yscale="log")
-    for values, colour, style, words in lines:
+    for (values, colour, mark), words in ((each, "each step"), (total, "all steps so far")):
         shown = np.isfinite(values) & (values > 0)
-        ax.plot(run.times[shown], values[shown], style, color=colour, markersize=2.5, linewidth=1.4, label=words)
+        ax.plot(run.times[shown], values[shown], mark, color=colour, markersize=2.5, linewidth=1.4, label=words)
 
 
 def hysteresis_loop(
@@ -175,15 +175,15 @@ def hysteresis_loop(
     name, axis, u = loop.on, loop.axis, loop.motion
     force = history.reaction(name)[:, axis]
     ax = axes_or_new(ax, 6.0, 4.4)
-    ax.plot(u, force, ".-", color=DISSIPATED, linewidth=1.4, markersize=4)
+    ax.plot(u, force, ".-", color=style.DISSIPATED, linewidth=1.4, markersize=4)
     if between is None and history.force_bounds is not None and history.bounded_force == {name: axis}:
         between = history.force_bounds[history.stored]
     if between is not None:
         wanted = "bounds, two a stored instant"
-        _bars(ax, u, shaped(between, "hysteresis_loop: between", wanted, (len(u), 2)), NUMERICAL)
+        _bars(ax, u, shaped(between, "hysteresis_loop: between", wanted, (len(u), 2)), style.NUMERICAL)
     for row, mark in ((0, "o"), (-1, "s")):
         when = instant(history.times[row], units)
-        ax.plot(u[row], force[row], mark, color=WORK, fillstyle="none", markersize=8, label=when)
+        ax.plot(u[row], force[row], mark, color=style.WORK, fillstyle="none", markersize=8, label=when)
     light_grid(ax)
     ax.locator_params(axis="x", nbins=6)  # small motions have long labels
     if limits is not None:
@@ -353,9 +353,7 @@ def animate(
     kinds = {".gif": "pillow", ".mp4": "ffmpeg"}
     if path.suffix not in kinds:
         raise HistoryError(f"animate: found {brief(str(path))}; films end in .gif or .mp4.")
-    length = number(seconds, "animate: found seconds", "a positive number")
-    if length <= 0:
-        raise HistoryError(f"animate: found seconds = {brief(seconds)}; wanted a positive number.")
+    length = positive(seconds, "animate: found seconds =", "a positive number")
     rate = round(min(max(len(history.stored) / length, 1.0), 50.0))
     figure = new_figure(*size_of_page(history))
     writer = film_writer(kinds[path.suffix], rate)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vemcvx.arrays import ROUNDING, SAME, Bools, Floats, brief
+from vemcvx.arrays import ROUNDING, SAME, Bools, Floats, brief, is_real, shaped
 from vemcvx.canvas import figure_of
 from vemcvx.errors import HistoryError
 from vemcvx.meshes import PolyhedralMesh
@@ -122,6 +122,18 @@ def named(
     return figure_of(ax)
 
 
+def window_of(raw: ArrayLike | None) -> Window | None:
+    """Return the part of the plane that a picture shows, as asked; HistoryError if it is none. None is all of it."""
+    if raw is None:
+        return None
+    wanted = "((low, high), (low, high)), the parts of both axes"
+    found = shaped(raw, "window", wanted, (2, 2))
+    if not (np.isfinite(found).all() and (found[:, 0] < found[:, 1]).all()):
+        raise HistoryError(f"window: found {brief(raw)}; wanted {wanted}.")
+    (left, right), (bottom, top) = found.tolist()
+    return (left, right), (bottom, top)
+
+
 def within(points: Floats, window: Window | None) -> Bools:
     """(k,) bool, true of the points (k, 2) that a window shows."""
     low, high = np.transpose(window if window is not None else [[-np.inf, np.inf]] * 2)
@@ -145,6 +157,13 @@ def rounded_down(wanted: float, largest: float) -> float:
     return float(max(f for f in (power, 2 * power, 5 * power) if f <= factor * (1 + SAME)))
 
 
+def positive(raw: object, found: str, wanted: str) -> float:
+    """Return a finite number above zero, or raise HistoryError."""
+    if not is_real(raw) or not 0 < raw < np.inf:
+        raise HistoryError(f"{found} {brief(raw)}; wanted {wanted}.")
+    return float(raw)
+
+
 def common_magnification(history: Results, size: float, magnify: float | None, nodes: Bools | None = None) -> float:
     """Return how far to magnify the displacements of all stored steps: as asked, or by a round number.
 
@@ -152,11 +171,7 @@ def common_magnification(history: Results, size: float, magnify: float | None, n
     hundred by at most half the edge's length, beyond which cells turn inside out.
     """
     if magnify is not None:
-        number = isinstance(magnify, (int, float, np.number)) and not isinstance(magnify, bool)
-        if not number or not 0 < float(magnify) < np.inf:
-            words = "wanted a positive number, or None for one that suits all steps"
-            raise HistoryError(f"magnify: found {brief(magnify)}; {words}.")
-        return float(magnify)
+        return positive(magnify, "magnify: found", "a positive number, or None for one that suits all steps")
     u, kept = history.displacement, slice(None) if nodes is None else nodes
     largest = max(float(np.linalg.norm(row[kept], axis=1).max(initial=0.0)) for row in u)
     if largest == 0.0:

@@ -16,7 +16,7 @@ import threading
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum
-from functools import cache
+from functools import cache, partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -147,12 +147,6 @@ TUNED: Mapping[str, tuple[Setting, ...]] = {
 }
 
 
-def settings_for(solver: str, gap: float, *, semidefinite: bool = False, again: bool = False) -> dict[str, Any]:
-    """The settings of a solver for a gap; what is for fewer programs goes before what is for all."""
-    now = {When.ALWAYS} | ({When.SEMIDEFINITE} if semidefinite else set()) | ({When.AGAIN} if again else set())
-    return {setting.name: setting.at(gap) for setting in TUNED.get(solver, ()) if setting.when in now}
-
-
 class KeptMatrices:
     """A solver of Clarabel's, whose `update` passes on matrices that differ from those it was last given.
 
@@ -185,12 +179,9 @@ def keep_matrices(solvers: dict[str, Any]) -> None:
 
 def _same(one: Any, other: Any) -> bool:
     """Return True if both are sparse matrices with the same entries at the same places."""
+    parts = "shape", "data", "indices", "indptr"
     both = sp.issparse(one) and sp.issparse(other)
-    return (
-        both
-        and one.shape == other.shape
-        and all(np.array_equal(getattr(one, part), getattr(other, part)) for part in ("data", "indices", "indptr"))
-    )
+    return both and all(np.array_equal(getattr(one, part), getattr(other, part)) for part in parts)
 
 
 COMPILING = threading.Lock()
@@ -298,10 +289,15 @@ class ThroughCvxpy(Solver):
             )
         return _PreparedConic(self)
 
+    @property
+    def settings(self) -> tuple[Setting, ...]:
+        """Our settings of it; those for fewer programs come last, and go before those for all."""
+        return TUNED.get(self.solver, ()) if self.tuned else ()
+
     def asks_with(self, gap: float, *, semidefinite: bool, again: bool) -> dict[str, Any]:
         """The solver's options for a duality gap of a scaled program: tuned ones, the user's last."""
-        ours = settings_for(self.solver, gap, semidefinite=semidefinite, again=again) if self.tuned else {}
-        return {**ours, **self.options}
+        now = {When.ALWAYS} | ({When.SEMIDEFINITE} if semidefinite else set()) | ({When.AGAIN} if again else set())
+        return {**{one.name: one.at(gap) for one in self.settings if one.when in now}, **self.options}
 
 
 @dataclass(frozen=True)
@@ -355,6 +351,10 @@ class OSQP(ThroughCvxpy):
         return np.column_stack([np.cos(angles), np.sin(angles)])
 
 
+Posed = tuple[CvxpyStep, dict[str, Any]]
+"""A step in cvxpy, and the solvers that cvxpy keeps for the next one, by name."""
+
+
 class _PreparedConic:
     """The program compiled once, its data as parameters; on sparse K it is posed afresh every step.
 
@@ -363,72 +363,66 @@ class _PreparedConic:
 
     def __init__(self, settings: ThroughCvxpy):
         self._settings = settings
-        self._compiled: dict[bool, _Posed] = {}
+        self._compiled: dict[bool, Posed] = {}
 
     def solve(self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None) -> Answer:
         cones = self._settings.cones
         answer = self._ask(program, target, cones)
-        ours = TUNED.get(self._settings.solver, ()) if self._settings.tuned else ()
-        more = any(setting.when is When.AGAIN for setting in ours)
-        if more and program.duality_gap(answer.d, answer.lam, answer.p) > target:
+        more = any(setting.when is When.AGAIN for setting in self._settings.settings)
+        if more and _gap(program, answer) > target:
             again = self._ask(program, target, cones and program.operators.block > 1, again=True)
-            answer = replace(again, iterations=again.iterations + answer.iterations)
+            # Beyond what it can reach the second may be the worse one, by a factor of 100 in gap.
+            better = min(answer, again, key=partial(_gap, program))
+            answer = replace(better, iterations=again.iterations + answer.iterations)
         return polished(program, answer) if self._settings.polish else answer
 
     def _ask(self, program: StepProgram, target: float, cones: bool, again: bool = False) -> Answer:
-        posed, semidefinite = self._posed(program, cones), program.operators.kernel is not None
+        (step, kept), semidefinite = self._posed(program, cones), program.operators.kernel is not None
         options = self._settings.asks_with(target, semidefinite=semidefinite, again=again)
-        status, iterations = _run(posed, self._settings, options)
+        status, iterations = _run(step, kept, self._settings, options)
         still = np.zeros_like(program.g), np.zeros((program.operators.count, program.operators.block)), 0 * program.e
-        step = posed.step
         found = still if step.d.value is None else (step.d.value, step.lam, step.p)
         # Interior points stop a rounding error short of their bounds, or beyond them.
         d, lam, p = program.admissible_point(*found)
         return Answer(d, lam, iterations, status, p=p)
 
-    def _posed(self, program: StepProgram, cones: bool) -> _Posed:
+    def _posed(self, program: StepProgram, cones: bool) -> Posed:
         operators, corners = program.operators, self._settings.corners
         with COMPILING:
             if not isinstance(operators.K, np.ndarray):
-                return _Posed(to_cvxpy(operators, program.data, cones, corners))
+                return to_cvxpy(operators, program.data, cones, corners), {}
             if cones not in self._compiled:
-                self._compiled[cones] = _Posed(to_cvxpy(operators, None, cones, corners))
-        posed = self._compiled[cones]
-        posed.step.at(program.data)
-        return posed
-
-
-@dataclass(frozen=True)
-class _Posed:
-    """A step in cvxpy, and the solvers that cvxpy keeps for the next one, by name."""
-
-    step: CvxpyStep
-    solvers: dict[str, Any] = field(default_factory=dict)
+                self._compiled[cones] = to_cvxpy(operators, None, cones, corners), {}
+        step, kept = self._compiled[cones]
+        return step.at(program.data), kept
 
 
 def polished(program: StepProgram, answer: Answer) -> Answer:
     """One active-set step from an answer; the better certified of the two."""
     before, near = program.admissible_point(answer.d, answer.lam, answer.p), program.proximal(answer.d)
     sharper = answer_on(near, sets_at(near, Iterate(*before), Shifts.of(program.operators)))
-    after = d, lam, p = program.admissible_point(sharper.d, sharper.lam, sharper.p)
-    if program.certify(*after).gap >= program.certify(*before).gap:
-        return answer
-    return Answer(d, lam, answer.iterations + 1, answer.status + ", polished", p=p)
+    d, lam, p = program.admissible_point(sharper.d, sharper.lam, sharper.p)
+    after = Answer(d, lam, answer.iterations + 1, answer.status + ", polished", p=p)
+    return after if _gap(program, after) < program.duality_gap(*before) else answer
 
 
-def _run(posed: _Posed, settings: ThroughCvxpy, options: dict[str, Any]) -> tuple[str, int]:
+def _gap(program: StepProgram, answer: Answer) -> float:
+    return program.duality_gap(answer.d, answer.lam, answer.p)
+
+
+def _run(step: CvxpyStep, kept: dict[str, Any], settings: ThroughCvxpy, options: dict[str, Any]) -> tuple[str, int]:
     """Solve in cvxpy's own steps: its `solve` would warn of what the certificate measures. Status and iterations."""
     from cvxpy.error import SolverError
     from cvxpy.settings import SOLUTION_PRESENT
 
-    problem, options = posed.step.problem, dict(options)
+    problem, options = step.problem, dict(options)
     verbose, warm_start = bool(options.pop("verbose", False)), bool(options.pop("warm_start", True))
-    posed.step.d.save_value(None)
+    step.d.save_value(None)
     try:
         with COMPILING:
             data, chain, inverse = problem.get_problem_data(settings.solver, solver_opts=options)
-        raw = chain.solver.solve_via_data(data, warm_start, verbose, options, posed.solvers)
-        keep_matrices(posed.solvers)
+        raw = chain.solver.solve_via_data(data, warm_start, verbose, options, kept)
+        keep_matrices(kept)
         solution = chain.invert(raw, inverse)
     except SolverError as error:
         return f"failed: {error}", 0

@@ -67,7 +67,6 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import islice
-from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import LinAlgError
@@ -291,7 +290,7 @@ def distance_to_a_solution(program: StepProgram, law: PressureLaw, found: Found,
         return 0.0 if found.holds(program) else None
     with suppress(LinAlgError):
         for sets, system in _systems_of_proof(program, found, response, slides, s):
-            answers = _bounded_answers(system, found, _beside_the_law(found, sets, slides, s))
+            answers = _bounded_answers(system, sets, found, slides, s)
             if answers is None:
                 continue
             pi = np.where(found.once.act, answers.forces, 0.0)
@@ -317,41 +316,25 @@ def _systems_of_proof(
     yield own, SetsSystem(program.operators, own, found.law.slope, response)
 
 
-class BesideTheLaw(NamedTuple):
-    """How a system differs from the law at a point, in the letters of theorem 2; zero where terms do not slide."""
-
-    slips: Floats
-    """(m,) v, infinite where terms do not slide"""
-    turned: Floats
-    """(m,) delta"""
-    lacking: Floats
-    """(m,) |w / v - h|"""
-    missed: Floats
-    """(2, m) what psi_i is at most along q_i and across it, at the point"""
-
-
-def _beside_the_law(found: Found, sets: Sets, slides: Bools, s: Floats) -> BesideTheLaw:
-    """How the system of the sets differs from the law, at the point and its slips s (m, block)."""
-    w, lam, q = found.weights, found.point.lam, sets.direction
-    v = np.where(slides, lengths(s), 1.0)
-    n = s / v[:, None]
-    missed, delta, blur = w[:, None] * n - lam, slides * lengths(n - q), found.blur / v
-    along = np.einsum("ij,ij->i", missed, q)
-    psi = np.stack([np.abs(along), lengths(missed - along[:, None] * q)])
-    psi += found.forces + w * np.stack([blur * (blur + delta), blur])
-    left = np.where(sets.stick | (w > 0), 0.0, lengths(lam))
-    lacking = np.where(slides, np.abs(w / v - sets.curvature), 0.0)
-    return BesideTheLaw(np.where(slides, v, np.inf), delta, lacking, psi * slides + left)
-
-
 DOUBLED = 4
 """Bounds (t, u) that are tried, each twice what the last lead to: where psi changes little, the first do."""
 
 
-def _bounded_answers(system: SetsSystem, found: Found, beside: BesideTheLaw) -> Answers | None:
-    """Answers to all psi within bounds (t, u) as theorem 2 wants them; None where none are found."""
-    v, delta, lacking, psi = beside
-    J, slides, bounds = found.system.J.absolute, v < np.inf, 2.0 * psi
+def _bounded_answers(system: SetsSystem, sets: Sets, found: Found, slides: Bools, s: Floats) -> Answers | None:
+    """Answers to all psi within bounds (t, u) as theorem 2 wants them, in its letters; None where none are found.
+
+    The system is that of the sets, s (m, block) are the slips of the point.
+    """
+    w, lam, q, blur = found.weights, found.point.lam, sets.direction, found.blur
+    v = np.where(slides, lengths(s), np.inf)
+    n = np.where(slides[:, None], s, 0.0) / v[:, None]
+    delta, missed = slides * lengths(n - q), slides[:, None] * (w[:, None] * n - lam)
+    along = np.einsum("ij,ij->i", missed, q)
+    psi = np.stack([np.abs(along), lengths(missed - along[:, None] * q)])
+    psi += slides * (found.forces + w * np.stack([blur / v * (blur / v + delta), blur / v]))
+    psi += np.where(sets.stick | (w > 0), 0.0, lengths(lam))
+    lacking = np.where(slides, np.abs(w / v - sets.curvature), 0.0)
+    J, bounds = found.system.J.absolute, 2.0 * psi
     for _ in range(DOUBLED):
         answers = system.answers(bounds[0], bounds[1], lacking)
         if answers is None:
@@ -360,7 +343,7 @@ def _bounded_answers(system: SetsSystem, found: Found, beside: BesideTheLaw) -> 
         if not (alpha + gamma < v).all():
             return None
         turn = (gamma + delta * alpha) / (v - alpha - gamma)
-        rho = (delta + turn) * (found.weights * ((alpha + gamma) / v + turn / 2) + J.read(answers.forces))
+        rho = (delta + turn) * (w * ((alpha + gamma) / v + turn / 2) + J.read(answers.forces))
         led = psi + rho * slides
         if (led <= bounds).all():
             return answers

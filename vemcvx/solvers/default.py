@@ -67,13 +67,22 @@ class AdaptedSolver(Solver):
     def __init__(self, own: Solves):
         self._own, self._asks = own, _asks_for(own)
         self.accuracy = getattr(own, "accuracy", Solver.accuracy)
-        self.accepts = _features(getattr(own, "accepts", FEATURES), self.name)
+        accepts = getattr(own, "accepts", FEATURES)
+        several = isinstance(accepts, (set, frozenset, list, tuple))
+        if not several or not all(isinstance(x, str) and x in FEATURES for x in accepts):
+            there_are = ", ".join(map(repr, sorted(FEATURES)))
+            raise SceneError(
+                f"solver {self.name}: found accepts = {brief(accepts)}; wanted a set of some of {there_are}."
+            )
+        self.accepts = frozenset(accepts)
         self.semidefinite = flag(getattr(own, "semidefinite", False), f"solver {self.name}: semidefinite")
 
     def __repr__(self) -> str:
         """Its name, and those of its public attributes that are plain: they say the same in every process."""
-        public = {name: x for name, x in getattr(self._own, "__dict__", {}).items() if not name.startswith("_")}
-        plain = {name: value for name, value in public.items() if isinstance(value, (int, float, str))}
+        slots = [name for kind in type(self._own).__mro__ for name in vars(kind).get("__slots__", ())]
+        names = [name for name in (*getattr(self._own, "__dict__", ()), *slots) if not name.startswith("_")]
+        values = {name: getattr(self._own, name, None) for name in names}
+        plain = {name: value for name, value in values.items() if isinstance(value, (int, float, str))}
         settings = {**plain, "accuracy": self.accuracy}
         return f"{self.name}({', '.join(f'{name}={value!r}' for name, value in sorted(settings.items()))})"
 
@@ -89,14 +98,6 @@ class AdaptedSolver(Solver):
         begin = {"lam": lam.copy(), "p": np.zeros_like(program.e) if p is None else p.copy()}
         given = {name: begin[name] for name in self._asks}
         return read_answer(self._own.solve(program, target, **given), program, self.name)
-
-
-def _features(raw: Any, name: str) -> frozenset[str]:
-    known = isinstance(raw, (set, frozenset, list, tuple)) and all(isinstance(x, str) and x in FEATURES for x in raw)
-    if not known:
-        there_are = ", ".join(map(repr, sorted(FEATURES)))
-        raise SceneError(f"solver {name}: found accepts = {brief(raw)}; wanted a set of some of {there_are}.")
-    return frozenset(raw)
 
 
 def _asks_for(own: Solves) -> list[str]:

@@ -49,7 +49,9 @@ class ProximalPoints:
         anchor = program.operators.anchor
         centres = _Centres(np.flatnonzero(np.zeros(len(d)) if anchor is None else anchor))
         for _ in range(200):
-            answer = self._answer(program.proximal(d), target, lam, p, iterations)
+            near, solver = program.proximal(d), self._solver.after(iterations)
+            prepared = self._prepared if solver is self._solver else solver.prepare(self._regular)
+            answer = fitting(prepared.solve(near, target, lam, p), near, solver.name)
             iterations, safeguards = iterations + answer.iterations, safeguards + answer.safeguards
             centre = d
             d, lam, p = program.admissible_point(answer.d, answer.lam, answer.p)
@@ -66,12 +68,6 @@ class ProximalPoints:
                 break
             d = d + moves * v if carried else ahead
         return replace(best, iterations=iterations, safeguards=safeguards)
-
-    def _answer(self, near: StepProgram, target: float, lam: Floats, p: Floats, spent: int) -> Answer:
-        """The solver's answer to a proximal point's program, after so many of its iterations."""
-        solver = self._solver.after(spent)
-        prepared = self._prepared if solver is self._solver else solver.prepare(self._regular)
-        return fitting(prepared.solve(near, target, lam, p), near, solver.name)
 
 
 def _motion_nearest_to_b(program: StepProgram) -> Floats:

@@ -114,12 +114,6 @@ class EffectSample:
         """What it contributes as plain data."""
         return content(thing, dim=self.mesh().points.shape[1])
 
-    @property
-    def sides(self) -> str:
-        """The names of all parts of the boundary, as messages have them."""
-        between = ("front", "back") if self.in_space else ()
-        return ", ".join(map(repr, ("left", "right", *between, "bottom", "top", "boundary")))
-
 
 @cache
 def mesh(family: str = "squares", n: int = 3) -> AnyMesh:
@@ -254,7 +248,8 @@ def _units(vectors: Floats) -> bool:
 def names_an_unknown_boundary_and_what_exists(sample: EffectSample) -> None:
     """In one sentence, which begins with the name of its class."""
     wrong = () if sample.on is None else ("bottm", ["left", "bottm"])
-    words = f"there is no boundary named 'bottm'; this mesh has {sample.sides}; add one with "
+    sides = ", ".join(map(repr, sample.mesh().boundaries))
+    words = f"there is no boundary named 'bottm'; this mesh has {sides}; add one with "
     _refuses(sample, wrong, words + r"mesh\.with_boundary\(name, predicate\)\.$")
 
 

@@ -24,7 +24,6 @@ from vemcvx.effects import (
 from vemcvx.errors import NotAccepted, NotCertified, SceneError
 from vemcvx.meshes import FAMILIES, SPACE_FAMILIES
 from vemcvx.program import Limits, Norms, System
-from vemcvx.program.certificate import Certificate
 from vemcvx.program.condensation import Condensation
 from vemcvx.program.operators import energy_norm
 from vemcvx.program.step_program import Answer, StepProgram, fitting
@@ -365,14 +364,10 @@ OF_EACH_INSTANCE: list[Callable[[Case], None]] = [
 ]
 
 
-def _certified(program: StepProgram, answer: Answer) -> Certificate:
-    return program.certify(program.feasible(answer.d), answer.lam, answer.p)
-
-
 def _agree(program: StepProgram, one: Answer, other: Answer) -> None:
-    parts = [_certified(program, answer) for answer in (one, other)]
-    apart = program.feasible(one.d) - program.feasible(other.d)
-    assert program.operators.energy_norm(apart) <= sum(part.error + part.error_floor for part in parts)
+    ends = [program.feasible(answer.d) for answer in (one, other)]
+    found = [program.certify(d, answer.lam, answer.p) for d, answer in zip(ends, (one, other), strict=True)]
+    assert program.operators.energy_norm(ends[0] - ends[1]) <= sum(each.error + each.error_floor for each in found)
 
 
 def _in_units(system: System, length: float, stress: float) -> System:

@@ -34,7 +34,6 @@ import json
 import os
 import signal
 import time
-import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, fields, replace
@@ -54,7 +53,7 @@ except ImportError:  # on Windows
 from vemcvx.arrays import Floats
 from vemcvx.cli.solver_names import named_solver
 from vemcvx.cost.workers import Crashed, alone
-from vemcvx.errors import NotAccepted, ProblemError, VemcvxError
+from vemcvx.errors import NotAccepted, ProblemError, VemcvxError, quietly
 from vemcvx.exchange import sequence_from_npz
 from vemcvx.program.scaling import Scaling, scaling
 from vemcvx.program.step_program import Answer, SolvedProgram, StepProgram
@@ -259,9 +258,7 @@ def measured(
     """
     memory: Memory = {} if warm else None
     unit, taken, counts, judged = _unit(programs), 0.0, list[int](), list[dict[str, float]]()
-    with named_failures("asked"), warnings.catch_warnings():
-        # What a library warns of, its status says.
-        warnings.simplefilter("ignore")
+    with named_failures("asked"), quietly():  # What a library warns of, its status says.
         for ask, program in zip(asks, programs, strict=True):
             begun = time.perf_counter()
             seconds, d, lam, p, iterations, says = ask(tolerance, memory)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import json
-import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from hashlib import sha256
@@ -31,13 +30,14 @@ from vemcvx.cli.collection.instances import (
 from vemcvx.cli.problem_file import read_problem
 from vemcvx.cli.supplied import problems_folder
 from vemcvx.cli.terminal import logged_at_most, progress_bar, say
-from vemcvx.errors import ProblemError, SceneWarning
+from vemcvx.errors import ProblemError
 from vemcvx.exchange import FORMATS, description, encoded, in_json, put, sequence_to_npz
 from vemcvx.linear import direct_solver
 from vemcvx.outline import Table
 from vemcvx.owned_files import ANY_KIND, Owned
 from vemcvx.program.step_program import SolvedProgram, StepProgram
 from vemcvx.results.results import programs_of_steps
+from vemcvx.scene.pose import unwarned
 from vemcvx.simulation import programs
 from vemcvx.solvers import Newton
 from vemcvx.version import __version__
@@ -190,9 +190,7 @@ def _made(instances: Sequence[Instance]) -> Iterator[tuple[Instance, list[Solved
         wanted = list(group)
         first, last = wanted[0], max(one.step for one in wanted)
         problem = read_problem(here / f"{first.problem}.py")
-        with warnings.catch_warnings():
-            # What holds the bodies is what grades are about.
-            warnings.simplefilter("ignore", SceneWarning)
+        with unwarned():  # What holds the bodies is what grades are about.
             posed = problem.posed(first.settings, problem.mesh(first.n), first.of, exactly)
             posed = replace(posed, times=posed.times[: last + 1])
             if first.grade == FCLIB:  # Condensed, K of 10,000 contacts would be 7 GB.

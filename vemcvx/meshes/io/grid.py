@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vemcvx.arrays import SAME, Bools, Floats, Ints
-from vemcvx.errors import MeshError, MeshWarning
+from vemcvx.errors import MeshError, MeshWarning, quietly
 from vemcvx.meshes.box import WHOLE
 from vemcvx.meshes.interfaces import Interface, padded
 from vemcvx.meshes.polygons import directed_edges, matching_rows, offsets_of, rows_in_order, turned
@@ -86,8 +86,7 @@ class Grid:
 
 def finished(subject: str, made: Callable[[], tuple[AnyTessellation, list[str]]]) -> AnyTessellation:
     """The mesh of a file or an object, its sides named if nothing is, and notes on it as warnings."""
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
+    with quietly() as caught:
         mesh, notes = made()
     sides = straight_sides(mesh)
     if sides and set(mesh.boundaries) == {WHOLE}:
@@ -103,8 +102,7 @@ def translated(subject: str, failure: str) -> Iterator[None]:
     """Turn whatever other libraries do on failure, sys.exit included, into a MeshError, and keep the terminal clean."""
     said = io.StringIO()
     try:
-        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said), warnings.catch_warnings():
-            warnings.simplefilter("ignore")
+        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said), quietly():
             yield
     except MeshError as error:
         raise MeshError(f"{subject} {failure}: {error}") from None

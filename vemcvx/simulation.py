@@ -176,7 +176,7 @@ def instants(scene: Scene, mesh: AnyMesh, times: ArrayLike) -> Floats:
     if len(given) < 2:
         return given
     with unwarned():
-        bends = course(pose_scene(scene, mesh).system, given).bends
+        bends = course(pose_scene(scene, mesh, between=given.tolist()).system, given).bends
     return np.union1d(given, inside_steps(given, bends))
 
 
@@ -189,7 +189,8 @@ def warn_of_turns(scene: Scene, mesh: AnyMesh, times: Floats, linear: LinearSolv
     if len(times) < 2:
         return
     with unwarned():
-        missed = course(pose_scene(scene, mesh, linear=linear).system, times).missed(times)
+        posed = pose_scene(scene, mesh, linear=linear, between=times.tolist())
+        missed = course(posed.system, times).missed(times)
     if not len(missed):
         return
     apart = missed[np.diff(missed, prepend=-np.inf) > 1e-6 * float(times[-1] - times[0])]

@@ -10,6 +10,8 @@ from bounds import circle_of, error_from
 
 import vemcvx as vx
 from vemcvx.bound import within
+from vemcvx.bound.data_in_time import followed
+from vemcvx.scene.pose import pose_scene
 
 pytestmark = pytest.mark.arithmetic
 
@@ -324,3 +326,16 @@ def test_supports_may_move_nonlinearly_in_time(steps):
     fine = vx.simulate(scene, mesh, np.linspace(0.0, 1.0, 65))
     apart = circle_of(fine).distance(history.displacement[-1], fine.displacement[-1])
     assert apart <= vx.error_bound(history).upper[-1] <= 0.05
+
+
+@pytest.mark.parametrize("begin", [0.0, -(2.0**10), 2.0**20])
+def test_a_jump_may_have_no_instant_between_its_sides(begin):
+    """Far from zero: data that are linear on both sides of it are read at its sides alone."""
+
+    def leap(t):
+        return t - begin + (t > jump)
+
+    jump = begin + 0.4375
+    path = np.array([begin, jump, np.nextafter(jump, np.inf), begin + 1.0])
+    posed = pose_scene(vx.Scene(*sheared(leap)), vx.meshes.squares(1))
+    assert np.array_equal(followed(posed, path).path, path)

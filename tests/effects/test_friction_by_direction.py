@@ -304,3 +304,31 @@ def test_bounds_that_begin_at_zero_keep_their_ratio():
     scene = vx.Scene(*PUSHED, rubs)
     terms = vx.scene.pose_scene(scene, vx.meshes.cubes(2), [0.0, 1.0, 2.0]).terms
     assert np.linalg.norm(terms.tangents[:, 1], axis=1) == pytest.approx(0.5, rel=1e-15)
+
+
+def rubbed(begin):
+    """A block dragged across its axes, under bounds that grow from zero; nothing is known before it begins."""
+
+    def bound(x, t):
+        return 0.004 * (t - begin) + 0.0 * x[:, 0]
+
+    top = vx.PrescribedDisplacement(lambda x, t: (0.01 * np.sin(3 * (t - begin)), 0.02 * (t - begin), 0.0), on="top")
+    known = vx.Tabulated([begin, begin + 1.0], [0.0, 0.0004])
+    rubs = vx.TrescaFriction(bound, across=known, **BELT)
+    return vx.Scene(vx.Elasticity(1.0, 0.3), top, vx.BilateralContact(on="bottom"), rubs)
+
+
+@pytest.mark.long
+def test_estimates_take_the_ellipse_of_the_run():
+    """With an effect left out that is zero, in whose place the scene is posed anew, as without it."""
+    mesh, times, nothing = vx.meshes.cubes(1), np.linspace(0.0, 1.0, 3), vx.BodyForce((0.0, 0.0, 0.0))
+    runs = [vx.simulate(scene, mesh, times) for scene in (rubbed(0.0), rubbed(0.0).with_(nothing))]
+    alone, beside = (vx.error_budget(run).time for run in runs)
+    assert alone.max() > 0.01
+    assert beside == pytest.approx(alone, rel=1e-9)
+
+
+@pytest.mark.long
+def test_instants_ask_for_nothing_before_the_run():
+    times = 5.0 + np.linspace(0.0, 1.0, 3)
+    assert np.all(np.isin(times, vx.instants(rubbed(5.0), vx.meshes.cubes(1), times)))

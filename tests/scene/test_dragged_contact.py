@@ -8,6 +8,7 @@ from scenes import few_families, small
 from stopped import Stopped, stop_at
 
 import vemcvx as vx
+from vemcvx.arrays import EPS, SAME
 from vemcvx.scene import pose_scene
 
 pytestmark = pytest.mark.filterwarnings("ignore:supports. nothing but friction or one-sided contact")
@@ -199,3 +200,21 @@ def test_a_node_that_supports_lift_off_is_open(lift, gap, touches):
     assert contact.closed[-1, corner] == touches
     assert contact.closed[-1, np.flatnonzero(contact.points[:, 0] == 1.0)].all()
     assert contact.open_count[-1] == (~contact.closed[-1]).sum()
+
+
+@pytest.mark.parametrize("mesh", [vx.meshes.squares(2), vx.meshes.cubes(1)], ids=["plane", "space"])
+@pytest.mark.parametrize("angle", [1e-6, 0.005, 0.009, 0.02])
+def test_a_side_lifted_off_a_floor_askew_does_not_rub(mesh, angle):
+    """Nodes that are moved altogether slip along their own side, however near that is to the axes."""
+    turn = np.eye(mesh.points.shape[1])
+    turn[np.ix_([0, -1], [0, -1])] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+    askew = type(mesh)(mesh.points @ turn.T, mesh.cells, boundaries={})
+    for name, at, place in (("floor", -1, 0.0), ("side", 0, 1.0)):
+        askew = askew.with_boundary(name, lambda x, at=at, place=place: abs((x @ turn)[:, at] - place) < SAME)
+    lifted = vx.PrescribedDisplacement(lambda x, t: np.tile(0.02 * t * turn[:, -1], (len(x), 1)), on="side")
+    law = vx.TrescaFriction(0.5, on="floor", while_closed=False)
+    scene = vx.Scene(vx.Elasticity(10.0, 0.3), lifted, vx.UnilateralContact(on="floor"), law)
+    history = vx.simulate(scene, askew, [0.0, 1.0])
+    moved = np.isin(history.contact.nodes, np.flatnonzero(abs((askew.points @ turn)[:, 0] - 1.0) < SAME))
+    # Turning points and displacements rounds each of them a few times.
+    assert history.contact.wear[-1, moved].max(initial=0.0) <= 0.5 * 16 * EPS

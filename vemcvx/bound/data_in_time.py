@@ -107,7 +107,9 @@ def _around(known: Floats, t: float) -> tuple[float, float]:
 def followed(posed: PosedScene, path: Floats) -> Followed:
     """The path that follows the data of a scene, from one with the instants at which these bend, turn or jump."""
     read = readings(path)
-    bent = np.repeat(_apart(posed, path, read[:-1]).reshape(-1, READINGS).max(axis=1) > SAME, READINGS)
+    # Between the sides of a jump there may be no other number: such a step has fewer readings.
+    step = np.searchsorted(path, read[:-1], side="right")
+    bent = np.isin(step, step[_apart(posed, path, read[:-1]) > SAME])
     path = np.union1d(path, read[:-1][bent])
     missed = _off(posed, read, _between(read), OFF_LINE)
     if len(missed):

@@ -489,7 +489,7 @@ def _begin(scene: Scene, mesh: AnyMesh, aim: _Aim) -> tuple[_Aim, Floats, Finer 
     instants of a run, where a load that comes and goes inside a step is zero, and no estimate sees it. Nothing is left
     out here: what is zero at the instants asked for need not be so between them.
     """
-    posed = pose_scene(scene, mesh)
+    posed = pose_scene(scene, mesh, between=aim.wanted.tolist())
     check_estimable(posed, "adapt")
     if posed.curves:
         warnings.warn(

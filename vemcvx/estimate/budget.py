@@ -307,7 +307,7 @@ def in_time(posed: PosedScene, run: Trajectory) -> Finer:
     """
     if run.initial is None:
         raise HistoryError("error_budget: this run does not say where it began; simulate the scene again.")
-    whole = pose_scene(posed.scene, posed.space.mesh) if posed.inactive else posed
+    whole = pose_scene(posed.scene, posed.space.mesh, between=run.times.tolist()) if posed.inactive else posed
     start, y = float(run.times[0]), run.initial
     if whole is not posed:
         y = whole.supports.gather(displacement(posed, y, start) - whole.supports.motion(start))

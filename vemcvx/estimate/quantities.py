@@ -133,7 +133,8 @@ def errors_of_steps(history: History) -> StepErrors:
     """Compare a run with those in halves and quarters of its steps."""
     times = history.trajectory.times
     with unwarned():
-        known = course(pose_scene(scene_of(history, "quantities"), history.mesh).system, times)
+        posed = pose_scene(scene_of(history, "quantities"), history.mesh, between=times.tolist())
+        known = course(posed.system, times)
     own, begin = _courses(history), _start(history)
 
     def in_parts(parts: int) -> dict[str, Floats]:

@@ -165,9 +165,16 @@ def unwarned() -> Iterator[None]:
 
 
 def pose_scene(
-    scene: Scene, mesh: AnyMesh, times: Sequence[float] = (), linear: LinearSolver | None = None
+    scene: Scene,
+    mesh: AnyMesh,
+    times: Sequence[float] = (),
+    linear: LinearSolver | None = None,
+    *,
+    between: Sequence[float] = (),
 ) -> PosedScene:
     """Assemble a scene on a mesh; effects that are zero at all of `times` are left out.
+
+    `between`, instead of these, are instants between which effects may act that are zero at all of them.
 
     The `system` of what is returned is what `vemcvx.march` takes. SceneError where the scene names what the mesh lacks,
     or leaves the body free to float. Of K the linear solver, where one is given, says where it is to stand.
@@ -184,7 +191,8 @@ def pose_scene(
     surfaces = straightened((*holds, *frictions, *stops), _chain(p.surfaces for p in parts))
     # Whatever refers to normals, so that nodal frames have them as axes.
     supports = resolve(holds, (*frictions, *stops), mesh.points)
-    terms, obstacles, surface = _contact(surfaces, frictions, stops, supports, times)
+    reads = [friction.read(times if len(times) else between) for friction in frictions]
+    terms, obstacles, surface = _contact(surfaces, frictions, stops, supports, times, reads=reads)
     stiffness = [form for part in parts if (form := _stiffness(part, space)) is not None]
     springs = _sum([p.stiffness for p in parts if p.stiffness is not None and p.material is None])
     viscosity = _sum([p.viscosity for p in parts if p.viscosity is not None])
@@ -257,6 +265,8 @@ def _contact(
     stops: Sequence[Obstacle],
     supports: Supports,
     times: Sequence[float],
+    *,
+    reads: Sequence[Floats],
 ) -> tuple[Terms, Obstacles, Surface]:
     """What friction and obstacles are on the free unknowns, and where contact is looked at: from one table of rows."""
     table = ContactRows.of([*surfaces, *frictions, *stops], supports.points.shape[1])
@@ -265,7 +275,7 @@ def _contact(
     drawn = np.zeros(len(table), dtype=bool)
     drawn[rubbing] = np.concatenate([drawn[:0], *moves])
     obstacles = gathered(stops, table[rubbing.stop :], supports)
-    terms = friction_terms(frictions, table[rubbing], supports, times, obstacles=obstacles)
+    terms = friction_terms(frictions, table[rubbing], supports, times, reads=reads, obstacles=obstacles)
     return terms, obstacles, contact_surface(table, drawn, terms, supports, times)
 
 

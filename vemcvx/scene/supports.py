@@ -188,12 +188,20 @@ def merged(
 
 
 def straightened(earlier: Sequence[Support | Friction | Obstacle], parts: Sequence[Part]) -> tuple[Part, ...]:
-    """The parts, with the directions of earlier ones at the same nodes where their normals are nearly these."""
+    """The parts, with the directions of earlier ones at the same nodes where their normals are nearly these.
+
+    Supports are first among these. Those that hold a node altogether give it none: theirs are axes, as a rule, and
+    along these a node that is lifted off a floor half a degree askew would rub on it by a hundredth of the way.
+    """
     if not parts:
         return ()
     everything = (*earlier, *parts)
     each = np.concatenate([part.directions if isinstance(part, Support) else part.normals for part in everything])
-    first, group = merged(pairs_of(everything), each, within=STRAIGHT)
+    pairs, given = pairs_of(everything), sum(len(part.nodes) for part in earlier if isinstance(part, Support))
+    place, lead = distinct_pairs(*pairs)[1], merged(pairs, each, within=STRAIGHT)[0]
+    altogether = np.bincount(place[lead[lead < given]], minlength=len(place)) >= each.shape[1]
+    of_those = np.where(np.arange(len(place)) < given, altogether[place], 0)
+    first, group = merged(pairs, each, kinds=of_those, within=STRAIGHT)
     straight = each[first][group]
     straight *= np.sign(np.einsum("ij,ij->i", each, straight))[:, None]
     turned = np.linalg.norm(each - straight, axis=1) > SAME

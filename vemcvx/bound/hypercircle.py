@@ -68,7 +68,7 @@ from vemcvx.errors import SceneError
 from vemcvx.meshes import plane_mesh
 from vemcvx.meshes.polygons import right_of
 from vemcvx.scene.pose import PosedScene
-from vemcvx.vem import elastic_matrix, strains
+from vemcvx.vem import elastic_matrix
 
 IN_SPACE = (
     "in space a displacement inside polyhedra that does not lock and a constant for loads that are not linear are "
@@ -195,7 +195,11 @@ class Hypercircle:
         """
         boundary, edges, numbered = self.boundary, self.boundary.edges, self.equilibrium.edges
         boundary.check_supports(now)
-        self._check_one_a_cell(now)
+        if boundary.oscillation.varies_inside_cells(now.t):
+            raise SceneError(
+                "error_bound: moduli, eigenstrains or prestress vary inside cells, and there is no bound for that; "
+                "give one value a cell, as an array (n_cells,) or by on=."
+            )
         densities, prestress, ends = self.densities_at(now.t), self.prestress(now.t), now.u[edges.outer_edges]
         body, outline = self.body_forces.of(densities), numbered.outline(now.u)
         surface = self.surface(now, before, body)
@@ -247,15 +251,6 @@ class Hypercircle:
         """sigma_0 (n_cells, 3)."""
         stresses = self.posed.prestress
         return np.zeros((len(self.boundary.edges.areas), 3)) if stresses is None else stresses.stress(t)
-
-    def _check_one_a_cell(self, now: Instant) -> None:
-        """Raise SceneError where moduli, eigenstrains or prestress vary inside cells."""
-        oscillation = self.boundary.oscillation
-        if oscillation.inside_cells and np.any(oscillation.stress(now.t, strains(self.posed.space, now.u))):
-            raise SceneError(
-                "error_bound: moduli, eigenstrains or prestress vary inside cells, and there is no bound for that; "
-                "give one value a cell, as an array (n_cells,) or by on=."
-            )
 
     def _inside(self, k: int, outline: Floats, body: Sequence[Body]) -> _Inside:
         """The displacement with these values in the k-th chunk of cells, under its body force, if there is one."""

@@ -118,8 +118,6 @@ def missed_forces(f: Floats) -> tuple[Floats, Floats]:
 class Body:
     """Body forces f in a chunk of cells, and what they make alone."""
 
-    density: Floats
-    """f (c, n, 21, 2) at the points of the rule"""
     moments: Floats
     """(c, 6 n) int f lambda_k"""
     edges: Floats
@@ -155,10 +153,9 @@ class _Shapes:
     work: Floats
     """(m, m)"""
 
-    def combined(self, s: Floats, density: Floats) -> Body:
-        """The combination by coefficients s (m,), which has this density."""
+    def combined(self, s: Floats) -> Body:
+        """The combination by coefficients s (m,)."""
         return Body(
-            density=density,
             moments=np.tensordot(s, self.moments, 1),
             edges=np.tensordot(s, self.edges, 1),
             mixed=np.tensordot(s, self.mixed, 1),
@@ -175,8 +172,8 @@ class BodyForces:
     """Body forces on a mesh, and those that were asked for before."""
 
     fans: tuple[Fans, ...]
-    known: list[tuple[float, tuple[Floats, ...]]] = field(default_factory=list)
-    """sums of squares, and densities chunk by chunk, of shapes at right angles to each other"""
+    known: list[Floats] = field(default_factory=list)
+    """densities, chunk after chunk, of shapes at right angles to each other"""
     made: list[tuple[_Shapes, ...]] = field(default_factory=list)
     """what all of them make, chunk by chunk, once that was asked for"""
 
@@ -184,35 +181,33 @@ class BodyForces:
         """What body forces (c, n, 21, 2) of each chunk make; nothing where there are none."""
         if not densities:
             return ()
-        largest = max(map(_largest, densities))
-        shapes = [shape for _, shape in self.known]
-        s = np.array([sum(map(np.vdot, densities, shape)) / norm for norm, shape in self.known])
-
-        def rest(k: int) -> Floats:
-            """What is no combination in the k-th chunk."""
-            left = densities[k].copy()
-            for one, shape in zip(s, shapes, strict=True):
-                left -= one * shape[k]
-            return left
-
-        if shapes and all(_largest(rest(k)) <= ROUNDING * largest for k in range(len(densities))):
+        f = np.concatenate([density.ravel() for density in densities])
+        s = np.array([f @ shape / (shape @ shape) for shape in self.known])
+        left, largest = f.copy(), np.abs(f).max()
+        for part, shape in zip(s, self.known, strict=True):
+            left -= part * shape
+        if self.known and np.abs(left).max() <= ROUNDING * largest:
             if not self.made:
-                self.made.append(tuple(_shapes(fans, each) for fans, *each in zip(self.fans, *shapes, strict=True)))
-            return tuple(one.combined(s, f) for one, f in zip(self.made[0], densities, strict=True))
-        found = tuple(_shapes(fans, [f]) for fans, f in zip(self.fans, densities, strict=True))
+                self.made.append(self._shapes(self.known))
+            return tuple(one.combined(s) for one in self.made[0])
+        found = self._shapes([f])
         if largest > 0.0:
             self.made.clear()
-            left = tuple(map(rest, range(len(densities))))
-            if len(shapes) in (0, MOST_SHAPES):
+            if len(self.known) in (0, MOST_SHAPES):
                 self.known.clear()
                 self.made.append(found)
-                left = tuple(densities)
-            self.known.append((float(sum(map(np.vdot, left, left))), left))
-        return tuple(one.combined(np.ones(1), f) for one, f in zip(found, densities, strict=True))
+                left = f
+            self.known.append(left)
+        return tuple(one.combined(np.ones(1)) for one in found)
 
-
-def _largest(f: Floats) -> float:
-    return float(max(f.max(), -f.min()))
+    def _shapes(self, densities: Sequence[Floats]) -> tuple[_Shapes, ...]:
+        """What some densities make, chunk by chunk."""
+        ends = np.cumsum([one.nodes.size for one in self.fans])[:-1]
+        parts = [np.split(f.reshape(-1, 21, 2), ends) for f in densities]
+        return tuple(
+            _shapes(one, [part.reshape(*one.nodes.shape, 21, 2) for part in each])
+            for one, *each in zip(self.fans, *parts, strict=True)
+        )
 
 
 def alone(fans: Fans, f: Floats) -> tuple[Floats, Floats]:

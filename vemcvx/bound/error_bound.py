@@ -52,7 +52,7 @@ import numpy as np
 from vemcvx.arrays import Floats, Ints, totals
 from vemcvx.bound.data_in_time import OFF_LINE, Followed, followed, readings
 from vemcvx.bound.hypercircle import Hypercircle, Pair, hypercircle
-from vemcvx.bound.quantity import CertainQuantity, QuantityBound, quantity_bound
+from vemcvx.bound.quantity import Dual, QuantityBound, quantity_bound
 from vemcvx.bound.skeleton import Instant, instant
 from vemcvx.bound.within import Inner, Within, within_cells
 from vemcvx.effects import Effect
@@ -222,7 +222,7 @@ def error_bound(
     if of is None:
         return of_steps(circle, history, pairs_of(circle, history, [step])).at(0)
     n, now, before = _instants(history, step)
-    return quantity_bound(circle, history, n, (_of_step(circle, now, before)[0], now), of)
+    return quantity_bound(history, n, (_of_step(circle, now, before)[0], now), of)
 
 
 # Steps.
@@ -286,8 +286,8 @@ def certain_intervals(circle: Hypercircle, stepped: Sequence[Stepped], of: Effec
     SceneError
         There is none for this quantity.
     """
-    certain = CertainQuantity.of(circle, of)
-    return np.array([certain.between(one.pair, one.t) for one in stepped])
+    dual = Dual.of(circle, of)
+    return np.array([dual.between(one.pair, one.t) for one in stepped])
 
 
 def _instants(history: History, step: int) -> tuple[int, Instant, Instant]:

@@ -1,40 +1,26 @@
 """The hypercircle: a displacement and a stress that are admissible, and the exact ones no farther away than a bound.
 
-One step of a scene minimises
+The theorems are 1 and 2 of :mod:`vemcvx.bound` (W. Prager and J. L. Synge, Quart. Appl. Math. 5 (1947)), for a step
+with
 
-    J(v) = a(v, v) / 2 + (sigma_0, eps(v)) - l(v) + j(v),    j(v) = int g |v_t - d| + c (v_t - d) + phi(v_n - gap)
+    j(v) = int g |v_t - d| + c (v_t - d) + phi(v_n - gap),
 
-over displacements that supports admit, phi being zero up to the gap of a rigid obstacle and infinite beyond it, k z_+^2
-/ 2 of a compliant one. Let u minimise it, v be admissible, and tau a stress in equilibrium with f_1 and t_1, linear
-moments of the loads f and t, whose tractions -q t - p n on contact are admissible. With r = tau - sigma_0 - C eps(v),
-e = u - v and
-
-    b = j(v) - int q (v_t - d) - p v_n  +  the least that j - q - p can be  >= 0       (:mod:`.surface`)
-
-the variational inequality (sigma, eps(e)) >= l(e) + j(u) - j(v), Green's formula for tau, and the definition of b give
-
-    |e|^2  <=  (r, eps(e)) + (l - l_1)(e) + b  <=  sum_K (|r|_K + osc_K) |e|_K + b,
-
-    |e|  <=  A / 2 + (A^2 / 4 + b)^{1/2},     A^2 = sum_K (|r|_K + osc_K)^2,        J(v) - A^2 / 2 - b  <=  J(u),
-
-norms of stresses being in C^-1 (W. Prager and J. L. Synge, Quart. Appl. Math. 5 (1947); no constant but one), and
-osc_K^2 = sum_T osc_T^2 over the triangles T of a cell K, by what linear moments miss of loads (:mod:`.body_force`).
+phi being zero up to the gap of a rigid obstacle and infinite beyond it, k z_+^2 / 2 of a compliant one; :mod:`.surface`
+has b. osc_K^2 = sum_T osc_T^2 over the triangles T of a cell K, by what linear moments miss of loads
+(:mod:`.body_force`), and so counts in A^2 = sum_T (|r|_T + osc_T)^2.
 
 Springs to the ground, k u, are as triangles are: |m - v|_k beside |r|_T, if tau has the tractions -k m on them, and the
 energy norm has theirs.
 
-From below: w that vanishes where v touches or is held has (sigma, eps(w)) = l(w), so that
-
-    |e|  >=  (l(w) - (sigma_0 + C eps(v), eps(w))) / |w|_a,                  J(u)  <=  J(v) - half the square of that.
-
-w is quadratic on edges, and inside cells what its values there make least energy of.
+w, by which the error is bounded from below, is quadratic on edges, and inside cells what its values there make least
+energy of.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, reduce
+from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
@@ -52,13 +38,8 @@ from vemcvx.bound.displacement import (
     strains_at_stations,
     without_slopes,
 )
-from vemcvx.bound.equilibrium import Bonds, Equilibrium, edges_of, equilibrium, gathered
-from vemcvx.bound.fan import (
-    Fans,
-    fans_of,
-    in_triangles,
-    stresses_of,
-)
+from vemcvx.bound.equilibrium import Equilibrium, edges_of, equilibrium, gathered
+from vemcvx.bound.fan import Fans, fans_of, in_triangles, stresses_of
 from vemcvx.bound.reading import Reading, reading
 from vemcvx.bound.richer import Richer, richer
 from vemcvx.bound.skeleton import Instant, check_estimable, skeleton
@@ -278,6 +259,10 @@ class Hypercircle:
             work += float(np.sum(f.outline * outline[place]))
         return energy, work
 
+    def nodal(self, outline: Floats) -> list[Floats]:
+        """(c, n, 20) of each chunk a displacement at the nodes of triangles, by its outline (2 nodes + 2 E,)."""
+        return [one.nodal(outline[place]) for one, place in zip(self.displacements, self.outlines, strict=True)]
+
     def fields(self, defect: Defect) -> tuple[Floats, ...]:
         """r (c, n, 18, 3) of each chunk of cells, at its stations."""
         return tuple(self.at_stations(k, defect) for k in range(len(self.fans)))
@@ -313,11 +298,6 @@ class Hypercircle:
             own = np.einsum("ci,ci->c", x, fans.apply(stress.stiffness, x))
             found[fans.cells] = own + self._inside(k, defect.outline, body[k : k + 1]).squares
         return np.maximum(found, 0.0)
-
-    def norm(self, defect: Defect, missed: Floats) -> float:
-        """The norm of a defect, each cell's larger by what is missed (corners,)."""
-        squares = self.squares_of(defect, self.body_forces.of(defect.densities))
-        return float(np.sqrt(self.enlarged(squares, defect, missed).sum()))
 
     def squares_of_change(self, before: Pair, now: Pair) -> Floats:
         """(n_cells,) squares of what r of v + w changes by from one pair to another, larger by what is missed of it."""
@@ -398,7 +378,7 @@ class Hypercircle:
         if not loads:
             return ()
         return tuple(
-            reduce(np.add, [load.at(x.reshape(-1, 2), t).reshape(x.shape) for load in loads]) for x in self._points
+            np.sum([load.at(x.reshape(-1, 2), t).reshape(x.shape) for load in loads], axis=0) for x in self._points
         )
 
     @cached_property
@@ -418,9 +398,8 @@ class Hypercircle:
         read = self.reading(pair, t)
         if read.exact:
             return 0.0, 0.0
-        v = [one.nodal(outline_of(one.fans, pair.u)) for one in self.displacements]
-        eta = read.energy
-        return eta, read.work(v, pair.u[self.boundary.edges.outer_edges]) + eta * pair.upper
+        eta, ends = read.energy, pair.u[self.boundary.edges.outer_edges]
+        return eta, read.work(self.nodal(pair.defect.outline), ends) + eta * pair.upper
 
 
 def outline_of(fans: Fans, u: Floats) -> Floats:
@@ -444,10 +423,7 @@ def hypercircle(posed: PosedScene) -> Hypercircle:
     fans = fans_of(posed.space, elastic_matrix(posed.material.moduli))
     displacements = tuple(fan_displacement(one, False) for one in fans)
     numbered = edges_of(mesh, edges, fans)
-    bonds = Bonds(edges.joints.first, edges.joints.second, boundary.bonds)
-    stresses = tuple(fan_stress(one, False) for one in fans)
-    floats = boundary.motions.shape[1] > 0
-    balance = equilibrium(numbered, stresses, boundary.free, bonds, springs=boundary.springs, floats=floats)
+    balance = equilibrium(numbered, tuple(fan_stress(one, False) for one in fans), boundary)
     outlines = tuple(
         _outline(one, place, posed.space.n_unknowns) for one, place in zip(fans, numbered.places, strict=True)
     )

@@ -47,27 +47,12 @@ VOIGT = np.array([[[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], [[0.0, 0.0, 1.0], [0.0, 1.
 """(2, 2, 3) entries of a symmetric tensor by its components xx, yy, xy."""
 
 
-def _rows(part: int, x: Floats, n: Floats) -> Floats:
-    """(2 q, 54) the vectors tau n at points (q, 2), from the values of tau at all stations."""
-    basis = monomials(x) @ COEFFICIENTS[part]
+def _rows(part: int, x: Floats, n: Floats | None = None) -> Floats:
+    """(2 q, 54) the vectors tau n at points (q, 2), or div tau, from the values of tau at all stations."""
+    along = monomial_slopes(x) if n is None else n[:, None] * monomials(x)[:, None]
     found = np.zeros((len(x), 2, 3, 6, 3))
-    found[:, :, part] = np.einsum("qi,abk,b->qaik", basis, VOIGT, n)
+    found[:, :, part] = np.einsum("qbi,abk->qaik", along @ COEFFICIENTS[part], VOIGT)
     return found.reshape(2 * len(x), 54)
-
-
-def _divergence_rows(part: int, x: Floats) -> Floats:
-    """(2 q, 54) likewise div tau."""
-    slopes = monomial_slopes(x) @ COEFFICIENTS[part]
-    found = np.zeros((len(x), 2, 3, 6, 3))
-    found[:, :, part] = np.einsum("qbi,abk->qaik", slopes, VOIGT)
-    return found.reshape(2 * len(x), 54)
-
-
-def _between(one: Floats, other: Floats, count: int) -> Floats:
-    """(count, 2) points from one place to another."""
-    s = np.linspace(0.0, 1.0, count)[:, None]
-    points: Floats = (1.0 - s) * one + s * other
-    return points
 
 
 def _conditions(count: int) -> tuple[Floats, Floats, Floats]:
@@ -76,11 +61,11 @@ def _conditions(count: int) -> tuple[Floats, Floats, Floats]:
     centre = CORNERS.mean(axis=0)
     for k in range(3):
         start, stop = CORNERS[k], CORNERS[(k + 1) % 3]
-        outer.append(_rows(k, _between(start, stop, count), right_of(stop - start)))
+        outer.append(_rows(k, np.linspace(start, stop, count), right_of(stop - start)))
         # From corner k to the centroid run the parts k and k - 1.
-        x, n = _between(start, centre, count), right_of(centre - start)
+        x, n = np.linspace(start, centre, count), right_of(centre - start)
         jumps.append(_rows(k, x, n) - _rows((k - 1) % 3, x, n))
-        inside.append(_divergence_rows(k, STATIONS[k, :3]))
+        inside.append(_rows(k, STATIONS[k, :3]))
     return np.concatenate(outer), np.concatenate(jumps), np.concatenate(inside)
 
 
@@ -130,24 +115,10 @@ _POINTS, _WEIGHTS = np.column_stack([_A, _B * (1.0 - _A)]), 0.25 * np.outer(_ORD
 """A rule on the reference triangle that is exact for degree 6."""
 
 
-def _cubics(x: Floats) -> tuple[Floats, Floats]:
-    """Monomials (q, 10) up to degree 3, and their gradients (q, 2, 10)."""
-    powers = [(i, j) for k in range(4) for i, j in zip(range(k, -1, -1), range(k + 1), strict=True)]
-    one, two = x.T
-    values = np.column_stack([one**i * two**j for i, j in powers])
-    along = [np.column_stack([i * one ** max(i - 1, 0) * two**j for i, j in powers])]
-    along += [np.column_stack([j * one**i * two ** max(j - 1, 0) for i, j in powers])]
-    return values, np.stack(along, axis=1)
-
-
-def _parabolas() -> Floats:
-    """(6, 3) monomials of quadratic functions, orthonormal, and orthogonal to linear ones."""
-    factor = np.linalg.cholesky(np.einsum("q,qi,qj->ij", _WEIGHTS, monomials(_POINTS), monomials(_POINTS)))
-    found: Floats = np.linalg.inv(factor).T[:, 3:]
-    return found
-
-
-PARABOLAS = _parabolas()
+_CUBICS = monomials(_POINTS, 3)
+_ORTHONORMAL = np.linalg.inv(np.linalg.cholesky(np.einsum("q,qi,qj->ij", _WEIGHTS, _CUBICS, _CUBICS))).T
+PARABOLAS = _ORTHONORMAL[:6, 3:6]
+"""(6, 3) monomials of quadratic functions, orthonormal, and orthogonal to linear ones."""
 
 
 def _cubic_shares() -> tuple[Floats, Floats]:
@@ -156,13 +127,9 @@ def _cubic_shares() -> tuple[Floats, Floats]:
     (21, 4) those functions at the points, of which the rule makes an orthonormal basis, and (4,) how much larger than
     one the integrals of their squares are: .02 to .58.
     """
-    exact, values = _cubics(_POINTS)[0], _cubics(RULE.reshape(-1, 2))[0]
-    M = np.einsum("q,qi,qj->ij", _WEIGHTS, exact, exact)
-    basis = np.concatenate([-np.linalg.solve(M[:6, :6], M[:6, 6:]), np.eye(4)])
-    read = np.linalg.cholesky(np.einsum("q,qi,qj->ij", RULE_WEIGHTS, values @ basis, values @ basis))
-    basis = basis @ np.linalg.inv(read).T
-    squares, axes = np.linalg.eigh(basis.T @ M @ basis)
-    return values @ basis @ axes, squares - 1.0
+    values = monomials(RULE.reshape(-1, 2), 3) @ _ORTHONORMAL[:, 6:]
+    read, axes = np.linalg.eigh(np.einsum("q,qi,qj->ij", RULE_WEIGHTS, values, values))
+    return values @ axes / np.sqrt(read), 1.0 / read - 1.0
 
 
 CUBICS, CUBIC_SHARES = _cubic_shares()
@@ -173,14 +140,13 @@ def of_parabolas() -> Floats:
     """(3, 3, 6, 6) int of products of components of the cubic stresses that balance parabolas in the triangle."""
     rows = []
     for k in range(3):
-        x, n = _between(CORNERS[k], CORNERS[(k + 1) % 3], 4), right_of(CORNERS[(k + 1) % 3] - CORNERS[k])
-        rows.append(np.einsum("qi,abk,b->qaik", _cubics(x)[0], VOIGT, n).reshape(8, 30))
-    x = _between(CORNERS[0], CORNERS[1], 3)
-    x = np.concatenate([x, _between(CORNERS[0], CORNERS[2], 3)[1:], [[0.5, 0.5]]])
-    rows.append(np.einsum("qbi,abk->qaik", _cubics(x)[1], VOIGT).reshape(12, 30))
+        x, n = np.linspace(CORNERS[k], CORNERS[(k + 1) % 3], 4), right_of(CORNERS[(k + 1) % 3] - CORNERS[k])
+        rows.append(np.einsum("qi,abk,b->qaik", monomials(x, 3), VOIGT, n).reshape(8, 30))
+    x = STATIONS[:, [0, 3]].reshape(6, 2)
+    rows.append(np.einsum("qbi,abk->qaik", monomial_slopes(x, 3), VOIGT).reshape(12, 30))
     data = np.concatenate([np.zeros((24, 6)), -np.kron(monomials(x) @ PARABOLAS, np.eye(2))])
     fields = (np.linalg.pinv(np.concatenate(rows)) @ data).reshape(10, 3, 6)
-    at = np.einsum("qi,ika->qka", _cubics(_POINTS)[0], fields)
+    at = np.einsum("qi,ika->qka", _CUBICS, fields)
     found: Floats = np.einsum("q,qka,qlb->klab", _WEIGHTS, at, at)
     return found
 

@@ -37,7 +37,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from vemcvx.arrays import Floats, Ints, largest, totals
-from vemcvx.bound.hypercircle import IN_SPACE, Hypercircle, hypercircle, outline_of
+from vemcvx.bound.hypercircle import IN_SPACE, Hypercircle, hypercircle
 from vemcvx.bound.reading import reading
 from vemcvx.bound.skeleton import Instant
 from vemcvx.errors import MeshError, SceneError
@@ -76,7 +76,7 @@ class Inner(NamedTuple):
         inside = replace(read, edges=np.zeros_like(read.edges), unseen=np.zeros_like(read.unseen))
         if inside.exact:
             return cls(*circle.inner(u, t), 0.0)
-        v = [one.nodal(outline_of(one.fans, u)) for one in circle.displacements]
+        v = circle.nodal(circle.equilibrium.edges.outline(u))
         return cls(*circle.inner(u, t), inside.work(v, u[circle.boundary.edges.outer_edges]))
 
 
@@ -172,11 +172,12 @@ class Within:
         """The Sizes of the displacement with nodal values (n_nodes, 2) of the run at an instant of the path."""
         circle, carried = self.circle, self.carried @ u
         pair, own = circle.pair(replace(now, u=carried), now), Inner.of(circle, carried, now.t)
+        squares = circle.squares_of(pair.richer, circle.body_forces.of(pair.densities))
         apart = of_run.energy - own.energy - 2.0 * (of_run.work - own.work - of_run.misread - own.misread)
         return Sizes(
             norm=float(np.sqrt(of_run.energy)),
             defect=float(np.sqrt(max(pair.A2 + apart, 0.0))),
-            richer=circle.norm(pair.richer, pair.oscillation),
+            richer=float(np.sqrt(circle.enlarged(squares, pair.richer, pair.oscillation).sum())),
             mesh=float(np.sqrt(max(pair.squares.sum() + apart, 0.0))),
             data=float(np.sqrt(np.sum(pair.oscillation**2))),
             cells=totals(self.parents, pair.cells, int(self.parents.max()) + 1),

@@ -49,7 +49,6 @@ VALUES = np.concatenate([spread(monomials(RULE[k]) @ COEFFICIENTS[k], k) for k i
 """(21, 10) the functions at the points of the rule."""
 SLOPES = np.concatenate([spread(monomial_slopes(STATIONS[k]) @ COEFFICIENTS[k], k) for k in range(3)])
 """(18, 2, 10) their gradients at the stations."""
-_SLOPES = SLOPES.reshape(36, 10)
 GRAM = np.einsum("ij,piak,pjbl->abkl", MASS, SLOPES.reshape(3, 6, 2, 10), SLOPES.reshape(3, 6, 2, 10))
 """(2, 2, 10, 10) int of products of slopes."""
 LOADS = LINEAR_MASS_INVERSE @ np.einsum("q,qk,qi->ki", RULE_WEIGHTS, BARYCENTRIC, VALUES)
@@ -212,6 +211,6 @@ def strains_at_stations(fans: Fans, v: Floats) -> Floats:
     """(c, n, 18, 3) e_xx, e_yy, 2 e_xy at the stations of all triangles, of nodal values (c, n, 20)."""
     c, n, _ = v.shape
     # Along the axes of the reference triangle, station by station.
-    along = np.matmul(_SLOPES, v.reshape(c, n, 10, 2)).reshape(c, n, 18, 2, 2)
+    along = np.matmul(SLOPES.reshape(36, 10), v.reshape(c, n, 10, 2)).reshape(c, n, 18, 2, 2)
     slopes = np.matmul(fans.back.transpose(0, 1, 3, 2)[:, :, None], along)
     return np.stack([slopes[..., 0, 0], slopes[..., 1, 1], slopes[..., 0, 1] + slopes[..., 1, 0]], axis=3)

@@ -47,7 +47,6 @@ from vemcvx.bound.stress import fan_stress, lifted, of_edge
 from vemcvx.bound.surface import Boundary, Surface, free_alone
 from vemcvx.errors import SceneError
 from vemcvx.meshes import plane_mesh
-from vemcvx.meshes.polygons import right_of
 from vemcvx.scene.pose import PosedScene
 from vemcvx.vem import elastic_matrix
 
@@ -226,7 +225,9 @@ class Hypercircle:
         """The surface at the end of a step, under the body forces of its end, if these are not given."""
         if body is None:
             body = self.body_forces.of(self.densities_at(now.t)) if self.boundary.motions.shape[1] else ()
-        return self.boundary.at(now, before, self._work([one.moments for one in body]))
+        modes = [self.equilibrium.edges.outline(mode.reshape(-1, 2)) for mode in self.boundary.motions.T]
+        parts = [[np.vdot(f.outline, mode[at]) for mode in modes] for f, at in zip(body, self.outlines, strict=False)]
+        return self.boundary.at(now, before, np.sum(parts, axis=0) if parts else np.zeros(len(modes)))
 
     def prestress(self, t: float) -> Floats:
         """sigma_0 (n_cells, 3)."""
@@ -291,12 +292,10 @@ class Hypercircle:
     def squares_of(self, defect: Defect, body: Sequence[Body]) -> Floats:
         """(n_cells,) |r|_K^2."""
         found = np.zeros(len(self.boundary.edges.areas))
-        for k, (fans, stress, place) in enumerate(
-            zip(self.fans, self.equilibrium.stresses, self.equilibrium.edges.places, strict=True)
-        ):
-            x = defect.motion[place]
-            own = np.einsum("ci,ci->c", x, fans.apply(stress.stiffness, x))
-            found[fans.cells] = own + self._inside(k, defect.outline, body[k : k + 1]).squares
+        for k, stress in enumerate(self.equilibrium.stresses):
+            x = defect.motion[self.equilibrium.edges.places[k]]
+            own = np.einsum("ci,ci->c", x, stress.fans.apply(stress.stiffness, x))
+            found[stress.fans.cells] = own + self._inside(k, defect.outline, body[k : k + 1]).squares
         return np.maximum(found, 0.0)
 
     def squares_of_change(self, before: Pair, now: Pair) -> Floats:
@@ -333,12 +332,11 @@ class Hypercircle:
 
     def distance(self, one: Floats, other: Floats) -> float:
         """|v - w|_a of the displacements with these nodal values (n_nodes, 2), under the same body forces."""
-        squared = 0.0
-        for fans, displacement in zip(self.fans, self.displacements, strict=True):
-            outline = outline_of(fans, one - other)
-            if outline.any():
-                squared += float(np.sum(outline * fans.apply(displacement.stiffness, outline)))
-        squared += float(self.boundary.spring_energies((one - other)[self.boundary.edges.outer_edges]).sum())
+        apart = one - other
+        squared = float(self.boundary.spring_energies(apart[self.boundary.edges.outer_edges]).sum())
+        for made in self.displacements:
+            outline = outline_of(made.fans, apart)
+            squared += float(np.vdot(outline, made.fans.apply(made.stiffness, outline)))
         return float(np.sqrt(max(squared, 0.0)))
 
     def _corners(self, fans: Fans) -> Ints:
@@ -358,19 +356,6 @@ class Hypercircle:
         place = np.concatenate([nodes.ravel(), middles.ravel()])
         work = np.concatenate([(loads[:, :2] - 0.5 * loads[:, 2:]).ravel(), loads[:, 2].ravel()])
         return totals(place, work, self.inside.size)
-
-    def _work(self, moments: Sequence[Floats]) -> Floats:
-        """(j,) the work of body forces (c, 6 n) on the rigid motions of bodies that nothing else holds."""
-        work = np.zeros(self.boundary.motions.shape[1])
-        for fans, F in zip(self.fans, moments, strict=False):
-            for k, mode in enumerate(self.boundary.motions.T):
-                N, x = mode.reshape(-1, 2)[fans.nodes], fans.corners - fans.corners.mean(axis=1, keepdims=True)
-                turn = -np.einsum("cid,cid->c", right_of(x), N) / np.einsum("cid,cid->c", x, x)
-                y = fans.corners.mean(axis=1)
-                centre = N.mean(axis=1) + turn[:, None] * right_of(y)
-                each = np.stack([np.broadcast_to(centre[:, None], N.shape), N, np.roll(N, -1, axis=1)], axis=2)
-                work[k] += float(np.sum(F * each.reshape(F.shape)))
-        return work
 
     def densities_at(self, t: float) -> tuple[Floats, ...]:
         """Body forces (c, n, 21, 2) of each chunk of cells at the points of the rule; none if there are none."""

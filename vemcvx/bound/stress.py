@@ -166,12 +166,16 @@ def lifted(fans: Fans, gram: Floats, data: Floats) -> Floats:
 
     These are |T| / 2 times the coefficients of parabolas, or |e| times those of tractions on outer edges.
     """
-    M = piola(fans.B)
-    form = np.matmul(M.transpose(0, 1, 3, 2), np.matmul(fans.D[:, None], M))
     hat = np.matmul(data, fans.back.transpose(0, 1, 3, 2)).reshape(*data.shape[:2], -1)
-    squares = np.einsum("ctab,abkl,ctk,ctl->ct", form, gram, hat, hat, optimize=True) / fans.doubled_areas
+    squares = np.einsum("ctab,abkl,ctk,ctl->ct", _compliances(fans), gram, hat, hat, optimize=True)
     norms: Floats = np.sqrt(np.maximum(squares, 0.0))
     return norms
+
+
+def _compliances(fans: Fans) -> Floats:
+    """(c, n, 3, 3) by which squares in C^-1 are made of components of stresses in the reference triangle."""
+    M = piola(fans.B)
+    return np.matmul(M.transpose(0, 1, 3, 2), np.matmul(fans.D[:, None], M)) / fans.doubled_areas[..., None, None]
 
 
 def piola(B: Floats) -> Floats:
@@ -207,9 +211,7 @@ def _condensed(fans: Fans, loaded: bool) -> tuple[Floats, Floats]:
     From the motions of the three edges (c, n, 9, 12), and from forces int f lambda_k (c, n, 9, 6).
     """
     c, n = fans.corners.shape[:2]
-    M, N = piola(fans.B), _balanced()[:12, :9]
-    form = np.matmul(M.transpose(0, 1, 3, 2), np.matmul(fans.D[:, None], M)) / fans.doubled_areas[..., None, None]
-    A = (form.reshape(-1, 9) @ _energies()).reshape(c, n, 15, 15)
+    A, N = (_compliances(fans).reshape(-1, 9) @ _energies()).reshape(c, n, 15, 15), _balanced()[:12, :9]
     # Motions work in the reference triangle as B' m.
     moved = np.matmul(N.reshape(6, 2, 9).transpose(0, 2, 1), fans.B.transpose(0, 1, 3, 2)[:, :, None])
     moved = moved.transpose(0, 1, 3, 2, 4).reshape(c, n, 9, 12)

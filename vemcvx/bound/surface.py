@@ -92,10 +92,10 @@ class Boundary:
         """(b, 2, 2) projectors on what supports prescribe on edges: motions, or jumps to another body."""
         squares = np.zeros((len(self.edges.outer), 2, 2))
         for support in (support for part in self.oscillation.parts for support in part.supports):
-            partners = np.full(len(support.nodes), -1) if support.partners is None else support.partners
-            new = (support.nodes >= self.fine.old) & ((partners >= 0) == joined)
-            owner = self.fine.owner[support.nodes[new] - self.fine.old]
-            np.add.at(squares, owner, np.einsum("qi,qj->qij", support.directions[new], support.directions[new]))
+            jumps = False if support.partners is None else support.partners >= 0
+            new = (support.nodes >= self.fine.old) & (jumps == joined)
+            d, owner = support.directions[new], self.fine.owner[support.nodes[new] - self.fine.old]
+            np.add.at(squares, owner, np.einsum("qi,qj->qij", d, d))
         values, vectors = np.linalg.eigh(squares)
         kept = values > 1e-4 * values.max(initial=0.0)
         projectors: Floats = np.einsum("bik,bk,bjk->bij", vectors, kept, vectors)
@@ -199,14 +199,12 @@ class Boundary:
         size = float(np.abs(now.u).max(initial=0.0))
         for support in (support for part in self.oscillation.parts for support in part.supports):
             new = support.nodes >= self.fine.old
-            at, directions = support.nodes[new] - self.fine.old, support.directions[new]
-            partners = np.full(len(at), -1) if support.partners is None else support.partners[new]
-            moved = np.where(partners[:, None] >= 0, self.fine.between(jumps, at), self.fine.between(ends, at))
+            at, moved = support.nodes[new] - self.fine.old, ends if support.partners is None else jumps
             wanted = np.zeros(len(at)) if support.value is None else np.asarray(support.value(now.t))[new]
-            apart = np.abs(np.einsum("qd,qd->q", directions, moved) - wanted)
-            if apart.max(initial=0.0) > SAME * max(size, np.abs(wanted).max(initial=0.0)):
+            apart = np.einsum("qd,qd->q", support.directions[new], self.fine.between(moved, at)) - wanted
+            if (worst := np.abs(apart).max(initial=0.0)) > SAME * max(size, np.abs(wanted).max(initial=0.0)):
                 raise SceneError(
-                    f"error_bound: {support.subject} moves the boundary by {apart.max():.3g} otherwise than linearly "
+                    f"error_bound: {support.subject} moves the boundary by {worst:.3g} otherwise than linearly "
                     "between nodes; there is no bound for such supports. Prescribe what is linear on edges, or give "
                     "tractions."
                 )
@@ -552,9 +550,8 @@ class _Pressing:
 
     @property
     def stored(self) -> Floats:
-        """(k,) the mean of k z_+^2 / 2 on pieces."""
-        if self.stiffness is None:
-            return np.zeros(len(self.depth))
+        """(k,) the mean of k z_+^2 / 2 on pieces, of compliant ones."""
+        assert self.stiffness is not None
         into = np.maximum(self.depth, 0.0)
         stored: Floats = 0.5 * self.stiffness.max(axis=1) * products(into, into)
         return stored

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from scenes import paper_scene
 from test_error_bound import LIFTED, STACKS, STEEL, stacked
 
 import vemcvx as vx
-from vemcvx.effects import Contribution, Effect, Support
+from vemcvx.effects import Contribution, Effect, Friction, Support
 
 pytestmark = pytest.mark.arithmetic
 
@@ -56,6 +56,26 @@ def test_a_stiffness_that_is_none_of_springs_along_the_boundary_has_no_bound(at_
     load = vx.Traction(lambda x, t: np.tile([0.0, -t], (len(x), 1)), on="right")
     history = vx.simulate(vx.Scene(STEEL, vx.Clamp(on="left"), load, Stiffness(at_nodes)), vx.meshes.squares(4), [0, 1])
     with pytest.raises(vx.SceneError, match="springs to the ground along edges"):
+        vx.error_bound(history, step=-1)
+
+
+@dataclass(frozen=True)
+class Rubs(Effect):
+    """Friction without a bound, which does not say on which edges it acts."""
+
+    def contribute(self, space):
+        friction = Friction.of(space.part("top", "Rubs", contact=True).node_normals, "Rubs")
+        return Contribution(frictions=(replace(friction, weights=lambda t: 0.0 * friction.lengths, ends=None),))
+
+    def describe(self):
+        return "Rubs"
+
+
+def test_friction_that_assembles_as_zero_has_to_say_where_it_acts():
+    """It was an AssertionError: the check of what acts in a step does not see it."""
+    load = vx.Traction(lambda x, t: np.tile([0.0, -t], (len(x), 1)), on="right")
+    history = vx.simulate(vx.Scene(STEEL, vx.Clamp(on="left"), load, Rubs()), vx.meshes.squares(2), [0.0, 1.0])
+    with pytest.raises(vx.SceneError, match="no bound for Rubs, which does not say on which edges"):
         vx.error_bound(history, step=-1)
 
 

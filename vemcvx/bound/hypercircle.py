@@ -85,6 +85,7 @@ class Pair:
     """A displacement and a stress at an instant, admissible both, and what separates them."""
 
     circle: Hypercircle
+    t: float
     u: Floats
     """(n_nodes, 2) of the displacement v"""
     surface: Surface
@@ -116,6 +117,23 @@ class Pair:
         """r of v + w."""
         motion = self.defect.motion - self.circle.equilibrium.edges.motions(self.w)
         return replace(self.defect, motion=motion, outline=self.defect.outline + self.w)
+
+    @cached_property
+    def reading(self) -> Reading:
+        """How well the loads are read; as large as they are."""
+        return reading(self.circle.boundary, self.circle.fans, self.densities, self.t)
+
+    def allowances(self) -> tuple[float, float]:
+        """For what may be misread of the loads: eta, and |e(u)| of the exact u.
+
+        Both are zero where two readings agree (:mod:`vemcvx.bound.reading`).
+        """
+        # Of all steps of a run the readings are not kept.
+        read, circle = replace(self).reading, self.circle
+        if read.exact:
+            return 0.0, 0.0
+        eta, ends = read.energy, self.u[circle.boundary.edges.outer_edges]
+        return eta, read.work(circle.nodal(self.defect.outline), ends) + eta * self.upper
 
     @property
     def A2(self) -> float:
@@ -208,6 +226,7 @@ class Hypercircle:
         oscillation = self.oscillation(surface.acting, body)
         return Pair(
             circle=self,
+            t=now.t,
             u=now.u,
             surface=surface,
             defect=defect,
@@ -370,21 +389,6 @@ class Hypercircle:
     def _points(self) -> tuple[Floats, ...]:
         """(c, n, 21, 2) of each chunk of cells: 1.3 kB a square, a twelfth of the body forces' part of a step."""
         return tuple(fans.points() for fans in self.fans)
-
-    def reading(self, pair: Pair, t: float) -> Reading:
-        """How well the loads of a pair are read."""
-        return reading(self.boundary, self.fans, pair.densities, t)
-
-    def allowances(self, pair: Pair, t: float) -> tuple[float, float]:
-        """For what may be misread of the loads of a pair: eta, and |e(u)| of the exact u.
-
-        Both are zero where two readings agree (:mod:`vemcvx.bound.reading`).
-        """
-        read = self.reading(pair, t)
-        if read.exact:
-            return 0.0, 0.0
-        eta, ends = read.energy, pair.u[self.boundary.edges.outer_edges]
-        return eta, read.work(self.nodal(pair.defect.outline), ends) + eta * pair.upper
 
 
 def outline_of(fans: Fans, u: Floats) -> Floats:

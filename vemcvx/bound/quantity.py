@@ -62,7 +62,6 @@ from vemcvx.bound.data_oscillation import DataOscillation
 from vemcvx.bound.displacement import VALUES, strains_at_stations
 from vemcvx.bound.fan import inner, stresses_of
 from vemcvx.bound.hypercircle import Hypercircle, Pair, check_bounded, hypercircle
-from vemcvx.bound.reading import Reading
 from vemcvx.bound.skeleton import Instant, Skeleton, at_ends
 from vemcvx.bound.surface import Boundary
 from vemcvx.effects import Contribution, Effect, Friction, MaterialLaw, Obstacle, Support
@@ -138,19 +137,16 @@ class QuantityBound(Outlined):
         return Outline(f"QuantityBound: at step {self.step}", lines)
 
 
-def quantity_bound(
-    history: History, step: int, found: tuple[Pair, Instant], of: Effect | Sequence[Effect]
-) -> QuantityBound:
-    """The bound of q in a step whose pair, and the instant that it is of, are found.
+def quantity_bound(history: History, step: int, pair: Pair, of: Effect | Sequence[Effect]) -> QuantityBound:
+    """The bound of q in a step whose pair this is.
 
     Raises
     ------
     SceneError
         `of` is no linear quantity, or one for which there is no bound.
     """
-    pair, now = found
     circle, posed, row = pair.circle, pair.circle.posed, history.row(step)
-    dual, primal = Dual.of(circle, of, now.t), _Fields(pair, now.t)
+    dual, primal = Dual.of(circle, of, pair.t), Fields(pair)
     compliant = bool((posed.obstacles.compliance > 0).any())
     certain, fields = dual.certain(primal), dual.apart
     if compliant and fields is None:
@@ -163,20 +159,20 @@ def quantity_bound(
     if fields is None or not (compliant or len(posed.terms) + len(posed.obstacles) == 0):
         edges = circle.boundary.edges
         sticking = _everywhere(edges, posed.terms, history.trajectory.sticking[row])
-        held = sticking, _everywhere(edges, posed.obstacles, now.p > 0.0)
+        held = sticking, _everywhere(edges, posed.obstacles, history.trajectory.pressures[row] > 0.0)
         fields = dual.frozen(held)
         estimate = _interval(primal, fields, dual.unknown_work(fields, held, pair))
         # The part of the estimate that is certain to be possible; all that is, if there is none.
         low, high = max(certain[0], estimate[0]), min(certain[1], estimate[1])
         own = (low, high) if low <= high else certain
-    plain = _Fields(replace(pair, w=0.0 * pair.w), now.t)
+    plain = Fields(replace(pair, w=0.0 * pair.w))
     value = fields.quantity_of(plain) - float(np.sum(history.forces[row] * dual.lifted))
     return QuantityBound(
         step=step,
         value=value,
         low=own[0],
         high=own[1],
-        guaranteed=own == certain and primal.read.exact and fields.read.exact,
+        guaranteed=own == certain and pair.reading.exact and fields.pair.reading.exact,
         certain=certain,
         reading=_misread(primal, fields),
     )
@@ -313,7 +309,7 @@ class Dual:
         return rows
 
     @cached_property
-    def apart(self) -> _Fields | None:
+    def apart(self) -> Fields | None:
         """z that vanishes on contact, and the stress that has no tractions there.
 
         None if friction and contact alone hold the body, or z_D moves an end of an edge towards an obstacle: what that
@@ -334,23 +330,19 @@ class Dual:
         touched = abs(sp.vstack(rows) @ primal.posed.supports.P).sum(axis=0)
         return self._fields(circle, np.flatnonzero(np.asarray(touched).ravel() < SAME))
 
-    def certain(self, primal: _Fields) -> tuple[float, float]:
+    def certain(self, primal: Fields) -> tuple[float, float]:
         """The interval in a step that is a theorem in any case."""
         if self.apart is None:
             return -np.inf, np.inf
         return _interval(primal, self.apart, self.unknown_work(self.apart, self.primal.boundary.acting, primal.pair))
 
-    def between(self, pair: Pair, t: float) -> tuple[float, float]:
-        """That in the step of a pair, which ends at t."""
-        return self.certain(_Fields(pair, t))
-
-    def frozen(self, held: tuple[Bools, Bools]) -> _Fields:
+    def frozen(self, held: tuple[Bools, Bools]) -> Fields:
         """z and stress of the problem in which these edges are held, as far as z_D does not move them."""
         slip, normal = (edges & ~moved for edges, moved in zip(held, self.moved, strict=True))
         circle = hypercircle(self.posed((slip, normal)))
         return self._fields(circle, np.arange(circle.posed.system.n))
 
-    def _fields(self, circle: Hypercircle, free: Ints) -> _Fields:
+    def _fields(self, circle: Hypercircle, free: Ints) -> Fields:
         """The fields of z_h, which virtual elements find among these free unknowns."""
         posed = circle.posed
         own = posed if posed.system.n == len(free) else self.primal.posed
@@ -369,9 +361,9 @@ class Dual:
                 "direction: the force of one of two supports that meet has no limit. Ask for that of both, or for a "
                 "component that the other one leaves free."
             ) from error
-        return _Fields(circle.pair(z, z), self.t)
+        return Fields(circle.pair(z, z))
 
-    def unknown_work(self, fields: _Fields, held: tuple[Bools, Bools], pair: Pair) -> float:
+    def unknown_work(self, fields: Fields, held: tuple[Bools, Bools], pair: Pair) -> float:
         """What friction may do on z_h more than T says, on edges that are held but that z_D moves at an end."""
         boundary, edges, (along, outward) = self.primal.boundary, self.primal.boundary.edges, self.moved
         if (held[1] & outward).any():
@@ -397,11 +389,10 @@ def _motion_of(support: Support, moved: Floats) -> Callable[[float], Floats] | N
 
 
 @dataclass(frozen=True, eq=False)
-class _Fields:
-    """A pair at the instant t with its richer displacement v + w inside of cells."""
+class Fields:
+    """A pair with its richer displacement v + w inside of cells."""
 
     pair: Pair
-    t: float
 
     @property
     def circle(self) -> Hypercircle:
@@ -411,7 +402,7 @@ class _Fields:
     @cached_property
     def prestress(self) -> Floats:
         """sigma_0 (n_cells, 3)."""
-        return self.circle.prestress(self.t)
+        return self.circle.prestress(self.pair.t)
 
     @cached_property
     def v(self) -> list[Floats]:
@@ -434,11 +425,6 @@ class _Fields:
         """(corners,) |r|_T^2 of it."""
         return self.circle.squares(self.defects)
 
-    @cached_property
-    def read(self) -> Reading:
-        """How well the load of the pair is read."""
-        return self.circle.reading(self.pair, self.t)
-
     @property
     def on_edges(self) -> tuple[Floats, Floats]:
         """v + w on boundary edges: (b, 2, 2) at their ends, and (b, 2) the parabola."""
@@ -459,7 +445,7 @@ class _Fields:
             total += float(np.vdot(integrals(fans, VALUES, f), v))
         return total
 
-    def quantity_of(self, other: _Fields) -> float:
+    def quantity_of(self, other: Fields) -> float:
         """The load of this pair as a quantity of the displacement of another one."""
         work = other.work(self.pair.surface.loads, self.pair.densities)
         for fans, strain in zip(self.circle.fans, other.strains, strict=True):
@@ -468,7 +454,7 @@ class _Fields:
         return work
 
 
-def _interval(primal: _Fields, dual: _Fields, unknown: float) -> tuple[float, float]:
+def _interval(primal: Fields, dual: Fields, unknown: float) -> tuple[float, float]:
     """The bounds of q(u), some work on z_h being unknown."""
     pair, boundary = primal.pair, primal.circle.boundary
     middle = dual.quantity_of(primal) + dual.work(boundary.moments(pair.surface.acting), pair.densities)
@@ -487,10 +473,11 @@ def _interval(primal: _Fields, dual: _Fields, unknown: float) -> tuple[float, fl
     return middle - width, middle + width
 
 
-def _misread(primal: _Fields, dual: _Fields) -> float:
+def _misread(primal: Fields, dual: Fields) -> float:
     """The allowance for what may be misread of the load, on z_h, and of the quantity, on u."""
-    if primal.read.exact and dual.read.exact:
+    of_load, of_quantity = primal.pair.reading, dual.pair.reading
+    if of_load.exact and of_quantity.exact:
         return 0.0
-    eta, eta_z = primal.read.energy, dual.read.energy
-    works = primal.read.work(dual.v, *dual.on_edges) + dual.read.work(primal.v, *primal.on_edges)
-    return works + float(np.sqrt(dual.A2)) * eta + eta_z * (primal.pair.upper + eta)
+    works = of_load.work(dual.v, *dual.on_edges) + of_quantity.work(primal.v, *primal.on_edges)
+    eta = of_load.energy
+    return works + float(np.sqrt(dual.A2)) * eta + of_quantity.energy * (primal.pair.upper + eta)

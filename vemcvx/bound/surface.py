@@ -211,7 +211,11 @@ class Boundary:
 
     def _pieces(self, rows: Friction | Obstacle) -> tuple[Ints, Ints, Ints]:
         """The pieces, their ends, and the rows of effects there."""
-        assert rows.ends is not None  # Others are refused before: check_estimable.
+        if rows.ends is None:
+            raise SceneError(
+                f"error_bound: there is no bound for {rows.subject}, which does not say on which edges it acts: "
+                "effects of one's own say it by ends= of their Friction or Obstacle."
+            )
         names = np.column_stack([rows.nodes[rows.ends.row], rows.ends.beyond])
         piece = positions(names, self.fine.pieces, self.fine.mesh.n_nodes)
         return piece, (names[:, 0] != self.fine.pieces[piece, 0]).astype(int), rows.ends.row

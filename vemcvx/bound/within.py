@@ -96,17 +96,6 @@ class Sizes(NamedTuple):
     """(n_cells,) squares of r in cells of the run"""
 
 
-class Growth(NamedTuple):
-    """What y grows by along a path, but for friction."""
-
-    cells: Floats
-    """(n_cells,) shares of cells, up to a factor"""
-    added: float
-    """sum of |r_n - r_{n-1}|"""
-    largest: float
-    """the largest |r| of v"""
-
-
 @dataclass(frozen=True, eq=False)
 class Within:
     """Cells of a run, or cells within these."""
@@ -126,8 +115,11 @@ class Within:
         with unwarned():
             return hypercircle(pose_scene(self.scene, self.mesh, self.times))
 
-    def growth(self, path: Sequence[Instant]) -> Growth:
-        """What y grows by along a path."""
+    def growth(self, path: Sequence[Instant]) -> tuple[Floats, float, float]:
+        """What y grows by along a path, but for friction.
+
+        Shares of cells (n_cells,), up to a factor, the sum of |r_n - r_{n-1}|, and the largest |r| of v.
+        """
         circle, largest = self.circle, 0.0
         cells, added = np.zeros(self.mesh.n_cells), 0.0
         pair = circle.pair(path[0], path[0])
@@ -138,7 +130,7 @@ class Within:
             cells += squares / (step or 1.0)
             added, largest = added + step, max(largest, beyond.A2)
             pair = beyond
-        return Growth(cells, added, float(np.sqrt(largest)))
+        return cells, added, float(np.sqrt(largest))
 
     def split(self, squares: Floats) -> Within:
         """With those cells in parts that have most of such squares (n_cells,)."""
@@ -199,12 +191,12 @@ def within_cells(
     growth = own.growth(own.path(history, looked_at(instants)))
     try:
         within = _finer(own, history, instants, growth)
-        return within, inner, _shorter(within, history, instants, growth.largest)
+        return within, inner, _shorter(within, history, instants, growth[2])
     except (MeshError, SceneError) as error:
         # As where data are given cell by cell, or finer cells would move from where the run begins. What was found, and
         # not what to do: the advice is for a run, and this one is not the reader's.
         log.info("error_bound: the path is on the cells of the run: %s.", str(error).partition(". ")[0].rstrip("."))
-    return whole, inner, _shorter(whole, history, instants, growth.largest)
+    return whole, inner, _shorter(whole, history, instants, growth[2])
 
 
 def looked_at(instants: Floats) -> Floats:
@@ -214,14 +206,14 @@ def looked_at(instants: Floats) -> Floats:
     return np.union1d(instants[[0, -1]], inside[some])
 
 
-def _finer(within: Within, history: History, instants: Floats, growth: Growth) -> Within:
+def _finer(within: Within, history: History, instants: Floats, growth: tuple[Floats, float, float]) -> Within:
     """The cells in parts, until what y grows by on them, `growth` at first, is ENOUGH of |r| at most."""
-    some, enough, most = looked_at(instants), ENOUGH * growth.largest, TIMES_AS_MANY * within.mesh.n_cells + FEW
+    (cells, added, r), most = growth, TIMES_AS_MANY * within.mesh.n_cells + FEW
     for _ in range(PASSES):
-        if growth.added <= enough or within.mesh.n_cells > most:
+        if added <= ENOUGH * r or within.mesh.n_cells > most:
             break
-        within = within.split(growth.cells)
-        growth = within.growth(within.path(history, some))
+        within = within.split(cells)
+        cells, added, _ = within.growth(within.path(history, looked_at(instants)))
     return within
 
 

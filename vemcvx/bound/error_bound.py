@@ -257,7 +257,8 @@ def of_steps(circle: Hypercircle, history: History, stepped: Sequence[Stepped]) 
     names = "upper", "norm", "potential", "lowered", "A2", "lacking"
     upper, norm, potential, lowered, A2, gap = (np.array([getattr(pair, name) for pair in pairs]) for name in names)
     upper = upper + moved + eta
-    worst = pairs[int(np.argmax(upper))]
+    worst, outer = pairs[int(np.argmax(upper))], circle.boundary.edges.outer
+    shares = worst.cells + totals(outer, 2.0 * worst.surface.gap + worst.springs, len(worst.cells))
     laws = any(friction.law is not None for friction in circle.posed.terms.frictions)
     return ErrorBound(
         steps=at,
@@ -265,7 +266,7 @@ def of_steps(circle: Hypercircle, history: History, stepped: Sequence[Stepped]) 
         lower=np.maximum(lowered - moved - eta, 0.0),
         energy=_energies(norm, upper - moved),
         potential=(potential - 0.5 * (A2 + eta**2) - gap - misread, potential - 0.5 * lowered**2 + misread),
-        cells=_shares(circle, worst.cells, worst.surface.gap + 0.5 * worst.springs, upper.max()),
+        cells=upper.max() ** 2 * shares / (shares.sum() or 1.0),
         parts={
             "mesh": np.sqrt([pair.squares.sum() for pair in pairs]),
             "contact": np.sqrt(2.0 * gap),
@@ -299,12 +300,6 @@ def certain_intervals(circle: Hypercircle, stepped: Sequence[Stepped], of: Effec
 def _energies(norm: Floats, upper: Floats) -> tuple[Floats, Floats]:
     """Bounds on the energy of what is no farther than so much from a displacement of this norm."""
     return 0.5 * np.maximum(norm - upper, 0.0) ** 2, 0.5 * (norm + upper) ** 2
-
-
-def _shares(circle: Hypercircle, squares: Floats, gap: Floats, upper: float) -> Floats:
-    """(n_cells,) parts of upper^2, in proportion to squares in cells (n_cells,) and gaps (b,) of edges."""
-    parts = squares + totals(circle.boundary.edges.outer, 2.0 * gap, len(squares))
-    return upper**2 * parts / (parts.sum() or 1.0)
 
 
 # Histories.

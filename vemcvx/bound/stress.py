@@ -250,8 +250,8 @@ class FanStress:
     fans: Fans
     spokes: Floats
     """(k, 4 n, 4 n) motions of both ends of the spokes from those of outer edges; for each of the k shapes"""
-    of_body: Floats | None
-    """(k, 8 n, 6 n) motions of spokes, and forces on outer edges, from body forces; None if there are none"""
+    of_body: Floats
+    """(k, 8 n, 6 n) motions of spokes, and forces on outer edges, from body forces; (k, 8 n, 0) if there are none"""
     stiffness: Floats
     """(k, 4 n, 4 n) forces on outer edges from their motion, symmetric"""
     triangles: tuple[Floats, Floats] | None
@@ -265,7 +265,6 @@ class FanStress:
         of_motion, of_force = self.triangles or _condensed(fans.shapes, False)
         of_motion, of_force = fans.of_cells(of_motion), fans.of_cells(of_force)
         if force is not None:
-            assert self.of_body is not None
             spokes = spokes + fans.apply(self.of_body[:, : 4 * n], force)
         around = np.concatenate([spokes, motion], axis=1)[:, _slots(n)]
         tau = np.matmul(of_motion, around[..., None])[..., 0] @ (reference() @ _balanced()[:, :9]).T
@@ -279,7 +278,6 @@ class FanStress:
 
     def on_edges(self, force: Floats) -> Floats:
         """(c, 4 n) forces of tractions on outer edges that do not move, from body forces (c, 6 n)."""
-        assert self.of_body is not None
         return self.fans.apply(self.of_body[:, 4 * self.fans.n :], force)
 
 
@@ -297,7 +295,5 @@ def fan_stress(fans: Fans, loaded: bool = True) -> FanStress:
     spokes, moved = (np.ascontiguousarray(one) for one in np.split(found, [m], axis=2))
     G = K[:, m:, m:] + K[:, m:, :m] @ spokes
     G = 0.5 * (G + G.transpose(0, 2, 1))
-    if not loaded:
-        return FanStress(fans, spokes, None, G, None)
     of_body = np.concatenate([moved, F[:, m:] + K[:, m:, :m] @ moved], axis=1)
-    return FanStress(fans, spokes, of_body, G, (of_motion, of_force))
+    return FanStress(fans, spokes, of_body, G, (of_motion, of_force) if loaded else None)

@@ -79,6 +79,15 @@ def test_friction_that_assembles_as_zero_has_to_say_where_it_acts():
         vx.error_bound(history, step=-1)
 
 
+def test_friction_by_pressure_that_is_zero_at_nodes_is_given_friction():
+    """It was called a bound of the scene, in which it acts between nodes."""
+    between = vx.CoulombFriction(lambda x, t: np.where(x[:, 0] % 0.5 > 0.01, 0.5, 0.0), on="bottom")
+    load = vx.Traction(lambda x, t: np.tile([t, -t], (len(x), 1)), on="top")
+    scene = vx.Scene(STEEL, vx.Clamp(on="left"), load, vx.UnilateralContact(on="bottom"), between)
+    bound = vx.error_bound(vx.simulate(scene, vx.meshes.squares(2), [0.0, 1.0]), step=-1)
+    assert bound.kind == "bound for the given friction"
+
+
 def test_moduli_inside_cells_are_looked_at_where_nothing_strains():
     """All nodes are held: the bound was a ninth of the error."""
     young = vx.Elasticity(young=lambda x: 1.0 + 199.0 * (abs(x[:, 0] - 0.5) < 0.3), poisson=0.3)

@@ -259,7 +259,7 @@ def of_steps(circle: Hypercircle, history: History, stepped: Sequence[Stepped]) 
     upper = upper + moved + eta
     worst, outer = pairs[int(np.argmax(upper))], circle.boundary.edges.outer
     shares = worst.cells + totals(outer, 2.0 * worst.surface.gap + worst.springs, len(worst.cells))
-    laws = any(friction.law is not None for friction in circle.posed.terms.frictions)
+    laws = any(friction.law is not None for friction in circle.boundary.frictions)
     return ErrorBound(
         steps=at,
         upper=upper,

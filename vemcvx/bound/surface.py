@@ -364,11 +364,11 @@ class Boundary:
     def _laws(self, now: Instant) -> Floats:
         """(2, k, 2) bound g and bias c of friction at the ends of pieces."""
         terms, laws = self.posed.terms, np.zeros((2, *self.fine.pieces.shape))
-        for friction in self._frictions:
+        for friction in self.frictions:
             for law, weights in zip(laws, (friction.weights, friction.bias), strict=True):
                 if weights is not None:
                     law += np.nan_to_num(self._read(friction, weights(now.t) / friction.lengths))
-        if any(friction.law is not None for friction in self._frictions):
+        if any(friction.law is not None for friction in self.frictions):
             # Bounds that follow the pressure are those of the answer, linear between nodes.
             laws[0] = self._line(self._at_ends(terms, (now.weights / terms.lengths)[:, None])[..., 0])
         return np.where(self._moves(self.edges.tangents)[self.fine.piece_owner, None], laws, 0.0)
@@ -376,7 +376,7 @@ class Boundary:
     def _slip(self, now: Instant, before: Instant) -> Floats:
         """(k, 2) the slip in a step at the ends of pieces, less what the ground moves by."""
         moved = np.zeros(self.fine.pieces.shape)
-        for friction in self._frictions:
+        for friction in self.frictions:
             if friction.ground is not None:
                 along = friction.ground.vector(now.t) - friction.ground.vector(before.t)
                 way = self._read(friction, np.einsum("md,md->m", along, tangents_of(friction.normals)[:, 0]))
@@ -385,7 +385,8 @@ class Boundary:
         return self._along_edges(self.edges.jumps(now.u - before.u), self.edges.tangents) - moved
 
     @property
-    def _frictions(self) -> list[Friction]:
+    def frictions(self) -> list[Friction]:
+        """All frictions, also those that assembled as zero."""
         return [friction for part in self.oscillation.parts for friction in part.frictions]
 
     def _along_edges(self, ends: Floats, ways: Floats) -> Floats:

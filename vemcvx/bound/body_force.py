@@ -118,8 +118,6 @@ def missed_forces(f: Floats) -> tuple[Floats, Floats]:
 class Body:
     """Body forces f in a chunk of cells, and what they make alone."""
 
-    moments: Floats
-    """(c, 6 n) int f lambda_k"""
     edges: Floats
     """(c, 4 n) b_f"""
     mixed: Floats
@@ -140,7 +138,6 @@ class Body:
 class _Shapes:
     """Shapes of body forces in a chunk of cells: the fields of :class:`Body` of each, and products of any two."""
 
-    moments: Floats
     edges: Floats
     mixed: Floats
     outline: Floats
@@ -156,7 +153,6 @@ class _Shapes:
     def combined(self, s: Floats) -> Body:
         """The combination by coefficients s (m,)."""
         return Body(
-            moments=np.tensordot(s, self.moments, 1),
             edges=np.tensordot(s, self.edges, 1),
             mixed=np.tensordot(s, self.mixed, 1),
             outline=np.tensordot(s, self.outline, 1),
@@ -232,12 +228,11 @@ def _shapes(fans: Fans, densities: Sequence[Floats]) -> _Shapes:
         F, loads = integrals(fans, BARYCENTRIC, f), integrals(fans, VALUES, f).reshape(*f.shape[:2], 20)
         (v, r), linear, edges = _alone(displacement, stress, F), linear_loads(F), stress.on_edges(F)
         mixed, outline = outline_forces(edges) + displacement.on_outline(linear), displacement.on_outline(loads)
-        fields.append((F, edges, mixed, outline, _missed(fans, f), linear, loads, v))
+        fields.append((edges, mixed, outline, _missed(fans, f), linear, loads, v))
         defects.append(r)
-    moments, edges, mixed, outline, missed, linear, loads, v = map(np.stack, zip(*fields, strict=True))
+    edges, mixed, outline, missed, linear, loads, v = map(np.stack, zip(*fields, strict=True))
     strained = [np.matmul(r, fans.D[:, None]) for r in defects]
     return _Shapes(
-        moments=moments,
         edges=edges,
         mixed=mixed,
         outline=outline,

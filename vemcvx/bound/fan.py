@@ -38,8 +38,8 @@ def monomials(x: Floats, degree: int = 2) -> Floats:
 def monomial_slopes(x: Floats, degree: int = 2) -> Floats:
     """(q, 2, 6) their derivatives."""
     (one, two), powers = x.T, [(k - j, j) for k in range(degree + 1) for j in range(k + 1)]
-    slopes = [(i * one ** max(i - 1, 0) * two**j, j * one**i * two ** max(j - 1, 0)) for i, j in powers]
-    return np.ascontiguousarray(np.moveaxis(slopes, 2, 0).swapaxes(1, 2))
+    along = [(i * one ** max(i - 1, 0) * two**j, j * one**i * two ** max(j - 1, 0)) for i, j in powers]
+    return np.stack([np.column_stack(slopes) for slopes in zip(*along, strict=True)], axis=1)
 
 
 _CENTRE = CORNERS.mean(axis=0)

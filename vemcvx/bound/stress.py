@@ -175,7 +175,8 @@ def lifted(fans: Fans, gram: Floats, data: Floats) -> Floats:
 def _compliances(fans: Fans) -> Floats:
     """(c, n, 3, 3) by which squares in C^-1 are made of components of stresses in the reference triangle."""
     M = piola(fans.B)
-    return np.matmul(M.transpose(0, 1, 3, 2), np.matmul(fans.D[:, None], M)) / fans.doubled_areas[..., None, None]
+    form: Floats = np.matmul(M.transpose(0, 1, 3, 2), np.matmul(fans.D[:, None], M))
+    return form / fans.doubled_areas[..., None, None]
 
 
 def piola(B: Floats) -> Floats:
@@ -217,7 +218,7 @@ def _condensed(fans: Fans, loaded: bool) -> tuple[Floats, Floats]:
     moved = moved.transpose(0, 1, 3, 2, 4).reshape(c, n, 9, 12)
     if loaded:
         moved = np.concatenate([moved, -np.matmul(A[..., :9, 9:], _hat(fans))], axis=3)
-    found = np.linalg.solve(A[..., :9, :9], moved)
+    found = np.asarray(np.linalg.solve(A[..., :9, :9], moved), dtype=np.float64)
     return found[..., :12], found[..., 12:]
 
 

@@ -56,6 +56,15 @@ def test_loads_that_assemble_as_zero_are_in_the_bound(effects, true):
     assert vx.error_bound(history, -1).upper >= true
 
 
+def test_what_is_missed_of_cubic_tractions_is_integrated_exactly():
+    """Three points of each of four pieces take 1 - 4^-6 of it."""
+    history = run(*PRESSED, vx.Traction(along(lambda x: x[:, 1] ** 3), on="left"), n=1)
+    boundary = circle_of(history).boundary
+    squares, _ = boundary.missed(boundary.tractions(1.0, boundary.gauss))
+    # Of y^3 quadratic functions leave Legendre's polynomial over 20, whose mean square is 1/7.
+    assert np.isclose(squares.sum(), 1.0 / 2800.0, rtol=1e-9)
+
+
 @pytest.mark.slow
 def test_loads_that_assemble_as_zero_are_in_the_bounds_of_runs_and_of_meshes():
     scene, mesh = vx.Scene(*PRESSED, vx.Traction(along(patch), on="left")), vx.meshes.squares(4)

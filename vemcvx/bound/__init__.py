@@ -46,18 +46,15 @@ data are linear in time there, too, and the exact history begins like the run, y
 
     |tau - sigma|  <=  y_n  =  (y_{n-1}^2 + 2 D_n)^{1/2} + |r_n - r_{n-1}|,    |u - v_n|_a  <=  y_n + |r_n|.
 
-The path is the same run in finer steps, with instants at which data bend, turn or jump, on cells within its own. Data
-that are not linear between its instants are bounded as read there, and an estimate of the rest is added
-(:mod:`.data_in_time`). y never decreases, so that cells are split where it grows and steps halved, until many cycles
-are bounded like one. Statement and proof: :mod:`.error_bound`, :mod:`.within`.
+Proof and path: :mod:`.error_bound`, :mod:`.within`; data that are not linear between its instants:
+:mod:`.data_in_time`.
 
 **The data** are functions of which a program knows values at points, and the theorems are about data as read there:
 body forces at 21 points of each triangle of a fan, tractions at three of each piece of the boundary (1/512 of the size
 of the body, or a quarter of an edge), bounds of friction, gaps and motions at the ends of pieces and linear between.
-Loads that are polynomials up to degree three on the triangles, or the pieces, are read exactly. What is narrower than
+Loads that are polynomials up to degree three on the triangles, or the edges, are read exactly. What is narrower than
 the distance of the points may not be seen, be it a load, friction, or a quantity. A second, finer reading tells loads
-of other kinds: bounds are then wider by an allowance, which is an estimate and no theorem (:mod:`.reading`), and their
-`kind` says so.
+of other kinds, and bounds are wider by an allowance (:mod:`.reading`).
 
 **What sticks for certain: nothing that could be proved.** Theorem 1 with all of its terms says h(u) - inf h <= A^2 / 4
 + b, the maximum of A x - x^2 being A^2 / 4. Of friction, h(u) is the integral of g |s| + c s - q s >= (g - |q - c|)

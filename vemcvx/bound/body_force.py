@@ -59,7 +59,7 @@ from vemcvx.bound.displacement import (
     strains_at_stations,
 )
 from vemcvx.bound.fan import BARYCENTRIC, LINEAR_MASS_INVERSE, RULE, RULE_WEIGHTS, Fans, inner, monomials, stresses_of
-from vemcvx.bound.stress import PARABOLAS, FanStress, fan_stress, lifted, of_parabolas
+from vemcvx.bound.stress import CUBIC_SHARES, CUBICS, PARABOLAS, FanStress, fan_stress, lifted, of_parabolas
 
 MOST_SHAPES = 4
 """Shapes that are kept: each takes as much memory as its values at the points of the rule, 2 kB a hexagon."""
@@ -99,7 +99,7 @@ def integrals(fans: Fans, functions: Floats, f: Floats) -> Floats:
 def missed_forces(f: Floats) -> tuple[Floats, Floats]:
     """Of body forces (c, n, 21, 2) at the points of the rule the coefficients (c, n, 3, 2) of parabolas.
 
-    And (c, n) the mean of |f - f_2|^2. Of what differs by rounding alone nothing is missed.
+    And (c, n) the mean of |f - f_2|^2, exact for cubic f. Of what differs by rounding alone nothing is missed.
     """
     rounding = ROUNDING * float(np.abs(f).max())
     weighed = RULE_WEIGHTS[:, None] * f
@@ -109,17 +109,15 @@ def missed_forces(f: Floats) -> tuple[Floats, Floats]:
     linear = BARYCENTRIC @ LINEAR_MASS_INVERSE @ BARYCENTRIC.T
     rest = f - np.matmul(linear, weighed) - np.matmul(bent, parabolas)
     rest[np.abs(rest) <= rounding] = 0.0
-    return parabolas, 2.0 * np.einsum("q,ctqd,ctqd->ct", RULE_WEIGHTS, rest, rest)
+    squares = np.einsum("q,ctqd,ctqd->ct", RULE_WEIGHTS, rest, rest)
+    cubic = np.matmul((RULE_WEIGHTS[:, None] * CUBICS).T, rest)
+    return parabolas, 2.0 * (squares + np.einsum("k,ctkd,ctkd->ct", CUBIC_SHARES, cubic, cubic))
 
 
 @dataclass(frozen=True, eq=False)
 class Body:
     """Body forces f in a chunk of cells, and what they make alone."""
 
-    density: Floats
-    """f (c, n, 21, 2) at the points of the rule"""
-    moments: Floats
-    """(c, 6 n) int f lambda_k"""
     edges: Floats
     """(c, 4 n) b_f"""
     mixed: Floats
@@ -140,7 +138,6 @@ class Body:
 class _Shapes:
     """Shapes of body forces in a chunk of cells: the fields of :class:`Body` of each, and products of any two."""
 
-    moments: Floats
     edges: Floats
     mixed: Floats
     outline: Floats
@@ -153,11 +150,9 @@ class _Shapes:
     work: Floats
     """(m, m)"""
 
-    def combined(self, s: Floats, density: Floats) -> Body:
-        """The combination by coefficients s (m,), which has this density."""
+    def combined(self, s: Floats) -> Body:
+        """The combination by coefficients s (m,)."""
         return Body(
-            density=density,
-            moments=np.tensordot(s, self.moments, 1),
             edges=np.tensordot(s, self.edges, 1),
             mixed=np.tensordot(s, self.mixed, 1),
             outline=np.tensordot(s, self.outline, 1),
@@ -173,8 +168,8 @@ class BodyForces:
     """Body forces on a mesh, and those that were asked for before."""
 
     fans: tuple[Fans, ...]
-    known: list[tuple[float, tuple[Floats, ...]]] = field(default_factory=list)
-    """sums of squares, and densities chunk by chunk, of shapes at right angles to each other"""
+    known: list[Floats] = field(default_factory=list)
+    """densities, chunk after chunk, of shapes at right angles to each other"""
     made: list[tuple[_Shapes, ...]] = field(default_factory=list)
     """what all of them make, chunk by chunk, once that was asked for"""
 
@@ -182,35 +177,33 @@ class BodyForces:
         """What body forces (c, n, 21, 2) of each chunk make; nothing where there are none."""
         if not densities:
             return ()
-        largest = max(map(_largest, densities))
-        shapes = [shape for _, shape in self.known]
-        s = np.array([sum(map(np.vdot, densities, shape)) / norm for norm, shape in self.known])
-
-        def rest(k: int) -> Floats:
-            """What is no combination in the k-th chunk."""
-            left = densities[k].copy()
-            for one, shape in zip(s, shapes, strict=True):
-                left -= one * shape[k]
-            return left
-
-        if shapes and all(_largest(rest(k)) <= ROUNDING * largest for k in range(len(densities))):
+        f = np.concatenate([density.ravel() for density in densities])
+        s = np.array([f @ shape / (shape @ shape) for shape in self.known])
+        left, largest = f.copy(), np.abs(f).max()
+        for part, shape in zip(s, self.known, strict=True):
+            left -= part * shape
+        if self.known and np.abs(left).max() <= ROUNDING * largest:
             if not self.made:
-                self.made.append(tuple(_shapes(fans, each) for fans, *each in zip(self.fans, *shapes, strict=True)))
-            return tuple(one.combined(s, f) for one, f in zip(self.made[0], densities, strict=True))
-        found = tuple(_shapes(fans, [f]) for fans, f in zip(self.fans, densities, strict=True))
+                self.made.append(self._shapes(self.known))
+            return tuple(one.combined(s) for one in self.made[0])
+        found = self._shapes([f])
         if largest > 0.0:
             self.made.clear()
-            left = tuple(map(rest, range(len(densities))))
-            if len(shapes) in (0, MOST_SHAPES):
+            if len(self.known) in (0, MOST_SHAPES):
                 self.known.clear()
                 self.made.append(found)
-                left = tuple(densities)
-            self.known.append((float(sum(map(np.vdot, left, left))), left))
-        return tuple(one.combined(np.ones(1), f) for one, f in zip(found, densities, strict=True))
+                left = f
+            self.known.append(left)
+        return tuple(one.combined(np.ones(1)) for one in found)
 
-
-def _largest(f: Floats) -> float:
-    return float(max(f.max(), -f.min()))
+    def _shapes(self, densities: Sequence[Floats]) -> tuple[_Shapes, ...]:
+        """What some densities make, chunk by chunk."""
+        ends = np.cumsum([one.nodes.size for one in self.fans])[:-1]
+        parts = [np.split(f.reshape(-1, 21, 2), ends) for f in densities]
+        return tuple(
+            _shapes(one, [part.reshape(*one.nodes.shape, 21, 2) for part in each])
+            for one, *each in zip(self.fans, *parts, strict=True)
+        )
 
 
 def alone(fans: Fans, f: Floats) -> tuple[Floats, Floats]:
@@ -235,12 +228,11 @@ def _shapes(fans: Fans, densities: Sequence[Floats]) -> _Shapes:
         F, loads = integrals(fans, BARYCENTRIC, f), integrals(fans, VALUES, f).reshape(*f.shape[:2], 20)
         (v, r), linear, edges = _alone(displacement, stress, F), linear_loads(F), stress.on_edges(F)
         mixed, outline = outline_forces(edges) + displacement.on_outline(linear), displacement.on_outline(loads)
-        fields.append((F, edges, mixed, outline, _missed(fans, f), linear, loads, v))
+        fields.append((edges, mixed, outline, _missed(fans, f), linear, loads, v))
         defects.append(r)
-    moments, edges, mixed, outline, missed, linear, loads, v = map(np.stack, zip(*fields, strict=True))
+    edges, mixed, outline, missed, linear, loads, v = map(np.stack, zip(*fields, strict=True))
     strained = [np.matmul(r, fans.D[:, None]) for r in defects]
     return _Shapes(
-        moments=moments,
         edges=edges,
         mixed=mixed,
         outline=outline,

@@ -441,20 +441,34 @@ class DataOscillation:
         swelling = any(one.at for part in self.parts for one in part.eigenstrains)
         return materials or swelling or any(one.at for part in self.parts for one in part.initial_stresses)
 
+    @cached_property
+    def _moduli(self) -> tuple[Floats, Floats, Floats, Floats]:
+        """C and C_K (q, 3, 3), and moduli of thermal stress (q,) likewise, at the places in cells."""
+        x, owner, material = self.inside.x, self.inside.owner, self.posed.material
+        C_K, blocked_K = elastic_matrix(material.moduli)[owner], material.thermal_stress_moduli[owner]
+        C, blocked = C_K.copy(), blocked_K.copy()
+        for law in (part.material for part in self.parts if part.material):
+            if law.at:
+                here = np.ones(len(owner), dtype=bool) if law.cells is None else law.cells[owner]
+                moduli, blocked[here] = law.at(x[here], owner[here])
+                C[here] = elastic_matrix(moduli)
+        return C, C_K, blocked, blocked_K
+
+    def varies_inside_cells(self, t: float) -> bool:
+        """True where moduli, eigenstrains or prestress do vary inside cells, whatever the strains there are."""
+        if not self.inside_cells:
+            return False
+        C, C_K, *_ = self._moduli
+        return bool((C != C_K).any() or self.stress(t, np.zeros((len(self.edges.shear), 3))).any())
+
     def stress(self, t: float, strain: Floats) -> Floats:
         """|(C - C_K) eps + sigma_0 - sigma_0K|^2_K in C^-1."""
         if not self.inside_cells:
             return np.zeros(len(strain))
-        laws = [(part.material, part.material.at) for part in self.parts if part.material and part.material.at]
         swelling = [(one, one.at) for part in self.parts for one in part.eigenstrains if one.at]
         initial = [(one, one.at) for part in self.parts for one in part.initial_stresses if one.at]
-        x, owner, material = self.inside.x, self.inside.owner, self.posed.material
-        C_K, blocked_K = elastic_matrix(material.moduli)[owner], material.thermal_stress_moduli[owner]
-        C, blocked, apart = C_K.copy(), blocked_K.copy(), np.zeros((len(owner), 3))
-        for law, at in laws:
-            here = np.ones(len(owner), dtype=bool) if law.cells is None else law.cells[owner]
-            moduli, blocked[here] = at(x[here], owner[here])
-            C[here] = elastic_matrix(moduli)
+        x, owner, (C, C_K, blocked, blocked_K) = self.inside.x, self.inside.owner, self._moduli
+        apart = np.zeros((len(owner), 3))
         for eigenstrain, at_place in swelling:
             apart += blocked_K * eigenstrain.value(t)[owner, None] - blocked * at_place(x, owner, t)[:, None]
         for stress, at_place in initial:

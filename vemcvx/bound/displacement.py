@@ -49,7 +49,6 @@ VALUES = np.concatenate([spread(monomials(RULE[k]) @ COEFFICIENTS[k], k) for k i
 """(21, 10) the functions at the points of the rule."""
 SLOPES = np.concatenate([spread(monomial_slopes(STATIONS[k]) @ COEFFICIENTS[k], k) for k in range(3)])
 """(18, 2, 10) their gradients at the stations."""
-_SLOPES = SLOPES.reshape(36, 10)
 GRAM = np.einsum("ij,piak,pjbl->abkl", MASS, SLOPES.reshape(3, 6, 2, 10), SLOPES.reshape(3, 6, 2, 10))
 """(2, 2, 10, 10) int of products of slopes."""
 LOADS = LINEAR_MASS_INVERSE @ np.einsum("q,qk,qi->ki", RULE_WEIGHTS, BARYCENTRIC, VALUES)
@@ -67,8 +66,8 @@ class FanDisplacement:
     fans: Fans
     hub: Floats
     """(k, 2 n + 2, 4 n) values on the hub from those on the outline; for each of the k shapes"""
-    of_body: Floats | None
-    """(k, 2 n + 2, 6 n) likewise from body forces; None if there are none"""
+    of_body: Floats
+    """(k, 2 n + 2, 6 n) likewise from body forces; (k, 2 n + 2, 0) if there are none"""
     stiffness: Floats
     """(k, 4 n, 4 n) the energy |v|_a^2 as a quadratic form of values on the outline"""
     triangles: tuple[Floats, Floats] | None
@@ -78,9 +77,7 @@ class FanDisplacement:
     def nodal(self, outline: Floats, force: Floats | None = None) -> Floats:
         """(c, n, 20) values at the nodes of triangles, from (c, 4 n) and body forces (c, 6 n)."""
         hub, (within, of_loads) = self.fans.apply(self.hub, outline), self._within()
-        if force is not None:
-            assert self.of_body is not None
-            hub = hub + self.fans.apply(self.of_body, force)
+        hub = hub if force is None else hub + self.fans.apply(self.of_body, force)
         around = np.concatenate([hub, outline], axis=1)[:, _slots(self.fans.n)]
         inner = np.matmul(within, around[..., None])
         if force is not None:
@@ -142,7 +139,7 @@ def fan_displacement(fans: Fans, loaded: bool = True) -> FanDisplacement:
     hub, of_body = (np.ascontiguousarray(one) for one in np.split(found, [4 * n], axis=2))
     S = K[:, m:, m:] + K[:, m:, :m] @ hub
     S = 0.5 * (S + S.transpose(0, 2, 1))
-    return FanDisplacement(fans, hub, *((of_body, S, (within, of_loads)) if loaded else (None, S, None)))
+    return FanDisplacement(fans, hub, of_body, S, (within, of_loads) if loaded else None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,6 +209,6 @@ def strains_at_stations(fans: Fans, v: Floats) -> Floats:
     """(c, n, 18, 3) e_xx, e_yy, 2 e_xy at the stations of all triangles, of nodal values (c, n, 20)."""
     c, n, _ = v.shape
     # Along the axes of the reference triangle, station by station.
-    along = np.matmul(_SLOPES, v.reshape(c, n, 10, 2)).reshape(c, n, 18, 2, 2)
+    along = np.matmul(SLOPES.reshape(36, 10), v.reshape(c, n, 10, 2)).reshape(c, n, 18, 2, 2)
     slopes = np.matmul(fans.back.transpose(0, 1, 3, 2)[:, :, None], along)
     return np.stack([slopes[..., 0, 0], slopes[..., 1, 1], slopes[..., 0, 1] + slopes[..., 1, 0]], axis=3)

@@ -28,6 +28,7 @@ from vemcvx.arrays import EPS, ROUNDING, SAME, Floats, Ints, totals
 from vemcvx.bound.fan import Fans
 from vemcvx.bound.skeleton import Skeleton
 from vemcvx.bound.stress import FanStress
+from vemcvx.bound.surface import Boundary
 from vemcvx.errors import SceneError
 from vemcvx.linear import Factor, choose_linear
 from vemcvx.meshes import PolygonMesh
@@ -65,25 +66,10 @@ class Edges:
 def edges_of(mesh: PolygonMesh, skeleton: Skeleton, fans: Sequence[Fans]) -> Edges:
     """The Edges of a mesh."""
     shared = mesh.shared_edges
-    number = np.empty(len(mesh.vertices), dtype=np.int64)
-    number[shared.corners] = np.repeat(np.arange(len(shared.first)), shared.counts)
-    turned = skeleton.sides[:, 0] > skeleton.sides[:, 1]
-    ends = np.where(turned[:, None], [1, 0], [0, 1])
-    place = 4 * number[:, None, None] + 2 * ends[:, :, None] + np.arange(2)
+    ends = np.argsort(skeleton.sides, axis=1)
+    place = 4 * shared.number[:, None, None] + 2 * ends[:, :, None] + np.arange(2)
     of_fans = tuple(place[mesh.offsets[one.cells][:, None] + np.arange(one.n)].reshape(-1, 4 * one.n) for one in fans)
-    nodes = np.empty((len(shared.first), 2), dtype=np.int64)
-    nodes[number] = np.sort(skeleton.sides, axis=1)
-    return Edges(len(shared.first), of_fans, place[skeleton.outer_corners], nodes)
-
-
-@dataclass(frozen=True, eq=False)
-class Bonds:
-    """Pairs of boundary edges (j,) in one place, of two bodies that move alike along some directions."""
-
-    first: Ints
-    second: Ints
-    directions: Floats
-    """(j, 2, 2) projectors on these"""
+    return Edges(len(shared.first), of_fans, place[skeleton.outer_corners], shared.ends)
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,18 +123,16 @@ def gathered(places: Sequence[Ints], values: Sequence[Floats], size: int) -> Flo
     return totals(where, what, size)
 
 
-def equilibrium(
-    edges: Edges, stresses: tuple[FanStress, ...], free: Floats, bonds: Bonds, *, springs: Floats, floats: bool
-) -> Equilibrium:
-    """The hybrid problem, boundary edges being free along projectors (b, 2, 2) and on springs (b, 4, 4).
+def equilibrium(edges: Edges, stresses: tuple[FanStress, ...], boundary: Boundary) -> Equilibrium:
+    """The hybrid problem of what supports, springs and bonds on the boundary hold.
 
-    A body that `floats` is anchored by a little of the diagonal; forces that balance then need a few corrections.
+    A body that floats is anchored by a little of the diagonal; forces that balance then need a few corrections.
     """
-    P = _free_motions(edges, free, bonds)
-    K = _assembled(edges, stresses, springs, P)
+    P = _free_motions(edges, boundary)
+    K = _assembled(edges, stresses, boundary.springs, P)
     # Of a body of a thousand cells a correction loses all but 1e-5.
-    K = K + sp.diags_array(SAME * K.diagonal()) if floats else K
-    return Equilibrium(edges, stresses, P, springs, choose_linear(K.shape[0]).factorise(K))
+    K = K + sp.diags_array(SAME * K.diagonal()) if boundary.motions.shape[1] else K
+    return Equilibrium(edges, stresses, P, boundary.springs, choose_linear(K.shape[0]).factorise(K))
 
 
 def _assembled(edges: Edges, stresses: Sequence[FanStress], springs: Floats, P: sp.csr_matrix) -> sp.csr_matrix:
@@ -179,32 +163,27 @@ def _assembled(edges: Edges, stresses: Sequence[FanStress], springs: Floats, P: 
     return sp.csr_matrix(K + P.T @ G @ P)
 
 
-def _free_motions(edges: Edges, free: Floats, bonds: Bonds) -> sp.csr_matrix:
+def _free_motions(edges: Edges, boundary: Boundary) -> sp.csr_matrix:
     """(4 E, m) columns: all motions but those that are held."""
-    inner = np.ones(4 * edges.count, dtype=bool)
+    inner, joints, own = np.ones(4 * edges.count, dtype=bool), boundary.edges.joints, boundary.free.copy()
     inner[edges.outer] = False
     alone = np.flatnonzero(inner)
-    # Directions in which two edges move alike belong to both, if both are free.
-    own = free.copy()
-    for side in (bonds.first, bonds.second):
-        own[side] -= bonds.directions
-    one, axis, vectors = _axes(own)
-    joint, shared, common = _axes(bonds.directions)
-    both = [common[joint, :, shared], common[joint, :, shared]]
-    first, second = edges.outer[bonds.first[joint]], edges.outer[bonds.second[joint], ::-1]
+    # Directions in which two edges move alike belong to both.
+    for side in (joints.first, joints.second):
+        own[side] -= boundary.bonds
+    (one, axes), (joint, common) = _axes(own), _axes(boundary.bonds)
+    first, second = edges.outer[joints.first[joint]], edges.outer[joints.second[joint], ::-1]
     rows = [alone, edges.outer[one].ravel(), first.ravel(), second.ravel()]
-    entries = [np.ones(len(alone)), *(np.repeat(v, 2, axis=0).ravel() for v in (vectors[one, :, axis], *both))]
-    start = len(alone) + np.array([0, 2 * len(one)])
-    of_own, of_both = (
-        begin + np.repeat(np.arange(2 * n), 2) for begin, n in zip(start, (len(one), len(joint)), strict=True)
-    )
-    columns = [np.arange(len(alone)), of_own, of_both, of_both]
-    shape = (len(inner), len(alone) + 2 * len(one) + 2 * len(joint))
+    entries = [np.ones(len(alone)), *(np.repeat(v, 2, axis=0).ravel() for v in (axes, common, common))]
+    counts = len(alone), 2 * len(one), 2 * len(joint)
+    single, of_own, of_both = np.split(np.arange(sum(counts)), np.cumsum(counts)[:2])
+    columns = [single, *(np.repeat(each, 2) for each in (of_own, of_both, of_both))]
+    shape = (len(inner), sum(counts))
     return sp.csr_matrix((np.concatenate(entries), (np.concatenate(rows), np.concatenate(columns))), shape=shape)
 
 
-def _axes(projectors: Floats) -> tuple[Ints, Ints, Floats]:
-    """The projectors (b, 2, 2) and numbers of their axes, and all eigenvectors."""
+def _axes(projectors: Floats) -> tuple[Ints, Floats]:
+    """The projectors (b, 2, 2) that have axes, once each, and these (k, 2)."""
     values, vectors = np.linalg.eigh(projectors)
     which, axis = np.nonzero(values > 0.5)
-    return which, axis, vectors
+    return which, vectors[which, :, axis]

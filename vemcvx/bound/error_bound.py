@@ -52,7 +52,7 @@ import numpy as np
 from vemcvx.arrays import Floats, Ints, totals
 from vemcvx.bound.data_in_time import OFF_LINE, Followed, followed, readings
 from vemcvx.bound.hypercircle import Hypercircle, Pair, hypercircle
-from vemcvx.bound.quantity import CertainQuantity, QuantityBound, quantity_bound
+from vemcvx.bound.quantity import Dual, Fields, QuantityBound, quantity_bound
 from vemcvx.bound.skeleton import Instant, instant
 from vemcvx.bound.within import Inner, Within, within_cells
 from vemcvx.effects import Effect
@@ -207,11 +207,7 @@ def error_bound(
 
     Notes
     -----
-    The mathematics are in :mod:`vemcvx.bound.hypercircle`, :mod:`vemcvx.bound.quantity` and
-    :mod:`vemcvx.bound.error_bound`. Data that vary are functions, known at points: 21 of each triangle of a cell, and
-    on the boundary 512 pieces per size of the body. Loads that are polynomials up to degree three are read exactly; for
-    others bounds are widened by an estimate of what is misread, from a second, finer reading, and say so. What is
-    narrower than the points' distance is not seen.
+    The mathematics, and how data are read at points, are in :mod:`vemcvx.bound`.
     """
     scene = scene_of(history, "error_bound")
     if step is None and of is None:
@@ -219,10 +215,10 @@ def error_bound(
     if step is None:
         raise SceneError("error_bound: a quantity is bounded in one step; give its number, such as step=-1, with of=.")
     circle = hypercircle(pose_scene(scene, history.mesh, history.trajectory.times.tolist()))
+    stepped = pairs_of(circle, history, [step])
     if of is None:
-        return of_steps(circle, history, pairs_of(circle, history, [step])).at(0)
-    n, now, before = _instants(history, step)
-    return quantity_bound(circle, history, n, (_of_step(circle, now, before)[0], now), of)
+        return of_steps(circle, history, stepped).at(0)
+    return quantity_bound(history, stepped[0].n, stepped[0].pair, of)
 
 
 # Steps.
@@ -232,34 +228,45 @@ class Stepped(NamedTuple):
     """The pair of a step, and how far its displacement is from that of the run."""
 
     n: int
-    t: float
     pair: Pair
     moved: float
 
 
 def pairs_of(circle: Hypercircle, history: History, steps: Sequence[int]) -> list[Stepped]:
-    """The pairs of stored steps, each given the one before."""
-    instants = (_instants(history, step) for step in steps)
-    return [Stepped(n, now.t, *_of_step(circle, now, before)) for n, now, before in instants]
+    """The pairs of stored steps, each given the one before, whose displacements obstacles admit."""
+    found = []
+    for step in steps:
+        n = int(history.stored[history.row(step)])
+        if n == 0:
+            raise SceneError("error_bound: step 0 is where the run begins; the first step that has a bound is 1.")
+        if n - 1 not in history.stored:
+            raise SceneError(
+                f"error_bound: step {n} is bounded given the one before, and step {n - 1} was not stored; simulate "
+                "with store='all'."
+            )
+        now, before = (instant(history, history.row(k)) for k in (n, n - 1))
+        u = circle.boundary.admitted(now.u, now.t)
+        found.append(Stepped(n, circle.pair(replace(now, u=u), before), circle.distance(now.u, u)))
+    return found
 
 
 def of_steps(circle: Hypercircle, history: History, stepped: Sequence[Stepped]) -> ErrorBound:
     """The bounds of steps whose pairs these are."""
-    numbers, _, pairs, apart = zip(*stepped, strict=True)
-    moved, (eta, misread) = np.array(apart), np.transpose([circle.allowances(one.pair, one.t) for one in stepped])
-    upper = np.array([pair.upper for pair in pairs]) + moved + eta
-    norm, potential = (np.array([getattr(pair, name) for pair in pairs]) for name in ("norm", "potential"))
-    lowered, A2, gap = (np.array([getattr(pair, name) for pair in pairs]) for name in ("lowered", "A2", "lacking"))
-    worst = pairs[int(np.argmax(upper))]
-    at = np.array(numbers)
-    laws = any(friction.law is not None for friction in circle.posed.terms.frictions)
+    numbers, pairs, apart = zip(*stepped, strict=True)
+    at, moved, (eta, misread) = np.array(numbers), np.array(apart), np.transpose([pair.allowances() for pair in pairs])
+    names = "upper", "norm", "potential", "lowered", "A2", "lacking"
+    upper, norm, potential, lowered, A2, gap = (np.array([getattr(pair, name) for pair in pairs]) for name in names)
+    upper = upper + moved + eta
+    worst, outer = pairs[int(np.argmax(upper))], circle.boundary.edges.outer
+    shares = worst.cells + totals(outer, 2.0 * worst.surface.gap + worst.springs, len(worst.cells))
+    laws = any(friction.law is not None for friction in circle.boundary.frictions)
     return ErrorBound(
         steps=at,
         upper=upper,
         lower=np.maximum(lowered - moved - eta, 0.0),
         energy=_energies(norm, upper - moved),
         potential=(potential - 0.5 * (A2 + eta**2) - gap - misread, potential - 0.5 * lowered**2 + misread),
-        cells=_shares(circle, worst.cells, worst.surface.gap + 0.5 * worst.springs, upper.max()),
+        cells=upper.max() ** 2 * shares / (shares.sum() or 1.0),
         parts={
             "mesh": np.sqrt([pair.squares.sum() for pair in pairs]),
             "contact": np.sqrt(2.0 * gap),
@@ -286,38 +293,13 @@ def certain_intervals(circle: Hypercircle, stepped: Sequence[Stepped], of: Effec
     SceneError
         There is none for this quantity.
     """
-    certain = CertainQuantity.of(circle, of)
-    return np.array([certain.between(one.pair, one.t) for one in stepped])
-
-
-def _instants(history: History, step: int) -> tuple[int, Instant, Instant]:
-    """The number of a stored step, its end and its beginning."""
-    n = int(history.stored[history.row(step)])
-    if n == 0:
-        raise SceneError("error_bound: step 0 is where the run begins; the first step that has a bound is 1.")
-    if n - 1 not in history.stored:
-        raise SceneError(
-            f"error_bound: step {n} is bounded given the one before, and step {n - 1} was not stored; simulate with "
-            "store='all'."
-        )
-    return n, instant(history, history.row(n)), instant(history, history.row(n - 1))
-
-
-def _of_step(circle: Hypercircle, now: Instant, before: Instant) -> tuple[Pair, float]:
-    """The pair of a step, whose displacement obstacles admit, and how far that is from the answer."""
-    admitted = replace(now, u=circle.boundary.admitted(now.u, now.t))
-    return circle.pair(admitted, before), circle.distance(now.u, admitted.u)
+    dual = Dual.of(circle, of)
+    return np.array([dual.certain(Fields(one.pair)) for one in stepped])
 
 
 def _energies(norm: Floats, upper: Floats) -> tuple[Floats, Floats]:
     """Bounds on the energy of what is no farther than so much from a displacement of this norm."""
     return 0.5 * np.maximum(norm - upper, 0.0) ** 2, 0.5 * (norm + upper) ** 2
-
-
-def _shares(circle: Hypercircle, squares: Floats, gap: Floats, upper: float) -> Floats:
-    """(n_cells,) parts of upper^2, in proportion to squares in cells (n_cells,) and gaps (b,) of edges."""
-    parts = squares + totals(circle.boundary.edges.outer, 2.0 * gap, len(squares))
-    return upper**2 * parts / (parts.sum() or 1.0)
 
 
 # Histories.
@@ -389,22 +371,21 @@ def _along(
     """
     circle, times, last = within.circle, history.trajectory.times, path[0]
     pair = circle.pair(last, last)
-    read, start = circle.reading(pair, last.t), within.sizes(last, history.displacement[0], inner[0])
-    reached, dissipated, misread = start.defect, 0.0, read.energy
-    found: list[tuple[float, ...]] = [(reached, dissipated, *start[:-1], misread + read.energy)]
+    start = within.sizes(last, history.displacement[0], inner[0])
+    reached, dissipated, misread = start.defect, 0.0, pair.reading.energy
+    found: list[tuple[float, ...]] = [(reached, dissipated, *start[:-1], 2.0 * misread)]
     worst = 0.0, start.cells
     for ahead in path[1:]:
         beyond = circle.pair(ahead, last)
         lost = circle.boundary.lacking(pair.surface, beyond.surface)
         change = float(np.sqrt(circle.squares_of_change(pair, beyond).sum()))
         reached, dissipated = float(np.sqrt(reached**2 + 2.0 * lost)) + change, dissipated + lost
-        seen = circle.reading(beyond, ahead.t)
-        misread += (seen - read).energy
-        pair, last, read = beyond, ahead, seen
+        misread += (beyond.reading - pair.reading).energy
+        pair, last = beyond, ahead
         n = int(np.searchsorted(times, last.t))
         if times[n] == last.t:
             own = within.sizes(last, history.displacement[n], inner[n])
-            found.append((reached, dissipated, *own[:-1], misread + read.energy))
+            found.append((reached, dissipated, *own[:-1], misread + pair.reading.energy))
             worst = max(worst, (reached, own.cells), key=lambda one: one[0])
     return found, worst[1]
 

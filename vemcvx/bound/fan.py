@@ -29,23 +29,17 @@ PARTS = np.array([[0, 1, 3], [1, 2, 3], [2, 0, 3]])
 """(3, 3) corners of the parts; 3 is the centroid. Part k has the edge from corner k to corner k + 1."""
 
 
-def monomials(x: Floats) -> Floats:
-    """(q, 6) 1, x, y, x^2, xy, y^2."""
+def monomials(x: Floats, degree: int = 2) -> Floats:
+    """(q, 6) 1, x, y, x^2, xy, y^2, and so on up to a degree."""
     one, two = x.T
-    return np.column_stack([np.ones(len(x)), one, two, one * one, one * two, two * two])
+    return np.column_stack([one ** (k - j) * two**j for k in range(degree + 1) for j in range(k + 1)])
 
 
-def monomial_slopes(x: Floats) -> Floats:
+def monomial_slopes(x: Floats, degree: int = 2) -> Floats:
     """(q, 2, 6) their derivatives."""
-    one, two = x.T
-    none, full = np.zeros(len(x)), np.ones(len(x))
-    return np.stack(
-        [
-            np.column_stack([none, full, none, 2.0 * one, two, none]),
-            np.column_stack([none, none, full, none, one, 2.0 * two]),
-        ],
-        axis=1,
-    )
+    (one, two), powers = x.T, [(k - j, j) for k in range(degree + 1) for j in range(k + 1)]
+    along = [(i * one ** max(i - 1, 0) * two**j, j * one**i * two ** max(j - 1, 0)) for i, j in powers]
+    return np.stack([np.column_stack(slopes) for slopes in zip(*along, strict=True)], axis=1)
 
 
 _CENTRE = CORNERS.mean(axis=0)

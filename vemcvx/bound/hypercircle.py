@@ -1,40 +1,26 @@
 """The hypercircle: a displacement and a stress that are admissible, and the exact ones no farther away than a bound.
 
-One step of a scene minimises
+The theorems are 1 and 2 of :mod:`vemcvx.bound` (W. Prager and J. L. Synge, Quart. Appl. Math. 5 (1947)), for a step
+with
 
-    J(v) = a(v, v) / 2 + (sigma_0, eps(v)) - l(v) + j(v),    j(v) = int g |v_t - d| + c (v_t - d) + phi(v_n - gap)
+    j(v) = int g |v_t - d| + c (v_t - d) + phi(v_n - gap),
 
-over displacements that supports admit, phi being zero up to the gap of a rigid obstacle and infinite beyond it, k z_+^2
-/ 2 of a compliant one. Let u minimise it, v be admissible, and tau a stress in equilibrium with f_1 and t_1, linear
-moments of the loads f and t, whose tractions -q t - p n on contact are admissible. With r = tau - sigma_0 - C eps(v),
-e = u - v and
-
-    b = j(v) - int q (v_t - d) - p v_n  +  the least that j - q - p can be  >= 0       (:mod:`.surface`)
-
-the variational inequality (sigma, eps(e)) >= l(e) + j(u) - j(v), Green's formula for tau, and the definition of b give
-
-    |e|^2  <=  (r, eps(e)) + (l - l_1)(e) + b  <=  sum_K (|r|_K + osc_K) |e|_K + b,
-
-    |e|  <=  A / 2 + (A^2 / 4 + b)^{1/2},     A^2 = sum_K (|r|_K + osc_K)^2,        J(v) - A^2 / 2 - b  <=  J(u),
-
-norms of stresses being in C^-1 (W. Prager and J. L. Synge, Quart. Appl. Math. 5 (1947); no constant but one), and
-osc_K^2 = sum_T osc_T^2 over the triangles T of a cell K, by what linear moments miss of loads (:mod:`.body_force`).
+phi being zero up to the gap of a rigid obstacle and infinite beyond it, k z_+^2 / 2 of a compliant one; :mod:`.surface`
+has b. osc_K^2 = sum_T osc_T^2 over the triangles T of a cell K, by what linear moments miss of loads
+(:mod:`.body_force`), and so counts in A^2 = sum_T (|r|_T + osc_T)^2.
 
 Springs to the ground, k u, are as triangles are: |m - v|_k beside |r|_T, if tau has the tractions -k m on them, and the
 energy norm has theirs.
 
-From below: w that vanishes where v touches or is held has (sigma, eps(w)) = l(w), so that
-
-    |e|  >=  (l(w) - (sigma_0 + C eps(v), eps(w))) / |w|_a,                  J(u)  <=  J(v) - half the square of that.
-
-w is quadratic on edges, and inside cells what its values there make least energy of.
+w, by which the error is bounded from below, is quadratic on edges, and inside cells what its values there make least
+energy of.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, reduce
+from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
@@ -52,13 +38,8 @@ from vemcvx.bound.displacement import (
     strains_at_stations,
     without_slopes,
 )
-from vemcvx.bound.equilibrium import Bonds, Equilibrium, edges_of, equilibrium, gathered
-from vemcvx.bound.fan import (
-    Fans,
-    fans_of,
-    in_triangles,
-    stresses_of,
-)
+from vemcvx.bound.equilibrium import Equilibrium, edges_of, equilibrium, gathered
+from vemcvx.bound.fan import Fans, fans_of, in_triangles, stresses_of
 from vemcvx.bound.reading import Reading, reading
 from vemcvx.bound.richer import Richer, richer
 from vemcvx.bound.skeleton import Instant, check_estimable, skeleton
@@ -66,9 +47,8 @@ from vemcvx.bound.stress import fan_stress, lifted, of_edge
 from vemcvx.bound.surface import Boundary, Surface, free_alone
 from vemcvx.errors import SceneError
 from vemcvx.meshes import plane_mesh
-from vemcvx.meshes.polygons import right_of
 from vemcvx.scene.pose import PosedScene
-from vemcvx.vem import elastic_matrix, strains
+from vemcvx.vem import elastic_matrix
 
 IN_SPACE = (
     "in space a displacement inside polyhedra that does not lock and a constant for loads that are not linear are "
@@ -105,6 +85,7 @@ class Pair:
     """A displacement and a stress at an instant, admissible both, and what separates them."""
 
     circle: Hypercircle
+    t: float
     u: Floats
     """(n_nodes, 2) of the displacement v"""
     surface: Surface
@@ -136,6 +117,23 @@ class Pair:
         """r of v + w."""
         motion = self.defect.motion - self.circle.equilibrium.edges.motions(self.w)
         return replace(self.defect, motion=motion, outline=self.defect.outline + self.w)
+
+    @cached_property
+    def reading(self) -> Reading:
+        """How well the loads are read; as large as they are."""
+        return reading(self.circle.boundary, self.circle.fans, self.densities, self.t)
+
+    def allowances(self) -> tuple[float, float]:
+        """For what may be misread of the loads: eta, and |e(u)| of the exact u.
+
+        Both are zero where two readings agree (:mod:`vemcvx.bound.reading`).
+        """
+        # Of all steps of a run the readings are not kept.
+        read, circle = replace(self).reading, self.circle
+        if read.exact:
+            return 0.0, 0.0
+        eta, ends = read.energy, self.u[circle.boundary.edges.outer_edges]
+        return eta, read.work(circle.nodal(self.defect.outline), ends) + eta * self.upper
 
     @property
     def A2(self) -> float:
@@ -195,7 +193,11 @@ class Hypercircle:
         """
         boundary, edges, numbered = self.boundary, self.boundary.edges, self.equilibrium.edges
         boundary.check_supports(now)
-        self._check_one_a_cell(now)
+        if boundary.oscillation.varies_inside_cells(now.t):
+            raise SceneError(
+                "error_bound: moduli, eigenstrains or prestress vary inside cells, and there is no bound for that; "
+                "give one value a cell, as an array (n_cells,) or by on=."
+            )
         densities, prestress, ends = self.densities_at(now.t), self.prestress(now.t), now.u[edges.outer_edges]
         body, outline = self.body_forces.of(densities), numbered.outline(now.u)
         surface = self.surface(now, before, body)
@@ -224,6 +226,7 @@ class Hypercircle:
         oscillation = self.oscillation(surface.acting, body)
         return Pair(
             circle=self,
+            t=now.t,
             u=now.u,
             surface=surface,
             defect=defect,
@@ -241,21 +244,14 @@ class Hypercircle:
         """The surface at the end of a step, under the body forces of its end, if these are not given."""
         if body is None:
             body = self.body_forces.of(self.densities_at(now.t)) if self.boundary.motions.shape[1] else ()
-        return self.boundary.at(now, before, self._work([one.moments for one in body]))
+        modes = [self.equilibrium.edges.outline(mode.reshape(-1, 2)) for mode in self.boundary.motions.T]
+        parts = [[np.vdot(f.outline, mode[at]) for mode in modes] for f, at in zip(body, self.outlines, strict=False)]
+        return self.boundary.at(now, before, np.sum(parts, axis=0) if parts else np.zeros(len(modes)))
 
     def prestress(self, t: float) -> Floats:
         """sigma_0 (n_cells, 3)."""
         stresses = self.posed.prestress
         return np.zeros((len(self.boundary.edges.areas), 3)) if stresses is None else stresses.stress(t)
-
-    def _check_one_a_cell(self, now: Instant) -> None:
-        """Raise SceneError where moduli, eigenstrains or prestress vary inside cells."""
-        oscillation = self.boundary.oscillation
-        if oscillation.inside_cells and np.any(oscillation.stress(now.t, strains(self.posed.space, now.u))):
-            raise SceneError(
-                "error_bound: moduli, eigenstrains or prestress vary inside cells, and there is no bound for that; "
-                "give one value a cell, as an array (n_cells,) or by on=."
-            )
 
     def _inside(self, k: int, outline: Floats, body: Sequence[Body]) -> _Inside:
         """The displacement with these values in the k-th chunk of cells, under its body force, if there is one."""
@@ -282,6 +278,10 @@ class Hypercircle:
         for f, place in zip(body, self.outlines, strict=False):
             work += float(np.sum(f.outline * outline[place]))
         return energy, work
+
+    def nodal(self, outline: Floats) -> list[Floats]:
+        """(c, n, 20) of each chunk a displacement at the nodes of triangles, by its outline (2 nodes + 2 E,)."""
+        return [one.nodal(outline[place]) for one, place in zip(self.displacements, self.outlines, strict=True)]
 
     def fields(self, defect: Defect) -> tuple[Floats, ...]:
         """r (c, n, 18, 3) of each chunk of cells, at its stations."""
@@ -311,18 +311,11 @@ class Hypercircle:
     def squares_of(self, defect: Defect, body: Sequence[Body]) -> Floats:
         """(n_cells,) |r|_K^2."""
         found = np.zeros(len(self.boundary.edges.areas))
-        for k, (fans, stress, place) in enumerate(
-            zip(self.fans, self.equilibrium.stresses, self.equilibrium.edges.places, strict=True)
-        ):
-            x = defect.motion[place]
-            own = np.einsum("ci,ci->c", x, fans.apply(stress.stiffness, x))
-            found[fans.cells] = own + self._inside(k, defect.outline, body[k : k + 1]).squares
+        for k, stress in enumerate(self.equilibrium.stresses):
+            x = defect.motion[self.equilibrium.edges.places[k]]
+            own = np.einsum("ci,ci->c", x, stress.fans.apply(stress.stiffness, x))
+            found[stress.fans.cells] = own + self._inside(k, defect.outline, body[k : k + 1]).squares
         return np.maximum(found, 0.0)
-
-    def norm(self, defect: Defect, missed: Floats) -> float:
-        """The norm of a defect, each cell's larger by what is missed (corners,)."""
-        squares = self.squares_of(defect, self.body_forces.of(defect.densities))
-        return float(np.sqrt(self.enlarged(squares, defect, missed).sum()))
 
     def squares_of_change(self, before: Pair, now: Pair) -> Floats:
         """(n_cells,) squares of what r of v + w changes by from one pair to another, larger by what is missed of it."""
@@ -358,12 +351,11 @@ class Hypercircle:
 
     def distance(self, one: Floats, other: Floats) -> float:
         """|v - w|_a of the displacements with these nodal values (n_nodes, 2), under the same body forces."""
-        squared = 0.0
-        for fans, displacement in zip(self.fans, self.displacements, strict=True):
-            outline = outline_of(fans, one - other)
-            if outline.any():
-                squared += float(np.sum(outline * fans.apply(displacement.stiffness, outline)))
-        squared += float(self.boundary.spring_energies((one - other)[self.boundary.edges.outer_edges]).sum())
+        apart = one - other
+        squared = float(self.boundary.spring_energies(apart[self.boundary.edges.outer_edges]).sum())
+        for made in self.displacements:
+            outline = outline_of(made.fans, apart)
+            squared += float(np.vdot(outline, made.fans.apply(made.stiffness, outline)))
         return float(np.sqrt(max(squared, 0.0)))
 
     def _corners(self, fans: Fans) -> Ints:
@@ -384,48 +376,19 @@ class Hypercircle:
         work = np.concatenate([(loads[:, :2] - 0.5 * loads[:, 2:]).ravel(), loads[:, 2].ravel()])
         return totals(place, work, self.inside.size)
 
-    def _work(self, moments: Sequence[Floats]) -> Floats:
-        """(j,) the work of body forces (c, 6 n) on the rigid motions of bodies that nothing else holds."""
-        work = np.zeros(self.boundary.motions.shape[1])
-        for fans, F in zip(self.fans, moments, strict=False):
-            for k, mode in enumerate(self.boundary.motions.T):
-                N, x = mode.reshape(-1, 2)[fans.nodes], fans.corners - fans.corners.mean(axis=1, keepdims=True)
-                turn = -np.einsum("cid,cid->c", right_of(x), N) / np.einsum("cid,cid->c", x, x)
-                y = fans.corners.mean(axis=1)
-                centre = N.mean(axis=1) + turn[:, None] * right_of(y)
-                each = np.stack([np.broadcast_to(centre[:, None], N.shape), N, np.roll(N, -1, axis=1)], axis=2)
-                work[k] += float(np.sum(F * each.reshape(F.shape)))
-        return work
-
     def densities_at(self, t: float) -> tuple[Floats, ...]:
         """Body forces (c, n, 21, 2) of each chunk of cells at the points of the rule; none if there are none."""
         loads = self.boundary.oscillation.body_loads
         if not loads:
             return ()
         return tuple(
-            reduce(np.add, [load.at(x.reshape(-1, 2), t).reshape(x.shape) for load in loads]) for x in self._points
+            np.sum([load.at(x.reshape(-1, 2), t).reshape(x.shape) for load in loads], axis=0) for x in self._points
         )
 
     @cached_property
     def _points(self) -> tuple[Floats, ...]:
         """(c, n, 21, 2) of each chunk of cells: 1.3 kB a square, a twelfth of the body forces' part of a step."""
         return tuple(fans.points() for fans in self.fans)
-
-    def reading(self, pair: Pair, t: float) -> Reading:
-        """How well the loads of a pair are read."""
-        return reading(self.boundary, self.fans, pair.densities, t)
-
-    def allowances(self, pair: Pair, t: float) -> tuple[float, float]:
-        """For what may be misread of the loads of a pair: eta, and |e(u)| of the exact u.
-
-        Both are zero where two readings agree (:mod:`vemcvx.bound.reading`).
-        """
-        read = self.reading(pair, t)
-        if read.exact:
-            return 0.0, 0.0
-        v = [one.nodal(outline_of(one.fans, pair.u)) for one in self.displacements]
-        eta = read.energy
-        return eta, read.work(v, pair.u[self.boundary.edges.outer_edges]) + eta * pair.upper
 
 
 def outline_of(fans: Fans, u: Floats) -> Floats:
@@ -449,10 +412,7 @@ def hypercircle(posed: PosedScene) -> Hypercircle:
     fans = fans_of(posed.space, elastic_matrix(posed.material.moduli))
     displacements = tuple(fan_displacement(one, False) for one in fans)
     numbered = edges_of(mesh, edges, fans)
-    bonds = Bonds(edges.joints.first, edges.joints.second, boundary.bonds)
-    stresses = tuple(fan_stress(one, False) for one in fans)
-    floats = boundary.motions.shape[1] > 0
-    balance = equilibrium(numbered, stresses, boundary.free, bonds, springs=boundary.springs, floats=floats)
+    balance = equilibrium(numbered, tuple(fan_stress(one, False) for one in fans), boundary)
     outlines = tuple(
         _outline(one, place, posed.space.n_unknowns) for one, place in zip(fans, numbered.places, strict=True)
     )

@@ -56,19 +56,10 @@ class Surface:
     """(b,) int g |s| + c s + k z_+^2 / 2: what v pays for friction, and stores in obstacles"""
     gap: Floats
     """(b,) what v and the tractions lack of the laws of friction and contact"""
-    bound: Floats
-    """(k, 2) g at the ends of pieces, zero where nothing rubs"""
-    bias: Floats
-    """(k, 2) c"""
-    friction: Floats
-    """(k, 2) q"""
+    laws: Floats
+    """(3, k, 2) g, c and q at the ends of pieces, g being zero where nothing rubs"""
     slip: Floats
     """(k, 2) s"""
-
-    @property
-    def laws(self) -> tuple[Floats, Floats, Floats]:
-        """g, c and q."""
-        return self.bound, self.bias, self.friction
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,36 +92,31 @@ class Boundary:
         """(b, 2, 2) projectors on what supports prescribe on edges: motions, or jumps to another body."""
         squares = np.zeros((len(self.edges.outer), 2, 2))
         for support in (support for part in self.oscillation.parts for support in part.supports):
-            partners = np.full(len(support.nodes), -1) if support.partners is None else support.partners
-            new = (support.nodes >= self.fine.old) & ((partners >= 0) == joined)
-            owner = self.fine.owner[support.nodes[new] - self.fine.old]
-            np.add.at(squares, owner, np.einsum("qi,qj->qij", support.directions[new], support.directions[new]))
-        return _spanned(squares)
+            jumps = False if support.partners is None else support.partners >= 0
+            new = (support.nodes >= self.fine.old) & (jumps == joined)
+            d, owner = support.directions[new], self.fine.owner[support.nodes[new] - self.fine.old]
+            np.add.at(squares, owner, np.einsum("qi,qj->qij", d, d))
+        values, vectors = np.linalg.eigh(squares)
+        kept = values > 1e-4 * values.max(initial=0.0)
+        projectors: Floats = np.einsum("bik,bk,bjk->bij", vectors, kept, vectors)
+        return projectors
 
     @cached_property
     def bonds(self) -> Floats:
-        """(j, 2, 2) projectors on the directions in which the two edges of each joint move alike, held by nothing."""
-        first = self.edges.joints.first
-        return self._tied - _common(self._tied, self.held[first])
-
-    @cached_property
-    def _tied(self) -> Floats:
-        """(j, 2, 2) projectors on what supports prescribe of the jump at each joint."""
+        """(j, 2, 2) projectors on the directions in which the two edges of each joint move alike."""
         return self._prescribed(True)[self.edges.joints.first]
 
     @cached_property
-    def held(self) -> Floats:
-        """(b, 2, 2) projectors on the directions in which edges are held, by themselves or bonded to one that is."""
-        joints, own = self.edges.joints, self._prescribed(False)
-        held = own.copy()
-        for one, other in ((joints.first, joints.second), (joints.second, joints.first)):
-            held[one] += _common(self._tied, own[other])
-        return _spanned(held)
-
-    @cached_property
     def free(self) -> Floats:
-        """(b, 2, 2) projectors on the others."""
-        return np.eye(2) - self.held
+        """(b, 2, 2) projectors on the directions in which supports do not hold edges."""
+        free, joints = np.eye(2) - self._prescribed(False), self.edges.joints
+        held = (free[[joints.first, joints.second]] != np.eye(2)).any(axis=(0, 2, 3))
+        if (held & self.bonds.any(axis=(1, 2))).any():
+            raise SceneError(
+                "error_bound: there is no bound where a support holds an edge of an interface whose two sides are held "
+                "together; end it beside the interface."
+            )
+        return free
 
     def _moves(self, directions: Floats) -> Bools:
         """(b,) which edges move along these directions (b, 2), also at an angle; of a joint, move apart along them."""
@@ -179,8 +165,27 @@ class Boundary:
                 "give one number for each part of the boundary."
             )
         mass = self.edges.lengths[:, None, None] * np.array([[2.0, 1.0], [1.0, 2.0]]) / 6.0
-        springs: Floats = np.einsum("bij,bkl->bikjl", mass, mean).reshape(count, 4, 4)
-        return springs
+        springs: Floats = np.einsum("bij,bkl->bikjl", mass, mean)
+        self._check_along_boundary(springs.sum(axis=3))
+        return springs.reshape(count, 4, 4)
+
+    def _check_along_boundary(self, felt: Floats) -> None:
+        """Raise SceneError where the scene's stiffness is not that of springs by which the ends of edges are held.
+
+        `felt` (b, 2, 2, 2) are their forces on both ends under unit translations. No entry off the diagonal of a matrix
+        of springs to the ground is negative, so that the diagonal is at most what translations feel.
+        """
+        stiffness, own = self.posed.springs, np.zeros((self.posed.space.mesh.n_nodes, 2, 2))
+        if stiffness is None:
+            return
+        np.add.at(own, self.edges.outer_edges, felt)
+        whole = (stiffness @ np.tile(np.eye(2), (len(own), 1))).reshape(own.shape)
+        beyond = stiffness.diagonal().reshape(-1, 2).sum(axis=1) - np.trace(own, axis1=1, axis2=2)
+        if max(np.abs(whole - own).max(), beyond.max()) > SAME * np.abs(own).max(initial=0.0):
+            raise SceneError(
+                "error_bound: there is no bound for a stiffness of one's own beside the material's that is not of "
+                "springs to the ground along edges of the boundary, as ElasticFoundation has them."
+            )
 
     def spring_energies(self, motion: Floats) -> Floats:
         """(b,) int k m . m of motions (b, 2, 2) of the ends of edges."""
@@ -194,21 +199,23 @@ class Boundary:
         size = float(np.abs(now.u).max(initial=0.0))
         for support in (support for part in self.oscillation.parts for support in part.supports):
             new = support.nodes >= self.fine.old
-            at, directions = support.nodes[new] - self.fine.old, support.directions[new]
-            partners = np.full(len(at), -1) if support.partners is None else support.partners[new]
-            moved = np.where(partners[:, None] >= 0, self.fine.between(jumps, at), self.fine.between(ends, at))
+            at, moved = support.nodes[new] - self.fine.old, ends if support.partners is None else jumps
             wanted = np.zeros(len(at)) if support.value is None else np.asarray(support.value(now.t))[new]
-            apart = np.abs(np.einsum("qd,qd->q", directions, moved) - wanted)
-            if apart.max(initial=0.0) > SAME * max(size, np.abs(wanted).max(initial=0.0)):
+            apart = np.einsum("qd,qd->q", support.directions[new], self.fine.between(moved, at)) - wanted
+            if (worst := np.abs(apart).max(initial=0.0)) > SAME * max(size, np.abs(wanted).max(initial=0.0)):
                 raise SceneError(
-                    f"error_bound: {support.subject} moves the boundary by {apart.max():.3g} otherwise than linearly "
+                    f"error_bound: {support.subject} moves the boundary by {worst:.3g} otherwise than linearly "
                     "between nodes; there is no bound for such supports. Prescribe what is linear on edges, or give "
                     "tractions."
                 )
 
     def _pieces(self, rows: Friction | Obstacle) -> tuple[Ints, Ints, Ints]:
         """The pieces, their ends, and the rows of effects there."""
-        assert rows.ends is not None  # Others are refused before: check_estimable.
+        if rows.ends is None:
+            raise SceneError(
+                f"error_bound: there is no bound for {rows.subject}, which does not say on which edges it acts: "
+                "effects of one's own say it by ends= of their Friction or Obstacle."
+            )
         names = np.column_stack([rows.nodes[rows.ends.row], rows.ends.beyond])
         piece = positions(names, self.fine.pieces, self.fine.mesh.n_nodes)
         return piece, (names[:, 0] != self.fine.pieces[piece, 0]).astype(int), rows.ends.row
@@ -243,13 +250,13 @@ class Boundary:
         SceneError
             Something has no bound.
         """
-        owner, loads = self.fine.piece_owner, self.tractions(now.t, self.gauss)
-        laws = self._laws(now, before)
-        theta, presses = self._theta(now, laws), [self._pressing(now, compliant) for compliant in (False, True)]
+        owner, traction = self.fine.piece_owner, self.tractions(now.t, self.gauss)
+        (g, c), slip, loads = self._laws(now), self._slip(now, before), self.moments(traction)
+        theta, presses = self._theta(now, g, c), [self._pressing(now, compliant) for compliant in (False, True)]
         if self.motions.shape[1]:
-            theta, presses = self._balanced(theta, presses, laws, self.moments(loads)[:, :2], body)
-        q = laws.bias + self._line(theta) * laws.bound
-        paid = products(laws.bound, np.abs(laws.slip)) + products(laws.bias, laws.slip)
+            theta, presses = self._balanced(theta, presses, (g, c), loads[:, :2], body)
+        q = c + self._line(theta) * g
+        paid = products(g, np.abs(slip)) + products(c, slip)
         rigid, soft = (self._line(press.ends) for press in presses)
         lacking = presses[0].lacking(rigid) + presses[1].lacking(soft)
         along, outward = self.edges.tangents[owner, None], self.edges.units[owner, None]
@@ -257,23 +264,21 @@ class Boundary:
         second, first = self._opposite
         contact[second] -= contact[first][:, ::-1]
         within = 0.5 + 0.5 * GAUSS[:, None]
-        acting = loads - (1.0 - within) * contact[:, :1] - within * contact[:, 1:]
+        acting = traction - (1.0 - within) * contact[:, :1] - within * contact[:, 1:]
         return Surface(
-            loads=self.moments(loads),
+            loads=loads,
             forces=self.moments(acting)[:, :2],
             acting=acting,
             cost=self.integrals(paid + presses[1].stored),
-            gap=np.maximum(self.integrals(paid - products(q, laws.slip) + lacking), 0.0),
-            bound=laws.bound,
-            bias=laws.bias,
-            friction=q,
-            slip=laws.slip,
+            gap=np.maximum(self.integrals(paid - products(q, slip) + lacking), 0.0),
+            laws=np.stack([g, c, q]),
+            slip=slip,
         )
 
     def lacking(self, before: Surface, now: Surface) -> float:
         """D, what friction and slip lack of their law between two instants, linear in time: >= 0."""
-        bound, bias, friction = (0.5 * (a + b) for a, b in zip(before.laws, now.laws, strict=True))
-        means = products(bound, np.abs(now.slip)) + products(bias - friction, now.slip)
+        g, c, q = 0.5 * (before.laws + now.laws)
+        means = products(g, np.abs(now.slip)) + products(c - q, now.slip)
         return max(float(self.integrals(means).sum()), 0.0)
 
     def missed(self, traction: Floats) -> tuple[Floats, Floats]:
@@ -291,7 +296,9 @@ class Boundary:
         s, mean = self.gauss[..., None], (bent / lengths)[owner, None]
         rest = traction - (1.0 - s) * tips[owner, :1] - s * tips[owner, 1:] - (1.0 - 6.0 * s * (1.0 - s)) * mean
         rest[np.abs(rest) <= rounding] = 0.0
-        return totals(owner, np.einsum("kq,kqd,kqd->k", self._weights, rest, rest), len(bent)), bent
+        # On m pieces three points lack the part m^-6 of the square of what quadratic functions leave of a cubic one.
+        seen = 1.0 - np.bincount(owner) ** -6.0
+        return totals(owner, np.einsum("kq,kqd,kqd->k", self._weights, rest, rest), len(bent)) / seen, bent
 
     @cached_property
     def _opposite(self) -> tuple[Ints, Ints]:
@@ -354,33 +361,44 @@ class Boundary:
 
     # Friction.
 
-    def _laws(self, now: Instant, before: Instant) -> _Laws:
-        owner, terms = self.fine.piece_owner, self.posed.terms
-        frictions = [friction for part in self.oscillation.parts for friction in part.frictions]
-        bound, bias, moved = (np.zeros(self.fine.pieces.shape) for _ in range(3))
-        for friction in frictions:
-            bound += np.nan_to_num(self._read(friction, friction.weights(now.t) / friction.lengths))
-            if friction.bias is not None:
-                bias += np.nan_to_num(self._read(friction, friction.bias(now.t) / friction.lengths))
+    def _laws(self, now: Instant) -> Floats:
+        """(2, k, 2) bound g and bias c of friction at the ends of pieces."""
+        terms, laws = self.posed.terms, np.zeros((2, *self.fine.pieces.shape))
+        for friction in self.frictions:
+            for law, weights in zip(laws, (friction.weights, friction.bias), strict=True):
+                if weights is not None:
+                    law += np.nan_to_num(self._read(friction, weights(now.t) / friction.lengths))
+        if any(friction.law is not None for friction in self.frictions):
+            # Bounds that follow the pressure are those of the answer, linear between nodes.
+            laws[0] = self._line(self._at_ends(terms, (now.weights / terms.lengths)[:, None])[..., 0])
+        return np.where(self._moves(self.edges.tangents)[self.fine.piece_owner, None], laws, 0.0)
+
+    def _slip(self, now: Instant, before: Instant) -> Floats:
+        """(k, 2) the slip in a step at the ends of pieces, less what the ground moves by."""
+        moved = np.zeros(self.fine.pieces.shape)
+        for friction in self.frictions:
             if friction.ground is not None:
                 along = friction.ground.vector(now.t) - friction.ground.vector(before.t)
                 way = self._read(friction, np.einsum("md,md->m", along, tangents_of(friction.normals)[:, 0]))
                 # Frictions that share an edge share their ground: it moves once.
                 moved = np.where(np.isfinite(way), way, moved)
-        if any(friction.law is not None for friction in frictions):
-            # Bounds that follow the pressure are those of the answer, linear between nodes.
-            bound = self._line(self._at_ends(terms, (now.weights / terms.lengths)[:, None])[..., 0])
-        moves = self._moves(self.edges.tangents)[owner, None]
-        slip = self._line(np.einsum("bed,bd->be", self.edges.jumps(now.u - before.u), self.edges.tangents)) - moved
-        return _Laws(np.where(moves, bound, 0.0), np.where(moves, bias, 0.0), slip)
+        return self._along_edges(self.edges.jumps(now.u - before.u), self.edges.tangents) - moved
 
-    def _theta(self, now: Instant, laws: _Laws) -> Floats:
+    @property
+    def frictions(self) -> list[Friction]:
+        """All frictions, also those that assembled as zero."""
+        return [friction for part in self.oscillation.parts for friction in part.frictions]
+
+    def _along_edges(self, ends: Floats, ways: Floats) -> Floats:
+        """(k, 2) at the ends of pieces the components of motions (b, 2, 2) of the ends of edges along ways (b, 2)."""
+        return self._line(np.einsum("bed,bd->be", ends, ways))
+
+    def _theta(self, now: Instant, g: Floats, c: Floats) -> Floats:
         """theta (b, 2) at the ends of edges, by the multipliers."""
         terms = self.posed.terms
         against = self._at_ends(terms, now.lam / terms.lengths[:, None] * terms.tangents[:, 0])
-        ends = np.einsum("bed,bd->be", against, self.edges.tangents)
-        bound, bias = self._tips(laws.bound), self._tips(laws.bias)
-        theta = np.divide(ends - bias, bound, out=np.zeros_like(ends), where=bound > 0.0)
+        ends, bound = np.einsum("bed,bd->be", against, self.edges.tangents), self._tips(g)
+        theta = np.divide(ends - self._tips(c), bound, out=np.zeros_like(ends), where=bound > 0.0)
         clipped: Floats = np.clip(np.where(bound > 0.0, theta, theta[:, ::-1]), -1.0, 1.0)
         return clipped
 
@@ -393,31 +411,31 @@ class Boundary:
         return np.zeros((P.shape[0], 0)) if kernel is None else np.asarray(P @ kernel.basis)
 
     def _balanced(
-        self, theta: Floats, presses: list[_Pressing], laws: _Laws, loads: Floats, body: Floats
+        self, theta: Floats, presses: list[_Pressing], laws: tuple[Floats, Floats], loads: Floats, body: Floats
     ) -> tuple[Floats, list[_Pressing]]:
         """The nearest theta and pressures that balance the loads (b, 2, 2) on these motions.
 
         Nodal multipliers do, but tractions linear between nodes have other moments.
         """
-        count, ends = len(self.edges.outer), self.edges.outer_edges
+        count, (bound, bias) = len(self.edges.outer), laws
         moved = [mode.reshape(-1, 2) for mode in self.motions.T]
         along, outward = (
-            [self._line(np.einsum("bed,bd->be", self.edges.jumps(mode), way)) for mode in moved]
+            [self._along_edges(self.edges.jumps(mode), way) for mode in moved]
             for way in (self.edges.tangents, self.edges.units)
         )
-        hats = [self._line(np.tile(np.eye(2)[end], (count, 1))) for end in range(2)]
+        hats = 1.0 - self._along, self._along
 
         def felt(ways: list[Floats], weight: Floats | float) -> Floats:
             """(2 b, j) the work of hats of both ends."""
             works = [[self.integrals(products(hat * weight, way)) for way in ways] for hat in hats]
             return np.moveaxis(np.array(works), (0, 1), (1, 2)).reshape(2 * count, len(ways))
 
-        push = body + np.array([np.sum(loads * mode[ends]) for mode in moved])
-        push = push - np.array([self.integrals(products(laws.bias, way)).sum() for way in along])
+        push = body + np.array([np.sum(loads * mode[self.edges.outer_edges]) for mode in moved])
+        push = push - np.array([self.integrals(products(bias, way)).sum() for way in along])
         acting = [press.acts for press in presses]
         H = np.concatenate([felt(outward, 1.0) * np.repeat(acts, 2)[:, None] for acts in acting])
-        G = felt(along, laws.bound)
-        length, mean = np.repeat(self.edges.lengths, 2), self.integrals(laws.bound.mean(axis=1)) / self.edges.lengths
+        G = felt(along, bound)
+        length, mean = np.repeat(self.edges.lengths, 2), self.integrals(bound.mean(axis=1)) / self.edges.lengths
         g = np.repeat(np.where(mean > 0.0, mean, 1.0), 2)
         p = np.concatenate([press.ends.ravel() for press in presses])
         found, pressure, left = KernelBalance(G[:, None], H).nearest(
@@ -474,8 +492,7 @@ class Boundary:
             if compliant:
                 stiffness[known] = self._read(obstacle, 1.0 / (obstacle.compliance * obstacle.lengths))[known]
         distance[~self._moves(self.edges.units)[self.fine.piece_owner]] = np.inf
-        outward = self._line(np.einsum("bed,bd->be", self.edges.jumps(u), self.edges.units))
-        return outward - distance, stiffness
+        return self._along_edges(self.edges.jumps(u), self.edges.units) - distance, stiffness
 
     def admitted(self, u: Floats, t: float) -> Floats:
         """The displacement (n_nodes, 2), moved back where it goes beyond rigid obstacles.
@@ -523,30 +540,6 @@ def free_alone(P: sp.csr_matrix | sp.csc_matrix) -> Floats:
     return alone
 
 
-def _spanned(squares: Floats) -> Floats:
-    """Projectors (b, 2, 2) on what positive semidefinite matrices do not map to zero."""
-    values, vectors = np.linalg.eigh(squares)
-    kept = values > 1e-4 * values.max(initial=0.0)
-    projectors: Floats = np.einsum("bik,bk,bjk->bij", vectors, kept, vectors)
-    return projectors
-
-
-def _common(one: Floats, other: Floats) -> Floats:
-    """Projectors (j, 2, 2) on what is in both spans: these are the plane, nothing, or lines, alike or not."""
-    values, vectors = np.linalg.eigh(one + other)
-    common: Floats = np.einsum("bik,bk,bjk->bij", vectors, values > 1.5, vectors)
-    return common
-
-
-@dataclass(frozen=True, eq=False)
-class _Laws:
-    """Friction at the ends of pieces, (k, 2) each."""
-
-    bound: Floats
-    bias: Floats
-    slip: Floats
-
-
 @dataclass(frozen=True, eq=False)
 class _Pressing:
     """The pressure of rigid or of compliant obstacles."""
@@ -562,9 +555,8 @@ class _Pressing:
 
     @property
     def stored(self) -> Floats:
-        """(k,) the mean of k z_+^2 / 2 on pieces."""
-        if self.stiffness is None:
-            return np.zeros(len(self.depth))
+        """(k,) the mean of k z_+^2 / 2 on pieces, of compliant ones."""
+        assert self.stiffness is not None
         into = np.maximum(self.depth, 0.0)
         stored: Floats = 0.5 * self.stiffness.max(axis=1) * products(into, into)
         return stored

@@ -37,7 +37,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from vemcvx.arrays import Floats, Ints, largest, totals
-from vemcvx.bound.hypercircle import IN_SPACE, Hypercircle, hypercircle, outline_of
+from vemcvx.bound.hypercircle import IN_SPACE, Hypercircle, hypercircle
 from vemcvx.bound.reading import reading
 from vemcvx.bound.skeleton import Instant
 from vemcvx.errors import MeshError, SceneError
@@ -76,7 +76,7 @@ class Inner(NamedTuple):
         inside = replace(read, edges=np.zeros_like(read.edges), unseen=np.zeros_like(read.unseen))
         if inside.exact:
             return cls(*circle.inner(u, t), 0.0)
-        v = [one.nodal(outline_of(one.fans, u)) for one in circle.displacements]
+        v = circle.nodal(circle.equilibrium.edges.outline(u))
         return cls(*circle.inner(u, t), inside.work(v, u[circle.boundary.edges.outer_edges]))
 
 
@@ -94,17 +94,6 @@ class Sizes(NamedTuple):
     """parts of |r_n|"""
     cells: Floats
     """(n_cells,) squares of r in cells of the run"""
-
-
-class Growth(NamedTuple):
-    """What y grows by along a path, but for friction."""
-
-    cells: Floats
-    """(n_cells,) shares of cells, up to a factor"""
-    added: float
-    """sum of |r_n - r_{n-1}|"""
-    largest: float
-    """the largest |r| of v"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,8 +115,11 @@ class Within:
         with unwarned():
             return hypercircle(pose_scene(self.scene, self.mesh, self.times))
 
-    def growth(self, path: Sequence[Instant]) -> Growth:
-        """What y grows by along a path."""
+    def growth(self, path: Sequence[Instant]) -> tuple[Floats, float, float]:
+        """What y grows by along a path, but for friction.
+
+        Shares of cells (n_cells,), up to a factor, the sum of |r_n - r_{n-1}|, and the largest |r| of v.
+        """
         circle, largest = self.circle, 0.0
         cells, added = np.zeros(self.mesh.n_cells), 0.0
         pair = circle.pair(path[0], path[0])
@@ -138,7 +130,7 @@ class Within:
             cells += squares / (step or 1.0)
             added, largest = added + step, max(largest, beyond.A2)
             pair = beyond
-        return Growth(cells, added, float(np.sqrt(largest)))
+        return cells, added, float(np.sqrt(largest))
 
     def split(self, squares: Floats) -> Within:
         """With those cells in parts that have most of such squares (n_cells,)."""
@@ -172,11 +164,12 @@ class Within:
         """The Sizes of the displacement with nodal values (n_nodes, 2) of the run at an instant of the path."""
         circle, carried = self.circle, self.carried @ u
         pair, own = circle.pair(replace(now, u=carried), now), Inner.of(circle, carried, now.t)
+        squares = circle.squares_of(pair.richer, circle.body_forces.of(pair.densities))
         apart = of_run.energy - own.energy - 2.0 * (of_run.work - own.work - of_run.misread - own.misread)
         return Sizes(
             norm=float(np.sqrt(of_run.energy)),
             defect=float(np.sqrt(max(pair.A2 + apart, 0.0))),
-            richer=circle.norm(pair.richer, pair.oscillation),
+            richer=float(np.sqrt(circle.enlarged(squares, pair.richer, pair.oscillation).sum())),
             mesh=float(np.sqrt(max(pair.squares.sum() + apart, 0.0))),
             data=float(np.sqrt(np.sum(pair.oscillation**2))),
             cells=totals(self.parents, pair.cells, int(self.parents.max()) + 1),
@@ -198,12 +191,12 @@ def within_cells(
     growth = own.growth(own.path(history, looked_at(instants)))
     try:
         within = _finer(own, history, instants, growth)
-        return within, inner, _shorter(within, history, instants, growth.largest)
+        return within, inner, _shorter(within, history, instants, growth[2])
     except (MeshError, SceneError) as error:
         # As where data are given cell by cell, or finer cells would move from where the run begins. What was found, and
         # not what to do: the advice is for a run, and this one is not the reader's.
         log.info("error_bound: the path is on the cells of the run: %s.", str(error).partition(". ")[0].rstrip("."))
-    return whole, inner, _shorter(whole, history, instants, growth.largest)
+    return whole, inner, _shorter(whole, history, instants, growth[2])
 
 
 def looked_at(instants: Floats) -> Floats:
@@ -213,14 +206,14 @@ def looked_at(instants: Floats) -> Floats:
     return np.union1d(instants[[0, -1]], inside[some])
 
 
-def _finer(within: Within, history: History, instants: Floats, growth: Growth) -> Within:
+def _finer(within: Within, history: History, instants: Floats, growth: tuple[Floats, float, float]) -> Within:
     """The cells in parts, until what y grows by on them, `growth` at first, is ENOUGH of |r| at most."""
-    some, enough, most = looked_at(instants), ENOUGH * growth.largest, TIMES_AS_MANY * within.mesh.n_cells + FEW
+    (cells, added, r), most = growth, TIMES_AS_MANY * within.mesh.n_cells + FEW
     for _ in range(PASSES):
-        if growth.added <= enough or within.mesh.n_cells > most:
+        if added <= ENOUGH * r or within.mesh.n_cells > most:
             break
-        within = within.split(growth.cells)
-        growth = within.growth(within.path(history, some))
+        within = within.split(cells)
+        cells, added, _ = within.growth(within.path(history, looked_at(instants)))
     return within
 
 

@@ -1,0 +1,129 @@
+"""What has no bound says so."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+from scenes import paper_scene
+from test_error_bound import LIFTED, STACKS, STEEL, stacked
+
+import vemcvx as vx
+from vemcvx.effects import Contribution, Effect, Friction, Support
+
+pytestmark = pytest.mark.arithmetic
+
+
+@pytest.mark.parametrize(
+    ("effects", "said"),
+    [
+        ([vx.Viscosity(1.0, 1.0)], "Viscosity"),
+        ([vx.PointLoad(lambda x, t: (0.0, t), at=(0.0, 1.0))], "PointLoad"),
+        ([vx.ElasticFoundation(normal=lambda x: 1.0 + x[:, 0], on="top")], "ElasticFoundation"),
+        ([vx.PrescribedDisplacement(lambda x, t: t * np.sin(x), on="top")], "linearly between nodes"),
+    ],
+)
+def test_what_has_no_bound_says_so(effects, said):
+    scene = vx.Scene(STEEL, vx.Clamp(on="bottom"), vx.Traction(lambda x, t: (t, 0.0), on="left"), *effects)
+    history = vx.simulate(scene, vx.meshes.squares(4), [0.0, 1.0])
+    with pytest.raises(vx.SceneError, match=said):
+        vx.error_bound(history, step=-1)
+
+
+@dataclass(frozen=True)
+class Stiffness(Effect):
+    """A stiffness of one's own, one number along both axes: of springs at all nodes, or along the edges of the top."""
+
+    at_nodes: bool
+
+    def contribute(self, space):
+        ends = space.mesh.boundaries["top"].T
+        along = np.concatenate([ends, ends]).reshape(-1), np.concatenate([ends, ends[::-1]]).reshape(-1)
+        entries = 20.0 * np.repeat([1.0, -1.0], ends.size)
+        bar = sp.csr_matrix((entries, along), shape=(space.mesh.n_nodes, space.mesh.n_nodes))
+        springs = sp.eye_array(space.mesh.n_nodes) if self.at_nodes else bar
+        return Contribution(stiffness=sp.csr_matrix(sp.kron(springs, np.eye(2))))
+
+    def describe(self):
+        return f"Stiffness {self.at_nodes}"
+
+
+@pytest.mark.parametrize("at_nodes", [True, False])
+def test_a_stiffness_that_is_none_of_springs_along_the_boundary_has_no_bound(at_nodes):
+    """In a bed what a step makes least was from -.00067 to -.00056 by 4 x 4 squares, -.00105 to -.00100 by 8 x 8."""
+    load = vx.Traction(lambda x, t: np.tile([0.0, -t], (len(x), 1)), on="right")
+    history = vx.simulate(vx.Scene(STEEL, vx.Clamp(on="left"), load, Stiffness(at_nodes)), vx.meshes.squares(4), [0, 1])
+    with pytest.raises(vx.SceneError, match="springs to the ground along edges"):
+        vx.error_bound(history, step=-1)
+
+
+@dataclass(frozen=True)
+class Rubs(Effect):
+    """Friction without a bound, which does not say on which edges it acts."""
+
+    def contribute(self, space):
+        friction = Friction.of(space.part("top", "Rubs", contact=True).node_normals, "Rubs")
+        return Contribution(frictions=(replace(friction, weights=lambda t: 0.0 * friction.lengths, ends=None),))
+
+    def describe(self):
+        return "Rubs"
+
+
+def test_friction_that_assembles_as_zero_has_to_say_where_it_acts():
+    """It was an AssertionError: the check of what acts in a step does not see it."""
+    load = vx.Traction(lambda x, t: np.tile([0.0, -t], (len(x), 1)), on="right")
+    history = vx.simulate(vx.Scene(STEEL, vx.Clamp(on="left"), load, Rubs()), vx.meshes.squares(2), [0.0, 1.0])
+    with pytest.raises(vx.SceneError, match="no bound for Rubs, which does not say on which edges"):
+        vx.error_bound(history, step=-1)
+
+
+def test_friction_by_pressure_that_is_zero_at_nodes_is_given_friction():
+    """It was called a bound of the scene, in which it acts between nodes."""
+    between = vx.CoulombFriction(lambda x, t: np.where(x[:, 0] % 0.5 > 0.01, 0.5, 0.0), on="bottom")
+    load = vx.Traction(lambda x, t: np.tile([t, -t], (len(x), 1)), on="top")
+    scene = vx.Scene(STEEL, vx.Clamp(on="left"), load, vx.UnilateralContact(on="bottom"), between)
+    bound = vx.error_bound(vx.simulate(scene, vx.meshes.squares(2), [0.0, 1.0]), step=-1)
+    assert bound.kind == "bound for the given friction"
+
+
+def test_moduli_inside_cells_are_looked_at_where_nothing_strains():
+    """All nodes are held: the bound was a ninth of the error."""
+    young = vx.Elasticity(young=lambda x: 1.0 + 199.0 * (abs(x[:, 0] - 0.5) < 0.3), poisson=0.3)
+    scene = vx.Scene(young, vx.Clamp(on="boundary"), vx.BodyForce(lambda x, t: (0.0, -t)))
+    with pytest.raises(vx.SceneError, match="vary inside cells"):
+        vx.error_bound(vx.simulate(scene, vx.meshes.squares(1), [0.0, 1.0]), step=-1)
+
+
+@dataclass(frozen=True)
+class Rail(Effect):
+    """A support of one's own on the second body's side of an interface, where none of the package's may be."""
+
+    def contribute(self, space):
+        nodes = np.unique(space.mesh.interfaces["lower|upper"].partners)
+        points = space.mesh.points[nodes]
+        return Contribution(supports=(Support("Rail", nodes, np.tile([0.6, 0.8], (len(nodes), 1)), points),))
+
+    def describe(self):
+        return "Rail"
+
+
+def test_supports_of_interfaces_that_hold_together_have_no_bound():
+    history = vx.simulate(STACKS["frictionless"].with_(Rail()), stacked(2), [0.0, 1.0])
+    with pytest.raises(vx.SceneError, match="end it beside the interface"):
+        vx.error_bound(history, step=-1)
+
+
+@pytest.mark.long
+def test_bodies_in_space_and_steps_that_are_not_there_say_so():
+    history = vx.simulate(paper_scene(), vx.meshes.squares(4), [0.0, 0.5, 1.0], store="last")
+    with pytest.raises(vx.SceneError, match="step 2 is bounded given the one before, and step 1 was not stored"):
+        vx.error_bound(history, step=-1)
+    with pytest.raises(vx.SceneError, match="store='all'"):
+        vx.error_bound(history)
+    whole = vx.simulate(paper_scene(), vx.meshes.squares(4), [0.0, 1.0])
+    with pytest.raises(vx.SceneError, match="step 0 is where the run begins"):
+        vx.error_bound(whole, step=0)
+    with pytest.raises(vx.SceneError, match="step=-1"):
+        vx.error_bound(vx.simulate(LIFTED, vx.meshes.squares(4), [0.0, 1.0]))

@@ -125,17 +125,17 @@ def friction_terms(
     supports: Supports,
     times: Sequence[float] = (),
     *,
-    reads: Sequence[Floats],
+    known: Sequence[float],
     obstacles: Obstacles,
 ) -> Terms:
     """The terms of all frictions where something can slip or is dragged; equal node, normal and ground make one term.
 
-    The `table` has their rows, on which `obstacles` press, and `reads` the vectors along which each reads slip.
+    The `table` has their rows, on which `obstacles` press; at the instants `known` laws say along what they read slip.
     """
     points = supports.points
     _check_directions(frictions)
     normals = np.concatenate([points[:0], *(f.across for f in frictions)])
-    each = np.concatenate([tangents_of(points[:0]), *reads])
+    each = np.concatenate([tangents_of(points[:0]), *(f.read(known) for f in frictions)])
     first, term = merged((table.nodes, table.partners), normals, kinds=_kinds(frictions))
     every = replace(table, normals=normals).joined(first, term)
     under = None if all(f.ground is None for f in frictions) else partial(_moved, frictions, first)

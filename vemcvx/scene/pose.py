@@ -191,8 +191,8 @@ def pose_scene(
     surfaces = straightened((*holds, *frictions, *stops), _chain(p.surfaces for p in parts))
     # Whatever refers to normals, so that nodal frames have them as axes.
     supports = resolve(holds, (*frictions, *stops), mesh.points)
-    reads = [friction.read(times if len(times) else between) for friction in frictions]
-    terms, obstacles, surface = _contact(surfaces, frictions, stops, supports, times, reads=reads)
+    known = times if len(times) else between
+    terms, obstacles, surface = _contact(surfaces, frictions, stops, supports, times, known=known)
     stiffness = [form for part in parts if (form := _stiffness(part, space)) is not None]
     springs = _sum([p.stiffness for p in parts if p.stiffness is not None and p.material is None])
     viscosity = _sum([p.viscosity for p in parts if p.viscosity is not None])
@@ -266,7 +266,7 @@ def _contact(
     supports: Supports,
     times: Sequence[float],
     *,
-    reads: Sequence[Floats],
+    known: Sequence[float],
 ) -> tuple[Terms, Obstacles, Surface]:
     """What friction and obstacles are on the free unknowns, and where contact is looked at: from one table of rows."""
     table = ContactRows.of([*surfaces, *frictions, *stops], supports.points.shape[1])
@@ -275,7 +275,7 @@ def _contact(
     drawn = np.zeros(len(table), dtype=bool)
     drawn[rubbing] = np.concatenate([drawn[:0], *moves])
     obstacles = gathered(stops, table[rubbing.stop :], supports)
-    terms = friction_terms(frictions, table[rubbing], supports, times, reads=reads, obstacles=obstacles)
+    terms = friction_terms(frictions, table[rubbing], supports, times, known=known, obstacles=obstacles)
     return terms, obstacles, contact_surface(table, drawn, terms, supports, times)
 
 

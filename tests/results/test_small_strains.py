@@ -57,6 +57,20 @@ def test_young_in_other_units_than_loads(caplog, mesh):
     assert size == pytest.approx((2 if mesh is None else 3) ** 0.5, rel=0.01)
 
 
+@pytest.mark.long
+def test_some_cells_of_many_are_looked_at(caplog, monkeypatch):
+    """Two columns of soft cells are a sixteenth of the body: every sixteenth cell shows them."""
+    mesh = vx.meshes.squares(32)
+    soft = np.where(np.arange(mesh.n_cells) % 32 < 2, 1.0, 1e3)  # Cells are numbered along the rows.
+    scene = vx.Scene(vx.Elasticity(soft, 0.0), vx.Clamp(on="left"), vx.Traction((0.3, 0.0), on="right"))
+    told = []
+    for some in (64, 4096):
+        monkeypatch.setattr("vemcvx.simulation.SOME", some)
+        told += said(caplog, lambda: vx.simulate(scene, mesh, [0.0, 1.0], initial="settled"))
+    assert len(told) == 2
+    assert all("a strain of 0.3 at (0.0" in one for one in told)
+
+
 def moved(way, *others):
     """A block whose bottom is held and whose top is moved by `way`, at rest under that."""
     supports = vx.Clamp(on="bottom"), vx.PrescribedDisplacement(way, on="top")

@@ -149,10 +149,14 @@ class PardisoFactor(DirectFactor):
             raise singular()
 
     def random_motions(self) -> Floats:
-        z = np.random.default_rng(0).standard_normal((SAMPLES, self._K.shape[0])).T
+        z = self._normal(SAMPLES)
         if len(self._last):
             z[self._last] = solve_triangular(self._upper, z[self._last], check_finite=False)
         return self._run(333, z)
+
+    def _normal(self, count: int) -> Floats:
+        """(n, count) the numbers z that random motions are made of, the first of them whatever their count."""
+        return np.random.default_rng(0).standard_normal((count, self._K.shape[0])).T
 
     def solve(self, b: Floats) -> Floats:
         return self._run(33, b) / self.unit
@@ -177,9 +181,8 @@ class PardisoFactor(DirectFactor):
     @cached_property
     def lost(self) -> float:
         """|E z|^2 as L^{-1}K x - z of a random motion x = L'^{-1}z, by the forward half of a solve."""
-        x, z = self._samples[0], np.random.default_rng(0).standard_normal(self._K.shape[0])
-        off = self._forward((self._K @ x / self.unit)[:, None])[:, 0] - z
-        return float(off @ off)
+        off = self._forward((self._K @ self._samples[0] / self.unit)[:, None]) - self._normal(1)
+        return float(np.vdot(off, off))
 
     def _forward(self, b: Floats) -> Floats:
         """L^{-1} b of columns (n, k)."""

@@ -371,7 +371,7 @@ class _PreparedConic:
         more = any(setting.when is When.AGAIN for setting in self._settings.settings)
         if more and _gap(program, answer) > target:
             again = self._ask(program, target, cones and program.operators.block > 1, again=True)
-            # Beyond what it can reach the second may be the worse one, by a factor of 100 in gap.
+            # Beyond what it can reach the second may be the worse one, by a factor of 190 in gap.
             better = min(answer, again, key=partial(_gap, program))
             answer = replace(better, iterations=again.iterations + answer.iterations)
         return polished(program, answer) if self._settings.polish else answer

@@ -145,8 +145,8 @@ def scaling(operators: Operators) -> Scaling:
     kappa, delta = unit_diagonal(diagonal)
     sigma = power_of_two(operators.blocks(_size(operators.B, delta)).max(axis=1)) if operators.count else np.zeros(0)
     tau = power_of_two(_size(operators.D, delta))
-    B = sp.csr_matrix(sp.diags_array(1.0 / np.repeat(sigma, operators.block)) @ operators.B @ sp.diags_array(delta))
-    D = sp.csr_matrix(sp.diags_array(1.0 / tau) @ operators.D @ sp.diags_array(delta))
+    B = _between(1.0 / np.repeat(sigma, operators.block), operators.B, delta)
+    D = _between(1.0 / tau, operators.D, delta)
     kernel, anchor = operators.kernel, operators.anchor
     if kernel is not None and anchor is not None:
         kernel, anchor = np.linalg.qr(kernel / delta[:, None])[0], delta * anchor * delta / kappa
@@ -180,7 +180,14 @@ def _scaled(operators: Operators, delta: Floats, kappa: float) -> Matrix:
         return scaled
     if not operators.factor.exact:
         return (K if isinstance(K, Congruent) else Congruent.of(K)).scaled(delta, 1.0 / kappa)
-    return sp.csr_matrix(sp.diags_array(delta) @ K @ sp.diags_array(delta / kappa))
+    return _between(delta, K, delta / kappa)
+
+
+def _between(left: Floats, rows: sp.csr_matrix, right: Floats) -> sp.csr_matrix:
+    """The product of a matrix with two diagonal ones."""
+    product = rows.copy()
+    product.data *= np.repeat(left, np.diff(rows.indptr)) * right[rows.indices]
+    return product
 
 
 def _diagonal(operators: Operators) -> Floats:
@@ -193,4 +200,4 @@ def _size(rows: sp.csr_matrix, delta: Floats) -> Floats:
     """(k,) the largest entry of each row of rows delta."""
     if 0 in rows.shape:  # Rows that read nothing leave no unknowns.
         return np.zeros(rows.shape[0])
-    return (abs(rows) @ sp.diags_array(delta)).max(axis=1).toarray().ravel()
+    return abs(_between(np.ones(rows.shape[0]), rows, delta)).max(axis=1).toarray().ravel()

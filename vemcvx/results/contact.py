@@ -325,6 +325,7 @@ def _closed(posed: PosedScene, trajectory: Trajectory, u: Floats) -> Bools:
     closed, met = np.ones((len(u), len(posed.surface.nodes)), dtype=bool), [(posed.obstacles, trajectory.pressures)]
     if posed.obstacles.prescribed is not None:
         met.append((posed.obstacles.prescribed, np.zeros((len(u), len(posed.obstacles.prescribed.nodes)))))
+    met = [(obstacles, p) for obstacles, p in met if len(obstacles)]
     places = [posed.surface.find(obstacles) for obstacles, _ in met]
     for at in places:
         closed[:, at[at >= 0]] = False
@@ -519,13 +520,13 @@ def sides_of(posed: PosedScene, times: Sequence[float]) -> Sides:
     edges, terms = mesh.boundaries["boundary"], posed.terms
     laws = [friction.law is not None and friction.law.pressed for friction in terms.frictions]
     follows = np.repeat(np.array(laws, dtype=float), [len(friction.nodes) for friction in terms.frictions])
-    pressed, soft = np.flatnonzero(terms.gather @ follows > 0), posed.obstacles.compliance > 0
+    pressed, soft = terms.gather @ follows > 0, posed.obstacles.compliance > 0
     return Sides(
         edges=edges,
         free=free_directions(posed.supports.P, edges.ravel(), np.repeat(np.arange(len(edges)), 2), 2).reshape(-1, 4),
         # What gives way presses with a force that has a limit, as a load.
-        contact=_owned(posed.surface, edges) & ~_owned(posed.obstacles[np.flatnonzero(soft)], edges),
-        pressed=_owned(terms[pressed], edges),
+        contact=_owned(posed.surface, edges) & ~_owned(posed.obstacles, edges, soft),
+        pressed=_owned(terms, edges, pressed),
         loaded=loaded,
         traction=_tractions(posed, edges, times),
         moved=_displacements(posed, edges, times),
@@ -534,8 +535,8 @@ def sides_of(posed: PosedScene, times: Sequence[float]) -> Sides:
 
 def _ends(posed: PosedScene, edges: Ints, of: Ints) -> tuple[Ints, Floats]:
     """The numbers of edges `of` some datum among those of the boundary, and the points (2 q, 2) at their ends."""
-    place = {(a, b): k for k, (a, b) in enumerate(edges.tolist())}
-    at = np.array([place[a, b] for a, b in np.unique(of, axis=0).tolist()], dtype=np.int64)
+    known, wanted = (pair_numbers(pairs[:, 0], pairs[:, 1], int(edges.max())) for pairs in (edges, of))
+    at = np.flatnonzero(np.isin(known, wanted))
     ends = posed.space.mesh.points[edges[at]]
     inside = 1e-4 * (ends[:, 1] - ends[:, 0])  # Data may jump at nodes, or beside them.
     return at, np.stack([ends[:, 0] + inside, ends[:, 1] - inside], axis=1).reshape(-1, 2)
@@ -572,8 +573,8 @@ def _displacements(posed: PosedScene, edges: Ints, times: Sequence[float]) -> Fl
     return total if effects else None
 
 
-def _owned(rows: ContactRows, edges: Ints) -> Bools:
-    """Whether some row owns an end of each edge."""
-    names, most = rows.names[np.unique(sp.csr_matrix(rows.ends).indices)], int(edges.max())
-    known, one, other = (pair_numbers(pairs[:, 0], pairs[:, 1], most) for pairs in (names, edges, edges[:, ::-1]))
-    return np.isin(one, known) | np.isin(other, known)
+def _owned(rows: ContactRows, edges: Ints, some: Bools | slice = slice(None)) -> Bools:
+    """Return True for each edge of which one of some rows owns an end."""
+    names, most = rows.names[rows.ends[some].indices], int(edges.max())
+    known, wanted = (pair_numbers(pairs.min(axis=1), pairs.max(axis=1), most) for pairs in (names, edges))
+    return np.isin(wanted, known)

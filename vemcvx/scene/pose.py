@@ -21,7 +21,8 @@ from vemcvx.errors import SceneWarning
 from vemcvx.linear import Congruent, LinearSolver, nested_dissection
 from vemcvx.meshes import AnyMesh
 from vemcvx.program.kernel import Kernel
-from vemcvx.program.system import Damping, ForceOnPart, Motion, System
+from vemcvx.program.operators import Norms
+from vemcvx.program.system import Damping, ForceOnPart, Limits, Motion, System
 from vemcvx.scene.contact import (
     Obstacles,
     Surface,
@@ -37,7 +38,7 @@ from vemcvx.scene.contact import (
 )
 from vemcvx.scene.rigid import floating_motions, seen_from_bodies
 from vemcvx.scene.scene import InitialStresses, Scene, active_parts, compose, initial_stresses
-from vemcvx.scene.supports import ContactRows, Supports, by_precedence, on_free, resolve, straightened
+from vemcvx.scene.supports import ContactRows, Supports, by_precedence, resolve, straightened
 from vemcvx.vem import Space, SumOverCells, energy_rows, rigid_modes
 
 
@@ -196,7 +197,10 @@ def pose_scene(
     stiffness = [form for part in parts if (form := _stiffness(part, space)) is not None]
     springs = _sum([p.stiffness for p in parts if p.stiffness is not None and p.material is None])
     viscosity = _sum([p.viscosity for p in parts if p.viscosity is not None])
-    kernel = _unsupported(space, supports, terms, obstacles, springs)
+    norms, limited = norm_terms(terms, supports), limits(obstacles, supports)
+    kernel = _unsupported(space, supports, norms, limited, springs)
+    sprung = obstacles.nodes[:0] if springs is None else np.flatnonzero(springs.diagonal() > 0) // space.dim
+    warn_of_free_normals(terms.frictions, supports, np.union1d(obstacles.nodes, sprung))
     # Springs to the ground feel rigid motions, too.
     seen = seen_from_bodies(space) if springs is None else lambda u: u
     A: sp.csr_matrix | Congruent | None = None
@@ -206,12 +210,12 @@ def pose_scene(
     system = System(
         K=_restrict(A, supports),
         load=load_of(loads, A, supports),
-        norms=norm_terms(terms, supports),
+        norms=norms,
         motion=None if supports.still else motion_of(A, supports, terms.acting_rows, obstacles.rows, seen),
         order=None if isinstance(A, Congruent) else cache(partial(_order, A, supports, mesh.points)),
         near_kernel=supports.gather(rigid_modes(mesh.points)),
         kernel=kernel,
-        limits=limits(obstacles, supports),
+        limits=limited,
         damping=_damping(viscosity, supports, seen),
         dragged=dragged_terms(terms, supports),
     )
@@ -280,16 +284,14 @@ def _contact(
 
 
 def _unsupported(
-    space: Space, supports: Supports, terms: Terms, obstacles: Obstacles, springs: sp.csr_matrix | None
+    space: Space, supports: Supports, norms: Norms | None, limited: Limits | None, springs: sp.csr_matrix | None
 ) -> Kernel | None:
     """The rigid motions that only friction or one-sided contact resists.
 
     A warning names them; where they are motions of one of several bodies, the log does.
     """
-    felt = [on_free(rows, supports) for rows in (terms.rows, obstacles.rows)]
-    kernel, of_bodies = floating_motions(space, supports, sp.vstack(felt, format="csr"), springs)
-    sprung = np.zeros(0, dtype=np.int64) if springs is None else np.flatnonzero(springs.diagonal() > 0) // space.dim
-    warn_of_free_normals(terms.frictions, supports, np.union1d(obstacles.nodes, sprung))
+    felt = [*([] if norms is None else [norms.B]), *([] if limited is None else [limited.D])]
+    kernel, of_bodies = floating_motions(space, supports, felt, springs)
     if kernel is not None:
         holds = "holds back" if of_bodies else "holds the body against"
         said = (

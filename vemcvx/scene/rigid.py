@@ -14,6 +14,7 @@ from scipy.sparse.csgraph import connected_components
 from vemcvx.arrays import EPS, Floats, Ints
 from vemcvx.errors import SceneError
 from vemcvx.meshes import AnyMesh
+from vemcvx.meshes.polygons import smallest_linked
 from vemcvx.program.kernel import Kernel
 from vemcvx.scene.supports import Supports
 from vemcvx.vem import Space, rigid_modes, split_motion
@@ -133,27 +134,27 @@ FREE = 1e-12
 
 
 def floating_motions(
-    space: Space, supports: Supports, friction: sp.csr_matrix, springs: sp.csr_matrix | None = None
+    space: Space, supports: Supports, felt: Sequence[sp.csr_matrix], springs: sp.csr_matrix | None = None
 ) -> tuple[Kernel | None, bool]:
     """The motions without strain that no support resists but friction does; None if there are none.
 
     Besides, whether each is one of bodies that interfaces touch: to be held by contact is the normal case there.
-    `friction` (rows, n) is what norm terms and limits feel of the free unknowns, `springs` (n_u, n_u) stiffness that is
-    no material's. SceneError names a motion of a connected part that meets neither strain nor friction.
+    Matrices (rows, n) of norm terms and limits say what is `felt` of the free unknowns, `springs` (n_u, n_u) are
+    stiffness that is no material's. SceneError names a motion of a connected part that meets none of these.
     """
     piece, node = space.pieces
     count = np.bincount(node, minlength=space.mesh.n_nodes)
     R = _motions(piece, node, space.mesh.points)
     k, dim = R.shape[1] // (piece.max() + 1), space.mesh.points.shape[1]
     free = supports.gather(sp.csr_matrix(sp.diags_array(np.repeat(count**-0.5, dim)) @ R))
-    held = sp.csr_matrix(sp.eye_array(R.shape[1]) - free.T @ free)
+    kept = sp.csr_matrix(free.T @ free)
     parts, label = _connected(piece, node, supports.sites, springs)
     bodies = body_names(space.mesh, piece, node)
     fields_of, motions = [], list[tuple[Part, Floats]]()
     for number in range(parts):
         own = np.flatnonzero(label == number)
         columns = (own[:, None] * k + np.arange(k)).ravel()
-        value, vector = np.linalg.eigh(held[columns][:, columns].toarray())
+        value, vector = np.linalg.eigh(np.eye(len(columns)) - kept[columns][:, columns].toarray())
         loose = vector[:, value < FREE * k]
         if loose.shape[1] == 0:
             continue
@@ -167,7 +168,8 @@ def floating_motions(
         part = Part(which, tuple(bodies[one] for one in own), hinges)
         loose = _without_rounding(_piece_by_piece(loose, k), np.abs(space.mesh.points).max() / space.mesh.h)
         field = fields @ loose
-        _, size, rotated = np.linalg.svd(friction @ field, full_matrices=friction.shape[0] < field.shape[1])
+        rubbed = np.vstack([field[:0], *(rows @ field for rows in felt)])
+        _, size, rotated = np.linalg.svd(rubbed, full_matrices=len(rubbed) < field.shape[1])
         # An orthonormal basis of what friction does not feel.
         unfelt = loose @ rotated[int((size > FREE**0.5 * size.max(initial=0.0)).sum()) :].T
         if unfelt.shape[1] > 0:
@@ -255,14 +257,13 @@ def _connected(piece: Ints, node: Ints, sites: Ints, springs: sp.csr_matrix | No
 
     They are connected at sites (n_nodes,) that they share, or that springs join.
     """
-    n = sites.max() + 1
-    joined = sp.csr_matrix((np.ones(len(piece)), (piece, sites[node])), shape=(piece.max() + 1, n))
+    pieces = piece.max() + 1
+    links = np.column_stack([piece, pieces + sites[node]])
     if springs is not None:
-        entries, dim = springs.tocoo(), springs.shape[0] // len(sites)
-        ends = sites[entries.row // dim], sites[entries.col // dim]
-        joined = joined + joined @ sp.csr_matrix((np.ones(entries.nnz), ends), shape=(n, n))
-    parts, label = connected_components(joined @ joined.T, directed=False)
-    return parts, label.astype(np.int64)
+        ends = np.column_stack(springs.nonzero()) // (springs.shape[0] // len(sites))
+        links = np.concatenate([links, pieces + sites[ends]])
+    first, part = np.unique(smallest_linked(links, pieces + sites.max() + 1)[:pieces], return_inverse=True)
+    return len(first), part
 
 
 def _motions(piece: Ints, node: Ints, points: Floats) -> sp.csr_matrix:

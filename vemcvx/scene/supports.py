@@ -553,7 +553,7 @@ def normal_reactions(rows: ContactRows, supports: Supports) -> tuple[Bools, sp.c
 
 def on_free(rows: sp.csr_matrix, supports: Supports) -> sp.csr_matrix:
     """B = B^ P without the rounding of t . n = 0 and t . t = 1."""
-    B = sp.csr_matrix(rows @ supports.P)
+    B: sp.csr_matrix = rows @ supports.P
     B.data[np.abs(B.data) < SAME] = 0.0
     unit = np.abs(np.abs(B.data) - 1.0) < SAME
     B.data[unit] = np.sign(B.data[unit])

@@ -25,7 +25,7 @@ class VemcvxError(Exception):
         super().__init__(*(_shortened(x) if isinstance(x, str) else x for x in arguments))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """As message and attributes: calling the class again would ask for keywords, and hang a pool of processes."""
+        """Pickle message and attributes: calling the class asks for keywords, which hangs a pool of processes."""
         return _made_again, (type(self), *self.args), self.__dict__
 
 

@@ -107,7 +107,7 @@ class History(Results, Outlined):
     """
 
     def __getstate__(self) -> dict[str, Any]:
-        """What pickle keeps: all, if it can; HistoryError names the functions of the scene that it cannot."""
+        """Return the state for pickle; HistoryError names an effect whose functions cannot be pickled."""
         for effect in self.scene or ():
             try:
                 pickle.dumps(effect)

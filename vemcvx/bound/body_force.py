@@ -97,9 +97,9 @@ def integrals(fans: Fans, functions: Floats, f: Floats) -> Floats:
 
 
 def missed_forces(f: Floats) -> tuple[Floats, Floats]:
-    """Of body forces (c, n, 21, 2) at the points of the rule the coefficients (c, n, 3, 2) of parabolas.
+    """Coefficients (c, n, 3, 2) of the parabolas in body forces f (c, n, 21, 2), given at the points of the rule.
 
-    And (c, n) the mean of |f - f_2|^2, exact for cubic f. Of what differs by rounding alone nothing is missed.
+    Besides, (c, n) the mean of |f - f_2|^2, exact for cubic f. Differences that are rounding count as zero.
     """
     rounding = ROUNDING * float(np.abs(f).max())
     weighed = RULE_WEIGHTS[:, None] * f
@@ -174,7 +174,7 @@ class BodyForces:
     """what all of them make, chunk by chunk, once that was asked for"""
 
     def of(self, densities: Sequence[Floats]) -> tuple[Body, ...]:
-        """What body forces (c, n, 21, 2) of each chunk make; nothing where there are none."""
+        """The fields of body forces (c, n, 21, 2) of each chunk; none where there are no forces."""
         if not densities:
             return ()
         f = np.concatenate([density.ravel() for density in densities])
@@ -197,7 +197,7 @@ class BodyForces:
         return tuple(one.combined(np.ones(1)) for one in found)
 
     def _shapes(self, densities: Sequence[Floats]) -> tuple[_Shapes, ...]:
-        """What some densities make, chunk by chunk."""
+        """The fields of some densities, chunk by chunk."""
         ends = np.cumsum([one.nodes.size for one in self.fans])[:-1]
         parts = [np.split(f.reshape(-1, 21, 2), ends) for f in densities]
         return tuple(

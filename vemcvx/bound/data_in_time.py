@@ -87,7 +87,7 @@ class Followed:
 
 
 def _line(known: Floats, datum: Callable[[float], Floats]) -> Callable[[float], Floats]:
-    """What is linear between the values of a datum at known instants."""
+    """The function of time that has the values of a datum at known instants and is linear between them."""
     kept = lru_cache(maxsize=2)(datum)
 
     def line(t: float) -> Floats:
@@ -123,12 +123,12 @@ def followed(posed: PosedScene, path: Floats) -> Followed:
 
 
 def _between(instants: Floats) -> Floats:
-    """One instant between any two, at random, so as not to be in step with waves, in the middle third."""
+    """A random instant in the middle third of every interval; evenly spaced ones could be in step with waves."""
     return instants[:-1] + np.random.default_rng(0).uniform(1.0, 2.0, len(instants) - 1) / 3.0 * np.diff(instants)
 
 
 def _off(posed: PosedScene, known: Floats, at: Floats, part: float) -> Floats:
-    """Those instants at which data miss the lines between known ones by more than this part of their size."""
+    """The instants at which data miss the lines between known ones by more than this part of their size."""
     missing: Floats = at[_apart(posed, known, at) > part]
     return missing
 
@@ -153,7 +153,7 @@ def _apart(posed: PosedScene, known: Floats, at: Floats) -> Floats:
 
 
 def _data(posed: PosedScene, t: float) -> list[Floats]:
-    """All that drives a scene, by kinds: motions of supports first."""
+    """The data of a scene at an instant: motions of supports, forces, weights, biases, and motions of the ground."""
     terms = posed.terms
     kinds = [posed.supports.motion(t), posed.force(t), terms.weights(t), terms.bias(t)]
     return kinds + ([] if terms.ground is None else [terms.ground(t)])

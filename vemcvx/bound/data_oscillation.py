@@ -199,7 +199,7 @@ class DataOscillation:
 
     @cached_property
     def parts(self) -> list[Contribution]:
-        """What all effects say there, also those that assembled as zero; materials, on the mesh as it is."""
+        """The contributions of all effects on the fine mesh, those that are zero as well; of materials, on the mesh."""
         others = [effect for effect in self.posed.scene.canonical if not isinstance(effect, MaterialLaw)]
         with unwarned():
             asked = contributions(others, Space(self.fine.mesh))
@@ -297,7 +297,7 @@ class DataOscillation:
         return scatter
 
     def _tractions(self, t: float) -> tuple[Floats, Floats]:
-        """What tractions that differ from their assembled means count, and their forces (b, 2)."""
+        """The squares that tractions add by differing from their assembled means, and their forces (b, 2)."""
         fine, force = self.fine, np.zeros(self.fine.pieces.shape)
         for load in (load for part in self.parts for load in part.loads):
             if load.edges is not None:
@@ -362,7 +362,7 @@ class DataOscillation:
         return found
 
     def _obstacle(self, obstacle: Obstacle, now: Instant) -> Floats:
-        """What rigid obstacles between nodes, and compliant ones there, count."""
+        """The squares that obstacles add between nodes, rigid or compliant ones."""
         edges, soft = self.edges, obstacle.compliance > 0
         cosines = np.einsum("bd,bsd->bs", edges.units, edges.jumps(now.u))
         stiffness = np.divide(1.0, obstacle.compliance * obstacle.lengths, out=np.zeros(len(soft)), where=soft)
@@ -384,7 +384,7 @@ class DataOscillation:
         return np.divide(highest, compliance, out=np.zeros_like(highest), where=compliance > 0)
 
     def _support(self, support: Support, now: Instant) -> Floats:
-        """What prescribed displacements count that are not linear between nodes."""
+        """The squares that prescribed displacements add by not being linear between nodes."""
         new = support.nodes >= self.fine.old
         if support.value is None:
             return np.zeros(len(self.edges.outer))
@@ -408,7 +408,7 @@ class DataOscillation:
         return self.edges.shear[self.edges.outer] * found
 
     def _springs(self, now: Instant) -> Floats:
-        """What springs to the ground count whose stiffness is not the mean of their edge."""
+        """The squares that springs to the ground add by a stiffness that is not the mean of their edge."""
         fine, owner, frame = self.fine, self.fine.owner, np.stack([self.edges.units, self.edges.tangents])
         k = np.einsum("jqa,qab,jqb->jq", frame[:, owner], self.springs, frame[:, owner])
         mean = np.stack([totals(owner, one, len(self.edges.outer)) for one in k]) / np.bincount(owner)
@@ -423,7 +423,7 @@ class DataOscillation:
         return totals(self.inside.owner, self.inside.weights * values, len(self.edges.shear))
 
     def _body(self, t: float) -> tuple[Floats, Floats]:
-        """What body forces that differ from those assembled count, and their forces (n_cells, 2)."""
+        """The squares that body forces add by differing from those assembled, and their forces (n_cells, 2)."""
         edges, n = self.edges, len(self.edges.shear)
         loads = [load for part in self.parts for load in part.loads if load.cells is not None]
         if not any(callable(load.value) for load in loads):

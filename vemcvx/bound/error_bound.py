@@ -365,9 +365,9 @@ def _of_history(scene: Scene, history: History) -> ErrorBound:
 def _along(
     within: Within, inner: Sequence[Inner], path: Sequence[Instant], history: History
 ) -> tuple[list[tuple[float, ...]], Floats]:
-    """What bounds at the instants of a run are made of, along a path on cells within its own.
+    """The terms of the bounds at the instants of a run, along a path on cells within its own.
 
-    And the squares (n_cells,) of its cells at the instant that has the largest y.
+    Besides, the squares (n_cells,) of its cells at the instant that has the largest y.
     """
     circle, times, last = within.circle, history.trajectory.times, path[0]
     pair = circle.pair(last, last)

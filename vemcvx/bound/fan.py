@@ -81,7 +81,7 @@ class Fans:
 
     @cached_property
     def alike(self) -> tuple[Ints | slice, Ints]:
-        """One each of the cells that are no translates of each other, and which of them a cell is."""
+        """Representatives of the cells up to translation, and the number of the representative of each cell."""
         return distinct([self.corners, self.C])
 
     def of_cells(self, matrices: Floats) -> Floats:

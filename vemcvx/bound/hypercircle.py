@@ -120,7 +120,7 @@ class Pair:
 
     @cached_property
     def reading(self) -> Reading:
-        """How well the loads are read; as large as they are."""
+        """The difference of two readings of the loads, in which they are as large as they are."""
         return reading(self.circle.boundary, self.circle.fans, self.densities, self.t)
 
     def allowances(self) -> tuple[float, float]:
@@ -168,7 +168,7 @@ class _Inside:
 
 @dataclass(frozen=True, eq=False)
 class Hypercircle:
-    """All of a posed scene that pairs are made of, at any instant."""
+    """The parts of a posed scene that pairs are made of, at any instant."""
 
     posed: PosedScene
     boundary: Boundary

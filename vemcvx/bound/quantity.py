@@ -114,7 +114,7 @@ class QuantityBound(Outlined):
 
     @property
     def error(self) -> float:
-        """How far the value of the run is from the farther end of the interval."""
+        """The distance of the run's value from the farther end of the interval."""
         return max(self.high - self.value, self.value - self.low)
 
     def outline(self) -> Outline:
@@ -364,7 +364,7 @@ class Dual:
         return Fields(circle.pair(z, z))
 
     def unknown_work(self, fields: Fields, held: tuple[Bools, Bools], pair: Pair) -> float:
-        """What friction may do on z_h more than T says, on edges that are held but that z_D moves at an end."""
+        """A bound on friction's work on z_h beyond that of T, on edges that are held but moved at an end by z_D."""
         boundary, edges, (along, outward) = self.primal.boundary, self.primal.boundary.edges, self.moved
         if (held[1] & outward).any():
             raise SceneError(
@@ -396,7 +396,7 @@ class Fields:
 
     @property
     def circle(self) -> Hypercircle:
-        """All that the pair is made of."""
+        """The parts of the scene that the pair is made of."""
         return self.pair.circle
 
     @cached_property

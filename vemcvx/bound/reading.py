@@ -48,7 +48,7 @@ TWICE = np.concatenate([0.5 * (GAUSS - 1.0), 0.5 * (GAUSS + 1.0)])
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """What two readings of the loads at an instant differ by."""
+    """The difference of two readings of the loads at an instant."""
 
     boundary: Boundary
     fans: tuple[Fans, ...]
@@ -65,7 +65,7 @@ class Reading:
         return not (self.edges.any() or self.unseen.any() or any(one.any() for one in self.body))
 
     def __sub__(self, other: Reading) -> Reading:
-        """What of it is new since another instant."""
+        """The part of the difference that is new since another instant."""
         body = tuple(a - b for a, b in zip(self.body, other.body, strict=True))
         unseen = np.abs(self.unseen - other.unseen)
         return Reading(self.boundary, self.fans, body, self.edges - other.edges, unseen)

@@ -122,10 +122,10 @@ PARABOLAS = _ORTHONORMAL[:6, 3:6]
 
 
 def _cubic_shares() -> tuple[Floats, Floats]:
-    """What mean squares at the 21 points, a rule of degree 5, lack of cubic functions orthogonal to quadratic ones.
+    """Cubic functions orthogonal to quadratic ones, whose squares the rule of 21 points, of degree 5, underrates.
 
-    (21, 4) those functions at the points, of which the rule makes an orthonormal basis, and (4,) how much larger than
-    one the integrals of their squares are: .02 to .58.
+    They are (21, 4) values at the points, orthonormal by the rule, beside (4,) the excess of the integrals of their
+    squares over one: .02 to .58.
     """
     values = monomials(RULE.reshape(-1, 2), 3) @ _ORTHONORMAL[:, 6:]
     read, axes = np.linalg.eigh(np.einsum("q,qi,qj->ij", RULE_WEIGHTS, values, values))

@@ -44,7 +44,7 @@ def products(a: Floats, b: Floats) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """What acts on the boundary edges (b,) at an instant."""
+    """The forces on the boundary edges (b,) at an instant, and the laws of friction and contact there."""
 
     loads: Floats
     """(b, 3, 2) int t phi of loads, phi being linear from either end, and the parabola 4 s (1 - s)"""
@@ -282,10 +282,10 @@ class Boundary:
         return max(float(self.integrals(means).sum()), 0.0)
 
     def missed(self, traction: Floats) -> tuple[Floats, Floats]:
-        """Of tractions t (k, 3, 2) int |t - t_2|^2 (b,), t_2 being quadratic on edges, with the same moments.
+        """int |t - t_2|^2 (b,) of tractions t (k, 3, 2), t_2 being quadratic on edges, with the same moments.
 
-        And (b, 2) |e| times the coefficients of 1 - 6 s (1 - s) in t_2. Of what differs by rounding alone nothing is
-        missed.
+        Besides, (b, 2) |e| times the coefficients of 1 - 6 s (1 - s) in t_2. Differences that are rounding count as
+        zero.
         """
         moments, owner, lengths = self.moments(traction), self.fine.piece_owner, self.edges.lengths[:, None]
         # The mean square of 1 - 6 s (1 - s) is 1/5.
@@ -386,7 +386,7 @@ class Boundary:
 
     @property
     def frictions(self) -> list[Friction]:
-        """All frictions, also those that assembled as zero."""
+        """The frictions of all effects, also of those that are zero."""
         return [friction for part in self.oscillation.parts for friction in part.frictions]
 
     def _along_edges(self, ends: Floats, ways: Floats) -> Floats:
@@ -477,7 +477,7 @@ class Boundary:
         )
 
     def _depths(self, u: Floats, t: float, compliant: bool) -> tuple[Floats, Floats]:
-        """How far a displacement goes beyond obstacles (k, 2), -inf where there is none, and the stiffness of these."""
+        """The depths (k, 2) of a displacement in obstacles, -inf where there is none, and the stiffness of these."""
         distance, stiffness = (np.full(self.fine.pieces.shape, value) for value in (np.inf, 0.0))
         asked = [obstacle for part in self.oscillation.parts for obstacle in part.obstacles]
         for obstacle in (one for one in asked if (one.compliance > 0).any() == compliant):

@@ -63,7 +63,7 @@ in 4 steps on 4 x 4 squares were 1.6 times the error, not 1.2."""
 
 
 class Inner(NamedTuple):
-    """Of a displacement v in cells |v|_a^2, the work of body forces on it, and what may be misread of that."""
+    """A displacement v inside cells: |v|_a^2, the work of body forces on it, and a bound on the error of that work."""
 
     energy: float
     work: float
@@ -71,7 +71,7 @@ class Inner(NamedTuple):
 
     @classmethod
     def of(cls, circle: Hypercircle, u: Floats, t: float) -> Inner:
-        """Those of the displacement with nodal values (n_nodes, 2) at an instant."""
+        """The energy and works of the displacement with nodal values (n_nodes, 2) at an instant."""
         read = reading(circle.boundary, circle.fans, circle.densities_at(t), t)
         inside = replace(read, edges=np.zeros_like(read.edges), unseen=np.zeros_like(read.unseen))
         if inside.exact:
@@ -81,7 +81,7 @@ class Inner(NamedTuple):
 
 
 class Sizes(NamedTuple):
-    """Of the displacement of a run, beside the stress of a path on cells within its own."""
+    """Norms and defects of the displacement of a run, beside the stress of a path on cells within its own."""
 
     norm: float
     """|v_n|_a"""
@@ -111,14 +111,14 @@ class Within:
 
     @cached_property
     def circle(self) -> Hypercircle:
-        """All that pairs on these cells are made of."""
+        """The parts of the scene that pairs on these cells are made of."""
         with unwarned():
             return hypercircle(pose_scene(self.scene, self.mesh, self.times))
 
     def growth(self, path: Sequence[Instant]) -> tuple[Floats, float, float]:
-        """What y grows by along a path, but for friction.
+        """The growth of y along a path, but for friction.
 
-        Shares of cells (n_cells,), up to a factor, the sum of |r_n - r_{n-1}|, and the largest |r| of v.
+        It is given as shares of cells (n_cells,), up to a factor, the sum of |r_n - r_{n-1}|, and the largest |r| of v.
         """
         circle, largest = self.circle, 0.0
         cells, added = np.zeros(self.mesh.n_cells), 0.0

@@ -196,7 +196,7 @@ def friction_traction(
 
 
 def _reach(contact: Contact) -> float:
-    """Where an axis of friction ends: beyond bound and friction, or where bounds are far beyond the friction."""
+    """The end of an axis of friction: beyond bound and friction; beyond friction alone where bounds are far larger."""
     friction = float(np.abs(contact.traction).max(initial=0.0))
     bound = float(np.abs([contact.bound, contact.backward]).max(initial=0.0))
     # Within a fifth of the axis friction is still seen, and rounding is not to be.

@@ -98,7 +98,7 @@ class Corner:
         return float(both / square)
 
     def powers(self, mesh: AnyMesh, key: str, peak: Peak, part: float) -> bool:
-        """Whether an extreme of this key grows as the exponent says, a cell at the corner having a part of it."""
+        """Return True if an extreme grows as the exponent says, a cell at the corner having a part of it."""
         if key in ON_CONTACT and (len(self.rays) == 0 or (key == "friction" and not (self.rubs or self.holds))):
             return False
         # A cell at a corner that has 2^(lam - 1) of an extreme beside it exceeds this once cells are halved.
@@ -110,7 +110,7 @@ class Corner:
         return self.reach(self.exponent, x, key) >= PART * self.reach(self.exponent, x, "von_mises")
 
     def adds(self, key: str) -> float:
-        """What the logarithm adds to an extreme where cells are halved."""
+        """The growth of an extreme by the logarithm where cells are halved."""
         return 0.0 if key == "friction" or self.shear is None else self.reach(1.0, -np.log(2.0) * self.shear, key)
 
 
@@ -125,7 +125,7 @@ NO_PEAK = Peak()
 
 
 def _sizes(stress: Floats, key: str) -> Floats:
-    """What an extreme is of, positive where it is large, of stress (q, 3)."""
+    """The quantity (q,) of stress (q, 3) that an extreme is the largest of."""
     both = principal(stress)
     if key == "largest_principal_stress":
         return both[:, 0]
@@ -207,7 +207,7 @@ class Corners:
 
     @staticmethod
     def rubs(sides: Sides, nodes: Sequence[int]) -> bool:
-        """Whether friction that follows pressure acts at one of the nodes, in the plane."""
+        """Return True if friction that follows pressure acts at one of the nodes, in the plane."""
         return bool(sides.pressed[np.isin(sides.edges, nodes).any(axis=1)].any())
 
     def judged(self, sides: Sides, node: int, row: int) -> Corner | None:
@@ -313,7 +313,7 @@ def _fan(mesh: AnyMesh, node: int) -> tuple[Floats, Ints]:
 
 
 def _differ(one: Floats, other: Floats) -> Bools:
-    """Where the moduli (2, q) of materials differ."""
+    """Return True where the moduli (2, q) of materials differ, (q,)."""
     largest = np.abs(one).max(axis=1, initial=0.0)[:, None]
     return (np.abs(one - other) > 1e-9 * largest).any(axis=0)
 
@@ -335,7 +335,7 @@ def _turned(one: Floats, other: Floats) -> Floats:
 
 
 class State(NamedTuple):
-    """What contact does on an edge, with friction outwards from the corner over pressure, or as it is given."""
+    """The state of contact on an edge: friction outwards from the corner over pressure, or as it is given."""
 
     name: str = "none"
     friction: float = 0.0
@@ -345,7 +345,7 @@ class State(NamedTuple):
 
     @property
     def slips(self) -> bool:
-        """Whether it slips with friction that is known."""
+        """True if contact slips with friction that is known."""
         return self.name == "slips" and self.friction == 0.0
 
 
@@ -354,7 +354,7 @@ NO_STATE = State()
 
 @dataclass(frozen=True, eq=False)
 class Condition:
-    """What holds on a ray: in words, as rows, of a joint those of both sides, and the tractions that these meet."""
+    """The condition on a ray: in words, as rows (of a joint those of both sides), and the tractions that these meet."""
 
     name: str
     rows: Floats
@@ -366,7 +366,7 @@ JUMP = "where displacements that are given jump"
 
 
 def _jumps(sides: Sides, nodes: list[int], row: int, ends: list[Condition]) -> bool:
-    """Whether the displacements given on both sides of a node differ: a hundredth of the largest is no rounding."""
+    """Return True if displacements given on both sides of a node differ: a hundredth of the largest is no rounding."""
     if sides.moved is None or len(nodes) > 1 or any(end.name != "clamp" for end in ends):
         return False
     moved, (node,) = sides.moved[row], nodes
@@ -375,7 +375,7 @@ def _jumps(sides: Sides, nodes: list[int], row: int, ends: list[Condition]) -> b
 
 
 def _smooth(made: list[list[Sector]], ends: list[Condition], ring: bool) -> bool:
-    """Whether a side goes on smoothly: what touches, sticks or slips there may change."""
+    """Return True if a side goes on smoothly: whether it touches, sticks or slips there may change."""
     names = [end.name for end in ends]
     # A roller is a plane of symmetry, behind which the body goes on as its mirror image.
     mirrored = "roller" in names
@@ -385,7 +385,7 @@ def _smooth(made: list[list[Sector]], ends: list[Condition], ring: bool) -> bool
 
 
 def _straight(made: list[list[Sector]], ends: list[Condition]) -> bool:
-    """Whether the side of one body goes on straight, loaded or slipping the same way, so that a jump of shear tells."""
+    """Return True if a body's side goes on straight, loaded or slipping the same way: a jump of shear tells there."""
     names = {end.name for end in ends}
     angle = made[0][0].angle * (2.0 if "roller" in names else 1.0)
     if len(made) > 1 or abs(angle - np.pi) > 1e-6:
@@ -473,7 +473,7 @@ def _contact(sides: Sides, k: int, state: State) -> str:
 
 
 def _state(corners: Corners, sides: Sides, k: int, node: int, row: int) -> State:
-    """What contact does at a node of an edge."""
+    """The state of contact at a node of an edge."""
     contact = corners.contact
     at = np.flatnonzero(contact.nodes == node)
     if len(at) == 0 or not contact.closed[row, at[0]]:
@@ -498,7 +498,7 @@ def _state(corners: Corners, sides: Sides, k: int, node: int, row: int) -> State
 
 
 def _below(contact: Contact, row: int) -> Bools:
-    """Where friction (m,) has not reached its bound, which is given: what rests there may have slipped before."""
+    """Return True where friction is below its given bound, (m,): a node that rests there may have slipped before."""
     bound = np.minimum(contact.bound[row], contact.backward[row])
     below: Bools = np.linalg.norm(contact.traction[row], axis=1) < (1.0 - 1e-6) * bound
     below &= contact.sticking[row] & contact.closed[row]

@@ -257,7 +257,7 @@ class Results:
         return principal(self.stress(step))
 
     def on_cells(self, step: int) -> dict[str, Floats]:
-        """All that a stored step has on cells, from one strain, each as the method of its name gives it.
+        """The fields of a stored step on cells, from one strain, each as the method of its name gives it.
 
         Stress, principal stresses, the strain energy per area 1/2 eps : C eps, and, where it is determined, the stress
         across the plane and von Mises' stress.

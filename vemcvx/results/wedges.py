@@ -102,7 +102,7 @@ class Wedge:
 
     @property
     def angle(self) -> float:
-        """That of all sectors."""
+        """The angle of all sectors together."""
         return sum(sector.angle for sector in self.sectors)
 
     def matrix(self, lam: Complex) -> Complex:

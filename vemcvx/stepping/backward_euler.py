@@ -219,7 +219,7 @@ def first_state(run: PreparedRun, instants: Floats, initial: Beginning) -> State
 
 
 def threads_of_steps(system: System, condense: bool, linear: LinearSolver) -> AbstractContextManager[None]:
-    """One thread for BLAS within, unless the steps' own matrices are large and dense."""
+    """Keep BLAS to one thread within, unless the steps' own matrices are large and dense."""
     unknowns = len(system.retained) if condense else system.n
     return one_thread(unknowns if linear.eliminates else 0, linear.cores)
 
@@ -388,7 +388,7 @@ def state_given(run: PreparedRun, now: StepData, y: Floats) -> State:
 
 
 def _settle(run: PreparedRun, state: State) -> State:
-    """One step at the same instant, all unknowns and the certificate of the full system included."""
+    """Take one step at the same instant, with all unknowns and the certificate of the full system."""
     attempt = pose_step(run, state, state.data, state.weights)
     settled = solved(attempt, 0)
     if run.refines:

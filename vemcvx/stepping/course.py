@@ -159,9 +159,9 @@ def _crossing(times: Floats, values: Floats) -> float:
 
 
 def _turned(times: Floats, before: Floats, at: Floats, after: Floats) -> tuple[float, float]:
-    """How much those entries turn that are largest or smallest near the middle one of three instants, and when.
+    """The amount by which entries turn back near the middle one of three instants, and the instant at which they do.
 
-    Nothing, where they are a small part of what curves there.
+    It is zero where these entries are a small part of all that curves there.
     """
     left, right = (at - before) / (times[1] - times[0]), (after - at) / (times[2] - times[1])
     half = 0.5 * (times[2] - times[0])
@@ -200,7 +200,7 @@ def _jumps(times: Floats, values: Floats, value: Value, names: NDArray[np.str_])
 
 
 def inside_steps(times: Floats, bends: Floats) -> Floats:
-    """Those of the bends that no instant is at, each once; the two sides of a jump are two."""
+    """The bends at which there is no instant, each once; the two sides of a jump are two."""
     span = float(times[-1] - times[0])
     apart = np.abs(bends[:, None] - times).min(axis=1, initial=np.inf)
     inside = np.sort(bends[apart > ACROSS * span])

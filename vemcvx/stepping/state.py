@@ -173,7 +173,7 @@ class Dragged:
 
     @classmethod
     def nothing(cls, q: int, block: int) -> Dragged:
-        """No loss and no weight."""
+        """Terms that have lost nothing, and have no weight."""
         none = np.zeros(q)
         nothing, still = np.zeros((q, block)), np.ones(q, dtype=bool)
         return cls(none, nothing, still, worn=none, worn_second_order=none, slipped=none)

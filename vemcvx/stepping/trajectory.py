@@ -265,7 +265,7 @@ class Trajectory(ArrayRecord):
 
     @property
     def above_asked(self) -> str:
-        """What was asked and why `certified` is above it, in words; empty where it is not."""
+        """The accuracy asked for and why `certified` exceeds it, in words; empty where it does not."""
         asked, worst = self.accuracy, float(self.certified.max())
         if asked is None or worst <= asked:
             return ""

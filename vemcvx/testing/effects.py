@@ -111,7 +111,7 @@ class EffectSample:
         return answer(*effects, on=self.mesh())
 
     def content(self, thing: Any) -> Any:
-        """What it contributes as plain data."""
+        """The plain data in a contribution of the effect."""
         return content(thing, dim=self.mesh().points.shape[1])
 
 

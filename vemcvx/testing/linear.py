@@ -96,10 +96,11 @@ def estimates_energies_of_random_forces(linear: LinearSolver) -> None:
 
 
 def _is_near(estimate: float, size: Floats, K: sp.csr_matrix) -> bool:
-    """Of sum_k l_k z_k^2 with z_k normal the mean of eight spreads most where one l_k counts alone.
+    """Return True if an estimate of sum_k size_k^2 (K^{-1})_kk, the mean of eight samples, is as near as it should be.
 
-    It is then less than .107 of its mean, or more than 3.27 times, once in a thousand draws (chi squared with 8 degrees
-    of freedom).
+    A mean of eight samples of sum_k l_k z_k^2, z_k normal, spreads most where one l_k counts alone: it is then less
+    than .107 of its expectation, or more than 3.27 times, once in a thousand draws (chi squared with 8 degrees of
+    freedom).
     """
     exact = float(size**2 @ np.diag(np.linalg.inv(K.toarray())))
     return 0.107 * exact < estimate < 3.27 * exact

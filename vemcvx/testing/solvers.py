@@ -131,7 +131,7 @@ class Asked:
     p: Floats
 
     def arrays(self) -> Iterator[Floats]:
-        """All arrays of numbers in it."""
+        """The arrays of numbers in a step that was asked: operators, data, and multipliers to begin from."""
         program, operators = self.program, self.program.operators
         yield from (A if isinstance(A, np.ndarray) else A.toarray() for A in (operators.K, operators.B, operators.D))
         yield from (operators.compliance, program.g, program.w, program.b, program.e, self.lam, self.p)
@@ -146,7 +146,7 @@ class Case:
     must_answer: bool
 
     def marched(self, system: System | None = None, check: bool = True) -> Trajectory | None:
-        """Its trajectory; None where it misses its accuracy, by name, and may."""
+        """The trajectory by the solver; None where it misses its accuracy, is named in the error, and may miss."""
         try:
             return march(system or self.instance.system, TIMES, solver=self.solver, check=check)
         except NotCertified as miss:
@@ -155,18 +155,18 @@ class Case:
             return None
 
     def answer(self, asked: Asked) -> Answer:
-        """Its answer to one step, freshly prepared."""
+        """The answer of the solver to one step, freshly prepared."""
         prepared = self.solver.prepare(asked.program.operators)
         return fitting(prepared.solve(asked.program, asked.target, asked.lam, asked.p), asked.program, self.solver.name)
 
     @cached_property
     def unchecked(self) -> Trajectory:
-        """Its trajectory, whatever its accuracy; computed once for all sentences."""
+        """The trajectory by the solver, whatever its accuracy; computed once for all tests."""
         return march(self.instance.system, TIMES, solver=self.solver, check=False)
 
     @cached_property
     def answers(self) -> tuple[Answer, ...]:
-        """Its answers to all steps, each freshly prepared; computed once for all sentences."""
+        """The answers of the solver to all steps, each freshly prepared; computed once for all tests."""
         return tuple(map(self.answer, steps_asked(self.instance)))
 
 

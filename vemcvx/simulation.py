@@ -381,7 +381,7 @@ def _within_supports(u: Floats, posed: PosedScene, times: Floats) -> Floats:
     y: Floats = P.T @ (u.ravel() - held)
     off = np.abs(P @ y + held - u.ravel())
     known = off.max() <= SAME * max(np.abs(u).max(), np.abs(held).max())
-    # Of supports that move later, rounding may be all that there is now.
+    # Where supports move later, all that they hold now may be rounding.
     if not known and off.max() > ROUNDING * max(np.abs(posed.supports.motion(t)).max() for t in times.tolist()):
         node = int(np.argmax(off)) // points.shape[1]
         raise SceneError(

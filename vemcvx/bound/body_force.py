@@ -7,7 +7,7 @@ Loads less their linear moments do no work on rigid motions of a triangle T, so 
 h_T the diameter, s the least shear modulus (2 mu): Payne and Weinberger's inequality on convex T, the divergence of
 (x - a) w^2, a being the apex over the edge e, and Korn's |grad w|^2 <= K |eps(w)|^2 without mean rotation. K = 1 + 2 /
 beta^2: the rotation p of w, of mean zero, is div phi of some phi that vanishes on the boundary, beta |grad phi| <= |p|,
-and int p^2 = int eps(w) : M with |M| <= |grad phi|. Of a triangle, rho and R being the radius of the incircle and the
+and int p^2 = int eps(w) : M with |M| <= |grad phi|. In a triangle with rho the radius of the incircle, and R the
 distance of its centre from the farthest corner,
 
     beta >= rho / (2^{1/2} R) (1 + (1 - rho^2 / R^2)^{1/2})^{-1/2},

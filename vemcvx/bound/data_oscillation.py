@@ -82,9 +82,9 @@ class FineBoundary:
         return line
 
     def read(self, rows: Friction | Obstacle, values: Floats) -> tuple[Ints, Floats, Floats]:
-        """New nodes (k,), the values (m, j) of rows there, and what is linear between those at the ends of the edges.
+        """New nodes (k,), the values (m, j) of rows there, and those that are linear between the ends of the edges.
 
-        Of effects that do not say which edges a row has nothing is looked at.
+        Effects that do not say which edges a row has are left out.
         """
         if rows.ends is None:
             return np.zeros(0, dtype=np.int64), values[:0], values[:0]

@@ -73,15 +73,15 @@ class ErrorBound(Outlined):
     """Bounds on the distance |u - v|_a of the exact displacement u from the computed one, v.
 
     v is a conforming function: it has the nodal values of the history, is linear on the edges of cells, and inside
-    them it is what makes their energy least among functions of degree two on a fine split. Of a step, u is the exact
-    answer of that step on the continuum, given the displacement before it; of a history, the exact history.
+    them it has the least energy among functions of degree two on a fine split. For a step, u is the exact answer of
+    that step on the continuum, given the displacement before it; for a history, the exact history.
 
     Attributes
     ----------
     steps : (S,) int
         The steps looked at.
     upper, lower : (S,)
-        Bounds on |u - v|_a from above and below; a number each where one step was asked for. Of whole histories lower
+        Bounds on |u - v|_a from above and below; a number each where one step was asked for. For whole histories lower
         is zero: nothing is known from below.
     energy : ((S,), (S,))
         Bounds on the elastic energy of u, 1/2 a(u, u).
@@ -103,9 +103,9 @@ class ErrorBound(Outlined):
         that are polynomials of degree three on the triangles of cells are. "bound for loads as read at points" where
         a finer reading of loads differs: `upper`, `lower`, `energy` and `potential` then have the part "reading" in
         them. "bound for the given friction", or "... the given friction and loads as read at points", where the bound
-        of friction follows the pressure of the answer. Of a history "... data as read at instants" if between those
-        of its path data were found to be other than linear: `upper` less "reading" is then a theorem for data that are
-        linear there, and "reading" an estimate of what else they do.
+        of friction follows the pressure of the answer. "... data as read at instants" for a history if its data were
+        found not to be linear between those of its path: `upper` less "reading" is then a theorem for data that are
+        linear there, and "reading" an estimate of the effect of the rest.
     history : History
         The run.
     """

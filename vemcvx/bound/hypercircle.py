@@ -128,7 +128,7 @@ class Pair:
 
         Both are zero where two readings agree (:mod:`vemcvx.bound.reading`).
         """
-        # Of all steps of a run the readings are not kept.
+        # The readings of a copy, so that a run does not keep those of all its steps.
         read, circle = replace(self).reading, self.circle
         if read.exact:
             return 0.0, 0.0

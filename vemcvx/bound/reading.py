@@ -2,10 +2,10 @@
 
 Moments of body forces are read at 21 points of a triangle of a fan, those of tractions at three of each piece of the
 boundary. Both rules are exact for cubic functions on the triangles, or the pieces, times the quadratic displacements
-there, and of such loads bounds are theorems. Of all others they are theorems for the loads *as read*. The second
-reading has four times as many points inside, twice as many on the boundary. What the works of both on displacements
-differ by is a functional d(w); that of the exact load, e(w), is taken for no more than SAFETY times as large, triangle
-by triangle. On edges a jump may lie between two points of both rules; e(w) has there also the steps between
+there, and for such loads bounds are theorems. For all others they are theorems for the loads *as read*. The second
+reading has four times as many points inside, twice as many on the boundary. The difference of the works of both on
+displacements is a functional d(w); that of the exact load, e(w), is taken for no more than SAFETY times as large,
+triangle by triangle. On edges a jump may lie between two points of both rules; e(w) has there also the steps between
 neighbouring points, of what is left of the load without its best polynomial of degree DEGREE, times their distance.
 
 Answers to two loads are no farther apart than eta = sup e(w) / |w|, also with friction and contact, and what a step
@@ -33,7 +33,7 @@ SAFETY = 2.0
 """With this exact quantities took .65 of their allowance at most: 60 body forces with jumps, strips and peaks at random
 places, on squares, triangles, hexagons and Voronoi cells, a force and a mean displacement of each."""
 DEGREE = 2 * len(GAUSS) - 3
-"""Of what both rules integrate exactly beside a quadratic displacement."""
+"""The degree of loads that both rules integrate exactly beside a quadratic displacement."""
 
 _MIDDLES = np.array([[1.0, 1.0, 0.0], [0.0, 1.0, 1.0], [1.0, 0.0, 1.0]]) / 2.0
 _QUARTERS = np.stack([_MIDDLES, *(np.stack([np.eye(3)[k], _MIDDLES[k], _MIDDLES[k - 1]]) for k in range(3))])

@@ -145,7 +145,7 @@ def _stars(
     for one, place in zip(displacements, outlines, strict=True):
         n = one.fans.n
         vertex, after = place[:, : 2 * n : 2] // 2, place[:, 2 * n :: 2] // 2 - count
-        # Of each corner: its vertex, and the middles of the edges that end and begin there.
+        # At each corner: its vertex, and the middles of the edges that end and begin there.
         beside = np.stack([np.roll(after, 1, axis=1), after], axis=2)
         last = edges.nodes[beside, 1] == vertex[:, :, None]
         at = np.concatenate([0 * vertex[:, :, None], 1 + rank[2 * beside + last]], axis=2)

@@ -10,8 +10,8 @@ parts, and these again. Split are the cells that y grows by, which have most of
 
 not those in which r is large: the changes added up to .020 on 139 cells, and to .043 on 109 that were chosen by the
 size of r. Then the path has more instants where friction lacks most of its law, for a node begins to slip in one step
-once in every turn of the load, and lacks a half of what friction grows by times what it slips. Of cycles in 20 steps on
-8 x 8 squares bounds are 1.5 times the error at most for one of them, 3.1 for three and 4.5 for five.
+once in every turn of the load, and lacks a half of what friction grows by times what it slips. In 20 steps on 8 x 8
+squares bounds are 1.5 times the error at most for one cycle, 3.1 for three and 4.5 for five.
 
 The displacement v_n of the run remains the one that errors are meant of. Let v have its nodal values on the finer
 cells, and be linear between them on the edges of the run's cells, so that v_n - v vanishes on these. There sigma_0 is
@@ -185,7 +185,7 @@ def within_cells(
     """
     mesh, at = plane_mesh(history.mesh, "error_bound", IN_SPACE), history.trajectory.times.tolist()
     whole = Within(scene, mesh, times, sp.eye_array(mesh.n_nodes, format="csr"), np.arange(mesh.n_cells))
-    # Of each mesh what is made once is let go with its cells.
+    # A copy of the cells: what is computed once on them is let go with it.
     own = replace(whole)
     inner = [Inner.of(own.circle, u, t) for u, t in zip(history.displacement, at, strict=True)]
     growth = own.growth(own.path(history, looked_at(instants)))

@@ -57,7 +57,7 @@ BY_STRESS = {
     "energy per length": "{stress} {length}²",
     "energy per area": "{stress} {length}",
 }
-"""Of force and length, or of stress and length where only that is given."""
+"""Units made of force and length, or of stress and length where only that is given."""
 THICKNESS = {"force per length": "force per area", "energy per length": "energy per area"}
 """What is per length of a contact boundary in the plane is per unit of thickness, too."""
 WORDS = {

@@ -23,7 +23,7 @@ with the jumps [p']_i = (J p)_i of its slope at nodes between two sides, l_i hal
 The last term is c h^4 int p''^2 of a smoothing spline (Reinsch, Numer. Math. 10 (1967)); without it p is the
 L2-projection of the forces, as consistent fluxes are (Carey, Chow and Seager, Comput. Methods Appl. Mech. Engrg. 50
 (1985)), and ripples by twice as much. Tested by 1 and x, for which J vanishes: the resultant of every stretch and its
-moment are kept, and what is constant or linear is found exactly. Of a wave of length L remains the part
+moment are kept, and constant and linear fields are found exactly. A wave of length L keeps the part
 1 / (1 + c (2 pi h / L)^4), so that smooth fields are changed by the order of h^4.
 
 A stretch is what is closed in one piece, without corners: p ends with it, and half a side beyond its last node, where
@@ -94,8 +94,8 @@ class Contact(ArrayRecord):
         Friction force on the body of `nodes`, minus the multiplier, per length of the edges with friction.
     bound : (S, m)
         Friction bound per length against slip forward, along the boundary with the body on the left: w_i over int
-        phi_i; 0 without friction. Where parts meet, their mean. Of friction by direction the bound in the direction
-        in which it acts, along `direction` where there is none.
+        phi_i; 0 without friction. Where parts meet, their mean. For friction by direction it is the bound in the
+        direction in which friction acts, along `direction` where there is none.
     backward : (S, m)
         Friction bound per length against slip backward, equal to `bound` unless a scene says otherwise.
     pressure : (S, m)
@@ -118,7 +118,7 @@ class Contact(ArrayRecord):
         `wear` with the friction bounds of both ends of every step: of second order in their length.
     accumulated_slip : (S, m)
         Length of the way that the node has slipped since the initial instant, to and fro, in all steps, stored or not,
-        which laws of friction may follow (where parts meet, the largest). Of friction by direction slip across
+        which laws of friction may follow (where parts meet, the largest). For friction by direction slip across
         `direction` counts across / bound times, so that ways cost alike.
     closed : (S, m) bool
         True where the node touches its obstacle, in one of its normals at least, and where contact is bilateral.
@@ -254,7 +254,7 @@ def _recovered(posed: PosedScene, traction: Floats, pressure: Floats, closed: Bo
     if len(terms) == 0 or terms.directed.any():
         return traction, recovered(pressed, surface.lengths, whole, closed, pressing=rows)
     length = totals(at, terms.lengths, len(surface))
-    # Of friction what is along the sides; in space, where tangents at a node are any two, what is along each axis.
+    # The component of friction along the sides; in space, where tangents at a node are any two, that along each axis.
     flat = isinstance(mesh, PolygonMesh)
     axes = tangents_of(surface.normals) if flat else np.tile(np.eye(3), (len(surface), 1, 1))
     along = np.einsum("smd,mad->asm", traction, axes)
@@ -343,7 +343,7 @@ def _stiffness_along(rows: sp.csr_matrix, A: sp.csr_matrix) -> Floats:
     """(r,) r'A r of every row r."""
     own = A.S if isinstance(A, Congruent) else A
     found = np.asarray((rows @ own).multiply(rows).sum(axis=1)).ravel()
-    if isinstance(A, Congruent):  # Of a K elsewhere, in frames along the axes, a row reads one unknown a body.
+    if isinstance(A, Congruent):  # Where K is elsewhere frames are along the axes: a row reads one unknown a body.
         found += rows.multiply(rows) @ (A.diagonal() - own.diagonal())
     return found
 

@@ -91,7 +91,7 @@ class ContactFaces:
         for _ in range(100):
             off = d * (k @ (d * lengths))
             d /= np.sqrt(off)
-            # Of log d the step is 1/2 - 1/2 (a mean with weights): the largest change never grows, but by rounding.
+            # The step of log d is 1/2 - 1/2 (a mean with weights): the largest change never grows, but by rounding.
             before, nearest = nearest, float(np.abs(np.log(off)).max())
             if nearest >= before:
                 break

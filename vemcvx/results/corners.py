@@ -21,9 +21,9 @@ it rubs on.
 
 Where what touches, sticks or slips changes along a smooth side, the border lies where stress is bounded, and is no
 corner. Materials that meet at the boundary are sectors that stick to each other, at smooth sides, too (Bogy,
-*Edge-bonded dissimilar orthogonal elastic wedges under normal and shear loading*, J. Appl. Mech. 35, 1968). Of corners
-nothing is said where the material is anisotropic or changes from cell to cell, nor of edges and corners in space, nor
-of the logarithms that springs and initial stresses make where they end.
+*Edge-bonded dissimilar orthogonal elastic wedges under normal and shear loading*, J. Appl. Mech. 35, 1968). Corners
+are not judged where the material is anisotropic or changes from cell to cell, nor are edges and corners in space, nor
+the logarithms that springs and initial stresses make where they end.
 
 Under a force on a point stress is as r^-1, and displacement as log r (Flamant 1892, Kelvin 1848); in space as r^-2, and
 as r^-1 (Boussinesq 1885).

@@ -115,7 +115,7 @@ def _history(arrays: Arrays) -> Results:
     _check_arrays(arrays, {"nodes": mesh.n_nodes, "cells": mesh.n_cells, "dim": dim, "components": components})
     known = {name: about[name] for name in PLAIN} | {"mesh": mesh, "scene": None}
     known |= {name: tuple(about[name]) for name in ("effects", "inactive")}
-    # Of a class of one's own files know nothing.
+    # Files do not keep a class of the user's.
     known["stabilisation"] = VertexWeights(arrays[WEIGHTS]) if WEIGHTS in arrays else None
     quoted = about["quantities"]
     known["quantities"] = quoted and {name: Quantity(**one) for name, one in quoted.items()}

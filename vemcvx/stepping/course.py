@@ -1,13 +1,13 @@
 """The course of a run's data in time: samples of all that drives it, and where that bends, turns or jumps.
 
 Data are sampled at instants 1/256 of the run apart, or at the ends and middles of the steps where these are shorter:
-what is over between two of them is not seen. Of every kind (load, bounds of friction, gaps, moving supports and ground)
-a weighted sum is kept, with random weights, so that what changes changes them. A *bend* lies where the straight
-lines on both sides of an interval meet. A datum *turns* where it is largest or smallest: what slips one way there slips
-the other way from then on; the vertex of the parabola through three samples counts as a bend. Turns are those of
-entries (the load at an unknown, the gap at a node), for a sum of two data turns where neither does; and of entries that
-are a part TURNING of all that curves there, for under a wave that travels one node or another turns at every instant.
-A *jump* is what is left of a change when the interval is halved, and halved again, down to round-off.
+a change that is over between two of them is not seen. For every kind (load, bounds of friction, gaps, moving supports
+and ground) a weighted sum is kept, with random weights, so that every change of the data changes it. A *bend* lies
+where the straight lines on both sides of an interval meet. A datum *turns* where it is largest or smallest: what slips
+one way there slips the other way from then on; the vertex of the parabola through three samples counts as a bend. Turns
+are those of entries (the load at an unknown, the gap at a node), for a sum of two data turns where neither does; and of
+entries that are a part TURNING of all that curves there, for under a wave that travels one node or another turns at
+every instant. A *jump* is what is left of a change when the interval is halved, and halved again, down to round-off.
 """
 
 from __future__ import annotations

@@ -279,7 +279,7 @@ class PosedStep:
                 break
             size = SHARE * min(size, best.unit(accuracy))
             if best.unit(accuracy) > 0:
-                # Of a body that is carried far this is much less than the motion of its unknowns let expect.
+                # For a body that is carried far this is much less than the motion of its unknowns suggests.
                 alpha = min(alpha, float(power_of_two(best.unit(accuracy) / np.sqrt(scales.kappa))))
             state = self._asked(alpha, unheld, 0.5 * (accuracy * size) ** 2, guess, spent)
             spent += state.iterations

@@ -92,8 +92,8 @@ def _solved_program(steps: QuasistaticSteps | ViscousSteps, before: State, after
     answer = after.answer(program.feasible(after.y - before.y), after.lam - posed.bias, after.p)
     found = SolvedProgram.of(program, answer, n, after.t)
     if found.certificate.gap > 1.01 * after.certificate.gap + found.certificate.floor:
-        # It has lost digits, to which gaps are linear where terms stick and limits touch; they are found again. Of an
-        # answer that was certified to little this rounding is nothing, and it stays as it is.
+        # The difference has lost digits, and gaps are linear in them where terms stick and limits touch: an active-set
+        # step finds them again. An answer with a large gap does not feel this rounding, and stays as it is.
         found = SolvedProgram.of(program, polished(program, answer), n, after.t)
     if norms is None or not norms.sloped:
         return found

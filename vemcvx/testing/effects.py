@@ -236,7 +236,7 @@ def has_the_slope_of_its_law(sample: EffectSample) -> None:
         for size in (1e-3, 1.0, 1e3) if friction.law is not None and friction.law.slope is not None else ():
             p, step = size * np.linspace(1.0, 2.0, m), 1e-6 * size
             w, ahead = (friction.weights_under(1.0, forces, past, none) for forces in (p, p + step))
-            # Of a law that bends over forces of this size a difference is off by a millionth, and w rounds by 1e-10.
+            # A difference is off by a millionth where a law bends over forces of this size, and w rounds by 1e-10.
             off = (ahead - w) / step - friction.slope_under(1.0, p, past)
             assert (np.abs(off) <= 1e-4 * (w / size + np.abs(ahead - w) / step)).all()
 

@@ -336,6 +336,19 @@ def test_limits_that_are_none(limits, message):
         limits()
 
 
+@pytest.mark.long
+@pytest.mark.parametrize("solver", [vx.Newton(), vx.Clarabel()])
+def test_limits_that_contradict_each_other_are_named(solver):
+    """y_0 <= t - 1 and -y_0 <= -t / 2 contradict each other before t = 2, at t = 1 by 1/2; limit 1 has no part."""
+    D = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0]])
+    limits = vx.Limits(D, lambda t: [t - 1.0, 0.1, -0.5 * t])
+    system = vx.System(np.diag([2.0, 3.0]), lambda t: [0.0, t], limits=limits)
+    match = r"^step 0 at t = 1: .*at limit 0 and limit 2, which contradict each other by 0\.5\. Enlarge a gap"
+    with pytest.raises(vx.SceneError, match=match):
+        vx.march(system, [1.0, 3.0], solver=solver, initial="settled")
+    assert vx.march(system, [2.0, 3.0], solver=solver, initial="settled").certified.max() <= solver.accuracy
+
+
 def test_bounds_are_met_exactly_beside_limits_that_give_way():
     """Where bounds and what gives way read one unknown, feasible increments are within the bounds to the last bit."""
     rng = np.random.default_rng(2)

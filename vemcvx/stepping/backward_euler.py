@@ -167,7 +167,7 @@ def march(
     Raises
     ------
     SceneError
-        The times do not increase, or the initial state violates (2.1).
+        The times do not increase, the initial state violates (2.1), or rigid limits contradict each other.
     NotAccepted
         The solver cannot take the program.
     NotCertified

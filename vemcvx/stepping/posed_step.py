@@ -27,6 +27,7 @@ import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -104,7 +105,8 @@ def ground_norm(operators: Operators, ground: Floats | None, w: Floats) -> float
 def require_certified(run: PreparedRun, state: State, n: int) -> None:
     """Raise NotCertified when the state after step `n` misses the solver's accuracy.
 
-    Where nobody asked for one, nothing below the rounding floor is wanted.
+    Where nobody asked for one, nothing below the rounding floor is wanted. SceneError where limits contradict each
+    other.
     """
     solver, certificate, unit = run.solver, state.certificate, state.unit(run.solver.accuracy)
     accuracy, norms = solver.accuracy, run.system.norms
@@ -112,6 +114,8 @@ def require_certified(run: PreparedRun, state: State, n: int) -> None:
     # A relative rounding floor is also about how wrong K^{-1} is, and with it the certificate: beyond .1 it is none.
     if wanted and certificate.error_floor <= 0.1 * unit:
         return
+    if not np.isfinite(certificate.error):
+        _refuse_contradiction(run, state, n)
     parts = certificate.error + certificate.error_floor, certificate.error_floor
     reached, floor = ((part / unit if unit > 0 else np.inf) for part in parts)
     worst = ""
@@ -128,6 +132,25 @@ def require_certified(run: PreparedRun, state: State, n: int) -> None:
         reached=reached,
         asked=accuracy,
         floor=floor,
+    )
+
+
+def _refuse_contradiction(run: PreparedRun, state: State, n: int) -> None:
+    """Raise SceneError where no displacement meets all rigid limits: D'p = 0 and p . e < 0 for some p >= 0 (Farkas)."""
+    from scipy.optimize import linprog  # Importing it takes a fifth of a second.
+
+    limits, rigid = run.system.limits, np.flatnonzero(run.operators.compliance == 0)
+    if limits is None or len(rigid) == 0:
+        return
+    e = state.data.remaining_gap[rigid]
+    balanced: Any = sp.vstack([run.operators.D[rigid].T, sp.csr_matrix(np.ones((1, len(rigid))))])
+    p = linprog(e, A_eq=balanced, b_eq=np.eye(balanced.shape[0])[-1]).x
+    if p is None or not p @ e < -SAME * np.abs(e).max():
+        return
+    against = [limits.name(int(rigid[j])) for j in np.flatnonzero(p > SAME)]
+    raise SceneError(
+        f"step {n} at t = {state.t:.6g}: no displacement meets the limits at {' and '.join(against)}, which contradict "
+        f"each other by {-(p @ e) / p.max():.6g}. Enlarge a gap, or give one of them a compliance."
     )
 
 

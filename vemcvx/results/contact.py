@@ -322,10 +322,10 @@ def _sticking(trajectory: Trajectory, slip: Floats, terms: Terms, at: Ints) -> B
 
 def _closed(posed: PosedScene, trajectory: Trajectory, u: Floats) -> Bools:
     """Return True if each node touches its obstacle, (S, m); true where nothing can open."""
-    closed, met = np.ones((len(u), len(posed.surface.nodes)), dtype=bool), [(posed.obstacles, trajectory.pressures)]
-    if posed.obstacles.prescribed is not None:
-        met.append((posed.obstacles.prescribed, np.zeros((len(u), len(posed.obstacles.prescribed.nodes)))))
-    met = [(obstacles, p) for obstacles, p in met if len(obstacles)]
+    closed, held = np.ones((len(u), len(posed.surface.nodes)), dtype=bool), posed.obstacles.prescribed
+    met = [(posed.obstacles, trajectory.pressures)] if len(posed.obstacles) else []
+    if held is not None:
+        met.append((held, np.zeros((len(u), len(held)))))
     places = [posed.surface.find(obstacles) for obstacles, _ in met]
     for at in places:
         closed[:, at[at >= 0]] = False

@@ -368,7 +368,7 @@ def gathered(obstacles: Sequence[Obstacle], table: ContactRows, supports: Suppor
             subjects=tuple(o.subject for o in obstacles),
         )
 
-    return replace(those(np.flatnonzero(moves)), prescribed=those(np.flatnonzero(~moves)))
+    return replace(those(np.flatnonzero(moves)), prescribed=None if moves.all() else those(np.flatnonzero(~moves)))
 
 
 def limits(obstacles: Obstacles, supports: Supports) -> Limits | None:

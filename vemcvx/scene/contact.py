@@ -319,7 +319,7 @@ def contact_surface(
     together = summing(place, len(lead))
     surface = replace(rows[lead], normals=together @ (rows.lengths[:, None] * rows.normals), ends=together @ rows.ends)
     unit = surface.normals / np.linalg.norm(surface.normals, axis=1)[:, None]
-    reaction = sp.csr_matrix(together @ normal_reactions(rows, supports)[1])
+    reaction = sp.csr_matrix(together @ normal_reactions(rows, supports))
     return Surface(**replace(surface, normals=unit).columns, normal_reaction=reaction)
 
 

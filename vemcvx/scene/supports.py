@@ -474,12 +474,13 @@ def freedom(
     each = _squares_along(B, dim - 1)
     slides, held = each[:, -1] > 0, np.flatnonzero(each[:, 0] <= SAME * each[:, -1])
     dragged = np.zeros(k, dtype=bool)
-    under = None if ground is None else (lambda t: along(tangents[held], ground(t)[held]))
-    of_held = (held[:, None] * (dim - 1) + np.arange(dim - 1)).ravel()
-    dragged[held] = _dragged(reads[of_held], rows[held], supports, times, under)
+    if len(held) and not (supports.still and ground is None):
+        under = None if ground is None else (lambda t: along(tangents[held], ground(t)[held]))
+        of_held = (held[:, None] * (dim - 1) + np.arange(dim - 1)).ravel()
+        dragged[held] = _dragged(reads[of_held], rows[held], supports, times, under)
     normal_only = np.zeros(k, dtype=bool)
     if not slides.all():
-        normal_only = ~slides & (normal_is_free(rows, supports) | normal_reactions(rows, supports)[0])
+        normal_only = ~slides & (normal_is_free(rows, supports) | _held_normals(rows, supports)[0])
     return Freedom(slides, dragged, normal_only)
 
 
@@ -500,8 +501,6 @@ def _dragged(
 ) -> Bools:
     """Return True if supports move each of these rows along its tangents between any two instants, (k,)."""
     dragged = np.zeros(len(rows), dtype=bool)
-    if len(rows) == 0 or (supports.still and ground is None):
-        return dragged
     if len(times) == 0:
         moved = supports.moved // supports.points.shape[1]
         return ~dragged if ground is not None else np.isin(rows.nodes, moved) | np.isin(rows.partners, moved)
@@ -520,10 +519,16 @@ def _dragged(
     return dragged
 
 
-def normal_reactions(rows: ContactRows, supports: Supports) -> tuple[Bools, sp.csr_matrix]:
-    """For each of k rows, True where contact alone holds its normal, and g (k, n_u).
+def normal_reactions(rows: ContactRows, supports: Supports) -> sp.csr_matrix:
+    """g (k, n_u): contact holds the normal of each of k rows with the force -g . R of reactions R; zero elsewhere."""
+    entries, places = _held_normals(rows, supports)[1:]
+    return sp.csr_matrix(sp.csr_matrix((entries, places), shape=(len(rows), len(supports.depends))) @ supports.H.T)
 
-    Contact holds the normal with the force -g . R of reactions R; g is zero where it does not.
+
+def _held_normals(rows: ContactRows, supports: Supports) -> tuple[Bools, Floats, tuple[Ints, Ints]]:
+    """True where contact alone holds the normal of a row, (k,).
+
+    Besides, the cosines between the normals of rows and those rows of A by which contact holds them, and their places.
     """
     (nodes, partners), holds = pairs_of(supports.given), np.flatnonzero(~supports.depends)
     directions = np.concatenate([supports.points[:0], *(support.directions for support in supports.given)])[holds]
@@ -546,9 +551,7 @@ def normal_reactions(rows: ContactRows, supports: Supports) -> tuple[Bools, sp.c
     # Where contact alone holds a node altogether, at its corners, the node is no place of contact.
     held_by_contact[row[contact[col]]] = True
     takes = contact[col] | (count[row] == 1)
-    entries = cosine[takes], (row[takes], holds[col[takes]])
-    reaction = sp.csr_matrix(entries, shape=(len(rows), len(supports.depends))) @ supports.H.T
-    return held_by_contact & (of_contact == 1), sp.csr_matrix(reaction)
+    return held_by_contact & (of_contact == 1), cosine[takes], (row[takes], holds[col[takes]])
 
 
 def on_free(rows: sp.csr_matrix, supports: Supports) -> sp.csr_matrix:

@@ -70,7 +70,7 @@ from vemcvx.linear import (
 )
 from vemcvx.program.certificate import Certificate
 from vemcvx.program.kernel import anchors
-from vemcvx.program.operators import Operators, restricted, shifted, transverse
+from vemcvx.program.operators import Operators, restricted, transverse
 from vemcvx.program.scaling import scaling, unit_diagonal
 from vemcvx.program.system import System
 from vemcvx.program.tolerances import UNSEEN
@@ -466,8 +466,7 @@ def _anchors(system: System, retained: Ints, linear: LinearSolver) -> Floats | N
 
 def _unanchored(operators: Operators, anchor: Floats, modes: Floats) -> Operators:
     """The operators of K itself, from those of K with the anchors' stiffness."""
-    kernel = np.linalg.qr(modes)[0]
-    K = shifted(operators.K, -anchor)
+    kernel, K = np.linalg.qr(modes)[0], operators.plus(sp.diags_array(-anchor))
     return replace(operators, K=K, given_factor=operators.factor, kernel=kernel, anchor=anchor)
 
 
@@ -542,7 +541,7 @@ def refined(
         stiffness = np.divide(1.0, operators.compliance, out=np.zeros_like(p), where=soft & (z > 0))
         lacking = np.where(soft, stiffness * z - p, 0.0)
         if S_FF is None or not np.array_equal(stiffness, springs):
-            springs, K = stiffness, operators.regular.stiffened(turns, stiffness)
+            springs, K = stiffness, operators.regular.plus(operators.stiffening(turns, stiffness))
             S_FF = operators.factor.within(restricted(K, F), F)
         load, step = left.retained - operators.limits.force_of(lacking), np.zeros(len(held))
         step[F] = S_FF.solve(load[F])

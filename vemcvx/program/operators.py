@@ -420,7 +420,7 @@ class Operators(ArrayRecord):
         """The operators with K + diag(anchor), which is positive definite; itself where there is no kernel."""
         if self.anchor is None:
             return self
-        return replace(self, K=shifted(self.K, self.anchor), kernel=None, anchor=None)
+        return replace(self, K=self.plus(sp.diags_array(self.anchor)), kernel=None, anchor=None)
 
     @cached_property
     def kernel_balance(self) -> KernelBalance:
@@ -590,22 +590,18 @@ class Operators(ArrayRecord):
         some = np.unique(np.linspace(0, len(alone) - 1, min(SAMPLES, len(alone))).astype(np.int64))
         return alone * max((self.factor.energy(rows[i].toarray()[0]) / alone[i] for i in some), default=1.0)
 
-    def stiffened(self, H: Floats, stiffness: Floats | None = None) -> Matrix:
-        """K + B'HB + D' diag(stiffness) D with a symmetric matrix H_i (m, block, block) a norm term."""
-        return self.plus(self.stiffening(H, stiffness))
-
-    def stiffening(self, H: Floats, stiffness: Floats | None = None) -> sp.csr_matrix:
-        """B'HB + D' diag(stiffness) D."""
+    def stiffening(self, H: Floats, stiffness: Floats) -> sp.csr_matrix:
+        """B'HB + D' diag(stiffness) D with a symmetric matrix H_i (m, block, block) a norm term."""
         added: sp.csr_matrix = sp.csr_matrix(self.K.shape)
         if self.count:
             blocks = sp.csr_matrix(sp.bsr_matrix((H, np.arange(self.count), np.arange(self.count + 1))))
             added = sp.csr_matrix(self.B.T @ blocks @ self.B)
-        if stiffness is not None and len(stiffness):
-            added = sp.csr_matrix(added + self.D.T @ sp.diags_array(stiffness) @ self.D)
-        return added
+        return sp.csr_matrix(added + self.D.T @ sp.diags_array(stiffness) @ self.D) if len(stiffness) else added
 
-    def plus(self, added: sp.csr_matrix) -> Matrix:
+    def plus(self, added: sp.csr_matrix | sp.dia_array) -> Matrix:
         """K + added."""
+        if isinstance(self.K, sp.csr_matrix):
+            return sp.csr_matrix(self.K + added)
         return self.K + added.toarray() if isinstance(self.K, np.ndarray) else self.K + added
 
     def energy_norm(self, d: Floats) -> float:
@@ -634,11 +630,6 @@ def restricted(K: Matrix, F: Ints) -> Matrix:
     if isinstance(K, np.ndarray):
         return K.take(F, 0).take(F, 1)
     return K.principal(F) if isinstance(K, Congruent) else K[F][:, F]
-
-
-def shifted(K: Matrix, diagonal: Floats) -> Matrix:
-    """K + diag(diagonal)."""
-    return K + np.diag(diagonal) if isinstance(K, np.ndarray) else sp.csr_matrix(K + sp.diags_array(diagonal))
 
 
 def energy_norm(K: Matrix, d: Floats) -> float:

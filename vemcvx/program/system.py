@@ -427,11 +427,9 @@ SYMMETRIC = 1e-10
 def check_stiffness(K: sp.csr_matrix | Elsewhere) -> None:
     """Raise SceneError unless K is square and symmetric, as one elsewhere was made, with a positive diagonal."""
     if not isinstance(K, Elsewhere):
-        if K.nnz == 0 and K.shape[0] == K.shape[1]:
-            return
         check_symmetric(K, "System: K")
     diagonal = K.diagonal()
-    if diagonal.min() <= 0:
+    if (diagonal <= 0).any():
         i = int(np.argmin(diagonal))
         raise SceneError(f"System: found K[{i}, {i}] = {diagonal[i]:.6g}; K must be positive definite.")
 
@@ -464,7 +462,7 @@ def check_symmetric(K: sp.csr_matrix, subject: str) -> None:
     # Kx = K'x for one x without structure: a tenth of the cost of K - K', which is formed only to name the place.
     x = np.random.default_rng(0).uniform(-1.0, 1.0, K.shape[0])
     largest = max(K.data.max(initial=0.0), -K.data.min(initial=0.0))
-    doubtful = np.abs(K @ x - x @ K).max() > 0.01 * SYMMETRIC * largest
+    doubtful = np.abs(K @ x - x @ K).max(initial=0.0) > 0.01 * SYMMETRIC * largest
     apart = abs(K - K.T).tocoo() if doubtful else sp.coo_matrix(K.shape)
     if apart.nnz and apart.data.max() > SYMMETRIC * largest:
         worst = int(np.argmax(apart.data))

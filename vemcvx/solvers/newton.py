@@ -380,7 +380,7 @@ def _hessian(program: StepProgram, q: Floats, x: Floats, shift: Shifts) -> Matri
     share = np.divide(program.w, size, out=np.ones_like(size), where=slip)
     pressed = np.where(x > 0, shift.limits / (1.0 + shift.limits * operators.compliance), 0.0)
     bends = (shift.norms * share)[:, None, None] * transverse(slip[:, None] * directions(q, size))
-    return operators.stiffened(bends, pressed)
+    return operators.plus(operators.stiffening(bends, pressed))
 
 
 PATIENCE = 8

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import re
+import warnings
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
@@ -17,7 +18,7 @@ from typer.testing import CliRunner
 
 import vemcvx as vx
 from vemcvx.cli import app
-from vemcvx.cli.compare import Row, bounds_distance, clause, distance, judged
+from vemcvx.cli.compare import Row, bounds_distance, clause, distance, judged, warned_once
 from vemcvx.scene import pose_scene
 from vemcvx.solvers.conic import installed
 
@@ -319,6 +320,20 @@ PROBLEMS = sorted(path for path in (ROOT / "problems").glob("*.py") if "\ndef ti
 
 
 @pytest.mark.slow
+def test_warnings_are_told_once_where_all_solvers_fail():
+    """What was wrong with the problem may be in them."""
+
+    def fail():
+        for _ in range(2):
+            warnings.warn("held on one side", vx.SceneWarning, stacklevel=1)
+        raise vx.SceneError("no solver answers")
+
+    told = pytest.warns(vx.SceneWarning, match="held on one side")
+    with told as warned, pytest.raises(vx.SceneError, match="no solver answers"), warned_once():
+        fail()
+    assert len(warned) == 1
+
+
 @pytest.mark.filterwarnings("ignore::vemcvx.SceneWarning")
 @pytest.mark.parametrize("path", PROBLEMS, ids=lambda path: path.stem)
 def test_whatever_is_installed_makes_rows_of_every_problem(path, tmp_path):

@@ -364,11 +364,14 @@ def _used(solver: Solver, settings: str) -> Used | None:
 
 @contextmanager
 def warned_once() -> Iterator[None]:
-    """Say each warning once, however many solvers meet it."""
-    with quietly() as caught:
-        yield
-    for words, kind in dict.fromkeys((str(warning.message), warning.category) for warning in caught):
-        warnings.warn(words, kind, stacklevel=2)
+    """Say each warning once, however many solvers meet it, and if all of them fail."""
+    caught = list[warnings.WarningMessage]()
+    try:
+        with quietly() as caught:
+            yield
+    finally:
+        for words, kind in dict.fromkeys((str(warning.message), warning.category) for warning in caught):
+            warnings.warn(words, kind, stacklevel=2)
 
 
 def clause(message: str) -> str:

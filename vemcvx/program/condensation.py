@@ -366,7 +366,9 @@ class Condensation:
         self.regular = system.K if anchor is None else sp.csr_matrix(system.K + sp.diags_array(anchor))
         self.whole = not (condense and self.linear.eliminates)
         if not self.whole:
-            order = np.arange(n) if self.linear.orders else self._order()
+            order = np.arange(n) if self.linear.orders else system.elimination_order()
+            if order is None:
+                order = minimum_degree(self.regular)
             self.retained: Ints = retained
             self.factor, S = self.linear.eliminate(self.regular, order, retained)
             B, D = sp.csr_matrix(B[:, retained]), sp.csr_matrix(D[:, retained])
@@ -398,11 +400,6 @@ class Condensation:
         operators = self.operators
         yields = operators.kernel is not None and bool(operators.compliance.any())
         return operators.own_columns is not None and not yields
-
-    def _order(self) -> Ints:
-        """The order of elimination of the system; if it has none, one computed from K."""
-        order = self.system.elimination_order()
-        return minimum_degree(self.regular) if order is None else order
 
     def reduce(self, phi: Floats, remembered: bool = True, rows: Ints | None = None) -> Reduced:
         """The reduced form of a force (n,), or of one on the unknowns `rows` alone.

@@ -223,6 +223,11 @@ def test_nobody_certified_exits_with_three(solvers, accuracy):
         (["--tuning", "fine"], "--tuning: found 'fine'; there are both, tuned, default"),
         (["--time-limit", "0"], "--time-limit: found 0; wanted seconds, more than zero"),
         (["--csv", "nowhere/a.csv"], "--csv: nowhere/a.csv cannot be written: its folder must exist"),
+        pytest.param(
+            ["--solvers", "newton", "--json", "/dev/full"],
+            "--json: /dev/full cannot be written: No space left on device",
+            marks=pytest.mark.skipif(not Path("/dev/full").exists(), reason="the system has no full disk to write to"),
+        ),
     ],
 )
 def test_mistakes(options, says):

@@ -36,7 +36,16 @@ from vemcvx.cli.options import NONE, Accuracy, File, Mesh, N, Options, Settings,
 from vemcvx.cli.problem_file import Problem, read_problem
 from vemcvx.cli.report import page
 from vemcvx.cli.solver_names import NAMES, named_solver, on_threads, read_options
-from vemcvx.cli.terminal import NOT_CERTIFIED, broken, check_writable, listed, logged_at_most, progress_bar, say
+from vemcvx.cli.terminal import (
+    NOT_CERTIFIED,
+    broken,
+    check_writable,
+    listed,
+    logged_at_most,
+    progress_bar,
+    say,
+    write_text,
+)
 from vemcvx.cost import Ingredients
 from vemcvx.cost.workers import Crashed, TookTooLong, alone
 from vemcvx.errors import NotAccepted, NotCertified, NotContracting, ProblemError, SceneError, VemcvxError, quietly
@@ -248,7 +257,7 @@ class Compare:
         with on_threads(self.threads):
             found = compare_solvers(read_problem(self.file), self)
         for kind, path in paths.items():
-            path.write_text(WRITERS[kind](found), encoding="utf-8")
+            write_text(path, WRITERS[kind](found), f"--{kind}")
         typer.echo(in_words(found))
         if not found.trustworthy:
             raise typer.Exit(NOT_CERTIFIED)

@@ -76,9 +76,9 @@ from vemcvx.program.system import System
 from vemcvx.program.tolerances import UNSEEN
 
 SAME_FIELD = 8 * EPS
-"""Residuals of a load on the shapes solved for below this times the load are rounding, and are dropped. A shape that
-was a small part of a load carries that load's rounding, and a combination with large shares amplifies it: at most 8
-times a load's own rounding is dropped; a load that turns in space left 1.4."""
+"""What the known shapes leave of a load is rounding, and dropped, below this part of the load. A shape that was a small
+part of an earlier load carries that load's rounding, which a combination with large shares amplifies: at most 8 times
+the load's own rounding is dropped. A load that turns in space left 1.4 times."""
 MOST_FIELDS = 6
 """Beyond this many, a load that keeps changing its shape is solved for afresh, step by step."""
 
@@ -249,7 +249,7 @@ class SolvedForces:
         return {**found, new: unit}
 
     def afresh(self, phi: Floats) -> Parts:
-        """A force (n,) that is solved for whatever has been seen, and not remembered."""
+        """The only part of a force (n,) that is solved for by itself, whatever shapes are known, and not remembered."""
         unit = float(power_of_two(np.abs(phi).max(initial=0.0)))
         return {self._solve(phi / unit, None): unit}
 

@@ -89,7 +89,7 @@ class Rows:
         from scipy.optimize import lsq_linear
 
         touched, A = self._touching
-        # An interval of nothing is refused there.
+        # SciPy refuses intervals of length zero.
         free, lam = low < high, low.copy()
         if free.any():
             rest = force[touched] - A[:, ~free] @ low[~free]
@@ -121,10 +121,10 @@ class Rows:
 
 
 class OnceForEach:
-    """A change of matrices or rows, made once where the same object comes again, to which nobody writes.
+    """A function of matrices or rows that remembers its last value, for arguments that nobody writes to.
 
-    Slopes of a law are one object on each of its pieces. A step asks for it some five times, and made anew thrice at
-    each they took a tenth of a step of 169 contacts.
+    A law's slope is one object on each of its pieces, and a step asks for it some five times: changed anew three times
+    at each, slopes took a tenth of a step of 169 contacts.
     """
 
     def __init__(self, change: Callable[..., Rows]):
@@ -352,7 +352,7 @@ FEATURES = frozenset({QUADRATIC, ABSOLUTE_VALUES, SECOND_ORDER_CONES, BOUNDS, SQ
 
 
 def _locked(matrix: Any) -> Any:
-    """The same entries, not to be written to; products alone are left as they are."""
+    """A view of a matrix that refuses to be written to; matrices without entries of their own are returned as given."""
     if isinstance(matrix, np.ndarray):
         return read_only(matrix.view())
     if not isinstance(matrix, sp.csr_matrix):
@@ -504,8 +504,9 @@ class Operators(ArrayRecord):
     def softness(self) -> tuple[Floats, Floats | LinearOperator]:
         """Units u (N,) of multipliers, alike in a block, and W + C in these, whose diagonal is near one.
 
-        W = A K^{-1} A' and the compliances C say how far rows move under multipliers. In single precision discs at
-        their bounds, which do not slip, stick and slip in turns. Where these are too many, W takes a solve a product.
+        W = A K^{-1} A' and the compliances C say how far rows move under multipliers. W is kept in double precision:
+        in single precision discs at their bounds that do not slip would stick and slip in turns. Where rows are too
+        many for W to be formed, each product with it takes a solve.
         """
         diagonal = np.append(np.repeat(self.norm_flexibility, self.block), 1.0 / self.limit_stiffness)
         u = 1.0 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
@@ -581,7 +582,7 @@ class Operators(ArrayRecord):
     def _flexibilities(self) -> Floats:
         """(N,) the diagonal of A K^{-1} A'.
 
-        Of an iterative factor an estimate: that of single unknowns, times the largest ratio found on sampled rows.
+        An iterative factor gives an estimate: A diag(K)^{-1} A', times the largest ratio of the two on sampled rows.
         """
         rows = self.A
         if self.factor.exact:

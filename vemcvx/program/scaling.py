@@ -184,7 +184,7 @@ def _scaled(operators: Operators, delta: Floats, kappa: float) -> Matrix:
 
 
 def _diagonal(operators: Operators) -> Floats:
-    """The diagonal of K; theirs where anchors alone hold an unknown, and rounding is all that K has of it."""
+    """The diagonal of K; with the anchors' stiffness at unknowns that these alone hold, where K has rounding only."""
     own, anchored = operators.K.diagonal(), operators.regular.K.diagonal()
     return np.where(own > 2.0**-40 * anchored, own, anchored)
 

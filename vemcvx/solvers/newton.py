@@ -386,9 +386,9 @@ def _hessian(program: StepProgram, q: Floats, x: Floats, shift: Shifts) -> Matri
 PATIENCE = 8
 """Newton points in a row that may fail to halve the best gap before the safeguard is called."""
 OVERRELAXATION = 0.01
-"""Part of their bound by which multipliers of discs begin a step beyond it: they then turn against SHIFT /
-OVERRELAXATION times the stiffness that they feel. If all stick, 64 steps take a tenth to a quarter more solves; with
-.03 and .1 a few more."""
+"""Part of their bound by which multipliers of discs that were on it begin a step beyond it, so that they slip in its
+first sets, with SHIFT / OVERRELAXATION times the stiffness that they feel for a curvature. Begun on the bound, where
+they stick first, 64 steps take a tenth to a quarter more solves; begun .03 or .1 beyond it, a few more."""
 
 
 @dataclass(frozen=True)
@@ -419,9 +419,6 @@ class Newton(Solver):
     @property
     def advice(self) -> str:
         return "raise max_iterations"
-
-    def limited(self, max_iterations: int) -> Newton:
-        return replace(self, max_iterations=max_iterations)
 
     def prepare(self, operators: Operators) -> Newton:
         return self

@@ -199,9 +199,9 @@ def unit_rows(A: sp.csr_matrix) -> sp.csr_matrix:
 
 
 class Place:
-    """Coordinates of some unknowns (n,), of which what holds reads one a row; the motions of these are G times them.
+    """Coordinates y of some unknowns d = G y, in which every row that holds reads one coordinate of its own.
 
-    Where rows that hold read an unknown of their own, the coordinates are the unknowns, and there is no G.
+    Where every row that holds reads an unknown of its own, the coordinates are the unknowns, and there is no G.
 
     Raises
     ------

@@ -459,11 +459,6 @@ def as_json(found: Judged) -> str:
     return json.dumps(told, indent=1) + "\n"
 
 
-def as_csv(found: Judged) -> str:
-    """One line a row, by the names of JSON."""
-    return Table([field.name for field in fields(Row)], list(map(astuple, found.rows))).csv()
-
-
 def as_html(found: Judged) -> str:
     """A page with the tables of the terminal, all columns, and the reasons of settings."""
     rows = [[*_cells(row, COLUMNS), f"{row.outcome}: {row.says}".rstrip(": ")] for row in found.rows]
@@ -476,4 +471,8 @@ def as_html(found: Judged) -> str:
     )
 
 
-WRITERS: dict[str, Callable[[Judged], str]] = {"json": as_json, "csv": as_csv, "html": as_html}
+WRITERS: dict[str, Callable[[Judged], str]] = {
+    "json": as_json,
+    "csv": lambda found: Table([field.name for field in fields(Row)], list(map(astuple, found.rows))).csv(),
+    "html": as_html,
+}

@@ -380,7 +380,10 @@ class Condensation:
             self.operators = Operators(K, B, block, self.factor, D=D, compliance=compliance)
         self._S = self.operators.K
         if anchor is not None and system.kernel is not None:
-            self.operators = _unanchored(self.operators, anchor[self.retained], system.kernel.modes[self.retained])
+            # From K with the anchors' stiffness, which is factorised, to K itself.
+            own, modes = anchor[self.retained], np.linalg.qr(system.kernel.modes[self.retained])[0]
+            K, factor = self.operators.plus(sp.diags_array(-own)), self.operators.factor
+            self.operators = replace(self.operators, K=K, given_factor=factor, kernel=modes, anchor=own)
         self.scaling = scaling(self.operators)
         if self.operators.given_factor is None:
             self.operators = replace(self.operators, given_factor=self.scaling.factor)
@@ -459,12 +462,6 @@ def _anchors(system: System, retained: Ints, linear: LinearSolver) -> Floats | N
     stiffness = np.zeros(system.n)
     stiffness[retained] = anchors(system.kernel.modes[retained], system.K.diagonal()[retained])
     return stiffness
-
-
-def _unanchored(operators: Operators, anchor: Floats, modes: Floats) -> Operators:
-    """The operators of K itself, from those of K with the anchors' stiffness."""
-    kernel, K = np.linalg.qr(modes)[0], operators.plus(sp.diags_array(-anchor))
-    return replace(operators, K=K, given_factor=operators.factor, kernel=kernel, anchor=anchor)
 
 
 TAIL = 175.75163111741583

@@ -291,7 +291,7 @@ class Norms(ArrayRecord):
     @cached_property
     def _slope(self) -> OnceForEach:
         """A slope of the law (m, r), checked."""
-        return OnceForEach(_checked_slope)
+        return OnceForEach(lambda J, shape: Rows(checked_matrix(J, "Norms: slope", shape)))
 
     def bias_at(self, t: float) -> Floats:
         """The bias (m * block,) at the instant `t`; zero if there is none.
@@ -330,10 +330,6 @@ class Norms(ArrayRecord):
             worst = self.name(int(np.argmin(w)))
             raise SceneError(f"Norms: found the {what} {w.min():.6g} of {worst}; it must be >= 0.")
         return np.full(self.count, w)
-
-
-def _checked_slope(J: Any, shape: tuple[int, int]) -> Rows:
-    return Rows(checked_matrix(J, "Norms: slope", shape))
 
 
 def transverse(unit: Floats) -> Floats:

@@ -282,9 +282,13 @@ class System(ArrayRecord):
         ) -> None: ...
 
     def __post_init__(self) -> None:
-        if not isinstance(self.K, Elsewhere):
+        if not isinstance(self.K, Elsewhere):  # One elsewhere is symmetric as it was made.
             object.__setattr__(self, "K", checked_matrix(self.K, "System: K"))
-        check_stiffness(self.K)
+            check_symmetric(self.K, "System: K")
+        diagonal = self.K.diagonal()
+        if (diagonal <= 0).any():
+            i = int(np.argmin(diagonal))
+            raise SceneError(f"System: found K[{i}, {i}] = {diagonal[i]:.6g}; K must be positive definite.")
         if not callable(self.load):
             raise SceneError(
                 f"System: found load = {brief(self.load)}; wanted a function of t that gives ({self.n},) forces."
@@ -422,16 +426,6 @@ class System(ArrayRecord):
 
 # Products such as A'CA round (i, j) and (j, i) differently, by eps times the number of summands.
 SYMMETRIC = 1e-10
-
-
-def check_stiffness(K: sp.csr_matrix | Elsewhere) -> None:
-    """Raise SceneError unless K is square and symmetric, as one elsewhere was made, with a positive diagonal."""
-    if not isinstance(K, Elsewhere):
-        check_symmetric(K, "System: K")
-    diagonal = K.diagonal()
-    if (diagonal <= 0).any():
-        i = int(np.argmin(diagonal))
-        raise SceneError(f"System: found K[{i}, {i}] = {diagonal[i]:.6g}; K must be positive definite.")
 
 
 def check_semidefinite(C: sp.csr_matrix, subject: str) -> None:

@@ -143,8 +143,8 @@ TUNED: Mapping[str, tuple[Setting, ...]] = {
 class KeptMatrices:
     """A solver of Clarabel's, whose `update` passes on matrices that differ from those it was last given.
 
-    cvxpy hands it P, q, A and b anew each time. P and A are those of all steps; taking them over again is a quarter of
-    a step of 256 terms, and changes no bit of an answer.
+    cvxpy hands it P, q, A and b anew each time. P and A are those of all steps; taking them over again is a tenth of a
+    step of 256 terms, and changes no bit of an answer.
     """
 
     def __init__(self, solver: Any):

@@ -307,20 +307,17 @@ class SetsSystem:
         concerned = np.repeat(sets.stick | (sets.curvature > 0) | follows, operators.block)
         held = np.concatenate([response.limits.start + self._hard, np.flatnonzero(stick)])
         self._place = place = response.place(held, np.append(concerned, sets.act))
-        self._T = self._curved()
+        self._T: Floats | None = None
+        """the entries of T at the places of `rows.pairs`, if there are any"""
+        if sets.curvature.any() or self._spring.any():
+            blocks = sets.curvature[:, None, None] * transverse(sets.direction)
+            self._T = np.asarray(place.rows.pairs[2] @ np.append(blocks, self._spring))
         self._share()
         self._feedback: Floats | None = None
         pulls = (np.abs(sets.direction) * self._steep(np.ones(len(hard)))[:, None]).ravel()
         if place.norms.absolute.force_of(pulls)[place.columns].any():
             self._close_loop(J.B)
         self._reactions = self._forces_of_limits()
-
-    def _curved(self) -> Floats | None:
-        """The entries of T at the places of `rows.pairs`; None if there are none."""
-        if not (self._sets.curvature.any() or self._spring.any()):
-            return None
-        blocks = self._sets.curvature[:, None, None] * transverse(self._sets.direction)
-        return np.asarray(self._place.rows.pairs[2] @ np.append(blocks, self._spring))
 
     def _forces_of_limits(self) -> Matrix:
         """P (r, y): how the forces of limits follow the motions y, as if nothing pulled at what they hold."""

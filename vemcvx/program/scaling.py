@@ -45,13 +45,7 @@ gaps of limits beyond the largest are as good as infinite."""
 
 
 def checked_norm(norm: float, t: float) -> float:
-    """The energy norm of what drives a step, if the energy is a number that leaves room for errors beside it.
-
-    Raises
-    ------
-    SceneError
-        It is not.
-    """
+    """The energy norm of what drives a step; SceneError if its square leaves no room for errors beside it."""
     if SMALLEST_NORM <= norm <= LARGEST_NORM:
         return norm
     raise SceneError(

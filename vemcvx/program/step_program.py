@@ -504,13 +504,7 @@ class Answer(ArrayRecord):
 
 
 def fitting(answer: Answer, program: StepProgram, solver: str) -> Answer:
-    """The answer of a solver, checked to fit this program.
-
-    Raises
-    ------
-    SolverFailed
-        It is no Answer, its arrays are none of the program's shapes, or it has diverged.
-    """
+    """The answer of a solver; SolverFailed where it is no Answer, has arrays of other shapes, or has diverged."""
     if not isinstance(answer, Answer) or not is_whole(answer.iterations):
         raise SolverFailed(f"solver {solver}: found the answer {brief(answer)}; wanted Answer(d, lam, iterations).")
     for name, shape in program.shapes.items():
@@ -530,12 +524,7 @@ def fitting(answer: Answer, program: StepProgram, solver: str) -> Answer:
 def read_answer(raw: Any, program: StepProgram, solver: str) -> Answer:
     """The returned value of a user's `solve` as an Answer; missing multipliers are recovered.
 
-    A whole number at the end of a tuple is the iterations.
-
-    Raises
-    ------
-    SolverFailed
-        It is none, or of other sizes than the program's.
+    A whole number at the end of a tuple is the iterations. SolverFailed where it is none, or does not fit the program.
     """
     said = raw if isinstance(raw, Answer) else None
     parts = (said.d, said.lam, said.p) if said is not None else raw if isinstance(raw, tuple) else (raw,)

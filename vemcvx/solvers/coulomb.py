@@ -199,10 +199,7 @@ def _balances(program: StepProgram, lam: Floats, p: Floats) -> bool:
 def on_sets(program: StepProgram, law: Piece, sets: Sets, response: Response, near: Floats) -> Found:
     """Solve the system of the sets, corrected by its residual until that is rounding, twice at most.
 
-    Raises
-    ------
-    LinAlgError
-        The system is singular.
+    LinAlgError where the system is singular.
     """
     operators, system = program.operators, SetsSystem(program.operators, sets, law.slope, response)
     point = Iterate(np.zeros(len(program.g)), np.zeros_like(near), np.zeros(len(sets.act)))

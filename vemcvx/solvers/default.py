@@ -36,10 +36,7 @@ class Solves(Protocol):
 def as_solver(given: Solver | Solves) -> Solver:
     """A Solver as it is; any other object with `solve` as one.
 
-    Raises
-    ------
-    SceneError
-        It is a class, or has no `solve`, or an `accepts` that names no features.
+    SceneError where it is a class, or has no `solve`, or an `accepts` that names no features.
     """
     if isinstance(given, Solver):
         return given
@@ -134,13 +131,7 @@ log = logging.getLogger("vemcvx")
 
 
 def choose_solver(operators: Operators, given: Solver | Solves | None) -> Solver:
-    """The solver for programs of `operators`.
-
-    Raises
-    ------
-    NotAccepted
-        The solver asked for cannot take a feature of the program.
-    """
+    """The solver for programs of `operators`; NotAccepted where the one asked for does not take one of its features."""
     if given is None:
         solver = next(s for s in BY_SIZE if operators.features <= s.accepts)
         log.info("solver: %s, the smallest that accepts %s", solver.name, words(operators.features))

@@ -169,12 +169,7 @@ def unit_rows(A: sp.csr_matrix) -> sp.csr_matrix:
     """G (c, c) with A G = [I, 0], of rows A (h, c) that hold.
 
     A row that reads an unknown of its own is scaled; the others are reflected, together with those that share unknowns
-    with them, and unknowns that none reads follow as they are.
-
-    Raises
-    ------
-    LinAlgError
-        A row follows from others.
+    with them, and unknowns that none reads follow as they are. LinAlgError where a row follows from others.
     """
     h, c = A.shape
     own, readers = np.diff(A.indptr) == 1, np.bincount(A.indices, minlength=c)
@@ -202,11 +197,7 @@ class Place:
     """Coordinates y of some unknowns d = G y, in which every row that holds reads one coordinate of its own.
 
     Where every row that holds reads an unknown of its own, the coordinates are the unknowns, and there is no G.
-
-    Raises
-    ------
-    LinAlgError
-        A row that holds follows from others.
+    LinAlgError where a row that holds follows from others.
     """
 
     def __init__(self, response: Response, held: Ints, some: Ints):
@@ -284,12 +275,8 @@ class Place:
 class SetsSystem:
     """The system of some sets, reduced to the motions y that they leave, and factorised once it is solved.
 
-    Its matrices stand in the memory of the last one of the same response, which is no longer solved with.
-
-    Raises
-    ------
-    LinAlgError
-        It is singular: the sets hold nothing, or hold something twice.
+    Its matrices stand in the memory of the last one of the same response, which is no longer solved with. LinAlgError
+    where it is singular: the sets hold too little, or hold something twice.
     """
 
     def __init__(self, operators: Operators, sets: Sets, J: Rows, response: Response):

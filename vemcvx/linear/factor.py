@@ -123,16 +123,11 @@ def parts(count: int, n: int) -> Iterator[slice]:
 
 
 class DirectFactor(Factor):
-    """K = L L' of a sparse matrix, and estimates from motions x = L'^{-1} z, z normal, whose covariance is K^{-1}.
-
-    Attributes
-    ----------
-    unit : float
-        A power of two near the entries of K; roots are taken of the same numbers in all units.
-    """
+    """K = L L' of a sparse matrix, and estimates from motions x = L'^{-1} z, z normal, whose covariance is K^{-1}."""
 
     _K: sp.csr_matrix
     unit: float
+    """A power of two near the entries of K: roots are taken of the same numbers in all units."""
 
     @abstractmethod
     def random_motions(self) -> Floats:

@@ -130,15 +130,10 @@ Parts = dict[SolvedForce, float]
 
 
 class Reduced:
-    """A force phi (n,) as a combination of solved ones.
+    """A force phi (n,), formed when it is first asked for, as a combination of solved ones.
 
-    Parameters
-    ----------
-    phi : callable () -> (n,)
-    parts : dict of SolvedForce to float
-        Their shares, which sum to phi up to rounding.
-    retained : (m,) array
-        tau, the force on the retained unknowns that stands for phi.
+    The shares of these, `parts`, sum to phi up to rounding; `retained` (m,) is tau, the force on the retained unknowns
+    that stands for phi.
     """
 
     def __init__(self, phi: Callable[[], Floats], parts: Parts, retained: Floats):
@@ -206,15 +201,10 @@ def combined(shares: Sequence[tuple[float, Floats]], like: Floats) -> Floats:
 
 
 class SolvedForces:
-    """Shapes of forces seen so far, on the unknowns that any of them loads.
+    """Shapes of forces seen so far, on the unknowns that any of them loads, each solved for once by `solve`.
 
-    Parameters
-    ----------
-    n : int
-    solve : callable (force (n,), number) -> SolvedForce
-    ease : (n,) array
-        The root of each unknown's flexibility. A remainder of a load is rounding if it is so both as a force and in
-        the energy of its response: 1e-15 of a load on a stiff part, acting on a part softer by 1e16, is not.
+    `ease` (n,) is the root of each unknown's flexibility. A remainder of a load is rounding if it is so both as a force
+    and in the energy of its response: 1e-15 of a load on a stiff part, acting on a part softer by 1e16, is not.
     """
 
     def __init__(self, n: int, solve: Callable[[Floats, int | None], SolvedForce], ease: Floats):

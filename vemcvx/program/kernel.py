@@ -95,18 +95,12 @@ def anchors(modes: Floats, diagonal: Floats) -> Floats:
 
 @dataclass(frozen=True)
 class KernelBalance:
-    """The balance on a kernel: how norm terms and limits feel its motions N and hold a load there.
-
-    Parameters
-    ----------
-    friction_modes : (m, block, k) array
-        B_i N.
-    contact_modes : (r, k) array
-        D N.
-    """
+    """The balance on a kernel: how norm terms and limits feel its motions N and hold a load there."""
 
     friction_modes: Floats
+    """(m, block, k) B_i N"""
     contact_modes: Floats
+    """(r, k) D N"""
 
     def nearest(
         self, lam: Floats, p: Floats, w: Floats, push: Floats, inverse_metric: tuple[Floats, Floats]

@@ -49,13 +49,10 @@ def as_solver(given: Solver | Solves) -> Solver:
 
 
 class AdaptedSolver(Solver):
-    """A solver around somebody's object with `solve`.
+    """A solver around somebody's object with `solve(program, target)`.
 
-    Parameters
-    ----------
-    own : object
-        `solve(program, target)`; without `accepts` it is taken to accept every feature, without `accuracy` 1e-6 is
-        asked of it, without `semidefinite` it is given a positive definite K only.
+    Without `accepts` that is taken to accept every feature, without `accuracy` 1e-6 is asked of it, and without
+    `semidefinite` it is given a positive definite K only.
     """
 
     accepts: frozenset[str] = FEATURES

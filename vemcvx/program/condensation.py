@@ -85,29 +85,21 @@ MOST_FIELDS = 6
 
 @dataclass(frozen=True, eq=False)
 class SolvedForce:
-    """A force of size one with its response.
-
-    Attributes
-    ----------
-    phi, z : (n,) arrays
-        The force, and the first half of a solve (:class:`vemcvx.linear.Halves`), which stands for xi.
-    retained, released : (m,) arrays
-        tau, the force on the retained unknowns that stands for phi; their displacements under it.
-    number : int or None
-        The number of the shape; None if the force is not remembered as one.
-    respond : callable () -> (n,)
-        K^{-1} phi, computed when it is first asked for.
-    product : callable
-        phi'xi of two forces from their first halves.
-    """
+    """A force of size one with its response."""
 
     phi: Floats
     z: Floats
+    """(n,) the first half of a solve (:class:`vemcvx.linear.Halves`), which stands for xi"""
     retained: Floats
+    """(m,) tau, the force on the retained unknowns that stands for phi"""
     released: Floats
+    """(m,) their displacements under it"""
     number: int | None
+    """of the shape; None if the force is not remembered as one"""
     respond: Callable[[], Floats]
+    """K^{-1} phi (n,)"""
     product: Callable[[Floats, Floats], float]
+    """phi'xi of two forces from their first halves"""
     _products: dict[int, tuple[float, float]] = field(default_factory=dict, repr=False)
 
     @cached_property
@@ -496,17 +488,9 @@ def refined(
 ) -> tuple[Floats, Floats, Floats]:
     """All unknowns y (n,) and multipliers, corrected until K y = force - B'lam - D'p to rounding.
 
-    Parameters
-    ----------
-    force, y : (n,) arrays
-    gap : (r,) array
-        e of the limits, z = D y - e.
-    lam, p : (m, block) and (r,) arrays
-        Bounds with p > 0 act and stay as they are; soft limits act where z > 0.
-    stick : (m,) array of bool
-        Terms whose increment stays as it is; needs rows that read one unknown each.
-    slip : (m, block) array
-        Of the others, with whose directions those of their multipliers turn.
+    Rows read one unknown each. Bounds with p > 0 act, and soft limits where z = D y - e > 0, of the `gap` e (r,). Terms
+    that `stick` (m,) keep their increments; multipliers of the others turn with the directions of their `slip`
+    (m, block).
     """
     held = np.zeros(len(condensation.retained), dtype=bool)
     # Rows of B, then rows of D: each reads one unknown of its own.

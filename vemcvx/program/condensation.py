@@ -262,17 +262,9 @@ class Held:
     unheld response is large, take one more. Where K is definite the tau handed out is that of the first round, rounded
     as S is, so that S^{-1} tau is the response of unknowns that no term holds, whatever digits S has lost.
 
-    Parameters
-    ----------
-    factor : Factor
-        Of K with the anchors, n unknowns.
-    retained : (m,) array
-    S : (m, m) array or sparse matrix
-        With the anchors.
-    K : (n, n) sparse matrix
-    motions : (n, k) array
-        The kernel of K, orthonormal on the retained unknowns. Anchors are soft, so that rounding there shows mostly as
-        these motions; they are added to all unknowns, lest they become strain.
+    The factor, S and K have the anchors' stiffness. `motions` (n, k) is the kernel of K, orthonormal on the retained
+    unknowns. Anchors are soft, so that rounding there shows mostly as these motions; they are added to all unknowns,
+    lest they become strain.
     """
 
     def __init__(self, factor: Factor, retained: Ints, S: Matrix, K: sp.csr_matrix, motions: Floats):
@@ -362,10 +354,10 @@ class Condensation:
             self.operators = Operators(K, B, block, self.factor, D=D, compliance=compliance)
         self._S = self.operators.K
         if anchor is not None and system.kernel is not None:
-            # From K with the anchors' stiffness, which is factorised, to K itself.
-            own, modes = anchor[self.retained], np.linalg.qr(system.kernel.modes[self.retained])[0]
-            K, factor = self.operators.plus(sp.diags_array(-own)), self.operators.factor
-            self.operators = replace(self.operators, K=K, given_factor=factor, kernel=modes, anchor=own)
+            # K with the anchors' stiffness is factorised; the operators are those of K itself.
+            own, kernel = anchor[self.retained], np.linalg.qr(system.kernel.modes[self.retained])[0]
+            floating, factor = self.operators.plus(sp.diags_array(-own)), self.operators.factor
+            self.operators = replace(self.operators, K=floating, given_factor=factor, kernel=kernel, anchor=own)
         self.scaling = scaling(self.operators)
         if self.operators.given_factor is None:
             self.operators = replace(self.operators, given_factor=self.scaling.factor)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import re
+import warnings
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
@@ -17,7 +18,7 @@ from typer.testing import CliRunner
 
 import vemcvx as vx
 from vemcvx.cli import app
-from vemcvx.cli.compare import Row, bounds_distance, clause, distance, judged
+from vemcvx.cli.compare import Row, bounds_distance, clause, distance, judged, warned_once
 from vemcvx.scene import pose_scene
 from vemcvx.solvers.conic import installed
 
@@ -222,6 +223,11 @@ def test_nobody_certified_exits_with_three(solvers, accuracy):
         (["--tuning", "fine"], "--tuning: found 'fine'; there are both, tuned, default"),
         (["--time-limit", "0"], "--time-limit: found 0; wanted seconds, more than zero"),
         (["--csv", "nowhere/a.csv"], "--csv: nowhere/a.csv cannot be written: its folder must exist"),
+        pytest.param(
+            ["--solvers", "newton", "--json", "/dev/full"],
+            "--json: /dev/full cannot be written: No space left on device",
+            marks=pytest.mark.skipif(not Path("/dev/full").exists(), reason="the system has no full disk to write to"),
+        ),
     ],
 )
 def test_mistakes(options, says):
@@ -319,6 +325,20 @@ PROBLEMS = sorted(path for path in (ROOT / "problems").glob("*.py") if "\ndef ti
 
 
 @pytest.mark.slow
+def test_warnings_are_told_once_where_all_solvers_fail():
+    """What was wrong with the problem may be in them."""
+
+    def fail():
+        for _ in range(2):
+            warnings.warn("held on one side", vx.SceneWarning, stacklevel=1)
+        raise vx.SceneError("no solver answers")
+
+    told = pytest.warns(vx.SceneWarning, match="held on one side")
+    with told as warned, pytest.raises(vx.SceneError, match="no solver answers"), warned_once():
+        fail()
+    assert len(warned) == 1
+
+
 @pytest.mark.filterwarnings("ignore::vemcvx.SceneWarning")
 @pytest.mark.parametrize("path", PROBLEMS, ids=lambda path: path.stem)
 def test_whatever_is_installed_makes_rows_of_every_problem(path, tmp_path):

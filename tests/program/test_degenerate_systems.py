@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import vemcvx as vx
+from vemcvx.program.kernel import Kernel
 
 pytestmark = pytest.mark.arithmetic
 
@@ -83,3 +84,10 @@ def test_loads_whose_energy_is_no_number():
     tiny = vx.march(vx.System(np.diag([2.0, 3.0]), lambda t: [5.9e-159 * t, 0.0], vx.Norms(np.eye(2), 0.1)), [0.0, 1.0])
     assert not tiny.state.any()
     assert tiny.certificate.max() == 0.0
+
+
+def test_a_stiffness_of_nothing_is_no_stiffness():
+    """Not even where all motions are named as its kernel: there is no unit of force to measure anything in."""
+    kernel = Kernel(np.eye(2), ("one", "the other"))
+    with pytest.raises(vx.SceneError, match=r"^System: found K\[0, 0\] = 0; K must be positive definite"):
+        vx.System(np.zeros((2, 2)), lambda t: [t, t], vx.Norms(np.eye(2), 1.0), kernel=kernel)

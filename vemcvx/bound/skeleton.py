@@ -22,11 +22,11 @@ from vemcvx.arrays import Bools, Floats, Ints, totals
 from vemcvx.errors import SceneError
 from vemcvx.history import History
 from vemcvx.meshes import PolygonMesh, plane_mesh
-from vemcvx.meshes.polygons import cell_of_corner, cross, directed_edges, positions, right_of
+from vemcvx.meshes.polygons import cell_of_corner, cross, directed_edges, positions, right_of, spans
 from vemcvx.scene.pose import PosedScene
 from vemcvx.scene.scene import InitialStresses
 from vemcvx.scene.supports import ContactRows, free_directions, jump_rows, on_free
-from vemcvx.vem import elastic_matrix, mean_shear
+from vemcvx.vem import elastic_matrix, mean_shear, strains, stresses
 
 
 @dataclass(frozen=True)
@@ -140,14 +140,18 @@ class Skeleton:
 
     def depths(self, cells: Ints, normals: Floats) -> Floats:
         """(e,) d_e: the widths of cells (e,) along these normals (e, 2), of any length."""
-        if len(cells) == 0:
-            return np.zeros(0)
-        counts = np.diff(self.offsets)[cells]
-        first = np.cumsum(counts) - counts
-        corner = np.repeat(self.offsets[cells] - first, counts) + np.arange(counts.sum())
-        height = np.einsum("ki,ki->k", self.corners[corner], np.repeat(normals, counts, axis=0))
-        width = np.maximum.reduceat(height, first) - np.minimum.reduceat(height, first)
-        return np.asarray(width / np.linalg.norm(normals, axis=1))
+        return widths(self.corners, self.offsets, cells, normals)
+
+
+def widths(corners: Floats, offsets: Ints, cells: Ints, normals: Floats) -> Floats:
+    """(e,) of cells (e,) along normals (e, dim) of any length; the corners (c, dim) of each begin at its offset."""
+    if len(cells) == 0:
+        return np.zeros(0)
+    counts = np.diff(offsets)[cells]
+    height = np.einsum("ki,ki->k", corners[spans(offsets[cells], counts)], np.repeat(normals, counts, axis=0))
+    first = np.cumsum(counts) - counts
+    width = np.maximum.reduceat(height, first) - np.minimum.reduceat(height, first)
+    return np.asarray(width / np.linalg.norm(normals, axis=1))
 
 
 def skeleton(posed: PosedScene) -> Skeleton:
@@ -226,12 +230,17 @@ def surface_forces(posed: PosedScene, edges: Skeleton, now: Instant) -> Floats:
 
 def _contact(posed: PosedScene, edges: Skeleton, now: Instant) -> Floats:
     """Friction and pressure (b, 2), linear between nodes, on the edges of the bodies whose normals they refer to."""
-    terms, obstacles = posed.terms, posed.obstacles
-    friction = -np.einsum("mb,mbd->md", now.lam, terms.tangents) / terms.lengths[:, None]
-    pressure = -(now.p / obstacles.lengths)[:, None] * obstacles.normals
-    traction = at_ends(edges, terms, friction) + at_ends(edges, obstacles, pressure)
+    friction, pressure = contact_tractions(posed, now)
+    traction = at_ends(edges, posed.terms, friction) + at_ends(edges, posed.obstacles, pressure)
     force: Floats = 0.5 * edges.lengths[:, None] * traction.sum(axis=1)
     return force
+
+
+def contact_tractions(posed: PosedScene, now: Instant) -> tuple[Floats, Floats]:
+    """Friction on rows of terms (m, dim), and pressure on those of obstacles (r, dim)."""
+    terms, obstacles = posed.terms, posed.obstacles
+    friction: Floats = -np.einsum("mb,mbd->md", now.lam, terms.tangents) / terms.lengths[:, None]
+    return friction, -(now.p / obstacles.lengths)[:, None] * obstacles.normals
 
 
 def pressures_at_ends(posed: PosedScene, edges: Skeleton, now: Instant) -> Floats:
@@ -255,6 +264,19 @@ def body_forces(posed: PosedScene, t: float) -> Floats:
         if not isinstance(load, InitialStresses) and load.cells is not None:
             np.add.at(total, load.cells, load.forces(t))
     return total
+
+
+def volume_squares(posed: PosedScene, sizes: Floats, shear: Floats, t: float) -> Floats:
+    """h^2 / mu |f|^2_K (n_cells,) with the mean force: F = |K| f."""
+    squared: Floats = np.sum(body_forces(posed, t) ** 2, axis=1)
+    return sizes**2 / posed.space.mesh.measures * squared / shear
+
+
+def strained(posed: PosedScene, now: Instant) -> tuple[Floats, Floats]:
+    """Strains of Pi u in the cells, and the stresses under these, with those at zero strain."""
+    strain = strains(posed.space, now.u)
+    sigma = stresses(posed.material.moduli, strain)
+    return strain, sigma if posed.prestress is None else sigma + posed.prestress.stress(now.t)
 
 
 def at_ends(edges: Skeleton, rows: ContactRows, values: Floats) -> Floats:

@@ -36,7 +36,16 @@ from vemcvx.cli.options import NONE, Accuracy, File, Mesh, N, Options, Settings,
 from vemcvx.cli.problem_file import Problem, read_problem
 from vemcvx.cli.report import page
 from vemcvx.cli.solver_names import NAMES, named_solver, on_threads, read_options
-from vemcvx.cli.terminal import NOT_CERTIFIED, broken, check_writable, listed, logged_at_most, progress_bar, say
+from vemcvx.cli.terminal import (
+    NOT_CERTIFIED,
+    broken,
+    check_writable,
+    listed,
+    logged_at_most,
+    progress_bar,
+    say,
+    write_text,
+)
 from vemcvx.cost import Ingredients
 from vemcvx.cost.workers import Crashed, TookTooLong, alone
 from vemcvx.errors import NotAccepted, NotCertified, NotContracting, ProblemError, SceneError, VemcvxError, quietly
@@ -248,7 +257,7 @@ class Compare:
         with on_threads(self.threads):
             found = compare_solvers(read_problem(self.file), self)
         for kind, path in paths.items():
-            path.write_text(WRITERS[kind](found), encoding="utf-8")
+            write_text(path, WRITERS[kind](found), f"--{kind}")
         typer.echo(in_words(found))
         if not found.trustworthy:
             raise typer.Exit(NOT_CERTIFIED)
@@ -364,11 +373,14 @@ def _used(solver: Solver, settings: str) -> Used | None:
 
 @contextmanager
 def warned_once() -> Iterator[None]:
-    """Say each warning once, however many solvers meet it."""
-    with quietly() as caught:
-        yield
-    for words, kind in dict.fromkeys((str(warning.message), warning.category) for warning in caught):
-        warnings.warn(words, kind, stacklevel=2)
+    """Say each warning once, however many solvers meet it, and if all of them fail."""
+    caught = list[warnings.WarningMessage]()
+    try:
+        with quietly() as caught:
+            yield
+    finally:
+        for words, kind in dict.fromkeys((str(warning.message), warning.category) for warning in caught):
+            warnings.warn(words, kind, stacklevel=2)
 
 
 def clause(message: str) -> str:
@@ -447,11 +459,6 @@ def as_json(found: Judged) -> str:
     return json.dumps(told, indent=1) + "\n"
 
 
-def as_csv(found: Judged) -> str:
-    """One line a row, by the names of JSON."""
-    return Table([field.name for field in fields(Row)], list(map(astuple, found.rows))).csv()
-
-
 def as_html(found: Judged) -> str:
     """A page with the tables of the terminal, all columns, and the reasons of settings."""
     rows = [[*_cells(row, COLUMNS), f"{row.outcome}: {row.says}".rstrip(": ")] for row in found.rows]
@@ -464,4 +471,8 @@ def as_html(found: Judged) -> str:
     )
 
 
-WRITERS: dict[str, Callable[[Judged], str]] = {"json": as_json, "csv": as_csv, "html": as_html}
+WRITERS: dict[str, Callable[[Judged], str]] = {
+    "json": as_json,
+    "csv": lambda found: Table([field.name for field in fields(Row)], list(map(astuple, found.rows))).csv(),
+    "html": as_html,
+}

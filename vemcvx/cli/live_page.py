@@ -27,7 +27,7 @@ from vemcvx.cli.options import problem_names
 from vemcvx.cli.problem_file import executed, own_errors
 from vemcvx.cli.report import page
 from vemcvx.cli.supplied import problems_folder
-from vemcvx.cli.terminal import check_writable, logged_at_most, say
+from vemcvx.cli.terminal import check_writable, logged_at_most, say, write_text
 from vemcvx.errors import ProblemError
 
 GIVEN = "VEMCVX_APP"
@@ -228,10 +228,7 @@ def write(path: Path, opens: int | None = None) -> str:
     chosen |= {"path": found["path"].value, "solver": found["solver"].value}
     words = ", ".join(f"{name} {value}" for name, value in chosen.items())
     text = page(problem.title, f"<p>{escape(words)}</p>{slider}{shown}", STYLE)
-    try:
-        path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise ProblemError(f"--html: {path} cannot be written: {error.strerror}.") from error
+    write_text(path, text, "--html")
     return f"{path}: {len(steps)} of {history.steps} steps"
 
 

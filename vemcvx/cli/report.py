@@ -20,6 +20,7 @@ from vemcvx.canvas import as_png
 from vemcvx.cli.doctor import EXTRAS, NEEDED, here, version_of
 from vemcvx.cli.problem_file import Problem
 from vemcvx.cli.show import scene_in_words
+from vemcvx.cli.terminal import write_text
 from vemcvx.errors import ProblemError, VemcvxError
 from vemcvx.estimate.budget import error_budget
 from vemcvx.estimate.quantities import with_quantities
@@ -121,10 +122,7 @@ def write_report(
     body += "".join(f"<section><h2>{title}</h2>{text}</section>" for title, text in sections.items())
     path = folder / REPORT
     # On narrow screens letters of pictures stay legible: one moves the picture, and not the page.
-    try:
-        path.write_text(page(f"{problem.name}: {problem.title}", body, _rules("report.css")), encoding="utf-8")
-    except OSError as error:
-        raise ProblemError(f"--report: {path} cannot be written: {error}.") from error
+    write_text(path, page(f"{problem.name}: {problem.title}", body, _rules("report.css")), "--report")
     return path
 
 

@@ -74,6 +74,14 @@ def check_writable(path: Path, option: str) -> None:
         )
 
 
+def write_text(path: Path, text: str, option: str) -> None:
+    """Write the file that an option asks for."""
+    try:
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise ProblemError(f"{option}: {path} cannot be written: {error.strerror}.") from error
+
+
 Shown = Callable[[str, int, int | None], None]
 """A function (doing, finished, total) that says how far a command is; without a total nobody knows."""
 EVERY = 10.0  # Seconds between lines where there is no terminal, so that shorter runs say nothing.

@@ -55,7 +55,7 @@ from vemcvx.stepping.trajectory import Memory
 GAIN = 0.75
 """Part of its squared indicator that a smooth cell loses when it is split."""
 MARGIN = 0.9
-"""Of the target: what the last pass aims at, so that it need not be followed by another."""
+"""Part of the target that a pass aims at, so that the last one need not be followed by another."""
 TIME_SHARE = 0.3
 """Part of the target for time."""
 THETA = 0.6

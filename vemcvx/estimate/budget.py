@@ -54,11 +54,12 @@ from vemcvx.bound.data_oscillation import POINCARE, DataOscillation
 from vemcvx.bound.skeleton import (
     Instant,
     Skeleton,
-    body_forces,
     check_estimable,
     instant,
     skeleton,
+    strained,
     surface_forces,
+    volume_squares,
 )
 from vemcvx.errors import HistoryError, SceneError
 from vemcvx.estimate.finer_steps import Finer, beside_finer
@@ -72,7 +73,7 @@ from vemcvx.results.results import displacement
 from vemcvx.scene.pose import PosedScene, pose_scene
 from vemcvx.stepping.state import prepare
 from vemcvx.stepping.trajectory import Trajectory
-from vemcvx.vem import cell_energies, elastic_matrix, strains, stresses, tractions
+from vemcvx.vem import cell_energies, elastic_matrix, tractions
 
 CONSTANT = 0.63
 """c, of the residuals alone: what the projection misses and data count by their own energy.
@@ -85,25 +86,15 @@ sheared and under weight, and beams, on squares of the aspects 1 to 100 and all 
 
 def indicators(posed: PosedScene, edges: Skeleton, oscillation: DataOscillation, now: Instant) -> dict[str, Floats]:
     """Squares (n_cells,) of the parts "volume", "jumps", "boundary", "stabilisation" and "data" of eta_K."""
-    strain = strains(posed.space, now.u)
-    sigma = stresses(posed.material.moduli, strain)
-    if posed.prestress is not None:
-        sigma = sigma + posed.prestress.stress(now.t)
-    missed = np.maximum(stabilised(posed, now.u), _along(posed, edges, now.u, strain))
+    strain, sigma = strained(posed, now)
+    missed = np.maximum(posed.material.missed(posed.space, now.u), _along(posed, edges, now.u, strain))
     return {
-        "volume": CONSTANT**2 * POINCARE * _volume(posed, edges, now.t),
+        "volume": CONSTANT**2 * POINCARE * volume_squares(posed, edges.sizes, edges.shear, now.t),
         "jumps": CONSTANT**2 * _jumps(edges, sigma),
         "boundary": CONSTANT**2 * _boundary(edges, sigma, surface_forces(posed, edges, now)),
         "stabilisation": missed,
         "data": oscillation.squares(now, strain),
     }
-
-
-def _volume(posed: PosedScene, edges: Skeleton, t: float) -> Floats:
-    """h^2 / mu |f|^2_K with the mean force: F = |K| f."""
-    force = body_forces(posed, t)
-    squared: Floats = np.einsum("cd,cd->c", force, force)
-    return edges.sizes**2 / edges.areas * squared / edges.shear
 
 
 def _jumps(edges: Skeleton, sigma: Floats) -> Floats:
@@ -122,11 +113,6 @@ def _boundary(edges: Skeleton, sigma: Floats, force: Floats) -> Floats:
     rest = np.einsum("bij,bj->bi", edges.free, rest)
     part = edges.weights * np.einsum("bd,bd->b", rest, rest) / edges.lengths
     return totals(edges.outer, part, len(sigma))
-
-
-def stabilised(posed: PosedScene, u: Floats) -> Floats:
-    """S_K(u - Pi u, u - Pi u) (n_cells,), which the energy u'A u includes."""
-    return posed.material.missed(posed.space, u)
 
 
 def require_same_form(posed: PosedScene, u: Floats) -> None:

@@ -41,15 +41,15 @@ import scipy.sparse as sp
 
 from vemcvx.arrays import SAME, Floats, Ints, totals
 from vemcvx.bound.data_oscillation import POINCARE
-from vemcvx.bound.skeleton import Instant, Joints, body_forces
+from vemcvx.bound.skeleton import Instant, Joints, contact_tractions, strained, volume_squares, widths
 from vemcvx.effects.effect import Load
 from vemcvx.meshes import PolyhedralMesh
 from vemcvx.meshes.interfaces import faces_of
-from vemcvx.meshes.polygons import cell_of_corner, next_corner, rows_in_order, spans
+from vemcvx.meshes.polygons import cell_of_corner, next_corner, rows_in_order
 from vemcvx.meshes.polyhedra import listed_faces
 from vemcvx.scene.pose import PosedScene
 from vemcvx.scene.supports import ContactRows, free_directions, jump_rows, on_free
-from vemcvx.vem import elastic_matrix, mean_shear, strains, stresses, tractions
+from vemcvx.vem import elastic_matrix, mean_shear, tractions
 from vemcvx.vem.projection import face_groups
 
 CONSTANT, PROJECTED = 0.8, 7.0
@@ -95,10 +95,7 @@ class Residuals:
     def indicators(self, now: Instant) -> dict[str, Floats]:
         """Squares (n_cells,) of "volume", "jumps", "boundary", "pressure", "stabilisation" and "data" in eta_K."""
         posed = self.posed
-        strain = strains(posed.space, now.u)
-        sigma = stresses(posed.material.moduli, strain)
-        if posed.prestress is not None:
-            sigma = sigma + posed.prestress.stress(now.t)
+        strain, sigma = strained(posed, now)
         vertices = np.diff(self.mesh.cell_nodes[0])
         # Of S_K = tau h_K sum |(I - Pi) u|^2 the mean over vertices, with |K|^{1/3} in place of h_K.
         share = np.cbrt(self.mesh.volumes) / (self.mesh.diameters * vertices)
@@ -106,7 +103,7 @@ class Residuals:
         q = self._pressures(sigma, now)
         sigma[:, :3] += q[:, None]
         return {
-            "volume": CONSTANT**2 * POINCARE * self._volume(now.t),
+            "volume": CONSTANT**2 * POINCARE * volume_squares(posed, self.sizes, self.shear, now.t),
             "jumps": CONSTANT**2 * self._jumps(sigma),
             "boundary": CONSTANT**2 * self._boundary(sigma, now),
             "pressure": self.expansions * q**2,
@@ -117,13 +114,8 @@ class Residuals:
     # The mesh.
 
     def widths(self, cells: Ints, normals: Floats) -> Floats:
-        """(k,) of cells (k,) along unit vectors (k, 3)."""
-        offsets, nodes = self.mesh.cell_nodes
-        counts = np.diff(offsets)[cells]
-        corner = spans(offsets[cells], counts)
-        height = np.einsum("ki,ki->k", self.mesh.points[nodes[corner]], np.repeat(normals, counts, axis=0))
-        first = np.cumsum(counts) - counts
-        return np.asarray(np.maximum.reduceat(height, first) - np.minimum.reduceat(height, first))
+        """(k,) of cells (k,) along vectors (k, 3)."""
+        return widths(self.vertices[1], self.mesh.cell_nodes[0], cells, normals)
 
     @cached_property
     def sizes(self) -> Floats:
@@ -154,11 +146,6 @@ class Residuals:
         return cell, np.column_stack(both), dyad, section * young / 12.0
 
     # Residuals.
-
-    def _volume(self, t: float) -> Floats:
-        """h^2 / mu |f|^2_K with the mean force: F = |K| f."""
-        force = body_forces(self.posed, t)
-        return self.sizes**2 / self.mesh.volumes * np.sum(force**2, axis=1) / self.shear
 
     def _jump(self, sigma: Floats) -> Floats:
         """(f, 3) of tractions on the faces between two cells."""
@@ -237,10 +224,8 @@ class Residuals:
 
     def _contact(self, now: Instant) -> Floats:
         """Friction and pressure on the faces of the bodies whose normals they refer to."""
-        terms, obstacles = self.posed.terms, self.posed.obstacles
-        friction = -np.einsum("mb,mbd->md", now.lam, terms.tangents) / terms.lengths[:, None]
-        pressure = -(now.p / obstacles.lengths)[:, None] * obstacles.normals
-        return self._on_faces(terms, friction) + self._on_faces(obstacles, pressure)
+        friction, pressure = contact_tractions(self.posed, now)
+        return self._on_faces(self.posed.terms, friction) + self._on_faces(self.posed.obstacles, pressure)
 
     def _on_faces(self, rows: ContactRows, values: Floats) -> Floats:
         """Values (m, 3) of rows, per area, on the faces that they own corners of.

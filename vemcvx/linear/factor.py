@@ -32,7 +32,7 @@ Cycle = Callable[[Floats], Floats]
 SAMPLES = 8
 """Random forces or motions from which energies of others are estimated."""
 AT_ONCE = 2**25
-"""Numbers, 256 MB of them, that right sides have which are solved for together."""
+"""The most entries, 256 MB of them, of right sides that are solved for together."""
 
 
 class Halves(Protocol):
@@ -117,22 +117,17 @@ class Factor(ABC):
 
 
 def parts(count: int, n: int) -> Iterator[slice]:
-    """Parts of so many right sides (n,): of a million unknowns 708 made 6 GB at once, several times over."""
+    """Slices of so many right sides (n,), each of at most AT_ONCE entries: 708 of a million unknowns take 6 GB."""
     together = max(1, AT_ONCE // max(n, 1))
     return (slice(first, first + together) for first in range(0, count, together))
 
 
 class DirectFactor(Factor):
-    """K = L L' of a sparse matrix, and estimates from motions x = L'^{-1} z, z normal, whose covariance is K^{-1}.
-
-    Attributes
-    ----------
-    unit : float
-        A power of two near the entries of K; roots are taken of the same numbers in all units.
-    """
+    """K = L L' of a sparse matrix, and estimates from motions x = L'^{-1} z, z normal, whose covariance is K^{-1}."""
 
     _K: sp.csr_matrix
     unit: float
+    """A power of two near the entries of K: roots are taken of the same numbers in all units."""
 
     @abstractmethod
     def random_motions(self) -> Floats:

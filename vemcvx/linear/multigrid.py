@@ -213,12 +213,8 @@ def lowest_eigenvalue(K: sp.csr_matrix | Elsewhere, cycle: Cycle, name: str) -> 
         lambda_min(MK) >= 1 - (1 - xi) / (1 - eps).
 
     The force is uniform but for the condition of M, by whose root, at most 1e8 in double precision, the probability
-    grows; eps is taken so that it stays below 1e-9.
-
-    Raises
-    ------
-    SceneError
-        K is not positive definite, or M serves it so badly that 400 steps do not bound it within a tenth of xi.
+    grows; eps is taken so that it stays below 1e-9. SceneError where K is not positive definite, or where 400 steps do
+    not bound lambda_min within a tenth of xi, because M serves K too badly.
     """
     failure = np.log(1.648 * np.sqrt(K.shape[0]) * 1e8 / 1e-9)
     diagonal: list[float] = []

@@ -106,11 +106,6 @@ class PardisoFactor(DirectFactor):
     ----------
     schur : (m, m) array
         The Schur complement onto the unknowns `last`, in their order.
-
-    Raises
-    ------
-    SceneError
-        A pivot is not positive, or an entry of the diagonal.
     """
 
     def __init__(self, K: sp.csr_matrix, last: Ints | None = None, threads: int = 1):
@@ -118,8 +113,8 @@ class PardisoFactor(DirectFactor):
         self._exactly: tuple[Ints, Floats] = np.zeros(0, dtype=np.int64), np.zeros(0)
         self._K, self._last = K, np.zeros(0, dtype=np.int64) if last is None else last
         n, m, diagonal = K.shape[0], len(self._last), K.diagonal()
+        # PARDISO ends the process where an entry of the diagonal is missing.
         if not (diagonal > 0).all():
-            # PARDISO ends the process where an entry of the diagonal is missing.
             raise singular()
         self.unit = float(power_of_two(diagonal.max(initial=0.0)))
         self._pardiso = _with_values(K, self._last, self.unit, threads)
@@ -271,10 +266,7 @@ def _with_values(K: sp.csr_matrix, last: Ints, unit: float, threads: int) -> Any
 def opened(M: sp.csr_matrix) -> Callable[[Floats], Floats]:
     """M^{-1} of vectors (n,), of an M that is not symmetric; by SuperLU where PARDISO is not installed.
 
-    Raises
-    ------
-    RuntimeError
-        M is singular; PARDISO shifts pivots that vanish, which residuals show.
+    RuntimeError where M is singular; but PARDISO shifts pivots that vanish, which residuals show.
     """
     if (kind := _solver_class()) is None:
         return splu(sp.csc_matrix(M), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.1).solve

@@ -51,14 +51,11 @@ class SuperLUFactor(DirectFactor):
     def positive(self, m: int) -> Floats:
         """The Schur complement (m, m) onto the last m unknowns in the order, L_cc U_cc.
 
-        Raises
-        ------
-        SceneError
-            K is not positive definite: pivots left the diagonal, or one is no larger than the rounding of what it is
-            the rest of. With the diagonal's pivots K = L D L', and by Sylvester's law of inertia they have the signs
-            of the eigenvalues. Of a K with a kernel and as many anchors this says that K is semidefinite: the Schur
-            complements of [[K + E, P], [P', E_aa^{-1}]] onto either block have the same inertia (Haynsworth 1968),
-            and that onto the second, of as many unknowns as there are modes, vanishes.
+        SceneError where K is not positive definite: pivots left the diagonal, or one is no larger than the rounding of
+        what it is the rest of. With the diagonal's pivots K = L D L', and by Sylvester's law of inertia they have the
+        signs of the eigenvalues. Of a K with a kernel and as many anchors this says that K is semidefinite: the Schur
+        complements of [[K + E, P], [P', E_aa^{-1}]] onto either block have the same inertia (Haynsworth 1968), and that
+        onto the second, of as many unknowns as there are modes, vanishes.
         """
         L, U, place = self._lu.L, self._lu.U, self._lu.perm_c
         D, diagonal = U.diagonal(), self._K.diagonal()[self._order[np.argsort(place)]]

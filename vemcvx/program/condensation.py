@@ -70,44 +70,36 @@ from vemcvx.linear import (
 )
 from vemcvx.program.certificate import Certificate
 from vemcvx.program.kernel import anchors
-from vemcvx.program.operators import Operators, restricted, shifted, transverse
+from vemcvx.program.operators import Operators, restricted, transverse
 from vemcvx.program.scaling import scaling, unit_diagonal
 from vemcvx.program.system import System
 from vemcvx.program.tolerances import UNSEEN
 
 SAME_FIELD = 8 * EPS
-"""Residuals of a load on the shapes solved for below this times the load are rounding, and are dropped. A shape that
-was a small part of a load carries that load's rounding, and a combination with large shares amplifies it: at most 8
-times a load's own rounding is dropped; a load that turns in space left 1.4."""
+"""What the known shapes leave of a load is rounding, and dropped, below this part of the load. A shape that was a small
+part of an earlier load carries that load's rounding, which a combination with large shares amplifies: at most 8 times
+the load's own rounding is dropped. A load that turns in space left 1.4 times."""
 MOST_FIELDS = 6
 """Beyond this many, a load that keeps changing its shape is solved for afresh, step by step."""
 
 
 @dataclass(frozen=True, eq=False)
 class SolvedForce:
-    """A force of size one with its response.
-
-    Attributes
-    ----------
-    phi, z : (n,) arrays
-        The force, and the first half of a solve (:class:`vemcvx.linear.Halves`), which stands for xi.
-    retained, released : (m,) arrays
-        tau, the force on the retained unknowns that stands for phi; their displacements under it.
-    number : int or None
-        The number of the shape; None if the force is not remembered as one.
-    respond : callable () -> (n,)
-        K^{-1} phi, computed when it is first asked for.
-    product : callable
-        phi'xi of two forces from their first halves.
-    """
+    """A force of size one with its response."""
 
     phi: Floats
     z: Floats
+    """(n,) the first half of a solve (:class:`vemcvx.linear.Halves`), which stands for xi"""
     retained: Floats
+    """(m,) tau, the force on the retained unknowns that stands for phi"""
     released: Floats
+    """(m,) their displacements under it"""
     number: int | None
+    """of the shape; None if the force is not remembered as one"""
     respond: Callable[[], Floats]
+    """K^{-1} phi (n,)"""
     product: Callable[[Floats, Floats], float]
+    """phi'xi of two forces from their first halves"""
     _products: dict[int, tuple[float, float]] = field(default_factory=dict, repr=False)
 
     @cached_property
@@ -130,15 +122,10 @@ Parts = dict[SolvedForce, float]
 
 
 class Reduced:
-    """A force phi (n,) as a combination of solved ones.
+    """A force phi (n,), formed when it is first asked for, as a combination of solved ones.
 
-    Parameters
-    ----------
-    phi : callable () -> (n,)
-    parts : dict of SolvedForce to float
-        Their shares, which sum to phi up to rounding.
-    retained : (m,) array
-        tau, the force on the retained unknowns that stands for phi.
+    The shares of these, `parts`, sum to phi up to rounding; `retained` (m,) is tau, the force on the retained unknowns
+    that stands for phi.
     """
 
     def __init__(self, phi: Callable[[], Floats], parts: Parts, retained: Floats):
@@ -206,15 +193,10 @@ def combined(shares: Sequence[tuple[float, Floats]], like: Floats) -> Floats:
 
 
 class SolvedForces:
-    """Shapes of forces seen so far, on the unknowns that any of them loads.
+    """Shapes of forces seen so far, on the unknowns that any of them loads, each solved for once by `solve`.
 
-    Parameters
-    ----------
-    n : int
-    solve : callable (force (n,), number) -> SolvedForce
-    ease : (n,) array
-        The root of each unknown's flexibility. A remainder of a load is rounding if it is so both as a force and in
-        the energy of its response: 1e-15 of a load on a stiff part, acting on a part softer by 1e16, is not.
+    `ease` (n,) is the root of each unknown's flexibility. A remainder of a load is rounding if it is so both as a force
+    and in the energy of its response: 1e-15 of a load on a stiff part, acting on a part softer by 1e16, is not.
     """
 
     def __init__(self, n: int, solve: Callable[[Floats, int | None], SolvedForce], ease: Floats):
@@ -249,7 +231,7 @@ class SolvedForces:
         return {**found, new: unit}
 
     def afresh(self, phi: Floats) -> Parts:
-        """A force (n,) that is solved for whatever has been seen, and not remembered."""
+        """The only part of a force (n,) that is solved for by itself, whatever shapes are known, and not remembered."""
         unit = float(power_of_two(np.abs(phi).max(initial=0.0)))
         return {self._solve(phi / unit, None): unit}
 
@@ -280,17 +262,9 @@ class Held:
     unheld response is large, take one more. Where K is definite the tau handed out is that of the first round, rounded
     as S is, so that S^{-1} tau is the response of unknowns that no term holds, whatever digits S has lost.
 
-    Parameters
-    ----------
-    factor : Factor
-        Of K with the anchors, n unknowns.
-    retained : (m,) array
-    S : (m, m) array or sparse matrix
-        With the anchors.
-    K : (n, n) sparse matrix
-    motions : (n, k) array
-        The kernel of K, orthonormal on the retained unknowns. Anchors are soft, so that rounding there shows mostly as
-        these motions; they are added to all unknowns, lest they become strain.
+    The factor, S and K have the anchors' stiffness. `motions` (n, k) is the kernel of K, orthonormal on the retained
+    unknowns. Anchors are soft, so that rounding there shows mostly as these motions; they are added to all unknowns,
+    lest they become strain.
     """
 
     def __init__(self, factor: Factor, retained: Ints, S: Matrix, K: sp.csr_matrix, motions: Floats):
@@ -366,7 +340,9 @@ class Condensation:
         self.regular = system.K if anchor is None else sp.csr_matrix(system.K + sp.diags_array(anchor))
         self.whole = not (condense and self.linear.eliminates)
         if not self.whole:
-            order = np.arange(n) if self.linear.orders else self._order()
+            order = np.arange(n) if self.linear.orders else system.elimination_order()
+            if order is None:
+                order = minimum_degree(self.regular)
             self.retained: Ints = retained
             self.factor, S = self.linear.eliminate(self.regular, order, retained)
             B, D = sp.csr_matrix(B[:, retained]), sp.csr_matrix(D[:, retained])
@@ -378,7 +354,10 @@ class Condensation:
             self.operators = Operators(K, B, block, self.factor, D=D, compliance=compliance)
         self._S = self.operators.K
         if anchor is not None and system.kernel is not None:
-            self.operators = _unanchored(self.operators, anchor[self.retained], system.kernel.modes[self.retained])
+            # K with the anchors' stiffness is factorised; the operators are those of K itself.
+            own, kernel = anchor[self.retained], np.linalg.qr(system.kernel.modes[self.retained])[0]
+            floating, factor = self.operators.plus(sp.diags_array(-own)), self.operators.factor
+            self.operators = replace(self.operators, K=floating, given_factor=factor, kernel=kernel, anchor=own)
         self.scaling = scaling(self.operators)
         if self.operators.given_factor is None:
             self.operators = replace(self.operators, given_factor=self.scaling.factor)
@@ -398,11 +377,6 @@ class Condensation:
         operators = self.operators
         yields = operators.kernel is not None and bool(operators.compliance.any())
         return operators.own_columns is not None and not yields
-
-    def _order(self) -> Ints:
-        """The order of elimination of the system; if it has none, one computed from K."""
-        order = self.system.elimination_order()
-        return minimum_degree(self.regular) if order is None else order
 
     def reduce(self, phi: Floats, remembered: bool = True, rows: Ints | None = None) -> Reduced:
         """The reduced form of a force (n,), or of one on the unknowns `rows` alone.
@@ -464,13 +438,6 @@ def _anchors(system: System, retained: Ints, linear: LinearSolver) -> Floats | N
     return stiffness
 
 
-def _unanchored(operators: Operators, anchor: Floats, modes: Floats) -> Operators:
-    """The operators of K itself, from those of K with the anchors' stiffness."""
-    kernel = np.linalg.qr(modes)[0]
-    K = shifted(operators.K, -anchor)
-    return replace(operators, K=K, given_factor=operators.factor, kernel=kernel, anchor=anchor)
-
-
 TAIL = 175.75163111741583
 """The quotient of F's distribution with 1 and SAMPLES degrees of freedom that is exceeded once in a million, which
 scipy.special.fdtri(1, SAMPLES, 1 - 1e-6) gives: importing that takes a tenth of the time of importing this package."""
@@ -513,17 +480,9 @@ def refined(
 ) -> tuple[Floats, Floats, Floats]:
     """All unknowns y (n,) and multipliers, corrected until K y = force - B'lam - D'p to rounding.
 
-    Parameters
-    ----------
-    force, y : (n,) arrays
-    gap : (r,) array
-        e of the limits, z = D y - e.
-    lam, p : (m, block) and (r,) arrays
-        Bounds with p > 0 act and stay as they are; soft limits act where z > 0.
-    stick : (m,) array of bool
-        Terms whose increment stays as it is; needs rows that read one unknown each.
-    slip : (m, block) array
-        Of the others, with whose directions those of their multipliers turn.
+    Rows read one unknown each. Bounds with p > 0 act, and soft limits where z = D y - e > 0, of the `gap` e (r,). Terms
+    that `stick` (m,) keep their increments; multipliers of the others turn with the directions of their `slip`
+    (m, block).
     """
     held = np.zeros(len(condensation.retained), dtype=bool)
     # Rows of B, then rows of D: each reads one unknown of its own.
@@ -542,7 +501,7 @@ def refined(
         stiffness = np.divide(1.0, operators.compliance, out=np.zeros_like(p), where=soft & (z > 0))
         lacking = np.where(soft, stiffness * z - p, 0.0)
         if S_FF is None or not np.array_equal(stiffness, springs):
-            springs, K = stiffness, operators.regular.stiffened(turns, stiffness)
+            springs, K = stiffness, operators.regular.plus(operators.stiffening(turns, stiffness))
             S_FF = operators.factor.within(restricted(K, F), F)
         load, step = left.retained - operators.limits.force_of(lacking), np.zeros(len(held))
         step[F] = S_FF.solve(load[F])

@@ -95,18 +95,12 @@ def anchors(modes: Floats, diagonal: Floats) -> Floats:
 
 @dataclass(frozen=True)
 class KernelBalance:
-    """The balance on a kernel: how norm terms and limits feel its motions N and hold a load there.
-
-    Parameters
-    ----------
-    friction_modes : (m, block, k) array
-        B_i N.
-    contact_modes : (r, k) array
-        D N.
-    """
+    """The balance on a kernel: how norm terms and limits feel its motions N and hold a load there."""
 
     friction_modes: Floats
+    """(m, block, k) B_i N"""
     contact_modes: Floats
+    """(r, k) D N"""
 
     def nearest(
         self, lam: Floats, p: Floats, w: Floats, push: Floats, inverse_metric: tuple[Floats, Floats]
@@ -116,17 +110,8 @@ class KernelBalance:
         In the metric sum |dlam_i|^2 / a_i + sum dp_j^2 / b_j, with G the friction modes and H the contact modes:
         lam(c) = P_w(lam + a G c), p(c) = (p + b H c)_+ with c the minimiser of a convex, piecewise smooth function of
         k unknowns whose gradient is G'lam(c) + H'p(c) - push: a line-searched Newton method. Where there are no such
-        multipliers, c grows without bound, and the remainder is a motion that friction and limits cannot hold.
-
-        Parameters
-        ----------
-        lam : (m, block) array
-        p : (r,) array
-        w : (m,) array
-        push : (k,) array
-            N'g.
-        inverse_metric : pair of (m,) and (r,) arrays
-            a and b > 0: the larger, the less it costs to change a multiplier.
+        multipliers, c grows without bound, and the remainder is a motion that friction and limits cannot hold. `push`
+        (k,) is N'g; the larger a (m,) and b (r,), the inverse metric, the less it costs to change a multiplier.
         """
         at, (a, b) = partial(self._at, lam, p, w=w, push=push, inverse_metric=inverse_metric), inverse_metric
         c = np.zeros(len(push))

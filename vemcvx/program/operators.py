@@ -89,7 +89,7 @@ class Rows:
         from scipy.optimize import lsq_linear
 
         touched, A = self._touching
-        # An interval of nothing is refused there.
+        # SciPy refuses intervals of length zero.
         free, lam = low < high, low.copy()
         if free.any():
             rest = force[touched] - A[:, ~free] @ low[~free]
@@ -121,10 +121,10 @@ class Rows:
 
 
 class OnceForEach:
-    """A change of matrices or rows, made once where the same object comes again, to which nobody writes.
+    """A function of matrices or rows that remembers its last value, for arguments that nobody writes to.
 
-    Slopes of a law are one object on each of its pieces. A step asks for it some five times, and made anew thrice at
-    each they took a tenth of a step of 169 contacts.
+    A law's slope is one object on each of its pieces, and a step asks for it some five times: changed anew three times
+    at each, slopes took a tenth of a step of 169 contacts.
     """
 
     def __init__(self, change: Callable[..., Rows]):
@@ -291,7 +291,7 @@ class Norms(ArrayRecord):
     @cached_property
     def _slope(self) -> OnceForEach:
         """A slope of the law (m, r), checked."""
-        return OnceForEach(_checked_slope)
+        return OnceForEach(lambda J, shape: Rows(checked_matrix(J, "Norms: slope", shape)))
 
     def bias_at(self, t: float) -> Floats:
         """The bias (m * block,) at the instant `t`; zero if there is none.
@@ -332,10 +332,6 @@ class Norms(ArrayRecord):
         return np.full(self.count, w)
 
 
-def _checked_slope(J: Any, shape: tuple[int, int]) -> Rows:
-    return Rows(checked_matrix(J, "Norms: slope", shape))
-
-
 def transverse(unit: Floats) -> Floats:
     """(m, block, block) I - q q', the derivative of v / |v| where |v| = 1, of unit vectors q (m, block)."""
     across: Floats = np.eye(unit.shape[1]) - np.einsum("ij,ik->ijk", unit, unit)
@@ -352,7 +348,7 @@ FEATURES = frozenset({QUADRATIC, ABSOLUTE_VALUES, SECOND_ORDER_CONES, BOUNDS, SQ
 
 
 def _locked(matrix: Any) -> Any:
-    """The same entries, not to be written to; products alone are left as they are."""
+    """A view of a matrix that refuses to be written to; matrices without entries of their own are returned as given."""
     if isinstance(matrix, np.ndarray):
         return read_only(matrix.view())
     if not isinstance(matrix, sp.csr_matrix):
@@ -420,7 +416,7 @@ class Operators(ArrayRecord):
         """The operators with K + diag(anchor), which is positive definite; itself where there is no kernel."""
         if self.anchor is None:
             return self
-        return replace(self, K=shifted(self.K, self.anchor), kernel=None, anchor=None)
+        return replace(self, K=self.plus(sp.diags_array(self.anchor)), kernel=None, anchor=None)
 
     @cached_property
     def kernel_balance(self) -> KernelBalance:
@@ -504,8 +500,9 @@ class Operators(ArrayRecord):
     def softness(self) -> tuple[Floats, Floats | LinearOperator]:
         """Units u (N,) of multipliers, alike in a block, and W + C in these, whose diagonal is near one.
 
-        W = A K^{-1} A' and the compliances C say how far rows move under multipliers. In single precision discs at
-        their bounds, which do not slip, stick and slip in turns. Where these are too many, W takes a solve a product.
+        W = A K^{-1} A' and the compliances C say how far rows move under multipliers. W is kept in double precision:
+        in single precision discs at their bounds that do not slip would stick and slip in turns. Where rows are too
+        many for W to be formed, each product with it takes a solve.
         """
         diagonal = np.append(np.repeat(self.norm_flexibility, self.block), 1.0 / self.limit_stiffness)
         u = 1.0 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
@@ -581,7 +578,7 @@ class Operators(ArrayRecord):
     def _flexibilities(self) -> Floats:
         """(N,) the diagonal of A K^{-1} A'.
 
-        Of an iterative factor an estimate: that of single unknowns, times the largest ratio found on sampled rows.
+        An iterative factor gives an estimate: A diag(K)^{-1} A', times the largest ratio of the two on sampled rows.
         """
         rows = self.A
         if self.factor.exact:
@@ -590,22 +587,18 @@ class Operators(ArrayRecord):
         some = np.unique(np.linspace(0, len(alone) - 1, min(SAMPLES, len(alone))).astype(np.int64))
         return alone * max((self.factor.energy(rows[i].toarray()[0]) / alone[i] for i in some), default=1.0)
 
-    def stiffened(self, H: Floats, stiffness: Floats | None = None) -> Matrix:
-        """K + B'HB + D' diag(stiffness) D with a symmetric matrix H_i (m, block, block) a norm term."""
-        return self.plus(self.stiffening(H, stiffness))
-
-    def stiffening(self, H: Floats, stiffness: Floats | None = None) -> sp.csr_matrix:
-        """B'HB + D' diag(stiffness) D."""
+    def stiffening(self, H: Floats, stiffness: Floats) -> sp.csr_matrix:
+        """B'HB + D' diag(stiffness) D with a symmetric matrix H_i (m, block, block) a norm term."""
         added: sp.csr_matrix = sp.csr_matrix(self.K.shape)
         if self.count:
             blocks = sp.csr_matrix(sp.bsr_matrix((H, np.arange(self.count), np.arange(self.count + 1))))
             added = sp.csr_matrix(self.B.T @ blocks @ self.B)
-        if stiffness is not None and len(stiffness):
-            added = sp.csr_matrix(added + self.D.T @ sp.diags_array(stiffness) @ self.D)
-        return added
+        return sp.csr_matrix(added + self.D.T @ sp.diags_array(stiffness) @ self.D) if len(stiffness) else added
 
-    def plus(self, added: sp.csr_matrix) -> Matrix:
+    def plus(self, added: sp.csr_matrix | sp.dia_array) -> Matrix:
         """K + added."""
+        if isinstance(self.K, sp.csr_matrix):
+            return sp.csr_matrix(self.K + added)
         return self.K + added.toarray() if isinstance(self.K, np.ndarray) else self.K + added
 
     def energy_norm(self, d: Floats) -> float:
@@ -634,11 +627,6 @@ def restricted(K: Matrix, F: Ints) -> Matrix:
     if isinstance(K, np.ndarray):
         return K.take(F, 0).take(F, 1)
     return K.principal(F) if isinstance(K, Congruent) else K[F][:, F]
-
-
-def shifted(K: Matrix, diagonal: Floats) -> Matrix:
-    """K + diag(diagonal)."""
-    return K + np.diag(diagonal) if isinstance(K, np.ndarray) else sp.csr_matrix(K + sp.diags_array(diagonal))
 
 
 def energy_norm(K: Matrix, d: Floats) -> float:

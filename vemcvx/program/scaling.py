@@ -45,13 +45,7 @@ gaps of limits beyond the largest are as good as infinite."""
 
 
 def checked_norm(norm: float, t: float) -> float:
-    """The energy norm of what drives a step, if the energy is a number that leaves room for errors beside it.
-
-    Raises
-    ------
-    SceneError
-        It is not.
-    """
+    """The energy norm of what drives a step; SceneError if its square leaves no room for errors beside it."""
     if SMALLEST_NORM <= norm <= LARGEST_NORM:
         return norm
     raise SceneError(
@@ -191,7 +185,7 @@ def _between(left: Floats, rows: sp.csr_matrix, right: Floats) -> sp.csr_matrix:
 
 
 def _diagonal(operators: Operators) -> Floats:
-    """The diagonal of K; theirs where anchors alone hold an unknown, and rounding is all that K has of it."""
+    """The diagonal of K; with the anchors' stiffness at unknowns that these alone hold, where K has rounding only."""
     own, anchored = operators.K.diagonal(), operators.regular.K.diagonal()
     return np.where(own > 2.0**-40 * anchored, own, anchored)
 

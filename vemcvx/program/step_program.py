@@ -95,11 +95,10 @@ def to_cvxpy(
     """
     import cvxpy as cp
 
-    n, m, block = len(operators.K.diagonal()), operators.count, operators.block
+    (n, m, _, _), block = operators.sizes, operators.block
     parameters: tuple[cp.Parameter, ...] = ()
     if data is None:
-        sizes = n, m, operators.B.shape[0], operators.D.shape[0]
-        parameters = tuple(cp.Parameter(size, nonneg=k == 1) for k, size in enumerate(sizes))
+        parameters = tuple(cp.Parameter(size, nonneg=k == 1) for k, size in enumerate(operators.sizes))
     g, w, b, e = parameters if data is None else data
     d = cp.Variable(n)
     # assume_psd: K is a stiffness matrix; testing its eigenvalues would take longer than the solve.
@@ -327,10 +326,16 @@ class StepProgram(ArrayRecord):
     def _gaps(self, d: Floats, lam: Floats, p: Floats) -> tuple[float, Floats, Floats, float]:
         """The parts of the gap; of the last point they are remembered, which a solver has looked at as a rule."""
         if (point := (d.tobytes(), lam.tobytes(), p.tobytes())) not in self._seen:
+            operators, (equilibrium, parts) = self.operators, self._between(d, lam, p)
+            moved = 0.0
+            if operators.own_columns is None and operators.factor.exact:
+                rest = float(parts[0].sum() + parts[1].sum())
+                move, placed = self._put_in_place(parts, d, lam, p) if equilibrium < rest < np.inf else (0.0, parts)
+                if moved_gap(move, equilibrium + float(placed[0].sum() + placed[1].sum())) < equilibrium + rest:
+                    moved, parts = move, placed
             self._seen.clear()
-            equilibrium, friction, limits, moved = self._gaps_afresh(d, lam, p)
             # Certificates hand the arrays out, and the next one of this point is made of them.
-            self._seen[point] = equilibrium, read_only(friction), read_only(limits), moved
+            self._seen[point] = equilibrium, read_only(parts[0]), read_only(parts[1]), moved
         return self._seen[point]
 
     def _between(self, d: Floats, lam: Floats, p: Floats) -> tuple[float, Gaps]:
@@ -342,17 +347,6 @@ class StepProgram(ArrayRecord):
         # Where K^{-1} has lost all digits its sign is rounding; its size says so, and zero would not.
         parts = norm_gaps(self.w, lam, self.slip(d)), limit_gaps(operators.compliance, p, *excess)
         return abs(equilibrium), parts
-
-    def _gaps_afresh(self, d: Floats, lam: Floats, p: Floats) -> tuple[float, Floats, Floats, float]:
-        operators, (equilibrium, parts) = self.operators, self._between(d, lam, p)
-        if operators.own_columns is not None or not operators.factor.exact:
-            return equilibrium, *parts, 0.0
-        rest = float(parts[0].sum() + parts[1].sum())
-        if equilibrium < rest < np.inf:
-            moved, placed = self._put_in_place(parts, d, lam, p)
-            if moved_gap(moved, equilibrium + float(placed[0].sum() + placed[1].sum())) < equilibrium + rest:
-                return equilibrium, *placed, moved
-        return equilibrium, *parts, 0.0
 
     def _put_in_place(self, gaps: Gaps, d: Floats, lam: Floats, p: Floats) -> tuple[float, Gaps]:
         """2 |v|_K of a move v that puts in place what sticks and acts, and the parts of the gap at d - v; `gaps` at d.
@@ -510,13 +504,7 @@ class Answer(ArrayRecord):
 
 
 def fitting(answer: Answer, program: StepProgram, solver: str) -> Answer:
-    """The answer of a solver, checked to fit this program.
-
-    Raises
-    ------
-    SolverFailed
-        It is no Answer, its arrays are none of the program's shapes, or it has diverged.
-    """
+    """The answer of a solver; SolverFailed where it is no Answer, has arrays of other shapes, or has diverged."""
     if not isinstance(answer, Answer) or not is_whole(answer.iterations):
         raise SolverFailed(f"solver {solver}: found the answer {brief(answer)}; wanted Answer(d, lam, iterations).")
     for name, shape in program.shapes.items():
@@ -536,12 +524,7 @@ def fitting(answer: Answer, program: StepProgram, solver: str) -> Answer:
 def read_answer(raw: Any, program: StepProgram, solver: str) -> Answer:
     """The returned value of a user's `solve` as an Answer; missing multipliers are recovered.
 
-    A whole number at the end of a tuple is the iterations.
-
-    Raises
-    ------
-    SolverFailed
-        It is none, or of other sizes than the program's.
+    A whole number at the end of a tuple is the iterations. SolverFailed where it is none, or does not fit the program.
     """
     said = raw if isinstance(raw, Answer) else None
     parts = (said.d, said.lam, said.p) if said is not None else raw if isinstance(raw, tuple) else (raw,)
@@ -549,7 +532,9 @@ def read_answer(raw: Any, program: StepProgram, solver: str) -> Answer:
     parts, iterations = (parts[:-1], int(parts[-1])) if counted else (parts, 0)
     shapes = program.shapes
     given = {key: np.zeros(shape) for key, shape in shapes.items() if 0 in shape}
-    given |= {key: part for key, part in zip(shapes, parts, strict=False) if _there(part)}
+    # Multipliers that an Answer was not given are empty arrays.
+    empty = [part is None or (isinstance(part, np.ndarray) and part.size == 0) for part in parts]
+    given |= {key: part for key, part, none in zip(shapes, parts, empty, strict=False) if not none}
     if len(parts) > len(shapes) or "d" not in given:
         raise SolverFailed(f"solver {solver}: found the answer {brief(raw)}; it must {PROMISED}.")
     try:
@@ -563,11 +548,6 @@ def read_answer(raw: Any, program: StepProgram, solver: str) -> Answer:
     if said is None:
         return Answer(d, lam, iterations, p=p)
     return Answer(d, lam, said.iterations, said.status, said.safeguards, p=p)
-
-
-def _there(raw: Any) -> bool:
-    """Return True if multipliers were given; an Answer's are empty by default."""
-    return raw is not None and not (isinstance(raw, np.ndarray) and raw.size == 0)
 
 
 @dataclass(frozen=True, kw_only=True, repr=False, eq=False)

@@ -282,9 +282,13 @@ class System(ArrayRecord):
         ) -> None: ...
 
     def __post_init__(self) -> None:
-        if not isinstance(self.K, Elsewhere):
+        if not isinstance(self.K, Elsewhere):  # One elsewhere is symmetric as it was made.
             object.__setattr__(self, "K", checked_matrix(self.K, "System: K"))
-        check_stiffness(self.K)
+            check_symmetric(self.K, "System: K")
+        diagonal = self.K.diagonal()
+        if (diagonal <= 0).any():
+            i = int(np.argmin(diagonal))
+            raise SceneError(f"System: found K[{i}, {i}] = {diagonal[i]:.6g}; K must be positive definite.")
         if not callable(self.load):
             raise SceneError(
                 f"System: found load = {brief(self.load)}; wanted a function of t that gives ({self.n},) forces."
@@ -424,18 +428,6 @@ class System(ArrayRecord):
 SYMMETRIC = 1e-10
 
 
-def check_stiffness(K: sp.csr_matrix | Elsewhere) -> None:
-    """Raise SceneError unless K is square and symmetric, as one elsewhere was made, with a positive diagonal."""
-    if not isinstance(K, Elsewhere):
-        if K.nnz == 0 and K.shape[0] == K.shape[1]:
-            return
-        check_symmetric(K, "System: K")
-    diagonal = K.diagonal()
-    if diagonal.min() <= 0:
-        i = int(np.argmin(diagonal))
-        raise SceneError(f"System: found K[{i}, {i}] = {diagonal[i]:.6g}; K must be positive definite.")
-
-
 def check_semidefinite(C: sp.csr_matrix, subject: str) -> None:
     """Raise SceneError unless C is square, symmetric and positive semidefinite to rounding.
 
@@ -464,7 +456,7 @@ def check_symmetric(K: sp.csr_matrix, subject: str) -> None:
     # Kx = K'x for one x without structure: a tenth of the cost of K - K', which is formed only to name the place.
     x = np.random.default_rng(0).uniform(-1.0, 1.0, K.shape[0])
     largest = max(K.data.max(initial=0.0), -K.data.min(initial=0.0))
-    doubtful = np.abs(K @ x - x @ K).max() > 0.01 * SYMMETRIC * largest
+    doubtful = np.abs(K @ x - x @ K).max(initial=0.0) > 0.01 * SYMMETRIC * largest
     apart = abs(K - K.T).tocoo() if doubtful else sp.coo_matrix(K.shape)
     if apart.nnz and apart.data.max() > SYMMETRIC * largest:
         worst = int(np.argmax(apart.data))

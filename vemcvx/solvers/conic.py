@@ -24,14 +24,7 @@ import scipy.sparse as sp
 
 from vemcvx.arrays import Floats, brief, flag, is_whole
 from vemcvx.errors import NotAccepted, SceneError
-from vemcvx.program.operators import (
-    ABSOLUTE_VALUES,
-    BOUNDS,
-    QUADRATIC,
-    SECOND_ORDER_CONES,
-    SQUARED_POSITIVE_PARTS,
-    Operators,
-)
+from vemcvx.program.operators import FEATURES, QUADRATIC, SECOND_ORDER_CONES, Operators
 from vemcvx.program.step_program import Answer, CvxpyStep, StepProgram, to_cvxpy
 from vemcvx.program.tolerances import SHARE, UNSEEN
 from vemcvx.solvers.newton import Shifts, answer_on, sets_at
@@ -150,8 +143,8 @@ TUNED: Mapping[str, tuple[Setting, ...]] = {
 class KeptMatrices:
     """A solver of Clarabel's, whose `update` passes on matrices that differ from those it was last given.
 
-    cvxpy hands it P, q, A and b anew each time. P and A are those of all steps; taking them over again is a quarter of
-    a step of 256 terms, and changes no bit of an answer.
+    cvxpy hands it P, q, A and b anew each time. P and A are those of all steps; taking them over again is a tenth of a
+    step of 256 terms, and changes no bit of an answer.
     """
 
     def __init__(self, solver: Any):
@@ -187,7 +180,7 @@ def _same(one: Any, other: Any) -> bool:
 COMPILING = threading.Lock()
 """cvxpy numbers its expressions by a counter of the process, without a lock of its own."""
 
-LINEAR = frozenset({QUADRATIC, ABSOLUTE_VALUES, BOUNDS, SQUARED_POSITIVE_PARTS})
+LINEAR = FEATURES - {SECOND_ORDER_CONES}
 """The features that fit a quadratic program with linear constraints."""
 
 
@@ -277,7 +270,7 @@ class ThroughCvxpy(Solver):
         conic, quadratic = _interfaces()
         # Solvers of linear programs (SciPy's, GLPK, CBC) are conic ones to cvxpy, without second-order cones.
         linear_only = self.solver in conic and self.solver not in quadratic and not self.cones
-        return LINEAR | {SECOND_ORDER_CONES} if self.cones else LINEAR - ({QUADRATIC} if linear_only else set())
+        return FEATURES if self.cones else LINEAR - ({QUADRATIC} if linear_only else set())
 
     def prepare(self, operators: Operators) -> _PreparedConic:
         if self.corners is not None and operators.block > 2:
@@ -306,7 +299,7 @@ class Clarabel(ThroughCvxpy):
 
     solver: str = field(default="CLARABEL", init=False)
 
-    accepts: ClassVar[frozenset[str]] = LINEAR | {SECOND_ORDER_CONES}
+    accepts: ClassVar[frozenset[str]] = FEATURES
 
     @property
     def name(self) -> str:
@@ -337,7 +330,7 @@ class OSQP(ThroughCvxpy):
 
     @property
     def accepts(self) -> frozenset[str]:
-        return LINEAR if self.polygon is None else LINEAR | {SECOND_ORDER_CONES}
+        return LINEAR if self.polygon is None else FEATURES
 
     @property
     def advice(self) -> str:

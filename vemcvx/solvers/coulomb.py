@@ -199,10 +199,7 @@ def _balances(program: StepProgram, lam: Floats, p: Floats) -> bool:
 def on_sets(program: StepProgram, law: Piece, sets: Sets, response: Response, near: Floats) -> Found:
     """Solve the system of the sets, corrected by its residual until that is rounding, twice at most.
 
-    Raises
-    ------
-    LinAlgError
-        The system is singular.
+    LinAlgError where the system is singular.
     """
     operators, system = program.operators, SetsSystem(program.operators, sets, law.slope, response)
     point = Iterate(np.zeros(len(program.g)), np.zeros_like(near), np.zeros(len(sets.act)))
@@ -378,14 +375,8 @@ def solution_near(
     share = 1: with p / STEEPER in place of p each begins on the same piece. Terms that slip under given weights may
     seem to stick under the larger weights of their own pressures: a second attempt takes the sets of the given weights.
 
-    Parameters
-    ----------
-    program : StepProgram
-        `start` is its answer.
-    response : Response
-        Of its operators.
-    rounds : iterator
-        One is taken for the system of every sets; it gives up where there are no more.
+    The point `start` is the answer to the program with given weights, and `response` is that of its operators. The
+    system of every sets takes one of the `rounds`; where there are no more of these there is no solution.
     """
     near = swept(program, law, start) if program.operators.sweepable else start
     found = _from_sets(program, law, near, response, rounds)

@@ -36,10 +36,7 @@ class Solves(Protocol):
 def as_solver(given: Solver | Solves) -> Solver:
     """A Solver as it is; any other object with `solve` as one.
 
-    Raises
-    ------
-    SceneError
-        It is a class, or has no `solve`, or an `accepts` that names no features.
+    SceneError where it is a class, or has no `solve`, or an `accepts` that names no features.
     """
     if isinstance(given, Solver):
         return given
@@ -52,13 +49,10 @@ def as_solver(given: Solver | Solves) -> Solver:
 
 
 class AdaptedSolver(Solver):
-    """A solver around somebody's object with `solve`.
+    """A solver around somebody's object with `solve(program, target)`.
 
-    Parameters
-    ----------
-    own : object
-        `solve(program, target)`; without `accepts` it is taken to accept every feature, without `accuracy` 1e-6 is
-        asked of it, without `semidefinite` it is given a positive definite K only.
+    Without `accepts` that is taken to accept every feature, without `accuracy` 1e-6 is asked of it, and without
+    `semidefinite` it is given a positive definite K only.
     """
 
     accepts: frozenset[str] = FEATURES
@@ -134,13 +128,7 @@ log = logging.getLogger("vemcvx")
 
 
 def choose_solver(operators: Operators, given: Solver | Solves | None) -> Solver:
-    """The solver for programs of `operators`.
-
-    Raises
-    ------
-    NotAccepted
-        The solver asked for cannot take a feature of the program.
-    """
+    """The solver for programs of `operators`; NotAccepted where the one asked for does not take one of its features."""
     if given is None:
         solver = next(s for s in BY_SIZE if operators.features <= s.accepts)
         log.info("solver: %s, the smallest that accepts %s", solver.name, words(operators.features))

@@ -68,13 +68,9 @@ import numpy as np
 import scipy.sparse as sp
 
 from vemcvx.arrays import EPS, Bools, Floats, Ints, directions, lengths, whole
-from vemcvx.linear import Matrix, corrected
+from vemcvx.linear import Factor, Matrix, corrected
 from vemcvx.program.operators import (
-    ABSOLUTE_VALUES,
-    BOUNDS,
-    QUADRATIC,
-    SECOND_ORDER_CONES,
-    SQUARED_POSITIVE_PARTS,
+    FEATURES,
     Operators,
     PressureLaw,
     Rows,
@@ -172,69 +168,60 @@ TURNS = 20
 def answer_on(program: StepProgram, sets: Sets, near: Iterate | None = None) -> Iterate:
     """The point that the sets lead to; its multipliers are not yet projected.
 
-    Where linear systems are solved iteratively, from the point `near`, if there is one, and as far as UNSEEN says.
+    Where every row reads an unknown of its own, those of what is held are known, and the others are solved for. Where
+    linear systems are solved iteratively, from the point `near`, if there is one, and as far as UNSEEN says.
     """
     operators = program.operators
-    soft = sets.act & (operators.compliance > 0)
-    spring = np.divide(1.0, operators.compliance, out=np.zeros(len(soft)), where=soft)
-    at_bound = program.w[:, None] * sets.direction
+    stick, hard = np.repeat(sets.stick, operators.block), sets.act & (operators.compliance == 0)
+    spring = np.divide(1.0, operators.compliance, out=np.zeros(len(hard)), where=sets.act & ~hard)
+    at_bound, bends = program.w[:, None] * sets.direction, bool(sets.curvature.any())
     M, load = operators.K, program.g - operators.multiplier_force(at_bound, -spring * program.e)
     S: sp.csr_matrix | None = None
-    bends = sets.curvature.any()
-    if bends or soft.any():
-        H = sets.curvature[:, None, None] * transverse(sets.direction)
-        S = operators.stiffening(H, spring)
-        M = operators.plus(S)
-        load = load + operators.rows.force_of(np.einsum("ijk,ik->ij", H, operators.blocks(program.b)).ravel())
-    stick = np.flatnonzero(np.repeat(sets.stick, operators.block))
-    stop = np.flatnonzero(sets.act & ~soft)
+    if bends or spring.any():
+        S = operators.stiffening(sets.curvature[:, None, None] * transverse(sets.direction), spring)
+        M, load = operators.plus(S), load + operators.rows.force_of(sets.bent(operators.blocks(program.b)).ravel())
+
+    def carried(d: Floats, lam: Floats, reaction: Floats) -> Iterate:
+        """The point whose slipping terms carry lam, and what is held its reaction."""
+        p, lam = spring * program.excess(d), lam.copy()
+        lam.ravel()[stick], p[hard] = np.split(reaction, [np.count_nonzero(stick)])
+        return Iterate(d, lam, p)
+
     own = operators.own_columns
     if own is None:
-        d, reaction, stopped = _held(M, load, program, stick, stop)
+        d, reaction = _held(M, load, program, stick, hard)
+        return carried(d, at_bound + sets.bent(program.slip(d)), reaction)
+    columns = np.concatenate([own[0][stick], own[1][hard]])
+    coefficient = np.concatenate([operators.B.data[stick], operators.D.data[hard]])
+    d, free = np.zeros(len(load)), np.ones(len(load), dtype=bool)
+    d[columns], free[columns] = np.concatenate([program.b[stick], program.e[hard]]) / coefficient, False
+    F, iterative = np.flatnonzero(free), not operators.factor.exact
+    cycle = operators.factor.cycle(sp.csr_matrix(M.shape) if S is None else S, free) if near and iterative else None
+    if near and cycle:
+        d = corrected(M, np.where(free, near.d, d), load, free, cycle=cycle, part=UNSEEN)
     else:
-        columns = np.concatenate([own[0][stick], own[1][stop]])
-        iterative = not operators.factor.exact
-        begin = (near.d, sp.csr_matrix(M.shape) if S is None else S) if near and iterative else None
-        if bends and not iterative:
-            return _turned(M, load, program, sets, columns)
-        d, reaction, stopped = _held_coordinates(M, load, program, stick, stop, columns=columns, near=begin)
-    lam = at_bound + np.einsum("ijk,ik->ij", H, program.slip(d)) if bends else at_bound
-    lam.ravel()[stick] = reaction
-    p = spring * program.excess(d)
-    p[stop] = stopped
-    return Iterate(d, lam, p)
+        factor = operators.principal(F) if S is None else operators.factor.within(restricted(M, F), F)
+        d[F] = factor.solve((load - product(M, d))[F] if d.any() else load[F])
+    linear = carried(d, at_bound + sets.bent(program.slip(d)), (load - product(M, d))[columns] / coefficient)
+    if not bends or iterative or (lengths(linear.lam) > program.w)[sets.stick].any():
+        return linear
+    d, lam = _turned(program, sets, linear, spring, (F, factor))
+    if d is linear.d:
+        return linear
+    return carried(d, lam, program.residual(d, lam, spring * program.excess(d))[columns] / coefficient)
 
 
-def _turned(M: Matrix, load: Floats, program: StepProgram, sets: Sets, columns: Ints) -> Iterate:
-    """Minimise 1/2 d'Md - load'd with the unknowns `columns` held; where sets stand, correct d on the factor.
+def _turned(
+    program: StepProgram, sets: Sets, linear: Iterate, spring: Floats, free: tuple[Ints, Factor]
+) -> tuple[Floats, Floats]:
+    """d and lam of the point of a linear system, corrected on its factor of the free unknowns where sets stand.
 
     By what it misses of the law, while that halves: the directions of slips turn, and where they have nearly been found
     a product and two triangular solves stand for the next factorisation. Multipliers stay those of the linear system:
     w s / |s| has the rounding of small slips.
     """
-    operators, stick = program.operators, np.repeat(sets.stick, program.operators.block)
-    hard = sets.act & (operators.compliance == 0)
-    spring = np.divide(1.0, operators.compliance, out=np.zeros(len(hard)), where=sets.act & ~hard)
-    coefficient = np.concatenate([operators.B.data[stick], operators.D.data[hard]])
-
-    def carried(d: Floats, lam: Floats, force: Floats) -> Iterate:
-        """The point whose slipping terms carry lam, and what is held the rest of the force."""
-        p, lam = spring * program.excess(d), lam.copy()
-        lam.ravel()[stick], p[hard] = np.split(force[columns] / coefficient, [np.count_nonzero(stick)])
-        return Iterate(d, lam, p)
-
-    free, d = np.ones(len(load), dtype=bool), np.zeros(len(load))
-    free[columns] = False
-    d[columns] = np.concatenate([program.b[stick], program.e[hard]]) / coefficient
-    F = np.flatnonzero(free)
-    factor = operators.factor.within(restricted(M, F), F)
-    d[F] = factor.solve((load - M @ d)[F] if d.any() else load[F])
-    s = program.slip(d)
-    lam = program.w[:, None] * sets.direction + sets.bent(s)
-    linear = carried(d, lam, load - M @ d)
-    if (lengths(linear.lam) > program.w)[sets.stick].any():
-        return linear
-    best, least = (d, lam), np.inf
+    (F, factor), d, lam = free, linear.d, linear.lam
+    s, best, least = program.slip(d), (d, lam), np.inf
     for _ in range(TURNS):
         if (~sets.stick & (np.einsum("ij,ij->i", s, sets.direction) <= 0)).any():
             break
@@ -247,15 +234,14 @@ def _turned(M: Matrix, load: Floats, program: StepProgram, sets: Sets, columns: 
         d[F] += factor.solve(force)
         s = program.slip(d)
         lam = law + sets.bent(s - before)
-    d, lam = best
-    return linear if d is linear.d else carried(d, lam, program.residual(d, lam, spring * program.excess(d)))
+    return best
 
 
-def _held(M: Matrix, load: Floats, program: StepProgram, stick: Ints, stop: Ints) -> tuple[Floats, Floats, Floats]:
+def _held(M: Matrix, load: Floats, program: StepProgram, stick: Bools, hard: Bools) -> tuple[Floats, Floats]:
     """Minimise 1/2 d'Md - load'd subject to B_i d = b_i and D_j d = e_j on the rows given; d and the reactions."""
     operators = program.operators
-    A = sp.vstack([operators.B[stick], operators.D[stop]], format="csr")
-    value = np.concatenate([program.b[stick], program.e[stop]])
+    A = sp.vstack([operators.B[stick], operators.D[hard]], format="csr")
+    value = np.concatenate([program.b[stick], program.e[hard]])
     factor = operators.factor.within(M, np.arange(len(load)))
     spread = factor.solve(A.T.toarray())
     small = A @ spread
@@ -269,41 +255,7 @@ def _held(M: Matrix, load: Floats, program: StepProgram, stick: Ints, stop: Ints
     d, reaction = correct(load, value)
     # One step of refinement: A d = value then holds to the rounding of d instead of cond(K) times that.
     more, push = correct(load - M @ d - A.T @ reaction, value - A @ d)
-    reaction = reaction + push
-    return d + more, reaction[: len(stick)], reaction[len(stick) :]
-
-
-def _held_coordinates(
-    M: Matrix,
-    load: Floats,
-    program: StepProgram,
-    stick: Ints,
-    stop: Ints,
-    *,
-    columns: Ints,
-    near: tuple[Floats, sp.csr_matrix] | None = None,
-) -> tuple[Floats, Floats, Floats]:
-    """Minimise that where every row reads its own unknown, those of the rows given `columns`: the held ones are known.
-
-    Iteratively, `near` is the initial guess (n,) and the stiffness that is added to K.
-    """
-    operators = program.operators
-    coefficient = np.concatenate([operators.B.data[stick], operators.D.data[stop]])
-    value = np.concatenate([program.b[stick], program.e[stop]])
-    d = np.zeros(len(load)) if near is None else near[0].copy()
-    d[columns] = value / coefficient
-    free = np.ones(len(load), dtype=bool)
-    free[columns] = False
-    cycle = None if near is None else operators.factor.cycle(near[1], free)
-    if cycle is not None:
-        d = corrected(M, d, load, free, cycle=cycle, part=UNSEEN)
-    else:
-        F = np.flatnonzero(free)
-        rest = load - product(M, d) if value.any() else load
-        within = operators.principal(F) if M is operators.K else operators.factor.within(restricted(M, F), F)
-        d[F] = within.solve(rest[F])
-    reaction = (load - product(M, d))[columns] / coefficient
-    return d, reaction[: len(stick)], reaction[len(stick) :]
+    return d + more, reaction + push
 
 
 FOLLOWS = 1e-6
@@ -428,15 +380,15 @@ def _hessian(program: StepProgram, q: Floats, x: Floats, shift: Shifts) -> Matri
     share = np.divide(program.w, size, out=np.ones_like(size), where=slip)
     pressed = np.where(x > 0, shift.limits / (1.0 + shift.limits * operators.compliance), 0.0)
     bends = (shift.norms * share)[:, None, None] * transverse(slip[:, None] * directions(q, size))
-    return operators.stiffened(bends, pressed)
+    return operators.plus(operators.stiffening(bends, pressed))
 
 
 PATIENCE = 8
 """Newton points in a row that may fail to halve the best gap before the safeguard is called."""
 OVERRELAXATION = 0.01
-"""Part of their bound by which multipliers of discs begin a step beyond it: they then turn against SHIFT /
-OVERRELAXATION times the stiffness that they feel. If all stick, 64 steps take a tenth to a quarter more solves; with
-.03 and .1 a few more."""
+"""Part of their bound by which multipliers of discs that were on it begin a step beyond it, so that they slip in its
+first sets, with SHIFT / OVERRELAXATION times the stiffness that they feel for a curvature. Begun on the bound, where
+they stick first, 64 steps take a tenth to a quarter more solves; begun .03 or .1 beyond it, a few more."""
 
 
 @dataclass(frozen=True)
@@ -454,9 +406,7 @@ class Newton(Solver):
     accuracy: float = 1e-8
     max_iterations: int = 400
 
-    accepts: ClassVar[frozenset[str]] = frozenset(
-        {QUADRATIC, ABSOLUTE_VALUES, SECOND_ORDER_CONES, BOUNDS, SQUARED_POSITIVE_PARTS}
-    )
+    accepts: ClassVar[frozenset[str]] = FEATURES
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -469,9 +419,6 @@ class Newton(Solver):
     @property
     def advice(self) -> str:
         return "raise max_iterations"
-
-    def limited(self, max_iterations: int) -> Newton:
-        return replace(self, max_iterations=max_iterations)
 
     def prepare(self, operators: Operators) -> Newton:
         return self

@@ -26,14 +26,8 @@ class ProximalPoints:
     Iteration goes on below the target while one point in six halves the gap. With a solver that does not count its
     iterations, each of which may be long, it stops at the target, or when two points do not halve the gap.
 
-    Parameters
-    ----------
-    solver : Solver
-        It is asked programs of ``operators.regular`` only.
-    operators : Operators
-        With a kernel.
-    follows : bool
-        True begins at the rigid motion nearest to b, instead of at rest.
+    The solver is asked programs of ``operators.regular`` only. Where the body `follows` the ground, iteration begins at
+    the rigid motion nearest to b, instead of at rest.
     """
 
     def __init__(self, solver: Solver, operators: Operators, follows: bool):

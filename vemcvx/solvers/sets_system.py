@@ -169,12 +169,7 @@ def unit_rows(A: sp.csr_matrix) -> sp.csr_matrix:
     """G (c, c) with A G = [I, 0], of rows A (h, c) that hold.
 
     A row that reads an unknown of its own is scaled; the others are reflected, together with those that share unknowns
-    with them, and unknowns that none reads follow as they are.
-
-    Raises
-    ------
-    LinAlgError
-        A row follows from others.
+    with them, and unknowns that none reads follow as they are. LinAlgError where a row follows from others.
     """
     h, c = A.shape
     own, readers = np.diff(A.indptr) == 1, np.bincount(A.indices, minlength=c)
@@ -199,14 +194,10 @@ def unit_rows(A: sp.csr_matrix) -> sp.csr_matrix:
 
 
 class Place:
-    """Coordinates of some unknowns (n,), of which what holds reads one a row; the motions of these are G times them.
+    """Coordinates y of some unknowns d = G y, in which every row that holds reads one coordinate of its own.
 
-    Where rows that hold read an unknown of their own, the coordinates are the unknowns, and there is no G.
-
-    Raises
-    ------
-    LinAlgError
-        A row that holds follows from others.
+    Where every row that holds reads an unknown of its own, the coordinates are the unknowns, and there is no G.
+    LinAlgError where a row that holds follows from others.
     """
 
     def __init__(self, response: Response, held: Ints, some: Ints):
@@ -284,12 +275,8 @@ class Place:
 class SetsSystem:
     """The system of some sets, reduced to the motions y that they leave, and factorised once it is solved.
 
-    Its matrices stand in the memory of the last one of the same response, which is no longer solved with.
-
-    Raises
-    ------
-    LinAlgError
-        It is singular: the sets hold nothing, or hold something twice.
+    Its matrices stand in the memory of the last one of the same response, which is no longer solved with. LinAlgError
+    where it is singular: the sets hold too little, or hold something twice.
     """
 
     def __init__(self, operators: Operators, sets: Sets, J: Rows, response: Response):
@@ -307,20 +294,17 @@ class SetsSystem:
         concerned = np.repeat(sets.stick | (sets.curvature > 0) | follows, operators.block)
         held = np.concatenate([response.limits.start + self._hard, np.flatnonzero(stick)])
         self._place = place = response.place(held, np.append(concerned, sets.act))
-        self._T = self._curved()
+        self._T: Floats | None = None
+        """the entries of T at the places of `rows.pairs`, if there are any"""
+        if sets.curvature.any() or self._spring.any():
+            blocks = sets.curvature[:, None, None] * transverse(sets.direction)
+            self._T = np.asarray(place.rows.pairs[2] @ np.append(blocks, self._spring))
         self._share()
         self._feedback: Floats | None = None
         pulls = (np.abs(sets.direction) * self._steep(np.ones(len(hard)))[:, None]).ravel()
         if place.norms.absolute.force_of(pulls)[place.columns].any():
             self._close_loop(J.B)
         self._reactions = self._forces_of_limits()
-
-    def _curved(self) -> Floats | None:
-        """The entries of T at the places of `rows.pairs`; None if there are none."""
-        if not (self._sets.curvature.any() or self._spring.any()):
-            return None
-        blocks = self._sets.curvature[:, None, None] * transverse(self._sets.direction)
-        return np.asarray(self._place.rows.pairs[2] @ np.append(blocks, self._spring))
 
     def _forces_of_limits(self) -> Matrix:
         """P (r, y): how the forces of limits follow the motions y, as if nothing pulled at what they hold."""

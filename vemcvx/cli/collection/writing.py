@@ -79,12 +79,11 @@ def write_collection(
             rows.append({"name": instance.name, "core": instance.name in CORE, **asdict(instance), **words})
         made = {"collection": VERSION, "vemcvx": __version__, "instances": rows}
         about = {"version": VERSION, "vemcvx": __version__}
-        place(MANIFEST).write_text(json.dumps(made, indent=1) + "\n")
-        place(OPTIMA).write_text(optima(rows).csv())
-        place(SCRIPT).write_text(Path(__file__).with_name(SCRIPT).read_text())
-        for name in TEXTS:
-            words = Path(__file__).with_name(name).read_text(encoding="utf-8")
-            place(name).write_text(words.format(**about), encoding="utf-8")
+        beside_this = {name: Path(__file__).with_name(name).read_text(encoding="utf-8") for name in (*TEXTS, SCRIPT)}
+        texts = {name: beside_this[name].format(**about) for name in TEXTS} | {SCRIPT: beside_this[SCRIPT]}
+        texts |= {MANIFEST: json.dumps(made, indent=1) + "\n", OPTIMA: optima(rows).csv()}
+        for name, text in texts.items():
+            files.write(place(name).name, text)
         sums = "".join(f"{sha256(path.read_bytes()).hexdigest()}  {path.name}\n" for path in sorted(written))
         files.write(SUMS, sums)
     sizes = [row["unknowns"] for row in rows]

@@ -54,7 +54,6 @@ HEAVY = {
         "meshes/checks/plane.py",
         "meshes/checks/space.py",
         "meshes/several_bodies.py",
-        "meshes/arrangement.py",
         "meshes/common_tiling.py",
         "meshes/meeting.py",
     },

@@ -432,11 +432,7 @@ def triangles_of(polygons: NDArray[Any], offsets: Ints, corner: Ints, corners: F
 
     Polygon k has the corners ``corner[offsets[k]:offsets[k + 1]]``, in holes and outside, which are numbers in (n, 2).
     """
-    import shapely
-
-    parts, owner = shapely.get_parts(shapely.constrained_delaunay_triangles(polygons), return_index=True)
-    at = shapely.get_coordinates(shapely.get_exterior_ring(parts)).reshape(-1, 4, 2)[:, :3]
-    at = np.where((signed_areas(at) < 0.0)[:, None, None], at[:, ::-1], at)
+    at, _, owner = triangulated(polygons)
     rows = np.empty((len(owner), 3), dtype=np.int64)
     counts = np.diff(offsets)[owner]
     for n in np.unique(counts):
@@ -489,40 +485,24 @@ def convex_pieces(corners: Floats) -> list[list[int]]:
     Of its triangles every diagonal is taken out again whose absence leaves no right turn: at most four times as many
     pieces as the best (S. Hertel, K. Mehlhorn, FCT 1983, LNCS 158, 207-218). The one under the flattest comes first.
     """
-    x = [complex(*corner) for corner in corners.tolist()]
-    triangles = diagonals_of(corners[None])[0].tolist()
-    pieces = dict(enumerate(triangles))
-    owner = {edge: k for k, triangle in pieces.items() for edge in _edges(triangle)}
-    heights = {edge: _height(triangle, edge, x) for triangle in triangles for edge in _edges(triangle)}
-    diagonals = [(a, b) for a, b in owner if a < b and (b, a) in owner]
-    for a, b in sorted(diagonals, key=lambda edge: min(heights[edge], heights[edge[::-1]])):
-        kept, gone = owner[a, b], owner[b, a]
-        one, other = _beginning_with(b, pieces[kept]), _beginning_with(a, pieces[gone])
-        # One runs from b to a, the other from a to b: together they turn at a and at b.
-        if _left(x[one[-2]], x[a], x[other[1]]) and _left(x[other[-2]], x[b], x[one[1]]):
-            pieces[kept] = one + other[1:-1]
-            owner.update((edge, kept) for edge in _edges(pieces.pop(gone)))
-    return list(pieces.values())
-
-
-def _edges(piece: list[int]) -> list[tuple[int, int]]:
-    return list(zip(piece, piece[1:] + piece[:1], strict=True))
-
-
-def _beginning_with(corner: int, piece: list[int]) -> list[int]:
-    place = piece.index(corner)
-    return piece[place:] + piece[:place]
-
-
-def _height(triangle: list[int], edge: tuple[int, int], x: list[complex]) -> float:
-    """Height of a triangle over its longest edge, in lengths of that edge; infinite over the others."""
-    lengths = {(a, b): abs(x[b] - x[a]) for a, b in _edges(triangle)}
-    if lengths[edge] < max(lengths.values()):
-        return float("inf")
-    a, b, c = (x[k] for k in triangle)
-    return ((b - a).conjugate() * (c - a)).imag / lengths[edge] ** 2
-
-
-def _left(a: complex, b: complex, c: complex) -> bool:
-    """Return True if the way from a over b to c turns left or goes straight on, up to a sine of 1e-9 for rounding."""
-    return ((b - a).conjugate() * (c - b)).imag >= -SAME * abs(b - a) * abs(c - b)
+    triangles = diagonals_of(corners[None])[0]
+    sides = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2).reshape(-1, 2)
+    lengths = np.linalg.norm(corners[sides[:, 1]] - corners[sides[:, 0]], axis=1).reshape(-1, 3)
+    # Heights of triangles over their longest sides, in lengths of these.
+    flat = 2.0 * signed_areas(corners[triangles])[:, None] / lengths**2
+    heights = np.where(lengths < lengths.max(axis=1, keepdims=True), np.inf, flat)
+    ends, number, counts = np.unique(np.sort(sides, axis=1), axis=0, return_inverse=True, return_counts=True)
+    least = np.full(len(ends), np.inf)
+    np.minimum.at(least, number.ravel(), heights.ravel())
+    diagonals = np.flatnonzero(counts == 2)
+    # Around every piece corners stand in the order that they have around the polygon: their numbers say it all.
+    pieces = [set(triangle) for triangle in triangles.tolist()]
+    for diagonal in ends[diagonals[np.argsort(least[diagonals], kind="stable")]].tolist():
+        one, other = (piece for piece in pieces if piece.issuperset(diagonal))
+        around = sorted(one | other)
+        edge = corners[np.roll(around, -1)] - corners[around]
+        after, length = np.roll(edge, -1, axis=0), np.linalg.norm(edge, axis=1)
+        # A turn to the right by a sine of 1e-9 is rounding.
+        if (cross(edge, after) >= -SAME * length * np.roll(length, -1)).all():
+            pieces = [piece for piece in pieces if piece not in (one, other)] + [one | other]
+    return [sorted(piece) for piece in pieces]

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from vemcvx.meshes import arrangement
-from vemcvx.meshes.arrangement import polygons_between
+from vemcvx.meshes import common_tiling
+from vemcvx.meshes.common_tiling import polygons_between
 from vemcvx.meshes.polygons import areas_and_centroids
 
 POINTS = np.array(
@@ -61,7 +61,7 @@ def test_what_can_be_walked_round_is_not_left_to_shapely(monkeypatch):
     def refuse(*given):
         raise AssertionError("asked")
 
-    monkeypatch.setattr(arrangement, "_by_shapely", refuse)
+    monkeypatch.setattr(common_tiling, "_by_shapely", refuse)
     found(["one polygon", "four", "halves"])
     with pytest.raises(AssertionError, match="asked"):
         found(["a hole"])

@@ -86,6 +86,13 @@ def found_in(keys: Ints, wanted: Ints) -> Ints:
     return np.where(keys[at] == wanted, at, -1)
 
 
+def all_found_in(keys: Ints, wanted: Ints) -> tuple[Ints, Ints]:
+    """All pairs (i, j) of one of the wanted numbers and a place where it stands among the keys (k,), by i."""
+    order = np.argsort(keys, kind="stable")
+    begin, end = (np.searchsorted(keys[order], wanted, side=side) for side in ("left", "right"))
+    return np.repeat(np.arange(len(wanted)), end - begin), order[spans(begin, end - begin)]
+
+
 def least_of_each(keys: Ints, values: Floats) -> Ints:
     """Where the least of the values (k,) stands that go with each of the different keys, by key."""
     order = np.lexsort((values, keys))
@@ -296,6 +303,12 @@ def outlines(points: Floats, offsets: Ints, vertices: Ints) -> NDArray[Any]:
     return np.asarray(shapely.polygons(rings))
 
 
+def numbered_outlines(corners: Floats, offsets: Ints) -> NDArray[Any]:
+    """Polygons of corners (m, 2), one polygon after the other; third coordinates are the numbers of corners."""
+    number = np.arange(len(corners))
+    return outlines(np.column_stack([corners, number]), offsets, number)
+
+
 def holding(polygons: NDArray[Any], places: Floats) -> tuple[Ints, Ints]:
     """Pairs (i, j) where place i of (n, 2) lies in the closed polygon j, by i."""
     import shapely
@@ -327,12 +340,30 @@ def overlaps(first: NDArray[Any], second: NDArray[Any]) -> tuple[Ints, Ints, NDA
 
 def triangulated(polygons: NDArray[Any]) -> Triangles:
     """The triangles of simple polygons, between their own vertices."""
+    corners, owner = _cut_in_triangles(polygons)
+    return Triangles(corners[:, :, :2], signed_areas(corners[:, :, :2]), owner)
+
+
+def triangles_of(polygons: NDArray[Any]) -> tuple[Ints, Ints]:
+    """The triangles of polygons, with holes or without: of which each is, and its corners (t, 3), counter-clockwise.
+
+    Corners are called by their third coordinates.
+    """
+    corners, owner = _cut_in_triangles(polygons)
+    return owner, corners[:, :, 2].astype(np.int64)
+
+
+def _cut_in_triangles(polygons: NDArray[Any]) -> tuple[Floats, Ints]:
+    """Triangles (t, 3, 3) between the vertices of polygons, counter-clockwise, and the polygon of each.
+
+    Of all triangulations they are the one nearest to Delaunay's.
+    """
     import shapely
 
-    cut, owner = shapely.get_parts(shapely.constrained_delaunay_triangles(polygons), return_index=True)
-    corners = shapely.get_coordinates(shapely.get_exterior_ring(cut)).reshape(-1, 4, 2)[:, 2::-1]
-    areas = signed_areas(corners)
-    return Triangles(np.where(areas[:, None, None] < 0.0, corners[:, ::-1], corners), np.abs(areas), owner)
+    parts, owner = shapely.get_parts(shapely.constrained_delaunay_triangles(polygons), return_index=True)
+    corners = shapely.get_coordinates(shapely.get_exterior_ring(parts), include_z=True).reshape(-1, 4, 3)[:, 2::-1]
+    backwards = signed_areas(corners[:, :, :2]) < 0.0
+    return np.where(backwards[:, None, None], corners[:, ::-1], corners), owner
 
 
 def fans(polygons: NDArray[Any]) -> Triangles:
@@ -427,35 +458,14 @@ def places(corners: Floats, barycentric: Floats) -> Floats:
     return origin + within
 
 
-def triangles_of(polygons: NDArray[Any], offsets: Ints, corner: Ints, corners: Floats) -> tuple[Ints, Ints]:
-    """The triangles of polygons, as Delaunay's as may be: of which each is, and its corners (t, 3), counter-clockwise.
-
-    Polygon k has the corners ``corner[offsets[k]:offsets[k + 1]]``, in holes and outside, which are numbers in (n, 2).
-    """
-    import shapely
-
-    parts, owner = shapely.get_parts(shapely.constrained_delaunay_triangles(polygons), return_index=True)
-    at = shapely.get_coordinates(shapely.get_exterior_ring(parts)).reshape(-1, 4, 2)[:, :3]
-    at = np.where((signed_areas(at) < 0.0)[:, None, None], at[:, ::-1], at)
-    rows = np.empty((len(owner), 3), dtype=np.int64)
-    counts = np.diff(offsets)[owner]
-    for n in np.unique(counts):
-        mine = np.flatnonzero(counts == n)
-        known = corner[offsets[owner[mine], None] + np.arange(n)]
-        same = (corners[known][:, None] == at[mine][:, :, None]).all(axis=3)
-        rows[mine] = np.take_along_axis(known, np.argmax(same, axis=2), axis=1)
-    return owner, rows
-
-
 def diagonals_of(corners: Floats) -> Ints:
     """Triangles (c, n - 2, 3) of simple polygons (c, n, 2), vertices on straight sides included; counter-clockwise."""
     c, n, _ = corners.shape
     if c == 0:
         return np.zeros((0, n - 2, 3), dtype=np.int64)
-    flat, number = corners.reshape(-1, 2), np.arange(c * n)
     offsets = np.arange(c + 1) * n
-    rows: Ints = triangles_of(outlines(flat, offsets, number), offsets, number, flat)[1]
-    return np.asarray(rows.reshape(c, n - 2, 3) - offsets[:-1, None, None])
+    rows = triangles_of(numbered_outlines(corners.reshape(-1, 2), offsets))[1]
+    return rows.reshape(c, n - 2, 3) - offsets[:-1, None, None]
 
 
 def kernel_centroids(corners: Floats) -> tuple[Floats, Floats]:
@@ -489,40 +499,24 @@ def convex_pieces(corners: Floats) -> list[list[int]]:
     Of its triangles every diagonal is taken out again whose absence leaves no right turn: at most four times as many
     pieces as the best (S. Hertel, K. Mehlhorn, FCT 1983, LNCS 158, 207-218). The one under the flattest comes first.
     """
-    x = [complex(*corner) for corner in corners.tolist()]
-    triangles = diagonals_of(corners[None])[0].tolist()
-    pieces = dict(enumerate(triangles))
-    owner = {edge: k for k, triangle in pieces.items() for edge in _edges(triangle)}
-    heights = {edge: _height(triangle, edge, x) for triangle in triangles for edge in _edges(triangle)}
-    diagonals = [(a, b) for a, b in owner if a < b and (b, a) in owner]
-    for a, b in sorted(diagonals, key=lambda edge: min(heights[edge], heights[edge[::-1]])):
-        kept, gone = owner[a, b], owner[b, a]
-        one, other = _beginning_with(b, pieces[kept]), _beginning_with(a, pieces[gone])
-        # One runs from b to a, the other from a to b: together they turn at a and at b.
-        if _left(x[one[-2]], x[a], x[other[1]]) and _left(x[other[-2]], x[b], x[one[1]]):
-            pieces[kept] = one + other[1:-1]
-            owner.update((edge, kept) for edge in _edges(pieces.pop(gone)))
-    return list(pieces.values())
-
-
-def _edges(piece: list[int]) -> list[tuple[int, int]]:
-    return list(zip(piece, piece[1:] + piece[:1], strict=True))
-
-
-def _beginning_with(corner: int, piece: list[int]) -> list[int]:
-    place = piece.index(corner)
-    return piece[place:] + piece[:place]
-
-
-def _height(triangle: list[int], edge: tuple[int, int], x: list[complex]) -> float:
-    """Height of a triangle over its longest edge, in lengths of that edge; infinite over the others."""
-    lengths = {(a, b): abs(x[b] - x[a]) for a, b in _edges(triangle)}
-    if lengths[edge] < max(lengths.values()):
-        return float("inf")
-    a, b, c = (x[k] for k in triangle)
-    return ((b - a).conjugate() * (c - a)).imag / lengths[edge] ** 2
-
-
-def _left(a: complex, b: complex, c: complex) -> bool:
-    """Return True if the way from a over b to c turns left or goes straight on, up to a sine of 1e-9 for rounding."""
-    return ((b - a).conjugate() * (c - b)).imag >= -SAME * abs(b - a) * abs(c - b)
+    triangles = diagonals_of(corners[None])[0]
+    sides = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2).reshape(-1, 2)
+    lengths = np.linalg.norm(corners[sides[:, 1]] - corners[sides[:, 0]], axis=1).reshape(-1, 3)
+    # Heights of triangles over their longest sides, in lengths of these.
+    flat = 2.0 * signed_areas(corners[triangles])[:, None] / lengths**2
+    heights = np.where(lengths < lengths.max(axis=1, keepdims=True), np.inf, flat)
+    ends, number, counts = np.unique(np.sort(sides, axis=1), axis=0, return_inverse=True, return_counts=True)
+    least = np.full(len(ends), np.inf)
+    np.minimum.at(least, number.ravel(), heights.ravel())
+    diagonals = np.flatnonzero(counts == 2)
+    # Around every piece corners stand in the order that they have around the polygon: their numbers say it all.
+    pieces = [set(triangle) for triangle in triangles.tolist()]
+    for diagonal in ends[diagonals[np.argsort(least[diagonals], kind="stable")]].tolist():
+        one, other = (piece for piece in pieces if piece.issuperset(diagonal))
+        around = sorted(one | other)
+        edge = corners[np.roll(around, -1)] - corners[around]
+        after, length = np.roll(edge, -1, axis=0), np.linalg.norm(edge, axis=1)
+        # A turn to the right by a sine of 1e-9 is rounding.
+        if (cross(edge, after) >= -SAME * length * np.roll(length, -1)).all():
+            pieces = [piece for piece in pieces if piece not in (one, other)] + [one | other]
+    return [sorted(piece) for piece in pieces]

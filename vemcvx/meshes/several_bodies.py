@@ -27,6 +27,7 @@ from vemcvx.meshes.interfaces import Interface, on_boundary, pairs_of, places_of
 from vemcvx.meshes.meeting import FACING, near_others, unmatched
 from vemcvx.meshes.polygons import (
     TOLERANCE,
+    all_found_in,
     among,
     cell_of_corner,
     close_pairs,
@@ -37,7 +38,6 @@ from vemcvx.meshes.polygons import (
     rounding,
     rows_in_order,
     smallest_linked,
-    spans,
 )
 from vemcvx.meshes.tessellation import SpaceTessellation, Tessellation
 
@@ -310,15 +310,12 @@ def _check_contact_in_points(names: tuple[str, ...], joined: Joined[Any]) -> Non
     if len(touching):
         node, other = touching[0]
         first, second = (names[number] for number in sorted((body[node], other)))
-        raise _only_touch(first, second, mesh.points[node])
-
-
-def _only_touch(one: str, other: str, at: Floats) -> MeshError:
-    where, share = ("the point", "an edge") if len(at) == 2 else ("an edge or a point, near", "a face")
-    return MeshError(
-        f"bodies: {one!r} and {other!r} touch only in {where} {_at(at)}, which is no interface. "
-        f"Leave a gap there, or let them share {share}."
-    )
+        in_plane = isinstance(mesh, Tessellation)
+        where, share = ("the point", "an edge") if in_plane else ("an edge or a point, near", "a face")
+        raise MeshError(
+            f"bodies: {first!r} and {second!r} touch only in {where} {_at(mesh.points[node])}, which is no interface. "
+            f"Leave a gap there, or let them share {share}."
+        )
 
 
 # In space.
@@ -353,9 +350,7 @@ def _check_pockets(mesh: SpaceTessellation, body: Ints, place: Ints) -> None:
     some = np.flatnonzero(np.logical_and.reduceat(shared[vertices], offsets[:-1]))
     rows, nodes = rows_in_order(offsets, vertices, some)
     places, owner = place[nodes], cell_of_corner(rows)
-    order = np.argsort(places, kind="stable")
-    begin, end = (np.searchsorted(places[order], places, side=side) for side in ("left", "right"))
-    one, other = np.repeat(owner, end - begin), owner[order[spans(begin, end - begin)]]
+    one, other = (owner[corner] for corner in all_found_in(places, places))
     faces = free[some]
     apart = body[nodes[rows[one]]] != body[nodes[rows[other]]]
     facing = np.einsum("ki,ki->k", mesh.face_normals[faces[one]], mesh.face_normals[faces[other]]) < FACING

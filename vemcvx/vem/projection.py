@@ -106,7 +106,8 @@ class FaceGroup:
     @cached_property
     def vectors(self) -> Floats:
         """(f, T, 3) area vectors of the triangles."""
-        return area_vectors(self._of_triangles(self.corners))
+        a, b, c = self._of_triangles(self.corners).transpose(2, 0, 1, 3)
+        return 0.5 * np.cross(b - a, c - a)
 
     @property
     def vector_shares(self) -> Floats:
@@ -175,12 +176,6 @@ def face_groups(points: Floats, offsets: Ints, vertices: Ints, faces: Ints) -> I
 
 def _some(group: FaceGroup, mine: Bools) -> FaceGroup:
     return replace(group, **{field.name: getattr(group, field.name)[mine] for field in fields(group)})
-
-
-def area_vectors(triangles: Floats) -> Floats:
-    """(..., 3) of triangles (..., 3, 3) in space."""
-    a, b, c = (triangles[..., k, :] for k in range(3))
-    return 0.5 * np.cross(b - a, c - a)
 
 
 def _fan(n: int) -> Ints:
@@ -261,13 +256,13 @@ class CellGroup:
 
 # Polyhedral cells: what the projection Pi is made of, from integrals over their faces.
 #
-# With b_{f,i} and a_{f,i} the shares of a node in a face (:mod:`.faces`), outward for the cell, Gauss' theorem gives
+# With b_{f,i} and a_{f,i} the shares of a node in a face (see `FaceGroup`), outward for the cell, Gauss' theorem gives
 #
 #     |K| G_i = sum_f b_{f,i},   grad Pi v = sum_i v_i (x) G_i,   |K| = sum_i x_i . |K| G_i / 3,
 #     w_i = sum_f a_{f,i} / |dK|,
 #
-# the constant of Pi by the mean over the surface, as in the plane by that over the outline (:mod:`.projection`). All
-# of it is homogeneous in the coordinates, and on a tetrahedron Pi v = v.
+# the constant of Pi by the mean over the surface, as in the plane by that over the outline. All of it is
+# homogeneous in the coordinates, and on a tetrahedron Pi v = v.
 @dataclass(frozen=True, eq=False)
 class PolyhedronGroup(CellGroup):
     """Polyhedra with equally many vertices, each cell's in ascending order."""

@@ -37,6 +37,17 @@ def test_what_floats_is_named(effects, says):
         pose_scene(vx.Scene(STEEL, *effects), blocks())
 
 
+@pytest.mark.parametrize("above", [vx.UnilateralContact(on="top"), vx.NormalCompliance(1.0, on="top")], ids=repr)
+def test_what_slides_between_oblique_sides_floats(above):
+    """Contact across the motion feels its rounding alone; relative to that it once was felt, and warned of."""
+    straight = vx.meshes.squares(2)
+    turn = np.array([[np.cos(0.3), np.sin(0.3)], [-np.sin(0.3), np.cos(0.3)]])
+    names = {name: edges for name, edges in straight.boundaries.items() if name != "boundary"}
+    mesh = vx.PolygonMesh(straight.points @ turn, straight.cells, boundaries=names)
+    with pytest.raises(vx.SceneError, match=r"^supports: the body floats: 1 rigid motion .* translation \(0\.96, 0\.3\)"):
+        pose_scene(vx.Scene(STEEL, vx.Symmetry(on="bottom"), above), mesh)
+
+
 def test_to_be_held_by_contact_is_the_normal_case_between_bodies(caplog):
     with caplog.at_level(logging.INFO, logger="vemcvx"):
         posed = pose_scene(vx.Scene(STEEL, FOOT, BOND, RUB), blocks())

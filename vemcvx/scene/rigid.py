@@ -150,6 +150,8 @@ def floating_motions(
     parts, label = _connected(piece, node, supports.sites, springs)
     bodies = body_names(space.mesh, piece, node)
     fields_of, motions = [], list[tuple[Part, Floats]]()
+    # Sides of length h at a distance of D from the origin have directions known to EPS D / h.
+    rounding = (64 * EPS) * max(1.0, np.abs(space.mesh.points).max() / space.mesh.h)
     for number in range(parts):
         own = np.flatnonzero(label == number)
         columns = (own[:, None] * k + np.arange(k)).ravel()
@@ -165,11 +167,12 @@ def floating_motions(
         which = f"part {number + 1} of {parts} of the body" if parts > 1 else "the body"
         hinges = [int(i) for i in np.flatnonzero(count > 1) if label[piece[node == i][0]] == number]
         part = Part(which, tuple(bodies[one] for one in own), hinges)
-        loose = _without_rounding(_piece_by_piece(loose, k), np.abs(space.mesh.points).max() / space.mesh.h)
+        loose = _without_rounding(_piece_by_piece(loose, k), rounding)
         field = fields @ loose
         _, size, rotated = np.linalg.svd(friction @ field, full_matrices=friction.shape[0] < field.shape[1])
-        # An orthonormal basis of what friction does not feel.
-        unfelt = loose @ rotated[int((size > FREE**0.5 * size.max(initial=0.0)).sum()) :].T
+        # An orthonormal basis of what friction does not feel: where it feels nothing at all, sizes are all rounding.
+        least = max(FREE**0.5 * size.max(initial=0.0), rounding * np.abs(friction.data).max(initial=0.0))
+        unfelt = loose @ rotated[int((size > least).sum()) :].T
         if unfelt.shape[1] > 0:
             raise SceneError(floating(part, _piece_by_piece(unfelt, k), space.mesh.points))
         size = np.abs(field).max(axis=0)
@@ -232,14 +235,13 @@ def _along_axes(loose: Floats) -> Floats:
     return Q * np.sign(Q[np.argmax(np.abs(Q), axis=0), np.arange(Q.shape[1])])
 
 
-def _without_rounding(loose: Floats, reach: float) -> Floats:
+def _without_rounding(loose: Floats, rounding: float) -> Floats:
     """The columns, zero where they are no more than rounding: a translation along one axis has nothing along others.
 
     A remainder of 1e-15 there would press against contact across the motion, and rounding alone would then bound how
-    far the body goes. Sides of length h at a distance of `reach` h from the origin have directions known to EPS reach.
+    far the body goes.
     """
-    # Components below 64 roundings of the largest one of a rigid motion are none.
-    return np.where(np.abs(loose) > (64 * EPS) * max(1.0, reach) * np.abs(loose).max(axis=0), loose, 0.0)
+    return np.where(np.abs(loose) > rounding * np.abs(loose).max(axis=0), loose, 0.0)
 
 
 def _without_energy(springs: sp.csr_matrix, fields: Floats) -> Floats:

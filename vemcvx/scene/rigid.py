@@ -37,6 +37,7 @@ class Part:
     which: str
     bodies: tuple[str | None, ...]  #: the names of its pieces
     hinges: list[int]  #: nodes at which pieces are joined
+    axes: Floats  #: (pieces, k, k) the motions of each along the axes and about them, of its orthonormal ones
 
     def moved(self, mode: Floats) -> dict[str, Floats] | None:
         """The motions of bodies by their names; None if one has no name."""
@@ -45,7 +46,7 @@ class Part:
         names = [self.bodies[one] for one in large]
         if self.hinges or None in names or len(set(names)) < len(names):
             return None
-        return {str(name): each[one] for name, one in zip(names, large, strict=True)}
+        return {str(name): self.axes[one] @ each[one] for name, one in zip(names, large, strict=True)}
 
     def motion(self, mode: Floats, directed: bool = False) -> str:
         """A motion in words, and whose it is: which way it goes if it is `directed`, else that of its largest part."""
@@ -59,7 +60,7 @@ class Part:
         """A motion in words."""
         if self.hinges:
             return "a motion about hinges"
-        return _rigid(mode, directed) if len(self.bodies) == 1 else "a motion of pieces that are joined"
+        return _rigid(self.axes[0] @ mode, directed) if len(self.bodies) == 1 else "a motion of pieces that are joined"
 
 
 def combined(motions: Sequence[tuple[Part, Floats]], c: Floats) -> str:
@@ -143,7 +144,7 @@ def floating_motions(
     """
     piece, node = space.pieces
     count = np.bincount(node, minlength=space.mesh.n_nodes)
-    R = _motions(piece, node, space.mesh.points)
+    R, axes = _motions(piece, node, space.mesh.points)
     k, dim = R.shape[1] // (piece.max() + 1), space.mesh.points.shape[1]
     free = supports.gather(sp.csr_matrix(sp.diags_array(np.repeat(count**-0.5, dim)) @ R))
     held = sp.csr_matrix(sp.eye_array(R.shape[1]) - free.T @ free)
@@ -166,7 +167,7 @@ def floating_motions(
             continue
         which = f"part {number + 1} of {parts} of the body" if parts > 1 else "the body"
         hinges = [int(i) for i in np.flatnonzero(count > 1) if label[piece[node == i][0]] == number]
-        part = Part(which, tuple(bodies[one] for one in own), hinges)
+        part = Part(which, tuple(bodies[one] for one in own), hinges, axes[own])
         loose = _without_rounding(_piece_by_piece(loose, k), rounding)
         field = fields @ loose
         _, size, rotated = np.linalg.svd(friction @ field, full_matrices=friction.shape[0] < field.shape[1])
@@ -197,7 +198,7 @@ def seen_from_bodies(space: Space) -> Callable[[Floats], Floats]:
         graph = sp.csr_matrix((np.ones(len(cell)), (node, cell)), shape=(mesh.n_nodes, mesh.n_cells))
         label = connected_components(graph @ graph.T, directed=False)[1].astype(np.int64)
         by_body = np.argsort(label, kind="stable")
-        R = _motions(label[by_body], by_body, mesh.points)
+        R, _ = _motions(label[by_body], by_body, mesh.points)
         return R, sp.csr_matrix(R.T)
 
     def seen(u: Floats) -> Floats:
@@ -267,10 +268,11 @@ def _connected(piece: Ints, node: Ints, sites: Ints, springs: sp.csr_matrix | No
     return parts, label.astype(np.int64)
 
 
-def _motions(piece: Ints, node: Ints, points: Floats) -> sp.csr_matrix:
+def _motions(piece: Ints, node: Ints, points: Floats) -> tuple[sp.csr_matrix, Floats]:
     """(n_u, pieces * k) the k rigid motions of each piece as orthonormal columns, of pairs by piece and node.
 
-    Taken about its middle and in units of its size: rotations then weigh like translations.
+    Taken about its middle and in units of its size: rotations then weigh like translations. Besides the matrices
+    (pieces, k, k) that take their coefficients to those of translations along the axes and of rotations about them.
     """
     pieces, dim = piece.max() + 1, points.shape[1]
     inside = np.bincount(piece)
@@ -284,10 +286,15 @@ def _motions(piece: Ints, node: Ints, points: Floats) -> sp.csr_matrix:
     norm = np.sqrt(np.einsum("pkk->pk", products))
     modes /= norm[piece][:, None, :]
     products /= norm[:, :, None] * norm[:, None, :]
+    # One factor for all rotations of a piece keeps the direction of their sum, and what they weigh.
+    turns = norm[:, dim:].mean(axis=1, keepdims=True) / norm[:, dim:]
+    axes = np.hstack([np.ones((pieces, dim)), turns])[:, :, None] * np.eye(k)
     # Rotations about different axes are not orthogonal unless these are axes of inertia.
     # Products of normed motions below this are rounding.
     if np.abs(products - np.eye(k)).max() > 1e-9:
-        modes = modes @ np.linalg.inv(np.linalg.cholesky(products)).swapaxes(1, 2)[piece]
+        orthonormal = np.linalg.inv(np.linalg.cholesky(products)).swapaxes(1, 2)
+        modes, axes = modes @ orthonormal[piece], axes @ orthonormal
     rows = np.repeat(node[:, None] * dim + np.arange(dim), k, axis=1)
     columns = np.tile(piece[:, None] * k + np.arange(k), (1, dim))
-    return sp.csr_matrix((modes.ravel(), (rows.ravel(), columns.ravel())), shape=(points.size, pieces * k))
+    R = sp.csr_matrix((modes.ravel(), (rows.ravel(), columns.ravel())), shape=(points.size, pieces * k))
+    return R, axes

@@ -37,6 +37,17 @@ def test_what_floats_is_named(effects, says):
         pose_scene(vx.Scene(STEEL, *effects), blocks())
 
 
+@pytest.mark.parametrize("above", [vx.UnilateralContact(on="top"), vx.NormalCompliance(1.0, on="top")], ids=repr)
+def test_what_slides_between_oblique_sides_floats(above):
+    """Contact across the motion feels its rounding alone; relative to that it once was felt, and warned of."""
+    straight = vx.meshes.squares(2)
+    turn = np.array([[np.cos(0.3), np.sin(0.3)], [-np.sin(0.3), np.cos(0.3)]])
+    names = {name: edges for name, edges in straight.boundaries.items() if name != "boundary"}
+    mesh = vx.PolygonMesh(straight.points @ turn, straight.cells, boundaries=names)
+    with pytest.raises(vx.SceneError, match=r"^supports: the body floats: 1 rigid motion .*n \(0\.96, 0\.3\)"):
+        pose_scene(vx.Scene(STEEL, vx.Symmetry(on="bottom"), above), mesh)
+
+
 def test_to_be_held_by_contact_is_the_normal_case_between_bodies(caplog):
     with caplog.at_level(logging.INFO, logger="vemcvx"):
         posed = pose_scene(vx.Scene(STEEL, FOOT, BOND, RUB), blocks())
@@ -51,6 +62,18 @@ def test_each_motion_is_of_one_body_where_that_can_be():
     assert kernel.names == ("the translation (1, 0) of lower", "the translation (1, 0) of upper")
     ways = {kernel.name(np.array([sign, 0.0])) for sign in (1.0, -1.0)}
     assert ways == {kernel.names[0], "the translation (-1, 0) of lower"}
+
+
+def test_rotations_are_named_by_their_axes():
+    """Of long bodies at an angle these are none of the orthonormal motions: a rotation about (0.79, 0, 0.62), once."""
+    straight = vx.meshes.cubes(1, box=((0, 4), (0, 1), (0, 1)))
+    c, s = np.cos(0.5), np.sin(0.5)
+    points = straight.points @ np.array([[c, 0, -s], [0, 1, 0], [s, 0, c]])
+    names = {name: faces for name, faces in straight.boundaries.items() if name != "boundary"}
+    ground = vx.BilateralContact(on="bottom"), vx.TrescaFriction(0.1, on="bottom")
+    with pytest.warns(vx.SceneWarning, match="nothing but friction"):
+        posed = pose_scene(vx.Scene(STEEL, *ground), vx.PolyhedralMesh(points, straight.cells, boundaries=names))
+    assert posed.system.kernel.names[-1] == f"a rotation about ({s:.2g}, 0, {c:.2g}) of the body"
 
 
 def test_a_step_without_equilibrium_names_the_body():

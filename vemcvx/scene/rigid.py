@@ -38,6 +38,7 @@ class Part:
     which: str
     bodies: tuple[str | None, ...]  #: the names of its pieces
     hinges: list[int]  #: nodes at which pieces are joined
+    axes: Floats  #: (pieces, k, k) the motions of each along the axes and about them, of its orthonormal ones
 
     def moved(self, mode: Floats) -> dict[str, Floats] | None:
         """The motions of bodies by their names; None if one has no name."""
@@ -46,7 +47,7 @@ class Part:
         names = [self.bodies[one] for one in large]
         if self.hinges or None in names or len(set(names)) < len(names):
             return None
-        return {str(name): each[one] for name, one in zip(names, large, strict=True)}
+        return {str(name): self.axes[one] @ each[one] for name, one in zip(names, large, strict=True)}
 
     def motion(self, mode: Floats, directed: bool = False) -> str:
         """A motion in words, and whose it is: which way it goes if it is `directed`, else that of its largest part."""
@@ -60,7 +61,7 @@ class Part:
         """A motion in words."""
         if self.hinges:
             return "a motion about hinges"
-        return _rigid(mode, directed) if len(self.bodies) == 1 else "a motion of pieces that are joined"
+        return _rigid(self.axes[0] @ mode, directed) if len(self.bodies) == 1 else "a motion of pieces that are joined"
 
 
 def combined(motions: Sequence[tuple[Part, Floats]], c: Floats) -> str:
@@ -144,13 +145,15 @@ def floating_motions(
     """
     piece, node = space.pieces
     count = np.bincount(node, minlength=space.mesh.n_nodes)
-    R = _motions(piece, node, space.mesh.points)
+    R, axes = _motions(piece, node, space.mesh.points)
     k, dim = R.shape[1] // (piece.max() + 1), space.mesh.points.shape[1]
     free = supports.gather(sp.csr_matrix(sp.diags_array(np.repeat(count**-0.5, dim)) @ R))
     kept = sp.csr_matrix(free.T @ free)
     parts, label = _connected(piece, node, supports.sites, springs)
     bodies = body_names(space.mesh, piece, node)
     fields_of, motions = [], list[tuple[Part, Floats]]()
+    # Sides of length h at a distance of D from the origin have directions known to EPS D / h.
+    rounding = (64 * EPS) * max(1.0, np.abs(space.mesh.points).max() / space.mesh.h)
     for number in range(parts):
         own = np.flatnonzero(label == number)
         columns = (own[:, None] * k + np.arange(k)).ravel()
@@ -165,13 +168,15 @@ def floating_motions(
             continue
         which = f"part {number + 1} of {parts} of the body" if parts > 1 else "the body"
         hinges = [int(i) for i in np.flatnonzero(count > 1) if label[piece[node == i][0]] == number]
-        part = Part(which, tuple(bodies[one] for one in own), hinges)
-        loose = _without_rounding(_piece_by_piece(loose, k), np.abs(space.mesh.points).max() / space.mesh.h)
+        part = Part(which, tuple(bodies[one] for one in own), hinges, axes[own])
+        loose = _without_rounding(_piece_by_piece(loose, k), rounding)
         field = fields @ loose
         rubbed = np.vstack([field[:0], *(rows @ field for rows in felt)])
         _, size, rotated = np.linalg.svd(rubbed, full_matrices=len(rubbed) < field.shape[1])
-        # An orthonormal basis of what friction does not feel.
-        unfelt = loose @ rotated[int((size > FREE**0.5 * size.max(initial=0.0)).sum()) :].T
+        # An orthonormal basis of what contact does not feel: where it feels nothing at all, sizes are all rounding.
+        entries = np.concatenate([np.zeros(0), *(rows.data for rows in felt)])
+        least = max(FREE**0.5 * size.max(initial=0.0), rounding * np.abs(entries).max(initial=0.0))
+        unfelt = loose @ rotated[int((size > least).sum()) :].T
         if unfelt.shape[1] > 0:
             raise SceneError(floating(part, _piece_by_piece(unfelt, k), space.mesh.points))
         size = np.abs(field).max(axis=0)
@@ -197,7 +202,7 @@ def seen_from_bodies(space: Space) -> Callable[[Floats], Floats]:
         linked = smallest_linked(np.column_stack([first, node]), mesh.n_nodes)
         label = np.unique(linked, return_inverse=True)[1]
         by_body = np.argsort(label, kind="stable")
-        R = _motions(label[by_body], by_body, mesh.points)
+        R, _ = _motions(label[by_body], by_body, mesh.points)
         return R, sp.csr_matrix(R.T)
 
     def seen(u: Floats) -> Floats:
@@ -235,14 +240,13 @@ def _along_axes(loose: Floats) -> Floats:
     return Q * np.sign(Q[np.argmax(np.abs(Q), axis=0), np.arange(Q.shape[1])])
 
 
-def _without_rounding(loose: Floats, reach: float) -> Floats:
+def _without_rounding(loose: Floats, rounding: float) -> Floats:
     """The columns, zero where they are no more than rounding: a translation along one axis has nothing along others.
 
     A remainder of 1e-15 there would press against contact across the motion, and rounding alone would then bound how
-    far the body goes. Sides of length h at a distance of `reach` h from the origin have directions known to EPS reach.
+    far the body goes.
     """
-    # Components below 64 roundings of the largest one of a rigid motion are none.
-    return np.where(np.abs(loose) > (64 * EPS) * max(1.0, reach) * np.abs(loose).max(axis=0), loose, 0.0)
+    return np.where(np.abs(loose) > rounding * np.abs(loose).max(axis=0), loose, 0.0)
 
 
 def _without_energy(springs: sp.csr_matrix, fields: Floats) -> Floats:
@@ -267,10 +271,11 @@ def _connected(piece: Ints, node: Ints, sites: Ints, springs: sp.csr_matrix | No
     return len(first), part
 
 
-def _motions(piece: Ints, node: Ints, points: Floats) -> sp.csr_matrix:
+def _motions(piece: Ints, node: Ints, points: Floats) -> tuple[sp.csr_matrix, Floats]:
     """(n_u, pieces * k) the k rigid motions of each piece as orthonormal columns, of pairs by piece and node.
 
-    Taken about its middle and in units of its size: rotations then weigh like translations.
+    Taken about its middle and in units of its size: rotations then weigh like translations. Besides the matrices
+    (pieces, k, k) that take their coefficients to those of translations along the axes and of rotations about them.
     """
     pieces, dim = piece.max() + 1, points.shape[1]
     inside = np.bincount(piece)
@@ -284,10 +289,15 @@ def _motions(piece: Ints, node: Ints, points: Floats) -> sp.csr_matrix:
     norm = np.sqrt(np.einsum("pkk->pk", products))
     modes /= norm[piece][:, None, :]
     products /= norm[:, :, None] * norm[:, None, :]
+    # One factor for all rotations of a piece keeps the direction of their sum, and what they weigh.
+    turns = norm[:, dim:].mean(axis=1, keepdims=True) / norm[:, dim:]
+    axes = np.hstack([np.ones((pieces, dim)), turns])[:, :, None] * np.eye(k)
     # Rotations about different axes are not orthogonal unless these are axes of inertia.
     # Products of normed motions below this are rounding.
     if np.abs(products - np.eye(k)).max() > 1e-9:
-        modes = modes @ np.linalg.inv(np.linalg.cholesky(products)).swapaxes(1, 2)[piece]
+        orthonormal = np.linalg.inv(np.linalg.cholesky(products)).swapaxes(1, 2)
+        modes, axes = modes @ orthonormal[piece], axes @ orthonormal
     rows = np.repeat(node[:, None] * dim + np.arange(dim), k, axis=1)
     columns = np.tile(piece[:, None] * k + np.arange(k), (1, dim))
-    return sp.csr_matrix((modes.ravel(), (rows.ravel(), columns.ravel())), shape=(points.size, pieces * k))
+    R = sp.csr_matrix((modes.ravel(), (rows.ravel(), columns.ravel())), shape=(points.size, pieces * k))
+    return R, axes

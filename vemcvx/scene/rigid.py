@@ -9,7 +9,6 @@ from functools import cache, partial
 import numpy as np
 import scipy.sparse as sp
 from scipy.linalg import qr
-from scipy.sparse.csgraph import connected_components
 
 from vemcvx.arrays import EPS, Floats, Ints
 from vemcvx.errors import SceneError

@@ -324,7 +324,6 @@ def test_a_time_limit_ends_a_solver_and_its_process(broken):
 PROBLEMS = sorted(path for path in (ROOT / "problems").glob("*.py") if "\ndef times(" in path.read_text())
 
 
-@pytest.mark.slow
 def test_warnings_are_told_once_where_all_solvers_fail():
     """What was wrong with the problem may be in them."""
 
@@ -339,6 +338,7 @@ def test_warnings_are_told_once_where_all_solvers_fail():
     assert len(warned) == 1
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::vemcvx.SceneWarning")
 @pytest.mark.parametrize("path", PROBLEMS, ids=lambda path: path.stem)
 def test_whatever_is_installed_makes_rows_of_every_problem(path, tmp_path):

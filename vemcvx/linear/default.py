@@ -26,17 +26,9 @@ log = logging.getLogger("vemcvx")
 def choose_linear(
     unknowns: int, asked: LinearSolver | None = None, *, modes: int = 3, retained: int = 0
 ) -> LinearSolver:
-    """A direct solver while its factors fit in memory, multigrid beyond if it is installed.
+    """The linear solver `asked` for; else a direct one while its factors fit in memory, multigrid beyond if installed.
 
-    Parameters
-    ----------
-    unknowns : int
-    asked : LinearSolver, optional
-        It is taken.
-    modes : int
-        Rigid motions that the unknowns have: 6 in space, where factors are much fuller.
-    retained : int
-        Unknowns that are not eliminated.
+    Bodies in space have six rigid motions (`modes`), and much fuller factors. `retained` unknowns are not eliminated.
     """
     if asked is not None:
         return asked

@@ -100,13 +100,7 @@ class Pardiso(LinearSolver):
 
 
 class PardisoFactor(DirectFactor):
-    """K = L L' of a K that is positive definite.
-
-    Attributes
-    ----------
-    schur : (m, m) array
-        The Schur complement onto the unknowns `last`, in their order.
-    """
+    """K = L L' of a K that is positive definite; `schur` (m, m) is its Schur complement onto `last`, in their order."""
 
     def __init__(self, K: sp.csr_matrix, last: Ints | None = None, threads: int = 1):
         self._threads = threads

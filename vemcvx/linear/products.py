@@ -50,21 +50,14 @@ class Elsewhere(ABC):
 
 @dataclass(frozen=True, eq=False)
 class Congruent:
-    """unit L K L' + S (m, m), of which nothing is formed.
-
-    Attributes
-    ----------
-    L : (m, n) sparse matrix
-        At most one entry a row.
-    K : (n, n) sparse matrix, or one that stands elsewhere, or |K| of that
-    S : (m, m) sparse matrix
-        Symmetric.
-    unit : float
-    """
+    """unit L K L' + S (m, m), of which nothing is formed."""
 
     L: sp.csr_matrix
+    """(m, n) with at most one entry a row"""
     K: Any
+    """(n, n) sparse matrix, or one that stands elsewhere, or |K| of that"""
     S: sp.csr_matrix
+    """(m, m), symmetric"""
     unit: float = 1.0
 
     @classmethod

@@ -310,24 +310,11 @@ class Held:
 
 
 class Condensation:
-    """A system seen by its norm terms alone; with ``condense=False`` every unknown counts as retained.
+    """A system seen by its norm terms alone.
 
-    Attributes
-    ----------
-    operators : Operators
-        S (dense, or K itself) and B on the retained unknowns.
-    retained : (m,) array
-        Their numbers.
-    linear : LinearSolver
-        Which linear solver serves; one that cannot eliminate leaves every unknown retained.
-    scaling : Scaling
-        Of the operators.
-    whole : bool
-        Whether nothing is eliminated: the operators are K itself.
-    regular : (n, n) sparse matrix
-        K, with the anchors' stiffness where it has a kernel: what is factorised.
-    factor : Factor
-        Its factor.
+    The operators are S, dense, and B on the `retained` (m,) unknowns, or those of the `whole` system, where all are
+    retained: with ``condense=False``, and where the linear solver cannot eliminate. What is factorised is `regular`
+    (n, n): K, with the anchors' stiffness where it has a kernel.
     """
 
     def __init__(self, system: System, condense: bool = True, linear: LinearSolver | None = None):

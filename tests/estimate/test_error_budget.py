@@ -270,3 +270,9 @@ def test_a_history_from_files_has_no_scene(tmp_path):
     vx.simulate(paper_scene(), vx.meshes.squares(2), [0.0, 1.0]).write(tmp_path)
     with pytest.raises(vx.HistoryError, match="read from files"):
         error_budget(vx.read_history(tmp_path))
+
+
+def test_a_run_of_a_single_instant_has_a_budget_without_an_error_in_time():
+    scene = vx.Scene(vx.Elasticity(200.0, 0.3), vx.Clamp(on="left"), vx.Pressure(1.0, on="right"))
+    budget = vx.error_budget(vx.simulate(scene, vx.meshes.squares(2), [1.0], initial="settled"))
+    assert budget.time.max() == 0.0 < budget.space.max()

@@ -178,7 +178,8 @@ def _jumps(times: Floats, values: Floats, value: Value, names: NDArray[np.str_])
     """Two instants for each sudden change, and a sentence for each jump."""
     change = np.abs(np.diff(values, axis=0)).max(axis=1)
     # A jump is large beside the datum's size, and beside its usual change in an interval.
-    sudden = np.flatnonzero((change > 0.02) & (change > 4.0 * np.median(change)))
+    usual = np.median(change) if len(change) else 0.0
+    sudden = np.flatnonzero((change > 0.02) & (change > 4.0 * usual))
     instants, sentences = [], []
     for j in sudden:
         a, b, left, right = times[j], times[j + 1], values[j], values[j + 1]

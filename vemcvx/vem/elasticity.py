@@ -325,19 +325,20 @@ def _deviatoric_in_space(C: Floats) -> Floats:
 def consistent_blocks(cells: CellGroup, C: Floats) -> Floats:
     """|K| eps(Pi u)' C eps(Pi v), the consistent part of a_K^h, as local matrices (c, n, n, dim, dim)."""
     measures, g = cells.gradients()
+    count, n, dim = g.shape
     B = _strain_rows(g)
-    stress = np.einsum("ckl,cjlb->cjkb", C / measures[:, None, None], B)
-    blocks: Floats = np.einsum("cika,cjkb->cijab", B, stress)
-    return 0.5 * (blocks + blocks.transpose(0, 2, 1, 4, 3))
+    blocks: Floats = np.matmul(B.transpose(0, 2, 1), np.matmul(C / measures[:, None, None], B))
+    blocks = 0.5 * (blocks + blocks.transpose(0, 2, 1))
+    return blocks.reshape(count, n, dim, n, dim).transpose(0, 1, 3, 2, 4)
 
 
 def _strain_rows(g: Floats) -> Floats:
-    """|K| eps(Pi u) of a unit displacement of each vertex along each axis: (c, n, components, dim)."""
-    dim = g.shape[2]
-    B = np.zeros((*g.shape[:2], len(COMPONENTS[dim]), dim))
+    """|K| eps(Pi u) of a unit displacement of each vertex along each axis: (c, components, n dim)."""
+    count, n, dim = g.shape
+    B = np.zeros((count, len(COMPONENTS[dim]), n, dim))
     for k, (a, b) in enumerate(COMPONENTS[dim]):
-        B[:, :, k, a], B[:, :, k, b] = g[:, :, b], g[:, :, a]
-    return B
+        B[:, k, :, a], B[:, k, :, b] = g[:, :, b], g[:, :, a]
+    return B.reshape(count, -1, n * dim)
 
 
 def energy_rows(space: Space, C: Floats, stabilisation: Stabilisation) -> sp.csr_matrix:
@@ -374,9 +375,8 @@ def _local_roots(cells: CellGroup, C: Floats, stabilisation: Stabilisation) -> F
     """(c, r, n dim) rows whose squares add up to a_K^h(v, v) of cells with n vertices."""
     measures, g = cells.gradients()
     count, n, dim = g.shape
-    strain = _strain_rows(g).reshape(count, n, -1, dim).transpose(0, 2, 1, 3).reshape(count, -1, n * dim)
     upper = np.linalg.cholesky(C / measures[:, None, None]).transpose(0, 2, 1)
-    consistent: Floats = np.matmul(upper, strain)
+    consistent: Floats = np.matmul(upper, _strain_rows(g))
     if cells.simplices:
         return consistent
     stable = np.zeros((count, n, n, dim, dim))

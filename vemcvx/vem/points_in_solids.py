@@ -1,21 +1,19 @@
 """Points of polyhedra as averages over nodes and cells: where they lie, and what functions of the space are there.
 
 A point lies in a closed cell if the triangles of its faces, seen from there, fill the sphere (4 pi), or if it is on one
-of them but for rounding. On faces functions are known, piecewise linear (:mod:`.faces`), and take their own values at
-nodes; inside cells Pi u stands for them.
+of them but for rounding. On faces functions are known, piecewise linear (:mod:`.projection`), and take their own values
+at nodes; inside cells Pi u stands for them.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.arrays import ROUNDING, SOME, Bools, Floats, Ints
+from vemcvx.arrays import ROUNDING, SOME, Floats, Ints
 from vemcvx.meshes.interfaces import faces_of
 from vemcvx.meshes.mesh import PolyhedralMesh
-from vemcvx.meshes.polygons import TOLERANCE, offsets_of, overlapping_boxes, spans
+from vemcvx.meshes.polygons import TOLERANCE, least_of_each, offsets_of, overlapping_boxes, spans
 from vemcvx.meshes.polyhedra import angles_seen
 from vemcvx.vem.projection import face_groups
 from vemcvx.vem.space import Space
@@ -41,94 +39,65 @@ def _places(space: Space, mesh: PolyhedralMesh, x: Floats) -> tuple[sp.csr_matri
     if len(point) == 0:
         return sp.csr_matrix((len(x), mesh.n_nodes)), sp.csr_matrix((len(x), mesh.n_cells))
     order = np.lexsort([cell, point])
-    near = _Near(mesh, x, point[order], cell[order], reach)
-    point, cell = near.held
+    point, cell = point[order], cell[order]
+    # Of each pair of a point and a cell that may hold it, all triangles of the cell's faces.
+    counts = np.diff(mesh.cell_offsets)[cell]
+    side = spans(mesh.cell_offsets[cell], counts)
+    face = mesh.cell_faces[side]
+    some, place = np.unique(face, return_inverse=True)
+    rows, corners, values = _triangles(mesh, some)
+    several = np.diff(rows)[place]
+    triangle, pair = spans(rows[place], several), np.repeat(np.repeat(np.arange(len(point)), counts), several)
+    arms = corners[triangle] - x[point[pair], None]
+    angles = angles_seen(arms) * np.repeat(mesh.face_signs[side], several)
+    weights, distance = _nearest(arms)
+    on = distance <= reach
+    holds = (np.bincount(pair, angles, len(point)) > 2.0 * np.pi) | (np.bincount(pair, on, len(point)) > 0)
+    if mesh.interfaces:
+        # A point on an interface counts with the first body, unless only cells of second ones hold it.
+        seconds = np.zeros(mesh.n_faces, dtype=bool)
+        for joint in mesh.interfaces.values():
+            seconds[mesh.boundaries["boundary"][faces_of(joint.partners, mesh._outlines)]] = True
+        second = holds & (np.bincount(pair, on & np.repeat(seconds[face], several), len(point)) > 0)
+        holds &= ~(second & np.isin(point, point[holds & ~second]))
+    # Points on faces take the values of the nearest triangle, all others those of Pi u in the first cell.
+    near = np.flatnonzero(on & holds[pair])
+    best = near[least_of_each(point[pair[near]], distance[near])]
+    traced, columns = point[pair[best]], 3 * triangle[best][:, None] + np.arange(3)
+    entries = weights[best].ravel(), (np.repeat(traced, 3), columns.ravel())
+    traces = sp.csr_matrix(entries, shape=(len(x), values.shape[0])) @ values
+    point, cell = point[holds], cell[holds]
+    first = np.unique(point, return_index=True)[1]
+    first = first[~np.isin(point[first], traced)]
     share = 1.0 / np.bincount(point, minlength=len(x))[point]
     cells = sp.csr_matrix((share, (point, cell)), shape=(len(x), mesh.n_cells))
-    on, values = near.traces()
-    first = np.unique(point, return_index=True)[1]
-    first = first[~np.isin(point[first], on)]
-    inside = solid_values(space, x, point[first], cell[first])
-    return sp.csr_matrix(values + inside), cells
+    return sp.csr_matrix(traces + solid_values(space, x, point[first], cell[first])), cells
 
 
-@dataclass(frozen=True, eq=False)
-class _Triangles:
-    """The triangles (t, 3, 3) of some faces, those of one face together, and the nodal values at their corners."""
+def _triangles(mesh: PolyhedralMesh, faces: Ints) -> tuple[Ints, Floats, sp.csr_matrix]:
+    """Where the triangles of each of some faces (f,) begin (f + 1,), all of these (t, 3, 3), and (3 t, n_nodes).
 
-    faces: Ints
-    offsets: Ints
-    corners: Floats
-    values: sp.csr_matrix  # (3 t, n_nodes)
-
-    @classmethod
-    def of(cls, mesh: PolyhedralMesh, faces: Ints) -> _Triangles:
-        face, corners, values = [], [], []
-        for group in face_groups(mesh.points, mesh.face_offsets, mesh.face_vertices, faces):
-            f, n = group.nodes.shape
-            count = group.triangles.shape[1]
-            at = group.corners + group.origin[:, None]
-            at[:, :n] = mesh.points[group.nodes]
-            row = np.arange(f)[:, None, None]
-            face.append(np.repeat(group.faces, count))
-            corners.append(at[row, group.triangles].reshape(-1, 3, 3))
-            # Of every face its vertices, then c.
-            entries = np.concatenate([np.broadcast_to(np.eye(n), (f, n, n)), group.weights[:, None]], axis=1)
-            columns = np.repeat(group.nodes[:, None], n + 1, axis=1)
-            starts = np.arange(0, f * (n + 1) * n + 1, n)
-            at_points = sp.csr_matrix((entries.ravel(), columns.ravel(), starts), shape=(f * (n + 1), mesh.n_nodes))
-            values.append(at_points[(row * (n + 1) + group.triangles).ravel()])
-        number, where = np.concatenate(face), np.concatenate(corners)
-        order = np.argsort(number, kind="stable")
-        rows = (order[:, None] * 3 + np.arange(3)).ravel()
-        found, counts = np.unique(number, return_counts=True)
-        return cls(found, offsets_of(counts), where[order], sp.csr_matrix(sp.vstack(values, format="csr")[rows]))
-
-
-class _Near:
-    """Candidates: pairs of a point and a cell that may hold it, within `reach` of its faces."""
-
-    def __init__(self, mesh: PolyhedralMesh, x: Floats, point: Ints, cell: Ints, reach: float):
-        counts = np.diff(mesh.cell_offsets)[cell]
-        at = spans(mesh.cell_offsets[cell], counts)
-        self._point, self._cell, self._size = point, cell, len(x)
-        self._triangles = _Triangles.of(mesh, np.unique(mesh.cell_faces[at]))
-        place = np.searchsorted(self._triangles.faces, mesh.cell_faces[at])
-        several = np.diff(self._triangles.offsets)[place]
-        self._each = spans(self._triangles.offsets[place], several)
-        self._owner = np.repeat(np.repeat(np.arange(len(point)), counts), several)
-        arms = self._triangles.corners[self._each] - x[point[self._owner], None]
-        angles = angles_seen(arms) * np.repeat(mesh.face_signs[at], several)
-        self._around = np.bincount(self._owner, angles, len(point)) > 2.0 * np.pi
-        self._weights, self._distance = _nearest(arms)
-        self._on = self._distance <= reach
-        holds = self._around | (np.bincount(self._owner, self._on, len(self._point)) > 0)
-        if mesh.interfaces:
-            # A point on an interface counts with the first body, unless only cells of second ones hold it.
-            seconds = np.zeros(mesh.n_faces, dtype=bool)
-            for joint in mesh.interfaces.values():
-                seconds[mesh.boundaries["boundary"][faces_of(joint.partners, mesh._outlines)]] = True
-            there = self._on & np.repeat(seconds[mesh.cell_faces[at]], several)
-            second = holds & (np.bincount(self._owner, there, len(self._point)) > 0)
-            holds &= ~(second & np.isin(self._point, self._point[holds & ~second]))
-        self._holds: Bools = holds
-        self._on &= holds[self._owner]
-
-    @property
-    def held(self) -> tuple[Ints, Ints]:
-        """Points and closed cells that hold them, by point, then by cell."""
-        return self._point[self._holds], self._cell[self._holds]
-
-    def traces(self) -> tuple[Ints, sp.csr_matrix]:
-        """The points on faces, and the values there (p, n_nodes), from the nearest triangle."""
-        on = np.flatnonzero(self._on)
-        on = on[np.lexsort([self._distance[on], self._point[self._owner[on]]])]
-        points, first = np.unique(self._point[self._owner[on]], return_index=True)
-        best = on[first]
-        columns = self._each[best][:, None] * 3 + np.arange(3)
-        entries = self._weights[best].ravel(), (np.repeat(points, 3), columns.ravel())
-        corner = sp.csr_matrix(entries, shape=(self._size, self._triangles.values.shape[0]))
-        return points, sp.csr_matrix(corner @ self._triangles.values)
+    The matrix takes nodal values to those at the corners of the triangles.
+    """
+    owner, corners, values = [], [], []
+    for group in face_groups(mesh.points, mesh.face_offsets, mesh.face_vertices, faces):
+        f, n = group.nodes.shape
+        at = group.corners + group.origin[:, None]
+        at[:, :n] = mesh.points[group.nodes]
+        row = np.arange(f)[:, None, None]
+        owner.append(np.repeat(group.faces, group.triangles.shape[1]))
+        corners.append(at[row, group.triangles].reshape(-1, 3, 3))
+        # Of every face its vertices, then c.
+        entries = np.concatenate([np.broadcast_to(np.eye(n), (f, n, n)), group.weights[:, None]], axis=1)
+        columns = np.repeat(group.nodes[:, None], n + 1, axis=1)
+        starts = np.arange(0, f * (n + 1) * n + 1, n)
+        at_points = sp.csr_matrix((entries.ravel(), columns.ravel(), starts), shape=(f * (n + 1), mesh.n_nodes))
+        values.append(at_points[(row * (n + 1) + group.triangles).ravel()])
+    number = np.concatenate(owner)
+    order = np.argsort(number, kind="stable")
+    rows = (order[:, None] * 3 + np.arange(3)).ravel()
+    counts = np.unique(number, return_counts=True)[1]
+    return offsets_of(counts), np.concatenate(corners)[order], sp.csr_matrix(sp.vstack(values, format="csr")[rows])
 
 
 def _nearest(arms: Floats) -> tuple[Floats, Floats]:

@@ -13,7 +13,7 @@ from scipy.sparse import csr_array
 from vemcvx.arrays import SINGLE, Bools, Floats, Ints, brief, plain, read_only
 from vemcvx.errors import MeshError
 from vemcvx.meshes.box import check_cell_data
-from vemcvx.meshes.interfaces import Interface, faces_of, on_boundary, padded
+from vemcvx.meshes.interfaces import Interface, faces_of, on_boundary, padded, pairs_of, places_of
 from vemcvx.meshes.polygons import (
     backwards,
     cell_of_corner,
@@ -23,11 +23,11 @@ from vemcvx.meshes.polygons import (
     kernel_centroids,
     next_vertex,
     offsets_of,
-    positions,
     previous_corner,
     rotation,
     rounding,
     rows_in_order,
+    shared_edges,
     spans,
     turned,
 )
@@ -427,13 +427,17 @@ class Nodes(NamedTuple):
 
 def refined(mesh: PlaneMesh, marked: Bools, balance: bool) -> tuple[PlaneMesh, Ints, Nodes]:
     """The refined mesh, the parents of its cells, and its new nodes."""
-    splitting, shared, twins = splitting_of(mesh), mesh.shared_edges, _twins(mesh)
+    splitting, shared, edge = splitting_of(mesh), mesh.shared_edges, mesh.shared_edges.number
+    if mesh.interfaces:  # Edges of two bodies in one place have one number.
+        place = places_of(pairs_of(mesh.interfaces), mesh.points)
+        edge = shared_edges(mesh.offsets, place[mesh.vertices], mesh.n_nodes).number
     centres, seen = centres_of(mesh, splitting)
     seen &= splitting.places >= 2
     wanted = splitting.edge & seen[cell_of_corner(mesh.offsets)]
     if balance:
-        marked = closed(marked, wanted, mesh, splitting.bend, twins)
-    split = _split(marked, wanted, mesh, twins)
+        marked = closed(marked, wanted, mesh, splitting.bend, edge)
+    split = np.zeros(len(shared.first), dtype=bool)
+    split[shared.number[_split(marked, wanted, mesh, edge)]] = True
     ends = shared.ends[split]
     check_lengths(mesh.points, ends)
     middle = np.full(len(split), -1)
@@ -474,12 +478,6 @@ def check_marks(cells: ArrayLike | None, n_cells: int, subject: str = "cells to 
     return marked
 
 
-def _twins(mesh: Tessellation) -> Ints:
-    """Numbers (q, 2) of the edges of both bodies in one place at interfaces."""
-    sides = [np.empty((0, 4), dtype=np.int64), *(np.hstack([i.edges, i.partners]) for i in mesh.interfaces.values())]
-    return positions(np.concatenate(sides).reshape(-1, 2), mesh.shared_edges.ends, mesh.n_nodes).reshape(-1, 2)
-
-
 def check_lengths(points: Floats, ends: Ints) -> None:
     """MeshError if an edge is so short that its halves would be rounding of the coordinates."""
     one, other = points[ends[:, 0]], points[ends[:, 1]]
@@ -493,22 +491,21 @@ def check_lengths(points: Floats, ends: Ints) -> None:
         )
 
 
-def _split(marked: Bools, wanted: Bools, mesh: Tessellation, twins: Ints) -> Bools:
-    """Edges to split: those that marked cells want split, and what is in the same place of another body, (n_edges,)."""
-    split = np.zeros(len(mesh.shared_edges.first), dtype=bool)
-    split[mesh.shared_edges.number[wanted & marked[cell_of_corner(mesh.offsets)]]] = True
-    split[twins] = split[twins].any(axis=1, keepdims=True)
-    return split
+def _split(marked: Bools, wanted: Bools, mesh: Tessellation, edge: Ints) -> Bools:
+    """A mask of the corners at which edges start that marked cells want split, by the numbers of their edges."""
+    split = np.zeros(len(edge), dtype=bool)
+    split[edge[wanted & marked[cell_of_corner(mesh.offsets)]]] = True
+    return split[edge]
 
 
-def closed(marked: Bools, wanted: Bools, mesh: Tessellation, bend: Bools, twins: Ints) -> Bools:
+def closed(marked: Bools, wanted: Bools, mesh: Tessellation, bend: Bools, edge: Ints) -> Bools:
     """Cells marked, and those that would get a new node beside another one between two bends of their outline."""
     marked, cell = marked.copy(), cell_of_corner(mesh.offsets)
     order = rotation(mesh.offsets, first_in_row(bend, mesh.offsets))
     begin = np.flatnonzero(bend[order])
-    edge, hanging = mesh.shared_edges.number[order], np.diff(np.append(begin, len(order))) - 1
+    hanging = np.diff(np.append(begin, len(order))) - 1
     while True:
-        new = np.add.reduceat(_split(marked, wanted, mesh, twins)[edge].astype(np.int64), begin)
+        new = np.add.reduceat(_split(marked, wanted, mesh, edge)[order], begin, dtype=np.int64)
         crowded = (new > 0) & (new + hanging > 1)
         before = np.count_nonzero(marked)
         marked[cell[begin[crowded]]] = True

@@ -19,6 +19,7 @@ from vemcvx.arrays import SAME, SINGLE, Bools, Floats, Ints
 from vemcvx.meshes.cell_kinds import CONES, OCTA, PYRAMID, TETRA, VERTICES, WEDGE, Cut, Solids
 from vemcvx.meshes.cell_sides import TINY, Asked, CellSides, Skin
 from vemcvx.meshes.polygons import (
+    all_found_in,
     cell_of_corner,
     directed_edges,
     edge_keys,
@@ -356,9 +357,7 @@ def _nearest_corners(found: Cones, sides: CellSides, skin: Skin, some: Ints) -> 
     owner, node = sides.side[listed][cell_of_corner(rows)], skin.nodes[corners]
     ends = sides.degree(skin.cell[owner], node, len(skin.points)) > 2
     side, node = np.divmod(np.unique(owner[ends] * len(skin.points) + node[ends]), len(skin.points))
-    mine = sides.side[found.listed[some]]
-    begin, stop = (np.searchsorted(side, mine, side=which) for which in ("left", "right"))
-    pairs, of = spans(begin, stop - begin), np.repeat(np.arange(len(some)), stop - begin)
+    of, pairs = all_found_in(side, sides.side[found.listed[some]])
     middle = face_shapes(found.points, *rows_in_order(found.offsets, found.nodes, some)).centroids
     away = np.linalg.norm(found.points[node[pairs]] - middle[of], axis=1)
     first = least_of_each(of, away)

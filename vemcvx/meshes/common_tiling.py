@@ -16,6 +16,7 @@ from vemcvx.arrays import SAME, SINGLE, SOME, Bools, Floats, Ints
 from vemcvx.meshes.interfaces import padded
 from vemcvx.meshes.meeting import Meeting, Surface, lines_between, meeting_of, unmatched
 from vemcvx.meshes.polygons import (
+    all_found_in,
     among,
     areas_and_centroids,
     cell_of_corner,
@@ -165,8 +166,8 @@ def _lines_over_faces(meeting: Meeting, offsets: Ints, places: Ints) -> tuple[In
     in_face = np.concatenate([cell_of_corner(offsets), meeting.in_faces.face])
     incident = distinct(np.concatenate([places, meeting.in_faces.place]) * faces + in_face)
     place, in_face = np.divmod(incident, faces)
-    first, last = (np.searchsorted(place, lines[:, 0], side=side) for side in ("left", "right"))
-    number, face = np.repeat(np.arange(len(lines)), last - first), in_face[spans(first, last - first)]
+    number, at = all_found_in(place, lines[:, 0])
+    face = in_face[at]
     other = surface.body_of_face[face] != surface.body_of_edge[owner[number]]
     number, face = number[other], face[other]
     runs = among(lines[number, 1] * faces + face, incident)

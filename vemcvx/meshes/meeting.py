@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from vemcvx.arrays import ROUNDING, Bools, Floats, Ints
 from vemcvx.errors import MeshError
 from vemcvx.meshes.polygons import (
+    all_found_in,
     among,
     cell_of_corner,
     directed_edges,
@@ -30,7 +31,6 @@ from vemcvx.meshes.polygons import (
     rounding,
     rows_in_order,
     smallest_linked,
-    spans,
 )
 from vemcvx.meshes.polyhedra import Faces, FaceShapes, along_axes, axes_in_planes, face_shapes, heights
 
@@ -331,16 +331,13 @@ def meeting_of(before: Floats, surface: Surface) -> Meeting:
     surface, on_edges, in_faces = settled(surface)
     lines, owner = lines_between(surface, on_edges)
     # Bodies share lines; each is crossed once, and so is every edge that it is a part of.
-    key, number = np.unique(lines @ [len(surface.points), 1], return_inverse=True)
+    number = np.unique(lines @ [len(surface.points), 1], return_inverse=True)[1]
     one, other, at = _crossings(surface, lines, owner)
     pair = np.sort(number[np.column_stack([one, other])], axis=1)
-    first = np.unique(pair @ [len(key), 1], return_index=True)[1]
+    first = np.unique(pair @ [len(lines), 1], return_index=True)[1]
     pair, fresh = pair[first], len(surface.points) + np.arange(len(first))
-    order = np.argsort(number, kind="stable")
-    begin, counts = np.searchsorted(number[order], np.arange(len(key))), np.bincount(number)
-    crossed = pair.T.ravel()
-    edge = owner[order[spans(begin[crossed], counts[crossed])]]
-    place = np.repeat(np.tile(fresh, 2), counts[crossed])
+    crossed, line = all_found_in(number, pair.T.ravel())
+    edge, place = owner[line], np.tile(fresh, 2)[crossed]
     start, arm = _arms(surface.points[surface.place[surface.ends[edge]]])
     surface = surface.extended(at[first])
     along = np.einsum("ki,ki->k", surface.points[place] - start, arm) / np.einsum("ki,ki->k", arm, arm)

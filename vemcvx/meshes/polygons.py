@@ -86,6 +86,13 @@ def found_in(keys: Ints, wanted: Ints) -> Ints:
     return np.where(keys[at] == wanted, at, -1)
 
 
+def all_found_in(keys: Ints, wanted: Ints) -> tuple[Ints, Ints]:
+    """All pairs (i, j) of one of the wanted numbers and a place where it stands among the keys (k,), by i."""
+    order = np.argsort(keys, kind="stable")
+    begin, end = (np.searchsorted(keys[order], wanted, side=side) for side in ("left", "right"))
+    return np.repeat(np.arange(len(wanted)), end - begin), order[spans(begin, end - begin)]
+
+
 def least_of_each(keys: Ints, values: Floats) -> Ints:
     """Where the least of the values (k,) stands that go with each of the different keys, by key."""
     order = np.lexsort((values, keys))

@@ -27,6 +27,7 @@ from vemcvx.meshes.interfaces import Interface, on_boundary, pairs_of, places_of
 from vemcvx.meshes.meeting import FACING, near_others, unmatched
 from vemcvx.meshes.polygons import (
     TOLERANCE,
+    all_found_in,
     among,
     cell_of_corner,
     close_pairs,
@@ -37,7 +38,6 @@ from vemcvx.meshes.polygons import (
     rounding,
     rows_in_order,
     smallest_linked,
-    spans,
 )
 from vemcvx.meshes.tessellation import SpaceTessellation, Tessellation
 
@@ -353,9 +353,7 @@ def _check_pockets(mesh: SpaceTessellation, body: Ints, place: Ints) -> None:
     some = np.flatnonzero(np.logical_and.reduceat(shared[vertices], offsets[:-1]))
     rows, nodes = rows_in_order(offsets, vertices, some)
     places, owner = place[nodes], cell_of_corner(rows)
-    order = np.argsort(places, kind="stable")
-    begin, end = (np.searchsorted(places[order], places, side=side) for side in ("left", "right"))
-    one, other = np.repeat(owner, end - begin), owner[order[spans(begin, end - begin)]]
+    one, other = (owner[corner] for corner in all_found_in(places, places))
     faces = free[some]
     apart = body[nodes[rows[one]]] != body[nodes[rows[other]]]
     facing = np.einsum("ki,ki->k", mesh.face_normals[faces[one]], mesh.face_normals[faces[other]]) < FACING

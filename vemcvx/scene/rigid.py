@@ -14,6 +14,7 @@ from scipy.sparse.csgraph import connected_components
 from vemcvx.arrays import EPS, Floats, Ints
 from vemcvx.errors import SceneError
 from vemcvx.meshes import AnyMesh
+from vemcvx.meshes.polygons import smallest_linked
 from vemcvx.program.kernel import Kernel
 from vemcvx.scene.supports import Supports
 from vemcvx.vem import Space, rigid_modes, split_motion
@@ -190,9 +191,10 @@ def seen_from_bodies(space: Space) -> Callable[[Floats], Floats]:
 
     @cache
     def motions() -> tuple[sp.csr_matrix, sp.csr_matrix]:
-        mesh, (cell, node) = space.mesh, space.incidences
-        graph = sp.csr_matrix((np.ones(len(cell)), (node, cell)), shape=(mesh.n_nodes, mesh.n_cells))
-        label = connected_components(graph @ graph.T, directed=False)[1].astype(np.int64)
+        mesh, (offsets, node) = space.mesh, space.mesh.cell_nodes
+        first = np.repeat(node[offsets[:-1]], np.diff(offsets))
+        linked = smallest_linked(np.column_stack([first, node]), mesh.n_nodes)
+        label = np.unique(linked, return_inverse=True)[1]
         by_body = np.argsort(label, kind="stable")
         R = _motions(label[by_body], by_body, mesh.points)
         return R, sp.csr_matrix(R.T)

@@ -30,12 +30,11 @@ from typing import Any, TypeVar
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.csgraph import connected_components
 
 from vemcvx.arrays import EPS, SAME, Bools, Floats, Ints
 from vemcvx.effects import ContactSurface, Friction, Obstacle, Support
 from vemcvx.errors import SceneError, VemcvxError
-from vemcvx.meshes.polygons import spans
+from vemcvx.meshes.polygons import all_found_in, found_in, smallest_linked
 from vemcvx.program.system import DRAG_ROUNDING
 from vemcvx.vem import tangents_of
 from vemcvx.vem.boundary import STRAIGHT
@@ -144,9 +143,7 @@ class ContactRows:
         """A row (k,) with the node and partner of each of the k `rows`; -1 where there is none."""
         largest = int(max(self.partners.max(initial=0), rows.partners.max(initial=0)))
         known, wanted = (pair_numbers(table.nodes, table.partners, largest) for table in (self, rows))
-        order = np.argsort(known)
-        found = np.append(order, -1)[np.searchsorted(known[order], wanted)]
-        return np.where((found >= 0) & (known[found] == wanted), found, -1) if len(self) else found
+        return found_in(known, wanted)
 
     def matrix(self, directions: Floats, points: Floats) -> sp.csr_matrix:
         """(m * q, n_u) the matrix of d . jump, for q directions (m, q, dim) a row."""
@@ -343,10 +340,8 @@ def _sites(nodes: Ints, partners: Ints, n_nodes: int) -> Ints:
     joined = partners >= 0
     if not joined.any():
         return np.arange(n_nodes)
-    entries = np.ones(joined.sum()), (nodes[joined], partners[joined])
-    label = connected_components(sp.csr_matrix(entries, shape=(n_nodes, n_nodes)), directed=False)[1]
-    first, site = np.unique(label, return_index=True, return_inverse=True)[1:]
-    return np.argsort(np.argsort(first))[site]
+    first = smallest_linked(np.column_stack([nodes, partners])[joined], n_nodes)
+    return np.unique(first, return_inverse=True)[1]
 
 
 def _members(site: Ints, chosen: Ints, dim: int) -> Ints:
@@ -533,9 +528,7 @@ def normal_reactions(rows: ContactRows, supports: Supports) -> tuple[Bools, sp.c
         pair_numbers(np.maximum(*pair), np.minimum(*pair), len(supports.points))
         for pair in ((rows.nodes, rows.partners), (nodes, partners))
     )
-    order = np.argsort(known)
-    begin, end = (np.searchsorted(known[order], wanted, side) for side in ("left", "right"))
-    row, col = np.repeat(np.arange(len(rows)), end - begin), order[spans(begin, end - begin)]
+    row, col = all_found_in(known, wanted)
     cosine = np.einsum("ij,ij->i", directions[col], rows.normals[row])
     same = np.linalg.norm(directions[col] - cosine[:, None] * rows.normals[row], axis=1) < SAME
     row, col, cosine = row[same], col[same], cosine[same] * np.where(nodes[col] == rows.nodes[row], 1.0, -1.0)[same]

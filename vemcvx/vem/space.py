@@ -13,12 +13,11 @@ from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.csgraph import connected_components
 
 from vemcvx.arrays import Bools, Ints, read_only
 from vemcvx.errors import SceneError
 from vemcvx.meshes import AnyMesh, PolyhedralMesh, plane_mesh
-from vemcvx.meshes.polygons import cell_of_corner, spans
+from vemcvx.meshes.polygons import cell_of_corner, smallest_linked, spans
 from vemcvx.vem.boundary import MirrorPlanes, Part, edge_part, face_part
 from vemcvx.vem.projection import CellGroup, cell_groups
 
@@ -66,9 +65,8 @@ class Space:
     @cached_property
     def pieces(self) -> tuple[Ints, Ints]:
         """All pairs of a piece, which are the sets of cells that edges, in space faces, join, and one of its nodes."""
-        mesh, pairs, (cell, node) = self.mesh, self.mesh.neighbours, self.incidences
-        graph = sp.csr_matrix((np.ones(len(pairs)), pairs.T), shape=(mesh.n_cells, mesh.n_cells))
-        label = connected_components(graph, directed=False)[1].astype(np.int64)
+        mesh, (cell, node) = self.mesh, self.incidences
+        label = np.unique(smallest_linked(mesh.neighbours, mesh.n_cells), return_inverse=True)[1]
         shape = (mesh.n_nodes, int(label.max()) + 1)
         meets = sp.csr_matrix((np.ones(len(node), dtype=np.int8), (node, label[cell])), shape=shape).tocsc()
         return np.repeat(np.arange(shape[1]), np.diff(meets.indptr)), meets.indices.astype(np.int64)

@@ -24,8 +24,8 @@ from vemcvx.meshes.polygons import (
     distinct,
     found_in,
     next_corner,
+    numbered_outlines,
     offsets_of,
-    outlines,
     rows_in_order,
     same_rows,
     smallest_linked,
@@ -266,8 +266,7 @@ def _flattened(points: Floats, faces: Faces, place: Ints, some: Ints) -> tuple[F
     some, shapes = some[warped], FaceShapes(*(values[warped] for values in shapes))
     first, number = same_rows(offsets, place[vertices])
     corners = in_planes(points[vertices], cell_of_corner(offsets), shapes)[:, :2]
-    polygons = outlines(corners, offsets, np.arange(len(corners)))[first]
-    owner, rows = triangles_of(polygons, *rows_in_order(offsets, np.arange(len(corners)), first), corners)
+    owner, rows = triangles_of(numbered_outlines(corners, offsets)[first])
     # Each face has the triangles of the first in its places, the other way round if it is another one.
     order, begin = np.argsort(owner, kind="stable"), np.searchsorted(np.sort(owner), np.arange(len(first) + 1))
     counts = np.diff(begin)[number]
@@ -410,13 +409,9 @@ def _by_shapely(owner: Ints, segments: Floats) -> tuple[Ints, Ints, Ints]:
     holed = shapely.get_num_interior_rings(every) > 0
     corners, ring = shapely.get_coordinates(every[~holed], include_z=True, return_index=True)
     first = np.diff(ring, append=-1) == 0  # without the last corner, which is the first again
-    names, sizes, found_in = corners[first, 2], np.bincount(ring[first]), found[~holed]
-    if holed.any():
-        corners, ring = shapely.get_coordinates(every[holed], include_z=True, return_index=True)
-        owner, triangle = triangles_of(
-            every[holed], offsets_of(np.bincount(ring)), np.arange(len(ring)), corners[:, :2]
-        )
-        names, sizes = np.append(names, corners[triangle, 2]), np.append(sizes, np.full(len(triangle), 3))
-        found_in = np.append(found_in, found[holed][owner])
-    ranked = np.argsort(found_in, kind="stable")
-    return found_in[ranked], *rows_in_order(offsets_of(sizes), names.astype(np.int64), ranked)
+    names, sizes = corners[first, 2], np.bincount(ring[first])
+    owner, triangles = triangles_of(every[holed])
+    names, sizes = np.append(names, triangles), np.append(sizes, np.full(len(triangles), 3))
+    within = np.append(found[~holed], found[holed][owner])
+    ranked = np.argsort(within, kind="stable")
+    return within[ranked], *rows_in_order(offsets_of(sizes), names.astype(np.int64), ranked)

@@ -303,6 +303,12 @@ def outlines(points: Floats, offsets: Ints, vertices: Ints) -> NDArray[Any]:
     return np.asarray(shapely.polygons(rings))
 
 
+def numbered_outlines(corners: Floats, offsets: Ints) -> NDArray[Any]:
+    """Polygons of corners (m, 2), one polygon after the other; third coordinates are the numbers of corners."""
+    number = np.arange(len(corners))
+    return outlines(np.column_stack([corners, number]), offsets, number)
+
+
 def holding(polygons: NDArray[Any], places: Floats) -> tuple[Ints, Ints]:
     """Pairs (i, j) where place i of (n, 2) lies in the closed polygon j, by i."""
     import shapely
@@ -334,12 +340,30 @@ def overlaps(first: NDArray[Any], second: NDArray[Any]) -> tuple[Ints, Ints, NDA
 
 def triangulated(polygons: NDArray[Any]) -> Triangles:
     """The triangles of simple polygons, between their own vertices."""
+    corners, owner = _cut_in_triangles(polygons)
+    return Triangles(corners[:, :, :2], signed_areas(corners[:, :, :2]), owner)
+
+
+def triangles_of(polygons: NDArray[Any]) -> tuple[Ints, Ints]:
+    """The triangles of polygons, with holes or without: of which each is, and its corners (t, 3), counter-clockwise.
+
+    Corners are called by their third coordinates.
+    """
+    corners, owner = _cut_in_triangles(polygons)
+    return owner, corners[:, :, 2].astype(np.int64)
+
+
+def _cut_in_triangles(polygons: NDArray[Any]) -> tuple[Floats, Ints]:
+    """Triangles (t, 3, 3) between the vertices of polygons, counter-clockwise, and the polygon of each.
+
+    Of all triangulations they are the one nearest to Delaunay's.
+    """
     import shapely
 
-    cut, owner = shapely.get_parts(shapely.constrained_delaunay_triangles(polygons), return_index=True)
-    corners = shapely.get_coordinates(shapely.get_exterior_ring(cut)).reshape(-1, 4, 2)[:, 2::-1]
-    areas = signed_areas(corners)
-    return Triangles(np.where(areas[:, None, None] < 0.0, corners[:, ::-1], corners), np.abs(areas), owner)
+    parts, owner = shapely.get_parts(shapely.constrained_delaunay_triangles(polygons), return_index=True)
+    corners = shapely.get_coordinates(shapely.get_exterior_ring(parts), include_z=True).reshape(-1, 4, 3)[:, 2::-1]
+    backwards = signed_areas(corners[:, :, :2]) < 0.0
+    return np.where(backwards[:, None, None], corners[:, ::-1], corners), owner
 
 
 def fans(polygons: NDArray[Any]) -> Triangles:
@@ -434,31 +458,14 @@ def places(corners: Floats, barycentric: Floats) -> Floats:
     return origin + within
 
 
-def triangles_of(polygons: NDArray[Any], offsets: Ints, corner: Ints, corners: Floats) -> tuple[Ints, Ints]:
-    """The triangles of polygons, as Delaunay's as may be: of which each is, and its corners (t, 3), counter-clockwise.
-
-    Polygon k has the corners ``corner[offsets[k]:offsets[k + 1]]``, in holes and outside, which are numbers in (n, 2).
-    """
-    at, _, owner = triangulated(polygons)
-    rows = np.empty((len(owner), 3), dtype=np.int64)
-    counts = np.diff(offsets)[owner]
-    for n in np.unique(counts):
-        mine = np.flatnonzero(counts == n)
-        known = corner[offsets[owner[mine], None] + np.arange(n)]
-        same = (corners[known][:, None] == at[mine][:, :, None]).all(axis=3)
-        rows[mine] = np.take_along_axis(known, np.argmax(same, axis=2), axis=1)
-    return owner, rows
-
-
 def diagonals_of(corners: Floats) -> Ints:
     """Triangles (c, n - 2, 3) of simple polygons (c, n, 2), vertices on straight sides included; counter-clockwise."""
     c, n, _ = corners.shape
     if c == 0:
         return np.zeros((0, n - 2, 3), dtype=np.int64)
-    flat, number = corners.reshape(-1, 2), np.arange(c * n)
     offsets = np.arange(c + 1) * n
-    rows: Ints = triangles_of(outlines(flat, offsets, number), offsets, number, flat)[1]
-    return np.asarray(rows.reshape(c, n - 2, 3) - offsets[:-1, None, None])
+    rows = triangles_of(numbered_outlines(corners.reshape(-1, 2), offsets))[1]
+    return rows.reshape(c, n - 2, 3) - offsets[:-1, None, None]
 
 
 def kernel_centroids(corners: Floats) -> tuple[Floats, Floats]:

@@ -218,6 +218,8 @@ def exists(name):
 def test_what_docstrings_refer_to_exists(name):
     text = modules()[name].read_text()
     assert [to for to in re.findall(r":\w+:`~?(vemcvx[\w.]*)`", text) if not exists(to)] == []
+    beside = [f"{name.rpartition('.')[0]}.{to}" for to in re.findall(r":mod:`\.(\w+)`", text)]
+    assert [to for to in beside if to not in modules() and f"{name}.{to.rpartition('.')[2]}" not in modules()] == []
     local = re.findall(r":\w+:`~?(\w[\w.]*)`", text)
     assert [to for to in local if not to.startswith("vemcvx") and not exists(f"{name}.{to}")] == []
 

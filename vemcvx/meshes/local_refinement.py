@@ -408,8 +408,9 @@ class Refinement(Generic[Mesh]):
     parents : (n_new_cells,) int
         Old cell that each cell is, or is part of.
     prolongation : (n_new_nodes, n_old_nodes) sparse array
-        Nodal values of the old mesh at the new nodes: kept; mean of the two ends of the edge; projection Pi at
-        centres (the linear function that the element of the cell computes with). Exact for linear functions.
+        Nodal values of the old mesh at the new nodes: kept; mean of the two ends of the edge; at centres the value of
+        a linear function. In the plane that is Pi, with which the element of the cell computes; in space, the one
+        nearest to the values at the nodes of the cell or face. Exact for linear functions.
     """
 
     mesh: Mesh

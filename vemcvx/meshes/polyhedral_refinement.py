@@ -12,7 +12,7 @@ A cell is split at the middles of its edges and the centres of its faces; which 
                         a cell at each vertex, spanned by the middles of its edges, the centres of its faces, and the
                         centre of the cell: cubes become eight cubes, prisms those over the children of their polygons
     all others that are star-shaped about their centroid
-                        joined to it: one child a new face, or a group of these (:mod:`.cell_cones`)
+                        joined to it: one child a new face, or a group of these (:mod:`.cell_children`)
 
 New faces are always plane. A hanging node near the middle of a straight edge is its middle; coplanar faces that a
 neighbour has made already are taken as they are if they are those into which the side would be split, so that a cell

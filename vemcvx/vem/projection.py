@@ -261,13 +261,13 @@ class CellGroup:
 
 # Polyhedral cells: what the projection Pi is made of, from integrals over their faces.
 #
-# With b_{f,i} and a_{f,i} the shares of a node in a face (:mod:`.faces`), outward for the cell, Gauss' theorem gives
+# With b_{f,i} and a_{f,i} the shares of a node in a face (see `FaceGroup`), outward for the cell, Gauss' theorem gives
 #
 #     |K| G_i = sum_f b_{f,i},   grad Pi v = sum_i v_i (x) G_i,   |K| = sum_i x_i . |K| G_i / 3,
 #     w_i = sum_f a_{f,i} / |dK|,
 #
-# the constant of Pi by the mean over the surface, as in the plane by that over the outline (:mod:`.projection`). All
-# of it is homogeneous in the coordinates, and on a tetrahedron Pi v = v.
+# the constant of Pi by the mean over the surface, as in the plane by that over the outline. All of it is
+# homogeneous in the coordinates, and on a tetrahedron Pi v = v.
 @dataclass(frozen=True, eq=False)
 class PolyhedronGroup(CellGroup):
     """Polyhedra with equally many vertices, each cell's in ascending order."""

@@ -391,7 +391,7 @@ class Material:
         )
 
     def stiffness(self, space: Space) -> vem.SumOverCells:
-        """What resists strains of these cells."""
+        """The matrix of a^h of these cells: their resistance to strains."""
         return vem.stiffness_of(space, self.moduli, self.stabilised(space.dim))
 
     def missed(self, space: Space, u: Floats) -> Floats:

@@ -198,7 +198,7 @@ class Corners(NamedTuple):
     rows: Ints  # how many they are
 
     def where(self, kept: Bools) -> Corners:
-        """Those of a mask."""
+        """The corners that a mask selects."""
         return Corners(*(values[kept] for values in self))
 
 
@@ -274,7 +274,7 @@ def _sides_in_parts(skin: Skin, sides: CellSides, pieces: tuple[Ints, Ints, Ints
 
 @dataclass(frozen=True, eq=False)
 class Asked:
-    """What marked cells ask for.
+    """The faces and edges that marked cells have split, and the cells that grading adds to these.
 
     A side of an unrefined cell has one face, or those into which it would be split itself; a line between two of its
     sides has one node inside at most. A cell that would get more is refined, too, and so on.

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 
 class UserMesh(Mesh):
-    """What meshes do alike, in the plane and in space."""
+    """Methods that meshes of the plane and of space share."""
 
     NAMED_BY_PLACE = True
 

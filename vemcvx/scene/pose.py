@@ -268,7 +268,7 @@ def _contact(
     *,
     known: Sequence[float],
 ) -> tuple[Terms, Obstacles, Surface]:
-    """What friction and obstacles are on the free unknowns, and where contact is looked at: from one table of rows."""
+    """The terms of friction, the limits of obstacles and the surface that is reported, from one table of rows."""
     table = ContactRows.of([*surfaces, *frictions, *stops], supports.points.shape[1])
     moves = [np.full(len(f.nodes), f.ground is not None) for f in frictions]
     rubbing = slice(start := sum(len(s.nodes) for s in surfaces), start + sum(map(len, moves)))
@@ -327,7 +327,7 @@ def _principal(A: sp.csr_matrix, free: Ints) -> sp.csr_matrix:
 
 
 def _columns_among(free: Ints, n: int) -> Callable[[sp.csr_matrix], sp.csr_matrix]:
-    """What takes these columns (k,) from rows over n unknowns."""
+    """A function that takes these columns (k,) from rows over n unknowns."""
     place = np.full(n, -1, dtype=np.int32)
     place[free] = np.arange(len(free), dtype=np.int32)
 

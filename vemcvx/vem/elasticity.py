@@ -114,7 +114,7 @@ class SumOverCells:
         return offsets_of(np.bincount(nodes, minlength=n)), cells[_counting_sort(nodes, n)]
 
     def _blocks(self, groups: Sequence[CellGroup]) -> tuple[Floats, Ints]:
-        """What couples two vertices of a cell, (k, dim^2), and which of these each pair of vertices has."""
+        """Blocks (k, dim^2) that couple two vertices of a cell, and which of them each pair of vertices has."""
         dim, found, which, first = self.space.dim, list[Floats](), list[Ints](), 0
         for group in groups:
             for chunk in group.chunks(CHUNK):

@@ -37,7 +37,7 @@ THROUGH_MESHIO = {
     ".inp": ("abaqus", "abaqus"),
     **dict.fromkeys(NASTRAN, ("nastran", "nastran")),
 }
-"""What meshio calls the format of a file that it reads, and that it writes."""
+"""Suffix -> the names under which meshio reads a format, and under which it writes it."""
 WORDS = "Gmsh (.msh), VTK (.vtu, .vtk, .vtp), Abaqus (.inp) and Nastran (.bdf, .nas, .fem)"
 UNSPEAKABLE = '"\\\r\n'  # Characters that Gmsh's names cannot have.
 

@@ -113,7 +113,11 @@ def cell_counts(n: Any, box: Box, size: float | None = None, stretch: float = 1.
     of one of them.
     """
     if listed(n) and size is None:
-        counts = _given_counts(n, len(box.low))
+        names = [f"n{axis}" for axis in AXES[: len(box.low)]]
+        if len(n) != len(names):
+            several = {2: "pair", 3: "triple"}[len(names)]
+            raise MeshError(f"n must be a whole number or a {several} ({', '.join(names)}); got {brief(n)}.")
+        counts = [check_whole(name, value) for name, value in zip(names, n, strict=True)]
     else:
         along_x, along_y, *above = _cells_along(n, box.lengths, size)
         counts = [max(1, round(along)) for along in (along_x / stretch, along_y * stretch, *above)]
@@ -124,14 +128,6 @@ def cell_counts(n: Any, box: Box, size: float | None = None, stretch: float = 1.
 def listed(n: object) -> bool:
     """Return True if n lists the numbers of cells axis by axis."""
     return isinstance(n, (tuple, list)) or (isinstance(n, np.ndarray) and n.ndim > 0)
-
-
-def _given_counts(n: Any, dimension: int) -> list[int]:
-    names = [f"n{axis}" for axis in AXES[:dimension]]
-    if len(n) != dimension:
-        several = {2: "pair", 3: "triple"}[dimension]
-        raise MeshError(f"n must be a whole number or a {several} ({', '.join(names)}); got {brief(n)}.")
-    return [check_whole(name, value) for name, value in zip(names, n, strict=True)]
 
 
 def _cells_along(n: Any, lengths: tuple[float, ...], size: float | None) -> list[float]:

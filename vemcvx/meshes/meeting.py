@@ -211,7 +211,10 @@ def settled(surface: Surface) -> tuple[Surface, OnEdges, InFaces]:
         if len(links := _corners(surface, near)):
             surface = _linked(surface, links)
             continue
-        on_edges = _nearest_edges(surface, near)
+        # Of each body, the edge that is nearest to a place.
+        distance = np.linalg.norm(surface.points[near.place] - near.at, axis=1)
+        nearest = least_of_each(surface.key(near.place, surface.body_of_edge[near.edge]), distance)
+        on_edges = OnEdges(near.place[nearest], near.edge[nearest], near.along[nearest], near.at[nearest])
         known = surface.key(on_edges.place, surface.body_of_edge[on_edges.edge])
         in_faces = _in_faces(surface, surface.places, known)
         spot, at = np.concatenate([on_edges.place, in_faces.place]), np.concatenate([on_edges.at, in_faces.at])
@@ -270,13 +273,6 @@ def _corners(surface: Surface, near: OnEdges) -> Ints:
     found, counts = np.unique(np.column_stack([rows, body]), axis=0, return_counts=True)
     links: Ints = found[counts > 1][:, :2]
     return links[np.unique(links[:, 0], return_index=True)[1]]
-
-
-def _nearest_edges(surface: Surface, near: OnEdges) -> OnEdges:
-    """Of each body, the edge that is nearest to a place."""
-    distance = np.linalg.norm(surface.points[near.place] - near.at, axis=1)
-    nearest = least_of_each(surface.key(near.place, surface.body_of_edge[near.edge]), distance)
-    return OnEdges(near.place[nearest], near.edge[nearest], near.along[nearest], near.at[nearest])
 
 
 def _in_boxes(surface: Surface, spots: Ints, body: Ints, boxes: Boxes, known: Ints) -> tuple[Ints, Ints]:

@@ -310,15 +310,12 @@ def _check_contact_in_points(names: tuple[str, ...], joined: Joined[Any]) -> Non
     if len(touching):
         node, other = touching[0]
         first, second = (names[number] for number in sorted((body[node], other)))
-        raise _only_touch(first, second, mesh.points[node])
-
-
-def _only_touch(one: str, other: str, at: Floats) -> MeshError:
-    where, share = ("the point", "an edge") if len(at) == 2 else ("an edge or a point, near", "a face")
-    return MeshError(
-        f"bodies: {one!r} and {other!r} touch only in {where} {_at(at)}, which is no interface. "
-        f"Leave a gap there, or let them share {share}."
-    )
+        in_plane = isinstance(mesh, Tessellation)
+        where, share = ("the point", "an edge") if in_plane else ("an edge or a point, near", "a face")
+        raise MeshError(
+            f"bodies: {first!r} and {second!r} touch only in {where} {_at(mesh.points[node])}, which is no interface. "
+            f"Leave a gap there, or let them share {share}."
+        )
 
 
 # In space.

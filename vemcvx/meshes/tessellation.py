@@ -176,13 +176,9 @@ class Mesh(ABC):
         The name of an interface means its edges of the first body; "boundary" has those of both.
         """
         sides = {} if self._box is None else self._sides(self._box)
-        return MappingProxyType({**sides, **self._named, **self._joints, "boundary": self._boundary})
-
-    @property
-    def _joints(self) -> dict[str, Ints]:
-        """The sides of the first body at each interface."""
         own = {name: faces_of(interface.edges, self._outlines) for name, interface in self.interfaces.items()}
-        return {name: read_only(self._boundary[parts]) for name, parts in own.items()}
+        joints = {name: read_only(self._boundary[parts]) for name, parts in own.items()}
+        return MappingProxyType({**sides, **self._named, **joints, "boundary": self._boundary})
 
     @cached_property
     def _outer(self) -> Bools:

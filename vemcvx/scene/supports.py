@@ -466,7 +466,10 @@ def freedom(
     tangents = tangents_of(rows.normals) if tangents is None else tangents
     reads = rows.matrix(tangents, supports.points)
     B = on_free(reads, supports)
-    each = _squares_along(B, dim - 1)
+    # How much free unknowns move each row along its tangents: eigenvalues (k, dim - 1), ascending; zero where not.
+    parts = [B[axis :: dim - 1] for axis in range(dim - 1)]
+    products = np.array([[np.asarray(one.multiply(other).sum(axis=1)).ravel() for other in parts] for one in parts])
+    each = np.linalg.eigvalsh(products.transpose(2, 0, 1))
     slides, held = each[:, -1] > 0, np.flatnonzero(each[:, 0] <= SAME * each[:, -1])
     dragged = np.zeros(k, dtype=bool)
     under = None if ground is None else (lambda t: along(tangents[held], ground(t)[held]))
@@ -481,13 +484,6 @@ def freedom(
 def normal_is_free(rows: ContactRows, supports: Supports) -> Bools:
     """Return True if some free unknown moves the node along the normal, (k,)."""
     return np.diff(on_free(normal_rows(rows, supports.points), supports).indptr) > 0
-
-
-def _squares_along(B: sp.csr_matrix, block: int) -> Floats:
-    """(k, block) how much free unknowns move each row along its tangents: eigenvalues, ascending; zero where not."""
-    rows = [B[axis::block] for axis in range(block)]
-    products = np.array([[np.asarray(one.multiply(other).sum(axis=1)).ravel() for other in rows] for one in rows])
-    return np.linalg.eigvalsh(products.transpose(2, 0, 1))
 
 
 def _dragged(

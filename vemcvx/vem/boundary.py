@@ -366,14 +366,12 @@ class SideEnds:
         while (waiting := np.flatnonzero(leader < 0)).size:
             mine = self.nodes[order[waiting]]
             ahead = waiting[np.searchsorted(mine, mine)]
-            joins = self._alike(order[waiting], order[ahead])
+            one, other = order[waiting], order[ahead]
+            apart = np.linalg.norm(self.normals[one] - self.normals[other], axis=1)
+            near = apart <= SMOOTH + self.noise[one] + self.noise[other]
+            joins = near & (self.partners[one] == self.partners[other])
             leader[waiting[joins]] = ahead[joins]
         return order, np.unique(leader, return_inverse=True)[1]
-
-    def _alike(self, one: Ints, other: Ints) -> Bools:
-        apart = np.linalg.norm(self.normals[one] - self.normals[other], axis=1)
-        near = apart <= SMOOTH + self.noise[one] + self.noise[other]
-        return near & (self.partners[one] == self.partners[other])
 
 
 def _continued(normals: Floats, across: Floats, noise: Floats) -> Floats:

@@ -106,7 +106,8 @@ class FaceGroup:
     @cached_property
     def vectors(self) -> Floats:
         """(f, T, 3) area vectors of the triangles."""
-        return area_vectors(self._of_triangles(self.corners))
+        a, b, c = self._of_triangles(self.corners).transpose(2, 0, 1, 3)
+        return 0.5 * np.cross(b - a, c - a)
 
     @property
     def vector_shares(self) -> Floats:
@@ -175,12 +176,6 @@ def face_groups(points: Floats, offsets: Ints, vertices: Ints, faces: Ints) -> I
 
 def _some(group: FaceGroup, mine: Bools) -> FaceGroup:
     return replace(group, **{field.name: getattr(group, field.name)[mine] for field in fields(group)})
-
-
-def area_vectors(triangles: Floats) -> Floats:
-    """(..., 3) of triangles (..., 3, 3) in space."""
-    a, b, c = (triangles[..., k, :] for k in range(3))
-    return 0.5 * np.cross(b - a, c - a)
 
 
 def _fan(n: int) -> Ints:

@@ -115,16 +115,13 @@ def stabilisation_of(given: str | Stabilisation, shear: Floats) -> Stabilisation
 
     SceneError where it is neither.
     """
-    return given if isinstance(given, Stabilisation) else VertexWeights(stabilisation_factor(shear, given))
-
-
-def stabilisation_factor(mu: Floats, stabilisation: str) -> Floats:
-    """tau (n_cells,) of an isotropic material; zero on cells that another material fills."""
-    if stabilisation not in NAMED:
+    if isinstance(given, Stabilisation):
+        return given
+    if given not in NAMED:
         raise SceneError(
-            f"stiffness: found stabilisation {stabilisation!r}; there are 'shear' and 'unit', and any vx.Stabilisation."
+            f"stiffness: found stabilisation {given!r}; there are 'shear' and 'unit', and any vx.Stabilisation."
         )
-    return 2.0 * mu if stabilisation == "shear" else np.sign(mu)
+    return VertexWeights(2.0 * shear if given == "shear" else np.sign(shear))
 
 
 def in_components(form: Floats, dim: int) -> Floats:

@@ -243,7 +243,11 @@ def collapse_short_edges(
             return points, offsets, vertices
         edges, cells = _far_apart(points, offsets, vertices, edges)
         moved = points.copy()
-        moved[edges] = _meeting_points(points[edges], size)[:, None]
+        ends = points[edges]
+        on, at = _on_sides(ends, size), ends.mean(axis=1)
+        for end in (0, 1):  # what is on a side or corner keeps its coordinates
+            at = np.where(on[:, end], ends[:, end], at)
+        moved[edges] = at[:, None]
         bad = cells[:, _not_star_shaped(points, moved, offsets, vertices)].sum(axis=1) > 0
         refused = np.concatenate([refused, points[edges[bad]].mean(axis=1)])
         moved[edges[bad]] = points[edges[bad]]
@@ -296,15 +300,6 @@ def _far_apart(points: Floats, offsets: Ints, vertices: Ints, edges: Ints) -> tu
     np.minimum.at(best, touched.indices, rank)
     taken = np.minimum.reduceat((best[touched.indices] == rank).astype(np.int64), touched.indptr[:-1]) == 1
     return edges[taken], touched[np.flatnonzero(taken)]
-
-
-def _meeting_points(ends: Floats, size: Floats) -> Floats:
-    """The points where the two ends (m, 2, 2) of each edge become one: a side or corner keeps its coordinates."""
-    on = _on_sides(ends, size)
-    middle: Floats = ends.mean(axis=1)
-    for end in (0, 1):
-        middle = np.where(on[:, end], ends[:, end], middle)
-    return middle
 
 
 def _not_star_shaped(points: Floats, moved: Floats, offsets: Ints, vertices: Ints) -> Ints:

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vemcvx.arrays import SAME, SINGLE, Bools, Floats, Ints
+from vemcvx.arrays import SINGLE, Bools, Floats, Ints
 from vemcvx.meshes.cell_kinds import CONES, OCTA, PYRAMID, TETRA, VERTICES, WEDGE, Cut, Solids
 from vemcvx.meshes.cell_sides import TINY, Asked, CellSides, Skin
 from vemcvx.meshes.polygons import (
@@ -318,8 +318,8 @@ def cones(asked: Asked, cut: Cut, solids: Solids, about: Ints) -> tuple[Outer, I
 def _grouped(found: Cones, asked: Asked) -> Ints:
     """Labels of new faces by the piece, or the nearest corner, of a side in several pieces; else by the side."""
     skin, sides, own = asked.skin, asked.sides, np.arange(len(found.row))
-    several, hidden = sides.pieces[found.listed] > 1, _hidden(found)
-    if not (several | hidden).any():
+    several = sides.pieces[found.listed] > 1
+    if not several.any():
         return own
     side, big = sides.side[found.listed], len(skin.points) + 1
     alone = (own + 1) * big * len(skin.cell)
@@ -327,27 +327,13 @@ def _grouped(found: Cones, asked: Asked) -> Ints:
     askew = np.flatnonzero(several & ~asked.parted[found.listed])
     group[askew] = side[askew] * big + 1 + _nearest_corners(found, sides, skin, askew)
     label = found.connected(group)
-    bad = hidden | (_unseen(found, label, several)[label] & several)
+    bad = _unseen(found, label, several)[label] & several
     if bad.any():
         whole = np.zeros(len(skin.cell), dtype=bool)
         whole[side[bad]] = True
         label = found.connected(np.where(whole[side], side * big, group))
         label = np.where(_unseen(found, label)[label], own, label)
     return label
-
-
-def _hidden(found: Cones) -> Bools:
-    """New faces with a corner inwards, of whose cones the centroid does not see all: they go with all of their side."""
-    shapes = face_shapes(found.points, found.offsets, found.nodes)
-    follow, begin = next_corner(found.offsets), found.offsets[:-1]
-    here, normals = found.points[found.nodes], shapes.normals[found.of]
-    edge, arm = here[follow] - here, here - shapes.centroids[found.of]
-    turns = np.einsum("ij,ij->i", np.cross(edge, edge[follow]), normals)
-    clear = np.einsum("ij,ij->i", np.cross(arm, edge), normals) / np.linalg.norm(edge, axis=1)
-    inwards = np.minimum.reduceat(turns, begin) < -SAME * shapes.areas
-    size = np.maximum.reduceat(np.linalg.norm(arm, axis=1), begin)
-    hidden: Bools = inwards & (np.minimum.reduceat(clear, begin) < CLEAR * size)
-    return hidden
 
 
 def _nearest_corners(found: Cones, sides: CellSides, skin: Skin, some: Ints) -> Ints:

@@ -4,7 +4,8 @@ Cells of most kinds are cut about their vertices. All others fall into cones, a 
 the centre of the cell. Faces that are tiny, or have a tiny edge, would give needles: all new faces about a tiny edge
 are one group, with one child. Faces of a side in pieces that are none of the parts into which it would be split, as
 where tilings of two bodies meet askew, are grouped by the nearest corner of the side, so that slivers go with their
-neighbours. A group is taken if the centroid of its child sees all of that; else fewer go together, or all of the side.
+neighbours. A group becomes one child if the centroid of that child sees all of it; if not, a smaller group is tried, or
+the whole side.
 """
 
 from __future__ import annotations

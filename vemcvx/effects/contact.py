@@ -77,8 +77,7 @@ class UnilateralContact(Effect):
     Parameters
     ----------
     on : str or sequence of str
-        Names of boundaries, or of interfaces between bodies: u is then that of the first body relative to the second,
-        and n the outward normal of the first.
+        Names of boundaries or interfaces, as of BilateralContact.
     gap : number or callable f(x, t) -> (m,)
         Distance to the obstacle along n in the undeformed state, in units of length; it may change in time. Negative
         where they overlap (interference, press fits): the body is then pressed back by so much, either from the start
@@ -126,8 +125,7 @@ class NormalCompliance(Effect):
         Pressure per penetration, force per length^2 (and unit thickness), > 0; fixed in time (f is evaluated at
         t = 0).
     on : str or sequence of str
-        Names of boundaries, or of interfaces between bodies: u is then that of the first body relative to the second,
-        and n the outward normal of the first.
+        Names of boundaries or interfaces, as of BilateralContact.
     gap : number or callable f(x, t) -> (m,)
         Distance to the obstacle along the outward normal before anything moves. Negative where they overlap: the body
         is then pressed back, either from the start with ``initial="settled"``, or by a gap that falls from zero.
@@ -233,8 +231,7 @@ class TrescaFriction(Effect):
     bound : number, or callable f(x, t) -> (m,)
         g >= 0, force per length (and unit thickness), in space per area, evaluated at t_n.
     on : str or sequence of str
-        Names of boundaries, or of interfaces between bodies: u is then that of the first body relative to the second,
-        and n the outward normal of the first.
+        Names of boundaries or interfaces, as of BilateralContact.
     quadrature : {"nodes", "integral"}
         w_i = g(x_i) int phi_i, or w_i = int g phi_i (for bounds that vary within an edge).
     backward : number, or callable f(x, t) -> (m,), optional
@@ -343,8 +340,7 @@ class CoulombFriction(Effect):
     coefficient : number or callable f(x, t) -> (m,)
         Coefficient of friction, >= 0, without unit.
     on : str or sequence of str
-        Names of boundaries, or of interfaces between bodies: u is then that of the first body relative to the second,
-        and n the outward normal of the first.
+        Names of boundaries or interfaces, as of BilateralContact.
     cap : number or callable f(x, t) -> (m,), optional
         Largest friction, force per length: |friction| <= min(coefficient * pressure, cap), such as the shear strength
         of a material that yields (after Orowan).

@@ -4,7 +4,8 @@ Cells of most kinds are cut about their vertices. All others fall into cones, a 
 the centre of the cell. Faces that are tiny, or have a tiny edge, would give needles: all new faces about a tiny edge
 are one group, with one child. Faces of a side in pieces that are none of the parts into which it would be split, as
 where tilings of two bodies meet askew, are grouped by the nearest corner of the side, so that slivers go with their
-neighbours. A group is taken if the centroid of its child sees all of that; else fewer go together, or all of the side.
+neighbours. A group becomes one child if the centroid of that child sees all of it; if not, a smaller group is tried, or
+the whole side.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vemcvx.arrays import SAME, SINGLE, Bools, Floats, Ints
+from vemcvx.arrays import SINGLE, Bools, Floats, Ints
 from vemcvx.meshes.cell_kinds import CONES, OCTA, PYRAMID, TETRA, VERTICES, WEDGE, Cut, Solids
 from vemcvx.meshes.cell_sides import TINY, Asked, CellSides, Skin
 from vemcvx.meshes.polygons import (
@@ -318,8 +319,8 @@ def cones(asked: Asked, cut: Cut, solids: Solids, about: Ints) -> tuple[Outer, I
 def _grouped(found: Cones, asked: Asked) -> Ints:
     """Labels of new faces by the piece, or the nearest corner, of a side in several pieces; else by the side."""
     skin, sides, own = asked.skin, asked.sides, np.arange(len(found.row))
-    several, hidden = sides.pieces[found.listed] > 1, _hidden(found)
-    if not (several | hidden).any():
+    several = sides.pieces[found.listed] > 1
+    if not several.any():
         return own
     side, big = sides.side[found.listed], len(skin.points) + 1
     alone = (own + 1) * big * len(skin.cell)
@@ -327,27 +328,13 @@ def _grouped(found: Cones, asked: Asked) -> Ints:
     askew = np.flatnonzero(several & ~asked.parted[found.listed])
     group[askew] = side[askew] * big + 1 + _nearest_corners(found, sides, skin, askew)
     label = found.connected(group)
-    bad = hidden | (_unseen(found, label, several)[label] & several)
+    bad = _unseen(found, label, several)[label] & several
     if bad.any():
         whole = np.zeros(len(skin.cell), dtype=bool)
         whole[side[bad]] = True
         label = found.connected(np.where(whole[side], side * big, group))
         label = np.where(_unseen(found, label)[label], own, label)
     return label
-
-
-def _hidden(found: Cones) -> Bools:
-    """New faces with a corner inwards, of whose cones the centroid does not see all: they go with all of their side."""
-    shapes = face_shapes(found.points, found.offsets, found.nodes)
-    follow, begin = next_corner(found.offsets), found.offsets[:-1]
-    here, normals = found.points[found.nodes], shapes.normals[found.of]
-    edge, arm = here[follow] - here, here - shapes.centroids[found.of]
-    turns = np.einsum("ij,ij->i", np.cross(edge, edge[follow]), normals)
-    clear = np.einsum("ij,ij->i", np.cross(arm, edge), normals) / np.linalg.norm(edge, axis=1)
-    inwards = np.minimum.reduceat(turns, begin) < -SAME * shapes.areas
-    size = np.maximum.reduceat(np.linalg.norm(arm, axis=1), begin)
-    hidden: Bools = inwards & (np.minimum.reduceat(clear, begin) < CLEAR * size)
-    return hidden
 
 
 def _nearest_corners(found: Cones, sides: CellSides, skin: Skin, some: Ints) -> Ints:

@@ -6,8 +6,8 @@ own, so that it is split as cells of plane meshes are (:mod:`.local_refinement`)
 its centre, those of a triangle to each other. How it is split depends on nothing but the face, its edges and the
 cells beside these: whichever of its two cells asks for it, both get the same new faces.
 
-Edges that are tiny beside the cells around them are not split, nor are tiny faces for the sake of a cell that is not
-tiny itself: their share of the cells doubles from pass to pass until they are.
+Edges that are tiny beside the cells around them are not split, and neither are faces that are tiny beside the cell that
+asks for it. Every pass halves the cells, so that the share of such edges and faces doubles until they are split, too.
 """
 
 from __future__ import annotations

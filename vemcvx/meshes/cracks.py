@@ -45,7 +45,10 @@ def cut(mesh: AnyMesh, name: str, sides: Mapping[str, ArrayLike]) -> AnyMesh:
     swapped = other[cells[:, 0]]
     cells = np.where(swapped[:, None], cells[:, ::-1], cells)
     vertices = np.where(np.repeat(swapped, np.diff(offsets)), vertices[backwards(offsets)], vertices)
-    opened = _opened(one[cells[:, 0]] & other[cells[:, 1]], mesh, sides)
+    opened, (first, second) = one[cells[:, 0]] & other[cells[:, 1]], sides
+    if not opened.any():
+        part = TIPS[mesh.PARTS][0]
+        raise MeshError(f"cut: no {part} is between the cells of {first!r} and {second!r}; they must be neighbours.")
     rows, nodes = mesh.cell_nodes
     keys = cell_of_corner(rows) * mesh.n_nodes + nodes
 
@@ -62,7 +65,7 @@ def cut(mesh: AnyMesh, name: str, sides: Mapping[str, ArrayLike]) -> AnyMesh:
         return number[corners(np.repeat(cell, np.diff(rows)), nodes)]
 
     made = _with_nodes(mesh, mesh.points[origin], renumbered)
-    joints, named = {name: Interface(_names(sides), *lips)}, {}
+    joints, named = {name: Interface((first, second), *lips)}, {}
     for key, found in mesh.interfaces.items():
         moved = [found.edges.copy(), found.partners.copy()]
         for lip in moved:
@@ -110,18 +113,6 @@ def _check_sides(mesh: Mesh, name: str, sides: Mapping[str, ArrayLike]) -> tuple
     if (one & other).any():
         raise MeshError(f"cut: cell {np.flatnonzero(one & other)[0]} is on both sides of the crack.")
     return one, other
-
-
-def _names(sides: Mapping[str, ArrayLike]) -> tuple[str, str]:
-    first, second = sides
-    return first, second
-
-
-def _opened(opened: Bools, mesh: Mesh, sides: Mapping[str, ArrayLike]) -> Bools:
-    if not opened.any():
-        between, side = " and ".join(map(repr, sides)), TIPS[mesh.PARTS][0]
-        raise MeshError(f"cut: no {side} is between the cells of {between}; they must be neighbours.")
-    return opened
 
 
 def _check_opening(mesh: Mesh, origin: Ints, lip: Ints, other: Ints) -> None:

@@ -37,7 +37,8 @@ from vemcvx.meshes.polyhedra import Faces, FaceShapes, along_axes, axes_in_plane
 # Cosine of the outward normals of faces that face each other. Bodies that are flush have edges near to each other
 # on faces that do not.
 FACING = -0.5
-# Nodes move to bodies before theirs, which may bring them near to others: as often as this, then tilings do not match.
+# Nodes that move to an earlier body may come near to further edges, so they are matched again; after as many rounds as
+# this the tilings are refused.
 ROUNDS = 8
 
 

@@ -118,19 +118,18 @@ class Space:
             )
         key = tuple(sorted(set(names)))
         if key not in self._parts:
-            self._parts[key] = self._part(read_only(sides), across)
+            sides = read_only(sides)
+            self._parts[key] = (
+                face_part(sides, mesh, across, self.mirrors)
+                if isinstance(mesh, PolyhedralMesh)
+                else edge_part(sides, mesh.points, across, self.mirrors, self._inside(sides, across))
+            )
         return self._parts[key]
 
     @cached_property
     def _parts(self) -> dict[tuple[str, ...], Part]:
         """The parts asked for so far: friction and contact act on the same one, and its normals are found once."""
         return {}
-
-    def _part(self, sides: Ints, across: Ints | None) -> Part:
-        mesh = self.mesh
-        if isinstance(mesh, PolyhedralMesh):
-            return face_part(sides, mesh, across, self.mirrors)
-        return edge_part(sides, mesh.points, across, self.mirrors, self._inside(sides, across))
 
     def _inside(self, edges: Ints, across: Ints | None) -> Bools:
         """Ends (m, 2) of edges whose node is in one cell alone, of the body whose outline both have: the earlier."""

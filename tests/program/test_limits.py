@@ -258,6 +258,15 @@ def test_a_fixed_point_that_does_not_contract_says_so():
     assert caught.value.step == 1
 
 
+def test_a_step_without_an_answer_is_refused_and_why():
+    """Friction that jumps as contact opens: stuck, the slider leaves its limit, p = -.5; free, it presses, p = .4."""
+    norms = vx.Norms([[1.0, 0.0]], 0.0, law=vx.Law(lambda t, p, past, slip: np.where(p > 0, 2.0, 0.0), slips=False))
+    stiffness = [[1.0, -0.9], [-0.9, 1.0]]
+    system = vx.System(stiffness, lambda t: [t, -0.5 * t], norms, limits=vx.Limits([[0.0, 1.0]], 0.0))
+    with pytest.raises(vx.NotContracting, match=r"a step may have no answer, .* opens under friction and closes with"):
+        vx.march(system, [0.0, 1.0])
+
+
 @pytest.mark.long
 def test_coulomb_friction_does_not_depend_on_the_mesh():
     """A pressed block pushed sideways: the rate stays, and stored energy and work of friction settle."""

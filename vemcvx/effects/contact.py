@@ -241,7 +241,9 @@ class TrescaFriction(Effect):
     while_closed : bool, optional
         True: the bound is g where contact is closed and 0 where it is open. Every step is then a fixed point, as with
         CoulombFriction, and certified likewise. This needs UnilateralContact or NormalCompliance, and excludes
-        `backward`. False: g everywhere. None (default): g everywhere, with a warning if it acts where contact is open.
+        `backward`. The bound jumps as contact opens: a step in which a place opens under friction, and closes
+        without, has no answer, and is refused. False: g everywhere. None (default): g everywhere, with a warning if
+        it acts where contact is open.
     ground : callable f(x, t) -> (m, dim) or (dim,), optional
         How far the obstacle has moved, if it slides under the body (a belt, a roll, a table that shakes), in units of
         length: friction acts against the slip of the body relative to it, and its motion does work. What counts is how

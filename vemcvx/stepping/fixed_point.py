@@ -260,7 +260,8 @@ class DependentStep:
         if not self.norms.remembers:
             return (
                 "Take a smaller coefficient or bound, a cap, NormalCompliance in place of UnilateralContact, smaller "
-                "steps, or a sharper solver (Newton)."
+                "steps, or a sharper solver (Newton). Where a bound jumps as contact opens (while_closed=True), a step "
+                "may have no answer, however small it is: a place opens under friction and closes without."
             )
         if self.convex:
             return "The step has one answer, which is not found: let weights change more slowly with slip."

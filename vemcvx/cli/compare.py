@@ -109,7 +109,7 @@ class Used:
 
 @dataclass(frozen=True, kw_only=True)
 class Judged:
-    """All rows, the label of the most certain solver, and whether certificates bound distances of this problem.
+    """All rows, the label of the most certain solver, and a flag: certificates bound distances of this problem.
 
     A comparison has the problem's title and size beside them, and the settings of the solvers that answered.
     """

@@ -172,7 +172,7 @@ class Problem:
         return default.default if default is not None and isinstance(default.default, str) else None
 
     def in_space(self, family: str | None = None) -> bool:
-        """Whether its bodies are of polyhedra. A family of the file's own does not say so; its mesh does."""
+        """True if its bodies are of polyhedra. A family of the file's own does not say so; its mesh does."""
         known = family or self.family
         if known in FAMILIES or known in SPACE_FAMILIES:
             return known in SPACE_FAMILIES
@@ -184,7 +184,7 @@ class Problem:
         return usual if plane else SPACE_N
 
     def ignores_n(self, mesh: AnyMesh, n: int, family: str | None = None) -> bool:
-        """Whether the mesh is the same for another n, as that of a file is."""
+        """True if the mesh is the same for another n, as that of a file is."""
         if family is not None and is_file(family):
             return True
         try:
@@ -199,7 +199,7 @@ class Problem:
         return self._call("times", steps)
 
     def posed(self, settings: Sequence[str], mesh: AnyMesh, steps: int, solver: Solver | None = None) -> Ingredients:
-        """What `simulate` and `adapt` take: the scene of these settings, this mesh, and instants of so many steps."""
+        """The arguments of `simulate` and `adapt`: the scene of these settings, this mesh, and the instants of steps."""
         return Ingredients(self.scene(settings), mesh, checked_times(self.times(steps)), solver, self.initial)
 
     @property
@@ -234,7 +234,7 @@ class Problem:
         return given
 
     def _call(self, part: str, *given: Any, **named: Any) -> Any:
-        """What a function of the file returns, which is of the kind that it should be."""
+        """The answer of a function of the file, checked to be of the kind that it should be."""
         words = ", ".join([*map(repr, given), *(f"{name}={value!r}" for name, value in named.items())])
         wanted = f". That is the problem file's own {part}, which is to return {RETURNS[part]}."
         made = own_errors(self.path, f"{part}({words})", lambda: getattr(self.module, part)(*given, **named), wanted)

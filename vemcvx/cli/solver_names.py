@@ -81,7 +81,7 @@ def read_options(typed: Sequence[str], names: Sequence[str]) -> dict[str, dict[s
 
 
 def in_file(typed: str, option: str, noun: str, has: str, fits: Callable[[type], bool], **settings: Any) -> Any:
-    """What FILE.py:NAME names in a file of the user's: a class, made with the settings given, or an object.
+    """The solver FILE.py:NAME in a file of the user's: of a class, made with the settings given, or an object.
 
     Its class has what is said by `has`, and `fits`.
     """
@@ -125,7 +125,7 @@ def named_linear(name: str | None) -> LinearSolver | None:
 
 @contextmanager
 def on_threads(threads: int | None, linear: str | None = None) -> Iterator[None]:
-    """As many threads for PARDISO within, here and in processes that are started; None leaves that to the environment.
+    """Give PARDISO so many threads within, here and in processes that are started; None leaves it to the environment.
 
     ProblemError where the linear solver of the name `linear` has one thread; NotAccepted without a threaded oneMKL.
     """

@@ -96,7 +96,7 @@ class _Left(TimeRemainingColumn):
 
 @contextmanager
 def progress_bar(doing: str) -> Iterator[Shown]:
-    """What is being done, how far and for how long, on standard error: a bar on a terminal, else a line at times."""
+    """Show on standard error what is done, how far and for how long: a bar on a terminal, else a line at times."""
     console, ended, begin = Console(stderr=True), threading.Event(), time.monotonic()
     columns = TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[counted]}"), TimeElapsedColumn()
     with Progress(*columns, _Left(), console=console, transient=True, disable=not console.is_terminal) as bar:

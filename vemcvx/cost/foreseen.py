@@ -1,4 +1,4 @@
-"""What a run will take: memory, seconds and room on disk, foreseen from n before its mesh is made.
+"""The cost of a run: memory, seconds and room on disk, foreseen from n before its mesh is made.
 
 Coarse meshes of the problem tell how its cells, nodes and pairs of nodes in a cell grow with n, and the laws below what
 these cost. Powers of memory in space are those of nested dissection, others were fitted, as the factors were, to peaks
@@ -69,7 +69,7 @@ COARSE = {True: (8, 16), False: (2, 4, 6)}
 
 @dataclass(frozen=True)
 class Growth:
-    """How the meshes of a problem grow with n: their cells, nodes and pairs as sums of powers of n."""
+    """The growth of a problem's meshes with n: their cells, nodes and pairs as sums of powers of n."""
 
     plane: bool
     coefficients: Floats  # (2 or 3, 3) of cells, nodes and pairs of nodes in a cell, that of the highest power first
@@ -103,7 +103,7 @@ def _powers(ns: Sequence[int], most: int) -> Floats:
 
 @dataclass(frozen=True)
 class Foreseen:
-    """What a run is foreseen to take: bytes of memory and of files, seconds."""
+    """The foreseen cost of a run: bytes of memory and of files, seconds."""
 
     cells: float
     unknowns: float
@@ -161,7 +161,7 @@ def foreseen(
 def check_fits(
     growth: Growth, n: int, steps: int, stored: int, linear: LinearSolver | None, *, folder: Path | None
 ) -> Foreseen:
-    """What a run takes that keeps its stored steps in `folder`, or in memory; ProblemError where it does not fit."""
+    """The cost of a run with its stored steps in `folder`, or in memory; ProblemError where it does not fit."""
 
     def at(n: int, stored: int = stored) -> Foreseen:
         return foreseen(growth, n, steps, stored, linear, streamed=folder is not None)

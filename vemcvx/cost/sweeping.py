@@ -221,7 +221,7 @@ def run_point(recipe: Recipe, point: Point, instants: Floats) -> tuple[History, 
 
 
 def _estimated(history: History, of: str) -> float | None:
-    """What a run estimates its own relative error to be; None where scenes have no estimate, as with viscosity."""
+    """The relative error that a run estimates; None where scenes have no estimate, as with viscosity."""
     with contextlib.suppress(SceneError):
         return error_budget(history).largest["total"] if of == "energy" else quantities(history)[of].relative
     return None

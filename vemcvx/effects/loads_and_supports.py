@@ -170,7 +170,7 @@ class Clamp(Effect):
 
 
 def held(subject: str, space: Space, nodes: Ints, value: Callable[[float], Floats] | None = None) -> Support:
-    """All components of nodes prescribed, node by node: zero, or t -> (m * dim,)."""
+    """A support that prescribes all components of nodes, node by node: zero, or t -> (m * dim,)."""
     repeated, axes = np.repeat(nodes, space.dim), np.tile(np.eye(space.dim), (len(nodes), 1))
     return Support(subject, repeated, axes, space.mesh.points[repeated], value)
 

@@ -212,7 +212,7 @@ class Residuals:
     # Forces on faces of the boundary, (b, 3).
 
     def _at(self, faces: Ints) -> Ints:
-        """Where faces stand in the boundary."""
+        """The places of faces in the boundary."""
         return np.searchsorted(self.outer, faces)
 
     def _tractions(self, t: float) -> Floats:
@@ -261,7 +261,7 @@ class Residuals:
 
     @cached_property
     def joints(self) -> Joints:
-        """Where two bodies meet."""
+        """The places where two bodies meet."""
         first, second, bonded = [self.outer[:0]], [self.outer[:0]], [np.zeros(0, dtype=bool)]
         for joint in self.mesh.interfaces.values():
             first.append(faces_of(joint.edges, self.corners))
@@ -277,7 +277,7 @@ class Residuals:
     # Data.
 
     def _data(self, t: float) -> Floats:
-        """What is not constant on faces and in cells."""
+        """The squares of data that are not constant on faces and in cells."""
         mesh, found = self.mesh, self._locked(t)
         for load in (load for load in self.loads if callable(load.value)):
             if load.edges is not None:

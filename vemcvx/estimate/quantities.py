@@ -167,7 +167,7 @@ def _wear_apart(history: History, finer: History) -> float:
 
 
 def _of_wear_without_limit(history: History) -> str:
-    """What is said of the largest wear where it sits at a corner at which friction has no limit at some instant."""
+    """The sentence on a largest wear that sits at a corner at which friction has no limit at some instant."""
     contact, wear = history.contact, history.contact.wear_second_order[-1:].max(axis=0, initial=0.0)
     if not wear.any():
         return ""

@@ -282,7 +282,7 @@ class RankRows:
 
     @cached_property
     def _vectors(self) -> tuple[Any, Any, Any, Any]:
-        """Those that answers and right sides are in, and the whole one of rank 0 that they are sent to and from."""
+        """The vectors of answers and right sides, and the whole one of rank 0 that they are sent to and from."""
         x, b = self._K.createVecs()
         return x, b, *self._petsc.Scatter.toZero(x)
 
@@ -443,7 +443,7 @@ class RankRows:
 
 
 def _ends(comm: Any, n: int) -> list[int]:
-    """Where the rows of each rank begin and those of the last one end: as many on every one, but for one."""
+    """The first row of each rank, and the end of the last one: ranks have as many rows, but for one."""
     return [n * rank // comm.size for rank in range(comm.size + 1)]
 
 

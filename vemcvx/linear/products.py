@@ -38,7 +38,7 @@ class Elsewhere(ABC):
 
     @abstractmethod
     def residual(self, force: Floats, y: Floats, held: Floats) -> Floats:
-        """As of :func:`residual`."""
+        """The residual of :func:`residual`, by these products."""
 
     @abstractmethod
     def whole(self) -> sp.csr_matrix:
@@ -85,7 +85,7 @@ class Congruent:
         return Congruent(abs(self.L), abs(self.K), abs(self.S), self.unit)
 
     def diagonal(self) -> Floats:
-        """Its diagonal (m,)."""
+        """The diagonal (m,)."""
         return self.unit * (self.L.multiply(self.L) @ self.K.diagonal()) + self.S.diagonal()
 
     def scaled(self, D: Floats, unit: float) -> Any:

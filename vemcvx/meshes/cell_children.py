@@ -64,7 +64,7 @@ class Inner(NamedTuple):
 
 
 def joined(parts: list[Inner]) -> Inner:
-    """All of several lots."""
+    """The children of several lots together."""
     counts = [np.diff(part.offsets) for part in parts]
     cell, key, vertices = (np.concatenate([getattr(p, name) for p in parts]) for name in ("cell", "key", "vertices"))
     return Inner(cell, key, offsets_of(np.concatenate(counts)), vertices)

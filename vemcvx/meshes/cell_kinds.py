@@ -176,7 +176,7 @@ def _with_kinds(asked: Asked, marked: Bools, closed: tuple[Corners, Ints, Ints])
     first = first[first >= 0]
 
     def counted(some: Bools) -> Ints:
-        """How many sides each cell has that these corners are of."""
+        """The number of sides of each cell among those of these corners."""
         sides = np.zeros(len(skin.cell), dtype=bool)
         sides[side[some]] = True
         return np.bincount(skin.cell[sides], minlength=n_cells)

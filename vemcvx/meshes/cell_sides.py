@@ -75,7 +75,7 @@ class Skin:
 
     @cached_property
     def splitting(self) -> Splitting:
-        """Where faces are split."""
+        """The faces that are split."""
         return splitting_of(self.polygons, self.least[self.edge])
 
     @cached_property
@@ -139,7 +139,7 @@ class CellSides:
     degrees: Ints  # how many of them end there
 
     def degree(self, cell: Ints, node: Ints, n_nodes: int) -> Ints:
-        """How many edges between sides of a cell end at a node; 0 for those inside of sides, and new ones."""
+        """The number of edges between sides of a cell that end at a node; 0 for nodes inside of sides, and new ones."""
         wanted = np.where((node >= 0) & (node < n_nodes), cell * n_nodes + node, -1)
         at = np.minimum(np.searchsorted(self.keys, wanted), len(self.keys) - 1)
         degrees: Ints = np.where(self.keys[at] == wanted, self.degrees[at], 0)

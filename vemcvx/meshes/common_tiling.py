@@ -185,7 +185,7 @@ def _lines_over_faces(meeting: Meeting, offsets: Ints, places: Ints) -> tuple[In
 
 
 def _inside(surface: Surface, face: Ints, lines: Ints) -> Bools:
-    """Of lines (k, 2) between places of a face each, which run inside: all, unless the face has a corner inwards."""
+    """True for lines (k, 2) between places of a face that run inside: all, unless the face has a corner inwards."""
     import shapely
 
     every = cell_of_corner(surface.offsets)

@@ -169,6 +169,6 @@ def on_boundary(
 
 
 def faces_of(side: Ints, outlines: tuple[Ints, Ints]) -> Ints:
-    """Where in the boundary the faces of one side of an interface stand, rows (k, n) of nodes."""
+    """The numbers in the boundary of the faces of one side of an interface, rows (k, n) of nodes."""
     there = side >= 0
     return matching_rows(*outlines, offsets_of(there.sum(axis=1)), side[there])

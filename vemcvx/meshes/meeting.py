@@ -1,4 +1,4 @@
-"""Where bodies in space meet: places of nodes, places on edges and in faces of other bodies, and lines that cross.
+"""The places where bodies in space meet: nodes, on edges and in faces of other bodies, and lines that cross.
 
 Nodes of several bodies within the tolerance of each other are in one *place*. A place near an edge of another body is
 on it; one near two edges of a corner joins the corner. So edges are chains of *lines* between places, each

@@ -78,7 +78,7 @@ def among(numbers: Ints, known: Ints) -> Bools:
 
 
 def found_in(keys: Ints, wanted: Ints) -> Ints:
-    """Where each of the wanted numbers stands among the keys (k,), the first of equal ones; -1 where it does not."""
+    """The place of each of the wanted numbers among the keys (k,), the first of equal ones; -1 where it is missing."""
     if not len(keys):
         return np.full(len(wanted), -1)
     order = np.argsort(keys, kind="stable")
@@ -94,7 +94,7 @@ def all_found_in(keys: Ints, wanted: Ints) -> tuple[Ints, Ints]:
 
 
 def least_of_each(keys: Ints, values: Floats) -> Ints:
-    """Where the least of the values (k,) stands that go with each of the different keys, by key."""
+    """The place of the least of the values (k,) that go with each of the different keys, by key."""
     order = np.lexsort((values, keys))
     return order[np.unique(keys[order], return_index=True)[1]]
 

@@ -155,7 +155,7 @@ def _assembled(
 
 
 def own_nodes(mesh: SpaceTessellation, skin: Skin, cut: Cut, cell: Ints, number: Ints) -> tuple[Ints, Nodes, Floats]:
-    """Of corners (m,), numbered as in `Cut`, of children of cells (m,) the nodes of the bodies to which these belong.
+    """The nodes of the own body for corners (m,), numbered as in `Cut`, of children of cells (m,).
 
     Besides, the new nodes on edges and in faces, and the places of all.
     """

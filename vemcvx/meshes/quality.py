@@ -1,4 +1,4 @@
-"""How well shaped cells are: what Assumption 3.3 of the paper asks of them, cell by cell.
+"""The shape of cells: the constants that Assumption 3.3 of the paper asks of them, cell by cell.
 
 Assumption 3.3 wants every cell K cut into triangles, shape regular and of a size comparable to h_K, each edge of K a
 side of one. It holds with constants that depend on two ratios alone (L. Chen and J. Huang, Some error analysis on

@@ -128,7 +128,7 @@ class Mesh(ABC):
 
     @abstractmethod
     def _places(self, parts: Ints) -> Ints:
-        """Where parts stand in the boundary; all must be there."""
+        """The places of parts in the boundary; all must be there."""
 
     @abstractmethod
     def _rows(self, name: str, given: Any, n_nodes: int) -> tuple[Ints, Ints]:
@@ -232,7 +232,7 @@ class Mesh(ABC):
         return self._found(offsets, vertices, number), called
 
     def _found(self, offsets: Ints, vertices: Ints, number: Ints) -> Ints:
-        """Where in the boundary the parts with these vertices are, by their new numbers; -1 for none."""
+        """The places in the boundary of the parts with these vertices, by their new numbers; -1 for none."""
         known = (vertices >= 0) & (vertices < len(number))
         own = np.where(known, number[np.where(known, vertices, 0)], -1)
         return polygons.matching_rows(*self._outlines, offsets, own)

@@ -138,7 +138,7 @@ class Reduced:
 
     @cached_property
     def x(self) -> Floats:
-        """Its response K^{-1} phi (n,)."""
+        """The response K^{-1} phi (n,)."""
         return combined([(share, one.x) for one, share in self.parts.items()], self.phi)
 
     @property

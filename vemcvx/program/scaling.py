@@ -107,7 +107,7 @@ class Scaling:
 
     @property
     def factor(self) -> Scaled:
-        """That of the scaled operators in the units of the unscaled ones."""
+        """The factor of the scaled operators in the units of the unscaled ones."""
         return Scaled(self.operators.factor, 1.0 / self.delta, 1.0 / self.kappa)
 
     def energy(self, value: float, alpha: float) -> float:

@@ -68,12 +68,12 @@ class Setting:
     when: When = When.ALWAYS
 
     def at(self, gap: float) -> float | str:
-        """Its value for a gap."""
+        """The value for a gap."""
         return self.value.at(gap) if isinstance(self.value, OfGap) else self.value
 
     @property
     def words(self) -> str:
-        """Its value, and when it is set."""
+        """The value, and the case in which it is set."""
         return f"{self.value} {self.when.value}".rstrip()
 
 

@@ -111,7 +111,7 @@ class Found:
 
     @property
     def blur(self) -> float:
-        """What slips may be off by."""
+        """The length below which slips are rounding."""
         return float(self.motions.max(initial=0.0))
 
     def holds(self, program: StepProgram) -> bool:

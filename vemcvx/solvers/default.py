@@ -72,7 +72,7 @@ class AdaptedSolver(Solver):
         self.semidefinite = flag(getattr(own, "semidefinite", False), f"solver {self.name}: semidefinite")
 
     def __repr__(self) -> str:
-        """Its name, and those of its public attributes that are plain: they say the same in every process."""
+        """Return the name, and the public attributes that are plain: they say the same in every process."""
         slots = [name for kind in type(self._own).__mro__ for name in vars(kind).get("__slots__", ())]
         names = [name for name in (*getattr(self._own, "__dict__", ()), *slots) if not name.startswith("_")]
         values = {name: getattr(self._own, name, None) for name in names}

@@ -107,7 +107,7 @@ class SumOverCells:
 
     @cached_property
     def _around(self) -> tuple[Ints, Ints]:
-        """Where the cells around each node begin (n_nodes + 1,), and all of these, counted through the groups."""
+        """Offsets (n_nodes + 1,) of the cells around each node, and these cells, counted through the groups."""
         nodes = np.concatenate([group.nodes.ravel().astype(np.int32) for group in self._groups])
         sizes = np.repeat([group.nodes.shape[1] for group in self._groups], [len(g.cells) for g in self._groups])
         n, cells = self.space.mesh.n_nodes, np.repeat(np.arange(len(sizes)), sizes)

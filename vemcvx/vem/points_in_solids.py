@@ -75,7 +75,7 @@ def _places(space: Space, mesh: PolyhedralMesh, x: Floats) -> tuple[sp.csr_matri
 
 
 def _triangles(mesh: PolyhedralMesh, faces: Ints) -> tuple[Ints, Floats, sp.csr_matrix]:
-    """Where the triangles of each of some faces (f,) begin (f + 1,), all of these (t, 3, 3), and (3 t, n_nodes).
+    """Offsets (f + 1,) of the triangles of some faces (f,), these (t, 3, 3), and a matrix (3 t, n_nodes).
 
     The matrix takes nodal values to those at the corners of the triangles.
     """

@@ -274,7 +274,7 @@ class PolyhedronGroup(CellGroup):
 
     @property
     def shapes(self) -> tuple[Floats, ...]:
-        """As of polygons; what is summed up over faces is rounded as these are numbered."""
+        """The shapes, as of polygons; sums over faces are rounded in the order in which these are numbered."""
         return (*super().shapes, self.vector_shares, self.shares, self.diameters)
 
     def gradients(self) -> tuple[Floats, Floats]:

@@ -72,7 +72,7 @@ class Stabilisation(ABC):
         """
 
     def describe(self) -> str:
-        """Its name, where scenes describe themselves."""
+        """The name with which scenes describe themselves."""
         return type(self).__name__
 
 

@@ -219,7 +219,7 @@ def taking(entries: Entries, names: Sequence[str]) -> Entries:
 
 
 def fate(trials: Sequence[Trial], error: float) -> str:
-    """What became of an instance at an error: "reached", "missed", FAILED or STOPPED."""
+    """The fate of an instance at an error: "reached", "missed", FAILED or STOPPED."""
     if np.isfinite(seconds_to(trials, error)):
         return "reached"
     outcomes = [one.outcome for one in trials]

@@ -130,7 +130,7 @@ def proved(program: Program, status: str, vector: Any) -> bool:
 
 
 def misses(path: Path) -> dict[str, float]:
-    """What the solution of a step with Coulomb's law misses of its lines in FCLIB's form, relative to what is largest.
+    """The residual of a step's solution in FCLIB's equations of Coulomb's law, relative to the largest term.
 
     "error" is a bound on |v - v*|_M / |v|_M, v* the answer to the convex program whose weights are mu r_N.
     """

@@ -94,7 +94,7 @@ PACKAGES = {"CLARABEL": "clarabel", "HIGHS": "highspy", "PROXQP": "proxsuite"}
 
 @dataclass(frozen=True, kw_only=True)
 class Trial:
-    """What became of a solver, asked with a tolerance, on an instance."""
+    """The outcome of a solver, asked with a tolerance, on an instance."""
 
     instance: str
     digest: str  # the beginning of the SHA-256 of its file: results for another file of that name do not count
@@ -133,7 +133,7 @@ class Entrant:
 
     @property
     def name(self) -> str:
-        """What tables call it; settings of its own are another entrant."""
+        """The name in tables; a solver with settings of its own is another entrant."""
         words = "".join(f" {name}={value}" for name, value in self.options)
         return f"{self.solver.name if ':' in self.typed else self.typed.lower()}{words}"
 

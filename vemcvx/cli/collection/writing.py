@@ -101,7 +101,7 @@ SIZES = "unknowns", "norm_terms", "block", "limits", "kernel", "steps"
 
 
 def optima(rows: Sequence[Mapping[str, Any]]) -> Table:
-    """Of instances, as the manifest has them: sizes, and between what numbers the least value is, or that none is."""
+    """The sizes of instances, as the manifest has them, and bounds of their optimum, or proof that there is none."""
     cells = []
     for row in rows:
         sizes, optimum = [str(row[name]) for name in SIZES], row.get("optimum", {})

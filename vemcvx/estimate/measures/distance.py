@@ -1,4 +1,4 @@
-"""How far two displacement fields are apart in the energy norm, on whatever meshes.
+"""The distance of two displacement fields in the energy norm, on whatever meshes.
 
     exact       ( int C eps(u - v) : eps(u - v) dx )^(1/2) of the virtual functions, on rectangles and triangles
     projected   ( int C (eps(Pi u) - eps(Pi v)) : (eps(Pi u) - eps(Pi v)) dx )^(1/2), on any polygons

@@ -208,15 +208,15 @@ class ConvergenceTable:
     orders: dict[str, Floats]
 
     def markdown(self) -> str:
-        """As a table of Markdown."""
+        """The table in Markdown."""
         return self._table(lambda value: f"{value:#.4g}").markdown()
 
     def latex(self) -> str:
-        """As a tabular of LaTeX that needs no package; what stands between dollar signs in names is a formula."""
+        """The table as a tabular of LaTeX, without packages; what stands between dollar signs in names is a formula."""
         return self._table(_in_latex).latex()
 
     def csv(self) -> str:
-        """As comma-separated values, with all digits and names of their own; what is missing is empty."""
+        """The table as comma-separated values, with all digits and names of their own; what is missing is empty."""
         columns = [self.sizes, *(part[name] for name in self.errors for part in (self.errors, self.orders))]
         rows = zip(*(column.tolist() for column in columns), strict=True)
         heads = [self.name, *(head for name in self.errors for head in (name, f"order of {name}"))]

@@ -256,7 +256,7 @@ def check_simple(
 
 
 def _fault(x: Floats, name: list[int], tolerance: float) -> str:
-    """Where the outline x (n, 2) with nodes of the given names meets itself, in words; "" if it lies on one line."""
+    """The place, in words, where an outline x (n, 2) with nodes of given names meets itself; "" if it is a line."""
     import shapely
 
     after = np.roll(np.arange(len(x)), -1)

@@ -218,7 +218,7 @@ def shared_faces(offsets: Ints, vertices: Ints, owner: Ints, n_nodes: int) -> Sh
         return SharedFaces(first, number, along)
 
     def edges(listed: Ints, backwards: bool = False) -> tuple[Ints, Ints]:
-        """Where each face begins, and its directed edges as numbers, ascending in each face."""
+        """The offsets of faces, and their directed edges as numbers, ascending in each face."""
         rows, nodes = rows_in_order(offsets, vertices, listed)
         keys = directed_edges(rows, nodes) @ np.array([1, n_nodes] if backwards else [n_nodes, 1])
         return rows[:-1], keys[np.lexsort((keys, cell_of_corner(rows)))]

@@ -90,7 +90,7 @@ def _faces(arrays: Mapping[str, Ints], solid: Bools) -> Listed:
 
 
 def _faces_in_stream(stream: list[int], ends: list[int]) -> Listed:
-    """Of each cell the number of faces, then of each face its number of nodes and these; `ends` are those of cells."""
+    """The faces in a stream: of each cell their number, then of each face its nodes; `ends` are those of cells."""
     at, counts, faces = 0, list[int](), list[list[int]]()
     for end in ends:
         left, at, first = stream[at] if at < end <= len(stream) else 0, at + 1, len(faces)

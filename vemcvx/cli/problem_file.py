@@ -199,7 +199,7 @@ class Problem:
         return self._call("times", steps)
 
     def posed(self, settings: Sequence[str], mesh: AnyMesh, steps: int, solver: Solver | None = None) -> Ingredients:
-        """The arguments of `simulate` and `adapt`: the scene of these settings, this mesh, and the instants of steps."""
+        """The arguments of `simulate` and `adapt`: the scene of these settings, this mesh, and instants of steps."""
         return Ingredients(self.scene(settings), mesh, checked_times(self.times(steps)), solver, self.initial)
 
     @property

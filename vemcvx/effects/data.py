@@ -118,6 +118,11 @@ def tensor(value: Datum, x: Floats, t: float, subject: str) -> Floats:
     return _read(value, (x, t), subject, shape, wanted)
 
 
+def coefficient(value: Constant, x: Floats, subject: str) -> Floats:
+    """Values (m,) of a scalar that does not change in time, a number or f(x), at the points `x` (m, dim)."""
+    return scalar(value, x, None, subject)
+
+
 def vector_field(value: Constant, x: Floats, subject: str) -> Floats:
     """Vectors (m, dim) that vanish nowhere, one or f(x), at the points `x` (m, dim); they do not change in time."""
     found = vector(value, x, None, subject)
@@ -129,7 +134,7 @@ def vector_field(value: Constant, x: Floats, subject: str) -> Floats:
 
 def stiffness(value: Constant, x: Floats, subject: str) -> Floats:
     """Values (m,) of a spring's stiffness, which is not negative anywhere, at the points `x` (m, dim)."""
-    k = scalar(value, x, None, subject)
+    k = coefficient(value, x, subject)
     if (k < 0).any():
         worst = int(np.argmin(k))
         raise SceneError(f"{subject}: found {k[worst]:.6g} at {x[worst]}; a spring's stiffness must be >= 0.")

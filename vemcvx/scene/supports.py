@@ -30,11 +30,12 @@ from typing import Any, TypeVar
 
 import numpy as np
 import scipy.sparse as sp
+from scipy.sparse.csgraph import connected_components
 
 from vemcvx.arrays import EPS, SAME, Bools, Floats, Ints
 from vemcvx.effects import ContactSurface, Friction, Obstacle, Support
 from vemcvx.errors import SceneError, VemcvxError
-from vemcvx.meshes.polygons import all_found_in, found_in, smallest_linked
+from vemcvx.meshes.polygons import all_found_in, found_in
 from vemcvx.program.system import DRAG_ROUNDING
 from vemcvx.vem import tangents_of
 from vemcvx.vem.boundary import STRAIGHT
@@ -340,8 +341,10 @@ def _sites(nodes: Ints, partners: Ints, n_nodes: int) -> Ints:
     joined = partners >= 0
     if not joined.any():
         return np.arange(n_nodes)
-    first = smallest_linked(np.column_stack([nodes, partners])[joined], n_nodes)
-    return np.unique(first, return_inverse=True)[1]
+    entries = np.ones(joined.sum()), (nodes[joined], partners[joined])
+    label = connected_components(sp.csr_matrix(entries, shape=(n_nodes, n_nodes)), directed=False)[1]
+    first, site = np.unique(label, return_index=True, return_inverse=True)[1:]
+    return np.argsort(np.argsort(first))[site]
 
 
 def _members(site: Ints, chosen: Ints, dim: int) -> Ints:

@@ -420,6 +420,9 @@ class Newton(Solver):
     def advice(self) -> str:
         return "raise max_iterations"
 
+    def limited(self, max_iterations: int) -> Newton:
+        return replace(self, max_iterations=max_iterations)
+
     def prepare(self, operators: Operators) -> Newton:
         return self
 

@@ -65,8 +65,7 @@ class Solver(ABC):
         True if it takes a K with a kernel, `operators.kernel`. A solver that does not is asked for proximal points
         (:mod:`vemcvx.program.kernel`): the K that it is given is always positive definite.
     max_iterations : float
-        How many iterations a step may take, where a step is several programs all of them together; infinite if the
-        solver does not count them.
+        How many iterations a step may take; infinite if the solver does not count them.
     """
 
     accuracy: float = 1e-6
@@ -126,18 +125,19 @@ class Solver(ABC):
 
     def asked(self, accuracy: float) -> Self:
         """The same solver asked for another accuracy; to be overridden where other settings depend on that."""
-        return self._changed("accuracy", accuracy)
+        other = copy(self)
+        object.__setattr__(other, "accuracy", accuracy)  # Settings may be frozen.
+        return other
 
-    def after(self, iterations: int) -> Self:
+    def limited(self, max_iterations: int) -> Solver:
+        """The same solver with at most so many iterations a program, where a step is several; itself if it cannot."""
+        return self
+
+    def after(self, iterations: int) -> Solver:
         """The same solver with its iterations less so many; itself if it does not count them."""
         if iterations == 0 or not np.isfinite(self.max_iterations):
             return self
-        return self._changed("max_iterations", max(int(self.max_iterations) - iterations, 1))
-
-    def _changed(self, name: str, value: float) -> Self:
-        other = copy(self)
-        object.__setattr__(other, name, value)  # Settings may be frozen.
-        return other
+        return self.limited(max(int(self.max_iterations) - iterations, 1))
 
     def check_accuracy(self) -> None:
         """Raise SceneError for an accuracy that means nothing."""

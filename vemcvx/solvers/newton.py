@@ -181,16 +181,17 @@ def answer_on(program: StepProgram, sets: Sets, near: Iterate | None = None) -> 
         S = operators.stiffening(sets.curvature[:, None, None] * transverse(sets.direction), spring)
         M, load = operators.plus(S), load + operators.rows.force_of(sets.bent(operators.blocks(program.b)).ravel())
 
-    def carried(d: Floats, lam: Floats, reaction: Floats) -> Iterate:
-        """The point whose slipping terms carry lam, and what is held its reaction."""
-        p, lam = spring * program.excess(d), lam.copy()
-        lam.ravel()[stick], p[hard] = np.split(reaction, [np.count_nonzero(stick)])
+    def carried(d: Floats, reaction: Floats, lam: Floats | None = None) -> Iterate:
+        """The point whose slipping terms carry lam, by default as the sets have it, and what is held its reaction."""
+        if lam is None:
+            lam = at_bound + sets.bent(program.slip(d)) if bends else at_bound
+        p, lam, held = spring * program.excess(d), lam.copy(), np.count_nonzero(stick)
+        lam.ravel()[stick], p[hard] = reaction[:held], reaction[held:]
         return Iterate(d, lam, p)
 
     own = operators.own_columns
     if own is None:
-        d, reaction = _held(M, load, program, stick, hard)
-        return carried(d, at_bound + sets.bent(program.slip(d)), reaction)
+        return carried(*_held(M, load, program, stick, hard))
     columns = np.concatenate([own[0][stick], own[1][hard]])
     coefficient = np.concatenate([operators.B.data[stick], operators.D.data[hard]])
     d, free = np.zeros(len(load)), np.ones(len(load), dtype=bool)
@@ -202,13 +203,13 @@ def answer_on(program: StepProgram, sets: Sets, near: Iterate | None = None) -> 
     else:
         factor = operators.principal(F) if S is None else operators.factor.within(restricted(M, F), F)
         d[F] = factor.solve((load - product(M, d))[F] if d.any() else load[F])
-    linear = carried(d, at_bound + sets.bent(program.slip(d)), (load - product(M, d))[columns] / coefficient)
+    linear = carried(d, (load - product(M, d))[columns] / coefficient)
     if not bends or iterative or (lengths(linear.lam) > program.w)[sets.stick].any():
         return linear
     d, lam = _turned(program, sets, linear, spring, (F, factor))
     if d is linear.d:
         return linear
-    return carried(d, lam, program.residual(d, lam, spring * program.excess(d))[columns] / coefficient)
+    return carried(d, program.residual(d, lam, spring * program.excess(d))[columns] / coefficient, lam)
 
 
 def _turned(

@@ -21,6 +21,7 @@ IN_STYLE = re.compile(r"(?:url\(|@import)\s*['\"]?\s*((?:https?:)?//[^'\")]+)")
 
 def faults(site: Path) -> list[str]:
     """All faults found, a line each."""
+    site = site.resolve()  # as the targets of links are
     paths = sorted(site.rglob("*.html"))
     parsed = {path: BeautifulSoup(path.read_text(encoding="utf-8"), "html.parser") for path in paths}
     anchors = {path: {tag["id"] for tag in page.find_all(id=True)} for path, page in parsed.items()}

@@ -117,6 +117,7 @@ HOW = {
     "python problems/paper_figures.py --deviations": As(),
     "python -m pytest -m slow": As(addopts=ONE_SLOW),
     'pip install ".[all]"': As(env="all"),
+    'pip install ".[view]"': As(env="all"),
     "python tests/benchmarks/run.py --page": As("python tests/benchmarks/run.py --page --quick", env="all"),
     'pip install ".[mkl]"': As(),
     'pip install ".[multigrid]"': As(),

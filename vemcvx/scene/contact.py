@@ -271,9 +271,12 @@ def dragged_terms(terms: Terms, supports: Supports) -> DraggedTerms | None:
     )
 
 
-def warn_of_free_normals(frictions: Sequence[Friction], supports: Supports, stopped: Ints) -> None:
+def warn_of_free_normals(
+    frictions: Sequence[Friction], supports: Supports, obstacles: Obstacles, springs: sp.csr_matrix | None
+) -> None:
     """Friction where nothing holds the normal is a body rubbing on air: almost always a forgotten contact."""
-    stopped = np.concatenate([stopped, *(f.nodes for f in frictions if f.directions is not None)])
+    sprung = [] if springs is None else [np.flatnonzero(springs.diagonal() > 0) // supports.points.shape[1]]
+    stopped = np.concatenate([obstacles.nodes, *sprung, *(f.nodes for f in frictions if f.directions is not None)])
     for friction in frictions:
         law = friction.law
         if (law is not None and law.pressed) or friction.directions is not None:

@@ -199,8 +199,7 @@ def pose_scene(
     viscosity = _sum([p.viscosity for p in parts if p.viscosity is not None])
     norms, limited = norm_terms(terms, supports), limits(obstacles, supports)
     kernel = _unsupported(space, supports, norms, limited, springs)
-    sprung = obstacles.nodes[:0] if springs is None else np.flatnonzero(springs.diagonal() > 0) // space.dim
-    warn_of_free_normals(terms.frictions, supports, np.union1d(obstacles.nodes, sprung))
+    warn_of_free_normals(terms.frictions, supports, obstacles, springs)
     # Springs to the ground feel rigid motions, too.
     seen = seen_from_bodies(space) if springs is None else lambda u: u
     A: sp.csr_matrix | Congruent | None = None
@@ -290,7 +289,7 @@ def _unsupported(
 
     A warning names them; where they are motions of one of several bodies, the log does.
     """
-    felt = [*([] if norms is None else [norms.B]), *([] if limited is None else [limited.D])]
+    felt = ([] if norms is None else [norms.B]) + ([] if limited is None else [limited.D])
     kernel, of_bodies = floating_motions(space, supports, felt, springs)
     if kernel is not None:
         holds = "holds back" if of_bodies else "holds the body against"

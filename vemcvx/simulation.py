@@ -260,7 +260,7 @@ def programs(
         for program in vx.programs(scene, mesh, times):
             posed = program.to_cvxpy()
             posed.problem.solve(solver="SCS")
-            print(program.step, program.certify(posed.d.value, posed.lam, posed.p).error)
+            print(program.step, program.certify(program.feasible(posed.d.value), posed.lam, posed.p).error)
     """
     check_kinds(scene, mesh)
     given = checked_times(times)

@@ -69,6 +69,24 @@ def test_a_certificate_without_multipliers_is_one(seed):
     assert gaps[0] < 1e-3 * gaps[2]
 
 
+@pytest.mark.parametrize("seed", range(30))
+def test_a_point_just_beyond_a_vertex_is_moved_back_onto_it(seed):
+    """K = I, two oblique bounds that meet in a vertex, forces p > 0 there: d off by 1e-9 is certified to about that.
+
+    With c = |off|, p.(e - D d) is at most (p_1 + p_2) |D| |d - d*|, and the nearest point is no farther than 2 c / sin.
+    """
+    rng = np.random.default_rng(seed)
+    angle = rng.uniform(0.05, 0.95) * np.pi
+    D = np.array([[1.0, 0.0], [np.cos(angle), np.sin(angle)]])
+    vertex, p = rng.normal(size=2), rng.uniform(1.0, 3.0, 2)
+    operators = Operators(np.eye(2), sp.csr_matrix((0, 2)), D=sp.csr_matrix(D))
+    program = StepProgram(operators, vertex + D.T @ p, np.zeros(0), np.zeros(0), D @ vertex)
+    d = program.feasible(vertex + 1e-9 * rng.normal(size=2))
+    assert (program.excess(d) <= program.excess_blur(d)).all()
+    assert np.linalg.norm(d - vertex) < 4 * 5e-9 / np.sin(angle)
+    assert program.certify(d, p=p).gap < p.sum() * 4 * 5e-9 / np.sin(angle)
+
+
 def test_of_equal_multipliers_those_cost_nothing_that_belong_to_what_touches():
     """min 1/2 d^2 - 2 d under d <= 1 and d <= 3: p = 1, all of it of the bound that is met."""
     operators = Operators(np.eye(1), sp.csr_matrix((0, 1)), D=sp.csr_matrix(np.ones((2, 1))))

@@ -33,7 +33,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
-from vemcvx.arrays import EPS, Floats, brief, is_whole, lengths, of_shape, read_only, shape_in_words
+from vemcvx.arrays import EPS, Floats, Ints, brief, is_whole, lengths, of_shape, read_only, shape_in_words
 from vemcvx.errors import SceneError, SolverFailed
 from vemcvx.outline import ArrayRecord
 from vemcvx.program.certificate import Certificate, limit_gaps, moved_gap, norm_gaps
@@ -415,7 +415,7 @@ class StepProgram(ArrayRecord):
 
             posed = program.to_cvxpy()
             posed.problem.solve(solver="SCS")
-            program.certify(posed.d.value, posed.lam, posed.p).error
+            program.certify(program.feasible(posed.d.value), posed.lam, posed.p).error
 
         Parameters
         ----------
@@ -462,13 +462,30 @@ class StepProgram(ArrayRecord):
             np.minimum.at(moved, column[upper], edge[upper])
             np.maximum.at(moved, column[~upper], edge[~upper])
             return moved
-        for _ in range(8):
-            over = rigid[self.excess(d)[rigid] > 0]
-            if len(over) == 0:
+        return self._projected(d, rigid)
+
+    def _projected(self, d: Floats, rigid: Ints) -> Floats:
+        """Return the increments within the `rigid` limits that are nearest to d in the energy norm.
+
+        They are d - K^{-1}D'q on the rows that d or a projection oversteps, where q minimises q'Wq / 2 - z'q over
+        q >= 0, with W = D K^{-1}D' and z = D d - e. Rows only join, so that this ends. Rounds after the first repair
+        the rounding of the one before, and stay inside by twice the rounding of D d - e.
+        """
+        from scipy.optimize import nnls
+
+        operators, rows = self.operators, np.zeros(0, dtype=np.int64)
+        for _ in range(len(rigid) + 4):
+            z, blur = self.excess(d)[rigid], self.excess_blur(d)[rigid]
+            if (z <= blur).all():
                 break
-            rows = operators.D[over].toarray()
-            spread = operators.factor.solve(np.ascontiguousarray(rows.T))
-            d = d - spread @ np.linalg.lstsq(rows @ spread, self.excess(d)[over], rcond=None)[0]
+            rows = np.union1d(rows, np.flatnonzero(z > blur))
+            D = operators.D[rigid[rows]].toarray()
+            spread = operators.factor.solve(np.ascontiguousarray(D.T))
+            size, V = np.linalg.eigh(D @ spread)
+            # Rows that follow from others have no flexibility of their own.
+            root, V = np.sqrt(size[size > 1e-12 * size[-1]]), V[:, size > 1e-12 * size[-1]]
+            push = nnls(root[:, None] * V.T, V.T @ (z + 2 * blur)[rows] / root, maxiter=100 * len(rows))[0]
+            d = d - spread @ push
         return d
 
 

@@ -451,7 +451,7 @@ class StepProgram(ArrayRecord):
     def feasible(self, d: Floats) -> Floats:
         """The increments d, moved as little as need be to obey the bounds."""
         operators = self.operators
-        rigid = np.flatnonzero(operators.compliance == 0) if len(self.e) else ()
+        rigid = np.flatnonzero(operators.compliance == 0).astype(np.int64)
         if len(rigid) == 0 or not (self.excess(d)[rigid] > 0).any():
             return d
         if operators.limits.single[rigid].all():

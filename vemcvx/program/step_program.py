@@ -465,11 +465,11 @@ class StepProgram(ArrayRecord):
         return self._projected(d, rigid)
 
     def _projected(self, d: Floats, rigid: Ints) -> Floats:
-        """Return the increments within the `rigid` limits that are nearest to d in the energy norm.
+        """Return increments within the `rigid` limits, by projections in the energy norm.
 
-        They are d - K^{-1}D'q on the rows that d or a projection oversteps, where q minimises q'Wq / 2 - z'q over
-        q >= 0, with W = D K^{-1}D' and z = D d - e. Rows only join, so that this ends. Rounds after the first repair
-        the rounding of the one before, and stay inside by twice the rounding of D d - e.
+        A round replaces d by d - K^{-1}D'q, the nearest point within the rows overstepped so far: q minimises
+        q'Wq / 2 - z'q over q >= 0, with W = D K^{-1}D' and z = D d - e. Rows only join. Every round aims inside by
+        twice the rounding of D d - e. After several rounds d is near the first point, not the nearest.
         """
         from scipy.optimize import nnls
 

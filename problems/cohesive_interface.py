@@ -7,8 +7,8 @@ it has flowed: c(A) = max(c_0 (1 - A / A_c), 0). The stress sigma and the openin
 
     sigma = (U - a) / C,   C = H_1 / M_1 + H_2 / M_2;     da = (|sigma| - c(A)) / (1 / C - c_0 / A_c)   where it flows.
 
-The fixed point of a step contracts, and the blocks do not snap apart, if c_0 / A_c < 1 / C: the glue softens slowly
-enough. Once it has lost all strength they carry nothing, until they touch.
+A step has one solution, and the blocks do not snap apart, if c_0 / A_c < 1 / C: the glue softens slowly enough. Once it
+has lost all strength they carry nothing, until they touch.
 
     vemcvx run problems/cohesive_interface.py --mesh nonconvex --n 4 --steps 60
 """

@@ -10,8 +10,10 @@ With the slip a of the block and its friction q = mu (U - a) / H it sticks while
 
     da = (|mu (U - a) / H| - g(A)) / (mu / H - k)      until g = g_r, and with k = 0 from there.
 
-This is stable, and the program of a step convex, if k < mu / H: else the block would jump. The effect tells k, by which
-certificates are bounds. Backward Euler meets the closed form at every instant, for steps that end where the top turns.
+This is stable, and a step has one solution, if k < mu / H: else the block would jump. The effect states k as
+`softening`, and `vemcvx show` compares it with the stiffness of the block.
+
+Backward Euler meets the closed form at every instant, for steps that end where the top turns.
 
     vemcvx run problems/slip_weakening.py --n 4 --steps 40
 """

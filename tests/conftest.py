@@ -42,7 +42,7 @@ LONGER = {
         "hard_cases hysteresis_patch lessons membrane_with_friction paper_figures problem_gallery "
         "problem_pictures problems_in_space reference_problems spring_slider_chain two_body_problems"
     ),
-    "program": "in_place limits scales seminorm",
+    "program": "limits scales seminorm",
     "results": "files foreign_files marks_and_moves outputs_wear",
     "scene": (
         "curved_and_rounded_sides dragged_contact ends_of_curves interfaces meeting_parts mistakes "
@@ -50,8 +50,8 @@ LONGER = {
     ),
     "solvers": "conformance_found_solvers conformance_solvers discs solver_accuracy solvers_agree",
     "stepping": (
-        "coulomb_certificate friction_one_way ledger moving_ground programs pulses random_contact resume "
-        "resume_exactly slip_laws soft_limits_refined threads_and_processes viscosity"
+        "coulomb_certificate ledger moving_ground programs pulses resume "
+        "slip_laws soft_limits threads_and_processes viscosity"
     ),
     "vem": "space_stiffness stabilisation_spectrum",
     "whole": "any_scene contributing independent_bodies independent_programs properties site structure wrong_kinds",

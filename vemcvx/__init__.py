@@ -6,7 +6,6 @@ not depend on the solver. After Feng, Han and Huang, "A virtual element method f
 contact problem"; equation numbers in this package are its.
 """
 
-from vemcvx import interrupt as interrupt
 from vemcvx import meshes
 from vemcvx.bound.error_bound import ErrorBound, error_bound
 from vemcvx.bound.quantity import QuantityBound
@@ -38,7 +37,6 @@ from vemcvx.errors import (
     MeshWarning,
     NotAccepted,
     NotCertified,
-    NotContracting,
     ProblemError,
     ProgramError,
     SceneError,
@@ -52,7 +50,7 @@ from vemcvx.estimate.budget import ErrorBudget, error_budget
 from vemcvx.estimate.quantities import quantities
 from vemcvx.exchange import read_program, write_program
 from vemcvx.history import History, read_history
-from vemcvx.linear import LinearSolver, Multigrid, Pardiso, PETSc, SuperLU
+from vemcvx.linear import Iterative, LinearSolver, Pardiso, PETSc, SuperLU
 from vemcvx.meshes import PolygonMesh, PolyhedralMesh
 from vemcvx.program import Answer, Certificate, Damping, Limits, Norms, Operators, SolvedProgram, StepProgram, System
 from vemcvx.results.contact import Contact
@@ -85,18 +83,17 @@ __all__ = [
     "ErrorBudget",
     "History",
     "HistoryError",
+    "Iterative",
     "Law",
     "Limits",
     "LinearSolver",
     "MeshError",
     "MeshWarning",
-    "Multigrid",
     "Newton",
     "NormalCompliance",
     "Norms",
     "NotAccepted",
     "NotCertified",
-    "NotContracting",
     "Operators",
     "Orthotropic",
     "PETSc",

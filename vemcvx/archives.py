@@ -1,9 +1,4 @@
-"""Records as named arrays, and NPZ archives of these, read whole: what histories, checkpoints and programs are kept in.
-
-An archive from outside is refused where it unpacks to far more than its size lets expect. What zip says of a member's
-size is checked, because no reader goes on beyond it. Our own archives are not compressed; numbers compress up to some
-dozen times, zeros a thousand times.
-"""
+"""Records as named arrays, and NPZ archives of these, in which histories, checkpoints and programs are kept."""
 
 from __future__ import annotations
 
@@ -18,26 +13,13 @@ from numpy.lib.npyio import NpzFile
 from numpy.typing import NDArray
 
 Arrays = dict[str, NDArray[Any]]
-UNPACKED, IN_ANY_CASE = 200, 2**20  # How often a file's size it may unpack to, and the bytes that it may in any case.
 KINDS = "biufcU"  # Numpy's letters for truth values, numbers and words.
 
 
-def most_unpacked(size: int) -> int:
-    """Bytes that a compressed file of that size may hold."""
-    return max(IN_ANY_CASE, UNPACKED * size)
-
-
 def read_arrays(path: Path) -> Arrays:
-    """Every array of an archive; ValueError, or whatever numpy and zipfile stumble over, where it is damaged.
-
-    One that unpacks to more than 200 times its size, or holds what is no array of numbers or words, is refused.
-    """
+    """Return every array of an archive; ValueError, or whatever numpy and zipfile stumble over, where it is damaged."""
     # Opened here, because numpy leaves a damaged file open.
     with path.open("rb") as stream, NpzFile(stream, allow_pickle=False) as file:
-        listed = file.zip
-        claimed = sum(member.file_size for member in listed.infolist()) if listed is not None else 0
-        if claimed > most_unpacked(path.stat().st_size):
-            raise ValueError(f"it unpacks to {claimed} bytes, more than {UNPACKED} times its size")
         arrays = {name: file[name] for name in file.files}
     for name, array in arrays.items():
         # A member that is no array comes back as bytes.

@@ -100,19 +100,3 @@ class NotCertified(VemcvxError):
         super().__init__(message)
         self.step, self.time = step, time
         self.reached, self.asked, self.floor = reached, asked, floor
-
-
-class NotContracting(VemcvxError):
-    """The fixed point of Coulomb friction was not reached: its iteration does not contract, or too slowly.
-
-    Attributes
-    ----------
-    step, time : int, float
-        Where it happened.
-    rate : float
-        Distance of two successive iterates over that of the two before, in the energy norm.
-    """
-
-    def __init__(self, message: str, *, step: int, time: float, rate: float):
-        super().__init__(message)
-        self.step, self.time, self.rate = step, time, rate

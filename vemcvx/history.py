@@ -294,8 +294,8 @@ def read_history(folder: str | Path) -> History:
     return History.of(read_results(folder))
 
 
-WHY_ESTIMATED = "where what sticks, slips and touches did not settle"
-"""Reason why certificates are no bounds; see :mod:`vemcvx.stepping.fixed_point`."""
+FOR_GIVEN = "for the given friction: bounds of friction are those of the answer's own pressure and slip"
+"""What a certificate is for where friction follows the answer."""
 
 
 def in_words(history: Results) -> Outline:
@@ -303,7 +303,7 @@ def in_words(history: Results) -> Outline:
     run, touch = history.trajectory, history.contact
     sticks, slips, opened = (int(count[-1]) for count in (touch.stick_count, touch.slip_count, touch.open_count))
     gone = f", {opened} are open" if opened else ""
-    rubs = touch.bound.any() or touch.backward.any() or touch.traction.any()
+    rubs = touch.bound.any() or touch.traction.any()
     did = f"{sticks} nodes stick, {slips} slip" if rubs else f"{sticks + slips} nodes touch, without friction"
     title = (
         f"{history.mesh.n_cells} cells, {history.mesh.n_nodes} nodes, {run.state.shape[1]} unknowns, "
@@ -313,10 +313,9 @@ def in_words(history: Results) -> Outline:
         f"{int(np.median(run.iterations[1:])) if history.steps else 0} a step at the median, at most "
         f"{run.iterations.max()}; {run.safeguards.sum()} of them safeguards"
     )
-    estimated, asked = run.estimated.sum(), run.above_asked
+    asked = run.above_asked
     certified = f"{run.certified.max():.1e} relative energy error a step, rounding included; "
     certified += f"{run.certified_total.max():.1e} accumulated{asked and f'; {asked}'}"
-    at = f"an estimate at {estimated} of {len(run.estimated)} instants, {WHY_ESTIMATED}; else a bound"
     energy = f"stored {run.energy[-1]:.6g}, dissipated {run.dissipated[-1]:.6g}, work {run.work[-1]:.6g}"
     between = (
         f"dissipated {run.dissipated_second_order[-1]:.6g}, work {run.work_second_order[-1]:.6g} between the instants, "
@@ -326,7 +325,7 @@ def in_words(history: Results) -> Outline:
         *(("left out", words) for words in history.inactive),
         ("solver", history.solver),
         ("certified", certified),
-        *([("", at)] if estimated else []),
+        *([("", FOR_GIVEN)] if run.given_friction.any() else []),
         *_errors(history.errors, history.quantities),
         *_bound(history.bound),
         ("iterations", iterations),

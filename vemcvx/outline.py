@@ -1,4 +1,4 @@
-"""Records said in lines, as prompts and notebooks show them, and tables as CSV, Markdown, LaTeX and HTML."""
+"""Records said in lines, as prompts and notebooks show them, and tables as CSV, Markdown and HTML."""
 
 from __future__ import annotations
 
@@ -90,12 +90,6 @@ def coordinates(point: Iterable[float]) -> str:
 
 
 Words = Sequence[str]
-SPECIAL = str.maketrans(
-    {mark: f"\\{mark}" for mark in "&%#_{}$"}
-    | {mark: f"${mark}$" for mark in "|<>"}
-    | {"\\": r"\textbackslash{}", "^": r"\^{}", "~": r"\~{}"}
-)
-"""Characters that mean something else to LaTeX."""
 
 
 @dataclass(frozen=True)
@@ -149,12 +143,6 @@ class Table:
         lines.insert(1, ["---:"] * len(self.heads))
         return "".join(f"| {' | '.join(line)} |\n" for line in lines)
 
-    def latex(self) -> str:
-        """A tabular of LaTeX that needs no package; what stands between dollar signs is a formula."""
-        lines = [" & ".join(map(_escaped, line)) + r" \\" for line in (self.heads, *self.rows)]
-        begin, end = rf"\begin{{tabular}}{{{'r' * len(self.heads)}}}", r"\end{tabular}"
-        return "\n".join([begin, r"\hline", lines[0], r"\hline", *lines[1:], r"\hline", end, ""])
-
     def html(self) -> str:
         """A table of HTML, with units in small below their headings; cells that are words have the class w."""
         kinds = map(_kind, self.rows[0]) if self.rows else [""] * len(self.heads)
@@ -166,13 +154,6 @@ class Table:
         cells = ("".join(f'<td class="{_kind(text)}">{escape(text)}</td>' for text in row) for row in self.rows)
         lines = "".join(f"<tr>{row}</tr>" for row in cells)
         return f"<table><thead><tr>{head}</tr></thead><tbody>{lines}</tbody></table>"
-
-
-def _escaped(word: str) -> str:
-    parts = word.split("$")
-    if len(parts) % 2 == 0:
-        return word.translate(SPECIAL)
-    return "$".join(part if k % 2 else part.translate(SPECIAL) for k, part in enumerate(parts))
 
 
 def _kind(text: str) -> str:

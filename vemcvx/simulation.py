@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vemcvx.arrays import ROUNDING, SAME, SOME, Floats, Ints, brief, flag, shaped
+from vemcvx.arrays import ROUNDING, SAME, SOME, Floats, brief, flag, shaped
 from vemcvx.bound.error_bound import Stepped, certain_intervals, of_steps, pairs_of
 from vemcvx.bound.hypercircle import Hypercircle, hypercircle
 from vemcvx.effects import PrescribedDisplacement, data
@@ -25,14 +25,14 @@ from vemcvx.outline import coordinates
 from vemcvx.program import SolvedProgram
 from vemcvx.results.results import Results, loop_of, record, with_origin
 from vemcvx.scene import Scene
+from vemcvx.scene.contact import through_obstacles
 from vemcvx.scene.pose import PosedScene, pose_scene, unwarned
-from vemcvx.scene.scene import InitialStresses
 from vemcvx.solvers import Solver, Solves
 from vemcvx.stepping.backward_euler import Balanced, Beginning, checked_times, march
 from vemcvx.stepping.course import course, inside_steps
 from vemcvx.stepping.programs import programs_of_march
 from vemcvx.stepping.trajectory import Folder, Memory, Storage, Trajectory
-from vemcvx.vem import Space, mean_strains, principal, strains, stress_load, stresses
+from vemcvx.vem import mean_strains, principal, strains, stress_load, stresses
 
 log = logging.getLogger("vemcvx")
 
@@ -74,7 +74,7 @@ def simulate(
     condense : bool
         Eliminate the unknowns that friction and contact do not touch (default), or solve for all unknowns.
     linear : LinearSolver, optional
-        SuperLU(), Pardiso(), Multigrid() or PETSc(); by default by the number of unknowns and what is installed.
+        SuperLU(), Pardiso(), Iterative() or PETSc(); by default by the number of unknowns and what is installed.
     progress : bool, or callable (step, steps)
         True logs every tenth of the run to the logger "vemcvx".
     stream : path, optional
@@ -114,7 +114,7 @@ def simulate(
     check_kinds(scene, mesh)
     given = checked_times(times)
     start = time.perf_counter()
-    posed = pose_scene(scene, mesh, given.tolist(), linear if isinstance(linear, LinearSolver) else None)
+    posed = pose_scene(scene, mesh, given.tolist())
     for words in posed.inactive:
         log.info("left out: %s", words)
     if flag(bound, "bound") and not (isinstance(store, str) and store == "all"):
@@ -137,6 +137,8 @@ def simulate(
         warn_of_lost_work(posed, trajectory)
         results = record(posed, trajectory, assembled, storage)
         warn_of_large_strains(posed, results)
+        for words in through_obstacles(posed.obstacles, posed.supports, given[trajectory.stored].tolist()):
+            log.warning("%s", words)
         history = History.of(results)
         if circle is None or history.steps == 0:
             return history
@@ -180,16 +182,16 @@ def instants(scene: Scene, mesh: AnyMesh, times: ArrayLike) -> Floats:
     return np.union1d(given, inside_steps(given, bends))
 
 
-def warn_of_turns(scene: Scene, mesh: AnyMesh, times: Floats, linear: LinearSolver | None = None) -> None:
+def warn_of_turns(scene: Scene, mesh: AnyMesh, times: Floats) -> None:
     """Log a warning of the instants inside steps at which data bend, turn or jump by an amount that steps miss.
 
     It reads the data at 256 instants, which takes a twentieth of a run and more: the command line has it, and not
-    every run. K is posed as for that run, where `linear` holds it.
+    every run.
     """
     if len(times) < 2:
         return
     with unwarned():
-        posed = pose_scene(scene, mesh, linear=linear, between=times.tolist())
+        posed = pose_scene(scene, mesh, between=times.tolist())
         missed = course(posed.system, times).missed(times)
     if not len(missed):
         return
@@ -407,44 +409,17 @@ def _projected(initial: Projected, posed: PosedScene, times: Floats) -> Balanced
     return Balanced(posed.supports.gather(force - posed.A @ posed.supports.motion(t)), near)
 
 
-# The small strains of a run: where they are left, by how much, and what is the likely cause.
+# The small strains of a run.
 #
-# Linear elasticity and contact between the nodes that lie opposite at the start hold while strains, turns and slips are
-# small. A run that leaves them is answered, and certified, all the same, as when Young's modulus is given in GPa and
-# loads in MPa. Looked at are 16 stored instants at most, that of the largest energy among them, and of strains every
-# so many cells: SOME of them show what a hundredth of the body does.
-#
-# A body that is a tenth shorter is past the linear model, and nothing is wrong with its units. Those are suspected
-# where strains, or displacements in parts of the body, are of the order of one; and then in what does most of the work,
-# for
-#
-#     a(u, u) = f . u + F . u + s . u
-#
-# with the loads f, the forces F of supports and contact and the load s of initial stresses, by virtual work with u.
-
-
-Found = tuple[float, str]  # A strain, or a displacement in parts of the body, and what to say of it.
+# A run that leaves them is answered, and certified, all the same, as when Young's modulus is given in GPa and loads in
+# MPa. The stored instant of the largest energy is looked at, and every so many cells: SOME cells show what a hundredth
+# of the body does.
 
 
 def warn_of_large_strains(posed: PosedScene, results: Results) -> None:
-    """Log a warning of what is largest and where, if small strains are left."""
-    count = len(results.stored)
-    energies = results.energy
-    rows = np.unique([*np.linspace(0, count - 1, min(16, count)).astype(int), int(np.argmax(energies))])
-    found = [*_strains(posed.space, results, rows), *_motions(posed.space, results, rows), *_slips(results, rows)]
-    if not found:
-        return
-    said = f"small strains are left: {'; '.join(words for _, words in found)}."
-    # From a half on, units are suspected.
-    unlike = max(size for size, _ in found) >= 0.5
-    does_not_hold = "The linear model, of small strains, turns and slips, does not hold there."
-    why = _cause(posed, results, int(rows[np.argmax(energies[rows])])) if unlike else does_not_hold
-    log.warning("%s", f"{said} {why}")
-
-
-def _strains(space: Space, results: Results, rows: Ints) -> Iterator[Found]:
-    """The largest principal strain, at the instant of the largest energy."""
-    row, mesh = int(rows[np.argmax(results.energy[rows])]), space.mesh
+    """Log a warning of the largest principal strain and its place, if small strains are left."""
+    space, row = posed.space, int(np.argmax(results.energy))
+    mesh, t = space.mesh, float(results.times[row])
     groups = [group.part(slice(None, None, 1 + mesh.n_cells // SOME)) for group in space.groups]
     cells = np.concatenate([group.cells for group in groups])
     tensor = strains(space, results.displacement[row], groups)[cells]
@@ -452,89 +427,10 @@ def _strains(space: Space, results: Results, rows: Ints) -> Iterator[Found]:
     size = np.abs(principal(tensor)).max(axis=1)
     volumes = (mesh.areas if isinstance(mesh, PolygonMesh) else mesh.volumes)[cells]
     k = int(np.argmax(size))
-    # At a singular corner some strain is that large, if only the mesh is fine.
+    # At a singular corner some strain is large, if only the mesh is fine.
     if volumes[size > WORTH_A_WORD].sum() > 0.01 * volumes.sum():
-        yield float(size[k]), f"a strain of {size[k]:.2g} {_where(results, mesh.centroids[cells[k]], row)}"
-
-
-def _motions(space: Space, results: Results, rows: Ints) -> Iterator[Found]:
-    """The largest difference of displacements in a piece: what all of it moves by strains nothing."""
-    mesh, (piece, node) = results.mesh, space.pieces
-    begin = np.flatnonzero(np.diff(piece, prepend=-1))
-
-    def extent(values: Floats) -> Floats:
-        """(pieces,) the diagonal of the box around values (n_nodes, dim) of each piece."""
-        own = values[node]
-        return np.linalg.norm(np.maximum.reduceat(own, begin) - np.minimum.reduceat(own, begin), axis=1)
-
-    size = extent(mesh.points)
-    parts = np.array([extent(results.displacement[row]) for row in rows.tolist()]) / size
-    # Differences are the diagonal of their box at most, and its longest edge at least.
-    near = np.argwhere(parts >= max(WORTH_A_WORD, parts.max() / np.sqrt(mesh.points.shape[1])))
-    nodes, largest = np.split(node, begin[1:]), (0.0, "")
-    for at, one in near.tolist():
-        row = int(rows[at])
-        u = results.displacement[row][nodes[one]]
-        p, q = farthest(u)
-        apart = float(np.linalg.norm(u[p] - u[q]))
-        if apart > largest[0] * size[one]:
-            places = " and ".join(coordinates(mesh.points[nodes[one][k]]) for k in (p, q))
-            words = f"displacements that differ by {apart:.3g} in a body of the size {size[one]:.3g}"
-            largest = apart / size[one], f"{words}, between {places}, t = {float(results.times[row]):.6g}"
-    if largest[0] > WORTH_A_WORD:
-        yield largest
-
-
-def farthest(points: Floats) -> tuple[int, int]:
-    """Two of points (n, dim) that lie farthest apart, to a percent.
-
-    The outermost in 64 directions are a beginning, from which each is moved to the point that is farthest from the
-    other, as long as that gains.
-    """
-    ways = np.random.default_rng(0).normal(size=(64, points.shape[1]))
-    along = (points @ way for way in (*ways, *np.eye(points.shape[1])))
-    outer = np.unique([[one.argmin(), one.argmax()] for one in along])
-    between = np.linalg.norm(points[outer, None] - points[outer], axis=2)
-    p, q = (int(outer[k]) for k in np.unravel_index(np.argmax(between), between.shape))
-    apart = float(between.max())
-    while True:
-        from_p = np.linalg.norm(points - points[p], axis=1)
-        if not from_p.max() > apart:
-            return p, q
-        p, q, apart = int(from_p.argmax()), p, float(from_p.max())
-
-
-def _slips(results: Results, rows: Ints) -> Iterator[Found]:
-    """The largest slip between two bodies, in edges of their contact: nodes no longer face those they press on."""
-    contact, joined = results.contact, np.flatnonzero(results.contact.partners >= 0)
-    if len(joined) == 0:
-        return
-    edge = contact.lengths[joined] ** (1.0 / (contact.points.shape[1] - 1))
-    slip = np.linalg.norm(contact.slip[rows][:, joined], axis=2)
-    row, k = np.unravel_index(np.argmax(slip / edge), slip.shape)
-    if slip[row, k] > edge[k]:
-        size = float(np.linalg.norm(np.ptp(results.mesh.points, axis=0)))
-        yield (
-            float(slip[row, k]) / size,
-            f"a slip of {slip[row, k]:.3g} between bodies whose edges of contact there are {edge[k]:.3g} long "
-            f"{_where(results, contact.points[joined[k]], int(rows[row]))}",
+        place = coordinates(mesh.centroids[cells[k]])
+        log.warning(
+            f"small strains are left: a strain of {size[k]:.2g} at {place}, t = {t:.6g}. "
+            "The linear model does not hold there; compare the units of stiffness, loads, supports and mesh."
         )
-
-
-def _where(results: Results, place: Floats, row: int) -> str:
-    return f"at {coordinates(place)}, t = {float(results.times[row]):.6g}"
-
-
-def _cause(posed: PosedScene, results: Results, row: int) -> str:
-    """The likely cause: what does most of the work at a stored instant is in other units than what it acts on."""
-    t, u = float(results.times[row]), results.displacement[row].ravel()
-    loads, initial = (
-        float(sum(load.vector(t) @ u for load in posed.loads if isinstance(load, InitialStresses) is kind))
-        for kind in (False, True)
-    )
-    given = float(results.forces[row].ravel() @ u)
-    if loads >= max(initial, given):
-        return "Probably young and the loads are in different units, as GPa and MPa: compare them."
-    if initial > given:
-        return "Probably expansion and temperature, or prestress and young, are in different units: compare them."
-    return "Probably what is prescribed (displacements, gaps) and the mesh are in different units: compare them."

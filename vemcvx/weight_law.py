@@ -1,15 +1,17 @@
 """The law of friction, of weights that follow the answer of a step, w = W(t, p, past, slip).
 
-A norm term w_i |s_i| costs friction's bound times the slip. Tresca's bound is given. Where it follows the forces p of
-the limits (Coulomb: w = mu p), the slips before the step, or those of the step, the step is a fixed point of convex
-programs with given weights (:mod:`vemcvx.stepping.fixed_point`). Two derivatives say more of it:
+A norm term w_i |s_i| costs the bound of friction times the slip. Tresca's bound is given. Other bounds follow the
+forces p of the limits (Coulomb: w = mu p), the slips before the step, or the slips of the step. A solution of the step
+then solves the convex program whose weights are those of its own pressure and slip, and the certificate is that of this
+program, "for the given friction".
 
-slope      J = dW/dp, of a law that does not read the slip of the step: steps are solved whole, and certificates bound
-           the distance to a solution (:mod:`vemcvx.solvers.coulomb`); on discs, where W is affine near the solution
-softening  k >= -dW/dslip, of a law that does not read p: where it is slow enough a step stays convex, and
-           certificates are bounds (:mod:`vemcvx.stepping.state`); 0 if the law reads the slip before the step alone
+Newton's method takes laws as they are (:mod:`vemcvx.solvers.newton`), by their slopes: J = dW/dp where the law states
+it, and dW/dslip by differences. Solvers of given weights are handed programs in a row
+(:mod:`vemcvx.stepping.fixed_point`). Two statements about a law help:
 
-Without either certificates are estimates.
+slope      J = dW/dp, of a law that does not read the slip of the step
+softening  k >= -dW/dslip, of a law that does not read p: where weights fall slowly enough, a step has one solution
+           (:mod:`vemcvx.stepping.state`); 0 if the law reads the slip before the step alone
 """
 
 from __future__ import annotations

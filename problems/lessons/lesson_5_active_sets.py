@@ -348,8 +348,8 @@ def safeguard_picture():
 safeguard_picture()
 
 # %% [markdown]
-# The package's `vx.Newton` is built like this, with the small shift, a better sure method (proximal points, which do
-# not mind large condition numbers) and cones, bounds and springs beside absolute values. **Question:** the last round
+# The package's `vx.Newton` is built like this, with the small shift, a faster sure method (accelerated projected
+# gradients on the forces of contact) and cones, bounds and springs beside absolute values. **Question:** the last round
 # of the blue curve falls by many orders at once. Which section of this lesson says why?
 #
 # <details><summary>Answer</summary>

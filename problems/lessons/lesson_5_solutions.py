@@ -102,7 +102,7 @@ print(f"{len(cold)} rounds from rest, {len(warm)} from the answer to nine tenths
 # %% [markdown]
 # **4.** The projected gradient is sure to shrink its distance to the solution by $1 - 1/\kappa$ a step and no more; the
 # condition number $\kappa$ of $K$ is up to $10^3$ here, so thousands of steps for each factor of a thousand. Newton in
-# between saves them; a better sure method would not need them (the package uses proximal points).
+# between saves them; a faster sure method needs fewer (with momentum, as in the package, about $\sqrt\kappa$).
 
 
 # %%

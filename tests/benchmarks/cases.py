@@ -14,7 +14,6 @@ from reference import elasticity, grid, user_step
 
 import vemcvx as vx
 from vemcvx.canvas import light_grid, new_figure, plain_logarithms
-from vemcvx.linear import pardiso
 from vemcvx.plots.style import MARKERS, SERIES
 from vemcvx.vem import Space, stiffness
 
@@ -91,27 +90,10 @@ def paper(n: int) -> list[Row]:
     return [*rows, Row(what, user_step(n) * n, "the same by simulate", slow["SuperLU"]["seconds"], ">= 100")]
 
 
-def cores(ns: tuple[int, ...]) -> list[Row]:
-    """A block of n cubes across on two threads of PARDISO against one, wall seconds; nothing without oneMKL.
-
-    In space factorising takes most of the time, and two threads share it.
-    """
-    rows: list[Row] = []
-    for n in ns if pardiso._threaded() is not None else ():
-        given = {"steps": 4, "solver": "vx.Newton(accuracy=1e-8)", "scene": "BLOCK", "family": "cubes"}
-        codes = {str(k): program(SIMULATE, n, linear=f"vx.Pardiso(threads={k})", **given) for k in (1, 2)}
-        one, two = in_turn(codes).values()
-        than = "the same on one thread"
-        what = f"simulate, 4 steps, {two['unknowns']:,} unknowns in space, PARDISO on two threads"
-        rows.append(Row(what, two["seconds"], than, one["seconds"], "<= 0.77", two["cpu"], one["cpu"]))
-        rows += [Row(f"of these: {name}, two threads", two[name], than, one[name], "") for name in ("prepare", "solve")]
-    return rows
-
-
 def space(n: int, steps: int = 16) -> list[Row]:
     """A block of n cubes across against one factorisation and one solve of the same matrix, which takes longest."""
     given = {"scene": "BLOCK", "family": "cubes"}
-    solvers = {"PARDISO": "vx.Pardiso()", "Multigrid": "vx.Multigrid()", "SuperLU": "vx.SuperLU()"}
+    solvers = {"PARDISO": "vx.Pardiso()", "Iterative": "vx.Iterative()", "SuperLU": "vx.SuperLU()"}
     newton = {
         name: program(SIMULATE, n, steps=steps, solver="vx.Newton(accuracy=1e-8)", linear=text, **given)
         for name, text in solvers.items()
@@ -119,7 +101,7 @@ def space(n: int, steps: int = 16) -> list[Row]:
     found = in_turn({"T0": program(FACTOR, n, **given), **newton}, repeats=1)
     t0 = found["T0"]
     one, rows = f"T0: splu factor and solve, {t0['unknowns']:.0f} unknowns in space", []
-    for name, wanted, step in (("PARDISO", "<= 0.3", "<= 0.01"), ("Multigrid", "<= 2", ""), ("SuperLU", "", "")):
+    for name, wanted, step in (("PARDISO", "<= 0.3", "<= 0.01"), ("Iterative", "<= 2", ""), ("SuperLU", "", "")):
         run = found[name]
         whole = f"cubes, {steps} steps, Newton 1e-8, {name}"
         rows.append(Row(whole, run["seconds"], one, t0["seconds"], wanted, run["cpu"], t0["cpu"]))

@@ -38,7 +38,7 @@ SPACE = [
     for n in ns
     for linear in ("SuperLU", "Pardiso")
 ]
-LARGE = ["squares:256:Multigrid", "squares:512:Multigrid", "cubes:16:Multigrid", "cubes:24:Multigrid"]
+LARGE = ["squares:256:Iterative", "squares:512:Iterative", "cubes:16:Iterative", "cubes:24:Iterative"]
 
 
 def measure(word: str) -> None:

@@ -1,12 +1,12 @@
 """PETSc over ranks: seconds to set up and to solve, iterations, and the peak memory of each rank.
 
-mpiexec -n 2 python tests/benchmarks/ranks.py [--n 40] [--linear petsc | multigrid] [--solves 3]
+mpiexec -n 2 python tests/benchmarks/ranks.py [--n 40] [--linear petsc | iterative] [--solves 3]
 
 A block (a unit cube of n x n x n cubes, E = 200, nu = .3) is held at its top and pushed sideways at its bottom, which
 is free. Set-up is what a run does once, the bound on the spectrum included; a solve is K^{-1} b to 1e-12 for forces of
 three shapes. Seconds are of the clock, on rank 0: on a machine that does something else they say little. Every rank
 says in a line what memory it took at most, and how many CPU seconds and floating-point operations (PETSc counts those
-of solves and of products of matrices) set-up and solves took. `--linear multigrid` on one rank is the same by PyAMG;
+of solves and of products of matrices) set-up and solves took. `--linear iterative` on one rank is the same by PyAMG;
 the largest difference of displacements is compared by `--save` and `--beside`, files of the answers.
 """
 
@@ -43,8 +43,8 @@ def peak() -> str:
 
 def measured(given: argparse.Namespace) -> float:
     """Print what one matrix takes; the CPU seconds are returned at which it was posed."""
-    linear = vx.PETSc() if given.linear == "petsc" else vx.Multigrid()
-    system = pose_scene(SCENE, vx.meshes.cubes(given.n), linear=linear).system
+    linear = vx.PETSc() if given.linear == "petsc" else vx.Iterative()
+    system = pose_scene(SCENE, vx.meshes.cubes(given.n)).system
     print(f"{system.n} unknowns; posed, {peak()}", flush=True)
     posed = seconds_here()
     start = time.perf_counter()
@@ -70,13 +70,13 @@ def measured(given: argparse.Namespace) -> float:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--n", type=int, default=40, help="cubes along a side")
-    parser.add_argument("--linear", choices=("petsc", "multigrid"), default="petsc")
+    parser.add_argument("--linear", choices=("petsc", "iterative"), default="petsc")
     parser.add_argument("--solves", type=int, default=3)
     parser.add_argument("--save")
     parser.add_argument("--beside")
     given = parser.parse_args()
     before, own = seconds_here(), "rank 0"
-    if given.linear == "multigrid" or not petsc.serve():
+    if given.linear == "iterative" or not petsc.serve():
         before = measured(given)
     counted = ""
     if given.linear == "petsc":

@@ -33,7 +33,6 @@ def main() -> None:
     n = 64 if arguments.quick else 256
     rows = [
         *cases.paper(n),
-        *cases.cores((12,) if arguments.quick else (24, 32)),
         *cases.space(12 if arguments.quick else 24),
         *cases.assembly(n),
         *cases.imports(),

@@ -169,13 +169,6 @@ SCENES = {
     "compliant": tilted(vx.NormalCompliance(500.0, on="bottom"), TRESCA),
     "warm": WARM,
     "weight": WEIGHT,
-    "one way": vx.Scene(
-        STEEL,
-        vx.Clamp(on="right"),
-        vx.Traction(lambda x, t: np.tile([8.0 * t, -0.5 * t], (len(x), 1)), on="left"),
-        vx.BilateralContact(on="bottom"),
-        vx.TrescaFriction(4.0, backward=1.5, on="bottom"),
-    ),
     "contrast": CONTRAST,
     "on springs": vx.Scene(
         STEEL,

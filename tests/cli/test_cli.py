@@ -539,13 +539,13 @@ def test_without_a_terminal_long_runs_say_a_line_at_times(tmp_path):
 def test_the_linear_solver_can_be_named():
     pytest.importorskip("pyamg")
     lines = [
-        invoke("run", PROBLEM, "--n", 8, "--steps", 2, "--linear", name).output for name in ("superlu", "Multigrid")
+        invoke("run", PROBLEM, "--n", 8, "--steps", 2, "--linear", name).output for name in ("superlu", "Iterative")
     ]
     energies = [re.search(r"stored (\S+),", text).group(1) for text in lines]
     assert energies[0] == energies[1]
     wrong = invoke("run", PROBLEM, "--linear", "cholesky")
     assert wrong.exit_code == 2
-    assert "--linear: there is no linear solver 'cholesky'; there are superlu, pardiso, multigrid, petsc" in " ".join(
+    assert "--linear: there is no linear solver 'cholesky'; there are superlu, pardiso, iterative, petsc" in " ".join(
         wrong.output.split()
     )
 

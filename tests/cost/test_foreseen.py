@@ -49,7 +49,7 @@ def test_meshes_that_do_not_grow_with_n():
 
 def test_laws_grow_with_cells_steps_and_what_is_stored():
     growth = Growth.of(vx.meshes.squares)
-    for linear in (vx.SuperLU(), vx.Pardiso(), vx.Multigrid()):
+    for linear in (vx.SuperLU(), vx.Pardiso(), vx.Iterative()):
         small, large = (foreseen(growth, n, 8, 9, linear, streamed=False) for n in (100, 200))
         assert 3.5 < large.memory / small.memory < 6
         assert small.seconds < large.seconds
@@ -58,7 +58,7 @@ def test_laws_grow_with_cells_steps_and_what_is_stored():
         files = foreseen(growth, 100, 800, 801, linear, streamed=True)
         assert files.memory == pytest.approx(small.memory - 9 * 24 * small.unknowns)
         assert files.disk > 801 * 24 * small.unknowns
-    assert {name for name, _ in LAWS} == {"SuperLU", "Pardiso", "Multigrid"}
+    assert {name for name, _ in LAWS} == {"SuperLU", "Pardiso", "Iterative"}
 
 
 @pytest.fixture

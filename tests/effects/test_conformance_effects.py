@@ -90,7 +90,7 @@ RUBBING = vx.TrescaFriction(bound=4.0, on="bottom")
 REST = Other("west", beside=(vx.Elasticity(young=80.0, poisson=0.2, on="east"),))
 REST_STRESS = Other("west", beside=(vx.Elasticity(young=80.0, poisson=0.2, plane="stress", on="east"),))
 # Where the normal is held without an obstacle no pressure is known, and none counts.
-UNPRESSED = Other(True, {"backward": None}, beside=(vx.UnilateralContact(on="left"),))
+UNPRESSED = Other(True, beside=(vx.UnilateralContact(on="left"),))
 
 
 SAMPLES = {
@@ -188,50 +188,22 @@ SAMPLES = {
     "TrescaFriction": EffectSample(
         vx.TrescaFriction(uneven, on="bottom"),
         (STEEL, HELD, SHAKEN, TOUCHING),
-        data={"bound": 1, "backward": 1, "ground": 2},
-        others={
-            "bound": 2.0,
-            "on": "left",
-            "quadrature": "integral",
-            "backward": 1.0,
-            "while_closed": UNPRESSED,
-            "ground": belt,
-        },
-    ),
-    "TrescaFriction, one way more than the other": EffectSample(
-        vx.TrescaFriction(uneven, on="bottom", backward=1.0),
-        (STEEL, HELD, SHAKEN, TOUCHING),
-        (vx.TrescaFriction(uneven, on="bottom"),),
-        {"bound": 1, "backward": 1, "ground": 2},
-        {
-            "bound": 5.0,
-            "on": "left",
-            "quadrature": "integral",
-            "backward": 2.0,
-            "while_closed": UNPRESSED,
-            "ground": belt,
-        },
+        data={"bound": 1, "ground": 2},
+        others={"bound": 2.0, "on": "left", "quadrature": "integral", "while_closed": UNPRESSED, "ground": belt},
     ),
     "TrescaFriction, integral": EffectSample(
         vx.TrescaFriction(uneven, on="bottom", quadrature="integral"),
         (STEEL, HELD, SHAKEN, TOUCHING),
         (RUBBING,),
-        {"bound": 1, "backward": 1, "ground": 2},
-        {"bound": 2.0, "on": "left", "quadrature": "nodes", "backward": 1.0, "while_closed": UNPRESSED, "ground": belt},
+        {"bound": 1, "ground": 2},
+        {"bound": 2.0, "on": "left", "quadrature": "nodes", "while_closed": UNPRESSED, "ground": belt},
     ),
     "TrescaFriction on a belt": EffectSample(
         vx.TrescaFriction(uneven, on="bottom", ground=belt),
         (STEEL, HELD, PULLED, TOUCHING),
         (vx.TrescaFriction(uneven, on="bottom"),),
-        {"bound": 1, "backward": 1, "ground": 2},
-        {
-            "bound": 5.0,
-            "on": "left",
-            "quadrature": "integral",
-            "backward": 0.1,
-            "while_closed": UNPRESSED,
-            "ground": slide,
-        },
+        {"bound": 1, "ground": 2},
+        {"bound": 5.0, "on": "left", "quadrature": "integral", "while_closed": UNPRESSED, "ground": slide},
     ),
     "CoulombFriction on a belt": EffectSample(
         vx.CoulombFriction(grip, on="bottom", ground=belt),

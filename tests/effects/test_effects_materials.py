@@ -251,11 +251,11 @@ MISTAKES = {
     ),
     "young 0": (
         posed(vx.Orthotropic((1.0, lambda x: x[:, 0] - 0.375), 0.0, 1.0)),
-        r"^Orthotropic: found young \(2\) = -0\.25 in cell 0; it must be > 0\.$",
+        r"^Orthotropic: found young \(E2\) = -0\.25 in cell 0; it must be > 0\.$",
     ),
     "shear negative": (
         posed(vx.Orthotropic((1, 1), 0.3, -1)),
-        r"^Orthotropic: found shear = -1 in cell 0; it must be > 0",
+        r"^Orthotropic: found shear \(G12\) = -1 in cell 0; it must be > 0",
     ),
     "poisson": (
         posed(vx.Orthotropic((1.0, 4.0), 0.5, 1.0)),

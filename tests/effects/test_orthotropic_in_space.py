@@ -177,7 +177,7 @@ def test_mistakes_are_told(name):
 
 def test_axes_are_of_bodies_in_space():
     with pytest.raises(
-        vx.SceneError, match=r"(?s)^Orthotropic: found axes = .* belong to bodies in space; give angle=\.$"
+        vx.SceneError, match=r"(?s)^Orthotropic: found axes = .* belongs to bodies in space; give angle=\.$"
     ):
         vx.simulate(
             vx.Scene(vx.Orthotropic(E[:2], 0.3, 20.0, axes=TURN[:2]), vx.Clamp(on="left")),

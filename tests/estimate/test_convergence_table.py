@@ -1,4 +1,4 @@
-"""Errors with their orders, as Markdown, CSV and LaTeX: three readers find the numbers that went in."""
+"""Errors with their orders, as Markdown and CSV: two readers find the numbers that went in."""
 
 from __future__ import annotations
 
@@ -51,16 +51,6 @@ def test_csv_has_every_digit_and_no_name_twice(table, tmp_path):
     assert [float(row["order of 50 % of $h^2$"] or "nan") for row in rows] == pytest.approx(orders, rel=0, nan_ok=True)
 
 
-def test_latex_escapes_words_and_leaves_formulas(table, tmp_path):
-    lines = table.write(tmp_path / "table.tex").read_text().splitlines()
-    assert lines[0] == r"\begin{tabular}{rrrrr}"
-    assert lines[2] == r"h = k & 50 \% of $h^2$ & order & gap\_ped$|$ & order \\"
-    assert lines[7] == r"1/32 & 0.0004883 & 2.00 & $1.000\cdot10^{-6}$ & 3.32 \\"
-    assert lines[-1] == r"\end{tabular}"
-    special = vx.measures.convergence_table(H, {"100 % & #1_a^b~{c}\\ $": SECOND}).latex()
-    assert r"100 \% \& \#1\_a\^{}b\~{}\{c\}\textbackslash{} \$ & order" in special
-
-
 def test_notebooks_get_a_table(table):
     shown = ET.fromstring(table._repr_html_())
     assert [cell.text for cell in shown[1][0]] == ["1/4", "0.03125", None, "0.01000", None]
@@ -87,9 +77,9 @@ def test_what_makes_no_table_is_said(h, errors, says):
         vx.measures.convergence_table(h, errors)
 
 
-def test_files_are_written_in_three_forms(table, tmp_path):
+def test_files_are_written_in_two_forms(table, tmp_path):
     assert table.write(str(tmp_path / "table.md")).read_text() == table.markdown()
-    with pytest.raises(vx.HistoryError, match=r"table\.doc: a table of convergence is written as \.md, \.csv, \.tex"):
+    with pytest.raises(vx.HistoryError, match=r"table\.doc: a table of convergence is written as \.md or \.csv"):
         table.write(tmp_path / "table.doc")
     with pytest.raises(vx.HistoryError, match="cannot be written"):
         table.write(tmp_path / "nowhere" / "table.md")

@@ -70,7 +70,7 @@ def test_first_order_in_the_mesh_size_whatever_lambda(slip, family):
 
 @pytest.mark.long
 def test_nearly_incompressible_in_passing(slip):
-    errors = [slip_errors(slip, "voronoi", lam, (10,), pulled=True)[1:, 0] for lam in (1.0, 1e6)]
+    errors = [slip_errors(slip, "voronoi", lam, (10,), pulled=True)[1:, 0] for lam in (1.0, 1e4)]
     assert errors[1] == pytest.approx(errors[0], rel=0.1)
 
 

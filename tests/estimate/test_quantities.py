@@ -25,14 +25,14 @@ def rubbed(mesh, plate, steps, end=1.0, gap=0.0, coefficient=0.3):
     return vx.simulate(scene, mesh, np.linspace(0.0, end, steps + 1))
 
 
-def pulled(load, bound, steps, n=5, **friction):
+def pulled(load, bound, steps, n=5):
     """A body that is pulled along a rough floor, with a given bound."""
     scene = vx.Scene(
         vx.Elasticity(200.0, 0.3),
         vx.Clamp(on="right"),
         vx.Traction(lambda x, t: np.tile([load(t), 0.0], (len(x), 1)), on="left"),
         vx.BilateralContact(on="bottom"),
-        vx.TrescaFriction(bound, on="bottom", **friction),
+        vx.TrescaFriction(bound, on="bottom"),
     )
     return vx.simulate(scene, vx.meshes.squares(n), np.linspace(0.0, 1.0, steps + 1))
 
@@ -69,11 +69,6 @@ def turned_between_steps(steps, n=4):
 def bound_in_time(steps, n=5):
     """Friction whose given bound rises and falls while the body is pulled."""
     return pulled(lambda t: 8.0 * t, lambda x, t: np.full(len(x), 2.0 + np.sin(3.0 * t)), steps, n)
-
-
-def one_way(steps, n=5):
-    """A pile that rubs twice as much one way as the other."""
-    return pulled(lambda t: 6.0 * np.sin(2.0 * np.pi * t), 2.0, steps, n, backward=1.0)
 
 
 def block_on_block(steps, n=3):
@@ -139,7 +134,6 @@ RUNS = {
     "space": (problem(block_in_space, 3), 12),
     "Coulomb, reversal missed": (turned_between_steps, 11),
     "Tresca, a bound in time": (bound_in_time, 8),
-    "Tresca, one way": (one_way, 13),
     "Coulomb, two bodies": (block_on_block, 12),
     "Coulomb, space": (pressed_in_space, 8),
     "Coulomb, dovetail": (dovetail, 24),

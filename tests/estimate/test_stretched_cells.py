@@ -26,7 +26,7 @@ def ratio(case, truth):
 @cache
 def simulated(scene, kind, *args):
     """The truth: a scene on the fine mesh that a function makes of arguments, computed once for all cases of it."""
-    return vx.simulate(scene(), kind(*args), TIMES, store="last")
+    return vx.simulate(scene(), kind(*args), TIMES, store="last", check=False)  # Slender cells cost digits.
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -1,4 +1,4 @@
-"""The linear solvers behind the seam: every one must solve, restrict and scale; one may eliminate."""
+"""The linear solvers behind the seam: each must solve and restrict; direct ones eliminate."""
 
 from __future__ import annotations
 
@@ -17,12 +17,13 @@ from installed import needs
 from scenes import cyclic, paper_scene, small
 
 import vemcvx as vx
-from vemcvx.linear import Congruent, DenseCholesky, Factor, Multigrid, Pardiso, Scaled, SuperLU, choose_linear
+from vemcvx.linear import Iterative, Pardiso, SuperLU, choose_linear
 from vemcvx.program.condensation import Condensation
+from vemcvx.program.dense_factors import DenseCholesky
 from vemcvx.results.files import peak_memory_mb
 from vemcvx.scene import pose_scene
 from vemcvx.testing import linear_suite
-from vemcvx.testing.linear import estimates_energies_of_random_forces, is_scaled, restricts, solves
+from vemcvx.testing.linear import solves
 
 DIRECT = [SuperLU(), pytest.param(Pardiso(), marks=needs("pymklpardiso"))]
 TIMES = np.linspace(0.0, 1.0, 7)
@@ -30,29 +31,8 @@ TIMES = np.linspace(0.0, 1.0, 7)
 
 test_superlu = linear_suite(SuperLU())
 test_pardiso = needs("pymklpardiso")(linear_suite(Pardiso()))
-test_multigrid = needs("pyamg")(linear_suite(Multigrid()))
+test_iterative = needs("pyamg")(linear_suite(Iterative()))
 test_petsc = needs("petsc4py")(linear_suite(vx.PETSc()))
-
-
-@pytest.mark.parametrize("linear", DIRECT, ids=str)
-@pytest.mark.parametrize("share", [0.02, 0.5, 1.0])
-def test_what_a_solve_loses_is_estimated(linear, share):
-    """Of a thousandth of K it loses a thousandth, in squares of all n parts.
-
-    Chi squared: .63 to 1.48 n for n > 120 but once in a thousand draws.
-    """
-    system = pose_scene(paper_scene(), small("voronoi", 6)).system
-    assert system.n > 120
-    factor, _ = linear.eliminate(system.K, np.arange(system.n), np.arange(int(share * system.n)))
-    factor._K = 1.001 * system.K
-    assert 0.63 < factor.lost / (1e-6 * system.n) < 1.48
-
-
-@needs("pymklpardiso")
-def test_pardiso_solves_in_halves():
-    """So that a step forms vectors of all unknowns only where they are asked for."""
-    K = pose_scene(paper_scene(), small("squares", 4)).system.K
-    assert Pardiso().eliminate(K, np.arange(K.shape[0]), np.arange(3))[0].halves is not None
 
 
 class Dense(vx.LinearSolver):
@@ -62,7 +42,7 @@ class Dense(vx.LinearSolver):
         return DenseCholesky(K.toarray())
 
 
-@pytest.mark.parametrize("sentence", [solves, restricts, estimates_energies_of_random_forces, is_scaled])
+@pytest.mark.parametrize("sentence", [solves])
 def test_dense(sentence):
     sentence(Dense())
 
@@ -126,37 +106,37 @@ def test_factors_that_nobody_holds_give_their_memory_back(linear):
 
 
 @pytest.mark.long
-def test_multigrid_solves_contact_matrix_free():
+def test_iterative_solves_contact_matrix_free():
     pytest.importorskip("pyamg")
     scene, mesh = paper_scene(cyclic), small("squares", 16)
     # No two instants in turn have the same load: where nothing moves, what is at its bound neither sticks nor slips.
     times = np.linspace(0.0, 1.0, 8)
     direct = vx.simulate(scene, mesh, times, solver=vx.Newton())
-    iterative = vx.simulate(scene, mesh, times, solver=vx.Newton(), linear=vx.Multigrid())
+    iterative = vx.simulate(scene, mesh, times, solver=vx.Newton(), linear=vx.Iterative())
     assert iterative.certificate.max() < 1e-8
     assert np.array_equal(iterative.contact.sticking, direct.contact.sticking)
     assert np.abs(iterative.displacement - direct.displacement).max() < 1e-8 * np.abs(direct.displacement).max()
 
 
 @pytest.mark.long
-def test_multigrid_serves_scenes_without_friction():
+def test_iterative_serves_scenes_without_friction():
     pytest.importorskip("pyamg")
     scene = vx.Scene(*(e for e in paper_scene() if not isinstance(e, vx.TrescaFriction)))
     mesh = small("voronoi", 12)
     direct = vx.simulate(scene, mesh, TIMES, store="last")
-    iterative = vx.simulate(scene, mesh, TIMES, store="last", linear=vx.Multigrid())
+    iterative = vx.simulate(scene, mesh, TIMES, store="last", linear=vx.Iterative())
     assert iterative.solver.startswith("Direct")
     assert np.abs(iterative.displacement - direct.displacement).max() < 1e-9 * np.abs(direct.displacement).max()
 
 
 @pytest.mark.long
-def test_multigrid_says_when_it_does_not_converge():
+def test_iterative_says_when_it_does_not_converge():
     pytest.importorskip("pyamg")
     scene = vx.Scene(vx.Elasticity(1.0, 0.4999999), *(e for e in paper_scene() if not isinstance(e, vx.Elasticity)))
-    with pytest.raises(vx.SceneError, match=r"^Multigrid: the cycle serves .* too badly .*poisson < 0\.49.*SuperLU"):
-        vx.simulate(scene, small("squares", 24), TIMES, linear=vx.Multigrid())
-    with pytest.raises(vx.SceneError, match=r"^Multigrid: 2 iterations left a residual of .*poisson < 0\.49.*SuperLU"):
-        vx.simulate(paper_scene(), small("squares", 24), TIMES, linear=vx.Multigrid(max_iterations=2))
+    with pytest.raises(vx.SceneError, match=r"^Iterative: the cycle serves .* too badly .*poisson < 0\.49.*SuperLU"):
+        vx.simulate(scene, small("squares", 24), TIMES, linear=vx.Iterative())
+    with pytest.raises(vx.SceneError, match=r"^Iterative: 2 iterations left a residual of .*poisson < 0\.49.*SuperLU"):
+        vx.simulate(paper_scene(), small("squares", 24), TIMES, linear=vx.Iterative(max_iterations=2))
 
 
 @pytest.mark.parametrize("tolerance", [0.5, 1e-2, 1e-4, 1e-12])
@@ -164,21 +144,15 @@ def test_energies_of_inexact_solves_are_bounds(tolerance):
     """From above, and not by more than the roughness of the solve and the bound on the spectrum account for."""
     pytest.importorskip("pyamg")
     system = pose_scene(paper_scene(), small("voronoi", 14)).system
-    exact, inexact = SuperLU().factorise(system.K), Multigrid(tolerance).factorise(system.K, system.near_kernel)
+    exact, inexact = SuperLU().factorise(system.K), Iterative(tolerance).factorise(system.K, system.near_kernel)
     smooth = system.force(1.0)
     rough = np.random.default_rng(4).normal(size=system.n)
     one = np.eye(1, system.n, 7)[0]
-    D = 2.0 ** np.random.default_rng(2).integers(-3, 4, size=system.n)
     for b in (smooth, rough, one, system.K @ rough, smooth - system.K @ inexact.solve(smooth)):
         energy = exact.energy(b)
         assert energy <= inexact.energy(b) * (1 + 1e-9)
         assert inexact.energy(b) < 1.5 * energy
         assert exact.energy(b) == pytest.approx(float(b @ exact.solve(b)), rel=1e-12)
-        assert Scaled(inexact, D, 4.0).energy(b * D) == pytest.approx(4.0 * inexact.energy(b), rel=1e-12)
-    F = np.flatnonzero(np.arange(system.n) % 3 > 0)
-    K_FF = system.K[F][:, F]
-    held = SuperLU().factorise(K_FF).energy(smooth[F])
-    assert held <= inexact.within(K_FF, F).energy(smooth[F]) < 1.5 * held
 
 
 @pytest.mark.long
@@ -190,7 +164,7 @@ def test_certificates_hold_whatever_the_tolerance(tolerance, friction):
     parts = (e for e in paper_scene() if friction or not isinstance(e, vx.TrescaFriction))
     scene, mesh = vx.Scene(*parts), small("voronoi", 12)
     exact = vx.simulate(scene, mesh, [0.0, 1.0])
-    history = vx.simulate(scene, mesh, [0.0, 1.0], linear=vx.Multigrid(tolerance), check=False)
+    history = vx.simulate(scene, mesh, [0.0, 1.0], linear=vx.Iterative(tolerance), check=False)
     apart = vx.measures.energy_distance(history, exact, kind="nodal").absolute
     bound = history.certificate[-1] * np.sqrt(2 * history.energy[-1])
     assert apart <= bound * (1 + 1e-6) + 1e-10 * np.sqrt(2 * exact.energy[-1])
@@ -202,32 +176,21 @@ def test_certificates_hold_whatever_the_tolerance(tolerance, friction):
     [({"tolerance": wrong}, str(wrong)) for wrong in (0, 1, 10, np.inf, np.nan, -1e-3, None, "1e-3", True)]
     + [({"max_iterations": wrong}, str(wrong)) for wrong in (0, -1, 2.5, np.nan, None, "9", True)],
 )
-def test_settings_of_multigrid_that_mean_nothing_are_refused(setting, found):
+def test_settings_of_iterative_that_mean_nothing_are_refused(setting, found):
     name = next(iter(setting))
-    with pytest.raises(vx.SceneError, match=rf"^Multigrid: found {name} = .*{found}"):
-        vx.Multigrid(**setting)
+    with pytest.raises(vx.SceneError, match=rf"^Iterative: found {name} = .*{found}"):
+        vx.Iterative(**setting)
 
 
 def test_the_choice_is_by_size_and_can_be_overridden(caplog):
     direct = Pardiso() if Pardiso.installed() else SuperLU()
     assert choose_linear(1_000_000) == direct
     assert choose_linear(100) == SuperLU()
-    assert choose_linear(10, Multigrid(tolerance=1e-8)) == Multigrid(tolerance=1e-8)
+    assert choose_linear(10, Iterative(tolerance=1e-8)) == Iterative(tolerance=1e-8)
     with caplog.at_level("INFO", logger="vemcvx"):
         chosen = choose_linear(3_000_000)
     assert "3000000 unknowns" in caplog.text
-    assert chosen == (Multigrid() if find_spec("pyamg") else direct)
-
-
-def test_a_factor_in_other_units_has_the_flexibility_of_the_matrix_in_them():
-    """To the bit, as these are powers of two, of some unknowns as of all."""
-    n, some, D = 7, np.array([1, 2, 5]), 2.0 ** np.arange(-3, 4)
-    K = np.eye(n) + 0.1 * np.ones((n, n))
-    plain, scaled = DenseCholesky(K), Scaled(DenseCholesky(K), D, 4.0)
-    for F in (some, np.arange(n)):
-        undo = 2.0 / D[F]
-        assert np.array_equal(scaled.flexibility(F, n), undo[:, None] * plain.flexibility(F, n) * undo)
-    assert scaled.flexibility(np.arange(n), n) @ (D[:, None] * K * D / 4.0) == pytest.approx(np.eye(n), abs=1e-13)
+    assert chosen == (Iterative() if find_spec("pyamg") else direct)
 
 
 @pytest.mark.parametrize(("installed", "gigabytes"), [(True, (0.2, 3.6)), (False, (0.66, 19.0))])
@@ -240,7 +203,7 @@ def test_in_space_the_choice_is_by_the_memory_that_is_foreseen(monkeypatch, capl
     with caplog.at_level("INFO", logger="vemcvx"):
         assert choose_linear(26_040, modes=6, retained=840) == direct
     assert re.search(rf"{type(direct).__name__}; factors for 26040 unknowns in space take 0\.\d+ GB", caplog.text)
-    able = Multigrid() if find_spec("pyamg") else direct
+    able = Iterative() if find_spec("pyamg") else direct
     assert choose_linear(2_000_000, modes=6) == able
     assert choose_linear(260_000, modes=6) == (direct if installed else able)
     assert choose_linear(66_825, modes=6, retained=6_075) == direct  # 2,025 contacts
@@ -253,7 +216,7 @@ def test_systems_with_six_rigid_motions_are_in_space(monkeypatch):
     pytest.importorskip("pyamg")
     monkeypatch.setattr("vemcvx.linear.default.MOST_MEMORY", 1.0)
     system = on_floor(block(2), lambda t: np.zeros(3))
-    assert system.linear() == Multigrid()
+    assert system.linear() == Iterative()
     assert replace(system, near_kernel=None).linear() == SuperLU()
 
 
@@ -265,7 +228,7 @@ def test_a_run_chooses_once(monkeypatch, caplog):
     scene = vx.Scene(*paper_scene(), vx.Viscosity(0.1, 0.1))
     with caplog.at_level("INFO", logger="vemcvx"):
         vx.simulate(scene, small("squares", 6), [0.0, 0.1, 0.3])
-    assert caplog.text.count("linear solver: Multigrid") == 1
+    assert caplog.text.count("linear solver: Iterative") == 1
 
 
 def test_what_is_not_installed_is_not_chosen(monkeypatch):
@@ -301,39 +264,6 @@ def test_programs_are_condensed_by_whoever_eliminates():
     assert np.array_equal(condensed.operators.K, ours.operators.K)
     plain = Condensation(replace(system, order=None), linear=Eliminating())
     assert np.abs(plain.operators.K - ours.operators.K).max() < 1e-12 * np.abs(ours.operators.K).max()
-
-
-class Inexact(Factor):
-    """An iterative factor of one's own, which has no cycle for K with contact."""
-
-    exact = False
-
-    def __init__(self, K):
-        self._K = K.whole().toarray() if isinstance(K, Congruent) else K.toarray()
-
-    def solve(self, b):
-        return np.linalg.solve(self._K, b)
-
-    def within(self, K_FF, F):
-        return Inexact(K_FF)
-
-
-class Iterating(Another):
-    def factorise(self, K, near_kernel=None):
-        return Inexact(K)
-
-
-def test_newton_begins_at_zero_where_an_iterative_factor_has_no_cycle():
-    """Begun from the last point, systems of sets counted it twice: 34 and 64 iterations in place of 2."""
-    K, rows = 2 * np.eye(4) - np.eye(4, k=1) - np.eye(4, k=-1), np.eye(4)
-    norms = vx.Norms(rows[:2], np.array([0.2, 0.5]), ground=lambda t: np.array([0.1 * t, -0.2 * t]))
-    system = vx.System(K, lambda t: t * np.array([1.0, 0.3, 0.0, -1.0]), norms, limits=vx.Limits(-rows[3:], 0.05))
-    exact, inexact = (
-        vx.march(system, np.linspace(0.0, 1.0, 5), solver=vx.Newton(), linear=linear, condense=False)
-        for linear in (SuperLU(), Iterating())
-    )
-    assert (inexact.iterations <= exact.iterations).all()
-    assert np.abs(inexact.state - exact.state).max() < 1e-14
 
 
 def test_who_cannot_eliminate_says_so():

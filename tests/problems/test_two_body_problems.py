@@ -14,7 +14,9 @@ import press_fit as fit
 import two_blocks_in_series as blocks
 import vemcvx as vx
 from hertz_contact import fitted
-from vemcvx.stepping.fixed_point import FEW_SETS
+
+FEW_SETS = 20
+"""Systems of sets that a step takes at most where each begins on the sets of the one before."""
 
 
 @pytest.mark.long

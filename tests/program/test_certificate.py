@@ -9,7 +9,6 @@ import scipy.sparse as sp
 import vemcvx as vx
 from vemcvx.program.certificate import norm_gaps
 from vemcvx.program.operators import Operators
-from vemcvx.program.scaling import scaling
 from vemcvx.program.step_program import StepProgram
 
 pytestmark = pytest.mark.arithmetic
@@ -100,32 +99,6 @@ def test_slider_in_closed_form():
         assert d[0] == pytest.approx(np.sign(g) * max(abs(g) - 1, 0) / 2, abs=1e-15)
         assert lam[0, 0] == pytest.approx(np.clip(g, -1, 1), abs=1e-15)
         assert program.certify(d, lam).gap < 1e-30
-
-
-@pytest.mark.parametrize("exponent", [-40, -7, 0, 13, 40])
-def test_scaling_is_exact(exponent):
-    """Scaled and back, an answer is the same to the bit; the gap is the same number in other units."""
-    program = random_program(3)
-    unit = 2.0**exponent
-    other = StepProgram(
-        Operators(program.operators.K * unit, program.operators.B),
-        program.g * unit * 4,
-        program.w * unit * 4,
-        program.b * 4,
-    )
-    one, two = scaling(program.operators), scaling(other.operators)
-    alpha, beta = one.size(program), two.size(other)
-    assert beta == 4 * alpha
-    a, b = one.scale(program, alpha), two.scale(other, beta)
-    for x, y in (
-        (a.operators.K, b.operators.K),
-        (a.g, b.g),
-        (a.w, b.w),
-        (a.b, b.b),
-        (a.operators.B.toarray(), b.operators.B.toarray()),
-    ):
-        assert np.array_equal(x, y)
-    assert np.array_equal(np.diag(a.operators.K) <= 2, np.ones(len(a.g), dtype=bool))
 
 
 def test_small_units_do_not_fool_the_conic_solver():

@@ -223,7 +223,6 @@ def test_coulomb_friction_in_closed_form(family, solver, cap):
     assert np.abs(contact.bound - bound).max() < loose * bound
     assert np.abs(contact.traction[:, :, 0] + MU * gamma[:, None]).max() < loose * bound
     assert np.abs(contact.slip[:, :, 0] - a[:, None]).max() < loose * np.abs(U).max()
-    assert np.nan_to_num(history.contraction).max() < 0.9
     lost = np.concatenate([[0], np.cumsum(np.abs(np.diff(a)))]) * bound * 2.0
     assert history.dissipated == pytest.approx(lost, abs=10 * loose * lost.max())
 
@@ -235,41 +234,9 @@ def wedge(coefficient):
     return vx.System(stiffness, lambda t: [3.5 * t, t], norms, limits=vx.Limits([[0.0, 1.0]], 0.0))
 
 
-def test_the_fixed_point_contracts_with_the_rate_that_it_reports():
-    """Slip raises the pressure by .9, pressure lowers the slip by the coefficient: the rate is their product."""
-    run = vx.march(wedge(0.5), [0.0, 1.0])
-    p = (1 + 0.9 * 3.5) / (1 + 0.9 * 0.5)
-    assert run.pressures[-1, 0] == pytest.approx(p, rel=1e-7)
-    assert run.state[-1] == pytest.approx([3.5 - 0.5 * p, 0.0], rel=1e-7)
-    assert run.weights[-1, 0] == pytest.approx(0.5 * p, rel=1e-7)
-    assert run.contraction[-1] == pytest.approx(0.45, rel=1e-6)
-    assert run.certificate[-1] <= 1e-8
-    away = run.state[-1, 0] - (3.5 - 0.5 * p)
-    # What the certificate says is no less than the truth.
-    assert abs(away) <= run.certificate[-1] * run.norm[-1] + 1e-15
-
-
-def test_a_fixed_point_that_does_not_contract_says_so():
-    """With the coefficient 3 stick calls for slip and slip for stick: a cycle of two, which is no answer."""
-    said = r"^step 1 at t = 1: the fixed point of friction that follows contact contracts with the rate 1 only: .*"
-    with pytest.raises(vx.NotContracting, match=said) as caught:
-        vx.march(wedge(3.0), [0.0, 1.0])
-    assert caught.value.rate == pytest.approx(1.0)
-    assert caught.value.step == 1
-
-
-def test_a_step_without_an_answer_is_refused_and_why():
-    """Friction that jumps as contact opens: stuck, the slider leaves its limit, p = -.5; free, it presses, p = .4."""
-    norms = vx.Norms([[1.0, 0.0]], 0.0, law=vx.Law(lambda t, p, past, slip: np.where(p > 0, 2.0, 0.0), slips=False))
-    stiffness = [[1.0, -0.9], [-0.9, 1.0]]
-    system = vx.System(stiffness, lambda t: [t, -0.5 * t], norms, limits=vx.Limits([[0.0, 1.0]], 0.0))
-    with pytest.raises(vx.NotContracting, match=r"a step may have no answer, .* opens under friction and closes with"):
-        vx.march(system, [0.0, 1.0])
-
-
 @pytest.mark.long
 def test_coulomb_friction_does_not_depend_on_the_mesh():
-    """A pressed block pushed sideways: the rate stays, and stored energy and work of friction settle."""
+    """A pressed block pushed sideways: stored energy and work of friction settle."""
 
     def push(x, t):
         return np.tile([12.0 * t, 0.0], (len(x), 1))
@@ -285,7 +252,6 @@ def test_coulomb_friction_does_not_depend_on_the_mesh():
     found = []
     for n in (16, 32, 64, 128):
         history = vx.simulate(scene, vx.meshes.squares(n), np.linspace(0, 1, 9), initial="settled")
-        assert np.nan_to_num(history.contraction).max() < 0.5
         assert history.certificate.max() <= 1e-8
         found.append((history.energy[-1], history.dissipated[-1]))
     # Halving h: differences shrink, and the last is below half a per cent.
@@ -299,9 +265,9 @@ def test_coulomb_friction_does_not_depend_on_the_mesh():
     ("effect", "message"),
     [
         (vx.UnilateralContact("bottom", np.nan), r"^UnilateralContact on bottom: gap: found NaN"),
-        (vx.NormalCompliance(0.0, "bottom"), r"^NormalCompliance on bottom: found the stiffness 0 at .* must be > 0"),
+        (vx.NormalCompliance(0.0, "bottom"), r"^NormalCompliance on bottom: found stiffness = 0 at .* must be > 0"),
         (vx.NormalCompliance(1.0, "botom"), r"^NormalCompliance: there is no boundary named 'botom'"),
-        (vx.CoulombFriction(-0.1, "bottom"), r"found the coefficient -0\.1 at .* must be >= 0"),
+        (vx.CoulombFriction(-0.1, "bottom"), r"found coefficient = -0\.1 at .* must be >= 0"),
         (
             vx.CoulombFriction(0.1, "top"),
             r"^CoulombFriction on top: no pressure is known at 2 of 3 places; it needs",

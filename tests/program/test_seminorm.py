@@ -133,9 +133,9 @@ def test_equilibrium_without_friction_is_refused():
 
 
 @pytest.mark.filterwarnings(f"ignore:.*{ALONE}")
-def test_multigrid_does_not_take_it():
-    with pytest.raises(vx.NotAccepted, match=r"^linear solver Multigrid: the stiffness has a kernel .*SuperLU"):
-        vx.simulate(slab(1.0), vx.meshes.squares(2), TIMES, linear=vx.Multigrid())
+def test_iterative_does_not_take_it():
+    with pytest.raises(vx.NotAccepted, match=r"^linear solver Iterative: the stiffness has a kernel .*SuperLU"):
+        vx.simulate(slab(1.0), vx.meshes.squares(2), TIMES, linear=vx.Iterative())
 
 
 def test_a_sliding_chain_by_hand():

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import vemcvx as vx
+from vemcvx.arrays import EPS
 from vemcvx.estimate.budget import error_budget
 from vemcvx.scene import pose_scene
 
@@ -37,14 +38,16 @@ def square(K, y):
 
 @pytest.mark.parametrize("friction", [0.5, 5.0])
 def test_what_is_told_of_a_state_is_of_that_state(friction):
-    newton = vx.Newton(accuracy=1e-6)
+    newton = vx.Newton(accuracy=1e-5)
     runs = [vx.simulate(strip(friction), MESH, TIMES, condense=condense, solver=newton) for condense in (True, False)]
     posed = pose_scene(strip(friction), MESH)
     columns, K = posed.supports.columns, posed.system.K
     for history in runs:
         y = history.displacement.reshape(len(TIMES), -1)[:, columns]
         energy = [0.5 * square(K, state) for state in y]
-        assert history.energy == pytest.approx(energy, rel=1e-12)
+        # Terms y_i K_ij y_j are a million times their sum, and each is rounded.
+        rounding = 8 * EPS * max(float(np.abs(state) @ (abs(K) @ np.abs(state))) for state in y)
+        assert history.energy == pytest.approx(energy, rel=1e-12, abs=rounding)
         slips = np.abs(np.diff(history.contact.slip[:, :, 0], axis=0))
         lengths = posed.system.norms.weights(1.0) / (friction * HEIGHT)
         assert np.diff(history.dissipated) == pytest.approx(friction * HEIGHT * slips @ lengths, rel=1e-12)
@@ -53,7 +56,7 @@ def test_what_is_told_of_a_state_is_of_that_state(friction):
         steps = [0.5 * square(K, y[n + 1] - y[n]) for n in range(len(TIMES) - 1)]
         left = history.work - history.energy - history.dissipated
         assert left[1:] == pytest.approx(np.cumsum(steps), abs=8 * history.certificate.max() * history.energy.max())
-        assert 0 < history.certificate.max() < 1e-6
+        assert 0 < history.certificate.max() < 1e-5
     one, other = runs
     allowed = (one.certificate + other.certificate).cumsum()
     assert (np.abs(one.energy - other.energy) <= 3 * allowed * one.energy.max()).all()

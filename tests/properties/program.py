@@ -46,7 +46,7 @@ def objective_is_strongly_convex(case, size, seed, share):
 def answers_obey_the_law_of_friction(case, exponent, which):
     """|lam_i| <= w_i, K y + B'lam = f within the certificate, sum w|s| - lam.s <= gap.
 
-    Where rows read several unknowns the gap may be that of a field nearby, |v|_K <= error / 2 away (theorem 2 of
+    The gap may be that of a field nearby, |v|_K <= error / 2 away (theorem 2 of
     :mod:`vemcvx.program.certificate`); w|s| - lam.s is 2w-Lipschitz in s, and |B_i v| <= f_i^{1/2} |v|_K.
 
     Every summand of the gap is >= 0, so that each is at most the gap: |f - B'lam - K y|_{K^-1} <= sqrt(2 gap), and
@@ -63,8 +63,7 @@ def answers_obey_the_law_of_friction(case, exponent, which):
         slack = run.energy.rounding_of_forces(np.abs(case.loads[n]) + abs(case.B).T @ np.abs(lam.ravel()), t.state[n])
         assert run.energy.force_norm(force - case.K @ t.state[n]) <= run.errors[n] + slack
         unlawful, blur = run.friction_gap(n)
-        if run.operators.own_columns is None:
-            blur += run.errors[n] * float(run.capped_weights(n) @ np.sqrt(run.operators.norm_flexibility))
+        blur += run.errors[n] * float(run.capped_weights(n) @ np.sqrt(run.operators.norm_flexibility))
         assert unlawful <= t.gap[n] + t.floor[n] + blur
 
 

@@ -1,4 +1,4 @@
-"""A warning where small strains are left: what is largest, where, and why; and none where they are small."""
+"""A warning where small strains are left: the largest one and its place; and none where they are small."""
 
 import importlib
 import logging
@@ -11,7 +11,6 @@ import pytest
 import feng_han_huang
 import gallery
 import vemcvx as vx
-from vemcvx.simulation import farthest
 
 PROBLEMS = sorted(path.stem for path in Path(gallery.__file__).parent.glob("*.py"))
 LONG = {
@@ -45,16 +44,11 @@ def test_young_in_other_units_than_loads(caplog, mesh):
     assert said(caplog, lambda: pulled(2e3, mesh)) == []
     (told,) = said(caplog, lambda: pulled(2.0, mesh))
     found = re.fullmatch(
-        r"small strains are left: a strain of ([\d.]+) at \(.*\), t = 0; displacements that differ by ([\d.]+) in a "
-        r"body of the size ([\d.]+), between \(0, .*\) and \(1, .*\), t = 0\. Probably young and the loads are "
-        r"in different units, as GPa and MPa: compare them\.",
+        r"small strains are left: a strain of ([\d.]+) at \(.*\), t = 0\. The linear model does not hold there; "
+        r"compare the units of stiffness, loads, supports and mesh\.",
         told,
     )
-    strain, apart, size = map(float, found.groups())
-    assert 0.5 < strain < 2.0
-    u = pulled(2.0, mesh).displacement[-1]
-    assert apart == pytest.approx(np.linalg.norm(u[:, None] - u, axis=2).max(), rel=0.01)
-    assert size == pytest.approx((2 if mesh is None else 3) ** 0.5, rel=0.01)
+    assert 0.5 < float(found.group(1)) < 2.0
 
 
 @pytest.mark.long
@@ -71,54 +65,26 @@ def test_some_cells_of_many_are_looked_at(caplog, monkeypatch):
     assert all("a strain of 0.3 at (0.0" in one for one in told)
 
 
-def moved(way, *others):
+def moved(way):
     """A block whose bottom is held and whose top is moved by `way`, at rest under that."""
     supports = vx.Clamp(on="bottom"), vx.PrescribedDisplacement(way, on="top")
-    scene = vx.Scene(vx.Elasticity(1.0, 0.3), *supports, *others)
+    scene = vx.Scene(vx.Elasticity(1.0, 0.3), *supports)
     return vx.simulate(scene, vx.meshes.squares(4), [0.0, 1.0], initial="settled")
 
 
-PRESCRIBED = "Probably what is prescribed (displacements, gaps) and the mesh are in different units: compare them."
-
-
-def test_what_is_prescribed_in_other_units(caplog):
-    """A small load beside it is not to blame, though there is one."""
+@pytest.mark.parametrize("way", [(0.0, -0.1), (0.2, 0.0)])
+def test_what_is_prescribed_may_strain_too_much(caplog, way):
     assert said(caplog, lambda: moved((0.02, 0.0))) == []
-    for others in ((), (vx.Traction((1e-6, 0.0), on="right"),)):
-        (told,) = said(caplog, lambda others=others: moved((20.0, 0.0), *others))
-        assert told.endswith(PRESCRIBED)
-
-
-@pytest.mark.parametrize("way", [(0.0, -0.1), (0.2, 0.0), (0.1, 0.1)])
-def test_places_and_differences_are_true_and_units_are_not_blamed_for_a_tenth(caplog, way):
     (told,) = said(caplog, lambda: moved(way))
-    (apart, *places) = re.search(r"differ by (\S+) in .*, between \((.*)\) and \((.*)\), t", told).groups()
-    history = moved(way)
-    u = history.displacement[-1]
-    assert float(apart) == pytest.approx(np.linalg.norm(u[:, None] - u, axis=2).max(), rel=5e-3)
-    at = history.probe([[float(x) for x in place.split(",")] for place in places])[-1]
-    assert float(apart) == pytest.approx(np.linalg.norm(at[0] - at[1]), rel=1e-2)
-    assert told.endswith("The linear model, of small strains, turns and slips, does not hold there.")
+    # A top that goes down by a tenth, and one that goes aside by a fifth, strain by about a tenth.
+    assert 0.07 < float(re.search(r"a strain of (\S+) at", told).group(1)) < 0.3
 
 
-def test_heat_in_other_units(caplog):
-    """Expansion in millionths, the million forgotten: neither young nor a load is to blame."""
+def test_heat_that_does_nothing_but_strain(caplog):
+    """Expansion in millionths, the million forgotten."""
     heated = vx.ThermalStrain(12.0, 100.0), vx.Elasticity(200.0, 0.3), vx.Clamp(on="bottom")
     run = lambda: vx.simulate(vx.Scene(*heated), vx.meshes.squares(3), [0.0, 1.0], initial="settled")  # noqa: E731
-    (told,) = said(caplog, run)
-    assert told.endswith(
-        "Probably expansion and temperature, or prestress and young, are in different units: compare them."
-    )
-
-
-@pytest.mark.parametrize("dim", [2, 3])
-def test_the_farthest_of_points(dim):
-    for seed in range(20):
-        points = np.random.default_rng(seed).normal(size=(200, dim)) * [1.0, 0.3, 0.1][:dim]
-        p, q = farthest(points)
-        largest = np.linalg.norm(points[:, None] - points, axis=2).max()
-        assert np.linalg.norm(points[p] - points[q]) >= 0.99 * largest
-    assert farthest(np.ones((3, dim))) == (0, 0)
+    assert len(said(caplog, run)) == 1
 
 
 @pytest.mark.long
@@ -128,8 +94,7 @@ def test_adaptive_runs_warn_once(caplog):
     def run():
         assert len(vx.adapt(scene, vx.meshes.squares(3), [0.0, 1.0], 0.04, initial="settled").passes) > 1
 
-    (told,) = said(caplog, run)
-    assert "Probably young and the loads are in different units" in told
+    assert len(said(caplog, run)) == 1
 
 
 def test_a_body_that_is_carried_far_does_not_strain(caplog):
@@ -142,22 +107,6 @@ def test_a_body_that_is_carried_far_does_not_strain(caplog):
         vx.simulate(scene, vx.meshes.squares(4), np.linspace(0.0, 1.0, 3), initial="settled")
 
     assert said(caplog, run) == []
-
-
-@pytest.mark.long
-def test_slips_between_bodies_beyond_an_edge(caplog):
-    """A block pushed along another by more than the edges of their contact, both nearly rigid."""
-
-    def run(way):
-        lower, upper = (vx.meshes.squares(4, box=((0.0, 2.0), (y, y + 1.0))) for y in (0.0, 1.0))
-        pushed = vx.PrescribedDisplacement(lambda x, t: np.tile([way * t, -1e-3 * t], (len(x), 1)), on="upper.top")
-        touch = vx.UnilateralContact(on="lower|upper"), vx.CoulombFriction(0.1, on="lower|upper")
-        scene = vx.Scene(vx.Elasticity(100.0, 0.3), vx.Clamp(on="lower.bottom"), pushed, *touch)
-        vx.simulate(scene, vx.meshes.bodies({"lower": lower, "upper": upper}), [0.0, 0.5, 1.0])
-
-    assert said(caplog, lambda: run(0.1)) == []
-    (told,) = said(caplog, lambda: run(0.4))
-    assert re.search(r"left: a slip of 0\.\d+ between bodies whose edges of contact there are 0\.\d+ long at \(", told)
 
 
 @pytest.mark.long

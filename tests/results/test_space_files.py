@@ -13,7 +13,7 @@ import vemcvx as vx
 from vemcvx.meshes.io.vtk import TYPES
 from vemcvx.vem import equivalent
 
-FIELDS = {"displacement", "slip", "traction", "bound", "backward", "pressure", "sticking", "closed", "wear"}
+FIELDS = {"displacement", "slip", "traction", "bound", "pressure", "sticking", "closed", "wear"}
 ON_CELLS = {"stress", "principal_stresses", "von_mises", "strain_energy"}
 
 

@@ -82,14 +82,14 @@ def test_a_floor_that_is_dragged_as_a_whole(family):
     scene = vx.Scene(
         vx.Elasticity(YOUNG, 0.3),
         vx.PrescribedDisplacement(lambda x, t: np.tile([course(t), 0.0], (len(x), 1)), on=["left", "bottom", "right"]),
-        vx.TrescaFriction(2.0, on="bottom", backward=0.5),
+        vx.TrescaFriction(2.0, on="bottom"),
     )
     history = vx.simulate(scene, small(family, 3), TIMES)
     steps = np.diff(course(TIMES))
-    lost = np.append(0.0, np.cumsum(np.where(steps > 0, 2.0, 0.5) * np.abs(steps)))
+    lost = np.append(0.0, np.cumsum(2.0 * np.abs(steps)))
     assert history.dissipated == pytest.approx(lost, abs=1e-12)
     assert history.work == pytest.approx(lost, abs=1e-10)
-    moves = np.where(np.abs(steps) < 1e-12, 0.0, np.where(steps > 0, -2.0, 0.5))
+    moves = np.where(np.abs(steps) < 1e-12, 0.0, -2.0 * np.sign(steps))
     assert history.contact.traction[1:, :, 0] == pytest.approx(np.tile(moves, (len(history.contact.nodes), 1)).T)
     assert not any("TrescaFriction" in words for words in history.inactive)
     assert history.iterations.max() == 0
@@ -218,3 +218,18 @@ def test_a_side_lifted_off_a_floor_askew_does_not_rub(mesh, angle):
     moved = np.isin(history.contact.nodes, np.flatnonzero(abs((askew.points @ turn)[:, 0] - 1.0) < SAME))
     # Turning points and displacements rounds each of them a few times.
     assert history.contact.wear[-1, moved].max(initial=0.0) <= 0.5 * 16 * EPS
+
+
+@pytest.mark.parametrize(("gap", "direction", "depth"), [(0.1, None, 0.2), (0.1, (0, 1), 0.2), (0.3, None, 0.0)])
+def test_a_support_that_takes_a_contact_node_through_its_obstacle_says_how_deep(caplog, gap, direction, depth):
+    """The lower left corner sinks by .3, which is deepest at t = .5; the obstacle is as far below it as `gap`."""
+    sinks = vx.Tabulated([0.0, 0.5, 1.0], -0.3 * np.outer([0, 1, 0.5], (0, 1) if direction is None else 1).squeeze())
+    scene = vx.Scene(
+        vx.Elasticity(YOUNG, 0.3),
+        vx.Clamp(on="right"),
+        vx.PrescribedDisplacement(sinks, on="left", direction=direction),
+        vx.UnilateralContact(on="bottom", gap=gap),
+    )
+    vx.simulate(scene, small("squares", 3), np.linspace(0, 1, 5))
+    said = "PrescribedDisplacement on left: it takes 1 contact node(s) through UnilateralContact on bottom, by up to "
+    assert [words for words in caplog.messages if "through" in words] == [f"{said}{depth}"] * (depth > 0)

@@ -174,7 +174,6 @@ def test_solvers_agree_where_gaps_close_with_friction(solver):
     mesh, times = two_blocks("voronoi", "hexagons", (3, 4)), np.linspace(0, 1, 5)
     history, other = (vx.simulate(closing(mesh), mesh, times, solver=one) for one in (SOLVERS[solver], vx.Newton()))
     assert history.certificate.max() < 1e-6
-    assert history.certificate_kind == other.certificate_kind == "bound"
     assert 0 < history.contact.closed_count[1] < history.contact.closed_count[-1]
     size = np.sqrt(2 * other.energy.max())
     distance = vx.measures.energy_distance(history, other).absolute

@@ -132,16 +132,14 @@ def test_a_refusal_of_a_body_says_where_it_is_pushed():
 
 @pytest.mark.filterwarnings("ignore:.*nothing but friction or one-sided contact holds")
 @pytest.mark.parametrize(
-    ("pull", "forward", "backward", "says"),
+    ("pull", "bound", "says"),
     [
-        (0.25, 0.1, 0.4, r"\(1, 0\) .* force of 0\.25 and friction holds 0\.1 at most: 0\.15 are lacking"),
-        (-0.25, 0.4, 0.1, r"\(-1, 0\) .* force of 0\.25 and friction holds 0\.1 at most: 0\.15 are lacking"),
-        (-0.25, 0.3, 0.0, r"\(-1, 0\) .* force of 0\.25 and friction holds 0 at most: 0\.25 are lacking"),
+        (0.25, 0.1, r"\(1, 0\) .* force of 0\.25 and friction holds 0\.1 at most: 0\.15 are lacking"),
+        (-0.25, 0.1, r"\(-1, 0\) .* force of 0\.25 and friction holds 0\.1 at most: 0\.15 are lacking"),
     ],
 )
-def test_a_refusal_says_what_one_way_friction_holds_that_way(pull, forward, backward, says):
-    """It told the forces of the program, in which half the difference of the bounds is load: 0.4 and 0.25."""
-    rubs = vx.TrescaFriction(forward, on="bottom", backward=backward)
+def test_a_refusal_says_what_friction_holds(pull, bound, says):
+    rubs = vx.TrescaFriction(bound, on="bottom")
     scene = vx.Scene(STEEL, vx.BilateralContact(on="bottom"), rubs, vx.Traction(pushing(pull, 0.0), on="top"))
     with pytest.raises(vx.SceneError, match=says):
         vx.simulate(scene, SQUARE, [0.0, 1.0])
@@ -183,5 +181,5 @@ def test_what_an_overlap_moves_away_without_a_force_is_refused_in_words():
         vx.UnilateralContact(on="lower|upper", gap=-0.003),
         vx.CoulombFriction(0.4, on="lower|upper"),
     )
-    with pytest.raises(vx.NotContracting, match="step 0 at t = 0"):
+    with pytest.raises(vx.NotCertified, match="step 0 at t = 0"):
         vx.simulate(scene, mesh, [0.0, 0.5, 1.0], initial="settled", solver=vx.Clarabel())

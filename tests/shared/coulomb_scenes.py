@@ -3,13 +3,14 @@ that turn back, gaps, caps, obstacles that give way, and bodies that nothing but
 
 from __future__ import annotations
 
-from dataclasses import replace
+import contextlib
+from itertools import pairwise
 
 import numpy as np
+from exact_steps import Steps, Stuck
 from scenes import SEEDED, drawn
 
 import vemcvx as vx
-from vemcvx.stepping.posed_step import pose_step
 
 
 def coulomb_scene(seed):
@@ -64,30 +65,19 @@ def coulomb_scene(seed):
     return scene, vx.meshes.FAMILIES[drawn(SEEDED[rng.integers(len(SEEDED))], seed)](int(rng.integers(3, 7)))
 
 
-def converged(run, before, now, programs=250):
-    """The step by convex programs alone, iterated until nothing moves by more than 1e-12; None where that fails.
+def away_from_given_friction(system, run):
+    """(N,) relative energy distances to the exact steps whose weights are those of the answer; NaN where none is found.
 
-    It knows nothing of what judges the package's own answers.
+    The weights of an answer are those that its own pressures ask for.
     """
-    norms, newton = run.system.norms, vx.Newton(accuracy=1e-11, max_iterations=400)
-    run = replace(run.asking(newton), check=False)
-    w, last, damping, before_that = norms.weights_under(now.t, before.p), np.inf, 1.0, None
-    if run.operators.kernel is not None:
-        w = np.full(len(w), np.abs(pose_step(run, before, now, w).program.g).sum())
-    for k in range(programs):
-        state = pose_step(run, before, now, w).solve()
-        if before_that is not None:
-            apart = energy_norm(run, state.y - before_that.y)
-            if apart <= 1e-12 * state.scale:
-                return state
-            if k > 15 and apart > 0.97 * last:
-                damping = max(0.7 * damping, 0.1)
-            last = apart
-        before_that = state
-        w = (1 - damping) * w + damping * norms.weights_under(now.t, state.p)
-    return None
-
-
-def energy_norm(run, y):
-    """|y|_K of the retained unknowns (m,)."""
-    return float(np.sqrt(max(y @ (run.operators.K @ y), 0.0)))
+    exact, away = Steps(system), np.full(len(run.times) - 1, np.nan)
+    for n, (s, t) in enumerate(pairwise(run.times.tolist()), start=1):
+        # Beyond the terms of the system come those of nodes that supports drag along.
+        before, w = run.state[n - 1], run.weights[n][: system.norms.count]
+        asked = system.norms.weights_under(t, run.pressures[n])
+        assert np.abs(w - asked).max() <= 1e-12 * w.max(initial=0.0)
+        guess = run.state[n] - before, run.multipliers[n].ravel()[: system.B.shape[0]], run.pressures[n]
+        with contextlib.suppress(Stuck):
+            step = exact.step(before, s, t, guess, weights=w)
+            away[n - 1] = step.distance(exact.scaled(before, run.state[n], step.unit)) / run.scale[n]
+    return away

@@ -200,10 +200,9 @@ class Steps:
         """
         system, power, norms, limits = self.system, self.power, self.system.norms, self.system.limits
         load = np.asarray(system.load(t), dtype=float)
-        tilt = np.zeros(0) if norms is None else norms.bias_at(t)
         motion = system.motion
         still = settled or motion is None
-        drags = [np.zeros_like(tilt)] * 2 if still else [motion.prescribed_slip(s), motion.prescribed_slip(t)]
+        drags = [np.zeros(system.B.shape[0])] * 2 if still else [motion.prescribed_slip(s), motion.prescribed_slip(t)]
         ground = None if settled or norms is None else norms.ground
         if ground is not None:
             drags = [drag - ground(x) for drag, x in zip(drags, (s, t), strict=True)]
@@ -211,7 +210,6 @@ class Steps:
         a = _unit(load, before, drags[0] - drags[1], guess[0], power)
         y = fixed(np.ldexp(before, -power - a))
         K, g = self.K, fixed(np.ldexp(load, power - a)) - self.K @ y
-        g = g - self.B.T @ fixed(np.ldexp(tilt, self.sigma - a))
         if self.C is not None and not settled:
             k = int(fixed(np.array([t]))[0] - fixed(np.array([s]))[0])
             rate = Matrix(self.C.rows, self.C.columns, np.array([(c << BITS) // k for c in self.C.entries]), K.shape)

@@ -92,7 +92,7 @@ class Body:
     capped_weights: list = field(default_factory=list)
     """(rows, t -> gap, stiffness or None)"""
     rubs: list = field(default_factory=list)
-    """(rows, t -> forward, t -> backward, coefficient, cap)"""
+    """(rows, t -> bound, coefficient)"""
 
     def __post_init__(self):
         self.mesh = skfem.MeshTri(self.points.T.copy(), self.triangles.T.copy())
@@ -265,21 +265,18 @@ class Body:
         )
         return self
 
-    def rub(self, side, forward=None, backward=None, coefficient=None, integrated=False):
-        """Friction on a side: bounds (x, y, t), or a coefficient (x, y) of the pressure of the wall there."""
+    def rub(self, side, bound=None, coefficient=None, integrated=False):
+        """Friction on a side: a bound (x, y, t), or a coefficient (x, y) of the pressure of the wall there."""
         rows = self._free(self.rows(side, tangents=True))
         x, y = self.points[rows.nodes].T
 
-        def weights(bound):
+        def weights(t):
             if integrated:
                 which = np.isin(self.nodes(side), rows.nodes)
-                return lambda t: self.integral(side, lambda X: bound(X[0], X[1], t))[which]
-            return lambda t: rows.lengths * (bound(x, y, t) + 0 * x)
+                return self.integral(side, lambda X: bound(X[0], X[1], t))[which]
+            return rows.lengths * (bound(x, y, t) + 0 * x)
 
-        if coefficient is not None:
-            self.rubs.append((rows, None, None, coefficient(x, y) + 0 * x))
-        else:
-            self.rubs.append((rows, weights(forward), weights(backward or forward), None))
+        self.rubs.append((rows, weights, None) if coefficient is None else (rows, None, coefficient(x, y) + 0 * x))
         return self
 
     def _free(self, rows):
@@ -369,7 +366,7 @@ class March:
     def _pressing(self):
         """(rubs, walls) mu where a wall presses on the node of a friction row."""
         out = []
-        for rows, _, _, mu in self.body.rubs:
+        for rows, _, mu in self.body.rubs:
             found = np.zeros((len(rows.nodes), len(self.spring)))
             if mu is not None:
                 column = 0
@@ -389,12 +386,9 @@ class March:
         )
 
     def bounds(self, t, p):
-        """Weights forward and backward."""
-        pair = []
-        for which in (1, 2):
-            parts = [np.zeros(len(r[0].nodes)) if r[3] is not None else r[which](t) for r in self.body.rubs]
-            pair.append((np.concatenate(parts) if parts else np.zeros(0)) + self.press @ p)
-        return pair
+        """Bounds of friction as forces, one a row."""
+        parts = [np.zeros(len(rows.nodes)) if weights is None else weights(t) for rows, weights, _ in self.body.rubs]
+        return np.concatenate([np.zeros(0), *parts]) + self.press @ p
 
     def load(self, t):
         return sum((load(t) for load in self.body.loads), np.zeros(2 * self.body.n))
@@ -409,8 +403,7 @@ class March:
         for s, t in pairwise(times):
             before, now = now, self._step(now, s, t)
             du, f, k = now.u - before.u, self.load(t), t - s
-            slip, (forward, backward) = self.T @ du, self.bounds(t, now.p)
-            rubbed = forward @ np.maximum(slip, 0) + backward @ np.maximum(-slip, 0)
+            rubbed = self.bounds(t, now.p) @ np.abs(self.T @ du)
             forces.append(body.K @ now.u + body.C @ du / k - f)
             moved = self.held(t) - self.held(s) if len(self.E) else np.zeros(0)
             pushed = now.p @ (self.gaps(t) - self.gaps(s))
@@ -441,7 +434,7 @@ class March:
         # What presses on a floor that holds tight is a beginning: friction of yesterday's pressures may not hold a
         # body that nothing else holds.
         tight = 10 * np.abs(self.load(t)).sum() * np.ones(len(self.T)) * (self.press.sum(axis=1) > 0)
-        p, state = self._program(before, s, t, (tight, tight)).p, None
+        p, state = self._program(before, s, t, tight).p, None
         for _ in range(MOST_PROGRAMS):
             state = self._program(before, s, t, self.bounds(t, p), state)
             change = np.abs(state.p - p).max()
@@ -467,13 +460,12 @@ class March:
         force = scale * unit
         u, over = cp.Variable(len(f)), cp.Variable(int(self.soft.sum()) or 1, nonneg=True)
         slip = self.T @ u - b / unit
-        up, down = bounds[0] / force, bounds[1] / force
-        forward, backward = cp.Variable(len(self.T) or 1, nonneg=True), cp.Variable(len(self.T) or 1, nonneg=True)
+        way = cp.Variable(len(self.T) or 1)
         cost = 0.5 * cp.quad_form(u, cp.psd_wrap(H / scale)) - (f / force) @ u
         rules, split, rigid = [], None, None
         if len(self.T):
-            split = slip == forward - backward
-            rules, cost = [*rules, split], cost + up @ forward + down @ backward
+            split = slip == way
+            rules, cost = [*rules, split], cost + (bounds / force) @ cp.abs(way)
         if len(self.E):
             rules.append(self.E @ u == h / unit)
         if len(self.N):
@@ -501,7 +493,7 @@ class March:
         if rigid is not None:
             acts[~self.soft] = np.asarray(rigid.dual_value) > -room[~self.soft]
         # A row sticks where its slip is nearer to zero than its multiplier to the bounds.
-        sign = np.where(np.abs(s) <= np.minimum(up - lam, down + lam), 0, np.sign(s)).astype(int)
+        sign = np.where(np.abs(s) <= bounds / force - np.abs(lam), 0, np.sign(s)).astype(int)
 
         return sign, acts
 
@@ -512,7 +504,7 @@ class March:
         for _ in range(MOST_SETS):
             stick, hard = np.flatnonzero(sign == 0), np.flatnonzero(acts & ~self.soft)
             bent = np.flatnonzero(acts & self.soft)
-            slides = np.where(sign > 0, bounds[0], np.where(sign < 0, -bounds[1], 0.0))
+            slides = sign * bounds
             stiff = H + self.N[bent].T @ (self.spring[bent, None] * self.N[bent])
             right = f - self.T.T @ slides + self.N[bent].T @ (self.spring[bent] * gap[bent])
             A = np.vstack([self.E, self.T[stick], self.N[hard]])
@@ -528,8 +520,8 @@ class March:
             little, weak = 1e-12 * size, 1e-12 * force
             new_sign = sign.copy()
             held = sign == 0
-            new_sign[held & (lam > bounds[0] + weak)] = 1
-            new_sign[held & (lam < -bounds[1] - weak)] = -1
+            new_sign[held & (lam > bounds + weak)] = 1
+            new_sign[held & (lam < -bounds - weak)] = -1
             new_sign[(sign > 0) & (slip < -little)] = 0
             new_sign[(sign < 0) & (slip > little)] = 0
             new_acts = np.where(acts, p > -weak, room > little)

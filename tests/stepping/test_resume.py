@@ -13,10 +13,8 @@ import numpy as np
 import pytest
 from scenes import cyclic, paper_scene, small
 from stopped import Stopped, stop_at
-from typer.testing import CliRunner
 
 import vemcvx as vx
-from vemcvx.cli import app
 
 TIMES = np.linspace(0.0, 1.0, 25)
 SERIES = ("displacement", "forces", "energy", "dissipated", "work", "certificate")
@@ -113,10 +111,10 @@ def test_a_killed_run_goes_on(tmp_path):
     deadline, checkpoint, done = time.time() + 60, tmp_path / "checkpoint.npz", 0
     while done == 0 and time.time() < deadline:  # The first eight steps are entered together.
         time.sleep(0.02)
-        done = int(np.load(checkpoint)["numbers"][0]) if checkpoint.exists() else 0
+        done = int(np.load(checkpoint)["step"]) if checkpoint.exists() else 0
     process.send_signal(signal.SIGKILL)
     process.wait()
-    done = int(np.load(checkpoint)["numbers"][0])
+    done = int(np.load(checkpoint)["step"])
     assert 0 < done < 24
     scene, mesh = paper_scene(cyclic), small("squares", 5)
     first = []
@@ -124,35 +122,3 @@ def test_a_killed_run_goes_on(tmp_path):
     assert first[0] == done + 1
     whole = vx.simulate(scene, mesh, TIMES)
     assert np.abs(resumed.displacement - whole.displacement).max() <= 1e-12 * np.abs(whole.displacement).max()
-
-
-ENDED = """
-import os, signal, sys
-from vemcvx.cli import app
-from vemcvx.stepping.trajectory import Recorder
-add = Recorder.add
-def ended(recorder, n, state):
-    add(recorder, n, state)
-    if n == 13:
-        os.kill(os.getpid(), signal.SIGKILL)
-Recorder.add = ended
-app(sys.argv[1:])
-"""
-
-
-@pytest.mark.long
-def test_the_command_line_resumes(tmp_path):
-    """vemcvx run, killed while five steps waited, then the same with --resume DIR: the files of a run that was not."""
-    problem = str(Path(__file__).parents[2] / "problems" / "feng_han_huang.py")
-    command = ["run", problem, "--n", "6", "--steps", "30", "--mesh", "voronoi"]
-    killed, whole = tmp_path / "killed", tmp_path / "whole"
-    process = subprocess.run([sys.executable, "-c", ENDED, *command, "--out", str(killed)], check=False)
-    assert process.returncode == -signal.SIGKILL
-    assert not (killed / "summary.json").exists()
-    for options in (("--resume", str(killed)), ("--out", str(whole))):
-        done = CliRunner().invoke(app, [*command, *options])
-        assert done.exit_code == 0, done.output
-        assert ("resumed     after step 8 of 30" in done.output) == (options[0] == "--resume")
-    assert not (killed / "rows").exists()
-    one, two = vx.read_history(killed), vx.read_history(whole)
-    assert np.array_equal(one.displacement, two.displacement)

@@ -12,8 +12,6 @@ import pytest
 import vemcvx as vx
 from slip_weakening import SlipWeakening
 from vemcvx.effects import ContactSurface, Contribution, Friction
-from vemcvx.errors import NotContracting
-from vemcvx.stepping.state import stability
 
 STEEL, HELD = vx.Elasticity(200.0, 0.3), vx.Clamp(on="right")
 TOUCHING = vx.BilateralContact(on="bottom")
@@ -60,9 +58,9 @@ def simulate(*friction, solver=None, times=TIMES, load=to_and_fro, contact=TOUCH
 
 @pytest.mark.long
 def test_solvers_agree_within_their_certificates():
-    """Each is as near to the solution of every step as it says; errors grow over steps by at most 1 / (1 - rho)."""
+    """Each is as near as it says to the solution of every step for its own slips; errors grow by 1 / (1 - rho)."""
     runs = [simulate(Law(weakening, 30.0), solver=solver) for solver in (vx.Newton(1e-9), vx.Clarabel(1e-6))]
-    assert {run.certificate_kind for run in runs} == {"bound"}
+    assert {run.certificate_kind for run in runs} == {"for the given friction"}
     assert runs[0].contact.accumulated_slip[-1].max() > 0.01
     apart = np.abs(np.sqrt(2 * runs[0].energy) - np.sqrt(2 * runs[1].energy))
     totals = sum(np.cumsum(np.sqrt(2 * run.trajectory.gap)) for run in runs)
@@ -78,8 +76,7 @@ def test_a_law_of_the_slip_before_takes_one_convex_program_a_step():
         return np.maximum(4.0 - 300.0 * before, 1.0)
 
     lagged = simulate(Law(before_alone, softening=0.0))
-    assert lagged.certificate_kind == "bound"
-    assert np.isnan(lagged.contraction).all()
+    assert lagged.iterations.max() < 10
     contact = lagged.contact
     bounds = before_alone(0.0, None, contact.accumulated_slip, None)
     assert np.array_equal(contact.bound[1:], bounds[:-1])
@@ -96,9 +93,8 @@ def test_a_law_of_the_slip_before_takes_one_convex_program_a_step():
 
 
 @pytest.mark.long
-def test_without_softening_the_answer_is_the_same_and_an_estimate():
+def test_without_softening_the_answer_is_the_same():
     known, unknown = (simulate(Law(weakening, k)) for k in (30.0, None))
-    assert (known.certificate_kind, unknown.certificate_kind) == ("bound", "estimate")
     scale = np.abs(known.displacement).max()
     assert np.abs(known.displacement - unknown.displacement).max() < 1e-7 * scale
 
@@ -131,7 +127,6 @@ def test_coulomb_with_a_coefficient_that_wears_off():
     )
     mesh = vx.meshes.squares(3, box=((0, 1), (0, height)))
     history = vx.simulate(scene, mesh, times, initial="settled", solver=vx.Newton(1e-9))
-    assert history.certificate_kind == "estimate"
     # An accuracy of 1e-9 of the energy in which it is pressed, over ten steps.
     assert np.abs(-history.contact.traction[:, :, 0] - q[:, None]).max() < 1e-7
     assert np.abs(history.contact.slip[:, :, 0] - a[:, None]).max() < 1e-7
@@ -151,20 +146,19 @@ PRESSED = {"contact": vx.UnilateralContact(on="bottom"), "load": lambda x, t: to
 
 @pytest.mark.long
 @pytest.mark.parametrize("solver", [vx.Newton(1e-9), vx.Clarabel(1e-6)], ids=["Newton", "Clarabel"])
-def test_coulomb_with_a_coefficient_of_the_slip_before_has_bounds(solver):
+def test_coulomb_with_a_coefficient_of_the_slip_before(solver):
     """A law of pressure and the slip before the step alone is Coulomb's, with that coefficient in each step."""
     history = simulate(Law(worn, pressed=True, slope=worn_slope), solver=solver, **PRESSED)
-    assert history.certificate_kind == "bound"
+    assert history.certificate_kind == "for the given friction"
     contact = history.contact
     before = np.vstack([0 * contact.bound[:1], contact.accumulated_slip[:-1]])
     asked = worn(0.0, contact.pressure, before, None)
     slack = 1e-4 if isinstance(solver, vx.Clarabel) else 1e-9
     assert np.abs(contact.bound - asked)[1:].max() < slack * asked.max()
     assert contact.bound[-1].max() < 0.5 * contact.pressure[-1].max()
-    unproven = simulate(Law(worn, pressed=True), **PRESSED)
-    assert unproven.certificate_kind == "estimate"
+    without = simulate(Law(worn, pressed=True), **PRESSED)
     scale = np.abs(history.displacement).max()
-    assert np.abs(unproven.displacement - history.displacement).max() < 10 * max(slack, 1e-7) * scale
+    assert np.abs(without.displacement - history.displacement).max() < 10 * max(slack, 1e-7) * scale
 
 
 @pytest.mark.long
@@ -174,7 +168,6 @@ def test_a_coefficient_that_stays_is_coulombs():
         **PRESSED,
     )
     known = simulate(vx.CoulombFriction(0.3, on="bottom"), **PRESSED)
-    assert kept.certificate_kind == known.certificate_kind == "bound"
     scale = np.abs(known.displacement).max()
     assert np.abs(kept.displacement - known.displacement).max() < 1e-8 * scale
 
@@ -247,11 +240,6 @@ def test_softening_of_a_law_that_reads_forces_is_told():
         simulate(Law(weakening, 30.0, pressed=True), contact=vx.UnilateralContact(on="bottom"))
 
 
-def test_a_law_that_falls_faster_than_it_says_is_told():
-    with pytest.raises(vx.SceneError, match=r"friction: at node \d+ .* faster than its law says: softening is"):
-        simulate(Law(weakening, 3.0))
-
-
 def block(distance):
     """A block sheared over a floor; its softening over stiffness is .3 / distance."""
     k = 0.6 / distance
@@ -264,60 +252,23 @@ def block(distance):
     ), k * 0.5 / 10.0
 
 
-@pytest.mark.parametrize("distance", [0.1, 0.04, 0.031])
-def test_stability_is_that_of_a_spring_and_a_slider(distance):
-    """Softening k over mu / H, in closed form."""
-    scene, rho = block(distance)
-    system = vx.scene.pose.pose_scene(scene, vx.meshes.hexagons(4, box=((0, 1), (0, 0.5)))).system
-    run = vx.stepping.state.prepare(system, None, True, True)
-    assert stability(run.operators, system.norms.softening).rho == pytest.approx(rho, rel=1e-10)
-
-
-def test_where_no_contraction_is_known_a_sentence_says_so():
-    scene, rho = block(0.02)
-    mesh = vx.meshes.squares(4, box=((0, 1), (0, 0.5)))
-    said = rf"at node \d+ at \(.*\) \(softening over stiffness is {rho:.3g}; .*Take a law that falls over a longer slip"
-    with pytest.warns(vx.SceneWarning, match=said):
-        history = vx.simulate(scene, mesh, [0.0, 0.4, 1.0])
-    assert history.certificate_kind == "estimate"
-
-
-def test_where_the_fixed_point_does_not_contract_a_sentence_says_where():
-    def hardening(t, pressure, before, slip):
-        return 0.5 + 3e3 * slip
-
-    how = r"sees slip (contracts with the rate|does not contract)"
-    said = how + r".* weights still change, at node \d+ at .* that reads the slip before"
-    with pytest.raises(NotContracting, match=said):
-        simulate(Law(hardening))
-
-
 @pytest.mark.long
-@pytest.mark.parametrize("rise", [10.0, 100.0])
+@pytest.mark.parametrize("rise", [10.0, 100.0, 1e5])
 def test_friction_that_hardens_is_convex_however_steep(rise):
     """A sheared block, g = g_0 + h A: a = (mu U / H - g_0) / (mu / H + h); plain iteration needs h < mu / H = 20."""
     scene, _ = block(0.1)
     hard = Law(lambda t, pressure, before, slip: 0.2 + rise * (before + slip), softening=0.0)
     scene = scene.without(SlipWeakening).with_(hard)
     history = vx.simulate(scene, vx.meshes.squares(3, box=((0, 1), (0, 0.5))), [0.0, 0.4, 1.0], solver=vx.Newton(1e-9))
-    assert history.certificate_kind == "bound"
     stiff = 10.0 / 0.5
     a = np.maximum(stiff * 0.1 * history.times - 0.2, 0.0) / (stiff + rise)
     assert np.abs(history.contact.slip[:, :, 0] - a[:, None]).max() < 1e-7 * a.max()
 
 
 @pytest.mark.long
-def test_friction_that_hardens_too_steeply_is_refused():
-    said = "has one answer, which is not found: let weights"
-    with pytest.raises(NotContracting, match=said):
-        simulate(Law(lambda t, pressure, before, slip: 0.5 + 1e5 * slip, softening=0.0))
-
-
-@pytest.mark.long
 def test_what_settles_before_the_first_instant_is_no_slip():
     history = simulate(Law(weakening, 30.0), load=lambda x, t: to_and_fro(x, 0.3 + t), initial="settled")
     assert (history.contact.accumulated_slip[0] == 0).all()
-    assert history.certificate_kind == "bound"
     assert (
         history.contact.bound[1:][history.contact.sticking[1:] & (history.contact.accumulated_slip[1:] == 0)] == 4
     ).all()
@@ -331,43 +282,6 @@ def test_programs_of_steps_have_the_weights_that_their_slip_has_left(condense):
         program = history.program(n, condense=condense)
         assert program.certificate.error < 1e-6 * program.norm
         assert np.array_equal(np.sort(program.w), np.sort(history.trajectory.weights[n]))
-
-
-@pytest.mark.long
-def test_full_programs_have_the_same_answers():
-    one, other = (simulate(Law(weakening, 30.0), condense=condense) for condense in (True, False))
-    scale = np.abs(one.displacement).max()
-    assert np.abs(one.displacement - other.displacement).max() < 1e-7 * scale
-    assert one.certificate_kind == other.certificate_kind == "bound"
-
-
-@pytest.mark.long
-def test_ground_that_moves_wears_friction_off():
-    """A block held at its top on a belt: the friction of the block sheared over a floor at rest, to rounding."""
-    belt = vx.effects.effect.Ground
-
-    @dataclass(frozen=True)
-    class OnBelt(Law):
-        def contribute(self, space):
-            part = super().contribute(space)
-            (friction,) = part.frictions
-            points = space.mesh.points[friction.nodes]
-            ground = belt("Law: ground", points, lambda x, t: np.tile([-0.1 * t, 0.0], (len(x), 1)))
-            return replace(part, frictions=(replace(friction, ground=ground),))
-
-    scene, _ = block(0.1)
-    still = scene.without(vx.PrescribedDisplacement).without(SlipWeakening)
-    mesh, times = vx.meshes.squares(3, box=((0, 1), (0, 0.5))), np.linspace(0.0, 1.0, 6)
-    held = vx.Clamp(on="top"), vx.PrescribedDisplacement(0.0, on=["left", "right"], direction=(0.0, 1.0))
-
-    def bound(t, pressure, before, slip):
-        return np.maximum(1.0 - 6.0 * (before + slip), 0.4)
-
-    carried = vx.simulate(still.with_(*held, OnBelt(bound, 6.0)), mesh, times, solver=vx.Newton(1e-10))
-    sheared = vx.simulate(scene, mesh, times, solver=vx.Newton(1e-10))
-    assert 0.4 < -carried.contact.traction[-1, :, 0].max() < 1.0
-    assert np.abs(carried.contact.traction - sheared.contact.traction).max() < 1e-8
-    assert np.abs(carried.contact.accumulated_slip - sheared.contact.accumulated_slip).max() < 1e-9
 
 
 @pytest.mark.long
@@ -395,7 +309,6 @@ def test_in_space_the_slip_is_that_of_a_disc():
         if way[n - 1] + step > 0.1:
             step = max(size - 0.4, 0.0) / stiff
         a[n], way[n] = a[n - 1] + step * pull / size, way[n - 1] + step
-    assert history.certificate_kind == "bound"
     assert np.abs(history.contact.slip[:, :, :2] - a[:, None]).max() < 1e-6
     assert np.abs(history.contact.accumulated_slip - way[:, None]).max() < 1e-6
     assert way[-1] > 0.1
@@ -510,7 +423,7 @@ def test_random_laws_against_an_independent_fixed_point(seed):
     system, law = random_system(rng, n=int(rng.integers(2, 7)), healing=seed % 2 == 1)
     times = np.linspace(0.0, 1.5, 5)
     run = vx.march(system, times, solver=vx.Newton(1e-7))
-    assert run.certificate_kind == "bound"
+    assert run.certificate.max() <= 1e-7
     found, left = marched_by_cvxpy(system, law, times)
     slack = 20 * np.sqrt(2 * run.gap).sum() + 100 * left + 1e-6
     assert left < 1e-6

@@ -17,7 +17,6 @@ import vemcvx as vx
 TIMES = np.linspace(0.0, 1.0, 4)
 ERRORS = (
     vx.NotCertified("missed", step=3, time=0.5, reached=1e-3, asked=1e-6, floor=1e-9),
-    vx.NotContracting("lost", step=2, time=0.25, rate=1.5),
     vx.SceneError("wrong"),
 )
 

@@ -11,7 +11,6 @@ from skfem.models.elasticity import linear_elasticity
 from solids import SOLIDS, solid
 
 import vemcvx as vx
-from vemcvx.scene.pose import _principal
 from vemcvx.vem import Space, cell_load, edge_load, rigid_modes, stiffness, strains, stress_load
 from vemcvx.vem.projection import face_groups
 
@@ -53,17 +52,11 @@ def test_rows_made_a_few_at_a_time_have_the_bits_of_all_without_a_copy_beside_it
         tracemalloc.start()
         A = stiffness(space, ones, ones)
         summed = tracemalloc.get_traced_memory()[1] - space_of(A)
-        tracemalloc.reset_peak()
-        K = _principal(A, np.arange(A.shape[0])[A.shape[0] // 8 :])
-        restricted = tracemalloc.get_traced_memory()[1] - space_of(A) - space_of(K)
         tracemalloc.stop()
-        found.append((A, K, summed / space_of(A), restricted / space_of(A)))
-    (A, K, *few), (B, L, *most) = found
-    for one, other in ((A, B), (K, L)):
-        assert all(np.array_equal(getattr(one, part), getattr(other, part)) for part in ("data", "indices", "indptr"))
-    assert (np.array(most) - few > 1).all()
-    for some in (np.random.default_rng(0).permutation(A.shape[0])[:400], np.zeros(0, dtype=np.int64)):
-        assert abs(_principal(A, some) - A[some][:, some]).nnz == 0
+        found.append((A, summed / space_of(A)))
+    (A, few), (B, most) = found
+    assert all(np.array_equal(getattr(A, part), getattr(B, part)) for part in ("data", "indices", "indptr"))
+    assert most - few > 1
 
 
 def space_of(A):

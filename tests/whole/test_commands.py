@@ -145,12 +145,6 @@ HOW = {
     "pip install basedpyright": As(),
     ".ci/run": Not("it runs all default tests, and is what continuous integration runs"),
     ".ci/kernels": Not("it takes two hours"),
-    'pip install ".[threads]"': Not(
-        "a threaded oneMKL is a gigabyte; tests/linear/test_threads.py runs where it is installed"
-    ),
-    "vemcvx run FILE --threads 4": Not(
-        "it needs that oneMKL; tests/linear/test_threads.py runs it where it is installed"
-    ),
     "python3 -m venv --system-site-packages": Not(
         "it needs the system's PETSc; tests/linear/test_petsc.py runs with it"
     ),
@@ -167,7 +161,7 @@ def test_every_command_of_the_texts_is_listed():
 
 
 def test_few_are_not_run():
-    assert sum(isinstance(how, Not) for how in HOW.values()) == 14
+    assert sum(isinstance(how, Not) for how in HOW.values()) == 12
 
 
 @pytest.fixture(scope="module")

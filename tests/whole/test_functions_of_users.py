@@ -35,11 +35,10 @@ def load(t):
     [
         lambda of: vx.System(K, of(load), vx.Norms(np.eye(2), 0.5)),
         lambda of: vx.System(K, load, vx.Norms(np.eye(2), of(lambda t: np.array([t, 0.1 + t])))),
-        lambda of: vx.System(K, load, vx.Norms(np.eye(2), 0.5, bias=of(lambda t: np.array([0.3 * t, -0.1 * t])))),
         lambda of: vx.System(K, load, limits=vx.Limits(np.eye(2), of(lambda t: np.array([0.5 * t, 1.0])))),
         lambda of: vx.System(K, of(load), damping=vx.Damping(np.eye(2))),
     ],
-    ids=["load", "weights", "bias", "limits", "damped"],
+    ids=["load", "weights", "limits", "damped"],
 )
 def test_one_buffer_for_all_instants(system):
     """A load compared with itself would never change: state 0, certified 0."""

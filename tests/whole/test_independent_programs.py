@@ -58,17 +58,17 @@ def tresca(mesh):
     return scene, block(mesh).traction("left", f).clamp("right").bilateral("bottom").rub("bottom", g)
 
 
-def tresca_one_way(mesh):
-    f, forward, backward = pull(8), lambda x, y, t: 1 + x**2, lambda x, y, t: 4 + x * t
+def tresca_integrated(mesh):
+    f, g = pull(8), lambda x, y, t: 1 + x**2 + x * t
     scene = vx.Scene(
         BLOCK,
         vx.Clamp(on="right"),
         vx.Traction(vector(f), on="left"),
         vx.BilateralContact(on="bottom"),
-        vx.TrescaFriction(scalar(forward), on="bottom", quadrature="integral", backward=scalar(backward)),
+        vx.TrescaFriction(scalar(g), on="bottom", quadrature="integral"),
     )
     other = block(mesh).traction("left", f).clamp("right").bilateral("bottom")
-    return scene, other.rub("bottom", forward, backward, integrated=True)
+    return scene, other.rub("bottom", g, integrated=True)
 
 
 def signorini(mesh):
@@ -294,7 +294,7 @@ def pinned(mesh):
 
 
 QUICK = (
-    *(tresca, tresca_one_way, signorini, moving_gap, coulomb, viscous, viscous_and_moved, heated, orthotropic),
+    *(tresca, tresca_integrated, signorini, moving_gap, coulomb, viscous, viscous_and_moved, heated, orthotropic),
     *(founded, moved, unclamped, unclamped_coulomb, two_materials, pinned),
 )
 SCENES = (*QUICK, compliant, guided)

@@ -68,11 +68,11 @@ def test_effects_keep_copies(name):
 def test_systems_keep_copies():
     A = np.random.default_rng(0).random((4, 4))
     arrays = {
-        "K": sp.csr_matrix(A @ A.T + np.eye(4)), "B": np.eye(4)[:2], "w": np.ones(2), "bias": np.array([0.1, -0.1]),
+        "K": sp.csr_matrix(A @ A.T + np.eye(4)), "B": np.eye(4)[:2], "w": np.ones(2),
         "D": np.eye(4)[2:], "e": np.ones(2), "compliance": np.full(2, 0.5), "near_kernel": np.ones((4, 1)),
         "order": np.arange(4),
     }  # fmt: skip
-    norms = vx.Norms(arrays["B"], arrays["w"], bias=arrays["bias"])
+    norms = vx.Norms(arrays["B"], arrays["w"])
     limits = vx.Limits(arrays["D"], arrays["e"], compliance=arrays["compliance"])
     system = vx.System(
         arrays["K"], lambda t: t * np.arange(4.0), norms=norms, limits=limits,

@@ -16,7 +16,7 @@ import pytest
 import vemcvx
 
 ROOT = Path(vemcvx.__file__).parent
-GROUND = ["errors", "arrays", "outline", "archives", "owned_files", "interrupt", "version"]
+GROUND = ["errors", "arrays", "outline", "archives", "owned_files", "version"]
 GROUND += ["canvas", "weight_law"]
 PAGE = {
     "meshes": "polygons or polyhedra that tile a domain, families of them, local refinement, mesh files",

@@ -127,18 +127,17 @@ def young_to_stiffness(folder):
     return traced(lambda: simulated(scene(young=NUMBER)), since="Elasticity.contribute")
 
 
-def accuracy_to_option(folder):
-    """The target is a square."""
+def accuracy_to_step(folder):
     problem, accuracy = str(ROOT.parent / "problems" / "feng_han_huang.py"), repr(NUMBER * 2.0**-20)
     asked = ["run", problem, "--n", "2", "--steps", "1", "--solver", "clarabel", "--accuracy", accuracy]
-    return traced(lambda: CliRunner().invoke(app, asked), in_values(NUMBER, powers=(1, 2)))
+    return traced(lambda: CliRunner().invoke(app, asked), in_values(NUMBER))
 
 
 def displacement_to_file(folder):
     given = scene(bound=3.0)  # One node slips: with a power of two what friction loses would be that number, too.
     history = simulated(given)
     largest = np.abs(history.displacement[-1][history.contact.nodes]).max()
-    return traced(lambda: simulated(given).write(folder), in_values(largest), since="Scaling.restore")
+    return traced(lambda: simulated(given).write(folder), in_values(largest), since="StepProgram.rounding_floor")
 
 
 def coefficient_to_certificate(folder):
@@ -176,22 +175,17 @@ WALKS = {
     "bound, from TrescaFriction to the cone": (bound_to_cone, "stepping/state.py"),
     "bound, from TrescaFriction to Newton's method": (
         bound_to_newton,
-        "stepping/state.py program/operators.py program/certificate.py program/operators.py",
+        "program/step_program.py program/forces.py stepping/state.py",
     ),
     "young, from Elasticity to K": (
         young_to_stiffness,
         "vem/elasticity.py vem/stabilisation.py vem/space.py scene/pose.py",
     ),
-    "accuracy, from the command line to an option of a solver": (
-        accuracy_to_option,
-        "solvers/solver.py program/condensation.py stepping/posed_step.py "
-        "stepping/backward_euler.py "
-        "stepping/trajectory.py",
-    ),
+    "accuracy, from the command line to a step": (accuracy_to_step, "solvers/solver.py"),
     "u, from the answer to a step to a VTU file": (
         displacement_to_file,
         "program/step_program.py program/operators.py program/condensation.py linear/superlu.py "
-        "linear/products.py stepping/ledger.py results/contact.py vem/elasticity.py simulation.py history.py",
+        "stepping/ledger.py results/contact.py vem/elasticity.py simulation.py history.py",
     ),
 }
 """What is traced, and the files beside the way: they use the number, or give it back to who called them."""
@@ -199,10 +193,10 @@ WALKS = {
 
 LENGTHS = {
     bound_to_cone: (("program/step_program.py", "to_cvxpy"), 7, 2),
-    bound_to_newton: (("solvers/newton.py", "answer_on"), 9, 3),
+    bound_to_newton: (("solvers/law.py", "GivenWeights.in_units"), 7, 1),
     young_to_stiffness: (("program/system.py", "System.__post_init__"), 6, 1),
-    accuracy_to_option: (("solvers/conic.py", "OfGap.at"), 11, 4),
-    displacement_to_file: (("meshes/io/vtk.py", "write_cells"), 16, 6),
+    accuracy_to_step: (("stepping/posed_step.py", "PosedStep.solve"), 7, 3),
+    displacement_to_file: (("meshes/io/vtk.py", "write_cells"), 16, 8),
     coefficient_to_certificate: (None, 6, 4),
     pair_to_files: (("results/files.py", "write_archive"), 8, 3),
 }

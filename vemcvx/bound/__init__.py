@@ -57,10 +57,10 @@ the distance of the points may not be seen, be it a load, friction, or a quantit
 of other kinds, and bounds are wider by an allowance (:mod:`.reading`).
 
 **What sticks for certain: nothing that could be proved.** Theorem 1 with all of its terms says h(u) - inf h <= A^2 / 4
-+ b, the maximum of A x - x^2 being A^2 / 4. For friction, h(u) is the integral of g |s| + c s - q s >= (g - |q - c|)
-|s|, s being the slip of u:
++ b, the maximum of A x - x^2 being A^2 / 4. For friction, h(u) is the integral of g |s| - q s >= (g - |q|) |s|, s
+being the slip of u:
 
-    int_C (g - |q - c|) |s|  <=  A^2 / 4 + b,
+    int_C (g - |q|) |s|  <=  A^2 / 4 + b,
 
 so that where the friction of tau stays below its bound by delta, the slip of the exact answer, integrated, is at most
 (A^2 / 4 + b) / delta; likewise friction comes near to its bound, on average, where v slips. That is a bound on how much

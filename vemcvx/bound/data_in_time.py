@@ -77,9 +77,8 @@ class Followed:
         """The system under data that are linear between the instants of the path."""
         norms, motion = system.norms, system.motion
         if norms is not None:
-            bias = None if norms.bias is None else _line(self.path, norms.bias_at)
             ground = None if norms.ground is None else _line(self.path, norms.moved)
-            norms = replace(norms, w=_line(self.path, norms.weights), bias=bias, ground=ground)
+            norms = replace(norms, w=_line(self.path, norms.weights), ground=ground)
         if motion is not None:
             force, slip = (_line(self.path, one) for one in (motion.dirichlet_force, motion.prescribed_slip))
             motion = replace(motion, dirichlet_force=force, prescribed_slip=slip)
@@ -153,7 +152,7 @@ def _apart(posed: PosedScene, known: Floats, at: Floats) -> Floats:
 
 
 def _data(posed: PosedScene, t: float) -> list[Floats]:
-    """The data of a scene at an instant: motions of supports, forces, weights, biases, and motions of the ground."""
+    """The data of a scene at an instant: motions of supports, forces, weights, and motions of the ground."""
     terms = posed.terms
-    kinds = [posed.supports.motion(t), posed.force(t), terms.weights(t), terms.bias(t)]
+    kinds = [posed.supports.motion(t), posed.force(t), terms.weights(t)]
     return kinds + ([] if terms.ground is None else [terms.ground(t)])

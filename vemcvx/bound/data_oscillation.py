@@ -314,16 +314,14 @@ class DataOscillation:
         return self._compliances * np.sum(squares, axis=0), lacking
 
     def _bound(self, friction: Friction, now: Instant) -> tuple[Floats, Floats]:
-        """The same of a bound of friction; of two bounds the one that is farther off."""
+        """The same of a bound of friction."""
         lam, bound, slipped = self._friction(now)
         none = np.zeros(len(friction.nodes))
         forces = self.fine.forces(friction, pressures_at_ends(self.posed, self.edges, now))
         w = friction.weights_under(now.t, forces, none, none)
-        tilt = none if friction.bias is None else friction.bias(now.t)
-        at, g, line = self.fine.read(friction, np.column_stack([w + tilt, w - tilt]) / friction.lengths[:, None])
-        off = g - line
-        differs = np.take_along_axis(off, np.abs(off).argmax(axis=1)[:, None], axis=1)[:, 0]
-        exceeds = np.maximum(self.fine.between(lam, at) - g.min(axis=1), 0.0)
+        at, g, line = self.fine.read(friction, (w / friction.lengths)[:, None])
+        differs = (g - line)[:, 0]
+        exceeds = np.maximum(self.fine.between(lam, at) - g[:, 0], 0.0)
         # Friction counts as being at its bound from .99 of it on.
         active = np.any(slipped | (lam >= 0.99 * bound), axis=1)[self.fine.owner[at]]
         apart = np.where(active, differs, -np.minimum(exceeds, np.abs(differs)))

@@ -4,7 +4,7 @@ A step: :mod:`.hypercircle`. A whole history, if nothing but friction with a giv
 admissible at all instants, r = tau - sigma_0 - C eps(v) and X = tau - sigma, so that X = r + C eps(v - u). From Green's
 formula, and from what q of tau_t = -q and its bound g let u and v dissipate,
 
-    d/dt |X|^2 / 2  =  <r', X> + (X, eps(v' - u'))  <=  |r'| |X| + D',      D' = int g |s'| + c s' - q s',
+    d/dt |X|^2 / 2  =  <r', X> + (X, eps(v' - u'))  <=  |r'| |X| + D',      D' = int g |s'| - q s',
 
 s' being the rate of slip of v, both norms in C^-1. Between two instants everything is taken for linear in time, and
 with Brezis' lemma (y^2 / 2 <= a^2 / 2 + int m y implies y <= a + int m)

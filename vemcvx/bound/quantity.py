@@ -72,7 +72,8 @@ from vemcvx.meshes.polygons import positions
 from vemcvx.outline import Outline, Outlined
 from vemcvx.scene import Scene
 from vemcvx.scene.pose import PosedScene, pose_scene, unwarned
-from vemcvx.scene.supports import ContactRows, by_precedence, jump_rows, resolve
+from vemcvx.scene.rows import ContactRows, jump_rows
+from vemcvx.scene.supports import by_precedence, resolve
 from vemcvx.vem import Space, tangents_of
 
 
@@ -371,9 +372,9 @@ class Dual:
                 "error_bound: found of= a displacement of a support that ends beside one-sided contact in the "
                 "same direction; their forces cannot be told apart."
             )
-        bound, bias, friction = pair.surface.laws
+        bound, friction = pair.surface.laws
         most = np.zeros(len(edges.outer))
-        np.maximum.at(most, boundary.fine.piece_owner, np.max(bound + np.abs(friction - bias), axis=1))
+        np.maximum.at(most, boundary.fine.piece_owner, np.max(bound + np.abs(friction), axis=1))
         size = [np.abs(np.einsum("b...d,bd->b...", one, edges.tangents)) for one in fields.on_edges]
         work = most * edges.lengths * (0.5 * size[0].sum(axis=1) + 2.0 / 3.0 * size[1])
         return float(np.sum(work[held[0] & along]))

@@ -24,8 +24,8 @@ from vemcvx.history import History
 from vemcvx.meshes import PolygonMesh, plane_mesh
 from vemcvx.meshes.polygons import cell_of_corner, cross, directed_edges, positions, right_of, spans
 from vemcvx.scene.pose import PosedScene
+from vemcvx.scene.rows import ContactRows, jump_rows
 from vemcvx.scene.scene import InitialStresses
-from vemcvx.scene.supports import ContactRows, free_directions, jump_rows, on_free
 from vemcvx.vem import elastic_matrix, mean_shear, strains, stresses
 
 
@@ -72,7 +72,7 @@ def joints(posed: PosedScene, edges: Ints, units: Floats) -> Joints:
     across[first] = partners
     normals = np.repeat(units[first], 2, axis=0)[:, None]
     normal = jump_rows(ends.ravel(), partners.ravel(), normals, mesh.points)
-    held = np.diff(on_free(normal, posed.supports).indptr) == 0
+    held = np.diff(posed.supports.on_free(normal).indptr) == 0
     return Joints(across, first, second, held.reshape(-1, 2).all(axis=1))
 
 
@@ -177,7 +177,7 @@ def skeleton(posed: PosedScene) -> Skeleton:
         outer_corners=outer,
         outer_edges=edges[outer],
         outer_normals=normals[outer],
-        free=free_directions(posed.supports.P, edges[outer].ravel(), np.repeat(np.arange(len(outer)), 2), 2),
+        free=posed.supports.free_directions(edges[outer].ravel(), np.repeat(np.arange(len(outer)), 2)),
         joints=joints(posed, edges[outer], normals[outer]),
     )
 

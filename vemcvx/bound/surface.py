@@ -3,13 +3,12 @@
 The effects of the scene are asked on the boundary's edges cut into pieces (:mod:`vemcvx.bound.data_oscillation`).
 Data are read at the ends of the pieces and taken for linear between them; loads at three Gauss points a piece.
 
-With s the slip of v since the step before, q the friction (against s, so that tau_t = -q), c its bias and g its bound,
-z = v_n - gap the depth, p the pressure and k the stiffness of a compliant obstacle, any |q - c| <= g and p >= 0 will
-do, and the multipliers of the answer give them: q = c + theta g and p with theta and p linear between the ends of
-edges, where they are force over length, clipped. What v and these lack of the laws of friction and contact is the sum
-of
+With s the slip of v since the step before, q the friction (against s, so that tau_t = -q) and g its bound, z = v_n -
+gap the depth, p the pressure and k the stiffness of a compliant obstacle, any |q| <= g and p >= 0 will do, and the
+multipliers of the answer give them: q = theta g and p with theta and p linear between the ends of edges, where they
+are force over length, clipped. What v and these lack of the laws of friction and contact is the sum of
 
-    int g |s| + c s - q s,        int -p z  (z <= 0),        int k z_+^2 / 2 + p^2 / (2 k) - p z,
+    int g |s| - q s,        int -p z  (z <= 0),        int k z_+^2 / 2 + p^2 / (2 k) - p z,
 
 each >= 0. On a piece where s changes its sign |s| is not linear; the line between its ends is above it (likewise z_+).
 """
@@ -30,7 +29,7 @@ from vemcvx.errors import SceneError
 from vemcvx.meshes.polygons import positions, spans
 from vemcvx.program.kernel import KernelBalance
 from vemcvx.scene.pose import PosedScene
-from vemcvx.scene.supports import ContactRows
+from vemcvx.scene.rows import ContactRows
 from vemcvx.vem import tangents_of
 
 GAUSS, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(3)
@@ -53,11 +52,11 @@ class Surface:
     acting: Floats
     """(k, 3, 2) all these at the Gauss points of pieces"""
     cost: Floats
-    """(b,) int g |s| + c s + k z_+^2 / 2: what v pays for friction, and stores in obstacles"""
+    """(b,) int g |s| + k z_+^2 / 2: what v pays for friction, and stores in obstacles"""
     gap: Floats
     """(b,) what v and the tractions lack of the laws of friction and contact"""
     laws: Floats
-    """(3, k, 2) g, c and q at the ends of pieces, g being zero where nothing rubs"""
+    """(2, k, 2) g and q at the ends of pieces, g being zero where nothing rubs"""
     slip: Floats
     """(k, 2) s"""
 
@@ -251,12 +250,12 @@ class Boundary:
             Something has no bound.
         """
         owner, traction = self.fine.piece_owner, self.tractions(now.t, self.gauss)
-        (g, c), slip, loads = self._laws(now), self._slip(now, before), self.moments(traction)
-        theta, presses = self._theta(now, g, c), [self._pressing(now, compliant) for compliant in (False, True)]
+        g, slip, loads = self._friction_bound(now), self._slip(now, before), self.moments(traction)
+        theta, presses = self._theta(now, g), [self._pressing(now, compliant) for compliant in (False, True)]
         if self.motions.shape[1]:
-            theta, presses = self._balanced(theta, presses, (g, c), loads[:, :2], body)
-        q = c + self._line(theta) * g
-        paid = products(g, np.abs(slip)) + products(c, slip)
+            theta, presses = self._balanced(theta, presses, g, loads[:, :2], body)
+        q = self._line(theta) * g
+        paid = products(g, np.abs(slip))
         rigid, soft = (self._line(press.ends) for press in presses)
         lacking = presses[0].lacking(rigid) + presses[1].lacking(soft)
         along, outward = self.edges.tangents[owner, None], self.edges.units[owner, None]
@@ -271,14 +270,14 @@ class Boundary:
             acting=acting,
             cost=self.integrals(paid + presses[1].stored),
             gap=np.maximum(self.integrals(paid - products(q, slip) + lacking), 0.0),
-            laws=np.stack([g, c, q]),
+            laws=np.stack([g, q]),
             slip=slip,
         )
 
     def lacking(self, before: Surface, now: Surface) -> float:
         """D, what friction and slip lack of their law between two instants, linear in time: >= 0."""
-        g, c, q = 0.5 * (before.laws + now.laws)
-        means = products(g, np.abs(now.slip)) + products(c - q, now.slip)
+        g, q = 0.5 * (before.laws + now.laws)
+        means = products(g, np.abs(now.slip)) - products(q, now.slip)
         return max(float(self.integrals(means).sum()), 0.0)
 
     def missed(self, traction: Floats) -> tuple[Floats, Floats]:
@@ -361,17 +360,15 @@ class Boundary:
 
     # Friction.
 
-    def _laws(self, now: Instant) -> Floats:
-        """(2, k, 2) bound g and bias c of friction at the ends of pieces."""
-        terms, laws = self.posed.terms, np.zeros((2, *self.fine.pieces.shape))
+    def _friction_bound(self, now: Instant) -> Floats:
+        """Return the bound g (k, 2) of friction at the ends of pieces."""
+        terms, g = self.posed.terms, np.zeros(self.fine.pieces.shape)
         for friction in self.frictions:
-            for law, weights in zip(laws, (friction.weights, friction.bias), strict=True):
-                if weights is not None:
-                    law += np.nan_to_num(self._read(friction, weights(now.t) / friction.lengths))
+            g += np.nan_to_num(self._read(friction, friction.weights(now.t) / friction.lengths))
         if any(friction.law is not None for friction in self.frictions):
             # Bounds that follow the pressure are those of the answer, linear between nodes.
-            laws[0] = self._line(self._at_ends(terms, (now.weights / terms.lengths)[:, None])[..., 0])
-        return np.where(self._moves(self.edges.tangents)[self.fine.piece_owner, None], laws, 0.0)
+            g = self._line(self._at_ends(terms, (now.weights / terms.lengths)[:, None])[..., 0])
+        return np.where(self._moves(self.edges.tangents)[self.fine.piece_owner, None], g, 0.0)
 
     def _slip(self, now: Instant, before: Instant) -> Floats:
         """(k, 2) the slip in a step at the ends of pieces, less what the ground moves by."""
@@ -393,12 +390,12 @@ class Boundary:
         """(k, 2) at the ends of pieces the components of motions (b, 2, 2) of the ends of edges along ways (b, 2)."""
         return self._line(np.einsum("bed,bd->be", ends, ways))
 
-    def _theta(self, now: Instant, g: Floats, c: Floats) -> Floats:
+    def _theta(self, now: Instant, g: Floats) -> Floats:
         """theta (b, 2) at the ends of edges, by the multipliers."""
         terms = self.posed.terms
         against = self._at_ends(terms, now.lam / terms.lengths[:, None] * terms.tangents[:, 0])
         ends, bound = np.einsum("bed,bd->be", against, self.edges.tangents), self._tips(g)
-        theta = np.divide(ends - self._tips(c), bound, out=np.zeros_like(ends), where=bound > 0.0)
+        theta = np.divide(ends, bound, out=np.zeros_like(ends), where=bound > 0.0)
         clipped: Floats = np.clip(np.where(bound > 0.0, theta, theta[:, ::-1]), -1.0, 1.0)
         return clipped
 
@@ -411,13 +408,13 @@ class Boundary:
         return np.zeros((P.shape[0], 0)) if kernel is None else np.asarray(P @ kernel.basis)
 
     def _balanced(
-        self, theta: Floats, presses: list[_Pressing], laws: tuple[Floats, Floats], loads: Floats, body: Floats
+        self, theta: Floats, presses: list[_Pressing], bound: Floats, loads: Floats, body: Floats
     ) -> tuple[Floats, list[_Pressing]]:
         """The nearest theta and pressures that balance the loads (b, 2, 2) on these motions.
 
         Nodal multipliers do, but tractions linear between nodes have other moments.
         """
-        count, (bound, bias) = len(self.edges.outer), laws
+        count = len(self.edges.outer)
         moved = [mode.reshape(-1, 2) for mode in self.motions.T]
         along, outward = (
             [self._along_edges(self.edges.jumps(mode), way) for mode in moved]
@@ -431,7 +428,6 @@ class Boundary:
             return np.moveaxis(np.array(works), (0, 1), (1, 2)).reshape(2 * count, len(ways))
 
         push = body + np.array([np.sum(loads * mode[self.edges.outer_edges]) for mode in moved])
-        push = push - np.array([self.integrals(products(bias, way)).sum() for way in along])
         acting = [press.acts for press in presses]
         H = np.concatenate([felt(outward, 1.0) * np.repeat(acts, 2)[:, None] for acts in acting])
         G = felt(along, bound)

@@ -23,7 +23,6 @@ from vemcvx.cli.show import Show
 from vemcvx.cli.supplied import copy_lesson, lessons, problem_files, problems_folder
 from vemcvx.cli.terminal import say
 from vemcvx.errors import ProblemError
-from vemcvx.interrupt import as_usual
 from vemcvx.outline import Table
 from vemcvx.version import __version__
 
@@ -91,7 +90,6 @@ def options(
     version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Say which.")] = False,
 ) -> None:
     """Options of the program itself."""
-    as_usual()  # Typer has built its commands by now, so Ctrl-C may end what follows in order.
 
 
 def main() -> None:

@@ -32,10 +32,10 @@ import numpy as np
 import typer
 
 from vemcvx.arrays import Floats
-from vemcvx.cli.options import NONE, Accuracy, File, Mesh, N, Options, Settings, Steps, Threads, solver_names
+from vemcvx.cli.options import NONE, Accuracy, File, Mesh, N, Options, Settings, Steps, solver_names
 from vemcvx.cli.problem_file import Problem, read_problem
 from vemcvx.cli.report import page
-from vemcvx.cli.solver_names import NAMES, named_solver, on_threads, read_options
+from vemcvx.cli.solver_names import NAMES, named_solver, read_options
 from vemcvx.cli.terminal import (
     NOT_CERTIFIED,
     broken,
@@ -48,7 +48,7 @@ from vemcvx.cli.terminal import (
 )
 from vemcvx.cost import Ingredients
 from vemcvx.cost.workers import Crashed, TookTooLong, alone
-from vemcvx.errors import NotAccepted, NotCertified, NotContracting, ProblemError, SceneError, VemcvxError, quietly
+from vemcvx.errors import NotAccepted, NotCertified, ProblemError, SceneError, VemcvxError, quietly
 from vemcvx.outline import Table
 from vemcvx.program.system import System
 from vemcvx.scene.pose import pose_scene
@@ -59,7 +59,7 @@ from vemcvx.version import __version__
 
 CERTIFIED, MISSED, REFUSED, FAILED, STOPPED = "certified", "missed", "refused", "failed", "stopped"
 """Outcomes: good; less accurate than asked; unable to take the program; broken down; out of time."""
-ENDS = {NotAccepted: REFUSED, NotCertified: MISSED, NotContracting: MISSED}
+ENDS = {NotAccepted: REFUSED, NotCertified: MISSED}
 SETTINGS = {"both": ("tuned", "default"), "tuned": ("tuned",), "default": ("default",)}
 
 
@@ -236,7 +236,6 @@ class Compare:
         ),
     ] = "newton,clarabel,osqp,direct"
     accuracy: Accuracy = None
-    threads: Threads = None
     options: Options = NONE
     tuning: Annotated[str, typer.Option(metavar="both|tuned|default", help="Settings of solvers that cvxpy calls.")] = (
         "both"
@@ -254,8 +253,7 @@ class Compare:
         paths = {kind: getattr(self, kind) for kind in WRITERS if getattr(self, kind) is not None}
         for kind, path in paths.items():
             check_writable(path, f"--{kind}")
-        with on_threads(self.threads):
-            found = compare_solvers(read_problem(self.file), self)
+        found = compare_solvers(read_problem(self.file), self)
         for kind, path in paths.items():
             write_text(path, WRITERS[kind](found), f"--{kind}")
         typer.echo(in_words(found))

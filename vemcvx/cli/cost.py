@@ -12,9 +12,9 @@ from typing import Annotated, Any
 import typer
 
 from vemcvx.canvas import as_png
-from vemcvx.cli.options import CELLS, NONE, File, Of, Settings, Threads, families, solver_names
+from vemcvx.cli.options import CELLS, NONE, File, Of, Settings, families, solver_names
 from vemcvx.cli.problem_file import Problem, read_problem
-from vemcvx.cli.solver_names import named_solver, on_threads
+from vemcvx.cli.solver_names import named_solver
 from vemcvx.cli.terminal import listed, progress_bar, say
 from vemcvx.cost import Ingredients, Point, Sweep, advice, sweep
 from vemcvx.cost.sweeping import JOURNAL, Grid
@@ -38,14 +38,11 @@ class FromFile:
 
     path: str
     settings: tuple[str, ...]
-    threads: int | None = None
 
     @property
     def mark(self) -> str:
-        """A hash of the problem file's contents and of the threads; files that it imports are not read."""
+        """A hash of the problem file's contents; files that it imports are not read."""
         words = [__version__.encode(), Path(self.path).read_bytes(), *map(os.fsencode, self.settings)]
-        # Seconds on several threads do not stand beside those on one.
-        words += [] if self.threads in (None, 1) else [f"{self.threads} threads".encode()]
         return hashlib.sha256(b"\0".join(words)).hexdigest()[:16]
 
     def __call__(self, point: Point) -> Ingredients:
@@ -96,7 +93,6 @@ class Cost:
         bool,
         typer.Option("--bound", help="Guaranteed bounds beside estimates, and a picture of both over true errors."),
     ] = False
-    threads: Threads = None
     workers: Annotated[int, typer.Option(help="Processes at once.")] = 2
     scheduler: Annotated[
         str | None, typer.Option(metavar="ADDRESS", help="Take the workers of this dask.distributed scheduler.")
@@ -119,19 +115,17 @@ class Cost:
             raise ProblemError(f"--bound: bounds are of the energy norm alone; omit --of {self.of}.")
         if self.workers < 1:
             raise ProblemError(f"--workers: found {self.workers}; wanted at least one.")
-        if self.scheduler is not None and self.threads is not None:
-            raise ProblemError("--threads: on the workers of a scheduler every run has one thread; omit it.")
-        recipe = FromFile(str(problem.path.resolve()), tuple(self.settings), self.threads)
+        recipe = FromFile(str(problem.path.resolve()), tuple(self.settings))
         folder = self.out or Path("results") / f"cost_{problem.name}"
         recipe(grid.coarsest)  # A problem that cannot be posed is an error here, and not in every point.
         with Owned(folder) as own:
             # A folder whose files could not be written is refused before the sweep begins.
             for name in (TABLE, PICTURE, JOURNAL, *([RATIOS] if self.bound else [])):
                 own.take(name)
-        with progress_bar("starting") as shown, on_threads(self.threads):
+        with progress_bar("starting") as shown:
             how: dict[str, Any] = {"workers": self.workers, "scheduler": self.scheduler, "fresh": not self.resume}
             found = sweep(recipe, grid, folder, told=shown, **how)
-        lines = [f"{problem.name}: {problem.title}", *_of_reference(found, self.threads), *_of_points(found), ""]
+        lines = [f"{problem.name}: {problem.title}", *_of_reference(found), *_of_points(found), ""]
         lines += advice(found.rows, grid.targets or within_reach(found.rows))
         say("\n".join([*lines, "", _written(found, grid, folder, problem)]))
 
@@ -182,7 +176,7 @@ def _share(word: str) -> float:
     return float(word)
 
 
-def _of_reference(found: Sweep, threads: int | None) -> list[str]:
+def _of_reference(found: Sweep) -> list[str]:
     it = found.reference
     own = "with no estimate of its own error" if it.estimated is None else f"its own error estimated {it.estimated:.2%}"
     size = f"{it.cells} cells, {it.unknowns} unknowns, {it.made} steps"
@@ -190,11 +184,10 @@ def _of_reference(found: Sweep, threads: int | None) -> list[str]:
     errors = f"in the energy norm, the largest at t = {instants}, relative to the largest norm"
     if it.value is not None:
         errors = f"of {OF[it.of]} at the end, {it.value:.6g} by the reference, relative to that"
-    on = "in one thread" if threads in (None, 1) else f"with {threads} threads of PARDISO"
     lines = [
         f"reference   {size}, {own} (wanted: {it.goal:.2%}), {it.seconds:.3g} s",
         f"errors      {errors}",
-        f"seconds     {on}, from assembly to answer; the first mesh is made before",
+        "seconds     in one thread, from assembly to answer; the first mesh is made before",
     ]
     if it.estimated is not None and it.estimated > it.goal:
         lines.append("            more than was wanted: true errors below four times that are uncertain themselves")

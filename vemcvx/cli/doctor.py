@@ -29,10 +29,10 @@ from vemcvx.version import __version__
 
 NEEDED = "numpy", "scipy", "cvxpy", "clarabel", "osqp", "meshio", "threadpoolctl", "typer", "rich"
 EXTRAS = {
-    **{"matplotlib": "plot", "py-mkl-pardiso": "mkl", "mkl": "threads", "pyamg": "multigrid", "petsc4py": "petsc"},
+    **{"matplotlib": "plot", "py-mkl-pardiso": "mkl", "pyamg": "multigrid", "petsc4py": "petsc"},
     **{"distributed": "cluster", "pandas": "pandas", "pyvista": "view", "marimo": "app"},
 }
-PACKAGES = {"pardiso": "py-mkl-pardiso", "multigrid": "pyamg", "petsc": "petsc4py"}
+PACKAGES = {"pardiso": "py-mkl-pardiso", "iterative": "pyamg", "petsc": "petsc4py"}
 """Packages of linear solvers, by the names of these."""
 
 

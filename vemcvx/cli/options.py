@@ -70,15 +70,8 @@ Linear = Annotated[
     str | None,
     typer.Option(
         autocompletion=completing(lambda: LINEAR),
-        help="superlu, pardiso, multigrid, petsc (under mpiexec, too) or FILE.py:CLASS. (default: by size and what is "
+        help="superlu, pardiso, iterative, petsc (under mpiexec, too) or FILE.py:CLASS. (default: by size and what is "
         "installed)",
-    ),
-]
-Threads = Annotated[
-    int | None,
-    typer.Option(
-        min=1,
-        help="Threads of PARDISO; several need the extra threads. (default: MKL_NUM_THREADS, OMP_NUM_THREADS or 1)",
     ),
 ]
 CELLS = "Cells across the shortest side."

@@ -24,7 +24,7 @@ from vemcvx.cli.terminal import write_text
 from vemcvx.errors import ProblemError, VemcvxError
 from vemcvx.estimate.budget import error_budget
 from vemcvx.estimate.quantities import with_quantities
-from vemcvx.history import WHY_ESTIMATED, History
+from vemcvx.history import History
 from vemcvx.meshes import PolygonMesh
 from vemcvx.outline import Lines, Outline, Table, coordinates
 from vemcvx.plots.pictures import draw_pictures, left_out
@@ -77,7 +77,7 @@ PARTS = {
 }
 BUDGETED = 64  # Steps at which a report judges the mesh at most: each takes residuals on all cells.
 QUANTITIES = {"dissipated": "dissipated by friction", "work": "work of forces and supports", "wear": "largest wear"}
-MEANING = {"bound": "a bound", "estimate": "an estimate"}
+MEANING = {"bound": "a bound", "for the given friction": "a bound for the given friction"}
 CAPTIONS = {
     "deformed_mesh": "The body as it is deformed at the end.",
     "stressed_body": "The stress in the deformed body at the end.",
@@ -226,10 +226,10 @@ def _certificates(history: History, named: Units | None) -> str:
     bound = (
         "A certificate bounds the distance of an answer from the exact solution of its step in the energy norm, "
         "whatever the solver says: by the duality gap of the step's convex program, ½ |u − u*|² ≤ gap, and with "
-        "Coulomb's law by a solution in which the same nodes stick, slip and touch. It is relative to the largest "
-        "energy norm so far. Steps are certified one by one; the errors of mesh and time steps are not in it."
+        "Coulomb's law of the program whose friction bounds are those of the answer's own pressure and slip. It is "
+        "relative to the largest energy norm so far. Steps are certified one by one; the errors of mesh and time steps "
+        "are not in it."
     )
-    estimate = f"<p>In {run.estimated.sum()} steps certificates are estimates, {WHY_ESTIMATED}.</p>"
     largest = f"{run.certified.max():.1e}, {MEANING[run.certificate_kind]}"
     lines = [
         ("asked for", "-" if run.accuracy is None else f"{run.accuracy:.1e}"),
@@ -240,7 +240,7 @@ def _certificates(history: History, named: Units | None) -> str:
     rows = np.unique(np.linspace(0, history.steps, min(12, history.steps + 1)).round().astype(int))
     body = [[f"{columns[name][row]:{'.1e' if 'certified' in name else '.6g'}}" for name in COLUMNS] for row in rows]
     heads = [f"{head}\n{_unit(ENERGY, named)}" if name in ENERGIES else head for name, head in COLUMNS.items()]
-    said = f"<p>{bound}</p>{estimate if run.estimated.any() else ''}{_words('Relative energy errors', lines)}"
+    said = f"<p>{bound}</p>{_words('Relative energy errors', lines)}"
     return said + _numbers(heads, body)
 
 

@@ -16,11 +16,11 @@ import typer
 
 from vemcvx.arrays import Floats
 from vemcvx.canvas import new_figure
-from vemcvx.cli.options import CELLS, NONE, Accuracy, Condense, File, Linear, Mesh, N, Of, Settings, SolverName, Threads
+from vemcvx.cli.options import CELLS, NONE, Accuracy, Condense, File, Linear, Mesh, N, Of, Settings, SolverName
 from vemcvx.cli.problem_file import SPACE_N, Problem, is_file, read_problem
 from vemcvx.cli.report import REPORT, check_report, with_errors, write_report
 from vemcvx.cli.show import mesh_name
-from vemcvx.cli.solver_names import named_linear, named_solver, on_threads, served
+from vemcvx.cli.solver_names import named_linear, named_solver, served
 from vemcvx.cli.supplied import problems_folder
 from vemcvx.cli.terminal import EVERY, INVALID, NOT_CERTIFIED, Shown, listed, progress_bar, say
 from vemcvx.cost import Ingredients, study
@@ -79,7 +79,6 @@ class Run:
         Path | None, typer.Option(metavar="DIR", help="Continue the interrupted run whose --out was DIR.")
     ] = None
     linear: Linear = None
-    threads: Threads = None
     target: Annotated[
         float | None, typer.Option(metavar="X", help="Choose mesh and instants for this relative error: 0.02.")
     ] = None
@@ -110,15 +109,12 @@ class Run:
         several = problem.studied(self.settings)
         if served(self.linear, len(several)):
             return
-        with on_threads(self.threads, self.linear):
-            if len(several) > 1:
-                self._study(problem, several)
-            elif self.results:
-                raise ProblemError(
-                    "--results: chooses what a study shows; give a parameter several values, --set a=1,2."
-                )
-            else:
-                say("\n".join(self.made(problem)[1]))
+        if len(several) > 1:
+            self._study(problem, several)
+        elif self.results:
+            raise ProblemError("--results: chooses what a study shows; give a parameter several values, --set a=1,2.")
+        else:
+            say("\n".join(self.made(problem)[1]))
 
     def made(self, problem: Problem) -> tuple[History, list[str]]:
         """The history, written and drawn as asked for, and what there is to say of it."""
@@ -262,7 +258,7 @@ class Run:
             shown("marching", n, steps)
 
         linear, posed = named_linear(self.linear), self._posed(problem, mesh, steps)
-        warn_of_turns(posed.scene, mesh, posed.times, linear)
+        warn_of_turns(posed.scene, mesh, posed.times)
         how: dict[str, Any] = {"condense": self.condense, "linear": linear, "bound": self.bound, "stream": rows}
         history = posed.simulated(store=store, progress=advance, resume=resumed, **how)
         return history, [f"resumed     after step {history.steps - len(made)} of {history.steps}"] if resumed else []

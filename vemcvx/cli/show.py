@@ -14,6 +14,7 @@ from vemcvx.cli.options import CELLS, NONE, File, Mesh, Settings
 from vemcvx.cli.problem_file import Problem, is_file, read_problem
 from vemcvx.cli.terminal import say
 from vemcvx.effects import Effect
+from vemcvx.history import FOR_GIVEN
 from vemcvx.meshes import AnyMesh
 from vemcvx.meshes.quality import quality_of
 from vemcvx.outline import Table
@@ -108,17 +109,10 @@ def _terms(operators: Operators) -> str:
 
 
 def _certificate(norms: Norms | None, operators: Operators) -> str:
+    """The kind of certificate, and rho where a law says how fast weights fall with the slip of a step."""
     if norms is None or norms.law is None:
         return "a bound"
-    if norms.remembers and not norms.sloped:
-        found = stability(operators, norms.softening)
-        if found is not None and found.margin > 0:
-            return f"a bound, because friction falls slowly with slip: softening over stiffness is {found.rho:.2g} < 1"
-        said = "" if found is None else f": softening over stiffness is {found.rho:.2g}; below 1 it would be a bound"
-        return f"an estimate, because friction bounds depend on slip{said}"
-    if not norms.sloped:
-        return "an estimate, because friction bounds depend on pressures"
-    return (
-        "a bound on the distance to a solution, by which nodes stick, slip and touch; an estimate in steps where these "
-        "do not settle, because friction bounds depend on pressures"
-    )
+    found = stability(operators, norms.softening)
+    if found is None or found.rho == 0.0:
+        return FOR_GIVEN
+    return f"{FOR_GIVEN}; softening over stiffness is {found.rho:.2g}: below 1 a step has one solution"

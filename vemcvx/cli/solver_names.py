@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import inspect
-import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -13,15 +11,13 @@ from typing import Any
 from vemcvx.arrays import brief
 from vemcvx.cli.problem_file import executed, literal, own_errors
 from vemcvx.errors import ProblemError
-from vemcvx.linear import LinearSolver, Multigrid, Pardiso, PETSc, SuperLU
-from vemcvx.linear.pardiso import THREADS, check_threads
+from vemcvx.linear import Iterative, LinearSolver, Pardiso, PETSc, SuperLU
 from vemcvx.linear.petsc import all_ranks, serve
 from vemcvx.solvers import OSQP, Clarabel, Direct, Newton, Solver, ThroughCvxpy, as_solver
 from vemcvx.solvers.conic import TUNED, installed, known
 
 LINEAR: dict[str, Callable[[], LinearSolver]] = {
-    **{"superlu": SuperLU, "pardiso": Pardiso, "multigrid": Multigrid},
-    "petsc": PETSc,
+    **{"superlu": SuperLU, "pardiso": Pardiso, "iterative": Iterative, "petsc": PETSc},
 }
 NAMES: dict[str, type[Solver]] = {"newton": Newton, "clarabel": Clarabel, "osqp": OSQP, "direct": Direct}
 
@@ -123,28 +119,6 @@ def named_linear(name: str | None) -> LinearSolver | None:
     return LINEAR[name.lower()]()
 
 
-@contextmanager
-def on_threads(threads: int | None, linear: str | None = None) -> Iterator[None]:
-    """Give PARDISO so many threads within, here and in processes that are started; None leaves it to the environment.
-
-    ProblemError where the linear solver of the name `linear` has one thread; NotAccepted without a threaded oneMKL.
-    """
-    if threads is None:
-        yield
-        return
-    if threads > 1 and linear is not None and linear.lower() != "pardiso":
-        raise ProblemError(f"--threads: the linear solver {linear} has one thread; take --linear pardiso.")
-    check_threads(threads)
-    before = os.environ.get(THREADS)
-    os.environ[THREADS] = str(threads)
-    try:
-        yield
-    finally:
-        os.environ.pop(THREADS)
-        if before is not None:
-            os.environ[THREADS] = before
-
-
 def served(linear: str | None, runs: int = 1) -> bool:
     """Under mpiexec, hold PETSc's rows until rank 0 ends, on all other ranks; False at once where there is more to do.
 
@@ -155,6 +129,6 @@ def served(linear: str | None, runs: int = 1) -> bool:
     if runs > 1 and all_ranks().comm.size > 1:
         raise ProblemError(
             "--set: several runs are processes of their own, which cannot share the ranks of mpiexec; start them one "
-            "by one, or with --linear multigrid."
+            "by one, or with --linear iterative."
         )
     return serve()

@@ -55,10 +55,10 @@ class CostLaw(NamedTuple):
 LAWS = {
     ("SuperLU", True): CostLaw((221.0, 1.12), (1.32e-7, 1.26), (1.32e-8, 1.2)),
     ("Pardiso", True): CostLaw((379.0, 1.02), (3.0e-7, 1.12), (3.9e-8, 1.05)),
-    ("Multigrid", True): CostLaw((443.0, 1.0), (1.2e-6, 1.05), (1.8e-6, 1.05)),
+    ("Iterative", True): CostLaw((443.0, 1.0), (1.2e-6, 1.05), (1.8e-6, 1.05)),
     ("SuperLU", False): CostLaw((43.4, 4 / 3), (7.3e-10, 1.83), (8.6e-9, 4 / 3)),
     ("Pardiso", False): CostLaw((22.0, 4 / 3), (5.5e-10, 1.75), (5.5e-9, 4 / 3)),
-    ("Multigrid", False): CostLaw((913.0, 1.0), (2.2e-6, 1.1), (4.0e-6, 1.05)),
+    ("Iterative", False): CostLaw((913.0, 1.0), (2.2e-6, 1.1), (4.0e-6, 1.05)),
 }
 """By linear solver, and whether the body is plane."""
 
@@ -137,9 +137,9 @@ def foreseen(
         memory = direct.memory_in_space(int(unknowns))
         fits = unknowns <= LARGEST_FACTOR if growth.plane else memory <= MOST_MEMORY
         large = not fits and importlib.util.find_spec("pyamg") is not None
-        name = "Multigrid" if large else type(direct).__name__
-    # PETSc's hierarchy on one rank is of the kind of Multigrid's.
-    law = LAWS["Multigrid" if name == "PETSc" else name, growth.plane]
+        name = "Iterative" if large else type(direct).__name__
+    # PETSc's hierarchy on one rank is of the kind of Iterative's.
+    law = LAWS["Iterative" if name == "PETSc" else name, growth.plane]
     # The factor of triangles or tetrahedra is as full as that of squares or cubes with these nodes.
     filled = max(pairs, DENSITY[growth.plane] * unknowns)
     memory, prepare, step = (factor * filled**power for factor, power in law)

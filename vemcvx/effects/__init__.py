@@ -1,9 +1,8 @@
 """Effects: the physics a scene can name.
 
 All of them, laws of friction of one's own among them, act in the plane and in space, where slip is a vector and laws
-read the length of its path, the sum of |ds| over the steps. What stays refused in space: `plane=` of materials, the
-direction "tangent", and `backward=` of TrescaFriction, in whose place `direction=` and `across=` stand, which are
-refused in the plane.
+read the length of its path, the sum of |ds| over the steps. Refused in space: `plane=` of materials and the direction
+"tangent". Refused in the plane: `direction=` and `across=` of friction.
 """
 
 from vemcvx.effects.contact import (

@@ -1,10 +1,10 @@
-"""Contact, bilateral, rigid or compliant; and friction, by Tresca's law and by Coulomb's, one way or by direction."""
+"""Contact, bilateral, rigid or compliant; and friction, by Tresca's law and by Coulomb's, alike or by direction."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -56,7 +56,7 @@ class BilateralContact(Effect):
             contact=True,
             partners=rows.partners,
         )
-        curves = (f"BilateralContact on {where(self.on)}",) if rows.curved else ()
+        curves = (self._subject,) if rows.curved else ()
         return Contribution(supports=(support,), surfaces=(ContactSurface.of(rows),), curves=curves)
 
     def describe(self) -> str:
@@ -89,8 +89,7 @@ class UnilateralContact(Effect):
 
     def contribute(self, space: Space) -> Contribution:
         rows = space.part(self.on, "UnilateralContact", contact=True).node_normals
-        rigid = np.zeros(len(rows.nodes))
-        return obstacle(space, rows, f"UnilateralContact on {where(self.on)}", self.gap, rigid)
+        return obstacle(space, rows, self._subject, self.gap, np.zeros(len(rows.nodes)))
 
     def describe(self) -> str:
         return f"UnilateralContact: u.n <= {amount(self.gap)}, pressure >= 0 on {where(self.on)}"
@@ -107,6 +106,9 @@ def obstacle(space: Space, rows: BoundaryRows, subject: str, gap: data.Datum, co
     stops = Obstacle(*own, gap=apart, compliance=compliance, ends=rows.ends, partners=rows.partners)
     curves = (subject,) if rows.curved else ()
     return Contribution(obstacles=(stops,), curves=curves)
+
+
+COMPLIANT = "it must be > 0. UnilateralContact is the rigid obstacle; leave the effect out for none"
 
 
 @dataclass(frozen=True)
@@ -131,23 +133,15 @@ class NormalCompliance(Effect):
         is then pressed back, either from the start with ``initial="settled"``, or by a gap that falls from zero.
     """
 
-    stiffness: data.Datum
+    stiffness: data.Datum = field(metadata=data.holds(sign="> 0", rule=COMPLIANT))
     on: str | Sequence[str]
     gap: data.Datum = 0.0
 
     def contribute(self, space: Space) -> Contribution:
-        subject = f"NormalCompliance on {where(self.on)}"
         rows = space.part(self.on, "NormalCompliance", contact=True).node_normals
-        x = space.mesh.points[rows.nodes]
-        stiffness = data.scalar(self.stiffness, x, 0.0, f"{subject}: stiffness")
-        if (stiffness <= 0).any():
-            worst = int(np.argmin(stiffness))
-            raise SceneError(
-                f"{subject}: found the stiffness {stiffness[worst]:.6g} at {x[worst]}; it must be > 0. "
-                "UnilateralContact is the rigid obstacle; leave the effect out for none."
-            )
+        stiffness = self._read("stiffness", data.At(space.mesh.points[rows.nodes], 0.0))
         # On a curve edges that move out by d move the node by d over the cosine, and push with as much less along n.
-        return obstacle(space, rows, subject, self.gap, 1.0 / (stiffness * rows.lengths * rows.cosines**2))
+        return obstacle(space, rows, self._subject, self.gap, 1.0 / (stiffness * rows.lengths * rows.cosines**2))
 
     def describe(self) -> str:
         return (
@@ -158,10 +152,8 @@ class NormalCompliance(Effect):
 
 # Tresca's law with a given bound g on Gamma_C, (3.6): j(v) = int_{Gamma_C} g |v_tau| ds.
 #
-# Where the bounds of the two directions differ, j(v) = int g+ (v_tau)+ + g- (v_tau)- ds: the norm term of their mean,
-# and half their difference as a bias that acts along v_tau. The nodal weights are those of the trapezoidal rule, w_i
-# = g(x_i) int phi_i ds, or w_i = int g phi_i ds. With linear traces both integrate |v_tau| by its nodal interpolant,
-# an upper bound of j on every edge.
+# The nodal weights are those of the trapezoidal rule, w_i = g(x_i) int phi_i ds, or w_i = int g phi_i ds. With linear
+# traces both integrate |v_tau| by its nodal interpolant, an upper bound of j on every edge.
 #
 # The bound is given: beside one-sided contact it acts where the contact is open, too. Friction that needs touch has w
 # = g where p > 0 and 0 where p = 0, a jump with which a step need not have a solution (a place that closes without
@@ -171,46 +163,17 @@ class NormalCompliance(Effect):
 #     w(p) = min(STEEP p, g int phi_i)
 #
 # says: it is g wherever the pressure exceeds g / STEEP, it is continuous, and so every step has a solution (the map
-# from bounded weights to weights is continuous: Brouwer), which :mod:`vemcvx.stepping.fixed_point` finds as
-# Coulomb's, whose law with the coefficient STEEP and the cap g it is.
+# from bounded weights to weights is continuous: Brouwer). It is Coulomb's law with the coefficient STEEP and the cap g,
+# and is solved as Coulomb's law is.
 
 
+IN_SPACE = {"in space": "friction in the plane has one direction"}
+DIRECTION = data.holds("vector", "!= 0", "give a direction", **IN_SPACE)
 QUADRATURES = ("nodes", "integral")
 STEEP = 1e6  # Pressures below a millionth of the bound count as grazing.
 
 
-@dataclass(frozen=True)
-class _Bounds:
-    """The bounds g+ forward and g- backward, as weights (m,) of nodes; g- = g+ unless it is given."""
-
-    subject: str
-    of: TrescaFriction
-    rows: BoundaryRows
-    points: Floats
-
-    def weights(self, t: float) -> Floats:
-        """Weights of the norm terms: (g+ + g-) / 2 as a force of each node."""
-        forward, backward = self.integrated(self.of.bound, t, "bound"), self.of.backward
-        return forward if backward is None else 0.5 * (forward + self.integrated(backward, t, "backward bound"))
-
-    def bias(self, t: float) -> Floats:
-        """(g+ - g-) / 2."""
-        return self.integrated(self.of.bound, t, "bound") - self.weights(t)
-
-    def ramp(self, t: float, p: Floats, *slips: Floats) -> Floats:
-        """Weights under normal forces (m,) of contact, for friction that needs touch."""
-        return np.minimum(STEEP * np.maximum(p, 0.0), self.weights(t))
-
-    def slope(self, t: float, p: Floats, past: Floats) -> Floats:
-        """The derivative of the ramp."""
-        return np.where(STEEP * p < self.weights(t), STEEP, 0.0)
-
-    def integrated(self, value: data.Datum, t: float, name: str) -> Floats:
-        """Weights (m,) of a bound that is called so in messages."""
-        nodes, rule = self.of.quadrature == "nodes", "a friction bound is a force per length and must be >= 0"
-        x = self.points if nodes else self.rows.points
-        found = data.nonnegative(value, x, t, self.subject, name=name, rule=rule)
-        return self.rows.lengths * found if nodes else self.rows.matrix @ found
+BOUND = "a friction bound is a force per length and must be >= 0"
 
 
 @dataclass(frozen=True)
@@ -234,16 +197,11 @@ class TrescaFriction(Effect):
         Names of boundaries or interfaces, as of BilateralContact.
     quadrature : {"nodes", "integral"}
         w_i = g(x_i) int phi_i, or w_i = int g phi_i (for bounds that vary within an edge).
-    backward : number, or callable f(x, t) -> (m,), optional
-        The bound against slip in the other direction, if it differs (scales, ratchets, brushed fibres); >= 0, force per
-        length. `bound` then limits friction against slip forward, along the boundary with the body on the left (on a
-        floor, to the right), and `backward` against slip the other way. In the plane only.
     while_closed : bool, optional
-        True: the bound is g where contact is closed and 0 where it is open. Every step is then a fixed point, as with
-        CoulombFriction, and certified likewise. This needs UnilateralContact or NormalCompliance, and excludes
-        `backward`. The bound jumps as contact opens: a step in which a place opens under friction, and closes
-        without, has no answer, and is refused. False: g everywhere. None (default): g everywhere, with a warning if
-        it acts where contact is open.
+        True: the bound is g where contact is closed and 0 where it is open. Friction then follows pressure, as with
+        CoulombFriction, and is certified likewise. This needs UnilateralContact or NormalCompliance. The bound jumps as
+        contact opens: a step in which a place opens under friction, and closes without, has no answer, and is refused.
+        False: g everywhere. None (default): g everywhere, with a warning if it acts where contact is open.
     ground : callable f(x, t) -> (m, dim) or (dim,), optional
         How far the obstacle has moved, if it slides under the body (a belt, a roll, a table that shakes), in units of
         length: friction acts against the slip of the body relative to it, and its motion does work. What counts is how
@@ -256,64 +214,86 @@ class TrescaFriction(Effect):
         The bound across `direction`, >= 0, force per area; its ratio to `bound` must not change in time.
     """
 
-    bound: data.Datum
+    bound: data.Datum = field(metadata=data.holds(sign=">= 0", rule=BOUND))
     on: str | Sequence[str]
     quadrature: str = "nodes"
-    backward: data.Datum | None = field(default=None, metadata={"in the plane": True})
     while_closed: bool | None = None
     ground: data.Datum | None = None
-    direction: data.Constant | None = field(default=None, metadata={"in space": True})
-    across: data.Datum | None = field(default=None, metadata={"in space": True})
+    direction: data.Constant | None = field(default=None, metadata=DIRECTION)
+    across: data.Datum | None = field(default=None, metadata=data.holds(sign=">= 0", rule=BOUND, **IN_SPACE))
 
     def contribute(self, space: Space) -> Contribution:
-        subject = f"TrescaFriction on {where(self.on)}"
+        subject = self._subject
         choice(self.quadrature, subject, "quadrature", QUADRATURES)
         closed = self.while_closed is not None and flag(self.while_closed, f"{subject}: while_closed")
-        if self.backward is not None:
-            if closed:
-                but = "which takes one bound for both ways"
-                raise SceneError(f"{subject}: found backward= beside while_closed=True, {but}.")
-            instead = "tangents in space have no two directions; give direction= and across= instead"
-            space.require_plane(f"{subject}: backward=", instead)
+        self._check_dimension(space)
         rows = space.part(self.on, "TrescaFriction", contact=True).node_normals
-        bounds = _Bounds(subject, self, rows, space.mesh.points[rows.nodes])
-        if closed:
-            acts: dict[str, Any] = {"law": Law(bounds.ramp, pressed=True, slope=bounds.slope, slips=False)}
-        else:
-            bias, steady = None if self.backward is None else bounds.bias, not varies(self.bound, self.backward)
-            in_the_air = self.while_closed is None
-            acts = {"weights": bounds.weights, "steady": steady, "bias": bias, "in_the_air": in_the_air}
+        points = space.mesh.points[rows.nodes]
 
-        def mean(value: data.Datum, t: float, name: str) -> Floats:
-            return bounds.integrated(value, t, name) / rows.lengths
+        def integrated(t: float, name: str = "bound") -> Floats:
+            nodes = self.quadrature == "nodes"
+            found = self._read(name, data.At(points if nodes else rows.points, t))
+            return rows.lengths * found if nodes else rows.matrix @ found
 
-        return _rubbing(self, space, rows, subject, along=("bound", self.bound), read=mean, **acts)
+        acts: dict[str, Any] = {"law": _pressed(lambda t: STEEP, integrated)}
+        if not closed:
+            steady, in_the_air = not varies(self.bound), self.while_closed is None
+            acts = {"weights": lambda t: integrated(t), "steady": steady, "in_the_air": in_the_air}
+        return _rubbing(self, space, rows, "bound", lambda name, t: integrated(t, name) / rows.lengths, **acts)
 
     def describe(self) -> str:
-        back = "" if self.backward is None else f" forward, {amount(self.backward)} backward,"
-        back += _by_direction(self.direction, self.across)
+        by_direction = _by_direction(self.direction, self.across)
         closed = " where it is closed" if self.while_closed else ""
         moved = "" if self.ground is None else f", ground moved by {amount(self.ground)}"
-        return f"TrescaFriction: |friction| <= {amount(self.bound)}{back} on {where(self.on)}{closed}{moved}"
+        return f"TrescaFriction: |friction| <= {amount(self.bound)}{by_direction} on {where(self.on)}{closed}{moved}"
+
+
+def _pressed(coefficient: Callable[[float], Floats | float], cap: Callable[[float], Floats]) -> Law:
+    """Return the law min(mu p, cap) of weights under normal forces p (m,) of contact."""
+
+    def weights(t: float, p: Floats, *slips: Floats) -> Floats:
+        return np.minimum(coefficient(t) * np.maximum(p, 0.0), cap(t))
+
+    def slope(t: float, p: Floats, past: Floats) -> Floats:
+        mu = coefficient(t)
+        return np.where(mu * p < cap(t), mu, 0.0)
+
+    return Law(weights, pressed=True, slope=slope, slips=False)
 
 
 def _rubbing(
     effect: TrescaFriction | CoulombFriction,
     space: Space,
     rows: BoundaryRows,
-    subject: str,
-    *,
-    along: tuple[str, data.Datum],
-    read: Callable[[data.Datum, float, str], Floats],
+    name: str,
+    read: Callable[[str, float], Floats],
     **acts: Any,
 ) -> Contribution:
-    """Friction that `acts` so on rows, over the ground and by the direction of an effect."""
-    points = space.mesh.points[rows.nodes]
-    ground = None if effect.ground is None else Ground.of(effect.ground, subject, points, rows.partners)
-    given: dict[str, Any] = {"direction": effect.direction, "across": effect.across}
-    ellipse = Ellipse.of(space, subject, points, along=along, read=read, **given)
-    friction = replace(Friction.of(rows, subject), ground=ground, ellipse=ellipse, **acts)
-    return Contribution(frictions=(friction,))
+    """Return friction that `acts` so on rows, over the ground and by the direction of an effect.
+
+    Its bound along the direction has a name; `read` gives the field of a name at an instant, (m,).
+    """
+    points, subject, ground, ellipse = space.mesh.points[rows.nodes], effect._subject, None, None
+    if effect.ground is not None:
+        if (rows.partners >= 0).any():
+            raise SceneError(
+                f"{subject}: found ground= on an interface, where the body rubs on another one; prescribe how that "
+                "moves instead."
+            )
+        ground = Ground(f"{subject}: ground", points, effect.ground)
+    if (effect.direction is None) != (effect.across is None):
+        missing, given = ("across", "direction")[:: 1 if effect.across is None else -1]
+        raise SceneError(f"{subject}: found {given}= without {missing}=; friction by direction takes both.")
+    if effect.direction is not None:
+        ellipse = Ellipse(
+            subject=subject,
+            points=points,
+            direction=effect._read("direction", data.At(points)),
+            bounds=lambda t: (read(name, t), read("across", t)),
+            names=(name, "across"),
+            steady=not varies(getattr(effect, name), effect.across),
+        )
+    return Contribution(frictions=(replace(Friction.of(rows, subject), ground=ground, ellipse=ellipse, **acts),))
 
 
 def _by_direction(direction: data.Constant | None, across: data.Datum | None) -> str:
@@ -327,10 +307,11 @@ class CoulombFriction(Effect):
     Friction below the bound sticks; at the bound it acts against the slip. The effect needs UnilateralContact or
     NormalCompliance on the same boundary.
 
-    A step with Coulomb's law minimises no energy. It is a fixed point of convex Tresca problems with the weights
-    coefficient * nodal pressure (Necas, Jarusek and Haslinger 1980; Licht, Pratt and Raous 1991), found by
-    :mod:`vemcvx.stepping.fixed_point`. The certificate bounds the distance to a solution of the step, which is unique
-    for small coefficients.
+    A step with Coulomb's law minimises no energy. Its solution solves the convex Tresca problem with the weights
+    coefficient * nodal pressure (Necas, Jarusek and Haslinger 1980; Licht, Pratt and Raous 1991). Newton's method
+    finds it with the slope of the law in its matrix (:mod:`vemcvx.solvers.newton`), other solvers by several Tresca
+    problems (:mod:`vemcvx.stepping.fixed_point`). The certificate is for the given friction: it bounds the error of the
+    Tresca problem with the pressures of the answer. A solution exists, and is unique for small coefficients.
 
     Where two parts of the boundary meet at a node, each has friction according to the share of the nodal force on its
     own edges. Nodes that a prescribed displacement moves along the obstacle have friction as with TrescaFriction, for
@@ -355,38 +336,25 @@ class CoulombFriction(Effect):
         along the direction; across it is as many times smaller or larger.
     """
 
-    coefficient: data.Datum
+    coefficient: data.Datum = field(metadata=data.holds(sign=">= 0"))
     on: str | Sequence[str]
-    cap: data.Datum | None = None
+    cap: data.Datum | None = field(default=None, metadata=data.holds(sign=">= 0"))
     ground: data.Datum | None = None
-    direction: data.Constant | None = field(default=None, metadata={"in space": True})
-    across: data.Datum | None = field(default=None, metadata={"in space": True})
+    direction: data.Constant | None = field(default=None, metadata=DIRECTION)
+    across: data.Datum | None = field(default=None, metadata=data.holds(sign=">= 0", **IN_SPACE))
 
     def contribute(self, space: Space) -> Contribution:
-        subject = f"CoulombFriction on {where(self.on)}"
+        self._check_dimension(space)
         rows = space.part(self.on, "CoulombFriction", contact=True).node_normals
-        points = space.mesh.points[rows.nodes]
 
-        @lru_cache(maxsize=1)  # Of a step it is asked some ten times.
-        def read(t: float) -> tuple[Floats, Floats]:
-            mu = data.nonnegative(self.coefficient, points, t, subject, name="coefficient")
-            if self.cap is None:
-                return mu, np.full(len(points), np.inf)
-            return mu, rows.lengths * data.nonnegative(self.cap, points, t, subject, name="cap")
+        @lru_cache(maxsize=3)  # Of a step it is asked some ten times.
+        def read(name: str, t: float) -> Floats:
+            return self._read(name, data.At(space.mesh.points[rows.nodes], t))
 
-        def weights(t: float, p: Floats, *slips: Floats) -> Floats:
-            mu, cap = read(t)
-            return np.minimum(mu * np.maximum(p, 0.0), cap)
+        def cap(t: float) -> Floats:
+            return np.full(len(rows.nodes), np.inf) if self.cap is None else rows.lengths * read("cap", t)
 
-        def slope(t: float, p: Floats, past: Floats) -> Floats:
-            mu, cap = read(t)
-            return np.where(mu * p < cap, mu, 0.0)
-
-        def value(datum: data.Datum, t: float, name: str) -> Floats:
-            return data.nonnegative(datum, points, t, subject, name=name)
-
-        law = Law(weights, pressed=True, slope=slope, slips=False)
-        return _rubbing(self, space, rows, subject, along=("coefficient", self.coefficient), read=value, law=law)
+        return _rubbing(self, space, rows, "coefficient", read, law=_pressed(partial(read, "coefficient"), cap))
 
     def describe(self) -> str:
         cap = "" if self.cap is None else f", at most {amount(self.cap)},"

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vemcvx.arrays import Floats, Ints, as_real_array, brief, called, finite, read_only, shape_in_words, shaped
+from vemcvx.arrays import Bools, Floats, Ints, as_real_array, brief, called, finite, read_only, shape_in_words, shaped
 from vemcvx.errors import SceneError
 from vemcvx.meshes import AnyMesh
 from vemcvx.vem import component_names
@@ -81,23 +81,61 @@ Constant = ArrayLike | Callable[[Floats], ArrayLike]
 """A number, f(x), or of materials a value for each cell or the name of a cell datum (words are ArrayLike)."""
 
 
+@dataclass(frozen=True)
+class Holds:
+    """What a field of an effect holds: a number or a vector a place, the sign of numbers, and the rule in words."""
+
+    shape: str = "number"
+    sign: str = ""  # "> 0", ">= 0", or none; of vectors "!= 0"
+    rule: str = "it must be {sign}"
+
+    def values(self, value: Any, at: At | InCells, subject: str, name: str, label: str | None = None) -> Floats:
+        """Return the values of a field of this `name` at places; SceneError for a wrong shape or sign."""
+        found = at.read(value, f"{subject}: {name}", self.shape)
+        size = np.linalg.norm(found, axis=1) if self.shape == "vector" else found
+        lawful = {"> 0": size > 0, ">= 0": size >= 0, "!= 0": size != 0}.get(self.sign, np.ones(len(size), dtype=bool))
+        require(lawful, found, at, f"{subject}: found {label or name}", self.rule.format(sign=self.sign))
+        return found
+
+
+def holds(shape: str = "number", sign: str = "", rule: str = "it must be {sign}", **more: Any) -> dict[str, Any]:
+    """Return the metadata of a field of an effect that holds data: `field(metadata=data.holds(sign="> 0"))`."""
+    return {"holds": Holds(shape, sign, rule), **more}
+
+
+def require(lawful: Bools, values: Floats, at: At | InCells, found: str, rule: str) -> None:
+    """Raise SceneError at the place of the least value that is not lawful; of vectors at the first."""
+    if not lawful.all():
+        bad = np.flatnonzero(~lawful)
+        row = int(bad[0] if values.ndim > 1 else bad[np.argmin(values[bad])])
+        value = values[row] if values.ndim > 1 else f"{values[row]:.6g}"
+        raise SceneError(f"{found} = {value} {at.place(row)}; {rule}.")
+
+
+@dataclass(frozen=True, eq=False)
+class At:
+    """Points x (m, dim), and the instant t at which data are read; None for what does not change in time."""
+
+    x: Floats
+    t: float | None = None
+
+    def read(self, value: Any, subject: str, shape: str) -> Floats:
+        """Return a number, or a vector, for each point."""
+        return (vector if shape == "vector" else scalar)(value, self.x, self.t, subject)
+
+    def place(self, row: int) -> str:
+        """Return the place of a row in words."""
+        return f"at {self.x[row]}" + ("" if self.t is None else f" and t = {self.t:.6g}")
+
+
 def scalar(value: Datum | Constant, x: Floats, t: float | None, subject: str) -> Floats:
     """Values (m,) of a scalar datum at points `x` (m, dim) and the instant `t`, None of constants in time."""
-    return _read(value, (x, t), subject, (len(x),), f"a number, or ({len(x)},) values, one a point")
-
-
-def nonnegative(value: Datum, x: Floats, t: float, subject: str, *, name: str, rule: str = "it must be >= 0") -> Floats:
-    """Values (m,) of a scalar datum that must not be negative anywhere."""
-    found = scalar(value, x, t, f"{subject}: {name}")
-    if (found < 0).any():
-        worst = int(np.argmin(found))
-        raise SceneError(f"{subject}: found the {name} {found[worst]:.6g} at {x[worst]} and t = {t:.6g}; {rule}.")
-    return found
+    return _read(value, At(x, t), subject, (len(x),), f"a number, or ({len(x)},) values, one a point")
 
 
 def vector(value: Datum | Constant, x: Floats, t: float | None, subject: str) -> Floats:
     """Values (m, dim) of a vector datum, likewise."""
-    return _read(value, (x, t), subject, x.shape, f"{x.shape[1]} components, or an array {x.shape}, one row a point")
+    return _read(value, At(x, t), subject, x.shape, f"{x.shape[1]} components, or an array {x.shape}, one row a point")
 
 
 def number_a_row(raw: object, m: int, subject: str, rule: str = "") -> Floats:
@@ -115,7 +153,7 @@ def tensor(value: Datum, x: Floats, t: float, subject: str) -> Floats:
     names = component_names(x.shape[1])
     shape = (len(x), len(names))
     wanted = f"{len(names)} components ({', '.join(names)}), or an array {shape}, one row a point"
-    return _read(value, (x, t), subject, shape, wanted)
+    return _read(value, At(x, t), subject, shape, wanted)
 
 
 def coefficient(value: Constant, x: Floats, subject: str) -> Floats:
@@ -123,22 +161,14 @@ def coefficient(value: Constant, x: Floats, subject: str) -> Floats:
     return scalar(value, x, None, subject)
 
 
-def vector_field(value: Constant, x: Floats, subject: str) -> Floats:
-    """Vectors (m, dim) that vanish nowhere, one or f(x), at the points `x` (m, dim); they do not change in time."""
-    found = vector(value, x, None, subject)
-    size = np.linalg.norm(found, axis=1)
-    if (size == 0).any():
-        raise SceneError(f"{subject}: found a vector of length 0 at {x[int(np.argmin(size))]}; give a direction.")
-    return found
+SPRING = holds(sign=">= 0", rule="a spring's stiffness must be >= 0")
 
 
 def stiffness(value: Constant, x: Floats, subject: str) -> Floats:
-    """Values (m,) of a spring's stiffness, which is not negative anywhere, at the points `x` (m, dim)."""
-    k = coefficient(value, x, subject)
-    if (k < 0).any():
-        worst = int(np.argmin(k))
-        raise SceneError(f"{subject}: found {k[worst]:.6g} at {x[worst]}; a spring's stiffness must be >= 0.")
-    return k
+    """Return the values (m,) of a spring's stiffness, which is not negative anywhere, at the points `x` (m, dim)."""
+    subject, _, name = subject.rpartition(": ")
+    found: Floats = SPRING["holds"].values(value, At(x), subject, name)
+    return found
 
 
 def varies(*values: Datum | Constant | None) -> bool:
@@ -153,8 +183,9 @@ class InCells:
     mesh: AnyMesh
     x: Floats | None = None
     cells: Ints | None = None
+    inside: Bools | None = None  # of the places, those that count: the others have a 1 where they are read
 
-    def read(self, value: Constant, subject: str) -> Floats:
+    def read(self, value: Constant, subject: str, shape: str = "number") -> Floats:
         """Values (k,) of a material constant: a number, a value a cell, f(x), or the name of a cell datum."""
         mesh, raw, count = self.mesh, value, self.mesh.n_cells
         if isinstance(value, str):
@@ -168,15 +199,17 @@ class InCells:
         elif callable(value):
             x = mesh.centroids if self.x is None else self.x
             count, raw = len(x), _call(value, (x, None), subject)
-        wanted = f"a number, or ({count},) values, one a cell"
-        found = _shaped(raw, (count,), subject, wanted, "in cell {}".format)
-        return found if callable(value) or self.cells is None else found[self.cells]
+        found = _shaped(raw, (count,), subject, f"a number, or ({count},) values, one a cell", self.place)
+        found = found if callable(value) or self.cells is None else found[self.cells]
+        return found if self.inside is None else np.where(self.inside, found, 1.0)
+
+    def place(self, row: int) -> str:
+        """Return the place of a row in words."""
+        return f"in cell {row}"
 
 
-def _read(value: Any, at: tuple[Floats, float | None], subject: str, shape: tuple[int, ...], wanted: str) -> Floats:
-    x, t = at
-    when = "" if t is None else f" and t = {t:.6g}"
-    return _shaped(_call(value, at, subject), shape, subject, wanted, lambda row: f"at {x[row]}{when}")
+def _read(value: Any, at: At, subject: str, shape: tuple[int, ...], wanted: str) -> Floats:
+    return _shaped(_call(value, (at.x, at.t), subject), shape, subject, wanted, at.place)
 
 
 def _call(value: Any, at: tuple[Floats, float | None], subject: str) -> Any:
@@ -190,8 +223,7 @@ def _call(value: Any, at: tuple[Floats, float | None], subject: str) -> Any:
 
 def _shaped(raw: Any, shape: tuple[int, ...], subject: str, wanted: str, place: Callable[[int], str]) -> Floats:
     array = as_real_array(raw, subject, wanted)
-    # Only whole values broadcast: a (2,) vector over m points, a scalar over m points. A vector of
-    # two for two points' scalars would be ambiguous nowhere, because the shapes are fixed by `shape`.
+    # Only whole values broadcast: a vector over m points, a scalar over m points.
     if array.shape not in (shape, shape[1:]):
         raise SceneError(f"{subject}: found {shape_in_words(array)}; wanted {wanted}.")
     whole = array if array.shape == shape else np.array(np.broadcast_to(array, shape))

@@ -23,14 +23,14 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
 
 from vemcvx import vem
-from vemcvx.arrays import Bools, Floats, Ints, brief, called, fading, read_only
+from vemcvx.arrays import SAME, Bools, Floats, Ints, brief, called, fading, read_only
 from vemcvx.effects import data
 from vemcvx.errors import SceneError
 from vemcvx.vem import BoundaryRows, EdgeEnds, Space, Stabilisation
@@ -104,22 +104,14 @@ class Ground:
     points: Floats  # (q, dim)
     value: data.Datum
 
-    @classmethod
-    def of(cls, value: data.Datum, subject: str, points: Floats, partners: Ints) -> Ground:
-        """The ground of a friction effect. SceneError for a constant, or on an interface."""
-        if (partners >= 0).any():
+    def __post_init__(self) -> None:
+        """Raise SceneError for a constant."""
+        if not callable(self.value):
+            self.vector(0.0)
             raise SceneError(
-                f"{subject}: found ground= on an interface, where the body rubs on another one; prescribe how that "
-                "moves instead."
+                f"{self.subject}: found {brief(self.value)}; it is the displacement of the ground, and a constant "
+                "moves nothing. Give a function of time, such as lambda x, t: (0.5 * t, 0.0), or a Tabulated."
             )
-        ground = cls(f"{subject}: ground", points, value)
-        if not callable(value):
-            ground.vector(0.0)
-            raise SceneError(
-                f"{ground.subject}: found {brief(value)}; it is the displacement of the ground, and a constant moves "
-                "nothing. Give a function of time, such as lambda x, t: (0.5 * t, 0.0), or a Tabulated."
-            )
-        return ground
 
     def at(self, x: Floats, t: float) -> Floats:
         """The datum (k, dim) at points x (k, dim) and the instant `t`."""
@@ -141,52 +133,14 @@ class Ellipse:
     names: tuple[str, str]  # what they are called in messages
     steady: bool  # True if they do not change in time
 
-    @classmethod
-    def of(
-        cls,
-        space: Space,
-        subject: str,
-        points: Floats,
-        *,
-        direction: data.Constant | None,
-        across: data.Datum | None,
-        along: tuple[str, data.Datum],
-        read: Callable[[data.Datum, float, str], Floats],
-    ) -> Ellipse | None:
-        """The ellipses of an effect at points (m, 3); None if it has none.
-
-        The bound `along` the direction has a name; a datum is read at an instant, under a name, by `read` -> (m,).
-        SceneError where one of `direction` and `across` is missing, the body is plane, or the direction is no vector.
-        """
-        if direction is None and across is None:
-            return None
-        if direction is None or across is None:
-            missing, given = ("direction", "across") if direction is None else ("across", "direction")
-            raise SceneError(f"{subject}: found {given}= without {missing}=; friction by direction takes both.")
-        if space.in_plane:
-            raise SceneError(
-                f"{subject}: found direction= and across=, which belong to bodies in space; in the plane backward= of "
-                "TrescaFriction tells the two ways of slip apart."
-            )
-        name, datum = along
-        return cls(
-            subject=subject,
-            points=points,
-            direction=data.vector_field(direction, points, f"{subject}: direction"),
-            bounds=lambda t: (read(datum, t, name), read(across, t, f"{name} across")),
-            names=(name, "across"),
-            steady=not data.varies(datum, across),
-        )
-
     def vectors(self, normals: Floats, times: Sequence[float]) -> Floats:
         """The vectors e and r c (m, 2, 3) of each row.
 
         SceneError where the direction is along the normal; where r is infinite, or changes between any two of `times`.
         """
-        size = np.linalg.norm(self.direction, axis=1)
         first = self.direction - np.einsum("mi,mi->m", self.direction, normals)[:, None] * normals
         length = np.linalg.norm(first, axis=1)
-        upright = length <= 1e-6 * size
+        upright = length <= 1e-6 * np.linalg.norm(self.direction, axis=1)
         if upright.any():
             worst = int(np.argmax(upright))
             raise SceneError(
@@ -225,8 +179,6 @@ class Friction:
     weights: Callable[[float], Floats]
     """t -> (m,) integrals of the friction bound against the nodal basis functions (force units)."""
     steady: bool = False  #: True if these are the same at all times
-    bias: Callable[[float], Floats] | None = None
-    """t -> (m,), of one-way friction: half the forward weight minus half the backward; `weights` are half the sum"""
     ends: EdgeEnds | None = None  #: the edges of each row; without, `lengths` are of an edge that no other part has
     in_the_air: bool = False  #: True if a warning is to say where it rubs while one-sided contact is open
     partners: Ints | None = None  #: (m,) nodes of other bodies, or -1: slip is that of u(node) - u(partner)
@@ -236,6 +188,17 @@ class Friction:
     """(m, dim) unit vectors: terms are w_i |e_i . (v - v_prev)|, instead of those along the tangents"""
     ellipse: Ellipse | None = None
     """of friction by direction in space: terms are w_i |((v - v_prev) . e, r (v - v_prev) . (n x e))|"""
+
+    def __post_init__(self) -> None:
+        """Raise SceneError unless `directions` are one unit vector a row."""
+        if self.directions is None:
+            return
+        shape = np.shape(self.directions)
+        if shape != self.normals.shape or np.abs(np.linalg.norm(self.directions, axis=1) - 1).max() > SAME:
+            raise SceneError(
+                f"{self.subject}: found directions of shape {shape} for normals of shape {self.normals.shape}; rows "
+                "along directions have one unit vector a row."
+            )
 
     @property
     def in_plane(self) -> bool:
@@ -265,10 +228,8 @@ class Friction:
 
         SceneError where the law fails, or gives something else than a weight >= 0 for every row.
         """
-        w, law = (
-            data.finite_a_row(self.weights(t), len(self.nodes), f"{self.subject}: weights at t = {t:.6g}"),
-            self.law,
-        )
+        law = self.law
+        w = data.finite_a_row(self.weights(t), len(self.nodes), f"{self.subject}: weights at t = {t:.6g}")
         if law is None:
             return w
         added = self._asked("law of friction", law.weights, t, (p, past, slip))
@@ -316,7 +277,7 @@ class Friction:
             found = "beside pressed=True" if law.pressed else f"{rate[np.argmin(lawful)]:.6g}"
             raise SceneError(
                 f"{self.subject}: found softening {found}; it is a finite number >= 0 of a law that reads no normal "
-                "forces, or None, which makes certificates estimates."
+                "forces, or None if it is not known."
             )
         return rate
 
@@ -467,6 +428,33 @@ class Effect(ABC):
             A boundary's name is unknown, or a datum that does not depend on time has a wrong shape,
             sign or value.
         """
+
+    @property
+    def _subject(self) -> str:
+        """The name of the effect in messages, with that of its boundary."""
+        return type(self).__name__ + (f" on {where(on)}" if (on := getattr(self, "on", None)) is not None else "")
+
+    def _read(
+        self, name: str, at: data.At | data.InCells, value: object = None, label: str | None = None, subject: str = ""
+    ) -> Floats:
+        """Return the values of a field at places, of the shape and the sign that it declares by `data.holds`.
+
+        A part of its value may stand for it, and another label and subject for its name in messages.
+        """
+        (declared,) = (one.metadata["holds"] for one in fields(self) if one.name == name)  # type: ignore[arg-type]
+        given = getattr(self, name) if value is None else value
+        found: Floats = declared.values(given, at, subject or self._subject, name, label)
+        return found
+
+    def _check_dimension(self, space: Space) -> None:
+        """Raise SceneError for fields that bodies of this dimension do not have, as their metadata say."""
+        for one in fields(self):  # type: ignore[arg-type]
+            value = getattr(self, one.name)
+            if value is not None and "in the plane" in one.metadata:
+                space.require_plane(f"{self._subject}: {one.name}=", one.metadata["in the plane"])
+            elif value is not None and "in space" in one.metadata and space.in_plane:
+                found = f"{self._subject}: found {one.name} = {brief(value)}"
+                raise SceneError(f"{found}, which belongs to bodies in space; {one.metadata['in space']}.")
 
     @abstractmethod
     def describe(self) -> str:

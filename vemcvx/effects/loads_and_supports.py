@@ -34,7 +34,7 @@ class Traction(Effect):
     def contribute(self, space: Space) -> Contribution:
         part = space.part(self.on, "Traction")
         points, matrix, sides = edge_load(space, part)
-        load = Load(f"Traction on {where(self.on)}", points, matrix, self.force, edges=part.sides[sides])
+        load = Load(self._subject, points, matrix, self.force, edges=part.sides[sides])
         return Contribution(loads=(load,))
 
     def describe(self) -> str:
@@ -65,8 +65,7 @@ class Pressure(Effect):
         points, matrix, sides = edge_load(space, part)
         (q, dim), normals = points.shape, part.normals[sides]
         inward = sp.csr_matrix((-normals.ravel(), (np.arange(q * dim), np.repeat(np.arange(q), dim))))
-        subject = f"Pressure on {where(self.on)}"
-        load = Load(subject, points, matrix @ inward, self.value, edges=part.sides[sides])
+        load = Load(self._subject, points, matrix @ inward, self.value, edges=part.sides[sides])
         return Contribution(loads=(load,))
 
     def describe(self) -> str:
@@ -142,10 +141,10 @@ class PointLoad(Effect):
         worst = int(np.argmax(apart))
         # A point that a user computes may miss its node by rounding, never by a noticeable part of the body's size.
         if apart[worst] > 1e-9 * np.ptp(points, axis=0).max():
-            node = nodes[worst]
             raise SceneError(
-                f"PointLoad: there is no node at {at[worst]}; the nearest is node {node} at {points[node]}, "
-                f"{apart[worst]:.6g} away. Name a node, spread the force by Traction, or mesh with a vertex there."
+                f"PointLoad: there is no node at {at[worst]}; the nearest is node {nodes[worst]} at "
+                f"{points[nodes[worst]]}, {apart[worst]:.6g} away. Name a node, spread the force by Traction, or mesh "
+                "with a vertex there."
             )
         return nodes
 
@@ -199,9 +198,8 @@ class Symmetry(Effect):
 
     def contribute(self, space: Space) -> Contribution:
         rows = space.part(self.on, "Symmetry").node_normals
-        subject = f"Symmetry on {where(self.on)}"
-        support = Support(subject, rows.nodes, rows.normals, space.mesh.points[rows.nodes])
-        return Contribution(supports=(support,), curves=(subject,) if rows.curved else ())
+        support = Support(self._subject, rows.nodes, rows.normals, space.mesh.points[rows.nodes])
+        return Contribution(supports=(support,), curves=(self._subject,) if rows.curved else ())
 
     def describe(self) -> str:
         return f"Symmetry: u.n = 0, free along {where(self.on)}"
@@ -231,24 +229,23 @@ class PrescribedDisplacement(Effect):
     direction: str | Sequence[float] | None = None
 
     def contribute(self, space: Space) -> Contribution:
-        subject = f"PrescribedDisplacement on {where(self.on)}"
         part = space.part(self.on, "PrescribedDisplacement")
         if self.direction is None:
             places = space.mesh.points[part.nodes]
 
             def whole(t: float) -> Floats:
-                return data.vector(self.value, places, t, subject).ravel()
+                return data.vector(self.value, places, t, self._subject).ravel()
 
-            return Contribution(supports=(held(subject, space, part.nodes, self._unless_zero(whole)),))
-        nodes, directions, cosines = self._rows(part, space, subject)
+            return Contribution(supports=(held(self._subject, space, part.nodes, self._unless_zero(whole)),))
+        nodes, directions, cosines = self._rows(part, space)
         points = space.mesh.points[nodes]
 
         def value(t: float) -> Floats:
-            return data.scalar(self.value, points, t, subject) / cosines
+            return data.scalar(self.value, points, t, self._subject) / cosines
 
-        support = Support(subject, nodes, directions, points, self._unless_zero(value))
+        support = Support(self._subject, nodes, directions, points, self._unless_zero(value))
         curved = isinstance(self.direction, str) and part.node_normals.curved
-        return Contribution(supports=(support,), curves=(subject,) if curved else ())
+        return Contribution(supports=(support,), curves=(self._subject,) if curved else ())
 
     def describe(self) -> str:
         along = "" if self.direction is None else f" along {self.direction}"
@@ -258,28 +255,24 @@ class PrescribedDisplacement(Effect):
         """None for a constant of zero, which holds its nodes as a clamp or rollers do."""
         return value if data.varies(self.value) or value(0.0).any() else None
 
-    def _rows(self, part: Part, space: Space, subject: str) -> tuple[Ints, Floats, Floats]:
-        """Nodes, directions, and by which the values of sides are to be divided."""
+    def _rows(self, part: Part, space: Space) -> tuple[Ints, Floats, Floats]:
+        """Return nodes, directions, and by which the values of sides are to be divided."""
+        ones, rows, dim, found = np.ones(len(part.nodes)), part.node_normals, space.dim, f"{self._subject}: direction"
         if isinstance(self.direction, str):
-            rows = part.node_normals
-            if self.direction == "normal":
-                return rows.nodes, rows.normals, rows.cosines
             if self.direction == "tangent":
-                space.require_plane(f"{subject}: direction 'tangent'", "give a vector along the boundary")
+                space.require_plane(f"{found} 'tangent'", "give a vector along the boundary")
                 return rows.nodes, rows.tangents, np.ones(len(rows.nodes))
-            raise SceneError(
-                f"{subject}: found direction {self.direction!r}; there are 'normal', 'tangent', a vector, "
-                "or None (all components)."
-            )
-        dim = part.normals.shape[1]
+            if self.direction != "normal":
+                there_are = "there are 'normal', 'tangent', a vector, or None (all components)"
+                raise SceneError(f"{self._subject}: found direction {self.direction!r}; {there_are}.")
+            return rows.nodes, rows.normals, rows.cosines
         wanted = f"a nonzero vector of {dim} finite components, 'normal', 'tangent', or None (all components)"
-        direction = as_real_array(self.direction, f"{subject}: direction", wanted)
+        direction = as_real_array(self.direction, found, wanted)
         if direction.shape != (dim,) or not np.isfinite(direction).all() or not direction.any():
-            raise SceneError(f"{subject}: found direction {brief(self.direction)}; wanted {wanted}.")
+            raise SceneError(f"{self._subject}: found direction {brief(self.direction)}; wanted {wanted}.")
         # Its largest component first: the square of 1e200 would overflow.
         direction = direction / np.abs(direction).max()
-        directions = np.tile(direction / np.linalg.norm(direction), (len(part.nodes), 1))
-        return part.nodes, directions, np.ones(len(part.nodes))
+        return part.nodes, np.tile(direction / np.linalg.norm(direction), (len(part.nodes), 1)), ones
 
 
 # Springs along a part of the boundary (Winkler's foundation): sigma n = -k_n u_n n - k_t u_tau.
@@ -306,8 +299,8 @@ class ElasticFoundation(Effect):
         Boundary names.
     """
 
-    normal: data.Constant = 0.0
-    tangential: data.Constant = 0.0
+    normal: data.Constant = field(default=0.0, metadata=data.SPRING)
+    tangential: data.Constant = field(default=0.0, metadata=data.SPRING)
     on: str | Sequence[str] = field(kw_only=True)
 
     def contribute(self, space: Space) -> Contribution:
@@ -323,8 +316,7 @@ class ElasticFoundation(Effect):
         ends = rule.shares / rule.shares.sum(axis=1, keepdims=True)
         blocks = np.zeros((m, count, dim, count, dim))
         for name, direction in (("normal", across), ("tangential", along)):
-            subject = f"ElasticFoundation on {where(self.on)}: {name}"
-            k = data.stiffness(getattr(self, name), rule.points.reshape(-1, dim), subject).reshape(m, q)
+            k = self._read(name, data.At(rule.points.reshape(-1, dim))).reshape(m, q)
             mass = np.einsum("eiq,ejq,eq->eij", rule.shares, ends, k)
             # The product above rounds (i, j) and (j, i) differently.
             mass = 0.5 * (mass + mass.transpose(0, 2, 1))

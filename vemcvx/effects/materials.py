@@ -24,8 +24,39 @@ IN_PLANE = [COMPONENTS[3].index(pair) for pair in COMPONENTS[2]]
 """Where xx, yy and xy are among the components in space."""
 
 
+NEITHER = "leave it out, a body in space is in neither plane"
+
+
 class MaterialLaw(Effect):
     """An effect that says what cells are made of; a scene has at least one, and every cell exactly one."""
+
+
+class _Elastic(MaterialLaw):
+    """An elastic material in one of two planes, of cells named by `on`."""
+
+    plane: str | None
+    stabilisation: str | Stabilisation
+    on: str | Sequence[str] | None
+    _usual = "strain"  # the plane where `plane` is None
+
+    @property
+    def _plane(self) -> str:
+        return self._usual if self.plane is None else self.plane
+
+    def described(self, in_plane: bool) -> str:
+        return replace(self, plane=self._plane).describe() if in_plane else self.describe()  # type: ignore[type-var]
+
+    def _cells(self, space: Space) -> Bools | None:
+        """Return the cells of the material, None for all; SceneError where its words are none that there are."""
+        name = type(self).__name__
+        if not isinstance(self.stabilisation, Stabilisation):
+            choice(self.stabilisation, name, "stabilisation", STABILISATIONS)
+        choice(self._plane, name, "plane", PLANES)
+        self._check_dimension(space)
+        return region(space, self.on, name)
+
+    def _name_of_stabilisation(self) -> str:
+        return self.stabilisation.describe() if isinstance(self.stabilisation, Stabilisation) else self.stabilisation
 
 
 def region(space: Space, on: str | Sequence[str] | None, subject: str) -> Bools | None:
@@ -61,19 +92,8 @@ def region(space: Space, on: str | Sequence[str] | None, subject: str) -> Bools 
 STABILISATIONS = ("shear", "unit")
 
 
-def check_stabilisation(given: object, subject: str) -> None:
-    """Raise SceneError unless this is a stabilisation, or the name of one."""
-    if not isinstance(given, Stabilisation):
-        choice(given, subject, "stabilisation", STABILISATIONS)
-
-
-def named(stabilisation: str | Stabilisation) -> str:
-    """The name of a stabilisation."""
-    return stabilisation.describe() if isinstance(stabilisation, Stabilisation) else stabilisation
-
-
 @dataclass(frozen=True)
-class Elasticity(MaterialLaw):
+class Elasticity(_Elastic):
     """Isotropic linear elasticity of the body, or of a part of it.
 
     Parameters
@@ -93,18 +113,15 @@ class Elasticity(MaterialLaw):
         must be finite on all cells, but only their values on these count.
     """
 
-    young: data.Constant
-    poisson: data.Constant
-    plane: str | None = field(default=None, metadata={"in the plane": True})
+    young: data.Constant = field(metadata=data.holds(sign="> 0", rule="Young's modulus must be > 0"))
+    poisson: data.Constant = field(metadata=data.holds())
+    plane: str | None = field(default=None, metadata={"in the plane": NEITHER})
     stabilisation: str | Stabilisation = "shear"
     on: str | Sequence[str] | None = None
 
     def contribute(self, space: Space) -> Contribution:
-        check_stabilisation(self.stabilisation, "Elasticity")
-        cells = region(space, self.on, "Elasticity")
-        if self.plane is not None:
-            space.require_plane("Elasticity: plane=", "leave it out, a body in space is in neither plane")
-        lam, mu = self._lame(data.InCells(space.mesh), cells)
+        cells = self._cells(space)
+        lam, mu = self._lame(data.InCells(space.mesh, inside=cells))
         if self._plane == "strain":
             self._warn_of_locking(lam, mu, space)
         if cells is not None:
@@ -113,12 +130,12 @@ class Elasticity(MaterialLaw):
         out_of_plane = np.column_stack([lam, lam, np.zeros_like(lam), volume]) * float(self._plane == "strain")
 
         def at(x: Floats, inside: Ints) -> tuple[Floats, Floats]:
-            lam, mu = self._lame(data.InCells(space.mesh, x, inside), None)
+            lam, mu = self._lame(data.InCells(space.mesh, x, inside))
             C = vem.elastic_matrix(np.stack([lam, mu]), space.dim)
             return vem.upper_triangle(C), self._blocked(lam, mu, space.dim)[1]
 
         material = Material(
-            subject="Elasticity" if self.on is None else f"Elasticity on {where(self.on)}",
+            subject=self._subject,
             moduli=np.stack([lam, mu]),
             thermal_stress_moduli=thermal,
             plane=self._plane,
@@ -133,14 +150,7 @@ class Elasticity(MaterialLaw):
         plane = "" if self.plane is None else f"plane {self.plane}, "
         place = "" if self.on is None else f", on {where(self.on)}"
         constants = f"E = {amount(self.young, 'x')}, nu = {amount(self.poisson, 'x')}"
-        return f"Elasticity: {constants}, {plane}{named(self.stabilisation)} stabilisation{place}"
-
-    def described(self, in_plane: bool) -> str:
-        return replace(self, plane=self._plane).describe() if in_plane else self.describe()
-
-    @property
-    def _plane(self) -> str:
-        return "strain" if self.plane is None else self.plane
+        return f"Elasticity: {constants}, {plane}{self._name_of_stabilisation()} stabilisation{place}"
 
     def _warn_of_locking(self, lam: Floats, mu: Floats, space: Space) -> None:
         largest = float((0.5 * lam / (lam + mu)).max())
@@ -155,27 +165,17 @@ class Elasticity(MaterialLaw):
             )
 
     def _blocked(self, lam: Floats, mu: Floats, dim: int) -> tuple[Floats, Floats]:
-        """The energy of a blocked unit eigenstrain, and its stresses (k, components)."""
+        """Return the energy of a blocked unit eigenstrain, and its stresses (k, components)."""
         volume = 3 * lam + 2 * mu if self._plane == "strain" else 2 * (lam + mu)
         return volume, vem.isotropic_stress(volume, dim)
 
-    def _lame(self, at: data.InCells, cells: Bools | None) -> tuple[Floats, Floats]:
-        E, nu = at.read(self.young, "Elasticity: young"), at.read(self.poisson, "Elasticity: poisson")
-        if cells is not None:
-            E, nu = np.where(cells, E, 1.0), np.where(cells, nu, 0.0)
-        choice(self._plane, "Elasticity", "plane", PLANES)
-        if (E <= 0).any():
-            cell = int(np.argmin(E))
-            raise SceneError(f"Elasticity: found young = {E[cell]:.6g} in cell {cell}; Young's modulus must be > 0.")
-        wrong = (nu <= -1) | ((nu >= 0.5) if self._plane == "strain" else (nu > 0.5))
-        if wrong.any():
-            cell = int(np.argmax(wrong))
-            limit = "< 0.5 in plane strain (use 0.4999999, or plane='stress')" if self._plane == "strain" else "<= 0.5"
-            raise SceneError(f"Elasticity: found poisson = {nu[cell]:.9g} in cell {cell}; it must be > -1 and {limit}.")
-        mu = E / (2 * (1 + nu))
-        if self._plane == "stress":
-            return E * nu / ((1 + nu) * (1 - nu)), mu
-        return E * nu / ((1 + nu) * (1 - 2 * nu)), mu
+    def _lame(self, at: data.InCells) -> tuple[Floats, Floats]:
+        E, nu, strain = self._read("young", at), self._read("poisson", at), self._plane == "strain"
+        nu = nu if at.inside is None else np.where(at.inside, nu, 0.0)
+        limit = "< 0.5 in plane strain (use 0.4999999, or plane='stress')" if strain else "<= 0.5"
+        lawful = (nu > -1) & ((nu < 0.5) if strain else (nu <= 0.5))
+        data.require(lawful, nu, at, f"{self._subject}: found poisson", f"it must be > -1 and {limit}")
+        return E * nu / ((1 + nu) * (1 - (2 * nu if strain else nu))), E / (2 * (1 + nu))
 
 
 # Orthotropic linear elasticity: wood, laminates, rolled or layered solids (Lekhnitskii 1963; Jones 1999, chapter 2).
@@ -190,8 +190,11 @@ class Elasticity(MaterialLaw):
 #
 # The plane is space with axis 3 across it. Plane strain (e_3 = 0) takes of C what is in the plane, and its row of zz is
 # what is borne across; in plane stress (sigma_3 = 0) S has no coupling to 3, so that C has none.
+SYMBOLS = {"young": ("E1", "E2", "E3"), "poisson": ("nu12", "nu13", "nu23"), "shear": ("G12", "G13", "G23")}
+
+
 @dataclass(frozen=True)
-class Orthotropic(MaterialLaw):
+class Orthotropic(_Elastic):
     """Orthotropic linear elasticity: in the plane with two axes of symmetry there, in space with three.
 
     Every modulus is a number, an (n_cells,) array, a callable f(x) at centroids, or the name of a cell datum.
@@ -217,41 +220,35 @@ class Orthotropic(MaterialLaw):
         As for Elasticity, with the softest modulus of shear for 2 mu (:mod:`vemcvx.vem.elasticity`).
     """
 
-    young: Sequence[Constant]
-    poisson: Constant | Sequence[Constant]
-    shear: Constant | Sequence[Constant]
-    angle: Constant = 0.0
-    plane: str | None = field(default=None, metadata={"in the plane": True})
-    axes: Sequence[Any] | None = field(default=None, metadata={"in space": True})
+    young: Sequence[Constant] = field(metadata=data.holds(sign="> 0"))
+    poisson: Constant | Sequence[Constant] = field(metadata=data.holds())
+    shear: Constant | Sequence[Constant] = field(metadata=data.holds(sign="> 0"))
+    angle: Constant = field(default=0.0, metadata=data.holds())
+    plane: str | None = field(default=None, metadata={"in the plane": NEITHER})
+    axes: Sequence[Any] | None = field(default=None, metadata={"in space": "give angle="})
     on: str | Sequence[str] | None = None
     stabilisation: str | Stabilisation = "shear"
+    _usual = "stress"
 
     def contribute(self, space: Space) -> Contribution:
-        check_stabilisation(self.stabilisation, "Orthotropic")
-        choice(self._plane, "Orthotropic", "plane", PLANES)
-        if self.plane is not None:
-            space.require_plane("Orthotropic: plane=", "leave it out, a body in space is in neither plane")
-        turned = not (isinstance(self.angle, (int, float)) and self.angle == 0.0)
-        if self.axes is not None and (space.in_plane or turned):
-            but = "belong to bodies in space; give angle=" if space.in_plane else "take the place of angle=; give one"
-            raise SceneError(f"Orthotropic: found axes = {brief(self.axes)}, which {but}.")
-        cells = region(space, self.on, "Orthotropic")
+        cells = self._cells(space)
+        if self.axes is not None and not (isinstance(self.angle, (int, float)) and self.angle == 0.0):
+            found = f"Orthotropic: found axes = {brief(self.axes)}"
+            raise SceneError(f"{found}, which take the place of angle=; give one.")
+        plane = self._plane if space.in_plane else None
         inside = np.ones(space.mesh.n_cells) if cells is None else cells.astype(float)
-        C, thermal_stress_moduli, out_of_plane = self._law(data.InCells(space.mesh), inside, space.in_plane)
+        C, thermal_stress_moduli, out_of_plane = self._law(data.InCells(space.mesh, inside=cells), inside, plane)
 
         def at(x: Floats, within: Ints) -> tuple[Floats, Floats]:
-            C, thermal_stress_moduli, _ = self._law(
-                data.InCells(space.mesh, x, within), np.ones(len(x)), space.in_plane
-            )
+            C, thermal_stress_moduli, _ = self._law(data.InCells(space.mesh, x, within), np.ones(len(x)), plane)
             return vem.upper_triangle(C), thermal_stress_moduli
 
-        names = "young", "poisson", "shear"
-        constants = [one for name in names for one in self._constants(name, space.in_plane)]
+        constants = [one for name in SYMBOLS for one in self._constants(name, plane)]
         material = Material(
-            subject="Orthotropic" if self.on is None else f"Orthotropic on {where(self.on)}",
+            subject=self._subject,
             moduli=vem.upper_triangle(C),
             thermal_stress_moduli=thermal_stress_moduli,
-            plane=self._plane if space.in_plane else "strain",
+            plane=plane or "strain",
             cells=cells,
             out_of_plane=out_of_plane,
             stabilisation=vem.stabilisation_of(self.stabilisation, 0.5 * vem.softest_shear(C)),
@@ -259,27 +256,23 @@ class Orthotropic(MaterialLaw):
         )
         return Contribution(material=material)
 
-    @property
-    def _plane(self) -> str:
-        return "stress" if self.plane is None else self.plane
+    def _law(self, at: data.InCells, inside: Floats, plane: str | None) -> tuple[Floats, Floats, Floats | None]:
+        """Return C (k, 6, 6), and Material's thermal_stress_moduli (k, 6); zero where not `inside`.
 
-    def _law(self, at: data.InCells, inside: Floats, in_plane: bool) -> tuple[Floats, Floats, Floats | None]:
-        """C (k, 6, 6), and Material's thermal_stress_moduli (k, 6); zero where not `inside`.
-
-        In the plane (k, 3, 3) and (k, 3), and Material's out_of_plane (k, 4).
+        In a plane (k, 3, 3) and (k, 3), and Material's out_of_plane (k, 4).
         """
         C = np.zeros((len(inside), 6, 6))
-        C[:, :3, :3] = np.linalg.inv(self._compliance(at, inside > 0, in_plane))
+        C[:, :3, :3] = np.linalg.inv(self._compliance(at, inside > 0, plane))
         # G12, G13, G23; components are in the order xy, yz, xz.
-        for component, G in zip((3, 5, 4), self._shears(at, inside > 0, in_plane), strict=False):
+        for component, G in zip((3, 5, 4), self._several(at, "shear", plane), strict=False):
             C[:, component, component] = G
         Q = _turn(self._frame(at, inside > 0))
         C = Q.transpose(0, 2, 1) @ C @ Q * inside[:, None, None]
         C = 0.5 * (C + C.transpose(0, 2, 1))
         blocked = C[:, :, :3].sum(axis=2)
-        if not in_plane:
+        if plane is None:
             return C, blocked, None
-        borne = np.column_stack([C[:, 2, IN_PLANE], blocked[:, 2]]) * float(self._plane == "strain")
+        borne = np.column_stack([C[:, 2, IN_PLANE], blocked[:, 2]]) * float(plane == "strain")
         return C[:, IN_PLANE][:, :, IN_PLANE], blocked[:, IN_PLANE], borne
 
     def describe(self) -> str:
@@ -287,19 +280,13 @@ class Orthotropic(MaterialLaw):
         E, nu, G = (_words(values) for values in (self.young, self.poisson, self.shear))
         turned = f"angle {amount(self.angle, 'x')}" if self.axes is None else f"axes {_words(tuple(self.axes))}"
         plane = "" if self.plane is None else f", plane {self.plane}"
-        name = named(self.stabilisation)
+        name = self._name_of_stabilisation()
         stable = "" if name == "shear" else f", {name} stabilisation"
         return f"Orthotropic: E = {E}, nu = {nu}, G = {G}, {turned}{plane}{stable}{place}"
 
-    def described(self, in_plane: bool) -> str:
-        return replace(self, plane=self._plane).describe() if in_plane else self.describe()
-
-    def _compliance(self, at: data.InCells, inside: Bools, in_plane: bool) -> Floats:
-        """S (n_cells, 3, 3) of the normal directions; without coupling to 3 in plane stress."""
-        E, nu = self._several(at, "young", in_plane), self._several(at, "poisson", in_plane)
-        E, nu = np.where(inside, E, 1.0), np.where(inside, nu, 0.0)
-        for i, values in enumerate(E):
-            self._require(values > 0, values, f"young ({i + 1})", "must be > 0")
+    def _compliance(self, at: data.InCells, inside: Bools, plane: str | None) -> Floats:
+        """Return S (n_cells, 3, 3) of the normal directions; without coupling to 3 in plane stress."""
+        E, nu = self._several(at, "young", plane), np.where(inside, self._several(at, "poisson", plane), 0.0)
         S = np.zeros((len(inside), 3, 3))
         S[:, 2, 2] = 1.0
         for i, values in enumerate(E):
@@ -309,29 +296,19 @@ class Orthotropic(MaterialLaw):
         # Scaled to a unit diagonal: entries do not depend on units, nor overflow.
         scale = 1.0 / np.sqrt(np.einsum("cii->ci", S))
         positive = np.linalg.eigvalsh(scale[:, :, None] * S * scale[:, None, :]).min(axis=1) > 0
-        stress = in_plane and self._plane == "stress"
-        rule = "nu12^2 < E1 / E2" if stress else "such that S (see the module) is positive definite"
-        self._require(positive, nu[0], "poisson (nu12)", f"must leave the energy positive: {rule}")
+        rule = "nu12^2 < E1 / E2" if plane == "stress" else "such that S (see the module) is positive definite"
+        found = f"{self._subject}: found poisson (nu12)"
+        data.require(positive, nu[0], at, found, f"it must leave the energy positive: {rule}")
         return S
 
-    def _shears(self, at: data.InCells, inside: Bools, in_plane: bool) -> Floats:
-        shears, names = self._several(at, "shear", in_plane), ("shear (G12)", "shear (G13)", "shear (G23)")
-        for name, G in zip(("shear",) if in_plane else names, shears, strict=True):
-            self._require(np.where(inside, G, 1.0) > 0, G, name, "must be > 0")
-        return shears
-
-    def _radians(self, at: data.InCells, inside: Bools) -> Floats:
-        angle = self._read(at, self.angle, "angle")
-        beyond = inside & (np.abs(angle) > 2 * np.pi)
-        first = angle[np.argmax(beyond)]
-        rule = f"is in radians, from -2 pi to 2 pi, and {first:.6g} degrees are {np.radians(first):.6g}"
-        self._require(~beyond, angle, "angle", rule)
-        return angle
-
     def _frame(self, at: data.InCells, inside: Bools) -> Floats:
-        """R (k, 3, 3): the unit axes, row by row."""
+        """Return R (k, 3, 3): the unit axes, row by row."""
         if self.axes is None:
-            angle = self._radians(at, inside)
+            angle = np.where(inside, self._read("angle", at), 0.0)
+            beyond = np.abs(angle) > 2 * np.pi
+            worst = float(angle[beyond].min()) if beyond.any() else 0.0
+            rule = f"it is in radians, from -2 pi to 2 pi, and {worst:.6g} degrees are {np.radians(worst):.6g}"
+            data.require(~beyond, angle, at, f"{self._subject}: found angle", rule)
             c, s, zero = np.cos(angle), np.sin(angle), np.zeros(len(angle))
             return np.array([[c, s, zero], [-s, c, zero], [zero, zero, zero + 1.0]]).transpose(2, 0, 1)
         if not isinstance(self.axes, (list, tuple, np.ndarray)) or len(self.axes) != 2:
@@ -342,8 +319,7 @@ class Orthotropic(MaterialLaw):
         first, second = (data.vector(axis, x, None, "Orthotropic: axes") for axis in self.axes)
         third = np.cross(first, second)
         sizes = np.linalg.norm(first, axis=1) * np.linalg.norm(second, axis=1)
-        area = np.linalg.norm(third, axis=1)
-        flat = inside & (area <= 1e-6 * sizes)
+        flat = inside & (np.linalg.norm(third, axis=1) <= 1e-6 * sizes)
         if flat.any():
             cell = int(np.argmax(flat))
             raise SceneError(
@@ -353,28 +329,22 @@ class Orthotropic(MaterialLaw):
         first, third = (directions(rows, np.linalg.norm(rows, axis=1)) for rows in (first, third))
         return np.stack([first, np.cross(third, first), third], axis=1)
 
-    def _several(self, at: data.InCells, name: str, in_plane: bool) -> Floats:
-        return np.stack([self._read(at, part, name) for part in self._constants(name, in_plane)])
+    def _several(self, at: data.InCells, name: str, plane: str | None) -> Floats:
+        """Return the constants (., k) of a name."""
+        parts = zip(self._constants(name, plane), SYMBOLS[name], strict=False)
+        return np.stack([self._read(name, at, part, f"{name} ({symbol})") for part, symbol in parts])
 
-    def _constants(self, name: str, in_plane: bool) -> Sequence[Constant]:
-        given, stress = getattr(self, name), in_plane and self._plane == "stress"
-        count = {"young": 2 if stress else 3, "poisson": 1 if stress else 3, "shear": 1 if in_plane else 3}[name]
+    def _constants(self, name: str, plane: str | None) -> Sequence[Constant]:
+        """Return the constants of a name, as many as a body in that plane, or in space, has."""
+        given, few = getattr(self, name), {"young": 2, "poisson": 1} if plane == "stress" else {}
+        count = 1 if name == "shear" and plane is not None else few.get(name, 3)
         parts = [given] if count == 1 else given
         several = isinstance(parts, (list, tuple)) or (type(parts) is np.ndarray and parts.ndim > 0)
         if not several or len(parts) != count:
-            names = {"young": "(E1, E2, E3)", "poisson": "(nu12, nu13, nu23)", "shear": "(G12, G13, G23)"}
-            wanted = {"young": "(E1, E2)", "poisson": "nu12", "shear": "G12"}[name] if count < 3 else names[name]
-            body = f"plane {self._plane}" if in_plane else "a body in space"
+            wanted = SYMBOLS[name][0] if count == 1 else f"({', '.join(SYMBOLS[name][:count])})"
+            body = "a body in space" if plane is None else f"plane {plane}"
             raise SceneError(f"Orthotropic: found {name} = {brief(given)}; {body} takes {wanted}.")
         return list(parts)
-
-    def _read(self, at: data.InCells, value: Constant, name: str) -> Floats:
-        return at.read(value, f"Orthotropic: {name}")
-
-    def _require(self, holds: Bools, values: Floats, name: str, rule: str) -> None:
-        if not holds.all():
-            cell = int(np.argmin(holds))
-            raise SceneError(f"Orthotropic: found {name} = {values[cell]:.6g} in cell {cell}; it {rule}.")
 
 
 def _turn(R: Floats) -> Floats:
@@ -413,22 +383,15 @@ class Viscosity(Effect):
         zeta >= 0.
     """
 
-    shear: data.Constant
-    volume: data.Constant = 0.0
+    shear: data.Constant = field(metadata=data.holds(sign=">= 0"))
+    volume: data.Constant = field(default=0.0, metadata=data.holds(sign=">= 0"))
 
     def contribute(self, space: Space) -> Contribution:
-        eta, zeta = (self._checked(getattr(self, name), space, name) for name in ("shear", "volume"))
+        eta, zeta = (self._read(name, data.InCells(space.mesh)) for name in ("shear", "volume"))
         return Contribution(viscosity=vem.stiffness(space, zeta, eta, stabilisation="shear"))
 
     def describe(self) -> str:
         return f"Viscosity: shear {amount(self.shear, 'x')}, volume {amount(self.volume, 'x')}"
-
-    def _checked(self, value: data.Constant, space: Space, name: str) -> Floats:
-        found = data.InCells(space.mesh).read(value, f"Viscosity: {name}")
-        if (found < 0).any():
-            cell = int(np.argmin(found))
-            raise SceneError(f"Viscosity: found {name} = {found[cell]:.6g} in cell {cell}; it must be >= 0.")
-        return found
 
 
 # Thermal expansion: a strain eps_0 = alpha theta I, the same in all three directions of space, free of stress.

@@ -48,7 +48,7 @@ from vemcvx.meshes.interfaces import faces_of
 from vemcvx.meshes.polygons import cell_of_corner, next_corner, rows_in_order
 from vemcvx.meshes.polyhedra import listed_faces
 from vemcvx.scene.pose import PosedScene
-from vemcvx.scene.supports import ContactRows, free_directions, jump_rows, on_free
+from vemcvx.scene.rows import ContactRows, jump_rows
 from vemcvx.vem import elastic_matrix, mean_shear, tractions
 from vemcvx.vem.projection import face_groups
 
@@ -90,7 +90,7 @@ class Residuals:
         self.owner = mesh.face_cells[self.outer, 0]
         self.weights = self.widths(self.owner, mesh.face_normals[self.outer]) / (2.0 * self.shear[self.owner])
         self.corners = rows_in_order(mesh.face_offsets, mesh.face_vertices, self.outer)
-        self.free = free_directions(posed.supports.P, self.corners[1], cell_of_corner(self.corners[0]), 3)
+        self.free = posed.supports.free_directions(self.corners[1], cell_of_corner(self.corners[0]))
 
     def indicators(self, now: Instant) -> dict[str, Floats]:
         """Squares (n_cells,) of "volume", "jumps", "boundary", "pressure", "stabilisation" and "data" in eta_K."""
@@ -270,7 +270,7 @@ class Residuals:
             normals = np.repeat(self.mesh.face_normals[self.outer[first[-1]]], there.sum(axis=1), axis=0)[:, None]
             normal = jump_rows(joint.edges[there], joint.partners[there], normals, self.mesh.points)
             held = np.ones(there.shape, dtype=bool)
-            held[there] = np.diff(on_free(normal, self.posed.supports).indptr) == 0
+            held[there] = np.diff(self.posed.supports.on_free(normal).indptr) == 0
             bonded.append(np.asarray(held.all(axis=1)))
         return Joints(np.empty((0, 2), dtype=np.int64), *map(np.concatenate, (first, second, bonded)))
 

@@ -30,9 +30,8 @@ from vemcvx.arrays import Floats, as_real_array, check_compressed, checked_matri
 from vemcvx.errors import ProgramError, VemcvxError
 from vemcvx.linear import Matrix
 from vemcvx.program.kernel import anchors
-from vemcvx.program.operators import Operators
+from vemcvx.program.operators import Operators, check_symmetric
 from vemcvx.program.step_program import Answer, SolvedProgram, StepProgram
-from vemcvx.program.system import check_symmetric
 
 Parts = dict[str, Matrix]
 SIZES = {

@@ -81,7 +81,7 @@ def degenerate(program: SolvedProgram) -> dict[str, int]:
     error = program.certificate.error + program.certificate.error_floor
     slip, excess = np.linalg.norm(program.slip(d), axis=1), np.abs(program.excess(d))
     still = slip <= error * np.sqrt(operators.norm_flexibility)
-    meets = excess <= error * np.sqrt(operators.limit_flexibility) + program.excess_blur(d)
+    meets = excess <= error * np.sqrt(operators.limit_flexibility)
     blocks = operators.blocks(_push(operators, operators.B)).max(axis=1, initial=0.0)
     full = program.w - np.linalg.norm(program.answer.lam, axis=1) <= error * blocks + BOUND_ROUNDING * program.w
     idle = program.answer.p <= error * _push(operators, operators.D)

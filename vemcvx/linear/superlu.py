@@ -9,75 +9,65 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import spilu, splu
 
-from vemcvx.arrays import EPS, Floats, Ints, power_of_two
-from vemcvx.linear.factor import SAMPLES, DirectFactor, LinearSolver, Matrix, singular
+from vemcvx.arrays import EPS, Floats, Ints
+from vemcvx.linear.factor import Factor, LinearSolver, singular
 
 
 @dataclass(frozen=True)
 class SuperLU(LinearSolver):
-    """Sparse LU with diagonal pivots: the default up to two million unknowns."""
+    """Sparse LU with diagonal pivots: the default up to two million unknowns where Pardiso is not installed."""
 
     eliminates: ClassVar[bool] = True
 
     def memory_in_space(self, unknowns: int) -> float:
-        # Measured on cubes, on nested dissection, at the peak: .25, .66 GB of 13,600 and 26,040 unknowns.
+        # Fitted to cubes in nested dissection: .25 and .66 GB at the peak for 13,600 and 26,040 unknowns.
         return float(236.0 * unknowns**1.46)
 
     def factorise(self, K: sp.csr_matrix, near_kernel: Floats | None = None) -> SuperLUFactor:
         factor = SuperLUFactor(K)
-        factor.positive(0)
+        factor.schur_complement(0)
         return factor
 
     def eliminate(self, K: sp.csr_matrix, order: Ints, last: Ints) -> tuple[SuperLUFactor, Floats]:
         factor = SuperLUFactor(K, np.concatenate([order[~np.isin(order, last)], last]))
-        return factor, factor.positive(len(last))
+        return factor, factor.schur_complement(len(last))
 
 
-class SuperLUFactor(DirectFactor):
+class SuperLUFactor(Factor):
     """K = L U, in a given order of the unknowns, or in that of minimum degree."""
 
     def __init__(self, K: sp.csr_matrix, order: Ints | None = None):
         self._K, self._order = K, np.arange(K.shape[0]) if order is None else order
         columns: Literal["MMD_AT_PLUS_A", "NATURAL"] = "MMD_AT_PLUS_A" if order is None else "NATURAL"
         ordered = sp.csc_matrix(K if order is None else K[order][:, order])
-        # Symmetric mode: pivots stay on the diagonal, which a positive definite matrix allows, and which halves the
-        # time (1.3 s against 3.1 s at 100k unknowns). Without equilibration powers of two stay powers of two.
+        # In symmetric mode pivots stay on the diagonal. A positive definite matrix allows that, and it halves the time
+        # (1.3 s instead of 3.1 s at 100k unknowns). Without equilibration powers of two stay powers of two.
         options = {"SymmetricMode": True, "Equil": False}
         try:
             self._lu = splu(ordered, permc_spec=columns, diag_pivot_thresh=0.0, options=options)
         except RuntimeError as error:
             raise singular() from error
 
-    def positive(self, m: int) -> Floats:
-        """The Schur complement (m, m) onto the last m unknowns in the order, L_cc U_cc.
+    def schur_complement(self, m: int) -> Floats:
+        """Return the Schur complement (m, m) onto the last m unknowns in the order, L_cc U_cc.
 
-        SceneError where K is not positive definite: pivots left the diagonal, or one is no larger than the rounding of
-        what it is the rest of. With the diagonal's pivots K = L D L', and by Sylvester's law of inertia they have the
-        signs of the eigenvalues. Of a K with a kernel and as many anchors this says that K is semidefinite: the Schur
-        complements of [[K + E, P], [P', E_aa^{-1}]] onto either block have the same inertia (Haynsworth 1968), and that
-        onto the second, of as many unknowns as there are modes, vanishes.
+        Raise SceneError if K is not positive definite: if pivots left the diagonal, or one is no larger than the
+        rounding of its own entry of K. With pivots on the diagonal K = L D L', and by Sylvester's law of inertia the
+        pivots have the signs of the eigenvalues. Of a K with a kernel and as many anchors this says that K is
+        semidefinite: the Schur complements of [[K + E, P], [P', E_aa^{-1}]] onto either block have the same inertia
+        (Haynsworth 1968), and the complement onto the second block, of as many unknowns as there are modes, vanishes.
         """
         L, U, place = self._lu.L, self._lu.U, self._lu.perm_c
         D, diagonal = U.diagonal(), self._K.diagonal()[self._order[np.argsort(place)]]
         if not np.array_equal(self._lu.perm_r, place) or not (EPS * diagonal < D).all():
             raise singular()
-        # The forces L D^{1/2} z, z normal, have the covariance K.
-        self.unit = float(power_of_two(D.max(initial=0.0)))
-        z = np.sqrt(D / self.unit)[:, None] * np.random.default_rng(0).standard_normal((len(D), SAMPLES))
-        self._forces = np.empty_like(z)
-        self._forces[self._order] = (L @ z)[place]
         # The solver may renumber within its elimination tree; that permutes L and U but changes no entry.
         c = place[len(place) - m :]
         S: Floats = (L[:, c][c] @ U[:, c][c]).toarray()
-        # SciPy keeps these copies for the next time they are asked for: 265 MB on the paper's reference (h = 1/256).
-        for copied in (L, U):
-            copied.data, copied.indices, copied.indptr = (
-                kept.copy() for kept in (copied.data[:0], copied.indices[:0], copied.indptr[:1])
-            )
+        # SciPy keeps the copies L and U that it hands out: 265 MB on the paper's reference (h = 1/256). Empty them.
+        for kept in (L, U):
+            kept.data, kept.indices, kept.indptr = kept.data[:0].copy(), kept.indices[:0].copy(), kept.indptr[:1].copy()
         return 0.5 * (S + S.T)
-
-    def random_motions(self) -> Floats:
-        return self.unit * self.solve(self._forces)
 
     def solve(self, b: Floats) -> Floats:
         if not b.any():
@@ -86,14 +76,11 @@ class SuperLUFactor(DirectFactor):
         x[self._order] = self._lu.solve(b[self._order])
         return x
 
-    def within(self, K_FF: Matrix, F: Ints) -> SuperLUFactor:
-        return SuperLUFactor(sp.csr_matrix(K_FF))
-
 
 def minimum_degree(K: sp.csr_matrix) -> Ints:
-    """SuperLU's own order of K, for matrices without coordinates.
+    """Return SuperLU's own order of K, for matrices without coordinates.
 
-    An incomplete factorisation that drops everything costs little more than its order. It is taken of the pattern of
+    An incomplete factorisation that drops all fill costs little more than the order. It is applied to the pattern of
     K with a dominant diagonal, so that no pivot can fail.
     """
     pattern = sp.csc_matrix(K, copy=True)
@@ -103,10 +90,10 @@ def minimum_degree(K: sp.csr_matrix) -> Ints:
 
 
 def nested_dissection(graph: sp.csr_matrix, points: Floats) -> Ints:
-    """Order the n vertices of `graph` (n, n), symmetric, placed at `points` (n, dim), separators last.
+    """Return an order of the n vertices of `graph` (n, n), symmetric, placed at `points` (n, dim), separators last.
 
-    The vertices are halved along the longest axis of their part, level by level: `part` has one bit a level. A vertex
-    is in the separator of the first level at which it is in the upper half and has a neighbour in the lower one.
+    The vertices of a part are halved along the longest axis of the part, level by level: `part` has one bit a level. A
+    vertex is in the separator of the first level at which it is in the upper half and has a neighbour in the lower one.
     """
     n = len(points)
     part = np.zeros(n, dtype=np.int64)

@@ -168,20 +168,13 @@ def friction_traction(
         for start, stop in line.spans(chosen):
             # Hatched, for print in grey.
             ax.axvspan(start, stop, color=colour, alpha=0.13, linewidth=0, hatch="//" if state == "slip" else "")
-    # Bounds of slip forward, with the body on the left, and backward: what that is along the line, tangents say.
-    onward = line.along(np.column_stack([-contact.normals[:, 1], contact.normals[:, 0]])) > 0
-    forward, backward = contact.bound[row, line.order], contact.backward[row, line.order]
-    top = _reach(contact)
+    top, bound, far = _reach(contact), contact.bound[row, line.order], ""
     ends = value_range(limits, (-top, top))
-    bounds, far = np.minimum(forward, backward), ""
-    if bounds.min() > min(-ends[0], ends[1]):
-        far = f" off the axis, {bounds.min():.3g} {unit(units, 'force per length') if units else ''}".rstrip()
-        far += " or more" * bool(np.ptp(bounds) > 0)
-    for bound, name in (
-        (np.where(onward, backward, forward), f"bound $\\pm g${far}"),
-        (-np.where(onward, forward, backward), None),
-    ):
-        ax.plot(*line.broken(bound), color="black", linestyle="--", linewidth=1.2, label=name)
+    if bound.min() > min(-ends[0], ends[1]):
+        far = f" off the axis, {bound.min():.3g} {unit(units, 'force per length') if units else ''}".rstrip()
+        far += " or more" * bool(np.ptp(bound) > 0)
+    for side, name in ((bound, f"bound $\\pm g${far}"), (-bound, None)):
+        ax.plot(*line.broken(side), color="black", linestyle="--", linewidth=1.2, label=name)
     ax.plot(*line.broken(traction), color="0.35", linewidth=1.0, zorder=1.5)
     marks = {"linestyle": "none", "markersize": np.clip(150 / len(sticks), 1.5, 4), "clip_on": False, "zorder": 3}
     for chosen, colour, marker, word in kinds:
@@ -198,7 +191,7 @@ def friction_traction(
 def _reach(contact: Contact) -> float:
     """The end of an axis of friction: beyond bound and friction; beyond friction alone where bounds are far larger."""
     friction = float(np.abs(contact.traction).max(initial=0.0))
-    bound = float(np.abs([contact.bound, contact.backward]).max(initial=0.0))
+    bound = float(np.abs(contact.bound).max(initial=0.0))
     # Within a fifth of the axis friction is still seen, and rounding is not to be.
     far = 1e-8 * bound < friction < 0.2 * bound
     return 1.2 * (friction if far else max(bound, friction)) or 1.0
@@ -207,7 +200,7 @@ def _reach(contact: Contact) -> float:
 def rubs(history: Results) -> bool:
     """Return True if there is friction, or a bound on it, at some stored instant."""
     contact = history.contact
-    return bool(contact.bound.any() or contact.backward.any() or contact.traction.any())
+    return bool(contact.bound.any() or contact.traction.any())
 
 
 STATES = (

@@ -18,33 +18,30 @@ P(d) >= P(d*) + 1/2 |d - d*|_K^2, and weak duality P(d*) >= G ends it.  QED
 Where K has a kernel N (:mod:`vemcvx.program.kernel`) all this holds in the seminorm |.|_K, with K^{-1} any inverse of
 K on balanced forces; where N'r does not vanish, the gap is infinite.
 
-Signs: friction acts on the body with the forces -B'lam, limits with -D'p. Where friction is one-way its bias c is part
-of the load: g contains -B'c, and a history's multipliers are lam + c, with lam those of the program, |lam_i| <= w_i.
+Signs: friction acts on the body with the forces -B'lam, limits with -D'p.
 
 The gap is linear in the slip of a term that sticks: with |lam| < w it is w|s| - lam.s. A slip of 1e-16, left by
-rounding, makes a gap of that size, and certifies no more than its root, 1e-8. Where a row reads one unknown of its own
-such slips are exact zeros; where it reads several they are not. A move v that puts them in place enters quadratically:
+rounding, makes a gap of that size, and certifies no more than its root, 1e-8. A move v that puts it in place enters
+quadratically:
 
-    Theorem 2.  For every field v that leaves d - v within the bounds, z_j(d - v) <= 0 where c_j = 0, with |r|^2 =
-    r'K^{-1}r at d, and T(v) the parts of norm terms and limits in the gap at d - v,
-    |d - d*|_K <= 2 |v|_K + sqrt(|r|^2 + 2 T(v)).
+    Theorem 2.  For every v that leaves d - v within the bounds, with |r|^2 = r'K^{-1}r at d, and T(v) the parts of norm
+    terms and limits in the gap at d - v,    |d - d*|_K <= 2 |v|_K + sqrt(|r|^2 + 2 T(v)).
 
 Proof. |d - d*|_K <= |v|_K + |d - v - d*|_K. The residual at d - v is r + K v, and 1/2 |d - v - d*|_K^2 <=
-1/2 |r + K v|^2 + T(v) by theorem 1, with |r + K v| <= |r| + |K v| = |r| + |v|_K; at last sqrt((a + b)^2 + c) <=
-b + sqrt(a^2 + c).  QED
+1/2 |r + K v|^2 + T(v) by theorem 1, with |r + K v| <= |r| + |v|_K; at last sqrt((a + b)^2 + c) <= b +
+sqrt(a^2 + c).  QED
 
-Of v nothing else is assumed, and where it oversteps a bound T(v) is infinite, as (z_j)_+^2 / 2c_j is for c_j = 0: the
-theorem then says nothing. (K = I, g = (10, 0), d_1 <= 0, d = (0, 1), p = 10, v = (-.05, 0): without that T(v) would be
--p z = -.5 and the bound .1, of the true error 1.) An excess below the rounding of D d - e counts as none. With v = 0 it
-is the gap itself, and the smaller bound is taken. v solves A v = x on the rows A of terms that seem to stick and of
-limits that seem to act, x their slips s and their excesses z - c p over what they press:  v = K^{-1}A'y,
-A K^{-1}A'y = x.  Rows that depend on others make that singular; least squares then puts in
-place what can be, and the rest stays in T.
+It is used for rows whose part of the gap exceeds the energy of a move that puts them alone in place; the smaller bound
+is taken.
+
+Rounding of r = g - B'lam - D'p - K d hides up to eps a_i in its entries, with a the sum of the sizes of its terms, and
+so an energy of floor = 1/2 sum_i (eps a_i)^2 f_i with f the diagonal of K^{-1}. Errors are bounded by error +
+error_floor, the roots of twice the gap and of twice the floor. What the entries of K themselves are off is not in it.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -72,12 +69,11 @@ class Certificate(ArrayRecord):
     limits : (r,) array
         The part of every limit.
     distance : float
-        1/2 |d - d'|_K^2 to a solution d' that is at hand, where weights depend on the answer and no gap bounds it
-        (:mod:`vemcvx.stepping.fixed_point`).
-    estimate : bool
-        Whether that is an estimate, not a bound.
+        1/2 |d - d'|_K^2 to a solution d' that is at hand, of an initial state.
     moved : float
-        2 |v|_K of the move v that puts in place what sticks (theorem 2); the other parts are those after it.
+        2 |v|_K of the move v that puts in place what holds still (theorem 2); the other parts are those after it.
+    given_friction : bool
+        Whether weights follow the answer: the bound is for those of its own pressure and slip.
     """
 
     equilibrium: float
@@ -85,32 +81,23 @@ class Certificate(ArrayRecord):
     floor: float
     limits: Floats = field(default_factory=lambda: np.zeros(0))
     distance: float = 0.0
-    estimate: bool = False
+    given_friction: bool = False
     moved: float = 0.0
 
-    def times(self, unit: float) -> Certificate:
-        """The same certificate in other units of energy."""
-        parts = unit * self.equilibrium, unit * self.friction, unit * self.floor, unit * self.limits
-        return Certificate(*parts, unit * self.distance, self.estimate, float(np.sqrt(unit)) * self.moved)
-
-    def away(self, error: float, estimate: bool | None = None) -> Certificate:
+    def away(self, error: float) -> Certificate:
         """The certificate of an answer whose error |d - d*|_K is known in another way than by the gap."""
         friction, limits = np.zeros_like(self.friction), np.zeros_like(self.limits)
-        kind = self.estimate if estimate is None else estimate
-        return Certificate(0.0, friction, self.floor, limits, distance=0.5 * error * error, estimate=kind)
+        return replace(self, equilibrium=0.0, friction=friction, limits=limits, distance=0.5 * error * error, moved=0.0)
 
     @cached_property
     def gap(self) -> float:
-        """1/2 |d - d*|_K^2 <= gap (up to `floor`); infinite where it is no number, which certifies nothing.
-
-        Primal minus dual objective; where `moved` > 0 it bounds the error alone (theorem 2).
-        """
+        """Primal minus dual objective, 1/2 |d - d*|_K^2 <= gap; infinite where it is no number."""
         gap = self.equilibrium + float(self.friction.sum()) + float(self.limits.sum()) + self.distance
         return moved_gap(self.moved, gap) if gap >= 0 else np.inf
 
     @cached_property
     def error(self) -> float:
-        """|d - d*|_K <= error = sqrt(2 gap)."""
+        """sqrt(2 gap): |d - d*|_K <= error + error_floor."""
         return float(np.sqrt(2.0 * self.gap))
 
     @property
@@ -142,8 +129,8 @@ def norm_gaps(w: Floats, lam: Floats, s: Floats) -> Floats:
     return gaps
 
 
-def limit_gaps(compliance: Floats, p: Floats, z: Floats, blur: Floats) -> Floats:
-    """(z_j)_+^2 / 2c_j + c_j p_j^2 / 2 - p_j z_j >= 0 for p >= 0, (r,); infinite beyond a bound by more than `blur`.
+def limit_gaps(compliance: Floats, p: Floats, z: Floats) -> Floats:
+    """(z_j)_+^2 / 2c_j + c_j p_j^2 / 2 - p_j z_j >= 0 for p >= 0, (r,); infinite beyond a bound.
 
     Without cancellation it is (z - c p)^2 / 2c where z > 0, and c p^2 / 2 + p |z| elsewhere.
     """
@@ -153,5 +140,5 @@ def limit_gaps(compliance: Floats, p: Floats, z: Floats, blur: Floats) -> Floats
     gap = 0.5 * compliance * p * p + p * np.abs(np.minimum(z, 0.0))
     both = soft & above
     gap[both] = (z[both] - compliance[both] * p[both]) ** 2 / (2 * compliance[both])
-    gap[above & ~soft & (z > blur)] = np.inf
+    gap[above & ~soft] = np.inf
     return gap

@@ -6,12 +6,9 @@ A step min 1/2 d'Kd - g'd + sum_i w_i |B_i d - b_i| subject to Dd <= e then has 
 
     c'N'g < sum_i w_i |B_i N c|   for all c with DNc <= 0,   so that   N'g = N'B'lam + N'D'p,  |lam_i| <= w_i,  p >= 0,
 
-and K d* is unique while d* need not be: errors are measured in the seminorm |.|_K. Stiffness rho on k unknowns
-(*anchors*) that the motions move makes K positive definite; the proximal point method (Rockafellar 1976),
-
-    d_{j+1} = argmin  1/2 d'Kd - g'd + sum_i w_i |B_i d - b_i| + rho/2 |d - d_j|^2 on the anchors,
-
-needs only such programs, stops at once where the anchors stick, and else gains a factor rho / (rho + stiffness).
+and K d* is unique while d* need not be: errors are measured in the seminorm |.|_K. Stiffness on k unknowns (*anchors*)
+that the motions move makes K positive definite, so that it can be factorised. Newton's method has the motions
+themselves as unknowns (:mod:`vemcvx.program.forces`); solvers that do not take a semidefinite K are refused.
 """
 
 from __future__ import annotations
@@ -84,12 +81,11 @@ def rank_on(rows: sp.csr_matrix, modes: Floats) -> int:
 def anchors(modes: Floats, diagonal: Floats) -> Floats:
     """(m,) stiffness at as many unknowns as there are modes (m, k), those that tell them apart best; else zero.
 
-    In parts of K's diagonal it is small, so that proximal points come close in a few steps; not so small that K loses
-    digits: seven bits of 53.
+    It is of the size of K's diagonal: soft anchors would cost W = A K^{-1}A' digits.
     """
     picked = qr(modes.T, mode="economic", pivoting=True)[2][: modes.shape[1]]
     stiffness = np.zeros(len(modes))
-    stiffness[picked] = 2.0**-7 * power_of_two(diagonal[picked])
+    stiffness[picked] = power_of_two(diagonal[picked])
     return stiffness
 
 
@@ -241,7 +237,7 @@ class _Point:
     @property
     def balanced(self) -> bool:
         """True if nothing is left but rounding."""
-        return bool((np.abs(self.left) <= EPS * self.size).all())
+        return bool((np.abs(self.left) <= 8 * EPS * self.size).all())
 
     def better(self, before: _Point, descent: float, spread: float) -> bool:
         """Armijo's rule; where the value changes by less than its rounding, the gradient must halve instead."""

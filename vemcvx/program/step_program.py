@@ -25,7 +25,7 @@ certificate says how much it is.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
@@ -33,7 +33,21 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
-from vemcvx.arrays import EPS, Floats, Ints, brief, is_whole, lengths, of_shape, read_only, shape_in_words
+from vemcvx.arrays import (
+    EPS,
+    Bools,
+    Floats,
+    Ints,
+    brief,
+    directions,
+    finite,
+    is_whole,
+    lengths,
+    of_shape,
+    power_of_two,
+    read_only,
+    shape_in_words,
+)
 from vemcvx.errors import SceneError, SolverFailed
 from vemcvx.outline import ArrayRecord
 from vemcvx.program.certificate import Certificate, limit_gaps, moved_gap, norm_gaps
@@ -42,8 +56,8 @@ from vemcvx.program.operators import Operators, Rows, product
 if TYPE_CHECKING:
     import cvxpy as cp
 
-Gaps = tuple[Floats, Floats]
-"""The parts of norm terms (m,) and of limits (r,) in the gap: every one is >= 0 and belongs to one place."""
+STILL = 1e-9
+"""Part of the largest motion of a row below which slips, and what limits lack, count as none."""
 
 
 @dataclass(frozen=True)
@@ -170,9 +184,6 @@ class StepProgram(ArrayRecord):
     w: Floats
     b: Floats
     e: Floats = field(default_factory=lambda: np.zeros(0))
-    _seen: dict[tuple[bytes, ...], tuple[float, Floats, Floats, float]] = field(
-        default_factory=dict, init=False, repr=False
-    )
 
     def __post_init__(self) -> None:
         """Hand out no array that may be written to: an answer is certified by them after a solver had them."""
@@ -192,6 +203,20 @@ class StepProgram(ArrayRecord):
         """The shapes of the increments d and of the multipliers lam and p."""
         return {"d": self.g.shape, "lam": (len(self.w), self.operators.block), "p": self.e.shape}
 
+    @cached_property
+    def size(self) -> float:
+        """The energy norm of what moves the step: its frictionless answer, limits that move in, or friction."""
+        operators, top = self.operators, float(np.abs(self.g).max(initial=0.0))
+        size = 0.0
+        if top > 0:
+            unit = float(power_of_two(top))
+            size = unit * float(np.sqrt(operators.factor.energy(self.g / unit)))
+        if len(self.e):
+            size = max(size, float((np.maximum(-self.e, 0.0) * np.sqrt(operators.limit_stiffness)).max()))
+        if size == 0.0:
+            size = float(np.sqrt(self.w @ lengths(operators.blocks(self.b))))
+        return size
+
     def slip(self, d: Floats) -> Floats:
         """s = B d - b, as (m, block)."""
         return self.operators.blocks(self.operators.rows.read(d) - self.b)
@@ -200,12 +225,16 @@ class StepProgram(ArrayRecord):
         """z = D d - e, (r,)."""
         return self.operators.limits.read(d) - self.e
 
-    def excess_blur(self, d: Floats) -> Floats:
-        """(r,) the rounding of z; a bound d_i = e_i is exact."""
-        limits = self.operators.limits
-        if len(self.e) == 0:
-            return self.e
-        return np.where(limits.exact, 0.0, EPS * (limits.absolute.read(np.abs(d)) + np.abs(self.e)))
+    def still(self, d: Floats) -> Bools:
+        """(m,) terms whose slips are below STILL of the largest motion of a row, or of what moves the step."""
+        way = self.operators.rows.absolute.read(np.abs(d)) + np.abs(self.b)
+        reach = np.sqrt(self.operators.norm_flexibility) * self.size
+        return lengths(self.slip(d)) <= STILL * np.maximum(reach, way.max(initial=0.0))
+
+    def blur(self, d: Floats) -> Floats:
+        """(r,) excesses that count as rounding, likewise."""
+        limits = self.operators.limits.absolute.read(np.abs(d))
+        return STILL * np.maximum(np.sqrt(self.operators.limit_flexibility) * self.size, limits.max(initial=0.0))
 
     def multiplier_force(self, lam: Floats, p: Floats) -> Floats:
         """B'lam + D'p, the forces (n,) of norm terms and limits."""
@@ -215,11 +244,15 @@ class StepProgram(ArrayRecord):
         """r = g - B'lam - D'p - K d, the forces that do not balance, (n,)."""
         return self.g - self.operators.multiplier_force(lam, p) - product(self.operators.K, d)
 
+    def beyond(self, d: Floats) -> Floats:
+        """How far limits are overstepped (r,), but for rounding."""
+        z = self.excess(d)
+        return np.where(z <= self.blur(d), 0.0, z)
+
     def objective(self, d: Floats) -> float:
         """The energy that the step minimises; infinite beyond a bound."""
         norms = np.linalg.norm(self.slip(d), axis=1)
-        over = np.maximum(self.excess(d), 0.0)
-        over[over <= self.excess_blur(d)] = 0.0
+        over = self.beyond(d)
         soft = self.operators.compliance > 0
         pressed = 0.5 * float(over[soft] @ (over[soft] / self.operators.compliance[soft]))
         if (over[~soft] > 0).any():
@@ -256,11 +289,14 @@ class StepProgram(ArrayRecord):
 
         They solve K d = g - B'lam - D'p. Where each row of B and D reads one unknown of its own they are entries of
         g - K d. Else least squares finds them; of several that do, those that cost the least gap: where d sticks or
-        touches; and where these are too large, least squares within bounds (in the plane).
+        touches; and where these are too large, least squares within bounds (in the plane). The same is tried with those
+        that the law gives: w s/|s| of what slips, (z)_+/c of what is soft, and nothing of open bounds. The smaller gap
+        decides.
         """
-        if lam is None or p is None:
-            lam, p = self._read_off(d, lam, p)
-        return self.admissible(lam, p, d)
+        if lam is not None and p is not None:
+            return self.admissible(lam, p, d)
+        read = (self.admissible(*self._read_off(d, lam, p, lawful), d) for lawful in (False, True))
+        return min(read, key=lambda pair: self.duality_gap(d, *pair))
 
     def admissible_point(
         self, d: Floats, lam: Floats | None = None, p: Floats | None = None
@@ -269,22 +305,34 @@ class StepProgram(ArrayRecord):
         d = self.feasible(d)
         return d, *self.multipliers(d, lam, p)
 
-    def _read_off(self, d: Floats, lam: Floats | None, p: Floats | None) -> tuple[Floats, Floats]:
-        """The multipliers nearest to balance at the increments `d`, those given as they are."""
-        operators = self.operators
-        known = np.zeros(self.shapes["lam"]) if lam is None else lam, np.zeros(len(self.e)) if p is None else p
-        free = np.repeat([lam is None, p is None], [len(self.b), len(self.e)])
-        rows = Rows(sp.csr_matrix(sp.vstack([operators.B, operators.D], format="csr")[free]))
-        force, (slips, touches) = self.residual(d, *known), self._inverse_metric(d, known[1])
-        found = rows.nearest(force, np.concatenate([np.repeat(slips, operators.block), touches])[free])
-        if rows.columns is None and operators.block == 1:
+    def _read_off(self, d: Floats, lam: Floats | None, p: Floats | None, lawful: bool) -> tuple[Floats, Floats]:
+        """The multipliers nearest to balance at the increments `d`; given ones, and lawful ones, as they are."""
+        operators, rows = self.operators, len(self.b)
+        x = np.append(np.zeros(rows) if lam is None else lam.ravel(), np.zeros(len(self.e)) if p is None else p)
+        free = np.repeat([lam is None, p is None], [rows, len(self.e)])
+        if lawful:
+            known, law = self._lawful(d)
+            x, free = np.where(free & known, law, x), free & ~known
+        both = Rows(sp.csr_matrix(sp.vstack([operators.B, operators.D], format="csr")[free]))
+        force = self.residual(d, operators.blocks(x[:rows]), x[rows:])
+        slips, touches = self._inverse_metric(d, x[rows:])
+        found = both.nearest(force, np.concatenate([np.repeat(slips, operators.block), touches])[free])
+        if both.columns is None and operators.block == 1:
             high = np.concatenate([self.w, np.full(len(self.e), np.inf)])[free]
             low = np.concatenate([-self.w, np.zeros(len(self.e))])[free]
             if ((found < low) | (found > high)).any():
-                found = rows.nearest_within(force, low, high)
-        x = np.concatenate([known[0].ravel(), known[1]])
+                found = both.nearest_within(force, low, high)
         x[free] = found
-        return operators.blocks(x[: len(self.b)]), x[len(self.b) :]
+        return operators.blocks(x[:rows]), x[rows:]
+
+    def _lawful(self, d: Floats) -> tuple[Bools, Floats]:
+        """Rows (N,) whose multipliers follow from the motions alone, and these (N,)."""
+        s, z, c = self.slip(d), self.excess(d), self.operators.compliance
+        z = np.where(np.abs(z) <= self.blur(d), 0.0, z)
+        size = np.where(self.still(d), 0.0, lengths(s))
+        p = np.divide(np.maximum(z, 0.0), c, out=np.zeros_like(z), where=c > 0)
+        lam = self.w[:, None] * directions(s, size)
+        return np.append(np.repeat(size > 0, self.operators.block), (c > 0) | (z < 0)), np.append(lam.ravel(), p)
 
     def certify(self, d: ArrayLike, lam: ArrayLike | None = None, p: ArrayLike | None = None) -> Certificate:
         """Bound the error of an answer, whoever made it: 1/2 |d - d*|_K^2 <= gap, |d - d*|_K <= error.
@@ -304,13 +352,14 @@ class StepProgram(ArrayRecord):
         Raises
         ------
         SceneError
-            These are no arrays of such shapes, or a weight of the program is negative, or no number.
+            These are no arrays of such shapes, or not finite, or a weight of the program is negative, or no number.
         """
         if not (self.w >= 0).all():
             i = int(np.argmin(self.w >= 0))
             raise SceneError(f"certify: found the weight {self.w[i]:.6g} of term {i}; weights are >= 0.")
         given = {"d": d} | {key: x for key, x in (("lam", lam), ("p", p)) if x is not None}
-        read = {key: of_shape(x, f"certify: {key}", self.shapes[key]) for key, x in given.items()}
+        names = {key: f"certify: {key}" for key in given}
+        read = {key: finite(of_shape(x, names[key], self.shapes[key]), names[key]) for key, x in given.items()}
         return self.certificate_at(read["d"], *self.multipliers(**read))
 
     def certificate_at(self, d: Floats, lam: Floats, p: Floats) -> Certificate:
@@ -324,59 +373,47 @@ class StepProgram(ArrayRecord):
         return moved_gap(moved, equilibrium + float(friction.sum()) + float(limits.sum()))
 
     def _gaps(self, d: Floats, lam: Floats, p: Floats) -> tuple[float, Floats, Floats, float]:
-        """The parts of the gap; of the last point they are remembered, which a solver has looked at as a rule."""
-        if (point := (d.tobytes(), lam.tobytes(), p.tobytes())) not in self._seen:
-            operators, (equilibrium, parts) = self.operators, self._between(d, lam, p)
-            moved = 0.0
-            if operators.own_columns is None and operators.factor.exact:
-                rest = float(parts[0].sum() + parts[1].sum())
-                move, placed = self._put_in_place(parts, d, lam, p) if equilibrium < rest < np.inf else (0.0, parts)
-                if moved_gap(move, equilibrium + float(placed[0].sum() + placed[1].sum())) < equilibrium + rest:
-                    moved, parts = move, placed
-            self._seen.clear()
-            # Certificates hand the arrays out, and the next one of this point is made of them.
-            self._seen[point] = equilibrium, read_only(parts[0]), read_only(parts[1]), moved
-        return self._seen[point]
-
-    def _between(self, d: Floats, lam: Floats, p: Floats) -> tuple[float, Gaps]:
-        """The parts of primal minus dual objective (theorem 1)."""
-        operators, excess = self.operators, (self.excess(d), self.excess_blur(d))
+        """The parts of primal minus dual objective, and the move after which they are (theorems 1 and 2)."""
+        operators, s, z = self.operators, self.slip(d), self.excess(d)
         equilibrium = 0.5 * operators.factor.energy(self.residual(d, lam, p))
         if (N := operators.kernel) is not None and np.greater(*np.abs(self._imbalance(N, lam, p))).any():
             equilibrium = np.inf
         # Where K^{-1} has lost all digits its sign is rounding; its size says so, and zero would not.
-        parts = norm_gaps(self.w, lam, self.slip(d)), limit_gaps(operators.compliance, p, *excess)
-        return abs(equilibrium), parts
+        equilibrium, friction = abs(equilibrium), norm_gaps(self.w, lam, s)
+        over = (operators.compliance == 0) & (z > 0)
+        limits = limit_gaps(operators.compliance, p, np.where(over, self.beyond(d), z))
+        rest = float(friction.sum() + limits.sum())
+        if (equilibrium >= rest and not over.any()) or not rest < np.inf:
+            return equilibrium, friction, limits, 0.0
+        moved, placed = self._put_in_place(d, lam, p, (friction, limits))
+        # Where bounds are overstepped by rounding there is no gap without the move.
+        if over.any() or moved_gap(moved, equilibrium + float(placed[0].sum() + placed[1].sum())) < equilibrium + rest:
+            return equilibrium, *placed, moved
+        return equilibrium, friction, limits, 0.0
 
-    def _put_in_place(self, gaps: Gaps, d: Floats, lam: Floats, p: Floats) -> tuple[float, Gaps]:
-        """2 |v|_K of a move v that puts in place what sticks and acts, and the parts of the gap at d - v; `gaps` at d.
+    def _put_in_place(
+        self, d: Floats, lam: Floats, p: Floats, gaps: tuple[Floats, Floats]
+    ) -> tuple[float, tuple[Floats, Floats]]:
+        """2 |v|_K of a move v that puts in place what seems to hold still, and the parts of the gap after it.
 
-        That is theorem 2 of :mod:`vemcvx.program.certificate`. A row is taken to stick or act if x_i is rounding and
-        its part of the gap is at least x_i^2 / f_i, f_i = (A K^{-1}A')_ii, the energy of a move that puts this row
-        alone in place. Larger slips are errors of the solver, and stay in the gap.
+        Rows whose part of the gap is at least the energy x_i^2 / f_i of a move that puts them alone in place, f_i =
+        (A K^{-1}A')_ii: theorem 2 of :mod:`vemcvx.program.certificate`, true for any v.
         """
-        operators, slip, z = self.operators, self.slip(d), self.excess(d)
-        over = z - operators.compliance * p
-        x = np.concatenate([slip.ravel(), over])
-        pairs = (operators.rows, self.b), (operators.limits, self.e)
-        size = np.concatenate([rows.absolute.read(np.abs(d)) + np.abs(offset) for rows, offset in pairs])
-        sticks = lengths(slip) ** 2 <= gaps[0] * operators.norm_flexibility
-        # Within its rounding the excess over a bound has no part in the gap: p|z| on either side.
+        operators, s, z = self.operators, self.slip(d), self.excess(d)
+        met = operators.compliance * p
+        pressed = (p > 0) | (z > 0)
+        lack = np.where(pressed, z - met, 0.0)
+        still = self.still(d) & (lengths(s) ** 2 <= gaps[0] * operators.norm_flexibility)
         cost = np.where(operators.compliance > 0, gaps[1], p * np.abs(z))
-        acts = over**2 <= cost * operators.limit_flexibility
-        # Rounding: of sums of a few hundred products, and what a solve leaves of its equations.
-        held = (np.abs(x) <= 1e-13 * size) & np.concatenate([np.repeat(sticks, operators.block), acts])
-        if not held.any():
-            return 0.0, gaps
-        A, x = sp.vstack([operators.B, operators.D], format="csr")[held], x[held]
-        spread = operators.factor.solve(A.T.toarray())
-        W, v = A @ spread, np.zeros(len(d))
-        for _ in range(2):  # The second time for what the first one's rounding has left.
-            v = v + spread @ np.linalg.lstsq(W, x - A @ v, rcond=1e-12)[0]
-        blur = self.excess_blur(d) + EPS * len(v) * (abs(operators.D) @ np.abs(v))
-        friction = norm_gaps(self.w, lam, slip - operators.blocks(operators.B @ v))
-        limits = limit_gaps(operators.compliance, p, z - operators.D @ v, blur)
-        return 2.0 * operators.energy_norm(v), (friction, limits)
+        over = (operators.compliance == 0) & (z > 0)
+        near = pressed & (np.abs(lack) <= self.blur(d)) & ((lack**2 <= cost * operators.limit_flexibility) | over)
+        held = np.append(np.repeat(still, operators.block), near)
+        v = operators.move(held, np.append(s.ravel(), lack)[held])
+        s = np.where(still[:, None], 0.0, s - operators.blocks(operators.rows.read(v)))
+        z = np.where(near, met, z - operators.limits.read(v))
+        z = np.where((operators.compliance == 0) & (z <= self.blur(d)), np.minimum(z, 0.0), z)
+        placed = norm_gaps(self.w, lam, s), limit_gaps(operators.compliance, p, z)
+        return 2.0 * operators.energy_norm(v), placed
 
     def _imbalance(self, N: Floats, lam: Floats, p: Floats) -> tuple[Floats, Floats]:
         """N'(g - B'lam - D'p), (k,), which is N'r because N'K = 0; and what rounding may leave of it."""
@@ -385,28 +422,18 @@ class StepProgram(ArrayRecord):
         blur = np.abs(N).T @ (size + size.max(initial=0.0) / 8)
         return self.operators.kernel_balance.imbalance(lam, p, N.T @ self.g, blur)
 
-    def rounding_floor(self, d: Floats, lam: Floats, p: Floats) -> float:
-        """The floor: the part of the gap at (d, lam, p) that round-off alone may hide or add.
+    def rounding_floor(self, d: Floats, lam: Floats, p: Floats, before: Floats | float = 0.0) -> float:
+        """The floor: the energy that the rounding of the residual r can hide, 1/2 sum_i (eps a_i)^2 f_i.
 
-        r is known to eps (|g| + |B'||lam| + |D'|p + |K||d|), measured in the norm of K^{-1}; s_i to eps (|B_i||d| +
-        |b_i|), except where a row of B has one entry and b_i = 0: there a sticking s_i = 0 is exact; z_j to eps
-        (|D_j||d| + |e_j|).
+        a = |g| + |B|'|lam| + |D|'p + |K||d| is the size of the terms of r, f the diagonal of K^{-1}. The error of K's
+        own entries is not in it. Where d is added to displacements `before` (n,), these round as it does.
         """
         operators = self.operators
-        rows, size, slip = operators.rows.absolute, np.abs(d), np.abs(self.b)
-        held = rows.force_of(np.abs(lam.ravel()))
+        a = np.abs(self.g) + operators.rows.absolute.force_of(np.abs(lam.ravel()))
         if len(p):
-            held += operators.limits.absolute.force_of(p)
-        if rows.columns is None:
-            slip += np.where(rows.single, 0.0, rows.read(size))
-        blur = EPS * (np.abs(self.g) + held + product(operators.absolute, size))
-        floor = 0.5 * float(blur @ np.abs(operators.factor.rough(blur))) + float(p @ self.excess_blur(d))
-        if slip.any():
-            floor += EPS * float(self.w @ operators.blocks(slip).sum(axis=1))
-        if operators.kernel is not None:
-            # A load off balance by so much moves the answer along N, and does work on that motion.
-            floor += float(self._imbalance(operators.kernel, lam, p)[1] @ np.abs(operators.kernel.T @ d))
-        return floor
+            a += operators.limits.absolute.force_of(p)
+        a += product(operators.absolute, np.abs(d) + np.abs(before))
+        return 0.5 * EPS * EPS * float((a * a) @ operators.compliances)
 
     def to_cvxpy(self, cones: bool | None = None) -> CvxpyStep:
         """The program in cvxpy, for any solver that cvxpy can call; `lam` and `p` read off its duals with our signs.
@@ -433,18 +460,13 @@ class StepProgram(ArrayRecord):
         cones = self.operators.block > 1 if cones is None else cones
         return to_cvxpy(self.operators, self.data, cones)
 
-    def proximal(self, centre: Floats) -> StepProgram:
-        """The program of the proximal point of `centre` (n,) on the anchors; itself where K has no kernel."""
-        anchor = self.operators.anchor
-        return self if anchor is None else replace(self, operators=self.operators.regular, g=self.g + anchor * centre)
-
     def at_rest(self) -> Floats | None:
         """Multipliers (m, block) with which d = 0 is the answer to the last bit, if they can be read off; else None."""
         rows = self.operators.rows
         if rows.columns is None or self.b.any() or (self.e < 0).any():
             return None
         lam = self.g[rows.columns] / self.operators.B.data
-        if (np.linalg.norm(self.operators.blocks(lam), axis=1) > self.w).any() or (self.g != rows.force_of(lam)).any():
+        if (lengths(self.operators.blocks(lam)) > self.w).any() or (self.g != rows.force_of(lam)).any():
             return None
         return self.operators.blocks(lam)
 
@@ -468,23 +490,23 @@ class StepProgram(ArrayRecord):
         """Return increments within the `rigid` limits, by projections in the energy norm.
 
         A round replaces d by d - K^{-1}D'q, the nearest point within the rows overstepped so far: q minimises
-        q'Wq / 2 - z'q over q >= 0, with W = D K^{-1}D' and z = D d - e. Rows only join. Every round aims inside by
-        twice the rounding of D d - e. After several rounds d is near the first point, not the nearest.
+        q'Wq / 2 - z'q over q >= 0, with W = D K^{-1}D' and z = D d - e. Rows only join. After several rounds d is near
+        the first point, not the nearest.
         """
         from scipy.optimize import nnls
 
         operators, rows = self.operators, np.zeros(0, dtype=np.int64)
         for _ in range(len(rigid) + 4):
-            z, blur = self.excess(d)[rigid], self.excess_blur(d)[rigid]
-            if (z <= blur).all():
+            z, over = self.excess(d)[rigid], np.flatnonzero(self.beyond(d)[rigid] > 0)
+            if len(over) == 0:
                 break
-            rows = np.union1d(rows, np.flatnonzero(z > blur))
+            rows = np.union1d(rows, over)
             D = operators.D[rigid[rows]].toarray()
             spread = operators.factor.solve(np.ascontiguousarray(D.T))
             size, V = np.linalg.eigh(D @ spread)
             # Rows that follow from others have no flexibility of their own.
             root, V = np.sqrt(size[size > 1e-12 * size[-1]]), V[:, size > 1e-12 * size[-1]]
-            push = nnls(root[:, None] * V.T, V.T @ (z + 2 * blur)[rows] / root, maxiter=100 * len(rows))[0]
+            push = nnls(root[:, None] * V.T, V.T @ z[rows] / root, maxiter=100 * len(rows))[0]
             d = d - spread @ push
         return d
 
@@ -532,9 +554,7 @@ def fitting(answer: Answer, program: StepProgram, solver: str) -> Answer:
         # certificate, which is infinite.
         if np.vdot(found, found) > 1e200:
             size = float(np.abs(found).max(initial=0.0))
-            raise SolverFailed(
-                f"solver {solver}: {name} reaches {size:.1e}, and the program is scaled: the solver has diverged."
-            )
+            raise SolverFailed(f"solver {solver}: {name} reaches {size:.1e}: the solver has diverged.")
     return answer
 
 
@@ -618,10 +638,11 @@ class SolvedProgram(StepProgram):
 
         Rounding included: the certificate's floor, and that of sums of n terms, at most n eps of their sizes.
         """
-        value, d = self.objective(self.answer.d), np.abs(self.answer.d)
-        terms = 0.5 * d @ product(self.operators.absolute, d) + np.abs(self.g) @ d
+        d, lam, p = self.answer.d, *self.multipliers(self.answer.d, self.answer.lam, self.answer.p)
+        value, size = self.objective(d), np.abs(d)
+        terms = 0.5 * size @ product(self.operators.absolute, size) + np.abs(self.g) @ size
         blur = self.certificate.floor + (len(d) + 2) * EPS * float(terms + np.abs(value))
-        # Where that is smaller, the certificate's gap bounds the error alone (theorem 2).
-        d, lam, p = self.answer.d, self.answer.lam, self.answer.p
-        equilibrium, parts = self._between(d, *self.multipliers(d, lam, p))
-        return value - equilibrium - float(sum(part.sum() for part in parts)) - blur, value + blur
+        # The least value is known as it is: slips and gaps of rounding, which certificates leave out, count.
+        z = np.where(self.operators.compliance > 0, self.excess(d), np.minimum(self.excess(d), 0.0))
+        gap = self.certificate.equilibrium + float(norm_gaps(self.w, lam, self.slip(d)).sum())
+        return value - gap - float(limit_gaps(self.operators.compliance, p, z).sum()) - blur, value + blur

@@ -1,9 +1,9 @@
 """A system K y + B'lam + D'p = f(t) in plain arrays, with supports that move: what `march` takes.
 
 It is a quasistatic variational inequality in coordinates: problem 2.1 of the paper with a(u, v) = v'Ku, <l(t), v> =
-v'load(t) and the seminorm j(v) = sum_i w_i |B_i v| + c_i . B_i v, |c_i| <= w_i. Nothing here knows of meshes or of
-contact. `Limits` are bounds D_j y <= e_j and their soft kin; `Motion` is what supports that move add to the energy, to
-the norm terms and to the limits.
+v'load(t) and the seminorm j(v) = sum_i w_i |B_i v|. Nothing here knows of meshes or of contact. `Limits` are bounds
+D_j y <= e_j and their soft kin; `Motion` is what supports that move add to the energy, to the norm terms and to the
+limits.
 """
 
 from __future__ import annotations
@@ -37,10 +37,10 @@ from vemcvx.arrays import (
     spread,
 )
 from vemcvx.errors import SceneError
-from vemcvx.linear import Elsewhere, LinearSolver, choose_linear, direct_solver, singular
+from vemcvx.linear import LinearSolver, choose_linear, direct_solver, singular
 from vemcvx.outline import ArrayRecord
 from vemcvx.program.kernel import Kernel, rank_on
-from vemcvx.program.operators import SAY, Norms
+from vemcvx.program.operators import SAY, SYMMETRIC, Norms, check_symmetric
 
 DRAG_ROUNDING = 16 * EPS
 """Slips below this part of the positions that they are differences of are zero but for rounding: they drag nothing."""
@@ -57,6 +57,7 @@ class Limits(ArrayRecord):
     ----------
     D : (r, n) array or sparse matrix
     e : (r,) array, or callable t -> (r,)
+        +inf in an array is no limit: its row reads nothing.
     compliance : number or (r,) array
         Displacement per force, >= 0.
     places : callable j -> str, optional
@@ -87,7 +88,11 @@ class Limits(ArrayRecord):
         object.__setattr__(self, "compliance", compliance)
         function(self.places, "Limits: found places", "a function of j that says where limit j acts")
         if not callable(self.e):
-            object.__setattr__(self, "e", self._shaped(self.e, "Limits: e"))
+            wanted = f"a number, or ({self.count},) of them, one a limit"
+            e = shaped(self.e, "Limits: e", wanted, (), (self.count,))
+            if (none := np.broadcast_to(e == np.inf, self.count)).any():
+                object.__setattr__(self, "D", sp.csr_matrix(sp.diags_array(np.where(none, 0.0, 1.0)) @ self.D))
+            object.__setattr__(self, "e", self._shaped(np.where(e == np.inf, 1.0, e), "Limits: e"))
 
     @property
     def compliances(self) -> Floats:
@@ -125,8 +130,6 @@ class DraggedTerms:
     """(t, p, past, slip) -> (q,), as of norm terms that follow the answer"""
     count: int
     block: int = 1
-    bias: Callable[[float], Floats] | None = None
-    """t -> (q * block,), as of norm terms"""
     remembers: bool = False
     """whether weights depend on slips"""
 
@@ -282,9 +285,8 @@ class System(ArrayRecord):
         ) -> None: ...
 
     def __post_init__(self) -> None:
-        if not isinstance(self.K, Elsewhere):  # One elsewhere is symmetric as it was made.
-            object.__setattr__(self, "K", checked_matrix(self.K, "System: K"))
-            check_symmetric(self.K, "System: K")
+        object.__setattr__(self, "K", checked_matrix(self.K, "System: K"))
+        check_symmetric(self.K, "System: K")
         diagonal = self.K.diagonal()
         if (diagonal <= 0).any():
             i = int(np.argmin(diagonal))
@@ -349,10 +351,6 @@ class System(ArrayRecord):
     def ground(self, t: float) -> Floats | None:
         """The motion (m * block,) up to the instant `t` of the ground that norm terms rub on; None if still."""
         return None if self.norms is None or self.norms.ground is None else self.norms.moved(t)
-
-    def bias(self, t: float) -> Floats:
-        """The bias of the norm terms (m * block,) at the instant `t`."""
-        return np.zeros(0) if self.norms is None else self.norms.bias_at(t)
 
     @cached_property
     def B(self) -> sp.csr_matrix:
@@ -425,7 +423,6 @@ class System(ArrayRecord):
 
 
 # Products such as A'CA round (i, j) and (j, i) differently, by eps times the number of summands.
-SYMMETRIC = 1e-10
 
 
 def check_semidefinite(C: sp.csr_matrix, subject: str) -> None:
@@ -447,24 +444,6 @@ def check_semidefinite(C: sp.csr_matrix, subject: str) -> None:
         raise SceneError(
             f"{subject}: found a matrix that is not positive semidefinite: some motion would gain energy from it."
         ) from error
-
-
-def check_symmetric(K: sp.csr_matrix, subject: str) -> None:
-    """Raise SceneError unless K is square and symmetric."""
-    if K.shape[0] != K.shape[1]:
-        raise SceneError(f"{subject}: found a matrix of shape {K.shape}; it must be square.")
-    # Kx = K'x for one x without structure: a tenth of the cost of K - K', which is formed only to name the place.
-    x = np.random.default_rng(0).uniform(-1.0, 1.0, K.shape[0])
-    largest = max(K.data.max(initial=0.0), -K.data.min(initial=0.0))
-    doubtful = np.abs(K @ x - x @ K).max(initial=0.0) > 0.01 * SYMMETRIC * largest
-    apart = abs(K - K.T).tocoo() if doubtful else sp.coo_matrix(K.shape)
-    if apart.nnz and apart.data.max() > SYMMETRIC * largest:
-        worst = int(np.argmax(apart.data))
-        i, j = int(apart.row[worst]), int(apart.col[worst])
-        raise SceneError(
-            f"{subject}: found {K[i, j]:.6g} at [{i}, {j}] but {K[j, i]:.6g} at [{j}, {i}]; it must be symmetric. "
-            "For the energy 1/2 y'Ky, give (K + K.T) / 2."
-        )
 
 
 def permutation(raw: ArrayLike, n: int) -> Ints:

@@ -8,24 +8,17 @@ constant  what                                 asked is       why
 ========= ==================================== ============== ========================================================
 SHARE     error of a step that missed          accuracy / 10  The size of the state is known now; asked for the same, a
                                                               solver would give the same.
-SHARE     error of each program, where         accuracy / 10  Asked for the accuracy itself, answers stall at twice the
-          weights follow pressures                            accuracy.
+SHARE     gap of each program, where weights   gap / 10       Asked for the gap itself, answers stall above it.
+          follow pressure or slip
 SHARE     error of a viscous step that missed  accuracy / 10  Asked was a part of the increment's norm, which is larger
                                                               than that of the state; this is a part of the state's.
 SHARE     error of the condensed unknowns at   accuracy / 10  It comes on top of the step's own. Above it they are
           a stored step                                       refined once.
 SHARE     gap, as an option of Clarabel        gap / 10       Its gap is not that of the certificate.
-UNSEEN    gap at which Newton and proximal     gap / 10,000   Below the target iterations go on while each still gains:
-          points stop                                         they are cheap. It is the square of a part of an error.
 UNSEEN    residuals, as options of Clarabel    accuracy / 100 An imbalance counts in the gap by its square, over the
           and OSQP                                            least stiffness.
 UNSEEN    tolerances of other solvers that     gap / 100      What they mean differs from solver to solver.
           cvxpy calls
-UNSEEN    error of one solve with the factors  accuracy / 100 The certificate rests on the same factors. Above it every
-          of K                                                step is refined in extended precision.
-UNSEEN    forces out of balance that iterative forces / 100   A tenth takes a half more sets of 12 steps in space, and a
-          linear solvers leave at each set                    tenth more conjugate gradients. (A thirtieth takes 92 sets
-                                                              and 435 products where this takes 89 and 501: as long.)
 UNSEEN    error of a step in `adapt`           target / 100   Errors of the mesh are far larger. An accuracy finer than
                                                               that is replaced by it.
 ========= ==================================== ============== ========================================================

@@ -4,7 +4,7 @@ Slips are tangential parts of nodal displacements, (I - n n') u, less that of th
 of their own edges, those of contact or those with friction, and at corners both sides count, forces and edges:
 tractions are minus the multipliers; pressures are the forces p_j of one-sided contact, and where contact holds a node
 in both ways, its part of R = A u - f + B'lam + D'p, what then is left to supports and contact
-(:mod:`vemcvx.scene.supports`); wear is friction work, the sum over all steps of w_i |s_i|: the depth worn off is in
+(:mod:`vemcvx.scene.rows`); wear is friction work, the sum over all steps of w_i |s_i|: the depth worn off is in
 proportion to it (Archard 1953).
 
 A one-sided contact is closed where p_j + c_j z_j >= 0, z_j the excess over the gap and c_j = n'An at the node: the rule
@@ -48,14 +48,13 @@ from scipy.sparse.linalg import splu
 from vemcvx.arrays import EPS, Bools, Floats, Ints, summed_columns, totals
 from vemcvx.effects import PrescribedDisplacement, data
 from vemcvx.effects.effect import Load
-from vemcvx.linear import Congruent
 from vemcvx.meshes import PolygonMesh
 from vemcvx.meshes.polygons import smallest_linked
 from vemcvx.outline import ArrayRecord
 from vemcvx.results.contact_faces import ContactFaces
 from vemcvx.scene.contact import Surface, Terms
 from vemcvx.scene.pose import PosedScene
-from vemcvx.scene.supports import ContactRows, free_directions, pair_numbers
+from vemcvx.scene.rows import ContactRows, pair_numbers
 from vemcvx.stepping.trajectory import Trajectory
 from vemcvx.vem import tangents_of
 from vemcvx.vem.boundary import SMOOTH
@@ -93,11 +92,8 @@ class Contact(ArrayRecord):
     traction : (S, m, dim)
         Friction force on the body of `nodes`, minus the multiplier, per length of the edges with friction.
     bound : (S, m)
-        Friction bound per length against slip forward, along the boundary with the body on the left: w_i over int
-        phi_i; 0 without friction. Where parts meet, their mean. For friction by direction it is the bound in the
-        direction in which friction acts, along `direction` where there is none.
-    backward : (S, m)
-        Friction bound per length against slip backward, equal to `bound` unless a scene says otherwise.
+        Friction bound per length: w_i over int phi_i; 0 without friction. Where parts meet, their mean. For friction by
+        direction it is the bound in the direction in which friction acts, along `direction` where there is none.
     pressure : (S, m)
         Normal force of contact per length, compression positive; of either sign where contact is bilateral, or
         cohesive along the normal. A support that moves a node along the normal of its contact is an obstacle that
@@ -135,7 +131,6 @@ class Contact(ArrayRecord):
     slip: Annotated[Floats, "S m dim", "length"]
     traction: Annotated[Floats, "S m dim", "force/length"]
     bound: Annotated[Floats, "S m", "force/length"]
-    backward: Annotated[Floats, "S m", "force/length"]
     pressure: Annotated[Floats, "S m", "force/length"]
     traction_recovered: Annotated[Floats, "S m dim", "force/length"]
     pressure_recovered: Annotated[Floats, "S m", "force/length"]
@@ -178,7 +173,6 @@ def contact_history(posed: PosedScene, trajectory: Trajectory, u: Floats, forces
     jump -= _ground(posed, trajectory, at, length)
     np.maximum.at(slipped.T, at, trajectory.slipped.T)
     slip = jump - np.einsum("smd,md->sm", jump, normals)[:, :, None] * normals
-    bound, backward = _bounds(posed, trajectory, at, length)
     traction = -force / np.where(length > 0, length, 1.0)[:, None]
     pressure, closed = _pressure(posed, trajectory, forces) + cohesion / surface.lengths, _closed(posed, trajectory, u)
     smooth = _recovered(posed, traction, pressure, closed, at)
@@ -189,8 +183,7 @@ def contact_history(posed: PosedScene, trajectory: Trajectory, u: Floats, forces
         normals=normals,
         slip=slip,
         traction=traction,
-        bound=bound,
-        backward=backward,
+        bound=_bounds(posed, trajectory, at, length),
         pressure=pressure,
         traction_recovered=smooth[0],
         pressure_recovered=smooth[1],
@@ -277,8 +270,8 @@ def _per_length(values: Floats, at: Ints, length: Floats) -> Floats:
     return np.divide(total, length, out=np.zeros_like(total), where=length > 0)
 
 
-def _bounds(posed: PosedScene, trajectory: Trajectory, at: Ints, length: Floats) -> tuple[Floats, Floats]:
-    """Bounds per length (S, m) of slip forward and backward."""
+def _bounds(posed: PosedScene, trajectory: Trajectory, at: Ints, length: Floats) -> Floats:
+    """Return the bounds of friction per length (S, m)."""
     terms, weights = posed.terms, trajectory.weights
     # What holds along given directions is no bound of friction where there is some.
     rubs = np.isin(at, at[~terms.directed])
@@ -288,10 +281,7 @@ def _bounds(posed: PosedScene, trajectory: Trajectory, at: Ints, length: Floats)
         lam = trajectory.multipliers
         force, size = (np.linalg.norm(x, axis=2) for x in (np.einsum("smb,mbd->smd", lam, terms.tangents), lam))
         weights = weights * np.divide(force, size, out=np.ones_like(size), where=terms.elliptic & (size > 0))
-    tilt = np.zeros_like(weights)
-    if terms.one_way:
-        tilt = np.array([terms.bias(float(t)) for t in trajectory.times[trajectory.stored]])
-    return _per_length(weights + tilt, at, length), _per_length(weights - tilt, at, length)
+    return _per_length(weights, at, length)
 
 
 def _sticking(trajectory: Trajectory, slip: Floats, terms: Terms, at: Ints) -> Bools:
@@ -341,11 +331,7 @@ def _closed(posed: PosedScene, trajectory: Trajectory, u: Floats) -> Bools:
 
 def _stiffness_along(rows: sp.csr_matrix, A: sp.csr_matrix) -> Floats:
     """(r,) r'A r of every row r."""
-    own = A.S if isinstance(A, Congruent) else A
-    found = np.asarray((rows @ own).multiply(rows).sum(axis=1)).ravel()
-    if isinstance(A, Congruent):  # Where K is elsewhere frames are along the axes: a row reads one unknown a body.
-        found += rows.multiply(rows) @ (A.diagonal() - own.diagonal())
-    return found
+    return np.asarray((rows @ A).multiply(rows).sum(axis=1)).ravel()
 
 
 @dataclass(frozen=True, eq=False)
@@ -523,7 +509,7 @@ def sides_of(posed: PosedScene, times: Sequence[float]) -> Sides:
     pressed, soft = terms.gather @ follows > 0, posed.obstacles.compliance > 0
     return Sides(
         edges=edges,
-        free=free_directions(posed.supports.P, edges.ravel(), np.repeat(np.arange(len(edges)), 2), 2).reshape(-1, 4),
+        free=posed.supports.free_directions(edges.ravel(), np.repeat(np.arange(len(edges)), 2)).reshape(-1, 4),
         # What gives way presses with a force that has a limit, as a load.
         contact=_owned(posed.surface, edges) & ~_owned(posed.obstacles, edges, soft),
         pressed=_owned(terms, edges, pressed),

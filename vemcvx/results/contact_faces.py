@@ -32,7 +32,7 @@ from vemcvx.meshes import PolyhedralMesh
 from vemcvx.meshes.box import WHOLE
 from vemcvx.meshes.polygons import cell_of_corner, next_corner, offsets_of, rows_in_order, spans
 from vemcvx.scene.contact import Surface
-from vemcvx.scene.supports import ContactRows
+from vemcvx.scene.rows import ContactRows
 from vemcvx.vem.boundary import CURVE
 
 CELLS = 1.5

@@ -499,8 +499,7 @@ def _state(corners: Corners, sides: Sides, k: int, node: int, row: int) -> State
 
 def _below(contact: Contact, row: int) -> Bools:
     """Return True where friction is below its given bound, (m,): a node that rests there may have slipped before."""
-    bound = np.minimum(contact.bound[row], contact.backward[row])
-    below: Bools = np.linalg.norm(contact.traction[row], axis=1) < (1.0 - 1e-6) * bound
+    below: Bools = np.linalg.norm(contact.traction[row], axis=1) < (1.0 - 1e-6) * contact.bound[row]
     below &= contact.sticking[row] & contact.closed[row]
     return below
 

@@ -23,7 +23,7 @@ from vemcvx.results.contact import Contact, Sides, contact_history, sides_of
 from vemcvx.results.corners import SIGNED, Corners, Peak
 from vemcvx.scene import Scene
 from vemcvx.scene.pose import PosedScene, pose_scene, unwarned
-from vemcvx.scene.supports import ContactRows
+from vemcvx.scene.rows import ContactRows
 from vemcvx.stepping.programs import programs_of_trajectory
 from vemcvx.stepping.trajectory import Storage, Trajectory
 from vemcvx.vem import Space, Stabilisation, VertexWeights, equivalent, principal, strains, stresses
@@ -120,13 +120,10 @@ class Results:
 
     @property
     def certificate_kind(self) -> str:
-        """The kind of `certificate`: "bound", or "estimate" if it is one in some step.
+        """The kind of `certificate`: "bound", or "for the given friction" where that follows the answer.
 
-        Estimates are for friction that depends on pressure (Coulomb), in steps where what sticks, slips and touches
-        does not settle or, in space, is too close to something else. A bound is then on the distance to *a* solution
-        of the step, which for coefficients that are not small need not be the only one.
-        They are also for friction that depends on slip, unless it is known to weaken by less than the body is stiff;
-        bounds are then on the distance to the only solution.
+        Under Coulomb's law, and laws of slip, it bounds the distance to the solution of the program whose bounds of
+        friction are those of the answer's own pressure and slip.
         """
         return self.trajectory.certificate_kind
 
@@ -157,13 +154,8 @@ class Results:
 
     @property
     def safeguards(self) -> Ints:
-        """(S,) how many of the iterations stood in for faster ones that failed (Newton's proximal steps)."""
+        """(S,) calls of the safeguard, where Newton's active sets came back: projected gradients, at last Clarabel."""
         return self.trajectory.safeguards[self.stored]
-
-    @property
-    def contraction(self) -> Floats:
-        """(S,) rate with which Coulomb's fixed point contracted in each step; NaN where two programs were enough."""
-        return self.trajectory.contraction[self.stored]
 
     @property
     def solver(self) -> str:

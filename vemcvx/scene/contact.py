@@ -12,25 +12,120 @@ import numpy as np
 import scipy.sparse as sp
 
 from vemcvx.arrays import EPS, SAME, Bools, Floats, Ints
-from vemcvx.effects import Friction, Law, Obstacle
+from vemcvx.effects import ContactSurface, Friction, Law, Obstacle
 from vemcvx.effects.data import finite_a_row
-from vemcvx.errors import SceneError, SceneWarning
+from vemcvx.errors import SceneError, SceneWarning, VemcvxError
+from vemcvx.meshes.polygons import all_found_in
 from vemcvx.program.operators import Norms, Rows
-from vemcvx.program.system import DraggedTerms, Limits
-from vemcvx.scene.supports import (
-    ContactRows,
-    Moving,
-    Supports,
-    along,
-    freedom,
-    merged,
-    normal_is_free,
-    normal_reactions,
-    normal_rows,
-    on_free,
-    summing,
-)
+from vemcvx.program.system import DRAG_ROUNDING, DraggedTerms, Limits
+from vemcvx.scene.rows import ContactRows, along, merged, pair_numbers, pairs_of, summing
+from vemcvx.scene.supports import Supports
 from vemcvx.vem import tangents_of
+
+# The freedom of contact: which rows, nodes with normals, slide, open or are dragged, and which forces press on them.
+#
+# A node belongs to contact unless it is held otherwise: where its tangent is free, where its normal is (the axis of a
+# half model, whose tangent a support holds), where contact itself holds its normal and a support its tangent, and
+# where supports drag it along against friction.
+#
+# Of the forces H'R that hold a node, the part along the normal of contact is contact's; a single support that moves a
+# node along that normal (an obstacle that moves) counts as contact, too. All other parts are the supports'.
+Moving = Callable[[float], Floats]
+"""t -> displacements (k, dim) of the ground under k rows, or their components along the rows."""
+
+
+@dataclass(frozen=True)
+class Freedom:
+    """The freedom that supports leave to rows of contact, as arrays (k,)."""
+
+    slides: Bools  # True if some free unknown moves the node along the boundary
+    dragged: Bools  # if it does not slide, in some direction, and supports or the ground move along the boundary
+    normal_only: Bools  # if its tangent is held, but its normal is contact's: it has a pressure
+
+
+def _freedom(
+    rows: ContactRows, tangents: Floats, supports: Supports, times: Sequence[float], ground: Moving | None = None
+) -> Freedom:
+    """Return the freedom of rows that slide along `tangents` (k, dim - 1, dim).
+
+    They are dragged if supports move them between any two of `times`, relative to the `ground` if there is one.
+    """
+    reads, per = rows.matrix(tangents, supports.points), tangents.shape[1]
+    B = supports.on_free(reads)
+    # How much free unknowns move each row along its tangents: eigenvalues (k, dim - 1), ascending; zero where not.
+    parts = [B[axis::per] for axis in range(per)]
+    products = np.array([[np.asarray(one.multiply(other).sum(axis=1)).ravel() for other in parts] for one in parts])
+    each = np.linalg.eigvalsh(products.transpose(2, 0, 1))
+    slides, held = each[:, -1] > 0, np.flatnonzero(each[:, 0] <= SAME * each[:, -1])
+    dragged, normal_only = np.zeros(len(rows), dtype=bool), np.zeros(len(rows), dtype=bool)
+    if len(held) and not (supports.still and ground is None):
+        B_held = reads[(held[:, None] * per + np.arange(per)).ravel()]
+
+        def moved(t: float) -> Floats:
+            return B_held @ supports.motion(t) - (0.0 if ground is None else along(tangents[held], ground(t)[held]))
+
+        dragged[held] = _dragged(moved, rows[held], supports, times, under_way=ground is not None)
+    if not slides.all():
+        normal_only = ~slides & (_normal_is_free(rows, supports) | _held_normals(rows, supports)[0])
+    return Freedom(slides, dragged, normal_only)
+
+
+def _normal_is_free(rows: ContactRows, supports: Supports) -> Bools:
+    """Return True if some free unknown moves the node along the normal, (k,)."""
+    return np.diff(supports.on_free(rows.normal_rows(supports.points)).indptr) > 0
+
+
+def _dragged(moved: Moving, rows: ContactRows, supports: Supports, times: Sequence[float], under_way: bool) -> Bools:
+    """Return True if rows are `moved` along their tangents between any two instants, (k,); if ground is `under_way`."""
+    dragged = np.zeros(len(rows), dtype=bool)
+    if len(times) == 0:
+        nodes = supports.moved // supports.points.shape[1]
+        return ~dragged if under_way else np.isin(rows.nodes, nodes) | np.isin(rows.partners, nodes)
+    try:
+        start = moved(float(times[0]))
+        for t in times[1:]:
+            at = moved(float(t))
+            size = max(np.abs(at).max(), np.abs(start).max())
+            dragged |= (np.abs(at - start) > DRAG_ROUNDING * size).reshape(len(rows), -1).any(axis=1)
+            if dragged.all():
+                break
+    except VemcvxError:
+        return np.ones(len(rows), dtype=bool)  # The step that needs the datum says what is wrong with it.
+    return dragged
+
+
+def _normal_reactions(rows: ContactRows, supports: Supports) -> sp.csr_matrix:
+    """g (k, n_u): contact holds the normal of each of k rows with the force -g . R of reactions R; zero elsewhere."""
+    entries, places = _held_normals(rows, supports)[1:]
+    return sp.csr_matrix(sp.csr_matrix((entries, places), shape=(len(rows), len(supports.depends))) @ supports.H.T)
+
+
+def _held_normals(rows: ContactRows, supports: Supports) -> tuple[Bools, Floats, tuple[Ints, Ints]]:
+    """True where contact alone holds the normal of a row, (k,).
+
+    Besides, the cosines between the normals of rows and those rows of A by which contact holds them, and their places.
+    """
+    (nodes, partners), holds = pairs_of(supports.given), np.flatnonzero(~supports.depends)
+    directions = np.concatenate([supports.points[:0], *(support.directions for support in supports.given)])[holds]
+    contact = supports.of_rows([support.contact for support in supports.given])[holds]
+    nodes, partners = nodes[holds], partners[holds]
+    # The pairs of a row and what holds its node, or its node and partner, whichever of these is named first.
+    wanted, known = (
+        pair_numbers(np.maximum(*pair), np.minimum(*pair), len(supports.points))
+        for pair in ((rows.nodes, rows.partners), (nodes, partners))
+    )
+    row, col = all_found_in(known, wanted)
+    cosine = np.einsum("ij,ij->i", directions[col], rows.normals[row])
+    same = np.linalg.norm(directions[col] - cosine[:, None] * rows.normals[row], axis=1) < SAME
+    row, col, cosine = row[same], col[same], cosine[same] * np.where(nodes[col] == rows.nodes[row], 1.0, -1.0)[same]
+    # How many rows hold the site of each row, and how many of these are contact's.
+    site, mine, size = supports.sites[nodes], supports.sites[rows.nodes], len(supports.sites)
+    count, of_contact = np.bincount(site, minlength=size)[mine], np.bincount(site[contact], minlength=size)[mine]
+    held_by_contact = np.zeros(len(rows), dtype=bool)
+    # Where contact alone holds a node altogether, at its corners, the node is no place of contact.
+    held_by_contact[row[contact[col]]] = True
+    takes = contact[col] | (count[row] == 1)
+    return held_by_contact & (of_contact == 1), cosine[takes], (row[takes], holds[col[takes]])
 
 
 # The norm terms of friction, over all nodal values, and what a System knows of them.
@@ -50,7 +145,6 @@ class Terms(ContactRows):
     elliptic: Bools  # (m,) which are of friction by direction
     frictions: Sequence[Friction]
     gather: sp.csr_matrix  # (m, rows) which rows of all frictions, one after the other, add up to a term
-    sign: Floats  # (rows,) 1 where the tangent of a row is that of its term, else -1
     acting: int = 0  # how many of the m, the first, some free unknown moves
     dragged: Bools | None = None  # (m,) which of them supports move along the boundary, in some direction at least
     ground: Callable[[float], Floats] | None = None  # t -> (m * (dim - 1),) its way along tangents since times[0]
@@ -73,35 +167,51 @@ class Terms(ContactRows):
         """B^ of the terms that some unknown moves."""
         return self.rows[: self.acting * self.block]
 
-    @property
-    def one_way(self) -> bool:
-        """True if some cost more one way than the other."""
-        return any(f.bias is not None for f in self.frictions)
+    def norms(self, supports: Supports) -> Norms | None:
+        """The terms that some unknown moves."""
+        m, block, ground = self.acting, self.block, self.ground
+        if m == 0:
+            return None
+        return Norms(
+            B=supports.on_free(self.acting_rows),
+            w=self.weights(0.0)[:m] if all(f.steady for f in self.frictions) else lambda t: self.weights(t)[:m],
+            block=block,
+            places=supports.places(self.nodes),
+            law=self._law(slice(0, m)),
+            ground=None if ground is None else lambda t: ground(t)[: m * block],
+        )
 
-    def bias(self, t: float) -> Floats:
-        """The bias (m,) at the instant `t`, along the tangent of each term."""
-        each = [np.zeros(len(f.nodes)) if f.bias is None else f.bias(t) for f in self.frictions]
-        return self.gather @ (self.sign * np.concatenate([np.zeros(0), *each]))
+    def carried(self, supports: Supports) -> DraggedTerms | None:
+        """The terms that no unknown moves."""
+        m, block, ground = self.acting, self.block, self.ground
+        if m == len(self):
+            return None
+        rows, law = self.rows[m * block :], self._law(slice(m, len(self)))
+        weights: Callable[..., Any] = (lambda t, p, past, slip: self.weights(t)[m:]) if law is None else law.weights
+        return DraggedTerms(
+            position=lambda t: rows @ supports.motion(t) - (0.0 if ground is None else ground(t)[m * block :]),
+            weights=weights,
+            count=len(self) - m,
+            block=block,
+            remembers=law is not None and law.slips,
+        )
 
-    def law(self, some: slice) -> Law | None:
+    def _law(self, some: slice) -> Law | None:
         """The law of some of the terms, given the forces p (r,) of all limits and the slips of these terms.
 
         None if all weights are given. Rows read the forces that press on them and the slip of their term; weights of
         rows add up.
         """
-        frictions, gather, press = self.frictions, self.gather[some], self.press
+        frictions, gather, press = self.frictions, sp.csr_matrix(self.gather[some]), self.press
         laws = [f.law for f in frictions if f.law is not None]
         if press is None or not laws:
             return None
-        slips, spread, still = any(law.slips for law in laws), gather.T, np.zeros(gather.shape[1])
-        pressed, gathered = Rows(press).read, Rows(sp.csr_matrix(gather)).read
-        own, (made, indices, indptr) = _slices(frictions), _entries(gather, press)
+        slips, still = any(law.slips for law in laws), np.zeros(gather.shape[1])
+        pressed, gathered, spread, own = Rows(press).read, Rows(gather).read, gather.T, _slices(frictions)
 
         @lru_cache(maxsize=1)  # Steps are on few pieces of a law.
         def matrix(steep: bytes) -> sp.csr_matrix:
-            entries = made @ np.frombuffer(steep)
-            entries.flags.writeable = False
-            return sp.csr_matrix((entries, indices, indptr), shape=(gather.shape[0], press.shape[1]))
+            return sp.csr_matrix(gather @ sp.diags_array(np.frombuffer(steep)) @ press)
 
         def each(p: Floats, *of_terms: Floats) -> Iterable[tuple[Friction, list[Floats]]]:
             of_rows = [pressed(p), *(spread @ slip if slips else still for slip in of_terms)]
@@ -119,48 +229,48 @@ class Terms(ContactRows):
         return Law(weights, softening, any(law.pressed for law in laws), slope if known else None, slips)
 
 
-def friction_terms(
+def _friction_terms(
     frictions: Sequence[Friction],
     table: ContactRows,
     supports: Supports,
-    times: Sequence[float] = (),
-    *,
+    times: Sequence[float],
     known: Sequence[float],
     obstacles: Obstacles,
 ) -> Terms:
-    """The terms of all frictions where something can slip or is dragged; equal node, normal and ground make one term.
+    """Return the terms of all frictions where something can slip or is dragged.
 
-    The `table` has their rows, on which `obstacles` press; at the instants `known` laws say along what they read slip.
+    Equal node, normal and ground make one term. The `table` has the rows of frictions, on which `obstacles` press; at
+    the instants `known` laws say along what they read slip.
     """
     points = supports.points
-    _check_directions(frictions)
     normals = np.concatenate([points[:0], *(f.across for f in frictions)])
     each = np.concatenate([tangents_of(points[:0]), *(f.read(known) for f in frictions)])
     first, term = merged((table.nodes, table.partners), normals, kinds=_kinds(frictions))
-    every = replace(table, normals=normals).joined(first, term)
-    under = None if all(f.ground is None for f in frictions) else partial(_moved, frictions, first)
-    held = freedom(every, supports, times, under, tangents=each[first])
+    every, tangents, under = replace(table, normals=normals).joined(first, term), each[first], None
+    if any(f.ground is not None for f in frictions):
+        under = partial(_moved, frictions, first)
+        _refuse_overlap(frictions, table.ends, every.ends)
+    held = _freedom(every, tangents, supports, times, under)
     acting = np.flatnonzero(held.slides)
     kept = np.concatenate([acting, np.flatnonzero((held.normal_only | held.dragged) & ~held.slides)])
-    if under is not None:
-        _refuse_overlap(frictions, table.ends, every.ends)
-    rows, tangents = every[kept], each[first][kept]
-    moved = None if under is None or not len(kept) else partial(_moved, frictions, first[kept])
-    elliptic = _of_rows(frictions, [f.ellipse is not None for f in frictions]).astype(bool)[first][kept]
+    rows, tangents = every[kept], tangents[kept]
+    directed, elliptic = (
+        _of_rows(frictions, flags).astype(bool)[first][kept]
+        for flags in ([f.directions is not None for f in frictions], [f.ellipse is not None for f in frictions])
+    )
     # What an ellipse shortens, or does not read at all, is slip nonetheless.
     unit = np.where(elliptic[:, None, None], tangents_of(rows.normals), tangents)
     ground = slid = None
-    if moved is not None:
-        ground, slid = (_relative(some, moved, times) for some in (tangents, unit))
+    if under is not None and len(kept):
+        ground, slid = (_since(some, partial(_moved, frictions, first[kept]), times) for some in (tangents, unit))
     return Terms(
         **rows.columns,
         rows=rows.matrix(tangents, points),
         tangents=tangents,
-        directed=_of_rows(frictions, [f.directions is not None for f in frictions]).astype(bool)[first][kept],
+        directed=directed,
         elliptic=elliptic,
         frictions=frictions,
         gather=summing(term, len(first))[kept],
-        sign=np.sign(np.einsum("ij,ij->i", normals, normals[first][term])),
         acting=len(acting),
         dragged=held.dragged[kept],
         ground=ground,
@@ -191,8 +301,8 @@ def _moved(frictions: Sequence[Friction], rows: Ints, t: float) -> Floats:
     return np.concatenate(each)[rows]
 
 
-def _relative(tangents: Floats, moved: Moving, times: Sequence[float]) -> Callable[[float], Floats]:
-    """The motion along the tangents since the first instant."""
+def _since(tangents: Floats, moved: Moving, times: Sequence[float]) -> Moving:
+    """Return the motion along the tangents since the first instant."""
     start = along(tangents, moved(float(times[0]))) if len(times) else 0.0
     return lambda t: along(tangents, moved(t)) - start
 
@@ -209,66 +319,10 @@ def _refuse_overlap(frictions: Sequence[Friction], owns: sp.csr_matrix, ends: sp
         )
 
 
-def _check_directions(frictions: Sequence[Friction]) -> None:
-    for f in frictions:
-        if f.directions is None:
-            continue
-        shape = np.shape(f.directions)
-        if shape != f.normals.shape or np.abs(np.linalg.norm(f.directions, axis=1) - 1).max() > SAME:
-            raise SceneError(
-                f"{f.subject}: found directions of shape {shape} for normals of shape {f.normals.shape}; rows along "
-                "directions have one unit vector a row."
-            )
-
-
-def _entries(gather: sp.csr_matrix, press: sp.csr_matrix) -> tuple[sp.csr_matrix, Ints, Ints]:
-    """made, indices and ends of rows: the product gather diag(x) press has the entries made @ x there, x (rows,)."""
-    of_press = press.tocoo()
-    pairs = sp.csr_matrix(gather[:, of_press.row]).tocoo()
-    term, row, limit = pairs.row.astype(np.int64), of_press.row[pairs.col], of_press.col[pairs.col]
-    place, slot = np.unique(term * press.shape[1] + limit, return_inverse=True)
-    made = sp.csr_matrix((pairs.data * of_press.data[pairs.col], (slot, row)), shape=(len(place), press.shape[0]))
-    ends = np.arange(gather.shape[0] + 1) * press.shape[1]
-    return made, place % max(press.shape[1], 1), np.searchsorted(place, ends)
-
-
 def _slices(frictions: Sequence[Friction]) -> list[slice]:
     """The rows of each friction among those of all."""
     ends = np.cumsum([len(f.nodes) for f in frictions])
     return [slice(end - len(f.nodes), end) for f, end in zip(frictions, ends, strict=True)]
-
-
-def norm_terms(terms: Terms, supports: Supports) -> Norms | None:
-    """The terms that some unknown moves."""
-    m, block, ground = terms.acting, terms.block, terms.ground
-    if m == 0:
-        return None
-    return Norms(
-        B=on_free(terms.acting_rows, supports),
-        w=terms.weights(0.0)[:m] if all(f.steady for f in terms.frictions) else lambda t: terms.weights(t)[:m],
-        block=block,
-        places=supports.places(terms.nodes),
-        law=terms.law(slice(0, m)),
-        bias=(lambda t: terms.bias(t)[: m * block]) if terms.one_way else None,
-        ground=None if ground is None else lambda t: ground(t)[: m * block],
-    )
-
-
-def dragged_terms(terms: Terms, supports: Supports) -> DraggedTerms | None:
-    """The terms that no unknown moves."""
-    m, q, block, ground = terms.acting, len(terms) - terms.acting, terms.block, terms.ground
-    if q == 0:
-        return None
-    rows, law = terms.rows[m * block :], terms.law(slice(m, m + q))
-    weights: Callable[..., Any] = (lambda t, p, past, slip: terms.weights(t)[m:]) if law is None else law.weights
-    return DraggedTerms(
-        position=lambda t: rows @ supports.motion(t) - (0.0 if ground is None else ground(t)[m * block :]),
-        weights=weights,
-        count=q,
-        block=block,
-        bias=(lambda t: terms.bias(t)[m * block :]) if terms.one_way else None,
-        remembers=law is not None and law.slips,
-    )
 
 
 def warn_of_free_normals(
@@ -282,7 +336,7 @@ def warn_of_free_normals(
         if (law is not None and law.pressed) or friction.directions is not None:
             continue
         rows = ContactRows.of([friction], supports.points.shape[1])
-        free = normal_is_free(rows, supports) & ~np.isin(friction.nodes, stopped)
+        free = _normal_is_free(rows, supports) & ~np.isin(friction.nodes, stopped)
         if free.any():
             warnings.warn(
                 f"{friction.subject}: at {free.sum()} of {len(free)} places nothing holds the body in the normal "
@@ -302,8 +356,8 @@ class Surface(ContactRows):
     normal_reaction: sp.csr_matrix  # (m, n_u) g: contact presses with -g . R, R the forces of supports and contact
 
 
-def contact_surface(
-    table: ContactRows, moves: Bools, terms: Terms, supports: Supports, times: Sequence[float] = ()
+def _contact_surface(
+    table: ContactRows, moves: Bools, terms: Terms, supports: Supports, times: Sequence[float]
 ) -> Surface:
     """The surface of contact: all rows of the table; edges that several of them bring count once.
 
@@ -312,7 +366,7 @@ def contact_surface(
     """
     first, row = merged((table.nodes, table.partners), table.normals)
     every = table.joined(first, row)
-    held = freedom(every, supports, times)
+    held = _freedom(every, tangents_of(every.normals), supports, times)
     drawn = np.zeros(len(first), dtype=bool)
     np.logical_or.at(drawn, row, moves)
     rubs = (held.dragged | drawn) & (terms[terms.acting :].find(every) >= 0)
@@ -322,7 +376,7 @@ def contact_surface(
     together = summing(place, len(lead))
     surface = replace(rows[lead], normals=together @ (rows.lengths[:, None] * rows.normals), ends=together @ rows.ends)
     unit = surface.normals / np.linalg.norm(surface.normals, axis=1)[:, None]
-    reaction = sp.csr_matrix(together @ normal_reactions(rows, supports))
+    reaction = sp.csr_matrix(together @ _normal_reactions(rows, supports))
     return Surface(**replace(surface, normals=unit).columns, normal_reaction=reaction)
 
 
@@ -340,8 +394,14 @@ class Obstacles(ContactRows):
     subjects: tuple[str, ...] = ()  # whose they are, in words
     prescribed: Obstacles | None = None  # those whose gaps supports alone decide: no limits, but checked
 
+    def limits(self, supports: Supports) -> Limits | None:
+        """The limits, over the free unknowns."""
+        if len(self) == 0:
+            return None
+        return Limits(supports.on_free(self.rows), self.gap, self.compliance, supports.places(self.nodes))
 
-def gathered(obstacles: Sequence[Obstacle], table: ContactRows, supports: Supports) -> Obstacles:
+
+def _obstacles(obstacles: Sequence[Obstacle], table: ContactRows, supports: Supports) -> Obstacles:
     """The limits of all obstacles, whose rows are in the `table`, where something can move."""
     points = supports.points
     each = (finite_a_row(o.compliance, len(o.nodes), f"{o.subject}: compliance") for o in obstacles)
@@ -350,8 +410,8 @@ def gathered(obstacles: Sequence[Obstacle], table: ContactRows, supports: Suppor
     lead, place = merged((table.nodes, table.partners), table.normals, signed=True, kinds=kinds)
     first, limit = np.sort(lead), np.argsort(np.argsort(lead))[place]
     every = table.joined(first, limit)
-    rows = normal_rows(every, points)
-    moves = np.diff(on_free(rows, supports).indptr) > 0
+    rows = every.normal_rows(points)
+    moves = np.diff(supports.on_free(rows).indptr) > 0
     # Gaps are differences of lengths as large as coordinates, each rounded, and so are they: 3/2 EPS of these, and as
     # much again for what lengths are computed from. Gaps that are negative by no more than this are zero.
     rounding = 4 * EPS * float(np.abs(points).max())
@@ -374,14 +434,6 @@ def gathered(obstacles: Sequence[Obstacle], table: ContactRows, supports: Suppor
     return replace(those(np.flatnonzero(moves)), prescribed=None if moves.all() else those(np.flatnonzero(~moves)))
 
 
-def limits(obstacles: Obstacles, supports: Supports) -> Limits | None:
-    """The limits of obstacles, over the free unknowns."""
-    if len(obstacles.nodes) == 0:
-        return None
-    rows, places = on_free(obstacles.rows, supports), supports.places(obstacles.nodes)
-    return Limits(rows, obstacles.gap, obstacles.compliance, places)
-
-
 def _pressures(
     frictions: Sequence[Friction], table: ContactRows, obstacles: Obstacles, supports: Supports
 ) -> sp.csr_matrix | None:
@@ -394,7 +446,7 @@ def _pressures(
     reads = _of_rows(frictions, [f.law is not None and f.law.pressed for f in frictions]).astype(bool)
     shares = sp.csr_matrix(sp.diags_array(reads.astype(float)) @ table.shares(obstacles))
     shares.eliminate_zeros()
-    bare = reads & (np.diff(shares.indptr) == 0) & (normal_is_free(table, supports) | (len(obstacles) == 0))
+    bare = reads & (np.diff(shares.indptr) == 0) & (_normal_is_free(table, supports) | (len(obstacles) == 0))
     for f, rows in zip(frictions, _slices(frictions), strict=True):
         if bare[rows].any():
             raise SceneError(
@@ -405,6 +457,27 @@ def _pressures(
     return shares
 
 
+def through_obstacles(obstacles: Obstacles, supports: Supports, times: Sequence[float]) -> list[str]:
+    """Return a sentence for each support that takes nodes of contact through their obstacle at these instants."""
+    held = obstacles.prescribed
+    if held is None:
+        return []
+    moved = np.array([held.rows @ supports.motion(t) for t in times])
+    gaps = np.array([held.gap(t) for t in times])
+    depth = (moved - gaps).max(axis=0)
+    depth[depth <= SAME * np.maximum(np.abs(moved), np.abs(gaps)).max(initial=0.0)] = 0.0
+    reads, first, said = sp.csc_matrix(held.rows @ supports.H), 0, []
+    for support in supports.given:
+        own = reads[:, first : (first := first + len(support.nodes))]
+        through = depth[np.unique(own.indices[np.abs(own.data) > SAME])]
+        if through.any() and not support.contact:
+            said.append(
+                f"{support.subject}: it takes {np.count_nonzero(through)} contact node(s) through "
+                f"{', '.join(held.subjects)}, by up to {through.max():.6g}"
+            )
+    return said
+
+
 def out_of_reach(terms: Terms, obstacles: Sequence[Obstacle], supports: Supports) -> list[str]:
     """A sentence for each friction and obstacle without effect: no node of it can move, or is moved."""
     moving = np.arange(len(terms.nodes)) < terms.acting
@@ -412,5 +485,26 @@ def out_of_reach(terms: Terms, obstacles: Sequence[Obstacle], supports: Supports
         moving = moving | terms.dragged
     held = [f.subject for f in terms.frictions if not np.isin(f.nodes, terms.nodes[moving]).any()]
     dim = supports.points.shape[1]
-    held += [o.subject for o in obstacles if not normal_is_free(ContactRows.of([o], dim), supports).any()]
+    held += [o.subject for o in obstacles if not _normal_is_free(ContactRows.of([o], dim), supports).any()]
     return [f"{subject}: all its nodes are held otherwise" for subject in held]
+
+
+def pose_contact(
+    surfaces: Sequence[ContactSurface],
+    frictions: Sequence[Friction],
+    stops: Sequence[Obstacle],
+    supports: Supports,
+    times: Sequence[float],
+    known: Sequence[float],
+) -> tuple[Terms, Obstacles, Surface]:
+    """Return the terms of friction, the limits of obstacles and the surface that is reported, from one table of rows.
+
+    Terms are dragged between any two of `times`; at the instants `known` laws say along what they read slip.
+    """
+    table = ContactRows.of([*surfaces, *frictions, *stops], supports.points.shape[1])
+    start, count = sum(len(s.nodes) for s in surfaces), sum(len(f.nodes) for f in frictions)
+    rubbing, drawn = slice(start, start + count), np.zeros(len(table), dtype=bool)
+    drawn[rubbing] = _of_rows(frictions, [f.ground is not None for f in frictions])
+    obstacles = _obstacles(stops, table[rubbing.stop :], supports)
+    terms = _friction_terms(frictions, table[rubbing], supports, times, known=known, obstacles=obstacles)
+    return terms, obstacles, _contact_surface(table, drawn, terms, supports, times)

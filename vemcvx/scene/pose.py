@@ -10,40 +10,29 @@ from dataclasses import dataclass, replace
 from functools import cache, partial, reduce
 from itertools import chain
 from operator import add
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.arrays import Floats, Ints, by_rows, read_only
-from vemcvx.effects import ContactSurface, Contribution, Friction, Load, Material, MaterialLaw, Obstacle
+from vemcvx.arrays import Floats, Ints, read_only
+from vemcvx.effects import Contribution, Friction, Load, Material, MaterialLaw, Obstacle
 from vemcvx.errors import SceneWarning
-from vemcvx.linear import Congruent, LinearSolver, nested_dissection
+from vemcvx.linear import nested_dissection
 from vemcvx.meshes import AnyMesh
 from vemcvx.program.kernel import Kernel
 from vemcvx.program.operators import Norms
 from vemcvx.program.system import Damping, ForceOnPart, Limits, Motion, System
-from vemcvx.scene.contact import (
-    Obstacles,
-    Surface,
-    Terms,
-    contact_surface,
-    dragged_terms,
-    friction_terms,
-    gathered,
-    limits,
-    norm_terms,
-    out_of_reach,
-    warn_of_free_normals,
-)
+from vemcvx.scene.contact import Obstacles, Surface, Terms, out_of_reach, pose_contact, warn_of_free_normals
 from vemcvx.scene.rigid import floating_motions, seen_from_bodies
+from vemcvx.scene.rows import straightened
 from vemcvx.scene.scene import InitialStresses, Scene, active_parts, compose, initial_stresses
-from vemcvx.scene.supports import ContactRows, Supports, by_precedence, resolve, straightened
-from vemcvx.vem import Space, SumOverCells, energy_rows, rigid_modes
+from vemcvx.scene.supports import Supports, by_precedence, resolve
+from vemcvx.vem import Space, energy_rows, rigid_modes
 
 
 def load_of(
-    loads: tuple[Load | InitialStresses, ...], A: sp.csr_matrix | Congruent, supports: Supports
+    loads: tuple[Load | InitialStresses, ...], A: sp.csr_matrix, supports: Supports
 ) -> Callable[[float], Floats]:
     """The load of a System; loads on a part of the body touch its unknowns alone."""
     n = supports.P.shape[1]
@@ -74,22 +63,20 @@ def load_of(
     return load if others else part
 
 
-def _moving(A: sp.csr_matrix | Congruent, supports: Supports) -> tuple[Callable[[float], Floats], Ints, sp.csr_matrix]:
+def _moving(A: sp.csr_matrix, supports: Supports) -> tuple[Callable[[float], Floats], Ints, sp.csr_matrix]:
     """P'A u_D from the nodal values that supports move, and from the rows of P'A with entries there."""
     moved = supports.moved
-    columns = (A.S if isinstance(A, Congruent) else A)[:, moved]  # u_D is zero where the rest of A is
-    return lambda t: supports.motion(t)[moved], *_rows_of(supports.gather(columns))
+    return lambda t: supports.motion(t)[moved], *_rows_of(supports.gather(A[:, moved]))
 
 
 def _rows_of(matrix: sp.csr_matrix) -> tuple[Ints, sp.csr_matrix]:
-    """The indices of a matrix's rows that have entries, and these rows."""
-    by_rows = sp.csr_matrix(matrix)
-    rows = np.flatnonzero(np.diff(by_rows.indptr)).astype(np.int64)
-    return rows, by_rows[rows]
+    """Return the indices of a matrix's rows that have entries, and these rows."""
+    rows = np.flatnonzero(np.diff(sp.csr_matrix(matrix).indptr)).astype(np.int64)
+    return rows, sp.csr_matrix(matrix)[rows]
 
 
 def motion_of(
-    A: sp.csr_matrix | Congruent,
+    A: sp.csr_matrix,
     supports: Supports,
     tangential: sp.csr_matrix,
     normal: sp.csr_matrix,
@@ -126,7 +113,7 @@ class PosedScene:
     space: Space
     system: System  # K, load, norm terms and limits over the free unknowns, in consistent units
     supports: Supports
-    A: Any  # (n_u, n_u) sparse stiffness over all nodal values; a Congruent where the linear solver has K
+    A: sp.csr_matrix  # (n_u, n_u) stiffness over all nodal values
     loads: tuple[Load | InitialStresses, ...]
     terms: Terms
     obstacles: Obstacles
@@ -169,7 +156,6 @@ def pose_scene(
     scene: Scene,
     mesh: AnyMesh,
     times: Sequence[float] = (),
-    linear: LinearSolver | None = None,
     *,
     between: Sequence[float] = (),
 ) -> PosedScene:
@@ -178,7 +164,7 @@ def pose_scene(
     `between`, instead of these, are instants between which effects may act that are zero at all of them.
 
     The `system` of what is returned is what `vemcvx.march` takes. SceneError where the scene names what the mesh lacks,
-    or leaves the body free to float. Of K the linear solver, where one is given, says where it is to stand.
+    or leaves the body free to float.
     """
     scene.require_material()
     space = Space(mesh)
@@ -193,30 +179,28 @@ def pose_scene(
     # Whatever refers to normals, so that nodal frames have them as axes.
     supports = resolve(holds, (*frictions, *stops), mesh.points)
     known = times if len(times) else between
-    terms, obstacles, surface = _contact(surfaces, frictions, stops, supports, times, known=known)
-    stiffness = [form for part in parts if (form := _stiffness(part, space)) is not None]
+    terms, obstacles, surface = pose_contact(surfaces, frictions, stops, supports, times, known=known)
     springs = _sum([p.stiffness for p in parts if p.stiffness is not None and p.material is None])
     viscosity = _sum([p.viscosity for p in parts if p.viscosity is not None])
-    norms, limited = norm_terms(terms, supports), limits(obstacles, supports)
+    norms, limited = terms.norms(supports), obstacles.limits(supports)
     kernel = _unsupported(space, supports, norms, limited, springs)
     warn_of_free_normals(terms.frictions, supports, obstacles, springs)
     # Springs to the ground feel rigid motions, too.
     seen = seen_from_bodies(space) if springs is None else lambda u: u
-    A: sp.csr_matrix | Congruent | None = None
-    if linear is not None and kernel is None and viscosity is None:  # Else it is added to, or its motions are.
-        A = _elsewhere(partial(_rows, stiffness), supports.P, linear)
-    A = _whole(stiffness) if A is None else A
+    # A material's moduli say its stiffness, where it brings no other.
+    forms = [p.material.stiffness(space).whole() for p in parts if p.material is not None and p.stiffness is None]
+    A = reduce(add, forms + [p.stiffness for p in parts if p.stiffness is not None])
     system = System(
         K=_restrict(A, supports),
         load=load_of(loads, A, supports),
         norms=norms,
         motion=None if supports.still else motion_of(A, supports, terms.acting_rows, obstacles.rows, seen),
-        order=None if isinstance(A, Congruent) else cache(partial(_order, A, supports, mesh.points)),
+        order=cache(partial(_order, A, supports, mesh.points)),
         near_kernel=supports.gather(rigid_modes(mesh.points)),
         kernel=kernel,
         limits=limited,
         damping=_damping(viscosity, supports, seen),
-        dragged=dragged_terms(terms, supports),
+        dragged=terms.carried(supports),
     )
     return PosedScene(
         scene=scene,
@@ -242,44 +226,8 @@ def pose_scene(
     )
 
 
-def _stiffness(part: Contribution, space: Space) -> SumOverCells | sp.csr_matrix | None:
-    """The stiffness (n_u, n_u) of a contribution; of a material by its moduli, where it brings no other."""
-    own = part.stiffness
-    return part.material.stiffness(space) if own is None and part.material is not None else own
-
-
 def _sum(matrices: Sequence[sp.csr_matrix]) -> sp.csr_matrix | None:
     return reduce(add, matrices) if matrices else None
-
-
-def _whole(forms: Sequence[SumOverCells | sp.csr_matrix]) -> sp.csr_matrix:
-    """All of a sum of matrices, of which none may stand."""
-    return reduce(add, (A.whole() if isinstance(A, SumOverCells) else A for A in forms))
-
-
-def _rows(forms: Sequence[SumOverCells | sp.csr_matrix], unknowns: Ints) -> sp.csr_matrix:
-    """The rows (k, n_u) of some nodal values of such a sum."""
-    return reduce(add, (A.rows(unknowns) if isinstance(A, SumOverCells) else A[unknowns] for A in forms))
-
-
-def _contact(
-    surfaces: Sequence[ContactSurface],
-    frictions: Sequence[Friction],
-    stops: Sequence[Obstacle],
-    supports: Supports,
-    times: Sequence[float],
-    *,
-    known: Sequence[float],
-) -> tuple[Terms, Obstacles, Surface]:
-    """The terms of friction, the limits of obstacles and the surface that is reported, from one table of rows."""
-    table = ContactRows.of([*surfaces, *frictions, *stops], supports.points.shape[1])
-    moves = [np.full(len(f.nodes), f.ground is not None) for f in frictions]
-    rubbing = slice(start := sum(len(s.nodes) for s in surfaces), start + sum(map(len, moves)))
-    drawn = np.zeros(len(table), dtype=bool)
-    drawn[rubbing] = np.concatenate([drawn[:0], *moves])
-    obstacles = gathered(stops, table[rubbing.stop :], supports)
-    terms = friction_terms(frictions, table[rubbing], supports, times, known=known, obstacles=obstacles)
-    return terms, obstacles, contact_surface(table, drawn, terms, supports, times)
 
 
 def _unsupported(
@@ -309,65 +257,14 @@ def _chain(tuples: Iterable[tuple[T, ...]]) -> tuple[T, ...]:
     return tuple(chain.from_iterable(tuples))
 
 
-def _restrict(A: sp.csr_matrix | Congruent, supports: Supports) -> Any:
-    """K = P'A P; where the linear solver holds that, its own."""
-    if isinstance(A, Congruent):
-        return A.K
+def _restrict(A: sp.csr_matrix, supports: Supports) -> sp.csr_matrix:
+    """Return K = P'A P."""
     if supports.columns is not None:
-        K = _principal(A, supports.columns)
+        K = A[supports.columns][:, supports.columns]
         read_only(K.data)  # so that a System need not copy it
         return K
     K = supports.P.T @ A @ supports.P
     return sp.csr_matrix(0.5 * (K + K.T))  # The triple product rounds (i, j) and (j, i) differently.
-
-
-def _principal(A: sp.csr_matrix, free: Ints) -> sp.csr_matrix:
-    """A on the free unknowns (k,) alone; all their rows at once would take twice the memory."""
-    among = _columns_among(free, A.shape[0])
-    return by_rows(lambda start, stop: among(A[free[start:stop]]), len(free), A.nnz, (len(free), len(free)))
-
-
-def _columns_among(free: Ints, n: int) -> Callable[[sp.csr_matrix], sp.csr_matrix]:
-    """A function that takes these columns (k,) from rows over n unknowns."""
-    place = np.full(n, -1, dtype=np.int32)
-    place[free] = np.arange(len(free), dtype=np.int32)
-
-    def among(rows: sp.csr_matrix) -> sp.csr_matrix:
-        columns = place[rows.indices]
-        kept = columns >= 0
-        indptr = np.append(0, np.cumsum(kept))[rows.indptr]
-        return sp.csr_matrix((rows.data[kept], columns[kept], indptr), shape=(rows.shape[0], len(free)))
-
-    return among
-
-
-def _elsewhere(rows: Callable[[Ints], sp.csr_matrix], P: sp.csr_matrix, linear: LinearSolver) -> Congruent | None:
-    """A, of which the linear solver holds K = P'A P; None where it does not, or frames are not along the axes.
-
-    Of A, which `rows` are asked of, and of K some rows are made at a time: A is P K P' and the rows and columns of what
-    is held.
-    """
-    by_columns, n = sp.csc_matrix(P), P.shape[0]
-    free, sign = by_columns.indices.astype(np.int64), by_columns.data
-    if by_columns.nnz != P.shape[1] or (np.abs(sign) != 1.0).any():
-        return None
-    among = _columns_among(free, n)
-
-    def signed(start: int, stop: int) -> sp.csr_matrix:
-        made = among(rows(free[start:stop]))
-        made.data *= sign[made.indices] * np.repeat(sign[start:stop], np.diff(made.indptr))
-        return made
-
-    K = linear.held(signed, len(free))
-    if K is None:
-        return None
-    held = np.setdiff1d(np.arange(n), free)
-    own = rows(held)
-    i, j = np.repeat(held, np.diff(own.indptr)), own.indices.astype(np.int64)
-    outside = np.isin(j, free)
-    # A is symmetric: what is held has these entries in the columns of the free unknowns, too.
-    entries = np.append(own.data, own.data[outside]), (np.append(i, j[outside]), np.append(j, i[outside]))
-    return Congruent(P, K, sp.csr_matrix(entries, shape=(n, n)))
 
 
 def _damping(A: sp.csr_matrix | None, supports: Supports, seen: Callable[[Floats], Floats]) -> Damping | None:

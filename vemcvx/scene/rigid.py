@@ -40,7 +40,7 @@ class Part:
     axes: Floats  #: (pieces, k, k) the motions of each along the axes and about them, of its orthonormal ones
 
     def moved(self, mode: Floats) -> dict[str, Floats] | None:
-        """The motions of bodies by their names; None if one has no name."""
+        """Return the motions of bodies by their names; None if one has no name."""
         each = mode.reshape(len(self.bodies), -1)
         large = np.flatnonzero(np.abs(each).max(axis=1) > STRAIGHT * np.abs(mode).max())
         names = [self.bodies[one] for one in large]
@@ -48,27 +48,33 @@ class Part:
             return None
         return {str(name): self.axes[one] @ each[one] for name, one in zip(names, large, strict=True)}
 
+    def alone(self, mode: Floats, directed: bool = False) -> str:
+        """Return a motion in words; which way it goes if it is `directed`, else that of its largest part."""
+        if self.hinges:
+            return "a motion about hinges"
+        if len(self.bodies) > 1:
+            return "a motion of pieces that are joined"
+        return _rigid(self.axes[0] @ (mode if directed else _ahead(mode)), directed)
+
     def motion(self, mode: Floats, directed: bool = False) -> str:
-        """A motion in words, and whose it is: which way it goes if it is `directed`, else that of its largest part."""
-        mode = mode if directed else mode * np.sign(mode[np.argmax(np.abs(mode))])
-        moved = self.moved(mode)
+        """Return a motion in words, and whose it is."""
+        moved = self.moved(mode if directed else _ahead(mode))
         if moved is None:
             return f"{self.alone(mode, directed)} of {self.which}"
         return " with ".join(f"{_rigid(own, directed)} of {body}" for body, own in moved.items())
 
-    def alone(self, mode: Floats, directed: bool = False) -> str:
-        """A motion in words."""
-        if self.hinges:
-            return "a motion about hinges"
-        return _rigid(self.axes[0] @ mode, directed) if len(self.bodies) == 1 else "a motion of pieces that are joined"
+
+def _ahead(mode: Floats) -> Floats:
+    """Return the motion, or its opposite, whose largest part is positive."""
+    return mode * np.sign(mode[np.argmax(np.abs(mode))])
 
 
 def combined(motions: Sequence[tuple[Part, Floats]], c: Floats) -> str:
     """A combination of motions in words, part by part, and which way it goes."""
     parts: dict[str, tuple[Part, Floats]] = {}
     for share, (part, motion) in zip(c, motions, strict=True):
-        sum_so_far = parts[part.which][1] if part.which in parts else 0.0
-        parts[part.which] = part, sum_so_far + share * motion
+        before = parts[part.which][1] if part.which in parts else 0.0
+        parts[part.which] = part, before + share * motion
     largest = max(np.abs(motion).max() for _, motion in parts.values())
     large = [(part, motion) for part, motion in parts.values() if np.abs(motion).max() > STRAIGHT * largest]
     return " and ".join(part.motion(motion, directed=True) for part, motion in large)
@@ -83,11 +89,10 @@ def floating(part: Part, modes: Floats, points: Floats) -> str:
             f"share single nodes, such as node {hinges[0]} at {points[hinges[0]]}, turn about them like hinges. "
             "Join the cells along edges, or support each piece."
         )
-    first = modes[:, 0] * np.sign(modes[np.argmax(np.abs(modes[:, 0])), 0])
-    moved = part.moved(first)
+    moved = part.moved(_ahead(modes[:, 0]))
     motions = f"{count} rigid motion{'s' * (count > 1)}"
     meet = f"meet{'s' * (count == 1)} neither a support nor friction"
-    says = f"{part.which} floats: {motions} {meet}, the first {part.alone(first)}"
+    says = f"{part.which} floats: {motions} {meet}, the first {part.alone(modes[:, 0])}"
     if moved is not None:
         ways = " and ".join(f"{body} moves freely by {_rigid(own)}" for body, own in moved.items())
         says = ways if count == 1 else f"{ways}, the first of {motions} that {meet}"
@@ -99,16 +104,14 @@ def floating(part: Part, modes: Floats, points: Floats) -> str:
 
 def _rigid(mode: Floats, directed: bool = False) -> str:
     move, turn = split_motion(np.asarray(np.round(mode / np.linalg.norm(mode), 6) + 0.0))
-    rate = np.linalg.norm(turn)
-    turns = "a rotation"
+    rate, turns = np.linalg.norm(turn), "a rotation"
     if rate > STRAIGHT and len(turn) > 1:
         turns = f"a rotation about ({_listed(turn / rate)})"
     elif directed:
         turns = "an anticlockwise rotation" if turn[0] > 0 else "a clockwise rotation"
     if rate > 0.9:
         return turns
-    moves = f"the translation ({_listed(move)})"
-    return moves if rate < STRAIGHT else f"{moves} with {turns}"
+    return f"the translation ({_listed(move)})" + (f" with {turns}" if rate >= STRAIGHT else "")
 
 
 def _listed(components: Floats) -> str:
@@ -153,28 +156,29 @@ def floating_motions(
     fields_of, motions = [], list[tuple[Part, Floats]]()
     # Sides of length h at a distance of D from the origin have directions known to EPS D / h.
     rounding = (64 * EPS) * max(1.0, np.abs(space.mesh.points).max() / space.mesh.h)
+    largest = max((np.abs(rows.data).max(initial=0.0) for rows in felt), default=0.0)
     for number in range(parts):
         own = np.flatnonzero(label == number)
         columns = (own[:, None] * k + np.arange(k)).ravel()
         value, vector = np.linalg.eigh(np.eye(len(columns)) - kept[columns][:, columns].toarray())
         loose = vector[:, value < FREE * k]
-        if loose.shape[1] == 0:
-            continue
         fields = supports.P.T @ sp.diags_array(np.repeat(1.0 / count, dim)) @ R[:, columns]
-        if springs is not None:
+        if springs is not None and loose.shape[1] > 0:
             loose = loose @ _without_energy(springs, supports.P @ (fields @ loose))
         if loose.shape[1] == 0:
             continue
         which = f"part {number + 1} of {parts} of the body" if parts > 1 else "the body"
         hinges = [int(i) for i in np.flatnonzero(count > 1) if label[piece[node == i][0]] == number]
         part = Part(which, tuple(bodies[one] for one in own), hinges, axes[own])
-        loose = _without_rounding(_piece_by_piece(loose, k), rounding)
+        loose = _piece_by_piece(loose, k)
+        # Below rounding there is nothing: a remainder of 1e-15 across a translation would press against contact, and
+        # rounding alone would then bound how far the body goes.
+        loose = np.where(np.abs(loose) > rounding * np.abs(loose).max(axis=0), loose, 0.0)
         field = fields @ loose
         rubbed = np.vstack([field[:0], *(rows @ field for rows in felt)])
         _, size, rotated = np.linalg.svd(rubbed, full_matrices=len(rubbed) < field.shape[1])
         # An orthonormal basis of what contact does not feel: where it feels nothing at all, sizes are all rounding.
-        entries = np.concatenate([np.zeros(0), *(rows.data for rows in felt)])
-        least = max(FREE**0.5 * size.max(initial=0.0), rounding * np.abs(entries).max(initial=0.0))
+        least = max(FREE**0.5 * size.max(initial=0.0), rounding * largest)
         unfelt = loose @ rotated[int((size > least).sum()) :].T
         if unfelt.shape[1] > 0:
             raise SceneError(floating(part, _piece_by_piece(unfelt, k), space.mesh.points))
@@ -237,15 +241,6 @@ def _along_axes(loose: Floats) -> Floats:
     preferred = 1.0 - 1e-3 * np.arange(len(loose))
     Q = qr(loose @ loose.T * preferred, pivoting=True)[0][:, : loose.shape[1]]
     return Q * np.sign(Q[np.argmax(np.abs(Q), axis=0), np.arange(Q.shape[1])])
-
-
-def _without_rounding(loose: Floats, rounding: float) -> Floats:
-    """The columns, zero where they are no more than rounding: a translation along one axis has nothing along others.
-
-    A remainder of 1e-15 there would press against contact across the motion, and rounding alone would then bound how
-    far the body goes.
-    """
-    return np.where(np.abs(loose) > rounding * np.abs(loose).max(axis=0), loose, 0.0)
 
 
 def _without_energy(springs: sp.csr_matrix, fields: Floats) -> Floats:

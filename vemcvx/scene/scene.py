@@ -16,7 +16,7 @@ from vemcvx.errors import SceneError, VemcvxError
 from vemcvx.meshes import AnyMesh
 from vemcvx.outline import Outline
 from vemcvx.program.system import DRAG_ROUNDING
-from vemcvx.scene.supports import along, pairs_of
+from vemcvx.scene.rows import along, pairs_of
 from vemcvx.vem import MirrorPlanes, Space, Stabilisation, VertexWeights
 from vemcvx.vem.boundary import STRAIGHT
 
@@ -38,13 +38,12 @@ def compose(materials: Sequence[Material], mesh: AnyMesh) -> Material:
     planes = {m.plane: m.subject for m in materials}
     if len(planes) > 1:
         words = " and ".join(f"plane {plane} in {subject}" for plane, subject in sorted(planes.items()))
-        raise SceneError(
-            f"materials: found {words}; one body is in one of them, so give all materials the same plane=."
-        )
+        one = "one body is in one of them, so give all materials the same plane="
+        raise SceneError(f"materials: found {words}; {one}.")
     isotropic = all(len(m.moduli) == 2 for m in materials)
     dim = mesh.points.shape[1]
     moduli = [m.moduli if isotropic else vem.upper_triangle(vem.elastic_matrix(m.moduli, dim)) for m in materials]
-    known = [m.out_of_plane for m in materials if m.out_of_plane is not None]
+    across = [m.out_of_plane for m in materials if m.out_of_plane is not None]
     # Each material, and its stabilisation, is zero where another is.
     own: list[Stabilisation] = [m.stabilised(dim) for m in materials]
     weights = [one.tau for one in own if isinstance(one, VertexWeights)]
@@ -55,24 +54,24 @@ def compose(materials: Sequence[Material], mesh: AnyMesh) -> Material:
         moduli=np.sum(moduli, axis=0),
         thermal_stress_moduli=np.sum([m.thermal_stress_moduli for m in materials], axis=0),
         plane=materials[0].plane,
-        out_of_plane=np.sum(known, axis=0) if len(known) == len(materials) else None,
+        out_of_plane=np.sum(across, axis=0) if len(across) == len(materials) else None,
         stabilisation=VertexWeights(np.sum(weights, axis=0)) if len(weights) == len(own) else regions,
     )
 
 
 def _check_cover(materials: Sequence[Material], mesh: AnyMesh) -> None:
-    whole = np.ones(mesh.n_cells, dtype=bool)
-    count = np.sum([whole if m.cells is None else m.cells for m in materials], axis=0)
-    found = []
-    for wrong, words in ((count == 0, "no material"), (count > 1, "more than one")):
-        if wrong.any():
-            first = int(np.argmax(wrong))
-            found.append(f"{wrong.sum()} with {words}, the first cell {first} around {mesh.centroids[first]}")
+    """Raise SceneError unless every cell has exactly one material."""
+    count = np.sum([np.ones(mesh.n_cells) if m.cells is None else m.cells for m in materials], axis=0)
+    found = [
+        f"{wrong.sum()} with {words}, the first cell {(first := int(np.argmax(wrong)))} around {mesh.centroids[first]}"
+        for wrong, words in ((count == 0, "no material"), (count > 1, "more than one"))
+        if wrong.any()
+    ]
     if found:
-        subjects = ", ".join(m.subject for m in materials)
         raise SceneError(
             f"materials: every cell takes exactly one; of {mesh.n_cells} cells there are {' and '.join(found)}. Found "
-            f"{subjects}; name the cells of each by on=, a cell datum that is nonzero there."
+            f"{', '.join(m.subject for m in materials)}; name the cells of each by on=, a cell datum that is nonzero "
+            "there."
         )
 
 
@@ -114,12 +113,11 @@ class InitialStresses:
 
 
 def initial_stresses(parts: Sequence[Contribution], material: Material, space: Space) -> InitialStresses | None:
-    """The initial stresses of all contributions; None without any."""
-    eigenstrains = tuple(s for part in parts for s in part.eigenstrains)
-    stresses = tuple(s for part in parts for s in part.initial_stresses)
-    return (
-        InitialStresses(material, eigenstrains, stresses, vem.stress_load(space)) if eigenstrains or stresses else None
+    """Return the initial stresses of all contributions; None without any."""
+    strains, stresses = (
+        tuple(x for part in parts for x in getattr(part, name)) for name in ("eigenstrains", "initial_stresses")
     )
+    return InitialStresses(material, strains, stresses, vem.stress_load(space)) if strains or stresses else None
 
 
 # Curves of contact that end on a plane of symmetry: they go on behind it as their mirror image.
@@ -139,7 +137,7 @@ def contributions(effects: Iterable[Effect], space: Space) -> list[tuple[Effect,
 
 
 def _contact(part: Contribution) -> Ints:
-    """The nodes where an effect contributes contact, partners among them, which are -1 without."""
+    """Return the nodes where an effect contributes contact, partners among them, which are -1 without."""
     bilateral = [support for support in part.supports if support.contact]
     return np.concatenate(pairs_of([*part.frictions, *part.obstacles, *part.surfaces, *bilateral]))
 
@@ -165,18 +163,16 @@ def _mirrors(parts: list[Contribution], space: Space) -> MirrorPlanes | None:
     return _spans(of_nodes[here], across[here])
 
 
-def _sides_held_across(space: Space, held: MirrorPlanes) -> list[tuple[Ints, Floats]]:
-    """Sides whose nodes cannot leave their planes: the nodes (m, n) and normals (m, dim) of those with equally many."""
+def _sides_held_across(space: Space, held: MirrorPlanes) -> Iterator[tuple[Ints, Floats]]:
+    """Yield the nodes (m, n) and normals (m, dim) of sides whose nodes cannot leave their planes, n by n."""
     part, place = space.part("boundary", "symmetry", contact=True), np.full(space.mesh.n_nodes, -1)
     place[held.nodes] = np.arange(len(held.nodes))
-    found = []
     for rule in part.rules(1):
         sides = np.flatnonzero((place[rule.nodes] >= 0).all(axis=1))
         nodes, normals = rule.nodes[sides], part.normals[rule.sides[sides]]
         along = np.einsum("snij,sj->sni", held.projections[place[nodes]], normals)
         across = (np.linalg.norm(along - normals[:, None, :], axis=2) <= STRAIGHT).all(axis=1)
-        found.append((nodes[across], normals[across]))
-    return found
+        yield nodes[across], normals[across]
 
 
 def _spans(nodes: Ints, directions: Floats) -> MirrorPlanes:
@@ -198,6 +194,8 @@ def _spans(nodes: Ints, directions: Floats) -> MirrorPlanes:
 
 
 Varying = TypeVar("Varying", Load, Friction, Eigenstrain, InitialStress)
+Datum = Callable[[float], Floats | Bools]
+ALONG_THE_NORMAL = "moves along the normal only, which friction does not feel"
 
 
 def active_parts(
@@ -214,12 +212,10 @@ def _without_inactive(effect: Effect, part: Contribution, times: Sequence[float]
     Data are evaluated until the first instant at which they are not zero; without instants they are all kept.
     """
 
-    def alive(
-        data: tuple[Varying, ...], value: Callable[[Varying], Callable[[float], Floats]], what: str
-    ) -> tuple[Varying, ...]:
+    def alive(data: tuple[Varying, ...], value: Callable[[Varying], Datum], what: str) -> tuple[Varying, ...]:
         zero = [len(times) > 0 and _zero(value(datum), times) for datum in data]
         said.extend(f"{data[i].subject}: its {what} is zero at all instants" for i in np.flatnonzero(zero))
-        return tuple(data[i] for i in np.flatnonzero(~np.array(zero, dtype=bool)))
+        return tuple(datum for datum, gone in zip(data, zero, strict=True) if not gone)
 
     def faded(datum: Any) -> Any:
         return replace(datum, value=fading(datum.value, times))
@@ -240,35 +236,32 @@ def _without_inactive(effect: Effect, part: Contribution, times: Sequence[float]
 
 
 def _grounded(friction: Friction, times: Sequence[float], said: list[str]) -> Friction:
-    """The friction, its ground left out if it is where it was along the boundary at all of `times`."""
+    """Return the friction, its ground left out if it is where it was along the boundary at all of `times`."""
     ground = friction.ground
     if ground is None or len(times) == 0:
         return friction
-    start = float(times[0])
+    axes = vem.tangents_of(friction.normals)
 
-    # Directions that are given are checked where norm terms are made of them.
-    tangents = None if friction.directions is not None else vem.tangents_of(friction.normals)
+    def moves(t: float) -> Bools:
+        return ground.vector(t) != ground.vector(float(times[0]))
 
     def rubs(t: float) -> Bools:
-        began, at = ground.vector(start), ground.vector(t)
-        if tangents is None:
-            return np.asarray(at != began)
+        began, at = ground.vector(float(times[0])), ground.vector(t)
         size = max(np.abs(began).max(initial=0.0), np.abs(at).max(initial=0.0))
-        return np.abs(along(tangents, at - began)) > DRAG_ROUNDING * size
+        return np.abs(along(axes, at - began)) > DRAG_ROUNDING * size
 
-    if not _zero(rubs, times):
+    if not _zero(moves if friction.directions is not None else rubs, times):
         return friction
-    still = _zero(lambda t: ground.vector(t) - ground.vector(start), times)
-    does = "stands still at all instants" if still else "moves along the normal only, which friction does not feel"
-    said.append(f"{ground.subject} {does}")
+    still = "stands still at all instants" if _zero(moves, times) else ALONG_THE_NORMAL
+    said.append(f"{ground.subject} {still}")
     return replace(friction, ground=None)
 
 
-def _bound(friction: Friction) -> Callable[[float], Floats]:
-    law, m = friction.law, len(friction.nodes)
-    if friction.ellipse is not None:
-        bounds = friction.ellipse.bounds
-        return lambda t: np.maximum(*bounds(t))
+def _bound(friction: Friction) -> Datum:
+    """Return what is zero where there is no friction, whatever presses."""
+    law, ellipse, m = friction.law, friction.ellipse, len(friction.nodes)
+    if ellipse is not None:
+        return lambda t: np.maximum(*ellipse.bounds(t))
     if law is None:
         return friction.weights
     if law.slips:
@@ -277,7 +270,7 @@ def _bound(friction: Friction) -> Callable[[float], Floats]:
     return lambda t: friction.weights_under(t, np.full(m, 1e100), np.zeros(m), np.zeros(m))
 
 
-def _zero(value: Callable[[float], Floats | Bools], times: Sequence[float]) -> bool:
+def _zero(value: Datum, times: Sequence[float]) -> bool:
     try:
         return not any(np.any(value(float(t))) for t in times)
     except VemcvxError:
@@ -352,7 +345,8 @@ class Scene:
             The scene has no such effect.
         """
         for kind in kinds:
-            if not (isinstance(kind, Effect) or (isinstance(kind, type) and issubclass(kind, Effect))):
+            is_class = isinstance(kind, type) and issubclass(kind, Effect)
+            if not is_class and not isinstance(kind, Effect):
                 raise SceneError(
                     f"Scene.without: found {brief(kind)}; give the class of an effect, such as "
                     "vemcvx.TrescaFriction, or an effect of the scene."
@@ -361,9 +355,7 @@ class Scene:
                 there = ", ".join(dict.fromkeys(type(effect).__name__ for effect in self._effects))
                 name = kind.__name__ if isinstance(kind, type) else brief(kind)
                 raise SceneError(f"Scene.without: there is no {name} in this scene; it has {there}.")
-        return self._unfinished(
-            tuple(effect for effect in self._effects if not any(_is(effect, kind) for kind in kinds))
-        )
+        return self._unfinished(tuple(x for x in self._effects if not any(_is(x, kind) for kind in kinds)))
 
     def __iter__(self) -> Iterator[Effect]:
         return iter(self._effects)
@@ -379,8 +371,11 @@ class Scene:
 def _checked(effects: tuple[Effect, ...]) -> tuple[Effect, ...]:
     for effect in effects:
         if not isinstance(effect, Effect):
+            found = f"{brief(effect)}, which is not an effect"
+            if isinstance(effect, type) and issubclass(effect, Effect):
+                found = f"{effect.__name__}, the class, where an effect {effect.__name__}(...) is wanted"
             raise SceneError(
-                f"Scene: found {_found(effect)}; a scene is made of effects, one by one, such as "
+                f"Scene: found {found}; a scene is made of effects, one by one, such as "
                 'Scene(Elasticity(young=200.0, poisson=0.3), Clamp(on="right")).'
             )
     return effects
@@ -388,12 +383,6 @@ def _checked(effects: tuple[Effect, ...]) -> tuple[Effect, ...]:
 
 def _is(effect: Effect, kind: type[Effect] | Effect) -> bool:
     return isinstance(effect, kind) if isinstance(kind, type) else effect is kind
-
-
-def _found(thing: object) -> str:
-    if isinstance(thing, type) and issubclass(thing, Effect):
-        return f"{thing.__name__}, the class, where an effect {thing.__name__}(...) is wanted"
-    return f"{brief(thing)}, which is not an effect"
 
 
 def _rank(effect: Effect) -> tuple[str, list[bytes], list[int]]:

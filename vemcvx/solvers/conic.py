@@ -27,8 +27,9 @@ from vemcvx.errors import NotAccepted, SceneError
 from vemcvx.program.operators import FEATURES, QUADRATIC, SECOND_ORDER_CONES, Operators
 from vemcvx.program.step_program import Answer, CvxpyStep, StepProgram, to_cvxpy
 from vemcvx.program.tolerances import SHARE, UNSEEN
-from vemcvx.solvers.newton import Shifts, answer_on, sets_at
-from vemcvx.solvers.solver import Iterate, Solver
+from vemcvx.solvers.law import GivenWeights
+from vemcvx.solvers.newton import PreparedNewton
+from vemcvx.solvers.solver import Solver
 
 
 @dataclass(frozen=True)
@@ -246,10 +247,6 @@ class ThroughCvxpy(Solver):
         return self.solver
 
     @property
-    def solves_on_sets(self) -> bool:
-        return self.polish
-
-    @property
     def advice(self) -> str:
         return super().advice if self.polish else f"use polish=True, or {super().advice.removeprefix('use ')}"
 
@@ -392,8 +389,8 @@ class _PreparedConic:
 
 def polished(program: StepProgram, answer: Answer) -> Answer:
     """One active-set step from an answer; the better certified of the two."""
-    before, near = program.admissible_point(answer.d, answer.lam, answer.p), program.proximal(answer.d)
-    sharper = answer_on(near, sets_at(near, Iterate(*before), Shifts.of(program.operators)))
+    before = program.admissible_point(answer.d, answer.lam, answer.p)
+    sharper = PreparedNewton(program.operators, 1).follow(program, GivenWeights(program.w), *before)
     d, lam, p = program.admissible_point(sharper.d, sharper.lam, sharper.p)
     after = Answer(d, lam, answer.iterations + 1, answer.status + ", polished", p=p)
     return after if _gap(program, after) < program.duality_gap(*before) else answer

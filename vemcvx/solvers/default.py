@@ -11,18 +11,19 @@ from __future__ import annotations
 import inspect
 import logging
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
-from vemcvx.arrays import Floats, brief, flag
+from vemcvx.arrays import Floats, brief, flag, lengths
 from vemcvx.errors import NotAccepted, SceneError
 from vemcvx.program.operators import FEATURES, QUADRATIC, SECOND_ORDER_CONES, Operators
 from vemcvx.program.step_program import Answer, StepProgram, read_answer
 from vemcvx.solvers.conic import OSQP, Clarabel
-from vemcvx.solvers.newton import Newton
-from vemcvx.solvers.solver import Solver
+from vemcvx.solvers.law import GivenWeights, Weights
+from vemcvx.solvers.newton import Newton, PreparedNewton, gap_under, within
+from vemcvx.solvers.solver import InUnits, Solver
 
 
 class Solves(Protocol):
@@ -111,6 +112,7 @@ class Direct(Solver):
     accuracy: float = 1e-8
 
     accepts: ClassVar[frozenset[str]] = frozenset({QUADRATIC})
+    any_units: ClassVar[bool] = True
 
     def prepare(self, operators: Operators) -> Direct:
         return self
@@ -119,6 +121,37 @@ class Direct(Solver):
         """Answer one scaled step."""
         d = program.operators.factor.solve(program.g)
         return Answer(d, np.zeros_like(lam), 1, "solved", p=np.zeros_like(program.e))
+
+
+MOST_PROGRAMS = 3
+"""Programs of Clarabel's for a law that active sets do not solve."""
+
+
+@dataclass(frozen=True, eq=False)
+class LastResort:
+    """Newton's method, prepared for a run, with Clarabel for steps that miss the target."""
+
+    newton: PreparedNewton
+
+    def solve(
+        self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None, law: Weights | None = None
+    ) -> Answer:
+        """Answer one step; `status` says where Clarabel was asked."""
+        answer = self.newton.solve(program, target, lam, p, law)
+        law = law or GivenWeights(program.w)
+        if within(program, law, answer, target):
+            return answer
+        conic, best, last, count = InUnits.of(Clarabel(), program.operators), answer, answer, answer.iterations
+        for _ in range(1 if law.given else MOST_PROGRAMS):
+            w = law.at(last.p, lengths(program.slip(last.d)))
+            asked = conic.solve(replace(program, w=w), target, last.lam, last.p)
+            last = self.newton.begun_at(program, law, asked)
+            count += asked.iterations + last.iterations
+            best = min((best, asked, last), key=lambda one: gap_under(program, law, one))
+            if within(program, law, best, target):
+                break
+        self.newton.system = None
+        return replace(best, iterations=count, status=f"{best.status}, after Clarabel", safeguards=best.safeguards + 1)
 
 
 BY_SIZE: tuple[Solver, ...] = (Direct(), Newton(), OSQP(), Clarabel())

@@ -10,7 +10,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from contextlib import contextmanager
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar, Protocol, Self
 
 import numpy as np
@@ -18,16 +18,8 @@ import numpy as np
 from vemcvx.arrays import Floats, part
 from vemcvx.errors import SolverFailed, VemcvxError
 from vemcvx.program.operators import Operators
-from vemcvx.program.step_program import Answer, StepProgram
-
-
-@dataclass(frozen=True)
-class Iterate:
-    """Increments d (n,) with multipliers lam (m, block) and p (r,)."""
-
-    d: Floats
-    lam: Floats
-    p: Floats
+from vemcvx.program.scaling import Scaling
+from vemcvx.program.step_program import Answer, StepProgram, fitting
 
 
 class Prepared(Protocol):
@@ -62,8 +54,8 @@ class Solver(ABC):
         The certified relative energy error asked of a step, between 0 and 1: |d - d*|_K <= accuracy times the largest
         energy norm of the states so far. The target of a step's duality gap is half the square of that.
     semidefinite : bool
-        True if it takes a K with a kernel, `operators.kernel`. A solver that does not is asked for proximal points
-        (:mod:`vemcvx.program.kernel`): the K that it is given is always positive definite.
+        True if it takes a K with a kernel, `operators.kernel`; scenes in which friction and contact alone hold a body
+        are refused to others.
     max_iterations : float
         How many iterations a step may take; infinite if the solver does not count them.
     """
@@ -98,8 +90,13 @@ class Solver(ABC):
         return False
 
     @property
-    def solves_on_sets(self) -> bool:
-        """True if answers are those of the linear system of some active sets; another such answer may replace them."""
+    def any_units(self) -> bool:
+        """True if it solves programs in any units alike; others are given scaled ones."""
+        return False
+
+    @property
+    def follows(self) -> bool:
+        """True if what it prepares solves steps under laws, `solve(..., law=)`; an attribute of subclasses that do."""
         return False
 
     @property
@@ -142,6 +139,31 @@ class Solver(ABC):
     def check_accuracy(self) -> None:
         """Raise SceneError for an accuracy that means nothing."""
         part(self.accuracy, self.name, "accuracy", "a relative energy error", "1e-6")
+
+
+@dataclass(frozen=True, eq=False)
+class InUnits:
+    """A solver whose tolerances are plain numbers, prepared for scaled programs (:mod:`vemcvx.program.scaling`)."""
+
+    prepared: Prepared
+    scaling: Scaling
+    name: str
+
+    @classmethod
+    def of(cls, solver: Solver, operators: Operators) -> InUnits:
+        """The solver, prepared for the scaled operators."""
+        scaling = Scaling.of(operators)
+        return cls(solver.prepare(scaling.operators), scaling, solver.name)
+
+    def solve(self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None) -> Answer:
+        """Answer one step, which the solver gets scaled."""
+        alpha = self.scaling.length(program)
+        force, scaled = self.scaling.kappa * alpha, self.scaling.scale(program, alpha)
+        pressed = np.zeros_like(program.e) if p is None else p
+        answer = self.prepared.solve(scaled, self.scaling.energy(target, alpha), lam / force, pressed / force)
+        answer = self.scaling.restore(fitting(answer, scaled, self.name), alpha)
+        # Interior points leave forces at gaps that were cut, too.
+        return replace(answer, p=np.where(alpha * scaled.e < program.e, 0.0, answer.p))
 
 
 @contextmanager

@@ -4,9 +4,8 @@ A step has four acts:
 
     pose      :mod:`.posed_step`    the convex program of the step, from the state before it and the data at t_n
     answer    :mod:`.posed_step`    by the solver, in scaled units; asked again where it misses
-              :mod:`.fixed_point`   where weights follow pressures (Coulomb), a fixed point of such programs
+              :mod:`.fixed_point`   where weights follow pressure or slip, by solvers that take given weights alone
     certify   :mod:`.posed_step`    on the retained unknowns
-                                    and on all, refined against K itself, where the factors are too coarse
     record    :mod:`.trajectory`    steps that are kept, certified on all unknowns: rows of a trajectory
 
 Why not by the midpoint rule, which is a convex program a step, too, says problems/midpoint_rule.py: its states at the
@@ -15,7 +14,7 @@ instants violate (2.1), and where slips begin inside of steps it is of order one
 Nodes that supports move along the contact have a given slip: their friction enters no program, but it dissipates. With
 c(t) the position of these norm terms, and s = c(t_n) - c(t_{n-1}) their slip,
 
-    multiplier = w s / |s| + bias,    loss = w |s| + bias . s,
+    multiplier = w s / |s|,    loss = w |s|,
 
 which is also work of the supports, whose reactions balance minus the multiplier. Where s = 0 any multiplier up to the
 bound is admissible, and 0 is taken. Weights that follow pressures are those of the forces p at the end of the step.
@@ -52,9 +51,8 @@ from vemcvx.program.operators import energy_norm
 from vemcvx.program.step_program import Answer
 from vemcvx.program.system import DRAG_ROUNDING, System
 from vemcvx.solvers import Solver, Solves, as_solver
-from vemcvx.stepping.fixed_point import refined_step, solved
-from vemcvx.stepping.ledger import Ledger, Rubbed, StepData, energy, energy_in_full, strain_energy
-from vemcvx.stepping.posed_step import PosedStep, certified_in_full, data_norms, pose_step, require_certified
+from vemcvx.stepping.ledger import Ledger, Rubbed, StepData, energy, strain_energy
+from vemcvx.stepping.posed_step import PosedStep, certified_in_full, data_norm, pose_step, require_certified
 from vemcvx.stepping.state import Dragged, PreparedRun, State, prepare
 from vemcvx.stepping.trajectory import Memory, Recorder, Storage, Trajectory, stored_steps
 from vemcvx.stepping.viscous import ViscousSteps
@@ -81,13 +79,10 @@ class QuasistaticSteps:
         same = attempt.data.still_as(before.data) and np.array_equal(attempt.program.w, before.weights)
         # A given start may be out of balance by more than a step's accuracy.
         if same and before.accepted(run.accuracy):
-            lam = before.lam - attempt.bias
-            guess = Answer(np.zeros_like(before.y), lam, 0, "nothing changed", p=before.p)
+            guess = Answer(np.zeros_like(before.y), before.lam, 0, "nothing changed", p=before.p)
             state = attempt.state_after(guess, before.certificate)
         else:
-            state = solved(attempt, n)
-        if run.refines:
-            state = refined_step(attempt, state, n)
+            state = attempt.solve_balanced(n)
         if run.check:
             require_certified(run, state, n)
         return state
@@ -115,12 +110,8 @@ def with_dragged_friction(system: System, before: State, state: State) -> State:
     past, size = before.dragged.slipped, np.where(still, 0.0, size)
     weights, along = terms.weights(state.t, state.p, past, size), np.where(still, 0.0, 1.0)[:, None] * slip
     lam = along * np.divide(weights, size, out=np.zeros_like(size), where=~still)[:, None]
-    biases = None
-    if terms.bias is not None:
-        biases = terms.bias(before.t).reshape(slip.shape), terms.bias(state.t).reshape(slip.shape)
-        lam = lam + np.where(still, 0.0, 1.0)[:, None] * biases[1]
     last_ones = before.dragged
-    rubbed = Rubbed(lam, along, weights, (last_ones.weights, weights), biases)
+    rubbed = Rubbed(lam, along, weights, (last_ones.weights, weights))
     worn, between = last_ones.worn + rubbed.loss, last_ones.worn_second_order + rubbed.loss_second_order
     ledger, total = state.ledger, float(rubbed.loss.sum())
     ledger = replace(
@@ -185,7 +176,7 @@ def march(
     with threads_of_steps(system, condense, linear):
         run = prepare(system, solver, check, condense, linear)
         prepared = time.perf_counter()
-        recorder = Recorder(run, instants, kept, storage or Memory(), initial)
+        recorder = Recorder(run, instants, kept, storage or Memory())
         earlier = recorder.begin()
         if earlier is None:
             earlier = 0, first_state(run, instants, initial)
@@ -221,13 +212,13 @@ def first_state(run: PreparedRun, instants: Floats, initial: Beginning) -> State
 def threads_of_steps(system: System, condense: bool, linear: LinearSolver) -> AbstractContextManager[None]:
     """Keep BLAS to one thread within, unless the steps' own matrices are large and dense."""
     unknowns = len(system.retained) if condense else system.n
-    return one_thread(unknowns if linear.eliminates else 0, linear.cores)
+    return one_thread(unknowns if linear.eliminates else 0)
 
 
 def steps_of(run: PreparedRun, instants: Floats) -> QuasistaticSteps | ViscousSteps:
     """The steps of a run, viscous or not."""
     damping = run.system.damping
-    return QuasistaticSteps(run) if damping is None else ViscousSteps(run, damping, instants)
+    return QuasistaticSteps(run) if damping is None else ViscousSteps(run, damping)
 
 
 def check_kinds(
@@ -240,7 +231,7 @@ def check_kinds(
         as_solver(solver).check_accuracy()
     if linear is not None and not isinstance(linear, LinearSolver):
         raise SceneError(
-            f"linear: found {brief(linear)}; wanted SuperLU(), Pardiso(), Multigrid(), PETSc(), or None (chosen)."
+            f"linear: found {brief(linear)}; wanted SuperLU(), Pardiso(), Iterative(), PETSc(), or None (chosen)."
         )
     if progress is not None and not callable(progress):
         raise SceneError(f"progress: found {brief(progress)}; wanted a function of (step, steps).")
@@ -390,21 +381,16 @@ def state_given(run: PreparedRun, now: StepData, y: Floats) -> State:
 def _settle(run: PreparedRun, state: State) -> State:
     """Take one step at the same instant, with all unknowns and the certificate of the full system."""
     attempt = pose_step(run, state, state.data, state.weights)
-    settled = solved(attempt, 0)
-    if run.refines:
-        settled = refined_step(attempt, settled, 0)
+    settled = attempt.solve_balanced(0)
     return certified_in_full(run, settled)
 
 
 def _beginning(run: PreparedRun, state: State) -> State:
     """The state as the beginning of a history: nothing has slipped, nothing is lost or done."""
     start = energy(run.condensation, state.y, state.data, state.p)
-    if run.refines:
-        start = energy_in_full(run.system, state.unknowns, state.t, state.p)
     ledger = Ledger.opening(start, run.operators.count)
-    floor, accuracy = state.certificate.error_floor, run.solver.accuracy
-    size, noise = data_norms(run.condensation, state.data, ledger.norm, floor, accuracy)
-    return replace(state, slip=np.zeros_like(state.slip), ledger=ledger, scale=ledger.norm, size=size, noise=noise)
+    size = data_norm(run.condensation, state.data.force, ledger.norm, run.solver.accuracy)
+    return replace(state, slip=np.zeros_like(state.slip), ledger=ledger, scale=ledger.norm, size=size)
 
 
 def _violation(run: PreparedRun, state: State, jump: float) -> str:
@@ -412,7 +398,7 @@ def _violation(run: PreparedRun, state: State, jump: float) -> str:
     where = ""
     if norms is not None and operators.count:
         needed = np.linalg.lstsq(operators.B.T.toarray(), state.unbalanced, rcond=None)[0]
-        excess = np.linalg.norm(operators.blocks(needed - state.data.bias), axis=1) - state.weights
+        excess = np.linalg.norm(operators.blocks(needed), axis=1) - state.weights
         worst = int(np.argmax(excess))
         if excess[worst] > 0:
             where = (

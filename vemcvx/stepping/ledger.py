@@ -5,22 +5,22 @@ work     = load_n . dy + a(u_n, du_D) + lam . dc - p . dg,    g = e - D^u_D
            (forces and reactions at the end of the step; this load is without the Dirichlet force; c is the motion of
            supports along norm terms, less that of the ground, which friction pulls along; g is the remaining gap at
            y = 0, which shrinks where supports move towards limits, or obstacles towards the body: they push)
-loss     = sum_i lam_i . s_i, which is w_i |s_i| + c_i . s_i at a solution, kept term by term, too: friction work, which
+loss     = sum_i lam_i . s_i, which is w_i |s_i| at a solution, kept term by term, too: friction work, which
            wears what rubs (Archard 1953)
 identity   work - dE - loss = 1/2 a(du, du) + p . dz  step by step, for every balanced answer, z = D^u - e. For bounds
            the last term is -p . z_prev >= 0; for soft limits, less the change of their energy, at least c (dp)^2 / 2
 
 Between the instants. Forces at the end of a step do O(k) too much work, even where the states at both ends are exact,
 and friction whose bound changes in a step loses O(k) too much or too little. Of second order are, with weights w (of
-laws that read slips, at the slips of the instants) and biases c averaged over both ends of a step,
+laws that read slips, at the slips of the instants) averaged over both ends of a step,
 
-loss       = sum_i ( (w_i + w_i,prev) / 2 |s_i| + (c_i + c_i,prev) / 2 . s_i )     what slips is at its bound
+loss       = sum_i (w_i + w_i,prev) / 2 |s_i|     what slips is at its bound
 work       = E - E_0 + loss                                                        the balance of the continuum
 
 (the trapezoidal rule on the loss of a monotone slip; the work, where it is asked of forces, would be the mean of both
 ends' times the increment, which is dE + (lam + lam_prev) / 2 . s + (p + p_prev) / 2 . dz for balanced states: as much,
-but for what happens in the one step in which a place begins to slip, to touch or to open.) Where w and c are constant
-and slips are those of the continuum both are exact.
+but for what happens in the one step in which a place begins to slip, to touch or to open.) Where w is constant and
+slips are those of the continuum both are exact.
 
 Supports that carry a body far, and strain it little, would leave the energy to the cancellation of 1/2 y'Ky + y'm +
 1/2 a(u_D, u_D), m = P'A u_D. So a state is split, u = u_m + P z, into what the supports alone bring about,
@@ -43,7 +43,6 @@ from functools import cached_property
 import numpy as np
 
 from vemcvx.arrays import Floats, lengths
-from vemcvx.linear import residual
 from vemcvx.program.condensation import Condensation, Reduced
 from vemcvx.program.operators import product
 from vemcvx.program.scaling import LARGEST_NORM, checked_norm
@@ -68,14 +67,8 @@ class StepData:
     force: Reduced  # load minus Dirichlet force
     prescribed_slip: Floats
     remaining_gap: Floats  # (r,) gaps of the limits at y = 0
-    bias: Floats  # (m * block,) c of one-way friction
     ground: Floats | None = None  # (m * block,) the motion of the ground, subtracted in `prescribed_slip`
     carried: Carried | None = None  # None if no supports move
-
-    @cached_property
-    def tilted(self) -> bool:
-        """True if friction is one-way somewhere."""
-        return bool(self.bias.any())
 
     def still_as(self, other: StepData) -> bool:
         """Return True if nothing differs between the two instants."""
@@ -84,7 +77,6 @@ class StepData:
             self.force.same(other.force)
             and np.array_equal(self.prescribed_slip, other.prescribed_slip)
             and np.array_equal(self.remaining_gap, other.remaining_gap)
-            and np.array_equal(self.bias, other.bias)
             and (one is None or two is None or one.dirichlet_force.same(two.dirichlet_force))
         )
 
@@ -117,13 +109,11 @@ class Ledger:
 class Rubbed:
     """Friction in a step: multipliers and slips (m, block), weights (m,) of the step, and bounds at both its ends."""
 
-    lam: Floats  # c + lam of the program, at the end of the step
+    lam: Floats  # of the program, at the end of the step
     slip: Floats
     weights: Floats
     bounds: tuple[Floats, Floats]
     """(m,) weights at the slips of both ends: those of a step may be of the slip before it"""
-    biases: tuple[Floats, Floats] | None = None
-    """(m, block) at both ends, where friction is one-way"""
 
     @cached_property
     def loss(self) -> Floats:
@@ -133,20 +123,16 @@ class Rubbed:
 
     @property
     def loss_second_order(self) -> Floats:
-        """(m,) the loss with bounds and biases averaged over both ends of the step.
+        """(m,) the loss with bounds averaged over both ends of the step.
 
-        (lam - c) . s is w |s| but for rounding, and stays small where a slip is rounding under a large weight.
+        lam . s is w |s| but for rounding, and stays small where a slip is rounding under a large weight.
         """
-        (before, after), w, biases = self.bounds, self.weights, self.biases
-        if biases is None and (before == w).all() and (after is w or (after == w).all()):
+        (before, after), w = self.bounds, self.weights
+        if (before == w).all() and (after is w or (after == w).all()):
             return self.loss
-        rubs = self.loss if biases is None else np.einsum("mb,mb->m", self.lam - biases[1], self.slip)
         # |s|, by the forces that slip takes; by itself where the weight has vanished at the end of the step.
-        way = np.divide(rubs, w, out=lengths(self.slip).copy(), where=w > 0)
-        loss: Floats = 0.5 * (before + after) * way
-        if biases is not None:
-            loss = loss + np.einsum("mb,mb->m", 0.5 * (biases[0] + biases[1]), self.slip)
-        return np.maximum(loss, 0.0)
+        way = np.divide(self.loss, w, out=lengths(self.slip).copy(), where=w > 0)
+        return np.maximum(0.5 * (before + after) * way, 0.0)
 
 
 def step_data(system: System, condensation: Condensation, t: float) -> StepData:
@@ -157,7 +143,6 @@ def step_data(system: System, condensation: Condensation, t: float) -> StepData:
         force=in_range(condensation.reduce(forces, rows=rows), t),
         prescribed_slip=system.prescribed_slip(t),
         remaining_gap=system.remaining_gap(t),
-        bias=system.bias(t),
         ground=system.ground(t),
     )
     motion = system.motion
@@ -194,8 +179,7 @@ def energy(condensation: Condensation, y: Floats, now: StepData, p: Floats) -> f
 def strain_energy(system: System, y: Floats, t: float) -> float:
     """1/2 a(u, u) of all unknowns y (n,)."""
     if system.motion is None:
-        none = np.zeros_like(y)
-        return 0.5 * float(y @ -residual(none, system.K, y, none))
+        return 0.5 * float(y @ (system.K @ y))
     seen = system.motion.frame(t, y)
     return 0.5 * system.motion.pair(seen, seen)
 
@@ -235,31 +219,6 @@ def advance(
     work += force.work_inside(change) + float(force.retained @ d)
     work += float(answer.lam.ravel() @ (now.prescribed_slip - last.prescribed_slip))
     return _after_step(past, energy(condensation, y, now, answer.p), work, rubbed)
-
-
-def advance_in_full(
-    system: System,
-    past: Ledger,
-    between: tuple[StepData, StepData],
-    y: tuple[Floats, Floats],
-    answer: Answer,
-    rubbed: Rubbed,
-) -> Ledger:
-    """The ledger after a step of which all unknowns (n,) are known, `y` before and after.
-
-    The factors and S, which may be too coarse for energies, take no part: products with K itself, in extended
-    precision. With held = load - P'A u_n,  load . dy + a(u_n, du_D) = held . dy + a(u_n, du).
-    """
-    (last, now), (start, end), motion = between, y, system.motion
-    d = end - start
-    work = -float(answer.p @ (now.remaining_gap - last.remaining_gap))
-    if motion is None:
-        work += float(now.force.phi @ d)
-    else:
-        seen, then = motion.frame(now.t, end), motion.frame(last.t, start)
-        work += motion.pair(seen, seen - then) + float(system.multiplier_force(answer.lam, answer.p) @ d)
-    work += float(answer.lam.ravel() @ (now.prescribed_slip - last.prescribed_slip))
-    return _after_step(past, energy_in_full(system, end, now.t, answer.p), work, rubbed)
 
 
 def _after_step(past: Ledger, stored: float, work: float, rubbed: Rubbed) -> Ledger:

@@ -26,9 +26,10 @@ from vemcvx.stepping.backward_euler import (
     steps_of,
     threads_of_steps,
 )
+from vemcvx.stepping.checkpoint import state_of_row
 from vemcvx.stepping.posed_step import certified_in_full
 from vemcvx.stepping.state import PreparedRun, State, prepare
-from vemcvx.stepping.trajectory import Trajectory
+from vemcvx.stepping.trajectory import FIELDS, SCALARS, Trajectory
 from vemcvx.stepping.viscous import ViscousSteps
 
 
@@ -89,7 +90,7 @@ def _solved_program(steps: QuasistaticSteps | ViscousSteps, before: State, after
     posed = steps.posed(before, n, after.t, after.weights)
     program, norms = posed.program, posed.run.system.norms
     # The difference of two states may lie a rounding error beyond a bound.
-    answer = after.answer(program.feasible(after.y - before.y), after.lam - posed.bias, after.p)
+    answer = after.answer(program.feasible(after.y - before.y), after.lam, after.p)
     found = SolvedProgram.of(program, answer, n, after.t)
     if found.certificate.gap > 1.01 * after.certificate.gap + found.certificate.floor:
         # The difference has lost digits, and gaps are linear in them where terms stick and limits touch: an active-set
@@ -97,7 +98,7 @@ def _solved_program(steps: QuasistaticSteps | ViscousSteps, before: State, after
         found = SolvedProgram.of(program, polished(program, answer), n, after.t)
     if norms is None or not norms.sloped:
         return found
-    return replace(found, slope=norms.pressure_law(after.t, before.ledger.slipped).slope(after.p).B)
+    return replace(found, slope=norms.slope_by_forces(after.t, after.p, before.ledger.slipped))
 
 
 def _check_stored(trajectory: Trajectory, n: int) -> None:
@@ -115,17 +116,11 @@ def _check_stored(trajectory: Trajectory, n: int) -> None:
 
 def _stored(run: PreparedRun, trajectory: Trajectory, n: int) -> State:
     """The stored arrays of the state after step `n`."""
-    now = run.driven(float(trajectory.times[n]))
     if n == 0 and trajectory.initial is not None:
-        return state_given(run, now, trajectory.initial)
-    row, norms = int(np.searchsorted(trajectory.stored, n)), slice(0, run.operators.count)
-    state = state_given(run, now, trajectory.state[row])
-    return replace(
-        state,
-        lam=trajectory.multipliers[row, norms],
-        p=trajectory.pressures[row],
-        weights=trajectory.weights[row, norms],
-        ledger=replace(state.ledger, slipped=trajectory.slipped[row, norms]),
-        certificate=replace(state.certificate, equilibrium=float(trajectory.gap[n])),
-        iterations=int(trajectory.iterations[n]),
-    )
+        return state_given(run, run.driven(float(trajectory.times[0])), trajectory.initial)
+    row = int(np.searchsorted(trajectory.stored, n))
+    stored = {
+        name: getattr(trajectory, name)[row] for name, of in FIELDS.items() if of.sizes[0] == "S" and name != "velocity"
+    }
+    scalars = {name: getattr(trajectory, name)[n] for name in SCALARS if getattr(trajectory, name) is not None}
+    return state_of_row(run, float(trajectory.times[n]), {"unit": np.zeros(()), **stored, **scalars})

@@ -11,44 +11,34 @@ the sum of these squares is less than the elastic energy: with
     rho = the largest eigenvalue of  k^{1/2} B K^{-1} B' k^{1/2},      sum_i k_i |(B d)_i|^2 <= rho d'Kd,
 
 as long as rho < 1. In a block of height H and shear modulus mu that shears uniformly that is k < mu / H per area: the
-stability of a spring and a slider; other motions of a block may be softer, and rho larger. The margin 1 - rho does not
-depend on the length of steps. Without one a step may have several answers, or jump: what is found is then an estimate,
-which a warning says.
+stability of a spring and a slider; other motions of a block may be softer, and rho larger. It does not depend on the
+length of steps. Without it a step may have several answers, or jump, which a warning says.
 
-Theorem. Let rho < 1, and let (d_k, lam, p) be certified under the weights w' of its own slip by gap = 1/2
-|r|^2_{K^{-1}} + C. Then the step has one solution d, and  |d_k - d|_K <= sqrt(2 gap) / (1 - rho). Proof. With e = d_k -
-d:  |e|^2_K = -r.e - (lam - lam*).Be - (p - p*).De. Up to C, the last term is <= 0, and the one before it at most
-sum (w'_i - w*_i)(|s*_i| - |s_i|) <= sum k_i (|s_i| - |s*_i|)^2 <= sum k_i |(Be)_i|^2 <= rho |e|^2. So
-(1 - rho) |e|^2 <= |r| |e| + C, with |r| |e| <= |r|^2 / 2(1 - rho) + (1 - rho) |e|^2 / 2.  QED  (One solution: between
-two of them r = 0 and C = 0.)
-
-The iteration w_{k+1} = law(s(T(w_k))) of :mod:`vemcvx.stepping.fixed_point` shrinks increments by rho if weights do not
-rise faster than k, either. A law that reads the slip before the step alone has k = 0: the certificate of its one
-program is the step's.
+Theorem. If rho < 1, the step has one solution. Proof. Let e be the difference of two solutions. Then
+|e|^2_K = -(lam - lam*).Be - (p - p*).De. The last term is <= 0, and the one before it at most
+sum (w_i - w*_i)(|s*_i| - |s_i|) <= sum k_i (|s_i| - |s*_i|)^2 <= sum k_i |(Be)_i|^2 <= rho |e|^2.  QED
 """
 
 from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 
 import numpy as np
 from scipy.linalg import eigh
 
 from vemcvx.arrays import EPS, Bools, Floats, lengths
-from vemcvx.errors import SceneWarning
+from vemcvx.errors import NotAccepted, SceneWarning
 from vemcvx.linear import LinearSolver
 from vemcvx.program.certificate import Certificate
-from vemcvx.program.condensation import Condensation, needs_refinement
+from vemcvx.program.condensation import Condensation
 from vemcvx.program.operators import Norms, Operators
-from vemcvx.program.scaling import Scaling
 from vemcvx.program.step_program import Answer
 from vemcvx.program.system import System
 from vemcvx.solvers import Prepared, Solver, Solves, choose_solver
-from vemcvx.solvers.semidefinite import ProximalPoints
-from vemcvx.solvers.sets_system import Response
-from vemcvx.solvers.solver import named_failures
+from vemcvx.solvers.default import LastResort
+from vemcvx.solvers.newton import PreparedNewton
+from vemcvx.solvers.solver import InUnits, named_failures
 from vemcvx.stepping.ledger import Ledger, StepData, step_data
 
 STABLE = 0.999  # rho beyond which the rounding of answers counts for more than a thousand times itself.
@@ -61,20 +51,15 @@ class Stability:
     rho: float
     worst: int
 
-    @property
-    def margin(self) -> float:
-        """1 - rho where steps are convex with rho < STABLE, else 0."""
-        return 1.0 - self.rho if self.rho < STABLE else 0.0
-
 
 def stability_of(operators: Operators, norms: Norms) -> Stability | None:
     """The stability of norm terms; a warning where they are not stable."""
     found = stability(operators, norms.softening)
-    if found is not None and found.margin == 0.0:
+    if found is not None and found.rho >= STABLE:
         warnings.warn(
             f"friction: weights may fall faster with slip than the body gives way, most at {norms.name(found.worst)} "
             f"(softening over stiffness is {found.rho:.3g}; less than {STABLE:g} makes steps convex). A step may have "
-            "several answers, or jump, and certificates are estimates. Take a law that falls over a longer slip, a "
+            "several answers, or jump. Take a law that falls over a longer slip, a "
             "stiffer body, or a law that reads the slip before the step alone.",
             SceneWarning,
             stacklevel=2,
@@ -110,11 +95,9 @@ class PreparedRun:
 
     system: System
     condensation: Condensation
-    scaling: Scaling
     solver: Solver
     prepared: Prepared
     check: bool
-    refines: bool  # True if the factors are too coarse for the accuracy, so that every step is refined
 
     default: bool = False  # nobody asked for the accuracy: an answer at the rounding floor is good enough
 
@@ -141,18 +124,7 @@ class PreparedRun:
 
     def asking(self, solver: Solver) -> PreparedRun:
         """The run that asks another solver."""
-        return replace(self, solver=solver, prepared=prepared_solver(solver, self.scaling.operators, self.system))
-
-    @cached_property
-    def response(self) -> Response:
-        """The response of norm terms and limits of the scaled operators to each other's forces."""
-        return Response(self.scaling.operators)
-
-    @cached_property
-    def stability(self) -> Stability | None:
-        """The stability of weights that fall with slip; None where their rate is unknown."""
-        norms = self.system.norms
-        return None if norms is None else stability_of(self.operators, norms)
+        return replace(self, solver=solver, prepared=prepared_solver(solver, self.operators))
 
     @property
     def operators(self) -> Operators:
@@ -165,7 +137,7 @@ class Dragged:
     """The friction of nodes that supports drag along, after a step: see :mod:`vemcvx.stepping.backward_euler`."""
 
     weights: Floats  # (q,)
-    lam: Floats  # (q, block) multipliers, the bias included
+    lam: Floats  # (q, block) multipliers
     still: Bools  # (q,) which did not slip
     worn: Floats  # (q,) cumulative loss
     worn_second_order: Floats  # (q,) likewise, as the ledger has it
@@ -212,10 +184,8 @@ class State:
     iterations: int
     status: str = ""  # in the solver's own words
     safeguards: int = 0  # how many of the iterations stood in for faster ones
-    rate: float = np.nan  # estimated constant of contraction of the fixed point, where weights depend on the answer
     full: Floats | None = None  # (n,) `unknowns`, once somebody has asked for them
     size: float = 0.0  # largest energy norm that the data could cause; computed only while the states are far smaller
-    noise: float = 0.0  # largest energy norm that friction alone could cause, of a state that is its rounding
     earlier: Earlier | None = None  # multipliers of the step before, if there was one
     dragged: Dragged = field(default_factory=lambda: Dragged.nothing(0, 1))  # before the step, while it is on
     velocity: Floats | None = None  # (n,) their increments over the length of the step, where rates cost
@@ -240,11 +210,6 @@ class State:
             scale=ledger.norm,
             iterations=0,
         )
-
-    @property
-    def bias(self) -> Floats:
-        """c (m, block) of one-way friction."""
-        return self.data.bias.reshape(self.lam.shape)
 
     @property
     def unknowns(self) -> Floats:
@@ -285,8 +250,7 @@ class State:
 
     def unit(self, accuracy: float) -> float:
         """The energy norm that errors are relative to: see :mod:`vemcvx.stepping.posed_step`."""
-        size = max(self.size, self.noise)
-        return size if self.scale <= accuracy * size else self.scale
+        return self.size if self.scale <= accuracy * self.size else self.scale
 
     def accepted(self, accuracy: float) -> bool:
         """Return True if the certified error is within the accuracy."""
@@ -304,12 +268,16 @@ def sticking(run: PreparedRun, state: State) -> Bools:
     return sticks
 
 
-def prepared_solver(solver: Solver, operators: Operators, system: System) -> Prepared:
-    """The solver, prepared for scaled operators; by proximal points where K has a kernel and it takes none."""
+def prepared_solver(solver: Solver, operators: Operators) -> Prepared:
+    """The solver, prepared for the operators of a run; NotAccepted where K has a kernel and it takes none."""
+    if operators.kernel is not None and not solver.semidefinite:
+        raise NotAccepted(
+            f"solver {solver.name}: only friction and contact hold a body, so that K is semidefinite, which it does "
+            "not take; a solver that does says so by `semidefinite = True`. Newton and Clarabel do."
+        )
     with named_failures(solver.name):
-        if operators.kernel is None or solver.semidefinite:
-            return solver.prepare(operators)
-        return ProximalPoints(solver, operators, follows=system.norms is not None and system.norms.ground is not None)
+        prepared = solver.prepare(operators) if solver.any_units else InUnits.of(solver, operators)
+    return LastResort(prepared) if isinstance(prepared, PreparedNewton) else prepared
 
 
 def prepare(
@@ -318,15 +286,14 @@ def prepare(
     """Factorise, condense, scale, and let the solver do what all steps share."""
     condensation = Condensation(system, condense, linear)
     chosen = choose_solver(condensation.operators, solver)
-    prepared = prepared_solver(chosen, condensation.scaling.operators, system)
-    refines = condensation.refinable and needs_refinement(condensation, chosen.accuracy)
+    prepared = prepared_solver(chosen, condensation.operators)
+    if system.norms is not None:
+        stability_of(condensation.operators, system.norms)
     return PreparedRun(
         system=system,
         condensation=condensation,
-        scaling=condensation.scaling,
         solver=chosen,
         prepared=prepared,
         check=check,
-        refines=refines,
         default=solver is None,
     )

@@ -11,8 +11,6 @@ from __future__ import annotations
 
 import logging
 import os
-import time
-import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,7 +24,7 @@ from vemcvx.arrays import Bools, Floats, Ints, brief, is_whole, quantities
 from vemcvx.errors import HistoryError, SceneError
 from vemcvx.outline import ArrayRecord
 from vemcvx.owned_files import Owned, path_of
-from vemcvx.stepping.checkpoint import check_same, check_same_data, fixed_marks, from_arrays, mark_of_data, to_arrays
+from vemcvx.stepping.checkpoint import mark, state_of_row
 from vemcvx.stepping.posed_step import certified_in_full, certified_together, require_certified, say_floor, together
 from vemcvx.stepping.state import PreparedRun, State, sticking
 
@@ -144,7 +142,7 @@ class Trajectory(ArrayRecord):
     state : (S, n) array
         y at the stored instants.
     multipliers : (S, m, block) array
-        lam with K y = load - B'lam - D'p and |lam_i - c_i| <= w_i, c the bias, zero unless given.
+        lam with K y = load - B'lam - D'p and |lam_i| <= w_i.
     pressures : (S, r) array
         p >= 0 of the limits.
     weights : (S, m) array
@@ -163,7 +161,7 @@ class Trajectory(ArrayRecord):
     energy : (N + 1,) array
         Stored energy 1/2 a(u, u).
     dissipated : (N + 1,) array
-        Cumulative sum of lam_i . s_i, which is w_i |s_i| + c_i . s_i at a solution, and of what damping loses.
+        Cumulative sum of lam_i . s_i, which is w_i |s_i| at a solution, and of what damping loses.
     dissipated_second_order : (N + 1,) array
         Likewise with the weights of both ends of every step: of second order in their length, where `dissipated` is of
         first (:mod:`vemcvx.stepping.ledger`).
@@ -182,11 +180,9 @@ class Trajectory(ArrayRecord):
         Iterations of the solver.
     safeguards : (N + 1,) array of int
         Iterations in which a globally convergent method stood in for a faster one.
-    contraction : (N + 1,) array
-        Rate with which the fixed point of friction that follows the answer contracted; NaN where there was none.
-    estimated : (N + 1,) array of bool
-        Where the certificate is an estimate and no bound: weights depend on the answer, and no solution was found to
-        hold it against (:mod:`vemcvx.stepping.fixed_point`).
+    given_friction : (N + 1,) array of bool
+        Where weights follow the answer, and the certificate is that of the program with those of its own pressure and
+        slip.
     unit : (N + 1,) array
         The energy norm that errors are relative to: the largest so far, or what the data could cause where all so far
         are zero at the accuracy asked (:mod:`vemcvx.stepping.posed_step`).
@@ -224,8 +220,7 @@ class Trajectory(ArrayRecord):
     floor: Annotated[Floats, "N", "energy"]
     iterations: Annotated[Ints, "N", ""]
     safeguards: Annotated[Ints, "N", ""]
-    contraction: Annotated[Floats, "N", ""]
-    estimated: Annotated[Bools, "N", ""]
+    given_friction: Annotated[Bools, "N", ""]
     seconds: dict[str, float]
     solver: str
     linear: str = ""
@@ -250,8 +245,8 @@ class Trajectory(ArrayRecord):
 
     @property
     def certificate_kind(self) -> str:
-        """The kind of `certificate`: "bound", or "estimate" if it is one in some step."""
-        return "estimate" if self.estimated.any() else "bound"
+        """The kind of `certificate`: "bound", or "for the given friction" where that follows the answer."""
+        return "for the given friction" if self.given_friction.any() else "bound"
 
     @property
     def certificate_floor(self) -> Floats:
@@ -302,9 +297,6 @@ def relative(error: Floats, scale: Floats) -> Floats:
     return np.where((error == 0) & (scale == 0), 0.0, ratio)
 
 
-BETWEEN = 1.0  # Seconds after which a checkpoint is made at a step that is not stored.
-
-
 def stored_steps(store: str | int | Sequence[int], steps: int) -> Ints:
     """Step numbers to keep: "all", "last", every `store`-th and the last, or those given and the last."""
     if isinstance(store, str) and store == "all":
@@ -332,7 +324,7 @@ def _numbers(store: object, steps: int) -> TypeGuard[Sequence[int]]:
 FIELDS = quantities(Trajectory)
 SCALARS = {name: of.kind for name, of in FIELDS.items() if of.sizes == ("N",) and name != "times"}
 TYPES: dict[str, type] = {"f": float, "i": np.int64, "b": bool}
-EVERY_STEP = ("scalars", "data", "initial")
+EVERY_STEP = ("scalars", "initial")
 """Arrays with a row for every step, or for the initial instant alone; the others have one for every stored step."""
 
 
@@ -349,9 +341,8 @@ def _scalars(state: State, sticks: Bools, accuracy: float) -> dict[str, float]:
         "floor": certificate.floor,
         "iterations": state.iterations,
         "safeguards": state.safeguards,
-        "contraction": state.rate,
         "stuck": int(np.count_nonzero(sticks)),
-        "estimated": certificate.estimate,
+        "given_friction": certificate.given_friction,
         "unit": state.unit(accuracy),
     }
 
@@ -373,17 +364,12 @@ def _row(state: State, sticks: Bools) -> dict[str, ArrayLike]:
 
 
 class Recorder:
-    """Rows of a trajectory, entered as the march goes on, and checkpoints to go on from.
+    """Rows of a trajectory, entered as the march goes on; the steps `kept` (S,) of the instants `times` have them."""
 
-    The steps `kept` (S,) of the instants `times` (N + 1,) have rows; a run goes on only where it began, at `initial`.
-    """
-
-    def __init__(self, run: PreparedRun, times: Floats, kept: Ints, storage: Storage, initial: object):
+    def __init__(self, run: PreparedRun, times: Floats, kept: Ints, storage: Storage):
         self._run, self._times, self._kept, self._storage = run, times, kept, storage
         self._row = {int(n): row for row, n in enumerate(kept)}
-        self._marks = fixed_marks(run, times, kept, initial) if storage.lasting else {}
-        self._sums = dict.fromkeys(self._shapes, 0)
-        self._saved = time.perf_counter()
+        self._mark = mark(run, times, kept) if storage.lasting else np.zeros(4, dtype=np.int64)
         self._most = together(run) if len(kept) == len(times) else 1
         self._waiting = list[tuple[int, State]]()
 
@@ -406,44 +392,34 @@ class Recorder:
             **stored,
             "scalars": ((len(self._times), len(SCALARS)), float),
             "initial": ((1, system.n), float),
-            "data": ((len(self._times) if self._storage.lasting else 0,), np.int64),
         }
 
     def begin(self) -> tuple[int, State] | None:
-        """The last step that an earlier run completed and its state, if there was one.
+        """The last step that an earlier run has stored and its state, if there was one.
 
         HistoryError where the storage holds another run, or rows of it are missing.
         """
         arrays = self._storage.load()
         if arrays is None:
             return None
-        check_same(self._marks, arrays)
+        if not np.array_equal(arrays.get("mark", ()), self._mark):
+            raise HistoryError(
+                "resume: the folder holds a run of another scene, mesh, times or store, or with other settings. Resume "
+                "with what it was begun with, or choose an empty folder."
+            )
+        n = int(arrays["step"])
         self._rows = {name: self._storage.kept(name, *shape) for name, shape in self._shapes.items()}
-        n, state = from_arrays(self._run, self._times, arrays)
-        self._sums = self._checked_sums(n, arrays)
-        check_same_data(self._run.system, self._times, self._rows["data"][: n + 1])
+        row = {name: rows[self._row[n]] for name, rows in self._rows.items() if name not in EVERY_STEP}
+        scalars = dict(zip(SCALARS, self._rows["scalars"][n], strict=True))
+        state = state_of_row(self._run, float(self._times[n]), {**row, **scalars})
         log.info("going on after step %d of %d, at t = %g", n, len(self._times) - 1, state.t)
         return n, state
-
-    def _checked_sums(self, n: int, arrays: Arrays) -> dict[str, int]:
-        """Check sums of the rows up to step `n`, which must be those of the run that wrote them."""
-        stored, sums = int(np.searchsorted(self._kept, n, side="right")), dict.fromkeys(self._rows, 0)
-        kept = dict(zip(self._rows, arrays["sums"].tolist(), strict=False))
-        for name, rows in self._rows.items():
-            for row in rows[: n + 1 if name in EVERY_STEP else stored]:
-                sums[name] = zlib.crc32(row.tobytes(), sums[name])
-            if sums[name] != kept.get(name):
-                raise HistoryError(
-                    f"resume: the file {name}.npy is not as the run has left it: missing, cut short or changed. "
-                    "Run without resume."
-                )
-        return sums
 
     def add(self, n: int, state: State) -> None:
         """Enter the state after step `n`; with the initial one, 0, a new run begins.
 
         Where K is factorised and every step is kept, states wait for each other: certified together they take a third
-        of the time. Where rows last they wait for BETWEEN at most.
+        of the time.
 
         NotCertified where the answer of a kept step, of this one or of one that waited, does not hold on the full
         system.
@@ -452,8 +428,7 @@ class Recorder:
             self._storage.clear()
             self._rows = {name: self._storage.array(name, *shape) for name, shape in self._shapes.items()}
         self._waiting.append((n, state))
-        late = self._storage.lasting and time.perf_counter() - self._saved > BETWEEN
-        if n == 0 or late or len(self._waiting) >= self._most:
+        if n == 0 or len(self._waiting) >= self._most:
             self.enter_waiting()
 
     def enter_waiting(self) -> None:
@@ -462,11 +437,11 @@ class Recorder:
         states = [state for _, state in waiting]
         if self._most > 1:
             states = certified_together(self._run, states)
-        for (n, left), state in zip(waiting, states, strict=True):
-            self._enter_step(n, left, state)
+        for (n, _), state in zip(waiting, states, strict=True):
+            self._enter_step(n, state)
 
-    def _enter_step(self, n: int, left: State, state: State) -> None:
-        """Enter the state after step `n`, certified in full if it is kept; the next step has begun from `left`."""
+    def _enter_step(self, n: int, state: State) -> None:
+        """Enter the state after step `n`, certified in full if it is kept."""
         stored = n in self._row
         if stored or n == 0:
             state = certified_in_full(self._run, state)
@@ -475,28 +450,14 @@ class Recorder:
         sticks = sticking(self._run, state) if n > 0 else np.ones(len(state.ledger.worn), dtype=bool)
         sticks = np.concatenate([sticks, state.dragged.still])
         scalars = _scalars(state, sticks, self._run.solver.accuracy)
-        self._enter(n, "scalars", [scalars[name] for name in SCALARS])
+        self._rows["scalars"][n] = [scalars[name] for name in SCALARS]
         if n == 0:
-            self._enter(0, "initial", state.unknowns)
+            self._rows["initial"][0] = state.unknowns
         if stored:
             values = _row(state, sticks)
             for name in (name for name in self._rows if name not in EVERY_STEP):
-                self._enter(self._row[n], name, values[name])
-        if self._storage.lasting:
-            self._enter(n, "data", mark_of_data(self._run.system, float(self._times[n])))
-            self._checkpoint(n, left, stored)
-
-    def _enter(self, row: int, name: str, values: ArrayLike | None) -> None:
-        rows = self._rows[name]
-        rows[row] = values
-        if self._storage.lasting:
-            self._sums[name] = zlib.crc32(rows[row].tobytes(), self._sums[name])
-
-    def _checkpoint(self, n: int, state: State, stored: bool) -> None:
-        """Keep the state that the next step begins from: at stored steps, and where the last one is long ago."""
-        if stored or time.perf_counter() - self._saved > BETWEEN:
-            self._storage.save(to_arrays(n, state, self._marks, self._sums))
-            self._saved = time.perf_counter()
+                self._rows[name][self._row[n]] = values[name]
+            self._storage.save({"step": np.array(n), "mark": self._mark})
 
     def finish(self, seconds: dict[str, float]) -> Trajectory:
         """The trajectory."""

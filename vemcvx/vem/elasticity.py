@@ -49,7 +49,6 @@ import scipy.sparse as sp
 from scipy.linalg.lapack import dpstrf
 
 from vemcvx.arrays import Bools, Floats, Ints, by_rows
-from vemcvx.meshes.polygons import offsets_of, spans
 from vemcvx.vem.projection import CHUNK, CellGroup
 from vemcvx.vem.space import Space
 from vemcvx.vem.stabilisation import (
@@ -86,33 +85,6 @@ class SumOverCells:
         groups = self._groups
         return assemble([group.nodes for group in groups], *self._blocks(groups), self.space.mesh.n_nodes)
 
-    def rows(self, unknowns: Ints) -> sp.csr_matrix:
-        """The rows (k, n_u) of some unknowns, as they stand in the whole, from the cells around their nodes alone."""
-        dim, size = self.space.dim, (len(unknowns), self.space.n_unknowns)
-        nodes = np.unique(unknowns // dim)
-        begin, cells = self._around
-        around = np.unique(cells[spans(begin[nodes], begin[nodes + 1] - begin[nodes])])
-        if not len(around):
-            return sp.csr_matrix(size)
-        ends = offsets_of(np.array([len(group.cells) for group in self._groups]))
-        ours = np.split(around, np.searchsorted(around, ends[1:-1]))
-        groups = [group.part(some - k) for group, some, k in zip(self._groups, ours, ends[:-1], strict=True)]
-        # The same sums, of cells in the same order, as if the mesh ended with these cells.
-        near = np.unique(np.concatenate([nodes, *(group.nodes.ravel() for group in groups)]))
-        places = [np.searchsorted(near, group.nodes) for group in groups]
-        summed = assemble(places, *self._blocks(groups), len(near), np.isin(near, nodes, assume_unique=True))
-        found = summed[dim * np.searchsorted(near, unknowns // dim) + unknowns % dim]
-        columns = (dim * near[:, None] + np.arange(dim)).astype(np.int32).ravel()
-        return sp.csr_matrix((found.data, columns[found.indices], found.indptr), shape=size)
-
-    @cached_property
-    def _around(self) -> tuple[Ints, Ints]:
-        """Offsets (n_nodes + 1,) of the cells around each node, and these cells, counted through the groups."""
-        nodes = np.concatenate([group.nodes.ravel().astype(np.int32) for group in self._groups])
-        sizes = np.repeat([group.nodes.shape[1] for group in self._groups], [len(g.cells) for g in self._groups])
-        n, cells = self.space.mesh.n_nodes, np.repeat(np.arange(len(sizes)), sizes)
-        return offsets_of(np.bincount(nodes, minlength=n)), cells[_counting_sort(nodes, n)]
-
     def _blocks(self, groups: Sequence[CellGroup]) -> tuple[Floats, Ints]:
         """Blocks (k, dim^2) that couple two vertices of a cell, and which of them each pair of vertices has."""
         dim, found, which, first = self.space.dim, list[Floats](), list[Ints](), 0
@@ -147,16 +119,13 @@ def distinct(arrays: Sequence[Floats]) -> tuple[Ints | slice, Ints]:
     return (some, same) if (rows == rows[some[same]]).all() else (slice(None), every)
 
 
-def assemble(
-    nodes: Sequence[Ints], blocks: Floats, which: Ints, n_nodes: int, wanted: Bools | None = None
-) -> sp.csr_matrix:
+def assemble(nodes: Sequence[Ints], blocks: Floats, which: Ints, n_nodes: int) -> sp.csr_matrix:
     """Add up blocks that couple the vertices of cells; column indices are sorted, without duplicates.
 
     `nodes` are the vertices (c, n) of the cells, one array a number of vertices; `which` (pairs,) of the `blocks` (k,
-    dim^2) are added: arrays of `nodes` in turn, cell by cell, vertex i by vertex j. Rows of nodes (n_nodes,) that are
-    not `wanted` stay empty.
+    dim^2) are added: arrays of `nodes` in turn, cell by cell, vertex i by vertex j.
     """
-    which, bounds, columns, indptr = _gathered(nodes, which, n_nodes, wanted)
+    which, bounds, columns, indptr = _gathered(nodes, which, n_nodes)
     dim = isqrt(blocks.shape[1])
 
     def of_nodes(start: int, stop: int) -> sp.csr_matrix:
@@ -169,7 +138,7 @@ def assemble(
     return by_rows(of_nodes, n_nodes, dim * dim * len(columns), (dim * n_nodes, dim * n_nodes))
 
 
-def _gathered(nodes: Sequence[Ints], which: Ints, n_nodes: int, wanted: Bools | None) -> tuple[Ints, Ints, Ints, Ints]:
+def _gathered(nodes: Sequence[Ints], which: Ints, n_nodes: int) -> tuple[Ints, Ints, Ints, Ints]:
     """Blocks in the order of the rows and columns of their sums, k of them.
 
     Returns which blocks (pairs,), where those of each sum begin (k + 1,), its column (k,), and where the sums of each
@@ -179,9 +148,6 @@ def _gathered(nodes: Sequence[Ints], which: Ints, n_nodes: int, wanted: Bools | 
     rows = np.concatenate([np.repeat(group, group.shape[1]) for group in small])
     columns = np.concatenate([np.tile(group, group.shape[1]).ravel() for group in small])
     counts = sum(group.shape[1] * np.bincount(group.ravel(), minlength=n_nodes) for group in small)
-    if wanted is not None:
-        counts, kept = counts * wanted, wanted[rows]
-        rows, columns, which = rows[kept], columns[kept], which[kept]
     order = _counting_sort(columns, n_nodes)
     order = order[_counting_sort(rows[order], n_nodes)]
     columns, begins = columns[order], np.ones(len(order), dtype=bool)

@@ -61,7 +61,7 @@ TOPICS = {
         "Contact and friction",
         "With obstacles, and between bodies where `on=` names an interface.",
         "BilateralContact UnilateralContact NormalCompliance TrescaFriction CoulombFriction Law",
-        modules="stepping.fixed_point solvers.coulomb",
+        modules="solvers.newton stepping.fixed_point",
     ),
     "meshes": Topic(
         "Meshes",
@@ -82,7 +82,7 @@ TOPICS = {
     "linear-solvers": Topic(
         "Linear solvers",
         "Factorisations of the stiffness matrix, and what takes their place where they are too large.",
-        "LinearSolver SuperLU Pardiso Multigrid PETSc",
+        "LinearSolver SuperLU Pardiso Iterative PETSc",
         returned="linear.factor.Factor",
     ),
     "programs": Topic(
@@ -138,7 +138,7 @@ TOPICS = {
         "Exceptions and warnings",
         "Each names its subject, what was found, what exists, and what to do next.",
         "VemcvxError SceneError MeshError ProblemError ProgramError HistoryError NotAccepted NotCertified "
-        "NotContracting SolverFailed SceneWarning MeshWarning",
+        "SolverFailed SceneWarning MeshWarning",
     ),
 }
 

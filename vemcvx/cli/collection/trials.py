@@ -13,14 +13,13 @@ d* (:meth:`vemcvx.program.step_program.StepProgram.certify`), its duality gap, a
 All are given the program scaled by powers of two (:mod:`vemcvx.program.scaling`), as in a run, so that no tolerance is
 one in the units of a file. Solvers that cvxpy calls run as their libraries come, but for the tolerance, one number for
 all that the library has, and for limits on iterations, which make way for the limit on seconds. Ours, and those in
-files of users, have the duality gap 1/2 (tolerance |d*|)^2 as their target; where K has a kernel and they want none,
-they are asked for proximal points (:mod:`vemcvx.solvers.semidefinite`). A sequence is asked for step by step, once cold
-and once warm, where every step is given what the one before has left: to solvers that cvxpy calls as it hands that on,
-answer or factors, to others their own multipliers. Errors are then the largest of all steps, in units of the largest
-|d*|_K, seconds and iterations those of all together. Seconds are of the processor, all threads
-together, for set-up and solve of the library, without cvxpy's compilation: the least of up to five calls within a tenth
-of a second. The limit is of the processor, too, where the system can count it, so that a busy machine makes nobody
-late; who does not compute at all is ended by the clock.
+files of users, have the duality gap 1/2 (tolerance |d*|)^2 as their target. Solvers that do not take a semidefinite K
+are refused where K has a kernel. A sequence is asked for step by step, once cold and once warm, where every step is
+given what the one before has left: to solvers that cvxpy calls as it hands that on, answer or factors, to others their
+own multipliers. Errors are then the largest of all steps, in units of the largest |d*|_K, seconds and iterations those
+of all together. Seconds are of the processor, all threads together, for set-up and solve of the library, without
+cvxpy's compilation: the least of up to five calls within a tenth of a second. The limit is of the processor, too, where
+the system can count it, so that a busy machine makes nobody late; who does not compute at all is ended by the clock.
 
 Tolerances go from loose to tight, until the true error is at most the least that is asked of any and the certified one
 at most the middle one, or a trial does not end. Trials run in processes of their own. Each is written down before it
@@ -55,10 +54,9 @@ from vemcvx.cli.solver_names import named_solver
 from vemcvx.cost.workers import Crashed, alone
 from vemcvx.errors import NotAccepted, ProblemError, VemcvxError, quietly
 from vemcvx.exchange import sequence_from_npz
-from vemcvx.program.scaling import Scaling, scaling
+from vemcvx.program.scaling import Scaling
 from vemcvx.program.step_program import Answer, SolvedProgram, StepProgram
 from vemcvx.solvers import Solver, ThroughCvxpy
-from vemcvx.solvers.semidefinite import ProximalPoints
 from vemcvx.solvers.solver import Prepared, named_failures
 from vemcvx.version import __version__
 
@@ -166,19 +164,17 @@ class Entrant:
         missing = operators.features - solver.accepts
         if missing:
             raise NotAccepted(f"solver {self.name}: takes no {' and no '.join(sorted(missing))}.")
-        scales = scaling(operators)
-        alpha = max(scales.size(program) for program in programs) or 1.0
+        scales = Scaling.of(operators)
+        alpha = max(scales.length(program) for program in programs)
         if isinstance(solver, ThroughCvxpy):
             solver.prepare(operators)
             name, options = self.typed.upper(), dict(self.options)
             return [_through_cvxpy(scales.scale(program, alpha), scales, alpha, name, options) for program in programs]
         if self.options:
             raise ProblemError(f"--option: {self.name} is not called through cvxpy; set its settings in its own file.")
-        definite = operators.kernel is None or solver.semidefinite
-        prepared: Prepared = (
-            solver.prepare(scales.operators) if definite else ProximalPoints(solver, scales.operators, follows=False)
-        )
-        unit = _unit(programs)
+        if operators.kernel is not None and not solver.semidefinite:
+            raise NotAccepted(f"solver {self.name}: takes no semidefinite K; only friction and contact hold the body.")
+        prepared, unit = solver.prepare(scales.operators), _unit(programs)
         return [_own(scales.scale(program, alpha), scales, alpha, prepared, unit) for program in programs]
 
 
@@ -215,7 +211,7 @@ def _through_cvxpy(scaled: StepProgram, scales: Scaling, alpha: float, name: str
         stats, status, d = posed.problem.solver_stats, posed.problem.status, posed.d.value
         iterations = None if stats is None else stats.num_iters
         if d is None or posed.lam is None or posed.p is None:
-            return seconds, None if d is None else alpha * scales.delta * d, None, None, iterations, status
+            return seconds, None if d is None else alpha * d, None, None, iterations, status
         found = scales.restore(Answer(d, posed.lam, 0, p=posed.p), alpha)
         return seconds, found.d, found.lam, found.p, iterations, status
 
@@ -226,8 +222,9 @@ def _own(scaled: StepProgram, scales: Scaling, alpha: float, prepared: Prepared,
     nothing = np.zeros((len(scaled.w), scaled.operators.block)), np.zeros_like(scaled.e)
 
     def ask(tolerance: float | None, memory: Memory) -> Found:
+        force = scales.kappa * alpha
         target = scales.energy(0.5 * ((tolerance or 0.0) * unit) ** 2, alpha)
-        begin = scales.guess(memory["lam"], memory["p"], alpha) if memory else nothing
+        begin = (memory["lam"] / force, memory["p"] / force) if memory else nothing
         start = processor_seconds()
         answer = prepared.solve(scaled, target, *begin)
         seconds = processor_seconds() - start

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -186,7 +186,7 @@ def _on_tetrahedra(mesh: PolyhedralMesh) -> tuple[Floats, Floats, Ints]:
     return points.reshape(-1, 3), np.repeat(0.25 * volumes, 4), np.repeat(cell, 4)
 
 
-# Errors and their observed orders, run by run, as Markdown, CSV and LaTeX.
+# Errors and their observed orders, run by run, as Markdown and CSV.
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -209,11 +209,7 @@ class ConvergenceTable:
 
     def markdown(self) -> str:
         """The table in Markdown."""
-        return self._table(lambda value: f"{value:#.4g}").markdown()
-
-    def latex(self) -> str:
-        """The table as a tabular of LaTeX, without packages; what stands between dollar signs in names is a formula."""
-        return self._table(_in_latex).latex()
+        return self._table().markdown()
 
     def csv(self) -> str:
         """The table as comma-separated values, with all digits and names of their own; what is missing is empty."""
@@ -223,7 +219,7 @@ class ConvergenceTable:
         return Table(heads, [["" if np.isnan(value) else value for value in row] for row in rows]).csv()
 
     def write(self, path: str | Path) -> Path:
-        """Write it as .md, .csv or .tex, as the path ends.
+        """Write it as .md or .csv, as the path ends.
 
         Raises
         ------
@@ -231,9 +227,9 @@ class ConvergenceTable:
             The path ends in something else, or cannot be written.
         """
         path = path_of(path, "ConvergenceTable.write")
-        forms = {".md": self.markdown, ".csv": self.csv, ".tex": self.latex}
+        forms = {".md": self.markdown, ".csv": self.csv}
         if path.suffix not in forms:
-            raise HistoryError(f"{path}: a table of convergence is written as {', '.join(forms)}.")
+            raise HistoryError(f"{path}: a table of convergence is written as {' or '.join(forms)}.")
         try:
             path.write_text(forms[path.suffix](), encoding="utf-8")
         except OSError as error:
@@ -244,22 +240,22 @@ class ConvergenceTable:
         return self.markdown().rstrip()
 
     def _repr_html_(self) -> str:
-        return self._table(lambda value: f"{value:#.4g}").html()
+        return self._table().html()
 
-    def _table(self, in_words: Callable[[float], str]) -> Table:
+    def _table(self) -> Table:
         """The table in words, row by row; what is missing is empty."""
         rows = []
         for row, size in enumerate(self.sizes):
             words = [_fraction(size)]
             for name, errors in self.errors.items():
                 error, order = errors[row], self.orders[name][row]
-                words += ["" if np.isnan(error) else in_words(error), "" if np.isnan(order) else f"{order:.2f}"]
+                words += ["" if np.isnan(error) else f"{error:#.4g}", "" if np.isnan(order) else f"{order:.2f}"]
             rows.append(words)
         return Table([self.name, *(head for name in self.errors for head in (name, "order"))], rows)
 
 
 def convergence_table(h: ArrayLike, errors: ArrayLike | Mapping[str, ArrayLike], name: str = "h") -> ConvergenceTable:
-    """Errors in a mesh size or a step with their observed orders, to be read or written as Markdown, CSV or LaTeX.
+    """Errors in a mesh size or a step with their observed orders, to be read or written as Markdown or CSV.
 
     Parameters
     ----------
@@ -292,9 +288,3 @@ def _fraction(size: float) -> str:
     """A size in words: 1/64 where it is that, to rounding."""
     parts = round(1.0 / size) if size > 1e-9 else 0
     return f"1/{parts}" if parts > 1 and abs(parts * size - 1.0) < 1e-12 else f"{size:.4g}"
-
-
-def _in_latex(value: float) -> str:
-    """A number; powers of ten as they are printed."""
-    digits, _, power = f"{value:#.4g}".partition("e")
-    return rf"${digits}\cdot10^{{{int(power)}}}$" if power else digits

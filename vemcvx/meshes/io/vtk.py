@@ -24,7 +24,6 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vemcvx.archives import UNPACKED, most_unpacked
 from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.errors import MeshError
 from vemcvx.meshes.io.grid import AnyTessellation, Grid, grid_of, polygon_kinds, take_parts, translated
@@ -40,6 +39,7 @@ KINDS |= {21: "line3", 22: "triangle6", 23: "quad8", 24: "tetra10", 25: "hexahed
 KINDS |= {27: "pyramid13", 29: "hexahedron27", 32: "wedge18", 34: "triangle7"}
 """VTK's numbers of types -> kinds of cells."""
 TYPES = {kind: number for number, kind in KINDS.items()}
+UNPACKED = 200  # Times its own size to which a compressed file may unpack, or 1 MiB.
 DAMAGED = "its lists of {} are damaged: offsets do not increase, or lead beyond the end."
 
 
@@ -123,7 +123,7 @@ class _Xml:
         self.appended, self.raw = body, b"raw" in words
         self.order: Literal["<", ">"] = ">" if self.root.get("byte_order") == "BigEndian" else "<"
         self.head = np.dtype(f"{self.order}u{8 if self.root.get('header_type') == 'UInt64' else 4}")
-        self.compressor, self.left = self.root.get("compressor", ""), most_unpacked(len(data))
+        self.compressor, self.left = self.root.get("compressor", ""), max(2**20, UNPACKED * len(data))
         places = [int(array.get("offset", 0)) for array in self.root.iter("DataArray")]
         self.places = [*sorted({place for place in places if place >= 0}), len(self.appended)]
 

@@ -1,0 +1,166 @@
+"""Answers of an earlier commit, kept as data, and the distance of new answers from them.
+
+An answer is the final displacement with energies, losses and certificates at all instants, or the class and message of
+an error. Two answers agree if they differ by no more than both certificates allow.
+
+Let e_m = (certificate + rounding) of step m, times the energy norm that it refers to: the error of the step m alone,
+given the state before it. A step with given friction and two-sided contact is a proximal map, which is nonexpansive in
+the energy norm: errors add up. One-sided contact couples normal and tangential forces, by Dundurs' beta <= 1/2 of an
+elastic body, and friction that follows pressure or slip returns a part q < 1 of an error to the step. A step then
+enlarges an error by a factor of at most (1 - beta^2)^(-1/2) / (1 - q), about 3 for q = 0.6. With `GROWTH` = 4 in these
+cases, else 1,
+
+    delta_n = sum over m <= n of GROWTH^(n - m) (e_m + e'_m) + ROUNDING * (largest energy norm)
+
+bounds |u_n - u'_n|_a, and |E_n - E'_n| <= delta_n (|u_n|_a + |u'_n|_a) / 2. The norm |.|_a is that of strains, which
+ignores rigid motions: where a body floats, its place is not unique.
+"""
+
+from __future__ import annotations
+
+import logging
+import subprocess
+import time
+import warnings
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+import vemcvx as vx
+
+GROWTH = 4.0
+"""Factor by which a step may pass on the error of the step before, with one-sided contact or a law of friction."""
+ROUNDING = 1e-10
+"""Part of the largest energy norm that rounding in different orders may change, a hundredth of the accuracy asked."""
+LOSS = 30.0
+"""Relative errors of losses, sums of products of forces and slips, over relative errors of states."""
+ARRAYS = ("displacement", "energy", "dissipated", "error")
+SCALARS = ("refused", "message", "seconds", "kind", "certified")
+
+
+@dataclass
+class FrozenAnswer:
+    """A final displacement (n_nodes, dim), and energies, losses and errors e_n (N + 1,) of a run; or its refusal."""
+
+    refused: str = ""
+    message: str = ""
+    seconds: float = 0.0
+    """CPU time"""
+    kind: str = ""
+    """`History.certificate_kind`"""
+    certified: float = 0.0
+    """largest relative certificate of a step, rounding included"""
+    displacement: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+    energy: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    dissipated: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    error: np.ndarray = field(default_factory=lambda: np.zeros(0))
+
+    @property
+    def norm(self):
+        """The largest energy norm (sqrt(2 E)) of the run."""
+        return float(np.sqrt(2 * self.energy.max(initial=0.0)))
+
+
+def answer(run):
+    """Return the answer of run(), and its history, or None where it was refused."""
+    logging.getLogger("vemcvx").setLevel(logging.ERROR)
+    began = time.process_time()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", vx.SceneWarning)
+        try:
+            history = run()
+        except vx.VemcvxError as error:
+            return FrozenAnswer(type(error).__name__, str(error), time.process_time() - began), None
+        except Exception as error:  # a crash is reported as such
+            return FrozenAnswer(f"crash {type(error).__name__}", str(error), time.process_time() - began), None
+    seconds, path = time.process_time() - began, history.trajectory
+    # Where nothing has moved, both are zero.
+    error = np.where(path.scale > 0, path.certified * np.where(path.scale > 0, path.scale, 1.0), 0.0)
+    kept = FrozenAnswer("", "", seconds, path.certificate_kind, float(path.certified.max()), history.displacement[-1])
+    kept.energy, kept.dissipated, kept.error = path.energy, path.dissipated, error
+    return kept, history
+
+
+@dataclass
+class Comparison:
+    """The distance of two answers over the one that certificates allow, at most 1 if they agree; faults in words."""
+
+    ratio: float
+    faults: list
+
+
+def compare(old, new, history, growth=GROWTH):
+    """Compare an old answer with a new one."""
+    if old.displacement.shape != new.displacement.shape or old.energy.shape != new.energy.shape:
+        shapes = f"{new.displacement.shape} displacements where there were {old.displacement.shape}"
+        return Comparison(np.inf, [f"other scene: {shapes}"])
+    both = old.error + new.error
+    if not (np.isfinite(both).all() and np.isfinite(new.displacement).all()):
+        return Comparison(np.inf, ["a certificate or a displacement is not finite"])
+    norm, allowed, last = max(old.norm, new.norm), [], 0.0
+    for error in both:
+        last = growth * last + error
+        allowed.append(last + ROUNDING * norm)
+    allowed = np.array(allowed)
+    before = vx.measures.Field(
+        history.mesh, old.displacement, history.moduli, stabilisation=history.stabilisation or "shear"
+    )
+    distance = vx.measures.energy_distance(history, before, kind="nodal").absolute
+    norms = np.sqrt(2 * old.energy) + np.sqrt(2 * new.energy)
+    size = max(norm, old.dissipated.max() / norm if norm > 0 else 0.0)
+    tests = {
+        "the final displacement": (distance, allowed[-1]),
+        "the energy": _worst(new.energy - old.energy, 0.5 * allowed * norms + ROUNDING * old.energy.max()),
+        "the loss": _worst(new.dissipated - old.dissipated, LOSS * np.cumsum(allowed) * size),
+    }
+    ratios = {name: (off / most if most > 0 else (np.inf if off > 0 else 0.0)) for name, (off, most) in tests.items()}
+    faults = [
+        f"{name} is off by {tests[name][0]:.2e}, certificates allow {tests[name][1]:.2e} (energy norm {norm:.2e})"
+        for name, ratio in ratios.items()
+        if not ratio <= 1.0
+    ]
+    return Comparison(max(ratios.values()), faults)
+
+
+def _worst(off, allowed):
+    """The deviation and what is allowed at the instant where their ratio is largest."""
+    n = int(np.argmax(np.abs(off) / np.maximum(allowed, np.finfo(float).tiny)))
+    return abs(float(off[n])), float(allowed[n])
+
+
+def commit():
+    """Return the commit of the package that is imported."""
+    tree = Path(vx.__file__).parents[1]
+    return subprocess.run(["git", "-C", tree, "rev-parse", "HEAD"], capture_output=True, text=True).stdout.strip()
+
+
+def origin():
+    """Return the place and the commit of the package that is imported, in words."""
+    return f"vemcvx of {Path(vx.__file__).parents[1]}, {commit()}"
+
+
+def write(path, answers):
+    """Write answers {name: FrozenAnswer} and the commit of the package to a file."""
+    arrays = {"commit": commit(), "names": [str(name) for name in answers]}
+    for key in SCALARS:
+        arrays[key] = np.array([getattr(one, key) for one in answers.values()])
+    for key in ARRAYS:
+        arrays[key] = np.concatenate([getattr(one, key).ravel() for one in answers.values()])
+        arrays[f"{key}_shape"] = np.array([(*getattr(one, key).shape, 1)[:2] for one in answers.values()], np.int32)
+    arrays["message"] = np.array([one.message[:200] for one in answers.values()])
+    np.savez_compressed(path, **arrays)
+
+
+def read(path):
+    """Return the commit and the answers {name: FrozenAnswer} of a file."""
+    with np.load(path) as file:
+        kept = {key: file[key] for key in file.files}
+    rows = zip(*(kept[key].tolist() for key in SCALARS), strict=True)
+    answers = {name: FrozenAnswer(*row) for name, row in zip(kept["names"].tolist(), rows, strict=True)}
+    for key in ARRAYS:
+        shapes = kept[f"{key}_shape"]
+        parts = np.split(kept[key], np.cumsum(shapes.prod(axis=1))[:-1])
+        for one, part, shape in zip(answers.values(), parts, shapes, strict=True):
+            setattr(one, key, part.reshape(shape) if key == "displacement" else part)
+    return str(kept["commit"]), answers

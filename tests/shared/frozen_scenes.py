@@ -1,0 +1,456 @@
+"""Random scenes whose answers by an earlier commit are kept as data: what a rewritten core is held against.
+
+``draw(seed)`` returns a scene on a small mesh with its instants and its start. Every seed has a random generator of its
+own, and uses public names of vemcvx only, so that scenes stay the same while the package changes. Scenes cover the
+plane and (one in seven) space; materials of all kinds and units; all supports; two bodies with an interface; bodies
+held by friction and contact alone; unilateral, compliant and bilateral contact, gaps that move, contact on two sides;
+Tresca's, Coulomb's and slip-weakening friction, friction by direction, moving ground; loads that reverse, hold and
+vanish; dashpots; starts from zero and settled.
+
+    python tests/shared/frozen_scenes.py --judge 0 2000     compare the package that is imported with the stored answers
+    python tests/shared/frozen_scenes.py --show 17          print one scene in words
+    python tests/shared/frozen_scenes.py --make 2000        store answers anew: with the worktree of the old commit only
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+from collections import Counter
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import frozen_answers
+import numpy as np
+
+import vemcvx as vx
+from vemcvx.effects import Contribution, Friction, Law
+
+TAG = 56
+"""Second part of the seeds, so that no other random family of the tests draws the same numbers."""
+COUNT = 2000
+ANSWERS = Path(__file__).with_name("frozen_scenes.npz")
+FAMILIES = ("squares", "triangles", "hexagons", "voronoi", "distorted", "nonconvex", "hanging")
+SPACE_FAMILIES = ("cubes", "cubes", "tetrahedra", "prisms", "voronoi3")
+
+
+@dataclass
+class FrozenScene:
+    """A scene, its mesh, its instants and its start, and the kinds of things that it holds."""
+
+    seed: int
+    effects: list
+    mesh: vx.PolygonMesh | vx.PolyhedralMesh
+    times: np.ndarray
+    start: str | None
+    kinds: set
+
+    @property
+    def words(self):
+        """The scene in words."""
+        effects = "; ".join(effect.describe() for effect in self.effects)
+        return (
+            f"frozen_scenes.draw({self.seed}): {self.mesh!r}, {len(self.times) - 1} steps, start={self.start}, "
+            f"kinds={sorted(self.kinds)}: {effects}"
+        )
+
+    @property
+    def is_ambiguous(self):
+        """Whether a step may have several solutions: friction follows pressure, slip or closure."""
+        return bool(self.kinds & {"Coulomb", "weakening", "while closed"})
+
+    @property
+    def passes_on(self):
+        """Whether a step may enlarge the error of the step before: see the head of frozen_answers."""
+        return self.is_ambiguous or bool(self.kinds & {"unilateral", "compliant"})
+
+    def run(self, **options):
+        """Simulate the scene."""
+        return vx.simulate(vx.Scene(*self.effects), self.mesh, self.times, initial=self.start, **options)
+
+
+@dataclass(frozen=True)
+class SlipWeakening(vx.Effect):
+    """Friction whose bound falls from `peak` to a third of it, by `softening` times the accumulated slip."""
+
+    peak: float
+    softening: float
+    on: str
+
+    def contribute(self, space):
+        rows = space.part(self.on, "SlipWeakening", contact=True).node_normals
+
+        def weights(t, p, past, slip):
+            return rows.lengths * np.maximum(self.peak - self.softening * (past + slip), self.peak / 3)
+
+        law = Law(weights, softening=self.softening * rows.lengths)
+        return Contribution(frictions=(replace(Friction.of(rows, "SlipWeakening"), law=law),))
+
+    def describe(self):
+        return f"SlipWeakening: bound from {self.peak:.3g}, falling by {self.softening:.3g} per slip, on {self.on}"
+
+
+@dataclass
+class _Draw:
+    """The choices of one scene."""
+
+    seed: int
+    kinds: set = field(default_factory=set)
+
+    def __post_init__(self):
+        self.rng = np.random.default_rng([self.seed, TAG])
+        self.length, self.young, self.strain = self.ten(-2, 2), self.ten(-2, 6), self.ten(-5, -2)
+        self.stress, self.move = self.young * self.strain, self.length * self.strain
+        self.period = self.ten(-1, 2)
+        gaps = 10 ** self.rng.uniform(-1, 0, int(self.rng.integers(1, 6)))
+        self.times = self.period * np.append(0.0, np.cumsum(gaps))
+        self.start = self.one(None, None, "settled")
+
+    def chance(self, p):
+        return self.rng.random() < p
+
+    def one(self, *things):
+        return things[int(self.rng.integers(len(things)))]
+
+    def note(self, kind):
+        """Choose a kind and keep its name."""
+        self.kinds.add(kind)
+        return kind
+
+    def ten(self, low, high):
+        return float(10.0 ** self.rng.uniform(low, high))
+
+    # Space
+
+    def block(self, box, n):
+        """A mesh of a box."""
+        if len(box) == 3:
+            family = self.one(*SPACE_FAMILIES)
+            return vx.meshes.SPACE_FAMILIES[family]((2, 2, n), box=box, seed=self.seed % 50)
+        return vx.meshes.FAMILIES[self.one(*FAMILIES)]((int(self.rng.integers(2, 4)), n), box=box)
+
+    def make_mesh(self):
+        """A block, or one block on another, in the plane or in space."""
+        self.dim = 3 if self.chance(0.15) else 2
+        self.plane = self.one("strain", "strain", "stress")
+        self.kinds.add("space" if self.dim == 3 else f"plane {self.plane}")
+        box = [(0.0, self.length * w) for w in 10 ** self.rng.uniform(-0.3, 0.3, self.dim)]
+        self.two_bodies = self.chance(0.2)
+        if self.two_bodies:
+            self.kinds.add("interface")
+            half = 0.5 * box[-1][1]
+            parts = {"lower": (0.0, half), "upper": (half, 2 * half)}
+            mesh = vx.meshes.bodies({name: self.block([*box[:-1], z], 1) for name, z in parts.items()})
+            self.sides = {side: f"upper.{side}" for side in ("left", "right", "top")} | {"bottom": "lower.bottom"}
+        else:
+            mesh = self.block(box, 2)
+            mesh = turn(mesh, self.rng.uniform(-3, 3)) if self.dim == 2 and self.chance(0.15) else mesh
+            self.sides = {side: side for side in ("left", "right", "top", "bottom")}
+        hard = self.rng.random(mesh.n_cells) < 0.5
+        self.two_materials = self.chance(0.1) and hard.any() and not hard.all()
+        self.mesh = mesh.with_cell_data("hard", hard.astype(float)).with_cell_data("soft", (~hard).astype(float))
+
+    def field(self, size, low=0.0, high=1.0):
+        """An affine function of place between low and high times a size."""
+        origin, span = self.mesh.points.min(axis=0), np.ptp(self.mesh.points, axis=0)
+        c = self.rng.uniform(low, high, 1 + self.dim)
+        return lambda x: size * (c[0] + ((x - origin) / span) @ (c[1:] - c[0]) / self.dim)
+
+    def vector(self, size):
+        """An affine vector field f(x, t), times a course."""
+        parts, course = [self.field(size, -1, 1) for _ in range(self.dim)], self.course()
+        return lambda x, t: course(t) * np.column_stack([part(x) for part in parts])
+
+    # Time
+
+    def course(self, low=-1.0):
+        """A factor in time: a ramp, random values from `low` to 1, a reversal, a pause or a drop to zero."""
+        n, kind = len(self.times), self.one("ramp", "random", "turn", "hold", "drop")
+        values = {
+            "ramp": np.linspace(0, 1, n),
+            "random": self.rng.uniform(low, 1, n),
+            "turn": np.sin(np.linspace(0, self.rng.uniform(2, 7), n)) if low < 0 else self.rng.uniform(0.4, 1, n),
+            "hold": np.ones(n),
+            "drop": self.rng.choice([0.0, 1.0, low], n),
+        }[kind]
+        if self.start is None:
+            values[0] = 0.0
+        return lambda t: float(np.interp(t, self.times, values))
+
+    # Physics
+
+    def material(self, factor=1.0, on=None):
+        E, plane = self.young * factor, {} if self.dim == 3 else {"plane": self.plane}
+        if self.chance(0.15):
+            self.kinds.add("orthotropic")
+            young = [E, *(E * part for part in 10 ** self.rng.uniform(-1, 0, 2))]
+            G = [E * g for g in 10 ** self.rng.uniform(-1.2, -0.3, 3)]
+            shear, angle = G[0] if self.dim == 2 else tuple(G), self.rng.uniform(-2, 2)
+            if plane == {"plane": "stress"}:
+                return vx.Orthotropic(tuple(young[:2]), 0.2, shear, angle, on=on, **plane)
+            return vx.Orthotropic(tuple(young), (0.2, 0.1, 0.1), shear, angle, on=on, **plane)
+        if self.chance(0.1) and on is None:
+            self.kinds.add("contrast")
+            E = E * 10 ** self.rng.uniform(-2, 2, self.mesh.n_cells)
+        poisson = self.one(0.3, 0.3, 0.0, self.rng.uniform(-0.5, 0.45))
+        return vx.Elasticity(E, poisson, on=on, stabilisation=self.one("shear", "shear", "shear", "unit"), **plane)
+
+    def materials(self):
+        if self.two_materials:
+            self.kinds.add("two materials")
+            return [self.material(self.ten(-2, 2), "hard"), self.material(1.0, "soft")]
+        return [self.material()]
+
+    def load(self):
+        """A load of any kind, in proportion to the stiffness."""
+        kind = self.note(self.one("traction", "traction", "pressure", "body force", "point load", "heat", "prestress"))
+        course, f, side = self.course(), self.field(self.stress, -1, 1), self.sides[self.one("left", "right", "top")]
+        if kind == "traction":
+            return vx.Traction(self.vector(self.stress), on=side)
+        if kind == "pressure":
+            return vx.Pressure(lambda x, t: course(t) * f(x), on=side)
+        if kind == "body force":
+            return vx.BodyForce(self.vector(self.stress / self.length))
+        if kind == "point load":
+            push = self.stress * self.length ** (self.dim - 1) * self.rng.uniform(-0.5, 0.5, self.dim)
+            top = self.mesh.points[int(np.argmax(self.mesh.points.sum(axis=1)))]
+            return vx.PointLoad(lambda x, t: course(t) * np.tile(push, (len(x), 1)), at=top)
+        if kind == "heat":
+            return vx.ThermalStrain(self.strain, lambda x, t: course(t) * f(x) / self.stress)
+        parts = [self.field(self.stress, -1, 1) for _ in range(3 if self.dim == 2 else 6)]
+        return vx.Prestress(lambda x, t: course(t) * np.column_stack([part(x) for part in parts]))
+
+    def supports(self):
+        """The support of the upper or only body, on one side."""
+        side = self.sides[self.one("right", "right", "top", "left")]
+        kind = self.note(self.one("clamp", "clamp", "moved", "moved", "normal", "springs", "symmetry", "skew"))
+        course, f, k = self.course(), self.field(self.move, -1, 1), self.young / self.length
+        springs = vx.ElasticFoundation(k * self.ten(-2, 1), k * self.ten(-2, 1), on=side)
+        if kind == "clamp":
+            return [vx.Clamp(on=side)]
+        if kind == "moved":
+            return [vx.PrescribedDisplacement(self.vector(self.move), on=side)]
+        if kind == "springs":
+            return [springs]
+        if kind == "symmetry":
+            return [vx.Symmetry(on=side), springs]
+        way = "normal" if kind == "normal" else tuple(self.rng.uniform(0.2, 1, self.dim))
+        return [vx.PrescribedDisplacement(lambda x, t: course(t) * f(x), on=side, direction=way), springs]
+
+    def bound(self):
+        """A friction bound: constant, varying in space or in time, zero in places, none or huge."""
+        size, f, course = self.stress * self.ten(-1.5, 0.3), self.field(1.0), self.course(0.0)
+        return self.one(
+            size,
+            size,
+            lambda x, t: size * f(x),
+            lambda x, t: np.full(len(x), size * (0.2 + course(t))),
+            lambda x, t: size * np.maximum(f(x) - 0.4, 0.0),
+            0.0,
+            1e3 * size,
+        )
+
+    def by_direction(self):
+        """Options of friction by direction, whose ratio of bounds is constant; `bound` or `coefficient` is constant."""
+        angle = self.rng.uniform(0, 3)
+        return (float(np.cos(angle)), float(np.sin(angle)), 0.1), self.rng.uniform(0.3, 1.5)
+
+    def friction(self, side, pressed, law=None):
+        """Friction on a side; `pressed` if contact there is one-sided."""
+        kinds = ("Tresca", "Tresca", "weakening", *(["Coulomb", "Coulomb", "Coulomb"] if pressed else []))
+        kind, options = self.note(law or self.one(*kinds)), {}
+        if kind == "weakening":
+            return SlipWeakening(self.stress * self.ten(-1, 0.3), 0.05 * self.young / self.length, side)
+        if "|" not in side and self.chance(0.2):
+            self.kinds.add("moving ground")
+            way, course = self.move * self.rng.uniform(-3, 3, self.dim), self.course()
+            options["ground"] = lambda x, t: np.tile(course(t) * way, (len(x), 1))
+        direction, ratio = self.by_direction() if self.dim == 3 and self.chance(0.3) else (None, None)
+        if direction is not None:
+            self.kinds.add("by direction")
+        if kind == "Tresca":
+            bound = self.bound()
+            if direction is not None and not callable(bound):
+                options |= {"direction": direction, "across": ratio * bound}
+            elif pressed and self.chance(0.15):
+                options["while_closed"] = self.note("while closed") is not None
+            return vx.TrescaFriction(bound, on=side, quadrature=self.one("nodes", "nodes", "integral"), **options)
+        mu = self.rng.uniform(0.02, 0.4)
+        if direction is not None:
+            return vx.CoulombFriction(mu, on=side, direction=direction, across=ratio * mu, **options)
+        if self.chance(0.15):
+            self.kinds.add("cap")
+            options["cap"] = self.stress * self.ten(-1, 0)
+        f = self.field(mu, 0.5, 1.0)
+        return vx.CoulombFriction(mu if self.chance(0.6) else lambda x, t: f(x), on=side, **options)
+
+    def gap(self):
+        course, f = self.course(), self.field(0.5 * self.move)
+        kind = self.note(self.one("no gap", "no gap", "constant gap", "varying gap", "moving gap"))
+        return {
+            "no gap": 0.0,
+            "constant gap": self.move * self.ten(-2, 0),
+            "varying gap": lambda x, t: f(x),
+            "moving gap": lambda x, t: np.full(len(x), 0.3 * self.move * abs(course(t))),
+        }[kind]
+
+    def contact(self, side, free=False):
+        """Contact on a side, mostly with friction; bodies that nothing else holds have it always, and no gap."""
+        kind = self.note(self.one("bilateral", "unilateral", "unilateral", "compliant"))
+        gap = 0.0 if free else self.gap()
+        if kind == "bilateral":
+            effects = [vx.BilateralContact(on=side)]
+        elif kind == "unilateral":
+            effects = [vx.UnilateralContact(on=side, gap=gap)]
+        else:
+            effects = [vx.NormalCompliance(self.young / self.length * self.ten(0, 2), on=side, gap=gap)]
+        rubs = free or self.chance(0.8)
+        return [*effects, *([self.friction(side, kind != "bilateral")] if rubs else [])]
+
+    def weight(self):
+        course, f = self.course(0.1), self.field(self.stress, 0.5, 1.0)
+        return vx.Pressure(lambda x, t: course(t) * f(x), on=self.sides["top"])
+
+    def scene(self):
+        self.make_mesh()
+        effects, free = self.materials(), self.chance(0.12)
+        if free:
+            self.kinds.add("free")
+            small = self.stress * self.ten(-3, -1)
+            effects += [self.weight(), vx.Traction(self.vector(small), on=self.sides["left"])]
+        else:
+            effects += self.supports() + [self.load() for _ in range(int(self.rng.integers(1, 3)))]
+            effects += [self.weight()] if self.chance(0.6) else []
+        if self.two_bodies:
+            effects += [vx.Clamp(on="lower.bottom"), *self.contact("lower|upper", free)]
+        elif free or self.chance(0.95):
+            effects += self.contact("bottom", free)
+            if not free and self.chance(0.08):
+                self.kinds.add("two sides")
+                effects += self.contact("left")
+        if self.chance(0.12):
+            self.kinds.add("viscous")
+            eta = self.young * self.period * self.ten(-2, 1)
+            effects.append(vx.Viscosity(eta, eta * self.one(0.0, 1.0)))
+        return effects
+
+
+def turn(mesh, angle):
+    """Return a plane mesh turned by an angle."""
+    rotation = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+    sides = {name: edges for name, edges in mesh.boundaries.items() if name != "boundary"}
+    return vx.PolygonMesh(mesh.points @ rotation, mesh.cells).with_boundaries(sides)
+
+
+def draw(seed):
+    """Return the scene of a seed."""
+    d = _Draw(seed)
+    effects = d.scene()
+    return FrozenScene(seed, effects, d.mesh, d.times, d.start, d.kinds)
+
+
+@dataclass
+class Judgement:
+    """What became of scenes: seeds that disagree in words, refusals by class, CPU seconds."""
+
+    wrong: dict = field(default_factory=dict)
+    """seed -> faults, where answers must agree"""
+    other: dict = field(default_factory=dict)
+    """seed -> faults, where a step may have several solutions"""
+    refused: Counter = field(default_factory=Counter)
+    refused_before: Counter = field(default_factory=Counter)
+    newly_refused: dict = field(default_factory=dict)
+    """seed -> class and message"""
+    newly_answered: dict = field(default_factory=dict)
+    messages: dict = field(default_factory=dict)
+    """seed -> message of the error, of all that are refused"""
+    seconds: float = 0.0
+    seconds_before: float = 0.0
+    ratios: dict = field(default_factory=dict)
+    """seed -> distance over what certificates allow"""
+
+    @property
+    def crashed(self):
+        """Errors that are none of the package's."""
+        return {kind: count for kind, count in self.refused.items() if kind.startswith("crash")}
+
+    @property
+    def failed(self):
+        """Whether an answer is wrong, or one crashed."""
+        return bool(self.wrong or self.crashed)
+
+
+def judge(seeds, **options):
+    """Simulate scenes, with options of vx.simulate, and compare them with the stored answers."""
+    _, answers = frozen_answers.read(ANSWERS)
+    told = Judgement()
+    for seed in seeds:
+        scene, old = draw(seed), answers[str(seed)]
+        new, history = frozen_answers.answer(lambda scene=scene: scene.run(**options))
+        told.seconds += new.seconds
+        told.seconds_before += old.seconds
+        told.refused_before.update([old.refused] if old.refused else [])
+        if new.refused:
+            told.refused[new.refused] += 1
+            told.messages[seed] = new.message
+        if new.refused and not old.refused:
+            told.newly_refused[seed] = f"{new.refused}: {new.message}"
+        elif old.refused and not new.refused:
+            told.newly_answered[seed] = f"was {old.refused}: {old.message}"
+        elif not new.refused:
+            compared = frozen_answers.compare(old, new, history, frozen_answers.GROWTH if scene.passes_on else 1.0)
+            told.ratios[seed] = compared.ratio
+            if compared.faults:
+                words = f"{'; '.join(compared.faults)}; certified {old.certified:.1e} ({old.kind}), then "
+                words += f"{new.certified:.1e} ({new.kind}); {sorted(scene.kinds)}"
+                (told.other if scene.is_ambiguous else told.wrong)[seed] = words
+    return told
+
+
+def report(told, verbose=False):
+    """Print a judgement."""
+    parts = {
+        "WRONG: outside both certificates": told.wrong,
+        "OTHER ANSWER, both certified (Coulomb, weakening, while closed)": told.other,
+        "NEWLY REFUSED": told.newly_refused,
+        "NEWLY ANSWERED": told.newly_answered,
+    }
+    for title, seeds in parts.items():
+        print(f"{title}: {len(seeds)}")
+        for seed, words in seeds.items():
+            print(f"  {seed}: {words if verbose else words[:160]}")
+            if verbose:
+                print(f"    {draw(seed).words}")
+    print(f"compared {len(told.ratios)}; refused {dict(told.refused)}, before {dict(told.refused_before)}")
+    ratios = np.array([*told.ratios.values(), 0.0])
+    print(
+        "distance over what certificates allow: "
+        + ", ".join(f"{part:g} %: {np.percentile(ratios, part):.1e}" for part in (50, 90, 99, 100))
+    )
+    print(f"CPU {told.seconds:.1f} s, before {told.seconds_before:.1f} s (on the machine of --make)")
+
+
+def main(arguments=None):
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--judge", nargs=2, type=int, metavar=("FROM", "TO"), help="compare with the stored answers")
+    parser.add_argument("--verbose", action="store_true", help="with the scenes in words")
+    parser.add_argument("--show", type=int, metavar="SEED", help="print a scene in words")
+    parser.add_argument("--make", type=int, metavar="N", help="store answers of the package that is imported")
+    options = parser.parse_args(arguments)
+    print(frozen_answers.origin())
+    if options.show is not None:
+        print(draw(options.show).words)
+    if options.make:
+        runs = {seed: draw(seed).run for seed in range(options.make)}
+        frozen_answers.write(ANSWERS, {seed: frozen_answers.answer(run)[0] for seed, run in runs.items()})
+    if options.judge:
+        told = judge(range(*options.judge))
+        report(told, options.verbose)
+        return 1 if told.failed else 0
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,146 @@
+"""Soft contact beside weak springs: K is all but singular, contact holds the body, and no answer is wrong.
+
+On all unknowns springs of 1e-8 E leave digits enough; condensed runs are right or refused.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from exact_steps import Steps
+from installed import needs
+
+import vemcvx as vx
+from vemcvx.scene import pose_scene
+
+EPS = float(np.finfo(float).eps)
+LINEAR = [vx.SuperLU(), pytest.param(vx.Pardiso(), marks=needs("pymklpardiso"))]
+FRICTION = {
+    "no friction": (),
+    "Tresca": (vx.TrescaFriction(0.3, on="bottom"),),
+    "Coulomb": (vx.CoulombFriction(0.06, on="bottom"),),
+}
+STIFFNESS = 400.0
+
+
+def squares(n):
+    return vx.meshes.squares(n, box=((0, 2), (0, 1)))
+
+
+def pressed(k, *effects, push=0.05):
+    """A block on soft ground, with springs of stiffness k at its left side."""
+
+    def traction(x, t):
+        return np.column_stack([np.full(len(x), push * t), -0.5 * (1 + t) * (1 + 0.3 * x[:, 0])])
+
+    return vx.Scene(
+        vx.Elasticity(100.0, 0.3),
+        vx.ElasticFoundation(k, k, on="left"),
+        vx.NormalCompliance(STIFFNESS, on="bottom"),
+        vx.Traction(traction, on="top"),
+        *effects,
+    )
+
+
+def settled(scene, mesh, **options):
+    return vx.simulate(scene, mesh, [0.0, 1.0], initial="settled", **options)
+
+
+@pytest.mark.parametrize("linear", LINEAR, ids=str)
+@pytest.mark.parametrize("k", [1e-2, 1e-4, 1e-6])
+def test_weak_springs_beside_soft_contact(k, linear):
+    """Springs 1e-4 of E left an error of 3e-5 of the energy norm, those of 1e-8 one of 40: S lost the body's weight.
+
+    Contact and the springs balance the load, to rounding of their parts.
+    """
+    scene, mesh = pressed(k, push=0.0), squares(8)
+    history = settled(scene, mesh, linear=linear, condense=False)
+    assert history.certificate.max() <= 1e-8
+    left = np.unique(mesh.boundaries["left"])
+    # The springs' force is k times the displacement, by the trapezoidal rule.
+    share = np.ones(len(left))
+    share[[np.argmin(mesh.points[left, 1]), np.argmax(mesh.points[left, 1])]] = 0.5
+    spring = -k * float(share @ history.displacement[1, left, 1]) / (len(left) - 1)
+    carried = float(history.contact.pressure[1] @ history.contact.lengths) + spring
+    load = 1.0 * 2 * 1.3
+    # Sums of n terms of size one at most: a pressure, a force, and y to relative rounding each.
+    assert abs(carried - load) <= 64 * EPS * load
+
+
+def turned(mesh, angle=0.5):
+    """The mesh, turned about the origin."""
+    c, s = np.cos(angle), np.sin(angle)
+    sides = {name: edges for name, edges in mesh.boundaries.items() if name != "boundary"}
+    return vx.PolygonMesh(mesh.points @ np.array([[c, s], [-s, c]]), mesh.cells, boundaries=sides)
+
+
+def joint(k):
+    """A body on another, matched nowhere, held by soft contact and weak springs; its mesh."""
+    lower, upper = vx.meshes.squares(3, box=((0, 2), (0, 1))), vx.meshes.squares(2, box=((0.3, 1.6), (1, 1.7)))
+    scene = vx.Scene(
+        vx.Elasticity(100.0, 0.3),
+        vx.Clamp(on="lower.bottom"),
+        vx.NormalCompliance(500.0, on="lower|upper"),
+        vx.CoulombFriction(0.5, on="lower|upper"),
+        vx.ElasticFoundation(k, k, on="upper.left"),
+        vx.Traction(lambda x, t: np.tile([0.2 * t, -1.0], (len(x), 1)), on="upper.top"),
+    )
+    return scene, vx.meshes.bodies({"lower": lower, "upper": upper})
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("kind", [*FRICTION, "inclined", "joint"])
+@pytest.mark.parametrize("k", [1e-4, 1e-6])
+@pytest.mark.parametrize("condense", [True, False])
+def test_against_steps_in_512_bits(k, kind, condense):
+    """Certificate and floor bound the distance to the exact step.
+
+    Coulomb's weights follow pressures: once refined, they were those of pressures off by 1e-16 E / k, unseen.
+    """
+    mesh = vx.meshes.voronoi(3, box=((0, 2), (0, 1)))
+    if kind == "joint":
+        scene, mesh = joint(k)
+    elif kind == "inclined":
+        scene, mesh = pressed(k, vx.TrescaFriction(0.5, on="bottom")), turned(mesh)
+    else:
+        scene = pressed(k, *FRICTION[kind])
+    system = pose_scene(scene, mesh).system
+    run = vx.march(system, [0.0, 1.0], initial="settled", condense=condense, check=False)
+    y, lam, p = run.state, run.multipliers, run.pressures
+    weights = None if system.norms is None else run.weights[1]
+    steps = Steps(system)
+    exact = steps.step(y[0], 0.0, 1.0, (y[1] - y[0], lam[1].ravel(), p[1]), weights=weights)
+    off = exact.distance(steps.scaled(y[0], y[1], exact.unit))
+    assert off <= (run.certificate[1] + run.certificate_floor[1]) * run.scale[1]
+    assert condense or k < 1e-5 or run.certificate.max() <= 1e-8
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("friction", FRICTION)
+@pytest.mark.parametrize("linear", LINEAR, ids=str)
+def test_condensed_and_not_are_one_answer(friction, linear):
+    """The dual is strongly concave in p: (sum c (p - p*)^2)^{1/2} <= error, c p^2 = pressure^2 length / stiffness."""
+    scene, mesh = pressed(1.0, *FRICTION[friction], push=0.05 if FRICTION[friction] else 0.0), squares(6)
+    one, other = (settled(scene, mesh, linear=linear, condense=c) for c in (True, False))
+    change = one.contact.pressure[1] - other.contact.pressure[1]
+    error = sum((h.certificate + h.trajectory.certificate_floor)[1] for h in (one, other)) * one.trajectory.norm.max()
+    assert np.sqrt(change**2 @ one.contact.lengths / STIFFNESS) <= error <= 1e-8
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("friction", FRICTION)
+def test_the_ledger_has_what_soft_limits_store(friction):
+    """E = 1/2 y'Ky + sum c p^2 / 2, and where all contact is closed work - dE - loss is that of the increments."""
+    system = pose_scene(pressed(1e-2, *FRICTION[friction], push=0.05 if FRICTION[friction] else 0.0), squares(6)).system
+    run = vx.march(system, [0.0, 1.0], initial="settled", condense=False)
+    y, p, K, c = run.state, run.pressures, system.K, system.limits.compliance
+    assert (p > 0).all()
+
+    def stored(v, q):
+        return 0.5 * (v @ (K @ v) + q @ (c * q))
+
+    # The sums of |y_i K_ij y_j|, each rounded a few times; energies on the left are summed in extended precision.
+    blur = 8 * EPS * max(np.abs(v) @ (abs(K) @ np.abs(v)) for v in y)
+    np.testing.assert_allclose(run.energy, [stored(*one) for one in zip(y, p, strict=True)], rtol=0, atol=blur)
+    left = np.diff(run.work - run.energy - run.dissipated)
+    np.testing.assert_allclose(left, stored(y[1] - y[0], p[1] - p[0]), rtol=0, atol=blur)

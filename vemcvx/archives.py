@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from types import NoneType
 from typing import Any, get_args, get_type_hints
 
-import numpy as np
 from numpy.lib.npyio import NpzFile
 from numpy.typing import NDArray
 
@@ -26,18 +25,6 @@ def read_arrays(path: Path) -> Arrays:
         if isinstance(array, bytes) or array.dtype.kind not in KINDS:
             raise ValueError(f"its member {name!r} is no array of numbers, truth values or words")
     return arrays
-
-
-def arrays_of(record: Any, without: str, prefix: str = "") -> Iterator[tuple[str, NDArray[Any]]]:
-    """The fields of a record but one, and of the records in it, each under its path; what is None is left out."""
-    for field in fields(record):
-        name, value = prefix + field.name, getattr(record, field.name)
-        if name == without or value is None:
-            continue
-        if is_dataclass(value):
-            yield from arrays_of(value, without, f"{name}.")
-        else:
-            yield name, np.asarray(value)
 
 
 def record_of(kind: type, arrays: Arrays, known: Mapping[str, Any], prefix: str = "") -> Any:

@@ -64,6 +64,16 @@ def directions(x: Floats, size: Floats) -> Floats:
     return np.sign(x) if x.shape[1] == 1 else x / np.where(size > 0, size, 1.0)[:, None]
 
 
+def onto_discs(lam: Floats, w: Floats) -> Floats:
+    """The vectors (m, block) nearest to `lam` with |lam_i| <= w_i."""
+    if lam.shape[1] == 1:
+        # The projection onto an interval is exact; scaling would leave one rounding error.
+        return np.minimum(np.maximum(lam, -w[:, None]), w[:, None])
+    size = np.linalg.norm(lam, axis=1)
+    scale = np.divide(w, size, out=np.ones_like(size), where=size > w)
+    return np.asarray(lam * scale[:, None])
+
+
 def totals(numbers: Ints, weights: Floats, count: int) -> Floats:
     """The sum of the weights that go with each number below `count`."""
     return np.bincount(numbers, weights, count).astype(float, copy=False)

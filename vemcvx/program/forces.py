@@ -20,6 +20,7 @@ R = A N, and forces balance on the kernel: N'g - R'x = 0 is the `rest`. N is cho
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.sparse.linalg import LinearOperator
@@ -85,7 +86,7 @@ class Delassus:
         R, T = np.linalg.qr(u[:, None] * (operators.A @ N))
         return cls(operators, u, W, np.linalg.solve(T.T, N.T).T, R)
 
-    @property
+    @cached_property
     def norm(self) -> float:
         """The largest eigenvalue of W + C, from above but for a tenth: twenty powers of it."""
         x = np.ones(len(self.u))

@@ -54,9 +54,6 @@ class Rows:
         single = np.diff(B.indptr) == 1
         self.single = single
         """(k,) which rows have one entry"""
-        self.exact = single.copy()
-        """(k,) which rows have one entry, a power of two: reading them rounds nothing"""
-        self.exact[single] = np.abs(np.frexp(B.data[B.indptr[:-1][single]])[0]) == 0.5
         self.columns: Ints | None = None
         """(k,) the unknown that each row reads, if every row reads its own and no other; else None"""
         if single.all() and len(np.unique(B.indices)) == B.shape[0]:
@@ -505,14 +502,12 @@ class Operators(ArrayRecord):
 
     @cached_property
     def _flexibilities(self) -> Floats:
-        """(N,) the diagonal of A K^{-1} A'.
+        """(N,) the diagonal of A K^{-1} A'; estimated where the factor is iterative."""
+        return self.factor.energies(self.A) if self.factor.exact else self._estimated(self.A)
 
-        An iterative factor gives an estimate: A diag(K)^{-1} A', times the largest ratio of the two on sampled rows.
-        """
-        rows = self.A
-        if self.factor.exact:
-            return self.factor.energies(rows)
-        alone: Floats = rows.multiply(rows) @ (1.0 / self.K.diagonal())
+    def _estimated(self, rows: sp.csr_matrix) -> Floats:
+        """The diagonal of rows diag(K)^{-1} rows', times the largest ratio of b'K^{-1}b to it on sampled rows b."""
+        alone: Floats = rows.multiply(rows) @ (1.0 / self.regular.K.diagonal())
         some = np.unique(np.linspace(0, len(alone) - 1, min(SAMPLES, len(alone))).astype(np.int64))
         return alone * max((self.factor.energy(rows[i].toarray()[0]) / alone[i] for i in some), default=1.0)
 
@@ -526,15 +521,9 @@ class Operators(ArrayRecord):
 
     @cached_property
     def compliances(self) -> Floats:
-        """(n,) the diagonal of K^{-1}, with the anchors' stiffness.
-
-        Where K is sparse it is diag(K)^{-1} times the largest ratio of the two on sampled unknowns.
-        """
-        if isinstance(self.K, np.ndarray):
-            return self.factor.energies(sp.csr_matrix(sp.eye_array(len(self.K))))
-        alone = 1.0 / self.regular.K.diagonal()
-        some = np.unique(np.linspace(0, len(alone) - 1, min(SAMPLES, len(alone))).astype(np.int64))
-        return alone * max((self.factor.energy(np.eye(1, len(alone), i)[0]) / alone[i] for i in some), default=1.0)
+        """(n,) the diagonal of K^{-1}, with the anchors' stiffness; estimated where K is sparse."""
+        unit = sp.csr_matrix(sp.eye_array(self.A.shape[1]))
+        return self.factor.energies(unit) if isinstance(self.K, np.ndarray) else self._estimated(unit)
 
     def plus(self, added: sp.csr_matrix | sp.dia_array) -> Matrix:
         """K + added."""

@@ -44,6 +44,7 @@ from vemcvx.arrays import (
     is_whole,
     lengths,
     of_shape,
+    onto_discs,
     power_of_two,
     read_only,
     shape_in_words,
@@ -261,12 +262,7 @@ class StepProgram(ArrayRecord):
 
     def project(self, lam: Floats) -> Floats:
         """The multipliers (m, block) nearest to `lam` with |lam_i| <= w_i."""
-        if self.operators.block == 1:
-            # The projection onto an interval is exact; scaling would leave one rounding error.
-            return np.minimum(np.maximum(lam, -self.w[:, None]), self.w[:, None])
-        size = np.linalg.norm(lam, axis=1)
-        scale = np.divide(self.w, size, out=np.ones_like(size), where=size > self.w)
-        return np.asarray(lam * scale[:, None])
+        return onto_discs(lam, self.w)
 
     def admissible(self, lam: Floats, p: Floats, d: Floats) -> tuple[Floats, Floats]:
         """The multipliers nearest to (lam, p): |lam_i| <= w_i, p >= 0, in balance on K's kernel.

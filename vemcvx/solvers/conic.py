@@ -390,7 +390,8 @@ class _PreparedConic:
 def polished(program: StepProgram, answer: Answer) -> Answer:
     """One active-set step from an answer; the better certified of the two."""
     before = program.admissible_point(answer.d, answer.lam, answer.p)
-    sharper = PreparedNewton(program.operators, 1).follow(program, GivenWeights(program.w), *before)
+    near = Answer(*before[:2], 0, p=before[2])
+    sharper = PreparedNewton(program.operators, 1).begun_at(program, GivenWeights(program.w), near)
     d, lam, p = program.admissible_point(sharper.d, sharper.lam, sharper.p)
     after = Answer(d, lam, answer.iterations + 1, answer.status + ", polished", p=p)
     return after if _gap(program, after) < program.duality_gap(*before) else answer

@@ -12,6 +12,7 @@ import inspect
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
@@ -133,6 +134,11 @@ class LastResort:
 
     newton: PreparedNewton
 
+    @cached_property
+    def conic(self) -> InUnits:
+        """Clarabel, compiled when it is first asked."""
+        return InUnits.of(Clarabel(), self.newton.operators)
+
     def solve(
         self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None, law: Weights | None = None
     ) -> Answer:
@@ -141,10 +147,10 @@ class LastResort:
         law = law or GivenWeights(program.w)
         if within(program, law, answer, target):
             return answer
-        conic, best, last, count = InUnits.of(Clarabel(), program.operators), answer, answer, answer.iterations
+        best, last, count = answer, answer, answer.iterations
         for _ in range(1 if law.given else MOST_PROGRAMS):
             w = law.at(last.p, lengths(program.slip(last.d)))
-            asked = conic.solve(replace(program, w=w), target, last.lam, last.p)
+            asked = self.conic.solve(replace(program, w=w), target, last.lam, last.p)
             last = self.newton.begun_at(program, law, asked)
             count += asked.iterations + last.iterations
             best = min((best, asked, last), key=lambda one: gap_under(program, law, one))

@@ -37,7 +37,7 @@ import scipy.sparse as sp
 from scipy.linalg.lapack import dgetrf, dgetrs
 from scipy.sparse.linalg import LinearOperator, gmres
 
-from vemcvx.arrays import Bools, Floats, directions, lengths, whole
+from vemcvx.arrays import Bools, Floats, directions, lengths, onto_discs, whole
 from vemcvx.program.forces import Delassus, Point, reflected
 from vemcvx.program.operators import FEATURES, Operators
 from vemcvx.program.step_program import Answer, StepProgram
@@ -271,12 +271,12 @@ class Search:
             return self._descended(point, most)
         for _ in range(most // FEW):
             point = self._descended(point, FEW)
-            point = self.delassus.moved(point, np.zeros_like(point.x), self._norm * point.rest)
+            point = self.delassus.moved(point, np.zeros_like(point.x), self.delassus.norm * point.rest)
         return point
 
     def _descended(self, point: Point, most: int) -> Point:
         """The point after projected gradients; R is orthonormal: the penalty norm |rest|^2 / 2 doubles their bound."""
-        delassus, norm, R = self.delassus, self._norm, self.delassus.R
+        delassus, norm, R = self.delassus, self.delassus.norm, self.delassus.R
         length = 1.0 / (2.0 * norm if len(point.a) else norm)
         momentum, ahead, off = 1.0, point.x, point.off + R @ (norm * point.rest)
         for _ in range(most):
@@ -291,17 +291,12 @@ class Search:
             ahead, off = x + follow * dx, now + follow * (now - before)
         return point
 
-    @cached_property
-    def _norm(self) -> float:
-        return self.delassus.norm
-
     def _projected(self, x: Floats, point: Point) -> Floats:
         """The forces x moved onto discs and half-lines; the law at the slips of a point."""
-        lam, p = self.delassus.parts(x.copy())
+        lam, p = self.delassus.parts(x)
         p = np.maximum(p, 0.0)
         w = self.law.at(p, lengths(self.delassus.parts(point.off)[0]))
-        lam = lam * np.minimum(1.0, w / np.maximum(lengths(lam), 1e-300))[:, None]
-        return np.append(lam.ravel(), p)
+        return np.append(onto_discs(lam, w).ravel(), p)
 
 
 @dataclass(frozen=True)
@@ -355,36 +350,27 @@ class PreparedNewton:
     def solve(
         self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None, law: Weights | None = None
     ) -> Answer:
-        """Answer one scaled step, under given weights or a law of them."""
+        """Answer one step, under given weights or a law of them."""
         law = law or GivenWeights(program.w)
         pressed = np.zeros_like(program.e) if p is None else np.maximum(p, 0.0)
-        answer, self.system = self._taken(program, law, (lam, pressed), self.system, self.most)
+        answer, self.system = self._taken(program, law, (lam, pressed), self.system)
         return answer
 
-    def follow(self, program: StepProgram, law: Weights, d: Floats, lam: Floats, p: Floats) -> Answer:
-        """The point that the sets at an answer lead to: one Newton step."""
-        return self._taken(program, law, (lam, p, d), None, 1)[0]
-
     def _taken(
-        self,
-        program: StepProgram,
-        law: Weights,
-        begin: Sequence[Floats],
-        system: SetsSystem | None,
-        most: int,
+        self, program: StepProgram, law: Weights, begin: Sequence[Floats], system: SetsSystem | None
     ) -> tuple[Answer, SetsSystem]:
         """The answer begun at forces lam and p, and increments d if they are given, and its system of sets."""
         delassus, rows = self.delassus, program.operators.B.shape[0]
         own = law.in_units(delassus.u[: rows : program.operators.block], delassus.u[rows:])
-        search = Search(delassus, own, most)
+        search = Search(delassus, own, self.most)
         point, system, missed = search.solution(delassus.begin(program, *begin), system)
         status = "converged" if missed <= FAIR else f"sets did not settle in {search.count} systems"
         d, lam, p = recorded(delassus, program, point, system, law)
         return Answer(d, lam, max(search.count, 1), status, safeguards=search.safeguards, p=p), system
 
     def begun_at(self, program: StepProgram, law: Weights, answer: Answer) -> Answer:
-        """The answer that is found from the sets of another one."""
-        return self._taken(program, law, (answer.lam, answer.p, answer.d), None, self.most)[0]
+        """The answer that is found from the sets of another one; of at most one system, one Newton step from it."""
+        return self._taken(program, law, (answer.lam, answer.p, answer.d), None)[0]
 
 
 def gap_under(program: StepProgram, law: Weights, answer: Answer) -> float:
@@ -409,7 +395,7 @@ def recorded(
     p, s = np.maximum(p, 0.0), program.slip(d)
     size = lengths(s)
     w = law.at(p, np.where(sets.stick, 0.0, size))
-    lam = lam * np.minimum(1.0, w / np.maximum(lengths(lam), 1e-300))[:, None]
+    lam = onto_discs(lam, w)
     slips = ~(sets.stick | program.still(d)) & (np.einsum("ij,ij->i", s, lam) > 0)
     lam = np.where(slips[:, None], w[:, None] * directions(s, size), lam)
     if len(point.a) and operators.block > 1 and slips.any():

@@ -1,7 +1,7 @@
 """The base of solvers: settings, prepared once for the operators of a run, then asked step by step.
 
-A solver sees scaled programs only (:mod:`vemcvx.program.scaling`), knows nothing of what they are about, and is
-believed in nothing: the caller certifies every answer.
+A solver sees scaled programs (:mod:`vemcvx.program.scaling`), unless it says that it solves them in `any_units`. It
+knows nothing of what they are about, and is believed in nothing: the caller certifies every answer.
 """
 
 from __future__ import annotations

@@ -43,16 +43,16 @@ def followed(
         posed = replace(program, w=w)
         answer = fitting(prepared.solve(posed, SHARE * target, *guess), posed, solver.name)
         d, lam, p = posed.admissible_point(answer.d, answer.lam, answer.p)
-        iterations += answer.iterations
-        gap = gap_under(program, law, replace(answer, d=d, lam=lam, p=p))
+        answer, iterations = replace(answer, d=d, lam=lam, p=p), iterations + answer.iterations
+        gap = gap_under(program, law, answer)
         waited = 0 if gap <= 0.5 * least else waited + 1
         if best is None or gap < least:
-            best, least = replace(answer, d=d, lam=lam, p=p), gap
+            best, least = answer, gap
         if least <= target or waited == PATIENCE or iterations >= solver.max_iterations:
             break
         guess = lam, p
         # Where that has gained nothing the plain weights are taken: they break cycles of sets.
-        ahead = replace(answer, d=d, lam=lam, p=p) if waited else newton.follow(program, law, d, lam, p)
+        ahead = answer if waited else newton.begun_at(program, law, answer)
         w = law.at(ahead.p, lengths(program.slip(ahead.d)))
     assert best is not None
     return replace(best, iterations=iterations)

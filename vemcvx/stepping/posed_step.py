@@ -321,7 +321,7 @@ class PosedStep:
             status=answer.status,
             safeguards=answer.safeguards,
             size=max(before.size, size, ground_norm(operators, self.data.ground, self.program.w)),
-            earlier=Earlier(before.t, before.lam, before.p, before.y),
+            earlier=Earlier(before.t, before.lam, before.p),
             dragged=before.dragged,
         )
 

@@ -108,11 +108,6 @@ class PreparedRun:
         """To which steps are solved."""
         return self.share * self.solver.accuracy
 
-    @property
-    def most(self) -> float:
-        """Iterations that a step may take."""
-        return self.solver.max_iterations
-
     def driven(self, t: float) -> StepData:
         """The data of the system at an instant."""
         return step_data(self.system, self.condensation, t)
@@ -120,10 +115,8 @@ class PreparedRun:
     def after(self, iterations: int) -> PreparedRun:
         """The run whose solver has taken so many of them."""
         solver = self.solver.after(iterations) if iterations else self.solver
-        return self if solver is self.solver else self.asking(solver)
-
-    def asking(self, solver: Solver) -> PreparedRun:
-        """The run that asks another solver."""
+        if solver is self.solver:
+            return self
         return replace(self, solver=solver, prepared=prepared_solver(solver, self.operators))
 
     @property
@@ -158,7 +151,6 @@ class Earlier:
     t: float
     lam: Floats  # (m, block)
     p: Floats  # (r,)
-    y: Floats  # (m,)
 
     def share(self, now: float, t: float) -> float:
         """Part of what has changed since, up to `now`, that is expected to change once more up to `t`."""
@@ -234,19 +226,6 @@ class State:
             return self.lam, self.p
         lam, p = self.lam + share * (self.lam - before.lam), self.p + share * (self.p - before.p)
         return lam, np.maximum(p, 0.0)
-
-    def ahead(self, t: float) -> State:
-        """The state moved on to what is expected at the next instant `t`: its motion goes on like the multipliers.
-
-        What slips under Coulomb's law is at its bound and would seem to stick if it stood still: on 64 squares, 64
-        steps take 109 and 131 systems of sets from there, and 219 and 211 from the state itself.
-        """
-        before = self.earlier
-        share = 0.0 if before is None else before.share(self.t, t)
-        if before is None or share == 0.0:
-            return self
-        lam, p = self.expected(t)
-        return replace(self, y=self.y + share * (self.y - before.y), lam=lam, p=p)
 
     def unit(self, accuracy: float) -> float:
         """The energy norm that errors are relative to: see :mod:`vemcvx.stepping.posed_step`."""

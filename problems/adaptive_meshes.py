@@ -28,7 +28,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 import feng_han_huang as paper
 import l_shaped_bracket as bracket
 import vemcvx as vx
-from vemcvx.canvas import light_grid, new_figure, plain_logarithms
+from vemcvx.base.canvas import light_grid, new_figure, plain_logarithms
 from vemcvx.estimate.adapt import cells_to_refine
 from vemcvx.plots.style import COMPUTED, SECOND
 

@@ -20,7 +20,7 @@ import numpy as np
 
 import vemcvx as vx
 from problem_pictures import MM, beside_closed_form
-from vemcvx.canvas import legend_under, light_grid, new_figure
+from vemcvx.base.canvas import legend_under, light_grid, new_figure
 from vemcvx.plots.style import SLIP
 
 YOUNG, POISSON, SIDE, HEIGHT = 1000.0, 0.25, 2.0, 0.5

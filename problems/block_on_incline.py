@@ -17,7 +17,7 @@ import numpy as np
 
 import vemcvx as vx
 from problem_pictures import MM, SLID, STUCK, body_and_graph
-from vemcvx.canvas import light_grid
+from vemcvx.base.canvas import light_grid
 
 SLOPE, FRICTION, WEIGHT = 0.1, 0.3, 6.0
 ANGLE = np.arctan(SLOPE)

@@ -19,7 +19,7 @@ import numpy as np
 import vemcvx as vx
 from problem_pictures import face_and_graph
 from twisted_pad import rings
-from vemcvx.canvas import light_grid
+from vemcvx.base.canvas import light_grid
 from vemcvx.plots.style import COMPUTED
 
 YOUNG, POISSON, FRICTION = 210e9, 0.3, 0.2

@@ -16,7 +16,7 @@ begun on what stuck, slipped and touched in the step before.
 import numpy as np
 
 import vemcvx as vx
-from vemcvx.canvas import new_figure
+from vemcvx.base.canvas import new_figure
 from vemcvx.plots import stressed_body, wear
 
 LENGTH, HEIGHT, BOLT = 0.08, 0.01, 0.03

@@ -21,7 +21,7 @@ import numpy as np
 
 import vemcvx as vx
 from problem_pictures import MM, beside_closed_form
-from vemcvx.canvas import new_figure, plain_logarithms
+from vemcvx.base.canvas import new_figure, plain_logarithms
 from vemcvx.plots import deformed_body
 from vemcvx.plots.style import SECOND
 

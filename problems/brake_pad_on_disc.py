@@ -23,7 +23,7 @@ import numpy as np
 import vemcvx as vx
 from plate_with_hole import polar
 from problem_pictures import MM
-from vemcvx.canvas import light_grid, new_figure
+from vemcvx.base.canvas import light_grid, new_figure
 from vemcvx.plots import stressed_body, wear
 from vemcvx.plots.style import COMPUTED, EXACT
 

@@ -19,7 +19,7 @@ import numpy as np
 import vemcvx as vx
 from hertz_contact import HALF_WIDTH, RADIUS, REACH, YOUNG, fitted, graded, grid
 from problem_pictures import MM, SLID, STUCK, body_and_graph
-from vemcvx.canvas import light_grid
+from vemcvx.base.canvas import light_grid
 
 POISSON, FRICTION = 0.4999, 0.4
 PRESS, DRAG = 7e-4, 4.5e-4

@@ -20,7 +20,7 @@ import numpy as np
 
 import vemcvx as vx
 from problem_pictures import MM
-from vemcvx.canvas import light_grid, new_figure
+from vemcvx.base.canvas import light_grid, new_figure
 from vemcvx.plots import deformed_body
 from vemcvx.plots.style import COMPUTED
 

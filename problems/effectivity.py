@@ -24,7 +24,7 @@ import feng_han_huang as paper
 import manufactured_full_slip as full_slip
 import missed_reversal
 import vemcvx as vx
-from vemcvx.canvas import light_grid, new_figure
+from vemcvx.base.canvas import light_grid, new_figure
 from vemcvx.plots.style import COMPUTED, SECOND, THIRD
 
 FAMILIES = tuple(vx.meshes.FAMILIES)

@@ -111,7 +111,7 @@ def uniform(mesh, posed, trajectory):
 
 def picture(path, stress, p):
     """The course of the stress and of the centre H P that follows it, in the plane of deviators."""
-    from vemcvx.canvas import new_figure
+    from vemcvx.base.canvas import new_figure
     from vemcvx.plots.style import SERIES
 
     figure = new_figure(5.6, 5.9)

@@ -147,7 +147,7 @@ def at_its_end(truss, F):
 
 def picture(path, truss, F, trajectory):
     """Force and displacement, and the stresses of the bars against their strains."""
-    from vemcvx.canvas import new_figure
+    from vemcvx.base.canvas import new_figure
     from vemcvx.plots.style import SERIES
 
     figure = new_figure(9.0, 4.2)

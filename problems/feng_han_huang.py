@@ -20,7 +20,7 @@ import numpy as np
 
 import vemcvx as vx
 from problem_pictures import SLID, STUCK, body_and_graph
-from vemcvx.canvas import light_grid
+from vemcvx.base.canvas import light_grid
 
 UNITS = {"length": "mm", "force": "daN", "time": "s", "force per area": "daN/mm²"}
 SMALL = {"n": 16, "steps": 32}

@@ -12,7 +12,7 @@ There are two kinds of problem in this folder, and each says itself how it is dr
   and the deformed mesh;
 - a *lesson*, a program of its own: it takes --picture FILE.
 
-Pictures are PROBLEM.png, drawn through vemcvx.canvas with the colours of vemcvx.plots.style.
+Pictures are PROBLEM.png, drawn through vemcvx.base.canvas with the colours of vemcvx.plots.style.
 """
 
 import argparse
@@ -25,8 +25,8 @@ import warnings
 from pathlib import Path
 
 import vemcvx as vx
+from vemcvx.base.errors import SceneWarning
 from vemcvx.cli.supplied import Supplied
-from vemcvx.errors import SceneWarning
 from vemcvx.plots import deformed_mesh
 
 HERE = Path(__file__).parent

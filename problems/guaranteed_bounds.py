@@ -23,7 +23,7 @@ import manufactured_full_slip as full_slip
 import missed_reversal as turning
 import vemcvx as vx
 from problem_pictures import MM
-from vemcvx.canvas import light_grid, new_figure
+from vemcvx.base.canvas import light_grid, new_figure
 from vemcvx.plots.style import COMPUTED, EXACT, SECOND, THIRD
 
 POISSON = 0.3

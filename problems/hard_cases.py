@@ -20,7 +20,7 @@ import numpy as np
 
 from hard import broken, cells, friction, material, solvers, supports, time_and_load, units
 from hard.case import REFUSAL, Case, Finding, table
-from vemcvx.canvas import light_grid, new_figure
+from vemcvx.base.canvas import light_grid, new_figure
 from vemcvx.plots.style import MARKERS, SERIES
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ import numpy as np
 
 import vemcvx as vx
 from problem_pictures import MM, beside_closed_form, body_and_graph
-from vemcvx.canvas import plain_logarithms
+from vemcvx.base.canvas import plain_logarithms
 
 UNITS = MM
 SMALL = {"n": 16, "steps": 8}

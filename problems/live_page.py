@@ -23,7 +23,7 @@ with app.setup:
     import numpy as np
 
     import vemcvx as vx
-    from vemcvx.canvas import as_png, light_grid, new_figure
+    from vemcvx.base.canvas import as_png, light_grid, new_figure
     from vemcvx.cli.problem_file import own_errors, read_problem
     from vemcvx.plots import (
         along_contact,

@@ -164,7 +164,7 @@ def energy_error(posed, trajectory, at, points):
 
 def picture(path, mesh, posed, trajectory, at):
     """Displacement and friction on the table at the turning points, against the closed form."""
-    from vemcvx.canvas import new_figure
+    from vemcvx.base.canvas import new_figure
     from vemcvx.plots.style import MARKERS, SERIES
 
     figure = new_figure(9.0, 4.2)

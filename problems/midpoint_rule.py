@@ -46,7 +46,7 @@ from pathlib import Path
 import numpy as np
 
 import vemcvx as vx
-from vemcvx.canvas import light_grid, new_figure
+from vemcvx.base.canvas import light_grid, new_figure
 from vemcvx.plots.style import COMPUTED, SECOND
 
 R = 2.0

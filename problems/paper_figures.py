@@ -34,7 +34,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 import feng_han_huang as paper
 import vemcvx as vx
-from vemcvx.canvas import light_grid, new_figure, plain_logarithms
+from vemcvx.base.canvas import light_grid, new_figure, plain_logarithms
 from vemcvx.plots.style import MARKERS, SERIES
 
 FAMILIES = ("squares", "voronoi", "hexagons", "nonconvex")

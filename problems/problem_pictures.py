@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from vemcvx.canvas import light_grid, new_figure
+from vemcvx.base.canvas import light_grid, new_figure
 from vemcvx.plots import contact_face, stressed_body
 from vemcvx.plots.style import COMPUTED, EXACT, SLIP, STICK
 

@@ -20,7 +20,7 @@ import numpy as np
 import hertz_contact as hertz
 import vemcvx as vx
 from problem_pictures import MM, beside_closed_form
-from vemcvx.canvas import light_grid, new_figure
+from vemcvx.base.canvas import light_grid, new_figure
 from vemcvx.plots.style import COMPUTED, SECOND, THIRD
 
 WIDTH, HEIGHT, YOUNG, POISSON, LAYER, GAP, DEPTH = 1.0, 2.0, 100.0, 0.3, 50.0, 0.01, 0.05

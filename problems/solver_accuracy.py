@@ -58,7 +58,7 @@ import numpy as np
 import feng_han_huang
 import spring_slider_chain
 import vemcvx as vx
-from vemcvx.canvas import light_grid, new_figure, plain_logarithms
+from vemcvx.base.canvas import light_grid, new_figure, plain_logarithms
 from vemcvx.plots.style import MARKERS, SERIES
 from vemcvx.scene import pose_scene
 from vemcvx.solvers.conic import installed

@@ -25,7 +25,7 @@ import numpy as np
 import vemcvx as vx
 from hertz_contact import grid
 from problem_pictures import MM, SLID, STUCK, face_and_graph
-from vemcvx.canvas import light_grid
+from vemcvx.base.canvas import light_grid
 
 RADIUS, YOUNG, POISSON, FRICTION = 1.0, 1000.0, 0.45, 0.4
 CONTACT = 0.05

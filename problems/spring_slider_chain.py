@@ -138,7 +138,7 @@ def march(system, values, solver=None):
 
 def picture(path, force, u, strain, stress):
     """The force and the displacement of the chain; the elements in parallel that invert it."""
-    from vemcvx.canvas import new_figure
+    from vemcvx.base.canvas import new_figure
     from vemcvx.plots.style import SERIES
 
     figure = new_figure(9.0, 4.2)

@@ -35,7 +35,7 @@ from scipy.sparse.linalg import splu
 from scipy.spatial import Delaunay
 
 import vemcvx as vx
-from vemcvx.canvas import light_grid, new_figure, plain_logarithms
+from vemcvx.base.canvas import light_grid, new_figure, plain_logarithms
 from vemcvx.plots.style import COMPUTED, SECOND
 from vemcvx.vem.projection import vertex_values
 

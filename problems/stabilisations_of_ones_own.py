@@ -29,7 +29,7 @@ import numpy as np
 
 import manufactured_full_slip as full_slip
 import vemcvx as vx
-from vemcvx.canvas import legend_below, light_grid, new_figure, plain_logarithms
+from vemcvx.base.canvas import legend_below, light_grid, new_figure, plain_logarithms
 from vemcvx.plots.style import MARKERS, SERIES
 from vemcvx.vem import consistent_blocks
 

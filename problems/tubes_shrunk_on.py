@@ -21,7 +21,7 @@ import numpy as np
 import vemcvx as vx
 from press_fit import INTERFERENCE, POISSON, RADII, YOUNG, pressure, stresses
 from problem_pictures import MM, beside_closed_form
-from vemcvx.canvas import new_figure
+from vemcvx.base.canvas import new_figure
 from vemcvx.plots import deformed_body
 from vemcvx.plots.style import COMPUTED, SECOND
 

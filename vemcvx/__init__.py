@@ -7,6 +7,21 @@ contact problem"; equation numbers in this package are its.
 """
 
 from vemcvx import meshes
+from vemcvx.base.errors import (
+    HistoryError,
+    MeshError,
+    MeshWarning,
+    NotAccepted,
+    NotCertified,
+    ProblemError,
+    ProgramError,
+    SceneError,
+    SceneWarning,
+    SolverFailed,
+    VemcvxError,
+)
+from vemcvx.base.version import __version__
+from vemcvx.base.weight_law import Law
 from vemcvx.bound.error_bound import ErrorBound, error_bound
 from vemcvx.bound.quantity import QuantityBound
 from vemcvx.effects import (
@@ -31,19 +46,6 @@ from vemcvx.effects import (
     UnilateralContact,
     Viscosity,
 )
-from vemcvx.errors import (
-    HistoryError,
-    MeshError,
-    MeshWarning,
-    NotAccepted,
-    NotCertified,
-    ProblemError,
-    ProgramError,
-    SceneError,
-    SceneWarning,
-    SolverFailed,
-    VemcvxError,
-)
 from vemcvx.estimate import measures
 from vemcvx.estimate.adapt import Adapted, adapt
 from vemcvx.estimate.budget import ErrorBudget, error_budget
@@ -60,8 +62,6 @@ from vemcvx.simulation import instants, programs, projected, simulate
 from vemcvx.solvers import OSQP, Clarabel, Direct, Newton, Solver, ThroughCvxpy
 from vemcvx.stepping import Trajectory, march
 from vemcvx.vem import Stabilisation
-from vemcvx.version import __version__
-from vemcvx.weight_law import Law
 
 __all__ = [
     "OSQP",

@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vemcvx.arrays import Floats, brief
-from vemcvx.errors import HistoryError
-from vemcvx.outline import Lines, Outline, Outlined
+from vemcvx.base.arrays import Floats, brief
+from vemcvx.base.errors import HistoryError
+from vemcvx.base.outline import Lines, Outline, Outlined
 from vemcvx.plots import animate
 from vemcvx.plots.style import Units
 from vemcvx.program import SolvedProgram

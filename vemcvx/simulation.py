@@ -13,15 +13,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vemcvx.arrays import ROUNDING, SAME, SOME, Floats, brief, flag, shaped
+from vemcvx.base.arrays import ROUNDING, SAME, SOME, Floats, brief, flag, shaped
+from vemcvx.base.errors import WORTH_A_WORD, SceneError
+from vemcvx.base.outline import coordinates
 from vemcvx.bound.error_bound import Stepped, certain_intervals, of_steps, pairs_of
 from vemcvx.bound.hypercircle import Hypercircle, hypercircle
 from vemcvx.effects import PrescribedDisplacement, data
-from vemcvx.errors import WORTH_A_WORD, SceneError
 from vemcvx.history import History
 from vemcvx.linear import LinearSolver
 from vemcvx.meshes import AnyMesh, PolygonMesh, PolyhedralMesh
-from vemcvx.outline import coordinates
 from vemcvx.program import SolvedProgram
 from vemcvx.results.results import Results, loop_of, record, with_origin
 from vemcvx.scene import Scene

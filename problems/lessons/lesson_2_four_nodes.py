@@ -14,7 +14,7 @@ import numpy as np
 from matplotlib.patches import Circle
 
 import vemcvx as vx
-from vemcvx.canvas import light_grid, new_figure
+from vemcvx.base.canvas import light_grid, new_figure
 from vemcvx.plots.style import OUTLINE, SLIP, STICK
 
 # %% [markdown]

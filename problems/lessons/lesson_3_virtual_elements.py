@@ -16,7 +16,7 @@ from matplotlib.collections import PolyCollection
 from scipy.sparse.linalg import spsolve
 
 import vemcvx as vx
-from vemcvx.canvas import light_grid, new_figure
+from vemcvx.base.canvas import light_grid, new_figure
 from vemcvx.plots.style import COMPUTED, EXACT, OUTLINE, SECOND, THIRD
 
 # %% [markdown]

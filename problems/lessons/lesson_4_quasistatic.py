@@ -12,7 +12,7 @@
 import numpy as np
 
 import vemcvx as vx
-from vemcvx.canvas import light_grid, new_figure
+from vemcvx.base.canvas import light_grid, new_figure
 from vemcvx.plots.style import COMPUTED, DISSIPATED, NUMERICAL, SECOND, SLIP, STICK, STORED
 
 # %% [markdown]

@@ -13,7 +13,7 @@
 import numpy as np
 
 import vemcvx as vx
-from vemcvx.canvas import distinct, light_grid, new_figure
+from vemcvx.base.canvas import distinct, light_grid, new_figure
 from vemcvx.plots.style import BACKWARD, COMPUTED, FORWARD, SECOND, STICK_AREA
 
 # %% [markdown]

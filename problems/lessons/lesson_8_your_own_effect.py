@@ -27,7 +27,7 @@ from dataclasses import dataclass
 import numpy as np
 
 import vemcvx as vx
-from vemcvx.canvas import light_grid, new_figure
+from vemcvx.base.canvas import light_grid, new_figure
 from vemcvx.effects import Contribution, data
 from vemcvx.effects.effect import amount, where
 from vemcvx.plots.style import COMPUTED, EXACT, SECOND, THIRD

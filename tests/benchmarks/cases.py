@@ -13,7 +13,7 @@ from paper_scene import POISSON, YOUNG
 from reference import elasticity, grid, user_step
 
 import vemcvx as vx
-from vemcvx.canvas import light_grid, new_figure, plain_logarithms
+from vemcvx.base.canvas import light_grid, new_figure, plain_logarithms
 from vemcvx.plots.style import MARKERS, SERIES
 from vemcvx.vem import Space, stiffness
 

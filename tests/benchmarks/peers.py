@@ -31,7 +31,7 @@ import scipy.sparse as sp
 from scipy.io import mmwrite
 
 import vemcvx as vx
-from vemcvx.arrays import Floats
+from vemcvx.base.arrays import Floats
 from vemcvx.scene import pose_scene
 
 YOUNG, FRICTION = 200.0, 0.3

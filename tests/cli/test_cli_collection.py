@@ -16,7 +16,7 @@ import pytest
 from test_cli import invoke
 
 import vemcvx as vx
-from vemcvx.arrays import EPS
+from vemcvx.base.arrays import EPS
 from vemcvx.cli import supplied
 from vemcvx.cli.collection import INSTANCES, confirm, write_collection, writing
 from vemcvx.cli.collection.benchmark import read_instances

@@ -11,9 +11,9 @@ import pytest
 from test_cli_supplied import call
 
 import vemcvx as vx
+from vemcvx.base.errors import ProblemError
 from vemcvx.cli.problem_file import read_problem, several
 from vemcvx.cost import study
-from vemcvx.errors import ProblemError
 
 PAD = '''"""A pad."""
 import numpy as np

@@ -12,11 +12,11 @@ from test_cli_supplied import call
 from typer.testing import CliRunner
 
 import vemcvx as vx
+from vemcvx.base.errors import ProblemError
 from vemcvx.cli import app, report
 from vemcvx.cli.problem_file import Problem, read_problem
 from vemcvx.cli.report import _unit, _without_limit
 from vemcvx.cost import study
-from vemcvx.errors import ProblemError
 
 PAPER = read_problem("feng_han_huang")
 HELD = vx.Elasticity(200.0, 0.3), vx.Clamp(on="left")

@@ -15,10 +15,10 @@ import pytest
 from test_cost import GRID, PROBLEM, ROOT, UNIFORM, Recipe, cost, made, stay_at_home
 
 import vemcvx as vx
+from vemcvx.base.owned_files import Owned
 from vemcvx.cost.sweeping import Grid, finished_row, read_reference, sweep
 from vemcvx.cost.table import append, read_journal
 from vemcvx.cost.workers import Crashed, alone
-from vemcvx.owned_files import Owned
 
 LINUX = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks processes up in /proc")
 SMALLEST = Grid(("squares",), (2,), (2,), ("newton",), (1e-8,), (0.5,), adaptive=False)

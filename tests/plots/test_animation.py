@@ -9,7 +9,7 @@ import pytest
 from scenes import cyclic, paper_scene, small
 
 import vemcvx as vx
-from vemcvx.canvas import new_figure
+from vemcvx.base.canvas import new_figure
 from vemcvx.plots.pictures import _frames
 
 pytest.importorskip("matplotlib")

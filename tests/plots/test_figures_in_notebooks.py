@@ -6,7 +6,7 @@ from io import BytesIO
 
 import pytest
 
-from vemcvx.canvas import new_figure
+from vemcvx.base.canvas import new_figure
 
 image = pytest.importorskip("matplotlib.image")
 

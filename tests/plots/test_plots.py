@@ -8,7 +8,7 @@ from scenes import cyclic, paper_scene, small
 
 import vemcvx as vx
 from problem_pictures import beside_closed_form, body_and_graph
-from vemcvx.canvas import blended, new_figure
+from vemcvx.base.canvas import blended, new_figure
 from vemcvx.plots import (
     along_contact,
     deformed_mesh,

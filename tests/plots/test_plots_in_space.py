@@ -11,7 +11,7 @@ from scenes import paper_scene, small
 
 import block_in_space as block
 import vemcvx as vx
-from vemcvx.canvas import new_figure
+from vemcvx.base.canvas import new_figure
 from vemcvx.plots import contact_face, deformed_body, friction_disc, write_plots
 from vemcvx.plots.contact import face_layout
 from vemcvx.plots.pictures import draw_pictures, left_out

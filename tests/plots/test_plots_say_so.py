@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import vemcvx as vx
-from vemcvx.canvas import new_figure
+from vemcvx.base.canvas import new_figure
 from vemcvx.plots import (
     along_contact,
     deformed_mesh,

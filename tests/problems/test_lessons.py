@@ -18,7 +18,7 @@ import pytest
 import scipy.sparse as sp
 
 import vemcvx as vx
-from vemcvx.errors import SceneWarning
+from vemcvx.base.errors import SceneWarning
 from vemcvx.program.operators import Operators
 from vemcvx.program.step_program import StepProgram
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import vemcvx as vx
-from vemcvx.arrays import EPS
+from vemcvx.base.arrays import EPS
 from vemcvx.estimate.budget import error_budget
 from vemcvx.scene import pose_scene
 

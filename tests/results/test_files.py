@@ -14,9 +14,9 @@ from identical import same
 from scenes import cyclic, paper_load, paper_scene, small
 
 import vemcvx as vx
-from vemcvx.errors import HistoryError
+from vemcvx.base.errors import HistoryError
+from vemcvx.base.owned_files import Owned
 from vemcvx.history import read_history
-from vemcvx.owned_files import Owned
 from vemcvx.results.files import ARRAYS, Origin, write_results
 from vemcvx.vem import Space, strains
 

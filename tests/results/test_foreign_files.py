@@ -14,7 +14,7 @@ from scenes import cyclic, paper_scene, small
 from typer.testing import CliRunner
 
 import vemcvx as vx
-from vemcvx import owned_files as owned
+from vemcvx.base import owned_files as owned
 from vemcvx.cli import app
 from vemcvx.cli import run as simulation
 from vemcvx.stepping import trajectory

@@ -13,7 +13,7 @@ import pytest
 from scenes import paper_scene, small
 
 import vemcvx as vx
-from vemcvx.owned_files import MARK
+from vemcvx.base.owned_files import MARK
 from vemcvx.results.files import WRITING
 from vemcvx.stepping.trajectory import Folder
 

@@ -8,7 +8,7 @@ from scenes import few_families, small
 from stopped import Stopped, stop_at
 
 import vemcvx as vx
-from vemcvx.arrays import EPS, SAME
+from vemcvx.base.arrays import EPS, SAME
 from vemcvx.scene import pose_scene
 
 pytestmark = pytest.mark.filterwarnings("ignore:supports. nothing but friction or one-sided contact")

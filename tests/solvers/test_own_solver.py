@@ -11,9 +11,9 @@ from scenes import paper_scene, small
 from typer.testing import CliRunner
 
 import vemcvx as vx
+from vemcvx.base.errors import ProblemError
 from vemcvx.cli import app
 from vemcvx.cli.solver_names import named_solver
-from vemcvx.errors import ProblemError
 from vemcvx.program import ABSOLUTE_VALUES, QUADRATIC, Operators, StepProgram
 from vemcvx.solvers import as_solver
 

@@ -7,7 +7,7 @@ import pytest
 from scenes import cyclic, paper_load, paper_scene, small
 
 import vemcvx as vx
-from vemcvx.arrays import EPS
+from vemcvx.base.arrays import EPS
 
 pytestmark = pytest.mark.arithmetic
 

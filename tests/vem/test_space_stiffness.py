@@ -48,7 +48,7 @@ def test_rows_made_a_few_at_a_time_have_the_bits_of_all_without_a_copy_beside_it
     """Beside the matrix at least as much memory as it has itself is spared."""
     space, ones, found = Space(vx.meshes.cubes(12)), np.ones(12**3), []
     for some in (128, 10**6):
-        monkeypatch.setattr("vemcvx.arrays.SOME", some)
+        monkeypatch.setattr("vemcvx.base.arrays.SOME", some)
         tracemalloc.start()
         A = stiffness(space, ones, ones)
         summed = tracemalloc.get_traced_memory()[1] - space_of(A)

@@ -11,7 +11,7 @@ import pytest
 from scipy.spatial import ConvexHull
 
 import vemcvx as vx
-from vemcvx.errors import MeshWarning
+from vemcvx.base.errors import MeshWarning
 from vemcvx.vem import Space, edge_part
 
 

@@ -22,7 +22,7 @@ RUN = [path for path in PAGES if cells(path.read_text())]
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore::vemcvx.errors.SceneWarning")
+@pytest.mark.filterwarnings("ignore::vemcvx.base.errors.SceneWarning")
 @pytest.mark.parametrize("path", RUN, ids=name)
 def test_the_cells_of_a_page_run(path, tmp_path, monkeypatch):
     """In an empty folder, as the site runs them; what they claim they assert."""

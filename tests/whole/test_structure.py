@@ -16,8 +16,7 @@ import pytest
 import vemcvx
 
 ROOT = Path(vemcvx.__file__).parent
-GROUND = ["errors", "arrays", "outline", "archives", "owned_files", "version"]
-GROUND += ["canvas", "weight_law"]
+GROUND = ["base"]
 PAGE = {
     "meshes": "polygons or polyhedra that tile a domain, families of them, local refinement, mesh files",
     "vem": "the virtual element space, its matrices, loads and strains",
@@ -44,7 +43,7 @@ APART = {"linear", "program", "exchange"}, {"meshes", "vem", "effects"}
 """Mechanics of programs on the one hand, of meshes on the other: neither knows the other; `scene` joins them."""
 HEAVY = {
     "cvxpy": {"program/step_program.py", "solvers/conic.py"},
-    "matplotlib": {"canvas.py"},
+    "matplotlib": {"base/canvas.py"},
     "meshio": {"meshes/io/files.py", "meshes/io/objects.py"},
     "skfem": {"meshes/io/objects.py"},
     "pyvista": {"meshes/io/objects.py", "plots/body.py"},

@@ -20,7 +20,7 @@ from vemcvx.solvers import conic
 ROOT = Path(vx.__file__).parent
 NUMBER = 4 * math.e / math.pi
 STEP = "QuasistaticSteps.step"
-CHECKS = {"arrays.py", "effects/data.py"}
+CHECKS = {"base/arrays.py", "effects/data.py"}
 """They hand back what they are given."""
 
 

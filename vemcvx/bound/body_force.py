@@ -49,7 +49,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from vemcvx.arrays import ROUNDING, Floats
+from vemcvx.base.arrays import ROUNDING, Floats
 from vemcvx.bound.displacement import (
     VALUES,
     FanDisplacement,

@@ -24,7 +24,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from vemcvx.arrays import SAME, Floats
+from vemcvx.base.arrays import SAME, Floats
 from vemcvx.history import History
 from vemcvx.program.operators import energy_norm
 from vemcvx.program.system import System

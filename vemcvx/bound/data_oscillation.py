@@ -37,10 +37,10 @@ from types import MappingProxyType
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.arrays import EPS, ROUNDING, Bools, Floats, Ints, totals
+from vemcvx.base.arrays import EPS, ROUNDING, Bools, Floats, Ints, totals
+from vemcvx.base.errors import SceneError
 from vemcvx.bound.skeleton import Instant, Skeleton, at_ends, body_forces, edge_loads, pressures_at_ends
 from vemcvx.effects import Contribution, Friction, Load, MaterialLaw, Obstacle, Support
-from vemcvx.errors import SceneError
 from vemcvx.linear import Factor
 from vemcvx.meshes import Interface, PolygonMesh, plane_mesh
 from vemcvx.meshes.polygons import outlines, places, positions, triangulated

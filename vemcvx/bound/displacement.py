@@ -18,7 +18,7 @@ from functools import cache
 
 import numpy as np
 
-from vemcvx.arrays import Floats, Ints, read_only
+from vemcvx.base.arrays import Floats, Ints, read_only
 from vemcvx.bound.fan import (
     BARYCENTRIC,
     COEFFICIENTS,

@@ -24,12 +24,12 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.arrays import EPS, ROUNDING, SAME, Floats, Ints, totals
+from vemcvx.base.arrays import EPS, ROUNDING, SAME, Floats, Ints, totals
+from vemcvx.base.errors import SceneError
 from vemcvx.bound.fan import Fans
 from vemcvx.bound.skeleton import Skeleton
 from vemcvx.bound.stress import FanStress
 from vemcvx.bound.surface import Boundary
-from vemcvx.errors import SceneError
 from vemcvx.linear import Factor, choose_linear
 from vemcvx.meshes import PolygonMesh
 from vemcvx.vem.elasticity import assemble

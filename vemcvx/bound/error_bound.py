@@ -49,16 +49,16 @@ from typing import Any, NamedTuple, overload
 
 import numpy as np
 
-from vemcvx.arrays import Floats, Ints, totals
+from vemcvx.base.arrays import Floats, Ints, totals
+from vemcvx.base.errors import SceneError
+from vemcvx.base.outline import Outline, Outlined
 from vemcvx.bound.data_in_time import OFF_LINE, Followed, followed, readings
 from vemcvx.bound.hypercircle import Hypercircle, Pair, hypercircle
 from vemcvx.bound.quantity import Dual, Fields, QuantityBound, quantity_bound
 from vemcvx.bound.skeleton import Instant, instant
 from vemcvx.bound.within import Inner, Within, within_cells
 from vemcvx.effects import Effect
-from vemcvx.errors import SceneError
 from vemcvx.history import History, scene_of
-from vemcvx.outline import Outline, Outlined
 from vemcvx.scene import Scene
 from vemcvx.scene.pose import PosedScene, pose_scene, unwarned
 from vemcvx.stepping.course import course, divided, inside_steps

@@ -17,8 +17,8 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.arrays import SINGLE, Floats, Ints
-from vemcvx.errors import SceneError
+from vemcvx.base.arrays import SINGLE, Floats, Ints
+from vemcvx.base.errors import SceneError
 from vemcvx.meshes.polygons import RADON_POINTS, RADON_WEIGHTS, cross, polygon_centroids, right_of
 from vemcvx.meshes.quality import STAR
 from vemcvx.vem import Space

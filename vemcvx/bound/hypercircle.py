@@ -25,7 +25,8 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.arrays import Floats, Ints, totals
+from vemcvx.base.arrays import Floats, Ints, totals
+from vemcvx.base.errors import SceneError
 from vemcvx.bound.body_force import Body, BodyForces, alone, oscillation_constants
 from vemcvx.bound.data_oscillation import DataOscillation
 from vemcvx.bound.displacement import (
@@ -45,7 +46,6 @@ from vemcvx.bound.richer import Richer, richer
 from vemcvx.bound.skeleton import Instant, check_estimable, skeleton
 from vemcvx.bound.stress import fan_stress, lifted, of_edge
 from vemcvx.bound.surface import Boundary, Surface, free_alone
-from vemcvx.errors import SceneError
 from vemcvx.meshes import plane_mesh
 from vemcvx.scene.pose import PosedScene
 from vemcvx.vem import elastic_matrix

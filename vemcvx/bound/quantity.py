@@ -56,7 +56,9 @@ from functools import cached_property, partial
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.arrays import SAME, Bools, Floats, Ints, brief
+from vemcvx.base.arrays import SAME, Bools, Floats, Ints, brief
+from vemcvx.base.errors import SceneError
+from vemcvx.base.outline import Outline, Outlined
 from vemcvx.bound.body_force import BodyForces, alone, integrals
 from vemcvx.bound.data_oscillation import DataOscillation
 from vemcvx.bound.displacement import VALUES, strains_at_stations
@@ -65,11 +67,9 @@ from vemcvx.bound.hypercircle import Hypercircle, Pair, check_bounded, hypercirc
 from vemcvx.bound.skeleton import Instant, Skeleton, at_ends
 from vemcvx.bound.surface import Boundary
 from vemcvx.effects import Contribution, Effect, Friction, MaterialLaw, Obstacle, Support
-from vemcvx.errors import SceneError
 from vemcvx.history import History
 from vemcvx.linear import choose_linear
 from vemcvx.meshes.polygons import positions
-from vemcvx.outline import Outline, Outlined
 from vemcvx.scene import Scene
 from vemcvx.scene.pose import PosedScene, pose_scene, unwarned
 from vemcvx.scene.rows import ContactRows, jump_rows

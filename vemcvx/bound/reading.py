@@ -22,7 +22,7 @@ from itertools import product
 
 import numpy as np
 
-from vemcvx.arrays import ROUNDING, Floats, totals
+from vemcvx.base.arrays import ROUNDING, Floats, totals
 from vemcvx.bound.data_oscillation import POINCARE, DataOscillation
 from vemcvx.bound.displacement import VALUES, spread
 from vemcvx.bound.fan import COEFFICIENTS, RULE_WEIGHTS, TRIANGLES, Fans, monomials

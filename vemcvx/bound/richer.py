@@ -24,7 +24,7 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.arrays import Floats, Ints
+from vemcvx.base.arrays import Floats, Ints
 from vemcvx.bound.displacement import FanDisplacement
 from vemcvx.bound.equilibrium import Edges, Equilibrium, gathered
 

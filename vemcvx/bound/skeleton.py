@@ -18,8 +18,8 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.arrays import Bools, Floats, Ints, totals
-from vemcvx.errors import SceneError
+from vemcvx.base.arrays import Bools, Floats, Ints, totals
+from vemcvx.base.errors import SceneError
 from vemcvx.history import History
 from vemcvx.meshes import PolygonMesh, plane_mesh
 from vemcvx.meshes.polygons import cell_of_corner, cross, directed_edges, positions, right_of, spans

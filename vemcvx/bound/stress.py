@@ -27,7 +27,7 @@ from functools import cache
 
 import numpy as np
 
-from vemcvx.arrays import Floats, Ints
+from vemcvx.base.arrays import Floats, Ints
 from vemcvx.bound.fan import (
     COEFFICIENTS,
     CORNERS,

@@ -21,11 +21,11 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.arrays import EPS, ROUNDING, SAME, Bools, Floats, Ints, totals
+from vemcvx.base.arrays import EPS, ROUNDING, SAME, Bools, Floats, Ints, totals
+from vemcvx.base.errors import SceneError
 from vemcvx.bound.data_oscillation import DataOscillation, FineBoundary
 from vemcvx.bound.skeleton import Instant, Skeleton, at_ends
 from vemcvx.effects import Friction, Load, Obstacle
-from vemcvx.errors import SceneError
 from vemcvx.meshes.polygons import positions, spans
 from vemcvx.program.kernel import KernelBalance
 from vemcvx.scene.pose import PosedScene

@@ -36,11 +36,11 @@ from typing import NamedTuple
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.arrays import Floats, Ints, largest, totals
+from vemcvx.base.arrays import Floats, Ints, largest, totals
+from vemcvx.base.errors import MeshError, SceneError
 from vemcvx.bound.hypercircle import IN_SPACE, Hypercircle, hypercircle
 from vemcvx.bound.reading import reading
 from vemcvx.bound.skeleton import Instant
-from vemcvx.errors import MeshError, SceneError
 from vemcvx.history import History
 from vemcvx.meshes import PolygonMesh, plane_mesh, refinement
 from vemcvx.scene import Scene

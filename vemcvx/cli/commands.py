@@ -11,6 +11,9 @@ from typing import Annotated
 
 import typer
 
+from vemcvx.base.errors import ProblemError
+from vemcvx.base.outline import Table
+from vemcvx.base.version import __version__
 from vemcvx.cli.collection import Collection
 from vemcvx.cli.collection.benchmark import Benchmark
 from vemcvx.cli.compare import Compare
@@ -22,9 +25,6 @@ from vemcvx.cli.run import Export, Run
 from vemcvx.cli.show import Show
 from vemcvx.cli.supplied import copy_lesson, lessons, problem_files, problems_folder
 from vemcvx.cli.terminal import say
-from vemcvx.errors import ProblemError
-from vemcvx.outline import Table
-from vemcvx.version import __version__
 
 
 @dataclass(frozen=True)

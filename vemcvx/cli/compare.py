@@ -31,7 +31,10 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from vemcvx.arrays import Floats
+from vemcvx.base.arrays import Floats
+from vemcvx.base.errors import NotAccepted, NotCertified, ProblemError, SceneError, VemcvxError, quietly
+from vemcvx.base.outline import Table
+from vemcvx.base.version import __version__
 from vemcvx.cli.options import NONE, Accuracy, File, Mesh, N, Options, Settings, Steps, solver_names
 from vemcvx.cli.problem_file import Problem, read_problem
 from vemcvx.cli.report import page
@@ -48,14 +51,11 @@ from vemcvx.cli.terminal import (
 )
 from vemcvx.cost import Ingredients
 from vemcvx.cost.workers import Crashed, TookTooLong, alone
-from vemcvx.errors import NotAccepted, NotCertified, ProblemError, SceneError, VemcvxError, quietly
-from vemcvx.outline import Table
 from vemcvx.program.system import System
 from vemcvx.scene.pose import pose_scene
 from vemcvx.solvers import Solver, ThroughCvxpy
 from vemcvx.solvers.conic import TUNED, installed
 from vemcvx.stepping.trajectory import Trajectory
-from vemcvx.version import __version__
 
 CERTIFIED, MISSED, REFUSED, FAILED, STOPPED = "certified", "missed", "refused", "failed", "stopped"
 """Outcomes: good; less accurate than asked; unable to take the program; broken down; out of time."""

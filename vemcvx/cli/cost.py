@@ -11,7 +11,10 @@ from typing import Annotated, Any
 
 import typer
 
-from vemcvx.canvas import as_png
+from vemcvx.base.canvas import as_png
+from vemcvx.base.errors import ProblemError, VemcvxError
+from vemcvx.base.owned_files import Owned
+from vemcvx.base.version import __version__
 from vemcvx.cli.options import CELLS, NONE, File, Of, Settings, families, solver_names
 from vemcvx.cli.problem_file import Problem, read_problem
 from vemcvx.cli.solver_names import named_solver
@@ -20,11 +23,8 @@ from vemcvx.cost import Ingredients, Point, Sweep, advice, sweep
 from vemcvx.cost.sweeping import JOURNAL, Grid
 from vemcvx.cost.table import Row, answers, effectivities, picture, table, within_reach, without_limit
 from vemcvx.cost.workers import REFUSED
-from vemcvx.errors import ProblemError, VemcvxError
 from vemcvx.estimate.adapt import OF
 from vemcvx.meshes import FAMILIES, SPACE_FAMILIES
-from vemcvx.owned_files import Owned
-from vemcvx.version import __version__
 
 USUAL = ("squares", "triangles", "voronoi")
 USUAL_N, USUAL_TARGETS = "8,16,32,64,128", "0.05,0.02,0.01"

@@ -12,20 +12,20 @@ import numpy as np
 import scipy.sparse as sp
 import typer
 
-from vemcvx.arrays import Floats
+from vemcvx.base.arrays import Floats
+from vemcvx.base.errors import VemcvxError
+from vemcvx.base.outline import Table
+from vemcvx.base.version import __version__
 from vemcvx.cli.solver_names import LINEAR, NAMES
 from vemcvx.cli.terminal import logged_at_most, say
 from vemcvx.effects import BilateralContact, Elasticity, PrescribedDisplacement, TrescaFriction
-from vemcvx.errors import VemcvxError
 from vemcvx.linear import LinearSolver
 from vemcvx.meshes import voronoi
-from vemcvx.outline import Table
 from vemcvx.program import Norms, System
 from vemcvx.scene import Scene
 from vemcvx.simulation import simulate
 from vemcvx.solvers import Newton, Solver
 from vemcvx.stepping import march
-from vemcvx.version import __version__
 
 NEEDED = "numpy", "scipy", "cvxpy", "clarabel", "osqp", "meshio", "threadpoolctl", "typer", "rich"
 EXTRAS = {

@@ -23,12 +23,12 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
+from vemcvx.base.errors import ProblemError
 from vemcvx.cli.options import problem_names
 from vemcvx.cli.problem_file import executed, own_errors
 from vemcvx.cli.report import page
 from vemcvx.cli.supplied import problems_folder
 from vemcvx.cli.terminal import check_writable, logged_at_most, say, write_text
-from vemcvx.errors import ProblemError
 
 GIVEN = "VEMCVX_APP"
 PAGE = "live_page.py"

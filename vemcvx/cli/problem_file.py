@@ -20,11 +20,11 @@ from typing import Any
 
 import numpy as np
 
-from vemcvx.arrays import brief
+from vemcvx.base.arrays import brief
+from vemcvx.base.errors import ProblemError, VemcvxError, quietly
 from vemcvx.cli.supplied import problem_path
 from vemcvx.cost import Ingredients
 from vemcvx.effects.effect import amount
-from vemcvx.errors import ProblemError, VemcvxError, quietly
 from vemcvx.meshes import FAMILIES, SPACE_FAMILIES, AnyMesh, PolygonMesh, PolyhedralMesh, read
 from vemcvx.plots.style import Units, checked_units
 from vemcvx.scene import Scene

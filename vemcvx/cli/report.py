@@ -15,23 +15,23 @@ from pathlib import Path
 
 import numpy as np
 
-from vemcvx.arrays import SAME, Floats
-from vemcvx.canvas import as_png
+from vemcvx.base.arrays import SAME, Floats
+from vemcvx.base.canvas import as_png
+from vemcvx.base.errors import ProblemError, VemcvxError
+from vemcvx.base.outline import Lines, Outline, Table, coordinates
+from vemcvx.base.version import __version__
 from vemcvx.cli.doctor import EXTRAS, NEEDED, here, version_of
 from vemcvx.cli.problem_file import Problem
 from vemcvx.cli.show import scene_in_words
 from vemcvx.cli.terminal import write_text
-from vemcvx.errors import ProblemError, VemcvxError
 from vemcvx.estimate.budget import error_budget
 from vemcvx.estimate.quantities import with_quantities
 from vemcvx.history import History
 from vemcvx.meshes import PolygonMesh
-from vemcvx.outline import Lines, Outline, Table, coordinates
 from vemcvx.plots.pictures import draw_pictures, left_out
 from vemcvx.plots.style import WORDS, Units, in_units, unit
 from vemcvx.results.files import ENERGIES
 from vemcvx.scene import Scene
-from vemcvx.version import __version__
 
 MARK = '<meta name="generator" content="vemcvx">'
 """The mark by which pages of ours are known, so that no other is replaced."""

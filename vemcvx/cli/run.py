@@ -14,8 +14,11 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from vemcvx.arrays import Floats
-from vemcvx.canvas import new_figure
+from vemcvx.base.arrays import Floats
+from vemcvx.base.canvas import new_figure
+from vemcvx.base.errors import ProblemError, VemcvxError, quietly
+from vemcvx.base.outline import coordinates
+from vemcvx.base.owned_files import Owned
 from vemcvx.cli.options import CELLS, NONE, Accuracy, Condense, File, Linear, Mesh, N, Of, Settings, SolverName
 from vemcvx.cli.problem_file import SPACE_N, Problem, is_file, read_problem
 from vemcvx.cli.report import REPORT, check_report, with_errors, write_report
@@ -27,13 +30,10 @@ from vemcvx.cost import Ingredients, study
 from vemcvx.cost.foreseen import Growth, check_fits
 from vemcvx.cost.workers import DONE, outcome, pool
 from vemcvx.cost.workers import NOT_CERTIFIED as MISSED
-from vemcvx.errors import ProblemError, VemcvxError, quietly
 from vemcvx.estimate.adapt import OF, Pass
 from vemcvx.exchange import FORMATS, encoded, put
 from vemcvx.history import History
 from vemcvx.meshes import AnyMesh
-from vemcvx.outline import coordinates
-from vemcvx.owned_files import Owned
 from vemcvx.plots import write_plots
 from vemcvx.plots.pictures import PICTURES, check_pictures, left_out
 from vemcvx.plots.style import Units, in_units

@@ -9,7 +9,8 @@ from typing import Annotated
 import typer
 
 from vemcvx import effects
-from vemcvx.arrays import Floats
+from vemcvx.base.arrays import Floats
+from vemcvx.base.outline import Table
 from vemcvx.cli.options import CELLS, NONE, File, Mesh, Settings
 from vemcvx.cli.problem_file import Problem, is_file, read_problem
 from vemcvx.cli.terminal import say
@@ -17,7 +18,6 @@ from vemcvx.effects import Effect
 from vemcvx.history import FOR_GIVEN
 from vemcvx.meshes import AnyMesh
 from vemcvx.meshes.quality import quality_of
-from vemcvx.outline import Table
 from vemcvx.program import Norms
 from vemcvx.program.condensation import Condensation
 from vemcvx.program.operators import BOUNDS, SQUARED_POSITIVE_PARTS, Operators

@@ -8,9 +8,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from vemcvx.arrays import brief
+from vemcvx.base.arrays import brief
+from vemcvx.base.errors import ProblemError
 from vemcvx.cli.problem_file import executed, literal, own_errors
-from vemcvx.errors import ProblemError
 from vemcvx.linear import Iterative, LinearSolver, Pardiso, PETSc, SuperLU
 from vemcvx.linear.petsc import all_ranks, serve
 from vemcvx.solvers import OSQP, Clarabel, Direct, Newton, Solver, ThroughCvxpy, as_solver

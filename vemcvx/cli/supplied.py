@@ -15,7 +15,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from vemcvx.errors import ProblemError
+from vemcvx.base.errors import ProblemError
 
 PACKAGE = Path(__file__).parents[1]
 LESSON = re.compile(r"lesson_(\d+)_(?!solutions)\w+\.py")

@@ -22,7 +22,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, Task, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.text import Text
 
-from vemcvx.errors import NotCertified, ProblemError, VemcvxError
+from vemcvx.base.errors import NotCertified, ProblemError, VemcvxError
 
 T = TypeVar("T")
 COLUMN = re.compile(r"\s*(?:\S+ {2,})?")

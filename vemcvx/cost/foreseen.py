@@ -37,8 +37,8 @@ from typing import NamedTuple
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.arrays import Floats
-from vemcvx.errors import ProblemError
+from vemcvx.base.arrays import Floats
+from vemcvx.base.errors import ProblemError
 from vemcvx.linear import LinearSolver
 from vemcvx.linear.default import LARGEST_FACTOR, MOST_MEMORY, direct_solver
 from vemcvx.meshes import AnyMesh, PolygonMesh

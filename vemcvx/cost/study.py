@@ -15,11 +15,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vemcvx.canvas import as_png, light_grid, new_figure
+from vemcvx.base.canvas import as_png, light_grid, new_figure
+from vemcvx.base.errors import ProblemError, quietly
+from vemcvx.base.outline import Table
+from vemcvx.base.owned_files import Owned
 from vemcvx.cost.workers import DONE
-from vemcvx.errors import ProblemError, quietly
-from vemcvx.outline import Table
-from vemcvx.owned_files import Owned
 from vemcvx.plots.style import MARKERS, SERIES, Units, in_units
 from vemcvx.results.files import ENERGIES, finite_or_none, writable_folder
 from vemcvx.results.results import Results

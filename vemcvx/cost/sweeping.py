@@ -23,11 +23,12 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vemcvx.arrays import SAME, Floats
+from vemcvx.base.arrays import SAME, Floats
+from vemcvx.base.errors import HistoryError, MeshError, ProblemError, SceneError, SceneWarning, VemcvxError, quietly
+from vemcvx.base.owned_files import Owned, path_of
 from vemcvx.bound.error_bound import error_bound
 from vemcvx.cost.table import EXTREMES, Row, append, read_journal, sealed, unsealed
 from vemcvx.cost.workers import DONE, NOT_CERTIFIED, REFUSED, Results, outcome, pool
-from vemcvx.errors import HistoryError, MeshError, ProblemError, SceneError, SceneWarning, VemcvxError, quietly
 from vemcvx.estimate.adapt import Adapted, adapt
 from vemcvx.estimate.budget import error_budget
 from vemcvx.estimate.measures import Field, energy_distance
@@ -35,7 +36,6 @@ from vemcvx.estimate.measures.distance import step_at
 from vemcvx.estimate.quantities import quantities, value_of
 from vemcvx.history import History
 from vemcvx.meshes import AnyMesh
-from vemcvx.owned_files import Owned, path_of
 from vemcvx.results.files import finite_or_none, peak_memory_mb, read_archive, write_archive
 from vemcvx.results.results import largest_values
 from vemcvx.scene import Scene

@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from vemcvx.canvas import light_grid, new_figure, plain_logarithms
+from vemcvx.base.canvas import light_grid, new_figure, plain_logarithms
+from vemcvx.base.errors import HistoryError
+from vemcvx.base.outline import Table
+from vemcvx.base.version import __version__
 from vemcvx.cost.workers import CRASHED, DONE
-from vemcvx.errors import HistoryError
-from vemcvx.outline import Table
 from vemcvx.plots.style import MARKERS, SERIES
 from vemcvx.results.quoted import growth
-from vemcvx.version import __version__
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

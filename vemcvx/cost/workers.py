@@ -20,7 +20,7 @@ from contextlib import contextmanager, suppress
 from multiprocessing.pool import ThreadPool
 from typing import Any, TypeVar
 
-from vemcvx.errors import NotCertified, ProblemError, VemcvxError
+from vemcvx.base.errors import NotCertified, ProblemError, VemcvxError
 
 DONE, NOT_CERTIFIED, REFUSED, CRASHED = "done", "not certified", "refused", "crashed"
 """What becomes of a run: an answer; a less accurate one than asked; no well-posed problem; broken down."""

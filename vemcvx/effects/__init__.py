@@ -5,6 +5,7 @@ read the length of its path, the sum of |ds| over the steps. Refused in space: `
 "tangent". Refused in the plane: `direction=` and `across=` of friction.
 """
 
+from vemcvx.base.weight_law import Law
 from vemcvx.effects.contact import (
     BilateralContact,
     CoulombFriction,
@@ -36,7 +37,6 @@ from vemcvx.effects.loads_and_supports import (
     Traction,
 )
 from vemcvx.effects.materials import Elasticity, MaterialLaw, Orthotropic, Prestress, ThermalStrain, Viscosity
-from vemcvx.weight_law import Law
 
 __all__ = [
     "BilateralContact",

@@ -9,7 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from vemcvx.arrays import Floats, choice, flag
+from vemcvx.base.arrays import Floats, choice, flag
+from vemcvx.base.errors import SceneError
+from vemcvx.base.weight_law import Law
 from vemcvx.effects import data
 from vemcvx.effects.data import varies
 from vemcvx.effects.effect import (
@@ -24,9 +26,7 @@ from vemcvx.effects.effect import (
     amount,
     where,
 )
-from vemcvx.errors import SceneError
 from vemcvx.vem import BoundaryRows, Space
-from vemcvx.weight_law import Law
 
 
 @dataclass(frozen=True)

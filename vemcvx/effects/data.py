@@ -9,8 +9,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vemcvx.arrays import Bools, Floats, Ints, as_real_array, brief, called, finite, read_only, shape_in_words, shaped
-from vemcvx.errors import SceneError
+from vemcvx.base.arrays import (
+    Bools,
+    Floats,
+    Ints,
+    as_real_array,
+    brief,
+    called,
+    finite,
+    read_only,
+    shape_in_words,
+    shaped,
+)
+from vemcvx.base.errors import SceneError
 from vemcvx.meshes import AnyMesh
 from vemcvx.vem import component_names
 
@@ -73,7 +84,7 @@ class Tabulated:
 # Data that a scene carries: a constant, or a callable of the points x (m, dim) and the instant t.
 #
 # Every value that reaches a matrix passes through here once, so that a wrong shape, a NaN or a wrong
-# signature is one clear :class:`~vemcvx.errors.SceneError` and never a numpy traceback.
+# signature is one clear :class:`~vemcvx.base.errors.SceneError` and never a numpy traceback.
 
 
 Datum = ArrayLike | Callable[[Floats, float], ArrayLike]  # A constant, or f(x, t).

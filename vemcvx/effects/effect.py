@@ -30,11 +30,11 @@ import numpy as np
 import scipy.sparse as sp
 
 from vemcvx import vem
-from vemcvx.arrays import SAME, Bools, Floats, Ints, brief, called, fading, read_only
+from vemcvx.base.arrays import SAME, Bools, Floats, Ints, brief, called, fading, read_only
+from vemcvx.base.errors import SceneError
+from vemcvx.base.weight_law import Law
 from vemcvx.effects import data
-from vemcvx.errors import SceneError
 from vemcvx.vem import BoundaryRows, EdgeEnds, Space, Stabilisation
-from vemcvx.weight_law import Law
 
 
 @dataclass(frozen=True)

@@ -9,10 +9,10 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
-from vemcvx.arrays import Floats, Ints, as_real_array, brief
+from vemcvx.base.arrays import Floats, Ints, as_real_array, brief
+from vemcvx.base.errors import SceneError
 from vemcvx.effects import data
 from vemcvx.effects.effect import Contribution, Effect, Load, Support, amount, where
-from vemcvx.errors import SceneError
 from vemcvx.vem import Part, SideRule, Space, cell_load, edge_load
 
 

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 
 from vemcvx import vem
-from vemcvx.arrays import Bools, Floats, Ints, brief, choice, directions
+from vemcvx.base.arrays import Bools, Floats, Ints, brief, choice, directions
+from vemcvx.base.errors import SceneError, SceneWarning
 from vemcvx.effects import data
 from vemcvx.effects.data import Constant
 from vemcvx.effects.effect import Contribution, Effect, Eigenstrain, InitialStress, Material, amount, where
-from vemcvx.errors import SceneError, SceneWarning
 from vemcvx.vem import Space, Stabilisation
 from vemcvx.vem.elasticity import COMPONENTS
 

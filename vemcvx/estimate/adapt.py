@@ -28,17 +28,17 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vemcvx.arrays import Bools, Floats, Ints, brief, check_takes, choice, is_real, largest, part
+from vemcvx.base.arrays import Bools, Floats, Ints, brief, check_takes, choice, is_real, largest, part
+from vemcvx.base.errors import SceneError, SceneWarning
+from vemcvx.base.outline import Outline, Outlined
 from vemcvx.bound.error_bound import ErrorBound, of_steps, pairs_of
 from vemcvx.bound.hypercircle import hypercircle
 from vemcvx.bound.skeleton import check_estimable
-from vemcvx.errors import SceneError, SceneWarning
 from vemcvx.estimate.budget import ErrorBudget, budget_of, in_time
 from vemcvx.estimate.finer_steps import Finer, beside_finer
 from vemcvx.estimate.quantities import StepErrors, errors_of_steps, value_of, with_quantities
 from vemcvx.history import History
 from vemcvx.meshes import AnyMesh
-from vemcvx.outline import Outline, Outlined
 from vemcvx.program.tolerances import UNSEEN
 from vemcvx.results.quoted import SINGULAR, growth
 from vemcvx.results.results import largest_values, record

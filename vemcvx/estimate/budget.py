@@ -49,7 +49,9 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from vemcvx.arrays import SAME, Floats, Ints, brief, plain, totals
+from vemcvx.base.arrays import SAME, Floats, Ints, brief, plain, totals
+from vemcvx.base.errors import HistoryError, SceneError
+from vemcvx.base.outline import Outline, Outlined
 from vemcvx.bound.data_oscillation import POINCARE, DataOscillation
 from vemcvx.bound.skeleton import (
     Instant,
@@ -61,13 +63,11 @@ from vemcvx.bound.skeleton import (
     surface_forces,
     volume_squares,
 )
-from vemcvx.errors import HistoryError, SceneError
 from vemcvx.estimate.finer_steps import Finer, beside_finer
 from vemcvx.estimate.in_space import Residuals
 from vemcvx.estimate.quantities import quantities
 from vemcvx.history import History, scene_of
 from vemcvx.meshes.polygons import right_of
-from vemcvx.outline import Outline, Outlined
 from vemcvx.results.quoted import Quantity
 from vemcvx.results.results import displacement
 from vemcvx.scene.pose import PosedScene, pose_scene

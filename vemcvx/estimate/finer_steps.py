@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vemcvx.arrays import Floats
+from vemcvx.base.arrays import Floats
 from vemcvx.stepping.backward_euler import QuasistaticSteps, settled_from
 from vemcvx.stepping.course import Course, course, divided
 from vemcvx.stepping.state import PreparedRun

@@ -39,7 +39,7 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.arrays import SAME, Floats, Ints, totals
+from vemcvx.base.arrays import SAME, Floats, Ints, totals
 from vemcvx.bound.data_oscillation import POINCARE
 from vemcvx.bound.skeleton import Instant, Joints, contact_tractions, strained, volume_squares, widths
 from vemcvx.effects.effect import Load

@@ -35,8 +35,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vemcvx.arrays import SAME, Floats
-from vemcvx.errors import MeshError
+from vemcvx.base.arrays import SAME, Floats
+from vemcvx.base.errors import MeshError
 from vemcvx.estimate.finer_steps import finer_instants
 from vemcvx.history import History, scene_of
 from vemcvx.meshes import AnyMesh

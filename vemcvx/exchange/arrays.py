@@ -25,9 +25,9 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.io import mminfo, mmread, mmwrite
 
-from vemcvx.archives import read_arrays
-from vemcvx.arrays import Floats, as_real_array, check_compressed, checked_matrix, finite, of_shape
-from vemcvx.errors import ProgramError, VemcvxError
+from vemcvx.base.archives import read_arrays
+from vemcvx.base.arrays import Floats, as_real_array, check_compressed, checked_matrix, finite, of_shape
+from vemcvx.base.errors import ProgramError, VemcvxError
 from vemcvx.linear import Matrix
 from vemcvx.program.kernel import anchors
 from vemcvx.program.operators import Operators, check_symmetric

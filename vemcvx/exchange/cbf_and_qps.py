@@ -34,8 +34,8 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
-from vemcvx.arrays import Floats, Ints
-from vemcvx.errors import ProgramError
+from vemcvx.base.arrays import Floats, Ints
+from vemcvx.base.errors import ProgramError
 from vemcvx.exchange.arrays import Parts, put_together, with_motions
 from vemcvx.program.operators import SECOND_ORDER_CONES
 from vemcvx.program.step_program import SolvedProgram, StepProgram

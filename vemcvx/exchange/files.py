@@ -25,16 +25,16 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import LinearOperator, eigsh
 
-from vemcvx.arrays import Floats, brief
-from vemcvx.errors import ProgramError, VemcvxError
+from vemcvx.base.arrays import Floats, brief
+from vemcvx.base.errors import ProgramError, VemcvxError
+from vemcvx.base.owned_files import path_of
+from vemcvx.base.version import __version__
 from vemcvx.exchange.arrays import from_matrix_market, from_npz, to_matrix_market, to_npz
 from vemcvx.exchange.cbf_and_qps import from_cbf, from_qps, to_cbf, to_qps
 from vemcvx.exchange.fclib import from_fclib, to_fclib
-from vemcvx.owned_files import path_of
 from vemcvx.program.certificate import BOUND_ROUNDING
 from vemcvx.program.operators import Operators
 from vemcvx.program.step_program import SolvedProgram, StepProgram
-from vemcvx.version import __version__
 
 FORMAT = "vemcvx program 1"
 STATEMENT = (

@@ -14,8 +14,8 @@ from typing import ClassVar
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.arrays import Floats, Ints
-from vemcvx.errors import NotAccepted, SceneError
+from vemcvx.base.arrays import Floats, Ints
+from vemcvx.base.errors import NotAccepted, SceneError
 
 Matrix = Floats | sp.csr_matrix
 """Matrix of a program: dense where the program was condensed, sparse where it was not."""

@@ -25,8 +25,8 @@ import scipy.sparse as sp
 from scipy.linalg import eigh_tridiagonal, pinvh
 from scipy.sparse.linalg import LinearOperator, cg
 
-from vemcvx.arrays import EPS, Floats, part, whole
-from vemcvx.errors import NotAccepted, SceneError
+from vemcvx.base.arrays import EPS, Floats, part, whole
+from vemcvx.base.errors import NotAccepted, SceneError
 from vemcvx.linear.factor import Factor, LinearSolver, singular
 from vemcvx.linear.superlu import SuperLU
 

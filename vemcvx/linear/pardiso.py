@@ -25,8 +25,8 @@ import scipy.sparse as sp
 from scipy.linalg import solve_triangular
 from scipy.linalg.lapack import dpotrf
 
-from vemcvx.arrays import EPS, Floats, Ints, power_of_two
-from vemcvx.errors import NotAccepted
+from vemcvx.base.arrays import EPS, Floats, Ints, power_of_two
+from vemcvx.base.errors import NotAccepted
 from vemcvx.linear.factor import SAMPLES, Factor, LinearSolver, singular
 from vemcvx.linear.superlu import SuperLU, SuperLUFactor
 

@@ -26,8 +26,8 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.arrays import SOME, Floats, power_of_two
-from vemcvx.errors import NotAccepted, SceneError
+from vemcvx.base.arrays import SOME, Floats, power_of_two
+from vemcvx.base.errors import NotAccepted, SceneError
 from vemcvx.linear.iterative import Iterative, IterativeFactor, lowest_eigenvalue
 from vemcvx.linear.superlu import SuperLU
 

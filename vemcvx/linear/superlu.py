@@ -9,7 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import spilu, splu
 
-from vemcvx.arrays import EPS, Floats, Ints
+from vemcvx.base.arrays import EPS, Floats, Ints
 from vemcvx.linear.factor import Factor, LinearSolver, singular
 
 

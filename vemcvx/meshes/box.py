@@ -15,8 +15,8 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vemcvx.arrays import SINGLE, Bools, Floats, Ints, brief, called, is_real, is_whole, plain, read_only
-from vemcvx.errors import MeshError
+from vemcvx.base.arrays import SINGLE, Bools, Floats, Ints, brief, called, is_real, is_whole, plain, read_only
+from vemcvx.base.errors import MeshError
 
 Count = int | tuple[int, int]
 SpaceCount = int | tuple[int, int, int]

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vemcvx.arrays import SINGLE, Bools, Floats, Ints
+from vemcvx.base.arrays import SINGLE, Bools, Floats, Ints
 from vemcvx.meshes.cell_kinds import CONES, OCTA, PYRAMID, TETRA, VERTICES, WEDGE, Cut, Solids
 from vemcvx.meshes.cell_sides import TINY, Asked, CellSides, Skin
 from vemcvx.meshes.polygons import (

@@ -19,8 +19,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vemcvx.arrays import SINGLE, Bools, Floats, Ints
-from vemcvx.errors import MeshError
+from vemcvx.base.arrays import SINGLE, Bools, Floats, Ints
+from vemcvx.base.errors import MeshError
 from vemcvx.meshes.cell_sides import Asked, CellSides, Corners, Skin, asked_of
 from vemcvx.meshes.local_refinement import Kinds, Outlines, children_of, outlines_of
 from vemcvx.meshes.polygons import offsets_of, smallest_linked, spans

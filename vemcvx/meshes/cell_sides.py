@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vemcvx.arrays import Bools, Floats, Ints
+from vemcvx.base.arrays import Bools, Floats, Ints
 from vemcvx.meshes.interfaces import pairs_of, places_of
 from vemcvx.meshes.local_refinement import Splitting, centres_of, splitting_of
 from vemcvx.meshes.polygons import (

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vemcvx.arrays import SAME, SINGLE, SOME, Bools, Floats, Ints
+from vemcvx.base.arrays import SAME, SINGLE, SOME, Bools, Floats, Ints
 from vemcvx.meshes.interfaces import padded
 from vemcvx.meshes.meeting import Meeting, Surface, lines_between, meeting_of, unmatched
 from vemcvx.meshes.polygons import (

@@ -14,8 +14,8 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vemcvx.arrays import Bools, Floats, Ints, brief, read_only
-from vemcvx.errors import MeshError
+from vemcvx.base.arrays import Bools, Floats, Ints, brief, read_only
+from vemcvx.base.errors import MeshError
 from vemcvx.meshes.box import check_name
 from vemcvx.meshes.interfaces import Interface, faces_of, on_boundary, padded
 from vemcvx.meshes.local_refinement import check_marks

@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vemcvx.arrays import Floats, Ints, brief, plain, read_only
-from vemcvx.errors import MeshError
+from vemcvx.base.arrays import Floats, Ints, brief, plain, read_only
+from vemcvx.base.errors import MeshError
 from vemcvx.meshes.box import check_mapping, check_name
 from vemcvx.meshes.polygons import (
     cell_of_corner,

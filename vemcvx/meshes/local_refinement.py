@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.sparse import csr_array
 
-from vemcvx.arrays import SINGLE, Bools, Floats, Ints, brief, plain, read_only
-from vemcvx.errors import MeshError
+from vemcvx.base.arrays import SINGLE, Bools, Floats, Ints, brief, plain, read_only
+from vemcvx.base.errors import MeshError
 from vemcvx.meshes.box import check_cell_data
 from vemcvx.meshes.interfaces import Interface, faces_of, on_boundary, padded, pairs_of, places_of
 from vemcvx.meshes.polygons import (

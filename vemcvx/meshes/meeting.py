@@ -17,8 +17,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vemcvx.arrays import ROUNDING, Bools, Floats, Ints
-from vemcvx.errors import MeshError
+from vemcvx.base.arrays import ROUNDING, Bools, Floats, Ints
+from vemcvx.base.errors import MeshError
 from vemcvx.meshes.polygons import (
     all_found_in,
     among,

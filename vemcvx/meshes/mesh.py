@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vemcvx.arrays import Ints, brief, plain
-from vemcvx.canvas import draw_cells, draw_faces
-from vemcvx.errors import MeshError, MeshWarning, SceneError
+from vemcvx.base.arrays import Ints, brief, plain
+from vemcvx.base.canvas import draw_cells, draw_faces
+from vemcvx.base.errors import MeshError, MeshWarning, SceneError
 from vemcvx.meshes.box import LARGEST, SHORTEST, WHOLE, plotted_points, plotted_values
 from vemcvx.meshes.cracks import cut
 from vemcvx.meshes.interfaces import Interface, faces_of, on_boundary

@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
-from vemcvx.arrays import SAME, Bools, Floats, Ints
+from vemcvx.base.arrays import SAME, Bools, Floats, Ints
 
 
 def spans(starts: Ints, counts: Ints) -> Ints:

@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vemcvx.arrays import SOME, Floats, Ints
+from vemcvx.base.arrays import SOME, Floats, Ints
 from vemcvx.meshes.polygons import cell_of_corner, next_corner, offsets_of, rows_in_order, same_rows, turned
 
 

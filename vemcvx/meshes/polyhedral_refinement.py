@@ -58,8 +58,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.sparse import csr_array, eye_array, vstack
 
-from vemcvx.arrays import Bools, Floats, Ints, brief, flag, read_only
-from vemcvx.errors import MeshError
+from vemcvx.base.arrays import Bools, Floats, Ints, brief, flag, read_only
+from vemcvx.base.errors import MeshError
 from vemcvx.meshes import local_refinement as plane
 from vemcvx.meshes.cell_children import Inner, Outer, cones, joined, regular_children
 from vemcvx.meshes.cell_kinds import (

@@ -32,11 +32,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vemcvx.arrays import ROUNDING, SAME, Bools, Floats, Ints
-from vemcvx.errors import MeshWarning
+from vemcvx.base.arrays import ROUNDING, SAME, Bools, Floats, Ints
+from vemcvx.base.errors import MeshWarning
+from vemcvx.base.outline import Outline, Outlined
 from vemcvx.meshes.polygons import next_corner, right_of
 from vemcvx.meshes.tessellation import SpaceTessellation, Tessellation
-from vemcvx.outline import Outline, Outlined
 
 STAR, EDGE = 0.05, 1e-4
 """Ratios below which a warning is due: stretched by nine to one, where S / a_mu spreads over a factor of seventy, and

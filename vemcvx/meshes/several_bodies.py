@@ -17,8 +17,8 @@ from typing import Any, Generic, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from vemcvx.arrays import SAME, Floats, Ints, brief, is_real
-from vemcvx.errors import MeshError
+from vemcvx.base.arrays import SAME, Floats, Ints, brief, is_real
+from vemcvx.base.errors import MeshError
 from vemcvx.meshes.box import WHOLE, check_cell_data, check_name
 from vemcvx.meshes.checks.plane import check_cells, lowest, misfit_of
 from vemcvx.meshes.checks.space import enclosed, faces_upon

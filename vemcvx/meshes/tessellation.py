@@ -21,8 +21,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import csr_array
 
-from vemcvx.arrays import SAME, Bools, Floats, Ints, brief, plain, read_only
-from vemcvx.errors import MeshError, MeshWarning
+from vemcvx.base.arrays import SAME, Bools, Floats, Ints, brief, plain, read_only
+from vemcvx.base.errors import MeshError, MeshWarning
+from vemcvx.base.outline import Outline, in_a_line
 from vemcvx.meshes import polygons, polyhedra
 from vemcvx.meshes.box import (
     SIDES,
@@ -38,7 +39,6 @@ from vemcvx.meshes.box import (
 from vemcvx.meshes.checks.plane import Checked, checked
 from vemcvx.meshes.checks.space import checked_in_space
 from vemcvx.meshes.interfaces import Interface, faces_of, on_boundary
-from vemcvx.outline import Outline, in_a_line
 
 
 @dataclass(frozen=True, eq=False, repr=False, init=False)

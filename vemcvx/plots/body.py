@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vemcvx import canvas
-from vemcvx.arrays import Floats, Ints, as_real_array, brief, choice
-from vemcvx.errors import HistoryError, VemcvxError
+from vemcvx.base import canvas
+from vemcvx.base.arrays import Floats, Ints, as_real_array, brief, choice
+from vemcvx.base.errors import HistoryError, VemcvxError
 from vemcvx.meshes import PolygonMesh, PolyhedralMesh, plane_mesh
 from vemcvx.meshes.polygons import rows_in_order
 from vemcvx.plots import style

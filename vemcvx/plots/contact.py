@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vemcvx import canvas
-from vemcvx.arrays import SAME, Bools, Floats, Ints, choice
-from vemcvx.errors import HistoryError
+from vemcvx.base import canvas
+from vemcvx.base.arrays import SAME, Bools, Floats, Ints, choice
+from vemcvx.base.errors import HistoryError
 from vemcvx.meshes import PolyhedralMesh, plane_mesh
 from vemcvx.meshes.polygons import right_of
 from vemcvx.plots import style

@@ -16,11 +16,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vemcvx.arrays import Floats, brief, choice, shaped
-from vemcvx.canvas import axes_or_new, bar_beside, figure_of, film_writer, legend_below, light_grid, new_figure
-from vemcvx.errors import HistoryError
+from vemcvx.base.arrays import Floats, brief, choice, shaped
+from vemcvx.base.canvas import axes_or_new, bar_beside, figure_of, film_writer, legend_below, light_grid, new_figure
+from vemcvx.base.errors import HistoryError
+from vemcvx.base.owned_files import path_of
 from vemcvx.meshes import PolyhedralMesh, plane_mesh
-from vemcvx.owned_files import path_of
 from vemcvx.plots import contact, style
 from vemcvx.plots.body import MISSING, deformed_body, deformed_mesh, has_pyvista, size_of_page, stressed_body
 from vemcvx.plots.contact import pressures, rubs, slips, wear

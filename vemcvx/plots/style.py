@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vemcvx.arrays import ROUNDING, SAME, Bools, Floats, brief, is_real, shaped
-from vemcvx.canvas import figure_of
-from vemcvx.errors import HistoryError
+from vemcvx.base.arrays import ROUNDING, SAME, Bools, Floats, brief, is_real, shaped
+from vemcvx.base.canvas import figure_of
+from vemcvx.base.errors import HistoryError
 from vemcvx.meshes import PolyhedralMesh
 from vemcvx.meshes.polygons import directed_edges
 from vemcvx.results.results import Results

@@ -46,8 +46,8 @@ from functools import cached_property
 
 import numpy as np
 
-from vemcvx.arrays import EPS, Floats, directions, lengths
-from vemcvx.outline import ArrayRecord
+from vemcvx.base.arrays import EPS, Floats, directions, lengths
+from vemcvx.base.outline import ArrayRecord
 
 BOUND_ROUNDING = 4 * EPS
 """Rounding of |w lam / |lam|| relative to w: a root, a quotient, a product, and a root again. A multiplier that near to

@@ -31,8 +31,8 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.arrays import EPS, Floats, Ints, columns, power_of_two, spread
-from vemcvx.errors import NotAccepted
+from vemcvx.base.arrays import EPS, Floats, Ints, columns, power_of_two, spread
+from vemcvx.base.errors import NotAccepted
 from vemcvx.linear import LinearSolver, minimum_degree
 from vemcvx.program.kernel import anchors
 from vemcvx.program.operators import Operators

@@ -9,7 +9,7 @@ import scipy.sparse as sp
 from scipy.linalg.blas import dtrsv
 from scipy.linalg.lapack import dlauum, dpotrf, dpotrs, dtrtri
 
-from vemcvx.arrays import Floats, Ints
+from vemcvx.base.arrays import Floats, Ints
 from vemcvx.linear import Factor, singular
 
 

@@ -25,7 +25,7 @@ from functools import cached_property
 import numpy as np
 from scipy.sparse.linalg import LinearOperator
 
-from vemcvx.arrays import Floats
+from vemcvx.base.arrays import Floats
 from vemcvx.program.operators import Operators
 from vemcvx.program.step_program import StepProgram
 

@@ -22,8 +22,8 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.linalg import qr
 
-from vemcvx.arrays import EPS, Floats, as_real_array, brief, called, function, power_of_two
-from vemcvx.errors import SceneError
+from vemcvx.base.arrays import EPS, Floats, as_real_array, brief, called, function, power_of_two
+from vemcvx.base.errors import SceneError
 
 
 @dataclass(frozen=True)

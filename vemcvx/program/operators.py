@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from scipy.linalg.blas import dsymv
 from scipy.sparse.linalg import LinearOperator, lsqr
 
-from vemcvx.arrays import (
+from vemcvx.base.arrays import (
     EPS,
     Bools,
     Floats,
@@ -36,12 +36,12 @@ from vemcvx.arrays import (
     shape_in_words,
     shaped,
 )
-from vemcvx.errors import SceneError
+from vemcvx.base.errors import SceneError
+from vemcvx.base.outline import ArrayRecord
+from vemcvx.base.weight_law import Law
 from vemcvx.linear import AT_ONCE, SAMPLES, Factor, Matrix, SuperLU
-from vemcvx.outline import ArrayRecord
 from vemcvx.program.dense_factors import DenseCholesky
 from vemcvx.program.kernel import KernelBalance
-from vemcvx.weight_law import Law
 
 SAY = "take the number of a term and say where it acts"
 
@@ -123,8 +123,8 @@ class Norms(ArrayRecord):
     places : callable i -> str, optional
         Where term i acts, in words, for messages.
     law : Law, optional
-        Weights that follow the answer of a step (:mod:`vemcvx.weight_law`); `w` are then the weights where no limit
-        acts.
+        Weights that follow the answer of a step (:mod:`vemcvx.base.weight_law`); `w` are then the weights where no
+        limit acts.
     ground : callable t -> (m * block,), optional
         The displacement g of the ground: slips are relative to it, w_i |B_i (y - y_prev) - (g_i - g_i,prev)|, and its
         motion does work.

@@ -16,8 +16,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.arrays import Floats, power_of_two
-from vemcvx.errors import SceneError
+from vemcvx.base.arrays import Floats, power_of_two
+from vemcvx.base.errors import SceneError
 from vemcvx.linear import Factor
 from vemcvx.program.operators import Operators
 from vemcvx.program.step_program import Answer, StepProgram

@@ -33,7 +33,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
-from vemcvx.arrays import (
+from vemcvx.base.arrays import (
     EPS,
     Bools,
     Floats,
@@ -49,8 +49,8 @@ from vemcvx.arrays import (
     read_only,
     shape_in_words,
 )
-from vemcvx.errors import SceneError, SolverFailed
-from vemcvx.outline import ArrayRecord
+from vemcvx.base.errors import SceneError, SolverFailed
+from vemcvx.base.outline import ArrayRecord
 from vemcvx.program.certificate import Certificate, limit_gaps, moved_gap, norm_gaps
 from vemcvx.program.operators import Operators, Rows, product
 

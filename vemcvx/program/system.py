@@ -18,7 +18,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
-from vemcvx.arrays import (
+from vemcvx.base.arrays import (
     EPS,
     Floats,
     Ints,
@@ -36,9 +36,9 @@ from vemcvx.arrays import (
     shaped,
     spread,
 )
-from vemcvx.errors import SceneError
+from vemcvx.base.errors import SceneError
+from vemcvx.base.outline import ArrayRecord
 from vemcvx.linear import LinearSolver, choose_linear, direct_solver, singular
-from vemcvx.outline import ArrayRecord
 from vemcvx.program.kernel import Kernel, rank_on
 from vemcvx.program.operators import SAY, SYMMETRIC, Norms, check_symmetric
 

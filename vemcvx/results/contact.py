@@ -45,12 +45,12 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
-from vemcvx.arrays import EPS, Bools, Floats, Ints, summed_columns, totals
+from vemcvx.base.arrays import EPS, Bools, Floats, Ints, summed_columns, totals
+from vemcvx.base.outline import ArrayRecord
 from vemcvx.effects import PrescribedDisplacement, data
 from vemcvx.effects.effect import Load
 from vemcvx.meshes import PolygonMesh
 from vemcvx.meshes.polygons import smallest_linked
-from vemcvx.outline import ArrayRecord
 from vemcvx.results.contact_faces import ContactFaces
 from vemcvx.scene.contact import Surface, Terms
 from vemcvx.scene.pose import PosedScene

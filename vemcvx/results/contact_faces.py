@@ -27,7 +27,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.arrays import Bools, Floats, Ints
+from vemcvx.base.arrays import Bools, Floats, Ints
 from vemcvx.meshes import PolyhedralMesh
 from vemcvx.meshes.box import WHOLE
 from vemcvx.meshes.polygons import cell_of_corner, next_corner, offsets_of, rows_in_order, spans

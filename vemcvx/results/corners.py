@@ -39,7 +39,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vemcvx.arrays import Bools, Floats, Ints
+from vemcvx.base.arrays import Bools, Floats, Ints
 from vemcvx.meshes import AnyMesh, PolygonMesh
 from vemcvx.meshes.polygons import cell_of_corner
 from vemcvx.results.contact import Contact, Sides

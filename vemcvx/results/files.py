@@ -41,20 +41,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vemcvx.archives import Arrays, read_arrays, record_of
-from vemcvx.arrays import Floats, brief, quantities
-from vemcvx.errors import HistoryError, MeshError
+from vemcvx.base.archives import Arrays, read_arrays, record_of
+from vemcvx.base.arrays import Floats, brief, quantities
+from vemcvx.base.errors import HistoryError, MeshError
+from vemcvx.base.owned_files import DRAFTS, Owned, path_of
+from vemcvx.base.version import __version__
 from vemcvx.meshes import AnyMesh, Interface, PolygonMesh, PolyhedralMesh
 from vemcvx.meshes.interfaces import padded
 from vemcvx.meshes.io.vtk import packed_cells, write_cells
 from vemcvx.meshes.polygons import rows_in_order
 from vemcvx.meshes.polyhedra import Faces, listed_faces
-from vemcvx.owned_files import DRAFTS, Owned, path_of
 from vemcvx.results.quoted import Quantity
 from vemcvx.results.results import RECORDS, Results, labelled, size_of
 from vemcvx.results.tables import FILES, write_tables
 from vemcvx.vem import VertexWeights, component_names
-from vemcvx.version import __version__
 
 NAME = "vemcvx history"
 ENERGIES = "energy", "dissipated", "work", "dissipated_second_order", "work_second_order"

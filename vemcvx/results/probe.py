@@ -17,8 +17,8 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
-from vemcvx.arrays import ROUNDING, Floats, Ints, as_real_array, brief, is_whole, shape_in_words
-from vemcvx.errors import SceneError
+from vemcvx.base.arrays import ROUNDING, Floats, Ints, as_real_array, brief, is_whole, shape_in_words
+from vemcvx.base.errors import SceneError
 from vemcvx.meshes import AnyMesh, PolygonMesh, PolyhedralMesh
 from vemcvx.meshes.polygons import TOLERANCE, cell_of_corner, holding, next_vertex, outlines, overlapping_boxes
 from vemcvx.meshes.tessellation import projected_values

@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from vemcvx.arrays import Floats
+from vemcvx.base.arrays import Floats
 
 
 @dataclass(frozen=True)

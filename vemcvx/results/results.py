@@ -12,9 +12,9 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vemcvx.arrays import Floats, Ints, Quantity, brief, is_whole, quantities, summed_columns
+from vemcvx.base.arrays import Floats, Ints, Quantity, brief, is_whole, quantities, summed_columns
+from vemcvx.base.errors import HistoryError, SceneError, SceneWarning
 from vemcvx.effects import PrescribedDisplacement
-from vemcvx.errors import HistoryError, SceneError, SceneWarning
 from vemcvx.meshes import AnyMesh, PolyhedralMesh
 from vemcvx.meshes.polygons import cell_of_corner
 from vemcvx.program import SolvedProgram

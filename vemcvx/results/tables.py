@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vemcvx.arrays import Floats, Ints, brief, quantities
-from vemcvx.errors import HistoryError, VemcvxError
-from vemcvx.outline import Table
+from vemcvx.base.arrays import Floats, Ints, brief, quantities
+from vemcvx.base.errors import HistoryError, VemcvxError
+from vemcvx.base.outline import Table
 from vemcvx.results.probe import places
 from vemcvx.results.results import Results, labelled
 

@@ -37,7 +37,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from vemcvx.arrays import Floats
+from vemcvx.base.arrays import Floats
 
 Complex = NDArray[np.complex128]
 LIMIT = 0.99

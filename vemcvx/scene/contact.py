@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.arrays import EPS, SAME, Bools, Floats, Ints
+from vemcvx.base.arrays import EPS, SAME, Bools, Floats, Ints
+from vemcvx.base.errors import SceneError, SceneWarning, VemcvxError
 from vemcvx.effects import ContactSurface, Friction, Law, Obstacle
 from vemcvx.effects.data import finite_a_row
-from vemcvx.errors import SceneError, SceneWarning, VemcvxError
 from vemcvx.meshes.polygons import all_found_in
 from vemcvx.program.operators import Norms, Rows
 from vemcvx.program.system import DRAG_ROUNDING, DraggedTerms, Limits

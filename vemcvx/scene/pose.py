@@ -15,9 +15,9 @@ from typing import TypeVar
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.arrays import Floats, Ints, read_only
+from vemcvx.base.arrays import Floats, Ints, read_only
+from vemcvx.base.errors import SceneWarning
 from vemcvx.effects import Contribution, Friction, Load, Material, MaterialLaw, Obstacle
-from vemcvx.errors import SceneWarning
 from vemcvx.linear import nested_dissection
 from vemcvx.meshes import AnyMesh
 from vemcvx.program.kernel import Kernel

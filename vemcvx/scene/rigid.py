@@ -10,8 +10,8 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.linalg import qr
 
-from vemcvx.arrays import EPS, Floats, Ints
-from vemcvx.errors import SceneError
+from vemcvx.base.arrays import EPS, Floats, Ints
+from vemcvx.base.errors import SceneError
 from vemcvx.meshes import AnyMesh
 from vemcvx.meshes.polygons import smallest_linked
 from vemcvx.program.kernel import Kernel

@@ -19,7 +19,7 @@ from typing import Any, TypeVar
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.arrays import SAME, Floats, Ints
+from vemcvx.base.arrays import SAME, Floats, Ints
 from vemcvx.effects import ContactSurface, Friction, Obstacle, Support
 from vemcvx.meshes.polygons import found_in
 from vemcvx.vem.boundary import STRAIGHT

@@ -10,11 +10,11 @@ import numpy as np
 import scipy.sparse as sp
 
 from vemcvx import vem
-from vemcvx.arrays import Bools, Floats, Ints, brief, fading, read_only
+from vemcvx.base.arrays import Bools, Floats, Ints, brief, fading, read_only
+from vemcvx.base.errors import SceneError, VemcvxError
+from vemcvx.base.outline import Outline
 from vemcvx.effects import Contribution, Effect, Eigenstrain, Friction, InitialStress, Load, Material, MaterialLaw
-from vemcvx.errors import SceneError, VemcvxError
 from vemcvx.meshes import AnyMesh
-from vemcvx.outline import Outline
 from vemcvx.program.system import DRAG_ROUNDING
 from vemcvx.scene.rows import along, pairs_of
 from vemcvx.vem import MirrorPlanes, Space, Stabilisation, VertexWeights

@@ -24,9 +24,9 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
-from vemcvx.arrays import EPS, SAME, Bools, Floats, Ints
+from vemcvx.base.arrays import EPS, SAME, Bools, Floats, Ints
+from vemcvx.base.errors import SceneError
 from vemcvx.effects import Friction, Obstacle, Support
-from vemcvx.errors import SceneError
 from vemcvx.scene.rows import jump_rows, pairs_of
 from vemcvx.vem import tangents_of
 from vemcvx.vem.boundary import STRAIGHT

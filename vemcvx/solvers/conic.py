@@ -22,8 +22,8 @@ from typing import Any, ClassVar
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.arrays import Floats, brief, flag, is_whole
-from vemcvx.errors import NotAccepted, SceneError
+from vemcvx.base.arrays import Floats, brief, flag, is_whole
+from vemcvx.base.errors import NotAccepted, SceneError
 from vemcvx.program.operators import FEATURES, QUADRATIC, SECOND_ORDER_CONES, Operators
 from vemcvx.program.step_program import Answer, CvxpyStep, StepProgram, to_cvxpy
 from vemcvx.program.tolerances import SHARE, UNSEEN

@@ -17,8 +17,8 @@ from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
-from vemcvx.arrays import Floats, brief, flag, lengths
-from vemcvx.errors import NotAccepted, SceneError
+from vemcvx.base.arrays import Floats, brief, flag, lengths
+from vemcvx.base.errors import NotAccepted, SceneError
 from vemcvx.program.operators import FEATURES, QUADRATIC, SECOND_ORDER_CONES, Operators
 from vemcvx.program.step_program import Answer, StepProgram, read_answer
 from vemcvx.solvers.conic import OSQP, Clarabel

@@ -13,8 +13,8 @@ from typing import Protocol
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.arrays import SAME, Floats
-from vemcvx.errors import SceneError
+from vemcvx.base.arrays import SAME, Floats
+from vemcvx.base.errors import SceneError
 from vemcvx.program.operators import Norms
 
 DIFFERENCE = 1e-6

@@ -37,7 +37,7 @@ import scipy.sparse as sp
 from scipy.linalg.lapack import dgetrf, dgetrs
 from scipy.sparse.linalg import LinearOperator, gmres
 
-from vemcvx.arrays import Bools, Floats, directions, lengths, onto_discs, whole
+from vemcvx.base.arrays import Bools, Floats, directions, lengths, onto_discs, whole
 from vemcvx.program.forces import Delassus, Point, reflected
 from vemcvx.program.operators import FEATURES, Operators
 from vemcvx.program.step_program import Answer, StepProgram

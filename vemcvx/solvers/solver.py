@@ -15,8 +15,8 @@ from typing import ClassVar, Protocol, Self
 
 import numpy as np
 
-from vemcvx.arrays import Floats, part
-from vemcvx.errors import SolverFailed, VemcvxError
+from vemcvx.base.arrays import Floats, part
+from vemcvx.base.errors import SolverFailed, VemcvxError
 from vemcvx.program.operators import Operators
 from vemcvx.program.scaling import Scaling
 from vemcvx.program.step_program import Answer, StepProgram, fitting

@@ -43,8 +43,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vemcvx.arrays import ROUNDING, Floats, as_real_array, brief, check_takes, flag, shaped
-from vemcvx.errors import WORTH_A_WORD, SceneError
+from vemcvx.base.arrays import ROUNDING, Floats, as_real_array, brief, check_takes, flag, shaped
+from vemcvx.base.errors import WORTH_A_WORD, SceneError
 from vemcvx.linear import LinearSolver
 from vemcvx.linear.default import one_thread
 from vemcvx.program.operators import energy_norm

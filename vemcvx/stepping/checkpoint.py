@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from vemcvx.arrays import Floats, Ints
+from vemcvx.base.arrays import Floats, Ints
 from vemcvx.program.certificate import Certificate
 from vemcvx.stepping.ledger import Ledger, energy
 from vemcvx.stepping.state import Dragged, PreparedRun, State

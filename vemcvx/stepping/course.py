@@ -16,8 +16,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from vemcvx.arrays import Floats
-from vemcvx.errors import WORTH_A_WORD
+from vemcvx.base.arrays import Floats
+from vemcvx.base.errors import WORTH_A_WORD
 from vemcvx.program.system import System
 
 BENT = 1e-6  # Lines on two sides of an interval that miss each other by this part of the largest datum are one.

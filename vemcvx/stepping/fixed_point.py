@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from vemcvx.arrays import Floats, lengths
+from vemcvx.base.arrays import Floats, lengths
 from vemcvx.program.step_program import Answer, StepProgram, fitting
 from vemcvx.program.tolerances import SHARE
 from vemcvx.solvers import Solver

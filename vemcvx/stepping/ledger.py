@@ -42,7 +42,7 @@ from functools import cached_property
 
 import numpy as np
 
-from vemcvx.arrays import Floats, lengths
+from vemcvx.base.arrays import Floats, lengths
 from vemcvx.program.condensation import Condensation, Reduced
 from vemcvx.program.operators import product
 from vemcvx.program.scaling import LARGEST_NORM, checked_norm

@@ -32,8 +32,8 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.arrays import EPS, SAME, Floats, columns, lengths, power_of_two
-from vemcvx.errors import NotCertified, SceneError
+from vemcvx.base.arrays import EPS, SAME, Floats, columns, lengths, power_of_two
+from vemcvx.base.errors import NotCertified, SceneError
 from vemcvx.linear import AT_ONCE
 from vemcvx.program.certificate import Certificate
 from vemcvx.program.condensation import Condensation, Reduced

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vemcvx.arrays import Floats, brief, flag, is_whole
-from vemcvx.errors import HistoryError
+from vemcvx.base.arrays import Floats, brief, flag, is_whole
+from vemcvx.base.errors import HistoryError
 from vemcvx.linear import LinearSolver
 from vemcvx.program.step_program import SolvedProgram
 from vemcvx.program.system import System

@@ -27,8 +27,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.linalg import eigh
 
-from vemcvx.arrays import EPS, Bools, Floats, lengths
-from vemcvx.errors import NotAccepted, SceneWarning
+from vemcvx.base.arrays import EPS, Bools, Floats, lengths
+from vemcvx.base.errors import NotAccepted, SceneWarning
 from vemcvx.linear import LinearSolver
 from vemcvx.program.certificate import Certificate
 from vemcvx.program.condensation import Condensation

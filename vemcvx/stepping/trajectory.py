@@ -3,8 +3,8 @@
 Rows are kept in memory, or in a folder that outlives the process. A folder holds one ``.npy`` file an array, mapped
 into memory, so that the size of a history is bounded by the disk and not by memory; and ``checkpoint.npz``, replaced
 in one move, from which a run that was interrupted goes on. The disk's space is claimed before the first step. Should
-the machine die, too, the check sums of the checkpoint tell whether the disk has it all. :mod:`vemcvx.owned_files` says
-which files are a run's.
+the machine die, too, the check sums of the checkpoint tell whether the disk has it all.
+:mod:`vemcvx.base.owned_files` says which files are a run's.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from typing import Annotated, Any, TypeGuard
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vemcvx.archives import Arrays, read_arrays
-from vemcvx.arrays import Bools, Floats, Ints, brief, is_whole, quantities
-from vemcvx.errors import HistoryError, SceneError
-from vemcvx.outline import ArrayRecord
-from vemcvx.owned_files import Owned, path_of
+from vemcvx.base.archives import Arrays, read_arrays
+from vemcvx.base.arrays import Bools, Floats, Ints, brief, is_whole, quantities
+from vemcvx.base.errors import HistoryError, SceneError
+from vemcvx.base.outline import ArrayRecord
+from vemcvx.base.owned_files import Owned, path_of
 from vemcvx.stepping.checkpoint import mark, state_of_row
 from vemcvx.stepping.posed_step import certified_in_full, certified_together, require_certified, say_floor, together
 from vemcvx.stepping.state import PreparedRun, State, sticking

@@ -18,7 +18,7 @@ from dataclasses import replace
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.arrays import Floats
+from vemcvx.base.arrays import Floats
 from vemcvx.program.system import Damping
 from vemcvx.program.tolerances import SHARE
 from vemcvx.stepping.ledger import Ledger, StepData, energy_in_full, in_range

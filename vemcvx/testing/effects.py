@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from vemcvx.arrays import Floats
+from vemcvx.base.arrays import Floats
+from vemcvx.base.errors import SceneError
 from vemcvx.effects import (
     ContactSurface,
     Contribution,
@@ -25,7 +26,6 @@ from vemcvx.effects import (
     Material,
     MaterialLaw,
 )
-from vemcvx.errors import SceneError
 from vemcvx.history import History
 from vemcvx.meshes import FAMILIES, SPACE_FAMILIES, AnyMesh
 from vemcvx.scene import Scene

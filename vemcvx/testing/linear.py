@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from vemcvx.arrays import Floats
+from vemcvx.base.arrays import Floats
+from vemcvx.base.errors import SceneError
 from vemcvx.effects import BilateralContact, Elasticity, TrescaFriction, Viscosity
-from vemcvx.errors import SceneError
 from vemcvx.linear import Factor, LinearSolver, SuperLU
 from vemcvx.program import Norms, System
 from vemcvx.program.kernel import Kernel

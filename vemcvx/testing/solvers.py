@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from vemcvx.arrays import Floats
+from vemcvx.base.arrays import Floats
+from vemcvx.base.errors import NotAccepted, NotCertified, SceneError
 from vemcvx.effects import (
     BilateralContact,
     Clamp,
@@ -21,7 +22,6 @@ from vemcvx.effects import (
     TrescaFriction,
     UnilateralContact,
 )
-from vemcvx.errors import NotAccepted, NotCertified, SceneError
 from vemcvx.meshes import FAMILIES, SPACE_FAMILIES
 from vemcvx.program import Limits, Norms, System
 from vemcvx.program.condensation import Condensation

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.arrays import Bools, Floats, Ints, read_only, totals
+from vemcvx.base.arrays import Bools, Floats, Ints, read_only, totals
 from vemcvx.meshes.mesh import PolyhedralMesh
 from vemcvx.meshes.polygons import TOLERANCE, found_in, offsets_of
 from vemcvx.vem.projection import FaceGroup, face_groups, tangents_of

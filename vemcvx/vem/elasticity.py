@@ -48,7 +48,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.linalg.lapack import dpstrf
 
-from vemcvx.arrays import Bools, Floats, Ints, by_rows
+from vemcvx.base.arrays import Bools, Floats, Ints, by_rows
 from vemcvx.vem.projection import CHUNK, CellGroup
 from vemcvx.vem.space import Space
 from vemcvx.vem.stabilisation import (

@@ -17,7 +17,7 @@ from collections.abc import Callable
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.arrays import Bools, Floats, Ints, totals
+from vemcvx.base.arrays import Bools, Floats, Ints, totals
 from vemcvx.meshes import PolygonMesh, PolyhedralMesh
 from vemcvx.meshes.polygons import (
     INNER,

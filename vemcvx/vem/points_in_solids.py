@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.arrays import ROUNDING, SOME, Floats, Ints
+from vemcvx.base.arrays import ROUNDING, SOME, Floats, Ints
 from vemcvx.meshes.interfaces import faces_of
 from vemcvx.meshes.mesh import PolyhedralMesh
 from vemcvx.meshes.polygons import TOLERANCE, least_of_each, offsets_of, overlapping_boxes, spans

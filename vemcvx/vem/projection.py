@@ -9,7 +9,7 @@ from typing import Self
 
 import numpy as np
 
-from vemcvx.arrays import SOME, Bools, Floats, Ints, read_only, totals
+from vemcvx.base.arrays import SOME, Bools, Floats, Ints, read_only, totals
 from vemcvx.meshes.mesh import AnyMesh, PolyhedralMesh
 from vemcvx.meshes.polygons import RADON_POINTS, RADON_WEIGHTS, diagonals_of, spans
 

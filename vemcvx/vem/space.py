@@ -14,8 +14,8 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.arrays import Bools, Ints, read_only
-from vemcvx.errors import SceneError
+from vemcvx.base.arrays import Bools, Ints, read_only
+from vemcvx.base.errors import SceneError
 from vemcvx.meshes import AnyMesh, PolyhedralMesh, plane_mesh
 from vemcvx.meshes.polygons import cell_of_corner, smallest_linked, spans
 from vemcvx.vem.boundary import MirrorPlanes, Part, edge_part, face_part

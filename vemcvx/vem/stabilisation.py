@@ -25,8 +25,8 @@ from typing import Annotated
 
 import numpy as np
 
-from vemcvx.arrays import ROUNDING, Bools, Floats, as_real_array, called
-from vemcvx.errors import SceneError
+from vemcvx.base.arrays import ROUNDING, Bools, Floats, as_real_array, called
+from vemcvx.base.errors import SceneError
 from vemcvx.vem.projection import CellGroup
 from vemcvx.vem.space import Space
 

@@ -32,16 +32,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
-from vemcvx.canvas import as_png, legend_below, light_grid, new_figure, plain_logarithms
+from vemcvx.base.canvas import as_png, legend_below, light_grid, new_figure, plain_logarithms
+from vemcvx.base.errors import ProblemError, VemcvxError
+from vemcvx.base.outline import Table
+from vemcvx.base.owned_files import ANY_KIND, Owned
 from vemcvx.cli.collection.instances import FCLIB
 from vemcvx.cli.collection.trials import ASKED, BEGUN, FAILED, REFUSED, STOPPED, WARM, Entrant, Running, Trial, journal
 from vemcvx.cli.collection.writing import MANIFEST
 from vemcvx.cli.options import NONE, Options, solver_names
 from vemcvx.cli.solver_names import read_options
 from vemcvx.cli.terminal import listed, progress_bar, say
-from vemcvx.errors import ProblemError, VemcvxError
-from vemcvx.outline import Table
-from vemcvx.owned_files import ANY_KIND, Owned
 from vemcvx.plots.style import MARKERS, SERIES
 
 if TYPE_CHECKING:

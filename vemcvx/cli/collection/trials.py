@@ -49,16 +49,16 @@ try:
 except ImportError:  # on Windows
     resource = None  # type: ignore[assignment]
 
-from vemcvx.arrays import Floats
+from vemcvx.base.arrays import Floats
+from vemcvx.base.errors import NotAccepted, ProblemError, VemcvxError, quietly
+from vemcvx.base.version import __version__
 from vemcvx.cli.solver_names import named_solver
 from vemcvx.cost.workers import Crashed, alone
-from vemcvx.errors import NotAccepted, ProblemError, VemcvxError, quietly
 from vemcvx.exchange import sequence_from_npz
 from vemcvx.program.scaling import Scaling
 from vemcvx.program.step_program import Answer, SolvedProgram, StepProgram
 from vemcvx.solvers import Solver, ThroughCvxpy
 from vemcvx.solvers.solver import Prepared, named_failures
-from vemcvx.version import __version__
 
 ASKED = 1e-3, 1e-6, 1e-9
 """Relative errors in energy norm by which solvers are compared."""

@@ -15,7 +15,11 @@ import numpy as np
 import scipy.sparse as sp
 import typer
 
-from vemcvx.arrays import ROUNDING, SAME, Floats
+from vemcvx.base.arrays import ROUNDING, SAME, Floats
+from vemcvx.base.errors import ProblemError
+from vemcvx.base.outline import Table
+from vemcvx.base.owned_files import ANY_KIND, Owned
+from vemcvx.base.version import __version__
 from vemcvx.cli.collection.instances import (
     CORE,
     COULOMB,
@@ -30,17 +34,13 @@ from vemcvx.cli.collection.instances import (
 from vemcvx.cli.problem_file import read_problem
 from vemcvx.cli.supplied import problems_folder
 from vemcvx.cli.terminal import logged_at_most, progress_bar, say
-from vemcvx.errors import ProblemError
 from vemcvx.exchange import FORMATS, description, encoded, in_json, put, sequence_to_npz
 from vemcvx.linear import direct_solver
-from vemcvx.outline import Table
-from vemcvx.owned_files import ANY_KIND, Owned
 from vemcvx.program.step_program import SolvedProgram, StepProgram
 from vemcvx.results.results import programs_of_steps
 from vemcvx.scene.pose import unwarned
 from vemcvx.simulation import programs
 from vemcvx.solvers import Newton
-from vemcvx.version import __version__
 
 MANIFEST, OPTIMA, SCRIPT, SUMS = "manifest.json", "optima.csv", "confirm.py", "SHA256SUMS.txt"
 KINDS = rf"README\.md|LICENSE\.txt|CITATION\.cff|SHA256SUMS\.txt|{ANY_KIND}"

@@ -34,7 +34,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from vemcvx.arrays import (
+from vemcvx.base.arrays import (
     ROUNDING,
     SAME,
     Bools,
@@ -48,7 +48,7 @@ from vemcvx.arrays import (
     number,
     totals,
 )
-from vemcvx.errors import HistoryError, MeshError
+from vemcvx.base.errors import HistoryError, MeshError
 from vemcvx.meshes import AnyMesh, PolygonMesh, PolyhedralMesh
 from vemcvx.meshes.polygons import INNER, cell_of_corner, fans, nearest, outlines, overlaps, places
 from vemcvx.results.results import Results

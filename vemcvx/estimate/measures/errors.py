@@ -9,9 +9,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vemcvx.arrays import Floats, Ints, as_real_array, brief, totals
+from vemcvx.base.arrays import Floats, Ints, as_real_array, brief, totals
+from vemcvx.base.errors import HistoryError
+from vemcvx.base.outline import Table
+from vemcvx.base.owned_files import path_of
 from vemcvx.effects import data
-from vemcvx.errors import HistoryError
 from vemcvx.estimate.measures.distance import Field, Measured, field_of, measured
 from vemcvx.meshes import PolygonMesh, PolyhedralMesh
 from vemcvx.meshes.polygons import (
@@ -25,8 +27,6 @@ from vemcvx.meshes.polygons import (
 )
 from vemcvx.meshes.polyhedra import listed_faces
 from vemcvx.meshes.tessellation import projected_values
-from vemcvx.outline import Table
-from vemcvx.owned_files import path_of
 from vemcvx.results.results import Results
 from vemcvx.vem import Space, stresses
 from vemcvx.vem.points_in_solids import solid_values

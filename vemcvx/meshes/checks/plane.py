@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vemcvx.arrays import SINGLE, Floats, Ints, plain
-from vemcvx.errors import MeshError
+from vemcvx.base.arrays import SINGLE, Floats, Ints, plain
+from vemcvx.base.errors import MeshError
 from vemcvx.meshes.box import LARGEST
 from vemcvx.meshes.interfaces import Interface, check_interfaces, pairs_of, places_of
 from vemcvx.meshes.polygons import (

@@ -21,8 +21,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vemcvx.arrays import SINGLE, Bools, Floats, Ints
-from vemcvx.errors import MeshError
+from vemcvx.base.arrays import SINGLE, Bools, Floats, Ints
+from vemcvx.base.errors import MeshError
 from vemcvx.meshes import polygons, polyhedra
 from vemcvx.meshes.checks import plane
 from vemcvx.meshes.checks.plane import brief_row, check_polygons, laid_flat

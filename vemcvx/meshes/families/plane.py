@@ -7,8 +7,8 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vemcvx.arrays import ROUNDING, Bools, Floats, Ints, brief, plain
-from vemcvx.errors import MeshError
+from vemcvx.base.arrays import ROUNDING, Bools, Floats, Ints, brief, plain
+from vemcvx.base.errors import MeshError
 from vemcvx.meshes.box import (
     LARGEST,
     SHORTEST,

@@ -6,7 +6,7 @@ from itertools import product
 
 import numpy as np
 
-from vemcvx.arrays import Floats, Ints
+from vemcvx.base.arrays import Floats, Ints
 from vemcvx.meshes.box import UNIT_CUBE, Box, SpaceCorners, SpaceCount, cell_counts, check_box, check_grades
 from vemcvx.meshes.families.voronoi import voronoi
 from vemcvx.meshes.mesh import PolyhedralMesh

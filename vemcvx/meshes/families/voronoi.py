@@ -17,8 +17,8 @@ from itertools import chain
 import numpy as np
 from scipy.sparse import csr_array
 
-from vemcvx.arrays import SAME, SINGLE, Bools, Floats, Ints
-from vemcvx.errors import MeshError
+from vemcvx.base.arrays import SAME, SINGLE, Bools, Floats, Ints
+from vemcvx.base.errors import MeshError
 from vemcvx.meshes.box import (
     UNIT_BOX,
     UNIT_CUBE,

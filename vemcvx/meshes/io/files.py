@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from vemcvx.errors import MeshError, MeshWarning
+from vemcvx.base.errors import MeshError, MeshWarning
 from vemcvx.meshes.box import MOST_CELLS, WHOLE
 from vemcvx.meshes.io.grid import PHYSICAL, AnyTessellation, Grid, finished, grid_of, mesh_of, named, translated
 from vemcvx.meshes.io.objects import from_meshio, groups_of, to_meshio

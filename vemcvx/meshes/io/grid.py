@@ -23,8 +23,8 @@ from urllib.parse import quote, unquote
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vemcvx.arrays import SAME, Bools, Floats, Ints
-from vemcvx.errors import MeshError, MeshWarning, quietly
+from vemcvx.base.arrays import SAME, Bools, Floats, Ints
+from vemcvx.base.errors import MeshError, MeshWarning, quietly
 from vemcvx.meshes.box import WHOLE
 from vemcvx.meshes.interfaces import Interface, padded
 from vemcvx.meshes.polygons import directed_edges, matching_rows, offsets_of, rows_in_order, turned

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vemcvx.arrays import Ints, brief
-from vemcvx.errors import MeshError, MeshWarning, VemcvxError
+from vemcvx.base.arrays import Ints, brief
+from vemcvx.base.errors import MeshError, MeshWarning, VemcvxError
 from vemcvx.meshes.box import WHOLE
 from vemcvx.meshes.interfaces import padded
 from vemcvx.meshes.io import grid as grids

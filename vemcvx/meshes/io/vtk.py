@@ -24,8 +24,8 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vemcvx.arrays import Bools, Floats, Ints
-from vemcvx.errors import MeshError
+from vemcvx.base.arrays import Bools, Floats, Ints
+from vemcvx.base.errors import MeshError
 from vemcvx.meshes.io.grid import AnyTessellation, Grid, grid_of, polygon_kinds, take_parts, translated
 from vemcvx.meshes.polygons import offsets_of, rows_in_order
 from vemcvx.meshes.polyhedra import Listed

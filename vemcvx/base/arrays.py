@@ -17,7 +17,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
-from vemcvx.errors import SceneError, VemcvxError
+from vemcvx.base.errors import SceneError, VemcvxError
 
 EPS = float(np.finfo(float).eps)
 ROUNDING = 1e-12

@@ -21,8 +21,8 @@ import sys
 from pathlib import Path
 from typing import Self
 
-from vemcvx.arrays import brief
-from vemcvx.errors import HistoryError
+from vemcvx.base.arrays import brief
+from vemcvx.base.errors import HistoryError
 
 log = logging.getLogger("vemcvx")
 

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from vemcvx.arrays import Floats, Ints
-from vemcvx.errors import VemcvxError
+from vemcvx.base.arrays import Floats, Ints
+from vemcvx.base.errors import VemcvxError
 
 if TYPE_CHECKING:
     from matplotlib.animation import AbstractMovieWriter

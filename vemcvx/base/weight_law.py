@@ -22,8 +22,8 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
-from vemcvx.arrays import Floats, brief, flag, function
-from vemcvx.errors import SceneError
+from vemcvx.base.arrays import Floats, brief, flag, function
+from vemcvx.base.errors import SceneError
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.arrays import brief
+from vemcvx.base.arrays import brief
 
 Lines = Sequence[tuple[str, str]]
 

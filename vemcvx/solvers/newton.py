@@ -401,8 +401,8 @@ def recorded(
     if len(point.a) and operators.block > 1 and slips.any():
         # What that leaves out of balance on the kernel is taken by what holds still, and across slips: it costs least.
         rest = delassus.N.T @ (program.g - operators.multiplier_force(lam, p))
-        z = np.linalg.lstsq((system.P @ delassus.R).T, rest, rcond=None)[0]
-        more = delassus.parts(delassus.u * (system.P.T @ z))
+        z = np.linalg.lstsq((system.Qt @ delassus.R).T, rest, rcond=None)[0]
+        more = delassus.parts(delassus.u * (system.Qt.T @ z))
         lam, p = lam + more[0], np.maximum(p + more[1], 0.0)
     return d, lam, p
 

@@ -368,8 +368,7 @@ def test_files_that_are_of_no_history_stay(history, name, tmp_path):
 def test_what_a_killed_process_left_goes(history, tmp_path):
     # As it is left by a kill in the middle of writing.
     held = Owned(tmp_path / ".vemcvx-writing")
-    held.take("new").mkdir()
-    (tmp_path / ".vemcvx-writing" / "new" / "step_0000.vtu").write_text("half")
+    held.take("step_0000.vtu").write_text("half")
     with pytest.raises(HistoryError, match="another run is writing there"):
         history.write(tmp_path)
     held.close()

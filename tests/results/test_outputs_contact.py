@@ -67,10 +67,10 @@ def test_open_is_where_nothing_presses(stiffness):
 @pytest.mark.parametrize("friction", [vx.TrescaFriction(0.05, on="bottom"), None])
 @pytest.mark.filterwarnings("ignore::vemcvx.SceneWarning")
 def test_conic_answers_open_where_ours_do(friction):
-    """There no force of their own is zero to the bit; those of a fixed point's solution are."""
+    """No force of theirs is zero to the bit."""
     ours = lifting(friction=friction)
     theirs = vx.simulate(ours.scene, ours.mesh, TIMES, solver=vx.Clarabel())
-    assert (theirs.trajectory.pressures[-1] > 0).all() == (friction is not None)
+    assert (theirs.trajectory.pressures[-1] > 0).all()
     assert np.array_equal(ours.contact.closed, theirs.contact.closed)
 
 

@@ -111,17 +111,6 @@ def test_a_resumed_run_remembers(store, tmp_path):
 
 
 @pytest.mark.long
-def test_a_checkpoint_without_wear_is_refused(tmp_path):
-    scene, mesh = SCENES["tresca"], small("squares", 4)
-    vx.simulate(scene, mesh, TIMES, stream=tmp_path)
-    with np.load(tmp_path / "checkpoint.npz") as file:
-        arrays = {name: file[name] for name in file.files if name != "ledger.worn"}
-    np.savez(tmp_path / "checkpoint.npz", **arrays)
-    with pytest.raises(vx.HistoryError, match="checkpoint: incomplete, or changed.*Remove the folder and run again"):
-        vx.simulate(scene, mesh, TIMES, stream=tmp_path, resume=True)
-
-
-@pytest.mark.long
 def test_dashpots_dissipate_and_do_not_wear():
     scene = vx.Scene(*SCENES["tresca"].effects, vx.Viscosity(shear=10.0, volume=5.0))
     mesh = small("squares", 4)

@@ -12,10 +12,9 @@ A VTU file has at nodes the displacement and all of contact that changes in time
 closed, 1 or 0, are NaN there, so that what slips differs from what is not in contact. At an interface both sides have
 them, slip and traction of the second body with the other sign. On cells it has what `on_cells` of a history gives.
 
-All files are made in a folder inside the target and moved from there once the file ``complete`` says that none is
-missing: the archive first, by which a folder is known as that of a history, and the summary last. A process that dies
-before leaves the older history as it was; one that dies after leaves moves, which whoever next reads or writes there
-makes first. Files of those names that are of no history stay as they are.
+All files are made in a folder inside the target and moved from there: the archive first, by which a folder is known
+as that of a history and from which histories are read, and the summary last. A process that dies before leaves the
+older history as it was. Files of those names that are of no history stay as they are.
 
 The archive holds what :func:`vemcvx.results.results.labelled` lists, the mesh with its boundaries and cell data, and as
 JSON in the array `about` what is no array.
@@ -31,8 +30,8 @@ import tempfile
 import time
 import xml.etree.ElementTree as ET
 import zipfile
-from collections.abc import Callable, Iterator, Set
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Set
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from types import NoneType
@@ -44,7 +43,7 @@ from numpy.typing import ArrayLike
 from vemcvx.base.archives import Arrays, read_arrays, record_of
 from vemcvx.base.arrays import Floats, brief, quantities
 from vemcvx.base.errors import HistoryError, MeshError
-from vemcvx.base.owned_files import DRAFTS, Owned, path_of
+from vemcvx.base.owned_files import Owned, path_of
 from vemcvx.base.version import __version__
 from vemcvx.meshes import AnyMesh, Interface, PolygonMesh, PolyhedralMesh
 from vemcvx.meshes.interfaces import padded
@@ -64,10 +63,8 @@ PLAIN = "effects", "inactive", "errors", "bound", "bounded_force", "seconds", "g
 """What is no array, and goes into JSON as it is."""
 WEIGHTS = "stabilisation.tau"  # The array of S_K = tau h_K^(dim - 2) I.
 ARCHIVE, SERIES, SUMMARY = "history.npz", "history.pvd", "summary.json"
-WRITING, COMPLETE = ".vemcvx-writing", "complete"
+WRITING = ".vemcvx-writing"
 STEP = r"step_[0-9]+\.vtu"
-KINDS = "|".join([STEP, *map(re.escape, (ARCHIVE, SERIES, SUMMARY, *FILES.values()))])
-"""Names of the files of a history, as a regular expression."""
 
 
 def write_archive(history: Results, path: Path) -> None:
@@ -309,67 +306,47 @@ def write_results(
         )
     folder, start = writable_folder(folder), time.perf_counter()
     try:
-        with _scratch(folder) as scratch:
-            new = scratch.take(DRAFTS)
-            new.mkdir()
-            # The energy of displacements beyond 1e154 overflows, and is written as infinite.
-            with np.errstate(over="ignore", invalid="ignore"):
-                _write_series(history, new / SERIES, progress or (lambda *_: None))
-            write_archive(history, new / ARCHIVE)
-            tables = write_tables(history, new, probes)
-            told = summary(history, origin or Origin(), time.perf_counter() - start) | {"tables": tables}
-            words = json.dumps(told, indent=2, allow_nan=False)
-            (new / SUMMARY).write_text(f"{words}\n", encoding="utf-8")
-            check_replaceable(folder, {path.name for path in new.iterdir()})
-            scratch.take(COMPLETE).touch()
+        with Owned(folder / WRITING) as made:
+            made.clear()  # What a process that died has left.
+            try:
+                # The energy of displacements beyond 1e154 overflows, and is written as infinite.
+                with np.errstate(over="ignore", invalid="ignore"):
+                    _write_series(history, made.take, progress or (lambda *_: None))
+                write_archive(history, made.take(ARCHIVE))
+                tables = write_tables(history, made.take, probes)
+                told = summary(history, origin or Origin(), time.perf_counter() - start) | {"tables": tables}
+                made.write(SUMMARY, json.dumps(told, indent=2, allow_nan=False) + "\n")
+                check_replaceable(folder, set(made.names))
+                _move(made, folder)
+            finally:
+                made.remove()
     except (OSError, MeshError) as error:
         raise HistoryError(f"{folder}: cannot write a history there: {error}") from error
     return folder
 
 
-@contextmanager
-def _scratch(folder: Path) -> Iterator[Owned]:
-    """The folder, inside that of the history, in which it is made: moved at the end, swept away where that fails."""
-    if (folder / WRITING).is_symlink():
-        raise HistoryError(f"{folder / WRITING}: a link, and a history is made in its folder itself. Remove the link.")
-    with Owned(folder / WRITING, f"{DRAFTS}|{COMPLETE}") as scratch:
-        _finish(folder, scratch)
-        try:
-            yield scratch
-        except BaseException:
-            scratch.remove()
-            raise
-        _finish(folder, scratch)
-        scratch.remove()
+def _move(made: Owned, folder: Path) -> None:
+    """Replace the files of an older history by those that were made; its archive, from which it is read, first."""
+    older = _listed_steps(folder / SERIES) | listed_tables(folder / SUMMARY)
+    turn = {ARCHIVE: 0, SERIES: 2, SUMMARY: 3}
+    for name in sorted(made.names, key=lambda name: (turn.get(name, 1), name)):
+        os.replace(made.path / name, folder / name)
+    for name in older - set(made.names):
+        (folder / name).unlink(missing_ok=True)
 
 
-def _finish(folder: Path, scratch: Owned) -> None:
-    """Make the moves that a process which died has left, or sweep away what it had not completed."""
-    new = scratch.path / DRAFTS
-    if {DRAFTS, COMPLETE} <= set(scratch.names) and (scratch.path / COMPLETE).is_file() and new.is_dir():
-        made = {path.name for path in new.iterdir() if re.fullmatch(KINDS, path.name)}
-        check_replaceable(folder, made)
-        if ARCHIVE in made:  # nothing is moved yet
-            for name in (_listed_steps(folder / SERIES) | listed_tables(folder / SUMMARY)) - made:
-                (folder / name).unlink(missing_ok=True)
-        turn = {ARCHIVE: 0, SERIES: 2, SUMMARY: 3}
-        for name in sorted(made, key=lambda name: (turn.get(name, 1), name)):
-            os.replace(new / name, folder / name)
-    scratch.clear()
-
-
-def _write_series(history: Results, path: Path, progress: Callable[[int, int], None]) -> None:
-    """Write the PVD file `path` and the steps beside it."""
+def _write_series(history: Results, place: Callable[[str], Path], progress: Callable[[int, int], None]) -> None:
+    """Write the PVD file and the steps beside it."""
     root = ET.Element("VTKFile", type="Collection", version="0.1", byte_order="LittleEndian")
     collection = ET.SubElement(root, "Collection")
     digits, packed = max(4, len(str(history.steps))), packed_cells(history.mesh)
     for row, step in enumerate(history.stored):
         name = f"step_{step:0{digits}d}.vtu"
-        write_cells(path.with_name(name), packed, _at_nodes(history, row), history.on_cells(int(step)))
+        write_cells(place(name), packed, _at_nodes(history, row), history.on_cells(int(step)))
         progress(row + 1, len(history.stored))
         ET.SubElement(collection, "DataSet", timestep=repr(float(history.times[row])), part="0", file=name)
     ET.indent(root)
-    ET.ElementTree(root).write(path, encoding="utf-8", xml_declaration=True)
+    ET.ElementTree(root).write(place(SERIES), encoding="utf-8", xml_declaration=True)
 
 
 def _listed_steps(path: Path) -> set[str]:
@@ -430,12 +407,6 @@ def writable_folder(folder: str | Path) -> Path:
 def read_results(folder: str | Path) -> Results:
     """The results in a folder: see :func:`vemcvx.read_history`."""
     where = path_of(folder, "read_history")
-    if os.path.isdir(where / WRITING):
-        # Another process may be writing there, or the folder be for reading only: what is there is read then.
-        with suppress(HistoryError, OSError), _scratch(where):
-            pass
-        if (where / WRITING / COMPLETE).is_file() and (where / WRITING / DRAFTS / ARCHIVE).is_file():
-            return read_archive(where / WRITING / DRAFTS / ARCHIVE)
     if os.path.isfile(where / ARCHIVE):
         return read_archive(where / ARCHIVE)
     found = "found a file, not a folder" if os.path.exists(where) else "there is no such folder"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -81,7 +82,7 @@ def _by_axis(name: str, values: Floats | Ints) -> Columns:
     return {f"{name}_{axis}".strip("_"): column for axis, column in zip("xyz", values.T, strict=False)}
 
 
-def write_tables(history: Results, folder: Path, points: ArrayLike | None) -> list[str]:
+def write_tables(history: Results, place: Callable[[str], Path], points: ArrayLike | None) -> list[str]:
     """Write the tables that have rows as CSV files, flags as 1 and 0; return the names of the files."""
     wanted = {"steps": True, "contact": len(history.contact.nodes) > 0, "probes": points is not None}
     names = [name for name, has_rows in wanted.items() if has_rows]
@@ -89,7 +90,7 @@ def write_tables(history: Results, folder: Path, points: ArrayLike | None) -> li
         columns = table(history, name, points if name == "probes" else None)
         plain = [(values.astype(int) if values.dtype == bool else values).tolist() for values in columns.values()]
         text = Table(list(columns), list(zip(*plain, strict=True))).csv()
-        (folder / FILES[name]).write_text(text, encoding="utf-8")
+        place(FILES[name]).write_text(text, encoding="utf-8")
     return [FILES[name] for name in names]
 
 

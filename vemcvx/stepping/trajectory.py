@@ -31,7 +31,6 @@ from vemcvx.stepping.state import PreparedRun, State, sticking
 log = logging.getLogger("vemcvx")
 
 CHECKPOINT = "checkpoint.npz"
-ROWS = r"[a-z_]+\.npy|\.?checkpoint\.npz"  # Names of the files of a run, as a regular expression.
 
 
 class Memory:
@@ -71,7 +70,7 @@ class Folder(Owned):
     lasting = True
 
     def __init__(self, path: str | Path, resumes: bool = True):
-        super().__init__(path_of(path, "stream"), ROWS)
+        super().__init__(path_of(path, "stream"))
         self._resumes = resumes
 
     def array(self, name: str, shape: tuple[int, ...], dtype: Any = float) -> NDArray[Any]:

@@ -35,7 +35,7 @@ import typer
 from vemcvx.base.canvas import as_png, legend_below, light_grid, new_figure, plain_logarithms
 from vemcvx.base.errors import ProblemError, VemcvxError
 from vemcvx.base.outline import Table
-from vemcvx.base.owned_files import ANY_KIND, Owned
+from vemcvx.base.owned_files import Owned
 from vemcvx.cli.collection.instances import FCLIB
 from vemcvx.cli.collection.trials import ASKED, BEGUN, FAILED, REFUSED, STOPPED, WARM, Entrant, Running, Trial, journal
 from vemcvx.cli.collection.writing import MANIFEST
@@ -97,7 +97,7 @@ class Benchmark:
         if not all(0 < one < 1 for one in tolerances):
             raise ProblemError(f"--tolerances: found {self.tolerances}; wanted numbers between 0 and 1.")
         out = self.out or self.folder / "benchmark"
-        with Owned(out, rf"{re.escape(WORDS)}|{ANY_KIND}") as files:
+        with Owned(out) as files:
             for entrant in self.entrants():
                 kept = re.sub(r"[^\w.=+ -]+", "_", f"{entrant.name} {entrant.version}").replace(" ", "_")
                 running = Running(self.folder, entrant, self.time_limit, files.take(f"{kept}.jsonl"))

@@ -18,7 +18,7 @@ import typer
 from vemcvx.base.arrays import ROUNDING, SAME, Floats
 from vemcvx.base.errors import ProblemError
 from vemcvx.base.outline import Table
-from vemcvx.base.owned_files import ANY_KIND, Owned
+from vemcvx.base.owned_files import Owned
 from vemcvx.base.version import __version__
 from vemcvx.cli.collection.instances import (
     CORE,
@@ -43,8 +43,6 @@ from vemcvx.simulation import programs
 from vemcvx.solvers import Newton
 
 MANIFEST, OPTIMA, SCRIPT, SUMS = "manifest.json", "optima.csv", "confirm.py", "SHA256SUMS.txt"
-KINDS = rf"README\.md|LICENSE\.txt|CITATION\.cff|SHA256SUMS\.txt|{ANY_KIND}"
-"""Names of the files that a collection may have."""
 TEXTS = "README.md", "LICENSE.txt", "CITATION.cff"
 """Files beside this one that a collection has with the numbers of its versions put in."""
 ACCURACY = 1e-14
@@ -65,7 +63,7 @@ def write_collection(
         raise ProblemError(f"--format: there is no format {beside!r}; there are {', '.join(FORMATS)}.")
     forms = tuple(dict.fromkeys([*([beside] if beside else []), "npz"]))
     rows, written = [], []
-    with Owned(folder, KINDS) as files:
+    with Owned(folder) as files:
 
         def place(name: str) -> Path:
             written.append(files.take(name))

@@ -26,7 +26,7 @@ import numpy as np
 from scipy.sparse.linalg import LinearOperator
 
 from vemcvx.base.arrays import Floats
-from vemcvx.program.operators import Operators
+from vemcvx.program.operators import Operators, product
 from vemcvx.program.step_program import StepProgram
 
 
@@ -91,7 +91,7 @@ class Delassus:
         """The largest eigenvalue of W + C, from above but for a tenth: twenty powers of it."""
         x = np.ones(len(self.u))
         for _ in range(20):
-            x = self.W @ (x / max(float(np.linalg.norm(x)), 1e-300))
+            x = product(self.W, x / max(float(np.linalg.norm(x)), 1e-300))
         return 1.1 * float(np.linalg.norm(x))
 
     def parts(self, x: Floats) -> tuple[Floats, Floats]:
@@ -117,7 +117,7 @@ class Delassus:
         """The point whose forces are dx and whose part in the kernel is da further."""
         start, x, a = point.start or point, point.x + dx, point.a + da
         dx = x - start.x
-        return Point(x, start.off - self.W @ dx + self.R @ (a - start.a), a, start.rest - self.R.T @ dx, start)
+        return Point(x, start.off - product(self.W, dx) + self.R @ (a - start.a), a, start.rest - self.R.T @ dx, start)
 
     def forces(self, point: Point) -> tuple[Floats, Floats]:
         """The forces lam (m, block) and p (r,) of a point."""

@@ -62,9 +62,7 @@ from vemcvx.base.canvas import light_grid, new_figure, plain_logarithms
 from vemcvx.plots.style import MARKERS, SERIES
 from vemcvx.scene import pose_scene
 from vemcvx.solvers.conic import installed
-from vemcvx.stepping.backward_euler import QuasistaticSteps, initial_state
-from vemcvx.stepping.posed_step import certified_in_full
-from vemcvx.stepping.state import prepare
+from vemcvx.stepping import certified_in_full, initial_state, prepare, step
 
 STEPS = {"growing": (0.0, 0.75, 1.0), "return": (0.0, 1.0, 0.5, 1.0)}
 """Parts of the full load, instant by instant; the last step is measured."""
@@ -146,7 +144,7 @@ def reference(name, form, n):
     run = prepare(system, vx.Newton(accuracy=FLOOR), check=False, condense=FORMS[form])
     states = [initial_state(run, np.arange(len(levels), dtype=float), None)]
     for k in range(1, len(levels)):
-        states.append(QuasistaticSteps(run).step(states[-1], k, float(k)))
+        states.append(step(run, states[-1], k, float(k)))
     return Reference(name, form, system, (*states[:-1], certified_in_full(run, states[-1])))
 
 
@@ -160,8 +158,8 @@ def measured(exact, name, solver, repeats):
         return None
     setup, earlier, later = time.process_time() - start, [], []
     for _ in range(repeats):
-        earlier.append(timed(QuasistaticSteps(run).step, states[-3], last - 1, last - 1.0)[0])
-        seconds, found = timed(QuasistaticSteps(run).step, states[-2], last, float(last))
+        earlier.append(timed(step, run, states[-3], last - 1, last - 1.0)[0])
+        seconds, found = timed(step, run, states[-2], last, float(last))
         later.append(seconds)
     found = certified_in_full(run, found)
     apart = length(exact.system.K, found.full - exact.answer.full)

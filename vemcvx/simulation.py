@@ -28,10 +28,18 @@ from vemcvx.scene import Scene
 from vemcvx.scene.contact import through_obstacles
 from vemcvx.scene.pose import PosedScene, pose_scene, unwarned
 from vemcvx.solvers import Solver, Solves
-from vemcvx.stepping.backward_euler import Balanced, Beginning, checked_times, march
+from vemcvx.stepping import (
+    Balanced,
+    Beginning,
+    Folder,
+    Memory,
+    Storage,
+    Trajectory,
+    checked_times,
+    march,
+    programs_of_march,
+)
 from vemcvx.stepping.course import course, inside_steps
-from vemcvx.stepping.programs import programs_of_march
-from vemcvx.stepping.trajectory import Folder, Memory, Storage, Trajectory
 from vemcvx.vem import mean_strains, principal, strains, stress_load, stresses
 
 log = logging.getLogger("vemcvx")

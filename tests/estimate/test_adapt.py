@@ -14,7 +14,7 @@ import vemcvx as vx
 from vemcvx.estimate.adapt import GAIN, MARGIN, Lost, cells_to_refine, split_steps
 from vemcvx.estimate.finer_steps import beside_finer
 from vemcvx.scene import pose_scene
-from vemcvx.stepping.state import prepare
+from vemcvx.stepping import prepare
 
 TARGET = 0.05
 

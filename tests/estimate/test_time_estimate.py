@@ -13,10 +13,8 @@ import vemcvx as vx
 from vemcvx.estimate.budget import error_budget
 from vemcvx.estimate.finer_steps import beside_finer
 from vemcvx.scene import pose_scene
-from vemcvx.stepping.backward_euler import initial_state
+from vemcvx.stepping import certified_in_full, initial_state, prepare
 from vemcvx.stepping.course import course
-from vemcvx.stepping.posed_step import certified_in_full
-from vemcvx.stepping.state import prepare
 
 MOST = 5.0
 NOISE = 1e-6

@@ -7,8 +7,7 @@ import pytest
 from blocks_in_space import assert_within_both_certificates, block, on_floor
 
 import vemcvx as vx
-from vemcvx.stepping.backward_euler import march
-from vemcvx.stepping.state import prepare
+from vemcvx.stepping import march, prepare
 
 pytest.importorskip("pyamg")
 

@@ -24,8 +24,7 @@ import vemcvx as vx
 from vemcvx.cli.run import ROWS
 from vemcvx.linear import SuperLU
 from vemcvx.scene import pose_scene
-from vemcvx.stepping.backward_euler import march
-from vemcvx.stepping.trajectory import CHECKPOINT
+from vemcvx.stepping import CHECKPOINT, march
 
 TIMES = np.linspace(0.0, 1.0, 5)
 here = needs("petsc4py")

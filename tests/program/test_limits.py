@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+
 import numpy as np
 import pytest
 import scipy.sparse as sp
@@ -322,6 +324,20 @@ def test_limits_that_contradict_each_other_are_named(solver):
     with pytest.raises(vx.SceneError, match=match):
         vx.march(system, [1.0, 3.0], solver=solver, initial="settled")
     assert vx.march(system, [2.0, 3.0], solver=solver, initial="settled").certified.max() <= solver.accuracy
+
+
+@pytest.mark.parametrize("solver", [vx.Newton(), vx.Clarabel()])
+@pytest.mark.parametrize("amount", [1e-6, 1e-8, 3e-9, 1e-9, 3e-10, 1e-11, 1e-13, 1e-15])
+@pytest.mark.parametrize(("D", "lam"), [(np.eye(2)[0], 0.0), (np.array([1.0, 0.5]), 0.2)], ids=["one unknown", "two"])
+def test_limits_that_all_but_meet_are_met_or_named(D, lam, amount, solver):
+    """D y <= 1 and D y >= 1 + amount, beside limits that meet: named, or answered within the amount."""
+    K, load = np.array([[2.0, 0.5], [0.5, 1.0]]), np.array([5.0, 0.0])
+    limits = vx.Limits(np.array([D, -D, [0.0, 1.0], [0.0, -1.0]]), [1.0, -1.0 - amount, lam, -lam])
+    system = vx.System(K, lambda t: t * load, limits=limits)
+    named = rf"at limit 0 and limit 1, which contradict each other by {amount:.1g}\."
+    with pytest.raises(vx.SceneError, match=named) if amount > 1e-9 else suppress(vx.SceneError):
+        found = vx.march(system, [0.0, 1.0], solver=solver, initial="settled")
+        assert np.abs(found.state @ limits.D.T - limits.e).max() <= 2e-9
 
 
 def test_bounds_are_met_exactly_beside_limits_that_give_way():

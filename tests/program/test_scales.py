@@ -9,7 +9,7 @@ from scenes import few_families
 import vemcvx as vx
 from vemcvx.program.certificate import Certificate
 from vemcvx.scene import pose_scene
-from vemcvx.stepping.trajectory import relative
+from vemcvx.stepping import relative
 
 FAMILIES = ("squares", "triangles", "voronoi", "hexagons", "distorted", "nonconvex")
 GAP, DEEP = 0.1, 0.14

@@ -13,7 +13,7 @@ from scenes import paper_scene, small
 import vemcvx as vx
 from vemcvx.base.owned_files import LIST
 from vemcvx.results.files import WRITING
-from vemcvx.stepping.trajectory import Folder
+from vemcvx.stepping import Folder
 
 TIMES = np.linspace(0.0, 1.0, 4)
 

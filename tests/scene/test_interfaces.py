@@ -6,7 +6,7 @@ import pytest
 import vemcvx as vx
 from plate_with_hole import polar
 from vemcvx.scene import pose_scene
-from vemcvx.stepping.state import prepare
+from vemcvx.stepping import prepare
 
 FAMILIES = [name for name in vx.meshes.FAMILIES if name != "l_shape"]
 JOINT = "lower|upper"

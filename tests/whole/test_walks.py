@@ -195,7 +195,7 @@ LENGTHS = {
     bound_to_cone: (("program/step_program.py", "to_cvxpy"), 7, 2),
     bound_to_newton: (("solvers/law.py", "GivenWeights.in_units"), 7, 1),
     young_to_stiffness: (("program/system.py", "System.__post_init__"), 6, 1),
-    accuracy_to_step: (("stepping/posed_step.py", "PosedStep.solve"), 7, 3),
+    accuracy_to_step: (("stepping/backward_euler.py", "PosedStep._answered"), 7, 3),
     displacement_to_file: (("meshes/io/vtk.py", "write_cells"), 16, 8),
     coefficient_to_certificate: (None, 6, 4),
     pair_to_files: (("results/files.py", "write_archive"), 8, 3),

@@ -11,7 +11,7 @@ it, and dW/dslip by differences. Solvers of given weights are handed programs in
 
 slope      J = dW/dp, of a law that does not read the slip of the step
 softening  k >= -dW/dslip, of a law that does not read p: where weights fall slowly enough, a step has one solution
-           (:mod:`vemcvx.stepping.state`); 0 if the law reads the slip before the step alone
+           (:mod:`vemcvx.stepping.refusals`); 0 if the law reads the slip before the step alone
 """
 
 from __future__ import annotations

@@ -29,7 +29,7 @@ from vemcvx.history import History
 from vemcvx.program.operators import energy_norm
 from vemcvx.program.system import System
 from vemcvx.scene.pose import PosedScene
-from vemcvx.stepping.backward_euler import march
+from vemcvx.stepping import march
 from vemcvx.stepping.course import ACROSS
 
 READINGS = 4

@@ -45,7 +45,7 @@ from vemcvx.history import History
 from vemcvx.meshes import PolygonMesh, plane_mesh, refinement
 from vemcvx.scene import Scene
 from vemcvx.scene.pose import pose_scene, unwarned
-from vemcvx.stepping.backward_euler import march
+from vemcvx.stepping import march
 from vemcvx.stepping.course import ACROSS
 
 log = logging.getLogger("vemcvx")

@@ -55,7 +55,7 @@ from vemcvx.program.system import System
 from vemcvx.scene.pose import pose_scene
 from vemcvx.solvers import Solver, ThroughCvxpy
 from vemcvx.solvers.conic import TUNED, installed
-from vemcvx.stepping.trajectory import Trajectory
+from vemcvx.stepping import Trajectory
 
 CERTIFIED, MISSED, REFUSED, FAILED, STOPPED = "certified", "missed", "refused", "failed", "stopped"
 """Outcomes: good; less accurate than asked; unable to take the program; broken down; out of time."""

@@ -29,7 +29,7 @@ from vemcvx.meshes import FAMILIES, SPACE_FAMILIES, AnyMesh, PolygonMesh, Polyhe
 from vemcvx.plots.style import Units, checked_units
 from vemcvx.scene import Scene
 from vemcvx.solvers import Solver
-from vemcvx.stepping.backward_euler import checked_times
+from vemcvx.stepping import checked_times
 
 
 def executed(path: Path, kind: str) -> ModuleType:

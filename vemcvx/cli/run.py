@@ -42,7 +42,7 @@ from vemcvx.results.files import ARCHIVE, SERIES, SUMMARY, Origin, listed_tables
 from vemcvx.results.probe import places
 from vemcvx.results.results import programs_of_steps
 from vemcvx.simulation import warn_of_turns
-from vemcvx.stepping.trajectory import CHECKPOINT, Folder, stored_steps
+from vemcvx.stepping import CHECKPOINT, Folder, stored_steps
 
 ROWS = "rows"
 """The folder, in the output folder, in which a run keeps completed steps until the history is written."""

@@ -24,8 +24,7 @@ from vemcvx.program.operators import BOUNDS, SQUARED_POSITIVE_PARTS, Operators
 from vemcvx.scene import Scene
 from vemcvx.scene.pose import pose_scene
 from vemcvx.solvers.default import BY_SIZE, words
-from vemcvx.stepping.backward_euler import checked_times
-from vemcvx.stepping.state import stability
+from vemcvx.stepping import checked_times, softening_ratio
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,7 +111,7 @@ def _certificate(norms: Norms | None, operators: Operators) -> str:
     """The kind of certificate, and rho where a law says how fast weights fall with the slip of a step."""
     if norms is None or norms.law is None:
         return "a bound"
-    found = stability(operators, norms.softening)
-    if found is None or found.rho == 0.0:
+    found = softening_ratio(operators, norms.softening)
+    if found is None or found[0] == 0.0:
         return FOR_GIVEN
-    return f"{FOR_GIVEN}; softening over stiffness is {found.rho:.2g}: below 1 a step has one solution"
+    return f"{FOR_GIVEN}; softening over stiffness is {found[0]:.2g}: below 1 a step has one solution"

@@ -46,11 +46,8 @@ from vemcvx.scene import Scene
 from vemcvx.scene.pose import PosedScene, pose_scene
 from vemcvx.simulation import Projected, check_kinds, free_unknowns, warn_of_large_strains, warn_of_lost_work
 from vemcvx.solvers import Solver, Solves, as_solver
-from vemcvx.stepping.backward_euler import checked_times, initial_state, march
+from vemcvx.stepping import Memory, certified_in_full, checked_times, initial_state, march, prepare
 from vemcvx.stepping.course import ACROSS, course, inside_steps
-from vemcvx.stepping.posed_step import certified_in_full
-from vemcvx.stepping.state import prepare
-from vemcvx.stepping.trajectory import Memory
 
 GAIN = 0.75
 """Part of its squared indicator that a smooth cell loses when it is split."""

@@ -71,8 +71,7 @@ from vemcvx.meshes.polygons import right_of
 from vemcvx.results.quoted import Quantity
 from vemcvx.results.results import displacement
 from vemcvx.scene.pose import PosedScene, pose_scene
-from vemcvx.stepping.state import prepare
-from vemcvx.stepping.trajectory import Trajectory
+from vemcvx.stepping import Trajectory, prepare
 from vemcvx.vem import cell_energies, elastic_matrix, tractions
 
 CONSTANT = 0.63

@@ -46,9 +46,8 @@ from vemcvx.results.quoted import Quantity
 from vemcvx.results.results import SPREAD, displacement, record
 from vemcvx.scene.pose import pose_scene, unwarned
 from vemcvx.simulation import free_unknowns
-from vemcvx.stepping.backward_euler import march
+from vemcvx.stepping import Memory, march
 from vemcvx.stepping.course import course
-from vemcvx.stepping.trajectory import Memory
 
 
 def quantities(history: History) -> dict[str, Quantity]:

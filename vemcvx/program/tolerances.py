@@ -10,8 +10,6 @@ SHARE     error of a step that missed          accuracy / 10  The size of the st
                                                               solver would give the same.
 SHARE     gap of each program, where weights   gap / 10       Asked for the gap itself, answers stall above it.
           follow pressure or slip
-SHARE     error of a viscous step that missed  accuracy / 10  Asked was a part of the increment's norm, which is larger
-                                                              than that of the state; this is a part of the state's.
 SHARE     error of the condensed unknowns at   accuracy / 10  It comes on top of the step's own. Above it they are
           a stored step                                       refined once.
 SHARE     gap, as an option of Clarabel        gap / 10       Its gap is not that of the certificate.
@@ -24,7 +22,7 @@ UNSEEN    error of a step in `adapt`           target / 100   Errors of the mesh
 ========= ==================================== ============== ========================================================
 
 Whatever a solver claims, a step is accepted by its certificate, at 1 times the accuracy. Not parts of the accuracy are:
-the rounding floor, refused above a tenth of the energy norm (:mod:`vemcvx.stepping.posed_step`); and a given initial
+the rounding floor, refused above a tenth of the energy norm (:mod:`vemcvx.stepping.refusals`); and a given initial
 state, which may be out of balance by 1e-6 of it (:mod:`vemcvx.stepping.backward_euler`).
 """
 

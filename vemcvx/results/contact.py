@@ -55,7 +55,7 @@ from vemcvx.results.contact_faces import ContactFaces
 from vemcvx.scene.contact import Surface, Terms
 from vemcvx.scene.pose import PosedScene
 from vemcvx.scene.rows import ContactRows, pair_numbers
-from vemcvx.stepping.trajectory import Trajectory
+from vemcvx.stepping import Trajectory
 from vemcvx.vem import tangents_of
 from vemcvx.vem.boundary import SMOOTH
 

@@ -24,8 +24,7 @@ from vemcvx.results.corners import SIGNED, Corners, Peak
 from vemcvx.scene import Scene
 from vemcvx.scene.pose import PosedScene, pose_scene, unwarned
 from vemcvx.scene.rows import ContactRows
-from vemcvx.stepping.programs import programs_of_trajectory
-from vemcvx.stepping.trajectory import Storage, Trajectory
+from vemcvx.stepping import Storage, Trajectory, programs_of_trajectory
 from vemcvx.vem import Space, Stabilisation, VertexWeights, equivalent, principal, strains, stresses
 
 SPREAD = {2: ("length", "force/length"), 3: ("area", "force/length²")}

@@ -1,6 +1,43 @@
 """Backward Euler: step after step, solved, certified, entered into the ledger, kept."""
 
-from vemcvx.stepping.backward_euler import march
-from vemcvx.stepping.trajectory import Trajectory
+from vemcvx.stepping.backward_euler import (
+    Balanced,
+    Beginning,
+    checked_times,
+    initial_state,
+    march,
+    prepare,
+    settled_from,
+    state_given,
+    step,
+)
+from vemcvx.stepping.programs import programs_of_march, programs_of_trajectory
+from vemcvx.stepping.refusals import softening_ratio
+from vemcvx.stepping.state import PreparedRun, State, StepData, certified_in_full
+from vemcvx.stepping.trajectory import CHECKPOINT, Folder, Memory, Storage, Trajectory, relative, stored_steps
 
-__all__ = ["Trajectory", "march"]
+__all__ = [
+    "CHECKPOINT",
+    "Balanced",
+    "Beginning",
+    "Folder",
+    "Memory",
+    "PreparedRun",
+    "State",
+    "StepData",
+    "Storage",
+    "Trajectory",
+    "certified_in_full",
+    "checked_times",
+    "initial_state",
+    "march",
+    "prepare",
+    "programs_of_march",
+    "programs_of_trajectory",
+    "relative",
+    "settled_from",
+    "softening_ratio",
+    "state_given",
+    "step",
+    "stored_steps",
+]

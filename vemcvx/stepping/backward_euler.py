@@ -1,35 +1,39 @@
-"""March through time by backward Euler, (2.34): one certified convex program a step (with viscosity: :mod:`.viscous`).
+"""March through time by backward Euler, (2.34): one certified convex program a step.
 
-A step has four acts:
+    pose      the increment d = y_n - y_{n-1} is looked for, under g, the force out of balance when the step begins
+    answer    by the solver; once more, more sharply, where it misses
+    certify   on the unknowns that friction and limits read; states that are kept on all, with one residual of K
+    record    :mod:`.trajectory`
 
-    pose      :mod:`.posed_step`    the convex program of the step, from the state before it and the data at t_n
-    answer    :mod:`.posed_step`    by the solver, in scaled units; asked again where it misses
-              :mod:`.fixed_point`   where weights follow pressure or slip, by solvers that take given weights alone
-    certify   :mod:`.posed_step`    on the retained unknowns
-    record    :mod:`.trajectory`    steps that are kept, certified on all unknowns: rows of a trajectory
+With y_n = y_{n-1} + d_n, the force out of balance after a step, g_n - K d_n, is carried into the next one,
+g_{n+1} = (g_n - K d_n) + (load_{n+1} - load_n): increments keep their digits when steps are tiny beside y.
+
+Dashpots. With b(u', v) beside a(u, v), a step of length k is the same step with K + C/k in place of K, and with the
+force -P'A_b (u_D,n - u_D,n-1) / k of supports that move; C is the matrix of b on y, A_b that on u. What is out of
+balance in K afterwards is held by dashpots, too. The certificate bounds the error in the norm of K + C/k, which is no
+less than that of K.
+
+Errors are relative to the largest energy norm of the states so far. A body that is carried without touching, or held
+completely, has no energy: its norm is rounding, and an accuracy relative to it means nothing. The energy norm that the
+data can cause then takes its place. With x = K^{-1} f the displacement without contact and friction, f the load of the
+instant, Dirichlet force included,
+
+    size = x'x / |x|_{K^{-1}} = min { |v|_K : x'v = x'x },
+
+the least energy norm of a field that takes the motion back in the mean, which contact or friction must spend to stop
+the body (x'v <= |x|_{K^{-1}} |v|_K, with equality for v along K^{-1}x). For the same motion it does not depend on h,
+while |x|_K grows like h^{-1/2}: supports that move tear at one layer of cells. A state whose norm and certified error
+are both at most accuracy times the largest size so far is zero at the accuracy asked.
+
+A march begins from a state u_0 that obeys condition (2.1): a(u_0, v) + j(v) >= <l(0), v> for all v. That holds if and
+only if one step at times[0] from u_0 returns u_0. The jump of that step, in the energy norm, is what a violation costs:
+u_0 is at most jump + (certified error of that step) away from a state that obeys (2.1), which is the certificate of
+step 0. The step maps are nonexpansive, so later states are off by no more, beside their own errors. P^h u_0, (3.26), is
+settled by that very step: what obeys (2.1) in the continuum misses it in V^h by O(h), for loads and friction are
+integrated by other rules than a(u_0, v).
 
 Why not by the midpoint rule, which is a convex program a step, too, says problems/midpoint_rule.py: its states at the
 instants violate (2.1), and where slips begin inside of steps it is of order one, and no better.
-
-Nodes that supports move along the contact have a given slip: their friction enters no program, but it dissipates. With
-c(t) the position of these norm terms, and s = c(t_n) - c(t_{n-1}) their slip,
-
-    multiplier = w s / |s|,    loss = w |s|,
-
-which is also work of the supports, whose reactions balance minus the multiplier. Where s = 0 any multiplier up to the
-bound is admissible, and 0 is taken. Weights that follow pressures are those of the forces p at the end of the step.
-
-It begins from a state u_0 that obeys condition (2.1): a(u_0, v) + j(v) >= <l(0), v> for all v.
-
-That holds if and only if one step at times[0] from u_prev = u_0 returns u_0. The jump of that step, in the energy norm,
-is what a violation costs, and is measured here: u_0 is at most jump + (certified error of that step) away from a state
-that obeys (2.1), which is the certificate of step 0. The step maps are nonexpansive, so later states are off by no
-more, beside their own errors: it counts in the total.
-
-P^h u_0, (3.26), is settled by that very step: what obeys (2.1) in the continuum misses it in V^h by O(h), for loads
-and friction are integrated by other rules than a(u_0, v): (2.6), l^h(0) = l(0), does not hold for the l^h of Section 3
-where a body force acts, which sees the mean of v over vertices. The state begun from obeys it, as (2.13) asks, and is
-as near to u_0 as P^h u_0 is, by O(h) in the energy norm; the jump is said.
 """
 
 from __future__ import annotations
@@ -43,85 +47,270 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vemcvx.base.arrays import ROUNDING, Floats, as_real_array, brief, check_takes, flag, shaped
+from vemcvx.base.arrays import (
+    EPS,
+    ROUNDING,
+    SAME,
+    Bools,
+    Floats,
+    as_real_array,
+    brief,
+    check_takes,
+    flag,
+    lengths,
+    power_of_two,
+    shaped,
+)
 from vemcvx.base.errors import WORTH_A_WORD, SceneError
 from vemcvx.linear import LinearSolver
 from vemcvx.linear.default import one_thread
-from vemcvx.program.operators import energy_norm
-from vemcvx.program.step_program import Answer
-from vemcvx.program.system import DRAG_ROUNDING, System
-from vemcvx.solvers import Solver, Solves, as_solver
-from vemcvx.stepping.ledger import Ledger, Rubbed, StepData, energy, strain_energy
-from vemcvx.stepping.posed_step import PosedStep, certified_in_full, data_norm, pose_step, require_certified
-from vemcvx.stepping.state import Dragged, PreparedRun, State, prepare
+from vemcvx.program.certificate import Certificate
+from vemcvx.program.condensation import Condensation, Reduced
+from vemcvx.program.operators import Operators, energy_norm, product
+from vemcvx.program.scaling import SMALLEST_NORM, checked_norm
+from vemcvx.program.step_program import Answer, StepProgram, fitting
+from vemcvx.program.system import System
+from vemcvx.program.tolerances import SHARE
+from vemcvx.solvers import Solver, Solves, as_solver, choose_solver
+from vemcvx.solvers.law import StepLaw
+from vemcvx.solvers.solver import named_failures
+from vemcvx.stepping.fixed_point import followed
+from vemcvx.stepping.ledger import advance, dragged, energy
+from vemcvx.stepping.refusals import refuse_start, refuse_unbalanced, require_certified, warn_of_softening
+from vemcvx.stepping.state import Frame, Ledger, PreparedRun, State, StepData, certified_in_full, recovered
 from vemcvx.stepping.trajectory import Memory, Recorder, Storage, Trajectory, stored_steps
-from vemcvx.stepping.viscous import ViscousSteps
 
 log = logging.getLogger("vemcvx")
 
 
-@dataclass(frozen=True)
-class QuasistaticSteps:
-    """Steps of a system without damping."""
+@dataclass(frozen=True, eq=False)
+class PosedStep:
+    """A step being solved."""
 
     run: PreparedRun
+    before: State
+    data: StepData
+    frame: Frame
+    g: Floats  # out of balance in K when it begins, on the unknowns that states keep
+    force: Reduced | None  # the same less forces of dashpots, where states keep all unknowns
+    program: StepProgram
 
-    def posed(self, before: State, n: int, t: float, w: Floats | None = None) -> PosedStep:
-        """Step `n` from `before` to `t`; with weights `w` (m,), if they are given."""
-        return pose_step(self.run, before, self.run.driven(t), w)
-
-    def step(self, before: State, n: int, t: float) -> State:
-        """The state at `t`, one step after `before`.
-
-        NotCertified where the step misses the solver's accuracy, and the run is to be checked.
-        """
-        run, attempt = self.run, self.posed(before, n, t)
-        same = attempt.data.still_as(before.data) and np.array_equal(attempt.program.w, before.weights)
-        # A given start may be out of balance by more than a step's accuracy.
-        if same and before.accepted(run.accuracy):
-            guess = Answer(np.zeros_like(before.y), before.lam, 0, "nothing changed", p=before.p)
-            state = attempt.state_after(guess, before.certificate)
-        else:
-            state = attempt.solve_balanced(n)
-        if run.check:
-            require_certified(run, state, n)
+    def solve(self, n: int) -> State:
+        """The state that step `n` leads to, certified; SceneError where nothing balances the load on K's kernel."""
+        when = f"step {n} at t = {self.data.t:.6g}"
+        if not self.run.system.follows_answer:
+            refuse_unbalanced(self.frame.condensation, self.program, when)
+        state = self._at_rest() or self._answered()
+        if not np.isfinite(state.certificate.gap):
+            refuse_unbalanced(self.frame.condensation, self.program, when)
         return state
 
+    def _at_rest(self) -> State | None:
+        """The state where it was, exactly, if nothing moves it that counts."""
+        program, before, accuracy = self.program, self.before, self.run.solver.accuracy
+        lam = before.lam[: len(program.w)]
+        if program.size == 0.0:
+            return self.still(np.zeros_like(lam), "nothing pushes")
+        if before.scale == 0.0 and (held := program.at_rest()) is not None:
+            still = self.still(held, "nothing slips")
+            # While nothing has moved at all there is no size to which an accuracy could refer.
+            if still.scale == 0.0:
+                return still
+        if program.size < SMALLEST_NORM and program.size <= accuracy * before.unit(accuracy):
+            return self.still(lam, "nothing pushes that counts")
+        return None
 
-def nothing_dragged(system: System, t: float, p: Floats) -> Dragged:
-    """The friction of dragged terms before the first step: no slip, no loss."""
-    terms = system.dragged
-    if terms is None:
-        return Dragged.nothing(0, system.block)
-    none = np.zeros(terms.count)
-    return replace(Dragged.nothing(terms.count, terms.block), weights=terms.weights(t, p, none, none))
+    def still(self, lam: Floats, status: str) -> State:
+        """The state where it was, exactly."""
+        d, p = np.zeros_like(self.program.g), np.zeros_like(self.before.p)
+        return self.state_after(Answer(d, lam, 0, status, p=p), Certificate(0.0, np.zeros(len(lam)), 0.0, p))
+
+    def _answered(self) -> State:
+        """The solver's answer; asked once more, more sharply, where the size of u_n shows that too little was asked."""
+        size, accuracy = checked_norm(self.program.size, self.data.t), self.run.solver.accuracy
+        size = max(self.before.unit(accuracy), size)
+        state = self._asked(0.5 * (accuracy * size) ** 2)
+        if state.accepted(accuracy) or not np.isfinite(state.certificate.gap):
+            return state
+        other = self._asked(0.5 * (SHARE * accuracy * min(size, state.unit(accuracy))) ** 2)
+        best = min((state, other), key=lambda one: one.certificate.gap)
+        return replace(best, iterations=state.iterations + other.iterations)
+
+    def _asked(self, gap: float) -> State:
+        """The solver's answer within the bounds, certified."""
+        program, law, solver, prepared = self.program, self.law, self.run.solver, self.frame.prepared
+        guess = self.before.expected(self.data.t, len(program.w))
+        with named_failures(solver.name):
+            if law is None:
+                answer = fitting(prepared.solve(program, gap, *guess), program, solver.name)
+            else:
+                answer = followed(solver, prepared, program, law=law, target=gap, guess=guess)
+                slip = lengths(program.slip(answer.d))
+                law.check_slope(answer.p, slip)
+                program = replace(program, w=law.at(answer.p, slip))
+        d, lam, p = program.admissible_point(answer.d, answer.lam, answer.p)
+        y = self.before.y if self.force is None else self.before.y[self.frame.condensation.retained]
+        floor = program.rounding_floor(d, lam, p, y)
+        certificate = replace(program.certificate_at(d, lam, p), floor=floor, given_friction=law is not None)
+        return replace(self, program=program).state_after(replace(answer, d=d, lam=lam, p=p), certificate)
+
+    @property
+    def law(self) -> StepLaw | None:
+        """The law of the step's weights; None where they are given."""
+        norms = self.run.system.norms
+        if norms is None or norms.law is None:
+            return None
+        return StepLaw.of(norms, self.data.t, self.before.ledger.slipped[: norms.count], len(self.program.e))
+
+    def state_after(self, answer: Answer, certificate: Certificate) -> State:
+        """The state that an answer of the program leads to."""
+        run, before, now, program, k = self.run, self.before, self.data, self.program, self.data.t - self.before.t
+        d, slip, m, accuracy = answer.d, program.slip(answer.d), len(program.w), run.solver.accuracy
+        if self.force is not None:
+            most = 0.5 * (SHARE * accuracy * before.unit(accuracy)) ** 2
+            held = run.system.multiplier_force(answer.lam, answer.p)
+            (d,), (left,) = (part.T for part in recovered(self.frame.condensation, [(d, self.force)], [held], [most]))
+            certificate = replace(certificate, equilibrium=max(left, certificate.equilibrium))
+        lam, slid, w = dragged(run.system, (before.t, now.t), answer.p, before.ledger.slipped[m:])
+        given = program.operators.blocks(now.prescribed_slip - before.data.prescribed_slip)
+        weights, y = np.append(program.w, w), before.y + d
+        after = State(
+            t=now.t,
+            y=y,
+            unbalanced=self.g - run.operators.force(d),
+            data=now,
+            weights=weights,
+            bound=np.append(self._bound_after(answer.p, slip), w),
+            lam=np.concatenate([answer.lam, lam]),
+            p=answer.p,
+            slip=np.concatenate([slip, slid]),
+            sticks=np.append(self._sticking(slip, y, certificate), ~slid.any(axis=1)),
+            certificate=certificate,
+            ledger=before.ledger,
+            scale=before.scale,
+            iterations=answer.iterations,
+            status=answer.status,
+            safeguards=answer.safeguards,
+            full=y if run.condensation.whole else None,
+            velocity=d / k if self.force is not None and k > 0 else None,
+            earlier=(before.t, before.lam, before.p),
+        )
+        ledger = advance(run.condensation, before, after, d, np.concatenate([given, slid]))
+        scale = float(np.maximum(before.scale, ledger.norm))
+        size = data_norm(run.condensation, now.force, scale, accuracy)
+        size = max(before.size, size, ground_norm(program.operators, now.ground, program.w))
+        return replace(after, ledger=ledger, scale=scale, size=size)
+
+    def _bound_after(self, p: Floats, slip: Floats) -> Floats:
+        """The weights (m,) at the slips after the step: those ahead of a law that reads past slips alone."""
+        norms, t, w = self.run.system.norms, self.data.t, self.program.w
+        if norms is None or not norms.remembers:
+            return w
+        past = self.before.ledger.slipped[: len(w)]
+        alone = np.abs(norms.weights_under(t, p, past) - w) <= SAME * w
+        return np.where(alone, norms.weights_under(t, p, past + lengths(slip)), w)
+
+    def _sticking(self, slip: Floats, y: Floats, certificate: Certificate) -> Bools:
+        """Increments (m,) that the certificate cannot tell from zero: |s_i - s_i*| <= flexibility^{1/2} |d - d*|."""
+        operators = self.program.operators
+        if operators.count == 0:
+            return np.zeros(0, dtype=bool)
+        blur = EPS * operators.blocks(self.run.operators.rows.absolute.read(np.abs(y))).max(axis=1)
+        error = certificate.error + certificate.error_floor
+        sticks: Bools = lengths(slip) <= error * np.sqrt(operators.norm_flexibility) + blur
+        return sticks
 
 
-def with_dragged_friction(system: System, before: State, state: State) -> State:
-    """The state with the friction of terms that supports dragged since `before`: a loss, and work of the supports."""
-    terms = system.dragged
-    if terms is None:
-        return state
-    last, now = terms.position(before.t), terms.position(state.t)
-    slip = (now - last).reshape(terms.count, terms.block)
-    size = np.linalg.norm(slip, axis=1)
-    extent = np.maximum(np.abs(last), np.abs(now)).reshape(slip.shape).max(axis=1)
-    still = size <= DRAG_ROUNDING * extent
-    past, size = before.dragged.slipped, np.where(still, 0.0, size)
-    weights, along = terms.weights(state.t, state.p, past, size), np.where(still, 0.0, 1.0)[:, None] * slip
-    lam = along * np.divide(weights, size, out=np.zeros_like(size), where=~still)[:, None]
-    last_ones = before.dragged
-    rubbed = Rubbed(lam, along, weights, (last_ones.weights, weights))
-    worn, between = last_ones.worn + rubbed.loss, last_ones.worn_second_order + rubbed.loss_second_order
-    ledger, total = state.ledger, float(rubbed.loss.sum())
-    ledger = replace(
-        ledger,
-        dissipated=ledger.dissipated + total,
-        work=ledger.work + total,
-        dissipated_second_order=ledger.dissipated_second_order + float(rubbed.loss_second_order.sum()),
+def pose_step(run: PreparedRun, before: State, now: StepData, w: Floats | None = None) -> PosedStep:
+    """Pose the step that leads from `before` to what drives the system now; with weights `w` (m,), if they are given.
+
+    By default weights that depend on the answer follow the pressures of `before`, and slips so far.
+    """
+    norms, damping, k = run.system.norms, run.system.damping, now.t - before.t
+    if w is None:
+        m = run.operators.count
+        w = np.zeros(0) if norms is None else norms.weights_under(now.t, before.p, before.ledger.slipped[:m])
+    frame, force = run.frame(k), None
+    g = own = balanced(run, before, now, before.unbalanced + (now.force.retained - before.data.force.retained))
+    if damping is not None:
+        if damping.motion is not None and k > 0:
+            own = g - (damping.motion.dirichlet_force(now.t) - damping.motion.dirichlet_force(before.t)) / k
+        force = frame.condensation.reduce(own, remembered=False)
+        own = force.retained
+    e = now.remaining_gap - run.operators.limits.read(before.y)
+    b = before.data.prescribed_slip - now.prescribed_slip
+    return PosedStep(run, before, now, frame, g=g, force=force, program=StepProgram(frame.operators, own, w, b, e))
+
+
+def balanced(run: PreparedRun, before: State, now: StepData, g: Floats) -> Floats:
+    """The force g of a step without what pushes along K's kernel by the rounding of the forces that it is made of.
+
+    These are the loads at both ends of the step, what was out of balance, and the forces inside the body.
+    """
+    N, operators = run.operators.kernel, run.operators
+    if N is None:
+        return g
+    forces = before.unbalanced, now.force.retained, before.data.force.retained
+    size = sum(np.abs(force) for force in forces) + product(operators.absolute, np.abs(before.y))
+    push = N.T @ g
+    return g - N @ np.where(np.abs(push) <= 64 * EPS * (np.abs(N).T @ size), push, 0.0)
+
+
+def data_norm(condensation: Condensation, force: Reduced, norm: float, accuracy: float) -> float:
+    """Return the energy norm above that the data can cause; zero where states of energy norm `norm` are not zero."""
+    if force.norm == 0.0 or norm > accuracy * force.norm:
+        return 0.0
+    x = force.x
+    unit = float(power_of_two(np.abs(x).max(initial=0.0)))
+    x = x / unit
+    square, soft = float(x @ x), float(x @ condensation.factor.solve(x))
+    return unit * square / float(np.sqrt(soft)) if square > 0 else 0.0
+
+
+def ground_norm(operators: Operators, ground: Floats | None, w: Floats) -> float:
+    """The size of what ground that moves can cause.
+
+    That is the least energy norm with which some B_i v goes as far as the ground under it, |g_i| / f_i^{1/2} with f_i
+    the flexibility of the term; or if that is less, what all of friction can cause, sum_i w_i f_i^{1/2}.
+    """
+    if ground is None:
+        return 0.0
+    root, way = np.sqrt(operators.norm_flexibility), lengths(operators.blocks(ground))
+    # No field goes anywhere where rows read nothing.
+    far = np.divide(way, root, out=np.where(way > 0, np.inf, 0.0), where=root > 0)
+    return float(min(far.max(initial=0.0), w @ root))
+
+
+def step(run: PreparedRun, before: State, n: int, t: float) -> State:
+    """The state after step `n`, from `before` to `t`; NotCertified where it misses the accuracy of a checked run."""
+    posed = pose_step(run, before, StepData.of(run.condensation, t))
+    m = len(posed.program.w)
+    same = posed.data.still_as(before.data) and np.array_equal(posed.program.w, before.weights[:m])
+    # A given start may be out of balance by more than a step's accuracy, and dashpots go on under the same load.
+    if same and before.accepted(run.solver.accuracy) and run.system.damping is None:
+        nothing = Answer(np.zeros_like(before.y), before.lam[:m], 0, "nothing changed", p=before.p)
+        state = posed.state_after(nothing, before.certificate)
+    else:
+        state = posed.solve(n)
+    if run.check:
+        require_certified(run, state, n)
+    return state
+
+
+def prepare(
+    system: System, solver: Solver | Solves | None, check: bool, condense: bool, linear: LinearSolver | None = None
+) -> PreparedRun:
+    """Factorise, condense, and let the solver do what all steps share."""
+    condensation = Condensation(system, condense and system.damping is None, linear)
+    chosen = choose_solver(condensation.operators, solver)
+    elastic = Frame(condensation, chosen)
+    if system.norms is not None:
+        warn_of_softening(condensation.operators, system.norms)
+    if system.damping is None:
+        _ = elastic.prepared
+    return PreparedRun(
+        system=system, elastic=elastic, solver=chosen, check=check, default=solver is None, condense=condense
     )
-    dragged = Dragged(weights, lam, still, worn=worn, worn_second_order=between, slipped=past + size)
-    return replace(state, ledger=ledger, dragged=dragged)
 
 
 def march(
@@ -179,10 +368,10 @@ def march(
         recorder = Recorder(run, instants, kept, storage or Memory())
         earlier = recorder.begin()
         if earlier is None:
-            earlier = 0, first_state(run, instants, initial)
+            earlier = 0, initial_state(run, instants, initial)
             recorder.add(*earlier)
         try:
-            for n, state in states_of(run, steps_of(run, instants), instants, *earlier):
+            for n, state in states_of(run, instants, *earlier):
                 recorder.add(n, state)
                 if progress is not None:
                     progress(n, len(instants) - 1)
@@ -192,33 +381,17 @@ def march(
         return recorder.finish(seconds)
 
 
-def states_of(
-    run: PreparedRun, steps: QuasistaticSteps | ViscousSteps, instants: Floats, begin: int, state: State
-) -> Iterator[tuple[int, State]]:
+def states_of(run: PreparedRun, instants: Floats, begin: int, state: State) -> Iterator[tuple[int, State]]:
     """Yield the number of each step after the step `begin`, which ended in `state`, and the state that it leads to."""
-    if run.system.damping is not None:
-        state = certified_in_full(run, state)
     for n in range(begin + 1, len(instants)):
-        state = with_dragged_friction(run.system, state, steps.step(state, n, float(instants[n])))
+        state = step(run, state, n, float(instants[n]))
         yield n, state
-
-
-def first_state(run: PreparedRun, instants: Floats, initial: Beginning) -> State:
-    """The initial state at the first of the instants, with the friction of what supports will drag along."""
-    first = initial_state(run, instants, initial)
-    return replace(first, dragged=nothing_dragged(run.system, first.t, first.p))
 
 
 def threads_of_steps(system: System, condense: bool, linear: LinearSolver) -> AbstractContextManager[None]:
     """Keep BLAS to one thread within, unless the steps' own matrices are large and dense."""
     unknowns = len(system.retained) if condense else system.n
     return one_thread(unknowns if linear.eliminates else 0)
-
-
-def steps_of(run: PreparedRun, instants: Floats) -> QuasistaticSteps | ViscousSteps:
-    """The steps of a run, viscous or not."""
-    damping = run.system.damping
-    return QuasistaticSteps(run) if damping is None else ViscousSteps(run, damping)
 
 
 def check_kinds(
@@ -254,9 +427,6 @@ def checked_times(times: ArrayLike) -> Floats:
     return t
 
 
-log = logging.getLogger("vemcvx")
-
-
 @dataclass(frozen=True, eq=False)
 class Balanced:
     """The state K y = force (n,), from which a body settles by one step; what K does not feel is as in `near` (n,)."""
@@ -268,67 +438,50 @@ class Balanced:
 Beginning = ArrayLike | str | Balanced | None
 """None (zero), unknowns (n,), "equilibrium", "settled", or forces to settle from."""
 
-JUMP = 1e-6  # Initial states whose first step jumps by more, relative to the energy norm, violate (2.1).
+JUMP = 1e-6
+"""Jump of the first step, relative to the energy norm, above which a given initial state violates (2.1)."""
+
+FAR = 3.0
+"""Jump of P^h u_0 into (2.1), relative to its distance from the nodal values of u_0, that is worth a warning."""
 
 
 def initial_state(run: PreparedRun, instants: Floats, initial: Beginning) -> State:
-    """The state at the first of the instants.
+    """The state at the first of the instants; SceneError where `initial` is not understood, or it violates (2.1).
 
-    Where what acts there is rounding beside the loads of later instants, that is the state that it settles in.
-
-    SceneError where `initial` is not understood, or the state violates (2.1).
+    Where what acts there is rounding beside the loads of later instants, that is the state that it settles in. Where
+    rates cost, a load that nothing balances yet sets the body in motion: any given state is one to begin with.
     """
-    t = float(instants[0])
-    now = run.driven(t)
+    now, K = StepData.of(run.condensation, float(instants[0])), run.system.K
+    settles = isinstance(initial, str) and initial == "settled"
+    y = np.zeros(run.system.n) if settles else _given(run, now, initial)
+    given = state_given(run, now, y)
+    if run.system.damping is not None and not settles:
+        return given
+    settled = settled_from(run, given, run.check and (settles or isinstance(initial, Balanced)))
+    if settles:
+        return settled
+    jump = energy_norm(K, settled.unknowns - y)
     if isinstance(initial, Balanced):
-        return _from_balanced(run, now, initial)
-    if isinstance(initial, str) and initial == "settled":
-        settled = _settle(run, state_given(run, now, np.zeros(run.system.n)))
-        if run.check:
-            require_certified(run, settled, 0)
-        return _beginning(run, settled)
-    y = _given(run, now, initial)
-    state = state_given(run, now, y)
-    if run.system.damping is not None:
-        # Where rates cost, a load that nothing balances yet sets the body in motion instead of in place.
-        ledger = Ledger.opening(strain_energy(run.system, y, t), run.operators.count)
-        return replace(state, ledger=ledger, scale=ledger.norm, full=y)
-    settled = _settle(run, state)
-    jump = energy_norm(run.system.K, settled.unknowns - y)
-    scale = max(state.ledger.norm, energy_norm(run.system.K, now.force.x))
+        _say_jump(settled, jump, energy_norm(K, y - initial.near))
+        # A body that nothing holds in P^h u_0 comes to rest, of which nothing but rounding is left.
+        return replace(settled, size=max(settled.size, given.ledger.norm))
+    scale = max(given.ledger.norm, energy_norm(K, now.force.x))
     if not jump <= JUMP * scale + settled.certificate.error:
-        if jump <= ROUNDING * max(energy_norm(run.system.K, run.driven(t).force.x) for t in instants.tolist()):
-            return _beginning(run, settled)
-        raise SceneError(_overlap(run, state) or _violation(run, state, jump / scale if scale > 0 else np.inf))
+        loads = (energy_norm(K, StepData.of(run.condensation, t).force.x) for t in instants.tolist())
+        if jump <= ROUNDING * max(loads):
+            return settled
+        refuse_start(run, given, jump / scale if scale > 0 else np.inf)
     # How far it may be from a state that obeys (2.1): its jump to the one settled, and the error of that.
     away = settled.certificate.away(jump + settled.certificate.error)
-    return _beginning(run, replace(settled, y=state.y, full=y, unbalanced=state.unbalanced, certificate=away))
+    return _beginning(run, replace(settled, y=given.y, full=y, unbalanced=given.unbalanced, certificate=away))
 
 
-FAR = 3.0
-"""The jump of P^h u_0 into (2.1), in parts of its distance from the nodal values of u_0, beyond which a warning is due.
-
-Both fall with h where u_0 obeys (2.1), and the jump is .23 to 2.2 of the distance on all families of 1/2 to 1/16, on
-manufactured full slip; where it does not, the jump stays, and was 7 to 320 of the distance. The part of the norm beside
-it is for displacements that are linear or nearly so, whose nodal values are P^h u_0."""
-
-
-def _from_balanced(run: PreparedRun, now: StepData, initial: Balanced) -> State:
-    """The state after one step from a balanced one; that itself where rates cost, which (2.1) does not ask."""
-    K = run.system.K
-    y = initial.near + run.condensation.reduce(initial.force - K @ initial.near).x
-    given = state_given(run, now, y)
-    if run.system.damping is not None:
-        ledger = Ledger.opening(strain_energy(run.system, y, now.t), run.operators.count)
-        return replace(given, ledger=ledger, scale=ledger.norm, full=y)
-    settled = _settle(run, given)
-    if run.check:
-        require_certified(run, settled, 0)
-    begun = _beginning(run, settled)
-    # A body that nothing holds in P^h u_0 comes to rest, of which nothing but rounding is left.
-    begun = replace(begun, size=max(begun.size, given.ledger.norm))
-    jump, apart, norm = energy_norm(K, begun.unknowns - y), energy_norm(K, y - initial.near), begun.ledger.norm
-    said = f"initial: one step at t = {now.t:.6g} moves P^h u_0 by {jump:.3g} in the energy norm, which is {norm:.3g}"
+def _say_jump(settled: State, jump: float, apart: float) -> None:
+    """Log how far P^h u_0 was from condition (2.1); as a warning where u_0 itself must have violated it."""
+    norm = settled.ledger.norm
+    said = (
+        f"initial: one step at t = {settled.t:.6g} moves P^h u_0 by {jump:.3g} in the energy norm, which is {norm:.3g}"
+    )
     if jump > FAR * apart + WORTH_A_WORD * norm:
         log.warning(
             f"{said}: u_0 violates condition (2.1), and the run begins where the body settles. Loads at the first "
@@ -336,26 +489,23 @@ def _from_balanced(run: PreparedRun, now: StepData, initial: Balanced) -> State:
         )
     else:
         log.info(f"{said}, until condition (2.1) holds on this mesh")
-    return begun
 
 
-def settled_from(run: PreparedRun, t: float, y: Floats) -> State:
-    """The state after one step at `t` from y (n,): the same one, if (2.1) holds there."""
-    return _beginning(run, _settle(run, state_given(run, run.driven(t), y)))
-
-
-def _given(run: PreparedRun, now: StepData, initial: ArrayLike | str | None) -> Floats:
+def _given(run: PreparedRun, now: StepData, initial: Beginning) -> Floats:
+    """The unknowns (n,) that a run is to begin with."""
     n = run.system.n
     if initial is None:
         return np.zeros(n)
+    if isinstance(initial, Balanced):
+        return initial.near + run.condensation.reduce(initial.force - run.system.K @ initial.near).x
+    if isinstance(initial, str) and initial == "equilibrium":
+        if run.system.kernel is not None:
+            raise SceneError(
+                "initial: 'equilibrium' is without friction, and nothing but friction holds the body; "
+                "use 'settled' (one step from zero) or a given state."
+            )
+        return now.force.x
     if isinstance(initial, str):
-        if initial == "equilibrium":
-            if run.system.kernel is not None:
-                raise SceneError(
-                    "initial: 'equilibrium' is without friction, and nothing but friction holds the body; "
-                    "use 'settled' (one step from zero) or a given state."
-                )
-            return now.force.x
         raise SceneError(
             f"initial: found {initial!r}; there are None (zero), an array, 'equilibrium' (no friction) and "
             "'settled' (one step from zero)."
@@ -371,66 +521,42 @@ def _given(run: PreparedRun, now: StepData, initial: ArrayLike | str | None) -> 
 
 def state_given(run: PreparedRun, now: StepData, y: Floats) -> State:
     """The state y (n,), whatever led to it: as far as is known, nothing slipped or pressed."""
-    norms, operators = run.system.norms, run.operators
-    weights = np.zeros(0) if norms is None else norms.weights_under(now.t, np.zeros(len(operators.compliance)))
-    y_c = y[run.condensation.retained]
-    start = energy(run.condensation, y_c, now, np.zeros(len(operators.compliance)))
-    return replace(State.still(operators, now, y_c, weights, start), full=y)
+    system, operators, kept = run.system, run.operators, y[run.condensation.retained]
+    none = np.zeros(len(operators.compliance))
+    w = np.zeros(0) if system.norms is None else system.norms.weights_under(now.t, none)
+    _, _, others = dragged(system, (now.t, now.t), none, np.zeros(run.terms - operators.count))
+    weights, nothing = np.append(w, others), np.zeros((run.terms, operators.block))
+    ledger = Ledger.opening(energy(run.condensation, kept, now, none), run.terms)
+    return State(
+        t=now.t,
+        y=kept,
+        unbalanced=now.force.retained - operators.force(kept),
+        data=now,
+        weights=weights,
+        bound=weights,
+        lam=nothing,
+        p=none,
+        slip=nothing,
+        sticks=np.ones(run.terms, dtype=bool),
+        certificate=Certificate(0.0, np.zeros(operators.count), 0.0, none),
+        ledger=ledger,
+        scale=ledger.norm,
+        full=y,
+    )
 
 
-def _settle(run: PreparedRun, state: State) -> State:
-    """Take one step at the same instant, with all unknowns and the certificate of the full system."""
-    attempt = pose_step(run, state, state.data, state.weights)
-    settled = attempt.solve_balanced(0)
-    return certified_in_full(run, settled)
+def settled_from(run: PreparedRun, given: State, check: bool = False) -> State:
+    """The state after one step at the same instant, certified in full: the same one, if (2.1) holds there."""
+    posed = pose_step(run, given, given.data, given.weights[: run.operators.count])
+    settled = certified_in_full(run, posed.solve(0))
+    if check:
+        require_certified(run, settled, 0)
+    return _beginning(run, settled)
 
 
 def _beginning(run: PreparedRun, state: State) -> State:
     """The state as the beginning of a history: nothing has slipped, nothing is lost or done."""
-    start = energy(run.condensation, state.y, state.data, state.p)
-    ledger = Ledger.opening(start, run.operators.count)
+    ledger = Ledger.opening(energy(run.condensation, state.y, state.data, state.p), run.terms)
     size = data_norm(run.condensation, state.data.force, ledger.norm, run.solver.accuracy)
-    return replace(state, slip=np.zeros_like(state.slip), ledger=ledger, scale=ledger.norm, size=size)
-
-
-def _violation(run: PreparedRun, state: State, jump: float) -> str:
-    operators, norms = run.operators, run.system.norms
-    where = ""
-    if norms is not None and operators.count:
-        needed = np.linalg.lstsq(operators.B.T.toarray(), state.unbalanced, rcond=None)[0]
-        excess = np.linalg.norm(operators.blocks(needed), axis=1) - state.weights
-        worst = int(np.argmax(excess))
-        if excess[worst] > 0:
-            where = (
-                f" The worst place is {norms.name(worst)}, where holding still takes a force of "
-                f"{excess[worst] + state.weights[worst]:.6g}, {excess[worst]:.6g} over the bound "
-                f"{state.weights[worst]:.6g}."
-            )
-    held = "in equilibrium" if norms is None else "held by friction"
-    of_a_function = (
-        " Nodal values of a u_0 that obeys (2.1) miss it on a mesh: give simulate the function, "
-        "initial=vx.projected(u_0)."
-        if state.unknowns.any()
-        else ""
-    )
-    much = f"by {jump:.1e} of the energy norm, allowed is {JUMP:.0e}" if np.isfinite(jump) else "from rest"
-    return (
-        f"initial: the state at t = {state.t:.6g} is not {held} (condition (2.1)): one step there moves it {much}."
-        f"{where} If something acts from the start, say "
-        "initial='settled', in a problem file too: the body begins at rest under it, one step from zero. Or start from "
-        f"'equilibrium' (no friction), from a given state, or with a load that begins at zero.{of_a_function}"
-    )
-
-
-def _overlap(run: PreparedRun, state: State) -> str | None:
-    """The place where a state violates a bound, in words; None if it is nowhere."""
-    operators, limits = run.operators, run.system.limits
-    over = operators.limits.read(state.y) - state.data.remaining_gap
-    inside = np.where(operators.compliance > 0, 0.0, over)
-    if limits is None or not inside.max(initial=0.0) > 0:
-        return None
-    worst = int(np.argmax(inside))
-    return (
-        f"initial: at t = {state.t:.6g} the body is {inside[worst]:.6g} inside its obstacle at {limits.name(worst)}. "
-        "Start from initial='settled' (one step from zero), from a given state, or with a gap that begins at zero."
-    )
+    slip, sticks = np.zeros_like(state.slip), np.ones_like(state.sticks)
+    return replace(state, slip=slip, sticks=sticks, ledger=ledger, scale=ledger.norm, size=size)

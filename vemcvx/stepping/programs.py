@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vemcvx.base.arrays import Floats, brief, flag, is_whole
+from vemcvx.base.arrays import brief, flag, is_whole
 from vemcvx.base.errors import HistoryError
 from vemcvx.linear import LinearSolver
 from vemcvx.program.step_program import SolvedProgram
@@ -17,20 +17,17 @@ from vemcvx.solvers import Solver, Solves
 from vemcvx.solvers.conic import polished
 from vemcvx.stepping.backward_euler import (
     Beginning,
-    QuasistaticSteps,
     check_kinds,
     checked_times,
-    first_state,
+    initial_state,
+    pose_step,
+    prepare,
     state_given,
     states_of,
-    steps_of,
     threads_of_steps,
 )
-from vemcvx.stepping.checkpoint import state_of_row
-from vemcvx.stepping.posed_step import certified_in_full
-from vemcvx.stepping.state import PreparedRun, State, prepare
-from vemcvx.stepping.trajectory import FIELDS, SCALARS, Trajectory
-from vemcvx.stepping.viscous import ViscousSteps
+from vemcvx.stepping.state import PreparedRun, State, StepData, certified_in_full
+from vemcvx.stepping.trajectory import ROWS_OF_STATES, SCALARS, Trajectory, state_of_row
 
 
 def programs_of_march(
@@ -45,15 +42,14 @@ def programs_of_march(
 ) -> Iterator[SolvedProgram]:
     """March as :func:`vemcvx.march` does, and yield the program of every step with its certified answer."""
     check_kinds(system, solver, linear)
-    instants, condense = checked_times(times), flag(condense, "condense")
-    run, steps = _prepared(system, instants, solver, condense, linear, check=flag(check, "check"))
-    before = certified_in_full(run, first_state(run, instants, initial))
-    states = states_of(run, steps, instants, 0, before)
+    instants, condense, check = checked_times(times), flag(condense, "condense"), flag(check, "check")
+    run = _prepared(system, solver, condense, linear, check=check)
+    before = certified_in_full(run, initial_state(run, instants, initial))
+    states = states_of(run, instants, 0, before)
     for _ in instants[1:]:
         with threads_of_steps(system, condense, run.condensation.linear):
             n, state = next(states)
-            program = _solved_program(steps, before, state, n)
-        yield program
+        yield _solved_program(run, before, state, n)
         before = state
 
 
@@ -66,31 +62,27 @@ def programs_of_trajectory(
     """
     for n in numbers:
         _check_stored(trajectory, n)
-    run, steps = _prepared(system, trajectory.times, None, flag(condense, "condense"), None)
+    run = _prepared(system, None, flag(condense, "condense"), None)
     for n in numbers:
-        yield _solved_program(steps, _stored(run, trajectory, n - 1), _stored(run, trajectory, n), n)
+        yield _solved_program(run, _stored(run, trajectory, n - 1), _stored(run, trajectory, n), n)
 
 
 def _prepared(
-    system: System,
-    instants: Floats,
-    solver: Solver | Solves | None,
-    condense: bool,
-    linear: LinearSolver | None,
-    check: bool = True,
-) -> tuple[PreparedRun, QuasistaticSteps | ViscousSteps]:
+    system: System, solver: Solver | Solves | None, condense: bool, linear: LinearSolver | None, check: bool = True
+) -> PreparedRun:
     linear = system.linear(linear)
     with threads_of_steps(system, condense, linear):
-        run = prepare(system, solver, check, condense, linear)
-    return run, steps_of(run, instants)
+        return prepare(system, solver, check, condense, linear)
 
 
-def _solved_program(steps: QuasistaticSteps | ViscousSteps, before: State, after: State, n: int) -> SolvedProgram:
+def _solved_program(run: PreparedRun, before: State, after: State, n: int) -> SolvedProgram:
     """The program of step `n` under the weights that the state after it was found for."""
-    posed = steps.posed(before, n, after.t, after.weights)
-    program, norms = posed.program, posed.run.system.norms
+    m, norms = run.operators.count, run.system.norms
+    posed = pose_step(run, before, after.data, after.weights[:m])
+    program, d = posed.program, after.y - before.y
     # The difference of two states may lie a rounding error beyond a bound.
-    answer = after.answer(program.feasible(after.y - before.y), after.lam, after.p)
+    d = program.feasible(d if posed.force is None else d[posed.frame.condensation.retained])
+    answer = after.answer(d, after.lam[:m])
     found = SolvedProgram.of(program, answer, n, after.t)
     if found.certificate.gap > 1.01 * after.certificate.gap + found.certificate.floor:
         # The difference has lost digits, and gaps are linear in them where terms stick and limits touch: an active-set
@@ -98,7 +90,7 @@ def _solved_program(steps: QuasistaticSteps | ViscousSteps, before: State, after
         found = SolvedProgram.of(program, polished(program, answer), n, after.t)
     if norms is None or not norms.sloped:
         return found
-    return replace(found, slope=norms.slope_by_forces(after.t, after.p, before.ledger.slipped))
+    return replace(found, slope=norms.slope_by_forces(after.t, after.p, before.ledger.slipped[:m]))
 
 
 def _check_stored(trajectory: Trajectory, n: int) -> None:
@@ -116,11 +108,10 @@ def _check_stored(trajectory: Trajectory, n: int) -> None:
 
 def _stored(run: PreparedRun, trajectory: Trajectory, n: int) -> State:
     """The stored arrays of the state after step `n`."""
+    t = float(trajectory.times[n])
     if n == 0 and trajectory.initial is not None:
-        return state_given(run, run.driven(float(trajectory.times[0])), trajectory.initial)
+        return state_given(run, StepData.of(run.condensation, t), trajectory.initial)
     row = int(np.searchsorted(trajectory.stored, n))
-    stored = {
-        name: getattr(trajectory, name)[row] for name, of in FIELDS.items() if of.sizes[0] == "S" and name != "velocity"
-    }
+    stored = {name: getattr(trajectory, name)[row] for name in ROWS_OF_STATES if name != "velocity"}
     scalars = {name: getattr(trajectory, name)[n] for name in SCALARS if getattr(trajectory, name) is not None}
-    return state_of_row(run, float(trajectory.times[n]), {"unit": np.zeros(()), **stored, **scalars})
+    return state_of_row(run, t, {"unit": np.zeros(()), **stored, **scalars})

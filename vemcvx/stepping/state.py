@@ -1,207 +1,190 @@
-"""The state of a run after a step, and what a run prepares once.
+"""What the steps of a run share, what drives it at an instant, and the state after a step.
 
-When friction that weakens with slip leaves a step convex. With Phi_i the integral of the weights w_i over the slip of
-the step, a step minimises
-
-    1/2 d'Kd - g'd + sum_i Phi_i(|s_i|),     s = B d - b.
-
-Weights that fall no faster than k_i per slip make Phi_i + k_i |s_i|^2 / 2 convex, and the step is strongly convex where
-the sum of these squares is less than the elastic energy: with
-
-    rho = the largest eigenvalue of  k^{1/2} B K^{-1} B' k^{1/2},      sum_i k_i |(B d)_i|^2 <= rho d'Kd,
-
-as long as rho < 1. In a block of height H and shear modulus mu that shears uniformly that is k < mu / H per area: the
-stability of a spring and a slider; other motions of a block may be softer, and rho larger. It does not depend on the
-length of steps. Without it a step may have several answers, or jump, which a warning says.
-
-Theorem. If rho < 1, the step has one solution. Proof. Let e be the difference of two solutions. Then
-|e|^2_K = -(lam - lam*).Be - (p - p*).De. The last term is <= 0, and the one before it at most
-sum (w_i - w*_i)(|s*_i| - |s_i|) <= sum k_i (|s_i| - |s*_i|)^2 <= sum k_i |(Be)_i|^2 <= rho |e|^2.  QED
+States keep the unknowns that friction and limits read; what is inside follows from them and from the load. With
+dashpots it depends on the past, too, and states keep all unknowns.
 """
 
 from __future__ import annotations
 
-import warnings
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
-from scipy.linalg import eigh
+import scipy.sparse as sp
 
-from vemcvx.base.arrays import EPS, Bools, Floats, lengths
-from vemcvx.base.errors import NotAccepted, SceneWarning
-from vemcvx.linear import LinearSolver
+from vemcvx.base.arrays import Bools, Floats, columns
+from vemcvx.base.errors import NotAccepted
 from vemcvx.program.certificate import Certificate
-from vemcvx.program.condensation import Condensation
-from vemcvx.program.operators import Norms, Operators
+from vemcvx.program.condensation import Condensation, Reduced
+from vemcvx.program.operators import Operators
+from vemcvx.program.scaling import LARGEST_NORM, checked_norm
 from vemcvx.program.step_program import Answer
-from vemcvx.program.system import System
-from vemcvx.solvers import Prepared, Solver, Solves, choose_solver
+from vemcvx.program.system import System, on_part
+from vemcvx.program.tolerances import SHARE
+from vemcvx.solvers import Prepared, Solver
 from vemcvx.solvers.default import LastResort
 from vemcvx.solvers.newton import PreparedNewton
 from vemcvx.solvers.solver import InUnits, named_failures
-from vemcvx.stepping.ledger import Ledger, StepData, step_data
 
-STABLE = 0.999  # rho beyond which the rounding of answers counts for more than a thousand times itself.
-
-
-@dataclass(frozen=True)
-class Stability:
-    """rho, and the term that has most of its eigenvector."""
-
-    rho: float
-    worst: int
-
-
-def stability_of(operators: Operators, norms: Norms) -> Stability | None:
-    """The stability of norm terms; a warning where they are not stable."""
-    found = stability(operators, norms.softening)
-    if found is not None and found.rho >= STABLE:
-        warnings.warn(
-            f"friction: weights may fall faster with slip than the body gives way, most at {norms.name(found.worst)} "
-            f"(softening over stiffness is {found.rho:.3g}; less than {STABLE:g} makes steps convex). A step may have "
-            "several answers, or jump. Take a law that falls over a longer slip, a "
-            "stiffer body, or a law that reads the slip before the step alone.",
-            SceneWarning,
-            stacklevel=2,
-        )
-    return found
-
-
-def stability(operators: Operators, softening: Floats | None) -> Stability | None:
-    """The stability of weights that fall with the slip of a step by `softening` (m,) at most; None if that is unknown.
-
-    For bodies without supports rho is infinite: their rigid motions have no elastic energy. With an iterative linear
-    solver it is unknown: B K^{-1} B' would take a solve for every row.
-    """
-    if softening is None or (softening.any() and not operators.factor.exact):
-        return None
-    falls = np.flatnonzero(softening)
-    if len(falls) == 0:
-        return Stability(0.0, 0)
-    if operators.kernel is not None:
-        return Stability(np.inf, int(np.argmax(softening)))
-    block = operators.block
-    rows = (falls[:, None] * block + np.arange(block)).ravel()
-    root = np.repeat(np.sqrt(softening[falls]), block)
-    B = operators.B[rows].toarray()
-    M = root[:, None] * (B @ operators.factor.solve(np.ascontiguousarray(B.T))) * root
-    value, vector = eigh(0.5 * (M + M.T), subset_by_index=[len(M) - 1, len(M) - 1])
-    return Stability(float(value[0]), int(falls[np.argmax(np.abs(vector[:, 0])) // block]))
+MOST_LENGTHS = 4
+"""Lengths of steps whose factors are kept, where there are dashpots; two that take turns need two."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class PreparedRun:
-    """The prepared run: data that all steps share."""
+class StepData:
+    """The data of a system at an instant, on the unknowns that states keep."""
 
-    system: System
+    t: float
+    force: Reduced  # load minus Dirichlet force
+    prescribed_slip: Floats
+    remaining_gap: Floats  # (r,) gaps of the limits at y = 0
+    ground: Floats | None  # (m * block,) the motion of the ground, subtracted in `prescribed_slip`
+    push: Reduced  # the Dirichlet force alone
+    field: Floats  # (n_u,) u_m of the ledger, less a rigid motion; empty if no supports move
+
+    @classmethod
+    def of(cls, condensation: Condensation, t: float) -> StepData:
+        """Evaluate load and supports at `t`; SceneError where the energy of their response overflows."""
+        system, motion = condensation.system, condensation.system.motion
+        forces, rows = system.load_on_part(t)
+        force = condensation.reduce(forces, rows=rows)
+        if not force.norm <= LARGEST_NORM:
+            checked_norm(force.norm, t)
+        push, field = force - force, np.zeros(0)
+        if motion is not None:
+            forces, rows = on_part(motion.dirichlet_force, t)
+            push = condensation.reduce(forces, rows=rows)
+            field = motion.frame(t, -push.x)
+        slip, gap, ground = system.prescribed_slip(t), system.remaining_gap(t), system.ground(t)
+        return cls(t=t, force=force, prescribed_slip=slip, remaining_gap=gap, ground=ground, push=push, field=field)
+
+    def still_as(self, other: StepData) -> bool:
+        """Return True if nothing differs between the two instants."""
+        return (
+            self.force.same(other.force)
+            and np.array_equal(self.prescribed_slip, other.prescribed_slip)
+            and np.array_equal(self.remaining_gap, other.remaining_gap)
+            and self.push.same(other.push)
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """What steps of one length share: the condensed system, and the solver prepared for it."""
+
     condensation: Condensation
     solver: Solver
-    prepared: Prepared
-    check: bool
-
-    default: bool = False  # nobody asked for the accuracy: an answer at the rounding floor is good enough
-
-    share: float = 1.0  # of the solver's accuracy that steps are solved to, where answers are but a part of something
-
-    @property
-    def accuracy(self) -> float:
-        """To which steps are solved."""
-        return self.share * self.solver.accuracy
-
-    def driven(self, t: float) -> StepData:
-        """The data of the system at an instant."""
-        return step_data(self.system, self.condensation, t)
-
-    def after(self, iterations: int) -> PreparedRun:
-        """The run whose solver has taken so many of them."""
-        solver = self.solver.after(iterations) if iterations else self.solver
-        if solver is self.solver:
-            return self
-        return replace(self, solver=solver, prepared=prepared_solver(solver, self.operators))
 
     @property
     def operators(self) -> Operators:
         """The condensed operators, in the units of the system."""
         return self.condensation.operators
 
+    @cached_property
+    def prepared(self) -> Prepared:
+        """The prepared solver; NotAccepted where K has a kernel and the solver takes none."""
+        solver, operators = self.solver, self.operators
+        if operators.kernel is not None and not solver.semidefinite:
+            raise NotAccepted(
+                f"solver {solver.name}: only friction and contact hold a body, so that K is semidefinite, which it "
+                "does not take; a solver that does says so by `semidefinite = True`. Newton and Clarabel do."
+            )
+        with named_failures(solver.name):
+            prepared = solver.prepare(operators) if solver.any_units else InUnits.of(solver, operators)
+        return LastResort(prepared) if isinstance(prepared, PreparedNewton) else prepared
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PreparedRun:
+    """What all steps of a run share."""
+
+    system: System
+    elastic: Frame  # of K; states are kept on its unknowns
+    solver: Solver
+    check: bool
+    default: bool  # nobody asked for the accuracy: an answer at the rounding floor is good enough
+    condense: bool
+    viscous: dict[str, Frame] = field(default_factory=dict)
+
+    @property
+    def condensation(self) -> Condensation:
+        """The system on the unknowns that states keep."""
+        return self.elastic.condensation
+
+    @property
+    def operators(self) -> Operators:
+        """K, B and D on the unknowns that states keep."""
+        return self.elastic.operators
+
+    @property
+    def terms(self) -> int:
+        """The number of norm terms, those that supports drag included."""
+        return self.operators.count + (0 if self.system.dragged is None else self.system.dragged.count)
+
+    def frame(self, k: float) -> Frame:
+        """What steps of length k share, with K + C / k in place of K; lengths that differ by rounding share it."""
+        damping, key = self.system.damping, f"{k:.11e}"
+        if damping is None or k == 0.0:
+            return self.elastic
+        if key not in self.viscous:
+            stiffness = sp.csr_matrix(self.system.K + damping.C / float(key))
+            alone = replace(self.system, K=stiffness, damping=None, motion=None)
+            self.viscous[key] = Frame(Condensation(alone, self.condense, self.condensation.linear), self.solver)
+            if len(self.viscous) > MOST_LENGTHS:
+                del self.viscous[next(iter(self.viscous))]
+        return self.viscous[key]
+
 
 @dataclass(frozen=True)
-class Dragged:
-    """The friction of nodes that supports drag along, after a step: see :mod:`vemcvx.stepping.backward_euler`."""
+class Ledger:
+    """Energy at an instant, cumulative dissipation and work, and the energy norm |u|_a."""
 
-    weights: Floats  # (q,)
-    lam: Floats  # (q, block) multipliers
-    still: Bools  # (q,) which did not slip
-    worn: Floats  # (q,) cumulative loss
-    worn_second_order: Floats  # (q,) likewise, as the ledger has it
-    slipped: Floats  # (q,) and cumulative slip
+    energy: float
+    dissipated: float
+    work: float
+    worn: Floats  # (terms,) cumulative lam_i . s_i of every term; they sum to `dissipated`, but for what damping loses
+    slipped: Floats  # (terms,) cumulative |s_i|, which laws of friction may see
+    dissipated_second_order: float
+    worn_second_order: Floats  # (terms,) of `worn`, likewise
 
     @classmethod
-    def nothing(cls, q: int, block: int) -> Dragged:
-        """Terms that have lost nothing, and have no weight."""
-        none = np.zeros(q)
-        nothing, still = np.zeros((q, block)), np.ones(q, dtype=bool)
-        return cls(none, nothing, still, worn=none, worn_second_order=none, slipped=none)
+    def opening(cls, energy: float, count: int) -> Ledger:
+        """Nothing is lost or done yet, in any of `count` terms."""
+        none = np.zeros(count)
+        return cls(energy, 0.0, 0.0, worn=none, slipped=none, dissipated_second_order=0.0, worn_second_order=none)
+
+    @property
+    def norm(self) -> float:
+        """|u|_a = sqrt(2 E)."""
+        return math.sqrt(2.0 * max(self.energy, 0.0))
 
 
-@dataclass(frozen=True)
-class Earlier:
-    """The step before: from it and its own a state expects the next one."""
-
-    t: float
-    lam: Floats  # (m, block)
-    p: Floats  # (r,)
-
-    def share(self, now: float, t: float) -> float:
-        """Part of what has changed since, up to `now`, that is expected to change once more up to `t`."""
-        return min(1.0, (t - now) / (now - self.t)) if self.t < now else 0.0
-
-
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class State:
-    """Everything known at an instant, on the retained unknowns; `full`, once it is asked for, on all."""
+    """Everything known at an instant. Terms are the m of the program, and then those that supports drag."""
 
     t: float
-    y: Floats  # (m,)
-    unbalanced: Floats  # (m,) load - K y, which norm terms and limits balance
+    y: Floats  # the unknowns that are kept
+    unbalanced: Floats  # load - K y there, which norm terms, limits and dashpots balance
     data: StepData
-    weights: Floats  # (m,) of the step that led here
-    bound: Floats  # (m,) weights at the slip after it, where a law reads slips
-    lam: Floats
+    weights: Floats  # (terms,) of the step that led here
+    bound: Floats  # (terms,) weights at the slip after it, where a law reads slips
+    lam: Floats  # (terms, block)
     p: Floats  # (r,) forces of the limits
-    slip: Floats  # (m, block) s of the step that led here
+    slip: Floats  # (terms, block) s of the step that led here
+    sticks: Bools  # (terms,) increments that the certificate cannot tell from zero
     certificate: Certificate
     ledger: Ledger
     scale: float  # largest energy norm of the states so far
-    iterations: int
+    size: float = 0.0  # largest energy norm that the data could cause; computed only while the states are far smaller
+    iterations: int = 0
     status: str = ""  # in the solver's own words
     safeguards: int = 0  # how many of the iterations stood in for faster ones
-    full: Floats | None = None  # (n,) `unknowns`, once somebody has asked for them
-    size: float = 0.0  # largest energy norm that the data could cause; computed only while the states are far smaller
-    earlier: Earlier | None = None  # multipliers of the step before, if there was one
-    dragged: Dragged = field(default_factory=lambda: Dragged.nothing(0, 1))  # before the step, while it is on
-    velocity: Floats | None = None  # (n,) their increments over the length of the step, where rates cost
-
-    @classmethod
-    def still(cls, operators: Operators, data: StepData, y: Floats, weights: Floats, energy: float = 0.0) -> State:
-        """The state y (m,) with that energy, whatever led to it: as far as is known, nothing slipped or pressed."""
-        nothing, none = np.zeros((operators.count, operators.block)), np.zeros(len(operators.compliance))
-        ledger = Ledger.opening(energy, operators.count)
-        return cls(
-            t=data.t,
-            y=y,
-            unbalanced=data.force.retained - operators.force(y),
-            data=data,
-            weights=weights,
-            bound=weights,
-            lam=nothing,
-            p=none,
-            slip=nothing,
-            certificate=Certificate(0.0, np.zeros(operators.count), 0.0, none),
-            ledger=ledger,
-            scale=ledger.norm,
-            iterations=0,
-        )
+    full: Floats | None = None  # (n,) all unknowns, once they are recovered and certified
+    velocity: Floats | None = None  # (n,) their increments over the length of the step, with dashpots
+    earlier: tuple[float, Floats, Floats] | None = None  # t, lam and p of the step before, if there was one
 
     @property
     def unknowns(self) -> Floats:
@@ -210,25 +193,23 @@ class State:
             raise LookupError("state: the unknowns inside are not recovered; certified_in_full() does.")
         return self.full
 
-    def answer(self, d: Floats, lam: Floats, p: Floats) -> Answer:
-        """An answer (d, lam, p) that took what this state took."""
-        return Answer(d=d, lam=lam, p=p, iterations=self.iterations, status=self.status, safeguards=self.safeguards)
+    def answer(self, d: Floats, lam: Floats) -> Answer:
+        """An answer of increments d and multipliers lam (m, block) that took what this state took."""
+        return Answer(d, lam, self.iterations, self.status, self.safeguards, p=self.p)
 
-    def expected(self, t: float) -> tuple[Floats, Floats]:
+    def expected(self, t: float, m: int) -> tuple[Floats, Floats]:
         """Multipliers (m, block) and (r,) to begin with at the next instant `t`: they go on as they changed last.
 
-        That is in proportion to time, by no more than they changed then, and p >= 0. On the paper's scene,
-        h = k = 1/256, a second active set is then needed in 19 steps instead of 116.
+        That is in proportion to time, by no more than they changed then, and p >= 0.
         """
-        before = self.earlier
-        share = 0.0 if before is None else before.share(self.t, t)
-        if before is None or share == 0.0:
-            return self.lam, self.p
-        lam, p = self.lam + share * (self.lam - before.lam), self.p + share * (self.p - before.p)
-        return lam, np.maximum(p, 0.0)
+        before, lam, p = self.earlier or (self.t, self.lam, self.p), self.lam, self.p
+        share = min(1.0, (t - self.t) / (self.t - before[0])) if before[0] < self.t else 0.0
+        if share > 0.0:
+            lam, p = lam + share * (lam - before[1]), np.maximum(p + share * (p - before[2]), 0.0)
+        return lam[:m], p
 
     def unit(self, accuracy: float) -> float:
-        """The energy norm that errors are relative to: see :mod:`vemcvx.stepping.posed_step`."""
+        """The energy norm that errors are relative to: see :mod:`vemcvx.stepping.backward_euler`."""
         return self.size if self.scale <= accuracy * self.size else self.scale
 
     def accepted(self, accuracy: float) -> bool:
@@ -236,43 +217,47 @@ class State:
         return self.certificate.error <= accuracy * self.unit(accuracy)
 
 
-def sticking(run: PreparedRun, state: State) -> Bools:
-    """Increments that the certificate cannot tell from zero: |s_i - s_i*| <= flexibility^{1/2} |d - d*|."""
-    operators = run.operators
-    if operators.count == 0:
-        return np.zeros(0, dtype=bool)
-    blur = EPS * operators.blocks(operators.rows.absolute.read(np.abs(state.y))).max(axis=1)
-    error = state.certificate.error + state.certificate.error_floor
-    sticks: Bools = lengths(state.slip) <= error * np.sqrt(operators.norm_flexibility) + blur
-    return sticks
+def recovered(
+    condensation: Condensation, kept: Sequence[tuple[Floats, Reduced]], held: Sequence[Floats], most: Sequence[float]
+) -> tuple[Floats, Floats]:
+    """All unknowns (n, k) of states (y, force), and the energies (k,) that r = force - held - K y could still gain.
+
+    They are corrected once by what r leaves inside, if some energy is above `most`. Motions of no energy feel no r:
+    multipliers balance the force on them, and not the anchors.
+    """
+    system, (y_c, forces) = condensation.system, zip(*kept, strict=True)
+    push = columns([force.phi - own for force, own in zip(forces, held, strict=True)], len(kept))
+
+    def left(y: Floats) -> Floats:
+        r: Floats = push - system.K @ y
+        return r if (kernel := system.kernel) is None else r - kernel.basis @ (kernel.basis.T @ r)
+
+    y = condensation.recover(y_c, forces)
+    r = left(y)
+    energies = 0.5 * condensation.factor.energies_of_columns(r)
+    if not condensation.whole and (energies > most).any():
+        y = y + condensation.held(r)
+        energies = 0.5 * condensation.factor.energies_of_columns(left(y))
+    return y, energies
 
 
-def prepared_solver(solver: Solver, operators: Operators) -> Prepared:
-    """The solver, prepared for the operators of a run; NotAccepted where K has a kernel and it takes none."""
-    if operators.kernel is not None and not solver.semidefinite:
-        raise NotAccepted(
-            f"solver {solver.name}: only friction and contact hold a body, so that K is semidefinite, which it does "
-            "not take; a solver that does says so by `semidefinite = True`. Newton and Clarabel do."
-        )
-    with named_failures(solver.name):
-        prepared = solver.prepare(operators) if solver.any_units else InUnits.of(solver, operators)
-    return LastResort(prepared) if isinstance(prepared, PreparedNewton) else prepared
+def certified_together(run: PreparedRun, states: Sequence[State]) -> list[State]:
+    """The states with all their unknowns and certificates of the full system.
+
+    Rows see the unknowns that are kept: their parts of it, and the floor, are those of the step's certificate.
+    """
+    if run.condensation.whole or not states:
+        return [state if state.full is not None else replace(state, full=state.y) for state in states]
+    accuracy, m, found = run.solver.accuracy, run.operators.count, list[State]()
+    held = [run.system.multiplier_force(state.lam[:m], state.p) for state in states]
+    most = [0.5 * (SHARE * accuracy * state.unit(accuracy)) ** 2 for state in states]
+    y, energies = recovered(run.condensation, [(state.y, state.data.force) for state in states], held, most)
+    for state, full, energy in zip(states, y.T, energies.tolist(), strict=True):
+        own = state.certificate
+        found.append(replace(state, full=full, certificate=replace(own, equilibrium=max(energy, own.equilibrium))))
+    return found
 
 
-def prepare(
-    system: System, solver: Solver | Solves | None, check: bool, condense: bool, linear: LinearSolver | None = None
-) -> PreparedRun:
-    """Factorise, condense, scale, and let the solver do what all steps share."""
-    condensation = Condensation(system, condense, linear)
-    chosen = choose_solver(condensation.operators, solver)
-    prepared = prepared_solver(chosen, condensation.operators)
-    if system.norms is not None:
-        stability_of(condensation.operators, system.norms)
-    return PreparedRun(
-        system=system,
-        condensation=condensation,
-        solver=chosen,
-        prepared=prepared,
-        check=check,
-        default=solver is None,
-    )
+def certified_in_full(run: PreparedRun, state: State) -> State:
+    """The state with all its unknowns and the certificate of the full system."""
+    return state if state.full is not None else certified_together(run, [state])[0]

@@ -2,16 +2,16 @@
 
 Rows are kept in memory, or in a folder that outlives the process. A folder holds one ``.npy`` file an array, mapped
 into memory, so that the size of a history is bounded by the disk and not by memory; and ``checkpoint.npz``, replaced
-in one move, from which a run that was interrupted goes on. The disk's space is claimed before the first step. Should
-the machine die, too, the check sums of the checkpoint tell whether the disk has it all.
+in one move, from which a run that was interrupted goes on.
 :mod:`vemcvx.base.owned_files` says which files are a run's.
 """
 
 from __future__ import annotations
 
+import hashlib
 import logging
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, TypeGuard
@@ -24,17 +24,21 @@ from vemcvx.base.arrays import Bools, Floats, Ints, brief, is_whole, quantities
 from vemcvx.base.errors import HistoryError, SceneError
 from vemcvx.base.outline import ArrayRecord
 from vemcvx.base.owned_files import Owned, path_of
-from vemcvx.stepping.checkpoint import mark, state_of_row
-from vemcvx.stepping.posed_step import certified_in_full, certified_together, require_certified, say_floor, together
-from vemcvx.stepping.state import PreparedRun, State, sticking
+from vemcvx.linear import AT_ONCE
+from vemcvx.program.certificate import Certificate
+from vemcvx.stepping.ledger import energy
+from vemcvx.stepping.refusals import require_certified, say_floor
+from vemcvx.stepping.state import Ledger, PreparedRun, State, StepData, certified_together
 
 log = logging.getLogger("vemcvx")
 
 CHECKPOINT = "checkpoint.npz"
+TOGETHER = 8
+"""States that are certified in full at once: of 8,256 unknowns in a third of the time that one by one take."""
 
 
 class Memory:
-    """Rows in memory, which do not outlive the process, so that checkpoints are not worth their making."""
+    """Rows in memory, which do not outlive the process: nothing is ever found there."""
 
     lasting = False
 
@@ -51,13 +55,13 @@ class Memory:
     kept = array
 
     def clear(self) -> None:
-        """Do nothing: there was no earlier run."""
+        """Do nothing."""
 
     def save(self, arrays: Arrays) -> None:
-        """Do nothing: memory needs no checkpoint."""
+        """Do nothing."""
 
     def load(self) -> Arrays | None:
-        """Return None: there is no checkpoint."""
+        """Return None: there is no earlier run."""
         return None
 
 
@@ -114,7 +118,7 @@ class Folder(Owned):
             raise HistoryError(f"{self.path}: cannot write a checkpoint: {error}.") from error
 
     def load(self) -> Arrays | None:
-        """The last complete checkpoint, if it is to be gone on with."""
+        """The checkpoint, if there is one to be gone on with."""
         file = self.path / CHECKPOINT
         if not (self._resumes and file.exists()):
             return None
@@ -184,7 +188,7 @@ class Trajectory(ArrayRecord):
         slip.
     unit : (N + 1,) array
         The energy norm that errors are relative to: the largest so far, or what the data could cause where all so far
-        are zero at the accuracy asked (:mod:`vemcvx.stepping.posed_step`).
+        are zero at the accuracy asked (:mod:`vemcvx.stepping.backward_euler`).
     seconds : dict
         "prepare" (factorisation, condensation, compilation) and "solve" (all steps).
     solver : str
@@ -322,44 +326,8 @@ def _numbers(store: object, steps: int) -> TypeGuard[Sequence[int]]:
 
 FIELDS = quantities(Trajectory)
 SCALARS = {name: of.kind for name, of in FIELDS.items() if of.sizes == ("N",) and name != "times"}
+ROWS_OF_STATES = {name: of for name, of in FIELDS.items() if of.sizes[0] == "S" and name != "stored"}
 TYPES: dict[str, type] = {"f": float, "i": np.int64, "b": bool}
-EVERY_STEP = ("scalars", "initial")
-"""Arrays with a row for every step, or for the initial instant alone; the others have one for every stored step."""
-
-
-def _scalars(state: State, sticks: Bools, accuracy: float) -> dict[str, float]:
-    """The scalars that a trajectory has of every step; `sticks` (terms,) marks zero increments."""
-    certificate, ledger = state.certificate, state.ledger
-    return {
-        "energy": ledger.energy,
-        "dissipated": ledger.dissipated,
-        "dissipated_second_order": ledger.dissipated_second_order,
-        "work": ledger.work,
-        "norm": ledger.norm,
-        "gap": certificate.gap,
-        "floor": certificate.floor,
-        "iterations": state.iterations,
-        "safeguards": state.safeguards,
-        "stuck": int(np.count_nonzero(sticks)),
-        "given_friction": certificate.given_friction,
-        "unit": state.unit(accuracy),
-    }
-
-
-def _row(state: State, sticks: Bools) -> dict[str, ArrayLike]:
-    """The arrays of a stored step; terms that are dragged come last."""
-    ledger, dragged = state.ledger, state.dragged
-    return {
-        "state": state.unknowns,
-        "multipliers": np.concatenate([state.lam, dragged.lam]),
-        "pressures": state.p,
-        "weights": np.concatenate([state.weights, dragged.weights]),
-        "sticking": sticks,
-        "worn": np.concatenate([ledger.worn, dragged.worn]),
-        "worn_second_order": np.concatenate([ledger.worn_second_order, dragged.worn_second_order]),
-        "slipped": np.concatenate([ledger.slipped, dragged.slipped]),
-        "velocity": 0.0 if state.velocity is None else state.velocity,
-    }
 
 
 class Recorder:
@@ -369,23 +337,23 @@ class Recorder:
         self._run, self._times, self._kept, self._storage = run, times, kept, storage
         self._row = {int(n): row for row, n in enumerate(kept)}
         self._mark = mark(run, times, kept) if storage.lasting else np.zeros(4, dtype=np.int64)
-        self._most = together(run) if len(kept) == len(times) else 1
-        self._waiting = list[tuple[int, State]]()
+        room = max(1, min(TOGETHER, AT_ONCE // (12 * max(run.system.n, 1))))
+        self._most, self._waiting = room if run.condensation.linear.eliminates else 1, dict[int, State]()
 
     @property
     def _shapes(self) -> dict[str, tuple[tuple[int, ...], type]]:
-        operators, system = self._run.operators, self._run.system
+        run, system = self._run, self._run.system
         sizes = {
             "S": len(self._kept),
             "n": system.n,
-            "terms": operators.count + (0 if system.dragged is None else system.dragged.count),
-            "block": operators.block if system.dragged is None else system.dragged.block,
-            "limits": len(operators.compliance),
+            "terms": run.terms,
+            "block": system.block,
+            "limits": len(run.operators.compliance),
         }
         stored = {
             name: (tuple(sizes[size] for size in of.sizes), TYPES[of.kind])
-            for name, of in FIELDS.items()
-            if of.sizes[0] == "S" and name != "stored" and not (name == "velocity" and system.damping is None)
+            for name, of in ROWS_OF_STATES.items()
+            if name != "velocity" or system.damping is not None
         }
         return {
             **stored,
@@ -408,7 +376,7 @@ class Recorder:
             )
         n = int(arrays["step"])
         self._rows = {name: self._storage.kept(name, *shape) for name, shape in self._shapes.items()}
-        row = {name: rows[self._row[n]] for name, rows in self._rows.items() if name not in EVERY_STEP}
+        row = {name: self._rows[name][self._row[n]] for name in self._rows if name in ROWS_OF_STATES}
         scalars = dict(zip(SCALARS, self._rows["scalars"][n], strict=True))
         state = state_of_row(self._run, float(self._times[n]), {**row, **scalars})
         log.info("going on after step %d of %d, at t = %g", n, len(self._times) - 1, state.t)
@@ -417,46 +385,33 @@ class Recorder:
     def add(self, n: int, state: State) -> None:
         """Enter the state after step `n`; with the initial one, 0, a new run begins.
 
-        Where K is factorised and every step is kept, states wait for each other: certified together they take a third
-        of the time.
-
-        NotCertified where the answer of a kept step, of this one or of one that waited, does not hold on the full
-        system.
+        States wait for each other: those that are kept are certified in full together, in a third of the time.
+        NotCertified where the answer of a kept step does not hold on the full system.
         """
         if n == 0:
             self._storage.clear()
             self._rows = {name: self._storage.array(name, *shape) for name, shape in self._shapes.items()}
-        self._waiting.append((n, state))
+        self._waiting[n] = state
         if n == 0 or len(self._waiting) >= self._most:
             self.enter_waiting()
 
     def enter_waiting(self) -> None:
         """Enter the states that wait, in the order of their steps, and none after one that is not certified."""
-        waiting, self._waiting = self._waiting, []
-        states = [state for _, state in waiting]
-        if self._most > 1:
-            states = certified_together(self._run, states)
-        for (n, _), state in zip(waiting, states, strict=True):
-            self._enter_step(n, state)
-
-    def _enter_step(self, n: int, state: State) -> None:
-        """Enter the state after step `n`, certified in full if it is kept."""
-        stored = n in self._row
-        if stored or n == 0:
-            state = certified_in_full(self._run, state)
-            if n > 0 and self._run.check:
+        waiting, self._waiting = self._waiting, {}
+        kept = {n: state for n, state in waiting.items() if n in self._row or n == 0}
+        waiting |= zip(kept, certified_together(self._run, list(kept.values())), strict=True)
+        for n, state in waiting.items():
+            if n in kept and n > 0 and self._run.check:
                 require_certified(self._run, state, n)
-        sticks = sticking(self._run, state) if n > 0 else np.ones(len(state.ledger.worn), dtype=bool)
-        sticks = np.concatenate([sticks, state.dragged.still])
-        scalars = _scalars(state, sticks, self._run.solver.accuracy)
-        self._rows["scalars"][n] = [scalars[name] for name in SCALARS]
-        if n == 0:
-            self._rows["initial"][0] = state.unknowns
-        if stored:
-            values = _row(state, sticks)
-            for name in (name for name in self._rows if name not in EVERY_STEP):
-                self._rows[name][self._row[n]] = values[name]
-            self._storage.save({"step": np.array(n), "mark": self._mark})
+            scalars = _scalars(state, self._run.solver.accuracy)
+            self._rows["scalars"][n] = [scalars[name] for name in SCALARS]
+            if n == 0:
+                self._rows["initial"][0] = state.unknowns
+            if n in self._row:
+                row = _row(state)
+                for name in self._rows.keys() & row.keys():
+                    self._rows[name][self._row[n]] = row[name]
+                self._storage.save({"step": np.array(n), "mark": self._mark})
 
     def finish(self, seconds: dict[str, float]) -> Trajectory:
         """The trajectory."""
@@ -465,7 +420,7 @@ class Recorder:
         trajectory = Trajectory(
             times=self._times,
             stored=self._kept,
-            **{name: values for name, values in rows.items() if name not in EVERY_STEP},
+            **{name: values for name, values in rows.items() if name in ROWS_OF_STATES},
             initial=rows["initial"][0],
             **{name: column.astype(TYPES[SCALARS[name]]) for name, column in scalars.items()},
             seconds=seconds,
@@ -475,3 +430,94 @@ class Recorder:
         )
         say_floor(trajectory.certificate_floor, self._run.solver.accuracy)
         return trajectory
+
+
+def _scalars(state: State, accuracy: float) -> dict[str, float]:
+    """The scalars that a trajectory has of every step."""
+    certificate, ledger = state.certificate, state.ledger
+    return {
+        "energy": ledger.energy,
+        "dissipated": ledger.dissipated,
+        "dissipated_second_order": ledger.dissipated_second_order,
+        "work": ledger.work,
+        "norm": ledger.norm,
+        "gap": certificate.gap,
+        "floor": certificate.floor,
+        "iterations": state.iterations,
+        "safeguards": state.safeguards,
+        "stuck": int(np.count_nonzero(state.sticks)),
+        "given_friction": certificate.given_friction,
+        "unit": state.unit(accuracy),
+    }
+
+
+def _row(state: State) -> dict[str, ArrayLike]:
+    """The arrays of a stored step."""
+    ledger = state.ledger
+    return {
+        "state": state.unknowns,
+        "multipliers": state.lam,
+        "pressures": state.p,
+        "weights": state.weights,
+        "sticking": state.sticks,
+        "worn": ledger.worn,
+        "worn_second_order": ledger.worn_second_order,
+        "slipped": ledger.slipped,
+        "velocity": 0.0 if state.velocity is None else state.velocity,
+    }
+
+
+def state_of_row(run: PreparedRun, t: float, row: Mapping[str, NDArray[np.generic]]) -> State:
+    """The state at `t` from the arrays of a stored step and its scalars, by their names in a trajectory.
+
+    That is all that the next step begins from, but for how multipliers have changed last.
+    """
+    operators, m, norms = run.operators, run.operators.count, run.system.norms
+    y, lam, p, weights, slipped = (
+        np.array(row[name]) for name in ("state", "multipliers", "pressures", "weights", "slipped")
+    )
+    now, kept = StepData.of(run.condensation, t), y[run.condensation.retained]
+    ledger = Ledger(
+        energy=energy(run.condensation, kept, now, p),
+        dissipated=float(row["dissipated"]),
+        work=float(row["work"]),
+        worn=np.array(row["worn"]),
+        slipped=slipped,
+        dissipated_second_order=float(row["dissipated_second_order"]),
+        worn_second_order=np.array(row["worn_second_order"]),
+    )
+    bound = weights if norms is None else np.append(norms.weights_under(t, p, slipped[:m]), weights[m:])
+    elastic = run.system.damping is None
+    return State(
+        t=t,
+        y=kept,
+        # Without dashpots these forces have more digits than the difference of load and K y.
+        unbalanced=operators.multiplier_force(lam[:m], p) if elastic else now.force.retained - operators.force(kept),
+        data=now,
+        weights=weights,
+        bound=bound,
+        lam=lam,
+        p=p,
+        slip=np.zeros_like(lam),
+        sticks=np.array(row["sticking"], dtype=bool),
+        certificate=Certificate(float(row["gap"]), np.zeros(m), float(row["floor"]), np.zeros_like(p)),
+        ledger=ledger,
+        scale=max(float(row["unit"]), ledger.norm),
+        iterations=int(row["iterations"]),
+        full=y,
+    )
+
+
+def mark(run: PreparedRun, times: Floats, kept: Ints) -> Ints:
+    """Four numbers that stand for a run: its matrices, instants, stored steps and settings, and some of its data."""
+    system, made = run.system, hashlib.blake2b(digest_size=32)
+    matrices = [system.K, system.B, system.D, *([] if system.damping is None else [system.damping.C])]
+    parts = [part for A in matrices for part in (A.data, A.indices, A.indptr)]
+    for t in times[[0, len(times) // 3, len(times) // 2, -1]].tolist():
+        parts += [system.force(t), system.remaining_gap(t), system.prescribed_slip(t)]
+        if system.norms is not None:
+            parts += [system.norms.weights_under(t, np.full(system.D.shape[0], size)) for size in (0.0, 1.0)]
+    for part in (times, kept, *parts):
+        made.update(np.ascontiguousarray(part).tobytes())
+    made.update(repr((run.solver, run.condensation.linear, run.condense)).encode())
+    return np.frombuffer(made.digest(), dtype=np.int64)

@@ -16,8 +16,7 @@ from vemcvx.linear import Factor, LinearSolver, SuperLU
 from vemcvx.program import Norms, System
 from vemcvx.program.kernel import Kernel
 from vemcvx.program.operators import energy_norm
-from vemcvx.stepping.backward_euler import march
-from vemcvx.stepping.trajectory import Trajectory
+from vemcvx.stepping import Trajectory, march
 from vemcvx.testing.solvers import TIMES, block
 
 RUBBING = BilateralContact(on="bottom"), TrescaFriction(4.0, on="bottom")

@@ -30,8 +30,7 @@ from vemcvx.program.step_program import Answer, StepProgram, fitting
 from vemcvx.scene import Scene
 from vemcvx.scene.pose import pose_scene
 from vemcvx.solvers import Newton, Solver
-from vemcvx.stepping.backward_euler import march
-from vemcvx.stepping.trajectory import Trajectory
+from vemcvx.stepping import Trajectory, march
 
 TIMES: Floats = np.linspace(0.0, 1.0, 6)
 

@@ -38,7 +38,7 @@ TOPICS = {
         "Simulation",
         "A scene on a mesh, stepped through time; and the convex programs of its steps.",
         "Scene simulate projected programs instants march __version__",
-        modules="stepping.backward_euler stepping.posed_step",
+        modules="stepping.backward_euler",
     ),
     "results": Topic(
         "Results",

@@ -1,0 +1,210 @@
+"""Every sentence with which a step or a start is refused, or a word is said about it."""
+
+from __future__ import annotations
+
+import logging
+import warnings
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.linalg import eigh
+
+from vemcvx.base.arrays import EPS, SAME, Floats, lengths
+from vemcvx.base.errors import NotCertified, SceneError, SceneWarning
+from vemcvx.program.condensation import Condensation
+from vemcvx.program.operators import Norms, Operators
+from vemcvx.program.step_program import StepProgram
+from vemcvx.program.system import System
+from vemcvx.solvers import Solver
+from vemcvx.stepping.state import PreparedRun, State, StepData
+
+log = logging.getLogger("vemcvx")
+
+STABLE = 0.999
+"""Softening over stiffness beyond which the rounding of answers counts for more than a thousand times itself."""
+
+
+def require_certified(run: PreparedRun, state: State, n: int) -> None:
+    """Raise NotCertified when the state after step `n` misses the solver's accuracy.
+
+    Where nobody asked for one, nothing below the rounding floor is wanted. SceneError where limits contradict each
+    other.
+    """
+    solver, certificate, unit = run.solver, state.certificate, state.unit(run.solver.accuracy)
+    accuracy, norms = solver.accuracy, run.system.norms
+    wanted = certificate.error <= accuracy * unit or (run.default and certificate.at_floor)
+    # A relative rounding floor is also about how wrong K^{-1} is, and with it the certificate: beyond .1 it is none.
+    if wanted and certificate.error_floor <= 0.1 * unit:
+        return
+    refuse_contradiction(run.system, state.data, f"step {n} at t = {state.t:.6g}")
+    parts = certificate.error + certificate.error_floor, certificate.error_floor
+    reached, floor = ((part / unit if unit > 0 else np.inf) for part in parts)
+    worst = ""
+    # Where the gap is no number, or friction has none of it, it sits nowhere.
+    if norms is not None and np.isfinite(certificate.error) and certificate.friction.max(initial=0.0) > 0:
+        worst = f" The largest share of the gap sits at {norms.name(int(np.argmax(certificate.friction)))}."
+    said = f" The solver said: {state.status}." if state.status else ""
+    raise NotCertified(
+        f"step {n} at t = {state.t:.6g}: {solver.name} reached a certified relative energy error of {reached:.1e}, "
+        f"asked was {accuracy:.1e}.{said}{worst} "
+        f"{_advice(solver, reached, accuracy, floor)}. In Python check=False goes on regardless.",
+        step=n,
+        time=state.t,
+        reached=reached,
+        asked=accuracy,
+        floor=floor,
+    )
+
+
+def _advice(solver: Solver, reached: float, accuracy: float, floor: float) -> str:
+    if floor > 0.1:
+        return (
+            f"Round-off in the last digits of the data alone may change the answer by {floor:.1e} of its energy norm: "
+            "take data that are farther from singular, such as a Poisson ratio farther from .5 or less contrast"
+        )
+    if not reached < 0.5:
+        return f"Nothing was answered that could be relied on: {solver.advice}"
+    if floor > accuracy:
+        return f"Round-off alone allows {floor:.1e}: ask for no more than that"
+    return f"Ask for accuracy={2 * reached:.0e} or more, {solver.advice}"
+
+
+def refuse_contradiction(system: System, now: StepData, when: str) -> None:
+    """Raise SceneError where no displacement meets all rigid limits: D'p = 0 and p . e < 0 for some p >= 0 (Farkas)."""
+    from scipy.optimize import linprog  # Importing it takes a fifth of a second.
+
+    limits = system.limits
+    rigid = np.flatnonzero(np.zeros(0) if limits is None else limits.compliances == 0)
+    e = now.remaining_gap[rigid]
+    if limits is None or not (e < 0).any():
+        return
+    balanced: Any = sp.vstack([limits.D[rigid].T, sp.csr_matrix(np.ones((1, len(rigid))))])
+    # The method's tolerance is 1e-7 of costs of size one.
+    p = linprog(1e7 * e / np.abs(e).max(), A_eq=balanced, b_eq=np.eye(balanced.shape[0])[-1]).x
+    if p is None or not p @ e < -64 * EPS * np.abs(e).max():
+        return
+    against = [limits.name(int(rigid[j])) for j in np.flatnonzero(p > SAME)]
+    raise SceneError(
+        f"{when}: no displacement meets the limits at {' and '.join(against)}, which contradict each other by "
+        f"{-(p @ e) / p.max():.6g}. Enlarge a gap, or give one of them a compliance."
+    )
+
+
+def refuse_unbalanced(condensation: Condensation, program: StepProgram, when: str) -> None:
+    """Raise SceneError when no forces of friction and limits balance the load of a step on K's kernel."""
+    operators, N, kernel = program.operators, program.operators.kernel, condensation.system.kernel
+    motion = None if N is None else operators.kernel_balance.unbalanced_motion(program.w, N.T @ program.g)
+    if kernel is None or N is None or motion is None:
+        return
+    field = N @ motion
+    parts = np.linalg.lstsq(kernel.modes[condensation.retained], field, rcond=None)[0].astype(float)
+    # Unknowns of a joint that read a jump move by less than the bodies themselves.
+    field /= np.abs(kernel.modes @ parts).max()
+    push = float(field @ program.g)
+    holds = float(program.w @ lengths(operators.blocks(operators.rows.read(field))))
+    holds = holds if holds > 1e-12 * push else 0.0  # Less is rounding: no slip.
+    raise SceneError(
+        f"{when}: only friction and one-sided contact hold the body against {kernel.name(parts)}. "
+        f"The load pushes it there with a force of {push:.6g} and friction holds {holds:.6g} at most: "
+        f"{push - holds:.6g} are lacking, and there is no equilibrium. Change the load, raise the bound, add a "
+        "support, or move the body by PrescribedDisplacement instead."
+    )
+
+
+def refuse_start(run: PreparedRun, state: State, jump: float) -> None:
+    """Raise SceneError for a given start that a step at the same instant moves by `jump` of the energy norm."""
+    raise SceneError(_overlap(run, state) or _violation(run, state, jump))
+
+
+def _overlap(run: PreparedRun, state: State) -> str | None:
+    """The place where a state violates a bound, in words; None if it is nowhere."""
+    operators, limits = run.operators, run.system.limits
+    over = operators.limits.read(state.y) - state.data.remaining_gap
+    inside = np.where(operators.compliance > 0, 0.0, over)
+    if limits is None or not inside.max(initial=0.0) > 0:
+        return None
+    worst = int(np.argmax(inside))
+    return (
+        f"initial: at t = {state.t:.6g} the body is {inside[worst]:.6g} inside its obstacle at {limits.name(worst)}. "
+        "Start from initial='settled' (one step from zero), from a given state, or with a gap that begins at zero."
+    )
+
+
+def _violation(run: PreparedRun, state: State, jump: float) -> str:
+    """The sentence that condition (2.1) is violated, with the place where friction lacks most."""
+    operators, norms, where = run.operators, run.system.norms, ""
+    if norms is not None and operators.count:
+        needed = np.linalg.lstsq(operators.B.T.toarray(), state.unbalanced, rcond=None)[0]
+        bounds = state.weights[: operators.count]
+        excess = lengths(operators.blocks(needed)) - bounds
+        worst = int(np.argmax(excess))
+        if excess[worst] > 0:
+            where = (
+                f" The worst place is {norms.name(worst)}, where holding still takes a force of "
+                f"{excess[worst] + bounds[worst]:.6g}, {excess[worst]:.6g} over the bound {bounds[worst]:.6g}."
+            )
+    held = "in equilibrium" if norms is None else "held by friction"
+    of_a_function = (
+        " Nodal values of a u_0 that obeys (2.1) miss it on a mesh: give simulate the function, "
+        "initial=vx.projected(u_0)."
+        if state.y.any()
+        else ""
+    )
+    much = f"by {jump:.1e} of the energy norm, allowed is 1e-06" if np.isfinite(jump) else "from rest"
+    return (
+        f"initial: the state at t = {state.t:.6g} is not {held} (condition (2.1)): one step there moves it {much}."
+        f"{where} If something acts from the start, say "
+        "initial='settled', in a problem file too: the body begins at rest under it, one step from zero. Or start from "
+        f"'equilibrium' (no friction), from a given state, or with a load that begins at zero.{of_a_function}"
+    )
+
+
+def say_floor(floors: Floats, accuracy: float) -> None:
+    """Log it when round-off may account for more than the accuracy asked; `floors` (N + 1,) are relative."""
+    n = int(np.argmax(floors))
+    if floors[n] > accuracy:
+        log.info(
+            "step %d: certified as computed, but round-off, that of the data's last digits included, may account for "
+            "as much as %.1e of the energy norm, more than the accuracy %.1e asked for",
+            n,
+            floors[n],
+            accuracy,
+        )
+
+
+def softening_ratio(operators: Operators, softening: Floats | None) -> tuple[float, int] | None:
+    """rho, softening over stiffness of weights that fall by `softening` (m,) per slip, and the term it sits at.
+
+    It is the largest eigenvalue of k^{1/2} B K^{-1} B' k^{1/2}, so that sum_i k_i |(B e)_i|^2 <= rho |e|_K^2. A step
+    has one solution if rho < 1: with e the difference of two, |e|_K^2 = -(lam - lam*).Be - (p - p*).De, in which the
+    last term is <= 0, and the one before it at most sum k_i (|s_i| - |s*_i|)^2 <= rho |e|^2. None where it is unknown:
+    with an iterative linear solver B K^{-1} B' would take a solve for every row.
+    """
+    if softening is None or (softening.any() and not operators.factor.exact):
+        return None
+    falls, block = np.flatnonzero(softening), operators.block
+    if len(falls) == 0:
+        return 0.0, 0
+    if operators.kernel is not None:
+        return np.inf, int(np.argmax(softening))
+    rows = (falls[:, None] * block + np.arange(block)).ravel()
+    root = np.repeat(np.sqrt(softening[falls]), block)
+    B = operators.B[rows].toarray()
+    M = root[:, None] * (B @ operators.factor.solve(np.ascontiguousarray(B.T))) * root
+    value, vector = eigh(0.5 * (M + M.T), subset_by_index=[len(M) - 1, len(M) - 1])
+    return float(value[0]), int(falls[np.argmax(np.abs(vector[:, 0])) // block])
+
+
+def warn_of_softening(operators: Operators, norms: Norms) -> None:
+    """Warn where weights may fall so fast with slip that a step has several solutions."""
+    rho, worst = softening_ratio(operators, norms.softening) or (0.0, 0)
+    if rho >= STABLE:
+        warnings.warn(
+            f"friction: weights may fall faster with slip than the body gives way, most at {norms.name(worst)} "
+            f"(softening over stiffness is {rho:.3g}; less than {STABLE:g} makes steps convex). A step may have "
+            "several answers, or jump. Take a law that falls over a longer slip, a "
+            "stiffer body, or a law that reads the slip before the step alone.",
+            SceneWarning,
+            stacklevel=2,
+        )

@@ -23,7 +23,7 @@ from vemcvx.program.operators import FEATURES, QUADRATIC, SECOND_ORDER_CONES, Op
 from vemcvx.program.step_program import Answer, StepProgram, read_answer
 from vemcvx.solvers.conic import OSQP, Clarabel
 from vemcvx.solvers.law import GivenWeights, Weights
-from vemcvx.solvers.newton import Newton, PreparedNewton, gap_under, within
+from vemcvx.solvers.newton import Newton, PreparedNewton, gap_under
 from vemcvx.solvers.solver import InUnits, Solver
 
 
@@ -126,6 +126,7 @@ class Direct(Solver):
 
 MOST_PROGRAMS = 3
 """Programs of Clarabel's for a law that active sets do not solve."""
+AFTER = ", after Clarabel"
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,21 +144,19 @@ class LastResort:
         self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None, law: Weights | None = None
     ) -> Answer:
         """Answer one step; `status` says where Clarabel was asked."""
-        answer = self.newton.solve(program, target, lam, p, law)
-        law = law or GivenWeights(program.w)
-        if within(program, law, answer, target):
-            return answer
-        best, last, count = answer, answer, answer.iterations
+        best = last = self.newton.solve(program, target, lam, p, law)
+        law, count = law or GivenWeights(program.w), best.iterations
         for _ in range(1 if law.given else MOST_PROGRAMS):
+            gap = gap_under(program, law, best)
+            if gap <= target or gap <= program.rounding_floor(best.d, best.lam, best.p):
+                break
             w = law.at(last.p, lengths(program.slip(last.d)))
             asked = self.conic.solve(replace(program, w=w), target, last.lam, last.p)
             last = self.newton.begun_at(program, law, asked)
             count += asked.iterations + last.iterations
             best = min((best, asked, last), key=lambda one: gap_under(program, law, one))
-            if within(program, law, best, target):
-                break
-        self.newton.system = None
-        return replace(best, iterations=count, status=f"{best.status}, after Clarabel", safeguards=best.safeguards + 1)
+            best = replace(best, status=f"{best.status.removesuffix(AFTER)}{AFTER}")
+        return replace(best, iterations=count)
 
 
 BY_SIZE: tuple[Solver, ...] = (Direct(), Newton(), OSQP(), Clarabel())

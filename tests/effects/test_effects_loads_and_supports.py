@@ -149,48 +149,6 @@ def test_the_energy_of_a_point_force_grows_with_every_refinement():
     assert growth == pytest.approx(np.log(2) / (np.pi * YOUNG), rel=0.05)
 
 
-def wrong_load(at, force=(1.0, 0.0)):
-    return lambda: settled(STEEL, vx.Clamp(on="left"), vx.PointLoad(force, at=at), mesh=vx.meshes.squares(2))
-
-
-POINTS = {
-    "no node": (
-        wrong_load((0.6, 0.5)),
-        r"^PointLoad: there is no node at \[0\.6 0\.5\]; the nearest is node 4 at \[0\.5 0\.5\], 0\.1 away\. Name a "
-        r"node, spread the force by Traction, or mesh with a vertex there\.$",
-    ),
-    "one of several": (wrong_load([(0, 0), (2, 1)]), r"no node at \[2\. 1\.\]; the nearest is node 8 at .*, 1 away"),
-    "far away": (wrong_load((1e200, 0)), r"^PointLoad: there is no node at \[1\.e\+200 0\.e\+000\]; .* inf away"),
-    "one coordinate": (wrong_load(0.5), r"^PointLoad: found at = 0\.5; wanted a point of 2 finite coordinates, or"),
-    "in space": (wrong_load((0, 0, 0)), r"^PointLoad: found at = \(0, 0, 0\); wanted a point of 2 finite coordinates"),
-    "NaN": (wrong_load((0, np.nan)), r"^PointLoad: found at = \(0, nan\); wanted a point of 2 finite coordinates"),
-    "none": (wrong_load([]), r"^PointLoad: found at = \[\]; wanted a point"),
-    "a name": (wrong_load("tip"), r"^PointLoad: at: found 'tip', which does not read as an array of real numbers"),
-    "a scalar force": (
-        wrong_load((0.5, 0.5), 3.0),
-        r"^PointLoad: found the single number 3; wanted 2 components, or an array \(1, 2\), one row a point\.$",
-    ),
-    "a vector pressure": (
-        lambda: settled(STEEL, vx.Clamp("left"), vx.Pressure((1, 0), "right"), mesh=vx.meshes.squares(2)),
-        r"^Pressure on right: found an array of shape \(2,\); wanted a number, or \(4,\) values, one a point\.$",
-    ),
-    "a spring that pushes": (
-        lambda: settled(STEEL, vx.ElasticFoundation(-1.0, 2.0, on="left"), mesh=vx.meshes.squares(2)),
-        r"^ElasticFoundation on left: found normal = -1 at \[0\. .*\]; a spring's stiffness must be >= 0\.$",
-    ),
-    "a spring that changes in time": (
-        lambda: settled(STEEL, vx.ElasticFoundation(1.0, lambda x, t: t, on="left"), mesh=vx.meshes.squares(2)),
-        r"^ElasticFoundation on left: tangential: its function failed when called as f\(x\) with x of shape \(4, 2\)",
-    ),
-}
-
-
-@pytest.mark.parametrize(("mistake", "message"), POINTS.values(), ids=POINTS)
-def test_mistakes(mistake, message):
-    with pytest.raises(vx.SceneError, match=message):
-        mistake()
-
-
 @few_families
 @pytest.mark.parametrize("degrees", [0.0, 33.0])
 @pytest.mark.parametrize("k", [0.1, 40.0, 1e6])

@@ -153,34 +153,3 @@ def test_stresses_at_zero_strain_come_back_from_files(tmp_path):
         assert np.array_equal(again.stress(step), history.stress(step))
     streamed = vx.simulate(scene, small("squares", 3), times, store=2, stream=tmp_path / "stream")
     assert np.array_equal(streamed.prestress, history.prestress)
-
-
-STEEL = vx.Elasticity(YOUNG, POISSON)
-MISTAKES = {
-    "two components": (
-        vx.Prestress((1.0, 2.0)),
-        r"^Prestress: found an array of shape \(2,\); wanted 3 components \(xx, yy, xy\), or an array \(9, 3\), one",
-    ),
-    "NaN": (
-        vx.Prestress((1.0, 2.0, np.nan)),
-        r"^Prestress: found NaN or infinity in 9 of 27 values, first at \[.*\] and t = 0; all must be finite\.$",
-    ),
-    "no such datum": (
-        vx.ThermalStrain("alpha", 1.0),
-        r"^ThermalStrain: expansion: the mesh has no cell datum named 'al",
-    ),
-    "a vector": (
-        vx.ThermalStrain(1.0, (1.0, 2.0)),
-        r"^ThermalStrain: temperature: found an array of shape \(2,\); wanted a number, or \(9,\) values",
-    ),
-    "hot from the start": (
-        vx.ThermalStrain(1.0, 1.0),
-        r"^initial: the state at t = 0 is not in equilibrium \(condition \(2\.1\)\)",
-    ),
-}
-
-
-@pytest.mark.parametrize(("effect", "message"), MISTAKES.values(), ids=MISTAKES)
-def test_mistakes(effect, message):
-    with pytest.raises(vx.SceneError, match=message):
-        vx.simulate(vx.Scene(STEEL, effect, vx.Clamp("left")), small("squares", 3), [0.0, 1.0])

@@ -154,33 +154,3 @@ def test_axes_may_follow_the_place():
         e = R @ tensor(strain[k], strain=True) @ R.T
         inside = np.linalg.solve(compliance(), [*np.diag(e), *(2 * e[[0, 1, 0], [1, 2, 2]])])
         np.testing.assert_allclose(tensor(C[k] @ strain[k]), R.T @ tensor(inside) @ R, atol=1e-12)
-
-
-REFUSED = {
-    "one modulus of shear": (vx.Orthotropic(E, NU, 1.0), r"shear = 1\.0; a body in space takes \(G12, G13, G23\)\."),
-    "two moduli": (vx.Orthotropic(E[:2], NU, G), r"young = \(120.0, 60.0\); a body in space takes \(E1, E2, E3\)\."),
-    "a plane": (vx.Orthotropic(E, NU, G, plane="strain"), r"plane=: exists in the plane only, .* in neither plane\."),
-    "angle and axes": (vx.Orthotropic(E, NU, G, 0.1, axes=TURN[:2]), "take the place of angle=; give one"),
-    "one axis": (vx.Orthotropic(E, NU, G, axes=[(1, 0, 0)]), "give two vectors, of axis 1 and of axis 2"),
-    "parallel axes": (vx.Orthotropic(E, NU, G, axes=((1, 0, 0), (2, 0, 0))), "in cell 0; they must not be zero nor"),
-    "no energy": (vx.Orthotropic(E, (0.9, 0.9, 0.9), G), "must leave the energy positive: such that S"),
-    "no shear": (vx.Orthotropic(E, NU, (1.0, -1.0, 1.0)), r"shear \(G13\) = -1 in cell 0; it must be > 0"),
-}
-
-
-@pytest.mark.parametrize("name", REFUSED)
-def test_mistakes_are_told(name):
-    effect, sentence = REFUSED[name]
-    with pytest.raises(vx.SceneError, match=f"(?s)^Orthotropic: .*{sentence}" if name != "a plane" else sentence):
-        stretched(effect, vx.meshes.cubes(1))
-
-
-def test_axes_are_of_bodies_in_space():
-    with pytest.raises(
-        vx.SceneError, match=r"(?s)^Orthotropic: found axes = .* belongs to bodies in space; give angle=\.$"
-    ):
-        vx.simulate(
-            vx.Scene(vx.Orthotropic(E[:2], 0.3, 20.0, axes=TURN[:2]), vx.Clamp(on="left")),
-            vx.meshes.squares(2),
-            [0.0, 1.0],
-        )

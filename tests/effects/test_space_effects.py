@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import re
-
 import numpy as np
 import pytest
 from solids import SOLIDS, solid
@@ -207,50 +205,6 @@ def test_coulomb_friction_under_uniform_pressure(mesh):
 
 
 CUBES = vx.meshes.cubes(2)
-PUSHED = (BODY, vx.Clamp(on="bottom"), vx.Traction(lambda x, t: [t, 0.0, 0.0], on="top"))
-ONLY = "exists in the plane only, and this mesh is of polyhedra"
-REFUSED = {
-    "plane": (
-        [vx.Elasticity(E, NU, plane="strain"), vx.Clamp(on="bottom")],
-        rf"^Elasticity: plane=: {ONLY}; leave it out, a body in space is in neither plane\.$",
-    ),
-    "the tangent": (
-        [*PUSHED, vx.PrescribedDisplacement(0.0, on="left", direction="tangent")],
-        rf"^PrescribedDisplacement on left: direction 'tangent': {ONLY}; give a vector along the boundary\.$",
-    ),
-    "stresses of the plane": (
-        [*PUSHED, vx.Prestress((1.0, 0.0, 0.0))],
-        r"^Prestress: found an array of shape \(3,\); wanted 6 components \(xx, yy, zz, xy, yz, xz\), or",
-    ),
-    "forces of the plane": (
-        [*PUSHED, vx.BodyForce((1.0, 0.0))],
-        r"^BodyForce: found an array of shape \(2,\); wanted 3 components, or an array \(8, 3\)",
-    ),
-    "a side that is not there": (
-        [BODY, vx.Clamp(on="floor")],
-        r"^Clamp: there is no boundary named 'floor'; this mesh has 'left', 'right', 'front', 'back', 'bottom', 'top'",
-    ),
-    "a body on rollers": (
-        [BODY, vx.Symmetry(on="bottom"), vx.Traction([1.0, 0.0, 0.0], on="top")],
-        r"^supports: the body floats: 3 rigid motions .* friction, the first the translation \(1, 0, 0\)\. Add Clamp",
-    ),
-}
-
-
-@pytest.mark.parametrize("name", REFUSED)
-def test_what_does_not_exist_in_space_is_refused_in_a_sentence(name):
-    effects, sentence = REFUSED[name]
-    with pytest.raises(vx.SceneError, match=sentence):
-        run(CUBES, *effects)
-
-
-def test_what_stays_refused_is_listed_in_one_sentence():
-    listed = re.search(r"Refused in space: (.*?)\. ", vx.effects.__doc__, re.DOTALL).group(1)
-    only = [sentence for _, sentence in REFUSED.values() if ONLY in sentence]
-    for words in ("plane", "tangent"):
-        assert words in listed
-        assert any(words in sentence for sentence in only)
-    assert len(only) == 2
 
 
 def test_a_block_that_friction_alone_holds_is_said_to_drift_and_turn():
@@ -269,12 +223,6 @@ def test_friction_that_supports_drag_all_over():
     assert history.dissipated == pytest.approx(3.0 * np.hypot(0.1, 0.2) * np.array(STEPS), rel=1e-12)
     along = np.array([0.1, 0.2, 0.0]) / np.hypot(0.1, 0.2)
     assert history.contact.traction[1:] == pytest.approx(np.tile(-3.0 * along, (2, 9, 1)), rel=1e-12)
-
-
-def test_near_one_half_tetrahedra_lock_and_say_so():
-    mesh = vx.meshes.tetrahedra(1)
-    with pytest.warns(vx.SceneWarning, match=r"poisson = 0\.4999 on a mesh of tetrahedra, which lock near 1/2; poly"):
-        run(mesh, vx.Elasticity(E, 0.4999), vx.Clamp(on="bottom"))
 
 
 def test_several_materials_meet_in_a_body():

@@ -47,26 +47,3 @@ def test_a_table_is_its_own():
     assert table(None, 1.0) == 4.0
     with pytest.raises(ValueError, match="read-only"):
         table.values[0] = 1.0
-
-
-@pytest.mark.parametrize(
-    ("times", "values", "says"),
-    [
-        ([0.0], [1.0], r"wanted at least two instants, increasing"),
-        ([0.0, 0.0], [1.0, 2.0], r"wanted at least two instants, increasing"),
-        ([0.0, np.nan], [1.0, 2.0], r"wanted at least two instants, increasing"),
-        ([0.0, 1.0], [1.0, 2.0, 3.0], r"wanted 2 finite values"),
-        ([0.0, 1.0], [1.0, np.inf], r"wanted 2 finite values"),
-        ([0.0, 1.0], np.zeros((2, 1, 1)), r"wanted 2 finite values"),
-        (["a", "b"], [1.0, 2.0], r"Tabulated: times"),
-    ],
-)
-def test_tables_that_are_none(times, values, says):
-    with pytest.raises(vx.SceneError, match=says):
-        vx.Tabulated(times, values)
-
-
-def test_beyond_the_table_nothing_is_guessed():
-    scene = block(vx.Tabulated([0.0, 1.0], [[0.0, 0.0], [1.0, 0.0]]), 1.0, 0.0)
-    with pytest.raises(vx.SceneError, match=r"asked for t = 1\.5, which its table from 0 to 1 does not cover"):
-        vx.simulate(scene, small("squares", 2), TIMES)

@@ -1,8 +1,7 @@
 """Effects: the physics a scene can name.
 
-All of them, laws of friction of one's own among them, act in the plane and in space, where slip is a vector and laws
-read the length of its path, the sum of |ds| over the steps. Refused in space: `plane=` of materials and the direction
-"tangent". Refused in the plane: `direction=` and `across=` of friction.
+All act in the plane and in space, where slip is a vector and laws of friction read the length of its path. Refused in
+space: `plane=` of materials and the direction "tangent". Refused in the plane: `direction=` and `across=` of friction.
 """
 
 from vemcvx.base.weight_law import Law

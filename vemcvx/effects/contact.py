@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import lru_cache, partial
 from typing import Any
 
@@ -33,9 +33,8 @@ from vemcvx.vem import BoundaryRows, Space
 class BilateralContact(Effect):
     """Contact without separation: u . n = 0 at the nodes of `on`, the first line of (3.6).
 
-    The contact boundary Gamma_C may be inclined. At a corner u . n = 0 for both normals, which fixes the node; sides
-    that turn by less than 42.5 degrees are a curve, along which nodes slide. Clamps and prescribed displacements take
-    precedence at nodes that they share with contact.
+    At a corner u . n = 0 for both normals, which fixes the node; sides that turn by less than 42.5 degrees are a curve,
+    along which nodes slide. Clamps and prescribed displacements take precedence at nodes that they share with contact.
 
     Parameters
     ----------
@@ -48,16 +47,10 @@ class BilateralContact(Effect):
 
     def contribute(self, space: Space) -> Contribution:
         rows = space.part(self.on, "BilateralContact", contact=True).node_normals
-        support = Support(
-            subject="BilateralContact",
-            nodes=rows.nodes,
-            directions=rows.normals,
-            points=space.mesh.points[rows.nodes],
-            contact=True,
-            partners=rows.partners,
-        )
-        curves = (self._subject,) if rows.curved else ()
-        return Contribution(supports=(support,), surfaces=(ContactSurface.of(rows),), curves=curves)
+        held = "BilateralContact", rows.nodes, rows.normals, space.mesh.points[rows.nodes]
+        support = Support(*held, contact=True, partners=rows.partners)
+        surface, curves = ContactSurface.of(rows, self._subject), (self._subject,) if rows.curved else ()
+        return Contribution(supports=(support,), surfaces=(surface,), curves=curves)
 
     def describe(self) -> str:
         return f"BilateralContact: u.n = 0 on {where(self.on)}"
@@ -68,11 +61,9 @@ class UnilateralContact(Effect):
     """Contact with a rigid obstacle, which the body may leave but not penetrate (Signorini's conditions).
 
     At the nodes of `on`  u . n <= gap,  p >= 0,  p (gap - u . n) = 0,  with n the outward normal of the undeformed
-    boundary and p the pressure, the multiplier of the bound over the nodal length. Kikuchi and Oden, *Contact Problems
-    in Elasticity* (1988), chapter 2. Clamps and prescribed displacements take precedence at nodes that they share with
-    contact; a node that is free along n only, on the axis of a half model, is in contact. Where obstacles with the same
-    normal meet at a node, the smaller gap counts. An obstacle whose gap changes does work, which `history.work`
-    includes.
+    boundary and p the pressure. Kikuchi and Oden, *Contact Problems in Elasticity* (1988), chapter 2. Clamps and
+    prescribed displacements take precedence at nodes that they share with contact. Where obstacles with the same normal
+    meet at a node, the smaller gap counts. `history.work` includes the work of an obstacle whose gap changes.
 
     Parameters
     ----------
@@ -102,10 +93,8 @@ def obstacle(space: Space, rows: BoundaryRows, subject: str, gap: data.Datum, co
     def apart(t: float) -> Floats:
         return data.scalar(gap, points, t, f"{subject}: gap") / rows.cosines
 
-    own = subject, rows.nodes, rows.normals, rows.lengths
-    stops = Obstacle(*own, gap=apart, compliance=compliance, ends=rows.ends, partners=rows.partners)
-    curves = (subject,) if rows.curved else ()
-    return Contribution(obstacles=(stops,), curves=curves)
+    stops = Obstacle.of(rows, subject, gap=apart, compliance=compliance)
+    return Contribution(obstacles=(stops,), curves=(subject,) if rows.curved else ())
 
 
 COMPLIANT = "it must be > 0. UnilateralContact is the rigid obstacle; leave the effect out for none"
@@ -116,10 +105,8 @@ class NormalCompliance(Effect):
     """Contact with a compliant obstacle: the pressure on the body is p = stiffness (u . n - gap)_+.
 
     The energy int stiffness / 2 (u . n - gap)_+^2 ds, lumped at the nodes, is part of `history.energy`. This is the law
-    of Martins and Oden, *Existence and uniqueness results for dynamic contact problems with nonlinear normal and
-    friction interface laws* (Nonlinear Anal. 11, 1987), with the exponent m_n = 1. As the stiffness grows, the obstacle
-    becomes rigid. Clamps and prescribed displacements take precedence at nodes whose normal displacement they hold:
-    there is no such spring there.
+    of Martins and Oden (Nonlinear Anal. 11, 1987) with the exponent m_n = 1. Clamps and prescribed displacements take
+    precedence at nodes whose normal displacement they hold.
 
     Parameters
     ----------
@@ -129,8 +116,7 @@ class NormalCompliance(Effect):
     on : str or sequence of str
         Names of boundaries or interfaces, as of BilateralContact.
     gap : number or callable f(x, t) -> (m,)
-        Distance to the obstacle along the outward normal before anything moves. Negative where they overlap: the body
-        is then pressed back, either from the start with ``initial="settled"``, or by a gap that falls from zero.
+        Distance to the obstacle, as of UnilateralContact.
     """
 
     stiffness: data.Datum = field(metadata=data.holds(sign="> 0", rule=COMPLIANT))
@@ -144,36 +130,18 @@ class NormalCompliance(Effect):
         return obstacle(space, rows, self._subject, self.gap, 1.0 / (stiffness * rows.lengths * rows.cosines**2))
 
     def describe(self) -> str:
-        return (
-            f"NormalCompliance: pressure = {amount(self.stiffness)} times the depth beyond {amount(self.gap)} on "
-            f"{where(self.on)}"
-        )
-
-
-# Tresca's law with a given bound g on Gamma_C, (3.6): j(v) = int_{Gamma_C} g |v_tau| ds.
-#
-# The nodal weights are those of the trapezoidal rule, w_i = g(x_i) int phi_i ds, or w_i = int g phi_i ds. With linear
-# traces both integrate |v_tau| by its nodal interpolant, an upper bound of j on every edge.
-#
-# The bound is given: beside one-sided contact it acts where the contact is open, too. Friction that needs touch has w
-# = g where p > 0 and 0 where p = 0, a jump with which a step need not have a solution (a place that closes without
-# friction and opens with it). What then happens is grazing, w between the two at p = 0, and that is what the steep
-# ramp
-#
-#     w(p) = min(STEEP p, g int phi_i)
-#
-# says: it is g wherever the pressure exceeds g / STEEP, it is continuous, and so every step has a solution (the map
-# from bounded weights to weights is continuous: Brouwer). It is Coulomb's law with the coefficient STEEP and the cap g,
-# and is solved as Coulomb's law is.
+        beyond = f"the depth beyond {amount(self.gap)} on {where(self.on)}"
+        return f"NormalCompliance: pressure = {amount(self.stiffness)} times {beyond}"
 
 
 IN_SPACE = {"in space": "friction in the plane has one direction"}
 DIRECTION = data.holds("vector", "!= 0", "give a direction", **IN_SPACE)
-QUADRATURES = ("nodes", "integral")
-STEEP = 1e6  # Pressures below a millionth of the bound count as grazing.
-
-
 BOUND = "a friction bound is a force per length and must be >= 0"
+# Friction that needs touch has w = g where p > 0 and 0 where p = 0, a jump with which a step need not have a solution:
+# a place may close without friction and open with it. The steep ramp w(p) = min(STEEP p, g int phi_i) is g wherever the
+# pressure exceeds g / STEEP, and continuous, so that every step has a solution (Brouwer). It is Coulomb's law with the
+# coefficient STEEP and the cap g; pressures below a millionth of the bound count as grazing.
+STEEP = 1e6
 
 
 @dataclass(frozen=True)
@@ -185,9 +153,8 @@ class TrescaFriction(Effect):
     contact.
 
     Where two parts of the boundary meet at a node, each has friction with the bound of its own edges; bounds of parts
-    that overlap add up. Nodes that a prescribed displacement moves along the obstacle have friction, too, equal to g
-    and against the slip. That support bears it, and its reaction and work include it. It is taken to be 0 in a step in
-    which the support stands still, when any value up to g would be admissible.
+    that overlap add up. Nodes that a prescribed displacement moves along the obstacle have friction g against the slip,
+    which that support bears; in a step in which it stands still, friction is taken to be 0 there.
 
     Parameters
     ----------
@@ -196,20 +163,20 @@ class TrescaFriction(Effect):
     on : str or sequence of str
         Names of boundaries or interfaces, as of BilateralContact.
     quadrature : {"nodes", "integral"}
-        w_i = g(x_i) int phi_i, or w_i = int g phi_i (for bounds that vary within an edge).
+        The nodal weights, w_i = g(x_i) int phi_i, or w_i = int g phi_i (for bounds that vary within an edge).
     while_closed : bool, optional
-        True: the bound is g where contact is closed and 0 where it is open. Friction then follows pressure, as with
-        CoulombFriction, and is certified likewise. This needs UnilateralContact or NormalCompliance. The bound jumps as
-        contact opens: a step in which a place opens under friction, and closes without, has no answer, and is refused.
-        False: g everywhere. None (default): g everywhere, with a warning if it acts where contact is open.
+        True: the bound is g where UnilateralContact or NormalCompliance is closed, and 0 where it is open. Friction
+        then follows pressure, and is certified as with CoulombFriction. A step in which a place opens under friction,
+        and closes without, has no answer, and is refused. False: g everywhere. None (default): g everywhere, with a
+        warning if it acts where contact is open.
     ground : callable f(x, t) -> (m, dim) or (dim,), optional
-        How far the obstacle has moved, if it slides under the body (a belt, a roll, a table that shakes), in units of
-        length: friction acts against the slip of the body relative to it, and its motion does work. What counts is how
-        it changes in time, along the boundary; an obstacle that moves along the normal is a `gap` that changes.
+        How far the obstacle has moved, if it slides under the body (a belt, a roll, a shaking table), in units of
+        length: friction acts against the slip of the body relative to it. What counts is how it changes in time along
+        the boundary; an obstacle that moves along the normal is a `gap` that changes.
     direction : (3,), or callable f(x) -> (m, 3), optional
-        Friction by direction, in space: `bound` is that against slip along this vector (what of it is along the
-        surface), `across` the one across it; between them forces are bounded by the ellipse with these axes, and slip
-        is normal to it (:mod:`vemcvx.effects.effect`).
+        Friction by direction, in space: `bound` acts against slip along this vector (its part along the surface),
+        `across` against slip across it. The ellipse with these axes bounds forces, and slip is normal to it
+        (:mod:`vemcvx.effects.effect`).
     across : number, or callable f(x, t) -> (m,), optional
         The bound across `direction`, >= 0, force per area; its ratio to `bound` must not change in time.
     """
@@ -224,7 +191,7 @@ class TrescaFriction(Effect):
 
     def contribute(self, space: Space) -> Contribution:
         subject = self._subject
-        choice(self.quadrature, subject, "quadrature", QUADRATURES)
+        choice(self.quadrature, subject, "quadrature", ("nodes", "integral"))
         closed = self.while_closed is not None and flag(self.while_closed, f"{subject}: while_closed")
         self._check_dimension(space)
         rows = space.part(self.on, "TrescaFriction", contact=True).node_normals
@@ -242,10 +209,7 @@ class TrescaFriction(Effect):
         return _rubbing(self, space, rows, "bound", lambda name, t: integrated(t, name) / rows.lengths, **acts)
 
     def describe(self) -> str:
-        by_direction = _by_direction(self.direction, self.across)
-        closed = " where it is closed" if self.while_closed else ""
-        moved = "" if self.ground is None else f", ground moved by {amount(self.ground)}"
-        return f"TrescaFriction: |friction| <= {amount(self.bound)}{by_direction} on {where(self.on)}{closed}{moved}"
+        return _described(self, amount(self.bound), " where it is closed" if self.while_closed else "")
 
 
 def _pressed(coefficient: Callable[[float], Floats | float], cap: Callable[[float], Floats]) -> Law:
@@ -282,8 +246,7 @@ def _rubbing(
             )
         ground = Ground(f"{subject}: ground", points, effect.ground)
     if (effect.direction is None) != (effect.across is None):
-        missing, given = ("across", "direction")[:: 1 if effect.across is None else -1]
-        raise SceneError(f"{subject}: found {given}= without {missing}=; friction by direction takes both.")
+        raise SceneError(f"{subject}: friction by direction takes both direction= and across=; found one of them.")
     if effect.direction is not None:
         ellipse = Ellipse(
             subject=subject,
@@ -291,13 +254,15 @@ def _rubbing(
             direction=effect._read("direction", data.At(points)),
             bounds=lambda t: (read(name, t), read("across", t)),
             names=(name, "across"),
-            steady=not varies(getattr(effect, name), effect.across),
         )
-    return Contribution(frictions=(replace(Friction.of(rows, subject), ground=ground, ellipse=ellipse, **acts),))
+    return Contribution(frictions=(Friction.of(rows, subject, ground=ground, ellipse=ellipse, **acts),))
 
 
-def _by_direction(direction: data.Constant | None, across: data.Datum | None) -> str:
-    return "" if direction is None else f" along {amount(direction, 'x')}, {amount(across)} across it,"
+def _described(effect: TrescaFriction | CoulombFriction, bound: str, rest: str) -> str:
+    along, across, ground = amount(effect.direction, "x"), amount(effect.across), amount(effect.ground)
+    by_direction = "" if effect.direction is None else f" along {along}, {across} across it,"
+    moved = "" if effect.ground is None else f", ground moved by {ground}"
+    return f"{type(effect).__name__}: |friction| <= {bound}{by_direction} on {where(effect.on)}{rest}{moved}"
 
 
 @dataclass(frozen=True)
@@ -305,18 +270,14 @@ class CoulombFriction(Effect):
     """Friction with a bound proportional to the contact pressure: |friction| <= coefficient * pressure.
 
     Friction below the bound sticks; at the bound it acts against the slip. The effect needs UnilateralContact or
-    NormalCompliance on the same boundary.
+    NormalCompliance on the same boundary. A step with it minimises no energy: its solution solves the convex Tresca
+    problem with the weights coefficient * nodal pressure (Necas, Jarusek and Haslinger 1980; Licht, Pratt and Raous
+    1991). The certificate is for the given friction: it bounds the error of the Tresca problem with the pressures of
+    the answer. A solution exists, and is unique for small coefficients.
 
-    A step with Coulomb's law minimises no energy. Its solution solves the convex Tresca problem with the weights
-    coefficient * nodal pressure (Necas, Jarusek and Haslinger 1980; Licht, Pratt and Raous 1991). Newton's method
-    finds it with the slope of the law in its matrix (:mod:`vemcvx.solvers.newton`), other solvers by several Tresca
-    problems (:mod:`vemcvx.stepping.fixed_point`). The certificate is for the given friction: it bounds the error of the
-    Tresca problem with the pressures of the answer. A solution exists, and is unique for small coefficients.
-
-    Where two parts of the boundary meet at a node, each has friction according to the share of the nodal force on its
-    own edges. Nodes that a prescribed displacement moves along the obstacle have friction as with TrescaFriction, for
-    the pressure at the end of the step; if that displacement prescribes the normal component, too, the pressure is
-    unknown and there is no friction.
+    Where two parts of the boundary meet at a node, each has friction by the share of the nodal force on its own edges.
+    Nodes that a prescribed displacement moves along the obstacle rub as with TrescaFriction, unless it prescribes the
+    normal component, too: then no pressure is known.
 
     Parameters
     ----------
@@ -325,8 +286,7 @@ class CoulombFriction(Effect):
     on : str or sequence of str
         Names of boundaries or interfaces, as of BilateralContact.
     cap : number or callable f(x, t) -> (m,), optional
-        Largest friction, force per length: |friction| <= min(coefficient * pressure, cap), such as the shear strength
-        of a material that yields (after Orowan).
+        Largest friction, force per length: |friction| <= min(coefficient * pressure, cap), after Orowan.
     ground : callable f(x, t) -> (m, dim) or (dim,), optional
         How far the obstacle has moved, if it slides under the body: as of TrescaFriction.
     direction : (3,), or callable f(x) -> (m, 3), optional
@@ -357,7 +317,5 @@ class CoulombFriction(Effect):
         return _rubbing(self, space, rows, "coefficient", read, law=_pressed(partial(read, "coefficient"), cap))
 
     def describe(self) -> str:
-        cap = "" if self.cap is None else f", at most {amount(self.cap)},"
-        moved = "" if self.ground is None else f", ground moved by {amount(self.ground)}"
-        bound = f"{amount(self.coefficient)} times the pressure{_by_direction(self.direction, self.across)}{cap}"
-        return f"CoulombFriction: |friction| <= {bound} on {where(self.on)}{moved}"
+        cap = "" if self.cap is None else f", at most {amount(self.cap)}"
+        return _described(self, f"{amount(self.coefficient)} times the pressure", cap)

@@ -64,10 +64,8 @@ class Tabulated:
         """The value at the instant `t`, for all points."""
         first, last = self.times[0], self.times[-1]
         if not first <= t <= last:
-            raise SceneError(
-                f"Tabulated: asked for t = {t:.6g}, which its table from {first:.6g} to {last:.6g} does not cover; add "
-                "rows, or choose times within it."
-            )
+            covers = f"which its table from {first:.6g} to {last:.6g} does not cover; add rows"
+            raise SceneError(f"Tabulated: asked for t = {t:.6g}, {covers}.")
         if self.values.ndim == 1:
             return float(np.interp(t, self.times, self.values))
         return np.array([np.interp(t, self.times, column) for column in self.values.T])
@@ -81,12 +79,8 @@ class Tabulated:
         return f"Tabulated({len(self.times)} instants from {self.times[0]:.6g} to {self.times[-1]:.6g})"
 
 
-# Data that a scene carries: a constant, or a callable of the points x (m, dim) and the instant t.
-#
-# Every value that reaches a matrix passes through here once, so that a wrong shape, a NaN or a wrong
-# signature is one clear :class:`~vemcvx.base.errors.SceneError` and never a numpy traceback.
-
-
+# Data that a scene carries. Every value that reaches a matrix passes through here once: a wrong shape, a NaN or a wrong
+# signature is one sentence, and no numpy traceback.
 Datum = ArrayLike | Callable[[Floats, float], ArrayLike]  # A constant, or f(x, t).
 Constant = ArrayLike | Callable[[Floats], ArrayLike]
 """A number, f(x), or of materials a value for each cell or the name of a cell datum (words are ArrayLike)."""
@@ -103,6 +97,8 @@ class Holds:
     def values(self, value: Any, at: At | InCells, subject: str, name: str, label: str | None = None) -> Floats:
         """Return the values of a field of this `name` at places; SceneError for a wrong shape or sign."""
         found = at.read(value, f"{subject}: {name}", self.shape)
+        if isinstance(at, InCells) and at.inside is not None:
+            found = np.where(at.inside, found, 1.0 if self.sign else 0.0)
         size = np.linalg.norm(found, axis=1) if self.shape == "vector" else found
         lawful = {"> 0": size > 0, ">= 0": size >= 0, "!= 0": size != 0}.get(self.sign, np.ones(len(size), dtype=bool))
         require(lawful, found, at, f"{subject}: found {label or name}", self.rule.format(sign=self.sign))
@@ -130,9 +126,15 @@ class At:
     x: Floats
     t: float | None = None
 
-    def read(self, value: Any, subject: str, shape: str) -> Floats:
-        """Return a number, or a vector, for each point."""
-        return (vector if shape == "vector" else scalar)(value, self.x, self.t, subject)
+    def read(self, value: Any, subject: str, shape: str = "number") -> Floats:
+        """Return a number, a vector or a symmetric tensor for each point."""
+        m, dim = self.x.shape
+        names = component_names(dim)
+        count, words = (dim, "") if shape == "vector" else (len(names), f" ({', '.join(names)})")
+        row = () if shape == "number" else (count,)
+        wanted = f"{count} components{words}, or an array {(m, *row)}, one row a point"
+        wanted = wanted if row else f"a number, or ({m},) values, one a point"
+        return _shaped(_call(value, (self.x, self.t), subject), (m, *row), subject, wanted, self.place)
 
     def place(self, row: int) -> str:
         """Return the place of a row in words."""
@@ -140,49 +142,36 @@ class At:
 
 
 def scalar(value: Datum | Constant, x: Floats, t: float | None, subject: str) -> Floats:
-    """Values (m,) of a scalar datum at points `x` (m, dim) and the instant `t`, None of constants in time."""
-    return _read(value, At(x, t), subject, (len(x),), f"a number, or ({len(x)},) values, one a point")
+    """Return the values (m,) of a scalar datum at points `x` (m, dim) and the instant `t`, None if it is constant."""
+    return At(x, t).read(value, subject)
 
 
 def vector(value: Datum | Constant, x: Floats, t: float | None, subject: str) -> Floats:
-    """Values (m, dim) of a vector datum, likewise."""
-    return _read(value, At(x, t), subject, x.shape, f"{x.shape[1]} components, or an array {x.shape}, one row a point")
-
-
-def number_a_row(raw: object, m: int, subject: str, rule: str = "") -> Floats:
-    """A number for each of the m rows of a part, with a rule that may explain a SceneError."""
-    return np.full(m, shaped(raw, subject, f"one number, or ({m},), one a row{rule}", (), (m,)))
-
-
-def finite_a_row(raw: object, m: int, subject: str) -> Floats:
-    """A finite number for each of the m rows of a part."""
-    return finite(number_a_row(raw, m, subject), subject)
+    """Return the values (m, dim) of a vector datum, likewise."""
+    return At(x, t).read(value, subject, "vector")
 
 
 def tensor(value: Datum, x: Floats, t: float, subject: str) -> Floats:
-    """Values (m, components) of a symmetric tensor at the points `x` (m, dim) and the instant `t`."""
-    names = component_names(x.shape[1])
-    shape = (len(x), len(names))
-    wanted = f"{len(names)} components ({', '.join(names)}), or an array {shape}, one row a point"
-    return _read(value, At(x, t), subject, shape, wanted)
+    """Return the values (m, components) of a symmetric tensor, likewise."""
+    return At(x, t).read(value, subject, "tensor")
 
 
 def coefficient(value: Constant, x: Floats, subject: str) -> Floats:
-    """Values (m,) of a scalar that does not change in time, a number or f(x), at the points `x` (m, dim)."""
-    return scalar(value, x, None, subject)
+    """Return the values (m,) of a scalar that does not change in time, a number or f(x), at the points `x` (m, dim)."""
+    return At(x).read(value, subject)
 
 
-SPRING = holds(sign=">= 0", rule="a spring's stiffness must be >= 0")
+def number_a_row(raw: object, m: int, subject: str) -> Floats:
+    """Return a number for each of the m rows of a part."""
+    return np.full(m, shaped(raw, subject, f"one number, or ({m},), one a row", (), (m,)))
 
 
-def stiffness(value: Constant, x: Floats, subject: str) -> Floats:
-    """Return the values (m,) of a spring's stiffness, which is not negative anywhere, at the points `x` (m, dim)."""
-    subject, _, name = subject.rpartition(": ")
-    found: Floats = SPRING["holds"].values(value, At(x), subject, name)
-    return found
+def finite_a_row(raw: object, m: int, subject: str) -> Floats:
+    """Return a finite number for each of the m rows of a part."""
+    return finite(number_a_row(raw, m, subject), subject)
 
 
-def varies(*values: Datum | Constant | None) -> bool:
+def varies(*values: object) -> bool:
     """Return True if one of the data is a function, of place or of time."""
     return any(callable(value) for value in values)
 
@@ -194,7 +183,7 @@ class InCells:
     mesh: AnyMesh
     x: Floats | None = None
     cells: Ints | None = None
-    inside: Bools | None = None  # of the places, those that count: the others have a 1 where they are read
+    inside: Bools | None = None  # of the places, those that count; elsewhere constants with a sign are 1, others 0
 
     def read(self, value: Constant, subject: str, shape: str = "number") -> Floats:
         """Values (k,) of a material constant: a number, a value a cell, f(x), or the name of a cell datum."""
@@ -202,25 +191,18 @@ class InCells:
         if isinstance(value, str):
             if value not in mesh.cell_data:
                 known = ", ".join(repr(name) for name in mesh.cell_data) or "none"
-                raise SceneError(
-                    f"{subject}: the mesh has no cell datum named {value!r}; it has {known}. Add one with "
-                    "mesh.with_cell_data(name, values), or give a number, a value a cell, or a callable f(x)."
-                )
+                add = "Add one with mesh.with_cell_data(name, values)"
+                raise SceneError(f"{subject}: the mesh has no cell datum named {value!r}; it has {known}. {add}.")
             raw = mesh.cell_data[value]
         elif callable(value):
             x = mesh.centroids if self.x is None else self.x
             count, raw = len(x), _call(value, (x, None), subject)
         found = _shaped(raw, (count,), subject, f"a number, or ({count},) values, one a cell", self.place)
-        found = found if callable(value) or self.cells is None else found[self.cells]
-        return found if self.inside is None else np.where(self.inside, found, 1.0)
+        return found if callable(value) or self.cells is None else found[self.cells]
 
     def place(self, row: int) -> str:
         """Return the place of a row in words."""
         return f"in cell {row}"
-
-
-def _read(value: Any, at: At, subject: str, shape: tuple[int, ...], wanted: str) -> Floats:
-    return _shaped(_call(value, (at.x, at.t), subject), shape, subject, wanted, at.place)
 
 
 def _call(value: Any, at: tuple[Floats, float | None], subject: str) -> Any:

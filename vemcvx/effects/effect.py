@@ -4,27 +4,23 @@ Displacements are vectors u of n_nodes * dim nodal values, component a of node i
 contributions are closed; effects are open (each returns any of these kinds).
 
 Friction by direction on a surface in space is bounded by an ellipse of forces: with the bound g along a unit vector e
-of the surface and h across it, along c = n x e, friction q obeys
-
-    (q_e / g)^2 + (q_c / h)^2 <= 1.
-
-What it dissipates in the slip s is the largest work of such forces, by Cauchy and Schwarz on (q_e / g, q_c / h),
+of the surface and h across it, along c = n x e, friction q obeys (q_e / g)^2 + (q_c / h)^2 <= 1. What it dissipates in
+the slip s is the largest work of such forces, by Cauchy and Schwarz on (q_e / g, q_c / h),
 
     max -q . s = |(g s_e, h s_c)| = g |(s_e, r s_c)|,   r = h / g,
 
-and is attained where s is along the normal (q_e / g^2, q_c / h^2) of the ellipse: slip follows the force where that
-acts along an axis only. (Michalowski and Mroz, *Associated and non-associated sliding rules in contact friction
-problems*, Arch. Mech. 30, 1978.) It is the term of a disc with the weight g that reads slip by the vectors e and r c in
-place of two orthonormal tangents: the same second-order cone, certificate and active sets. These vectors are rows of a
-matrix that does not change in time; r must not, either.
+attained where s is along the normal (q_e / g^2, q_c / h^2) of the ellipse (Michalowski and Mroz, Arch. Mech. 30, 1978).
+It is the term of a disc with the weight g that reads slip by the vectors e and r c in place of two orthonormal
+tangents: the same second-order cone, certificate and active sets. r must not change in time.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from functools import cached_property
+from typing import Any, Self
 
 import numpy as np
 import scipy.sparse as sp
@@ -50,9 +46,9 @@ class Load:
     times: tuple[float, ...] = ()  # of the run, where they are known
 
     def at(self, x: Floats, t: float) -> Floats:
-        """The datum, (k,) or (k, dim), at points x (k, dim) and the instant `t`."""
-        read = data.scalar if self.matrix.shape[1] == len(self.points) else data.vector
-        return read(self.value, x, t, self.subject)
+        """Return the datum, (k,) or (k, dim), at points x (k, dim) and the instant `t`."""
+        shape = "number" if self.matrix.shape[1] == len(self.points) else "vector"
+        return data.At(x, t).read(self.value, self.subject, shape)
 
     def vector(self, t: float) -> Floats:
         """Nodal force (n_u,) at the instant `t`."""
@@ -78,7 +74,7 @@ class Load:
         return np.linalg.norm(self.borne, axis=1) if scalar else self.borne[:, 0]
 
     def forces(self, t: float) -> Floats:
-        """Force (q, dim) that each point stands for at the instant `t`: the points of a cell sum to its total."""
+        """Return the force (q, dim) that each point stands for at the instant `t`."""
         return self.borne * self.values(t).reshape(len(self.points), -1)
 
 
@@ -113,13 +109,9 @@ class Ground:
                 "moves nothing. Give a function of time, such as lambda x, t: (0.5 * t, 0.0), or a Tabulated."
             )
 
-    def at(self, x: Floats, t: float) -> Floats:
-        """The datum (k, dim) at points x (k, dim) and the instant `t`."""
-        return data.vector(self.value, x, t, self.subject)
-
     def vector(self, t: float) -> Floats:
-        """The displacements (q, dim) at the instant `t`."""
-        return self.at(self.points, t)
+        """Return the displacements (q, dim) at the instant `t`."""
+        return data.vector(self.value, self.points, t, self.subject)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -131,29 +123,23 @@ class Ellipse:
     direction: Floats  # (m, 3) vectors of any length, of which what is along the surface counts
     bounds: Callable[[float], tuple[Floats, Floats]]  # t -> (m,) bounds along the direction and across it, in any unit
     names: tuple[str, str]  # what they are called in messages
-    steady: bool  # True if they do not change in time
 
     def vectors(self, normals: Floats, times: Sequence[float]) -> Floats:
-        """The vectors e and r c (m, 2, 3) of each row.
+        """Return the vectors e and r c (m, 2, 3) of each row.
 
         SceneError where the direction is along the normal; where r is infinite, or changes between any two of `times`.
         """
         first = self.direction - np.einsum("mi,mi->m", self.direction, normals)[:, None] * normals
-        length = np.linalg.norm(first, axis=1)
-        upright = length <= 1e-6 * np.linalg.norm(self.direction, axis=1)
-        if upright.any():
-            worst = int(np.argmax(upright))
-            raise SceneError(
-                f"{self.subject}: found direction = {self.direction[worst]} at {self.points[worst]}, where the normal "
-                f"is {normals[worst]}; give a vector that is not across the surface."
-            )
+        length, found = np.linalg.norm(first, axis=1), f"{self.subject}: found direction"
+        flat = length > 1e-6 * np.linalg.norm(self.direction, axis=1)
+        data.require(flat, self.direction, data.At(self.points), found, "give a vector that is not along the normal")
         first = first / length[:, None]
         return np.stack([first, self._ratio(times)[:, None] * np.cross(normals, first)], axis=1) + 0.0
 
     def _ratio(self, times: Sequence[float]) -> Floats:
-        """r (m,), read at the first instant at which there is friction; 1 where there never is."""
+        """Return r (m,), read at the first instant at which there is friction; 1 where there never is."""
         ratio = np.full(len(self.points), np.nan)
-        for t in (0.0,) if self.steady or len(times) == 0 else times:
+        for t in times if len(times) else (0.0,):
             along, across = self.bounds(float(t))
             new = np.isnan(ratio) & (along > 0)
             ratio[new] = across[new] / along[new]
@@ -161,27 +147,46 @@ class Ellipse:
             apart = np.abs(across - wanted) > 1e-9 * np.maximum(across, wanted)
             if apart.any():
                 row, (one, other) = int(np.argmax(apart)), self.names
-                what = f"{one} = {along[row]:.6g} and {other} = {across[row]:.6g} at {self.points[row]} and t = {t:.6g}"
-                none = f"{one} must be > 0 where {other} is"
-                why = none if along[row] == 0 else "their ratio must not change in time"
-                raise SceneError(f"{self.subject}: found {what}; {why}.")
+                raise SceneError(
+                    f"{self.subject}: found {one} = {along[row]:.6g} and {other} = {across[row]:.6g} at "
+                    f"{self.points[row]} and t = {t:.6g}; {one} must be > 0 where {other} is, and their ratio must not "
+                    "change in time."
+                )
         return np.where(np.isnan(ratio), 1.0, ratio)
 
 
 @dataclass(frozen=True)
-class Friction:
-    """Terms w_i(t) |(I - n n') (v - v_prev)(node_i)|, v = u less the ground's motion: one row a node and normal."""
+class ContactSurface:
+    """Rows of contact, one a node and distinct normal: a surface on which it is reported, friction, or an obstacle."""
 
     subject: str
     nodes: Ints
     normals: Floats
     lengths: Floats  #: (m,) integrals of the nodal basis functions over the edges with that normal.
-    weights: Callable[[float], Floats]
+    ends: EdgeEnds | None = field(default=None, kw_only=True)
+    """the edges of each row; without, `lengths` are of an edge that no other part has"""
+    partners: Ints | None = field(default=None, kw_only=True)
+    """(m,) nodes of other bodies, or -1: rows read u(node) - u(partner)"""
+
+    @classmethod
+    def of(cls, rows: BoundaryRows, subject: str = "", **more: Any) -> Self:
+        """Return what acts on the rows of a part of the boundary, with `more` of its fields."""
+        own = subject, rows.nodes, rows.normals, rows.lengths
+        return cls(*own, ends=rows.ends, partners=rows.partners, **more)
+
+
+def _no_weight(t: float) -> Floats:
+    return np.zeros(())
+
+
+@dataclass(frozen=True)
+class Friction(ContactSurface):
+    """Terms w_i(t) |(I - n n') (v - v_prev)(node_i)|, v = u less the ground's motion: one row a node and normal."""
+
+    weights: Callable[[float], Floats] = _no_weight
     """t -> (m,) integrals of the friction bound against the nodal basis functions (force units)."""
     steady: bool = False  #: True if these are the same at all times
-    ends: EdgeEnds | None = None  #: the edges of each row; without, `lengths` are of an edge that no other part has
     in_the_air: bool = False  #: True if a warning is to say where it rubs while one-sided contact is open
-    partners: Ints | None = None  #: (m,) nodes of other bodies, or -1: slip is that of u(node) - u(partner)
     ground: Ground | None = None  #: the obstacle under it, if that moves
     law: Law | None = None  #: what forces of contact and slip add to the weights
     directions: Floats | None = None
@@ -191,13 +196,11 @@ class Friction:
 
     def __post_init__(self) -> None:
         """Raise SceneError unless `directions` are one unit vector a row."""
-        if self.directions is None:
-            return
-        shape = np.shape(self.directions)
-        if shape != self.normals.shape or np.abs(np.linalg.norm(self.directions, axis=1) - 1).max() > SAME:
+        given, shape = self.directions, self.normals.shape
+        if given is not None and (np.shape(given) != shape or np.abs(np.linalg.norm(given, axis=1) - 1).max() > SAME):
             raise SceneError(
-                f"{self.subject}: found directions of shape {shape} for normals of shape {self.normals.shape}; rows "
-                "along directions have one unit vector a row."
+                f"{self.subject}: found directions of shape {np.shape(given)} for normals of shape {shape}; rows along "
+                "directions have one unit vector a row."
             )
 
     @property
@@ -207,16 +210,16 @@ class Friction:
 
     @property
     def across(self) -> Floats:
-        """(m, dim) unit vectors that tell terms of a node from each other.
+        """The unit vectors (m, dim) that tell terms of a node from each other.
 
-        Those across which they are: normals, or `directions` turned by -90 degrees; in space the directions themselves.
+        Normals, or `directions` turned by -90 degrees; in space the directions themselves.
         """
         if self.directions is None:
             return self.normals
         return self.directions[:, ::-1] * (1.0, -1.0) + 0.0 if self.in_plane else self.directions
 
     def read(self, times: Sequence[float]) -> Floats:
-        """The vectors (m, dim - 1, dim) along which terms read slip; the second vanishes of directions in space."""
+        """Return vectors (m, dim - 1, dim) along which terms read slip; the second vanishes of directions in space."""
         if self.ellipse is not None:
             return self.ellipse.vectors(self.normals, times)
         if self.directions is None or self.in_plane:
@@ -224,10 +227,7 @@ class Friction:
         return np.stack([self.directions, 0.0 * self.directions], axis=1)
 
     def weights_under(self, t: float, p: Floats, past: Floats, slip: Floats) -> Floats:
-        """The weights (m,) under normal forces p (m,), after slips (m,) before the step and in it.
-
-        SceneError where the law fails, or gives something else than a weight >= 0 for every row.
-        """
+        """Return the weights (m,) under normal forces p (m,), after slips (m,) before the step and in it."""
         law = self.law
         w = data.finite_a_row(self.weights(t), len(self.nodes), f"{self.subject}: weights at t = {t:.6g}")
         if law is None:
@@ -236,11 +236,9 @@ class Friction:
         lawful = (added >= 0) & (added < np.inf)
         if not lawful.all():
             i = int(np.argmin(lawful))
-            pressed = f", and the normal force {p[i]:.6g}" if law.pressed else ""
             raise SceneError(
-                f"{self.subject}: found the weight {added[i]:.6g} at node {self.nodes[i]} and t = {t:.6g}, where the "
-                f"slip is {past[i]:.6g} before the step and {slip[i]:.6g} in it{pressed}; laws of friction give finite "
-                "weights >= 0."
+                f"{self.subject}: found the weight {added[i]:.6g} at node {self.nodes[i]} and t = {t:.6g}, where slip "
+                f"is {past[i]:.6g} before the step and {slip[i]:.6g} in it; laws of friction give finite weights >= 0."
             )
         return w + added
 
@@ -251,71 +249,37 @@ class Friction:
         return self._asked("slope", self.law.slope, t, (p, past))
 
     def _asked(self, name: str, function: Callable[..., object], t: float, under: Sequence[Floats]) -> Floats:
-        """A function of the law under forces and slips, told what the law says that it reads, and nothing else."""
+        """Return the values (m,) of a function of the law, which is told what the law says that it reads only."""
         law, none, (p, *slips) = self.law, np.zeros(0), under
         assert law is not None
         told = (t, p if law.pressed else none, *(slip if law.slips else none for slip in slips))
-        failed = f"{self.subject}: its {name} failed when called as f(t, p, past{', slip' * (len(slips) > 1)}) with "
-        rule = "" if law.pressed else "; normal forces are told where pressed=True says that it reads them"
-        rule += "" if law.slips else "; slips are told where slips=True says that it reads them"
-        wanted = f"take the values of all rows at once and return one number for each{rule}"
-        raw = called(function, told, f"{failed}t = {t:.6g}", wanted)
-        return data.number_a_row(raw, len(self.nodes), f"{self.subject}: {name}", rule)
+        given = f"f(t, p, past{', slip' * (len(slips) > 1)}) with t = {t:.6g}"
+        wanted = "take the values of all rows at once and return one number for each"
+        rule = "; p is empty without pressed=True, slips are without slips=True"
+        raw = called(function, told, f"{self.subject}: its {name} failed when called as {given}", wanted + rule)
+        return data.number_a_row(raw, len(self.nodes), f"{self.subject}: {name}{rule}")
 
     @property
     def softening(self) -> Floats:
-        """The largest rate (m,) at which weights fall with slip; zero without a law.
-
-        SceneError where that is no number >= 0, or forces of contact change them, too.
-        """
+        """The largest rate (m,) at which weights fall with slip; zero without a law."""
         law = self.law
         if law is None:
             return np.zeros(len(self.nodes))
         rate = data.number_a_row(law.softening, len(self.nodes), f"{self.subject}: softening")
-        lawful = (rate >= 0) & (rate < np.inf)
-        if law.pressed or not lawful.all():
-            found = "beside pressed=True" if law.pressed else f"{rate[np.argmin(lawful)]:.6g}"
+        if law.pressed or not ((rate >= 0) & (rate < np.inf)).all():
             raise SceneError(
-                f"{self.subject}: found softening {found}; it is a finite number >= 0 of a law that reads no normal "
-                "forces, or None if it is not known."
+                f"{self.subject}: found softening {rate.max():.6g} and pressed={law.pressed}; it is a finite number "
+                ">= 0 of a law that reads no normal forces, or None if it is not known."
             )
         return rate
 
-    @classmethod
-    def of(cls, rows: BoundaryRows, subject: str) -> Friction:
-        """Friction on the rows of a part of the boundary, whose weights are zero."""
-        own, none = (subject, rows.nodes, rows.normals, rows.lengths), np.zeros(len(rows.nodes))
-        return cls(*own, lambda t: none, ends=rows.ends, partners=rows.partners)
-
 
 @dataclass(frozen=True)
-class Obstacle:
+class Obstacle(ContactSurface):
     """Limits n . u(node_i) <= gap_i(t), one row a node and distinct normal; squared penalties if compliant."""
 
-    subject: str
-    nodes: Ints
-    normals: Floats
-    lengths: Floats  #: (m,) integrals of the nodal basis functions over the edges with that normal.
     gap: Callable[[float], Floats]  #: t -> (m,) distance to the obstacle along the outward normal.
     compliance: Floats  #: (m,) depth per nodal force; 0 where the obstacle is rigid.
-    ends: EdgeEnds | None = None  #: the edges of each row, as of friction
-    partners: Ints | None = None  #: (m,) nodes of other bodies, or -1: limits are those of u(node) - u(partner)
-
-
-@dataclass(frozen=True)
-class ContactSurface:
-    """A surface on which contact is reported, as on friction and obstacles: one row a node and distinct normal."""
-
-    nodes: Ints
-    normals: Floats
-    lengths: Floats
-    ends: EdgeEnds | None = None
-    partners: Ints | None = None  #: (m,) nodes of other bodies, or -1; lengths and edges are those of friction
-
-    @classmethod
-    def of(cls, rows: BoundaryRows) -> ContactSurface:
-        """The surface of the rows of a part of the boundary."""
-        return cls(rows.nodes, rows.normals, rows.lengths, rows.ends, rows.partners)
 
 
 @dataclass(frozen=True)
@@ -333,11 +297,10 @@ class Material:
     out_of_plane: Floats | None = None
     """(n_cells, 4) stress zz across the plane of unit strains e_xx, e_yy, 2 e_xy, and what holds back a unit
     eigenstrain there, with a minus sign; zero in plane stress, None where the law does not say, and in space"""
-    stabilisation: Stabilisation | None = None
-    """S_K, by which the stiffness weighs what Pi misses; None means "shear", :func:`vemcvx.vem.softest_shear`"""
+    stabilisation: Stabilisation | None = None  #: S_K; None means "shear", :func:`vemcvx.vem.softest_shear`
     at: Callable[[Floats, Ints], tuple[Floats, Floats]] | None = None
-    """points (k, dim) of cells (k,) -> the upper triangle of the elastic matrix and the thermal stress moduli there,
-    which error estimates read; None if they are constant in every cell"""
+    """points (k, dim) of cells (k,) -> the upper triangle of the elastic matrix and the thermal stress moduli there;
+    None if they are constant in every cell"""
 
     def elastic(self, dim: int) -> Floats:
         """(n_cells, 3, 3), in space (n_cells, 6, 6), stresses from strains."""
@@ -345,11 +308,7 @@ class Material:
 
     def stabilised(self, dim: int) -> Stabilisation:
         """S_K, of the softest shear where the material does not say."""
-        return (
-            vem.VertexWeights(vem.softest_shear(self.elastic(dim)))
-            if self.stabilisation is None
-            else self.stabilisation
-        )
+        return self.stabilisation or vem.VertexWeights(vem.softest_shear(self.elastic(dim)))
 
     def stiffness(self, space: Space) -> vem.SumOverCells:
         """The matrix of a^h of these cells: their resistance to strains."""
@@ -401,13 +360,12 @@ class Contribution:
 class Effect(ABC):
     """One piece of physics of a scene, free of any mesh.
 
-    Effects are frozen: names of boundaries, constants and callables. They know nothing of each other, of
-    solvers or of time stepping, and the order in which a scene names them changes nothing. Arrays are copied when an
-    effect is made: what becomes of those given later changes nothing either.
+    Effects are frozen: names of boundaries, constants and callables, of which arrays are copied. They know nothing of
+    each other, of solvers or of time stepping, and the order in which a scene names them changes nothing.
     """
 
     def __post_init__(self) -> None:
-        """Keep copies of arrays and lists; subclasses that are no dataclasses need not call it."""
+        """Keep copies of arrays and lists."""
         for name, value in vars(self).items():
             if isinstance(value, np.ndarray):
                 object.__setattr__(self, name, read_only(value.copy()))
@@ -418,15 +376,13 @@ class Effect(ABC):
     def contribute(self, space: Space) -> Contribution:
         """The contribution of this effect on the mesh of `space`.
 
-        Pure: equal calls give equal arrays. Nothing is evaluated in time here; data f(x, t) are carried
-        along and evaluated at t_n. Effects of contact are asked again with the planes of symmetry that the supports
-        of the scene make (`space.mirrors`), which turn normals at the ends of curves.
+        Equal calls give equal arrays; data f(x, t) are carried along and evaluated at t_n. Effects of contact are asked
+        again with planes of symmetry that supports make (`space.mirrors`), which turn normals at the ends of curves.
 
         Raises
         ------
         SceneError
-            A boundary's name is unknown, or a datum that does not depend on time has a wrong shape,
-            sign or value.
+            A boundary's name is unknown, or a datum that does not depend on time has a wrong shape, sign or value.
         """
 
     @property
@@ -434,16 +390,14 @@ class Effect(ABC):
         """The name of the effect in messages, with that of its boundary."""
         return type(self).__name__ + (f" on {where(on)}" if (on := getattr(self, "on", None)) is not None else "")
 
-    def _read(
-        self, name: str, at: data.At | data.InCells, value: object = None, label: str | None = None, subject: str = ""
-    ) -> Floats:
+    def _read(self, name: str, at: data.At | data.InCells, value: object = None, label: str | None = None) -> Floats:
         """Return the values of a field at places, of the shape and the sign that it declares by `data.holds`.
 
-        A part of its value may stand for it, and another label and subject for its name in messages.
+        A part of its value may stand for it, and another label for its name in messages.
         """
         (declared,) = (one.metadata["holds"] for one in fields(self) if one.name == name)  # type: ignore[arg-type]
         given = getattr(self, name) if value is None else value
-        found: Floats = declared.values(given, at, subject or self._subject, name, label)
+        found: Floats = declared.values(given, at, self._subject, name, label)
         return found
 
     def _check_dimension(self, space: Space) -> None:
@@ -461,7 +415,7 @@ class Effect(ABC):
         """One line of words for `vemcvx show`."""
 
     def described(self, in_plane: bool) -> str:
-        """The line for a body in the plane or in space, where an effect says more of a plane one."""
+        """Return the line for a body in the plane or in space."""
         return self.describe()
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -41,12 +41,11 @@ class Traction(Effect):
         return f"Traction: {amount(self.force)} on {where(self.on)}"
 
 
-# A pressure p on a part of the boundary: sigma n = -p n, the traction f_2 = -p n of (3.4).
-#
-# n is the outward normal of the undeformed edge or face: the pressure does not follow the body (small displacements).
 @dataclass(frozen=True)
 class Pressure(Effect):
     """Pressure on a part of the boundary: the load -int p n . v ds, exact for affine p, as of Traction.
+
+    The pressure does not follow the body: n is the normal of the undeformed boundary (small displacements).
 
     Parameters
     ----------
@@ -76,9 +75,8 @@ class Pressure(Effect):
 class BodyForce(Effect):
     """A force per unit area (and unit thickness), in space per volume: <l^h, v> = sum_K int_K Pi_0^0 f_1 . v_hat.
 
-    v_hat is the average of the vertex values of v on K, as in the paper, (3.2) and before (3.14). The sum of these
-    forces is exact for constant ones; their torque is so on cells whose centroid is the mean of their vertices, such as
-    boxes and simplices, and else within h times the force.
+    v_hat is the average of the vertex values of v on K, as in the paper, (3.2) and before (3.14). The sum of constant
+    forces is exact; their torque is so on cells whose centroid is the mean of their vertices, else within O(h).
 
     Parameters
     ----------
@@ -97,16 +95,13 @@ class BodyForce(Effect):
         return f"BodyForce: {amount(self.force)} in the body"
 
 
-# Forces on single nodes: <l^h, v> += sum_i F_i . v(x_i).
-#
-# On a continuum this is a model that no refinement improves: under a point force the displacement grows like log(1/h)
-# and the energy with it, without bound (Kelvin's and Flamant's solutions). On a given mesh the answer is that of the
-# force spread over about one cell; away from it the answer converges.
 @dataclass(frozen=True)
 class PointLoad(Effect):
     """A force on single nodes (per unit thickness).
 
-    In the limit h -> 0 the energy of a point force is infinite: displacement and energy near it depend on the mesh.
+    No refinement improves this model: under a point force displacement and energy grow without bound (in the plane like
+    log(1/h), Flamant's solution). The answer is that of the force spread over about one cell; away from it, it
+    converges.
 
     Parameters
     ----------
@@ -135,16 +130,14 @@ class PointLoad(Effect):
         at = np.atleast_2d(as_real_array(self.at, "PointLoad: at", wanted))
         if at.ndim != 2 or at.shape[1] != dim or not len(at) or not np.isfinite(at).all():
             raise SceneError(f"PointLoad: found at = {brief(self.at)}; wanted {wanted}.")
-        with np.errstate(over="ignore"):  # of a point at 1e200
-            nodes = np.array([np.argmin(np.linalg.norm(points - place, axis=1)) for place in at])
-            apart = np.linalg.norm(points[nodes] - at, axis=1)
+        nodes = np.array([np.argmin(np.abs(points - place).max(axis=1)) for place in at])
+        apart = np.abs(points[nodes] - at).max(axis=1)
         worst = int(np.argmax(apart))
         # A point that a user computes may miss its node by rounding, never by a noticeable part of the body's size.
         if apart[worst] > 1e-9 * np.ptp(points, axis=0).max():
             raise SceneError(
                 f"PointLoad: there is no node at {at[worst]}; the nearest is node {nodes[worst]} at "
-                f"{points[nodes[worst]]}, {apart[worst]:.6g} away. Name a node, spread the force by Traction, or mesh "
-                "with a vertex there."
+                f"{points[nodes[worst]]}. Name a node, spread the force by Traction, or mesh with a vertex there."
             )
         return nodes
 
@@ -162,31 +155,26 @@ class Clamp(Effect):
     on: str | Sequence[str]
 
     def contribute(self, space: Space) -> Contribution:
-        return Contribution(supports=(held("Clamp", space, space.part(self.on, "Clamp").nodes),))
+        nodes, axes = _all_components(space.part(self.on, "Clamp").nodes, space.dim)
+        return Contribution(supports=(Support("Clamp", nodes, axes, space.mesh.points[nodes]),))
 
     def describe(self) -> str:
         return f"Clamp: u = 0 on {where(self.on)}"
 
 
-def held(subject: str, space: Space, nodes: Ints, value: Callable[[float], Floats] | None = None) -> Support:
-    """A support that prescribes all components of nodes, node by node: zero, or t -> (m * dim,)."""
-    repeated, axes = np.repeat(nodes, space.dim), np.tile(np.eye(space.dim), (len(nodes), 1))
-    return Support(subject, repeated, axes, space.mesh.points[repeated], value)
+def _all_components(nodes: Ints, dim: int) -> tuple[Ints, Floats]:
+    """Return the rows that hold nodes altogether: each node once an axis, and these axes."""
+    return np.repeat(nodes, dim), np.tile(np.eye(dim), (len(nodes), 1))
 
 
-# A line of symmetry, or a row of rollers: u . n = 0 and sigma_tau = 0.
-#
-# Under symmetric loads a body moves along its line of symmetry, without shear stress on it: half of the body is
-# enough.
 @dataclass(frozen=True)
 class Symmetry(Effect):
     """Line of symmetry, or rollers: u . n = 0 on a part of the boundary, which is free to slide.
 
     The condition is that of BilateralContact, but this is a support and not contact: its force is in `reaction`, it is
-    not in `history.contact` (unless BilateralContact is there, too), and it does not yield to other supports. A
-    prescribed displacement that contradicts it at a shared node is an error. At a corner u . n = 0 for both normals,
-    which fixes the node; along sides that turn by less than 42.5 degrees, a curve, nodes slide. Contact on a curve that
-    ends on a line of symmetry has the normals and pressures of the whole body there.
+    not in `history.contact`, and it does not yield to other supports. A prescribed displacement that contradicts it at
+    a shared node is an error. Contact on a curve that ends on a line of symmetry has the normals and pressures of the
+    whole body there.
 
     Parameters
     ----------
@@ -229,21 +217,18 @@ class PrescribedDisplacement(Effect):
     direction: str | Sequence[float] | None = None
 
     def contribute(self, space: Space) -> Contribution:
-        part = space.part(self.on, "PrescribedDisplacement")
-        if self.direction is None:
-            places = space.mesh.points[part.nodes]
-
-            def whole(t: float) -> Floats:
-                return data.vector(self.value, places, t, self._subject).ravel()
-
-            return Contribution(supports=(held(self._subject, space, part.nodes, self._unless_zero(whole)),))
+        part, whole = space.part(self.on, "PrescribedDisplacement"), self.direction is None
         nodes, directions, cosines = self._rows(part, space)
         points = space.mesh.points[nodes]
 
         def value(t: float) -> Floats:
+            if whole:
+                return data.vector(self.value, points[:: space.dim], t, self._subject).ravel()
             return data.scalar(self.value, points, t, self._subject) / cosines
 
-        support = Support(self._subject, nodes, directions, points, self._unless_zero(value))
+        # A constant of zero holds its nodes as a clamp or rollers do.
+        moves = data.varies(self.value) or value(0.0).any()
+        support = Support(self._subject, nodes, directions, points, value if moves else None)
         curved = isinstance(self.direction, str) and part.node_normals.curved
         return Contribution(supports=(support,), curves=(self._subject,) if curved else ())
 
@@ -251,45 +236,36 @@ class PrescribedDisplacement(Effect):
         along = "" if self.direction is None else f" along {self.direction}"
         return f"PrescribedDisplacement: u = {amount(self.value)}{along} on {where(self.on)}"
 
-    def _unless_zero(self, value: Callable[[float], Floats]) -> Callable[[float], Floats] | None:
-        """None for a constant of zero, which holds its nodes as a clamp or rollers do."""
-        return value if data.varies(self.value) or value(0.0).any() else None
-
     def _rows(self, part: Part, space: Space) -> tuple[Ints, Floats, Floats]:
         """Return nodes, directions, and by which the values of sides are to be divided."""
-        ones, rows, dim, found = np.ones(len(part.nodes)), part.node_normals, space.dim, f"{self._subject}: direction"
-        if isinstance(self.direction, str):
-            if self.direction == "tangent":
-                space.require_plane(f"{found} 'tangent'", "give a vector along the boundary")
-                return rows.nodes, rows.tangents, np.ones(len(rows.nodes))
-            if self.direction != "normal":
-                there_are = "there are 'normal', 'tangent', a vector, or None (all components)"
-                raise SceneError(f"{self._subject}: found direction {self.direction!r}; {there_are}.")
+        rows, dim, found, one = part.node_normals, space.dim, f"{self._subject}: direction", np.ones(1)
+        if self.direction is None:
+            return *_all_components(part.nodes, dim), one
+        if isinstance(self.direction, str) and self.direction == "normal":
             return rows.nodes, rows.normals, rows.cosines
+        if isinstance(self.direction, str) and self.direction == "tangent":
+            space.require_plane(f"{found} 'tangent'", "give a vector along the boundary")
+            return rows.nodes, rows.tangents, one
         wanted = f"a nonzero vector of {dim} finite components, 'normal', 'tangent', or None (all components)"
         direction = as_real_array(self.direction, found, wanted)
         if direction.shape != (dim,) or not np.isfinite(direction).all() or not direction.any():
             raise SceneError(f"{self._subject}: found direction {brief(self.direction)}; wanted {wanted}.")
         # Its largest component first: the square of 1e200 would overflow.
         direction = direction / np.abs(direction).max()
-        return part.nodes, np.tile(direction / np.linalg.norm(direction), (len(part.nodes), 1)), ones
+        return part.nodes, np.tile(direction / np.linalg.norm(direction), (len(part.nodes), 1)), one
 
 
-# Springs along a part of the boundary (Winkler's foundation): sigma n = -k_n u_n n - k_t u_tau.
-#
-# They add
-#
-#     int k_n (u . n)(v . n) + k_t (u_tau . v_tau) ds
-#
-# to a(u, v). Traces are linear on edges and two Gauss points an edge integrate their products exactly (the P1 mass
-# matrix of the edge) for constant and affine k; likewise on faces of polyhedra, where traces are piecewise linear.
+# Springs add int k_n (u . n)(v . n) + k_t (u_tau . v_tau) ds to a(u, v). Traces are linear on edges, and two Gauss
+# points an edge integrate their products exactly for constant and affine k; likewise on faces of polyhedra.
+SPRING = data.holds(sign=">= 0", rule="a spring's stiffness must be >= 0")
+
+
 @dataclass(frozen=True)
 class ElasticFoundation(Effect):
     """Springs between a part of the boundary and the ground, in tension and compression (Winkler foundation).
 
-    The springs are part of a^h: `history.energy` = 1/2 a^h(u, u) includes their energy,
-    int k_n u_n^2 / 2 + k_t u_tau^2 / 2, and `history.reaction` does not include their force, which is minus the
-    stiffness times the displacement. A motion that stretches the springs needs no other support.
+    The springs are part of a^h: `history.energy` = 1/2 a^h(u, u) includes their energy, and `history.reaction` does
+    not include their force. A motion that stretches the springs needs no other support.
 
     Parameters
     ----------
@@ -299,14 +275,20 @@ class ElasticFoundation(Effect):
         Boundary names.
     """
 
-    normal: data.Constant = field(default=0.0, metadata=data.SPRING)
-    tangential: data.Constant = field(default=0.0, metadata=data.SPRING)
+    normal: data.Constant = field(default=0.0, metadata=SPRING)
+    tangential: data.Constant = field(default=0.0, metadata=SPRING)
     on: str | Sequence[str] = field(kw_only=True)
 
     def contribute(self, space: Space) -> Contribution:
         part = space.part(self.on, "ElasticFoundation")
-        springs = [_spread(self._of_sides(rule, part.normals[rule.sides]), rule, space) for rule in part.rules(2)]
-        return Contribution(stiffness=sp.csr_matrix(sum(springs[1:], start=springs[0])))
+        springs = sp.csr_matrix((space.n_unknowns, space.n_unknowns))
+        for rule in part.rules(2):
+            blocks = self._of_sides(rule, part.normals[rule.sides])
+            unknowns = rule.nodes[:, :, None] * space.dim + np.arange(space.dim)
+            rows = np.broadcast_to(unknowns[:, :, :, None, None], blocks.shape).ravel()
+            columns = np.broadcast_to(unknowns[:, None, None, :, :], blocks.shape).ravel()
+            springs = springs + sp.coo_matrix((blocks.ravel(), (rows, columns)), shape=springs.shape).tocsr()
+        return Contribution(stiffness=sp.csr_matrix(springs))
 
     def _of_sides(self, rule: SideRule, n: Floats) -> Floats:
         """The matrices (m, n, dim, n, dim) of sides with these normals (m, dim), symmetric to the bit."""
@@ -324,16 +306,5 @@ class ElasticFoundation(Effect):
         return blocks
 
     def describe(self) -> str:
-        return (
-            f"ElasticFoundation: normal {amount(self.normal, 'x')}, tangential {amount(self.tangential, 'x')} "
-            f"on {where(self.on)}"
-        )
-
-
-def _spread(blocks: Floats, rule: SideRule, space: Space) -> sp.csr_matrix:
-    """Sum of the sides' matrices (m, n, dim, n, dim) over all nodal values, symmetric to the bit."""
-    dim, n = blocks.shape[2], space.n_unknowns
-    unknowns = rule.nodes[:, :, None] * dim + np.arange(dim)
-    rows = np.broadcast_to(unknowns[:, :, :, None, None], blocks.shape)
-    columns = np.broadcast_to(unknowns[:, None, None, :, :], blocks.shape)
-    return sp.coo_matrix((blocks.ravel(), (rows.ravel(), columns.ravel())), shape=(n, n)).tocsr()
+        springs = f"normal {amount(self.normal, 'x')}, tangential {amount(self.tangential, 'x')}"
+        return f"ElasticFoundation: {springs} on {where(self.on)}"

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import warnings
+from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple, TypeGuard
 
 import numpy as np
 
@@ -22,13 +23,20 @@ from vemcvx.vem.elasticity import COMPONENTS
 PLANES = ("strain", "stress")
 IN_PLANE = [COMPONENTS[3].index(pair) for pair in COMPONENTS[2]]
 """Where xx, yy and xy are among the components in space."""
-
-
 NEITHER = "leave it out, a body in space is in neither plane"
 
 
 class MaterialLaw(Effect):
     """An effect that says what cells are made of; a scene has at least one, and every cell exactly one."""
+
+
+class Moduli(NamedTuple):
+    """The law of k cells, in the terms of :class:`Material`."""
+
+    moduli: Floats  # (., k)
+    thermal_stress_moduli: Floats  # (k, components)
+    out_of_plane: Floats  # (k, 4); of no meaning in space
+    shear: Floats  # (k,) the modulus by which the stabilisation named "shear" weighs
 
 
 class _Elastic(MaterialLaw):
@@ -39,6 +47,14 @@ class _Elastic(MaterialLaw):
     on: str | Sequence[str] | None
     _usual = "strain"  # the plane where `plane` is None
 
+    @abstractmethod
+    def _law(self, at: data.InCells, space: Space) -> Moduli:
+        """Return the law at places; SceneError where its constants are none."""
+
+    @abstractmethod
+    def _constants(self) -> Sequence[object]:
+        """Return all constants of the law."""
+
     @property
     def _plane(self) -> str:
         return self._usual if self.plane is None else self.plane
@@ -46,21 +62,37 @@ class _Elastic(MaterialLaw):
     def described(self, in_plane: bool) -> str:
         return replace(self, plane=self._plane).describe() if in_plane else self.describe()  # type: ignore[type-var]
 
-    def _cells(self, space: Space) -> Bools | None:
-        """Return the cells of the material, None for all; SceneError where its words are none that there are."""
-        name = type(self).__name__
+    def contribute(self, space: Space) -> Contribution:
+        name, dim = type(self).__name__, space.dim
         if not isinstance(self.stabilisation, Stabilisation):
             choice(self.stabilisation, name, "stabilisation", STABILISATIONS)
         choice(self._plane, name, "plane", PLANES)
         self._check_dimension(space)
-        return region(space, self.on, name)
+        cells = region(space, self.on, name)
+        law, inside = self._law(data.InCells(space.mesh, inside=cells), space), 1.0 if cells is None else 1.0 * cells
+
+        def at(x: Floats, within: Ints) -> tuple[Floats, Floats]:
+            there = self._law(data.InCells(space.mesh, x, within), space)
+            return vem.upper_triangle(vem.elastic_matrix(there.moduli, dim)), there.thermal_stress_moduli
+
+        material = Material(
+            subject=self._subject,
+            moduli=law.moduli * inside,
+            thermal_stress_moduli=(law.thermal_stress_moduli.T * inside).T,
+            plane=self._plane if space.in_plane else "strain",
+            cells=cells,
+            out_of_plane=(law.out_of_plane.T * inside).T if space.in_plane else None,
+            stabilisation=vem.stabilisation_of(self.stabilisation, law.shear * inside),
+            at=at if data.varies(*self._constants()) else None,
+        )
+        return Contribution(material=material)
 
     def _name_of_stabilisation(self) -> str:
         return self.stabilisation.describe() if isinstance(self.stabilisation, Stabilisation) else self.stabilisation
 
 
 def region(space: Space, on: str | Sequence[str] | None, subject: str) -> Bools | None:
-    """The cells (n_cells,) where one of the cell data named by `on` is nonzero; None for the whole body."""
+    """Return the cells (n_cells,) where one of the data named by `on` is nonzero; None for the whole body."""
     if on is None:
         return None
     known = space.mesh.cell_data
@@ -79,16 +111,13 @@ def region(space: Space, on: str | Sequence[str] | None, subject: str) -> Bools 
     return cells
 
 
-# Isotropic linear elasticity, sigma = 2 mu eps + lam tr(eps) I, (3.1), in plane strain, plane stress or space.
-#
-# lam = E nu / ((1 + nu)(1 - 2 nu)),   mu = E / (2 (1 + nu)),   plane stress: lam -> 2 lam mu / (lam + 2 mu)
+# Isotropic linear elasticity, sigma = 2 mu eps + lam tr(eps) I, (3.1), in plane strain, plane stress or space:
+# lam = E nu / ((1 + nu)(1 - 2 nu)), mu = E / (2 (1 + nu)), in plane stress 2 lam mu / (lam + 2 mu) in place of lam.
 #
 # A strain s in all three directions of space that is held back in the plane costs the stress -b s in the plane, with
 # b = 3 lam + 2 mu = E / (1 - 2 nu) in plane strain (held back across the plane, too) and in space, and b = 2 (lam +
 # mu), with the reduced lam, = E / (1 - nu) in plane stress. Across the plane, plane strain bears sigma_zz = lam (e_xx
 # + e_yy) - b s.
-
-
 STABILISATIONS = ("shear", "unit")
 
 
@@ -106,8 +135,7 @@ class Elasticity(_Elastic):
         What a plane body is in; "strain" by default. Of bodies in space it says nothing, and is refused.
     stabilisation : {"shear", "unit"}, or a vx.Stabilisation
         The part of a_K^h that vanishes for linear displacements: "shear" is 2 mu times the dofi-dofi product, which
-        does not depend on units and does not lock; "unit" is S_K of (3.13) to the letter, without a factor; or one's
-        own, :class:`vemcvx.Stabilisation`.
+        does not depend on units and does not lock; "unit" is S_K of (3.13), without a factor.
     on : None, str or sequence of str
         The cells of this material: those where the cell datum of that name is nonzero; None is the whole body. Moduli
         must be finite on all cells, but only their values on these count.
@@ -120,31 +148,15 @@ class Elasticity(_Elastic):
     on: str | Sequence[str] | None = None
 
     def contribute(self, space: Space) -> Contribution:
-        cells = self._cells(space)
-        lam, mu = self._lame(data.InCells(space.mesh, inside=cells))
-        if self._plane == "strain":
-            self._warn_of_locking(lam, mu, space)
-        if cells is not None:
-            lam, mu = lam * cells, mu * cells
-        volume, thermal = self._blocked(lam, mu, space.dim)
-        out_of_plane = np.column_stack([lam, lam, np.zeros_like(lam), volume]) * float(self._plane == "strain")
-
-        def at(x: Floats, inside: Ints) -> tuple[Floats, Floats]:
-            lam, mu = self._lame(data.InCells(space.mesh, x, inside))
-            C = vem.elastic_matrix(np.stack([lam, mu]), space.dim)
-            return vem.upper_triangle(C), self._blocked(lam, mu, space.dim)[1]
-
-        material = Material(
-            subject=self._subject,
-            moduli=np.stack([lam, mu]),
-            thermal_stress_moduli=thermal,
-            plane=self._plane,
-            cells=cells,
-            out_of_plane=out_of_plane if space.in_plane else None,
-            stabilisation=vem.stabilisation_of(self.stabilisation, mu),
-            at=at if data.varies(self.young, self.poisson) else None,
-        )
-        return Contribution(material=material)
+        part = super().contribute(space)
+        (simplices, others), fraction = space.simplices
+        # Linear triangles cannot follow a volume-preserving motion: at nu = .49 their error is twice that of polygons.
+        if self._plane == "strain" and fraction > 0.5:
+            largest = self._read("poisson", data.InCells(space.mesh, inside=region(space, self.on, "Elasticity"))).max()
+            if largest > 0.49:
+                words = f"poisson = {largest:.9g} on a mesh of {simplices}, which lock near 1/2; {others} do not."
+                warnings.warn(f"Elasticity: {words}", SceneWarning, stacklevel=2)
+        return part
 
     def describe(self) -> str:
         plane = "" if self.plane is None else f"plane {self.plane}, "
@@ -152,33 +164,24 @@ class Elasticity(_Elastic):
         constants = f"E = {amount(self.young, 'x')}, nu = {amount(self.poisson, 'x')}"
         return f"Elasticity: {constants}, {plane}{self._name_of_stabilisation()} stabilisation{place}"
 
-    def _warn_of_locking(self, lam: Floats, mu: Floats, space: Space) -> None:
-        largest = float((0.5 * lam / (lam + mu)).max())
-        (simplices, others), part = space.simplices
-        # Linear triangles cannot follow a volume-preserving motion: at nu = .49 the error of P1 already exceeds twice
-        # that of polygons of the same size, and grows without bound towards 1/2.
-        if largest > 0.49 and part > 0.5:
-            warnings.warn(
-                f"Elasticity: poisson = {largest:.9g} on a mesh of {simplices}, which lock near 1/2; {others} do not.",
-                SceneWarning,
-                stacklevel=3,
-            )
+    def _constants(self) -> Sequence[object]:
+        return self.young, self.poisson
 
-    def _blocked(self, lam: Floats, mu: Floats, dim: int) -> tuple[Floats, Floats]:
-        """Return the energy of a blocked unit eigenstrain, and its stresses (k, components)."""
-        volume = 3 * lam + 2 * mu if self._plane == "strain" else 2 * (lam + mu)
-        return volume, vem.isotropic_stress(volume, dim)
+    def _law(self, at: data.InCells, space: Space) -> Moduli:
+        (lam, mu), strain = self._lame(at), self._plane == "strain"
+        volume = 3 * lam + 2 * mu if strain else 2 * (lam + mu)
+        out_of_plane = np.column_stack([lam, lam, np.zeros_like(lam), volume]) * float(strain)
+        return Moduli(np.stack([lam, mu]), vem.isotropic_stress(volume, space.dim), out_of_plane, mu)
 
     def _lame(self, at: data.InCells) -> tuple[Floats, Floats]:
         E, nu, strain = self._read("young", at), self._read("poisson", at), self._plane == "strain"
-        nu = nu if at.inside is None else np.where(at.inside, nu, 0.0)
         limit = "< 0.5 in plane strain (use 0.4999999, or plane='stress')" if strain else "<= 0.5"
         lawful = (nu > -1) & ((nu < 0.5) if strain else (nu <= 0.5))
         data.require(lawful, nu, at, f"{self._subject}: found poisson", f"it must be > -1 and {limit}")
         return E * nu / ((1 + nu) * (1 - (2 * nu if strain else nu))), E / (2 * (1 + nu))
 
 
-# Orthotropic linear elasticity: wood, laminates, rolled or layered solids (Lekhnitskii 1963; Jones 1999, chapter 2).
+# Orthotropic linear elasticity (Lekhnitskii 1963; Jones 1999, chapter 2).
 #
 # In the axes 1, 2 of the material (3 across the plane) the strains are e = S sigma with
 #
@@ -188,8 +191,8 @@ class Elasticity(_Elastic):
 # the axes a_1, a_2, a_3 = a_1 x a_2 as the rows of R tensors turn by e' = R e R', strains by e' = Q e: the row of e'_ab
 # has (2 - delta_ab) (R_ai R_bj + R_aj R_bi) / 2 for e_ij; so C = Q'C'Q.
 #
-# The plane is space with axis 3 across it. Plane strain (e_3 = 0) takes of C what is in the plane, and its row of zz is
-# what is borne across; in plane stress (sigma_3 = 0) S has no coupling to 3, so that C has none.
+# The plane is space with axis 3 across it. Plane strain (e_3 = 0) takes the rows of C in the plane, and its row of zz
+# is borne across; in plane stress (sigma_3 = 0) S has no coupling to 3, so that C has none.
 SYMBOLS = {"young": ("E1", "E2", "E3"), "poisson": ("nu12", "nu13", "nu23"), "shear": ("G12", "G13", "G23")}
 
 
@@ -212,8 +215,8 @@ class Orthotropic(_Elastic):
     plane : {"stress", "strain"}, optional
         Plane stress (the default) or plane strain, of bodies in the plane. Bodies in space refuse it.
     axes : (axis 1, axis 2), optional
-        In space the two vectors (3,), or callables f(x) -> (m, 3) at centroids; of any length. Of axis 2 only
-        the part across axis 1 counts. Instead of `angle`.
+        In space, instead of `angle`, two vectors (3,), or callables f(x) -> (m, 3) at centroids, of any length. Of axis
+        2 only the part across axis 1 counts.
     on : None, str or sequence of str
         The cells of this material, as for Elasticity.
     stabilisation : {"shear", "unit"}, or a vx.Stabilisation
@@ -230,64 +233,40 @@ class Orthotropic(_Elastic):
     stabilisation: str | Stabilisation = "shear"
     _usual = "stress"
 
-    def contribute(self, space: Space) -> Contribution:
-        cells = self._cells(space)
-        if self.axes is not None and not (isinstance(self.angle, (int, float)) and self.angle == 0.0):
-            found = f"Orthotropic: found axes = {brief(self.axes)}"
-            raise SceneError(f"{found}, which take the place of angle=; give one.")
+    def _constants(self) -> Sequence[object]:
+        several = (self.young, self.poisson, self.shear, () if self.axes is None else self.axes)
+        return [self.angle, *(one for given in several for one in (given if _is_several(given) else [given]))]
+
+    def _law(self, at: data.InCells, space: Space) -> Moduli:
+        """Return the law of the solid, of which a plane body has some rows and columns."""
         plane = self._plane if space.in_plane else None
-        inside = np.ones(space.mesh.n_cells) if cells is None else cells.astype(float)
-        C, thermal_stress_moduli, out_of_plane = self._law(data.InCells(space.mesh, inside=cells), inside, plane)
-
-        def at(x: Floats, within: Ints) -> tuple[Floats, Floats]:
-            C, thermal_stress_moduli, _ = self._law(data.InCells(space.mesh, x, within), np.ones(len(x)), plane)
-            return vem.upper_triangle(C), thermal_stress_moduli
-
-        constants = [one for name in SYMBOLS for one in self._constants(name, plane)]
-        material = Material(
-            subject=self._subject,
-            moduli=vem.upper_triangle(C),
-            thermal_stress_moduli=thermal_stress_moduli,
-            plane=plane or "strain",
-            cells=cells,
-            out_of_plane=out_of_plane,
-            stabilisation=vem.stabilisation_of(self.stabilisation, 0.5 * vem.softest_shear(C)),
-            at=at if data.varies(*constants, self.angle, *(() if self.axes is None else self.axes)) else None,
-        )
-        return Contribution(material=material)
-
-    def _law(self, at: data.InCells, inside: Floats, plane: str | None) -> tuple[Floats, Floats, Floats | None]:
-        """Return C (k, 6, 6), and Material's thermal_stress_moduli (k, 6); zero where not `inside`.
-
-        In a plane (k, 3, 3) and (k, 3), and Material's out_of_plane (k, 4).
-        """
-        C = np.zeros((len(inside), 6, 6))
-        C[:, :3, :3] = np.linalg.inv(self._compliance(at, inside > 0, plane))
+        S = self._compliance(at, plane)
+        C = np.zeros((len(S), 6, 6))
+        C[:, :3, :3] = np.linalg.inv(S)
         # G12, G13, G23; components are in the order xy, yz, xz.
         for component, G in zip((3, 5, 4), self._several(at, "shear", plane), strict=False):
             C[:, component, component] = G
-        Q = _turn(self._frame(at, inside > 0))
-        C = Q.transpose(0, 2, 1) @ C @ Q * inside[:, None, None]
+        Q = _turn(self._frame(at))
+        C = Q.transpose(0, 2, 1) @ C @ Q
         C = 0.5 * (C + C.transpose(0, 2, 1))
         blocked = C[:, :, :3].sum(axis=2)
-        if plane is None:
-            return C, blocked, None
         borne = np.column_stack([C[:, 2, IN_PLANE], blocked[:, 2]]) * float(plane == "strain")
-        return C[:, IN_PLANE][:, :, IN_PLANE], blocked[:, IN_PLANE], borne
+        if plane is not None:
+            C, blocked = C[:, IN_PLANE][:, :, IN_PLANE], blocked[:, IN_PLANE]
+        return Moduli(vem.upper_triangle(C), blocked, borne, 0.5 * vem.softest_shear(C))
 
     def describe(self) -> str:
         place = "" if self.on is None else f", on {where(self.on)}"
         E, nu, G = (_words(values) for values in (self.young, self.poisson, self.shear))
         turned = f"angle {amount(self.angle, 'x')}" if self.axes is None else f"axes {_words(tuple(self.axes))}"
         plane = "" if self.plane is None else f", plane {self.plane}"
-        name = self._name_of_stabilisation()
-        stable = "" if name == "shear" else f", {name} stabilisation"
+        stable = f", {self._name_of_stabilisation()} stabilisation"
         return f"Orthotropic: E = {E}, nu = {nu}, G = {G}, {turned}{plane}{stable}{place}"
 
-    def _compliance(self, at: data.InCells, inside: Bools, plane: str | None) -> Floats:
-        """Return S (n_cells, 3, 3) of the normal directions; without coupling to 3 in plane stress."""
-        E, nu = self._several(at, "young", plane), np.where(inside, self._several(at, "poisson", plane), 0.0)
-        S = np.zeros((len(inside), 3, 3))
+    def _compliance(self, at: data.InCells, plane: str | None) -> Floats:
+        """Return S (k, 3, 3) of the normal directions; without coupling to 3 in plane stress."""
+        E, nu = self._several(at, "young", plane), self._several(at, "poisson", plane)
+        S = np.zeros((E.shape[1], 3, 3))
         S[:, 2, 2] = 1.0
         for i, values in enumerate(E):
             S[:, i, i] = 1.0 / values
@@ -301,17 +280,18 @@ class Orthotropic(_Elastic):
         data.require(positive, nu[0], at, found, f"it must leave the energy positive: {rule}")
         return S
 
-    def _frame(self, at: data.InCells, inside: Bools) -> Floats:
+    def _frame(self, at: data.InCells) -> Floats:
         """Return R (k, 3, 3): the unit axes, row by row."""
         if self.axes is None:
-            angle = np.where(inside, self._read("angle", at), 0.0)
-            beyond = np.abs(angle) > 2 * np.pi
-            worst = float(angle[beyond].min()) if beyond.any() else 0.0
-            rule = f"it is in radians, from -2 pi to 2 pi, and {worst:.6g} degrees are {np.radians(worst):.6g}"
-            data.require(~beyond, angle, at, f"{self._subject}: found angle", rule)
+            angle = self._read("angle", at)
+            rule = "it is in radians, from -2 pi to 2 pi"
+            data.require(np.abs(angle) <= 2 * np.pi, angle, at, f"{self._subject}: found angle", rule)
             c, s, zero = np.cos(angle), np.sin(angle), np.zeros(len(angle))
             return np.array([[c, s, zero], [-s, c, zero], [zero, zero, zero + 1.0]]).transpose(2, 0, 1)
-        if not isinstance(self.axes, (list, tuple, np.ndarray)) or len(self.axes) != 2:
+        if not (isinstance(self.angle, (int, float)) and self.angle == 0.0):
+            found = f"Orthotropic: found axes = {brief(self.axes)}"
+            raise SceneError(f"{found}, which take the place of angle=; give one.")
+        if not _is_several(self.axes) or len(self.axes) != 2:
             raise SceneError(
                 f"Orthotropic: found axes = {brief(self.axes)}; give two vectors, of axis 1 and of axis 2."
             )
@@ -319,32 +299,26 @@ class Orthotropic(_Elastic):
         first, second = (data.vector(axis, x, None, "Orthotropic: axes") for axis in self.axes)
         third = np.cross(first, second)
         sizes = np.linalg.norm(first, axis=1) * np.linalg.norm(second, axis=1)
-        flat = inside & (np.linalg.norm(third, axis=1) <= 1e-6 * sizes)
-        if flat.any():
-            cell = int(np.argmax(flat))
-            raise SceneError(
-                f"Orthotropic: axes 1 and 2 are {first[cell]} and {second[cell]} in cell {cell}; they must not be zero "
-                "nor parallel."
-            )
+        apart = (np.linalg.norm(third, axis=1) > 1e-6 * sizes) | (False if at.inside is None else ~at.inside)
+        data.require(apart, first, at, "Orthotropic: axes: found axis 1", "axes must not be zero nor parallel")
         first, third = (directions(rows, np.linalg.norm(rows, axis=1)) for rows in (first, third))
         return np.stack([first, np.cross(third, first), third], axis=1)
 
     def _several(self, at: data.InCells, name: str, plane: str | None) -> Floats:
-        """Return the constants (., k) of a name."""
-        parts = zip(self._constants(name, plane), SYMBOLS[name], strict=False)
-        return np.stack([self._read(name, at, part, f"{name} ({symbol})") for part, symbol in parts])
-
-    def _constants(self, name: str, plane: str | None) -> Sequence[Constant]:
-        """Return the constants of a name, as many as a body in that plane, or in space, has."""
+        """Return the constants (., k) of a name, as many as a body in that plane, or in space, has."""
         given, few = getattr(self, name), {"young": 2, "poisson": 1} if plane == "stress" else {}
         count = 1 if name == "shear" and plane is not None else few.get(name, 3)
         parts = [given] if count == 1 else given
-        several = isinstance(parts, (list, tuple)) or (type(parts) is np.ndarray and parts.ndim > 0)
-        if not several or len(parts) != count:
+        if not _is_several(parts) or len(parts) != count:
             wanted = SYMBOLS[name][0] if count == 1 else f"({', '.join(SYMBOLS[name][:count])})"
             body = "a body in space" if plane is None else f"plane {plane}"
             raise SceneError(f"Orthotropic: found {name} = {brief(given)}; {body} takes {wanted}.")
-        return list(parts)
+        named = zip(parts, SYMBOLS[name], strict=False)
+        return np.stack([self._read(name, at, part, f"{name} ({symbol})") for part, symbol in named])
+
+
+def _is_several(given: object) -> TypeGuard[Sequence[Any]]:
+    return isinstance(given, (list, tuple)) or (type(given) is np.ndarray and given.ndim > 0)
 
 
 def _turn(R: Floats) -> Floats:
@@ -358,22 +332,19 @@ def _turn(R: Floats) -> Floats:
 
 
 def _words(values: object) -> str:
-    if isinstance(values, (tuple, list)):
-        return f"({', '.join(amount(value, 'x') for value in values)})"
-    return amount(values, "x")
+    parts = values if isinstance(values, (tuple, list)) else None
+    return amount(values, "x") if parts is None else f"({', '.join(amount(value, 'x') for value in parts)})"
 
 
 @dataclass(frozen=True)
 class Viscosity(Effect):
     """Kelvin-Voigt viscosity: sigma = C eps + 2 eta eps' + zeta tr(eps') I, with the strain rate eps'.
 
-    The form b^h(u', v) is that of elasticity with `shear` for mu and `volume` for lambda, stabilised likewise. Results
-    of a step then depend on its length, which without viscosity they do not. Han and Sofonea, *Quasistatic Contact
-    Problems in Viscoelasticity and Viscoplasticity* (2002), chapter 6.
-
-    `history.energy` remains 1/2 a^h(u, u), `dissipated` includes the viscous loss, forces (`forces`, `reaction`,
-    `contact.pressure`) include viscous ones at the rate of the step that led there, and `stress` is the elastic part.
-    The initial state need not satisfy condition (2.1), because viscous forces balance it.
+    The form b^h(u', v) is that of elasticity with `shear` for mu and `volume` for lambda, stabilised likewise (Han and
+    Sofonea, *Quasistatic Contact Problems in Viscoelasticity and Viscoplasticity*, 2002, chapter 6). Results then
+    depend on the lengths of steps. `history.energy` remains 1/2 a^h(u, u), `dissipated` includes the viscous loss,
+    forces include viscous ones at the rate of the last step, and `stress` is the elastic part. The initial state need
+    not satisfy condition (2.1), because viscous forces balance it.
 
     Parameters
     ----------
@@ -394,26 +365,14 @@ class Viscosity(Effect):
         return f"Viscosity: shear {amount(self.shear, 'x')}, volume {amount(self.volume, 'x')}"
 
 
-# Thermal expansion: a strain eps_0 = alpha theta I, the same in all three directions of space, free of stress.
-#
-# Hooke's law becomes sigma = C (eps - eps_0). In the plane, with sigma_p = (xx, yy, xy) and C_p the law in the plane:
-#
-# - plane strain: eps_zz = 0, so that eps_zz - alpha theta = -alpha theta adds -lam alpha theta to the stresses in the
-#   plane: sigma_p = C_p eps_p - (2 lam + 2 mu + lam) alpha theta (1, 1, 0), and 3 lam + 2 mu = E / (1 - 2 nu). A body
-#   that is free in the plane strains by (1 + nu) alpha theta there, and bears sigma_zz = -E alpha theta;
-# - plane stress: sigma_zz = 0 leaves eps_zz free: sigma_p = C_p (eps_p - alpha theta (1, 1, 0)), and C_p (1, 1, 0) is
-#   E / (1 - nu) (1, 1, 0).
-#
-# Each material says its own factor. (Boley and Weiner, Theory of Thermal Stresses, 1960.)
 @dataclass(frozen=True)
 class ThermalStrain(Effect):
     """Thermal expansion: the strain alpha theta in all directions, which causes stress where it is prevented.
 
+    Hooke's law becomes sigma = C (eps - alpha theta I) (Boley and Weiner, *Theory of Thermal Stresses*, 1960).
     Thermal stresses act as a load, sum_K |K| sigma_0 : eps(Pi v), and are part of `history.stress`: a body that expands
-    freely has none. `history.energy` remains 1/2 a^h(u, u), the energy of the total strain, which is not the elastic
-    energy 1/2 (eps - eps_0) : C (eps - eps_0). `history.work` includes the work of thermal stresses, as of loads, so
-    that the energy balance holds. Temperatures are relative to the stress-free state: if theta(x, times[0]) != 0, begin
-    with ``initial="settled"`` or "equilibrium".
+    freely has none. `history.energy` remains 1/2 a^h(u, u), the energy of the total strain, and `history.work` includes
+    the work of thermal stresses. If theta(x, times[0]) != 0, begin with ``initial="settled"`` or "equilibrium".
 
     Parameters
     ----------
@@ -427,14 +386,17 @@ class ThermalStrain(Effect):
     temperature: data.Datum
 
     def contribute(self, space: Space) -> Contribution:
-        alpha = data.InCells(space.mesh).read(self.expansion, "ThermalStrain: expansion")
+        mesh, expansion = space.mesh, "ThermalStrain: expansion"
+        alpha = data.InCells(mesh).read(self.expansion, expansion)
+
+        def heat(x: Floats, t: float) -> Floats:
+            return data.scalar(self.temperature, x, t, "ThermalStrain: temperature")
 
         def strain(t: float) -> Floats:
-            return alpha * data.scalar(self.temperature, space.mesh.centroids, t, "ThermalStrain: temperature")
+            return alpha * heat(mesh.centroids, t)
 
         def at(x: Floats, cells: Ints, t: float) -> Floats:
-            there = data.InCells(space.mesh, x, cells).read(self.expansion, "ThermalStrain: expansion")
-            return there * data.scalar(self.temperature, x, t, "ThermalStrain: temperature")
+            return data.InCells(mesh, x, cells).read(self.expansion, expansion) * heat(x, t)
 
         of_place = at if data.varies(self.expansion, self.temperature) else None
         return Contribution(eigenstrains=(Eigenstrain("ThermalStrain", strain, of_place),))
@@ -443,17 +405,12 @@ class ThermalStrain(Effect):
         return f"ThermalStrain: {amount(self.expansion, 'x')} times {amount(self.temperature)}"
 
 
-# Initial stress: sigma = C eps(u) + sigma_0.
-#
-# It enters the principle of virtual work as the load -int sigma_0 : eps(v), on cells -sum_K |K| sigma_0 : eps(Pi v).
 @dataclass(frozen=True)
 class Prestress(Effect):
-    """Initial stress: a stress at zero strain, such as that of tendons or growth.
+    """Initial stress: a stress at zero strain, such as that of tendons or growth: sigma = C eps(u) + sigma_0.
 
-    `history.stress` includes it. A body that is fixed everywhere keeps it; a free body relaxes from a uniform one
-    completely. `history.energy` remains 1/2 a^h(u, u), and `history.work` includes the work of the initial stress, as
-    of a load. If the stress is nonzero at times[0], u = 0 is in equilibrium only if supports bear it: begin with
-    ``initial="settled"`` or "equilibrium".
+    It acts as the load -sum_K |K| sigma_0 : eps(Pi v), and is part of `history.stress`; energy and work count it as
+    with ThermalStrain. If it is nonzero at times[0], begin with ``initial="settled"`` or "equilibrium".
 
     Parameters
     ----------

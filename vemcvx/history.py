@@ -1,4 +1,4 @@
-"""The results of a simulation, which can be summed up, written and probed.
+"""The results of a simulation, and the summary, tables, probes and files that are made of them.
 
 Sign conventions: stresses are positive in tension, contact pressures in compression; `contact.traction` is the friction
 force per length on the body, and reactions act on the body. Multipliers: :mod:`vemcvx.program.certificate`.
@@ -6,9 +6,7 @@ force per length on the body, and reactions act on the body. Multipliers: :mod:`
 
 from __future__ import annotations
 
-import copy
-import pickle
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,8 +16,6 @@ from numpy.typing import ArrayLike
 from vemcvx.base.arrays import Floats, brief
 from vemcvx.base.errors import HistoryError
 from vemcvx.base.outline import Lines, Outline, Outlined
-from vemcvx.plots import animate
-from vemcvx.plots.style import Units
 from vemcvx.program import SolvedProgram
 from vemcvx.results.files import read_results, write_results
 from vemcvx.results.probe import Profile, places, profile
@@ -51,14 +47,14 @@ class History(Results, Outlined):
         rates of the step. Row 0 has no viscous part, because no step leads to it.
     contact : Contact
     moduli : (2, n_cells), (6, n_cells) or, in space, (21, n_cells)
-        Lame's lambda (as it acts in the plane) and mu; where some cell is anisotropic the upper triangle of the elastic
+        Lame's lambda (as it acts in the plane) and mu; if some cell is anisotropic the upper triangle of the elastic
         matrix row by row, see :mod:`vemcvx.vem.elasticity`.
     trajectory : Trajectory
         The results in free unknowns, and scalars at all N + 1 instants.
     seconds : dict
         "assemble", "prepare" and "solve".
-    prestress : (S, n_cells, 3) or None
-        Stresses at zero strain, of eigenstrains and prestress; None if the scene has none. In space (S, n_cells, 6).
+    prestress : (S, n_cells, 3 or 6) or None
+        Stresses at zero strain, of eigenstrains and prestress; None if the scene has none.
     out_of_plane : (n_cells, 3) or None
         Out-of-plane stress zz for unit strains e_xx, e_yy, 2 e_xy; zero in plane stress, None if the material does not
         give it, and in space.
@@ -79,21 +75,17 @@ class History(Results, Outlined):
     growth : dict of str to str, or None
         Extremes that grew from mesh to mesh of an adaptive run at a rate that hardly falls, and how, by their keys.
     quantities : dict of str to Quantity, or None
-        "dissipated", "work" and "wear" with their estimated errors, where these were asked for: see
-        :func:`vemcvx.quantities`.
+        "dissipated", "work" and "wear" with their estimated errors, if asked for: see :func:`vemcvx.quantities`.
     dissipated_error, work_error : (N + 1,) or None
-        The estimated errors of `dissipated_second_order` and `work_second_order` at all instants, of steps and mesh
-        together, likewise.
+        Likewise the estimated errors of `dissipated_second_order` and `work_second_order`, of steps and mesh together.
     bound : dict or None
-        Of ``simulate(..., bound=True)``: "upper" and "lower", guaranteed bounds on the error of the mesh in the energy
-        norm in the "step" for which the upper one is largest, each step given the one before
-        (:func:`vemcvx.error_bound`), "relative", upper in parts of the largest energy norm of the run, "reading",
-        what of upper is an estimate of what points misread of the loads: zero of polynomials, of which alone bounds are
-        guaranteed without more; and "kind", what they suppose, such as "bound for the given friction" with Coulomb's
-        law.
+        Of ``simulate(..., bound=True)``: guaranteed bounds "upper" and "lower" on the error of the mesh in the energy
+        norm, for the "step" with the largest upper one, each step given the one before (:func:`vemcvx.error_bound`);
+        "relative", upper over the largest energy norm of the run; "reading", the part of upper that estimates
+        quadrature errors of the loads, zero for polynomials; and "kind", such as "bound for the given friction".
     energy_bounds : (N + 1, 2) or None
-        Likewise guaranteed bounds, low and high, on the elastic energy of the exact answer of every step; both are that
-        of the run at the initial instant, and NaN in steps that adaptive runs did not look at.
+        Likewise guaranteed bounds, low and high, on the elastic energy of the exact answer of every step; both are the
+        energy of the run at the initial instant, and NaN in steps that adaptive runs did not look at.
     cell_bounds : (n_cells,) or None
         Likewise the parts of cells in the square of "upper".
     force_bounds : (N + 1, 2) or None
@@ -102,43 +94,19 @@ class History(Results, Outlined):
     bounded_force : dict or None
         That boundary, by its name, and the number of that axis, such as {"top": 0}.
     stabilisation : vx.Stabilisation or None
-        S_K of the run's a^h, in which nodal distances are measured; None if it was read from files and is a class of
-        one's own, of which files know nothing.
+        S_K of the run's a^h, in which nodal distances are measured; None if a class of the user's was read from files.
     """
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Return the state for pickle; HistoryError names an effect whose functions cannot be pickled."""
-        for effect in self.scene or ():
-            try:
-                pickle.dumps(effect)
-            except Exception as error:  # functions may be anything, and what they hold on to
-                raise HistoryError(
-                    f"pickle: {effect.describe()}: this effect of the history's scene cannot be pickled ({error}): "
-                    "pickle keeps functions by their names in a module, and has none for those made inside a function. "
-                    "Write the history with history.write(folder) and read it with vemcvx.read_history(folder), pickle "
-                    "it without its scene, dataclasses.replace(history, scene=None), or define that function at the "
-                    "top of a module."
-                ) from error
-        return dict(self.__dict__)
-
-    def __copy__(self) -> History:
-        return replace(self)
-
-    def __deepcopy__(self, known: dict[int, Any]) -> History:
-        # The scene is never changed, and may hold what is not copied.
-        own = {field.name: getattr(self, field.name) for field in fields(self) if field.name != "scene"}
-        return replace(self, **copy.deepcopy(own, known))
 
     @classmethod
     def of(cls, results: Results) -> History:
-        """The same results, with all that a history can do."""
+        """Return a history of these results."""
         return cls(**{field.name: getattr(results, field.name) for field in fields(Results)})
 
     def probe(self, points: ArrayLike) -> Floats:
-        """(S, p, dim) displacements at any points (p, dim) of the body: see :mod:`vemcvx.results.probe`.
+        """Return the displacements (S, p, dim) at any points (p, dim) of the body: see :mod:`vemcvx.results.probe`.
 
-        Exact nodal values at nodes, between two nodes linear on edges, piecewise linear on faces, and Pi u inside
-        cells, (3.11); on an interface those of its first body.
+        They are exact at nodes, linear on edges, piecewise linear on faces, and Pi u inside cells, (3.11); on an
+        interface those of its first body.
 
         Raises
         ------
@@ -148,17 +116,16 @@ class History(Results, Outlined):
         return places(self.mesh, points, "probe").at_nodes(self.displacement)
 
     def along(self, start: ArrayLike, end: ArrayLike, count: int = 101, field: str = "displacement") -> Profile:
-        """A field along a straight line, at all stored steps.
+        """Return a field along a straight line, at all stored steps.
 
         Parameters
         ----------
         start, end : (dim,) points
             Of the body, as all points between them.
         count : int
-            How many points, evenly spaced, the ends among them; at least 2.
+            The number of points, evenly spaced, both ends included; at least 2.
         field : {"displacement", "stress", "out_of_plane_stress", "von_mises", "principal_stresses"}
-            Displacements are those of `probe`; stresses are constant on cells, and where several cells meet the
-            mean of theirs is given.
+            Displacements are those of `probe`; stresses are constant on cells, and averaged where several cells meet.
 
         Returns
         -------
@@ -168,19 +135,19 @@ class History(Results, Outlined):
         Raises
         ------
         SceneError
-            The line leaves the body, or something of the above is not as it should be.
+            The line leaves the body, or an argument is not as above.
         """
         return profile(self, start, end, count, field)
 
     def table(self, name: str, points: ArrayLike | None = None) -> Columns:
-        """Columns of equal length by name: ``pandas.DataFrame(history.table("contact"))``.
+        """Return columns of equal length by name: ``pandas.DataFrame(history.table("contact"))``.
 
         Parameters
         ----------
         name : {"steps", "contact", "probes"}
-            Energies, certificates and iterations, a row for every step, stored or not; all that
-            :class:`vemcvx.Contact` holds, a row for every contact node at every stored step; displacements, a row for
-            every point at every stored step. Components of vectors are columns, as "slip_x".
+            Energies, certificates and iterations, a row for every step, stored or not; the arrays of
+            :class:`vemcvx.Contact`, a row for every contact node at every stored step; displacements, a row for every
+            point at every stored step. Components of vectors are columns, as "slip_x".
         points : (p, dim) points of the body
             For "probes", see `probe`.
 
@@ -207,8 +174,8 @@ class History(Results, Outlined):
         """Return all arrays as one labelled dataset, by the names that they have in ``history.npz``.
 
         Dimensions are "step" (the stored ones, with their "time"), "instant" (all), "node", "cell", "contact", "axis"
-        and others of the unknowns: ``history.to_xarray()["contact.slip"].sel(step=4, axis="x")``. Attributes of an
-        array are its "units" and, as "long_name", its meaning.
+        and others of the unknowns: ``history.to_xarray()["contact.slip"].sel(step=4, axis="x")``. Arrays have their
+        "units" and, as "long_name", their meaning.
 
         Raises
         ------
@@ -218,12 +185,11 @@ class History(Results, Outlined):
         return dataset(self)
 
     def program(self, n: int, condense: bool = True) -> SolvedProgram:
-        """The convex program of step `n` as it was solved, with its answer, certified as in the history.
+        """Return the convex program of step `n` as it was solved, with its answer and its certificate.
 
         It is posed again from the stored states before and after the step; :func:`vemcvx.programs` gives the programs
-        of all steps with one factorisation. Where the difference of these states has lost digits that the certificate
-        feels, the answer is sharpened by an active-set step: its certificate is then a better one. Where the history
-        is certified by the distance to a known solution, as under Coulomb's law, this one is of the program alone.
+        of all steps with one factorisation. An answer whose difference has lost digits is polished by an active-set
+        step.
 
         Parameters
         ----------
@@ -239,24 +205,18 @@ class History(Results, Outlined):
         """
         return next(programs_of_steps(self, [n], condense))
 
-    def animate(
-        self,
-        path: str | Path,
-        *,
-        seconds: float = 5.0,
-        magnify: float | None = None,
-        limits: ArrayLike | None = None,
-        units: Units | None = None,
-    ) -> Path:
-        """Write a film of the deformed body, .gif or .mp4: see :func:`vemcvx.plots.animate`."""
-        return animate(self, path, seconds=seconds, magnify=magnify, limits=limits, units=units)
+    def animate(self, path: str | Path, **options: Any) -> Path:
+        """Write a film of the deformed body, .gif or .mp4: see :func:`vemcvx.plots.animate` for the options."""
+        from vemcvx.plots import animate
+
+        return animate(self, path, **options)
 
     def outline(self) -> Outline:
-        """The outline for prompts and notebooks: the summary."""
+        """Return the summary for prompts and notebooks."""
         return in_words(self)
 
     def summary(self) -> str:
-        """The run in a few lines of words."""
+        """Return the run in a few lines of words."""
         words = self.outline()
         return "\n".join([words.title, *(f"{name:<12}{said}" for name, said in words.lines)])
 
@@ -266,7 +226,7 @@ class History(Results, Outlined):
 
 
 def scene_of(history: object, subject: str) -> Scene:
-    """The scene of a history; HistoryError where it was read from files, which do not keep scenes, or is none."""
+    """Return the scene of a history; HistoryError where the history was read from files, or is none."""
     if not isinstance(history, History):
         raise HistoryError(f"{subject}: found {brief(history)} where a History is wanted.")
     if history.scene is None:
@@ -279,12 +239,12 @@ def scene_of(history: object, subject: str) -> Scene:
 def read_history(folder: str | Path) -> History:
     """Read a history back, every number to the bit.
 
-    The scene is not kept (its data may be functions): `scene` is None, `effects` says it in words.
+    The scene is not kept, because its data may be functions: `scene` is None, and `effects` says it in words.
 
     Parameters
     ----------
     folder : str or Path
-        What :meth:`History.write` was given.
+        The folder that :meth:`History.write` was given.
 
     Raises
     ------
@@ -295,43 +255,44 @@ def read_history(folder: str | Path) -> History:
 
 
 FOR_GIVEN = "for the given friction: bounds of friction are those of the answer's own pressure and slip"
-"""What a certificate is for where friction follows the answer."""
+"""The kind of a certificate where friction follows the answer, in words."""
 
 
 def in_words(history: Results) -> Outline:
-    """The summary in words: effects, certificates, cost."""
+    """Return the summary in words: effects, certificates, cost."""
     run, touch = history.trajectory, history.contact
     sticks, slips, opened = (int(count[-1]) for count in (touch.stick_count, touch.slip_count, touch.open_count))
-    gone = f", {opened} are open" if opened else ""
     rubs = touch.bound.any() or touch.traction.any()
     did = f"{sticks} nodes stick, {slips} slip" if rubs else f"{sticks + slips} nodes touch, without friction"
+    did += f", {opened} are open" if opened else ""
     title = (
         f"{history.mesh.n_cells} cells, {history.mesh.n_nodes} nodes, {run.state.shape[1]} unknowns, "
         f"{len(touch.nodes)} contact nodes, {history.steps} steps"
     )
-    iterations = (
-        f"{int(np.median(run.iterations[1:])) if history.steps else 0} a step at the median, at most "
-        f"{run.iterations.max()}; {run.safeguards.sum()} of them safeguards"
-    )
+    usual = int(np.median(run.iterations[1:])) if history.steps else 0
     asked = run.above_asked
-    certified = f"{run.certified.max():.1e} relative energy error a step, rounding included; "
-    certified += f"{run.certified_total.max():.1e} accumulated{asked and f'; {asked}'}"
-    energy = f"stored {run.energy[-1]:.6g}, dissipated {run.dissipated[-1]:.6g}, work {run.work[-1]:.6g}"
-    between = (
-        f"dissipated {run.dissipated_second_order[-1]:.6g}, work {run.work_second_order[-1]:.6g} between the instants, "
-        "of second order in the steps"
-    )
     lines = [
         *(("left out", words) for words in history.inactive),
         ("solver", history.solver),
-        ("certified", certified),
+        (
+            "certified",
+            f"{run.certified.max():.1e} relative energy error a step, rounding included; "
+            f"{run.certified_total.max():.1e} accumulated{asked and f'; {asked}'}",
+        ),
         *([("", FOR_GIVEN)] if run.given_friction.any() else []),
         *_errors(history.errors, history.quantities),
         *_bound(history.bound),
-        ("iterations", iterations),
-        ("energy", energy),
-        ("", between),
-        *([("contact", f"{did}{gone} in the last step")] if len(touch.nodes) else []),
+        (
+            "iterations",
+            f"{usual} a step at the median, at most {run.iterations.max()}; {run.safeguards.sum()} of them safeguards",
+        ),
+        ("energy", f"stored {run.energy[-1]:.6g}, dissipated {run.dissipated[-1]:.6g}, work {run.work[-1]:.6g}"),
+        (
+            "",
+            f"dissipated {run.dissipated_second_order[-1]:.6g}, work {run.work_second_order[-1]:.6g} between the "
+            "instants, of second order in the steps",
+        ),
+        *([("contact", f"{did} in the last step")] if len(touch.nodes) else []),
         ("seconds", ", ".join(f"{name} {value:.3g}" for name, value in history.seconds.items())),
     ]
     return Outline(title, lines)
@@ -340,12 +301,9 @@ def in_words(history: Results) -> Outline:
 def _bound(bound: dict[str, Any] | None) -> Lines:
     if bound is None:
         return []
-    misread = bound.get("reading", 0.0)
-    # Files of earlier versions do not know the kind.
-    kind = bound.get("kind", "bound for loads as read at points" if misread else "bound")
     words = f"{bound['lower']:.4g} ... {bound['upper']:.4g} in the energy norm, at most {bound['relative']:.2%}"
     words += f": the error of the mesh in step {bound['step']:.0f}, the largest of all steps, given the step before"
-    return [("bounded" if misread else "guaranteed", f"{words}; {kind}")]
+    return [("bounded" if bound["reading"] else "guaranteed", f"{words}; {bound['kind']}")]
 
 
 def _errors(errors: dict[str, float] | None, quantities: dict[str, Quantity] | None) -> Lines:

@@ -1,29 +1,26 @@
-"""From a scene, a mesh, instants and where it begins to a history, and what that is not to be quoted for."""
+"""Simulation of a scene on a mesh, and the warnings of what its history should not be quoted for."""
 
 from __future__ import annotations
 
 import logging
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass, replace
+from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vemcvx.base.arrays import ROUNDING, SAME, SOME, Floats, brief, flag, shaped
+from vemcvx.base.arrays import SAME, SOME, Floats, brief, finite, flag, shaped
 from vemcvx.base.errors import WORTH_A_WORD, SceneError
 from vemcvx.base.outline import coordinates
-from vemcvx.bound.error_bound import Stepped, certain_intervals, of_steps, pairs_of
-from vemcvx.bound.hypercircle import Hypercircle, hypercircle
-from vemcvx.effects import PrescribedDisplacement, data
+from vemcvx.effects import data
 from vemcvx.history import History
 from vemcvx.linear import LinearSolver
 from vemcvx.meshes import AnyMesh, PolygonMesh, PolyhedralMesh
 from vemcvx.program import SolvedProgram
-from vemcvx.results.results import Results, loop_of, record, with_origin
+from vemcvx.results.results import Results, record, with_origin
 from vemcvx.scene import Scene
 from vemcvx.scene.contact import through_obstacles
 from vemcvx.scene.pose import PosedScene, pose_scene, unwarned
@@ -75,8 +72,8 @@ def simulate(
         The displacement at times[0]: zero; the array; the equilibrium a(u_0, .) = l(0) without friction; the result of
         one step from zero; P^h u_0 of a function, (2.11), see :func:`vemcvx.projected`.
     store : "all", "last", int n or sequence of int
-        Steps to store: all; the last; every n-th and the last; or those given and the last. These are certified on all
-        unknowns, all others on those that contact and friction read: what factors round inside is not in that.
+        Steps to store, and to certify on all unknowns: all; the last; every n-th and the last; or those given and the
+        last. Other steps are certified on the unknowns of contact and friction.
     check : bool
         Raise NotCertified if the certificate of a step exceeds the solver's accuracy.
     condense : bool
@@ -86,16 +83,13 @@ def simulate(
     progress : bool, or callable (step, steps)
         True logs every tenth of the run to the logger "vemcvx".
     stream : path, optional
-        A folder that keeps the stored steps as memory-mapped files, for histories that are larger than memory and for
-        runs that may be interrupted. It also keeps a checkpoint of the last stored step, or of a later one: between
-        stored steps there is one every second. Only one run at a time writes there; files of other origin are left
-        alone.
+        A folder for the stored steps, as memory-mapped files, for histories that are larger than memory and for runs
+        that may be interrupted. Only one run at a time writes there; files of other origin are left alone.
     resume : bool
-        Continue the run in the folder `stream`, if there is one; but for `seconds` the history is that of an
-        uninterrupted run. Otherwise a run in that folder is replaced.
+        Continue the run in the folder `stream`, if there is one, from its last stored step; otherwise it is replaced.
     bound : bool
         Bound the error of the mesh in every step from both sides (:func:`vemcvx.error_bound`): `history.bound` has the
-        largest. Scenes for which there is no bound are refused; all steps are to be stored.
+        largest. Scenes for which there is no bound are refused; all steps must be stored.
 
     Returns
     -------
@@ -104,19 +98,18 @@ def simulate(
     Raises
     ------
     SceneError
-        Scene, mesh and times make no well-posed problem, or the nodal values of `initial`, or zero, violate condition
-        (3.10) on this mesh, (2.13). vx.projected(u_0) is not refused: it begins one step further, and logs or warns.
+        Scene, mesh and times make no well-posed problem, or `initial` violates condition (3.10) on this mesh.
     NotAccepted
         The solver cannot take the scene's program.
     NotCertified
         A step misses the accuracy.
     HistoryError
-        `stream` is no folder to write to, another run writes there, or it holds a run of something else.
+        `stream` cannot be written to, another run writes there, or it holds a run of something else.
 
     Notes
     -----
-    Backward Euler for (3.9), Problem 3.9 of the paper: first order in the step and the mesh size,
-    Theorem 3.10. The certificate bounds the algebraic error of each step; for the errors of mesh and time steps see
+    Backward Euler for Problem 3.9 of the paper, of first order in the step and the mesh size, Theorem 3.10. The
+    certificate bounds the algebraic error of each step; for those of mesh and time steps see
     :func:`vemcvx.error_budget`.
     """
     check_kinds(scene, mesh)
@@ -125,11 +118,22 @@ def simulate(
     posed = pose_scene(scene, mesh, given.tolist())
     for words in posed.inactive:
         log.info("left out: %s", words)
-    if flag(bound, "bound") and not (isinstance(store, str) and store == "all"):
-        raise SceneError("bound: every step is bounded given the one before, and needs store='all'.")
-    circle = hypercircle(posed) if bound else None
+    bounded = None
+    if flag(bound, "bound"):
+        if not (isinstance(store, str) and store == "all"):
+            raise SceneError("bound: every step is bounded given the one before, and needs store='all'.")
+        from vemcvx.bound.error_bound import bounds_of_runs
+
+        bounded = bounds_of_runs(posed)
     assembled = time.perf_counter() - start
-    with _storage(stream, resume) as storage:
+    if flag(resume, "resume") and stream is None:
+        raise SceneError("resume: there is nothing to resume without stream=, the folder of the earlier run.")
+    with ExitStack() as opened:
+        storage: Storage
+        if stream is None or isinstance(stream, Folder):  # A folder that the caller holds.
+            storage = stream or Memory()
+        else:
+            storage = opened.enter_context(Folder(stream, resume))
         trajectory = march(
             posed.system,
             given,
@@ -142,24 +146,20 @@ def simulate(
             progress=_log if progress is True else progress or None,
             storage=storage,
         )
-        warn_of_lost_work(posed, trajectory)
+        warn_of_lost_work(trajectory)
         results = record(posed, trajectory, assembled, storage)
         warn_of_large_strains(posed, results)
         for words in through_obstacles(posed.obstacles, posed.supports, given[trajectory.stored].tolist()):
             log.warning("%s", words)
         history = History.of(results)
-        if circle is None or history.steps == 0:
-            return history
-        stepped = pairs_of(circle, history, range(1, history.steps + 1))
-        bounds = of_steps(circle, history, stepped).kept()
-        return replace(history, **bounds, **_bounds_of_force(circle, history, stepped))
+        return history if bounded is None or history.steps == 0 else bounded(history)
 
 
 def instants(scene: Scene, mesh: AnyMesh, times: ArrayLike) -> Floats:
-    """The instants of a run, with those inside steps at which its data bend, turn or jump.
+    """Return the instants of a run, with those inside steps at which its data bend, turn or jump.
 
-    Backward Euler knows data at the ends of steps: what turns back between them is missed by part of a step, and with
-    friction the answer is off from then on. With an instant at the turn it is not.
+    Backward Euler reads data at the ends of steps: it misses part of a load that turns back between them, and with
+    friction the answer is off from then on.
 
     Parameters
     ----------
@@ -169,8 +169,8 @@ def instants(scene: Scene, mesh: AnyMesh, times: ArrayLike) -> Floats:
     Returns
     -------
     (N + 1,) array
-        Of a jump both sides, a billionth of the run apart at most. Data are sampled at 256 instants, or at the middles
-        of steps: what begins and ends between two of these is not seen.
+        Both sides of a jump, a billionth of the run apart at most. Data are sampled at 256 instants, or at the middles
+        of steps: changes that begin and end between two samples are not seen.
 
     Raises
     ------
@@ -193,8 +193,7 @@ def instants(scene: Scene, mesh: AnyMesh, times: ArrayLike) -> Floats:
 def warn_of_turns(scene: Scene, mesh: AnyMesh, times: Floats) -> None:
     """Log a warning of the instants inside steps at which data bend, turn or jump by an amount that steps miss.
 
-    It reads the data at 256 instants, which takes a twentieth of a run and more: the command line has it, and not
-    every run.
+    Sampling the data takes a twentieth of a run and more: only the command line does it.
     """
     if len(times) < 2:
         return
@@ -211,34 +210,13 @@ def warn_of_turns(scene: Scene, mesh: AnyMesh, times: Floats) -> None:
     )
 
 
-def _bounds_of_force(circle: Hypercircle, history: History, stepped: Sequence[Stepped]) -> dict[str, Any]:
-    """The fields of a history that bound the force by which a boundary is moved; none where nothing moves."""
-    if (loop := loop_of(history)) is None:
-        return {}
-    moved = PrescribedDisplacement(tuple(np.eye(2)[loop.axis]), on=loop.on)
-    try:
-        found = np.vstack([[np.nan, np.nan], certain_intervals(circle, stepped, moved)])
-    except SceneError as error:
-        log.info("no bounds of the force of %s: %s", loop.on, error)
-        return {}
-    return {"force_bounds": found, "bounded_force": {loop.on: loop.axis}} if np.isfinite(found).any() else {}
-
-
-def warn_of_lost_work(posed: PosedScene, run: Trajectory) -> None:
-    """Log a warning where end-of-step forces times increments are far above the work that was done.
-
-    Far is 5 % of the largest work or energy of the run. What backward Euler loses, 1/2 a(du, du) a step, it loses
-    without friction, too, where work is the change of energy and nobody asks for its sum: that is no warning.
-    """
-    # An energy that is rounding: strains of 1e-12 all over the body have no more.
-    extent = np.ptp(posed.space.mesh.points, axis=0)
-    still = 1e-24 * float(np.prod(extent) * posed.material.moduli.max())
+def warn_of_lost_work(run: Trajectory) -> None:
+    """Log a warning where end-of-step forces times increments are far above the work that friction lets be done."""
     works = run.work_second_order
     first, second = float(run.work[-1]), float(works[-1])
     lost, better = float(run.dissipated[-1]), float(run.dissipated_second_order[-1])
     size = max(float(np.abs(works).max()), float(run.energy.max()))
-    # On 16 x 16 squares the paper's scene loses .015 of its work in 64 steps, .058 in 16.
-    if not (lost > still and abs(first - second) > WORTH_A_WORD * size):
+    if lost <= SAME * size or abs(first - second) <= WORTH_A_WORD * size:
         return
     log.warning(
         "time steps: displacements and stresses are not affected; for work and friction energy quote "
@@ -288,16 +266,6 @@ def programs(
     return with_origin(found, posed, effects, condense)
 
 
-def _storage(stream: str | Path | Folder | None, resume: bool) -> AbstractContextManager[Storage]:
-    """The storage of rows; a folder that is held already stays so."""
-    resume = flag(resume, "resume")
-    if stream is None:
-        if resume:
-            raise SceneError("resume: there is nothing to resume without stream=, the folder of the earlier run.")
-        return nullcontext(Memory())
-    return nullcontext(stream) if isinstance(stream, Folder) else Folder(stream, resume)
-
-
 def check_kinds(scene: object, mesh: object) -> None:
     """Raise SceneError unless these are a scene and a mesh, in this order."""
     if not isinstance(scene, Scene):
@@ -321,19 +289,15 @@ class Projected:
 
 
 def projected(displacement: data.Datum) -> Projected:
-    """The energy projection P^h u_0 of an initial displacement, ``simulate(..., initial=vx.projected(u_0))``.
+    """Return the energy projection P^h u_0 of an initial displacement, ``simulate(..., initial=vx.projected(u_0))``.
 
-    a^h(P^h u_0, v) = a(u_0, v) for all v of V^h, (2.11) and (3.26), up to O(h): on every mesh the discrete displacement
-    with the stresses of u_0. Of C eps(u_0) cells know the mean alone, for v is virtual, and what that leaves out of
-    a(u_0, v) is of the order of (3.18); it is nothing where u_0 is linear. u_0 is read on edges, in space on faces,
-    where its strains are not asked for (:mod:`vemcvx.vem.loads`).
+    a^h(P^h u_0, v) = a(u_0, v) for all v of V^h, (2.11) and (3.26), up to O(h), and exactly where u_0 is linear: cells
+    know the mean of its stresses alone. u_0 is read on edges, in space on faces (:mod:`vemcvx.vem.loads`).
 
-    **The run begins one step further.** Condition (2.1), a(u_0, v) + j(v) >= <l(0), v>, says that the loads at times[0]
-    and friction within its bounds balance the stresses of u_0. A u_0 that obeys it gives a P^h u_0 that obeys it on the
-    mesh up to O(h), for loads and friction are integrated by other rules. State 0 is the end of one step at times[0]
-    from P^h u_0, which obeys it by construction, (2.13), and is as near to u_0 by order, O(h). With Viscosity, where
-    nothing like (2.1) is asked, it is P^h u_0 itself. How far that step goes is logged, and where it is more than the
-    mesh accounts for a warning says that u_0 violates (2.1).
+    **The run begins one step further.** Where u_0 obeys condition (2.1), a(u_0, v) + j(v) >= <l(0), v>, P^h u_0 obeys
+    it on the mesh up to O(h). State 0 is the end of one step at times[0] from P^h u_0, which obeys it by construction,
+    (2.13), and is as near to u_0 by order. With Viscosity, where nothing like (2.1) is asked, it is P^h u_0 itself. The
+    length of that step is logged; a warning says that u_0 violates (2.1) where it is more than the mesh accounts for.
 
     Parameters
     ----------
@@ -365,34 +329,31 @@ def projected(displacement: data.Datum) -> Projected:
 
 
 def free_unknowns(initial: ArrayLike | str | Projected | None, posed: PosedScene, times: Floats) -> Beginning:
-    """The free unknowns of an initial displacement, at the first of the times; words pass."""
+    """Return the free unknowns of an initial displacement, at the first of the times; words pass."""
     if isinstance(initial, str):
         return initial
     if isinstance(initial, Projected):
         return _projected(initial, posed, times)
     points = posed.space.mesh.points
-    kinds = "one row a node, or None, 'equilibrium', 'settled' or vx.projected(f)"
+    kinds = "one row a node, or None, 'equilibrium', 'settled' or, of a function f(x, t), vx.projected(f)"
     wanted = f"displacements of shape {points.shape}, {kinds}"
-    if callable(initial):
-        raise SceneError(
-            f"initial: found the function {brief(initial)}; wanted {wanted}. A displacement as a function f(x, t) of "
-            "place goes in as vx.projected(f), which takes it to the mesh."
-        )
-    u = np.zeros(points.shape) if initial is None else shaped(initial, "initial", wanted, points.shape)
-    if (bad := ~np.isfinite(u).all(axis=1)).any():
-        raise SceneError(f"initial: found NaN or infinity at node {int(np.argmax(bad))}; wanted finite {wanted}.")
+    u = (
+        np.zeros(points.shape)
+        if initial is None
+        else finite(shaped(initial, "initial", wanted, points.shape), "initial")
+    )
     return _within_supports(u, posed, times)
 
 
 def _within_supports(u: Floats, posed: PosedScene, times: Floats) -> Floats:
-    """The free unknowns of nodal displacements (n_nodes, dim), or SceneError where supports hold others."""
+    """Return the free unknowns of nodal displacements (n_nodes, dim); SceneError where supports hold others."""
     t, points = float(times[0]), posed.space.mesh.points
     P, held = posed.supports.P, posed.supports.motion(t)
     y: Floats = P.T @ (u.ravel() - held)
     off = np.abs(P @ y + held - u.ravel())
-    known = off.max() <= SAME * max(np.abs(u).max(), np.abs(held).max())
-    # Where supports move later, all that they hold now may be rounding.
-    if not known and off.max() > ROUNDING * max(np.abs(posed.supports.motion(t)).max() for t in times.tolist()):
+    # Where supports move later, their motion at t may be rounding.
+    size = max(np.abs(u).max(), *(np.abs(posed.supports.motion(t)).max() for t in times.tolist()))
+    if off.max() > SAME * size:
         node = int(np.argmax(off)) // points.shape[1]
         raise SceneError(
             f"initial: the displacement {u[node]} of node {node} at {points[node]} contradicts its supports at "
@@ -402,7 +363,7 @@ def _within_supports(u: Floats, posed: PosedScene, times: Floats) -> Floats:
 
 
 def _projected(initial: Projected, posed: PosedScene, times: Floats) -> Balanced:
-    """The forces a(u_0, v) over the free unknowns, with the nodal values of u_0."""
+    """Return the forces a(u_0, v) over the free unknowns, with the nodal values of u_0."""
     t, space = float(times[0]), posed.space
 
     def u_0(x: Floats) -> Floats:
@@ -417,27 +378,21 @@ def _projected(initial: Projected, posed: PosedScene, times: Floats) -> Balanced
     return Balanced(posed.supports.gather(force - posed.A @ posed.supports.motion(t)), near)
 
 
-# The small strains of a run.
-#
-# A run that leaves them is answered, and certified, all the same, as when Young's modulus is given in GPa and loads in
-# MPa. The stored instant of the largest energy is looked at, and every so many cells: SOME cells show what a hundredth
-# of the body does.
-
-
 def warn_of_large_strains(posed: PosedScene, results: Results) -> None:
-    """Log a warning of the largest principal strain and its place, if small strains are left."""
+    """Log a warning of the largest principal strain and its place, if small strains are left.
+
+    It looks at some SOME cells, at the stored instant of the largest energy.
+    """
     space, row = posed.space, int(np.argmax(results.energy))
-    mesh, t = space.mesh, float(results.times[row])
-    groups = [group.part(slice(None, None, 1 + mesh.n_cells // SOME)) for group in space.groups]
-    cells = np.concatenate([group.cells for group in groups])
+    groups = [group.part(slice(None, None, 1 + space.mesh.n_cells // SOME)) for group in space.groups]
+    cells, mesh = np.concatenate([group.cells for group in groups]), space.mesh
     tensor = strains(space, results.displacement[row], groups)[cells]
     tensor[:, space.dim :] *= 0.5
     size = np.abs(principal(tensor)).max(axis=1)
-    volumes = (mesh.areas if isinstance(mesh, PolygonMesh) else mesh.volumes)[cells]
-    k = int(np.argmax(size))
+    k, volumes = int(np.argmax(size)), (mesh.areas if isinstance(mesh, PolygonMesh) else mesh.volumes)[cells]
     # At a singular corner some strain is large, if only the mesh is fine.
     if volumes[size > WORTH_A_WORD].sum() > 0.01 * volumes.sum():
-        place = coordinates(mesh.centroids[cells[k]])
+        place, t = coordinates(mesh.centroids[cells[k]]), float(results.times[row])
         log.warning(
             f"small strains are left: a strain of {size[k]:.2g} at {place}, t = {t:.6g}. "
             "The linear model does not hold there; compare the units of stiffness, loads, supports and mesh."

@@ -1,4 +1,4 @@
-"""Records as named arrays, and NPZ archives of these, in which histories, checkpoints and programs are kept."""
+"""Records as named arrays, and NPZ archives of histories, checkpoints and programs."""
 
 from __future__ import annotations
 
@@ -12,12 +12,13 @@ from numpy.lib.npyio import NpzFile
 from numpy.typing import NDArray
 
 Arrays = dict[str, NDArray[Any]]
-KINDS = "biufcU"  # Numpy's letters for truth values, numbers and words.
+KINDS = "biufcU"
+"""NumPy's letters for truth values, numbers and words."""
 
 
 def read_arrays(path: Path) -> Arrays:
-    """Return every array of an archive; ValueError, or whatever numpy and zipfile stumble over, where it is damaged."""
-    # Opened here, because numpy leaves a damaged file open.
+    """Return every array of an archive; a damaged one raises ValueError, or any error of numpy and zipfile."""
+    # NumPy leaves a damaged file open.
     with path.open("rb") as stream, NpzFile(stream, allow_pickle=False) as file:
         arrays = {name: file[name] for name in file.files}
     for name, array in arrays.items():
@@ -28,7 +29,7 @@ def read_arrays(path: Path) -> Arrays:
 
 
 def record_of(kind: type, arrays: Arrays, known: Mapping[str, Any], prefix: str = "") -> Any:
-    """The record of arrays under the paths of its fields; fields that are `known`, by their paths, go in as they are.
+    """Return a record of arrays by the paths of its fields; `known` fields go in as they are.
 
     KeyError where a field is missing that may not be None.
     """

@@ -1,73 +1,50 @@
-"""The errors and warnings a user can meet; every one says what was found, what exists and what to do next."""
+"""The errors and warnings a user can meet; each says what was found, what exists and what to do next."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
 from warnings import WarningMessage, catch_warnings, simplefilter
-
-LONGEST = 2_000  # Characters of a message: what a user handed in may be quoted in it, whatever its length.
 
 
 @contextmanager
 def quietly() -> Iterator[list[WarningMessage]]:
-    """Let nobody hear the warnings that are given within but who has the list of them, which is yielded."""
+    """Suppress warnings inside the block and yield the list of those caught."""
     with catch_warnings(record=True) as warned:
         simplefilter("always")
         yield warned
 
 
 class VemcvxError(Exception):
-    """Base of every error raised on purpose by this package."""
-
-    def __init__(self, *arguments: object):
-        super().__init__(*(_shortened(x) if isinstance(x, str) else x for x in arguments))
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle message and attributes: calling the class asks for keywords, which hangs a pool of processes."""
-        return _made_again, (type(self), *self.args), self.__dict__
-
-
-def _shortened(message: str) -> str:
-    """A message without its middle, if it is longer than any sentence of ours: its ends say what and what to do."""
-    if len(message) <= LONGEST:
-        return message
-    half = LONGEST // 2
-    return f"{message[:half]} ... ({len(message) - 2 * half} characters) ... {message[-half:]}"
-
-
-def _made_again(kind: type[VemcvxError], *arguments: object) -> VemcvxError:
-    return kind.__new__(kind, *arguments)
+    """Base of the errors of this package."""
 
 
 class MeshError(VemcvxError):
-    """The mesh, or the file it was to come from, is not a valid mesh."""
+    """The mesh, or its file, is not a valid mesh."""
 
 
 class MeshWarning(UserWarning):
-    """The mesh was corrected when it was made: cells or faces turned, unused nodes, inner lines or faces dropped."""
+    """The mesh was corrected: cells or faces turned, unused nodes, inner lines or faces dropped."""
 
 
 class SceneError(VemcvxError):
-    """The scene, its data or the times it is asked for make no well-posed problem."""
+    """The scene, its data and the times make no well-posed problem."""
 
 
 class SceneWarning(UserWarning):
-    """The scene can be answered, but its answer deserves a second look."""
+    """The scene has an answer that deserves a second look."""
 
 
 WORTH_A_WORD = 0.05
-"""Part of a size from which what is off by it is said in a warning. Up to strains of that size squares of strains, .1 %
-of one, are left out; in 64 steps the problems that come with the package miss turns of their data by less."""
+"""Relative deviation above which a warning is issued; of strains, whose squares are neglected, the strain."""
 
 
 class NotAccepted(VemcvxError):
-    """The chosen solver cannot take a term that the program has."""
+    """The chosen solver cannot take a term of the program."""
 
 
 class SolverFailed(SceneError):
-    """The solver broke down: it raised an error of its own, or answered with what fits no program."""
+    """The solver raised an error of its own, or its answer does not fit the program."""
 
 
 class HistoryError(VemcvxError):
@@ -79,7 +56,7 @@ class ProgramError(VemcvxError):
 
 
 class ProblemError(VemcvxError):
-    """A problem file, or what the command line asks of it, does not make a run."""
+    """A problem file, or an option of the command line, does not make a run."""
 
 
 class NotCertified(VemcvxError):
@@ -92,11 +69,21 @@ class NotCertified(VemcvxError):
     time : float
         Its instant.
     reached, asked, floor : float
-        Certified relative energy error: what was reached, rounding included, what was asked, and the part of what was
-        reached that round-off alone accounts for.
+        Certified relative energy errors: that of the answer, rounding included, the requested one, and the part of
+        the first that round-off alone accounts for.
     """
 
-    def __init__(self, message: str, *, step: int, time: float, reached: float, asked: float, floor: float):
+    # A pickle calls the class with the message alone, and sets the attributes then.
+    def __init__(
+        self,
+        message: str,
+        *,
+        step: int = 0,
+        time: float = 0.0,
+        reached: float = 0.0,
+        asked: float = 0.0,
+        floor: float = 0.0,
+    ):
         super().__init__(message)
         self.step, self.time = step, time
         self.reached, self.asked, self.floor = reached, asked, floor

@@ -1,4 +1,4 @@
-"""Records said in lines, as prompts and notebooks show them, and tables as CSV, Markdown and HTML."""
+"""Records in lines of words, for prompts and notebooks, and tables as text, CSV, Markdown and HTML."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ Lines = Sequence[tuple[str, str]]
 
 @dataclass(frozen=True)
 class Outline:
-    """A title, and lines of names with what there is to say of them."""
+    """A title, and lines of a name and words."""
 
     title: str
     lines: Lines
 
     def text(self) -> str:
-        """In plain words, the names in a column."""
+        """Return plain text, the names in a column."""
         width = max((len(name) for name, _ in self.lines), default=0)
         return "\n".join([self.title, *(f"    {name:<{width}}  {words}".rstrip() for name, words in self.lines)])
 
     def html(self) -> str:
-        """The same as a table; a name that is empty goes on with the one before."""
+        """Return a table of HTML."""
         rows = "".join(
             f'<tr><th style="text-align:left">{escape(name)}</th><td style="text-align:left">{escape(words)}</td></tr>'
             for name, words in self.lines
@@ -42,11 +42,11 @@ class Outline:
 
 
 class Outlined(ABC):
-    """A record that shows its outline where its representation is asked for."""
+    """A record whose representation is its outline."""
 
     @abstractmethod
     def outline(self) -> Outline:
-        """The title and lines to show."""
+        """Return the title and lines to show."""
 
     def __repr__(self) -> str:
         return self.outline().text()
@@ -56,12 +56,12 @@ class Outlined(ABC):
 
 
 class ArrayRecord(Outlined):
-    """A dataclass of arrays: of each field its shape, or its value where that is short."""
+    """A dataclass of arrays, whose outline has the shape of each field, or a short value."""
 
     __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
 
     def outline(self) -> Outline:
-        """The fields in their order; those of arrays of arrays one by one."""
+        """Return the fields in their order, those of inner records one by one."""
         lines: list[tuple[str, str]] = []
         for field in (field for field in fields(self) if field.repr):
             value = getattr(self, field.name)
@@ -71,7 +71,7 @@ class ArrayRecord(Outlined):
 
 
 def in_a_line(value: object) -> str:
-    """An array by its shape, anything else in at most a line."""
+    """Return the shape of an array, or anything else in at most a line."""
     if isinstance(value, str):
         return value
     if isinstance(value, float):
@@ -85,29 +85,22 @@ def in_a_line(value: object) -> str:
 
 
 def coordinates(point: Iterable[float]) -> str:
-    """A point in four digits, such as (0.3, 1.25)."""
+    """Return a point in four digits, such as (0.3, 1.25)."""
     return f"({', '.join(f'{x:.4g}' for x in point)})"
-
-
-Words = Sequence[str]
 
 
 @dataclass(frozen=True)
 class Table:
-    """The one record of a table: headings, each with a unit after a line break where it has one, and rows of cells.
+    """A table: headings, each with its unit after a line break, and rows of cells.
 
-    Cells are words, except that CSV also takes numbers and writes them to the last digit. A table without headings is a
-    list of names with what there is to say of them.
+    Cells are words; CSV also takes numbers. A table without headings is a list of names and words.
     """
 
-    heads: Words
+    heads: Sequence[str]
     rows: Sequence[Sequence[Any]]
 
     def text(self) -> str:
-        """The table as plain text as wide as the terminal, numbers to the right; the last column is folded.
-
-        However narrow the terminal is, no other column is cut: what digits were missing of would be other numbers.
-        """
+        """Return plain text, numbers to the right; only the last column is folded to the width of the terminal."""
         from rich.console import Console  # Importing rich takes a tenth of a second.
         from rich.table import Table as Drawn
 
@@ -121,7 +114,6 @@ class Table:
             drawn.add_column(*head, justify=side, no_wrap=fixed, overflow="fold", min_width=least)
         for row in self.rows:
             drawn.add_row(*row)
-        # Square brackets in what users write are no markup.
         console = Console(highlight=False, markup=False, color_system=None)
         needed = console.measure(drawn, options=console.options.update(max_width=sys.maxsize)).minimum
         console.width = max(console.width, needed + 1)  # It leaves out the space behind the last column.
@@ -130,7 +122,7 @@ class Table:
         return "\n".join(line.rstrip() for line in captured.get().rstrip("\n").splitlines())
 
     def csv(self) -> str:
-        """Comma-separated values, numbers to the last digit."""
+        """Return comma-separated values, numbers to the last digit."""
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(self.heads)
@@ -138,25 +130,24 @@ class Table:
         return text.getvalue()
 
     def markdown(self) -> str:
-        """A table of Markdown, with numbers to the right."""
+        """Return a table of Markdown, all columns but words to the right."""
         lines = [[word.replace("|", r"\|").replace("\n", " ") for word in line] for line in (self.heads, *self.rows)]
         lines.insert(1, ["---:"] * len(self.heads))
         return "".join(f"| {' | '.join(line)} |\n" for line in lines)
 
     def html(self) -> str:
-        """A table of HTML, with units in small below their headings; cells that are words have the class w."""
+        """Return a table of HTML, with units in small below their headings; cells of words have the class w."""
         kinds = map(_kind, self.rows[0]) if self.rows else [""] * len(self.heads)
         head = ""
         for kind, words in zip(kinds, self.heads, strict=True):
             text, line_break, below = words.partition("\n")
             small = f"<br/><small>{escape(below)}</small>" if line_break else ""
             head += f'<th class="{kind}">{escape(text)}{small}</th>'
-        cells = ("".join(f'<td class="{_kind(text)}">{escape(text)}</td>' for text in row) for row in self.rows)
-        lines = "".join(f"<tr>{row}</tr>" for row in cells)
-        return f"<table><thead><tr>{head}</tr></thead><tbody>{lines}</tbody></table>"
+        rows = ("".join(f'<td class="{_kind(text)}">{escape(text)}</td>' for text in row) for row in self.rows)
+        return f"<table><thead><tr>{head}</tr></thead><tbody><tr>{'</tr><tr>'.join(rows)}</tr></tbody></table>"
 
 
 def _kind(text: str) -> str:
-    """The class of a cell: "" of numbers, "w" of words, "no" of a no."""
+    """Return the class of a cell: "" for numbers, "w" for words, "no" for a no."""
     number = text.lstrip("-")[:1].isdigit() or text in ("", "-", "yes")
     return "no" if text in ("no", "NO") else "" if number else "w"

@@ -1,17 +1,10 @@
-"""The law of friction, of weights that follow the answer of a step, w = W(t, p, past, slip).
+"""The law of friction: weights that follow the answer of a step, w = W(t, p, past, slip).
 
 A norm term w_i |s_i| costs the bound of friction times the slip. Tresca's bound is given. Other bounds follow the
-forces p of the limits (Coulomb: w = mu p), the slips before the step, or the slips of the step. A solution of the step
+forces p of the limits (Coulomb: w = mu p), the slips before the step, or the slips of the step. The answer of a step
 then solves the convex program whose weights are those of its own pressure and slip, and the certificate is that of this
-program, "for the given friction".
-
-Newton's method takes laws as they are (:mod:`vemcvx.solvers.newton`), by their slopes: J = dW/dp where the law states
-it, and dW/dslip by differences. Solvers of given weights are handed programs in a row
-(:mod:`vemcvx.stepping.fixed_point`). Two statements about a law help:
-
-slope      J = dW/dp, of a law that does not read the slip of the step
-softening  k >= -dW/dslip, of a law that does not read p: where weights fall slowly enough, a step has one solution
-           (:mod:`vemcvx.stepping.refusals`); 0 if the law reads the slip before the step alone
+program, "for the given friction". Newton's method takes the derivatives of a law (:mod:`vemcvx.solvers.newton`), other
+solvers a sequence of programs (:mod:`vemcvx.stepping.fixed_point`).
 """
 
 from __future__ import annotations
@@ -30,22 +23,24 @@ from vemcvx.base.errors import SceneError
 class Law:
     """A law of friction.
 
-    One record serves the rows of an effect, each with the normal force on it, and the m norm terms of a system, where
-    rows add up and p (r,) are the forces of all limits: the slope is then a matrix (m, r).
+    An effect gives it for its rows, each with the normal force on it; a system for its m norm terms, with the forces p
+    (r,) of all limits and a slope (m, r).
 
     Parameters
     ----------
     weights : callable (t, p, past, slip) -> (m,)
         Weights >= 0 under forces p >= 0, after the sum of |slip| over the steps before, (m,), and |slip| of the step.
     softening : number or (m,) array, optional
-        How fast weights fall at most as the slip of the step grows, force per length.
+        The largest decrease of weights per slip of the step, k >= -dW/dslip, force per length, of a law that does not
+        read p: where it is small, a step has one solution (:mod:`vemcvx.stepping.refusals`).
     pressed : bool
-        True if weights of an effect read normal forces, which one-sided contact on the same boundary tells; without,
+        True if weights of an effect read normal forces, which one-sided contact on the same boundary gives; otherwise
         that argument is an empty array.
     slope : callable (t, p, past) -> (m,) array, or (m, r) matrix, optional
-        The derivative by p, of the piece towards larger forces where two meet.
+        The derivative by p, of the piece towards larger forces where two meet, of a law that does not read the slip of
+        the step.
     slips : bool
-        True if weights read slip, before the step or in it; without, those arguments are empty arrays of an effect's
+        True if weights read slip, before the step or in it; otherwise those arguments are empty arrays of an effect's
         law, and zero of a system's.
     """
 

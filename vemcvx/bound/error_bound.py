@@ -43,7 +43,7 @@ as an estimate, and `kind` says so (:mod:`.data_in_time`).
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple, overload
 
@@ -57,8 +57,9 @@ from vemcvx.bound.hypercircle import Hypercircle, Pair, hypercircle
 from vemcvx.bound.quantity import Dual, Fields, QuantityBound, quantity_bound
 from vemcvx.bound.skeleton import Instant, instant
 from vemcvx.bound.within import Inner, Within, within_cells
-from vemcvx.effects import Effect
+from vemcvx.effects import Effect, PrescribedDisplacement
 from vemcvx.history import History, scene_of
+from vemcvx.results.results import loop_of
 from vemcvx.scene import Scene
 from vemcvx.scene.pose import PosedScene, pose_scene, unwarned
 from vemcvx.stepping.course import course, divided, inside_steps
@@ -295,6 +296,31 @@ def certain_intervals(circle: Hypercircle, stepped: Sequence[Stepped], of: Effec
     """
     dual = Dual.of(circle, of)
     return np.array([dual.certain(Fields(one.pair)) for one in stepped])
+
+
+def bounds_of_runs(posed: PosedScene) -> Callable[[History], History]:
+    """Return the function that adds the bounds of all steps to a history; SceneError where there are none."""
+    circle = hypercircle(posed)
+
+    def bounded(history: History) -> History:
+        stepped = pairs_of(circle, history, range(1, history.steps + 1))
+        bounds = of_steps(circle, history, stepped).kept()
+        return replace(history, **bounds, **_bounds_of_force(circle, history, stepped))
+
+    return bounded
+
+
+def _bounds_of_force(circle: Hypercircle, history: History, stepped: Sequence[Stepped]) -> dict[str, Any]:
+    """The fields of a history that bound the force by which a boundary is moved; none where nothing moves."""
+    if (loop := loop_of(history)) is None:
+        return {}
+    moved = PrescribedDisplacement(tuple(np.eye(2)[loop.axis]), on=loop.on)
+    try:
+        found = np.vstack([[np.nan, np.nan], certain_intervals(circle, stepped, moved)])
+    except SceneError as error:
+        log.info("no bounds of the force of %s: %s", loop.on, error)
+        return {}
+    return {"force_bounds": found, "bounded_force": {loop.on: loop.axis}} if np.isfinite(found).any() else {}
 
 
 def _energies(norm: Floats, upper: Floats) -> tuple[Floats, Floats]:

@@ -404,7 +404,7 @@ def _adapted(
         budget, _ = _judged(posed, history, None, aim, None)
     asked, known = {"target": aim.target} if of_energy else {}, {} if bound is None else bound.kept()
     history = replace(history, errors={**budget.largest, **asked}, growth=_growth(passes), **known)
-    warn_of_lost_work(posed, history.trajectory)
+    warn_of_lost_work(history.trajectory)
     warn_of_large_strains(posed, history)
     passes = tuple(passes)
     return Adapted(history=history, budget=budget, passes=passes, target=aim.target, of=aim.of, bound=bound)

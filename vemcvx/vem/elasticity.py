@@ -48,7 +48,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.linalg.lapack import dpstrf
 
-from vemcvx.base.arrays import Bools, Floats, Ints, by_rows
+from vemcvx.base.arrays import SOME, Bools, Floats, Ints
 from vemcvx.vem.projection import CHUNK, CellGroup
 from vemcvx.vem.space import Space
 from vemcvx.vem.stabilisation import (
@@ -135,7 +135,8 @@ def assemble(nodes: Sequence[Ints], blocks: Floats, which: Ints, n_nodes: int) -
         entries = (gather @ blocks).reshape(-1, dim, dim), columns[i:j], indptr[start : stop + 1] - i
         return sp.bsr_matrix(entries, shape=(dim * (stop - start), dim * n_nodes)).tocsr()
 
-    return by_rows(of_nodes, n_nodes, dim * dim * len(columns), (dim * n_nodes, dim * n_nodes))
+    chunks = (of_nodes(start, min(start + SOME, n_nodes)) for start in range(0, n_nodes, SOME))
+    return sp.vstack(list(chunks), format="csr")
 
 
 def _gathered(nodes: Sequence[Ints], which: Ints, n_nodes: int) -> tuple[Ints, Ints, Ints, Ints]:

@@ -16,7 +16,7 @@ from vemcvx.base.arrays import SAME, SOME, Floats, brief, finite, flag, shaped
 from vemcvx.base.errors import WORTH_A_WORD, SceneError
 from vemcvx.base.outline import coordinates
 from vemcvx.effects import data
-from vemcvx.history import History
+from vemcvx.history import History, read_history
 from vemcvx.linear import LinearSolver
 from vemcvx.meshes import AnyMesh, PolygonMesh, PolyhedralMesh
 from vemcvx.program import SolvedProgram
@@ -28,7 +28,9 @@ from vemcvx.solvers import Solver, Solves
 from vemcvx.stepping import (
     Balanced,
     Beginning,
+    Continued,
     Folder,
+    Ledger,
     Memory,
     Storage,
     Trajectory,
@@ -48,7 +50,7 @@ def simulate(
     times: ArrayLike,
     *,
     solver: Solver | Solves | None = None,
-    initial: ArrayLike | str | Projected | None = None,
+    initial: ArrayLike | str | Path | Projected | History | None = None,
     store: str | int | Sequence[int] = "all",
     check: bool = True,
     condense: bool = True,
@@ -68,9 +70,10 @@ def simulate(
         times[0] is the initial instant; data are evaluated at each of the others.
     solver : Solver, or object with solve(program, target), optional
         By default Direct for programs without friction and one-sided contact, else Newton.
-    initial : None, (n_nodes, dim) array, "equilibrium", "settled" or vx.projected(u_0)
+    initial : None, (n_nodes, dim) array, "equilibrium", "settled", vx.projected(u_0), History or path
         The displacement at times[0]: zero; the array; the equilibrium a(u_0, .) = l(0) without friction; the result of
-        one step from zero; P^h u_0 of a function, (2.11), see :func:`vemcvx.projected`.
+        one step from zero; P^h u_0 of a function, (2.11), see :func:`vemcvx.projected`; or where another run on the
+        same mesh ended, a history or its folder: slips, wear, work and losses go on from there, certificates anew.
     store : "all", "last", int n or sequence of int
         Steps to store, and to certify on all unknowns: all; the last; every n-th and the last; or those given and the
         last. Other steps are certified on the unknowns of contact and friction.
@@ -231,7 +234,7 @@ def programs(
     times: ArrayLike,
     *,
     solver: Solver | Solves | None = None,
-    initial: ArrayLike | str | Projected | None = None,
+    initial: ArrayLike | str | Path | Projected | History | None = None,
     check: bool = True,
     condense: bool = True,
     linear: LinearSolver | None = None,
@@ -328,8 +331,14 @@ def projected(displacement: data.Datum) -> Projected:
     return Projected(displacement)
 
 
-def free_unknowns(initial: ArrayLike | str | Projected | None, posed: PosedScene, times: Floats) -> Beginning:
+def free_unknowns(
+    initial: ArrayLike | str | Path | Projected | Results | None, posed: PosedScene, times: Floats
+) -> Beginning:
     """Return the free unknowns of an initial displacement, at the first of the times; words pass."""
+    if isinstance(initial, Path) or (isinstance(initial, str) and Path(initial).is_dir()):
+        initial = read_history(initial)
+    if isinstance(initial, Results):
+        return _continued(initial, posed, times)
     if isinstance(initial, str):
         return initial
     if isinstance(initial, Projected):
@@ -343,6 +352,42 @@ def free_unknowns(initial: ArrayLike | str | Projected | None, posed: PosedScene
         else finite(shaped(initial, "initial", wanted, points.shape), "initial")
     )
     return _within_supports(u, posed, times)
+
+
+def _continued(history: Results, posed: PosedScene, times: Floats) -> Continued:
+    """Where a history on the same mesh ended, as the terms of another scene know it.
+
+    What was worn at a place is shared by the terms there; ways, which laws may read, are those of the place.
+    """
+    mesh, contact, run, terms = posed.space.mesh, history.contact, history.trajectory, posed.terms
+    known = history.mesh
+    if known.points.shape != mesh.points.shape or not (
+        np.array_equal(known.points, mesh.points) and np.array_equal(known.centroids, mesh.centroids)
+    ):
+        raise SceneError("initial: the history is of another mesh; a stage goes on from a run on the same one.")
+    at = contact.rows_of(terms)
+    several = np.bincount(at[at >= 0], minlength=len(contact.nodes))
+    if several.max(initial=0) > 1 and posed.system.norms is not None and posed.system.norms.remembers:
+        place = coordinates(contact.points[int(several.argmax())])
+        raise SceneError(
+            f"initial: several terms of friction act at {place}, and the law reads slips, of which the history has one "
+            "a place. Let one run go through both stages instead."
+        )
+
+    def of_terms(values: Floats) -> Floats:
+        return np.append(values, 0.0)[at]
+
+    share = contact.friction_lengths / np.maximum(several, 1)
+    past = Ledger(
+        energy=0.0,
+        dissipated=float(run.dissipated[-1]),
+        work=float(run.work[-1]),
+        worn=of_terms(contact.wear[-1] * share),
+        slipped=of_terms(contact.accumulated_slip[-1]),
+        dissipated_second_order=float(run.dissipated_second_order[-1]),
+        worn_second_order=of_terms(contact.wear_second_order[-1] * share),
+    )
+    return Continued(_within_supports(history.displacement[-1], posed, times), past, float(run.work_second_order[-1]))
 
 
 def _within_supports(u: Floats, posed: PosedScene, times: Floats) -> Floats:

@@ -281,9 +281,9 @@ def test_foreign_archives_are_refused(history, tmp_path):
     history.write(tmp_path)
     with np.load(tmp_path / "history.npz") as file:
         arrays = dict(file)
-    newer = {**arrays, "about": np.array(str(arrays["about"]).replace("history 4", "history 5"))}
+    newer = {**arrays, "about": np.array(str(arrays["about"]).replace("history 5", "history 6"))}
     np.savez(tmp_path / "history.npz", **newer)
-    with pytest.raises(HistoryError, match="found the format 'vemcvx history 5', wanted 'vemcvx history 4'"):
+    with pytest.raises(HistoryError, match="found the format 'vemcvx history 6', wanted 'vemcvx history 5'"):
         read_history(tmp_path)
     for name in ("displacement", "contact.slip", "trajectory.gap", "mesh.points", "boundary.boundary"):
         np.savez(tmp_path / "history.npz", **{key: value for key, value in arrays.items() if key != name})

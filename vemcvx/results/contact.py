@@ -50,7 +50,7 @@ from vemcvx.base.outline import ArrayRecord
 from vemcvx.effects import PrescribedDisplacement, data
 from vemcvx.effects.effect import Load
 from vemcvx.meshes import PolygonMesh
-from vemcvx.meshes.polygons import smallest_linked
+from vemcvx.meshes.polygons import found_in, smallest_linked
 from vemcvx.results.contact_faces import ContactFaces
 from vemcvx.scene.contact import Surface, Terms
 from vemcvx.scene.pose import PosedScene
@@ -142,6 +142,13 @@ class Contact(ArrayRecord):
     lengths: Annotated[Floats, "m", "length"]
     friction_lengths: Annotated[Floats, "m", "length"]
 
+    def rows_of(self, rows: ContactRows) -> Ints:
+        """The row (k,) of the contact node of each of `rows`, whichever of two bodies is named first; -1 for none."""
+        largest = int(max(self.partners.max(initial=0), self.nodes.max(initial=0), rows.nodes.max(initial=0)))
+        pairs = pair_numbers(self.nodes, self.partners, largest)
+        at, turned = (found_in(pairs, pair_numbers(*two, largest)) for two in _both_ways(rows))
+        return np.where(at >= 0, at, turned)
+
     @property
     def stick_count(self) -> Ints:
         """(S,) nodes that touch and stick; with `slip_count` and `open_count` all m."""
@@ -161,6 +168,13 @@ class Contact(ArrayRecord):
     def open_count(self) -> Ints:
         """(S,) nodes that do not."""
         return (~self.closed).sum(axis=1)
+
+
+def _both_ways(rows: ContactRows) -> tuple[tuple[Ints, Ints], tuple[Ints, Ints]]:
+    """Nodes and partners, and these the other way round where there are partners."""
+    joined = rows.partners >= 0
+    turned = np.where(joined, rows.partners, rows.nodes), np.where(joined, rows.nodes, rows.partners)
+    return (rows.nodes, rows.partners), turned
 
 
 def contact_history(posed: PosedScene, trajectory: Trajectory, u: Floats, forces: Floats) -> Contact:

@@ -57,7 +57,7 @@ from vemcvx.vem import VertexWeights, component_names
 
 NAME = "vemcvx history"
 ENERGIES = "energy", "dissipated", "work", "dissipated_second_order", "work_second_order"
-FORMAT = f"{NAME} 4"
+FORMAT = f"{NAME} 5"
 ARRAYS = {prefix + name: of for prefix, record in RECORDS.items() for name, of in quantities(record).items()}
 PLAIN = "effects", "inactive", "errors", "bound", "bounded_force", "seconds", "growth"
 """What is no array, and goes into JSON as it is."""
@@ -150,6 +150,7 @@ def _check_words(about: dict[str, Any], known: dict[str, Any]) -> None:
         *((word, str) for one in lists for word in one),
         *((about["seconds"][name], (int, float)) for name in ("assemble", "prepare", "solve")),
         *((run["solver"], str), (run["linear"], str), (run["seconds"], dict), (run["accuracy"], (float, NoneType))),
+        (run["work_begun"], float),
         *((about[name], (dict, NoneType)) for name in ("errors", "growth", "bound", "bounded_force")),
         *((words, str) for one in quoted for words in (one.unit, one.unbounded)),
         *((value, float) for one in quoted for value in (one.value, one.steps, one.mesh)),

@@ -3,6 +3,7 @@
 from vemcvx.stepping.backward_euler import (
     Balanced,
     Beginning,
+    Continued,
     checked_times,
     initial_state,
     march,
@@ -13,14 +14,16 @@ from vemcvx.stepping.backward_euler import (
 )
 from vemcvx.stepping.programs import programs_of_march, programs_of_trajectory
 from vemcvx.stepping.refusals import softening_ratio
-from vemcvx.stepping.state import PreparedRun, State, StepData, certified_in_full
+from vemcvx.stepping.state import Ledger, PreparedRun, State, StepData, certified_in_full
 from vemcvx.stepping.trajectory import CHECKPOINT, Folder, Memory, Storage, Trajectory, relative, stored_steps
 
 __all__ = [
     "CHECKPOINT",
     "Balanced",
     "Beginning",
+    "Continued",
     "Folder",
+    "Ledger",
     "Memory",
     "PreparedRun",
     "State",

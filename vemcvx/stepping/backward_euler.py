@@ -335,7 +335,7 @@ def march(
         times[0] is the initial one.
     solver : Solver, or object with solve(program, target), optional
         By default the smallest that accepts the program.
-    initial : None, (n,) array, "equilibrium", "settled" or Balanced
+    initial : None, (n,) array, "equilibrium", "settled", Balanced or Continued
         Zero; a given state; K y = load(t_0), without friction; or one step from zero at t_0.
     store : "all", "last", int or sequence of int
         Which states to keep: every one, the last, every so many and the last, or those of these steps and the last.
@@ -378,7 +378,7 @@ def march(
         finally:
             recorder.enter_waiting()
         seconds = {"prepare": prepared - start, "solve": time.perf_counter() - prepared}
-        return recorder.finish(seconds)
+        return recorder.finish(seconds, initial.work_second_order if isinstance(initial, Continued) else 0.0)
 
 
 def states_of(run: PreparedRun, instants: Floats, begin: int, state: State) -> Iterator[tuple[int, State]]:
@@ -435,8 +435,17 @@ class Balanced:
     near: Floats
 
 
-Beginning = ArrayLike | str | Balanced | None
-"""None (zero), unknowns (n,), "equilibrium", "settled", or forces to settle from."""
+@dataclass(frozen=True, eq=False)
+class Continued:
+    """Where another run ended: the unknowns y (n,), and what its terms had lost and slipped, and its work, by then."""
+
+    y: Floats
+    past: Ledger
+    work_second_order: float
+
+
+Beginning = ArrayLike | str | Balanced | Continued | None
+"""None (zero), unknowns (n,), "equilibrium", "settled", forces to settle from, or where another run ended."""
 
 JUMP = 1e-6
 """Jump of the first step, relative to the energy norm, above which a given initial state violates (2.1)."""
@@ -454,7 +463,7 @@ def initial_state(run: PreparedRun, instants: Floats, initial: Beginning) -> Sta
     now, K = StepData.of(run.condensation, float(instants[0])), run.system.K
     settles = isinstance(initial, str) and initial == "settled"
     y = np.zeros(run.system.n) if settles else _given(run, now, initial)
-    given = state_given(run, now, y)
+    given = state_given(run, now, y, initial.past if isinstance(initial, Continued) else None)
     if run.system.damping is not None and not settles:
         return given
     settled = settled_from(run, given, run.check and (settles or isinstance(initial, Balanced)))
@@ -473,7 +482,8 @@ def initial_state(run: PreparedRun, instants: Floats, initial: Beginning) -> Sta
         refuse_start(run, given, jump / scale if scale > 0 else np.inf)
     # How far it may be from a state that obeys (2.1): its jump to the one settled, and the error of that.
     away = settled.certificate.away(jump + settled.certificate.error)
-    return _beginning(run, replace(settled, y=given.y, full=y, unbalanced=given.unbalanced, certificate=away))
+    start = replace(settled, y=given.y, full=y, unbalanced=given.unbalanced, certificate=away)
+    return _beginning(run, start, given.ledger)
 
 
 def _say_jump(settled: State, jump: float, apart: float) -> None:
@@ -496,6 +506,8 @@ def _given(run: PreparedRun, now: StepData, initial: Beginning) -> Floats:
     n = run.system.n
     if initial is None:
         return np.zeros(n)
+    if isinstance(initial, Continued):
+        return initial.y
     if isinstance(initial, Balanced):
         return initial.near + run.condensation.reduce(initial.force - run.system.K @ initial.near).x
     if isinstance(initial, str) and initial == "equilibrium":
@@ -519,14 +531,14 @@ def _given(run: PreparedRun, now: StepData, initial: Beginning) -> Floats:
     return y
 
 
-def state_given(run: PreparedRun, now: StepData, y: Floats) -> State:
-    """The state y (n,), whatever led to it: as far as is known, nothing slipped or pressed."""
+def state_given(run: PreparedRun, now: StepData, y: Floats, past: Ledger | None = None) -> State:
+    """The state y (n,), whatever led to it: as far as is known nothing presses, and without `past` nothing slipped."""
     system, operators, kept = run.system, run.operators, y[run.condensation.retained]
-    none = np.zeros(len(operators.compliance))
-    w = np.zeros(0) if system.norms is None else system.norms.weights_under(now.t, none)
-    _, _, others = dragged(system, (now.t, now.t), none, np.zeros(run.terms - operators.count))
+    none, past, m = np.zeros(len(operators.compliance)), past or Ledger.opening(0.0, run.terms), operators.count
+    w = np.zeros(0) if system.norms is None else system.norms.weights_under(now.t, none, past.slipped[:m])
+    _, _, others = dragged(system, (now.t, now.t), none, past.slipped[m:])
     weights, nothing = np.append(w, others), np.zeros((run.terms, operators.block))
-    ledger = Ledger.opening(energy(run.condensation, kept, now, none), run.terms)
+    ledger = replace(past, energy=energy(run.condensation, kept, now, none))
     return State(
         t=now.t,
         y=kept,
@@ -551,12 +563,12 @@ def settled_from(run: PreparedRun, given: State, check: bool = False) -> State:
     settled = certified_in_full(run, posed.solve(0))
     if check:
         require_certified(run, settled, 0)
-    return _beginning(run, settled)
+    return _beginning(run, settled, given.ledger)
 
 
-def _beginning(run: PreparedRun, state: State) -> State:
-    """The state as the beginning of a history: nothing has slipped, nothing is lost or done."""
-    ledger = Ledger.opening(energy(run.condensation, state.y, state.data, state.p), run.terms)
+def _beginning(run: PreparedRun, state: State, past: Ledger) -> State:
+    """The state as the beginning of a history: nothing has slipped, is lost or done beside what the past has."""
+    ledger = replace(past, energy=energy(run.condensation, state.y, state.data, state.p))
     size = data_norm(run.condensation, state.data.force, ledger.norm, run.solver.accuracy)
     slip, sticks = np.zeros_like(state.slip), np.ones_like(state.sticks)
     return replace(state, slip=slip, sticks=sticks, ledger=ledger, scale=ledger.norm, size=size)

@@ -147,7 +147,8 @@ def _violation(run: PreparedRun, state: State, jump: float) -> str:
     held = "in equilibrium" if norms is None else "held by friction"
     of_a_function = (
         " Nodal values of a u_0 that obeys (2.1) miss it on a mesh: give simulate the function, "
-        "initial=vx.projected(u_0)."
+        "initial=vx.projected(u_0). After another run (initial=history) begin with the loads and "
+        "supports that it ended with."
         if state.y.any()
         else ""
     )

@@ -201,6 +201,8 @@ class Trajectory(ArrayRecord):
         y at the initial instant, stored or not.
     velocity : (S, n) array or None
         (y_n - y_{n-1}) / k_n, where rates cost; zero in row 0, to which no step leads.
+    work_begun : float
+        `work_second_order` at the initial instant: that of the run that this one goes on from, else zero.
     """
 
     times: Annotated[Floats, "N", "time"]
@@ -231,11 +233,13 @@ class Trajectory(ArrayRecord):
     unit: Annotated[Floats | None, "N", "energy^(1/2)"] = None
     initial: Annotated[Floats | None, "n", "length"] = None
     velocity: Annotated[Floats | None, "S n", "length/time"] = None
+    work_begun: float = 0.0
 
     @property
     def work_second_order(self) -> Floats:
         """(N + 1,) the work since the initial instant by the balance of energies: what is stored and what is lost."""
-        work: Floats = self.energy - self.energy[0] + self.dissipated_second_order
+        lost = self.dissipated_second_order
+        work: Floats = self.work_begun + self.energy - self.energy[0] + lost - lost[0]
         return work
 
     @property
@@ -413,8 +417,8 @@ class Recorder:
                     self._rows[name][self._row[n]] = row[name]
                 self._storage.save({"step": np.array(n), "mark": self._mark})
 
-    def finish(self, seconds: dict[str, float]) -> Trajectory:
-        """The trajectory."""
+    def finish(self, seconds: dict[str, float], work_begun: float) -> Trajectory:
+        """The trajectory of a run that went on from that work."""
         rows = self._rows
         scalars = {name: np.array(column) for name, column in zip(SCALARS, rows["scalars"].T, strict=True)}
         trajectory = Trajectory(
@@ -427,6 +431,7 @@ class Recorder:
             solver=repr(self._run.solver),
             linear=repr(self._run.condensation.linear),
             accuracy=float(self._run.solver.accuracy),
+            work_begun=work_begun,
         )
         say_floor(trajectory.certificate_floor, self._run.solver.accuracy)
         return trajectory

@@ -185,7 +185,7 @@ from mpi4py import MPI
 if MPI.COMM_WORLD.rank == 1:
     def solve(self, *given):
         raise MemoryError("no memory is left here")
-    petsc.RankSolver.solve = solve
+    petsc.Ranks.solve = solve
 if petsc.serve():
     raise SystemExit
 K = 3 * np.eye(40) - np.eye(40, k=1) - np.eye(40, k=-1)

@@ -17,7 +17,7 @@ from vemcvx.linear.pardiso import Pardiso
 from vemcvx.linear.superlu import SuperLU
 
 LARGEST_FACTOR = 2_000_000
-"""Largest number of unknowns for direct solvers in the plane. A million on squares take 22 s and 5.6 GB at the peak."""
+"""Largest number of unknowns for direct solvers in the plane."""
 MOST_MEMORY = 8e9
 """Bytes that factors may take in space."""
 log = logging.getLogger("vemcvx")
@@ -28,18 +28,8 @@ def choose_linear(
 ) -> LinearSolver:
     """Return the linear solver `asked` for; else a direct one while its factors fit in memory, and Iterative beyond.
 
-    Parameters
-    ----------
-    unknowns : int
-    asked : LinearSolver, optional
-    modes : int
-        Rigid motions. Bodies in space have six, and much fuller factors than bodies in the plane.
-    retained : int
-        Unknowns of the Schur complement.
-
-    Returns
-    -------
-    LinearSolver
+    Bodies in space, with six rigid `modes`, have much fuller factors than bodies in the plane. `retained` is the number
+    of unknowns of the Schur complement.
     """
     if asked is not None:
         return asked
@@ -48,7 +38,7 @@ def choose_linear(
         fits, takes = unknowns <= LARGEST_FACTOR, ""
     else:
         memory = direct.memory_in_space(unknowns) + 4 * 8 * float(retained) ** 2
-        # A dense system of 3,267 unknowns takes .7 s to factorise, one of 9,000 some 15 s, once or twice a step.
+        # A dense system of 9,000 unknowns takes some 15 s to factorise, once or twice a step.
         fits, takes = memory <= MOST_MEMORY and retained <= 9_000, f" in space take {memory / 1e9:.2g} GB"
     if fits:
         if takes and unknowns >= 1_000:
@@ -77,8 +67,7 @@ def _libraries() -> ThreadpoolController:
 def one_thread(unknowns: int) -> Iterator[None]:
     """Limit BLAS to one thread inside the block if steps solve dense systems of fewer than 2,000 unknowns.
 
-    On two cores 256 steps with 256 unknowns take .76 s with one thread, and .88 s of wall and 1.3 s of CPU time with
-    two. The number of threads belongs to the process, so that only the main thread changes it.
+    Several threads are slower there. Their number belongs to the process: only the main thread changes it.
     """
     if unknowns >= 2_000 or current_thread() is not main_thread():
         yield

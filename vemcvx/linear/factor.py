@@ -1,8 +1,7 @@
 """The interface of linear solvers: :class:`LinearSolver` makes a :class:`Factor` of K, which solves K x = b.
 
 If the unknowns c come last in K = L L', the Schur complement onto c is S = L_cc L_cc', the trailing block of the
-factor. It costs no more than the factorisation. One solve for each unknown of c would cost six factorisations on the
-paper's reference (h = 1/256).
+factor. It costs no more than the factorisation.
 """
 
 from __future__ import annotations
@@ -37,7 +36,7 @@ class Factor(ABC):
         """Return x with K x = b, for one right side (n,) or for several columns (n, k)."""
 
     def energy(self, b: Floats) -> float:
-        """Return b'K^{-1}b of a force (n,). Iterative factors return an upper bound: certificates rest on it."""
+        """Return b'K^{-1}b of a force (n,), or of an iterative factor an upper bound: certificates rest on it."""
         return abs(float(b @ self.solve(b)))
 
     def energies_of_columns(self, b: Floats) -> Floats:
@@ -74,10 +73,9 @@ def chunks(count: int, n: int) -> Iterator[slice]:
 class LinearSolver(ABC):
     """Settings of a linear solver; frozen.
 
-    A run factorises its K once, and with viscosity once for every length of step. `eliminate` is called where the class
-    says that it `eliminates`: programs are then condensed to the unknowns that contact and friction read. Otherwise,
-    and with ``condense=False``, `factorise` is called, and every step is solved on all unknowns. By default
-    :func:`vemcvx.linear.choose_linear` chooses a linear solver by size.
+    A run factorises its K once, and with viscosity once for every length of step. `eliminate` is called if the class
+    `eliminates`: programs are then condensed to the unknowns that contact and friction read. Otherwise, and with
+    ``condense=False``, `factorise` is called, and every step is solved on all unknowns.
     """
 
     eliminates: ClassVar[bool] = False
@@ -86,7 +84,7 @@ class LinearSolver(ABC):
     """True if the class orders the unknowns by itself, so that no order is computed for it."""
 
     def memory_in_space(self, unknowns: int) -> float:
-        """Return about how many bytes a factor takes in space, where factors are fullest; nan if unknown."""
+        """Return about how many bytes a factor of a body in space takes; nan if unknown."""
         return np.nan
 
     @abstractmethod
@@ -134,7 +132,7 @@ class LinearSolver(ABC):
         """
         raise NotAccepted(
             f"linear solver {type(self).__name__}: it gives no Schur complements, so that nothing can be condensed; "
-            "SuperLU() does. With condense=False programs are solved on all unknowns."
+            "take SuperLU(), or condense=False."
         )
 
 

@@ -1,37 +1,35 @@
 """Conjugate gradients with smoothed aggregation from PyAMG, for meshes too large to factorise.
 
-PyAMG aggregates unknowns and smooths the prolongations P from the near-kernel, the rigid motions: without them the
-iteration does not converge at 131k unknowns in the plane. The cycle M sweeps Gauss-Seidel forward before and backward
-after the coarse correction, whose matrix is Galerkin's, P'KP. So M is symmetric and positive definite, and no
-eigenvalue of MK exceeds one. Close to incompressibility (nu > .49) its smallest eigenvalues are too small to be of use.
+PyAMG aggregates unknowns and smooths the prolongations P from the near-kernel, the rigid motions. The cycle M sweeps
+Gauss-Seidel forward before and backward after the coarse correction, whose matrix is Galerkin's, P'KP. So M is
+symmetric and positive definite, and no eigenvalue of MK exceeds one. Close to incompressibility (nu > .49) its smallest
+eigenvalues are too small to be of use.
 
 Solves are inexact, so that no certificate may rest on one. With x any approximation of K^{-1}b, rho = b - K x, and
 l <= lambda_min(MK),
 
     b'K^{-1}b = b'x + x'rho + rho'K^{-1}rho <= b'x + x'rho + rho'M rho / l,
 
-because x'Kx = x'(b - rho), and M^{1/2}K M^{1/2} >= l means K^{-1} <= M / l. This holds for every x, and on a principal
-part K_FF, stiffened or not, with M_FF, as (K_FF)^{-1} <= (K^{-1})_FF.
+because x'Kx = x'(b - rho), and M^{1/2}K M^{1/2} >= l means K^{-1} <= M / l.
 """
 
 from __future__ import annotations
 
 import importlib.util
+from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.linalg import eigh_tridiagonal, pinvh
-from scipy.sparse.linalg import LinearOperator, cg
+from scipy.linalg import eigh_tridiagonal
+from scipy.sparse.linalg import cg
 
 from vemcvx.base.arrays import EPS, Floats, part, whole
 from vemcvx.base.errors import NotAccepted, SceneError
 from vemcvx.linear.factor import Factor, LinearSolver, singular
 from vemcvx.linear.superlu import SuperLU
 
-Cycle = Callable[[Floats], Floats]
-"""b (n,) -> an approximation of K^{-1} b, linear, symmetric and positive definite in b."""
 SUITED = (
     "It suits compressible materials (poisson < 0.49), cells of good shape and contact without edges or corners; use "
     "linear=vx.SuperLU() for others."
@@ -68,91 +66,88 @@ class Iterative(LinearSolver):
             raise NotAccepted(
                 "Iterative: the package pyamg is not installed; pip install 'vemcvx[multigrid]', or use SuperLU()."
             )
-        hierarchy = Hierarchy(K, near_kernel)
-        if not hierarchy.P:  # The pseudo-inverse of a single level would hide that K is singular.
-            SuperLU().factorise(K)
-        return IterativeFactor(self, K, hierarchy.cycle, lowest_eigenvalue(K, hierarchy.cycle, "Iterative"))
-
-
-class Hierarchy:
-    """Matrices A from fine to coarse and the prolongations P between them; the coarsest matrix is inverted."""
-
-    def __init__(self, K: sp.csr_matrix, near_kernel: Floats | None):
-        from pyamg import smoothed_aggregation_solver
-        from pyamg.relaxation.relaxation import gauss_seidel
-
-        # PyAMG draws vectors for eigenvalues from NumPy's global generator: here the same ones each time. Weights by
-        # sums of rows instead would take a fifth more iterations.
-        shared = np.random.get_state()  # noqa: NPY002
-        np.random.seed(0)  # noqa: NPY002
-        try:
-            levels = smoothed_aggregation_solver(K, B=near_kernel, max_coarse=50).levels
-        finally:
-            np.random.set_state(shared)  # noqa: NPY002
-        self.A = [sp.csr_matrix(level.A) for level in levels]
-        self.P = [sp.csr_matrix(level.P) for level in levels[:-1]]
-        self._sweep = gauss_seidel
-        self._inverse = pinvh(self.A[-1].toarray(), check_finite=False)
-
-    def cycle(self, b: Floats, depth: int = 0) -> Floats:
-        """Return an approximation of K^{-1}b (n,): linear, symmetric and positive definite in b."""
-        if depth == len(self.P):
-            return self._inverse @ b
-        A, P, x = self.A[depth], self.P[depth], np.zeros(len(b))
-        self._sweep(A, x, b, sweep="forward")
-        x += P @ self.cycle(P.T @ (b - A @ x), depth + 1)
-        self._sweep(A, x, b, sweep="backward")
-        return x
+        return PyAMGFactor(self, K, near_kernel)
 
 
 class IterativeFactor(Factor):
-    """K with a multigrid cycle M as preconditioner, and a lower bound `lowest` of the eigenvalues of MK."""
+    """K with a cycle M as preconditioner, and a lower bound of the eigenvalues of MK."""
 
     exact = False
 
-    def __init__(self, limits: Iterative, K: sp.csr_matrix, cycle: Cycle, lowest: float):
-        self._limits, self._K, self._lowest = limits, K, lowest
-        self._cycle = LinearOperator(K.shape, matvec=cycle, dtype=np.float64)
+    def __init__(self, limits: Iterative, K: sp.csr_matrix):
+        self._limits, self._K, self._name = limits, K, type(limits).__name__
+        self._lowest = lowest_eigenvalue(K, self.cycle, self._name)
+
+    @abstractmethod
+    def cycle(self, b: Floats) -> Floats:
+        """Return M b (n,), an approximation of K^{-1} b: linear, symmetric and positive definite in b."""
+
+    @abstractmethod
+    def iterate(self, b: Floats, tolerance: float) -> tuple[Floats, int]:
+        """Return an approximation of K^{-1} b (n,), and 0 if its residual meets the tolerance."""
 
     def solve(self, b: Floats) -> Floats:
         if b.ndim == 2:
             return np.column_stack([self.solve(column) for column in b.T]) if b.shape[1] else np.zeros_like(b)
-        limits = self._limits
-        x, failed = self._iterate(b, limits.tolerance)
+        x, failed = self.iterate(b, self._limits.tolerance)
         if failed:
             left = np.linalg.norm(b - self._K @ x) / np.linalg.norm(b)
             raise SceneError(
-                f"{type(limits).__name__}: {limits.max_iterations} iterations left a residual of {left:.1e}, asked was "
-                f"{limits.tolerance:.1e}. {SUITED}"
+                f"{self._name}: {self._limits.max_iterations} iterations left a residual of {left:.1e}, asked was "
+                f"{self._limits.tolerance:.1e}. {SUITED}"
             )
         return x
 
     def energy(self, b: Floats) -> float:
         # Residuals below a tenth would change the bound by a hundredth.
-        x = self._iterate(b, 0.1)[0]
+        x = self.iterate(b, 0.1)[0]
         left = b - self._K @ x
-        return abs(float(b @ x + x @ left + left @ self._cycle.matvec(left) / self._lowest))
+        return abs(float(b @ x + x @ left + left @ self.cycle(left) / self._lowest))
 
-    def _iterate(self, b: Floats, tolerance: float) -> tuple[Floats, int]:
-        """Return an approximation of K^{-1} b, and 0 if its residual meets the tolerance."""
+
+class PyAMGFactor(IterativeFactor):
+    """K with PyAMG's V-cycle; the coarsest matrix is inverted."""
+
+    def __init__(self, limits: Iterative, K: sp.csr_matrix, near_kernel: Floats | None):
+        from pyamg import smoothed_aggregation_solver
+
+        sweeps = [("gauss_seidel", {"sweep": sweep}) for sweep in ("forward", "backward")]
+        # PyAMG draws vectors for eigenvalues from NumPy's global generator: here the same ones each time.
+        shared = np.random.get_state()  # noqa: NPY002
+        np.random.seed(0)  # noqa: NPY002
+        try:
+            levels = smoothed_aggregation_solver(
+                K, B=near_kernel, presmoother=sweeps[0], postsmoother=sweeps[1], max_coarse=50, coarse_solver="pinv"
+            )
+        finally:
+            np.random.set_state(shared)  # noqa: NPY002
+        if len(levels.levels) == 1:  # The pseudo-inverse of a single level would hide that K is singular.
+            SuperLU().factorise(K)
+        self._cycle = levels.aspreconditioner()
+        super().__init__(limits, K)
+
+    def cycle(self, b: Floats) -> Floats:
+        return np.asarray(self._cycle.matvec(b))
+
+    def iterate(self, b: Floats, tolerance: float) -> tuple[Floats, int]:
         most = self._limits.max_iterations
         found: tuple[Floats, int] = cg(self._K, b, rtol=tolerance, atol=0.0, maxiter=most, M=self._cycle)
         return found
 
 
-def lowest_eigenvalue(K: sp.csr_matrix, cycle: Cycle, name: str) -> float:
+def lowest_eigenvalue(K: sp.csr_matrix, cycle: Callable[[Floats], Floats], name: str) -> float:
     """Return a lower bound of the eigenvalues of MK, by Lanczos' method in the inner product of M from a random force.
 
-    After k steps from a direction that is uniformly distributed in n dimensions, the largest Ritz value of a positive
+    After k steps from a uniformly distributed direction in n dimensions, the largest Ritz value of a positive
     semidefinite matrix falls short of its largest eigenvalue by more than the part eps with probability less than
-    1.648 sqrt(n) exp(-sqrt(eps) (2k - 1)) (Kuczynski and Wozniakowski, SIAM J. Matrix Anal. Appl. 13, 1992). With
-    1 - MK, whose smallest Ritz value of MK is xi, this says
+    1.648 sqrt(n) exp(-sqrt(eps) (2k - 1)) (Kuczynski and Wozniakowski, SIAM J. Matrix Anal. Appl. 13, 1992). For
+    1 - MK, with xi the smallest Ritz value of MK, this says
 
         lambda_min(MK) >= 1 - (1 - xi) / (1 - eps).
 
-    The force is uniform but for the condition of M, by whose root, at most 1e8 in double precision, the probability
-    grows; eps is taken so that it stays below 1e-9. Raise SceneError if K is not positive definite, or if the bound
-    after 400 steps is less than a tenth of xi, because M approximates K^{-1} too badly.
+    The root of the condition of M, at most 1e8 in double precision, multiplies the probability, because the force is
+    uniform in another inner product; eps keeps it below 1e-9. Raise SceneError if K is not positive definite, or if the
+    bound after 400 steps is less than a tenth of xi.
     """
     failure = np.log(1.648 * np.sqrt(K.shape[0]) * 1e8 / 1e-9)
     diagonal: list[float] = []

@@ -4,13 +4,12 @@ If `perm` names the unknowns c of a Schur complement and iparm[35] = 2, phase 12
 S = K_cc - K_ci K_ii^{-1} K_ic, as m x m numbers at the beginning of the solution array. Phase 33 solves with the same
 factors; phase 333 substitutes backward, with K = L L', and leaves x_c as it is.
 
-The package's class for users, PardisoSolver, factorises before `perm` can be set, and checks every row in a Python
-loop. So the class below it, _PardisoSolver, is used here. The package runs on one thread.
+The package's public class, PardisoSolver, factorises before `perm` can be set; so the class below it, _PardisoSolver,
+is used here. It runs on one thread.
 
 PARDISO orders the unknowns by itself. It can treat unknowns whose rows have the same pattern, those of a node, as one
-block (iparm[36] = -100), which saves a fifth of the time. Blocks of more than 256 unknowns, those of cells with as many
-vertices, end the process. So blocks are requested only if rows are short: all unknowns of a block are coupled, and no
-block is larger than a row.
+block (iparm[36] = -100), in four fifths of the time. Blocks of more than 256 unknowns, as of cells with as many
+vertices, end the process. No block is larger than a row, so blocks are requested only if rows are short.
 """
 
 from __future__ import annotations
@@ -34,7 +33,7 @@ PACKAGE = "pymklpardiso"
 POSITIVE_DEFINITE = 2
 """PARDISO's number for real matrices that are symmetric and positive definite."""
 LONGEST_ROW = 128
-"""Entries of the longest row for which blocks are requested: half of the largest block that PARDISO takes."""
+"""Number of entries of the longest row for which blocks are requested."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +48,7 @@ class Pardiso(LinearSolver):
 
     @staticmethod
     def installed() -> bool:
-        """Return True if the package is installed, with the class that is used of it."""
+        """Return True if the package is installed."""
         return _solver_class() is not None
 
     def memory_in_space(self, unknowns: int) -> float:
@@ -57,59 +56,46 @@ class Pardiso(LinearSolver):
         return float(190.0 * unknowns ** (4 / 3) + 2e3 * unknowns)
 
     def factorise(self, K: sp.csr_matrix, near_kernel: Floats | None = None) -> PardisoFactor:
-        factor = PardisoFactor(K)
-        factor.check_definite()
-        return factor
+        return PardisoFactor(K, np.zeros(0, dtype=np.int64))
 
     def eliminate(self, K: sp.csr_matrix, order: Ints, last: Ints) -> tuple[PardisoFactor | SuperLUFactor, Floats]:
         inner = np.delete(np.arange(K.shape[0]), last)
-        # If K_ii is diagonal, PARDISO's Schur complement reads uninitialised memory. Mostly a few rows show it is not.
+        # If K_ii is diagonal, PARDISO's Schur complement reads uninitialised memory.
         if len(last) and all(K[some][:, inner].nnz <= len(some) for some in (inner[:64], inner)):
             return SuperLU().eliminate(K, order, last)
         factor = PardisoFactor(K, last)
-        factor.check_definite()
         return factor, factor.schur
 
 
 class PardisoFactor(Factor):
-    """K = L L' of a K that is positive definite; `schur` (m, m) is its Schur complement onto `last`, in their order."""
+    """K = L L'; `schur` (m, m) is the Schur complement onto `last`, in their order."""
 
-    def __init__(self, K: sp.csr_matrix, last: Ints | None = None):
-        self._K, self._last = K, np.zeros(0, dtype=np.int64) if last is None else last
-        n, m, diagonal = K.shape[0], len(self._last), K.diagonal()
+    def __init__(self, K: sp.csr_matrix, last: Ints):
+        n, m, diagonal = K.shape[0], len(last), K.diagonal()
         # PARDISO ends the process if an entry of the diagonal is missing.
         if not (diagonal > 0).all():
             raise singular()
         self.unit = float(power_of_two(diagonal.max(initial=0.0)))
-        self._pardiso = _with_values(K, self._last, self.unit)
+        self._pardiso = _with_values(K, last, self.unit)
         # PARDISO returns S in as many columns of n numbers as it needs, with its unknowns in rising order.
         own = np.zeros((n, max(1, -(-m * m // max(n, 1)))), order="F")
         try:
             if n > 0:
                 self._pardiso.run_phase_into(12, np.zeros_like(own, order="F"), own)
             S = own.ravel(order="F")[: m * m].reshape(m, m)
-            if (np.diff(self._last) < 0).any():
-                rank = np.argsort(np.argsort(self._last))
-                S = S[np.ix_(rank, rank)]
+            rank = np.argsort(np.argsort(last))
+            S = S[np.ix_(rank, rank)]
         except RuntimeError as error:
             raise singular() from error
         upper, info = dpotrf(S.T, lower=0, clean=0) if m else (S, 0)
         if info > 0:
             raise singular()
-        self._upper: Floats = upper
         self.schur: Floats = self.unit * S
-
-    def check_definite(self) -> None:
-        """Raise SceneError if K differs by no more than rounding from a singular matrix.
-
-        That is if EPS K_ii (K^{-1})_ii >= 1 for some i. (K^{-1})_ii is an estimate, and taken for ten times as large.
-        """
-        z = np.random.default_rng(0).standard_normal((SAMPLES, self._K.shape[0])).T
-        if len(self._last):
-            z[self._last] = solve_triangular(self._upper, z[self._last], check_finite=False)
-        x = self._run(333, z)  # of the covariance (K / unit)^{-1}
-        compliance = np.einsum("ij,ij->i", x, x) / (SAMPLES * self.unit)
-        if (EPS * self._K.diagonal() * compliance >= 0.1).any():
+        # K is singular up to rounding if EPS K_ii (K^{-1})_ii is not small, estimated by x of covariance unit K^{-1}.
+        z = np.random.default_rng(0).standard_normal((SAMPLES, n)).T
+        z[last] = solve_triangular(upper, z[last], check_finite=False) if m else z[last]
+        x = self._run(333, z)
+        if (EPS * diagonal * np.einsum("ij,ij->i", x, x) >= 0.1 * SAMPLES * self.unit).any():
             raise singular()
 
     def solve(self, b: Floats) -> Floats:
@@ -143,7 +129,6 @@ def _with_values(K: sp.csr_matrix, last: Ints, unit: float) -> Any:
     if not K.has_canonical_format:
         K = K.copy()
         K.sum_duplicates()
-    # SciPy's triu sorts entries again, which takes half as long again.
     upper = K.indices >= np.repeat(np.arange(n, dtype=K.indices.dtype), np.diff(K.indptr))
     solver = kind(POSITIVE_DEFINITE, 0)
     # No default settings, nested dissection, factorisation in two levels, indices from zero.

@@ -24,38 +24,39 @@ class SuperLU(LinearSolver):
         return float(236.0 * unknowns**1.46)
 
     def factorise(self, K: sp.csr_matrix, near_kernel: Floats | None = None) -> SuperLUFactor:
-        factor = SuperLUFactor(K)
-        factor.schur_complement(0)
-        return factor
+        return SuperLUFactor(K)
 
     def eliminate(self, K: sp.csr_matrix, order: Ints, last: Ints) -> tuple[SuperLUFactor, Floats]:
-        factor = SuperLUFactor(K, np.concatenate([order[~np.isin(order, last)], last]))
-        return factor, factor.schur_complement(len(last))
+        factor = SuperLUFactor(K, np.concatenate([order[~np.isin(order, last)], last]), len(last))
+        return factor, factor.schur
 
 
 class SuperLUFactor(Factor):
-    """K = L U, in a given order of the unknowns, or in that of minimum degree."""
+    """K = L U, in a given order of the unknowns, or in that of minimum degree.
 
-    def __init__(self, K: sp.csr_matrix, order: Ints | None = None):
+    `schur` (m, m) is the Schur complement onto the last m unknowns in the order, L_cc U_cc.
+    """
+
+    def __init__(self, K: sp.csr_matrix, order: Ints | None = None, m: int = 0):
         self._K, self._order = K, np.arange(K.shape[0]) if order is None else order
         columns: Literal["MMD_AT_PLUS_A", "NATURAL"] = "MMD_AT_PLUS_A" if order is None else "NATURAL"
         ordered = sp.csc_matrix(K if order is None else K[order][:, order])
-        # In symmetric mode pivots stay on the diagonal. A positive definite matrix allows that, and it halves the time
-        # (1.3 s instead of 3.1 s at 100k unknowns). Without equilibration powers of two stay powers of two.
+        # In symmetric mode pivots stay on the diagonal, which halves the time. Without equilibration powers of two stay
+        # powers of two.
         options = {"SymmetricMode": True, "Equil": False}
         try:
             self._lu = splu(ordered, permc_spec=columns, diag_pivot_thresh=0.0, options=options)
         except RuntimeError as error:
             raise singular() from error
+        self.schur = self._schur_complement(m)
 
-    def schur_complement(self, m: int) -> Floats:
-        """Return the Schur complement (m, m) onto the last m unknowns in the order, L_cc U_cc.
+    def _schur_complement(self, m: int) -> Floats:
+        """Read the Schur complement off the factors.
 
         Raise SceneError if K is not positive definite: if pivots left the diagonal, or one is no larger than the
         rounding of its own entry of K. With pivots on the diagonal K = L D L', and by Sylvester's law of inertia the
         pivots have the signs of the eigenvalues. Of a K with a kernel and as many anchors this says that K is
-        semidefinite: the Schur complements of [[K + E, P], [P', E_aa^{-1}]] onto either block have the same inertia
-        (Haynsworth 1968), and the complement onto the second block, of as many unknowns as there are modes, vanishes.
+        semidefinite (Haynsworth 1968).
         """
         L, U, place = self._lu.L, self._lu.U, self._lu.perm_c
         D, diagonal = U.diagonal(), self._K.diagonal()[self._order[np.argsort(place)]]
@@ -64,7 +65,7 @@ class SuperLUFactor(Factor):
         # The solver may renumber within its elimination tree; that permutes L and U but changes no entry.
         c = place[len(place) - m :]
         S: Floats = (L[:, c][c] @ U[:, c][c]).toarray()
-        # SciPy keeps the copies L and U that it hands out: 265 MB on the paper's reference (h = 1/256). Empty them.
+        # SciPy keeps the copies L and U that it hands out, as large as the factors: empty them.
         for kept in (L, U):
             kept.data, kept.indices, kept.indptr = kept.data[:0].copy(), kept.indices[:0].copy(), kept.indptr[:1].copy()
         return 0.5 * (S + S.T)
@@ -80,8 +81,7 @@ class SuperLUFactor(Factor):
 def minimum_degree(K: sp.csr_matrix) -> Ints:
     """Return SuperLU's own order of K, for matrices without coordinates.
 
-    An incomplete factorisation that drops all fill costs little more than the order. It is applied to the pattern of
-    K with a dominant diagonal, so that no pivot can fail.
+    An incomplete factorisation that drops all fill costs little more. A dominant diagonal lets no pivot fail.
     """
     pattern = sp.csc_matrix(K, copy=True)
     pattern.data[:] = 1.0

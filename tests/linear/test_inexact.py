@@ -1,0 +1,148 @@
+"""Steps on Iterative and on PETSc: matrix-free, inexact, certified, and as good as on direct factors."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+from blocks_in_space import assert_within_both_certificates, block, on_floor
+from installed import needs
+from scenes import cyclic, paper_scene, small
+
+import vemcvx as vx
+from vemcvx.linear import SuperLU
+from vemcvx.scene import pose_scene
+
+TIMES = np.linspace(0.0, 1.0, 5)
+INEXACT = [pytest.param(vx.Iterative, marks=needs("pyamg")), pytest.param(vx.PETSc, marks=needs("petsc4py"))]
+kinds = pytest.mark.parametrize("kind", INEXACT)
+
+
+def turning(t, press=0.0):
+    angle, pull = 2 * np.pi * t, 0.5 * min(1.0, 4 * t)
+    return np.array([pull * np.cos(angle), pull * np.sin(angle), -0.2 * pull - press * min(1.0, 4 * t)])
+
+
+@kinds
+@pytest.mark.parametrize("contact", ["bilateral", pytest.param("unilateral", marks=pytest.mark.long)])
+def test_steps_in_space_are_those_of_direct_factors(kind, contact):
+    """Within both certificates; most terms stick and slip at some instant."""
+    system = on_floor(block(4), lambda t: turning(t, contact == "unilateral"), contact=contact, bound=0.15)
+    direct, inexact = (vx.march(system, TIMES, linear=linear) for linear in (SuperLU(), kind()))
+    assert_within_both_certificates(system, direct, inexact)
+    assert 0.1 < direct.sticking[1:].mean() < 0.9
+
+
+@kinds
+@pytest.mark.parametrize("viscous", [False, pytest.param(True, marks=pytest.mark.long)])
+def test_histories_in_the_plane_are_those_of_direct_factors(kind, viscous):
+    # No two instants in turn have the same load: where nothing moves, what is at its bound neither sticks nor slips.
+    scene, times = vx.Scene(*paper_scene(cyclic), *[vx.Viscosity(0.1, 0.1)] * viscous), np.linspace(0.0, 1.0, 8)
+    mesh = small("voronoi", 12)
+    one, two = (vx.simulate(scene, mesh, times, linear=linear) for linear in (SuperLU(), kind()))
+    assert two.certificate.max() <= 1e-8
+    assert np.array_equal(two.contact.sticking, one.contact.sticking)
+    assert np.abs(two.displacement - one.displacement).max() < 1e-7 * np.abs(one.displacement).max()
+
+
+@kinds
+def test_scenes_without_friction(kind):
+    scene = vx.Scene(*(e for e in paper_scene() if not isinstance(e, vx.TrescaFriction)))
+    one, two = (vx.simulate(scene, small("voronoi", 12), TIMES, linear=linear) for linear in (SuperLU(), kind()))
+    assert two.solver.startswith("Direct")
+    assert np.abs(two.displacement - one.displacement).max() < 1e-9 * np.abs(one.displacement).max()
+
+
+@kinds
+@pytest.mark.parametrize("tolerance", [0.5, 1e-4, 1e-12])
+def test_energies_of_inexact_solves_are_bounds(kind, tolerance):
+    """From above, and not by more than the roughness of the solve and the bound on the spectrum account for."""
+    system = pose_scene(paper_scene(), small("voronoi", 14)).system
+    exact, inexact = SuperLU().factorise(system.K), kind(tolerance).factorise(system.K, system.near_kernel)
+    smooth, rough = system.force(1.0), np.random.default_rng(4).normal(size=system.n)
+    for b in (smooth, rough, np.eye(1, system.n, 7)[0], system.K @ rough, smooth - system.K @ inexact.solve(smooth)):
+        energy = exact.energy(b)
+        assert energy <= inexact.energy(b) * (1 + 1e-9)
+        assert inexact.energy(b) < 1.5 * energy
+        assert energy == pytest.approx(float(b @ exact.solve(b)), rel=1e-12)
+
+
+@kinds
+@pytest.mark.long
+@pytest.mark.parametrize("friction", [True, False], ids=["friction", "no friction"])
+@pytest.mark.parametrize("tolerance", [0.1, 1e-4, 1e-8])
+def test_certificates_hold_whatever_the_tolerance(kind, tolerance, friction):
+    """Of one step: 1/2 |u - u*|^2 <= gap, the loads being those of the scene and not what a solve made of them."""
+    parts = (e for e in paper_scene() if friction or not isinstance(e, vx.TrescaFriction))
+    scene, mesh = vx.Scene(*parts), small("voronoi", 12)
+    exact = vx.simulate(scene, mesh, [0.0, 1.0])
+    history = vx.simulate(scene, mesh, [0.0, 1.0], linear=kind(tolerance), check=False)
+    apart = vx.measures.energy_distance(history, exact, kind="nodal").absolute
+    bound = history.certificate[-1] * np.sqrt(2 * history.energy[-1])
+    assert apart <= bound * (1 + 1e-6) + 1e-10 * np.sqrt(2 * exact.energy[-1])
+    assert bound < 10 * tolerance * np.sqrt(2 * exact.energy[-1])
+
+
+@kinds
+def test_solves_that_do_not_converge_and_indefinite_matrices_are_refused_in_a_sentence(kind):
+    system, name = pose_scene(paper_scene(), small("voronoi", 14)).system, kind.__name__
+    with pytest.raises(vx.SceneError, match=rf"^{name}: 2 iterations left a residual of .*poisson < 0\.49.*SuperLU"):
+        kind(max_iterations=2).factorise(system.K, system.near_kernel).solve(system.force(1.0))
+    with pytest.raises(vx.SceneError, match="singular or indefinite"):
+        kind().factorise(sp.csr_matrix([[1.0, 2.0], [2.0, 1.0]]))
+
+
+@pytest.mark.long
+@needs("pyamg")
+def test_nearly_incompressible_bodies_are_refused():
+    scene = vx.Scene(vx.Elasticity(1.0, 0.4999999), *(e for e in paper_scene() if not isinstance(e, vx.Elasticity)))
+    with pytest.raises(vx.SceneError, match=r"^Iterative: the cycle serves .* too badly .*poisson < 0\.49.*SuperLU"):
+        vx.simulate(scene, small("squares", 24), TIMES, linear=vx.Iterative())
+
+
+@pytest.mark.parametrize(
+    ("setting", "found"),
+    [({"tolerance": wrong}, str(wrong)) for wrong in (0, 1, 10, np.inf, np.nan, -1e-3, None, "1e-3", True)]
+    + [({"max_iterations": wrong}, str(wrong)) for wrong in (0, -1, 2.5, np.nan, None, "9", True)],
+)
+def test_settings_of_iterative_that_mean_nothing_are_refused(setting, found):
+    name = next(iter(setting))
+    with pytest.raises(vx.SceneError, match=rf"^Iterative: found {name} = .*{found}"):
+        vx.Iterative(**setting)
+
+
+def push(x, t):
+    return t * np.column_stack([8 * (1.25 - x[:, 2]), np.full(len(x), 2.0), np.full(len(x), -4.0)])
+
+
+HELD = vx.Elasticity(young=200.0, poisson=0.3), vx.Traction(push, on="left"), vx.TrescaFriction(bound=1.0, on="bottom")
+SCENES = {
+    "bilateral": (*HELD, vx.Clamp(on="right"), vx.BilateralContact(on="bottom")),
+    "one-sided": (*HELD, vx.Clamp(on="right"), vx.UnilateralContact(on="bottom")),
+    "moved": (
+        *HELD,
+        vx.PrescribedDisplacement(lambda x, t: np.tile([0.01 * t, 0.0, -0.02 * t], (len(x), 1)), on="right"),
+        vx.UnilateralContact(on="bottom"),
+    ),
+    "viscous": (*HELD, vx.Clamp(on="right"), vx.BilateralContact(on="bottom"), vx.Viscosity(0.1, 0.1)),
+}
+
+
+@kinds
+@pytest.mark.long
+@pytest.mark.parametrize("name", SCENES)
+def test_scenes_have_the_steps_and_forces_of_direct_factors(kind, name):
+    scene, mesh = vx.Scene(*SCENES[name]), vx.meshes.cubes(4)
+    direct, iterative = (vx.simulate(scene, mesh, TIMES, linear=linear) for linear in (SuperLU(), kind()))
+    posed = pose_scene(scene, mesh)
+    one, two = direct.trajectory, iterative.trajectory
+    assert_within_both_certificates(posed.system, one, two)
+    claimed = sum(run.certificate_total + run.certificate_floor for run in (one, two)) * one.scale
+    # |A e| <= |A|^(1/2) |e|_A, and the norm of A is at most its largest sum of a row; viscous forces have rates of e.
+    stiff = abs(posed.A).sum(axis=1).max()
+    if posed.viscosity is not None:
+        stiff += abs(posed.viscosity).sum(axis=1).max() * 2 / np.diff(TIMES).min()
+    rounding = 1e-13 * np.abs(abs(posed.A) @ np.abs(direct.displacement).max(axis=0).ravel()).max()
+    apart = np.linalg.norm((iterative.forces - direct.forces).reshape(len(TIMES), -1), axis=1)
+    assert (apart <= np.sqrt(stiff) * claimed + rounding).all()
+    assert np.array_equal(iterative.contact.closed, direct.contact.closed)

@@ -203,17 +203,17 @@ class Search:
                 sets = Sets.at(self.delassus, point, self.law)
             elif again:
                 point, sets = self._between(before, point)
-            system, last = self._system(sets, point), missed
+            system, last = self.system(sets, point), missed
 
     def _first(self, point: Point) -> SetsSystem:
-        """Return the system of the sets at the guess; a body that floats is held, at first."""
-        slips = None if point.a.any() else np.zeros_like(self.delassus.parts(point.x)[0])
-        sets = Sets.at(self.delassus, point, self.law, slips)
-        if len(point.a) and slips is not None:
+        """Return the system of the sets at a guess, where nothing has slipped; a body that floats is held, at first."""
+        sets = Sets.at(self.delassus, point, self.law, np.zeros_like(self.delassus.parts(point.x)[0]))
+        if len(point.a):
             sets = replace(sets, stick=np.ones_like(sets.stick), act=np.ones_like(sets.act))
-        return self._system(sets, point)
+        return self.system(sets, point)
 
-    def _system(self, sets: Sets, point: Point) -> SetsSystem:
+    def system(self, sets: Sets, point: Point) -> SetsSystem:
+        """Return the system of some sets, and count it."""
         self.count += 1
         return SetsSystem.of(self.delassus, sets, point, self.law)
 
@@ -343,19 +343,18 @@ class PreparedNewton:
 
     def begun_at(self, program: StepProgram, law: Weights, answer: Answer) -> Answer:
         """Return the answer found from the sets of another one; of at most one system, one Newton step from it."""
-        self.system = None
-        found = self._answer(program, law, self.delassus.begin(program, answer.lam, answer.p, answer.d))
-        self.system = None
-        return found
+        return self._answer(program, law, self.delassus.begin(program, answer.lam, answer.p, answer.d), near=True)
 
-    def _answer(self, program: StepProgram, law: Weights, point: Point) -> Answer:
-        """Return the answer begun at a point, and keep its system of sets."""
+    def _answer(self, program: StepProgram, law: Weights, point: Point, near: bool = False) -> Answer:
+        """Return the answer begun at a point, on its own sets if it is near; else on the last system, which is kept."""
         delassus, rows = self.delassus, program.operators.B.shape[0]
         own = law.in_units(delassus.u[: rows : program.operators.block], delassus.u[rows:])
         search = Search(delassus, own, self.most)
-        point, self.system, missed = search.solution(point, self.system)
+        begin = search.system(Sets.at(delassus, point, own), point) if near else self.system
+        point, system, missed = search.solution(point, begin)
+        self.system = None if near else system
         status = "converged" if missed <= FAIR else f"sets did not settle in {search.count} systems"
-        d, lam, p = recorded(delassus, program, point, self.system, law)
+        d, lam, p = recorded(delassus, program, point, system, law)
         return Answer(d, lam, max(search.count, 1), status, safeguards=search.safeguards, p=p)
 
 

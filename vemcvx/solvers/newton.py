@@ -56,6 +56,8 @@ SWEEPS = 100
 """Projected gradients at first; they double each time, up to sixteen times as many."""
 MOST_SAFEGUARDS = 10
 """Times that they are asked in a step before that is given up."""
+RUNAWAY = 1e6
+"""Growth of forces beyond which nothing balances a body that floats: Coulomb friction would grow for ever."""
 FEW = 20
 """Of them for one part of the increments in a kernel."""
 
@@ -188,9 +190,12 @@ class Search:
         system = system or self._first(point)
         s, z = self.delassus.parts(point.off)  # Gaps far from closing are no measure of forces.
         least = 0.01 * max(np.abs(s).max(initial=0.0), z.max(initial=0.0)) or 1e-300
-        seen, swept, cycles, last = set[bytes](), None, 0, np.inf
+        seen, swept, cycles, last, start = set[bytes](), None, 0, np.inf, point
+        limit = RUNAWAY * max(float(np.abs(start.x).max(initial=0.0)), float(np.abs(start.off).max(initial=0.0)))
         while True:
             before, (point, sets, missed) = point, self._corrected(point, system, least)
+            if len(point.a) and np.abs(point.x).max(initial=0.0) > limit:
+                return start, replace(system, sets=Sets.at(self.delassus, start, self.law)), np.inf
             ends = self.count >= self.most or self.safeguards > MOST_SAFEGUARDS
             if missed <= ENOUGH or (missed <= FAIR and missed > 0.5 * last) or ends:
                 return point, replace(system, sets=sets), missed
@@ -392,7 +397,7 @@ def corrected(delassus: Delassus, program: StepProgram, point: Point, system: Se
     s = delassus.parts(off)[0]
     across = np.append(s - np.einsum("ij,ij->i", s, n)[:, None] * n, np.zeros_like(p))
     z = system.solve(np.append(system.P @ np.where(sets.still, off, across), delassus.N.T @ left))
-    if not np.isfinite(z).all():
+    if not np.abs(z).max(initial=0.0) <= np.abs(point.x).max(initial=0.0):  # Sets that hold nothing.
         return d, point
     dx, da = system.Qt.T @ z[:count], z[count:]
     d = d - operators.factor.solve(operators.multiplier_force(*delassus.parts(delassus.u * dx))) + delassus.N @ da

@@ -22,9 +22,6 @@ class Unreliable(vx.Newton):
     def name(self):
         return "Newton that fails"
 
-    def limited(self, iterations):
-        return self
-
     def prepare(self, operators):
         inner, asked = super().prepare(operators), []
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from operator import attrgetter
 
 import numpy as np
@@ -96,15 +95,6 @@ def test_what_it_says_of_itself_is_read():
     scene = paper_scene().with_(vx.UnilateralContact(on="top"))
     with pytest.raises(vx.NotAccepted, match="^solver Careful: the program has bounds, which it does not accept"):
         vx.simulate(scene, small("squares", 3), TIMES, solver=Careful(lambda a: a))
-
-
-def test_its_settings_are_named_wherever_they_are_kept():
-    @dataclass(slots=True)
-    class Slotted:
-        rho: float = 1.0
-        solve: object = print
-
-    assert repr(as_solver(Slotted(2.0))) == "Slotted(accuracy=1e-06, rho=2.0)"
 
 
 def test_it_gets_multipliers_to_begin_with_if_it_asks_for_them():

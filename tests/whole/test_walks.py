@@ -193,7 +193,7 @@ WALKS = {
 
 LENGTHS = {
     bound_to_cone: (("program/step_program.py", "to_cvxpy"), 7, 2),
-    bound_to_newton: (("solvers/law.py", "GivenWeights.in_units"), 7, 1),
+    bound_to_newton: (("solvers/law.py", "WeightsInUnits.at"), 7, 1),
     young_to_stiffness: (("program/system.py", "System.__post_init__"), 6, 1),
     accuracy_to_step: (("stepping/backward_euler.py", "PosedStep._answered"), 7, 3),
     displacement_to_file: (("meshes/io/vtk.py", "write_cells"), 16, 8),

@@ -14,7 +14,7 @@ from vemcvx.cli.problem_file import executed, literal, own_errors
 from vemcvx.linear import Iterative, LinearSolver, Pardiso, PETSc, SuperLU
 from vemcvx.linear.petsc import all_ranks, serve
 from vemcvx.solvers import OSQP, Clarabel, Direct, Newton, Solver, ThroughCvxpy, as_solver
-from vemcvx.solvers.conic import TUNED, installed, known
+from vemcvx.solvers.conic import TUNED, installed, interfaces
 
 LINEAR: dict[str, Callable[[], LinearSolver]] = {
     **{"superlu": SuperLU, "pardiso": Pardiso, "iterative": Iterative, "petsc": PETSc},
@@ -36,7 +36,7 @@ def named_solver(
         solver = solver if accuracy is None else solver.asked(accuracy)
         solver.check_accuracy()
         return solver
-    if name.lower() not in NAMES and name.upper() not in known():
+    if name.lower() not in NAMES and not any(name.upper() in known for known in interfaces()):
         raise ProblemError(
             f"{option}: there is no solver {name!r}; there are {', '.join(NAMES)}, those that cvxpy finds here, "
             f"{', '.join(installed())}, and your own, FILE.py:CLASS."

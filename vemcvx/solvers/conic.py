@@ -1,13 +1,11 @@
 """Clarabel, OSQP, and any other solver that cvxpy can call, with the settings that a duality gap asks for.
 
-TUNED has the settings for a duality gap of a scaled program, in one table; where nothing stands, a solver runs as its
-library comes. What was "certified" is the relative error, asked for 1e-6, of problems/feng_han_huang.py and
-hertz_contact.py with --n 8 or 16 and --steps 4 or 8.
+TUNED has the settings for a duality gap of a scaled program; where nothing stands, a solver runs as its library comes.
+"Certified" there is the relative error that a request for 1e-6 reached.
 
 Solvers without cones are handed absolute values as inequalities; so are those with cones when they miss. A cone's
-algebra takes t - |s| as a difference, which where a term slips is as small as the gap: below 1e-12 no digits are left,
-and interior points break down. Inequalities carry it as a slack of its own: on the strip of
-problems/membrane_with_friction.py Clarabel gets to 8e-8 instead of 2e-6.
+algebra takes t - |s| as a difference, which where a term slips is as small as the gap: below 1e-12 no digits are left.
+Inequalities carry it as a slack of its own.
 """
 
 from __future__ import annotations
@@ -20,7 +18,6 @@ from functools import cache, partial
 from typing import Any, ClassVar
 
 import numpy as np
-import scipy.sparse as sp
 
 from vemcvx.base.arrays import Floats, brief, flag, is_whole
 from vemcvx.base.errors import NotAccepted, SceneError
@@ -46,7 +43,6 @@ class OfGap:
         return float(np.clip(self.share * gap**self.power, self.least, self.most))
 
     def __str__(self) -> str:
-        """In words."""
         what = "gap" if self.power == 1 else f"gap^{self.power:g}"
         return f"{self.share:g} {what}, {self.least:g} to {self.most:g}"
 
@@ -141,43 +137,6 @@ TUNED: Mapping[str, tuple[Setting, ...]] = {
 }
 
 
-class KeptMatrices:
-    """A solver of Clarabel's, whose `update` passes on matrices that differ from those it was last given.
-
-    cvxpy hands it P, q, A and b anew each time. P and A are those of all steps; taking them over again is a tenth of a
-    step of 256 terms, and changes no bit of an answer.
-    """
-
-    def __init__(self, solver: Any):
-        self._solver = solver
-        self._given: dict[str, Any] = {}
-
-    def __getattr__(self, name: str) -> Any:
-        if name.startswith("_"):
-            raise AttributeError(name)
-        return getattr(self._solver, name)
-
-    def update(self, **data: Any) -> None:
-        """Hand on those of P, q, A, b and settings that have changed."""
-        new = {name: item for name, item in data.items() if not _same(item, self._given.get(name))}
-        self._solver.update(**new)
-        self._given |= {name: item for name, item in new.items() if sp.issparse(item)}
-
-
-def keep_matrices(solvers: dict[str, Any]) -> None:
-    """Wrap the Clarabel that cvxpy keeps, so that it is handed only the data that have changed."""
-    solver = solvers.get("CLARABEL")
-    if hasattr(solver, "update") and not isinstance(solver, KeptMatrices):
-        solvers["CLARABEL"] = KeptMatrices(solver)
-
-
-def _same(one: Any, other: Any) -> bool:
-    """Return True if both are sparse matrices with the same entries at the same places."""
-    parts = "shape", "data", "indices", "indptr"
-    both = sp.issparse(one) and sp.issparse(other)
-    return both and all(np.array_equal(getattr(one, part), getattr(other, part)) for part in parts)
-
-
 COMPILING = threading.Lock()
 """cvxpy numbers its expressions by a counter of the process, without a lock of its own."""
 
@@ -193,13 +152,8 @@ def installed() -> tuple[str, ...]:
     return tuple(cp.installed_solvers())
 
 
-def known() -> frozenset[str]:
-    """Names of the solvers that cvxpy can call, here or elsewhere."""
-    return frozenset().union(*_interfaces())
-
-
-def _interfaces() -> tuple[Mapping[str, object], Mapping[str, object]]:
-    """Interfaces by which cvxpy calls solvers of conic and of quadratic programs, by name."""
+def interfaces() -> tuple[Mapping[str, object], Mapping[str, object]]:
+    """Return the interfaces by which cvxpy calls solvers of conic and of quadratic programs, by name."""
     from cvxpy.reductions.solvers.defines import SOLVER_MAP_CONIC, SOLVER_MAP_QP
 
     return SOLVER_MAP_CONIC, SOLVER_MAP_QP
@@ -229,7 +183,7 @@ class ThroughCvxpy(Solver):
     options: Mapping[str, Any] = field(default_factory=dict)
     tuned: bool = True
 
-    semidefinite: ClassVar[bool] = True
+    semidefinite = True
 
     def __post_init__(self) -> None:
         if not isinstance(self.solver, str):
@@ -260,11 +214,11 @@ class ThroughCvxpy(Solver):
         """True if the solver takes second-order cones."""
         import cvxpy as cp
 
-        return cp.SOC in getattr(_interfaces()[0].get(self.solver), "SUPPORTED_CONSTRAINTS", ())
+        return cp.SOC in getattr(interfaces()[0].get(self.solver), "SUPPORTED_CONSTRAINTS", ())
 
     @property
     def accepts(self) -> frozenset[str]:
-        conic, quadratic = _interfaces()
+        conic, quadratic = interfaces()
         # Solvers of linear programs (SciPy's, GLPK, CBC) are conic ones to cvxpy, without second-order cones.
         linear_only = self.solver in conic and self.solver not in quadratic and not self.cones
         return FEATURES if self.cones else LINEAR - ({QUADRATIC} if linear_only else set())
@@ -281,11 +235,11 @@ class ThroughCvxpy(Solver):
 
     @property
     def settings(self) -> tuple[Setting, ...]:
-        """Our settings of it; those for fewer programs come last, and go before those for all."""
+        """Our settings of it; those for fewer programs come last, and win over those for all."""
         return TUNED.get(self.solver, ()) if self.tuned else ()
 
     def asks_with(self, gap: float, *, semidefinite: bool, again: bool) -> dict[str, Any]:
-        """The solver's options for a duality gap of a scaled program: tuned ones, the user's last."""
+        """Return the solver's options for a duality gap of a scaled program: tuned ones, the user's last."""
         now = {When.ALWAYS} | ({When.SEMIDEFINITE} if semidefinite else set()) | ({When.AGAIN} if again else set())
         return {**{one.name: one.at(gap) for one in self.settings if one.when in now}, **self.options}
 
@@ -341,10 +295,6 @@ class OSQP(ThroughCvxpy):
         return np.column_stack([np.cos(angles), np.sin(angles)])
 
 
-Posed = tuple[CvxpyStep, dict[str, Any]]
-"""A step in cvxpy, and the solvers that cvxpy keeps for the next one, by name."""
-
-
 class _PreparedConic:
     """The program compiled once, its data as parameters; on sparse K it is posed afresh every step.
 
@@ -353,7 +303,8 @@ class _PreparedConic:
 
     def __init__(self, settings: ThroughCvxpy):
         self._settings = settings
-        self._compiled: dict[bool, Posed] = {}
+        # With cones or without: the step in cvxpy, and the solvers that cvxpy keeps for the next one, by name.
+        self._compiled: dict[bool, tuple[CvxpyStep, dict[str, Any]]] = {}
 
     def solve(self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None) -> Answer:
         cones = self._settings.cones
@@ -367,34 +318,32 @@ class _PreparedConic:
         return polished(program, answer) if self._settings.polish else answer
 
     def _ask(self, program: StepProgram, target: float, cones: bool, again: bool = False) -> Answer:
-        (step, kept), semidefinite = self._posed(program, cones), program.operators.kernel is not None
-        options = self._settings.asks_with(target, semidefinite=semidefinite, again=again)
+        operators, corners = program.operators, self._settings.corners
+        with COMPILING:
+            if isinstance(operators.K, np.ndarray):
+                if cones not in self._compiled:
+                    self._compiled[cones] = to_cvxpy(operators, None, cones, corners), {}
+                step, kept = self._compiled[cones]
+                step.at(program.data)
+            else:
+                step, kept = to_cvxpy(operators, program.data, cones, corners), {}
+        options = self._settings.asks_with(target, semidefinite=operators.kernel is not None, again=again)
         status, iterations = _run(step, kept, self._settings, options)
-        still = np.zeros_like(program.g), np.zeros((program.operators.count, program.operators.block)), 0 * program.e
+        still = np.zeros_like(program.g), np.zeros((operators.count, operators.block)), np.zeros_like(program.e)
         found = still if step.d.value is None else (step.d.value, step.lam, step.p)
         # Interior points stop a rounding error short of their bounds, or beyond them.
         d, lam, p = program.admissible_point(*found)
         return Answer(d, lam, iterations, status, p=p)
 
-    def _posed(self, program: StepProgram, cones: bool) -> Posed:
-        operators, corners = program.operators, self._settings.corners
-        with COMPILING:
-            if not isinstance(operators.K, np.ndarray):
-                return to_cvxpy(operators, program.data, cones, corners), {}
-            if cones not in self._compiled:
-                self._compiled[cones] = to_cvxpy(operators, None, cones, corners), {}
-        step, kept = self._compiled[cones]
-        return step.at(program.data), kept
-
 
 def polished(program: StepProgram, answer: Answer) -> Answer:
-    """One active-set step from an answer; the better certified of the two."""
-    before = program.admissible_point(answer.d, answer.lam, answer.p)
-    near = Answer(*before[:2], 0, p=before[2])
-    sharper = PreparedNewton(program.operators, 1).begun_at(program, GivenWeights(program.w), near)
+    """Return one active-set step from an answer, or the answer: the better certified of the two."""
+    d, lam, p = program.admissible_point(answer.d, answer.lam, answer.p)
+    before = replace(answer, d=d, lam=lam, p=p)
+    sharper = PreparedNewton(program.operators, 1).begun_at(program, GivenWeights(program.w), before)
     d, lam, p = program.admissible_point(sharper.d, sharper.lam, sharper.p)
     after = Answer(d, lam, answer.iterations + 1, answer.status + ", polished", p=p)
-    return after if _gap(program, after) < program.duality_gap(*before) else answer
+    return after if _gap(program, after) < _gap(program, before) else answer
 
 
 def _gap(program: StepProgram, answer: Answer) -> float:
@@ -402,18 +351,17 @@ def _gap(program: StepProgram, answer: Answer) -> float:
 
 
 def _run(step: CvxpyStep, kept: dict[str, Any], settings: ThroughCvxpy, options: dict[str, Any]) -> tuple[str, int]:
-    """Solve in cvxpy's own steps: its `solve` would warn of what the certificate measures. Status and iterations."""
+    """Solve in cvxpy's own steps, as its `solve` would warn of what the certificate measures; status and iterations."""
     from cvxpy.error import SolverError
     from cvxpy.settings import SOLUTION_PRESENT
 
-    problem, options = step.problem, dict(options)
+    problem = step.problem
     verbose, warm_start = bool(options.pop("verbose", False)), bool(options.pop("warm_start", True))
     step.d.save_value(None)
     try:
         with COMPILING:
             data, chain, inverse = problem.get_problem_data(settings.solver, solver_opts=options)
         raw = chain.solver.solve_via_data(data, warm_start, verbose, options, kept)
-        keep_matrices(kept)
         solution = chain.invert(raw, inverse)
     except SolverError as error:
         return f"failed: {error}", 0

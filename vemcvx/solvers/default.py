@@ -36,7 +36,7 @@ class Solves(Protocol):
 
 
 def as_solver(given: Solver | Solves) -> Solver:
-    """A Solver as it is; any other object with `solve` as one.
+    """Return a Solver as it is, and any other object with `solve` as one.
 
     SceneError where it is a class, or has no `solve`, or an `accepts` that names no features.
     """
@@ -58,10 +58,9 @@ class AdaptedSolver(Solver):
     """
 
     accepts: frozenset[str] = FEATURES
-    semidefinite: bool = False
 
     def __init__(self, own: Solves):
-        self._own, self._asks = own, _asks_for(own)
+        self._own = own
         self.accuracy = getattr(own, "accuracy", Solver.accuracy)
         accepts = getattr(own, "accepts", FEATURES)
         several = isinstance(accepts, (set, frozenset, list, tuple))
@@ -75,10 +74,8 @@ class AdaptedSolver(Solver):
 
     def __repr__(self) -> str:
         """Return the name, and the public attributes that are plain: they say the same in every process."""
-        slots = [name for kind in type(self._own).__mro__ for name in vars(kind).get("__slots__", ())]
-        names = [name for name in (*getattr(self._own, "__dict__", ()), *slots) if not name.startswith("_")]
-        values = {name: getattr(self._own, name, None) for name in names}
-        plain = {name: value for name, value in values.items() if isinstance(value, (int, float, str))}
+        own = {name: value for name, value in getattr(self._own, "__dict__", {}).items() if name[0] != "_"}
+        plain = {name: value for name, value in own.items() if isinstance(value, (int, float, str))}
         settings = {**plain, "accuracy": self.accuracy}
         return f"{self.name}({', '.join(f'{name}={value!r}' for name, value in sorted(settings.items()))})"
 
@@ -90,20 +87,11 @@ class AdaptedSolver(Solver):
         return self
 
     def solve(self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None) -> Answer:
-        """Answer one scaled step."""
+        """Answer one scaled step, from the expected multipliers if `solve` has parameters for them."""
         begin = {"lam": lam.copy(), "p": np.zeros_like(program.e) if p is None else p.copy()}
-        given = {name: begin[name] for name in self._asks}
+        more = list(inspect.signature(self._own.solve).parameters)[2:]
+        given = {name: begin[name] for name in ("lam", "p") if name in more}
         return read_answer(self._own.solve(program, target, **given), program, self.name)
-
-
-def _asks_for(own: Solves) -> list[str]:
-    """The expected multipliers that `solve` has parameters for."""
-    try:
-        parameters = inspect.signature(own.solve).parameters
-    except (TypeError, ValueError):
-        return []
-    more = list(parameters)[2:]
-    return [name for name in ("lam", "p") if name in more]
 
 
 @dataclass(frozen=True)
@@ -113,13 +101,13 @@ class Direct(Solver):
     accuracy: float = 1e-8
 
     accepts: ClassVar[frozenset[str]] = frozenset({QUADRATIC})
-    any_units: ClassVar[bool] = True
+    any_units = True
 
     def prepare(self, operators: Operators) -> Direct:
         return self
 
     def solve(self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None) -> Answer:
-        """Answer one scaled step."""
+        """Answer one step."""
         d = program.operators.factor.solve(program.g)
         return Answer(d, np.zeros_like(lam), 1, "solved", p=np.zeros_like(program.e))
 

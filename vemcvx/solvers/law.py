@@ -1,4 +1,4 @@
-"""The weights of one step, w(p, |s|), in the units of whoever asks: given, or after a law of friction.
+"""The weights of one step, w(p, |s|): given, or after a law of friction; and these in other units.
 
 A law has two slopes: J = dw/dp where it says so, and dw/d|s|, by differences where it reads the slip of the step. A
 step of the law w(p, |s|) is one set-valued equation with a program of given weights at every solution: that of the
@@ -7,7 +7,7 @@ answer's own pressure and slip.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -29,13 +29,10 @@ class Weights(Protocol):
         """True if they depend on neither."""
 
     def at(self, p: Floats, slip: Floats) -> Floats:
-        """Weights (m,) under forces (r,) and slips (m,)."""
+        """Return weights (m,) under forces (r,) and slips (m,)."""
 
     def slopes(self, p: Floats, slip: Floats) -> tuple[sp.csr_matrix | None, Floats | None]:
-        """dw/dp (m, r) and dw/d|s| (m,); None where they are zero."""
-
-    def in_units(self, of_terms: Floats, of_limits: Floats) -> Weights:
-        """The same weights where forces are in units (m,) and (r,), and slips in one over these."""
+        """Return dw/dp (m, r) and dw/d|s| (m,); None where they are zero."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,38 +48,39 @@ class GivenWeights:
     def slopes(self, p: Floats, slip: Floats) -> tuple[None, None]:
         return None, None
 
-    def in_units(self, of_terms: Floats, of_limits: Floats) -> GivenWeights:
-        return GivenWeights(self.w / of_terms)
+
+@dataclass(frozen=True, eq=False)
+class WeightsInUnits:
+    """Weights where forces of terms and limits are in units (m,) and (r,), and slips in one over those of terms."""
+
+    weights: Weights
+    of_terms: Floats
+    of_limits: Floats
+
+    @property
+    def given(self) -> bool:
+        """True if the weights depend on neither."""
+        return self.weights.given
+
+    def at(self, p: Floats, slip: Floats) -> Floats:
+        return self.weights.at(self.of_limits * p, slip / self.of_terms) / self.of_terms
+
+    def slopes(self, p: Floats, slip: Floats) -> tuple[sp.csr_matrix | None, Floats | None]:
+        J, slope = self.weights.slopes(self.of_limits * p, slip / self.of_terms)
+        if J is not None:
+            entries = J.data * self.of_limits[J.indices] / np.repeat(self.of_terms, np.diff(J.indptr))
+            J = sp.csr_matrix((entries, J.indices, J.indptr), shape=J.shape)
+        return J, None if slope is None else slope / self.of_terms**2
 
 
 @dataclass(frozen=True, eq=False)
 class StepLaw:
-    """Weights after a law at the instant t.
-
-    Parameters
-    ----------
-    norms : Norms
-        They have a law.
-    t : float
-    past : (m,) array
-        Slips before the step.
-    weight, force, length : (m,), (r,) and (m,) arrays
-        What one stands for: of weights, of forces of limits, and of slips.
-    """
+    """Weights after the law of `norms` at the instant t, with slips (m,) before the step."""
 
     norms: Norms
     t: float
     past: Floats
-    weight: Floats
-    force: Floats
-    length: Floats
     given = False
-
-    @classmethod
-    def of(cls, norms: Norms, t: float, past: Floats, limits: int) -> StepLaw:
-        """The law in the units of the system, with so many limits."""
-        one = np.ones(norms.count)
-        return cls(norms, t, past, weight=one, force=np.ones(limits), length=one)
 
     @property
     def sees_slip(self) -> bool:
@@ -90,25 +88,21 @@ class StepLaw:
         return self.norms.remembers and not self.norms.sloped
 
     def at(self, p: Floats, slip: Floats) -> Floats:
-        own = self.length * slip if self.sees_slip else None
-        return self.norms.weights_under(self.t, self.force * np.maximum(p, 0.0), self.past, own) / self.weight
+        return self.norms.weights_under(self.t, np.maximum(p, 0.0), self.past, slip if self.sees_slip else None)
 
     def slopes(self, p: Floats, slip: Floats) -> tuple[sp.csr_matrix | None, Floats | None]:
         if self.norms.sloped:
-            J = self.norms.slope_by_forces(self.t, self.force * np.maximum(p, 0.0), self.past)
-            entries = J.data * self.force[J.indices] / np.repeat(self.weight, np.diff(J.indptr))
-            return sp.csr_matrix((entries, J.indices, J.indptr), shape=J.shape), None
+            return self.norms.slope_by_forces(self.t, np.maximum(p, 0.0), self.past), None
         if not self.sees_slip:
             return None, None
-        more = DIFFERENCE * max(slip.max(initial=0.0), (self.past / self.length).max(initial=0.0)) or DIFFERENCE
+        more = DIFFERENCE * max(slip.max(initial=0.0), self.past.max(initial=0.0)) or DIFFERENCE
         return None, (self.at(p, slip + more) - self.at(p, slip)) / more
 
     def check_slope(self, p: Floats, slip: Floats) -> None:
         """Raise SceneError where weights of a law with a slope by p depend on the slip of the step."""
         if not (self.norms.sloped and self.norms.remembers):
             return
-        w, force = self.weight * self.at(p, slip), self.force * np.maximum(p, 0.0)
-        own = self.norms.weights_under(self.t, force, self.past, self.length * slip)
+        w, own = self.at(p, slip), self.norms.weights_under(self.t, np.maximum(p, 0.0), self.past, slip)
         off = np.abs(own - w) - SAME * np.maximum(own, w)
         if (off > 0).any():
             i = int(np.argmax(off))
@@ -117,11 +111,3 @@ class StepLaw:
                 f"{w[i]:.6g} to {own[i]:.6g}, but its law has a slope, which is for laws that read the slip before "
                 "the step alone; leave the slope out."
             )
-
-    def in_units(self, of_terms: Floats, of_limits: Floats) -> StepLaw:
-        return replace(
-            self,
-            weight=self.weight * of_terms,
-            force=self.force * of_limits,
-            length=self.length / of_terms,
-        )

@@ -41,7 +41,7 @@ from vemcvx.base.arrays import Bools, Floats, directions, lengths, onto_discs, w
 from vemcvx.program.forces import Delassus, Point, reflected
 from vemcvx.program.operators import FEATURES, Operators
 from vemcvx.program.step_program import Answer, StepProgram
-from vemcvx.solvers.law import GivenWeights, Weights
+from vemcvx.solvers.law import GivenWeights, Weights, WeightsInUnits
 from vemcvx.solvers.solver import Prepared, Solver
 
 SHIFT = 0.1
@@ -307,9 +307,7 @@ class Newton(Solver):
     max_iterations: int = 60
 
     accepts: ClassVar[frozenset[str]] = FEATURES
-    semidefinite: ClassVar[bool] = True
-    follows: ClassVar[bool] = True
-    any_units: ClassVar[bool] = True
+    semidefinite = follows = any_units = True
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -318,9 +316,6 @@ class Newton(Solver):
     @property
     def advice(self) -> str:
         return "raise max_iterations"
-
-    def limited(self, max_iterations: int) -> Newton:
-        return replace(self, max_iterations=max_iterations)
 
     def prepare(self, operators: Operators) -> Prepared:
         return PreparedNewton(operators, self.max_iterations)
@@ -353,7 +348,7 @@ class PreparedNewton:
     def _answer(self, program: StepProgram, law: Weights, point: Point, near: bool = False) -> Answer:
         """Return the answer begun at a point, on its own sets if it is near; else on the last system, which is kept."""
         delassus, rows = self.delassus, program.operators.B.shape[0]
-        own = law.in_units(delassus.u[: rows : program.operators.block], delassus.u[rows:])
+        own = WeightsInUnits(law, delassus.u[: rows : program.operators.block], delassus.u[rows:])
         search = Search(delassus, own, self.most)
         begin = search.system(Sets.at(delassus, point, own), point) if near else self.system
         point, system, missed = search.solution(point, begin)

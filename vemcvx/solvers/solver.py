@@ -37,8 +37,8 @@ class Prepared(Protocol):
         target : float
             The duality gap asked for, in the units of the scaled program.
         lam, p : (m, block) and (r,) arrays
-            A guess: the multipliers that the steps before let expect; no forces of limits by default. Signs are those
-            of :class:`vemcvx.program.step_program.StepProgram`.
+            A guess: the multipliers that the steps before let expect, with the signs of
+            :class:`vemcvx.program.step_program.StepProgram`; no forces of limits by default.
         """
 
 
@@ -56,21 +56,29 @@ class Solver(ABC):
     semidefinite : bool
         True if it takes a K with a kernel, `operators.kernel`; scenes in which friction and contact alone hold a body
         are refused to others.
+    any_units : bool
+        True if it solves programs in any units alike; others are given scaled ones.
+    follows : bool
+        True if what it prepares solves steps under laws of friction, `solve(..., law=)`.
     max_iterations : float
-        How many iterations a step may take; infinite if the solver does not count them.
+        How many iterations a program may take; infinite if the solver does not count them.
+    instead : str
+        A sentence that says by which setting a program with features that it does not accept could be handed to it.
     """
 
     accuracy: float = 1e-6
+    semidefinite: bool = False
+    any_units: bool = False
+    follows: bool = False
     max_iterations: float = np.inf
     instead: ClassVar[str] = ""
-    """A sentence that says by which setting a program with features that it does not accept could be handed to it."""
 
     def __post_init__(self) -> None:
         """Refuse settings that mean nothing."""
         self.check_accuracy()
 
     def __repr__(self) -> str:
-        """Name and settings, which are the public attributes: what summaries name, and a resumed run compares."""
+        """Return name and settings, which are the public attributes."""
         settings = ", ".join(f"{name}={value!r}" for name, value in sorted(vars(self).items()) if name[0] != "_")
         return f"{type(self).__name__}({settings})"
 
@@ -83,21 +91,6 @@ class Solver(ABC):
     @abstractmethod
     def accepts(self) -> frozenset[str]:
         """The features of programs that it can solve, out of those in :mod:`vemcvx.program.operators`."""
-
-    @property
-    def semidefinite(self) -> bool:
-        """True if the solver takes a K with a kernel; an attribute of subclasses that do."""
-        return False
-
-    @property
-    def any_units(self) -> bool:
-        """True if it solves programs in any units alike; others are given scaled ones."""
-        return False
-
-    @property
-    def follows(self) -> bool:
-        """True if what it prepares solves steps under laws, `solve(..., law=)`; an attribute of subclasses that do."""
-        return False
 
     @property
     def advice(self) -> str:
@@ -121,20 +114,10 @@ class Solver(ABC):
         """
 
     def asked(self, accuracy: float) -> Self:
-        """The same solver asked for another accuracy; to be overridden where other settings depend on that."""
+        """Return the solver asked for another accuracy; to be overridden where other settings depend on that."""
         other = copy(self)
         object.__setattr__(other, "accuracy", accuracy)  # Settings may be frozen.
         return other
-
-    def limited(self, max_iterations: int) -> Solver:
-        """The same solver with at most so many iterations a program, where a step is several; itself if it cannot."""
-        return self
-
-    def after(self, iterations: int) -> Solver:
-        """The same solver with its iterations less so many; itself if it does not count them."""
-        if iterations == 0 or not np.isfinite(self.max_iterations):
-            return self
-        return self.limited(max(int(self.max_iterations) - iterations, 1))
 
     def check_accuracy(self) -> None:
         """Raise SceneError for an accuracy that means nothing."""

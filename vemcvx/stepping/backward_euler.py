@@ -160,7 +160,7 @@ class PosedStep:
         norms = self.run.system.norms
         if norms is None or norms.law is None:
             return None
-        return StepLaw.of(norms, self.data.t, self.before.ledger.slipped[: norms.count], len(self.program.e))
+        return StepLaw(norms, self.data.t, self.before.ledger.slipped[: norms.count])
 
     def state_after(self, answer: Answer, certificate: Certificate) -> State:
         """The state that an answer of the program leads to."""

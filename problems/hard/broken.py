@@ -78,5 +78,10 @@ CASES = (
     bad("a boundary that is not there", "no boundary named 'rihgt'", clamp="rihgt"),
     Case("repeated instants", lambda: on(MESH, times=[0, 0.5, 0.5, 1]), REFUSAL, "must increase strictly"),
     Case("decreasing instants", lambda: on(MESH, times=[0, 1, 0.5]), REFUSAL, "must increase strictly"),
-    Case("a scene without material", lambda: vx.Scene(*list(block())[1:]), REFUSAL, "found 0 materials"),
+    Case(
+        "a scene without material",
+        lambda: vx.simulate(vx.Scene(*list(block())[1:]), MESH, [0, 1]),
+        REFUSAL,
+        "found 0 materials",
+    ),
 )

@@ -115,7 +115,7 @@ def test_rollers_contradict_what_leaves_them():
     with pytest.raises(
         vx.SceneError,
         match=r"^Symmetry on bottom: node 0 at \[0\. 0\.\] is to move by 0 along \[ ?0\. -1\.\] at t = 0, but other "
-        r"supports already move it by -0\.001\. Prescribe each direction of a node once\.$",
+        r"supports already move it by -0\.001\.$",
     ):
         settled(STEEL, moved, vx.Symmetry(on="bottom"), mesh=small("squares", 3))
 
@@ -211,11 +211,7 @@ def test_the_springs_matrix_is_the_mass_matrix_of_the_edges(family):
 def test_what_springs_do_not_feel_floats():
     """Normal springs under a flat foot leave it free to slide; on two sides they hold everything."""
     mesh = vx.meshes.squares(3)
-    with pytest.raises(
-        vx.SceneError,
-        match=r"^supports: the body floats: 1 rigid motion meets neither a support nor friction, the first the "
-        r"translation \(1, 0\)\.",
-    ):
+    with pytest.raises(vx.SceneError, match=r"^supports: .* 1 rigid motion meets .* the translation \(1, 0\)"):
         pose_scene(vx.Scene(STEEL, vx.ElasticFoundation(normal=10.0, on="bottom")), mesh)
     for none in (0.0, lambda x: 0 * x[:, 0]):
         with pytest.raises(vx.SceneError, match=r"^supports: the body floats: 3 rigid motions meet neither"):
@@ -276,10 +272,6 @@ def test_springs_between_pieces_hold_them_to_each_other_only():
     mesh = vx.PolygonMesh(np.array(points, dtype=float), [[0, 1, 2, 3], [4, 5, 6, 7]])
     mesh = mesh.with_boundary("first", lambda x: x[:, 0] < 0.1)
     links = Links(((1, 4), (2, 7)))
-    with pytest.raises(
-        vx.SceneError,
-        match=r"^supports: the body floats: 3 rigid motions meet neither a support nor friction, "
-        r"the first a motion of pieces that are joined\. ",
-    ):
+    with pytest.raises(vx.SceneError, match=r"^supports: .* 3 rigid motions .* a motion of pieces that are joined"):
         pose_scene(vx.Scene(STEEL, links), mesh)
     assert np.linalg.eigvalsh(pose_scene(vx.Scene(STEEL, links, vx.Clamp("first")), mesh).system.K.toarray())[0] > 1e-3

@@ -148,14 +148,12 @@ def test_only_changes_of_the_ground_count():
     mesh, pull = small("squares", 4), vx.Traction(lambda x, t: (5 * t, 0.0), on="left")
     plain = vx.simulate(tresca(None, HELD).with_(pull), mesh, TIMES)
     still = vx.simulate(tresca(lambda x, t: (3.0, 0.0), HELD).with_(pull), mesh, TIMES)
-    assert still.inactive == ("TrescaFriction on bottom: ground stands still at all instants",)
+    assert still.inactive == ("TrescaFriction on bottom: ground does not move along the boundary",)
     assert same(still.trajectory.state, plain.trajectory.state)
     assert same(still.contact, plain.contact)
     up = vx.simulate(tresca(lambda x, t: (0.0, t), HELD).with_(pull), mesh, TIMES)
     assert same(up.trajectory.state, plain.trajectory.state)
-    assert up.inactive == (
-        "TrescaFriction on bottom: ground moves along the normal only, which friction does not feel",
-    )
+    assert up.inactive == still.inactive
     table = vx.Tabulated([0.0, 1.0], [(0.5, 0.0), (0.6, 0.0)])
     one, other = (vx.simulate(tresca(g, HELD), mesh, TIMES) for g in (table, lambda x, t: (0.1 * t, 0.0)))
     assert np.abs(one.contact.slip - other.contact.slip).max() < 1e-15

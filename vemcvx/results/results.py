@@ -23,7 +23,7 @@ from vemcvx.results.contact import Contact, Sides, contact_history, sides_of
 from vemcvx.results.corners import SIGNED, Corners, Peak
 from vemcvx.scene import Scene
 from vemcvx.scene.pose import PosedScene, pose_scene, unwarned
-from vemcvx.scene.rows import ContactRows
+from vemcvx.scene.rows import ContactRows, distinct_pairs
 from vemcvx.stepping import Storage, Trajectory, programs_of_trajectory
 from vemcvx.vem import Space, Stabilisation, VertexWeights, equivalent, principal, strains, stresses
 
@@ -441,7 +441,7 @@ def _warn_of_friction_where_open(posed: PosedScene, trajectory: Trajectory) -> N
     asked = [friction for friction in terms.frictions if friction.in_the_air]
     if not asked or len(obstacles.nodes) == 0:
         return
-    first, place = obstacles.distinct
+    first, place = distinct_pairs(obstacles.nodes, obstacles.partners)
     at = obstacles[first].find(terms)
     # The last column is of terms without an obstacle.
     pressed = summed_columns(trajectory.pressures, place, len(first) + 1)[:, at]

@@ -5,8 +5,8 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache, partial
-from typing import Any
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -18,24 +18,19 @@ from vemcvx.effects.data import finite_a_row
 from vemcvx.meshes.polygons import all_found_in
 from vemcvx.program.operators import Norms, Rows
 from vemcvx.program.system import DRAG_ROUNDING, DraggedTerms, Limits
-from vemcvx.scene.rows import ContactRows, along, merged, pair_numbers, pairs_of, summing
+from vemcvx.scene.rows import ContactRows, along, distinct_pairs, merged, pair_numbers, pairs_of, summing
 from vemcvx.scene.supports import Supports
 from vemcvx.vem import tangents_of
 
-# The freedom of contact: which rows, nodes with normals, slide, open or are dragged, and which forces press on them.
-#
 # A node belongs to contact unless it is held otherwise: where its tangent is free, where its normal is (the axis of a
 # half model, whose tangent a support holds), where contact itself holds its normal and a support its tangent, and
-# where supports drag it along against friction.
-#
-# Of the forces H'R that hold a node, the part along the normal of contact is contact's; a single support that moves a
-# node along that normal (an obstacle that moves) counts as contact, too. All other parts are the supports'.
+# where supports drag it along against friction. Of the forces H'R that hold a node, the part along the normal of
+# contact is contact's; so is that of a single support that moves a node along that normal (an obstacle that moves).
 Moving = Callable[[float], Floats]
 """t -> displacements (k, dim) of the ground under k rows, or their components along the rows."""
 
 
-@dataclass(frozen=True)
-class Freedom:
+class Freedom(NamedTuple):
     """The freedom that supports leave to rows of contact, as arrays (k,)."""
 
     slides: Bools  # True if some free unknown moves the node along the boundary
@@ -46,10 +41,7 @@ class Freedom:
 def _freedom(
     rows: ContactRows, tangents: Floats, supports: Supports, times: Sequence[float], ground: Moving | None = None
 ) -> Freedom:
-    """Return the freedom of rows that slide along `tangents` (k, dim - 1, dim).
-
-    They are dragged if supports move them between any two of `times`, relative to the `ground` if there is one.
-    """
+    """Return the freedom of rows that slide along `tangents` (k, dim - 1, dim), over `ground` if there is one."""
     reads, per = rows.matrix(tangents, supports.points), tangents.shape[1]
     B = supports.on_free(reads)
     # How much free unknowns move each row along its tangents: eigenvalues (k, dim - 1), ascending; zero where not.
@@ -101,7 +93,7 @@ def _normal_reactions(rows: ContactRows, supports: Supports) -> sp.csr_matrix:
 
 
 def _held_normals(rows: ContactRows, supports: Supports) -> tuple[Bools, Floats, tuple[Ints, Ints]]:
-    """True where contact alone holds the normal of a row, (k,).
+    """Return where contact alone holds the normal of a row, (k,).
 
     Besides, the cosines between the normals of rows and those rows of A by which contact holds them, and their places.
     """
@@ -128,13 +120,10 @@ def _held_normals(rows: ContactRows, supports: Supports) -> tuple[Bools, Floats,
     return held_by_contact & (of_contact == 1), cosine[takes], (row[takes], holds[col[takes]])
 
 
-# The norm terms of friction, over all nodal values, and what a System knows of them.
-#
-# A friction effect brings one row a node and distinct normal; rows of one node with one normal are one term, whose
-# weights add up and whose length is that of all their edges; where they rub on grounds that move differently, each is
-# a term of its own. Over u the matrix of the terms is B^ (orthonormal tangents); over the free unknowns it is B = B^
-# P. Terms that no free unknown moves come last. They are kept where supports drag their nodes along the contact, which
-# dissipates, or where contact presses on them, which is reported; all others are dropped.
+# Rows of friction of one node with one normal are one term, whose weights add up and whose length is that of all their
+# edges, unless they rub on grounds that move differently. Over u the matrix of the terms is B^ (orthonormal tangents),
+# over the free unknowns B = B^ P. Terms that no free unknown moves come last, and are kept where supports drag their
+# nodes along the contact, which dissipates, or where contact presses on them, which is reported.
 @dataclass(frozen=True, kw_only=True)
 class Terms(ContactRows):
     """The norm terms of a posed scene, over all nodal values; `normals` are what their tangents are across."""
@@ -152,9 +141,9 @@ class Terms(ContactRows):
     press: sp.csr_matrix | None = None  # (rows, r) which limits press on rows whose law reads it; None without laws
 
     def weights(self, t: float) -> Floats:
-        """Weights (m,) at the instant `t`: those of their rows added up, without what follows the answer."""
-        at = f"weights at t = {t:.6g}"
-        each = (finite_a_row(f.weights(t), len(f.nodes), f"{f.subject}: {at}") for f in self.frictions)
+        """Return weights (m,) at the instant `t`: those of their rows added up, without what follows the answer."""
+        at, own = f"weights at t = {t:.6g}", self.frictions
+        each = (finite_a_row(f.weights(t), len(f.nodes), f"{f.subject}: {at}") for f in own)
         return self.gather @ np.concatenate([np.zeros(0), *each])
 
     @property
@@ -197,10 +186,9 @@ class Terms(ContactRows):
         )
 
     def _law(self, some: slice) -> Law | None:
-        """The law of some of the terms, given the forces p (r,) of all limits and the slips of these terms.
+        """Return the law of some of the terms, given the forces p (r,) of all limits and the slips of these terms.
 
-        None if all weights are given. Rows read the forces that press on them and the slip of their term; weights of
-        rows add up.
+        None if all weights are given. Rows read the forces that press on them and the slip of their term.
         """
         frictions, gather, press = self.frictions, sp.csr_matrix(self.gather[some]), self.press
         laws = [f.law for f in frictions if f.law is not None]
@@ -208,10 +196,6 @@ class Terms(ContactRows):
             return None
         slips, still = any(law.slips for law in laws), np.zeros(gather.shape[1])
         pressed, gathered, spread, own = Rows(press).read, Rows(gather).read, gather.T, _slices(frictions)
-
-        @lru_cache(maxsize=1)  # Steps are on few pieces of a law.
-        def matrix(steep: bytes) -> sp.csr_matrix:
-            return sp.csr_matrix(gather @ sp.diags_array(np.frombuffer(steep)) @ press)
 
         def each(p: Floats, *of_terms: Floats) -> Iterable[tuple[Friction, list[Floats]]]:
             of_rows = [pressed(p), *(spread @ slip if slips else still for slip in of_terms)]
@@ -221,7 +205,8 @@ class Terms(ContactRows):
             return gathered(np.concatenate([f.weights_under(t, *under) for f, under in each(p, past, slip)]))
 
         def slope(t: float, p: Floats, past: Floats) -> sp.csr_matrix:
-            return matrix(np.concatenate([f.slope_under(t, *under) for f, under in each(p, past)]).tobytes())
+            steep = np.concatenate([f.slope_under(t, *under) for f, under in each(p, past)])
+            return sp.csr_matrix(gather @ sp.diags_array(steep) @ press)
 
         soft = all(law.softening is not None for law in laws)
         softening = gather @ np.concatenate([f.softening for f in frictions]) if soft else None
@@ -237,11 +222,7 @@ def _friction_terms(
     known: Sequence[float],
     obstacles: Obstacles,
 ) -> Terms:
-    """Return the terms of all frictions where something can slip or is dragged.
-
-    Equal node, normal and ground make one term. The `table` has the rows of frictions, on which `obstacles` press; at
-    the instants `known` laws say along what they read slip.
-    """
+    """Return the terms of all frictions where something can slip or is dragged; their rows are in the `table`."""
     points = supports.points
     normals = np.concatenate([points[:0], *(f.across for f in frictions)])
     each = np.concatenate([tangents_of(points[:0]), *(f.read(known) for f in frictions)])
@@ -313,10 +294,8 @@ def _refuse_overlap(frictions: Sequence[Friction], owns: sp.csr_matrix, ends: sp
     if len(twice):
         owner = _of_rows(frictions, range(len(frictions)))
         one, other = np.unique(owner[owns[:, twice[:1]].nonzero()[0]])[:2]
-        raise SceneError(
-            f"{frictions[one].subject} and {frictions[other].subject}: they act on the same edges, but their grounds "
-            "move differently; give each ground its own part of the boundary, or both the same function."
-        )
+        both = f"{frictions[one].subject} and {frictions[other].subject}"
+        raise SceneError(f"{both}: they act on the same edges, but their grounds move differently.")
 
 
 def _slices(frictions: Sequence[Friction]) -> list[slice]:
@@ -328,7 +307,7 @@ def _slices(frictions: Sequence[Friction]) -> list[slice]:
 def warn_of_free_normals(
     frictions: Sequence[Friction], supports: Supports, obstacles: Obstacles, springs: sp.csr_matrix | None
 ) -> None:
-    """Friction where nothing holds the normal is a body rubbing on air: almost always a forgotten contact."""
+    """Warn of friction where nothing holds the normal: almost always a forgotten contact."""
     sprung = [] if springs is None else [np.flatnonzero(springs.diagonal() > 0) // supports.points.shape[1]]
     stopped = np.concatenate([obstacles.nodes, *sprung, *(f.nodes for f in frictions if f.directions is not None)])
     for friction in frictions:
@@ -359,10 +338,9 @@ class Surface(ContactRows):
 def _contact_surface(
     table: ContactRows, moves: Bools, terms: Terms, supports: Supports, times: Sequence[float]
 ) -> Surface:
-    """The surface of contact: all rows of the table; edges that several of them bring count once.
+    """Return the surface of contact: all rows of the table; edges that several of them bring count once.
 
-    A node that supports drag, or ground that moves, as `moves` (m,) says, belongs to it where it rubs, so where it has
-    a term of `terms`.
+    A node that supports drag, or ground that `moves` (m,), belongs to it where it has a term of `terms`.
     """
     first, row = merged((table.nodes, table.partners), table.normals)
     every = table.joined(first, row)
@@ -372,7 +350,7 @@ def _contact_surface(
     rubs = (held.dragged | drawn) & (terms[terms.acting :].find(every) >= 0)
     kept = np.flatnonzero(held.slides | held.normal_only | rubs)
     rows = every[kept]
-    lead, place = rows.distinct
+    lead, place = distinct_pairs(rows.nodes, rows.partners)
     together = summing(place, len(lead))
     surface = replace(rows[lead], normals=together @ (rows.lengths[:, None] * rows.normals), ends=together @ rows.ends)
     unit = surface.normals / np.linalg.norm(surface.normals, axis=1)[:, None]
@@ -380,8 +358,6 @@ def _contact_surface(
     return Surface(**replace(surface, normals=unit).columns, normal_reaction=reaction)
 
 
-# The limits of one-sided contact, over all nodal values and for a System; what presses on friction.
-#
 # Rigid obstacles that meet at a node with one normal are one limit, at the smallest of their gaps, which acts on all
 # their edges; compliant obstacles each act with a force of their own.
 @dataclass(frozen=True, kw_only=True)
@@ -412,8 +388,7 @@ def _obstacles(obstacles: Sequence[Obstacle], table: ContactRows, supports: Supp
     every = table.joined(first, limit)
     rows = every.normal_rows(points)
     moves = np.diff(supports.on_free(rows).indptr) > 0
-    # Gaps are differences of lengths as large as coordinates, each rounded, and so are they: 3/2 EPS of these, and as
-    # much again for what lengths are computed from. Gaps that are negative by no more than this are zero.
+    # Gaps are differences of rounded lengths as large as coordinates: those negative by no more than this are zero.
     rounding = 4 * EPS * float(np.abs(points).max())
 
     def those(chosen: Ints) -> Obstacles:
@@ -437,7 +412,7 @@ def _obstacles(obstacles: Sequence[Obstacle], table: ContactRows, supports: Supp
 def _pressures(
     frictions: Sequence[Friction], table: ContactRows, obstacles: Obstacles, supports: Supports
 ) -> sp.csr_matrix | None:
-    """(rows of all frictions, r) which limits press on rows whose law reads it, each with the share of its edges there.
+    """Return (rows of all frictions, r) which limits press on rows whose law reads it, by the share of their edges.
 
     None if no weight has a law. SceneError where nothing presses on a node that is free to move, but a law reads it.
     """
@@ -451,35 +426,31 @@ def _pressures(
         if bare[rows].any():
             raise SceneError(
                 f"{f.subject}: no pressure is known at {bare[rows].sum()} of {len(f.nodes)} places; it needs "
-                "UnilateralContact or NormalCompliance on the same boundary (with BilateralContact, TrescaFriction "
-                "without while_closed)."
+                "UnilateralContact or NormalCompliance on the same boundary."
             )
     return shares
 
 
 def through_obstacles(obstacles: Obstacles, supports: Supports, times: Sequence[float]) -> list[str]:
     """Return a sentence for each support that takes nodes of contact through their obstacle at these instants."""
-    held = obstacles.prescribed
+    held, said, first = obstacles.prescribed, [], 0
     if held is None:
         return []
-    moved = np.array([held.rows @ supports.motion(t) for t in times])
-    gaps = np.array([held.gap(t) for t in times])
-    depth = (moved - gaps).max(axis=0)
-    depth[depth <= SAME * np.maximum(np.abs(moved), np.abs(gaps)).max(initial=0.0)] = 0.0
-    reads, first, said = sp.csc_matrix(held.rows @ supports.H), 0, []
+    moved, gaps = np.array([(held.rows @ supports.motion(t), held.gap(t)) for t in times]).swapaxes(0, 1)
+    depth, size = (moved - gaps).max(axis=0), np.maximum(np.abs(moved), np.abs(gaps)).max(initial=0.0)
+    reads = sp.csc_matrix(abs(held.rows @ supports.H) > SAME)
     for support in supports.given:
         own = reads[:, first : (first := first + len(support.nodes))]
-        through = depth[np.unique(own.indices[np.abs(own.data) > SAME])]
-        if through.any() and not support.contact:
-            said.append(
-                f"{support.subject}: it takes {np.count_nonzero(through)} contact node(s) through "
-                f"{', '.join(held.subjects)}, by up to {through.max():.6g}"
-            )
+        through = depth[np.unique(own.nonzero()[0])]
+        through = through[through > SAME * size]
+        if len(through) and not support.contact:
+            places = f"{len(through)} contact node(s) through {', '.join(held.subjects)}"
+            said.append(f"{support.subject}: it takes {places}, by up to {through.max():.6g}")
     return said
 
 
 def out_of_reach(terms: Terms, obstacles: Sequence[Obstacle], supports: Supports) -> list[str]:
-    """A sentence for each friction and obstacle without effect: no node of it can move, or is moved."""
+    """Return a sentence for each friction and obstacle without effect: no node of it can move, or is moved."""
     moving = np.arange(len(terms.nodes)) < terms.acting
     if terms.dragged is not None:
         moving = moving | terms.dragged
@@ -499,7 +470,7 @@ def pose_contact(
 ) -> tuple[Terms, Obstacles, Surface]:
     """Return the terms of friction, the limits of obstacles and the surface that is reported, from one table of rows.
 
-    Terms are dragged between any two of `times`; at the instants `known` laws say along what they read slip.
+    Terms are dragged between any two of `times`; at the instants `known` frictions say along what they read slip.
     """
     table = ContactRows.of([*surfaces, *frictions, *stops], supports.points.shape[1])
     start, count = sum(len(s.nodes) for s in surfaces), sum(len(f.nodes) for f in frictions)

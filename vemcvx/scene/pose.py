@@ -17,7 +17,7 @@ import scipy.sparse as sp
 
 from vemcvx.base.arrays import Floats, Ints, read_only
 from vemcvx.base.errors import SceneWarning
-from vemcvx.effects import Contribution, Friction, Load, Material, MaterialLaw, Obstacle
+from vemcvx.effects import Contribution, Load, Material, MaterialLaw
 from vemcvx.linear import nested_dissection
 from vemcvx.meshes import AnyMesh
 from vemcvx.program.kernel import Kernel
@@ -34,12 +34,9 @@ from vemcvx.vem import Space, energy_rows, rigid_modes
 def load_of(
     loads: tuple[Load | InitialStresses, ...], A: sp.csr_matrix, supports: Supports
 ) -> Callable[[float], Floats]:
-    """The load of a System; loads on a part of the body touch its unknowns alone."""
-    n = supports.P.shape[1]
-    touched: list[tuple[Callable[[float], Floats], Ints, sp.csr_matrix]] = [
-        (load.values, *_rows_of(supports.gather(load.matrix))) for load in loads if isinstance(load, Load)
-    ]
+    """Return the load of a System; loads on a part of the body touch its unknowns alone."""
     others = [load for load in loads if not isinstance(load, Load)]
+    touched = [(load.values, *_rows_of(supports.gather(load.matrix))) for load in loads if isinstance(load, Load)]
     if not supports.still:
         values, own, matrix = _moving(A, supports)
         touched.append((values, own, -matrix))
@@ -52,7 +49,7 @@ def load_of(
             f[place] += matrix @ values(t)
         return f
 
-    part = ForceOnPart(n, rows, entries)
+    part = ForceOnPart(supports.P.shape[1], rows, entries)
 
     def load(t: float) -> Floats:
         f = part(t)
@@ -64,7 +61,7 @@ def load_of(
 
 
 def _moving(A: sp.csr_matrix, supports: Supports) -> tuple[Callable[[float], Floats], Ints, sp.csr_matrix]:
-    """P'A u_D from the nodal values that supports move, and from the rows of P'A with entries there."""
+    """Return P'A u_D by the nodal values that supports move, and the rows of P'A with entries there."""
     moved = supports.moved
     return lambda t: supports.motion(t)[moved], *_rows_of(supports.gather(A[:, moved]))
 
@@ -94,12 +91,9 @@ def motion_of(
     )
 
 
-# From a scene on a mesh to a System: the contributions of its effects summed, the supports eliminated.
-#
 # With u = P y + u_D(t) (:mod:`vemcvx.scene.supports`), A the stiffness over all nodal values and B^ the tangential
-# projections at the contact nodes,
-#
-#     K = P'A P,   load = P'(f - A u_D),   B = B^ P,   prescribed_slip = B^ u_D,   dirichlet_force = P'A u_D.
+# projections at the contact nodes, K = P'A P, load = P'(f - A u_D), B = B^ P, prescribed_slip = B^ u_D, and
+# dirichlet_force = P'A u_D.
 
 
 T = TypeVar("T")
@@ -123,7 +117,6 @@ class PosedScene:
     springs: sp.csr_matrix | None = None  # stiffness of springs to the ground, also in A; None if there are none
     inactive: tuple[str, ...] = ()  # sentences: effects that do nothing in this scene, and so were left out
     curves: tuple[str, ...] = ()  # what has conditions on normals along curves, whose corners finer meshes keep
-
     viscosity: sp.csr_matrix | None = None  # (n_u, n_u) of the form of rates over all nodal values
     laws: tuple[Contribution, ...] = ()  # what materials contribute, but for their stiffness
 
@@ -146,42 +139,35 @@ class PosedScene:
 
 @contextmanager
 def unwarned() -> Iterator[None]:
-    """Scenes that are posed, or asked, again within give no warnings: the run has given them."""
+    """Suppress warnings of scenes that are posed again within: the run has given them."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", SceneWarning)
         yield
 
 
 def pose_scene(
-    scene: Scene,
-    mesh: AnyMesh,
-    times: Sequence[float] = (),
-    *,
-    between: Sequence[float] = (),
+    scene: Scene, mesh: AnyMesh, times: Sequence[float] = (), *, between: Sequence[float] = ()
 ) -> PosedScene:
     """Assemble a scene on a mesh; effects that are zero at all of `times` are left out.
 
-    `between`, instead of these, are instants between which effects may act that are zero at all of them.
-
-    The `system` of what is returned is what `vemcvx.march` takes. SceneError where the scene names what the mesh lacks,
-    or leaves the body free to float.
+    `between`, instead of these, are instants between which effects may act that are zero at all of them. SceneError
+    where the scene names what the mesh lacks, or leaves the body free to float.
     """
-    scene.require_material()
     space = Space(mesh)
     parts, inactive = active_parts(scene.canonical, space, times)
     material = compose([p.material for p in parts if p.material is not None], mesh)
     prestress = initial_stresses(parts, material, space)
     loads = _chain(p.loads for p in parts) + (() if prestress is None else (prestress,))
     holds = by_precedence(_chain(p.supports for p in parts))
-    frictions: tuple[Friction, ...] = straightened(holds, _chain(p.frictions for p in parts))
-    stops: tuple[Obstacle, ...] = straightened((*holds, *frictions), _chain(p.obstacles for p in parts))
-    surfaces = straightened((*holds, *frictions, *stops), _chain(p.surfaces for p in parts))
+    contact = [_chain(getattr(p, name) for p in parts) for name in ("frictions", "obstacles", "surfaces")]
+    straight = iter(straightened(holds, _chain(contact)))
+    frictions, stops, surfaces = ([next(straight) for _ in kind] for kind in contact)
     # Whatever refers to normals, so that nodal frames have them as axes.
     supports = resolve(holds, (*frictions, *stops), mesh.points)
     known = times if len(times) else between
     terms, obstacles, surface = pose_contact(surfaces, frictions, stops, supports, times, known=known)
-    springs = _sum([p.stiffness for p in parts if p.stiffness is not None and p.material is None])
-    viscosity = _sum([p.viscosity for p in parts if p.viscosity is not None])
+    springs = _sum(p.stiffness for p in parts if p.material is None)
+    viscosity = _sum(p.viscosity for p in parts)
     norms, limited = terms.norms(supports), obstacles.limits(supports)
     kernel = _unsupported(space, supports, norms, limited, springs)
     warn_of_free_normals(terms.frictions, supports, obstacles, springs)
@@ -189,7 +175,7 @@ def pose_scene(
     seen = seen_from_bodies(space) if springs is None else lambda u: u
     # A material's moduli say its stiffness, where it brings no other.
     forms = [p.material.stiffness(space).whole() for p in parts if p.material is not None and p.stiffness is None]
-    A = reduce(add, forms + [p.stiffness for p in parts if p.stiffness is not None])
+    A = reduce(add, [*forms, *(p.stiffness for p in parts if p.stiffness is not None)])
     system = System(
         K=_restrict(A, supports),
         load=load_of(loads, A, supports),
@@ -219,32 +205,28 @@ def pose_scene(
         curves=_chain(p.curves for p in parts),
         viscosity=viscosity,
         laws=tuple(
-            replace(part, stiffness=None)
-            for effect, part in zip(scene.canonical, parts, strict=True)
+            replace(p, stiffness=None)
+            for effect, p in zip(scene.canonical, parts, strict=True)
             if isinstance(effect, MaterialLaw)
         ),
     )
 
 
-def _sum(matrices: Sequence[sp.csr_matrix]) -> sp.csr_matrix | None:
-    return reduce(add, matrices) if matrices else None
+def _sum(matrices: Iterable[sp.csr_matrix | None]) -> sp.csr_matrix | None:
+    given = [matrix for matrix in matrices if matrix is not None]
+    return reduce(add, given) if given else None
 
 
 def _unsupported(
     space: Space, supports: Supports, norms: Norms | None, limited: Limits | None, springs: sp.csr_matrix | None
 ) -> Kernel | None:
-    """The rigid motions that only friction or one-sided contact resists.
-
-    A warning names them; where they are motions of one of several bodies, the log does.
-    """
+    """Return the rigid motions that only friction or contact resists. A warning names them; of bodies, the log does."""
     felt = ([] if norms is None else [norms.B]) + ([] if limited is None else [limited.D])
     kernel, of_bodies = floating_motions(space, supports, felt, springs)
     if kernel is not None:
-        holds = "holds back" if of_bodies else "holds the body against"
         said = (
-            f"supports: nothing but friction or one-sided contact {holds} {' and '.join(kernel.names)}. "
-            "Stresses and contact forces are determined, and certified, in the energy seminorm; the displacement "
-            "itself may be determined up to that motion only."
+            f"supports: nothing but friction or one-sided contact holds the body against {' and '.join(kernel.names)}. "
+            "Stresses and contact forces are determined, the displacement itself perhaps up to that motion only."
         )
         if of_bodies:
             logging.getLogger("vemcvx").info("%s", said)
@@ -270,8 +252,8 @@ def _restrict(A: sp.csr_matrix, supports: Supports) -> sp.csr_matrix:
 def _damping(A: sp.csr_matrix | None, supports: Supports, seen: Callable[[Floats], Floats]) -> Damping | None:
     if A is None:
         return None
-    nothing = sp.csr_matrix((0, A.shape[0]))
-    return Damping(_restrict(A, supports), None if supports.still else motion_of(A, supports, nothing, nothing, seen))
+    none = sp.csr_matrix((0, A.shape[0]))
+    return Damping(_restrict(A, supports), None if supports.still else motion_of(A, supports, none, none, seen))
 
 
 def _order(A: sp.csr_matrix, supports: Supports, points: Floats) -> Ints:

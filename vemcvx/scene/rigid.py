@@ -36,41 +36,25 @@ class Part:
 
     which: str
     bodies: tuple[str | None, ...]  #: the names of its pieces
-    hinges: list[int]  #: nodes at which pieces are joined
+    hinge: str  #: a node at which pieces are joined, in words; empty without
     axes: Floats  #: (pieces, k, k) the motions of each along the axes and about them, of its orthonormal ones
 
-    def moved(self, mode: Floats) -> dict[str, Floats] | None:
-        """Return the motions of bodies by their names; None if one has no name."""
+    def motion(self, mode: Floats, directed: bool = False) -> str:
+        """Return a motion in words, and whose it is; which way it goes if it is `directed`."""
+        mode = mode if directed else mode * np.sign(mode[np.argmax(np.abs(mode))])
         each = mode.reshape(len(self.bodies), -1)
         large = np.flatnonzero(np.abs(each).max(axis=1) > STRAIGHT * np.abs(mode).max())
-        names = [self.bodies[one] for one in large]
-        if self.hinges or None in names or len(set(names)) < len(names):
-            return None
-        return {str(name): self.axes[one] @ each[one] for name, one in zip(names, large, strict=True)}
-
-    def alone(self, mode: Floats, directed: bool = False) -> str:
-        """Return a motion in words; which way it goes if it is `directed`, else that of its largest part."""
-        if self.hinges:
-            return "a motion about hinges"
-        if len(self.bodies) > 1:
-            return "a motion of pieces that are joined"
-        return _rigid(self.axes[0] @ (mode if directed else _ahead(mode)), directed)
-
-    def motion(self, mode: Floats, directed: bool = False) -> str:
-        """Return a motion in words, and whose it is."""
-        moved = self.moved(mode if directed else _ahead(mode))
-        if moved is None:
-            return f"{self.alone(mode, directed)} of {self.which}"
-        return " with ".join(f"{_rigid(own, directed)} of {body}" for body, own in moved.items())
-
-
-def _ahead(mode: Floats) -> Floats:
-    """Return the motion, or its opposite, whose largest part is positive."""
-    return mode * np.sign(mode[np.argmax(np.abs(mode))])
+        names = [self.bodies[one] or (self.which if len(self.bodies) == 1 else None) for one in large]
+        if self.hinge:
+            return f"a motion about hinges, such as {self.hinge}, of {self.which}"
+        if None in names or len(set(names)) < len(names):
+            return f"a motion of pieces that are joined, of {self.which}"
+        own = zip(large, names, strict=True)
+        return " with ".join(f"{_rigid(self.axes[one] @ each[one], directed)} of {name}" for one, name in own)
 
 
 def combined(motions: Sequence[tuple[Part, Floats]], c: Floats) -> str:
-    """A combination of motions in words, part by part, and which way it goes."""
+    """Return a combination of motions in words, part by part, and which way it goes."""
     parts: dict[str, tuple[Part, Floats]] = {}
     for share, (part, motion) in zip(c, motions, strict=True):
         before = parts[part.which][1] if part.which in parts else 0.0
@@ -80,29 +64,8 @@ def combined(motions: Sequence[tuple[Part, Floats]], c: Floats) -> str:
     return " and ".join(part.motion(motion, directed=True) for part, motion in large)
 
 
-def floating(part: Part, modes: Floats, points: Floats) -> str:
-    """The message that motions (n, q) of a part meet no resistance."""
-    count, hinges = modes.shape[1], part.hinges
-    if hinges:
-        return (
-            f"supports: {part.which} is a mechanism: {count} motion(s) without strain meet no support. Cells that "
-            f"share single nodes, such as node {hinges[0]} at {points[hinges[0]]}, turn about them like hinges. "
-            "Join the cells along edges, or support each piece."
-        )
-    moved = part.moved(_ahead(modes[:, 0]))
-    motions = f"{count} rigid motion{'s' * (count > 1)}"
-    meet = f"meet{'s' * (count == 1)} neither a support nor friction"
-    says = f"{part.which} floats: {motions} {meet}, the first {part.alone(modes[:, 0])}"
-    if moved is not None:
-        ways = " and ".join(f"{body} moves freely by {_rigid(own)}" for body, own in moved.items())
-        says = ways if count == 1 else f"{ways}, the first of {motions} that {meet}"
-    return (
-        f"supports: {says}. Add Clamp, PrescribedDisplacement or BilateralContact where they stop it; friction holds "
-        "what slides along its boundary only, and loads hold nothing."
-    )
-
-
-def _rigid(mode: Floats, directed: bool = False) -> str:
+def _rigid(mode: Floats, directed: bool) -> str:
+    """Return a rigid motion in words: a translation, a rotation, or both."""
     move, turn = split_motion(np.asarray(np.round(mode / np.linalg.norm(mode), 6) + 0.0))
     rate, turns = np.linalg.norm(turn), "a rotation"
     if rate > STRAIGHT and len(turn) > 1:
@@ -118,8 +81,6 @@ def _listed(components: Floats) -> str:
     return ", ".join(f"{component:.2g}" for component in components)
 
 
-# Bodies that float: motions without strain that no support resists.
-#
 # A piece of the body is made of cells joined along edges, in space along faces; without strain it moves as a rigid
 # body. Pieces that share single nodes only are hinged there. With c the rigid motion of every piece and R_q c_q its
 # nodal values, the distance to the nearest admissible field, the same at every node for all pieces there and obeying
@@ -131,19 +92,17 @@ def _listed(components: Floats) -> str:
 # Springs to the ground of matrix F hold what they feel: of the fields v with vanishing distance, v'Fv = 0 float.
 
 
-# A rigid motion counts as free when less than this part of it (squared) meets a support: one clamped node of
-# a million leaves 1e-6 of the translations and of the rotation, far above it.
+# A motion is free when less than this part of it (squared) meets a support; one clamped node of a million leaves 1e-6.
 FREE = 1e-12
 
 
 def floating_motions(
     space: Space, supports: Supports, felt: Sequence[sp.csr_matrix], springs: sp.csr_matrix | None = None
 ) -> tuple[Kernel | None, bool]:
-    """The motions without strain that no support resists but friction does; None if there are none.
+    """Return the motions without strain that no support resists but friction does; None if there are none.
 
-    Besides, whether each is one of bodies that interfaces touch: to be held by contact is the normal case there.
-    Matrices (rows, n) of norm terms and limits say what is `felt` of the free unknowns, `springs` (n_u, n_u) are
-    stiffness that is no material's. SceneError names a motion of a connected part that meets none of these.
+    Besides, whether all are of bodies that interfaces touch: to be held by contact is the normal case there. `felt`
+    are matrices (rows, n) of norm terms and limits. SceneError names a motion that meets none of these.
     """
     piece, node = space.pieces
     count = np.bincount(node, minlength=space.mesh.n_nodes)
@@ -168,11 +127,11 @@ def floating_motions(
         if loose.shape[1] == 0:
             continue
         which = f"part {number + 1} of {parts} of the body" if parts > 1 else "the body"
-        hinges = [int(i) for i in np.flatnonzero(count > 1) if label[piece[node == i][0]] == number]
-        part = Part(which, tuple(bodies[one] for one in own), hinges, axes[own])
-        loose = _piece_by_piece(loose, k)
-        # Below rounding there is nothing: a remainder of 1e-15 across a translation would press against contact, and
-        # rounding alone would then bound how far the body goes.
+        hinges = (i for i in np.flatnonzero(count > 1) if label[piece[node == i][0]] == number)
+        hinge = next((f"node {i} at {space.mesh.points[i]}" for i in hinges), "")
+        part = Part(which, tuple(bodies[one] for one in own), hinge, axes[own])
+        loose = _along_axes(loose)
+        # Below rounding there is nothing: a remainder of 1e-15 across a translation would press against contact.
         loose = np.where(np.abs(loose) > rounding * np.abs(loose).max(axis=0), loose, 0.0)
         field = fields @ loose
         rubbed = np.vstack([field[:0], *(rows @ field for rows in felt)])
@@ -180,32 +139,36 @@ def floating_motions(
         # An orthonormal basis of what contact does not feel: where it feels nothing at all, sizes are all rounding.
         least = max(FREE**0.5 * size.max(initial=0.0), rounding * largest)
         unfelt = loose @ rotated[int((size > least).sum()) :].T
-        if unfelt.shape[1] > 0:
-            raise SceneError(floating(part, _piece_by_piece(unfelt, k), space.mesh.points))
+        if (free_motions := unfelt.shape[1]) > 0:
+            motions_meet = "1 rigid motion meets" if free_motions == 1 else f"{free_motions} rigid motions meet"
+            raise SceneError(
+                f"supports: {which} floats: {motions_meet} neither a support nor friction, the first "
+                f"{part.motion(_along_axes(unfelt)[:, 0])}. Add Clamp, PrescribedDisplacement or BilateralContact "
+                "where they stop it; friction holds what slides along its boundary only, and loads hold nothing."
+            )
         size = np.abs(field).max(axis=0)
         fields_of.append(field / size)
         motions += [(part, column) for column in (loose / size).T]
     if not motions:
         return None, False
     names = tuple(part.motion(mode) for part, mode in motions)
-    named = all(part.moved(mode) is not None for part, mode in motions)
+    named = all(None not in part.bodies for part, _ in motions)
     return Kernel(np.hstack(fields_of), names, partial(combined, motions)), named
 
 
 def seen_from_bodies(space: Space) -> Callable[[Floats], Floats]:
-    """Take from a field u (n_u,) its rigid part, body by body: the orthogonal projection on the rigid motions of each.
+    """Return a function that takes from a field u (n_u,) its rigid part, body by body.
 
     What is left has the same strains, and is small where they are, however far the bodies have moved.
     """
 
     @cache
     def motions() -> tuple[sp.csr_matrix, sp.csr_matrix]:
-        mesh, (offsets, node) = space.mesh, space.mesh.cell_nodes
-        first = np.repeat(node[offsets[:-1]], np.diff(offsets))
-        linked = smallest_linked(np.column_stack([first, node]), mesh.n_nodes)
-        label = np.unique(linked, return_inverse=True)[1]
-        by_body = np.argsort(label, kind="stable")
-        R, _ = _motions(label[by_body], by_body, mesh.points)
+        (piece, node), every = space.pieces, np.arange(space.mesh.n_nodes)
+        body = every.copy()
+        body[node] = _connected(piece, node, every, None)[1][piece]
+        by_body = np.argsort(body, kind="stable")
+        R, _ = _motions(body[by_body], by_body, space.mesh.points)
         return R, sp.csr_matrix(R.T)
 
     def seen(u: Floats) -> Floats:
@@ -215,30 +178,12 @@ def seen_from_bodies(space: Space) -> Callable[[Floats], Floats]:
     return seen
 
 
-def _piece_by_piece(loose: Floats, k: int) -> Floats:
-    """Orthonormal columns of the same span, those that move a single piece first."""
-    pieces = len(loose) // k
-    if pieces == 1:
-        return _along_axes(loose)
-    alone = []
-    for piece in range(pieces):
-        others = np.delete(loose, np.s_[piece * k : (piece + 1) * k], axis=0)
-        _, size, rotated = np.linalg.svd(others, full_matrices=len(others) < others.shape[1])
-        kept = rotated[np.append(size, np.zeros(len(rotated) - len(size))) < FREE**0.5].T
-        # A piece that is free altogether moves along the axes, and turns.
-        own = (loose @ kept)[piece * k : (piece + 1) * k]
-        alone.append(kept @ own.T if kept.shape[1] == k else kept)
-    found = np.hstack(alone)
-    rest = np.linalg.svd(found, full_matrices=True)[0][:, found.shape[1] :]
-    return loose @ np.hstack([found, rest])
-
-
 def _along_axes(loose: Floats) -> Floats:
-    """Orthonormal columns of the same span, the first ones as near to translations, and to axes, as there are.
+    """Return orthonormal columns of the same span, as near to single translations along axes, of single pieces, as can.
 
     Eigenvectors to one eigenvalue are mixed by rounding.
     """
-    preferred = 1.0 - 1e-3 * np.arange(len(loose))
+    preferred = 1.0 - 1e-2 * np.arange(len(loose)) / len(loose)
     Q = qr(loose @ loose.T * preferred, pivoting=True)[0][:, : loose.shape[1]]
     return Q * np.sign(Q[np.argmax(np.abs(Q), axis=0), np.arange(Q.shape[1])])
 
@@ -286,8 +231,7 @@ def _motions(piece: Ints, node: Ints, points: Floats) -> tuple[sp.csr_matrix, Fl
     # One factor for all rotations of a piece keeps the direction of their sum, and what they weigh.
     turns = norm[:, dim:].mean(axis=1, keepdims=True) / norm[:, dim:]
     axes = np.hstack([np.ones((pieces, dim)), turns])[:, :, None] * np.eye(k)
-    # Rotations about different axes are not orthogonal unless these are axes of inertia.
-    # Products of normed motions below this are rounding.
+    # Rotations about different axes are not orthogonal unless these are axes of inertia; 1e-9 is above rounding.
     if np.abs(products - np.eye(k)).max() > 1e-9:
         orthonormal = np.linalg.inv(np.linalg.cholesky(products)).swapaxes(1, 2)
         modes, axes = modes @ orthonormal[piece], axes @ orthonormal

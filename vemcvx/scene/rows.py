@@ -1,12 +1,9 @@
 """Rows of contact: conditions at nodes, on the displacement of a node or on its jump to a node of another body.
 
 A row reads n . u(i) against an obstacle, n . (u(i) - u(j)) between bodies, with n the outward normal of the first;
-likewise along tangents.
-
-A row owns ends of edges at its node, each with half the edge's length: int phi_i over that edge. Parts of the
-boundary meet at nodes, overlap, and end inside each other. Rows of several parts that make one term own the union of
-their ends, an edge that two parts share counts once, and a row bears the part of another's force that is the share
-of the other's length that both own.
+likewise along tangents. It owns ends of edges at its node, each with half the edge's length: int phi_i over that edge.
+Rows of several parts that make one term own the union of their ends, an edge that two parts share counts once, and a
+row bears the part of another's force that is the share of the other's length that both own.
 """
 
 from __future__ import annotations
@@ -14,21 +11,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 
 from vemcvx.base.arrays import SAME, Floats, Ints
-from vemcvx.effects import ContactSurface, Friction, Obstacle, Support
+from vemcvx.effects import ContactSurface, Support
 from vemcvx.meshes.polygons import found_in
 from vemcvx.vem.boundary import STRAIGHT
 
-Part = TypeVar("Part", Friction, Obstacle, ContactSurface)
 
-
-def pairs_of(parts: Sequence[Friction | Obstacle | ContactSurface | Support]) -> tuple[Ints, Ints]:
-    """The nodes (m,) of the rows of all parts, one part after the other, and their partners (m,), or -1."""
+def pairs_of(parts: Sequence[ContactSurface | Support]) -> tuple[Ints, Ints]:
+    """Return the nodes (m,) of the rows of all parts, one part after the other, and their partners (m,), or -1."""
     none = np.zeros(0, dtype=np.int64)
     alone = [np.full(len(part.nodes), -1) if part.partners is None else part.partners for part in parts]
     return np.concatenate([none, *(part.nodes for part in parts)]), np.concatenate([none, *alone])
@@ -66,11 +61,7 @@ def summing(group: Ints, count: int) -> sp.csr_matrix:
 
 @dataclass(frozen=True, kw_only=True)
 class ContactRows:
-    """Rows of contact.
-
-    One table has the rows of all surfaces, frictions and obstacles of a scene. Terms of friction, limits and the
-    surface that is reported are rows of it that were joined, where they are one, and picked, where something can move.
-    """
+    """Rows of contact: of one table of a scene's surfaces, frictions and obstacles, joined where they are one."""
 
     nodes: Ints  # (m,) the nodes on which rows act; on their partners they act the other way
     partners: Ints  # (m,) nodes of other bodies; -1 where a row reads its node alone
@@ -79,7 +70,7 @@ class ContactRows:
     names: Ints  # (e, 2) of each end its node, and the other node of its edge; -1 for all of a part without `ends`
 
     @classmethod
-    def of(cls, parts: Sequence[Friction | Obstacle | ContactSurface], dim: int) -> ContactRows:
+    def of(cls, parts: Sequence[ContactSurface], dim: int) -> ContactRows:
         """The rows of all parts, one after the other."""
         nodes, partners = pairs_of(parts)
         row, beyond, half, first = [nodes[:0]], [nodes[:0]], [np.zeros(0)], 0
@@ -118,11 +109,6 @@ class ContactRows:
     def lengths(self) -> Floats:
         """(m,) integrals of the nodal basis functions over the edges of each row: of all parts that meet in it."""
         return np.asarray(self.ends.sum(axis=1)).ravel().astype(float)
-
-    @property
-    def distinct(self) -> tuple[Ints, Ints]:
-        """The first row of each pair of node and partner, ordered by node, and the pair of each row (m,)."""
-        return distinct_pairs(self.nodes, self.partners)
 
     def find(self, rows: ContactRows) -> Ints:
         """A row (k,) with the node and partner of each of the k `rows`; -1 where there is none."""
@@ -173,17 +159,17 @@ def merged(
     return np.concatenate(first), term
 
 
-def straightened(earlier: Sequence[Support | Friction | Obstacle], parts: Sequence[Part]) -> tuple[Part, ...]:
-    """The parts, with the directions of earlier ones at the same nodes where their normals are nearly these.
+def straightened(supports: Sequence[Support], parts: Sequence[Any]) -> list[Any]:
+    """Return the parts of contact, whose normals at a node are those of a support, or of an earlier part, if near.
 
-    Supports are first among these. Those that hold a node altogether give it none: theirs are axes, as a rule, and
-    along these a node that is lifted off a floor half a degree askew would rub on it by a hundredth of the way.
+    Supports that hold a node altogether give it none: theirs are axes, as a rule, and along these a node that is lifted
+    off a floor half a degree askew would rub on it by a hundredth of the way.
     """
     if not parts:
-        return ()
-    everything = (*earlier, *parts)
-    each = np.concatenate([part.directions if isinstance(part, Support) else part.normals for part in everything])
-    pairs, given = pairs_of(everything), sum(len(part.nodes) for part in earlier if isinstance(part, Support))
+        return []
+    everything = (*supports, *parts)
+    each = np.concatenate([*(one.directions for one in supports), *(part.normals for part in parts)])
+    pairs, given = pairs_of(everything), sum(len(one.nodes) for one in supports)
     place, lead = distinct_pairs(*pairs)[1], merged(pairs, each, within=STRAIGHT)[0]
     altogether = np.bincount(place[lead[lead < given]], minlength=len(place)) >= each.shape[1]
     of_those = np.where(np.arange(len(place)) < given, altogether[place], 0)
@@ -192,7 +178,7 @@ def straightened(earlier: Sequence[Support | Friction | Obstacle], parts: Sequen
     straight *= np.sign(np.einsum("ij,ij->i", each, straight))[:, None]
     turned = np.linalg.norm(each - straight, axis=1) > SAME
     normals = np.split(np.where(turned[:, None], straight, each), np.cumsum([len(part.nodes) for part in everything]))
-    return tuple(replace(part, normals=own) for part, own in zip(parts, normals[len(earlier) :], strict=False))
+    return [replace(part, normals=own) for part, own in zip(parts, normals[len(supports) :], strict=False)]
 
 
 def along(tangents: Floats, vectors: Floats) -> Floats:

@@ -13,7 +13,7 @@ from vemcvx import vem
 from vemcvx.base.arrays import Bools, Floats, Ints, brief, fading, read_only
 from vemcvx.base.errors import SceneError, VemcvxError
 from vemcvx.base.outline import Outline
-from vemcvx.effects import Contribution, Effect, Eigenstrain, Friction, InitialStress, Load, Material, MaterialLaw
+from vemcvx.effects import Contribution, Effect, Eigenstrain, Friction, InitialStress, Load, Material
 from vemcvx.meshes import AnyMesh
 from vemcvx.program.system import DRAG_ROUNDING
 from vemcvx.scene.rows import along, pairs_of
@@ -21,25 +21,18 @@ from vemcvx.vem import MirrorPlanes, Space, Stabilisation, VertexWeights
 from vemcvx.vem.boundary import STRAIGHT
 
 
-# The body put together from its materials: every cell has exactly one.
-#
-# Stresses that need no strain are known only here, where the effects that cause them meet the materials that bear
-# them:
-#
-#     sigma = C eps(u) + sigma_0,   sigma_0 = sum of initial stresses - b sum of eigenstrains,
-#
-# with b what a material says that a blocked unit eigenstrain costs. sigma_0 acts as the load
-# -sum_K |K| sigma_0 : eps(Pi v).
 def compose(materials: Sequence[Material], mesh: AnyMesh) -> Material:
-    """One material for the whole body; SceneError if cells have none or several, or the planes are mixed."""
+    """Return one material for the whole body; SceneError if cells have none or several, or the planes are mixed."""
+    if not materials:
+        words = "a scene has at least one, such as Elasticity(young=200.0, poisson=0.3)"
+        raise SceneError(f"Scene: found 0 materials; {words}.")
     if len(materials) == 1 and materials[0].cells is None:
         return materials[0]
     _check_cover(materials, mesh)
     planes = {m.plane: m.subject for m in materials}
     if len(planes) > 1:
         words = " and ".join(f"plane {plane} in {subject}" for plane, subject in sorted(planes.items()))
-        one = "one body is in one of them, so give all materials the same plane="
-        raise SceneError(f"materials: found {words}; {one}.")
+        raise SceneError(f"materials: found {words}; give all materials the same plane=.")
     isotropic = all(len(m.moduli) == 2 for m in materials)
     dim = mesh.points.shape[1]
     moduli = [m.moduli if isotropic else vem.upper_triangle(vem.elastic_matrix(m.moduli, dim)) for m in materials]
@@ -68,16 +61,20 @@ def _check_cover(materials: Sequence[Material], mesh: AnyMesh) -> None:
         if wrong.any()
     ]
     if found:
+        subjects = ", ".join(m.subject for m in materials)
         raise SceneError(
             f"materials: every cell takes exactly one; of {mesh.n_cells} cells there are {' and '.join(found)}. Found "
-            f"{', '.join(m.subject for m in materials)}; name the cells of each by on=, a cell datum that is nonzero "
-            "there."
+            f"{subjects}; name the cells of each by on=, a cell datum that is nonzero there."
         )
 
 
 @dataclass(frozen=True)
 class InitialStresses:
-    """sigma_0 of a body, and the load that it is."""
+    """The stresses sigma_0 of a body without strain, sigma = C eps(u) + sigma_0, and the load that they are.
+
+    sigma_0 is the sum of initial stresses less b times that of eigenstrains, with b the stress that a material says
+    that a blocked unit eigenstrain costs; it acts as the load -sum_K |K| sigma_0 : eps(Pi v).
+    """
 
     material: Material
     eigenstrains: tuple[Eigenstrain, ...]
@@ -106,8 +103,8 @@ class InitialStresses:
         """Nodal force (n_u,) at the instant `t`; zero where the stresses around a node balance but for rounding."""
         sigma = self.stress(t).ravel()
         force = -(self.matrix @ sigma)
-        # A node sums some ten products. What rounding leaves of a uniform stress would set a held body moving, on a
-        # scale on which nothing else happens, and so violate the condition on initial states.
+        # A node sums some ten products; what rounding leaves of a uniform stress would violate the condition on initial
+        # states of a held body.
         force[np.abs(force) <= 16 * np.finfo(float).eps * (abs(self.matrix) @ np.abs(sigma))] = 0.0
         return force
 
@@ -120,14 +117,13 @@ def initial_stresses(parts: Sequence[Contribution], material: Material, space: S
     return InitialStresses(material, strains, stresses, vem.stress_load(space)) if strains or stresses else None
 
 
-# Curves of contact that end on a plane of symmetry: they go on behind it as their mirror image.
-#
-# A plane of symmetry is a side of the body whose nodes are all held across it at all times: by Symmetry, by rollers,
-# by displacements of zero. The effects of contact are asked once more when it is known what supports hold, so that
-# nodes there get the normals that they have in the whole body. With those of their last facets, nodes at the ends of
-# a quarter of a press fit had a friction of .30 of the pressure, whatever the mesh width; the whole ring has none.
 def contributions(effects: Iterable[Effect], space: Space) -> list[tuple[Effect, Contribution]]:
-    """The effects, each with what it contributes."""
+    """Return the effects, each with what it contributes.
+
+    Curves of contact that end on a plane of symmetry, a side of the body whose nodes supports hold across it at all
+    times, go on behind it as their mirror image. So effects of contact are asked once more when it is known what
+    supports hold: nodes there get the normals that they have in the whole body.
+    """
     parts = [(effect, effect.contribute(space)) for effect in effects]
     mirrors = _mirrors([part for _, part in parts], space)
     if mirrors is None:
@@ -143,7 +139,7 @@ def _contact(part: Contribution) -> Ints:
 
 
 def _mirrors(parts: list[Contribution], space: Space) -> MirrorPlanes | None:
-    """The planes of symmetry at nodes of contact; None where supports hold none of these, or all of them altogether."""
+    """Return the planes of symmetry at nodes of contact; None without, or where supports hold all altogether."""
     still = [s for part in parts for s in part.supports if s.value is None and not s.contact]
     touching = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *map(_contact, parts)]))
     if not still or not len(touching):
@@ -152,7 +148,7 @@ def _mirrors(parts: list[Contribution], space: Space) -> MirrorPlanes | None:
     altogether = np.trace(held.projections, axis1=1, axis2=2) > space.dim - 0.5
     if not np.isin(held.nodes[~altogether], touching).any():
         return None
-    # A node that is held altogether is on planes of all directions: so is a rigid partner.
+    # A node that is held altogether is on planes of all directions.
     nodes = [np.repeat(held.nodes[altogether], space.dim)]
     normals = [np.tile(np.eye(space.dim), (int(altogether.sum()), 1))]
     for of_side, normal in _sides_held_across(space, held):
@@ -186,31 +182,25 @@ def _spans(nodes: Ints, directions: Floats) -> MirrorPlanes:
     return MirrorPlanes(read_only(each), read_only(axes @ axes.swapaxes(1, 2)))
 
 
-# Effects without influence are dropped and reported.
-#
-# They are a load that is zero at every instant, friction whose bound is, ground that does not move along the
-# boundary, springs and dashpots without strength. The scene without them has the same unknowns, terms and cones, and
-# the same answer to the last bit. Supports and outputs of contact stay.
-
-
 Varying = TypeVar("Varying", Load, Friction, Eigenstrain, InitialStress)
 Datum = Callable[[float], Floats | Bools]
-ALONG_THE_NORMAL = "moves along the normal only, which friction does not feel"
 
 
 def active_parts(
     effects: Iterable[Effect], space: Space, times: Sequence[float]
 ) -> tuple[list[Contribution], list[str]]:
-    """Contributions of effects without parts that vanish at all of `times`, and a sentence for each dropped."""
+    """Return contributions without parts that have no influence at all of `times`, and a sentence for each dropped.
+
+    These are loads that are zero at every instant, friction whose bound is, ground that does not move along the
+    boundary, springs and dashpots without strength. The scene without them has the same unknowns, terms and cones, and
+    the same answer to the last bit. Supports and outputs of contact stay.
+    """
     said: list[str] = []
     return [_without_inactive(effect, part, times, said) for effect, part in contributions(effects, space)], said
 
 
 def _without_inactive(effect: Effect, part: Contribution, times: Sequence[float], said: list[str]) -> Contribution:
-    """A contribution without parts that vanish at all of `times`; a sentence is added for each part dropped.
-
-    Data are evaluated until the first instant at which they are not zero; without instants they are all kept.
-    """
+    """Return a contribution without parts that vanish at all of `times`, and add a sentence for each part dropped."""
 
     def alive(data: tuple[Varying, ...], value: Callable[[Varying], Datum], what: str) -> tuple[Varying, ...]:
         zero = [len(times) > 0 and _zero(value(datum), times) for datum in data]
@@ -242,18 +232,15 @@ def _grounded(friction: Friction, times: Sequence[float], said: list[str]) -> Fr
         return friction
     axes = vem.tangents_of(friction.normals)
 
-    def moves(t: float) -> Bools:
-        return ground.vector(t) != ground.vector(float(times[0]))
-
     def rubs(t: float) -> Bools:
         began, at = ground.vector(float(times[0])), ground.vector(t)
-        size = max(np.abs(began).max(initial=0.0), np.abs(at).max(initial=0.0))
-        return np.abs(along(axes, at - began)) > DRAG_ROUNDING * size
+        if friction.directions is not None:
+            return at != began
+        return np.abs(along(axes, at - began)) > DRAG_ROUNDING * np.abs([began, at]).max(initial=0.0)
 
-    if not _zero(moves if friction.directions is not None else rubs, times):
+    if not _zero(rubs, times):
         return friction
-    still = "stands still at all instants" if _zero(moves, times) else ALONG_THE_NORMAL
-    said.append(f"{ground.subject} {still}")
+    said.append(f"{ground.subject} does not move along the boundary")
     return replace(friction, ground=None)
 
 
@@ -285,12 +272,12 @@ class Scene:
     Parameters
     ----------
     *effects : Effect
-        At least one of them a material; several name their cells by `on`, so that every cell has exactly one.
+        A scene that runs has a material; several name their cells by `on`, so that every cell has exactly one.
 
     Raises
     ------
     SceneError
-        Something is not an effect, or there is no material.
+        Something is not an effect.
 
     Examples
     --------
@@ -299,22 +286,13 @@ class Scene:
     """
 
     def __init__(self, *effects: Effect):
-        self._effects = _checked(effects)
-        self.require_material()
-
-    @classmethod
-    def _unfinished(cls, effects: tuple[Effect, ...]) -> Scene:
-        """A scene that may lack a material as yet."""
-        scene = cls.__new__(cls)
-        scene._effects = _checked(effects)
-        return scene
-
-    def require_material(self) -> None:
-        """Raise SceneError if the scene has no material: it cannot run."""
-        if not any(isinstance(effect, MaterialLaw) for effect in self._effects):
-            raise SceneError(
-                "Scene: found 0 materials; a scene has at least one, such as Elasticity(young=200.0, poisson=0.3)."
-            )
+        for effect in effects:
+            if not isinstance(effect, Effect):
+                raise SceneError(
+                    f"Scene: found {brief(effect)}, which is not an effect; a scene is made of effects, one by one, "
+                    'such as Scene(Elasticity(young=200.0, poisson=0.3), Clamp(on="right")).'
+                )
+        self._effects = effects
 
     @property
     def effects(self) -> tuple[Effect, ...]:
@@ -327,13 +305,11 @@ class Scene:
         return tuple(sorted(self._effects, key=_rank))
 
     def with_(self, *effects: Effect) -> Scene:
-        """The scene with these effects besides its own."""
-        return self._unfinished((*self._effects, *effects))
+        """Return the scene with these effects besides its own."""
+        return Scene(*self._effects, *effects)
 
     def without(self, *kinds: type[Effect] | Effect) -> Scene:
-        """The scene without all effects of these classes, or without these very effects.
-
-        Without its material a scene is unfinished: it runs once :meth:`Scene.with_` has given it another.
+        """Return the scene without all effects of these classes, or without these very effects.
 
         Parameters
         ----------
@@ -345,17 +321,14 @@ class Scene:
             The scene has no such effect.
         """
         for kind in kinds:
-            is_class = isinstance(kind, type) and issubclass(kind, Effect)
-            if not is_class and not isinstance(kind, Effect):
-                raise SceneError(
-                    f"Scene.without: found {brief(kind)}; give the class of an effect, such as "
-                    "vemcvx.TrescaFriction, or an effect of the scene."
-                )
             if not any(_is(effect, kind) for effect in self._effects):
                 there = ", ".join(dict.fromkeys(type(effect).__name__ for effect in self._effects))
                 name = kind.__name__ if isinstance(kind, type) else brief(kind)
-                raise SceneError(f"Scene.without: there is no {name} in this scene; it has {there}.")
-        return self._unfinished(tuple(x for x in self._effects if not any(_is(x, kind) for kind in kinds)))
+                raise SceneError(
+                    f"Scene.without: there is no {name} in this scene; it has {there}. Give the class of an effect, or "
+                    "an effect of the scene."
+                )
+        return Scene(*(x for x in self._effects if not any(_is(x, kind) for kind in kinds)))
 
     def __iter__(self) -> Iterator[Effect]:
         return iter(self._effects)
@@ -366,19 +339,6 @@ class Scene:
     def _repr_html_(self) -> str:
         said = [effect.describe().partition(": ") for effect in self._effects]
         return Outline("Scene", [(name, words) for name, _, words in said]).html()
-
-
-def _checked(effects: tuple[Effect, ...]) -> tuple[Effect, ...]:
-    for effect in effects:
-        if not isinstance(effect, Effect):
-            found = f"{brief(effect)}, which is not an effect"
-            if isinstance(effect, type) and issubclass(effect, Effect):
-                found = f"{effect.__name__}, the class, where an effect {effect.__name__}(...) is wanted"
-            raise SceneError(
-                f"Scene: found {found}; a scene is made of effects, one by one, such as "
-                'Scene(Elasticity(young=200.0, poisson=0.3), Clamp(on="right")).'
-            )
-    return effects
 
 
 def _is(effect: Effect, kind: type[Effect] | Effect) -> bool:

@@ -48,8 +48,7 @@ class Supports:
     H: sp.csr_matrix  # (n_u, s) displacements that hold one row at 1, others at 0; zero for rows that depend on others
     depends: Bools  # (s,) which rows depend on earlier ones
     reach: Floats  # (s,) the length of a row's part across earlier ones
-    _last: dict[float, Floats] = field(default_factory=dict, compare=False, repr=False)
-    """the motion at the instant that was last asked for: in a step it is asked for half a dozen times"""
+    _last: dict[float, Floats] = field(default_factory=dict, compare=False, repr=False)  # the motion last asked for
 
     @cached_property
     def still(self) -> bool:
@@ -68,7 +67,7 @@ class Supports:
         return np.repeat(np.array(flags, dtype=bool), [len(support.nodes) for support in self.given])
 
     def places(self, nodes: Ints) -> Callable[[int], str]:
-        """The place of the i-th of these nodes, in words."""
+        """Return the place of the i-th of these nodes, in words."""
         return lambda i: f"node {nodes[i]} at {tuple(float(x) for x in np.round(self.points[nodes[i]], 12))}"
 
     def gather(self, f: Forces) -> Forces:
@@ -123,10 +122,10 @@ class Supports:
             wrong = missing > SAME * scale + 2.0 * self.reach[rows] * size
             if wrong.any() and not support.contact:
                 row = int(np.argmax(wrong * missing))
+                node = f"node {support.nodes[row]} at {support.points[row]}"
                 raise SceneError(
-                    f"{support.subject}: node {support.nodes[row]} at {support.points[row]} is to move by "
-                    f"{wanted[row]:.6g} along {support.directions[row]} at t = {t:.6g}, but other supports already "
-                    f"move it by {present[rows][row]:.6g}. Prescribe each direction of a node once."
+                    f"{support.subject}: {node} is to move by {wanted[row]:.6g} along {support.directions[row]} at t = "
+                    f"{t:.6g}, but other supports already move it by {present[rows][row]:.6g}."
                 )
 
 
@@ -216,9 +215,9 @@ def _sites(nodes: Ints, partners: Ints, n_nodes: int) -> Ints:
 
 
 def _alike(members: Ints, first: Ints, at_site: Ints, count: int) -> Iterator[tuple[Ints, Ints, int]]:
-    """Yield sites (S,) that have equally many nodes and rows, by their nodes (S, .) and their rows (S, .).
+    """Yield nodes (S, .) and rows (S, .) of sites that have equally many, and how many of these are prescribed.
 
-    Of rows, each `at_site`, the first `count` are prescribed; so are as many of each of these sites as are yielded.
+    Of rows, each `at_site`, the first `count` are prescribed.
     """
     sites, where = np.unique(at_site, return_inverse=True)
     order = np.argsort(at_site, kind="stable")
@@ -231,10 +230,10 @@ def _alike(members: Ints, first: Ints, at_site: Ints, count: int) -> Iterator[tu
 
 
 def _frames(rows: Floats) -> tuple[Floats, Ints, Floats]:
-    """Return orthonormal frames (S, D, D) whose first axes are the rows (S, k, D) in turn, as Gram-Schmidt makes them.
+    """Return orthonormal frames (S, D, D) whose first axes are the rows (S, k, D) in turn, by Gram-Schmidt.
 
     Besides, (S, k), the axis that each row gave, -1 for rows that depend on earlier ones, and the length of its part
-    across these. Frames are completed by the axes least represented in them, so that axis-aligned frames stay exact.
+    across these. The axes least represented in a frame complete it, so that axis-aligned frames stay exact.
     """
     sites, size = len(rows), rows.shape[2]
     frame, filled = np.zeros((sites, size, size)), np.zeros(sites, dtype=np.int64)

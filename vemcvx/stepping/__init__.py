@@ -9,9 +9,9 @@ from vemcvx.stepping.backward_euler import (
     march,
     prepare,
     settled_from,
-    state_given,
     step,
 )
+from vemcvx.stepping.ledger import state_given
 from vemcvx.stepping.programs import programs_of_march, programs_of_trajectory
 from vemcvx.stepping.refusals import softening_ratio
 from vemcvx.stepping.state import Ledger, PreparedRun, State, StepData, certified_in_full

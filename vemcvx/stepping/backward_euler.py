@@ -50,7 +50,6 @@ from numpy.typing import ArrayLike
 from vemcvx.base.arrays import (
     EPS,
     ROUNDING,
-    SAME,
     Bools,
     Floats,
     as_real_array,
@@ -75,7 +74,7 @@ from vemcvx.solvers import Solver, Solves, as_solver, choose_solver
 from vemcvx.solvers.law import StepLaw
 from vemcvx.solvers.solver import named_failures
 from vemcvx.stepping.fixed_point import followed
-from vemcvx.stepping.ledger import advance, dragged, energy
+from vemcvx.stepping.ledger import advance, dragged, energy, state_given
 from vemcvx.stepping.refusals import refuse_start, refuse_unbalanced, require_certified, warn_of_softening
 from vemcvx.stepping.state import Frame, Ledger, PreparedRun, State, StepData, certified_in_full, recovered
 from vemcvx.stepping.trajectory import Memory, Recorder, Storage, Trajectory, stored_steps
@@ -173,14 +172,17 @@ class PosedStep:
             certificate = replace(certificate, equilibrium=max(left, certificate.equilibrium))
         lam, slid, w = dragged(run.system, (before.t, now.t), answer.p, before.ledger.slipped[m:])
         given = program.operators.blocks(now.prescribed_slip - before.data.prescribed_slip)
-        weights, y = np.append(program.w, w), before.y + d
+        weights, norms, y = np.append(program.w, w), run.system.norms, before.y + d
+        bound = program.w
+        if norms is not None and norms.remembers:
+            bound = norms.weights_under(now.t, answer.p, before.ledger.slipped[:m] + lengths(slip))
         after = State(
             t=now.t,
             y=y,
             unbalanced=self.g - run.operators.force(d),
             data=now,
             weights=weights,
-            bound=np.append(self._bound_after(answer.p, slip), w),
+            bound=np.append(bound, w),
             lam=np.concatenate([answer.lam, lam]),
             p=answer.p,
             slip=np.concatenate([slip, slid]),
@@ -200,15 +202,6 @@ class PosedStep:
         size = data_norm(run.condensation, now.force, scale, accuracy)
         size = max(before.size, size, ground_norm(program.operators, now.ground, program.w))
         return replace(after, ledger=ledger, scale=scale, size=size)
-
-    def _bound_after(self, p: Floats, slip: Floats) -> Floats:
-        """The weights (m,) at the slips after the step: those ahead of a law that reads past slips alone."""
-        norms, t, w = self.run.system.norms, self.data.t, self.program.w
-        if norms is None or not norms.remembers:
-            return w
-        past = self.before.ledger.slipped[: len(w)]
-        alone = np.abs(norms.weights_under(t, p, past) - w) <= SAME * w
-        return np.where(alone, norms.weights_under(t, p, past + lengths(slip)), w)
 
     def _sticking(self, slip: Floats, y: Floats, certificate: Certificate) -> Bools:
         """Increments (m,) that the certificate cannot tell from zero: |s_i - s_i*| <= flexibility^{1/2} |d - d*|."""
@@ -529,32 +522,6 @@ def _given(run: PreparedRun, now: StepData, initial: Beginning) -> Floats:
             f"initial: found NaN or infinity in unknown {int(np.argmin(np.isfinite(y)))}; wanted {wanted}."
         )
     return y
-
-
-def state_given(run: PreparedRun, now: StepData, y: Floats, past: Ledger | None = None) -> State:
-    """The state y (n,), whatever led to it: as far as is known nothing presses, and without `past` nothing slipped."""
-    system, operators, kept = run.system, run.operators, y[run.condensation.retained]
-    none, past, m = np.zeros(len(operators.compliance)), past or Ledger.opening(0.0, run.terms), operators.count
-    w = np.zeros(0) if system.norms is None else system.norms.weights_under(now.t, none, past.slipped[:m])
-    _, _, others = dragged(system, (now.t, now.t), none, past.slipped[m:])
-    weights, nothing = np.append(w, others), np.zeros((run.terms, operators.block))
-    ledger = replace(past, energy=energy(run.condensation, kept, now, none))
-    return State(
-        t=now.t,
-        y=kept,
-        unbalanced=now.force.retained - operators.force(kept),
-        data=now,
-        weights=weights,
-        bound=weights,
-        lam=nothing,
-        p=none,
-        slip=nothing,
-        sticks=np.ones(run.terms, dtype=bool),
-        certificate=Certificate(0.0, np.zeros(operators.count), 0.0, none),
-        ledger=ledger,
-        scale=ledger.norm,
-        full=y,
-    )
 
 
 def settled_from(run: PreparedRun, given: State, check: bool = False) -> State:

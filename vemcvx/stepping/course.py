@@ -1,15 +1,13 @@
 """The course of a run's data in time: samples of all that drives it, and where that bends, turns or jumps.
 
-Data are sampled at instants 1/256 of the run apart, or at the ends and middles of shorter steps: a change that is over
-between two samples is not seen. Of every kind of data a sum with random weights is kept. A *bend* lies where the lines
-on both sides of an interval meet. A *turn* is the vertex of the parabola through three samples of an entry (the load at
-an unknown, the gap at a node) that changes its direction. Entries that turn must be the part TURNING of all that curves
-there: under a wave that travels some node turns at every instant. A *jump* is a change that halving leaves large.
+Of every kind of data a sum with random weights is sampled, at instants 1/256 of the run apart, or at the ends and
+middles of shorter steps: a change that is over between two samples is not seen. A *bend* lies where the lines on both
+sides of an interval meet, a *turn* at the vertex of the parabola through three samples of a sum that changes its
+direction. A *jump* is a change that halving leaves large.
 """
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
@@ -20,14 +18,15 @@ from vemcvx.base.arrays import Floats
 from vemcvx.base.errors import WORTH_A_WORD
 from vemcvx.program.system import System
 
-BENT = 1e-6  # Lines on two sides of an interval that miss each other by this part of the largest datum are one.
-TURNING = 0.25  # Of a wave along twelve nodes an eighth turns at once, of loads on two sides a half.
-ACROSS = 1e-9  # Steps of no more than this part of the run are those across a jump.
+BENT = 1e-6
+"""Part of the largest datum by which lines on two sides of an interval miss each other, and by which data turn back."""
+ACROSS = 1e-9
+"""Part of the run that steps across a jump may take."""
 
 
 @dataclass(frozen=True)
 class Course:
-    """The data in time: samples, bends, turns and jumps."""
+    """The data in time: samples, bends and turns, and jumps."""
 
     times: Floats  # (q,) instants at which data were sampled
     values: Floats  # (q, k) weighted sums there, in parts of their largest size
@@ -47,30 +46,20 @@ class Course:
 def course(system: System, times: Floats) -> Course:
     """Sample the data of a system over a run, and find bends, turns and jumps."""
     sampled, draw = divided(times, 2, 256), np.random.default_rng(0)
-    names = list(first := _data(system, float(times[0])))
-    weights = [draw.uniform(0.5, 1.5, len(block)) for block in first.values()]
+    names, weights = zip(*((name, draw.uniform(0.5, 1.5, len(x))) for name, x in _data(system, times[0])), strict=True)
 
-    def summed(blocks: dict[str, Floats]) -> Floats:
-        return np.array([w @ block for w, block in zip(weights, blocks.values(), strict=True)])
+    def sums(t: float) -> Floats:
+        return np.array([w @ x for w, (_, x) in zip(weights, _data(system, t), strict=True)])
 
-    sums, turned, largest = [], [], np.zeros(len(first))
-    last: deque[dict[str, Floats]] = deque(maxlen=3)
-    for n, t in enumerate(sampled.tolist()):
-        last.append(_data(system, t))
-        sums.append(summed(last[-1]))
-        largest = np.maximum(largest, [np.abs(block).sum() for block in last[-1].values()])
-        if n >= 2:
-            turned.append(
-                [_turn(sampled[n - 2 : n + 1], *three) for three in zip(*map(dict.values, last), strict=True)]
-            )
-    scale = np.where((size := np.abs(sums).max(axis=0)) > 0, size, 1.0)
-    values = np.array(sums) / scale
-    instants, sentences = _jumps(sampled, values, lambda t: summed(_data(system, t)) / scale, names)
-    bends = np.union1d(instants, _bends(sampled, values))
+    values = np.array([sums(t) for t in sampled.tolist()])
+    scale = np.where((size := np.abs(values).max(axis=0)) > 0, size, 1.0)
+    instants, sentences = _jumps(sampled, values / scale, lambda t: sums(t) / scale, names)
+    bends = np.union1d(instants, _bends(sampled, values / scale))
+    turns = _turns(sampled, values / scale)
     # Between a bend's two neighbours nothing is smooth.
-    smooth = np.searchsorted(bends, sampled[:-2]) == np.searchsorted(bends, sampled[2:], side="right")
-    amounts, turns = np.moveaxis(np.reshape(turned, (-1, len(first), 2)), 2, 0)
-    return Course(sampled, values, np.union1d(bends, turns[smooth[:, None] & (amounts > BENT * largest)]), sentences)
+    before, after = (sampled[np.clip(np.searchsorted(sampled, turns) + k, 0, len(sampled) - 1)] for k in (-2, 1))
+    smooth = np.searchsorted(bends, before) == np.searchsorted(bends, after, side="right")
+    return Course(sampled, values / scale, np.union1d(bends, turns[smooth]), sentences)
 
 
 def divided(times: Floats, least: int, in_all: int) -> Floats:
@@ -94,16 +83,13 @@ def inside_steps(times: Floats, bends: Floats) -> Floats:
     return inside[np.diff(inside, prepend=-np.inf) > 1e-13 * span]
 
 
-def _data(system: System, t: float) -> dict[str, Floats]:
-    """Evaluate everything that drives a system, at an instant, by name."""
-    blocks = {"load": system.force(t), "gap": system.remaining_gap(t)}
-    if system.norms is not None:
-        blocks["bound of friction"] = system.norms.weights_under(t, np.ones(len(blocks["gap"])))
-    if (ground := system.ground(t)) is not None:
-        blocks["ground"] = ground
-    if system.motion is not None:
-        blocks["support"] = system.motion.prescribed_slip(t)
-    return blocks
+def _data(system: System, t: float) -> list[tuple[str, Floats]]:
+    """Evaluate everything that drives a system, at an instant, with its name."""
+    gap, motion, ground = system.remaining_gap(t), system.motion, system.ground(t)
+    found = [("load", system.force(t)), ("gap", gap)]
+    found += [] if system.norms is None else [("bound of friction", system.norms.weights_under(t, np.ones(len(gap))))]
+    found += [] if ground is None else [("ground", ground)]
+    return found + ([] if motion is None else [("support", motion.prescribed_slip(t))])
 
 
 def _bends(times: Floats, values: Floats) -> Floats:
@@ -120,19 +106,18 @@ def _bends(times: Floats, values: Floats) -> Floats:
     return found
 
 
-def _turn(times: Floats, before: Floats, at: Floats, after: Floats) -> tuple[float, float]:
-    """Return by how much entries turn back near the middle of three instants, and when the first of them does."""
-    left, right, half = (at - before) / (times[1] - times[0]), (after - at) / (times[2] - times[1]), times[2] - times[0]
-    curved = 0.5 * half * np.abs(right - left)
-    turning = np.where(left * right < 0.0, curved, 0.0)
-    if (amount := float(turning.sum())) <= TURNING * curved.sum():
-        return 0.0, float(times[1])
-    k = int(np.argmax(turning))
-    return amount, float(0.5 * (times[0] + times[1]) + 0.5 * half * left[k] / (left[k] - right[k]))
+def _turns(times: Floats, values: Floats) -> Floats:
+    """Return the vertices of parabolas through three samples of which the middle one is the largest or the smallest."""
+    width = np.diff(times)[:, None]
+    slopes, half = np.diff(values, axis=0) / width, 0.5 * (width[1:] + width[:-1])
+    left, right = slopes[:-1], slopes[1:]
+    j, k = np.nonzero((left * right < 0.0) & (half * np.abs(right - left) > BENT))
+    steep = left[j, k] / (left[j, k] - right[j, k])
+    return np.sort(0.5 * (times[j] + times[j + 1]) + steep * half[j, 0])
 
 
 def _jumps(
-    times: Floats, values: Floats, value: Callable[[float], Floats], names: list[str]
+    times: Floats, values: Floats, value: Callable[[float], Floats], names: tuple[str, ...]
 ) -> tuple[Floats, tuple[str, ...]]:
     """Return two instants for each jump, and a sentence."""
     change = np.abs(np.diff(values, axis=0)).max(axis=1)

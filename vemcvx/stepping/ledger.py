@@ -32,13 +32,16 @@ x_m comes of K + E, E the anchors' stiffness, and a(u_m, Pv) = -v'E x_m.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from vemcvx.base.arrays import Floats, directions, lengths
+from vemcvx.program.certificate import Certificate
 from vemcvx.program.condensation import Condensation, Reduced
 from vemcvx.program.operators import product
 from vemcvx.program.system import DRAG_ROUNDING, System
-from vemcvx.stepping.state import Ledger, State, StepData
+from vemcvx.stepping.state import Ledger, PreparedRun, State, StepData
 
 
 def energy(condensation: Condensation, y: Floats, now: StepData, p: Floats) -> float:
@@ -122,3 +125,29 @@ def dashpots(system: System, d: Floats, s: float, t: float) -> tuple[float, floa
     across = float(d @ (moved.dirichlet_force(t) - moved.dirichlet_force(s))) / k
     own = (moved.stored(t, t) - 2.0 * moved.stored(s, t) + moved.stored(s, s)) / k
     return lost + 2.0 * across + own, across + own
+
+
+def state_given(run: PreparedRun, now: StepData, y: Floats, past: Ledger | None = None) -> State:
+    """The state y (n,), whatever led to it: as far as is known nothing presses, and without `past` nothing slipped."""
+    system, operators, kept = run.system, run.operators, y[run.condensation.retained]
+    none, past, m = np.zeros(len(operators.compliance)), past or Ledger.opening(0.0, run.terms), operators.count
+    w = np.zeros(0) if system.norms is None else system.norms.weights_under(now.t, none, past.slipped[:m])
+    _, _, others = dragged(system, (now.t, now.t), none, past.slipped[m:])
+    weights, nothing = np.append(w, others), np.zeros((run.terms, operators.block))
+    ledger = replace(past, energy=energy(run.condensation, kept, now, none))
+    return State(
+        t=now.t,
+        y=kept,
+        unbalanced=now.force.retained - operators.force(kept),
+        data=now,
+        weights=weights,
+        bound=weights,
+        lam=nothing,
+        p=none,
+        slip=nothing,
+        sticks=np.ones(run.terms, dtype=bool),
+        certificate=Certificate(0.0, np.zeros(operators.count), 0.0, none),
+        ledger=ledger,
+        scale=ledger.norm,
+        full=y,
+    )

@@ -14,7 +14,6 @@ from vemcvx.linear import LinearSolver
 from vemcvx.program.step_program import SolvedProgram
 from vemcvx.program.system import System
 from vemcvx.solvers import Solver, Solves
-from vemcvx.solvers.conic import polished
 from vemcvx.stepping.backward_euler import (
     Beginning,
     check_kinds,
@@ -22,12 +21,12 @@ from vemcvx.stepping.backward_euler import (
     initial_state,
     pose_step,
     prepare,
-    state_given,
     states_of,
     threads_of_steps,
 )
+from vemcvx.stepping.ledger import state_given
 from vemcvx.stepping.state import PreparedRun, State, StepData, certified_in_full
-from vemcvx.stepping.trajectory import ROWS_OF_STATES, SCALARS, Trajectory, state_of_row
+from vemcvx.stepping.trajectory import OF_STATES, SCALARS, Trajectory, state_of_row
 
 
 def programs_of_march(
@@ -84,10 +83,6 @@ def _solved_program(run: PreparedRun, before: State, after: State, n: int) -> So
     d = program.feasible(d if posed.force is None else d[posed.frame.condensation.retained])
     answer = after.answer(d, after.lam[:m])
     found = SolvedProgram.of(program, answer, n, after.t)
-    if found.certificate.gap > 1.01 * after.certificate.gap + found.certificate.floor:
-        # The difference has lost digits, and gaps are linear in them where terms stick and limits touch: an active-set
-        # step finds them again. An answer with a large gap does not feel this rounding, and stays as it is.
-        found = SolvedProgram.of(program, polished(program, answer), n, after.t)
     if norms is None or not norms.sloped:
         return found
     return replace(found, slope=norms.slope_by_forces(after.t, after.p, before.ledger.slipped[:m]))
@@ -112,6 +107,6 @@ def _stored(run: PreparedRun, trajectory: Trajectory, n: int) -> State:
     if n == 0 and trajectory.initial is not None:
         return state_given(run, StepData.of(run.condensation, t), trajectory.initial)
     row = int(np.searchsorted(trajectory.stored, n))
-    stored = {name: getattr(trajectory, name)[row] for name in ROWS_OF_STATES if name != "velocity"}
+    stored = {name: getattr(trajectory, name)[row] for name in OF_STATES if name != "velocity"}
     scalars = {name: getattr(trajectory, name)[n] for name in SCALARS if getattr(trajectory, name) is not None}
     return state_of_row(run, t, {"unit": np.zeros(()), **stored, **scalars})

@@ -12,21 +12,20 @@ import hashlib
 import logging
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, TypeGuard
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vemcvx.base.archives import Arrays, read_arrays
+from vemcvx.base.archives import read_arrays
 from vemcvx.base.arrays import Bools, Floats, Ints, brief, is_whole, quantities
 from vemcvx.base.errors import HistoryError, SceneError
 from vemcvx.base.outline import ArrayRecord
 from vemcvx.base.owned_files import Owned, path_of
 from vemcvx.linear import AT_ONCE
-from vemcvx.program.certificate import Certificate
-from vemcvx.stepping.ledger import energy
+from vemcvx.stepping.ledger import energy, state_given
 from vemcvx.stepping.refusals import require_certified, say_floor
 from vemcvx.stepping.state import Ledger, PreparedRun, State, StepData, certified_together
 
@@ -38,9 +37,7 @@ TOGETHER = 8
 
 
 class Memory:
-    """Rows in memory, which do not outlive the process: nothing is ever found there."""
-
-    lasting = False
+    """Rows in memory, which do not outlive the process."""
 
     def array(self, name: str, shape: tuple[int, ...], dtype: Any = float) -> NDArray[Any]:
         """Return zeros."""
@@ -52,26 +49,12 @@ class Memory:
                 "integer), or keep rows in files (stream=FOLDER)."
             ) from error
 
-    kept = array
-
-    def clear(self) -> None:
-        """Do nothing."""
-
-    def save(self, arrays: Arrays) -> None:
-        """Do nothing."""
-
-    def load(self) -> Arrays | None:
-        """Return None: there is no earlier run."""
-        return None
-
 
 class Folder(Owned):
     """Rows in files of a folder, made if need be, that resumes the run it holds or begins anew; used by ``with``.
 
     HistoryError where the folder cannot be made or written to, or another run is on in it.
     """
-
-    lasting = True
 
     def __init__(self, path: str | Path, resumes: bool = True):
         super().__init__(path_of(path, "stream"))
@@ -107,26 +90,33 @@ class Folder(Owned):
         except Exception as error:  # damage shows as whatever numpy or the parser of headers stumbles over
             raise HistoryError(f"{file}: missing, cut short or damaged: {error}. Run without resume.") from error
 
-    def save(self, arrays: Arrays) -> None:
+    def save(self, step: int, mark: Ints) -> None:
         """Write beside the old checkpoint, then move over it: at no moment is there none."""
         kept, made = self.take(CHECKPOINT), self.take(f".{CHECKPOINT}")
         try:
             with open(made, "wb") as file:
-                np.savez(file, **arrays)  # type: ignore[arg-type]  # names of arrays are none of its options
+                np.savez(file, step=step, mark=mark)
             os.replace(made, kept)
         except OSError as error:
             raise HistoryError(f"{self.path}: cannot write a checkpoint: {error}.") from error
 
-    def load(self) -> Arrays | None:
-        """The checkpoint, if there is one to be gone on with."""
+    def last_step(self, mark: Ints) -> int | None:
+        """The last stored step of an earlier run of the same mark, if there is one to be gone on with."""
         file = self.path / CHECKPOINT
         if not (self._resumes and file.exists()):
             return None
         self.take(CHECKPOINT)
         try:
-            return read_arrays(file)
+            arrays = read_arrays(file)
+            step, same = int(arrays["step"]), np.array_equal(arrays["mark"], mark)
         except Exception as error:  # damage shows as whatever numpy, zipfile or the parser of headers stumbles over
             raise HistoryError(f"{file}: damaged: {error}. Remove the folder and run again.") from error
+        if not same:
+            raise HistoryError(
+                "resume: the folder holds a run of another scene, mesh, times or store, or with other settings. Resume "
+                "with what it was begun with, or choose an empty folder."
+            )
+        return step
 
 
 Storage = Memory | Folder
@@ -153,12 +143,11 @@ class Trajectory(ArrayRecord):
     sticking : (S, m) array of bool
         True where the increment B_i (y - y_prev) cannot be told from zero, and in row 0.
     worn : (S, m) array
-        Work of each norm term since the initial instant, the cumulative sum of its lam_i . s_i over all steps, stored
-        or not; a row sums to `dissipated`, but for what damping loses. Terms whose slip is given, where supports drag
-        (:class:`vemcvx.program.system.DraggedTerms`), follow the others here as in `multipliers`, `weights`,
-        `sticking` and `stuck`.
+        Work of each norm term: the sum of its lam_i . s_i over all steps so far, stored or not. A row sums to
+        `dissipated`, but for what damping loses. Terms whose slip supports give
+        (:class:`vemcvx.program.system.DraggedTerms`) follow the others, here as everywhere.
     slipped : (S, m) array
-        Slip of each norm term since the initial instant, to and fro: the cumulative sum of its |s_i|, likewise.
+        Slip of each norm term, to and fro: the sum of its |s_i|, likewise.
     stuck : (N + 1,) array of int
         Number of norm terms with such an increment, step by step.
     energy : (N + 1,) array
@@ -175,8 +164,7 @@ class Trajectory(ArrayRecord):
     norm : (N + 1,) array
         Energy norm |u_n|_a.
     gap : (N + 1,) array
-        Certified duality gap of each step. Weights far above every multiplier count as lowered
-        (:mod:`vemcvx.program.scaling`): the minimiser is the same.
+        Certified duality gap of each step.
     floor : (N + 1,) array
         The part of `gap` that round-off alone may account for.
     iterations : (N + 1,) array of int
@@ -330,70 +318,59 @@ def _numbers(store: object, steps: int) -> TypeGuard[Sequence[int]]:
 
 FIELDS = quantities(Trajectory)
 SCALARS = {name: of.kind for name, of in FIELDS.items() if of.sizes == ("N",) and name != "times"}
-ROWS_OF_STATES = {name: of for name, of in FIELDS.items() if of.sizes[0] == "S" and name != "stored"}
+OF_STATES = {name: of for name, of in FIELDS.items() if of.sizes[0] == "S" and name != "stored"}
 TYPES: dict[str, type] = {"f": float, "i": np.int64, "b": bool}
 
 
 class Recorder:
-    """Rows of a trajectory, entered as the march goes on; the steps `kept` (S,) of the instants `times` have them."""
+    """Rows of a trajectory, entered as the march goes on; the steps `kept` (S,) of the instants `times` have them.
+
+    States wait for each other: those that are kept are certified in full together.
+    """
 
     def __init__(self, run: PreparedRun, times: Floats, kept: Ints, storage: Storage):
         self._run, self._times, self._kept, self._storage = run, times, kept, storage
         self._row = {int(n): row for row, n in enumerate(kept)}
-        self._mark = mark(run, times, kept) if storage.lasting else np.zeros(4, dtype=np.int64)
+        self._mark = mark(run, times, kept) if isinstance(storage, Folder) else None
         room = max(1, min(TOGETHER, AT_ONCE // (12 * max(run.system.n, 1))))
         self._most, self._waiting = room if run.condensation.linear.eliminates else 1, dict[int, State]()
 
     @property
     def _shapes(self) -> dict[str, tuple[tuple[int, ...], type]]:
         run, system = self._run, self._run.system
-        sizes = {
-            "S": len(self._kept),
-            "n": system.n,
-            "terms": run.terms,
-            "block": system.block,
-            "limits": len(run.operators.compliance),
-        }
+        sizes = {"S": len(self._kept), "n": system.n, "terms": run.terms, "block": system.block}
+        sizes["limits"] = len(run.operators.compliance)
         stored = {
             name: (tuple(sizes[size] for size in of.sizes), TYPES[of.kind])
-            for name, of in ROWS_OF_STATES.items()
+            for name, of in OF_STATES.items()
             if name != "velocity" or system.damping is not None
         }
-        return {
-            **stored,
-            "scalars": ((len(self._times), len(SCALARS)), float),
-            "initial": ((1, system.n), float),
-        }
+        alone = {"scalars": (len(self._times), len(SCALARS)), "initial": (1, system.n)}
+        return {**stored, **{name: (shape, float) for name, shape in alone.items()}}
 
     def begin(self) -> tuple[int, State] | None:
         """The last step that an earlier run has stored and its state, if there was one.
 
         HistoryError where the storage holds another run, or rows of it are missing.
         """
-        arrays = self._storage.load()
-        if arrays is None:
+        folder = self._storage
+        if not isinstance(folder, Folder) or self._mark is None or (n := folder.last_step(self._mark)) is None:
             return None
-        if not np.array_equal(arrays.get("mark", ()), self._mark):
-            raise HistoryError(
-                "resume: the folder holds a run of another scene, mesh, times or store, or with other settings. Resume "
-                "with what it was begun with, or choose an empty folder."
-            )
-        n = int(arrays["step"])
-        self._rows = {name: self._storage.kept(name, *shape) for name, shape in self._shapes.items()}
-        row = {name: self._rows[name][self._row[n]] for name in self._rows if name in ROWS_OF_STATES}
-        scalars = dict(zip(SCALARS, self._rows["scalars"][n], strict=True))
-        state = state_of_row(self._run, float(self._times[n]), {**row, **scalars})
+        self._rows = {name: folder.kept(name, *shape) for name, shape in self._shapes.items()}
+        row = {name: self._rows[name][self._row[n]] for name in self._rows if name in OF_STATES}
+        row |= zip(SCALARS, self._rows["scalars"][n], strict=True)
+        state = state_of_row(self._run, float(self._times[n]), row)
         log.info("going on after step %d of %d, at t = %g", n, len(self._times) - 1, state.t)
         return n, state
 
     def add(self, n: int, state: State) -> None:
         """Enter the state after step `n`; with the initial one, 0, a new run begins.
 
-        States wait for each other: those that are kept are certified in full together, in a third of the time.
         NotCertified where the answer of a kept step does not hold on the full system.
         """
         if n == 0:
-            self._storage.clear()
+            if isinstance(self._storage, Folder):
+                self._storage.clear()
             self._rows = {name: self._storage.array(name, *shape) for name, shape in self._shapes.items()}
         self._waiting[n] = state
         if n == 0 or len(self._waiting) >= self._most:
@@ -407,40 +384,49 @@ class Recorder:
         for n, state in waiting.items():
             if n in kept and n > 0 and self._run.check:
                 require_certified(self._run, state, n)
-            scalars = _scalars(state, self._run.solver.accuracy)
-            self._rows["scalars"][n] = [scalars[name] for name in SCALARS]
+            row = _row(state, self._run.solver.accuracy)
+            self._rows["scalars"][n] = [row[name] for name in SCALARS]
             if n == 0:
                 self._rows["initial"][0] = state.unknowns
             if n in self._row:
-                row = _row(state)
-                for name in self._rows.keys() & row.keys():
+                for name in self._rows.keys() & OF_STATES.keys():
                     self._rows[name][self._row[n]] = row[name]
-                self._storage.save({"step": np.array(n), "mark": self._mark})
+                if isinstance(self._storage, Folder) and self._mark is not None:
+                    self._storage.save(n, self._mark)
 
     def finish(self, seconds: dict[str, float], work_begun: float) -> Trajectory:
         """The trajectory of a run that went on from that work."""
-        rows = self._rows
-        scalars = {name: np.array(column) for name, column in zip(SCALARS, rows["scalars"].T, strict=True)}
+        rows, run = self._rows, self._run
+        scalars = zip(SCALARS, rows["scalars"].T, strict=True)
         trajectory = Trajectory(
             times=self._times,
             stored=self._kept,
-            **{name: values for name, values in rows.items() if name in ROWS_OF_STATES},
+            **{name: values for name, values in rows.items() if name in OF_STATES},
+            **{name: column.astype(TYPES[SCALARS[name]]) for name, column in scalars},
             initial=rows["initial"][0],
-            **{name: column.astype(TYPES[SCALARS[name]]) for name, column in scalars.items()},
             seconds=seconds,
-            solver=repr(self._run.solver),
-            linear=repr(self._run.condensation.linear),
-            accuracy=float(self._run.solver.accuracy),
+            solver=repr(run.solver),
+            linear=repr(run.condensation.linear),
+            accuracy=float(run.solver.accuracy),
             work_begun=work_begun,
         )
-        say_floor(trajectory.certificate_floor, self._run.solver.accuracy)
+        say_floor(trajectory.certificate_floor, run.solver.accuracy)
         return trajectory
 
 
-def _scalars(state: State, accuracy: float) -> dict[str, float]:
-    """The scalars that a trajectory has of every step."""
+def _row(state: State, accuracy: float) -> dict[str, ArrayLike | None]:
+    """What a trajectory has of a step, by name; the arrays are those of stored steps."""
     certificate, ledger = state.certificate, state.ledger
     return {
+        "state": state.full,
+        "multipliers": state.lam,
+        "pressures": state.p,
+        "weights": state.weights,
+        "sticking": state.sticks,
+        "worn": ledger.worn,
+        "worn_second_order": ledger.worn_second_order,
+        "slipped": ledger.slipped,
+        "velocity": 0.0 if state.velocity is None else state.velocity,
         "energy": ledger.energy,
         "dissipated": ledger.dissipated,
         "dissipated_second_order": ledger.dissipated_second_order,
@@ -456,60 +442,39 @@ def _scalars(state: State, accuracy: float) -> dict[str, float]:
     }
 
 
-def _row(state: State) -> dict[str, ArrayLike]:
-    """The arrays of a stored step."""
-    ledger = state.ledger
-    return {
-        "state": state.unknowns,
-        "multipliers": state.lam,
-        "pressures": state.p,
-        "weights": state.weights,
-        "sticking": state.sticks,
-        "worn": ledger.worn,
-        "worn_second_order": ledger.worn_second_order,
-        "slipped": ledger.slipped,
-        "velocity": 0.0 if state.velocity is None else state.velocity,
-    }
-
-
-def state_of_row(run: PreparedRun, t: float, row: Mapping[str, NDArray[np.generic]]) -> State:
-    """The state at `t` from the arrays of a stored step and its scalars, by their names in a trajectory.
+def state_of_row(run: PreparedRun, t: float, row: Mapping[str, Any]) -> State:
+    """The state at `t` from what a trajectory has of a stored step, by name.
 
     That is all that the next step begins from, but for how multipliers have changed last.
     """
-    operators, m, norms = run.operators, run.operators.count, run.system.norms
-    y, lam, p, weights, slipped = (
-        np.array(row[name]) for name in ("state", "multipliers", "pressures", "weights", "slipped")
-    )
-    now, kept = StepData.of(run.condensation, t), y[run.condensation.retained]
-    ledger = Ledger(
-        energy=energy(run.condensation, kept, now, p),
+    m, norms = run.operators.count, run.system.norms
+    read = {name: np.array(row[name]) for name in OF_STATES if name in row}
+    lam, p, weights, slipped = (read[name] for name in ("multipliers", "pressures", "weights", "slipped"))
+    past = Ledger(
+        energy=0.0,
         dissipated=float(row["dissipated"]),
         work=float(row["work"]),
-        worn=np.array(row["worn"]),
+        worn=read["worn"],
         slipped=slipped,
         dissipated_second_order=float(row["dissipated_second_order"]),
-        worn_second_order=np.array(row["worn_second_order"]),
+        worn_second_order=read["worn_second_order"],
     )
-    bound = weights if norms is None else np.append(norms.weights_under(t, p, slipped[:m]), weights[m:])
-    elastic = run.system.damping is None
-    return State(
-        t=t,
-        y=kept,
-        # Without dashpots these forces have more digits than the difference of load and K y.
-        unbalanced=operators.multiplier_force(lam[:m], p) if elastic else now.force.retained - operators.force(kept),
-        data=now,
+    state = state_given(run, StepData.of(run.condensation, t), read["state"], past)
+    ledger = replace(past, energy=energy(run.condensation, state.y, state.data, p))
+    # Without dashpots these forces have more digits than the difference of load and K y.
+    held = run.operators.multiplier_force(lam[:m], p) if run.system.damping is None else state.unbalanced
+    return replace(
+        state,
+        unbalanced=held,
         weights=weights,
-        bound=bound,
+        bound=weights if norms is None else np.append(norms.weights_under(t, p, slipped[:m]), weights[m:]),
         lam=lam,
         p=p,
-        slip=np.zeros_like(lam),
-        sticks=np.array(row["sticking"], dtype=bool),
-        certificate=Certificate(float(row["gap"]), np.zeros(m), float(row["floor"]), np.zeros_like(p)),
+        sticks=read["sticking"],
+        certificate=replace(state.certificate, equilibrium=float(row["gap"]), floor=float(row["floor"])),
         ledger=ledger,
         scale=max(float(row["unit"]), ledger.norm),
         iterations=int(row["iterations"]),
-        full=y,
     )
 
 

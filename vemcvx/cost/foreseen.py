@@ -40,7 +40,7 @@ import scipy.sparse as sp
 from vemcvx.base.arrays import Floats
 from vemcvx.base.errors import ProblemError
 from vemcvx.linear import LinearSolver
-from vemcvx.linear.default import LARGEST_FACTOR, MOST_MEMORY, direct_solver
+from vemcvx.linear.default import LARGEST_FACTOR, direct_solver
 from vemcvx.meshes import AnyMesh, PolygonMesh
 
 
@@ -134,8 +134,7 @@ def foreseen(
     name = type(linear).__name__
     if linear is None:  # the one that `choose_linear` takes, as far as the unknowns tell
         direct = direct_solver(int(unknowns))
-        memory = direct.memory_in_space(int(unknowns))
-        fits = unknowns <= LARGEST_FACTOR if growth.plane else memory <= MOST_MEMORY
+        fits = unknowns <= (LARGEST_FACTOR if growth.plane else direct.largest_in_space)
         large = not fits and importlib.util.find_spec("pyamg") is not None
         name = "Iterative" if large else type(direct).__name__
     # PETSc's hierarchy on one rank is of the kind of Iterative's.

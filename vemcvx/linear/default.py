@@ -18,8 +18,8 @@ from vemcvx.linear.superlu import SuperLU
 
 LARGEST_FACTOR = 2_000_000
 """Largest number of unknowns for direct solvers in the plane."""
-MOST_MEMORY = 8e9
-"""Bytes that factors may take in space."""
+LARGEST_CONTACT = 9_000
+"""Largest Schur complement in space: its dense factor takes some 15 s, once or twice a step."""
 log = logging.getLogger("vemcvx")
 
 
@@ -34,19 +34,13 @@ def choose_linear(
     if asked is not None:
         return asked
     direct = direct_solver(unknowns)
-    if modes < 6:
-        fits, takes = unknowns <= LARGEST_FACTOR, ""
-    else:
-        memory = direct.memory_in_space(unknowns) + 4 * 8 * float(retained) ** 2
-        # A dense system of 9,000 unknowns takes some 15 s to factorise, once or twice a step.
-        fits, takes = memory <= MOST_MEMORY and retained <= 9_000, f" in space take {memory / 1e9:.2g} GB"
+    fits = unknowns <= LARGEST_FACTOR
+    if modes == 6:
+        fits = unknowns <= direct.largest_in_space and retained <= LARGEST_CONTACT
     if fits:
-        if takes and unknowns >= 1_000:
-            log.info("linear solver: %s; factors for %d unknowns%s", type(direct).__name__, unknowns, takes)
         return direct
     if importlib.util.find_spec("pyamg") is None:
-        words = "%d unknowns%s: a direct solver may run out of memory; vemcvx[multigrid] would not"
-        log.warning(words, unknowns, takes)
+        log.warning("%d unknowns: a direct solver may run out of memory; vemcvx[multigrid] would not", unknowns)
         return direct
     log.info("linear solver: Iterative, for %d unknowns", unknowns)
     return Iterative()

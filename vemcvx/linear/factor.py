@@ -83,10 +83,6 @@ class LinearSolver(ABC):
     orders: ClassVar[bool] = False
     """True if the class orders the unknowns by itself, so that no order is computed for it."""
 
-    def memory_in_space(self, unknowns: int) -> float:
-        """Return about how many bytes a factor of a body in space takes; nan if unknown."""
-        return np.nan
-
     @abstractmethod
     def factorise(self, K: sp.csr_matrix, near_kernel: Floats | None = None) -> Factor:
         """Factorise K (n, n), symmetric positive definite.

@@ -38,12 +38,10 @@ SUITED = (
 
 @dataclass(frozen=True)
 class Iterative(LinearSolver):
-    """PyAMG (extra ``multigrid``): the default beyond two million unknowns, where it is installed.
+    """PyAMG (extra ``multigrid``): the default for meshes too large to factorise, if it is installed.
 
-    Programs are not condensed: contact is solved matrix-free. Bodies that friction and contact alone hold are refused.
-    Contact on faces that meet, at edges and corners, takes long or is refused.
-
-    Certificates take into account that solves are inexact.
+    Programs are not condensed: contact is solved matrix-free. Bodies that friction and contact alone hold are refused;
+    contact on faces that meet takes long or is refused. Certificates take into account that solves are inexact.
 
     Parameters
     ----------
@@ -99,8 +97,7 @@ class IterativeFactor(Factor):
         return x
 
     def energy(self, b: Floats) -> float:
-        # Residuals below a tenth would change the bound by a hundredth.
-        x = self.iterate(b, 0.1)[0]
+        x = self.iterate(b, 0.1)[0]  # Smaller residuals would change the bound by a hundredth.
         left = b - self._K @ x
         return abs(float(b @ x + x @ left + left @ self.cycle(left) / self._lowest))
 

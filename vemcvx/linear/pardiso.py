@@ -45,15 +45,13 @@ class Pardiso(LinearSolver):
 
     eliminates: ClassVar[bool] = True
     orders: ClassVar[bool] = True
+    largest_in_space: ClassVar[int] = 450_000
+    """Largest number of unknowns of bodies in space: factors take 8 GB."""
 
     @staticmethod
     def installed() -> bool:
         """Return True if the package is installed."""
         return _solver_class() is not None
-
-    def memory_in_space(self, unknowns: int) -> float:
-        # Fitted to cubes: .19 and .39 GB for 26,040 and 44,400 unknowns.
-        return float(190.0 * unknowns ** (4 / 3) + 2e3 * unknowns)
 
     def factorise(self, K: sp.csr_matrix, near_kernel: Floats | None = None) -> PardisoFactor:
         return PardisoFactor(K, np.zeros(0, dtype=np.int64))

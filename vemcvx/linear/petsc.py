@@ -1,12 +1,11 @@
 """PETSc's conjugate gradients with algebraic multigrid (GAMG) over the ranks of MPI, for K beyond one machine's cores.
 
-Rank 0 poses the problem, holds K and steps. Every rank holds a block of K's rows in PETSc, its part of the hierarchy,
-and its part of vectors. The other ranks wait for the calls of rank 0 (:func:`serve`). A call names a method of
-:class:`Ranks` that all ranks then execute together.
+Rank 0 poses the problem, holds K and steps. Every rank holds a block of K's rows in PETSc and its part of the
+hierarchy, and waits for the calls of rank 0 (:func:`serve`). A call names a method of :class:`Ranks` that all ranks
+then execute together.
 
-GAMG smooths by Chebyshev polynomials of the same degree before and after the coarse correction. The polynomial is
-self-adjoint in the energy; the coarse correction is a projection there, or has eigenvalues of at most one. So the
-bounds of :mod:`vemcvx.linear.iterative` hold: the cycle M is symmetric, and no eigenvalue of MK exceeds one.
+GAMG smooths by Chebyshev polynomials of the same degree before and after the coarse correction. Both are self-adjoint
+in the energy, with eigenvalues of at most one, so that the bounds of :mod:`vemcvx.linear.iterative` hold.
 """
 
 from __future__ import annotations
@@ -35,12 +34,9 @@ OPTIONS = {
     "ksp_type": "cg",
     "ksp_norm_type": "unpreconditioned",
     "pc_type": "gamg",
-    # All couplings count: without the weak ones coarse matrices are fuller.
-    "pc_gamg_threshold": "-1",
-    # Otherwise the coarsest matrix is solved by blocks, one a rank, and eigenvalues of MK could exceed one.
-    "mg_coarse_pc_type": "redundant",
-    # Aggregates of fewer unknowns than rigid motions leave coarse unknowns without stiffness; factors divide by zero.
-    "mg_coarse_redundant_pc_type": "svd",
+    "pc_gamg_threshold": "-1",  # without weak couplings coarse matrices are fuller
+    "mg_coarse_pc_type": "redundant",  # blocks of ranks could have eigenvalues above one
+    "mg_coarse_redundant_pc_type": "svd",  # some coarse unknowns may have no stiffness
 }
 SMALL = 1_000
 """Unknowns below which K is factorised, too: GAMG may then have a single level, and the factor takes 5 ms."""

@@ -18,10 +18,8 @@ class SuperLU(LinearSolver):
     """Sparse LU with diagonal pivots: the default up to two million unknowns where Pardiso is not installed."""
 
     eliminates: ClassVar[bool] = True
-
-    def memory_in_space(self, unknowns: int) -> float:
-        # Fitted to cubes in nested dissection: .25 and .66 GB at the peak for 13,600 and 26,040 unknowns.
-        return float(236.0 * unknowns**1.46)
+    largest_in_space: ClassVar[int] = 140_000
+    """Largest number of unknowns of bodies in space: factors take 8 GB."""
 
     def factorise(self, K: sp.csr_matrix, near_kernel: Floats | None = None) -> SuperLUFactor:
         return SuperLUFactor(K)

@@ -54,13 +54,24 @@ from vemcvx.exchange import read_program, write_program
 from vemcvx.history import History, read_history
 from vemcvx.linear import Iterative, LinearSolver, Pardiso, PETSc, SuperLU
 from vemcvx.meshes import PolygonMesh, PolyhedralMesh
-from vemcvx.program import Answer, Certificate, Damping, Limits, Norms, Operators, SolvedProgram, StepProgram, System
+from vemcvx.program import (
+    Answer,
+    Certificate,
+    Damping,
+    Kernel,
+    Limits,
+    Norms,
+    Operators,
+    SolvedProgram,
+    StepProgram,
+    System,
+)
 from vemcvx.results.contact import Contact
 from vemcvx.results.quoted import Quantity
 from vemcvx.scene import Scene
 from vemcvx.simulation import instants, programs, projected, simulate
 from vemcvx.solvers import OSQP, Clarabel, Direct, Newton, Solver, ThroughCvxpy
-from vemcvx.stepping import Trajectory, march
+from vemcvx.stepping import Trajectory, march, programs_of_march
 from vemcvx.vem import Stabilisation
 
 __all__ = [
@@ -84,6 +95,7 @@ __all__ = [
     "History",
     "HistoryError",
     "Iterative",
+    "Kernel",
     "Law",
     "Limits",
     "LinearSolver",
@@ -137,6 +149,7 @@ __all__ = [
     "measures",
     "meshes",
     "programs",
+    "programs_of_march",
     "projected",
     "quantities",
     "read_history",

@@ -223,32 +223,29 @@ def test_ground_moves_under_a_body_between_rollers(family, angle, limit):
 @pytest.mark.parametrize("block", [1, 2])
 @pytest.mark.parametrize("modes", [1, 3])
 @pytest.mark.parametrize("limited", [False, True])
-def test_nearest_multipliers(block, modes, limited):
-    """lam = P_w(lam_0 + A c) with A'lam = p is the projection: (lam_0 - lam).(mu - lam) <= 0 for all admissible mu."""
+def test_multipliers_are_put_in_balance(block, modes, limited):
+    """Near an admissible pair that holds the load there is another one; and 50 times the load is a motion, or held."""
     rng = np.random.default_rng(block + 10 * modes)
     for _ in range(50):
         grip, w = rng.normal(size=(12, block, modes)), rng.uniform(0.0, 1.0, 12) * (rng.random(12) < 0.8)
         stop = rng.normal(size=(3, modes)) if limited else np.zeros((0, modes))
-        hold, inverse_metric = KernelBalance(grip, stop), 10.0 ** rng.uniform(-3, 0, 15)
+        hold, weights = KernelBalance(grip, stop), 10.0 ** rng.uniform(-3, 0, 15)
         inside = rng.normal(size=(12, block))
-        inside *= (w / np.linalg.norm(inside, axis=1))[:, None] * rng.uniform(0, 1, (12, 1))
+        inside *= (0.9 * w / np.linalg.norm(inside, axis=1))[:, None] * rng.uniform(0, 1, (12, 1))
         pressed = rng.uniform(0, 1, len(stop))
         push = np.einsum("ijk,ij->k", grip, inside) + stop.T @ pressed
-        start, begin = rng.normal(size=(12, block)), rng.normal(size=len(stop))
-        lam, p, left = hold.nearest(start, begin, w, push, (inverse_metric[:12], inverse_metric[12 : 12 + len(stop)]))
-        assert np.abs(left).max() < 1e-13 * 12
+        start, begin = inside + 1e-3 * rng.normal(size=(12, block)), pressed + 1e-3 * rng.normal(size=len(stop))
+        start *= np.minimum(1.0, w / np.linalg.norm(start, axis=1))[:, None]
+        begin = np.maximum(begin, 0.0)
+        lam, p = hold.balanced(start, begin, w, push, (weights[:12], weights[12 : 12 + len(stop)]))
+        assert np.abs(np.einsum("ijk,ij->k", grip, lam) + stop.T @ p - push).max() < 1e-12
         assert (np.linalg.norm(lam, axis=1) <= w * (1 + 1e-15)).all()
         assert (p >= 0).all()
-        assert (
-            np.sum((start - lam) * (inside - lam) / inverse_metric[:12, None])
-            + (begin - p) / inverse_metric[12 : 12 + len(stop)] @ (pressed - p)
-            <= 1e-9
-        )
         assert hold.unbalanced_motion(w, push) is None
         motion = hold.unbalanced_motion(w, 50.0 * push)
         if motion is not None:
             assert motion @ push * 50.0 > w @ np.linalg.norm(grip @ motion, axis=1)
-            assert (stop @ motion <= 1e-9 * np.abs(stop @ motion).max(initial=0.0)).all()
+            assert (stop @ motion <= 1e-9).all()
 
 
 @pytest.mark.long
@@ -297,17 +294,11 @@ def test_loads_just_beyond_the_limit_are_refused(beyond, tips):
         vx.Traction((0.0, -1.0), on="top"),
         vx.Traction(side, on=sides),
     )
-    with pytest.raises(vx.SceneError, match=r"^step 2 at t = 1: .* there is no equilibrium"):
+    # Nearer than 1e-9 of the load the motion is not told from zero, and the step is refused as not certified.
+    named = "" if beyond <= 1e-9 else ".* there is no equilibrium"
+    refused = (vx.SceneError, vx.NotCertified) if beyond <= 1e-9 else vx.SceneError
+    with pytest.raises(refused, match=f"^step 2 at t = 1: {named}"):
         vx.simulate(scene, vx.meshes.squares(5), [0.0, 0.5, 1.0], initial="settled")
-
-
-def test_multipliers_are_found_where_all_are_cut_but_for_rounding():
-    """Terms beyond their bounds have no second derivative; that of a limit felt by rounding (1e-15) is none either."""
-    hold = KernelBalance(np.ones((4, 1, 1)), np.array([[1e-15]]))
-    lam, p, left = hold.nearest(np.full((4, 1), 1.1), np.ones(1), np.ones(4), np.ones(1), (np.ones(4), np.ones(1)))
-    assert lam == pytest.approx(np.full((4, 1), 0.25), rel=1e-14)
-    assert p == pytest.approx(1.0, rel=1e-14)
-    assert abs(left) <= 4 * np.finfo(float).eps
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import scipy.sparse as sp
 from test_certificate import random_program, solution
 
 import vemcvx as vx
-from vemcvx.program.operators import Operators, product
+from vemcvx.program.operators import Operators
 from vemcvx.program.step_program import StepProgram
 
 EPS = float(np.finfo(float).eps)
@@ -135,6 +135,19 @@ def test_cvxpy_answers_with_limits():
         assert gap < 1e-9 * (1 + abs(program.objective(exact.d)))
 
 
+def test_a_system_has_programs():
+    """A slider under t: the programs of its steps, each with its answer, which another solver may find as well."""
+    kernel = vx.Kernel([[1.0], [1.0]], ["sliding"])
+    system = vx.System([[1.0, -1.0], [-1.0, 1.0]], lambda t: [t, 0.0], vx.Norms(np.eye(2), 0.5), kernel=kernel)
+    programs = list(vx.programs_of_march(system, [0.0, 0.6, 0.9]))
+    assert [program.step for program in programs] == [1, 2]
+    for program, held in zip(programs, [0.1, 0.4], strict=True):
+        assert program.answer.lam.ravel() == pytest.approx([0.5, held], abs=1e-12)
+        posed = program.to_cvxpy()
+        posed.problem.solve(solver="CLARABEL")
+        assert program.certify(posed.d.value, posed.lam, posed.p).error < 1e-3
+
+
 def test_what_is_no_answer_is_refused():
     program = with_limits(0, own=True)
     wrong = (
@@ -145,15 +158,3 @@ def test_what_is_no_answer_is_refused():
     for given, words in wrong:
         with pytest.raises(vx.SceneError, match=re.escape(words)):
             program.certify(**given)
-
-
-@pytest.mark.parametrize("n", [0, 1, 33])
-def test_products_read_one_half_of_a_symmetric_matrix(n):
-    """What the other half has is not looked at, in either order of storage; sparse matrices are read whole."""
-    root, d = np.random.default_rng(n).normal(size=(n, n)), np.arange(1.0, n + 1)
-    K = root @ root.T
-    halved = K.copy()
-    halved[np.tril_indices(n, -1)] = np.nan
-    blur = 4 * max(n, 1) * EPS * (np.abs(K) @ np.abs(d)).max(initial=0.0)
-    for matrix in (K, np.asfortranarray(K), halved, halved.T, sp.csr_matrix(K)):
-        assert np.abs(product(matrix, d) - K @ d).max(initial=0.0) <= blur

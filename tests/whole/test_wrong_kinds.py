@@ -12,8 +12,6 @@ import pytest
 from wrong_kinds import HELD, MESH, PUSH, STEEL, WRONG, K, load, marched, run
 
 import vemcvx as vx
-from vemcvx.program.kernel import Kernel
-from vemcvx.program.system import Motion
 
 GRIPPED = vx.BilateralContact("bottom"), vx.TrescaFriction(0.1, "bottom")
 SCENE = vx.Scene(STEEL, HELD, PUSH, *GRIPPED)
@@ -41,22 +39,10 @@ def with_norms(norms):
     return marched(vx.System(K, load, norms))
 
 
-def with_motion(motion):
-    return marched(vx.System(K, load, vx.Norms(np.eye(2), 0.1), motion=motion))
-
-
 def with_kernel(kernel):
     return marched(vx.System(FREE, lambda t: [t, -t], vx.Norms(np.eye(2), 0.1), kernel=kernel))
 
 
-MOTION = {
-    "dirichlet_force": lambda t: NONE,
-    "prescribed_slip": lambda t: NONE,
-    "stored": lambda s, t: 0.0,
-    "frame": lambda t, y: y,
-    "pair": lambda u, v: float(u @ K @ v),
-    "remaining_gap": None,
-}
 ON = "bottom"
 # What to make, its parameters, what to do with it; parameters for which something of WRONG is right.
 MADE = [
@@ -109,9 +95,8 @@ MADE = [
      {"D": {"a sparse matrix"}, "e": VALUES | {"a class"}, "compliance": VALUES, "places": FUNCTIONS | {"None"}}),
     (vx.Damping, {"C": np.eye(2), "motion": None}, lambda made: marched(vx.System(K, load, damping=made)),
      {"C": {"a sparse matrix"}, "motion": {"None"}}),
-    (Kernel, {"modes": np.ones((2, 1)), "names": ("all",), "in_words": None}, with_kernel,
+    (vx.Kernel, {"modes": np.ones((2, 1)), "names": ("all",), "in_words": None}, with_kernel,
      {"in_words": FUNCTIONS | {"None"}}),
-    (Motion, MOTION, with_motion, {"stored": FUNCTIONS, "remaining_gap": FUNCTIONS | {"None"}}),
     (vx.System, {"K": K, "load": load, "norms": vx.Norms(np.eye(2), 0.1), "motion": None, "order": None,
                  "near_kernel": None, "kernel": None, "limits": None, "damping": None, "dragged": None}, marched,
      {"K": {"a sparse matrix"}, "order": {"None", "flags"}}
@@ -134,6 +119,10 @@ def programs(**given):
     return list(vx.programs(**given))
 
 
+def programs_of_march(**given):
+    return list(vx.programs_of_march(**given))
+
+
 CALLED = [
     (vx.march, {"system": vx.System(K, load), "times": [0.0, 1.0], "solver": None, "initial": None, "store": "all",
                 "check": True, "condense": True, "linear": None, "storage": None},
@@ -143,6 +132,9 @@ CALLED = [
      {"store": NOTHING | {"huge"}} | {key: {"None"} for key in ("solver", "initial", "linear")}),
     (programs, {"scene": SCENE, "mesh": MESH, "times": [0.0, 1.0], "solver": None, "initial": None, "check": True,
                 "condense": True, "linear": None}, {key: {"None"} for key in ("solver", "initial", "linear")}),
+    (programs_of_march, {"system": vx.System(K, load), "times": [0.0, 1.0], "solver": None, "initial": None,
+                         "check": True, "condense": True, "linear": None},
+     {key: {"None"} for key in ("solver", "initial", "linear")}),
     (vx.instants, {"scene": SCENE, "mesh": MESH, "times": [0.0, 1.0]}, {"times": {"an array"}}),
     (vx.adapt, {"scene": SCENE, "mesh": MESH, "times": [0.0, 1.0], "target": 0.9, "of": "energy", "solver": None,
                 "initial": None, "most_unknowns": 4000, "theta": 0.6, "estimate": "residual"},

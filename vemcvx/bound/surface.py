@@ -434,9 +434,9 @@ class Boundary:
         length, mean = np.repeat(self.edges.lengths, 2), self.integrals(bound.mean(axis=1)) / self.edges.lengths
         g = np.repeat(np.where(mean > 0.0, mean, 1.0), 2)
         p = np.concatenate([press.ends.ravel() for press in presses])
-        found, pressure, left = KernelBalance(G[:, None], H).nearest(
-            theta.reshape(-1, 1), p, np.ones(2 * count), push, (1.0 / (length * g**2), 1.0 / np.tile(length, 2))
-        )
+        balance, weights = KernelBalance(G[:, None], H), (1.0 / (length * g**2), 1.0 / np.tile(length, 2))
+        found, pressure = balance.balanced(theta.reshape(-1, 1), p, np.ones(2 * count), push, weights)
+        left = balance.imbalance(found, pressure, push, np.abs(push))[0]
         if np.abs(left).max() > SAME * max(np.abs(push).max(), np.abs(p @ H).max(), np.abs(theta.ravel() @ G).max()):
             raise SceneError(
                 "error_bound: no friction and pressure that are linear on edges balance the load on a body that "

@@ -39,7 +39,6 @@ from vemcvx.estimate.finer_steps import Finer, beside_finer
 from vemcvx.estimate.quantities import StepErrors, errors_of_steps, value_of, with_quantities
 from vemcvx.history import History
 from vemcvx.meshes import AnyMesh
-from vemcvx.program.tolerances import UNSEEN
 from vemcvx.results.quoted import SINGULAR, growth
 from vemcvx.results.results import largest_values, record
 from vemcvx.scene import Scene
@@ -53,6 +52,8 @@ GAIN = 0.75
 """Part of its squared indicator that a smooth cell loses when it is split."""
 MARGIN = 0.9
 """Part of the target that a pass aims at, so that the last one need not be followed by another."""
+UNSEEN = 0.01
+"""Part of the target within which steps are solved: errors of the mesh are far larger."""
 TIME_SHARE = 0.3
 """Part of the target for time."""
 THETA = 0.6

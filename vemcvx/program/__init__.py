@@ -4,17 +4,17 @@ A solver's author needs `Operators`, `StepProgram`, `Answer`, and the names of f
 """
 
 from vemcvx.program.certificate import Certificate
+from vemcvx.program.kernel import Kernel
 from vemcvx.program.operators import (
     ABSOLUTE_VALUES,
     BOUNDS,
     QUADRATIC,
     SECOND_ORDER_CONES,
     SQUARED_POSITIVE_PARTS,
-    Norms,
     Operators,
 )
 from vemcvx.program.step_program import Answer, SolvedProgram, StepProgram
-from vemcvx.program.system import Damping, Limits, System
+from vemcvx.program.system import Damping, Limits, Norms, System
 
 __all__ = [
     "ABSOLUTE_VALUES",
@@ -25,6 +25,7 @@ __all__ = [
     "Answer",
     "Certificate",
     "Damping",
+    "Kernel",
     "Limits",
     "Norms",
     "Operators",

@@ -68,8 +68,6 @@ class Certificate(ArrayRecord):
         What round-off alone may hide in, or add to, the gap.
     limits : (r,) array
         The part of every limit.
-    distance : float
-        1/2 |d - d'|_K^2 to a solution d' that is at hand, of an initial state.
     moved : float
         2 |v|_K of the move v that puts in place what holds still (theorem 2); the other parts are those after it.
     given_friction : bool
@@ -80,20 +78,26 @@ class Certificate(ArrayRecord):
     friction: Floats
     floor: float
     limits: Floats = field(default_factory=lambda: np.zeros(0))
-    distance: float = 0.0
     given_friction: bool = False
     moved: float = 0.0
 
     def away(self, error: float) -> Certificate:
-        """The certificate of an answer whose error |d - d*|_K is known in another way than by the gap."""
+        """Return the certificate of an answer whose error |d - d*|_K is known in another way than by the gap."""
         friction, limits = np.zeros_like(self.friction), np.zeros_like(self.limits)
-        return replace(self, equilibrium=0.0, friction=friction, limits=limits, distance=0.5 * error * error, moved=0.0)
+        return replace(self, equilibrium=0.5 * error * error, friction=friction, limits=limits, moved=0.0)
 
     @cached_property
     def gap(self) -> float:
         """Primal minus dual objective, 1/2 |d - d*|_K^2 <= gap; infinite where it is no number."""
-        gap = self.equilibrium + float(self.friction.sum()) + float(self.limits.sum()) + self.distance
-        return moved_gap(self.moved, gap) if gap >= 0 else np.inf
+        gap = self.equilibrium + self.terms
+        if not gap >= 0:
+            return np.inf
+        return 0.5 * (self.moved + float(np.sqrt(2.0 * gap))) ** 2 if self.moved else gap
+
+    @property
+    def terms(self) -> float:
+        """The part of norm terms and limits in the gap."""
+        return float(self.friction.sum() + self.limits.sum())
 
     @cached_property
     def error(self) -> float:
@@ -109,11 +113,6 @@ class Certificate(ArrayRecord):
     def at_floor(self) -> bool:
         """True if round-off accounts for all of the error, so that no less can be asked for."""
         return self.gap <= self.floor
-
-
-def moved_gap(moved: float, gap: float) -> float:
-    """Half the square of moved + sqrt(2 gap), an error."""
-    return 0.5 * (moved + float(np.sqrt(2.0 * gap))) ** 2 if moved else gap
 
 
 def norm_gaps(w: Floats, lam: Floats, s: Floats) -> Floats:

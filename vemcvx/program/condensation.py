@@ -25,15 +25,16 @@ when they are asked for.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.base.arrays import EPS, Floats, Ints, columns, power_of_two, spread
+from vemcvx.base.arrays import EPS, Floats, Ints, columns, power_of_two, read_only, spread
 from vemcvx.base.errors import NotAccepted
-from vemcvx.linear import LinearSolver, minimum_degree
+from vemcvx.linear import LinearSolver, Matrix, minimum_degree
+from vemcvx.program.dense_factors import DenseCholesky
 from vemcvx.program.kernel import anchors
 from vemcvx.program.operators import Operators
 from vemcvx.program.system import System
@@ -56,12 +57,12 @@ class Shape:
     _products: dict[Shape, float] = field(default_factory=dict, repr=False)
 
     def inside(self, other: Shape) -> float:
-        """phi'xi, the work on the displacement xi of another shape."""
-        if other in self._products:
-            return self._products[other]
-        found = float(self.phi @ other.xi)
-        if self.remembered and other.remembered:
-            self._products[other] = found
+        """Return phi'xi, the work on the displacement xi of another shape."""
+        found = self._products.get(other)
+        if found is None:
+            found = float(self.phi @ other.xi)
+            if self.remembered and other.remembered:
+                self._products[other] = found
         return found
 
 
@@ -75,8 +76,7 @@ class Reduced:
     @cached_property
     def retained(self) -> Floats:
         """Tau (m,); where nothing is eliminated the force itself."""
-        condensation = self.condensation
-        return self.phi if condensation.whole else self._sum("tau", len(condensation.retained))
+        return self.phi if self.condensation.whole else self._sum("tau", len(self.condensation.retained))
 
     @cached_property
     def phi(self) -> Floats:
@@ -88,11 +88,15 @@ class Reduced:
         """The response (n,) while the retained unknowns are held."""
         return self._sum("xi", self.condensation.system.n)
 
+    @property
+    def released(self) -> Floats:
+        """The response (m,) of the retained unknowns."""
+        return self._sum("released", len(self.condensation.retained))
+
     @cached_property
     def x(self) -> Floats:
         """The response K^{-1} phi (n,)."""
-        released = self._sum("released", len(self.condensation.retained))
-        return self.condensation.completed(self.xi, released)
+        return self.condensation.completed(self.xi, self.released)
 
     @cached_property
     def norm(self) -> float:
@@ -101,11 +105,10 @@ class Reduced:
         if not 0 < largest < np.inf:
             return largest
         unit = Reduced(self.condensation, {shape: share / largest for shape, share in self.shares.items()})
-        released = unit._sum("released", len(self.condensation.retained))
-        return largest * float(np.sqrt(abs(unit.work_inside(unit) + float(unit.retained @ released))))
+        return largest * float(np.sqrt(abs(unit.work_inside(unit) + float(unit.retained @ unit.released))))
 
     def work_inside(self, other: Reduced) -> float:
-        """phi'xi, the work on the displacement xi of another force."""
+        """Return phi'xi, the work on the displacement xi of another force."""
         pairs = ((one, a, two, b) for one, a in self.shares.items() for two, b in other.shares.items())
         # Each share carries the unit of its force: the product of two may be no number where that of all three is.
         return float(sum(a * (b * one.inside(two)) for one, a, two, b in pairs))
@@ -115,18 +118,16 @@ class Reduced:
         return np.array_equal(self.retained, other.retained) and np.array_equal(self.phi, other.phi)
 
     def __add__(self, other: Reduced) -> Reduced:
-        return self._and(other, 1.0)
+        shapes = {**self.shares, **other.shares}
+        return Reduced(
+            self.condensation, {one: self.shares.get(one, 0.0) + other.shares.get(one, 0.0) for one in shapes}
+        )
 
     def __sub__(self, other: Reduced) -> Reduced:
-        return self._and(other, -1.0)
-
-    def _and(self, other: Reduced, sign: float) -> Reduced:
-        one, two = self.shares, other.shares
-        shares = {shape: one.get(shape, 0.0) + sign * two.get(shape, 0.0) for shape in {**one, **two}}
-        return Reduced(self.condensation, shares)
+        return self + Reduced(self.condensation, {one: -share for one, share in other.shares.items()})
 
     def _sum(self, name: str, count: int) -> Floats:
-        """The sum of shares of arrays (count,)."""
+        """Return the sum of shares of arrays (count,)."""
         total = np.zeros(count)
         with np.errstate(over="ignore", invalid="ignore"):
             for shape, share in self.shares.items():
@@ -138,81 +139,81 @@ class Condensation:
     """A system seen by its rows alone.
 
     The operators are S, dense, and rows on the `retained` (m,) unknowns, or those of the `whole` system, where all are
-    retained: with ``condense=False``, and where the linear solver cannot eliminate. What is factorised is `regular`
-    (n, n): K, with the anchors' stiffness where it has a kernel.
+    retained: with ``condense=False``, and where the linear solver cannot eliminate. `factor` is that of K, with the
+    anchors' stiffness where it has a kernel.
     """
 
     def __init__(self, system: System, condense: bool = True, linear: LinearSolver | None = None):
-        self.system = system
-        self.linear = system.linear(linear)
-        n, retained, B, D = system.n, system.retained, system.B, system.D
-        compliance = np.zeros(0) if system.limits is None else system.limits.compliances
-        anchor = _anchors(system, retained, self.linear)
-        self.regular = system.K if anchor is None else sp.csr_matrix(system.K + sp.diags_array(anchor))
+        self.system, self.linear = system, system.linear(linear)
         self.whole = not (condense and self.linear.eliminates)
+        n, c, anchor = system.n, system.retained, self._anchor(system)
+        self._K = system.K if anchor is None else sp.csr_matrix(system.K + sp.diags_array(anchor))
         if self.whole:
-            retained = np.arange(n)
-            self.factor = self.linear.factorise(self.regular, system.near_kernel)
-            operators = Operators(self.regular, B, system.block, self.factor, D=D, compliance=compliance)
+            c, given = np.arange(n), self.linear.factorise(self._K, system.near_kernel)
+            self.factor, S = given, self._K
         else:
             order = np.arange(n) if self.linear.orders else system.elimination_order()
-            self.factor, S = self.linear.eliminate(
-                self.regular, minimum_degree(self.regular) if order is None else order, retained
-            )
-            rows = (sp.csr_matrix(A[:, retained]) for A in (B, D))
-            operators = Operators(S, next(rows), system.block, D=next(rows), compliance=compliance)
-        self.retained: Ints = retained
-        self._S = operators.K
-        self._motions = np.zeros((n, 0))
+            order = minimum_degree(self._K) if order is None else order
+            self.factor, S = self.linear.eliminate(self._K, order, c)
+            given = DenseCholesky(read_only(S))
+        self.retained: Ints = c
+        self._S: Matrix = S
+        self._motions, kernel, own = np.zeros((n, 0)), None, None
         if anchor is not None and system.kernel is not None:
-            # K with the anchors' stiffness is factorised; the operators are those of K itself.
-            own, (kernel, T) = anchor[retained], np.linalg.qr(system.kernel.modes[retained])
-            floating = operators.plus(sp.diags_array(-own))
-            operators = replace(operators, K=floating, given_factor=operators.factor, kernel=kernel, anchor=own)
+            own, (kernel, T) = anchor[c], np.linalg.qr(system.kernel.modes[c])
+            S = system.K if self.whole else read_only(S - np.diag(own))
             self._motions = system.kernel.modes @ np.linalg.inv(T)
-        self.operators = operators
-        self._loaded: Ints = np.zeros(0, dtype=np.int64)
-        self._basis = list[tuple[Floats, Shape]]()
+        rows = {"B": system.B[:, c], "D": system.D[:, c]}
+        compliance = None if system.limits is None else system.limits.compliance
+        self.operators = Operators(
+            S, block=system.block, given_factor=given, kernel=kernel, anchor=own, compliance=compliance, **rows
+        )
+        self._bases: dict[int, list[tuple[Floats, Shape]]] = {}
+
+    def _anchor(self, system: System) -> Floats | None:
+        """Return the anchors' stiffness (n,), if K has a kernel."""
+        if system.kernel is None:
+            return None
+        if not self.linear.eliminates:
+            raise NotAccepted(
+                f"linear solver {type(self.linear).__name__}: the stiffness has a kernel (only friction holds the "
+                "body), which it does not take; SuperLU() does."
+            )
+        c, n = system.retained, system.n
+        return spread(anchors(system.kernel.modes[c], system.K.diagonal()[c]), c, n)
 
     def reduce(self, phi: Floats, remembered: bool = True, rows: Ints | None = None) -> Reduced:
-        """The reduced form of a force (n,), or of one on the unknowns `rows` alone.
+        """Return the reduced form of a force (n,), or of one on the unknowns `rows` alone.
 
-        If they are remembered, a combination of forces seen before costs no solve.
+        If they are remembered, a combination of forces on the same rows seen before costs no solve.
         """
-        if not remembered:
-            return self._alone(phi if rows is None else spread(phi, rows, self.system.n))
-        entries = self._on_loaded(phi, rows)
-        unit = float(power_of_two(float(np.abs(entries).max(initial=0.0))))
-        rest, shares = entries / unit, dict[Shape, float]()
-        size = np.linalg.norm(rest)
-        if size == 0.0:
-            return Reduced(self, shares)
-        for q, shape in self._basis:
+        unit = float(power_of_two(float(np.abs(phi).max(initial=0.0))))
+        rest = load = phi / unit
+        if not load.any():
+            return Reduced(self, {})
+        basis, shares = self._bases.setdefault(id(rows), []), dict[Shape, float]()
+        for q, shape in basis if remembered else ():
             share = float(q @ rest) / float(q @ q)  # One, exactly, of a load that is the shape itself.
-            rest = rest - share * q
-            shares[shape] = unit * share
-        left = float(np.linalg.norm(rest))
-        if left <= SAME_SHAPE * size:
+            rest, shares[shape] = rest - share * q, unit * share
+        if np.linalg.norm(rest) <= SAME_SHAPE * np.linalg.norm(load):
             return Reduced(self, shares)
-        if len(self._basis) == MOST_SHAPES:
-            return self._alone(spread(entries, self._loaded, self.system.n))
-        new = self._solved(spread(rest, self._loaded, self.system.n), True)
-        self._basis.append((rest, new))
+        remembered = remembered and len(basis) < MOST_SHAPES
+        rest, shares = (rest, shares) if remembered else (load, {})
+        new = self._solved(rest if rows is None else spread(rest, rows, self.system.n), remembered)
+        if remembered:
+            basis.append((rest, new))
         return Reduced(self, {**shares, new: unit})
 
-    def completed(self, xi: Floats, y_c: Floats) -> Floats:
-        """xi + K^{-1} (0, S y_c), whose retained unknowns are y_c; (n,), or (n, k) of k states."""
-        if not y_c.any() or len(y_c) == len(xi):
-            y = xi.copy()
-        else:
-            pushed = np.zeros_like(xi)
-            pushed[self.retained] = self._S @ y_c
-            y = xi + self.factor.solve(pushed)
-        y[self.retained] = y_c
-        return y
+    def _solved(self, phi: Floats, remembered: bool) -> Shape:
+        """Return the response to a force (n,)."""
+        c, xi = self.retained, self.held(phi)
+        tau = phi[c] - self._K[c] @ xi
+        if (N := self.operators.kernel) is not None:  # It does the work there that phi does.
+            tau = tau + N @ (self._motions.T @ phi - N.T @ tau)
+        return Shape(phi, xi, tau, self.operators.factor.solve(tau), remembered)
 
     def held(self, phi: Floats) -> Floats:
-        """The response xi to forces (n,), or (n, k), inside, while the retained unknowns are held.
+        """Return the response xi to forces (n,), or (n, k), inside, while the retained unknowns are held.
 
         Forces on these pull them back to zero: S x_c where they are x_c, and once more for what the solves have lost.
         """
@@ -222,52 +223,21 @@ class Condensation:
             return inner
         xi = self.factor.solve(inner)
         for _ in range(2):
-            if np.abs(xi[c]).max(initial=0.0) <= SAME_SHAPE * np.abs(xi).max():
-                break
             inner[c] -= self._S @ xi[c]
             xi = self.factor.solve(inner)
         xi[c] = 0.0
         return xi
 
+    def completed(self, xi: Floats, y_c: Floats) -> Floats:
+        """Return xi + K^{-1} (0, S y_c), whose retained unknowns are y_c; (n,), or (n, k) of k states."""
+        pushed, y = np.zeros_like(xi), xi.copy()
+        if y_c.any() and len(y_c) < len(xi):
+            pushed[self.retained] = self._S @ y_c
+            y += self.factor.solve(pushed)
+        y[self.retained] = y_c
+        return y
+
     def recover(self, y_c: Sequence[Floats], forces: Sequence[Reduced]) -> Floats:
-        """All unknowns (n, k) of states from the retained ones, K y = f + (0, rho)."""
+        """Return all unknowns (n, k) of states from the retained ones, K y = f + (0, rho)."""
         xi = columns([force.xi for force in forces], len(forces))
         return self.completed(xi, columns(y_c, len(forces)))
-
-    def _alone(self, phi: Floats) -> Reduced:
-        """The force solved for by itself, whatever shapes are known, and not remembered."""
-        unit = float(power_of_two(np.abs(phi).max(initial=0.0)))
-        return Reduced(self, {self._solved(phi / unit, False): unit})
-
-    def _solved(self, phi: Floats, remembered: bool) -> Shape:
-        """The response to a force (n,)."""
-        c, xi = self.retained, self.held(phi)
-        tau = phi[c] - self.regular[c] @ xi
-        if (N := self.operators.kernel) is not None:  # It does the work there that phi does.
-            tau = tau + N @ (self._motions.T @ phi - N.T @ tau)
-        return Shape(phi, xi, tau, self.operators.factor.solve(tau), remembered)
-
-    def _on_loaded(self, phi: Floats, rows: Ints | None) -> Floats:
-        """A force on the unknowns that any force has loaded; those that it is the first to load join them."""
-        if rows is None:
-            rows = np.flatnonzero(phi)
-            phi = phi[rows]
-        if len(new := np.setdiff1d(rows, self._loaded, assume_unique=True)):
-            before, self._loaded = self._loaded, np.union1d(self._loaded, new)
-            at = np.searchsorted(self._loaded, before)
-            self._basis = [(spread(q, at, len(self._loaded)), shape) for q, shape in self._basis]
-        return spread(phi, np.searchsorted(self._loaded, rows), len(self._loaded))
-
-
-def _anchors(system: System, retained: Ints, linear: LinearSolver) -> Floats | None:
-    """(n,) the anchors' stiffness, if K has a kernel."""
-    if system.kernel is None:
-        return None
-    if not linear.eliminates:
-        raise NotAccepted(
-            f"linear solver {type(linear).__name__}: the stiffness has a kernel (only friction holds the body), which "
-            "it does not take; SuperLU() does."
-        )
-    stiffness = np.zeros(system.n)
-    stiffness[retained] = anchors(system.kernel.modes[retained], system.K.diagonal()[retained])
-    return stiffness

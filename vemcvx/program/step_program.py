@@ -25,13 +25,14 @@ certificate says how much it is.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import cached_property, partial
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike
+from scipy.sparse.linalg import lsqr
 
 from vemcvx.base.arrays import (
     EPS,
@@ -51,14 +52,19 @@ from vemcvx.base.arrays import (
 )
 from vemcvx.base.errors import SceneError, SolverFailed
 from vemcvx.base.outline import ArrayRecord
-from vemcvx.program.certificate import Certificate, limit_gaps, moved_gap, norm_gaps
-from vemcvx.program.operators import Operators, Rows, product
+from vemcvx.program.certificate import Certificate, limit_gaps, norm_gaps
+from vemcvx.program.operators import Operators, product
 
 if TYPE_CHECKING:
     import cvxpy as cp
 
 STILL = 1e-9
 """Part of the largest motion of a row below which slips, and what limits lack, count as none."""
+
+
+def has_diverged(x: Floats) -> bool:
+    """Return True for entries whose squares are hardly numbers: of motions, say, that nothing holds."""
+    return bool(np.vdot(x, x) > 1e250)
 
 
 @dataclass(frozen=True)
@@ -81,7 +87,7 @@ class CvxpyStep:
     parameters: tuple[cp.Parameter, ...] = field(default=(), repr=False)
 
     def at(self, data: Sequence[Floats]) -> CvxpyStep:
-        """The program of the step with these g, w, b and e."""
+        """Return the program of the step with these g, w, b and e."""
         for parameter, value in zip(self.parameters, data, strict=True):
             parameter.value = value
         return self
@@ -89,71 +95,65 @@ class CvxpyStep:
     @property
     def lam(self) -> Floats | None:
         """Multipliers (m, block) of the norm terms; None where the solver gave none."""
-        return self._read(self._lam)
+        return self._lam() if self._solved else None
 
     @property
     def p(self) -> Floats | None:
         """Multipliers (r,) of the limits; None where the solver gave none."""
-        return self._read(self._p)
+        return self._p() if self._solved else None
 
-    def _read(self, multipliers: Callable[[], Floats]) -> Floats | None:
-        duals = [dual.value for constraint in self.problem.constraints for dual in constraint.dual_variables]
-        return None if any(value is None for value in duals) else multipliers()
+    @property
+    def _solved(self) -> bool:
+        return all(dual.value is not None for one in self.problem.constraints for dual in one.dual_variables)
 
 
 def to_cvxpy(
     operators: Operators, data: Sequence[Floats] | None, cones: bool = True, corners: Floats | None = None
 ) -> CvxpyStep:
-    """Write a step in cvxpy; of no data g, w, b, e with parameters in their place.
+    """Write a step in cvxpy; without data g, w, b, e with parameters in their place.
 
     With `corners` (P, block), unit vectors, discs are such polygons.
     """
     import cvxpy as cp
 
-    (n, m, _, _), block = operators.sizes, operators.block
-    parameters: tuple[cp.Parameter, ...] = ()
-    if data is None:
-        parameters = tuple(cp.Parameter(size, nonneg=k == 1) for k, size in enumerate(operators.sizes))
+    (n, m, _, r), block, c = operators.sizes, operators.block, operators.compliance
+    parameters = tuple(cp.Parameter(size, nonneg=k == 1) for k, size in enumerate(operators.sizes) if data is None)
     g, w, b, e = parameters if data is None else data
     d = cp.Variable(n)
     # assume_psd: K is a stiffness matrix; testing its eigenvalues would take longer than the solve.
-    energy: cp.Expression = 0.5 * cp.quad_form(d, operators.entries, assume_PSD=True) - g @ d
+    energy: cp.Expression = 0.5 * cp.quad_form(d, operators.K, assume_PSD=True) - g @ d
     constraints: list[cp.Constraint] = []
-    lam, p = np.zeros((m, block)).copy, np.zeros(len(operators.compliance)).copy
     if m:
         t, s = cp.Variable(m), operators.B @ d - b
         energy += w @ t
-        if corners is not None and block > 1:
-            constraints = [sp.kron(sp.eye_array(m), corner[None], format="csr") @ s <= t for corner in corners]
-            lam = partial(_of_corners, tuple(constraints), corners)
-        elif cones:
+        if cones and (corners is None or block == 1):
             constraints = [cp.SOC(t, cp.reshape(s, (block, m), order="F"), axis=0)]
-            lam = partial(_of_cone, constraints[0], m, block)
         else:
-            constraints = [s <= t, -s <= t]
-            lam = partial(_of_corners, tuple(constraints), np.array([[1.0], [-1.0]]))
-    if len(operators.compliance):
-        z, soft = operators.D @ d - e, np.flatnonzero(operators.compliance > 0)
+            corners = np.array([[1.0], [-1.0]]) if block == 1 or corners is None else corners
+            constraints = [sp.kron(sp.eye_array(m), corner[None], format="csr") @ s <= t for corner in corners]
+    sides, towards = tuple(constraints), np.zeros((0, block)) if corners is None else corners
+    if r:
+        z, soft = operators.D @ d - e, np.flatnonzero(c > 0)
         if len(soft):
-            v, give = cp.Variable(len(soft)), sp.eye_array(len(operators.compliance), format="csr")[:, soft]
-            z, energy = z - give @ v, energy + 0.5 * cp.sum_squares(cp.multiply(operators.compliance[soft] ** -0.5, v))
+            v = cp.Variable(len(soft))
+            z = z - sp.eye_array(r, format="csr")[:, soft] @ v
+            energy += 0.5 * cp.sum_squares(cp.multiply(c[soft] ** -0.5, v))
         constraints = [*constraints, z <= 0]
-        p = partial(getattr, constraints[-1], "dual_value")
+
+    def lam() -> Floats:
+        if not m:
+            return np.zeros((0, block))
+        if isinstance(sides[0], cp.SOC):
+            return -np.reshape(sides[0].dual_value[1], (block, m), order="F").T
+        return np.asarray(np.einsum("km,kb->mb", [side.dual_value for side in sides], towards))
+
+    def p() -> Floats:
+        return np.asarray(constraints[-1].dual_value) if r else np.zeros(0)
+
     # OSQP prints, verbose or not, where it finds no constraint active: this one, idle >= 0, always is. SCS breaks down
     # where there is none at all.
     idle = 0.0 if cones and constraints else cp.Variable(nonneg=True)
     return CvxpyStep(cp.Problem(cp.Minimize(energy + idle), constraints), d, lam, p, parameters)
-
-
-def _of_corners(sides: Sequence[cp.Constraint], corners: Floats) -> Floats:
-    """lam (m, block), corners times their duals."""
-    found: Floats = np.einsum("km,kb->mb", [side.dual_value for side in sides], corners)
-    return found
-
-
-def _of_cone(cone: cp.Constraint, m: int, block: int) -> Floats:
-    """lam (m, block), minus the dual of the cone's vectors."""
-    return -np.reshape(cone.dual_value[1], (block, m), order="F").T
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -208,86 +208,83 @@ class StepProgram(ArrayRecord):
     def size(self) -> float:
         """The energy norm of what moves the step: its frictionless answer, limits that move in, or friction."""
         operators, top = self.operators, float(np.abs(self.g).max(initial=0.0))
-        size = 0.0
-        if top > 0:
-            unit = float(power_of_two(top))
-            size = unit * float(np.sqrt(operators.factor.energy(self.g / unit)))
-        if len(self.e):
-            size = max(size, float((np.maximum(-self.e, 0.0) * np.sqrt(operators.limit_stiffness)).max()))
-        if size == 0.0:
-            size = float(np.sqrt(self.w @ lengths(operators.blocks(self.b))))
-        return size
+        unit = float(power_of_two(top))
+        size = unit * float(np.sqrt(operators.factor.energy(self.g / unit))) if top > 0 else 0.0
+        soft = operators.limit_flexibility + operators.compliance
+        pushed = np.maximum(-self.e, 0.0) / np.sqrt(np.where(soft > 0, soft, 1.0))
+        size = max(size, float(pushed.max(initial=0.0)))
+        return size or float(np.sqrt(self.w @ lengths(operators.blocks(self.b))))
 
     def slip(self, d: Floats) -> Floats:
-        """s = B d - b, as (m, block)."""
-        return self.operators.blocks(self.operators.rows.read(d) - self.b)
+        """Return s = B d - b, as (m, block)."""
+        return self.operators.blocks(self.operators.B @ d - self.b)
 
     def excess(self, d: Floats) -> Floats:
-        """z = D d - e, (r,)."""
-        return self.operators.limits.read(d) - self.e
+        """Return z = D d - e, (r,)."""
+        return np.asarray(self.operators.D @ d - self.e)
+
+    def blur(self, d: Floats) -> tuple[Floats, Floats]:
+        """Return the slips (m,) and excesses (r,) that count as none.
+
+        These are STILL of the largest motion of a slip or of a limit, or of how far what moves the step takes the row.
+        """
+        operators, rows = self.operators, len(self.b)
+        way, reach = operators.absolute[1] @ np.abs(d), self.size
+        slips = max((way[:rows] + np.abs(self.b)).max(initial=0.0), 0.0)
+        of_terms = np.maximum(reach * np.sqrt(operators.norm_flexibility), slips)
+        of_limits = np.maximum(reach * np.sqrt(operators.limit_flexibility), way[rows:].max(initial=0.0))
+        return STILL * of_terms, STILL * of_limits
 
     def still(self, d: Floats) -> Bools:
-        """(m,) terms whose slips are below STILL of the largest motion of a row, or of what moves the step."""
-        way = self.operators.rows.absolute.read(np.abs(d)) + np.abs(self.b)
-        reach = np.sqrt(self.operators.norm_flexibility) * self.size
-        return lengths(self.slip(d)) <= STILL * np.maximum(reach, way.max(initial=0.0))
-
-    def blur(self, d: Floats) -> Floats:
-        """(r,) excesses that count as rounding, likewise."""
-        limits = self.operators.limits.absolute.read(np.abs(d))
-        return STILL * np.maximum(np.sqrt(self.operators.limit_flexibility) * self.size, limits.max(initial=0.0))
+        """Return the terms (m,) whose slips count as none."""
+        return np.asarray(lengths(self.slip(d)) <= self.blur(d)[0])
 
     def multiplier_force(self, lam: Floats, p: Floats) -> Floats:
-        """B'lam + D'p, the forces (n,) of norm terms and limits."""
+        """Return B'lam + D'p, the forces (n,) of norm terms and limits."""
         return self.operators.multiplier_force(lam, p)
 
     def residual(self, d: Floats, lam: Floats, p: Floats) -> Floats:
-        """r = g - B'lam - D'p - K d, the forces that do not balance, (n,)."""
-        return self.g - self.operators.multiplier_force(lam, p) - product(self.operators.K, d)
-
-    def beyond(self, d: Floats) -> Floats:
-        """How far limits are overstepped (r,), but for rounding."""
-        z = self.excess(d)
-        return np.where(z <= self.blur(d), 0.0, z)
+        """Return r = g - B'lam - D'p - K d, the forces that do not balance, (n,)."""
+        return self.g - self.multiplier_force(lam, p) - product(self.operators.K, d)
 
     def objective(self, d: Floats) -> float:
-        """The energy that the step minimises; infinite beyond a bound."""
-        norms = np.linalg.norm(self.slip(d), axis=1)
-        over = self.beyond(d)
-        soft = self.operators.compliance > 0
-        pressed = 0.5 * float(over[soft] @ (over[soft] / self.operators.compliance[soft]))
-        if (over[~soft] > 0).any():
+        """Return the energy that the step minimises; infinite beyond a bound."""
+        z, c = self.excess(d), self.operators.compliance
+        over = np.where(z <= self.blur(d)[1], 0.0, z)
+        if (over[c == 0] > 0).any():
             return np.inf
-        return float(0.5 * d @ product(self.operators.K, d) - self.g @ d + self.w @ norms) + pressed
+        pressed = 0.5 * float(over[c > 0] @ (over[c > 0] / c[c > 0]))
+        return float(0.5 * d @ product(self.operators.K, d) - self.g @ d + self.w @ lengths(self.slip(d))) + pressed
 
     def project(self, lam: Floats) -> Floats:
-        """The multipliers (m, block) nearest to `lam` with |lam_i| <= w_i."""
+        """Return the multipliers (m, block) nearest to `lam` with |lam_i| <= w_i."""
         return onto_discs(lam, self.w)
 
     def admissible(self, lam: Floats, p: Floats, d: Floats) -> tuple[Floats, Floats]:
-        """The multipliers nearest to (lam, p): |lam_i| <= w_i, p >= 0, in balance on K's kernel.
+        """Return multipliers near (lam, p) with |lam_i| <= w_i, p >= 0, in balance on K's kernel if such are found.
 
         Balance changes multipliers where it costs little gap at the increments `d`: where d sticks or touches.
         """
-        if self.operators.kernel is not None:
-            push = self.operators.kernel.T @ self.g
-            lam, p, _ = self.operators.kernel_balance.nearest(lam, p, self.w, push, self._inverse_metric(d, p))
-        return self.project(lam), np.maximum(p, 0.0)
-
-    def _inverse_metric(self, d: Floats, p: Floats) -> tuple[Floats, Floats]:
-        """(m,) and (r,) in (0, 1], the larger the less gap it costs to change a multiplier at the increments `d`."""
-        s, z = np.linalg.norm(self.slip(d), axis=1), np.abs(self.excess(d) - self.operators.compliance * p)
+        lam, p, N = self.project(lam), np.maximum(p, 0.0), self.operators.kernel
+        if N is None or has_diverged(d):
+            return lam, p
+        s, z = lengths(self.slip(d)), np.abs(self.excess(d) - self.operators.compliance * p)
         level = 1e-6 * max(s.max(initial=0.0), z.max(initial=0.0)) or 1.0
-        return level / (level + s), level / (level + z)
+        weights = level / (level + s), level / (level + z)
+        return self.operators.kernel_balance.balanced(lam, p, self.w, N.T @ self.g, weights)
+
+    def unbalanced_motion(self) -> Floats | None:
+        """Return increments (n,) without energy that nothing holds against the load; None if none are found."""
+        if (N := self.operators.kernel) is None:
+            return None
+        motion = self.operators.kernel_balance.unbalanced_motion(self.w, N.T @ self.g)
+        return None if motion is None else np.asarray(N @ motion)
 
     def multipliers(self, d: Floats, lam: Floats | None = None, p: Floats | None = None) -> tuple[Floats, Floats]:
-        """Admissible multipliers (m, block) and (r,) of the increments `d`; those not given are read off d.
+        """Return admissible multipliers (m, block) and (r,) of the increments `d`; those not given are read off d.
 
-        They solve K d = g - B'lam - D'p. Where each row of B and D reads one unknown of its own they are entries of
-        g - K d. Else least squares finds them; of several that do, those that cost the least gap: where d sticks or
-        touches; and where these are too large, least squares within bounds (in the plane). The same is tried with those
-        that the law gives: w s/|s| of what slips, (z)_+/c of what is soft, and nothing of open bounds. The smaller gap
-        decides.
+        They solve K d = g - B'lam - D'p, by least squares: all of them, or all but those that the law gives, w s/|s| of
+        what slips, (z)_+/c of what is soft, and nothing of open bounds. The smaller gap decides.
         """
         if lam is not None and p is not None:
             return self.admissible(lam, p, d)
@@ -297,38 +294,29 @@ class StepProgram(ArrayRecord):
     def admissible_point(
         self, d: Floats, lam: Floats | None = None, p: Floats | None = None
     ) -> tuple[Floats, Floats, Floats]:
-        """The point (d, lam, p) that certificates hold for: d within its bounds, and admissible multipliers for it."""
+        """Return the point (d, lam, p) that certificates hold for: d within its bounds, multipliers admissible."""
         d = self.feasible(d)
         return d, *self.multipliers(d, lam, p)
 
     def _read_off(self, d: Floats, lam: Floats | None, p: Floats | None, lawful: bool) -> tuple[Floats, Floats]:
-        """The multipliers nearest to balance at the increments `d`; given ones, and lawful ones, as they are."""
+        """Return the multipliers nearest to balance at the increments `d`; given ones, and lawful ones, as they are."""
         operators, rows = self.operators, len(self.b)
-        x = np.append(np.zeros(rows) if lam is None else lam.ravel(), np.zeros(len(self.e)) if p is None else p)
+        x = np.append(np.zeros(rows) if lam is None else lam, np.zeros(len(self.e)) if p is None else p)
         free = np.repeat([lam is None, p is None], [rows, len(self.e)])
         if lawful:
             known, law = self._lawful(d)
             x, free = np.where(free & known, law, x), free & ~known
-        both = Rows(sp.csr_matrix(sp.vstack([operators.B, operators.D], format="csr")[free]))
-        force = self.residual(d, operators.blocks(x[:rows]), x[rows:])
-        slips, touches = self._inverse_metric(d, x[rows:])
-        found = both.nearest(force, np.concatenate([np.repeat(slips, operators.block), touches])[free])
-        if both.columns is None and operators.block == 1:
-            high = np.concatenate([self.w, np.full(len(self.e), np.inf)])[free]
-            low = np.concatenate([-self.w, np.zeros(len(self.e))])[free]
-            if ((found < low) | (found > high)).any():
-                found = both.nearest_within(force, low, high)
-        x[free] = found
+        force = self.residual(d, x[:rows], x[rows:])
+        x[free] += lsqr(operators.A[free].T, force, atol=1e-15, btol=1e-15, iter_lim=100 + 4 * int(free.sum()))[0]
         return operators.blocks(x[:rows]), x[rows:]
 
     def _lawful(self, d: Floats) -> tuple[Bools, Floats]:
-        """Rows (N,) whose multipliers follow from the motions alone, and these (N,)."""
-        s, z, c = self.slip(d), self.excess(d), self.operators.compliance
-        z = np.where(np.abs(z) <= self.blur(d), 0.0, z)
-        size = np.where(self.still(d), 0.0, lengths(s))
-        p = np.divide(np.maximum(z, 0.0), c, out=np.zeros_like(z), where=c > 0)
+        """Return the rows (N,) whose multipliers follow from the motions alone, and these multipliers (N,)."""
+        s, z, c, (slips, lacks) = self.slip(d), self.excess(d), self.operators.compliance, self.blur(d)
+        z, size = np.where(np.abs(z) <= lacks, 0.0, z), np.where(lengths(s) <= slips, 0.0, lengths(s))
+        p = np.maximum(z, 0.0) / np.where(c > 0, c, np.inf)
         lam = self.w[:, None] * directions(s, size)
-        return np.append(np.repeat(size > 0, self.operators.block), (c > 0) | (z < 0)), np.append(lam.ravel(), p)
+        return np.append(np.repeat(size > 0, self.operators.block), (c > 0) | (z < 0)), np.append(lam, p)
 
     def certify(self, d: ArrayLike, lam: ArrayLike | None = None, p: ArrayLike | None = None) -> Certificate:
         """Bound the error of an answer, whoever made it: 1/2 |d - d*|_K^2 <= gap, |d - d*|_K <= error.
@@ -358,78 +346,66 @@ class StepProgram(ArrayRecord):
         read = {key: finite(of_shape(x, names[key], self.shapes[key]), names[key]) for key, x in given.items()}
         return self.certificate_at(read["d"], *self.multipliers(**read))
 
-    def certificate_at(self, d: Floats, lam: Floats, p: Floats) -> Certificate:
-        """The certificate of increments with admissible multipliers."""
-        equilibrium, friction, limits, moved = self._gaps(d, lam, p)
-        return Certificate(equilibrium, friction, self.rounding_floor(d, lam, p), limits, moved=moved)
+    def certificate_at(self, d: Floats, lam: Floats, p: Floats, before: Floats | float = 0.0) -> Certificate:
+        """Return the certificate of increments with admissible multipliers, by the better of theorems 1 and 2.
 
-    def duality_gap(self, d: Floats, lam: Floats, p: Floats) -> float:
-        """The gap alone, for admissible multipliers: what solvers measure their progress by."""
-        equilibrium, friction, limits, moved = self._gaps(d, lam, p)
-        return moved_gap(moved, equilibrium + float(friction.sum()) + float(limits.sum()))
-
-    def _gaps(self, d: Floats, lam: Floats, p: Floats) -> tuple[float, Floats, Floats, float]:
-        """The parts of primal minus dual objective, and the move after which they are (theorems 1 and 2)."""
-        operators, s, z = self.operators, self.slip(d), self.excess(d)
-        equilibrium = 0.5 * operators.factor.energy(self.residual(d, lam, p))
-        if (N := operators.kernel) is not None and np.greater(*np.abs(self._imbalance(N, lam, p))).any():
-            equilibrium = np.inf
-        # Where K^{-1} has lost all digits its sign is rounding; its size says so, and zero would not.
-        equilibrium, friction = abs(equilibrium), norm_gaps(self.w, lam, s)
-        over = (operators.compliance == 0) & (z > 0)
-        limits = limit_gaps(operators.compliance, p, np.where(over, self.beyond(d), z))
-        rest = float(friction.sum() + limits.sum())
-        if (equilibrium >= rest and not over.any()) or not rest < np.inf:
-            return equilibrium, friction, limits, 0.0
-        moved, placed = self._put_in_place(d, lam, p, (friction, limits))
-        # Where bounds are overstepped by rounding there is no gap without the move.
-        if over.any() or moved_gap(moved, equilibrium + float(placed[0].sum() + placed[1].sum())) < equilibrium + rest:
-            return equilibrium, *placed, moved
-        return equilibrium, friction, limits, 0.0
-
-    def _put_in_place(
-        self, d: Floats, lam: Floats, p: Floats, gaps: tuple[Floats, Floats]
-    ) -> tuple[float, tuple[Floats, Floats]]:
-        """2 |v|_K of a move v that puts in place what seems to hold still, and the parts of the gap after it.
-
-        Rows whose part of the gap is at least the energy x_i^2 / f_i of a move that puts them alone in place, f_i =
-        (A K^{-1}A')_ii: theorem 2 of :mod:`vemcvx.program.certificate`, true for any v.
+        Where d is added to displacements `before` (n,), these round as it does.
         """
         operators, s, z = self.operators, self.slip(d), self.excess(d)
-        met = operators.compliance * p
-        pressed = (p > 0) | (z > 0)
-        lack = np.where(pressed, z - met, 0.0)
-        still = self.still(d) & (lengths(s) ** 2 <= gaps[0] * operators.norm_flexibility)
-        cost = np.where(operators.compliance > 0, gaps[1], p * np.abs(z))
-        over = (operators.compliance == 0) & (z > 0)
-        near = pressed & (np.abs(lack) <= self.blur(d)) & ((lack**2 <= cost * operators.limit_flexibility) | over)
+        if has_diverged(d):
+            return Certificate(np.inf, np.zeros(len(s)), 0.0, np.zeros(len(z)))
+        # Where K^{-1} has lost all digits its sign is rounding; its size says so, and zero would not.
+        equilibrium = abs(0.5 * operators.factor.energy(self.residual(d, lam, p)))
+        if operators.kernel is not None and np.greater(*np.abs(self._imbalance(operators.kernel, lam, p))).any():
+            equilibrium = np.inf
+        friction, limits = norm_gaps(self.w, lam, s), limit_gaps(operators.compliance, p, z)
+        plain = Certificate(equilibrium, friction, self.rounding_floor(d, lam, p, before), limits)
+        if plain.terms <= equilibrium:
+            return plain
+        return min(plain, self._put_in_place(d, lam, p, plain), key=lambda found: found.gap)
+
+    def duality_gap(self, d: Floats, lam: Floats, p: Floats) -> float:
+        """Return the gap alone, for admissible multipliers: what solvers measure their progress by."""
+        return self.certificate_at(d, lam, p).gap
+
+    def _put_in_place(self, d: Floats, lam: Floats, p: Floats, plain: Certificate) -> Certificate:
+        """Return the certificate by theorem 2, of a move v that puts in place what seems to hold still.
+
+        These are rows whose part of the gap is at least the energy x_i^2 / f_i of a move that puts them alone in place,
+        f_i = (A K^{-1}A')_ii, and bounds overstepped by rounding.
+        """
+        operators, s, z, (slips, lacks) = self.operators, self.slip(d), self.excess(d), self.blur(d)
+        rigid, met, size = operators.compliance == 0, operators.compliance * p, lengths(s)
+        lack, over = np.where((p > 0) | (z > 0), z - met, 0.0), rigid & (z > 0)
+        gains = lack**2 <= np.where(over, 0.0, plain.limits) * operators.limit_flexibility
+        near = ((p > 0) | (z > 0)) & (np.abs(lack) <= lacks) & (gains | over)
+        still = (size <= slips) & (size**2 <= plain.friction * operators.norm_flexibility)
         held = np.append(np.repeat(still, operators.block), near)
-        v = operators.move(held, np.append(s.ravel(), lack)[held])
-        s = np.where(still[:, None], 0.0, s - operators.blocks(operators.rows.read(v)))
-        z = np.where(near, met, z - operators.limits.read(v))
-        z = np.where((operators.compliance == 0) & (z <= self.blur(d)), np.minimum(z, 0.0), z)
-        placed = norm_gaps(self.w, lam, s), limit_gaps(operators.compliance, p, z)
-        return 2.0 * operators.energy_norm(v), placed
+        v = operators.move(held, np.append(s, lack)[held])
+        s = np.where(still[:, None], 0.0, s - operators.blocks(operators.B @ v))
+        z = np.where(near, met, z - operators.D @ v)
+        z = np.where(rigid & (z <= lacks), np.minimum(z, 0.0), z)
+        friction, limits = norm_gaps(self.w, lam, s), limit_gaps(operators.compliance, p, z)
+        return replace(plain, friction=friction, limits=limits, moved=2.0 * operators.energy_norm(v))
 
     def _imbalance(self, N: Floats, lam: Floats, p: Floats) -> tuple[Floats, Floats]:
-        """N'(g - B'lam - D'p), (k,), which is N'r because N'K = 0; and what rounding may leave of it."""
+        """Return N'(g - B'lam - D'p), (k,), which is N'r because N'K = 0; and what rounding may leave of it."""
         size = np.abs(self.g)
         # Entries are sums of larger forces that cancel: none is known better than to EPS times the largest.
         blur = np.abs(N).T @ (size + size.max(initial=0.0) / 8)
         return self.operators.kernel_balance.imbalance(lam, p, N.T @ self.g, blur)
 
     def rounding_floor(self, d: Floats, lam: Floats, p: Floats, before: Floats | float = 0.0) -> float:
-        """The floor: the energy that the rounding of the residual r can hide, 1/2 sum_i (eps a_i)^2 f_i.
+        """Return the energy that the rounding of the residual r can hide, 1/2 sum_i (eps a_i)^2 f_i.
 
         a = |g| + |B|'|lam| + |D|'p + |K||d| is the size of the terms of r, f the diagonal of K^{-1}. The error of K's
-        own entries is not in it. Where d is added to displacements `before` (n,), these round as it does.
+        own entries is not in it.
         """
-        operators = self.operators
-        a = np.abs(self.g) + operators.rows.absolute.force_of(np.abs(lam.ravel()))
-        if len(p):
-            a += operators.limits.absolute.force_of(p)
-        a += product(operators.absolute, np.abs(d) + np.abs(before))
-        return 0.5 * EPS * EPS * float((a * a) @ operators.compliances)
+        if has_diverged(d):
+            return 0.0
+        K, A = self.operators.absolute
+        a = np.abs(self.g) + A.T @ np.abs(np.append(lam, p)) + product(K, np.abs(d) + np.abs(before))
+        return 0.5 * float((EPS * a) ** 2 @ self.operators.compliances)
 
     def to_cvxpy(self, cones: bool | None = None) -> CvxpyStep:
         """The program in cvxpy, for any solver that cvxpy can call; `lam` and `p` read off its duals with our signs.
@@ -457,30 +433,27 @@ class StepProgram(ArrayRecord):
         return to_cvxpy(self.operators, self.data, cones)
 
     def at_rest(self) -> Floats | None:
-        """Multipliers (m, block) with which d = 0 is the answer to the last bit, if they can be read off; else None."""
-        rows = self.operators.rows
-        if rows.columns is None or self.b.any() or (self.e < 0).any():
+        """Return multipliers (m, block) with which d = 0 is the answer to the last bit, if they can be read off."""
+        operators, own = self.operators, self.operators.own_columns
+        if own is None or self.b.any() or (self.e < 0).any():
             return None
-        lam = self.g[rows.columns] / self.operators.B.data
-        if (lengths(self.operators.blocks(lam)) > self.w).any() or (self.g != rows.force_of(lam)).any():
-            return None
-        return self.operators.blocks(lam)
+        lam = operators.blocks(self.g[own[0]] / operators.B.data)
+        exact = np.array_equal(self.g, self.multiplier_force(lam, np.zeros_like(self.e)))
+        return lam if exact and (lengths(lam) <= self.w).all() else None
 
     def feasible(self, d: Floats) -> Floats:
-        """The increments d, moved as little as need be to obey the bounds."""
-        operators = self.operators
-        rigid = np.flatnonzero(operators.compliance == 0).astype(np.int64)
-        if len(rigid) == 0 or not (self.excess(d)[rigid] > 0).any():
+        """Return the increments d, moved as little as need be to obey the bounds."""
+        D, rigid = self.operators.D, np.flatnonzero(self.operators.compliance == 0)
+        if not (self.excess(d)[rigid] > 0).any():
             return d
-        if operators.limits.single[rigid].all():
-            # Rows that give way may read the same unknowns, and several bounds as well.
-            entry = operators.D.indptr[rigid]
-            column, coefficient, moved = operators.D.indices[entry], operators.D.data[entry], d.copy()
-            edge, upper = self.e[rigid] / coefficient, coefficient > 0
-            np.minimum.at(moved, column[upper], edge[upper])
-            np.maximum.at(moved, column[~upper], edge[~upper])
-            return moved
-        return self._projected(d, rigid)
+        if not (np.diff(D.indptr)[rigid] == 1).all():
+            return self._projected(d, rigid.astype(np.int64))
+        # Rows that give way may read the same unknowns, and several bounds as well.
+        column, coefficient, moved = D.indices[D.indptr[rigid]], D.data[D.indptr[rigid]], d.copy()
+        edge, upper = self.e[rigid] / coefficient, coefficient > 0
+        np.minimum.at(moved, column[upper], edge[upper])
+        np.maximum.at(moved, column[~upper], edge[~upper])
+        return moved
 
     def _projected(self, d: Floats, rigid: Ints) -> Floats:
         """Return increments within the `rigid` limits, by projections in the energy norm.
@@ -491,14 +464,15 @@ class StepProgram(ArrayRecord):
         """
         from scipy.optimize import nnls
 
-        operators, rows = self.operators, np.zeros(0, dtype=np.int64)
+        rows = np.zeros(0, dtype=np.int64)
         for _ in range(len(rigid) + 4):
-            z, over = self.excess(d)[rigid], np.flatnonzero(self.beyond(d)[rigid] > 0)
+            z = self.excess(d)[rigid]
+            over = np.flatnonzero(z > self.blur(d)[1][rigid])
             if len(over) == 0:
                 break
             rows = np.union1d(rows, over)
-            D = operators.D[rigid[rows]].toarray()
-            spread = operators.factor.solve(np.ascontiguousarray(D.T))
+            D = self.operators.D[rigid[rows]].toarray()
+            spread = self.operators.factor.solve(np.ascontiguousarray(D.T))
             size, V = np.linalg.eigh(D @ spread)
             # Rows that follow from others have no flexibility of their own.
             root, V = np.sqrt(size[size > 1e-12 * size[-1]]), V[:, size > 1e-12 * size[-1]]
@@ -546,9 +520,7 @@ def fitting(answer: Answer, program: StepProgram, solver: str) -> Answer:
         found = getattr(answer, name)
         if not isinstance(found, np.ndarray) or found.shape != shape or found.dtype != float:
             raise SolverFailed(f"solver {solver}: found {name} = {brief(found)}; wanted an array of floats {shape}.")
-        # Scaled programs have data of size one: entries whose squares are no numbers are no answer. NaN is left to the
-        # certificate, which is infinite.
-        if np.vdot(found, found) > 1e200:
+        if has_diverged(found):
             size = float(np.abs(found).max(initial=0.0))
             raise SolverFailed(f"solver {solver}: {name} reaches {size:.1e}: the solver has diverged.")
     return answer
@@ -635,10 +607,10 @@ class SolvedProgram(StepProgram):
         Rounding included: the certificate's floor, and that of sums of n terms, at most n eps of their sizes.
         """
         d, lam, p = self.answer.d, *self.multipliers(self.answer.d, self.answer.lam, self.answer.p)
-        value, size = self.objective(d), np.abs(d)
-        terms = 0.5 * size @ product(self.operators.absolute, size) + np.abs(self.g) @ size
+        value, size, c = self.objective(d), np.abs(d), self.operators.compliance
+        terms = 0.5 * size @ product(self.operators.absolute[0], size) + np.abs(self.g) @ size
         blur = self.certificate.floor + (len(d) + 2) * EPS * float(terms + np.abs(value))
         # The least value is known as it is: slips and gaps of rounding, which certificates leave out, count.
-        z = np.where(self.operators.compliance > 0, self.excess(d), np.minimum(self.excess(d), 0.0))
-        gap = self.certificate.equilibrium + float(norm_gaps(self.w, lam, self.slip(d)).sum())
-        return value - gap - float(limit_gaps(self.operators.compliance, p, z).sum()) - blur, value + blur
+        z = np.where(c > 0, self.excess(d), np.minimum(self.excess(d), 0.0))
+        parts = norm_gaps(self.w, lam, self.slip(d)).sum() + limit_gaps(c, p, z).sum()
+        return value - self.certificate.equilibrium - float(parts) - blur, value + blur

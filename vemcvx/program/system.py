@@ -1,18 +1,17 @@
 """A system K y + B'lam + D'p = f(t) in plain arrays, with supports that move: what `march` takes.
 
 It is a quasistatic variational inequality in coordinates: problem 2.1 of the paper with a(u, v) = v'Ku, <l(t), v> =
-v'load(t) and the seminorm j(v) = sum_i w_i |B_i v|. Nothing here knows of meshes or of contact. `Limits` are bounds
-D_j y <= e_j and their soft kin; `Motion` is what supports that move add to the energy, to the norm terms and to the
-limits.
+v'load(t) and the seminorm j(v) = sum_i w_i |B_i v|. Nothing here knows of meshes or of contact. `Norms` are terms
+w_i |B_i y|, with the laws of their weights; `Limits` are bounds D_j y <= e_j and their soft kin; `Motion` is what
+supports that move add to the energy, to the norm terms and to the limits.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from copy import copy
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any
+from functools import cached_property
+from typing import Any, ClassVar
 
 import numpy as np
 import scipy.sparse as sp
@@ -22,32 +21,155 @@ from vemcvx.base.arrays import (
     EPS,
     Floats,
     Ints,
-    MatrixLike,
     as_real_array,
     at_instant,
     brief,
     called,
     checked_matrix,
-    fading,
     finite,
     function,
     instance,
-    shape_in_words,
     shaped,
     spread,
 )
 from vemcvx.base.errors import SceneError
 from vemcvx.base.outline import ArrayRecord
+from vemcvx.base.weight_law import Law
 from vemcvx.linear import LinearSolver, choose_linear, direct_solver, singular
 from vemcvx.program.kernel import Kernel, rank_on
-from vemcvx.program.operators import SAY, SYMMETRIC, Norms, check_symmetric
+from vemcvx.program.operators import SYMMETRIC, check_symmetric, fixed_rows, whole_blocks
 
 DRAG_ROUNDING = 16 * EPS
 """Slips below this part of the positions that they are differences of are zero but for rounding: they drag nothing."""
 
 
+class Rows(ArrayRecord):
+    """The base of norm terms and limits: several of one `kind`, with places and numbers."""
+
+    kind: ClassVar[str]
+    places: Callable[[int], str] | None
+
+    @property
+    def count(self) -> int:
+        """How many there are."""
+        raise NotImplementedError
+
+    @property
+    def owner(self) -> str:
+        """The name of the record, for messages."""
+        return type(self).__name__
+
+    def name(self, i: int) -> str:
+        """Return the place of number `i`, in words."""
+        if self.places is None:
+            return f"{self.kind} {i}"
+        asked = "take the number of a term and say where it acts"
+        return str(called(self.places, (i,), f"{self.owner}: places failed", asked))
+
+    def numbers(self, raw: Any, name: str, what: str = "number", signed: bool = False) -> Floats:
+        """Return a finite number each (count,), not negative unless they are `signed`."""
+        wanted = f"a {what}, or ({self.count},) of them, one a {self.kind.split()[-1]}"
+        subject = f"{self.owner}: {name}"
+        found = np.full(self.count, finite(shaped(raw, subject, wanted, (), (self.count,)), subject))
+        if not signed and (found < 0).any():
+            i = int(np.argmin(found))
+            raise SceneError(f"{self.owner}: found the {what} {found[i]:.6g} of {self.name(i)}; it must be >= 0.")
+        return found
+
+
 @dataclass(frozen=True, repr=False)
-class Limits(ArrayRecord):
+class Norms(Rows):
+    """The terms w_i |B_i v|: rows i * block ... (i + 1) * block of B make the vector B_i v.
+
+    Parameters
+    ----------
+    B : (m * block, n) array or sparse matrix
+    w : (m,) array, or callable t -> (m,)
+        Weights >= 0.
+    block : int
+        Components of one vector: 1 on a curve in the plane, 2 on a surface in space.
+    places : callable i -> str, optional
+        Where term i acts, in words, for messages.
+    law : Law, optional
+        Weights that follow the answer of a step (:mod:`vemcvx.base.weight_law`); `w` are then the weights where no
+        limit acts.
+    ground : callable t -> (m * block,), optional
+        The displacement g of the ground: slips are relative to it, w_i |B_i (y - y_prev) - (g_i - g_i,prev)|, and its
+        motion does work.
+    """
+
+    B: Any
+    w: ArrayLike | Callable[[float], ArrayLike]
+    block: int = 1
+    places: Callable[[int], str] | None = None
+    law: Law | None = None
+    ground: Callable[[float], ArrayLike] | None = None
+
+    kind: ClassVar[str] = "norm term"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "B", fixed_rows(self.B, "Norms: B"))
+        object.__setattr__(self, "block", whole_blocks(self.block, self.B.shape[0], "Norms"))
+        function(self.places, "Norms: found places", "a function of i that says where term i acts")
+        function(self.ground, "Norms: found ground", "a function of t that says how far the ground has moved")
+        instance(self.law, Law, "Norms: found law", "a Law(weights)")
+        if self.law is not None and self.law.softening is not None:
+            softening = self.numbers(self.law.softening, "softening", "softening")
+            object.__setattr__(self, "law", replace(self.law, softening=softening))
+        if not callable(self.w):
+            object.__setattr__(self, "w", self.numbers(self.w, "w", "weight"))
+
+    @property
+    def count(self) -> int:
+        """The number of norm terms m."""
+        return int(self.B.shape[0]) // self.block
+
+    @property
+    def sloped(self) -> bool:
+        """True if the derivative of the law by the forces of the limits is known."""
+        return self.law is not None and self.law.slope is not None
+
+    @property
+    def remembers(self) -> bool:
+        """True if weights depend on slips."""
+        return self.law is not None and self.law.slips
+
+    @property
+    def softening(self) -> Floats | None:
+        """The rate (m,) at which weights fall with slip at most, if it is known."""
+        known: Any = None if self.law is None else self.law.softening
+        return known
+
+    def weights(self, t: float) -> Floats:
+        """Return weights (m,) at the instant `t`."""
+        w = self.w  # An array was checked when it was given.
+        return w if isinstance(w, np.ndarray) else self.numbers(at_instant(w, t, "Norms: w"), "w", "weight")
+
+    def weights_under(self, t: float, p: Floats, past: Floats | None = None, slip: Floats | None = None) -> Floats:
+        """Return weights (m,) at `t` under forces `p` (r,) of limits, after slips (m,) before the step and in it."""
+        if self.law is None:
+            return self.weights(t)
+        slips = (np.zeros(self.count) if x is None else x for x in (past, slip))
+        failed = f"Norms: law: its function failed when called as f(t, p, past, slip) with t = {t:.6g}"
+        return self.numbers(called(self.law.weights, (t, p, *slips), failed, "return weights"), "w", "weight")
+
+    def slope_by_forces(self, t: float, p: Floats, past: Floats) -> sp.csr_matrix:
+        """Return the derivative (m, r) of a `sloped` law by the forces p (r,) of limits, at `t` after slips (m,)."""
+        if self.law is None or self.law.slope is None:
+            raise LookupError("Norms: the law has no slope; `sloped` says so.")
+        failed = f"Norms: slope: its function failed when called as f(t, p, past) with t = {t:.6g}"
+        J = called(self.law.slope, (t, p, past), failed, "return the law's derivative")
+        return checked_matrix(J, "Norms: slope", (self.count, len(p)))
+
+    def moved(self, t: float) -> Floats:
+        """Return the motion of the ground up to the instant `t`, (m * block,); zero if it stands still."""
+        rows, subject = self.B.shape[0], "Norms: ground"
+        raw = np.zeros(rows) if self.ground is None else at_instant(self.ground, t, subject)
+        return finite(shaped(raw, subject, f"({rows},) ways, one a row of B", (rows,)), subject)
+
+
+@dataclass(frozen=True, repr=False)
+class Limits(Rows):
     """Row j of D, the limit e_j and the compliance c_j.
 
     With z_j = D_j y - e_j: a bound z_j <= 0 where c_j = 0; the energy (z_j)_+^2 / (2 c_j) where c_j > 0. The multiplier
@@ -64,60 +186,34 @@ class Limits(ArrayRecord):
         Where limit j acts, in words, for messages.
     """
 
-    D: sp.csr_matrix
+    D: Any
     e: ArrayLike | Callable[[float], ArrayLike]
-    compliance: ArrayLike = 0.0
+    compliance: Any = 0.0
     places: Callable[[int], str] | None = None
 
-    if TYPE_CHECKING:  # D is given as any matrix
-
-        def __init__(
-            self,
-            D: MatrixLike,
-            e: ArrayLike | Callable[[float], ArrayLike],
-            compliance: ArrayLike = 0.0,
-            places: Callable[[int], str] | None = None,
-        ) -> None: ...
+    kind: ClassVar[str] = "limit"
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "D", checked_matrix(self.D, "Limits: D"))
-        compliance = self.compliances
-        if (compliance < 0).any():
-            j = int(np.argmin(compliance))
-            raise SceneError(f"Limits: found the compliance {compliance[j]:.6g} of {self.name(j)}; it must be >= 0.")
-        object.__setattr__(self, "compliance", compliance)
+        object.__setattr__(self, "D", fixed_rows(self.D, "Limits: D"))
         function(self.places, "Limits: found places", "a function of j that says where limit j acts")
-        if not callable(self.e):
-            wanted = f"a number, or ({self.count},) of them, one a limit"
-            e = shaped(self.e, "Limits: e", wanted, (), (self.count,))
-            if (none := np.broadcast_to(e == np.inf, self.count)).any():
-                object.__setattr__(self, "D", sp.csr_matrix(sp.diags_array(np.where(none, 0.0, 1.0)) @ self.D))
-            object.__setattr__(self, "e", self._shaped(np.where(e == np.inf, 1.0, e), "Limits: e"))
-
-    @property
-    def compliances(self) -> Floats:
-        """c (r,)."""
-        return self._shaped(self.compliance, "Limits: compliance")
+        object.__setattr__(self, "compliance", self.numbers(self.compliance, "compliance", "compliance"))
+        if callable(self.e):
+            return
+        e = as_real_array(self.e, "Limits: e", "numbers")
+        none = (e == np.inf) & (e.ndim == 1)
+        object.__setattr__(self, "e", self.numbers(np.where(none, 1.0, e), "e", signed=True))
+        if none.any():
+            object.__setattr__(self, "D", fixed_rows(sp.diags_array(np.where(none, 0.0, 1.0)) @ self.D, "Limits: D"))
 
     @property
     def count(self) -> int:
         """The number of limits r."""
-        return self.D.shape[0]
-
-    def name(self, j: int) -> str:
-        """The place of limit `j`, in words."""
-        return f"limit {j}" if self.places is None else str(called(self.places, (j,), "Limits: places failed", SAY))
+        return int(self.D.shape[0])
 
     def remaining_gap(self, t: float) -> Floats:
-        """e (r,) at the instant `t`."""
-        e = self.e
-        # An array was checked when it was given.
-        return e if isinstance(e, np.ndarray) else self._shaped(at_instant(e, t, "Limits: e"), "Limits: e")
-
-    def _shaped(self, raw: ArrayLike, subject: str) -> Floats:
-        wanted = f"a number, or ({self.count},) of them, one a limit"
-        values = finite(shaped(raw, subject, wanted, (), (self.count,)), subject)
-        return np.array(np.broadcast_to(values, (self.count,)))
+        """Return e (r,) at the instant `t`."""
+        e = self.e  # An array was checked when it was given.
+        return e if isinstance(e, np.ndarray) else self.numbers(at_instant(e, t, "Limits: e"), "e", signed=True)
 
 
 @dataclass(frozen=True)
@@ -143,12 +239,12 @@ class ForceOnPart:
     entries: Callable[[float], Floats]
 
     def __call__(self, t: float) -> Floats:
-        """All forces (n,)."""
+        """Return all forces (n,)."""
         return spread(self.entries(t), self.rows, self.n)
 
 
 def on_part(force: Callable[[float], Floats], t: float) -> tuple[Floats, Ints | None]:
-    """A force at the instant `t`, and the unknowns that it acts on; None for all of them."""
+    """Return a force at the instant `t`, and the unknowns that it acts on; None for all of them."""
     return (force.entries(t), force.rows) if isinstance(force, ForceOnPart) else (force(t), None)
 
 
@@ -179,28 +275,6 @@ class Motion:
             if not callable(value) and not (name == "remaining_gap" and value is None):
                 raise SceneError(f"Motion: found {name} = {brief(value)}; wanted a function.")
 
-    def sized(self, n: int, rows: int, limits: int) -> Motion:
-        """The same motion with functions that check, and copy, every value that they return."""
-        shapes: dict[str, tuple[int, ...]] = {
-            "dirichlet_force": (n,), "prescribed_slip": (rows,), "stored": (), "pair": (), "remaining_gap": (limits,)
-        }  # fmt: skip
-
-        def checked(name: str, function: Callable[..., ArrayLike], *given: Any) -> Any:
-            subject, wanted = f"Motion: {name}", f"numbers of shape {shapes.get(name, '(n_u,)')}"
-            x = as_real_array(called(function, given, f"{subject} failed", f"return {wanted}"), subject, wanted)
-            if shapes.get(name) == () and x.size == 1:
-                x = x.reshape(())
-            if x.shape != shapes.get(name, x.shape[:1]):
-                raise SceneError(f"{subject}: found {shape_in_words(x)}; wanted {wanted}.")
-            finite(x, subject)
-            return x if x.ndim else float(x)
-
-        functions: dict[str, Any] = {
-            name: f if f is None or isinstance(f, ForceOnPart) else partial(checked, name, f)
-            for name, f in vars(self).items()
-        }
-        return Motion(**functions)
-
 
 @dataclass(frozen=True, repr=False)
 class Damping(ArrayRecord):
@@ -214,19 +288,13 @@ class Damping(ArrayRecord):
         What moving supports add, with the matrix of b in place of that of a; its slips and gaps are not read.
     """
 
-    C: sp.csr_matrix
+    C: Any
     motion: Motion | None = None
 
-    if TYPE_CHECKING:  # C is given as any matrix
-
-        def __init__(self, C: MatrixLike, motion: Motion | None = None) -> None: ...
-
     def __post_init__(self) -> None:
-        C = checked_matrix(self.C, "Damping: C")
-        if C.nnz:
-            check_semidefinite(C, "Damping: C")
+        object.__setattr__(self, "C", fixed_rows(self.C, "Damping: C"))
+        check_semidefinite(self.C, "Damping: C")
         instance(self.motion, Motion, "Damping: found motion", "a Motion")
-        object.__setattr__(self, "C", C)
 
 
 @dataclass(frozen=True, repr=False)
@@ -257,35 +325,19 @@ class System(ArrayRecord):
         Norm terms whose slip is given by the supports; they change no state, and their losses are in the ledger.
     """
 
-    K: sp.csr_matrix
+    K: Any
     load: Callable[[float], ArrayLike]
     norms: Norms | None = None
     motion: Motion | None = None
-    order: Ints | Callable[[], Ints] | None = None
-    near_kernel: Floats | None = None
+    order: Any = None
+    near_kernel: Any = None
     kernel: Kernel | None = None
     limits: Limits | None = None
     damping: Damping | None = None
     dragged: DraggedTerms | None = None
 
-    if TYPE_CHECKING:  # K and the order are given as any matrix and sequence
-
-        def __init__(
-            self,
-            K: MatrixLike,
-            load: Callable[[float], ArrayLike],
-            norms: Norms | None = None,
-            motion: Motion | None = None,
-            order: ArrayLike | Callable[[], ArrayLike] | None = None,
-            near_kernel: ArrayLike | None = None,
-            kernel: Kernel | None = None,
-            limits: Limits | None = None,
-            damping: Damping | None = None,
-            dragged: DraggedTerms | None = None,
-        ) -> None: ...
-
     def __post_init__(self) -> None:
-        object.__setattr__(self, "K", checked_matrix(self.K, "System: K"))
+        object.__setattr__(self, "K", fixed_rows(self.K, "System: K"))
         check_symmetric(self.K, "System: K")
         diagonal = self.K.diagonal()
         if (diagonal <= 0).any():
@@ -295,29 +347,29 @@ class System(ArrayRecord):
             raise SceneError(
                 f"System: found load = {brief(self.load)}; wanted a function of t that gives ({self.n},) forces."
             )
-        for name, kind, wanted in (
-            ("norms", Norms, "Norms(B, w)"),
-            ("limits", Limits, "Limits(D, e)"),
-            ("motion", Motion, "a Motion"),
-            ("damping", Damping, "Damping(C)"),
-            ("dragged", DraggedTerms, "DraggedTerms"),
-            ("kernel", Kernel, "a Kernel(modes, names)"),
-        ):
+        kinds: dict[str, tuple[type, str]] = {
+            "norms": (Norms, "Norms(B, w)"), "limits": (Limits, "Limits(D, e)"), "motion": (Motion, "a Motion"),
+            "damping": (Damping, "Damping(C)"), "dragged": (DraggedTerms, "DraggedTerms"),
+            "kernel": (Kernel, "a Kernel(modes, names)"),
+        }  # fmt: skip
+        for name, (kind, wanted) in kinds.items():
             instance(getattr(self, name), kind, f"System: found {name}", wanted)
-        for what, name, rows in (("norms", "B", self.B), ("limits", "D", self.D)):
-            if rows.shape[1] != self.n:
+        for what, name in (("norms", "B"), ("limits", "D")):
+            if (columns := getattr(self, name).shape[1]) != self.n:
                 raise SceneError(
-                    f"System: found {what} over {rows.shape[1]} unknowns, but K has {self.n}; "
-                    f"{name} must have one column an unknown."
+                    f"System: found {what} over {columns} unknowns, but K has {self.n}; {name} must have one column an "
+                    "unknown."
                 )
         if self.damping is not None and self.damping.C.shape != self.K.shape:
             raise SceneError(f"System: found damping of shape {self.damping.C.shape}, but K has {self.K.shape}.")
-        if self.motion is not None:
-            object.__setattr__(self, "motion", self.motion.sized(self.n, self.B.shape[0], self.D.shape[0]))
         if self.order is not None and not callable(self.order):
-            object.__setattr__(self, "order", permutation(self.order, self.n))
+            object.__setattr__(self, "order", self._permutation(self.order))
         if self.near_kernel is not None:
-            object.__setattr__(self, "near_kernel", motions(self.near_kernel, self.n))
+            wanted = f"({self.n}, k) motions of little energy, one a column, or None"
+            found = as_real_array(self.near_kernel, "System: near_kernel", wanted)
+            if found.ndim != 2 or len(found) != self.n or not found.shape[1] or not np.isfinite(found).all():
+                raise SceneError(f"System: found near_kernel = {brief(self.near_kernel)}; wanted {wanted}.")
+            object.__setattr__(self, "near_kernel", found)
         if self.kernel is not None:
             self._check_kernel(self.kernel)
 
@@ -336,21 +388,17 @@ class System(ArrayRecord):
                 "nothing holds it. Add stiffness, norm terms or limits that do."
             )
 
-    def remaining_gap(self, t: float) -> Floats:
-        """The gaps e (r,) of the limits at the instant `t`, moving supports accounted for."""
-        if self.limits is None:
-            return np.zeros(0)
-        e = self.limits.remaining_gap(t)
-        return e if self.motion is None or self.motion.remaining_gap is None else e - self.motion.remaining_gap(t)
+    def _permutation(self, raw: ArrayLike) -> Ints:
+        wanted = f"a permutation of the {self.n} unknowns, or None"
+        order = as_real_array(raw, "System: order", wanted)
+        if order.ndim != 1 or not np.array_equal(np.sort(order), np.arange(self.n)):
+            raise SceneError(f"System: found order = {brief(raw)}; wanted {wanted}.")
+        return order.astype(np.int64)
 
-    def prescribed_slip(self, t: float) -> Floats:
-        """The part of the norm terms' arguments (m * block,) that supports bring, less that of the ground."""
-        given = np.zeros(self.B.shape[0]) if self.motion is None else self.motion.prescribed_slip(t)
-        return given if (ground := self.ground(t)) is None else given - ground
-
-    def ground(self, t: float) -> Floats | None:
-        """The motion (m * block,) up to the instant `t` of the ground that norm terms rub on; None if still."""
-        return None if self.norms is None or self.norms.ground is None else self.norms.moved(t)
+    @property
+    def n(self) -> int:
+        """The number of unknowns."""
+        return int(self.K.shape[0])
 
     @cached_property
     def B(self) -> sp.csr_matrix:
@@ -378,87 +426,63 @@ class System(ArrayRecord):
         """(m,) the unknowns that norm terms or limits read: all others are eliminated."""
         return np.unique(np.concatenate([A.indices[A.data != 0].astype(np.int64) for A in (self.B, self.D)]))
 
+    def remaining_gap(self, t: float) -> Floats:
+        """Return the gaps e (r,) of the limits at the instant `t`, moving supports accounted for."""
+        if self.limits is None:
+            return np.zeros(0)
+        e = self.limits.remaining_gap(t)
+        return e if self.motion is None or self.motion.remaining_gap is None else e - self.motion.remaining_gap(t)
+
+    def prescribed_slip(self, t: float) -> Floats:
+        """Return the part of the norm terms' arguments (m * block,) that supports bring, less that of the ground."""
+        given = np.zeros(self.B.shape[0]) if self.motion is None else self.motion.prescribed_slip(t)
+        return given if (ground := self.ground(t)) is None else given - ground
+
+    def ground(self, t: float) -> Floats | None:
+        """Return the motion (m * block,) up to the instant `t` of the ground of norm terms; None if it stands still."""
+        return None if self.norms is None or self.norms.ground is None else self.norms.moved(t)
+
     def linear(self, asked: LinearSolver | None = None) -> LinearSolver:
-        """The linear solver for K: the one asked for, else by size."""
+        """Return the linear solver for K: the one asked for, else by size."""
         modes = 0 if self.near_kernel is None else self.near_kernel.shape[1]
         return choose_linear(self.n, asked, modes=modes, retained=len(self.retained))
 
     def elimination_order(self) -> Ints | None:
-        """(n,) the order of elimination, if there is one."""
-        if not callable(self.order):
-            return self.order
-        return permutation(called(self.order, (), "System: order failed", "give an order of unknowns"), self.n)
-
-    @property
-    def n(self) -> int:
-        """The number of unknowns."""
-        return self.K.shape[0]
-
-    def faded(self, instants: Sequence[float]) -> System:
-        """The system whose load is zero where it vanishes beside its largest one in a run."""
-        load = self.load
-        if isinstance(load, ForceOnPart):
-            load = replace(load, entries=fading(load.entries, instants))
-        else:
-            load = fading(self.force, instants)
-        other = copy(self)
-        object.__setattr__(other, "load", load)  # All else has been checked.
-        return other
+        """Return the order of elimination (n,), if there is one."""
+        order = self.order
+        failed = "System: order failed"
+        return self._permutation(called(order, (), failed, "give an order of unknowns")) if callable(order) else order
 
     def multiplier_force(self, lam: Floats, p: Floats) -> Floats:
-        """B'lam + D'p, the forces (n,) of norm terms and limits."""
-        force: Floats = self.B.T @ lam.ravel() + self.D.T @ p
-        return force
+        """Return B'lam + D'p, the forces (n,) of norm terms and limits."""
+        return np.asarray(self.B.T @ lam.ravel() + self.D.T @ p)
 
     def load_on_part(self, t: float) -> tuple[Floats, Ints | None]:
-        """The load at the instant `t`, checked: forces and the unknowns that they act on, None for all of them."""
+        """Return the load at the instant `t`, checked, and the unknowns that it acts on; None for all of them."""
         if not isinstance(self.load, ForceOnPart):
             return self.force(t), None
         return finite(self.load.entries(t), f"System: load({t:.6g})"), self.load.rows
 
     def force(self, t: float) -> Floats:
-        """The load vector (n,) at the instant `t`, checked."""
+        """Return the load vector (n,) at the instant `t`, checked."""
         subject, wanted = f"System: load({t:.6g})", f"({self.n},) forces, one an unknown"
         return finite(shaped(at_instant(self.load, t, "System: load"), subject, wanted, (self.n,)), subject)
 
 
-# Products such as A'CA round (i, j) and (j, i) differently, by eps times the number of summands.
-
-
 def check_semidefinite(C: sp.csr_matrix, subject: str) -> None:
-    """Raise SceneError unless C is square, symmetric and positive semidefinite to rounding.
-
-    With a diagonal of ones, and SYMMETRIC added to it, its pivots must be positive; rows without a diagonal are empty.
-    """
+    """Raise SceneError unless C is square, symmetric and positive semidefinite, but for SYMMETRIC of it."""
     check_symmetric(C, subject)
-    diagonal = C.diagonal()
-    felt = np.flatnonzero(diagonal > 0)
-    unit = sp.diags_array(diagonal[felt] ** -0.5)
-    scaled = sp.csr_matrix(unit @ C[felt][:, felt] @ unit + SYMMETRIC * sp.eye_array(len(felt)))
+    largest = float(np.abs(C.data).max(initial=0.0))
+    if largest == 0.0:
+        return
+    # Of rows with a diagonal that is made one, those without one are empty.
+    unit = sp.diags_array(1.0 / np.sqrt(np.where(C.diagonal() > 0, C.diagonal(), largest)))
     try:
-        if (diagonal < 0).any() or abs(C).sum() > abs(C[felt][:, felt]).sum():
+        if (C.diagonal() < 0).any():
             raise singular()
-        if len(felt):
-            direct_solver(len(felt)).factorise(scaled)
+        shifted = unit @ C @ unit + SYMMETRIC * sp.eye_array(C.shape[0])
+        direct_solver(C.shape[0]).factorise(sp.csr_matrix(shifted))
     except SceneError as error:
         raise SceneError(
             f"{subject}: found a matrix that is not positive semidefinite: some motion would gain energy from it."
         ) from error
-
-
-def permutation(raw: ArrayLike, n: int) -> Ints:
-    """An order of n unknowns."""
-    wanted = f"a permutation of the {n} unknowns, or None"
-    order = as_real_array(raw, "System: order", wanted)
-    if order.ndim != 1 or not np.array_equal(np.sort(order), np.arange(n)):
-        raise SceneError(f"System: found order = {brief(raw)}; wanted {wanted}.")
-    return order.astype(np.int64)
-
-
-def motions(raw: ArrayLike, n: int) -> Floats:
-    """Motions (n, k) of little energy."""
-    wanted = f"({n}, k) motions of little energy, one a column, or None"
-    found = as_real_array(raw, "System: near_kernel", wanted)
-    if found.ndim != 2 or len(found) != n or not found.shape[1] or not np.isfinite(found).all():
-        raise SceneError(f"System: found near_kernel = {brief(raw)}; wanted {wanted}.")
-    return found

@@ -16,8 +16,7 @@ from vemcvx.base.errors import SceneError, SceneWarning, VemcvxError
 from vemcvx.effects import ContactSurface, Friction, Law, Obstacle
 from vemcvx.effects.data import finite_a_row
 from vemcvx.meshes.polygons import all_found_in
-from vemcvx.program.operators import Norms, Rows
-from vemcvx.program.system import DRAG_ROUNDING, DraggedTerms, Limits
+from vemcvx.program.system import DRAG_ROUNDING, DraggedTerms, Limits, Norms
 from vemcvx.scene.rows import ContactRows, along, distinct_pairs, merged, pair_numbers, pairs_of, summing
 from vemcvx.scene.supports import Supports
 from vemcvx.vem import tangents_of
@@ -195,14 +194,14 @@ class Terms(ContactRows):
         if press is None or not laws:
             return None
         slips, still = any(law.slips for law in laws), np.zeros(gather.shape[1])
-        pressed, gathered, spread, own = Rows(press).read, Rows(gather).read, gather.T, _slices(frictions)
+        spread, own = gather.T, _slices(frictions)
 
         def each(p: Floats, *of_terms: Floats) -> Iterable[tuple[Friction, list[Floats]]]:
-            of_rows = [pressed(p), *(spread @ slip if slips else still for slip in of_terms)]
+            of_rows = [press @ p, *(spread @ slip if slips else still for slip in of_terms)]
             return [(f, [values[rows] for values in of_rows]) for f, rows in zip(frictions, own, strict=True)]
 
         def weights(t: float, p: Floats, past: Floats, slip: Floats) -> Floats:
-            return gathered(np.concatenate([f.weights_under(t, *under) for f, under in each(p, past, slip)]))
+            return gather @ np.concatenate([f.weights_under(t, *under) for f, under in each(p, past, slip)])
 
         def slope(t: float, p: Floats, past: Floats) -> sp.csr_matrix:
             steep = np.concatenate([f.slope_under(t, *under) for f, under in each(p, past)])

@@ -21,8 +21,7 @@ from vemcvx.effects import Contribution, Load, Material, MaterialLaw
 from vemcvx.linear import nested_dissection
 from vemcvx.meshes import AnyMesh
 from vemcvx.program.kernel import Kernel
-from vemcvx.program.operators import Norms
-from vemcvx.program.system import Damping, ForceOnPart, Limits, Motion, System
+from vemcvx.program.system import Damping, ForceOnPart, Limits, Motion, Norms, System
 from vemcvx.scene.contact import Obstacles, Surface, Terms, out_of_reach, pose_contact, warn_of_free_normals
 from vemcvx.scene.rigid import floating_motions, seen_from_bodies
 from vemcvx.scene.rows import straightened

@@ -23,10 +23,9 @@ from vemcvx.base.arrays import Floats, brief, flag, is_whole
 from vemcvx.base.errors import NotAccepted, SceneError
 from vemcvx.program.operators import FEATURES, QUADRATIC, SECOND_ORDER_CONES, Operators
 from vemcvx.program.step_program import Answer, CvxpyStep, StepProgram, to_cvxpy
-from vemcvx.program.tolerances import SHARE, UNSEEN
 from vemcvx.solvers.law import GivenWeights
 from vemcvx.solvers.newton import PreparedNewton
-from vemcvx.solvers.solver import Solver
+from vemcvx.solvers.solver import SHARE, UNSEEN, Solver
 
 
 @dataclass(frozen=True)

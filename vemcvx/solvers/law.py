@@ -15,7 +15,7 @@ import scipy.sparse as sp
 
 from vemcvx.base.arrays import SAME, Floats
 from vemcvx.base.errors import SceneError
-from vemcvx.program.operators import Norms
+from vemcvx.program.system import Norms
 
 DIFFERENCE = 1e-6
 """Part of the largest slip by which one is changed to see how its weight does."""

@@ -21,6 +21,13 @@ from vemcvx.program.operators import Operators
 from vemcvx.program.scaling import Scaling
 from vemcvx.program.step_program import Answer, StepProgram, fitting
 
+SHARE = 0.1
+"""Part of an accuracy, or of a gap, that is asked for where other errors come on top: of a step that missed, whose size
+is known now; of each program of a law; of the unknowns inside at a stored step; of Clarabel, whose gap is another."""
+UNSEEN = 0.01
+"""Part that does not count beside what is asked for: tolerances of residuals, which count by their squares, and those
+whose meaning differs from solver to solver."""
+
 
 class Prepared(Protocol):
     """A solver ready for all steps of one run."""

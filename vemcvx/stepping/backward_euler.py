@@ -60,7 +60,7 @@ from vemcvx.base.arrays import (
     power_of_two,
     shaped,
 )
-from vemcvx.base.errors import WORTH_A_WORD, SceneError
+from vemcvx.base.errors import WORTH_A_WORD, SceneError, SolverFailed
 from vemcvx.linear import LinearSolver
 from vemcvx.linear.default import one_thread
 from vemcvx.program.certificate import Certificate
@@ -69,10 +69,9 @@ from vemcvx.program.operators import Operators, energy_norm, product
 from vemcvx.program.scaling import SMALLEST_NORM, checked_norm
 from vemcvx.program.step_program import Answer, StepProgram, fitting
 from vemcvx.program.system import System
-from vemcvx.program.tolerances import SHARE
 from vemcvx.solvers import Solver, Solves, as_solver, choose_solver
 from vemcvx.solvers.law import StepLaw
-from vemcvx.solvers.solver import named_failures
+from vemcvx.solvers.solver import SHARE, named_failures
 from vemcvx.stepping.fixed_point import followed
 from vemcvx.stepping.ledger import advance, dragged, energy, state_given
 from vemcvx.stepping.refusals import refuse_start, refuse_unbalanced, require_certified, warn_of_softening
@@ -97,9 +96,11 @@ class PosedStep:
     def solve(self, n: int) -> State:
         """The state that step `n` leads to, certified; SceneError where nothing balances the load on K's kernel."""
         when = f"step {n} at t = {self.data.t:.6g}"
-        if not self.run.system.follows_answer:
+        try:
+            state = self._at_rest() or self._answered()
+        except SolverFailed:
             refuse_unbalanced(self.frame.condensation, self.program, when)
-        state = self._at_rest() or self._answered()
+            raise
         if not np.isfinite(state.certificate.gap):
             refuse_unbalanced(self.frame.condensation, self.program, when)
         return state
@@ -149,8 +150,7 @@ class PosedStep:
                 program = replace(program, w=law.at(answer.p, slip))
         d, lam, p = program.admissible_point(answer.d, answer.lam, answer.p)
         y = self.before.y if self.force is None else self.before.y[self.frame.condensation.retained]
-        floor = program.rounding_floor(d, lam, p, y)
-        certificate = replace(program.certificate_at(d, lam, p), floor=floor, given_friction=law is not None)
+        certificate = replace(program.certificate_at(d, lam, p, y), given_friction=law is not None)
         return replace(self, program=program).state_after(replace(answer, d=d, lam=lam, p=p), certificate)
 
     @property
@@ -208,7 +208,7 @@ class PosedStep:
         operators = self.program.operators
         if operators.count == 0:
             return np.zeros(0, dtype=bool)
-        blur = EPS * operators.blocks(self.run.operators.rows.absolute.read(np.abs(y))).max(axis=1)
+        blur = EPS * operators.blocks(abs(self.run.operators.B) @ np.abs(y)).max(axis=1)
         error = certificate.error + certificate.error_floor
         sticks: Bools = lengths(slip) <= error * np.sqrt(operators.norm_flexibility) + blur
         return sticks
@@ -230,7 +230,7 @@ def pose_step(run: PreparedRun, before: State, now: StepData, w: Floats | None =
             own = g - (damping.motion.dirichlet_force(now.t) - damping.motion.dirichlet_force(before.t)) / k
         force = frame.condensation.reduce(own, remembered=False)
         own = force.retained
-    e = now.remaining_gap - run.operators.limits.read(before.y)
+    e = now.remaining_gap - run.operators.D @ before.y
     b = before.data.prescribed_slip - now.prescribed_slip
     return PosedStep(run, before, now, frame, g=g, force=force, program=StepProgram(frame.operators, own, w, b, e))
 
@@ -244,7 +244,7 @@ def balanced(run: PreparedRun, before: State, now: StepData, g: Floats) -> Float
     if N is None:
         return g
     forces = before.unbalanced, now.force.retained, before.data.force.retained
-    size = sum(np.abs(force) for force in forces) + product(operators.absolute, np.abs(before.y))
+    size = sum(np.abs(force) for force in forces) + product(operators.absolute[0], np.abs(before.y))
     push = N.T @ g
     return g - N @ np.where(np.abs(push) <= 64 * EPS * (np.abs(N).T @ size), push, 0.0)
 
@@ -351,7 +351,6 @@ def march(
     if storage is not None and not isinstance(storage, Storage):
         raise SceneError(f"march: found storage = {brief(storage)}; wanted Memory(), Folder(path), or None.")
     instants = checked_times(times)
-    system = system.faded(instants.tolist())
     kept = stored_steps(store, len(instants) - 1)
     start = time.perf_counter()
     linear = system.linear(linear)

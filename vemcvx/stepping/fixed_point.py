@@ -18,10 +18,10 @@ import numpy as np
 
 from vemcvx.base.arrays import Floats, lengths
 from vemcvx.program.step_program import Answer, StepProgram, fitting
-from vemcvx.program.tolerances import SHARE
 from vemcvx.solvers import Solver
 from vemcvx.solvers.law import StepLaw
 from vemcvx.solvers.newton import PreparedNewton, gap_under
+from vemcvx.solvers.solver import SHARE
 
 MOST_PROGRAMS = 40
 PATIENCE = 12

@@ -39,7 +39,18 @@ def programs_of_march(
     condense: bool = True,
     linear: LinearSolver | None = None,
 ) -> Iterator[SolvedProgram]:
-    """March as :func:`vemcvx.march` does, and yield the program of every step with its certified answer."""
+    """March a System, and yield the convex program of every step with its certified answer, step after step.
+
+    Parameters and errors are those of :func:`vemcvx.march`; :func:`vemcvx.programs` takes a scene and a mesh.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import vemcvx as vx
+    >>> system = vx.System(np.eye(2), lambda t: [2.0 * t, 0.0], vx.Norms(np.eye(2), 0.5))
+    >>> [float(program.answer.d[0]) for program in vx.programs_of_march(system, [0.0, 0.5, 1.0])]
+    [0.5, 1.0]
+    """
     check_kinds(system, solver, linear)
     instants, condense, check = checked_times(times), flag(condense, "condense"), flag(check, "check")
     run = _prepared(system, solver, condense, linear, check=check)

@@ -13,9 +13,9 @@ from scipy.linalg import eigh
 from vemcvx.base.arrays import EPS, SAME, Floats, lengths
 from vemcvx.base.errors import NotCertified, SceneError, SceneWarning
 from vemcvx.program.condensation import Condensation
-from vemcvx.program.operators import Norms, Operators
+from vemcvx.program.operators import Operators
 from vemcvx.program.step_program import StepProgram
-from vemcvx.program.system import System
+from vemcvx.program.system import Norms, System
 from vemcvx.solvers import Solver
 from vemcvx.stepping.state import PreparedRun, State, StepData
 
@@ -75,7 +75,7 @@ def refuse_contradiction(system: System, now: StepData, when: str) -> None:
     from scipy.optimize import linprog  # Importing it takes a fifth of a second.
 
     limits = system.limits
-    rigid = np.flatnonzero(np.zeros(0) if limits is None else limits.compliances == 0)
+    rigid = np.flatnonzero(np.zeros(0) if limits is None else limits.compliance == 0)
     e = now.remaining_gap[rigid]
     if limits is None or not (e < 0).any():
         return
@@ -93,16 +93,14 @@ def refuse_contradiction(system: System, now: StepData, when: str) -> None:
 
 def refuse_unbalanced(condensation: Condensation, program: StepProgram, when: str) -> None:
     """Raise SceneError when no forces of friction and limits balance the load of a step on K's kernel."""
-    operators, N, kernel = program.operators, program.operators.kernel, condensation.system.kernel
-    motion = None if N is None else operators.kernel_balance.unbalanced_motion(program.w, N.T @ program.g)
-    if kernel is None or N is None or motion is None:
+    kernel, field = condensation.system.kernel, program.unbalanced_motion()
+    if kernel is None or field is None:
         return
-    field = N @ motion
     parts = np.linalg.lstsq(kernel.modes[condensation.retained], field, rcond=None)[0].astype(float)
     # Unknowns of a joint that read a jump move by less than the bodies themselves.
     field /= np.abs(kernel.modes @ parts).max()
     push = float(field @ program.g)
-    holds = float(program.w @ lengths(operators.blocks(operators.rows.read(field))))
+    holds = float(program.w @ lengths(program.operators.blocks(program.operators.B @ field)))
     holds = holds if holds > 1e-12 * push else 0.0  # Less is rounding: no slip.
     raise SceneError(
         f"{when}: only friction and one-sided contact hold the body against {kernel.name(parts)}. "
@@ -120,7 +118,7 @@ def refuse_start(run: PreparedRun, state: State, jump: float) -> None:
 def _overlap(run: PreparedRun, state: State) -> str | None:
     """The place where a state violates a bound, in words; None if it is nowhere."""
     operators, limits = run.operators, run.system.limits
-    over = operators.limits.read(state.y) - state.data.remaining_gap
+    over = operators.D @ state.y - state.data.remaining_gap
     inside = np.where(operators.compliance > 0, 0.0, over)
     if limits is None or not inside.max(initial=0.0) > 0:
         return None

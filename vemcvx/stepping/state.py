@@ -22,11 +22,10 @@ from vemcvx.program.operators import Operators
 from vemcvx.program.scaling import LARGEST_NORM, checked_norm
 from vemcvx.program.step_program import Answer
 from vemcvx.program.system import System, on_part
-from vemcvx.program.tolerances import SHARE
 from vemcvx.solvers import Prepared, Solver
 from vemcvx.solvers.default import LastResort
 from vemcvx.solvers.newton import PreparedNewton
-from vemcvx.solvers.solver import InUnits, named_failures
+from vemcvx.solvers.solver import SHARE, InUnits, named_failures
 
 MOST_LENGTHS = 4
 """Lengths of steps whose factors are kept, where there are dashpots; two that take turns need two."""

@@ -27,6 +27,7 @@ from vemcvx.program import Limits, Norms, System
 from vemcvx.program.condensation import Condensation
 from vemcvx.program.operators import energy_norm
 from vemcvx.program.step_program import Answer, StepProgram, fitting
+from vemcvx.program.system import ForceOnPart
 from vemcvx.scene import Scene
 from vemcvx.scene.pose import pose_scene
 from vemcvx.solvers import Newton, Solver
@@ -377,4 +378,7 @@ def _in_units(system: System, length: float, stress: float) -> System:
         gap, compliance = limits.remaining_gap, np.asarray(limits.compliance, dtype=float)
         limits = Limits(limits.D, lambda t: length * gap(t), compliance=compliance / stress)
     K = sp.csr_matrix(stress * system.K)
-    return replace(system, K=K, load=lambda t: force * system.force(t), norms=norms, limits=limits, motion=None)
+    load: Callable[[float], Floats] = lambda t: force * system.force(t)  # noqa: E731
+    if isinstance(part := system.load, ForceOnPart):
+        load = replace(part, entries=lambda t: force * part.entries(t))
+    return replace(system, K=K, load=load, norms=norms, limits=limits, motion=None)

@@ -288,7 +288,7 @@ def _judged(program: StepProgram, d: Floats, lam: Floats | None, p: Floats | Non
     lam, p = program.multipliers(d, lam, p)
     apart, rigid = d - best, operators.compliance == 0
     square = float(apart @ (operators.K @ apart))
-    size = np.abs(program.e) + operators.limits.absolute.read(np.abs(best)) if len(program.e) else np.zeros(1)
+    size = np.abs(program.e) + abs(operators.D) @ np.abs(best) if len(program.e) else np.zeros(1)
     return {
         "true": max(square, 0.0) ** 0.5 / unit,
         "certified": float(certificate.error + certificate.error_floor) / unit,

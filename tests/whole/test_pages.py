@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import re
 from collections import Counter
+from importlib import import_module
 from itertools import pairwise
 
+import numpy as np
 import pytest
 from texts import CONTRIBUTING, PAGES, README, ROOT, SITE, cells, file, is_made, page, prose
 from typer.testing import CliRunner
@@ -64,6 +66,15 @@ def test_nothing_is_said_twice():
         text = re.sub(r"\s+", " ", prose(path.read_text()))
         said.update(sentence for sentence in re.split(r"(?<=[.:;]) |\| ", text) if len(sentence.split()) >= 12)
     assert [sentence for sentence, times in said.items() if times > 1] == []
+
+
+def test_measurements_name_constants_with_the_values_that_they_have():
+    rows = re.findall(r"^\| (`[A-Z].*?), \{file\}`(vemcvx/\S+)\.py` \|", page("measurements"), re.M)
+    assert len(rows) > 20
+    for constants, module in rows:
+        for name, value, eps in re.findall(r"`([A-Z_]+)` ([-\d.e]+)( eps)?", constants):
+            found = getattr(import_module(module.replace("/", ".")), name)
+            assert found == float(value) * (np.finfo(float).eps if eps else 1.0), f"{name} is {found}"
 
 
 def test_each_class_of_the_course_has_its_ninety_minutes():

@@ -346,12 +346,8 @@ def free_unknowns(
     points = posed.space.mesh.points
     kinds = "one row a node, or None, 'equilibrium', 'settled' or, of a function f(x, t), vx.projected(f)"
     wanted = f"displacements of shape {points.shape}, {kinds}"
-    u = (
-        np.zeros(points.shape)
-        if initial is None
-        else finite(shaped(initial, "initial", wanted, points.shape), "initial")
-    )
-    return _within_supports(u, posed, times)
+    u = shaped(np.zeros(points.shape) if initial is None else initial, "initial", wanted, points.shape)
+    return _within_supports(finite(u, "initial"), posed, times)
 
 
 def _continued(history: Results, posed: PosedScene, times: Floats) -> Continued:

@@ -125,13 +125,6 @@ def spread(values: Floats, rows: Ints, n: int) -> Floats:
     return array
 
 
-def columns(arrays: Sequence[Floats], count: int) -> Floats:
-    """Return an array (n, count) whose first columns are these vectors (n,), and the others zero."""
-    beside = np.zeros((len(arrays[0]), count), order="F")
-    beside[:, : len(arrays)] = np.transpose(arrays)
-    return beside
-
-
 def fading(value: Callable[[float], Floats], times: Sequence[float]) -> Callable[[float], Floats]:
     """Return a datum in time that is zero where it is less than 1e-60 of its largest value at the instants of a run.
 

@@ -31,7 +31,7 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.base.arrays import EPS, Floats, Ints, columns, power_of_two, read_only, spread
+from vemcvx.base.arrays import EPS, Floats, Ints, power_of_two, read_only, spread
 from vemcvx.base.errors import NotAccepted
 from vemcvx.linear import LinearSolver, Matrix, minimum_degree
 from vemcvx.program.dense_factors import DenseCholesky
@@ -239,5 +239,5 @@ class Condensation:
 
     def recover(self, y_c: Sequence[Floats], forces: Sequence[Reduced]) -> Floats:
         """Return all unknowns (n, k) of states from the retained ones, K y = f + (0, rho)."""
-        xi = columns([force.xi for force in forces], len(forces))
-        return self.completed(xi, columns(y_c, len(forces)))
+        xi = np.array([force.xi for force in forces]).T
+        return self.completed(xi, np.array(y_c).T)

@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.base.arrays import Bools, Floats, columns
+from vemcvx.base.arrays import Bools, Floats
 from vemcvx.base.errors import NotAccepted
 from vemcvx.program.certificate import Certificate
 from vemcvx.program.condensation import Condensation, Reduced
@@ -225,7 +225,7 @@ def recovered(
     multipliers balance the force on them, and not the anchors.
     """
     system, (y_c, forces) = condensation.system, zip(*kept, strict=True)
-    push = columns([force.phi - own for force, own in zip(forces, held, strict=True)], len(kept))
+    push = np.array([force.phi - own for force, own in zip(forces, held, strict=True)]).T
 
     def left(y: Floats) -> Floats:
         r: Floats = push - system.K @ y

@@ -281,10 +281,3 @@ def test_every_permutation_of_all_effects_is_one_program():
         assert program(pose_scene(vx.Scene(*(ALL[i] for i in order)), on, TIMES)) == reference
     first, last = (answers(vx.Scene(*effects), on) for effects in (ALL, ALL[::-1]))
     assert first == last
-
-
-@pytest.mark.long
-def test_every_permutation_of_a_small_scene_is_one_program():
-    reference = program(pose_scene(vx.Scene(*SUPPORTED), mesh()))
-    for effects in itertools.permutations(SUPPORTED):
-        assert program(pose_scene(vx.Scene(*effects), mesh())) == reference, effects

@@ -21,8 +21,14 @@ OTHER_FIELDS = {"on", "direction", "plane", "stabilisation", "quadrature", "stif
 """Fields of effects that carry no data f(x, t)."""
 
 
+def vectors(x, first, last):
+    """Vectors in the plane, or in space, of these components along the first and the last axis."""
+    first, last = first + 0 * x[:, 0], last + 0 * x[:, 0]
+    return np.column_stack([first, *(0.3 * first for _ in x.T[2:]), last])
+
+
 def pull(x, t):
-    return np.column_stack([8 * (1.25 - x[:, 1]) * t, np.full(len(x), -0.01 * t)])
+    return vectors(x, 8 * (1.25 - x[:, 1]) * t, -0.01 * t)
 
 
 def lift(x, t):
@@ -31,11 +37,11 @@ def lift(x, t):
 
 
 def slide(x, t):
-    return lift(x, t)[:, None] * [1.0, 0.5]
+    return vectors(x, lift(x, t), 0.5 * lift(x, t))
 
 
 def weigh(x, t):
-    return t * np.column_stack([3 + x[:, 1], -1 - x[:, 0]])
+    return vectors(x, t * (3 + x[:, 1]), t * (-1 - x[:, 0]))
 
 
 def uneven(x, t):
@@ -66,23 +72,25 @@ def suck(x, t):
     return -t * (1 + x[:, 0])
 
 
-def dirichlet_force(x, t):
-    return t * np.column_stack([3 + x[:, 0], 1 - x[:, 1], x[:, 0] * x[:, 1]])
+def stress(x, t):
+    zero = 0 * x[:, 0]
+    more = [0.5 + zero, x[:, 1], x[:, 0]] if x.shape[1] == 3 else []
+    return t * np.column_stack([3 + x[:, 0], 1 - x[:, 1], x[:, 0] * x[:, 1] + zero, *more])
 
 
 def belt(x, t):
-    return 0.1 * t * np.column_stack([2 + x[:, 0], 0 * x[:, 1]])
+    return vectors(x, 0.1 * t * (2 + x[:, 0]), 0.0)
 
 
 def squeeze(x, t):
-    return -dirichlet_force(x, t) - [t, 0.0, 0.0]
+    return -stress(x, t) - t * np.eye(6)[0, : stress(x, t).shape[1]]
 
 
 STEEL = vx.Elasticity(young=200.0, poisson=0.3)
 HELD = vx.Clamp(on="right")
 PULLED = vx.Traction(pull, on="left")
-SHAKEN = vx.Traction(lambda x, t: np.tile([30 * t * (0.6 - t), 0.0], (len(x), 1)), on="left")
-PRESSED = vx.Traction(lambda x, t: t * np.column_stack([4 + x[:, 0], -6 - x[:, 0]]), on="top")
+SHAKEN = vx.Traction(lambda x, t: vectors(x, 30 * t * (0.6 - t), 0.0), on="left")
+PRESSED = vx.Traction(lambda x, t: vectors(x, t * (4 + x[:, 0]), -t * (6 + x[:, 0])), on="top")
 TOUCHING = vx.BilateralContact(on="bottom")
 RUBBING = vx.TrescaFriction(bound=4.0, on="bottom")
 
@@ -182,7 +190,7 @@ SAMPLES = {
         others={"expansion": 2e-3, "temperature": suck},
     ),
     "Prestress": EffectSample(
-        vx.Prestress(dirichlet_force), (STEEL, HELD, TOUCHING, RUBBING), data={"stress": 3}, others={"stress": squeeze}
+        vx.Prestress(stress), (STEEL, HELD, TOUCHING, RUBBING), data={"stress": 3}, others={"stress": squeeze}
     ),
     "BilateralContact": EffectSample(TOUCHING, (STEEL, HELD, PULLED), others={"on": "left"}),
     "TrescaFriction": EffectSample(

@@ -6,6 +6,25 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from test_conformance_effects import (
+    HELD,
+    PRESSED,
+    PULLED,
+    REST,
+    SHAKEN,
+    STEEL,
+    TOUCHING,
+    UNPRESSED,
+    belt,
+    grip,
+    lift,
+    pull,
+    slide,
+    stiff,
+    uneven,
+    weigh,
+)
+from test_conformance_effects import SAMPLES as FLAT
 
 import vemcvx as vx
 from cohesive_interface import Glue
@@ -13,49 +32,8 @@ from slip_weakening import SlipWeakening
 from vemcvx.testing import EffectSample, Other, effect_suite
 
 
-def pull(x, t):
-    return 8 * t * np.column_stack([1.25 - x[:, 1], 0.2 + 0 * x[:, 0], -0.1 * x[:, 2]])
-
-
-def weigh(x, t):
-    return t * np.column_stack([3 + x[:, 1], -1 - x[:, 0], x[:, 2] - 2])
-
-
-def lift(x, t):
-    # Zero where the clamp begins, so that it may stand beside it.
-    return 1e-3 * t * (1 - x[:, 0]) * (1 + x[:, 1])
-
-
-def slide(x, t):
-    return lift(x, t)[:, None] * [1.0, 0.5, -0.3]
-
-
-def belt(x, t):
-    return 0.1 * t * np.column_stack([2 + x[:, 0], x[:, 1], 0 * x[:, 2]])
-
-
-def uneven(x, t):
-    return 3 + x[:, 0] + 0 * t
-
-
 def less(x, t):
     return 0.5 * uneven(x, t)
-
-
-def stiff(x):
-    return 200 + 50 * x[:, 0]
-
-
-def springy(x, t):
-    return 400 + 100 * x[:, 0] + 0 * t
-
-
-def apart(x, t):
-    return 1e-3 * x[:, 0] * (1 + t)
-
-
-def grip(x, t):
-    return 0.3 + 0.1 * x[:, 0] + 0 * t
 
 
 def slight(x, t):
@@ -66,25 +44,21 @@ def around(x):
     return np.column_stack([1 + x[:, 0], 0.5 - x[:, 1], 1 + 0 * x[:, 2]])
 
 
-def press(x, t):
-    return t * (3 + x[:, 1])
-
-
-def stress(x, t):
-    return t * np.column_stack([3 + x[:, 0], 1 - x[:, 1], x[:, 2], 0.5 + 0 * x[:, 0], x[:, 1], x[:, 0]])
-
-
-STEEL = vx.Elasticity(200.0, 0.3)
-HELD, TOUCHING = vx.Clamp(on="right"), vx.BilateralContact(on="bottom")
-PULLED = vx.Traction(pull, on="left")
-SHAKEN = vx.Traction(lambda x, t: np.tile([30 * t * (0.6 - t), 9 * t, 0.0], (len(x), 1)), on="left")
-PRESSED = vx.Traction(lambda x, t: t * np.column_stack([4 + x[:, 0], 2 + 0 * x[:, 0], -6 - x[:, 0]]), on="top")
 RUBBING = vx.TrescaFriction(bound=2.0, on="bottom")
 RUBBED = STEEL, HELD, PULLED, TOUCHING, RUBBING
-REST = Other("west", beside=(vx.Elasticity(young=80.0, poisson=0.2, on="east"),))
-UNPRESSED = Other(True, beside=(vx.UnilateralContact(on="left"),))
+UNLIKE = vx.Elasticity, vx.Orthotropic, vx.TrescaFriction, vx.CoulombFriction, vx.PointLoad
+
+
+def in_space(sample):
+    """The sample of a plane body on the cube: vectors have three components, and tensors six."""
+    data = {name: {2: 3, 3: 6}.get(count, count) for name, count in sample.data.items()}
+    others = {name: (0.0, 0.0, 0.0) if other == (0.0, 0.0) else other for name, other in sample.others.items()}
+    beside = tuple(RUBBING if isinstance(effect, vx.TrescaFriction) else effect for effect in sample.beside)
+    return replace(sample, beside=beside, data=data, others=others)
+
 
 SAMPLES = {
+    **{name: in_space(one) for name, one in FLAT.items() if "," not in name and not isinstance(one.effect, UNLIKE)},
     "Elasticity": EffectSample(
         STEEL,
         RUBBED[1:],
@@ -108,77 +82,17 @@ SAMPLES = {
             "on": REST,
         },
     ),
-    "Clamp": EffectSample(vx.Clamp(on=["top", "right"]), RUBBED, others={"on": ["right", "bottom"]}),
-    "PrescribedDisplacement": EffectSample(
-        vx.PrescribedDisplacement(slide, on="left"),
-        (STEEL, HELD, TOUCHING, RUBBING),
-        data={"value": 3},
-        others={"value": (0.0, 0.0, 0.0), "on": "bottom", "direction": Other("normal", {"value": lift})},
-    ),
     "PrescribedDisplacement, oblique": EffectSample(
         vx.PrescribedDisplacement(lift, on="left", direction=(1.0, 2.0, -1.0)),
         (STEEL, HELD, TOUCHING, RUBBING),
         data={"value": 1},
         others={"value": 0.0, "on": "bottom", "direction": (2.0, 1.0, 0.0)},
     ),
-    "BodyForce": EffectSample(
-        vx.BodyForce(weigh), (STEEL, HELD, TOUCHING, RUBBING), data={"force": 3}, others={"force": pull}
-    ),
-    "Traction": EffectSample(
-        vx.Traction(pull, on=("left", "top")),
-        (STEEL, HELD, TOUCHING, RUBBING),
-        data={"force": 3},
-        others={"force": weigh, "on": "left"},
-    ),
-    "Pressure": EffectSample(
-        vx.Pressure(press, on=("left", "top")),
-        (STEEL, HELD, TOUCHING, RUBBING),
-        data={"value": 1},
-        others={"value": lambda x, t: -t * (1 + x[:, 0]), "on": "left"},
-    ),
     "PointLoad": EffectSample(
         vx.PointLoad(pull, at=(0.0, 1.0, 1.0)),
         (STEEL, HELD, TOUCHING, RUBBING),
         data={"force": 3},
         others={"force": weigh, "at": [(0.0, 1.0, 1.0), (0.0, 0.0, 1.0)]},
-    ),
-    "Symmetry": EffectSample(vx.Symmetry(on=["top"]), RUBBED, others={"on": ["right", "left"]}),
-    "ElasticFoundation": EffectSample(
-        vx.ElasticFoundation(normal=stiff, tangential=15.0, on="left"),
-        RUBBED,
-        data={"normal": 1, "tangential": 1},
-        others={"normal": 10.0, "tangential": 5.0, "on": "top"},
-    ),
-    "ThermalStrain": EffectSample(
-        vx.ThermalStrain(expansion=1e-3, temperature=press),
-        (STEEL, HELD, TOUCHING, RUBBING),
-        data={"expansion": 1, "temperature": 1},
-        others={"expansion": 2e-3, "temperature": lambda x, t: -t * (1 + x[:, 0])},
-    ),
-    "Prestress": EffectSample(
-        vx.Prestress(stress),
-        (STEEL, HELD, TOUCHING, RUBBING),
-        data={"stress": 6},
-        others={"stress": lambda x, t: -stress(x, t)},
-    ),
-    "Viscosity": EffectSample(
-        vx.Viscosity(shear=30.0, volume=20.0),
-        RUBBED,
-        data={"shear": 1, "volume": 1},
-        others={"shear": 10.0, "volume": 0.0},
-    ),
-    "BilateralContact": EffectSample(TOUCHING, (STEEL, HELD, PULLED), others={"on": "left"}),
-    "UnilateralContact": EffectSample(
-        vx.UnilateralContact(on="bottom", gap=apart),
-        (STEEL, HELD, PRESSED, RUBBING),
-        data={"gap": 1},
-        others={"on": "left", "gap": 0.25},
-    ),
-    "NormalCompliance": EffectSample(
-        vx.NormalCompliance(springy, on="bottom", gap=apart),
-        (STEEL, HELD, PRESSED, RUBBING),
-        data={"gap": 1},
-        others={"stiffness": 7.0, "on": "left", "gap": 0.25},
     ),
     "TrescaFriction on a belt": EffectSample(
         vx.TrescaFriction(uneven, on="bottom", ground=belt),
@@ -237,12 +151,8 @@ SAMPLES = {
 }
 
 
-def in_space(sample):
-    return replace(sample, in_space=True)
-
-
 test_every_effect_in_space = pytest.mark.long(
-    effect_suite({name: in_space(sample) for name, sample in SAMPLES.items()})
+    effect_suite({name: replace(sample, in_space=True) for name, sample in SAMPLES.items()})
 )
 
 

@@ -139,20 +139,6 @@ def test_newton_answers_in_a_round_housing(nt, friction):
     assert np.abs(newton.displacement[-1] - clarabel.displacement[-1]).max() <= 1e-5 * np.abs(newton.displacement).max()
 
 
-def test_bilateral_interfaces_without_friction_beside_friction_elsewhere():
-    lower, upper = (vx.meshes.squares((4, 2), box=((0, 1), y)) for y in ((0, 0.5), (0.5, 1)))
-    mesh = vx.meshes.bodies({"lower": lower, "upper": upper})
-    scene = vx.Scene(
-        vx.Elasticity(100.0, 0.3),
-        vx.Clamp(on="upper.top"),
-        vx.BodyForce(lambda x, t: np.tile([0.1 * t, -t], (len(x), 1))),
-        vx.BilateralContact(on="lower|upper"),
-        vx.BilateralContact(on="lower.bottom"),
-        vx.TrescaFriction(0.1, on="lower.bottom"),
-    )
-    assert vx.simulate(scene, mesh, [0, 0.5, 1]).certificate.max() <= 1e-8
-
-
 @pytest.mark.long
 @pytest.mark.parametrize("housing", HOUSINGS)
 def test_adapting_along_a_curve_is_warned_of(housing):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scenes import few_families, small
-from stopped import Stopped, stop_at
 
 import vemcvx as vx
 from vemcvx.base.arrays import EPS, SAME
@@ -116,32 +115,6 @@ def test_coulomb_rubs_with_the_pressure_that_the_step_ends_with(family, coeffici
     friction = (contact.bound * contact.friction_lengths)[[3, 12]].sum(axis=1)
     assert history.reaction("left")[[3, 12], 0] == pytest.approx(friction, rel=1e-6)
     assert contact.wear @ contact.friction_lengths == pytest.approx(history.dissipated, rel=1e-12)
-
-
-@pytest.mark.long
-def test_nothing_is_lost_between_stored_rows_or_in_files(tmp_path):
-    scene = vx.Scene(
-        vx.Elasticity(YOUNG, 0.3),
-        drag(None),
-        vx.BilateralContact(on="bottom"),
-        vx.TrescaFriction(1.0, on="bottom"),
-    )
-    mesh = small("voronoi", 4)
-    whole = vx.simulate(scene, mesh, TIMES)
-    some = vx.simulate(scene, mesh, TIMES, store=5)
-    for name in ("wear", "traction", "bound", "sticking"):
-        assert np.array_equal(getattr(some.contact, name), getattr(whole.contact, name)[some.stored]), name
-    reaction = whole.reaction("left")
-    assert np.abs(some.reaction("left") - reaction[some.stored]).max() <= 1e-12 * np.abs(reaction).max()
-    whole.write(tmp_path / "out")
-    again = vx.read_history(tmp_path / "out")
-    assert np.array_equal(again.reaction("left"), whole.reaction("left"))
-    with pytest.raises(Stopped):
-        vx.simulate(scene, mesh, TIMES, stream=tmp_path / "run", progress=stop_at(7))
-    resumed = vx.simulate(scene, mesh, TIMES, stream=tmp_path / "run", resume=True)
-    assert np.array_equal(resumed.contact.wear, whole.contact.wear)
-    assert np.array_equal(resumed.dissipated, whole.dissipated)
-    assert np.array_equal(resumed.work, whole.work)
 
 
 @pytest.mark.long

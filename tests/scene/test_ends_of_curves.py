@@ -191,28 +191,6 @@ def test_a_wedge_on_a_line_of_symmetry_keeps_its_tip(degrees, holder):
         assert np.array_equal(normal, normal_at_the_end(slope(degrees)))
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("degrees", [15.0, 30.0])
-def test_half_of_a_wedge_moves_as_the_whole_does(degrees):
-    half = slope(degrees)
-
-    def pressed(mesh, *more):
-        rise = np.tan(np.radians(degrees))
-        mesh = mesh.with_boundary("sole", lambda x: x[:, 1] < rise * np.abs(x[:, 0]) * (1 - x[:, 1]) + 0.05)
-        mesh = mesh.with_boundary("lid", lambda x: x[:, 1] > 1 - 1e-9)
-        mesh = mesh.with_boundary("axis", lambda x: np.abs(x[:, 0]) < 1e-12) if more else mesh
-        down = vx.PrescribedDisplacement(lambda x, t: np.tile([0.0, -0.1 * t], (len(x), 1)), on="lid")
-        touch = vx.UnilateralContact(on="sole"), vx.TrescaFriction(1.0, on="sole")
-        return vx.simulate(vx.Scene(STEEL, down, *touch, *more), mesh, [0.0, 0.5, 1.0])
-
-    part, whole = pressed(half, vx.Symmetry(on="axis")), pressed(mirrored(half, 0))
-    # The nodes of the half come first in the whole.
-    apart = np.abs(part.displacement - whole.displacement[:, : half.n_nodes])
-    assert apart.max() <= 1e-9 * np.abs(whole.displacement).max()
-    if degrees < 21.25:
-        agrees(part, whole, 1e-9)
-
-
 @pytest.mark.parametrize("degrees", [10.0, 20.0, 22.0, 30.0, 60.0])
 def test_a_straight_side_on_an_oblique_roller_keeps_its_normal(degrees):
     """To the bit, where it makes a corner with its image; else the two are a curve."""

@@ -5,8 +5,6 @@ import pytest
 
 import vemcvx as vx
 from plate_with_hole import polar
-from vemcvx.scene import pose_scene
-from vemcvx.stepping import prepare
 
 FAMILIES = [name for name in vx.meshes.FAMILIES if name != "l_shape"]
 JOINT = "lower|upper"
@@ -187,119 +185,6 @@ def test_a_solver_that_is_too_coarse_for_friction_is_told_so():
     coarse = vx.Clarabel(options=dict.fromkeys(("tol_gap_abs", "tol_gap_rel", "tol_feas"), 1e-3))
     with pytest.raises(vx.NotCertified, match=r"step 1 .*Clarabel reached .*asked was 1\.0e-06\. .*Ask for accuracy="):
         vx.simulate(closing(mesh), mesh, [0.0, 0.25], solver=coarse)
-
-
-@pytest.mark.long
-def test_action_is_reaction():
-    mesh = two_blocks("voronoi", "hexagons", (3, 4))
-    history = vx.simulate(dragged_over(mesh), mesh, np.linspace(0, 1, 5))
-    contact = history.contact
-    assert (contact.partners >= 0).all()
-    forces = history.forces[-1]
-    # Nothing but contact and the load acts on the nodes of the interface.
-    loaded = mesh.points[contact.nodes][:, 0] > 1e-9
-    i, j = contact.nodes[loaded], contact.partners[loaded]
-    size = np.abs(forces).max()
-    assert np.abs(forces[i] + forces[j]).max() < 1e-12 * size * mesh.n_nodes
-    shown = (
-        contact.traction * contact.friction_lengths[:, None]
-        - (contact.pressure * contact.lengths)[:, :, None] * contact.normals
-    )
-    assert np.abs(forces[i] - shown[-1][loaded]).max() < 1e-12 * size * mesh.n_nodes
-
-
-@pytest.mark.long
-def test_bonded_blocks_are_one_body():
-    mesh = two_blocks("voronoi", "hexagons", (3, 4))
-    place = np.arange(mesh.n_nodes)
-    pairs = mesh.interfaces[JOINT].pairs
-    place[pairs[:, 1]] = pairs[:, 0]
-    kept, number = np.unique(place, return_inverse=True)
-    whole = vx.PolygonMesh(mesh.points[kept], [number[cell] for cell in mesh.cells])
-
-    def supported(one):
-        return one.with_boundary("foot", lambda x: x[:, 1] < 1e-9).with_boundary("head", lambda x: x[:, 1] > 2 - 1e-9)
-
-    effects = vx.Elasticity(10.0, 0.3), vx.Clamp(on="foot"), vx.Traction(lambda x, t: t * x, on="head")
-    bonds = vx.BilateralContact(on=JOINT), vx.TrescaFriction(1e3, on=JOINT)
-    one = vx.simulate(vx.Scene(*effects), supported(whole), [0.0, 1.0])
-    two = vx.simulate(vx.Scene(*effects, *bonds), supported(mesh), [0.0, 1.0])
-    assert np.abs(two.displacement[-1] - one.displacement[-1][number]).max() < 1e-12
-
-
-@pytest.mark.long
-def test_four_blocks_meet_at_a_point():
-    boxes = {f"{x}{y}": ((x, x + 1), (y, y + 1)) for x in (0, 1) for y in (0, 1)}
-    made = {
-        name: vx.meshes.FAMILIES[family](n, box=box)
-        for (name, box), family, n in zip(boxes.items(), FAMILIES, (2, 3, 1, 2, 2), strict=False)
-    }
-    mesh = vx.meshes.bodies(made)
-    assert len(mesh.interfaces) == 4
-    joints = list(mesh.interfaces)
-    mesh = mesh.with_boundary("outside", lambda x: (np.abs(x - 1) > 1 - 1e-9).any(axis=1))
-    gradient = np.array([[-0.1, 0.0], [0.0, -0.12]])
-    history = vx.simulate(
-        vx.Scene(
-            vx.Elasticity(10.0, 0.3),
-            vx.PrescribedDisplacement(linear(gradient), on="outside"),
-            vx.UnilateralContact(on=joints),
-            vx.CoulombFriction(0.3, on=joints),
-        ),
-        mesh,
-        [0.0, 1.0],
-    )
-    assert np.abs(history.displacement[-1] - mesh.points @ gradient.T).max() < 1e-11
-
-
-@pytest.mark.long
-def test_partners_are_stored(tmp_path):
-    mesh = two_blocks("squares", "triangles")
-    history = vx.simulate(dragged_over(mesh), mesh, np.linspace(0, 1, 3))
-    history.write(tmp_path)
-    read = vx.read_history(tmp_path)
-    assert np.array_equal(read.contact.partners, history.contact.partners)
-    assert read.mesh.interfaces[JOINT].bodies == ("lower", "upper")
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("linear", [vx.SuperLU(), vx.Pardiso()], ids=["SuperLU", "PARDISO"])
-def test_blocks_on_blocks_need_no_refinement(linear):
-    """Judged by forces along the free motion, which no anchor is to hold, every step was refined: 12 times as slow."""
-    mesh = two_blocks("squares", "squares", (128, 128))
-    system = pose_scene(dragged_over(mesh), mesh).system
-    assert not prepare(system, None, check=True, condense=True, linear=linear).refines
-
-
-@pytest.mark.long
-def test_probes_on_an_interface_tell_the_first_body():
-    mesh = two_blocks("voronoi", "hexagons", (3, 4))
-    history = vx.simulate(dragged_over(mesh), mesh, [0.0, 1.0])
-    x = np.column_stack([np.linspace(0, 1, 97), np.ones(97)])
-    first = mesh.interfaces[JOINT].edges
-    nodes = np.unique(first)
-    nodes = nodes[np.argsort(mesh.points[nodes, 0])]
-    u = history.displacement[-1][nodes]
-    known = np.column_stack([np.interp(x[:, 0], mesh.points[nodes, 0], u[:, k]) for k in range(2)])
-    assert history.probe(x)[-1] == pytest.approx(known, abs=1e-12)
-
-
-@pytest.mark.parametrize(
-    "effect",
-    [vx.Pressure(1.0, on=JOINT), vx.Clamp(on=["lower.bottom", JOINT]), vx.Symmetry(on="boundary")],
-    ids=lambda effect: type(effect).__name__,
-)
-def test_what_is_no_contact_is_refused_between_bodies(effect):
-    mesh = two_blocks("squares", "squares")
-    with pytest.raises(vx.SceneError, match=r"has edges of an interface \(lower\|upper\) between two bodies"):
-        vx.simulate(dragged_over(mesh).with_(effect), mesh, [0.0, 1.0])
-
-
-def test_the_other_way_round_an_interface_is_called_by_its_name():
-    mesh = two_blocks("squares", "squares")
-    scene = dragged_over(mesh).with_(vx.UnilateralContact(on="upper|lower"))
-    with pytest.raises(vx.SceneError, match=r"this interface is named 'lower\|upper'"):
-        vx.simulate(scene, mesh, [0.0, 1.0])
 
 
 def test_the_axis_of_a_half_model_bears_its_pressure():

@@ -159,19 +159,15 @@ CASES = {
         lambda: loaded(lambda x, t: (1.0, 0.0) if x[0] > 0 else (0.0, 0.0)),
         "Traction on left: its function failed .*ambiguous.* take all points at once and return one value a point",
     ),
-    "one component": (lambda: loaded(3.0), "Traction on left: found the single number 3; wanted 2 components"),
     "three components": (lambda: loaded((1, 2, 3)), r"Traction on left: found .* \(3,\); wanted 2 components"),
     "components first": (lambda: loaded(lambda x, t: x.T), r"Traction on left: found .* \(2, 6\); wanted 2 components"),
     "scalars": (lambda: loaded(lambda x, t: x[:, 0]), r"Traction on left: found .* \(6,\); wanted 2 components"),
-    "nothing returned": (lambda: loaded(lambda x, t: None), "Traction on left: found None, which does not read as"),
-    "strings returned": (lambda: loaded(lambda x, t: [["1", "2"]] * len(x)), "Traction on left: .* does not read as"),
     "f(x, t) for a modulus": (lambda: made_of(lambda x, t: 200.0, 0.3), r"Elasticity: young: .* called as f\(x\) with"),
     "incompressible": (lambda: made_of(1.0, 0.5), r"Elasticity: found poisson = 0\.5 in cell 0; .* < 0\.5 in plane"),
     "poisson in one cell": (
         lambda: made_of(1.0, np.where(np.arange(9) == 4, 0.7, 0.3), plane="stress"),
         r"Elasticity: found poisson = 0\.7 in cell 4; it must be > -1 and <= 0\.5",
     ),
-    "young 0": (lambda: made_of(0, 0.3), "Elasticity: found young = 0 in cell 0; Young's modulus must be > 0"),
     "young negative": (
         lambda: made_of(lambda x: 0.5 - x[:, 0] - 0.1 * x[:, 1], 0.3),
         r"Elasticity: found young = -0\.416667 in cell 8; Young's modulus must be > 0",
@@ -186,8 +182,6 @@ CASES = {
     "a plane": (lambda: made_of(1.0, 0.3, plane="foo"), "Elasticity: found plane 'foo'; there are 'strain' and"),
     "a stabilisation": (lambda: made_of(1.0, 0.3, stabilisation="foo"), "Elasticity: found stabilisation 'foo'; there"),
     "decreasing times": (lambda: run(times=[0, 1, 0.5]), r"times: instant 2 is 0\.5, which does not come after"),
-    "NaN times": (lambda: run(times=[0, np.nan]), r"times: found \[0, nan\]; wanted an increasing sequence"),
-    "times of two axes": (lambda: run(times=[[0, 1.0]]), r"times: found \[\[0, 1\.0\]\]; wanted an increasing"),
     "a state": (lambda: run(initial=np.zeros(3)), r"initial: found .* \(3,\); wanted displacements of shape \(16, 2\)"),
     "a state as a function": (lambda: run(initial=lambda x, t: 0.0 * x), "initial: found <function .*"),
     "a state with NaN": (
@@ -225,18 +219,11 @@ CASES = {
     "an unknown direction": (lambda: held(0.0, "foo"), "PrescribedDisplacement .*direction: found 'foo', .*'normal',"),
     "a vector for a component": (lambda: held((0.0, 0.0), "normal"), r"PrescribedDisplacement on right: found .*"),
     "a number for a vector": (lambda: held(0.0), "PrescribedDisplacement on right: found the single number 0; wanted"),
-    "store": (lambda: run(store="foo"), "store: found 'foo'; there are 'all', 'last', an integer n >= 1 .*"),
     "a step beyond the end": (lambda: run(store=np.array([1, 3])), r"store: found array\(\[1, 3\]\); .* from 0 to 2"),
     "a step not stored": (lambda: run(store="last").stress(1), r"history: step 1 was not stored; stored are \[2\] of"),
-    "an accuracy": (lambda: vx.Newton(accuracy=0), "Newton: found accuracy = 0; it is a relative energy error between"),
-    "iterations": (lambda: vx.Newton(max_iterations=2.5), "Newton: found max_iterations = 2.5; .*whole number"),
-    "a solver's name": (lambda: run(solver="newton"), r"solver: found 'newton'; wanted a solver with its settings"),
     "a solver's class": (lambda: run(solver=vx.Newton), "solver: found <class .*Newton'>; wanted a solver with its"),
-    "a linear solver": (lambda: run(linear="superlu"), r"linear: found 'superlu'; wanted SuperLU\(\)"),
-    "progress": (lambda: run(progress="yes"), r"progress: found 'yes'; wanted a function of \(step, steps\)"),
     "K of one axis": (lambda: vx.System(np.ones(3), pull), r"System: K: found .* \(3,\); wanted a matrix, dense or"),
     "K not square": (lambda: vx.System(np.ones((2, 3)), pull), r"System: K: found a matrix of shape \(2, 3\)"),
-    "K of NaN": (lambda: vx.System(np.nan * np.eye(2), pull), "System: K: found NaN or infinite values"),
     "K not symmetric": (lambda: vx.System([[2.0, 1.0], [0.0, 2.0]], pull), r"System: K: found 1 at \[0, 1\] but 0 at"),
     "K not positive": (lambda: vx.System(np.diag([1.0, -1.0]), pull), r"System: found K\[1, 1\] = -1; K must be"),
     "K singular": (lambda: marched(lambda t: [0, 0], K=[[1.0, -1.0], [-1.0, 1.0]]), "the stiffness matrix is singular"),
@@ -247,7 +234,6 @@ CASES = {
     "a constant load": (lambda: vx.System(SYMMETRIC, np.ones(2)), "System: found load = array.* a function of t that"),
     "a load without t": (lambda: marched(lambda: 0), r"System: load: its function failed when called as f\(t\) with t"),
     "a load of three": (lambda: marched(lambda t: [t, t, t]), r"System: load\(0\): found .* \(3,\); wanted \(2,\)"),
-    "a load of NaN": (lambda: marched(lambda t: [0, np.nan if t else 0]), r"System: load\(0\.5\): found NaN or"),
     "blocks": (lambda: vx.Norms(np.eye(3), 1.0, block=2), "Norms: found B with 3 rows and block = 2"),
     "a weight below zero": (lambda: vx.Norms(np.eye(2), [1.0, -3.0]), "Norms: found the weight -3 of norm term 1"),
     "a weight below zero later": (
@@ -291,79 +277,29 @@ def test_the_remedies_for_an_initial_violation_are_accepted(start):
 def test_the_excess_in_the_message_is_that_over_the_bound():
     """One slider: holding still takes the whole load."""
     system = vx.System([[2.0]], lambda t: [5.0], vx.Norms([[1.0]], [1.5]))
-    with pytest.raises(
-        vx.SceneError,
-        match=r"moves it by 7\.0e-01 .* norm term 0, .* takes a force of 5, 3\.5 over the bound 1\.5\.",
-    ):
+    with pytest.raises(vx.SceneError, match=r"7\.0e-01 .* norm term 0, .* force of 5, 3\.5 over the bound 1\.5\."):
         vx.march(system, TIMES)
 
 
-@pytest.mark.parametrize("name", ["FOO", "SCIPY "])
-def test_an_unknown_cvxpy_solver(name):
-    with pytest.raises(
-        vx.NotAccepted,
-        match=rf"^solver {name!r}: cvxpy does not find it here; it finds .*CLARABEL",
-    ):
-        run(solver=vx.ThroughCvxpy(name))
+SOLVERS = {
+    "unknown": (vx.ThroughCvxpy("FOO"), "solver 'FOO': cvxpy does not find it here; it finds .*CLARABEL"),
+    "no friction": (vx.Direct(), "solver Direct: the program has absolute values, .* accept the program: Newton"),
+    "an option": (vx.Clarabel(options={"speed": 9}), "solver Clarabel: refused the options {'speed': 9}"),
+    "cvxpy's option": (vx.ThroughCvxpy("SCS", options={"speed": 9}), "solver SCS: refused the options {'speed': 9}"),
+}
 
 
-def test_a_solver_that_takes_no_friction():
-    with pytest.raises(
-        vx.NotAccepted,
-        match=r"^solver Direct: the program has absolute values, which it does not accept; it accepts quadratic\. "
-        r"These accept the program: Newton, OSQP, Clarabel\.$",
-    ):
-        run(solver=vx.Direct())
-
-
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        (lambda: vx.TrescaFriction(4.0, on="bottom", mu=0.3), "unexpected keyword argument 'mu'"),
-        (lambda: vx.Clamp(), "missing 1 required positional argument: 'on'"),
-        (lambda: vx.simulate(scene(), MESH), "missing 1 required positional argument: 'times'"),
-        (lambda: vx.simulate(scene(), MESH, TIMES, tolerance=1e-6), "unexpected keyword argument 'tolerance'"),
-    ],
-    ids=["unknown", "missing", "no times", "unknown option"],
-)
-def test_arguments_that_do_not_exist_are_pythons_own_error(call, message):
-    with pytest.raises(TypeError, match=message):
-        call()
-
-
-@dataclass(frozen=True)
-class Bar(vx.Effect):
-    """An effect of one's own that fails: its error is its own."""
-
-    def contribute(self, space):
-        raise ZeroDivisionError("mine")
-
-    def describe(self):
-        return "Bar"
-
-
-def test_errors_of_ones_own_effects_pass_unchanged():
-    with pytest.raises(ZeroDivisionError, match="mine"):
-        run(other=Bar())
+@pytest.mark.parametrize("name", SOLVERS)
+def test_a_solver_that_cannot_is_named(name):
+    solver, says = SOLVERS[name]
+    with pytest.raises(vx.NotAccepted, match=f"^{says}"):
+        run(solver=solver)
 
 
 def test_friction_without_contact_is_doubted():
     """The likeliest slip of all: the body rubs on a boundary that nothing presses it against."""
-    warned = (
-        r"^TrescaFriction on bottom: at 3 of 4 places nothing holds the body in the normal direction; add Bilateral"
-    )
-    with pytest.warns(vx.SceneWarning, match=warned):
+    with pytest.warns(vx.SceneWarning, match="^TrescaFriction on bottom: at 3 of 4 places nothing holds the body"):
         run(contact=None)
-
-
-@pytest.mark.parametrize("solver", [vx.Clarabel(options={"speed": 9}), vx.ThroughCvxpy("SCS", options={"speed": 9})])
-def test_an_unknown_option_of_a_solver_is_named(solver):
-    with pytest.raises(vx.NotAccepted, match=r"^solver (Clarabel|SCS): refused the options {'speed': 9}.*its own"):
-        run(solver=solver)
-
-
-def test_accuracies_of_any_real_type_are_taken():
-    assert run(solver=vx.Newton(accuracy=np.float32(1e-3))).certificate.max() < 1e-3
 
 
 def test_advice_can_be_followed():

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import cvxpy as cp
 import numpy as np
 import pytest
@@ -75,40 +73,6 @@ def test_ground_that_moves_in_a_curve_drags_the_block_likewise():
     assert np.abs(history.contact.slip[:, :, :2] - path.foot[:, None]).max() < 1e-9 * np.abs(path.foot).max()
     loss = BOUND * AREA * np.linalg.norm(np.diff(path.foot, axis=0), axis=1).sum()
     assert history.dissipated[-1] == pytest.approx(loss, rel=1e-9)
-
-
-@pytest.mark.long
-def test_other_units_change_no_answer():
-    """Lengths by a power of two, forces by another: the same sets and answers, to rounding."""
-    mesh, path = block("cubes"), curve()
-    one = vx.simulate(path.scene(), mesh, path.times)
-    faces = mesh.face_offsets, mesh.face_vertices, mesh.cell_offsets, mesh.cell_faces, mesh.face_cells
-    larger = vx.PolyhedralMesh.unchecked(1024.0 * mesh.points, *faces)
-    larger = larger.with_boundaries({name: part for name, part in mesh.boundaries.items() if name != "boundary"})
-
-    changed = {
-        vx.Elasticity: ("young", 8.0),
-        vx.PrescribedDisplacement: ("value", 1024.0),
-        vx.Traction: ("force", 8.0),
-        vx.TrescaFriction: ("bound", 8.0),
-    }
-
-    def scaled(effect):
-        if type(effect) not in changed:
-            return effect
-        name, size = changed[type(effect)]
-        given = getattr(effect, name)
-        new = (lambda x, t: size * np.asarray(given(x / 1024.0, t))) if callable(given) else size * given
-        return dataclasses.replace(effect, **{name: new})
-
-    other = vx.simulate(vx.Scene(*map(scaled, path.scene())), larger, path.times)
-    pairs = (
-        (other.displacement, 1024.0 * one.displacement),
-        (other.contact.traction, 8.0 * one.contact.traction),
-        (other.stress(-1), 8.0 * one.stress(-1)),
-    )
-    for found, wanted in pairs:
-        assert np.abs(found - wanted).max() <= 1e-9 * np.abs(wanted).max()
 
 
 @pytest.mark.long
@@ -291,7 +255,7 @@ def agree(family, load):
     allowed = (newton.certificate_total + conic.certificate_total) * norm
     assert (distance <= allowed + 1e-13 * norm).all()
     assert distance[-1] > 0.0
-    return newton
+    assert newton.contact.slip_count[-1] > 0
 
 
 def test_wear_is_traction_times_slip_but_at_edges_times_displacement():
@@ -338,14 +302,8 @@ def test_a_gap_that_is_negative_by_rounding_alone_is_none(size):
         run(-100 * size * eps)
 
 
-@pytest.mark.long
-def test_newton_and_clarabel_agree_within_their_certificates():
-    found = agree("voronoi3", "turning")
-    assert found.contact.slip_count[-1] > 0 < found.contact.open_count.max()
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("load", LOADS)
 @pytest.mark.parametrize("family", SOLIDS)
-def test_newton_and_clarabel_agree_on_every_family_and_load(family, load):
+def test_newton_and_clarabel_agree_within_their_certificates(family, load):
     agree(family, load)

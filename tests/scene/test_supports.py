@@ -208,24 +208,6 @@ def test_one_component_is_prescribed_and_the_other_is_free(direction, unit, degr
     assert np.abs(forces @ (turn(90) @ along)).max() < 1e-12 * np.abs(forces).max()
 
 
-def test_two_oblique_components_hold_a_node_altogether():
-    mesh = small("squares", 3)
-    scene = vx.Scene(
-        STEEL,
-        vx.Clamp(on="top"),
-        vx.PrescribedDisplacement(lambda x, t: 0.01 * t * np.ones(len(x)), on="bottom", direction=(1.0, 2.0)),
-        vx.PrescribedDisplacement(lambda x, t: 0.03 * t * x[:, 0], on="bottom", direction=(1.0, 0.5)),
-    )
-    history = vx.simulate(scene, mesh, TIMES)
-    x = mesh.points[np.unique(mesh.boundaries["bottom"]), 0]
-    directions = np.array([[1.0, 2.0], [1.0, 0.5]])
-    directions /= np.linalg.norm(directions, axis=1)[:, None]
-    components = TIMES[:, None, None] * np.column_stack([0.01 + 0 * x, 0.03 * x])
-    # Directions 37 degrees apart: their inverse amplifies rounding by 1 / sin.
-    found = history.displacement[:, np.unique(mesh.boundaries["bottom"])]
-    assert np.abs(found - components @ np.linalg.inv(directions).T).max() < 16 * EPS * 0.03
-
-
 @pytest.mark.long
 def test_the_same_prescribed_twice_is_no_contradiction():
     mesh = small("squares", 3)

@@ -77,6 +77,7 @@ def none(x, t):
 
 
 SUPPORTED = (STEEL, HELD, PULLED, TOUCHING, RUBBING)
+TOUCHED = (*SUPPORTED, vx.UnilateralContact(on="left"))
 VOID = {
     "Traction": (vx.Traction((0.0, 0.0), on="left"), SUPPORTED, "Traction on left: its force is zero"),
     "Pressure": (vx.Pressure(none, on="left"), SUPPORTED, "Pressure on left: its force is zero"),
@@ -86,46 +87,19 @@ VOID = {
     "Prestress": (vx.Prestress((0.0, 0.0, 0.0)), SUPPORTED, "its stress is zero"),
     "ElasticFoundation": (vx.ElasticFoundation(0.0, 0.0, on="left"), SUPPORTED, "ElasticFoundation: its stiffness is"),
     "Viscosity": (vx.Viscosity(shear=0.0), SUPPORTED, "Viscosity: its viscosity is zero"),
-    "TrescaFriction": (
-        vx.TrescaFriction(none, on="bottom"),
-        (STEEL, HELD, PULLED, TOUCHING),
-        "TrescaFriction on bottom: its bound is zero",
-    ),
-    "CoulombFriction": (
-        vx.CoulombFriction(0.0, on="left"),
-        (*SUPPORTED, vx.UnilateralContact(on="left")),
-        "CoulombFriction on left: its bound is zero",
-    ),
-    "CoulombFriction, capped": (
-        vx.CoulombFriction(0.3, on="left", cap=0.0),
-        (*SUPPORTED, vx.UnilateralContact(on="left")),
-        "CoulombFriction on left: its bound is zero",
-    ),
-    "UnilateralContact": (
-        vx.UnilateralContact(on="right"),
-        SUPPORTED,
-        "UnilateralContact on right: all its nodes are held",
-    ),
-    "NormalCompliance": (
-        vx.NormalCompliance(3.0, on="right"),
-        SUPPORTED,
-        "NormalCompliance on right: all its nodes are held",
-    ),
-    "TrescaFriction, held": (
-        vx.TrescaFriction(3.0, on="right"),
-        SUPPORTED,
-        "TrescaFriction on right: all its nodes are held",
-    ),
+    "Tresca": (vx.TrescaFriction(none, on="bottom"), SUPPORTED[:-1], "TrescaFriction on bottom: its bound is zero"),
+    "Coulomb": (vx.CoulombFriction(0.0, on="left"), TOUCHED, "CoulombFriction on left: its bound is zero"),
+    "capped": (vx.CoulombFriction(0.3, on="left", cap=0.0), TOUCHED, "CoulombFriction on left: its bound is zero"),
+    "Unilateral": (vx.UnilateralContact(on="right"), SUPPORTED, "UnilateralContact on right: all its nodes are held"),
+    "Compliance": (vx.NormalCompliance(3.0, on="right"), SUPPORTED, "Compliance on right: all its nodes are held"),
+    "Tresca, held": (vx.TrescaFriction(3.0, on="right"), SUPPORTED, "TrescaFriction on right: all its nodes are held"),
 }
 
 
 @pytest.mark.long
 @pytest.mark.parametrize(("void", "beside", "says"), VOID.values(), ids=VOID)
 def test_void_effects_are_dropped_and_said(void, beside, says, caplog):
-    with_void, without = (
-        pose_scene(vx.Scene(void, *beside), mesh(), TIMES),
-        pose_scene(vx.Scene(*beside), mesh(), TIMES),
-    )
+    with_void, without = (pose_scene(vx.Scene(*some, *beside), mesh(), TIMES) for some in ((void,), ()))
     assert program(with_void) == program(without)
     assert [words for words in with_void.inactive if says in words]
     assert without.inactive == ()
@@ -157,18 +131,12 @@ def test_without_says_what_is_there():
     assert scene.effects == (STEEL, HELD, PULLED)
 
 
-@pytest.mark.long
 def test_a_scene_without_its_material_is_one_to_add_to():
-    full = vx.Scene(*SUPPORTED, PULLED)
-    wood = vx.Orthotropic(young=(200.0, 60.0), poisson=0.3, shear=40.0)
-    unfinished = full.without(vx.Elasticity)
-    with pytest.raises(vx.SceneError, match=r"^Scene: found 0 materials; a scene has at least one, such as Elasticity"):
+    unfinished = vx.Scene(*SUPPORTED, PULLED).without(vx.Elasticity)
+    with pytest.raises(vx.SceneError, match="^Scene: found 0 materials"):
         vx.simulate(unfinished, mesh(), TIMES)
-    with pytest.raises(vx.SceneError, match=r"^Scene: found 'wood', which is not an effect"):
-        unfinished.with_("wood")
-    finished = unfinished.with_(wood)
-    assert answers(finished) == answers(vx.Scene(*[e for e in full if not isinstance(e, vx.Elasticity)], wood))
-    assert answers(unfinished.with_().with_(wood)) == answers(finished)
+    wood = vx.Orthotropic(young=(200.0, 60.0), poisson=0.3, shear=40.0)
+    assert answers(unfinished.with_(wood)) == answers(vx.Scene(*SUPPORTED[1:], PULLED, wood))
 
 
 @pytest.mark.long

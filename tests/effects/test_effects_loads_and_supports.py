@@ -220,10 +220,15 @@ def test_what_springs_do_not_feel_floats():
     assert np.linalg.eigvalsh(held.system.K.toarray())[0] > 1e-3
 
 
-def test_springs_hold_the_piece_they_touch():
+def two_squares():
+    """Two squares that share nothing."""
     points = [[0, 0], [1, 0], [1, 1], [0, 1], [3, 0], [4, 0], [4, 1], [3, 1]]
     mesh = vx.PolygonMesh(np.array(points, dtype=float), [[0, 1, 2, 3], [4, 5, 6, 7]])
-    mesh = mesh.with_boundary("first", lambda x: x[:, 0] < 0.1).with_boundary("second", lambda x: x[:, 0] > 3.9)
+    return mesh.with_boundary("first", lambda x: x[:, 0] < 0.1).with_boundary("second", lambda x: x[:, 0] > 3.9)
+
+
+def test_springs_hold_the_piece_they_touch():
+    mesh = two_squares()
     one, other = (vx.ElasticFoundation(7.0, 7.0, on=on) for on in ("first", "second"))
     with pytest.raises(vx.SceneError, match=r"^supports: part 2 of 2 of the body floats: 3 rigid motions"):
         pose_scene(vx.Scene(STEEL, one), mesh)
@@ -268,9 +273,7 @@ class Links(vx.Effect):
 
 
 def test_springs_between_pieces_hold_them_to_each_other_only():
-    points = [[0, 0], [1, 0], [1, 1], [0, 1], [3, 0], [4, 0], [4, 1], [3, 1]]
-    mesh = vx.PolygonMesh(np.array(points, dtype=float), [[0, 1, 2, 3], [4, 5, 6, 7]])
-    mesh = mesh.with_boundary("first", lambda x: x[:, 0] < 0.1)
+    mesh = two_squares()
     links = Links(((1, 4), (2, 7)))
     with pytest.raises(vx.SceneError, match=r"^supports: .* 3 rigid motions .* a motion of pieces that are joined"):
         pose_scene(vx.Scene(STEEL, links), mesh)

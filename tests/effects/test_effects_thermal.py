@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scenes import cyclic, small
+from scenes import small
 
 import vemcvx as vx
 
@@ -133,23 +133,3 @@ def test_prestress_of_a_held_and_of_a_free_body(family, plane):
     strain = np.linalg.solve([[lam + 2 * mu, lam], [lam, lam + 2 * mu]], -sigma[:2])
     assert near(free.displacement[-1], strain * mesh.points, 3.0 / YOUNG * LENGTH)
     assert near(free.stress(-1), 0.0, 3.0)
-
-
-@pytest.mark.long
-def test_stresses_at_zero_strain_come_back_from_files(tmp_path):
-    scene = vx.Scene(
-        vx.Elasticity(YOUNG, POISSON),
-        vx.ThermalStrain(ALPHA, lambda x, t: THETA * cyclic(t) * x[:, 0]),
-        vx.Prestress(lambda x, t: t * np.column_stack([x, x[:, 0]])),
-        vx.Clamp("right"),
-        vx.BilateralContact("bottom"),
-        vx.TrescaFriction(1.0, "bottom"),
-    )
-    times = np.linspace(0.0, 1.0, 5)
-    history = vx.simulate(scene, small("squares", 3), times, store=2)
-    again = vx.read_history(history.write(tmp_path))
-    assert again.prestress.tobytes() == history.prestress.tobytes()
-    for step in (0, 2, 4):
-        assert np.array_equal(again.stress(step), history.stress(step))
-    streamed = vx.simulate(scene, small("squares", 3), times, store=2, stream=tmp_path / "stream")
-    assert np.array_equal(streamed.prestress, history.prestress)

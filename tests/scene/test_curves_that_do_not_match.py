@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import vemcvx as vx
+from plate_with_hole import polar
 from vemcvx.vem import Space
 
 INNER, JOINT, OUTER = 1.0, 1.6, 2.4
@@ -13,14 +14,8 @@ INNER, JOINT, OUTER = 1.0, 1.6, 2.4
 
 def ring(inside, outside, cells, turn):
     """A ring, or a part of it that ends on the axes."""
-    closed = turn > 6
-    angles = np.linspace(0, turn, cells + 1)[: cells if closed else None]
-    radii, k = np.geomspace(inside, outside, max(1, round(cells / turn * np.log(outside / inside))) + 1), len(angles)
-    points = (radii[:, None, None] * np.column_stack([np.cos(angles), np.sin(angles)])).reshape(-1, 2)
-    points[np.abs(points) < 1e-12] = 0.0
-    j = np.arange(cells)
-    round_ = np.column_stack([j, j + k, (j + 1) % k + k, (j + 1) % k])
-    return vx.PolygonMesh(points, [list(cell + k * r) for r in range(len(radii) - 1) for cell in round_])
+    radii = np.geomspace(inside, outside, max(1, round(cells / turn * np.log(outside / inside))) + 1)
+    return polar(radii, np.linspace(0, turn, cells + 1))
 
 
 def rings(cells, others, turn=2 * np.pi, order=("inner", "outer"), interfaces=None):

@@ -78,5 +78,5 @@ CASES = (
     Case("a clamp of one edge", one_node),
     Case("a second part without support", parts, REFUSAL, "part 2 of 2 of the body floats"),
     Case("two parts, both held", lambda: parts(clamp=["right", "second"])),
-    Case("a hinge", hinged, REFUSAL, "mechanism"),
+    Case("a hinge", hinged, REFUSAL, "about hinges"),
 )

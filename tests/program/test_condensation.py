@@ -76,13 +76,11 @@ def test_nested_dissection_is_a_permutation_with_less_fill_than_the_natural_orde
     assert graph[halves[0]][:, halves[1]].nnz == 0
 
 
-@pytest.mark.parametrize("n", [0, 1, 9, 200])
-def test_nested_dissection_takes_coincident_points(n):
-    graph = sp.csr_matrix(np.ones((n, n)))
-    assert np.array_equal(np.sort(nested_dissection(graph, np.zeros((n, 2)))), np.arange(n))
+ONE_SIDED = np.column_stack([np.repeat([0.0, 1.0], [150, 50]), np.zeros(200)])
 
 
-def test_nested_dissection_takes_points_of_which_most_are_on_one_side():
-    points = np.column_stack([np.repeat([0.0, 1.0], [150, 50]), np.zeros(200)])
-    graph = sp.csr_matrix(sp.diags_array([1.0, 1.0, 1.0], offsets=[-1, 0, 1], shape=(200, 200)))
-    assert np.array_equal(np.sort(nested_dissection(graph, points)), np.arange(200))
+@pytest.mark.parametrize("points", [*(np.zeros((n, 2)) for n in (0, 1, 9, 200)), ONE_SIDED], ids=lambda x: str(x.shape))
+def test_nested_dissection_takes_points_that_coincide_or_are_on_one_side(points):
+    n, chain = len(points), sp.diags_array([1.0] * 3, offsets=[-1, 0, 1], shape=(200, 200))
+    graph = sp.csr_matrix(chain if points.any() else np.ones((n, n)))
+    assert np.array_equal(np.sort(nested_dissection(graph, points)), np.arange(n))

@@ -24,7 +24,7 @@ OEDOMETER = LAM + 2 * MU
 def random_program(seed, block=1, separate=False):
     """Norm terms and limits, a third of them soft, in general position or each on its own unknown."""
     rng = np.random.default_rng(seed)
-    n, m, r = 12, 3, 4
+    n, m, r = 14, 3, 4
     A = rng.normal(size=(n, n))
     if separate:
         free, odd = rng.permutation(n), [-1, 0.5, 2]
@@ -46,13 +46,12 @@ def solved(program):
     return answer, program.certify(answer.d, answer.lam, answer.p)
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("separate", [False, True])
-@pytest.mark.parametrize("block", [1, 2])
+@pytest.mark.parametrize("block", [1, 2, 3])
 def test_the_gap_bounds_the_error(block, separate):
     """1/2 |d - d*|_K^2 <= gap for every d within its bounds and all admissible multipliers; the gap is P - G."""
     rng = np.random.default_rng(5)
-    for seed in range(25):
+    for seed in range(8):
         program = random_program(seed, block, separate)
         best, own = solved(program)
         assert own.gap <= 1e-20 + own.floor
@@ -60,20 +59,21 @@ def test_the_gap_bounds_the_error(block, separate):
             d = program.feasible(best.d + size * rng.normal(size=best.d.shape))
             lam = program.project(best.lam + size * rng.normal(size=best.lam.shape))
             p = np.maximum(best.p + size * rng.normal(size=best.p.shape), 0.0)
-            certificate = program.certify(d, lam, p)
-            away = d - best.d
-            assert (
-                0.5 * away @ (program.operators.K @ away) <= certificate.gap * (1 + 1e-9) + own.gap + certificate.floor
-            )
+            certificate, away = program.certify(d, lam, p), d - best.d
+            assert min(certificate.friction.min(), certificate.limits.min(), certificate.equilibrium) >= 0
+            error = 0.5 * away @ (program.operators.K @ away)
+            assert error <= certificate.gap * (1 + 1e-9) + own.gap + certificate.floor
             v = np.linalg.solve(program.operators.K, program.g - program.multiplier_force(lam, p))
             dual = -0.5 * v @ program.operators.K @ v - lam.ravel() @ program.b - p @ program.e
             dual -= 0.5 * p @ (program.operators.compliance * p)
-            assert certificate.gap == pytest.approx(program.objective(d) - dual, rel=1e-9, abs=1e-12)
+            # By theorem 2 it may be less than primal minus dual.
+            plain = pytest.approx(program.objective(d) - dual, rel=1e-9, abs=1e-12)
+            assert certificate.gap == plain or (certificate.moved > 0 and certificate.gap < plain.expected)
 
 
 def test_beyond_a_bound_nothing_is_certified():
     program = random_program(1)
-    inside = program.feasible(np.ones(12))
+    inside = program.feasible(np.ones(14))
     assert np.isfinite(program.certify(inside, np.zeros((3, 1)), np.zeros(4)).gap)
     beyond = inside + 10 * np.linalg.pinv(program.operators.D.toarray())[:, 0]
     assert program.certify(beyond, np.zeros((3, 1)), np.zeros(4)).gap == np.inf

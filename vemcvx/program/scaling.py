@@ -14,7 +14,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy.sparse as sp
 
 from vemcvx.base.arrays import Floats, power_of_two
 from vemcvx.base.errors import SceneError
@@ -60,14 +59,13 @@ class Scaling:
 
     @classmethod
     def of(cls, operators: Operators) -> Scaling:
-        """The scaling by the size of K's diagonal."""
+        """Return the scaling by the size of K's diagonal."""
         kappa = float(power_of_two(operators.K.diagonal().max(initial=0.0)))
-        anchor = None if operators.anchor is None else operators.anchor / kappa
         dense = isinstance(operators.K, np.ndarray) and operators.anchor is None
         scaled = replace(
             operators,
-            K=operators.K / kappa if isinstance(operators.K, np.ndarray) else sp.csr_matrix(operators.K / kappa),
-            anchor=anchor,
+            K=operators.K / kappa,
+            anchor=None if operators.anchor is None else operators.anchor / kappa,
             compliance=operators.compliance * kappa,
             given_factor=None if dense else Multiple(operators.factor, kappa),
         )

@@ -531,28 +531,25 @@ def read_answer(raw: Any, program: StepProgram, solver: str) -> Answer:
 
     A whole number at the end of a tuple is the iterations. SolverFailed where it is none, or does not fit the program.
     """
-    said = raw if isinstance(raw, Answer) else None
-    parts = (said.d, said.lam, said.p) if said is not None else raw if isinstance(raw, tuple) else (raw,)
+    parts = (raw.d, raw.lam, raw.p) if isinstance(raw, Answer) else raw if isinstance(raw, tuple) else (raw,)
     counted = len(parts) > 1 and is_whole(parts[-1])
     parts, iterations = (parts[:-1], int(parts[-1])) if counted else (parts, 0)
-    shapes = program.shapes
-    given = {key: np.zeros(shape) for key, shape in shapes.items() if 0 in shape}
-    # Multipliers that an Answer was not given are empty arrays.
-    empty = [part is None or (isinstance(part, np.ndarray) and part.size == 0) for part in parts]
-    given |= {key: part for key, part, none in zip(shapes, parts, empty, strict=False) if not none}
-    if len(parts) > len(shapes) or "d" not in given:
-        raise SolverFailed(f"solver {solver}: found the answer {brief(raw)}; it must {PROMISED}.")
+    shapes, parts = program.shapes, parts if len(parts) <= len(program.shapes) else ()
+    read = {key: np.zeros(shape) for key, shape in shapes.items() if 0 in shape}
     try:
-        read = {key: of_shape(part, f"solver {solver}: {key}", shapes[key]) for key, part in given.items()}
+        for key, part in zip(shapes, parts, strict=False):
+            # Multipliers that an Answer was not given are empty arrays.
+            if not (part is None or (isinstance(part, np.ndarray) and part.size == 0)):
+                read[key] = of_shape(part, f"solver {solver}: {key}", shapes[key])
     except SceneError as error:
         raise SolverFailed(str(error)) from None
+    if "d" not in read:
+        raise SolverFailed(f"solver {solver}: found the answer {brief(raw)}; it must {PROMISED}.")
     d, lam, p = read["d"], read.get("lam"), read.get("p")
     if lam is None or p is None:
         with np.errstate(over="ignore", invalid="ignore"):  # What has diverged is refused for its size.
             d, lam, p = program.admissible_point(d, lam, p)
-    if said is None:
-        return Answer(d, lam, iterations, p=p)
-    return Answer(d, lam, said.iterations, said.status, said.safeguards, p=p)
+    return replace(raw, d=d, lam=lam, p=p) if isinstance(raw, Answer) else Answer(d, lam, iterations, p=p)
 
 
 @dataclass(frozen=True, kw_only=True, repr=False, eq=False)

@@ -223,6 +223,8 @@ class Condensation:
             return inner
         xi = self.factor.solve(inner)
         for _ in range(2):
+            if np.abs(xi[c]).max(initial=0.0) <= SAME_SHAPE * np.abs(xi).max():
+                break
             inner[c] -= self._S @ xi[c]
             xi = self.factor.solve(inner)
         xi[c] = 0.0

@@ -1,13 +1,13 @@
 """What every solver must satisfy: the suite of vemcvx.testing, run over every solver that the package exports.
 
-Solvers that cvxpy finds on a machine besides are asked the same in tests/solvers/test_conformance_found_solvers.py.
+Solvers that cvxpy finds on a machine besides come through ThroughCvxpy: they may miss (cvxpy calls some of their wrong
+answers optimal), but by name, and never return what is not certified.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import inspect
-from collections.abc import Callable
 
 import cvxpy
 import numpy as np
@@ -45,6 +45,15 @@ def scene():
 
 
 test_every_solver = solver_suite(OWN)
+VARYING = {"PROXQP"} & set(FOUND)
+"""Whose last digits vary from time to time."""
+test_found_solvers = pytest.mark.long(
+    solver_suite({name: FOUND[name] for name in FOUND if name not in VARYING}, must_answer=False)
+)
+if VARYING:
+    test_those_whose_last_digits_vary = pytest.mark.long(
+        solver_suite({name: FOUND[name] for name in VARYING}, must_answer=False, repeatable=False)
+    )
 
 
 @pytest.mark.parametrize("solver", OWN.values(), ids=OWN)
@@ -88,45 +97,31 @@ def test_no_exported_solver_is_missing_from_the_samples():
     assert {kind.__name__ for kind in exported} <= set(vx.__all__)
 
 
-@dataclasses.dataclass(frozen=True)
-class Liar(vx.Solver):
-    """A solver of one's own that spoils Newton's answers, and says they converged."""
+class Spoilt:
+    """Newton's answers, spoilt by `spoil(answer, program)`."""
 
-    spoil: Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
-    accuracy: float = 1e-6
-    accepts = vx.Newton.accepts
+    def __init__(self, spoil=lambda answer, program: answer):
+        self._spoil = spoil
 
-    def prepare(self, operators):
-        honest, spoil = vx.Newton().prepare(operators), self.spoil
-
-        class Prepared:
-            def solve(self, program, target, lam, p=None):
-                answer = honest.solve(program, target, lam)
-                d, lam = spoil(answer.d, answer.lam)
-                return dataclasses.replace(answer, d=d, lam=lam, status="converged")
-
-        return Prepared()
+    def solve(self, program, target, lam, p):
+        return self._spoil(vx.Newton().prepare(program.operators).solve(program, target, lam, p), program)
 
 
-def spoils():
-    return {
-        "honest": lambda d, lam: (d, lam),
-        "nothing moves": lambda d, lam: (0 * d, lam),
-        "a hundredth more": lambda d, lam: (1.01 * d, lam),
-        "no multipliers": lambda d, lam: (d, 0 * lam),
-        "multipliers turned": lambda d, lam: (d, -lam),
-        "not a number": lambda d, lam: (d * np.nan, lam),
-    }
+LIES = {
+    "nothing moves": lambda a: {"d": 0 * a.d},
+    "a hundredth more": lambda a: {"d": 1.01 * a.d},
+    "no multipliers": lambda a: {"lam": 0 * a.lam},
+    "multipliers turned": lambda a: {"lam": -a.lam},
+    "not a number": lambda a: {"d": a.d * np.nan},
+}
 
 
-@pytest.mark.parametrize(("lie", "spoil"), spoils().items(), ids=spoils())
-def test_a_solver_is_believed_in_nothing(lie, spoil):
-    solver, mesh = Liar(spoil), small("squares", 4)
-    if lie == "honest":
-        assert vx.simulate(scene(), mesh, TIMES, solver=solver).certificate.max() <= 1e-6
-        return
-    with pytest.raises(vx.NotCertified, match=r"^step 1 at t = .*Liar reached .*asked was 1\.0e-06"):
-        vx.simulate(scene(), mesh, TIMES, solver=solver)
+@pytest.mark.parametrize("lie", LIES)
+def test_a_solver_is_believed_in_nothing(lie):
+    solver = Spoilt(lambda a, program: dataclasses.replace(a, status="converged", **LIES[lie](a)))
+    with pytest.raises(vx.NotCertified, match=r"^step 1 at t = .*Spoilt reached .*asked was 1\.0e-06") as caught:
+        vx.simulate(scene(), small("squares", 4), TIMES, solver=solver)
+    assert ("The largest share of the gap sits at node" in str(caught.value)) == ("multipliers" in lie)
 
 
 def test_the_smallest_solver_that_accepts_is_chosen_and_named(caplog):
@@ -138,34 +133,7 @@ def test_the_smallest_solver_that_accepts_is_chosen_and_named(caplog):
     assert "solver: Newton, the smallest that accepts absolute values, quadratic" in caplog.text
 
 
-class Honest:
-    """Newton's answers: what the spoilt ones below are made of."""
-
-    def solve(self, program, target, lam, p):
-        return vx.Newton().prepare(program.operators).solve(program, target, lam, p)
-
-
-class Careless(Honest):
-    """Scales its data in place, which programs do not let it."""
-
-    def solve(self, program, target, lam, p):
-        answer = super().solve(program, target, lam, p)
-        np.multiply(program.g, 2.0, out=program.g)
-        return answer
-
-
-class Moody(Honest):
-    """Adds digits of chance, far below its accuracy."""
-
-    def __init__(self):
-        self._rng = np.random.default_rng(0)
-
-    def solve(self, program, target, lam, p):
-        answer = super().solve(program, target, lam, p)
-        return answer.d * (1 + 1e-12 * self._rng.random()), answer.lam, answer.p
-
-
-class Counting(Honest):
+class Counting(Spoilt):
     """Keeps what it did among its settings."""
 
     asked = 0
@@ -175,29 +143,14 @@ class Counting(Honest):
         return super().solve(program, target, lam, p)
 
 
-class Rough(Honest):
-    """A thousandth off."""
-
-    def solve(self, program, target, lam, p):
-        answer = super().solve(program, target, lam, p)
-        return 1.001 * answer.d, answer.lam, answer.p
-
-
-class Greedy(Honest):
-    """Multipliers far beyond their bounds where these bind."""
-
-    def solve(self, program, target, lam, p):
-        answer = super().solve(program, target, lam, p)
-        return answer.d, 1.5 * answer.lam, answer.p
-
-
+CHANCE = np.random.default_rng(0)
 BROKEN = {
-    Careless: "changes_nothing_that_it_is_given",
-    Moody: "gives_the_same_answer_twice",
-    Counting: "gives_the_same_answer_twice",
-    Rough: "answers_within_its_accuracy",
-    Greedy: "gives_multipliers_as_admissible_as_it_is_accurate",
+    "changes_nothing_that_it_is_given": Spoilt(lambda a, program: np.multiply(program.g, 2.0, out=program.g)),
+    "gives_the_same_answer_twice": Spoilt(lambda a, program: (a.d * (1 + 1e-12 * CHANCE.random()), a.lam, a.p)),
+    "answers_within_its_accuracy": Spoilt(lambda a, program: (1.001 * a.d, a.lam, a.p)),
+    "gives_multipliers_as_admissible_as_it_is_accurate": Spoilt(lambda a, program: (a.d, 1.5 * a.lam, a.p)),
 }
+"""A sentence that is broken, and who does: multipliers far beyond bounds, a thousandth off, digits of chance, ..."""
 
 
 def failures(solver):
@@ -213,11 +166,8 @@ def failures(solver):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("kind", BROKEN)
-def test_the_suite_finds_what_is_wrong(kind):
-    assert BROKEN[kind] in failures(kind())
-
-
-@pytest.mark.long
-def test_the_suite_finds_nothing_wrong_with_a_solver_that_is_not():
-    assert failures(Honest()) == set()
+def test_the_suite_finds_what_is_wrong_and_nothing_else():
+    for sentence, solver in BROKEN.items():
+        assert sentence in failures(solver)
+    assert "gives_the_same_answer_twice" in failures(Counting())
+    assert failures(Spoilt()) == set()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import mpmath as mp
 import numpy as np
 import pytest
 import scipy.sparse as sp
@@ -132,47 +131,6 @@ def test_random_programs(kind):
 @pytest.mark.parametrize("kind", KINDS)
 def test_thousands_of_random_programs(kind):
     assert wrong(kind, 400) == []
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("seed", [1, 6, 11])
-def test_small_programs_against_forty_digits(seed):
-    """Projected gradients on the dual in mpmath; the distance in energy is one that the certificate allows."""
-    asked = program(seed, "plain")
-    reference = _projected_gradients(asked)
-    answer = answered(asked)[0]
-    apart = answer.d - reference
-    certificate = asked.certify(answer.d, answer.lam)
-    assert np.sqrt(apart @ (asked.operators.K @ apart)) <= certificate.error + certificate.error_floor
-    assert certificate.error < 1e-8 * np.sqrt(reference @ (asked.operators.K @ reference))
-
-
-def _projected_gradients(asked):
-    """d = K^{-1}(g - B'lam) with lam <- P_w(lam + a (B d - b)), accelerated, until lam moves by 1e-25."""
-    with mp.workdps(40):
-        operators, m = asked.operators, len(asked.w)
-        K, B = mp.matrix(operators.K.tolist()), mp.matrix(operators.B.toarray().tolist())
-        inverse = K**-1
-        F, free = B * inverse * B.T, B * inverse * mp.matrix(asked.g.tolist()) - mp.matrix(asked.b.tolist())
-        step = 1 / mp.mpf(float(np.linalg.eigvalsh(np.array(F.tolist(), dtype=float))[-1]) * 1.001)
-        lam = ahead = mp.zeros(2 * m, 1)
-        momentum = mp.mpf(1)
-        for _ in range(2000):
-            q, last, before = ahead + step * (free - F * ahead), lam, momentum
-            lam = q.copy()
-            for i, w in enumerate(asked.w):
-                size = mp.hypot(q[2 * i], q[2 * i + 1])
-                for j in (2 * i, 2 * i + 1):
-                    lam[j] = q[j] * w / size if size > w else q[j]
-            moved = lam - last
-            if mp.norm(moved) < mp.mpf(10) ** -25:
-                d = inverse * (mp.matrix(asked.g.tolist()) - B.T * lam)
-                return np.array(d.tolist(), dtype=float).ravel()
-            if mp.fdot(q - lam, moved) + mp.fdot(ahead - lam, moved) > 0:
-                momentum = before = mp.mpf(1)
-            momentum = (1 + mp.sqrt(1 + 4 * before**2)) / 2
-            ahead = lam + (before - 1) / momentum * moved
-    raise AssertionError("the reference has not converged")
 
 
 @pytest.mark.parametrize("polygon", [4, 16, 64])

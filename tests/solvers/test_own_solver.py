@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from dataclasses import replace
 from operator import attrgetter
 
 import numpy as np
@@ -127,14 +129,6 @@ def test_nonsense_is_refused_in_one_sentence(case):
     made, words = NONSENSE[case]
     with pytest.raises(vx.SolverFailed, match=f"^solver Mine: {words}"):
         vx.simulate(paper_scene(), small("squares", 3), [0.0, 1.0], solver=Mine(lambda _: made))
-
-
-def test_what_is_no_number_is_not_certified():
-    with pytest.raises(vx.NotCertified, match="^step 1 .*Mine reached") as caught:
-        vx.simulate(paper_scene(), small("squares", 3), [0.0, 1.0], solver=Mine(lambda a: a.d * np.nan))
-    assert "The largest share" not in str(caught.value), "of what is no number there is no largest share"
-    with pytest.raises(vx.NotCertified, match="The largest share of the gap sits at node "):
-        vx.simulate(paper_scene(), small("squares", 3), [0.0, 1.0], solver=Mine(lambda a: (1.01 * a.d, 0.9 * a.lam)))
 
 
 @pytest.mark.long
@@ -278,45 +272,70 @@ def test_multipliers_of_rows_that_share_unknowns_are_found_within_their_bounds()
     assert history.certificate.max() <= 1e-6
 
 
-class Roughly:
-    """Clarabel's answers, which are about as good as asked for; it counts what it is asked."""
+class Rough:
+    """Clarabel's answers, which are about as good as asked for."""
 
-    def __init__(self, **more):
-        self._asked = []
-        vars(self).update(more)
+    def __init__(self, semidefinite):
+        self.semidefinite = semidefinite
 
     def solve(self, program, target):
-        self._asked.append(program)
         start = np.zeros((program.operators.count, program.operators.block))
         return vx.Clarabel().prepare(program.operators).solve(program, target, start)
 
 
-@pytest.fixture
-def loose():
-    """A block on a rough floor, which alone holds it."""
+@pytest.mark.long
+@pytest.mark.filterwarnings("ignore:.*nothing but friction or one-sided contact holds the body")
+def test_a_body_that_contact_alone_holds_is_for_solvers_that_take_a_singular_matrix():
     push = vx.Traction(lambda x, t: np.tile([0.1 * t, -1.0], (len(x), 1)), on="top")
     floor = vx.UnilateralContact(on="bottom"), vx.TrescaFriction(0.2, on="bottom")
-    return vx.Scene(vx.Elasticity(10.0, 0.3), push, *floor)
+    asked = vx.Scene(vx.Elasticity(10.0, 0.3), push, *floor), vx.meshes.squares(2), TIMES[:3]
+    own, newton = (vx.simulate(*asked, solver=s, initial="settled") for s in (Rough(True), vx.Newton()))
+    assert own.certificate.max() <= 1e-6
+    apart = np.abs(np.sqrt(own.energy) - np.sqrt(newton.energy)) / np.sqrt(newton.energy.max())
+    assert apart.max() < (1 + 1e-9) * (own.certificate_total[-1] + newton.certificate_total[-1])
+    with pytest.raises(vx.NotAccepted, match="^solver Rough: only friction and contact hold a body"):
+        vx.simulate(*asked, solver=Rough(False), initial="settled")
+    with pytest.raises(vx.SceneError, match=r"^solver Rough: semidefinite: found 'no'; wanted True or False\.$"):
+        as_solver(Rough("no"))
+
+
+class Plain(vx.Solver):
+    """A solver as a class of one's own: Newton's answers."""
+
+    accepts, made = frozenset({QUADRATIC, ABSOLUTE_VALUES}), staticmethod(lambda answer: answer)
+
+    def __init__(self, accuracy):
+        self.accuracy = accuracy
+
+    def prepare(self, operators):
+        return self
+
+    def solve(self, program, target, lam, p=None):
+        return self.made(vx.Newton().prepare(program.operators).solve(program, target, lam, p))
 
 
 @pytest.mark.long
-@pytest.mark.filterwarnings("ignore:.*nothing but friction or one-sided contact holds the body")
-@pytest.mark.parametrize("semidefinite", [False, True])
-def test_a_body_that_contact_alone_holds_asks_little_of_a_plain_object(loose, semidefinite):
-    """It is asked for proximal points, and for no more once they are good enough; or for the program itself."""
-    own = Roughly(semidefinite=True) if semidefinite else Roughly()
-    mesh, times = vx.meshes.squares(2), TIMES[:3]
-    history = vx.simulate(loose, mesh, times, solver=own, initial="settled")
-    newton = vx.simulate(loose, mesh, times, initial="settled")
-    assert history.certificate.max() <= 1e-6
-    apart = np.abs(np.sqrt(history.energy) - np.sqrt(newton.energy)) / np.sqrt(newton.energy.max())
-    assert apart.max() < (1 + 1e-9) * (history.certificate_total[-1] + newton.certificate_total[-1])
-    assert all((program.operators.kernel is not None) == semidefinite for program in own._asked)
-    # Each of the three states twice at most: once more if the size of the state shows that too little was asked.
-    assert len(own._asked) <= 6
+def test_a_class_of_ones_own_need_not_be_a_dataclass(tmp_path):
+    history = vx.simulate(paper_scene(), vx.meshes.squares(3), [0.0, 0.5, 1.0], solver=Plain(3e-7), stream=tmp_path)
+    assert history.solver == "Plain(accuracy=3e-07)"
+    assert history.certificate.max() <= 3e-7
+    assert json.loads((tmp_path / "summary.json").read_text())["accuracy"] == 3e-7
+    assert vx.read_history(tmp_path).trajectory.accuracy == 3e-7
+    assert (Plain(1e-9).asked(1e-4).accuracy, type(Plain(1e-9).asked(1e-4))) == (1e-4, Plain)
+    with pytest.raises(vx.SceneError, match="^Plain: found accuracy = 'fine'"):
+        vx.simulate(paper_scene(), vx.meshes.squares(3), [0.0, 1.0], solver=Plain("fine"))
 
 
-def test_a_plain_object_says_whether_it_takes_a_singular_matrix():
-    assert not as_solver(Mine(tuple)).semidefinite
-    with pytest.raises(vx.SceneError, match=r"^solver Roughly: semidefinite: found 'no'; wanted True or False\.$"):
-        as_solver(Roughly(semidefinite="no"))
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"lam": np.zeros(3)}, r"found lam = array.*; wanted an array of floats \(3, 1\)"),
+        ({"d": [0.0, 0.0, 0.0]}, r"found d = \[.*; wanted an array of floats \(3,\)"),
+        ({"p": None}, r"found p = None; wanted an array of floats \(0,\)"),
+        ({"iterations": None}, r"found the answer Answer.*; wanted Answer\(d, lam, iterations\)"),
+    ],
+)
+def test_an_answer_that_fits_no_program_is_refused_in_one_sentence(monkeypatch, change, words):
+    monkeypatch.setattr(Plain, "made", staticmethod(lambda answer: replace(answer, **change)))
+    with pytest.raises(vx.SolverFailed, match=f"^solver Plain: {words}"):
+        vx.simulate(paper_scene(), vx.meshes.squares(3), [0.0, 1.0], solver=Plain(1e-6))

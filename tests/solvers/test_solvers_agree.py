@@ -114,11 +114,3 @@ def test_full_and_condensed_programs_agree():
         scale = np.maximum.accumulate(np.sqrt(2 * condensed.energy))
         claimed = condensed.certificate_total + full.certificate_total + 2 * condensed.certificate_floor
         assert (distance <= claimed * scale * (1 + 1e-6)).all()
-
-
-@pytest.mark.long
-def test_polish_sharpens_a_conic_answer():
-    mesh, scene = small("squares"), paper_scene()
-    plain = vx.simulate(scene, mesh, TIMES, solver=vx.Clarabel())
-    polished = vx.simulate(scene, mesh, TIMES, solver=vx.Clarabel(polish=True))
-    assert polished.certificate.max() < 1e-2 * plain.certificate.max()

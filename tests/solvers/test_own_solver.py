@@ -264,6 +264,8 @@ def test_multipliers_of_rows_that_share_unknowns_are_found_within_their_bounds()
     )
 
     class Displacements:
+        semidefinite = True
+
         def solve(self, program, target):
             return by_newton(program, target).d
 
@@ -316,11 +318,12 @@ class Plain(vx.Solver):
 
 @pytest.mark.long
 def test_a_class_of_ones_own_need_not_be_a_dataclass(tmp_path):
-    history = vx.simulate(paper_scene(), vx.meshes.squares(3), [0.0, 0.5, 1.0], solver=Plain(3e-7), stream=tmp_path)
+    history = vx.simulate(paper_scene(), vx.meshes.squares(3), [0.0, 0.5, 1.0], solver=Plain(3e-7))
+    history.write(tmp_path / "out")
     assert history.solver == "Plain(accuracy=3e-07)"
     assert history.certificate.max() <= 3e-7
-    assert json.loads((tmp_path / "summary.json").read_text())["accuracy"] == 3e-7
-    assert vx.read_history(tmp_path).trajectory.accuracy == 3e-7
+    assert json.loads((tmp_path / "out" / "summary.json").read_text())["accuracy"] == 3e-7
+    assert vx.read_history(tmp_path / "out").trajectory.accuracy == 3e-7
     assert (Plain(1e-9).asked(1e-4).accuracy, type(Plain(1e-9).asked(1e-4))) == (1e-4, Plain)
     with pytest.raises(vx.SceneError, match="^Plain: found accuracy = 'fine'"):
         vx.simulate(paper_scene(), vx.meshes.squares(3), [0.0, 1.0], solver=Plain("fine"))

@@ -252,28 +252,6 @@ def test_parameters_may_have_any_name():
     assert history.certificate.max() < 1e-6
 
 
-@pytest.mark.long
-def test_multipliers_of_rows_that_share_unknowns_are_found_within_their_bounds():
-    """At a corner least squares without bounds left 5e-3, which no solver that returns d alone could help."""
-    scene = vx.Scene(
-        vx.Elasticity(200.0, 0.3),
-        vx.Traction(lambda x, t: np.tile([0.5 * t, -2 * t], (len(x), 1)), on="top"),
-        *(vx.UnilateralContact(on=side) for side in ("bottom", "left")),
-        vx.TrescaFriction(1.0, on="bottom", while_closed=False),
-        vx.TrescaFriction(0.5, on="left", while_closed=False),
-    )
-
-    class Displacements:
-        semidefinite = True
-
-        def solve(self, program, target):
-            return by_newton(program, target).d
-
-    with pytest.warns(vx.SceneWarning):
-        history = vx.simulate(scene, vx.meshes.squares(4), np.linspace(0, 1, 4), solver=Displacements())
-    assert history.certificate.max() <= 1e-6
-
-
 class Rough:
     """Clarabel's answers, which are about as good as asked for."""
 

@@ -375,7 +375,14 @@ def recorded(
     w = law.at(p, np.where(sets.stick, 0.0, size))
     lam = onto_discs(lam, w)
     slips = ~(sets.stick | program.still(d)) & (np.einsum("ij,ij->i", s, lam) > 0)
-    return d, np.where(slips[:, None], w[:, None] * directions(s, size), lam), p
+    lam = np.where(slips[:, None], w[:, None] * directions(s, size), lam)
+    if len(point.a) and operators.block > 1 and slips.any():
+        # What that leaves out of balance on the kernel is taken by what holds still, and across slips: it costs least.
+        rest = delassus.N.T @ (program.g - operators.multiplier_force(lam, p))
+        z = np.linalg.lstsq((system.Qt @ delassus.R).T, rest, rcond=None)[0]
+        more = delassus.parts(delassus.u * (system.Qt.T @ z))
+        lam, p = lam + more[0], np.maximum(p + more[1], 0.0)
+    return d, lam, p
 
 
 def corrected(delassus: Delassus, program: StepProgram, point: Point, system: SetsSystem) -> tuple[Floats, Point]:

@@ -175,7 +175,7 @@ WALKS = {
     "bound, from TrescaFriction to the cone": (bound_to_cone, "stepping/state.py"),
     "bound, from TrescaFriction to Newton's method": (
         bound_to_newton,
-        "program/step_program.py program/forces.py stepping/state.py",
+        "program/step_program.py program/forces.py program/operators.py stepping/state.py",
     ),
     "young, from Elasticity to K": (
         young_to_stiffness,
@@ -193,11 +193,11 @@ WALKS = {
 
 LENGTHS = {
     bound_to_cone: (("program/step_program.py", "to_cvxpy"), 7, 2),
-    bound_to_newton: (("solvers/law.py", "WeightsInUnits.at"), 8, 1),
+    bound_to_newton: (("solvers/law.py", "GivenWeights.at"), 8, 2),
     young_to_stiffness: (("program/system.py", "System.__post_init__"), 6, 5),
-    accuracy_to_step: (("stepping/backward_euler.py", "PosedStep._answered"), 8, 6),
-    displacement_to_file: (("meshes/io/vtk.py", "write_cells"), 15, 11),
-    coefficient_to_certificate: (None, 5, 2),
+    accuracy_to_step: (("stepping/backward_euler.py", "PosedStep._answered"), 8, 4),
+    displacement_to_file: (("meshes/io/vtk.py", "write_cells"), 15, 10),
+    coefficient_to_certificate: (None, 4, 2),
     pair_to_files: (("results/files.py", "write_archive"), 9, 8),
 }
 """How many files a number stands in on its way to where it is used up, and how often one returns to a file on it."""

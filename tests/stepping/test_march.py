@@ -33,7 +33,10 @@ def equal_but_for_rounding(one, other):
     return np.abs(one - other).max() <= 1e3 * EPS * np.abs(other).max()
 
 
-@pytest.mark.parametrize(("store", "rows"), [("all", range(13)), ("last", [12]), (5, [0, 5, 10, 12]), (100, [0, 12])])
+@pytest.mark.parametrize(
+    ("store", "rows"),
+    [("all", range(13)), ("last", [12]), (5, [0, 5, 10, 12]), (100, [0, 12]), ([7, 5], [5, 7, 12])],
+)
 def test_store_keeps_what_it_says_and_changes_nothing(store, rows):
     scene, mesh = paper_scene(cyclic), small("voronoi", 4)
     every = vx.simulate(scene, mesh, TIMES)
@@ -95,12 +98,6 @@ def test_initial_states():
     assert np.abs(free.displacement[0] - frictionless.displacement[0]).max() < 1e-13 * np.abs(free.displacement).max()
     assert free.dissipated[0] == free.work[0] == 0.0
     assert free.contact.sticking[0].all()
-
-
-def test_weak_pull_is_held_at_the_start():
-    """Condition (2.1) holds as long as friction can carry the initial load: no jump, no error."""
-    history = vx.simulate(paper_scene(lambda t: 1e-9), small("squares"), TIMES, initial="settled")
-    assert history.contact.sticking.all()
 
 
 def test_without_friction_nothing_is_iterated():
@@ -169,15 +166,6 @@ def test_the_library_never_prints(solver, capfd):
         paper_scene(bound=lambda x, t: 0.0 if t < 0.5 else 4.0), small("squares", 4), [0, 0.3, 1], solver=solver
     )
     assert capfd.readouterr() == ("", "")
-
-
-def test_store_keeps_the_steps_that_are_named():
-    scene, mesh = paper_scene(cyclic), small("voronoi", 4)
-    every = vx.simulate(scene, mesh, TIMES)
-    some = vx.simulate(scene, mesh, TIMES, store=[7, 3])
-    assert some.stored.tolist() == [3, 7, 12]
-    assert equal_but_for_rounding(some.displacement, every.displacement[[3, 7, 12]])
-    assert np.array_equal(some.trajectory.energy, every.trajectory.energy)
 
 
 def test_loads_from_the_start_need_one_word_and_no_ramp():

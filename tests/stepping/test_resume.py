@@ -42,41 +42,27 @@ def test_a_resumed_run_ends_where_an_uninterrupted_one_does(tmp_path, store, sol
     assert np.array_equal(whole.contact.sticking, resumed.contact.sticking)
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("other", [paper_scene(cyclic, bound=2.0), paper_scene(lambda t: 0.5 * cyclic(t))])
-def test_a_run_of_other_data_is_not_gone_on_with(tmp_path, other):
-    mesh = small("squares", 4)
-    with pytest.raises(Stopped):
-        vx.simulate(paper_scene(cyclic), mesh, TIMES, stream=tmp_path, progress=stop_at(13))
-    with pytest.raises(vx.HistoryError, match="run of another scene, mesh, times or store"):
-        vx.simulate(other, mesh, TIMES, stream=tmp_path, resume=True)
+OTHERS = {
+    "bound": (paper_scene(bound=2.0), TIMES),
+    "load": (paper_scene(lambda t: 0.5 * cyclic(t)), TIMES),
+    "times": (paper_scene(), TIMES[:9]),
+}
 
 
 @pytest.mark.long
-def test_a_finished_run_resumes_to_itself(tmp_path):
+def test_a_finished_run_resumes_to_itself_and_another_one_not_or_begins_anew(tmp_path):
     scene, mesh = paper_scene(), small("squares", 4)
     first = vx.simulate(scene, mesh, TIMES, stream=tmp_path)
     again = vx.simulate(scene, mesh, TIMES, stream=tmp_path, resume=True, progress=stop_at(1))
     for name in SERIES:
         assert np.array_equal(getattr(first, name), getattr(again, name)), name
-
-
-@pytest.mark.long
-def test_without_resume_a_folder_is_begun_anew(tmp_path):
-    mesh = small("squares", 4)
-    vx.simulate(paper_scene(), mesh, TIMES, stream=tmp_path)
-    fresh = vx.simulate(paper_scene(cyclic), mesh, TIMES, stream=tmp_path)
-    assert np.array_equal(fresh.displacement, vx.simulate(paper_scene(cyclic), mesh, TIMES).displacement)
-
-
-@pytest.mark.long
-def test_another_run_is_refused(tmp_path):
-    scene, mesh = paper_scene(), small("squares", 4)
-    vx.simulate(scene, mesh, TIMES, stream=tmp_path)
-    with pytest.raises(vx.HistoryError, match="run of another scene, mesh, times or store.*empty folder"):
-        vx.simulate(scene, mesh, TIMES[:9], stream=tmp_path, resume=True)
+    for other, times in OTHERS.values():
+        with pytest.raises(vx.HistoryError, match="run of another scene, mesh, times or store.*empty folder"):
+            vx.simulate(other, mesh, times, stream=tmp_path, resume=True)
     with pytest.raises(vx.SceneError, match="nothing to resume without stream="):
         vx.simulate(scene, mesh, TIMES, resume=True)
+    fresh = vx.simulate(paper_scene(cyclic), mesh, TIMES, stream=tmp_path)
+    assert np.array_equal(fresh.displacement, vx.simulate(paper_scene(cyclic), mesh, TIMES).displacement)
 
 
 @pytest.mark.long

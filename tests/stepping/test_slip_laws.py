@@ -93,13 +93,6 @@ def test_a_law_of_the_slip_before_takes_one_convex_program_a_step():
 
 
 @pytest.mark.long
-def test_without_softening_the_answer_is_the_same():
-    known, unknown = (simulate(Law(weakening, k)) for k in (30.0, None))
-    scale = np.abs(known.displacement).max()
-    assert np.abs(known.displacement - unknown.displacement).max() < 1e-7 * scale
-
-
-@pytest.mark.long
 def test_coulomb_with_a_coefficient_that_wears_off():
     """A block pressed by p and sheared: friction mu(A) p, with A its slip, at every instant and node."""
     young, height, p, k = 26.0, 0.5, 2.0, 5.0

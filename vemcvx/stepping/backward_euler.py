@@ -40,7 +40,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 
@@ -92,6 +92,10 @@ class PosedStep:
     g: Floats  # out of balance in K when it begins, on the unknowns that states keep
     force: Reduced | None  # the same less forces of dashpots, where states keep all unknowns
     program: StepProgram
+
+    def seen(self, y: Floats) -> Floats:
+        """The unknowns of the program, of those that states keep."""
+        return y if self.force is None else y[self.frame.condensation.retained]
 
     def solve(self, n: int) -> State:
         """The state that step `n` leads to, certified; SceneError where nothing balances the load on K's kernel."""
@@ -149,8 +153,8 @@ class PosedStep:
                 law.check_slope(answer.p, slip)
                 program = replace(program, w=law.at(answer.p, slip))
         d, lam, p = program.admissible_point(answer.d, answer.lam, answer.p)
-        y = self.before.y if self.force is None else self.before.y[self.frame.condensation.retained]
-        certificate = replace(program.certificate_at(d, lam, p, y), given_friction=law is not None)
+        certificate = program.certificate_at(d, lam, p, self.seen(self.before.y))
+        certificate = replace(certificate, given_friction=law is not None)
         return replace(self, program=program).state_after(replace(answer, d=d, lam=lam, p=p), certificate)
 
     @property
@@ -358,12 +362,14 @@ def march(
         run = prepare(system, solver, check, condense, linear)
         prepared = time.perf_counter()
         recorder = Recorder(run, instants, kept, storage or Memory())
-        earlier = recorder.begin()
-        if earlier is None:
-            earlier = 0, initial_state(run, instants, initial)
-            recorder.add(*earlier)
+        begun = recorder.begin()
+        if begun is None:
+            begun = 0, initial_state(run, instants, initial)
+            recorder.add(*begun)
+        first, state = begun
         try:
-            for n, state in states_of(run, instants, *earlier):
+            for n in range(first + 1, len(instants)):
+                state = step(run, state, n, float(instants[n]))
                 recorder.add(n, state)
                 if progress is not None:
                     progress(n, len(instants) - 1)
@@ -371,13 +377,6 @@ def march(
             recorder.enter_waiting()
         seconds = {"prepare": prepared - start, "solve": time.perf_counter() - prepared}
         return recorder.finish(seconds, initial.work_second_order if isinstance(initial, Continued) else 0.0)
-
-
-def states_of(run: PreparedRun, instants: Floats, begin: int, state: State) -> Iterator[tuple[int, State]]:
-    """Yield the number of each step after the step `begin`, which ended in `state`, and the state that it leads to."""
-    for n in range(begin + 1, len(instants)):
-        state = step(run, state, n, float(instants[n]))
-        yield n, state
 
 
 def threads_of_steps(system: System, condense: bool, linear: LinearSolver) -> AbstractContextManager[None]:

@@ -21,7 +21,7 @@ from vemcvx.stepping.backward_euler import (
     initial_state,
     pose_step,
     prepare,
-    states_of,
+    step,
     threads_of_steps,
 )
 from vemcvx.stepping.ledger import state_given
@@ -55,10 +55,9 @@ def programs_of_march(
     instants, condense, check = checked_times(times), flag(condense, "condense"), flag(check, "check")
     run = _prepared(system, solver, condense, linear, check=check)
     before = certified_in_full(run, initial_state(run, instants, initial))
-    states = states_of(run, instants, 0, before)
-    for _ in instants[1:]:
+    for n, t in enumerate(instants[1:].tolist(), start=1):
         with threads_of_steps(system, condense, run.condensation.linear):
-            n, state = next(states)
+            state = step(run, before, n, t)
         yield _solved_program(run, before, state, n)
         before = state
 
@@ -89,11 +88,9 @@ def _solved_program(run: PreparedRun, before: State, after: State, n: int) -> So
     """The program of step `n` under the weights that the state after it was found for."""
     m, norms = run.operators.count, run.system.norms
     posed = pose_step(run, before, after.data, after.weights[:m])
-    program, d = posed.program, after.y - before.y
     # The difference of two states may lie a rounding error beyond a bound.
-    d = program.feasible(d if posed.force is None else d[posed.frame.condensation.retained])
-    answer = after.answer(d, after.lam[:m])
-    found = SolvedProgram.of(program, answer, n, after.t)
+    d = posed.program.feasible(posed.seen(after.y - before.y))
+    found = SolvedProgram.of(posed.program, after.answer(d, after.lam[:m]), n, after.t)
     if norms is None or not norms.sloped:
         return found
     return replace(found, slope=norms.slope_by_forces(after.t, after.p, before.ledger.slipped[:m]))

@@ -139,7 +139,7 @@ class KernelBalance:
             if (np.abs(left) <= blur).all():
                 break
             across = way[:, :, None] * np.einsum("ij,ijk->ik", way, self.friction_modes)[:, None]
-            moves = (a[:, None, None] * (self.friction_modes - across)).reshape(m * block, -1)
+            moves = (a[:, None, None] * (self.friction_modes - across)).reshape(m * block, G.shape[1])
             moves = np.concatenate([moves, np.where(open_limits, 0.0, b)[:, None] * self.contact_modes])
             dx = moves @ np.linalg.lstsq(G.T @ moves, left, rcond=None)[0]
             lam, p = lam + dx[: m * block].reshape(lam.shape), p + dx[m * block :]

@@ -135,8 +135,8 @@ def assemble(nodes: Sequence[Ints], blocks: Floats, which: Ints, n_nodes: int) -
         entries = (gather @ blocks).reshape(-1, dim, dim), columns[i:j], indptr[start : stop + 1] - i
         return sp.bsr_matrix(entries, shape=(dim * (stop - start), dim * n_nodes)).tocsr()
 
-    chunks = (of_nodes(start, min(start + SOME, n_nodes)) for start in range(0, n_nodes, SOME))
-    return sp.vstack(list(chunks), format="csr")
+    starts = range(0, max(n_nodes, 1), SOME)
+    return sp.vstack([of_nodes(start, min(start + SOME, n_nodes)) for start in starts], format="csr")
 
 
 def _gathered(nodes: Sequence[Ints], which: Ints, n_nodes: int) -> tuple[Ints, Ints, Ints, Ints]:

@@ -90,7 +90,7 @@ TOPICS = {
         "A step as a convex program in arrays, without mesh or physics; programs as files.",
         "StepProgram Operators Norms Limits Damping System Answer Certificate SolvedProgram read_program "
         "write_program program.QUADRATIC program.ABSOLUTE_VALUES program.BOUNDS program.SECOND_ORDER_CONES "
-        "program.SQUARED_POSITIVE_PARTS",
+        "program.SQUARED_POSITIVE_PARTS Kernel programs_of_march",
         modules="program.certificate program.kernel exchange.files",
     ),
     "accuracy": Topic(

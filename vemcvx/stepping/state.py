@@ -245,16 +245,19 @@ def certified_together(run: PreparedRun, states: Sequence[State]) -> list[State]
 
     Rows see the unknowns that are kept: their parts of it, and the floor, are those of the step's certificate.
     """
-    if run.condensation.whole or not states:
+    if run.condensation.whole:
         return [state if state.full is not None else replace(state, full=state.y) for state in states]
+    if not (some := [state for state in states if state.full is None]):
+        return list(states)
     accuracy, m, found = run.solver.accuracy, run.operators.count, list[State]()
-    held = [run.system.multiplier_force(state.lam[:m], state.p) for state in states]
-    most = [0.5 * (SHARE * accuracy * state.unit(accuracy)) ** 2 for state in states]
-    y, energies = recovered(run.condensation, [(state.y, state.data.force) for state in states], held, most)
-    for state, full, energy in zip(states, y.T, energies.tolist(), strict=True):
+    held = [run.system.multiplier_force(state.lam[:m], state.p) for state in some]
+    most = [0.5 * (SHARE * accuracy * state.unit(accuracy)) ** 2 for state in some]
+    y, energies = recovered(run.condensation, [(state.y, state.data.force) for state in some], held, most)
+    for state, full, energy in zip(some, y.T, energies.tolist(), strict=True):
         own = state.certificate
         found.append(replace(state, full=full, certificate=replace(own, equilibrium=max(energy, own.equilibrium))))
-    return found
+    recovered_ones = iter(found)
+    return [state if state.full is not None else next(recovered_ones) for state in states]
 
 
 def certified_in_full(run: PreparedRun, state: State) -> State:

@@ -547,7 +547,7 @@ def read_answer(raw: Any, program: StepProgram, solver: str) -> Answer:
         raise SolverFailed(f"solver {solver}: found the answer {brief(raw)}; it must {PROMISED}.")
     d, lam, p = read["d"], read.get("lam"), read.get("p")
     if lam is None or p is None:
-        with np.errstate(over="ignore", invalid="ignore"):  # What has diverged is refused for its size.
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # What has diverged is refused.
             d, lam, p = program.admissible_point(d, lam, p)
     return replace(raw, d=d, lam=lam, p=p) if isinstance(raw, Answer) else Answer(d, lam, iterations, p=p)
 

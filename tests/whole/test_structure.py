@@ -62,6 +62,12 @@ HEAVY = {
 }
 
 
+LINES = {"program": 2_280, "solvers": 1_270, "stepping": 2_030, "linear": 920, "scene": 1_800, "effects": 1_800}
+"""Most lines of folders: they grow by decision only, which raises a number here."""
+TOP = 1_740
+"""Most lines of the modules at the top and of what all may use, without the canvas, which counts with the plots."""
+
+
 @cache
 def modules():
     """name -> path of every module; a package is called by its own name."""
@@ -173,6 +179,13 @@ def test_long_calls_name_their_arguments(name):
     for node in nodes(modules()[name], ast.Call):
         few = len(node.args) <= 5 or ast.unparse(node.func).startswith("log.")
         assert few, f"{modules()[name]}:{node.lineno}: {len(node.args)} positional arguments"
+
+
+@pytest.mark.parametrize("folder", [*LINES, "top"])
+def test_folders_keep_their_lines(folder):
+    top = [path for path in [*ROOT.glob("*.py"), *(ROOT / "base").glob("*.py")] if path.name != "canvas.py"]
+    paths = top if folder == "top" else (ROOT / folder).rglob("*.py")
+    assert sum(len(path.read_text().splitlines()) for path in paths) <= (LINES | {"top": TOP})[folder]
 
 
 def test_names_of_functions_hide_no_modules():

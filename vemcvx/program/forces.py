@@ -23,11 +23,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import scipy.sparse as sp
 from scipy.sparse.linalg import LinearOperator
 
 from vemcvx.base.arrays import Floats
-from vemcvx.linear import AT_ONCE
 from vemcvx.program.operators import Operators, product
 from vemcvx.program.step_program import StepProgram
 
@@ -82,29 +80,9 @@ class Delassus:
 
     @classmethod
     def of(cls, operators: Operators) -> Delassus:
-        """Compute the response of the rows of `operators` to each other's forces.
-
-        W is kept in double precision: in single precision discs at their bounds that do not slip would stick and slip
-        in turns. Where rows read too many unknowns for W to be formed, each product with it takes a solve.
-        """
-        A, n = operators.A, operators.A.shape[1]
-        yielding = np.append(np.zeros(operators.B.shape[0]), operators.compliance)
-        own = np.append(np.repeat(operators.norm_flexibility, operators.block), operators.limit_flexibility) + yielding
-        u = 1.0 / np.sqrt(np.where(own > 0, own, 1.0))
-        rows, yielding = sp.csr_matrix(sp.diags_array(u) @ A), u * u * yielding
-        read = np.unique(A.indices).astype(np.int64)
-        # Anchors of bodies that are not held have dense matrices; systems of these stay dense.
-        if not isinstance(operators.K, np.ndarray) and operators.anchor is None and len(read) ** 2 > AT_ONCE:
-
-            def moved(x: Floats) -> Floats:
-                return np.asarray(rows @ operators.factor.solve(rows.T @ x) + yielding * x)
-
-            W: Floats | LinearOperator = LinearOperator(2 * u.shape, moved, dtype=float)
-        else:
-            part = rows[:, read]
-            W = np.asarray(part @ (part @ operators.factor.flexibility(read, n)).T)
-            W[np.diag_indices(len(u))] += yielding
-        N = np.zeros((n, 0)) if operators.kernel is None else operators.kernel
+        """Return the response of the rows of `operators` to each other's forces."""
+        A, (u, W) = operators.A, operators.softness
+        N = np.zeros((A.shape[1], 0)) if operators.kernel is None else operators.kernel
         R, T = np.linalg.qr(u[:, None] * (A @ N))
         return cls(operators, u, W, np.linalg.solve(T.T, N.T).T, R)
 

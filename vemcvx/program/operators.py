@@ -26,7 +26,7 @@ from vemcvx.base.arrays import (
 )
 from vemcvx.base.errors import SceneError
 from vemcvx.base.outline import ArrayRecord
-from vemcvx.linear import SAMPLES, Factor, Matrix, SuperLU
+from vemcvx.linear import AT_ONCE, SAMPLES, Factor, Matrix, SuperLU
 from vemcvx.program.dense_factors import DenseCholesky
 from vemcvx.program.kernel import KernelBalance
 
@@ -250,6 +250,28 @@ class Operators(ArrayRecord):
     def limit_flexibility(self) -> Floats:
         """(r,) D_j K^{-1} D_j'."""
         return self.flexibilities[self.B.shape[0] :]
+
+    @cached_property
+    def softness(self) -> tuple[Floats, Floats | LinearOperator]:
+        """Units u (N,) of forces, alike in a block, and u (W + C) u, whose diagonal is near one, W = A K^{-1} A'.
+
+        W is kept in double precision: in single precision discs at their bounds that do not slip would stick and slip
+        in turns. Where rows read too many unknowns for W to be formed, each product with it takes a solve.
+        """
+        yielding = np.append(np.zeros(self.B.shape[0]), self.compliance)
+        own = np.append(np.repeat(self.norm_flexibility, self.block), self.limit_flexibility) + yielding
+        u = 1.0 / np.sqrt(np.where(own > 0, own, 1.0))
+        rows, yielding = sp.csr_matrix(sp.diags_array(u) @ self.A), u * u * yielding
+        read = np.unique(self.A.indices).astype(np.int64)
+        # Anchors of bodies that are not held have dense matrices; systems of these stay dense.
+        if not isinstance(self.K, np.ndarray) and self.anchor is None and len(read) ** 2 > AT_ONCE:
+            return u, LinearOperator(
+                2 * u.shape, lambda x: rows @ self.factor.solve(rows.T @ x) + yielding * x, dtype=float
+            )
+        part = rows[:, read]
+        W = np.asarray(part @ (part @ self.factor.flexibility(read, self.K.shape[0])).T)
+        W[np.diag_indices(len(u))] += yielding
+        return u, W
 
     @cached_property
     def compliances(self) -> Floats:

@@ -249,15 +249,17 @@ def certified_together(run: PreparedRun, states: Sequence[State]) -> list[State]
         return [state if state.full is not None else replace(state, full=state.y) for state in states]
     if not (some := [state for state in states if state.full is None]):
         return list(states)
-    accuracy, m, found = run.solver.accuracy, run.operators.count, list[State]()
+    accuracy, m = run.solver.accuracy, run.operators.count
     held = [run.system.multiplier_force(state.lam[:m], state.p) for state in some]
     most = [0.5 * (SHARE * accuracy * state.unit(accuracy)) ** 2 for state in some]
     y, energies = recovered(run.condensation, [(state.y, state.data.force) for state in some], held, most)
-    for state, full, energy in zip(some, y.T, energies.tolist(), strict=True):
+
+    def in_full(state: State, full: Floats, energy: float) -> State:
         own = state.certificate
-        found.append(replace(state, full=full, certificate=replace(own, equilibrium=max(energy, own.equilibrium))))
-    recovered_ones = iter(found)
-    return [state if state.full is not None else next(recovered_ones) for state in states]
+        return replace(state, full=full, certificate=replace(own, equilibrium=max(energy, own.equilibrium)))
+
+    found = map(in_full, some, y.T, energies.tolist())
+    return [state if state.full is not None else next(found) for state in states]
 
 
 def certified_in_full(run: PreparedRun, state: State) -> State:

@@ -86,7 +86,7 @@ def test_a_disk_that_was_full_holds_nobody_off(tmp_path):
 @pytest.mark.parametrize("kind", ["link to a file", "link to a folder", "folder"])
 def test_only_regular_files_are_deleted_or_written_to(tmp_path, kind):
     run, thesis = tmp_path / "run", tmp_path / "thesis"
-    listed(run, "state.npy", "checkpoint.npz")
+    listed(run, "state.npy", "checkpoint.npy")
     thesis.mkdir()
     (thesis / "thesis.npy").write_text("a thesis")
     place = run / "state.npy"

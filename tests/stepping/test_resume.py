@@ -69,9 +69,9 @@ def test_a_finished_run_resumes_to_itself_and_another_one_not_or_begins_anew(tmp
 def test_a_damaged_checkpoint_is_a_clear_error(tmp_path):
     scene, mesh = paper_scene(), small("squares", 4)
     vx.simulate(scene, mesh, TIMES, stream=tmp_path)
-    checkpoint = tmp_path / "checkpoint.npz"
+    checkpoint = tmp_path / "checkpoint.npy"
     checkpoint.write_bytes(checkpoint.read_bytes()[:100])
-    with pytest.raises(vx.HistoryError, match=r"checkpoint.npz: damaged.*Remove the folder and run again"):
+    with pytest.raises(vx.HistoryError, match=r"checkpoint.npy: missing, cut short or damaged.*Run without resume"):
         vx.simulate(scene, mesh, TIMES, stream=tmp_path, resume=True)
 
 
@@ -94,13 +94,13 @@ def test_a_killed_run_goes_on(tmp_path):
         "            progress=lambda n, steps: time.sleep(0.05))\n"
     )
     process = subprocess.Popen([sys.executable, "-c", code, str(Path(__file__).parents[1] / "shared"), str(tmp_path)])
-    deadline, checkpoint, done = time.time() + 60, tmp_path / "checkpoint.npz", 0
+    deadline, checkpoint, done = time.time() + 60, tmp_path / "checkpoint.npy", 0
     while done == 0 and time.time() < deadline:  # The first eight steps are entered together.
         time.sleep(0.02)
-        done = int(np.load(checkpoint)["step"]) if checkpoint.exists() else 0
+        done = int(np.load(checkpoint)[0]) if checkpoint.exists() else 0
     process.send_signal(signal.SIGKILL)
     process.wait()
-    done = int(np.load(checkpoint)["step"])
+    done = int(np.load(checkpoint)[0])
     assert 0 < done < 24
     scene, mesh = paper_scene(cyclic), small("squares", 5)
     first = []

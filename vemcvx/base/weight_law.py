@@ -4,7 +4,7 @@ A norm term w_i |s_i| costs the bound of friction times the slip. Tresca's bound
 forces p of the limits (Coulomb: w = mu p), the slips before the step, or the slips of the step. The answer of a step
 then solves the convex program whose weights are those of its own pressure and slip, and the certificate is that of this
 program, "for the given friction". Newton's method takes the derivatives of a law (:mod:`vemcvx.solvers.newton`), other
-solvers a sequence of programs (:mod:`vemcvx.stepping.fixed_point`).
+solvers a sequence of programs (:class:`vemcvx.solvers.default.FixedPoint`).
 """
 
 from __future__ import annotations

@@ -20,11 +20,11 @@ import numpy as np
 from vemcvx.base.arrays import Floats, brief, flag, lengths
 from vemcvx.base.errors import NotAccepted, SceneError
 from vemcvx.program.operators import FEATURES, QUADRATIC, SECOND_ORDER_CONES, Operators
-from vemcvx.program.step_program import Answer, StepProgram, read_answer
+from vemcvx.program.step_program import Answer, StepProgram, fitting, read_answer
 from vemcvx.solvers.conic import OSQP, Clarabel
 from vemcvx.solvers.law import GivenWeights, Weights
 from vemcvx.solvers.newton import Newton, PreparedNewton, gap_under
-from vemcvx.solvers.solver import InUnits, Solver
+from vemcvx.solvers.solver import SHARE, InUnits, Prepared, Solver, named_failures
 
 
 class Solves(Protocol):
@@ -112,9 +112,52 @@ class Direct(Solver):
         return Answer(d, np.zeros_like(lam), 1, "solved", p=np.zeros_like(program.e))
 
 
-MOST_PROGRAMS = 3
-"""Programs of Clarabel's for a law that active sets do not solve."""
-AFTER = ", after Clarabel"
+PATIENCE = 12
+"""Programs in a row that do not halve the least gap before the fixed point is given up."""
+
+
+@dataclass(frozen=True, eq=False)
+class FixedPoint:
+    """A solver of given weights, prepared for a run: under a law, a fixed point of its programs.
+
+    With T(w) the answer for the weights w, the law asks for w = law(p(T(w)), |s(T(w))|). The next weights come from one
+    Newton step on the active sets of the answer; where sets have settled they are those of the solution.
+    """
+
+    name: str
+    prepared: Prepared
+    newton: PreparedNewton
+
+    @classmethod
+    def of(cls, solver: Solver, operators: Operators) -> FixedPoint:
+        """Return the solver, prepared for the operators of a run."""
+        prepared = solver.prepare(operators) if solver.any_units else InUnits.of(solver, operators)
+        return cls(solver.name, prepared, PreparedNewton(operators, 1))
+
+    def solve(
+        self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None, law: Weights | None = None
+    ) -> Answer:
+        """Answer one step; under a law it is the answer with the least gap under its own weights."""
+        if law is None or law.given:
+            return fitting(self.prepared.solve(program, target, lam, p), program, self.name)
+        # Friction under the earlier pressures may not hold a body without supports: at first it holds any load.
+        floats = program.operators.kernel is not None
+        w = np.full(len(program.w), np.abs(program.g).sum()) if floats else program.w
+        best, least, waited, iterations = None, np.inf, 0, 0
+        while True:
+            posed = replace(program, w=w)
+            answer = self.solve(posed, SHARE * target, lam, p)
+            d, lam, p = posed.admissible_point(answer.d, answer.lam, answer.p)
+            answer, iterations = replace(answer, d=d, lam=lam, p=p), iterations + answer.iterations
+            gap = gap_under(program, law, answer)
+            waited = 0 if gap < 0.5 * least else waited + 1
+            if best is None or gap < least:
+                best, least = answer, gap
+            if least <= target or waited == PATIENCE:
+                return replace(best, iterations=iterations)
+            # Where that has gained nothing the plain weights are taken: they break cycles of sets.
+            ahead = answer if waited else self.newton.begun_at(program, law, answer)
+            w = law.at(ahead.p, lengths(program.slip(ahead.d)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,27 +167,36 @@ class LastResort:
     newton: PreparedNewton
 
     @cached_property
-    def conic(self) -> InUnits:
+    def conic(self) -> FixedPoint:
         """Clarabel, compiled when it is first asked."""
-        return InUnits.of(Clarabel(), self.newton.operators)
+        return FixedPoint.of(Clarabel(), self.newton.operators)
 
     def solve(
         self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None, law: Weights | None = None
     ) -> Answer:
         """Answer one step; `status` says where Clarabel was asked."""
-        best = last = self.newton.solve(program, target, lam, p, law)
-        law, count = law or GivenWeights(program.w), best.iterations
-        for _ in range(1 if law.given else MOST_PROGRAMS):
-            gap = gap_under(program, law, best)
-            if gap <= target or gap <= program.rounding_floor(best.d, best.lam, best.p):
-                break
-            w = law.at(last.p, lengths(program.slip(last.d)))
-            asked = self.conic.solve(replace(program, w=w), target, last.lam, last.p)
-            last = self.newton.begun_at(program, law, asked)
-            count += asked.iterations + last.iterations
-            best = min((best, asked, last), key=lambda one: gap_under(program, law, one))
-            best = replace(best, status=f"{best.status.removesuffix(AFTER)}{AFTER}")
-        return replace(best, iterations=count)
+        answer, law = self.newton.solve(program, target, lam, p, law), law or GivenWeights(program.w)
+        gap = gap_under(program, law, answer)
+        if gap <= target or gap <= program.rounding_floor(answer.d, answer.lam, answer.p):
+            return answer
+        asked = self.conic.solve(program, target, answer.lam, answer.p, law)
+        last = self.newton.begun_at(program, law, asked)
+        best = min((answer, asked, last), key=lambda one: gap_under(program, law, one))
+        count = sum(one.iterations for one in (answer, asked, last))
+        return replace(best, iterations=count, status=f"{best.status}, after Clarabel")
+
+
+def prepare_run(solver: Solver, operators: Operators) -> LastResort | FixedPoint:
+    """Return the solver, prepared for a run; NotAccepted where K has a kernel and the solver takes none."""
+    if operators.kernel is not None and not solver.semidefinite:
+        raise NotAccepted(
+            f"solver {solver.name}: only friction and contact hold a body, so that K is semidefinite, which it "
+            "does not take; a solver that does says so by `semidefinite = True`. Newton and Clarabel do."
+        )
+    with named_failures(solver.name):
+        if isinstance(solver, Newton):
+            return LastResort(solver.prepare(operators))
+        return FixedPoint.of(solver, operators)
 
 
 BY_SIZE: tuple[Solver, ...] = (Direct(), Newton(), OSQP(), Clarabel())

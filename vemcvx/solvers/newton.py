@@ -42,7 +42,7 @@ from vemcvx.program.forces import Delassus, Point, reflected
 from vemcvx.program.operators import FEATURES, Operators
 from vemcvx.program.step_program import Answer, StepProgram
 from vemcvx.solvers.law import GivenWeights, Weights, WeightsInUnits
-from vemcvx.solvers.solver import Prepared, Solver
+from vemcvx.solvers.solver import Solver
 
 SHIFT = 0.1
 """Of off against x in the sets, both in units in which W has a diagonal of ones. At 1 sets cycle more often."""
@@ -307,7 +307,7 @@ class Newton(Solver):
     max_iterations: int = 60
 
     accepts: ClassVar[frozenset[str]] = FEATURES
-    semidefinite = follows = any_units = True
+    semidefinite = any_units = True
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -317,7 +317,7 @@ class Newton(Solver):
     def advice(self) -> str:
         return "raise max_iterations"
 
-    def prepare(self, operators: Operators) -> Prepared:
+    def prepare(self, operators: Operators) -> PreparedNewton:
         return PreparedNewton(operators, self.max_iterations)
 
 

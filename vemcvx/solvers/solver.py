@@ -65,10 +65,6 @@ class Solver(ABC):
         are refused to others.
     any_units : bool
         True if it solves programs in any units alike; others are given scaled ones.
-    follows : bool
-        True if what it prepares solves steps under laws of friction, `solve(..., law=)`.
-    max_iterations : float
-        How many iterations a program may take; infinite if the solver does not count them.
     instead : str
         A sentence that says by which setting a program with features that it does not accept could be handed to it.
     """
@@ -76,8 +72,6 @@ class Solver(ABC):
     accuracy: float = 1e-6
     semidefinite: bool = False
     any_units: bool = False
-    follows: bool = False
-    max_iterations: float = np.inf
     instead: ClassVar[str] = ""
 
     def __post_init__(self) -> None:

@@ -67,12 +67,11 @@ from vemcvx.program.certificate import Certificate
 from vemcvx.program.condensation import Condensation, Reduced
 from vemcvx.program.operators import Operators, energy_norm, product
 from vemcvx.program.scaling import SMALLEST_NORM, checked_norm
-from vemcvx.program.step_program import Answer, StepProgram, fitting
+from vemcvx.program.step_program import Answer, StepProgram
 from vemcvx.program.system import System
 from vemcvx.solvers import Solver, Solves, as_solver, choose_solver
 from vemcvx.solvers.law import StepLaw
 from vemcvx.solvers.solver import SHARE, named_failures
-from vemcvx.stepping.fixed_point import followed
 from vemcvx.stepping.ledger import advance, dragged, energy, state_given
 from vemcvx.stepping.refusals import refuse_start, refuse_unbalanced, require_certified, warn_of_softening
 from vemcvx.stepping.state import Frame, Ledger, PreparedRun, State, StepData, certified_in_full, recovered
@@ -142,13 +141,11 @@ class PosedStep:
 
     def _asked(self, gap: float) -> State:
         """The solver's answer within the bounds, certified."""
-        program, law, solver, prepared = self.program, self.law, self.run.solver, self.frame.prepared
+        program, law, prepared = self.program, self.law, self.frame.prepared
         guess = self.before.expected(self.data.t, len(program.w))
-        with named_failures(solver.name):
-            if law is None:
-                answer = fitting(prepared.solve(program, gap, *guess), program, solver.name)
-            else:
-                answer = followed(solver, prepared, program, law=law, target=gap, guess=guess)
+        with named_failures(self.run.solver.name):
+            answer = prepared.solve(program, gap, *guess, law)
+            if law is not None:
                 slip = lengths(program.slip(answer.d))
                 law.check_slope(answer.p, slip)
                 program = replace(program, w=law.at(answer.p, slip))

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from vemcvx.base.arrays import brief, flag, is_whole
@@ -24,9 +23,8 @@ from vemcvx.stepping.backward_euler import (
     step,
     threads_of_steps,
 )
-from vemcvx.stepping.ledger import state_given
-from vemcvx.stepping.state import PreparedRun, State, StepData, certified_in_full
-from vemcvx.stepping.trajectory import OF_STATES, SCALARS, Trajectory, state_of_row
+from vemcvx.stepping.state import PreparedRun, State, certified_in_full
+from vemcvx.stepping.trajectory import FIELDS, Trajectory, row_of, state_of_row
 
 
 def programs_of_march(
@@ -45,8 +43,7 @@ def programs_of_march(
 
     Examples
     --------
-    >>> import numpy as np
-    >>> import vemcvx as vx
+    >>>     >>> import vemcvx as vx
     >>> system = vx.System(np.eye(2), lambda t: [2.0 * t, 0.0], vx.Norms(np.eye(2), 0.5))
     >>> [float(program.answer.d[0]) for program in vx.programs_of_march(system, [0.0, 0.5, 1.0])]
     [0.5, 1.0]
@@ -100,8 +97,7 @@ def _check_stored(trajectory: Trajectory, n: int) -> None:
     last = len(trajectory.times) - 1
     if not is_whole(n) or not 1 <= n <= last:
         raise HistoryError(f"program({brief(n)}): there is no such step; steps are numbered 1 to {last}.")
-    known = set(trajectory.stored.tolist()) | ({0} if trajectory.initial is not None else set())
-    missing = [str(m) for m in (n - 1, n) if m not in known]
+    missing = [str(m) for m in (n - 1, n) if m not in {0, *trajectory.stored.tolist()}]
     if missing:
         raise HistoryError(
             f"program({n}): the state after step {' and '.join(missing)} is not stored, but a step's program is posed "
@@ -111,10 +107,5 @@ def _check_stored(trajectory: Trajectory, n: int) -> None:
 
 def _stored(run: PreparedRun, trajectory: Trajectory, n: int) -> State:
     """The stored arrays of the state after step `n`."""
-    t = float(trajectory.times[n])
-    if n == 0 and trajectory.initial is not None:
-        return state_given(run, StepData.of(run.condensation, t), trajectory.initial)
-    row = int(np.searchsorted(trajectory.stored, n))
-    stored = {name: getattr(trajectory, name)[row] for name in OF_STATES if name != "velocity"}
-    scalars = {name: getattr(trajectory, name)[n] for name in SCALARS if getattr(trajectory, name) is not None}
-    return state_of_row(run, t, {"unit": np.zeros(()), **stored, **scalars})
+    arrays = {name: array for name in FIELDS if (array := getattr(trajectory, name)) is not None}
+    return state_of_row(run, float(trajectory.times[n]), row_of(arrays, trajectory.stored, n))

@@ -15,17 +15,15 @@ import numpy as np
 import scipy.sparse as sp
 
 from vemcvx.base.arrays import Bools, Floats
-from vemcvx.base.errors import NotAccepted
 from vemcvx.program.certificate import Certificate
 from vemcvx.program.condensation import Condensation, Reduced
 from vemcvx.program.operators import Operators
 from vemcvx.program.scaling import LARGEST_NORM, checked_norm
 from vemcvx.program.step_program import Answer
 from vemcvx.program.system import System, on_part
-from vemcvx.solvers import Prepared, Solver
-from vemcvx.solvers.default import LastResort
-from vemcvx.solvers.newton import PreparedNewton
-from vemcvx.solvers.solver import SHARE, InUnits, named_failures
+from vemcvx.solvers import Solver
+from vemcvx.solvers.default import FixedPoint, LastResort, prepare_run
+from vemcvx.solvers.solver import SHARE
 
 MOST_LENGTHS = 4
 """Lengths of steps whose factors are kept, where there are dashpots; two that take turns need two."""
@@ -82,17 +80,9 @@ class Frame:
         return self.condensation.operators
 
     @cached_property
-    def prepared(self) -> Prepared:
-        """The prepared solver; NotAccepted where K has a kernel and the solver takes none."""
-        solver, operators = self.solver, self.operators
-        if operators.kernel is not None and not solver.semidefinite:
-            raise NotAccepted(
-                f"solver {solver.name}: only friction and contact hold a body, so that K is semidefinite, which it "
-                "does not take; a solver that does says so by `semidefinite = True`. Newton and Clarabel do."
-            )
-        with named_failures(solver.name):
-            prepared = solver.prepare(operators) if solver.any_units else InUnits.of(solver, operators)
-        return LastResort(prepared) if isinstance(prepared, PreparedNewton) else prepared
+    def prepared(self) -> LastResort | FixedPoint:
+        """The prepared solver."""
+        return prepare_run(self.solver, self.operators)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

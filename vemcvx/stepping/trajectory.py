@@ -1,9 +1,8 @@
 """The trajectory that `march` returns, states, multipliers, energies, certificates; its recorder; where rows are kept.
 
-Rows are kept in memory, or in a folder that outlives the process. A folder holds one ``.npy`` file an array, mapped
-into memory, so that the size of a history is bounded by the disk and not by memory; and ``checkpoint.npz``, replaced
-in one move, from which a run that was interrupted goes on.
-:mod:`vemcvx.base.owned_files` says which files are a run's.
+Rows are kept in memory, or in a folder that outlives the process, one ``.npy`` file an array, mapped into memory: the
+disk bounds the size of a history, and not memory. ``checkpoint.npy`` has the last stored step, from which a run that
+was interrupted goes on. :mod:`vemcvx.base.owned_files` says which files are a run's.
 """
 
 from __future__ import annotations
@@ -12,26 +11,25 @@ import hashlib
 import logging
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Annotated, Any, TypeGuard
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from vemcvx.base.archives import read_arrays
 from vemcvx.base.arrays import Bools, Floats, Ints, brief, is_whole, quantities
 from vemcvx.base.errors import HistoryError, SceneError
 from vemcvx.base.outline import ArrayRecord
 from vemcvx.base.owned_files import Owned, path_of
 from vemcvx.linear import AT_ONCE
-from vemcvx.stepping.ledger import energy, state_given
+from vemcvx.stepping.ledger import state_given
 from vemcvx.stepping.refusals import require_certified, say_floor
 from vemcvx.stepping.state import Ledger, PreparedRun, State, StepData, certified_together
 
 log = logging.getLogger("vemcvx")
 
-CHECKPOINT = "checkpoint.npz"
+CHECKPOINT = "checkpoint.npy"
 TOGETHER = 8
 """States that are certified in full at once: of 8,256 unknowns in a third of the time that one by one take."""
 
@@ -49,6 +47,9 @@ class Memory:
                 "integer), or keep rows in files (stream=FOLDER)."
             ) from error
 
+    def clear(self) -> None:
+        """Delete nothing."""
+
 
 class Folder(Owned):
     """Rows in files of a folder, made if need be, that resumes the run it holds or begins anew; used by ``with``.
@@ -60,12 +61,26 @@ class Folder(Owned):
         super().__init__(path_of(path, "stream"))
         self._resumes = resumes
 
-    def array(self, name: str, shape: tuple[int, ...], dtype: Any = float) -> NDArray[Any]:
-        """A new file of zeros; histories that still look at one of that name keep what they see."""
+    @property
+    def resumes(self) -> bool:
+        """True if the run that it holds is to be gone on with."""
+        return self._resumes and (self.path / CHECKPOINT).exists()
+
+    def array(self, name: str, shape: tuple[int, ...], dtype: Any = float, kept: bool = False) -> NDArray[Any]:
+        """Return the array that an earlier run has `kept`, or a new file of zeros.
+
+        Histories that still look at an earlier file of that name keep what they see.
+        """
         if 0 in shape:
             return np.zeros(shape, dtype)
         file = self.take(f"{name}.npy")
         try:
+            if kept:
+                # To be written to, a file that was cut short would be filled up with zeros.
+                old = np.lib.format.open_memmap(file, mode="r")
+                if old.shape != shape or old.dtype != np.dtype(dtype):
+                    raise ValueError(f"found {old.dtype} of shape {old.shape}, wanted {np.dtype(dtype)} of {shape}")
+                return np.lib.format.open_memmap(file, mode="r+")
             file.unlink(missing_ok=True)
             made = np.lib.format.open_memmap(file, mode="w+", dtype=dtype, shape=shape)
             # The space is taken now: a full disk is an error here, and a crash once the file is mapped.
@@ -73,50 +88,10 @@ class Folder(Owned):
                 with open(file, "r+b") as opened:
                     os.posix_fallocate(opened.fileno(), 0, file.stat().st_size)
             return made
-        except (OSError, ValueError, OverflowError) as error:
+        except Exception as error:  # damage shows as whatever numpy or its parser of headers stumbles over
+            if kept:
+                raise HistoryError(f"{file}: missing, cut short or damaged: {error}. Run without resume.") from error
             raise HistoryError(f"{file}: no room for an array of shape {shape}: {error}.") from error
-
-    def kept(self, name: str, shape: tuple[int, ...], dtype: Any = float) -> NDArray[Any]:
-        """The array of that name, from an earlier run."""
-        file = self.path / f"{name}.npy"
-        if 0 in shape:
-            return np.zeros(shape, dtype)
-        try:
-            # To be written to, a file that was cut short would be filled up with zeros.
-            old = np.lib.format.open_memmap(file, mode="r")
-            if old.shape != shape or old.dtype != np.dtype(dtype):
-                raise ValueError(f"found {old.dtype} of shape {old.shape}, wanted {np.dtype(dtype)} of shape {shape}")
-            return np.lib.format.open_memmap(file, mode="r+")
-        except Exception as error:  # damage shows as whatever numpy or the parser of headers stumbles over
-            raise HistoryError(f"{file}: missing, cut short or damaged: {error}. Run without resume.") from error
-
-    def save(self, step: int, mark: Ints) -> None:
-        """Write beside the old checkpoint, then move over it: at no moment is there none."""
-        kept, made = self.take(CHECKPOINT), self.take(f".{CHECKPOINT}")
-        try:
-            with open(made, "wb") as file:
-                np.savez(file, step=step, mark=mark)
-            os.replace(made, kept)
-        except OSError as error:
-            raise HistoryError(f"{self.path}: cannot write a checkpoint: {error}.") from error
-
-    def last_step(self, mark: Ints) -> int | None:
-        """The last stored step of an earlier run of the same mark, if there is one to be gone on with."""
-        file = self.path / CHECKPOINT
-        if not (self._resumes and file.exists()):
-            return None
-        self.take(CHECKPOINT)
-        try:
-            arrays = read_arrays(file)
-            step, same = int(arrays["step"]), np.array_equal(arrays["mark"], mark)
-        except Exception as error:  # damage shows as whatever numpy, zipfile or the parser of headers stumbles over
-            raise HistoryError(f"{file}: damaged: {error}. Remove the folder and run again.") from error
-        if not same:
-            raise HistoryError(
-                "resume: the folder holds a run of another scene, mesh, times or store, or with other settings. Resume "
-                "with what it was begun with, or choose an empty folder."
-            )
-        return step
 
 
 Storage = Memory | Folder
@@ -182,10 +157,10 @@ class Trajectory(ArrayRecord):
     solver : str
         Name and settings of the solver that answered.
     linear : str
-        Name and settings of the linear solver; "" in files that were written without it.
-    accuracy : float or None
-        The certified relative energy error that was asked of a step; None in files that were written without it.
-    initial : (n,) array or None
+        Name and settings of the linear solver.
+    accuracy : float
+        The certified relative energy error that was asked of a step.
+    initial : (n,) array
         y at the initial instant, stored or not.
     velocity : (S, n) array or None
         (y_n - y_{n-1}) / k_n, where rates cost; zero in row 0, to which no step leads.
@@ -216,10 +191,10 @@ class Trajectory(ArrayRecord):
     given_friction: Annotated[Bools, "N", ""]
     seconds: dict[str, float]
     solver: str
-    linear: str = ""
-    accuracy: float | None = None
-    unit: Annotated[Floats | None, "N", "energy^(1/2)"] = None
-    initial: Annotated[Floats | None, "n", "length"] = None
+    linear: str
+    accuracy: float
+    unit: Annotated[Floats, "N", "energy^(1/2)"]
+    initial: Annotated[Floats, "n", "length"]
     velocity: Annotated[Floats | None, "S n", "length/time"] = None
     work_begun: float = 0.0
 
@@ -257,7 +232,7 @@ class Trajectory(ArrayRecord):
     def above_asked(self) -> str:
         """The accuracy asked for and why `certified` exceeds it, in words; empty where it does not."""
         asked, worst = self.accuracy, float(self.certified.max())
-        if asked is None or worst <= asked:
+        if worst <= asked:
             return ""
         missed = np.count_nonzero((self.certificate > asked) & (self.gap > self.floor))
         if missed:
@@ -282,7 +257,7 @@ class Trajectory(ArrayRecord):
     @property
     def scale(self) -> Floats:
         """(N + 1,) the energy norms that errors are relative to."""
-        return np.maximum.accumulate(self.norm) if self.unit is None else self.unit
+        return self.unit
 
 
 def relative(error: Floats, scale: Floats) -> Floats:
@@ -316,9 +291,7 @@ def _numbers(store: object, steps: int) -> TypeGuard[Sequence[int]]:
     return all(is_whole(n) and 0 <= n <= steps for n in store)
 
 
-FIELDS = quantities(Trajectory)
-SCALARS = {name: of.kind for name, of in FIELDS.items() if of.sizes == ("N",) and name != "times"}
-OF_STATES = {name: of for name, of in FIELDS.items() if of.sizes[0] == "S" and name != "stored"}
+FIELDS = {name: of for name, of in quantities(Trajectory).items() if name not in ("times", "stored")}
 TYPES: dict[str, type] = {"f": float, "i": np.int64, "b": bool}
 
 
@@ -330,23 +303,16 @@ class Recorder:
 
     def __init__(self, run: PreparedRun, times: Floats, kept: Ints, storage: Storage):
         self._run, self._times, self._kept, self._storage = run, times, kept, storage
-        self._row = {int(n): row for row, n in enumerate(kept)}
-        self._mark = mark(run, times, kept) if isinstance(storage, Folder) else None
+        self._mark = mark(run, times, kept) if isinstance(storage, Folder) else [0] * 4
         room = max(1, min(TOGETHER, AT_ONCE // (12 * max(run.system.n, 1))))
         self._most, self._waiting = room if run.condensation.linear.eliminates else 1, dict[int, State]()
-
-    @property
-    def _shapes(self) -> dict[str, tuple[tuple[int, ...], type]]:
-        run, system = self._run, self._run.system
-        sizes = {"S": len(self._kept), "n": system.n, "terms": run.terms, "block": system.block}
+        sizes = {"N": len(times), "S": len(kept), "n": run.system.n, "terms": run.terms, "block": run.system.block}
         sizes["limits"] = len(run.operators.compliance)
-        stored = {
+        self._shapes = {
             name: (tuple(sizes[size] for size in of.sizes), TYPES[of.kind])
-            for name, of in OF_STATES.items()
-            if name != "velocity" or system.damping is not None
+            for name, of in FIELDS.items()
+            if name != "velocity" or run.system.damping is not None
         }
-        alone = {"scalars": (len(self._times), len(SCALARS)), "initial": (1, system.n)}
-        return {**stored, **{name: (shape, float) for name, shape in alone.items()}}
 
     def begin(self) -> tuple[int, State] | None:
         """The last step that an earlier run has stored and its state, if there was one.
@@ -354,12 +320,19 @@ class Recorder:
         HistoryError where the storage holds another run, or rows of it are missing.
         """
         folder = self._storage
-        if not isinstance(folder, Folder) or self._mark is None or (n := folder.last_step(self._mark)) is None:
+        if not (isinstance(folder, Folder) and folder.resumes):
             return None
-        self._rows = {name: folder.kept(name, *shape) for name, shape in self._shapes.items()}
-        row = {name: self._rows[name][self._row[n]] for name in self._rows if name in OF_STATES}
-        row |= zip(SCALARS, self._rows["scalars"][n], strict=True)
-        state = state_of_row(self._run, float(self._times[n]), row)
+        self._checkpoint = folder.array("checkpoint", (5,), np.int64, kept=True)
+        n, *known = self._checkpoint.tolist()
+        if known != self._mark:
+            raise HistoryError(
+                "resume: the folder holds a run of another scene, mesh, times or store, or with other settings. Resume "
+                "with what it was begun with, or choose an empty folder."
+            )
+        if n < 0:
+            return None
+        self._rows = {name: folder.array(name, *shape, kept=True) for name, shape in self._shapes.items()}
+        state = state_of_row(self._run, float(self._times[n]), row_of(self._rows, self._kept, n))
         log.info("going on after step %d of %d, at t = %g", n, len(self._times) - 1, state.t)
         return n, state
 
@@ -369,9 +342,10 @@ class Recorder:
         NotCertified where the answer of a kept step does not hold on the full system.
         """
         if n == 0:
-            if isinstance(self._storage, Folder):
-                self._storage.clear()
+            self._storage.clear()
             self._rows = {name: self._storage.array(name, *shape) for name, shape in self._shapes.items()}
+            self._checkpoint = self._storage.array("checkpoint", (5,), np.int64)
+            self._checkpoint[:] = [-1, *self._mark]
         self._waiting[n] = state
         if n == 0 or len(self._waiting) >= self._most:
             self.enter_waiting()
@@ -379,31 +353,24 @@ class Recorder:
     def enter_waiting(self) -> None:
         """Enter the states that wait, in the order of their steps, and none after one that is not certified."""
         waiting, self._waiting = self._waiting, {}
-        kept = {n: state for n, state in waiting.items() if n in self._row or n == 0}
+        kept = {n: state for n, state in waiting.items() if n == 0 or n in self._kept}
         waiting |= zip(kept, certified_together(self._run, list(kept.values())), strict=True)
         for n, state in waiting.items():
             if n in kept and n > 0 and self._run.check:
                 require_certified(self._run, state, n)
             row = _row(state, self._run.solver.accuracy)
-            self._rows["scalars"][n] = [row[name] for name in SCALARS]
-            if n == 0:
-                self._rows["initial"][0] = state.unknowns
-            if n in self._row:
-                for name in self._rows.keys() & OF_STATES.keys():
-                    self._rows[name][self._row[n]] = row[name]
-                if isinstance(self._storage, Folder) and self._mark is not None:
-                    self._storage.save(n, self._mark)
+            for name, place in row_of(self._rows, self._kept, n).items():
+                place[...] = row[name]
+            if n in self._kept:
+                self._checkpoint[0] = n
 
     def finish(self, seconds: dict[str, float], work_begun: float) -> Trajectory:
         """The trajectory of a run that went on from that work."""
-        rows, run = self._rows, self._run
-        scalars = zip(SCALARS, rows["scalars"].T, strict=True)
+        run = self._run
         trajectory = Trajectory(
             times=self._times,
             stored=self._kept,
-            **{name: values for name, values in rows.items() if name in OF_STATES},
-            **{name: column.astype(TYPES[SCALARS[name]]) for name, column in scalars},
-            initial=rows["initial"][0],
+            **{name: np.array(rows) if FIELDS[name].sizes == ("N",) else rows for name, rows in self._rows.items()},
             seconds=seconds,
             solver=repr(run.solver),
             linear=repr(run.condensation.linear),
@@ -414,24 +381,26 @@ class Recorder:
         return trajectory
 
 
-def _row(state: State, accuracy: float) -> dict[str, ArrayLike | None]:
-    """What a trajectory has of a step, by name; the arrays are those of stored steps."""
-    certificate, ledger = state.certificate, state.ledger
+def row_of(arrays: Mapping[str, NDArray[Any]], kept: Ints, n: int) -> dict[str, NDArray[Any]]:
+    """Return views of what the arrays of a trajectory, by name, have of step `n`."""
+    row = np.flatnonzero(kept == n).tolist()
+    at: dict[str, list[Any]] = {"N": [n], "S": row, "n": [slice(None)] if n == 0 else []}
+    return {name: arrays[name][(i, ...)] for name in arrays for i in at[FIELDS[name].sizes[0]]}
+
+
+def _row(state: State, accuracy: float) -> dict[str, Any]:
+    """What a trajectory has of a state, by name."""
+    certificate = state.certificate
     return {
+        **vars(state.ledger),
         "state": state.full,
+        "initial": state.full,
         "multipliers": state.lam,
         "pressures": state.p,
         "weights": state.weights,
         "sticking": state.sticks,
-        "worn": ledger.worn,
-        "worn_second_order": ledger.worn_second_order,
-        "slipped": ledger.slipped,
         "velocity": 0.0 if state.velocity is None else state.velocity,
-        "energy": ledger.energy,
-        "dissipated": ledger.dissipated,
-        "dissipated_second_order": ledger.dissipated_second_order,
-        "work": ledger.work,
-        "norm": ledger.norm,
+        "norm": state.ledger.norm,
         "gap": certificate.gap,
         "floor": certificate.floor,
         "iterations": state.iterations,
@@ -442,43 +411,36 @@ def _row(state: State, accuracy: float) -> dict[str, ArrayLike | None]:
     }
 
 
-def state_of_row(run: PreparedRun, t: float, row: Mapping[str, Any]) -> State:
-    """The state at `t` from what a trajectory has of a stored step, by name.
+def state_of_row(run: PreparedRun, t: float, row: Mapping[str, NDArray[Any]]) -> State:
+    """The state at `t` from what a trajectory has of a stored step, or of the initial one.
 
     That is all that the next step begins from, but for how multipliers have changed last.
     """
-    m, norms = run.operators.count, run.system.norms
-    read = {name: np.array(row[name]) for name in OF_STATES if name in row}
-    lam, p, weights, slipped = (read[name] for name in ("multipliers", "pressures", "weights", "slipped"))
-    past = Ledger(
-        energy=0.0,
-        dissipated=float(row["dissipated"]),
-        work=float(row["work"]),
-        worn=read["worn"],
-        slipped=slipped,
-        dissipated_second_order=float(row["dissipated_second_order"]),
-        worn_second_order=read["worn_second_order"],
-    )
-    state = state_given(run, StepData.of(run.condensation, t), read["state"], past)
-    ledger = replace(past, energy=energy(run.condensation, state.y, state.data, p))
+    now = StepData.of(run.condensation, t)
+    if "state" not in row:
+        return state_given(run, now, np.array(row["initial"]))
+    read: dict[str, Any] = {name: np.array(value) if value.ndim else value.item() for name, value in row.items()}
+    ledger = Ledger(**{field.name: read[field.name] for field in fields(Ledger)})
+    state, m, norms = state_given(run, now, read["state"], ledger), run.operators.count, run.system.norms
+    lam, p, weights = (read[name] for name in ("multipliers", "pressures", "weights"))
     # Without dashpots these forces have more digits than the difference of load and K y.
     held = run.operators.multiplier_force(lam[:m], p) if run.system.damping is None else state.unbalanced
     return replace(
         state,
         unbalanced=held,
         weights=weights,
-        bound=weights if norms is None else np.append(norms.weights_under(t, p, slipped[:m]), weights[m:]),
+        bound=weights if norms is None else np.append(norms.weights_under(t, p, ledger.slipped[:m]), weights[m:]),
         lam=lam,
         p=p,
         sticks=read["sticking"],
-        certificate=replace(state.certificate, equilibrium=float(row["gap"]), floor=float(row["floor"])),
+        certificate=replace(state.certificate, equilibrium=read["gap"], floor=read["floor"]),
         ledger=ledger,
-        scale=max(float(row["unit"]), ledger.norm),
-        iterations=int(row["iterations"]),
+        scale=max(read["unit"], ledger.norm),
+        iterations=read["iterations"],
     )
 
 
-def mark(run: PreparedRun, times: Floats, kept: Ints) -> Ints:
+def mark(run: PreparedRun, times: Floats, kept: Ints) -> list[int]:
     """Four numbers that stand for a run: its matrices, instants, stored steps and settings, and some of its data."""
     system, made = run.system, hashlib.blake2b(digest_size=32)
     matrices = [system.K, system.B, system.D, *([] if system.damping is None else [system.damping.C])]
@@ -490,4 +452,4 @@ def mark(run: PreparedRun, times: Floats, kept: Ints) -> Ints:
     for part in (times, kept, *parts):
         made.update(np.ascontiguousarray(part).tobytes())
     made.update(repr((run.solver, run.condensation.linear, run.condense)).encode())
-    return np.frombuffer(made.digest(), dtype=np.int64)
+    return np.frombuffer(made.digest(), dtype=np.int64).tolist()

@@ -61,7 +61,7 @@ TOPICS = {
         "Contact and friction",
         "With obstacles, and between bodies where `on=` names an interface.",
         "BilateralContact UnilateralContact NormalCompliance TrescaFriction CoulombFriction Law",
-        modules="solvers.newton stepping.fixed_point",
+        modules="solvers.newton solvers.law",
     ),
     "meshes": Topic(
         "Meshes",

@@ -34,9 +34,10 @@ sqrt(a^2 + c).  QED
 It is used for rows whose part of the gap exceeds the energy of a move that puts them alone in place; the smaller bound
 is taken.
 
-Rounding of r = g - B'lam - D'p - K d hides up to eps a_i in its entries, with a the sum of the sizes of its terms, and
-so an energy of floor = 1/2 sum_i (eps a_i)^2 f_i with f the diagonal of K^{-1}. Errors are bounded by error +
-error_floor, the roots of twice the gap and of twice the floor. What the entries of K themselves are off is not in it.
+Rounding of r = g - B'lam - D'p - K d hides up to ROUNDED a_i in its entries, with a the sum of the sizes of its terms,
+and so an energy of floor = 1/2 sum_i (ROUNDED a_i)^2 f_i with f the diagonal of K^{-1}. Errors are bounded by error +
+error_floor, the roots of twice the gap and of twice the floor. A condensed program sees the unknowns of its rows alone,
+and its S is taken as it was computed; steps that are stored are certified by r and floor of all unknowns.
 """
 
 from __future__ import annotations
@@ -52,6 +53,9 @@ from vemcvx.base.outline import ArrayRecord
 BOUND_ROUNDING = 4 * EPS
 """Rounding of |w lam / |lam|| relative to w: a root, a quotient, a product, and a root again. A multiplier that near to
 its bound counts as one on the bound, which few floats are exactly."""
+
+ROUNDED = 8 * EPS
+"""Rounding of a sum, relative to the sizes of its terms, of sixteen of them; parts of loads below it are dropped."""
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -85,6 +89,10 @@ class Certificate(ArrayRecord):
         """Return the certificate of an answer whose error |d - d*|_K is known in another way than by the gap."""
         friction, limits = np.zeros_like(self.friction), np.zeros_like(self.limits)
         return replace(self, equilibrium=0.5 * error * error, friction=friction, limits=limits, moved=0.0)
+
+    def in_full(self, equilibrium: float, floor: float) -> Certificate:
+        """Return the certificate with these parts of all unknowns, of which a condensed program sees some."""
+        return replace(self, equilibrium=max(equilibrium, self.equilibrium), floor=max(floor, self.floor))
 
     @cached_property
     def gap(self) -> float:

@@ -31,16 +31,15 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.base.arrays import EPS, Floats, Ints, power_of_two, read_only, spread
+from vemcvx.base.arrays import Floats, Ints, power_of_two, read_only, spread
 from vemcvx.base.errors import NotAccepted
 from vemcvx.linear import LinearSolver, Matrix, minimum_degree
+from vemcvx.program.certificate import ROUNDED
 from vemcvx.program.dense_factors import DenseCholesky
 from vemcvx.program.kernel import anchors
-from vemcvx.program.operators import Operators
+from vemcvx.program.operators import Operators, estimated
 from vemcvx.program.system import System
 
-SAME_SHAPE = 8 * EPS
-"""Part of a load that the known shapes may leave of it: rounding, which is dropped."""
 MOST_SHAPES = 6
 """Beyond this many, a load that keeps changing its shape is solved for afresh, step by step."""
 
@@ -195,7 +194,7 @@ class Condensation:
         for q, shape in basis if remembered else ():
             share = float(q @ rest) / float(q @ q)  # One, exactly, of a load that is the shape itself.
             rest, shares[shape] = rest - share * q, unit * share
-        if np.linalg.norm(rest) <= SAME_SHAPE * np.linalg.norm(load):
+        if np.linalg.norm(rest) <= ROUNDED * np.linalg.norm(load):
             return Reduced(self, shares)
         remembered = remembered and len(basis) < MOST_SHAPES
         rest, shares = (rest, shares) if remembered else (load, {})
@@ -223,7 +222,7 @@ class Condensation:
             return inner
         xi = self.factor.solve(inner)
         for _ in range(2):
-            if np.abs(xi[c]).max(initial=0.0) <= SAME_SHAPE * np.abs(xi).max():
+            if np.abs(xi[c]).max(initial=0.0) <= ROUNDED * np.abs(xi).max():
                 break
             inner[c] -= self._S @ xi[c]
             xi = self.factor.solve(inner)
@@ -243,3 +242,19 @@ class Condensation:
         """Return all unknowns (n, k) of states from the retained ones, K y = f + (0, rho)."""
         xi = np.array([force.xi for force in forces]).T
         return self.completed(xi, np.array(y_c).T)
+
+    @cached_property
+    def _absolute(self) -> sp.csr_matrix:
+        """|K|, entry by entry."""
+        K = self.system.K
+        return sp.csr_matrix((np.abs(K.data), K.indices, K.indptr), shape=K.shape)
+
+    @cached_property
+    def _compliances(self) -> Floats:
+        """(n,) the diagonal of K^{-1}, estimated."""
+        return estimated(self.factor, self._K, sp.csr_matrix(sp.eye_array(self.system.n)))
+
+    def rounding_floors(self, forces: Floats, y: Floats) -> Floats:
+        """Return the energies (k,) that rounding hides in residuals, of sizes (n, k) of forces and of unknowns."""
+        floors: Floats = 0.5 * (ROUNDED * (forces + self._absolute @ y)).T ** 2 @ self._compliances
+        return floors

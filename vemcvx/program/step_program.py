@@ -52,7 +52,7 @@ from vemcvx.base.arrays import (
 )
 from vemcvx.base.errors import SceneError, SolverFailed
 from vemcvx.base.outline import ArrayRecord
-from vemcvx.program.certificate import Certificate, limit_gaps, norm_gaps
+from vemcvx.program.certificate import ROUNDED, Certificate, limit_gaps, norm_gaps
 from vemcvx.program.operators import Operators, product
 
 if TYPE_CHECKING:
@@ -396,7 +396,7 @@ class StepProgram(ArrayRecord):
         return self.operators.kernel_balance.imbalance(lam, p, N.T @ self.g, blur)
 
     def rounding_floor(self, d: Floats, lam: Floats, p: Floats, before: Floats | float = 0.0) -> float:
-        """Return the energy that the rounding of the residual r can hide, 1/2 sum_i (eps a_i)^2 f_i.
+        """Return the energy that the rounding of the residual r can hide, 1/2 sum_i (ROUNDED a_i)^2 f_i.
 
         a = |g| + |B|'|lam| + |D|'p + |K||d| is the size of the terms of r, f the diagonal of K^{-1}. The error of K's
         own entries is not in it.
@@ -405,7 +405,7 @@ class StepProgram(ArrayRecord):
             return 0.0
         K, A = self.operators.absolute
         a = np.abs(self.g) + A.T @ np.abs(np.append(lam, p)) + product(K, np.abs(d) + np.abs(before))
-        return 0.5 * float((EPS * a) ** 2 @ self.operators.compliances)
+        return 0.5 * float((ROUNDED * a) ** 2 @ self.operators.compliances)
 
     def to_cvxpy(self, cones: bool | None = None) -> CvxpyStep:
         """The program in cvxpy, for any solver that cvxpy can call; `lam` and `p` read off its duals with our signs.

@@ -126,7 +126,8 @@ class PosedStep:
     def still(self, lam: Floats, status: str) -> State:
         """The state where it was, exactly."""
         d, p = np.zeros_like(self.program.g), np.zeros_like(self.before.p)
-        return self.state_after(Answer(d, lam, 0, status, p=p), Certificate(0.0, np.zeros(len(lam)), 0.0, p))
+        floor = self.program.rounding_floor(d, lam, p, self.seen(self.before.y))
+        return self.state_after(Answer(d, lam, 0, status, p=p), Certificate(0.0, np.zeros(len(lam)), floor, p))
 
     def _answered(self) -> State:
         """The solver's answer; asked once more, more sharply, where the size of u_n shows that too little was asked."""
@@ -169,8 +170,9 @@ class PosedStep:
         if self.force is not None:
             most = 0.5 * (SHARE * accuracy * before.unit(accuracy)) ** 2
             held = run.system.multiplier_force(answer.lam, answer.p)
-            (d,), (left,) = (part.T for part in recovered(self.frame.condensation, [(d, self.force)], [held], [most]))
-            certificate = replace(certificate, equilibrium=max(left, certificate.equilibrium))
+            found = recovered(self.frame.condensation, [(d, self.force)], [held], [most], before.y)
+            (d,), (left,), (floor,) = (part.T for part in found)
+            certificate = certificate.in_full(float(left), float(floor))
         lam, slid, w = dragged(run.system, (before.t, now.t), answer.p, before.ledger.slipped[m:])
         given = program.operators.blocks(now.prescribed_slip - before.data.prescribed_slip)
         weights, norms, y = np.append(program.w, w), run.system.norms, before.y + d

@@ -118,7 +118,7 @@ class PreparedRun:
         if damping is None or k == 0.0:
             return self.elastic
         if key not in self.viscous:
-            stiffness = sp.csr_matrix(self.system.K + damping.C / float(key))
+            stiffness = sp.csr_matrix(self.system.K + damping.C / k)
             alone = replace(self.system, K=stiffness, damping=None, motion=None)
             self.viscous[key] = Frame(Condensation(alone, self.condense, self.condensation.linear), self.solver)
             if len(self.viscous) > MOST_LENGTHS:
@@ -207,15 +207,20 @@ class State:
 
 
 def recovered(
-    condensation: Condensation, kept: Sequence[tuple[Floats, Reduced]], held: Sequence[Floats], most: Sequence[float]
-) -> tuple[Floats, Floats]:
-    """All unknowns (n, k) of states (y, force), and the energies (k,) that r = force - held - K y could still gain.
+    condensation: Condensation,
+    kept: Sequence[tuple[Floats, Reduced]],
+    held: Sequence[Floats],
+    most: Sequence[float],
+    before: Floats | float = 0.0,
+) -> tuple[Floats, Floats, Floats]:
+    """All unknowns (n, k) of states (y, force), the energies (k,) that r = force - held - K y could still gain, floors.
 
     They are corrected once by what r leaves inside, if some energy is above `most`. Motions of no energy feel no r:
-    multipliers balance the force on them, and not the anchors.
+    multipliers balance the force on them, and not the anchors. Floors (k,) are of r, with y added to `before`.
     """
     system, (y_c, forces) = condensation.system, zip(*kept, strict=True)
     push = np.array([force.phi - own for force, own in zip(forces, held, strict=True)]).T
+    size = np.array([np.abs(force.phi) + np.abs(own) for force, own in zip(forces, held, strict=True)]).T
 
     def left(y: Floats) -> Floats:
         r: Floats = push - system.K @ y
@@ -227,13 +232,13 @@ def recovered(
     if not condensation.whole and (energies > most).any():
         y = y + condensation.held(r)
         energies = 0.5 * condensation.factor.energies_of_columns(left(y))
-    return y, energies
+    return y, energies, condensation.rounding_floors(size, (np.abs(y.T) + np.abs(before)).T)
 
 
 def certified_together(run: PreparedRun, states: Sequence[State]) -> list[State]:
     """The states with all their unknowns and certificates of the full system.
 
-    Rows see the unknowns that are kept: their parts of it, and the floor, are those of the step's certificate.
+    Rows see the unknowns that are kept: their parts of it are those of the step's certificate.
     """
     if run.condensation.whole:
         return [state if state.full is not None else replace(state, full=state.y) for state in states]
@@ -242,13 +247,12 @@ def certified_together(run: PreparedRun, states: Sequence[State]) -> list[State]
     accuracy, m = run.solver.accuracy, run.operators.count
     held = [run.system.multiplier_force(state.lam[:m], state.p) for state in some]
     most = [0.5 * (SHARE * accuracy * state.unit(accuracy)) ** 2 for state in some]
-    y, energies = recovered(run.condensation, [(state.y, state.data.force) for state in some], held, most)
+    y, *energies = recovered(run.condensation, [(state.y, state.data.force) for state in some], held, most)
 
-    def in_full(state: State, full: Floats, energy: float) -> State:
-        own = state.certificate
-        return replace(state, full=full, certificate=replace(own, equilibrium=max(energy, own.equilibrium)))
+    def in_full(state: State, full: Floats, energy: float, floor: float) -> State:
+        return replace(state, full=full, certificate=state.certificate.in_full(energy, floor))
 
-    found = map(in_full, some, y.T, energies.tolist())
+    found = map(in_full, some, y.T, *(each.tolist() for each in energies))
     return [state if state.full is not None else next(found) for state in states]
 
 

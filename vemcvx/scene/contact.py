@@ -205,7 +205,8 @@ class Terms(ContactRows):
 
         def slope(t: float, p: Floats, past: Floats) -> sp.csr_matrix:
             steep = np.concatenate([f.slope_under(t, *under) for f, under in each(p, past)])
-            return sp.csr_matrix(gather @ sp.diags_array(steep) @ press)
+            entries = press.data * np.repeat(steep, np.diff(press.indptr))
+            return sp.csr_matrix(gather @ sp.csr_matrix((entries, press.indices, press.indptr), shape=press.shape))
 
         soft = all(law.softening is not None for law in laws)
         softening = gather @ np.concatenate([f.softening for f in frictions]) if soft else None

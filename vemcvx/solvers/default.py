@@ -159,6 +159,8 @@ class FixedPoint:
             ahead = answer if waited else self.newton.begun_at(program, law, answer)
             w = law.at(ahead.p, lengths(program.slip(ahead.d)))
 
+    again = solve
+
 
 @dataclass(frozen=True, eq=False)
 class LastResort:
@@ -174,16 +176,18 @@ class LastResort:
     def solve(
         self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None, law: Weights | None = None
     ) -> Answer:
-        """Answer one step; `status` says where Clarabel was asked."""
-        answer, law = self.newton.solve(program, target, lam, p, law), law or GivenWeights(program.w)
-        gap = gap_under(program, law, answer)
-        if gap <= target or gap <= program.rounding_floor(answer.d, answer.lam, answer.p):
-            return answer
-        asked = self.conic.solve(program, target, answer.lam, answer.p, law)
+        """Answer one step by Newton's method."""
+        return self.newton.solve(program, target, lam, p, law)
+
+    def again(
+        self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None, law: Weights | None = None
+    ) -> Answer:
+        """Answer a step that missed, by Clarabel, or from the sets of its answer; `status` says so."""
+        law = law or GivenWeights(program.w)
+        asked = self.conic.solve(program, target, lam, p, law)
         last = self.newton.begun_at(program, law, asked)
-        best = min((answer, asked, last), key=lambda one: gap_under(program, law, one))
-        count = sum(one.iterations for one in (answer, asked, last))
-        return replace(best, iterations=count, status=f"{best.status}, after Clarabel")
+        best = min((asked, last), key=lambda one: gap_under(program, law, one))
+        return replace(best, iterations=asked.iterations + last.iterations, status=f"{best.status}, after Clarabel")
 
 
 def prepare_run(solver: Solver, operators: Operators) -> LastResort | FixedPoint:

@@ -106,11 +106,11 @@ class Sets:
 
 @dataclass(frozen=True, eq=False)
 class SetsSystem:
-    """The system of some sets, ready to be solved: P and Q' (k, N), and a solve with its matrix."""
+    """The system of some sets, ready to be solved: P (k, N) and Q (N, k), and a solve with its matrix."""
 
     sets: Sets
     P: sp.csr_matrix
-    Qt: sp.csr_matrix
+    Q: sp.csc_matrix
     solve: Callable[[Floats], Floats]
 
     @classmethod
@@ -119,21 +119,21 @@ class SetsSystem:
         J, slope = law.slopes(delassus.parts(point.x)[1], sets.along)
         P, compliance = _columns(sets, slope)
         Qt = P if J is None else _with_pressure(P, sets, J)
-        R, W, count = delassus.R, delassus.W, P.shape[0]
+        Q, R, W, count = Qt.T, delassus.R, delassus.W, P.shape[0]
         if isinstance(W, np.ndarray):
             M = np.zeros((count + R.shape[1],) * 2, order="F")
             M[:count, :count] = P @ (Qt @ W).T
             M[:count, count:], M[count:, :count] = -(P @ R), (Qt @ R).T
             M[range(count), range(count)] += LIFT + compliance
             lu = dgetrf(M, overwrite_a=True)[:2] if len(M) else None
-            return cls(sets, P, Qt, lambda b: b if lu is None else np.asarray(dgetrs(*lu, b)[0]))
+            return cls(sets, P, Q, lambda b: b if lu is None else np.asarray(dgetrs(*lu, b)[0]))
 
         def product(z: Floats) -> Floats:
-            x, a = Qt.T @ z[:count], z[count:]
+            x, a = Q @ z[:count], z[count:]
             return np.append(P @ (W @ x - R @ a) + (LIFT + compliance) * z[:count], R.T @ x)
 
         operator = LinearOperator((count + R.shape[1],) * 2, product, dtype=float)
-        return cls(sets, P, Qt, lambda b: gmres(operator, b, rtol=1e-6, restart=60, maxiter=5)[0] if len(b) else b)
+        return cls(sets, P, Q, lambda b: gmres(operator, b, rtol=1e-6, restart=60, maxiter=5)[0] if len(b) else b)
 
 
 def _columns(sets: Sets, slope: Floats | None) -> tuple[sp.csr_matrix, Floats]:
@@ -160,10 +160,11 @@ def _columns(sets: Sets, slope: Floats | None) -> tuple[sp.csr_matrix, Floats]:
 
 def _with_pressure(P: sp.csr_matrix, sets: Sets, J: sp.csr_matrix) -> sp.csr_matrix:
     """Return Q' (k, N): P, and what forces of acting limits add to those of what slips, w' = J p' on the way."""
-    (m, block), N = sets.way.shape, P.shape[1]
-    starts = np.minimum(np.arange(N + 1), m * block)
-    ways = np.where(sets.stick[:, None], 0.0, sets.way).ravel(), np.repeat(np.arange(m), block), starts
-    return sp.csr_matrix(P + P[:, m * block :] @ (sp.csr_matrix(ways, shape=(N, m)) @ J).T)
+    block, acting = sets.way.shape[1], sp.csc_matrix(J)[:, sets.act]
+    ways = np.where(sets.stick[:, None], 0.0, sets.way)[acting.indices] * acting.data[:, None]
+    at = acting.indices[:, None] * block + np.arange(block)
+    starts = np.append(np.zeros(P.shape[0] - acting.shape[1]), block * acting.indptr)
+    return sp.csr_matrix(P + sp.csr_matrix((ways.ravel(), at.ravel(), starts), shape=P.shape))
 
 
 @dataclass(eq=False)
@@ -237,7 +238,7 @@ class Search:
             if not np.isfinite(z).all():
                 return point, Sets.at(delassus, point, self.law, s), np.inf
             count = system.P.shape[0]
-            point = delassus.moved(point, dx + system.Qt.T @ z[:count], z[count:])
+            point = delassus.moved(point, dx + system.Q @ z[:count], z[count:])
             s = delassus.parts(point.off)[0]
             # Slips of rounding, or against their force, have no direction to turn to.
             turns = (SHIFT * lengths(s) > FAIR * w) & (np.einsum("ij,ij->i", s, way) > 0)
@@ -379,8 +380,8 @@ def recorded(
     if len(point.a) and operators.block > 1 and slips.any():
         # What that leaves out of balance on the kernel is taken by what holds still, and across slips: it costs least.
         rest = delassus.N.T @ (program.g - operators.multiplier_force(lam, p))
-        z = np.linalg.lstsq((system.Qt @ delassus.R).T, rest, rcond=None)[0]
-        more = delassus.parts(delassus.u * (system.Qt.T @ z))
+        z = np.linalg.lstsq(delassus.R.T @ system.Q, rest, rcond=None)[0]
+        more = delassus.parts(delassus.u * (system.Q @ z))
         lam, p = lam + more[0], np.maximum(p + more[1], 0.0)
     return d, lam, p
 
@@ -401,7 +402,7 @@ def corrected(delassus: Delassus, program: StepProgram, point: Point, system: Se
     z = system.solve(np.append(system.P @ np.where(sets.still, off, across), delassus.N.T @ left))
     if not np.abs(z).max(initial=0.0) <= np.abs(point.x).max(initial=0.0):  # Sets that hold nothing.
         return d, point
-    dx, da = system.Qt.T @ z[:count], z[count:]
+    dx, da = system.Q @ z[:count], z[count:]
     d = d - operators.factor.solve(operators.multiplier_force(*delassus.parts(delassus.u * dx))) + delassus.N @ da
     return d, delassus.moved(point, dx, da)
 

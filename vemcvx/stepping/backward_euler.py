@@ -133,19 +133,20 @@ class PosedStep:
         """The solver's answer; asked once more, more sharply, where the size of u_n shows that too little was asked."""
         size, accuracy = checked_norm(self.program.size, self.data.t), self.run.solver.accuracy
         size = max(self.before.unit(accuracy), size)
-        state = self._asked(0.5 * (accuracy * size) ** 2)
-        if state.accepted(accuracy) or not np.isfinite(state.certificate.gap):
+        state = self._asked(self.frame.prepared.solve, 0.5 * (accuracy * size) ** 2)
+        if state.accepted(accuracy) or state.certificate.at_floor:
             return state
-        other = self._asked(0.5 * (SHARE * accuracy * min(size, state.unit(accuracy))) ** 2)
+        sharper = 0.5 * (SHARE * accuracy * min(size, state.unit(accuracy))) ** 2
+        other = self._asked(self.frame.prepared.again, sharper)
         best = min((state, other), key=lambda one: one.certificate.gap)
         return replace(best, iterations=state.iterations + other.iterations)
 
-    def _asked(self, gap: float) -> State:
-        """The solver's answer within the bounds, certified."""
-        program, law, prepared = self.program, self.law, self.frame.prepared
+    def _asked(self, solve: Callable[..., Answer], gap: float) -> State:
+        """The answer of `solve` within the bounds, certified."""
+        program, law = self.program, self.law
         guess = self.before.expected(self.data.t, len(program.w))
         with named_failures(self.run.solver.name):
-            answer = prepared.solve(program, gap, *guess, law)
+            answer = solve(program, gap, *guess, law)
             if law is not None:
                 slip = lengths(program.slip(answer.d))
                 law.check_slope(answer.p, slip)
@@ -211,9 +212,9 @@ class PosedStep:
         operators = self.program.operators
         if operators.count == 0:
             return np.zeros(0, dtype=bool)
-        blur = EPS * operators.blocks(abs(self.run.operators.B) @ np.abs(y)).max(axis=1)
+        blur = EPS * (self.run.operators.absolute[1] @ np.abs(y))[: operators.B.shape[0]].reshape(-1, operators.block)
         error = certificate.error + certificate.error_floor
-        sticks: Bools = lengths(slip) <= error * np.sqrt(operators.norm_flexibility) + blur
+        sticks: Bools = lengths(slip) <= error * np.sqrt(operators.norm_flexibility) + blur.max(axis=1)
         return sticks
 
 

@@ -303,7 +303,7 @@ def test_mistakes(effect, message):
         (lambda: vx.Limits(np.eye(2), 0.0, compliance=-1.0), r"^Limits: found the compliance -1 of limit 0"),
         (
             lambda: vx.System(np.eye(3), lambda t: np.zeros(3), limits=vx.Limits(np.eye(2), 0.0)),
-            r"D must have one column",
+            r"found limits over 2 unknowns, but K has 3",
         ),
         (lambda: vx.System(np.eye(2), np.zeros, limits=5), r"^System: found limits = 5; wanted Limits"),
     ],

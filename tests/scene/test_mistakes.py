@@ -224,7 +224,7 @@ CASES = {
     "a solver's class": (lambda: run(solver=vx.Newton), "solver: found <class .*Newton'>; wanted a solver with its"),
     "K of one axis": (lambda: vx.System(np.ones(3), pull), r"System: K: found .* \(3,\); wanted a matrix, dense or"),
     "K not square": (lambda: vx.System(np.ones((2, 3)), pull), r"System: K: found a matrix of shape \(2, 3\)"),
-    "K not symmetric": (lambda: vx.System([[2.0, 1.0], [0.0, 2.0]], pull), r"System: K: found 1 at \[0, 1\] but 0 at"),
+    "K not symmetric": (lambda: vx.System([[2.0, 1.0], [0.0, 2.0]], pull), r"System: K: found a row \d that is"),
     "K not positive": (lambda: vx.System(np.diag([1.0, -1.0]), pull), r"System: found K\[1, 1\] = -1; K must be"),
     "K singular": (lambda: marched(lambda t: [0, 0], K=[[1.0, -1.0], [-1.0, 1.0]]), "the stiffness matrix is singular"),
     "K indefinite": (
@@ -243,7 +243,7 @@ CASES = {
     "three weights": (lambda: vx.Norms(np.eye(2), [1.0, 2.0, 3.0]), r"Norms: w: found .* \(3,\); wanted a weight, or"),
     "weights without t": (lambda: marched(growing, vx.Norms(np.eye(2), lambda: 1)), "Norms: w: its function failed"),
     "columns": (lambda: vx.System(SYMMETRIC, pull, vx.Norms(np.eye(3), 1.0)), "System: found norms over 3 unknowns,"),
-    "norms": (lambda: vx.System(SYMMETRIC, pull, np.eye(2)), r"System: found norms = array.*; wanted Norms\(B, w\),"),
+    "norms": (lambda: vx.System(SYMMETRIC, pull, np.eye(2)), r"System: found norms = array.*; wanted Norms\(\.\.\.\),"),
     "an order": (lambda: vx.System(SYMMETRIC, pull, order=np.array([0, 0])), r"System: found order = array\(\[0,"),
     "a scene for a system": (lambda: vx.march(scene(), TIMES), r"march: found Scene\(.* where the System goes"),
 }  # fmt: skip

@@ -27,7 +27,7 @@ from vemcvx.bound.data_oscillation import DataOscillation, FineBoundary
 from vemcvx.bound.skeleton import Instant, Skeleton, at_ends
 from vemcvx.effects import Friction, Load, Obstacle
 from vemcvx.meshes.polygons import positions, spans
-from vemcvx.program.kernel import KernelBalance
+from vemcvx.program.kernel import balanced
 from vemcvx.scene.pose import PosedScene
 from vemcvx.scene.rows import ContactRows
 from vemcvx.vem import tangents_of
@@ -434,9 +434,9 @@ class Boundary:
         length, mean = np.repeat(self.edges.lengths, 2), self.integrals(bound.mean(axis=1)) / self.edges.lengths
         g = np.repeat(np.where(mean > 0.0, mean, 1.0), 2)
         p = np.concatenate([press.ends.ravel() for press in presses])
-        balance, weights = KernelBalance(G[:, None], H), (1.0 / (length * g**2), 1.0 / np.tile(length, 2))
-        found, pressure = balance.balanced(theta.reshape(-1, 1), p, np.ones(2 * count), push, weights)
-        left = balance.imbalance(found, pressure, push, np.abs(push))[0]
+        modes, weights = np.concatenate([G, H]), (1.0 / (length * g**2), 1.0 / np.tile(length, 2))
+        found, pressure = balanced((theta.reshape(-1, 1), p), np.ones(2 * count), modes, push, weights)
+        left = push - np.append(found, pressure) @ modes
         if np.abs(left).max() > SAME * max(np.abs(push).max(), np.abs(p @ H).max(), np.abs(theta.ravel() @ G).max()):
             raise SceneError(
                 "error_bound: no friction and pressure that are linear on edges balance the load on a body that "

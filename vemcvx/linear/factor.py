@@ -73,9 +73,8 @@ def chunks(count: int, n: int) -> Iterator[slice]:
 class LinearSolver(ABC):
     """Settings of a linear solver; frozen.
 
-    A run factorises its K once, and with viscosity once for every length of step. `eliminate` is called if the class
-    `eliminates`: programs are then condensed to the unknowns that contact and friction read. Otherwise, and with
-    ``condense=False``, `factorise` is called, and every step is solved on all unknowns.
+    A run factorises its K once, and with viscosity once for every length of step: by `eliminate` if the class
+    `eliminates`, which condenses programs to the unknowns that contact and friction read; else by `factorise`.
     """
 
     eliminates: ClassVar[bool] = False
@@ -126,10 +125,7 @@ class LinearSolver(ABC):
         SceneError
             The matrix is not positive definite.
         """
-        raise NotAccepted(
-            f"linear solver {type(self).__name__}: it gives no Schur complements, so that nothing can be condensed; "
-            "take SuperLU(), or condense=False."
-        )
+        raise NotAccepted(f"linear solver {type(self).__name__}: it gives no Schur complements; take SuperLU().")
 
 
 def singular() -> SceneError:

@@ -138,13 +138,9 @@ def lowest_eigenvalue(K: sp.csr_matrix, cycle: Callable[[Floats], Floats], name:
     After k steps from a uniformly distributed direction in n dimensions, the largest Ritz value of a positive
     semidefinite matrix falls short of its largest eigenvalue by more than the part eps with probability less than
     1.648 sqrt(n) exp(-sqrt(eps) (2k - 1)) (Kuczynski and Wozniakowski, SIAM J. Matrix Anal. Appl. 13, 1992). For
-    1 - MK, with xi the smallest Ritz value of MK, this says
-
-        lambda_min(MK) >= 1 - (1 - xi) / (1 - eps).
-
-    The root of the condition of M, at most 1e8 in double precision, multiplies the probability, because the force is
-    uniform in another inner product; eps keeps it below 1e-9. Raise SceneError if K is not positive definite, or if the
-    bound after 400 steps is less than a tenth of xi.
+    1 - MK, with xi the smallest Ritz value of MK, lambda_min(MK) >= 1 - (1 - xi) / (1 - eps). The root of the condition
+    of M, at most 1e8, multiplies the probability, because the force is uniform in another inner product; eps keeps it
+    below 1e-9. Raise SceneError if K is not positive definite, or if the bound after 400 steps is less than xi / 10.
     """
     failure = np.log(1.648 * np.sqrt(K.shape[0]) * 1e8 / 1e-9)
     diagonal: list[float] = []
@@ -168,9 +164,7 @@ def lowest_eigenvalue(K: sp.csr_matrix, cycle: Callable[[Floats], Floats], name:
         if low <= 0:
             raise singular()
         if high > 1 + 1e-6:
-            raise NotAccepted(
-                f"{name}: the cycle has an eigenvalue of {high:.3g}, above 1, so that nothing is bounded."
-            )
+            raise NotAccepted(f"{name}: the cycle has an eigenvalue of {high:.3g}: above 1 nothing is bounded.")
         eps = (failure / (2 * k - 1)) ** 2
         if eps < 1 and (bound := 1.0 - (1.0 - low) / (1.0 - eps)) > 0.1 * low:
             return float(bound)

@@ -121,22 +121,22 @@ class Ranks:
     def call(self, name: str, shared: tuple[Any, ...], *own: Any) -> Any:
         """Call a method on all ranks, with `shared` arguments, and on rank 0 with its `own` arguments after these."""
         self._tell((name, shared))
+        return self.act(name, *shared, *own)
+
+    def act(self, name: str, *arguments: Any) -> Any:
+        """Call a method on this rank; end all ranks if it fails, because others may wait for this one for ever."""
         try:
-            return getattr(self, name)(*shared, *own)
+            return getattr(self, name)(*arguments)
         except Exception as error:
             if self.comm.size == 1:
                 raise SceneError(f"PETSc: {_first_words(error)}") from error
-            self.end_all(error)
+            words = "PETSc: rank %d of %d failed, which ends all: %s"
+            log.error(words, self.comm.rank, self.comm.size, _first_words(error))
+            self.comm.Abort(2)
 
     def _tell(self, call: object) -> None:
         for rank in range(1, self.comm.size):
             self.comm.send(call, dest=rank, tag=CALL)
-
-    def end_all(self, error: BaseException) -> None:
-        """End the processes of all ranks: other ranks may wait for this one in the middle of a solve, for ever."""
-        words = "PETSc: rank %d of %d failed, which ends all: %s"
-        log.error(words, self.comm.rank, self.comm.size, _first_words(error))
-        self.comm.Abort(2)
 
     def set_up(self, n: int, K: sp.csr_matrix | None = None, motions: Floats | None = None) -> None:
         """Distribute a matrix in place of the last one, and make its hierarchy."""
@@ -145,9 +145,9 @@ class Ranks:
         petsc, comm = self._petsc, self.comm
         ends = [n * rank // comm.size for rank in range(comm.size + 1)]
         block, own = self._own_rows(K, ends), self._own_rows(motions, ends)
-        size = block.shape[0], n
-        csr = [part.astype(petsc.IntType, copy=False) for part in (block.indptr, block.indices)]
-        A = petsc.Mat().createAIJ((size, size), csr=[*csr, block.data], comm=comm)
+        size, pattern = (block.shape[0], n), (block.indptr, block.indices)
+        csr = [*(part.astype(petsc.IntType, copy=False) for part in pattern), block.data]
+        A = petsc.Mat().createAIJ((size, size), csr=csr, comm=comm)
         A.setOption(petsc.Mat.Option.SPD, True)
         near = petsc.NullSpace()
         if own.shape[1]:
@@ -221,19 +221,15 @@ def serve() -> bool:
     ranks = all_ranks()
     if ranks.comm.rank == 0:
         return False
-    try:
-        while True:
-            # A rank that waits in a broadcast would keep a core busy while rank 0 steps.
-            while not ranks.comm.iprobe(source=0, tag=CALL):
-                time.sleep(1e-4)
-            call = ranks.comm.recv(source=0, tag=CALL)
-            if call is None:
-                return True
-            name, shared = call
-            getattr(ranks, name)(*shared)
-    except Exception as error:
-        ranks.end_all(error)
-        raise
+    while True:
+        # A rank that waits in a broadcast would keep a core busy while rank 0 steps.
+        while not ranks.comm.iprobe(source=0, tag=CALL):
+            time.sleep(1e-4)
+        call = ranks.comm.recv(source=0, tag=CALL)
+        if call is None:
+            return True
+        name, shared = call
+        ranks.act(name, *shared)
 
 
 def _first_words(error: BaseException) -> str:

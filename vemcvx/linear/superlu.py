@@ -30,10 +30,7 @@ class SuperLU(LinearSolver):
 
 
 class SuperLUFactor(Factor):
-    """K = L U, in a given order of the unknowns, or in that of minimum degree.
-
-    `schur` (m, m) is the Schur complement onto the last m unknowns in the order, L_cc U_cc.
-    """
+    """K = L U, in a given order or in that of minimum degree; `schur` (m, m) is L_cc U_cc of the last m unknowns."""
 
     def __init__(self, K: sp.csr_matrix, order: Ints | None = None, m: int = 0):
         self._K, self._order = K, np.arange(K.shape[0]) if order is None else order
@@ -49,12 +46,11 @@ class SuperLUFactor(Factor):
         self.schur = self._schur_complement(m)
 
     def _schur_complement(self, m: int) -> Floats:
-        """Read the Schur complement off the factors.
+        """Read the Schur complement off the factors; raise SceneError if K is not positive definite.
 
-        Raise SceneError if K is not positive definite: if pivots left the diagonal, or one is no larger than the
-        rounding of its own entry of K. With pivots on the diagonal K = L D L', and by Sylvester's law of inertia the
-        pivots have the signs of the eigenvalues. Of a K with a kernel and as many anchors this says that K is
-        semidefinite (Haynsworth 1968).
+        That is if pivots left the diagonal, or one is no larger than the rounding of its own entry of K: by Sylvester's
+        law of inertia the pivots of K = L D L' have the signs of the eigenvalues. Of a K with a kernel and as many
+        anchors this says that K is semidefinite (Haynsworth 1968).
         """
         L, U, place = self._lu.L, self._lu.U, self._lu.perm_c
         D, diagonal = U.diagonal(), self._K.diagonal()[self._order[np.argsort(place)]]

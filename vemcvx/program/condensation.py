@@ -24,20 +24,19 @@ when they are asked for.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import scipy.sparse as sp
 
 from vemcvx.base.arrays import Floats, Ints, power_of_two, read_only, spread
 from vemcvx.base.errors import NotAccepted
-from vemcvx.linear import LinearSolver, Matrix, minimum_degree
+from vemcvx.linear import Factor, LinearSolver, Matrix, minimum_degree
 from vemcvx.program.certificate import ROUNDED
-from vemcvx.program.dense_factors import DenseCholesky
 from vemcvx.program.kernel import anchors
-from vemcvx.program.operators import Operators, estimated
+from vemcvx.program.operators import DenseInverse, Operators, estimated
 from vemcvx.program.system import System
 
 MOST_SHAPES = 6
@@ -52,17 +51,14 @@ class Shape:
     xi: Floats
     tau: Floats
     released: Floats
-    remembered: bool
-    _products: dict[Shape, float] = field(default_factory=dict, repr=False)
+    _works: WeakKeyDictionary[Shape, float] = field(default_factory=WeakKeyDictionary, repr=False)
 
-    def inside(self, other: Shape) -> float:
+    def work_inside(self, other: Shape) -> float:
         """Return phi'xi, the work on the displacement xi of another shape."""
-        found = self._products.get(other)
-        if found is None:
-            found = float(self.phi @ other.xi)
-            if self.remembered and other.remembered:
-                self._products[other] = found
-        return found
+        work = self._works.get(other)
+        if work is None:
+            self._works[other] = work = float(self.phi @ other.xi)
+        return work
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,8 +70,8 @@ class Reduced:
 
     @cached_property
     def retained(self) -> Floats:
-        """Tau (m,); where nothing is eliminated the force itself."""
-        return self.phi if self.condensation.whole else self._sum("tau", len(self.condensation.retained))
+        """Tau (m,)."""
+        return self._sum("tau", len(self.condensation.retained))
 
     @cached_property
     def phi(self) -> Floats:
@@ -87,15 +83,10 @@ class Reduced:
         """The response (n,) while the retained unknowns are held."""
         return self._sum("xi", self.condensation.system.n)
 
-    @property
-    def released(self) -> Floats:
-        """The response (m,) of the retained unknowns."""
-        return self._sum("released", len(self.condensation.retained))
-
     @cached_property
     def x(self) -> Floats:
         """The response K^{-1} phi (n,)."""
-        return self.condensation.completed(self.xi, self.released)
+        return self.condensation.completed(self.xi, self._sum("released", len(self.condensation.retained)))
 
     @cached_property
     def norm(self) -> float:
@@ -104,26 +95,27 @@ class Reduced:
         if not 0 < largest < np.inf:
             return largest
         unit = Reduced(self.condensation, {shape: share / largest for shape, share in self.shares.items()})
-        return largest * float(np.sqrt(abs(unit.work_inside(unit) + float(unit.retained @ unit.released))))
+        released = unit._sum("released", len(self.condensation.retained))
+        return largest * float(np.sqrt(abs(unit.work_inside(unit) + float(unit.retained @ released))))
 
     def work_inside(self, other: Reduced) -> float:
         """Return phi'xi, the work on the displacement xi of another force."""
         pairs = ((one, a, two, b) for one, a in self.shares.items() for two, b in other.shares.items())
         # Each share carries the unit of its force: the product of two may be no number where that of all three is.
-        return float(sum(a * (b * one.inside(two)) for one, a, two, b in pairs))
+        return float(sum(a * (b * one.work_inside(two)) for one, a, two, b in pairs))
 
-    def same(self, other: Reduced) -> bool:
-        """Return True if the forces are equal; tau, at hand, tells most of them apart before phi is formed."""
-        return np.array_equal(self.retained, other.retained) and np.array_equal(self.phi, other.phi)
+    def plus(self, other: Reduced, factor: float = 1.0) -> Reduced:
+        """Return the sum of this force and of `factor` times another one."""
+        total = dict(self.shares)
+        for shape, share in other.shares.items():
+            total[shape] = total.get(shape, 0.0) + factor * share
+        return Reduced(self.condensation, total)
 
     def __add__(self, other: Reduced) -> Reduced:
-        shapes = {**self.shares, **other.shares}
-        return Reduced(
-            self.condensation, {one: self.shares.get(one, 0.0) + other.shares.get(one, 0.0) for one in shapes}
-        )
+        return self.plus(other)
 
     def __sub__(self, other: Reduced) -> Reduced:
-        return self + Reduced(self.condensation, {one: -share for one, share in other.shares.items()})
+        return self.plus(other, -1.0)
 
     def _sum(self, name: str, count: int) -> Floats:
         """Return the sum of shares of arrays (count,)."""
@@ -145,71 +137,64 @@ class Condensation:
     def __init__(self, system: System, condense: bool = True, linear: LinearSolver | None = None):
         self.system, self.linear = system, system.linear(linear)
         self.whole = not (condense and self.linear.eliminates)
-        n, c, anchor = system.n, system.retained, self._anchor(system)
-        self._K = system.K if anchor is None else sp.csr_matrix(system.K + sp.diags_array(anchor))
-        if self.whole:
-            c, given = np.arange(n), self.linear.factorise(self._K, system.near_kernel)
-            self.factor, S = given, self._K
-        else:
-            order = np.arange(n) if self.linear.orders else system.elimination_order()
-            order = minimum_degree(self._K) if order is None else order
-            self.factor, S = self.linear.eliminate(self._K, order, c)
-            given = DenseCholesky(read_only(S))
-        self.retained: Ints = c
-        self._S: Matrix = S
-        self._motions, kernel, own = np.zeros((n, 0)), None, None
-        if anchor is not None and system.kernel is not None:
-            own, (kernel, T) = anchor[c], np.linalg.qr(system.kernel.modes[c])
-            S = system.K if self.whole else read_only(S - np.diag(own))
-            self._motions = system.kernel.modes @ np.linalg.inv(T)
-        rows = {"B": system.B[:, c], "D": system.D[:, c]}
-        compliance = None if system.limits is None else system.limits.compliance
-        self.operators = Operators(
-            S, block=system.block, given_factor=given, kernel=kernel, anchor=own, compliance=compliance, **rows
-        )
-        self._bases: dict[int, list[tuple[Floats, Shape]]] = {}
-
-    def _anchor(self, system: System) -> Floats | None:
-        """Return the anchors' stiffness (n,), if K has a kernel."""
-        if system.kernel is None:
-            return None
-        if not self.linear.eliminates:
+        n, c, given = system.n, system.retained, system.kernel
+        if given is not None and not self.linear.eliminates:
             raise NotAccepted(
                 f"linear solver {type(self.linear).__name__}: the stiffness has a kernel (only friction holds the "
                 "body), which it does not take; SuperLU() does."
             )
-        c, n = system.retained, system.n
-        return spread(anchors(system.kernel.modes[c], system.K.diagonal()[c]), c, n)
+        anchor = None if given is None else spread(anchors(given.modes[c], system.K.diagonal()[c]), c, n)
+        self._K = system.K if anchor is None else sp.csr_matrix(system.K + sp.diags_array(anchor))
+        S: Matrix = self._K
+        if self.whole:
+            c, factor = np.arange(n), self.linear.factorise(self._K, system.near_kernel)
+            self.factor: Factor = factor
+        else:
+            order = np.arange(n) if self.linear.orders else system.elimination_order()
+            order = minimum_degree(self._K) if order is None else order
+            self.factor, S = self.linear.eliminate(self._K, order, c)
+            factor = DenseInverse(read_only(S))
+        self.retained: Ints = c
+        self._S = S
+        self._motions, kernel, own = np.zeros((n, 0)), None, None
+        if anchor is not None and given is not None:
+            own, (kernel, T) = anchor[c], np.linalg.qr(given.modes[c])
+            S = system.K if self.whole else read_only(S - np.diag(own))
+            self._motions = given.modes @ np.linalg.inv(T)
+        B, D, limits = system.B[:, c], system.D[:, c], system.limits
+        compliance = None if limits is None else limits.compliance
+        self.operators = Operators(
+            S, B, system.block, given_factor=factor, kernel=kernel, anchor=own, D=D, compliance=compliance
+        )
+        self._bases: dict[int, list[tuple[Floats, Shape]]] = {}
 
-    def reduce(self, phi: Floats, remembered: bool = True, rows: Ints | None = None) -> Reduced:
+    def reduce(self, phi: Floats, rows: Ints | None = None) -> Reduced:
         """Return the reduced form of a force (n,), or of one on the unknowns `rows` alone.
 
-        If they are remembered, a combination of forces on the same rows seen before costs no solve.
+        A combination of forces on the same rows seen before costs no solve.
         """
         unit = float(power_of_two(float(np.abs(phi).max(initial=0.0))))
         rest = load = phi / unit
-        if not load.any():
-            return Reduced(self, {})
         basis, shares = self._bases.setdefault(id(rows), []), dict[Shape, float]()
-        for q, shape in basis if remembered else ():
+        for q, shape in basis:
             share = float(q @ rest) / float(q @ q)  # One, exactly, of a load that is the shape itself.
             rest, shares[shape] = rest - share * q, unit * share
         if np.linalg.norm(rest) <= ROUNDED * np.linalg.norm(load):
             return Reduced(self, shares)
-        remembered = remembered and len(basis) < MOST_SHAPES
-        rest, shares = (rest, shares) if remembered else (load, {})
-        new = self._solved(rest if rows is None else spread(rest, rows, self.system.n), remembered)
-        if remembered:
+        full = len(basis) == MOST_SHAPES
+        rest, shares = (load, {}) if full else (rest, shares)
+        new = self._solved(rest if rows is None else spread(rest, rows, self.system.n))
+        if not full:
             basis.append((rest, new))
         return Reduced(self, {**shares, new: unit})
 
-    def _solved(self, phi: Floats, remembered: bool) -> Shape:
+    def _solved(self, phi: Floats) -> Shape:
         """Return the response to a force (n,)."""
         c, xi = self.retained, self.held(phi)
         tau = phi[c] - self._K[c] @ xi
         if (N := self.operators.kernel) is not None:  # It does the work there that phi does.
             tau = tau + N @ (self._motions.T @ phi - N.T @ tau)
-        return Shape(phi, xi, tau, self.operators.factor.solve(tau), remembered)
+        return Shape(phi, xi, tau, self.operators.factor.solve(tau))
 
     def held(self, phi: Floats) -> Floats:
         """Return the response xi to forces (n,), or (n, k), inside, while the retained unknowns are held.
@@ -237,11 +222,6 @@ class Condensation:
             y += self.factor.solve(pushed)
         y[self.retained] = y_c
         return y
-
-    def recover(self, y_c: Sequence[Floats], forces: Sequence[Reduced]) -> Floats:
-        """Return all unknowns (n, k) of states from the retained ones, K y = f + (0, rho)."""
-        xi = np.array([force.xi for force in forces]).T
-        return self.completed(xi, np.array(y_c).T)
 
     @cached_property
     def _absolute(self) -> sp.csr_matrix:

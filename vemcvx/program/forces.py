@@ -23,7 +23,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.sparse.linalg import LinearOperator
 
 from vemcvx.base.arrays import Floats
 from vemcvx.program.operators import Operators, product
@@ -55,36 +54,18 @@ class Point:
     start: Point | None = None
 
 
-@dataclass(frozen=True, eq=False)
 class Delassus:
-    """W + C of the rows of norm terms and limits, in units u of their forces.
+    """W + C of the rows of norm terms and limits, in units u (N,) of their forces, alike in a block.
 
-    Parameters
-    ----------
-    operators : Operators
-    u : (N,) array
-        Units of forces, alike in a block; rows move in units 1 / u.
-    W : (N, N) array or LinearOperator
-        u (W + C) u, whose diagonal is near one.
-    N : (n, k) array
-        A basis of K's kernel.
-    R : (N, k) array
-        u A N, orthonormal.
+    Rows move in units 1 / u. W (N, N), an array or a LinearOperator, is u (W + C) u, whose diagonal is near one.
+    N (n, k) is a basis of K's kernel such that R = u A N (N, k) is orthonormal.
     """
 
-    operators: Operators
-    u: Floats
-    W: Floats | LinearOperator
-    N: Floats
-    R: Floats
-
-    @classmethod
-    def of(cls, operators: Operators) -> Delassus:
-        """Return the response of the rows of `operators` to each other's forces."""
-        A, (u, W) = operators.A, operators.softness
-        N = np.zeros((A.shape[1], 0)) if operators.kernel is None else operators.kernel
-        R, T = np.linalg.qr(u[:, None] * (A @ N))
-        return cls(operators, u, W, np.linalg.solve(T.T, N.T).T, R)
+    def __init__(self, operators: Operators):
+        self.operators, (self.u, self.W) = operators, operators.softness
+        N = np.zeros((operators.K.shape[0], 0)) if operators.kernel is None else operators.kernel
+        self.R, T = np.linalg.qr(self.u[:, None] * operators.kernel_modes)
+        self.N: Floats = np.linalg.solve(T.T, N.T).T
 
     @cached_property
     def norm(self) -> float:

@@ -12,9 +12,7 @@ themselves as unknowns (:mod:`vemcvx.program.forces`); solvers that do not take 
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -38,8 +36,6 @@ from vemcvx.base.errors import SceneError
 
 ROUNDS = 50
 """Corrections of multipliers that are out of balance; each but the last cuts some of them."""
-GAIN = 1e-9
-"""Gain of a motion, in parts of the load, that an interior-point method tells from zero."""
 
 
 @dataclass(frozen=True)
@@ -103,67 +99,29 @@ def anchors(modes: Floats, diagonal: Floats) -> Floats:
     return stiffness
 
 
-@dataclass(frozen=True)
-class KernelBalance:
-    """The balance on a kernel: norm terms and limits feel its motions N, and hold a load N'g = `push` (k,) there."""
+def balanced(
+    near: tuple[Floats, Floats], w: Floats, modes: Floats, push: Floats, weights: tuple[Floats, Floats]
+) -> tuple[Floats, Floats]:
+    """Return multipliers (m, block), |lam_i| <= w_i, and (r,), p >= 0, near some, that hold a load N'g = `push` (k,).
 
-    friction_modes: Floats
-    """(m, block, k) B_i N"""
-    contact_modes: Floats
-    """(r, k) D N"""
-
-    @cached_property
-    def modes(self) -> Floats:
-        """(m * block + r, k) the motions of all rows."""
-        return np.concatenate([self.friction_modes.reshape(-1, self.contact_modes.shape[1]), self.contact_modes])
-
-    def imbalance(self, lam: Floats, p: Floats, push: Floats, pushed: Floats) -> tuple[Floats, Floats]:
-        """Return what multipliers leave of the load (k,), and its rounding (k,); `pushed` is |N|'|g|."""
+    Least squares with `weights` (m,) and (r,), the larger the more a multiplier is changed; those that are cut at their
+    bounds go on along them only. `modes` (m * block + r, k) are the motions of the rows. Loads beyond what they can
+    hold are left.
+    """
+    (lam, p), (a, b), rows, way = near, weights, near[0].size, np.zeros_like(near[0])
+    of_terms, of_limits = modes[:rows].reshape(*lam.shape, len(push)), b[:, None] * modes[rows:]
+    cut, closed = w == 0, np.ones(len(p), dtype=bool)
+    for _ in range(ROUNDS):
         x = np.append(lam, p)
-        return push - x @ self.modes, 8 * EPS * (pushed + np.abs(x) @ np.abs(self.modes))
-
-    def balanced(
-        self, lam: Floats, p: Floats, w: Floats, push: Floats, weights: tuple[Floats, Floats]
-    ) -> tuple[Floats, Floats]:
-        """Return admissible multipliers near (lam, p) that hold the load, if there are such.
-
-        Least squares with `weights` (m,) and (r,), the larger the more a multiplier is changed; those that are cut at
-        their bounds go on along them only.
-        """
-        (m, block, _), G = self.friction_modes.shape, self.modes
-        a, b = np.where(w > 0, weights[0], 0.0), weights[1]
-        cut, open_limits = np.zeros(m, dtype=bool), np.zeros(len(p), dtype=bool)
-        way, size = np.zeros_like(lam), np.abs(push)
-        for _ in range(ROUNDS):
-            left, blur = self.imbalance(lam, p, push, size)
-            if (np.abs(left) <= blur).all():
-                break
-            across = way[:, :, None] * np.einsum("ij,ijk->ik", way, self.friction_modes)[:, None]
-            moves = (a[:, None, None] * (self.friction_modes - across)).reshape(m * block, G.shape[1])
-            moves = np.concatenate([moves, np.where(open_limits, 0.0, b)[:, None] * self.contact_modes])
-            dx = moves @ np.linalg.lstsq(G.T @ moves, left, rcond=None)[0]
-            lam, p = lam + dx[: m * block].reshape(lam.shape), p + dx[m * block :]
-            cut, open_limits = cut | (lengths(lam) > w), open_limits | (p < 0)
-            way = np.where(cut[:, None], directions(lam, lengths(lam)), 0.0)
-            lam, p = onto_discs(lam, w), np.maximum(p, 0.0)
-        return lam, p
-
-    def unbalanced_motion(self, w: Floats, push: Floats) -> Floats | None:
-        """Return the motion c (k,) of length one that gains most against friction and limits; None if none gains.
-
-        The gain is push . c - sum w_i |B_i N c|, for motions that run into no limit; below GAIN of the load it is none.
-        """
-        import cvxpy as cp
-
-        (m, block, k), largest = self.friction_modes.shape, np.abs(push).max(initial=0.0) or 1.0
-        c, modes = cp.Variable(k), self.modes
-        gain: cp.Expression = (push / largest) @ c
-        if m:
-            slips = cp.reshape(modes[: m * block] @ c, (block, m), order="F")
-            gain -= (w / largest) @ cp.norm(slips, axis=0)
-        limits = [modes[m * block :] @ c <= 0] if len(modes) > m * block else []
-        problem = cp.Problem(cp.Maximize(gain), [cp.norm(c) <= 1, *limits])
-        with warnings.catch_warnings(), suppress(cp.error.SolverError):
-            warnings.simplefilter("ignore")  # of answers that are not accurate
-            problem.solve(solver="CLARABEL", tol_gap_abs=1e-12, tol_gap_rel=1e-12, tol_feas=1e-12)
-        return None if c.value is None or not problem.value > GAIN else np.asarray(c.value)
+        left = push - x @ modes
+        if (np.abs(left) <= 8 * EPS * (np.abs(push) + np.abs(x) @ np.abs(modes))).all():
+            break
+        across = of_terms - way[:, :, None] * np.einsum("ij,ijk->ik", way, of_terms)[:, None]
+        across = (np.where(w > 0, a, 0.0)[:, None, None] * across).reshape(rows, -1)
+        moves = np.concatenate([across, np.where(closed[:, None], of_limits, 0.0)])
+        dx = moves @ np.linalg.lstsq(modes.T @ moves, left, rcond=None)[0]
+        lam, p = lam + dx[:rows].reshape(lam.shape), p + dx[rows:]
+        cut, closed = cut | (lengths(lam) > w), closed & (p >= 0)
+        way = np.where(cut[:, None], directions(lam, lengths(lam)), 0.0)
+        lam, p = onto_discs(lam, w), np.maximum(p, 0.0)
+    return lam, p

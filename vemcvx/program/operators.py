@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 from scipy.linalg.blas import dsymv
+from scipy.linalg.lapack import dpotrf, dpotri
 from scipy.sparse.linalg import LinearOperator, lsqr
 
 from vemcvx.base.arrays import (
@@ -26,9 +27,7 @@ from vemcvx.base.arrays import (
 )
 from vemcvx.base.errors import SceneError
 from vemcvx.base.outline import ArrayRecord
-from vemcvx.linear import AT_ONCE, SAMPLES, Factor, Matrix, SuperLU
-from vemcvx.program.dense_factors import DenseCholesky
-from vemcvx.program.kernel import KernelBalance
+from vemcvx.linear import AT_ONCE, SAMPLES, Factor, Matrix, SuperLU, singular
 
 QUADRATIC = "quadratic"
 ABSOLUTE_VALUES = "absolute values"
@@ -39,25 +38,20 @@ FEATURES = frozenset({QUADRATIC, ABSOLUTE_VALUES, SECOND_ORDER_CONES, BOUNDS, SQ
 """All that a program can have."""
 
 SYMMETRIC = 1e-10
-"""Part of the largest entry by which K_ij and K_ji may differ: products such as A'CA round them differently."""
+"""Part of the largest entry by which K and K' may differ: products such as A'CA round them differently."""
 
 
 def check_symmetric(K: Any, subject: str) -> None:
-    """Raise SceneError unless K is square and symmetric."""
+    """Raise SceneError unless K is square, and Kx = K'x for an x without structure: a tenth of the cost of K - K'."""
     if K.shape[0] != K.shape[1]:
         raise SceneError(f"{subject}: found a matrix of shape {K.shape}; it must be square.")
-    # Kx = K'x for one x without structure: a tenth of the cost of K - K', which is formed only to name the place.
     x = np.random.default_rng(0).uniform(-1.0, 1.0, K.shape[0])
-    largest = abs(K).max() if K.shape[0] else 0.0
-    if np.abs(K @ x - x @ K).max(initial=0.0) <= 0.01 * SYMMETRIC * largest:
-        return
-    apart = sp.coo_matrix(abs(K - K.T))
-    if apart.data.max(initial=0.0) > SYMMETRIC * largest:
-        worst = int(np.argmax(apart.data))
-        i, j = int(apart.row[worst]), int(apart.col[worst])
+    apart, largest = np.abs(K @ x - x @ K), abs(K).max() if K.shape[0] else 0.0
+    if (apart > SYMMETRIC * largest).any():
+        i = int(np.argmax(apart))
         raise SceneError(
-            f"{subject}: found {K[i, j]:.6g} at [{i}, {j}] but {K[j, i]:.6g} at [{j}, {i}]; it must be symmetric. "
-            "For the energy 1/2 y'Ky, give (K + K.T) / 2."
+            f"{subject}: found a row {i} that is not column {i}; it must be symmetric. For the energy 1/2 y'Ky, give "
+            "(K + K.T) / 2."
         )
 
 
@@ -181,13 +175,12 @@ class Operators(ArrayRecord):
         if self.given_factor is not None:
             return self.given_factor
         K = self.regular
-        return DenseCholesky(K) if isinstance(K, np.ndarray) else SuperLU().factorise(sp.csr_matrix(K))
+        return DenseInverse(K) if isinstance(K, np.ndarray) else SuperLU().factorise(sp.csr_matrix(K))
 
     @cached_property
-    def kernel_balance(self) -> KernelBalance:
-        """The balance of norm terms and limits on the kernel."""
-        kernel = np.zeros((self.K.shape[0], 0)) if self.kernel is None else self.kernel
-        return KernelBalance((self.B @ kernel).reshape(self.count, self.block, kernel.shape[1]), self.D @ kernel)
+    def kernel_modes(self) -> Floats:
+        """(N, k) A N, what rows feel of K's kernel; (N, 0) where it has none."""
+        return np.asarray(self.A @ (np.zeros((self.K.shape[0], 0)) if self.kernel is None else self.kernel))
 
     @cached_property
     def A(self) -> sp.csr_matrix:
@@ -287,6 +280,30 @@ def estimated(factor: Factor, K: Matrix, rows: sp.csr_matrix) -> Floats:
     some = np.unique(np.linspace(0, len(alone) - 1, min(SAMPLES, len(alone))).astype(np.int64))
     energies = factor.energies_of_columns(np.ascontiguousarray(rows[some].toarray().T))
     return alone * np.max(energies / alone[some], initial=0.0)
+
+
+class DenseInverse(Factor):
+    """K^{-1} of a dense K: every run needs its diagonal, and the block that rows read."""
+
+    def __init__(self, K: Floats):
+        # K' = K is read by columns, which takes half the time.
+        upper, info = dpotrf(K.T, lower=0) if len(K) else (K, 0)
+        if info > 0:
+            raise singular()
+        half = np.triu(dpotri(upper, lower=0)[0]) if len(K) else K
+        self._inverse: Floats = half + np.triu(half, 1).T
+
+    def solve(self, b: Floats) -> Floats:
+        """Return K^{-1} b, of one right side or of several columns."""
+        return product(self._inverse, b) if b.ndim == 1 else np.asarray(self._inverse @ b)
+
+    def energies(self, rows: sp.csr_matrix) -> Floats:
+        """Return b'K^{-1}b of every row b."""
+        return np.asarray(rows.multiply(rows @ self._inverse).sum(axis=1)).ravel()
+
+    def flexibility(self, some: Ints, n: int) -> Floats:
+        """Return the block of K^{-1} on some unknowns."""
+        return self._inverse if len(some) == n else np.asarray(self._inverse.take(some, 0).take(some, 1))
 
 
 def product(K: Matrix | LinearOperator, d: Floats) -> Floats:

@@ -15,16 +15,13 @@ In cvxpy it is
 with one second-order cone a term; v = 0 where a limit is a bound, v >= (z)_+ where it is soft. cvxpy's dual of the
 cone |s_i| <= t_i is (w_i, -lam_i); p is that of D d - v <= e. Absolute values may be two inequalities instead, -t
 <= B d - b <= t, whose duals (upper, lower) give lam = upper - lower.
-
-A disc of multipliers may be a polygon with corners w e_k on its rim instead: e_k . s_i <= t_i with duals mu_k >= 0
-that sum to w_i, lam_i = sum_k mu_k e_k. Such multipliers are admissible; with P corners |s| cos(pi / P) <= max_k
-e_k . s, so that the gap of the program of the disc at the answer is at most 1 - cos(pi / P) times w |s|, and the
-certificate says how much it is.
 """
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -53,6 +50,7 @@ from vemcvx.base.arrays import (
 from vemcvx.base.errors import SceneError, SolverFailed
 from vemcvx.base.outline import ArrayRecord
 from vemcvx.program.certificate import ROUNDED, Certificate, limit_gaps, norm_gaps
+from vemcvx.program.kernel import balanced
 from vemcvx.program.operators import Operators, product
 
 if TYPE_CHECKING:
@@ -60,6 +58,8 @@ if TYPE_CHECKING:
 
 STILL = 1e-9
 """Part of the largest motion of a row below which slips, and what limits lack, count as none."""
+GAIN = 1e-9
+"""Gain of a motion, in parts of the load, that an interior-point method tells from zero."""
 
 
 def has_diverged(x: Floats) -> bool:
@@ -82,8 +82,7 @@ class CvxpyStep:
 
     problem: cp.Problem
     d: cp.Variable
-    _lam: Callable[[], Floats] = field(repr=False)
-    _p: Callable[[], Floats] = field(repr=False)
+    _multipliers: Callable[[], tuple[Floats, Floats]] = field(repr=False)
     parameters: tuple[cp.Parameter, ...] = field(default=(), repr=False)
 
     def at(self, data: Sequence[Floats]) -> CvxpyStep:
@@ -95,12 +94,12 @@ class CvxpyStep:
     @property
     def lam(self) -> Floats | None:
         """Multipliers (m, block) of the norm terms; None where the solver gave none."""
-        return self._lam() if self._solved else None
+        return self._multipliers()[0] if self._solved else None
 
     @property
     def p(self) -> Floats | None:
         """Multipliers (r,) of the limits; None where the solver gave none."""
-        return self._p() if self._solved else None
+        return self._multipliers()[1] if self._solved else None
 
     @property
     def _solved(self) -> bool:
@@ -112,7 +111,8 @@ def to_cvxpy(
 ) -> CvxpyStep:
     """Write a step in cvxpy; without data g, w, b, e with parameters in their place.
 
-    With `corners` (P, block), unit vectors, discs are such polygons.
+    Without `cones` absolute values are two inequalities each; with `corners` (P, block), unit vectors, discs are such
+    polygons.
     """
     import cvxpy as cp
 
@@ -122,38 +122,36 @@ def to_cvxpy(
     d = cp.Variable(n)
     # assume_psd: K is a stiffness matrix; testing its eigenvalues would take longer than the solve.
     energy: cp.Expression = 0.5 * cp.quad_form(d, operators.K, assume_PSD=True) - g @ d
-    constraints: list[cp.Constraint] = []
+    sides: list[cp.Constraint] = []
+    limits: list[cp.Constraint] = []
+    corners = np.array([[1.0], [-1.0]]) if block == 1 else corners
     if m:
         t, s = cp.Variable(m), operators.B @ d - b
         energy += w @ t
-        if cones and (corners is None or block == 1):
-            constraints = [cp.SOC(t, cp.reshape(s, (block, m), order="F"), axis=0)]
+        if corners is None or (cones and block == 1):
+            sides = [cp.SOC(t, cp.reshape(s, (block, m), order="F"), axis=0)]
         else:
-            corners = np.array([[1.0], [-1.0]]) if block == 1 or corners is None else corners
-            constraints = [sp.kron(sp.eye_array(m), corner[None], format="csr") @ s <= t for corner in corners]
-    sides, towards = tuple(constraints), np.zeros((0, block)) if corners is None else corners
+            sides = [sp.kron(sp.eye_array(m), corner[None], format="csr") @ s <= t for corner in corners]
     if r:
         z, soft = operators.D @ d - e, np.flatnonzero(c > 0)
         if len(soft):
             v = cp.Variable(len(soft))
             z = z - sp.eye_array(r, format="csr")[:, soft] @ v
             energy += 0.5 * cp.sum_squares(cp.multiply(c[soft] ** -0.5, v))
-        constraints = [*constraints, z <= 0]
+        limits = [z <= 0]
 
-    def lam() -> Floats:
-        if not m:
-            return np.zeros((0, block))
-        if isinstance(sides[0], cp.SOC):
-            return -np.reshape(sides[0].dual_value[1], (block, m), order="F").T
-        return np.asarray(np.einsum("km,kb->mb", [side.dual_value for side in sides], towards))
-
-    def p() -> Floats:
-        return np.asarray(constraints[-1].dual_value) if r else np.zeros(0)
+    def multipliers() -> tuple[Floats, Floats]:
+        lam, p = np.zeros((m, block)), np.asarray(limits[0].dual_value) if r else np.zeros(0)
+        if m and isinstance(sides[0], cp.SOC):
+            lam = -np.reshape(sides[0].dual_value[1], (block, m), order="F").T
+        elif corners is not None:
+            lam = sum((np.outer(side.dual_value, corner) for side, corner in zip(sides, corners, strict=False)), lam)
+        return lam, p
 
     # OSQP prints, verbose or not, where it finds no constraint active: this one, idle >= 0, always is. SCS breaks down
     # where there is none at all.
-    idle = 0.0 if cones and constraints else cp.Variable(nonneg=True)
-    return CvxpyStep(cp.Problem(cp.Minimize(energy + idle), constraints), d, lam, p, parameters)
+    idle = 0.0 if cones and (sides or limits) else cp.Variable(nonneg=True)
+    return CvxpyStep(cp.Problem(cp.Minimize(energy + idle), [*sides, *limits]), d, multipliers, parameters)
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -271,14 +269,29 @@ class StepProgram(ArrayRecord):
         s, z = lengths(self.slip(d)), np.abs(self.excess(d) - self.operators.compliance * p)
         level = 1e-6 * max(s.max(initial=0.0), z.max(initial=0.0)) or 1.0
         weights = level / (level + s), level / (level + z)
-        return self.operators.kernel_balance.balanced(lam, p, self.w, N.T @ self.g, weights)
+        return balanced((lam, p), self.w, self.operators.kernel_modes, N.T @ self.g, weights)
 
     def unbalanced_motion(self) -> Floats | None:
-        """Return increments (n,) without energy that nothing holds against the load; None if none are found."""
+        """Return increments N c without energy that gain most, against friction, beside limits; None if none gains.
+
+        The gain is g'N c - sum w_i |B_i N c| with |c| = 1; below GAIN of the load it is none.
+        """
+        import cvxpy as cp
+
         if (N := self.operators.kernel) is None:
             return None
-        motion = self.operators.kernel_balance.unbalanced_motion(self.w, N.T @ self.g)
-        return None if motion is None else np.asarray(N @ motion)
+        push, modes, rows = N.T @ self.g, self.operators.kernel_modes, len(self.b)
+        c, largest = cp.Variable(len(push)), np.abs(push).max(initial=0.0) or 1.0
+        gain: cp.Expression = (push / largest) @ c
+        if rows:
+            slips = cp.reshape(modes[:rows] @ c, (self.operators.block, len(self.w)), order="F")
+            gain -= (self.w / largest) @ cp.norm(slips, axis=0)
+        limits = [modes[rows:] @ c <= 0] if len(self.e) else []
+        problem = cp.Problem(cp.Maximize(gain), [cp.norm(c) <= 1, *limits])
+        with warnings.catch_warnings(), suppress(cp.error.SolverError):
+            warnings.simplefilter("ignore")  # of answers that are not accurate
+            problem.solve(solver="CLARABEL", tol_gap_abs=1e-12, tol_gap_rel=1e-12, tol_feas=1e-12)
+        return None if c.value is None or not problem.value > GAIN else np.asarray(N @ c.value)
 
     def multipliers(self, d: Floats, lam: Floats | None = None, p: Floats | None = None) -> tuple[Floats, Floats]:
         """Return admissible multipliers (m, block) and (r,) of the increments `d`; those not given are read off d.
@@ -300,23 +313,18 @@ class StepProgram(ArrayRecord):
 
     def _read_off(self, d: Floats, lam: Floats | None, p: Floats | None, lawful: bool) -> tuple[Floats, Floats]:
         """Return the multipliers nearest to balance at the increments `d`; given ones, and lawful ones, as they are."""
-        operators, rows = self.operators, len(self.b)
-        x = np.append(np.zeros(rows) if lam is None else lam, np.zeros(len(self.e)) if p is None else p)
-        free = np.repeat([lam is None, p is None], [rows, len(self.e)])
+        operators, rows, c = self.operators, len(self.b), self.operators.compliance
+        x = np.append(np.zeros(rows) if lam is None else lam, np.zeros(len(c)) if p is None else p)
+        free = np.repeat([lam is None, p is None], [rows, len(c)])
         if lawful:
-            known, law = self._lawful(d)
-            x, free = np.where(free & known, law, x), free & ~known
+            s, z, (slips, lacks) = self.slip(d), self.excess(d), self.blur(d)
+            size = np.where(lengths(s) <= slips, 0.0, lengths(s))
+            law = self.w[:, None] * directions(s, size), np.where(z > lacks, z, 0.0) / np.where(c > 0, c, np.inf)
+            known = np.append(np.repeat(size > 0, operators.block), (c > 0) | (z < -lacks))
+            x, free = np.where(free & known, np.append(*law), x), free & ~known
         force = self.residual(d, x[:rows], x[rows:])
         x[free] += lsqr(operators.A[free].T, force, atol=1e-15, btol=1e-15, iter_lim=100 + 4 * int(free.sum()))[0]
         return operators.blocks(x[:rows]), x[rows:]
-
-    def _lawful(self, d: Floats) -> tuple[Bools, Floats]:
-        """Return the rows (N,) whose multipliers follow from the motions alone, and these multipliers (N,)."""
-        s, z, c, (slips, lacks) = self.slip(d), self.excess(d), self.operators.compliance, self.blur(d)
-        z, size = np.where(np.abs(z) <= lacks, 0.0, z), np.where(lengths(s) <= slips, 0.0, lengths(s))
-        p = np.maximum(z, 0.0) / np.where(c > 0, c, np.inf)
-        lam = self.w[:, None] * directions(s, size)
-        return np.append(np.repeat(size > 0, self.operators.block), (c > 0) | (z < 0)), np.append(lam, p)
 
     def certify(self, d: ArrayLike, lam: ArrayLike | None = None, p: ArrayLike | None = None) -> Certificate:
         """Bound the error of an answer, whoever made it: 1/2 |d - d*|_K^2 <= gap, |d - d*|_K <= error.
@@ -390,10 +398,10 @@ class StepProgram(ArrayRecord):
 
     def _imbalance(self, N: Floats, lam: Floats, p: Floats) -> tuple[Floats, Floats]:
         """Return N'(g - B'lam - D'p), (k,), which is N'r because N'K = 0; and what rounding may leave of it."""
-        size = np.abs(self.g)
+        size, x, modes = np.abs(self.g), np.append(lam, p), self.operators.kernel_modes
         # Entries are sums of larger forces that cancel: none is known better than to EPS times the largest.
-        blur = np.abs(N).T @ (size + size.max(initial=0.0) / 8)
-        return self.operators.kernel_balance.imbalance(lam, p, N.T @ self.g, blur)
+        terms = np.abs(N).T @ (size + size.max(initial=0.0) / 8) + np.abs(x) @ np.abs(modes)
+        return N.T @ self.g - x @ modes, 8 * EPS * terms
 
     def rounding_floor(self, d: Floats, lam: Floats, p: Floats, before: Floats | float = 0.0) -> float:
         """Return the energy that the rounding of the residual r can hide, 1/2 sum_i (ROUNDED a_i)^2 f_i.
@@ -481,9 +489,6 @@ class StepProgram(ArrayRecord):
         return d
 
 
-PROMISED = "return vx.Answer(d, lam, iterations), (d, lam, p), (d, lam), or d; a tuple may end in its iterations"
-
-
 @dataclass(frozen=True, repr=False, eq=False)
 class Answer(ArrayRecord):
     """A solver's answer to one step; nothing is claimed about it before it is certified.
@@ -512,44 +517,35 @@ class Answer(ArrayRecord):
     p: Floats = field(default_factory=lambda: np.zeros(0))
 
 
-def fitting(answer: Answer, program: StepProgram, solver: str) -> Answer:
-    """The answer of a solver; SolverFailed where it is no Answer, has arrays of other shapes, or has diverged."""
-    if not isinstance(answer, Answer) or not is_whole(answer.iterations):
-        raise SolverFailed(f"solver {solver}: found the answer {brief(answer)}; wanted Answer(d, lam, iterations).")
-    for name, shape in program.shapes.items():
-        found = getattr(answer, name)
-        if not isinstance(found, np.ndarray) or found.shape != shape or found.dtype != float:
-            raise SolverFailed(f"solver {solver}: found {name} = {brief(found)}; wanted an array of floats {shape}.")
-        if has_diverged(found):
-            size = float(np.abs(found).max(initial=0.0))
-            raise SolverFailed(f"solver {solver}: {name} reaches {size:.1e}: the solver has diverged.")
-    return answer
-
-
 def read_answer(raw: Any, program: StepProgram, solver: str) -> Answer:
-    """The returned value of a user's `solve` as an Answer; missing multipliers are recovered.
+    """Return what a solver returned as an Answer; missing multipliers are recovered.
 
-    A whole number at the end of a tuple is the iterations. SolverFailed where it is none, or does not fit the program.
+    A whole number at the end of a tuple is the iterations. SolverFailed where it does not fit the program, or diverged.
     """
-    parts = (raw.d, raw.lam, raw.p) if isinstance(raw, Answer) else raw if isinstance(raw, tuple) else (raw,)
+    own, shapes = isinstance(raw, Answer), program.shapes
+    parts = (raw.d, raw.lam, raw.p, raw.iterations) if own else raw if isinstance(raw, tuple) else (raw,)
     counted = len(parts) > 1 and is_whole(parts[-1])
     parts, iterations = (parts[:-1], int(parts[-1])) if counted else (parts, 0)
-    shapes, parts = program.shapes, parts if len(parts) <= len(program.shapes) else ()
     read = {key: np.zeros(shape) for key, shape in shapes.items() if 0 in shape}
-    try:
-        for key, part in zip(shapes, parts, strict=False):
-            # Multipliers that an Answer was not given are empty arrays.
-            if not (part is None or (isinstance(part, np.ndarray) and part.size == 0)):
+    for key, part in zip(shapes, parts if len(parts) <= len(shapes) else (), strict=False):
+        # Multipliers that an Answer was not given are empty arrays.
+        if not (part is None or (isinstance(part, np.ndarray) and part.size == 0)):
+            try:
                 read[key] = of_shape(part, f"solver {solver}: {key}", shapes[key])
-    except SceneError as error:
-        raise SolverFailed(str(error)) from None
+            except SceneError as error:
+                raise SolverFailed(str(error)) from None
+            if has_diverged(read[key]):
+                size = float(np.abs(read[key]).max())
+                raise SolverFailed(f"solver {solver}: {key} reaches {size:.1e}: the solver has diverged.")
     if "d" not in read:
-        raise SolverFailed(f"solver {solver}: found the answer {brief(raw)}; it must {PROMISED}.")
+        raise SolverFailed(
+            f"solver {solver}: found the answer {brief(raw)}; it must return vx.Answer(d, lam, iterations), "
+            "(d, lam, p), (d, lam), or d; a tuple may end in its iterations."
+        )
     d, lam, p = read["d"], read.get("lam"), read.get("p")
     if lam is None or p is None:
-        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # What has diverged is refused.
-            d, lam, p = program.admissible_point(d, lam, p)
-    return replace(raw, d=d, lam=lam, p=p) if isinstance(raw, Answer) else Answer(d, lam, iterations, p=p)
+        d, lam, p = program.admissible_point(d, lam, p)
+    return replace(raw, d=d, lam=lam, p=p) if own else Answer(d, lam, iterations, p=p)
 
 
 @dataclass(frozen=True, kw_only=True, repr=False, eq=False)

@@ -35,7 +35,7 @@ from vemcvx.base.arrays import (
 from vemcvx.base.errors import SceneError
 from vemcvx.base.outline import ArrayRecord
 from vemcvx.base.weight_law import Law
-from vemcvx.linear import LinearSolver, choose_linear, direct_solver, singular
+from vemcvx.linear import LinearSolver, choose_linear, direct_solver
 from vemcvx.program.kernel import Kernel, rank_on
 from vemcvx.program.operators import SYMMETRIC, check_symmetric, fixed_rows, whole_blocks
 
@@ -54,26 +54,21 @@ class Rows(ArrayRecord):
         """How many there are."""
         raise NotImplementedError
 
-    @property
-    def owner(self) -> str:
-        """The name of the record, for messages."""
-        return type(self).__name__
-
     def name(self, i: int) -> str:
         """Return the place of number `i`, in words."""
         if self.places is None:
             return f"{self.kind} {i}"
         asked = "take the number of a term and say where it acts"
-        return str(called(self.places, (i,), f"{self.owner}: places failed", asked))
+        return str(called(self.places, (i,), f"{type(self).__name__}: places failed", asked))
 
     def numbers(self, raw: Any, name: str, what: str = "number", signed: bool = False) -> Floats:
         """Return a finite number each (count,), not negative unless they are `signed`."""
-        wanted = f"a {what}, or ({self.count},) of them, one a {self.kind.split()[-1]}"
-        subject = f"{self.owner}: {name}"
-        found = np.full(self.count, finite(shaped(raw, subject, wanted, (), (self.count,)), subject))
+        wanted, owner = f"a {what}, or ({self.count},) of them, one a {self.kind.split()[-1]}", type(self).__name__
+        found = finite(shaped(raw, f"{owner}: {name}", wanted, (), (self.count,)), f"{owner}: {name}")
+        found = np.full(self.count, found)
         if not signed and (found < 0).any():
             i = int(np.argmin(found))
-            raise SceneError(f"{self.owner}: found the {what} {found[i]:.6g} of {self.name(i)}; it must be >= 0.")
+            raise SceneError(f"{owner}: found the {what} {found[i]:.6g} of {self.name(i)}; it must be >= 0.")
         return found
 
 
@@ -153,10 +148,10 @@ class Norms(Rows):
         failed = f"Norms: law: its function failed when called as f(t, p, past, slip) with t = {t:.6g}"
         return self.numbers(called(self.law.weights, (t, p, *slips), failed, "return weights"), "w", "weight")
 
-    def slope_by_forces(self, t: float, p: Floats, past: Floats) -> sp.csr_matrix:
-        """Return the derivative (m, r) of a `sloped` law by the forces p (r,) of limits, at `t` after slips (m,)."""
+    def slope_by_forces(self, t: float, p: Floats, past: Floats) -> sp.csr_matrix | None:
+        """Return the derivative (m, r) of the law by the forces p (r,) of limits, at `t` after slips (m,), if known."""
         if self.law is None or self.law.slope is None:
-            raise LookupError("Norms: the law has no slope; `sloped` says so.")
+            return None
         failed = f"Norms: slope: its function failed when called as f(t, p, past) with t = {t:.6g}"
         J = called(self.law.slope, (t, p, past), failed, "return the law's derivative")
         return checked_matrix(J, "Norms: slope", (self.count, len(p)))
@@ -293,7 +288,14 @@ class Damping(ArrayRecord):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "C", fixed_rows(self.C, "Damping: C"))
-        check_semidefinite(self.C, "Damping: C")
+        check_symmetric(self.C, "Damping: C")
+        shift = SYMMETRIC * np.abs(self.C.data).max(initial=0.0) or 1.0
+        try:
+            direct_solver(self.C.shape[0]).factorise(sp.csr_matrix(self.C + shift * sp.eye_array(self.C.shape[0])))
+        except SceneError as error:
+            raise SceneError(
+                "Damping: C: found a matrix that is not positive semidefinite: some motion would gain energy from it."
+            ) from error
         instance(self.motion, Motion, "Damping: found motion", "a Motion")
 
 
@@ -347,28 +349,23 @@ class System(ArrayRecord):
             raise SceneError(
                 f"System: found load = {brief(self.load)}; wanted a function of t that gives ({self.n},) forces."
             )
-        kinds: dict[str, tuple[type, str]] = {
-            "norms": (Norms, "Norms(B, w)"), "limits": (Limits, "Limits(D, e)"), "motion": (Motion, "a Motion"),
-            "damping": (Damping, "Damping(C)"), "dragged": (DraggedTerms, "DraggedTerms"),
-            "kernel": (Kernel, "a Kernel(modes, names)"),
+        parts = {
+            "norms": Norms, "limits": Limits, "motion": Motion, "damping": Damping, "dragged": DraggedTerms,
+            "kernel": Kernel,
         }  # fmt: skip
-        for name, (kind, wanted) in kinds.items():
-            instance(getattr(self, name), kind, f"System: found {name}", wanted)
-        for what, name in (("norms", "B"), ("limits", "D")):
-            if (columns := getattr(self, name).shape[1]) != self.n:
-                raise SceneError(
-                    f"System: found {what} over {columns} unknowns, but K has {self.n}; {name} must have one column an "
-                    "unknown."
-                )
-        if self.damping is not None and self.damping.C.shape != self.K.shape:
-            raise SceneError(f"System: found damping of shape {self.damping.C.shape}, but K has {self.K.shape}.")
+        for name, kind in parts.items():
+            instance(getattr(self, name), kind, f"System: found {name}", f"{kind.__name__}(...)")
+        columns = {"norms": self.B, "limits": self.D, "damping": getattr(self.damping, "C", self.K)}
+        for name, matrix in columns.items():
+            if matrix.shape[1] != self.n:
+                raise SceneError(f"System: found {name} over {matrix.shape[1]} unknowns, but K has {self.n}.")
         if self.order is not None and not callable(self.order):
             object.__setattr__(self, "order", self._permutation(self.order))
         if self.near_kernel is not None:
-            wanted = f"({self.n}, k) motions of little energy, one a column, or None"
+            wanted = f"({self.n}, k) motions of little energy, one a column"
             found = as_real_array(self.near_kernel, "System: near_kernel", wanted)
             if found.ndim != 2 or len(found) != self.n or not found.shape[1] or not np.isfinite(found).all():
-                raise SceneError(f"System: found near_kernel = {brief(self.near_kernel)}; wanted {wanted}.")
+                raise SceneError(f"System: found near_kernel = {brief(self.near_kernel)}; wanted {wanted}, or None.")
             object.__setattr__(self, "near_kernel", found)
         if self.kernel is not None:
             self._check_kernel(self.kernel)
@@ -467,22 +464,3 @@ class System(ArrayRecord):
         """Return the load vector (n,) at the instant `t`, checked."""
         subject, wanted = f"System: load({t:.6g})", f"({self.n},) forces, one an unknown"
         return finite(shaped(at_instant(self.load, t, "System: load"), subject, wanted, (self.n,)), subject)
-
-
-def check_semidefinite(C: sp.csr_matrix, subject: str) -> None:
-    """Raise SceneError unless C is square, symmetric and positive semidefinite, but for SYMMETRIC of it."""
-    check_symmetric(C, subject)
-    largest = float(np.abs(C.data).max(initial=0.0))
-    if largest == 0.0:
-        return
-    # Of rows with a diagonal that is made one, those without one are empty.
-    unit = sp.diags_array(1.0 / np.sqrt(np.where(C.diagonal() > 0, C.diagonal(), largest)))
-    try:
-        if (C.diagonal() < 0).any():
-            raise singular()
-        shifted = unit @ C @ unit + SYMMETRIC * sp.eye_array(C.shape[0])
-        direct_solver(C.shape[0]).factorise(sp.csr_matrix(shifted))
-    except SceneError as error:
-        raise SceneError(
-            f"{subject}: found a matrix that is not positive semidefinite: some motion would gain energy from it."
-        ) from error

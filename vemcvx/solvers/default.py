@@ -20,7 +20,7 @@ import numpy as np
 from vemcvx.base.arrays import Floats, brief, flag, lengths
 from vemcvx.base.errors import NotAccepted, SceneError
 from vemcvx.program.operators import FEATURES, QUADRATIC, SECOND_ORDER_CONES, Operators
-from vemcvx.program.step_program import Answer, StepProgram, fitting, read_answer
+from vemcvx.program.step_program import Answer, StepProgram, read_answer
 from vemcvx.solvers.conic import OSQP, Clarabel
 from vemcvx.solvers.law import GivenWeights, Weights
 from vemcvx.solvers.newton import Newton, PreparedNewton, gap_under
@@ -139,7 +139,7 @@ class FixedPoint:
     ) -> Answer:
         """Answer one step; under a law it is the answer with the least gap under its own weights."""
         if law is None or law.given:
-            return fitting(self.prepared.solve(program, target, lam, p), program, self.name)
+            return read_answer(self.prepared.solve(program, target, lam, p), program, self.name)
         # Friction under the earlier pressures may not hold a body without supports: at first it holds any load.
         floats = program.operators.kernel is not None
         w = np.full(len(program.w), np.abs(program.g).sum()) if floats else program.w

@@ -333,7 +333,7 @@ class PreparedNewton:
     @cached_property
     def delassus(self) -> Delassus:
         """W of the run."""
-        return Delassus.of(self.operators)
+        return Delassus(self.operators)
 
     def solve(
         self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None, law: Weights | None = None

@@ -19,7 +19,7 @@ from vemcvx.base.arrays import Floats, part
 from vemcvx.base.errors import SolverFailed, VemcvxError
 from vemcvx.program.operators import Operators
 from vemcvx.program.scaling import Scaling
-from vemcvx.program.step_program import Answer, StepProgram, fitting
+from vemcvx.program.step_program import Answer, StepProgram, read_answer
 
 SHARE = 0.1
 """Part of an accuracy, or of a gap, that is asked for where other errors come on top: of a step that missed, whose size
@@ -145,7 +145,7 @@ class InUnits:
         force, scaled = self.scaling.kappa * alpha, self.scaling.scale(program, alpha)
         pressed = np.zeros_like(program.e) if p is None else p
         answer = self.prepared.solve(scaled, self.scaling.energy(target, alpha), lam / force, pressed / force)
-        answer = self.scaling.restore(fitting(answer, scaled, self.name), alpha)
+        answer = self.scaling.restore(read_answer(answer, scaled, self.name), alpha)
         # Interior points leave forces at gaps that were cut, too.
         return replace(answer, p=np.where(alpha * scaled.e < program.e, 0.0, answer.p))
 

@@ -232,7 +232,7 @@ def pose_step(run: PreparedRun, before: State, now: StepData, w: Floats | None =
     if damping is not None:
         if damping.motion is not None and k > 0:
             own = g - (damping.motion.dirichlet_force(now.t) - damping.motion.dirichlet_force(before.t)) / k
-        force = frame.condensation.reduce(own, remembered=False)
+        force = frame.condensation.reduce(own)
         own = force.retained
     e = now.remaining_gap - run.operators.D @ before.y
     b = before.data.prescribed_slip - now.prescribed_slip

@@ -88,9 +88,8 @@ def _solved_program(run: PreparedRun, before: State, after: State, n: int) -> So
     # The difference of two states may lie a rounding error beyond a bound.
     d = posed.program.feasible(posed.seen(after.y - before.y))
     found = SolvedProgram.of(posed.program, after.answer(d, after.lam[:m]), n, after.t)
-    if norms is None or not norms.sloped:
-        return found
-    return replace(found, slope=norms.slope_by_forces(after.t, after.p, before.ledger.slipped[:m]))
+    slope = None if norms is None else norms.slope_by_forces(after.t, after.p, before.ledger.slipped[:m])
+    return replace(found, slope=slope)
 
 
 def _check_stored(trajectory: Trajectory, n: int) -> None:

@@ -60,10 +60,10 @@ class StepData:
     def still_as(self, other: StepData) -> bool:
         """Return True if nothing differs between the two instants."""
         return (
-            self.force.same(other.force)
+            self.force.shares == other.force.shares
             and np.array_equal(self.prescribed_slip, other.prescribed_slip)
             and np.array_equal(self.remaining_gap, other.remaining_gap)
-            and self.push.same(other.push)
+            and self.push.shares == other.push.shares
         )
 
 
@@ -226,7 +226,7 @@ def recovered(
         r: Floats = push - system.K @ y
         return r if (kernel := system.kernel) is None else r - kernel.basis @ (kernel.basis.T @ r)
 
-    y = condensation.recover(y_c, forces)
+    y = condensation.completed(np.array([force.xi for force in forces]).T, np.array(y_c).T)
     r = left(y)
     energies = 0.5 * condensation.factor.energies_of_columns(r)
     if not condensation.whole and (energies > most).any():

@@ -26,7 +26,7 @@ from vemcvx.meshes import FAMILIES, SPACE_FAMILIES
 from vemcvx.program import Limits, Norms, System
 from vemcvx.program.condensation import Condensation
 from vemcvx.program.operators import energy_norm
-from vemcvx.program.step_program import Answer, StepProgram, fitting
+from vemcvx.program.step_program import Answer, StepProgram, read_answer
 from vemcvx.program.system import ForceOnPart
 from vemcvx.scene import Scene
 from vemcvx.scene.pose import pose_scene
@@ -157,7 +157,8 @@ class Case:
     def answer(self, asked: Asked) -> Answer:
         """The answer of the solver to one step, freshly prepared."""
         prepared = self.solver.prepare(asked.program.operators)
-        return fitting(prepared.solve(asked.program, asked.target, asked.lam, asked.p), asked.program, self.solver.name)
+        found = prepared.solve(asked.program, asked.target, asked.lam, asked.p)
+        return read_answer(found, asked.program, self.solver.name)
 
     @cached_property
     def unchecked(self) -> Trajectory:

@@ -47,8 +47,8 @@ class History(Results, Outlined):
         rates of the step. Row 0 has no viscous part, because no step leads to it.
     contact : Contact
     moduli : (2, n_cells), (6, n_cells) or, in space, (21, n_cells)
-        Lame's lambda (as it acts in the plane) and mu; if some cell is anisotropic the upper triangle of the elastic
-        matrix row by row, see :mod:`vemcvx.vem.elasticity`.
+        Lame's lambda (in the plane) and mu; or the upper triangle of the elastic matrix, row by row, if some cell is
+        anisotropic (:mod:`vemcvx.vem.elasticity`).
     trajectory : Trajectory
         The results in free unknowns, and scalars at all N + 1 instants.
     seconds : dict
@@ -63,34 +63,32 @@ class History(Results, Outlined):
     inactive : tuple of str
         Effects of the scene without influence on this run: dropped, or never active.
     dragged_ends : (q, 2) int or None
-        Edges along which prescribed displacements move nodes against friction: the node and the other end of the edge.
-        In space the node and the number of the face.
+        Edges along which supports move nodes against friction: node and other end; in space node and face.
     dragged_friction : (S, q, dim) or None
         The friction on the body at these nodes, which `forces` include.
     errors : dict or None
-        Relative energy errors of an adaptive run: "algebra", "space", "time", their sum "total", and the "target",
-        if an energy error was asked for.
+        Relative energy errors of an adaptive run: "algebra", "space", "time", their sum "total"; and its "target".
     sides : Sides or None
         The conditions on the boundary, by which `extremes` knows corners and point loads.
     growth : dict of str to str, or None
-        Extremes that grew from mesh to mesh of an adaptive run at a rate that hardly falls, and how, by their keys.
+        Extremes that grew on and on from mesh to mesh of an adaptive run, by their keys, and how.
     quantities : dict of str to Quantity, or None
         "dissipated", "work" and "wear" with their estimated errors, if asked for: see :func:`vemcvx.quantities`.
     dissipated_error, work_error : (N + 1,) or None
         Likewise the estimated errors of `dissipated_second_order` and `work_second_order`, of steps and mesh together.
     bound : dict or None
         Of ``simulate(..., bound=True)``: guaranteed bounds "upper" and "lower" on the error of the mesh in the energy
-        norm, for the "step" with the largest upper one, each step given the one before (:func:`vemcvx.error_bound`);
+        norm, for the "step" with the largest upper one, given the step before (:func:`vemcvx.error_bound`);
         "relative", upper over the largest energy norm of the run; "reading", the part of upper that estimates
-        quadrature errors of the loads, zero for polynomials; and "kind", such as "bound for the given friction".
+        quadrature errors of the loads; and "kind", such as "bound for the given friction".
     energy_bounds : (N + 1, 2) or None
-        Likewise guaranteed bounds, low and high, on the elastic energy of the exact answer of every step; both are the
-        energy of the run at the initial instant, and NaN in steps that adaptive runs did not look at.
+        Likewise bounds, low and high, on the elastic energy of the exact answer of every step; NaN in steps that
+        adaptive runs did not look at.
     cell_bounds : (n_cells,) or None
         Likewise the parts of cells in the square of "upper".
     force_bounds : (N + 1, 2) or None
-        Likewise, where a prescribed displacement moves a boundary to and fro, guaranteed bounds, low and high, on the
-        force of that support along the axis of its longest way; NaN at the initial instant, and where none is known.
+        Likewise bounds on the force of a support that moves a boundary, along the axis of its longest way; NaN at the
+        initial instant, and where none is known.
     bounded_force : dict or None
         That boundary, by its name, and the number of that axis, such as {"top": 0}.
     stabilisation : vx.Stabilisation or None
@@ -145,9 +143,9 @@ class History(Results, Outlined):
         Parameters
         ----------
         name : {"steps", "contact", "probes"}
-            Energies, certificates and iterations, a row for every step, stored or not; the arrays of
-            :class:`vemcvx.Contact`, a row for every contact node at every stored step; displacements, a row for every
-            point at every stored step. Components of vectors are columns, as "slip_x".
+            Energies, certificates and iterations of every step, stored or not; the arrays of :class:`vemcvx.Contact`
+            at every contact node and stored step; displacements of every point at every stored step. Components of
+            vectors are columns, as "slip_x".
         points : (p, dim) points of the body
             For "probes", see `probe`.
 
@@ -173,9 +171,8 @@ class History(Results, Outlined):
     def to_xarray(self) -> Dataset:
         """Return all arrays as one labelled dataset, by the names that they have in ``history.npz``.
 
-        Dimensions are "step" (the stored ones, with their "time"), "instant" (all), "node", "cell", "contact", "axis"
-        and others of the unknowns: ``history.to_xarray()["contact.slip"].sel(step=4, axis="x")``. Arrays have their
-        "units" and, as "long_name", their meaning.
+        Dimensions are "step" (the stored ones), "instant" (all), "node", "cell", "contact", "axis" and others:
+        ``history.to_xarray()["contact.slip"].sel(step=4, axis="x")``. Arrays have "units" and a "long_name".
 
         Raises
         ------
@@ -188,8 +185,7 @@ class History(Results, Outlined):
         """Return the convex program of step `n` as it was solved, with its answer and its certificate.
 
         It is posed again from the stored states before and after the step; :func:`vemcvx.programs` gives the programs
-        of all steps with one factorisation. An answer whose difference has lost digits is polished by an active-set
-        step.
+        of all steps with one factorisation.
 
         Parameters
         ----------

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -32,7 +32,6 @@ from vemcvx.stepping import (
     Folder,
     Ledger,
     Memory,
-    Storage,
     Trajectory,
     checked_times,
     march,
@@ -72,11 +71,11 @@ def simulate(
         By default Direct for programs without friction and one-sided contact, else Newton.
     initial : None, (n_nodes, dim) array, "equilibrium", "settled", vx.projected(u_0), History or path
         The displacement at times[0]: zero; the array; the equilibrium a(u_0, .) = l(0) without friction; the result of
-        one step from zero; P^h u_0 of a function, (2.11), see :func:`vemcvx.projected`; or where another run on the
-        same mesh ended, a history or its folder: slips, wear, work and losses go on from there, certificates anew.
+        one step from zero; P^h u_0 of a function, see :func:`vemcvx.projected`; or where another run on the same mesh
+        ended, a history or its folder: slips, wear, work and losses go on from there.
     store : "all", "last", int n or sequence of int
-        Steps to store, and to certify on all unknowns: all; the last; every n-th and the last; or those given and the
-        last. Other steps are certified on the unknowns of contact and friction.
+        Steps to store, and to certify on all unknowns: all; the last; every n-th, or those given, and the last. Other
+        steps are certified on the unknowns of contact and friction.
     check : bool
         Raise NotCertified if the certificate of a step exceeds the solver's accuracy.
     condense : bool
@@ -86,13 +85,13 @@ def simulate(
     progress : bool, or callable (step, steps)
         True logs every tenth of the run to the logger "vemcvx".
     stream : path, optional
-        A folder for the stored steps, as memory-mapped files, for histories that are larger than memory and for runs
-        that may be interrupted. Only one run at a time writes there; files of other origin are left alone.
+        A folder for the stored steps, as memory-mapped files: for histories larger than memory, and runs that may be
+        interrupted. One run at a time writes there; files of other origin are left alone.
     resume : bool
         Continue the run in the folder `stream`, if there is one, from its last stored step; otherwise it is replaced.
     bound : bool
         Bound the error of the mesh in every step from both sides (:func:`vemcvx.error_bound`): `history.bound` has the
-        largest. Scenes for which there is no bound are refused; all steps must be stored.
+        largest. All steps must be stored.
 
     Returns
     -------
@@ -101,7 +100,7 @@ def simulate(
     Raises
     ------
     SceneError
-        Scene, mesh and times make no well-posed problem, or `initial` violates condition (3.10) on this mesh.
+        Scene, mesh and times make no well-posed problem, or there is no bound; `initial` violates (3.10) on this mesh.
     NotAccepted
         The solver cannot take the scene's program.
     NotCertified
@@ -112,8 +111,7 @@ def simulate(
     Notes
     -----
     Backward Euler for Problem 3.9 of the paper, of first order in the step and the mesh size, Theorem 3.10. The
-    certificate bounds the algebraic error of each step; for those of mesh and time steps see
-    :func:`vemcvx.error_budget`.
+    certificate bounds the algebraic error of each step; :func:`vemcvx.error_budget` estimates those of mesh and steps.
     """
     check_kinds(scene, mesh)
     given = checked_times(times)
@@ -131,12 +129,10 @@ def simulate(
     assembled = time.perf_counter() - start
     if flag(resume, "resume") and stream is None:
         raise SceneError("resume: there is nothing to resume without stream=, the folder of the earlier run.")
-    with ExitStack() as opened:
-        storage: Storage
-        if stream is None or isinstance(stream, Folder):  # A folder that the caller holds.
-            storage = stream or Memory()
-        else:
-            storage = opened.enter_context(Folder(stream, resume))
+    rows: AbstractContextManager[Memory | Folder] = (
+        nullcontext(stream or Memory()) if stream is None or isinstance(stream, Folder) else Folder(stream, resume)
+    )
+    with rows as storage:
         trajectory = march(
             posed.system,
             given,
@@ -194,10 +190,7 @@ def instants(scene: Scene, mesh: AnyMesh, times: ArrayLike) -> Floats:
 
 
 def warn_of_turns(scene: Scene, mesh: AnyMesh, times: Floats) -> None:
-    """Log a warning of the instants inside steps at which data bend, turn or jump by an amount that steps miss.
-
-    Sampling the data takes a twentieth of a run and more: only the command line does it.
-    """
+    """Log a warning of instants inside steps at which data bend, turn or jump: it takes a twentieth of a run."""
     if len(times) < 2:
         return
     with unwarned():
@@ -297,10 +290,10 @@ def projected(displacement: data.Datum) -> Projected:
     a^h(P^h u_0, v) = a(u_0, v) for all v of V^h, (2.11) and (3.26), up to O(h), and exactly where u_0 is linear: cells
     know the mean of its stresses alone. u_0 is read on edges, in space on faces (:mod:`vemcvx.vem.loads`).
 
-    **The run begins one step further.** Where u_0 obeys condition (2.1), a(u_0, v) + j(v) >= <l(0), v>, P^h u_0 obeys
-    it on the mesh up to O(h). State 0 is the end of one step at times[0] from P^h u_0, which obeys it by construction,
-    (2.13), and is as near to u_0 by order. With Viscosity, where nothing like (2.1) is asked, it is P^h u_0 itself. The
-    length of that step is logged; a warning says that u_0 violates (2.1) where it is more than the mesh accounts for.
+    Where u_0 obeys condition (2.1), a(u_0, v) + j(v) >= <l(0), v>, P^h u_0 obeys it on the mesh up to O(h). State 0 is
+    the end of one step at times[0] from P^h u_0, which obeys it by construction, (2.13), and is as near to u_0 by
+    order; with Viscosity P^h u_0 itself. Where that step is too long for the mesh, a warning says that u_0 violates
+    (2.1).
 
     Parameters
     ----------
@@ -334,7 +327,7 @@ def projected(displacement: data.Datum) -> Projected:
 def free_unknowns(
     initial: ArrayLike | str | Path | Projected | Results | None, posed: PosedScene, times: Floats
 ) -> Beginning:
-    """Return the free unknowns of an initial displacement, at the first of the times; words pass."""
+    """Return what a march begins from at the first of the times: the free unknowns of a displacement; words pass."""
     if isinstance(initial, Path) or (isinstance(initial, str) and Path(initial).is_dir()):
         initial = read_history(initial)
     if isinstance(initial, Results):

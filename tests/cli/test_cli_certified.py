@@ -56,10 +56,10 @@ def test_more_than_was_asked_is_said_with_its_reason(history):
     """By round-off, which nothing can be done about, and by a gap, which a solver left."""
     run = history.trajectory
     assert ";".join(line_of(history).split(";")[2:]) == ""
-    coarse = dataclasses.replace(run, floor=np.full(9, 0.5e-14) * run.scale**2)
+    coarse = dataclasses.replace(run, floor=np.full(9, 0.5e-14) * run.unit**2)
     line = line_of(dataclasses.replace(history, trajectory=coarse))
     assert line.endswith(f"; asked for 1e-08; round-off leaves {coarse.certified.max():.1e}")
-    missed = dataclasses.replace(run, gap=np.where(np.arange(9) > 6, 0.5e-10, 0.0) * run.scale**2)
+    missed = dataclasses.replace(run, gap=np.where(np.arange(9) > 6, 0.5e-10, 0.0) * run.unit**2)
     assert line_of(dataclasses.replace(history, trajectory=missed)).endswith(
         "; asked for 1e-08, missed at 2 of 9 instants"
     )

@@ -137,7 +137,7 @@ def test_scenes_have_the_steps_and_forces_of_direct_factors(kind, name):
     posed = pose_scene(scene, mesh)
     one, two = direct.trajectory, iterative.trajectory
     assert_within_both_certificates(posed.system, one, two)
-    claimed = sum(run.certificate_total + run.certificate_floor for run in (one, two)) * one.scale
+    claimed = sum(run.certificate_total + run.certificate_floor for run in (one, two)) * one.unit
     # |A e| <= |A|^(1/2) |e|_A, and the norm of A is at most its largest sum of a row; viscous forces have rates of e.
     stiff = abs(posed.A).sum(axis=1).max()
     if posed.viscosity is not None:

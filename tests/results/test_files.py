@@ -190,7 +190,7 @@ def test_one_number_is_certified_rounding_included(history):
     assert np.array_equal(history.certified, run.certified[history.stored])
     # Sums of square roots in another order: two roundings a term.
     allowed = 4 * len(run.times) * np.finfo(float).eps * run.certified_total[-1]
-    floors = np.sqrt(2 * run.floor).sum() / run.scale[-1]
+    floors = np.sqrt(2 * run.floor).sum() / run.unit[-1]
     assert abs(run.certified_total[-1] - run.certificate_total[-1] - floors) <= allowed
     line = next(line for line in history.summary().splitlines() if "certified" in line)
     assert f"{run.certified.max():.1e} relative energy error a step, rounding included" in line

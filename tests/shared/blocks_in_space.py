@@ -137,5 +137,5 @@ def assert_within_both_certificates(system, direct, iterative):
     distance = np.sqrt(np.maximum(np.einsum("si,si->s", apart, (system.K @ apart.T).T), 0.0))
     claimed = iterative.certificate_total + direct.certificate_total
     claimed = claimed + iterative.certificate_floor + direct.certificate_floor
-    assert (distance <= claimed * direct.scale).all()
+    assert (distance <= claimed * direct.unit).all()
     assert np.array_equal(iterative.sticking, direct.sticking)

@@ -79,5 +79,5 @@ def away_from_given_friction(system, run):
         guess = run.state[n] - before, run.multipliers[n].ravel()[: system.B.shape[0]], run.pressures[n]
         with contextlib.suppress(Stuck):
             step = exact.step(before, s, t, guess, weights=w)
-            away[n - 1] = step.distance(exact.scaled(before, run.state[n], step.unit)) / run.scale[n]
+            away[n - 1] = step.distance(exact.scaled(before, run.state[n], step.unit)) / run.unit[n]
     return away

@@ -76,7 +76,7 @@ def answer(run):
             return FrozenAnswer(f"crash {type(error).__name__}", str(error), time.process_time() - began), None
     seconds, path = time.process_time() - began, history.trajectory
     # Where nothing has moved, both are zero.
-    error = np.where(path.scale > 0, path.certified * np.where(path.scale > 0, path.scale, 1.0), 0.0)
+    error = np.where(path.unit > 0, path.certified * np.where(path.unit > 0, path.unit, 1.0), 0.0)
     kept = FrozenAnswer("", "", seconds, path.certificate_kind, float(path.certified.max()), history.displacement[-1])
     kept.energy, kept.dissipated, kept.error = path.energy, path.dissipated, error
     return kept, history

@@ -102,7 +102,7 @@ def _numbers(history, verdict):
 
 def _steps(drawn, system, t, verdict):
     exact = Steps(system)
-    scale = t.scale
+    scale = t.unit
     raw = np.sqrt(2 * t.gap) + np.sqrt(2 * t.floor)
     # Where the data could move nothing either, the relative certificate is 0 or infinite.
     bound = np.where(scale > 0, (t.certificate + t.certificate_floor) * np.where(scale > 0, scale, 1.0), raw)
@@ -137,7 +137,7 @@ def _total(drawn, system, t, verdict):
     exact, now, blur = Steps(system), t.state[0], 0.0
     if drawn.start == "settled":
         now, blur = _exact_state(exact, np.zeros(system.n), t, 0), 0.0
-    allowed = t.certificate_total * t.scale + np.cumsum(np.sqrt(2 * t.floor))
+    allowed = t.certificate_total * t.unit + np.cumsum(np.sqrt(2 * t.floor))
     for n in range(1, len(t.times)):
         now = _exact_state(exact, now, t, n)
         if now is None:

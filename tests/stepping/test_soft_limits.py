@@ -111,7 +111,7 @@ def test_against_steps_in_512_bits(k, kind, condense):
     steps = Steps(system)
     exact = steps.step(y[0], 0.0, 1.0, (y[1] - y[0], lam[1].ravel(), p[1]), weights=weights)
     off = exact.distance(steps.scaled(y[0], y[1], exact.unit))
-    assert off <= (run.certificate[1] + run.certificate_floor[1]) * run.scale[1]
+    assert off <= (run.certificate[1] + run.certificate_floor[1]) * run.unit[1]
     assert condense or k < 1e-5 or run.certificate.max() <= 1e-8
 
 

@@ -62,9 +62,9 @@ HEAVY = {
 }
 
 
-LINES = {"program": 2_170, "solvers": 1_310, "stepping": 1_920, "linear": 900, "scene": 1_800, "effects": 1_800}
+LINES = {"program": 2_170, "solvers": 1_315, "stepping": 1_770, "linear": 900, "scene": 1_800, "effects": 1_800}
 """Most lines of folders: they grow by decision only, which raises a number here."""
-TOP = 1_740
+TOP = 1_590
 """Most lines of the modules at the top and of what all may use, without the canvas, which counts with the plots."""
 
 

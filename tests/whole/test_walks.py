@@ -185,7 +185,7 @@ WALKS = {
     "u, from the answer to a step to a VTU file": (
         displacement_to_file,
         "program/step_program.py program/certificate.py program/operators.py program/condensation.py "
-        "linear/superlu.py stepping/ledger.py results/contact.py vem/elasticity.py history.py",
+        "linear/superlu.py stepping/state.py results/contact.py vem/elasticity.py history.py",
     ),
 }
 """What is traced, and the files beside the way: they use the number, or give it back to who called them."""

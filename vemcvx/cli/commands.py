@@ -12,7 +12,6 @@ from typing import Annotated
 import typer
 
 from vemcvx.base.errors import ProblemError
-from vemcvx.base.outline import Table
 from vemcvx.base.version import __version__
 from vemcvx.cli.collection import Collection
 from vemcvx.cli.collection.benchmark import Benchmark
@@ -25,6 +24,7 @@ from vemcvx.cli.run import Export, Run
 from vemcvx.cli.show import Show
 from vemcvx.cli.supplied import copy_lesson, lessons, problem_files, problems_folder
 from vemcvx.cli.terminal import say
+from vemcvx.results.table import Table
 
 
 @dataclass(frozen=True)

@@ -33,7 +33,6 @@ import typer
 
 from vemcvx.base.arrays import Floats
 from vemcvx.base.errors import NotAccepted, NotCertified, ProblemError, SceneError, VemcvxError, quietly
-from vemcvx.base.outline import Table
 from vemcvx.base.version import __version__
 from vemcvx.cli.options import NONE, Accuracy, File, Mesh, N, Options, Settings, Steps, solver_names
 from vemcvx.cli.problem_file import Problem, read_problem
@@ -52,6 +51,7 @@ from vemcvx.cli.terminal import (
 from vemcvx.cost import Ingredients
 from vemcvx.cost.workers import Crashed, TookTooLong, alone
 from vemcvx.program.system import System
+from vemcvx.results.table import Table
 from vemcvx.scene.pose import pose_scene
 from vemcvx.solvers import Solver, ThroughCvxpy
 from vemcvx.solvers.conic import TUNED, installed
@@ -205,7 +205,7 @@ def distance(system: System, one: Trajectory, other: Trajectory) -> tuple[float,
     """
     apart = one.state - other.state
     length = np.sqrt(np.maximum(np.einsum("ni,in->n", apart, system.K @ apart.T), 0.0))
-    limit, unit = allowed(one) + allowed(other), np.where(one.scale > 0, one.scale, 1.0)
+    limit, unit = allowed(one) + allowed(other), np.where(one.unit > 0, one.unit, 1.0)
     kept = bool((length <= limit).all())
     n = int(np.argmax(length / unit if kept else length - limit))
     return float(length[n] / unit[n]), float(limit[n] / unit[n]), kept

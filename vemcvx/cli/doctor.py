@@ -14,7 +14,6 @@ import typer
 
 from vemcvx.base.arrays import Floats
 from vemcvx.base.errors import VemcvxError
-from vemcvx.base.outline import Table
 from vemcvx.base.version import __version__
 from vemcvx.cli.solver_names import LINEAR, NAMES
 from vemcvx.cli.terminal import logged_at_most, say
@@ -22,6 +21,7 @@ from vemcvx.effects import BilateralContact, Elasticity, PrescribedDisplacement,
 from vemcvx.linear import LinearSolver
 from vemcvx.meshes import voronoi
 from vemcvx.program import Norms, System
+from vemcvx.results.table import Table
 from vemcvx.scene import Scene
 from vemcvx.simulation import simulate
 from vemcvx.solvers import Newton, Solver

@@ -18,7 +18,7 @@ import numpy as np
 from vemcvx.base.arrays import SAME, Floats
 from vemcvx.base.canvas import as_png
 from vemcvx.base.errors import ProblemError, VemcvxError
-from vemcvx.base.outline import Lines, Outline, Table, coordinates
+from vemcvx.base.outline import Lines, Outline, coordinates
 from vemcvx.base.version import __version__
 from vemcvx.cli.doctor import EXTRAS, NEEDED, here, version_of
 from vemcvx.cli.problem_file import Problem
@@ -31,6 +31,7 @@ from vemcvx.meshes import PolygonMesh
 from vemcvx.plots.pictures import draw_pictures, left_out
 from vemcvx.plots.style import WORDS, Units, in_units, unit
 from vemcvx.results.files import ENERGIES
+from vemcvx.results.table import Table
 from vemcvx.scene import Scene
 
 MARK = '<meta name="generator" content="vemcvx">'

@@ -17,12 +17,12 @@ import numpy as np
 
 from vemcvx.base.canvas import as_png, light_grid, new_figure
 from vemcvx.base.errors import ProblemError, quietly
-from vemcvx.base.outline import Table
 from vemcvx.base.owned_files import Owned
 from vemcvx.cost.workers import DONE
 from vemcvx.plots.style import MARKERS, SERIES, Units, in_units
 from vemcvx.results.files import ENERGIES, finite_or_none, writable_folder
 from vemcvx.results.results import Results
+from vemcvx.results.table import Table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -15,11 +15,11 @@ import numpy as np
 
 from vemcvx.base.canvas import light_grid, new_figure, plain_logarithms
 from vemcvx.base.errors import HistoryError
-from vemcvx.base.outline import Table
 from vemcvx.base.version import __version__
 from vemcvx.cost.workers import CRASHED, DONE
 from vemcvx.plots.style import MARKERS, SERIES
 from vemcvx.results.quoted import growth
+from vemcvx.results.table import Table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

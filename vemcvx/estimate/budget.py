@@ -265,7 +265,7 @@ def budget_of(posed: PosedScene, history: History, rows: Sequence[int], finer: F
     unit = scale or float((space + time).max()) or 1.0
     return ErrorBudget(
         steps=steps,
-        algebra=run.certificate_total[steps] * run.scale[steps] / unit,
+        algebra=run.certificate_total[steps] * run.unit[steps] / unit,
         space=space / unit,
         time=time / unit,
         parts={name: share / unit for name, share in parts.items()},

@@ -1,6 +1,6 @@
 """Friction work, work and wear as one quotes them, and how far steps and mesh leave them off.
 
-Values are those of second order in the steps (:mod:`vemcvx.stepping.ledger`), Q_k on a mesh of the size h. Their errors
+Values are those of second order in the steps (:mod:`vemcvx.stepping.state`), Q_k on a mesh of the size h. Their errors
 are estimated by three further runs of the same scene:
 
     steps   3/2 (|Q_k - Q_{k/2}| + |Q_{k/2} - Q_{k/4}|)     on the same mesh, in halves and quarters of the steps, and

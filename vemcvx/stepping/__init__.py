@@ -11,10 +11,9 @@ from vemcvx.stepping.backward_euler import (
     settled_from,
     step,
 )
-from vemcvx.stepping.ledger import state_given
 from vemcvx.stepping.programs import programs_of_march, programs_of_trajectory
 from vemcvx.stepping.refusals import softening_ratio
-from vemcvx.stepping.state import Ledger, PreparedRun, State, StepData, certified_in_full
+from vemcvx.stepping.state import Ledger, PreparedRun, State, StepData, certified_in_full, state_given
 from vemcvx.stepping.trajectory import CHECKPOINT, Folder, Memory, Storage, Trajectory, relative, stored_steps
 
 __all__ = [

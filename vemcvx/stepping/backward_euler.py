@@ -9,21 +9,14 @@ With y_n = y_{n-1} + d_n, the force out of balance after a step, g_n - K d_n, is
 g_{n+1} = (g_n - K d_n) + (load_{n+1} - load_n): increments keep their digits when steps are tiny beside y.
 
 Dashpots. With b(u', v) beside a(u, v), a step of length k is the same step with K + C/k in place of K, and with the
-force -P'A_b (u_D,n - u_D,n-1) / k of supports that move; C is the matrix of b on y, A_b that on u. What is out of
-balance in K afterwards is held by dashpots, too. The certificate bounds the error in the norm of K + C/k, which is no
-less than that of K.
+force -P'A_b (u_D,n - u_D,n-1) / k of supports that move; C is the matrix of b on y, A_b that on u. Nothing is condensed
+then. What is out of balance in K afterwards is held by dashpots, too. The certificate bounds the error in the norm of
+K + C/k, which is no less than that of K.
 
 Errors are relative to the largest energy norm of the states so far. A body that is carried without touching, or held
-completely, has no energy: its norm is rounding, and an accuracy relative to it means nothing. The energy norm that the
-data can cause then takes its place. With x = K^{-1} f the displacement without contact and friction, f the load of the
-instant, Dirichlet force included,
-
-    size = x'x / |x|_{K^{-1}} = min { |v|_K : x'v = x'x },
-
-the least energy norm of a field that takes the motion back in the mean, which contact or friction must spend to stop
-the body (x'v <= |x|_{K^{-1}} |v|_K, with equality for v along K^{-1}x). For the same motion it does not depend on h,
-while |x|_K grows like h^{-1/2}: supports that move tear at one layer of cells. A state whose norm and certified error
-are both at most accuracy times the largest size so far is zero at the accuracy asked.
+completely, has no energy: its norm is rounding, and an accuracy relative to it means nothing. The largest energy norm
+that the load could cause without contact and friction, |K^{-1}f|_K, then takes its place: a state whose norm and
+certified error are both at most accuracy times that is zero at the accuracy asked.
 
 A march begins from a state u_0 that obeys condition (2.1): a(u_0, v) + j(v) >= <l(0), v> for all v. That holds if and
 only if one step at times[0] from u_0 returns u_0. The jump of that step, in the energy norm, is what a violation costs:
@@ -55,16 +48,16 @@ from vemcvx.base.arrays import (
     as_real_array,
     brief,
     check_takes,
+    finite,
     flag,
     lengths,
-    power_of_two,
     shaped,
 )
 from vemcvx.base.errors import WORTH_A_WORD, SceneError, SolverFailed
 from vemcvx.linear import LinearSolver
 from vemcvx.linear.default import one_thread
 from vemcvx.program.certificate import Certificate
-from vemcvx.program.condensation import Condensation, Reduced
+from vemcvx.program.condensation import Condensation
 from vemcvx.program.operators import Operators, energy_norm, product
 from vemcvx.program.scaling import SMALLEST_NORM, checked_norm
 from vemcvx.program.step_program import Answer, StepProgram
@@ -72,9 +65,19 @@ from vemcvx.program.system import System
 from vemcvx.solvers import Solver, Solves, as_solver, choose_solver
 from vemcvx.solvers.law import StepLaw
 from vemcvx.solvers.solver import SHARE, named_failures
-from vemcvx.stepping.ledger import advance, dragged, energy, state_given
 from vemcvx.stepping.refusals import refuse_start, refuse_unbalanced, require_certified, warn_of_softening
-from vemcvx.stepping.state import Frame, Ledger, PreparedRun, State, StepData, certified_in_full, recovered
+from vemcvx.stepping.state import (
+    Frame,
+    Ledger,
+    PreparedRun,
+    State,
+    StepData,
+    advance,
+    certified_in_full,
+    dragged,
+    energy,
+    state_given,
+)
 from vemcvx.stepping.trajectory import Memory, Recorder, Storage, Trajectory, stored_steps
 
 log = logging.getLogger("vemcvx")
@@ -89,12 +92,7 @@ class PosedStep:
     data: StepData
     frame: Frame
     g: Floats  # out of balance in K when it begins, on the unknowns that states keep
-    force: Reduced | None  # the same less forces of dashpots, where states keep all unknowns
     program: StepProgram
-
-    def seen(self, y: Floats) -> Floats:
-        """The unknowns of the program, of those that states keep."""
-        return y if self.force is None else y[self.frame.condensation.retained]
 
     def solve(self, n: int) -> State:
         """The state that step `n` leads to, certified; SceneError where nothing balances the load on K's kernel."""
@@ -110,24 +108,28 @@ class PosedStep:
 
     def _at_rest(self) -> State | None:
         """The state where it was, exactly, if nothing moves it that counts."""
-        program, before, accuracy = self.program, self.before, self.run.solver.accuracy
-        lam = before.lam[: len(program.w)]
-        if program.size == 0.0:
-            return self.still(np.zeros_like(lam), "nothing pushes")
+        program, before, accuracy, m = self.program, self.before, self.run.solver.accuracy, len(self.program.w)
+        none = np.zeros_like(before.lam[:m])
+        if program.size <= min(SMALLEST_NORM, accuracy * before.unit(accuracy)):
+            return self._still(none, np.zeros_like(before.p), "nothing pushes")
         if before.scale == 0.0 and (held := program.at_rest()) is not None:
-            still = self.still(held, "nothing slips")
+            still = self._still(held, np.zeros_like(before.p), "nothing slips")
             # While nothing has moved at all there is no size to which an accuracy could refer.
             if still.scale == 0.0:
                 return still
-        if program.size < SMALLEST_NORM and program.size <= accuracy * before.unit(accuracy):
-            return self.still(lam, "nothing pushes that counts")
+        now, last = (self.g, self.data.remaining_gap), (before.unbalanced, before.data.remaining_gap)
+        same = all(map(np.array_equal, (*now, program.w), (*last, before.weights[:m]))) and not program.b.any()
+        # A given start may be out of balance by more than a step's accuracy, and dashpots go on under the same load.
+        same &= self.data.t > before.t and before.accepted(accuracy) and self.run.system.damping is None
+        if same:
+            return replace(self._still(before.lam[:m], before.p, "nothing changed"), certificate=before.certificate)
         return None
 
-    def still(self, lam: Floats, status: str) -> State:
-        """The state where it was, exactly."""
-        d, p = np.zeros_like(self.program.g), np.zeros_like(self.before.p)
-        floor = self.program.rounding_floor(d, lam, p, self.seen(self.before.y))
-        return self.state_after(Answer(d, lam, 0, status, p=p), Certificate(0.0, np.zeros(len(lam)), floor, p))
+    def _still(self, lam: Floats, p: Floats, status: str) -> State:
+        d = np.zeros_like(self.program.g)
+        floor = self.program.rounding_floor(d, lam, p, self.before.y)
+        certificate = Certificate(0.0, np.zeros(len(lam)), floor, np.zeros_like(p))
+        return self.state_after(Answer(d, lam, 0, status, p=p), certificate)
 
     def _answered(self) -> State:
         """The solver's answer; asked once more, more sharply, where the size of u_n shows that too little was asked."""
@@ -152,7 +154,7 @@ class PosedStep:
                 law.check_slope(answer.p, slip)
                 program = replace(program, w=law.at(answer.p, slip))
         d, lam, p = program.admissible_point(answer.d, answer.lam, answer.p)
-        certificate = program.certificate_at(d, lam, p, self.seen(self.before.y))
+        certificate = program.certificate_at(d, lam, p, self.before.y)
         certificate = replace(certificate, given_friction=law is not None)
         return replace(self, program=program).state_after(replace(answer, d=d, lam=lam, p=p), certificate)
 
@@ -167,13 +169,7 @@ class PosedStep:
     def state_after(self, answer: Answer, certificate: Certificate) -> State:
         """The state that an answer of the program leads to."""
         run, before, now, program, k = self.run, self.before, self.data, self.program, self.data.t - self.before.t
-        d, slip, m, accuracy = answer.d, program.slip(answer.d), len(program.w), run.solver.accuracy
-        if self.force is not None:
-            most = 0.5 * (SHARE * accuracy * before.unit(accuracy)) ** 2
-            held = run.system.multiplier_force(answer.lam, answer.p)
-            found = recovered(self.frame.condensation, [(d, self.force)], [held], [most], before.y)
-            (d,), (left,), (floor,) = (part.T for part in found)
-            certificate = certificate.in_full(float(left), float(floor))
+        d, slip, m = answer.d, program.slip(answer.d), len(program.w)
         lam, slid, w = dragged(run.system, (before.t, now.t), answer.p, before.ledger.slipped[m:])
         given = program.operators.blocks(now.prescribed_slip - before.data.prescribed_slip)
         weights, norms, y = np.append(program.w, w), run.system.norms, before.y + d
@@ -198,13 +194,12 @@ class PosedStep:
             status=answer.status,
             safeguards=answer.safeguards,
             full=y if run.condensation.whole else None,
-            velocity=d / k if self.force is not None and k > 0 else None,
+            velocity=d / k if run.system.damping is not None and k > 0 else None,
             earlier=(before.t, before.lam, before.p),
         )
         ledger = advance(run.condensation, before, after, d, np.concatenate([given, slid]))
         scale = float(np.maximum(before.scale, ledger.norm))
-        size = data_norm(run.condensation, now.force, scale, accuracy)
-        size = max(before.size, size, ground_norm(program.operators, now.ground, program.w))
+        size = max(before.size, now.force.norm, ground_norm(program.operators, now.ground, program.w))
         return replace(after, ledger=ledger, scale=scale, size=size)
 
     def _sticking(self, slip: Floats, y: Floats, certificate: Certificate) -> Bools:
@@ -227,16 +222,13 @@ def pose_step(run: PreparedRun, before: State, now: StepData, w: Floats | None =
     if w is None:
         m = run.operators.count
         w = np.zeros(0) if norms is None else norms.weights_under(now.t, before.p, before.ledger.slipped[:m])
-    frame, force = run.frame(k), None
+    frame = run.frame(k)
     g = own = balanced(run, before, now, before.unbalanced + (now.force.retained - before.data.force.retained))
-    if damping is not None:
-        if damping.motion is not None and k > 0:
-            own = g - (damping.motion.dirichlet_force(now.t) - damping.motion.dirichlet_force(before.t)) / k
-        force = frame.condensation.reduce(own)
-        own = force.retained
+    if damping is not None and damping.motion is not None and k > 0:
+        own = g - (damping.motion.dirichlet_force(now.t) - damping.motion.dirichlet_force(before.t)) / k
     e = now.remaining_gap - run.operators.D @ before.y
     b = before.data.prescribed_slip - now.prescribed_slip
-    return PosedStep(run, before, now, frame, g=g, force=force, program=StepProgram(frame.operators, own, w, b, e))
+    return PosedStep(run, before, now, frame, g, program=StepProgram(frame.operators, own, w, b, e))
 
 
 def balanced(run: PreparedRun, before: State, now: StepData, g: Floats) -> Floats:
@@ -251,17 +243,6 @@ def balanced(run: PreparedRun, before: State, now: StepData, g: Floats) -> Float
     size = sum(np.abs(force) for force in forces) + product(operators.absolute[0], np.abs(before.y))
     push = N.T @ g
     return g - N @ np.where(np.abs(push) <= 64 * EPS * (np.abs(N).T @ size), push, 0.0)
-
-
-def data_norm(condensation: Condensation, force: Reduced, norm: float, accuracy: float) -> float:
-    """Return the energy norm above that the data can cause; zero where states of energy norm `norm` are not zero."""
-    if force.norm == 0.0 or norm > accuracy * force.norm:
-        return 0.0
-    x = force.x
-    unit = float(power_of_two(np.abs(x).max(initial=0.0)))
-    x = x / unit
-    square, soft = float(x @ x), float(x @ condensation.factor.solve(x))
-    return unit * square / float(np.sqrt(soft)) if square > 0 else 0.0
 
 
 def ground_norm(operators: Operators, ground: Floats | None, w: Floats) -> float:
@@ -280,15 +261,7 @@ def ground_norm(operators: Operators, ground: Floats | None, w: Floats) -> float
 
 def step(run: PreparedRun, before: State, n: int, t: float) -> State:
     """The state after step `n`, from `before` to `t`; NotCertified where it misses the accuracy of a checked run."""
-    posed = pose_step(run, before, StepData.of(run.condensation, t))
-    m = len(posed.program.w)
-    same = posed.data.still_as(before.data) and np.array_equal(posed.program.w, before.weights[:m])
-    # A given start may be out of balance by more than a step's accuracy, and dashpots go on under the same load.
-    if same and before.accepted(run.solver.accuracy) and run.system.damping is None:
-        nothing = Answer(np.zeros_like(before.y), before.lam[:m], 0, "nothing changed", p=before.p)
-        state = posed.state_after(nothing, before.certificate)
-    else:
-        state = posed.solve(n)
+    state = pose_step(run, before, StepData.of(run.condensation, t)).solve(n)
     if run.check:
         require_certified(run, state, n)
     return state
@@ -297,14 +270,24 @@ def step(run: PreparedRun, before: State, n: int, t: float) -> State:
 def prepare(
     system: System, solver: Solver | Solves | None, check: bool, condense: bool, linear: LinearSolver | None = None
 ) -> PreparedRun:
-    """Factorise, condense, and let the solver do what all steps share."""
-    condensation = Condensation(system, condense and system.damping is None, linear)
-    chosen = choose_solver(condensation.operators, solver)
-    elastic = Frame(condensation, chosen)
-    if system.norms is not None:
-        warn_of_softening(condensation.operators, system.norms)
-    if system.damping is None:
-        _ = elastic.prepared
+    """Factorise, condense, and let the solver do what all steps share; SceneError for settings of wrong kinds."""
+    if not isinstance(system, System):
+        raise SceneError(f"march: found {brief(system)} where the System goes; simulate() takes a scene and a mesh.")
+    if solver is not None:
+        as_solver(solver).check_accuracy()
+    if linear is not None and not isinstance(linear, LinearSolver):
+        raise SceneError(
+            f"linear: found {brief(linear)}; wanted SuperLU(), Pardiso(), Iterative(), PETSc(), or None (chosen)."
+        )
+    check, condense = flag(check, "check"), flag(condense, "condense") and system.damping is None
+    with threads_of_steps(system, condense, system.linear(linear)):
+        condensation = Condensation(system, condense, linear)
+        chosen = choose_solver(condensation.operators, solver)
+        elastic = Frame(condensation, chosen)
+        if system.norms is not None:
+            warn_of_softening(condensation.operators, system.norms)
+        if system.damping is None:
+            _ = elastic.prepared
     return PreparedRun(
         system=system, elastic=elastic, solver=chosen, check=check, default=solver is None, condense=condense
     )
@@ -350,17 +333,17 @@ def march(
     NotCertified
         A step misses the accuracy asked for.
     """
-    check_kinds(system, solver, linear, progress)
-    check, condense = flag(check, "check"), flag(condense, "condense")
+    if progress is not None and not callable(progress):
+        raise SceneError(f"progress: found {brief(progress)}; wanted a function of (step, steps).")
+    check_takes(progress, 2, "progress", "(step, steps)")
     if storage is not None and not isinstance(storage, Storage):
         raise SceneError(f"march: found storage = {brief(storage)}; wanted Memory(), Folder(path), or None.")
     instants = checked_times(times)
     kept = stored_steps(store, len(instants) - 1)
     start = time.perf_counter()
-    linear = system.linear(linear)
-    with threads_of_steps(system, condense, linear):
-        run = prepare(system, solver, check, condense, linear)
-        prepared = time.perf_counter()
+    run = prepare(system, solver, check, condense, linear)
+    prepared = time.perf_counter()
+    with threads_of_steps(system, run.condense, run.condensation.linear):
         recorder = Recorder(run, instants, kept, storage or Memory())
         begun = recorder.begin()
         if begun is None:
@@ -383,23 +366,6 @@ def threads_of_steps(system: System, condense: bool, linear: LinearSolver) -> Ab
     """Keep BLAS to one thread within, unless the steps' own matrices are large and dense."""
     unknowns = len(system.retained) if condense else system.n
     return one_thread(unknowns if linear.eliminates else 0)
-
-
-def check_kinds(
-    system: System, solver: Solver | Solves | None, linear: LinearSolver | None, progress: object = None
-) -> None:
-    """Raise SceneError for what is no system, no solver, no linear solver or no function."""
-    if not isinstance(system, System):
-        raise SceneError(f"march: found {brief(system)} where the System goes; simulate() takes a scene and a mesh.")
-    if solver is not None:
-        as_solver(solver).check_accuracy()
-    if linear is not None and not isinstance(linear, LinearSolver):
-        raise SceneError(
-            f"linear: found {brief(linear)}; wanted SuperLU(), Pardiso(), Iterative(), PETSc(), or None (chosen)."
-        )
-    if progress is not None and not callable(progress):
-        raise SceneError(f"progress: found {brief(progress)}; wanted a function of (step, steps).")
-    check_takes(progress, 2, "progress", "(step, steps)")
 
 
 def checked_times(times: ArrayLike) -> Floats:
@@ -452,50 +418,40 @@ def initial_state(run: PreparedRun, instants: Floats, initial: Beginning) -> Sta
     rates cost, a load that nothing balances yet sets the body in motion: any given state is one to begin with.
     """
     now, K = StepData.of(run.condensation, float(instants[0])), run.system.K
-    settles = isinstance(initial, str) and initial == "settled"
-    y = np.zeros(run.system.n) if settles else _given(run, now, initial)
+    y = _given(run, now, initial)
     given = state_given(run, now, y, initial.past if isinstance(initial, Continued) else None)
-    if run.system.damping is not None and not settles:
+    rests = isinstance(initial, str) and initial == "settled"
+    if run.system.damping is not None and not rests:
         return given
-    settled = settled_from(run, given, run.check and (settles or isinstance(initial, Balanced)))
-    if settles:
+    settled = settled_from(run, given, run.check and (rests or isinstance(initial, Balanced)))
+    if rests:
         return settled
-    jump = energy_norm(K, settled.unknowns - y)
+    jump, norm = energy_norm(K, settled.unknowns - y), settled.ledger.norm
     if isinstance(initial, Balanced):
-        _say_jump(settled, jump, energy_norm(K, y - initial.near))
+        if jump > FAR * energy_norm(K, y - initial.near) + WORTH_A_WORD * norm:
+            log.warning(
+                f"initial: u_0 violates condition (2.1): one step at t = {now.t:.6g} moves P^h u_0 by {jump:.3g} in "
+                f"the energy norm, which is {norm:.3g}. The run begins where the body settles. Loads at the first "
+                "instant and the friction that holds there are to balance the stresses of u_0."
+            )
         # A body that nothing holds in P^h u_0 comes to rest, of which nothing but rounding is left.
         return replace(settled, size=max(settled.size, given.ledger.norm))
-    scale = max(given.ledger.norm, energy_norm(K, now.force.x))
+    scale = max(given.ledger.norm, now.force.norm)
     if not jump <= JUMP * scale + settled.certificate.error:
-        loads = (energy_norm(K, StepData.of(run.condensation, t).force.x) for t in instants.tolist())
+        loads = (StepData.of(run.condensation, t).force.norm for t in instants.tolist())
         if jump <= ROUNDING * max(loads):
             return settled
-        refuse_start(run, given, jump / scale if scale > 0 else np.inf)
+        refuse_start(run, given, settled, jump / scale if scale > 0 else np.inf)
     # How far it may be from a state that obeys (2.1): its jump to the one settled, and the error of that.
     away = settled.certificate.away(jump + settled.certificate.error)
     start = replace(settled, y=given.y, full=y, unbalanced=given.unbalanced, certificate=away)
     return _beginning(run, start, given.ledger)
 
 
-def _say_jump(settled: State, jump: float, apart: float) -> None:
-    """Log how far P^h u_0 was from condition (2.1); as a warning where u_0 itself must have violated it."""
-    norm = settled.ledger.norm
-    said = (
-        f"initial: one step at t = {settled.t:.6g} moves P^h u_0 by {jump:.3g} in the energy norm, which is {norm:.3g}"
-    )
-    if jump > FAR * apart + WORTH_A_WORD * norm:
-        log.warning(
-            f"{said}: u_0 violates condition (2.1), and the run begins where the body settles. Loads at the first "
-            "instant and the friction that holds there are to balance the stresses of u_0."
-        )
-    else:
-        log.info(f"{said}, until condition (2.1) holds on this mesh")
-
-
 def _given(run: PreparedRun, now: StepData, initial: Beginning) -> Floats:
-    """The unknowns (n,) that a run is to begin with."""
+    """The unknowns (n,) that a run is to begin with, or to settle from."""
     n = run.system.n
-    if initial is None:
+    if initial is None or (isinstance(initial, str) and initial == "settled"):
         return np.zeros(n)
     if isinstance(initial, Continued):
         return initial.y
@@ -513,13 +469,7 @@ def _given(run: PreparedRun, now: StepData, initial: Beginning) -> Floats:
             f"initial: found {initial!r}; there are None (zero), an array, 'equilibrium' (no friction) and "
             "'settled' (one step from zero)."
         )
-    wanted = f"{n} finite values, one an unknown"
-    y = shaped(initial, "initial", wanted, (n,))
-    if not np.isfinite(y).all():
-        raise SceneError(
-            f"initial: found NaN or infinity in unknown {int(np.argmin(np.isfinite(y)))}; wanted {wanted}."
-        )
-    return y
+    return finite(shaped(initial, "initial", f"{n} finite values, one an unknown", (n,)), "initial")
 
 
 def settled_from(run: PreparedRun, given: State, check: bool = False) -> State:
@@ -534,6 +484,5 @@ def settled_from(run: PreparedRun, given: State, check: bool = False) -> State:
 def _beginning(run: PreparedRun, state: State, past: Ledger) -> State:
     """The state as the beginning of a history: nothing has slipped, is lost or done beside what the past has."""
     ledger = replace(past, energy=energy(run.condensation, state.y, state.data, state.p))
-    size = data_norm(run.condensation, state.data.force, ledger.norm, run.solver.accuracy)
     slip, sticks = np.zeros_like(state.slip), np.ones_like(state.sticks)
-    return replace(state, slip=slip, sticks=sticks, ledger=ledger, scale=ledger.norm, size=size)
+    return replace(state, slip=slip, sticks=sticks, ledger=ledger, scale=ledger.norm, size=state.data.force.norm)

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from numpy.typing import ArrayLike
 
-from vemcvx.base.arrays import brief, flag, is_whole
+from vemcvx.base.arrays import brief, is_whole
 from vemcvx.base.errors import HistoryError
 from vemcvx.linear import LinearSolver
 from vemcvx.program.step_program import SolvedProgram
@@ -15,7 +15,6 @@ from vemcvx.program.system import System
 from vemcvx.solvers import Solver, Solves
 from vemcvx.stepping.backward_euler import (
     Beginning,
-    check_kinds,
     checked_times,
     initial_state,
     pose_step,
@@ -48,12 +47,10 @@ def programs_of_march(
     >>> [float(program.answer.d[0]) for program in vx.programs_of_march(system, [0.0, 0.5, 1.0])]
     [0.5, 1.0]
     """
-    check_kinds(system, solver, linear)
-    instants, condense, check = checked_times(times), flag(condense, "condense"), flag(check, "check")
-    run = _prepared(system, solver, condense, linear, check=check)
+    instants, run = checked_times(times), prepare(system, solver, check, condense, linear)
     before = certified_in_full(run, initial_state(run, instants, initial))
     for n, t in enumerate(instants[1:].tolist(), start=1):
-        with threads_of_steps(system, condense, run.condensation.linear):
+        with threads_of_steps(system, run.condense, run.condensation.linear):
             state = step(run, before, n, t)
         yield _solved_program(run, before, state, n)
         before = state
@@ -68,17 +65,9 @@ def programs_of_trajectory(
     """
     for n in numbers:
         _check_stored(trajectory, n)
-    run = _prepared(system, None, flag(condense, "condense"), None)
+    run = prepare(system, None, True, condense)
     for n in numbers:
         yield _solved_program(run, _stored(run, trajectory, n - 1), _stored(run, trajectory, n), n)
-
-
-def _prepared(
-    system: System, solver: Solver | Solves | None, condense: bool, linear: LinearSolver | None, check: bool = True
-) -> PreparedRun:
-    linear = system.linear(linear)
-    with threads_of_steps(system, condense, linear):
-        return prepare(system, solver, check, condense, linear)
 
 
 def _solved_program(run: PreparedRun, before: State, after: State, n: int) -> SolvedProgram:
@@ -86,7 +75,7 @@ def _solved_program(run: PreparedRun, before: State, after: State, n: int) -> So
     m, norms = run.operators.count, run.system.norms
     posed = pose_step(run, before, after.data, after.weights[:m])
     # The difference of two states may lie a rounding error beyond a bound.
-    d = posed.program.feasible(posed.seen(after.y - before.y))
+    d = posed.program.feasible(after.y - before.y)
     found = SolvedProgram.of(posed.program, after.answer(d, after.lam[:m]), n, after.t)
     slope = None if norms is None else norms.slope_by_forces(after.t, after.p, before.ledger.slipped[:m])
     return replace(found, slope=slope)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import warnings
 from typing import Any
 
@@ -18,8 +17,6 @@ from vemcvx.program.step_program import StepProgram
 from vemcvx.program.system import Norms, System
 from vemcvx.solvers import Solver
 from vemcvx.stepping.state import PreparedRun, State, StepData
-
-log = logging.getLogger("vemcvx")
 
 STABLE = 0.999
 """Softening over stiffness beyond which the rounding of answers counts for more than a thousand times itself."""
@@ -110,39 +107,22 @@ def refuse_unbalanced(condensation: Condensation, program: StepProgram, when: st
     )
 
 
-def refuse_start(run: PreparedRun, state: State, jump: float) -> None:
+def refuse_start(run: PreparedRun, state: State, settled: State, jump: float) -> None:
     """Raise SceneError for a given start that a step at the same instant moves by `jump` of the energy norm."""
-    raise SceneError(_overlap(run, state) or _violation(run, state, jump))
-
-
-def _overlap(run: PreparedRun, state: State) -> str | None:
-    """The place where a state violates a bound, in words; None if it is nowhere."""
-    operators, limits = run.operators, run.system.limits
-    over = operators.D @ state.y - state.data.remaining_gap
-    inside = np.where(operators.compliance > 0, 0.0, over)
-    if limits is None or not inside.max(initial=0.0) > 0:
-        return None
-    worst = int(np.argmax(inside))
-    return (
-        f"initial: at t = {state.t:.6g} the body is {inside[worst]:.6g} inside its obstacle at {limits.name(worst)}. "
-        "Start from initial='settled' (one step from zero), from a given state, or with a gap that begins at zero."
-    )
-
-
-def _violation(run: PreparedRun, state: State, jump: float) -> str:
-    """The sentence that condition (2.1) is violated, with the place where friction lacks most."""
-    operators, norms, where = run.operators, run.system.norms, ""
-    if norms is not None and operators.count:
-        needed = np.linalg.lstsq(operators.B.T.toarray(), state.unbalanced, rcond=None)[0]
-        bounds = state.weights[: operators.count]
-        excess = lengths(operators.blocks(needed)) - bounds
-        worst = int(np.argmax(excess))
-        if excess[worst] > 0:
-            where = (
-                f" The worst place is {norms.name(worst)}, where holding still takes a force of "
-                f"{excess[worst] + bounds[worst]:.6g}, {excess[worst]:.6g} over the bound {bounds[worst]:.6g}."
-            )
-    held = "in equilibrium" if norms is None else "held by friction"
+    operators, limits, norms, where = run.operators, run.system.limits, run.system.norms, ""
+    inside = operators.D @ state.y - state.data.remaining_gap
+    inside[operators.compliance > 0] = 0.0
+    if limits is not None and inside.max(initial=0.0) > 0:
+        worst = int(np.argmax(inside))
+        raise SceneError(
+            f"initial: at t = {state.t:.6g} the body is {inside[worst]:.6g} inside its obstacle at "
+            f"{limits.name(worst)}. Start from initial='settled' (one step from zero), from a given state, or with a "
+            "gap that begins at zero."
+        )
+    if norms is not None:
+        way = lengths(operators.blocks(operators.B @ (settled.y - state.y)))
+        worst = int(np.argmax(way))
+        where = f" It slips most at {norms.name(worst)}, by {way[worst]:.3g}." if way[worst] > 0 else ""
     of_a_function = (
         " Nodal values of a u_0 that obeys (2.1) miss it on a mesh: give simulate the function, "
         "initial=vx.projected(u_0). After another run (initial=history) begin with the loads and "
@@ -151,25 +131,12 @@ def _violation(run: PreparedRun, state: State, jump: float) -> str:
         else ""
     )
     much = f"by {jump:.1e} of the energy norm, allowed is 1e-06" if np.isfinite(jump) else "from rest"
-    return (
-        f"initial: the state at t = {state.t:.6g} is not {held} (condition (2.1)): one step there moves it {much}."
-        f"{where} If something acts from the start, say "
+    raise SceneError(
+        f"initial: the state at t = {state.t:.6g} is not {'in equilibrium' if norms is None else 'held by friction'} "
+        f"(condition (2.1)): one step there moves it {much}.{where} If something acts from the start, say "
         "initial='settled', in a problem file too: the body begins at rest under it, one step from zero. Or start from "
         f"'equilibrium' (no friction), from a given state, or with a load that begins at zero.{of_a_function}"
     )
-
-
-def say_floor(floors: Floats, accuracy: float) -> None:
-    """Log it when round-off may account for more than the accuracy asked; `floors` (N + 1,) are relative."""
-    n = int(np.argmax(floors))
-    if floors[n] > accuracy:
-        log.info(
-            "step %d: certified as computed, but round-off, that of the data's last digits included, may account for "
-            "as much as %.1e of the energy norm, more than the accuracy %.1e asked for",
-            n,
-            floors[n],
-            accuracy,
-        )
 
 
 def softening_ratio(operators: Operators, softening: Floats | None) -> tuple[float, int] | None:

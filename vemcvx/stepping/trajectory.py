@@ -13,7 +13,7 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Annotated, Any, TypeGuard
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,9 +23,8 @@ from vemcvx.base.errors import HistoryError, SceneError
 from vemcvx.base.outline import ArrayRecord
 from vemcvx.base.owned_files import Owned, path_of
 from vemcvx.linear import AT_ONCE
-from vemcvx.stepping.ledger import state_given
-from vemcvx.stepping.refusals import require_certified, say_floor
-from vemcvx.stepping.state import Ledger, PreparedRun, State, StepData, certified_together
+from vemcvx.stepping.refusals import require_certified
+from vemcvx.stepping.state import Ledger, PreparedRun, State, StepData, certified_together, state_given
 
 log = logging.getLogger("vemcvx")
 
@@ -131,7 +130,7 @@ class Trajectory(ArrayRecord):
         Cumulative sum of lam_i . s_i, which is w_i |s_i| at a solution, and of what damping loses.
     dissipated_second_order : (N + 1,) array
         Likewise with the weights of both ends of every step: of second order in their length, where `dissipated` is of
-        first (:mod:`vemcvx.stepping.ledger`).
+        first (:mod:`vemcvx.stepping.state`).
     worn_second_order : (S, m) array
         Of `worn`, likewise.
     work : (N + 1,) array
@@ -211,7 +210,7 @@ class Trajectory(ArrayRecord):
 
         While all |u_m|_a are zero at the accuracy asked, relative to what the data could cause instead.
         """
-        return relative(np.sqrt(2 * self.gap), self.scale)
+        return relative(np.sqrt(2 * self.gap), self.unit)
 
     @property
     def certificate_kind(self) -> str:
@@ -221,7 +220,7 @@ class Trajectory(ArrayRecord):
     @property
     def certificate_floor(self) -> Floats:
         """(N + 1,) the rounding floor of `certificate`: sqrt(2 floor_n) / max over m <= n of |u_m|_a."""
-        return relative(np.sqrt(2 * self.floor), self.scale)
+        return relative(np.sqrt(2 * self.floor), self.unit)
 
     @property
     def certified(self) -> Floats:
@@ -247,17 +246,12 @@ class Trajectory(ArrayRecord):
         |u_n - u_n*|_a <= sum over m <= n of sqrt(2 gap_m). With limits it is only if they never act; else the sum is
         that of the steps' own errors and no bound.
         """
-        return relative(np.cumsum(np.sqrt(2 * self.gap)), self.scale)
+        return relative(np.cumsum(np.sqrt(2 * self.gap)), self.unit)
 
     @property
     def certified_total(self) -> Floats:
         """(N + 1,) `certified`, all steps' errors accumulated: see `certificate_total`."""
-        return relative(np.cumsum(np.sqrt(2 * self.gap) + np.sqrt(2 * self.floor)), self.scale)
-
-    @property
-    def scale(self) -> Floats:
-        """(N + 1,) the energy norms that errors are relative to."""
-        return self.unit
+        return relative(np.cumsum(np.sqrt(2 * self.gap) + np.sqrt(2 * self.floor)), self.unit)
 
 
 def relative(error: Floats, scale: Floats) -> Floats:
@@ -269,26 +263,17 @@ def relative(error: Floats, scale: Floats) -> Floats:
 
 def stored_steps(store: str | int | Sequence[int], steps: int) -> Ints:
     """Step numbers to keep: "all", "last", every `store`-th and the last, or those given and the last."""
-    if isinstance(store, str) and store == "all":
-        return np.arange(steps + 1)
-    if isinstance(store, str) and store == "last":
-        return np.array([steps])
+    if isinstance(store, str) and store in ("all", "last"):
+        return np.arange(steps + 1) if store == "all" else np.array([steps])
     if is_whole(store) and store >= 1:
         return np.unique(np.append(np.arange(0, steps + 1, min(store, steps + 1)), steps))
-    if _numbers(store, steps):
-        return np.unique(np.append(np.asarray(store, dtype=np.int64), steps))
+    numbers = store.tolist() if isinstance(store, np.ndarray) else store
+    if isinstance(numbers, (list, tuple, range)) and all(is_whole(n) and 0 <= n <= steps for n in numbers):
+        return np.unique(np.append(np.array(numbers, dtype=np.int64), steps))
     raise SceneError(
         f"store: found {brief(store)}; there are 'all', 'last', an integer n >= 1 (every n-th and the last), or a "
         f"sequence of step numbers from 0 to {steps}."
     )
-
-
-def _numbers(store: object, steps: int) -> TypeGuard[Sequence[int]]:
-    if isinstance(store, np.ndarray):
-        return store.ndim == 1 and _numbers(store.tolist(), steps)
-    if not isinstance(store, Sequence) or isinstance(store, (str, bytes)):
-        return False
-    return all(is_whole(n) and 0 <= n <= steps for n in store)
 
 
 FIELDS = {name: of for name, of in quantities(Trajectory).items() if name not in ("times", "stored")}
@@ -367,7 +352,7 @@ class Recorder:
     def finish(self, seconds: dict[str, float], work_begun: float) -> Trajectory:
         """The trajectory of a run that went on from that work."""
         run = self._run
-        trajectory = Trajectory(
+        return Trajectory(
             times=self._times,
             stored=self._kept,
             **{name: np.array(rows) if FIELDS[name].sizes == ("N",) else rows for name, rows in self._rows.items()},
@@ -377,8 +362,6 @@ class Recorder:
             accuracy=float(run.solver.accuracy),
             work_begun=work_begun,
         )
-        say_floor(trajectory.certificate_floor, run.solver.accuracy)
-        return trajectory
 
 
 def row_of(arrays: Mapping[str, NDArray[Any]], kept: Ints, n: int) -> dict[str, NDArray[Any]]:

@@ -34,7 +34,6 @@ import typer
 
 from vemcvx.base.canvas import as_png, legend_below, light_grid, new_figure, plain_logarithms
 from vemcvx.base.errors import ProblemError, VemcvxError
-from vemcvx.base.outline import Table
 from vemcvx.base.owned_files import Owned
 from vemcvx.cli.collection.instances import FCLIB
 from vemcvx.cli.collection.trials import ASKED, BEGUN, FAILED, REFUSED, STOPPED, WARM, Entrant, Running, Trial, journal
@@ -43,6 +42,7 @@ from vemcvx.cli.options import NONE, Options, solver_names
 from vemcvx.cli.solver_names import read_options
 from vemcvx.cli.terminal import listed, progress_bar, say
 from vemcvx.plots.style import MARKERS, SERIES
+from vemcvx.results.table import Table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -17,7 +17,6 @@ import typer
 
 from vemcvx.base.arrays import ROUNDING, SAME, Floats
 from vemcvx.base.errors import ProblemError
-from vemcvx.base.outline import Table
 from vemcvx.base.owned_files import Owned
 from vemcvx.base.version import __version__
 from vemcvx.cli.collection.instances import (
@@ -38,6 +37,7 @@ from vemcvx.exchange import FORMATS, description, encoded, in_json, put, sequenc
 from vemcvx.linear import direct_solver
 from vemcvx.program.step_program import SolvedProgram, StepProgram
 from vemcvx.results.results import programs_of_steps
+from vemcvx.results.table import Table
 from vemcvx.scene.pose import unwarned
 from vemcvx.simulation import programs
 from vemcvx.solvers import Newton

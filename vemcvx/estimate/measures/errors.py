@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike
 
 from vemcvx.base.arrays import Floats, Ints, as_real_array, brief, totals
 from vemcvx.base.errors import HistoryError
-from vemcvx.base.outline import Table
 from vemcvx.base.owned_files import path_of
 from vemcvx.effects import data
 from vemcvx.estimate.measures.distance import Field, Measured, field_of, measured
@@ -28,6 +27,7 @@ from vemcvx.meshes.polygons import (
 from vemcvx.meshes.polyhedra import listed_faces
 from vemcvx.meshes.tessellation import projected_values
 from vemcvx.results.results import Results
+from vemcvx.results.table import Table
 from vemcvx.vem import Space, stresses
 from vemcvx.vem.points_in_solids import solid_values
 

@@ -173,11 +173,10 @@ class LastResort:
         """Clarabel, compiled when it is first asked."""
         return FixedPoint.of(Clarabel(), self.newton.operators)
 
-    def solve(
-        self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None, law: Weights | None = None
-    ) -> Answer:
-        """Answer one step by Newton's method."""
-        return self.newton.solve(program, target, lam, p, law)
+    @property
+    def solve(self) -> Callable[..., Answer]:
+        """Newton's method for one step."""
+        return self.newton.solve
 
     def again(
         self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None, law: Weights | None = None

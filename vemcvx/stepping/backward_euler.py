@@ -16,7 +16,7 @@ K + C/k, which is no less than that of K.
 Errors are relative to the largest energy norm of the states so far. A body that is carried without touching, or held
 completely, has no energy: its norm is rounding, and an accuracy relative to it means nothing. The largest energy norm
 that the load could cause without contact and friction, |K^{-1}f|_K, then takes its place: a state whose norm and
-certified error are both at most accuracy times that is zero at the accuracy asked.
+certified error are both at most accuracy times that is zero at the accuracy asked; so is a norm that is rounding.
 
 A march begins from a state u_0 that obeys condition (2.1): a(u_0, v) + j(v) >= <l(0), v> for all v. That holds if and
 only if one step at times[0] from u_0 returns u_0. The jump of that step, in the energy norm, is what a violation costs:

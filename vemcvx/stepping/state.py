@@ -46,7 +46,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from vemcvx.base.arrays import Bools, Floats, directions, lengths
-from vemcvx.program.certificate import Certificate
+from vemcvx.program.certificate import ROUNDED, Certificate
 from vemcvx.program.condensation import Condensation, Reduced
 from vemcvx.program.operators import Operators, product
 from vemcvx.program.scaling import LARGEST_NORM, checked_norm
@@ -56,6 +56,8 @@ from vemcvx.solvers import Solver
 from vemcvx.solvers.default import FixedPoint, LastResort, prepare_run
 from vemcvx.solvers.solver import SHARE
 
+NORM_ROUNDING = float(np.sqrt(ROUNDED))
+"""Rounding of |u|_a, the root of twice an energy, relative to what the energy is a sum of."""
 MOST_LENGTHS = 4
 """Lengths of steps whose factors are kept, where there are dashpots; two that take turns need two."""
 
@@ -221,7 +223,7 @@ class State:
 
     def unit(self, accuracy: float) -> float:
         """The energy norm that errors are relative to: see :mod:`vemcvx.stepping.backward_euler`."""
-        return self.size if self.scale <= accuracy * self.size else self.scale
+        return self.size if self.scale <= max(accuracy, NORM_ROUNDING) * self.size else self.scale
 
     def accepted(self, accuracy: float) -> bool:
         """Return True if the certified error is within the accuracy."""

@@ -236,8 +236,8 @@ def _ledger(posed, t, inexact, unsolved, verdict):
         done = (t.work[n] - t.work[n - 1]) - (t.energy[n] - t.energy[n - 1])
         # Losses are >= 0: a slip of rounding against its force, lam . s < 0, counts as none.
         slip = system.B @ d + system.prescribed_slip(float(t.times[n])) - system.prescribed_slip(float(t.times[n - 1]))
-        lam = t.multipliers[n][: len(slip) // system.block]
-        against = np.minimum(np.einsum("ij,ij->i", lam, slip.reshape(lam.shape)), 0.0).sum()
+        lam = t.multipliers[n][: 0 if system.norms is None else system.norms.count]
+        against = np.minimum((lam * slip.reshape(lam.shape)).sum(axis=1), 0.0).sum()
         defect = abs(done - (t.dissipated[n] - t.dissipated[n - 1]) - half - press - against)
         K = system.K if system.damping is None else system.K + system.damping.C / (t.times[n] - t.times[n - 1])
         error = np.sqrt(2 * t.gap[n]) + np.sqrt(2 * t.floor[n])

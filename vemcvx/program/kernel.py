@@ -117,7 +117,7 @@ def balanced(
         if (np.abs(left) <= 8 * EPS * (np.abs(push) + np.abs(x) @ np.abs(modes))).all():
             break
         across = of_terms - way[:, :, None] * np.einsum("ij,ijk->ik", way, of_terms)[:, None]
-        across = (np.where(w > 0, a, 0.0)[:, None, None] * across).reshape(rows, -1)
+        across = (np.where(w > 0, a, 0.0)[:, None, None] * across).reshape(rows, len(push))
         moves = np.concatenate([across, np.where(closed[:, None], of_limits, 0.0)])
         dx = moves @ np.linalg.lstsq(modes.T @ moves, left, rcond=None)[0]
         lam, p = lam + dx[:rows].reshape(lam.shape), p + dx[rows:]

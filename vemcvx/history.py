@@ -1,7 +1,7 @@
 """The results of a simulation, and the summary, tables, probes and files that are made of them.
 
-Sign conventions: stresses are positive in tension, contact pressures in compression; `contact.traction` is the friction
-force per length on the body, and reactions act on the body. Multipliers: :mod:`vemcvx.program.certificate`.
+Stresses are positive in tension, contact pressures in compression; `contact.traction` is the friction force per length
+on the body, and reactions act on the body.
 """
 
 from __future__ import annotations
@@ -43,8 +43,8 @@ class History(Results, Outlined):
     displacement : (S, n_nodes, dim)
         Nodal displacements.
     forces : (S, n_nodes, dim)
-        Nodal forces of supports, contact and friction on the body: A u - f, or with viscosity A u + A_1 u' - f at the
-        rates of the step. Row 0 has no viscous part, because no step leads to it.
+        Nodal forces of supports, contact and friction on the body: A u - f, with viscosity A u + A_1 u' - f but in
+        row 0, to which no step leads.
     contact : Contact
     moduli : (2, n_cells), (6, n_cells) or, in space, (21, n_cells)
         Lame's lambda (in the plane) and mu; or the upper triangle of the elastic matrix, row by row, if some cell is
@@ -75,7 +75,7 @@ class History(Results, Outlined):
     quantities : dict of str to Quantity, or None
         "dissipated", "work" and "wear" with their estimated errors, if asked for: see :func:`vemcvx.quantities`.
     dissipated_error, work_error : (N + 1,) or None
-        Likewise the estimated errors of `dissipated_second_order` and `work_second_order`, of steps and mesh together.
+        Likewise the estimated errors of `dissipated_second_order` and `work_second_order`.
     bound : dict or None
         Of ``simulate(..., bound=True)``: guaranteed bounds "upper" and "lower" on the error of the mesh in the energy
         norm, for the "step" with the largest upper one, given the step before (:func:`vemcvx.error_bound`);
@@ -103,8 +103,7 @@ class History(Results, Outlined):
     def probe(self, points: ArrayLike) -> Floats:
         """Return the displacements (S, p, dim) at any points (p, dim) of the body: see :mod:`vemcvx.results.probe`.
 
-        They are exact at nodes, linear on edges, piecewise linear on faces, and Pi u inside cells, (3.11); on an
-        interface those of its first body.
+        They are exact at nodes, linear on edges, piecewise linear on faces, and Pi u inside cells, (3.11).
 
         Raises
         ------
@@ -233,14 +232,9 @@ def scene_of(history: object, subject: str) -> Scene:
 
 
 def read_history(folder: str | Path) -> History:
-    """Read a history back, every number to the bit.
+    """Read a history back, every number to the bit, from the folder that :meth:`History.write` was given.
 
     The scene is not kept, because its data may be functions: `scene` is None, and `effects` says it in words.
-
-    Parameters
-    ----------
-    folder : str or Path
-        The folder that :meth:`History.write` was given.
 
     Raises
     ------
@@ -251,7 +245,6 @@ def read_history(folder: str | Path) -> History:
 
 
 FOR_GIVEN = "for the given friction: bounds of friction are those of the answer's own pressure and slip"
-"""The kind of a certificate where friction follows the answer, in words."""
 
 
 def in_words(history: Results) -> Outline:
@@ -261,33 +254,23 @@ def in_words(history: Results) -> Outline:
     rubs = touch.bound.any() or touch.traction.any()
     did = f"{sticks} nodes stick, {slips} slip" if rubs else f"{sticks + slips} nodes touch, without friction"
     did += f", {opened} are open" if opened else ""
-    title = (
-        f"{history.mesh.n_cells} cells, {history.mesh.n_nodes} nodes, {run.state.shape[1]} unknowns, "
-        f"{len(touch.nodes)} contact nodes, {history.steps} steps"
-    )
-    usual = int(np.median(run.iterations[1:])) if history.steps else 0
-    asked = run.above_asked
+    title = f"{history.mesh.n_cells} cells, {history.mesh.n_nodes} nodes, {run.state.shape[1]} unknowns, "
+    title += f"{len(touch.nodes)} contact nodes, {history.steps} steps"
+    usual, asked = int(np.median(run.iterations[1:])) if history.steps else 0, run.above_asked
+    certified = f"{run.certified.max():.1e} relative energy error a step, rounding included; "
+    certified += f"{run.certified_total.max():.1e} accumulated{asked and f'; {asked}'}"
+    took = f"{usual} a step at the median, at most {run.iterations.max()}; {run.safeguards.sum()} of them safeguards"
+    better = f"dissipated {run.dissipated_second_order[-1]:.6g}, work {run.work_second_order[-1]:.6g}"
     lines = [
         *(("left out", words) for words in history.inactive),
         ("solver", history.solver),
-        (
-            "certified",
-            f"{run.certified.max():.1e} relative energy error a step, rounding included; "
-            f"{run.certified_total.max():.1e} accumulated{asked and f'; {asked}'}",
-        ),
+        ("certified", certified),
         *([("", FOR_GIVEN)] if run.given_friction.any() else []),
         *_errors(history.errors, history.quantities),
         *_bound(history.bound),
-        (
-            "iterations",
-            f"{usual} a step at the median, at most {run.iterations.max()}; {run.safeguards.sum()} of them safeguards",
-        ),
+        ("iterations", took),
         ("energy", f"stored {run.energy[-1]:.6g}, dissipated {run.dissipated[-1]:.6g}, work {run.work[-1]:.6g}"),
-        (
-            "",
-            f"dissipated {run.dissipated_second_order[-1]:.6g}, work {run.work_second_order[-1]:.6g} between the "
-            "instants, of second order in the steps",
-        ),
+        ("", f"{better} between the instants, of second order in the steps"),
         *([("contact", f"{did} in the last step")] if len(touch.nodes) else []),
         ("seconds", ", ".join(f"{name} {value:.3g}" for name, value in history.seconds.items())),
     ]

@@ -1,4 +1,4 @@
-"""Simulation of a scene on a mesh, and the warnings of what its history should not be quoted for."""
+"""Simulation of a scene on a mesh."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vemcvx.base.arrays import SAME, SOME, Floats, brief, finite, flag, shaped
-from vemcvx.base.errors import WORTH_A_WORD, SceneError
+from vemcvx.base.arrays import SAME, Floats, brief, finite, flag, shaped
+from vemcvx.base.errors import SceneError
 from vemcvx.base.outline import coordinates
 from vemcvx.effects import data
 from vemcvx.history import History, read_history
 from vemcvx.linear import LinearSolver
 from vemcvx.meshes import AnyMesh, PolygonMesh, PolyhedralMesh
 from vemcvx.program import SolvedProgram
-from vemcvx.results.results import Results, record, with_origin
+from vemcvx.results.results import Results, record, warn_of_large_strains, warn_of_lost_work, with_origin
 from vemcvx.scene import Scene
 from vemcvx.scene.contact import through_obstacles
 from vemcvx.scene.pose import PosedScene, pose_scene, unwarned
@@ -32,13 +32,12 @@ from vemcvx.stepping import (
     Folder,
     Ledger,
     Memory,
-    Trajectory,
     checked_times,
     march,
     programs_of_march,
 )
 from vemcvx.stepping.course import course, inside_steps
-from vemcvx.vem import mean_strains, principal, strains, stress_load, stresses
+from vemcvx.vem import mean_strains, stress_load, stresses
 
 log = logging.getLogger("vemcvx")
 
@@ -158,23 +157,13 @@ def instants(scene: Scene, mesh: AnyMesh, times: ArrayLike) -> Floats:
     """Return the instants of a run, with those inside steps at which its data bend, turn or jump.
 
     Backward Euler reads data at the ends of steps: it misses part of a load that turns back between them, and with
-    friction the answer is off from then on.
-
-    Parameters
-    ----------
-    scene, mesh, times
-        As of :func:`simulate`.
+    friction the answer is off from then on. Data are sampled at 256 instants, or at the middles of steps: changes that
+    begin and end between two samples are not seen. Parameters and errors are those of :func:`simulate`.
 
     Returns
     -------
     (N + 1,) array
-        Both sides of a jump, a billionth of the run apart at most. Data are sampled at 256 instants, or at the middles
-        of steps: changes that begin and end between two samples are not seen.
-
-    Raises
-    ------
-    SceneError
-        Scene, mesh and times make no well-posed problem.
+        With both sides of a jump, a billionth of the run apart at most.
 
     Examples
     --------
@@ -206,21 +195,6 @@ def warn_of_turns(scene: Scene, mesh: AnyMesh, times: Floats) -> None:
     )
 
 
-def warn_of_lost_work(run: Trajectory) -> None:
-    """Log a warning where end-of-step forces times increments are far above the work that friction lets be done."""
-    works = run.work_second_order
-    first, second = float(run.work[-1]), float(works[-1])
-    lost, better = float(run.dissipated[-1]), float(run.dissipated_second_order[-1])
-    size = max(float(np.abs(works).max()), float(run.energy.max()))
-    if lost <= SAME * size or abs(first - second) <= WORTH_A_WORD * size:
-        return
-    log.warning(
-        "time steps: displacements and stresses are not affected; for work and friction energy quote "
-        f"history.work_second_order, {second:.6g}, and dissipated_second_order, {better:.6g}, or take more steps: the "
-        f"sums of backward Euler, {first:.6g} and {lost:.6g}, are of first order."
-    )
-
-
 def programs(
     scene: Scene,
     mesh: AnyMesh,
@@ -234,8 +208,7 @@ def programs(
 ) -> Iterator[SolvedProgram]:
     """Simulate a scene, and yield the convex program of every step with its certified answer, step after step.
 
-    Programs are in the units of the scene, g and all; one factorisation serves all of them. Parameters and errors are
-    those of :func:`simulate`.
+    One factorisation serves all programs. Parameters and errors are those of :func:`simulate`.
 
     Examples
     --------
@@ -287,13 +260,11 @@ class Projected:
 def projected(displacement: data.Datum) -> Projected:
     """Return the energy projection P^h u_0 of an initial displacement, ``simulate(..., initial=vx.projected(u_0))``.
 
-    a^h(P^h u_0, v) = a(u_0, v) for all v of V^h, (2.11) and (3.26), up to O(h), and exactly where u_0 is linear: cells
-    know the mean of its stresses alone. u_0 is read on edges, in space on faces (:mod:`vemcvx.vem.loads`).
+    a^h(P^h u_0, v) = a(u_0, v) for all v of V^h, (2.11) and (3.26), up to O(h), and exactly where u_0 is linear.
 
     Where u_0 obeys condition (2.1), a(u_0, v) + j(v) >= <l(0), v>, P^h u_0 obeys it on the mesh up to O(h). State 0 is
-    the end of one step at times[0] from P^h u_0, which obeys it by construction, (2.13), and is as near to u_0 by
-    order; with Viscosity P^h u_0 itself. Where that step is too long for the mesh, a warning says that u_0 violates
-    (2.1).
+    the end of one step at times[0] from P^h u_0, which obeys it exactly; with Viscosity P^h u_0 itself. Where that step
+    is too long for the mesh, a warning says that u_0 violates (2.1).
 
     Parameters
     ----------
@@ -303,7 +274,7 @@ def projected(displacement: data.Datum) -> Projected:
     Returns
     -------
     Projected
-        It knows no mesh: `adapt`, studies and problem files (``initial = vx.projected(u_0)``) take it alike.
+        For simulate, adapt, studies and problem files: it knows no mesh.
 
     Raises
     ------
@@ -349,10 +320,7 @@ def _continued(history: Results, posed: PosedScene, times: Floats) -> Continued:
     What was worn at a place is shared by the terms there; ways, which laws may read, are those of the place.
     """
     mesh, contact, run, terms = posed.space.mesh, history.contact, history.trajectory, posed.terms
-    known = history.mesh
-    if known.points.shape != mesh.points.shape or not (
-        np.array_equal(known.points, mesh.points) and np.array_equal(known.centroids, mesh.centroids)
-    ):
+    if not all(np.array_equal(getattr(history.mesh, name), getattr(mesh, name)) for name in ("points", "centroids")):
         raise SceneError("initial: the history is of another mesh; a stage goes on from a run on the same one.")
     at = contact.rows_of(terms)
     several = np.bincount(at[at >= 0], minlength=len(contact.nodes))
@@ -363,18 +331,17 @@ def _continued(history: Results, posed: PosedScene, times: Floats) -> Continued:
             "a place. Let one run go through both stages instead."
         )
 
-    def of_terms(values: Floats) -> Floats:
-        return np.append(values, 0.0)[at]
-
     share = contact.friction_lengths / np.maximum(several, 1)
+    of_places = contact.wear[-1] * share, contact.wear_second_order[-1] * share, contact.accumulated_slip[-1]
+    worn, worn_second_order, slipped = (np.append(values, 0.0)[at] for values in of_places)
     past = Ledger(
         energy=0.0,
         dissipated=float(run.dissipated[-1]),
         work=float(run.work[-1]),
-        worn=of_terms(contact.wear[-1] * share),
-        slipped=of_terms(contact.accumulated_slip[-1]),
+        worn=worn,
+        slipped=slipped,
         dissipated_second_order=float(run.dissipated_second_order[-1]),
-        worn_second_order=of_terms(contact.wear_second_order[-1] * share),
+        worn_second_order=worn_second_order,
     )
     return Continued(_within_supports(history.displacement[-1], posed, times), past, float(run.work_second_order[-1]))
 
@@ -410,24 +377,3 @@ def _projected(initial: Projected, posed: PosedScene, times: Floats) -> Balanced
     if posed.springs is not None:
         force = force + posed.springs @ nodal.ravel()
     return Balanced(posed.supports.gather(force - posed.A @ posed.supports.motion(t)), near)
-
-
-def warn_of_large_strains(posed: PosedScene, results: Results) -> None:
-    """Log a warning of the largest principal strain and its place, if small strains are left.
-
-    It looks at some SOME cells, at the stored instant of the largest energy.
-    """
-    space, row = posed.space, int(np.argmax(results.energy))
-    groups = [group.part(slice(None, None, 1 + space.mesh.n_cells // SOME)) for group in space.groups]
-    cells, mesh = np.concatenate([group.cells for group in groups]), space.mesh
-    tensor = strains(space, results.displacement[row], groups)[cells]
-    tensor[:, space.dim :] *= 0.5
-    size = np.abs(principal(tensor)).max(axis=1)
-    k, volumes = int(np.argmax(size)), (mesh.areas if isinstance(mesh, PolygonMesh) else mesh.volumes)[cells]
-    # At a singular corner some strain is large, if only the mesh is fine.
-    if volumes[size > WORTH_A_WORD].sum() > 0.01 * volumes.sum():
-        place, t = coordinates(mesh.centroids[cells[k]]), float(results.times[row])
-        log.warning(
-            f"small strains are left: a strain of {size[k]:.2g} at {place}, t = {t:.6g}. "
-            "The linear model does not hold there; compare the units of stiffness, loads, supports and mesh."
-        )

@@ -48,7 +48,7 @@ def test_what_else_is_there_stays(tmp_path):
     run(folder)
     assert names(folder) >= OURS | {"thesis.npy"}
     with Folder(folder) as mine:
-        mine.remove()
+        mine.clear()
     assert names(folder) == {"thesis.npy"}
     assert (folder / "thesis.npy").read_bytes() == b"a thesis"
 

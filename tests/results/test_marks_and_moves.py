@@ -45,8 +45,8 @@ def test_a_list_names_files_of_its_folder_alone(tmp_path, name):
     with contextlib.suppress(vx.HistoryError):
         history(stream=run)
     listed(run, name)
-    with contextlib.suppress(vx.HistoryError):
-        Folder(run).remove()
+    with contextlib.suppress(vx.HistoryError), Folder(run) as held:
+        held.clear()
     assert kept.items() <= everything(tmp_path).items()
 
 
@@ -98,7 +98,8 @@ def test_only_regular_files_are_deleted_or_written_to(tmp_path, kind):
     kept = everything(tmp_path)
     with pytest.raises(vx.HistoryError, match="state.npy: not made by a run of this version"):
         history(stream=run)
-    Folder(run).remove()
+    with Folder(run) as held:
+        held.clear()
     assert everything(tmp_path) == kept
     assert os.path.lexists(place)
 

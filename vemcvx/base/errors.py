@@ -35,8 +35,7 @@ class SceneWarning(UserWarning):
     """The scene has an answer that deserves a second look."""
 
 
-WORTH_A_WORD = 0.05
-"""Relative deviation above which a warning is issued; of strains, whose squares are neglected, the strain."""
+WORTH_A_WORD = 0.05  # Relative deviation above which a warning is issued; of small strains the strain itself.
 
 
 class NotAccepted(VemcvxError):
@@ -64,26 +63,19 @@ class NotCertified(VemcvxError):
 
     Attributes
     ----------
-    step : int
-        The step that failed (1 is the first after the initial instant).
-    time : float
-        Its instant.
+    step, time : int, float
+        The step that failed, 1 for the first one, and its instant.
     reached, asked, floor : float
-        Certified relative energy errors: that of the answer, rounding included, the requested one, and the part of
-        the first that round-off alone accounts for.
+        Certified relative energy errors: that of the answer, the requested one, and what round-off alone accounts for.
     """
 
+    step: int = 0
+    time: float = 0.0
+    reached: float = 0.0
+    asked: float = 0.0
+    floor: float = 0.0
+
     # A pickle calls the class with the message alone, and sets the attributes then.
-    def __init__(
-        self,
-        message: str,
-        *,
-        step: int = 0,
-        time: float = 0.0,
-        reached: float = 0.0,
-        asked: float = 0.0,
-        floor: float = 0.0,
-    ):
+    def __init__(self, message: str, **attributes: float):
         super().__init__(message)
-        self.step, self.time = step, time
-        self.reached, self.asked, self.floor = reached, asked, floor
+        vars(self).update(attributes)

@@ -86,11 +86,6 @@ class Owned:
             raise HistoryError(f"{self.path}: cannot be cleared: {error}.") from error
         self.names = []
 
-    def remove(self) -> None:
-        """Delete our files and close."""
-        self.clear()
-        self.close()
-
     def close(self) -> None:
         """Let others work there; an empty list is deleted, and with it the folder if nothing else is in it."""
         if not (self.names or self._list.closed):

@@ -1,10 +1,8 @@
 """The law of friction: weights that follow the answer of a step, w = W(t, p, past, slip).
 
-A norm term w_i |s_i| costs the bound of friction times the slip. Tresca's bound is given. Other bounds follow the
-forces p of the limits (Coulomb: w = mu p), the slips before the step, or the slips of the step. The answer of a step
-then solves the convex program whose weights are those of its own pressure and slip, and the certificate is that of this
-program, "for the given friction". Newton's method takes the derivatives of a law (:mod:`vemcvx.solvers.newton`), other
-solvers a sequence of programs (:class:`vemcvx.solvers.default.FixedPoint`).
+Tresca's bound of friction is given. Other bounds follow the forces p of the limits (Coulomb: w = mu p), the slips
+before the step, or the slips of the step. The answer of a step then solves the convex program whose weights are those
+of its own pressure and slip, and the certificate is that of this program, "for the given friction".
 """
 
 from __future__ import annotations
@@ -23,16 +21,16 @@ from vemcvx.base.errors import SceneError
 class Law:
     """A law of friction.
 
-    An effect gives it for its rows, each with the normal force on it; a system for its m norm terms, with the forces p
-    (r,) of all limits and a slope (m, r).
+    An effect gives it for its rows, each with its normal force; a system for its m norm terms, with the forces p (r,)
+    of all limits and a slope (m, r).
 
     Parameters
     ----------
     weights : callable (t, p, past, slip) -> (m,)
         Weights >= 0 under forces p >= 0, after the sum of |slip| over the steps before, (m,), and |slip| of the step.
     softening : number or (m,) array, optional
-        The largest decrease of weights per slip of the step, k >= -dW/dslip, force per length, of a law that does not
-        read p: where it is small, a step has one solution (:mod:`vemcvx.stepping.refusals`).
+        The largest decrease of weights per slip of the step, force per length, of a law that does not read p: where it
+        is small, a step has one solution (:mod:`vemcvx.stepping.refusals`).
     pressed : bool
         True if weights of an effect read normal forces, which one-sided contact on the same boundary gives; otherwise
         that argument is an empty array.

@@ -146,7 +146,7 @@ class Run:
                 history, left = with_errors(history)
             lines = self._said(history, problem, folder, n, shown)
             if rows is not None:
-                rows.remove()
+                rows.clear()
         if self.plot:
             drawn = write_plots(history, drawings, units=problem.units)
             lines.append(f"pictures    {drawings}: {', '.join(path.name for path in drawn)}")

@@ -320,7 +320,7 @@ def write_results(
                 check_replaceable(folder, set(made.names))
                 _move(made, folder)
             finally:
-                made.remove()
+                made.clear()
     except (OSError, MeshError) as error:
         raise HistoryError(f"{folder}: cannot write a history there: {error}") from error
     return folder

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -12,10 +13,11 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vemcvx.base.arrays import Floats, Ints, Quantity, brief, is_whole, quantities, summed_columns
-from vemcvx.base.errors import HistoryError, SceneError, SceneWarning
+from vemcvx.base.arrays import SAME, SOME, Floats, Ints, Quantity, brief, is_whole, quantities, summed_columns
+from vemcvx.base.errors import WORTH_A_WORD, HistoryError, SceneError, SceneWarning
+from vemcvx.base.outline import coordinates
 from vemcvx.effects import PrescribedDisplacement
-from vemcvx.meshes import AnyMesh, PolyhedralMesh
+from vemcvx.meshes import AnyMesh, PolygonMesh, PolyhedralMesh
 from vemcvx.meshes.polygons import cell_of_corner
 from vemcvx.program import SolvedProgram
 from vemcvx.results import quoted
@@ -26,6 +28,8 @@ from vemcvx.scene.pose import PosedScene, pose_scene, unwarned
 from vemcvx.scene.rows import ContactRows, distinct_pairs
 from vemcvx.stepping import Storage, Trajectory, programs_of_trajectory
 from vemcvx.vem import Space, Stabilisation, VertexWeights, equivalent, principal, strains, stresses
+
+log = logging.getLogger("vemcvx")
 
 SPREAD = {2: ("length", "force/length"), 3: ("area", "force/length²")}
 """By dimension: the extent that forces of contact are spread over, and the unit of such a force."""
@@ -433,6 +437,42 @@ def displacement(posed: PosedScene, y: Floats, t: float) -> Floats:
     """u (n_u,) from the free unknowns y (n,) at the instant `t`."""
     u: Floats = posed.supports.P @ y
     return u if posed.supports.still else u + posed.supports.motion(t)
+
+
+def warn_of_lost_work(run: Trajectory) -> None:
+    """Log a warning where end-of-step forces times increments are far above the work that friction lets be done."""
+    works = run.work_second_order
+    first, second = float(run.work[-1]), float(works[-1])
+    lost, better = float(run.dissipated[-1]), float(run.dissipated_second_order[-1])
+    size = max(float(np.abs(works).max()), float(run.energy.max()))
+    if lost <= SAME * size or abs(first - second) <= WORTH_A_WORD * size:
+        return
+    log.warning(
+        "time steps: displacements and stresses are not affected; for work and friction energy quote "
+        f"history.work_second_order, {second:.6g}, and dissipated_second_order, {better:.6g}, or take more steps: the "
+        f"sums of backward Euler, {first:.6g} and {lost:.6g}, are of first order."
+    )
+
+
+def warn_of_large_strains(posed: PosedScene, results: Results) -> None:
+    """Log a warning of the largest principal strain and its place, if small strains are left.
+
+    It looks at some SOME cells, at the stored instant of the largest energy.
+    """
+    space, row = posed.space, int(np.argmax(results.energy))
+    groups = [group.part(slice(None, None, 1 + space.mesh.n_cells // SOME)) for group in space.groups]
+    cells, mesh = np.concatenate([group.cells for group in groups]), space.mesh
+    tensor = strains(space, results.displacement[row], groups)[cells]
+    tensor[:, space.dim :] *= 0.5
+    size = np.abs(principal(tensor)).max(axis=1)
+    k, volumes = int(np.argmax(size)), (mesh.areas if isinstance(mesh, PolygonMesh) else mesh.volumes)[cells]
+    # At a singular corner some strain is large, if only the mesh is fine.
+    if volumes[size > WORTH_A_WORD].sum() > 0.01 * volumes.sum():
+        place, t = coordinates(mesh.centroids[cells[k]]), float(results.times[row])
+        log.warning(
+            f"small strains are left: a strain of {size[k]:.2g} at {place}, t = {t:.6g}. "
+            "The linear model does not hold there; compare the units of stiffness, loads, supports and mesh."
+        )
 
 
 def _warn_of_friction_where_open(posed: PosedScene, trajectory: Trajectory) -> None:

@@ -18,7 +18,7 @@ from judged import judge, judged, run
 import vemcvx as vx
 
 CHUNK = 25
-DEFAULT, ALL = (29, 33, 72, 268, 275, 414, 469, 526, 531, 609, 733, 793, *range(10_000, 10_028)), range(1000)
+DEFAULT, ALL = (29, 33, 37, 72, 268, 275, 414, 469, 526, 531, 609, 733, 793, *range(10_000, 10_028)), range(1000)
 
 
 def tried(seeds):

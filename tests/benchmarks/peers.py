@@ -7,7 +7,7 @@ pushed sideways over a rigid floor, mu = .3, in four steps or as many as are ask
 
 Siconos (Debian: python3-siconos) gets the step as FCLIB has it, u = W r + q on Coulomb's cones, and solves it by
 nonsmooth Gauss-Seidel (NSGS) to 1e-8, begun at the forces of the step before; we get the program of the step,
-condensed. Neither W nor the condensed matrix is counted, which both need once a run; CPU seconds of one thread, medians over
+condensed. Neither W nor the condensed matrix is counted, which both need once a run; CPU seconds, medians over
 our steps after the first and over those of Siconos.
 
 GetFEM (Debian: python3-getfem) gets the sparse stiffness matrix and the rows of the contact nodes in its brick for

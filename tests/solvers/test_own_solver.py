@@ -148,6 +148,23 @@ def test_mistakes_in_python():
         simulate(vague)
 
 
+@pytest.mark.parametrize(
+    "mesh", [vx.meshes.squares(6), vx.meshes.voronoi(6), vx.meshes.cubes(3)], ids=["corner", "cells", "discs"]
+)
+def test_increments_alone_are_enough_where_rows_share_unknowns(mesh):
+    """On two rough sides that meet, forces read off d stay within their bounds; |d - d*| is rounding."""
+    push = (-3.0, -5.0, -5.0)[: mesh.points.shape[1]]
+    rough = (
+        cls
+        for on, bound in (("bottom", 0.5), ("left", 0.3))
+        for cls in (vx.UnilateralContact(on), vx.TrescaFriction(bound, on))
+    )
+    top = vx.Traction(lambda x, t: np.tile(np.multiply(t, push), (len(x), 1)), on="top")
+    scene = vx.Scene(vx.Elasticity(1000.0, 0.3), vx.Clamp(on="right"), top, *rough)
+    history = vx.simulate(scene, mesh, TIMES, solver=Mine(attrgetter("d")))
+    assert history.certificate.max() <= 1e-12
+
+
 def test_multipliers_are_recovered_in_closed_form():
     """Two unknowns, one slipping and one pressed: what of g is not K d is held by lam and p."""
     operators = Operators(np.diag([2.0, 3.0]), B=vx.Norms(np.eye(2)[:1], 1.0).B, D=vx.Norms(np.eye(2)[1:], 1.0).B)

@@ -26,7 +26,7 @@ LONGER = {
     "bound": "error_bound",
     "cli": "cli cli_app cli_compare cli_completion cli_ends cli_report cli_said cli_space cli_supplied",
     "cost": "cost cost_interrupted",
-    "effects": "absence conformance_effects space_effects",
+    "effects": "absence closed_forms conformance_effects",
     "estimate": (
         "adapt budget_of_bodies error_budget measures_distance measures_orders stretched_cells time_estimate "
         "unseen_data waves_of_data"
@@ -40,15 +40,15 @@ LONGER = {
     "plots": "animation plots plots_in_space",
     "problems": (
         "hard_cases hysteresis_patch lessons membrane_with_friction paper_figures problem_gallery "
-        "problem_pictures problems_in_space reference_problems spring_slider_chain two_body_problems"
+        "problem_pictures problems_in_space reference_problems solver_accuracy spring_slider_chain two_body_problems"
     ),
-    "program": "limits scales seminorm",
+    "program": "limits scales seminorm step_program",
     "results": "files foreign_files marks_and_moves outputs_wear",
     "scene": (
-        "curved_and_rounded_sides dragged_contact ends_of_curves interfaces meeting_parts mistakes "
+        "curved_and_rounded_sides dragged_contact interfaces meeting_parts mistakes parts_of_bodies "
         "space_contact supports"
     ),
-    "solvers": "conformance_found_solvers conformance_solvers discs solver_accuracy solvers_agree",
+    "solvers": "conformance_solvers discs solvers_agree",
     "stepping": (
         "coulomb_certificate ledger moving_ground programs pulses resume "
         "slip_laws soft_limits threads_and_processes viscosity"

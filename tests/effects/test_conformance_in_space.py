@@ -1,13 +1,12 @@
 """What every effect must satisfy, in space: the sentences of vemcvx.testing on a cube, laws of slip among them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from test_conformance_effects import (
     HELD,
+    OF_PROBLEMS,
     PRESSED,
     PULLED,
     REST,
@@ -138,15 +137,9 @@ SAMPLES = {
             "across": 0.0,
         },
     ),
-    "SlipWeakening": EffectSample(
-        SlipWeakening(4.0, 1.0, 0.1, on="bottom"),
-        (STEEL, HELD, SHAKEN, TOUCHING),
-        others={"peak": 3.5, "residual": 3.0, "distance": 0.2, "on": "left"},
-    ),
-    "Glue": EffectSample(
-        Glue(1.0, 0.2, on="bottom"),
-        (STEEL, HELD, PULLED, vx.UnilateralContact(on="bottom")),
-        others={"strength": 0.5, "way": 0.3, "on": "left"},
+    "SlipWeakening": OF_PROBLEMS["SlipWeakening"],
+    "Glue": replace(
+        OF_PROBLEMS["Glue"], effect=Glue(1.0, 0.2, on="bottom"), others={"strength": 0.5, "way": 0.3, "on": "left"}
     ),
 }
 

@@ -1,11 +1,8 @@
 """Friction by direction in space: closed forms of a sheared block, Coulomb's law against Tresca's, what is refused."""
 
-from __future__ import annotations
-
-from dataclasses import replace
-
 import numpy as np
 import pytest
+from scenes import moved
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 from solids import SOLIDS, solid
@@ -45,31 +42,62 @@ def closed_form(across, path=PATH):
 
 
 def sheared(q, *effects, press=0.0, path=PATH):
-    """A block whose top moves along the path, sheared uniformly, without cross contraction."""
+    """A block whose top moves along the path, sheared uniformly; without cross contraction if it is pressed."""
 
     def side(axis, sign):
         return lambda x, t: [0.0, 0.0, sign * q[round(t), axis]]
 
     top = vx.PrescribedDisplacement(lambda x, t: [*path[round(t)], -press], on="top")
     sides = (vx.Traction(side(axis, sign), on=name) for name, axis, sign in SIDES)
-    return vx.Scene(vx.Elasticity(2 * MU, 0.0), top, *sides, *effects)
+    steel = vx.Elasticity(2 * MU, 0.0) if press else vx.Elasticity(2.6 * MU, 0.3)
+    return vx.Scene(steel, top, *sides, *effects)
 
 
-def floor(across=ACROSS, **settings):
-    rubs = vx.TrescaFriction(BOUND, on="bottom", direction=ALONG, across=across, **settings)
-    return vx.BilateralContact(on="bottom"), rubs
+PRESS = 0.1
+BEARS = 2 * MU * PRESS / HEIGHT
+
+
+def tresca(across=None, **settings):
+    way = {} if across is None else {"direction": ALONG, "across": across}
+    return vx.BilateralContact(on="bottom"), vx.TrescaFriction(BOUND, on="bottom", **way, **settings)
+
+
+def coulomb(across=None, **settings):
+    """With the bounds of Tresca's under the pressure BEARS."""
+    way = {} if across is None else {"direction": ALONG, "across": lambda x, t: across / BEARS}
+    return vx.UnilateralContact(on="bottom"), vx.CoulombFriction(BOUND / BEARS, on="bottom", **way, **settings)
+
+
+LAWS = {
+    "a disc": (tresca, None),
+    "an ellipse": (tresca, ACROSS),
+    "an ellipse across": (tresca, 2.5),
+    "a line": (tresca, 0.0),
+    "Coulomb's disc": (coulomb, None),
+    "Coulomb's ellipse": (coulomb, ACROSS),
+}
+
+
+def answer(law, mesh, across, path=PATH, **settings):
+    _, q = closed_form(BOUND if across is None else across)
+    pressed = {"press": PRESS} if law is coulomb else {}
+    scene = sheared(q, *law(across, **settings), path=path, **pressed)
+    initial = "settled" if law is coulomb else None
+    return vx.simulate(scene, mesh, TIMES, initial=initial, solver=vx.Newton(1e-9))
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("across", [ACROSS, 2.5, 0.0])
+@pytest.mark.parametrize("name", LAWS)
 @pytest.mark.parametrize("family", SOLIDS)
-def test_a_sheared_block_follows_its_closed_form(family, across):
+def test_a_sheared_block_follows_its_closed_form(family, name):
     """Patch test: force on the ellipse, slip along its normal, at all nodes."""
-    a, q = closed_form(across)
-    history = vx.simulate(sheared(q, *floor(across)), solid(family, 2, BOX), TIMES, solver=vx.Newton(1e-9))
-    contact = history.contact
-    assert np.abs(contact.slip[:, :, :2] - a[:, None]).max() < 1e-10
-    assert np.abs(contact.traction[:, :, :2] + q[:, None]).max() < 1e-9
+    law, across = LAWS[name]
+    a, q = closed_form(BOUND if across is None else across)
+    history = answer(law, solid(family, 2, BOX), across)
+    contact, loose = history.contact, 1e-8 if law is coulomb else 1e-10
+    assert np.abs(contact.slip[:, :, :2] - a[:, None]).max() < loose
+    assert np.abs(contact.traction[:, :, :2] + q[:, None]).max() < 10 * loose
+    assert np.abs(history.stress(-1)[:, [5, 4]] - q[-1]).max() < 10 * loose
     slips = ~contact.sticking
     assert slips[2:].any()
     moved = np.abs(np.diff(a, axis=0, prepend=0.0)).max(axis=1) > 1e-10
@@ -79,64 +107,51 @@ def test_a_sheared_block_follows_its_closed_form(family, across):
         slips &= (np.abs(np.diff(a @ AXES[0], prepend=0.0)) > 1e-10)[:, None]
     # |friction| is at its bound, which is that in its direction.
     size = np.linalg.norm(contact.traction, axis=2)
-    assert contact.bound[slips] == pytest.approx(size[slips], abs=1e-9)
-    assert (size < contact.bound + 1e-9).all()
+    assert contact.bound[slips] == pytest.approx(size[slips], abs=10 * loose)
+    assert (size < contact.bound + 10 * loose).all()
     # What friction dissipates is force times slip; ways are counted in what they cost.
     work = np.append(0.0, np.cumsum(np.sum(q[1:] * np.diff(a, axis=0), axis=1)))
-    assert contact.wear == pytest.approx(np.tile(work[:, None], contact.wear.shape[1]), abs=1e-9)
-    assert contact.accumulated_slip == pytest.approx(contact.wear / BOUND, abs=1e-10)
+    assert contact.wear == pytest.approx(np.tile(work[:, None], contact.wear.shape[1]), abs=10 * loose)
+    assert contact.accumulated_slip == pytest.approx(contact.wear / BOUND, abs=loose)
+    # Uniform states have no error of the mesh.
+    if family == "cubes" and law is tresca:
+        assert vx.error_budget(history).space.max() < 1e-6 * np.sqrt(2 * history.energy.max())
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("family", ["cubes", "voronoi3"])
-def test_solvers_agree(family):
-    _, q = closed_form(ACROSS)
-    runs = [
-        vx.simulate(sheared(0.7 * q, *floor()), solid(family, 2, BOX), TIMES, solver=solver)
-        for solver in (vx.Newton(1e-9), vx.Clarabel(1e-6))
-    ]
-    assert runs[1].certificate.max() < 1e-6
-    apart = np.abs(np.sqrt(2 * runs[0].energy) - np.sqrt(2 * runs[1].energy))
-    assert (apart <= sum(np.cumsum(np.sqrt(2 * run.trajectory.gap)) for run in runs)).all()
-
-
-@pytest.mark.long
-def test_equal_bounds_are_a_disc():
-    _, q = closed_form(ACROSS)
-    mesh = vx.meshes.voronoi3(2, BOX)
-    disc = vx.TrescaFriction(BOUND, on="bottom")
-    runs = [vx.simulate(sheared(q, *rubs), mesh, TIMES) for rubs in (floor(BOUND), (floor()[0], disc))]
-    assert np.abs(runs[0].displacement - runs[1].displacement).max() < 1e-10
-    assert runs[0].contact.bound == pytest.approx(runs[1].contact.bound, rel=1e-12)
-
-
-@pytest.mark.parametrize("law", ["tresca", pytest.param("coulomb", marks=pytest.mark.long)])
-def test_a_ground_that_moves_back_is_a_top_that_moves_on(law):
+@pytest.mark.parametrize("name", ["a disc", "an ellipse", "Coulomb's ellipse"])
+def test_a_ground_that_moves_back_is_a_top_that_moves_on(name):
     """Friction knows the motion of the body relative to the ground alone."""
-    a, q = closed_form(ACROSS)
-    still, press = 0.0 * PATH, 0.01
-
-    def ground(x, t):
-        return [*-PATH[round(t)], 0.0]
-
-    def rubs(**moved):
-        if law == "tresca":
-            return floor(**moved)
-        pressure = 2 * MU * press / HEIGHT
-        rubs = vx.CoulombFriction(
-            BOUND / pressure, on="bottom", direction=ALONG, across=lambda x, t: ACROSS / pressure, **moved
-        )
-        return vx.UnilateralContact(on="bottom"), rubs
-
-    initial = {"initial": "settled"} if law == "coulomb" else {}
-    pressed = press if law == "coulomb" else 0.0
-    mesh = vx.meshes.prisms(2, BOX)
-    scenes = sheared(q, *rubs(), press=pressed), sheared(q, *rubs(ground=ground), press=pressed, path=still)
-    dragged, drawn = (vx.simulate(scene, mesh, TIMES, **initial) for scene in scenes)
+    (law, across), mesh = LAWS[name], vx.meshes.prisms(2, BOX)
+    dragged = answer(law, mesh, across)
+    drawn = answer(law, mesh, across, path=0.0 * PATH, ground=lambda x, t: [*-PATH[round(t)], 0.0])
+    a, _ = closed_form(BOUND if across is None else across)
     assert np.abs(drawn.contact.slip - dragged.contact.slip).max() < 1e-8
     assert np.abs(drawn.contact.slip[:, :, :2] - a[:, None]).max() < 1e-8
     assert np.abs(drawn.contact.traction - dragged.contact.traction).max() < 1e-7
     assert drawn.dissipated == pytest.approx(dragged.dissipated, abs=1e-9)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("way", [{}, {"across": 0.1}])
+def test_scenes_turn(way):
+    """A turned scene has the turned answer."""
+    R, mesh = Rotation.from_euler("zyx", [0.4, -0.7, 1.1]).as_matrix(), vx.meshes.voronoi3(2, BOX)
+
+    def answer(mesh, R):
+        pull, along = R @ [0.6, 0.4, 0.0], {"direction": R @ [1.0, 2.0, 0.5]} if way else {}
+        scene = vx.Scene(
+            vx.Elasticity(100.0, 0.3),
+            vx.Clamp(on="left"),
+            vx.Traction(lambda x, t: t * pull, on="top"),
+            vx.BilateralContact(on="bottom"),
+            vx.TrescaFriction(0.3, on="bottom", **along, **way),
+        )
+        return vx.simulate(scene, mesh, [0.0, 0.5, 1.0], solver=vx.Newton(1e-10))
+
+    plain, other = answer(mesh, np.eye(3)), answer(moved(mesh, R), R)
+    assert (~plain.contact.sticking[-1]).any()
+    assert np.abs(other.displacement - plain.displacement @ R.T).max() < 1e-8 * np.abs(plain.displacement).max()
 
 
 @pytest.mark.long
@@ -179,55 +194,8 @@ def test_axes_follow_a_surface():
     assert (~left).any()
 
 
-@pytest.mark.long
-def test_scenes_turn():
-    """A turned scene has the turned answer."""
-    R, mesh = Rotation.from_euler("zyx", [0.4, -0.7, 1.1]).as_matrix(), vx.meshes.voronoi3(2, BOX)
-    faces = mesh.face_offsets, mesh.face_vertices, mesh.cell_offsets, mesh.cell_faces, mesh.face_cells
-    named = {name: part for name, part in mesh.boundaries.items() if name != "boundary"}
-    turned = vx.PolyhedralMesh.unchecked(mesh.points @ R.T, *faces).with_boundaries(named)
-
-    def answer(mesh, R):
-        pull = R @ [0.6, 0.4, 0.0]
-        scene = vx.Scene(
-            vx.Elasticity(100.0, 0.3),
-            vx.Clamp(on="left"),
-            vx.Traction(lambda x, t: t * pull, on="top"),
-            vx.BilateralContact(on="bottom"),
-            vx.TrescaFriction(0.3, on="bottom", direction=R @ [1.0, 2.0, 0.5], across=0.1),
-        )
-        return vx.simulate(scene, mesh, [0.0, 0.5, 1.0], solver=vx.Newton(1e-10))
-
-    plain, other = answer(mesh, np.eye(3)), answer(turned, R)
-    assert (~plain.contact.sticking[-1]).any()
-    assert np.abs(other.displacement - plain.displacement @ R.T).max() < 1e-8 * np.abs(plain.displacement).max()
-
-
-@pytest.mark.long
-def test_the_error_budget_knows_its_force():
-    """Uniform states have no error of the mesh."""
-    _, q = closed_form(ACROSS)
-    history = vx.simulate(sheared(q, *floor()), BLOCK, TIMES, solver=vx.Newton(1e-10))
-    assert vx.error_budget(history).space.max() < 1e-6 * np.sqrt(2 * history.energy.max())
-
-
 PUSHED = vx.Elasticity(200.0, 0.3), vx.Clamp(on="top"), vx.UnilateralContact(on="bottom")
 BELT = {"on": "bottom", "direction": (1.0, 0.0, 0.0)}
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("direction", [(1.0, 0.0, 0.0), (0.6, 0.8, 0.0)])
-@pytest.mark.parametrize("friction", [vx.TrescaFriction(0.02, on="bottom"), vx.CoulombFriction(0.5, on="bottom")])
-def test_what_slides_across_a_line_of_friction_slips(friction, direction):
-    """The plate above carries the block along; friction along the line alone holds nothing of it."""
-    across = np.array([-direction[1], direction[0], 0.0])
-    plate = vx.PrescribedDisplacement(lambda x, t: np.tile(0.01 * t * across, (len(x), 1)), on="top")
-    line = replace(friction, direction=direction, across=0.0)
-    contact = vx.UnilateralContact if isinstance(friction, vx.CoulombFriction) else vx.BilateralContact
-    scene = vx.Scene(vx.Elasticity(10.0, 0.0), plate, contact(on="bottom"), line)
-    history = vx.simulate(scene, vx.meshes.cubes(1), [0.0, 0.5, 1.0])
-    np.testing.assert_allclose(history.contact.slip[-1], np.tile(0.01 * across, (4, 1)), atol=1e-12)
-    assert not history.contact.sticking[1:].any()
 
 
 def test_bounds_that_begin_at_zero_keep_their_ratio():
@@ -241,12 +209,9 @@ def test_bounds_that_begin_at_zero_keep_their_ratio():
 def rubbed(begin):
     """A block dragged across its axes, under bounds that grow from zero; nothing is known before it begins."""
 
-    def bound(x, t):
-        return 0.004 * (t - begin) + 0.0 * x[:, 0]
-
     top = vx.PrescribedDisplacement(lambda x, t: (0.01 * np.sin(3 * (t - begin)), 0.02 * (t - begin), 0.0), on="top")
     known = vx.Tabulated([begin, begin + 1.0], [0.0, 0.0004])
-    rubs = vx.TrescaFriction(bound, across=known, **BELT)
+    rubs = vx.TrescaFriction(lambda x, t: 0.004 * (t - begin) + 0.0 * x[:, 0], across=known, **BELT)
     return vx.Scene(vx.Elasticity(1.0, 0.3), top, vx.BilateralContact(on="bottom"), rubs)
 
 

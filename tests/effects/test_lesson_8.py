@@ -1,7 +1,5 @@
 """The effect of lesson 8 does what every effect must do."""
 
-from __future__ import annotations
-
 import contextlib
 import importlib
 from pathlib import Path

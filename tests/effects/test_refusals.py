@@ -1,7 +1,5 @@
 """Effects that cannot be: each is refused in a sentence that names it, and what was found."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -47,6 +45,11 @@ PLANE = {
     "hot vectors": (vx.ThermalStrain(1.0, (1.0, 2.0)), r"ThermalStrain: temperature: found an array of shape \(2,\)"),
     "hot at the start": (vx.ThermalStrain(1.0, 1.0), r"initial: the state at t = 0 is not in equilibrium"),
     "a direction": (vx.TrescaFriction(1.0, "bottom", direction=(1.0, 0.0), across=2.0), "TrescaFriction .* in space"),
+    "a gap NaN": (vx.UnilateralContact("bottom", np.nan), "UnilateralContact on bottom: gap: found NaN"),
+    "a soft floor": (vx.NormalCompliance(0.0, "bottom"), "NormalCompliance on bottom: found stiffness = 0 at"),
+    "no pressure": (vx.CoulombFriction(0.1, "top"), "CoulombFriction on top: no pressure is known at"),
+    "no touch": (vx.TrescaFriction(1.0, "bottom", while_closed=True), "TrescaFriction on bottom: no pressure is known"),
+    "viscosity": (vx.Viscosity(-1.0), "Viscosity: found shear = -1 in cell 0"),
 }  # fmt: skip
 MATERIALS = {
     "no material somewhere": ([EAST], "materials: .* 8 with no material, the first cell 0 .*Elasticity on east"),
@@ -67,6 +70,12 @@ MATERIALS = {
     "degrees": ([wood(angle=45)], "Orthotropic: found angle = 45 in cell 0; it is in radians"),
     "degrees somewhere": ([wood(angle=np.arange(16.0))], "Orthotropic: found angle = 7 in cell 7; it is in radians"),
     "axes": ([wood(axes=((1, 0, 0), (0, 1, 0)))], "Orthotropic: found axes .* bodies in space; give angle="),
+}  # fmt: skip
+GROUNDS = {
+    "a constant": ((0.5, 0.0), r"found \(0\.5, 0\.0\)"),
+    "a number": (0.5, r"found the single number 0\.5"),
+    "one component": (lambda x, t: t * x[:, 0], r"found an array of shape \(5,\)"),
+    "NaN": (lambda x, t: (np.nan, t), "found NaN or infinity in 5 of 10"),
 }  # fmt: skip
 ONLY = "exists in the plane only, and this mesh is of polyhedra"
 SPACE = {
@@ -93,9 +102,10 @@ DIRECTIONS = {
     "a negative bound": (vx.TrescaFriction(1.0, across=-2.0, **BELT), "TrescaFriction on bottom: found across = -2 at"),
     "no bound along": (vx.TrescaFriction(0.0, across=2.0, **BELT), "Tresca.*bound = 0 and across = 2 .*> 0 where"),
     "a ratio that changes": (
-        vx.TrescaFriction(lambda x, t: np.full(len(x), 0.7 * (1 + t)), across=0.25, **BELT),
+        vx.TrescaFriction(lambda x, t: 0.7 * (1 + t), across=0.25, **BELT),
         r"TrescaFriction .*bound = 1\.05 and across = 0\.25 .* t = 0\.5; .*their ratio must not",
     ),
+    "a coefficient": (vx.CoulombFriction(-0.1, "bottom"), r"CoulombFriction on bottom: found coefficient = -0\.1"),
     "coefficients that change": (
         vx.CoulombFriction(0.4, across=lambda x, t: 0.1 + t, **BELT),
         r"CoulombFriction .*coefficient = 0\.4 and across = 0\.6 .* t = 0\.5; .*their ratio must not",
@@ -144,6 +154,15 @@ CASES = (
     | {f"material, {name}": ("squares", [HELD, *some], says) for name, (some, says) in MATERIALS.items()}
     | {f"space, {name}": ("cubes", [HELD, *some], says) for name, (some, says) in SPACE.items()}
     | {f"direction, {name}": ("cubes", [STEEL, HELD, FLOOR, one], says) for name, (one, says) in DIRECTIONS.items()}
+    | {
+        f"ground of {kind.__name__}, {name}": (
+            "squares",
+            [STEEL, HELD, FLOOR, kind(0.3, "bottom", ground=one)],
+            f"{kind.__name__} on bottom: ground: {says}",
+        )
+        for name, (one, says) in GROUNDS.items()
+        for kind in (vx.TrescaFriction, vx.CoulombFriction)
+    }
     | {f"one's own, {name}": ("squares", own(one), f"Mine: .*{says}") for name, (one, says) in OWN.items()}
 )
 

@@ -1,7 +1,5 @@
 """Steps work with one BLAS thread, and what was before comes back, however they end."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from threading import Thread
 

@@ -1,7 +1,5 @@
 """PETSc on two ranks under mpiexec: the same answers, shared work, and what happens when a rank fails."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

@@ -1,7 +1,5 @@
 """Runs on the unknowns of contact alone, beside the same runs on all unknowns and beside dense linear algebra."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import scipy.sparse as sp
@@ -74,13 +72,8 @@ def test_nested_dissection_is_a_permutation_with_less_fill_than_the_natural_orde
     halves = order[: n * n // 2], order[n * n // 2 : -n]
     assert np.ptp(points[order[-n:]], axis=0).min() == 0
     assert graph[halves[0]][:, halves[1]].nnz == 0
-
-
-ONE_SIDED = np.column_stack([np.repeat([0.0, 1.0], [150, 50]), np.zeros(200)])
-
-
-@pytest.mark.parametrize("points", [*(np.zeros((n, 2)) for n in (0, 1, 9, 200)), ONE_SIDED], ids=lambda x: str(x.shape))
-def test_nested_dissection_takes_points_that_coincide_or_are_on_one_side(points):
-    n, chain = len(points), sp.diags_array([1.0] * 3, offsets=[-1, 0, 1], shape=(200, 200))
-    graph = sp.csr_matrix(chain if points.any() else np.ones((n, n)))
-    assert np.array_equal(np.sort(nested_dissection(graph, points)), np.arange(n))
+    # Points that coincide, or are on one side.
+    for points in (*(np.zeros((n, 2)) for n in (0, 1, 9, 200)), np.repeat([[0.0, 0.0], [1.0, 0.0]], [150, 50], axis=0)):
+        n, chain = len(points), sp.diags_array([1.0] * 3, offsets=[-1, 0, 1], shape=(200, 200))
+        graph = sp.csr_matrix(chain if points.any() else np.ones((n, n)))
+        assert np.array_equal(np.sort(nested_dissection(graph, points)), np.arange(n))

@@ -1,7 +1,5 @@
 """Bodies that nothing but friction holds: K has a kernel, and errors are measured in its seminorm."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scenes import few_families
@@ -18,12 +16,9 @@ ALONE = "nothing but friction or one-sided contact holds the body against the tr
 def slab(pull, course=np.sin, bound=BOUND):
     """A block on a rough floor, pulled at its left side with `pull` over one unit of length, and nothing else."""
 
-    def force(x, t):
-        return np.column_stack([np.full(len(x), pull * course(t)), np.zeros(len(x))])
-
     return vx.Scene(
         vx.Elasticity(young=200.0, poisson=0.3),
-        vx.Traction(force, on="left"),
+        vx.Traction(lambda x, t: np.column_stack([np.full(len(x), pull * course(t)), np.zeros(len(x))]), on="left"),
         vx.BilateralContact(on="bottom"),
         vx.TrescaFriction(bound=bound, on="bottom"),
     )
@@ -52,31 +47,14 @@ def test_friction_alone_holds_the_body(family, share, condense):
     assert (np.diff(gain) > -1e-12 * history.work.max()).all()
 
 
-@pytest.mark.long
-@pytest.mark.filterwarnings(f"ignore:.*{ALONE}")
-@pytest.mark.parametrize("solver", [vx.Clarabel(), vx.OSQP(accuracy=1e-4)], ids=lambda s: s.name)
-def test_solvers_agree_in_the_seminorm(solver):
-    """|y - y'|_K is at most the sum of the certified errors of all steps so far."""
-    mesh = vx.meshes.voronoi(6)
-    scene = slab(0.9 * BOUND, swing)
-    ours, theirs = (vx.simulate(scene, mesh, TIMES, solver=s) for s in (vx.Newton(), solver))
-    K = pose_scene(scene, mesh).system.K
-    apart = ours.trajectory.state - theirs.trajectory.state
-    distance = np.sqrt(np.maximum(np.einsum("si,is->s", apart, K @ apart.T), 0.0))
-    scale = np.maximum.accumulate(ours.trajectory.norm)
-    allowed = (ours.certificate_total + theirs.certificate_total + 1e-7) * scale
-    assert (distance <= allowed).all()
-    assert distance.max() > 0
-
-
 @pytest.mark.filterwarnings("ignore:.*nothing but friction or one-sided contact")
 @pytest.mark.parametrize("solver", [vx.Clarabel(), vx.OSQP()], ids=lambda s: s.name)
 def test_unknowns_that_anchors_alone_hold_keep_their_scale(solver):
     """Two nodes touch, which only stretch against each other: rounding is all that K has of the rest of them."""
     scene = vx.Scene(
         vx.Elasticity(200.0, 0.3),
-        vx.Pressure(lambda x, t: np.full(len(x), t), on="top"),
-        vx.Traction(lambda x, t: np.tile([0.3 * t, 0.0], (len(x), 1)), on="left"),
+        vx.Pressure(lambda x, t: t, on="top"),
+        vx.Traction(lambda x, t: [0.3 * t, 0.0], on="left"),
         vx.NormalCompliance(1e3, on="bottom"),
         vx.TrescaFriction(1.0, on="bottom"),
     )
@@ -85,62 +63,14 @@ def test_unknowns_that_anchors_alone_hold_keep_their_scale(solver):
     assert history.reaction("bottom")[-1] == pytest.approx([-0.3, 1.0], abs=1e-9)
 
 
-@pytest.mark.filterwarnings(f"ignore:.*{ALONE}")
-def test_a_clamp_that_carries_nothing_changes_nothing():
-    """With load on one side and its mirror image on the other the body is in balance: a pin in the middle is idle."""
-
-    def squeeze(x, t):
-        return np.column_stack([np.where(x[:, 0] < 0.5, 10.0 * t, -10.0 * t), np.zeros(len(x))])
-
-    def scene(*more):
-        return vx.Scene(
-            vx.Elasticity(young=200.0, poisson=0.3),
-            vx.Traction(squeeze, on=["left", "right"]),
-            vx.BilateralContact(on="bottom"),
-            vx.TrescaFriction(bound=1.0, on="bottom"),
-            *more,
-        )
-
-    mesh = vx.meshes.squares(8).with_boundary("middle", lambda x: (np.abs(x[:, 0] - 0.5) < 0.13) & (x[:, 1] < 1e-9))
-    free = vx.simulate(scene(), mesh, TIMES)
-    # Symmetry leaves the middle at rest, but a pin at three nodes also stops what stretches there; one direction of a
-    # symmetric field vanishes on the axis alone, so the pin is compared through its reaction at the axis.
-    axis = np.flatnonzero((np.abs(mesh.points[:, 0] - 0.5) < 1e-9) & (mesh.points[:, 1] < 1e-9))
-    u = free.displacement[-1] - free.displacement[-1][axis]
-    left, right = (np.flatnonzero(mesh.points[:, 0] == x) for x in (0.0, 1.0))
-    assert np.abs(u[left, 0] + u[right, 0]).max() < 1e-7 * np.abs(u[:, 0]).max()
-    assert not free.contact.sticking[-1].all()
-
-
 def test_too_much_load_is_refused_with_the_force_that_is_lacking():
-    with (
-        pytest.warns(vx.SceneWarning, match=ALONE),
-        pytest.raises(
-            vx.SceneError,
-            match=r"^step 8 at t = 1: only friction and one-sided contact hold the body against the translation "
-            r"\(1, 0\) of the body\. The load pushes it there with a force of 4\.2 and friction holds 4 at most: 0\.2",
-        ),
-    ):
+    says = r"^step 8 at t = 1: .* the translation \(1, 0\) of the body.* force of 4\.2 and friction holds 4 .* 0\.2"
+    with pytest.warns(vx.SceneWarning, match=ALONE), pytest.raises(vx.SceneError, match=says):
         vx.simulate(slab(4.2, lambda t: t), vx.meshes.squares(4), TIMES)
 
 
-@pytest.mark.filterwarnings(f"ignore:.*{ALONE}")
-def test_equilibrium_without_friction_is_refused():
-    with pytest.raises(vx.SceneError, match=r"^initial: 'equilibrium' is without friction, .* use 'settled'"):
-        vx.simulate(slab(1.0), vx.meshes.squares(2), TIMES, initial="equilibrium")
-    settled = vx.simulate(slab(1.0, lambda t: 1.0 + t), vx.meshes.squares(2), TIMES, initial="settled")
-    assert settled.reaction("bottom")[0, 0] == pytest.approx(-1.0, rel=1e-9)
-
-
-@pytest.mark.filterwarnings(f"ignore:.*{ALONE}")
-def test_iterative_does_not_take_it():
-    with pytest.raises(vx.NotAccepted, match=r"^linear solver Iterative: the stiffness has a kernel .*SuperLU"):
-        vx.simulate(slab(1.0), vx.meshes.squares(2), TIMES, linear=vx.Iterative())
-
-
 def test_a_sliding_chain_by_hand():
-    """Two blocks of bounds 1 and 2 joined by a spring of stiffness 10, pulled at the first: it slips when the load
-    exceeds 1, the second holds the rest, and the spring stretches by (load - 1) / 10."""
+    """Two blocks of bounds 1 and 2, joined by a spring 10: pulled at the first, it stretches by (load - 1) / 10."""
     K = 10.0 * np.array([[1.0, -1.0], [-1.0, 1.0]])
     kernel = Kernel(np.ones((2, 1)), ("sliding together",))
     system = vx.System(K, lambda t: [2.5 * t, 0.0], vx.Norms(np.eye(2), [1.0, 2.0]), kernel=kernel)
@@ -154,14 +84,6 @@ def test_a_sliding_chain_by_hand():
     assert result.multipliers[-1, :, 0].sum() == pytest.approx(2.5, rel=1e-12)
 
 
-@pytest.mark.parametrize(("way", "motion"), [(1.0, "sliding together"), (-1.0, "the reverse of sliding together")])
-def test_a_motion_with_a_name_has_two_ways(way, motion):
-    K, kernel = np.array([[1.0, -1.0], [-1.0, 1.0]]), Kernel(np.ones((2, 1)), ("sliding together",))
-    system = vx.System(K, lambda t: [4.0 * way * t, 0.0], vx.Norms(np.eye(2), [1.0, 2.0]), kernel=kernel)
-    with pytest.raises(vx.SceneError, match=rf"hold the body against {motion}\. The load pushes it there with a force"):
-        vx.march(system, [0.0, 1.0])
-
-
 @pytest.mark.filterwarnings("ignore::vemcvx.SceneWarning")
 @pytest.mark.parametrize("condense", [True, False])
 def test_a_body_that_slides_along_a_soft_floor_is_said_to(family, condense):
@@ -171,7 +93,7 @@ def test_a_body_that_slides_along_a_soft_floor_is_said_to(family, condense):
         vx.Symmetry(on="top"),
         vx.NormalCompliance(3.0, on="bottom"),
         vx.TrescaFriction(0.1, on="bottom"),
-        vx.Traction(lambda x, t: np.tile([0.3 * t, 0.0], (len(x), 1)), on="left"),
+        vx.Traction(lambda x, t: [0.3 * t, 0.0], on="left"),
     )
     with pytest.raises(vx.SceneError, match=r"against the translation \(1, 0\) .* there is no equilibrium"):
         vx.simulate(scene, vx.meshes.FAMILIES[family](3), [0.0, 0.2, 1.0], condense=condense)
@@ -219,68 +141,6 @@ def test_ground_moves_under_a_body_between_rollers(family, angle, limit):
     assert np.abs(energies[1] - energies[0]).max() <= 1e-7 * energies[0].max()
 
 
-def floating(grip, stop, push, w):
-    """The program of a body without stiffness: all that it can do is the motions that norm terms and limits feel."""
-    m, block, modes = grip.shape
-    every = {"kernel": np.eye(modes), "anchor": np.ones(modes)}
-    operators = Operators(np.zeros((modes, modes)), grip.reshape(-1, modes), block, D=stop, **every)
-    return StepProgram(operators, push, w, np.zeros(m * block), np.zeros(len(stop)))
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("block", [1, 2])
-@pytest.mark.parametrize("modes", [1, 3])
-@pytest.mark.parametrize("limited", [False, True])
-def test_multipliers_are_put_in_balance(block, modes, limited):
-    """Near an admissible pair that holds the load there is another one; and 50 times the load is a motion, or held."""
-    rng = np.random.default_rng(block + 10 * modes)
-    for _ in range(50):
-        grip, w = rng.normal(size=(12, block, modes)), rng.uniform(0.0, 1.0, 12) * (rng.random(12) < 0.8)
-        stop = rng.normal(size=(3, modes)) if limited else np.zeros((0, modes))
-        inside = rng.normal(size=(12, block))
-        inside *= (0.9 * w / np.linalg.norm(inside, axis=1))[:, None] * rng.uniform(0, 1, (12, 1))
-        pressed = rng.uniform(0, 1, len(stop))
-        push = np.einsum("ijk,ij->k", grip, inside) + stop.T @ pressed
-        start, begin = inside + 1e-3 * rng.normal(size=(12, block)), pressed + 1e-3 * rng.normal(size=len(stop))
-        start *= np.minimum(1.0, w / np.linalg.norm(start, axis=1))[:, None]
-        begin = np.maximum(begin, 0.0)
-        hold = floating(grip, stop, push, w)
-        lam, p = hold.admissible(start, begin, rng.normal(size=modes))
-        assert np.abs(np.einsum("ijk,ij->k", grip, lam) + stop.T @ p - push).max() < 1e-12
-        assert (np.linalg.norm(lam, axis=1) <= w * (1 + 1e-15)).all()
-        assert (p >= 0).all()
-        assert hold.unbalanced_motion() is None
-        motion = floating(grip, stop, 50.0 * push, w).unbalanced_motion()
-        if motion is not None:
-            assert motion @ push * 50.0 > w @ np.linalg.norm(grip @ motion, axis=1)
-            assert (stop @ motion <= 1e-9).all()
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("block", [1, 2])
-@pytest.mark.parametrize("modes", [1, 3, 6])
-def test_loads_just_beyond_what_holds_are_told_from_those_just_below(block, modes):
-    """On a motion c the strongest load is that of lam_i = w_i G_i c / |G_i c|, and of what presses along c.
-
-    Of blocks of two the cuts round the cone off: fewer digits of the limit are known.
-    """
-    rng = np.random.default_rng(block + 10 * modes)
-    beyond = 1e-8 if block == 1 else 1e-7
-    for _ in range(20):
-        grip, w, c = rng.normal(size=(12, block, modes)), rng.uniform(0.1, 1.0, 12), rng.normal(size=modes)
-        stop = rng.normal(size=(4, modes))
-        stop[:2] -= np.outer(stop[:2] @ c, c) / (c @ c)
-        stop[2:] *= -np.sign(stop[2:] @ c)[:, None]
-        stop = stop if modes > 1 else stop[2:]
-        slip = grip @ c
-        strongest = np.einsum("ijk,ij->k", grip, w[:, None] * slip / np.linalg.norm(slip, axis=1)[:, None])
-        push = strongest + (stop[:2].T @ rng.uniform(0, 1, 2) if modes > 1 else 0.0)
-        assert floating(grip, stop, (1 - beyond) * push, w).unbalanced_motion() is None
-        motion = floating(grip, stop, push + beyond * strongest, w).unbalanced_motion()
-        assert motion is not None
-        assert motion @ (push + beyond * strongest) > w @ np.linalg.norm(grip @ motion, axis=1)
-
-
 @pytest.mark.long
 @pytest.mark.filterwarnings(f"ignore:.*{ALONE}")
 @pytest.mark.parametrize("beyond", [1e-10, 1e-9, 1e-8, 1e-3])
@@ -291,15 +151,12 @@ def test_loads_just_beyond_the_limit_are_refused(beyond, tips):
     friction = vx.TrescaFriction(bound=5.0, on="bottom") if tips else vx.CoulombFriction(0.3, on="bottom")
     sides = ["left"] if tips else ["left", "right"]
 
-    def side(x, t):
-        return np.tile([push * t / len(sides), 0.0], (len(x), 1))
-
     scene = vx.Scene(
         vx.Elasticity(young=1000.0, poisson=0.3),
         vx.UnilateralContact(on="bottom"),
         friction,
         vx.Traction((0.0, -1.0), on="top"),
-        vx.Traction(side, on=sides),
+        vx.Traction(lambda x, t: [push * t / len(sides), 0.0], on=sides),
     )
     # Nearer than 1e-9 of the load the motion is not told from zero, and the step is refused as not certified.
     named = "" if beyond <= 1e-9 else ".* there is no equilibrium"
@@ -326,30 +183,75 @@ def test_kernels_that_are_none(modes, norms, message):
         vx.System([[1.0, -1.0], [-1.0, 1.0]], lambda t: [t, 0.0], norms, kernel=Kernel(np.array(modes), ("sliding",)))
 
 
+def floating(grip, stop, push, w):
+    """The program of a body without stiffness: all that it can do is the motions that norm terms and limits feel."""
+    m, block, modes = grip.shape
+    every = {"kernel": np.eye(modes), "anchor": np.ones(modes)}
+    operators = Operators(np.zeros((modes, modes)), grip.reshape(-1, modes), block, D=stop, **every)
+    return StepProgram(operators, push, w, np.zeros(m * block), np.zeros(len(stop)))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("block", [1, 2])
+@pytest.mark.parametrize("modes", [1, 3, 6])
+def test_loads_just_beyond_what_holds_are_told_from_those_just_below(block, modes):
+    """On a motion c the strongest load is that of lam_i = w_i G_i c / |G_i c|, and of what presses along c."""
+    rng = np.random.default_rng(block + 10 * modes)
+    beyond = 1e-8 if block == 1 else 1e-7
+    for _ in range(20):
+        grip, w, c = rng.normal(size=(12, block, modes)), rng.uniform(0.1, 1.0, 12), rng.normal(size=modes)
+        stop = rng.normal(size=(4, modes))
+        stop[:2] -= np.outer(stop[:2] @ c, c) / (c @ c)
+        stop[2:] *= -np.sign(stop[2:] @ c)[:, None]
+        stop = stop if modes > 1 else stop[2:]
+        slip = grip @ c
+        strongest = np.einsum("ijk,ij->k", grip, w[:, None] * slip / np.linalg.norm(slip, axis=1)[:, None])
+        push = strongest + (stop[:2].T @ rng.uniform(0, 1, 2) if modes > 1 else 0.0)
+        assert floating(grip, stop, (1 - beyond) * push, w).unbalanced_motion() is None
+        motion = floating(grip, stop, push + beyond * strongest, w).unbalanced_motion()
+        assert motion @ (push + beyond * strongest) > w @ np.linalg.norm(grip @ motion, axis=1)
+
+
 @few_families
 @pytest.mark.filterwarnings("ignore:supports.*nothing but friction:vemcvx.SceneWarning")
 def test_a_body_slides_along_one_axis_to_the_last_digit(family):
-    """What rounding leaves across, 1e-15, would press against contact there: of a given mesh, moved and of any size."""
+    """What rounding leaves across, 1e-15, would press against contact; rails at 1e-9 to the axis are no rounding."""
     unit = vx.meshes.FAMILIES[family](4)
-    for scale, shift in ((1.0, (0.0, 0.0)), (1e3, (0.0, 0.0)), (240.0, (17.3, -5.1)), (0.7, (1e5, 3e4))):
-        mesh = vx.PolygonMesh(scale * unit.points + shift, unit.cells, boundaries=sides(unit))
-        rails = vx.PrescribedDisplacement(lambda x, t: -1e-3 * t * np.ones(len(x)), on="top", direction="normal")
-        scene = vx.Scene(vx.Elasticity(200.0, 0.3), rails, vx.UnilateralContact(on=["left", "bottom"]))
-        posed = pose_scene(scene, mesh)
-        (mode,) = posed.system.kernel.modes.T
-        field = (posed.supports.P @ mode).reshape(-1, 2)
-        assert np.array_equal(np.abs(field), np.tile([1.0, 0.0], (mesh.n_nodes, 1)))
-
-
-@pytest.mark.filterwarnings("ignore:supports.*nothing but friction:vemcvx.SceneWarning")
-def test_an_inclination_that_is_there_is_no_rounding():
-    """Rails at 1e-9 to the axis: the body goes along them."""
-    unit = vx.meshes.squares(4)
-    turn = np.array([[1.0, 1e-9], [-1e-9, 1.0]])
-    mesh = vx.PolygonMesh(unit.points @ turn, unit.cells, boundaries=sides(unit))
     rails = vx.PrescribedDisplacement(lambda x, t: -1e-3 * t * np.ones(len(x)), on="top", direction="normal")
     scene = vx.Scene(vx.Elasticity(200.0, 0.3), rails, vx.UnilateralContact(on=["left", "bottom"]))
-    posed = pose_scene(scene, mesh)
-    (mode,) = posed.system.kernel.modes.T
-    field = (posed.supports.P @ mode).reshape(-1, 2)
-    assert field[:, 1] / field[:, 0] == pytest.approx(1e-9, abs=1e-14)
+
+    def motion(scale, shift, lean=0.0):
+        points = scale * unit.points @ np.array([[1.0, lean], [-lean, 1.0]]) + shift
+        posed = pose_scene(scene, vx.PolygonMesh(points, unit.cells, boundaries=sides(unit)))
+        (mode,) = posed.system.kernel.modes.T
+        return (posed.supports.P @ mode).reshape(-1, 2)
+
+    for given in ((1.0, (0.0, 0.0)), (1e3, (0.0, 0.0)), (240.0, (17.3, -5.1)), (0.7, (1e5, 3e4))):
+        assert np.array_equal(np.abs(motion(*given)), np.tile([1.0, 0.0], (len(unit.points), 1)))
+    inclined = motion(1.0, (0.0, 0.0), lean=1e-9)
+    assert inclined[:, 1] / inclined[:, 0] == pytest.approx(1e-9, abs=1e-14)
+
+
+@pytest.mark.filterwarnings(f"ignore:.*{ALONE}")
+def test_what_takes_no_kernel_is_refused():
+    """An equilibrium without friction, and iterative solvers; settled, the floor bears the load."""
+    with pytest.raises(vx.SceneError, match="^initial: 'equilibrium' is without friction"):
+        vx.simulate(slab(1.0), vx.meshes.squares(2), TIMES, initial="equilibrium")
+    with pytest.raises(vx.NotAccepted, match="^linear solver Iterative: the stiffness has a kernel"):
+        vx.simulate(slab(1.0), vx.meshes.squares(2), TIMES, linear=vx.Iterative())
+    settled = vx.simulate(slab(1.0, lambda t: 1.0 + t), vx.meshes.squares(2), TIMES, initial="settled")
+    assert settled.reaction("bottom")[0, 0] == pytest.approx(-1.0, rel=1e-9)
+
+
+@pytest.mark.arithmetic
+@pytest.mark.filterwarnings("ignore:supports. nothing but friction or one-sided contact")
+@pytest.mark.parametrize("condense", [True, False])
+def test_a_column_that_nothing_clamps_is_answered_to_twelve_digits(condense):
+    """Settled, then left alone: a uniform stress of 2 has the energy 2^2 / 2E, and no error of the mesh."""
+    walls, load = vx.Symmetry(on=["left", "right"]), vx.Traction((0.0, -2.0), on="top")
+    scene = vx.Scene(vx.Elasticity(200.0, 0.0), walls, load, vx.UnilateralContact(on="bottom"))
+    options = {"initial": "settled", "solver": vx.Newton(accuracy=1e-12), "condense": condense}
+    history = vx.simulate(scene, vx.meshes.squares(4), [0.0, 1.0], **options)
+    assert history.energy == pytest.approx([0.01, 0.01], rel=1e-12)
+    assert history.certificate.max() < 1e-12
+    assert vx.error_budget(history).space.max() < 1e-12

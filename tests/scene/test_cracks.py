@@ -102,15 +102,6 @@ def test_lips_part_as_griffith_says():
     assert found[-1] + fine == pytest.approx(1.0, abs=2 / (2 * WIDTH / HALF) ** 2)
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("solver", [vx.Clarabel(), vx.OSQP()], ids=["Clarabel", "OSQP"])
-def test_solvers_agree_on_a_crack(solver):
-    history, other = history_of(plate(8), solver), history_of(plate(8))
-    size = np.sqrt(2 * other.energy.max())
-    distance = vx.measures.energy_distance(history, other).absolute
-    assert distance <= (history.certificate_total[-1] + other.certificate_total[-1]) * size
-
-
 # In space.
 
 
@@ -144,11 +135,7 @@ def test_a_round_crack_that_is_pressed_is_none():
 
 @pytest.mark.slow
 def test_a_round_crack_opens_as_sneddon_says():
-    """8 (1 - nu^2) sigma a / (pi E) in the middle of an infinite body (Proc. R. Soc. A 187 (1946)).
-
-    Errors are of order h, at the front, and h^2. The boundary, 6 a away, is held as if there were no crack, which takes
-    off some (a / W)^3.
-    """
+    """8 (1 - nu^2) sigma a / (pi E) in the middle of an infinite body (Proc. R. Soc. A 187 (1946))."""
     found = []
     for n in (4, 8, 16):
         history, _ = pulled(round_block(n), 1.0)

@@ -1,213 +1,230 @@
 """Contact between bodies: what passes through an interface of meshes that do not match, and what it does to both."""
 
+import itertools
+
 import numpy as np
 import pytest
+from scenes import moved, rotation
+from tubes import ring
 
 import vemcvx as vx
 from plate_with_hole import polar
+from vemcvx.meshes import FAMILIES, SPACE_FAMILIES, bodies
+from vemcvx.vem import Space
 
-FAMILIES = [name for name in vx.meshes.FAMILIES if name != "l_shape"]
+PLANE, SPACE = [name for name in FAMILIES if name != "l_shape"], list(SPACE_FAMILIES)
+NEXT = {name: names[k - len(names) + 1] for names in (PLANE, SPACE) for k, name in enumerate(names)}
 JOINT = "lower|upper"
-TURN = np.array([[np.cos(0.4), -np.sin(0.4)], [np.sin(0.4), np.cos(0.4)]])
-SHEAR, PRESS = 0.3, 1.0
+TURNS = {2: rotation(0.4), 3: np.linalg.qr(np.array([[0.6, -0.3, 0.7], [0.2, 0.9, 0.1], [-0.8, 0.1, 0.6]]))[0]}
+YOUNG, POISSON, COEFFICIENT = 10.0, 0.3, 0.4
+SHEAR = YOUNG / (2 * (1 + POISSON))
 
 
-def two_blocks(below, above, n=(2, 3), height=1.0):
-    lower = vx.meshes.FAMILIES[below](n[0], box=((0, 1), (0, 1)))
-    upper = vx.meshes.FAMILIES[above](n[1], box=((0, 1), (1, 1 + height)))
-    return vx.meshes.bodies({"lower": lower, "upper": upper})
+def two_blocks(below, above, n=(2, 3), height=1.0, angle=0.0):
+    """Blocks on one another; if turned about the upright axis, the upper one stands on a part of the face below."""
+    families = FAMILIES if below in PLANE else SPACE_FAMILIES
+    foot = [(-0.5, 0.5)] * (1 if below in PLANE else 2)
+    lower, upper = families[below](n[0], box=(*foot, (-1, 0))), families[above](n[1], box=(*foot, (0, height)))
+    if angle:
+        c, s = 0.6 * np.cos(angle), 0.6 * np.sin(angle)
+        upper = moved(upper, [[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    return bodies({"lower": lower, "upper": upper})
 
 
-def turned(mesh, rotation):
-    interfaces = dict(mesh.interfaces)
-    return vx.PolygonMesh(mesh.points @ rotation.T, mesh.cells, interfaces=interfaces).with_boundary(
-        "outside", lambda x: ~np.isclose((x @ rotation)[:, 1], 1.0)
-    )
+def outside(mesh, body):
+    return [name for name in mesh.boundaries if name.startswith(f"{body}.")]
 
 
-def linear(gradient):
-    return lambda x, t: t * x @ gradient.T
+def nodes_of(mesh, names):
+    return np.unique(np.concatenate([Space(mesh).part(name, "test").nodes for name in names]))
 
 
-def conforming_to(shear, rotation):
-    """The gradient of a field with the pressure PRESS across the turned interface and some shear along it."""
-    gradient = np.array([[0.02, 0.04 * shear], [0.01 * shear, -0.12]])
-    return rotation @ gradient @ rotation.T
+def nodes_of_body(mesh, name):
+    cells = np.flatnonzero(mesh.cell_data[name] == 1)
+    return np.unique(np.concatenate([np.ravel(part) for k in cells for part in mesh.cells[k]]))
 
 
+def pressed(pressure, shear):
+    """The gradient of a field that is stretched along planes z = const, and has these stresses on them."""
+    lame, along = 2 * SHEAR * POISSON / (1 - 2 * POISSON), [0.02, 0.01][: len(shear)]
+    gradient = np.diag([*along, -(pressure + sum(along) * lame) / (lame + 2 * SHEAR)])
+    gradient[:-1, -1] = shear / SHEAR
+    return gradient
+
+
+ALONG = {2: np.array([1.0]), 3: np.array([0.6, 0.8])}
+PRESSED, COULOMB = vx.UnilateralContact(on=JOINT), vx.CoulombFriction(COEFFICIENT, on=JOINT)
 CONTACTS = {
-    "bilateral": (vx.BilateralContact, None, 0.0),
-    "unilateral": (vx.UnilateralContact, None, 0.0),
-    "stuck": (vx.BilateralContact, vx.TrescaFriction(10.0, on=JOINT), 1.0),
-    "stuck by Coulomb": (vx.UnilateralContact, vx.CoulombFriction(0.6, on=JOINT), 1.0),
+    "bilateral": ([vx.BilateralContact(on=JOINT)], 0.0, 0.0),
+    "unilateral": ([PRESSED], 0.0, 0.0),
+    "stuck": ([vx.BilateralContact(on=JOINT), vx.TrescaFriction(10.0, on=JOINT)], 0.3, 0.0),
+    "stuck by Coulomb": ([PRESSED, COULOMB], 0.3, 0.0),
+    "sliding": ([PRESSED, COULOMB], COEFFICIENT, 0.05),
 }
+"""Effects, the shear stress that they bear, and how far the upper body slides"""
 
 
-def assert_patch(mesh, kind, rotation=TURN):
-    contact, friction, shear = CONTACTS[kind]
-    mesh = turned(mesh, rotation)
-    gradient = conforming_to(shear, rotation)
-    effects = [vx.Elasticity(10.0, 0.3), vx.PrescribedDisplacement(linear(gradient), on="outside"), contact(on=JOINT)]
-    history = vx.simulate(vx.Scene(*effects, *([] if friction is None else [friction])), mesh, [0.0, 0.5, 1.0])
-    assert np.abs(history.displacement[-1] - mesh.points @ gradient.T).max() < 1e-11
-    stress = history.stress(-1)
-    assert np.abs(stress - stress[0]).max() < 1e-11 * np.abs(stress).max() * mesh.n_nodes
-    across = rotation @ [0, 1]
-    sigma = np.array([[stress[0, 0], stress[0, 2]], [stress[0, 2], stress[0, 1]]])
-    assert history.contact.pressure[-1] == pytest.approx(-across @ sigma @ across, rel=1e-10)
-    traction = sigma @ across - (across @ sigma @ across) * across
-    inner = np.setdiff1d(history.contact.nodes, mesh.boundaries["outside"])
-    mine = np.isin(history.contact.nodes, inner)
-    assert history.contact.traction[-1][mine] == pytest.approx(np.tile(traction, (mine.sum(), 1)), abs=1e-10)
+def assert_patch(mesh, kind):
+    (effects, shear, slides), rotation = CONTACTS[kind], TURNS[mesh.points.shape[1]]
+    tangent = ALONG[len(rotation)]
+    gradient = rotation @ pressed(1.0, shear * tangent) @ rotation.T
+    along = rotation[:, :-1] @ tangent
+    mesh = moved(mesh, rotation)
+    scene = vx.Scene(
+        vx.Elasticity(YOUNG, POISSON),
+        vx.PrescribedDisplacement(lambda x, t: t * x @ gradient.T, on=outside(mesh, "lower")),
+        vx.PrescribedDisplacement(lambda x, t: t * (x @ gradient.T + slides * along), on=outside(mesh, "upper")),
+        *effects,
+    )
+    history = vx.simulate(scene, mesh, [0.0, 0.5, 1.0])
+    upper = np.isin(np.arange(mesh.n_nodes), nodes_of_body(mesh, "upper"))
+    exact = mesh.points @ gradient.T + upper[:, None] * slides * along
+    assert np.abs(history.displacement[-1] - exact).max() < 1e-11
+    assert np.ptp(history.stress(-1), axis=0).max() < 1e-11 * mesh.n_nodes
+    contact = history.contact
+    inner = ~np.isin(contact.nodes, nodes_of(mesh, outside(mesh, "lower")))
+    inner &= ~np.isin(contact.partners, nodes_of(mesh, outside(mesh, "upper")))
+    assert contact.pressure[-1][inner] == pytest.approx(1.0, rel=1e-9)
+    if shear:
+        assert contact.traction[-1][inner] == pytest.approx(np.tile(shear * along, (inner.sum(), 1)), abs=1e-9)
+    assert contact.slip[-1][inner] == pytest.approx(np.tile(-slides * along, (inner.sum(), 1)), abs=1e-11)
 
 
 @pytest.mark.parametrize("kind", CONTACTS)
-@pytest.mark.parametrize("family", FAMILIES)
+@pytest.mark.parametrize("family", PLANE)
 def test_constant_stress_passes(family, kind):
-    other = FAMILIES[(FAMILIES.index(family) + 3) % len(FAMILIES)]
-    assert_patch(two_blocks(family, other, (3, 2)), kind)
+    assert_patch(two_blocks(family, NEXT[family], (3, 2)), kind)
+
+
+@pytest.mark.parametrize("kind", ["sliding", *(pytest.param(k, marks=pytest.mark.slow) for k in list(CONTACTS)[:-1])])
+@pytest.mark.parametrize("family", SPACE)
+def test_constant_stress_passes_in_space(family, kind):
+    n = (2, 2) if "kelvin" in (family, NEXT[family]) else (3, 2)
+    assert_patch(two_blocks(family, NEXT[family], n, angle=0.4 if kind == "sliding" else 0.0), kind)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", CONTACTS)
-@pytest.mark.parametrize("below", FAMILIES)
-@pytest.mark.parametrize("above", FAMILIES)
+@pytest.mark.parametrize(("below", "above"), [*itertools.product(PLANE, PLANE), *itertools.product(SPACE, SPACE)])
 def test_constant_stress_passes_between_all_families(below, above, kind):
-    for n in ((7, 5), (1, 13)):
-        assert_patch(two_blocks(below, above, n), kind)
-
-
-SOLVERS = {"Newton": vx.Newton(), "Clarabel": vx.Clarabel(), "OSQP": vx.OSQP()}
-YOUNG, POISSON, HEIGHTS, BOUND = (10.0, 30.0), 0.3, (1.0, 0.5), 1.0
-
-
-def sheared(mesh, move, contact=vx.BilateralContact, bound=BOUND):
-    """Two blocks in series, in simple shear: FORMULAS, two bodies."""
-    sides = [f"{body}.{side}" for body in ("lower", "upper") for side in ("left", "right")]
-    return vx.Scene(
-        vx.Elasticity(YOUNG[0], POISSON, on="lower"),
-        vx.Elasticity(YOUNG[1], POISSON, on="upper"),
-        vx.Clamp(on="lower.bottom"),
-        vx.PrescribedDisplacement(lambda x, t: np.tile([move(t), 0.0], (len(x), 1)), on="upper.top"),
-        vx.PrescribedDisplacement(0.0, on=sides, direction=(0, 1)),
-        contact(on=JOINT),
-        vx.TrescaFriction(bound, on=JOINT),
-    )
-
-
-def move(t):
-    return 0.6 * np.sin(2 * np.pi * t)
-
-
-def in_series(times):
-    """Friction traction q and relative slip a at all instants: q_n = P((U_n - a_{n-1}) / C), radius g."""
-    flexibility = sum(height * 2 * (1 + POISSON) / young for young, height in zip(YOUNG, HEIGHTS, strict=True))
-    q, a = [0.0], [0.0]
-    for t in times[1:]:
-        q.append(np.clip((move(t) - a[-1]) / flexibility, -BOUND, BOUND))
-        a.append(move(t) - q[-1] * flexibility)
-    return np.array(q), np.array(a)
+    assert_patch(two_blocks(below, above, (7, 5)), kind)
+    assert_patch(two_blocks(below, above, (4, 3), angle=0.4 if below in SPACE else 0.0), kind)
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("family", FAMILIES)
-def test_two_blocks_in_series_are_exact(family):
-    times = np.linspace(0, 1.5, 19)
-    mesh = two_blocks(family, FAMILIES[FAMILIES.index(family) - 2], height=HEIGHTS[1])
-    contact = vx.simulate(sheared(mesh, move), mesh, times).contact
-    q, a = in_series(times)
-    assert np.abs(contact.traction[:, :, 0] - q[:, None]).max() < 1e-10
-    assert np.abs(contact.slip[:, :, 0] + a[:, None]).max() < 1e-10
-    wear = np.cumsum(BOUND * np.abs(np.diff(a, prepend=0.0)))
-    assert np.abs(contact.wear - wear[:, None]).max() < 1e-10
-
-
-def dragged_over(mesh):
-    """The upper block is pressed by its weight, and pulled; nothing but the lower one holds it."""
-
-    def pull(x, t):
-        return np.tile([0.25 * t, 0.0], (len(x), 1))
-
-    return vx.Scene(
-        vx.Elasticity(10.0, 0.3),
-        vx.Clamp(on="lower.bottom"),
-        vx.Pressure(lambda x, t: np.full(len(x), t), on="upper.top"),
-        vx.Traction(pull, on="upper.left"),
-        vx.UnilateralContact(on=JOINT),
-        vx.CoulombFriction(0.5, on=JOINT),
-    )
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("solver", SOLVERS)
-def test_solvers_agree_on_a_block_that_lies_on_another(solver):
-    mesh = two_blocks("voronoi", "hexagons", (3, 4))
-    history = vx.simulate(dragged_over(mesh), mesh, np.linspace(0, 1, 5), solver=SOLVERS[solver])
-    other = vx.simulate(dragged_over(mesh), mesh, np.linspace(0, 1, 5), solver=vx.Newton(accuracy=1e-10))
-    size = np.sqrt(2 * other.energy.max())
-    # What the projection sees is at most the energy norm.
-    distance = vx.measures.energy_distance(history, other).absolute
-    assert distance <= (history.certificate_total[-1] + other.certificate_total[-1]) * size
-
-
-def closing(mesh):
-    """The upper block comes down on the lower one, whose face it meets in the middle first, and moves aside."""
-
-    def moved(x, t):
-        return np.tile([0.1 * t, -0.1 * t], (len(x), 1))
-
-    return vx.Scene(
-        vx.Elasticity(10.0, 0.3),
-        vx.Clamp(on="lower.bottom"),
-        vx.PrescribedDisplacement(moved, on="upper.top"),
-        vx.UnilateralContact(on=JOINT, gap=lambda x, t: 0.02 + 0.05 * (x[:, 0] - 0.5) ** 2),
-        vx.CoulombFriction(0.3, on=JOINT),
-    )
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("solver", ["Clarabel", "OSQP"])
-def test_solvers_agree_where_gaps_close_with_friction(solver):
-    """Bounds d_i = e_i that are met exactly are met by y_n - y_{n-1}, too, which is d but for rounding."""
-    mesh, times = two_blocks("voronoi", "hexagons", (3, 4)), np.linspace(0, 1, 5)
-    history, other = (vx.simulate(closing(mesh), mesh, times, solver=one) for one in (SOLVERS[solver], vx.Newton()))
-    assert history.certificate.max() < 1e-6
-    assert 0 < history.contact.closed_count[1] < history.contact.closed_count[-1]
-    size = np.sqrt(2 * other.energy.max())
-    distance = vx.measures.energy_distance(history, other).absolute
-    assert distance <= (history.certificate_total[-1] + other.certificate_total[-1]) * size
-
-
-@pytest.mark.long
-def test_a_solver_that_is_too_coarse_for_friction_is_told_so():
-    """What slips and touches is known from its answers, and these come no nearer: that is no lack of contraction."""
-    mesh = two_blocks("squares", "squares", (2, 3))
-    coarse = vx.Clarabel(options=dict.fromkeys(("tol_gap_abs", "tol_gap_rel", "tol_feas"), 1e-3))
-    with pytest.raises(vx.NotCertified, match=r"step 1 .*Clarabel reached .*asked was 1\.0e-06\. .*Ask for accuracy="):
-        vx.simulate(closing(mesh), mesh, [0.0, 0.25], solver=coarse)
-
-
-def test_the_axis_of_a_half_model_bears_its_pressure():
-    mesh = two_blocks("triangles", "triangles", (4, 4))
+def test_constant_stress_passes_through_a_curved_joint():
+    """A pin of sixteen sides bonded in a hole of twenty-four: any linear displacement is that of one body."""
+    mesh = bodies({"pin": ring([0.4, 1.0], 16, 2), "lug": ring([1.0, 2.0], 24, 3)}, tolerance=0.03)
+    mesh = mesh.with_boundary("outside", lambda x: np.ones(len(x), dtype=bool))
+    gradient = np.array([[0.02, 0.01, -0.03], [0.02, -0.04, 0.01], [0.0, 0.03, 0.01]])
     scene = vx.Scene(
-        vx.Elasticity(100.0, 0.3),
-        vx.Clamp(on="lower.bottom"),
-        vx.Symmetry(on=["lower.left", "upper.left"]),
-        vx.PrescribedDisplacement(lambda x, t: np.tile([0.0, -0.05 * t], (len(x), 1)), on="upper.top"),
-        vx.BilateralContact(on=JOINT),
-        vx.TrescaFriction(0.5, on=JOINT),
+        vx.Elasticity(YOUNG, POISSON),
+        vx.PrescribedDisplacement(lambda x, t: t * x @ gradient.T, on="outside"),
+        vx.BilateralContact(on="pin|lug"),
+        vx.TrescaFriction(1e3, on="pin|lug"),
     )
     history = vx.simulate(scene, mesh, [0.0, 1.0])
-    contact = history.contact
-    assert 0.0 in contact.points[:, 0]
-    borne = (contact.pressure * contact.lengths).sum(axis=1)[-1]
-    assert borne == pytest.approx(-history.reaction("upper.top")[-1, 1], rel=1e-10)
+    assert np.abs(history.displacement[-1] - mesh.points @ gradient.T).max() < 1e-11
+    assert np.ptp(history.stress(-1), axis=0).max() < 1e-11 * mesh.n_nodes
+
+
+# Action and reaction, and bonds.
+
+
+def dragged_over(*contact):
+    """The upper block is pressed by its weight, and pulled; nothing but the lower one holds it."""
+    return vx.Scene(
+        vx.Elasticity(YOUNG, POISSON),
+        vx.Clamp(on="lower.bottom"),
+        vx.Pressure(lambda x, t: t, on="upper.top"),
+        vx.Traction(lambda x, t: [0.2 * t, 0.1 * t, 0.0], on="upper.left"),
+        *contact,
+    )
+
+
+EFFECTS = {
+    "Coulomb": [PRESSED, vx.CoulombFriction(0.5, on=JOINT)],
+    "Tresca while closed": [vx.UnilateralContact(on=JOINT, gap=0.0), vx.TrescaFriction(0.6, on=JOINT)],
+    "compliance": [vx.NormalCompliance(50.0, on=JOINT), vx.CoulombFriction(0.5, on=JOINT)],
+    "bilateral": [vx.BilateralContact(on=JOINT), vx.TrescaFriction(lambda x, t: 0.5 + x[:, 0], on=JOINT)],
+}
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("kind", EFFECTS)
+def test_action_is_reaction(kind):
+    mesh = two_blocks("voronoi3", "tetrahedra", (2, 2), angle=0.3)
+    history = vx.simulate(dragged_over(*EFFECTS[kind]), mesh, np.linspace(0, 1, 4))
+    contact, forces = history.contact, history.forces[-1]
+    assert (contact.partners >= 0).all()
+    assert len(contact.nodes) == len(mesh.interfaces[JOINT].pairs)
+    assert contact.points == pytest.approx(mesh.points[contact.partners], abs=0)
+    # Nothing but contact and the load acts on the nodes of the interface.
+    free = ~np.isin(contact.partners, nodes_of(mesh, ["upper.left"]))
+    i, j = contact.nodes[free], contact.partners[free]
+    size = np.abs(forces).max() * mesh.n_nodes
+    assert np.abs(forces[i] + forces[j]).max() < 1e-12 * size
+    shown = contact.traction * contact.friction_lengths[:, None]
+    shown = shown - (contact.pressure * contact.lengths)[:, :, None] * contact.normals
+    assert np.abs(forces[i] - shown[-1][free]).max() < 1e-12 * size
+    assert np.abs(shown[-1]).max() > 0
+
+
+@pytest.mark.long
+def test_bonded_blocks_are_one_body():
+    mesh = two_blocks("voronoi3", "cubes", (2, 3))
+    place = np.arange(mesh.n_nodes)
+    pairs = mesh.interfaces[JOINT].pairs
+    place[pairs[:, 1]] = pairs[:, 0]
+    kept, number = np.unique(place, return_inverse=True)
+    whole = vx.PolyhedralMesh(mesh.points[kept], [[number[face] for face in cell] for cell in mesh.cells])
+    effects = vx.Elasticity(YOUNG, POISSON), vx.Clamp(on="foot"), vx.Traction(lambda x, t: t * x, on="head")
+    bonds = vx.BilateralContact(on=JOINT), vx.TrescaFriction(1e3, on=JOINT)
+
+    def answer(mesh, *more):
+        mesh = mesh.with_boundary("foot", lambda x: x[:, 2] < -1 + 1e-9)
+        mesh = mesh.with_boundary("head", lambda x: x[:, 2] > 1 - 1e-9)
+        return vx.simulate(vx.Scene(*effects, *more), mesh, [0.0, 1.0]).displacement[-1]
+
+    assert np.abs(answer(mesh, *bonds) - answer(whole)[number]).max() < 1e-12
+
+
+@pytest.mark.parametrize(
+    ("layers", "friction"),
+    [
+        (2, False),
+        pytest.param(1, True, marks=pytest.mark.long, id="four at an edge"),
+        pytest.param(2, True, marks=pytest.mark.slow),
+    ],
+)
+def test_blocks_meet_at_an_edge_or_a_point(layers, friction):
+    """Where twelve pairs of nodes join eight, forces are not unique; of Coulomb's, Clarabel finds some."""
+    corners = list(itertools.product((0, 1), (0, 1), range(layers)))
+    kinds = zip(corners, itertools.cycle(SPACE[:4]), itertools.cycle((2, 1, 3)), strict=False)
+    mesh = bodies(
+        {
+            f"{x}{y}{z}": SPACE_FAMILIES[family]((n, 2, 1), ((x, x + 1), (y, y + 1), (z, z + 1)))
+            for (x, y, z), family, n in kinds
+        }
+    )
+    gradient, joints = np.diag([-0.1, -0.12, -0.09]), list(mesh.interfaces)
+    assert len(joints) == {1: 4, 2: 12}[layers]
+    scene = vx.Scene(
+        vx.Elasticity(YOUNG, POISSON),
+        vx.PrescribedDisplacement(lambda x, t: t * x @ gradient, on="outside"),
+        vx.UnilateralContact(on=joints),
+        *([vx.CoulombFriction(0.3, on=joints)] if friction else []),
+    )
+    mesh = mesh.with_boundary("outside", lambda x: np.ones(len(x), dtype=bool))
+    solver = vx.Clarabel() if (layers, friction) == (2, True) else vx.Newton()
+    history = vx.simulate(scene, mesh, [0.0, 1.0], solver=solver)
+    assert np.abs(history.displacement[-1] - mesh.points @ gradient).max() < 1e-11
 
 
 def turned_in(sides):
     """A ring turned inside another that is held, both with so many sides; only the contact joins them."""
     angles = np.linspace(0, 2 * np.pi, sides + 1)
-    mesh = vx.meshes.bodies({"a": polar(np.array([1.0, 2.0]), angles), "b": polar(np.array([2.0, 3.0]), angles)})
+    mesh = bodies({"a": polar(np.array([1.0, 2.0]), angles), "b": polar(np.array([2.0, 3.0]), angles)})
     scene = vx.Scene(
         vx.Elasticity(1.0, 0.3),
         vx.PrescribedDisplacement(lambda x, t: 0.1 * t * np.column_stack([-x[:, 1], x[:, 0]]), on="a.inner"),
@@ -217,33 +234,62 @@ def turned_in(sides):
     return vx.simulate(scene, mesh, [0.0, 1.0])
 
 
-def test_bodies_slide_along_a_curve():
-    """Its nodes have the mean of the normals of their sides, and a motion along it meets no resistance."""
+def test_bodies_slide_along_a_curve_but_not_around_corners():
+    """Nodes of a curve have the mean of the normals of their sides; a square peg does not turn in a square hole."""
     history = turned_in(24)
-    mesh, inside = history.mesh, history.mesh.cell_data["body"] == 0
+    mesh = history.mesh
     turned = 0.1 * np.column_stack([-mesh.points[:, 1], mesh.points[:, 0]])
-    turned[np.unique(np.concatenate([cell for cell, mine in zip(mesh.cells, inside, strict=True) if not mine]))] = 0.0
+    turned[nodes_of_body(mesh, "b")] = 0.0
     assert np.abs(history.displacement[-1] - turned).max() < 1e-13
     assert np.abs(history.contact.pressure).max() < 1e-13
-
-
-def test_bodies_do_not_slide_around_corners():
-    """Sides that turn by 45 degrees and more both hold: a square peg does not turn in a square hole."""
     assert turned_in(4).energy[-1] > 1e-3
 
 
 def test_constant_pressure_passes_a_curve():
     """A disc in a ring, pressed uniformly: as much passes each node as pushes its chords; nothing rubs."""
     angles = np.linspace(0, 2 * np.pi, 17)
-    mesh = vx.meshes.bodies(
-        {"a": polar(np.array([0.5, 2.0]), angles, centre=True), "b": polar(np.array([2.0, 3.0]), angles)}
-    )
+    disc, rim = polar(np.array([0.5, 2.0]), angles, centre=True), polar(np.array([2.0, 3.0]), angles)
     scene = vx.Scene(
         vx.Elasticity(1.0, 0.3),
         vx.PrescribedDisplacement(lambda x, t: -0.01 * t * x, on="b.outer"),
         vx.UnilateralContact(on="a|b"),
         vx.TrescaFriction(1.0, on="a|b"),
     )
-    history = vx.simulate(scene, mesh, [0.0, 1.0])
-    assert np.abs(history.displacement[-1] + 0.01 * mesh.points).max() < 1e-12
+    history = vx.simulate(scene, bodies({"a": disc, "b": rim}), [0.0, 1.0])
+    assert np.abs(history.displacement[-1] + 0.01 * history.mesh.points).max() < 1e-12
     assert np.abs(history.contact.traction).max() < 1e-12
+
+
+# What else knows of interfaces.
+
+
+@pytest.mark.long
+def test_partners_are_stored_and_probes_tell_the_first_body(tmp_path):
+    mesh = two_blocks("cubes", "tetrahedra")
+    history = vx.simulate(dragged_over(*EFFECTS["Coulomb"]), mesh, np.linspace(0, 1, 3))
+    history.write(tmp_path)
+    read = vx.read_history(tmp_path)
+    np.testing.assert_array_equal(read.contact.partners, history.contact.partners)
+    np.testing.assert_array_equal(read.mesh.interfaces[JOINT].partners, mesh.interfaces[JOINT].partners)
+    assert read.mesh.interfaces[JOINT].bodies == ("lower", "upper")
+    pairs = mesh.interfaces[JOINT].pairs
+    found = history.probe(mesh.points[pairs[:, 1]])[-1]
+    np.testing.assert_allclose(found, history.displacement[-1][pairs[:, 0]], atol=1e-15)
+    assert np.abs(found - history.displacement[-1][pairs[:, 1]]).max() > 1e-3
+
+
+@pytest.mark.parametrize(
+    ("effects", "says"),
+    [
+        *(
+            ([PRESSED, COULOMB, one], r"has faces of an interface \(lower\|upper\) between two bodies")
+            for one in (vx.Pressure(1.0, on=JOINT), vx.Clamp(on=["lower.bottom", JOINT]), vx.Symmetry(on="boundary"))
+        ),
+        ([vx.BilateralContact(on=JOINT)], r"the first the translation \(1, 0, 0\) of upper"),
+        ([PRESSED, vx.TrescaFriction(1.0, on="upper|lower")], r"this interface is named 'lower\|upper'"),
+        ([vx.TrescaFriction(1.0, on=JOINT, ground=lambda x, t: (t, 0.0, 0.0))], "found ground= on an interface"),
+    ],
+)
+def test_what_is_refused_between_bodies(effects, says):
+    with pytest.raises(vx.SceneError, match=says):
+        vx.simulate(dragged_over(*effects), two_blocks("cubes", "cubes", (1, 2)), [0.0, 1.0])

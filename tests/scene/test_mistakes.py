@@ -1,10 +1,4 @@
-"""A user's mistakes: each gives one clear sentence that names its subject, what was found and what to do.
-
-The warnings of numpy and scipy are errors in these tests, so that none escapes. Values of wrong kinds, wherever they
-are handed in, are those of tests/whole/test_wrong_kinds.py; effects that cannot be, of tests/effects/test_refusals.py.
-"""
-
-from __future__ import annotations
+"""A user's mistakes, each refused in one sentence; effects that cannot be are in tests/effects/test_refusals.py."""
 
 import re
 from dataclasses import dataclass
@@ -76,13 +70,17 @@ def move(value, on, direction=None):
 
 
 def along(sign):
-    return lambda x, t: np.tile([sign * t, 0.0], (len(x), 1))
+    return lambda x, t: [sign * t, 0.0]
 
 
 SYMMETRIC = [[2.0, -1.0], [-1.0, 2.0]]
 EXIST = r"this mesh has 'left', 'right', 'bottom', 'top', 'boundary'"
 NOTHING = "neither a support nor friction, the first"
 NAN_LATER = vx.Traction(lambda x, t: np.where(t > 0.6, np.nan, 0.0) + 0 * x, "left")
+FREE = {"contact": None, "friction": None}
+NAN_STATE = np.where(np.arange(32).reshape(16, 2) == 11, np.nan, 0.0)
+CELL_4 = np.where(np.arange(9) == 4, 0.7, 0.3)
+LAST, INDEFINITE = vx.Norms(np.eye(3)[2:], 1.0), [[1.0, 2, 0], [2, 1, 0], [0, 0, 1]]
 
 
 def loaded(force):
@@ -101,6 +99,10 @@ def held(value, direction=None):
     return run(clamp=move(value, "right", direction))
 
 
+def on(mesh, support):
+    return run(mesh=mesh, of=vx.Scene(PARTS["material"], vx.Clamp(support)))
+
+
 def marched(load, norms=None, K=SYMMETRIC, **options):
     return vx.march(vx.System(K, load, norms), TIMES, **options)
 
@@ -109,142 +111,109 @@ def growing(t):
     return [t, t]
 
 
+def three(t):
+    return [t, t, t]
+
+
+def a_point_at_a_time(x, t):
+    return (1.0, 0.0) if x[0] > 0 else (0.0, 0.0)
+
+
 CASES = {
     "a boundary": (lambda: run(clamp=vx.Clamp("rihgt")), rf"Clamp: there is no boundary named 'rihgt'; {EXIST}; add"),
-    "one of a list": (lambda: rubbed(4.0, ["bottom", "botom"]), "TrescaFriction: there is no boundary named 'botom'"),
     "no boundary": (lambda: run(clamp=vx.Clamp([])), f"Clamp: on= names no boundary; {EXIST}"),
     "of a reaction": (lambda: run().reaction("botom"), f"reaction: there is no boundary named 'botom'; {EXIST}"),
-    "no material": (lambda: run(material=None), "Scene: found 0 materials; a scene has at least one"),
+    "no material": (lambda: run(material=None), "Scene: found 0 materials"),
     "two materials": (lambda: run(other=PARTS["material"]), "materials: .* 9 with more than one, the first cell 0"),
-    "a class": (lambda: scene(clamp=vx.Clamp), "Scene: found <class .*Clamp'>, which is not an effect"),
-    "effects in a list": (lambda: vx.Scene(list(PARTS.values())), r"Scene: found \[Elasticity.*\], which is not an"),
+    "a class": (lambda: scene(clamp=vx.Clamp), "Scene: found <class .*Clamp'>"),
+    "effects in a list": (lambda: vx.Scene(list(PARTS.values())), r"Scene: found \[Elasticity"),
     "effects for a scene": (lambda: run(of=list(PARTS.values())), r"simulate: found \[Elasticity.*\] where the scene"),
     "mesh and scene swapped": (lambda: vx.simulate(MESH, scene(), TIMES), "simulate: found PolygonMesh.* where the"),
-    "a mesh's name": (lambda: run(mesh="squares"), "simulate: found 'squares' where the mesh goes; give a PolygonMesh"),
-    "another mesh": (lambda: run(mesh=apart()), "BilateralContact: .*'bottom'; this mesh has 'first', 'boundary'; add"),
-    "no supports": (
-        lambda: run(clamp=None, contact=None, friction=None),
-        f"supports: the body floats: 3 rigid motions meet {NOTHING} .*Add Clamp, .* loads hold nothing",
-    ),
+    "a mesh's name": (lambda: run(mesh="squares"), "simulate: found 'squares' where the mesh goes"),
+    "another mesh": (lambda: run(mesh=apart()), "BilateralContact: .*'bottom'; this mesh has 'first', 'boundary'"),
+    "no supports": (lambda: run(clamp=None, **FREE), f"supports: the body floats: 3 rigid motions meet {NOTHING}"),
     "friction alone": (lambda: run(clamp=None, contact=None), f"supports: .* 2 rigid motions meet {NOTHING} "),
     "rollers alone": (lambda: run(clamp=None, friction=None), rf"supports: .* 1 .* meets {NOTHING} the translation"),
     # The edge at x = 1 turns about its far point along (1, 1): a translation with a rotation, or one across (1, 1).
-    "an oblique direction": (
-        lambda: run(clamp=move(0.0, "right", (1, 1)), contact=None, friction=None),
-        f"supports: the body floats: 1 rigid motion meets {NOTHING} the translation ",
-    ),
-    "a corner": (
-        lambda: run(clamp=Pin(0), contact=None, friction=None),
-        f"supports: the body floats: 1 rigid motion meets {NOTHING} .* with a rotation of the body",
-    ),
-    "a second part": (
-        lambda: run(mesh=apart(), of=vx.Scene(PARTS["material"], vx.Clamp("first"))),
-        f"supports: part 2 of 2 of the body floats: 3 rigid motions meet {NOTHING} ",
-    ),
-    "a hinge": (
-        lambda: run(mesh=hinged(), of=vx.Scene(PARTS["material"], vx.Clamp("low"))),
-        rf"supports: .* 1 rigid motion meets {NOTHING} a motion about hinges, such as node 2 at \[1\. 1\.\]",
-    ),
+    "oblique": (lambda: run(clamp=move(0.0, "right", (1, 1)), **FREE), f"supports: .* 1 .* {NOTHING} the translation"),
+    "a corner": (lambda: run(clamp=Pin(0), **FREE), f"supports: .* 1 .* meets {NOTHING} .* with a rotation"),
+    "a second part": (lambda: on(apart(), "first"), f"supports: part 2 of 2 of the body floats: 3 .* {NOTHING} "),
+    "a hinge": (lambda: on(hinged(), "low"), rf"supports: .* {NOTHING} a motion about hinges, such as node 2"),
     "a bound below zero": (lambda: rubbed(-1.0, "bottom"), r"TrescaFriction on bottom: found bound = -1 at \[0\."),
     "a bound below zero there": (
         lambda: rubbed(lambda x, t: 0.5 - t * x[:, 0], "bottom", quadrature="integral"),
         r"TrescaFriction on bottom: found bound = -0\.47.* at \[0\.97\d* 0\. *\] and t = 1",
     ),
-    "an infinite bound": (lambda: rubbed(np.inf, "bottom"), "TrescaFriction on bottom: bound: found NaN or inf.* 4 of"),
-    "a quadrature": (lambda: rubbed(1.0, "bottom", quadrature="foo"), "TrescaFriction .*quadrature 'foo'; there are"),
-    "NaN": (lambda: loaded((np.nan, 0.0)), "Traction on left: found NaN or infinity in 6 of 12 values, first at .* t"),
+    "a quadrature": (lambda: rubbed(1.0, "bottom", quadrature="foo"), "TrescaFriction .*quadrature 'foo'"),
     "NaN later": (lambda: run(load=NAN_LATER), "Traction on left: found NaN or infinity in 12 of 12 .* and t = 1"),
     "no t": (lambda: loaded(lambda x: x), r"Traction on left: .*called as f\(x, t\) with x of shape \(6, 2\):"),
-    "a point at a time": (
-        lambda: loaded(lambda x, t: (1.0, 0.0) if x[0] > 0 else (0.0, 0.0)),
-        "Traction on left: its function failed .*ambiguous.* take all points at once and return one value a point",
-    ),
+    "a point at a time": (lambda: loaded(a_point_at_a_time), "Traction on left: its function failed .*ambiguous"),
     "three components": (lambda: loaded((1, 2, 3)), r"Traction on left: found .* \(3,\); wanted 2 components"),
-    "components first": (lambda: loaded(lambda x, t: x.T), r"Traction on left: found .* \(2, 6\); wanted 2 components"),
-    "scalars": (lambda: loaded(lambda x, t: x[:, 0]), r"Traction on left: found .* \(6,\); wanted 2 components"),
-    "f(x, t) for a modulus": (lambda: made_of(lambda x, t: 200.0, 0.3), r"Elasticity: young: .* called as f\(x\) with"),
-    "incompressible": (lambda: made_of(1.0, 0.5), r"Elasticity: found poisson = 0\.5 in cell 0; .* < 0\.5 in plane"),
-    "poisson in one cell": (
-        lambda: made_of(1.0, np.where(np.arange(9) == 4, 0.7, 0.3), plane="stress"),
-        r"Elasticity: found poisson = 0\.7 in cell 4; it must be > -1 and <= 0\.5",
-    ),
-    "young negative": (
-        lambda: made_of(lambda x: 0.5 - x[:, 0] - 0.1 * x[:, 1], 0.3),
-        r"Elasticity: found young = -0\.416667 in cell 8; Young's modulus must be > 0",
-    ),
-    "young NaN": (lambda: made_of(np.where(np.arange(9) == 7, np.nan, 1.0), 0.3), "Elasticity: young: .* 1 of 9 .*"),
-    "moduli of another mesh": (lambda: made_of(np.ones(4), 0.3), r"Elasticity: young: found .* \(4,\); wanted .*"),
-    "a cell datum": (lambda: made_of("stiff", 0.3), "Elasticity: young: .* cell datum named 'stiff'; it has none. Add"),
-    "another cell datum": (
-        lambda: run(mesh=MESH.with_cell_data("nu", np.ones(9) / 4), material=vx.Elasticity(1.0, "mu")),
-        "Elasticity: poisson: the mesh has no cell datum named 'mu'; it has 'nu'",
-    ),
-    "a plane": (lambda: made_of(1.0, 0.3, plane="foo"), "Elasticity: found plane 'foo'; there are 'strain' and"),
-    "a stabilisation": (lambda: made_of(1.0, 0.3, stabilisation="foo"), "Elasticity: found stabilisation 'foo'; there"),
-    "decreasing times": (lambda: run(times=[0, 1, 0.5]), r"times: instant 2 is 0\.5, which does not come after"),
-    "a state": (lambda: run(initial=np.zeros(3)), r"initial: found .* \(3,\); wanted displacements of shape \(16, 2\)"),
-    "a state as a function": (lambda: run(initial=lambda x, t: 0.0 * x), "initial: found <function .*"),
-    "a state with NaN": (
-        lambda: run(initial=np.where(np.arange(32).reshape(16, 2) == 11, np.nan, 0.0)),
-        "initial: found NaN or infinite values",
-    ),
-    "a state's name": (lambda: run(initial="settle"), r"initial: found 'settle'; there are None \(zero\), an array,"),
-    "off its supports": (
-        lambda: run(initial=np.ones((16, 2))),
-        r"initial: the displacement \[1\. 1\.\] of node 0 at \[0\. 0\.\] contradicts its supports at t = 0, by 1\.",
-    ),
+    "components first": (lambda: loaded(lambda x, t: x.T), r"Traction on left: found .* \(2, 6\); wanted 2"),
+    "scalars": (lambda: loaded(lambda x, t: x[:, 0]), r"Traction on left: found .* \(6,\); wanted 2"),
+    "f(x, t) for a modulus": (lambda: made_of(lambda x, t: 200.0, 0.3), r"Elasticity: young: .* called as f\(x\)"),
+    "incompressible": (lambda: made_of(1.0, 0.5), r"Elasticity: found poisson = 0\.5 in cell 0"),
+    "poisson": (lambda: made_of(1.0, CELL_4, plane="stress"), r"Elasticity: found poisson = 0\.7 in cell 4"),
+    "young": (lambda: made_of(lambda x: 0.5 - x[:, 0] - 0.1 * x[:, 1], 0.3), r"Elasticity: .*young = -0\.41.* cell 8"),
+    "moduli of another mesh": (lambda: made_of(np.ones(4), 0.3), r"Elasticity: young: found .* \(4,\)"),
+    "a plane": (lambda: made_of(1.0, 0.3, plane="foo"), "Elasticity: found plane 'foo'"),
+    "a stabilisation": (lambda: made_of(1.0, 0.3, stabilisation="foo"), "Elasticity: found stabilisation 'foo'"),
+    "decreasing times": (lambda: run(times=[0, 1, 0.5]), r"times: instant 2 is 0\.5"),
+    "a state": (lambda: run(initial=np.zeros(3)), r"initial: found .* \(3,\); wanted .* \(16, 2\)"),
+    "a state as a function": (lambda: run(initial=lambda x, t: 0.0 * x), "initial: found <function"),
+    "a state with NaN": (lambda: run(initial=NAN_STATE), "initial: found NaN or infinite values"),
+    "a state's name": (lambda: run(initial="settle"), r"initial: found 'settle'"),
+    "off its supports": (lambda: run(initial=np.ones((16, 2))), r"initial: .* node 0 .* contradicts its supports"),
     "supports that have moved": (lambda: held((0.25, 0.0)), r"initial: .* contradicts its supports at t = 0, by"),
     "more than friction holds": (
         lambda: loaded((50.0, 0.0)),
-        r"initial: the state at t = 0 is not held by friction .* moves it by 9\.7e-01 of the energy norm, allowed "
-        r"is 1e-06\. It slips most at node \d+ at .*, by \d.*",
+        r"initial: the state at t = 0 is not held by friction .* moves it by 9\.7e-01 .* slips most at node \d+",
     ),
     "a load from the start": (
         lambda: run(load=vx.Traction((50.0, 0.0), "left"), friction=None),
-        r"initial: the state at t = 0 is not in equilibrium .* moves it by 1\.0e\+00 .* say initial='settled'",
+        r"initial: the state at t = 0 is not in equilibrium .* say initial='settled'",
     ),
     "a state of a system": (lambda: marched(growing, initial=[1, 2, 3]), r"initial: found .* \(3,\); wanted 2 finite"),
     "against each other": (
         lambda: run(clamp=None, other=move(along(1), "top"), another=move(along(-1), "left"), load=None),
-        r"PrescribedDisplacement on top: node 12 at \[0\. 1\.\] is to move by 0\.5 along \[1\. 0\.\] at t = 0\.5, but "
-        r"other supports already move it by -0\.5\.",
+        r"PrescribedDisplacement on top: node 12 at \[0\. 1\.\] is to move by 0\.5 along \[1\. 0\.\] at t = 0\.5",
     ),
     "against a clamp": (lambda: run(other=move(along(1), "top")), r"PrescribedDisplacement on top: node 15 .* move it"),
     "an oblique one against a clamp": (
         lambda: run(other=move(lambda x, t: -t * np.ones(len(x)), "top", (3, 4))),
         r"PrescribedDisplacement on top: node 15 .* by -0\.5 along \[0\.6 0\.8\] at t = 0\.5",
     ),
-    "no direction": (lambda: held(0.0, (0, 0)), r"PrescribedDisplacement on right: found direction \(0, 0\); wanted a"),
+    "no direction": (lambda: held(0.0, (0, 0)), r"PrescribedDisplacement on right: found direction \(0, 0\)"),
     "a direction in space": (lambda: held(0.0, (1, 0, 0)), r"PrescribedDisplacement .*\(1, 0, 0\); wanted .* 2 finite"),
     "an unknown direction": (lambda: held(0.0, "foo"), "PrescribedDisplacement .*direction: found 'foo', .*'normal',"),
     "a vector for a component": (lambda: held((0.0, 0.0), "normal"), r"PrescribedDisplacement on right: found .*"),
-    "a number for a vector": (lambda: held(0.0), "PrescribedDisplacement on right: found the single number 0; wanted"),
-    "a step beyond the end": (lambda: run(store=np.array([1, 3])), r"store: found array\(\[1, 3\]\); .* from 0 to 2"),
-    "a step not stored": (lambda: run(store="last").stress(1), r"history: step 1 was not stored; stored are \[2\] of"),
-    "a solver's class": (lambda: run(solver=vx.Newton), "solver: found <class .*Newton'>; wanted a solver with its"),
-    "K of one axis": (lambda: vx.System(np.ones(3), pull), r"System: K: found .* \(3,\); wanted a matrix, dense or"),
+    "a number for a vector": (lambda: held(0.0), "PrescribedDisplacement on right: found the single number 0"),
+    "a step beyond the end": (lambda: run(store=np.array([1, 3])), r"store: found array\(\[1, 3\]\)"),
+    "a step not stored": (lambda: run(store="last").stress(1), r"history: step 1 was not stored; stored are \[2\]"),
+    "a solver's class": (lambda: run(solver=vx.Newton), "solver: found <class .*Newton'>"),
+    "K of one axis": (lambda: vx.System(np.ones(3), pull), r"System: K: found .* \(3,\)"),
     "K not square": (lambda: vx.System(np.ones((2, 3)), pull), r"System: K: found a matrix of shape \(2, 3\)"),
     "K not symmetric": (lambda: vx.System([[2.0, 1.0], [0.0, 2.0]], pull), r"System: K: found a row \d that is"),
-    "K not positive": (lambda: vx.System(np.diag([1.0, -1.0]), pull), r"System: found K\[1, 1\] = -1; K must be"),
+    "K not positive": (lambda: vx.System(np.diag([1.0, -1.0]), pull), r"System: found K\[1, 1\] = -1"),
     "K singular": (lambda: marched(lambda t: [0, 0], K=[[1.0, -1.0], [-1.0, 1.0]]), "the stiffness matrix is singular"),
-    "K indefinite": (
-        lambda: marched(lambda t: np.ones(3) * t, vx.Norms(np.eye(3)[2:], 1.0), [[1.0, 2, 0], [2, 1, 0], [0, 0, 1]]),
-        "the stiffness matrix is singular or indefinite",
-    ),
-    "a constant load": (lambda: vx.System(SYMMETRIC, np.ones(2)), "System: found load = array.* a function of t that"),
-    "a load without t": (lambda: marched(lambda: 0), r"System: load: its function failed when called as f\(t\) with t"),
-    "a load of three": (lambda: marched(lambda t: [t, t, t]), r"System: load\(0\): found .* \(3,\); wanted \(2,\)"),
+    "K indefinite": (lambda: marched(three, LAST, INDEFINITE), "the stiffness matrix is singular or indefinite"),
+    "a constant load": (lambda: vx.System(SYMMETRIC, np.ones(2)), "System: found load = array"),
+    "a load without t": (lambda: marched(lambda: 0), r"System: load: its function failed when called as f\(t\)"),
+    "a load of three": (lambda: marched(three), r"System: load\(0\): found .* \(3,\); wanted \(2,\)"),
     "blocks": (lambda: vx.Norms(np.eye(3), 1.0, block=2), "Norms: found B with 3 rows and block = 2"),
     "a weight below zero": (lambda: vx.Norms(np.eye(2), [1.0, -3.0]), "Norms: found the weight -3 of norm term 1"),
-    "a weight below zero later": (
-        lambda: marched(growing, vx.Norms(np.eye(2), lambda t: 0.7 - t)),
-        r"Norms: found the weight -0\.3 of norm term 0",
-    ),
-    "three weights": (lambda: vx.Norms(np.eye(2), [1.0, 2.0, 3.0]), r"Norms: w: found .* \(3,\); wanted a weight, or"),
+    "a weight later": (lambda: marched(growing, vx.Norms(np.eye(2), lambda t: 0.7 - t)), r"Norms: .*weight -0\.3"),
+    "three weights": (lambda: vx.Norms(np.eye(2), [1.0, 2.0, 3.0]), r"Norms: w: found .* \(3,\)"),
     "weights without t": (lambda: marched(growing, vx.Norms(np.eye(2), lambda: 1)), "Norms: w: its function failed"),
     "columns": (lambda: vx.System(SYMMETRIC, pull, vx.Norms(np.eye(3), 1.0)), "System: found norms over 3 unknowns,"),
-    "norms": (lambda: vx.System(SYMMETRIC, pull, np.eye(2)), r"System: found norms = array.*; wanted Norms\(\.\.\.\),"),
+    "norms": (lambda: vx.System(SYMMETRIC, pull, np.eye(2)), r"System: found norms = array.*; wanted Norms"),
     "an order": (lambda: vx.System(SYMMETRIC, pull, order=np.array([0, 0])), r"System: found order = array\(\[0,"),
+    "e of one": (lambda: vx.Limits(np.eye(2), [1.0]), r"Limits: e: found an array of shape \(1,\)"),
+    "e NaN": (lambda: vx.Limits(np.eye(2), [1.0, np.nan]), "Limits: e: found NaN"),
+    "e without end below": (lambda: vx.Limits(np.eye(2), [1.0, -np.inf]), "Limits: e: found NaN or infinite"),
+    "compliance": (lambda: vx.Limits(np.eye(2), 0.0, compliance=-1.0), "Limits: found the compliance -1 of limit 0"),
+    "D": (lambda: vx.System(np.eye(3), pull, limits=vx.Limits(np.eye(2), 0.0)), "System: found limits over 2"),
+    "limits": (lambda: vx.System(np.eye(2), pull, limits=5), "System: found limits = 5; wanted Limits"),
     "a scene for a system": (lambda: vx.march(scene(), TIMES), r"march: found Scene\(.* where the System goes"),
 }  # fmt: skip
 
@@ -264,14 +233,6 @@ def test_the_scene_of_these_tests_is_in_order():
     """Without a mistake there is no error; each case above differs from this by one."""
     assert run().certificate.max() < 1e-8
     assert vx.march(vx.System(SYMMETRIC, lambda t: [t, t], vx.Norms(np.eye(2), 0.3)), TIMES).certificate.max() < 1e-8
-
-
-@pytest.mark.parametrize("start", ["settled", "equilibrium"])
-def test_the_remedies_for_an_initial_violation_are_accepted(start):
-    history = run(load=vx.Traction((50.0, 0.0), "left"), initial=start)
-    assert np.abs(history.displacement[0]).max() > 0.1
-    # A constant load: what was reached at once stays.
-    assert np.abs(history.displacement - history.displacement[0]).max() < 1e-12 * np.abs(history.displacement).max()
 
 
 def test_the_slip_in_the_message_is_that_of_the_excess():

@@ -5,10 +5,7 @@ Bottom bilateral with the bound g, top moved by U(t) in the plane, u = (a + gamm
     gamma_n = P((U_n - a_{n-1}) / H),   P the projection on the disc of radius g / mu,   a_n = U_n - gamma_n H,
 
 with tractions (0, 0, +-mu gamma_x) on the sides across x and (0, 0, +-mu gamma_y) across y. It is exact for backward
-Euler on every mesh. Going round a circle |U| = R in steps of the angle delta, friction that slides all the time leaves
-a_n on a circle of radius rho, U_n - a_n along a_n - a_{n-1}, of length r = g H / mu:
-
-    R^2 = rho^2 + r^2 + 2 rho r sin(delta / 2),   a step dissipates  g A |a_n - a_{n-1}| = 2 g A rho sin(delta / 2).
+Euler on every mesh.
 """
 
 from __future__ import annotations
@@ -83,16 +80,3 @@ def curve():
     """Sticks, slides along a curve that turns, sticks where it reverses, and slides on."""
     places = [(0, 0), (0.6, 0.4), (2.0, 0.5), (2.5, 2.0), (2.1, 1.7), (-1.0, 2.0), (-1.0, -1.5)]
     return Turn.along(REACH * np.array(places), (0.0, 0.0))
-
-
-def circle(steps, radius):
-    """One turn of steady sliding; the loss of it."""
-    s = np.sin(np.pi / steps)
-    rho = np.sqrt(radius**2 - REACH**2 * (1 - s**2)) - REACH * s
-    angle = 2 * np.pi * np.arange(steps + 1) / steps
-    top = radius * np.exp(1j * angle)
-    # U_0 - a_0 is along a_0 - a_{-1}, which is ahead of a_0 by a right angle less half a step.
-    ahead = rho + REACH * np.exp(1j * (0.5 * np.pi - np.pi / steps))
-    foot = rho * np.exp(1j * angle[0]) * radius / ahead
-    turn = Turn.along(np.column_stack([top.real, top.imag]), (foot.real, foot.imag))
-    return turn, 2 * BOUND * SIZE[0] * SIZE[1] * rho * s * steps

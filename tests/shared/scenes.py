@@ -57,6 +57,18 @@ def drawn(family, seed):
     return added[seed // 8 % len(added)] if added and seed % 8 == 7 else family
 
 
+def rotation(angle):
+    """The matrix that turns the plane anticlockwise."""
+    return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+
+
+def moved(mesh, matrix, shift=0.0):
+    """The mesh with its points multiplied by a matrix, and all names."""
+    named = {name: part for name, part in mesh.boundaries.items() if name not in (*mesh.interfaces, "boundary")}
+    kept = {"boundaries": named, "cell_data": mesh.cell_data, "interfaces": dict(mesh.interfaces)}
+    return type(mesh)(mesh.points @ np.asarray(matrix).T + shift, mesh.cells, **kept)
+
+
 @cache
 def small(family, n=6, **options):
     """A mesh of the unit square with about n cells a side; it is read-only, and made once."""

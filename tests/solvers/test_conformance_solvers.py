@@ -1,10 +1,4 @@
-"""What every solver must satisfy: the suite of vemcvx.testing, run over every solver that the package exports.
-
-Solvers that cvxpy finds on a machine besides come through ThroughCvxpy: they may miss (cvxpy calls some of their wrong
-answers optimal), but by name, and never return what is not certified.
-"""
-
-from __future__ import annotations
+"""What every solver must satisfy: the suite of vemcvx.testing, over all that are exported and all that cvxpy finds."""
 
 import dataclasses
 import inspect
@@ -44,7 +38,10 @@ def scene():
     return paper_scene(lambda t: np.sin(6 * t))
 
 
-test_every_solver = solver_suite(OWN)
+VARIANTS = "Clarabel, polished", "ThroughCvxpy"
+"""Of classes that are in the suite without them."""
+test_every_solver = solver_suite({name: OWN[name] for name in OWN if name not in VARIANTS})
+test_variants = pytest.mark.long(solver_suite({name: OWN[name] for name in VARIANTS}))
 VARYING = {"PROXQP"} & set(FOUND)
 """Whose last digits vary from time to time."""
 test_found_solvers = pytest.mark.long(

@@ -1,7 +1,5 @@
 """Scenes and programs that were refused or answered wrongly once (issue 56), beside closed forms and exact answers."""
 
-from __future__ import annotations
-
 import frozen_scenes
 import numpy as np
 import pytest
@@ -61,10 +59,7 @@ def test_interference_of_parts_of_any_stiffness(ratio):
 
 
 def growing(seed, c):
-    """K, g and the weights .4 + c |s| of a monotone problem, and its answer in one step from rest.
-
-    K y + sign(y) (.4 + c |y|) = g is (K + c I) y + .4 sign(y) = g on what slips: all sets are tried.
-    """
+    """K, g and the weights .4 + c |s| of a monotone problem, and its answer in one step from rest."""
     rng = np.random.default_rng(seed)
     A = rng.normal(size=(6, 6))
     K, g = A @ A.T + np.eye(6), 10 * rng.normal(size=6)

@@ -1,7 +1,5 @@
 """Friction with a given bound beside one-sided contact: in the air, which is said, or while closed only."""
 
-from __future__ import annotations
-
 import warnings
 
 import numpy as np
@@ -18,13 +16,10 @@ STEEP = 1e6
 def lifted(while_closed=None, lift=5.0):
     """A clamped block, pressed first, then lifted and dragged at its free end."""
 
-    def pull(x, t):
-        return np.tile([40.0 * t, lift * t], (len(x), 1))
-
     return vx.Scene(
         vx.Elasticity(200.0, 0.3),
         vx.Clamp(on="right"),
-        vx.Traction(pull, on="left"),
+        vx.Traction(lambda x, t: [40.0 * t, lift * t], on="left"),
         vx.Pressure(8.0, on="top"),
         vx.UnilateralContact(on="bottom"),
         vx.TrescaFriction(BOUND, on="bottom", while_closed=while_closed),
@@ -93,13 +88,6 @@ def test_a_place_that_closes_without_friction_and_opens_with_it_grazes():
     assert trajectory.weights[-1] == pytest.approx([0.5], abs=1 / STEEP)
     assert 0 < trajectory.pressures[-1, 0] < 1 / STEEP
     assert trajectory.certificate.max() <= 1e-8
-
-
-def test_mistakes():
-    alone = vx.TrescaFriction(1.0, on="bottom", while_closed=True)
-    scene = vx.Scene(vx.Elasticity(1.0, 0.3), vx.Clamp(on="top"), vx.BilateralContact(on="bottom"), alone)
-    with pytest.raises(vx.SceneError, match=r"no pressure is known .* needs UnilateralContact"):
-        vx.simulate(scene, vx.meshes.squares(2), TIMES)
 
 
 def dragged(top, bound, poisson=0.3):

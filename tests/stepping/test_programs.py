@@ -1,14 +1,12 @@
 """The programs of a run's steps in public: each is the program that the step solved, whatever the scene holds."""
 
-from __future__ import annotations
-
-import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import vemcvx as vx
+from slip_weakening import SlipWeakening
 
 EPS = float(np.finfo(float).eps)
 TIMES = np.linspace(0.0, 1.0, 5)
@@ -44,8 +42,9 @@ SCENES = {
         vx.TrescaFriction(bound=0.5, on="bottom", while_closed=True),
     ),
     "Coulomb": (*TOUCHES, vx.UnilateralContact(on="bottom"), vx.CoulombFriction(0.3, on="bottom")),
-    "moving obstacle": (*TOUCHES, vx.UnilateralContact(gap=lambda x, t: np.full(len(x), 0.01 * t), on="bottom")),
+    "moving obstacle": (*TOUCHES, vx.UnilateralContact(gap=lambda x, t: 0.01 * t, on="bottom")),
     "soft": (*TOUCHES, vx.NormalCompliance(500.0, on="bottom"), vx.TrescaFriction(bound=1.0, on="bottom")),
+    "slip weakening": (*HELD, vx.BilateralContact(on="bottom"), SlipWeakening(4.0, 1.0, 0.1, on="bottom")),
     "free": (
         BODY,
         vx.Traction(lambda x, t: np.column_stack([t + 0 * x[:, 0], 0 * x[:, 0]]), on="left"),
@@ -62,11 +61,7 @@ SCENES = {
 
 
 def holds(program, history, n):
-    """The certificate of the run's own answer to the program is no worse than the run's, but for rounding.
-
-    States are stored, not increments: their difference is known to eps of them, and gaps are linear in slips and
-    excesses, with the weights and the pressures as factors.
-    """
+    """The certificate of the run's own answer to the program is no worse than the run's, but for rounding."""
     trajectory, (lam, p) = history.trajectory, (program.answer.lam, program.answer.p)
     stored = np.abs(trajectory.state[-1]).max() + np.abs(program.answer.d).max(initial=0.0)
     B, D = (abs(rows).sum(axis=1) for rows in (program.operators.B, program.operators.D))
@@ -124,15 +119,8 @@ def test_states_that_are_needed_must_be_stored():
     scene, mesh = vx.Scene(*SCENES["Tresca"]), vx.meshes.squares(2)
     history = vx.simulate(scene, mesh, TIMES, store=[2, 3])
     assert history.program(3).step == 3
-    wrong = {
-        2: "program(2): the state after step 1 is not stored, but a step's program is posed from the states before and "
-        "after it; simulate with store=[1, 2], or store='all'.",
-        0: "program(0): there is no such step; steps are numbered 1 to 4.",
-        5: "program(5): there is no such step",
-        "2": "program('2'): there is no such step",
-    }
-    for n, words in wrong.items():
-        with pytest.raises(vx.HistoryError, match=re.escape(words)):
+    for n, words in {2: "the state after step 1 is not stored", 0: "there is no such", 5: "there is no such"}.items():
+        with pytest.raises(vx.HistoryError, match=rf"^program\({n}\): .*{words}"):
             history.program(n)
     # The initial state is always known.
     assert vx.simulate(scene, mesh, TIMES, store=[1]).program(1).step == 1

@@ -1,7 +1,5 @@
 """Runs that are interrupted, killed or too large for memory: what was completed stays, and can be gone on with."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

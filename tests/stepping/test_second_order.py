@@ -1,12 +1,10 @@
 """Friction work and work of second order: beside the ledger of backward Euler, which is of first."""
 
-from dataclasses import dataclass, replace
-
 import numpy as np
 import pytest
+from own_law import Law
 
 import vemcvx as vx
-from vemcvx.effects import ContactSurface, Contribution, Friction
 
 TIMES = np.linspace(0.0, 2.0, 25)
 
@@ -14,12 +12,9 @@ TIMES = np.linspace(0.0, 2.0, 25)
 def pressed_and_rubbed(steps, coefficient=0.3):
     """A pad that is pressed on a rough floor while it is rubbed to and fro: bounds of friction follow pressures."""
 
-    def plate(x, t):
-        return np.tile([0.06 * np.sin(np.pi * t), -0.02 * min(t, 1.0)], (len(x), 1))
-
     scene = vx.Scene(
         vx.Elasticity(100.0, 0.3),
-        vx.PrescribedDisplacement(plate, on="top"),
+        vx.PrescribedDisplacement(lambda x, t: [0.06 * np.sin(np.pi * t), -0.02 * min(t, 1.0)], on="top"),
         vx.UnilateralContact(on="bottom"),
         vx.CoulombFriction(coefficient, on="bottom"),
     )
@@ -58,41 +53,23 @@ def test_energies_balance_and_wear_sums_to_what_is_dissipated():
 
 def test_where_bounds_are_constant_both_friction_works_are_one():
     """Whatever the slips: w |s| has no other end of the step to look at."""
-    pull = vx.Traction(lambda x, t: np.tile([8.0 * np.sin(2.0 * t), -1.0 * t], (len(x), 1)), on="left")
+    pull = vx.Traction(lambda x, t: [8.0 * np.sin(2.0 * t), -1.0 * t], on="left")
     held = vx.Elasticity(200.0, 0.3), vx.Clamp(on="right"), vx.BilateralContact(on="bottom")
     history = vx.simulate(vx.Scene(*held, pull, vx.TrescaFriction(2.0, on="bottom")), vx.meshes.squares(6), TIMES)
     assert history.dissipated[-1] > 0
     assert history.dissipated_second_order == pytest.approx(history.dissipated, rel=1e-9)
 
 
-@dataclass(frozen=True)
-class Polished(vx.Effect):
-    """Friction whose bound decays with the slip before the step, as in .ci/site/howto/own_law.md."""
-
-    distance: float
-
-    def contribute(self, space):
-        rows = space.part("bottom", "Polished", contact=True).node_normals
-        law = vx.Law(lambda t, p, past, slip: rows.lengths * np.exp(-past / self.distance), softening=0.0)
-        friction = replace(Friction.of(rows, "Polished"), law=law)
-        return Contribution(frictions=(friction,), surfaces=(ContactSurface.of(rows),))
-
-    def describe(self):
-        return "Polished"
-
-
 @pytest.mark.parametrize("viscous", [False, True])
 def test_friction_that_reads_the_slip_before_the_step_is_of_second_order(viscous):
-    """A block that slides as a whole by a given way a: it loses int exp(-A / d) dA = d (1 - exp(-a / d)) a length.
-
-    The bound that acts is that before the step; both its ends are those of the slips before and after it.
-    """
+    """A block that slides as a whole by a given way a: it loses int exp(-A / d) dA = d (1 - exp(-a / d)) a length."""
     d, way = 0.3, 0.2
-    move = vx.PrescribedDisplacement(lambda x, t: np.tile([way * t, 0.0], (len(x), 1)), on="top")
+    wears = Law(lambda t, p, past, slip: np.exp(-past / d), softening=0.0)
+    move = vx.PrescribedDisplacement(lambda x, t: [way * t, 0.0], on="top")
     level = vx.PrescribedDisplacement(0.0, on=["left", "right"], direction=(0.0, 1.0))
     # So stiff that it slips all the way but for 1e-6 of it.
     steel = (vx.Elasticity(1e6, 0.3), *([vx.Viscosity(1e-3, 1e-3)] if viscous else []))
-    scene = vx.Scene(*steel, move, level, vx.BilateralContact(on="bottom"), Polished(d))
+    scene = vx.Scene(*steel, move, level, vx.BilateralContact(on="bottom"), wears)
     truth, errors = d * (1 - np.exp(-way / d)), []
     for steps in (8, 16):
         history = vx.simulate(scene, vx.meshes.squares(2), np.linspace(0.0, 1.0, steps + 1))

@@ -1,14 +1,10 @@
-"""Soft contact beside weak springs: K is all but singular, contact holds the body, and no answer is wrong.
-
-On all unknowns springs of 1e-8 E leave digits enough; condensed runs are right or refused.
-"""
-
-from __future__ import annotations
+"""Soft contact beside weak springs: K is all but singular, contact holds the body, and no answer is wrong."""
 
 import numpy as np
 import pytest
 from exact_steps import Steps
 from installed import needs
+from scenes import moved, rotation
 
 import vemcvx as vx
 from vemcvx.scene import pose_scene
@@ -49,10 +45,7 @@ def settled(scene, mesh, **options):
 @pytest.mark.parametrize("linear", LINEAR, ids=str)
 @pytest.mark.parametrize("k", [1e-2, 1e-4, 1e-6])
 def test_weak_springs_beside_soft_contact(k, linear):
-    """Springs 1e-4 of E left an error of 3e-5 of the energy norm, those of 1e-8 one of 40: S lost the body's weight.
-
-    Contact and the springs balance the load, to rounding of their parts.
-    """
+    """Springs 1e-4 of E left an error of 3e-5 of the energy norm, those of 1e-8 one of 40: S lost the body's weight."""
     scene, mesh = pressed(k, push=0.0), squares(8)
     history = settled(scene, mesh, linear=linear, condense=False)
     assert history.certificate.max() <= 1e-8
@@ -67,13 +60,6 @@ def test_weak_springs_beside_soft_contact(k, linear):
     assert abs(carried - load) <= 64 * EPS * load
 
 
-def turned(mesh, angle=0.5):
-    """The mesh, turned about the origin."""
-    c, s = np.cos(angle), np.sin(angle)
-    sides = {name: edges for name, edges in mesh.boundaries.items() if name != "boundary"}
-    return vx.PolygonMesh(mesh.points @ np.array([[c, s], [-s, c]]), mesh.cells, boundaries=sides)
-
-
 def joint(k):
     """A body on another, matched nowhere, held by soft contact and weak springs; its mesh."""
     lower, upper = vx.meshes.squares(3, box=((0, 2), (0, 1))), vx.meshes.squares(2, box=((0.3, 1.6), (1, 1.7)))
@@ -83,7 +69,7 @@ def joint(k):
         vx.NormalCompliance(500.0, on="lower|upper"),
         vx.CoulombFriction(0.5, on="lower|upper"),
         vx.ElasticFoundation(k, k, on="upper.left"),
-        vx.Traction(lambda x, t: np.tile([0.2 * t, -1.0], (len(x), 1)), on="upper.top"),
+        vx.Traction(lambda x, t: [0.2 * t, -1.0], on="upper.top"),
     )
     return scene, vx.meshes.bodies({"lower": lower, "upper": upper})
 
@@ -93,15 +79,12 @@ def joint(k):
 @pytest.mark.parametrize("k", [1e-4, 1e-6])
 @pytest.mark.parametrize("condense", [True, False])
 def test_against_steps_in_512_bits(k, kind, condense):
-    """Certificate and floor bound the distance to the exact step.
-
-    Coulomb's weights follow pressures: once refined, they were those of pressures off by 1e-16 E / k, unseen.
-    """
+    """Certificate and floor bound the distance to the exact step."""
     mesh = vx.meshes.voronoi(3, box=((0, 2), (0, 1)))
     if kind == "joint":
         scene, mesh = joint(k)
     elif kind == "inclined":
-        scene, mesh = pressed(k, vx.TrescaFriction(0.5, on="bottom")), turned(mesh)
+        scene, mesh = pressed(k, vx.TrescaFriction(0.5, on="bottom")), moved(mesh, rotation(0.5))
     else:
         scene = pressed(k, *FRICTION[kind])
     system = pose_scene(scene, mesh).system
@@ -113,34 +96,3 @@ def test_against_steps_in_512_bits(k, kind, condense):
     off = exact.distance(steps.scaled(y[0], y[1], exact.unit))
     assert off <= (run.certificate[1] + run.certificate_floor[1]) * run.unit[1]
     assert condense or k < 1e-5 or run.certificate.max() <= 1e-8
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("friction", FRICTION)
-@pytest.mark.parametrize("linear", LINEAR, ids=str)
-def test_condensed_and_not_are_one_answer(friction, linear):
-    """The dual is strongly concave in p: (sum c (p - p*)^2)^{1/2} <= error, c p^2 = pressure^2 length / stiffness."""
-    scene, mesh = pressed(1.0, *FRICTION[friction], push=0.05 if FRICTION[friction] else 0.0), squares(6)
-    one, other = (settled(scene, mesh, linear=linear, condense=c) for c in (True, False))
-    change = one.contact.pressure[1] - other.contact.pressure[1]
-    error = sum((h.certificate + h.trajectory.certificate_floor)[1] for h in (one, other)) * one.trajectory.norm.max()
-    assert np.sqrt(change**2 @ one.contact.lengths / STIFFNESS) <= error <= 1e-8
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("friction", FRICTION)
-def test_the_ledger_has_what_soft_limits_store(friction):
-    """E = 1/2 y'Ky + sum c p^2 / 2, and where all contact is closed work - dE - loss is that of the increments."""
-    system = pose_scene(pressed(1e-2, *FRICTION[friction], push=0.05 if FRICTION[friction] else 0.0), squares(6)).system
-    run = vx.march(system, [0.0, 1.0], initial="settled", condense=False)
-    y, p, K, c = run.state, run.pressures, system.K, system.limits.compliance
-    assert (p > 0).all()
-
-    def stored(v, q):
-        return 0.5 * (v @ (K @ v) + q @ (c * q))
-
-    # The sums of |y_i K_ij y_j|, each rounded a few times; energies on the left are summed in extended precision.
-    blur = 8 * EPS * max(np.abs(v) @ (abs(K) @ np.abs(v)) for v in y)
-    np.testing.assert_allclose(run.energy, [stored(*one) for one in zip(y, p, strict=True)], rtol=0, atol=blur)
-    left = np.diff(run.work - run.energy - run.dissipated)
-    np.testing.assert_allclose(left, stored(y[1] - y[0], p[1] - p[0]), rtol=0, atol=blur)

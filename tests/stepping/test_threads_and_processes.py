@@ -1,7 +1,5 @@
 """Several runs at once: in threads of a process, which share streams and filters, and in processes, by pickles."""
 
-from __future__ import annotations
-
 import pickle
 import sys
 import warnings
@@ -15,10 +13,7 @@ from scenes import cyclic, paper_scene, small
 import vemcvx as vx
 
 TIMES = np.linspace(0.0, 1.0, 4)
-ERRORS = (
-    vx.NotCertified("missed", step=3, time=0.5, reached=1e-3, asked=1e-6, floor=1e-9),
-    vx.SceneError("wrong"),
-)
+ERRORS = (vx.NotCertified("missed", step=3, time=0.5, reached=1e-3, asked=1e-6, floor=1e-9), vx.SceneError("wrong"))
 
 
 @pytest.mark.parametrize("error", ERRORS, ids=lambda error: type(error).__name__)

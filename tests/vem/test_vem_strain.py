@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 import vemcvx as vx
-from vemcvx.vem import Space, rigid_modes, strains
+from vemcvx.vem import Space, mean_strains, rigid_modes, strains
 
 
 def test_strain_of_a_linear_field(family):
@@ -45,3 +46,16 @@ def test_rigid_modes_are_two_translations_and_a_rotation():
     points = np.array([[1.0, 2.0], [3.0, -4.0]])
     expected = [[1, 0, -2], [0, 1, 1], [1, 0, 4], [0, 1, 3]]
     assert np.array_equal(rigid_modes(points), expected)
+
+
+@pytest.mark.parametrize("family", [*vx.meshes.FAMILIES, *vx.meshes.SPACE_FAMILIES])
+def test_mean_strains_of_a_quadratic(family):
+    """u = (x^2 + x y, y^2 - x y), in space (x y, y z, z x): strains are linear, their means the values at centroids."""
+    mesh = {**vx.meshes.FAMILIES, **vx.meshes.SPACE_FAMILIES}[family](2)
+    if family in vx.meshes.FAMILIES:
+        (x, y), quadratic = mesh.centroids.T, lambda p: p * np.column_stack([p.sum(axis=1), p[:, 1] - p[:, 0]])
+        exact = [2 * x + y, 2 * y - x, x - y]
+    else:
+        (x, y, z), quadratic = mesh.centroids.T, lambda p: p * p[:, [1, 2, 0]]
+        exact = [y, z, x, x, y, z]
+    np.testing.assert_allclose(mean_strains(Space(mesh), quadratic), np.column_stack(exact), atol=1e-13)

@@ -66,6 +66,8 @@ LINES = {"program": 2_172, "solvers": 1_315, "stepping": 1_770, "linear": 900, "
 """Most lines of folders: they grow by decision only, which raises a number here."""
 TOP = 1_500
 """Most lines of the modules at the top and of what all may use, without the canvas, which counts with the plots."""
+TESTS = 9_000
+"""Most lines of the tests of `LINES`, in the folders of their names."""
 
 
 @cache
@@ -186,6 +188,11 @@ def test_folders_keep_their_lines(folder):
     top = [path for path in [*ROOT.glob("*.py"), *(ROOT / "base").glob("*.py")] if path.name != "canvas.py"]
     paths = top if folder == "top" else (ROOT / folder).rglob("*.py")
     assert sum(len(path.read_text().splitlines()) for path in paths) <= (LINES | {"top": TOP})[folder]
+
+
+def test_tests_of_these_folders_keep_their_lines():
+    paths = [path for folder in LINES for path in (Path(__file__).parents[1] / folder).rglob("*.py")]
+    assert sum(len(path.read_text().splitlines()) for path in paths) <= TESTS
 
 
 def test_names_of_functions_hide_no_modules():

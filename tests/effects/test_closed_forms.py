@@ -1,0 +1,294 @@
+"""Effects on uniform states, which every mesh reproduces, in plane stress, plane strain and space: closed forms.
+
+Plane strain is plane stress with the constants E / (1 - nu^2), nu / (1 - nu) and (1 + nu) alpha.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from scenes import FAMILIES, rotation, small
+from solids import SOLIDS, solid
+
+import vemcvx as vx
+
+E, NU, HEIGHT = 200.0, 0.3, 0.8
+MU, LAM = E / (2 * (1 + NU)), E * NU / ((1 + NU) * (1 - 2 * NU))
+STEPS = [0.0, 0.5, 1.0]
+EXACT = 1e-11
+SIDES = [("left", "right"), ("front", "back"), ("bottom", "top")]
+
+
+@dataclass
+class Body:
+    """A block, and the constants with which it answers as a plate or a solid does."""
+
+    mesh: object
+    material: vx.Elasticity
+    young: float = E
+    poisson: float = NU
+    swell: float = 1.0
+    lam: float = E * NU / (1 - NU**2)
+
+    @property
+    def dim(self):
+        return self.mesh.points.shape[1]
+
+    @property
+    def foot(self):
+        return 1.0 if self.dim == 2 else 1.2
+
+    @property
+    def sides(self):
+        """Pairs of opposite sides, axis by axis; the last is upright."""
+        return SIDES[::2] if self.dim == 2 else SIDES
+
+    @property
+    def rollers(self):
+        return vx.Symmetry(on=[low for low, _ in self.sides[:-1]])
+
+    @property
+    def walls(self):
+        return vx.Symmetry(on=[low for low, _ in self.sides])
+
+    def run(self, *effects, times=STEPS, material=None, **options):
+        return vx.simulate(vx.Scene(material or self.material, *effects), self.mesh, times, **options)
+
+    def squeezed(self, pressure, floor=0.0):
+        """Under pressure from above, free to bulge; the floor gives way by so much."""
+        u = self.mesh.points * ([self.poisson] * (self.dim - 1) + [-1.0]) * pressure / self.young
+        u[:, -1] -= floor
+        return u
+
+    def stresses(self, *components):
+        """One row a cell."""
+        return np.tile(components, (self.mesh.n_cells, 1))
+
+
+def made(kind):
+    plane, name = kind
+    if plane == "space":
+        return Body(solid(name, 2, ((0, 1), (0, 1.2), (0, HEIGHT))), vx.Elasticity(E, NU), lam=LAM)
+    mesh, steel = small(name, 3, box=((0, 1), (0, HEIGHT))), vx.Elasticity(E, NU, plane=plane)
+    if plane == "stress":
+        return Body(mesh, steel)
+    return Body(mesh, steel, E / (1 - NU**2), NU / (1 - NU), 1 + NU, LAM)
+
+
+KINDS = [("stress", name) for name in FAMILIES] + [("strain", "squares"), ("strain", "voronoi")]
+KINDS += [("space", name) for name in SOLIDS]
+
+
+@pytest.fixture(params=KINDS, ids=" ".join)
+def body(request):
+    return made(request.param)
+
+
+def same(found, exact):
+    """To rounding that grows in a solve."""
+    assert np.abs(found - exact).max() < EXACT * np.abs(exact).max()
+
+
+def test_patch_with_mixed_conditions(body):
+    """A linear field: prescribed whole, along a normal and along a vector, tractions elsewhere."""
+    d = body.dim
+    slope = np.array([[0.3, -1.2, 0.4], [0.7, 0.4, 0.1], [-0.2, 0.5, 0.6]])[:d, :d] * 1e-2
+    strain = 0.5 * (slope + slope.T)
+    sigma = 2 * MU * strain + body.lam * np.trace(strain) * np.eye(d)
+    along = np.array([2.0, -1.0, 2.0])[:d] / np.linalg.norm([2.0, -1.0, 2.0][:d])
+    across = {"right": np.eye(d)[0], "back" if d == 3 else "top": along}
+
+    def u(x, t):
+        return t * (x @ slope.T + np.array([0.2, -0.1, 0.3])[:d])
+
+    effects = [vx.PrescribedDisplacement(u, on="bottom")]
+    for axis, pair in enumerate(body.sides):
+        for name, normal in zip(pair, (-np.eye(d)[axis], np.eye(d)[axis]), strict=True):
+            free = np.eye(d)
+            if name in across:
+                way = across[name]
+                free = free - np.outer(way, way)
+                given = "normal" if name == "right" else way
+                effects.append(vx.PrescribedDisplacement(lambda p, t, w=way: u(p, t) @ w, on=name, direction=given))
+            if name != "bottom":
+                effects.append(vx.Traction(lambda x, t, force=free @ sigma @ normal: t * force, on=name))
+    history = body.run(*effects)
+    same(history.displacement[-1], u(body.mesh.points, 1.0))
+    rows = ([0, 1, 0], [0, 1, 1]) if d == 2 else ([0, 1, 2, 0, 1, 0], [0, 1, 2, 1, 2, 2])
+    same(history.stress(-1), body.stresses(*sigma[rows]))
+    assert history.energy[-1] == pytest.approx(0.5 * body.foot * HEIGHT * np.sum(sigma * strain), rel=EXACT)
+    if d == 3:
+        same(history.principal_stresses(-1), body.stresses(*np.linalg.eigvalsh(sigma)[::-1]))
+        deviator = sigma - np.trace(sigma) / 3 * np.eye(3)
+        same(history.von_mises(-1), np.full(body.mesh.n_cells, np.sqrt(1.5) * np.linalg.norm(deviator)))
+
+
+def test_pressure_and_symmetry(body):
+    history = body.run(body.walls, vx.Pressure(lambda x, t: 3 * t, on="top"))
+    same(history.displacement[-1], body.squeezed(3.0))
+    assert history.reaction("bottom")[-1] == pytest.approx(3 * body.foot * np.eye(body.dim)[-1], abs=EXACT * 10)
+
+
+def test_clamp_bears_the_weight(body):
+    weight = np.array([2.0, -1.0, -5.0])[-body.dim :]
+    history = body.run(vx.Clamp(on="bottom"), vx.BodyForce(lambda x, t: t * weight))
+    assert np.abs(history.displacement[:, body.mesh.points[:, -1] == 0]).max() == 0.0
+    assert history.reaction("bottom")[-1] == pytest.approx(-body.foot * HEIGHT * weight, rel=EXACT)
+
+
+@pytest.mark.long
+def test_elastic_foundation(body):
+    """Under pressure it gives way by p/k; pushed along the floor, it moves by q/k besides its own shear."""
+    press = vx.Pressure(lambda x, t: 3 * t, on="top")
+    springs = vx.ElasticFoundation(normal=50.0, tangential=20.0, on="bottom")
+    held = body.run(body.rollers, press, springs)
+    # Springs along the floor would hold the bulge back.
+    free = body.run(body.rollers, press, vx.ElasticFoundation(normal=50.0, on="bottom"))
+    same(free.displacement[-1], body.squeezed(3.0, floor=3.0 / 50.0))
+    assert held.energy[-1] < free.energy[-1]
+    assert free.energy[-1] == pytest.approx(0.5 * 9 * body.foot * (HEIGHT / body.young + 1 / 50), rel=EXACT)
+    up, right = np.eye(body.dim)[-1], np.eye(body.dim)[0]
+    slid = body.run(
+        vx.PrescribedDisplacement(0.0, on=["bottom", "top"], direction="normal"),
+        *([vx.Symmetry(on=["front", "back"])] if body.dim == 3 else []),
+        springs,
+        *(vx.Traction(lambda x, t, s=s: s * t * up, on=on) for on, s in (("left", -1.0), ("right", 1.0))),
+        vx.Traction(lambda x, t: t * right, on="top"),
+    )
+    same(slid.displacement[-1], np.outer(1 / 20 + body.mesh.points[:, -1] / MU, right))
+
+
+def test_thermal_strain(body):
+    """Free to expand, it has no stress; blocked along x, it has one; blocked wholly, one in all directions."""
+    hot = 0.02 * body.swell
+    heat = vx.ThermalStrain(1e-3, lambda x, t: 20 * t)
+    free = body.run(body.walls, heat)
+    same(free.displacement[-1], hot * body.mesh.points)
+    assert np.abs(free.stress(-1)).max() < EXACT * E
+    # Work counts it as a load: 1/2 a(u, u) is that of the total strain, and the ledger closes with 1/2 a(du, du).
+    stiff = 0.5 * body.foot * HEIGHT * body.dim * (body.dim * body.lam + 2 * MU)
+    assert free.energy == pytest.approx(stiff * (hot * np.array(STEPS)) ** 2, rel=1e-11)
+    rest = np.diff(free.work - free.energy - free.dissipated)
+    assert rest == pytest.approx(stiff * (hot * np.diff(STEPS)) ** 2, rel=1e-9)
+    across = body.run(body.walls, vx.Symmetry(on="right"), heat)
+    sigma = -body.young * hot
+    same(across.stress(-1), body.stresses(sigma, *[0.0] * (2 if body.dim == 2 else 5)))
+    assert across.reaction("right")[-1, 0] == pytest.approx(sigma * HEIGHT * body.foot, rel=EXACT)
+    same(across.displacement[-1], (1 + body.poisson) * hot * body.mesh.points * ([0.0] + [1.0] * (body.dim - 1)))
+    blocked = body.run(vx.Clamp(on="boundary"), heat)
+    sigma = sigma / (1 - (body.dim - 1) * body.poisson)
+    same(blocked.stress(-1), body.stresses(*[sigma] * body.dim, *[0.0] * (1 if body.dim == 2 else 3)))
+    assert np.abs(blocked.displacement).max() < EXACT * hot
+
+
+def test_prestress(body):
+    """Kept where the body is held; a free body relaxes by C^-1 of it."""
+    d, shear = body.dim, [0.5, -0.7, 0.3][: 1 if body.dim == 2 else 3]
+    stress = np.array([3.0, -1.0, 2.0][:d])
+    held = body.run(vx.Clamp(on="boundary"), vx.Prestress(lambda x, t: t * np.array([*stress, *shear])))
+    same(held.stress(-1), body.stresses(*stress, *shear))
+    # Tension in the body pulls the supports inwards: on the body they pull outwards.
+    assert held.forces[-1][body.mesh.points[:, 0] == 1.0, 0].sum() > 0
+    free = body.run(body.walls, vx.Prestress(lambda x, t: t * np.array([*stress, *[0.0] * len(shear)])))
+    strain = -((1 + body.poisson) * stress - body.poisson * stress.sum()) / body.young
+    same(free.displacement[-1], body.mesh.points * strain)
+    assert np.abs(free.stress(-1)).max() < EXACT * 10
+
+
+@pytest.mark.long
+def test_viscosity_creeps_as_backward_euler_says(body):
+    """Without cross contraction: sigma = 2 (mu e + eta e')."""
+    shear, eta = 80.0, 30.0
+    times = np.array([0.0, 0.2, 0.5, 1.0])
+    load = vx.Pressure(lambda x, t: -4.0, on="top")
+    soft = replace(body.material, young=2 * shear, poisson=0.0)
+    history = body.run(vx.Viscosity(eta), body.walls, load, times=times, material=soft)
+    e = 0.0
+    for step, k in enumerate(np.diff(times), start=1):
+        e = (2.0 + eta * e / k) / (shear + eta / k)
+        same(history.displacement[step], body.mesh.points * (e * np.eye(body.dim)[-1]))
+
+
+def test_normal_compliance_and_a_gap(body):
+    """Pushed down by w = gap + p / k + p H / E."""
+    w, k, gap = 0.05, 50.0, 0.01
+    lid = vx.PrescribedDisplacement(lambda x, t: -w * t, on="top", direction="normal")
+    history = body.run(body.rollers, lid, vx.NormalCompliance(k, on="bottom", gap=gap))
+    pressure = (w - gap) / (1 / k + HEIGHT / body.young)
+    same(history.displacement[-1], body.squeezed(pressure, floor=gap + pressure / k))
+    assert history.contact.pressure[-1] == pytest.approx(pressure, rel=1e-9)
+
+
+def test_one_sided_contact_closes_a_gap(body):
+    """Pressed down through the gap, squeezed, and lifted off again."""
+    way = vx.Tabulated([0.0, 1.0, 2.0, 3.0], [0.0, -0.01, -0.05, 0.02])
+    lid = vx.PrescribedDisplacement(way, on="top", direction="normal")
+    touch = vx.UnilateralContact(on="bottom", gap=0.03)
+    history = body.run(body.rollers, lid, touch, times=[0.0, 1.0, 2.0, 3.0])
+    pressure = body.young * 0.02 / HEIGHT
+    assert history.contact.pressure[:2] == pytest.approx(0.0, abs=1e-12)
+    assert history.contact.pressure[2] == pytest.approx(pressure, rel=1e-9)
+    same(history.displacement[2], body.squeezed(pressure, floor=0.03))
+    assert history.contact.closed.all(axis=1).tolist() == [False, False, True, False]
+    assert not history.contact.closed[[0, 1, 3]].any()
+
+
+def test_a_cell_takes_its_own_expansion_and_temperature():
+    """Blocked, every cell shows its own stress: alpha by cell datum, theta by place."""
+    mesh = small("squares", 4)
+    mesh = mesh.with_cell_data("alpha", 1e-3 * (1 + np.arange(mesh.n_cells) % 3))
+    scene = vx.Scene(
+        vx.Elasticity(E, NU, plane="stress"),
+        vx.ThermalStrain("alpha", lambda x, t: 10 * x[:, 0] + t),
+        vx.PrescribedDisplacement((0.0, 0.0), on="boundary"),
+    )
+    history = vx.simulate(scene, mesh, [2.0, 3.0], initial="settled")
+    e0 = mesh.cell_data["alpha"] * (10 * mesh.centroids[:, 0] + 3.0)
+    strain = history.stress(1)[:, :2] + (E / (1 - NU) * e0)[:, None]
+    # The rest is the elastic answer to uneven heat, in equilibrium with it at every node inside.
+    inside = np.setdiff1d(np.arange(mesh.n_nodes), np.unique(mesh.boundaries["boundary"]))
+    assert np.abs(history.forces[1][inside]).max() < EXACT * E * e0.max()
+    assert np.abs(strain).max() > 0.1 * E * e0.min()
+    assert history.prestress[1][:, 0] == pytest.approx(-E / (1 - NU) * e0, rel=1e-14)
+
+
+def test_expansion_of_an_anisotropic_body_turns_with_its_axes():
+    """Blocked in plane strain: Q'(b1, b2, 0), with b the sums of rows of the inverse of S over all three directions."""
+    young, nu, angle, hot = (100.0, 40.0, 30.0), (0.3, 0.2, 0.25), 0.5, 0.048
+    wood = vx.Orthotropic(young, nu, 25.0, angle, plane="strain")
+    S = np.diag(1 / np.array(young))
+    for (i, j), n in zip([(0, 1), (0, 2), (1, 2)], nu, strict=True):
+        S[i, j] = S[j, i] = -n / young[i]
+    b, R = np.linalg.solve(S, np.ones(3))[:2], rotation(angle)
+    exact = -hot * R @ np.diag(b) @ R.T
+    scene = vx.Scene(wood, vx.ThermalStrain(1.2e-3, 40.0), vx.Clamp("boundary"))
+    stress = vx.simulate(scene, small("voronoi", 3), [0.0, 1.0], initial="settled").stress(-1)
+    assert np.abs(stress - [exact[0, 0], exact[1, 1], exact[0, 1]]).max() < EXACT * 100 * hot
+
+
+def test_a_block_that_friction_alone_holds_is_said_to_drift_and_turn():
+    motions = r"translation \(1, 0, 0\) .* translation \(0, 1, 0\) .* a rotation about \(0, 0, 1\) of the body"
+    with pytest.warns(vx.SceneWarning, match=motions):
+        made(("space", "cubes")).run(vx.BilateralContact(on="bottom"), vx.TrescaFriction(1.0, on="bottom"))
+
+
+def test_friction_that_supports_drag_all_over():
+    """No unknown moves what rubs: friction is g against the motion, and the supports bear it."""
+    block, way = made(("space", "cubes")), np.array([0.1, 0.2, 0.0])
+    dragged = vx.PrescribedDisplacement(lambda x, t: t * way, on="bottom")
+    rubs = vx.BilateralContact(on="bottom"), vx.TrescaFriction(3.0, on="bottom")
+    history, length = block.run(vx.Clamp(on="top"), dragged, *rubs), np.linalg.norm(way)
+    assert history.dissipated == pytest.approx(3.0 * block.foot * length * np.array(STEPS), rel=1e-12)
+    assert np.abs(history.contact.traction[1:] + 3.0 * way / length).max() < 1e-12 * 3.0
+
+
+def test_several_materials_meet_in_a_body():
+    """Two layers in series under pressure."""
+    mesh = made(("space", "cubes")).mesh
+    upper = mesh.centroids[:, 2] > HEIGHT / 2
+    mesh = mesh.with_cell_data("upper", upper).with_cell_data("lower", ~upper)
+    walls = vx.Symmetry(on=["left", "right", "front", "back", "bottom"])
+    soft, stiff = vx.Elasticity(E, 0.0, on="upper"), vx.Elasticity(4 * E, 0.0, on="lower")
+    history = vx.simulate(vx.Scene(soft, stiff, walls, vx.Pressure(lambda x, t: t, on="top")), mesh, STEPS)
+    top = mesh.points[:, 2] == HEIGHT
+    assert history.displacement[-1, top, 2] == pytest.approx(-HEIGHT / 2 * (1 / E + 1 / (4 * E)), rel=EXACT)

@@ -1,0 +1,63 @@
+"""Conic solvers: the active-set step after an answer, and one table of the settings that cvxpy is given."""
+
+import numpy as np
+import pytest
+
+import vemcvx as vx
+from vemcvx.program import Answer, Operators, StepProgram
+from vemcvx.solvers.conic import TUNED, When, polished
+
+pytestmark = pytest.mark.arithmetic
+
+SLIPS, STICKS, DEGENERATE = 0, 1, 2
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_degenerate_terms_stick_to_rounding(seed):
+    """By hand: d and lam are chosen, the load follows; interior points leave terms of both kinds at 1e-6."""
+    rng = np.random.default_rng(seed)
+    n, kind = 12, np.arange(12) % 3
+    A = rng.normal(size=(n, n))
+    # Shifts are .1 / (B K^-1 B')_ii = .1 to .2 here, and (w - |lam|) / |s| is .1 at least where a term is degenerate.
+    K = np.eye(n) + A @ A.T / np.linalg.norm(A @ A.T)
+    w, sign = rng.uniform(1.0, 2.0, n), rng.choice([-1.0, 1.0], n)
+    d = np.where(kind == SLIPS, sign * rng.uniform(0.1, 1.0, n), 0.0)
+    lam = sign * w * np.where(kind == STICKS, 0.5, 1.0)
+    program = StepProgram(Operators(K, np.eye(n)), K @ d + lam, w, np.zeros(n))
+    off = np.where(kind == DEGENERATE, 1e-6 * rng.uniform(0.3, 1.0, n), 0.0)
+    near = Answer(d + sign * off + 1e-12 * rng.normal(size=n), (lam - sign * off)[:, None], 1)
+    assert program.certify(near.d, near.lam).gap > 1e-13
+    answer = polished(program, near)
+    certificate = program.certify(answer.d, answer.lam)
+    assert np.abs(answer.d[kind != SLIPS]).max() < 1e-15
+    assert certificate.gap <= certificate.floor < 64e-28
+
+
+REGULARISATION = "static_regularization_constant"
+
+
+@pytest.mark.parametrize("solver", [vx.Clarabel(), vx.ThroughCvxpy("clarabel")], ids=["class", "name"])
+def test_settings_follow_the_program(solver: vx.ThroughCvxpy) -> None:
+    def asked(semidefinite: bool, again: bool) -> dict[str, object]:
+        return solver.asks_with(1e-12, semidefinite=semidefinite, again=again)
+
+    assert asked(False, False)[REGULARISATION] == 1e-15
+    assert asked(True, False) == {**asked(False, False), REGULARISATION: 1e-13}
+    assert asked(False, True)["max_step_fraction"] == 0.99
+
+
+def test_options_of_the_user_go_before_all() -> None:
+    solver = vx.Clarabel(options={REGULARISATION: 1e-8})
+    assert solver.asks_with(1e-12, semidefinite=True, again=True)[REGULARISATION] == 1e-8
+
+
+def test_settings_as_the_library_comes_are_none() -> None:
+    assert vx.ThroughCvxpy("CLARABEL", tuned=False).asks_with(1e-12, semidefinite=True, again=True) == {}
+
+
+@pytest.mark.parametrize("solver", sorted(TUNED))
+def test_a_setting_for_fewer_programs_follows_the_one_for_all(solver: str) -> None:
+    always = {setting.name for setting in TUNED[solver] if setting.when is When.ALWAYS}
+    order = [setting.when is When.ALWAYS for setting in TUNED[solver]]
+    assert order == sorted(order, reverse=True)
+    assert set(vx.ThroughCvxpy(solver).asks_with(1e-12, semidefinite=True, again=True)) == always

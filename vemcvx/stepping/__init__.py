@@ -13,7 +13,7 @@ from vemcvx.stepping.backward_euler import (
 )
 from vemcvx.stepping.programs import programs_of_march, programs_of_trajectory
 from vemcvx.stepping.refusals import softening_ratio
-from vemcvx.stepping.state import Ledger, PreparedRun, State, StepData, certified_in_full, state_given
+from vemcvx.stepping.state import Ledger, PreparedRun, StepData, certified_in_full, state_given
 from vemcvx.stepping.trajectory import CHECKPOINT, Folder, Memory, Storage, Trajectory, relative, stored_steps
 
 __all__ = [
@@ -25,7 +25,6 @@ __all__ = [
     "Ledger",
     "Memory",
     "PreparedRun",
-    "State",
     "StepData",
     "Storage",
     "Trajectory",

@@ -109,9 +109,8 @@ class PosedStep:
     def _at_rest(self) -> State | None:
         """The state where it was, exactly, if nothing moves it that counts."""
         program, before, accuracy, m = self.program, self.before, self.run.solver.accuracy, len(self.program.w)
-        none = np.zeros_like(before.lam[:m])
         if program.size <= min(SMALLEST_NORM, accuracy * before.unit(accuracy)):
-            return self._still(none, np.zeros_like(before.p), "nothing pushes")
+            return self._still(np.zeros_like(before.lam[:m]), np.zeros_like(before.p), "nothing pushes")
         if before.scale == 0.0 and (held := program.at_rest()) is not None:
             still = self._still(held, np.zeros_like(before.p), "nothing slips")
             # While nothing has moved at all there is no size to which an accuracy could refer.
@@ -228,7 +227,7 @@ def pose_step(run: PreparedRun, before: State, now: StepData, w: Floats | None =
         own = g - (damping.motion.dirichlet_force(now.t) - damping.motion.dirichlet_force(before.t)) / k
     e = now.remaining_gap - run.operators.D @ before.y
     b = before.data.prescribed_slip - now.prescribed_slip
-    return PosedStep(run, before, now, frame, g, program=StepProgram(frame.operators, own, w, b, e))
+    return PosedStep(run, before, now, frame, g, program=StepProgram(frame.condensation.operators, own, w, b, e))
 
 
 def balanced(run: PreparedRun, before: State, now: StepData, g: Floats) -> Floats:

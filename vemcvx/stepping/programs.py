@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from vemcvx.base.arrays import brief, is_whole
 from vemcvx.base.errors import HistoryError
 from vemcvx.linear import LinearSolver
-from vemcvx.program.step_program import SolvedProgram
+from vemcvx.program.step_program import Answer, SolvedProgram
 from vemcvx.program.system import System
 from vemcvx.solvers import Solver, Solves
 from vemcvx.stepping.backward_euler import (
@@ -76,7 +76,8 @@ def _solved_program(run: PreparedRun, before: State, after: State, n: int) -> So
     posed = pose_step(run, before, after.data, after.weights[:m])
     # The difference of two states may lie a rounding error beyond a bound.
     d = posed.program.feasible(after.y - before.y)
-    found = SolvedProgram.of(posed.program, after.answer(d, after.lam[:m]), n, after.t)
+    answer = Answer(d, after.lam[:m], after.iterations, after.status, after.safeguards, p=after.p)
+    found = SolvedProgram.of(posed.program, answer, n, after.t)
     slope = None if norms is None else norms.slope_by_forces(after.t, after.p, before.ledger.slipped[:m])
     return replace(found, slope=slope)
 

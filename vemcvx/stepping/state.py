@@ -50,7 +50,6 @@ from vemcvx.program.certificate import ROUNDED, Certificate
 from vemcvx.program.condensation import Condensation, Reduced
 from vemcvx.program.operators import Operators, product
 from vemcvx.program.scaling import LARGEST_NORM, checked_norm
-from vemcvx.program.step_program import Answer
 from vemcvx.program.system import DRAG_ROUNDING, System, on_part
 from vemcvx.solvers import Solver
 from vemcvx.solvers.default import FixedPoint, LastResort, prepare_run
@@ -98,15 +97,10 @@ class Frame:
     condensation: Condensation
     solver: Solver
 
-    @property
-    def operators(self) -> Operators:
-        """The condensed operators, in the units of the system."""
-        return self.condensation.operators
-
     @cached_property
     def prepared(self) -> LastResort | FixedPoint:
         """The prepared solver."""
-        return prepare_run(self.solver, self.operators)
+        return prepare_run(self.solver, self.condensation.operators)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -129,7 +123,7 @@ class PreparedRun:
     @property
     def operators(self) -> Operators:
         """K, B and D on the unknowns that states keep."""
-        return self.elastic.operators
+        return self.condensation.operators
 
     @property
     def terms(self) -> int:
@@ -161,12 +155,6 @@ class Ledger:
     slipped: Floats  # (terms,) cumulative |s_i|, which laws of friction may see
     dissipated_second_order: float
     worn_second_order: Floats  # (terms,) of `worn`, likewise
-
-    @classmethod
-    def opening(cls, energy: float, count: int) -> Ledger:
-        """Nothing is lost or done yet, in any of `count` terms."""
-        none = np.zeros(count)
-        return cls(energy, 0.0, 0.0, worn=none, slipped=none, dissipated_second_order=0.0, worn_second_order=none)
 
     @property
     def norm(self) -> float:
@@ -206,10 +194,6 @@ class State:
             raise LookupError("state: the unknowns inside are not recovered; certified_in_full() does.")
         return self.full
 
-    def answer(self, d: Floats, lam: Floats) -> Answer:
-        """An answer of increments d and multipliers lam (m, block) that took what this state took."""
-        return Answer(d, lam, self.iterations, self.status, self.safeguards, p=self.p)
-
     def expected(self, t: float, m: int) -> tuple[Floats, Floats]:
         """Multipliers (m, block) and (r,) to begin with at the next instant `t`: they go on as they changed last.
 
@@ -234,9 +218,8 @@ def certified_together(run: PreparedRun, states: Sequence[State]) -> list[State]
     """The states with all their unknowns and certificates of the full system.
 
     Rows see the unknowns that are kept: their parts of it are those of the step's certificate. Its other part is the
-    energy that r = load - B'lam - D'p - K y could still gain. States are corrected once by what r
-    leaves inside, if that is too much. Motions of no energy feel no r: multipliers balance the force on them, and not
-    the anchors.
+    energy that r = load - B'lam - D'p - K y could still gain. States are corrected once by what r leaves inside, if
+    that is too much. Motions of no energy feel no r: multipliers balance the force on them, and not the anchors.
     """
     if not (some := [state for state in states if state.full is None]):
         return list(states)
@@ -258,7 +241,6 @@ def certified_together(run: PreparedRun, states: Sequence[State]) -> list[State]
     if (energies > most).any():
         y = y + condensation.held(r)
         energies = 0.5 * condensation.factor.energies_of_columns(left(y))
-
     floors = condensation.rounding_floors(size, np.abs(y))
 
     def in_full(state: State, full: Floats, energy: float, floor: float) -> State:
@@ -359,7 +341,8 @@ def dashpots(system: System, d: Floats, s: float, t: float) -> tuple[float, floa
 def state_given(run: PreparedRun, now: StepData, y: Floats, past: Ledger | None = None) -> State:
     """The state y (n,), whatever led to it: as far as is known nothing presses, and without `past` nothing slipped."""
     system, operators, kept = run.system, run.operators, y[run.condensation.retained]
-    none, past, m = np.zeros(len(operators.compliance)), past or Ledger.opening(0.0, run.terms), operators.count
+    none, zeros, m = np.zeros(len(operators.compliance)), np.zeros(run.terms), operators.count
+    past = past or Ledger(0.0, 0.0, 0.0, zeros, zeros, 0.0, zeros)
     w = np.zeros(0) if system.norms is None else system.norms.weights_under(now.t, none, past.slipped[:m])
     _, _, others = dragged(system, (now.t, now.t), none, past.slipped[m:])
     weights, nothing = np.append(w, others), np.zeros((run.terms, operators.block))

@@ -78,7 +78,7 @@ def simulate(
     check : bool
         Raise NotCertified if the certificate of a step exceeds the solver's accuracy.
     condense : bool
-        Eliminate the unknowns that friction and contact do not touch (default), or solve for all unknowns.
+        Eliminate the unknowns that friction and contact do not touch (default, not with Viscosity), or solve for all.
     linear : LinearSolver, optional
         SuperLU(), Pardiso(), Iterative() or PETSc(); by default by the number of unknowns and what is installed.
     progress : bool, or callable (step, steps)
@@ -335,7 +335,6 @@ def _continued(history: Results, posed: PosedScene, times: Floats) -> Continued:
     of_places = contact.wear[-1] * share, contact.wear_second_order[-1] * share, contact.accumulated_slip[-1]
     worn, worn_second_order, slipped = (np.append(values, 0.0)[at] for values in of_places)
     past = Ledger(
-        energy=0.0,
         dissipated=float(run.dissipated[-1]),
         work=float(run.work[-1]),
         worn=worn,

@@ -144,16 +144,16 @@ class PreparedRun:
         return self.viscous[key]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Ledger:
     """Energy at an instant, cumulative dissipation and work, and the energy norm |u|_a."""
 
-    energy: float
-    dissipated: float
-    work: float
+    energy: float = 0.0
+    dissipated: float = 0.0
+    work: float = 0.0
     worn: Floats  # (terms,) cumulative lam_i . s_i of every term; they sum to `dissipated`, but for what damping loses
     slipped: Floats  # (terms,) cumulative |s_i|, which laws of friction may see
-    dissipated_second_order: float
+    dissipated_second_order: float = 0.0
     worn_second_order: Floats  # (terms,) of `worn`, likewise
 
     @property
@@ -342,7 +342,7 @@ def state_given(run: PreparedRun, now: StepData, y: Floats, past: Ledger | None 
     """The state y (n,), whatever led to it: as far as is known nothing presses, and without `past` nothing slipped."""
     system, operators, kept = run.system, run.operators, y[run.condensation.retained]
     none, zeros, m = np.zeros(len(operators.compliance)), np.zeros(run.terms), operators.count
-    past = past or Ledger(0.0, 0.0, 0.0, zeros, zeros, 0.0, zeros)
+    past = past or Ledger(worn=zeros, slipped=zeros, worn_second_order=zeros)
     w = np.zeros(0) if system.norms is None else system.norms.weights_under(now.t, none, past.slipped[:m])
     _, _, others = dragged(system, (now.t, now.t), none, past.slipped[m:])
     weights, nothing = np.append(w, others), np.zeros((run.terms, operators.block))

@@ -323,9 +323,9 @@ class StepProgram(ArrayRecord):
             known = np.append(np.repeat(size > 0, operators.block), (c > 0) | (z < -lacks))
             x, free = np.where(free & known, np.append(*law), x), free & ~known
         if operators.own_columns is None:  # Rows that share unknowns share the forces there, within their bounds.
-            near, free_terms = (operators.blocks(x[:rows]), x[rows:]), operators.blocks(free[:rows]).any(axis=1)
+            near, free_terms = (operators.blocks(x[:rows]), x[rows:]), operators.blocks(free[:rows] * 1.0).max(axis=1)
             push = self.g - product(operators.K, d)
-            return balanced(near, self.w, operators.A.toarray(), push, (free_terms * 1.0, free[rows:] * 1.0))
+            return balanced(near, self.w, operators.A.toarray(), push, (free_terms, free[rows:] * 1.0))
         force = self.residual(d, x[:rows], x[rows:])
         x[free] += lsqr(operators.A[free].T, force, atol=1e-15, btol=1e-15, iter_lim=100 + 4 * int(free.sum()))[0]
         return operators.blocks(x[:rows]), x[rows:]

@@ -187,7 +187,8 @@ def test_long_calls_name_their_arguments(name):
 def test_folders_keep_their_lines(folder):
     top = [path for path in [*ROOT.glob("*.py"), *(ROOT / "base").glob("*.py")] if path.name != "canvas.py"]
     paths = top if folder == "top" else (ROOT / folder).rglob("*.py")
-    assert sum(len(path.read_text().splitlines()) for path in paths) <= (LINES | {"top": TOP})[folder]
+    lines, most = sum(len(path.read_text().splitlines()) for path in paths), (LINES | {"top": TOP})[folder]
+    assert lines <= most, f"{folder} has {lines} lines, {most} are decided: cut some, or raise it by what is new"
 
 
 def test_tests_of_these_folders_keep_their_lines():

@@ -134,7 +134,7 @@ class Trajectory(ArrayRecord):
     worn_second_order : (S, m) array
         Of `worn`, likewise.
     work : (N + 1,) array
-        Cumulative sum of end-of-step forces times increments.
+        Cumulative work of loads, supports, obstacles and ground: end-of-step forces times increments.
     norm : (N + 1,) array
         Energy norm |u_n|_a.
     gap : (N + 1,) array

@@ -286,12 +286,12 @@ def refuses_data_that_are_not_finite(sample: EffectSample) -> None:
     """Constants when the scene is posed, functions when they are evaluated."""
     for name, components in sample.data.items():
         for wrong in (np.nan, np.inf):
-            constant = wrong if components == 1 else (*np.zeros(components - 1), wrong)
+            constant = wrong if components == 1 else (*np.ones(components - 1), wrong)
             shape = () if components == 1 else (components,)
 
             def late(x: Floats, t: float = 1.0, wrong: float = wrong, shape: tuple[int, ...] = shape) -> Floats:
-                values = np.zeros((len(x), *shape))
-                values[-1] = wrong if t > 0.5 else 0.0
+                values = np.ones((len(x), *shape))
+                values[-1] = wrong if t > 0.5 else 1.0
                 return values
 
             for value in (constant, late):

@@ -36,7 +36,7 @@ from vemcvx.base.errors import NotAccepted
 from vemcvx.linear import Factor, LinearSolver, Matrix, minimum_degree
 from vemcvx.program.certificate import ROUNDED
 from vemcvx.program.kernel import anchors
-from vemcvx.program.operators import DenseInverse, Operators, estimated
+from vemcvx.program.operators import DenseInverse, Operators
 from vemcvx.program.system import System
 
 MOST_SHAPES = 6
@@ -129,44 +129,51 @@ class Reduced:
 class Condensation:
     """A system seen by its rows alone.
 
-    The operators are S, dense, and rows on the `retained` (m,) unknowns, or those of the `whole` system, where all are
-    retained: with ``condense=False``, and where the linear solver cannot eliminate. `factor` is that of K, with the
-    anchors' stiffness where it has a kernel.
+    The operators are S, dense, and rows on the `retained` (m,) unknowns, or the `full` ones, of all unknowns, if the
+    system is kept `whole`: with ``condense=False``, and where the linear solver cannot eliminate. `factor` is that of K,
+    with the anchors' stiffness where it has a kernel.
     """
 
     def __init__(self, system: System, condense: bool = True, linear: LinearSolver | None = None):
         self.system, self.linear = system, system.linear(linear)
         self.whole = not (condense and self.linear.eliminates)
-        n, c, given = system.n, system.retained, system.kernel
-        if given is not None and not self.linear.eliminates:
-            raise NotAccepted(
-                f"linear solver {type(self.linear).__name__}: the stiffness has a kernel (only friction holds the "
-                "body), which it does not take; SuperLU() does."
-            )
-        anchor = None if given is None else spread(anchors(given.modes[c], system.K.diagonal()[c]), c, n)
+        n, c, anchor = system.n, system.retained, None
+        if system.kernel is not None:
+            if not self.linear.eliminates:
+                raise NotAccepted(
+                    f"linear solver {type(self.linear).__name__}: the stiffness has a kernel (only friction holds the "
+                    "body), which it does not take; SuperLU() does."
+                )
+            anchor = spread(anchors(system.kernel.modes[c], system.K.diagonal()[c]), c, n)
         self._K = system.K if anchor is None else sp.csr_matrix(system.K + sp.diags_array(anchor))
-        S: Matrix = self._K
-        if self.whole:
-            c, factor = np.arange(n), self.linear.factorise(self._K, system.near_kernel)
-            self.factor: Factor = factor
-        else:
-            order = np.arange(n) if self.linear.orders else system.elimination_order()
-            order = minimum_degree(self._K) if order is None else order
-            self.factor, S = self.linear.eliminate(self._K, order, c)
-            factor = DenseInverse(read_only(S))
-        self.retained: Ints = c
-        self._S = S
-        self._motions, kernel, own = np.zeros((n, 0)), None, None
-        if anchor is not None and given is not None:
-            own, (kernel, T) = anchor[c], np.linalg.qr(given.modes[c])
-            S = system.K if self.whole else read_only(S - np.diag(own))
-            self._motions = given.modes @ np.linalg.inv(T)
-        B, D, limits = system.B[:, c], system.D[:, c], system.limits
-        compliance = None if limits is None else limits.compliance
-        self.operators = Operators(
-            S, B, system.block, given_factor=factor, kernel=kernel, anchor=own, D=D, compliance=compliance
-        )
         self._bases: dict[int, list[tuple[Floats, Shape]]] = {}
+        if self.whole:
+            self.factor: Factor = self.linear.factorise(self._K, system.near_kernel)
+            self.retained, self._S = np.arange(n), self._K
+            self.operators = self.full = self._on(self.retained, system.K, self.factor, anchor)
+            return
+        order = np.arange(n) if self.linear.orders else system.elimination_order()
+        order = minimum_degree(self._K) if order is None else order
+        self.factor, S = self.linear.eliminate(self._K, order, c)
+        self.retained, self._S = c, read_only(S)
+        self.full = self._on(np.arange(n), system.K, self.factor, anchor)
+        self.operators = self._on(
+            c, S if anchor is None else read_only(S - np.diag(anchor[c])), DenseInverse(S), anchor
+        )
+
+    def _on(self, c: Ints, K: Matrix, factor: Factor, anchor: Floats | None) -> Operators:
+        """Return the operators on the unknowns `c`."""
+        system, kernel, limits = self.system, self.system.kernel, self.system.limits
+        return Operators(
+            K,
+            system.B[:, c],
+            system.block,
+            given_factor=factor,
+            kernel=None if kernel is None else np.linalg.qr(kernel.modes[c])[0],
+            anchor=None if anchor is None else anchor[c],
+            D=system.D[:, c],
+            compliance=None if limits is None else limits.compliance,
+        )
 
     def reduce(self, phi: Floats, rows: Ints | None = None) -> Reduced:
         """Return the reduced form of a force (n,), or of one on the unknowns `rows` alone.
@@ -190,10 +197,10 @@ class Condensation:
 
     def _solved(self, phi: Floats) -> Shape:
         """Return the response to a force (n,)."""
-        c, xi = self.retained, self.held(phi)
+        c, xi, kernel, N = self.retained, self.held(phi), self.system.kernel, self.operators.kernel
         tau = phi[c] - self._K[c] @ xi
-        if (N := self.operators.kernel) is not None:  # It does the work there that phi does.
-            tau = tau + N @ (self._motions.T @ phi - N.T @ tau)
+        if kernel is not None and N is not None:  # It does the work there that phi does.
+            tau = tau + N @ (np.linalg.solve(kernel.modes[c].T @ N, kernel.modes.T @ phi) - N.T @ tau)
         return Shape(phi, xi, tau, self.operators.factor.solve(tau))
 
     def held(self, phi: Floats) -> Floats:
@@ -223,18 +230,7 @@ class Condensation:
         y[self.retained] = y_c
         return y
 
-    @cached_property
-    def _absolute(self) -> sp.csr_matrix:
-        """|K|, entry by entry."""
-        K = self.system.K
-        return sp.csr_matrix((np.abs(K.data), K.indices, K.indptr), shape=K.shape)
-
-    @cached_property
-    def _compliances(self) -> Floats:
-        """(n,) the diagonal of K^{-1}, estimated."""
-        return estimated(self.factor, self._K, sp.csr_matrix(sp.eye_array(self.system.n)))
-
     def rounding_floors(self, forces: Floats, y: Floats) -> Floats:
         """Return the energies (k,) that rounding hides in residuals, of sizes (n, k) of forces and of unknowns."""
-        floors: Floats = 0.5 * (ROUNDED * (forces + self._absolute @ y)).T ** 2 @ self._compliances
+        floors: Floats = 0.5 * (ROUNDED * (forces + self.full.absolute[0] @ y)).T ** 2 @ self.full.compliances
         return floors

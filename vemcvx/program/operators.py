@@ -232,7 +232,7 @@ class Operators(ArrayRecord):
     @cached_property
     def flexibilities(self) -> Floats:
         """(N,) the diagonal of A K^{-1} A'; estimated where the factor is iterative."""
-        return self.factor.energies(self.A) if self.factor.exact else estimated(self.factor, self.regular, self.A)
+        return self.factor.energies(self.A) if self.factor.exact else self._estimated(self.A)
 
     @cached_property
     def norm_flexibility(self) -> Floats:
@@ -270,16 +270,14 @@ class Operators(ArrayRecord):
     def compliances(self) -> Floats:
         """(n,) the diagonal of K^{-1}, with the anchors' stiffness; estimated where K is sparse."""
         unit = sp.csr_matrix(sp.eye_array(self.K.shape[0]))
-        dense = isinstance(self.K, np.ndarray)
-        return self.factor.energies(unit) if dense else estimated(self.factor, self.regular, unit)
+        return self.factor.energies(unit) if isinstance(self.K, np.ndarray) else self._estimated(unit)
 
-
-def estimated(factor: Factor, K: Matrix, rows: sp.csr_matrix) -> Floats:
-    """Return diag(rows diag(K)^{-1} rows'), times the largest ratio of b'K^{-1}b to it on sampled rows b."""
-    alone: Floats = rows.multiply(rows) @ (1.0 / K.diagonal())
-    some = np.unique(np.linspace(0, len(alone) - 1, min(SAMPLES, len(alone))).astype(np.int64))
-    energies = factor.energies_of_columns(np.ascontiguousarray(rows[some].toarray().T))
-    return alone * np.max(energies / alone[some], initial=0.0)
+    def _estimated(self, rows: sp.csr_matrix) -> Floats:
+        """Return diag(rows diag(K)^{-1} rows'), times the largest ratio of b'K^{-1}b to it on sampled rows b."""
+        alone: Floats = rows.multiply(rows) @ (1.0 / self.regular.diagonal())
+        some = np.unique(np.linspace(0, len(alone) - 1, min(SAMPLES, len(alone))).astype(np.int64))
+        energies = self.factor.energies_of_columns(np.ascontiguousarray(rows[some].toarray().T))
+        return alone * np.max(energies / alone[some], initial=0.0)
 
 
 class DenseInverse(Factor):

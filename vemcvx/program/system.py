@@ -450,10 +450,6 @@ class System(ArrayRecord):
         failed = "System: order failed"
         return self._permutation(called(order, (), failed, "give an order of unknowns")) if callable(order) else order
 
-    def multiplier_force(self, lam: Floats, p: Floats) -> Floats:
-        """Return B'lam + D'p, the forces (n,) of norm terms and limits."""
-        return np.asarray(self.B.T @ lam.ravel() + self.D.T @ p)
-
     def load_on_part(self, t: float) -> tuple[Floats, Ints | None]:
         """Return the load at the instant `t`, checked, and the unknowns that it acts on; None for all of them."""
         if not isinstance(self.load, ForceOnPart):

@@ -225,7 +225,7 @@ def certified_together(run: PreparedRun, states: Sequence[State]) -> list[State]
         return list(states)
     condensation, system, accuracy, m = run.condensation, run.system, run.solver.accuracy, run.operators.count
     forces = [state.data.force for state in some]
-    held = [system.multiplier_force(state.lam[:m], state.p) for state in some]
+    held = [condensation.full.multiplier_force(state.lam[:m], state.p) for state in some]
     push = np.array([force.phi - own for force, own in zip(forces, held, strict=True)]).T
     size = np.array([np.abs(force.phi) + np.abs(own) for force, own in zip(forces, held, strict=True)]).T
     most = [0.5 * (SHARE * accuracy * state.unit(accuracy)) ** 2 for state in some]

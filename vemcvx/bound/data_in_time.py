@@ -77,7 +77,7 @@ class Followed:
         """The system under data that are linear between the instants of the path."""
         norms, motion = system.norms, system.motion
         if norms is not None:
-            ground = None if norms.ground is None else _line(self.path, norms.moved)
+            ground = None if norms.ground is None else _line(self.path, norms.ground)
             norms = replace(norms, w=_line(self.path, norms.weights), ground=ground)
         if motion is not None:
             force, slip = (_line(self.path, one) for one in (motion.dirichlet_force, motion.prescribed_slip))

@@ -130,8 +130,8 @@ class Condensation:
     """A system seen by its rows alone.
 
     The operators are S, dense, and rows on the `retained` (m,) unknowns, or the `full` ones, of all unknowns, if the
-    system is kept `whole`: with ``condense=False``, and where the linear solver cannot eliminate. `factor` is that of K,
-    with the anchors' stiffness where it has a kernel.
+    system is kept `whole`: with ``condense=False``, and where the linear solver cannot eliminate. `factor` is of K with
+    the anchors' stiffness.
     """
 
     def __init__(self, system: System, condense: bool = True, linear: LinearSolver | None = None):
@@ -229,8 +229,3 @@ class Condensation:
             y += self.factor.solve(pushed)
         y[self.retained] = y_c
         return y
-
-    def rounding_floors(self, forces: Floats, y: Floats) -> Floats:
-        """Return the energies (k,) that rounding hides in residuals, of sizes (n, k) of forces and of unknowns."""
-        floors: Floats = 0.5 * (ROUNDED * (forces + self.full.absolute[0] @ y)).T ** 2 @ self.full.compliances
-        return floors

@@ -28,6 +28,7 @@ from vemcvx.base.arrays import (
 from vemcvx.base.errors import SceneError
 from vemcvx.base.outline import ArrayRecord
 from vemcvx.linear import AT_ONCE, SAMPLES, Factor, Matrix, SuperLU, singular
+from vemcvx.program.certificate import ROUNDED
 
 QUADRATIC = "quadratic"
 ABSOLUTE_VALUES = "absolute values"
@@ -271,6 +272,11 @@ class Operators(ArrayRecord):
         """(n,) the diagonal of K^{-1}, with the anchors' stiffness; estimated where K is sparse."""
         unit = sp.csr_matrix(sp.eye_array(self.K.shape[0]))
         return self.factor.energies(unit) if isinstance(self.K, np.ndarray) else self._estimated(unit)
+
+    def rounding_floor(self, forces: Floats, y: Floats) -> Floats:
+        """Return the energy that rounding hides in a residual of forces and K y, from their sizes (n,), or (n, k)."""
+        floors: Floats = 0.5 * (ROUNDED * (forces + product(self.absolute[0], y))).T ** 2 @ self.compliances
+        return floors
 
     def _estimated(self, rows: sp.csr_matrix) -> Floats:
         """Return diag(rows diag(K)^{-1} rows'), times the largest ratio of b'K^{-1}b to it on sampled rows b."""

@@ -49,7 +49,7 @@ from vemcvx.base.arrays import (
 )
 from vemcvx.base.errors import SceneError, SolverFailed
 from vemcvx.base.outline import ArrayRecord
-from vemcvx.program.certificate import ROUNDED, Certificate, limit_gaps, norm_gaps
+from vemcvx.program.certificate import Certificate, limit_gaps, norm_gaps
 from vemcvx.program.kernel import balanced
 from vemcvx.program.operators import Operators, product
 
@@ -415,9 +415,8 @@ class StepProgram(ArrayRecord):
         """
         if has_diverged(d):
             return 0.0
-        K, A = self.operators.absolute
-        a = np.abs(self.g) + A.T @ np.abs(np.append(lam, p)) + product(K, np.abs(d) + np.abs(before))
-        return 0.5 * float((ROUNDED * a) ** 2 @ self.operators.compliances)
+        forces = np.abs(self.g) + self.operators.absolute[1].T @ np.abs(np.append(lam, p))
+        return float(self.operators.rounding_floor(forces, np.abs(d) + np.abs(before)))
 
     def to_cvxpy(self, cones: bool | None = None) -> CvxpyStep:
         """The program in cvxpy, for any solver that cvxpy can call; `lam` and `p` read off its duals with our signs.

@@ -98,7 +98,7 @@ class Norms(Rows):
     block: int = 1
     places: Callable[[int], str] | None = None
     law: Law | None = None
-    ground: Callable[[float], ArrayLike] | None = None
+    ground: Callable[[float], Any] | None = None
 
     kind: ClassVar[str] = "norm term"
 
@@ -155,12 +155,6 @@ class Norms(Rows):
         failed = f"Norms: slope: its function failed when called as f(t, p, past) with t = {t:.6g}"
         J = called(self.law.slope, (t, p, past), failed, "return the law's derivative")
         return checked_matrix(J, "Norms: slope", (self.count, len(p)))
-
-    def moved(self, t: float) -> Floats:
-        """Return the motion of the ground up to the instant `t`, (m * block,); zero if it stands still."""
-        rows, subject = self.B.shape[0], "Norms: ground"
-        raw = np.zeros(rows) if self.ground is None else at_instant(self.ground, t, subject)
-        return finite(shaped(raw, subject, f"({rows},) ways, one a row of B", (rows,)), subject)
 
 
 @dataclass(frozen=True, repr=False)
@@ -437,7 +431,11 @@ class System(ArrayRecord):
 
     def ground(self, t: float) -> Floats | None:
         """Return the motion (m * block,) up to the instant `t` of the ground of norm terms; None if it stands still."""
-        return None if self.norms is None or self.norms.ground is None else self.norms.moved(t)
+        if self.norms is None or self.norms.ground is None:
+            return None
+        rows, subject = self.B.shape[0], "Norms: ground"
+        raw = at_instant(self.norms.ground, t, subject)
+        return finite(shaped(raw, subject, f"({rows},) ways, one a row of B", (rows,)), subject)
 
     def linear(self, asked: LinearSolver | None = None) -> LinearSolver:
         """Return the linear solver for K: the one asked for, else by size."""
@@ -446,9 +444,7 @@ class System(ArrayRecord):
 
     def elimination_order(self) -> Ints | None:
         """Return the order of elimination (n,), if there is one."""
-        order = self.order
-        failed = "System: order failed"
-        return self._permutation(called(order, (), failed, "give an order of unknowns")) if callable(order) else order
+        return self._permutation(self.order()) if callable(self.order) else self.order
 
     def load_on_part(self, t: float) -> tuple[Floats, Ints | None]:
         """Return the load at the instant `t`, checked, and the unknowns that it acts on; None for all of them."""

@@ -241,7 +241,7 @@ def certified_together(run: PreparedRun, states: Sequence[State]) -> list[State]
     if (energies > most).any():
         y = y + condensation.held(r)
         energies = 0.5 * condensation.factor.energies_of_columns(left(y))
-    floors = condensation.rounding_floors(size, np.abs(y))
+    floors = condensation.full.rounding_floor(size, np.abs(y))
 
     def in_full(state: State, full: Floats, energy: float, floor: float) -> State:
         return replace(state, full=full, certificate=state.certificate.in_full(energy, floor))

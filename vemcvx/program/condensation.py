@@ -104,18 +104,14 @@ class Reduced:
         # Each share carries the unit of its force: the product of two may be no number where that of all three is.
         return float(sum(a * (b * one.work_inside(two)) for one, a, two, b in pairs))
 
-    def plus(self, other: Reduced, factor: float = 1.0) -> Reduced:
-        """Return the sum of this force and of `factor` times another one."""
+    def __add__(self, other: Reduced) -> Reduced:
         total = dict(self.shares)
         for shape, share in other.shares.items():
-            total[shape] = total.get(shape, 0.0) + factor * share
+            total[shape] = total.get(shape, 0.0) + share
         return Reduced(self.condensation, total)
 
-    def __add__(self, other: Reduced) -> Reduced:
-        return self.plus(other)
-
     def __sub__(self, other: Reduced) -> Reduced:
-        return self.plus(other, -1.0)
+        return self + Reduced(self.condensation, {shape: -share for shape, share in other.shares.items()})
 
     def _sum(self, name: str, count: int) -> Floats:
         """Return the sum of shares of arrays (count,)."""

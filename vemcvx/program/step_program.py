@@ -484,10 +484,10 @@ class StepProgram(ArrayRecord):
             rows = np.union1d(rows, over)
             D = self.operators.D[rigid[rows]].toarray()
             spread = self.operators.factor.solve(np.ascontiguousarray(D.T))
-            size, V = np.linalg.eigh(D @ spread)
-            # Rows that follow from others have no flexibility of their own.
-            root, V = np.sqrt(size[size > 1e-12 * size[-1]]), V[:, size > 1e-12 * size[-1]]
-            push = nnls(root[:, None] * V.T, V.T @ z[rows] / root, maxiter=100 * len(rows))[0]
+            W = D @ spread
+            lift = 1e-12 * W.max() or 1.0  # Rows that follow from others have no flexibility of their own.
+            R = np.linalg.cholesky(W + lift * np.eye(len(W))).T
+            push = nnls(R, np.linalg.solve(R.T, z[rows]), maxiter=100 * len(rows))[0]
             d = d - spread @ push
         return d
 

@@ -343,11 +343,8 @@ class System(ArrayRecord):
             raise SceneError(
                 f"System: found load = {brief(self.load)}; wanted a function of t that gives ({self.n},) forces."
             )
-        parts = {
-            "norms": Norms, "limits": Limits, "motion": Motion, "damping": Damping, "dragged": DraggedTerms,
-            "kernel": Kernel,
-        }  # fmt: skip
-        for name, kind in parts.items():
+        parts = {"norms": Norms, "limits": Limits, "motion": Motion, "damping": Damping, "kernel": Kernel}
+        for name, kind in (parts | {"dragged": DraggedTerms}).items():
             instance(getattr(self, name), kind, f"System: found {name}", f"{kind.__name__}(...)")
         columns = {"norms": self.B, "limits": self.D, "damping": getattr(self.damping, "C", self.K)}
         for name, matrix in columns.items():

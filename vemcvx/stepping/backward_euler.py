@@ -279,7 +279,8 @@ def prepare(
             f"linear: found {brief(linear)}; wanted SuperLU(), Pardiso(), Iterative(), PETSc(), or None (chosen)."
         )
     check, condense = flag(check, "check"), flag(condense, "condense") and system.damping is None
-    with threads_of_steps(system, condense, system.linear(linear)):
+    linear = system.linear(linear)
+    with threads_of_steps(system, condense, linear):
         condensation = Condensation(system, condense, linear)
         chosen = choose_solver(condensation.operators, solver)
         elastic = Frame(condensation, chosen)

@@ -24,6 +24,7 @@ from typer.testing import CliRunner
 import vemcvx as vx
 from vemcvx.cli import app
 from vemcvx.scene import pose_scene
+from vemcvx.testing import linear_suite
 
 ROOT = Path(__file__).parents[2]
 TEXT, EFFECT_PAGE, SOLVER_PAGE = CONTRIBUTING.read_text(), page("howto/own_effect"), page("howto/own_solver")
@@ -257,6 +258,16 @@ def takes(key):
 @pytest.mark.parametrize("case", [takes(key) for key in SUITE])
 def test_it_passes_the_suite_first_time(case):
     SUITE[case]()
+
+
+def dense():
+    """The recipe's linear solver."""
+    known = {"__name__": "dense"}
+    exec(file(SOLVER_PAGE, "dense.py"), known)
+    return known["Dense"]()
+
+
+test_a_linear_solver_of_25_lines_passes_its_suite = linear_suite(dense())
 
 
 def test_it_is_compared_first_time(mine):

@@ -273,10 +273,14 @@ class Operators(ArrayRecord):
         unit = sp.csr_matrix(sp.eye_array(self.K.shape[0]))
         return self.factor.energies(unit) if isinstance(self.K, np.ndarray) else self._estimated(unit)
 
-    def rounding_floor(self, forces: Floats, y: Floats) -> Floats:
-        """Return the energy that rounding hides in a residual of forces and K y, from their sizes (n,), or (n, k)."""
-        floors: Floats = 0.5 * (ROUNDED * (forces + product(self.absolute[0], y))).T ** 2 @ self.compliances
-        return floors
+    def rounding(self, forces: Floats, y: Floats) -> Floats:
+        """Return what rounding hides in a residual of forces and K y, from their sizes (n,), or (n, k)."""
+        return ROUNDED * (forces + product(self.absolute[0], y))
+
+    def energies_of_rounding(self, rounding: Floats) -> Floats:
+        """Return the energies that it hides there."""
+        energies: Floats = 0.5 * rounding.T**2 @ self.compliances
+        return energies
 
     def _estimated(self, rows: sp.csr_matrix) -> Floats:
         """Return diag(rows diag(K)^{-1} rows'), times the largest ratio of b'K^{-1}b to it on sampled rows b."""

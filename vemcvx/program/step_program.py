@@ -416,7 +416,8 @@ class StepProgram(ArrayRecord):
         if has_diverged(d):
             return 0.0
         forces = np.abs(self.g) + self.operators.absolute[1].T @ np.abs(np.append(lam, p))
-        return float(self.operators.rounding_floor(forces, np.abs(d) + np.abs(before)))
+        rounding = self.operators.rounding(forces, np.abs(d) + np.abs(before))
+        return float(self.operators.energies_of_rounding(rounding))
 
     def to_cvxpy(self, cones: bool | None = None) -> CvxpyStep:
         """The program in cvxpy, for any solver that cvxpy can call; `lam` and `p` read off its duals with our signs.

@@ -276,7 +276,7 @@ def prepare(
         as_solver(solver).check_accuracy()
     if linear is not None and not isinstance(linear, LinearSolver):
         raise SceneError(
-            f"linear: found {brief(linear)}; wanted SuperLU(), Pardiso(), Iterative(), PETSc(), or None (chosen)."
+            f"linear: found {brief(linear)}; wanted SuperLU(), Pardiso(), Iterative(), PETSc(), one of yours, or None."
         )
     check, condense = flag(check, "check"), flag(condense, "condense") and system.damping is None
     linear = system.linear(linear)

@@ -64,7 +64,7 @@ def _advice(solver: Solver, reached: float, accuracy: float, floor: float) -> st
         return f"Nothing was answered that could be relied on: {solver.advice}"
     if floor > accuracy:
         return f"Round-off alone allows {floor:.1e}: ask for no more than that"
-    return f"Ask for accuracy={2 * reached:.0e} or more, {solver.advice}"
+    return f"Ask for accuracy={2 * reached:.0e} or more, or {solver.advice}"
 
 
 def refuse_contradiction(system: System, now: StepData, when: str) -> None:

@@ -218,8 +218,9 @@ def certified_together(run: PreparedRun, states: Sequence[State]) -> list[State]
     """The states with all their unknowns and certificates of the full system.
 
     Rows see the unknowns that are kept: their parts of it are those of the step's certificate. Its other part is the
-    energy that r = load - B'lam - D'p - K y could still gain. States are corrected once by what r leaves inside, if
-    that is too much. Motions of no energy feel no r: multipliers balance the force on them, and not the anchors.
+    energy that r = load - B'lam - D'p - K y could still gain; where all of r is rounding, that is the floor. States are
+    corrected once by what r leaves inside, if that is too much. Motions of no energy feel no r: multipliers balance the
+    force on them, and not the anchors.
     """
     if not (some := [state for state in states if state.full is None]):
         return list(states)
@@ -236,12 +237,13 @@ def certified_together(run: PreparedRun, states: Sequence[State]) -> list[State]
 
     xi, kept = (np.array(rows).T for rows in ([force.xi for force in forces], [state.y for state in some]))
     y = condensation.completed(xi, kept)
-    r = left(y)
-    energies = 0.5 * condensation.factor.energies_of_columns(r)
+    r, rounding = left(y), condensation.full.rounding(size, np.abs(y))
+    energies, floors = np.zeros(len(some)), condensation.full.energies_of_rounding(rounding)
+    if (np.abs(r) > rounding).any():
+        energies = 0.5 * condensation.factor.energies_of_columns(r)
     if (energies > most).any():
         y = y + condensation.held(r)
         energies = 0.5 * condensation.factor.energies_of_columns(left(y))
-    floors = condensation.full.rounding_floor(size, np.abs(y))
 
     def in_full(state: State, full: Floats, energy: float, floor: float) -> State:
         return replace(state, full=full, certificate=state.certificate.in_full(energy, floor))

@@ -94,7 +94,7 @@ def runs_agree_within_their_certificates(kind: str, linear: LinearSolver) -> Non
     for condense in (True, False):
         one, two = _reference(kind, condense), march(system, TIMES, linear=linear, condense=condense)
         apart = [energy_norm(system.K, y - z) for y, z in zip(one.state, two.state, strict=True)]
-        bounds = [run.certificate * np.asarray(run.unit) for run in (one, two)]
+        bounds = [run.certified * np.asarray(run.unit) for run in (one, two)]
         assert (apart <= np.cumsum(bounds[0] + bounds[1])).all()
         assert two.certificate.max() <= 1e-8
 

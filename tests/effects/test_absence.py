@@ -174,8 +174,8 @@ def turning(x, t):
     return np.column_stack([np.cos(9 * t * (1 + x[:, 1])), np.sin(7 * t * x[:, 1])])
 
 
-BESIDE = 3
-"""Solves that do not go by steps: two certify the first and the last row, one estimates what rounding hides."""
+BESIDE = 1
+"""The solve that does not go by steps: it estimates what rounding hides. Rows whose residual is rounding cost none."""
 
 
 @pytest.mark.long
@@ -194,7 +194,7 @@ def test_scenes_without_friction_cost_one_solve_a_step(steps, counted):
     """A load that takes a new shape in every step, and has one at the start, whose own response is one more."""
     scene = vx.Scene(STEEL, HELD, TOUCHING, vx.Traction(turning, on="left"))
     vx.simulate(scene, mesh("voronoi", 6), np.linspace(0, 1, steps + 1), initial="equilibrium", store="last")
-    assert counted == {"factorised": 1, "solved": BESIDE + 2 + steps}
+    assert counted == {"factorised": 1, "solved": BESIDE + 1 + steps}
 
 
 NAMED = (

@@ -6,7 +6,7 @@ arrives at its bound |lam_i| = w_i with s_i = 0 at once. No term of the first is
 are. Condensed, the program has one unknown a contact node; full, all of them. The chain of spring_slider_chain.py,
 marched through its loops, has degenerate steps and a closed form.
 
-Every answer u is held against Newton's u*, refined to the rounding floor in extended precision:
+Every answer u is held against Newton's u*, which is certified to rounding:
 
     |u - u*|_K <= sqrt(2 gap) + sqrt(2 floor), of u, plus the same of u*,
 
@@ -19,22 +19,20 @@ ones (compilation by cvxpy). Solvers go through accuracies until they miss one; 
 What comes out (n = 32; Clarabel 0.11, OSQP 1.1, SCS 3.3, HiGHS 1.16):
 
 - The gap is of first order in the multipliers, the answer's error of second: without degenerate terms conic answers
-  are millions of times better than certified (2.8e-15, certified 1.0e-8). With them Clarabel's are as bad as certified
-  to within a factor of two: the bound is sharp.
-- Clarabel, whatever is asked, stops at 9e-9 to 2e-8, condensed and full. Degenerate terms cost it 40 and 39 iterations
-  in place of 10, for 1e-7. On the chain it keeps 1e-6; asked for 1e-8 it misses in 72 of 117 steps and ends at 6e-8.
+  are hundreds of thousands of times better than certified (3.3e-14, certified 2.2e-8). With them Clarabel's are as bad
+  as certified to within a factor of two: the bound is sharp.
+- Clarabel, whatever is asked, stops at 2e-8, condensed and full. Degenerate terms cost it 18 and 36 iterations in place
+  of 10 and 11, for 1e-7. On the chain it keeps 1e-6; asked for 1e-8 it misses in 55 of 117 steps and ends at 5.7e-7.
   From all of these, and from an answer of 5e-3, one active-set step (polish=True) leads to the solution, certified to
   rounding.
-- OSQP finds the active set by its own polishing: 2e-12 condensed, 2e-12 and 1.2e-11 full, whatever is asked; with
-  degenerate terms, condensed, 5e-8 to 9e-10, though its answers are off by 1e-14. On the chain its polishing fails in
-  some steps, which run into the limit of 100,000 iterations at every attempt and end at 2.3e-6. polish=True mends that
-  too, to 3e-9 or better (the true error is 4e-15).
-- OSQP iterates by 25s: condensed 500 to 875 times, with degenerate terms 700 to 2,675 times. On the full program
-  iterations grow with the accuracy, from 175 to 625 and from 325 to 1,350, and 1e-10 takes two to three times as long
-  as 1e-2. Where polishing fails on the chain, three attempts make 300,000.
+- OSQP finds the active set by its own polishing, in all four programs and whatever is asked: 2e-14. On the chain that
+  fails in some steps, which run into the limit of 100,000 iterations at every attempt; it ends at 9e-7, and asked for
+  1e-8 at 1.4e-5. polish=True mends that too, to rounding.
+- OSQP iterates by 25s: condensed 100 to 700 times, with degenerate terms 175 to 2,975 times; on the full program 175 to
+  625 and 100 to 350 times, so that 1e-10 takes half as long again as 1e-2, or twice as long.
 - Newton ends at rounding after finitely many steps; accuracy costs it nothing.
 - HiGHS 1.15 calls an answer optimal that is 14 % off, in one step, and is right in the other: the certificate knows
-  which. 1.16 is right in both, certified to 3.8e-9 and to rounding.
+  which. 1.16 is right in both, certified to 4.1e-9 and to rounding.
 
     python problems/solver_accuracy.py [--n 32] [--repeats 5] [--table FILE.csv] [--picture FILE.png]
 """

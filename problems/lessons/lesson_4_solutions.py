@@ -116,5 +116,5 @@ try:
 except vx.SceneError as _error:
     answer = str(_error)
 assert "(2.1)" in answer
-assert "2.4, 1.9 over the bound 0.5" in answer
+assert "It slips most at norm term 0, by 4.6" in answer
 print(answer)

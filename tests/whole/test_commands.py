@@ -151,7 +151,9 @@ HOW = {
     'pip install ".[petsc]"': Not(
         "it builds PETSc, which takes an hour; tests/linear/test_petsc.py runs with the system's"
     ),
-    "python problems/gallery.py NAME": Not("NAME is that of a new problem; test_problem_pictures.py draws all there are"),
+    "python problems/gallery.py NAME": Not(
+        "NAME is that of a new problem; test_problem_pictures.py draws all there are"
+    ),
     "python -m pytest -k bricks": Not("test_contributing.py adds the family of meshes, and runs the tests of it"),
 }
 

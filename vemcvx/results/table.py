@@ -27,14 +27,16 @@ class Table:
         """Return plain text, numbers to the right; words in the last column are folded to the width of the terminal."""
         columns, gap = list(zip(*self.rows, strict=True)), " " if self.heads else "  "
         numbers = [bool(self.heads) and all(_kind(text) != "w" for text in cells) for cells in columns]
-        rows = [[cell.split("\n") for cell in row] for row in (*([self.heads] if self.heads else []), *self.rows)]
+        tall = max((head.count("\n") for head in self.heads), default=0)
+        heads = ["\n" * (tall - head.count("\n")) + head for head in self.heads]
+        rows = [[cell.split("\n") for cell in row] for row in (*([heads] if heads else []), *self.rows)]
         widths = [max(len(line) for cell in column for line in cell) for column in zip(*rows, strict=True)]
         if widths and not numbers[-1]:
             left = get_terminal_size().columns - sum(widths[:-1]) - len(gap) * len(widths[1:])
             widths[-1] = min(widths[-1], max(left, 24))
         lines = []
         for *cells, last in rows:
-            folded = [part for line in last for part in wrap(line, widths[-1]) or [""]]
+            folded = [part for line in last for part in wrap(line, max(widths[-1], 1)) or [""]]
             for parts in zip_longest(*cells, folded, fillvalue=""):
                 cells_in_line = zip(parts, numbers, widths, strict=True)
                 line = gap.join(word.rjust(w) if number else word.ljust(w) for word, number, w in cells_in_line)

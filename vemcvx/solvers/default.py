@@ -197,9 +197,8 @@ def prepare_run(solver: Solver, operators: Operators) -> LastResort | FixedPoint
             "does not take; a solver that does says so by `semidefinite = True`. Newton and Clarabel do."
         )
     with named_failures(solver.name):
-        if isinstance(solver, Newton):
-            return LastResort(solver.prepare(operators))
-        return FixedPoint.of(solver, operators)
+        found = FixedPoint.of(solver, operators)
+    return LastResort(found.prepared) if isinstance(found.prepared, PreparedNewton) else found
 
 
 BY_SIZE: tuple[Solver, ...] = (Direct(), Newton(), OSQP(), Clarabel())

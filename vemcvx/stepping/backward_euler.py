@@ -147,7 +147,7 @@ class PosedStep:
         program, law = self.program, self.law
         guess = self.before.expected(self.data.t, len(program.w))
         with named_failures(self.run.solver.name):
-            answer = solve(program, gap, *guess, law)
+            answer = solve(program, gap, *guess, *([] if law is None else [law]))
             if law is not None:
                 slip = lengths(program.slip(answer.d))
                 law.check_slope(answer.p, slip)

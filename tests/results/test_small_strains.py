@@ -59,7 +59,7 @@ def test_some_cells_of_many_are_looked_at(caplog, monkeypatch):
     scene = vx.Scene(vx.Elasticity(soft, 0.0), vx.Clamp(on="left"), vx.Traction((0.3, 0.0), on="right"))
     told = []
     for some in (64, 4096):
-        monkeypatch.setattr("vemcvx.simulation.SOME", some)
+        monkeypatch.setattr("vemcvx.results.results.SOME", some)
         told += said(caplog, lambda: vx.simulate(scene, mesh, [0.0, 1.0], initial="settled"))
     assert len(told) == 2
     assert all("a strain of 0.3 at (0.0" in one for one in told)

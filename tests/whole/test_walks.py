@@ -181,10 +181,11 @@ WALKS = {
         young_to_stiffness,
         "vem/elasticity.py vem/stabilisation.py scene/pose.py",
     ),
-    "accuracy, from the command line to a step": (accuracy_to_step, "solvers/solver.py"),
+    "accuracy, from the command line to a step": (accuracy_to_step, "solvers/solver.py stepping/state.py"),
     "u, from the answer to a step to a VTU file": (
         displacement_to_file,
         "program/step_program.py program/certificate.py program/operators.py program/condensation.py "
+        "solvers/law.py solvers/newton.py "
         "linear/superlu.py stepping/state.py results/contact.py vem/elasticity.py history.py",
     ),
 }
@@ -192,11 +193,11 @@ WALKS = {
 
 
 LENGTHS = {
-    bound_to_cone: (("program/step_program.py", "to_cvxpy"), 7, 2),
-    bound_to_newton: (("solvers/law.py", "GivenWeights.at"), 8, 2),
+    bound_to_cone: (("program/step_program.py", "to_cvxpy"), 7, 4),
+    bound_to_newton: (("solvers/law.py", "GivenWeights.at"), 8, 3),
     young_to_stiffness: (("program/system.py", "System.__post_init__"), 6, 5),
-    accuracy_to_step: (("stepping/backward_euler.py", "PosedStep._answered"), 8, 4),
-    displacement_to_file: (("meshes/io/vtk.py", "write_cells"), 15, 10),
+    accuracy_to_step: (("stepping/backward_euler.py", "PosedStep._answered"), 8, 5),
+    displacement_to_file: (("meshes/io/vtk.py", "write_cells"), 16, 11),
     coefficient_to_certificate: (None, 4, 2),
     pair_to_files: (("results/files.py", "write_archive"), 9, 8),
 }

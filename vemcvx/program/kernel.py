@@ -21,7 +21,6 @@ import scipy.sparse as sp
 from scipy.linalg import qr
 
 from vemcvx.base.arrays import (
-    EPS,
     Floats,
     as_real_array,
     brief,
@@ -33,6 +32,7 @@ from vemcvx.base.arrays import (
     onto_discs,
 )
 from vemcvx.base.errors import SceneError
+from vemcvx.program.certificate import ROUNDED
 
 ROUNDS = 50
 """Corrections of multipliers that are out of balance; each but the last cuts some of them."""
@@ -85,7 +85,7 @@ def rank_on(rows: sp.csr_matrix, modes: Floats) -> int:
     """Return the number of motions `modes` (n, k) that rows feel by more than rounding."""
     read, size = np.asarray(abs(rows).sum(axis=1)).ravel(), np.abs(modes).max(axis=0, initial=0.0)
     seen = (rows @ modes)[read > 0] / read[read > 0, None] / np.where(size > 0, size, 1.0)
-    return int(np.linalg.matrix_rank(seen, tol=8 * EPS * max(len(seen), 1)))
+    return int(np.linalg.matrix_rank(seen, tol=ROUNDED * max(len(seen), 1)))
 
 
 def anchors(modes: Floats, diagonal: Floats) -> Floats:
@@ -114,7 +114,7 @@ def balanced(
     for _ in range(ROUNDS):
         x = np.append(lam, p)
         left = push - x @ modes
-        if (np.abs(left) <= 8 * EPS * (np.abs(push) + np.abs(x) @ np.abs(modes))).all():
+        if (np.abs(left) <= ROUNDED * (np.abs(push) + np.abs(x) @ np.abs(modes))).all():
             break
         across = of_terms - way[:, :, None] * np.einsum("ij,ijk->ik", way, of_terms)[:, None]
         across = (np.where(w > 0, a, 0.0)[:, None, None] * across).reshape(rows, len(push))

@@ -49,7 +49,7 @@ from vemcvx.base.arrays import (
 )
 from vemcvx.base.errors import SceneError, SolverFailed
 from vemcvx.base.outline import ArrayRecord
-from vemcvx.program.certificate import Certificate, limit_gaps, norm_gaps
+from vemcvx.program.certificate import ROUNDED, Certificate, limit_gaps, norm_gaps
 from vemcvx.program.kernel import balanced
 from vemcvx.program.operators import Operators, product
 
@@ -405,7 +405,7 @@ class StepProgram(ArrayRecord):
         size, x, modes = np.abs(self.g), np.append(lam, p), self.operators.kernel_modes
         # Entries are sums of larger forces that cancel: none is known better than to EPS times the largest.
         terms = np.abs(N).T @ (size + size.max(initial=0.0) / 8) + np.abs(x) @ np.abs(modes)
-        return N.T @ self.g - x @ modes, 8 * EPS * terms
+        return N.T @ self.g - x @ modes, ROUNDED * terms
 
     def rounding_floor(self, d: Floats, lam: Floats, p: Floats, before: Floats | float = 0.0) -> float:
         """Return the energy that the rounding of the residual r can hide, 1/2 sum_i (ROUNDED a_i)^2 f_i.

@@ -54,6 +54,8 @@ TURNS = 20
 """Corrections on one factorisation: together they take as long as the next one of 2,000 unknowns."""
 SWEEPS = 100
 """Projected gradients at first; they double each time, up to sixteen times as many."""
+REREAD = 10
+"""Projected gradients on one reading of a law's weights."""
 MOST_SAFEGUARDS = 10
 """Times that they are asked in a step before that is given up."""
 RUNAWAY = 1e6
@@ -276,10 +278,11 @@ class Search:
         length = 1.0 / (2.0 * norm if len(point.a) else norm)
         momentum, ahead, now = 1.0, point.x, point.off + R @ (norm * point.rest)
         off = now
-        for _ in range(most):
+        for sweep in range(most):
             lam, p = delassus.parts(ahead + length * off)
             p = np.maximum(p, 0.0)
-            w = self.law.at(p, lengths(delassus.parts(point.off)[0]))
+            if sweep % REREAD == 0:
+                w = self.law.at(p, lengths(delassus.parts(point.off)[0]))
             x = np.append(onto_discs(lam, w), p)
             dx, before = x - point.x, now
             point = delassus.moved(point, dx)

@@ -62,7 +62,7 @@ HEAVY = {
 }
 
 
-LINES = {"program": 2_156, "solvers": 1_315, "stepping": 1_755, "linear": 900, "scene": 1_800, "effects": 1_800}
+LINES = {"program": 2_156, "solvers": 1_316, "stepping": 1_755, "linear": 900, "scene": 1_800, "effects": 1_800}
 """Most lines of folders: they grow by decision only, which raises a number here."""
 TOP = 1_500
 """Most lines of the modules at the top and of what all may use, without the canvas, which counts with the plots."""

@@ -35,7 +35,8 @@ with app.setup:
         stick_slip_map,
     )
     from vemcvx.plots.body import has_pyvista
-    from vemcvx.plots.contact import contact_line, seen
+    from vemcvx.plots.contact import contact_line
+    from vemcvx.plots.faces import contact_faces
     from vemcvx.plots.style import SLIP, STORED, label
 
     SCENES = {
@@ -124,8 +125,10 @@ def pictures(history, step, course, units=None):
             if has_pyvista()
             else []
         )
-        if rubs and seen(history.contact):
-            drawn.append(drawing("stick and slip", lambda ax: contact_face(history, step, ax=ax, units=units)))
+        faces = contact_faces(history) if rubs else {}
+        for name in faces:
+            title = "stick and slip" if len(faces) == 1 else f"stick and slip on {name}"
+            drawn.append(drawing(title, lambda ax, on=name: contact_face(history, step, on=on, ax=ax, units=units)))
     return [*drawn, drawing("energies", lambda ax: draw_energies(ax, history, units))]
 
 

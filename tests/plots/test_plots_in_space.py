@@ -13,7 +13,7 @@ import block_in_space as block
 import vemcvx as vx
 from vemcvx.base.canvas import new_figure
 from vemcvx.plots import contact_face, deformed_body, friction_disc, write_plots
-from vemcvx.plots.contact import face_layout
+from vemcvx.plots.faces import contact_faces
 from vemcvx.plots.pictures import draw_pictures, left_out
 from vemcvx.plots.style import SLIP_AREA, STICK_AREA
 
@@ -53,8 +53,9 @@ def areas(corners):
 def test_what_sticks_and_slips_is_coloured(history):
     figure = contact_face(history)
     corners, colours = parts(figure.axes[0])
-    layout, sticks = face_layout(history, "test"), history.contact.sticking[-1][face_layout(history, "test").owners]
-    assert np.allclose(corners, layout.corners)
+    (face,) = contact_faces(history).values()
+    sticks = history.contact.sticking[-1][face.owners]
+    assert np.allclose(corners, face.corners)
     for state, colour in ((sticks, STICK_AREA), (~sticks, SLIP_AREA)):
         assert state.any()
         assert np.allclose(colours[state], matplotlib.colors.to_rgba(colour))
@@ -97,7 +98,7 @@ def test_how_large_things_are_on_the_face(history, show):
     contact, drawn = history.contact, figure.axes[0].collections[0]
     drawn_of = {"pressure": contact.pressure_recovered, "friction": np.linalg.norm(contact.traction, axis=2)}
     field = drawn_of.get(show, contact.wear)
-    assert np.array_equal(drawn.get_array(), field[-1, face_layout(history, "test").owners])
+    assert np.array_equal(drawn.get_array(), field[-1, contact_faces(history)["obstacles"].owners])
     assert drawn.get_clim() == (min(0.0, field.min()), field.max())
     assert "N" in figure.axes[1].get_ylabel()
     assert_drawn_within_the_page(figure)
@@ -142,7 +143,7 @@ def test_a_face_that_leans_is_seen_along_its_normal():
         vx.TrescaFriction(bound=1.0, on="bottom"),
     )
     slope = vx.simulate(scene, mesh, [0.0, 1.0])
-    layout = face_layout(slope, "test")
+    (layout,) = contact_faces(slope).values()
     assert layout.frame @ layout.frame.T == pytest.approx(np.eye(2), abs=1e-12)
     flat = np.linalg.norm(layout.flat(slope.contact.slip[-1]), axis=1)
     assert flat == pytest.approx(np.linalg.norm(slope.contact.slip[-1], axis=1), rel=1e-9)
@@ -163,7 +164,7 @@ def test_refusals(history):
         contact_face(history, window=((0.0, np.nan), (0.0, 1.0)))
     with pytest.raises(vx.HistoryError, match="wanted a vector of three finite components that is not along x_3"):
         deformed_body(history, view=(0.0, 0.0, 1.0))
-    with pytest.raises(vx.HistoryError, match="found stress 'large'; there are 'von_mises', 'max_principal'"):
+    with pytest.raises(vx.HistoryError, match="found stress 'large'; there are 'xx', 'yy', 'zz'"):
         deformed_body(history, stress="large")
 
 
@@ -171,10 +172,46 @@ def test_refusals(history):
 def test_contact_all_round_is_left_out_and_said():
     around = on("left", "right")
     for draw in (contact_face, friction_disc):
-        with pytest.raises(vx.HistoryError, match="contact goes round the body"):
+        with pytest.raises(vx.HistoryError, match="contact goes round the body, .* name one of its boundaries, on="):
             draw(around)
+        assert draw(around, on="left").axes[0].get_title().startswith("t = 1")
+        with pytest.raises(vx.HistoryError, match=f"{draw.__name__}: there is no contact on 'bottom'"):
+            draw(around, on="bottom")
+        with pytest.raises(vx.SceneError, match=f"{draw.__name__}: .*'lid'"):
+            draw(around, on="lid")
     assert set(left_out(around)) >= {"contact_face", "friction_disc"}
     assert "contact_face" not in draw_pictures(around, None)
+
+
+@pytest.fixture(scope="module")
+def stacked():
+    """Three blocks; the middle one is pulled to the right, so that the lower and the upper joint slip two ways."""
+    boxes = {name: ((0, 1), (0, 1), (z, z + 0.5)) for name, z in (("low", 0.0), ("middle", 0.5), ("top", 1.0))}
+    mesh = vx.meshes.bodies({name: vx.meshes.cubes((4, 4, 2), box) for name, box in boxes.items()})
+    joints = ["low|middle", "middle|top"]
+    pull = vx.PrescribedDisplacement(lambda x, t: [0.1 * t, 0.0, 0.0], on="middle.right")
+    held = vx.Clamp(on=["low.bottom", "top.top"])
+    contact = vx.BilateralContact(on=joints), vx.TrescaFriction(0.5, on=joints)
+    return vx.simulate(vx.Scene(vx.Elasticity(200.0, 0.3), held, pull, *contact), mesh, [0.0, 0.5, 1.0])
+
+
+@pytest.mark.long
+def test_interfaces_that_lie_over_each_other_have_a_panel_each(stacked):
+    """The lower block slips to the left against the middle one, which slips to the right against the upper one."""
+    figure = contact_face(stacked)
+    ways = {}
+    for ax in figure.axes:
+        (arrows,) = [drawn for drawn in ax.collections if hasattr(drawn, "U")]
+        ways[ax.get_title().split(",")[0]] = set(np.sign(arrows.U))
+        assert len(arrows.U) > 10
+    assert ways == {"low|middle": {-1.0}, "middle|top": {1.0}}
+    assert_drawn_within_the_page(figure)
+    assert [len(friction_disc(stacked, on=on).axes) for on in (None, "low|middle")] == [2, 1]
+    for draw in (contact_face, friction_disc):
+        with pytest.raises(vx.HistoryError, match="one pair of axes; give on=, of 'low|middle', 'middle|top'"):
+            draw(stacked, ax=new_figure().add_subplot())
+    alone = contact_face(stacked, on="middle|top", show="pressure", ax=new_figure().add_subplot())
+    assert alone.axes[0].get_title().startswith("t = 1")
 
 
 @pytest.mark.long

@@ -115,11 +115,10 @@ def test_slip_that_is_rounding_is_drawn_as_none(held):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("draw", [deformed_mesh, stick_slip_map])
-def test_legends_of_shared_figures_cover_nothing(opened, draw):
+def test_legends_of_shared_figures_cover_nothing(opened):
     figure = new_figure(9.0, 4.0)
     left, _ = figure.subplots(1, 2)
-    draw(opened, ax=left)
+    stick_slip_map(opened, ax=left)
     figure.draw_without_rendering()
     assert left.get_legend().get_window_extent().y1 <= left.get_window_extent().y0
 

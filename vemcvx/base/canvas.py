@@ -83,6 +83,11 @@ def axes_or_new(ax: Axes | None, width: float, height: float) -> Axes:
     return new_figure(width, height).add_subplot() if ax is None else ax
 
 
+def row_of_axes(count: int, width: float, height: float) -> list[Axes]:
+    """Return axes side by side on a new figure, each of that size in inches."""
+    return list(new_figure(count * width, height).subplots(1, count, squeeze=False)[0])
+
+
 def figure_of(ax: Axes) -> Figure:
     """Return the figure that axes stand in."""
     return ax.figure.figure

@@ -6,6 +6,7 @@ In space PyVista, which needs no display, renders the surface to an image; this 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +22,7 @@ from vemcvx.plots import style
 from vemcvx.plots.contact import contact_line
 from vemcvx.plots.style import Units, Window, common_magnification, extent, instant, label, named, unit, within
 from vemcvx.results.results import Results
+from vemcvx.vem import component_names
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -28,37 +30,15 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Colours = tuple["str | Colormap", tuple[float, float]]
-Stress = tuple[str, Callable[[Results, int], Floats]]
-
-
-def _stresses(components: Sequence[str]) -> tuple[dict[str, Stress], dict[str, Stress]]:
-    """Components and equivalent stresses by name: symbols or words, and what they are of every cell at a step."""
-    dim = sum(number[0] == number[1] for number in components)
-    mean = "+".join(rf"\sigma_{{{number}}}" for number in components[:dim])
-    found: dict[str, Stress] = {
-        "von_mises": ("von Mises stress", lambda history, step: history.von_mises(step)),
-        "max_principal": ("largest principal stress", lambda history, step: history.principal_stresses(step)[:, 0]),
-        "min_principal": ("smallest principal stress", lambda history, step: history.principal_stresses(step)[:, -1]),
-        "mean": (f"$({mean})/{dim}$", lambda history, step: history.stress(step)[:, :dim].mean(axis=1)),
-    }
-
-    def component(k: int) -> Callable[[Results, int], Floats]:
-        return lambda history, step: history.stress(step)[:, k]
-
-    symbols = {number.translate(AXES): rf"$\sigma_{{{number}}}$" for number in components}
-    return {name: (symbol, component(k)) for k, (name, symbol) in enumerate(symbols.items())}, found
-
-
-AXES = str.maketrans("123", "xyz")
-COMPONENTS, EQUIVALENT = _stresses(("11", "22", "12"))
-STRESSES: dict[str, Stress] = {
-    **COMPONENTS,
-    "shear": ("largest shear stress", lambda history, step: -0.5 * np.diff(history.principal_stresses(step))[:, 0]),
-    **EQUIVALENT,
+EQUIVALENT: dict[str, tuple[str, Callable[[dict[str, Floats]], Floats]]] = {
+    "shear": ("largest shear stress", lambda on: 0.5 * np.ptp(on["principal_stresses"], axis=1)),
+    "von_mises": ("von Mises stress", lambda on: on["von_mises"]),
+    "max_principal": ("largest principal stress", lambda on: on["principal_stresses"][:, 0]),
+    "min_principal": ("smallest principal stress", lambda on: on["principal_stresses"][:, -1]),
+    "mean": ("mean of normal stresses", lambda on: on["stress"][:, : on["principal_stresses"].shape[1]].mean(axis=1)),
 }
-IN_SPACE, EQUIVALENT_IN_SPACE = _stresses(("11", "22", "33", "12", "23", "13"))
-STRESSES_IN_SPACE = EQUIVALENT_IN_SPACE | IN_SPACE
-UNSIGNED = {"shear", "von_mises"}
+"""Stresses that are no components: words, and how they come from the fields of a step on cells."""
+UNSIGNED, NUMBERS = {"shear", "von_mises"}, str.maketrans("xyz", "123")
 FORCES = ("contact", "friction", "none")
 CLOSED, ARROWS = "closed contact bold or hatched", "thick arrows stick"
 NO_GAPS = "gaps given as data are not drawn: open where not bold"
@@ -89,39 +69,18 @@ def deformed_mesh(
     Returns
     -------
     matplotlib Figure
-        Cells are coloured by the mean of |u| at their vertices; the dashed line is the undeformed outline; arrows are
-        the friction forces per length on the body at contact nodes. Closed contact is bold, and hatched where bodies
-        are drawn apart or one in the other, as displacements so magnified do to what touches.
+        Cells are coloured by the mean of |u| at their vertices; the dashed line is the undeformed outline; arrows and
+        marks of contact are those of `stressed_body` with the friction alone.
     """
     row, mesh = history.row(step), plane_mesh(history.mesh, "deformed_mesh", "deformed_body draws it")
-    factor = common_magnification(history, _size(mesh.points), magnify)
-    ax = canvas.axes_or_new(ax, *size_of_page(history))
-    line = float(np.clip(12.0 / np.sqrt(mesh.n_cells), 0.0, 0.5)) if mesh.n_cells < 40_000 else 0.0
-    mesh.plot(ax=ax, displacement=factor * history.displacement[row], linewidth=line, edgecolor="0.75")
     sizes = (np.linalg.norm(u, axis=1)[mesh.vertices] for u in history.displacement)
-    means = np.array([np.add.reduceat(size, mesh.offsets[:-1]) / np.diff(mesh.offsets) for size in sizes])
-    cells = ax.collections[-1]
-    cells.set_array(means[row])
-    cells.set(cmap=style.SIZE, clim=style.value_range(limits, (0.0, float(means.max()) or 1.0)))
-    bar = canvas.bar_beside(ax, cells, canvas.pointed(means, cells.get_clim()))
-    bar.set_label(label("$|u|$", "length", units))
-    touching = _closed_contact(history, row, mesh.points + factor * history.displacement[row])
-    if touching:
-        canvas.draw_hatched(ax, touching)
-        ax.plot([], [], color=canvas.HATCHING, linewidth=3, label="closed contact (hatched)")
-    ends = mesh.points[mesh.boundaries["boundary"]]
-    outline = np.concatenate([ends, np.full((len(ends), 1, 2), np.nan)], axis=1).reshape(-1, 2)
-    ax.plot(*outline.T, color=style.OUTLINE, linewidth=0.8, linestyle="--", label="undeformed", zorder=2.5)
-    title = f"{instant(history.times[row], units)}, displacements magnified {factor:g} times"
-    if history.contact.bound.any():
-        largest = label(f"{_friction_arrows(ax, history, row, factor):.3g}", "force per length", units)
-        title += f"\narrows: friction on the body, at most {largest}"
-    if _gaps_not_drawn(history, row, factor):
-        title += f"\n{NO_GAPS}"
-    ax.update_datalim(extent(history, factor))
-    ax.autoscale_view()
-    canvas.legend_below(ax)
-    return named(ax, label("$x_1$", "length", units), label("$x_2$", "length", units), title, size="medium")
+    means = [np.add.reduceat(size, mesh.offsets[:-1]) / np.diff(mesh.offsets) for size in sizes]
+    ends = style.value_range(limits, (0.0, max(float(mean.max()) for mean in means) or 1.0))
+    field = _Field(means, label("$|u|$", "length", units), (style.SIZE, ends))
+    ax = canvas.axes_or_new(ax, *size_of_page(history))
+    outline = np.insert(mesh.points[mesh.boundaries["boundary"]], 2, np.nan, axis=1).reshape(-1, 2)
+    ax.plot(*outline.T, color=style.OUTLINE, linewidth=0.8, linestyle="--", zorder=2.5)
+    return _draw(ax, (history, row), field, _View("friction", magnify=magnify, units=units), ["dashed: undeformed"])
 
 
 def _size(points: ArrayLike) -> float:
@@ -129,39 +88,11 @@ def _size(points: ArrayLike) -> float:
 
 
 def size_of_page(history: Results) -> tuple[float, float]:
-    """Width and height, in inches, of a page for the body, its title and its legend."""
+    """Return the width and height, in inches, of a page for the body and its title."""
     if isinstance(history.mesh, PolyhedralMesh):
         return canvas.usual_page()
     width, height = np.ptp(history.mesh.points, axis=0)
-    return 6.0, 1.6 + 4.2 * float(np.clip(height / width, 0.2, 1.6))
-
-
-def _friction_arrows(ax: Axes, history: Results, row: int, factor: float) -> float:
-    """Draw friction at ten contact nodes evenly apart; return the largest on any node at this step.
-
-    Arrows are just outside the body; between bodies they are just inside both of them, and opposite.
-    """
-    contact, line = history.contact, contact_line(history, "deformed_mesh")
-    places = np.linspace(line.position[0], line.position[-1], 10)
-    shown = line.order[np.unique(np.abs(line.position[:, None] - places).argmin(axis=0))]
-    size, points = _size(history.mesh.points), history.mesh.points + factor * history.displacement[row]
-    partners, margin = contact.partners[shown], 0.05 * size * contact.normals[shown]
-    joined = partners >= 0
-    centres = points[contact.nodes[shown]] + np.where(joined[:, None], -margin, margin)
-    centres = np.concatenate([centres, points[partners[joined]] + margin[joined]])
-    # Lengths do not depend on the step: the nodes' places do not, and the largest force is that of all steps.
-    spacing = np.linalg.norm(np.diff(contact.points[shown], axis=0), axis=1).min(initial=0.1 * size)
-    sizes = np.linalg.norm(contact.traction, axis=2).max(axis=1)
-    forces = contact.traction[row, shown] * (0.9 * spacing / sizes.max() if sizes.any() else 1.0)
-    forces = np.concatenate([forces, -forces[joined]])
-    sticks = contact.sticking[row, np.append(shown, shown[joined])]
-    for chosen, colour, word, width in ((sticks, style.STICK, "sticks", 0.009), (~sticks, style.SLIP, "slips", 0.004)):
-        if chosen.any():
-            canvas.draw_arrows(ax, centres[chosen], forces[chosen], colour=colour, pivot="mid", width=width)
-        ax.plot([], [], color=colour, linewidth=500 * width, label=word)
-    for corner in extent(history, factor):
-        ax.update_datalim(corner + margin)
-    return float(sizes[row])
+    return 6.0, 1.5 + 4.0 * float(np.clip(height / width, 0.2, 1.6))
 
 
 def stressed_body(
@@ -208,52 +139,102 @@ def stressed_body(
     HistoryError
         There is no stress, or are no forces, of that name.
     """
-    choice(stress, "stressed_body", "stress", list(STRESSES), HistoryError)
+    _check_stress(stress, history, "stressed_body")
     choice(forces, "stressed_body", "forces", FORCES, HistoryError)
     row, mesh = history.row(step), plane_mesh(history.mesh, "stressed_body", "deformed_body draws it")
     window, stretch = style.window_of(window), style.positive(stretch, "stretch: found", "a positive number")
     images = as_real_array(mirrors, "mirrors", "pairs of signs, 1 or -1")
     if images.size and (images.shape[1:] != (2,) or (np.abs(images) != 1).any()):
         raise HistoryError(f"mirrors: found {brief(mirrors)}; wanted pairs of signs, such as [(-1, 1)].")
-    seen, size = within(mesh.centroids, window), _size(mesh.points if window is None else np.transpose(window))
+    seen = within(mesh.centroids, window)
     if not seen.any():
         (left, right), (bottom, top) = np.transpose([mesh.points.min(axis=0), mesh.points.max(axis=0)])
         body = f"(({left:.4g}, {right:.4g}), ({bottom:.4g}, {top:.4g}))"
         raise HistoryError(f"window: found {brief(window)}, which shows no cell; the body is within {body}.")
-    ax = canvas.axes_or_new(ax, *size_of_page(history))
-    factor = common_magnification(history, size, magnify, within(mesh.points, window))
-    moved = factor * history.displacement[row]
-    line = float(np.clip(9.0 / np.sqrt(seen.sum()), 0.0, 0.5))
-    words, part = STRESSES[stress]
-    values = [part(history, int(n)) for n in history.stored]
+    words, values = _stresses(history, stress)
     colours, ends = colours_of([found[seen] for found in values], stress)
-    look: dict[str, Any] = {"array": values[row], "cmap": colours, "clim": style.value_range(limits, ends)}
-    mesh.plot(ax=ax, displacement=moved, linewidth=line, edgecolor="0.35", **look)
-    beyond = canvas.pointed(np.concatenate([found[seen] for found in values]), look["clim"])
-    canvas.bar_beside(ax, ax.collections[0], beyond).set_label(label(words, "force per area", units), fontsize="small")
-    for signs in images:
+    field = _Field(values, label(words, "force per area", units), (colours, style.value_range(limits, ends)))
+    ax = canvas.axes_or_new(ax, *size_of_page(history))
+    view = _View(forces, window=window, stretch=stretch, images=images, magnify=magnify, units=units)
+    return _draw(ax, (history, row), field, view)
+
+
+@dataclass(frozen=True)
+class _Field:
+    """What colours cells: values (n_cells,) at all stored steps, a label, and colours."""
+
+    values: Sequence[Floats]
+    label: str
+    colours: Colours
+
+
+@dataclass(frozen=True, kw_only=True)
+class _View:
+    """How a plane body is drawn: see `stressed_body`."""
+
+    forces: str = field(kw_only=False)
+    window: Window | None = None
+    stretch: float = 1.0
+    images: Floats = field(default_factory=lambda: np.zeros((0, 2)))
+    magnify: float | None = None
+    units: Units | None = None
+
+
+def _draw(ax: Axes, at: tuple[Results, int], field: _Field, view: _View, marks: Sequence[str] = ()) -> Figure:
+    """Draw a plane history at a row, each cell in its colour, with the forces and marks of contact."""
+    (history, row), (window, units) = at, (view.window, view.units)
+    mesh = plane_mesh(history.mesh, "stressed_body")
+    seen, size = within(mesh.centroids, window), _size(mesh.points if window is None else np.transpose(window))
+    factor = common_magnification(history, size, view.magnify, within(mesh.points, window))
+    places = mesh.points + factor * history.displacement[row]
+    look: dict[str, Any] = {"array": field.values[row], "cmap": field.colours[0], "clim": field.colours[1]}
+    line = float(np.clip(9.0 / np.sqrt(seen.sum()), 0.0, 0.5))
+    mesh.plot(ax=ax, displacement=places - mesh.points, linewidth=line, edgecolor="0.35", **look)
+    beyond = canvas.pointed(np.concatenate([found[seen] for found in field.values]), look["clim"])
+    canvas.bar_beside(ax, ax.collections[0], beyond).set_label(field.label, fontsize="small")
+    for signs in view.images:
         # No orientation and no check is needed to draw cells; bodies in contact have nodes in the same places.
-        image = PolygonMesh.unchecked((mesh.points + moved) * signs, mesh.offsets, mesh.vertices)
+        image = PolygonMesh.unchecked(places * signs, mesh.offsets, mesh.vertices)
         image.plot(ax=ax, linewidth=0, antialiased=False, **look)
-    touching = _closed_contact(history, row, mesh.points + moved)
+    touching = _closed_contact(history, row, places)
     if touching:
-        canvas.draw_hatched(ax, [outline * signs for outline in touching for signs in ((1, 1), *images)])
-    largest = _contact_arrows(ax, history, row, mesh.points + moved, (forces, size, window, stretch))
+        canvas.draw_hatched(ax, [outline * signs for outline in touching for signs in ((1, 1), *view.images)])
+    largest = _arrows(ax, at, (factor, size), view)
     title = f"{instant(history.times[row], units)}, displacements × {factor:g}"
     if largest:
-        what = "forces of contact" if forces == "contact" else forces
+        what = "forces of contact" if view.forces == "contact" else view.forces
         title += f", {what} at most {largest:.3g} {unit(units, 'force per length') if units else ''}".rstrip()
-    marks = [CLOSED] * bool(touching) + [ARROWS] * (largest > 0.0 and bool(history.contact.bound.any()))
-    title += "\n" * bool(marks) + "; ".join(marks)
+    told = [*marks, *[CLOSED] * bool(touching), *[ARROWS] * (largest > 0.0 and bool(history.contact.bound.any()))]
+    title += "\n" * bool(told) + "; ".join(told)
     if _gaps_not_drawn(history, row, factor):
         title += f"\n{NO_GAPS}"
     ax.tick_params(labelsize="small")
     ax.locator_params(nbins=6)
     if window is None:
+        for signs in ((1, 1), *view.images):
+            ax.update_datalim(extent(history, factor) * signs)
         ax.autoscale_view()
-    drawn = "" if stretch == 1.0 else f",\n× {stretch:g}"
+    drawn = "" if view.stretch == 1.0 else f",\n× {view.stretch:g}"
     y = f"$x_2$ ({unit(units, 'length')}{drawn})"
-    return named(ax, label("$x_1$", "length", units), y, title, size="small", window=window, aspect=stretch)
+    return named(ax, label("$x_1$", "length", units), y, title, size="small", window=window, aspect=view.stretch)
+
+
+def _check_stress(name: object, history: Results, picture: str) -> None:
+    """Raise HistoryError unless there is a stress of that name."""
+    components = component_names(history.mesh.points.shape[1])
+    choice(name, picture, "stress", [*components, *EQUIVALENT], HistoryError)
+
+
+def _stresses(history: Results, name: str) -> tuple[str, list[Floats]]:
+    """Return the stress of that name in words, and in all cells at the stored steps."""
+    if name == "von_mises":
+        history.von_mises(int(history.stored[0]))  # which says where a material does not give it
+    every = [history.on_cells(int(step)) for step in history.stored]
+    if name in EQUIVALENT:
+        words, value = EQUIVALENT[name]
+        return words, [value(fields) for fields in every]
+    k = component_names(history.mesh.points.shape[1]).index(name)
+    return rf"$\sigma_{{{name.translate(NUMBERS)}}}$", [fields["stress"][:, k] for fields in every]
 
 
 def colours_of(stresses: Sequence[Floats], name: str) -> Colours:
@@ -299,36 +280,44 @@ def _gaps_not_drawn(history: Results, row: int, factor: float) -> bool:
     return bool((factor * nearer > 1e-3 * _size(history.mesh.points)).any())
 
 
-def _contact_arrows(
-    ax: Axes, history: Results, row: int, places: Floats, how: tuple[str, float, Window | None, float]
-) -> float:
-    """Draw forces per length at up to 26 contact nodes; return the largest, 0 if there are none."""
-    contact, (kind, size, window, stretch) = history.contact, how
-    together = kind == "contact"
-    seen = np.flatnonzero(within(contact.points, window))
+def _arrows(ax: Axes, at: tuple[Results, int], scale: tuple[float, float], view: _View) -> float:
+    """Draw forces per length at up to 26 contact nodes; return the largest of all nodes seen, 0 if there are none.
+
+    The magnification and the size of what is shown are the scale. Arrows have one length for all steps: the largest
+    force of all steps is as long as may be.
+    """
+    (history, row), (factor, size), contact = at, scale, at[0].contact
+    together = view.forces == "contact"
+    seen = np.flatnonzero(within(contact.points, view.window))
     every = contact.traction - together * contact.pressure[:, :, None] * contact.normals
     sizes = np.linalg.norm(every[:, seen], axis=2)
     largest = float(sizes[row].max(initial=0.0))
-    if largest == 0.0 or kind == "none":
+    if largest == 0.0 or view.forces == "none":
         return 0.0
     # Along the boundary, so that what is left out is left out evenly.
     order = seen[np.argsort(contact.points[seen] @ [1.0, 1e-3])]
     shown = order[np.unique(np.linspace(0, len(order) - 1, 26).round().astype(int))]
-    heads, longest = places[contact.nodes[shown]], 0.13 * size
+    places = history.mesh.points + factor * history.displacement[row]
+    heads, longest, flat = places[contact.nodes[shown]], 0.13 * size, [1.0, view.stretch]
     if not together:
         longest = min(longest, 0.8 * np.linalg.norm(np.diff(heads, axis=0), axis=1).min(initial=longest))
-        heads = heads + 0.03 * size * contact.normals[shown] / [1.0, stretch]
-    # One length of arrows for all steps: the largest of them is as long as may be.
-    arrows = every[row, shown] * longest / float(sizes.max()) / [1.0, stretch]
-    sticks = contact.sticking[row, shown]
+    arrows, sticks = every[row, shown] * longest / float(sizes.max()) / flat, contact.sticking[row, shown]
+    beside, joined = 0.03 * size * contact.normals[shown] / flat, contact.partners[shown] >= 0
+    if not together:
+        # Between bodies friction is just inside both of them, and opposite.
+        heads = heads + np.where(joined, -1.0, 1.0)[:, None] * beside
+        heads = np.concatenate([heads, places[contact.partners[shown[joined]]] + beside[joined]])
+        arrows, sticks = np.concatenate([arrows, -arrows[joined]]), np.append(sticks, sticks[joined])
     kinds = [(sticks, style.STICK, 0.008), (~sticks, style.SLIP, 0.004)]
     if not contact.bound.any():
         kinds = [(np.ones_like(sticks), style.PUSH, 0.005)]
     for chosen, colour, width in kinds:
-        at, vectors = heads[chosen], arrows[chosen]
-        drawn = canvas.draw_arrows(ax, at, vectors, colour=colour, pivot="tip" if together else "mid", width=width)
+        at_heads, vectors, pivot = heads[chosen], arrows[chosen], "tip" if together else "mid"
+        drawn = canvas.draw_arrows(ax, at_heads, vectors, colour=colour, pivot=pivot, width=width)
         drawn.set_in_layout(False)
-    ax.update_datalim(np.concatenate([heads - arrows, heads]))
+    # Beside the body there is the same room at all steps.
+    room = [heads - arrows, heads] if together else [end + 2.0 * beside for end in extent(history, factor)]
+    ax.update_datalim(np.concatenate(room))
     return largest
 
 
@@ -350,7 +339,7 @@ def deformed_body(
     Parameters
     ----------
     history, step, ax, units : as of `friction_traction`
-    stress : {"von_mises", "max_principal", "min_principal", "mean", "xx", "yy", "zz", "xy", "yz", "xz"}
+    stress : {"xx", "yy", "zz", "xy", "yz", "xz", "shear", "von_mises", "max_principal", "min_principal", "mean"}
         Tension is red and compression blue.
     view : (3,) vector
         From where the body is looked at, with x_3 upwards.
@@ -366,10 +355,11 @@ def deformed_body(
     row, mesh = history.row(step), history.mesh
     if not isinstance(mesh, PolyhedralMesh):
         raise HistoryError("deformed_body: this body is plane; deformed_mesh and stressed_body draw it.")
-    words, part = STRESSES_IN_SPACE[choice(stress, "deformed_body", "stress", list(STRESSES_IN_SPACE), HistoryError)]
+    _check_stress(stress, history, "deformed_body")
     faces = mesh.boundaries["boundary"]
     factor = common_magnification(history, _size(mesh.points), magnify)
-    stresses = [part(history, int(n))[mesh.face_cells[faces, 0]] for n in history.stored]
+    words, values = _stresses(history, stress)
+    stresses = [found[mesh.face_cells[faces, 0]] for found in values]
     colours, ends = colours_of(stresses, stress)
     scale = style.value_range(limits, ends)
     points = mesh.points + factor * history.displacement[row]

@@ -1,8 +1,7 @@
-"""Contact in pictures: along a line in the plane, on a face in space; friction between its bounds, stick, slip, wear.
+"""Contact in the plane along a line: friction between its bounds, stick, slip, pressure, wear.
 
-In the plane the contact nodes are laid out on a line: an axis where all of them lie along it, otherwise the arc length,
-counter-clockwise, part after part; a node owns the halves of its edges. In space they are seen along their mean normal;
-of every face at it a node owns the quadrilateral between itself, the middles of the two edges there and the centre.
+The contact nodes are laid out on a line: an axis where all of them lie along it, otherwise the arc length,
+counter-clockwise, part after part; a node owns the halves of its edges.
 """
 
 from __future__ import annotations
@@ -17,10 +16,10 @@ from numpy.typing import ArrayLike
 from vemcvx.base import canvas
 from vemcvx.base.arrays import SAME, Bools, Floats, Ints, choice
 from vemcvx.base.errors import HistoryError
-from vemcvx.meshes import PolyhedralMesh, plane_mesh
+from vemcvx.meshes import plane_mesh
 from vemcvx.meshes.polygons import right_of
 from vemcvx.plots import style
-from vemcvx.plots.style import Units, Window, idle, instant, label, named, unit, value_range, within
+from vemcvx.plots.style import Units, idle, instant, label, named, unit, value_range
 from vemcvx.results.contact import Contact
 from vemcvx.results.results import Results
 from vemcvx.vem.boundary import CURVE
@@ -83,7 +82,7 @@ class ContactLine:
 def contact_line(history: Results, picture: str) -> ContactLine:
     """Return the contact nodes of a plane history laid out, or raise HistoryError if there are none."""
     mesh = plane_mesh(history.mesh, picture, "contact_face and friction_disc draw contact in space")
-    contact, normal = _with_nodes(history, picture), np.zeros_like(mesh.points)
+    contact, normal = with_nodes(history, picture), np.zeros_like(mesh.points)
     normal[contact.nodes] = contact.normals
     edges = mesh.boundaries["boundary"]
     chord = mesh.points[edges[:, 1]] - mesh.points[edges[:, 0]]
@@ -107,7 +106,8 @@ def contact_line(history: Results, picture: str) -> ContactLine:
     return ContactLine(order[turn], position[turn], owned[turn], (sign * tangents)[turn], f"$x_{axis + 1}$")
 
 
-def _with_nodes(history: Results, picture: str) -> Contact:
+def with_nodes(history: Results, picture: str) -> Contact:
+    """Return the contact of a history, or raise HistoryError if it has no nodes."""
     if len(history.contact.nodes) == 0:
         raise HistoryError(f"{picture}: this history has no contact nodes; the scene names no contact or friction.")
     return history.contact
@@ -348,189 +348,3 @@ def wear(
 ) -> Figure:
     """Draw the friction work until some steps, as `along_contact`: wear is in proportion to it (Archard 1953)."""
     return along_contact(history, "wear", steps, ax=ax, limits=limits, units=units)
-
-
-@dataclass(frozen=True)
-class FaceLayout:
-    """Contact nodes of a body in space in the plane of the picture."""
-
-    frame: Floats  # (2, 3) unit vectors to the right and up
-    labels: tuple[str, str]  # what they measure
-    places: Floats  # (m, 2) of the contact nodes
-    corners: Floats  # (k, 4, 2) quadrilaterals that make up the face
-    owners: Ints  # (k,) rows of the contact arrays, of the nodes that own them
-
-    def flat(self, vectors: Floats) -> Floats:
-        """Vectors (..., 3) in the picture, (..., 2)."""
-        return vectors @ self.frame.T
-
-
-def face_layout(history: Results, picture: str) -> FaceLayout:
-    """The contact nodes of a history in space laid out; HistoryError where there are none, or no view shows them."""
-    mesh = history.mesh
-    if not isinstance(mesh, PolyhedralMesh):
-        raise HistoryError(f"{picture}: this body is plane; friction_traction and stick_slip_map draw its contact.")
-    contact = _with_nodes(history, picture)
-    if not seen(contact):
-        raise HistoryError(hidden(picture))
-    frame, labels = _frame(contact.normals.mean(axis=0))
-    corners, owners = _parts(contact, mesh)
-    return FaceLayout(frame, labels, contact.points @ frame.T, corners @ frame.T, owners)
-
-
-def seen(contact: Contact) -> bool:
-    """Return True if one view shows contact: it is on one side, or the mean of the unit normals were short."""
-    return bool(np.linalg.norm(contact.normals.mean(axis=0)) >= 0.5)
-
-
-def hidden(picture: str) -> str:
-    """Return the sentence that refuses a picture of contact on all sides."""
-    return f"{picture}: contact goes round the body, and no view shows all of it; look at the VTU files of the history"
-
-
-def _frame(mean: Floats) -> tuple[Floats, tuple[str, str]]:
-    """Right and up, across the mean normal: axes where it is one, then as if looked at from inside the body."""
-    length, axis = np.linalg.norm(mean), int(np.argmax(np.abs(mean)))
-    right, up = (k for k in range(3) if k != axis)
-    if abs(mean[axis]) > (1 - SAME) * length:
-        return np.eye(3)[[right, up]], (f"$x_{right + 1}$", f"$x_{up + 1}$")
-    along = np.eye(3)[right] - mean[right] / length**2 * mean
-    along /= np.linalg.norm(along)
-    return np.stack([along, np.cross(mean / length, along)]), ("right", "up")
-
-
-def _parts(contact: Contact, mesh: PolyhedralMesh) -> tuple[Floats, Ints]:
-    """Quadrilaterals (k, 4, 3) of the faces of contact, and their owners (k,)."""
-    normal, joined = np.zeros_like(mesh.points), contact.partners >= 0
-    normal[contact.nodes] = contact.normals
-    # Nodes at the rim of an interface own parts of its faces, not of those beside it.
-    rows = np.full((2, mesh.n_nodes), -1)
-    rows[joined.astype(int), contact.nodes] = np.arange(len(contact.nodes))
-    inner = np.isin(np.arange(mesh.n_faces), np.concatenate([[], *(mesh.boundaries[name] for name in mesh.interfaces)]))
-    corners, owners = [], []
-    for face in mesh.boundaries["boundary"]:
-        nodes = mesh.face_vertices[mesh.face_offsets[face] : mesh.face_offsets[face + 1]]
-        if (normal[nodes] @ mesh.face_normals[face]).max() <= ALONG:
-            continue
-        x = mesh.points[nodes]
-        after, before = 0.5 * (x + np.roll(x, -1, axis=0)), 0.5 * (x + np.roll(x, 1, axis=0))
-        corners.append(np.stack([x, after, np.broadcast_to(mesh.face_centroids[face], x.shape), before], axis=1))
-        owners.append(rows[int(inner[face])][nodes])
-    held, quadrilaterals = np.concatenate(owners), np.concatenate(corners)
-    return quadrilaterals[held >= 0], held[held >= 0]
-
-
-AREAS = {"sticks": style.STICK_AREA, "slips": style.SLIP_AREA, "is open": style.OPEN_AREA}
-FIELDS: dict[str, tuple[str, str, Callable[[Results], Floats]]] = {
-    "pressure": ("force per area", "contact pressure", pressures),
-    "friction": ("force per area", "friction", lambda history: np.linalg.norm(history.contact.traction, axis=2)),
-    "wear": ("energy per area", "friction work", lambda history: history.contact.wear),
-}
-
-
-def contact_face(
-    history: Results,
-    step: int = -1,
-    *,
-    ax: Axes | None = None,
-    show: str = "states",
-    window: Window | None = None,
-    limits: ArrayLike | None = None,
-    units: Units | None = None,
-) -> Figure:
-    """Draw the face of contact of a body in space at a stored step, seen along its normal.
-
-    Parameters
-    ----------
-    history, step, ax, units : as of `friction_traction`
-    show : {"states", "pressure", "friction", "wear"}
-        What colours say: what nodes do, or how large these are.
-    window : ((low, high), (low, high)), optional
-        Draw this part only, in units of length.
-    limits : (low, high), optional
-        Ends of the colour scale of what has one; by default the same for all stored steps.
-
-    Returns
-    -------
-    matplotlib Figure
-        Colours are those of the part of the face that each node owns; arrows are the slip since the last
-        stored step, the longest as the title says.
-
-    Raises
-    ------
-    HistoryError
-        The body is plane, has no contact, or contact goes round it; or nothing of that name can be shown.
-    """
-    row, layout, contact = history.row(step), face_layout(history, "contact_face"), history.contact
-    choice(show, "contact_face", "show", ["states", *FIELDS], HistoryError)
-    window = style.window_of(window)
-    ax = canvas.axes_or_new(ax, 6.0, 5.0)
-    states = np.where(idle(history)[row], 2, np.where(contact.sticking[row], 0, 1))  # Numbers of `AREAS`.
-    if show == "states":
-        canvas.draw_polygons(ax, layout.corners, [list(AREAS.values())[state] for state in states[layout.owners]])
-        for state, (words, colour) in enumerate(AREAS.items()):
-            if (states == state).any():
-                ax.plot([], [], "s", color=colour, markeredgecolor="0.6", markersize=8, label=words)
-        canvas.legend_under(ax)
-    else:
-        quantity, words, values = FIELDS[show]
-        field = values(history)
-        drawn = canvas.draw_polygons(ax, layout.corners, None)
-        drawn.set_array(field[row, layout.owners])
-        ends = value_range(limits, (min(0.0, float(field.min())), float(field.max()) or 1.0))
-        drawn.set(cmap=style.SIZE, clim=ends)
-        canvas.colour_bar(ax, drawn, label(words, quantity, units))
-    shown = np.flatnonzero((states == 1) & within(layout.places, window) & (row > 0))
-    moved = layout.flat(contact.slip[row] - contact.slip[max(row - 1, 0)])[shown]
-    size = float(np.ptp(layout.places if window is None else np.transpose(window), axis=0).max())
-    size = size or float(np.ptp(layout.corners, axis=(0, 1)).max())  # One node alone.
-    places, largest = layout.places[shown], float(np.linalg.norm(moved, axis=1).max(initial=0.0))
-    if largest > 0.0:
-        # One in each square of a grid of 14, so that what is left out is left out evenly.
-        _, kept = np.unique(np.floor((places - places.min(axis=0)) * 14 / size + 0.5), axis=0, return_index=True)
-        arrows = moved[kept] * 0.085 * size / largest
-        canvas.draw_arrows(ax, places[kept], arrows, colour=style.PUSH, pivot="mid", width=0.005).set_in_layout(False)
-    ax.locator_params(nbins=5)
-    if window is None:
-        ax.autoscale_view()
-    last = row > 0 and history.stored[row - 1] == history.stored[row] - 1
-    since = "of the step" if last else "since the last stored step"
-    most = f"{largest:.3g} {unit(units, 'length') if units else ''}".rstrip()
-    told = f", slip {since} at most {most}" if largest else ""
-    x, y = (label(words, "length", units) for words in layout.labels)
-    return named(ax, x, y, f"{instant(history.times[row], units)}{told}", size="small", window=window, aspect="equal")
-
-
-def friction_disc(history: Results, step: int = -1, *, ax: Axes | None = None, units: Units | None = None) -> Figure:
-    """Draw the friction on the body at every contact node over its bound, as points in the unit disc.
-
-    Parameters
-    ----------
-    history, step, ax, units : as of `friction_traction`
-
-    Raises
-    ------
-    HistoryError
-        The body is plane, has no contact or no friction at that step, or contact goes round it.
-    """
-    row, layout, contact = history.row(step), face_layout(history, "friction_disc"), history.contact
-    rubs = contact.bound[row] > 0
-    if not rubs.any():
-        raise HistoryError(f"friction_disc: there is no friction at step {history.stored[row]}; draw another step.")
-    share = layout.flat(contact.traction[row, rubs]) / contact.bound[row, rubs, None]
-    sticks = contact.sticking[row, rubs]
-    ax = canvas.axes_or_new(ax, 5.0, 5.0)
-    angle = np.linspace(0.0, 2.0 * np.pi, 241)
-    ax.plot(np.cos(angle), np.sin(angle), "--", color="black", linewidth=1.2, label="bound", zorder=2)
-    for chosen, colour, marker, word in ((sticks, style.STICK, "o", "sticks"), (~sticks, style.SLIP, "s", "slips")):
-        if chosen.any():
-            rays = np.full((chosen.sum(), 3, 2), [[0.0], [0.0], [np.nan]])
-            rays[:, 1] = share[chosen]
-            ax.plot(*rays.reshape(-1, 2).T, color=colour, linewidth=0.5, alpha=0.35, zorder=1.5)
-            ax.plot(*share[chosen].T, marker, color=colour, markersize=4, label=word, zorder=3)
-    canvas.light_grid(ax)
-    canvas.legend_under(ax)
-    title = f"{instant(history.times[row], units)}: {sticks.sum()} contact nodes stick, {(~sticks).sum()} slip"
-    x = f"friction on the body / bound, along {layout.labels[0]}"
-    disc: Window = ((-1.15, 1.15), (-1.15, 1.15))
-    return named(ax, x, f"along {layout.labels[1]}", title, size="small", window=disc, aspect="equal")

@@ -21,7 +21,7 @@ from vemcvx.base.canvas import axes_or_new, bar_beside, figure_of, film_writer, 
 from vemcvx.base.errors import HistoryError
 from vemcvx.base.owned_files import path_of
 from vemcvx.meshes import PolyhedralMesh, plane_mesh
-from vemcvx.plots import contact, style
+from vemcvx.plots import contact, faces, style
 from vemcvx.plots.body import MISSING, deformed_body, deformed_mesh, has_pyvista, size_of_page, stressed_body
 from vemcvx.plots.contact import pressures, rubs, slips, wear
 from vemcvx.plots.style import Units, instant, label, named, positive, unit, value_range
@@ -208,8 +208,8 @@ def _moves(history: Results) -> bool:
     return bool((history.stored > 0).any())
 
 
-def _face(history: Results) -> bool:
-    return not _plane(history) and len(history.contact.nodes) > 0 and contact.seen(history.contact)
+def _faces(history: Results) -> bool:
+    return not _plane(history) and len(history.contact.nodes) > 0 and bool(faces.contact_faces(history))
 
 
 def _along(history: Results) -> bool:
@@ -225,8 +225,8 @@ PICTURES: dict[str, tuple[Callable[..., Figure], Callable[[Results], bool | np.b
     "stick_slip_map": (contact.stick_slip_map, _along),
     "wear": (wear, lambda h: _plane(h) and _moves(h) and h.contact.wear.any()),
     "deformed_body": (deformed_body, lambda h: not _plane(h) and has_pyvista()),
-    "contact_face": (contact.contact_face, _face),
-    "friction_disc": (contact.friction_disc, lambda h: _face(h) and (h.contact.bound[-1] > 0).any()),
+    "contact_face": (faces.contact_face, _faces),
+    "friction_disc": (faces.friction_disc, lambda h: _faces(h) and (h.contact.bound[-1] > 0).any()),
     "error_map": (error_map, lambda h: _plane(h) and h.cell_bounds is not None),
     "hysteresis_loop": (hysteresis_loop, lambda h: _moves(h) and loop_of(h) is not None),
     "energy_ledger": (energy_ledger, _moves),
@@ -244,9 +244,9 @@ def left_out(history: Results) -> dict[str, str]:
     """Pictures that there would be, by name, and why there are not."""
     if _plane(history):
         return {}
-    around = len(history.contact.nodes) > 0 and not contact.seen(history.contact)
-    faces = {name: contact.hidden(name) for name in ("contact_face", "friction_disc") if around}
-    return ({} if has_pyvista() else {"deformed_body": MISSING}) | faces
+    around = len(history.contact.nodes) > 0 and not _faces(history)
+    unseen = {name: f"{name}: {faces.HIDDEN}" for name in ("contact_face", "friction_disc") if around}
+    return ({} if has_pyvista() else {"deformed_body": MISSING}) | unseen
 
 
 def write_plots(

@@ -1,0 +1,279 @@
+"""Contact in space on its faces, each seen along its mean normal: what sticks and slips, pressure, friction, wear.
+
+Of every face at it a node owns the quadrilateral between itself, the middles of the two edges there and the centre.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from vemcvx.base import canvas
+from vemcvx.base.arrays import SAME, Bools, Floats, Ints, choice, quantities
+from vemcvx.base.errors import HistoryError
+from vemcvx.meshes import PolyhedralMesh
+from vemcvx.plots import style
+from vemcvx.plots.contact import ALONG, pressures, with_nodes
+from vemcvx.plots.style import Units, Window, idle, instant, label, named, unit, value_range, within
+from vemcvx.results.contact import Contact
+from vemcvx.results.results import Results
+from vemcvx.scene.rows import pair_numbers
+from vemcvx.vem import Space
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+HIDDEN = (
+    "contact goes round the body, and no view shows all of it; name one of its boundaries, on=, or look at the VTU "
+    "files of the history"
+)
+
+
+@dataclass(frozen=True)
+class ContactFace:
+    """Contact nodes on a face of contact in space, in the plane of the picture."""
+
+    history: Results  # with these contact nodes alone
+    frame: Floats  # (2, 3) unit vectors to the right and up
+    labels: tuple[str, str]  # what they measure
+    corners: Floats  # (k, 4, 2) quadrilaterals that make up the face
+    owners: Ints  # (k,) rows of the contact arrays, of the nodes that own them
+
+    @property
+    def places(self) -> Floats:
+        """(m, 2) of the contact nodes."""
+        return self.flat(self.history.contact.points)
+
+    def flat(self, vectors: Floats) -> Floats:
+        """Return vectors (..., 3) in the picture, (..., 2)."""
+        return vectors @ self.frame.T
+
+
+def contact_faces(history: Results, on: str | None = None, picture: str = "contact_face") -> dict[str, ContactFace]:
+    """Return the faces of contact that one view shows each: interfaces by their names, and all "obstacles" as one.
+
+    `on` picks one of them, or the obstacles of a boundary. HistoryError of plane bodies, and without contact there.
+    """
+    mesh = history.mesh
+    if not isinstance(mesh, PolyhedralMesh):
+        raise HistoryError(f"{picture}: this body is plane; friction_traction and stick_slip_map draw its contact.")
+    contact, number = with_nodes(history, picture), mesh.n_nodes
+    rigid, pairs = contact.partners < 0, pair_numbers(contact.nodes, contact.partners, number)
+    rows = {name: np.isin(pairs, pair_numbers(*found.pairs.T, number)) for name, found in mesh.interfaces.items()}
+    rows["obstacles"] = rigid
+    if on is not None and on not in rows:
+        rows[on] = rigid & np.isin(contact.nodes, Space(mesh).part(on, picture, contact=True).nodes)
+    if on is not None and not rows[on].any():
+        raise HistoryError(f"{picture}: there is no contact on {on!r}.")
+    # One view shows what is on one side: else the mean of the unit normals is short.
+    normals = {name: contact.normals[some] for name, some in rows.items() if some.any() and on in (None, name)}
+    means = {name: every.mean(axis=0) for name, every in normals.items()}
+    return {name: _face(history, rows[name], mean) for name, mean in means.items() if np.linalg.norm(mean) >= 0.5}
+
+
+def _face(history: Results, rows: Bools, normal: Floats) -> ContactFace:
+    """Return the face of some of the contact nodes, seen along a normal."""
+    kept = {
+        name: getattr(history.contact, name).compress(rows, axis=of.sizes.index("m"))
+        for name, of in quantities(Contact).items()
+    }
+    contact, mesh = Contact(**kept), history.mesh
+    assert isinstance(mesh, PolyhedralMesh)
+    frame, labels = _frame(normal)
+    corners, owners = _parts(contact, mesh)
+    return ContactFace(replace(history, contact=contact), frame, labels, corners @ frame.T, owners)
+
+
+def _frame(mean: Floats) -> tuple[Floats, tuple[str, str]]:
+    """Right and up, across the mean normal: axes where it is one, then as if looked at from inside the body."""
+    length, axis = np.linalg.norm(mean), int(np.argmax(np.abs(mean)))
+    right, up = (k for k in range(3) if k != axis)
+    if abs(mean[axis]) > (1 - SAME) * length:
+        return np.eye(3)[[right, up]], (f"$x_{right + 1}$", f"$x_{up + 1}$")
+    along = np.eye(3)[right] - mean[right] / length**2 * mean
+    along /= np.linalg.norm(along)
+    return np.stack([along, np.cross(mean / length, along)]), ("right", "up")
+
+
+def _parts(contact: Contact, mesh: PolyhedralMesh) -> tuple[Floats, Ints]:
+    """Quadrilaterals (k, 4, 3) of the faces of contact, and their owners (k,)."""
+    normal, joined = np.zeros_like(mesh.points), contact.partners >= 0
+    normal[contact.nodes] = contact.normals
+    # Nodes at the rim of an interface own parts of its faces, not of those beside it.
+    rows = np.full((2, mesh.n_nodes), -1)
+    rows[joined.astype(int), contact.nodes] = np.arange(len(contact.nodes))
+    inner = np.isin(np.arange(mesh.n_faces), np.concatenate([[], *(mesh.boundaries[name] for name in mesh.interfaces)]))
+    corners, owners = [], []
+    for face in mesh.boundaries["boundary"]:
+        nodes = mesh.face_vertices[mesh.face_offsets[face] : mesh.face_offsets[face + 1]]
+        if (normal[nodes] @ mesh.face_normals[face]).max() <= ALONG:
+            continue
+        x = mesh.points[nodes]
+        after, before = 0.5 * (x + np.roll(x, -1, axis=0)), 0.5 * (x + np.roll(x, 1, axis=0))
+        corners.append(np.stack([x, after, np.broadcast_to(mesh.face_centroids[face], x.shape), before], axis=1))
+        owners.append(rows[int(inner[face])][nodes])
+    held, quadrilaterals = np.concatenate(owners), np.concatenate(corners)
+    return quadrilaterals[held >= 0], held[held >= 0]
+
+
+AREAS = {"sticks": style.STICK_AREA, "slips": style.SLIP_AREA, "is open": style.OPEN_AREA}
+FIELDS: dict[str, tuple[str, str, Callable[[Results], Floats]]] = {
+    "pressure": ("force per area", "contact pressure", pressures),
+    "friction": ("force per area", "friction", lambda history: np.linalg.norm(history.contact.traction, axis=2)),
+    "wear": ("energy per area", "friction work", lambda history: history.contact.wear),
+}
+
+
+def contact_face(
+    history: Results,
+    step: int = -1,
+    *,
+    on: str | None = None,
+    ax: Axes | None = None,
+    show: str = "states",
+    window: Window | None = None,
+    limits: ArrayLike | None = None,
+    units: Units | None = None,
+) -> Figure:
+    """Draw the faces of contact of bodies in space at a stored step, each seen along its normal.
+
+    Parameters
+    ----------
+    history, step, ax, units : as of `friction_traction`
+    on : str, optional
+        Draw the face of this interface, or of the obstacles of this boundary, only; by default there is a panel for
+        each interface and one for all obstacles.
+    show : {"states", "pressure", "friction", "wear"}
+        What colours say: what nodes do, or how large these are.
+    window : ((low, high), (low, high)), optional
+        Draw this part only, in units of length.
+    limits : (low, high), optional
+        Ends of the colour scale of what has one; by default the same for all stored steps.
+
+    Returns
+    -------
+    matplotlib Figure
+        Colours are those of the part of the face that each node owns; arrows are the slip since the last
+        stored step, the longest as the title says: at interfaces that of the first body against the second.
+
+    Raises
+    ------
+    HistoryError
+        The body is plane, has no contact there, or contact goes round it; there are several faces for one `ax`; or
+        nothing of that name can be shown.
+    """
+    row = history.row(step)
+    choice(show, "contact_face", "show", ["states", *FIELDS], HistoryError)
+    window = style.window_of(window)
+    for panel, name, face in _panels(history, on, ax, "contact_face", (6.0, 5.0)):
+        if show == "states":
+            _fill_states(panel, face, row)
+        else:
+            quantity, words, values = FIELDS[show]
+            found, drawn = values(face.history), canvas.draw_polygons(panel, face.corners, None)
+            drawn.set_array(found[row, face.owners])
+            ends = value_range(limits, (min(0.0, float(found.min())), float(found.max()) or 1.0))
+            drawn.set(cmap=style.SIZE, clim=ends)
+            canvas.colour_bar(panel, drawn, label(words, quantity, units))
+        title = f"{name}{instant(history.times[row], units)}{_slip_arrows(panel, face, row, window, units)}"
+        panel.locator_params(nbins=5)
+        if window is None:
+            panel.autoscale_view()
+        x, y = (label(words, "length", units) for words in face.labels)
+        figure = named(panel, x, y, title, size="small", window=window, aspect="equal")
+    return figure
+
+
+def _panels(
+    history: Results, on: str | None, ax: Axes | None, picture: str, size: tuple[float, float]
+) -> Iterator[tuple[Axes, str, ContactFace]]:
+    """Yield axes, the beginning of a title and what to draw for each face of contact."""
+    faces = contact_faces(history, on, picture)
+    if not faces:
+        raise HistoryError(f"{picture}: {HIDDEN}.")
+    if ax is not None and len(faces) > 1:
+        names = ", ".join(map(repr, faces))
+        raise HistoryError(f"{picture}: one of the faces of contact goes on one pair of axes; give on=, of {names}.")
+    panels = [ax] if ax is not None else canvas.row_of_axes(len(faces), *size)
+    for panel, (name, face) in zip(panels, faces.items(), strict=True):
+        yield panel, f"{name}, " * (len(faces) > 1), face
+
+
+def _states(face: ContactFace, row: int) -> Ints:
+    """Return what contact nodes do, numbers (m,) of `AREAS`."""
+    contact = face.history.contact
+    return np.where(idle(face.history)[row], 2, np.where(contact.sticking[row], 0, 1))
+
+
+def _fill_states(ax: Axes, face: ContactFace, row: int) -> None:
+    """Colour a face by what its nodes do."""
+    states, colours = _states(face, row), list(AREAS.values())
+    canvas.draw_polygons(ax, face.corners, [colours[state] for state in states[face.owners]])
+    for state, (words, colour) in enumerate(AREAS.items()):
+        if (states == state).any():
+            ax.plot([], [], "s", color=colour, markeredgecolor="0.6", markersize=8, label=words)
+    canvas.legend_under(ax)
+
+
+def _slip_arrows(ax: Axes, face: ContactFace, row: int, window: Window | None, units: Units | None) -> str:
+    """Draw the slip since the last stored step where nodes slip; return the largest in words, "" without any."""
+    contact, stored, places = face.history.contact, face.history.stored, face.places
+    shown = np.flatnonzero((_states(face, row) == 1) & within(places, window) & (row > 0))
+    moved = face.flat(contact.slip[row] - contact.slip[max(row - 1, 0)])[shown]
+    size = float(np.ptp(places if window is None else np.transpose(window), axis=0).max())
+    size = size or float(np.ptp(face.corners, axis=(0, 1)).max())  # One node alone.
+    places, largest = places[shown], float(np.linalg.norm(moved, axis=1).max(initial=0.0))
+    if largest == 0.0:
+        return ""
+    # One in each square of a grid of 14, so that what is left out is left out evenly.
+    _, kept = np.unique(np.floor((places - places.min(axis=0)) * 14 / size + 0.5), axis=0, return_index=True)
+    arrows = moved[kept] * 0.085 * size / largest
+    canvas.draw_arrows(ax, places[kept], arrows, colour=style.PUSH, pivot="mid", width=0.005).set_in_layout(False)
+    since = "of the step" if stored[row - 1] == stored[row] - 1 else "since the last stored step"
+    return f", slip {since} at most {largest:.3g} {unit(units, 'length') if units else ''}".rstrip()
+
+
+def friction_disc(
+    history: Results, step: int = -1, *, on: str | None = None, ax: Axes | None = None, units: Units | None = None
+) -> Figure:
+    """Draw the friction on the body at every contact node over its bound, as points in the unit disc.
+
+    Parameters
+    ----------
+    history, step, on, ax, units : as of `contact_face`
+
+    Raises
+    ------
+    HistoryError
+        The body is plane, has no contact or no friction at that step, or contact goes round it; or there are several
+        faces for one `ax`.
+    """
+    row = history.row(step)
+    for panel, name, face in _panels(history, on, ax, "friction_disc", (5.0, 5.0)):
+        contact = face.history.contact
+        rubs = contact.bound[row] > 0
+        if not rubs.any():
+            raise HistoryError(f"friction_disc: there is no friction at step {history.stored[row]}; draw another step.")
+        share = face.flat(contact.traction[row, rubs]) / contact.bound[row, rubs, None]
+        sticks = contact.sticking[row, rubs]
+        angle = np.linspace(0.0, 2.0 * np.pi, 241)
+        panel.plot(np.cos(angle), np.sin(angle), "--", color="black", linewidth=1.2, label="bound", zorder=2)
+        for chosen, colour, marker, word in ((sticks, style.STICK, "o", "sticks"), (~sticks, style.SLIP, "s", "slips")):
+            if chosen.any():
+                rays = np.full((chosen.sum(), 3, 2), [[0.0], [0.0], [np.nan]])
+                rays[:, 1] = share[chosen]
+                panel.plot(*rays.reshape(-1, 2).T, color=colour, linewidth=0.5, alpha=0.35, zorder=1.5)
+                panel.plot(*share[chosen].T, marker, color=colour, markersize=4, label=word, zorder=3)
+        canvas.light_grid(panel)
+        canvas.legend_under(panel)
+        did = f"{sticks.sum()} contact nodes stick, {(~sticks).sum()} slip"
+        x, y = f"friction on the body / bound, along {face.labels[0]}", f"along {face.labels[1]}"
+        disc: Window = ((-1.15, 1.15), (-1.15, 1.15))
+        title = f"{name}{instant(history.times[row], units)}: {did}"
+        figure = named(panel, x, y, title, size="small", window=disc, aspect="equal")
+    return figure

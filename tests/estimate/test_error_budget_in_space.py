@@ -13,7 +13,7 @@ import block_in_space
 import manufactured_full_slip as plane
 import vemcvx as vx
 from vemcvx.bound.skeleton import instant
-from vemcvx.estimate.in_space import Residuals
+from vemcvx.estimate.residual import Residuals
 from vemcvx.scene.pose import pose_scene
 from vemcvx.vem import Space, strains, stresses
 

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import vemcvx as vx
-from vemcvx.bound.skeleton import instant, skeleton, surface_forces
+from vemcvx.bound.skeleton import instant, skeleton
+from vemcvx.estimate.residual import Residuals
 from vemcvx.scene import pose_scene
 
 SLOPE = np.tan(np.radians(30.0))
@@ -34,7 +35,7 @@ def test_edges_bear_all_of_contact_and_only_those_in_contact(on):
     )
     history, posed = vx.simulate(scene, mesh, [0, 1]), pose_scene(scene, mesh)
     edges, contact = skeleton(posed), history.contact
-    force = surface_forces(posed, edges, instant(history, -1))
+    force = Residuals(posed).contact(instant(history, -1))
     traction = contact.traction[-1] - contact.pressure[-1][:, None] * contact.normals
     assert np.allclose(force.sum(axis=0), contact.lengths @ traction, rtol=1e-12, atol=1e-12)
     named = np.concatenate([mesh.boundaries[name] for name in np.atleast_1d(on)])

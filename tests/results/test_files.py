@@ -281,9 +281,9 @@ def test_foreign_archives_are_refused(history, tmp_path):
     history.write(tmp_path)
     with np.load(tmp_path / "history.npz") as file:
         arrays = dict(file)
-    newer = {**arrays, "about": np.array(str(arrays["about"]).replace("history 5", "history 6"))}
+    newer = {**arrays, "about": np.array(str(arrays["about"]).replace("history 6", "history 7"))}
     np.savez(tmp_path / "history.npz", **newer)
-    with pytest.raises(HistoryError, match="found the format 'vemcvx history 6', wanted 'vemcvx history 5'"):
+    with pytest.raises(HistoryError, match="found the format 'vemcvx history 7', wanted 'vemcvx history 6'"):
         read_history(tmp_path)
     for name in ("displacement", "contact.slip", "trajectory.gap", "mesh.points", "boundary.boundary"):
         np.savez(tmp_path / "history.npz", **{key: value for key, value in arrays.items() if key != name})
@@ -317,32 +317,6 @@ def test_arrays_that_do_not_go_together_are_refused(history, tmp_path):
     for name in ("contact.nodes", "trajectory.stored"):
         np.savez(tmp_path / "history.npz", **{**arrays, name: arrays[name] + 10**6})
         with pytest.raises(HistoryError, match=f"no history that this version reads: found {name} from"):
-            read_history(tmp_path)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(
-    "words",
-    [
-        ("effects", 5),
-        ("effects", [5]),
-        ("inactive", "x"),
-        ("seconds", []),
-        ("seconds", {"assemble": "x", "prepare": 1, "solve": 1}),
-        ("errors", [1]),
-        ("trajectory", {"seconds": {}, "solver": 5}),
-        ("trajectory", {"solver": "x", "seconds": {}, "times": [1]}),
-    ],
-    ids=repr,
-)
-def test_words_of_other_kinds_are_refused(history, tmp_path, words):
-    history.write(tmp_path)
-    with np.load(tmp_path / "history.npz") as file:
-        arrays = dict(file)
-    about = json.loads(str(arrays["about"]))
-    for changed in ({**about, words[0]: words[1]}, [about], about["effects"]):
-        np.savez(tmp_path / "history.npz", **{**arrays, "about": np.array(json.dumps(changed))})
-        with pytest.raises(HistoryError, match="no history that this version reads"):
             read_history(tmp_path)
 
 

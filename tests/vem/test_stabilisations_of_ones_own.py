@@ -9,7 +9,7 @@ import pytest
 
 import stabilisations_of_ones_own as own
 import vemcvx as vx
-from vemcvx.estimate.budget import CONSTANT
+from vemcvx.estimate.residual import CONSTANT
 from vemcvx.scene import pose_scene
 
 OWN = [own.Boundary(), own.DRecipe(), own.DRecipe(deviatoric=True)]

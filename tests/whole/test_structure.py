@@ -63,10 +63,11 @@ HEAVY = {
 
 
 LINES = {"program": 2_156, "solvers": 1_316, "stepping": 1_755, "linear": 900, "scene": 1_800, "effects": 1_800}
+LINES |= {"results": 2_190, "estimate": 2_095, "plots": 1_925}
 """Most lines of folders: they grow by decision only, which raises a number here."""
 TOP = 1_500
 """Most lines of the modules at the top and of what all may use, without the canvas, which counts with the plots."""
-TESTS = 9_000
+TESTS = 15_930
 """Most lines of the tests of `LINES`, in the folders of their names."""
 
 
@@ -186,7 +187,8 @@ def test_long_calls_name_their_arguments(name):
 @pytest.mark.parametrize("folder", [*LINES, "top"])
 def test_folders_keep_their_lines(folder):
     top = [path for path in [*ROOT.glob("*.py"), *(ROOT / "base").glob("*.py")] if path.name != "canvas.py"]
-    paths = top if folder == "top" else (ROOT / folder).rglob("*.py")
+    paths = top if folder == "top" else [*(ROOT / folder).rglob("*.py")]
+    paths += [ROOT / "base" / "canvas.py"] if folder == "plots" else []
     lines, most = sum(len(path.read_text().splitlines()) for path in paths), (LINES | {"top": TOP})[folder]
     assert lines <= most, f"{folder} has {lines} lines, {most} are decided: cut some, or raise it by what is new"
 

@@ -16,9 +16,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import scipy.sparse as sp
 
-from vemcvx.base.arrays import Bools, Floats, Ints, totals
+from vemcvx.base.arrays import Bools, Floats, Ints
 from vemcvx.base.errors import SceneError
 from vemcvx.history import History
 from vemcvx.meshes import PolygonMesh, plane_mesh
@@ -219,23 +218,6 @@ def instant(history: History, row: int) -> Instant:
     return Instant(float(history.times[row]), history.displacement[row], *parts)
 
 
-def surface_forces(posed: PosedScene, edges: Skeleton, now: Instant) -> Floats:
-    """Force (b, 2) on each boundary edge of the skeleton."""
-    contact = _contact(posed, edges, now)
-    total = edge_loads(posed, edges, now.t) + contact + edges.joints.reaction(contact)
-    if posed.springs is not None:
-        total += _springs(posed.springs, edges, now.u)
-    return total
-
-
-def _contact(posed: PosedScene, edges: Skeleton, now: Instant) -> Floats:
-    """Friction and pressure (b, 2), linear between nodes, on the edges of the bodies whose normals they refer to."""
-    friction, pressure = contact_tractions(posed, now)
-    traction = at_ends(edges, posed.terms, friction) + at_ends(edges, posed.obstacles, pressure)
-    force: Floats = 0.5 * edges.lengths[:, None] * traction.sum(axis=1)
-    return force
-
-
 def contact_tractions(posed: PosedScene, now: Instant) -> tuple[Floats, Floats]:
     """Friction on rows of terms (m, dim), and pressure on those of obstacles (r, dim)."""
     terms, obstacles = posed.terms, posed.obstacles
@@ -295,18 +277,6 @@ def at_ends(edges: Skeleton, rows: ContactRows, values: Floats) -> Floats:
         bare = known[:, 1 - side_] & ~known[:, side_]
         found[bare, side_] = found[bare, 1 - side_]
     return found
-
-
-def _springs(springs: sp.csr_matrix, edges: Skeleton, u: Floats) -> Floats:
-    """Springs pull where both ends of an edge have some."""
-    stiff = springs.diagonal().reshape(-1, 2).max(axis=1) > 0
-    sprung = stiff[edges.outer_edges].all(axis=1)
-    half = 0.5 * edges.lengths[sprung]
-    share = totals(edges.outer_edges[sprung].ravel(), np.repeat(half, 2), len(u))
-    traction = -(springs @ u.ravel()).reshape(-1, 2) / np.where(share > 0, share, 1.0)[:, None]
-    total = np.zeros(edges.outer_normals.shape)
-    total[sprung] = half[:, None] * traction[edges.outer_edges[sprung]].sum(axis=1)
-    return total
 
 
 def check_estimable(posed: PosedScene, subject: str) -> None:

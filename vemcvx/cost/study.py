@@ -134,7 +134,7 @@ def said_of(rows: Sequence[Row]) -> Iterator[str]:
         return "all runs" if len(runs) == len(rows) else "; ".join(runs)
 
     for names, runs in limitless.items():
-        yield f"no limit    {of(runs)}: {names} grow without limit as the mesh is refined: numbers of the mesh"
+        yield f"no limit    {of(runs)}: {names} may grow without limit as the mesh is refined: numbers of the mesh"
     for said in warned.values():
         first, *_ = said
         numbers = f" (numbers of {first})" if len(set(said.values())) > 1 else ""
@@ -196,7 +196,7 @@ def picture(rows: Sequence[Row], chosen: Sequence[str], title: str = "") -> Figu
             x, y = [places[row.settings[name]] for row in own], np.array([row.results.get(key) for row in own], float)
             ax.plot(x, y, MARKERS[k % len(MARKERS)] + "-", color=SERIES[k % len(SERIES)], label=", ".join(kind))
         limitless = any(key in row.unbounded for row in rows)
-        ax.set(xlabel=name, title=labels[key] + "\ngrows without limit as the mesh is refined" * limitless)
+        ax.set(xlabel=name, title=labels[key] + "\nmay grow without limit as the mesh is refined" * limitless)
         ax.title.set_fontsize("small")
         if ticks:
             ax.set_xticks(range(len(ticks)), ticks)

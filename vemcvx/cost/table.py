@@ -183,7 +183,7 @@ EXTREMES = {
 
 
 def without_limit(rows: Sequence[Row]) -> list[str]:
-    """A sentence for each extreme that grows from mesh to mesh of one family at a rate that hardly falls."""
+    """A sentence for each extreme that has grown from one of the last meshes of a family to the next."""
     uniform = [row for row in rows if row.done and row.target is None]
     lines = []
     for key, words in EXTREMES.items():

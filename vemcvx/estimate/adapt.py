@@ -281,13 +281,11 @@ def adapt(
         raise SceneError(f"adapt: found estimate='bound' beside of={of!r}; bounds are of the energy norm alone.")
     aim = _Aim(target, of, bounded, _begun(initial), _wanted(times), solver=_lenient(solver, target))
     passes, start = list[Pass](), time.perf_counter()
-    aim, instants, finer = _begin(scene, mesh, aim)
+    aim, instants = _begin(scene, mesh, aim)
     while True:
         posed, history, bound = _simulated(scene, mesh, instants, aim, start)
-        # Steps are looked at once the mesh of the pass before came this near the target; before, as on the coarse
-        # mesh.
-        near = of == "energy" and len(passes) > 0 and passes[-1].space <= 1.4 * target
-        budget, finer = _judged(posed, history, bound, aim, None if near else finer)
+        finer = in_time(posed, history.trajectory)
+        budget = _judged(posed, history, bound, aim, finer)
         history, lost, parts, indicators = _missed(history, budget, finer, of)
         now = Pass(
             cells=mesh.n_cells,
@@ -306,8 +304,7 @@ def adapt(
         if done or now.unknowns * (1 + (2 ** mesh.points.shape[1] - 1) * marked.mean()) > most_unknowns:
             return _adapted(posed, history, (budget, bound), aim, passes)
         start = time.perf_counter()
-        mesh = mesh.refine(marked) if marked.any() else mesh
-        instants, finer = split, finer if len(split) == len(instants) else None
+        mesh, instants = mesh.refine(marked) if marked.any() else mesh, split
 
 
 @dataclass(frozen=True)
@@ -400,10 +397,8 @@ def _adapted(
     passes: Sequence[Pass],
 ) -> Adapted:
     """The result of the last pass; its budget is of the energy norm, whatever the target is of."""
-    (budget, bound), of_energy = judged, aim.of == "energy"
-    if not of_energy:
-        budget, _ = _judged(posed, history, None, aim, None)
-    asked, known = {"target": aim.target} if of_energy else {}, {} if bound is None else bound.kept()
+    budget, bound = judged
+    asked, known = {"target": aim.target} if aim.of == "energy" else {}, {} if bound is None else bound.kept()
     history = replace(history, errors={**budget.largest, **asked}, growth=_growth(passes), **known)
     warn_of_lost_work(history.trajectory)
     warn_of_large_strains(posed, history)
@@ -438,23 +433,14 @@ def _growth(passes: Sequence[Pass]) -> dict[str, str]:
     return {key: words for key, words in told.items() if words}
 
 
-def _judged(
-    posed: PosedScene, history: History, bound: ErrorBound | None, aim: _Aim, known: Finer | None
-) -> tuple[ErrorBudget, Finer]:
-    """The budget at some steps, and the run beside one in finer steps: the one at hand until the target seems met."""
+def _judged(posed: PosedScene, history: History, bound: ErrorBound | None, aim: _Aim, finer: Finer) -> ErrorBudget:
+    """The budget at some steps, of a bound if there is one."""
     rows = [history.row(int(n)) for n in aim.steps(history.trajectory.times)]
-
-    def judged(finer: Finer) -> ErrorBudget:
-        budget = budget_of(posed, history, rows, finer)
-        if bound is None:
-            return budget
-        unit = budget.scale or float(bound.upper.max()) or 1.0
-        return replace(budget, space=bound.upper / unit, cells=np.sqrt(bound.cells) / unit)
-
-    if known is not None and (budget := judged(known)).largest["total"] > aim.target:
-        return budget, known
-    finer = in_time(posed, history.trajectory)
-    return judged(finer), finer
+    budget = budget_of(posed, history, rows, finer)
+    if bound is None:
+        return budget
+    unit = budget.scale or float(bound.upper.max()) or 1.0
+    return replace(budget, space=bound.upper / unit, cells=np.sqrt(bound.cells) / unit)
 
 
 def _next(now: Pass, squares: Floats, steps: tuple[Floats, Lost], target: float, theta: float) -> tuple[Bools, Floats]:
@@ -480,8 +466,8 @@ def _check(target: object, of: object, theta: object, most: object, progress: ob
     check_takes(progress, 1, "adapt: progress", "each Pass")
 
 
-def _begin(scene: Scene, mesh: AnyMesh, aim: _Aim) -> tuple[_Aim, Floats, Finer | None]:
-    """Instants with which the coarse mesh loses little to time, and, for energies, the run beside one in finer steps.
+def _begin(scene: Scene, mesh: AnyMesh, aim: _Aim) -> tuple[_Aim, Floats]:
+    """Instants with which the coarse mesh loses little to time.
 
     Those where data bend, turn or jump are among them, and the aim that is returned knows them: errors are those at the
     instants of a run, where a load that comes and goes inside a step is zero, and no estimate sees it. Nothing is left
@@ -500,7 +486,7 @@ def _begin(scene: Scene, mesh: AnyMesh, aim: _Aim) -> tuple[_Aim, Floats, Finer 
         )
     run, begun = prepare(posed.system, None, False, True), free_unknowns(aim.initial, posed, aim.wanted)
     state = certified_in_full(run, initial_state(run, aim.wanted, begun))
-    known, finer = course(posed.system, aim.wanted), None
+    known = course(posed.system, aim.wanted)
     aim = replace(aim, turns=inside_steps(aim.wanted, known.bends))
     times = aim.stored
     while True:
@@ -513,7 +499,7 @@ def _begin(scene: Scene, mesh: AnyMesh, aim: _Aim) -> tuple[_Aim, Floats, Finer 
             lost = Lost.of_quantity(errors_of_steps(history), aim.of, value_of(history, aim.of))
         split = split_steps(times, lost, TIME_SHARE * aim.target)
         if len(split) == len(times) or len(split) > MOST_STEPS:
-            return aim, times, finer
+            return aim, times
         times = split
 
 

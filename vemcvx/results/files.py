@@ -14,7 +14,7 @@ them, slip and traction of the second body with the other sign. On cells it has 
 
 All files are made in a folder inside the target and moved from there: the archive first, by which a folder is known
 as that of a history and from which histories are read, and the summary last. A process that dies before leaves the
-older history as it was. Files of those names that are of no history stay as they are.
+older history as it was. Without such an archive in a folder files of those names are not replaced.
 
 The archive holds what :func:`vemcvx.results.results.labelled` lists, the mesh with its boundaries and cell data, and as
 JSON in the array `about` what is no array.
@@ -34,7 +34,6 @@ from collections.abc import Callable, Set
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from types import NoneType
 from typing import Any
 
 import numpy as np
@@ -57,7 +56,7 @@ from vemcvx.vem import VertexWeights, component_names
 
 NAME = "vemcvx history"
 ENERGIES = "energy", "dissipated", "work", "dissipated_second_order", "work_second_order"
-FORMAT = f"{NAME} 5"
+FORMAT = f"{NAME} 6"
 ARRAYS = {prefix + name: of for prefix, record in RECORDS.items() for name, of in quantities(record).items()}
 PLAIN = "effects", "inactive", "errors", "bound", "bounded_force", "seconds", "growth"
 """What is no array, and goes into JSON as it is."""
@@ -117,7 +116,6 @@ def _history(arrays: Arrays) -> Results:
     quoted = about["quantities"]
     known["quantities"] = quoted and {name: Quantity(**one) for name, one in quoted.items()}
     known |= {f"trajectory.{name}": value for name, value in about["trajectory"].items()}
-    _check_words(about, known)
     return record_of(Results, arrays, known)
 
 
@@ -139,26 +137,6 @@ def _check_arrays(arrays: Arrays, sizes: dict[str, int]) -> None:
         count = sizes[size]
         if len(arrays[name]) and not (arrays[name].min() >= least and arrays[name].max() < count):
             raise ValueError(f"found {name} from {arrays[name].min()} to {arrays[name].max()} of {count}")
-
-
-def _check_words(about: dict[str, Any], known: dict[str, Any]) -> None:
-    """Raise ValueError unless what is no array is of its kind, and stands for no array."""
-    run, lists = about["trajectory"], (about["effects"], about["inactive"])
-    quoted = (known["quantities"] or {}).values()
-    kinds: list[tuple[Any, Any]] = [
-        *((one, list) for one in lists),
-        *((word, str) for one in lists for word in one),
-        *((about["seconds"][name], (int, float)) for name in ("assemble", "prepare", "solve")),
-        *((run["solver"], str), (run["linear"], str), (run["seconds"], dict), (run["accuracy"], (float, NoneType))),
-        (run["work_begun"], float),
-        *((about[name], (dict, NoneType)) for name in ("errors", "growth", "bound", "bounded_force")),
-        *((words, str) for one in quoted for words in (one.unit, one.unbounded)),
-        *((value, float) for one in quoted for value in (one.value, one.steps, one.mesh)),
-    ]
-    if not all(isinstance(value, kind) for value, kind in kinds) or any(
-        known[n] is not None for n in ARRAYS.keys() & known
-    ):
-        raise ValueError("found words and numbers of other kinds beside the arrays")
 
 
 def _mesh(arrays: Arrays, bodies: dict[str, list[str]]) -> AnyMesh:
@@ -190,21 +168,6 @@ class Origin:
     problem: str = "unnamed"
     family: str | None = None  # The family of meshes, if it was one, or the mesh file.
     n: int | None = None  # Cells across the shortest side, as that family was asked for; None of a file.
-
-
-def _told(path: Path) -> dict[str, Any]:
-    """Return the summary of a history in a file; empty if it is not there, or no such summary."""
-    try:
-        told = json.loads(path.read_text(encoding="utf-8"))
-        return told if str(told["format"]).startswith(NAME) else {}
-    except (OSError, ValueError, TypeError, KeyError, RecursionError):
-        return {}
-
-
-def listed_tables(path: Path) -> set[str]:
-    """Names of the CSV files that the summary `path` lists, if it is there and ours."""
-    listed = _told(path).get("tables")
-    return {name for name in FILES.values() if isinstance(listed, list) and name in listed}
 
 
 def summary(history: Results, origin: Origin, writing: float) -> dict[str, Any]:
@@ -328,7 +291,7 @@ def write_results(
 
 def _move(made: Owned, folder: Path) -> None:
     """Replace the files of an older history by those that were made; its archive, from which it is read, first."""
-    older = _listed_steps(folder / SERIES) | listed_tables(folder / SUMMARY)
+    older = _listed_steps(folder / SERIES) | set(FILES.values()) if _is_archive(folder / ARCHIVE) else set()
     turn = {ARCHIVE: 0, SERIES: 2, SUMMARY: 3}
     for name in sorted(made.names, key=lambda name: (turn.get(name, 1), name)):
         os.replace(made.path / name, folder / name)
@@ -372,12 +335,8 @@ def _at_nodes(history: Results, row: int) -> dict[str, Floats]:
 
 
 def check_replaceable(folder: Path, names: Set[str] = frozenset({ARCHIVE, SERIES, SUMMARY, *FILES.values()})) -> None:
-    """Raise HistoryError where a file of one of these names is there that is not of a history."""
-    told = bool(_told(folder / SUMMARY))
-    ours = {SUMMARY} | listed_tables(folder / SUMMARY) if told else set()
-    if told or _is_archive(folder / ARCHIVE):
-        ours |= {ARCHIVE, SERIES} | _listed_steps(folder / SERIES)
-    for name in sorted(names - ours):
+    """Raise HistoryError where a file of one of these names is in a folder that no history was written to."""
+    for name in () if _is_archive(folder / ARCHIVE) else sorted(names):
         if os.path.lexists(folder / name):
             raise HistoryError(
                 f"{folder / name}: not of a history, so it is not replaced. Choose another folder, or move it away."

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 
@@ -32,8 +31,8 @@ class Extreme:
     step : int
         The step that ends there.
     unbounded : str
-        Why the value means nothing but on this mesh, as it grows when the mesh is refined: it sits at a corner or a
-        jump of data (:mod:`vemcvx.results.corners`), or grew from mesh to mesh; empty if nothing is known against it.
+        Why the value may mean nothing but on this mesh: it sits at a corner or a point load
+        (:mod:`vemcvx.results.corners`), or grew from mesh to mesh; empty if nothing is known against it.
     """
 
     key: str
@@ -52,24 +51,18 @@ SINGULAR = "von_mises", "largest_principal_stress", "smallest_principal_stress",
 
 
 def growth(sizes: Sequence[float], values: Sequence[float]) -> str:
-    """The sentence where the values on ever finer meshes grow at a rate that hardly falls; empty where they do not.
+    """The sentence that the value on the last mesh has grown since cells were larger; empty where it has not.
 
-    `sizes` are of the cells where the values stand, from the coarsest mesh on. Towards a limit the rates
-    log(v_k+1 / v_k) / log(h_k / h_k+1) fall by half, or by 2^.5, where cells are halved; where stress grows like r^-a
-    they come near a. Two rates tell: the last is at least .05, and .75 of the one before. Meshes on which the size h is
-    that of the one before say nothing new.
+    `sizes` are of the cells where the values stand, from the coarsest mesh on. The last value is compared with that of
+    the last mesh whose cells were at least half as large again, and told if it grew faster than h^-.05.
     """
     finer = [(h, abs(v)) for h, v in zip(sizes, values, strict=True) if v]
-    kept: list[tuple[float, float]] = []
-    for h, v in finer:
-        if kept and h > 0.75 * kept[-1][0]:
-            kept = kept[:-1]
-        kept.append((h, v))
-    rates = [np.log(w / v) / np.log(g / h) for (g, v), (h, w) in pairwise(kept) if g > h]
-    if len(rates) < 2 or rates[-1] < 0.05 or rates[-1] < 0.75 * rates[-2]:
+    if not finer:
         return ""
-    listed = ", ".join(f"{v:.3g}" for _, v in kept[-4:])
-    return f"grew from mesh to mesh at a rate that hardly falls: {listed}"
+    (h, value), before = finer[-1], [(g, w) for g, w in finer if g >= 1.5 * finer[-1][0]]
+    if not before or value <= before[-1][1] * (before[-1][0] / h) ** 0.05:
+        return ""
+    return f"grew by a factor {value / before[-1][1]:.3g} from h = {before[-1][0]:.3g} to {h:.3g}"
 
 
 @dataclass(frozen=True)
@@ -86,8 +79,8 @@ class Quantity:
     unit : str
         In words.
     unbounded : str
-        Why the largest wear is a number of this mesh alone, which grows as the mesh is refined; empty where no reason
-        is known.
+        Why the largest wear may be a number of this mesh alone, which grows as the mesh is refined; empty where no
+        reason is known.
     """
 
     value: float

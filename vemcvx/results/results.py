@@ -21,8 +21,8 @@ from vemcvx.meshes import AnyMesh, PolygonMesh, PolyhedralMesh
 from vemcvx.meshes.polygons import cell_of_corner
 from vemcvx.program import SolvedProgram
 from vemcvx.results import quoted
-from vemcvx.results.contact import Contact, Sides, contact_history, sides_of
-from vemcvx.results.corners import SIGNED, Corners, Peak
+from vemcvx.results.contact import Contact, contact_history
+from vemcvx.results.corners import Corners, Sides, sides_of
 from vemcvx.scene import Scene
 from vemcvx.scene.pose import PosedScene, pose_scene, unwarned
 from vemcvx.scene.rows import ContactRows, distinct_pairs
@@ -195,15 +195,7 @@ class Results:
         SceneError
             That step was not stored.
         """
-        row = self.row(step)
-        return self._stressed(row, stresses(self.moduli, self._strain(row)))
-
-    def _strain(self, row: int) -> Floats:
-        return strains(self._space, self.displacement[row])
-
-    def _stressed(self, row: int, elastic: Floats) -> Floats:
-        """Stresses of the elastic ones: those at zero strain added."""
-        return elastic if self.prestress is None else elastic + self.prestress[row]
+        return self.on_cells(step)["stress"]
 
     def out_of_plane_stress(self, step: int) -> Floats:
         """(n_cells,) stress zz across the plane at a stored step; tension positive.
@@ -218,26 +210,21 @@ class Results:
             That step was not stored, the material does not say, or the body is in space, where `stress` has it.
         """
         self._space.require_plane("history: out_of_plane_stress", "take the third column of stress(step)")
-        row = self.row(step)
+        self.row(step)
         if self.out_of_plane is None:
             raise SceneError(
                 "history: the stress across the plane is not determined, because a material gives its law in the plane "
                 "only (Material.out_of_plane); principal_stresses(step) and stress(step) do not need it."
             )
-        return self._across(row, self.out_of_plane, self._strain(row))
-
-    def _across(self, row: int, out_of_plane: Floats, strain: Floats) -> Floats:
-        """The stress zz of strains in the plane."""
-        zz: Floats = np.einsum("ck,ck->c", out_of_plane, strain)
-        return zz if self.out_of_plane_prestress is None else zz + self.out_of_plane_prestress[row]
+        return self.on_cells(step)["out_of_plane_stress"]
 
     def von_mises(self, step: int) -> Floats:
         """(n_cells,) von Mises' equivalent stress at a stored step, the stress across the plane included.
 
         See :mod:`vemcvx.vem.elasticity` for the formula, `out_of_plane_stress` for that component and its errors.
         """
-        stress = self.stress(step)
-        return equivalent(stress, self.out_of_plane_stress(step)) if self._space.in_plane else equivalent(stress)
+        fields = self.on_cells(step)
+        return fields["von_mises"] if "von_mises" in fields else self.out_of_plane_stress(step)
 
     def principal_stresses(self, step: int) -> Floats:
         """(n_cells, 2) principal stresses in the plane at a stored step, the larger one first; tension positive.
@@ -249,7 +236,7 @@ class Results:
         SceneError
             That step was not stored.
         """
-        return principal(self.stress(step))
+        return self.on_cells(step)["principal_stresses"]
 
     def on_cells(self, step: int) -> dict[str, Floats]:
         """The fields of a stored step on cells, from one strain, each as the method of its name gives it.
@@ -263,16 +250,18 @@ class Results:
             That step was not stored.
         """
         row = self.row(step)
-        strain = self._strain(row)
+        strain = strains(self._space, self.displacement[row])
         elastic = stresses(self.moduli, strain)
-        stress = self._stressed(row, elastic)
+        stress = elastic if self.prestress is None else elastic + self.prestress[row]
         energy = 0.5 * np.einsum("ci,ci->c", elastic, strain)
         fields = {"stress": stress, "principal_stresses": principal(stress), "strain_energy": energy}
         if not self._space.in_plane:
             return fields | {"von_mises": equivalent(stress)}
         if self.out_of_plane is None:
             return fields
-        across = self._across(row, self.out_of_plane, strain)
+        across: Floats = np.einsum("ck,ck->c", self.out_of_plane, strain)
+        if self.out_of_plane_prestress is not None:
+            across = across + self.out_of_plane_prestress[row]
         return fields | {"out_of_plane_stress": across, "von_mises": equivalent(stress, across)}
 
     @cached_property
@@ -281,19 +270,18 @@ class Results:
 
         Displacements are those of nodes, stresses those of cells, Pi u's, at their centroids, and slips, friction and
         pressure, raw and recovered, those of contact nodes. Signs are kept: the smallest principal stress is the
-        largest compression. `Extreme.unbounded` says of those at corners, point loads and jumps of data that they grow
-        without limit as the mesh is refined, unless half of the field is within a percent of them: no corner is loaded
-        then. In space edges and corners of bodies are not looked at, only point loads. Found once, when first asked
-        for.
+        largest compression. `Extreme.unbounded` says of those at corners and point loads that they may grow without
+        limit as the mesh is refined (:mod:`vemcvx.results.corners`), unless half of the field is within a percent of
+        them: no corner is loaded then. Found once, when first asked for.
         """
-        corners, grew, found = Corners(self.mesh, self.contact, self.moduli, self.sides), self.growth or {}, []
-        for one, of, even in largest_values(self):
-            said = [grew.get(one.key, "")]
-            if not even:
-                stress = self.stress(one.step) if one.key in SIGNED and self._space.in_plane else None
-                near, peak = _near(self, corners, one, of), Peak(one.value, stress)
-                said.insert(0, corners.sentence(near, self.row(one.step), one.key, peak))
-            found.append(replace(one, unbounded="; ".join(filter(None, said))))
+        corners, grew, found = Corners(self.mesh, self.contact, self.sides), self.growth or {}, []
+        given = not self.trajectory.given_friction.any()
+        for one, k, even in largest_values(self):
+            # Slip is bounded at all corners, and friction where its bound is given.
+            bounded = one.key == "slip" or (one.key == "friction" and given)
+            near, row = [] if even or bounded else _near(self, corners, one.key, k), self.row(one.step)
+            said = corners.at_load(near) if one.key == "displacement" else corners.sentence(near, row)
+            found.append(replace(one, unbounded="; ".join(filter(None, (said, grew.get(one.key, ""))))))
         return tuple(found)
 
     def row(self, step: int) -> int:
@@ -306,9 +294,9 @@ class Results:
         return stored.index(wanted)
 
 
-def largest_values(history: Results) -> Iterator[tuple[quoted.Extreme, tuple[int, Floats], bool]]:
-    """The extremes, each with its place in the field at its instant, and whether half of that is within a percent."""
-    found: dict[str, tuple[quoted.Extreme, tuple[int, Floats], bool]] = {}
+def largest_values(history: Results) -> Iterator[tuple[quoted.Extreme, int, bool]]:
+    """The extremes, each with its node or cell, and whether half of the field at its instant is within a percent."""
+    found: dict[str, tuple[quoted.Extreme, int, bool]] = {}
     # Squares beyond the largest number are infinite, as are the extremes then.
     with np.errstate(over="ignore", invalid="ignore"):
         for row, step in enumerate(history.stored.tolist()):
@@ -318,32 +306,23 @@ def largest_values(history: Results) -> Iterator[tuple[quoted.Extreme, tuple[int
                 if key not in found or sign * values[k] > sign * found[key][0].value:
                     at = {"place": points[k], "time": float(history.times[row]), "step": step}
                     even = bool(np.median(sign * values) >= 0.99 * sign * values[k])
-                    found[key] = quoted.Extreme(key, name, float(values[k]) + 0.0, unit, **at), (k, values), even
+                    found[key] = quoted.Extreme(key, name, float(values[k]) + 0.0, unit, **at), k, even
     yield from found.values()
 
 
-def _near(history: Results, corners: Corners, one: quoted.Extreme, of: tuple[int, Floats]) -> dict[int, float]:
-    """The nodes near an extreme, each with the largest part of it that a cell there has.
-
-    They are its own, those of its cell and of the cells around that, or a contact node and those next to it.
-    """
-    (k, values), mesh = of, history.mesh
-    if one.key in quoted.ON_CONTACT:
-        nodes = history.contact.nodes
-        parts = dict(zip(nodes.tolist(), (values / (one.value or 1.0)).tolist(), strict=True))
-        return {node: min(float(parts.get(node, 1.0)), 1.0) for node in corners.beside(int(nodes[k]))}
-    if one.key == "displacement":
-        return {k: 1.0}
-    if one.key == "slip":
-        return {}
+def _near(history: Results, corners: Corners, key: str, k: int) -> list[int]:
+    """The nodes of a cell and of those around it, or a contact node and those next to it, at which an extreme is."""
+    mesh = history.mesh
+    if key == "displacement":
+        return [k]
+    if key in quoted.ON_CONTACT:
+        node = int(history.contact.nodes[k])
+        return [node] if corners.sides is None else corners.sides.beside(node)
     if isinstance(mesh, PolyhedralMesh):
-        return dict.fromkeys(np.unique(np.concatenate([*mesh.cells[k]])).tolist(), 1.0)
-    cells, nodes = cell_of_corner(mesh.offsets), mesh.vertices
-    around, found = np.isin(cells, cells[np.isin(nodes, mesh.cells[k])]), dict[int, float]()
-    for cell, node in zip(cells[around].tolist(), nodes[around].tolist(), strict=True):
-        part = 1.0 if cell == k else float(values[cell]) / (one.value or 1.0)
-        found[node] = max(found.get(node, 0.0), min(part, 1.0))
-    return found
+        return np.unique(np.concatenate([*mesh.cells[k]])).tolist()
+    cells = cell_of_corner(mesh.offsets)
+    around = np.isin(cells, cells[np.isin(mesh.vertices, mesh.cells[k])])
+    return np.unique(mesh.vertices[around]).tolist()
 
 
 def _fields(history: Results, row: int, step: int) -> Iterator[tuple[str, tuple[str, str, Floats, Floats]]]:
@@ -428,7 +407,7 @@ def record(posed: PosedScene, trajectory: Trajectory, assembled: float, storage:
         out_of_plane_prestress=blocked_across,
         out_of_plane=None if across is None else np.ascontiguousarray(across[:, :3]),
         inactive=posed.inactive + untouched,
-        sides=sides_of(posed, times),
+        sides=sides_of(posed),
         **_friction_of_dragged(posed, trajectory),
     )
 

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from vemcvx.base.arrays import Floats, Ints, as_real_array, brief, totals
 from vemcvx.base.errors import HistoryError
-from vemcvx.base.owned_files import path_of
 from vemcvx.effects import data
 from vemcvx.estimate.measures.distance import Field, Measured, field_of, measured
 from vemcvx.meshes import PolygonMesh, PolyhedralMesh
@@ -217,24 +215,6 @@ class ConvergenceTable:
         rows = zip(*(column.tolist() for column in columns), strict=True)
         heads = [self.name, *(head for name in self.errors for head in (name, f"order of {name}"))]
         return Table(heads, [["" if np.isnan(value) else value for value in row] for row in rows]).csv()
-
-    def write(self, path: str | Path) -> Path:
-        """Write it as .md or .csv, as the path ends.
-
-        Raises
-        ------
-        HistoryError
-            The path ends in something else, or cannot be written.
-        """
-        path = path_of(path, "ConvergenceTable.write")
-        forms = {".md": self.markdown, ".csv": self.csv}
-        if path.suffix not in forms:
-            raise HistoryError(f"{path}: a table of convergence is written as {' or '.join(forms)}.")
-        try:
-            path.write_text(forms[path.suffix](), encoding="utf-8")
-        except OSError as error:
-            raise HistoryError(f"{path}: cannot be written: {error}.") from error
-        return path
 
     def __repr__(self) -> str:
         return self.markdown().rstrip()

@@ -41,6 +41,7 @@ from vemcvx.results import files
 from vemcvx.results.files import ARCHIVE, SERIES, SUMMARY, Origin, write_results
 from vemcvx.results.probe import places
 from vemcvx.results.results import programs_of_steps
+from vemcvx.results.tables import FILES
 from vemcvx.simulation import warn_of_turns
 from vemcvx.stepping import CHECKPOINT, Folder, stored_steps
 
@@ -313,7 +314,7 @@ class Run:
         origin = Origin(problem.name, mesh, None if mesh is not None and is_file(mesh) else n)
         write_results(history, folder, origin, self.points, lambda *now: shown("writing", *now))
         seconds = {**history.seconds, "write": time.perf_counter() - start}
-        names = SUMMARY, ARCHIVE, *sorted(name for name in files.FILES.values() if (folder / name).is_file())
+        names = SUMMARY, ARCHIVE, *sorted(name for name in FILES.values() if (folder / name).is_file())
         told = f"files       {folder}: {SERIES} with {len(history.stored)} instants, {', '.join(names)}"
         return [replace(history, seconds=seconds).summary(), *extremes, told]
 

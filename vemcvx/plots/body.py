@@ -312,9 +312,8 @@ def _arrows(ax: Axes, at: tuple[Results, int], scale: tuple[float, float], view:
     if not contact.bound.any():
         kinds = [(np.ones_like(sticks), style.PUSH, 0.005)]
     for chosen, colour, width in kinds:
-        at_heads, vectors, pivot = heads[chosen], arrows[chosen], "tip" if together else "mid"
-        drawn = canvas.draw_arrows(ax, at_heads, vectors, colour=colour, pivot=pivot, width=width)
-        drawn.set_in_layout(False)
+        look: dict[str, Any] = {"colour": colour, "width": width, "pivot": "tip" if together else "mid"}
+        canvas.draw_arrows(ax, heads[chosen], arrows[chosen], **look).set_in_layout(False)
     # Beside the body there is the same room at all steps.
     room = [heads - arrows, heads] if together else [end + 2.0 * beside for end in extent(history, factor)]
     ax.update_datalim(np.concatenate(room))

@@ -64,7 +64,8 @@ def contact_faces(history: Results, on: str | None = None, picture: str = "conta
         raise HistoryError(f"{picture}: this body is plane; friction_traction and stick_slip_map draw its contact.")
     contact, number = with_nodes(history, picture), mesh.n_nodes
     rigid, pairs = contact.partners < 0, pair_numbers(contact.nodes, contact.partners, number)
-    rows = {name: np.isin(pairs, pair_numbers(*found.pairs.T, number)) for name, found in mesh.interfaces.items()}
+    joints = {name: found.pairs for name, found in mesh.interfaces.items()}
+    rows = {name: np.isin(pairs, pair_numbers(two[:, 0], two[:, 1], number)) for name, two in joints.items()}
     rows["obstacles"] = rigid
     if on is not None and on not in rows:
         rows[on] = rigid & np.isin(contact.nodes, Space(mesh).part(on, picture, contact=True).nodes)

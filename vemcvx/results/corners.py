@@ -123,7 +123,7 @@ class Corners:
             at = at[~self._between_bodies(sides.edges[at])]
         if len(at) != 2:
             return ""
-        conditions = (self._condition(sides, edge, nodes, row) for edge in at)
+        conditions = (self._condition(sides, edge, nodes, row) for edge in at.tolist())
         (one, first), (other, second) = sorted(conditions, reverse=True)
         angle, held = self._angle(nodes), {one, other}
         if 1 in held:
@@ -142,8 +142,8 @@ class Corners:
     def _between_bodies(self, edges: Ints) -> Bools:
         """Return True for edges (k, 2) of interfaces, of either body."""
         joined = [side for found in self.mesh.interfaces.values() for side in (found.edges, found.partners)]
-        numbers = (np.sort(pairs, axis=1) @ [self.mesh.n_nodes, 1] for pairs in (edges, np.concatenate(joined)))
-        return np.isin(*numbers)
+        own, known = (np.sort(pairs, axis=1) @ [self.mesh.n_nodes, 1] for pairs in (edges, np.concatenate(joined)))
+        return np.isin(own, known)
 
     def _condition(self, sides: Sides, edge: int, nodes: Ints, row: int) -> tuple[int, str]:
         """Return in how many directions a side is held beside a place, and what it is; contact by the next node."""

@@ -7,14 +7,12 @@ are estimated by two further runs of the same scene:
     mesh    2 |Q_h - Q_{h/2}|   at the same instants, on the mesh whose cells are all refined once;
 
 of wear the largest difference over all contact nodes that both runs have: the largest wear may stand still by chance
-while wear elsewhere does not. Of a block on a compliant floor, 4 squares a side, |Q_h - Q_{h/2}| of the largest wear
-was .11 of its error, the largest difference over nodes 2.6.
+while wear elsewhere does not.
 
 The finer run has an error, too: half of the one looked for where the order is one, as with singular corners, and where
-friction turns in space or a reversal is missed; a quarter where all is smooth. Steps have a third more to spare: with 2
-estimates were .85 of the error where friction turns in space. They are no bounds: an error that changes its sign
-between k and k/2 is underestimated. Where pressure is singular, as at most corners of contact,
-the largest wear grows without limit as the mesh is refined, which is told as of extremes
+friction turns in space or a reversal is missed; a quarter where all is smooth. Steps have half as much to spare. They
+are no bounds: an error that changes its sign between k and k/2 is underestimated. Where pressure is singular, as at
+most corners of contact, the largest wear grows without limit as the mesh is refined, which is told as of extremes
 (:mod:`vemcvx.results.corners`), and the error that the mesh makes in it is that of the next refinement only.
 
 Values are of second order in the steps where the states at their ends are. In space friction turns with the slip, and

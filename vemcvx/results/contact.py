@@ -394,8 +394,7 @@ class ContactSides:
         # Rows of J times l_1 l_2 / (l_1 + l_2), and h, so that none is large.
         scale = reach[inner] / np.sum(1.0 / h[side], axis=1)
         J = np.column_stack([reach[inner], -scale[:, None] / h[side]]).ravel()
-        # c = 1/2: of ripples of two sides 2 % are left, of four 25 %. From .04 to 2.6 measured on flat joints, press
-        # fits, Hertz' contact and under a punch: more rounds the edge of contact, less leaves triangles' ripple.
+        # c = 1/2: of ripples of two sides 2 % are left, of four 25 %.
         soft = h[side].sum(axis=1) * (scale / reach[inner] ** 2) ** 2
         jumps = np.arange(m, m + len(inner))
         row, column = np.repeat(jumps, 3), np.column_stack([inner, other]).ravel()

@@ -13,11 +13,6 @@ constant is found exactly, and what presses gives pressures. Smooth fields chang
 where contact ends, whose edge is rounded over 1.5 h. The length h is the root of the area that a cell has on the
 surface, the larger one of both bodies. Where k is 0 because normals differ by more than those of a curve, faces do not
 mix; and nodes at edges and corners of the body keep R_i / |phi_i|.
-
-Measured at h = 1/8 (ripples in parts of the median, largest, of R / |phi| and of p): flat joints of cubes with Voronoi
-cells .16 and .004, of tetrahedra .05 and .004, tubes of unequal sectors .30 and .015, lug and pin .07 and .013, within
-.7 of the half-width of a flat punch of cubes .18 and .003, of tetrahedra .66 and .03 (at h = 1/16 .38 and .01). Fits of
-linear functions and smoothing splines leave as much and swing beside the infinite pressure at the edge of the punch.
 """
 
 from __future__ import annotations

@@ -93,12 +93,16 @@ class History(Results, Outlined):
         That boundary, by its name, and the number of that axis, such as {"top": 0}.
     stabilisation : vx.Stabilisation or None
         S_K of the run's a^h, in which nodal distances are measured; None if a class of the user's was read from files.
+    begins : {"given", "equilibrium", "settled", "projected"}
+        What the run begins from: nodal values, a word of `initial`, or vx.projected(u_0); files do not keep it.
     """
 
+    begins: str = "given"
+
     @classmethod
-    def of(cls, results: Results) -> History:
+    def of(cls, results: Results, begins: str = "given") -> History:
         """Return a history of these results."""
-        return cls(**{field.name: getattr(results, field.name) for field in fields(Results)})
+        return cls(begins=begins, **{field.name: getattr(results, field.name) for field in fields(Results)})
 
     def probe(self, points: ArrayLike) -> Floats:
         """Return the displacements (S, p, dim) at any points (p, dim) of the body: see :mod:`vemcvx.results.probe`.

@@ -149,7 +149,7 @@ def simulate(
         warn_of_large_strains(posed, results)
         for words in through_obstacles(posed.obstacles, posed.supports, given[trajectory.stored].tolist()):
             log.warning("%s", words)
-        history = History.of(results)
+        history = History.of(results, begins(initial))
         return history if bounded is None or history.steps == 0 else bounded(history)
 
 
@@ -293,6 +293,12 @@ def projected(displacement: data.Datum) -> Projected:
             "displacements. Values at the nodes of one mesh go to initial= as they are."
         )
     return Projected(displacement)
+
+
+def begins(initial: object) -> str:
+    """Return what a run begins from, in a word of :class:`vemcvx.History`."""
+    word = initial if isinstance(initial, str) and initial in ("equilibrium", "settled") else "given"
+    return "projected" if isinstance(initial, Projected) else word
 
 
 def free_unknowns(

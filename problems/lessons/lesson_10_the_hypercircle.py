@@ -231,17 +231,16 @@ for n in (3, 6, 12):
     history = vx.simulate(block(), vx.meshes.squares(n), [0.0, 1.0])
     found[n] = vx.error_bound(history, step=-1), vx.error_bound(history, step=-1, of=mean)
     error, side_mean = found[n]
-    print(f"n = {n:2d}: error {error.lower:.3f} ... {error.upper:.3f}; mean in {side_mean.certain[0]:.5f} ... "
-          f"{side_mean.certain[1]:.5f}")  # fmt: skip
+    print(f"n = {n:2d}: error {error.lower:.3f} ... {error.upper:.3f}; mean in {side_mean.low:.5f} ... "
+          f"{side_mean.high:.5f}")  # fmt: skip
     assert error.lower < error.upper < 1.3 * error.lower
 # Intervals that are theorems have the truth in common.
-assert max(one.certain[0] for _, one in found.values()) < min(one.certain[1] for _, one in found.values())
+assert max(one.low for _, one in found.values()) < min(one.high for _, one in found.values())
 assert found[12][0].upper < 0.6 * found[3][0].upper
 
 # %% [markdown]
-# The error is known within a few per cent from both sides, and no finer mesh was computed. With friction the narrower
-# interval `low`, `high` is an estimate, because it takes what sticks to be what sticks in the run; `certain` is a
-# theorem.
+# The error is known within a few per cent from both sides, and no finer mesh was computed. The interval of the mean
+# supposes nothing of what sticks and what slips: with friction that costs width.
 #
 # **Question:** A colleague's residual estimate for $n = 12$ says 0.018, the lower bound says 0.022. Who is right?
 #

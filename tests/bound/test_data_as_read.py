@@ -6,12 +6,9 @@ from functools import partial
 
 import numpy as np
 import pytest
-from bounds import circle_of, error_from
+from bounds import circle_of, energy_distance, error_from
 
 import vemcvx as vx
-from vemcvx.bound import within
-from vemcvx.bound.data_in_time import followed
-from vemcvx.scene.pose import pose_scene
 
 pytestmark = pytest.mark.arithmetic
 
@@ -56,15 +53,6 @@ def test_loads_that_assemble_as_zero_are_in_the_bound(effects, true):
     assert vx.error_bound(history, -1).upper >= true
 
 
-def test_what_is_missed_of_cubic_tractions_is_integrated_exactly():
-    """Three points of each of four pieces take 1 - 4^-6 of it."""
-    history = run(*PRESSED, vx.Traction(along(lambda x: x[:, 1] ** 3), on="left"), n=1)
-    boundary = circle_of(history).boundary
-    squares, _ = boundary.missed(boundary.tractions(1.0, boundary.gauss))
-    # Of y^3 quadratic functions leave Legendre's polynomial over 20, whose mean square is 1/7.
-    assert np.isclose(squares.sum(), 1.0 / 2800.0, rtol=1e-9)
-
-
 @pytest.mark.slow
 def test_loads_that_assemble_as_zero_are_in_the_bounds_of_runs_and_of_meshes():
     scene, mesh = vx.Scene(*PRESSED, vx.Traction(along(patch), on="left")), vx.meshes.squares(4)
@@ -85,7 +73,7 @@ def test_friction_that_is_zero_at_nodes_holds_all_the_same():
     history = run(STEEL, vx.Clamp(on="right"), push, vx.BilateralContact(on="bottom"), RUBS)
     assert history.inactive
     bound = vx.error_bound(history, -1, of=vx.Traction((1.0, 0.0), on="left"))
-    assert bound.certain[0] <= 0.02994 <= bound.certain[1]
+    assert bound.low <= 0.02994 <= bound.high
     assert vx.error_bound(history, -1).upper >= 0.03
     whole = vx.error_bound(history)
     assert whole.upper[-1] >= vx.error_bound(history, -1).upper
@@ -122,7 +110,7 @@ LOADS = {
     "kink": kink,
     "waves": partial(waves, 20.0),
     "long waves": partial(waves, 9.0),
-    "cubic": lambda x: x[:, 0] ** 3,
+    "linear": lambda x: 1.0 - 3.0 * x[:, 0],
 }
 
 
@@ -138,7 +126,7 @@ def bar(of):
 @pytest.mark.parametrize("name", LOADS)
 def test_what_is_misread_of_loads_is_allowed_for(name):
     history, force, mean, least = bar(LOADS[name])
-    exact, known = name == "cubic", 1e-6
+    exact, known = name == "linear", 1e-6
     for of, truth in (
         (vx.PrescribedDisplacement((1.0, 0.0), on="right"), force),
         (vx.Traction((1.0, 0.0), on="left"), mean),
@@ -149,7 +137,7 @@ def test_what_is_misread_of_loads_is_allowed_for(name):
         assert ("read at points" in repr(found)) != exact
     bound = vx.error_bound(history, -1)
     assert bound.potential[0] - known <= least <= bound.potential[1] + known
-    assert bound.kind == ("bound" if exact else "bound for loads as read at points")
+    assert bound.kind == ("bound" if exact else "bound for data as read at points")
 
 
 def ellipse(x):
@@ -198,19 +186,6 @@ def test_quantities_that_assemble_as_zero_are_no_zeros():
     bound = vx.error_bound(run(*effects), -1, of=vx.Traction(narrow, on="left"))
     assert bound.low <= 0.5 <= bound.high
     assert not bound.guaranteed
-
-
-@pytest.mark.long
-def test_estimates_without_width_say_that_it_means_nothing():
-    """All friction slips in the run, so that the load less friction is all; in truth some sticks beside the clamp."""
-    push = vx.Traction(lambda x, t: (8.0 * t, 0.0), on="left")
-    slides = vx.BilateralContact(on="bottom"), vx.TrescaFriction(2.0, on="bottom")
-    of = vx.PrescribedDisplacement((1.0, 0.0), on="right")
-    bound = vx.error_bound(run(STEEL, vx.Clamp(on="right"), push, *slides), -1, of)
-    assert not bound.guaranteed
-    assert bound.high - bound.low <= 1e-9
-    assert "its width does not say" in repr(bound)
-    assert bound.certain[1] - bound.certain[0] > 0.1
 
 
 # Between instants: a layer in uniform shear, of which the mesh loses nothing; the truth is a run in fine steps.
@@ -273,18 +248,12 @@ COURSES = {
     "fast ripples": (sheared(fast_ripples), 32),
 }
 QUICK = ("ground", "support")
-LINEAR = ("bump", "bump in three steps", "ground", "support", "bound")
-"""Between bends that are found."""
-HALVED = [(2, one) for one in COURSES] + [(8, one) for one in COURSES if one not in QUICK] + [(0, "pulse")]
-"""How often steps of the path are halved: the better it is, the nearer is the bound to the error under data as read."""
 
 
 @pytest.mark.parametrize(
-    ("halvings", "name"),
-    [pytest.param(*one, marks=pytest.mark.long if one[1] in QUICK else pytest.mark.slow) for one in HALVED],
+    "name", [pytest.param(one, marks=pytest.mark.long if one in QUICK else pytest.mark.slow) for one in COURSES]
 )
-def test_what_happens_between_instants_is_in_the_bound_and_named(halvings, name, caplog, monkeypatch):
-    monkeypatch.setattr(within, "HALVINGS", halvings)
+def test_what_happens_between_instants_is_in_the_bound_and_named(name, caplog):
     effects, steps = COURSES[name]
     scene, mesh, times = vx.Scene(*effects), vx.meshes.squares(1), np.linspace(0.0, 1.0, steps + 1)
     # Of what is piecewise linear, with bends at hundredths, a run at these loses nothing.
@@ -294,36 +263,13 @@ def test_what_happens_between_instants_is_in_the_bound_and_named(halvings, name,
     with caplog.at_level("WARNING", logger="vemcvx"):
         bound = vx.error_bound(history)
     assert "error_bound: data" in caplog.text
-    assert "for linear between" in caplog.text or "not linear between" in caplog.text
+    assert "or are not linear there" in caplog.text
     at = np.searchsorted(fine.times, times - 1e-12)
     circle = circle_of(fine)
     for n in range(1, steps + 1):
-        apart = circle.distance(history.displacement[n], fine.displacement[at[n]])
+        apart = energy_distance(circle, history.displacement[n], fine.displacement[at[n]])
         assert apart <= bound.upper[n] * (1.0 + 1e-9)
-    # Bends that were found are met; what is looked at once between readings is only as read.
-    assert bound.kind == ("bound" if name in LINEAR else "bound for data as read at instants")
-    assert name not in LINEAR or ("not linear between" not in caplog.text and not bound.parts["reading"].any())
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("halvings", [0, 2, 8])
-def test_bounds_less_their_allowance_are_of_data_as_the_path_reads_them(halvings, monkeypatch):
-    """The path of a pulse misses its top: of .622 it reads .620, and the error is .120, not .122."""
-    monkeypatch.setattr(within, "HALVINGS", halvings)
-    paths, shorter = [], within._shorter
-    monkeypatch.setattr(within, "_shorter", lambda *given: paths.append(shorter(*given)) or paths[-1])
-    mesh, times = vx.meshes.squares(1), np.linspace(0.0, 1.0, 11)
-    history = vx.simulate(vx.Scene(*sheared(pulse)), mesh, times)
-    bound = vx.error_bound(history)
-    path = np.array([one.t for one in paths[0]])
-    values = [pulse(t) for t in path]
-    # A run at all bends of its data loses nothing.
-    lines = vx.simulate(vx.Scene(*sheared(lambda t: np.interp(t, path, values))), mesh, path)
-    at, circle = np.searchsorted(path, times), circle_of(lines)
-    apart = [circle.distance(history.displacement[n], lines.displacement[at[n]]) for n in range(1, 11)]
-    assert np.isclose(max(apart), max(values) - 0.5, rtol=1e-6)
-    assert max(values) < 0.622
-    assert np.all(apart <= (bound.upper - bound.parts["reading"])[1:] * (1.0 + 1e-9))
+    assert bound.kind == "bound for data as read at instants"
 
 
 @pytest.mark.parametrize("steps", [pytest.param(1, marks=pytest.mark.long), pytest.param(2, marks=pytest.mark.slow)])
@@ -333,18 +279,5 @@ def test_supports_may_move_nonlinearly_in_time(steps):
     scene, mesh = vx.Scene(*LAYER, moved, vx.TrescaFriction(0.5, on="bottom")), vx.meshes.squares(1)
     history = vx.simulate(scene, mesh, np.linspace(0.0, 1.0, steps + 1))
     fine = vx.simulate(scene, mesh, np.linspace(0.0, 1.0, 65))
-    apart = circle_of(fine).distance(history.displacement[-1], fine.displacement[-1])
-    assert apart <= vx.error_bound(history).upper[-1] <= 0.05
-
-
-@pytest.mark.parametrize("begin", [0.0, -(2.0**10), 2.0**20])
-def test_a_jump_may_have_no_instant_between_its_sides(begin):
-    """Far from zero: data that are linear on both sides of it are read at its sides alone."""
-
-    def leap(t):
-        return t - begin + (t > jump)
-
-    jump = begin + 0.4375
-    path = np.array([begin, jump, np.nextafter(jump, np.inf), begin + 1.0])
-    posed = pose_scene(vx.Scene(*sheared(leap)), vx.meshes.squares(1))
-    assert np.array_equal(followed(posed, path).path, path)
+    apart = energy_distance(circle_of(fine), history.displacement[-1], fine.displacement[-1])
+    assert apart <= vx.error_bound(history).upper[-1]

@@ -19,7 +19,6 @@ import hertz_two_cylinders
 import manufactured_full_slip as full_slip
 import missed_reversal
 import vemcvx as vx
-from vemcvx.bound.richer import LAST_GAIN
 from vemcvx.bound.skeleton import instant
 from vemcvx.cli import app
 
@@ -82,12 +81,12 @@ def test_the_error_of_full_slip_is_bounded_from_both_sides(family):
     history = slipped(0.3, family, 6)
     bound, error = vx.error_bound(history, step=-1), exact_error(history, 0.3)
     assert error * (1.0 - ROUNDING) <= bound.upper <= 1.2 * error
-    assert 0.95 * error <= bound.lower <= error * (1.0 + ROUNDING)
+    assert 0.88 * error <= bound.lower <= error * (1.0 + ROUNDING)
     assert bound.energy[0] <= exact_energy(0.3) <= bound.energy[1]
     assert np.isclose(bound.cells.sum(), bound.upper**2)
-    # Loads of exponentials are known at points; what may be misread of them is far below the error.
-    assert bound.kind == "bound for loads as read at points"
-    assert 0.0 < bound.parts["reading"] < 1e-4 * error
+    # Loads of exponentials are not linear; what is left of them is far below the error.
+    assert bound.kind == "bound for data as read at points"
+    assert 0.0 < bound.parts["data"] < 0.1 * error
 
 
 @pytest.mark.slow
@@ -102,8 +101,7 @@ def test_the_error_of_full_slip_is_bounded_for_all_poisson_ratios(family, poisso
         rounding = 1e-9 + 1e-15 * full_slip.lame(poisson) / error
         assert error * (1.0 - rounding) <= bound.upper <= (1.1 if n == 8 else 1.05) * error
         locks = family == "triangles" and poisson > 0.4
-        # The richer displacement is left where it takes off less than so much more energy.
-        least = (0.9 if locks else 0.98) * np.sqrt(1.0 - LAST_GAIN)
+        least = 0.9 if locks else 0.975
         assert least * error <= bound.lower <= error * (1.0 + rounding)
 
 
@@ -344,61 +342,13 @@ def test_bounds_with_coulomb_s_law_are_for_the_given_friction():
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name", ["paper", "weight", "warm", "held by contact"])
-@pytest.mark.parametrize("poisson", [0.3, 0.4999995])
-@pytest.mark.filterwarnings("ignore:Elasticity", "ignore:supports")
-def test_squares_by_what_moves_edges_are_those_of_the_stresses_themselves(name, poisson):
-    effects = [effect for effect in SCENES[name].effects if not isinstance(effect, vx.Elasticity)]
-    scene = vx.Scene(vx.Elasticity(young=200.0, poisson=poisson), *effects)
-    history = vx.simulate(scene, vx.meshes.voronoi(6), [0.0, 1.0])
-    circle = circle_of(history)
-    pair = circle.pair(instant(history, 1), instant(history, 0))
-    exact, body = (
-        np.bincount(circle.boundary.edges.owner, circle.squares(circle.fields(pair.defect))),
-        circle.body_forces.of(pair.densities),
-    )
-    # Of nearly incompressible cells stresses are known to 1e-10 of lambda, and so are their squares.
-    assert np.allclose(pair.squares, exact, rtol=0, atol=(1e-11 if poisson == 0.3 else 1e-8) * exact.max())
-    assert np.allclose(circle.squares_of(pair.defect, body), pair.squares, rtol=0, atol=1e-12 * exact.max())
-    assert circle.squares_of(pair.richer, body).sum() < pair.squares.sum()
-
-
-BODY = ("edges", "mixed", "outline", "squares", "energy", "work")
-
-
-@pytest.mark.long
-def test_body_forces_are_integrated_once_a_shape():
-    """Of combinations of forces that were asked for all is as of new ones; but what is missed is taken for more."""
-    circle = circle_of(vx.simulate(SCENES["weight"], vx.meshes.voronoi(4), [0.0, 1.0]))
-    points = [fans.points() for fans in circle.fans]
-    f, g = (tuple(wave(5.0 * x) for x in points) for wave in (np.sin, np.cos))
-    forces = circle.body_forces
-    combinations = (-3.0, 0.0), (1.0, 0.1), (0.5, -2.0)
-    for a, b in combinations:
-        forces.of(tuple(a * one + b * other for one, other in zip(f, g, strict=True)))
-    assert len(forces.known) == 2
-    for a, b in combinations:
-        mixed = tuple(a * one + b * other for one, other in zip(f, g, strict=True))
-        known, anew = forces.of(mixed), type(forces)(circle.fans).of(mixed)
-        assert len(forces.known) == 2
-        for one, other in zip(known, anew, strict=True):
-            for name in BODY:
-                x, y = (np.asarray(getattr(each, name)) for each in (one, other))
-                assert np.allclose(x, y, rtol=1e-9, atol=1e-9 * np.abs(y).max()), name
-            assert (one.missed >= other.missed * (1.0 - 1e-9)).all()
-    assert forces.of(()) == ()
-    for power in range(2, 8):
-        forces.of(tuple(x**power for x in points))
-    assert len(forces.known) <= 4
-
-
-@pytest.mark.long
-def test_penetration_is_part_of_the_bound():
+def test_bodies_inside_of_obstacles_have_no_bound():
     history = vx.simulate(LIFTED, vx.meshes.squares(6), [0.0, 1.0])
     u = history.displacement.copy()
     u[-1, history.contact.nodes, 1] -= 1e-3
     deep = replace(history, displacement=u)
-    assert vx.error_bound(deep, step=-1).upper > vx.error_bound(history, step=-1).upper
+    with pytest.raises(vx.SceneError, match="inside of a rigid obstacle"):
+        vx.error_bound(deep, step=-1)
 
 
 @pytest.mark.long
@@ -451,14 +401,14 @@ def effectivities(course, steps, n, finer, times_as_many):
 def test_a_ramp_is_bounded_over_mesh_and_steps():
     found = effectivities(lambda t: t, 4, 4, 16, 4)
     assert found.min() >= 1.0
-    assert found.max() <= 1.6
+    assert found.max() <= 2.2
 
 
 @pytest.mark.long
 def test_a_reversal_between_instants_is_in_the_bound():
     found = effectivities(triangular, 3, 4, 16, 8)
     assert found.min() >= 1.0
-    assert found.max() <= 3.0
+    assert found.max() <= 6.0
 
 
 @pytest.mark.long
@@ -471,6 +421,7 @@ def test_a_reversal_inside_a_step_is_named_and_can_be_met(caplog):
     assert np.allclose(bound.bends, [0.25, 0.75])
     assert "at t = 0.25, 0.75" in caplog.text
     assert "t = 0.25" in repr(bound)
+    assert bound.kind == "bound for data as read at instants"
     placed = vx.instants(scene, mesh, times)
     assert np.allclose(placed, np.union1d(times, [0.25, 0.75]))
     caplog.clear()
@@ -478,7 +429,7 @@ def test_a_reversal_inside_a_step_is_named_and_can_be_met(caplog):
         met = vx.error_bound(vx.simulate(scene, mesh, placed))
     assert len(met.bends) == 0
     assert "inside steps" not in caplog.text
-    assert met.parts["steps"][-1] == pytest.approx(bound.parts["steps"][-1], rel=1e-9)
+    assert met.kind == "bound"
     assert met.upper[-1] < bound.upper[-1]
 
 
@@ -537,20 +488,6 @@ def test_histories_whose_data_no_step_loses_have_the_bound_of_their_mesh_alone()
     assert errors[0] <= bounds[0] <= 1.1 * errors[0]
 
 
-@pytest.mark.long
-def test_data_given_cell_by_cell_leave_the_path_on_the_cells_of_the_run(caplog):
-    """These say nothing of cells in parts; bounds are then those of the run's cells, and larger."""
-    mesh, times = vx.meshes.squares(3), np.linspace(0.0, 1.0, 3)
-    scene = paper_scene(triangular)
-    alike = vx.Scene(vx.Elasticity(np.full(mesh.n_cells, 200.0), 0.3), *scene.effects[1:])
-    with caplog.at_level("INFO", logger="vemcvx"):
-        finer, same = (vx.error_bound(vx.simulate(one, mesh, times)) for one in (scene, alike))
-    assert "the path is on the cells of the run" in caplog.text
-    assert (finer.upper[1:] < 0.8 * same.upper[1:]).all()
-    norms = [np.sqrt(2.0 * one.energy[1]) - one.upper for one in (finer, same)]
-    assert np.allclose(*norms, rtol=1e-12)
-
-
 # Runs that are asked for it.
 
 
@@ -596,7 +533,7 @@ def test_runs_that_cannot_be_bounded_are_refused_before_they_begin():
         vx.simulate(scene, vx.meshes.cubes(2), [0.0, 1.0], bound=True)
     run = vx.simulate(scene, vx.meshes.cubes(2), [0.0, 1.0])
     for step in (1, None):
-        with pytest.raises(vx.SceneError, match=r"that does not lock and a constant for loads .* are missing"):
+        with pytest.raises(vx.SceneError, match=r"a displacement inside polyhedra that does not lock is missing"):
             vx.error_bound(run, step=step)
 
 

@@ -127,3 +127,17 @@ def test_bodies_in_space_and_steps_that_are_not_there_say_so():
         vx.error_bound(whole, step=0)
     with pytest.raises(vx.SceneError, match="step=-1"):
         vx.error_bound(vx.simulate(LIFTED, vx.meshes.squares(4), [0.0, 1.0]))
+
+
+def waves(x, t):
+    return np.column_stack([1e-3 * np.sin(np.pi * x[:, 0]), np.zeros(len(x))])
+
+
+def test_histories_that_begin_at_a_function_have_no_bound():
+    """It was a "bound" of 9e-18 for an error of .002: it took the exact history to begin where the run does."""
+    bar = vx.Scene(vx.Elasticity(200.0, 0.0), vx.Clamp(on="left"), vx.Symmetry(on=["top", "bottom"]))
+    held = bar.with_(vx.BilateralContact(on="right"), vx.TrescaFriction(10.0, on="right"))
+    history = vx.simulate(held, vx.meshes.squares(4), [0.0, 1.0], initial=vx.projected(waves))
+    with pytest.raises(vx.SceneError, match=r"begins at vx\.projected\(u_0\).* is not known"):
+        vx.error_bound(history)
+    assert vx.error_bound(history, step=1).kind == "bound"

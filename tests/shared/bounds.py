@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 import vemcvx as vx
-from vemcvx.bound.body_force import alone
-from vemcvx.bound.displacement import NODES, strains_at_stations
+from vemcvx.bound.displacement import NODES, SLOPES, _slots, of_triangles
 from vemcvx.bound.fan import COEFFICIENTS, RULE, RULE_WEIGHTS, monomial_slopes, monomials
-from vemcvx.bound.hypercircle import hypercircle, outline_of
+from vemcvx.bound.hypercircle import Defect, hypercircle
 from vemcvx.bound.skeleton import instant
 from vemcvx.estimate.adapt import cells_to_refine
 from vemcvx.results.probe import locate
@@ -19,19 +18,50 @@ def circle_of(history):
     return hypercircle(pose_scene(history.scene, history.mesh, history.trajectory.times.tolist()))
 
 
+def inside(fans, outline, body):
+    """(c, n, 20) values at the nodes of triangles of least energy, less the work of a body force, by the outline."""
+    n, around = fans.n, _slots(fans.n)
+    within = 6 * n + 2 + 8 * np.arange(n)[:, None] + np.arange(8)
+    T, F = of_triangles(fans), np.einsum("ctij,cj->cti", fans.forces, body)
+    K, f = np.zeros((len(outline), 14 * n + 2, 14 * n + 2)), np.zeros((len(outline), 14 * n + 2))
+    for t, place in enumerate(np.concatenate([within, around], axis=1)):
+        K[:, place[:, None], place] += T[:, t, :20, :20]
+        f[:, place] -= np.einsum("cij,cj->ci", T[:, t, :20, 20:], F[:, t])
+    known = 2 * n + 2 + np.arange(4 * n)
+    free, v = np.setdiff1d(np.arange(14 * n + 2), known), np.zeros(f.shape)
+    v[:, known] = outline
+    right = f[:, free] - np.einsum("cij,cj->ci", K[:, free[:, None], known], outline)
+    v[:, free] = np.linalg.solve(K[:, free[:, None], free], right[..., None])[..., 0]
+    return np.concatenate([v[:, around], v[:, within]], axis=2)
+
+
 def nodal_values(circle, u, t):
     """Of each chunk of cells the nodal values (c, n, 20) of the conforming displacement."""
-    densities = circle.densities_at(t) or [None] * len(circle.fans)
-    for fans, displacement, f in zip(circle.fans, circle.displacements, densities, strict=True):
-        v = displacement.nodal(outline_of(fans, u))
-        yield fans, v if f is None else v + alone(fans, f)[0]
+    body = circle.reader.body(t)[0]
+    outline = circle.equilibrium.edges.outline(u)
+    for one in circle.forms:
+        yield one.fans, inside(one.fans, outline[one.outlines], body[one.fans.cells])
+
+
+def energy_distance(circle, one, other):
+    """|v - w|_a of the displacements with these nodal values (n_nodes, 2), under the same body forces."""
+    apart = one - other
+    v = Defect(np.zeros(0), circle.equilibrium.edges.outline(apart), np.zeros((len(circle.boundary.edges.areas), 6)))
+    energy = sum(circle._inner(form, v.outline, v.outline).sum() for form in circle.forms)
+    return float(np.sqrt(energy + circle.boundary.spring_energies(apart[circle.boundary.edges.outer_edges]).sum()))
 
 
 def richer_values(pair):
     """The same of v + w."""
-    circle = pair.circle
-    for fans, displacement, place in zip(circle.fans, circle.displacements, circle.outlines, strict=True):
-        yield fans, displacement.nodal(outline_of(fans, pair.u)) + displacement.nodal(pair.w[place])
+    for one in pair.circle.forms:
+        yield one.fans, inside(one.fans, pair.richer.outline[one.outlines], pair.read.body[one.fans.cells])
+
+
+def strains_at_stations(fans, v):
+    """(c, n, 18, 3) e_xx, e_yy, 2 e_xy at the stations of all triangles, of nodal values (c, n, 20)."""
+    c, n, _ = v.shape
+    grad = np.einsum("sak,ctkr,ctab->ctsrb", SLOPES, v.reshape(c, n, 10, 2), fans.back, optimize=True)
+    return np.stack([grad[..., 0, 0], grad[..., 1, 1], grad[..., 0, 1] + grad[..., 1, 0]], axis=3)
 
 
 def at_rule(values):
@@ -41,7 +71,8 @@ def at_rule(values):
         c, n, _ = v.shape
         strain = strains_at_stations(fans, v).reshape(c, n, 3, 6, 3)
         weights = RULE_WEIGHTS * fans.doubled_areas[..., None]
-        yield fans, np.einsum("pqi,ctpik->ctpqk", lagrange, strain).reshape(c, n, 21, 3), fans.points(), weights
+        x = fans.centres[:, None, None] + np.einsum("qa,ctba->ctqb", RULE.reshape(-1, 2), fans.B)
+        yield fans, np.einsum("pqi,ctpik->ctpqk", lagrange, strain).reshape(c, n, 21, 3), x, weights
 
 
 def strain_at(circle, u, t, x):
@@ -93,8 +124,8 @@ def distance(coarse, fine, step=-1, of_fine=-1):
 
 
 def richest(pair):
-    """A bound of |u - v - w|_a, w being richer inside of the body, of a scene without body forces and springs."""
-    A2 = pair.circle.enlarged(pair.circle.squares_of(pair.richer, ()), pair.richer, pair.oscillation).sum()
+    """A bound of |u - v - w|_a, w being richer inside of the body, of a scene without springs."""
+    A2 = pair.circle.squares(pair.richer).sum()
     return float(0.5 * np.sqrt(A2) + np.sqrt(0.25 * A2 + pair.lacking))
 
 

@@ -63,11 +63,11 @@ HEAVY = {
 
 
 LINES = {"program": 2_156, "solvers": 1_316, "stepping": 1_755, "linear": 900, "scene": 1_800, "effects": 1_800}
-LINES |= {"results": 2_190, "estimate": 2_095, "plots": 1_925}
+LINES |= {"bound": 3_490, "results": 2_190, "estimate": 2_095, "plots": 1_925}
 """Most lines of folders: they grow by decision only, which raises a number here."""
-TOP = 1_500
+TOP = 1_509
 """Most lines of the modules at the top and of what all may use, without the canvas, which counts with the plots."""
-TESTS = 15_930
+TESTS = 17_700
 """Most lines of the tests of `LINES`, in the folders of their names."""
 
 

@@ -30,6 +30,7 @@ and of waves of traction .37.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
@@ -40,7 +41,7 @@ import scipy.sparse as sp
 from vemcvx.base.arrays import EPS, ROUNDING, Bools, Floats, Ints, totals
 from vemcvx.base.errors import SceneError
 from vemcvx.bound.skeleton import Instant, Skeleton, at_ends, body_forces, edge_loads, pressures_at_ends
-from vemcvx.effects import Contribution, Friction, Load, MaterialLaw, Obstacle, Support
+from vemcvx.effects import Contribution, Effect, Friction, Load, MaterialLaw, Obstacle, Support
 from vemcvx.linear import Factor
 from vemcvx.meshes import Interface, PolygonMesh, plane_mesh
 from vemcvx.meshes.polygons import outlines, places, positions, triangulated
@@ -81,20 +82,23 @@ class FineBoundary:
         line: Floats = (1.0 - s) * start + s * stop
         return line
 
-    def read(self, rows: Friction | Obstacle, values: Floats) -> tuple[Ints, Floats, Floats]:
-        """New nodes (k,), the values (m, j) of rows there, and those that are linear between the ends of the edges.
+    def tips(self, rows: Friction | Obstacle, values: Floats) -> Floats:
+        """(b, 2, j) values (m, j) of rows at both ends of boundary edges; nan on edges without them.
 
         Effects that do not say which edges a row has are left out.
         """
-        if rows.ends is None:
-            return np.zeros(0, dtype=np.int64), values[:0], values[:0]
-        node, beyond = rows.nodes[rows.ends.row], rows.ends.beyond
-        new, tips = np.flatnonzero(rows.nodes >= self.old), np.flatnonzero((node < self.old) & (beyond >= self.old))
-        ends = np.zeros((self.owner.max() + 1, 2, values.shape[1]))
-        next_door = beyond[tips] - self.old
-        ends[self.owner[next_door], (self.along[next_door] > 0.5).astype(int)] = values[rows.ends.row[tips]]
+        found = np.full((int(self.owner.max()) + 1, 2, values.shape[1]), np.nan)
+        if rows.ends is not None:
+            tips = np.flatnonzero((rows.nodes[rows.ends.row] < self.old) & (rows.ends.beyond >= self.old))
+            next_door = rows.ends.beyond[tips] - self.old
+            found[self.owner[next_door], (self.along[next_door] > 0.5).astype(int)] = values[rows.ends.row[tips]]
+        return found
+
+    def read(self, rows: Friction | Obstacle, values: Floats) -> tuple[Ints, Floats, Floats]:
+        """New nodes (k,), the values (m, j) of rows there, and those that are linear between the ends of the edges."""
+        new = np.flatnonzero(rows.nodes >= self.old) if rows.ends is not None else np.zeros(0, dtype=np.int64)
         at = rows.nodes[new] - self.old
-        return at, *without_rounding(values[new], self.between(ends, at))
+        return at, *without_rounding(values[new], np.nan_to_num(self.between(self.tips(rows, values), at)))
 
     def forces(self, rows: Friction, pressure: Floats) -> Floats:
         """Normal forces (m,) on rows of a pressure (b, 2) that is linear along edges."""
@@ -170,11 +174,11 @@ class SamplePoints:
     owner: Ints
 
 
-def in_cells(mesh: PolygonMesh) -> SamplePoints:
+def in_cells(mesh: PolygonMesh, spacing: float = SPACING) -> SamplePoints:
     """The centroids of equal parts of the triangles that cells are cut into, each cut until its parts are small."""
     corners, areas, owner = triangulated(outlines(mesh.points, mesh.offsets, mesh.vertices))
-    spacing = np.ptp(mesh.points, axis=0).max() / SPACING
-    cuts = np.maximum(np.ceil(np.sqrt(2.0 * areas) / spacing).astype(np.int64), 2)
+    size = np.ptp(mesh.points, axis=0).max()
+    cuts = np.maximum(np.ceil(np.sqrt(2.0 * areas) * spacing / size).astype(np.int64), 2)
     parts = []
     for m in np.unique(cuts):
         these, (i, j) = np.flatnonzero(cuts == m), np.indices((m, m))
@@ -191,6 +195,8 @@ class DataOscillation:
 
     posed: PosedScene
     edges: Skeleton
+    effects: Sequence[Effect] | None = None
+    """whose data these are; None of the scene's"""
 
     @cached_property
     def fine(self) -> FineBoundary:
@@ -200,14 +206,30 @@ class DataOscillation:
     @cached_property
     def parts(self) -> list[Contribution]:
         """The contributions of all effects on the fine mesh, those that are zero as well; of materials, on the mesh."""
-        others = [effect for effect in self.posed.scene.canonical if not isinstance(effect, MaterialLaw)]
+        effects = self.posed.scene.canonical if self.effects is None else self.effects
+        others = [effect for effect in effects if not isinstance(effect, MaterialLaw)]
         with unwarned():
             asked = contributions(others, Space(self.fine.mesh))
         return [*(part for _, part in asked), *self.posed.laws]
 
+    @property
+    def frictions(self) -> list[Friction]:
+        """The frictions of all effects, also of those that are zero."""
+        return [friction for part in self.parts for friction in part.frictions]
+
+    @property
+    def obstacles(self) -> list[Obstacle]:
+        """Likewise the obstacles."""
+        return [obstacle for part in self.parts for obstacle in part.obstacles]
+
+    @property
+    def supports(self) -> list[Support]:
+        """Likewise the supports."""
+        return [support for part in self.parts for support in part.supports]
+
     @cached_property
     def body_loads(self) -> list[Load]:
-        """The body forces among them."""
+        """Likewise the body forces."""
         loads = [load for part in self.parts for load in part.loads if load.cells is not None]
         for load in loads:
             if load.matrix.shape[1] == len(load.points):
@@ -237,16 +259,15 @@ class DataOscillation:
         edges, n = self.edges, len(self.edges.shear)
         on_edges, lacking = self._tractions(now.t)
         on_edges += self._springs(now)
-        for part in self.parts:
-            for friction in part.frictions:
-                squares, force = self._bound(friction, now)
-                on_edges += squares
-                lacking += force
-                if friction.ground is not None:
-                    at, moved, line = self.fine.read(friction, friction.ground.vector(now.t))
-                    on_edges += self._motion(at, moved - line)
-            on_edges += np.sum([self._obstacle(obstacle, now) for obstacle in part.obstacles], axis=0)
-            on_edges += np.sum([self._support(support, now) for support in part.supports], axis=0)
+        for friction in self.frictions:
+            squares, force = self._bound(friction, now)
+            on_edges += squares
+            lacking += force
+            if friction.ground is not None:
+                at, moved, line = self.fine.read(friction, friction.ground.vector(now.t))
+                on_edges += self.of_motion(at, moved - line)
+        on_edges += np.sum([self.of_obstacle(obstacle, now) for obstacle in self.obstacles], axis=0)
+        on_edges += np.sum([self._support(support, now) for support in self.supports], axis=0)
         in_cells, force = self._body(now.t)
         local = totals(edges.outer, on_edges, n) + in_cells + self.stress(now.t, strain)
         return local + self.of_the_body(lacking, force)
@@ -282,7 +303,7 @@ class DataOscillation:
     # Edges of the boundary, (b,) each.
 
     @cached_property
-    def _compliances(self) -> Floats:
+    def compliances(self) -> Floats:
         """l_e / (2 mu)."""
         compliances: Floats = self.edges.lengths / (2.0 * self.edges.shear[self.edges.outer])
         return compliances
@@ -296,22 +317,28 @@ class DataOscillation:
         scatter: Floats = np.maximum(squares - mean**2 / self.edges.lengths, 0.0)
         return scatter
 
-    def _tractions(self, t: float) -> tuple[Floats, Floats]:
-        """The squares that tractions add by differing from their assembled means, and their forces (b, 2)."""
+    def on_pieces(self, t: float) -> Floats:
+        """(k, 2) the mean tractions of loads on pieces."""
         fine, force = self.fine, np.zeros(self.fine.pieces.shape)
         for load in (load for part in self.parts for load in part.loads):
             if load.edges is not None:
                 np.add.at(force, positions(load.edges, fine.pieces, fine.mesh.n_nodes), load.forces(t))
+        traction: Floats = force / (self.edges.lengths / np.bincount(fine.piece_owner))[fine.piece_owner, None]
+        return traction
+
+    def _tractions(self, t: float) -> tuple[Floats, Floats]:
+        """The squares that tractions add by differing from their assembled means, and their forces (b, 2)."""
+        owner, count = self.fine.piece_owner, len(self.edges.outer)
+        length = (self.edges.lengths / np.bincount(owner))[owner]
         mean = edge_loads(self.posed, self.edges, t) / self.edges.lengths[:, None]
-        owner, length = fine.piece_owner, (self.edges.lengths / np.bincount(fine.piece_owner))[fine.piece_owner]
-        traction, assembled = without_rounding(force / length[:, None], mean[owner])
-        apart, count = traction - assembled, len(self.edges.outer)
+        traction, assembled = without_rounding(self.on_pieces(t), mean[owner])
+        apart = traction - assembled
         lacking = np.stack([totals(owner, length * one, count) for one in apart.T], axis=1)
         squares = [
             self._scatter(totals(owner, length * one**2, count), sums)
             for one, sums in zip(apart.T, lacking.T, strict=True)
         ]
-        return self._compliances * np.sum(squares, axis=0), lacking
+        return self.compliances * np.sum(squares, axis=0), lacking
 
     def _bound(self, friction: Friction, now: Instant) -> tuple[Floats, Floats]:
         """The same of a bound of friction."""
@@ -326,7 +353,7 @@ class DataOscillation:
         active = np.any(slipped | (lam >= 0.99 * bound), axis=1)[self.fine.owner[at]]
         apart = np.where(active, differs, -np.minimum(exceeds, np.abs(differs)))
         mean = self._sum(at, apart)
-        squares = self._of_jumps(self._compliances, self.edges.tangents) * self._scatter(self._sum(at, apart**2), mean)
+        squares = self._of_jumps(self.compliances, self.edges.tangents) * self._scatter(self._sum(at, apart**2), mean)
         force = mean[:, None] * self._along_slip(now)
         return squares, force + self.edges.joints.reaction(force)
 
@@ -359,7 +386,7 @@ class DataOscillation:
         found[joints.first] += found[joints.second]
         return found
 
-    def _obstacle(self, obstacle: Obstacle, now: Instant) -> Floats:
+    def of_obstacle(self, obstacle: Obstacle, now: Instant) -> Floats:
         """The squares that obstacles add between nodes, rigid or compliant ones."""
         edges, soft = self.edges, obstacle.compliance > 0
         cosines = np.einsum("bd,bsd->bs", edges.units, edges.jumps(now.u))
@@ -371,7 +398,7 @@ class DataOscillation:
             if not np.ptp(values, axis=0).any() and np.array_equal(values, line):
                 return np.zeros(len(edges.outer))
             apart = k * np.maximum(outward - gap, 0.0) - self.fine.between(pressure, at)
-            weight = self._of_jumps(self._compliances, edges.units)[self.fine.owner[at]]
+            weight = self._of_jumps(self.compliances, edges.units)[self.fine.owner[at]]
             return self._sum(at, apart**2 * weight / (1.0 + k * weight))
         # Beyond the obstacle, or held away from it by both ends.
         held = np.all(pressure > 0, axis=1)[self.fine.owner[at]]
@@ -389,9 +416,9 @@ class DataOscillation:
         at, directions = support.nodes[new] - self.fine.old, support.directions[new]
         line = np.einsum("qd,qd->q", directions, self.fine.between(now.u[self.edges.outer_edges], at))
         value, line = without_rounding(support.value(now.t)[new], line)
-        return self._motion(at, (value - line)[:, None] * directions)
+        return self.of_motion(at, (value - line)[:, None] * directions)
 
-    def _motion(self, at: Ints, apart: Floats) -> Floats:
+    def of_motion(self, at: Ints, apart: Floats) -> Floats:
         """mu pi sum_k k |d_k|^2 of the sine series of displacements (k, 2) at new nodes, zero at all others."""
         from scipy.fft import dst
 
@@ -412,7 +439,7 @@ class DataOscillation:
         mean = np.stack([totals(owner, one, len(self.edges.outer)) for one in k]) / np.bincount(owner)
         k, assembled = without_rounding(k, mean[:, owner])
         moved = np.einsum("jqd,qd->jq", frame[:, owner], fine.between(now.u[self.edges.outer_edges]))
-        squares = np.sum(((k - assembled) * moved) ** 2 / (1.0 / self._compliances[owner] + k), axis=0)
+        squares = np.sum(((k - assembled) * moved) ** 2 / (1.0 / self.compliances[owner] + k), axis=0)
         return self._sum(slice(None), squares)
 
     # Cells, (n_cells,) each.

@@ -4,20 +4,21 @@ A fan triangle is the image x = c + B x^ of the reference triangle (0,0), (1,0),
 x_{i+1} - c of B; centroids go to centroids, so that one reference triangle serves all. Fields on its three parts are
 polynomials of degree 2, given by their values at six points a part: the 18 *stations*.
 
-All data of equilibrium are nodal forces: a traction t that is linear on an edge is known by int t phi at both ends, a
-body force f with linear projection f_1 by its three F_k = int f lambda_k, and force and moment of both are those of
-such forces at the vertices, exactly.
+A body force is linear in each cell, f = (1, x, y) c about the centre of the fan, with six numbers c. Stresses and
+displacements of least energy are made triangle by triangle from what is around it and from F_k = int f lambda_k; those
+inside of the cell answer to its outline and to c, so that a symmetric matrix of 4 n + 6 rows is all that is kept.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.base.arrays import SINGLE, Floats, Ints
+from vemcvx.base.arrays import SINGLE, Floats, Ints, totals
 from vemcvx.base.errors import SceneError
 from vemcvx.meshes.polygons import RADON_POINTS, RADON_WEIGHTS, cross, polygon_centroids, right_of
 from vemcvx.meshes.quality import STAR
@@ -27,39 +28,35 @@ from vemcvx.vem.elasticity import distinct
 CORNERS = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
 PARTS = np.array([[0, 1, 3], [1, 2, 3], [2, 0, 3]])
 """(3, 3) corners of the parts; 3 is the centroid. Part k has the edge from corner k to corner k + 1."""
+FORCES = 6
+"""Numbers of a body force that is linear in a cell."""
 
 
-def monomials(x: Floats, degree: int = 2) -> Floats:
-    """(q, 6) 1, x, y, x^2, xy, y^2, and so on up to a degree."""
+def monomials(x: Floats) -> Floats:
+    """(q, 6) 1, x, y, x^2, xy, y^2."""
     one, two = x.T
-    return np.column_stack([one ** (k - j) * two**j for k in range(degree + 1) for j in range(k + 1)])
+    return np.column_stack([np.ones(len(x)), one, two, one * one, one * two, two * two])
 
 
-def monomial_slopes(x: Floats, degree: int = 2) -> Floats:
+def monomial_slopes(x: Floats) -> Floats:
     """(q, 2, 6) their derivatives."""
-    (one, two), powers = x.T, [(k - j, j) for k in range(degree + 1) for j in range(k + 1)]
-    along = [(i * one ** max(i - 1, 0) * two**j, j * one**i * two ** max(j - 1, 0)) for i, j in powers]
-    return np.stack([np.column_stack(slopes) for slopes in zip(*along, strict=True)], axis=1)
+    (one, two), none, unit = x.T, np.zeros(len(x)), np.ones(len(x))
+    along_x = np.column_stack([none, unit, none, 2.0 * one, two, none])
+    return np.stack([along_x, np.column_stack([none, none, unit, none, one, 2.0 * two])], axis=1)
 
 
-_CENTRE = CORNERS.mean(axis=0)
-TRIANGLES = np.concatenate([CORNERS, _CENTRE[None]])[PARTS]
+TRIANGLES = np.concatenate([CORNERS, CORNERS.mean(axis=0)[None]])[PARTS]
 STATIONS = np.concatenate([TRIANGLES, 0.5 * (TRIANGLES + np.roll(TRIANGLES, -1, axis=1))], axis=1)
 """(3, 6, 2) the points by which a field on each part is given: its corners, then the middles of its edges."""
 COEFFICIENTS = np.linalg.inv(np.stack([monomials(part) for part in STATIONS]))
 """(3, 6, 6) monomials of the six Lagrange functions of each part."""
-RULE = np.stack([RADON_POINTS @ part for part in TRIANGLES])
-"""(3, 7, 2) Radon's points in each part, exact for degree 5."""
-RULE_WEIGHTS = np.tile(RADON_WEIGHTS / 6.0, 3)
-"""(21,) weights, which add up to the area of the reference triangle, 1/2."""
-_LAGRANGE = np.stack([monomials(RULE[k]) @ COEFFICIENTS[k] for k in range(3)])
-MASS = np.einsum("q,qi,qj->ij", RADON_WEIGHTS / 6.0, _LAGRANGE[0], _LAGRANGE[0])
+RULE, RULE_WEIGHTS = np.stack([RADON_POINTS @ part for part in TRIANGLES]), np.tile(RADON_WEIGHTS / 6.0, 3)
+"""(3, 7, 2) Radon's points in each part, exact for degree 5; (21,) weights, which add up to the area, 1/2."""
+_LAGRANGE = monomials(RULE[0]) @ COEFFICIENTS[0]
+MASS = np.einsum("q,qi,qj->ij", RADON_WEIGHTS / 6.0, _LAGRANGE, _LAGRANGE)
 """(6, 6) int of products of two Lagrange functions over a part, the same for all three."""
 LINEAR_MASS_INVERSE = 24.0 * np.linalg.inv(np.ones((3, 3)) + np.eye(3))
 """(3, 3) inverse of int lambda_j lambda_k over the reference triangle."""
-BARYCENTRIC = np.column_stack([1.0 - RULE.reshape(-1, 2).sum(axis=1), RULE.reshape(-1, 2)])
-"""(21, 3) lambda at the points of the rule."""
-ALL = slice(None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,8 +73,6 @@ class Fans:
     """(c, 2)"""
     C: Floats
     """(c, 3, 3) stresses from strains (e_xx, e_yy, 2 e_xy)"""
-    shear: Floats
-    """(c,) the least s with C eps : eps >= s |eps|^2: 2 mu of an isotropic material"""
 
     @cached_property
     def alike(self) -> tuple[Ints | slice, Ints]:
@@ -87,15 +82,12 @@ class Fans:
     def of_cells(self, matrices: Floats) -> Floats:
         """(c, ...) of the cells, of (k, ...) of the shapes."""
         some, same = self.alike
-        return matrices if isinstance(some, slice) and some == ALL else matrices[same]
+        return matrices if isinstance(some, slice) and some == slice(None) else matrices[same]
 
     @property
     def shapes(self) -> Fans:
-        """The former."""
-        return self.part(self.alike[0])
-
-    def part(self, rows: Ints | slice) -> Fans:
-        """Some of the cells."""
+        """The representatives."""
+        rows = self.alike[0]
         return replace(self, **{field.name: getattr(self, field.name)[rows] for field in fields(self)})
 
     def apply(self, matrices: Floats, data: Floats) -> Floats:
@@ -105,6 +97,32 @@ class Fans:
             return alone
         products: Floats = np.matmul(self.of_cells(matrices), data[:, :, None])[:, :, 0]
         return products
+
+    @property
+    def n(self) -> int:
+        """The number of triangles a fan."""
+        return int(self.nodes.shape[1])
+
+    @cached_property
+    def B(self) -> Floats:
+        """(c, n, 2, 2) of the maps from the reference triangle."""
+        return np.stack([self.corners, np.roll(self.corners, -1, axis=1)], axis=3)
+
+    @cached_property
+    def back(self) -> Floats:
+        """(c, n, 2, 2) B^-1."""
+        return np.asarray(np.linalg.inv(self.B), dtype=np.float64)
+
+    @cached_property
+    def doubled_areas(self) -> Floats:
+        """(c, n) det B."""
+        return cross(self.corners, np.roll(self.corners, -1, axis=1))
+
+    @cached_property
+    def areas(self) -> Floats:
+        """(c,) of the cells."""
+        areas: Floats = 0.5 * self.doubled_areas.sum(axis=1)
+        return areas
 
     @cached_property
     def normals(self) -> Floats:
@@ -124,62 +142,45 @@ class Fans:
         return means
 
     @cached_property
-    def back(self) -> Floats:
-        """(c, n, 2, 2) B^-1."""
-        return np.asarray(np.linalg.inv(self.B), dtype=np.float64)
-
-    @cached_property
-    def D(self) -> Floats:
-        """(c, 3, 3) C^-1."""
-        return np.asarray(np.linalg.inv(self.C), dtype=np.float64)
-
-    @property
-    def n(self) -> int:
-        """The number of triangles a fan."""
-        return int(self.nodes.shape[1])
-
-    @cached_property
-    def B(self) -> Floats:
-        """(c, n, 2, 2) of the maps from the reference triangle."""
-        return np.stack([self.corners, np.roll(self.corners, -1, axis=1)], axis=3)
-
-    @cached_property
-    def doubled_areas(self) -> Floats:
-        """(c, n) det B."""
-        return cross(self.corners, np.roll(self.corners, -1, axis=1))
-
-    @cached_property
-    def areas(self) -> Floats:
-        """(c,) of the cells."""
-        areas: Floats = 0.5 * self.doubled_areas.sum(axis=1)
-        return areas
-
-    def points(self, rule: Floats = RULE) -> Floats:
-        """(c, n, q, 2) the q points of a rule, by default of the one with 21, in all triangles."""
-        of_shapes = np.matmul(rule.reshape(-1, 2), self.shapes.B.transpose(0, 1, 3, 2))
-        around = of_shapes.reshape(len(of_shapes), -1)
-        x = self.centres @ np.tile(np.eye(2), around.shape[1] // 2)
-        x += around if len(around) == 1 else self.of_cells(around)
-        return x.reshape(-1, *of_shapes.shape[1:])
+    def forces(self) -> Floats:
+        """(c, n, 6, 6) int f lambda_k of triangles, from the numbers of a body force that is linear in the cell."""
+        corners = np.concatenate([0.0 * self.corners[:, :, None], self.B.swapaxes(2, 3)], axis=2)
+        values = np.concatenate([np.ones((*corners.shape[:3], 1)), corners], axis=3)
+        mass = (np.ones((3, 3)) + np.eye(3)) / 24.0 * self.doubled_areas[..., None, None]
+        of_one = np.matmul(mass, values)
+        found: Floats = np.einsum("ctkj,ab->ctkajb", of_one, np.eye(2)).reshape(*of_one.shape[:2], 6, FORCES)
+        return found
 
 
-def inner(fans: Fans, one: Floats, other: Floats) -> Floats:
-    """(c, n) integrals over triangles of one : other, both (c, n, 18, 3) at stations."""
-    c, n = one.shape[:2]
-    weighed = np.matmul(MASS, one.reshape(c, n, 3, 6, 3)).reshape(c, n, -1)
-    found: Floats = fans.doubled_areas * np.einsum("ctk,ctk->ct", weighed, other.reshape(c, n, -1))
-    return found
+def condensed(M: Floats, first: int) -> Floats:
+    """Symmetric matrices (..., m, m) without their first unknowns, which answer to the others."""
+    # Solved with: by inverses all but five digits were lost at lambda = 1e6.
+    inner = np.linalg.solve(M[..., :first, :first], M[..., :first, first:])
+    left = M[..., first:, first:] - np.matmul(M[..., first:, :first], inner)
+    symmetric: Floats = 0.5 * (left + left.swapaxes(-1, -2))
+    return symmetric
 
 
-def in_triangles(fans: Fans, r: Floats) -> Floats:
-    """(c, n) squares in C^-1 of stresses (c, n, 18, 3)."""
-    return inner(fans, r, np.matmul(r, fans.D[:, None]))
+def of_outlines(fans: Fans, each: Floats, slots: Ints) -> Floats:
+    """(k, 4 n + 6, 4 n + 6) of cells, from those of triangles (k, n, 18, 18) by what is around them and forces.
+
+    `slots` (n, 12) are the unknowns around triangles among those of the cell: those inside, then those of the outline.
+    """
+    inside = int(slots.max()) + 1 - 4 * fans.n
+    places = np.concatenate([slots, np.tile(int(slots.max()) + 1 + np.arange(FORCES), (fans.n, 1))], axis=1)
+    by_force = np.zeros((*each.shape[:2], 18, 12 + FORCES))
+    by_force[..., :12, :12], by_force[..., 12:, 12:] = np.eye(12), fans.forces
+    each = np.matmul(by_force.swapaxes(-1, -2), np.matmul(each, by_force))
+    size = int(places.max()) + 1
+    where = (places[:, :, None] * size + places[:, None]).ravel()
+    added = sp.csr_matrix((np.ones(len(where)), (where, np.arange(len(where)))), shape=(size * size, len(where)))
+    return condensed(np.ascontiguousarray((added @ each.reshape(len(each), -1).T).T).reshape(-1, size, size), inside)
 
 
-def stresses_of(fans: Fans, strain: Floats) -> Floats:
-    """C eps (c, n, 18, 3)."""
-    stress: Floats = np.matmul(strain, fans.C[:, None])
-    return stress
+def gathered(places: Sequence[Ints], values: Sequence[Floats], size: int) -> Floats:
+    """(size,) the sum of values (c, m) of chunks of cells at places (c, m)."""
+    where, what = (np.concatenate([one.ravel() for one in each]) for each in (places, values))
+    return totals(where, what, size)
 
 
 def fans_of(space: Space, C: Floats) -> tuple[Fans, ...]:
@@ -191,8 +192,6 @@ def fans_of(space: Space, C: Floats) -> tuple[Fans, ...]:
         No point sees the whole of some cell, or an edge is too short for its cell.
     """
     found = []
-    root = np.sqrt([1.0, 1.0, 2.0])
-    shear = np.asarray(np.linalg.eigvalsh(C * root[:, None] * root)[:, 0], dtype=np.float64)
     for chunk in (chunk for group in space.groups for chunk in group.chunks()):
         centres = polygon_centroids(chunk.corners)[1]
         # A better centre is sought where triangles are flat: they cost effectivity, not validity.
@@ -204,7 +203,6 @@ def fans_of(space: Space, C: Floats) -> tuple[Fans, ...]:
             corners=chunk.corners - centres[:, None],
             centres=space.mesh.points[chunk.nodes[:, 0]] + centres,
             C=C[chunk.cells],
-            shear=shear[chunk.cells],
         )
         _refuse_short_edges(fans)
         found.append(fans)
@@ -255,12 +253,3 @@ def _refuse_short_edges(fans: Fans) -> None:
             f"the cell's radius; bounds are useless on edges shorter than {SHORTEST_EDGE:g} of it. Merge its nodes, or "
             "refine the cell there."
         )
-
-
-def summed(each: Floats, rows: Ints, columns: Ints, shape: tuple[int, int]) -> Floats:
-    """(c, *shape) the sum of matrices (c, n, a, b) of triangles at rows (n, a) and columns (n, b) of their cell."""
-    where = (rows[:, :, None] * shape[1] + columns[:, None]).ravel()
-    places = sp.csr_matrix(
-        (np.ones(len(where)), (where, np.arange(len(where)))), shape=(shape[0] * shape[1], len(where))
-    )
-    return np.ascontiguousarray((places @ each.reshape(len(each), -1).T).T).reshape(len(each), *shape)

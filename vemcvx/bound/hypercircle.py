@@ -6,14 +6,21 @@ with
     j(v) = int g |v_t - d| + c (v_t - d) + phi(v_n - gap),
 
 phi being zero up to the gap of a rigid obstacle and infinite beyond it, k z_+^2 / 2 of a compliant one; :mod:`.surface`
-has b. osc_K^2 = sum_T osc_T^2 over the triangles T of a cell K, by what linear moments miss of loads
-(:mod:`.body_force`), and so counts in A^2 = sum_T (|r|_T + osc_T)^2.
+has b. Springs to the ground, k u, are as triangles are: |m - v|_k beside |r|_K, if tau has the tractions -k m on them,
+and the energy norm has theirs.
 
-Springs to the ground, k u, are as triangles are: |m - v|_k beside |r|_T, if tau has the tractions -k m on them, and the
-energy norm has theirs.
+**The defect.** In a cell let x be the motions of edges that belong to tau, less those L u of v, u the values of v on
+the outline less a linear displacement, and f the numbers of the body force. Of the forms G of stresses (:mod:`.stress`)
+and S of displacements (:mod:`.displacement`), with L for motions from values beside one for f,
 
-w, by which the error is bounded from below, is quadratic on edges, and inside cells what its values there make least
-energy of.
+    |r|_K^2  =  x . G x  +  (u, f) . (S - L' G L) (u, f).
+
+*Proof.* The stresses of x, without divergence, are orthogonal to the rest of r: that of L u does the work on x that v
+does, that of f is of least energy, and v of f vanishes on the outline. What is left is |tau|^2 - 2 (tau, eps(v)) +
+|v|^2 of L u and f, in which the second term is the work of the tractions of tau on v and of f on it.
+
+**From below.** w is quadratic on edges, inside cells what its values there make least energy of, and vanishes where v
+touches or is held; the best one is that of S w = R, R being the residual of v. The displacement v + w is richer.
 """
 
 from __future__ import annotations
@@ -27,60 +34,68 @@ import scipy.sparse as sp
 
 from vemcvx.base.arrays import Floats, Ints, totals
 from vemcvx.base.errors import SceneError
-from vemcvx.bound.body_force import Body, BodyForces, alone, oscillation_constants
 from vemcvx.bound.data_oscillation import DataOscillation
-from vemcvx.bound.displacement import (
-    FanDisplacement,
-    OutlineValues,
-    edge_forces,
-    edge_motions,
-    fan_displacement,
-    outline_forces,
-    strains_at_stations,
-    without_slopes,
-)
-from vemcvx.bound.equilibrium import Equilibrium, edges_of, equilibrium, gathered
-from vemcvx.bound.fan import Fans, fans_of, in_triangles, stresses_of
-from vemcvx.bound.reading import Reading, reading
-from vemcvx.bound.richer import Richer, richer
+from vemcvx.bound.displacement import displacement_form, edge_forces, to_edges, without_slopes
+from vemcvx.bound.equilibrium import Equilibrium, assembled, axes_of, edges_of, equilibrium
+from vemcvx.bound.fan import FORCES, Fans, fans_of, gathered
+from vemcvx.bound.reading import Reader, Reading, misread
 from vemcvx.bound.skeleton import Instant, check_estimable, skeleton
-from vemcvx.bound.stress import fan_stress, lifted, of_edge
+from vemcvx.bound.stress import stress_form
 from vemcvx.bound.surface import Boundary, Surface, free_alone
+from vemcvx.linear import Factor, choose_linear
 from vemcvx.meshes import plane_mesh
 from vemcvx.scene.pose import PosedScene
 from vemcvx.vem import elastic_matrix
 
 IN_SPACE = (
-    "in space a displacement inside polyhedra that does not lock and a constant for loads that are not linear are "
-    "missing (the docstring of vemcvx.bound says how far it goes); vemcvx.error_budget estimates the error"
+    "in space a displacement inside polyhedra that does not lock is missing (the docstring of vemcvx.bound says how "
+    "far it goes); vemcvx.error_budget estimates the error"
 )
 
 
 @dataclass(frozen=True, eq=False)
+class Forms:
+    """The forms of a chunk of cells, one matrix (k, 4 n + 6, 4 n + 6) a shape, by its outline and its body force."""
+
+    fans: Fans
+    outlines: Ints
+    """(c, 4 n) the places of vertices and of middles of edges among those of all"""
+    stress: Floats
+    """G, by motions of edges"""
+    displacement: Floats
+    """S, by values at vertices and middles"""
+
+    @cached_property
+    def defect(self) -> Floats:
+        """S - L' G L."""
+        n = 4 * self.fans.n
+        L = np.eye(n + FORCES)
+        L[:n, :n] = to_edges(self.fans.n)
+        defect: Floats = self.displacement - L.T @ self.stress @ L
+        return defect
+
+    def forms(self, matrices: Floats, one: Floats, other: Floats) -> Floats:
+        """(c,) the forms of vectors (c, m) of cells."""
+        of_cells: Floats = np.einsum("cm,cm->c", one, self.fans.apply(matrices, other))
+        return of_cells
+
+
+@dataclass(frozen=True, eq=False)
 class Defect:
-    """r of a displacement and a stress, by what makes it; linear in all three.
-
-    With x the motions of edges that belong to tau, less those of v, and u what :class:`OutlineValues` says of v,
-
-        |r|_K^2  =  x . G x  +  u . S u  -  L u . G L u  +  |r_f|^2  -  2 (b_f . L u + f(u)),
-
-    G and S being the stiffness of stresses and of displacements in K, L u the motions of edges by u, r_f the defect and
-    b_f the forces of edges under the body force alone, f(u) its work on u.
-    """
+    """r of a displacement and a stress, by what makes it; linear in all three."""
 
     motion: Floats
     """x (4 E,)"""
     outline: Floats
     """(2 nodes + 2 E,) v at vertices and at middles of edges"""
-    densities: tuple[Floats, ...]
-    """f (c, n, 21, 2) of each chunk of cells, at the points of the rule; none without body forces"""
+    body: Floats
+    """f (n_cells, 6)"""
 
     def __sub__(self, other: Defect) -> Defect:
-        densities = tuple(a - b for a, b in zip(self.densities, other.densities, strict=True))
-        return Defect(self.motion - other.motion, self.outline - other.outline, densities)
+        return Defect(self.motion - other.motion, self.outline - other.outline, self.body - other.body)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Pair:
     """A displacement and a stress at an instant, admissible both, and what separates them."""
 
@@ -89,17 +104,14 @@ class Pair:
     u: Floats
     """(n_nodes, 2) of the displacement v"""
     surface: Surface
+    read: Reading
     defect: Defect
     w: Floats
     """of vertices and of middles of edges"""
-    squares: Floats
+    cells: Floats
     """(n_cells,) |r|_K^2"""
     springs: Floats
     """(b,) int k |v - m|^2 of springs on edges, m being the motion of the edges that belongs to tau"""
-    oscillation: Floats
-    """(corners,) osc_T"""
-    cells: Floats
-    """(n_cells,) (|r|_K + osc_K)^2"""
     potential: float
     """J(v)"""
     norm: float
@@ -108,32 +120,17 @@ class Pair:
     """the bound of |u - v|_a from below"""
 
     @property
-    def densities(self) -> tuple[Floats, ...]:
-        """f (c, n, 21, 2) of each chunk of cells, at the points of the rule; none without body forces."""
-        return self.defect.densities
-
-    @property
     def richer(self) -> Defect:
         """r of v + w."""
-        motion = self.defect.motion - self.circle.equilibrium.edges.motions(self.w)
+        motion = self.defect.motion - self.circle.equilibrium.edges.motions @ self.w
         return replace(self.defect, motion=motion, outline=self.defect.outline + self.w)
 
-    @cached_property
-    def reading(self) -> Reading:
-        """The difference of two readings of the loads, in which they are as large as they are."""
-        return reading(self.circle.boundary, self.circle.fans, self.densities, self.t)
-
     def allowances(self) -> tuple[float, float]:
-        """For what may be misread of the loads: eta, and |e(u)| of the exact u.
-
-        Both are zero where two readings agree (:mod:`vemcvx.bound.reading`).
-        """
-        # The readings of a copy, so that a run does not keep those of all its steps.
-        read, circle = replace(self).reading, self.circle
-        if read.exact:
+        """For what is not read of the data: eta, and |e(u)| of the exact u; zero where data are linear."""
+        if self.read.exact:
             return 0.0, 0.0
-        eta, ends = read.energy, self.u[circle.boundary.edges.outer_edges]
-        return eta, read.work(circle.nodal(self.defect.outline), ends) + eta * self.upper
+        eta = self.read.energy
+        return eta, self.circle.misread(self.read, self.defect) + eta * self.upper
 
     @property
     def A2(self) -> float:
@@ -151,37 +148,19 @@ class Pair:
         return float(0.5 * np.sqrt(self.A2) + np.sqrt(0.25 * self.A2 + self.lacking))
 
 
-@dataclass(frozen=True, eq=False)
-class _Inside:
-    """A displacement in a chunk of cells, and the forces of edges and outlines that it and its body force make."""
-
-    v: OutlineValues
-    stress: Floats
-    """(c, 3) of its linear part"""
-    edges: Floats
-    """(c, 4 n) G L u + b_f"""
-    outline: Floats
-    """(c, 4 n) S u"""
-    squares: Floats
-    """(c,) |r|_K^2 less x . G x"""
-
-
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Hypercircle:
     """The parts of a posed scene that pairs are made of, at any instant."""
 
     posed: PosedScene
     boundary: Boundary
-    fans: tuple[Fans, ...]
-    displacements: tuple[FanDisplacement, ...]
+    reader: Reader
+    forms: tuple[Forms, ...]
     equilibrium: Equilibrium
-    inside: Richer
-    body_forces: BodyForces
-
-    @property
-    def outlines(self) -> tuple[Ints, ...]:
-        """(c, 4 n) of each chunk the places of vertices and of middles of edges among those of all."""
-        return self.inside.outlines
+    free: sp.csr_matrix
+    """(2 nodes + 2 E, m) orthonormal columns, the w there are"""
+    factor: Factor | None
+    """of S on these, if there are any"""
 
     def pair(self, now: Instant, before: Instant) -> Pair:
         """The pair of a displacement that obstacles admit, at the end of a step.
@@ -191,210 +170,149 @@ class Hypercircle:
         SceneError
             Something in the scene has no bound.
         """
-        boundary, edges, numbered = self.boundary, self.boundary.edges, self.equilibrium.edges
+        boundary = self.boundary
         boundary.check_supports(now)
         if boundary.oscillation.varies_inside_cells(now.t):
             raise SceneError(
                 "error_bound: moduli, eigenstrains or prestress vary inside cells, and there is no bound for that; "
                 "give one value a cell, as an array (n_cells,) or by on=."
             )
-        densities, prestress, ends = self.densities_at(now.t), self.prestress(now.t), now.u[edges.outer_edges]
-        body, outline = self.body_forces.of(densities), numbered.outline(now.u)
-        surface = self.surface(now, before, body)
-        inside = [self._inside(k, outline, body[k : k + 1]) for k in range(len(self.fans))]
-        # The linear part of v and the prestress are constant stresses, that of tau less these what x strains.
-        still = [prestress[fans.cells] for fans in self.fans]
-        constant = [edge_forces(fans, one.stress + b) for fans, one, b in zip(self.fans, inside, still, strict=True)]
-        tractions = [a + one.edges for a, one in zip(constant, inside, strict=True)]
-        given = -gathered(numbered.places, tractions, 4 * numbered.count)
+        read = self.reader.at(now)
+        surface = boundary.at(now, before, read, self.work(read.body, boundary.motions))
+        return self.joined((now.t, now.u), surface, read, self.prestress(now.t))
+
+    def joined(self, at: tuple[float, Floats], surface: Surface, read: Reading, still: Floats) -> Pair:
+        """The pair of a displacement (n_nodes, 2) at an instant, under body forces and the prestress (n_cells, 3)."""
+        (t, u), boundary, numbered = at, self.boundary, self.equilibrium.edges
+        defect = Defect(np.zeros(4 * numbered.count), numbered.outline(u), read.body)
+        ends = u[boundary.edges.outer_edges]
+        tractions, work = self._forces_of(defect, still)
         pull = np.einsum("bij,bj->bi", boundary.springs, ends.reshape(-1, 4)).reshape(ends.shape)
+        given = -tractions
         np.add.at(given, numbered.outer, surface.forces - pull)
-        largest = max(float(np.abs(one).max(initial=0.0)) for one in (*tractions, surface.forces))
-        motion, squares = self.equilibrium.solve(given, largest)
-        work = [-outline_forces(a) - one.outline for a, one in zip(constant, inside, strict=True)]
-        springs, potential = float(boundary.spring_energies(ends).sum()), float(surface.cost.sum())
-        for fans, one, b in zip(self.fans, inside, still, strict=True):
-            potential += float(fans.areas @ np.einsum("ck,ck->c", b, one.v.strain))
-            squares[fans.cells] += one.squares
-        squares = np.maximum(squares, 0.0)
-        energy, of_body = self._inner(inside, body, outline)
-        for k, f in enumerate(body):
-            work[k] = work[k] + f.outline
-        residual = gathered(self.outlines, work, self.inside.size) + self.of_tractions(surface.loads)
-        w, lowered = self.inside.best(residual, motion)
-        defect = Defect(motion, outline, densities)
-        oscillation = self.oscillation(surface.acting, body)
+        largest = max(float(np.abs(one).max(initial=0.0)) for one in (tractions, surface.forces))
+        motion = self.equilibrium.solve(given, largest)
+        w, lowered = self._best(self.of_tractions(surface.loads) - work)
+        defect, springs = replace(defect, motion=motion), boundary.spring_energies(ends).sum()
+        energy, at_rest = self.products(defect, defect)[0].sum() + springs, self.stretched(still, defect)
+        loads = float(self.works(read.body, defect).sum() + np.sum(surface.loads * ends))
         return Pair(
             circle=self,
-            t=now.t,
-            u=now.u,
+            t=t,
+            u=u,
             surface=surface,
+            read=read,
             defect=defect,
             w=w,
-            squares=squares,
+            cells=self.squares(defect),
             springs=boundary.spring_energies(motion[numbered.outer]),
-            oscillation=oscillation,
-            cells=self.enlarged(squares, defect, oscillation),
-            potential=potential + 0.5 * (energy + springs) - of_body - float(np.sum(surface.loads[:, :2] * ends)),
-            norm=float(np.sqrt(max(energy + springs, 0.0))),
+            potential=float(0.5 * energy + at_rest - loads + surface.cost.sum()),
+            norm=float(np.sqrt(max(energy, 0.0))),
             lowered=lowered,
         )
-
-    def surface(self, now: Instant, before: Instant, body: Sequence[Body] | None = None) -> Surface:
-        """The surface at the end of a step, under the body forces of its end, if these are not given."""
-        if body is None:
-            body = self.body_forces.of(self.densities_at(now.t)) if self.boundary.motions.shape[1] else ()
-        modes = [self.equilibrium.edges.outline(mode.reshape(-1, 2)) for mode in self.boundary.motions.T]
-        parts = [[np.vdot(f.outline, mode[at]) for mode in modes] for f, at in zip(body, self.outlines, strict=False)]
-        return self.boundary.at(now, before, np.sum(parts, axis=0) if parts else np.zeros(len(modes)))
 
     def prestress(self, t: float) -> Floats:
         """sigma_0 (n_cells, 3)."""
         stresses = self.posed.prestress
         return np.zeros((len(self.boundary.edges.areas), 3)) if stresses is None else stresses.stress(t)
 
-    def _inside(self, k: int, outline: Floats, body: Sequence[Body]) -> _Inside:
-        """The displacement with these values in the k-th chunk of cells, under its body force, if there is one."""
-        fans, displacement, stress = self.fans[k], self.displacements[k], self.equilibrium.stresses[k]
-        v = without_slopes(fans, outline[self.outlines[k]])
-        motions = edge_motions(v.bent)
-        edges, on_outline = fans.apply(stress.stiffness, motions), fans.apply(displacement.stiffness, v.bent)
-        squares = np.einsum("ci,ci->c", v.bent, on_outline) - np.einsum("ci,ci->c", motions, edges)
-        for f in body:
-            squares += f.squares - 2.0 * np.einsum("ci,ci->c", f.mixed, v.bent)
-            edges = edges + f.edges
-        return _Inside(v, np.matmul(fans.C, v.strain[:, :, None])[:, :, 0], edges, on_outline, squares)
+    def of_tractions(self, forces: Floats) -> Floats:
+        """(2 nodes + 2 E,) the work of int t phi (b, 2, 2) at both ends of boundary edges on vertices and middles."""
+        edges = self.equilibrium.edges
+        whole = totals(edges.outer.ravel(), forces.ravel(), 4 * edges.count)
+        work: Floats = edges.motions.T @ whole
+        return work
 
-    def inner(self, u: Floats, t: float) -> tuple[float, float]:
-        """|v|^2 in cells of the displacement with nodal values (n_nodes, 2), and the work of body forces on it."""
-        body, outline = self.body_forces.of(self.densities_at(t)), self.equilibrium.edges.outline(u)
-        return self._inner([self._inside(k, outline, body[k : k + 1]) for k in range(len(self.fans))], body, outline)
+    def _forces_of(self, defect: Defect, still: Floats) -> tuple[Floats, Floats]:
+        """The tractions (4 E,) on edges of the stress of motions L u, and the work of that of v on all outlines.
 
-    def _inner(self, inside: Sequence[_Inside], body: Sequence[Body], outline: Floats) -> tuple[float, float]:
-        energy, work = sum(f.energy for f in body), sum(f.work for f in body)
-        for fans, one in zip(self.fans, inside, strict=True):
-            energy += float(fans.areas @ np.einsum("ck,ck->c", one.stress, one.v.strain))
-            energy += float(np.vdot(one.v.bent, one.outline))
-        for f, place in zip(body, self.outlines, strict=False):
-            work += float(np.sum(f.outline * outline[place]))
-        return energy, work
-
-    def nodal(self, outline: Floats) -> list[Floats]:
-        """(c, n, 20) of each chunk a displacement at the nodes of triangles, by its outline (2 nodes + 2 E,)."""
-        return [one.nodal(outline[place]) for one, place in zip(self.displacements, self.outlines, strict=True)]
-
-    def fields(self, defect: Defect) -> tuple[Floats, ...]:
-        """r (c, n, 18, 3) of each chunk of cells, at its stations."""
-        return tuple(self.at_stations(k, defect) for k in range(len(self.fans)))
-
-    def at_stations(self, k: int, defect: Defect) -> Floats:
-        """r (c, n, 18, 3) in the k-th chunk of cells, at its stations, under the defect's body forces."""
-        fans, motion = self.fans[k], defect.motion[self.equilibrium.edges.places[k]]
-        bent = without_slopes(fans, defect.outline[self.outlines[k]]).bent
-        tau = self.equilibrium.stresses[k].at_stations(motion + edge_motions(bent))
-        r = tau - stresses_of(fans, strains_at_stations(fans, self.displacements[k].nodal(bent)))
-        return r + alone(fans, defect.densities[k])[1] if defect.densities else r
-
-    def enlarged(self, squares: Floats, defect: Defect, oscillation: Floats) -> Floats:
-        """(n_cells,) sums of (|r|_T + osc_T)^2, from |r|_K^2 and osc_T (corners,).
-
-        On 6 x 6 hexagons (|r|_K + osc_K)^2 would make bounds larger by 5 %; these take a third more time.
+        Both are under body forces, and with the prestress `still` (n_cells, 3).
         """
-        larger = squares + totals(self.boundary.edges.owner, oscillation**2, len(squares))
-        for k, fans in enumerate(self.fans):
-            missed = oscillation[self._corners(fans)]
-            if missed.any():
-                r = np.sqrt(in_triangles(fans, self.at_stations(k, defect)))
-                larger[fans.cells] += 2.0 * np.sum(missed * r, axis=1)
-        return np.asarray(larger)
+        tractions, works = list[Floats](), list[Floats]()
+        for one in self.forms:
+            v, n = without_slopes(one.fans, defect.outline[one.outlines]), 4 * one.fans.n
+            L, f = to_edges(one.fans.n), defect.body[one.fans.cells]
+            constant = np.matmul(one.fans.C, v.strain[:, :, None])[:, :, 0] + still[one.fans.cells]
+            even = edge_forces(one.fans, constant)
+            tractions.append(even + one.fans.apply(one.stress[:, :n], np.concatenate([v.bent @ L.T, f], axis=1)))
+            works.append(even @ L + one.fans.apply(one.displacement[:, :n], np.concatenate([v.bent, f], axis=1)))
+        edges = self.equilibrium.edges
+        on_edges = gathered(edges.places, tractions, 4 * edges.count)
+        return on_edges, gathered([one.outlines for one in self.forms], works, len(defect.outline))
 
-    def squares_of(self, defect: Defect, body: Sequence[Body]) -> Floats:
+    def _best(self, residual: Floats) -> tuple[Floats, float]:
+        """w and the bound of |u - v|_a from below, by the residual of v."""
+        if self.factor is None:
+            return np.zeros(len(residual)), 0.0
+        left = self.free.T @ residual
+        part = self.factor.solve(left)
+        w, work = self.free @ part, float(left @ part)
+        # As it is, not as it should be: near nu = 1/2 the solution is rounded.
+        energy = float(sum(self._inner(one, w, w).sum() for one in self.forms))
+        return (w, work / float(np.sqrt(energy))) if work > 0.0 and energy > 0.0 else (0.0 * w, 0.0)
+
+    def _inner(self, one: Forms, v: Floats, w: Floats) -> Floats:
+        """(c,) a(v, w) in a chunk of cells of displacements by their outlines, without body forces."""
+        n = 4 * one.fans.n
+        (a, b) = (without_slopes(one.fans, each[one.outlines]) for each in (v, w))
+        linear = np.einsum("ck,ckl,cl->c", a.strain, one.fans.C, b.strain)
+        return one.fans.areas * linear + one.forms(one.displacement[:, :n, :n], a.bent, b.bent)
+
+    def products(self, one: Defect, other: Defect) -> tuple[Floats, Floats]:
+        """(n_cells,) a(v, v') and (r, r') in C^-1 of two displacements and their defects."""
+        energies, defects = np.zeros((2, len(self.boundary.edges.areas)))
+        for form, place in zip(self.forms, self.equilibrium.edges.places, strict=True):
+            at, n = form.fans.cells, 4 * form.fans.n
+            f, h = one.body[at], other.body[at]
+            energies[at] = self._inner(form, one.outline, other.outline)
+            energies[at] -= form.forms(form.displacement[:, n:, n:], f, h)
+            whole = [
+                np.concatenate([without_slopes(form.fans, each.outline[form.outlines]).bent, each.body[at]], axis=1)
+                for each in (one, other)
+            ]
+            defects[at] = form.forms(form.stress[:, :n, :n], one.motion[place], other.motion[place])
+            defects[at] += form.forms(form.defect, *whole)
+        return energies, defects
+
+    def squares(self, defect: Defect) -> Floats:
         """(n_cells,) |r|_K^2."""
-        found = np.zeros(len(self.boundary.edges.areas))
-        for k, stress in enumerate(self.equilibrium.stresses):
-            x = defect.motion[self.equilibrium.edges.places[k]]
-            own = np.einsum("ci,ci->c", x, stress.fans.apply(stress.stiffness, x))
-            found[stress.fans.cells] = own + self._inside(k, defect.outline, body[k : k + 1]).squares
-        return np.maximum(found, 0.0)
+        return np.maximum(self.products(defect, defect)[1], 0.0)
 
-    def squares_of_change(self, before: Pair, now: Pair) -> Floats:
-        """(n_cells,) squares of what r of v + w changes by from one pair to another, larger by what is missed of it."""
-        defect = now.richer - before.richer
-        body = self.body_forces.of(defect.densities)
-        missed = self.oscillation(now.surface.acting - before.surface.acting, body)
-        return self.enlarged(self.squares_of(defect, body), defect, missed)
-
-    def squares(self, stresses: Sequence[Floats]) -> Floats:
-        """(corners,) squares in C^-1 of stresses (c, n, 18, 3) on the triangles of each chunk of cells."""
-        found = np.zeros(len(self.boundary.edges.sides))
-        for fans, r in zip(self.fans, stresses, strict=True):
-            found[self._corners(fans)] = in_triangles(fans, r)
+    def works(self, body: Floats, v: Defect) -> Floats:
+        """(n_cells,) the work of body forces (n_cells, 6) on the displacement of a defect."""
+        found = np.zeros(len(body))
+        for one in self.forms:
+            at, n = one.fans.cells, 4 * one.fans.n
+            whole = np.concatenate([v.outline[one.outlines], v.body[at]], axis=1)
+            found[at] = -one.forms(one.displacement[:, :, n:], whole, body[at])
         return found
 
-    def oscillation(self, tractions: Floats, body: Sequence[Body]) -> Floats:
-        """osc_T (corners,) of tractions (k, 3, 2) and body forces."""
-        edges = self.boundary.edges
-        found, missed, bent = np.zeros(len(edges.sides)), np.zeros(len(edges.sides)), np.zeros((len(edges.sides), 1, 2))
-        squares, on_edges = self.boundary.missed(tractions)
-        missed[edges.outer_corners], bent[edges.outer_corners, 0] = np.sqrt(squares), on_edges
-        loaded = np.zeros(len(edges.areas), dtype=bool)
-        loaded[edges.outer[(squares != 0.0) | on_edges.any(axis=1)]] = True
-        for fans in self.fans:
-            rows = np.flatnonzero(loaded[fans.cells])
-            if len(rows):
-                part = fans.part(rows)
-                at = self._corners(part)
-                found[at] = oscillation_constants(part)[1] * missed[at] + lifted(part, of_edge(), bent[at])
-        for fans, f in zip(self.fans, body, strict=False):
-            found[self._corners(fans)] += f.missed
-        return found
+    def work(self, body: Floats, motions: Floats) -> Floats:
+        """(j,) the work of body forces (n_cells, 6) on rigid motions (n_u, j)."""
+        outlines = [self.equilibrium.edges.outline(mode.reshape(-1, 2)) for mode in motions.T]
+        rigid = [Defect(np.zeros(0), outline, 0.0 * body) for outline in outlines]
+        return np.array([self.works(body, one).sum() for one in rigid])
 
-    def distance(self, one: Floats, other: Floats) -> float:
-        """|v - w|_a of the displacements with these nodal values (n_nodes, 2), under the same body forces."""
-        apart = one - other
-        squared = float(self.boundary.spring_energies(apart[self.boundary.edges.outer_edges]).sum())
-        for made in self.displacements:
-            outline = outline_of(made.fans, apart)
-            squared += float(np.vdot(outline, made.fans.apply(made.stiffness, outline)))
-        return float(np.sqrt(max(squared, 0.0)))
+    def stretched(self, stress: Floats, v: Defect) -> float:
+        """(sigma, eps(v)) of constant stresses (n_cells, 3) in cells."""
+        total = 0.0
+        for one in self.forms:
+            strain = without_slopes(one.fans, v.outline[one.outlines]).strain
+            total += float(one.fans.areas @ np.einsum("ck,ck->c", stress[one.fans.cells], strain))
+        return total
 
-    def _corners(self, fans: Fans) -> Ints:
-        """(c, n) the corners of the mesh at which the edges of these cells begin."""
-        return plane_mesh(self.posed.space.mesh, "error_bound").offsets[fans.cells][:, None] + np.arange(fans.n)
-
-    @property
-    def middles(self) -> Ints:
-        """(b,) the places of the middles of boundary edges among those of vertices and middles."""
-        return self.posed.space.n_unknowns // 2 + self.equilibrium.edges.outer[:, 0, 0] // 4
-
-    def of_tractions(self, loads: Floats) -> Floats:
-        """The work of loads (b, 3, 2) on boundary edges on vertices and middles, whose functions are quadratic."""
-        edges = self.boundary.edges
-        nodes = 2 * edges.outer_edges[:, :, None] + np.arange(2)
-        middles = 2 * self.middles[:, None] + np.arange(2)
-        place = np.concatenate([nodes.ravel(), middles.ravel()])
-        work = np.concatenate([(loads[:, :2] - 0.5 * loads[:, 2:]).ravel(), loads[:, 2].ravel()])
-        return totals(place, work, self.inside.size)
-
-    def densities_at(self, t: float) -> tuple[Floats, ...]:
-        """Body forces (c, n, 21, 2) of each chunk of cells at the points of the rule; none if there are none."""
-        loads = self.boundary.oscillation.body_loads
-        if not loads:
-            return ()
-        return tuple(
-            np.sum([load.at(x.reshape(-1, 2), t).reshape(x.shape) for load in loads], axis=0) for x in self._points
-        )
-
-    @cached_property
-    def _points(self) -> tuple[Floats, ...]:
-        """(c, n, 21, 2) of each chunk of cells: 1.3 kB a square, a twelfth of the body forces' part of a step."""
-        return tuple(fans.points() for fans in self.fans)
-
-
-def outline_of(fans: Fans, u: Floats) -> Floats:
-    """(c, 4 n) the values of a displacement (n_nodes, 2) at vertices and middles of edges."""
-    ends = u[fans.nodes]
-    return np.concatenate([ends, 0.5 * (ends + np.roll(ends, -1, axis=1))], axis=1).reshape(len(ends), -1)
+    def misread(self, read: Reading, v: Defect) -> float:
+        """|e(v)| of the displacement of a defect."""
+        edges = self.equilibrium.edges
+        forces = self.boundary.forces_of(read.tractions_apart)
+        along = np.sum(forces * (edges.motions @ v.outline)[edges.outer], axis=(1, 2))
+        bent = np.zeros(len(read.body))
+        for one in self.forms:
+            n, inside = 4 * one.fans.n, without_slopes(one.fans, v.outline[one.outlines])
+            bent[one.fans.cells] = one.forms(one.displacement[:, :n, :n], inside.bent, inside.bent)
+            f = v.body[one.fans.cells]
+            bent[one.fans.cells] -= one.forms(one.displacement[:, n:, n:], f, f)
+        return misread(read, (self.works(read.body_apart, v), along), bent)
 
 
 def hypercircle(posed: PosedScene) -> Hypercircle:
@@ -410,21 +328,21 @@ def hypercircle(posed: PosedScene) -> Hypercircle:
     edges = skeleton(posed)
     boundary = Boundary(posed, edges, DataOscillation(posed, edges))
     fans = fans_of(posed.space, elastic_matrix(posed.material.moduli))
-    displacements = tuple(fan_displacement(one, False) for one in fans)
     numbered = edges_of(mesh, edges, fans)
-    balance = equilibrium(numbered, tuple(fan_stress(one, False) for one in fans), boundary)
-    outlines = tuple(
-        _outline(one, place, posed.space.n_unknowns) for one, place in zip(fans, numbered.places, strict=True)
+    forms = tuple(
+        Forms(one, _outline(one, place, posed.space.n_unknowns), stress_form(one), displacement_form(one))
+        for one, place in zip(fans, numbered.places, strict=True)
     )
-    free = _free_outlines(posed, boundary, numbered.outer[:, 0, 0] // 4, numbered.count)
+    stiffness = tuple(np.ascontiguousarray(one.stress[:, : 4 * one.fans.n, : 4 * one.fans.n]) for one in forms)
+    free, factor = _freed(posed, boundary, forms, numbered.outer[:, 0, 0] // 4)
     return Hypercircle(
         posed=posed,
         boundary=boundary,
-        fans=fans,
-        displacements=displacements,
-        equilibrium=balance,
-        inside=richer(balance, displacements, outlines, free),
-        body_forces=BodyForces(fans),
+        reader=Reader(boundary.oscillation, fans),
+        forms=forms,
+        equilibrium=equilibrium(numbered, fans, stiffness, boundary),
+        free=free,
+        factor=factor,
     )
 
 
@@ -436,16 +354,27 @@ def _outline(fans: Fans, motions: Ints, first: int) -> Ints:
     return found
 
 
-def _free_outlines(posed: PosedScene, boundary: Boundary, outer: Ints, count: int) -> Floats:
-    """(nodes + E, 2, 2) projectors on what supports leave free of vertices and of middles that touch nothing."""
+def _freed(
+    posed: PosedScene, boundary: Boundary, forms: Sequence[Forms], outer: Ints
+) -> tuple[sp.csr_matrix, Factor | None]:
+    """What supports leave free of vertices and of middles that touch nothing, and the factor of S on that."""
     edges, P = boundary.edges, sp.csc_matrix(posed.supports.P)
     touched = np.zeros(P.shape[0])
     nodes = np.unique(edges.outer_edges[boundary.touching])
     touched[(2 * nodes[:, None] + np.arange(2)).ravel()] = 1.0
+    count = (1 + max(int(one.outlines.max()) for one in forms)) // 2 - posed.space.n_unknowns // 2
     middles = np.tile(np.eye(2), (count, 1, 1))
     middles[outer] = np.where(boundary.touching[:, None, None], 0.0, boundary.free)
     vertices = free_alone(P[:, np.flatnonzero(abs(P).T @ touched == 0.0)])
-    return np.concatenate([vertices, middles])
+    which, axes = axes_of(np.concatenate([vertices, middles]))
+    size, m = 2 * (len(vertices) + count), len(which)
+    places = (2 * which[:, None] + np.arange(2)).ravel(), np.repeat(np.arange(m), 2)
+    free = sp.csr_matrix((axes.ravel(), places), shape=(size, m))
+    if m == 0:
+        return free, None
+    S = [one.fans.of_cells(one.displacement[:, : 4 * one.fans.n, : 4 * one.fans.n]) for one in forms]
+    K = sp.csr_matrix(free.T @ assembled([one.outlines for one in forms], S, size) @ free)
+    return free, choose_linear(m).factorise(K)
 
 
 def check_bounded(posed: PosedScene) -> None:

@@ -1,145 +1,253 @@
-"""The reading of loads: bounds know these at points, and a second, finer reading tells how well.
+"""Data as bounds read them: loads and bounds of friction that are linear on edges and in cells, and what is left.
 
-Moments of body forces are read at 21 points of a triangle of a fan, those of tractions at three of each piece of the
-boundary. Both rules are exact for cubic functions on the triangles, or the pieces, times the quadratic displacements
-there, and for such loads bounds are theorems. For all others they are theorems for the loads *as read*. The second
-reading has four times as many points inside, twice as many on the boundary. The difference of the works of both on
-displacements is a functional d(w); that of the exact load, e(w), is taken for no more than SAFETY times as large,
-triangle by triangle. On edges a jump may lie between two points of both rules; e(w) has there also the steps between
-neighbouring points, of what is left of the load without its best polynomial of degree DEGREE, times their distance.
+Tractions are fitted by linear functions on every edge, from their means on pieces of it; bounds of friction likewise,
+from their values there; body forces by linear functions in every cell, from values at the points of
+:mod:`vemcvx.bound.data_oscillation`. Gaps and motions of the ground are linear between nodes. For such data bounds are
+theorems. For others they are theorems for the data *as read*, and what is left of the data is estimated: e(w), the work
+of loads that is not read on a displacement w, by
 
-Answers to two loads are no farther apart than eta = sup e(w) / |w|, also with friction and contact, and what a step
-minimises no farther than |e(v)| + eta |u - v| + eta^2 / 2. eta is estimated as in :mod:`.data_oscillation`. So
-allowances are estimates, and what is narrower than the distance of points may be missed by both readings.
+    SAFETY times what a second reading of fewer points gives otherwise: works on w, or the answer of the body to it;
+    what is left beside the linear functions: by the energies of :mod:`vemcvx.bound.data_oscillation`, cell by cell.
+
+Answers are no farther apart than eta = sup e(w) / |w|, also with friction and contact, and what a step minimises no
+farther than |e(v)| + eta |u - v| + eta^2 / 2. What is narrower than the distance of the points may be missed.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import product
 
 import numpy as np
+import scipy.sparse as sp
 
-from vemcvx.base.arrays import ROUNDING, Floats, totals
-from vemcvx.bound.data_oscillation import POINCARE, DataOscillation
-from vemcvx.bound.displacement import VALUES, spread
-from vemcvx.bound.fan import COEFFICIENTS, RULE_WEIGHTS, TRIANGLES, Fans, monomials
-from vemcvx.bound.surface import GAUSS, GAUSS_WEIGHTS, Boundary
-from vemcvx.meshes.polygons import RADON_POINTS, RADON_WEIGHTS
+from vemcvx.base.arrays import SAME, Floats, Ints, totals
+from vemcvx.bound.data_oscillation import POINCARE, SPACING, DataOscillation, SamplePoints, in_cells
+from vemcvx.bound.fan import FORCES, Fans
+from vemcvx.bound.skeleton import Instant
+from vemcvx.meshes import plane_mesh
 
 SAFETY = 2.0
-"""With this exact quantities took .65 of their allowance at most: 60 body forces with jumps, strips and peaks at random
-places, on squares, triangles, hexagons and Voronoi cells, a force and a mean displacement of each."""
-DEGREE = 2 * len(GAUSS) - 3
-"""The degree of loads that both rules integrate exactly beside a quadratic displacement."""
+"""What two readings differ by is taken for so many times as large."""
 
-_MIDDLES = np.array([[1.0, 1.0, 0.0], [0.0, 1.0, 1.0], [1.0, 0.0, 1.0]]) / 2.0
-_QUARTERS = np.stack([_MIDDLES, *(np.stack([np.eye(3)[k], _MIDDLES[k], _MIDDLES[k - 1]]) for k in range(3))])
-POINTS = np.stack([np.concatenate([RADON_POINTS @ one @ part for one in _QUARTERS]) for part in TRIANGLES])
-"""(3, 28, 2) the finer rule: Radon's points in the quarters of each part of the reference triangle."""
-_FINE = np.stack([spread(monomials(POINTS[k]) @ COEFFICIENTS[k], k) for k in range(3)])
-_FINE = np.tile(RADON_WEIGHTS / 24.0, 4)[:, None] * _FINE
-_COARSE = (RULE_WEIGHTS[:, None] * VALUES).reshape(3, 7, 10)
-TWICE = np.concatenate([0.5 * (GAUSS - 1.0), 0.5 * (GAUSS + 1.0)])
-"""(6,) points of the finer rule on pieces, in [-1, 1]."""
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """Least squares, part by part, of values at points."""
+
+    owner: Ints
+    """(q,) the part of each point"""
+    basis: Floats
+    """(q, j) functions there"""
+    weights: Floats
+    """(q,)"""
+    count: int
+    """of parts"""
+
+    @cached_property
+    def matrix(self) -> sp.csr_matrix:
+        """(count * j, q) coefficients from values."""
+        q, j = self.basis.shape
+        gram = np.zeros((self.count, j, j))
+        np.add.at(gram, self.owner, self.weights[:, None, None] * self.basis[:, :, None] * self.basis[:, None])
+        gram[np.bincount(self.owner, self.weights, self.count) == 0.0] = np.eye(j)
+        entries = np.einsum("qij,qj->qi", np.linalg.inv(gram)[self.owner], self.basis) * self.weights[:, None]
+        rows = self.owner[:, None] * j + np.arange(j)
+        return sp.csr_matrix((entries.ravel(), (rows.ravel(), np.repeat(np.arange(q), j))), shape=(self.count * j, q))
+
+    def of(self, values: Floats) -> Floats:
+        """(count, j, d) the coefficients of values (q, d)."""
+        return np.asarray(self.matrix @ values).reshape(self.count, self.basis.shape[1], -1)
+
+    def at_points(self, coefficients: Floats) -> Floats:
+        """(q, d) the values of coefficients (count, j, d) at the points."""
+        values: Floats = np.einsum("qj,qjd->qd", self.basis, coefficients[self.owner])
+        return values
+
+    @cached_property
+    def of_every_other(self) -> Fit:
+        """The fit that every other point counts three times in: of these alone it would differ twice as much."""
+        return replace(self, weights=np.where(np.arange(len(self.owner)) % 2 == 0, 1.5, 0.5) * self.weights)
+
+    def read(self, values: Floats) -> tuple[Floats, Floats, Floats]:
+        """Coefficients, by how much those of every other point differ, and what is left (q, d); rounding is zero."""
+        found = self.of(values)
+        apart, left = 2.0 * (self.of_every_other.of(values) - found), values - self.at_points(found)
+        rounding = SAME * np.abs(values).max(initial=0.0)
+        return found, *(np.where(np.abs(one) <= rounding, 0.0, one) for one in (apart, left))
 
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """The difference of two readings of the loads at an instant."""
+    """The data at an instant."""
 
-    boundary: Boundary
-    fans: tuple[Fans, ...]
-    body: tuple[Floats, ...]
-    """(c, n, 3, 10, 2) of each chunk of cells the work on the ten functions of triangles, by parts of these"""
-    edges: Floats
-    """(b, 3, 2) the work on linear functions from either end of edges, and on the parabola"""
-    unseen: Floats
-    """(b, 2) on edges what may lie between points"""
+    reader: Reader
+    tractions: Floats
+    """(b, 2, 2) at the ends of edges"""
+    friction: Floats
+    """(b, 2) bounds of friction there, where they are given"""
+    body: Floats
+    """(n_cells, 6) of body forces that are linear in cells, as :class:`.fan.Fans` has them"""
+    tractions_apart: Floats
+    body_apart: Floats
+    """by how much a second reading differs"""
+    on_pieces: Floats
+    """(k, 2) what is left of tractions"""
+    in_cells: Floats
+    """(q, 2) and of body forces"""
+    others: Floats
+    """(n_cells,) energies of what is left of bounds of friction, gaps and motions of the ground"""
 
     @property
     def exact(self) -> bool:
-        """True where the readings agree to rounding: loads are polynomials as far as the points tell."""
-        return not (self.edges.any() or self.unseen.any() or any(one.any() for one in self.body))
+        """True where data are linear as far as points tell."""
+        left = self.tractions_apart, self.body_apart, self.on_pieces, self.in_cells, self.others
+        return not any(one.any() for one in left)
 
     def __sub__(self, other: Reading) -> Reading:
-        """The part of the difference that is new since another instant."""
-        body = tuple(a - b for a, b in zip(self.body, other.body, strict=True))
-        unseen = np.abs(self.unseen - other.unseen)
-        return Reading(self.boundary, self.fans, body, self.edges - other.edges, unseen)
-
-    def work(self, values: Sequence[Floats], ends: Floats, bent: Floats | float = 0.0) -> float:
-        """|e(w)| of w with values (c, n, 20) in triangles, (b, 2, 2) at the ends of edges, bent by parabolas (b, 2)."""
-        parts = [
-            np.abs(np.einsum("ctpid,ctid->ctp", one, v.reshape(*one.shape[:2], 10, 2))).sum()
-            for one, v in zip(self.body, values, strict=False)
-        ]
-        along = np.abs(np.sum(self.edges[:, :2] * ends, axis=(1, 2)) + np.sum(self.edges[:, 2] * bent, axis=1))
-        largest = np.abs(ends).max(axis=1) + np.abs(bent)
-        return SAFETY * float(sum(parts) + along.sum() + np.sum(self.unseen * largest))
+        """The part that is new since another instant."""
+        names = "tractions", "friction", "body", "tractions_apart", "body_apart", "on_pieces", "in_cells"
+        new = {name: getattr(self, name) - getattr(other, name) for name in names}
+        return replace(self, **new, others=np.abs(self.others - other.others))
 
     @cached_property
+    def local(self) -> Floats:
+        """(n_cells,) energies of what is left in cells and on their edges."""
+        oscillation, fine = self.reader.oscillation, self.reader.oscillation.fine
+        edges, inside = oscillation.edges, oscillation.inside
+        n, lengths = len(edges.areas), self.reader.pieces.weights
+        in_cells = np.zeros(n)
+        if len(self.in_cells):
+            in_cells = totals(inside.owner, inside.weights * np.sum(self.in_cells**2, axis=1), n)
+        on_edges = totals(fine.piece_owner, lengths * np.sum(self.on_pieces**2, axis=1), len(edges.outer))
+        # What is orthogonal to linear functions has half of the constants of what is so to constants alone.
+        in_cells *= 0.5 * POINCARE * edges.sizes**2 / edges.shear
+        return in_cells + totals(edges.outer, 0.5 * oscillation.compliances * on_edges, n) + self.others
+
+    @property
     def energy(self) -> float:
         """eta."""
         if self.exact:
             return 0.0
-        edges, oscillation = self.boundary.edges, self.boundary.oscillation
-        cells, local = np.zeros((len(edges.areas), 2)), np.zeros(len(edges.areas))
-        for fans, one in zip(self.fans, self.body, strict=False):
-            forces = one.sum(axis=3)
-            cells[fans.cells] = forces.sum(axis=(1, 2))
-            local[fans.cells] = np.sum(6.0 * forces**2 / fans.doubled_areas[..., None, None], axis=(1, 2, 3))
-        local *= POINCARE * edges.sizes**2 / edges.shear
-        compliant = 1.0 / (2.0 * edges.shear[edges.outer])
-        squares = float(local.sum() + np.sum(compliant[:, None, None] * self.edges[:, :2] ** 2))
-        seen = squares + _of_the_body(oscillation, self.edges[:, :2].sum(axis=1), cells)
-        between = float(np.sum(compliant[:, None] * self.unseen**2))
-        between += _of_the_body(oscillation, self.unseen, 0.0 * cells)
-        return SAFETY * float(np.sqrt(seen) + np.sqrt(between))
+        edges, oscillation = self.reader.oscillation.edges, self.reader.oscillation
+        on_edges = edges.lengths[:, None] * self.tractions_apart.mean(axis=1)
+        apart = oscillation.of_the_body(on_edges, self.reader.totals_of(self.body_apart))
+        return float(np.sqrt(self.local.sum()) + SAFETY * np.sqrt(apart.sum()))
 
 
-def _of_the_body(oscillation: DataOscillation, on_edges: Floats, in_cells: Floats) -> float:
-    return float(np.sum(oscillation.of_the_body(on_edges, in_cells)))
+@dataclass(frozen=True, eq=False)
+class Reader:
+    """The points of a mesh at which loads are read."""
+
+    oscillation: DataOscillation
+    fans: tuple[Fans, ...]
+
+    @cached_property
+    def pieces(self) -> Fit:
+        """Of the means on pieces of boundary edges, by functions that are linear from either end."""
+        fine, lengths = self.oscillation.fine, self.oscillation.edges.lengths
+        counts = np.bincount(fine.piece_owner)
+        place = np.arange(len(fine.piece_owner)) - (np.cumsum(counts) - counts)[fine.piece_owner]
+        s = (place + 0.5) / counts[fine.piece_owner]
+        weights = (lengths / counts)[fine.piece_owner]
+        return Fit(fine.piece_owner, np.column_stack([1.0 - s, s]), weights, len(lengths))
+
+    @cached_property
+    def nodes(self) -> Fit:
+        """Of values at new nodes of boundary edges."""
+        fine = self.oscillation.fine
+        return Fit(
+            fine.owner, np.column_stack([1.0 - fine.along, fine.along]), fine.lengths, len(self.oscillation.edges.outer)
+        )
+
+    @cached_property
+    def _scales(self) -> Floats:
+        """(n_cells, 3) by which coefficients about the centres of fans are those of scaled coordinates."""
+        h = np.sqrt(self.oscillation.edges.areas)
+        return np.column_stack([np.ones(len(h)), 1.0 / h, 1.0 / h])
+
+    @cached_property
+    def cells(self) -> Fit:
+        """Of values at points of cells."""
+        return self._about_centres(self.oscillation.inside)
+
+    @cached_property
+    def _coarse(self) -> tuple[SamplePoints, Fit]:
+        """Fewer points of cells, for a second reading, and their fit."""
+        mesh = plane_mesh(self.oscillation.posed.space.mesh, "error_bound")
+        inside = in_cells(mesh, 0.75 * SPACING)
+        return inside, self._about_centres(inside)
+
+    def _about_centres(self, inside: SamplePoints) -> Fit:
+        centres = np.zeros((len(self._scales), 2))
+        for fans in self.fans:
+            centres[fans.cells] = fans.centres
+        about = (inside.x - centres[inside.owner]) * self._scales[inside.owner, 1:]
+        return Fit(inside.owner, np.column_stack([np.ones(len(about)), about]), inside.weights, len(centres))
+
+    def totals_of(self, body: Floats) -> Floats:
+        """(n_cells, 2) the force of a body force (n_cells, 6) in each cell."""
+        forces = np.zeros((len(body), 2))
+        for fans in self.fans:
+            each = np.einsum("ctij,cj->cti", fans.of_cells(fans.shapes.forces), body[fans.cells])
+            forces[fans.cells] = each.reshape(*each.shape[:2], 3, 2).sum(axis=(1, 2))
+        return forces
+
+    def body(self, t: float) -> tuple[Floats, Floats, Floats]:
+        """Body forces (n_cells, 6), how a second reading differs, and what is left of them (q, 2) at the points."""
+        loads, count = self.oscillation.body_loads, len(self._scales)
+        if not loads:
+            return np.zeros((count, FORCES)), np.zeros((count, FORCES)), np.zeros((0, 2))
+        inside, (coarse, fit) = self.oscillation.inside, self._coarse
+        f, second = (np.sum([load.at(x, t) for load in loads], axis=0) for x in (inside.x, coarse.x))
+        found = self.cells.of(f)
+        apart, left = fit.of(second) - found, f - self.cells.at_points(found)
+        rounding = SAME * np.abs(f).max(initial=0.0)
+        apart, left = (np.where(np.abs(one) <= rounding, 0.0, one) for one in (apart, left))
+        body, body_apart = ((one * self._scales[..., None]).reshape(count, FORCES) for one in (found, apart))
+        return body, body_apart, left
+
+    def at(self, now: Instant) -> Reading:
+        """The data at an instant."""
+        tractions, apart, on_pieces = self.pieces.read(self.oscillation.on_pieces(now.t))
+        body, body_apart, in_cells = self.body(now.t)
+        friction, others = self._friction(now)
+        return Reading(
+            reader=self,
+            tractions=tractions,
+            friction=friction,
+            body=body,
+            tractions_apart=apart,
+            body_apart=body_apart,
+            on_pieces=on_pieces,
+            in_cells=in_cells,
+            others=others,
+        )
+
+    def _friction(self, now: Instant) -> tuple[Floats, Floats]:
+        """Bounds of friction (b, 2) at the ends of edges, and the energies (n_cells,) of what else is not linear."""
+        oscillation, fine = self.oscillation, self.oscillation.fine
+        g, squares = np.zeros((len(fine.owner), 1)), np.zeros(len(oscillation.edges.outer))
+        for friction in oscillation.frictions:
+            if friction.law is None:
+                at, bound, _ = fine.read(friction, (friction.weights(now.t) / friction.lengths)[:, None])
+                g[at] += bound
+            if friction.ground is not None:
+                at, moved, line = fine.read(friction, friction.ground.vector(now.t))
+                squares += oscillation.of_motion(at, moved - line)
+        for obstacle in oscillation.obstacles:
+            _, gap, line = fine.read(obstacle, obstacle.gap(now.t)[:, None])
+            squares += 0.0 if np.array_equal(gap, line) else oscillation.of_obstacle(obstacle, now)
+        found, _, left = self.nodes.read(g)
+        squares += 0.5 * oscillation.compliances * totals(fine.owner, fine.lengths * left[:, 0] ** 2, len(squares))
+        return np.maximum(found[..., 0], 0.0), totals(oscillation.edges.outer, squares, len(self._scales))
 
 
-def reading(boundary: Boundary, fans: tuple[Fans, ...], densities: Sequence[Floats], t: float) -> Reading:
-    """The Reading of the loads at an instant, whose body forces are (c, n, 21, 2) at the points of the first rule."""
-    loads, body = boundary.oscillation.body_loads, []
-    if any(callable(load.value) for load in loads):
-        for one, first in zip(fans, densities, strict=True):
-            c, n = first.shape[:2]
-            x = one.points(POINTS).reshape(-1, 2)
-            f = np.sum([load.at(x, t) for load in loads], axis=0).reshape(c, n, 3, 28, 2)
-            apart = np.matmul(_FINE.transpose(0, 2, 1), f)
-            apart -= np.matmul(_COARSE.transpose(0, 2, 1), first.reshape(c, n, 3, 7, 2))
-            apart[np.abs(apart) <= ROUNDING * max(np.abs(f).max(), np.abs(first).max())] = 0.0
-            body.append(apart * one.doubled_areas[..., None, None, None])
-    return Reading(boundary, fans, tuple(body), *_on_edges(boundary, t))
+def misread(reading: Reading, works: Sequence[Floats], bent: Floats) -> float:
+    """|e(w)| of w, by the works of what a second reading gives otherwise, and its energies (n_cells,) beside strains.
 
-
-def _on_edges(boundary: Boundary, t: float) -> tuple[Floats, Floats]:
-    """The differences (b, 3, 2) on edges, and (b, 2) what may lie between points."""
-    count = len(boundary.edges.outer)
-    if not any(callable(load.value) for part in boundary.oscillation.parts for load in part.loads):
-        return np.zeros((count, 3, 2)), np.zeros((count, 2))
-    owner, lengths = boundary.fine.piece_owner, boundary.edges.lengths
-    s, weights = boundary.rule(TWICE, 0.5 * np.tile(GAUSS_WEIGHTS, 2))
-    fine, first = boundary.tractions(t, s), boundary.tractions(t, boundary.gauss)
-    rounding = ROUNDING * max(np.abs(fine).max(), np.abs(first).max())
-    apart = boundary.works(s, weights, fine) - boundary.moments(first)
-    apart[np.abs(apart) <= rounding * lengths[:, None, None]] = 0.0
-    # The points of all edges one after the other, as pieces are; without the best polynomial of each.
-    edge, place, rest = np.repeat(owner, len(TWICE)), s.ravel(), fine.reshape(-1, 2).copy()
-    legendre = np.polynomial.legendre.legvander(2.0 * place - 1.0, DEGREE) * np.sqrt(2.0 * np.arange(DEGREE + 1) + 1.0)
-    weighed = legendre * (weights.ravel() / lengths[edge])[:, None]
-    # The rule is not quite exact for products of these; what one projection leaves the next ones take.
-    for _, component in product(range(3), range(2)):
-        best = np.stack([totals(edge, one * rest[:, component], count) for one in weighed.T], axis=1)
-        rest[:, component] -= np.einsum("qj,qj->q", legendre, best[edge])
-    rest[np.abs(rest) <= 10.0 * rounding] = 0.0
-    same = (edge[1:] == edge[:-1])[:, None]
-    steps = np.where(same, np.abs(np.diff(rest, axis=0)) * np.abs(np.diff(place))[:, None], 0.0)
-    unseen = np.stack([totals(edge[1:], one, count) for one in steps.T], axis=1) * lengths[:, None]
-    return apart, unseen
+    What is left beside linear functions does no work on what is linear in a cell.
+    """
+    left = np.sum(np.sqrt(reading.local * np.maximum(bent, 0.0)))
+    return float(SAFETY * sum(np.abs(one).sum() for one in works) + left)

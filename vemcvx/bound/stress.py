@@ -6,23 +6,22 @@ the parts: 12 + 6 numbers with three conditions, balance (C. Johnson and B. Merc
 
     tau = B tau^ B' / det B,    |e| tau n = B |e^| tau^ n^,    div tau = B div^ tau^ / det B
 
-one reference triangle gives all. Body forces f enter by F_k = int f lambda_k: constants on the parts with the same
-moments against linear functions, and for the rest, f_1 less these constants, a stress of degree 2 on the parts that
-has no traction on the edges of the triangle (four of them, for the four linear parts of a vector). So div tau = -f_1
-exactly.
+one reference triangle gives all. A traction t that is linear on an edge is known by int t phi at both ends. Body
+forces f enter by F_k = int f lambda_k: constants on the parts with the same moments against linear functions, and for
+the rest, f less these constants, a stress of degree 2 on the parts that has no traction on the edges of the triangle.
+So div tau = -f exactly.
 
-The stress of a triangle whose tractions, balanced by its body force, minimise
+The stress of a triangle whose tractions, balanced by its body force, maximise
 
-    |tau|^2 / 2 in C^-1  -  sum over edges  int tau n . m,      m (motion) linear on each edge,
+    sum over edges  int tau n . m  -  |tau|^2 / 2 in C^-1,      m (motion) linear on each edge,
 
-is linear in m and f, and its nine numbers in balance are found from them. Triangles have in common with their
-neighbours m. The spokes of a fan move so that the tractions of both sides cancel, and answer to its outer edges; the
-stress of least energy in a body is that of the m of all edges whose tractions agree (:mod:`.equilibrium`).
+is linear in m and F, and the maximum is half of a quadratic form of both: its derivatives by m are the tractions, and
+less the form of F alone is |tau|^2 where nothing moves. The spokes of a fan move so that the tractions of both sides
+cancel, which makes the sum of the triangles' forms stationary; what is left is the form of a cell (:mod:`.fan`).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
@@ -33,13 +32,11 @@ from vemcvx.bound.fan import (
     CORNERS,
     LINEAR_MASS_INVERSE,
     MASS,
-    RULE,
-    RULE_WEIGHTS,
     STATIONS,
     Fans,
     monomial_slopes,
     monomials,
-    summed,
+    of_outlines,
 )
 from vemcvx.meshes.polygons import right_of
 
@@ -106,80 +103,7 @@ def _least(data: Floats) -> Floats:
     return found
 
 
-# What linear moments miss: quadratic parts of body forces, and of tractions on the outer edge of a fan triangle, from
-# corner 1 to corner 2. Stresses that balance these and nothing else tell what they count.
-
-_ORDER = np.polynomial.legendre.leggauss(4)
-_A, _B = (0.5 + 0.5 * one.ravel() for one in np.meshgrid(_ORDER[0], _ORDER[0]))
-_POINTS, _WEIGHTS = np.column_stack([_A, _B * (1.0 - _A)]), 0.25 * np.outer(_ORDER[1], _ORDER[1]).ravel() * (1.0 - _A)
-"""A rule on the reference triangle that is exact for degree 6."""
-
-
-_CUBICS = monomials(_POINTS, 3)
-_ORTHONORMAL = np.linalg.inv(np.linalg.cholesky(np.einsum("q,qi,qj->ij", _WEIGHTS, _CUBICS, _CUBICS))).T
-PARABOLAS = _ORTHONORMAL[:6, 3:6]
-"""(6, 3) monomials of quadratic functions, orthonormal, and orthogonal to linear ones."""
-
-
-def _cubic_shares() -> tuple[Floats, Floats]:
-    """Cubic functions orthogonal to quadratic ones, whose squares the rule of 21 points, of degree 5, underrates.
-
-    They are (21, 4) values at the points, orthonormal by the rule, beside (4,) the excess of the integrals of their
-    squares over one: .02 to .58.
-    """
-    values = monomials(RULE.reshape(-1, 2), 3) @ _ORTHONORMAL[:, 6:]
-    read, axes = np.linalg.eigh(np.einsum("q,qi,qj->ij", RULE_WEIGHTS, values, values))
-    return values @ axes / np.sqrt(read), 1.0 / read - 1.0
-
-
-CUBICS, CUBIC_SHARES = _cubic_shares()
-
-
-@cache
-def of_parabolas() -> Floats:
-    """(3, 3, 6, 6) int of products of components of the cubic stresses that balance parabolas in the triangle."""
-    rows = []
-    for k in range(3):
-        x, n = np.linspace(CORNERS[k], CORNERS[(k + 1) % 3], 4), right_of(CORNERS[(k + 1) % 3] - CORNERS[k])
-        rows.append(np.einsum("qi,abk,b->qaik", monomials(x, 3), VOIGT, n).reshape(8, 30))
-    x = STATIONS[:, [0, 3]].reshape(6, 2)
-    rows.append(np.einsum("qbi,abk->qaik", monomial_slopes(x, 3), VOIGT).reshape(12, 30))
-    data = np.concatenate([np.zeros((24, 6)), -np.kron(monomials(x) @ PARABOLAS, np.eye(2))])
-    fields = (np.linalg.pinv(np.concatenate(rows)) @ data).reshape(10, 3, 6)
-    at = np.einsum("qi,ika->qka", _CUBICS, fields)
-    found: Floats = np.einsum("q,qka,qlb->klab", _WEIGHTS, at, at)
-    return found
-
-
-@cache
-def of_edge() -> Floats:
-    """(3, 3, 2, 2) likewise of stresses that balance the tractions 1 - 6 s (1 - s) on the outer edge."""
-    data = np.zeros((54, 2))
-    data[6:12] = np.kron([[1.0], [-0.5], [1.0]], np.eye(2))
-    at = _least(data).reshape(3, 6, 3, 2)
-    found: Floats = np.einsum("ij,piak,pjbl->abkl", MASS, at, at)
-    return found
-
-
-def lifted(fans: Fans, gram: Floats, data: Floats) -> Floats:
-    """(c, n) norms in C^-1 of stresses on all triangles by the vectors (c, n, j, 2) that they balance.
-
-    These are |T| / 2 times the coefficients of parabolas, or |e| times those of tractions on outer edges.
-    """
-    hat = np.matmul(data, fans.back.transpose(0, 1, 3, 2)).reshape(*data.shape[:2], -1)
-    squares = np.einsum("ctab,abkl,ctk,ctl->ct", _compliances(fans), gram, hat, hat, optimize=True)
-    norms: Floats = np.sqrt(np.maximum(squares, 0.0))
-    return norms
-
-
-def _compliances(fans: Fans) -> Floats:
-    """(c, n, 3, 3) by which squares in C^-1 are made of components of stresses in the reference triangle."""
-    M = piola(fans.B)
-    form: Floats = np.matmul(M.transpose(0, 1, 3, 2), np.matmul(fans.D[:, None], M))
-    return form / fans.doubled_areas[..., None, None]
-
-
-def piola(B: Floats) -> Floats:
+def _piola(B: Floats) -> Floats:
     """(..., 3, 3) the components xx, yy, xy of B tau^ B' from those of tau^."""
     (a, b), (c, d) = np.moveaxis(B, (-2, -1), (0, 1))
     rows = [[a * a, b * b, 2.0 * a * b], [c * c, d * d, 2.0 * c * d], [a * c, b * d, a * d + b * c]]
@@ -206,31 +130,24 @@ def _energies() -> Floats:
     return found.reshape(9, 225)
 
 
-def _condensed(fans: Fans, loaded: bool) -> tuple[Floats, Floats]:
-    """Data in balance of the stresses of least energy on triangles, in the reference triangle: the nine without forces.
-
-    From the motions of the three edges (c, n, 9, 12), and from forces int f lambda_k (c, n, 9, 6).
-    """
+def of_triangles(fans: Fans) -> Floats:
+    """(c, n, 18, 18) the form of triangles, by the motions of their edges (12) and their forces (6)."""
     c, n = fans.corners.shape[:2]
-    A, N = (_compliances(fans).reshape(-1, 9) @ _energies()).reshape(c, n, 15, 15), _balanced()[:12, :9]
-    # Motions work in the reference triangle as B' m.
-    moved = np.matmul(N.reshape(6, 2, 9).transpose(0, 2, 1), fans.B.transpose(0, 1, 3, 2)[:, :, None])
-    moved = moved.transpose(0, 1, 3, 2, 4).reshape(c, n, 9, 12)
-    if loaded:
-        moved = np.concatenate([moved, -np.matmul(A[..., :9, 9:], _hat(fans))], axis=3)
-    found = np.asarray(np.linalg.solve(A[..., :9, :9], moved), dtype=np.float64)
-    return found[..., :12], found[..., 12:]
-
-
-def _hat(fans: Fans) -> Floats:
-    """(c, n, 6, 6) forces in the reference triangle, B^-1 of each, from those of triangles."""
-    return np.kron(np.eye(3), np.ones((2, 2))).astype(np.float64) * np.tile(fans.back, (3, 3))
-
-
-def _tractions(fans: Fans, data: Floats) -> Floats:
-    """(c, n, 12, j) forces of tractions from those in the reference triangle (c, n, 12, j): b = B b^."""
-    c, n, _, j = data.shape
-    found: Floats = np.matmul(fans.B[:, :, None], data.reshape(c, n, 6, 2, j)).reshape(c, n, 12, j)
+    M = _piola(fans.B)
+    compliances = np.matmul(M.swapaxes(2, 3), np.matmul(np.linalg.inv(fans.C)[:, None], M))
+    compliances /= fans.doubled_areas[..., None, None]
+    A = (compliances.reshape(-1, 9) @ _energies()).reshape(c, n, 15, 15)
+    # Motions work in the reference triangle as B' m, forces act there as B^-1 F.
+    moved = np.matmul(_balanced()[:12].reshape(6, 2, 15).swapaxes(1, 2), fans.B.swapaxes(2, 3)[:, :, None])
+    moved = moved.swapaxes(2, 3).reshape(c, n, 15, 12)
+    hat = np.kron(np.eye(3), np.ones((2, 2))) * np.tile(fans.back, (3, 3))
+    free = np.concatenate([moved[:, :, :9], -np.matmul(A[..., :9, 9:], hat)], axis=3)
+    form = np.matmul(free.swapaxes(2, 3), np.linalg.solve(A[..., :9, :9], free))
+    mixed = np.matmul(moved[:, :, 9:].swapaxes(2, 3), hat)
+    form[..., :12, 12:] += mixed
+    form[..., 12:, :12] += mixed.swapaxes(2, 3)
+    form[..., 12:, 12:] -= np.matmul(hat.swapaxes(2, 3), np.matmul(A[..., 9:, 9:], hat))
+    found: Floats = form
     return found
 
 
@@ -244,57 +161,7 @@ def _slots(n: int) -> Ints:
     return np.concatenate([4 * t + np.arange(4), 4 * (n + t) + np.arange(4), after + np.array([2, 3, 0, 1])], axis=1)
 
 
-@dataclass(frozen=True, eq=False)
-class FanStress:
-    """The stresses of least energy on fans, as functions of the motion of their edges and of body forces."""
-
-    fans: Fans
-    spokes: Floats
-    """(k, 4 n, 4 n) motions of both ends of the spokes from those of outer edges; for each of the k shapes"""
-    of_body: Floats
-    """(k, 8 n, 6 n) motions of spokes, and forces on outer edges, from body forces; (k, 8 n, 0) if there are none"""
-    stiffness: Floats
-    """(k, 4 n, 4 n) forces on outer edges from their motion, symmetric"""
-    triangles: tuple[Floats, Floats] | None
-    """data in balance of triangles (k, n, 9, 12) from the motions of their edges, and (k, n, 9, 6) from forces; None if
-    there are none"""
-
-    def at_stations(self, motion: Floats, force: Floats | None = None) -> Floats:
-        """(c, n, 18, 3) tau at the stations of triangles, from motions of outer edges (c, 4 n) and forces (c, 6 n)."""
-        fans, spokes = self.fans, self.fans.apply(self.spokes, motion)
-        c, n = fans.corners.shape[:2]
-        of_motion, of_force = self.triangles or _condensed(fans.shapes, False)
-        of_motion, of_force = fans.of_cells(of_motion), fans.of_cells(of_force)
-        if force is not None:
-            spokes = spokes + fans.apply(self.of_body[:, : 4 * n], force)
-        around = np.concatenate([spokes, motion], axis=1)[:, _slots(n)]
-        tau = np.matmul(of_motion, around[..., None])[..., 0] @ (reference() @ _balanced()[:, :9]).T
-        if force is not None:
-            body = force.reshape(c, n, 6, 1)
-            own = np.concatenate([np.matmul(of_force, body), np.matmul(_hat(fans), body)], axis=2)
-            tau += own[..., 0] @ (reference() @ _balanced()).T
-        back = piola(fans.B).transpose(0, 1, 3, 2) / fans.doubled_areas[..., None, None]
-        found: Floats = np.matmul(tau.reshape(c, n, 18, 3), back)
-        return found
-
-    def on_edges(self, force: Floats) -> Floats:
-        """(c, 4 n) forces of tractions on outer edges that do not move, from body forces (c, 6 n)."""
-        return self.fans.apply(self.of_body[:, 4 * self.fans.n :], force)
-
-
-def fan_stress(fans: Fans, loaded: bool = True) -> FanStress:
-    """The FanStress of these fans; `loaded` by body forces or not."""
+def stress_form(fans: Fans) -> Floats:
+    """(k, 4 n + 6, 4 n + 6) of each shape the form of the motions of its outer edges and its body force."""
     shapes = fans.shapes
-    c, n = shapes.corners.shape[:2]
-    place, N, (of_motion, of_force) = _slots(n), _balanced()[:12], _condensed(shapes, loaded)
-    stiffness = _tractions(shapes, np.matmul(N[:, :9], of_motion))
-    K, F, m = summed(stiffness, place, place, (8 * n, 8 * n)), np.zeros((c, 8 * n, 0)), 4 * n
-    if loaded:
-        forces = _tractions(shapes, np.matmul(N[:, :9], of_force) + np.matmul(N[:, 9:], _hat(shapes)))
-        F = summed(forces, place, np.arange(6 * n).reshape(n, 6), (8 * n, 6 * n))
-    found = -np.linalg.solve(K[:, :m, :m], np.concatenate([K[:, :m, m:], F[:, :m]], axis=2))
-    spokes, moved = (np.ascontiguousarray(one) for one in np.split(found, [m], axis=2))
-    G = K[:, m:, m:] + K[:, m:, :m] @ spokes
-    G = 0.5 * (G + G.transpose(0, 2, 1))
-    of_body = np.concatenate([moved, F[:, m:] + K[:, m:, :m] @ moved], axis=1)
-    return FanStress(fans, spokes, of_body, G, (of_motion, of_force) if loaded else None)
+    return of_outlines(shapes, of_triangles(shapes), _slots(fans.n))

@@ -43,7 +43,7 @@ from vemcvx.results.quoted import SINGULAR, growth
 from vemcvx.results.results import largest_values, record, warn_of_large_strains, warn_of_lost_work
 from vemcvx.scene import Scene
 from vemcvx.scene.pose import PosedScene, pose_scene
-from vemcvx.simulation import Projected, check_kinds, free_unknowns
+from vemcvx.simulation import Projected, begins, check_kinds, free_unknowns
 from vemcvx.solvers import Solver, Solves, as_solver
 from vemcvx.stepping import Memory, certified_in_full, checked_times, initial_state, march, prepare
 from vemcvx.stepping.course import ACROSS, course, inside_steps
@@ -368,7 +368,7 @@ def _simulated(
     begun = free_unknowns(aim.initial, posed, instants)
     trajectory = march(posed.system, instants, solver=aim.solver, initial=begun, store=kept)
     assembled = time.perf_counter() - start - sum(trajectory.seconds.values())
-    history = History.of(record(posed, trajectory, assembled, Memory()))
+    history = History.of(record(posed, trajectory, assembled, Memory()), begins(aim.initial))
     if circle is None:
         return posed, history, None
     return posed, history, of_steps(circle, history, pairs_of(circle, history, steps.tolist()))

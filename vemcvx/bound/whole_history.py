@@ -1,0 +1,186 @@
+"""Bounds of whole histories, of mesh and steps at once, where nothing but friction with a given bound acts.
+
+Let v and tau be admissible at all instants, r = tau - sigma_0 - C eps(v) and X = tau - sigma, so that X = r + C eps(v -
+u). From Green's formula, and from what q of tau_t = -q and its bound g let u and v dissipate,
+
+    d/dt |X|^2 / 2  =  <r', X> + (X, eps(v' - u'))  <=  |r'| |X| + D',      D' = int g |s'| - q s',
+
+s' being the rate of slip of v, both norms in C^-1. Between two instants of the run everything is taken for linear in
+time, and with Brezis' lemma (y^2 / 2 <= a^2 / 2 + int m y implies y <= a + int m)
+
+    |X| <= y_n = (y_{n-1}^2 + 2 D_n)^{1/2} + |r_n - r_{n-1}|.
+
+C eps(u - v_n) = r_n - X then gives |u - v_n|_a^2 <= y_n^2 + 2 y_n |r_n| + |r_n|^2. For v one may take v + w of
+:mod:`.hypercircle`, richer inside of the body and on contact the same: r is smaller, and only in the last square it is
+that of v_n, because X is orthogonal to C eps(w).
+
+**Where it begins.** If u(0) = v_0, then y_0 = |r_0| of v_0 itself. A run that begins "equilibrium" or "settled" begins
+at a step from zero, and so does the exact history: by theorem 1 of :mod:`vemcvx.bound`, |X|^2 + |u - v_0|^2 <= |r_0|^2
++ 2 b_0, b_0 being what friction and slip lack in that step, and y_0^2 = |r_0|^2 + 2 b_0. A run from vx.projected(u_0)
+has an exact history from u_0, whose stress is a function that the run does not know: it is refused.
+
+**What it is worth.** y never forgets: it grows by as much in each cycle, the error does not. It grows by r, which comes
+and goes with the load, by friction that lacks of its law within steps, and by long steps.
+
+**Data in time.** Of data that are not linear between the instants of the run, the run on its own cells is made twice in
+finer steps: under the data as they are there, and under the lines. What both differ by in the energy norm up to an
+instant, times SAFETY, is added to the bound there, an estimate. For certain answers are off by no more than the
+variation in time of what the lines miss, in the energy norm of an elastic body, which is of no use over cycles.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+
+from vemcvx.base.arrays import SAME, Floats
+from vemcvx.base.errors import SceneError
+from vemcvx.bound.hypercircle import Hypercircle
+from vemcvx.bound.skeleton import instant
+from vemcvx.history import History
+from vemcvx.program.operators import energy_norm
+from vemcvx.program.system import System
+from vemcvx.scene.pose import PosedScene, pose_scene, unwarned
+from vemcvx.stepping import march
+from vemcvx.stepping.course import ACROSS, course, divided, inside_steps
+
+log = logging.getLogger("vemcvx")
+READINGS = 512
+"""Instants at which data are looked at, in all at least, and READINGS_A_STEP in a step."""
+READINGS_A_STEP = 8
+SAFETY = 1.5
+"""What is lost between instants is taken for so many times as large as it is found to be."""
+
+
+def check_history(posed: PosedScene, history: History) -> None:
+    """Raise SceneError where there is no bound over a whole history, or not all of it is stored."""
+    count = history.steps + 1
+    laws = [friction.subject for friction in posed.terms.frictions if friction.law is not None]
+    if posed.springs is not None:
+        laws = [*laws, "ElasticFoundation"]
+    if len(posed.obstacles) or laws:
+        raise SceneError(
+            f"error_bound: {', '.join((*posed.obstacles.subjects, *laws))}: a bound over a whole history is known only "
+            "where nothing but friction with a given bound acts, on contact that holds (BilateralContact); "
+            "error_bound(history, step=-1) gives the bound of a step, given the one before."
+        )
+    if len(history.stored) < count:
+        raise SceneError(
+            f"error_bound: {len(history.stored)} of {count} instants were stored, and the bound over a whole history "
+            "needs all of them (store='all'); error_bound(history, step=-1) gives the bound of a step."
+        )
+    if history.begins == "projected":
+        raise SceneError(
+            "error_bound: the run begins at vx.projected(u_0), and its exact history at u_0, whose distance from the "
+            "run is not known; error_bound(history, step=-1) gives the bound of a step, given the one before. Begin at "
+            "nodal values, where the exact history begins, too, or with initial='settled'."
+        )
+
+
+def sizes_along(circle: Hypercircle, history: History) -> tuple[Floats, Floats, Floats]:
+    """Terms (N + 1, 7) of the bounds at the instants of a run.
+
+    These are y, the sum of D, |v_n|_a, |r_n|, |r_n| of v + w, and the estimates of what points and instants miss of
+    data. Besides, the squares (n_cells,) of |r| where y is largest, and instants at which data are not linear.
+    """
+    first = instant(history, 0)
+    rests = history.begins in ("equilibrium", "settled")
+    pair = circle.pair(first, replace(first, u=0.0 * first.u) if rests else first)
+    y, dissipated, missed = float(np.sqrt(pair.A2 + 2.0 * pair.lacking)), 0.0, 0.0
+    found, squares = list[tuple[float, ...]](), list[Floats]()
+    for n in range(history.steps + 1):
+        if n > 0:
+            before, pair = pair, circle.pair(instant(history, n), instant(history, n - 1))
+            lost = circle.boundary.lacking(before.surface, pair.surface)
+            change = float(np.sqrt(circle.squares(pair.richer - before.richer).sum()))
+            y, dissipated = float(np.sqrt(y**2 + 2.0 * lost)) + change, dissipated + lost
+            missed += (pair.read - before.read).energy
+        richer = float(np.sqrt(circle.squares(pair.richer).sum()))
+        found.append((y, dissipated, pair.norm, float(np.sqrt(pair.A2)), richer, missed + pair.read.energy))
+        squares.append(pair.cells)
+    between, bends = _between(circle.posed, history)
+    sizes = np.column_stack([found, between])
+    return sizes, squares[int(np.argmax(sizes[:, 0]))], bends
+
+
+def _between(posed: PosedScene, history: History) -> tuple[Floats, Floats]:
+    """(N + 1,) the estimate of what is lost between the instants of a run, and instants where data are not linear."""
+    times = history.trajectory.times
+    nothing = np.zeros(len(times))
+    if len(times) < 2:
+        return nothing, nothing[:0]
+    with unwarned():
+        # A load that comes and goes within a step is left out by runs, and leaves friction behind.
+        whole = pose_scene(posed.scene, posed.space.mesh)
+    bends = inside_steps(times, course(whole.system, times).bends)
+    off = np.union1d(bends, _off_lines(whole, times))
+    if not len(off):
+        return nothing, off
+    told = bends if len(bends) else off
+    log.warning(
+        f"error_bound: data bend, turn or jump inside steps, or are not linear there, at t = "
+        f"{', '.join(f'{t:.6g}' for t in told[:5])}{' ...' if len(told) > 5 else ''}; the run misses it, and the bound "
+        "has an estimate of that. Simulate at vemcvx.instants(scene, mesh, times), which has bends, or in steps that "
+        "follow the data."
+    )
+    instants, supports = np.union1d(times, off), whole.supports
+    start = supports.P.T @ (history.displacement[0].ravel() - supports.motion(float(times[0])))
+    at = np.searchsorted(instants, times).tolist()
+    as_is, lines = (
+        march(one, instants, initial=start, check=False, store=at).state
+        for one in (whole.system, _on_lines(whole.system, times))
+    )
+    apart = np.array([energy_norm(whole.system.K, d) for d in as_is - lines])
+    return SAFETY * np.maximum.accumulate(apart), told
+
+
+def _off_lines(posed: PosedScene, times: Floats) -> Floats:
+    """Instants at which data miss the lines between those of a run: at random, so as not to be in step with waves."""
+    parts = divided(times, READINGS_A_STEP, READINGS)
+    width = np.diff(parts)
+    inside = parts[:-1] + np.random.default_rng(0).uniform(1.0, 2.0, len(width)) / 3.0 * width
+    inside = inside[width > 2.0 * ACROSS * (times[-1] - times[0])]
+    data = [_line(times, one) for one in _data(posed)]
+    apart, size = np.zeros((len(inside), len(data))), np.zeros(len(data))
+    for i, t in enumerate(inside.tolist()):
+        for k, (one, line) in enumerate(zip(_data(posed), data, strict=True)):
+            value = one(t)
+            apart[i, k] = np.abs(value - line(t)).max(initial=0.0)
+            size[k] = max(size[k], np.abs(value).max(initial=0.0))
+    off: Floats = inside[(apart > SAME * size).any(axis=1)]
+    return off
+
+
+def _data(posed: PosedScene) -> list[Callable[[float], Floats]]:
+    """The data of a scene in time: motions of supports, forces, weights, and motions of the ground."""
+    terms = posed.terms
+    return [posed.supports.motion, posed.force, terms.weights, *([] if terms.ground is None else [terms.ground])]
+
+
+def _on_lines(system: System, times: Floats) -> System:
+    """The system under data that are linear between the instants of a run."""
+    norms, motion = system.norms, system.motion
+    if norms is not None:
+        ground = None if norms.ground is None else _line(times, norms.ground)
+        norms = replace(norms, w=_line(times, norms.weights), ground=ground)
+    if motion is not None:
+        force, slip = (_line(times, one) for one in (motion.dirichlet_force, motion.prescribed_slip))
+        motion = replace(motion, dirichlet_force=force, prescribed_slip=slip)
+    return replace(system, load=_line(times, system.force), norms=norms, motion=motion)
+
+
+def _line(known: Floats, datum: Callable[[float], Floats]) -> Callable[[float], Floats]:
+    """The function of time that has the values of a datum at known instants and is linear between them."""
+    kept = lru_cache(maxsize=2)(datum)
+
+    def line(t: float) -> Floats:
+        k = int(np.clip(np.searchsorted(known, t), 1, len(known) - 1))
+        a, b = float(known[k - 1]), float(known[k])
+        s = (t - a) / (b - a)
+        return (1.0 - s) * kept(a) + s * kept(b)
+
+    return line

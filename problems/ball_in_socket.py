@@ -1,7 +1,7 @@
-"""A ball in a socket of another mesh, which is pressed from all sides and then pushed aside: it lifts off behind.
+"""A ball in a socket, which is pressed from all sides and then pushed aside: it lifts off behind.
 
-Ball and socket are the lower halves of tetrahedra of cubes that were blown up to balls, so that their surfaces are two
-polyhedra of one sphere. `tolerance=` matches them: the ball comes first and keeps its shape, and the socket takes it.
+Ball and socket are the lower halves of tetrahedra of cubes that were blown up to balls. Cells of both are as wide, so
+that they approximate the sphere by one polyhedron: surfaces that do not coincide are no interface.
 
 Up to t = 1 all is pressed by p, as in `cone_clutch.py`: both bodies are in the stress -p, and the joint, too, whatever
 its shape. Then the grip, a square in the top of the ball, moves aside. The pressure rises in front and falls behind,
@@ -9,7 +9,7 @@ until the joint lifts off there; where the ball slides along the socket, frictio
 
     sum of pressure and friction on the ball - p (area of the top) e_3 + reaction of the grip = 0,
 
-to rounding, although the nodes of the one surface are in the faces of the other.
+to rounding.
 
     vemcvx run problems/ball_in_socket.py --n 2 --steps 5 --accuracy 1e-6 --plot
 """
@@ -78,9 +78,9 @@ def blown_up(n, size, hollow=False):
 
 
 def mesh(n, family="tetrahedra"):
-    """A half ball n cells deep, and the socket of 3n/2 from the hollow out."""
-    ball, socket = blown_up(n, RADIUS), blown_up(2 * ((3 * n + 1) // 2), REACH, hollow=True)
-    return vx.meshes.bodies({"ball": ball, "socket": socket}, tolerance=0.06 / n**2)
+    """A half ball n cells deep, and the socket of n from the hollow out."""
+    ball, socket = blown_up(n, RADIUS), blown_up(2 * n, REACH, hollow=True)
+    return vx.meshes.bodies({"ball": ball, "socket": socket})
 
 
 def times(steps):

@@ -301,7 +301,11 @@ REFUSED = {
     "a stranger": (NEXT_DOOR, {"interfaces": {"joint": ("a", "c")}}, r"two of the bodies 'a', 'b'; got \('a', 'c'\)"),
     "twice": (NEXT_DOOR, {"interfaces": {"k": ("a", "b"), "l": ("b", "a")}}, "'b' and 'a' are named twice"),
     "the whole": (NEXT_DOOR, {"interfaces": {"boundary": ("a", "b")}}, "the name 'boundary' is taken"),
-    "too coarse": (NEXT_DOOR, {"tolerance": 0.6}, r"two nodes of 'a' near .* the tolerance 0.6 must be well below"),
+    "too coarse": (
+        NEXT_DOOR,
+        {"tolerance": 0.6},
+        r"two nodes of 'a' near .* within 0.6 of another .* must be well below",
+    ),
     "no length": (
         NEXT_DOOR,
         {"tolerance": -1.0},
@@ -374,7 +378,7 @@ def test_data_of_one_body_are_zero_on_the_others():
             "is not an edge of the boundary",
         ),
         (lambda found: replace(found, partners=found.partners[:, ::-1]), "are partners at an interface, but at"),
-        (lambda found: replace(found, partners=found.partners[:1]), "it has 2 edges and partners of 1"),
+        (lambda found: replace(found, partners=found.partners[:1]), "it has 2 sides, and partners of 1"),
         (lambda found: replace(found, bodies=("a",)), "bodies must be the names of two"),
         (lambda found: found.edges, "where an Interface is wanted"),
     ],

@@ -307,7 +307,7 @@ def test_warped_hexahedra_are_refused(tmp_path):
     path = tmp_path / "warped.vtu"
     meshio.Mesh(points, [("hexahedron", HEXAHEDRON)]).write(path)
     with pytest.raises(
-        vx.MeshError, match=r"warped.vtu: cell 0: its face \(.*\) is not plane: .* Split the face into triangles"
+        vx.MeshError, match=r"warped.vtu: cell 0: its face .* is not plane: .* Split the face into triangles"
     ):
         vx.meshes.read(path)
 

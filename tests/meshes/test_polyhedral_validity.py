@@ -37,8 +37,8 @@ def refused(points, cells, message):
         ("points", r"points must be real numbers of shape \(n_nodes, 3\)"),
         (None, "points must be real numbers"),
         (np.zeros((8, 3), dtype=complex), "points must be real numbers"),
-        (np.zeros((8, 2)), r"shape \(n_nodes, 3\); got \(8, 2\). In the plane there is PolygonMesh"),
-        (np.zeros(24), r"shape \(n_nodes, 3\); got \(24,\)"),
+        (np.zeros((8, 2)), r"shape \(n_nodes, 3\); got the shape \(8, 2\). PolygonMesh is for points in the plane"),
+        (np.zeros(24), r"shape \(n_nodes, 3\); got the shape \(24,\)"),
         ([*CUBE[:7], (1, 1, np.nan)], r"node 7 is at \(1.0, 1.0, nan\): coordinates must be finite"),
         ([*CUBE[:7], (1, 1, 1e70)], "coordinates reach 1e\\+70"),
     ],
@@ -63,12 +63,12 @@ def test_bad_points(points, message):
         ([[[0.0, 1.0, 2.0]] * 4], "cell 0: its face 0 must be a list of node numbers; got float64"),
         ([[*FACES[:5], "4576"]], "cell 0: its face 5 must be a list of node numbers"),
         ([[*FACES[:5], [4, 5, [7], 6]]], "cell 0: its face 5 must be a list of node numbers"),
-        ([[*FACES[:5], [True, False, True]]], "cell 0: its face 5 must be a list of node numbers; got bool"),
+        ([[*FACES[:5], [True, False, True]]], "cell 0: its face 5 names node 1 twice"),
         ([[*FACES[:5], [4, 5, 7, 8]]], "cell 0: its face 5 names node 8; the 8 nodes are numbered 0 to 7"),
         ([[*FACES[:5], [4, 5, 7, -1]]], "cell 0: its face 5 names node -1"),
         ([[*FACES[:5], [4, 5, 7, 2**70]]], "cell 0: its face 5"),
         ([[*FACES[:5], [4, 5, 7, 5]]], "cell 0: its face 5 names node 5 twice"),
-        ([[*FACES, FACES[2][::-1]]], r"cell 0 lists its face \(0, 1, 5, 4\) twice|cell 0 lists its face .* twice"),
+        ([[*FACES, FACES[2][::-1]]], r"cell 0 is not closed, or touches itself: its edge \(0, 1\) belongs to 3 of its"),
     ],
 )
 def test_bad_lists(cells, message):
@@ -84,26 +84,26 @@ def test_bad_lists(cells, message):
             [FACES],
             r"nodes 5 and 7 are in the same place, \(\S+, \S+, \S+\).*joined; or, if two bodies meet",
         ),
-        (CUBE, [FACES[:5]], r"cell 0 is not closed: its edge \(4, 5\) belongs to one of its faces only"),
-        (CUBE, [[[0, 4, 2, 6], *FACES[1:]]], r"cell 0: its face \(0, 4, 2, 6\) has no area"),
+        (CUBE, [FACES[:5]], r"cell 0 is not closed, .*: its edge \(4, 5\) belongs to 1 of its faces, wanted are two"),
+        (CUBE, [[[0, 4, 2, 6], *FACES[1:]]], r"cell 0: its face 0 \(0, 4, 2, 6\) has no area"),
         (
             [*CUBE[:7], (1.0, 1.0, 1.2)],
             [FACES],
-            r"cell 0: its face \(\S+ \d, \d, \d\) is not plane: node \d lies .* off its plane, and 1e-06 .*triangles",
+            r"cell 0: its face \d \(\S+ \d, \d, \d\) is not plane: node \d lies .* off its plane, .*triangles",
         ),
         ([*CUBE, (0.5, 0.0, 0.0)], [[[0, 8, 4, 6, 2], *FACES[1:]]], "is not plane|not closed"),
         ([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0.2, 0.2, 0)], [TETRAHEDRON], "cell 0 has no volume"),
-        ([(0, 0, 0), (1, 0, 0), (2, 0, 0), (0, 0, 1)], [TETRAHEDRON], r"cell 0: its face \(0, 2, 1\) has no area"),
+        ([(0, 0, 0), (1, 0, 0), (2, 0, 0), (0, 0, 1)], [TETRAHEDRON], r"cell 0: its face 0 \(0, 2, 1\) has no area"),
         (
             [*CUBE, *NEXT],
             [FACES, RIGHT, [[k + 0 for k in face] for face in RIGHT]],
-            r"the face \(.*\) belongs to 3 cells: 0, 1, 2",
+            r"cells 0, 1, 2 overlap at their face \(.*\): wanted are two cells at most",
         ),
-        (CUBE, [FACES, FACES], "cells 0 and 1 overlap: both lie on the same side of their face"),
+        (CUBE, [FACES, FACES], "cells 0, 1 overlap at their face"),
         (
             [*CUBE, *NEXT],
             [FACES, [[1, 7, 5, 3], *RIGHT[1:]]],
-            "cells 0 and 1 list the vertices of a face in different orders",
+            r"cell 1 is not closed, or touches itself: its edge \(1, 5\) belongs to 1 of its faces",
         ),
     ],
 )
@@ -121,7 +121,7 @@ def joined(*blocks):
 
 
 MEET_IN_PART = (
-    r"the face \(1, 3, 7, 5\) of cell 0 and the face \(8, 12, 14, 10\) of cell 1 lie on one another. "
+    r"the face \(1, 3, 7, 5\) of cell 0 and the face \(8, 12, 14, 10\) of cell 1 lie on one another, \S+ apart. "
     "Two cells must meet in whole faces of both: cut the larger face"
 )
 
@@ -133,7 +133,7 @@ MEET_IN_PART = (
         ([cube(), cube((0.25, 0.25, 0.25), 0.5)], "volumes add up to 1.125, and the convex hull of all has 1"),
         ([cube((0.25, 0.25, 0.25), 0.5), cube()], "cells overlap: their volumes add up to 1.125"),
         ([cube(), cube((1.0, 0.25, 0.25), 0.5)], MEET_IN_PART),
-        ([cube(), cube((1.0 + 1e-8, 0.25, 0.25), 0.5)], MEET_IN_PART.replace(" on ", " 1e-08 beside ")),
+        ([cube(), cube((1.0 + 1e-8, 0.25, 0.25), 0.5)], MEET_IN_PART.replace(r"\S+ apart", "1e-08 apart")),
         ([cube(), cube((1.0, 0.5, 0.0))], MEET_IN_PART),
     ],
 )
@@ -205,7 +205,9 @@ def test_one_sided_hanging_faces():
     axes = np.flatnonzero(np.ptp(arm, axis=0) > 0.0)
     around = [outline[k] for k in np.argsort(np.arctan2(*arm[:, axes].T))]
     cells = [*whole[:large], [f for f in whole[large] if f not in split] + [around], *whole[large + 1 :]]
-    with pytest.raises(vx.MeshError, match=rf"cell {large} (and the face .*)?lie on one another. Two cells must meet"):
+    with pytest.raises(
+        vx.MeshError, match=rf"cell {large} (and the face .*)?lie on one another, \S+ apart. Two cells must meet"
+    ):
         PolyhedralMesh(mesh.points, cells)
 
 
@@ -215,7 +217,7 @@ def test_a_cell_that_crosses_itself():
     points = np.vstack([np.column_stack([profile, np.full(8, z)]) for z in (0.0, 1.0)])
     ends = [list(range(8))[::-1], list(range(8, 16))]
     sides = [[k, (k + 1) % 8, (k + 1) % 8 + 8, k + 8] for k in range(8)]
-    refused(points, [ends + sides], r"cell 0: its face \(.*\) crosses itself: its edges \(\d, \d\) and \(\d, \d\)")
+    refused(points, [ends + sides], r"cell 0: its face \d \(.*\) crosses or touches itself")
 
 
 def test_a_cell_that_touches_itself():
@@ -224,8 +226,7 @@ def test_a_cell_that_touches_itself():
     points = np.array([(*place, z) for z in (0.0, 1.0) for place in profile])
     ends = [list(range(12))[::-1], list(range(12, 24))]
     sides = [[k, (k + 1) % 12, (k + 1) % 12 + 12, k + 12] for k in range(12)]
-    where = r"its node (9 lies on its edge \(4, 3\)|21 lies on its edge \(15, 16\))"
-    refused(points, [ends + sides], r"cell 0: its face \(.*\) touches itself: " + where)
+    refused(points, [ends + sides], r"cell 0: its face \d \(.*\) crosses or touches itself")
 
 
 def test_a_cavity_and_two_cells_in_one():
@@ -236,7 +237,7 @@ def test_a_cavity_and_two_cells_in_one():
 
 def test_three_faces_on_an_edge():
     wall = [[0, 4, 7, 3]]
-    refused(CUBE, [FACES + wall], "cell 0 (touches itself|is not closed)")
+    refused(CUBE, [FACES + wall], "cell 0 is not closed, or touches itself")
 
 
 def test_a_one_sided_surface():

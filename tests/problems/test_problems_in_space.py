@@ -257,7 +257,8 @@ def test_a_ball_lifts_off_its_socket_behind():
     """Faces at a node turn from their mean by less than a cell is seen under, 90 degrees over 2n."""
     history = small_run(ball, ball.mesh(2))
     contact = history.contact
-    assert contact.pressure[1].max() == pytest.approx(ball.PRESSURE, rel=1e-9)
+    assert np.abs(history.stress(1) + ball.PRESSURE * np.array([1, 1, 1, 0, 0, 0])).max() < 1e-9 * ball.PRESSURE
+    assert contact.pressure[1].max() < (1 + 1e-9) * ball.PRESSURE
     assert contact.pressure[1].min() > np.cos(np.pi / 8) * ball.PRESSURE
     assert contact.sticking[1].all()
     weight = ball.PRESSURE * history.mesh.face_areas[history.mesh.boundaries["ball.top"]].sum()
@@ -351,13 +352,12 @@ def test_two_balls_press_as_hertz_says(n, upper, highest):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("n", "outer", "spread"), [(8, None, 0.32), (12, 12, 0.05)])
-def test_tubes_that_are_shrunk_on_press_as_lame_says(n, outer, spread):
+def test_tubes_that_are_shrunk_on_press_as_lame_says():
     """The mean pressure within one per cent; and the tubes change their lengths."""
-    history = small_run(tubes, tubes.mesh(n, outer=outer))
+    history = small_run(tubes, tubes.mesh(8))
     assert tubes.mean_pressure(history) == pytest.approx(tubes.pressure() * history.times, rel=0.01, abs=1e-12)
-    assert history.contact.pressure[-1] == pytest.approx(tubes.pressure(), rel=spread)
-    assert history.contact.pressure_recovered[-1] == pytest.approx(tubes.pressure(), rel=0.016)
+    assert history.contact.pressure[-1] == pytest.approx(tubes.pressure(), rel=0.04)
+    assert history.contact.pressure_recovered[-1] == pytest.approx(tubes.pressure(), rel=0.01)
     mesh = history.mesh
     for tube, strain in zip(("inner", "outer"), tubes.lengthwise(), strict=True):
         nodes = Space(mesh).part(f"{tube}.top", "top").nodes

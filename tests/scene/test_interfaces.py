@@ -113,8 +113,8 @@ def test_constant_stress_passes_between_all_families(below, above, kind):
 
 @pytest.mark.long
 def test_constant_stress_passes_through_a_curved_joint():
-    """A pin of sixteen sides bonded in a hole of twenty-four: any linear displacement is that of one body."""
-    mesh = bodies({"pin": ring([0.4, 1.0], 16, 2), "lug": ring([1.0, 2.0], 24, 3)}, tolerance=0.03)
+    """A pin bonded in a hole, both of sixteen sides: any linear displacement is that of one body."""
+    mesh = bodies({"pin": ring([0.4, 1.0], 16, 2), "lug": ring([1.0, 2.0], 16, 3)})
     mesh = mesh.with_boundary("outside", lambda x: np.ones(len(x), dtype=bool))
     gradient = np.array([[0.02, 0.01, -0.03], [0.02, -0.04, 0.01], [0.0, 0.03, 0.01]])
     scene = vx.Scene(

@@ -21,6 +21,7 @@ from vemcvx.meshes.polygons import (
     offsets_of,
     rounding,
     rows_in_order,
+    same_rows,
     smallest_linked,
 )
 
@@ -57,8 +58,7 @@ class Interface:
 def check_interfaces(
     interfaces: Mapping[str, Interface] | None, n_nodes: int, dimension: int = 2
 ) -> dict[str, Interface]:
-    """Interfaces whose edges and partners are pairs of node numbers, in space rows of these, or MeshError."""
-    sides = "edges" if dimension == 2 else "faces"
+    """Return interfaces whose sides are pairs of node numbers, in space rows of these, or raise MeshError."""
     found = {}
     for name, given in check_mapping(interfaces, "interfaces", "Interface").items():
         check_name(name)
@@ -69,37 +69,24 @@ def check_interfaces(
             raise MeshError(f"interface {name!r}: bodies must be the names of two; got {brief(given.bodies)}.")
         edges, partners = (_check_sides(name, side, n_nodes, dimension) for side in (given.edges, given.partners))
         if edges.shape != partners.shape or not np.array_equal(edges < 0, partners < 0):
-            raise MeshError(f"interface {name!r}: it has {len(edges)} {sides} and partners of {len(partners)}.")
+            raise MeshError(f"interface {name!r}: it has {len(edges)} sides, and partners of {len(partners)}.")
         found[name] = Interface(bodies, edges, partners)
     return found
 
 
 def _check_sides(name: str, given: object, n_nodes: int, dimension: int) -> Ints:
-    """Rows (k, n) of the vertices of edges or faces, filled up with -1, or MeshError."""
-    rows = plain(given)
-    sides, wanted = "edges", "pairs (k, 2) of nodes"
-    if dimension == 3:
-        sides, wanted = "faces", "rows (k, n) of nodes, filled up with -1"
-    if (
-        rows is None
-        or rows.ndim != 2
-        or rows.dtype.kind not in "iu"
-        or not rows.size
-        or (dimension == 2) != (rows.shape[1] == 2)
-    ):
-        raise MeshError(f"interface {name!r}: {sides} must be {wanted}; got {brief(given)}.")
-    rows = rows.astype(np.int64)
-    filled = rows >= 0
-    if (
-        (rows >= n_nodes).any()
-        or (rows < -1).any()
-        or not filled[:, :dimension].all()
-        or (filled[:, 1:] > filled[:, :-1]).any()
-    ):
-        has = "an edge has two nodes" if dimension == 2 else "a face has three nodes or more"
-        raise MeshError(
-            f"interface {name!r}: {has}, numbered 0 to {n_nodes - 1}; rows of faces are filled up with -1 behind them."
-        )
+    """Return rows (k, n) of the vertices of edges or faces, filled up with -1, or raise MeshError."""
+    rows, good = plain(given), False
+    if rows is not None and rows.ndim == 2 and rows.dtype.kind in "iu" and len(rows) and rows.shape[1] >= dimension:
+        rows = rows.astype(np.int64)
+        filled = rows >= 0
+        last = filled[:, :dimension].all() and (filled[:, 1:] <= filled[:, :-1]).all() and (rows >= -1).all()
+        good = bool(last and (rows < n_nodes).all()) and (dimension == 3 or rows.shape[1] == 2)
+    if rows is None or not good:
+        wanted = "edges must be pairs (k, 2) of nodes"
+        if dimension == 3:
+            wanted = "faces must be rows (k, n) of three nodes or more, filled up with -1"
+        raise MeshError(f"interface {name!r}: {wanted}, numbered 0 to {n_nodes - 1}; got {brief(given)}.")
     return rows
 
 
@@ -109,6 +96,27 @@ def padded(offsets: Ints, flat: Ints) -> Ints:
     rows = np.full((len(counts), counts.max(initial=0)), -1)
     rows[np.arange(rows.shape[1]) < counts[:, None]] = flat
     return rows
+
+
+def coinciding_sides(outlines: tuple[Ints, Ints], body: Ints, place: Ints) -> tuple[Ints, Ints, Ints, Ints]:
+    """Return sides of two bodies in the same places, those of the earlier body first: their numbers, and their nodes.
+
+    `outlines` are the offsets and vertices of the sides of the boundary. Rows (k, n) of nodes are in the order of the
+    side of the earlier body, filled up with -1.
+    """
+    offsets, vertices = outlines
+    shared = np.bincount(place)[place] > 1
+    sides = np.flatnonzero(np.logical_and.reduceat(shared[vertices], offsets[:-1]))
+    rows, nodes = rows_in_order(offsets, vertices, sides)
+    number = same_rows(rows, place[nodes])[1]
+    order = np.argsort(number, kind="stable")
+    again = np.flatnonzero(np.diff(number[order]) == 0)
+    one, other = order[again], order[again + 1]
+    mine = rows_in_order(rows, nodes, one)
+    count = int(body.max()) + 1
+    wanted = place[mine[1]] * count + np.repeat(body[nodes[rows[:-1]]][other], np.diff(mine[0]))
+    across = found_in(place * count + body, wanted)
+    return sides[one], sides[other], padded(*mine), padded(mine[0], across)
 
 
 def pairs_of(interfaces: Mapping[str, Interface]) -> Ints:

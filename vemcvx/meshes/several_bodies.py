@@ -4,13 +4,14 @@ Meshes of bodies are laid side by side in one list of nodes and cells. Nodes of 
 each other are in one place: that of the node of the first body. A node within the tolerance of an edge of another body
 becomes a hanging vertex of it, where the node is; but a node of a later body that is off an edge of an earlier one, by
 more than rounding, first moves to the nearest point of it. So the earlier body keeps its outline, the later one takes
-it, and both have the same nodes along the common part. In space the tilings of both boundaries are intersected, too:
-:mod:`.common_tiling`. Cracks in one body are another thing: :mod:`.cracks`.
+it, and both have the same nodes along the common part. In space boundaries coincide in planes, or where both bodies are
+meshed alike; there the tilings of both are overlaid: :mod:`.overlay`. Cracks in one body are another thing:
+:mod:`.cracks`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, Generic, NamedTuple, TypeVar
 
@@ -20,11 +21,10 @@ from numpy.typing import NDArray
 from vemcvx.base.arrays import SAME, Floats, Ints, brief, is_real
 from vemcvx.base.errors import MeshError
 from vemcvx.meshes.box import WHOLE, check_cell_data, check_name
-from vemcvx.meshes.checks.plane import check_cells, lowest, misfit_of
-from vemcvx.meshes.checks.space import enclosed, faces_upon
-from vemcvx.meshes.common_tiling import coinciding_faces, common_tiling
-from vemcvx.meshes.interfaces import Interface, on_boundary, pairs_of, places_of
-from vemcvx.meshes.meeting import FACING, near_others, unmatched
+from vemcvx.meshes.checks.plane import check_cells, find_misfit, lowest
+from vemcvx.meshes.checks.space import checked_in_space, enclosed, find_upon
+from vemcvx.meshes.interfaces import Interface, coinciding_sides, on_boundary, pairs_of, places_of
+from vemcvx.meshes.overlay import CORNER, overlay_tilings, unmatched
 from vemcvx.meshes.polygons import (
     TOLERANCE,
     all_found_in,
@@ -39,11 +39,14 @@ from vemcvx.meshes.polygons import (
     rows_in_order,
     smallest_linked,
 )
+from vemcvx.meshes.polyhedra import FaceShapes, listed_faces
 from vemcvx.meshes.tessellation import SpaceTessellation, Tessellation
 
 AnyKind = TypeVar("AnyKind", bound=Tessellation | SpaceTessellation)
 # Bodies that programs of six digits or less drew apart are nearer than this part of the lowest cell.
 NARROW_BETWEEN_BODIES = 1e-3
+FACING = -0.5
+"""Cosine of the outward normals of faces that face each other; edges of flush bodies are near on faces that do not"""
 BODY = "body"
 SIGNS = (".", "|")
 
@@ -56,9 +59,10 @@ def bodies(
 ) -> AnyKind:
     """Join the meshes of several bodies to one, with an interface wherever boundaries of two of them coincide.
 
-    Along an interface each body takes the nodes of the other as hanging vertices of its cells, so that both
-    have the same; nodes in one place stay double. In space each takes the intersections of its faces with those of the
-    other as coplanar faces of its cells. Bodies need not touch, but must neither overlap nor nearly touch.
+    Along an interface each body takes the nodes of the other as hanging vertices of its cells, so that both have the
+    same; nodes in one place stay double. In space each takes the intersections of its faces with those of the other as
+    coplanar faces of its cells; along curved surfaces mesh both bodies alike. Bodies need not touch, but must neither
+    overlap nor nearly touch.
 
     Parameters
     ----------
@@ -69,11 +73,10 @@ def bodies(
         order of the bodies.
     tolerance : float, optional
         Boundaries coincide where they are no farther apart than this length; by default 1e-9 of the extent
-        of all bodies. Of two boundaries that do not coincide to rounding, such as two polygons of one circle (which are
-        up to h^2 / (8 R) apart, with edges of length h), the later body takes the shape of the earlier one: its nodes
-        move to the nearest points of the other's. In space, where two polyhedra of one sphere are up to h^2 / (6 R)
-        apart, faces that are then warped become triangles; and nodes and edges of both bodies that are nearer to each
-        other than the tolerance become one, so that no piece of a face is narrower.
+        of all bodies. Of two boundaries in the plane that do not coincide to rounding, such as two polygons of one
+        circle (which are up to h^2 / (8 R) apart, with edges of length h), the later body takes the shape of the
+        earlier one: its nodes move to the nearest points of the other's. In space nodes of two bodies within four times
+        the tolerance become one, that of the earlier body, and faces coincide if they are in one plane.
 
     Returns
     -------
@@ -89,25 +92,22 @@ def bodies(
     ------
     MeshError
         Bodies overlap, touch in a point (in space, or an edge) only, or leave a gap above the tolerance that is hardly
-        one; tilings in space do not match; an interface is named that is none; names clash.
+        one; surfaces in space are two polyhedra of one curved surface; an interface is named that is none; names clash.
     """
     _check_meshes(meshes)
     names, each = tuple(meshes), list(meshes.values())
     apart = _side_by_side(each)
     length = _check_tolerance(tolerance, apart.points)
     body = np.repeat(np.arange(len(each)), [mesh.n_nodes for mesh in each])
-    body_of_cell = np.repeat(np.arange(len(each)), [mesh.n_cells for mesh in each])
-    place = _same_places(names, body, apart.points, distinct(apart._outlines[1]), length)
-    matched = _matched_in_plane if isinstance(apart, Tessellation) else _matched_in_space
-    joined: Joined[Any] = matched(names, apart, body, place=place, tolerance=length)
-    pairs, *sides = coinciding_faces(joined.mesh._outlines, joined.body, joined.place)
-    if isinstance(joined.mesh, SpaceTessellation):
-        _check_sides_in_space(names, joined, pairs)
+    match = _match_in_plane if isinstance(apart, Tessellation) else _match_in_space
+    joined: Joined[Any] = match(names, apart, body, length)
+    first, second, *sides = coinciding_sides(joined.mesh._outlines, joined.body, joined.place)
     found = on_boundary(_by_name(names, joined.body, sides, interfaces), joined.mesh._outlines)
     joined = joined._replace(mesh=joined.mesh._replace(interfaces=MappingProxyType(found)))
     if isinstance(joined.mesh, SpaceTessellation):
-        _check_apart_in_space(names, joined, length)
+        _check_apart_in_space(names, joined, first, second)
     _check_contact_in_points(names, joined)
+    _check_whole(joined.mesh)
     # What is left of named boundaries without the interfaces.
     starts = offsets_of(np.array([len(mesh._boundary) for mesh in each]))
     mesh, named = joined.mesh, {}
@@ -116,6 +116,7 @@ def bodies(
             left = mesh._outer & among(joined.origin, start + given._places(parts))
             if name != WHOLE and left.any():
                 named[f"{own}.{name}"] = mesh._boundary[left]
+    body_of_cell = np.repeat(np.arange(len(each)), [mesh.n_cells for mesh in each])
     data = MappingProxyType(check_cell_data(_data(meshes, body_of_cell), mesh.n_cells))
     made: AnyKind = mesh._replace(_named=mesh._checked_parts(named), cell_data=data)
     return made
@@ -131,12 +132,10 @@ class Joined(NamedTuple, Generic[AnyKind]):
     """(n_nodes,) the place of each node: the first of those there"""
     origin: Ints
     """(m,) what each part of the boundary is a piece of: one of all parts that bodies side by side have had"""
-    touching: Ints
-    """(k, 2) nodes and bodies that touch there without a node"""
 
 
 def _side_by_side(meshes: list[Any]) -> Any:
-    """The meshes in one, which share no node; nodes, faces and cells in their order."""
+    """Return the meshes in one, which share no node; nodes, faces and cells in their order."""
     kind, arrays = type(meshes[0]), []
     for name in kind.ARRAYS:
         own = [getattr(mesh, name) for mesh in meshes]
@@ -150,19 +149,19 @@ def _side_by_side(meshes: list[Any]) -> Any:
     return kind.unchecked(*arrays)
 
 
-def _same_places(names: tuple[str, ...], body: Ints, points: Floats, nodes: Ints, tolerance: float) -> Ints:
-    """For each node the first of those in its place, of the given ones; MeshError if a body has two of them."""
-    pairs = nodes[close_pairs(points[nodes], tolerance)]
-    pairs = pairs[body[pairs[:, 0]] != body[pairs[:, 1]]]
-    place = smallest_linked(pairs, len(points))
-    together = np.unique(pairs)
-    key = place[together] * len(names) + body[together]
-    _, index, counts = np.unique(key, return_index=True, return_counts=True)
+def _same_places(names: tuple[str, ...], body: Ints, mesh: Any, distance: float) -> Ints:
+    """Return for each node the first of those in its place on the boundary; MeshError if a body has two of them."""
+    nodes = distinct(mesh._outlines[1])
+    pairs = nodes[close_pairs(mesh.points[nodes], distance)]
+    place = smallest_linked(pairs[body[pairs[:, 0]] != body[pairs[:, 1]]], len(mesh.points))
+    key = place * len(names) + body
+    _, node, counts = np.unique(key, return_index=True, return_counts=True)
     if (counts > 1).any():
-        node = together[index[counts > 1][0]]
+        node = node[np.argmax(counts > 1)]
         raise MeshError(
-            f"bodies: two nodes of {names[body[node]]!r} near {_at(points[node])} would come to one "
-            f"place: the tolerance {tolerance:.3g} must be well below the edges. Give a smaller tolerance=."
+            f"bodies: two nodes of {names[body[node]]!r} near {_at(mesh.points[node])} would come to one place, within "
+            f"{distance:.3g} of another body's node: the tolerance must be well below the edges. Give a smaller "
+            "tolerance=."
         )
     return place
 
@@ -170,24 +169,22 @@ def _same_places(names: tuple[str, ...], body: Ints, points: Floats, nodes: Ints
 # In the plane.
 
 
-def _matched_in_plane(
-    names: tuple[str, ...], apart: Tessellation, body: Ints, *, place: Ints, tolerance: float
-) -> Joined[Tessellation]:
+def _match_in_plane(names: tuple[str, ...], apart: Tessellation, body: Ints, tolerance: float) -> Joined[Tessellation]:
     """Hang nodes of each body into the edges of the others."""
+    place = _same_places(names, body, apart, tolerance)
     points, node, edge = _hanging(apart, body, place, tolerance)
     corner, cell = apart.shared_edges.alone[edge], cell_of_corner(apart.offsets)
     counts = np.diff(apart.offsets) + np.bincount(cell[corner], minlength=apart.n_cells)
     vertices = np.insert(apart.vertices, corner + 1, apart.n_nodes + np.arange(len(node)))
     mesh = type(apart).unchecked(np.concatenate([points, points[node]]), offsets_of(counts), vertices)
     body = np.concatenate([body, body[apart._boundary[edge, 0]]])
-    _check_apart(names, mesh, body, moved=not np.array_equal(points, apart.points))
+    _check_apart(names, mesh, body)
     origin = np.repeat(np.arange(len(apart._boundary)), 1 + np.bincount(edge, minlength=len(apart._boundary)))
-    nothing = np.empty((0, 2), dtype=np.int64)
-    return Joined(mesh, body, np.concatenate([place, place[node]]), origin, nothing)
+    return Joined(mesh, body, np.concatenate([place, place[node]]), origin)
 
 
 def _hanging(mesh: Tessellation, body: Ints, place: Ints, tolerance: float) -> tuple[Floats, Ints, Ints]:
-    """The points moved into their places; nodes to hang on edges of the boundary, (q,) each, in order on each edge."""
+    """Return points moved into their places; nodes (q,) to hang on edges (q,) of the boundary, in order on each."""
     import shapely
 
     points, ends, count = mesh.points[place], mesh._boundary, int(body[-1]) + 1
@@ -267,83 +264,135 @@ def _at(point: Floats) -> str:
     return f"({', '.join(f'{x:.6g}' for x in point)})"
 
 
-def _check_apart(names: tuple[str, ...], mesh: Tessellation, body: Ints, *, moved: bool) -> None:
-    """MeshError where bodies overlap or leave a slit; if nodes were moved, so are cells, and checked again."""
-    polygons = outlines(mesh.points, mesh.offsets, mesh.vertices)
-    if moved:
-        try:
-            check_cells(mesh.points, mesh.offsets, mesh.vertices, polygons)
-        except MeshError as error:
-            raise MeshError(f"bodies: nodes that were moved to an interface spoil a cell; {error}") from None
-    width = NARROW_BETWEEN_BODIES * lowest(mesh.areas, mesh.diameters)
+def _check_apart(names: tuple[str, ...], mesh: Tessellation, body: Ints) -> None:
+    """Raise MeshError where bodies overlap or leave a slit, or moved nodes spoil a cell."""
+    try:
+        check_cells(mesh.points, mesh.offsets, mesh.vertices)
+    except MeshError as error:
+        raise MeshError(f"bodies: nodes that were moved to an interface spoil a cell; {error}") from None
+    width = NARROW_BETWEEN_BODIES * lowest(mesh.points, mesh.offsets, mesh.vertices)
     of_cell = body[mesh.vertices[mesh.offsets[:-1]]]
-    misfit = misfit_of(mesh.points, mesh._boundary, mesh._owners, polygons, width=width, body=of_cell)
-    if misfit is None:
-        return
-    a, b = (repr(names[number]) for number in np.sort(of_cell[list(misfit.cells)]))
-    if misfit.overlap:
-        raise _overlap(a, b, misfit.at)
-    raise _hardly_apart(a, b, misfit.distance, width, misfit.at)
+    misfit = find_misfit(outlines(mesh.points, mesh.offsets, mesh.vertices), width, of_cell)
+    if misfit:
+        pair = of_cell[list(misfit.cells)]
+        raise (
+            _overlap(names, pair, misfit.at)
+            if misfit.overlap
+            else _hardly_apart(names, pair, misfit.distance, misfit.at)
+        )
 
 
-def _overlap(a: str, b: str, at: Floats) -> MeshError:
+def _overlap(names: tuple[str, ...], pair: Ints, at: Floats) -> MeshError:
+    a, b = (names[number] for number in sorted(pair))
+    cure = "give tolerance=, the largest distance between these" if len(at) == 2 else "mesh both bodies alike there"
     return MeshError(
-        f"bodies: {a} and {b} overlap near {_at(at)}. Move one of them; if their boundaries are two "
-        "polygons of one curve, give tolerance=, the largest distance between these."
+        f"bodies: {a!r} and {b!r} overlap near {_at(at)}. Move one of them; if their boundaries approximate one curve "
+        f"or curved surface, {cure}."
     )
 
 
-def _hardly_apart(a: str, b: str, distance: float, width: float, at: Floats) -> MeshError:
+def _hardly_apart(names: tuple[str, ...], pair: Ints, distance: float, at: Floats) -> MeshError:
+    a, b = (names[number] for number in sorted(pair))
     return MeshError(
-        f"bodies: {a} and {b} are apart by {distance:.3g} near {_at(at)}, less than {width:.3g}, "
-        f"{NARROW_BETWEEN_BODIES:g} of the lowest cell, and without an interface never in contact. Bring them together "
-        "(tolerance= matches what is farther apart than rounding; a clearance is the gap= of a contact), or leave a "
-        "larger gap."
+        f"bodies: {a!r} and {b!r} are apart by {distance:.3g} near {_at(at)}, less than {NARROW_BETWEEN_BODIES:g} of "
+        "the lowest cell, and without an interface never in contact. Bring them together (tolerance= matches what is "
+        "farther apart than rounding; a clearance is the gap= of a contact), or leave a larger gap."
     )
 
 
 def _check_contact_in_points(names: tuple[str, ...], joined: Joined[Any]) -> None:
-    """MeshError where bodies share a place, but no interface goes there."""
+    """Raise MeshError where bodies share a place, but no interface goes there."""
     mesh, body, place = joined.mesh, joined.body, joined.place
     alone = np.flatnonzero(places_of(pairs_of(mesh.interfaces), mesh.points) != place)
-    touching = np.concatenate([np.column_stack([alone, body[place[alone]]]), joined.touching])
-    if len(touching):
-        node, other = touching[0]
-        first, second = (names[number] for number in sorted((body[node], other)))
-        in_plane = isinstance(mesh, Tessellation)
-        where, share = ("the point", "an edge") if in_plane else ("an edge or a point, near", "a face")
-        raise MeshError(
-            f"bodies: {first!r} and {second!r} touch only in {where} {_at(mesh.points[node])}, which is no interface. "
-            f"Leave a gap there, or let them share {share}."
-        )
+    if len(alone):
+        raise _touching(names, body[[alone[0], place[alone[0]]]], mesh.points[alone[0]])
+
+
+def _touching(names: tuple[str, ...], pair: Ints, at: Floats) -> MeshError:
+    first, second = (names[number] for number in sorted(pair))
+    where, share = ("the point", "an edge") if len(at) == 2 else ("an edge or a point, near", "a face")
+    return MeshError(
+        f"bodies: {first!r} and {second!r} touch only in {where} {_at(at)}, which is no interface. Leave a gap there, "
+        f"or let them share {share}."
+    )
 
 
 # In space.
 
 
-def _matched_in_space(
-    names: tuple[str, ...], apart: SpaceTessellation, body: Ints, *, place: Ints, tolerance: float
+def _match_in_space(
+    names: tuple[str, ...], apart: SpaceTessellation, body: Ints, tolerance: float
 ) -> Joined[SpaceTessellation]:
     """Cut the faces of all bodies where they coincide."""
-    tiled = common_tiling(apart.points, apart.faces, body, place, tolerance)
+    place = _same_places(names, body, apart, CORNER * tolerance)
+    tiled = overlay_tilings(apart.points, apart.faces, body, place, tolerance)
     mesh = type(apart).unchecked(tiled.points, *tiled.faces)
-    origin = apart._places(tiled.origin[mesh._boundary])
-    return Joined(mesh, tiled.body, tiled.place, origin, tiled.touching)
+    return Joined(mesh, tiled.body, tiled.place, apart._places(tiled.origin[mesh._boundary]))
 
 
-def _check_sides_in_space(names: tuple[str, ...], joined: Joined[SpaceTessellation], pairs: Ints) -> None:
-    """MeshError where two bodies are on the same side of a face."""
-    mesh = joined.mesh
-    one, other = mesh._boundary[pairs].T
+def _check_apart_in_space(names: tuple[str, ...], joined: Joined[SpaceTessellation], first: Ints, second: Ints) -> None:
+    """Raise MeshError where bodies overlap, leave a slit or a pocket, or where cells are none any more.
+
+    Bodies overlap if two coinciding faces, `first` and `second` of the boundary, are seen from the same side, or a node
+    of one body, or the middle of a face, is inside another.
+    """
+    mesh, body = joined.mesh, joined.body
+    one, other = mesh._boundary[first], mesh._boundary[second]
     same_way = np.einsum("ki,ki->k", mesh.face_normals[one], mesh.face_normals[other]) > 0.0
+    of_face = body[mesh.face_vertices[mesh.face_offsets[:-1]]]
     if same_way.any():
-        first = mesh.face_vertices[mesh.face_offsets[[one[same_way][0], other[same_way][0]]]]
-        a, b = (repr(names[number]) for number in joined.body[first])
-        raise _overlap(a, b, mesh.face_centroids[one[same_way][0]])
+        k = np.argmax(same_way)
+        raise _overlap(names, of_face[[one[k], other[k]]], mesh.face_centroids[one[k]])
+    width = NARROW_BETWEEN_BODIES * float((np.abs(mesh.volumes) / mesh.diameters**2).min())
+    free = mesh._boundary[mesh._outer]
+    normals, middles = mesh.face_normals[free], mesh.face_centroids[free]
+    offsets, vertices = rows_in_order(mesh.face_offsets, mesh.face_vertices, free)
+    rim = distinct(vertices[np.bincount(joined.place)[joined.place[vertices]] == 1])
+    places = np.concatenate([mesh.points[rim], middles - width * normals])
+    _check_outside(names, joined, np.append(body[rim], of_face[free]), places, _overlap)
+    shapes = FaceShapes(mesh.face_areas[free], normals, middles)
+    upon = find_upon(mesh.points, offsets, vertices, shapes, width, body=of_face[free])
+    if len(upon.one):
+        pair = of_face[free[[upon.one[0], upon.other[0]]]]
+        raise _hardly_apart(names, pair, upon.distance[0], middles[upon.other[0]])
+    outwards = np.zeros((mesh.n_nodes, 3))
+    np.add.at(outwards, vertices, np.repeat(normals, np.diff(offsets), axis=0))
+    _check_outside(names, joined, body[rim], mesh.points[rim] + width * outwards[rim], _touching)
+    _check_pockets(mesh, body, joined.place)
+
+
+def _check_whole(mesh: Tessellation | SpaceTessellation) -> None:
+    """Raise MeshError where cells in space are no polyhedra any more, or do not fit together."""
+    if isinstance(mesh, SpaceTessellation):
+        try:
+            checked_in_space(mesh.points, listed_faces(mesh.faces), mesh.interfaces)
+        except MeshError as error:
+            raise MeshError(f"bodies: surfaces do not fit together; {error} Mesh both bodies alike there.") from None
+
+
+def _check_outside(
+    names: tuple[str, ...],
+    joined: Joined[SpaceTessellation],
+    owner: Ints,
+    places: Floats,
+    error: Callable[[tuple[str, ...], Ints, Floats], MeshError],
+) -> None:
+    """Raise an error where places (m, 3) of the bodies `owner` are inside another body."""
+    mesh = joined.mesh
+    offsets, vertices = mesh._outlines
+    of_face = joined.body[vertices[offsets[:-1]]]
+    for number in range(len(names)):
+        rows = rows_in_order(offsets, vertices, np.flatnonzero(of_face == number))
+        x = mesh.points[rows[1]]
+        near = (owner != number) & ((places >= x.min(axis=0)) & (places <= x.max(axis=0))).all(axis=1)
+        there = np.flatnonzero(near)
+        inside = there[enclosed(places[there], mesh.points, *rows)]
+        if len(inside):
+            raise error(names, np.array([number, owner[inside[0]]]), places[inside[0]])
 
 
 def _check_pockets(mesh: SpaceTessellation, body: Ints, place: Ints) -> None:
-    """MeshError where faces of two bodies have all their nodes in places of both and face each other, but differ."""
+    """Raise MeshError where faces of two bodies have all nodes in places of both and face each other, but differ."""
     free = mesh._boundary[mesh._outer]
     offsets, vertices = rows_in_order(mesh.face_offsets, mesh.face_vertices, free)
     shared = np.bincount(place)[place] > 1
@@ -353,51 +402,10 @@ def _check_pockets(mesh: SpaceTessellation, body: Ints, place: Ints) -> None:
     one, other = (owner[corner] for corner in all_found_in(places, places))
     faces = free[some]
     apart = body[nodes[rows[one]]] != body[nodes[rows[other]]]
-    facing = np.einsum("ki,ki->k", mesh.face_normals[faces[one]], mesh.face_normals[faces[other]]) < FACING
-    pocket = one[apart & facing]
+    cosine = np.einsum("ki,ki->k", mesh.face_normals[faces[one]], mesh.face_normals[faces[other]])
+    pocket = one[apart & (cosine < FACING)]
     if len(pocket):
         raise unmatched(mesh.face_centroids[faces[pocket[0]]])
-
-
-def _check_apart_in_space(names: tuple[str, ...], joined: Joined[SpaceTessellation], tolerance: float) -> None:
-    """MeshError where a cell has no inside any more, and where bodies overlap or leave a slit.
-
-    Bodies overlap if a node of one, or the middle of a face, is inside another.
-    """
-    mesh, body = joined.mesh, joined.body
-    _check_pockets(mesh, body, joined.place)
-    if (mesh.volumes <= 0.0).any():
-        cell = int(np.argmin(mesh.volumes))
-        own = names[body[mesh.cell_nodes[1][mesh.cell_nodes[0][cell]]]]
-        raise MeshError(
-            f"bodies: nodes that were moved to an interface spoil a cell of {own!r} near "
-            f"{_at(mesh.centroids[cell])}; the tolerance {tolerance:.3g} must be well below the edges."
-        )
-    touches = np.bincount(joined.place)[joined.place] > 1
-    touches[joined.touching[:, 0]] = True
-    width = NARROW_BETWEEN_BODIES * float((mesh.volumes / mesh.diameters**2).min())
-    outer, corners = mesh._outlines
-    boxes, near = near_others(mesh.points, (outer, corners), body, width)
-    free = mesh._boundary[mesh._outer & near]
-    if not len(free):
-        return
-    offsets, vertices = rows_in_order(mesh.face_offsets, mesh.face_vertices, free)
-    of_face = body[vertices[offsets[:-1]]]
-    shapes = type(mesh._face_shapes)(*(values[free] for values in mesh._face_shapes))
-    rim = distinct(vertices[~touches[vertices]])
-    places = np.concatenate([mesh.points[rim], shapes.centroids - width * shapes.normals])
-    of_place = np.concatenate([body[rim], of_face])
-    for own, box in enumerate(zip(*boxes, strict=True)):
-        there = np.flatnonzero((of_place != own) & ((places >= box[0]) & (places <= box[1])).all(axis=1))
-        surface = rows_in_order(outer, corners, np.flatnonzero(body[corners[outer[:-1]]] == own))
-        inside = there[enclosed(places[there], mesh.points, *surface)]
-        if len(inside):
-            a, b = (repr(names[k]) for k in sorted((own, int(of_place[inside[0]]))))
-            raise _overlap(a, b, places[inside[0]])
-    upon = faces_upon(mesh.points, offsets, vertices, shapes, width=width, body=of_face)
-    if upon:
-        a, b = (repr(names[k]) for k in sorted(of_face[list(upon.faces)]))
-        raise _hardly_apart(a, b, upon.distance, width, shapes.centroids[upon.faces[1]])
 
 
 # Of both.

@@ -3,12 +3,13 @@
 Faults are told in the order in which they can be: numbers, places of nodes, single cells, how cells fit together.
 Clockwise cells are turned and nodes that no cell uses dropped, each with a note for a warning. Shapely decides whether
 a polygon is simple, and whether polygons are a coverage: none overlap, and where two meet they have the same vertices.
+So at most two cells have an edge in common, one on either side.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from itertools import chain
+import contextlib
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,15 +24,14 @@ from vemcvx.meshes.polygons import (
     areas_and_centroids,
     cell_of_corner,
     close_pairs,
-    cross,
     diameters,
-    directed_edges,
     offsets_of,
     outlines,
-    rounding,
-    shared_edges,
     turned,
 )
+
+Name = Callable[[int], str]
+"""Words for a polygon or a row of nodes by its number"""
 
 
 class Checked(NamedTuple):
@@ -44,46 +44,33 @@ class Checked(NamedTuple):
 
 
 def checked(points: ArrayLike, cells: Any, interfaces: Mapping[str, Interface] | None) -> Checked:
-    """Points, offsets and vertices of a `PolygonMesh`, or MeshError; only at interfaces nodes may be in one place."""
+    """Return points, offsets and vertices of a `PolygonMesh`, or raise MeshError.
+
+    Only at interfaces may two nodes be in one place; how cells fit together is checked as if nodes there were one.
+    """
     points = check_points(points)
-    offsets, vertices = _flattened(cells)
+    offsets, own = lay_flat(list_of(cells, "cells must be a sequence of sequences of node numbers"), _cell)
     if len(offsets) < 2:
         raise MeshError("a mesh needs at least one cell; got none.")
-    check_polygons(offsets, vertices, len(points), lambda cell: f"cell {cell}")
+    check_polygons(offsets, own, len(points), _cell)
     interfaces = check_interfaces(interfaces, len(points))
     place = places_of(pairs_of(interfaces), points)
-    check_coincident(points, np.unique(place[vertices]))
-    polygons = outlines(points[place], offsets, vertices)
-    areas = check_cells(points[place], offsets, vertices, polygons)
+    vertices = place[own]
+    check_coincident(points, vertices)
+    areas = check_cells(points, offsets, vertices)
+    _check_coverage(points, offsets, vertices)
     notes, backwards = [], areas < 0.0
     if backwards.any():
-        vertices = turned(offsets, vertices, backwards)
         notes.append(
             f"{backwards.sum()} of {len(backwards)} cells were listed clockwise (the first is cell "
-            f"{np.flatnonzero(backwards)[0]}) and have been turned."
+            f"{np.argmax(backwards)}) and have been turned."
         )
-    boundary = _check_sharing(offsets, place[vertices], len(points))
-    ends, cells_of_ends = directed_edges(offsets, place[vertices])[boundary], cell_of_corner(offsets)[boundary]
-    # Narrower slits are mistakes, not a geometry.
-    width = SINGLE * lowest(np.abs(areas), diameters(points, offsets, vertices))
-    misfit = misfit_of(points, ends, cells_of_ends, polygons, width=width)
-    if misfit:
-        _check_hanging(points, ends, cells_of_ends)
-        (one, other), at = sorted(misfit.cells), f"({misfit.at[0]:.6g}, {misfit.at[1]:.6g})"
-        if misfit.overlap:
-            raise MeshError(
-                f"cells {one} and {other} overlap near {at}. Remove or correct the vertices of one of them."
-            )
-        raise MeshError(
-            f"there is a gap narrower than {width:.3g} between cells {one} and {other} near {at}, {SINGLE:g} of the "
-            "lowest cell. Give both the same nodes there, or open the gap."
-        )
-    points, vertices, node_map, more = dropped(points, vertices)
+    points, vertices, node_map, more = drop_unused(points, turned(offsets, own, backwards))
     return Checked((points, offsets, vertices), interfaces, node_map, notes + more)
 
 
-def dropped(points: Floats, vertices: Ints) -> tuple[Floats, Ints, Ints | None, list[str]]:
-    """Points and vertices without nodes that no cell uses, the new numbers of all (-1 if dropped), and a note."""
+def drop_unused(points: Floats, vertices: Ints) -> tuple[Floats, Ints, Ints | None, list[str]]:
+    """Return points and vertices without nodes that no cell uses, new numbers of all nodes (-1 if dropped), a note."""
     used = np.unique(vertices)
     if len(used) == len(points):
         return points, vertices, None, []
@@ -91,26 +78,23 @@ def dropped(points: Floats, vertices: Ints) -> tuple[Floats, Ints, Ints | None, 
     node_map[used] = np.arange(len(used))
     note = (
         f"{len(points) - len(used)} of {len(points)} nodes belong to no cell (the first is node "
-        f"{np.flatnonzero(node_map < 0)[0]}) and have been dropped; mesh.node_map gives the new numbers."
+        f"{np.argmin(node_map)}) and have been dropped; mesh.node_map gives the new numbers."
     )
     return points[used], node_map[vertices], node_map, [note]
 
 
+# Numbers, in the plane and in space.
+
+
 def check_points(points: ArrayLike, dimension: int = 2) -> Floats:
     """Return a copy of the points as finite floats (n_nodes, dimension), or raise MeshError."""
-    given = plain(points)
-    shape = f"(n_nodes, {dimension})"
+    given, wanted = plain(points), f"points must be real numbers of shape (n_nodes, {dimension})"
     if given is None or given.dtype.kind not in "biuf":
-        raise MeshError(f"points must be real numbers of shape {shape}; what was given does not read as such.")
+        raise MeshError(f"{wanted}; what was given does not read as such.")
     array = np.array(given, dtype=float)
     if array.ndim != 2 or array.shape[1] != dimension:
-        hints = {
-            (2, 3): " Meshes are plane: leave out the third coordinate; in space there is PolyhedralMesh.",
-            (3, 2): " In the plane there is PolygonMesh.",
-        }
-        raise MeshError(
-            f"points must have the shape {shape}; got {array.shape}.{hints.get((dimension, *array.shape[1:]), '')}"
-        )
+        other = "PolyhedralMesh is for points in space" if dimension == 2 else "PolygonMesh is for points in the plane"
+        raise MeshError(f"{wanted}; got the shape {array.shape}. {other}.")
     bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
     if len(bad):
         raise MeshError(f"node {bad[0]} is at {tuple(array[bad[0]].tolist())}: coordinates must be finite.")
@@ -120,262 +104,171 @@ def check_points(points: ArrayLike, dimension: int = 2) -> Floats:
     return array
 
 
-def _flattened(cells: Any) -> tuple[Ints, Ints]:
-    wanted = f"cells must be a sequence of sequences of node numbers; got {type(cells).__name__}."
-
-    def fault(number: int, row: NDArray[Any] | None) -> str:
-        if row is None:
-            return wanted
-        return f"cell {number} must be a list of node numbers; got {row.dtype} of shape {row.shape}."
-
+def list_of(given: Any, wanted: str) -> list[Any]:
+    """Return what a user gives as a list, or raise MeshError."""
     try:
-        rows = list(cells)
+        return list(given)
     except Exception:  # of whatever a user hands in
-        raise MeshError(wanted) from None
-    return laid_flat(rows, fault)
+        raise MeshError(f"{wanted}; got {type(given).__name__}.") from None
 
 
-def laid_flat(rows: list[Any], fault: Callable[[int, NDArray[Any] | None], str]) -> tuple[Ints, Ints]:
-    """Return offsets and entries of rows of whole numbers, or raise MeshError.
-
-    `fault` tells what is wrong with a row by its number, and the array that it makes, None if it makes none.
-    """
-    flat = _all_at_once(rows)
-    if flat is None:
-        made = [plain(row) for row in rows]
-        for number, row in enumerate(made):
-            if row is None or row.ndim != 1 or (row.dtype.kind not in "iu" and row.size):
-                raise MeshError(fault(number, row))
-        rows = [row for row in made if row is not None]
-        flat = np.concatenate([np.empty(0, dtype=np.int64), *rows], dtype=np.int64, casting="unsafe")
-    return offsets_of(np.array([len(row) for row in rows], dtype=np.int64)), flat
-
-
-def _all_at_once(rows: list[Any]) -> Ints | None:
-    """The entries of arrays, or of plain lists, of whole numbers; None if something else is among them."""
-    kinds = set(map(type, rows))
-    if kinds == {np.ndarray}:
-        whole = {row.ndim for row in rows} == {1} and {row.dtype.kind for row in rows} <= {"i", "u"}
-        return np.concatenate(rows, dtype=np.int64, casting="unsafe") if whole else None
-    if not kinds <= {list, tuple}:
-        return None
-    try:
-        entries = list(chain.from_iterable(rows))
-        flat: NDArray[Any] = np.array(entries)
-    except Exception:  # ragged, or no numbers
-        return None
-    whole = flat.ndim == 1 and flat.dtype.kind in "iu" and not {bool, np.bool_} & set(map(type, entries))
-    return flat.astype(np.int64) if whole else None
+def lay_flat(rows: list[Any], name: Name, hint: str = "") -> tuple[Ints, Ints]:
+    """Return offsets and entries of rows of whole numbers, or raise MeshError."""
+    flat, counts = None, np.zeros(len(rows), dtype=np.int64)
+    with contextlib.suppress(Exception):  # rows of other shapes, or of no numbers
+        counts[:] = list(map(len, rows))
+        flat = np.concatenate([np.empty(0, dtype=np.int64), *rows])
+    if flat is None or flat.ndim != 1 or flat.dtype != np.int64:
+        for number, made in enumerate(map(plain, rows)):
+            if made is None or made.ndim != 1 or (made.dtype.kind not in "iu" and made.size):
+                found = type(rows[number]).__name__ if made is None else f"{made.dtype} of shape {made.shape}"
+                raise MeshError(f"{name(number)} must be a list of node numbers; got {found}.{hint}")
+        flat = np.concatenate(list(map(np.ravel, rows)), dtype=np.int64, casting="unsafe")
+    return offsets_of(counts), flat
 
 
-def check_polygons(offsets: Ints, vertices: Ints, n_nodes: int, named: Callable[[int], str]) -> None:
-    """Raise MeshError unless polygons have at least three different nodes that exist; `named` tells which it is."""
+def check_polygons(offsets: Ints, vertices: Ints, n_nodes: int, name: Name) -> None:
+    """Raise MeshError unless polygons have at least three different nodes that exist."""
     few = np.flatnonzero(np.diff(offsets) < 3)
     if len(few):
-        count = offsets[few[0] + 1] - offsets[few[0]]
-        raise MeshError(f"{named(few[0])} has {count} vertices; a polygon has at least 3.")
+        raise MeshError(f"{name(few[0])} has {np.diff(offsets)[few[0]]} vertices; a polygon has at least 3.")
     owner = cell_of_corner(offsets)
     bad = np.flatnonzero((vertices < 0) | (vertices >= n_nodes))
     if len(bad):
         raise MeshError(
-            f"{named(owner[bad[0]])} names node {vertices[bad[0]]}; the {n_nodes} nodes are numbered 0 to "
-            f"{n_nodes - 1}."
+            f"{name(owner[bad[0]])} names node {vertices[bad[0]]}; the {n_nodes} nodes are numbered 0 to {n_nodes - 1}."
         )
     keys = np.sort(owner * n_nodes + vertices)
     twice = keys[1:][np.diff(keys) == 0]
     if len(twice):
         polygon, node = divmod(int(twice[0]), n_nodes)
-        raise MeshError(f"{named(polygon)} names node {node} twice; every vertex must appear once.")
+        raise MeshError(f"{name(polygon)} names node {node} twice; every vertex must appear once.")
 
 
-def brief_row(nodes: Iterable[int] | Ints) -> str:
-    """Node numbers in brackets, long lists cut."""
+def brief_row(nodes: Ints) -> str:
+    """Return node numbers in brackets, of long rows the first six."""
     shown = list(map(str, nodes))
     return f"({', '.join(shown[:6])}{', ...' if len(shown) > 6 else ''})"
 
 
-def check_coincident(points: Floats, used: Ints) -> None:
-    """Raise MeshError if two of the used nodes are in the same place, up to rounding."""
-    place = points[used]
-    order = np.lexsort(place.T)
-    same = np.flatnonzero((np.diff(place[order], axis=0) == 0.0).all(axis=1))
-    pairs = np.column_stack([order[same], order[same + 1]])
-    if not len(pairs):
-        pairs = close_pairs(place, TOLERANCE * np.abs(place).max())
-        apart = np.abs(place[pairs[:, 0]] - place[pairs[:, 1]]).max(axis=1)
-        pairs = pairs[apart <= rounding(place[pairs[:, 0]], place[pairs[:, 1]])]
+def check_coincident(points: Floats, vertices: Ints) -> None:
+    """Raise MeshError if two vertices are in the same place, up to rounding."""
+    used = np.unique(vertices)
+    pairs = used[close_pairs(points[used], TOLERANCE * np.abs(points).max())]
     if len(pairs):
-        a, b = sorted(used[pairs[0]])
+        a, b = sorted(pairs[0])
         at = ", ".join(f"{x:.9g}" for x in points[a])
-        bodies = (
-            "; or, if two bodies meet there, make a mesh (a file) of each and put them together with vx.meshes.bodies, "
-            "which keeps the nodes of each and names the interface"
-        )
         raise MeshError(
             f"nodes {a} and {b} are in the same place, ({at}). Give them one number, so that the cells around them are "
-            f"joined{bodies}."
+            "joined; or, if two bodies meet there, make a mesh (a file) of each and put them together with "
+            "vx.meshes.bodies, which keeps the nodes of each and names the interface."
         )
 
 
-def check_cells(points: Floats, offsets: Ints, vertices: Ints, polygons: NDArray[Any]) -> Floats:
+# Single polygons, and how they fit together.
+
+
+def _cell(number: int) -> str:
+    return f"cell {number}"
+
+
+def check_cells(points: Floats, offsets: Ints, vertices: Ints) -> Floats:
     """Return signed areas (n_cells,), or raise MeshError at the first cell that is no simple polygon with an area."""
-    check_simple(points, offsets, vertices, polygons, lambda cell: f"cell {cell}")
-    areas, sizes = areas_and_centroids(points, offsets, vertices)[0], diameters(points, offsets, vertices)
-    largest = np.maximum.reduceat(np.abs(points[vertices]).max(axis=1), offsets[:-1])
-    flat = np.flatnonzero(np.abs(areas) <= TOLERANCE * largest * sizes)
-    if len(flat):
-        cell = flat[0]
-        raise MeshError(
-            f"cell {cell} has no area: its vertices {brief_row(vertices[offsets[cell] : offsets[cell + 1]])} lie on "
-            f"one line (area {areas[cell]:.3g}, diameter {sizes[cell]:.3g}). Remove it or correct its vertices."
-        )
+    places, sizes = points[vertices], diameters(points, offsets, vertices)
+    areas = areas_and_centroids(points, offsets, vertices)[0]
+    rounding = roundings(places, offsets)
+    check_areas(areas, sizes, rounding, _cell)
+    check_simple(places, offsets, rounding, lambda k: f"cell {k} {brief_row(vertices[offsets[k] : offsets[k + 1]])}")
     return areas
 
 
-def check_simple(
-    points: Floats,
-    offsets: Ints,
-    vertices: Ints,
-    polygons: NDArray[Any],
-    named: Callable[[int], str],
-    nodes: Ints | None = None,
-) -> None:
-    """Raise MeshError at the first polygon whose outline meets itself up to rounding; `nodes` are called so."""
+def roundings(places: Floats, offsets: Ints) -> Floats:
+    """Return the distance that is rounding of the coordinates of each row of places."""
+    return TOLERANCE * np.maximum.reduceat(np.abs(places).max(axis=1), offsets[:-1])
+
+
+def check_areas(areas: Floats, sizes: Floats, rounding: Floats, name: Name) -> None:
+    """Raise MeshError at the first polygon whose area is rounding; `sizes` are diameters."""
+    flat = np.flatnonzero(np.abs(areas) <= rounding * sizes)
+    if len(flat):
+        k = flat[0]
+        raise MeshError(
+            f"{name(k)} has no area (area {areas[k]:.3g}, diameter {sizes[k]:.3g}): its vertices lie on one line, or "
+            "its outline crosses itself. Remove it or correct its vertices."
+        )
+
+
+def check_simple(places: Floats, offsets: Ints, rounding: Floats, name: Name) -> None:
+    """Raise MeshError at the first outline that meets itself up to rounding; places (m, 2) are those of corners."""
     import shapely
 
-    largest = np.maximum.reduceat(np.abs(points[vertices]).max(axis=1), offsets[:-1])
-    # The distance by which a vertex can move before the outline meets itself.
-    clearance = np.where(shapely.is_valid(polygons), np.inf, 0.0)
-    several = np.diff(offsets) > 3
-    clearance[several] = np.minimum(clearance[several], shapely.minimum_clearance(polygons[several]))
-    for number in np.flatnonzero(clearance <= TOLERANCE * largest).tolist():
-        row = vertices[offsets[number] : offsets[number + 1]]
-        fault = _fault(points[row], (row if nodes is None else nodes[row]).tolist(), TOLERANCE * largest[number])
-        if fault:
-            raise MeshError(named(number) + fault)
-
-
-def _fault(x: Floats, name: list[int], tolerance: float) -> str:
-    """The place, in words, where an outline x (n, 2) with nodes of given names meets itself; "" if it is a line."""
-    import shapely
-
-    after = np.roll(np.arange(len(x)), -1)
-    edges = shapely.linestrings(np.stack([x, x[after]], axis=1))
-
-    def edge(k: int) -> str:
-        return brief_row((name[k], name[after[k]]))
-
-    one, other = shapely.STRtree(edges).query(edges, predicate="crosses")
-    if len(one):
-        return (
-            f" crosses itself: its edges {edge(one[0])} and {edge(other[0])} intersect. List its vertices in order "
-            "around it."
-        )
-    arms = x - x[0]
-    if abs(cross(arms, arms[after]).sum()) <= tolerance * np.ptp(x, axis=0).max():
-        return ""
-    found = shapely.STRtree(shapely.points(x)).query(edges, predicate="dwithin", distance=tolerance)
-    touching = [(k, node) for k, node in found.T.tolist() if node not in (k, after[k])]
-    for k, node in touching:  # a spike also makes edges farther on touch: it comes first
-        if k == after[node] or node == after[after[k]]:
-            tip = k if k == after[node] else after[k]
-            return (
-                f" has a spike: at node {name[tip]} its outline turns back on itself (node {name[node]} lies on the "
-                f"edge {edge(k)}). Remove the node at the tip from the cell."
-            )
-    k, node = touching[0]
-    return f" touches itself: its node {name[node]} lies on its edge {edge(k)}. Split the cell there, or move the node."
-
-
-def _check_sharing(offsets: Ints, vertices: Ints, n_nodes: int) -> Ints:
-    """Corners on the boundary; MeshError if an edge belongs to three cells, or to two on the same side."""
-    ends, cells = directed_edges(offsets, vertices), cell_of_corner(offsets)
-    shared = shared_edges(offsets, vertices, n_nodes)
-    crowded = np.flatnonzero(shared.counts > 2)
-    if len(crowded):
-        first = shared.first[crowded[0]]
-        corners = shared.corners[first : first + shared.counts[crowded[0]]]
+    polygons = outlines(places, offsets, np.arange(len(places)))
+    bad = ~shapely.is_valid(polygons)
+    several = np.diff(offsets) > 3  # a triangle with an area is simple
+    bad[several] |= shapely.minimum_clearance(polygons[several]) <= rounding[several]
+    if bad.any():
         raise MeshError(
-            f"the edge {brief_row(ends[corners[0]])} belongs to {len(corners)} cells: "
-            f"{', '.join(map(str, cells[corners[:6]]))}. At most two cells can share an edge; remove or correct the "
-            "others."
+            f"{name(int(np.argmax(bad)))} crosses or touches itself. List its vertices in order around it; where its "
+            "outline comes back to a vertex or an edge, move the vertex or split the polygon."
         )
-    one, other = shared.twice
-    bad = np.flatnonzero(ends[one, 0] == ends[other, 0])
-    if len(bad):
-        raise MeshError(
-            f"cells {cells[one[bad[0]]]} and {cells[other[bad[0]]]} overlap: both lie on the same side of their edge "
-            f"{brief_row(ends[one[bad[0]]])}. Remove or correct one of them."
-        )
-    if not len(shared.alone):
-        raise MeshError("the cells have no boundary: they overlap.")
-    return shared.alone
 
 
-def lowest(areas: Floats, sizes: Floats) -> float:
-    """The least area of a cell over its diameter: slits are narrow by its measure, however flat all cells are."""
-    return float((areas / sizes).min())
+def _check_coverage(points: Floats, offsets: Ints, vertices: Ints) -> None:
+    """Raise MeshError where cells overlap, or hardly do not meet."""
+    # Narrower slits are mistakes, not a geometry.
+    width = SINGLE * lowest(points, offsets, vertices)
+    misfit = find_misfit(outlines(points, offsets, vertices), width)
+    if misfit is None:
+        return
+    (one, other), at = sorted(misfit.cells), f"({misfit.at[0]:.6g}, {misfit.at[1]:.6g})"
+    if misfit.overlap:
+        raise MeshError(f"cells {one} and {other} overlap near {at}. Remove or correct the vertices of one of them.")
+    raise MeshError(
+        f"cells {one} and {other} do not fit together near {at}: a node on an edge of one is a vertex of the other "
+        f"only, or there is a gap narrower than {width:.3g}, {SINGLE:g} of the lowest cell. Give both the same "
+        "vertices there, hanging nodes included, or open the gap."
+    )
+
+
+def lowest(points: Floats, offsets: Ints, vertices: Ints) -> float:
+    """Return the least area of a cell over its diameter: slits are narrow by its measure, however flat cells are."""
+    areas = areas_and_centroids(points, offsets, vertices)[0]
+    return float((np.abs(areas) / diameters(points, offsets, vertices)).min())
 
 
 class Misfit(NamedTuple):
     """Two cells that are no coverage."""
 
     cells: tuple[int, int]
-    overlap: bool  # else they are apart by a distance that is not zero and below the width of slits
+    overlap: bool  # else they are apart by a distance below the width of slits, zero at a hanging node
     at: Floats  # (2,) a point of the overlap or beside the slit
     distance: float
 
 
-def misfit_of(
-    points: Floats, ends: Ints, cells: Ints, polygons: NDArray[Any], *, width: float, body: Ints | None = None
-) -> Misfit | None:
-    """Return the first two cells, of different bodies if these are given, that overlap or leave a slit.
-
-    How often counter-clockwise cells that fit along inner edges cover a point is the winding number about it of the
-    boundary, whose edges (m, 2) of cells (m,) are `ends`. So none overlap if those on the boundary do not, and none
-    holds the middle of an edge of another.
-    """
+def find_misfit(polygons: NDArray[Any], width: float, body: Ints | None = None) -> Misfit | None:
+    """Return the two cells, of different bodies if these are given, that overlap most, or leave the widest slit."""
     import shapely
 
-    holding = shapely.STRtree(polygons).query(shapely.points(points[ends].mean(axis=1)), predicate="within")[1]
-    outer = np.unique(np.append(cells, holding))
-    edges = shapely.coverage_invalid_edges(polygons[outer], gap_width=width)
+    edges = shapely.coverage_invalid_edges(polygons, gap_width=width)
     bad = np.flatnonzero(~shapely.is_empty(edges))
-    one, other = shapely.STRtree(polygons[outer]).query(polygons[outer[bad]], predicate="dwithin", distance=width)
+    one, other = shapely.STRtree(polygons).query(edges[bad], predicate="dwithin", distance=width)
     one = bad[one]
-    pairs = one != other if body is None else body[outer[one]] != body[outer[other]]
-    edges, one, other = (edges[one[pairs]], edges[other[pairs]]), outer[one[pairs]], outer[other[pairs]]
+    pairs = one != other if body is None else body[one] != body[other]
+    one, other = one[pairs], other[pairs]
     common = shapely.intersection(polygons[one], polygons[other])
-    over = np.flatnonzero(shapely.area(common) > 0.0)
-    if len(over):
-        k = over[0]
-        at = shapely.get_coordinates(shapely.point_on_surface(common[k]))[0]
-        return Misfit((int(one[k]), int(other[k])), True, at, 0.0)
-    apart = shapely.distance(*edges)
+    if len(one) and (areas := shapely.area(common)).max() > 0.0:
+        k = int(np.argmax(areas))
+        return Misfit(
+            (int(one[k]), int(other[k])), True, shapely.get_coordinates(shapely.point_on_surface(common[k]))[0], 0.0
+        )
+    # Across a hanging node the edges have a line in common, across a slit they are farthest apart.
+    apart, along = (
+        shapely.distance(edges[one], edges[other]),
+        shapely.length(shapely.intersection(edges[one], edges[other])),
+    )
     near = np.flatnonzero(apart <= width)
     if not len(near):
         return None
-    k = near[np.argmax(apart[near])]  # cells of one side meet, those across the slit are apart
-    at = shapely.get_coordinates(shapely.shortest_line(edges[0][k], edges[1][k]))[0]
+    k = near[np.lexsort((apart[near], along[near]))[-1]]
+    at = shapely.get_coordinates(shapely.shortest_line(edges[one[k]], edges[other[k]]))[0]
     return Misfit((int(one[k]), int(other[k])), False, at, float(apart[k]))
-
-
-def _check_hanging(points: Floats, ends: Ints, cells: Ints) -> None:
-    """Raise MeshError where a node lies on an edge (m, 2) of the boundary of a cell (m,), but is no vertex of it."""
-    import shapely
-
-    nodes = np.unique(ends)
-    edge, node = shapely.STRtree(shapely.points(points[nodes])).query(
-        shapely.linestrings(points[ends]),
-        predicate="dwithin",
-        distance=TOLERANCE * np.abs(points[ends]).max(axis=(1, 2)),
-    )
-    inner = np.flatnonzero((ends[edge] != nodes[node][:, None]).all(axis=1))
-    if len(inner):
-        (a, b), node = ends[edge[inner[0]]], nodes[node[inner[0]]]
-        cell = cells[edge[inner[0]]]
-        raise MeshError(
-            f"node {node} lies on the edge {brief_row((a, b))} of cell {cell} without being one of its vertices. A "
-            f"hanging node must be a vertex of the cells on both sides: insert {node} between {a} and {b} in cell "
-            f"{cell}."
-        )

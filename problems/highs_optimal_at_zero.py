@@ -9,6 +9,7 @@ from pathlib import Path
 import highspy
 
 highs = highspy.Highs()
+highs.setOptionValue("output_flag", False)
 highs.readModel(str(Path(__file__).with_suffix(".mps")))
 highs.run()
 print(highs.version(), highs.modelStatusToString(highs.getModelStatus()), list(highs.getSolution().col_value))

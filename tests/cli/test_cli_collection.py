@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-import csv
 import json
 import subprocess
 import sys
@@ -18,10 +17,9 @@ from test_cli import invoke
 import vemcvx as vx
 from vemcvx.base.arrays import EPS
 from vemcvx.cli import supplied
-from vemcvx.cli.collection import INSTANCES, confirm, write_collection, writing
-from vemcvx.cli.collection.benchmark import read_instances
-from vemcvx.cli.collection.instances import CORE, COULOMB, FCLIB, LARGE, SEQUENCES, Instance
-from vemcvx.cli.collection.writing import OPTIMA, departures
+from vemcvx.cli.collection import INSTANCES, Instance, confirm, write_collection, writing
+from vemcvx.cli.collection.benchmark import kind_of, read_instances
+from vemcvx.cli.collection.writing import CORE, COULOMB, FCLIB, LARGE, OPTIMA, SEQUENCES, departures
 from vemcvx.exchange import sequence_from_npz
 
 SCRIPT = Path(vx.__file__).parent / "cli" / "collection" / "confirm.py"
@@ -87,7 +85,8 @@ def test_optima_are_those_published(tmp_path):
         **row,
         "optimum": {**row["optimum"], "low": row["optimum"]["low"] - 2.0, "high": row["optimum"]["low"] - 1.0},
     }
-    assert "the optimum of" in departures([lower])[0]
+    (said,) = departures([lower])
+    assert said.startswith(f"{row['name']} has low {lower['optimum']['low']!r}, not ")
     # What another machine rounds otherwise is the same.
     moved = {key: row["optimum"][key] * (1 - 1e-11) for key in ("low", "high")}
     assert departures([{**row, "optimum": {**row["optimum"], **moved}}]) == []
@@ -126,28 +125,30 @@ def test_steps_with_coulombs_law_are_files_of_fclib(tmp_path, capsys):
     paths = sorted(tmp_path.glob("*.hdf5"))
     assert [path.stem[-2:] for path in paths] == ["-2", "-3"]
     assert confirm.main(tmp_path) == 0
-    assert "2 of 2 steps in FCLIB's form obey Coulomb's law: off by" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "3 of 3 are confirmed: 1 optima, 0 proofs" in said
+    assert "2 of 2 steps in FCLIB's form obey Coulomb's law but for" in said
     (row,) = (row for row in json.loads((tmp_path / "manifest.json").read_text())["instances"] if row["grade"] == FCLIB)
     assert (row["limits"], row["steps"]) == (49, 2)
     assert "optimum" in row
-    assert [one.kind for one in read_instances(tmp_path, None)] == ["plane"]
-    missed = confirm.misses(paths[0])
-    assert missed.pop("error") < np.sqrt(64 * EPS)  # of a gap of rounding
-    assert max(missed.values()) < 64 * EPS
+    assert [kind_of(one) for one in read_instances(tmp_path)] == ["plane"]
+    law, energy = confirm.misses(paths[0])
+    assert energy < np.sqrt(64 * EPS)  # of a gap of rounding
+    assert law < 64 * EPS
     with h5py.File(paths[0], "r+") as file:
         r = file["solution"]["r"]
         r[0::3] = 1.01 * r[0::3]
-    missed = confirm.misses(paths[0])
-    assert min(missed[name] for name in ("balance", "against the slip", "error")) > 1e-6
+    assert min(confirm.misses(paths[0])) > 1e-6
     assert confirm.main(tmp_path) == 1
+    assert f"NOT CONFIRMED: {paths[0].stem}" in capsys.readouterr().out
 
 
-def test_the_script_needs_four_packages():
+def test_the_script_needs_three_packages():
     tree = ast.parse(SCRIPT.read_text())
     names = {alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names}
     names |= {node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
     others = {name.split(".")[0] for name in names} - set(sys.stdlib_module_names)
-    assert others == {"numpy", "scipy", "clarabel", "highspy"}
+    assert others == {"numpy", "scipy", "clarabel"}
 
 
 @pytest.mark.long
@@ -163,27 +164,28 @@ def test_what_is_written_is_confirmed(tmp_path, capsys):
         program = vx.read_program(tmp_path / f"{row['name']}.npz")
         other = vx.read_program(tmp_path / f"{row['name']}.mtx")
         assert len(program.g) == len(other.g) == row["unknowns"]
-        assert program.bounds == (row["optimum"]["low"], row["optimum"]["high"])
+        # Beside a kernel factors of K differ in how they are anchored: bounds differ by rounding.
+        bounds = row["optimum"]["low"], row["optimum"]["high"]
+        assert program.bounds == (pytest.approx(bounds, rel=1e-12) if row["kernel"] else bounds)
         assert program.certificate.error <= 1e-8 * program.norm
         own = confirm.Program(tmp_path / f"{row['name']}.npz")
         value, gap, floor = own.certified(own.d, own.lam, own.p)
         assert gap <= program.certificate.gap + program.certificate.floor + floor
         optimum = row["optimum"]
         assert value == pytest.approx(optimum["value"], abs=optimum["high"] - optimum["low"] + floor)
-        assert (row["degenerate"]["norm_terms"] > 0) == (row["grade"] == "degenerate")
+        assert (degenerate(program) > 0) == (row["grade"] == "degenerate")
     assert (tmp_path / "confirm.py").read_text() == SCRIPT.read_text()
     assert confirm.main(tmp_path) == 0
-    table = list(csv.DictReader((tmp_path / "results.csv").read_text().splitlines()))
     said = capsys.readouterr().out
-    assert f"{len(table)} of {len(table)} answers to {len(rows)} instances confirm the certified optima" in said
-    assert {row["confirmed"] for row in table} == {"True"}
-    assert "2 of 2 instances are proved to have no optimum" in said
-    # HiGHS and inequalities take no cones, and HiGHS takes long where there are more unknowns.
-    tried = [2 if row["grade"] == "discs" else 5 if row["unknowns"] <= 100 else 3 for row in rows]
-    assert len(table) == sum(tried)
-    # Certificates are bounds: none is less than the distance to our answer, but for what both leave open.
-    for row in table:
-        assert float(row["true"]) <= 1.01 * float(row["certified"]) + 1e-7
+    assert f"{len(every)} of {len(every)} are confirmed: {len(rows)} optima, 2 proofs that there is none" in said
+    assert f"certified by themselves: {len(rows)} to 0.001" in said
+
+
+def degenerate(program):
+    """Number of norm terms at rest and at their bound at once, but for what the certificate leaves open."""
+    slip = np.linalg.norm(program.slip(program.answer.d), axis=1)
+    room = program.w - np.linalg.norm(program.answer.lam, axis=1)
+    return np.count_nonzero((slip <= 1e-9 * slip.max(initial=0.0)) & (room <= 1e-9 * program.w))
 
 
 @pytest.mark.long
@@ -192,6 +194,7 @@ def test_a_proof_that_is_none_is_refused(tmp_path, status):
     """A multiplier of the other sign, a ray the other way."""
     write_collection(tmp_path, instances=[one for one in one_a_grade() if one.without == status])
     (row,) = json.loads((tmp_path / "manifest.json").read_text())["instances"]
+    assert kind_of(row) == "no optimum"
     program, vector = confirm.Program(tmp_path / f"{row['name']}.npz"), np.array(row["certificate"])
     assert confirm.proved(program, status, vector)
     assert not confirm.proved(program, status, -vector)
@@ -243,5 +246,4 @@ def test_the_whole_collection_is_confirmed(tmp_path):
     run = subprocess.run([sys.executable, tmp_path / "confirm.py"], capture_output=True, text=True, check=False)
     assert run.returncode == 0, run.stdout + run.stderr
     assert "optima.csv agrees with that of version 4" in " ".join(done.output.split())
-    assert "answers to 135 instances confirm the certified optima" in run.stdout
-    assert "6 of 6 instances are proved to have no optimum" in run.stdout
+    assert "141 of 141 are confirmed: 135 optima, 6 proofs that there is none" in run.stdout

@@ -21,7 +21,7 @@ from vemcvx.vem import Space
 
 EPS = float(np.finfo(float).eps)
 TIMES = np.linspace(0.0, 1.0, 4)
-FORMATS = "npz", "mtx", "cbf", "qps"
+FORMATS = "npz", "mtx", "cbf", "mps", "qps"
 
 
 def press(x, t):
@@ -100,7 +100,11 @@ def test_programs_come_back(tmp_path, form, name, condense):
     assert found.gap <= 4 * (program.certificate.gap + program.certificate.floor) + found.floor
     if form == "npz":
         assert isinstance(back, vx.SolvedProgram)
-        assert back.bounds == program.bounds
+        # Beside a kernel factors of K differ in how they are anchored, and what rounds with them.
+        floor = program.certificate.floor
+        assert back.bounds == (
+            program.bounds if ours.kernel is None else pytest.approx(program.bounds, rel=0, abs=floor)
+        )
 
 
 @pytest.mark.parametrize("form", FORMATS)
@@ -170,33 +174,22 @@ def test_words_say_what_it_is(tmp_path):
     assert (optimum["low"], optimum["high"]) == program.bounds
     assert words["unknowns"] == len(program.g)
     assert words["nonzeros"]["B"] == program.operators.B.nnz
-    assert words["condition"] == pytest.approx(np.linalg.cond(program.operators.K), rel=1e-9)
-    assert words["degenerate"] == {"norm_terms": 0, "limits": 0}
-    # Of all unknowns: as estimated as of a dense matrix.
-    full = solved("friction", condense=False, n=18)
-    vx.write_program(full, tmp_path / "b.npz")
-    assert len(full.g) > 600
-    condition = json.loads((tmp_path / "b.json").read_text())["condition"]
-    assert condition == pytest.approx(np.linalg.cond(full.operators.K.toarray()), rel=1e-2)
     # Equal programs give equal files.
     first = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
     vx.write_program(program, tmp_path / "a.npz")
     assert first == {path.name: path.read_bytes() for path in tmp_path.iterdir()}
 
 
-def test_degenerate_terms_are_counted(tmp_path):
-    """min 1/2 |d|^2 - g'd + |d_1| + |d_2| under d_3 <= 0: g = (1, .5, 0): full and at rest; at rest; met and idle."""
-    D, B = np.eye(3)[2:], np.eye(3)[:2]
-    plain = StepProgram(
-        Operators(np.eye(3), sp.csr_matrix(B), D=sp.csr_matrix(D)),
-        np.array([1.0, 0.5, 0.0]),
-        np.ones(2),
-        np.zeros(2),
-        np.zeros(1),
-    )
-    answer = vx.Answer(np.zeros(3), np.array([[1.0], [0.5]]), 0, p=np.zeros(1))
-    vx.write_program(vx.SolvedProgram.of(plain, answer, 1, 0.0), tmp_path / "a.mtx")
-    assert json.loads((tmp_path / "a.json").read_text())["degenerate"] == {"norm_terms": 1, "limits": 1}
+@pytest.mark.parametrize("form", FORMATS)
+def test_the_kernel_of_a_body_that_floats_comes_back(tmp_path, form):
+    """N, orthonormal, is one motion along the ground, wherever it is written or computed."""
+    program = solved("free")
+    back = vx.read_program(vx.write_program(program, tmp_path / f"a.{form}")).operators
+    ours = program.operators.kernel
+    assert ours.shape == back.kernel.shape == (len(program.g), 1)
+    assert np.abs(back.kernel.T @ back.kernel - 1).max() < 1e-14
+    assert abs(abs(float(ours[:, 0] @ back.kernel[:, 0])) - 1) < 1e-10
+    assert np.abs(program.operators.K @ back.kernel).max() < 1e-12 * np.abs(program.operators.K).max()
 
 
 @pytest.mark.parametrize("condense", [True, False])
@@ -206,7 +199,7 @@ def test_highs_solves_the_qps(tmp_path, name, condense):
     program = solved(name, condense)
     vx.write_program(program, tmp_path / "step.mps")
     highs = highspy.Highs()
-    highs.silent()
+    highs.setOptionValue("output_flag", False)  # silent() prints a banner
     read, K = highs.readModel(str(tmp_path / "step.mps")), program.operators.K
     # Since 1.16 it warns of entries of K below 1e-9, zeros to the last digit, which it leaves out; of nothing else.
     small = (K != 0).sum() > (abs(K) > 1e-9).sum()
@@ -281,8 +274,8 @@ def test_what_cannot_be_written_or_read_is_refused(tmp_path):
     nothing = next(vx.programs(vx.Scene(*SCENES["friction"][:3]), vx.meshes.squares(2), TIMES))
     (tmp_path / "file").touch()
     write = {
-        "a.lp": (program, "there is no format '.lp'; there are .npz, .mtx, .cbf, .qps, .mps, .hdf5."),
-        "b.qps": (in_space(), "QPS has no second-order cones, which this program has; write .cbf, .npz or .mtx."),
+        "a.lp": (program, "there is no format '.lp'; there are .npz, .mtx, .cbf, .mps, .qps, .hdf5."),
+        "b.qps": (in_space(), "MPS has no second-order cones, which this program has; write .cbf, .npz or .mtx."),
         "c.npz": (SCENES, "wanted a StepProgram, as history.program(n) is."),
         "f.cbf": (replace(solved("free", condense=False), energy_rows=None), "take the condensed program"),
         "d.npz": (nothing, "no unknowns left; take condense=False, --no-condense."),
@@ -296,8 +289,7 @@ def test_what_cannot_be_written_or_read_is_refused(tmp_path):
         "a.npz": (b"PK", "a.npz: is damaged, or no .npz file"),
         "b.mtx": (b"%%MatrixMarket matrix array real general\n1 1\n1\n", "b.mtx: found no g"),
         "c.cbf": (b"VER\n1\n", "only files that write_program() has made are read"),
-        "d.qps": (b"NAME x\nROWS\nRANGE\n", "found the section 'RANGE'"),
-        "e.qps": (b"NAME x\nENDATA\n", "is no QPS file of a step's program"),
+        "d.qps": (b"NAME x\nENDATA\n", "only files that write_program() has made are read"),
     }
     for name, (data, words) in read.items():
         (tmp_path / name).write_bytes(data)
@@ -307,9 +299,14 @@ def test_what_cannot_be_written_or_read_is_refused(tmp_path):
         vx.read_program(tmp_path / "f.npz")
     vx.write_program(program, tmp_path / "g.npz")
     kept = dict(np.load(tmp_path / "g.npz"))
-    for name, value in {"w": -kept["w"], "g": kept["g"][1:], "b": np.full_like(kept["b"], np.nan)}.items():
+    wrong = {
+        "w": (-kept["w"], "weights >= 0"),
+        "g": (kept["g"][1:], "found K of shape"),
+        "b": (kept["b"] + np.nan, "NaN"),
+    }
+    for name, (value, says) in wrong.items():
         np.savez(tmp_path / "h.npz", **{**kept, name: value})
-        with pytest.raises(vx.ProgramError, match=r"h.npz: is no convex program of a step"):
+        with pytest.raises(vx.ProgramError, match=f"h.npz: .*{says}"):
             vx.read_program(tmp_path / "h.npz")
 
 

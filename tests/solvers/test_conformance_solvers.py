@@ -121,6 +121,20 @@ def test_a_solver_is_believed_in_nothing(lie):
     assert ("The largest share of the gap sits at node" in str(caught.value)) == ("multipliers" in lie)
 
 
+class Misspelt(vx.Solver):
+    accepts = frozenset({"absolut values", QUADRATIC})
+
+    def prepare(self, operators):
+        return vx.Newton().prepare(operators)
+
+
+def test_a_feature_that_there_is_not_is_named():
+    with pytest.raises(
+        vx.SceneError, match="^solver Misspelt: found accepts = .*absolut values.*; wanted .*'absolute val"
+    ):
+        vx.simulate(scene(), small("squares", 2), TIMES, solver=Misspelt())
+
+
 def test_the_smallest_solver_that_accepts_is_chosen_and_named(caplog):
     caplog.set_level("INFO", logger="vemcvx")
     frictionless = vx.simulate(scene().without(vx.TrescaFriction), small("squares", 2), TIMES)

@@ -104,8 +104,8 @@ HOW = {
         "meshio convert a.mesh a.vtu && python -c 'import vemcvx as vx; vx.meshes.read(\"a.vtu\")'"
     ),
     "vemcvx compare problems/feng_han_huang.py --solvers all": As(),
-    "vemcvx export FILE --steps 3,17 --format npz|mtx|cbf|qps|hdf5": As(
-        f"for form in npz mtx cbf qps; do vemcvx export {PAPER} --steps 3,17 --format $form; done; "
+    "vemcvx export FILE --steps 3,17 --format npz|mtx|cbf|mps|qps|hdf5": As(
+        f"for form in npz mtx cbf mps qps; do vemcvx export {PAPER} --steps 3,17 --format $form; done; "
         "vemcvx export pad.py --n 8 --steps 3,17 --format hdf5"
     ),
     "vemcvx compare FILE --solvers newton,clarabel,mine.py:Mine": As(

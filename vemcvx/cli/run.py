@@ -31,7 +31,7 @@ from vemcvx.cost.foreseen import Growth, check_fits
 from vemcvx.cost.workers import DONE, outcome, pool
 from vemcvx.cost.workers import NOT_CERTIFIED as MISSED
 from vemcvx.estimate.adapt import OF, Pass
-from vemcvx.exchange import FORMATS, encoded, put
+from vemcvx.exchange import FORMATS, encoded
 from vemcvx.history import History
 from vemcvx.meshes import AnyMesh
 from vemcvx.plots import write_plots
@@ -403,8 +403,8 @@ class Export:
             for program in programs_of_steps(history, numbers, self.condense):
                 origin = {"problem": problem.name, "settings": list(self.settings), **program.origin}
                 name, own = f"{problem.name}_{program.step}", replace(program, origin=origin)
-                files = {f"{name}{end}": data for end, data in encoded(own, self.form).items()}
-                put({file: data for file, data in files.items() if data or file in folder.names}, folder.take)
+                for end, data in encoded(own, self.form).items():
+                    folder.write(f"{name}{end}", data)
                 low, high = program.bounds
                 counts = f"{len(program.g)} unknowns, {len(program.w)} norm terms, {len(program.e)} limits"
                 lines.append(f"{name}.{self.form}  {counts}; the optimum is between {low:.17g} and {high:.17g}")

@@ -82,7 +82,7 @@ def to_fclib(program: StepProgram) -> dict[str, bytes]:
 
 def from_fclib(_: Path) -> StepProgram:
     """Refuses: the file has a coefficient of friction, not the weights of a program."""
-    raise ProgramError("FCLIB's files pose Coulomb's law, no convex program; read an .npz, .mtx, .cbf or .qps.")
+    raise ProgramError("FCLIB's files pose Coulomb's law, no convex program; read an .npz, .mtx, .cbf or .mps.")
 
 
 def _contacts(program: SolvedProgram) -> tuple[Ints, Floats]:
@@ -90,7 +90,7 @@ def _contacts(program: SolvedProgram) -> tuple[Ints, Floats]:
     operators, slope = program.operators, program.slope
     words = "FCLIB's model is Coulomb's friction between rigid obstacles: "
     if slope is None or operators.block > 2:
-        raise ProgramError(f"{words}here weights do not follow the pressure; write .npz, .mtx, .cbf or .qps.")
+        raise ProgramError(f"{words}here weights do not follow the pressure; write .npz, .mtx, .cbf or .mps.")
     if operators.kernel is not None or (operators.compliance > 0).any():
         raise ProgramError(f"{words}here limits give way, or nothing but them holds the body.")
     pairs = sp.csc_matrix(slope)

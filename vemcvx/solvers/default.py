@@ -41,6 +41,7 @@ def as_solver(given: Solver | Solves) -> Solver:
     SceneError where it is a class, or has no `solve`, or an `accepts` that names no features.
     """
     if isinstance(given, Solver):
+        _features(given.accepts, given.name)
         return given
     if isinstance(given, type) or not callable(getattr(given, "solve", None)):
         raise SceneError(
@@ -48,6 +49,15 @@ def as_solver(given: Solver | Solves) -> Solver:
             "for the smallest that accepts the program; any object with solve(program, target) is a solver."
         )
     return AdaptedSolver(given)
+
+
+def _features(accepts: Any, name: str) -> frozenset[str]:
+    """Return the features that a solver accepts, or raise SceneError where they are none."""
+    several = isinstance(accepts, (set, frozenset, list, tuple))
+    if not several or not all(isinstance(x, str) and x in FEATURES for x in accepts):
+        there_are = ", ".join(map(repr, sorted(FEATURES)))
+        raise SceneError(f"solver {name}: found accepts = {brief(accepts)}; wanted a set of some of {there_are}.")
+    return frozenset(accepts)
 
 
 class AdaptedSolver(Solver):
@@ -62,14 +72,7 @@ class AdaptedSolver(Solver):
     def __init__(self, own: Solves):
         self._own = own
         self.accuracy = getattr(own, "accuracy", Solver.accuracy)
-        accepts = getattr(own, "accepts", FEATURES)
-        several = isinstance(accepts, (set, frozenset, list, tuple))
-        if not several or not all(isinstance(x, str) and x in FEATURES for x in accepts):
-            there_are = ", ".join(map(repr, sorted(FEATURES)))
-            raise SceneError(
-                f"solver {self.name}: found accepts = {brief(accepts)}; wanted a set of some of {there_are}."
-            )
-        self.accepts = frozenset(accepts)
+        self.accepts = _features(getattr(own, "accepts", FEATURES), self.name)
         self.semidefinite = flag(getattr(own, "semidefinite", False), f"solver {self.name}: semidefinite")
 
     def __repr__(self) -> str:

@@ -29,8 +29,6 @@ from vemcvx.testing.solvers import INSTANCES, Instance  # noqa: E402
 
 __all__ = ["INSTANCES", "EffectSample", "Instance", "Other", "effect_suite", "linear_suite", "solver_suite"]
 
-ON_DIGITS = ("gives_the_same_answer_twice", "knows_no_units")  # Sentences about every digit.
-
 
 def solver_suite(
     solvers: Solver | Solves | Mapping[str, Solver | Solves], *, must_answer: bool = True, repeatable: bool = True
@@ -52,10 +50,11 @@ def solver_suite(
         cases |= {f"{name}: {of_any.__name__}": partial(of_any, solver) for of_any in of_solvers.OF_ANY_SOLVER}
         for instance in INSTANCES.values():
             case = of_solvers.Case(solver, instance, must_answer)
-            able = instance.features <= solver.accepts
+            able = instance.is_for(solver)
             for sentence in of_solvers.OF_EACH_INSTANCE if able else (of_solvers.refuses_what_it_does_not_accept,):
                 cases[f"{name}: {instance.name}: {sentence.__name__}"] = partial(sentence, case)
-    return _test({words: case for words, case in cases.items() if repeatable or not words.endswith(ON_DIGITS)})
+    twice = of_solvers.gives_the_same_answer_twice.__name__
+    return _test({words: case for words, case in cases.items() if repeatable or not words.endswith(twice)})
 
 
 Cases = dict[str, Callable[[], None]]

@@ -1,6 +1,5 @@
 """`vemcvx collection`: graded instances from the problem files, certified optima, a script that confirms them."""
 
-from vemcvx.cli.collection.instances import INSTANCES, Instance
-from vemcvx.cli.collection.writing import Collection, write_collection
+from vemcvx.cli.collection.writing import INSTANCES, Collection, Instance, write_collection
 
 __all__ = ["INSTANCES", "Collection", "Instance", "write_collection"]

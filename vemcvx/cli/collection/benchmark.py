@@ -1,8 +1,10 @@
 """`vemcvx benchmark`: solvers on a collection, compared at equal true accuracy, whatever their tolerances mean.
 
 Tolerances of two solvers cannot be compared: one bounds a duality gap, another a residual, a third both relative to
-norms of its own. So each solver is asked with many (:mod:`vemcvx.cli.collection.trials`), and its time to the error E
-on an instance is that of the *cheapest* trial whose true error is at most E. From these times come
+norms of its own. So each solver is asked with many, and its time to the error E on an instance is that of the
+*cheapest* trial whose true error is at most E. A trial is one call of a solver with one tolerance. With d* the
+certified optimum of the file and d the answer, its true error is |d - d*|_K / |d*|_K, known up to the certificate of
+d*; its certified error needs no d*. From these times come
 
 - for every E how many instances a solver reaches, and what became of the rest: *missed* (answers, all farther off),
   *failed* (no answer), *late* (out of time); those that it does not take do not count;
@@ -11,63 +13,99 @@ on an instance is that of the *cheapest* trial whose true error is at most E. Fr
 - the performance profile (Dolan and Moré 2002): the share of instances on which it takes at most x times as long as
   the fastest.
 
-Instances with discs (friction in space) are a table of their own, for not every solver takes their cones; so are those
-without an optimum, where a solver is right if it says "infeasible" or "unbounded" as it is. Any other instance
-counts at E if its optimum is certified to E/10. How much the comparison owes to a convention is said, too: on how many
-instances another solver would be first by certified error, by what solvers claim when they are asked for 1e-6, with
-true errors a tenth larger or smaller, or with half of the tolerances.
+An instance counts at E if its optimum is certified to E/10. Instances with discs (friction in space) are a table of
+their own, for not every solver takes their cones; so are sequences, and programs without an optimum. A status is
+judged, whatever the error: "infeasible" or "unbounded" is right of a program that is that, and wrong of any other.
+
+Solvers that cvxpy calls are given the program scaled as in a run, and run as their libraries come, but for the
+tolerance, one number for all that the library has, and for limits on iterations, which make way for the limit on
+seconds. Ours, and those in files of users, have the duality gap 1/2 (tolerance |d*|)^2 as their target. A sequence is
+asked for step by step, each begun with what the one before has left, if the solver can use that; its error is the
+largest of all steps, in units of the largest |d*|_K, and its seconds are those of all. Seconds are of the processor,
+all threads together, for set-up and solve of the library, without cvxpy's compilation: the least of up to five calls
+within a tenth of a second. The limit is by the clock.
 """
 
 from __future__ import annotations
 
 import json
+import os
 import re
 import time
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import astuple, dataclass, fields
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, astuple, dataclass, fields, replace
 from hashlib import sha256
+from importlib.metadata import PackageNotFoundError, version
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
 from pathlib import Path
+from textwrap import wrap
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import typer
+from threadpoolctl import threadpool_limits
 
-from vemcvx.base.canvas import as_png, legend_below, light_grid, new_figure, plain_logarithms
-from vemcvx.base.errors import ProblemError, VemcvxError
+from vemcvx.base.canvas import as_png, light_grid, new_figure, plain_logarithms
+from vemcvx.base.errors import NotAccepted, ProblemError, SolverFailed, VemcvxError, quietly
 from vemcvx.base.owned_files import Owned
-from vemcvx.cli.collection.instances import FCLIB
-from vemcvx.cli.collection.trials import ASKED, BEGUN, FAILED, REFUSED, STOPPED, WARM, Entrant, Running, Trial, journal
-from vemcvx.cli.collection.writing import MANIFEST
+from vemcvx.base.version import __version__
+from vemcvx.cli.collection.writing import FCLIB, INFEASIBLE, MANIFEST, UNBOUNDED
 from vemcvx.cli.options import NONE, Options, solver_names
-from vemcvx.cli.solver_names import read_options
+from vemcvx.cli.solver_names import named_solver, read_options
 from vemcvx.cli.terminal import listed, progress_bar, say
-from vemcvx.plots.style import MARKERS, SERIES
+from vemcvx.exchange import sequence_from_npz
+from vemcvx.plots.style import SERIES
+from vemcvx.program.scaling import Scaling
+from vemcvx.program.step_program import Answer, SolvedProgram, StepProgram
 from vemcvx.results.table import Table
+from vemcvx.solvers import Solver, ThroughCvxpy
+from vemcvx.solvers.solver import InUnits, Prepared, named_failures
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-MEAN_SHIFT = 0.01
-"""Seconds of the shifted geometric mean: differences far below do not count."""
-TABLE, WORDS, PROFILES, MEANS = "trials.csv", "benchmark.md", "profiles.png", "means.png"
-PLANE, DISCS, NONE_THERE, COLD, WARM_START = "plane", "discs", "no optimum", "cold", "warm"
+ASKED = 1e-3, 1e-6, 1e-9
+"""Relative errors in energy norm by which solvers are compared."""
+BEGUN, ANSWERED, FAILED, LATE, REFUSED = "begun", "answered", "failed", "out of time", "refused"
+"""What a trial comes to: an answer, however good; none; none in time; a program that the solver does not take."""
+PLANE, DISCS, NONE_THERE, SEQUENCE = "plane", "discs", "no optimum", "sequence"
 KINDS = {
     PLANE: "Absolute values and bounds",
     DISCS: "Discs: second-order cones",
     NONE_THERE: "Infeasible or unbounded",
-    COLD: "Sequences of steps, each begun cold",
-    WARM_START: "Sequences of steps, each begun with what the one before has left",
+    SEQUENCE: "Sequences of steps, each begun with what the one before has left",
 }
 """Kinds of instances, and how tables call them."""
+LIBRARIES: Mapping[str, tuple[tuple[str, ...], Mapping[str, int], float]] = {
+    "CLARABEL": (("tol_gap_abs", "tol_gap_rel", "tol_feas"), {"max_iter": 10_000}, 0.0),
+    "CVXOPT": (("abstol", "reltol", "feastol"), {"max_iters": 10_000}, 0.0),
+    "DAQP": (("primal_tol", "dual_tol"), {}, 0.0),
+    "ECOS": (("abstol", "reltol", "feastol"), {"max_iters": 10_000}, 0.0),
+    "HIGHS": (("primal_feasibility_tolerance", "dual_feasibility_tolerance"), {}, 1e-10),
+    "OSQP": (("eps_abs", "eps_rel"), {"max_iter": 10**9}, 0.0),
+    "PIQP": (("eps_abs", "eps_rel"), {"max_iter": 10_000}, 0.0),
+    "PROXQP": (("eps_abs", "eps_rel"), {"max_iter": 10**9}, 0.0),
+    "QOCO": (("abstol", "reltol"), {"max_iters": 10_000}, 0.0),
+    "SCS": (("eps_abs", "eps_rel"), {"max_iters": 10**9}, 0.0),
+}
+"""What cvxpy calls the tolerances of solvers, limits on iterations that never end a trial before its seconds do, and
+the least tolerance that a library takes; solvers that are not in this table are tried once, as they come."""
+PACKAGES = {"HIGHS": "highspy", "PROXQP": "proxsuite"}
+"""Packages that are not called as cvxpy calls the solver, but for capitals."""
+REPEATS, LONG_ENOUGH = 5, 0.1
+"""Calls of a trial, and the seconds after which it is called no more: the least of these is what others repeat."""
 BATCH = 10
-"""Instances that a process tries, between two words of how far it is; starting it takes a second."""
-USUAL_TOLERANCES = ",".join(f"1e-{k}" for k in range(1, 16))
+"""Instances that a process tries, between two words of how far it is."""
+MEAN_SHIFT = 0.01
+"""Seconds of the shifted geometric mean: differences far below do not count."""
+TABLE, WORDS, PROFILES = "trials.csv", "benchmark.md", "profiles.png"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Benchmark:
-    """Compare solvers on a collection at equal true accuracy: a sweep of tolerances, a table, profiles, means."""
+    """Compare solvers on a collection at equal true accuracy: a sweep of tolerances, a table, performance profiles."""
 
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="A folder that `vemcvx collection` wrote.")]
     solvers: Annotated[
@@ -81,7 +119,7 @@ class Benchmark:
     time_limit: Annotated[float, typer.Option(metavar="SECONDS", help="Of a solver for one trial.")] = 60.0
     tolerances: Annotated[
         str, typer.Option(metavar="X,X,...", help="What solvers are asked with.", show_default="1e-1,1e-2,...,1e-15")
-    ] = USUAL_TOLERANCES
+    ] = ",".join(f"1e-{k}" for k in range(1, 16))
     options: Options = NONE
     only: Annotated[
         str | None, typer.Option(metavar="WORD,WORD,...", help="Instances whose grade or name has one of these words.")
@@ -89,121 +127,348 @@ class Benchmark:
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="Results. (default: benchmark, in the folder)")] = None
 
     def __call__(self) -> None:
-        """Try what is not tried yet, write tables and pictures of all that is stored, and print the tables."""
+        """Try what is not tried yet, write table and picture of all that is stored, and print the table."""
         if not self.time_limit > 0:
             raise ProblemError(f"--time-limit: found {self.time_limit:g}; wanted seconds, more than zero.")
         instances = read_instances(self.folder, self.only)
         tolerances = listed("--tolerances", self.tolerances, float, "numbers such as 1e-3,1e-6,1e-9")
         if not all(0 < one < 1 for one in tolerances):
             raise ProblemError(f"--tolerances: found {self.tolerances}; wanted numbers between 0 and 1.")
-        out = self.out or self.folder / "benchmark"
-        with Owned(out) as files:
-            for entrant in self.entrants():
-                kept = re.sub(r"[^\w.=+ -]+", "_", f"{entrant.name} {entrant.version}").replace(" ", "_")
-                running = Running(self.folder, entrant, self.time_limit, files.take(f"{kept}.jsonl"))
-                work = [(one.name, one.digest, entrant.ladder(tolerances)) for one in instances]
-                with progress_bar(entrant.name) as shown:
-                    for done in range(0, len(work), BATCH):
-                        shown(entrant.name, done, len(work))
-                        running.try_all(work[done : done + BATCH])
+        names = () if self.solvers is None else listed("--solvers", self.solvers, str, "names such as clarabel,scs")
+        options, out = read_options(self.options, names), self.out or self.folder / "benchmark"
+        entrants = [Entrant(name, tuple(options.get(name, {}).items())) for name in names]
+        labels = [entrant.label for entrant in entrants]  # A name that there is not is an error here.
+        with Owned(out) as files, progress_bar("benchmark") as shown:
+            for entrant, label in zip(entrants, labels, strict=True):
+                kept = files.take(re.sub(r"[^\w.=+ -]+", "_", label).replace(" ", "_") + ".jsonl")
+                ladder = entrant.ladder(tolerances)
+                new = [(Trial(one["name"], one["sha256"], self.time_limit), ladder) for one in instances]
+                while todo := list(left(journal(kept), new)):
+                    shown(label, len(new) - len(todo), len(new))
+                    try_in_process(entrant, self.folder, todo[:BATCH], kept)
             entries = stored(out, instances)
             if not entries:
                 raise ProblemError(f"{out}: no results are stored there; name solvers by --solvers.")
-            text, markdown = in_words(entries, instances, self.time_limit)
             heads = ("solver", *(field.name for field in fields(Trial)))
             tried = [(label, *astuple(one)) for label, own in entries.items() for some in own.values() for one in some]
             files.write(TABLE, Table(heads, tried).csv())
+            text, markdown = in_words(entries, instances, self.time_limit)
             files.write(WORDS, markdown)
-            say(text)
             try:
                 files.write(PROFILES, as_png(profiles(entries, instances), 150))
-                files.write(MEANS, as_png(means(entries, instances, self.time_limit), 150))
             except VemcvxError as error:
-                say(f"No pictures: {error}.")
-        say(f"\n{out} has every trial ({TABLE}), the tables ({WORDS}) and pictures ({PROFILES}, {MEANS})")
-
-    def entrants(self) -> list[Entrant]:
-        """The solvers asked for, with the settings of their libraries."""
-        if self.solvers is None:
-            return []
-        names = listed("--solvers", self.solvers, str, "names such as clarabel,scs,mine.py:Mine")
-        options = read_options(self.options, names)
-        entrants = [Entrant(name, tuple(options.get(name, {}).items())) for name in dict.fromkeys(names)]
-        # A name that there is not is an error here, and not in every trial.
-        for entrant in entrants:
-            entrant.solver.check_accuracy()
-        return entrants
+                text = f"{text}\n\nNo picture: {error}."
+        say(f"{text}\n\n{out} has every trial ({TABLE}), the tables ({WORDS}) and the picture ({PROFILES})")
 
 
-@dataclass(frozen=True)
-class Listed:
-    """An instance, as the manifest and its file have it; `certified` is the relative error of its optimum."""
-
-    name: str
-    digest: str
-    kind: str
-    certified: float = 0.0
+Row = Mapping[str, Any]
+"""An instance, as the manifest has it."""
 
 
-def read_instances(folder: Path, only: str | None) -> list[Listed]:
-    """The instances of a collection, or those whose grade or name has one of the words."""
+def read_instances(folder: Path, only: str | None = None) -> list[Row]:
+    """Return the instances of a collection, or those whose grade or name has one of the words."""
     path = folder / MANIFEST
     try:
-        rows = json.loads(path.read_text(encoding="utf-8"))["instances"]
+        rows = [{**row, "sha256": row["sha256"]} for row in json.loads(path.read_text(encoding="utf-8"))["instances"]]
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise ProblemError(
             f"{folder}: has no {MANIFEST} of a collection ({error}); write one by vemcvx collection --out {folder}."
         ) from error
     words = () if only is None else listed("--only", only, str, "words such as core,discs,degenerate")
-    found = [
-        one
+    wanted = [
+        row
         for row in rows
         if row["grade"] != FCLIB
         if not words or any(w == row["grade"] or w in row["name"] or (w == "core" and row.get("core")) for w in words)
-        for one in _listed(folder, row)
     ]
-    if not found:
+    if not wanted:
         grades = ", ".join(sorted({row["grade"] for row in rows}))
         raise ProblemError(f"--only: no grade or name has {only!r}; the grades are {grades}.")
-    return found
+    return wanted
 
 
-def _listed(folder: Path, row: Mapping[str, Any]) -> list[Listed]:
-    """An instance; of a sequence there are two, one cold and one warm."""
-    digest = sha256((folder / f"{row['name']}.npz").read_bytes()).hexdigest()[:12]
+def kind_of(row: Row) -> str:
+    """Return the kind of an instance."""
     if "optimum" not in row:
-        return [Listed(row["name"], digest, NONE_THERE)]
-    optimum = row["optimum"]
-    error = optimum["energy_error"] + (2 * optimum["rounding_floor"]) ** 0.5
-    certified = error / (optimum["energy_norm"] or 1.0)
-    if row.get("steps", 1) > 1:
-        return [Listed(row["name"], digest, COLD, certified), Listed(row["name"] + WARM, digest, WARM_START, certified)]
-    return [Listed(row["name"], digest, DISCS if row["block"] > 1 else PLANE, certified)]
+        return NONE_THERE
+    return SEQUENCE if row["steps"] > 1 else DISCS if row["block"] > 1 else PLANE
 
 
+# Trials, and the journal of a solver: a line of JSON for each that has ended.
+
+
+@dataclass(frozen=True)
+class Trial:
+    """The outcome of a solver, asked with a tolerance, on an instance."""
+
+    instance: str
+    sha256: str  # of its file: results for another file of that name do not count
+    limit: float  # seconds that it had
+    tolerance: float | None = None  # that the solver was asked with; None where it has none
+    outcome: str = BEGUN
+    seconds: float | None = None
+    true: float | None = None
+    certified: float | None = None
+    iterations: int | None = None
+    says: str = ""
+
+    @property
+    def is_enough(self) -> bool:
+        """True if tighter tolerances would tell no more."""
+        if self.true is None or self.certified is None:
+            return False
+        return self.true <= min(ASKED) and self.certified <= ASKED[1]
+
+
+Work = tuple[Trial, tuple[float | None, ...]]
+"""A trial to be begun, and the tolerances that are left to be tried."""
 Entries = Mapping[str, Mapping[str, Sequence[Trial]]]
-"""The label of a solver -> the name of an instance -> its trials, but those that began only."""
+"""The label of a solver -> the name of an instance -> its trials."""
 
 
-def stored(folder: Path, instances: Sequence[Listed]) -> Entries:
-    """All journals in a folder, whoever made them; trials of other files than these instances' do not count."""
-    digests = {one.name: one.digest for one in instances}
+def journal(path: Path) -> list[Trial]:
+    """Return the trials in a journal; lines that are torn, or of another version, are left out."""
+    trials: list[Trial] = []
+    for line in path.read_text(encoding="utf-8").splitlines() if path.exists() else []:
+        try:
+            trials.append(Trial(**json.loads(line)))
+        except (ValueError, TypeError):
+            continue
+    return trials
+
+
+def left(trials: Sequence[Trial], work: Sequence[Work]) -> Iterator[Work]:
+    """Yield the part of the work that the trials do not answer; a late one is tried again where there is more time."""
+    for new, ladder in work:
+        own = [one for one in trials if (one.instance, one.sha256) == (new.instance, new.sha256)]
+        late = any(one.outcome == LATE and one.limit >= new.limit for one in own)
+        ended = late or any(one.outcome in (REFUSED, FAILED) or one.is_enough for one in own)
+        rest = tuple(one for one in ladder if all(one != done.tolerance or done.outcome == LATE for done in own))
+        if rest and not ended:
+            yield new, rest
+
+
+def stored(folder: Path, instances: Sequence[Row]) -> Entries:
+    """Return all journals in a folder, whoever made them; trials of other files than these instances' do not count."""
+    files = {one["name"]: one["sha256"] for one in instances}
     found: dict[str, dict[str, list[Trial]]] = {}
     for path in sorted(folder.glob("*.jsonl")):
-        own: dict[str, list[Trial]] = {}
         for trial in journal(path):
-            if trial.outcome != BEGUN and digests.get(trial.instance) == trial.digest:
+            if files.get(trial.instance) == trial.sha256:
+                own = found.setdefault(path.stem.replace("_", " "), {})
                 own.setdefault(trial.instance, []).append(trial)
-        if own:
-            found[path.stem.replace("_", " ")] = own
     return found
+
+
+def try_in_process(entrant: Entrant, folder: Path, work: Sequence[Work], path: Path) -> None:
+    """Try a solver in a process of its own, until that has done the work, takes too long or dies; keep a journal."""
+    spawn = get_context("spawn")
+    here, there = spawn.Pipe(duplex=False)
+    process = spawn.Process(target=try_all, args=(there, entrant, folder, work), daemon=True)
+    process.start()
+    there.close()
+    trial, seconds, outcome = None, None, LATE
+    try:
+        while here.poll(seconds):
+            trial, seconds = here.recv()
+            if trial.outcome != BEGUN:
+                _note(path, trial)
+    except EOFError:
+        process.join()
+        outcome = FAILED
+    finally:
+        process.kill()
+        process.join()
+    words = f"its process ended with exit code {process.exitcode}"
+    if trial is None:
+        raise ProblemError(f"benchmark: {entrant.label}: {words} before anything was tried.")
+    if trial.outcome == BEGUN:
+        _note(path, replace(trial, outcome=outcome, says=words if outcome == FAILED else ""))
+
+
+def _note(path: Path, trial: Trial) -> None:
+    with path.open("a", encoding="utf-8") as stream:
+        stream.write(json.dumps(asdict(trial)) + "\n")
+
+
+def try_all(pipe: Connection, entrant: Entrant, folder: Path, work: Sequence[Work]) -> None:
+    """Try a solver on instances in this process; send each trial when it begins, and when it has ended.
+
+    With it go the seconds that may pass until the next, None while a solver is prepared.
+    """
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # Libraries print, asked or not.
+    os.environ |= {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}  # of what is loaded yet
+    with threadpool_limits(limits=1):
+        for trial, ladder in work:
+            programs = sequence_from_npz(folder / f"{trial.instance}.npz")
+            status = json.loads((folder / f"{trial.instance}.json").read_text(encoding="utf-8")).get("status", "")
+            trial = replace(trial, tolerance=ladder[0])
+            try:
+                pipe.send((trial, None))
+                asks = entrant.asks(programs)
+                for tolerance in ladder:
+                    trial = replace(trial, tolerance=tolerance)
+                    pipe.send((trial, trial.limit))
+                    ended = replace(trial, outcome=ANSWERED, **measured(asks, programs, tolerance, status))
+                    pipe.send((ended, None))
+                    if ended.is_enough:
+                        break
+            except VemcvxError as error:
+                outcome = REFUSED if isinstance(error, NotAccepted) else FAILED
+                pipe.send((replace(trial, outcome=outcome, says=str(error)), None))
+
+
+# A solver, asked and judged.
+
+Memory = dict[str, Any]
+"""What the answer to a step of a sequence leaves for the next; empty before the first."""
+Asking = Callable[[float | None, Memory], tuple[float, Answer | None, str]]
+"""A function of a tolerance: seconds, the answer if there is one, and what the solver says."""
+
+
+@dataclass(frozen=True)
+class Entrant:
+    """A solver that takes part: its name as it was typed, and settings beside the tolerance."""
+
+    typed: str
+    options: tuple[tuple[str, Any], ...] = ()
+
+    @property
+    def solver(self) -> Solver:
+        """The solver itself: one of ours, of a user's file, or of cvxpy's."""
+        return named_solver(self.typed, None, "--solvers", dict(self.options))
+
+    @property
+    def label(self) -> str:
+        """Name and settings, and the version of the library, of this package, or of the contents of the user's file."""
+        solver, name = self.solver, self.typed.lower()
+        if ":" in self.typed:
+            name, of = solver.name, sha256(Path(self.typed.rpartition(":")[0]).read_bytes()).hexdigest()[:8]
+        elif isinstance(solver, ThroughCvxpy):
+            try:
+                of = version(PACKAGES.get(solver.solver, name))
+            except PackageNotFoundError:
+                of = "unknown"
+        else:
+            of = __version__
+        return " ".join([name, *(f"{key}={value}" for key, value in self.options), of])
+
+    def ladder(self, tolerances: Sequence[float]) -> tuple[float | None, ...]:
+        """Return the tolerances that it is asked with, from loose to tight."""
+        name = getattr(self.solver, "solver", None)
+        if name is not None and name not in LIBRARIES:
+            return (None,)
+        least = LIBRARIES[name][2] if name else 0.0
+        return tuple(sorted({max(one, least) for one in tolerances}, reverse=True))
+
+    def asks(self, programs: Sequence[StepProgram]) -> list[Asking]:
+        """Return functions that solve these programs of the same operators, which are compiled or prepared once.
+
+        NotAccepted where the solver does not take such a program, or is not installed.
+        """
+        solver, operators = self.solver, programs[0].operators
+        if missing := operators.features - solver.accepts:
+            raise NotAccepted(f"solver {solver.name}: takes no {' and no '.join(sorted(missing))}.")
+        if operators.kernel is not None and not solver.semidefinite:
+            raise NotAccepted(
+                f"solver {solver.name}: takes no semidefinite K; only friction and contact hold the body."
+            )
+        if isinstance(solver, ThroughCvxpy):
+            solver.prepare(operators)
+            scaling = Scaling.of(operators)
+            alpha = max(scaling.length(program) for program in programs)
+            return [_through_cvxpy(solver, scaling, alpha, program) for program in programs]
+        with named_failures(solver.name):
+            prepared = solver.prepare(operators) if solver.any_units else InUnits.of(solver, operators)
+        return [_by_its_own(prepared, program, _unit(programs)) for program in programs]
+
+
+def _through_cvxpy(solver: ThroughCvxpy, scaling: Scaling, alpha: float, program: StepProgram) -> Asking:
+    posed = scaling.scale(program, alpha).to_cvxpy()
+    data, chain, inverse = posed.problem.get_problem_data(solver.solver, solver_opts={})
+    tolerances, unlimited, _ = LIBRARIES.get(solver.solver, ((), {}, 0.0))
+
+    def ask(tolerance: float | None, memory: Memory) -> tuple[float, Answer | None, str]:
+        # Some of cvxpy's interfaces change the dictionaries that they are given.
+        options = {**unlimited, **dict.fromkeys(tolerances, tolerance), **solver.options}
+        start = time.process_time()
+        raw = chain.solver.solve_via_data(dict(data), True, False, options, memory)
+        seconds = time.process_time() - start
+        posed.problem.unpack_results(raw, chain, inverse)
+        d, stats, status = posed.d.value, posed.problem.solver_stats, str(posed.problem.status)
+        if d is None or posed.lam is None or posed.p is None:
+            return seconds, None, status
+        count = 0 if stats is None or stats.num_iters is None else int(stats.num_iters)
+        return seconds, scaling.restore(Answer(d, posed.lam, count, p=posed.p), alpha), status
+
+    return ask
+
+
+def _by_its_own(prepared: Prepared, program: StepProgram, unit: float) -> Asking:
+    nothing = {"lam": np.zeros((len(program.w), program.operators.block)), "p": np.zeros_like(program.e)}
+
+    def ask(tolerance: float | None, memory: Memory) -> tuple[float, Answer | None, str]:
+        target, begin = 0.5 * ((tolerance or 0.0) * unit) ** 2, nothing | memory
+        start = time.process_time()
+        answer = prepared.solve(program, target, begin["lam"], begin["p"])
+        seconds = time.process_time() - start
+        memory |= {"lam": answer.lam, "p": answer.p}
+        return seconds, answer, answer.status
+
+    return ask
+
+
+def _unit(programs: Sequence[StepProgram]) -> float:
+    """Return the largest |d*|_K; 1 where that is zero, or there is no d*."""
+    return max((program.norm for program in programs if isinstance(program, SolvedProgram)), default=0.0) or 1.0
+
+
+def measured(
+    asks: Sequence[Asking], programs: Sequence[StepProgram], tolerance: float | None, status: str = ""
+) -> dict[str, Any]:
+    """Return the fields of a trial: sums of seconds and iterations over the steps of an instance, the largest errors.
+
+    A step that is alone is asked for several times, and its least seconds count. Where the program has no optimum, its
+    `status` is what a solver is to say. Who says the wrong one has an infinite error. SolverFailed where there is no
+    answer, or none of finite numbers.
+    """
+    memory: Memory = {}
+    unit, taken, iterations, errors, says = _unit(programs), 0.0, 0, [], ""
+    with named_failures("asked"), quietly():  # What a library warns of, its status says.
+        for ask, program in zip(asks, programs, strict=True):
+            begun = time.perf_counter()
+            seconds, answer, says = ask(tolerance, memory)
+            for _ in range(REPEATS - 1 if len(programs) == 1 else 0):
+                if time.perf_counter() - begun > LONG_ENOUGH:
+                    break
+                seconds = min(seconds, ask(tolerance, {})[0])
+            taken += seconds
+            iterations += 0 if answer is None else answer.iterations
+            stated = says.lower().removesuffix("_inaccurate")
+            if status or stated in (INFEASIBLE, UNBOUNDED):
+                errors.append((0.0, 0.0) if stated == status else (np.inf, np.inf))
+            elif answer is None or not np.isfinite(answer.d).all():
+                raise SolverFailed(f"it says {says!r}, without an answer of finite numbers.")
+            else:
+                errors.append(_errors(program, answer, unit))
+    true, certified = map(max, zip(*errors, strict=True))
+    return {"seconds": taken, "true": true, "certified": certified, "iterations": iterations or None, "says": says}
+
+
+def _errors(program: StepProgram, answer: Answer, unit: float) -> tuple[float, float]:
+    """Return the true and the certified error of an answer, in this unit."""
+    if not isinstance(program, SolvedProgram):
+        raise ProblemError("benchmark: an instance has no answer to compare with.")
+    certificate = program.certify(answer.d, answer.lam, answer.p)
+    true = program.operators.energy_norm(answer.d - program.answer.d)
+    return true / unit, float(certificate.error + certificate.error_floor) / unit
 
 
 # Scores.
 
 
 def seconds_to(trials: Iterable[Trial], error: float, measure: str = "true") -> float:
-    """The seconds of the cheapest trial that reaches the error; infinite if none does."""
+    """Return the seconds of the cheapest trial that reaches the error; infinite if none does."""
     known = [(one.seconds, getattr(one, measure)) for one in trials if one.seconds is not None]
     return min((seconds for seconds, reached in known if reached is not None and reached <= error), default=np.inf)
 
@@ -213,38 +478,84 @@ def takes(own: Mapping[str, Sequence[Trial]], name: str) -> bool:
     return name in own and all(one.outcome != REFUSED for one in own[name])
 
 
-def taking(entries: Entries, names: Sequence[str]) -> Entries:
-    """The solvers that take some of the instances."""
-    return {label: own for label, own in entries.items() if any(takes(own, name) for name in names)}
-
-
 def fate(trials: Sequence[Trial], error: float) -> str:
-    """The fate of an instance at an error: "reached", "missed", FAILED or STOPPED."""
+    """Return what became of an instance at an error: "reached", "missed", FAILED or LATE."""
     if np.isfinite(seconds_to(trials, error)):
         return "reached"
     outcomes = [one.outcome for one in trials]
-    return next((one for one in (STOPPED, FAILED) if one in outcomes), "missed")
+    return next((one for one in (LATE, FAILED) if one in outcomes), "missed")
 
 
-def counted(instances: Sequence[Listed], error: float, kind: str) -> list[str]:
-    """The instances of a kind whose optimum is certified to a tenth of the error."""
-    return [one.name for one in instances if one.kind == kind and one.certified <= 0.1 * error]
+def compared(entries: Entries, instances: Sequence[Row], kind: str, error: float) -> tuple[Entries, list[str]]:
+    """Return the solvers that take some instances of a kind, and the instances that count and that all of these take.
+
+    An instance counts if its optimum is certified to a tenth of the error.
+    """
+    names = [one["name"] for one in instances if kind_of(one) == kind and one.get("certified", 0.0) <= 0.1 * error]
+    some = {label: own for label, own in entries.items() if any(takes(own, name) for name in names)}
+    return some, [name for name in names if some and all(takes(own, name) for own in some.values())]
 
 
 def shifted_mean(seconds: Sequence[float], limit: float) -> float:
-    """The shifted geometric mean, in which what is not reached counts as the limit; NaN of none."""
+    """Return the shifted geometric mean, in which what is not reached counts as the limit; NaN of none."""
     if not seconds:
         return float("nan")
     capped = np.minimum(np.asarray(seconds, dtype=float), limit)
     return float(np.exp(np.log(capped + MEAN_SHIFT).mean()) - MEAN_SHIFT)
 
 
+def in_words(entries: Entries, instances: Sequence[Row], limit: float) -> tuple[str, str]:
+    """Return a table for each kind of instances, as text for a terminal and as Markdown."""
+    text, markdown = "", "# Solvers at equal true accuracy\n\n"
+    for kind, title in KINDS.items():
+        if compared(entries, instances, kind, max(ASKED))[0]:
+            heading = f"{title}: {sum(kind_of(one) == kind for one in instances)} instances"
+            table = scores(entries, instances, kind, limit)
+            text += f"{heading}\n{table.text()}\n\n"
+            markdown += f"## {heading}\n\n{table.markdown()}\n"
+    remark = (
+        "Instances reached, of those that the solver takes and whose optimum is certified to a tenth of the error; and "
+        "seconds of the processor to that error by the cheapest tolerance: shifted geometric means over the instances "
+        f"that all solvers of the table take, with {limit:g} s where one is not reached. sure: reached by certified "
+        f"error, too (which includes what rounding hides); miss, fail, late: fates of the others at {ASKED[1]:g}. A "
+        "status, infeasible or unbounded, is right or wrong, whatever the error."
+    )
+    return f"{text}{remark}", f"{markdown}{remark}\n"
+
+
+def scores(entries: Entries, instances: Sequence[Row], kind: str, limit: float) -> Table:
+    """Return a row a solver, the fastest to 1e-6 first; means are over the instances that all these solvers take.
+
+    Numbers leave 16 of 80 columns to names, which are folded.
+    """
+    rows, errors = [], [f"1e{round(np.log10(error))}" for error in ASKED]
+    for label, own in compared(entries, instances, kind, max(ASKED))[0].items():
+        counts, means = [], []
+        for error in ASKED:
+            mine, common = (
+                compared({label: own}, instances, kind, error)[1],
+                compared(entries, instances, kind, error)[1],
+            )
+            fates = Counter(fate(own[name], error) for name in mine)
+            counts.append((f"{fates['reached']}/{len(mine)}", fates, mine))
+            means.append(shifted_mean([seconds_to(own[name], error) for name in common], limit))
+        _, fates, mine = counts[1]
+        sure = sum(np.isfinite(seconds_to(own[name], ASKED[1], "certified")) for name in mine)
+        ends = [str(count) for count in (sure, *(fates[one] for one in ("missed", FAILED, LATE)))]
+        seconds = ["-" if np.isnan(m) else f"{m:.4f}"[1:] if m < 1 else f"{m:.3g}" for m in means]
+        name = "\n".join(wrap(label, 16))
+        rows.append((means[1], [name, *(count for count, *_ in counts), *ends, *seconds]))
+    reached, timed = (f"to\n{error}" for error in errors), (f"s to\n{error}" for error in errors)
+    heads = ("solver", *reached, f"sure\n{errors[1]}", "miss", "fail", "late", *timed)
+    return Table(heads, [cells for _, cells in sorted(rows, key=lambda row: row[0])])
+
+
 def profile(entries: Entries, names: Sequence[str], error: float) -> dict[str, list[float]]:
-    """label -> on each instance, seconds over those of the fastest; infinite where it is not reached."""
-    times = {label: [seconds_to(own.get(name, ()), error) for name in names] for label, own in entries.items()}
-    # A clock that ticks slowly may count nothing at all.
-    tick = time.get_clock_info("process_time").resolution
-    times = {label: [max(t, tick) for t in own] for label, own in times.items()}
+    """Return label -> on each instance, seconds over those of the fastest; infinite where it is not reached."""
+    tick = time.get_clock_info("process_time").resolution  # A clock that ticks slowly may count nothing at all.
+    times = {
+        label: [max(seconds_to(own.get(name, ()), error), tick) for name in names] for label, own in entries.items()
+    }
     best = [min(column) for column in zip(*times.values(), strict=True)]
     return {
         label: [t / fastest if np.isfinite(t) else np.inf for t, fastest in zip(own, best, strict=True)]
@@ -252,170 +563,27 @@ def profile(entries: Entries, names: Sequence[str], error: float) -> dict[str, l
     }
 
 
-CLAIMED = ASKED[1]
-"""The tolerance at which claims of solvers are looked at."""
-
-
-def first(entries: Entries, name: str, by: str, error: float = CLAIMED) -> str | None:
-    """The fastest solver to an error on an instance: by "true" error, by "certified" error, or by "claim"."""
-    times = {}
-    for label, own in entries.items():
-        trials = own.get(name, ())
-        if by == "claim":
-            asked = [one for one in trials if one.tolerance in (None, CLAIMED)]
-            claims = [one for one in asked if not re.search("inacc|limit", one.says)]
-            times[label] = seconds_to(claims, np.inf)
-        else:
-            times[label] = seconds_to(trials, error, by)
-    best = min(times, key=lambda label: times[label], default=None)
-    return best if best is not None and np.isfinite(times[best]) else None
-
-
-# The scores as text, Markdown and pictures.
-
-
-def in_words(entries: Entries, instances: Sequence[Listed], limit: float) -> tuple[str, str]:
-    """A table for each kind of instances, and what it owes to conventions, as text for a terminal and as Markdown."""
-    text, markdown = "", "# Solvers at equal true accuracy\n\n"
-    for kind, title in KINDS.items():
-        names = [one.name for one in instances if one.kind == kind]
-        if not (some := taking(entries, names)):
-            continue
-        tried = [name for name in counted(instances, CLAIMED, kind) if any(name in own for own in some.values())]
-        said = "" if kind == NONE_THERE else conventions(some, tried)
-        heading, table = f"{title}: {len(names)} instances", scores(some, instances, kind, limit)
-        text += f"{heading}\n{table.text()}\n\n{said}\n\n"
-        markdown += f"## {heading}\n\n{table.markdown()}\n{said}\n\n"
-    remark = (
-        "Instances reached, of those that the solver takes and whose optimum is certified to a tenth of the error; and "
-        "seconds of the processor to that error by the cheapest tolerance: shifted geometric means over the instances "
-        f"that all solvers of the table take, with {limit:g} s where one is not reached. sure: reached by certified "
-        f"error, too (which includes what rounding hides); miss, fail, late: fates of the others at {CLAIMED:g}; not: "
-        "instances that the solver does not take; lost: seconds of those that are not reached. A status, infeasible or "
-        "unbounded, is right or wrong, whatever the error."
-    )
-    return f"{text}{remark}", f"{markdown}{remark}\n"
-
-
-def scores(entries: Entries, instances: Sequence[Listed], kind: str, limit: float) -> Table:
-    """A row a solver, the fastest to 1e-6 first; means are over the instances that all these solvers take."""
-    rows, names = [], {error: counted(instances, error, kind) for error in ASKED}
-    for label, own in entries.items():
-        at = {error: [name for name in names[error] if takes(own, name)] for error in ASKED}
-        refused = sum(name in own and not takes(own, name) for name in names[max(ASKED)])
-        reached = [f"{sum(fate(own[name], e) == 'reached' for name in at[e])}/{len(at[e])}" for e in ASKED]
-        sure = sum(np.isfinite(seconds_to(own[name], CLAIMED, "certified")) for name in at[CLAIMED])
-        fates = {name: fate(own[name], CLAIMED) for name in at[CLAIMED]}
-        ends = [list(fates.values()).count(one) for one in ("missed", FAILED, STOPPED)]
-        missed = [one for name, end in fates.items() if end != "reached" for one in own[name]]
-        # Trials that are out of time took their limit.
-        lost = sum(one.limit if one.outcome == STOPPED else one.seconds or 0.0 for one in missed)
-        mean = [mean_seconds(own, common(entries, names[error]), error, limit) for error in ASKED]
-        means = ["-" if np.isnan(m) else f"{m:.2g}".removeprefix("0") for m in mean]
-        rows.append((mean[1], [label, *reached, *map(str, (sure, *ends, refused)), *means, f"{lost:.0f}"]))
-    errors = [f"1e{round(np.log10(error))}" for error in ASKED]
-    counts = (*(f"to\n{error}" for error in errors), f"sure\n{errors[1]}", "miss", "fail", "late", "not")
-    heads = ("solver", *counts, *(f"s to\n{error}" for error in errors), "lost\ns")
-    return Table(heads, [cells for _, cells in sorted(rows, key=lambda row: row[0])])
-
-
-def common(entries: Entries, names: Sequence[str]) -> list[str]:
-    """The instances that all solvers were tried on and take."""
-    return [name for name in names if all(takes(own, name) for own in entries.values())]
-
-
-def mean_seconds(own: Mapping[str, Sequence[Trial]], names: Sequence[str], error: float, limit: float) -> float:
-    """The shifted geometric mean of a solver's seconds to an error on these instances."""
-    return shifted_mean([seconds_to(own[name], error) for name in names], limit)
-
-
-def conventions(entries: Entries, names: Sequence[str]) -> str:
-    """Sentences on the instances whose first place another measure, or another sweep, would give to another solver."""
-    fewer, by_true = every_other(entries), {name: first(entries, name, "true") for name in names}
-    certified, claim, sparse = (
-        sum(first(some, name, by) != best for name, best in by_true.items())
-        for some, by in ((entries, "certified"), (entries, "claim"), (fewer, "true"))
-    )
-    near = sum(
-        any(first(entries, name, "true", x * CLAIMED) != best for x in (0.9, 1.1)) for name, best in by_true.items()
-    )
-    return (
-        f"Of {len(names)} instances the fastest to {CLAIMED:g} is another solver on {certified} if certified errors "
-        f"count in place of true ones, and on {claim} if claims do: answers called optimal at tolerance {CLAIMED:g}. "
-        f"It is another on {near} if true errors are a tenth larger or smaller, which is as much as optima leave open, "
-        f"and on {sparse} if every other tolerance is left out."
-    )
-
-
-def every_other(entries: Entries) -> Entries:
-    """The trials at every other tolerance that each solver was asked with, the loosest among them."""
-    kept = {}
-    for label, own in entries.items():
-        tried = sorted({one.tolerance for some in own.values() for one in some if one.tolerance is not None})
-        asked = {None, *tried[::-2]}
-        kept[label] = {name: [one for one in some if one.tolerance in asked] for name, some in own.items()}
-    return kept
-
-
-def profiles(entries: Entries, instances: Sequence[Listed]) -> Figure:
-    """Performance profiles at each error, a row for each kind of instances, over those that all solvers of it take."""
-    rows = [kind for kind in (PLANE, DISCS) if shared(entries, instances, CLAIMED, kind)[1]]
-    if not rows:
+def profiles(entries: Entries, instances: Sequence[Row]) -> Figure:
+    """Draw performance profiles at each error, a row for each kind of instances that solvers have in common."""
+    kinds = [kind for kind in (PLANE, DISCS) if compared(entries, instances, kind, ASKED[1])[1]]
+    if not kinds:
         raise VemcvxError("no instance was tried by all solvers that take some")
-    figure = new_figure(11.0, 0.8 + 3.4 * len(rows))
-    grid = figure.subplots(len(rows), len(ASKED), sharex=True, sharey=True, squeeze=False)
-    for axes, kind in zip(grid, rows, strict=True):
+    figure, labels = new_figure(11.0, 0.8 + 3.4 * len(kinds)), list(entries)
+    grid = figure.subplots(len(kinds), len(ASKED), sharex=True, sharey=True, squeeze=False)
+    for axes, kind in zip(grid, kinds, strict=True):
         for ax, error in zip(axes, ASKED, strict=True):
-            some, names = shared(entries, instances, error, kind)
-            title = f"{kind}, true error {error:.0e}"
-            if names:
-                _steps(ax, list(entries), profile(some, names, error))
-                title = f"{title}: {len(names)} instances"
+            some, names = compared(entries, instances, kind, error)
+            for label, own in (profile(some, names, error) if names else {}).items():
+                x = [1.0, *np.sort([one for one in own if np.isfinite(one)]), 1e9]
+                share = np.minimum(np.arange(len(x)), len(x) - 2) / len(own)
+                again, place = divmod(labels.index(label), len(SERIES))
+                line = {"color": SERIES[place], "linestyle": ("-", "--", ":", "-.")[again % 4], "linewidth": 1.6}
+                ax.step(x, share, where="post", label=label, **line)
             ax.set(xscale="log", xlim=(1.0, 1e4), ylim=(0.0, 1.02))
-            ax.set_title(title, fontsize="medium")
+            ax.set_title(f"{kind}, true error {error:.0e}: {len(names)} instances", fontsize="medium")
             plain_logarithms(ax.xaxis, (1.0,))
             light_grid(ax)
         axes[0].set_ylabel("share of instances")
     grid[-1][1].set_xlabel("times as long as the fastest")
     figure.legend(*grid[0][0].get_legend_handles_labels(), loc="outside lower center", ncols=5, frameon=False)
     return figure
-
-
-def _steps(ax: Axes, labels: Sequence[str], ratios: Mapping[str, Sequence[float]]) -> None:
-    """Draw a profile; colours are those of a label's place among all."""
-    for label, own in ratios.items():
-        x = np.concatenate([[1.0], np.sort([one for one in own if np.isfinite(one)]), [1e9]])
-        share = np.arange(len(x)) / max(len(own), 1)
-        share[-1] = share[-2]
-        again, place = divmod(labels.index(label), len(SERIES))
-        ax.step(
-            x, share, ("-", "--", ":", "-.")[again % 4], color=SERIES[place], where="post", label=label, linewidth=1.6
-        )
-
-
-def means(entries: Entries, instances: Sequence[Listed], limit: float) -> Figure:
-    """The shifted geometric means to each error, a panel for each kind of instances, the fastest to 1e-6 above."""
-    kinds = [kind for kind in (PLANE, DISCS) if shared(entries, instances, CLAIMED, kind)[1]]
-    figure = new_figure(5.6 * len(kinds), 1.8 + 0.3 * len(entries))
-    for ax, kind in zip(figure.subplots(1, len(kinds), squeeze=False)[0], kinds, strict=True):
-        found: dict[str, list[float]] = {}
-        for error in ASKED:
-            some, names = shared(entries, instances, error, kind)
-            for label, own in some.items() if names else ():
-                found.setdefault(label, []).append(mean_seconds(own, names, error, limit))
-        labels = sorted(found, key=lambda label: -found[label][1])
-        for k, (error, marker) in enumerate(zip(ASKED, MARKERS, strict=False)):
-            values = [found[label][k] for label in labels]
-            ax.plot(values, range(len(labels)), marker, color=SERIES[k], label=f"true error {error:.0e}")
-        ax.set_yticks(range(len(labels)), labels)
-        ax.set(xscale="log", title=kind, xlabel=f"shifted geometric mean of seconds ({limit:g} where not reached)")
-        light_grid(ax)
-        legend_below(ax)
-    return figure
-
-
-def shared(entries: Entries, instances: Sequence[Listed], error: float, kind: str) -> tuple[Entries, list[str]]:
-    """The solvers that take some instances of a kind, and the instances that count and that all of these take."""
-    names = counted(instances, error, kind)
-    some = taking(entries, names)
-    return some, common(some, names) if some else []

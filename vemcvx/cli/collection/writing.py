@@ -1,4 +1,14 @@
-"""A collection of instances with certified answers, written for authors of solvers."""
+"""A collection of instances with certified answers, written for authors of solvers: steps of runs of problem files.
+
+Grades say what makes instances hard. *easy* and *sizes* are the paper's scene and closed forms; *bounds* one-sided
+contact; *pressure* friction whose weights are Coulomb's, at the pressures of the solution; *discs* friction in space, a
+second-order cone a contact; *bodies* several of them; *floating* a K with a kernel, held by friction and contact alone;
+*soft* obstacles that give way; *viscous* matrices of rates; *sticking* terms of which few slip; *degenerate* terms that
+are at rest and at their bound at once; *incompressible* and *units* K of condition up to 1e9 and numbers of other
+sizes; *large* sparse K of up to a million unknowns; *no optimum* programs that are infeasible or unbounded, with a
+certificate of that; *sequences* the 256 steps of a run, each with the answer before for a start; *fclib* steps with
+Coulomb's law itself, as files of the Frictional Contact Library.
+"""
 
 from __future__ import annotations
 
@@ -19,21 +29,10 @@ from vemcvx.base.arrays import ROUNDING, SAME, Floats
 from vemcvx.base.errors import ProblemError
 from vemcvx.base.owned_files import Owned
 from vemcvx.base.version import __version__
-from vemcvx.cli.collection.instances import (
-    CORE,
-    COULOMB,
-    FCLIB,
-    INFEASIBLE,
-    INSTANCES,
-    LARGE,
-    SEQUENCES,
-    VERSION,
-    Instance,
-)
 from vemcvx.cli.problem_file import read_problem
 from vemcvx.cli.supplied import problems_folder
 from vemcvx.cli.terminal import logged_at_most, progress_bar, say
-from vemcvx.exchange import FORMATS, description, encoded, in_json, put, sequence_to_npz
+from vemcvx.exchange import FORMATS, description, encoded, in_json, sequence_to_npz
 from vemcvx.linear import direct_solver
 from vemcvx.program.step_program import SolvedProgram, StepProgram
 from vemcvx.results.results import programs_of_steps
@@ -42,11 +41,196 @@ from vemcvx.scene.pose import unwarned
 from vemcvx.simulation import programs
 from vemcvx.solvers import Newton
 
+VERSION = 4
+"""The version of the list below: other instances, or others under the same names, are another version."""
 MANIFEST, OPTIMA, SCRIPT, SUMS = "manifest.json", "optima.csv", "confirm.py", "SHA256SUMS.txt"
 TEXTS = "README.md", "LICENSE.txt", "CITATION.cff"
 """Files beside this one that a collection has with the numbers of its versions put in."""
 ACCURACY = 1e-14
-"""Asked of optima: as much as there is."""
+"""Accuracy that is asked of optima: as much as there is."""
+INFEASIBLE, UNBOUNDED, FCLIB = "infeasible", "unbounded", "fclib"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Instance:
+    """Step `step` of a run of `of` steps of a problem file, with n cells per unit length and settings "name=value".
+
+    Of three numbers n each is the number of cells along an axis. In a degenerate instance the weights of terms that
+    stick are lowered to what these carry: the answer stays, and every such term is at once at rest and at its bound. An
+    instance with `without` has no optimum: it is infeasible or unbounded. One of more than one of the `steps` is a
+    sequence, which ends with that step.
+    """
+
+    grade: str
+    problem: str
+    n: int | tuple[int, ...]
+    of: int
+    step: int
+    settings: tuple[str, ...] = ()
+    condense: bool = True
+    degenerate: bool = False
+    without: str = ""
+    steps: int = 1
+
+    @property
+    def name(self) -> str:
+        """A word with all settings but the grade."""
+        ends = "-full" * (not self.condense), "-degenerate" * self.degenerate, f"-{self.without}" * bool(self.without)
+        settings = "".join(f"-{setting.replace('=', '')}" for setting in self.settings)
+        steps = f"{self.step - self.steps + 1}to" * (self.steps > 1) + f"{self.step}of{self.of}"
+        cells = "x".join(map(str, self.n)) if isinstance(self.n, tuple) else self.n
+        return f"{self.problem}-n{cells}-{steps}{settings}{''.join(ends)}"
+
+    @property
+    def run(self) -> tuple[str, tuple[int, ...], int, tuple[str, ...]]:
+        """The run that it is a step of."""
+        return self.problem, self.n if isinstance(self.n, tuple) else (self.n,), self.of, self.settings
+
+
+Row = tuple[str, str, tuple[int | tuple[int, ...], ...], tuple[int, ...]] | tuple[Any, ...]
+"""Grade, problem, cells per unit length, steps, and settings if there are any."""
+
+
+def _listed(rows: Sequence[Row], *, of: int = 8, **more: Any) -> tuple[Instance, ...]:
+    return tuple(
+        Instance(grade=grade, problem=problem, n=n, of=of, step=k, settings=settings, **more)
+        for grade, problem, cells, steps, *settings_ in rows
+        for settings in [tuple(settings_)]
+        for n in cells
+        for k in steps
+    )
+
+
+SI = "young=2e11", "bound=4e9", "push=8e9", "press=1e7"
+TINY = "young=2e-4", "bound=4e-6", "push=8e-6", "press=1e-8"
+NEAR_HALF = "poisson=0.499", "poisson=0.49999", "poisson=0.4999999"
+PAPER, BLOCK = "feng_han_huang", "block_in_space"
+INSTANCES = (
+    *_listed(
+        [
+            ("easy", PAPER, (8, 16), (4, 8)),
+            ("easy", "frictional_hysteresis", (4, 8), (2,)),
+            ("easy", "manufactured_full_slip", (8, 16), (2,)),
+            ("sizes", PAPER, (32, 64), (4, 8)),
+            ("sizes", PAPER, (128, 256), (8,)),
+            ("bounds", "hertz_contact", (6, 12), (2, 8)),
+            ("bounds", "block_between_dies", (6, 12), (2,)),
+            ("bounds", "beam_on_a_stop", (6,), (2, 8)),
+            ("bounds", "spherical_indenter", (6,), (2, 8)),
+            ("pressure", "cattaneo_mindlin", (6,), (2, 8)),
+            ("pressure", "janssen_silo", (4,), (2, 8)),
+            ("pressure", "block_with_grain", (6, 12), (2, 8)),
+            ("soft", "rough_layer", (6, 12), (2, 8)),
+            ("viscous", "kelvin_voigt_creep", (6,), (2, 5, 8)),
+            ("sticking", "shear_lag", (6,), (2, 5, 8)),
+            ("sticking", "thermal_expansion_blocked_by_friction", (6,), (2, 5, 8)),
+            ("sticking", "l_shaped_bracket", (8, 16), (6, 8)),
+            ("bodies", "two_blocks_in_series", (6, 12), (8,)),
+            ("bodies", "pack_of_blocks", (6,), (4, 8)),
+            ("bodies", "hertz_two_cylinders", (6,), (8,)),
+            ("bodies", "press_fit", (6, 12), (8,)),
+            ("floating", "block_on_incline", (6, 12), (2,)),
+            ("floating", "bolted_joint", (6, 12), (2, 8)),
+            ("floating", "brake_pad_on_disc", (6, 12), (2, 8)),
+            *(("incompressible", PAPER, (16,), (8,), near) for near in NEAR_HALF),
+            *(("units", PAPER, (8, 16), (8,), *units) for units in (SI, TINY)),
+            ("discs", BLOCK, (4, 8, 12, 16), (4, 8)),
+            ("discs", "circular_hysteresis", (2, 4, 6), (4, 8)),
+            ("discs", "block_dragged_along_a_curve", (3, 4), (2, 5, 8)),
+            ("discs", "twisted_pad", (4, 6), (2, 8)),
+            ("discs", "skew_joint", (4, 6), (2, 8)),
+        ]
+    ),
+    *_listed(
+        [
+            ("sizes", PAPER, (8, 16, 32), (4, 8)),
+            ("sizes", PAPER, (64,), (8,)),
+            ("bounds", "hertz_contact", (6,), (8,)),
+            ("pressure", "block_with_grain", (6,), (8,)),
+            ("viscous", "kelvin_voigt_creep", (6,), (8,)),
+            *(("incompressible", PAPER, (16,), (8,), near) for near in NEAR_HALF),
+            *(("units", PAPER, (8,), (8,), *units) for units in (SI, TINY)),
+            ("discs", BLOCK, (4, 8, 12), (8,)),
+            ("discs", "circular_hysteresis", (4,), (8,)),
+        ],
+        condense=False,
+    ),
+    *_listed(
+        [
+            ("degenerate", "l_shaped_bracket", (8, 16), (6, 8)),
+            ("degenerate", PAPER, (16, 32), (6, 8)),
+            ("discs", BLOCK, (4, 8), (6, 8)),
+        ],
+        degenerate=True,
+    ),
+    *_listed(
+        [
+            ("no optimum", "hertz_contact", (6,), (8,)),
+            ("no optimum", "block_with_grain", (6,), (2,)),
+            ("no optimum", "spherical_indenter", (6,), (8,)),
+        ],
+        without=INFEASIBLE,
+    ),
+    *_listed(
+        [
+            ("no optimum", "block_on_incline", (6,), (2,)),
+            ("no optimum", "bolted_joint", (6,), (2,)),
+            ("no optimum", "twisted_pad", (4,), (2,)),
+        ],
+        without=UNBOUNDED,
+    ),
+)
+SEQUENCES = _listed(
+    [("sequences", name, (n,), (256,)) for name, n in ((PAPER, 32), ("block_with_grain", 6), (BLOCK, 4))],
+    of=256,
+    steps=256,
+)
+"""Of absolute values, of Coulomb's weights beside bounds, and of discs."""
+LARGE = _listed([("large", PAPER, (128, 224, 707), (8,)), ("large", BLOCK, (16, 24, 32), (8,))], condense=False)
+"""Instances that are written on demand only: minutes, and a gigabyte."""
+CONTACTS = (9, 9, 2), (19, 19, 2), (49, 49, 2), (99, 99, 1)
+DRAGGED = FCLIB, "block_dragged_along_a_curve", CONTACTS, (8,), "crown=0.0005"
+COULOMB = _listed([DRAGGED], of=16384, steps=8, condense=False)
+"""Coulomb's law on 100 to 10,000 contacts, of which some stick, some slip and some are open; on demand."""
+FEWER = dict.fromkeys(("easy", "soft", "viscous", "units", "incompressible"), 2) | {"discs": 6}
+
+
+def _core() -> frozenset[str]:
+    """Three instances of every grade, evenly from its first to its last; two where they differ little, six of discs."""
+    found: list[str] = []
+    for grade in dict.fromkeys(one.grade for one in INSTANCES):
+        own, k = [one.name for one in INSTANCES if one.grade == grade], FEWER.get(grade, 3)
+        found += [own[round(i * (len(own) - 1) / (k - 1))] for i in range(k)]
+    return frozenset(found)
+
+
+CORE = _core()
+"""Names of the instances for a coffee break."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Collection:
+    """Write the graded collection of convex programs, with certified optima and a script that confirms them."""
+
+    out: Annotated[Path, typer.Option(metavar="DIR", help="The folder to write to.")] = Path("collection")
+    form: Annotated[
+        str | None, typer.Option("--format", metavar="mtx|cbf|mps|qps", help="A format to write beside npz.")
+    ] = None
+    core: Annotated[bool, typer.Option("--core", help="The forty instances of the core set only.")] = False
+    large: Annotated[
+        bool, typer.Option("--large", help="With sparse programs of up to a million unknowns: minutes, and a GB.")
+    ] = False
+    fclib: Annotated[
+        bool, typer.Option("--fclib", help="With Coulomb's law on 100 to 10,000 contacts, as FCLIB has it: minutes.")
+    ] = False
+
+    def __call__(self) -> None:
+        """Write it, and say what there is."""
+        # Runs log what is odd about physics, which is what grades are about.
+        with progress_bar("reading") as shown, logged_at_most(0):
+            chosen = tuple(one for one in (*INSTANCES, *SEQUENCES) if one.name in CORE or not self.core)
+            more = (*(LARGE if self.large else ()), *(COULOMB if self.fclib else ()))
+            say(write_collection(self.out, self.form, (*chosen, *more), told=shown))
 
 
 def write_collection(
@@ -57,41 +241,41 @@ def write_collection(
 ) -> str:
     """Make every instance, write a file and its words for each, a manifest and the script; `beside` is a format.
 
-    Returns a summary in words. `told` is called with (name, done, total).
+    Return a summary in words. `told` is called with (name, done, total).
     """
     if beside is not None and beside not in FORMATS:
         raise ProblemError(f"--format: there is no format {beside!r}; there are {', '.join(FORMATS)}.")
-    forms = tuple(dict.fromkeys([*([beside] if beside else []), "npz"]))
-    rows, written = [], []
+    forms = dict.fromkeys([*([beside] if beside else []), "npz"])
+    rows, sums = list[dict[str, Any]](), dict[str, str]()
     with Owned(folder) as files:
 
-        def place(name: str) -> Path:
-            written.append(files.take(name))
-            return written[-1]
+        def write(name: str, content: bytes) -> None:
+            sums[files.write(name, content)] = sha256(content).hexdigest()
 
         for done, (instance, solved) in enumerate(_made(instances)):
             told(instance.name, done, len(instances))
-            data = _encoded(instance, solved, forms)
-            put({f"{instance.name}{end}": content for end, content in data.items()}, place)
-            words = json.loads(data[".json"])
-            rows.append({"name": instance.name, "core": instance.name in CORE, **asdict(instance), **words})
-        made = {"collection": VERSION, "vemcvx": __version__, "instances": rows}
+            data = _encoded(instance, solved, tuple(forms))
+            for end, content in data.items():
+                write(f"{instance.name}{end}", content)
+            row = {"name": instance.name, "core": instance.name in CORE, **asdict(instance)}
+            row |= {"sha256": sums.get(f"{instance.name}.npz", ""), **json.loads(data[".json"])}
+            if optimum := row.get("optimum"):
+                error = optimum["energy_error"] + (2 * optimum["rounding_floor"]) ** 0.5
+                row["certified"] = error / (optimum["energy_norm"] or 1.0)
+            rows.append(row)
         about = {"version": VERSION, "vemcvx": __version__}
-        beside_this = {name: Path(__file__).with_name(name).read_text(encoding="utf-8") for name in (*TEXTS, SCRIPT)}
-        texts = {name: beside_this[name].format(**about) for name in TEXTS} | {SCRIPT: beside_this[SCRIPT]}
-        texts |= {MANIFEST: json.dumps(made, indent=1) + "\n", OPTIMA: optima(rows).csv()}
-        for name, text in texts.items():
-            files.write(place(name).name, text)
-        sums = "".join(f"{sha256(path.read_bytes()).hexdigest()}  {path.name}\n" for path in sorted(written))
-        files.write(SUMS, sums)
-    sizes = [row["unknowns"] for row in rows]
-    others = departures(rows)
+        for name in (*TEXTS, SCRIPT):
+            text = Path(__file__).with_name(name).read_text(encoding="utf-8")
+            write(name, (text.format(**about) if name in TEXTS else text).encode())
+        write(MANIFEST, in_json({"collection": VERSION, "vemcvx": __version__, "instances": rows}))
+        write(OPTIMA, optima(rows).csv().encode())
+        files.write(SUMS, "".join(f"{digest}  {name}\n" for name, digest in sorted(sums.items())))
+    sizes, others = [row["unknowns"] for row in rows], departures(rows)
     as_published = "" if others else f"; {OPTIMA} agrees with that of version {VERSION}"
     return (
         f"{len(rows)} instances of 'vemcvx collection {VERSION}' in {folder}: {min(sizes)} to {max(sizes)} unknowns\n"
-        f"{MANIFEST} has sizes, nonzeros, degenerate terms, conditions, certified optima; python {SCRIPT} confirms "
-        f"them; README.md says what the files hold{as_published}"
-        + "".join(f"\nOTHER THAN VERSION {VERSION}: {words}" for words in others)
+        f"{MANIFEST} has sizes, nonzeros and certified optima; python {SCRIPT} confirms them; README.md says what the "
+        f"files hold{as_published}" + "".join(f"\nOTHER THAN VERSION {VERSION}: {words}" for words in others)
     )
 
 
@@ -119,69 +303,39 @@ def departures(rows: Sequence[Mapping[str, Any]]) -> list[str]:
         published = {row["name"]: row for row in csv.DictReader(file)}
     found = []
     for row in csv.DictReader(optima(rows).csv().splitlines()):
-        name, known = row["name"], published.get(row["name"])
+        known = published.get(row["name"])
         if known is None:
-            found.append(f"{name} is not in it")
+            found.append(f"{row['name']} is not in it")
             continue
-        sizes = [key for key in ("grade", *SIZES, "status") if row[key] != known[key]]
-        found += [f"{name} has {key} {row[key]}, not {known[key]}" for key in sizes]
-        if row["low"] and known["low"]:
+        keys = [key for key in ("grade", *SIZES, "status") if row[key] != known[key]]
+        if not keys and row["low"]:
             low, high = (pick(float(row[key]), float(known[key])) for pick, key in ((max, "low"), (min, "high")))
-            if low - high > SAME * abs(high):
-                found.append(
-                    f"the optimum of {name} is at least {row['low']}, at most {row['high']}, not {known['high']}"
-                )
+            keys = ["low"] if low - high > SAME * abs(high) else []
+        found += [f"{row['name']} has {key} {row[key]}, not {known[key]}" for key in keys]
     return found
 
 
-@dataclass(frozen=True, kw_only=True)
-class Collection:
-    """Write the graded collection of convex programs, with certified optima and a script that confirms them."""
-
-    out: Annotated[Path, typer.Option(metavar="DIR", help="The folder to write to.")] = Path("collection")
-    form: Annotated[
-        str | None, typer.Option("--format", metavar="mtx|cbf|qps|mps", help="A format to write beside npz.")
-    ] = None
-    core: Annotated[bool, typer.Option("--core", help="The forty instances of the core set only.")] = False
-    large: Annotated[
-        bool, typer.Option("--large", help="With sparse programs of up to a million unknowns: minutes, and a GB.")
-    ] = False
-    fclib: Annotated[
-        bool, typer.Option("--fclib", help="With Coulomb's law on 100 to 10,000 contacts, as FCLIB has it: minutes.")
-    ] = False
-
-    def __call__(self) -> None:
-        """Write it, and say what there is."""
-        # What simulations log is about physics that nobody here asks for.
-        with progress_bar("reading") as shown, logged_at_most(0):
-            chosen = tuple(one for one in (*INSTANCES, *SEQUENCES) if one.name in CORE or not self.core)
-            more = (*(LARGE if self.large else ()), *(COULOMB if self.fclib else ()))
-            say(write_collection(self.out, self.form, (*chosen, *more), told=shown))
-
-
 def _encoded(instance: Instance, solved: Sequence[SolvedProgram], forms: Sequence[str]) -> dict[str, bytes]:
-    """Contents of files under the ends of their names, of one program or of a sequence; the JSON is the last.
+    """Return contents of files under the ends of their names, of one program or of a sequence; the JSON is the last.
 
     Of a sequence the value and the bounds on that are sums over all steps, errors those of the worst.
     """
     if instance.steps == 1:
         program, proof = _variant(instance, solved[0])
-        files = {end: data for form in forms for end, data in encoded(program, form).items() if data is not None}
+        files = {end: data for form in forms for end, data in encoded(program, form).items()}
         return {**files, ".json": in_json({**json.loads(files[".json"]), **proof})}
     each = [description(program) for program in solved]
     optima = [words["optimum"] for words in each]
     sums = {name: sum(one[name] for one in optima) for name in ("value", "low", "high")}
     most = {name: max(one[name] for one in optima) for name in ("gap", "rounding_floor", "energy_error", "energy_norm")}
-    words = {**each[-1], "steps": len(solved), "optimum": {**sums, **most}}
-    words["degenerate"] = {name: sum(one["degenerate"][name] for one in each) for name in words["degenerate"]}
-    files = sequence_to_npz(solved)
+    words = in_json({**each[-1], "steps": len(solved), "optimum": {**sums, **most}})
     if instance.grade == FCLIB:
-        files = {f"-{one.step}.hdf5": FORMATS["hdf5"][0](one)[".hdf5"] or b"" for one in solved}
-    return {**files, ".json": in_json(words)}
+        return {f"-{one.step}.hdf5": FORMATS["hdf5"][0](one)[".hdf5"] for one in solved} | {".json": words}
+    return sequence_to_npz(solved) | {".json": words}
 
 
 def _made(instances: Sequence[Instance]) -> Iterator[tuple[Instance, list[SolvedProgram]]]:
-    """The instances with the programs of their steps; those of one run come from one run."""
+    """Yield the instances with the programs of their steps; those of one run come from one run."""
     here, exactly = problems_folder(), Newton(accuracy=ACCURACY)
     for _, group in groupby(sorted(instances, key=lambda one: (*one.run, one.name)), key=lambda one: one.run):
         wanted = list(group)
@@ -202,7 +356,7 @@ def _made(instances: Sequence[Instance]) -> Iterator[tuple[Instance, list[Solved
 
 
 def _variant(instance: Instance, program: SolvedProgram) -> tuple[StepProgram, dict[str, Any]]:
-    """The program of an instance, and the words that prove that it has no optimum, if it has none."""
+    """Return the program of an instance, and the words that prove that it has no optimum, if it has none."""
     if instance.degenerate:
         # Terms that stick have just the weight that they need: those that slip by less than SAME of the largest slip.
         size = np.linalg.norm(program.slip(program.answer.d), axis=1)
@@ -215,7 +369,7 @@ def _variant(instance: Instance, program: SolvedProgram) -> tuple[StepProgram, d
 
 
 def _pinched(program: SolvedProgram) -> tuple[StepProgram, Floats]:
-    """The program with a second obstacle opposite the first, which it overlaps, and the multipliers that prove it.
+    """Return the program with a second obstacle opposite the first, which it overlaps, and multipliers that prove it.
 
     D_1 d <= e_1 and -D_1 d <= -e_1 - |e|_oo contradict each other: their sum is 0 <= -|e|_oo.
     """
@@ -229,7 +383,7 @@ def _pinched(program: SolvedProgram) -> tuple[StepProgram, Floats]:
 
 
 def _pushed_off(program: SolvedProgram) -> tuple[StepProgram, Floats]:
-    """The program whose load pushes it along a motion of the kernel twice as hard as friction holds it there.
+    """Return the program whose load pushes it along a motion of the kernel twice as hard as friction holds it there.
 
     Along the ray r, K r = 0 and D r <= 0, the objective falls by g'r - sum w_i |B_i r| > 0 for each length of r.
     """

@@ -1,0 +1,206 @@
+"""Programs as CBF and MPS, the text formats of conic and of quadratic programs: sparse rows of linear functions.
+
+CBF, the Conic Benchmark Format (version 1), holds every program: one cone a norm term, one for the energy.
+
+    minimise    q - g'd + w't                       over d (n), t (m), q, p (soft limits only), all free
+    subject to  (q, 1, F d, c^{1/2} p) in QR        2 q >= |F d|^2 + sum c_j p_j^2, with F'F = K
+                (t_i, B_i d - b_i)     in Q         |B_i d - b_i| <= t_i, one cone a term
+                e - D d + c p          in L+        p is the force of a soft limit
+
+F is a root of K: of a sparse one the roots of the cells' matrices, one below the other, where the program knows them
+(SolvedProgram.energy_rows), since a Cholesky factor fills up: in space, of 26,040 unknowns, that would make 617 MB of
+text, not 42. Elsewhere it is that factor; where K has a kernel, and is dense, it has as many rows less. A reader gets
+K = F'F back, with the rounding of that product. At a solution the dual of a cone Q is (w_i, -lam_i), that of L+ is p.
+
+MPS in free format with a quadratic objective, also called QPS, holds absolute values, bounds and soft limits.
+
+    minimise    1/2 d'Kd - g'd + w't + 1/2 sum c_j p_j^2      over d free, t >= 0, p >= 0
+    rows        U: B d - t <= b,   L: -B d - t <= -b,   Z: D d - c p <= e
+
+QUADOBJ is the upper triangle of the Hessian. Duals of U less those of L (of solvers whose duals of such rows are >= 0)
+are lam, those of Z are p; the columns p_j are the forces of soft limits. That t >= 0 is implied; without it HiGHS 1.15
+may call d = 0 optimal (problems/highs_optimal_at_zero.py).
+
+The comment in the first line of both gives n, m, the size of a block, the numbers of limits, of soft ones, of motions
+in the kernel of K.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.linalg import splu
+
+from vemcvx.base.arrays import Floats, Ints
+from vemcvx.base.errors import ProgramError
+from vemcvx.exchange.arrays import put_together, with_motions
+from vemcvx.program.operators import SECOND_ORDER_CONES
+from vemcvx.program.step_program import SolvedProgram, StepProgram
+
+HEAD = "vemcvx program: unknowns {} terms {} block {} limits {} soft {} motions {}"
+"""The comment in the first line."""
+
+
+def _head(program: StepProgram) -> str:
+    of, kernel = program.operators, program.operators.kernel
+    soft, motions = np.count_nonzero(of.compliance), 0 if kernel is None else kernel.shape[1]
+    sizes = len(program.g), of.count, of.block, len(program.e), soft, motions
+    return HEAD.format(*sizes)
+
+
+def _read(path: Path) -> tuple[list[int], dict[str, str]]:
+    """Return the numbers in the first line of a file, and its sections by name."""
+    text = path.read_text()
+    found = re.match("[#*] " + HEAD.replace("{}", r"(\d+)") + "\n", text)
+    if found is None:
+        raise ProgramError(f"found no first line {HEAD!r}; only files that write_program() has made are read.")
+    numbers = [int(word) for word in found.groups()]
+    if max(numbers) > len(text):
+        raise ProgramError(f"found {max(numbers)} in the first line, which a file of this size has no room for.")
+    return numbers, dict(re.findall(r"^([A-Z]+)\b.*\n((?:[^A-Z\n].*\n|(?:F|QR?|L\+) \d+\n)*)", text, re.MULTILINE))
+
+
+def triplets(rows: Any) -> Iterator[tuple[int, int, str]]:
+    """Yield row, column and value, to the bit, of the entries that are not zero, in the order of the matrix."""
+    rows.sort_indices()
+    coo = rows.tocoo()
+    for i, j, x in zip(coo.row.tolist(), coo.col.tolist(), coo.data.tolist(), strict=True):
+        if x:
+            yield i, j, repr(x)
+
+
+def root(program: StepProgram) -> sp.csr_matrix:
+    """Return F with F'F = K: rows of cells where they are known, else a factor."""
+    operators, K = program.operators, program.operators.K
+    if isinstance(program, SolvedProgram) and program.energy_rows is not None:
+        return program.energy_rows()
+    if operators.kernel is not None:
+        if not isinstance(K, np.ndarray):
+            raise ProgramError(
+                "CBF: nothing but friction and contact holds the body, and a sparse K with a kernel has none here; "
+                "take the condensed program, or write .npz or .mtx."
+            )
+        values, vectors = np.linalg.eigh(0.5 * (K + K.T))
+        kept = slice(operators.kernel.shape[1], None)
+        return sp.csr_matrix(np.sqrt(values[kept])[:, None] * vectors[:, kept].T)
+    if isinstance(K, np.ndarray):
+        return sp.csr_matrix(np.linalg.cholesky(K).T)
+    lu = splu(sp.csc_matrix(K), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+    upper = sp.csr_matrix(sp.diags_array(np.sqrt(lu.U.diagonal())) @ lu.L.T)
+    return sp.csr_matrix(upper[:, lu.perm_c])
+
+
+def to_cbf(program: StepProgram) -> dict[str, bytes]:
+    """Return the file, under its suffix."""
+    soft = np.flatnonzero(program.operators.compliance)
+    A, b, cones = _cone_rows(program, soft)
+    cost = np.concatenate([-program.g, program.w, [1.0], np.zeros(len(soft))])
+    entries = {
+        "OBJACOORD": [f"{j} {x}" for _, j, x in triplets(sp.csr_matrix(cost))],
+        "ACOORD": [f"{i} {j} {x}" for i, j, x in triplets(A)],
+        "BCOORD": [f"{i} {x}" for _, i, x in triplets(sp.csr_matrix(b))],
+    }
+    lines = [f"# {_head(program)}", "VER", "1", "", "OBJSENSE", "MIN", "", "VAR", f"{len(cost)} 1", f"F {len(cost)}"]
+    lines += ["", "CON", f"{len(b)} {len(cones)}", *cones]
+    lines += [line for name, found in entries.items() for line in ("", name, str(len(found)), *found)]
+    return {".cbf": "\n".join([*lines, ""]).encode()}
+
+
+def _cone_rows(program: StepProgram, soft: Ints) -> tuple[sp.csr_matrix, Floats, list[str]]:
+    """Return A and b of A x + b, x = (d, t, q, p), and the cones that its rows are in."""
+    operators = program.operators
+    m, block, c, F = operators.count, operators.block, operators.compliance, root(program)
+    energy = 2 + F.shape[0] + len(soft)
+    blocks: Any = [
+        [None, None, np.array([[1.0], [0.0]]), None],
+        [F, None, None, None],
+        [None, None, None, sp.diags_array(np.sqrt(c[soft]))],
+        [None, sp.eye_array(m), None, None],
+        [operators.B, None, None, None],
+        [-operators.D, None, None, sp.diags_array(c, format="csc")[:, soft]],
+    ]
+    A: sp.csr_matrix = sp.csr_matrix(sp.block_array(blocks))
+    b = np.concatenate([[0.0, 1.0], np.zeros(energy - 2 + m), -program.b, program.e])
+    # A cone's first row is that of t_i, the others are those of B_i.
+    terms = np.concatenate([np.arange(m)[:, None], m + np.arange(m * block).reshape(m, block)], axis=1).ravel()
+    order = np.concatenate([np.arange(energy), energy + terms, np.arange(len(b) - len(c), len(b))])
+    return A[order], b[order], _cones(energy, m, block, len(c))
+
+
+def _cones(energy: int, m: int, block: int, limits: int) -> list[str]:
+    return [f"QR {energy}", *[f"Q {1 + block}"] * m, *([f"L+ {limits}"] if limits else [])]
+
+
+def from_cbf(path: Path) -> StepProgram:
+    """Return the program of a file of this form, K = F'F."""
+    (n, m, block, r, s, motions), sections = _read(path)
+    rows, cones = int(sections["CON"].split()[0]), sections["CON"].splitlines()[1:]
+    energy = rows - r - m * (1 + block)
+    if cones != _cones(energy, m, block, r):
+        raise ProgramError("its cones are not those that the first line announces.")
+
+    def entries(name: str, rows: int, columns: int) -> sp.csr_matrix:
+        """Return the entries of a section as a matrix; of one row where it names columns only."""
+        width = 2 if name != "ACOORD" else 3
+        numbers = np.array(sections[name].split()[1:], dtype=float).reshape(-1, width).T
+        places = numbers[:-1].astype(np.int64)
+        return sp.csr_matrix((numbers[-1], (places[0] * (width == 3), places[-1])), shape=(rows, columns))
+
+    cost, b = (entries(name, 1, k).toarray()[0] for name, k in (("OBJACOORD", n + m + 1 + s), ("BCOORD", rows)))
+    A = entries("ACOORD", rows, len(cost))
+    cone = energy + np.arange(m * (1 + block)).reshape(m, 1 + block)[:, 1:].ravel()
+    F, limits = A[2 : energy - s, :n], slice(rows - r, rows)
+    parts = {"g": -cost[:n], "w": cost[n : n + m], "B": A[cone, :n], "b": -b[cone]}
+    parts |= {"D": -A[limits, :n], "e": b[limits], "c": A[limits, n + m + 1 :] @ np.ones(s)}
+    return put_together(parts | with_motions(0.5 * (F.T @ F + (F.T @ F).T), motions))
+
+
+def _names(n: int, m: int, r: int) -> Iterator[list[str]]:
+    """Yield the names of the rows, the objective last, and of the columns, the right side last."""
+    for sizes, last in (({"U": m, "L": m, "Z": r}, "cost"), ({"d": n, "t": m, "p": r}, "rhs")):
+        yield [*(f"{letter}{k + 1}" for letter, size in sizes.items() for k in range(size)), last]
+
+
+def to_mps(program: StepProgram, suffix: str = ".mps") -> dict[str, bytes]:
+    """Return the file, under its suffix.
+
+    ProgramError where the program has second-order cones.
+    """
+    operators, n, m, r = program.operators, len(program.g), len(program.w), len(program.e)
+    if SECOND_ORDER_CONES in operators.features:
+        raise ProgramError("MPS has no second-order cones, which this program has; write .cbf, .npz or .mtx.")
+    B, D, c, one = operators.B, operators.D, sp.diags_array(operators.compliance), sp.eye_array(m)
+    blocks: Any = [[B, -one, None], [-B, -one, None], [D, None, -c]]
+    A, bounds = sp.block_array(blocks), np.concatenate([program.b, -program.b, program.e])
+    quadratic = sp.block_diag([sp.triu(sp.csr_matrix(operators.K)), sp.csr_matrix((m, m)), c], format="csr")
+    rows, columns = _names(n, m, r)
+    entries = [(j, -1, repr(x)) for j, x in enumerate(np.append(-program.g, program.w).tolist())]  # zeros, too
+    lines = [f"* {_head(program)}", "NAME vemcvx", "ROWS", " N cost", *(f" L {name}" for name in rows[:-1])]
+    lines += ["COLUMNS"]
+    lines += [f" {columns[j]} {rows[i]} {x}" for j, i, x in sorted([*entries, *triplets(sp.csr_matrix(A.T))])]
+    lines += ["RHS", *(f" rhs {rows[i]} {x}" for _, i, x in triplets(sp.csr_matrix(bounds)))]
+    lines += ["BOUNDS", *(f" FR bound {name}" for name in columns[:n])]
+    lines += ["QUADOBJ", *(f" {columns[i]} {columns[j]} {x}" for i, j, x in triplets(quadratic)), "ENDATA", ""]
+    return {suffix: "\n".join(lines).encode()}
+
+
+def from_mps(path: Path) -> StepProgram:
+    """Return the program of a file of this form."""
+    (n, m, _, r, _, motions), sections = _read(path)
+    rows, columns = ({name: k for k, name in enumerate(names)} for names in _names(n, m, r))
+
+    def matrix(text: str, second: dict[str, int]) -> sp.csr_matrix:
+        words = [(columns[one], second[two], float(x)) for one, two, x in map(str.split, text.splitlines())]
+        i, j, x = zip(*words, strict=True) if words else ((), (), ())
+        return sp.csr_matrix((x, (i, j)), shape=(len(columns), len(second)), dtype=float)
+
+    A, Q = matrix(sections["COLUMNS"] + sections["RHS"], rows).T.tocsr(), matrix(sections["QUADOBJ"], columns)
+    cost, bounds = A[-1].toarray()[0], A[:, -1].toarray().ravel()
+    parts = {"g": -cost[:n], "w": cost[n : n + m], "c": Q.diagonal()[n + m : -1], "B": A[:m, :n], "b": bounds[:m]}
+    parts |= {"D": A[2 * m : -1, :n], "e": bounds[2 * m : -1]}
+    return put_together(parts | with_motions(sp.csr_matrix(Q + sp.triu(Q, 1).T)[:n, :n], motions))

@@ -68,7 +68,7 @@ CASES = (
     ),
     file("a file cut short", ".vtu", "mesh.vtu", lambda data: data[: len(data) // 2]),
     file("a file of another kind", ".vtu", "mesh.vtu", lambda data: b"\x89PNG\r\n" + bytes(200)),
-    file("an empty file", ".vtk", "mesh.vtk", lambda data: b""),
+    file("an empty file", ".vtu", "mesh.vtu", lambda data: b""),
     file("a file of no known kind", ".docx", "mesh.docx"),
     Case("a format that loses polygons", lost_cells, REFUSAL, ".msh files do not keep polygons"),
     bad("NaN in the bound", "found NaN", bound=np.nan),

@@ -316,13 +316,6 @@ def test_files_keep_interfaces(tmp_path):
     mesh.write(tmp_path / "mesh.vtu")
     assert_same(mesh, vx.meshes.read(tmp_path / "mesh.vtu"))
     assert_same(mesh, pickle.loads(pickle.dumps(mesh)))
-    two = bodies({"a": cubes(1), "b": cubes(1, ((1, 2), (0, 1), (0, 1)))})
-    two.write(tmp_path / "mesh.vtk")
-    again = vx.meshes.read(tmp_path / "mesh.vtk")
-    assert_matched(again, 1.0)
-    assert again.interfaces["a|b"].bodies == ("a", "b")
-    with pytest.raises(vx.MeshError, match=r"\.msh files do not keep interfaces of bodies"):
-        two.write(tmp_path / "mesh.msh")
 
 
 @pytest.mark.long

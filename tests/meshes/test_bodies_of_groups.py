@@ -54,6 +54,47 @@ def test_groups_become_bodies(tmp_path, double):
     assert history.contact.pressure[-1] @ weights == pytest.approx(0.1, rel=1e-12)
 
 
+def test_groups_of_cells_of_second_order_become_bodies(tmp_path):
+    points = [(x, y, 0) for y in (0.0, 0.5, 1.0) for x in (0.0, 0.5, 1.0, 1.5, 2.0)]
+    cells = [[0, 2, 12, 10, 1, 7, 11, 5], [2, 4, 14, 12, 3, 9, 13, 7]]
+    tags = [np.array([3]), np.array([1, 2])]
+    mesh = meshio.Mesh(
+        points,
+        [("line3", [[2, 12, 7]]), ("quad8", cells)],
+        cell_data={"gmsh:physical": tags, "gmsh:geometrical": tags},
+        field_data={"plate": np.array([1, 2]), "pin": np.array([2, 2]), "joint": np.array([3, 1])},
+    )
+    meshio.write(tmp_path / "two.msh", mesh, file_format="gmsh22", binary=False)
+    with pytest.warns(vx.MeshWarning, match="cells of second order .line3, quad8. are read by their corners") as caught:
+        found = vx.meshes.read(tmp_path / "two.msh", bodies="physical")
+    assert len(caught) == 1
+    assert (found.n_cells, found.n_nodes, list(found.interfaces)) == (2, 8, ["joint"])
+
+
+def test_an_arc_that_is_named_on_one_side_names_the_interface(tmp_path):
+    """A disc in a hole of another mesh: tolerance= is the distance of their polygons; edges are not the same."""
+    hole, disc = vx.meshes.ring((1.0, 2.0), 12), vx.meshes.ring((0.3, 1.0), 16)
+    points = np.concatenate([hole.points, disc.points])
+    inner = hole.boundaries["boundary"]
+    inner = inner[np.linalg.norm(hole.points[inner], axis=2).max(axis=1) < 1.5]
+    cells = np.concatenate([np.array(hole.cells), np.array(disc.cells) + hole.n_nodes])
+    tags = [np.full(len(inner), 3), np.repeat([1, 2], [hole.n_cells, disc.n_cells])]
+    mesh = meshio.Mesh(
+        np.pad(points, ((0, 0), (0, 1))),
+        [("line", inner), ("quad", cells)],
+        cell_data={"gmsh:physical": tags, "gmsh:geometrical": tags},
+        field_data={"plate": np.array([1, 2]), "pin": np.array([2, 2]), "bore": np.array([3, 1])},
+    )
+    meshio.write(tmp_path / "two.msh", mesh, file_format="gmsh22", binary=False)
+    with pytest.raises(vx.MeshError, match="tolerance="):
+        vx.meshes.read(tmp_path / "two.msh", bodies="physical")
+    found = vx.meshes.read(tmp_path / "two.msh", bodies="physical", tolerance=0.05)
+    assert list(found.interfaces) == ["bore"]
+    assert len(found.interfaces["bore"].edges) > 16
+    with pytest.raises(vx.MeshError, match="read: found bodies = None; there is 'physical', with which tolerance="):
+        vx.meshes.read(tmp_path / "two.msh", tolerance=0.05)
+
+
 def test_groups_without_names_are_called_by_their_numbers(tmp_path):
     mesh = vx.meshes.read(write(tmp_path / "two.msh", False, names=False), bodies="physical")
     assert list(mesh.interfaces) == ["11|12"]
@@ -62,13 +103,15 @@ def test_groups_without_names_are_called_by_their_numbers(tmp_path):
 
 def test_cells_in_no_group_are_refused(tmp_path):
     path = write(tmp_path / "two.msh", False, outside=True)
-    with pytest.raises(vx.MeshError, match=r"two\.msh: bodies='physical' .* 1 of its cells are in none; wanted is"):
+    with pytest.raises(
+        vx.MeshError, match=r"two\.msh: bodies='physical' .* Wanted are two, .*; here, 1 of its cells are in none"
+    ):
         vx.meshes.read(path, bodies="physical")
     vtu = tmp_path / "one.vtu"
     vx.meshes.squares(2).write(vtu)
     with pytest.raises(vx.MeshError, match=r"one\.vtu: bodies='physical' makes a body of every physical group"):
         vx.meshes.read(vtu, bodies="physical")
-    with pytest.raises(vx.MeshError, match=r"read: found bodies = 'all'; there is 'physical', or None"):
+    with pytest.raises(vx.MeshError, match=r"read: found bodies = 'all'; there is 'physical', with which"):
         vx.meshes.read(vtu, bodies="all")
 
 

@@ -1,69 +1,302 @@
-"""Mesh files of other programs: order, groups, what is no plane mesh of polygons."""
+"""Mesh files of other programs: what is read, what is refused by name, and what damaged files say."""
 
 from __future__ import annotations
+
+import warnings
+from pathlib import Path
 
 import meshio
 import numpy as np
 import pytest
+from hostile import mutated, read_all
+from polydata import POLYHEDRA
 
 import vemcvx as vx
 from vemcvx.meshes import read
 
+FILES = Path(__file__).parent / "files"
 SQUARE = np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)])
+FLAT = "*NODE\n1, 0, 0\n2, 1, 0\n3, 1, 1\n4, 0, 1\n"
 
 
-def foreign(path, points, cells, **data):
-    meshio.Mesh(points, cells, **data).write(path, **({"file_format": "gmsh22"} if path.suffix == ".msh" else {}))
+def counted(**wanted):
+    """Whether a mesh has so many cells, these cell data and, besides "boundary", these boundaries."""
+
+    def check(mesh):
+        assert mesh.n_cells == wanted["cells"]
+        assert {name: mesh.cell_data[name].tolist() for name in wanted.get("data", {})} == wanted.get("data", {})
+        if "named" in wanted:
+            assert set(mesh.boundaries) == {*wanted["named"], "boundary"}
+        if "points" in wanted:
+            assert mesh.points.tolist() == wanted["points"]
+
+    return check
 
 
-def flat(points, z=0.0):
-    return np.pad(np.asarray(points, dtype=float), ((0, 0), (0, 1)), constant_values=z)
+STEEL = [(-1.5e-3, 0.0), (1.5e-3, 0.0), (1.5e-3, 2.5e-3), (-1.5e-3, 2.5e-3)]
+READ = {
+    "a3_elset_second.inp": counted(cells=3, data={"STEEL": [0, 0, 1]}),
+    "b11_second_elset_missing_first.inp": counted(
+        cells=2, data={"STEEL": [1, 1]}, named=("left", "right", "bottom", "top")
+    ),
+    "b1_comment_in_elements.inp": counted(cells=2),
+    "a2_instance_moved.inp": counted(cells=1, points=(SQUARE + np.array([5.0, 7.0])).tolist()),
+    "a7_cpe4.inp": counted(cells=1),
+    "b5_surface.inp": counted(cells=1, data={"P": [1]}, named=("FLOOR", "CEILING")),
+    "a8b_include.inp": counted(cells=1, data={"PLATE": [1]}),
+    "n4b_large_mixed.bdf": counted(cells=2),
+    "n2_theta.bdf": counted(cells=1),
+    "n1b_D_exp.bdf": counted(cells=1, points=list(map(list, STEEL))),
+    "n5_no_begin.bdf": counted(cells=1),
+    "g9_samename_22.msh": counted(cells=2, data={"steel": [1, 1]}, named=("steel",)),
+    "g3_saveall_41.msh": counted(cells=2, data={"all": [1, 1], "steel": [0, 1]}, named=("floor", "outer")),
+}
+REFUSED = {
+    "a1_two_parts.inp": "nodes 3 and 4 are in the same place.* Where 'Lower-1', 'Upper-1' are bodies, .*='physical'",
+    "b10_elgen.inp": r"its keyword \*ELGEN is not read; write all nodes",
+    "n3_cyl.bdf": "GRID 1 is in the coordinate system 10; export nodes in the basic one",
+    "g4_parametric_22.msh": ".*save without parametric coordinates",
+}
 
 
-def test_constant_height_is_dropped(tmp_path):
-    foreign(tmp_path / "mesh.vtu", flat(SQUARE, 7.5), [("quad", [[0, 1, 2, 3]])])
-    np.testing.assert_array_equal(read(tmp_path / "mesh.vtu").points, SQUARE)
+@pytest.mark.parametrize("name", [*READ, *REFUSED])
+def test_files_that_users_of_other_programs_have(name, capfd):
+    if name in READ:
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", message=".*not read are, elements of the type T2D2")
+            READ[name](read(FILES / name))
+    else:
+        with pytest.raises(vx.MeshError, match=f"{name}: {REFUSED[name]}"):
+            read(FILES / name)
+    assert capfd.readouterr() == ("", "")
 
 
-def test_polygons_of_other_programs_keep_their_order(tmp_path):
-    points = [*SQUARE, (2.0, 0.0), (2.0, 1.0), (0.5, 1.5)]
-    cells = [("triangle", [[1, 4, 5]]), ("polygon", [[0, 1, 2, 6, 3]]), ("triangle", [[1, 5, 2]])]
-    foreign(tmp_path / "mesh.vtu", flat(points), cells)
-    assert [cell.tolist() for cell in read(tmp_path / "mesh.vtu").cells] == [[1, 4, 5], [0, 1, 2, 6, 3], [1, 5, 2]]
+def test_what_these_files_have_where_names_are():
+    named = read(FILES / "b5_surface.inp")
+    assert named.boundaries["FLOOR"].tolist() == [[0, 1]]
+    assert named.boundaries["CEILING"].tolist() == [[2, 3]]
+    two = read(FILES / "a1_two_parts.inp", bodies="physical")
+    assert list(two.interfaces) == ["Lower-1|Upper-1"]
+    assert two.measures.tolist() == [1.0, 9.0]
+    for name, words in (("g3_saveall_41.msh", "1 of its cells are in several, 'all' and 'steel'"),
+                        ("a3_elset_second.inp", "2 of its cells are in none"),
+                        ("a8b_include.inp", "there is one, 'PLATE'; read it without bodies="),
+                        ("a7_cpe4.inp", "there is none")):  # fmt: skip
+        with pytest.raises(vx.MeshError, match=f"{name}: bodies='physical' makes a body of every .*; here, {words}"):
+            read(FILES / name, bodies="physical")
+
+
+def test_a_rod_whose_third_cell_is_steel():
+    """Sets that went to other cells gave .01, 1.01, 2.01: the end is right, and nobody notices."""
+    mesh = read(FILES / "a3_elset_second.inp").with_cell_data("SOFT", [1, 1, 0])
+    scene = vx.Scene(
+        vx.Elasticity(1.0, 0.0, on="SOFT"),
+        vx.Elasticity(100.0, 0.0, on="STEEL"),
+        vx.Clamp(on="left"),
+        vx.Traction((1.0, 0.0), on="right"),
+    )
+    u = vx.simulate(scene, mesh, [0.0, 1.0], initial="settled").displacement[-1, :, 0]
+    assert u[1:4] == pytest.approx([1.0, 2.0, 2.01], rel=1e-9)
+
+
+# Abaqus.
+
+DECK = """*heading
+a deck that people write
+*Node, nset=Everything
+1, 0.,
+2, 1.D0, 0.
+3, 1., 1., 0., 0., 0., 1.
+4, 0., 1.
+ 5, 2., 0.
+6, 2., 1.,
+*Element,
+ type=cpe4rh, elset=Left
+7, 1, 2,
+ 3, 4
+*ELEMENT, TYPE=CPS4I, ELSET="RIGHT"
+8, 2, 5, 6, 3
+*Nset, nset=Floor, generate
+1, 2
+5, 5, 1
+*NSET, NSET=floor
+1
+*Elset, elset=both
+left, right
+*Elset, elset=_top_S3, internal, generate
+ 7, 8, 1
+*Surface, type=element, name=top
+_top_S3, S3
+*Surface, type=NODE, name=ends
+2, 1.
+Floor,
+*Surface, name=far
+8, S2
+*Surface, name=free
+both,
+*Element, type=CAX4
+9, 1, 2, 3, 4
+*Spring, elset=x
+*Step
+*End Step
+"""
+
+
+def test_a_deck_as_people_write_it(tmp_path):
+    path = tmp_path / "deck.inp"
+    path.write_text(DECK)
+    with pytest.warns(vx.MeshWarning, match=r"not read are, the surface free .*both.*, elements of the type CAX4"):
+        mesh = read(path)
+    assert mesh.points.tolist() == [*SQUARE.tolist(), [2.0, 0.0], [2.0, 1.0]]
+    assert {name: values.tolist() for name, values in mesh.cell_data.items()} == {
+        "Left": [1, 0],
+        "RIGHT": [0, 1],
+        "both": [1, 1],
+    }
+    assert {
+        name: sorted(map(sorted, edges.tolist())) for name, edges in mesh.boundaries.items() if name != "boundary"
+    } == {
+        "top": [[2, 3], [2, 5]],
+        "far": [[4, 5]],
+        "Everything": sorted(map(sorted, mesh.boundaries["boundary"].tolist())),
+        "Floor": [[0, 1], [1, 4]],
+        "ends": [[0, 1], [1, 4]],
+    }
+
+
+PART = (
+    "*PART, NAME=Block\n" + FLAT + "*ELEMENT, TYPE=CPS4, ELSET=Iron\n1, 1, 2, 3, 4\n*NSET, NSET=base\n1, 2\n*END PART\n"
+)
+ASSEMBLY = """*ASSEMBLY, NAME=A
+*INSTANCE, NAME=low, PART=BLOCK
+*END INSTANCE
+*INSTANCE, NAME=high, PART=Block
+, 1.
+.5, 1.5, 0., .5, 1.5, 1., 90.
+*END INSTANCE
+*ELSET, ELSET=_s, INTERNAL, INSTANCE=high
+1
+*SURFACE, NAME=side
+_s, S3
+*SURFACE, NAME=roof
+low.Iron, S3
+*NSET, NSET=hold, INSTANCE=low, GENERATE
+1, 2
+*END ASSEMBLY
+"""
+
+
+def test_instances_are_bodies_where_they_are_moved_and_turned(tmp_path):
+    """One part, placed twice: the second 1 up, and turned by a right angle about its middle."""
+    path = tmp_path / "two.inp"
+    path.write_text(PART + ASSEMBLY)
+    mesh = read(path, bodies="physical")
+    np.testing.assert_allclose(mesh.centroids, [(0.5, 0.5), (0.5, 1.5)], rtol=1e-15)
+    assert {name: of.bodies for name, of in mesh.interfaces.items()} == {"roof": ("low", "high")}  # named on one side
+    middles = {name: mesh.points[edges].mean(axis=(0, 1)).round(12).tolist() for name, edges in mesh.boundaries.items()}
+    assert middles == {
+        "low.base": [0.5, 0.0],
+        "low.hold": [0.5, 0.0],
+        "high.base": [1.0, 1.5],
+        "high.side": [0.0, 1.5],
+        "roof": [0.5, 1.0],
+        "boundary": [0.5, 1.0],
+    }
+    assert mesh.cell_data["Iron"].tolist() == [1, 1]
+    assert mesh.cell_data["high"].tolist() == [0, 1]
 
 
 @pytest.mark.parametrize(
-    ("points", "cells", "message"),
+    ("deck", "message"),
     [
-        (np.column_stack([SQUARE, [0, 0, 0, 1]]), [("quad", [[0, 1, 2, 3]])], "z = constant: z runs from 0 to 1"),
-        (flat(SQUARE), [("VTK_LAGRANGE_CURVE", [[0, 1, 2]])], "cells of the kind 'number 68 of VTK'"),
-        (flat(SQUARE), [("line", [[0, 1]])], "it holds no polygons, only line"),
-        (flat(SQUARE), [("quad", [[0, 2, 1, 3]])], "mesh.vtu: cell 0 has no area .* crosses itself"),
-        (flat(SQUARE), [("quad", [[0, 1, 2, 9]])], "mesh.vtu: cell 0 names node 9"),
-        (flat([*SQUARE[:3], (np.nan, 1)]), [("quad", [[0, 1, 2, 3]])], r"mesh.vtu: node 3 is at \(nan, 1.0\)"),
+        ("*NODE, SYSTEM=C\n1, 1., 30.\n", r"its keyword \*NODE, SYSTEM=C is not read"),
+        ("*SYSTEM\n0., 0., 0., 1., 0., 0.\n" + FLAT, r"its keyword \*SYSTEM is not read"),
+        ("*ngen\n1, 5\n", r"its keyword \*NGEN is not read"),
+        ("*INSTANCE, NAME=a, LIBRARY=old\n", r"its keyword \*INSTANCE, LIBRARY=old is not read"),
+        ("*INSTANCE, NAME=a, PART=b\n", "its instance a is of the part b, which is not there"),
+        ("*INCLUDE, INPUT=none.inp\n", "it names the file .*none.inp, which is not there"),
+        ("*INCLUDE, INPUT=deck.inp\n", "cannot be read as a mesh .RecursionError"),
+        (FLAT + "*ELEMENT, TYPE=CPS4\n1, 1, 2, 3\n", "its elements of the type CPS4 do not all have 4 nodes"),
+        (FLAT + "*ELEMENT, TYPE=CAX4\n1, 1, 2, 3, 4\n", "no polygons, .*not read are, elements of the type CAX4"),
+        (
+            FLAT + "*ELEMENT, TYPE=CPS4\n1, 1, 2, 3, 9\n",
+            "cannot be read as a mesh .ReadError: reference to an undefined",
+        ),
+        (
+            FLAT + "*ELEMENT, TYPE=CPS3\n1, 1, 2, 3\n*SURFACE, NAME=a\n1, S4\n",
+            "the side S4 of a triangle, which has none",
+        ),
     ],
 )
-def test_files_of_other_things(points, cells, message, tmp_path):
-    foreign(tmp_path / "mesh.vtu", points, [(kind, np.array(corners)) for kind, corners in cells])
-    with pytest.raises(vx.MeshError, match=message):
-        read(tmp_path / "mesh.vtu")
+def test_decks_that_are_refused(deck, message, tmp_path):
+    (tmp_path / "deck.inp").write_text(deck)
+    with pytest.raises(vx.MeshError, match=f"deck.inp.*{message}"):
+        read(tmp_path / "deck.inp")
 
 
-def test_mending_is_said_with_the_path(tmp_path):
-    foreign(tmp_path / "mesh.vtu", flat([*SQUARE, (5, 5)]), [("quad", np.array([[3, 2, 1, 0]]))])
-    with pytest.warns(vx.MeshWarning) as caught:
-        mesh = read(tmp_path / "mesh.vtu")
-    messages = [str(warning.message) for warning in caught]
-    assert all(message.startswith(f"{tmp_path / 'mesh.vtu'}: ") for message in messages)
-    assert "clockwise" in messages[0]
-    assert "dropped" in messages[1]
-    assert messages[2].endswith(
-        "no part of the boundary has a name; by their place, sides are called left, right, bottom, top."
-    )
-    assert len(messages) == 3
-    assert caught[0].filename == __file__
-    assert mesh.node_map.tolist() == [0, 1, 2, 3, -1]
+SOLIDS = {"C3D4": "tetrahedra", "C3D8": "cubes", "C3D6": "wedges"}
 
+
+@pytest.mark.parametrize("kind", SOLIDS)
+def test_sides_of_solids_have_the_numbers_of_abaqus(kind, tmp_path):
+    """Each side of one cell, named in its own way, is a face of its own: S1 is the bottom."""
+    points = {"C3D4": "000 100 010 001", "C3D6": "000 100 010 001 101 011", "C3D8": "000 100 110 010 001 101 111 011"}
+    corners = [" ".join(place) for place in points[kind].split()]
+    nodes = "".join(f"{k}, {', '.join(x.split())}\n" for k, x in enumerate(corners, 1))
+    count = {"C3D4": 4, "C3D6": 5, "C3D8": 6}[kind]
+    surfaces = "".join(f"*SURFACE, NAME=s{k}\n1, S{k}\n" for k in range(1, count + 1))
+    numbers = ", ".join(map(str, range(1, len(corners) + 1)))
+    (tmp_path / "one.inp").write_text(f"*NODE\n{nodes}*ELEMENT, TYPE={kind}\n1, {numbers}\n{surfaces}")
+    mesh = read(tmp_path / "one.inp")
+    assert sorted(np.concatenate([mesh.boundaries[f"s{k}"] for k in range(1, count + 1)])) == list(range(count))
+    normals = {k: mesh.face_normals[mesh.boundaries[f"s{k}"][0]].round(3).tolist() for k in range(1, count + 1)}
+    assert normals[1] == [0, 0, -1]
+    expected = {"C3D4": {2: [0, -1, 0], 4: [-1, 0, 0]}, "C3D6": {2: [0, 0, 1], 3: [0, -1, 0], 5: [-1, 0, 0]}}
+    expected["C3D8"] = {2: [0, 0, 1], 3: [0, -1, 0], 4: [1, 0, 0], 5: [0, 1, 0], 6: [-1, 0, 0]}
+    assert {k: normals[k] for k in expected[kind]} == expected[kind]
+
+
+# Nastran.
+
+BULK = """$ a comment
+grid,1,,0.,0.,0.
+GRID*                  2                              1.              0.
+*                     0.
+grid           3              1.      1.
+GRID           4              0.      1.      0.
+ctria6,1,7,1,2,3,,,
+CTRIA3         2       8       1       3       4     45.      .1
+MAT1           1    210.              .3
+"""
+
+
+def test_cards_in_every_form(tmp_path):
+    """Free, small and large fields; no BEGIN BULK, no ENDDATA; what is behind the nodes of a cell is dropped."""
+    (tmp_path / "mesh.bdf").write_text(BULK)
+    mesh = read(tmp_path / "mesh.bdf")
+    assert [cell.tolist() for cell in mesh.cells] == [[0, 1, 2], [0, 2, 3]]
+    assert mesh.points.tolist() == SQUARE.tolist()
+    assert mesh.cell_data["nastran:ref"].tolist() == [7, 8]
+
+
+@pytest.mark.parametrize(
+    ("card", "message"),
+    [
+        ("CBUSH,9,1,1,2", "its card CBUSH 9 is not read"),
+        ("GRDSET,,10", "its card GRDSET  is not read"),
+        ("GRID,9,4,1.,0.,0.", "GRID 9 is in the coordinate system 4"),
+        ("INCLUDE 'other.bdf'", "its card INCLUDE"),
+        ("CTRIA3,9,1,1,2,77", "cannot be read as a mesh .KeyError"),
+        ("CTRIA3,9,1,1,2", "its card CTRIA3 9 has fewer than 3 nodes"),
+    ],
+)
+def test_cards_that_are_refused(card, message, tmp_path):
+    (tmp_path / "mesh.bdf").write_text(f"{BULK}{card}\n")
+    with pytest.raises(vx.MeshError, match=f"mesh.bdf.*{message}"):
+        read(tmp_path / "mesh.bdf")
+
+
+# Gmsh.
 
 GMSH = """$MeshFormat
 4.1 0 8
@@ -128,20 +361,126 @@ def test_groups_of_gmsh(tmp_path, capfd):
     assert mesh.cell_data["steel"].tolist() == [1, 0]
     assert mesh.cell_data["all of it"].tolist() == [1, 1]
     assert capfd.readouterr() == ("", "")
-
-
-def test_a_group_called_boundary_must_be_the_boundary(tmp_path):
     (tmp_path / "mesh.msh").write_text(GMSH.replace("floor", "boundary"))
     with pytest.raises(vx.MeshError, match="mesh.msh: the name 'boundary' is taken"):
         read(tmp_path / "mesh.msh")
+    (tmp_path / "mesh.msh").write_text(GMSH.replace("2 1 0 4\n", "2 1 1 4\n"))
+    with pytest.raises(vx.MeshError, match="save without parametric coordinates"):
+        read(tmp_path / "mesh.msh")
 
 
-def test_sets_of_other_programs_become_names(tmp_path):
-    (tmp_path / "mesh.inp").write_text(
-        "*NODE\n1, 0, 0\n2, 1, 0\n3, 1, 1\n4, 0, 1\n*ELEMENT, TYPE=CPS3\n1, 1, 2, 3\n2, 1, 3, 4\n"
-        "*ELSET, ELSET=soft\n2\n"
+def test_a_cell_that_version_2_writes_once_for_each_of_its_groups(tmp_path):
+    """Overlapping groups in space, surfaces with names and without, a node that no cell has."""
+    nodes = "1 0 0 0\n2 1 0 0\n3 0 1 0\n4 0 0 1\n5 1 1 1\n9 7 7 7\n"
+    cells = (
+        "1 2 2 1 1 1 3 2\n2 2 2 5 2 1 2 4\n3 2 2 1 1 2 3 4\n4 4 2 7 1 1 2 3 4\n6 4 2 8 1 1 2 3 4\n5 4 2 8 1 5 2 3 4\n"
     )
-    assert read(tmp_path / "mesh.inp").cell_data["soft"].tolist() == [0, 1]
+    (tmp_path / "mesh.msh").write_text(
+        '$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$PhysicalNames\n2\n2 1 "floor"\n3 7 "steel"\n$EndPhysicalNames\n'
+        f"$Nodes\n6\n{nodes}$EndNodes\n$Elements\n6\n{cells}$EndElements\n"
+    )
+    with pytest.warns(vx.MeshWarning) as caught:
+        mesh = read(tmp_path / "mesh.msh")
+    said = " ".join(str(one.message) for one in caught)
+    assert "1 of 2 polygons named 'floor' are not on the boundary and are left out" in said
+    assert "1 of 6 nodes belong to no cell" in said
+    assert (mesh.face_normals[mesh.boundaries["floor"]] == (0, 0, -1)).all()
+    assert set(mesh.boundaries) == {"floor", "5", "boundary"}
+    assert mesh.cell_data["steel"].tolist() == [1, 0]
+    assert mesh.cell_data["8"].tolist() == [1, 1]
+    assert mesh.volumes.tolist() == pytest.approx([1 / 6, 1 / 3])
+    with pytest.raises(vx.MeshError, match="1 of its cells are in several, 'steel' and '8'"):
+        read(tmp_path / "mesh.msh", bodies="physical")
+
+
+@pytest.mark.parametrize("version", ["2.2", "4.0", "4.1"])
+def test_binary_files_of_gmsh(version, tmp_path):
+    from meshio.gmsh import main as gmsh
+
+    tags = {name: [np.ones(2, dtype=int)] for name in ("gmsh:physical", "gmsh:geometrical")} | {"a": [np.arange(2.0)]}
+    cells = [("triangle", np.array([(0, 1, 2), (0, 2, 3)]))]
+    mesh = meshio.Mesh(flat(SQUARE), cells, cell_data=tags)
+    gmsh.write(str(tmp_path / "mesh.msh"), mesh, version, binary=True)
+    assert read(tmp_path / "mesh.msh").cell_data["a"].tolist() == [0, 1]
+
+
+def test_entities_of_binary_files(tmp_path):
+    """Gmsh's own binary layout of version 4.1: the sections of the text above, number by number."""
+    data, size, real, whole = GMSH.encode(), np.uint64, np.float64, np.int32
+    lines = {
+        part: data.split(b"$%s\n" % part)[1].split(b"$End")[0].split() for part in (b"Entities", b"Nodes", b"Elements")
+    }
+    kinds = {b"Entities": [size] * 4, b"Nodes": [size] * 4 + [whole] * 3 + [size] * 5 + [real] * 12}
+    for count, dim in ((4, 0), (5, 1), (2, 2)):
+        for _ in range(count):
+            start = len(kinds[b"Entities"])
+            more = [whole] + [real] * (3 if dim == 0 else 6) + [size]
+            groups = int(lines[b"Entities"][start + len(more) - 1])
+            more += [whole] * groups + [size] * (dim > 0)
+            bounds = int(lines[b"Entities"][start + len(more) - 1]) if dim else 0
+            kinds[b"Entities"] += more + [whole] * bounds
+    kinds[b"Elements"] = [size] * 4
+    for nodes in (2, 2, 2, 3, 3):
+        kinds[b"Elements"] += [whole] * 3 + [size] * (2 + nodes)
+    text = b"$MeshFormat\n4.1 1 8\n\x01\0\0\0\n$EndMeshFormat\n" + data[data.index(b"$Phys") : data.index(b"$Ent")]
+    for part, words in lines.items():
+        packed = b"".join(kind(float(word)).tobytes() for kind, word in zip(kinds[part], words, strict=True))
+        text += b"$%s\n%s\n$End%s\n" % (part, packed, part)
+    (tmp_path / "mesh.msh").write_bytes(text)
+    with pytest.warns(vx.MeshWarning, match="named '7' are not on the boundary"):
+        mesh = read(tmp_path / "mesh.msh")
+    assert mesh.cell_data["steel"].tolist() == [1, 0]
+    assert mesh.cell_data["all of it"].tolist() == [1, 1]
+    assert set(mesh.boundaries) == {"floor", "9", "boundary"}
+
+
+# VTK.
+
+
+def foreign(path, points, cells, **data):
+    meshio.Mesh(points, cells, **data).write(path, **({"file_format": "gmsh22"} if path.suffix == ".msh" else {}))
+
+
+def flat(points, z=0.0):
+    return np.pad(np.asarray(points, dtype=float), ((0, 0), (0, 1)), constant_values=z)
+
+
+def test_constant_height_is_dropped_and_order_is_kept(tmp_path):
+    points = [*SQUARE, (2.0, 0.0), (2.0, 1.0), (0.5, 1.5)]
+    cells = [("triangle", [[1, 4, 5]]), ("polygon", [[0, 1, 2, 6, 3]]), ("triangle", [[1, 5, 2]])]
+    foreign(tmp_path / "mesh.vtu", flat(points, 7.5), cells)
+    mesh = read(tmp_path / "mesh.vtu")
+    np.testing.assert_array_equal(mesh.points, points)
+    assert [cell.tolist() for cell in mesh.cells] == [[1, 4, 5], [0, 1, 2, 6, 3], [1, 5, 2]]
+
+
+@pytest.mark.parametrize(
+    ("points", "cells", "message"),
+    [
+        (np.column_stack([SQUARE, [0, 0, 0, 1]]), [("quad", [[0, 1, 2, 3]])], "z = constant: z runs from 0 to 1"),
+        (flat(SQUARE), [("VTK_LAGRANGE_CURVE", [[0, 1, 2]])], "cells of the kind 'number 68 of VTK'"),
+        (flat(SQUARE), [("line", [[0, 1]])], "it holds no polygons, only line"),
+        (flat(SQUARE), [("quad", [[0, 2, 1, 3]])], "mesh.vtu: cell 0 has no area .* crosses itself"),
+        (flat(SQUARE), [("quad", [[0, 1, 2, 9]])], "mesh.vtu: cell 0 names node 9"),
+        (flat([*SQUARE[:3], (np.nan, 1)]), [("quad", [[0, 1, 2, 3]])], r"mesh.vtu: node 3 is at \(nan, 1.0\)"),
+    ],
+)
+def test_files_of_other_things(points, cells, message, tmp_path):
+    foreign(tmp_path / "mesh.vtu", points, [(kind, np.array(corners)) for kind, corners in cells])
+    with pytest.raises(vx.MeshError, match=message):
+        read(tmp_path / "mesh.vtu")
+
+
+def test_mending_is_said_with_the_path(tmp_path):
+    foreign(tmp_path / "mesh.vtu", flat([*SQUARE, (5, 5)]), [("quad", np.array([[3, 2, 1, 0]]))])
+    with pytest.warns(vx.MeshWarning) as caught:
+        mesh = read(tmp_path / "mesh.vtu")
+    messages = [str(warning.message) for warning in caught]
+    assert all(message.startswith(f"{tmp_path / 'mesh.vtu'}: ") for message in messages)
+    said = ("clockwise", "dropped", "by their place, sides are called left, right, bottom, top.")
+    assert all(words in message for words, message in zip(said, messages, strict=True))
+    assert caught[0].filename == __file__
+    assert mesh.node_map.tolist() == [0, 1, 2, 3, -1]
 
 
 def test_lines_to_nodes_that_do_not_exist(tmp_path):
@@ -151,3 +490,125 @@ def test_lines_to_nodes_that_do_not_exist(tmp_path):
     with pytest.warns(vx.MeshWarning, match="1 of 2 lines named 'floor' are not on the boundary"):
         mesh = read(tmp_path / "mesh.vtu")
     assert mesh.boundaries["floor"].tolist() == [[0, 1]]
+
+
+@pytest.mark.parametrize("compression", ["zlib", "lzma", None])
+@pytest.mark.parametrize("binary", [True, False])
+def test_arrays_in_every_form(binary, compression, tmp_path):
+    mesh = vx.meshes.hexagons(3).with_cell_data("a", np.arange(len(vx.meshes.hexagons(3).cells)))
+    options = {"compression": compression} if binary else {}
+    mesh.to("meshio").write(tmp_path / "mesh.vtu", binary=binary, **options)
+    back = read(tmp_path / "mesh.vtu")
+    np.testing.assert_array_equal(back.vertices, mesh.vertices)
+    np.testing.assert_array_equal(back.cell_data["a"], mesh.cell_data["a"])
+
+
+def test_polyhedra_as_paraview_writes_them_now(tmp_path):
+    """Since VTK 9.4; beside one, a hexahedron and a marked square."""
+    (tmp_path / "theirs.vtu").write_text(POLYHEDRA)
+    mesh = read(tmp_path / "theirs.vtu")
+    np.testing.assert_allclose(mesh.volumes, [1.0, 2.0])
+    assert mesh.cell_data["young"].tolist() == [1.0, 2.0]
+    assert (mesh.face_normals[mesh.boundaries["floor"]] == [(0, 0, -1)]).all()
+    for wrong, message in (
+        (POLYHEDRA.replace("42 12 9<", "42 12 5<"), "its cells of the kind 'triangle' do not all have so many nodes"),
+        (POLYHEDRA.replace("4 8 12 16 20 24", "4 8 12 16 20 500000000"), "its lists of faces are damaged"),
+        (POLYHEDRA.replace(">8 16 20<", ">8 500000000 20<"), "its lists of cells are damaged"),
+        (POLYHEDRA.replace("</Piece>", "</Piece><Piece/>"), "it holds 2 pieces of an UnstructuredGrid; wanted is one"),
+        (POLYHEDRA.replace("3 1 1\n", "3 1 1.1\n"), "its face .* is not plane: .* Split the face into triangles"),
+    ):
+        assert wrong != POLYHEDRA
+        (tmp_path / "theirs.vtu").write_text(wrong)
+        with pytest.raises(vx.MeshError, match=f"theirs.vtu.*{message}"):
+            read(tmp_path / "theirs.vtu")
+
+
+# Cells of second order.
+
+
+def curved(cells, nodes):
+    """Cells with further nodes, new ones, behind their corners."""
+    more = np.arange(cells.max() + 1, cells.max() + 1 + len(cells) * (nodes - cells.shape[1]))
+    return np.hstack([cells, more.reshape(len(cells), -1)])
+
+
+SECOND = [("triangles", 6), ("squares", 8), ("squares", 9), ("tetrahedra", 10), ("cubes", 20), ("cubes", 27)]
+
+
+@pytest.mark.parametrize("suffix", [".vtu", ".msh", ".inp"])
+@pytest.mark.parametrize(("family", "nodes"), SECOND)
+def test_cells_of_second_order_are_read_by_their_corners(family, nodes, suffix, tmp_path):
+    first = getattr(vx.meshes, family)(2)
+    block = first.to("meshio").cells[0]
+    cells = curved(np.asarray(block.data), nodes)
+    kind, path = f"{block.type}{nodes}", tmp_path / f"curved{suffix}"
+    points = np.pad(first.to("meshio").points, ((0, cells.max() + 1 - first.n_nodes), (0, 0)), constant_values=0.3)
+    if suffix == ".inp":
+        names = {"triangle6": "CPE6M", "quad8": "CPS8R", "tetra10": "C3D10M", "hexahedron20": "C3D20R"}
+        if kind not in names:
+            return
+        rows = [
+            "*NODE",
+            *(f"{k}, {x[0]}, {x[1]}, {x[2]}" for k, x in enumerate(points, 1)),
+            f"*ELEMENT, TYPE={names[kind]}",
+        ]
+        path.write_text("\n".join([*rows, *(", ".join(map(str, [k, *(row + 1)])) for k, row in enumerate(cells, 1))]))
+    else:
+        foreign(path, points, [(kind, cells)])
+    with pytest.warns(vx.MeshWarning) as caught:
+        mesh = read(path)
+    said = " ".join(str(one.message) for one in caught)
+    assert f"{path}: cells of second order ({kind}) are read by their corners, with straight edges." in said
+    assert f"{len(points) - first.n_nodes} of {len(points)} nodes belong to no cell" in said
+    np.testing.assert_array_equal(mesh.points, first.points)
+    np.testing.assert_allclose(mesh.measures, first.measures, rtol=1e-13)
+
+
+# Damaged files.
+
+
+def sound(suffix, folder):
+    """The bytes of a sound file of a kind."""
+    if suffix in (".theirs.vtu", ".deck.inp", ".gmsh.msh"):
+        return {".theirs.vtu": POLYHEDRA, ".deck.inp": DECK, ".gmsh.msh": GMSH}[suffix].encode()
+    made = {".vtu": vx.meshes.voronoi(2), ".kelvin.vtu": vx.meshes.kelvin(1), ".inp": vx.meshes.triangles(2)}
+    made |= {".msh": vx.meshes.triangles(2), ".solid.msh": vx.meshes.tetrahedra(1), ".bdf": vx.meshes.triangles(2)}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        made[suffix].write(folder / f"sound{suffix}")
+    return (folder / f"sound{suffix}").read_bytes()
+
+
+KINDS = [".vtu", ".kelvin.vtu", ".theirs.vtu", ".msh", ".solid.msh", ".gmsh.msh", ".inp", ".deck.inp", ".bdf"]
+
+
+def read_mutated(suffix, folder, count, seed):
+    """Read mutated files in a process of its own: an error with the path, or a mesh; soon, and in little memory."""
+    rng, data = np.random.default_rng(seed), sound(suffix, folder)
+    paths = [folder / f"broken{k}{suffix}" for k in range(count)]
+    for path in paths:
+        path.write_bytes(mutated(data, rng))
+    for start in range(0, count, 50):
+        read_all(paths[start : start + 50])
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("suffix", KINDS)
+def test_damaged_files(suffix, tmp_path):
+    read_mutated(suffix, tmp_path, 12, seed=0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("suffix", KINDS)
+def test_many_damaged_files(suffix, tmp_path):
+    """Of VTU, Gmsh and Abaqus 500 each and more."""
+    read_mutated(suffix, tmp_path, 250, seed=1)
+
+
+@pytest.mark.parametrize("suffix", KINDS)
+@pytest.mark.parametrize("data", [b"", b"\n" * 1000, bytes(5000), b"<" * 100_000, b"9" * 4000, b"Dear colleague,\n"])
+def test_files_of_nothing(suffix, data, tmp_path, capfd):
+    (tmp_path / f"nothing{suffix}").write_bytes(data)
+    with pytest.raises(vx.MeshError, match="nothing"):
+        read(tmp_path / f"nothing{suffix}")
+    assert capfd.readouterr() == ("", "")

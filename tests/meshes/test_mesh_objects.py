@@ -190,7 +190,9 @@ def test_scikit_fem_keeps_no_numbers_on_cells(family):
 
 
 def test_cells_that_scikit_fem_lacks():
-    with pytest.raises(vx.MeshError, match="triangles or of quadrilaterals; here, cells have 4 or 5 or 6 vertices"):
+    with pytest.raises(
+        vx.MeshError, match="triangles or of quadrilaterals; here, there are cells of the kind polygon and quad"
+    ):
         vx.meshes.voronoi(4).to("skfem")
 
 
@@ -233,8 +235,8 @@ def test_other_objects(other):
         (meshio.Mesh(SQUARE, []), "the mesh of meshio: it holds no polygons"),
         (meshio.Mesh(SQUARE, [("quad", [[0, 1, 2, 7]])]), "the mesh of meshio: cell 0 names node 7"),
         (meshio.Mesh(SQUARE, [("quad", [[0, 2, 1, 3]])]), "the mesh of meshio: cell 0 has no area .* crosses itself"),
-        (meshio.Mesh(SQUARE, [("quad", [[0, 1, 2, 3]])], field_data={"boundary:a": np.array([1.5])}),
-         "the mesh of meshio cannot be converted: its datum 'boundary:a' is no list of edges"),
+        (meshio.Mesh(SQUARE, [("quad", [[0, 1, 2, 3]])], field_data={"boundary:a": np.array([1.5, 2.0])}),
+         "the mesh of meshio: its datum 'boundary:a' is no list of rows of node numbers"),
     ],
 )  # fmt: skip
 def test_objects_that_hold_something_else(other, message):
@@ -245,7 +247,7 @@ def test_objects_that_hold_something_else(other, message):
 def test_grids_that_hold_something_else():
     pv = pyvista()
     for other, message in (
-        (pv.PolyData(), "the mesh of PyVista cannot be converted: it holds no cells"),
+        (pv.PolyData(), "the mesh of PyVista: it holds no cells"),
         (pv.Sphere(), "its points do not lie in a plane z = constant"),
         (pv.ImageData(dimensions=(3, 3, 1)), "cells of the kind 'pixel'"),
         (pv.MultiBlock(), "convert takes .* got MultiBlock"),
@@ -272,6 +274,145 @@ def test_they_are_loaded_late():
     code = "import sys, vemcvx as vx; vx.meshes.squares(1); print({'meshio', 'skfem', 'pyvista'} & set(sys.modules))"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert run.stdout.strip() == "set()"
+
+
+# In space.
+
+BOX = ((0.1, 1.1), (2.0, 4.0), (-5.0, -4.0))
+CUBE = [(x, y, z) for z in (0.0, 1.0) for y in (0.0, 1.0) for x in (0.0, 1.0)]
+HEXAHEDRON = [[0, 1, 3, 2, 4, 5, 7, 6]]
+
+
+def mixed():
+    """A hexahedron, on it a pyramid, beside it a wedge, and on that a tetrahedron."""
+    points = [*CUBE, (0.5, 0.5, 2.0), (2.0, 0.5, 0.0), (2.0, 0.5, 1.0), (1.5, 0.5, 2.0)]
+    blocks = [
+        ("wedge", [[1, 9, 3, 5, 10, 7]]),
+        ("hexahedron", HEXAHEDRON),
+        ("tetra", [[5, 10, 7, 11]]),
+        ("pyramid", [[4, 5, 7, 6, 8]]),
+    ]
+    return meshio.Mesh(
+        points, blocks, cell_data={"young": [[3.0], [1.0], [4.0], [2.0]]}, cell_sets={"soft": [[0], [], [0], None]}
+    )
+
+
+def standard(name):
+    if name == "mixed":
+        return convert(mixed())
+    if name == "wedges":
+        return vx.meshes.triangles(2).extruded([0.0, 0.5, 1.0])
+    mesh = vx.meshes.SPACE_FAMILIES[name](2, BOX)
+    return mesh.with_cell_data("soil", (np.arange(mesh.n_cells) % 2).astype(np.uint8))
+
+
+def equal_in_space(one, other):
+    """Whether cells have the same nodes in the same order of cells; how faces are numbered may differ."""
+    np.testing.assert_array_equal(one.points, other.points)
+    for mine, yours in zip(one.cell_nodes, other.cell_nodes, strict=True):
+        np.testing.assert_array_equal(mine, yours)
+    np.testing.assert_allclose(one.volumes, other.volumes, rtol=1e-13)
+    assert set(one.cell_data) == set(other.cell_data)
+    assert set(one.boundaries) == set(other.boundaries)
+    for name in one.boundaries:
+        middles = [sorted(m.face_centroids[m.boundaries[name]].round(12).tolist()) for m in (one, other)]
+        assert middles[0] == middles[1]
+
+
+@pytest.mark.parametrize("name", ["cubes", "tetrahedra", "wedges", "mixed"])
+def test_solids_of_meshio_and_back(name):
+    mesh = standard(name)
+    equal_in_space(mesh, convert(mesh.to("meshio")))
+
+
+def test_kinds_mixed_and_numbered_either_way():
+    """Nodes of wedges run both ways around in other programs: no warning."""
+    with pytest.warns(vx.MeshWarning, match="by their place, sides are called left, front, back, bottom"):
+        mesh = convert(mixed())
+    np.testing.assert_allclose(mesh.volumes, [0.5, 1.0, 1 / 6, 1 / 3])
+    assert mesh.cell_data["young"].tolist() == [3, 1, 4, 2]
+    assert mesh.cell_data["soft"].tolist() == [1, 0, 1, 0]
+    mirrored = mixed()
+    mirrored.points = mirrored.points * [-1.0, 1.0, 1.0]
+    with pytest.warns(vx.MeshWarning) as caught:
+        np.testing.assert_allclose(convert(mirrored).volumes, mesh.volumes)
+    assert all("by their place" in str(one.message) for one in caught)
+
+
+def test_unused_nodes_and_sets_of_faces():
+    quad = ("quad", np.array([[0, 1, 3, 2]]) + 1)
+    mesh = meshio.Mesh(
+        [(9, 9, 9), *CUBE], [("hexahedron", np.array(HEXAHEDRON) + 1), quad], cell_sets={"floor": [[], [0]]}
+    )
+    with pytest.warns(vx.MeshWarning, match="1 of 9 nodes belong to no cell"):
+        back = convert(mesh)
+    assert (back.face_normals[back.boundaries["floor"]] == (0, 0, -1)).all()
+
+
+@pytest.mark.parametrize(("name", "kind"), [("cubes", "MeshHex1"), ("tetrahedra", "MeshTet1")])
+def test_solids_of_scikit_fem_and_back(name, kind):
+    """Its own integral over the mesh has the volume: hexahedra come with their vertices where it has them."""
+    mesh = standard(name)
+    theirs = mesh.to("skfem")
+    assert type(theirs).__name__ == kind
+    equal_in_space(mesh, convert(theirs))
+    basis = skfem.Basis(theirs, skfem.ElementHex1() if name == "cubes" else skfem.ElementTetP1())
+    assert (basis.dx > 0.0).all()
+    assert basis.dx.sum() == pytest.approx(2.0, rel=1e-13)
+
+
+@pytest.mark.parametrize(
+    ("mesh", "library", "message"),
+    [
+        (vx.meshes.kelvin(1), "skfem", "tetrahedra, hexahedra, wedges and pyramids alone .*cell 0 is none of them"),
+        (vx.meshes.kelvin(1), "meshio", "Polyhedra go into .vtu files and to PyVista"),
+        (standard("wedges"), "skfem", "scikit-fem has meshes of tetrahedra or of hexahedra; here, .* kind wedge"),
+    ],
+)
+def test_what_others_do_not_have(mesh, library, message):
+    with pytest.raises(vx.MeshError, match=message):
+        mesh.to(library)
+
+
+@pytest.mark.parametrize("family", vx.meshes.SPACE_FAMILIES)
+@pytest.mark.parametrize("binary", [True, False])
+def test_pyvista_in_space(family, binary, tmp_path):
+    """There and back; its files have the newest layout of faces, compressed and as text; ours have its volumes."""
+    pv = pyvista()
+    mesh = vx.meshes.SPACE_FAMILIES[family](2, BOX, 1)
+    mesh = mesh.with_cell_data("young", np.arange(mesh.n_cells)).with_boundary("half", lambda x: x[:, 1] < 3.0)
+    grid = mesh.to("pyvista")
+    equal_in_space(mesh, convert(grid))
+    grid.save(tmp_path / "theirs.vtu", binary=binary)
+    equal_in_space(mesh, read(tmp_path / "theirs.vtu"))
+    mesh.write(tmp_path / "ours.vtu")
+    ours = pv.read(tmp_path / "ours.vtu")
+    solid = ours.celltypes == 42
+    np.testing.assert_allclose(ours.compute_cell_sizes()["Volume"][solid], mesh.volumes, rtol=1e-12)
+    assert ours.cell_data["boundary:half"].sum() == len(mesh.boundaries["half"])
+
+
+@pytest.mark.parametrize(
+    ("name", "parts", "says"),
+    [
+        ("a", [np.zeros(1), np.zeros(1)], r": its cell datum 'a' has the shape \(2,\) on 3 cells"),
+        ("a", [np.zeros((2, 3)), np.zeros(1)], r" cannot be converted .ValueError: .*dimension"),
+        (
+            "boundary:floor",
+            [np.zeros((2, 3)), np.zeros((1, 3))],
+            r": its cell .* 'boundary:floor' has the shape \(3, 3\)",
+        ),
+    ],
+)
+def test_data_that_do_not_fit(name, parts, says):
+    points = [*SQUARE, (2, 0), (2, 1)]
+    mesh = meshio.Mesh(points, [("triangle", [(0, 1, 2), (0, 2, 3)]), ("quad", [(1, 4, 5, 2)])])
+    mesh.cell_data[name] = parts
+    with pytest.raises(vx.MeshError, match=f"the mesh of meshio{says}"):
+        convert(mesh)
+
+
+# Sides without names.
 
 
 def nameless(mesh):

@@ -12,7 +12,7 @@ import pytest
 from scenes import cyclic, paper_scene, small
 
 import vemcvx as vx
-from vemcvx.meshes.io.vtk import packed_cells, write_cells
+from vemcvx.meshes.io.vtu import packed_cells, write_cells
 from vemcvx.results.files import write_results
 
 TIMES = np.linspace(0.0, 1.0, 6)

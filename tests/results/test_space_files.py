@@ -10,7 +10,7 @@ import pytest
 
 import block_in_space as block
 import vemcvx as vx
-from vemcvx.meshes.io.vtk import TYPES
+from vemcvx.meshes.io.vtu import TYPES
 from vemcvx.vem import equivalent
 
 FIELDS = {"displacement", "slip", "traction", "bound", "pressure", "sticking", "closed", "wear"}

@@ -44,7 +44,8 @@ APART = {"linear", "program", "exchange"}, {"meshes", "vem", "effects"}
 HEAVY = {
     "cvxpy": {"program/kernel.py", "program/step_program.py", "solvers/conic.py"},
     "matplotlib": {"base/canvas.py"},
-    "meshio": {"meshes/io/files.py", "meshes/io/objects.py"},
+    "meshio": {"meshes/io/blocks.py", "meshes/io/gmsh.py", "meshes/io/nastran.py"},
+    "meshlane": {"meshes/io/abaqus.py"},
     "skfem": {"meshes/io/objects.py"},
     "pyvista": {"meshes/io/objects.py", "plots/body.py"},
     "distributed": {"cost/workers.py"},

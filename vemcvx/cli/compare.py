@@ -262,7 +262,7 @@ class Compare:
 
     def posed(self, problem: Problem) -> Ingredients:
         """The scene, the mesh and the instants."""
-        mesh = problem.mesh(self.n or problem.usual_n(16, self.mesh), self.mesh)
+        mesh = problem.mesh(self.n or problem.usual_n(16, self.mesh), self.mesh, self.settings)
         return problem.posed(self.settings, mesh, self.steps)
 
 

@@ -27,7 +27,7 @@ from vemcvx.simulation import simulate
 from vemcvx.solvers import Newton, Solver
 from vemcvx.stepping import march
 
-NEEDED = "numpy", "scipy", "cvxpy", "clarabel", "osqp", "meshio", "threadpoolctl", "typer", "rich"
+NEEDED = "numpy", "scipy", "cvxpy", "clarabel", "osqp", "meshio", "meshlane", "threadpoolctl", "typer", "rich"
 EXTRAS = {
     **{"matplotlib": "plot", "py-mkl-pardiso": "mkl", "pyamg": "multigrid", "petsc4py": "petsc"},
     **{"distributed": "cluster", "pandas": "pandas", "pyvista": "view", "marimo": "app"},

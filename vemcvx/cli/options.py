@@ -60,7 +60,7 @@ Mesh = Annotated[
     str | None,
     typer.Option(
         autocompletion=families,
-        help="Family of meshes, such as squares; or a mesh file that names its boundaries. (default: the problem's)",
+        help="Family of meshes, such as squares; or a mesh file that names its parts. (default: the problem's)",
     ),
 ]
 Accuracy = Annotated[

@@ -24,7 +24,7 @@ from vemcvx.base.arrays import brief
 from vemcvx.base.errors import ProblemError, VemcvxError, quietly
 from vemcvx.cli.supplied import problem_path
 from vemcvx.cost import Ingredients
-from vemcvx.effects.effect import amount
+from vemcvx.effects.effect import amount, where
 from vemcvx.meshes import FAMILIES, SPACE_FAMILIES, AnyMesh, PolygonMesh, PolyhedralMesh, read
 from vemcvx.plots.style import Units, checked_units
 from vemcvx.scene import Scene
@@ -151,10 +151,15 @@ class Problem:
         """The scene, with parameters given as "name=value"."""
         return self._call("scene", **self._given(settings))
 
-    def mesh(self, n: int | tuple[int, ...], family: str | None = None) -> AnyMesh:
-        """The mesh, of the problem's own family by default; a name with a suffix is that of a mesh file."""
+    def mesh(self, n: int | tuple[int, ...], family: str | None = None, settings: Sequence[str] = ()) -> AnyMesh:
+        """The mesh, of the problem's own family by default; a name with a suffix is that of a mesh file.
+
+        A file is read as several bodies if the scene of these settings names parts of bodies, such as "plate.rim", or
+        interfaces, such as "plate|pin".
+        """
         if family is not None and is_file(family):
-            return read(family)
+            names = [where(getattr(effect, "on", "")) for effect in self.scene(settings).effects]
+            return read(family, bodies="physical" if any(sign in name for name in names for sign in ".|") else None)
         if family is not None and family not in (*self.families, self.family):
             known = ", ".join(self.families)
             raise ProblemError(f"--mesh: there is no family {family!r}; there are {known}, and files such as part.msh.")

@@ -131,7 +131,7 @@ class Run:
         with held as rows, progress_bar("meshing") as shown:
             if self.target is None:
                 self._foresee(problem, n, steps, folder)
-            mesh, left = problem.mesh(n, self.mesh), ""
+            mesh, left = problem.mesh(n, self.mesh, self.settings), ""
             file = (self.n is not None or self.report) and problem.ignores_n(mesh, n, self.mesh)
             if file and self.n is not None:
                 same = "this mesh is the same for every n, as that of a file is"
@@ -394,7 +394,7 @@ class Export:
             raise ProblemError(f"--format: there is no format {self.form!r}; there are {', '.join(FORMATS)}.")
         with Owned(self.out or Path("results") / f"programs_{problem.name}") as folder:
             kept = sorted({m for n in numbers for m in (n - 1, n)})
-            mesh = problem.mesh(self.n or problem.usual_n(16, self.mesh), self.mesh)
+            mesh = problem.mesh(self.n or problem.usual_n(16, self.mesh), self.mesh, self.settings)
             same = ("file", "solver", "accuracy", "condense", "linear", "settings")
             run = Run(**{name: getattr(self, name) for name in same})
             with progress_bar("assembling") as shown:

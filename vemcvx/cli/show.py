@@ -42,7 +42,8 @@ class Show:
         n = self.n or problem.usual_n(64, self.mesh)
         # Data are evaluated at 64 instants, to see whether they are zero at all times.
         scene, times = problem.scene(self.settings), checked_times(problem.times(64))
-        rows = scene_in_words(scene, problem.mesh(n, self.mesh), times, mesh_name(problem, self.mesh, n))
+        mesh = problem.mesh(n, self.mesh, self.settings)
+        rows = scene_in_words(scene, mesh, times, mesh_name(problem, self.mesh, n))
         say(f"{problem.name}: {problem.title}\n{Table((), rows).text()}")
 
 

@@ -7,6 +7,7 @@ libraries, and meshes in space from those of the plane, carried along z to prism
 from __future__ import annotations
 
 import warnings
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -78,19 +79,25 @@ class UserMesh(Mesh):
         return quality_of(self)
 
     def write(self: Any, path: str | Path) -> None:
-        """Write the mesh, its named boundaries and cell data; `read` gives them back to the bit, in space from .vtu.
+        """Write the mesh, its named boundaries and cell data; `read` gives them back to the bit from .vtu.
 
         Parameters
         ----------
         path : str or Path
             The suffix chooses the format. Every mesh goes into .vtu files (polyhedra as VTK has them, their boundaries
-            as polygons), every plane one into .vtk, too. Files of Gmsh (.msh), Abaqus (.inp) and Nastran (.bdf, .nas,
-            .fem) take triangles and quads; in space tetrahedra, hexahedra, wedges and, but for Abaqus, pyramids.
+            as polygons). Files of Gmsh (.msh), Abaqus (.inp) and Nastran (.bdf, .nas, .fem) take triangles and quads;
+            in space tetrahedra, hexahedra, wedges and, but for Abaqus, pyramids. Gmsh's keep names of the boundary, and
+            sets of cells (data of zeros and ones) that do not overlap.
 
         Raises
         ------
         MeshError
-            The format would lose cells, or the file cannot be written.
+            The format would lose cells or interfaces, or the file cannot be written.
+
+        Warns
+        -----
+        MeshWarning
+            The format does not keep some names, data or digits.
         """
         write(path, self)
 
@@ -418,18 +425,18 @@ def plane_mesh(mesh: AnyMesh, subject: str, instead: str = "") -> PolygonMesh:
 
 
 # To checkers of types, what is read may be anything beside a PolygonMesh: scripts that know their files need no cast.
-def read(path: str | Path, bodies: str | None = None) -> PolygonMesh | Any:
-    """Read a mesh from a file of Gmsh (.msh), VTK (.vtu, .vtk, .vtp), Abaqus (.inp) or Nastran (.bdf, .nas, .fem).
+def read(path: str | Path, bodies: str | None = None, *, tolerance: float | None = None) -> PolygonMesh | Any:
+    """Read a mesh from a file of VTK (.vtu), Gmsh (.msh), Abaqus (.inp) or Nastran (.bdf, .nas, .fem).
 
     Where there are tetrahedra, hexahedra, wedges, pyramids or polyhedra, it is a mesh in space of these. Hexahedra,
     wedges and pyramids must have plane faces: mesh bodies where they would be warped with tetrahedra, or hand in cells
     of your own whose warped faces are two triangles each, the same in both cells. Cells of second order (triangle6,
     quad8, quad9, tetra10, hexahedron20, hexahedron27 ...) are read by their corners, with straight edges.
 
-    Named boundaries are those that `write` of a mesh wrote, or the physical groups of lines (in space, of surfaces) of
-    a Gmsh file, their number if they have no name. Cell data come along; a physical group of cells is a cell datum of
-    its name, 1 in the group and 0 outside. Node and cell order are the file's; of plane meshes, a constant third
-    coordinate is dropped.
+    Named boundaries are those that `write` of a mesh wrote, the physical groups of lines (in space, of surfaces) of a
+    Gmsh file, or the node sets and surfaces of an Abaqus file. Cell data come along; a physical group or element set is
+    a cell datum of its name, 1 in the group and 0 outside. A group without a name is called by its number. Node and
+    cell order are the file's; of plane meshes, a constant third coordinate is dropped.
 
     If the file names no part of the boundary, what lies where x, y or z is least or greatest is called as families of
     meshes call it ("left", "right", "bottom" and "top" in the plane): a `MeshWarning` says which there are.
@@ -439,9 +446,12 @@ def read(path: str | Path, bodies: str | None = None) -> PolygonMesh | Any:
     path : str or Path
         The file; its suffix tells the format. `meshio convert a.xyz a.vtu` converts files of other formats.
     bodies : "physical", optional
-        Make a body of every physical group of cells, as :func:`vemcvx.meshes.bodies` joins them: where groups meet, in
-        nodes that they share or that are double, there is an interface. Boundaries are called "plate.rim", and an
-        interface "plate|pin", or as the physical group of lines (in space, of surfaces) that is all of it.
+        Make a body of every physical group of cells of a Gmsh file, of every instance or part of an Abaqus file (if it
+        has none, of every element set), as :func:`vemcvx.meshes.bodies` joins them: where bodies meet, in nodes that
+        they share or that are double, there is an interface. Boundaries are called "plate.rim", and an interface
+        "plate|pin", or by the one name that all of it has in the file, on both of its sides or on one.
+    tolerance : float, optional
+        With `bodies`: how far apart boundaries may be that coincide, as of :func:`vemcvx.meshes.bodies`.
 
     Returns
     -------
@@ -451,54 +461,56 @@ def read(path: str | Path, bodies: str | None = None) -> PolygonMesh | Any:
     Raises
     ------
     MeshError
-        There is no such file, it is damaged or foreign, or what it holds is no valid mesh.
+        There is no such file, it is damaged or foreign, it has what would be read wrongly, or it holds no valid mesh.
 
     Warns
     -----
     MeshWarning
-        Cells were turned, unused nodes or those between the corners of cells of second order dropped, named lines or
-        faces inside the mesh or on interfaces left out, or sides named.
+        Cells were turned, unused nodes dropped, cells of second order read by their corners, named lines or faces
+        inside the mesh or on interfaces left out, sides named; or what is in the file was not read.
     """
-    if bodies is None:
+    if bodies is None and tolerance is None:
         return _with_methods(load(path))
     if not isinstance(bodies, str) or bodies != "physical":
-        raise MeshError(f"read: found bodies = {brief(bodies)}; there is 'physical', or None for one mesh.")
+        raise MeshError(
+            f"read: found bodies = {brief(bodies)}; there is 'physical', with which tolerance= goes, or None for one "
+            "mesh."
+        )
     found, sides = load_bodies(path)
     meshes: dict[str, Any] = {name: _with_methods(mesh) for name, mesh in found.items()}
-    mesh = joined(meshes)
-    lost = {
-        (body, side): len(own.boundaries[side])
-        for body, own in meshes.items()
-        for side in sides.intersection(own.boundaries)
-        if f"{body}.{side}" not in mesh.boundaries
-    }
-    return mesh._replace(interfaces=MappingProxyType(_named_by_groups(str(path), mesh.interfaces, lost)))
-
-
-def _named_by_groups(
-    path: str, interfaces: Mapping[str, Interface], lost: Mapping[tuple[str, str], int]
-) -> dict[str, Interface]:
-    """The interfaces, under the names of groups that are all of one; a warning names the other groups on interfaces.
-
-    `lost` are bodies and groups of which nothing is outside of interfaces, and how many sides of cells each has.
-    """
-    groups = sorted({side for _, side in lost})
-    named: dict[str, list[str]] = {side: [] for side in groups}
-    for name, found in interfaces.items():
-        for side in groups:
-            if all(lost.get((body, side)) == len(found.edges) for body in found.bodies):
-                named[side].append(name)
-    called = {names[0]: side for side, names in named.items() if len(names) == 1}
-    kept = {called.get(name, name): found for name, found in interfaces.items()}
-    left = ", ".join(repr(side) for side in groups if side not in kept)
-    if left:
+    mesh = joined(meshes, tolerance=tolerance)
+    called = {name: _names_of(interface, meshes, sides) for name, interface in mesh.interfaces.items()}
+    times = Counter(side for names in called.values() for side in names)
+    kept = {}
+    for name, interface in mesh.interfaces.items():
+        kept[called[name][0] if [times[side] for side in called[name]] == [1] else name] = interface
+    named = {(body, side) for body, own in meshes.items() for side in own.boundaries}
+    hidden = {side for body, side in named if f"{body}.{side}" not in mesh.boundaries}
+    if left := ", ".join(map(repr, sorted((hidden & sides) - set(kept)))):
         warnings.warn(
             f"{path}: the sides named {left} are on interfaces, which are called {', '.join(map(repr, kept))}: a name "
-            "is kept if it is of all of one interface.",
+            "is kept if it is the only one that is of all of one interface, and of no other.",
             MeshWarning,
-            stacklevel=3,
+            stacklevel=2,
         )
-    return kept
+    return mesh._replace(interfaces=MappingProxyType(kept))
+
+
+def _names_of(interface: Interface, meshes: Mapping[str, Any], sides: set[str]) -> list[str]:
+    """Return the names of sides that are all of an interface, on each of its bodies that has them there."""
+    start, covers = 0, dict[str, list[bool]]()
+    for body, own in meshes.items():
+        if body in interface.bodies:
+            # Nodes of bodies stand one after the other, and behind them those that interfaces have added.
+            nodes = (interface.edges, interface.partners)[interface.bodies.index(body)] - start
+            offsets, vertices = own._outlines
+            there = set(np.flatnonzero(np.logical_and.reduceat(np.isin(vertices, nodes), offsets[:-1])).tolist())
+            for side in sorted(sides.intersection(own.boundaries)):
+                places = set(own._places(own.boundaries[side]).tolist())
+                if places & there:
+                    covers.setdefault(side, []).append(places == there)
+        start += own.n_nodes
+    return [side for side, each in covers.items() if all(each)]
 
 
 def convert(other: Any) -> PolygonMesh | Any:

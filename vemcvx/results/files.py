@@ -46,7 +46,7 @@ from vemcvx.base.owned_files import Owned, path_of
 from vemcvx.base.version import __version__
 from vemcvx.meshes import AnyMesh, Interface, PolygonMesh, PolyhedralMesh
 from vemcvx.meshes.interfaces import padded
-from vemcvx.meshes.io.vtk import packed_cells, write_cells
+from vemcvx.meshes.io.vtu import packed_cells, write_cells
 from vemcvx.meshes.polygons import rows_in_order
 from vemcvx.meshes.polyhedra import Faces, listed_faces
 from vemcvx.results.quoted import Quantity

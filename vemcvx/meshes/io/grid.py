@@ -1,10 +1,10 @@
-"""A mesh as files and other libraries hold it: a grid, the list of its cells with data; and back.
+"""A mesh as files and other libraries hold it: a list of cells with named sets of them and data; and back.
 
-The cells of a grid stand one after the other, each of a kind and with its nodes, as in VTK's unstructured grids. What
-bounds cells of the mesh (lines; in space, polygons) is among them: a named part of the boundary is a set of such
-cells. In files that keep data it is marked by a datum "boundary:<name>", 1 on its cells and 0 elsewhere, and its cells
-have the data of those that they bound, so that colouring by a datum looks the same with and without them. Among data of
-the whole file (field data), a part may instead be the datum "boundary:<name>", a row of nodes for each edge or face.
+Cells stand one after the other, each of a kind and with its nodes, as in VTK's unstructured grids. What bounds cells of
+the mesh (lines; in space, polygons) is among them. A named set of cells means both: a datum that is 1 on its cells of
+the mesh, and a part of the boundary. In files that keep data, a part of the boundary is marked by a datum
+"boundary:<name>", 1 on its lines or polygons, which have the data of the cells that they bound: colouring by a datum
+looks the same with and without them.
 
 An interface of two bodies is two such parts: its own, edges or faces of the first body, and
 "partners:<first>:<second>:<name>", for each of them the nodes of the second body in the same places.
@@ -14,21 +14,22 @@ from __future__ import annotations
 
 import contextlib
 import io
+import logging
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 from urllib.parse import quote, unquote
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from vemcvx.base.arrays import SAME, Bools, Floats, Ints
 from vemcvx.base.errors import MeshError, MeshWarning, quietly
 from vemcvx.meshes.box import WHOLE
 from vemcvx.meshes.interfaces import Interface, padded
-from vemcvx.meshes.polygons import directed_edges, matching_rows, offsets_of, rows_in_order, turned
-from vemcvx.meshes.polyhedra import FACES, Listed, face_shapes, listed_faces, volumes_and_centroids
+from vemcvx.meshes.polygons import matching_rows, offsets_of, rows_in_order, turned
+from vemcvx.meshes.polyhedra import FACES, Listed, listed_faces
 from vemcvx.meshes.tessellation import SpaceTessellation, Tessellation, straight_sides
 
 AnyTessellation = Tessellation | SpaceTessellation
@@ -38,8 +39,7 @@ CELL, MARK, PARTNERS, PHYSICAL = "vemcvx:cell", "boundary:", "partners:", "gmsh:
 NODES = {"line": 2, "triangle": 3, "quad": 4, "tetra": 4, "hexahedron": 8, "wedge": 6, "pyramid": 5}
 POLYGONS = ("triangle", "quad", "polygon")
 SOLIDS = ("tetra", "hexahedron", "wedge", "pyramid", "polyhedron")
-PASSED_OVER = ("vertex", "empty")
-CORNERS = {
+SECOND = {
     "line": ("line3",),
     "triangle": ("triangle6", "triangle7"),
     "quad": ("quad8", "quad9"),
@@ -48,7 +48,10 @@ CORNERS = {
     "wedge": ("wedge15", "wedge18"),
     "pyramid": ("pyramid13", "pyramid14"),
 }
-"""Kinds of first order -> those of second order; the corners come first in all of them, before nodes between these."""
+FIRST = {second: kind for kind, seconds in SECOND.items() for second in seconds}
+"""Kinds of second order -> those of first order; the corners come first in all of them."""
+EDGES = {"tetra": (1, 2, 3), "wedge": (1, 2, 3), "pyramid": (1, 3, 4), "hexahedron": (1, 3, 4)}
+"""Ends of the three edges from vertex 0, right-handed."""
 SHAPES = {(4, 4, 4): ("tetra", 3), (8, 6, 0): ("hexahedron", 4), (6, 5, 2): ("wedge", 3), (5, 5, 4): ("pyramid", 4)}
 """Numbers of nodes, faces and triangles -> the kind of a solid, and the number of nodes of its bottom."""
 
@@ -62,8 +65,10 @@ class Grid:
     offsets: Ints  # (k + 1,)
     vertices: Ints  # (m,)
     data: dict[str, NDArray[Any]] = field(default_factory=dict)  # arrays (k, ...)
-    sides: dict[str, Bools] = field(default_factory=dict)  # (k,) named sets of cells that bound others
+    sets: dict[str, Bools] = field(default_factory=dict)  # (k,) named sets of cells
     parts: dict[str, Rows] = field(default_factory=dict)  # named parts of the boundary that are no cells
+    nodes: dict[str, Bools] = field(default_factory=dict)  # (n,) named sets of nodes
+    bodies: tuple[str, ...] = ()  # names of the sets that are bodies
     faces: Listed | None = None  # faces of the polyhedra, in their order
     notes: tuple[str, ...] = ()  # what was left out of it, in sentences
 
@@ -78,18 +83,35 @@ class Grid:
         """True if there are solids."""
         return bool(np.isin(self.kinds, SOLIDS).any())
 
-    @property
-    def marked(self) -> dict[str, NDArray[Any]]:
-        """The data, and a datum for every named set of cells."""
-        return self.data | {MARK + name: chosen.astype(np.uint8) for name, chosen in self.sides.items()}
+    def taken(self, cells: Ints) -> Grid:
+        """Return the grid of some cells alone, in this order."""
+        offsets, vertices = rows_in_order(self.offsets, self.vertices, cells)
+        data, sets = ({name: x[cells] for name, x in of.items()} for of in (self.data, self.sets))
+        return replace(self, kinds=self.kinds[cells], offsets=offsets, vertices=vertices, data=data, sets=sets)
 
 
-def finished(subject: str, made: Callable[[], tuple[AnyTessellation, list[str]]]) -> AnyTessellation:
-    """The mesh of a file or an object, its sides named if nothing is, and notes on it as warnings."""
-    with quietly() as caught:
-        mesh, notes = made()
-    sides = straight_sides(mesh)
-    if sides and set(mesh.boundaries) == {WHOLE}:
+@contextlib.contextmanager
+def translated(subject: str, failure: str) -> Iterator[None]:
+    """Turn whatever other libraries raise, sys.exit included, into a MeshError; log what they print."""
+    said = io.StringIO()
+    try:
+        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said), quietly():
+            yield
+    except MeshError as error:
+        raise MeshError(f"{subject}: {error}") from None
+    except (SystemExit, Exception) as error:
+        cause = said.getvalue() if isinstance(error, SystemExit) else f"{type(error).__name__}: {error}"
+        raise MeshError(f"{subject} {failure} ({' '.join(cause.split())[:200]}).") from error
+    if words := " ".join(said.getvalue().split()):
+        logging.getLogger("vemcvx").info("%s: %s", subject, words)
+
+
+def finished(subject: str, grid: Grid, *, by_place: bool = True) -> AnyTessellation:
+    """Return the mesh of a grid, its sides named by their place if nothing is; warn of what was mended and left out."""
+    with translated(subject, "holds no valid mesh"), quietly() as caught:
+        mesh, notes = mesh_of(grid)
+    sides = straight_sides(mesh) if by_place and set(mesh.boundaries) == {WHOLE} else {}
+    if sides:
         mesh = mesh.with_boundaries(sides)
         notes = [*notes, f"no part of the boundary has a name; by their place, sides are called {', '.join(sides)}."]
     for note in [*(str(warning.message) for warning in caught if warning.category is MeshWarning), *notes]:
@@ -97,33 +119,11 @@ def finished(subject: str, made: Callable[[], tuple[AnyTessellation, list[str]]]
     return mesh
 
 
-@contextlib.contextmanager
-def translated(subject: str, failure: str) -> Iterator[None]:
-    """Turn whatever other libraries do on failure, sys.exit included, into a MeshError, and keep the terminal clean."""
-    said = io.StringIO()
-    try:
-        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said), quietly():
-            yield
-    except MeshError as error:
-        raise MeshError(f"{subject} {failure}: {error}") from None
-    except (SystemExit, Exception) as error:
-        cause = said.getvalue() if isinstance(error, SystemExit) else f"{type(error).__name__}: {error}"
-        raise MeshError(f"{subject} {failure} ({' '.join(cause.split())[:200]}).") from error
+# From a mesh to a grid.
 
 
-@contextlib.contextmanager
-def named(subject: str) -> Iterator[None]:
-    """Put the subject before the message of a MeshError."""
-    try:
-        yield
-    except MeshError as error:
-        raise MeshError(f"{subject}: {error}") from None
-
-
-def grid_of(
-    mesh: AnyTessellation, data: Mapping[str, ArrayLike], *, polyhedra: bool = False, sides: bool = True
-) -> Grid:
-    """Return the cells of a mesh with data, and the named parts of its boundary if `sides`.
+def grid_of(mesh: AnyTessellation, *, polyhedra: bool = False, sides: bool = True, data: bool = True) -> Grid:
+    """Return the cells of a mesh, with its cell data, and with the named parts of its boundary if `sides`.
 
     In space cells are given by their vertices as other programs do, which MeshError refuses for any but tetrahedra,
     hexahedra, wedges and pyramids; or all as `polyhedra`.
@@ -135,211 +135,189 @@ def grid_of(
         kinds, faces = np.full(mesh.n_cells, "polyhedron"), listed_faces(mesh.faces)
         offsets, vertices = mesh.cell_nodes
     else:
-        kinds, offsets, vertices = by_vertices(mesh)
-    parts = named_parts(mesh) if sides else {}
-    rows = {name: rows_of(mesh, part) for name, part in parts.items()}
-    cells = np.concatenate(
-        [np.arange(mesh.n_cells), *(mesh._owners[matching_rows(*mesh._outlines, *row)] for row in rows.values())]
-    )
-    part = np.repeat(np.arange(len(parts) + 1), [mesh.n_cells, *map(len, parts.values())])
-    values = {name: np.asarray(given) for name, given in data.items()}
+        kinds, offsets, vertices = _by_vertices(mesh)
+    rows = named_parts(mesh) if sides else {}
+    cells = [np.arange(mesh.n_cells), *(mesh._owners[matching_rows(*mesh._outlines, *row)] for row in rows.values())]
+    part = np.repeat(np.arange(len(cells)), list(map(len, cells)))
+    values = {name: np.asarray(given) for name, given in mesh.cell_data.items()} if data else {}
     return Grid(
         mesh.points,
         np.concatenate([kinds, *(polygon_kinds(row[0]) for row in rows.values())]),
         offsets_of(np.concatenate([np.diff(offsets), *(np.diff(row[0]) for row in rows.values())])),
         np.concatenate([vertices, *(row[1] for row in rows.values())]),
-        data={name: (x.astype(np.uint8) if x.dtype == bool else x)[cells] for name, x in values.items()},
-        sides={name: part == number for number, name in enumerate(parts, start=1)},
+        data={n: (x.astype(np.uint8) if x.dtype == bool else x)[np.concatenate(cells)] for n, x in values.items()},
+        sets={name: part == number for number, name in enumerate(rows, start=1)},
         faces=faces,
     )
 
 
 def polygon_kinds(offsets: Ints) -> NDArray[np.str_]:
-    """The kinds of lines and polygons with so many nodes."""
+    """Return the kinds of lines and polygons with so many nodes."""
     counts = np.diff(offsets)
     return np.select([counts == 2, counts == 3, counts == 4], ["line", "triangle", "quad"], "polygon")
 
 
-def named_parts(mesh: AnyTessellation) -> dict[str, Ints]:
-    """Edges or numbers of faces of all that a file names: boundaries but the whole; and rows of nodes, of partners."""
+def named_parts(mesh: AnyTessellation) -> dict[str, Rows]:
+    """Return the nodes of the edges or faces of boundaries, but for the whole, and of partners at interfaces."""
     parts = {name: part for name, part in mesh.boundaries.items() if name != WHOLE}
     for name, found in mesh.interfaces.items():
         first, second = (quote(body, safe="") for body in found.bodies)
         parts[f"{PARTNERS}{first}:{second}:{name}"] = found.partners
-    return parts
+    rows = {}
+    for name, part in parts.items():
+        if isinstance(mesh, SpaceTessellation) and part.ndim == 1:
+            rows[name] = rows_in_order(mesh.face_offsets, mesh.face_vertices, part)
+        else:
+            rows[name] = offsets_of((part >= 0).sum(axis=1)), part[part >= 0]
+    return rows
 
 
-def rows_of(mesh: AnyTessellation, part: Ints) -> Rows:
-    """The nodes of each edge or face of a part that is named."""
-    if isinstance(mesh, SpaceTessellation) and part.ndim == 1:
-        return rows_in_order(mesh.face_offsets, mesh.face_vertices, part)
-    there = part >= 0
-    return offsets_of(there.sum(axis=1)), part[there]
+def _by_vertices(mesh: SpaceTessellation) -> tuple[NDArray[np.str_], Ints, Ints]:
+    """Return kinds of solids, and offsets and vertices in VTK's order: around the bottom, then above; or MeshError."""
+    kinds, rows = list[str](), list[list[int]]()
+    for number, cell in enumerate(mesh.cells):
+        faces = [face.tolist() for face in cell]
+        shape = len(set().union(*faces)), len(faces), sum(len(face) == 3 for face in faces)
+        kind, n = SHAPES.get(shape, ("", 0))
+        bottom = next((face[::-1] for face in faces if len(face) == n), [])
+        # Each face runs outwards, so that one of its edges leads up from a node of the bottom.
+        edges = [edge for face in faces for edge in zip(face, face[1:] + face[:1], strict=True)]
+        up = [[b for a, b in edges if a == node and b not in bottom] for node in bottom]
+        if not kind or any(len(ends) != 1 for ends in up):
+            raise MeshError(
+                f"tetrahedra, hexahedra, wedges and pyramids alone are given by their vertices, and cell {number} is "
+                "none of them. Polyhedra go into .vtu files and to PyVista."
+            )
+        kinds.append(kind)
+        rows.append([*bottom, *dict.fromkeys(ends[0] for ends in up)])
+    return np.array(kinds), offsets_of(np.array(list(map(len, rows)))), np.concatenate(rows)
 
 
-def by_vertices(mesh: SpaceTessellation) -> tuple[NDArray[np.str_], Ints, Ints]:
-    """Kinds of solids, and offsets and vertices in VTK's order: around the bottom, then above; or MeshError."""
-    listed = listed_faces(mesh.faces)
-    sizes, ends = np.diff(listed.offsets), directed_edges(listed.offsets, listed.vertices)
-    triangles = np.add.reduceat(sizes == 3, listed.cell_offsets[:-1], dtype=np.int64)
-    shape = np.column_stack([np.diff(mesh.cell_nodes[0]), np.diff(mesh.cell_offsets), triangles])
-    kinds, rows = np.full(mesh.n_cells, "polyhedron"), np.zeros((mesh.n_cells, 8), dtype=np.int64)
-    for wanted, (kind, n) in SHAPES.items():
-        cells = np.flatnonzero((shape == wanted).all(axis=1))
-        if not len(cells):
-            continue
-        faces = listed.cell_offsets[cells, None] + np.arange(wanted[1])
-        bottom = faces[np.arange(len(cells)), np.argmax(sizes[faces] == n, axis=1)]
-        around = listed.vertices[listed.offsets[bottom, None] + np.arange(n)[::-1]]
-        first = listed.offsets[listed.cell_offsets[cells]]
-        edges = ends[first[:, None] + np.arange(listed.offsets[listed.cell_offsets[cells[0] + 1]] - first[0])]
-        # Away from the bottom, one edge leads up from each of its nodes.
-        stays = (edges[:, :, 1, None] == around[:, None]).any(axis=2)
-        up = (edges[:, None, :, 0] == around[:, :, None]) & ~stays[:, None]
-        above = np.take_along_axis(edges[:, :, 1], np.argmax(up, axis=2), axis=1)
-        sound = (up.sum(axis=2) == 1).all(axis=1)
-        kinds[cells[sound]] = kind
-        rows[cells, :n], rows[cells, n : wanted[0]] = around, above[:, : wanted[0] - n]
-    strange = np.flatnonzero(kinds == "polyhedron")
-    if len(strange):
-        raise MeshError(
-            f"tetrahedra, hexahedra, wedges and pyramids alone are given by their vertices, and cell {strange[0]} is "
-            f"none of them. Polyhedra go into .vtu files and to PyVista."
-        )
-    offsets = offsets_of(shape[:, 0])
-    return kinds, offsets, rows[np.arange(8) < shape[:, :1]]
-
-
-def take_parts(grid: Grid, fields: Mapping[str, Any]) -> Grid:
-    """The same grid with the parts of the boundary among data of the whole file: edges, or in space rows of nodes."""
-    for name, values in ((name, np.asarray(x)) for name, x in fields.items() if name.startswith(MARK)):
-        if values.dtype.kind not in "iu" or (values.ndim != 2 if grid.solid else values.size % 2):
-            wanted = "faces, rows of node numbers" if grid.solid else "edges, pairs of node numbers"
-            raise MeshError(f"its datum {name!r} is no list of {wanted}.")
-        rows = values.astype(np.int64) if grid.solid else values.astype(np.int64).reshape(-1, 2)
-        grid.parts[name.removeprefix(MARK)] = offsets_of((rows >= 0).sum(axis=1)), rows[rows >= 0]
-    return grid
-
-
-def by_corners(grid: Grid) -> Grid:
-    """The grid with cells of second order as those of first order that have their corners, and straight edges.
-
-    Nodes that no cell has at a corner any more are dropped, with a note.
-    """
-    first = {kind: corner for corner, kinds in CORNERS.items() for kind in kinds}
-    curved = np.isin(grid.kinds, list(first))
-    if not curved.any():
-        return grid
-    names = np.unique(grid.kinds[curved]).tolist()
-    kinds, counts = grid.kinds.astype("<U16"), np.diff(grid.offsets)
-    for name in names:
-        few = counts[grid.kinds == name] != int(name.lstrip("abcdefghijklmnopqrstuvwxyz"))
-        if few.any():
-            raise MeshError(f"its cells of the kind {name!r} do not all have so many nodes.")
-        kinds[grid.kinds == name] = first[name]
-        counts[grid.kinds == name] = NODES[first[name]]
-    starts = np.repeat(grid.offsets[:-1] - offsets_of(counts)[:-1], counts)
-    vertices = grid.vertices[np.arange(counts.sum()) + starts]
-    n = len(grid.points)
-    known = (grid.vertices >= 0) & (grid.vertices < n)
-    corner = np.zeros(n, dtype=bool)
-    corner[vertices[(vertices >= 0) & (vertices < n)]] = True
-    if grid.faces is not None:
-        corner[grid.faces.vertices] = True
-    between = np.zeros(n, dtype=bool)
-    between[grid.vertices[np.repeat(curved, np.diff(grid.offsets)) & known]] = True
-    dropped = between & ~corner
-    # A number that is none stays so: the checks of the mesh name it.
-    number = np.append(np.where(dropped, -1, np.cumsum(~dropped) - 1), -1)
-
-    def new(nodes: Ints) -> Ints:
-        inside = (nodes >= 0) & (nodes < n)
-        return np.where(inside, number[np.where(inside, nodes, n)], nodes)
-
-    faces = None if grid.faces is None else grid.faces._replace(vertices=new(grid.faces.vertices))
-    note = (
-        f"{dropped.sum()} nodes between the corners of second-order cells ({', '.join(names)}) are dropped: cells are "
-        "read by their corners, with straight edges."
-    )
-    return replace(
-        grid,
-        points=np.asarray(grid.points)[~dropped],
-        kinds=kinds,
-        offsets=offsets_of(counts),
-        vertices=new(vertices),
-        parts={name: (offsets, new(nodes)) for name, (offsets, nodes) in grid.parts.items()},
-        faces=faces,
-        notes=(*grid.notes, note),
-    )
+# From a grid to a mesh.
 
 
 def mesh_of(grid: Grid) -> tuple[AnyTessellation, list[str]]:
-    """The mesh of the solids that there are, or else of the polygons, and notes on what was left out; or MeshError."""
+    """Return the mesh of the solids that there are, or else of the polygons, and notes on what was left out."""
     grid = by_corners(grid)
-    _check(grid)
+    _check_kinds(grid)
     inner, outer = grid.bounding
     cells = np.flatnonzero(inner)
     if CELL in grid.data:
         cells = cells[np.argsort(grid.data[CELL][cells], kind="stable")]
+    marks = {name.removeprefix(MARK): (x != 0) & outer for name, x in grid.data.items() if name.startswith(MARK)}
     kept = {name: x[cells] for name, x in grid.data.items() if name != CELL and not name.startswith(MARK)}
     data = {name: x.astype(x.dtype.newbyteorder("=")) for name, x in kept.items() if x.dtype.kind in "biuf"}
-    marks = {name.removeprefix(MARK): x != 0 for name, x in grid.data.items() if name.startswith(MARK)} | grid.sides
-    marked = {name: np.flatnonzero(mark & outer) for name, mark in marks.items()}
-    parts = {name: rows_in_order(grid.offsets, grid.vertices, rows) for name, rows in marked.items()} | grid.parts
+    data |= {name: x[cells].astype(np.uint8) for name, x in grid.sets.items() if x[cells].any()}
+    sides = {name: np.flatnonzero(x & outer) for name, x in (grid.sets | marks).items()}
+    parts = {name: rows_in_order(grid.offsets, grid.vertices, rows) for name, rows in sides.items() if len(rows)}
+    parts |= grid.parts
     interfaces = _interfaces(parts)
+    mesh: AnyTessellation
     if grid.solid:
-        solids = _solids(grid, cells)
-        space = SpaceTessellation(grid.points, solids, cell_data=data, interfaces=interfaces)
-        mesh, left_out = _with_parts(space, parts)
+        mesh = SpaceTessellation(grid.points, _solids(grid, cells), cell_data=data, interfaces=interfaces)
     else:
         offsets, vertices = rows_in_order(grid.offsets, grid.vertices, cells)
         counts = np.unique(np.diff(offsets))
         polygons = vertices.reshape(-1, counts[0]) if len(counts) == 1 else np.split(vertices, offsets[1:-1])
-        plane = Tessellation(_plane(grid.points), polygons, cell_data=data, interfaces=interfaces)
-        mesh, left_out = _with_parts(plane, parts)
-    return mesh, [*grid.notes, *left_out]
+        mesh = Tessellation(_plane(grid.points, vertices), polygons, cell_data=data, interfaces=interfaces)
+    return _with_parts(mesh, parts, grid)
 
 
-def _check(grid: Grid) -> None:
+def by_corners(grid: Grid) -> Grid:
+    """Return the grid with cells of second order as those of first order that have their corners."""
+    kinds = np.array([FIRST.get(kind, kind) for kind in grid.kinds.tolist()], dtype=str)
+    counts = np.diff(grid.offsets)
+    corners = np.array([NODES.get(kind, 0) for kind in kinds.tolist()], dtype=np.int64)
+    curved = kinds != grid.kinds
+    wrong = np.flatnonzero(np.where(curved, counts < corners, (corners > 0) & (counts != corners)))
+    if len(wrong):
+        raise MeshError(f"its cells of the kind {str(grid.kinds[wrong[0]])!r} do not all have so many nodes.")
+    if not curved.any():
+        return grid
+    counts = np.where(curved, corners, counts)
+    offsets = offsets_of(counts)
+    vertices = grid.vertices[np.arange(offsets[-1]) + np.repeat(grid.offsets[:-1] - offsets[:-1], counts)]
+    names = ", ".join(np.unique(grid.kinds[curved]).tolist())
+    note = f"cells of second order ({names}) are read by their corners, with straight edges."
+    return replace(grid, kinds=kinds, offsets=offsets, vertices=vertices, notes=(*grid.notes, note))
+
+
+def bodies_of(grid: Grid) -> dict[str, Grid]:
+    """Return the cells of each body alone, with what of lines, faces and sets of nodes is on its nodes, by name."""
+    grid = by_corners(grid)
+    inner, outer = grid.bounding
+    bodies = {name: grid.sets[name] & inner for name in grid.bodies if (grid.sets[name] & inner).any()}
+    times = np.sum([*bodies.values(), np.zeros(len(inner), dtype=np.int64)], axis=0)[inner]
+    if len(bodies) < 2 or (times != 1).any():
+        several = np.flatnonzero(inner)[times > 1]
+        double = " and ".join(repr(name) for name, mine in bodies.items() if mine[several[:1]].any())
+        found = f"there is one, {next(iter(bodies))!r}; read it without bodies=" if bodies else "there is none"
+        found = f"{len(several)} of its cells are in several, {double}" if double else found
+        found = f"{(times == 0).sum()} of its cells are in none" if bodies and (times == 0).any() else found
+        raise MeshError(
+            "bodies='physical' makes a body of every physical group of cells of a Gmsh file, of every instance or part "
+            f"(or else element set) of an Abaqus file. Wanted are two, and each cell in one; here, {found}."
+        )
+    found_grids: dict[str, Grid] = {}
+    cell = np.repeat(np.arange(len(inner)), np.diff(grid.offsets))
+    for name, mine in bodies.items():
+        own = np.zeros(len(grid.points), dtype=bool)
+        own[grid.vertices[mine[cell]]] = True
+        part = grid.taken(np.flatnonzero(mine | (outer & (np.bincount(cell, ~own[grid.vertices], len(mine)) == 0))))
+        number = np.cumsum(own) - 1
+        parts = {}
+        for side, (offsets, nodes) in grid.parts.items():
+            rows = np.flatnonzero(np.logical_and.reduceat(own[nodes], offsets[:-1]))
+            if len(rows):
+                parts[side] = offsets_of(np.diff(offsets)[rows]), number[rows_in_order(offsets, nodes, rows)[1]]
+        part.data.pop(PHYSICAL, None)
+        part.points, part.vertices, part.parts = grid.points[own], number[part.vertices], parts
+        part.nodes = {side: chosen[own] for side, chosen in grid.nodes.items() if chosen[own].any()}
+        lines = np.isin(part.kinds, (*POLYGONS, "line")) if grid.solid else part.kinds == "line"
+        part.sets = {key: x & lines if key in grid.bodies else x for key, x in part.sets.items()}
+        part.notes = () if found_grids else grid.notes  # What is said of the whole file is said once.
+        found_grids[name] = part
+    return found_grids
+
+
+def _check_kinds(grid: Grid) -> None:
     kinds: set[str] = set(grid.kinds.tolist())
-    inner, _ = grid.bounding
-    strange = sorted(kinds - {*POLYGONS, *SOLIDS, *PASSED_OVER, "line"})
+    strange = sorted(kinds - {*POLYGONS, *SOLIDS, "vertex", "empty", "line"})
     if strange:
         wanted = (
-            f"{', '.join(SOLIDS)} with straight edges and plane faces. Export elements of first or second order."
+            f"{', '.join(SOLIDS)} with straight edges and plane faces"
             if grid.solid
-            else "plane polygons with straight edges (triangles, quads, polygons) and lines. Export the plane surface "
-            "alone, with elements of first or second order."
+            else "plane polygons with straight edges (triangles, quads, polygons) and lines"
         )
-        raise MeshError(f"it holds cells of the kind {strange[0]!r}; wanted are {wanted}")
-    if not inner.any():
-        raise MeshError(f"it holds no polygons, only {', '.join(sorted(kinds)) or 'nothing'}.")
-    for kind, count in NODES.items():
-        if (np.diff(grid.offsets)[grid.kinds == kind] != count).any():
-            raise MeshError(f"its cells of the kind {kind!r} do not all have {count} nodes.")
+        raise MeshError(
+            f"it holds cells of the kind {strange[0]!r}; wanted are {wanted}. Export elements of first or second order."
+        )
+    if not grid.bounding[0].any():
+        raise MeshError(" ".join([f"it holds no polygons, only {', '.join(sorted(kinds)) or 'nothing'}.", *grid.notes]))
     for name, values in grid.data.items():
-        single = name in (CELL, PHYSICAL) or name.startswith(MARK)
+        single = name == CELL or name.startswith(MARK)
         if len(values) != len(grid.kinds) or (single and values.ndim > 1):
             raise MeshError(f"its cell datum {name!r} has the shape {values.shape} on {len(grid.kinds)} cells.")
 
 
-def _plane(points: Floats) -> Floats:
-    """The points without a third coordinate that is the same everywhere."""
+def _plane(points: Floats, used: Ints) -> Floats:
+    """Return the points without a third coordinate that is the same for all that cells use."""
     points = np.asarray(points, dtype=float)
     if points.ndim == 2 and points.shape[1] == 3 and len(points):
-        # A plane that was turned into place by the program that wrote the file is plane to its digits. Points that
-        # are no numbers are left to the checks of the mesh, which name them.
-        if np.ptp(points[:, 2]) > SAME * np.nanmax(np.abs(points - points[0]), initial=0.0):
+        # A mesh that was turned into place by the program that wrote the file is plane to its digits. Points that are
+        # no numbers, or are not there, are left to the checks of the mesh, which name them.
+        x = points.take(used, axis=0, mode="clip")
+        if np.ptp(x[:, 2]) > SAME * np.nanmax(np.abs(x - x[0]), initial=0.0):
             raise MeshError(
-                f"its points do not lie in a plane z = constant: z runs from {points[:, 2].min():.6g} to "
-                f"{points[:, 2].max():.6g}. Turn the mesh into the x-y plane first."
+                f"its points do not lie in a plane z = constant: z runs from {x[:, 2].min():.6g} to "
+                f"{x[:, 2].max():.6g}. Turn the mesh into the x-y plane first."
             )
         return points[:, :2]
     return points
 
 
 def _interfaces(parts: dict[str, Rows]) -> dict[str, Interface]:
-    """Interfaces among the named parts of a file, which then are no boundaries any more."""
+    """Return the interfaces among the named parts of a file, which then are no boundaries any more."""
     found = {}
     for key in [name for name in parts if name.startswith(PARTNERS) and name.count(":") > 2]:
         first, second, name = key.removeprefix(PARTNERS).split(":", 2)
@@ -351,7 +329,7 @@ def _interfaces(parts: dict[str, Rows]) -> dict[str, Interface]:
 
 
 def _solids(grid: Grid, cells: Ints) -> Listed:
-    """The faces of the solids with the given numbers, in this order."""
+    """Return the faces of the solids with the given numbers, in this order."""
     lists, numbers = [], []
     for kind in np.unique(grid.kinds[cells]).tolist():
         members = np.flatnonzero(grid.kinds == kind)
@@ -362,9 +340,14 @@ def _solids(grid: Grid, cells: Ints) -> Listed:
             lists.append(grid.faces)
             continue
         corners = grid.vertices[grid.offsets[members, None] + np.arange(NODES[kind])]
-        sizes = np.tile([len(face) for face in FACES[kind]], len(corners))
-        offsets, each = offsets_of(sizes), np.arange(len(corners) + 1) * len(FACES[kind])
-        lists.append(_outwards(Listed(offsets, corners[:, np.concatenate(FACES[kind])].ravel(), each), grid.points))
+        faces = FACES[kind]
+        offsets = offsets_of(np.tile([len(face) for face in faces], len(corners)))
+        vertices = corners[:, np.concatenate(faces)].ravel()
+        # Programs number solids both ways around. Nodes that do not exist are named by the checks of the mesh.
+        x = np.asarray(grid.points, dtype=float).take(corners[:, (0, *EDGES[kind])], axis=0, mode="clip")
+        backwards = np.linalg.det(x[:, 1:] - x[:, :1]) < 0.0
+        vertices = turned(offsets, vertices, np.repeat(backwards, len(faces)))
+        lists.append(Listed(offsets, vertices, np.arange(len(corners) + 1) * len(faces)))
     joined = Listed(
         offsets_of(np.concatenate([np.diff(one.offsets) for one in lists])),
         np.concatenate([one.vertices for one in lists]),
@@ -375,22 +358,9 @@ def _solids(grid: Grid, cells: Ints) -> Listed:
     return joined.in_order(place[cells])
 
 
-def _outwards(listed: Listed, points: ArrayLike) -> Listed:
-    """The same with all faces of a cell turned where it is inside out: programs number both ways around."""
-    points = np.asarray(points, dtype=float)
-    inside = (listed.vertices >= 0) & (listed.vertices < len(points))
-    if not inside.all() or points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
-        return listed  # the checks of the mesh say what is wrong
-    shapes = face_shapes(points, listed.offsets, listed.vertices)
-    faces = np.arange(len(listed.offsets) - 1)
-    volumes = volumes_and_centroids(shapes, listed.cell_offsets, faces, np.ones(len(faces)))[0]
-    backwards = np.repeat(volumes < 0.0, np.diff(listed.cell_offsets))
-    return listed._replace(vertices=turned(listed.offsets, listed.vertices, backwards))
-
-
-def _with_parts(mesh: AnyTessellation, parts: Mapping[str, Rows]) -> tuple[AnyTessellation, list[str]]:
-    """The mesh with named parts of its boundary; what is not on it is left out, with a note."""
-    notes, boundaries = [], {}
+def _with_parts(mesh: AnyTessellation, parts: Mapping[str, Rows], grid: Grid) -> tuple[AnyTessellation, list[str]]:
+    """Return the mesh with named parts of its boundary; what is not on it is left out, with a note."""
+    notes, boundaries = list(grid.notes), {}
     whole, dimension = mesh.boundaries[WHOLE], mesh.points.shape[1]
     number = np.arange(mesh.n_nodes) if mesh.node_map is None else mesh.node_map
     for name, rows in parts.items():
@@ -401,4 +371,14 @@ def _with_parts(mesh: AnyTessellation, parts: Mapping[str, Rows]) -> tuple[AnyTe
             notes.append(f"{strange} of {len(found)} {kind} named {name!r} are not on the boundary and are left out.")
         if len(chosen) and not (name == WHOLE and len(chosen) == len(whole)):
             boundaries[name] = whole[chosen]
+    (offsets, vertices), alone = mesh._outlines, []
+    for name, nodes in grid.nodes.items():
+        inside = np.isin(vertices, number[nodes])
+        chosen = np.flatnonzero(np.logical_and.reduceat(inside, offsets[:-1]))
+        if len(chosen):
+            boundaries.setdefault(name, whole[chosen])
+        else:
+            alone.append(repr(name))
+    if alone:
+        notes.append(f"between the nodes of {', '.join(alone)} there is not {mesh.A_PART} of the boundary.")
     return mesh.with_boundaries(boundaries), notes

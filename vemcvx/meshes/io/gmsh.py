@@ -1,0 +1,119 @@
+"""Gmsh's files, .msh, read by meshio; the names and members of physical groups are read here.
+
+meshio keeps one group of a name and one group of an entity, and fails where some entities are in none (Mesh.SaveAll).
+"""
+
+from __future__ import annotations
+
+import re
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vemcvx.base.errors import MeshError
+from vemcvx.meshes.io.blocks import GEOMETRICAL, Group, cells_of, take_groups, to_meshio
+from vemcvx.meshes.io.grid import PHYSICAL, Grid
+from vemcvx.meshes.polygons import same_rows
+
+FORMAT = re.compile(rb"\$MeshFormat\s+([\d.]+)\s+([01])\s+([48])\s")
+PARAMETRIC = "its nodes have parametric coordinates: save without parametric coordinates (Mesh.SaveParametric = 0)."
+LONG = re.compile(rb"(?<![\w.+-])\d{9,}(?![\w.])")  # meshio makes an array of as many entries as the largest number
+
+
+def read_gmsh(path: Path) -> Grid:
+    """Return the cells of a file of version 2 or 4, with physical groups as named sets."""
+    import meshio
+
+    data = path.read_bytes()
+    found = FORMAT.search(data[:10_000])
+    if not found:
+        raise MeshError("it does not begin as Gmsh's files do, with $MeshFormat.")
+    version, binary = float(found[1]), found[2] == b"1"
+    if version == 4.0:  # Gmsh spells it 4, which meshio takes for 4.1.
+        data = data[: found.start(1)] + b"4.0" + data[found.end(1) :]
+    if long := None if binary else LONG.search(data):
+        raise MeshError(
+            f"it has the number {long[0][:30].decode()}; numbers of nodes have up to eight digits: renumber."
+        )
+    names, data = _without(data, b"PhysicalNames")
+    entities, data = _without(data, b"Entities")
+    lines = re.findall(rb'^\s*(\d)\s+(\d+)\s+"(.*)"', names, re.MULTILINE)
+    called = {(int(dim), int(tag)): name.decode("utf-8", "replace") for dim, tag, name in lines}
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "mesh.msh"
+        file.write_bytes(data)
+        try:
+            mesh = meshio.gmsh.read(file)
+        except Exception as error:
+            parametric = b"$ParametricNodes" in data or "parametric" in str(error)
+            raise MeshError(PARAMETRIC) if parametric else error from None
+    grid = cells_of(mesh)
+    numbers = grid.data.pop(PHYSICAL, None)
+    if version >= 4.0 and entities:
+        take_groups(grid, grid.data.pop(GEOMETRICAL), called, _groups(entities, version, found[3], binary=binary))
+    elif numbers is not None:
+        take_groups(grid, numbers, called)
+    first, number = same_rows(grid.offsets, grid.vertices)
+    if len(first) == len(number):
+        return grid
+    # Version 2 writes a cell once for each of its groups.
+    together = {name: np.bincount(number, chosen) > 0 for name, chosen in grid.sets.items()}
+    grid = grid.taken(first)
+    grid.sets = together
+    return grid
+
+
+def _without(data: bytes, section: bytes) -> tuple[bytes, bytes]:
+    """Return the inside of a section, and the file without it."""
+    start, end = data.find(b"$" + section), data.find(b"$End" + section)
+    if start < 0 or end < 0:
+        return b"", data
+    inside, after = data.find(b"\n", start) + 1, data.find(b"\n", end)
+    return data[inside:end], data[:start] + (data[after + 1 :] if after >= 0 else b"")
+
+
+def _groups(section: bytes, version: float, width: bytes, *, binary: bool) -> Mapping[Group, list[int]]:
+    """Return the physical groups of each entity of a geometry, (dimension, number) -> numbers of groups."""
+    words, at = [] if binary else section.split(), 0
+
+    def take(kind: str, count: int) -> list[Any]:
+        nonlocal at
+        start, step = at, count * np.dtype(kind).itemsize if binary else count
+        at += step
+        if binary:
+            return np.frombuffer(section, kind, count, start).tolist()
+        return [int(word) if kind[0] != "f" else 0 for word in words[start:at]]
+
+    size, groups = f"u{width.decode()}", dict[Group, list[int]]()
+    for dim, count in enumerate(take(size, 4)):
+        for _ in range(count):
+            (tag,) = take("i4", 1)
+            take("f8", 3 if dim == 0 and version > 4.0 else 6)  # the box around it
+            groups[dim, tag] = take("i4", take(size, 1)[0])
+            if dim:
+                take("i4", take(size, 1)[0])  # what bounds it
+    return groups
+
+
+def write_gmsh(path: Path, grid: Grid) -> list[str]:
+    """Write cells, and named sets of them as physical groups, in version 2.2; return the names of lost data."""
+    inner = grid.bounding[0]
+    numbers, names, lost = np.zeros(len(inner), dtype=np.int64), dict[str, list[int]](), []
+    dimension = 3 if grid.solid else 2
+    sets = {name: x == 1 for name, x in grid.data.items() if x.ndim == 1 and np.isin(x, (0, 1)).all()}
+    for name in [name for name in grid.data if name != PHYSICAL]:
+        chosen = sets.get(name, ~inner) & inner
+        if not chosen.any() or numbers[chosen].any() or name in grid.sets:
+            lost.append(name)
+            continue
+        numbers[chosen], names[name] = len(names) + 1, [len(names) + 1, dimension]
+    for name, chosen in grid.sets.items():
+        numbers[chosen], names[name] = len(names) + 1, [len(names) + 1, dimension - 1]
+    grid.data, grid.sets = {PHYSICAL: numbers, GEOMETRICAL: numbers}, {}
+    made = to_meshio(grid, in_order=True)
+    made.field_data = {name: np.array(value) for name, value in names.items()}
+    made.write(path, file_format="gmsh22")  # Version 4 wants a geometry.
+    return lost

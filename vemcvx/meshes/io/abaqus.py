@@ -43,8 +43,8 @@ FILES = "NODE", "ELEMENT", "NSET", "ELSET", "INCLUDE"
 def read_abaqus(path: Path) -> Grid:
     """Return the cells of a file: element sets as named sets, node sets and surfaces as parts of the boundary."""
     deck = _Deck()
-    for block in _blocks(path):
-        deck.take(*block)
+    for word, options, lines in _blocks(path):
+        deck.take(word, options, lines)
     mesh = _meshlane().read(io.StringIO("\n".join([*deck.lines, ""])))
     grid = cells_of(mesh)
     block = np.repeat(np.arange(len(mesh.cells)), [len(one) for one in mesh.cells])
@@ -54,7 +54,7 @@ def read_abaqus(path: Path) -> Grid:
     at = offsets_of(np.array(counts, dtype=np.int64))
     own = {name: (block >= at[k]) & (block < at[k + 1]) for k, name in enumerate(placed)}
     _take_sets(grid, deck, own)
-    grid.bodies = tuple(own or _largest(grid))
+    grid.bodies = tuple(own or _largest(grid) or grid.sets)
     grid.sets |= own
     if deck.unread:
         grid.notes = (*grid.notes, f"it has, and not read are, {', '.join(dict.fromkeys(deck.unread))}.")

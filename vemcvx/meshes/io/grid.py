@@ -179,7 +179,7 @@ def _by_vertices(mesh: SpaceTessellation) -> tuple[NDArray[np.str_], Ints, Ints]
         faces = [face.tolist() for face in cell]
         shape = len(set().union(*faces)), len(faces), sum(len(face) == 3 for face in faces)
         kind, n = SHAPES.get(shape, ("", 0))
-        bottom = next((face[::-1] for face in faces if len(face) == n), [])
+        bottom = next((face[::-1] for face in faces if len(face) == n), list[int]())
         # Each face runs outwards, so that one of its edges leads up from a node of the bottom.
         edges = [edge for face in faces for edge in zip(face, face[1:] + face[:1], strict=True)]
         up = [[b for a, b in edges if a == node and b not in bottom] for node in bottom]

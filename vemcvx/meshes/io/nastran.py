@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Iterator
 from pathlib import Path
 
 from vemcvx.base.errors import MeshError
@@ -17,69 +16,60 @@ from vemcvx.meshes.io.grid import Grid
 
 CORNERS = {"CTRIA3": 3, "CTRIAR": 3, "CTRIA6": 3, "CQUAD4": 4, "CQUADR": 4, "CQUAD8": 4, "CSHEAR": 4, "CTETRA": 4}
 CORNERS |= {"CPYRAM": 5, "CPYRA": 5, "CPENTA": 6, "CHEXA": 8, "CBAR": 2, "CBEAM": 2, "CROD": 2}
-MOST = {"CTRIA6": 6, "CQUAD8": 8, "CTETRA": 10, "CPYRAM": 13, "CPYRA": 13, "CPENTA": 15, "CHEXA": 20}
-"""Elements -> how many of their nodes are corners, which come first, and how many there may be."""
-REFUSED = "GRDSET", "INCLUDE", "SPOINT"
+"""Elements -> how many of their nodes are corners, which come first."""
+SECOND = {"CTRIA6": "CTRIA3", "CQUAD8": "CQUAD4"}
+SOLIDS = "CTETRA", "CPYRAM", "CPYRA", "CPENTA", "CHEXA"  # of first or second order
 
 
 def read_nastran(path: Path) -> Grid:
     """Return the points and cells of a file; MeshError where some would be lost or misplaced."""
     import meshio
 
-    lines, grids, elements, curved = ["BEGIN BULK"], 0, 0, set[str]()
-    for name, fields in _cards(path.read_bytes().decode("utf-8", "replace")):
-        at, system = fields[0], fields[1]
+    lines, curved = list[str](), set[str]()
+    for card in _cards(path.read_bytes().decode("utf-8", "replace").upper()):
+        name, at, system, *fields = (*card, *[""] * 5)
+        n = CORNERS.get(name, 0)
+        if name == "GRID" and system not in ("", "0"):
+            raise MeshError(f"GRID {at} is in the coordinate system {system}; export nodes in the basic one, 0.")
         if name == "GRID":
-            if system not in ("", "0"):
-                raise MeshError(f"GRID {at} is in the coordinate system {system}; export nodes in the basic one, 0.")
-            lines.append(",".join(["GRID", at, "", *(_real(x) for x in fields[2:5])]))
-            grids += 1
-        elif name in CORNERS:
-            n = CORNERS[name]
-            if not all(fields[2 : 2 + n]):
-                raise MeshError(f"its card {name} {at} has fewer than {n} nodes.")
-            if any(fields[2 + n : 2 + MOST.get(name, n)]):
+            lines.append(f"GRID,{at},,{','.join(map(_real, fields[:3]))}")
+        elif n and not all(fields[:n]):
+            raise MeshError(f"its card {name} {at} has fewer than {n} nodes.")
+        elif n:
+            if name in (*SECOND, *SOLIDS) and any(fields[n : 2 * n if name in SECOND else None]):
                 curved.add(name)
-            first = name.replace("6", "3") if n == 3 else name.replace("8", "4") if n == 4 else name
-            lines.append(",".join([first, at, system or at, *fields[2 : 2 + n]]))
-            elements += 1
-        elif (name.startswith("C") and not name.startswith(("CORD", "CEND"))) or name in REFUSED:
+            lines.append(",".join([SECOND.get(name, name), at, system or at, *fields[:n]]))
+        elif re.match("C(?!ORD|END)|GRDSET|SPOINT|INCLUDE", name):
             raise MeshError(
                 f"its card {name} {at} is not read; export without it. Read are GRID, {', '.join(CORNERS)}."
             )
-    grid = cells_of(meshio.nastran.read(io.StringIO("\n".join([*lines, "ENDDATA", ""]))))
-    if (len(grid.points), len(grid.kinds)) != (grids, elements):
-        found = f"{len(grid.points)} and {len(grid.kinds)}"
-        raise MeshError(f"it has {grids} points and {elements} cells; {found} were read.")
+    grid = cells_of(meshio.nastran.read(io.StringIO("\n".join(["BEGIN BULK", *lines, "ENDDATA", ""]))))
+    if len(grid.points) + len(grid.kinds) != len(lines):
+        raise MeshError(f"it has {len(lines)} points and cells; {len(grid.points)} and {len(grid.kinds)} were read.")
     if curved:
         grid.notes = (f"cells of second order ({', '.join(sorted(curved))}) are read by their corners.",)
     return grid
 
 
-def _cards(text: str) -> Iterator[tuple[str, list[str]]]:
-    """Yield the cards of the bulk data: their names, and their fields but for names and marks of continuations."""
-    upper = text.upper()
-    bulk = re.split(r"^\s*BEGIN\s+BULK.*$", upper, maxsplit=1, flags=re.MULTILINE)[-1]
-    card: list[str] = []
-    for line in re.split(r"^ENDDATA", bulk, maxsplit=1, flags=re.MULTILINE)[0].splitlines():
-        line = line.partition("$")[0].expandtabs(8).rstrip()
+def _cards(text: str) -> list[list[str]]:
+    """Return the cards of the bulk data: their names, and their fields without marks of continuations."""
+    bulk = re.split(r"^\s*BEGIN\s+BULK.*$", text, maxsplit=1, flags=re.MULTILINE)[-1]
+    cards: list[list[str]] = []
+    for raw in re.split(r"^ENDDATA", bulk, maxsplit=1, flags=re.MULTILINE)[0].splitlines():
+        line = raw.partition("$")[0].expandtabs(8).rstrip()
+        head, *fields = line[:8].strip(), *(line[k : k + 8].strip() for k in range(8, 72, 8))
         if "," in line:
             head, *fields = (field.strip() for field in line.split(","))
-            width = 4 if head.endswith("*") else 8
-            fields = fields if len(fields) > width + 1 else fields[:width]
-        else:
-            head, step = line[:8].strip(), 16 if "*" in line[:8] else 8
-            width = 64 // step
-            fields = [line[at : at + step].strip() for at in range(8, 72, step)]
-        if not line or (not head and not any(fields)):
-            continue
+        elif "*" in head:
+            fields = [line[k : k + 16].strip() for k in range(8, 72, 16)]
+        width = 4 if "*" in head else 8
+        if len(fields) == width + 1:
+            fields = fields[:width]  # The last one is the mark of a continuation.
         if head and head[0] not in "+*":
-            if card:
-                yield card[0], [*card[1:], "", "", "", "", ""]
-            card = [head.rstrip("*")]
-        card += [*fields, *[""] * (width - len(fields))]
-    if card:
-        yield card[0], [*card[1:], "", "", "", "", ""]
+            cards.append([head.rstrip("*")])
+        if cards and (head or any(fields)):
+            cards[-1] += [*fields, *[""] * (width - len(fields))]
+    return cards
 
 
 def _real(field: str) -> str:

@@ -15,7 +15,7 @@ import zlib
 from collections.abc import Mapping
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 from xml.etree import ElementTree
 
 import numpy as np
@@ -82,7 +82,7 @@ def _values(array: ElementTree.Element, root: ElementTree.Element, appended: byt
     if array.get("format") == "ascii":
         values = np.array((array.text or "").split(), dtype=dtype)
     else:
-        order = ">" if root.get("byte_order") == "BigEndian" else "<"
+        order: Literal["<", ">"] = ">" if root.get("byte_order") == "BigEndian" else "<"
         raw, data = False, (array.text or "").encode()
         if array.get("format") == "appended":
             words, _, body = appended.rpartition(b"</AppendedData")[0].partition(b"_")

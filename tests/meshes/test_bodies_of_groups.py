@@ -65,7 +65,7 @@ def test_groups_of_cells_of_second_order_become_bodies(tmp_path):
         field_data={"plate": np.array([1, 2]), "pin": np.array([2, 2]), "joint": np.array([3, 1])},
     )
     meshio.write(tmp_path / "two.msh", mesh, file_format="gmsh22", binary=False)
-    with pytest.warns(vx.MeshWarning, match="cells of second order .line3, quad8. are read by their corners") as caught:
+    with pytest.warns(vx.MeshWarning, match="cells of higher order .line3, quad8. are read by their corners") as caught:
         found = vx.meshes.read(tmp_path / "two.msh", bodies="physical")
     assert len(caught) == 1
     assert (found.n_cells, found.n_nodes, list(found.interfaces)) == (2, 8, ["joint"])

@@ -523,7 +523,7 @@ def test_polyhedra_as_paraview_writes_them_now(tmp_path):
             read(tmp_path / "theirs.vtu")
 
 
-# Cells of second order.
+# Cells of higher order.
 
 
 def curved(cells, nodes):
@@ -532,17 +532,27 @@ def curved(cells, nodes):
     return np.hstack([cells, more.reshape(len(cells), -1)])
 
 
-SECOND = [("triangles", 6), ("squares", 8), ("squares", 9), ("tetrahedra", 10), ("cubes", 20), ("cubes", 27)]
+HIGHER = [
+    ("triangles", 6),
+    ("triangles", 10),
+    ("squares", 8),
+    ("squares", 9),
+    ("tetrahedra", 10),
+    ("cubes", 20),
+    ("cubes", 27),
+]
 
 
 @pytest.mark.parametrize("suffix", [".vtu", ".msh", ".inp"])
-@pytest.mark.parametrize(("family", "nodes"), SECOND)
-def test_cells_of_second_order_are_read_by_their_corners(family, nodes, suffix, tmp_path):
+@pytest.mark.parametrize(("family", "nodes"), HIGHER)
+def test_cells_of_higher_order_are_read_by_their_corners(family, nodes, suffix, tmp_path):
     first = getattr(vx.meshes, family)(2)
     block = first.to("meshio").cells[0]
     cells = curved(np.asarray(block.data), nodes)
     kind, path = f"{block.type}{nodes}", tmp_path / f"curved{suffix}"
     points = np.pad(first.to("meshio").points, ((0, cells.max() + 1 - first.n_nodes), (0, 0)), constant_values=0.3)
+    if nodes == 10 and family == "triangles" and suffix == ".vtu":
+        return  # VTK has another kind of cells for these.
     if suffix == ".inp":
         names = {"triangle6": "CPE6M", "quad8": "CPS8R", "tetra10": "C3D10M", "hexahedron20": "C3D20R"}
         if kind not in names:
@@ -558,7 +568,7 @@ def test_cells_of_second_order_are_read_by_their_corners(family, nodes, suffix, 
     with pytest.warns(vx.MeshWarning) as caught:
         mesh = read(path)
     said = " ".join(str(one.message) for one in caught)
-    assert f"{path}: cells of second order ({kind}) are read by their corners, with straight edges." in said
+    assert f"{path}: cells of higher order ({kind}) are read by their corners, with straight edges." in said
     assert f"{len(points) - first.n_nodes} of {len(points)} nodes belong to no cell" in said
     np.testing.assert_array_equal(mesh.points, first.points)
     np.testing.assert_allclose(mesh.measures, first.measures, rtol=1e-13)

@@ -430,7 +430,7 @@ def read(path: str | Path, bodies: str | None = None, *, tolerance: float | None
 
     Where there are tetrahedra, hexahedra, wedges, pyramids or polyhedra, it is a mesh in space of these. Hexahedra,
     wedges and pyramids must have plane faces: mesh bodies where they would be warped with tetrahedra, or hand in cells
-    of your own whose warped faces are two triangles each, the same in both cells. Cells of second order (triangle6,
+    of your own whose warped faces are two triangles each, the same in both cells. Cells of higher order (triangle6,
     quad8, quad9, tetra10, hexahedron20, hexahedron27 ...) are read by their corners, with straight edges.
 
     Named boundaries are those that `write` of a mesh wrote, the physical groups of lines (in space, of surfaces) of a
@@ -466,7 +466,7 @@ def read(path: str | Path, bodies: str | None = None, *, tolerance: float | None
     Warns
     -----
     MeshWarning
-        Cells were turned, unused nodes dropped, cells of second order read by their corners, named lines or faces
+        Cells were turned, unused nodes dropped, cells of higher order read by their corners, named lines or faces
         inside the mesh or on interfaces left out, sides named; or what is in the file was not read.
     """
     if bodies is None and tolerance is None:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vemcvx.base.arrays import Ints
-from vemcvx.meshes.io.grid import CELL, FIRST, MARK, NODES, PHYSICAL, POLYGONS, SOLIDS, Grid, by_corners
+from vemcvx.meshes.io.grid import CELL, DIGITS, MARK, NODES, PHYSICAL, POLYGONS, SOLIDS, Grid, by_corners
 from vemcvx.meshes.io.vtu import with_parts
 from vemcvx.meshes.polygons import offsets_of
 
@@ -33,7 +33,10 @@ def cells_of(mesh: Any) -> Grid:
     """Return the cells by their corners, block by block, with their data and named sets of cells and nodes."""
     rows: list[Ints] = []
     for block in mesh.cells:
-        known = block.type in (*NODES, *FIRST, "polygon")  # Others may be no arrays; the checks of grids name them.
+        known = block.type.rstrip(DIGITS) in (
+            *NODES,
+            "polygon",
+        )  # Others may be no arrays; the checks of grids name them.
         rows.append(np.asarray(block.data if known else np.zeros((len(block.data), 1))).astype(np.int64))
     sizes, none = [len(row) for row in rows], np.zeros(0, dtype=np.int64)
     grid = Grid(

@@ -36,20 +36,10 @@ AnyTessellation = Tessellation | SpaceTessellation
 Rows = tuple[Ints, Ints]  # Offsets and nodes of rows of different lengths.
 
 CELL, MARK, PARTNERS, PHYSICAL = "vemcvx:cell", "boundary:", "partners:", "gmsh:physical"
+DIGITS = "0123456789"  # behind kinds of higher order, "triangle6": their corners come first
 NODES = {"line": 2, "triangle": 3, "quad": 4, "tetra": 4, "hexahedron": 8, "wedge": 6, "pyramid": 5}
 POLYGONS = ("triangle", "quad", "polygon")
 SOLIDS = ("tetra", "hexahedron", "wedge", "pyramid", "polyhedron")
-SECOND = {
-    "line": ("line3",),
-    "triangle": ("triangle6", "triangle7"),
-    "quad": ("quad8", "quad9"),
-    "tetra": ("tetra10",),
-    "hexahedron": ("hexahedron20", "hexahedron24", "hexahedron27"),
-    "wedge": ("wedge15", "wedge18"),
-    "pyramid": ("pyramid13", "pyramid14"),
-}
-FIRST = {second: kind for kind, seconds in SECOND.items() for second in seconds}
-"""Kinds of second order -> those of first order; the corners come first in all of them."""
 EDGES = {"tetra": (1, 2, 3), "wedge": (1, 2, 3), "pyramid": (1, 3, 4), "hexahedron": (1, 3, 4)}
 """Ends of the three edges from vertex 0, right-handed."""
 SHAPES = {(4, 4, 4): ("tetra", 3), (8, 6, 0): ("hexahedron", 4), (6, 5, 2): ("wedge", 3), (5, 5, 4): ("pyramid", 4)}
@@ -224,8 +214,8 @@ def mesh_of(grid: Grid) -> tuple[AnyTessellation, list[str]]:
 
 
 def by_corners(grid: Grid) -> Grid:
-    """Return the grid with cells of second order as those of first order that have their corners."""
-    kinds = np.array([FIRST.get(kind, kind) for kind in grid.kinds.tolist()], dtype=str)
+    """Return the grid with cells of higher order as those of first order that have their corners."""
+    kinds = np.array([k.rstrip(DIGITS) if k.rstrip(DIGITS) in NODES else k for k in grid.kinds.tolist()], dtype=str)
     counts = np.diff(grid.offsets)
     corners = np.array([NODES.get(kind, 0) for kind in kinds.tolist()], dtype=np.int64)
     curved = kinds != grid.kinds
@@ -238,7 +228,7 @@ def by_corners(grid: Grid) -> Grid:
     offsets = offsets_of(counts)
     vertices = grid.vertices[np.arange(offsets[-1]) + np.repeat(grid.offsets[:-1] - offsets[:-1], counts)]
     names = ", ".join(np.unique(grid.kinds[curved]).tolist())
-    note = f"cells of second order ({names}) are read by their corners, with straight edges."
+    note = f"cells of higher order ({names}) are read by their corners, with straight edges."
     return replace(grid, kinds=kinds, offsets=offsets, vertices=vertices, notes=(*grid.notes, note))
 
 
@@ -290,7 +280,7 @@ def _check_kinds(grid: Grid) -> None:
             else "plane polygons with straight edges (triangles, quads, polygons) and lines"
         )
         raise MeshError(
-            f"it holds cells of the kind {strange[0]!r}; wanted are {wanted}. Export elements of first or second order."
+            f"it holds cells of the kind {strange[0]!r}; wanted are {wanted}. Export elements of first order."
         )
     if not grid.bounding[0].any():
         raise MeshError(" ".join([f"it holds no polygons, only {', '.join(sorted(kinds)) or 'nothing'}.", *grid.notes]))

@@ -47,7 +47,7 @@ def read_nastran(path: Path) -> Grid:
     if len(grid.points) + len(grid.kinds) != len(lines):
         raise MeshError(f"it has {len(lines)} points and cells; {len(grid.points)} and {len(grid.kinds)} were read.")
     if curved:
-        grid.notes = (f"cells of second order ({', '.join(sorted(curved))}) are read by their corners.",)
+        grid.notes = (f"cells of higher order ({', '.join(sorted(curved))}) are read by their corners.",)
     return grid
 
 

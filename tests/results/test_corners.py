@@ -85,6 +85,20 @@ def test_a_frictionless_floor_has_no_corner():
     assert said(flat)["pressure"] == said(flat)["pressure_recovered"] == ""
 
 
+@pytest.mark.parametrize("friction", [(), (vx.CoulombFriction(0.3, on="bottom"),)])
+def test_contact_that_opens_along_a_side_is_no_corner(friction):
+    """An edge is lifted: its end on the left is a corner, that of contact in the middle is none."""
+    lift = vx.PrescribedDisplacement(lambda x, t: t * (x[:, :1] * [0.0, 0.04] + [0.0, -0.02]), on="top")
+    history = settled(vx.meshes.squares(8), STEEL, lift, vx.UnilateralContact(on="bottom"), *friction)
+    contact = history.contact
+    places = contact.points[np.argsort(contact.points[:, 0])]
+    closed = contact.closed[-1][np.argsort(contact.points[:, 0])]
+    assert 2 < closed.sum() < 7
+    assert {corner_at(history, place) for place in places[1:]} == {""}
+    corner = f"at a corner of contact with friction and free side{MAY}" if friction else ""
+    assert corner_at(history, places[0]) == corner
+
+
 @pytest.mark.parametrize(("wide", "told"), [(2.0, f"at a reentrant corner{MAY}"), (1.0, "")])
 def test_bodies_that_meet_are_one_of_all_their_angles(wide, told):
     """A block on a wider one, 270 degrees, and on one as wide."""

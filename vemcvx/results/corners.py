@@ -10,7 +10,8 @@ singularities resulting from various boundary conditions in angular corners of p
     between a side that is held and a free one  beyond 45 to 90 degrees, by Poisson's ratio.
 
 Whether it does depends on the load, too, and on whether contact with friction slips: the sentence says "may". Bodies
-that meet at a place are one of all their angles together. Materials that meet, and loads and displacements that jump,
+that meet at a place are one of all their angles together. Where contact opens along a smooth side, stress is bounded
+and nothing is said. Materials that meet, and loads and displacements that jump,
 are not looked at, nor edges and corners of bodies in space.
 """
 
@@ -126,6 +127,8 @@ class Corners:
         conditions = (self._condition(sides, edge, nodes, row) for edge in at.tolist())
         (one, first), (other, second) = sorted(conditions, reverse=True)
         angle, held = self._angle(nodes), {one, other}
+        if sides.contact[at].all() and abs(angle - np.pi) < CURVE:
+            return ""
         if 1 in held:
             angle, held = 2.0 * angle, held - {1}
         if angle < (np.pi + CURVE if len(held) < 2 else LEAST):

@@ -71,7 +71,7 @@ class History(Results, Outlined):
     sides : Sides or None
         The conditions on the boundary, by which `extremes` knows corners and point loads.
     growth : dict of str to str, or None
-        Extremes that grew on and on from mesh to mesh of an adaptive run, by their keys, and how.
+        Extremes that grew on the last meshes of an adaptive run, by their keys, and by how much.
     quantities : dict of str to Quantity, or None
         "dissipated", "work" and "wear" with their estimated errors, if asked for: see :func:`vemcvx.quantities`.
     dissipated_error, work_error : (N + 1,) or None

@@ -184,8 +184,8 @@ def test_errors_of_steps_are_one_to_five_times_the_truth(name, caplog):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("run", "counts"), [(dovetail, (24, 48, 96, 192)), (pad, (36, 48, 72, 96))])
-def test_estimates_at_many_steps(run, counts):
+@pytest.mark.parametrize(("run", "counts", "left"), [(dovetail, (24, 48, 96, 192), 0.05), (pad, (36, 48, 72, 96), 0.1)])
+def test_estimates_at_many_steps(run, counts, left):
     """The largest wear of both crosses the truth on the way: of the pad it is .5 % above it in 24 steps, below in 96.
 
     Of the dovetail first order is 5.1, 2.5, 1.2, .61 % off in friction work and 75, 38, 19, 9.7 % in work, second order
@@ -199,7 +199,7 @@ def test_estimates_at_many_steps(run, counts):
         for one, off in zip(found.values(), off_by(history, exact), strict=True):
             assert 1.0 <= one.steps / off <= 5.0
         for one, true, coarse in zip(found.values(), truth, first, strict=False):
-            assert abs(one.value - true) < 0.05 * abs(coarse - true)
+            assert abs(one.value - true) < left * abs(coarse - true)
 
 
 @pytest.mark.long

@@ -427,7 +427,7 @@ def _extremes(history: History) -> dict[str, tuple[float, float]]:
 
 
 def _growth(passes: Sequence[Pass]) -> dict[str, str]:
-    """The extremes that grew from pass to pass by a factor that does not fall, and how."""
+    """The extremes that grew on the last meshes, and by how much."""
     keys = set.intersection(*(set(one.extremes) for one in passes))
     told = {key: growth(*zip(*(one.extremes[key] for one in passes), strict=True)) for key in SINGULAR if key in keys}
     return {key: words for key, words in told.items() if words}

@@ -80,13 +80,6 @@ def test_what_is_prescribed_may_strain_too_much(caplog, way):
     assert 0.07 < float(re.search(r"a strain of (\S+) at", told).group(1)) < 0.3
 
 
-def test_heat_that_does_nothing_but_strain(caplog):
-    """Expansion in millionths, the million forgotten."""
-    heated = vx.ThermalStrain(12.0, 100.0), vx.Elasticity(200.0, 0.3), vx.Clamp(on="bottom")
-    run = lambda: vx.simulate(vx.Scene(*heated), vx.meshes.squares(3), [0.0, 1.0], initial="settled")  # noqa: E731
-    assert len(said(caplog, run)) == 1
-
-
 @pytest.mark.long
 def test_adaptive_runs_warn_once(caplog):
     scene = vx.Scene(vx.Elasticity(2.0, 0.3), vx.Clamp(on="left"), vx.Traction((2.0, 0.0), on="right"))

@@ -9,7 +9,7 @@ import pytest
 from scenes import cyclic, paper_scene, small
 
 import vemcvx as vx
-from problem_pictures import beside_closed_form, body_and_graph
+from problem_pictures import body_and_graph
 from vemcvx.base.canvas import blended, new_figure
 from vemcvx.plots import (
     along_contact,
@@ -446,15 +446,6 @@ def test_a_body_is_coloured_by_its_stress_and_pushed_by_its_contact(history):
         (name, value) = next(iter(wrong.items()))
         with pytest.raises(vx.VemcvxError, match=f"stressed_body: found {name} '{value}'; there are '(xx|contact)', "):
             stressed_body(history, **wrong)
-
-
-def test_computed_values_stand_beside_their_closed_form():
-    ax, x = new_figure().add_subplot(), np.linspace(0, 1, 200)
-    beside_closed_form(ax, (x, x**2), (x, x**3), label="found", exact_label="known")
-    drawn = lines(ax)
-    assert np.array_equal(drawn["known"], np.column_stack([x, x**3]))
-    assert len(drawn["found"]) == 60
-    assert {tuple(point) for point in drawn["found"]} <= set(zip(x, x**2, strict=True))
 
 
 @pytest.mark.long

@@ -104,6 +104,17 @@ def test_only_regular_files_are_deleted_or_written_to(tmp_path, kind):
     assert os.path.lexists(place)
 
 
+@pytest.mark.long
+def test_a_summary_that_lists_tables_of_others_takes_none_away(tmp_path):
+    history().write(tmp_path)
+    for name in ("thesis.csv", "probes.csv"):
+        (tmp_path / name).write_text("a thesis")
+    summary = tmp_path / "summary.json"
+    summary.write_text(summary.read_text().replace('"contact.csv"', '"contact.csv", "thesis.csv", "../thesis.csv"'))
+    history(bound=1.0).write(tmp_path)
+    assert (tmp_path / "thesis.csv").read_text() == (tmp_path / "probes.csv").read_text() == "a thesis"
+
+
 class Died(BaseException):
     """A process that dies."""
 

@@ -14,7 +14,7 @@ them, slip and traction of the second body with the other sign. On cells it has 
 
 All files are made in a folder inside the target and moved from there: the archive first, by which a folder is known
 as that of a history and from which histories are read, and the summary last. A process that dies before leaves the
-older history as it was. Without such an archive in a folder files of those names are not replaced.
+older history as it was. Files of those names that are of no history stay as they are.
 
 The archive holds what :func:`vemcvx.results.results.labelled` lists, the mesh with its boundaries and cell data, and as
 JSON in the array `about` what is no array.
@@ -291,7 +291,7 @@ def write_results(
 
 def _move(made: Owned, folder: Path) -> None:
     """Replace the files of an older history by those that were made; its archive, from which it is read, first."""
-    older = _listed_steps(folder / SERIES) | set(FILES.values()) if _is_archive(folder / ARCHIVE) else set()
+    older = _files_of_history(folder)
     turn = {ARCHIVE: 0, SERIES: 2, SUMMARY: 3}
     for name in sorted(made.names, key=lambda name: (turn.get(name, 1), name)):
         os.replace(made.path / name, folder / name)
@@ -335,12 +335,22 @@ def _at_nodes(history: Results, row: int) -> dict[str, Floats]:
 
 
 def check_replaceable(folder: Path, names: Set[str] = frozenset({ARCHIVE, SERIES, SUMMARY, *FILES.values()})) -> None:
-    """Raise HistoryError where a file of one of these names is in a folder that no history was written to."""
-    for name in () if _is_archive(folder / ARCHIVE) else sorted(names):
+    """Raise HistoryError where a file of one of these names is there that is not of a history."""
+    for name in sorted(names - _files_of_history(folder)):
         if os.path.lexists(folder / name):
             raise HistoryError(
                 f"{folder / name}: not of a history, so it is not replaced. Choose another folder, or move it away."
             )
+
+
+def _files_of_history(folder: Path) -> set[str]:
+    """Return the names of the files of the history in a folder: those that its series and its summary list."""
+    if not _is_archive(folder / ARCHIVE):
+        return set()
+    tables: set[str] = set()
+    with suppress(OSError, ValueError, TypeError, KeyError):
+        tables = set(FILES.values()) & set(json.loads((folder / SUMMARY).read_text(encoding="utf-8"))["tables"])
+    return {ARCHIVE, SERIES, SUMMARY} | tables | _listed_steps(folder / SERIES)
 
 
 def _is_archive(path: Path) -> bool:

@@ -17,7 +17,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
-from vemcvx.base.arrays import ROUNDING, Floats, Ints, as_real_array, brief, is_whole, shape_in_words
+from vemcvx.base.arrays import ROUNDING, Floats, Ints, as_real_array, brief, finite, is_whole, shape_in_words, shaped
 from vemcvx.base.errors import SceneError
 from vemcvx.meshes import AnyMesh, PolygonMesh, PolyhedralMesh
 from vemcvx.meshes.polygons import TOLERANCE, cell_of_corner, holding, next_vertex, outlines, overlapping_boxes
@@ -120,10 +120,7 @@ def _points(points: ArrayLike, dim: int, subject: str) -> Floats:
     x = as_real_array(points, subject, wanted)
     if x.ndim != 2 or x.shape[1] != dim:
         raise SceneError(f"{subject}: found {shape_in_words(x)}; wanted {wanted}.")
-    bad = ~np.isfinite(x).all(axis=1)
-    if bad.any():
-        raise SceneError(f"{subject}: found NaN or infinity in point {int(np.argmax(bad))}; wanted finite {wanted}.")
-    return x
+    return finite(x, subject)
 
 
 ON_CELLS = ("stress", "out_of_plane_stress", "von_mises", "principal_stresses")
@@ -153,7 +150,10 @@ def profile(history: Results, start: ArrayLike, end: ArrayLike, count: int, fiel
     if not is_whole(count) or not 2 <= count <= 10**7:
         raise SceneError(f"along: found count = {brief(count)}; wanted the number of points, 2 or more.")
     dim = history.mesh.points.shape[1]
-    first, last = (_end(point, dim, name) for point, name in ((start, "start"), (end, "end")))
+    first, last = (
+        finite(shaped(point, name, f"a point of {dim} coordinates", (dim,)), name)
+        for point, name in ((start, "along: start"), (end, "along: end"))
+    )
     length = float(np.linalg.norm(last - first))
     if length == 0.0:
         raise SceneError(f"along: the line begins and ends at {first}; use probe for a single point.")
@@ -163,11 +163,3 @@ def profile(history: Results, start: ArrayLike, end: ArrayLike, count: int, fiel
     else:
         values = np.stack([at.at_cells(getattr(history, field)(int(step))) for step in history.stored])
     return Profile(np.linspace(0.0, length, count), values)
-
-
-def _end(point: ArrayLike, dim: int, name: str) -> Floats:
-    wanted = f"a point of {dim} coordinates"
-    x = as_real_array(point, f"along: {name}", wanted)
-    if x.shape != (dim,) or not np.isfinite(x).all():
-        raise SceneError(f"along: found {name} = {brief(point)}; wanted {wanted}, finite.")
-    return x

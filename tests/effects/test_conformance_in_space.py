@@ -1,6 +1,7 @@
 """What every effect must satisfy, in space: the sentences of vemcvx.testing on a cube, laws of slip among them."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -151,6 +152,6 @@ test_every_effect_in_space = pytest.mark.long(
 
 def test_no_exported_effect_is_missing_from_the_samples_in_space():
     exported = {
-        kind for kind in map(vars(vx).get, vx.__all__) if isinstance(kind, type) and issubclass(kind, vx.Effect)
+        kind for kind in map(partial(getattr, vx), vx.__all__) if isinstance(kind, type) and issubclass(kind, vx.Effect)
     }
     assert exported - {vx.Effect} == {type(sample.effect) for sample in SAMPLES.values()} - {SlipWeakening, Glue}

@@ -167,7 +167,7 @@ def contributed(tmp_path_factory):
         (root / path).write_text(FILES[path])
     insert("vemcvx/effects/__init__.py", '"""\n\n', LINES["vemcvx/effects/robin.py"])
     insert("vemcvx/effects/__init__.py", "__all__ = [", '"Robin", ')
-    insert("vemcvx/__init__.py", '"""\n\n', "from vemcvx.effects import Robin as Robin\n")
+    insert("vemcvx/__init__.pyi", '"""\n\n', "from .effects import Robin as Robin\n")
     insert("tests/effects/test_conformance_effects.py", "SAMPLES = {\n", ROBIN_SAMPLE)
     in_space = ROBIN_SAMPLE.replace("(0.0, 0.0)", "(0.0, 0.0, 0.0)").replace('"support": 2', '"support": 3')
     insert("tests/effects/test_conformance_in_space.py", "SAMPLES = {\n", in_space)

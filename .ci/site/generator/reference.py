@@ -6,6 +6,7 @@ import importlib
 import inspect
 from dataclasses import dataclass
 from pathlib import Path
+from types import ModuleType
 
 
 @dataclass(frozen=True)
@@ -145,7 +146,8 @@ TOPICS = {
 
 def public_names() -> list[str]:
     """All public names, qualified as in `TOPICS`: those of `vemcvx` itself are not repeated in its modules."""
-    own = [name for name in importlib.import_module("vemcvx").__all__ if name not in NAMESPACES]
+    package = importlib.import_module("vemcvx")
+    own = [name for name in package.__all__ if not isinstance(getattr(package, name), ModuleType)]
     modules = {short: importlib.import_module(module) for short, module in NAMESPACES.items() if short}
     others = [(short, name) for short, module in modules.items() for name in module.__all__ if name not in own]
     return [*own, *(f"{short}.{name}" for short, name in others)]

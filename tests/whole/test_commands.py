@@ -103,6 +103,8 @@ HOW = {
     "meshio convert a.xyz a.vtu": As(
         "meshio convert a.mesh a.vtu && python -c 'import vemcvx as vx; vx.meshes.read(\"a.vtu\")'"
     ),
+    "meshio convert a.vtk a.vtu": Not("it is `meshio convert a.xyz a.vtu`"),
+    "vemcvx run FILE --mesh two.msh": Not("it is tested with files of two bodies in tests/cli"),
     "vemcvx compare problems/feng_han_huang.py --solvers all": As(),
     "vemcvx export FILE --steps 3,17 --format npz|mtx|cbf|mps|qps|hdf5": As(
         f"for form in npz mtx cbf mps qps; do vemcvx export {PAPER} --steps 3,17 --format $form; done; "

@@ -348,7 +348,7 @@ def quarter(radii, sectors):
 
 REFUSED = [
     ({"a": cubes(1), "b": cubes(1)}, r"'a' and 'b' overlap near \("),
-    ({"a": cubes(1), "b": cubes(2, ((0.5, 1.5), (0, 1), (0, 1)))}, r"'a' and 'b' overlap near \(0\.75"),
+    ({"a": cubes(1), "b": cubes(2, ((0.5, 1.5), (0, 1), (0, 1)))}, r"'a' and 'b' overlap near \(0\.5"),
     ({"a": cubes(1), "b": cubes(2, ((0.2, 0.8), (0.2, 0.8), (0.2, 0.8)))}, "'a' and 'b' overlap near"),
     ({"a": cubes(1), "b": cubes(2, ((0.2, 0.8), (0.2, 0.8), (0.2, 1.0)))}, "'a' and 'b' overlap near"),
     (

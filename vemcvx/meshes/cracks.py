@@ -82,7 +82,7 @@ def cut(mesh: AnyMesh, name: str, sides: Mapping[str, ArrayLike]) -> AnyMesh:
 
 
 def _with_nodes(mesh: AnyMesh, points: Floats, renumbered: Callable[[Ints, Ints, Ints], Ints]) -> AnyMesh:
-    """The mesh of the same cells between other nodes: from cells, the rows that they own, and the nodes of these."""
+    """Return the mesh of the same cells between other nodes, `renumbered` by cells, their rows, and nodes of these."""
     kind, cells = type(mesh), np.arange(mesh.n_cells)
     if isinstance(mesh, SpaceTessellation):
         listed = listed_faces(mesh.faces)
@@ -93,7 +93,7 @@ def _with_nodes(mesh: AnyMesh, points: Floats, renumbered: Callable[[Ints, Ints,
 
 
 def _numbered_anew(nodes: Ints, pairs: Ints, opened: Bools, count: int) -> tuple[Ints, Ints]:
-    """New nodes of all corners, those that were not there last; and which of `count` nodes each of them was.
+    """Return nodes of all corners, new ones last; and which of `count` nodes each of them was.
 
     `nodes` has that of each corner, `pairs` (k, 2) those corners at a node that a side joins, unless it is opened.
     """
@@ -116,7 +116,7 @@ def _check_sides(mesh: Mesh, name: str, sides: Mapping[str, ArrayLike]) -> tuple
 
 
 def _check_opening(mesh: Mesh, origin: Ints, lip: Ints, other: Ints) -> None:
-    """MeshError where both lips, rows of nodes that were `origin`, are one side of all that is there."""
+    """Raise MeshError where both lips, rows of nodes that were `origin`, are one side of all that is there."""
     closed = np.flatnonzero((lip == other).all(axis=1))
     if len(closed):
         row = lip[closed[0]]

@@ -91,15 +91,15 @@ def _check_sides(name: str, given: object, n_nodes: int, dimension: int) -> Ints
 
 
 def padded(offsets: Ints, flat: Ints) -> Ints:
-    """Rows of different lengths as an array (k, n) that is filled up with -1."""
+    """Return rows of different lengths as an array (k, n), filled up with -1."""
     counts = np.diff(offsets)
     rows = np.full((len(counts), counts.max(initial=0)), -1)
     rows[np.arange(rows.shape[1]) < counts[:, None]] = flat
     return rows
 
 
-def coinciding_sides(outlines: tuple[Ints, Ints], body: Ints, place: Ints) -> tuple[Ints, Ints, Ints, Ints]:
-    """Return sides of two bodies in the same places, those of the earlier body first: their numbers, and their nodes.
+def coinciding_sides(outlines: tuple[Ints, Ints], body: Ints, place: Ints) -> tuple[Ints, Ints]:
+    """Return nodes of sides of two bodies in the same places: of the earlier body, and of the later one.
 
     `outlines` are the offsets and vertices of the sides of the boundary. Rows (k, n) of nodes are in the order of the
     side of the earlier body, filled up with -1.
@@ -116,16 +116,16 @@ def coinciding_sides(outlines: tuple[Ints, Ints], body: Ints, place: Ints) -> tu
     count = int(body.max()) + 1
     wanted = place[mine[1]] * count + np.repeat(body[nodes[rows[:-1]]][other], np.diff(mine[0]))
     across = found_in(place * count + body, wanted)
-    return sides[one], sides[other], padded(*mine), padded(mine[0], across)
+    return padded(*mine), padded(mine[0], across)
 
 
 def pairs_of(interfaces: Mapping[str, Interface]) -> Ints:
-    """All pairs (m, 2) of nodes in the same place."""
+    """Return all pairs (m, 2) of nodes in the same place."""
     return np.concatenate([np.empty((0, 2), dtype=np.int64), *(found.pairs for found in interfaces.values())])
 
 
 def places_of(pairs: Ints, points: Floats) -> Ints:
-    """The place of each node, (n_nodes,): the smallest of the numbers of the nodes that are there, or MeshError."""
+    """Return the place of each node, (n_nodes,): the smallest number of a node that is there; or raise MeshError."""
     if not len(pairs):
         return np.arange(len(points))
     one, other = points[pairs[:, 0]], points[pairs[:, 1]]
@@ -139,7 +139,7 @@ def places_of(pairs: Ints, points: Floats) -> Ints:
 def on_boundary(
     interfaces: Mapping[str, Interface], outlines: tuple[Ints, Ints], node_map: Ints | None = None
 ) -> dict[str, Interface]:
-    """Interfaces with their sides in the order of the boundary, each as it runs there; MeshError if one is not on it.
+    """Return interfaces with sides in the order of the boundary, each as it runs there; or raise MeshError.
 
     `outlines` are the offsets and vertices of the edges or faces of the boundary.
     """
@@ -177,6 +177,6 @@ def on_boundary(
 
 
 def faces_of(side: Ints, outlines: tuple[Ints, Ints]) -> Ints:
-    """The numbers in the boundary of the faces of one side of an interface, rows (k, n) of nodes."""
+    """Return the numbers in the boundary of the faces of one side of an interface, rows (k, n) of nodes."""
     there = side >= 0
     return matching_rows(*outlines, offsets_of(there.sum(axis=1)), side[there])

@@ -101,11 +101,11 @@ def bodies(
     body = np.repeat(np.arange(len(each)), [mesh.n_nodes for mesh in each])
     match = _match_in_plane if isinstance(apart, Tessellation) else _match_in_space
     joined: Joined[Any] = match(names, apart, body, length)
-    first, second, *sides = coinciding_sides(joined.mesh._outlines, joined.body, joined.place)
+    sides = coinciding_sides(joined.mesh._outlines, joined.body, joined.place)
     found = on_boundary(_by_name(names, joined.body, sides, interfaces), joined.mesh._outlines)
     joined = joined._replace(mesh=joined.mesh._replace(interfaces=MappingProxyType(found)))
     if isinstance(joined.mesh, SpaceTessellation):
-        _check_apart_in_space(names, joined, first, second)
+        _check_apart_in_space(names, joined)
     _check_contact_in_points(names, joined)
     _check_whole(joined.mesh)
     # What is left of named boundaries without the interfaces.
@@ -216,7 +216,7 @@ def _hanging(mesh: Tessellation, body: Ints, place: Ints, tolerance: float) -> t
 def _by_name(
     names: tuple[str, ...], body: Ints, sides: Sequence[Ints], interfaces: Mapping[str, tuple[str, str]] | None
 ) -> dict[str, Interface]:
-    """Sides of earlier bodies and their partners, rows (k, n) of nodes each, under the names of interfaces."""
+    """Return interfaces by name: sides of earlier bodies and their partners, rows (k, n) of nodes each."""
     named = _check_names(interfaces, names)
     first, second = (body[side[:, 0]] if len(side) else body[:0] for side in sides)
     found = {}
@@ -241,7 +241,7 @@ def _by_name(
 def _check_names(
     interfaces: Mapping[str, tuple[str, str]] | None, known: tuple[str, ...]
 ) -> dict[tuple[str, str], str]:
-    """(first body, second body) -> name of their interface, as far as given."""
+    """Return (first body, second body) -> name of their interface, as far as given; or raise MeshError."""
     interfaces = {} if interfaces is None else interfaces
     if not isinstance(interfaces, Mapping):
         raise MeshError(f"bodies: interfaces must map names to pairs of bodies; got {brief(interfaces)}.")
@@ -330,26 +330,21 @@ def _match_in_space(
     return Joined(mesh, tiled.body, tiled.place, apart._places(tiled.origin[mesh._boundary]))
 
 
-def _check_apart_in_space(names: tuple[str, ...], joined: Joined[SpaceTessellation], first: Ints, second: Ints) -> None:
-    """Raise MeshError where bodies overlap, leave a slit or a pocket, or where cells are none any more.
+def _check_apart_in_space(names: tuple[str, ...], joined: Joined[SpaceTessellation]) -> None:
+    """Raise MeshError where bodies overlap, touch in nodes, or leave a slit or a pocket.
 
-    Bodies overlap if two coinciding faces, `first` and `second` of the boundary, are seen from the same side, or a node
-    of one body, or the middle of a face, is inside another.
+    Bodies overlap if a node of one body that is no other's, or what is below the middle of a face, is inside another.
     """
     mesh, body = joined.mesh, joined.body
-    one, other = mesh._boundary[first], mesh._boundary[second]
-    same_way = np.einsum("ki,ki->k", mesh.face_normals[one], mesh.face_normals[other]) > 0.0
     of_face = body[mesh.face_vertices[mesh.face_offsets[:-1]]]
-    if same_way.any():
-        k = np.argmax(same_way)
-        raise _overlap(names, of_face[[one[k], other[k]]], mesh.face_centroids[one[k]])
     width = NARROW_BETWEEN_BODIES * float((np.abs(mesh.volumes) / mesh.diameters**2).min())
     free = mesh._boundary[mesh._outer]
     normals, middles = mesh.face_normals[free], mesh.face_centroids[free]
     offsets, vertices = rows_in_order(mesh.face_offsets, mesh.face_vertices, free)
     rim = distinct(vertices[np.bincount(joined.place)[joined.place[vertices]] == 1])
-    places = np.concatenate([mesh.points[rim], middles - width * normals])
-    _check_outside(names, joined, np.append(body[rim], of_face[free]), places, _overlap)
+    below = (mesh.face_centroids - width * mesh.face_normals)[mesh._boundary]
+    owner = np.append(body[rim], of_face[mesh._boundary])
+    _check_outside(names, joined, owner, np.concatenate([mesh.points[rim], below]), _overlap)
     shapes = FaceShapes(mesh.face_areas[free], normals, middles)
     upon = find_upon(mesh.points, offsets, vertices, shapes, width, body=of_face[free])
     if len(upon.one):
@@ -412,7 +407,7 @@ def _check_pockets(mesh: SpaceTessellation, body: Ints, place: Ints) -> None:
 
 
 def _data(meshes: Mapping[str, AnyKind], body: Ints) -> dict[str, NDArray[Any]]:
-    """Cell data of all bodies, zero where a body has none, the number of the body, and where each body is."""
+    """Return cell data of all bodies, zero where a body has none, the number of the body, and where each body is."""
     data: dict[str, NDArray[Any]] = {}
     for number, (own, mesh) in enumerate(meshes.items()):
         for name, values in mesh.cell_data.items():

@@ -206,6 +206,19 @@ def test_instances_are_bodies_where_they_are_moved_and_turned(tmp_path):
     assert mesh.cell_data["high"].tolist() == [0, 1]
 
 
+def test_an_instance_that_is_turned_and_not_moved(tmp_path):
+    text = f"*INCLUDE, INPUT=.\\\\part.inp\n{ASSEMBLY}".replace(", 1.\n", "\n").replace(
+        ".5, 1.5, 0., .5, 1.5", "1., 0., 0., 1., 0."
+    )
+    (tmp_path / "part.inp").write_text(PART)
+    (tmp_path / "two.inp").write_text(text)
+    with pytest.warns(
+        vx.MeshWarning, match="the sides named 'base', 'hold' are on interfaces, which are called 'low.high'"
+    ):
+        mesh = read(tmp_path / "two.inp", bodies="physical")
+    np.testing.assert_allclose(mesh.centroids, [(0.5, 0.5), (0.5, -0.5)])
+
+
 @pytest.mark.parametrize(
     ("deck", "message"),
     [
@@ -363,6 +376,12 @@ def test_groups_of_gmsh(tmp_path, capfd):
     assert capfd.readouterr() == ("", "")
     (tmp_path / "mesh.msh").write_text(GMSH.replace("floor", "boundary"))
     with pytest.raises(vx.MeshError, match="mesh.msh: the name 'boundary' is taken"):
+        read(tmp_path / "mesh.msh")
+    (tmp_path / "mesh.msh").write_text(GMSH.replace("1 0 0 0 1 0 0 1 1 2 1 -2", "1 0 0 0 1 0 0 1 -1 2 1 -2"))
+    with pytest.warns(vx.MeshWarning, match="named '7'"):
+        assert read(tmp_path / "mesh.msh").boundaries["floor"].tolist() == [[0, 1]]  # a curve that is turned round
+    (tmp_path / "mesh.msh").write_text(GMSH.replace("$Nodes", "$PartitionedEntities\n$EndPartitionedEntities\n$Nodes"))
+    with pytest.raises(vx.MeshError, match="its mesh is in partitions, .* save it in one"):
         read(tmp_path / "mesh.msh")
     (tmp_path / "mesh.msh").write_text(GMSH.replace("2 1 0 4\n", "2 1 1 4\n"))
     with pytest.raises(vx.MeshError, match="save without parametric coordinates"):

@@ -199,6 +199,8 @@ class _Deck:
         if part and part not in self.blocks:
             raise MeshError(f"its instance {name} is of the part {part}, which is not there.")
         self.lines.append(f"*{word.replace('END', 'END ')}, NAME={name}" + f", PART={part}" * bool(part))
+        if rows and len(rows[0]) > 3:
+            rows = [["0"] * 3, *rows]  # It is turned, and not moved before.
         self.lines += [", ".join(one or "0" for one in (*row, "", "")[: max(3, len(row))]) for row in rows]
         self.scope = name if word in ("PART", "INSTANCE") else ""
         if self.scope:
@@ -262,7 +264,7 @@ def _lines(path: Path) -> Iterator[str]:
         if line and not line.startswith("**") and word != "INCLUDE":
             yield line
         if named and line.startswith("*"):
-            other = path.parent / named[1].strip()
+            other = path.parent / named[1].strip().replace("\\", "/")
             if not other.is_file():
                 raise MeshError(f"it names the file {other}, which is not there.")
             yield from _lines(other)

@@ -38,6 +38,8 @@ def read_gmsh(path: Path) -> Grid:
         raise MeshError(
             f"it has the number {long[0][:30].decode()}; numbers of nodes have up to eight digits: renumber."
         )
+    if b"$PartitionedEntities" in data:
+        raise MeshError("its mesh is in partitions, whose groups are not read; save it in one (unpartition).")
     names, data = _without(data, b"PhysicalNames")
     entities, data = _without(data, b"Entities")
     lines = re.findall(rb'^\s*(\d)\s+(\d+)\s+"(.*)"', names, re.MULTILINE)
@@ -92,7 +94,7 @@ def _groups(section: bytes, version: float, width: bytes, *, binary: bool) -> Ma
         for _ in range(count):
             (tag,) = take("i4", 1)
             take("f8", 3 if dim == 0 and version > 4.0 else 6)  # the box around it
-            groups[dim, tag] = take("i4", take(size, 1)[0])
+            groups[dim, tag] = [abs(group) for group in take("i4", take(size, 1)[0])]  # less than 0: turned round
             if dim:
                 take("i4", take(size, 1)[0])  # what bounds it
     return groups

@@ -134,16 +134,6 @@ class Another(vx.LinearSolver):
         return SuperLU().factorise(K)
 
 
-def test_a_class_that_lacks_near_kernel_is_named():
-    with pytest.raises(
-        vx.SceneError, match=r"^linear solver Short: found factorise\(self, K\); wanted .*near_kernel=None"
-    ):
-
-        class Short(vx.LinearSolver):
-            def factorise(self, K):
-                return SuperLU().factorise(K)
-
-
 class Eliminating(Another):
     eliminates = True
 

@@ -62,12 +62,12 @@ HEAVY = {
 }
 
 
-LINES = {"program": 2_156, "solvers": 1_320, "stepping": 1_755, "linear": 912, "scene": 1_800, "effects": 1_800}
+LINES = {"program": 2_156, "solvers": 1_320, "stepping": 1_755, "linear": 900, "scene": 1_800, "effects": 1_800}
 LINES |= {"exchange": 681, "testing": 975, "cli/collection": 1_211}
 LINES |= {"bound": 3_490, "results": 2_187, "estimate": 2_080, "plots": 1_925}
 LINES |= {"meshes/io": 1_490}
 """Most lines of folders: they grow by decision only, which raises a number here."""
-TOP = 1_509
+TOP = 1_523
 """Most lines of the modules at the top and of what all may use, without the canvas, which counts with the plots."""
 TESTS = 18_360
 """Most lines of the tests of `LINES`, in the folders of their names."""
@@ -188,7 +188,7 @@ def test_long_calls_name_their_arguments(name):
 
 @pytest.mark.parametrize("folder", [*LINES, "top"])
 def test_folders_keep_their_lines(folder):
-    top = [path for path in [*ROOT.glob("*.py"), *(ROOT / "base").glob("*.py")] if path.name != "canvas.py"]
+    top = [path for path in [*ROOT.glob("*.py*"), *(ROOT / "base").glob("*.py")] if path.name != "canvas.py"]
     paths = top if folder == "top" else [*(ROOT / folder).rglob("*.py")]
     paths += [ROOT / "base" / "canvas.py"] if folder == "plots" else []
     lines, most = sum(len(path.read_text().splitlines()) for path in paths), (LINES | {"top": TOP})[folder]

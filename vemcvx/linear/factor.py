@@ -8,8 +8,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
-from inspect import signature
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import scipy.sparse as sp
@@ -82,17 +81,6 @@ class LinearSolver(ABC):
     """True if the class gives Schur complements, so that programs are condensed."""
     orders: ClassVar[bool] = False
     """True if the class orders the unknowns by itself, so that no order is computed for it."""
-
-    def __init_subclass__(cls, **given: Any) -> None:
-        """Refuse a class whose `factorise` cannot be called as runs do."""
-        super().__init_subclass__(**given)
-        try:
-            signature(cls.factorise).bind(cls, None, None)
-        except TypeError as error:
-            raise SceneError(
-                f"linear solver {cls.__name__}: found factorise{signature(cls.factorise)}; wanted factorise(self, K, "
-                "near_kernel=None), with motions of little energy, which a direct solver ignores."
-            ) from error
 
     @abstractmethod
     def factorise(self, K: sp.csr_matrix, near_kernel: Floats | None = None) -> Factor:

@@ -80,7 +80,7 @@ class History(Results, Outlined):
         Of ``simulate(..., bound=True)``: guaranteed bounds "upper" and "lower" on the error of the mesh in the energy
         norm, for the "step" with the largest upper one, given the step before (:func:`vemcvx.error_bound`);
         "relative", upper over the largest energy norm of the run; "reading", the part of upper that estimates
-        quadrature errors of the loads; and "kind", such as "bound for the given friction".
+        what of the data is not linear; and "kind", such as "bound for the given friction".
     energy_bounds : (N + 1, 2) or None
         Likewise bounds, low and high, on the elastic energy of the exact answer of every step; NaN in steps that
         adaptive runs did not look at.

@@ -268,7 +268,8 @@ def test_what_happens_between_instants_is_in_the_bound_and_named(name, caplog):
     circle = circle_of(fine)
     for n in range(1, steps + 1):
         apart = energy_distance(circle, history.displacement[n], fine.displacement[at[n]])
-        assert apart <= bound.upper[n] * (1.0 + 1e-9)
+        # Where nothing moves both are rounding, of stresses of about one.
+        assert apart <= bound.upper[n] * (1.0 + 1e-9) + 1e-16
     assert bound.kind == "bound for data as read at instants"
 
 

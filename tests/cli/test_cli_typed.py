@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from contextlib import nullcontext
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -138,23 +137,6 @@ def test_a_mesh_that_n_does_not_change_is_known(tmp_path):
     read.write_text(f"{head}def mesh(n): return vx.meshes.read({str(tmp_path / 'two.msh')!r})\n")
     for path, family, ignores in ((own, None, False), (read, None, True), (own, "two.msh", True)):
         assert read_problem(path).ignores_n(read_problem(path).mesh(4), 4, family) == ignores
-
-
-def test_a_mesh_file_is_several_bodies_where_the_scene_names_their_parts(tmp_path):
-    """Of the scene that the settings make: its names may depend on them."""
-    file = str(Path(__file__).parents[1] / "meshes" / "files" / "a1_two_parts.inp")
-    (tmp_path / "two.py").write_text(
-        "import vemcvx as vx\n"
-        "def scene(upon): return vx.Scene(vx.Elasticity(1.0, 0.3), vx.BilateralContact(on=upon))\n"
-        "def mesh(n): return vx.meshes.squares(n)\ndef times(steps): return [0.0, 1.0]\n"
-    )
-    problem = read_problem(tmp_path / "two.py")
-    mesh = problem.mesh(4, file, ["upon=Lower-1|Upper-1"])
-    assert list(mesh.interfaces) == ["Lower-1|Upper-1"]
-    with pytest.raises(
-        vx.MeshError, match="Where 'Lower-1', 'Upper-1' are bodies, read the file with bodies='physical'"
-    ):
-        problem.mesh(4, file, ["upon=bottom"])
 
 
 def test_a_report_judges_the_mesh_at_all_steps_or_at_the_largest_energy(monkeypatch):

@@ -9,7 +9,7 @@ import pytest
 from declared_cells import TIMES, block, cantilever, cases, squares, stretched
 
 import vemcvx as vx
-from vemcvx.bound.skeleton import skeleton
+from vemcvx.bound.skeleton import skeleton, widths
 from vemcvx.estimate.budget import error_budget
 from vemcvx.scene import pose_scene
 
@@ -97,7 +97,7 @@ def depths(points, cells):
     """(d of the boundary edges in the order of the skeleton, their lengths, h) of a mesh."""
     mesh = vx.PolygonMesh(points, cells).with_boundary("some", lambda x: x[:, 0] < 1e-9)
     edges = skeleton(pose_scene(vx.Scene(vx.Elasticity(1.0, 0.0), vx.Clamp(on="some")), mesh))
-    return edges.depths(edges.outer, edges.outer_normals), edges.lengths, edges.sizes
+    return widths(edges.corners, edges.offsets, edges.outer, edges.outer_normals), edges.lengths, edges.sizes
 
 
 def test_rectangles_are_as_deep_as_their_sides():

@@ -64,7 +64,7 @@ HEAVY = {
 
 LINES = {"program": 2_156, "solvers": 1_320, "stepping": 1_755, "linear": 900, "scene": 1_800, "effects": 1_800}
 LINES |= {"exchange": 681, "testing": 975, "cli/collection": 1_211}
-LINES |= {"bound": 3_490, "results": 2_187, "estimate": 2_080, "plots": 1_925}
+LINES |= {"bound": 3_462, "results": 2_187, "estimate": 2_080, "plots": 1_925}
 LINES |= {"meshes/io": 1_490}
 """Most lines of folders: they grow by decision only, which raises a number here."""
 TOP = 1_523

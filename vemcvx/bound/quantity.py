@@ -43,7 +43,7 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.base.arrays import SAME, Bools, Floats, brief
+from vemcvx.base.arrays import SAME, Bools, Floats, Ints, brief
 from vemcvx.base.errors import SceneError
 from vemcvx.base.outline import Outline, Outlined
 from vemcvx.bound.data_oscillation import DataOscillation
@@ -194,11 +194,12 @@ class Dual:
             )
         parts = [effect.contribute(posed.space) for effect in self.effects]
         prestress = initial_stresses(parts, posed.material, posed.space)
-        forces = [load for part in parts for load in part.loads] + ([] if prestress is None else [prestress])
         u, free = lifted.ravel(), self._untouched()
         if len(free):
             K, P = sp.csr_matrix(posed.system.K[free][:, free]), posed.supports.P[:, free]
-            force = sum((one.vector(self.t) for one in forces), np.zeros(len(u))) - posed.A @ u
+            force = (np.zeros(len(u)) if prestress is None else prestress.vector(self.t)) - posed.A @ u
+            for load in (load for part in parts for load in part.loads):
+                force += load.vector(self.t)
             u = u + P @ choose_linear(len(free)).factorise(K).solve(np.asarray(P.T @ force))
         none, z = np.zeros(0), u.reshape(lifted.shape)
         self._check_supports(z)
@@ -212,7 +213,7 @@ class Dual:
         """(b,) which edges z_D moves at an end along ways (b, 2)."""
         return np.asarray(along(self.lifted[self.primal.boundary.edges.outer_edges], ways).any(axis=1))
 
-    def _untouched(self) -> Floats:
+    def _untouched(self) -> Ints:
         """The free unknowns that move nothing along friction or towards obstacles."""
         posed, boundary, rows = self.primal.posed, self.primal.boundary, []
         for acts, ways in zip(boundary.acting, (boundary.edges.tangents, boundary.edges.units), strict=True):

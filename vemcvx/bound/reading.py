@@ -74,8 +74,7 @@ class Fit:
         """Coefficients, by how much those of every other point differ, and what is left (q, d); rounding is zero."""
         found = self.of(values)
         apart, left = 2.0 * (self.of_every_other.of(values) - found), values - self.at_points(found)
-        rounding = SAME * np.abs(values).max(initial=0.0)
-        return found, *(np.where(np.abs(one) <= rounding, 0.0, one) for one in (apart, left))
+        return found, *_without_rounding(values, apart, left)
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,9 +201,7 @@ class Reader:
         inside, (coarse, fit) = self.oscillation.inside, self._coarse
         f, second = (np.sum([load.at(x, t) for load in loads], axis=0) for x in (inside.x, coarse.x))
         found = self.cells.of(f)
-        apart, left = fit.of(second) - found, f - self.cells.at_points(found)
-        rounding = SAME * np.abs(f).max(initial=0.0)
-        apart, left = (np.where(np.abs(one) <= rounding, 0.0, one) for one in (apart, left))
+        apart, left = _without_rounding(f, fit.of(second) - found, f - self.cells.at_points(found))
         body, body_apart = ((one * self._scales[..., None]).reshape(count, FORCES) for one in (found, apart))
         return body, body_apart, left
 
@@ -242,6 +239,12 @@ class Reader:
         found, _, left = self.nodes.read(g)
         squares += 0.5 * oscillation.compliances * totals(fine.owner, fine.lengths * left[:, 0] ** 2, len(squares))
         return np.maximum(found[..., 0], 0.0), totals(oscillation.edges.outer, squares, len(self._scales))
+
+
+def _without_rounding(values: Floats, apart: Floats, left: Floats) -> tuple[Floats, Floats]:
+    """Differences of values, zero where they are rounding."""
+    rounding = SAME * np.abs(values).max(initial=0.0)
+    return np.where(np.abs(apart) <= rounding, 0.0, apart), np.where(np.abs(left) <= rounding, 0.0, left)
 
 
 def misread(reading: Reading, works: Sequence[Floats], bent: Floats) -> float:

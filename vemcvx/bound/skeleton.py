@@ -126,20 +126,11 @@ class Skeleton:
         """(b, 2) unit tangents of boundary edges, the body on the left."""
         return self.units[:, ::-1] * [-1.0, 1.0]
 
-    @cached_property
-    def weights(self) -> Floats:
-        """(b,) d_e / (2 mu) of boundary edges, by which squares of what they miss count."""
-        return self.depths(self.outer, self.outer_normals) / (2.0 * self.shear[self.outer])
-
     def jumps(self, u: Floats) -> Floats:
         """(b, 2, 2) u (n_nodes, 2) at both ends of boundary edges, less that of another body where there is one."""
         across = self.joints.across
         jumps: Floats = u[self.outer_edges] - np.where(across[:, :, None] >= 0, u[across], 0.0)
         return jumps
-
-    def depths(self, cells: Ints, normals: Floats) -> Floats:
-        """(e,) d_e: the widths of cells (e,) along these normals (e, 2), of any length."""
-        return widths(self.corners, self.offsets, cells, normals)
 
 
 def widths(corners: Floats, offsets: Ints, cells: Ints, normals: Floats) -> Floats:

@@ -278,7 +278,7 @@ def _guaranteed(history: History) -> str:
     if (bound := history.bound) is None:
         return ""
     misread = bound.get("reading", 0.0)
-    but = f" and loads as read at points, but for {misread:.2g}, an estimate of what these misread" if misread else ""
+    but = f" and data as read at points, but for {misread:.2g}, an estimate of the rest of them" if misread else ""
     laws = " for the friction that the run's pressure gives" if "friction" in bound.get("kind", "") else ""
     told = (
         f"<p>In every step the error of the mesh, given the step before, is at most {100 * bound['relative']:.3g} % of "

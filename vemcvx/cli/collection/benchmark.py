@@ -169,9 +169,7 @@ def read_instances(folder: Path, only: str | None = None) -> list[Row]:
     """Return the instances of a collection, or those whose grade or name has one of the words."""
     path = folder / MANIFEST
     try:
-        rows: list[Row] = [
-            {**row, "sha256": row["sha256"]} for row in json.loads(path.read_text(encoding="utf-8"))["instances"]
-        ]
+        rows = [{**row, "sha256": row["sha256"]} for row in json.loads(path.read_text(encoding="utf-8"))["instances"]]
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise ProblemError(
             f"{folder}: has no {MANIFEST} of a collection ({error}); write one by vemcvx collection --out {folder}."

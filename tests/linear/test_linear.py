@@ -134,6 +134,18 @@ class Another(vx.LinearSolver):
         return SuperLU().factorise(K)
 
 
+class Short(vx.LinearSolver):
+    def factorise(self, K):
+        return SuperLU().factorise(K)
+
+
+def test_a_class_that_lacks_near_kernel_is_named():
+    with pytest.raises(
+        vx.SceneError, match=r"^linear solver Short: wanted factorise\(self, K, near_kernel=None\); too many"
+    ):
+        vx.simulate(paper_scene(), small("squares", 2), [0.0, 1.0], linear=Short())
+
+
 class Eliminating(Another):
     eliminates = True
 

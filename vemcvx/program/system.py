@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
+from inspect import signature
 from typing import Any, ClassVar
 
 import numpy as np
@@ -435,7 +436,13 @@ class System(ArrayRecord):
         return finite(shaped(raw, subject, f"({rows},) ways, one a row of B", (rows,)), subject)
 
     def linear(self, asked: LinearSolver | None = None) -> LinearSolver:
-        """Return the linear solver for K: the one asked for, else by size."""
+        """Return the linear solver for K: the one asked for, else by size; SceneError where it cannot be called."""
+        if asked is not None:
+            try:
+                signature(asked.factorise).bind(self.K, None)
+            except TypeError as error:
+                words = f"linear solver {type(asked).__name__}: wanted factorise(self, K, near_kernel=None); {error}."
+                raise SceneError(words) from error
         modes = 0 if self.near_kernel is None else self.near_kernel.shape[1]
         return choose_linear(self.n, asked, modes=modes, retained=len(self.retained))
 

@@ -18,7 +18,7 @@ from vemcvx.base.outline import coordinates
 from vemcvx.effects import data
 from vemcvx.history import History, read_history
 from vemcvx.linear import LinearSolver
-from vemcvx.meshes import AnyMesh, PolygonMesh, PolyhedralMesh
+from vemcvx.meshes import Mesh, PolygonMesh, PolyhedralMesh
 from vemcvx.program import SolvedProgram
 from vemcvx.results.results import Results, record, warn_of_large_strains, warn_of_lost_work, with_origin
 from vemcvx.scene import Scene
@@ -44,7 +44,7 @@ log = logging.getLogger("vemcvx")
 
 def simulate(
     scene: Scene,
-    mesh: AnyMesh,
+    mesh: Mesh,
     times: ArrayLike,
     *,
     solver: Solver | Solves | None = None,
@@ -153,7 +153,7 @@ def simulate(
         return history if bounded is None or history.steps == 0 else bounded(history)
 
 
-def instants(scene: Scene, mesh: AnyMesh, times: ArrayLike) -> Floats:
+def instants(scene: Scene, mesh: Mesh, times: ArrayLike) -> Floats:
     """Return the instants of a run, with those inside steps at which its data bend, turn or jump.
 
     Backward Euler reads data at the ends of steps: it misses part of a load that turns back between them, and with
@@ -178,7 +178,7 @@ def instants(scene: Scene, mesh: AnyMesh, times: ArrayLike) -> Floats:
     return np.union1d(given, inside_steps(given, bends))
 
 
-def warn_of_turns(scene: Scene, mesh: AnyMesh, times: Floats) -> None:
+def warn_of_turns(scene: Scene, mesh: Mesh, times: Floats) -> None:
     """Log a warning of instants inside steps at which data bend, turn or jump: it takes a twentieth of a run."""
     if len(times) < 2:
         return
@@ -197,7 +197,7 @@ def warn_of_turns(scene: Scene, mesh: AnyMesh, times: Floats) -> None:
 
 def programs(
     scene: Scene,
-    mesh: AnyMesh,
+    mesh: Mesh,
     times: ArrayLike,
     *,
     solver: Solver | Solves | None = None,

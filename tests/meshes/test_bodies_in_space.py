@@ -247,6 +247,8 @@ def test_a_crack_inside_a_body(family):
     assert len(mesh.boundaries["boundary"]) == len(whole.boundaries["boundary"]) + 2 * len(found.edges)
     again = vx.PolyhedralMesh(mesh.points, mesh.cells, interfaces=mesh.interfaces)
     assert_same(again, mesh, ("points", "face_offsets", "face_vertices", "cell_faces"), ())
+    if family != "tetrahedra":
+        return
     finer = mesh.refine(mesh.centroids[:, 0] < 0.7)
     vx.PolyhedralMesh(finer.points, finer.cells, interfaces=finer.interfaces)
     areas = [one.face_areas[one.boundaries["crack"]].sum() for one in (mesh, finer)]

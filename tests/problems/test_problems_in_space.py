@@ -329,13 +329,13 @@ def test_the_field_at_the_edge_leaves_the_inner_sides_free():
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("n", "target"), [(16, 0.25), pytest.param(24, 0.2, marks=pytest.mark.slow)])
-def test_an_adaptive_bracket_has_less_than_two_fifths_of_the_nodes(n, target):
+@pytest.mark.parametrize(("n", "target"), [(16, 0.2), pytest.param(24, 0.17, marks=pytest.mark.slow)])
+def test_an_adaptive_bracket_has_less_than_a_third_of_the_nodes(n, target):
     """Of equal cubes whose true error is the same or larger."""
     found = bracket.adaptive(target)
     equal = vx.simulate(bracket.scene(), bracket.mesh(n), bracket.times(1))
     assert bracket.error(found) < min(target, bracket.error(equal))
-    assert found.mesh.n_nodes < 0.4 * equal.mesh.n_nodes
+    assert found.mesh.n_nodes < 0.33 * equal.mesh.n_nodes
 
 
 @pytest.mark.slow

@@ -25,7 +25,7 @@ from vemcvx.base.errors import ProblemError, VemcvxError, quietly
 from vemcvx.cli.supplied import problem_path
 from vemcvx.cost import Ingredients
 from vemcvx.effects.effect import amount, where
-from vemcvx.meshes import FAMILIES, SPACE_FAMILIES, AnyMesh, PolygonMesh, PolyhedralMesh, read
+from vemcvx.meshes import FAMILIES, SPACE_FAMILIES, Mesh, PolygonMesh, PolyhedralMesh, read
 from vemcvx.plots.style import Units, checked_units
 from vemcvx.scene import Scene
 from vemcvx.solvers import Solver
@@ -151,7 +151,7 @@ class Problem:
         """The scene, with parameters given as "name=value"."""
         return self._call("scene", **self._given(settings))
 
-    def mesh(self, n: int | tuple[int, ...], family: str | None = None, settings: Sequence[str] = ()) -> AnyMesh:
+    def mesh(self, n: int | tuple[int, ...], family: str | None = None, settings: Sequence[str] = ()) -> Mesh:
         """The mesh, of the problem's own family by default; a name with a suffix is that of a mesh file.
 
         A file is read as several bodies if the scene of these settings names parts of bodies, such as "plate.rim", or
@@ -188,7 +188,7 @@ class Problem:
         plane = usual <= SPACE_N or (family is not None and is_file(family)) or not self.in_space(family)
         return usual if plane else SPACE_N
 
-    def ignores_n(self, mesh: AnyMesh, n: int, family: str | None = None) -> bool:
+    def ignores_n(self, mesh: Mesh, n: int, family: str | None = None) -> bool:
         """True if the mesh is the same for another n, as that of a file is."""
         if family is not None and is_file(family):
             return True
@@ -203,7 +203,7 @@ class Problem:
         """The instants; `simulate` checks them."""
         return self._call("times", steps)
 
-    def posed(self, settings: Sequence[str], mesh: AnyMesh, steps: int, solver: Solver | None = None) -> Ingredients:
+    def posed(self, settings: Sequence[str], mesh: Mesh, steps: int, solver: Solver | None = None) -> Ingredients:
         """The arguments of `simulate` and `adapt`: the scene of these settings, this mesh, and instants of steps."""
         return Ingredients(self.scene(settings), mesh, checked_times(self.times(steps)), solver, self.initial)
 

@@ -33,7 +33,7 @@ from vemcvx.cost.workers import NOT_CERTIFIED as MISSED
 from vemcvx.estimate.adapt import OF, Pass
 from vemcvx.exchange import FORMATS, encoded
 from vemcvx.history import History
-from vemcvx.meshes import AnyMesh
+from vemcvx.meshes import Mesh as AnyMesh
 from vemcvx.plots import write_plots
 from vemcvx.plots.pictures import PICTURES, check_pictures, left_out
 from vemcvx.plots.style import Units, in_units

@@ -15,7 +15,7 @@ from vemcvx.cli.problem_file import Problem, is_file, read_problem
 from vemcvx.cli.terminal import say
 from vemcvx.effects import Effect
 from vemcvx.history import FOR_GIVEN
-from vemcvx.meshes import AnyMesh
+from vemcvx.meshes import Mesh as AnyMesh
 from vemcvx.meshes.quality import quality_of
 from vemcvx.program import Norms
 from vemcvx.program.condensation import Condensation

@@ -41,7 +41,7 @@ from vemcvx.base.arrays import Floats
 from vemcvx.base.errors import ProblemError
 from vemcvx.linear import LinearSolver
 from vemcvx.linear.default import LARGEST_FACTOR, direct_solver
-from vemcvx.meshes import AnyMesh, PolygonMesh
+from vemcvx.meshes import Mesh, PolygonMesh
 
 
 class CostLaw(NamedTuple):
@@ -76,7 +76,7 @@ class Growth:
     meshing: float  # seconds that a cell takes to make; of Voronoi meshes 4e-4
 
     @classmethod
-    def of(cls, mesh: Callable[[int], AnyMesh]) -> Growth:
+    def of(cls, mesh: Callable[[int], Mesh]) -> Growth:
         """The growth of the meshes that a function makes, from coarse ones."""
         plane, sizes, seconds = isinstance(mesh(COARSE[True][0]), PolygonMesh), [], []
         for n in COARSE[plane]:

@@ -35,7 +35,7 @@ from vemcvx.estimate.measures import Field, energy_distance
 from vemcvx.estimate.measures.distance import step_at
 from vemcvx.estimate.quantities import quantities, value_of
 from vemcvx.history import History
-from vemcvx.meshes import AnyMesh
+from vemcvx.meshes import Mesh
 from vemcvx.results.files import finite_or_none, peak_memory_mb, read_archive, write_archive
 from vemcvx.results.results import largest_values
 from vemcvx.scene import Scene
@@ -80,7 +80,7 @@ class Ingredients:
     """The arguments of `simulate` and `adapt` for one point, or for one run."""
 
     scene: Scene
-    mesh: AnyMesh
+    mesh: Mesh
     times: Floats
     solver: Solver | None = None
     initial: ArrayLike | str | Projected | None = None

@@ -22,7 +22,7 @@ from vemcvx.base.arrays import (
     shaped,
 )
 from vemcvx.base.errors import SceneError
-from vemcvx.meshes import AnyMesh
+from vemcvx.meshes import Mesh
 from vemcvx.vem import component_names
 
 
@@ -180,7 +180,7 @@ def varies(*values: object) -> bool:
 class InCells:
     """Points x (k, dim) of cells (k,) at which material constants are read; by default the centroids of all cells."""
 
-    mesh: AnyMesh
+    mesh: Mesh
     x: Floats | None = None
     cells: Ints | None = None
     inside: Bools | None = None  # of the places, those that count; elsewhere constants with a sign are 1, others 0

@@ -38,7 +38,8 @@ from vemcvx.estimate.budget import ErrorBudget, budget_of, in_time
 from vemcvx.estimate.finer_steps import Finer, beside_finer
 from vemcvx.estimate.quantities import StepErrors, errors_of_steps, value_of, with_quantities
 from vemcvx.history import History
-from vemcvx.meshes import AnyMesh
+from vemcvx.meshes import Mesh, PolyhedralMesh
+from vemcvx.meshes.bisection import check_tetrahedra
 from vemcvx.results.quoted import SINGULAR, growth
 from vemcvx.results.results import largest_values, record, warn_of_large_strains, warn_of_lost_work
 from vemcvx.scene import Scene
@@ -213,7 +214,7 @@ class Adapted(Outlined):
 
 def adapt(
     scene: Scene,
-    mesh: AnyMesh,
+    mesh: Mesh,
     times: ArrayLike,
     target: float = 0.02,
     *,
@@ -231,7 +232,7 @@ def adapt(
     ----------
     scene : Scene
     mesh : PolygonMesh or PolyhedralMesh
-        A coarse mesh to begin with; it must have the boundaries that the scene names.
+        A coarse mesh to begin with, in space of tetrahedra; it must have the boundaries that the scene names.
     times : increasing sequence of instants
         The first and the last instant, and those at which the history stores the answer. It also stores those between
         them at which data bend, turn or jump (:func:`vemcvx.instants`); others are inserted where steps lose much.
@@ -269,12 +270,16 @@ def adapt(
 
     Raises
     ------
+    MeshError
+        The mesh is one in space, and a cell of it is no tetrahedron.
     SceneError
         The target is not in (0, 1), or scene, mesh and times make no well-posed problem.
     NotCertified
         A step misses the accuracy.
     """
     check_kinds(scene, mesh)
+    if isinstance(mesh, PolyhedralMesh):
+        check_tetrahedra(mesh, "adapt")
     _check(target, of, theta=theta, most=most_unknowns, progress=progress)
     bounded = choice(estimate, "adapt", "estimate", ("residual", "bound")) == "bound"
     if bounded and of != "energy":
@@ -300,8 +305,8 @@ def adapt(
         marked, split = _next(now, indicators, (instants, lost), target, theta)
         done = now.total <= target or not (marked.any() or len(split) > len(instants))
         done = done or (of != "energy" and stalled(passes))
-        # A cell that is split becomes four, in space eight.
-        if done or now.unknowns * (1 + (2 ** mesh.points.shape[1] - 1) * marked.mean()) > most_unknowns:
+        # A cell that is split becomes four; in space it is cut in two, and so are some three beside it.
+        if done or now.unknowns * (1 + 3 * marked.mean()) > most_unknowns:
             return _adapted(posed, history, (budget, bound), aim, passes)
         start = time.perf_counter()
         mesh, instants = mesh.refine(marked) if marked.any() else mesh, split
@@ -359,7 +364,7 @@ def _wanted(times: ArrayLike) -> Floats:
 
 
 def _simulated(
-    scene: Scene, mesh: AnyMesh, instants: Floats, aim: _Aim, start: float
+    scene: Scene, mesh: Mesh, instants: Floats, aim: _Aim, start: float
 ) -> tuple[PosedScene, History, ErrorBound | None]:
     """The run of a pass that began at `start`, and the bound of the steps at which the mesh is judged, if wanted."""
     posed = pose_scene(scene, mesh, instants.tolist())
@@ -466,7 +471,7 @@ def _check(target: object, of: object, theta: object, most: object, progress: ob
     check_takes(progress, 1, "adapt: progress", "each Pass")
 
 
-def _begin(scene: Scene, mesh: AnyMesh, aim: _Aim) -> tuple[_Aim, Floats]:
+def _begin(scene: Scene, mesh: Mesh, aim: _Aim) -> tuple[_Aim, Floats]:
     """Instants with which the coarse mesh loses little to time.
 
     Those where data bend, turn or jump are among them, and the aim that is returned knows them: errors are those at the

@@ -33,7 +33,7 @@ from vemcvx.base.arrays import SAME, Floats
 from vemcvx.base.errors import MeshError
 from vemcvx.estimate.finer_steps import finer_instants
 from vemcvx.history import History, scene_of
-from vemcvx.meshes import AnyMesh
+from vemcvx.meshes import Mesh
 from vemcvx.meshes.polygons import nearest
 from vemcvx.results.corners import Corners
 from vemcvx.results.quoted import Quantity
@@ -165,7 +165,7 @@ def _start(history: History) -> Floats:
     return displacement(posed, initial, float(times[0])).reshape(history.mesh.points.shape)
 
 
-def _beside(history: History, mesh: AnyMesh, times: Floats, begin: Floats | str | None) -> History:
+def _beside(history: History, mesh: Mesh, times: Floats, begin: Floats | str | None) -> History:
     """Return another run of the scene, without warnings: the run that it stands beside has given them."""
     with unwarned():
         posed = pose_scene(scene_of(history, "quantities"), mesh, times.tolist())

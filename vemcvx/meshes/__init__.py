@@ -3,13 +3,16 @@
 In space: polyhedral meshes, and families of meshes of a box.
 """
 
+from vemcvx.meshes.carrying import Refinement
 from vemcvx.meshes.families.plane import distorted, hanging, hexagons, l_shape, nonconvex, ring, squares, triangles
 from vemcvx.meshes.families.space import cubes, kelvin, prisms, tetrahedra
 from vemcvx.meshes.families.voronoi import voronoi, voronoi3
 from vemcvx.meshes.interfaces import Interface
-from vemcvx.meshes.local_refinement import Refinement
-from vemcvx.meshes.mesh import AnyMesh, PolygonMesh, PolyhedralMesh, convert, plane_mesh, read
-from vemcvx.meshes.polyhedral_refinement import refinement
+from vemcvx.meshes.mesh import Mesh
+from vemcvx.meshes.polygon_mesh import PolygonMesh, plane_mesh
+from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
+from vemcvx.meshes.reading import convert, read
+from vemcvx.meshes.refining import refinement
 from vemcvx.meshes.several_bodies import bodies
 
 FAMILIES = {
@@ -26,8 +29,8 @@ SPACE_FAMILIES = {"cubes": cubes, "tetrahedra": tetrahedra, "prisms": prisms, "v
 __all__ = [
     "FAMILIES",
     "SPACE_FAMILIES",
-    "AnyMesh",
     "Interface",
+    "Mesh",
     "PolygonMesh",
     "PolyhedralMesh",
     "Refinement",

@@ -17,8 +17,9 @@ from numpy.typing import ArrayLike
 from vemcvx.base.arrays import Bools, Floats, Ints, brief, read_only
 from vemcvx.base.errors import MeshError
 from vemcvx.meshes.box import check_name
+from vemcvx.meshes.carrying import check_marks
 from vemcvx.meshes.interfaces import Interface, faces_of, on_boundary, padded
-from vemcvx.meshes.local_refinement import check_marks
+from vemcvx.meshes.mesh import Mesh
 from vemcvx.meshes.polygons import (
     among,
     backwards,
@@ -31,7 +32,7 @@ from vemcvx.meshes.polygons import (
     smallest_linked,
 )
 from vemcvx.meshes.polyhedra import joined_faces, listed_faces
-from vemcvx.meshes.tessellation import Mesh, SpaceTessellation
+from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 
 AnyMesh = TypeVar("AnyMesh", bound=Mesh)
 TIPS = {"edges": ("edge", "both ends", "two edges long"), "faces": ("face", "all its nodes", "two faces wide")}
@@ -84,12 +85,12 @@ def cut(mesh: AnyMesh, name: str, sides: Mapping[str, ArrayLike]) -> AnyMesh:
 def _with_nodes(mesh: AnyMesh, points: Floats, renumbered: Callable[[Ints, Ints, Ints], Ints]) -> AnyMesh:
     """Return the mesh of the same cells between other nodes, `renumbered` by cells, their rows, and nodes of these."""
     kind, cells = type(mesh), np.arange(mesh.n_cells)
-    if isinstance(mesh, SpaceTessellation):
+    if isinstance(mesh, PolyhedralMesh):
         listed = listed_faces(mesh.faces)
         nodes = renumbered(cells, listed.offsets[listed.cell_offsets], listed.vertices)
-        return kind.unchecked(points, *joined_faces(listed.offsets, nodes, listed.cell_offsets), box=mesh._box)
+        return kind.unchecked(points, *joined_faces(listed.offsets, nodes, listed.cell_offsets))
     offsets, vertices = mesh.cell_nodes
-    return kind.unchecked(points, offsets, renumbered(cells, offsets, vertices), box=mesh._box)
+    return kind.unchecked(points, offsets, renumbered(cells, offsets, vertices))
 
 
 def _numbered_anew(nodes: Ints, pairs: Ints, opened: Bools, count: int) -> tuple[Ints, Ints]:

@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from types import MappingProxyType
-from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike
-from scipy.sparse import csr_array
+from scipy.sparse import csr_array, eye_array, vstack
 
-from vemcvx.base.arrays import SINGLE, Bools, Floats, Ints, brief, plain, read_only
-from vemcvx.base.errors import MeshError
-from vemcvx.meshes.box import check_cell_data
-from vemcvx.meshes.interfaces import Interface, faces_of, on_boundary, padded, pairs_of, places_of
+from vemcvx.base.arrays import SINGLE, Bools, Floats, Ints
+from vemcvx.meshes.carrying import (
+    Origins,
+    Refinement,
+    carried,
+    centre_values,
+    check_lengths,
+    middle_places,
+    middle_values,
+)
+from vemcvx.meshes.interfaces import pairs_of, places_of
+from vemcvx.meshes.polygon_mesh import PolygonMesh
 from vemcvx.meshes.polygons import (
-    backwards,
     cell_of_corner,
     convex_pieces,
     cross,
@@ -29,10 +33,7 @@ from vemcvx.meshes.polygons import (
     rows_in_order,
     shared_edges,
     spans,
-    turned,
 )
-from vemcvx.meshes.tessellation import Mesh as AnyMesh
-from vemcvx.meshes.tessellation import Tessellation
 
 # The sides of polygonal cells, and the places where refinement splits them.
 #
@@ -82,15 +83,11 @@ class Splitting:
     edge: Bools  # (n_corners,) and the middle of the edge that starts there
 
 
-def splitting_of(mesh: Tessellation, least: Floats | None = None) -> Splitting:
-    """Find the sides of all cells and the places to split at.
-
-    If ``least`` (n_corners,) is given, all bends are corners, and the side that begins at one is long if it has that
-    length at least.
-    """
+def splitting_of(mesh: PolygonMesh) -> Splitting:
+    """Find the sides of all cells and the places to split at."""
     begin = mesh.offsets[:-1]
     length, turn, bend = _outlines(mesh)
-    sides = _long_and_short(mesh, length, turn, bend) if least is None else _sides(mesh, length, bend, least)
+    sides = _long_and_short(mesh, length, turn, bend)
     order, first = sides.order, sides.first
     vertex, edge = np.zeros((2, len(order)), dtype=bool)
     at, between = _middles(length[order], sides)
@@ -108,7 +105,7 @@ def splitting_of(mesh: Tessellation, least: Floats | None = None) -> Splitting:
     )
 
 
-def _long_and_short(mesh: Tessellation, length: Floats, turn: Floats, bend: Bools) -> Sides:
+def _long_and_short(mesh: PolygonMesh, length: Floats, turn: Floats, bend: Bools) -> Sides:
     """Sides between sharp corners, runs of short ones that cancel taken together."""
     corner = _at_least_three(np.abs(turn) > SHARP, bend, mesh.offsets)
     sides = _sides(mesh, length, corner)
@@ -120,7 +117,7 @@ def _long_and_short(mesh: Tessellation, length: Floats, turn: Floats, bend: Bool
     return _sides(mesh, length, _at_least_three(fewer, corner, mesh.offsets))
 
 
-def _outlines(mesh: Tessellation) -> tuple[Floats, Floats, Bools]:
+def _outlines(mesh: PolygonMesh) -> tuple[Floats, Floats, Bools]:
     """At each corner: the length of the edge that starts there, by how much the outline turns left, whether it does."""
     x = mesh.points[mesh.vertices]
     edge = mesh.points[next_vertex(mesh.offsets, mesh.vertices)] - x
@@ -139,7 +136,7 @@ def _at_least_three(flags: Bools, otherwise: Bools, offsets: Ints) -> Bools:
     return np.where(np.repeat(few, np.diff(offsets)), otherwise, flags)
 
 
-def _sides(mesh: Tessellation, length: Floats, corner: Bools, least: Floats | None = None) -> Sides:
+def _sides(mesh: PolygonMesh, length: Floats, corner: Bools) -> Sides:
     """Sides between the given corners."""
     cell = cell_of_corner(mesh.offsets)
     order = rotation(mesh.offsets, first_in_row(corner, mesh.offsets))
@@ -148,8 +145,6 @@ def _sides(mesh: Tessellation, length: Floats, corner: Bools, least: Floats | No
         lengths = np.add.reduceat(length[order], first) / mesh.diameters[cell[first]]
         triangle = np.bincount(cell[first], minlength=mesh.n_cells) == 3
         long = (lengths >= SHORT) | triangle[cell[first]]
-        if least is not None:
-            long = lengths * mesh.diameters[cell[first]] >= least[order[first]]
         sides = Sides(cell[first], first, order, lengths, long)
         starts_long = np.zeros(len(order), dtype=bool)
         starts_long[first[long]] = True
@@ -231,7 +226,7 @@ def _split_runs(sides: Sides, right: Bools) -> Ints:
 #                        of the kernel (the points that see the whole cell), an intersection of half-planes
 #
 # A cell whose kernel is empty, or so small that it would be seen under flat angles, has no such point.
-def centres_of(mesh: Tessellation, splitting: Splitting) -> tuple[Floats, Bools]:
+def centres_of(mesh: PolygonMesh, splitting: Splitting) -> tuple[Floats, Bools]:
     """Centres of all cells (n_cells, 2), and which cells have one, (n_cells,)."""
     centres, seen = mesh.centroids.copy(), np.ones(mesh.n_cells, dtype=bool)
     bends = np.flatnonzero(splitting.bend)
@@ -309,7 +304,7 @@ class Outlines:
     follower: Ints  # (m,) the position of the next mark of the cell
 
 
-def outlines_of(mesh: Tessellation, splitting: Splitting, kinds: Kinds, middle: Ints) -> Outlines:
+def outlines_of(mesh: PolygonMesh, splitting: Splitting, kinds: Kinds, middle: Ints) -> Outlines:
     """Insert the nodes ``middle`` (n_corners,), -1 for none, after the corners of a mesh, and mark where to cut."""
     cell = cell_of_corner(mesh.offsets)
     new = middle >= 0
@@ -392,46 +387,12 @@ def _pieces(outlines: Outlines, cells: Ints, points: Floats) -> tuple[Ints, list
 # on.
 
 
-Mesh = TypeVar("Mesh", bound=AnyMesh)
-PlaneMesh = TypeVar("PlaneMesh", bound=Tessellation)
-
-
-@dataclass(frozen=True, eq=False)
-class Refinement(Generic[Mesh]):
-    """A refined mesh, and where its cells and nodes come from.
-
-    Attributes
-    ----------
-    mesh : PolygonMesh
-        Children stand in the place of their parent; old nodes first, then middles of edges, then centres of cells.
-        Names of boundaries and cell data are those of the parents.
-    parents : (n_new_cells,) int
-        Old cell that each cell is, or is part of.
-    prolongation : (n_new_nodes, n_old_nodes) sparse array
-        Nodal values of the old mesh at the new nodes: kept; mean of the two ends of the edge; at centres the value of
-        a linear function. In the plane that is Pi, with which the element of the cell computes; in space, the one
-        nearest to the values at the nodes of the cell or face. Exact for linear functions.
-    """
-
-    mesh: Mesh
-    parents: Ints
-    prolongation: csr_array
-
-
-class Nodes(NamedTuple):
-    """New nodes, numbered from n_nodes: middles of edges, centres of faces, centres of cells; at interfaces doubled."""
-
-    ends: Ints  # (e, 2) nodes of the old mesh that edges halved are between
-    faces: Ints  # (f,) faces of the old mesh with a centre, none in the plane
-    cells: Ints  # (c,) cells with a centre
-
-
-def refined(mesh: PlaneMesh, marked: Bools, balance: bool) -> tuple[PlaneMesh, Ints, Nodes]:
-    """The refined mesh, the parents of its cells, and its new nodes."""
+def refined_in_plane(mesh: PolygonMesh, marked: Bools, balance: bool) -> Refinement[PolygonMesh]:
+    """Split the marked cells (n_cells,), and those that `balance` adds."""
     splitting, shared, edge = splitting_of(mesh), mesh.shared_edges, mesh.shared_edges.number
+    places = places_of(pairs_of(mesh.interfaces), mesh.points)
     if mesh.interfaces:  # Edges of two bodies in one place have one number.
-        place = places_of(pairs_of(mesh.interfaces), mesh.points)
-        edge = shared_edges(mesh.offsets, place[mesh.vertices], mesh.n_nodes).number
+        edge = shared_edges(mesh.offsets, places[mesh.vertices], mesh.n_nodes).number
     centres, seen = centres_of(mesh, splitting)
     seen &= splitting.places >= 2
     wanted = splitting.edge & seen[cell_of_corner(mesh.offsets)]
@@ -449,57 +410,29 @@ def refined(mesh: PlaneMesh, marked: Bools, balance: bool) -> tuple[PlaneMesh, I
     offsets, vertices, parents = children_of(outlines, kinds, mesh.points, mesh.n_nodes + len(ends))
     centred = np.flatnonzero(kinds.centred)
     points = np.concatenate([mesh.points, mesh.points[ends].mean(axis=1), centres[centred]])
-    made = type(mesh).unchecked(points, offsets, vertices, box=mesh._box)
+    made = PolygonMesh.unchecked(points, offsets, vertices)
     (start, end), new = mesh._boundary.T, middle[shared.alone]
     cut = np.flatnonzero(new >= 0)
     halves = np.column_stack([np.insert(start, cut + 1, new[cut]), np.insert(end, cut, new[cut])])
-    made = carried(mesh, made, parents, offsets_of(1 + (new >= 0)), made._places(halves))
-    return made, parents, Nodes(ends, centred[:0], centred)
+    parts = np.empty(len(halves), dtype=np.int64)
+    parts[made._places(halves)] = np.repeat(np.arange(len(new)), 1 + (new >= 0))
+    places = np.concatenate([places, middle_places(places, ends), np.arange(len(points) - len(centred), len(points))])
+    values = [
+        eye_array(mesh.n_nodes),
+        middle_values(ends, mesh.n_nodes),
+        centre_values(mesh.points, rows_in_order(mesh.offsets, mesh.vertices, centred), centres[centred]),
+    ]
+    return carried(mesh, made, Origins(parents, parts, places, csr_array(vstack(values, format="csr"))))
 
 
-def check_marks(cells: ArrayLike | None, n_cells: int, subject: str = "cells to refine") -> Bools:
-    """A mask (n_cells,) of the marked cells, or MeshError."""
-    if cells is None:
-        return np.ones(n_cells, dtype=bool)
-    what = f"{subject} must be numbers of cells (0 to {n_cells - 1}), or one bool for each of the {n_cells} cells"
-    given = plain(cells)
-    if given is None:
-        raise MeshError(f"{what}; got {brief(cells)}, masked or rows of different lengths.")
-    if given.ndim == 1 and not given.size:
-        return np.zeros(n_cells, dtype=bool)
-    if given.ndim != 1 or given.dtype.kind not in "biu" or (given.dtype == bool and len(given) != n_cells):
-        example = f", for example {given.ravel()[0]!r}" if given.size and given.dtype.kind not in "biu" else ""
-        raise MeshError(f"{what}; got {given.dtype} of shape {given.shape}{example}.")
-    if given.dtype == bool:
-        return given.copy()
-    if given.min() < 0 or given.max() >= n_cells:
-        raise MeshError(f"{what}; got numbers from {given.min()} to {given.max()}.")
-    marked = np.zeros(n_cells, dtype=bool)
-    marked[given.astype(np.int64)] = True
-    return marked
-
-
-def check_lengths(points: Floats, ends: Ints) -> None:
-    """MeshError if an edge is so short that its halves would be rounding of the coordinates."""
-    one, other = points[ends[:, 0]], points[ends[:, 1]]
-    short = np.flatnonzero(np.abs(other - one).max(axis=1) <= 4.0 * rounding(one, other))
-    if len(short):
-        a, b = ends[short[0]]
-        raise MeshError(
-            f"the edge ({a}, {b}) at ({', '.join(f'{x:.6g}' for x in points[a])}) is only "
-            f"{np.linalg.norm(points[b] - points[a]):.2g} long: its middle would be rounding of the coordinates. "
-            "Refine elsewhere, or put the origin there."
-        )
-
-
-def _split(marked: Bools, wanted: Bools, mesh: Tessellation, edge: Ints) -> Bools:
+def _split(marked: Bools, wanted: Bools, mesh: PolygonMesh, edge: Ints) -> Bools:
     """A mask of the corners at which edges start that marked cells want split, by the numbers of their edges."""
     split = np.zeros(len(edge), dtype=bool)
     split[edge[wanted & marked[cell_of_corner(mesh.offsets)]]] = True
     return split[edge]
 
 
-def closed(marked: Bools, wanted: Bools, mesh: Tessellation, bend: Bools, edge: Ints) -> Bools:
+def closed(marked: Bools, wanted: Bools, mesh: PolygonMesh, bend: Bools, edge: Ints) -> Bools:
     """Cells marked, and those that would get a new node beside another one between two bends of their outline."""
     marked, cell = marked.copy(), cell_of_corner(mesh.offsets)
     order = rotation(mesh.offsets, first_in_row(bend, mesh.offsets))
@@ -512,26 +445,3 @@ def closed(marked: Bools, wanted: Bools, mesh: Tessellation, bend: Bools, edge: 
         marked[cell[begin[crowded]]] = True
         if np.count_nonzero(marked) == before:
             return marked
-
-
-def carried(mesh: Mesh, made: Mesh, parents: Ints, first: Ints, place: Ints) -> Mesh:
-    """The refined mesh with the names, interfaces and cell data of the old one.
-
-    In the boundary, ``place[first[k]:first[k + 1]]`` are the places of what has become of part k of the old one.
-    """
-    data = check_cell_data({name: values[parents] for name, values in mesh.cell_data.items()}, made.n_cells)
-    named, sides = {}, {}
-    for name, parts in mesh._named.items():
-        named[name] = read_only(made._boundary[np.sort(rows_in_order(first, place, mesh._places(parts))[1])])
-    for name, joint in mesh.interfaces.items():
-        one, other = (
-            rows_in_order(first, place, faces_of(side, mesh._outlines)) for side in (joint.edges, joint.partners)
-        )
-        mine, beside = (rows_in_order(*made._outlines, parts) for _, parts in (one, other))
-        if mesh.PARTS == "edges":  # on the other side they run the other way, and so do their halves
-            across = beside[1][backwards(2 * other[0])]
-        else:
-            across = turned(*beside, np.ones(len(beside[0]) - 1, dtype=bool))
-        sides[name] = Interface(joint.bodies, padded(*mine), padded(beside[0], across))
-    matched = on_boundary(sides, made._outlines)
-    return made._replace(_named=named, interfaces=MappingProxyType(matched), cell_data=MappingProxyType(data))

@@ -1,49 +1,327 @@
-"""The meshes that users hold, in the plane and in space: they refine, write and draw themselves.
+"""A mesh: points, cells, named parts of the boundary, data on cells; immutable.
 
-They come from points and cells, from families (:mod:`vemcvx.meshes.families`), from files, from objects of other
-libraries, and meshes in space from those of the plane, carried along z to prisms.
+A mesh is a cell complex: cells have sides (edges in the plane, faces in space), sides have vertices, and a side belongs
+to one cell, on the boundary, or to two. In the plane cells are simple polygons listed counter-clockwise, in space
+polyhedra with plane faces; two cells meet in whole sides of both. A vertex may lie on a straight line between its
+neighbours (a hanging node of the cell next door), a cell may have several coplanar faces, and need not be convex.
+
+Modules that refine, cut, judge and write meshes know this one. The methods of a mesh that lead there import them when
+they are called.
 """
 
 from __future__ import annotations
 
 import warnings
-from collections import Counter
-from collections.abc import Mapping
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Literal, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from vemcvx.base.arrays import Ints, brief, plain
-from vemcvx.base.canvas import draw_cells, draw_faces
-from vemcvx.base.errors import MeshError, MeshWarning, SceneError
-from vemcvx.meshes.box import LARGEST, SHORTEST, WHOLE, plotted_points, plotted_values
-from vemcvx.meshes.cracks import cut
+from vemcvx.base.arrays import SAME, Bools, Floats, Ints, read_only
+from vemcvx.base.errors import MeshError, MeshWarning
+from vemcvx.base.outline import Outline, in_a_line
+from vemcvx.meshes import polygons
+from vemcvx.meshes.box import (
+    SIDES,
+    WHOLE,
+    Box,
+    check_cell_data,
+    check_datum_name,
+    check_mapping,
+    check_name,
+    chosen_parts,
+)
+from vemcvx.meshes.checks.plane import Checked
 from vemcvx.meshes.interfaces import Interface, faces_of, on_boundary
-from vemcvx.meshes.io.files import load, load_bodies, write
-from vemcvx.meshes.io.objects import from_object, to_object
-from vemcvx.meshes.polygons import backwards, cell_of_corner, next_vertex, offsets_of, rows_in_order
-from vemcvx.meshes.polyhedra import joined_faces
-from vemcvx.meshes.polyhedral_refinement import refined_mesh
-from vemcvx.meshes.quality import Quality, quality_of
-from vemcvx.meshes.several_bodies import bodies as joined
-from vemcvx.meshes.tessellation import Mesh, SpaceTessellation, Tessellation
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+    from vemcvx.meshes.quality import Quality
 
-class UserMesh(Mesh):
-    """Methods that meshes of the plane and of space share."""
 
-    NAMED_BY_PLACE = True
+class Sides(NamedTuple):
+    """Edges of the cells of a mesh, in space faces."""
+
+    offsets: Ints
+    vertices: Ints  # in the order that they have in the first cell of a side
+    cells: Ints  # (n_sides, 2) first and second cell; the second is -1 on the boundary
+
+
+@dataclass(frozen=True, eq=False, repr=False, init=False)
+class Mesh(ABC):
+    """Points, and cells that kinds of meshes describe by further arrays; immutable."""
+
+    points: Floats
+    cell_data: Mapping[str, NDArray[Any]]
+    interfaces: Mapping[str, Interface]
+    node_map: Ints | None
+    _named: Mapping[str, Ints]
+
+    ARRAYS: ClassVar[tuple[str, ...]]  # Names of the arrays that make it.
+    NUMBERED: ClassVar[Mapping[str, str]]  # Names of arrays of numbers, and of how many there are of what they number.
+    PARTS: ClassVar[str]  # Name of the parts that make its boundary, and of one of them.
+    A_PART: ClassVar[str]
+
+    @classmethod
+    def unchecked(cls, *arrays: Floats | Ints, box: Box | None = None) -> Self:
+        """Return a mesh of arrays known to be valid, without copy or check; its sides are named if ``box`` is given."""
+        mesh = object.__new__(cls)
+        mesh._fill(*arrays)
+        return mesh if box is None else mesh._replace(_named=mesh._in_planes(box))
+
+    def _fill(self, *arrays: Floats | Ints, **others: object) -> None:
+        nothing: Mapping[str, Any] = MappingProxyType({})
+        own = {name: read_only(array) for name, array in zip(self.ARRAYS, arrays, strict=True)}
+        known = {"cell_data": nothing, "interfaces": nothing, "node_map": None, "_named": {}}
+        self.__dict__.update(own, **(known | others))
+
+    def _take(
+        self, found: Checked, boundaries: Mapping[str, Any] | None, cell_data: Mapping[str, ArrayLike] | None
+    ) -> None:
+        """Take what was checked; sides of a box get names if the user names nothing: not even by an empty mapping."""
+        self._fill(*found.arrays, node_map=found.node_map)
+        for note in found.notes:
+            warnings.warn(note, MeshWarning, stacklevel=3)
+        named = self._checked_parts(boundaries, found.node_map)
+        data = check_cell_data(cell_data, self.n_cells)
+        interfaces = on_boundary(found.interfaces, self._outlines, found.node_map)
+        if boundaries is None and not interfaces:
+            named = straight_sides(self)
+        fields = {"_named": named, "cell_data": MappingProxyType(data), "interfaces": MappingProxyType(interfaces)}
+        self.__dict__.update(fields)
+
+    @property
+    @abstractmethod
+    def n_cells(self) -> int:
+        """Number of cells."""
+
+    @property
+    @abstractmethod
+    def cell_nodes(self) -> tuple[Ints, Ints]:
+        """Offsets (n_cells + 1,), and the nodes of each cell between them, once each."""
+
+    @property
+    @abstractmethod
+    def _sides(self) -> Sides:
+        """The edges, in space faces, of all cells."""
+
+    @property
+    @abstractmethod
+    def _boundary(self) -> Ints:
+        """The parts of the boundary: edges (m, 2), or numbers of faces (m,)."""
+
+    @property
+    @abstractmethod
+    def _middles(self) -> Floats:
+        """The middles (m, dim) of the parts of the boundary."""
+
+    @abstractmethod
+    def _places(self, parts: Ints) -> Ints:
+        """Return the places of parts in the boundary; all must be there."""
+
+    @abstractmethod
+    def _rows(self, name: str, given: Any, n_nodes: int) -> tuple[Ints, Ints]:
+        """Return offsets and vertices of parts that a user names, or raise MeshError."""
+
+    @abstractmethod
+    def _measured(self) -> tuple[Floats, Floats]:
+        """Return areas or volumes, and centroids."""
+
+    @abstractmethod
+    def plot(
+        self,
+        values: str | ArrayLike | None = None,
+        ax: Axes | None = None,
+        *,
+        displacement: ArrayLike | None = None,
+        **style: Any,
+    ) -> Axes:
+        """Draw the mesh."""
+
+    @cached_property
+    def _outer_sides(self) -> Ints:
+        """The numbers of the sides on the boundary, in the order of their cells."""
+        return np.flatnonzero(self._sides.cells[:, 1] < 0)
+
+    @property
+    def _outlines(self) -> tuple[Ints, Ints]:
+        """Offsets and vertices of the parts of the boundary."""
+        offsets, vertices, _ = self._sides
+        return polygons.rows_in_order(offsets, vertices, self._outer_sides)
+
+    @property
+    def _owners(self) -> Ints:
+        """The cell of each part of the boundary."""
+        return self._sides.cells[self._outer_sides, 0]
+
+    @cached_property
+    def neighbours(self) -> Ints:
+        """Pairs of cells that share an edge, in space a face, (m, 2), the smaller number first; once a side."""
+        cells = self._sides.cells
+        return read_only(cells[cells[:, 1] >= 0])
+
+    @property
+    def _inner_outlines(self) -> tuple[Ints, Ints]:
+        """Offsets and vertices of the sides between `neighbours`, as they run in the first of these."""
+        offsets, vertices, cells = self._sides
+        return polygons.rows_in_order(offsets, vertices, np.flatnonzero(cells[:, 1] >= 0))
+
+    @property
+    def n_nodes(self) -> int:
+        """Number of nodes."""
+        return len(self.points)
+
+    @cached_property
+    def _measures_and_centroids(self) -> tuple[Floats, Floats]:
+        measures, centroids = self._measured()
+        return read_only(measures), read_only(centroids)
+
+    @property
+    def measures(self) -> Floats:
+        """Area of each cell, in space its volume, (n_cells,)."""
+        return self._measures_and_centroids[0]
+
+    @property
+    def centroids(self) -> Floats:
+        """Centroid of each cell, (n_cells, 2), in space (n_cells, 3)."""
+        return self._measures_and_centroids[1]
+
+    @cached_property
+    def diameters(self) -> Floats:
+        """Largest distance of two vertices of each cell, (n_cells,)."""
+        return read_only(polygons.diameters(self.points, *self.cell_nodes))
+
+    @cached_property
+    def h(self) -> float:
+        """Mesh size: the largest cell diameter."""
+        return float(self.diameters.max())
+
+    @cached_property
+    def boundaries(self) -> Mapping[str, Ints]:
+        """Named parts of the boundary: name -> edges (m, 2), in space face numbers (m,); "boundary" is all of it.
+
+        An edge (a, b) runs as in its counter-clockwise cell: the outward normal is (y_b - y_a, x_a - x_b) / length.
+        The name of an interface means its edges of the first body; "boundary" has those of both.
+        """
+        own = {name: faces_of(interface.edges, self._outlines) for name, interface in self.interfaces.items()}
+        joints = {name: read_only(self._boundary[parts]) for name, parts in own.items()}
+        return MappingProxyType({**self._named, **joints, "boundary": self._boundary})
+
+    @cached_property
+    def _outer(self) -> Bools:
+        """A mask of the parts of the boundary that no interface has on either side."""
+        free = np.ones(len(self._boundary), dtype=bool)
+        for interface in self.interfaces.values():
+            for side in (interface.edges, interface.partners):
+                free[faces_of(side, self._outlines)] = False
+        return free
+
+    def _in_planes(self, box: Box, tolerance: float = 0.0) -> dict[str, Ints]:
+        """Return the parts of the boundary on each side of a box; families put points on its sides to the bit."""
+        offsets, vertices = self._outlines
+        low, high = (f.reduceat(self.points[vertices], offsets[:-1]) for f in (np.minimum, np.maximum))
+        longest = np.argmax(high - low, axis=1)  # shorter than the tolerance, parts are on sides that they run along
+        named = {}
+        for axis, names in enumerate(SIDES[len(box.low)]):
+            for name, place in zip(names, (box.low[axis], box.high[axis]), strict=True):
+                off = np.maximum(np.abs(low[:, axis] - place), np.abs(high[:, axis] - place))
+                named[name] = read_only(self._boundary[(off <= tolerance) & (longest != axis)])
+        return named
+
+    def _checked_parts(self, boundaries: Mapping[str, Any] | None, node_map: Ints | None = None) -> dict[str, Ints]:
+        """Named parts in the order of the boundary, or MeshError; `node_map` if nodes have been numbered anew since."""
+        number = np.arange(self.n_nodes) if node_map is None else node_map
+        named = {}
+        for name, given in check_mapping(boundaries, "boundaries", self.PARTS).items():
+            name = name if name == WHOLE else check_name(name)
+            parts, called = self._parts(name, given, number)
+            strange = np.flatnonzero(parts < 0)
+            if len(strange):
+                raise MeshError(
+                    f"boundary {name!r}: {called[strange[0]]} is not {self.A_PART} of the boundary "
+                    f"({len(strange)} of {len(parts)} are not). Name only {self.PARTS} that belong to "
+                    "exactly one cell."
+                )
+            chosen = np.unique(parts)
+            if name != WHOLE:
+                named[name] = read_only(self._boundary[chosen])
+            elif len(chosen) < len(self._boundary):
+                raise MeshError(
+                    f"the name {WHOLE!r} is taken: it always means the whole boundary, and here it is given to "
+                    f"{len(chosen)} of its {len(self._boundary)} parts. Choose another name, or leave it out."
+                )
+        return named
+
+    def _parts(self, name: str, given: Any, number: Ints) -> tuple[Ints, list[str]]:
+        """Return the parts of the boundary that a user names by old numbers of vertices, -1 for none, in words, too."""
+        offsets, vertices = self._rows(name, given, len(number))
+        called = [f"({', '.join(map(str, row.tolist()))})" for row in np.split(vertices, offsets[1:-1])]
+        return self._found(offsets, vertices, number), called
+
+    def _found(self, offsets: Ints, vertices: Ints, number: Ints) -> Ints:
+        """Return the places in the boundary of parts with these vertices, by their new numbers; -1 for none."""
+        known = (vertices >= 0) & (vertices < len(number))
+        own = np.where(known, number[np.where(known, vertices, 0)], -1)
+        return polygons.matching_rows(*self._outlines, offsets, own)
+
+    def with_boundary(self, name: str, predicate: Callable[[Floats], Bools]) -> Self:
+        """Return this mesh with one more named part of its boundary.
+
+        Parameters
+        ----------
+        name : str
+            Its name; a part of that name is replaced, and parts may overlap.
+        predicate : callable
+            Takes the midpoints (m, 2) of all boundary edges, interfaces left out, in space the centroids (m, 3) of all
+            boundary faces; returns which belong: bool (m,).
+
+        Raises
+        ------
+        MeshError
+            The name is reserved, that of an interface or no string, the answer is not (m,) bool, or it selects nothing.
+        """
+        parts, middles = self._boundary[self._outer], self._middles[self._outer]
+        return self._with_named({name: read_only(parts[chosen_parts(name, predicate, middles, self.PARTS)])})
+
+    def with_boundaries(self, boundaries: Mapping[str, ArrayLike | Sequence[ArrayLike]]) -> Self:
+        """Return this mesh with more named parts of its boundary.
+
+        Parameters
+        ----------
+        boundaries : mapping of str to array_like
+            Name -> edges (m, 2), in either direction; in space faces: their numbers (m,), or their vertices, a row a
+            face, in any order.
+
+        Raises
+        ------
+        MeshError
+            A name is reserved or that of an interface, or an edge or face is not on the boundary.
+        """
+        return self._with_named(self._checked_parts(boundaries))
+
+    def _with_named(self, added: Mapping[str, Ints]) -> Self:
+        taken = [name for name in added if name in self.interfaces]
+        if taken:
+            raise MeshError(f"{taken[0]!r} is an interface of this mesh; choose another name.")
+        return self._replace(_named={**self._named, **added})
+
+    def with_cell_data(self, name: str, values: ArrayLike) -> Self:
+        """Return this mesh with one more (or another) array (n_cells, ...) of data on cells."""
+        added = check_cell_data({check_datum_name(name): values}, self.n_cells)
+        return self._replace(cell_data=MappingProxyType({**self.cell_data, **added}))
 
     def refine(self, cells: ArrayLike | None = None, *, balance: bool = True) -> Self:
         """Return this mesh with cells split (numbers, or a bool each; None: all): :func:`vemcvx.meshes.refinement`."""
-        return refined_mesh(self, cells, balance)
+        from vemcvx.meshes.refining import refinement
+
+        return refinement(self, cells, balance=balance).mesh
 
     def cut(self, name: str, sides: Mapping[str, ArrayLike]) -> Self:
         """Return this mesh with a crack: the edges, in space faces, between two sets of its cells become an interface.
@@ -64,9 +342,11 @@ class UserMesh(Mesh):
             The sides have a cell in common or nothing between them, an edge would have a tip at both ends, in space a
             face all its nodes at the front, or the name is taken.
         """
+        from vemcvx.meshes.cracks import cut
+
         return cut(self, name, sides)
 
-    def quality(self: Any) -> Quality:
+    def quality(self) -> Quality:
         """Shapes of the cells, (n_cells,): star-shapedness and shortest edges over diameters, of Assumption 3.3.
 
         Warns
@@ -76,6 +356,8 @@ class UserMesh(Mesh):
             measured in :mod:`vemcvx.meshes.quality`. What short edges cost in space is not, and nothing is said of
             them.
         """
+        from vemcvx.meshes.quality import quality_of
+
         return quality_of(self)
 
     def write(self: Any, path: str | Path) -> None:
@@ -99,6 +381,8 @@ class UserMesh(Mesh):
         MeshWarning
             The format does not keep some names, data or digits.
         """
+        from vemcvx.meshes.io.files import write
+
         write(path, self)
 
     def to(self: Any, library: Literal["meshio", "skfem", "pyvista"]) -> Any:
@@ -134,407 +418,47 @@ class UserMesh(Mesh):
         MeshWarning
             scikit-fem keeps no other cell data.
         """
+        from vemcvx.meshes.io.objects import to_object
+
         return to_object(self, library)
 
+    def _replace(self, **fields: object) -> Self:
+        """Return a mesh that shares everything, also what is already computed, but the given fields."""
+        mesh = object.__new__(type(self))
+        anew = {"boundaries", "_outer"} if "interfaces" in fields else {"boundaries"}
+        mesh.__dict__.update({key: value for key, value in self.__dict__.items() if key not in anew})
+        mesh.__dict__.update(fields)
+        return mesh
 
-@dataclass(frozen=True, eq=False, repr=False, init=False)
-class PolygonMesh(Tessellation, UserMesh):
-    """A polygonal mesh of a plane domain.
+    def __getstate__(self) -> dict[str, object]:
+        kept = {name: getattr(self, name) for name in (*self.ARRAYS, "node_map", "_named")}
+        # A mapping proxy cannot be pickled.
+        return {**kept, "cell_data": dict(self.cell_data), "interfaces": dict(self.interfaces)}
 
-    Parameters
-    ----------
-    points : (n_nodes, 2) array_like of float
-        Node coordinates, in consistent units.
-    cells : sequence of index sequences, or (n_cells, k) array of int
-        Vertices of each cell, in order around it. Clockwise cells are turned, with a `MeshWarning`.
-    boundaries : mapping of str to (m, 2) array_like of int, optional
-        Named sets of boundary edges, in either direction. The name "boundary" (all of it) is always
-        there, and means nothing else. If none are given, edges where x or y is least or greatest are "left",
-        "right", "bottom" and "top", as families and readers of files name them; an empty mapping names nothing.
-    cell_data : mapping of str to (n_cells, ...) array_like, optional
-        Data on cells, such as moduli or material numbers.
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        data = {name: read_only(values) for name, values in state.pop("cell_data").items()}
+        named = {name: read_only(parts) for name, parts in state.pop("_named").items()}
+        interfaces = MappingProxyType(state.pop("interfaces"))
+        arrays = [state.pop(name) for name in self.ARRAYS]
+        self._fill(*arrays, **state, cell_data=MappingProxyType(data), _named=named, interfaces=interfaces)
 
-    Attributes
-    ----------
-    points : (n_nodes, 2) float
-        Node coordinates.
-    offsets, vertices : (n_cells + 1,) int, (n_corners,) int
-        Cell c has the vertices ``vertices[offsets[c]:offsets[c + 1]]``, counter-clockwise.
-    cell_data : mapping of str to (n_cells, ...) array
-        Data on cells.
-    node_map : (n,) int or None
-        If nodes that no cell uses were dropped: new number of each given node, -1 if dropped. Else None.
-
-    Raises
-    ------
-    MeshError
-        The points and cells are no valid mesh; the message names the cell or node and what to do.
-
-    Warns
-    -----
-    MeshWarning
-        Clockwise cells were turned, or unused nodes dropped.
-
-    Notes
-    -----
-    All arrays are read-only. Node and cell order are those given.
-    """
-
-    def extruded(self, heights: ArrayLike) -> PolyhedralMesh:
-        """Return the mesh in space of the prisms over these cells, a layer between any two heights.
-
-        Parameters
-        ----------
-        heights : (layers + 1,) array_like
-            The z of the bottom of the first layer, then of the top of each, increasing.
-
-        Returns
-        -------
-        PolyhedralMesh
-            Nodes and cells layer by layer, in the order they have here; cell data are those of the polygons below.
-            Named parts of the boundary and interfaces keep their names and become the sides above them; but "bottom"
-            and "top" are the lowest and the highest polygons, and what had these names in the plane is "front" and
-            "back".
-
-        Raises
-        ------
-        MeshError
-            The heights do not increase, or the mesh has both names of a side in the plane and in space ("bottom" and
-            "front", "top" and "back").
-        """
-        return extruded(self, heights)
-
-    def plot(
-        self,
-        values: str | ArrayLike | None = None,
-        ax: Axes | None = None,
-        *,
-        displacement: ArrayLike | None = None,
-        **style: object,
-    ) -> Axes:
-        """Draw the cells, coloured by ``values`` if given.
-
-        Parameters
-        ----------
-        values : (n_cells,) array_like or str, optional
-            One number a cell, or the name of a cell datum.
-        ax : matplotlib Axes, optional
-            Where to draw; by default on a new figure (``ax.figure.savefig(...)`` saves it).
-        displacement : (n_nodes, 2) array_like, optional
-            Added to the points.
-        **style
-            Passed to matplotlib's PolyCollection (``cmap``, ``edgecolor``, ``linewidth``, ``clim`` ...).
-
-        Returns
-        -------
-        Axes
-            The axes drawn on.
-
-        Raises
-        ------
-        VemcvxError
-            matplotlib is not installed.
-        MeshError
-            ``values`` or ``displacement`` do not fit the mesh.
-        """
-        values = None if values is None else plotted_values(values, self.cell_data, self.n_cells)
-        return draw_cells(
-            plotted_points(self.points, displacement),
-            self.offsets,
-            vertices=self.vertices,
-            values=values,
-            ax=ax,
-            style=style,
+    def __repr__(self) -> str:
+        known = list(self.boundaries)
+        names = ", ".join(known if len(known) < 10 else [*known[:4], f"{len(known) - 5} more", known[-1]])
+        return (
+            f"{type(self).__name__}({self.n_cells} cells, {self.n_nodes} nodes, h = {self.h:.4g}, boundaries: {names})"
         )
 
-
-@dataclass(frozen=True, eq=False, repr=False, init=False)
-class PolyhedralMesh(SpaceTessellation, UserMesh):
-    """A polyhedral mesh of a domain in space.
-
-    Cells are polyhedra with plane faces; two cells meet in whole faces of both, so that where a large cell meets four
-    small ones it has four coplanar faces. Neither cells nor faces need be convex.
-
-    Parameters
-    ----------
-    points : (n_nodes, 3) array_like of float
-        Node coordinates, in consistent units.
-    cells : sequence of sequences of index sequences, or (n_cells, faces, vertices) array of int
-        Faces of each cell, each the vertices in order around it. Those that do not run counter-clockwise seen from
-        outside are turned, with a `MeshWarning`.
-    boundaries : mapping of str to array_like, optional
-        Named sets of boundary faces: their numbers, or rows of their vertices. The name "boundary" (all of it) is
-        always there, and means nothing else. If none are given, faces where x, y or z is least or greatest are "left",
-        "right", "front", "back", "bottom" and "top"; an empty mapping names nothing.
-    cell_data : mapping of str to (n_cells, ...) array_like, optional
-        Data on cells, such as moduli or material numbers.
-    interfaces : mapping of str to Interface, optional
-        Faces of one body that are also those of another, with nodes of their own.
-
-    Attributes
-    ----------
-    points : (n_nodes, 3) float
-        Node coordinates.
-    face_offsets, face_vertices : (n_faces + 1,) int, (n_corners,) int
-        Face f has the vertices ``face_vertices[face_offsets[f]:face_offsets[f + 1]]``; by the right-hand rule their
-        order gives the normal out of its first cell.
-    face_cells : (n_faces, 2) int
-        First and second cell of each face; the second is -1 on the boundary.
-    cell_offsets, cell_faces : (n_cells + 1,) int, (m,) int
-        Cell c has the faces ``cell_faces[cell_offsets[c]:cell_offsets[c + 1]]``.
-    cell_data : mapping of str to (n_cells, ...) array
-        Data on cells.
-    interfaces : mapping of str to Interface
-        Where several bodies meet: see :func:`vemcvx.meshes.bodies`.
-    node_map : (n,) int or None
-        If nodes that no cell uses were dropped: new number of each given node, -1 if dropped. Else None.
-
-    Raises
-    ------
-    MeshError
-        The points and cells are no valid mesh; the message names the cell or node and what to do. A face is plane if
-        its vertices are no farther from its plane than 1e-6 of its diameter.
-
-    Warns
-    -----
-    MeshWarning
-        Faces were turned, or unused nodes dropped.
-
-    Notes
-    -----
-    All arrays are read-only. Node and cell order are those given; faces are numbered as cells first name them.
-    """
-
-    def plot(
-        self,
-        values: str | ArrayLike | None = None,
-        ax: Axes | None = None,
-        *,
-        displacement: ArrayLike | None = None,
-        on: str = "boundary",
-        **style: object,
-    ) -> Axes:
-        """Draw the faces of the boundary, coloured by ``values`` of their cells if given.
-
-        Parameters
-        ----------
-        values, ax, displacement : as of `PolygonMesh.plot`
-            The axes are three-dimensional; what is returned and raised is the same, too.
-        on : str
-            The part of the boundary to draw.
-        **style
-            Passed to matplotlib's Poly3DCollection (``cmap``, ``edgecolor``, ``linewidth``, ``alpha`` ...).
-        """
-        if not isinstance(on, str) or on not in self.boundaries:
-            raise MeshError(f"there is no boundary {on!r}; this mesh has {', '.join(self.boundaries)}.")
-        if ax is not None and getattr(ax, "name", "") != "3d":
-            raise MeshError(f"ax must be axes in space, figure.add_subplot(projection='3d'); got {brief(ax)}.")
-        faces = self.boundaries[on]
-        offsets, vertices = rows_in_order(self.face_offsets, self.face_vertices, faces)
-        on_cells = None if values is None else plotted_values(values, self.cell_data, self.n_cells)
-        return draw_faces(
-            plotted_points(self.points, displacement),
-            offsets,
-            vertices,
-            values=None if on_cells is None else on_cells[self.face_cells[faces, 0]],
-            ax=ax,
-            style=style,
-        )
+    def _repr_html_(self) -> str:
+        names = [(f'"{name}"', f"{len(parts)} {self.PARTS}") for name, parts in self.boundaries.items()]
+        data = [(name, in_a_line(values)) for name, values in self.cell_data.items()]
+        return Outline(f"{type(self).__name__}: {self.n_cells} cells, h = {self.h:.4g}", [*names, *data]).html()
 
 
-# Sides of the plane below and above are those in front and at the back of a box in space.
-RENAMED = {"bottom": "front", "top": "back"}
-
-
-def extruded(mesh: Tessellation, heights: ArrayLike) -> PolyhedralMesh:
-    """Return the prisms over the cells of a plane mesh: see :meth:`vemcvx.PolygonMesh.extruded`."""
-    wanted = "heights must be at least two increasing numbers, the z of the layers' faces"
-    given = plain(heights)
-    if given is None or given.ndim != 1 or given.dtype.kind not in "iuf" or len(given) < 2:
-        raise MeshError(f"{wanted}; got {heights!r}.")
-    levels = given.astype(float)
-    if not np.isfinite(levels).all() or np.abs(levels).max() > LARGEST or np.diff(levels).min() < SHORTEST:
-        raise MeshError(f"{wanted}, at most {LARGEST:g} and {SHORTEST:g} apart; got {levels}.")
-    named = _names_in_space(mesh)
-    layers, nodes, cells = len(levels) - 1, mesh.n_nodes, mesh.n_cells
-    offsets, vertices, owner = _layer(mesh)
-    sizes = np.diff(offsets)
-    shift = np.repeat(np.arange(layers), len(vertices)) * nodes
-    joined = joined_faces(
-        offsets_of(np.tile(sizes, layers)),
-        np.tile(vertices, layers) + shift,
-        offsets_of(np.tile(np.bincount(owner), layers)),
-    )
-    points = np.column_stack([np.tile(mesh.points, (layers + 1, 1)), np.repeat(levels, nodes)])
-    solid = PolyhedralMesh.unchecked(points, *joined)
-    level = nodes * np.arange(layers)[:, None, None]
-
-    def above(ends: Ints) -> Ints:
-        return (np.hstack([ends, ends[:, ::-1] + nodes]) + level).reshape(-1, 4)
-
-    sides = {RENAMED.get(name, name): faces_of(above(edges), solid._outlines) for name, edges in named.items()}
-    parts = {name: solid._boundary[places] for name, places in sides.items()}
-    # In every layer, the first two faces of a cell are its bottom and its top.
-    first = joined.cell_offsets[:-1].reshape(layers, cells)
-    parts |= {"bottom": joined.cell_faces[first[0]], "top": joined.cell_faces[first[-1] + 1]}
-    solid = solid.with_boundaries(parts)
-    for name, values in mesh.cell_data.items():
-        solid = solid.with_cell_data(name, np.concatenate([values] * layers))
-    joints = {name: Interface(of.bodies, above(of.edges), above(of.partners)) for name, of in mesh.interfaces.items()}
-    return solid._replace(interfaces=MappingProxyType(on_boundary(joints, solid._outlines)))
-
-
-def _names_in_space(mesh: Tessellation) -> dict[str, Ints]:
-    named = {name: edges for name, edges in mesh.boundaries.items() if name not in (*mesh.interfaces, WHOLE)}
-    for old, new in RENAMED.items():
-        if old in named and new in named:
-            raise MeshError(
-                f'the part {old!r} of the boundary is called {new!r} in space, where "bottom" and "top" are those in '
-                f"z, but this mesh has a part {new!r} as well. Give one of them another name."
-            )
-    return named
-
-
-def _layer(mesh: Tessellation) -> tuple[Ints, Ints, Ints]:
-    """Faces of one layer, cell by cell and outwards: offsets, vertices (of the level above from n_nodes on), owners."""
-    below = mesh.vertices
-    after = next_vertex(mesh.offsets, below)
-    sides = np.column_stack([below, after, after + mesh.n_nodes, below + mesh.n_nodes])
-    counts = np.diff(mesh.offsets)
-    vertices = np.concatenate([below[backwards(mesh.offsets)], below + mesh.n_nodes, sides.ravel()])
-    sizes = np.concatenate([counts, counts, np.full(len(below), 4)])
-    cells = np.arange(mesh.n_cells)
-    owner = np.concatenate([cells, cells, cell_of_corner(mesh.offsets)])
-    order = np.argsort(owner, kind="stable")
-    return *rows_in_order(offsets_of(sizes), vertices, order), owner[order]
-
-
-AnyMesh = PolygonMesh | PolyhedralMesh
-
-
-def plane_mesh(mesh: AnyMesh, subject: str, instead: str = "") -> PolygonMesh:
-    """The mesh, if it is of polygons.
-
-    SceneError where it is of polyhedra; `subject` exists in the plane only, and `instead` says what to do.
-    """
-    if isinstance(mesh, PolyhedralMesh):
-        raise SceneError(
-            f"{subject}: exists in the plane only, and this mesh is of polyhedra{instead and f'; {instead}'}."
-        )
-    return mesh
-
-
-# To checkers of types, what is read may be anything beside a PolygonMesh: scripts that know their files need no cast.
-def read(path: str | Path, bodies: str | None = None, *, tolerance: float | None = None) -> PolygonMesh | Any:
-    """Read a mesh from a file of VTK (.vtu), Gmsh (.msh), Abaqus (.inp) or Nastran (.bdf, .nas, .fem).
-
-    Where there are tetrahedra, hexahedra, wedges, pyramids or polyhedra, it is a mesh in space of these. Hexahedra,
-    wedges and pyramids must have plane faces: mesh bodies where they would be warped with tetrahedra, or hand in cells
-    of your own whose warped faces are two triangles each, the same in both cells. Cells of higher order (triangle6,
-    quad8, quad9, tetra10, hexahedron20, hexahedron27 ...) are read by their corners, with straight edges.
-
-    Named boundaries are those that `write` of a mesh wrote, the physical groups of lines (in space, of surfaces) of a
-    Gmsh file, or the node sets and surfaces of an Abaqus file. Cell data come along; a physical group or element set is
-    a cell datum of its name, 1 in the group and 0 outside. A group without a name is called by its number. Node and
-    cell order are the file's; of plane meshes, a constant third coordinate is dropped.
-
-    If the file names no part of the boundary, what lies where x, y or z is least or greatest is called as families of
-    meshes call it ("left", "right", "bottom" and "top" in the plane): a `MeshWarning` says which there are.
-
-    Parameters
-    ----------
-    path : str or Path
-        The file; its suffix tells the format. `meshio convert a.xyz a.vtu` converts files of other formats.
-    bodies : "physical", optional
-        Make a body of every physical group of cells of a Gmsh file, of every instance or part of an Abaqus file (if it
-        has none, of every element set), as :func:`vemcvx.meshes.bodies` joins them: where bodies meet, in nodes that
-        they share or that are double, there is an interface. Boundaries are called "plate.rim", and an interface
-        "plate|pin", or by the one name that all of it has in the file, on both of its sides or on one.
-    tolerance : float, optional
-        With `bodies`: how far apart boundaries may be that coincide, as of :func:`vemcvx.meshes.bodies`.
-
-    Returns
-    -------
-    PolygonMesh or PolyhedralMesh
-        The mesh, checked.
-
-    Raises
-    ------
-    MeshError
-        There is no such file, it is damaged or foreign, it has what would be read wrongly, or it holds no valid mesh.
-
-    Warns
-    -----
-    MeshWarning
-        Cells were turned, unused nodes dropped, cells of higher order read by their corners, named lines or faces
-        inside the mesh or on interfaces left out, sides named; or what is in the file was not read.
-    """
-    if bodies is None and tolerance is None:
-        return _with_methods(load(path))
-    if not isinstance(bodies, str) or bodies != "physical":
-        raise MeshError(
-            f"read: found bodies = {brief(bodies)}; there is 'physical', with which tolerance= goes, or None for one "
-            "mesh."
-        )
-    found, sides = load_bodies(path)
-    meshes: dict[str, Any] = {name: _with_methods(mesh) for name, mesh in found.items()}
-    mesh = joined(meshes, tolerance=tolerance)
-    called = {name: _names_of(interface, meshes, sides) for name, interface in mesh.interfaces.items()}
-    times = Counter(side for names in called.values() for side in names)
-    kept = {}
-    for name, interface in mesh.interfaces.items():
-        kept[called[name][0] if [times[side] for side in called[name]] == [1] else name] = interface
-    named = {(body, side) for body, own in meshes.items() for side in own.boundaries}
-    hidden = {side for body, side in named if f"{body}.{side}" not in mesh.boundaries}
-    if left := ", ".join(map(repr, sorted((hidden & sides) - set(kept)))):
-        warnings.warn(
-            f"{path}: the sides named {left} are on interfaces, which are called {', '.join(map(repr, kept))}: a name "
-            "is kept if it is the only one that is of all of one interface, and of no other.",
-            MeshWarning,
-            stacklevel=2,
-        )
-    return mesh._replace(interfaces=MappingProxyType(kept))
-
-
-def _names_of(interface: Interface, meshes: Mapping[str, Any], sides: set[str]) -> list[str]:
-    """Return the names of sides that are all of an interface, on each of its bodies that has them there."""
-    start, covers = 0, dict[str, list[bool]]()
-    for body, own in meshes.items():
-        if body in interface.bodies:
-            # Nodes of bodies stand one after the other, and behind them those that interfaces have added.
-            nodes = (interface.edges, interface.partners)[interface.bodies.index(body)] - start
-            offsets, vertices = own._outlines
-            there = set(np.flatnonzero(np.logical_and.reduceat(np.isin(vertices, nodes), offsets[:-1])).tolist())
-            for side in sorted(sides.intersection(own.boundaries)):
-                places = set(own._places(own.boundaries[side]).tolist())
-                if places & there:
-                    covers.setdefault(side, []).append(places == there)
-        start += own.n_nodes
-    return [side for side, each in covers.items() if all(each)]
-
-
-def convert(other: Any) -> PolygonMesh | Any:
-    """Return the mesh that an object of another library holds; `to` of a mesh is the way back.
-
-    Order, names and data are kept, sides without names are named, and the mesh is checked, all as in :func:`read`.
-
-    Parameters
-    ----------
-    other : meshio.Mesh, skfem.MeshTri, MeshQuad, MeshTet or MeshHex, pyvista.UnstructuredGrid or PolyData
-        Boundaries are named by cell sets of lines (in space, of polygons) or physical groups (meshio), named boundaries
-        (scikit-fem), and by what `to` of a mesh makes of them. Subdomains and cell sets are cell data, 1 inside and 0
-        outside.
-
-    Returns
-    -------
-    PolygonMesh or PolyhedralMesh
-        The mesh, checked; what is raised and warned of is as of :func:`read`.
-    """
-    return _with_methods(from_object(other))
-
-
-def _with_methods(found: Tessellation | SpaceTessellation) -> PolygonMesh | PolyhedralMesh:
-    kind: type[PolygonMesh | PolyhedralMesh] = PolygonMesh if isinstance(found, Tessellation) else PolyhedralMesh
-    mesh = object.__new__(kind)
-    mesh.__dict__.update(found.__dict__)
-    return mesh
+def straight_sides(mesh: Mesh) -> dict[str, Ints]:
+    """Parts of the boundary that lie where a coordinate is extreme, by the names that families give them, if any."""
+    low, high = mesh.points.min(axis=0), mesh.points.max(axis=0)
+    # A mesh that was moved or scaled into place has straight sides to its digits.
+    rounding = SAME * float((high - low).max())
+    sides = mesh._in_planes(Box(tuple(low.tolist()), tuple(high.tolist())), rounding)
+    return {name: parts for name, parts in sides.items() if len(parts)}

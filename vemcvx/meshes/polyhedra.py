@@ -50,17 +50,12 @@ class Faces(NamedTuple):
 
 def joined_faces(offsets: Ints, vertices: Ints, cell_offsets: Ints) -> Faces:
     """Faces of cells that list all of theirs, outwards: listed face k is ``vertices[offsets[k]:offsets[k + 1]]``."""
-    return numbered_faces(Listed(offsets, vertices, cell_offsets), *same_rows(offsets, vertices))
-
-
-def numbered_faces(listed: Listed, first: Ints, number: Ints) -> Faces:
-    """Faces of cells that list all of theirs: each first listed as number `first`, and which each listed one is."""
-    face_offsets, face_vertices = rows_in_order(listed.offsets, listed.vertices, first)
-    owner = cell_of_corner(listed.cell_offsets)
-    second = np.full(len(first), -1)
+    first, number = same_rows(offsets, vertices)
+    owner, second = cell_of_corner(cell_offsets), np.full(len(first), -1)
     later = np.flatnonzero(first[number] != np.arange(len(number)))
     second[number[later]] = owner[later]
-    return Faces(face_offsets, face_vertices, listed.cell_offsets, number, np.column_stack([owner[first], second]))
+    cells = np.column_stack([owner[first], second])
+    return Faces(*rows_in_order(offsets, vertices, first), cell_offsets, number, cells)
 
 
 def listed_faces(faces: Faces) -> Listed:

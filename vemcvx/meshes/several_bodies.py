@@ -25,6 +25,7 @@ from vemcvx.meshes.checks.plane import check_cells, find_misfit, lowest
 from vemcvx.meshes.checks.space import checked_in_space, enclosed, find_upon
 from vemcvx.meshes.interfaces import Interface, coinciding_sides, on_boundary, pairs_of, places_of
 from vemcvx.meshes.overlay import CORNER, overlay_tilings, unmatched
+from vemcvx.meshes.polygon_mesh import PolygonMesh
 from vemcvx.meshes.polygons import (
     TOLERANCE,
     all_found_in,
@@ -40,9 +41,9 @@ from vemcvx.meshes.polygons import (
     smallest_linked,
 )
 from vemcvx.meshes.polyhedra import FaceShapes, listed_faces
-from vemcvx.meshes.tessellation import SpaceTessellation, Tessellation
+from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 
-AnyKind = TypeVar("AnyKind", bound=Tessellation | SpaceTessellation)
+AnyKind = TypeVar("AnyKind", bound=PolygonMesh | PolyhedralMesh)
 # Bodies that programs of six digits or less drew apart are nearer than this part of the lowest cell.
 NARROW_BETWEEN_BODIES = 1e-3
 FACING = -0.5
@@ -99,12 +100,12 @@ def bodies(
     apart = _side_by_side(each)
     length = _check_tolerance(tolerance, apart.points)
     body = np.repeat(np.arange(len(each)), [mesh.n_nodes for mesh in each])
-    match = _match_in_plane if isinstance(apart, Tessellation) else _match_in_space
+    match = _match_in_plane if isinstance(apart, PolygonMesh) else _match_in_space
     joined: Joined[Any] = match(names, apart, body, length)
     sides = coinciding_sides(joined.mesh._outlines, joined.body, joined.place)
     found = on_boundary(_by_name(names, joined.body, sides, interfaces), joined.mesh._outlines)
     joined = joined._replace(mesh=joined.mesh._replace(interfaces=MappingProxyType(found)))
-    if isinstance(joined.mesh, SpaceTessellation):
+    if isinstance(joined.mesh, PolyhedralMesh):
         _check_apart_in_space(names, joined)
     _check_contact_in_points(names, joined)
     _check_whole(joined.mesh)
@@ -169,7 +170,7 @@ def _same_places(names: tuple[str, ...], body: Ints, mesh: Any, distance: float)
 # In the plane.
 
 
-def _match_in_plane(names: tuple[str, ...], apart: Tessellation, body: Ints, tolerance: float) -> Joined[Tessellation]:
+def _match_in_plane(names: tuple[str, ...], apart: PolygonMesh, body: Ints, tolerance: float) -> Joined[PolygonMesh]:
     """Hang nodes of each body into the edges of the others."""
     place = _same_places(names, body, apart, tolerance)
     points, node, edge = _hanging(apart, body, place, tolerance)
@@ -183,7 +184,7 @@ def _match_in_plane(names: tuple[str, ...], apart: Tessellation, body: Ints, tol
     return Joined(mesh, body, np.concatenate([place, place[node]]), origin)
 
 
-def _hanging(mesh: Tessellation, body: Ints, place: Ints, tolerance: float) -> tuple[Floats, Ints, Ints]:
+def _hanging(mesh: PolygonMesh, body: Ints, place: Ints, tolerance: float) -> tuple[Floats, Ints, Ints]:
     """Return points moved into their places; nodes (q,) to hang on edges (q,) of the boundary, in order on each."""
     import shapely
 
@@ -264,7 +265,7 @@ def _at(point: Floats) -> str:
     return f"({', '.join(f'{x:.6g}' for x in point)})"
 
 
-def _check_apart(names: tuple[str, ...], mesh: Tessellation, body: Ints) -> None:
+def _check_apart(names: tuple[str, ...], mesh: PolygonMesh, body: Ints) -> None:
     """Raise MeshError where bodies overlap or leave a slit, or moved nodes spoil a cell."""
     try:
         check_cells(mesh.points, mesh.offsets, mesh.vertices)
@@ -321,8 +322,8 @@ def _touching(names: tuple[str, ...], pair: Ints, at: Floats) -> MeshError:
 
 
 def _match_in_space(
-    names: tuple[str, ...], apart: SpaceTessellation, body: Ints, tolerance: float
-) -> Joined[SpaceTessellation]:
+    names: tuple[str, ...], apart: PolyhedralMesh, body: Ints, tolerance: float
+) -> Joined[PolyhedralMesh]:
     """Cut the faces of all bodies where they coincide."""
     place = _same_places(names, body, apart, CORNER * tolerance)
     tiled = overlay_tilings(apart.points, apart.faces, body, place, tolerance)
@@ -330,7 +331,7 @@ def _match_in_space(
     return Joined(mesh, tiled.body, tiled.place, apart._places(tiled.origin[mesh._boundary]))
 
 
-def _check_apart_in_space(names: tuple[str, ...], joined: Joined[SpaceTessellation]) -> None:
+def _check_apart_in_space(names: tuple[str, ...], joined: Joined[PolyhedralMesh]) -> None:
     """Raise MeshError where bodies overlap, touch in nodes, or leave a slit or a pocket.
 
     Bodies overlap if a node of one body that is no other's, or what is below the middle of a face, is inside another.
@@ -356,9 +357,9 @@ def _check_apart_in_space(names: tuple[str, ...], joined: Joined[SpaceTessellati
     _check_pockets(mesh, body, joined.place)
 
 
-def _check_whole(mesh: Tessellation | SpaceTessellation) -> None:
+def _check_whole(mesh: PolygonMesh | PolyhedralMesh) -> None:
     """Raise MeshError where cells in space are no polyhedra any more, or do not fit together."""
-    if isinstance(mesh, SpaceTessellation):
+    if isinstance(mesh, PolyhedralMesh):
         try:
             checked_in_space(mesh.points, listed_faces(mesh.faces), mesh.interfaces)
         except MeshError as error:
@@ -367,7 +368,7 @@ def _check_whole(mesh: Tessellation | SpaceTessellation) -> None:
 
 def _check_outside(
     names: tuple[str, ...],
-    joined: Joined[SpaceTessellation],
+    joined: Joined[PolyhedralMesh],
     owner: Ints,
     places: Floats,
     error: Callable[[tuple[str, ...], Ints, Floats], MeshError],
@@ -386,7 +387,7 @@ def _check_outside(
             raise error(names, np.array([number, owner[inside[0]]]), places[inside[0]])
 
 
-def _check_pockets(mesh: SpaceTessellation, body: Ints, place: Ints) -> None:
+def _check_pockets(mesh: PolyhedralMesh, body: Ints, place: Ints) -> None:
     """Raise MeshError where faces of two bodies have all nodes in places of both and face each other, but differ."""
     free = mesh._boundary[mesh._outer]
     offsets, vertices = rows_in_order(mesh.face_offsets, mesh.face_vertices, free)
@@ -436,7 +437,7 @@ def _check_meshes(meshes: Mapping[str, AnyKind]) -> None:
             raise MeshError(
                 f"bodies: a body's name is a string without {' and '.join(SIGNS)}, not {BODY!r}; got {brief(name)}."
             )
-        if not isinstance(mesh, (Tessellation, SpaceTessellation)):
+        if not isinstance(mesh, (PolygonMesh, PolyhedralMesh)):
             raise MeshError(
                 f"bodies: found {brief(mesh)} for {name!r} where a PolygonMesh or PolyhedralMesh is wanted."
             )

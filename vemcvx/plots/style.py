@@ -177,9 +177,7 @@ def common_magnification(history: Results, size: float, magnify: float | None, n
     if largest == 0.0:
         return 1.0
     mesh = history.mesh
-    sides = (
-        (mesh.face_offsets, mesh.face_vertices) if isinstance(mesh, PolyhedralMesh) else (mesh.offsets, mesh.vertices)
-    )
+    sides = (mesh.face_offsets, mesh.face_vertices) if isinstance(mesh, PolyhedralMesh) else mesh.cell_nodes
     a, b = np.unique(np.sort(directed_edges(*sides), axis=1), axis=0).T
     lengths = np.linalg.norm(mesh.points[b] - mesh.points[a], axis=1)
     strain = max(float(np.percentile(np.linalg.norm(row[b] - row[a], axis=1) / lengths, 99.0)) for row in u)

@@ -44,7 +44,7 @@ from scipy.sparse.linalg import splu
 
 from vemcvx.base.arrays import EPS, Bools, Floats, Ints, summed_columns, totals
 from vemcvx.base.outline import ArrayRecord
-from vemcvx.meshes import PolygonMesh
+from vemcvx.meshes import PolygonMesh, PolyhedralMesh, plane_mesh
 from vemcvx.meshes.polygons import found_in, smallest_linked
 from vemcvx.results.contact_faces import ContactFaces
 from vemcvx.scene.contact import Surface, Terms
@@ -247,9 +247,9 @@ def _recovered(posed: PosedScene, traction: Floats, pressure: Floats, closed: Bo
         return traction, pressure
 
     def sides(rows: ContactRows, at: Ints) -> ContactSides | ContactFaces:
-        if isinstance(mesh, PolygonMesh):
-            return ContactSides.of(rows, at, surface, mesh)
-        return ContactFaces.of(rows, at, surface, mesh)
+        if isinstance(mesh, PolyhedralMesh):
+            return ContactFaces.of(rows, at, surface, mesh)
+        return ContactSides.of(rows, at, surface, plane_mesh(mesh, "pressures along sides"))
 
     whole, pressed, rows = sides(surface, np.arange(len(surface))), pressure * surface.lengths, len(pressure)
     # Forces along given directions are over lengths of their own.

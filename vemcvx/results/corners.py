@@ -26,7 +26,7 @@ import numpy as np
 from vemcvx.base.arrays import Bools, Ints
 from vemcvx.base.outline import ArrayRecord
 from vemcvx.effects.effect import Load
-from vemcvx.meshes import AnyMesh, PolygonMesh
+from vemcvx.meshes import Mesh, PolygonMesh
 from vemcvx.meshes.interfaces import pairs_of
 from vemcvx.meshes.polygons import cross, next_corner
 from vemcvx.results.contact import Contact
@@ -96,7 +96,7 @@ def _owned(rows: ContactRows, edges: Ints, some: Bools | slice = slice(None)) ->
 class Corners:
     """The corners of a body with the contact of a run; none where sides are not known."""
 
-    mesh: AnyMesh
+    mesh: Mesh
     contact: Contact
     sides: Sides | None
 

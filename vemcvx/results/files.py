@@ -44,7 +44,7 @@ from vemcvx.base.arrays import Floats, brief, quantities
 from vemcvx.base.errors import HistoryError, MeshError
 from vemcvx.base.owned_files import Owned, path_of
 from vemcvx.base.version import __version__
-from vemcvx.meshes import AnyMesh, Interface, PolygonMesh, PolyhedralMesh
+from vemcvx.meshes import Interface, Mesh, PolygonMesh, PolyhedralMesh
 from vemcvx.meshes.interfaces import padded
 from vemcvx.meshes.io.vtu import packed_cells, write_cells
 from vemcvx.meshes.polygons import rows_in_order
@@ -139,7 +139,7 @@ def _check_arrays(arrays: Arrays, sizes: dict[str, int]) -> None:
             raise ValueError(f"found {name} from {arrays[name].min()} to {arrays[name].max()} of {count}")
 
 
-def _mesh(arrays: Arrays, bodies: dict[str, list[str]]) -> AnyMesh:
+def _mesh(arrays: Arrays, bodies: dict[str, list[str]]) -> Mesh:
     def under(prefix: str) -> Arrays:
         return {name.removeprefix(prefix): values for name, values in arrays.items() if name.startswith(prefix)}
 

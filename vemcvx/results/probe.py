@@ -19,11 +19,11 @@ from numpy.typing import ArrayLike
 
 from vemcvx.base.arrays import ROUNDING, Floats, Ints, as_real_array, brief, finite, is_whole, shape_in_words, shaped
 from vemcvx.base.errors import SceneError
-from vemcvx.meshes import AnyMesh, PolygonMesh, PolyhedralMesh
+from vemcvx.meshes import Mesh, PolygonMesh, PolyhedralMesh, plane_mesh
 from vemcvx.meshes.polygons import TOLERANCE, cell_of_corner, holding, next_vertex, outlines, overlapping_boxes
-from vemcvx.meshes.tessellation import projected_values
 from vemcvx.results.results import Results
 from vemcvx.vem import Space, solid_places
+from vemcvx.vem.projection import projected_values
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,10 +83,13 @@ class Places:
         return self.cells @ values
 
 
-def places(mesh: AnyMesh, points: ArrayLike, subject: str) -> Places:
+def places(mesh: Mesh, points: ArrayLike, subject: str) -> Places:
     """The places of points (p, dim) in the body; SceneError for what is none, or outside. `subject` asked."""
     x = _points(points, mesh.points.shape[1], subject)
-    nodes, cells = solid_places(Space(mesh), mesh, x) if isinstance(mesh, PolyhedralMesh) else _in_plane(mesh, x)
+    if isinstance(mesh, PolyhedralMesh):
+        nodes, cells = solid_places(Space(mesh), mesh, x)
+    else:
+        nodes, cells = _in_plane(plane_mesh(mesh, subject), x)
     out = np.flatnonzero(np.diff(cells.indptr) == 0)
     if len(out):
         first, kind = int(out[0]), "polyhedra" if isinstance(mesh, PolyhedralMesh) else "polygons"

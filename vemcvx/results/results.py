@@ -17,7 +17,7 @@ from vemcvx.base.arrays import SAME, SOME, Floats, Ints, Quantity, brief, is_who
 from vemcvx.base.errors import WORTH_A_WORD, HistoryError, SceneError, SceneWarning
 from vemcvx.base.outline import coordinates
 from vemcvx.effects import PrescribedDisplacement
-from vemcvx.meshes import AnyMesh, PolygonMesh, PolyhedralMesh
+from vemcvx.meshes import Mesh, PolyhedralMesh
 from vemcvx.meshes.polygons import cell_of_corner
 from vemcvx.program import SolvedProgram
 from vemcvx.results import quoted
@@ -39,7 +39,7 @@ SPREAD = {2: ("length", "force/length"), 3: ("area", "force/length²")}
 class Results:
     """The arrays of a simulation: what a :class:`vemcvx.History`, whose docstring says all of them, is made of."""
 
-    mesh: AnyMesh
+    mesh: Mesh
     scene: Scene | None
     effects: tuple[str, ...]
     displacement: Annotated[Floats, "S nodes dim", "length"]
@@ -320,9 +320,10 @@ def _near(history: Results, corners: Corners, key: str, k: int) -> list[int]:
         return [node] if corners.sides is None else corners.sides.beside(node)
     if isinstance(mesh, PolyhedralMesh):
         return np.unique(np.concatenate([*mesh.cells[k]])).tolist()
-    cells = cell_of_corner(mesh.offsets)
-    around = np.isin(cells, cells[np.isin(mesh.vertices, mesh.cells[k])])
-    return np.unique(mesh.vertices[around]).tolist()
+    offsets, vertices = mesh.cell_nodes
+    cells = cell_of_corner(offsets)
+    around = np.isin(cells, cells[np.isin(vertices, vertices[offsets[k] : offsets[k + 1]])])
+    return np.unique(vertices[around]).tolist()
 
 
 def _fields(history: Results, row: int, step: int) -> Iterator[tuple[str, tuple[str, str, Floats, Floats]]]:
@@ -444,7 +445,7 @@ def warn_of_large_strains(posed: PosedScene, results: Results) -> None:
     tensor = strains(space, results.displacement[row], groups)[cells]
     tensor[:, space.dim :] *= 0.5
     size = np.abs(principal(tensor)).max(axis=1)
-    k, volumes = int(np.argmax(size)), (mesh.areas if isinstance(mesh, PolygonMesh) else mesh.volumes)[cells]
+    k, volumes = int(np.argmax(size)), mesh.measures[cells]
     # At a singular corner some strain is large, if only the mesh is fine.
     if volumes[size > WORTH_A_WORD].sum() > 0.01 * volumes.sum():
         place, t = coordinates(mesh.centroids[cells[k]]), float(results.times[row])
@@ -515,7 +516,7 @@ def with_origin(
         yield replace(program, origin=origin, energy_rows=rows)
 
 
-def size_of(mesh: AnyMesh) -> dict[str, Any]:
+def size_of(mesh: Mesh) -> dict[str, Any]:
     """The numbers of cells and nodes, and h, as files have them."""
     return {"cells": mesh.n_cells, "nodes": mesh.n_nodes, "h": mesh.h}
 

@@ -19,7 +19,7 @@ from vemcvx.base.arrays import Floats, Ints, read_only
 from vemcvx.base.errors import SceneWarning
 from vemcvx.effects import Contribution, Load, Material, MaterialLaw
 from vemcvx.linear import nested_dissection
-from vemcvx.meshes import AnyMesh
+from vemcvx.meshes import Mesh
 from vemcvx.program.kernel import Kernel
 from vemcvx.program.system import Damping, ForceOnPart, Limits, Motion, Norms, System
 from vemcvx.scene.contact import Obstacles, Surface, Terms, out_of_reach, pose_contact, warn_of_free_normals
@@ -144,9 +144,7 @@ def unwarned() -> Iterator[None]:
         yield
 
 
-def pose_scene(
-    scene: Scene, mesh: AnyMesh, times: Sequence[float] = (), *, between: Sequence[float] = ()
-) -> PosedScene:
+def pose_scene(scene: Scene, mesh: Mesh, times: Sequence[float] = (), *, between: Sequence[float] = ()) -> PosedScene:
     """Assemble a scene on a mesh; effects that are zero at all of `times` are left out.
 
     `between`, instead of these, are instants between which effects may act that are zero at all of them. SceneError

@@ -12,7 +12,7 @@ from scipy.linalg import qr
 
 from vemcvx.base.arrays import EPS, Floats, Ints
 from vemcvx.base.errors import SceneError
-from vemcvx.meshes import AnyMesh
+from vemcvx.meshes import Mesh
 from vemcvx.meshes.polygons import smallest_linked
 from vemcvx.program.kernel import Kernel
 from vemcvx.scene.supports import Supports
@@ -20,7 +20,7 @@ from vemcvx.vem import Space, rigid_modes, split_motion
 from vemcvx.vem.boundary import STRAIGHT
 
 
-def body_names(mesh: AnyMesh, piece: Ints, node: Ints) -> list[str | None]:
+def body_names(mesh: Mesh, piece: Ints, node: Ints) -> list[str | None]:
     """The body of each piece, of pairs of piece and node, by the interfaces it touches; None if unclear."""
     found: list[set[str]] = [set() for _ in range(piece.max() + 1)]
     for joint in mesh.interfaces.values():

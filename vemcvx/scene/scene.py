@@ -14,14 +14,14 @@ from vemcvx.base.arrays import Bools, Floats, Ints, brief, fading, read_only
 from vemcvx.base.errors import SceneError, VemcvxError
 from vemcvx.base.outline import Outline
 from vemcvx.effects import Contribution, Effect, Eigenstrain, Friction, InitialStress, Load, Material
-from vemcvx.meshes import AnyMesh
+from vemcvx.meshes import Mesh
 from vemcvx.program.system import DRAG_ROUNDING
 from vemcvx.scene.rows import along, pairs_of
 from vemcvx.vem import MirrorPlanes, Space, Stabilisation, VertexWeights
 from vemcvx.vem.boundary import STRAIGHT
 
 
-def compose(materials: Sequence[Material], mesh: AnyMesh) -> Material:
+def compose(materials: Sequence[Material], mesh: Mesh) -> Material:
     """Return one material for the whole body; SceneError if cells have none or several, or the planes are mixed."""
     if not materials:
         words = "a scene has at least one, such as Elasticity(young=200.0, poisson=0.3)"
@@ -52,7 +52,7 @@ def compose(materials: Sequence[Material], mesh: AnyMesh) -> Material:
     )
 
 
-def _check_cover(materials: Sequence[Material], mesh: AnyMesh) -> None:
+def _check_cover(materials: Sequence[Material], mesh: Mesh) -> None:
     """Raise SceneError unless every cell has exactly one material."""
     count = np.sum([np.ones(mesh.n_cells) if m.cells is None else m.cells for m in materials], axis=0)
     found = [

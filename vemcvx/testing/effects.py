@@ -27,7 +27,7 @@ from vemcvx.effects import (
     MaterialLaw,
 )
 from vemcvx.history import History
-from vemcvx.meshes import FAMILIES, SPACE_FAMILIES, AnyMesh
+from vemcvx.meshes import FAMILIES, SPACE_FAMILIES, Mesh
 from vemcvx.scene import Scene
 from vemcvx.simulation import simulate
 from vemcvx.vem import Space
@@ -101,7 +101,7 @@ class EffectSample:
         effect: Any = self.effect
         return list(np.atleast_1d(effect.on)) if hasattr(effect, "on") and not isinstance(effect, MaterialLaw) else None
 
-    def mesh(self, which: int = 0) -> AnyMesh:
+    def mesh(self, which: int = 0) -> Mesh:
         """The mesh of its answers; a finer one; one of another family."""
         plane, space = (("squares", 3), ("voronoi", 4), ("hanging", 3)), (("cubes", 2), ("voronoi3", 3), ("prisms", 2))
         return mesh(*(space if self.in_space else plane)[which])
@@ -116,14 +116,14 @@ class EffectSample:
 
 
 @cache
-def mesh(family: str = "squares", n: int = 3) -> AnyMesh:
+def mesh(family: str = "squares", n: int = 3) -> Mesh:
     """A mesh of the unit square, or of the unit cube, with the cell data "west" and "east"."""
-    made: AnyMesh = (FAMILIES | SPACE_FAMILIES)[family](n)
+    made: Mesh = (FAMILIES | SPACE_FAMILIES)[family](n)
     west = made.centroids[:, 0] < 0.5
     return made.with_cell_data("west", west).with_cell_data("east", ~west)
 
 
-def answer(*effects: Effect, on: AnyMesh | None = None) -> History:
+def answer(*effects: Effect, on: Mesh | None = None) -> History:
     """The history of a scene of these effects."""
     return simulate(Scene(*effects), on or mesh(), TIMES)
 

@@ -10,7 +10,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from vemcvx.base.arrays import Bools, Floats, Ints, read_only, totals
-from vemcvx.meshes.mesh import PolyhedralMesh
+from vemcvx.meshes import PolyhedralMesh
 from vemcvx.meshes.polygons import TOLERANCE, found_in, offsets_of
 from vemcvx.vem.projection import FaceGroup, face_groups, tangents_of
 

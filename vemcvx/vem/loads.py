@@ -18,7 +18,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from vemcvx.base.arrays import Bools, Floats, Ints, totals
-from vemcvx.meshes import PolygonMesh, PolyhedralMesh
+from vemcvx.meshes import PolygonMesh, PolyhedralMesh, plane_mesh
 from vemcvx.meshes.polygons import (
     INNER,
     cell_of_corner,
@@ -202,7 +202,10 @@ def mean_strains(space: Space, displacement: Callable[[Floats], Floats]) -> Floa
     Components are those of :mod:`vemcvx.vem.elasticity`; across, they are 2 e_xy and so on.
     """
     mesh = space.mesh
-    flux = _over_edges(mesh, displacement) if isinstance(mesh, PolygonMesh) else _over_faces(mesh, displacement)
+    if isinstance(mesh, PolyhedralMesh):
+        flux = _over_faces(mesh, displacement)
+    else:
+        flux = _over_edges(plane_mesh(mesh, "mean_strains"), displacement)
     slope = flux / mesh.measures[:, None, None]
     columns = [slope[:, a, a] if a == b else slope[:, a, b] + slope[:, b, a] for a, b in COMPONENTS[space.dim]]
     return np.column_stack(columns)

@@ -11,8 +11,8 @@ import numpy as np
 import scipy.sparse as sp
 
 from vemcvx.base.arrays import ROUNDING, SOME, Floats, Ints
+from vemcvx.meshes import PolyhedralMesh
 from vemcvx.meshes.interfaces import faces_of
-from vemcvx.meshes.mesh import PolyhedralMesh
 from vemcvx.meshes.polygons import TOLERANCE, least_of_each, offsets_of, overlapping_boxes, spans
 from vemcvx.meshes.polyhedra import angles_seen
 from vemcvx.vem.projection import face_groups

@@ -8,10 +8,20 @@ from functools import cached_property
 from typing import Self
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from vemcvx.base.arrays import SOME, Bools, Floats, Ints, read_only, totals
-from vemcvx.meshes.mesh import AnyMesh, PolyhedralMesh
-from vemcvx.meshes.polygons import RADON_POINTS, RADON_WEIGHTS, diagonals_of, spans
+from vemcvx.meshes import Mesh, PolygonMesh, PolyhedralMesh
+from vemcvx.meshes.polygons import (
+    RADON_POINTS,
+    RADON_WEIGHTS,
+    diagonals_of,
+    next_corner,
+    offsets_of,
+    previous_corner,
+    right_of,
+    spans,
+)
 
 
 # The projection Pi_K of Section 3 in vertex values.
@@ -295,7 +305,7 @@ class PolyhedronGroup(CellGroup):
         return self.centroids, self.gradients()[0], np.arange(len(self.cells))
 
 
-def cell_groups(mesh: AnyMesh) -> tuple[CellGroup, ...]:
+def cell_groups(mesh: Mesh) -> tuple[CellGroup, ...]:
     """The cells by number of vertices, ascending; cell numbers ascend within a group."""
     offsets, nodes = mesh.cell_nodes
     counts, groups = np.diff(offsets), list[CellGroup]()
@@ -336,3 +346,29 @@ def _shares_of_cells(mesh: PolyhedralMesh, offsets: Ints, nodes: Ints) -> tuple[
         vectors[ours] = np.column_stack([totals(pair, outward[:, axis], len(pairs)) for axis in range(3)])
         areas[ours] = totals(pair, a[corner], len(pairs))
     return vectors, areas
+
+
+def projected_values(mesh: PolygonMesh, cells: Ints, points: Floats) -> csr_array:
+    """Return the matrix (p, n_nodes) from nodal values to those of Pi at points (p, 2) of cells (p,).
+
+        Pi v(x) = sum_i v_i (w_i + G_i . (x - xbar)),   G_i = (y_{i+1} - y_{i-1}, x_{i-1} - x_{i+1}) / (2 |K|),
+
+    with w_i the weights of the mean over the boundary and xbar = sum_i w_i x_i. Linear functions are reproduced.
+    """
+    shape = (len(cells), mesh.n_nodes)
+    if not len(cells):
+        return csr_array(shape)
+    counts = np.diff(mesh.offsets)[cells]
+    offsets = offsets_of(counts)
+    nodes = mesh.vertices[spans(mesh.offsets[cells], counts)]
+    x = mesh.points[nodes] - np.repeat(points, counts, axis=0)
+    after, before = x[next_corner(offsets)], x[previous_corner(offsets)]
+    length = np.hypot(*(after - x).T)
+    both = length + length[previous_corner(offsets)]
+    w = both / np.repeat(np.add.reduceat(both, offsets[:-1]), counts)
+    mean = np.add.reduceat(w[:, None] * x, offsets[:-1], axis=0)
+    chord = after - before
+    doubled = np.add.reduceat(x[:, 0] * chord[:, 1], offsets[:-1])  # the very sum that makes the gradient of x one
+    slope = right_of(chord) / np.repeat(doubled, counts)[:, None]
+    values = w - np.einsum("ij,ij->i", slope, np.repeat(mean, counts, axis=0))
+    return csr_array((values, nodes, offsets), shape=shape)

@@ -16,7 +16,7 @@ import scipy.sparse as sp
 
 from vemcvx.base.arrays import Bools, Ints, read_only
 from vemcvx.base.errors import SceneError
-from vemcvx.meshes import AnyMesh, PolyhedralMesh, plane_mesh
+from vemcvx.meshes import Mesh, PolyhedralMesh, plane_mesh
 from vemcvx.meshes.polygons import cell_of_corner, smallest_linked, spans
 from vemcvx.vem.boundary import MirrorPlanes, Part, edge_part, face_part
 from vemcvx.vem.projection import CellGroup, cell_groups
@@ -26,7 +26,7 @@ from vemcvx.vem.projection import CellGroup, cell_groups
 class Space:
     """V^h on a mesh."""
 
-    mesh: AnyMesh
+    mesh: Mesh
     mirrors: MirrorPlanes | None = None  #: of symmetry, where curves of contact end
 
     @property

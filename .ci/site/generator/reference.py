@@ -67,7 +67,7 @@ TOPICS = {
     "meshes": Topic(
         "Meshes",
         "Families of meshes in the plane and in space, mesh files, bodies that touch, refinement.",
-        "PolygonMesh PolyhedralMesh meshes.AnyMesh meshes.squares meshes.triangles meshes.hexagons meshes.voronoi "
+        "PolygonMesh PolyhedralMesh meshes.Mesh meshes.squares meshes.triangles meshes.hexagons meshes.voronoi "
         "meshes.distorted meshes.nonconvex meshes.hanging meshes.l_shape meshes.ring meshes.FAMILIES meshes.cubes "
         "meshes.tetrahedra meshes.prisms meshes.kelvin meshes.voronoi3 meshes.SPACE_FAMILIES meshes.read "
         "meshes.convert meshes.plane_mesh meshes.bodies meshes.Interface meshes.refinement meshes.Refinement",

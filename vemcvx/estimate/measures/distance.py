@@ -49,7 +49,7 @@ from vemcvx.base.arrays import (
     totals,
 )
 from vemcvx.base.errors import HistoryError, MeshError
-from vemcvx.meshes import AnyMesh, PolygonMesh, PolyhedralMesh
+from vemcvx.meshes import Mesh, PolygonMesh, PolyhedralMesh
 from vemcvx.meshes.polygons import INNER, cell_of_corner, fans, nearest, outlines, overlaps, places
 from vemcvx.results.results import Results
 from vemcvx.vem import (
@@ -146,7 +146,7 @@ class Field:
         The arrays do not fit the mesh.
     """
 
-    mesh: AnyMesh
+    mesh: Mesh
     displacement: Floats
     moduli: Floats
     time: float = 0.0
@@ -265,7 +265,7 @@ class CommonRule:
 
 
 @lru_cache(maxsize=4)
-def common_rule(first: AnyMesh, second: AnyMesh) -> CommonRule:
+def common_rule(first: Mesh, second: Mesh) -> CommonRule:
     """A quadrature exact for what is quadratic on the cells of both meshes; in space for constants on nested ones.
 
     The last few are kept: a history is compared step by step on the same two meshes.
@@ -273,13 +273,13 @@ def common_rule(first: AnyMesh, second: AnyMesh) -> CommonRule:
     if isinstance(second, PolyhedralMesh):
         return _in_pyramids(first, second)
     assert isinstance(first, PolygonMesh)
-    i, j, shared = overlaps(*(outlines(mesh.points, mesh.offsets, mesh.vertices) for mesh in (first, second)))
+    i, j, shared = overlaps(*(outlines(mesh.points, *mesh.cell_nodes) for mesh in (first, second)))
     corners, areas, owner = fans(shared)
     points = places(corners, INNER).reshape(-1, 2)
     return CommonRule(np.repeat(i[owner], 3), np.repeat(j[owner], 3), np.repeat(areas / 3.0, 3), points)
 
 
-def _in_pyramids(first: AnyMesh, second: PolyhedralMesh) -> CommonRule:
+def _in_pyramids(first: Mesh, second: PolyhedralMesh) -> CommonRule:
     """A point in each pyramid between the centroid of a cell of the second mesh and a face of it."""
     assert isinstance(first, PolyhedralMesh)
     cell, face = cell_of_corner(second.cell_offsets), second.cell_faces
@@ -293,7 +293,7 @@ def _in_pyramids(first: AnyMesh, second: PolyhedralMesh) -> CommonRule:
     return CommonRule(holder, cell[found], weights[found], points[found])
 
 
-def check_covered(rule: CommonRule, first: AnyMesh, second: AnyMesh, subject: str) -> None:
+def check_covered(rule: CommonRule, first: Mesh, second: Mesh, subject: str) -> None:
     """Raise MeshError unless both meshes cover the same domain."""
     sizes = [float(first.measures.sum()), float(second.measures.sum()), float(rule.weights.sum())]
     if max(sizes) - min(sizes) > 1e-8 * max(sizes):
@@ -396,7 +396,7 @@ def _nodal(u: Field, v: Field) -> Measured:
     return measured(_cell_energies(u, u.displacement - at_nodes), float(_cell_energies(u, at_nodes).sum()))
 
 
-def _nested_nodes(coarse: AnyMesh, fine: AnyMesh) -> Ints:
+def _nested_nodes(coarse: Mesh, fine: Mesh) -> Ints:
     """The node of the fine mesh at every node of the coarse one, (n_nodes,)."""
     if coarse is fine:
         return np.arange(coarse.n_nodes)

@@ -23,11 +23,11 @@ from vemcvx.meshes.polygons import (
     triangulated,
 )
 from vemcvx.meshes.polyhedra import listed_faces
-from vemcvx.meshes.tessellation import projected_values
 from vemcvx.results.results import Results
 from vemcvx.results.table import Table
 from vemcvx.vem import Space, stresses
 from vemcvx.vem.points_in_solids import solid_values
+from vemcvx.vem.projection import projected_values
 
 # Observed orders of convergence: e = C h^p between two runs gives p = log(e_1 / e_2) / log(h_1 / h_2).
 
@@ -163,7 +163,7 @@ def _cell_rule(space: Space) -> tuple[Floats, Floats, Ints]:
     mesh = space.mesh
     if isinstance(mesh, PolyhedralMesh):
         return _on_tetrahedra(mesh)
-    triangles = triangulated(outlines(mesh.points, mesh.offsets, mesh.vertices))
+    triangles = triangulated(outlines(mesh.points, *mesh.cell_nodes))
     points = places(triangles.corners, RADON_POINTS).reshape(-1, 2)
     weights = triangles.areas[:, None] * RADON_WEIGHTS
     return points, weights.ravel(), np.repeat(triangles.owner, len(RADON_WEIGHTS))

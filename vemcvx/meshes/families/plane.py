@@ -23,7 +23,7 @@ from vemcvx.meshes.box import (
     check_whole,
     listed,
 )
-from vemcvx.meshes.mesh import PolygonMesh
+from vemcvx.meshes.polygon_mesh import PolygonMesh
 from vemcvx.meshes.polygons import offsets_of
 
 

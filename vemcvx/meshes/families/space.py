@@ -9,9 +9,9 @@ import numpy as np
 from vemcvx.base.arrays import Floats, Ints
 from vemcvx.meshes.box import UNIT_CUBE, Box, SpaceCorners, SpaceCount, cell_counts, check_box, check_grades
 from vemcvx.meshes.families.voronoi import voronoi
-from vemcvx.meshes.mesh import PolyhedralMesh
 from vemcvx.meshes.polygons import offsets_of, rows_in_order
 from vemcvx.meshes.polyhedra import FACES, joined_faces
+from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 
 Grade = float | tuple[float, float, float]
 

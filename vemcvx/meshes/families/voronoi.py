@@ -33,7 +33,7 @@ from vemcvx.meshes.box import (
     check_whole,
     placed,
 )
-from vemcvx.meshes.mesh import PolygonMesh, PolyhedralMesh
+from vemcvx.meshes.polygon_mesh import PolygonMesh
 from vemcvx.meshes.polygons import (
     areas_and_centroids,
     cell_of_corner,
@@ -48,6 +48,7 @@ from vemcvx.meshes.polygons import (
     turned,
 )
 from vemcvx.meshes.polyhedra import Faces, face_shapes, signs_of, volumes_and_centroids
+from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 
 
 def voronoi(

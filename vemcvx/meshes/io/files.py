@@ -22,7 +22,7 @@ from vemcvx.meshes.io.gmsh import read_gmsh, write_gmsh
 from vemcvx.meshes.io.grid import AnyTessellation, Grid, bodies_of, finished, grid_of, translated
 from vemcvx.meshes.io.nastran import read_nastran
 from vemcvx.meshes.io.vtu import read_vtu, write_vtu
-from vemcvx.meshes.tessellation import Tessellation
+from vemcvx.meshes.polygon_mesh import PolygonMesh
 
 NASTRAN = (".bdf", ".nas", ".fem")
 READERS: dict[str, Callable[[Path], Grid]] = {".vtu": lambda path: read_vtu(path.read_bytes()), ".msh": read_gmsh}
@@ -107,7 +107,7 @@ def _check_holds(suffix: str, mesh: AnyTessellation) -> None:
     wrong = [name for name in (*mesh.boundaries, *mesh.cell_data) if suffix == ".msh" and set(name) & set('"\\\r\n')]
     if wrong:
         raise MeshError(f".msh files have no names with quotes, backslashes or ends of lines, as {wrong[0]!r} has.")
-    if suffix != ".vtu" and isinstance(mesh, Tessellation) and np.diff(mesh.offsets).max() > 4:
+    if suffix != ".vtu" and isinstance(mesh, PolygonMesh) and np.diff(mesh.offsets).max() > 4:
         raise MeshError(f"{suffix} files do not keep polygons of more than four vertices. Write .vtu.")
     if suffix != ".vtu" and mesh.interfaces:
         raise MeshError(f"{suffix} files do not keep interfaces of bodies. Write .vtu.")

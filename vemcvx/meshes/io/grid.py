@@ -28,11 +28,13 @@ from vemcvx.base.arrays import SAME, Bools, Floats, Ints
 from vemcvx.base.errors import MeshError, MeshWarning, quietly
 from vemcvx.meshes.box import WHOLE
 from vemcvx.meshes.interfaces import Interface, padded
+from vemcvx.meshes.mesh import straight_sides
+from vemcvx.meshes.polygon_mesh import PolygonMesh
 from vemcvx.meshes.polygons import matching_rows, offsets_of, rows_in_order, turned
 from vemcvx.meshes.polyhedra import FACES, Listed, listed_faces
-from vemcvx.meshes.tessellation import SpaceTessellation, Tessellation, straight_sides
+from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 
-AnyTessellation = Tessellation | SpaceTessellation
+AnyTessellation = PolygonMesh | PolyhedralMesh
 Rows = tuple[Ints, Ints]  # Offsets and nodes of rows of different lengths.
 
 CELL, MARK, PARTNERS, PHYSICAL = "vemcvx:cell", "boundary:", "partners:", "gmsh:physical"
@@ -119,7 +121,7 @@ def grid_of(mesh: AnyTessellation, *, polyhedra: bool = False, sides: bool = Tru
     hexahedra, wedges and pyramids; or all as `polyhedra`.
     """
     faces = None
-    if isinstance(mesh, Tessellation):
+    if isinstance(mesh, PolygonMesh):
         kinds, offsets, vertices = polygon_kinds(mesh.offsets), mesh.offsets, mesh.vertices
     elif polyhedra:
         kinds, faces = np.full(mesh.n_cells, "polyhedron"), listed_faces(mesh.faces)
@@ -155,14 +157,14 @@ def named_parts(mesh: AnyTessellation) -> dict[str, Rows]:
         parts[f"{PARTNERS}{first}:{second}:{name}"] = found.partners
     rows = {}
     for name, part in parts.items():
-        if isinstance(mesh, SpaceTessellation) and part.ndim == 1:
+        if isinstance(mesh, PolyhedralMesh) and part.ndim == 1:
             rows[name] = rows_in_order(mesh.face_offsets, mesh.face_vertices, part)
         else:
             rows[name] = offsets_of((part >= 0).sum(axis=1)), part[part >= 0]
     return rows
 
 
-def _by_vertices(mesh: SpaceTessellation) -> tuple[NDArray[np.str_], Ints, Ints]:
+def _by_vertices(mesh: PolyhedralMesh) -> tuple[NDArray[np.str_], Ints, Ints]:
     """Return kinds of solids, and offsets and vertices in VTK's order: around the bottom, then above; or MeshError."""
     kinds, rows = list[str](), list[list[int]]()
     for number, cell in enumerate(mesh.cells):
@@ -204,12 +206,14 @@ def mesh_of(grid: Grid) -> tuple[AnyTessellation, list[str]]:
     interfaces = _interfaces(parts)
     mesh: AnyTessellation
     if grid.solid:
-        mesh = SpaceTessellation(grid.points, _solids(grid, cells), cell_data=data, interfaces=interfaces)
+        mesh = PolyhedralMesh(grid.points, _solids(grid, cells), boundaries={}, cell_data=data, interfaces=interfaces)
     else:
         offsets, vertices = rows_in_order(grid.offsets, grid.vertices, cells)
         counts = np.unique(np.diff(offsets))
         polygons = vertices.reshape(-1, counts[0]) if len(counts) == 1 else np.split(vertices, offsets[1:-1])
-        mesh = Tessellation(_plane(grid.points, vertices), polygons, cell_data=data, interfaces=interfaces)
+        mesh = PolygonMesh(
+            _plane(grid.points, vertices), polygons, boundaries={}, cell_data=data, interfaces=interfaces
+        )
     return _with_parts(mesh, parts, grid)
 
 

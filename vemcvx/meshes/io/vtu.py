@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from vemcvx.base.arrays import Bools, Ints
 from vemcvx.base.errors import MeshError
-from vemcvx.meshes.io.grid import MARK, AnyTessellation, Grid, grid_of, translated
+from vemcvx.meshes.io.grid import MARK, Grid, grid_of, translated
 from vemcvx.meshes.polygons import offsets_of, rows_in_order
 from vemcvx.meshes.polyhedra import Listed
 
@@ -155,7 +155,7 @@ class Packed(NamedTuple):
     sections: dict[str, list[Block]]
 
 
-def packed_cells(mesh: AnyTessellation) -> Packed:
+def packed_cells(mesh: Any) -> Packed:
     """Return the points and cells of a mesh, packed; its boundaries and cell data are left out."""
     return _packed_grid(grid_of(mesh, polyhedra=True, sides=False, data=False))
 

@@ -1,0 +1,156 @@
+"""What refined meshes take from the meshes that they come from: names, interfaces, data and nodal values."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Generic, NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.sparse import csr_array
+
+from vemcvx.base.arrays import Bools, Floats, Ints, brief, plain, read_only
+from vemcvx.base.errors import MeshError
+from vemcvx.meshes.box import WHOLE, check_cell_data
+from vemcvx.meshes.interfaces import Interface, faces_of, on_boundary, padded
+from vemcvx.meshes.mesh import Mesh
+from vemcvx.meshes.polygons import (
+    among,
+    cell_of_corner,
+    edge_keys,
+    found_in,
+    matching_rows,
+    rounding,
+    rows_in_order,
+)
+
+Kind = TypeVar("Kind", bound=Mesh)
+
+
+@dataclass(frozen=True, eq=False)
+class Refinement(Generic[Kind]):
+    """A refined mesh, and where its cells and nodes come from.
+
+    Attributes
+    ----------
+    mesh : PolygonMesh or PolyhedralMesh
+        Children stand in the place of their parent; old nodes first, then middles of edges, then centres of cells (in
+        space, of faces and cells). Names of boundaries and cell data are those of the parents.
+    parents : (n_new_cells,) int
+        Old cell that each cell is, or is part of.
+    prolongation : (n_new_nodes, n_old_nodes) sparse array
+        Nodal values of the old mesh at the new nodes: kept; mean of the two ends of the edge; at centres the value of
+        the linear function that is nearest to the values at the nodes of the cell or face. Exact for linear functions.
+    """
+
+    mesh: Kind
+    parents: Ints
+    prolongation: csr_array
+
+
+class Origins(NamedTuple):
+    """Where cells, parts of the boundary and nodes of a refined mesh come from."""
+
+    parents: Ints  # (n_new_cells,) old cell of each cell
+    parts: Ints  # (m,) old part of the boundary, by its place there, that each part is a piece of
+    places: Ints  # (n_new_nodes,) place of each node: the first of those there
+    prolongation: csr_array
+
+
+def carried(mesh: Kind, made: Kind, origins: Origins) -> Refinement[Kind]:
+    """Return the refinement: the cells that are made, with the names, interfaces and cell data of the old mesh."""
+    parents, parts, places, prolongation = origins
+    data = check_cell_data({name: values[parents] for name, values in mesh.cell_data.items()}, made.n_cells)
+
+    def pieces(old: Ints) -> Ints:
+        return np.flatnonzero(among(parts, old))
+
+    named = {
+        name: read_only(made._boundary[pieces(mesh._places(old))])
+        for name, old in mesh.boundaries.items()
+        if name != WHOLE and name not in mesh.interfaces
+    }
+    sides = {}
+    for name, joint in mesh.interfaces.items():
+        one, other = (
+            rows_in_order(*made._outlines, pieces(faces_of(side, mesh._outlines)))
+            for side in (joint.edges, joint.partners)
+        )
+        sides[name] = Interface(joint.bodies, padded(*one), padded(one[0], _partners(one, other, places)))
+    matched = MappingProxyType(on_boundary(sides, made._outlines))
+    made = made._replace(_named=named, interfaces=matched, cell_data=MappingProxyType(data))
+    return Refinement(made, read_only(parents), prolongation)
+
+
+def _partners(one: tuple[Ints, Ints], other: tuple[Ints, Ints], places: Ints) -> Ints:
+    """Return the node of the other side in the place of each node of one side, as rows of nodes."""
+    (rows, mine), (more, theirs), count = one, other, len(places)
+    row = matching_rows(more, places[theirs], rows, places[mine])
+    wanted = row[cell_of_corner(rows)] * count + places[mine]
+    return theirs[found_in(cell_of_corner(more) * count + places[theirs], wanted)]
+
+
+def middle_places(places: Ints, ends: Ints) -> Ints:
+    """Return the place of each node in the middle of an edge (e, 2): the first of those there, numbered after all."""
+    keys = edge_keys(places[ends], len(places))
+    return len(places) + found_in(keys, keys)
+
+
+def middle_values(ends: Ints, count: int) -> csr_array:
+    """Return the matrix (e, count) from nodal values to their means over edges with these ends (e, 2)."""
+    return csr_array((np.full(ends.size, 0.5), ends.ravel(), 2 * np.arange(len(ends) + 1)), (len(ends), count))
+
+
+def centre_values(points: Floats, rows: tuple[Ints, Ints], centres: Floats) -> csr_array:
+    """Return the matrix (c, n_nodes) from nodal values to linear functions at centres (c, dim).
+
+    Each function is nearest to the values at a row of nodes; linear functions are taken to themselves.
+    """
+    offsets, nodes = rows
+    shape = (len(centres), len(points))
+    if not len(centres):
+        return csr_array(shape)
+    counts, owner = np.diff(offsets), cell_of_corner(offsets)
+    arm = points[nodes] - centres[owner]
+    mean = np.add.reduceat(arm, offsets[:-1], axis=0) / counts[:, None]
+    arm -= mean[owner]
+    spread = np.add.reduceat(arm[:, :, None] * arm[:, None, :], offsets[:-1], axis=0)
+    slope = np.einsum("cij,cj->ci", np.linalg.pinv(spread, rcond=1e-10, hermitian=True), -mean)
+    weights = 1.0 / counts[owner] + np.einsum("ki,ki->k", arm, slope[owner])
+    return csr_array((weights, nodes, offsets), shape=shape)
+
+
+def check_marks(cells: ArrayLike | None, n_cells: int, subject: str = "cells to refine") -> Bools:
+    """Return a mask (n_cells,) of the marked cells, or raise MeshError."""
+    if cells is None:
+        return np.ones(n_cells, dtype=bool)
+    what = f"{subject} must be numbers of cells (0 to {n_cells - 1}), or one bool for each of the {n_cells} cells"
+    given = plain(cells)
+    if given is None:
+        raise MeshError(f"{what}; got {brief(cells)}, masked or rows of different lengths.")
+    if given.ndim == 1 and not given.size:
+        return np.zeros(n_cells, dtype=bool)
+    if given.ndim != 1 or given.dtype.kind not in "biu" or (given.dtype == bool and len(given) != n_cells):
+        example = f", for example {given.ravel()[0]!r}" if given.size and given.dtype.kind not in "biu" else ""
+        raise MeshError(f"{what}; got {given.dtype} of shape {given.shape}{example}.")
+    if given.dtype == bool:
+        return given.copy()
+    if given.min() < 0 or given.max() >= n_cells:
+        raise MeshError(f"{what}; got numbers from {given.min()} to {given.max()}.")
+    marked = np.zeros(n_cells, dtype=bool)
+    marked[given.astype(np.int64)] = True
+    return marked
+
+
+def check_lengths(points: Floats, ends: Ints) -> None:
+    """Raise MeshError if an edge is so short that its halves would be rounding of the coordinates."""
+    one, other = points[ends[:, 0]], points[ends[:, 1]]
+    short = np.flatnonzero(np.abs(other - one).max(axis=1) <= 4.0 * rounding(one, other))
+    if len(short):
+        a, b = ends[short[0]]
+        raise MeshError(
+            f"the edge ({a}, {b}) at ({', '.join(f'{x:.6g}' for x in points[a])}) is only "
+            f"{np.linalg.norm(points[b] - points[a]):.2g} long: its middle would be rounding of the coordinates. "
+            "Refine elsewhere, or put the origin there."
+        )

@@ -1,0 +1,239 @@
+"""Meshes of polyhedra in space."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vemcvx.base.arrays import Floats, Ints, brief, plain, read_only
+from vemcvx.base.canvas import draw_faces
+from vemcvx.base.errors import MeshError
+from vemcvx.meshes import polygons, polyhedra
+from vemcvx.meshes.box import plotted_points, plotted_values
+from vemcvx.meshes.checks.space import checked_in_space
+from vemcvx.meshes.interfaces import Interface
+from vemcvx.meshes.mesh import Mesh, Sides
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+@dataclass(frozen=True, eq=False, repr=False, init=False)
+class PolyhedralMesh(Mesh):
+    """A polyhedral mesh of a domain in space.
+
+    Cells are polyhedra with plane faces; two cells meet in whole faces of both, so that where a large cell meets four
+    small ones it has four coplanar faces. Neither cells nor faces need be convex.
+
+    Parameters
+    ----------
+    points : (n_nodes, 3) array_like of float
+        Node coordinates, in consistent units.
+    cells : sequence of sequences of index sequences, or (n_cells, faces, vertices) array of int
+        Faces of each cell, each the vertices in order around it. Those that do not run counter-clockwise seen from
+        outside are turned, with a `MeshWarning`.
+    boundaries : mapping of str to array_like, optional
+        Named sets of boundary faces: their numbers, or rows of their vertices. The name "boundary" (all of it) is
+        always there, and means nothing else. If none are given, faces where x, y or z is least or greatest are "left",
+        "right", "front", "back", "bottom" and "top"; an empty mapping names nothing.
+    cell_data : mapping of str to (n_cells, ...) array_like, optional
+        Data on cells, such as moduli or material numbers.
+    interfaces : mapping of str to Interface, optional
+        Faces of one body that are also those of another, with nodes of their own.
+
+    Attributes
+    ----------
+    points : (n_nodes, 3) float
+        Node coordinates.
+    face_offsets, face_vertices : (n_faces + 1,) int, (n_corners,) int
+        Face f has the vertices ``face_vertices[face_offsets[f]:face_offsets[f + 1]]``; by the right-hand rule their
+        order gives the normal out of its first cell.
+    face_cells : (n_faces, 2) int
+        First and second cell of each face; the second is -1 on the boundary.
+    cell_offsets, cell_faces : (n_cells + 1,) int, (m,) int
+        Cell c has the faces ``cell_faces[cell_offsets[c]:cell_offsets[c + 1]]``.
+    cell_data : mapping of str to (n_cells, ...) array
+        Data on cells.
+    interfaces : mapping of str to Interface
+        Where several bodies meet: see :func:`vemcvx.meshes.bodies`.
+    node_map : (n,) int or None
+        If nodes that no cell uses were dropped: new number of each given node, -1 if dropped. Else None.
+
+    Raises
+    ------
+    MeshError
+        The points and cells are no valid mesh; the message names the cell or node and what to do. A face is plane if
+        its vertices are no farther from its plane than 1e-6 of its diameter.
+
+    Warns
+    -----
+    MeshWarning
+        Faces were turned, or unused nodes dropped.
+
+    Notes
+    -----
+    All arrays are read-only. Node and cell order are those given; faces are numbered as cells first name them.
+    """
+
+    face_offsets: Ints
+    face_vertices: Ints
+    cell_offsets: Ints
+    cell_faces: Ints
+    face_cells: Ints
+
+    ARRAYS = ("points", "face_offsets", "face_vertices", "cell_offsets", "cell_faces", "face_cells")
+    NUMBERED = MappingProxyType({"face_vertices": "n_nodes", "cell_faces": "n_faces", "face_cells": "n_cells"})
+    PARTS, A_PART = "faces", "a face"
+
+    def __init__(
+        self,
+        points: ArrayLike,
+        cells: Sequence[Sequence[ArrayLike]] | NDArray[np.integer] | polyhedra.Listed,
+        *,
+        boundaries: Mapping[str, ArrayLike | Sequence[ArrayLike]] | None = None,
+        cell_data: Mapping[str, ArrayLike] | None = None,
+        interfaces: Mapping[str, Interface] | None = None,
+    ):
+        self._take(checked_in_space(points, cells, interfaces), boundaries, cell_data)
+
+    @cached_property
+    def cells(self) -> tuple[tuple[Ints, ...], ...]:
+        """Faces of each cell, outwards: the vertex numbers of each, as `PolyhedralMesh` takes them."""
+        forwards = [self.face_vertices[start:end] for start, end in pairwise(self.face_offsets.tolist())]
+        listed = [
+            forwards[face] if sign > 0.0 else read_only(forwards[face][::-1])
+            for face, sign in zip(self.cell_faces.tolist(), self.face_signs.tolist(), strict=True)
+        ]
+        return tuple(tuple(listed[start:end]) for start, end in pairwise(self.cell_offsets.tolist()))
+
+    @property
+    def n_cells(self) -> int:
+        """Number of cells."""
+        return len(self.cell_offsets) - 1
+
+    @property
+    def n_faces(self) -> int:
+        """Number of faces, inner ones counted once."""
+        return len(self.face_offsets) - 1
+
+    @property
+    def faces(self) -> polyhedra.Faces:
+        """The topology: the faces of cells, and the vertices of faces."""
+        return polyhedra.Faces(
+            self.face_offsets, self.face_vertices, self.cell_offsets, self.cell_faces, self.face_cells
+        )
+
+    @cached_property
+    def _face_shapes(self) -> polyhedra.FaceShapes:
+        found = polyhedra.face_shapes(self.points, self.face_offsets, self.face_vertices)
+        return polyhedra.FaceShapes(*map(read_only, found))
+
+    @property
+    def face_areas(self) -> Floats:
+        """Area of each face, (n_faces,)."""
+        return self._face_shapes.areas
+
+    @property
+    def face_normals(self) -> Floats:
+        """Unit normal of each face, out of its first cell, (n_faces, 3)."""
+        return self._face_shapes.normals
+
+    @property
+    def face_centroids(self) -> Floats:
+        """Centroid of each face, (n_faces, 3)."""
+        return self._face_shapes.centroids
+
+    @cached_property
+    def face_signs(self) -> Floats:
+        """1 where the normal of a cell's face points out of the cell, -1 where into it; as ``cell_faces``."""
+        return read_only(polyhedra.signs_of(self.faces))
+
+    def _measured(self) -> tuple[Floats, Floats]:
+        return polyhedra.volumes_and_centroids(self._face_shapes, self.cell_offsets, self.cell_faces, self.face_signs)
+
+    @property
+    def volumes(self) -> Floats:
+        """Volume of each cell, (n_cells,)."""
+        return self.measures
+
+    @cached_property
+    def cell_nodes(self) -> tuple[Ints, Ints]:
+        """Offsets (n_cells + 1,), and the nodes of each cell between them, once each and ascending."""
+        offsets, nodes = polyhedra.nodes_of_cells(self.faces, self.n_nodes)
+        return read_only(offsets), read_only(nodes)
+
+    @property
+    def _sides(self) -> Sides:
+        return Sides(self.face_offsets, self.face_vertices, self.face_cells)
+
+    @property
+    def _boundary(self) -> Ints:
+        return read_only(self._outer_sides)
+
+    @property
+    def _middles(self) -> Floats:
+        return self.face_centroids[self._boundary]
+
+    def _places(self, parts: Ints) -> Ints:
+        return np.searchsorted(self._boundary, parts)
+
+    def _parts(self, name: str, given: Any, number: Ints) -> tuple[Ints, list[str]]:
+        faces = plain(given)
+        if faces is None or faces.ndim != 1 or faces.dtype.kind not in "iu" or not len(faces):
+            return super()._parts(name, given, number)
+        place = np.minimum(np.searchsorted(self._boundary, faces), len(self._boundary) - 1)
+        return np.where(self._boundary[place] == faces, place, -1), [f"face {face}" for face in faces.tolist()]
+
+    def _rows(self, name: str, given: Any, n_nodes: int) -> tuple[Ints, Ints]:
+        wanted = f"boundary {name!r}: faces must be numbers (m,) or rows of the numbers of their vertices, at least one"
+        try:
+            rows = [plain(row) for row in given]
+        except Exception:  # of whatever a user hands in
+            raise MeshError(f"{wanted}; got {brief(given)}.") from None
+        if not rows or any(row is None or row.ndim != 1 or row.dtype.kind not in "iu" or not len(row) for row in rows):
+            raise MeshError(f"{wanted}; got {brief(given)}.")
+        flat = [row.astype(np.int64) for row in rows if row is not None]
+        return polygons.offsets_of(np.array([len(row) for row in flat])), np.concatenate(flat)
+
+    def plot(
+        self,
+        values: str | ArrayLike | None = None,
+        ax: Axes | None = None,
+        *,
+        displacement: ArrayLike | None = None,
+        on: str = "boundary",
+        **style: object,
+    ) -> Axes:
+        """Draw the faces of the boundary, coloured by ``values`` of their cells if given.
+
+        Parameters
+        ----------
+        values, ax, displacement : as of `PolygonMesh.plot`
+            The axes are three-dimensional; what is returned and raised is the same, too.
+        on : str
+            The part of the boundary to draw.
+        **style
+            Passed to matplotlib's Poly3DCollection (``cmap``, ``edgecolor``, ``linewidth``, ``alpha`` ...).
+        """
+        if not isinstance(on, str) or on not in self.boundaries:
+            raise MeshError(f"there is no boundary {on!r}; this mesh has {', '.join(self.boundaries)}.")
+        if ax is not None and getattr(ax, "name", "") != "3d":
+            raise MeshError(f"ax must be axes in space, figure.add_subplot(projection='3d'); got {brief(ax)}.")
+        faces = self.boundaries[on]
+        offsets, vertices = polygons.rows_in_order(self.face_offsets, self.face_vertices, faces)
+        on_cells = None if values is None else plotted_values(values, self.cell_data, self.n_cells)
+        return draw_faces(
+            plotted_points(self.points, displacement),
+            offsets,
+            vertices,
+            values=None if on_cells is None else on_cells[self.face_cells[faces, 0]],
+            ax=ax,
+            style=style,
+        )

@@ -32,13 +32,20 @@ HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent
 sys.path[:0] = [str(ROOT), str(HERE / "site")]
 os.environ["PYTHONPATH"] = str(ROOT)  # for the kernels that run cells
+START = time.perf_counter()
 TEXTS = "README.md", "CONTRIBUTING.md", "CHANGELOG.md", "LICENSE", "CITATION.cff"
+
+
+def say(doing: str) -> None:
+    """Print what is done, and after how many seconds it began."""
+    print(f"site: {time.perf_counter() - START:4.0f} s  {doing}", flush=True)
 
 
 def staged(sources: Path) -> None:
     """Put together Sphinx's folder of sources: pages of `.ci/site`, and those written from what lives elsewhere."""
     from generator import gallery, lessons, live, reference
 
+    say("collects pages and pictures")
     shutil.copytree(HERE / "site", sources, dirs_exist_ok=True, ignore=shutil.ignore_patterns("__pycache__"))
     shutil.copytree(ROOT / "problems" / "pictures", sources / "pictures", dirs_exist_ok=True)
     (sources / "pictures" / "README.md").unlink()
@@ -46,10 +53,10 @@ def staged(sources: Path) -> None:
         shutil.copy2(ROOT / text, sources / text)
     sys.path.insert(0, str(ROOT / "problems"))
     (sources / "deviations.txt").write_text(importlib.import_module("paper_figures").deviations(), encoding="utf-8")
-    lessons.write(sources / "learn")
-    gallery.write(sources / "gallery")
-    reference.write(sources / "reference")
-    live.write(sources / "_static" / "live")
+    writers = {"learn": lessons.write, "gallery": gallery.write, "reference": reference.write}
+    for name, write in (writers | {"_static/live": live.write}).items():
+        say(f"writes {name}")
+        write(sources / name)
     math = Path(find_spec("sphinx-mathjax-offline").origin).parent / "static" / "mathjax"
     (sources / "_static" / "mathjax").mkdir(exist_ok=True)
     shutil.copy2(math / "tex-svg-full.js", sources / "_static" / "mathjax")
@@ -69,9 +76,10 @@ def built(sources: Path, pages: Path, work: Path, cached: bool) -> int:
     """Run Sphinx on the sources; its exit code."""
     from sphinx.cmd.build import main
 
+    say("runs Sphinx, and the cells of lessons and pages")
     # Notebooks are run by two processes; the cache is one file, which they would write to at once.
     cells = ["-D", "nb_execution_mode=cache", "-D", f"nb_execution_cache_path={work / 'cells'}"]
-    how = ["-b", "html", "-a", "-W", "--keep-going", "-q", "-n", "-d", str(work / "doctrees")]
+    how = ["-b", "html", "-a", "-W", "--keep-going", "-n", "-d", str(work / "doctrees")]
     return int(main([*how, *(cells if cached else ["-j", "2"]), str(sources), str(pages)]))
 
 
@@ -81,7 +89,6 @@ def main() -> None:
     parser.add_argument("folder", type=Path, metavar="DIR")
     parser.add_argument("--work", type=Path, metavar="FOLDER")
     asked = parser.parse_args()
-    start = time.perf_counter()
     with tempfile.TemporaryDirectory(prefix="vemcvx-site-") as passing:
         work = (asked.work or Path(passing)).resolve()
         staged(work / "sources")
@@ -91,11 +98,13 @@ def main() -> None:
             sys.exit(f"site: Sphinx found the faults above and ended with {ended}.")
     from generator import checks, slides
 
+    say("writes slides")
     slides.write(asked.folder)
+    say("checks pages")
     faults = checks.faults(asked.folder)
     if faults:
         sys.exit("\n".join(faults) + f"\nsite: {len(faults)} faults.")
-    print(f"site: {asked.folder} in {time.perf_counter() - start:.0f} s")
+    say(f"{asked.folder} is built")
 
 
 if __name__ == "__main__":

@@ -8,12 +8,6 @@ from test_cli_supplied import call
 
 import vemcvx as vx
 from vemcvx.cli import doctor
-from vemcvx.meshes import voronoi
-
-
-@pytest.fixture(autouse=True)
-def small(monkeypatch):
-    monkeypatch.setattr(doctor, "voronoi", lambda n: voronoi(4))
 
 
 @pytest.mark.long
@@ -21,9 +15,8 @@ def test_all_is_well_here():
     code, said = call("doctor")
     assert code == 0, said
     assert said.rstrip().endswith("All is well.")
-    for word in ("vemcvx", f"numpy           {np.__version__}", "newton", "clarabel", "osqp", "superlu", "arithmetic"):
+    for word in ("vemcvx", f"numpy           {np.__version__}", "newton", "clarabel", "osqp", "superlu"):
         assert f"\n{word}" in f"\n{said}"
-    assert "16 cells" in said
 
 
 @pytest.mark.long
@@ -58,11 +51,3 @@ def test_an_answer_beyond_its_certificate_is_named(monkeypatch):
     code, said = call("doctor")
     assert code == 1
     assert ": above its certificate" in said
-
-
-@pytest.mark.long
-def test_arithmetic_that_is_off_the_closed_form_is_noticed(monkeypatch):
-    monkeypatch.setattr(doctor, "Elasticity", lambda young, poisson: vx.Elasticity(young, 0.3 + 1e-6))
-    code, said = call("doctor")
-    assert code == 1
-    assert "Not well: arithmetic." in said

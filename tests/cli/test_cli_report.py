@@ -67,8 +67,11 @@ class Reader(HTMLParser):
 
 
 def reported(folder, *arguments):
-    """What the command says, and the page it writes into the folder."""
-    done = CliRunner().invoke(app, ["run", *map(str, arguments), "--report", "--out", str(folder)])
+    """The page that the command writes into the folder."""
+    words = ["run", *map(str, arguments), "--report", "--out", str(folder)]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("sys.argv", ["vemcvx", *words])
+        done = CliRunner().invoke(app, words)
     assert done.exit_code == 0, done.output
     assert done.output.splitlines()[-1] == f"report      {folder / 'report.html'}"
     return (folder / "report.html").read_text(encoding="utf-8")
@@ -86,65 +89,33 @@ def test_it_needs_nothing_else(paper):
     pictures = [address.removeprefix("data:image/png;base64,") for address in read.addresses]
     assert [base64.b64decode(data, validate=True)[:4] for data in pictures] == 8 * [b"\x89PNG"]
     assert not {"script", "link", "iframe", "object"} & set(read.tags)
-    style = re.search("<style>(.*?)</style>", paper[1]).group(1)
+    style = re.search("<style>(.*?)</style>", paper[1], re.DOTALL).group(1)
     assert "url(" not in style
     assert "@import" not in style
 
 
 @pytest.mark.long
-def test_it_has_the_quantities_with_their_errors(paper):
-    told, text = json.loads((paper[0] / "summary.json").read_text()), Reader(paper[1]).text
-    names = {"dissipated": "dissipated by friction", "work": "work of forces and supports", "wear": "largest wear"}
-    assert list(told["quantities"]) == list(names)
-    for name, words in names.items():
-        one = told["quantities"][name]
-        assert one["error"] > 0
-        relative = 100 * one["error"] / one["value"]
-        parts = f"{one['value']:.6g} {one['error']:.2g} {relative:.3g} % {one['steps']:.2g} {one['mesh']:.2g}"
-        assert f"{words} {parts}" in text, name
-    history = vx.read_history(paper[0])
-    assert history.table("steps")["dissipated_error"][-1] == told["quantities"]["dissipated"]["error"]
-
-
-@pytest.mark.long
 def test_it_has_the_numbers_of_the_summary(paper):
     told, text = json.loads((paper[0] / "summary.json").read_text()), Reader(paper[1]).text
-    assert f"{told['mesh']['cells']} cells, {told['mesh']['nodes']} nodes" in text
+    assert f"{told['mesh']['cells']} cells, {told['mesh']['nodes']} nodes, {told['unknowns']} unknowns" in text
     assert f"n = {told['mesh']['n']}: " in text
-    assert f"unknowns {told['unknowns']} " in text
-    assert f"steps {told['steps']}, of which 2 are stored" in text
-    for name, words in (("energy", "stored energy"), ("dissipated", "dissipated by friction"), ("work", "work of")):
-        assert re.search(rf"{words}[^0-9]*{told[name]:.6g} daN mm", text), name
-    assert f"largest of a step {told['certified_energy_error']:.1e}, a {told['certificate_kind']}" in text
-    assert f"asked for {told['accuracy']:.1e}" in text
-    contact = told["contact"]
-    assert f"{contact['stick']} stick, {contact['slip']} slip, {contact['open']} are open {contact['nodes']} " in text
+    assert f"stored {told['energy']:.6g}, dissipated {told['dissipated']:.6g}, work {told['work']:.6g}" in text
+    assert f"certified {told['certified_energy_error']:.1e} relative energy error a step" in text
+    assert list(told["quantities"]) == ["dissipated", "work", "wear"]
+    for name, one in told["quantities"].items():
+        assert f"{name} {one['value']:.6g}, error estimated {one['error']:.2g}" in text
+    history = vx.read_history(paper[0])
+    assert history.table("steps")["dissipated_error"][-1] == told["quantities"]["dissipated"]["error"]
     for key, one in told["extremes"].items():
-        place = ", ".join(f"{x:.4g}" for x in one["place"])
-        unit = in_units(one["unit"], feng_han_huang.UNITS).replace("/", " / ")
-        assert f", at ({place}), t = {one['t']:.6g} {one['value']:.6g} {unit}" in text, key
-    for words in (*told["effects"], told["solver"], told["linear"], f"vemcvx {told['version']}"):
+        place, unit = ", ".join(f"{x:.4g}" for x in one["place"]), in_units(one["unit"], feng_han_huang.UNITS)
+        assert re.search(rf"{one['value']:.6g} {unit} at \({re.escape(place)}\), t = {one['t']:.6g} s", text), key
+    for words in (*told["effects"], told["solver"], f"vemcvx {told['version']}", "algebra ", "space "):
         assert words in text
-    for name in ("assemble", "prepare", "solve"):
-        assert f"{name} {told['seconds'][name]:.6g}" in text
-
-
-@pytest.mark.long
-def test_results_have_their_units_and_steps_are_not_all_there(paper):
-    read = Reader(paper[1])
-    assert "Consistent units" in read.text
-    for words in ("largest displacement, at (", "largest von Mises stress", "daN / mm²", "relative energy error"):
-        assert words in read.text
-    # The load is 8 int (1.25 - y) dy = 6 to the right; supports and contact hold all of it.
-    assert re.search(r"boundary -6 0\.01\b", read.text)
-    steps = re.search(r"iterations</th></tr></thead><tbody>(.*?)</tbody>", paper[1]).group(1)
-    assert steps.count("<tr>") == 12
-    assert '<tr><td class="">20</td><td class="">1</td>' in steps
 
 
 @pytest.mark.long
 def test_the_command_on_it_gives_the_same(paper, tmp_path):
-    command = re.search("<pre>(vemcvx run feng_han_huang .*?)</pre>", paper[1]).group(1)
+    (command,) = re.findall(r">(vemcvx run feng_han_huang [^<]*)<", paper[1])
     words = shlex.split(command)[1:]
     words[words.index("--out") + 1] = str(tmp_path)
     assert CliRunner().invoke(app, [word for word in words if word != "--report"]).exit_code == 0
@@ -157,21 +128,15 @@ def test_the_command_on_it_gives_the_same(paper, tmp_path):
 @pytest.mark.long
 def test_what_users_write_is_escaped(tmp_path):
     (tmp_path / "hung&.py").write_text(LOOSE)
-    read = Reader(reported(tmp_path / "out", tmp_path / "hung&.py", "--n", 3, "--steps", 2, "--probe", "0.25,0"))
+    read = Reader(reported(tmp_path / "out", tmp_path / "hung&.py", "--n", 3, "--steps", 2))
     assert not {"script", "by", "side"} & set(read.tags)
     assert 'hung&: Hung <by> its top & "pulled" down.' in read.text
     assert "1 < 2 & 3" in read.text
     assert "'</pre><script>alert(1)</script>'" in read.text
-    assert "<side>" in read.text
-    # Units without names are those of consistent units.
-    assert re.search(r"stored energy \S+ force × length", read.text)
-    assert "force / length²" in read.text
-    # Without contact there is nothing to say of it.
-    assert "slip" not in read.text.split("Results")[1].split("Certificates")[0]
+    # Units without names are those of consistent units, and without contact there is nothing to say of it.
+    assert "force/length²" in read.text
+    assert "slip" not in read.text.split("Results")[1].split("Error budget")[0]
     assert read.tags.count("img") == 3
-    moved = vx.read_history(tmp_path / "out").probe([[0.25, 0.0]])[-1, 0]
-    for axis, value in zip("xy", moved, strict=True):
-        assert f"displacement along {axis}, at (0.25, 0) {value:.6g} length" in read.text
 
 
 @pytest.mark.long
@@ -186,7 +151,7 @@ def test_adaptive_runs_have_their_own_budget(tmp_path):
     page = reported(tmp_path, "feng_han_huang", "--target", 0.4, "--n", 2, "--steps", 2)
     errors = json.loads((tmp_path / "summary.json").read_text())["estimated_energy_errors"]
     text = Reader(page).text
-    assert f"total {100 * errors['total']:.3g} % all target 40 % what was asked for" in text
+    assert f"estimated {errors['total']:.2%} energy error" in text
     assert "n = 2, adapted:" in text
 
 
@@ -210,7 +175,7 @@ def test_files_of_others_stay(tmp_path):
     assert theirs.read_text() == "<p>a thesis</p>"
     theirs.write_text(f"<!doctype html>{MARK}")
     assert CliRunner().invoke(app, arguments).exit_code == 0
-    assert "Certificates" in theirs.read_text()
+    assert "Error budget" in theirs.read_text()
 
 
 @pytest.mark.long
@@ -234,9 +199,7 @@ def test_units_of_a_problem_file_reach_pictures_tables_and_the_terminal(tmp_path
     assert re.search(r"^largest von Mises stress +\S+ MPa +at \(.*\), t = 1 s$", done.output, re.M)
     assert re.search(r"^largest displacement +\S+ mm ", done.output, re.M)
     page = Reader((tmp_path / "out" / "report.html").read_text()).text
-    assert re.search(r"stored energy \S+ N mm ", page)
-    assert re.search(r"largest von Mises stress, at \([^)]*\), t = 1 (\(.*?\) )?\S+ MPa ", page)
-    assert "boundary x N y N " in page
+    assert re.search(r"largest von Mises stress \S+ MPa at", page)
     assert given == [{"length": "mm", "force": "N", "time": "s", "force per area": "MPa"}]
 
 

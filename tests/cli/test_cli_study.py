@@ -118,7 +118,7 @@ def test_a_study_is_a_table_and_files(pad, tmp_path):
         )
         assert np.array_equal(alone.displacement, history.displacement)
         assert float(row["slip"]) == max(np.abs(history.contact.slip).ravel())
-        assert words["results"]["pressure"] == float(row["pressure"]) == history.contact.pressure.max()
+        assert words["pressure"] == float(row["pressure"]) == history.contact.pressure.max()
         numbers = " +".join(f"{float(row[name]):.5g}" for name in ("slip", "pressure", "sticking"))
         assert re.search(rf"{re.escape(row['set.friction'])} +{row['set.kind']} +{numbers}", said), said
     assert (tmp_path / "study" / "study.png").stat().st_size > 10_000
@@ -213,16 +213,17 @@ def test_folders_say_the_settings():
 def test_the_picture_has_a_line_for_each_value_of_the_second_parameter():
     pytest.importorskip("matplotlib")
     rows = [
-        study.Row({"a": a, "b": b, "c": "1"}, results={"slip": float(a) * k}, labels={"slip": "largest slip"})
+        {"set.a": a, "set.b": b, "set.c": "1", "status": "done", "slip": float(a) * k}
         for a in ("2", "1", "10")
         for k, b in enumerate(("x", "y"))
     ]
-    failed = study.Row({"a": "3", "b": "x", "c": "1"}, status="refused", message="no")
-    figure = study.picture([*rows, failed], ["slip", "pressure"], "title")
+    failed = {"set.a": "3", "set.b": "x", "set.c": "1", "status": "refused", "message": "no"}
+    labels = {"slip": "largest slip"}
+    figure = study.picture([*rows, failed], ["slip", "pressure"], labels, "title")
     (ax,) = (ax for ax in figure.axes if ax.lines)
     assert [line.get_label() for line in ax.lines] == ["b = x", "b = y"]
     assert ax.lines[1].get_xydata().tolist() == [[1.0, 1.0], [2.0, 2.0], [10.0, 10.0]]
     assert np.isnan(ax.lines[0].get_ydata()[2])
     assert ax.get_xlabel() == "a"
-    words = study.picture([*(study.Row({"a": a}, results={"slip": 1.0}, labels={"slip": "s"}) for a in "xy")], ["slip"])
+    words = study.picture([{"set.a": a, "status": "done", "slip": 1.0} for a in "xy"], ["slip"], labels)
     assert [tick.get_text() for tick in words.axes[0].get_xticklabels()] == ["x", "y"]

@@ -9,7 +9,6 @@ import pytest
 from scenes import cyclic, paper_scene
 
 import vemcvx as vx
-from vemcvx.cli.report import _guaranteed
 from vemcvx.plots import energy_ledger, error_map, hysteresis_loop
 from vemcvx.plots.pictures import draw_pictures
 
@@ -116,7 +115,6 @@ def test_runs_with_a_bound_have_bars_of_the_force_that_moves_them(tmp_path):
     told = json.loads((tmp_path / "run" / "summary.json").read_text())["bound_force"]
     assert (told["on"], told["axis"]) == ("right", 0)
     assert told["low"] == history.force_bounds[-1, 0] < told["value"] < told["high"]
-    assert "The force of the support on right along x<sub>1</sub>" in _guaranteed(history)
 
 
 def test_a_force_without_a_theorem_has_no_bars():

@@ -58,7 +58,7 @@ PAPER = "problems/feng_han_huang.py"
 FEW, LONG, ONE_SLOW = (
     "tests/vem/test_patch.py",
     "tests/meshes/test_mesh_refine.py",
-    "tests/cost/test_foreseen.py -k cubes",
+    "tests/cost/test_cost.py -k two_materials",
 )
 HOW = {
     # README and the pages

@@ -48,7 +48,6 @@ HEAVY = {
     "meshlane": {"meshes/io/abaqus.py"},
     "skfem": {"meshes/io/objects.py"},
     "pyvista": {"meshes/io/objects.py", "plots/body.py"},
-    "distributed": {"cost/workers.py"},
     "shapely": {
         "meshes/polygons.py",
         "meshes/checks/plane.py",
@@ -58,18 +57,18 @@ HEAVY = {
     },
     "pandas": {"results/tables.py"},
     "xarray": {"results/tables.py"},
-    "marimo": {"cli/live_page.py"},
 }
 
 
 LINES = {"program": 2_162, "solvers": 1_320, "stepping": 1_755, "linear": 900, "scene": 1_800, "effects": 1_800}
 LINES |= {"exchange": 681, "testing": 975, "cli/collection": 1_211}
 LINES |= {"bound": 3_462, "results": 2_191, "estimate": 2_084, "plots": 1_925}
+LINES |= {"cost": 663, "cli": 3_698}
 LINES |= {"meshes": 7_265, "meshes/io": 1_491}
 """Most lines of folders: they grow by decision only, which raises a number here."""
 TOP = 1_523
 """Most lines of the modules at the top and of what all may use, without the canvas, which counts with the plots."""
-TESTS = 23_920
+TESTS = 27_893
 """Most lines of the tests of `LINES`, in the folders of their names."""
 
 LATE = {"vemcvx.meshes.mesh"}

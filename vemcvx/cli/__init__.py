@@ -1,5 +1,6 @@
 """The command line: `vemcvx run`, `show`, `compare`, `export`, `cost`, `collection`, and others on what came along."""
 
-from vemcvx.cli.commands import app, main
+import lazy_loader
 
-__all__ = ["app", "main"]
+# Worker processes, the live page and the site use modules in here, and need no typer.
+__getattr__, __dir__, __all__ = lazy_loader.attach(__name__, submod_attrs={"commands": ["app", "main"]})

@@ -1,30 +1,74 @@
 """The program and its commands.
 
-Results go to standard output; errors, warnings and the progress bar (on a terminal only) go to standard error.
+Results go to standard output; errors, warnings and the progress bar (on a terminal only) go to standard error. A
+command is a frozen dataclass: its fields are the options, as typer reads them, its docstring is the help, and its
+objects do the work when they are called.
 """
 
 from __future__ import annotations
 
+import inspect
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, get_type_hints
 
 import typer
+from typer.core import TyperGroup
 
 from vemcvx.base.errors import ProblemError
 from vemcvx.base.version import __version__
-from vemcvx.cli.collection import Collection
-from vemcvx.cli.collection.benchmark import Benchmark
-from vemcvx.cli.compare import Compare
-from vemcvx.cli.cost import Cost
-from vemcvx.cli.doctor import Doctor
-from vemcvx.cli.live_page import App
-from vemcvx.cli.options import add_command, lesson_numbers
-from vemcvx.cli.run import Export, Run
-from vemcvx.cli.show import Show
+from vemcvx.cli.options import lesson_numbers
 from vemcvx.cli.supplied import copy_lesson, lessons, problem_files, problems_folder
-from vemcvx.cli.terminal import say
+from vemcvx.cli.terminal import reported, say
 from vemcvx.results.table import Table
+
+KINDS = {
+    "run": ("run", "Run"),
+    "show": ("show", "Show"),
+    "compare": ("compare", "Compare"),
+    "export": ("export", "Export"),
+    "collection": ("collection", "Collection"),
+    "benchmark": ("collection.benchmark", "Benchmark"),
+    "cost": ("cost", "Cost"),
+    "problems": ("commands", "Problems"),
+    "lesson": ("commands", "Lesson"),
+    "app": ("live_page", "App"),
+    "doctor": ("doctor", "Doctor"),
+}
+"""Command -> its module in this folder, which is imported when the command is asked for, and its class."""
+
+
+class Commands(TyperGroup):
+    """The commands, each made when it is asked for."""
+
+    def __init__(self, **given: Any):
+        super().__init__(**given)
+        self.commands: dict[str, Any] = dict.fromkeys(KINDS)
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """Return the command of that name, None if there is none."""
+        if cmd_name in KINDS and self.commands[cmd_name] is None:
+            module, kind = KINDS[cmd_name]
+            self.commands[cmd_name] = make_command(cmd_name, getattr(import_module(f"vemcvx.cli.{module}"), kind))
+        return self.commands.get(cmd_name)
+
+
+def make_command(name: str, kind: type[Any]) -> Any:
+    """Make a command of a class; errors of its work are a line and an exit code."""
+
+    def command(**given: Any) -> None:
+        with reported():
+            kind(**given)()
+
+    command.__doc__ = kind.__doc__
+    command.__annotations__ = types = get_type_hints(kind, include_extras=True)
+    parameters = inspect.signature(kind).parameters.values()
+    typed = [parameter.replace(annotation=types[parameter.name]) for parameter in parameters]
+    command.__signature__ = inspect.Signature(typed)  # type: ignore[attr-defined]
+    alone = typer.Typer(add_completion=False)
+    alone.command(name)(command)
+    return typer.main.get_command(alone)
 
 
 @dataclass(frozen=True)
@@ -52,10 +96,10 @@ class Lesson:
 
     def __call__(self) -> None:
         """List or copy."""
-        given = [name for name, set_ in (("--notebook", self.notebook), ("--no-solutions", self.no_solutions)) if set_]
-        if self.number is None and given:
-            raise ProblemError(f"lesson: found {given[0]} without a number; `vemcvx lesson` lists the lessons.")
         if self.number is None:
+            for name, is_set in (("--notebook", self.notebook), ("--no-solutions", self.no_solutions)):
+                if is_set:
+                    raise ProblemError(f"lesson: found {name} without a number; `vemcvx lesson` lists the lessons.")
             rows = [(str(n), file.sentence.removeprefix(f"Lesson {n}, ")) for n, file in lessons().items()]
             typer.echo(Table((), rows).text())
             say("\nvemcvx lesson N copies lesson N and its solutions into this folder.")
@@ -69,20 +113,19 @@ class Lesson:
         )
 
 
+def _version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"vemcvx {__version__}")
+        raise typer.Exit
+
+
 app = typer.Typer(
+    cls=Commands,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     help="Quasistatic frictional contact on polygonal meshes, posed as certified convex programs.",
     epilog="Exit codes: 0 done, 2 invalid input, 3 not certified.",
 )
-for kind in (Run, Show, Compare, Export, Collection, Benchmark, Cost, Problems, Lesson, App, Doctor):
-    add_command(app, kind)
-
-
-def _version(wanted: bool) -> None:
-    if wanted:
-        typer.echo(f"vemcvx {__version__}")
-        raise typer.Exit
 
 
 @app.callback()

@@ -18,37 +18,24 @@ from __future__ import annotations
 
 import json
 import re
-import shutil
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, astuple, dataclass, fields, replace
+from dataclasses import asdict, dataclass, replace
 from functools import partial
-from html import escape
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 import typer
 
 from vemcvx.base.arrays import Floats
 from vemcvx.base.errors import NotAccepted, NotCertified, ProblemError, SceneError, VemcvxError, quietly
-from vemcvx.base.version import __version__
 from vemcvx.cli.options import NONE, Accuracy, File, Mesh, N, Options, Settings, Steps, solver_names
-from vemcvx.cli.problem_file import Problem, read_problem
-from vemcvx.cli.report import page
+from vemcvx.cli.problem_file import Posed, Problem, read_problem
 from vemcvx.cli.solver_names import NAMES, named_solver, read_options
-from vemcvx.cli.terminal import (
-    NOT_CERTIFIED,
-    broken,
-    check_writable,
-    listed,
-    logged_at_most,
-    progress_bar,
-    say,
-    write_text,
-)
-from vemcvx.cost import Ingredients
+from vemcvx.cli.terminal import NOT_CERTIFIED, check_writable, listed, logged_at_most, progress_bar, say, write_text
+from vemcvx.cost.rows import csv
 from vemcvx.cost.workers import Crashed, TookTooLong, alone
 from vemcvx.program.system import System
 from vemcvx.results.table import Table
@@ -68,7 +55,7 @@ class Row:
     """A row of the comparison: a solver with its own, tuned or default settings, and what became of it.
 
     Errors are relative to the largest energy norm of the states so far. Iterations are those of the median step, none
-    where the solver does not count them; safeguards those of all steps.
+    where the solver does not count them.
     """
 
     solver: str
@@ -76,17 +63,14 @@ class Row:
     outcome: str = CERTIFIED
     asked: float
     certified: float | None = None
-    floor: float | None = None
+    good: bool | None = None
     distance: float | None = None
     allowed: float | None = None
     honest: bool | None = None
-    good: bool | None = None
     iterations: int | None = None
-    safeguards: int | None = None
-    assemble_seconds: float | None = None
-    prepare_seconds: float | None = None
-    solve_seconds: float | None = None
+    seconds: float | None = None
     says: str = ""
+    options: str = ""
 
     @property
     def label(self) -> str:
@@ -97,57 +81,41 @@ class Row:
 Attempt = tuple[Row, Trajectory | None]  # A row before it is held against others, with its answer if there is one.
 
 
-@dataclass(frozen=True)
-class Used:
-    """The settings that cvxpy passed on to a solver, in words, and of those tuned by us (setting, value, reason)."""
-
-    solver: str
-    settings: str
-    passed_on: str
-    reasons: tuple[tuple[str, str, str], ...]
-
-
 @dataclass(frozen=True, kw_only=True)
 class Judged:
-    """All rows, the label of the most certain solver, and a flag: certificates bound distances of this problem.
-
-    A comparison has the problem's title and size beside them, and the settings of the solvers that answered.
-    """
+    """All rows, the label of the most certain solver, and a flag: certificates bound distances of this problem."""
 
     rows: tuple[Row, ...]
     most_certain: str | None
     rigorous: bool
-    title: str = ""
-    size: str = ""
-    used: tuple[Used, ...] = ()
-
-    @property
-    def liars(self) -> tuple[str, ...]:
-        """The solvers whose answers are farther from the most certain one than both certificates allow."""
-        return tuple(f"{row.solver} ({row.settings})" for row in self.rows if row.honest is False)
 
     @property
     def trustworthy(self) -> bool:
         """True if some answer is certified as asked, and no certificate was contradicted."""
-        return any(row.good for row in self.rows) and not self.liars
+        return any(row.good for row in self.rows) and all(row.honest is not False for row in self.rows)
 
     @property
-    def remarks(self) -> list[str]:
-        """Lines on how to read the columns, and on certificates that were contradicted."""
-        best = self.most_certain
-        if best is None:
-            return []
-        default = any(row.settings == "default" for row in self.rows)
-        lines = ["default: as the solver's library comes, through cvxpy"] if default else []
-        lines.append("certified: rounding included; rel.: to the largest energy norm so far")
-        lines.append("good: certified as asked for in all steps, rounding aside")
-        if sum(row.certified is not None for row in self.rows) > 1:
-            lines.append(f"distance: of the states to those by {best}, the most certain, in energy norm")
-            lines.append("allowed: what both certificates allow for it; honest: whether the distance is within that")
-        if not self.rigorous:
+    def remarks(self) -> Iterator[str]:
+        """Lines on what happened to solvers, on how to read the columns, and on contradicted certificates."""
+        for row in self.rows:
+            if row.says:
+                yield f"{row.label}: {row.outcome}: {row.says}"
+        for row in self.rows:
+            if row.certified is not None and row.options:
+                yield f"{row.label}: was passed {row.options}"
+        if (best := self.most_certain) is None:
+            return
+        yield "certified: rounding included; rel.: to the largest energy norm so far"
+        yield "good: certified as asked for in all steps, rounding aside"
+        yield f"distance: of the states to those by {best}, the most certain, in energy norm"
+        if self.rigorous:
+            yield "allowed: what both certificates allow for it; honest: whether the distance is within that"
+        else:
             why = "friction follows pressure or slip, or stands, or viscosity does, beside one-sided contact"
-            lines.append(f"allowed: no bound here: {why}")
-        return lines + [f"WRONG: {name} is farther from {best} than both certificates allow" for name in self.liars]
+            yield f"allowed: no bound here: {why}"
+        for row in self.rows:
+            if row.honest is False:
+                yield f"WRONG: {row.label} is farther from {best} than both certificates allow"
 
 
 def judged(system: System, attempts: Sequence[Attempt]) -> Judged:
@@ -175,15 +143,13 @@ def _judged_row(system: System, row: Row, run: Trajectory | None, best: Trajecto
         says += f"where it reached {run.certified[n]:.1e}"
     return replace(
         row,
-        outcome=MISSED if len(missed) else CERTIFIED,
+        outcome=MISSED if says else CERTIFIED,
         certified=float(run.certified.max()),
-        floor=float(run.certificate_floor.max()),
+        good=not says,
         distance=apart,
         allowed=limit,
         honest=kept if rigorous else None,
-        good=len(missed) == 0,
         iterations=int(np.median(run.iterations[1:])) if run.iterations[1:].any() else None,
-        safeguards=int(run.safeguards.sum()),
         says=says,
     )
 
@@ -193,13 +159,13 @@ def _is_answer(run: Trajectory) -> bool:
 
 
 def allowed(run: Trajectory) -> Floats:
-    """(N + 1,) how far the certificates allow the states to be from the exact ones, in energy norm."""
+    """Return (N + 1,) how far the certificates allow the states to be from the exact ones, in energy norm."""
     total: Floats = np.cumsum(np.sqrt(2 * run.gap) + np.sqrt(2 * run.floor))
     return total
 
 
 def distance(system: System, one: Trajectory, other: Trajectory) -> tuple[float, float, bool]:
-    """The distance of two answers, what their certificates allow, both relative, and whether that is kept throughout.
+    """Return the distance of two answers, what their certificates allow, both relative, and whether that is kept.
 
     The instant is that at which the distance exceeds the most what is allowed, else that of the largest distance.
     """
@@ -245,66 +211,54 @@ class Compare:
     ] = None
     json: Annotated[Path | None, typer.Option(metavar="PATH", help="Write all figures there.")] = None
     csv: Annotated[Path | None, typer.Option(metavar="PATH", help="Write the table there.")] = None
-    html: Annotated[Path | None, typer.Option(metavar="PATH", help="Write a page with the tables there.")] = None
     settings: Settings = NONE
 
     def __call__(self) -> None:
-        """Compare, write what is asked for, and print the tables; exit code 3 where no answer can be trusted."""
-        paths = {kind: getattr(self, kind) for kind in WRITERS if getattr(self, kind) is not None}
-        for kind, path in paths.items():
-            check_writable(path, f"--{kind}")
-        found = compare_solvers(read_problem(self.file), self)
-        for kind, path in paths.items():
-            write_text(path, WRITERS[kind](found), f"--{kind}")
-        typer.echo(in_words(found))
+        """Compare, write what is asked for, and print the table; exit code 3 where no answer can be trusted."""
+        if self.time_limit is not None and not self.time_limit > 0:
+            raise ProblemError(f"--time-limit: found {self.time_limit:g}; wanted seconds, more than zero.")
+        for option, path in (("--json", self.json), ("--csv", self.csv)):
+            if path is not None:
+                check_writable(path, option)
+        problem, solvers = read_problem(self.file), entrants(self)
+        posed = self.posed(problem)
+        with warned_once(), logged_at_most(1), progress_bar("posing") as shown:
+            system = pose_scene(posed.scene, posed.mesh, posed.times.tolist()).system
+            attempts = list[Attempt]()
+            for i, (solver, settings) in enumerate(solvers):
+                row = Row(solver=solver.name, settings=settings, asked=solver.accuracy, options=_passed_on(solver))
+                doing = f"{row.label}, {i + 1} of {len(solvers)}"
+                shown(doing, 0, self.steps)
+                if self.time_limit is None:
+                    row, run = attempted(problem, self, row, solver, partial(shown, doing))
+                else:
+                    row, run = _attempted_within(self.time_limit, problem, self, i, row)
+                words = row.outcome if run is None else f"certified to {run.certified.max():.1e} in {row.seconds:.2f} s"
+                say(f"{i + 1} of {len(solvers)}: {row.label}: {words}", err=True)
+                attempts.append((row, run))
+            # An error in which every solver ends, of those that take the program, is one of the problem.
+            tried = [(row.outcome, row.says) for row, _ in attempts if row.outcome != REFUSED]
+            if len(tried) > 1 and len(set(tried)) == 1 and tried[0][0] == FAILED:
+                raise SceneError(tried[0][1])
+            found = judged(system, attempts)
+        title = f"{problem.name}: {problem.title}"
+        size = f"{posed.mesh.n_cells} cells, {posed.mesh.n_nodes} nodes, {system.n} unknowns, {self.steps} steps"
+        if self.json is not None:
+            write_text(self.json, as_json(found, title, size), "--json")
+        if self.csv is not None:
+            write_text(self.csv, csv([asdict(row) for row in found.rows]), "--csv")
+        say(in_words(found, title, size))
         if not found.trustworthy:
             raise typer.Exit(NOT_CERTIFIED)
 
-    def posed(self, problem: Problem) -> Ingredients:
-        """The scene, the mesh and the instants."""
+    def posed(self, problem: Problem) -> Posed:
+        """Return the scene, the mesh and the instants."""
         mesh = problem.mesh(self.n or problem.usual_n(16, self.mesh), self.mesh, self.settings)
         return problem.posed(self.settings, mesh, self.steps)
 
 
-def compare_solvers(problem: Problem, asked: Compare) -> Judged:
-    """Solve the problem by all solvers asked for; a line on each is printed as soon as it is done."""
-    if asked.time_limit is not None and not asked.time_limit > 0:
-        raise ProblemError(f"--time-limit: found {asked.time_limit:g}; wanted seconds, more than zero.")
-    solvers = entrants(asked)
-    posed = asked.posed(problem)
-    with warned_once(), logged_at_most(1), progress_bar("posing") as shown:
-        system = pose_scene(posed.scene, posed.mesh, posed.times.tolist()).system
-        attempts: list[Attempt] = []
-        for i, (solver, settings) in enumerate(solvers):
-            row = Row(solver=solver.name, settings=settings, asked=solver.accuracy)
-            doing = f"{row.label}, {i + 1} of {len(solvers)}"
-            shown(doing, 0, asked.steps)
-            if asked.time_limit is None:
-                row, run = attempted(problem, asked, row, solver, partial(shown, doing))
-            else:
-                row, run = _attempted_within(asked.time_limit, problem, asked, i, row)
-            seconds = (row.assemble_seconds or 0) + (row.prepare_seconds or 0) + (row.solve_seconds or 0)
-            words = row.outcome if run is None else f"certified to {run.certified.max():.1e} in {seconds:.2f} s"
-            say(f"{i + 1} of {len(solvers)}: {row.label}: {words}", err=True)
-            # A solver that refuses the program with all settings is told once.
-            if row.outcome != REFUSED or all((row.solver, row.says) != (one.solver, one.says) for one, _ in attempts):
-                attempts.append((row, run))
-        # An error in which every solver ends, of those that take the program, is one of the problem.
-        tried = [(row.outcome, row.says) for row, _ in attempts if row.outcome != REFUSED]
-        if len(tried) > 1 and len(set(tried)) == 1 and tried[0][0] == FAILED:
-            raise SceneError(tried[0][1])
-        found = judged(system, attempts)
-    told = {(row.solver, row.settings) for row in found.rows}
-    return replace(
-        found,
-        title=f"{problem.name}: {problem.title}",
-        size=f"{posed.mesh.n_cells} cells, {posed.mesh.n_nodes} nodes, {system.n} unknowns, {asked.steps} steps",
-        used=tuple(used for one in solvers if (one[0].name, one[1]) in told if (used := _used(*one))),
-    )
-
-
 def entrants(asked: Compare) -> list[tuple[Solver, str]]:
-    """The solvers asked for, with the words for their settings; those that cvxpy calls with each setting asked for."""
+    """Return the solvers asked for, with words for their settings; cvxpy's with each setting asked for."""
     if asked.tuning not in SETTINGS:
         raise ProblemError(f"--tuning: found {asked.tuning!r}; there are {', '.join(SETTINGS)}.")
     # This imports cvxpy: the first solver should not pay for that.
@@ -327,19 +281,28 @@ def entrants(asked: Compare) -> list[tuple[Solver, str]]:
     return found
 
 
+def _passed_on(solver: Solver) -> str:
+    """Return the settings that cvxpy passes on to a solver, in words; none of solvers that it does not call."""
+    if not isinstance(solver, ThroughCvxpy):
+        return ""
+    made = [f"{setting.name} = {setting.words}" for setting in solver.settings if setting.name not in solver.options]
+    return ", ".join([*made, *(f"{name} = {value!r} (asked for)" for name, value in solver.options.items())])
+
+
 def _attempted_within(seconds: float, problem: Problem, asked: Compare, i: int, row: Row) -> Attempt:
-    """The attempt of solver `i` in a process of its own, which is ended when the time is up."""
+    """Let solver `i` solve the problem in a process of its own, which is ended when the time is up."""
     try:
-        return alone(attempted_alone, problem.path, asked, i, row, seconds=seconds, ready=installed)
+        return alone(attempted_alone, problem.path, asked, i, row, seconds=seconds)
     except TookTooLong:
         return replace(row, outcome=STOPPED, says=f"stopped after {seconds:g} s"), None
-    except (Crashed, VemcvxError) as end:
-        died = isinstance(end, Crashed)
-        return replace(row, outcome=FAILED, says=f"its process ended: {end}" if died else _own_words(str(end))), None
+    except Crashed as end:
+        return replace(row, outcome=FAILED, says=f"its process ended: {end}"), None
+    except VemcvxError as error:
+        return replace(row, outcome=FAILED, says=_own_words(str(error))), None
 
 
 def attempted_alone(path: Path, asked: Compare, i: int, row: Row) -> Attempt:
-    """The attempt of solver `i` in a process that has read nothing yet; what all would log the first does."""
+    """Let solver `i` solve the problem in a process that has read nothing yet; the first logs what all would log."""
     with logged_at_most(0 if i else 1):
         return attempted(read_problem(path), asked, row, entrants(asked)[i][0], None)
 
@@ -355,18 +318,7 @@ def attempted(
         outcome = next((end for kind, end in ENDS.items() if isinstance(error, kind)), FAILED)
         told = "it ran out of memory" if isinstance(error, MemoryError) else str(error)
         return replace(row, outcome=outcome, says=_own_words(told) if outcome == FAILED else clause(told)), None
-    seconds: dict[str, Any] = {f"{part}_seconds": history.seconds[part] for part in ("assemble", "prepare", "solve")}
-    return replace(row, **seconds), history.trajectory
-
-
-def _used(solver: Solver, settings: str) -> Used | None:
-    """The settings that are passed on; None of solvers that run as their libraries come."""
-    if not isinstance(solver, ThroughCvxpy):
-        return None
-    made = [f"{setting.name} = {setting.words}" for setting in solver.settings if setting.name not in solver.options]
-    words = made + [f"{name} = {value!r} (asked for)" for name, value in solver.options.items()]
-    why = tuple((setting.name, setting.words, setting.why) for setting in solver.settings)
-    return Used(solver.name, settings, ", ".join(words), why) if words else None
+    return replace(row, seconds=sum(history.seconds.values())), history.trajectory
 
 
 @contextmanager
@@ -382,12 +334,12 @@ def warned_once() -> Iterator[None]:
 
 
 def clause(message: str) -> str:
-    """An error's first clause, without the name of the solver before it."""
+    """Return an error's first clause, without the name of the solver before it."""
     return re.split(r"[;.](?:\s|$)", _own_words(message), maxsplit=1)[0]
 
 
 def _own_words(message: str) -> str:
-    """An error without the name of the solver before it."""
+    """Return an error without the name of the solver before it."""
     return re.sub(r"^solver \S+: ", "", message).removesuffix(".")
 
 
@@ -395,82 +347,32 @@ COLUMNS = {
     "asked\nrel.": ("asked", ".0e"),
     "certified\nrel.": ("certified", ".1e"),
     "good\ny/n": ("good", "no"),
-    "floor\nrel.": ("floor", ".1e"),
     "distance\nrel.": ("distance", ".1e"),
     "allowed\nrel.": ("allowed", ".1e"),
     "honest\ny/n": ("honest", "NO"),
     "iter.\na step": ("iterations", "d"),
-    "safeg.\nin all": ("safeguards", "d"),
-    "assemble\ns": ("assemble_seconds", ".3f"),
-    "prepare\ns": ("prepare_seconds", ".3f"),
-    "solve\ns": ("solve_seconds", ".3f"),
+    "total\ns": ("seconds", ".3f"),
 }
 """Heading -> column of `Row`, and its format, or the word for a no."""
-LEFT_OUT = "floor", "safeguards", "assemble_seconds", "prepare_seconds"
 
 
-def _cells(row: Row, columns: dict[str, tuple[str, str]]) -> list[str]:
-    found = [row.solver, row.settings]
-    for name, form in columns.values():
-        value = getattr(row, name)
-        words = {None: "-", False: form, True: "yes"}
-        found.append(words[value] if value is None or isinstance(value, bool) else f"{value:{form}}")
-    return found
+def _cell(value: object, form: str) -> str:
+    words = {None: "-", False: form, True: "yes"}
+    return words[value] if value is None or isinstance(value, bool) else f"{value:{form}}"
 
 
-def in_words(found: Judged) -> str:
-    """The tables as text that fits the terminal."""
-    width = shutil.get_terminal_size().columns
-    # All columns take 112 characters.
-    columns = {head: column for head, column in COLUMNS.items() if width >= 112 or column[0] not in LEFT_OUT}
-    answered = [_cells(row, columns) for row in found.rows if row.certified is not None]
-    happened = [(row.solver, row.settings, row.outcome, row.says) for row in found.rows if row.says]
-    passed_on = [(used.solver, used.settings, used.passed_on) for used in found.used]
-    tables: dict[tuple[str, ...], Sequence[Sequence[str]]] = {
-        tuple(columns): answered,
-        ("outcome", "what happened"): happened,
-        ("as passed on; gap is what a step is asked for",): passed_on,
-    }
-    told = [Table(("solver", "settings", *heads), rows).text() for heads, rows in tables.items() if rows]
-    title, remarks = broken(f"{found.title}\n{found.size}", width), broken("\n".join(found.remarks), width)
-    return "\n\n".join([title, *told, remarks]).rstrip()
+def in_words(found: Judged, title: str, size: str) -> str:
+    """Return the table, which takes less than 80 columns, with a title above and remarks below."""
+    cells = [[_cell(getattr(row, name), form) for name, form in COLUMNS.values()] for row in found.rows]
+    rows = [[row.solver, row.settings, *own] for row, own in zip(found.rows, cells, strict=True)]
+    return "\n".join([title, size, "", Table(("solver", "settings", *COLUMNS), rows).text(), "", *found.remarks])
 
 
-def as_json(found: Judged) -> str:
-    """All rows, the settings used with their reasons, and how to read them; numbers that are not finite are words."""
+def as_json(found: Judged, title: str, size: str) -> str:
+    """Return all rows; numbers that are not finite are words."""
     rows = [
         {key: str(x) if isinstance(x, float) and not np.isfinite(x) else x for key, x in asdict(row).items()}
         for row in found.rows
     ]
-    told = {
-        "format": "vemcvx comparison",
-        "version": __version__,
-        "problem": found.title,
-        "size": found.size,
-        "units": "errors: relative to the largest energy norm of the states so far; times: seconds",
-        "most_certain": found.most_certain,
-        "certificates_bound_distances": found.rigorous,
-        "trustworthy": found.trustworthy,
-        "rows": rows,
-        "settings": [asdict(used) for used in found.used],
-    }
+    told = {"problem": title, "size": size, "trustworthy": found.trustworthy, "rows": rows}
     return json.dumps(told, indent=1) + "\n"
-
-
-def as_html(found: Judged) -> str:
-    """A page with the tables of the terminal, all columns, and the reasons of settings."""
-    rows = [[*_cells(row, COLUMNS), f"{row.outcome}: {row.says}".rstrip(": ")] for row in found.rows]
-    why = [[used.solver, *reason] for used in found.used for reason in used.reasons]
-    return page(
-        found.title,
-        f"<p>{escape(found.size)}</p>{Table(['solver', 'settings', *COLUMNS, 'outcome'], rows).html()}"
-        + "".join(f"<p>{escape(line)}</p>" for line in found.remarks)
-        + f"<h2>Settings tuned for solvers</h2>{Table(['solver', 'setting', 'value', 'why'], why).html()}",
-    )
-
-
-WRITERS: dict[str, Callable[[Judged], str]] = {
-    "json": as_json,
-    "csv": lambda found: Table([field.name for field in fields(Row)], list(map(astuple, found.rows))).csv(),
-    "html": as_html,
-}

@@ -5,9 +5,11 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import product
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -16,39 +18,26 @@ from vemcvx.base.errors import ProblemError, VemcvxError
 from vemcvx.base.owned_files import Owned
 from vemcvx.base.version import __version__
 from vemcvx.cli.options import CELLS, NONE, File, Of, Settings, families, solver_names
-from vemcvx.cli.problem_file import Problem, read_problem
+from vemcvx.cli.problem_file import Posed, Problem, read_problem
 from vemcvx.cli.solver_names import named_solver
 from vemcvx.cli.terminal import listed, progress_bar, say
-from vemcvx.cost import Ingredients, Point, Sweep, advice, sweep
-from vemcvx.cost.sweeping import JOURNAL, Grid
-from vemcvx.cost.table import Row, answers, effectivities, picture, table, within_reach, without_limit
-from vemcvx.cost.workers import REFUSED
+from vemcvx.cost.sweeping import JOURNAL, Point, Sweep, sweep
+from vemcvx.cost.table import advice, answers, in_words, picture, table, within_reach, without_limit
+from vemcvx.cost.workers import DONE
 from vemcvx.estimate.adapt import OF
 from vemcvx.meshes import FAMILIES, SPACE_FAMILIES
 
 USUAL = ("squares", "triangles", "voronoi")
 USUAL_N, USUAL_TARGETS = "8,16,32,64,128", "0.05,0.02,0.01"
 IN_SPACE, N_IN_SPACE, TARGETS_IN_SPACE = ("cubes", "tetrahedra"), "3,6,12", "0.2,0.1"
-TABLE, PICTURE, RATIOS = "cost.csv", "cost.png", "effectivity.png"
+OTHERS = "clarabel", "osqp"
+TABLE, PICTURE = "cost.csv", "cost.png"
 
 
-@dataclass(frozen=True)
-class FromFile:
-    """The ingredients of points, of a problem file: each process reads it anew."""
-
-    path: str
-    settings: tuple[str, ...]
-
-    @property
-    def mark(self) -> str:
-        """A hash of the problem file's contents; files that it imports are not read."""
-        words = [__version__.encode(), Path(self.path).read_bytes(), *map(os.fsencode, self.settings)]
-        return hashlib.sha256(b"\0".join(words)).hexdigest()[:16]
-
-    def __call__(self, point: Point) -> Ingredients:
-        """Read the file, and make what `simulate` takes."""
-        problem, solver = read_problem(self.path), named_solver(point.solver, point.accuracy)
-        return problem.posed(self.settings, problem.mesh(point.n, point.family), point.steps or 2, solver)
+def posed_point(path: Path, settings: Sequence[str], point: Point) -> Posed:
+    """Read the problem file, and make what `simulate` takes, of two steps if the point has none."""
+    problem, solver = read_problem(path), named_solver(point.solver, point.accuracy)
+    return problem.posed(settings, problem.mesh(point.n, point.family), point.steps or 2, solver)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,14 +78,7 @@ class Cost:
         ),
     ] = None
     of: Of = "energy"
-    bound: Annotated[
-        bool,
-        typer.Option("--bound", help="Guaranteed bounds beside estimates, and a picture of both over true errors."),
-    ] = False
-    workers: Annotated[int, typer.Option(help="Processes at once.")] = 2
-    scheduler: Annotated[
-        str | None, typer.Option(metavar="ADDRESS", help="Take the workers of this dask.distributed scheduler.")
-    ] = None
+    workers: Annotated[int, typer.Option(min=1, help="Processes at once.")] = 2
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Table, picture, journal. (default: results/cost_<problem>)")
     ] = None
@@ -108,58 +90,66 @@ class Cost:
     def __call__(self) -> None:
         """Sweep, write the table and the picture, and say what came out."""
         problem = read_problem(self.file)
-        grid = self.grid(problem)
         if self.of not in OF:
             raise ProblemError(f"--of: found {self.of!r}; errors are of {', '.join(OF)}.")
-        if self.bound and self.of != "energy":
-            raise ProblemError(f"--bound: bounds are of the energy norm alone; omit --of {self.of}.")
-        if self.workers < 1:
-            raise ProblemError(f"--workers: found {self.workers}; wanted at least one.")
-        recipe = FromFile(str(problem.path.resolve()), tuple(self.settings))
+        targets = self._targets(problem)
+        points, path = self.points(problem, targets), problem.path.resolve()
         folder = self.out or Path("results") / f"cost_{problem.name}"
-        recipe(grid.coarsest)  # A problem that cannot be posed is an error here, and not in every point.
+        recipe = partial(posed_point, path, tuple(self.settings))
+        recipe(points[-1])  # A problem that cannot be posed is an error here, and not in every point.
         with Owned(folder) as own:
             # A folder whose files could not be written is refused before the sweep begins.
-            for name in (TABLE, PICTURE, JOURNAL, *([RATIOS] if self.bound else [])):
+            for name in (TABLE, PICTURE):
                 own.take(name)
+        # The contents of files that the problem file imports are not read.
+        words = [__version__.encode(), path.read_bytes(), *map(os.fsencode, self.settings)]
+        mark = hashlib.sha256(b"\0".join(words)).hexdigest()
         with progress_bar("starting") as shown:
-            how: dict[str, Any] = {"workers": self.workers, "scheduler": self.scheduler, "fresh": not self.resume}
-            found = sweep(recipe, grid, folder, told=shown, **how)
-        lines = [f"{problem.name}: {problem.title}", *_of_reference(found), *_of_points(found), ""]
-        lines += advice(found.rows, grid.targets or within_reach(found.rows))
-        say("\n".join([*lines, "", _written(found, grid, folder, problem)]))
+            found = sweep(recipe, points, folder, mark=mark, workers=self.workers, fresh=not self.resume, told=shown)
+        lines = [f"{problem.name}: {problem.title}", *_of_reference(found), *_of_rows(found), ""]
+        lines += advice(found.rows, targets or within_reach(found.rows))
+        say("\n".join([*lines, "", _written(found, targets, folder, f"{problem.name}: what accuracy costs")]))
 
-    def grid(self, problem: Problem) -> Grid:
-        """The grid that is asked for."""
-        several = "one or more, with commas between"
-        known = dict.fromkeys([*problem.families, *([problem.family] if problem.family else [])])
-        space = problem.in_space()
-        families: tuple[str | None, ...] = USUAL if problem.family in FAMILIES else (None,)
-        families = IN_SPACE if problem.family in SPACE_FAMILIES else families
-        if self.mesh is not None:
-            families = listed("--mesh", self.mesh, str, several)
-            for family in families:
-                if family not in known:
-                    raise ProblemError(f"--mesh: there is no family {family!r}; there are {', '.join(known)}.")
-        solvers = None if self.solver is None else listed("--solver", self.solver, str, several)
-        for solver in solvers or ():
+    def _targets(self, problem: Problem) -> tuple[float, ...]:
+        """Return the targets; --n alone asks for these meshes, and for no adaptive ones."""
+        usual = TARGETS_IN_SPACE if problem.in_space() else USUAL_TARGETS
+        typed = self.target or (usual if self.n is None else None)
+        return tuple(sorted(listed("--target", typed, _share, SHARES), reverse=True)) if typed else ()
+
+    def points(self, problem: Problem, targets: Sequence[float]) -> list[Point]:
+        """Return all combinations, those with most work first, so that at the end no worker waits long for another.
+
+        Without a choice of solvers Newton runs everywhere, and others on some meshes of the first family.
+        """
+        kinds = self._families(problem)
+        ns = listed("--n", self.n or (N_IN_SPACE if problem.in_space() else USUAL_N), _whole, WHOLE)
+        steps = listed("--steps", self.steps, _whole, WHOLE)
+        solvers = ("newton",) if self.solver is None else listed("--solver", self.solver, str, SEVERAL)
+        for solver in solvers:
             named_solver(solver, None)
-        # Who says how fine meshes are to be asks for no others, be they adaptive or those of a far finer reference.
-        usual = TARGETS_IN_SPACE if space else USUAL_TARGETS
-        targets = self.target or (usual if self.n is None else None)
-        return Grid(
-            families=families,
-            ns=listed("--n", self.n or (N_IN_SPACE if space else USUAL_N), _whole, WHOLE),
-            steps=listed("--steps", self.steps, _whole, WHOLE),
-            solvers=solvers,
-            accuracies=None if self.accuracy is None else listed("--accuracy", self.accuracy, _share, SHARES),
-            targets=tuple(sorted(listed("--target", targets, _share, SHARES), reverse=True)) if targets else (),
-            adaptive=self.adaptive,
-            of=self.of,
-            bounded=self.bound,
-        )
+        accuracies = (1e-8,) if self.accuracy is None else listed("--accuracy", self.accuracy, _share, SHARES)
+        found = [Point(*one) for one in product(kinds, ns, steps, solvers, accuracies)]
+        if self.solver is None and self.accuracy is None:
+            where = sorted(ns)[1:-1:2] or ns[:1]
+            found += [Point(*one) for one in product(kinds[:1], where, steps[-1:], OTHERS, (1e-3, 1e-6))]
+        found.sort(key=lambda point: (point.n, point.steps), reverse=True)
+        if self.adaptive:
+            first = Point(None, min(ns), None, solvers[0], min(accuracies))
+            found = [replace(first, family=kind, target=target) for kind, target in product(kinds, targets)] + found
+        return [replace(point, of=self.of) for point in dict.fromkeys(found)]
+
+    def _families(self, problem: Problem) -> tuple[str | None, ...]:
+        if self.mesh is None:
+            return USUAL if problem.family in FAMILIES else IN_SPACE if problem.family in SPACE_FAMILIES else (None,)
+        known = dict.fromkeys([*problem.families, *([problem.family] if problem.family else [])])
+        families = listed("--mesh", self.mesh, str, SEVERAL)
+        for family in families:
+            if family not in known:
+                raise ProblemError(f"--mesh: there is no family {family!r}; there are {', '.join(known)}.")
+        return families
 
 
+SEVERAL = "one or more, with commas between"
 WHOLE = "whole numbers from 1, such as 8,16,32"
 SHARES = "relative errors between 0 and 1, such as 0.05,0.01"
 
@@ -177,71 +167,43 @@ def _share(word: str) -> float:
 
 
 def _of_reference(found: Sweep) -> list[str]:
-    it = found.reference
-    own = "with no estimate of its own error" if it.estimated is None else f"its own error estimated {it.estimated:.2%}"
-    size = f"{it.cells} cells, {it.unknowns} unknowns, {it.made} steps"
-    instants = ", ".join(f"{t:g}" for t in it.instants)
+    it, instants = found.reference, ", ".join(f"{t:g}" for t in found.instants)
+    known = it["estimated_error"]
+    own = "with no estimate of its own error" if known is None else f"its own error estimated {known:.2%}"
     errors = f"in the energy norm, the largest at t = {instants}, relative to the largest norm"
-    if it.value is not None:
-        errors = f"of {OF[it.of]} at the end, {it.value:.6g} by the reference, relative to that"
+    if "value" in it:
+        errors = f"of {OF[it['of']]} at the end, {it['value']:.6g} by the reference, relative to that"
+    size = f"{it['cells']} cells, {it['unknowns']} unknowns, {it['steps']} steps"
     lines = [
-        f"reference   {size}, {own} (wanted: {it.goal:.2%}), {it.seconds:.3g} s",
+        f"reference   {size}, {own}, {it['seconds']:.3g} s",
         f"errors      {errors}",
         "seconds     in one thread, from assembly to answer; the first mesh is made before",
     ]
-    if it.estimated is not None and it.estimated > it.goal:
-        lines.append("            more than was wanted: true errors below four times that are uncertain themselves")
-    if it.common:
-        lines.append(
-            "            meshes do not cover one domain: errors are measured where they overlap the reference's"
-        )
+    if known is not None and any(row["error"] < 4 * known for row in answers(found.rows)):
+        lines.append(f"uncertain   errors below {4 * known:.2%}, four times that of the reference: take a larger --n")
     return lines
 
 
-def _of_points(found: Sweep) -> list[str]:
+def _of_rows(found: Sweep) -> list[str]:
     rows = found.rows
     lines = [f"points      {len(rows)}, {found.kept} of them finished before"]
-    ratios = [one.row.estimated / one.error for one in answers(rows) if one.row.estimated is not None and one.error > 0]
+    ratios = [row["estimated_error"] / row["error"] for row in answers(rows) if row["estimated_error"] and row["error"]]
     if ratios:
         lines.append(f"estimates   {min(ratios):.2g} to {max(ratios):.2g} times the true error")
-    lines += _of_bounds(rows)
-    for row in rows:
-        if not row.done:
-            words = " ".join(row.message.split())
-            words = words.split("; ")[0] if row.status == REFUSED else words
-            lines.append(f"            {row.status}: {row.settings}: {words}")
+    lines += [f"{row['status']:11s} {in_words(row)}: {row['message']}" for row in rows if row["status"] != DONE]
     lines += [f"extremes    {words}" for words in without_limit(rows)]
-    warned = dict.fromkeys(row.message for row in rows if row.done and row.message)
+    warned = dict.fromkeys(row["message"] for row in answers(rows) if row["message"])
     return [*lines, *(f"warning     {words}" for words in warned)]
 
 
-def _of_bounds(rows: Sequence[Row]) -> list[str]:
-    known = [(one.row.bound_of, one.row.bound or 0.0, one.error) for one in answers(rows)]
-    ratios = [bound / error for of, bound, error in known if of == "history" and error > 0]
-    sizes = [bound for of, bound, _ in known if of == "step"]
-    lines = []
-    if ratios:
-        lines.append(f"bounds      {min(ratios):.2g} to {max(ratios):.2g} times the true error, guaranteed")
-    if sizes:
-        lines.append(
-            f"bounds      of the mesh in a step, given the one before: {min(sizes):.2%} to {max(sizes):.2%}, "
-            "guaranteed, with Coulomb's law for the friction that the run's pressure gives"
-        )
-    if any(row.done and row.bounded and row.bound is None for row in rows):
-        lines.append("bounds      none for this scene, or part of it; vemcvx run --bound says why")
-    return lines
-
-
-def _written(found: Sweep, grid: Grid, folder: Path, problem: Problem) -> str:
-    files, title = f"files       {folder}: {TABLE}, {JOURNAL}", f"{problem.name}: what accuracy costs"
+def _written(found: Sweep, targets: Sequence[float], folder: Path, title: str) -> str:
+    files, rows = f"files       {folder}: {TABLE}, {JOURNAL}", found.rows
     with Owned(folder) as own:
-        own.write(TABLE, table(found.rows))
-        if not any(row.done for row in found.rows):
+        own.write(TABLE, table(rows))
+        if not answers(rows):
             return f"{files}\npicture     none: no run has an answer"
         try:
-            drawn = picture(found.rows, grid.targets, found.reference.estimated, title, OF[grid.of])
-            pictures = {PICTURE: drawn, RATIOS: effectivities(found.rows, title)}
+            drawn = picture(rows, targets, found.reference["estimated_error"], title, OF[rows[0]["of"]])
         except VemcvxError as error:
             return f"{files}\npicture     none: {error}"
-        names = [own.write(name, as_png(figure, 160)) for name, figure in pictures.items() if figure is not None]
-    return ", ".join([files, *names])
+        return f"{files}, {own.write(PICTURE, as_png(drawn, 160))}"

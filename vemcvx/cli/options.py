@@ -1,38 +1,17 @@
-"""Options of the commands: those that several commands share, and the names that shells complete for them.
-
-A command is a frozen dataclass. Its fields are the options, as typer reads them, its docstring is the help, and its
-objects do the work when they are called.
-"""
+"""Options that several commands share, and the names that shells complete for them."""
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Callable, Iterable
+from importlib import import_module
 from pathlib import Path
-from typing import Annotated, Any, get_type_hints
+from typing import Annotated, Any
 
 import typer
 
 from vemcvx.cli.solver_names import LINEAR, completions
 from vemcvx.cli.supplied import lessons, problem_files
-from vemcvx.cli.terminal import reported
-from vemcvx.estimate.adapt import OF
 from vemcvx.meshes import FAMILIES
-
-
-def add_command(program: typer.Typer, kind: type[Any]) -> None:
-    """Add a command to the program; errors of its work are a line and an exit code."""
-
-    def command(**given: Any) -> None:
-        with reported():
-            kind(**given)()
-
-    command.__doc__ = kind.__doc__
-    command.__annotations__ = types = get_type_hints(kind, include_extras=True)
-    parameters = inspect.signature(kind).parameters.values()
-    typed = [parameter.replace(annotation=types[parameter.name]) for parameter in parameters]
-    command.__signature__ = inspect.Signature(typed)  # type: ignore[attr-defined]
-    program.command(kind.__name__.lower())(command)
 
 
 def completing(names: Callable[[], Iterable[object]]) -> Callable[[str], list[str]]:
@@ -81,7 +60,7 @@ Of = Annotated[
     str,
     typer.Option(
         metavar="QUANTITY",
-        autocompletion=completing(lambda: OF),
+        autocompletion=completing(lambda: import_module("vemcvx.estimate.adapt").OF),
         help="The quantity of that error: energy (the energy norm), dissipated, work or wear.",
     ),
 ]

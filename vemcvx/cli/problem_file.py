@@ -16,20 +16,24 @@ from inspect import cleandoc
 from itertools import product
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vemcvx.base.arrays import brief
-from vemcvx.base.errors import ProblemError, VemcvxError, quietly
+from vemcvx.base.arrays import Floats, brief
+from vemcvx.base.errors import ProblemError, VemcvxError
 from vemcvx.cli.supplied import problem_path
-from vemcvx.cost import Ingredients
 from vemcvx.effects.effect import amount, where
+from vemcvx.history import History
 from vemcvx.meshes import FAMILIES, SPACE_FAMILIES, Mesh, PolygonMesh, PolyhedralMesh, read
 from vemcvx.plots.style import Units, checked_units
 from vemcvx.scene import Scene
+from vemcvx.simulation import simulate
 from vemcvx.solvers import Solver
 from vemcvx.stepping import checked_times
+
+if TYPE_CHECKING:
+    from vemcvx.estimate.adapt import Adapted
 
 
 def executed(path: Path, kind: str) -> ModuleType:
@@ -96,6 +100,28 @@ RETURNS = {
     "mesh": "a mesh for every number n of cells across the shortest side",
     "times": "instants for every number of steps",
 }
+
+
+@dataclass(frozen=True, eq=False)
+class Posed:
+    """The arguments of `simulate` and `adapt` for one run."""
+
+    scene: Scene
+    mesh: Mesh
+    times: Floats
+    solver: Solver | None = None
+    initial: Any = None
+
+    def simulated(self, **options: Any) -> History:
+        """Return the history on this mesh and at these instants."""
+        return simulate(self.scene, self.mesh, self.times, solver=self.solver, initial=self.initial, **options)
+
+    def adapted(self, instants: Floats, target: float, **options: Any) -> Adapted:
+        """Return the history on a mesh adapted from this one, which has these instants and the first."""
+        from vemcvx.estimate.adapt import adapt
+
+        wanted = np.append(self.times[0], instants)
+        return adapt(self.scene, self.mesh, wanted, target, solver=self.solver, initial=self.initial, **options)
 
 
 @dataclass(frozen=True)
@@ -188,24 +214,13 @@ class Problem:
         plane = usual <= SPACE_N or (family is not None and is_file(family)) or not self.in_space(family)
         return usual if plane else SPACE_N
 
-    def ignores_n(self, mesh: Mesh, n: int, family: str | None = None) -> bool:
-        """True if the mesh is the same for another n, as that of a file is."""
-        if family is not None and is_file(family):
-            return True
-        try:
-            with quietly():
-                other = self.mesh(2 if n != 2 else 3, family)
-        except VemcvxError:
-            return False
-        return np.array_equal(mesh.points, other.points)
-
     def times(self, steps: int) -> Any:
         """The instants; `simulate` checks them."""
         return self._call("times", steps)
 
-    def posed(self, settings: Sequence[str], mesh: Mesh, steps: int, solver: Solver | None = None) -> Ingredients:
+    def posed(self, settings: Sequence[str], mesh: Mesh, steps: int, solver: Solver | None = None) -> Posed:
         """The arguments of `simulate` and `adapt`: the scene of these settings, this mesh, and instants of steps."""
-        return Ingredients(self.scene(settings), mesh, checked_times(self.times(steps)), solver, self.initial)
+        return Posed(self.scene(settings), mesh, checked_times(self.times(steps)), solver, self.initial)
 
     @property
     def initial(self) -> Any:

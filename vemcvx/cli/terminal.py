@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import re
 import shutil
 import signal
 import sys
@@ -18,42 +17,27 @@ from textwrap import TextWrapper
 from typing import TypeVar
 
 import typer
-from rich.console import Console
-from rich.progress import BarColumn, Progress, Task, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-from rich.text import Text
 
 from vemcvx.base.errors import NotCertified, ProblemError, VemcvxError
 
 T = TypeVar("T")
-COLUMN = re.compile(r"\s*(?:\S+ {2,})?")
-"""The beginning of a line that names what it is about; on a terminal the line goes on in the column after it."""
+COLUMN = 12  # Where words begin in a line that names what it is about, and go on in the next.
 
 
 def say(text: str, err: bool = False) -> None:
-    """Print a text to standard output or standard error."""
+    """Print a text to standard output or standard error, where a terminal gets lines that fit."""
     terminal = (sys.stderr if err else sys.stdout).isatty()
     typer.echo(broken(text, shutil.get_terminal_size().columns) if terminal else text, err=err)
 
 
 def broken(text: str, width: int) -> str:
-    """A text in lines of at most so many characters, but for words that are longer."""
-    return "\n".join(_broken(line, width) for line in text.split("\n"))
-
-
-def _broken(line: str, width: int) -> str:
-    column = COLUMN.match(line)
-    indent = column.end() if column else 0
-    if len(line) > width and indent > width // 2 and not line[:indent].strip():
-        # What goes on in a column far to the right does so further to the left.
-        line, indent = " " * (width // 4) + line[indent:], width // 4
-    if len(line) <= width or indent > width // 2:
-        return line
-    wrap = TextWrapper(width - indent, break_long_words=False, break_on_hyphens=False)
-    return line[:indent] + f"\n{' ' * indent}".join(wrap.wrap(line[indent:]))
+    """Return a text in lines of at most so many characters, but for words that are longer."""
+    wrapper = TextWrapper(width, subsequent_indent=" " * COLUMN, break_long_words=False, break_on_hyphens=False)
+    return "\n".join(map(wrapper.fill, text.split("\n")))
 
 
 def listed(option: str, typed: str, kind: Callable[[str], T], wanted: str) -> tuple[T, ...]:
-    """The values of an option that takes several, with commas between, in their order and each once.
+    """Return the values of an option that takes several, with commas between, in their order and each once.
 
     `kind` makes a value of its words and raises ValueError where they mean none; `wanted` says what they should be.
     """
@@ -67,7 +51,7 @@ def listed(option: str, typed: str, kind: Callable[[str], T], wanted: str) -> tu
 
 
 def check_writable(path: Path, option: str) -> None:
-    """Refuse a file that could not be written before the work for it is done."""
+    """Fail before the work starts if the file cannot be written."""
     if path.is_dir() or not path.parent.is_dir():
         raise ProblemError(
             f"{option}: {path} cannot be written: its folder must exist, and the file must not be a folder."
@@ -83,50 +67,53 @@ def write_text(path: Path, text: str, option: str) -> None:
 
 
 Shown = Callable[[str, int, int | None], None]
-"""A function (doing, finished, total) that says how far a command is; without a total nobody knows."""
+"""A function (doing, finished, total) that says how far a command is; `total` is None if unknown."""
 EVERY = 10.0  # Seconds between lines where there is no terminal, so that shorter runs say nothing.
-
-
-class _Left(TimeRemainingColumn):
-    """The time that is left, where it can be told."""
-
-    def render(self, task: Task) -> Text:
-        return Text() if task.total is None else super().render(task) + " left"
 
 
 @contextmanager
 def progress_bar(doing: str) -> Iterator[Shown]:
     """Show on standard error what is done, how far and for how long: a bar on a terminal, else a line at times."""
-    console, ended, begin = Console(stderr=True), threading.Event(), time.monotonic()
+    if not sys.stderr.isatty():
+        yield Lines(doing)
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
     columns = TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[counted]}"), TimeElapsedColumn()
-    with Progress(*columns, _Left(), console=console, transient=True, disable=not console.is_terminal) as bar:
-        task = bar.add_task(doing, total=None, counted="", first=0)
+    with Progress(*columns, TimeRemainingColumn(), console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(doing, total=None, counted="")
 
         def shown(doing: str, finished: int, total: int | None) -> None:
             if doing != bar.tasks[task].description:
-                bar.reset(task, description=doing, total=total, completed=finished, counted="", first=finished)
-            counted = f"{finished}/{total}" if total is not None else ""
+                bar.reset(task, description=doing)
+            counted = "" if total is None else f"{finished}/{total}"
             bar.update(task, completed=finished, total=total, counted=counted)
 
-        def speak() -> None:
-            while not ended.wait(EVERY):
-                now, words = bar.tasks[task], f", {time.monotonic() - begin:.0f} s"
-                total, finished, done = now.total, now.completed, now.completed - now.fields["first"]
-                if total is not None:
-                    words = f" {finished:.0f} of {total:.0f}{words}"
-                    if done > 0:
-                        words += f", {(now.elapsed or 0.0) * (total - finished) / done:.0f} s left"
-                say(f"vemcvx: {now.description}{words}", err=True)
+        yield shown
 
-        speaker = threading.Thread(target=speak, daemon=True)
-        try:
-            if bar.disable:
-                speaker.start()
-            yield shown
-        finally:
-            ended.set()
-            if bar.disable:
-                speaker.join()
+
+class Lines:
+    """Lines on standard error, `EVERY` so many seconds: what is done, how far, and how long it still takes."""
+
+    def __init__(self, doing: str):
+        self.begun = self.said = self.since = time.monotonic()
+        self.doing, self.first = doing, 0
+
+    def __call__(self, doing: str, finished: int, total: int | None) -> None:
+        """Note how far a command is, and say so if the last line is old."""
+        now = time.monotonic()
+        if doing != self.doing:
+            self.doing, self.first, self.since = doing, finished, now
+        if now - self.said < EVERY:
+            return
+        self.said, words = now, f"vemcvx: {doing}"
+        if total is not None:
+            words += f" {finished} of {total}"
+        words += f", {now - self.begun:.0f} s"
+        if total is not None and finished > self.first:
+            words += f", {(now - self.since) * (total - finished) / (finished - self.first):.0f} s left"
+        say(words, err=True)
 
 
 @contextmanager

@@ -1,153 +1,117 @@
-"""Workers: a function in a process of its own, and many at once in threads here or on a cluster.
+"""A function in a process of its own: whatever becomes of it, the caller goes on.
 
-A process of its own holds at its peak what the run needs, not what runs before it left behind; BLAS has one thread in
-it, so that seconds of runs side by side compare; and a run that is out of memory or crashes takes nothing else with it.
-The process ends when the one that started it does, however that ends: its standard input, which stays open, is closed
-then.
+The peak memory of such a process is that of one run alone. BLAS has one thread in it, so that seconds of runs side by
+side compare. A run that crashes or is out of memory ends no other run, which is why each run has a process, and no
+pool of processes shares the runs. The process ends when the one that started it does, however that ends.
 """
 
 from __future__ import annotations
 
-import faulthandler
 import os
-import pickle
-import subprocess
-import sys
-import tempfile
+import signal
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
-from multiprocessing.pool import ThreadPool
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from multiprocessing import get_context, parent_process
+from multiprocessing.connection import Connection
 from typing import Any, TypeVar
 
-from vemcvx.base.errors import NotCertified, ProblemError, VemcvxError
+from vemcvx.base.errors import NotCertified, VemcvxError
 
 DONE, NOT_CERTIFIED, REFUSED, CRASHED = "done", "not certified", "refused", "crashed"
 """What becomes of a run: an answer; a less accurate one than asked; no well-posed problem; broken down."""
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
-LATE = b"Timeout ("  # The beginning of the reply of a process that faulthandler has ended; no pickle begins so.
-PROGRAM = "from vemcvx.cost.workers import main; main()"
+STARTING = threading.Lock()  # A new process takes its environment from this one: one is started at a time.
 Result = TypeVar("Result")
 
 
 class Crashed(Exception):
-    """The process died, or raised another error; its last words."""
+    """The process died, or raised an error that is none of this package."""
 
 
 class TookTooLong(Exception):
     """The process was ended when its time was up."""
 
 
-def alone(
-    function: Callable[..., Result], *given: Any, seconds: float | None = None, ready: Callable[[], object] = list
-) -> Result:
+def alone(function: Callable[..., Result], *given: Any, seconds: float | None = None) -> Result:
     """Call a function of a module in a new process, with arguments and result that can be pickled.
 
-    With `seconds` the process is ended so long after it has called `ready`. Raises the function's own VemcvxError, or
-    Crashed or TookTooLong.
+    With `seconds` the process is ended so long after its start. Raises the VemcvxError of the function, or Crashed or
+    TookTooLong.
     """
-    path = os.pathsep.join(entry or os.getcwd() for entry in sys.path)
-    env = {**os.environ, **dict.fromkeys(THREADS, "1"), "PYTHONPATH": path}
-    reply, pipe = b"", subprocess.PIPE
-    # The file has no name, so that nothing is left of it, whatever happens.
-    with tempfile.TemporaryFile() as said:
-        with subprocess.Popen(
-            [sys.executable, "-c", PROGRAM], env=env, stdin=pipe, stdout=pipe, stderr=said
-        ) as process:
-            if process.stdin and process.stdout:
-                # It may have died already.
-                with suppress(OSError):
-                    process.stdin.write(pickle.dumps((seconds, ready, function, given)))
-                    process.stdin.flush()
-                reply = process.stdout.read()
-            code = process.wait()
-        if reply.startswith(LATE):
+    context = get_context("spawn")
+    receiver, sender = context.Pipe(duplex=False)
+    process = context.Process(target=_answer, args=(sender, function, given), daemon=True)
+    with STARTING, _one_thread():
+        process.start()
+    sender.close()
+    try:
+        if not receiver.poll(seconds):
             raise TookTooLong
-        if code < 0:
-            hint = ", as the system does to a process that takes too much memory" if code == -9 else ""
-            raise Crashed(f"killed by signal {-code}{hint}")
-        if code or not reply:
-            said.seek(0)
-            lines = said.read().decode(errors="replace").strip().splitlines()
-            raise Crashed(lines[-1] if lines else f"ended with exit code {code}")
-    result, refusal = pickle.loads(reply)
-    if refusal is not None:
-        raise refusal
+        result, error = receiver.recv()
+    except EOFError:
+        process.join()
+        raise Crashed(_ending(process.exitcode or 0)) from None
+    finally:
+        process.kill()
+        process.join()
+        receiver.close()
+    if error is not None:
+        raise error
     return result
 
 
 def outcome(function: Callable[..., Any], *given: Any) -> tuple[str, Any]:
-    """Call a function in a process of its own: DONE and its result, or what came of it instead, and why."""
+    """Call a function in a process of its own, and return DONE and its result, or another end and its reason."""
     try:
         return DONE, alone(function, *given)
     except VemcvxError as error:
         return NOT_CERTIFIED if isinstance(error, NotCertified) else REFUSED, str(error)
-    except (Crashed, MemoryError, OSError) as crash:
-        return CRASHED, str(crash) or type(crash).__name__
-
-
-def main() -> None:
-    """Answer one request on standard input: the other side of :func:`alone`."""
-    reply = os.dup(1)  # Words that the function prints must not come between the bytes of the reply.
-    os.dup2(2, 1)
-    seconds, ready, function, given = pickle.load(sys.stdin.buffer)
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-    answer: tuple[Any, VemcvxError | None]
-    with os.fdopen(reply, "wb") as stream:
-        if seconds is not None:
-            ready()
-            # faulthandler ends the process whatever the function is doing: it waits for no lock of Python's.
-            faulthandler.dump_traceback_later(min(seconds, threading.TIMEOUT_MAX), exit=True, file=stream)
-        try:
-            answer = (function(*given), None)
-        except VemcvxError as error:
-            # Classes of users' files are not known on the other side.
-            answer = (None, error if type(error).__module__ == VemcvxError.__module__ else VemcvxError(str(error)))
-        faulthandler.cancel_dump_traceback_later()
-        pickle.dump(answer, stream)
-
-
-def _end_with_parent() -> None:
-    # Python's own buffer would hold a lock while this thread waits, at the end of the program, too.
-    os.read(0, 1)
-    os._exit(1)
-
-
-Results = Callable[[Callable[..., Any], list[tuple[Any, ...]]], Iterator[Any]]
-"""A function that calls another for many arguments at once, and yields results as they are finished."""
+    except (Crashed, OSError) as crash:
+        return CRASHED, str(crash)
 
 
 @contextmanager
-def pool(workers: int, scheduler: str | None) -> Iterator[Results]:
-    """The results of threads here, or of the workers of a dask.distributed scheduler.
-
-    Each waits for a process of its own, so that threads are enough. Workers of a cluster must see the folder of the
-    sweep and the problem file under the same paths, and have the same packages.
-    """
-    if scheduler is None:
-        # The threads of a ThreadPool end with the program, whatever they wait for.
-        with ThreadPool(workers) as threads:
-            yield lambda function, given: threads.imap_unordered(lambda some: function(*some), given)
-        return
+def _one_thread() -> Iterator[None]:
+    """Give processes that start inside the block one thread of BLAS each."""
+    before = {name: os.environ.get(name) for name in THREADS}
+    os.environ.update(dict.fromkeys(THREADS, "1"))
     try:
-        from distributed import Client, as_completed
-    except ImportError:
-        raise ProblemError(
-            "--scheduler needs distributed, which is not installed: pip install 'vemcvx[cluster]'"
-        ) from None
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+
+
+def _answer(sender: Connection, function: Callable[..., Any], given: tuple[Any, ...]) -> None:
+    """Call the function in the new process, and send its result, or the error that it raises."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that started this one.
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    answer: tuple[Any, Exception | None]
     try:
-        client = Client(scheduler)
-    except (OSError, ValueError) as error:
-        raise ProblemError(
-            f"--scheduler: no dask scheduler answers at {scheduler!r} ({error}); start one with `dask scheduler`, and "
-            "workers with `dask worker ADDRESS`, on machines that see this folder."
-        ) from error
-    with client:
-        if not client.nthreads():
-            raise ProblemError(f"--scheduler: {scheduler} has no workers; start some with `dask worker {scheduler}`.")
+        # Words and bars of runs side by side would stand one over the other.
+        with open(os.devnull, "w") as nowhere, redirect_stdout(nowhere), redirect_stderr(nowhere):
+            answer = function(*given), None
+    except VemcvxError as error:
+        # The other process does not know the classes of a user's file.
+        answer = None, error if type(error).__module__ == VemcvxError.__module__ else VemcvxError(str(error))
+    except Exception as error:
+        answer = None, Crashed(f"{type(error).__name__}: {error}")
+    sender.send(answer)
 
-        def results(function: Callable[..., Any], given: list[tuple[Any, ...]]) -> Iterator[Any]:
-            asked = [client.submit(function, *arguments, pure=False) for arguments in given]
-            return (future.result() for future in as_completed(asked))
 
-        yield results
+def _end_with_parent() -> None:
+    if (parent := parent_process()) is not None:
+        parent.join()
+        os._exit(1)
+
+
+def _ending(code: int) -> str:
+    """Say how a process died."""
+    if code >= 0:
+        return f"ended with exit code {code}"
+    hint = ", as the system does to a process that takes too much memory" if -code == signal.SIGKILL else ""
+    return f"killed by signal {-code}{hint}"

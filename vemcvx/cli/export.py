@@ -1,0 +1,74 @@
+"""`vemcvx export`: the convex programs of some steps, for other solvers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from vemcvx.base.errors import ProblemError
+from vemcvx.base.owned_files import Owned
+from vemcvx.cli.options import NONE, Accuracy, Condense, File, Linear, Mesh, N, Settings, SolverName
+from vemcvx.cli.problem_file import read_problem
+from vemcvx.cli.run import Run
+from vemcvx.cli.solver_names import served
+from vemcvx.cli.terminal import listed, progress_bar, say
+from vemcvx.exchange import FORMATS, encoded
+from vemcvx.results.results import programs_of_steps
+
+
+@dataclass(frozen=True, kw_only=True)
+class Export:
+    """Write the convex programs of some steps, for other solvers, with their certified optima."""
+
+    file: File
+    steps: Annotated[
+        str, typer.Option(metavar="N,N-N,...", help="The steps to write, 1-8 for a range; 1 is the first.")
+    ]
+    form: Annotated[str, typer.Option("--format", help="npz, mtx, cbf, qps, mps or hdf5.")] = "npz"
+    out: Annotated[Path | None, typer.Option(metavar="DIR", help="(default: results/programs_<problem>)")] = None
+    mesh: Mesh = None
+    n: N = None
+    of: Annotated[int, typer.Option(min=1, help="Steps of backward Euler that the run has.")] = 64
+    solver: SolverName = "newton"
+    accuracy: Accuracy = None
+    condense: Condense = True
+    linear: Linear = None
+    settings: Settings = NONE
+
+    def __call__(self) -> None:
+        """Simulate, write the programs with words beside them, and say what was written."""
+        if served(self.linear):
+            return
+        problem = read_problem(self.file)
+        such = f"numbers from 1 to {self.of} with commas between, or ranges, such as 1,{self.of} or 1-{self.of}"
+        runs = listed("--steps", self.steps, self._steps, f"{such}; --of says how many steps the run has")
+        numbers = tuple(dict.fromkeys(n for run in runs for n in run))
+        if self.form not in FORMATS:
+            raise ProblemError(f"--format: there is no format {self.form!r}; there are {', '.join(FORMATS)}.")
+        with Owned(self.out or Path("results") / f"programs_{problem.name}") as folder:
+            kept = sorted({m for n in numbers for m in (n - 1, n)})
+            mesh = problem.mesh(self.n or problem.usual_n(16, self.mesh), self.mesh, self.settings)
+            same = ("file", "solver", "accuracy", "condense", "linear", "settings")
+            run = Run(**{name: getattr(self, name) for name in same})
+            with progress_bar("assembling") as shown:
+                history, _ = run.simulated(problem, mesh, self.of, kept, shown=shown)
+            lines = [f"{problem.name}: {problem.title}", f"files       {folder.path}"]
+            for program in programs_of_steps(history, numbers, self.condense):
+                origin = {"problem": problem.name, "settings": list(self.settings), **program.origin}
+                name, own = f"{problem.name}_{program.step}", replace(program, origin=origin)
+                for end, data in encoded(own, self.form).items():
+                    folder.write(f"{name}{end}", data)
+                low, high = program.bounds
+                counts = f"{len(program.g)} unknowns, {len(program.w)} norm terms, {len(program.e)} limits"
+                lines.append(f"{name}.{self.form}  {counts}; the optimum is between {low:.17g} and {high:.17g}")
+        say("\n".join(lines))
+
+    def _steps(self, words: str) -> range:
+        first, dash, last = words.partition("-")
+        last = last if dash else first
+        if not (first.isdecimal() and last.isdecimal() and 1 <= int(first) <= int(last) <= self.of):
+            raise ValueError
+        return range(int(first), int(last) + 1)

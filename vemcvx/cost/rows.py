@@ -1,0 +1,66 @@
+"""Rows of tables: the settings of a run, what became of it, and its figures, by name; and files of such rows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from vemcvx.plots.style import Units, in_units
+from vemcvx.results.files import ENERGIES, finite_or_none, peak_memory_mb
+from vemcvx.results.results import Results
+from vemcvx.results.table import Table
+
+Row = dict[str, Any]
+"""A value that does not exist is None or missing."""
+COUNTS = "sticking", "slipping", "open"
+PLAIN = {
+    "certified": "certified relative energy error of a step",
+    "certified_total": "certified errors of the steps, added up",
+    "estimated_error": "estimated relative energy error",
+    "steps": "steps",
+    "cells": "cells",
+    "unknowns": "unknowns",
+    "seconds": "seconds",
+    "peak_mb": "most memory of the process, MB",
+}
+NAMES = (
+    *(*ENERGIES, "displacement", "von_mises", "largest_principal_stress", "smallest_principal_stress"),
+    *("slip", "friction", "pressure", "pressure_recovered", *COUNTS, *PLAIN),
+)
+"""Figures of a run: of a quantity at the end, or the largest of all steps."""
+
+
+def figures(history: Results) -> Row:
+    """Return the figures of a run, those of `NAMES` that it has."""
+    run, touch = history.trajectory, history.contact
+    counts = dict(zip(COUNTS, (touch.stick_count, touch.slip_count, touch.open_count), strict=True))
+    return {
+        **{name: finite_or_none(getattr(run, name)[-1]) for name in ENERGIES},
+        **{one.key: finite_or_none(one.value) for one in history.extremes},
+        **({name: int(count[-1]) for name, count in counts.items()} if len(touch.nodes) else {}),
+        "certified": finite_or_none(run.certified.max()),
+        "certified_total": finite_or_none(run.certified_total.max()),
+        **({"estimated_error": history.errors["total"]} if history.errors else {}),
+        "steps": history.steps,
+        "cells": history.mesh.n_cells,
+        "unknowns": run.state.shape[1],
+        "seconds": sum(history.seconds.values()),
+        "peak_mb": peak_memory_mb(),
+    }
+
+
+def labels(history: Results, units: Units | None = None) -> dict[str, str]:
+    """Return the figures of a run in words, with their units."""
+    energy = in_units("energy", units)
+    return {
+        **{name: f"{name.replace('_second_order', ', of second order')}\n({energy})" for name in ENERGIES},
+        **{one.key: f"{one.name}\n({in_units(one.unit, units)})" for one in history.extremes},
+        **{name: f"nodes that are {name} at the end" for name in COUNTS},
+        **PLAIN,
+    }
+
+
+def csv(rows: Sequence[Row]) -> str:
+    """Return rows as comma-separated values, with all columns that some row has."""
+    heads = list(dict.fromkeys(name for row in rows for name in row))
+    return Table(heads, [list(map(row.get, heads)) for row in rows]).csv()

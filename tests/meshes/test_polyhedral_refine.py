@@ -271,7 +271,7 @@ def test_boxes_that_are_far_away_small_or_thin(box):
 @pytest.mark.long
 def test_refinement_ends_where_rounding_begins():
     mesh, said = tetrahedra(1), ""
-    for _ in range(60):
+    for _ in range(200):
         try:
             mesh = mesh.refine([np.argmax(mesh.centroids.sum(axis=1))])
         except vx.MeshError as error:

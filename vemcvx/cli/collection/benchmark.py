@@ -165,7 +165,7 @@ Row = Mapping[str, Any]
 """An instance, as the manifest has it."""
 
 
-def read_instances(folder: Path, only: str | None = None) -> list[Row]:
+def read_instances(folder: Path, only: str | None = None) -> Sequence[Row]:
     """Return the instances of a collection, or those whose grade or name has one of the words."""
     path = folder / MANIFEST
     try:

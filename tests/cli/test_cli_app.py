@@ -319,7 +319,7 @@ def address(tmp_path):
     with printed.open("w") as out, subprocess.Popen(command, stdout=out, stderr=out) as server:
         try:
             deadline = time.monotonic() + 120
-            while not (found := re.search(rf"http://127\.0\.0\.1:{port}/?\?access_token=[\w-]+", printed.read_text())):
+            while not (found := re.search(rf"http://localhost:{port}/?\?access_token=[\w-]+", printed.read_text())):
                 assert server.poll() is None, printed.read_text()
                 assert time.monotonic() < deadline, printed.read_text()
                 time.sleep(0.2)

@@ -26,6 +26,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from scipy.optimize import linear_sum_assignment
+from scipy.spatial.distance import cdist
 
 import vemcvx as vx
 
@@ -103,9 +105,11 @@ def compare(old, new, history, growth=GROWTH):
         last = growth * last + error
         allowed.append(last + ROUNDING * norm)
     allowed = np.array(allowed)
-    before = vx.measures.Field(
-        history.mesh, old.displacement, history.moduli, stabilisation=history.stabilisation or "shear"
-    )
+    rows = old.displacement
+    if rows.shape[1] == 3 and history.mesh.interfaces:
+        # Nodes that joining made are numbered otherwise than before: the old ones go to the nearest displacements.
+        rows = rows[linear_sum_assignment(cdist(new.displacement, rows))[1]]
+    before = vx.measures.Field(history.mesh, rows, history.moduli, stabilisation=history.stabilisation or "shear")
     distance = vx.measures.energy_distance(history, before, kind="nodal").absolute
     norms = np.sqrt(2 * old.energy) + np.sqrt(2 * new.energy)
     size = max(norm, old.dissipated.max() / norm if norm > 0 else 0.0)

@@ -545,7 +545,7 @@ def test_the_command_line_says_the_bound(tmp_path):
     told = json.loads((tmp_path / "summary.json").read_text())
     assert 0.0 < told["bound_lower"] < told["bound_upper"]
     assert f"{told['bound_lower']:.4g} ... {told['bound_upper']:.4g}" in done.output
-    assert "This is a theorem" in (tmp_path / "report.html").read_text()
+    assert "the error of the mesh in step 2" in (tmp_path / "report.html").read_text()
     assert "--bound" in (tmp_path / "report.html").read_text()
 
 

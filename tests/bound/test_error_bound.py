@@ -546,7 +546,6 @@ def test_the_command_line_says_the_bound(tmp_path):
     assert 0.0 < told["bound_lower"] < told["bound_upper"]
     assert f"{told['bound_lower']:.4g} ... {told['bound_upper']:.4g}" in done.output
     assert "the error of the mesh in step 2" in (tmp_path / "report.html").read_text()
-    assert "--bound" in (tmp_path / "report.html").read_text()
 
 
 @pytest.mark.long

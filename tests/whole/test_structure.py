@@ -27,7 +27,7 @@ PAGE = {
     "scene": "effects on a mesh, put together into a system",
     "solvers": "answers to a step's program",
     "stepping": "backward Euler: pose, answer, certify, record",
-    "results": "what a run leaves, in the words of contact",
+    "results": 2_193"what a run leaves, in the words of contact",
     "plots": "pictures and films of results",
     "history": "results and all that can be asked of them",
     "bound": "guaranteed bounds on the error",
@@ -62,7 +62,7 @@ HEAVY = {
 
 LINES = {"program": 2_162, "solvers": 1_320, "stepping": 1_755, "linear": 900, "scene": 1_800, "effects": 1_800}
 LINES |= {"exchange": 681, "testing": 975, "cli/collection": 1_211}
-LINES |= {"bound": 3_462, "results": 2_191, "estimate": 2_084, "plots": 1_925}
+LINES |= {"bound": 3_462, "results": 2_193, "estimate": 2_084, "plots": 1_925}
 LINES |= {"cost": 663, "cli": 3_698}
 LINES |= {"meshes": 7_265, "meshes/io": 1_491}
 """Most lines of folders: they grow by decision only, which raises a number here."""

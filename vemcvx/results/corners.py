@@ -129,7 +129,7 @@ class Corners:
         angle, held = self._angle(nodes), {one, other}
         if sides.contact[at].all() and abs(angle - np.pi) < CURVE:
             return ""
-        if 1 in held:
+        if 1 in held and len(held) > 1:
             angle, held = 2.0 * angle, held - {1}
         if angle < (np.pi + CURVE if len(held) < 2 else LEAST):
             return ""
@@ -151,12 +151,13 @@ class Corners:
     def _condition(self, sides: Sides, edge: int, nodes: Ints, row: int) -> tuple[int, str]:
         """Return in how many directions a side is held beside a place, and what it is; contact by the next node."""
         held, contact = int(sides.held[edge]), self.contact
+        at = np.isin(contact.nodes, np.setdiff1d(sides.edges[edge], nodes))
+        touches = held < 2 and sides.contact[edge] and contact.closed[row, at].any()
+        if touches and (contact.bound[row, at] > 0).any():
+            return 2, "contact with friction"
         if held or not sides.contact[edge]:
             return held, SUPPORTED[held]
-        at = np.isin(contact.nodes, np.setdiff1d(sides.edges[edge], nodes))
-        if not contact.closed[row, at].any():
-            return 0, "open contact"
-        return (2, "contact with friction") if (contact.bound[row, at] > 0).any() else (1, "contact")
+        return (1, "contact") if touches else (0, "open contact")
 
     def _angle(self, nodes: Ints) -> float:
         """Return the angle of all cells at a place together."""

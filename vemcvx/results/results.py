@@ -317,7 +317,8 @@ def _near(history: Results, corners: Corners, key: str, k: int) -> list[int]:
         return [k]
     if key in quoted.ON_CONTACT:
         node = int(history.contact.nodes[k])
-        return [node] if corners.sides is None else corners.sides.beside(node)
+        beside = [node] if corners.sides is None else corners.sides.beside(node)
+        return np.intersect1d(beside, history.contact.nodes).tolist()
     if isinstance(mesh, PolyhedralMesh):
         return np.unique(np.concatenate([*mesh.cells[k]])).tolist()
     offsets, vertices = mesh.cell_nodes

@@ -27,7 +27,7 @@ PAGE = {
     "scene": "effects on a mesh, put together into a system",
     "solvers": "answers to a step's program",
     "stepping": "backward Euler: pose, answer, certify, record",
-    "results": 2_193"what a run leaves, in the words of contact",
+    "results": "what a run leaves, in the words of contact",
     "plots": "pictures and films of results",
     "history": "results and all that can be asked of them",
     "bound": "guaranteed bounds on the error",

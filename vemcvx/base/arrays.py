@@ -29,7 +29,6 @@ SINGLE = 1e-6
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
-MatrixLike = ArrayLike | sp.sparray | sp.spmatrix  # A matrix as users give it, dense or sparse.
 Array = TypeVar("Array", bound=np.ndarray[Any, Any])
 
 SOME = 2**12

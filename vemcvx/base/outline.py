@@ -81,6 +81,6 @@ def in_a_line(value: object) -> str:
     return f"{value.shape} {kind}".rstrip()
 
 
-def coordinates(point: Iterable[float]) -> str:
-    """Return a point in four digits, such as (0.3, 1.25)."""
-    return f"({', '.join(f'{x:.4g}' for x in point)})"
+def coordinates(point: Iterable[float], digits: int = 4) -> str:
+    """Return a point in so many digits, such as (0.3, 1.25)."""
+    return f"({', '.join(f'{x:.{digits}g}' for x in point)})"

@@ -12,6 +12,7 @@ from scipy.sparse import csr_array
 
 from vemcvx.base.arrays import Bools, Floats, Ints, brief, plain, read_only
 from vemcvx.base.errors import MeshError
+from vemcvx.base.outline import coordinates
 from vemcvx.meshes.box import WHOLE, check_cell_data
 from vemcvx.meshes.interfaces import Interface, faces_of, on_boundary, padded
 from vemcvx.meshes.mesh import Mesh
@@ -150,7 +151,7 @@ def check_lengths(points: Floats, ends: Ints) -> None:
     if len(short):
         a, b = ends[short[0]]
         raise MeshError(
-            f"the edge ({a}, {b}) at ({', '.join(f'{x:.6g}' for x in points[a])}) is only "
+            f"the edge ({a}, {b}) at {coordinates(points[a], 6)} is only "
             f"{np.linalg.norm(points[b] - points[a]):.2g} long: its middle would be rounding of the coordinates. "
             "Refine elsewhere, or put the origin there."
         )

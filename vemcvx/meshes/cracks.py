@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from vemcvx.base.arrays import Bools, Floats, Ints, brief, read_only
 from vemcvx.base.errors import MeshError
+from vemcvx.base.outline import coordinates
 from vemcvx.meshes.box import check_name
 from vemcvx.meshes.carrying import check_marks
 from vemcvx.meshes.interfaces import Interface, faces_of, on_boundary, padded
@@ -124,6 +125,6 @@ def _check_opening(mesh: Mesh, origin: Ints, lip: Ints, other: Ints) -> None:
         at: Floats = mesh.points[origin[row[row >= 0]]].mean(axis=0)
         side, where, size = TIPS[mesh.PARTS]
         raise MeshError(
-            f"cut: the {side} at ({', '.join(f'{x:.6g}' for x in at)}) has a tip at {where} and cannot open. A crack "
+            f"cut: the {side} at {coordinates(at, 6)} has a tip at {where} and cannot open. A crack "
             f"inside a body is at least {size}: refine the mesh, or take more cells."
         )

@@ -19,6 +19,7 @@ import numpy as np
 
 from vemcvx.base.arrays import Floats, Ints
 from vemcvx.base.errors import MeshError
+from vemcvx.base.outline import coordinates
 from vemcvx.meshes.checks.space import find_upon
 from vemcvx.meshes.polygons import (
     cell_of_corner,
@@ -209,9 +210,8 @@ def _number(faces: Faces, of_face: Ints, points: Floats, body: Ints, place: Ints
 
 def unmatched(at: Floats) -> MeshError:
     """Return the error that refuses tilings which do not match near a point (3,)."""
-    where = ", ".join(f"{x:.6g}" for x in at)
     return MeshError(
-        f"bodies: the surfaces of two bodies do not match near ({where}): they are no pieces of the same planes, or "
-        "have edges and nodes hardly farther apart than the tolerance. Mesh both bodies alike there, or give another "
-        "tolerance=."
+        f"bodies: the surfaces of two bodies do not match near {coordinates(at, 6)}: they are no pieces of the "
+        "same planes, or have edges and nodes hardly farther apart than the tolerance. Mesh both bodies alike "
+        "there, or give another tolerance=."
     )

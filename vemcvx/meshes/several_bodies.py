@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from vemcvx.base.arrays import SAME, Floats, Ints, brief, is_real
 from vemcvx.base.errors import MeshError
+from vemcvx.base.outline import coordinates
 from vemcvx.meshes.box import WHOLE, check_cell_data, check_name
 from vemcvx.meshes.checks.plane import check_cells, find_misfit, lowest
 from vemcvx.meshes.checks.space import checked_in_space, enclosed, find_upon
@@ -160,9 +161,9 @@ def _same_places(names: tuple[str, ...], body: Ints, mesh: Any, distance: float)
     if (counts > 1).any():
         node = node[np.argmax(counts > 1)]
         raise MeshError(
-            f"bodies: two nodes of {names[body[node]]!r} near {_at(mesh.points[node])} would come to one place, within "
-            f"{distance:.3g} of another body's node: the tolerance must be well below the edges. Give a smaller "
-            "tolerance=."
+            f"bodies: two nodes of {names[body[node]]!r} near {coordinates(mesh.points[node], 6)} would come to "
+            f"one place, within {distance:.3g} of another body's node: the tolerance must be well below the edges. "
+            "Give a smaller tolerance=."
         )
     return place
 
@@ -261,10 +262,6 @@ def _check_names(
     return named
 
 
-def _at(point: Floats) -> str:
-    return f"({', '.join(f'{x:.6g}' for x in point)})"
-
-
 def _check_apart(names: tuple[str, ...], mesh: PolygonMesh, body: Ints) -> None:
     """Raise MeshError where bodies overlap or leave a slit, or moved nodes spoil a cell."""
     try:
@@ -287,17 +284,18 @@ def _overlap(names: tuple[str, ...], pair: Ints, at: Floats) -> MeshError:
     a, b = (names[number] for number in sorted(pair))
     cure = "give tolerance=, the largest distance between these" if len(at) == 2 else "mesh both bodies alike there"
     return MeshError(
-        f"bodies: {a!r} and {b!r} overlap near {_at(at)}. Move one of them; if their boundaries approximate one curve "
-        f"or curved surface, {cure}."
+        f"bodies: {a!r} and {b!r} overlap near {coordinates(at, 6)}. Move one of them; if their boundaries "
+        f"approximate one curve or curved surface, {cure}."
     )
 
 
 def _hardly_apart(names: tuple[str, ...], pair: Ints, distance: float, at: Floats) -> MeshError:
     a, b = (names[number] for number in sorted(pair))
     return MeshError(
-        f"bodies: {a!r} and {b!r} are apart by {distance:.3g} near {_at(at)}, less than {NARROW_BETWEEN_BODIES:g} of "
-        "the lowest cell, and without an interface never in contact. Bring them together (tolerance= matches what is "
-        "farther apart than rounding; a clearance is the gap= of a contact), or leave a larger gap."
+        f"bodies: {a!r} and {b!r} are apart by {distance:.3g} near {coordinates(at, 6)}, less than "
+        f"{NARROW_BETWEEN_BODIES:g} of the lowest cell, and without an interface never in contact. Bring them together "
+        "(tolerance= matches what is farther apart than rounding; a clearance is the gap= of a contact), or leave a "
+        "larger gap."
     )
 
 
@@ -313,8 +311,8 @@ def _touching(names: tuple[str, ...], pair: Ints, at: Floats) -> MeshError:
     first, second = (names[number] for number in sorted(pair))
     where, share = ("the point", "an edge") if len(at) == 2 else ("an edge or a point, near", "a face")
     return MeshError(
-        f"bodies: {first!r} and {second!r} touch only in {where} {_at(at)}, which is no interface. Leave a gap there, "
-        f"or let them share {share}."
+        f"bodies: {first!r} and {second!r} touch only in {where} {coordinates(at, 6)}, which is no interface. "
+        f"Leave a gap there, or let them share {share}."
     )
 
 

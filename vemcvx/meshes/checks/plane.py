@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from vemcvx.base.arrays import SINGLE, Floats, Ints, plain
 from vemcvx.base.errors import MeshError
+from vemcvx.base.outline import coordinates
 from vemcvx.meshes.box import LARGEST
 from vemcvx.meshes.interfaces import Interface, check_interfaces, pairs_of, places_of
 from vemcvx.meshes.polygons import (
@@ -157,11 +158,10 @@ def check_coincident(points: Floats, vertices: Ints) -> None:
     pairs = used[close_pairs(points[used], TOLERANCE * np.abs(points).max())]
     if len(pairs):
         a, b = sorted(pairs[0])
-        at = ", ".join(f"{x:.9g}" for x in points[a])
         raise MeshError(
-            f"nodes {a} and {b} are in the same place, ({at}). Give them one number, so that the cells around them are "
-            "joined; or, if two bodies meet there, make a mesh (a file) of each and put them together with "
-            "vx.meshes.bodies, which keeps the nodes of each and names the interface."
+            f"nodes {a} and {b} are in the same place, {coordinates(points[a], 9)}. Give them one number, so "
+            "that the cells around them are joined; or, if two bodies meet there, make a mesh (a file) of each and "
+            "put them together with vx.meshes.bodies, which keeps the nodes of each and names the interface."
         )
 
 
@@ -220,7 +220,7 @@ def _check_coverage(points: Floats, offsets: Ints, vertices: Ints) -> None:
     misfit = find_misfit(outlines(points, offsets, vertices), width)
     if misfit is None:
         return
-    (one, other), at = sorted(misfit.cells), f"({misfit.at[0]:.6g}, {misfit.at[1]:.6g})"
+    (one, other), at = sorted(misfit.cells), coordinates(misfit.at, 6)
     if misfit.overlap:
         raise MeshError(f"cells {one} and {other} overlap near {at}. Remove or correct the vertices of one of them.")
     raise MeshError(

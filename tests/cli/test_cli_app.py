@@ -417,7 +417,7 @@ def test_in_a_browser_sliders_change_numbers_and_picture(ran, address, browser):
     assert third[1][:2] == expected(weaker, app.STEPS - 1)
     assert [line for line in browser.get_log("browser") if line["level"] == "SEVERE"] == []
     asked = [json.loads(line["message"])["message"]["params"] for line in browser.get_log("performance")]
-    page = address.partition("?")[0]
+    page = f"http://{urlsplit(address).netloc}/"
     urls = [one["request"]["url"] for one in asked if one.get("documentURL") == page and "request" in one]
     assert len(urls) > 10
     assert [url for url in urls if not url.startswith((page, "data:", "blob:"))] == []

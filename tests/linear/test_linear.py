@@ -94,17 +94,15 @@ def test_the_choice_is_by_size_and_can_be_overridden(caplog):
 
 
 @pytest.mark.parametrize("installed", [True, False])
-def test_in_space_factors_are_fuller_and_contact_is_dense(monkeypatch, installed):
+def test_in_space_factors_are_fuller(monkeypatch, installed):
     monkeypatch.setattr(Pardiso, "installed", staticmethod(lambda: installed))
     direct = Pardiso() if installed else SuperLU()
     able = Iterative() if find_spec("pyamg") else direct
-    assert choose_linear(26_040, modes=6, retained=840) == direct
+    assert choose_linear(66_825, modes=6) == direct
     assert choose_linear(2_000_000, modes=6) == able
     assert choose_linear(260_000, modes=6) == (direct if installed else able)
-    assert choose_linear(66_825, modes=6, retained=6_075) == direct  # 2,025 contacts
-    assert choose_linear(30_000, modes=6, retained=10_000) == able
     assert choose_linear(2_000_000, modes=3) == direct
-    monkeypatch.setattr("vemcvx.linear.default.LARGEST_CONTACT", 1)
+    monkeypatch.setattr(SuperLU, "largest_in_space", 1)
     system = on_floor(block(2), lambda t: np.zeros(3))
     assert system.linear() == (Iterative() if find_spec("pyamg") else SuperLU())
     assert replace(system, near_kernel=None).linear() == SuperLU()

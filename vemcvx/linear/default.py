@@ -18,26 +18,18 @@ from vemcvx.linear.superlu import SuperLU
 
 LARGEST_FACTOR = 2_000_000
 """Largest number of unknowns for direct solvers in the plane."""
-LARGEST_CONTACT = 9_000
-"""Largest Schur complement in space: its dense factor takes some 15 s, once or twice a step."""
 log = logging.getLogger("vemcvx")
 
 
-def choose_linear(
-    unknowns: int, asked: LinearSolver | None = None, *, modes: int = 3, retained: int = 0
-) -> LinearSolver:
+def choose_linear(unknowns: int, asked: LinearSolver | None = None, *, modes: int = 3) -> LinearSolver:
     """Return the linear solver `asked` for; else a direct one while its factors fit in memory, and Iterative beyond.
 
-    Bodies in space, with six rigid `modes`, have much fuller factors than bodies in the plane. `retained` is the number
-    of unknowns of the Schur complement.
+    Bodies in space, with six rigid `modes`, have much fuller factors than bodies in the plane.
     """
     if asked is not None:
         return asked
     direct = direct_solver(unknowns)
-    fits = unknowns <= LARGEST_FACTOR
-    if modes == 6:
-        fits = unknowns <= direct.largest_in_space and retained <= LARGEST_CONTACT
-    if fits:
+    if unknowns <= (direct.largest_in_space if modes == 6 else LARGEST_FACTOR):
         return direct
     if importlib.util.find_spec("pyamg") is None:
         log.warning("%d unknowns: a direct solver may run out of memory; vemcvx[multigrid] would not", unknowns)

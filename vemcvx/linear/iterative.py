@@ -31,8 +31,7 @@ from vemcvx.linear.factor import Factor, LinearSolver, singular
 from vemcvx.linear.superlu import SuperLU
 
 SUITED = (
-    "It suits compressible materials (poisson < 0.49), cells of good shape and contact without edges or corners; use "
-    "linear=vx.SuperLU() for others."
+    "It suits compressible materials (poisson < 0.49) and cells of good shape; use linear=vx.SuperLU() for others."
 )
 
 
@@ -40,8 +39,9 @@ SUITED = (
 class Iterative(LinearSolver):
     """PyAMG (extra ``multigrid``): the default for meshes too large to factorise, if it is installed.
 
-    Programs are not condensed: contact is solved matrix-free. Bodies that friction and contact alone hold are refused;
-    contact on faces that meet takes long or is refused. Certificates take into account that solves are inexact.
+    Take it for large bodies with few contacts: every unknown that contact and friction read costs one solve before the
+    first step, which a direct solver gets from its factors. Bodies that friction and contact alone hold are refused.
+    Certificates take into account that solves are inexact.
 
     Parameters
     ----------

@@ -444,7 +444,7 @@ class System(ArrayRecord):
                 words = f"linear solver {type(asked).__name__}: wanted factorise(self, K, near_kernel=None); {error}."
                 raise SceneError(words) from error
         modes = 0 if self.near_kernel is None else self.near_kernel.shape[1]
-        return choose_linear(self.n, asked, modes=modes, retained=len(self.retained))
+        return choose_linear(self.n, asked, modes=modes)
 
     def elimination_order(self) -> Ints | None:
         """Return the order of elimination (n,), if there is one."""

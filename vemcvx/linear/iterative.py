@@ -30,9 +30,7 @@ from vemcvx.base.errors import NotAccepted, SceneError
 from vemcvx.linear.factor import Factor, LinearSolver, singular
 from vemcvx.linear.superlu import SuperLU
 
-SUITED = (
-    "It suits compressible materials (poisson < 0.49) and cells of good shape; use linear=vx.SuperLU() for others."
-)
+SUITED = "It suits compressible materials (poisson < 0.49) and cells of good shape; use linear=vx.SuperLU() for others."
 
 
 @dataclass(frozen=True)

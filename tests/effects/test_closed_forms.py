@@ -75,11 +75,12 @@ def made(kind):
     return Body(mesh, steel, E / (1 - NU**2), NU / (1 - NU), 1 + NU, LAM)
 
 
-KINDS = [("stress", name) for name in FAMILIES] + [("strain", "squares"), ("strain", "voronoi")]
-KINDS += [("space", name) for name in SOLIDS]
+KINDS = [("stress", "voronoi"), ("strain", "voronoi"), ("space", "cubes"), ("space", "voronoi3")]
+OTHERS = [("stress", name) for name in FAMILIES] + [("strain", "squares")] + [("space", name) for name in SOLIDS]
+LATER = [pytest.param(kind, marks=pytest.mark.long) for kind in OTHERS if kind not in KINDS]
 
 
-@pytest.fixture(params=KINDS, ids=" ".join)
+@pytest.fixture(params=[*KINDS, *LATER], ids=" ".join)
 def body(request):
     return made(request.param)
 

@@ -241,12 +241,14 @@ OF_PROBLEMS = {
         others={"strength": 1.0, "way": 0.3, "on": "left"},
     ),
 }
-VARIANTS = {name: sample for name, sample in SAMPLES.items() if "," in name or "belt" in name} | OF_PROBLEMS
-"""Of effects that are among the samples without them, and effects of problem files."""
 
 
-test_every_effect = effect_suite({name: sample for name, sample in SAMPLES.items() if name not in VARIANTS})
-test_variants = pytest.mark.long(effect_suite(VARIANTS))
+EACH_A_KIND = "Elasticity", "Traction", "UnilateralContact", "CoulombFriction"
+"""A material, a load, a contact and a friction: the others take as long, and are as seldom wrong."""
+test_effects = effect_suite({name: SAMPLES[name] for name in EACH_A_KIND})
+test_other_effects = pytest.mark.long(
+    effect_suite({name: sample for name, sample in (SAMPLES | OF_PROBLEMS).items() if name not in EACH_A_KIND})
+)
 
 
 @pytest.mark.parametrize("sample", SAMPLES.values(), ids=SAMPLES)

@@ -23,9 +23,9 @@ DIRECT = [SuperLU(), pytest.param(Pardiso(), marks=needs("pymklpardiso"))]
 TIMES = np.linspace(0.0, 1.0, 7)
 
 
-test_superlu = linear_suite(SuperLU())
+test_superlu = pytest.mark.long(linear_suite(SuperLU()))
 test_pardiso = needs("pymklpardiso")(linear_suite(Pardiso()))
-test_iterative = needs("pyamg")(linear_suite(Iterative()))
+test_iterative = pytest.mark.long(needs("pyamg")(linear_suite(Iterative())))
 test_petsc = needs("petsc4py")(linear_suite(vx.PETSc()))
 
 

@@ -84,6 +84,7 @@ def test_a_sliding_chain_by_hand():
     assert result.multipliers[-1, :, 0].sum() == pytest.approx(2.5, rel=1e-12)
 
 
+@few_families
 @pytest.mark.filterwarnings("ignore::vemcvx.SceneWarning")
 @pytest.mark.parametrize("condense", [True, False])
 def test_a_body_that_slides_along_a_soft_floor_is_said_to(family, condense):

@@ -14,7 +14,7 @@ SEEDED = ("squares", "triangles", "voronoi", "hexagons", "distorted", "nonconvex
 """Families that scenes were first drawn from at random; tests name seeds of theirs."""
 OF_TRIANGLES = ("triangles",)
 """Families of linear triangles, which lock where a body hardly changes its volume and need no stabilisation."""
-FEW = ("squares", "voronoi", "hanging")
+FEW = ("voronoi", "hanging")
 few_families = pytest.mark.parametrize(
     "family", [name if name in FEW else pytest.param(name, marks=pytest.mark.slow) for name in FAMILIES]
 )

@@ -38,10 +38,9 @@ def scene():
     return paper_scene(lambda t: np.sin(6 * t))
 
 
-VARIANTS = "Clarabel, polished", "ThroughCvxpy"
-"""Of classes that are in the suite without them."""
-test_every_solver = solver_suite({name: OWN[name] for name in OWN if name not in VARIANTS})
-test_variants = pytest.mark.long(solver_suite({name: OWN[name] for name in VARIANTS}))
+FAST = "Newton", "Direct"
+test_fast_solvers = solver_suite({name: OWN[name] for name in FAST})
+test_conic_solvers = pytest.mark.long(solver_suite({name: OWN[name] for name in OWN if name not in FAST}))
 VARYING = {"PROXQP"} & set(FOUND)
 """Whose last digits vary from time to time."""
 test_found_solvers = pytest.mark.long(

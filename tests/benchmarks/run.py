@@ -19,7 +19,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 import cases
 from measure import Row
 
-from vemcvx.results.table import Table
+from vemcvx.base.table import Table
 
 BEGIN, END = "<!-- measured: begin -->", "<!-- measured: end -->"
 

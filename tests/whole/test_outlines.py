@@ -8,7 +8,7 @@ import pytest
 from scenes import paper_scene
 
 import vemcvx as vx
-from vemcvx.results.table import Table
+from vemcvx.base.table import Table
 
 SCREEN = 30, 140
 """Lines, and characters in one."""

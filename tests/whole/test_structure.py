@@ -60,13 +60,13 @@ HEAVY = {
 }
 
 
-LINES = {"program": 2_162, "solvers": 1_320, "stepping": 1_755, "linear": 892, "scene": 1_800, "effects": 1_800}
+LINES = {"program": 2_162, "solvers": 1_322, "stepping": 1_755, "linear": 892, "scene": 1_809, "effects": 1_800}
 LINES |= {"exchange": 681, "testing": 975, "cli/collection": 1_211}
-LINES |= {"bound": 3_462, "results": 2_193, "estimate": 2_084, "plots": 1_925}
+LINES |= {"bound": 3_462, "results": 2_152, "estimate": 2_084, "plots": 1_925}
 LINES |= {"cost": 663, "cli": 3_698}
 LINES |= {"meshes": 7_265, "meshes/io": 1_491}
 """Most lines of folders: they grow by decision only, which raises a number here."""
-TOP = 1_523
+TOP = 1_597
 """Most lines of the modules at the top and of what all may use, without the canvas, which counts with the plots."""
 TESTS = 27_893
 """Most lines of the tests of `LINES`, in the folders of their names."""

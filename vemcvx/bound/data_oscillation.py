@@ -45,8 +45,7 @@ from vemcvx.effects import Contribution, Effect, Friction, Load, MaterialLaw, Ob
 from vemcvx.linear import Factor
 from vemcvx.meshes import Interface, PolygonMesh, plane_mesh
 from vemcvx.meshes.polygons import outlines, places, positions, triangulated
-from vemcvx.scene.pose import PosedScene, unwarned
-from vemcvx.scene.scene import contributions
+from vemcvx.scene import PosedScene, contributions, unwarned
 from vemcvx.vem import Space, elastic_matrix
 
 PIECES, SPACING = 512, 128

@@ -21,8 +21,8 @@ from vemcvx.bound.skeleton import instant
 from vemcvx.bound.whole_history import check_history, sizes_along
 from vemcvx.effects import Effect, PrescribedDisplacement
 from vemcvx.history import History, scene_of
-from vemcvx.results.results import loop_of
-from vemcvx.scene.pose import PosedScene, pose_scene
+from vemcvx.results import loop_of
+from vemcvx.scene import PosedScene, pose_scene
 
 log = logging.getLogger("vemcvx")
 

@@ -44,7 +44,7 @@ from vemcvx.bound.stress import stress_form
 from vemcvx.bound.surface import Boundary, Surface, free_alone
 from vemcvx.linear import Factor, choose_linear
 from vemcvx.meshes import plane_mesh
-from vemcvx.scene.pose import PosedScene
+from vemcvx.scene import PosedScene
 from vemcvx.vem import elastic_matrix
 
 IN_SPACE = (

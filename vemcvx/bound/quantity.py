@@ -54,8 +54,7 @@ from vemcvx.bound.surface import Surface, along
 from vemcvx.effects import Contribution, Effect, Support
 from vemcvx.history import History
 from vemcvx.linear import choose_linear
-from vemcvx.scene.rows import jump_rows
-from vemcvx.scene.scene import initial_stresses
+from vemcvx.scene import initial_stresses, jump_rows
 from vemcvx.scene.supports import by_precedence, resolve
 from vemcvx.vem import Space
 

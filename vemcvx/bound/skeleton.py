@@ -22,9 +22,7 @@ from vemcvx.base.errors import SceneError
 from vemcvx.history import History
 from vemcvx.meshes import PolygonMesh, plane_mesh
 from vemcvx.meshes.polygons import cell_of_corner, cross, directed_edges, positions, right_of, spans
-from vemcvx.scene.pose import PosedScene
-from vemcvx.scene.rows import ContactRows, jump_rows
-from vemcvx.scene.scene import InitialStresses
+from vemcvx.scene import ContactRows, InitialStresses, PosedScene, jump_rows
 from vemcvx.vem import elastic_matrix, mean_shear, strains, stresses
 
 

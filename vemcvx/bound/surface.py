@@ -30,8 +30,7 @@ from vemcvx.bound.reading import Reading
 from vemcvx.bound.skeleton import Instant, Skeleton, at_ends
 from vemcvx.effects import Friction, Obstacle, Support
 from vemcvx.program.kernel import balanced
-from vemcvx.scene.pose import PosedScene
-from vemcvx.scene.rows import ContactRows
+from vemcvx.scene import ContactRows, PosedScene
 from vemcvx.vem import tangents_of
 
 MASS = np.array([[2.0, 1.0], [1.0, 2.0]]) / 6.0

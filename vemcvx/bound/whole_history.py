@@ -42,9 +42,9 @@ from vemcvx.base.errors import SceneError
 from vemcvx.bound.hypercircle import Hypercircle
 from vemcvx.bound.skeleton import instant
 from vemcvx.history import History
+from vemcvx.program import System
 from vemcvx.program.operators import energy_norm
-from vemcvx.program.system import System
-from vemcvx.scene.pose import PosedScene, pose_scene, unwarned
+from vemcvx.scene import PosedScene, pose_scene, unwarned
 from vemcvx.stepping import march
 from vemcvx.stepping.course import ACROSS, course, divided, inside_steps
 

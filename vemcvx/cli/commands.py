@@ -17,11 +17,11 @@ import typer
 from typer.core import TyperGroup
 
 from vemcvx.base.errors import ProblemError
+from vemcvx.base.table import Table
 from vemcvx.base.version import __version__
 from vemcvx.cli.options import lesson_numbers
 from vemcvx.cli.supplied import copy_lesson, lessons, problem_files, problems_folder
 from vemcvx.cli.terminal import reported, say
-from vemcvx.results.table import Table
 
 KINDS = {
     "run": ("run", "Run"),

@@ -31,17 +31,16 @@ import typer
 
 from vemcvx.base.arrays import Floats
 from vemcvx.base.errors import NotAccepted, NotCertified, ProblemError, SceneError, VemcvxError, quietly
+from vemcvx.base.table import Table
 from vemcvx.cli.options import NONE, Accuracy, File, Mesh, N, Options, Settings, Steps, solver_names
 from vemcvx.cli.problem_file import Posed, Problem, read_problem
 from vemcvx.cli.solver_names import NAMES, named_solver, read_options
 from vemcvx.cli.terminal import NOT_CERTIFIED, check_writable, listed, logged_at_most, progress_bar, say, write_text
 from vemcvx.cost.rows import csv
 from vemcvx.cost.workers import Crashed, TookTooLong, alone
-from vemcvx.program.system import System
-from vemcvx.results.table import Table
-from vemcvx.scene.pose import pose_scene
-from vemcvx.solvers import Solver, ThroughCvxpy
-from vemcvx.solvers.conic import TUNED, installed
+from vemcvx.program import System
+from vemcvx.scene import pose_scene
+from vemcvx.solvers import TUNED, Solver, ThroughCvxpy, installed
 from vemcvx.stepping import Trajectory
 
 CERTIFIED, MISSED, REFUSED, FAILED, STOPPED = "certified", "missed", "refused", "failed", "stopped"

@@ -12,12 +12,12 @@ import scipy.sparse as sp
 import typer
 
 from vemcvx.base.errors import VemcvxError
+from vemcvx.base.table import Table
 from vemcvx.base.version import __version__
 from vemcvx.cli.solver_names import LINEAR, NAMES
 from vemcvx.cli.terminal import say
 from vemcvx.linear import LinearSolver
 from vemcvx.program import Norms, System
-from vemcvx.results.table import Table
 from vemcvx.solvers import Newton, Solver
 from vemcvx.stepping import march
 

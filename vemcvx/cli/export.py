@@ -16,7 +16,7 @@ from vemcvx.cli.run import Run
 from vemcvx.cli.solver_names import served
 from vemcvx.cli.terminal import listed, progress_bar, say
 from vemcvx.exchange import FORMATS, encoded
-from vemcvx.results.results import programs_of_steps
+from vemcvx.results import programs_of_steps
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -33,9 +33,8 @@ from vemcvx.meshes import Mesh as AnyMesh
 from vemcvx.plots import write_plots
 from vemcvx.plots.pictures import check_pictures, left_out
 from vemcvx.plots.style import Units, in_units
-from vemcvx.results import files
+from vemcvx.results import files, places
 from vemcvx.results.files import ARCHIVE, SERIES, SUMMARY, Origin, write_results
-from vemcvx.results.probe import places
 from vemcvx.results.tables import FILES
 from vemcvx.simulation import warn_of_turns
 from vemcvx.stepping import CHECKPOINT, Folder, stored_steps

@@ -10,6 +10,7 @@ import typer
 
 from vemcvx import effects
 from vemcvx.base.arrays import Floats
+from vemcvx.base.table import Table
 from vemcvx.cli.options import CELLS, NONE, File, Mesh, Settings
 from vemcvx.cli.problem_file import Problem, is_file, read_problem
 from vemcvx.cli.terminal import say
@@ -17,12 +18,9 @@ from vemcvx.effects import Effect
 from vemcvx.history import FOR_GIVEN
 from vemcvx.meshes import Mesh as AnyMesh
 from vemcvx.meshes.quality import quality_of
-from vemcvx.program import Norms
+from vemcvx.program import BOUNDS, SQUARED_POSITIVE_PARTS, Norms, Operators
 from vemcvx.program.condensation import Condensation
-from vemcvx.program.operators import BOUNDS, SQUARED_POSITIVE_PARTS, Operators
-from vemcvx.results.table import Table
-from vemcvx.scene import Scene
-from vemcvx.scene.pose import pose_scene
+from vemcvx.scene import Scene, pose_scene
 from vemcvx.solvers.default import BY_SIZE, words
 from vemcvx.stepping import checked_times, softening_ratio
 

@@ -11,10 +11,8 @@ from typing import Any
 from vemcvx.base.arrays import brief
 from vemcvx.base.errors import ProblemError
 from vemcvx.cli.problem_file import executed, literal, own_errors
-from vemcvx.linear import Iterative, LinearSolver, Pardiso, PETSc, SuperLU
-from vemcvx.linear.petsc import all_ranks, serve
-from vemcvx.solvers import OSQP, Clarabel, Direct, Newton, Solver, ThroughCvxpy, as_solver
-from vemcvx.solvers.conic import TUNED, installed, interfaces
+from vemcvx.linear import Iterative, LinearSolver, Pardiso, PETSc, SuperLU, all_ranks, serve
+from vemcvx.solvers import OSQP, TUNED, Clarabel, Direct, Newton, Solver, ThroughCvxpy, as_solver, installed, interfaces
 
 LINEAR: dict[str, Callable[[], LinearSolver]] = {
     **{"superlu": SuperLU, "pardiso": Pardiso, "iterative": Iterative, "petsc": PETSc},

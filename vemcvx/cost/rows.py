@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from vemcvx.base.table import Table
 from vemcvx.plots.style import Units, in_units
+from vemcvx.results import Results
 from vemcvx.results.files import ENERGIES, finite_or_none, peak_memory_mb
-from vemcvx.results.results import Results
-from vemcvx.results.table import Table
 
 Row = dict[str, Any]
 """A value that does not exist is None or missing."""

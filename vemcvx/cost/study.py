@@ -13,10 +13,10 @@ import numpy as np
 from vemcvx.base.canvas import as_png, light_grid, new_figure
 from vemcvx.base.errors import ProblemError
 from vemcvx.base.owned_files import Owned
+from vemcvx.base.table import Table
 from vemcvx.cost.rows import NAMES, Row, csv
 from vemcvx.cost.workers import DONE
 from vemcvx.plots.style import MARKERS, SERIES
-from vemcvx.results.table import Table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

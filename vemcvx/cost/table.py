@@ -10,7 +10,7 @@ from vemcvx.base.canvas import light_grid, new_figure, plain_logarithms
 from vemcvx.cost.rows import Row, csv
 from vemcvx.cost.workers import DONE
 from vemcvx.plots.style import MARKERS, SERIES
-from vemcvx.results.quoted import growth
+from vemcvx.results import growth
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

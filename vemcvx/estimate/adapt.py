@@ -40,10 +40,8 @@ from vemcvx.estimate.quantities import StepErrors, errors_of_steps, value_of, wi
 from vemcvx.history import History
 from vemcvx.meshes import Mesh, PolyhedralMesh
 from vemcvx.meshes.bisection import check_tetrahedra
-from vemcvx.results.quoted import SINGULAR, growth
-from vemcvx.results.results import largest_values, record, warn_of_large_strains, warn_of_lost_work
-from vemcvx.scene import Scene
-from vemcvx.scene.pose import PosedScene, pose_scene
+from vemcvx.results import SINGULAR, growth, largest_values, record, warn_of_large_strains, warn_of_lost_work
+from vemcvx.scene import PosedScene, Scene, pose_scene
 from vemcvx.simulation import Projected, begins, check_kinds, free_unknowns
 from vemcvx.solvers import Solver, Solves, as_solver
 from vemcvx.stepping import Memory, certified_in_full, checked_times, initial_state, march, prepare

@@ -26,9 +26,8 @@ from vemcvx.estimate.finer_steps import Finer, beside_finer
 from vemcvx.estimate.quantities import quantities
 from vemcvx.estimate.residual import Residuals
 from vemcvx.history import History, scene_of
-from vemcvx.results.quoted import Quantity
-from vemcvx.results.results import displacement
-from vemcvx.scene.pose import PosedScene, pose_scene
+from vemcvx.results import Quantity, displacement
+from vemcvx.scene import PosedScene, pose_scene
 from vemcvx.stepping import Trajectory, prepare
 from vemcvx.vem import cell_energies
 

@@ -35,10 +35,8 @@ from vemcvx.estimate.finer_steps import finer_instants
 from vemcvx.history import History, scene_of
 from vemcvx.meshes import Mesh
 from vemcvx.meshes.polygons import nearest
-from vemcvx.results.corners import Corners
-from vemcvx.results.quoted import Quantity
-from vemcvx.results.results import SPREAD, displacement, record
-from vemcvx.scene.pose import pose_scene, unwarned
+from vemcvx.results import SPREAD, Corners, Quantity, displacement, record
+from vemcvx.scene import pose_scene, unwarned
 from vemcvx.simulation import free_unknowns
 from vemcvx.stepping import Memory, march
 from vemcvx.stepping.course import course

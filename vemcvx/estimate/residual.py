@@ -63,13 +63,12 @@ from vemcvx.bound.skeleton import (
     volume_squares,
     widths,
 )
-from vemcvx.effects.effect import Load
+from vemcvx.effects import Load
 from vemcvx.meshes import PolyhedralMesh
 from vemcvx.meshes.interfaces import faces_of
 from vemcvx.meshes.polygons import cell_of_corner, next_corner, positions, rows_in_order
 from vemcvx.meshes.polyhedra import listed_faces
-from vemcvx.scene.pose import PosedScene
-from vemcvx.scene.rows import ContactRows, jump_rows
+from vemcvx.scene import ContactRows, PosedScene, jump_rows
 from vemcvx.vem import elastic_matrix, mean_shear, tractions
 from vemcvx.vem.projection import face_groups
 

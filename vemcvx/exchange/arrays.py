@@ -33,9 +33,9 @@ from vemcvx.base.archives import read_arrays
 from vemcvx.base.arrays import Floats, as_real_array, check_compressed, finite, of_shape
 from vemcvx.base.errors import ProgramError
 from vemcvx.linear import Matrix
+from vemcvx.program import Answer, Operators, SolvedProgram, StepProgram
 from vemcvx.program.kernel import anchors
-from vemcvx.program.operators import SYMMETRIC, Operators
-from vemcvx.program.step_program import Answer, SolvedProgram, StepProgram
+from vemcvx.program.operators import SYMMETRIC
 
 NAMES = "K", "B", "D", "N", "g", "w", "b", "e", "c"
 """The arrays of a program in every format."""

@@ -39,8 +39,7 @@ from scipy.sparse.linalg import splu
 from vemcvx.base.arrays import Floats, Ints
 from vemcvx.base.errors import ProgramError
 from vemcvx.exchange.arrays import put_together, with_motions
-from vemcvx.program.operators import SECOND_ORDER_CONES
-from vemcvx.program.step_program import SolvedProgram, StepProgram
+from vemcvx.program import SECOND_ORDER_CONES, SolvedProgram, StepProgram
 
 HEAD = "vemcvx program: unknowns {} terms {} block {} limits {} soft {} motions {}"
 """The comment in the first line."""

@@ -32,7 +32,7 @@ import scipy.sparse as sp
 
 from vemcvx.base.arrays import EPS, Floats, Ints
 from vemcvx.base.errors import ProgramError
-from vemcvx.program.step_program import SolvedProgram, StepProgram
+from vemcvx.program import SolvedProgram, StepProgram
 
 MODEL = "; r_N >= 0, u_N >= 0, r_N u_N = 0; |r_T| <= mu r_N, r_T opposite to u_T where it slips"
 

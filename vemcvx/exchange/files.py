@@ -31,7 +31,7 @@ from vemcvx.base.version import __version__
 from vemcvx.exchange.arrays import from_matrix_market, from_npz, to_matrix_market, to_npz
 from vemcvx.exchange.cbf_and_mps import from_cbf, from_mps, to_cbf, to_mps
 from vemcvx.exchange.fclib import from_fclib, to_fclib
-from vemcvx.program.step_program import SolvedProgram, StepProgram
+from vemcvx.program import SolvedProgram, StepProgram
 
 STATEMENT = (
     "minimise 1/2 d'Kd - g'd + sum_i w_i |B_i d - b_i| subject to D d <= e; where a compliance c_j > 0, with "

@@ -21,7 +21,7 @@ from vemcvx.meshes.polygons import rows_in_order
 from vemcvx.plots import style
 from vemcvx.plots.contact import contact_line
 from vemcvx.plots.style import Units, Window, common_magnification, extent, instant, label, named, unit, within
-from vemcvx.results.results import Results
+from vemcvx.results import Results
 from vemcvx.vem import component_names
 
 if TYPE_CHECKING:

@@ -20,8 +20,7 @@ from vemcvx.meshes import plane_mesh
 from vemcvx.meshes.polygons import right_of
 from vemcvx.plots import style
 from vemcvx.plots.style import Units, idle, instant, label, named, unit, value_range
-from vemcvx.results.contact import Contact
-from vemcvx.results.results import Results
+from vemcvx.results import Contact, Results
 from vemcvx.vem.boundary import CURVE
 
 if TYPE_CHECKING:

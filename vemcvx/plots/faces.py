@@ -19,9 +19,8 @@ from vemcvx.meshes import PolyhedralMesh
 from vemcvx.plots import style
 from vemcvx.plots.contact import ALONG, pressures, with_nodes
 from vemcvx.plots.style import Units, Window, idle, instant, label, named, unit, value_range, within
-from vemcvx.results.contact import Contact
-from vemcvx.results.results import Results
-from vemcvx.scene.rows import pair_numbers
+from vemcvx.results import Contact, Results
+from vemcvx.scene import pair_numbers
 from vemcvx.vem import Space
 
 if TYPE_CHECKING:

@@ -25,7 +25,7 @@ from vemcvx.plots import contact, faces, style
 from vemcvx.plots.body import MISSING, deformed_body, deformed_mesh, has_pyvista, size_of_page, stressed_body
 from vemcvx.plots.contact import pressures, rubs, slips, wear
 from vemcvx.plots.style import Units, instant, label, named, positive, unit, value_range
-from vemcvx.results.results import Results, loop_of
+from vemcvx.results import Results, loop_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -18,7 +18,7 @@ from vemcvx.base.canvas import figure_of
 from vemcvx.base.errors import HistoryError
 from vemcvx.meshes import PolyhedralMesh
 from vemcvx.meshes.polygons import directed_edges
-from vemcvx.results.results import Results
+from vemcvx.results import Results
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

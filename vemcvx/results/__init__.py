@@ -1,1 +1,35 @@
 """Results of a simulation: fields, contact, probes, tables, files."""
+
+from vemcvx.results.contact import Contact
+from vemcvx.results.corners import Corners
+from vemcvx.results.probe import places
+from vemcvx.results.quoted import SINGULAR, Quantity, growth
+from vemcvx.results.results import (
+    SPREAD,
+    Results,
+    displacement,
+    largest_values,
+    loop_of,
+    programs_of_steps,
+    record,
+    warn_of_large_strains,
+    warn_of_lost_work,
+)
+
+__all__ = [
+    "SINGULAR",
+    "SPREAD",
+    "Contact",
+    "Corners",
+    "Quantity",
+    "Results",
+    "displacement",
+    "growth",
+    "largest_values",
+    "loop_of",
+    "places",
+    "programs_of_steps",
+    "record",
+    "warn_of_large_strains",
+    "warn_of_lost_work",
+]

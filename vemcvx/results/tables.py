@@ -11,9 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from vemcvx.base.arrays import Floats, Ints, brief, quantities
 from vemcvx.base.errors import HistoryError, VemcvxError
+from vemcvx.base.table import Table
 from vemcvx.results.probe import places
 from vemcvx.results.results import Results, labelled
-from vemcvx.results.table import Table
 
 if TYPE_CHECKING:
     from pandas import DataFrame

@@ -1,6 +1,18 @@
 """Scenes: what is to be simulated, free of any mesh, and how it is posed on one."""
 
-from vemcvx.scene.pose import PosedScene, pose_scene
-from vemcvx.scene.scene import Scene
+from vemcvx.scene.pose import PosedScene, pose_scene, unwarned
+from vemcvx.scene.rows import ContactRows, jump_rows, pair_numbers
+from vemcvx.scene.scene import InitialStresses, Scene, contributions, initial_stresses
 
-__all__ = ["PosedScene", "Scene", "pose_scene"]
+__all__ = [
+    "ContactRows",
+    "InitialStresses",
+    "PosedScene",
+    "Scene",
+    "contributions",
+    "initial_stresses",
+    "jump_rows",
+    "pair_numbers",
+    "pose_scene",
+    "unwarned",
+]

@@ -1,12 +1,13 @@
 """Solvers of one step's convex program, of different kinds."""
 
-from vemcvx.solvers.conic import OSQP, Clarabel, ThroughCvxpy
+from vemcvx.solvers.conic import OSQP, TUNED, Clarabel, ThroughCvxpy, installed, interfaces
 from vemcvx.solvers.default import Direct, Solves, as_solver, choose_solver
 from vemcvx.solvers.newton import Newton
 from vemcvx.solvers.solver import Prepared, Solver
 
 __all__ = [
     "OSQP",
+    "TUNED",
     "Clarabel",
     "Direct",
     "Newton",
@@ -16,4 +17,6 @@ __all__ = [
     "ThroughCvxpy",
     "as_solver",
     "choose_solver",
+    "installed",
+    "interfaces",
 ]

@@ -50,6 +50,7 @@ from threadpoolctl import threadpool_limits
 from vemcvx.base.canvas import as_png, light_grid, new_figure, plain_logarithms
 from vemcvx.base.errors import NotAccepted, ProblemError, SolverFailed, VemcvxError, quietly
 from vemcvx.base.owned_files import Owned
+from vemcvx.base.table import Table
 from vemcvx.base.version import __version__
 from vemcvx.cli.collection.writing import FCLIB, INFEASIBLE, MANIFEST, UNBOUNDED
 from vemcvx.cli.options import NONE, Options, solver_names
@@ -57,11 +58,10 @@ from vemcvx.cli.solver_names import named_solver, read_options
 from vemcvx.cli.terminal import listed, progress_bar, say
 from vemcvx.exchange import sequence_from_npz
 from vemcvx.plots.style import SERIES
+from vemcvx.program import Answer, SolvedProgram, StepProgram
 from vemcvx.program.scaling import Scaling
-from vemcvx.program.step_program import Answer, SolvedProgram, StepProgram
-from vemcvx.results.table import Table
-from vemcvx.solvers import Solver, ThroughCvxpy
-from vemcvx.solvers.solver import InUnits, Prepared, named_failures
+from vemcvx.solvers import Prepared, Solver, ThroughCvxpy
+from vemcvx.solvers.solver import InUnits, named_failures
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -28,16 +28,16 @@ import typer
 from vemcvx.base.arrays import ROUNDING, SAME, Floats
 from vemcvx.base.errors import ProblemError
 from vemcvx.base.owned_files import Owned
+from vemcvx.base.table import Table
 from vemcvx.base.version import __version__
 from vemcvx.cli.problem_file import read_problem
 from vemcvx.cli.supplied import problems_folder
 from vemcvx.cli.terminal import logged_at_most, progress_bar, say
 from vemcvx.exchange import FORMATS, description, encoded, in_json, sequence_to_npz
 from vemcvx.linear import direct_solver
-from vemcvx.program.step_program import SolvedProgram, StepProgram
-from vemcvx.results.results import programs_of_steps
-from vemcvx.results.table import Table
-from vemcvx.scene.pose import unwarned
+from vemcvx.program import SolvedProgram, StepProgram
+from vemcvx.results import programs_of_steps
+from vemcvx.scene import unwarned
 from vemcvx.simulation import programs
 from vemcvx.solvers import Newton
 

@@ -51,7 +51,7 @@ from vemcvx.base.arrays import (
 from vemcvx.base.errors import HistoryError, MeshError
 from vemcvx.meshes import Mesh, PolygonMesh, PolyhedralMesh
 from vemcvx.meshes.polygons import INNER, cell_of_corner, fans, nearest, outlines, overlaps, places
-from vemcvx.results.results import Results
+from vemcvx.results import Results
 from vemcvx.vem import (
     CellGroup,
     Space,

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from vemcvx.base.arrays import Floats, Ints, as_real_array, brief, totals
 from vemcvx.base.errors import HistoryError
+from vemcvx.base.table import Table
 from vemcvx.effects import data
 from vemcvx.estimate.measures.distance import Field, Measured, field_of, measured
 from vemcvx.meshes import PolygonMesh, PolyhedralMesh
@@ -23,8 +24,7 @@ from vemcvx.meshes.polygons import (
     triangulated,
 )
 from vemcvx.meshes.polyhedra import listed_faces
-from vemcvx.results.results import Results
-from vemcvx.results.table import Table
+from vemcvx.results import Results
 from vemcvx.vem import Space, stresses
 from vemcvx.vem.points_in_solids import solid_values
 from vemcvx.vem.projection import projected_values

@@ -1,0 +1,169 @@
+"""The core runs without its wings, and the wings import public names of the core.
+
+The wings are bounds, estimates, costs, exchange of programs, plots and the command line.
+"""
+
+from __future__ import annotations
+
+import ast
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from textwrap import dedent
+
+import pytest
+from test_structure import modules, nodes, parsed
+
+ROOT = Path(__file__).parents[2]
+WINGS = ("bound", "estimate", "cost", "exchange", "plots", "cli")
+CORE_TESTS = ("program", "solvers", "stepping", "linear", "scene", "effects")
+OPEN = ("base", "history", "simulation", "meshes.polygons", "results.files", "stepping.course")
+"""Modules of which all names without an underscore are public; those of a package are in its `__all__`."""
+EXCEPTIONS = {
+    "effects": "data",
+    "effects.effect": "amount where",
+    "meshes.bisection": "check_tetrahedra",
+    "meshes.interfaces": "faces_of",
+    "meshes.polyhedra": "listed_faces",
+    "meshes.quality": "STAR quality_of",
+    "program.condensation": "Condensation",
+    "program.kernel": "anchors balanced",
+    "program.operators": "SYMMETRIC energy_norm",
+    "program.scaling": "Scaling",
+    "results.tables": "FILES",
+    "scene.supports": "by_precedence resolve",
+    "solvers.default": "BY_SIZE words",
+    "solvers.solver": "InUnits named_failures",
+    "vem.boundary": "CURVE",
+    "vem.elasticity": "distinct",
+    "vem.points_in_solids": "solid_values",
+    "vem.projection": "face_groups projected_values",
+}
+"""Names that wings import and that are not public yet: none is to be added."""
+
+
+def is_wing(name):
+    """Whether a dotted name leads into a wing."""
+    return name.split(".")[1:2] != [] and name.split(".")[1] in WINGS
+
+
+def public_names(module):
+    """The names in `__all__` of a package, read from its source."""
+    for node in parsed(modules()[module]):
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__":
+            return ast.literal_eval(node.value)
+    return []
+
+
+def reached(path):
+    """Names of the core that a file imports, without `vemcvx.`, and that are not public."""
+    for node in nodes(path, ast.ImportFrom):
+        if not node.module.startswith("vemcvx.") or is_wing(node.module):
+            continue
+        module = node.module.removeprefix("vemcvx.")
+        for name in (alias.name for alias in node.names):
+            is_open = module.startswith("base.") or module in OPEN or f"{module}.{name}" in OPEN
+            is_private = name.startswith("_") and not name.startswith("__")
+            if is_private or not (is_open or name in public_names(node.module)):
+                yield f"{module}.{name}"
+
+
+def test_wings_import_public_names_of_the_core():
+    found = {name for wing in modules() if is_wing(wing) for name in reached(modules()[wing])}
+    excepted = {f"{module}.{name}" for module, names in EXCEPTIONS.items() for name in names.split()}
+    assert found == excepted, f"new: {sorted(found - excepted)}; gone: {sorted(excepted - found)}"
+
+
+def test_the_core_imports_wings_at_two_doors_only():
+    """`simulate(bound=True)` and `History.animate`, where they are called; `python -m vemcvx` is the command line."""
+    doors = {
+        (name, node.module)
+        for name, path in modules().items()
+        for node in nodes(path, ast.ImportFrom)
+        if not is_wing(name) and is_wing(node.module)
+    }
+    assert doors == {
+        ("vemcvx.__main__", "vemcvx.cli"),
+        ("vemcvx.history", "vemcvx.plots"),
+        ("vemcvx.simulation", "vemcvx.bound.error_bound"),
+    }
+
+
+@pytest.fixture(scope="module")
+def core(tmp_path_factory):
+    """A copy of the package without the wings, and of its tests."""
+    root = tmp_path_factory.mktemp("core")
+    for name in ("vemcvx", "tests", "problems"):
+        shutil.copytree(ROOT / name, root / name, ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copy(ROOT / "pyproject.toml", root)
+    for wing in WINGS:
+        shutil.rmtree(root / "vemcvx" / wing)
+    return root
+
+
+def run(core, *command):
+    """What a command of Python prints in the copy."""
+    environment = {**os.environ, "PYTHONPATH": str(core)}
+    done = subprocess.run([sys.executable, *command], cwd=core, env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-1000:]
+    return done.stdout
+
+
+EXAMPLE = """
+    import numpy as np, vemcvx as vx
+    scene = vx.Scene(
+        vx.Elasticity(200.0, 0.3),
+        vx.Clamp(on="right"),
+        vx.Traction(lambda x, t: np.column_stack([8 * (1.25 - x[:, 1]) * t, np.full(len(x), -0.01 * t)]), on="left"),
+        vx.UnilateralContact(on="bottom"),
+        vx.TrescaFriction(4.0, on="bottom", while_closed=False),
+    )
+    mesh, times = vx.meshes.voronoi(8), np.linspace(0.0, 1.0, 5)
+    newton, clarabel = (vx.simulate(scene, mesh, times, solver=one) for one in (vx.Newton(), vx.Clarabel()))
+    for history in (newton, clarabel):
+        print(vx.__file__, history.certified.max(), history.dissipated[-1], abs(history.displacement).max())
+        history.write("out")
+        assert np.array_equal(vx.read_history("out").displacement, history.displacement)
+    print(abs(newton.displacement - clarabel.displacement).max() / abs(newton.displacement).max())
+    try:
+        vx.simulate(scene, mesh, times, bound=True)
+    except ModuleNotFoundError as error:
+        print(error.name)
+"""
+
+
+def test_a_scene_runs_without_the_wings(core):
+    newton, clarabel, apart, missing = run(core, "-c", dedent(EXAMPLE)).splitlines()
+    for line in (newton, clarabel):
+        file, certified, dissipated, largest = line.split()
+        assert file.startswith(str(core))
+        assert float(certified) < 1e-6
+        assert min(float(dissipated), float(largest)) > 0
+    assert float(apart) < 1e-5
+    assert missing == "vemcvx.bound"
+
+
+SKIPPING = """
+    import sys, pytest
+
+    class Wings:
+        def find_spec(self, name, path=None, target=None):
+            if name in {wings}:
+                pytest.skip(name, allow_module_level=True)
+
+    sys.meta_path.insert(0, Wings())
+"""
+"""A test that imports a wing, or a problem file that does, is skipped."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("folder", CORE_TESTS)
+def test_the_tests_of_the_core_pass_without_the_wings(core, folder):
+    names = {f"vemcvx.{wing}" for wing in WINGS}
+    (core / "skipping_wings.py").write_text(dedent(SKIPPING).format(wings=names))
+    said = run(core, "-m", "pytest", "-p", "skipping_wings", f"tests/{folder}")
+    passed, skipped = (int((re.search(rf"(\d+) {word}", said) or [0, 0])[1]) for word in ("passed", "skipped"))
+    assert passed > 4 * skipped, said[-200:]

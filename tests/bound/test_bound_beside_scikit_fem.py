@@ -76,7 +76,7 @@ BRACKET = Case(
 def fan_triangles(circle):
     """The split fans of all cells as one mesh of scikit-fem."""
     corners = []
-    for fans in circle.fans:
+    for fans in (one.fans for one in circle.forms):
         here = fans.corners + fans.centres[:, None]
         ahead, centre = np.roll(here, -1, axis=1), np.broadcast_to(fans.centres[:, None], here.shape)
         middle = (here + ahead + centre) / 3.0

@@ -9,8 +9,8 @@ import pytest
 from declared_cells import TIMES, block, cantilever, cases, squares, stretched
 
 import vemcvx as vx
-from vemcvx.bound.skeleton import skeleton, widths
 from vemcvx.estimate.budget import error_budget
+from vemcvx.estimate.residual import Residuals
 from vemcvx.scene import pose_scene
 
 TYPICAL, MOST = 1.6, 4.0
@@ -96,8 +96,9 @@ def test_targets_are_met_in_truth_on_a_beam(aspect):
 def depths(points, cells):
     """(d of the boundary edges in the order of the skeleton, their lengths, h) of a mesh."""
     mesh = vx.PolygonMesh(points, cells).with_boundary("some", lambda x: x[:, 0] < 1e-9)
-    edges = skeleton(pose_scene(vx.Scene(vx.Elasticity(1.0, 0.0), vx.Clamp(on="some")), mesh))
-    return widths(edges.corners, edges.offsets, edges.outer, edges.outer_normals), edges.lengths, edges.sizes
+    residuals = Residuals(pose_scene(vx.Scene(vx.Elasticity(1.0, 0.0), vx.Clamp(on="some")), mesh))
+    sides = residuals.sides
+    return sides.depths(sides.outer, sides.normals), sides.sizes, residuals.sizes
 
 
 def test_rectangles_are_as_deep_as_their_sides():

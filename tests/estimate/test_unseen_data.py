@@ -65,9 +65,6 @@ SCENES = {
     "a hard patch of what gives way": pressed(
         vx.NormalCompliance(lambda x, t: np.where(near(x[:, 0], 0.375, 0.1), 2000.0, 20.0), on="bottom")
     ),
-    "a hard patch of springs": pressed(
-        vx.ElasticFoundation(normal=lambda x: np.where(near(x[:, 0], 0.375, 0.045), 5000.0, 20.0), on="bottom")
-    ),
     "a tent of the support": vx.Scene(
         STEEL,
         vx.Clamp(on="right"),

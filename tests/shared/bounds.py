@@ -37,7 +37,7 @@ def inside(fans, outline, body):
 
 def nodal_values(circle, u, t):
     """Of each chunk of cells the nodal values (c, n, 20) of the conforming displacement."""
-    body = circle.reader.body(t)[0]
+    body = circle.boundary.reader.body(t)[0]
     outline = circle.equilibrium.edges.outline(u)
     for one in circle.forms:
         yield one.fans, inside(one.fans, outline[one.outlines], body[one.fans.cells])

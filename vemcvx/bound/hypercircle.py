@@ -34,11 +34,10 @@ import scipy.sparse as sp
 
 from vemcvx.base.arrays import Floats, Ints, totals
 from vemcvx.base.errors import SceneError
-from vemcvx.bound.data_oscillation import DataOscillation
 from vemcvx.bound.displacement import displacement_form, edge_forces, to_edges, without_slopes
 from vemcvx.bound.equilibrium import Equilibrium, assembled, axes_of, edges_of, equilibrium
 from vemcvx.bound.fan import FORCES, Fans, fans_of, gathered
-from vemcvx.bound.reading import Reader, Reading, misread
+from vemcvx.bound.reading import Reader, Reading
 from vemcvx.bound.skeleton import Instant, check_estimable, skeleton
 from vemcvx.bound.stress import stress_form
 from vemcvx.bound.surface import Boundary, Surface, free_alone
@@ -154,7 +153,6 @@ class Hypercircle:
 
     posed: PosedScene
     boundary: Boundary
-    reader: Reader
     forms: tuple[Forms, ...]
     equilibrium: Equilibrium
     free: sp.csr_matrix
@@ -172,12 +170,12 @@ class Hypercircle:
         """
         boundary = self.boundary
         boundary.check_supports(now)
-        if boundary.oscillation.varies_inside_cells(now.t):
+        if boundary.reader.varies_inside_cells(now.t):
             raise SceneError(
                 "error_bound: moduli, eigenstrains or prestress vary inside cells, and there is no bound for that; "
                 "give one value a cell, as an array (n_cells,) or by on=."
             )
-        read = self.reader.at(now)
+        read = boundary.reader.at(now)
         surface = boundary.at(now, before, read, self.work(read.body, boundary.motions))
         return self.joined((now.t, now.u), surface, read, self.prestress(now.t))
 
@@ -312,7 +310,7 @@ class Hypercircle:
             bent[one.fans.cells] = one.forms(one.displacement[:, :n, :n], inside.bent, inside.bent)
             f = v.body[one.fans.cells]
             bent[one.fans.cells] -= one.forms(one.displacement[:, n:, n:], f, f)
-        return misread(read, (self.works(read.body_apart, v), along), bent)
+        return read.misread((self.works(read.body_apart, v), along), bent)
 
 
 def hypercircle(posed: PosedScene) -> Hypercircle:
@@ -326,8 +324,11 @@ def hypercircle(posed: PosedScene) -> Hypercircle:
     check_bounded(posed)
     mesh = plane_mesh(posed.space.mesh, "error_bound")
     edges = skeleton(posed)
-    boundary = Boundary(posed, edges, DataOscillation(posed, edges))
     fans = fans_of(posed.space, elastic_matrix(posed.material.moduli))
+    centres = np.zeros((mesh.n_cells, 2))
+    for one in fans:
+        centres[one.cells] = one.centres
+    boundary = Boundary(posed, edges, Reader(posed, edges, centres))
     numbered = edges_of(mesh, edges, fans)
     forms = tuple(
         Forms(one, _outline(one, place, posed.space.n_unknowns), stress_form(one), displacement_form(one))
@@ -338,7 +339,6 @@ def hypercircle(posed: PosedScene) -> Hypercircle:
     return Hypercircle(
         posed=posed,
         boundary=boundary,
-        reader=Reader(boundary.oscillation, fans),
         forms=forms,
         equilibrium=equilibrium(numbered, fans, stiffness, boundary),
         free=free,

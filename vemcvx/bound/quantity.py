@@ -46,7 +46,6 @@ import scipy.sparse as sp
 from vemcvx.base.arrays import SAME, Bools, Floats, Ints, brief
 from vemcvx.base.errors import SceneError
 from vemcvx.base.outline import Outline, Outlined
-from vemcvx.bound.data_oscillation import DataOscillation
 from vemcvx.bound.hypercircle import Defect, Hypercircle, Pair
 from vemcvx.bound.reading import Reader
 from vemcvx.bound.skeleton import Instant
@@ -202,7 +201,7 @@ class Dual:
             u = u + P @ choose_linear(len(free)).factorise(K).solve(np.asarray(P.T @ force))
         none, z = np.zeros(0), u.reshape(lifted.shape)
         self._check_supports(z)
-        reader = Reader(DataOscillation(posed, edges, self.effects), circle.reader.fans)
+        reader = Reader(posed, edges, circle.boundary.reader.centres, self.effects)
         read = reader.at(Instant(t=self.t, u=z, lam=np.zeros((0, 1)), p=none, weights=none, worn=none))
         still = np.zeros((len(edges.areas), 3)) if prestress is None else prestress.stress(self.t)
         surface = Surface.of_loads(circle.boundary.forces_of(read.tractions))
@@ -224,7 +223,7 @@ class Dual:
 
     def _check_supports(self, z: Floats) -> None:
         """Raise SceneError where z does not follow z_D on the edges of supports."""
-        moved = self.motion(Space(self.primal.boundary.oscillation.fine.mesh))
+        moved = self.motion(Space(self.primal.boundary.reader.fine.mesh))
 
         def wanted(support: Support) -> Floats:
             jumps = moved[support.nodes]

@@ -17,13 +17,13 @@ from functools import cached_property
 
 import numpy as np
 
-from vemcvx.base.arrays import Bools, Floats, Ints
+from vemcvx.base.arrays import Bools, Floats, Ints, totals
 from vemcvx.base.errors import SceneError
 from vemcvx.history import History
 from vemcvx.meshes import PolygonMesh, plane_mesh
-from vemcvx.meshes.polygons import cell_of_corner, cross, directed_edges, positions, right_of, spans
+from vemcvx.meshes.polygons import cell_of_corner, directed_edges, positions, right_of
 from vemcvx.scene import ContactRows, InitialStresses, PosedScene, jump_rows
-from vemcvx.vem import elastic_matrix, mean_shear, strains, stresses
+from vemcvx.vem import elastic_matrix, mean_shear
 
 
 @dataclass(frozen=True)
@@ -77,24 +77,13 @@ def joints(posed: PosedScene, edges: Ints, units: Floats) -> Joints:
 class Skeleton:
     """Edges inside and on the boundary."""
 
-    sizes: Floats
-    """(n_cells,) h_K: the longer side of the rectangle with the cell's second moments"""
-    corners: Floats
-    """(c, 2) the corners of every cell, counter-clockwise"""
-    offsets: Ints
-    """(n_cells + 1,) where those of each cell begin"""
-    areas: Floats
-    """(n_cells,)"""
+    mesh: PolygonMesh
     sides: Ints
     """(c, 2) the edges of every cell, counter-clockwise"""
     owner: Ints
     """(c,) the cell of each"""
     shear: Floats
     """(n_cells,) mu; half the harmonic mean of the two moduli of shear, at most twice the softer, where they differ"""
-    inside: Ints
-    """(e, 2) the two cells of each inner edge"""
-    inside_normals: Floats
-    """(e, 2) from the first cell to the second, as long as the edge"""
     outer: Ints
     """(b,) the cell of each boundary edge"""
     outer_corners: Ints
@@ -107,6 +96,16 @@ class Skeleton:
     """(b, 2, 2) projector on the directions that supports leave free at one end at least"""
     joints: Joints
     """where two bodies meet"""
+
+    @cached_property
+    def sizes(self) -> Floats:
+        """(n_cells,) h_K."""
+        return extents(self.owner, self.mesh.points[self.sides] - self.mesh.centroids[self.owner, None])
+
+    @property
+    def areas(self) -> Floats:
+        """(n_cells,)."""
+        return self.mesh.areas
 
     @cached_property
     def lengths(self) -> Floats:
@@ -131,15 +130,19 @@ class Skeleton:
         return jumps
 
 
-def widths(corners: Floats, offsets: Ints, cells: Ints, normals: Floats) -> Floats:
-    """(e,) of cells (e,) along normals (e, dim) of any length; the corners (c, dim) of each begin at its offset."""
-    if len(cells) == 0:
-        return np.zeros(0)
-    counts = np.diff(offsets)[cells]
-    height = np.einsum("ki,ki->k", corners[spans(offsets[cells], counts)], np.repeat(normals, counts, axis=0))
-    first = np.cumsum(counts) - counts
-    width = np.maximum.reduceat(height, first) - np.minimum.reduceat(height, first)
-    return np.asarray(width / np.linalg.norm(normals, axis=1))
+def extents(owner: Ints, arms: Floats) -> Floats:
+    """h_K, the longest side of the box with a cell's moments M = 12 / |K| int (x - c)(x - c)' dx.
+
+    `arms` (k, dim, dim) lead from the centroids c of cells (k,) to the corners of simplices that make them up. Over a
+    simplex T of c and the corners c + a_i, int x x' = |T| (sum a_i a_i' + (sum a_i)(sum a_i)') / ((dim + 1)(dim + 2)).
+    """
+    dim, count = arms.shape[2], int(owner.max()) + 1
+    volumes = np.linalg.det(arms)
+    tips = np.concatenate([arms, arms.sum(axis=1, keepdims=True)], axis=1)
+    moments = np.zeros((count, dim, dim))
+    np.add.at(moments, owner, volumes[:, None, None] * np.einsum("kai,kaj->kij", tips, tips))
+    moments *= 12.0 / ((dim + 1) * (dim + 2) * totals(owner, volumes, count)[:, None, None])
+    return np.sqrt(np.linalg.eigvalsh(moments)[:, -1])
 
 
 def skeleton(posed: PosedScene) -> Skeleton:
@@ -147,40 +150,20 @@ def skeleton(posed: PosedScene) -> Skeleton:
     mesh = plane_mesh(posed.space.mesh, "error_budget")
     shared = mesh.shared_edges
     edges = directed_edges(mesh.offsets, mesh.vertices)
-    normals = right_of(np.diff(mesh.points[edges], axis=1)[:, 0])
-    first, two = shared.corners[shared.first], shared.counts == 2
-    owner = cell_of_corner(mesh.offsets)
-    inner, outer = first[two], first[~two]
+    owner, outer = cell_of_corner(mesh.offsets), shared.corners[shared.first][shared.counts == 1]
+    normals = right_of(np.diff(mesh.points[edges[outer]], axis=1)[:, 0])
     return Skeleton(
-        sizes=np.sqrt(np.linalg.eigvalsh(_extents(mesh, edges, owner))[:, 1]),
-        corners=mesh.points[edges[:, 0]],
-        offsets=mesh.offsets,
-        areas=mesh.areas,
+        mesh=mesh,
         sides=edges,
         owner=owner,
         shear=0.5 * mean_shear(elastic_matrix(posed.material.moduli)),
-        inside=mesh.neighbours,
-        inside_normals=normals[inner],
         outer=owner[outer],
         outer_corners=outer,
         outer_edges=edges[outer],
-        outer_normals=normals[outer],
+        outer_normals=normals,
         free=posed.supports.free_directions(edges[outer].ravel(), np.repeat(np.arange(len(outer)), 2)),
-        joints=joints(posed, edges[outer], normals[outer]),
+        joints=joints(posed, edges[outer], normals),
     )
-
-
-def _extents(mesh: PolygonMesh, edges: Ints, owner: Ints) -> Floats:
-    """M = 12 / |K| int_K (x - c)(x - c)' dx: diag(a^2, b^2) for a rectangle with the sides a, b.
-
-    Over the triangle of c = 0, a and b, int x x' = |T| (a a' + b b' + (a + b)(a + b)') / 12.
-    """
-    ends = mesh.points[edges] - mesh.centroids[owner, None]
-    corners = np.concatenate([ends, ends.sum(axis=1, keepdims=True)], axis=1)
-    share = 0.5 * cross(ends[:, 0], ends[:, 1]) / mesh.areas[owner]
-    extents = np.zeros((mesh.n_cells, 2, 2))
-    np.add.at(extents, owner, share[:, None, None] * np.einsum("eki,ekj->eij", corners, corners))
-    return extents
 
 
 @dataclass(frozen=True)
@@ -207,13 +190,6 @@ def instant(history: History, row: int) -> Instant:
     return Instant(float(history.times[row]), history.displacement[row], *parts)
 
 
-def contact_tractions(posed: PosedScene, now: Instant) -> tuple[Floats, Floats]:
-    """Friction on rows of terms (m, dim), and pressure on those of obstacles (r, dim)."""
-    terms, obstacles = posed.terms, posed.obstacles
-    friction: Floats = -np.einsum("mb,mbd->md", now.lam, terms.tangents) / terms.lengths[:, None]
-    return friction, -(now.p / obstacles.lengths)[:, None] * obstacles.normals
-
-
 def pressures_at_ends(posed: PosedScene, edges: Skeleton, now: Instant) -> Floats:
     """Pressure of obstacles (b, 2) at the two ends of each boundary edge, force per length."""
     return at_ends(edges, posed.obstacles, (now.p / posed.obstacles.lengths)[:, None])[..., 0]
@@ -235,19 +211,6 @@ def body_forces(posed: PosedScene, t: float) -> Floats:
         if not isinstance(load, InitialStresses) and load.cells is not None:
             np.add.at(total, load.cells, load.forces(t))
     return total
-
-
-def volume_squares(posed: PosedScene, sizes: Floats, shear: Floats, t: float) -> Floats:
-    """h^2 / mu |f|^2_K (n_cells,) with the mean force: F = |K| f."""
-    squared: Floats = np.sum(body_forces(posed, t) ** 2, axis=1)
-    return sizes**2 / posed.space.mesh.measures * squared / shear
-
-
-def strained(posed: PosedScene, now: Instant) -> tuple[Floats, Floats]:
-    """Strains of Pi u in the cells, and the stresses under these, with those at zero strain."""
-    strain = strains(posed.space, now.u)
-    sigma = stresses(posed.material.moduli, strain)
-    return strain, sigma if posed.prestress is None else sigma + posed.prestress.stress(now.t)
 
 
 def at_ends(edges: Skeleton, rows: ContactRows, values: Floats) -> Floats:

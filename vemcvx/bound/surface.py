@@ -2,7 +2,7 @@
 
 All is linear on edges, known at both ends: loads and bounds of friction as :mod:`.reading` has them, gaps and motions
 of the ground by their values at nodes. The effects of the scene are asked once more on edges cut into pieces
-(:mod:`vemcvx.bound.data_oscillation`), which tells on what edges they act.
+(:mod:`vemcvx.bound.fine_boundary`), which tells on what edges they act.
 
 With s the slip of v since the step before, q the friction (against s, so that tau_t = -q) and g its bound, z = v_n -
 gap the depth, p the pressure and k the stiffness of a compliant obstacle, any |q| <= g and p >= 0 will do, and the
@@ -25,8 +25,7 @@ import scipy.sparse as sp
 
 from vemcvx.base.arrays import SAME, SINGLE, Bools, Floats
 from vemcvx.base.errors import SceneError
-from vemcvx.bound.data_oscillation import DataOscillation
-from vemcvx.bound.reading import Reading
+from vemcvx.bound.reading import Reader, Reading
 from vemcvx.bound.skeleton import Instant, Skeleton, at_ends
 from vemcvx.effects import Friction, Obstacle, Support
 from vemcvx.program.kernel import balanced
@@ -118,14 +117,14 @@ class Boundary:
 
     posed: PosedScene
     edges: Skeleton
-    oscillation: DataOscillation
+    reader: Reader
 
     # What supports hold.
 
     def _prescribed(self, joined: bool) -> Floats:
         """(b, 2, 2) projectors on what supports prescribe on edges: motions, or jumps to another body."""
-        squares, fine = np.zeros((len(self.edges.outer), 2, 2)), self.oscillation.fine
-        for support in self.oscillation.supports:
+        squares, fine = np.zeros((len(self.edges.outer), 2, 2)), self.reader.fine
+        for support in self.reader.supports:
             jumps = False if support.partners is None else support.partners >= 0
             new = (support.nodes >= fine.old) & (jumps == joined)
             d, owner = support.directions[new], fine.owner[support.nodes[new] - fine.old]
@@ -165,14 +164,14 @@ class Boundary:
     def _bearing(self) -> tuple[Bools, Bools]:
         """(b,) the edges of frictions, and of obstacles, also those that assembled as zero."""
         found = np.zeros((2, len(self.edges.outer)), dtype=bool)
-        rows: tuple[Friction | Obstacle, ...] = (*self.oscillation.frictions, *self.oscillation.obstacles)
+        rows: tuple[Friction | Obstacle, ...] = (*self.reader.frictions, *self.reader.obstacles)
         for one in rows:
             if one.ends is None:
                 raise SceneError(
                     f"error_bound: there is no bound for {one.subject}, which does not say on which edges it acts: "
                     "effects of one's own say it by ends= of their Friction or Obstacle."
                 )
-            tips = self.oscillation.fine.tips(one, np.ones((len(one.nodes), 1)))
+            tips = self.reader.fine.tips(one, np.ones((len(one.nodes), 1)))
             found[int(isinstance(one, Obstacle))] |= np.isfinite(tips).any(axis=(1, 2))
         return found[0], found[1]
 
@@ -195,7 +194,7 @@ class Boundary:
     @cached_property
     def springs(self) -> Floats:
         """(b, 4, 4) matrices of springs to the ground on edges, by the motions of both ends."""
-        owner, k, count = self.oscillation.fine.owner, self.oscillation.springs, len(self.edges.outer)
+        owner, k, count = self.reader.fine.owner, self.reader.springs, len(self.edges.outer)
         mean = np.zeros((count, 2, 2))
         np.add.at(mean, owner, k / np.bincount(owner)[owner, None, None])
         if np.abs(k - mean[owner]).max(initial=0.0) > SAME * np.abs(k).max(initial=0.0):
@@ -236,9 +235,9 @@ class Boundary:
 
         `wanted` gives those components of it.
         """
-        ends, jumps, fine = u[self.edges.outer_edges], self.edges.jumps(u), self.oscillation.fine
+        ends, jumps, fine = u[self.edges.outer_edges], self.edges.jumps(u), self.reader.fine
         size, found, most = float(np.abs(u).max(initial=0.0)), None, 0.0
-        for support in self.oscillation.supports:
+        for support in self.reader.supports:
             new = support.nodes >= fine.old
             at, moved, values = support.nodes[new] - fine.old, ends, wanted(support)[new]
             line = fine.between(moved if support.partners is None else jumps, at)
@@ -313,16 +312,16 @@ class Boundary:
     @property
     def follows_pressure(self) -> bool:
         """True where a law of friction reads the answer."""
-        return any(friction.law is not None for friction in self.oscillation.frictions)
+        return any(friction.law is not None for friction in self.reader.frictions)
 
     def _slip(self, now: Instant, before: Instant) -> Floats:
         """(b, 2) the slip in a step at the ends of edges, less what the ground moves by."""
         moved = np.zeros((len(self.edges.outer), 2))
-        for friction in self.oscillation.frictions:
+        for friction in self.reader.frictions:
             if friction.ground is not None:
                 motion = friction.ground.vector(now.t) - friction.ground.vector(before.t)
                 motion = np.einsum("md,md->m", motion, tangents_of(friction.normals)[:, 0])
-                way = self.oscillation.fine.tips(friction, motion[:, None])[..., 0]
+                way = self.reader.fine.tips(friction, motion[:, None])[..., 0]
                 # Frictions that share an edge share their ground: it moves once.
                 moved = np.where(np.isfinite(way), way, moved)
         return along(self.edges.jumps(now.u - before.u), self.edges.tangents) - moved
@@ -352,9 +351,9 @@ class Boundary:
 
     def _depths(self, u: Floats, t: float, compliant: bool) -> tuple[Floats, Floats]:
         """The depths (b, 2) of a displacement in obstacles, -inf where there is none, and the stiffness of these."""
-        fine, (distance, stiffness) = self.oscillation.fine, np.zeros((2, len(self.edges.outer), 2))
+        fine, (distance, stiffness) = self.reader.fine, np.zeros((2, len(self.edges.outer), 2))
         distance += np.inf
-        for obstacle in (one for one in self.oscillation.obstacles if (one.compliance > 0).any() == compliant):
+        for obstacle in (one for one in self.reader.obstacles if (one.compliance > 0).any() == compliant):
             read = fine.tips(obstacle, obstacle.gap(t)[:, None])[..., 0]
             known = np.isfinite(read)
             if compliant and (stiffness[known] > 0).any():

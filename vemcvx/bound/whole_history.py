@@ -22,18 +22,16 @@ has an exact history from u_0, whose stress is a function that the run does not 
 **What it is worth.** y never forgets: it grows by as much in each cycle, the error does not. It grows by r, which comes
 and goes with the load, by friction that lacks of its law within steps, and by long steps.
 
-**Data in time.** Of data that are not linear between the instants of the run, the run on its own cells is made twice in
-finer steps: under the data as they are there, and under the lines. What both differ by in the energy norm up to an
-instant, times SAFETY, is added to the bound there, an estimate. For certain answers are off by no more than the
-variation in time of what the lines miss, in the energy norm of an elastic body, which is of no use over cycles.
+**Data in time.** Of data that are not linear between the instants of the run, the run on its own cells is made again in
+finer steps that follow them. What both differ by in the energy norm up to an instant, times SAFETY, is added to the
+bound there, an estimate. For certain answers are off by no more than the variation in time of what the lines miss, in
+the energy norm of an elastic body, which is of no use over cycles.
 """
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
 from dataclasses import replace
-from functools import lru_cache
 
 import numpy as np
 
@@ -46,7 +44,7 @@ from vemcvx.program import System
 from vemcvx.program.operators import energy_norm
 from vemcvx.scene import PosedScene, pose_scene, unwarned
 from vemcvx.stepping import march
-from vemcvx.stepping.course import ACROSS, course, divided, inside_steps
+from vemcvx.stepping.course import ACROSS, course, divided, inputs, inside_steps
 
 log = logging.getLogger("vemcvx")
 READINGS = 512
@@ -117,7 +115,7 @@ def _between(posed: PosedScene, history: History) -> tuple[Floats, Floats]:
         # A load that comes and goes within a step is left out by runs, and leaves friction behind.
         whole = pose_scene(posed.scene, posed.space.mesh)
     bends = inside_steps(times, course(whole.system, times).bends)
-    off = np.union1d(bends, _off_lines(whole, times))
+    off = np.union1d(bends, _off_lines(whole.system, times))
     if not len(off):
         return nothing, off
     told = bends if len(bends) else off
@@ -127,60 +125,28 @@ def _between(posed: PosedScene, history: History) -> tuple[Floats, Floats]:
         "has an estimate of that. Simulate at vemcvx.instants(scene, mesh, times), which has bends, or in steps that "
         "follow the data."
     )
-    instants, supports = np.union1d(times, off), whole.supports
-    start = supports.P.T @ (history.displacement[0].ravel() - supports.motion(float(times[0])))
+    system, supports, instants = whole.system, whole.supports, np.union1d(times, off)
+    own = [
+        supports.P.T @ (u.ravel() - supports.motion(t))
+        for u, t in zip(history.displacement, times.tolist(), strict=True)
+    ]
     at = np.searchsorted(instants, times).tolist()
-    as_is, lines = (
-        march(one, instants, initial=start, check=False, store=at).state
-        for one in (whole.system, _on_lines(whole.system, times))
-    )
-    apart = np.array([energy_norm(whole.system.K, d) for d in as_is - lines])
+    finer = march(system, instants, initial=own[0], check=False, store=at).state
+    apart = np.array([energy_norm(system.K, d) for d in finer - own])
     return SAFETY * np.maximum.accumulate(apart), told
 
 
-def _off_lines(posed: PosedScene, times: Floats) -> Floats:
-    """Instants at which data miss the lines between those of a run: at random, so as not to be in step with waves."""
+def _off_lines(system: System, times: Floats) -> Floats:
+    """Return instants at which data miss the lines between those of a run: at random, not in step with waves."""
     parts = divided(times, READINGS_A_STEP, READINGS)
-    width = np.diff(parts)
-    inside = parts[:-1] + np.random.default_rng(0).uniform(1.0, 2.0, len(width)) / 3.0 * width
+    width, draw = np.diff(parts), np.random.default_rng(0)
+    inside = parts[:-1] + draw.uniform(1.0, 2.0, len(width)) / 3.0 * width
     inside = inside[width > 2.0 * ACROSS * (times[-1] - times[0])]
-    data = [_line(times, one) for one in _data(posed)]
-    apart, size = np.zeros((len(inside), len(data))), np.zeros(len(data))
-    for i, t in enumerate(inside.tolist()):
-        for k, (one, line) in enumerate(zip(_data(posed), data, strict=True)):
-            value = one(t)
-            apart[i, k] = np.abs(value - line(t)).max(initial=0.0)
-            size[k] = max(size[k], np.abs(value).max(initial=0.0))
-    off: Floats = inside[(apart > SAME * size).any(axis=1)]
+    weights = [draw.uniform(0.5, 1.5, len(datum)) for _, datum in inputs(system, float(times[0]))]
+    known, values = (
+        np.array([[w @ x for w, (_, x) in zip(weights, inputs(system, t), strict=True)] for t in instants.tolist()])
+        for instants in (times, inside)
+    )
+    lines = np.column_stack([np.interp(inside, times, datum) for datum in known.T])
+    off: Floats = inside[(np.abs(values - lines) > SAME * np.abs(known).max(axis=0, initial=0.0)).any(axis=1)]
     return off
-
-
-def _data(posed: PosedScene) -> list[Callable[[float], Floats]]:
-    """The data of a scene in time: motions of supports, forces, weights, and motions of the ground."""
-    terms = posed.terms
-    return [posed.supports.motion, posed.force, terms.weights, *([] if terms.ground is None else [terms.ground])]
-
-
-def _on_lines(system: System, times: Floats) -> System:
-    """The system under data that are linear between the instants of a run."""
-    norms, motion = system.norms, system.motion
-    if norms is not None:
-        ground = None if norms.ground is None else _line(times, norms.ground)
-        norms = replace(norms, w=_line(times, norms.weights), ground=ground)
-    if motion is not None:
-        force, slip = (_line(times, one) for one in (motion.dirichlet_force, motion.prescribed_slip))
-        motion = replace(motion, dirichlet_force=force, prescribed_slip=slip)
-    return replace(system, load=_line(times, system.force), norms=norms, motion=motion)
-
-
-def _line(known: Floats, datum: Callable[[float], Floats]) -> Callable[[float], Floats]:
-    """The function of time that has the values of a datum at known instants and is linear between them."""
-    kept = lru_cache(maxsize=2)(datum)
-
-    def line(t: float) -> Floats:
-        k = int(np.clip(np.searchsorted(known, t), 1, len(known) - 1))
-        a, b = float(known[k - 1]), float(known[k])
-        s = (t - a) / (b - a)
-        return (1.0 - s) * kept(a) + s * kept(b)
-
-    return line

@@ -36,11 +36,9 @@ times the energy norm of v. Weights 1 / mu are right for all v, but where a body
 no work on what has a moderate energy.
 
 Contact acts on sides as on their nodes: each bears the row's force by the share int_e phi_i that it has in the side.
-Data in the plane: :mod:`vemcvx.bound.data_oscillation`. In space tractions count by d_e / (2 mu) |t - t_e|^2_e at the
-points where they were read, body forces by h_K^2 / (9 mu) |f - f_K|^2_K, and stresses at zero strain by
-|sigma_0 - sigma_0K|^2_K in C^{-1}. Integrals over cells are a third of the mean over the vertices, times |K|: exact for
-squares of what is linear in a box, more than that in a tetrahedron. What bounds, gaps and supports are between nodes,
-and moduli within cells, counts nothing there.
+Data: :mod:`.unseen`. In space tractions count by d_e / (2 mu) |t - t_e|^2_e at the points where they were read, body
+forces by h_K^2 / (9 mu) |f - f_K|^2_K, and integrals over cells are a third of the mean over the vertices, times |K|:
+exact for squares of what is linear in a box, more than that in a tetrahedron.
 """
 
 from __future__ import annotations
@@ -53,23 +51,16 @@ import numpy as np
 import scipy.sparse as sp
 
 from vemcvx.base.arrays import SAME, Floats, Ints, totals
-from vemcvx.bound.data_oscillation import POINCARE, DataOscillation
-from vemcvx.bound.skeleton import (
-    Instant,
-    Joints,
-    contact_tractions,
-    skeleton,
-    strained,
-    volume_squares,
-    widths,
-)
-from vemcvx.effects import Load
+from vemcvx.bound.reading import POINCARE
+from vemcvx.bound.skeleton import Instant, Joints, body_forces, extents, skeleton
+from vemcvx.effects import Contribution, Load
+from vemcvx.estimate.unseen import Unseen, parts_of, stress_squares
 from vemcvx.meshes import PolyhedralMesh
 from vemcvx.meshes.interfaces import faces_of
-from vemcvx.meshes.polygons import cell_of_corner, next_corner, positions, rows_in_order
+from vemcvx.meshes.polygons import cell_of_corner, next_corner, positions, right_of, rows_in_order, spans
 from vemcvx.meshes.polyhedra import listed_faces
 from vemcvx.scene import ContactRows, PosedScene, jump_rows
-from vemcvx.vem import elastic_matrix, mean_shear, tractions
+from vemcvx.vem import elastic_matrix, mean_shear, strains, stresses, tractions
 from vemcvx.vem.projection import face_groups
 
 CONSTANT, IN_SPACE = 0.63, 0.8
@@ -109,23 +100,14 @@ class MeshSides:
 
     def depths(self, cells: Ints, normals: Floats) -> Floats:
         """Return the widths of cells (k,) along vectors (k, dim) of any length."""
-        return widths(self.corners[1], self.corners[0], cells, normals)
-
-    @property
-    def extents(self) -> Floats:
-        """(n_cells,) h_K, the longest side of the box with a cell's moments 12 / |K| int (x - c)(x - c)' dx.
-
-        Over a simplex T of c and the corners c + a_i, int x x' = |T| (sum a_i a_i' + (sum a_i)(sum a_i)') over
-        (dim + 1) (dim + 2).
-        """
-        cell, arms = self.arms
-        dim = arms.shape[2]
-        volumes = np.linalg.det(arms) / (1.0, 1.0, 2.0, 6.0)[dim]
-        tips = np.concatenate([arms, arms.sum(axis=1, keepdims=True)], axis=1)
-        moments, whole = np.zeros((cell.max() + 1, dim, dim)), totals(cell, volumes, cell.max() + 1)
-        np.add.at(moments, cell, volumes[:, None, None] * np.einsum("kai,kaj->kij", tips, tips))
-        moments *= 12.0 / ((dim + 1) * (dim + 2) * whole[:, None, None])
-        return np.sqrt(np.linalg.eigvalsh(moments)[:, -1])
+        if len(cells) == 0:
+            return np.zeros(0)
+        offsets, corners = self.corners
+        counts = np.diff(offsets)[cells]
+        height = np.einsum("ki,ki->k", corners[spans(offsets[cells], counts)], np.repeat(normals, counts, axis=0))
+        first = np.cumsum(counts) - counts
+        width = np.maximum.reduceat(height, first) - np.minimum.reduceat(height, first)
+        return np.asarray(width / np.linalg.norm(normals, axis=1))
 
 
 class Residuals:
@@ -138,7 +120,7 @@ class Residuals:
         elastic = elastic_matrix(posed.material.moduli, space.dim)
         self.compliance = np.asarray(np.linalg.inv(elastic))
         # Of mu half the harmonic mean of the moduli of shear, where they differ.
-        self.shear, self.sizes = 0.5 * mean_shear(elastic), sides.extents
+        self.shear, self.sizes = 0.5 * mean_shear(elastic), extents(*sides.arms)
         one, two = (sides.depths(cells, sides.inner_normals) for cells in sides.inner.T)
         mu = 0.5 * self.shear[sides.inner].sum(axis=1)
         # |e| d_e / (4 mu) of inner sides and d_e / (2 mu) of outer ones; directions that supports leave free there.
@@ -154,7 +136,9 @@ class Residuals:
         In space those of "pressure", too.
         """
         posed, pressure = self.posed, {}
-        strain, sigma = strained(posed, now)
+        strain = strains(posed.space, now.u)
+        sigma = stresses(posed.material.moduli, strain)
+        sigma += 0.0 if posed.prestress is None else posed.prestress.stress(now.t)
         missed, data = posed.material.missed(posed.space, now.u), self.data(now, strain)
         if not posed.space.in_plane:
             # Of S_K = tau h_K sum |(I - Pi) u|^2 the mean over vertices, with |K|^{1/3} in place of h_K.
@@ -164,9 +148,9 @@ class Residuals:
             pressure = {"pressure": self._expansions * q**2}
         jumps = self.jump_weights * np.sum(self._jump(sigma) ** 2, axis=1)
         rest = self.weights / self.sides.sizes * np.sum(self._rest(sigma, now) ** 2, axis=1)
-        squared, count = self.constant**2, len(sigma)
+        squared, count, force = self.constant**2, len(sigma), np.sum(body_forces(posed, now.t) ** 2, axis=1)
         return {
-            "volume": squared * POINCARE * volume_squares(posed, self.sizes, self.shear, now.t),
+            "volume": squared * POINCARE * self.sizes**2 / self.shear / self.mesh.measures * force,
             "jumps": squared * totals(self.sides.inner.ravel(), np.repeat(0.5 * jumps, 2), count),
             "boundary": squared * totals(self.sides.outer, rest, count),
             **pressure,
@@ -244,8 +228,10 @@ class Residuals:
 
     def contact(self, now: Instant) -> Floats:
         """Return the friction and pressure of contact, on both of two bodies."""
-        friction, pressure = contact_tractions(self.posed, now)
-        force = self._on_sides(self.posed.terms, friction) + self._on_sides(self.posed.obstacles, pressure)
+        terms, obstacles = self.posed.terms, self.posed.obstacles
+        friction = -np.einsum("mb,mbd->md", now.lam, terms.tangents) / terms.lengths[:, None]
+        force = self._on_sides(terms, friction)
+        force -= self._on_sides(obstacles, (now.p / obstacles.lengths)[:, None] * obstacles.normals)
         return force + self.sides.joints.reaction(force)
 
     def _tractions(self, t: float) -> Floats:
@@ -289,14 +275,24 @@ class Residuals:
     # Data.
 
     @cached_property
-    def _oscillation(self) -> DataOscillation:
-        return DataOscillation(self.posed, skeleton(self.posed))
+    def _unseen(self) -> Unseen:
+        return Unseen(self.posed, skeleton(self.posed))
+
+    @cached_property
+    def _parts(self) -> list[Contribution]:
+        return parts_of(self.posed)
 
     def data(self, now: Instant, strain: Floats) -> Floats:
         """Return the squares (n_cells,) of data that are not constant on sides and in cells."""
         if self.posed.space.in_plane:
-            return self._oscillation.squares(now, strain)
-        sides, found, count = self.sides, self._locked(now.t), len(self.sides.outer)
+            return self._unseen.squares(now, strain)
+        sides, count, (offsets, x) = self.sides, len(self.sides.outer), self.sides.corners
+        # Integrals over cells are a third of the mean over vertices.
+        owner, weights = (
+            cell_of_corner(offsets),
+            np.repeat(self.mesh.measures / 3.0 / np.diff(offsets), np.diff(offsets)),
+        )
+        found = stress_squares(self.posed, self._parts, (x, owner, weights), now.t, strain)
         for load in (load for load in self._loads if callable(load.value)):
             if load.edges is not None:
                 at, size, forces = sides.numbers(load.edges), load.measures, load.forces(now.t)
@@ -306,41 +302,24 @@ class Residuals:
                 squares = totals(at, size * np.sum(apart**2, axis=1), count)
                 found += totals(sides.outer, self.weights * squares, self.mesh.n_cells)
             elif load.cells is not None:
-                offsets, x = sides.corners
-                apart = load.at(x, now.t) - load.at(self.mesh.centroids, now.t)[cell_of_corner(offsets)]
-                found += POINCARE * self.sizes**2 / self.shear * self._integral(np.sum(apart**2, axis=1))
+                apart = load.at(x, now.t) - load.at(self.mesh.centroids, now.t)[owner]
+                within = totals(owner, weights * np.sum(apart**2, axis=1), self.mesh.n_cells)
+                found += POINCARE * self.sizes**2 / self.shear * within
         return found
-
-    def _locked(self, t: float) -> Floats:
-        """Return |sigma_0 - sigma_0K|^2_K in C^{-1}."""
-        prestress, (offsets, x) = self.posed.prestress, self.sides.corners
-        if prestress is None:
-            return np.zeros(self.mesh.n_cells)
-        owner, apart = cell_of_corner(offsets), np.zeros((len(x), self.compliance.shape[1]))
-        for swelling in prestress.eigenstrains:
-            if swelling.at is not None:
-                rest = swelling.value(t)[owner] - swelling.at(x, owner, t)
-                apart += prestress.material.thermal_stress_moduli[owner] * rest[:, None]
-        for stress in prestress.stresses:
-            if stress.at is not None:
-                apart += stress.at(x, owner, t) - stress.value(t)[owner]
-        return self._integral(np.einsum("qi,qij,qj->q", apart, self.compliance[owner], apart))
-
-    def _integral(self, squares: Floats) -> Floats:
-        """Return integrals (n_cells,) of squares (c,) at the corners of cells."""
-        offsets, _ = self.sides.corners
-        return self.mesh.measures / 3.0 * np.add.reduceat(squares, offsets[:-1]) / np.diff(offsets)
 
 
 def _in_plane(posed: PosedScene) -> MeshSides:
     """Return the edges of a plane mesh."""
-    mesh, edges = posed.space.mesh, skeleton(posed)
-    length = np.linalg.norm(edges.inside_normals, axis=1)
+    edges = skeleton(posed)
+    mesh = edges.mesh
+    ends = mesh.points[edges.sides[mesh.shared_edges.corners[mesh.shared_edges.first][mesh.shared_edges.counts == 2]]]
+    inside_normals = right_of(np.diff(ends, axis=1)[:, 0])
+    length = np.linalg.norm(inside_normals, axis=1)
     side, nodes = np.repeat(np.arange(len(edges.outer)), 2), edges.outer_edges.ravel()
     shares = sp.csr_matrix((np.repeat(0.5 * edges.lengths, 2), (side, nodes)), shape=(len(edges.outer), mesh.n_nodes))
     return MeshSides(
-        inner=edges.inside,
-        inner_normals=edges.inside_normals / length[:, None],
+        inner=mesh.neighbours,
+        inner_normals=inside_normals / length[:, None],
         inner_sizes=length,
         outer=edges.outer,
         normals=edges.units,
@@ -348,7 +327,7 @@ def _in_plane(posed: PosedScene) -> MeshSides:
         shares=shares,
         joints=edges.joints,
         numbers=lambda sides: positions(sides, edges.outer_edges, mesh.n_nodes),
-        corners=(edges.offsets, edges.corners),
+        corners=(mesh.offsets, mesh.points[mesh.vertices]),
         edges=(edges.owner, edges.sides),
         arms=(edges.owner, mesh.points[edges.sides] - mesh.centroids[edges.owner, None]),
     )

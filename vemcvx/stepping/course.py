@@ -46,10 +46,10 @@ class Course:
 def course(system: System, times: Floats) -> Course:
     """Sample the data of a system over a run, and find bends, turns and jumps."""
     sampled, draw = divided(times, 2, 256), np.random.default_rng(0)
-    names, weights = zip(*((name, draw.uniform(0.5, 1.5, len(x))) for name, x in _data(system, times[0])), strict=True)
+    names, weights = zip(*((name, draw.uniform(0.5, 1.5, len(x))) for name, x in inputs(system, times[0])), strict=True)
 
     def sums(t: float) -> Floats:
-        return np.array([w @ x for w, (_, x) in zip(weights, _data(system, t), strict=True)])
+        return np.array([w @ x for w, (_, x) in zip(weights, inputs(system, t), strict=True)])
 
     values = np.array([sums(t) for t in sampled.tolist()])
     scale = np.where((size := np.abs(values).max(axis=0)) > 0, size, 1.0)
@@ -83,7 +83,7 @@ def inside_steps(times: Floats, bends: Floats) -> Floats:
     return inside[np.diff(inside, prepend=-np.inf) > 1e-13 * span]
 
 
-def _data(system: System, t: float) -> list[tuple[str, Floats]]:
+def inputs(system: System, t: float) -> list[tuple[str, Floats]]:
     """Evaluate everything that drives a system, at an instant, with its name."""
     gap, motion, ground = system.remaining_gap(t), system.motion, system.ground(t)
     found = [("load", system.force(t)), ("gap", gap)]

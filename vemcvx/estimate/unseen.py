@@ -1,0 +1,121 @@
+"""What data are beside what was assembled of them, as energies of cells: a part of the residual.
+
+In the plane edges and cells are read at many points (:mod:`vemcvx.bound.reading`, which says what each kind of datum
+counts): tractions less t_e, their mean as it was assembled; body forces less f_K; and given bounds g of friction less
+g_h, which is linear between nodal values. Bounds count where friction is at its bound, or something has slipped before;
+elsewhere only where they are less than what holds there. Their means are forces on the whole body, as those of loads.
+
+In space tractions and body forces are read where they were assembled and at vertices, and stresses at zero strain at
+vertices. What laws of friction, springs, and in space also bounds, gaps and supports are between nodes counts nothing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from vemcvx.base.arrays import Bools, Floats, Ints, totals
+from vemcvx.bound.fine_boundary import without_rounding
+from vemcvx.bound.reading import Reader, stresses_apart
+from vemcvx.bound.skeleton import Instant, Skeleton, at_ends, body_forces, edge_loads
+from vemcvx.effects import Contribution, Friction, MaterialLaw, Support
+from vemcvx.scene import PosedScene, contributions, unwarned
+
+
+@dataclass(frozen=True)
+class Unseen:
+    """The data of a plane scene beside what was assembled."""
+
+    posed: PosedScene
+    edges: Skeleton
+
+    @cached_property
+    def reader(self) -> Reader:
+        """The data as they are."""
+        return Reader(self.posed, self.edges, self.edges.mesh.centroids)
+
+    def squares(self, now: Instant, strain: Floats) -> Floats:
+        """Return the squares (n_cells,) of the energies that are missed."""
+        reader, edges, posed, t = self.reader, self.edges, self.posed, now.t
+        traction, on_pieces = reader.pieces.beside(
+            reader.on_pieces(t), edge_loads(posed, edges, t) / edges.lengths[:, None]
+        )
+        body, in_cells = np.zeros((len(edges.areas), 2)), np.zeros((0, 2))
+        if any(callable(load.value) for load in reader.body_loads):
+            body, in_cells = reader.cells.beside(
+                reader.body_force(reader.inside.x, t), body_forces(posed, t) / edges.areas[:, None]
+            )
+            # Of what is constant in a cell a part bends it, too, besides moving the body.
+            in_cells = in_cells + body[reader.inside.owner]
+        force, on_edges = edges.lengths[:, None] * traction, reader.between_nodes(now)
+        for friction in (one for one in reader.frictions if one.law is None):
+            squares, lacking = self._bound(friction, now)
+            on_edges, force = on_edges + squares, force + lacking
+        on_edges += np.sum([self._support(support, now) for support in reader.supports], axis=0)
+        local = totals(edges.outer, on_edges, len(body)) + reader.energies(on_pieces, in_cells)
+        inside = reader.inside.x, reader.inside.owner, reader.inside.weights
+        local += stress_squares(posed, reader.parts, inside, t, strain)
+        return local + reader.of_the_body(force, edges.areas[:, None] * body)
+
+    def _bound(self, friction: Friction, now: Instant) -> tuple[Floats, Floats]:
+        """Return the squares (b,) that a bound of friction adds, and its forces (b, 2) on the whole body."""
+        reader, fine, edges = self.reader, self.reader.fine, self.edges
+        lam, bound, slipped, along = self._friction(now)
+        at, g, line = fine.read(friction, (friction.weights(now.t) / friction.lengths)[:, None])
+        differs = (g - line)[:, 0]
+        exceeds = np.maximum(fine.between(lam, at) - g[:, 0], 0.0)
+        # Friction counts as being at its bound from .99 of it on.
+        active = np.any(slipped | (lam >= 0.99 * bound), axis=1)[fine.owner[at]]
+        apart = np.where(active, differs, -np.minimum(exceeds, np.abs(differs)))
+        total = reader.sums(at, apart)
+        scatter = np.maximum(reader.sums(at, apart**2) - total**2 / edges.lengths, 0.0)
+        force = (total * along)[:, None] * edges.tangents
+        return reader.of_jumps(reader.compliances, edges.tangents) * scatter, force + edges.joints.reaction(force)
+
+    def _friction(self, now: Instant) -> tuple[Floats, Floats, Bools, Floats]:
+        """Return the size of friction and its bound, and whether it has slipped, at the ends of edges (b, 2).
+
+        And the way (b,) along the tangent in which it acts; where there is none, in which the edges went.
+        """
+        terms, edges = self.posed.terms, self.edges
+        acting = np.einsum("mb,mbd->md", now.lam, terms.tangents)
+        values = np.column_stack([np.linalg.norm(acting, axis=1), now.weights, (now.worn > 0) * terms.lengths, acting])
+        read = at_ends(edges, terms, values / terms.lengths[:, None])
+        size, bound, worn = np.moveaxis(read[..., :3], 2, 0)
+        ways = (np.einsum("bed,bd->b", each, edges.tangents) for each in (read[..., 3:], edges.jumps(now.u)))
+        acts, goes = ways
+        return size, bound, worn > 0, np.sign(np.where(acts != 0.0, acts, goes))
+
+    def _support(self, support: Support, now: Instant) -> Floats:
+        """Return the squares (b,) that prescribed displacements add by not being linear between nodes."""
+        fine, new = self.reader.fine, support.nodes >= self.reader.fine.old
+        if support.value is None:
+            return np.zeros(len(self.edges.outer))
+        at, directions = support.nodes[new] - fine.old, support.directions[new]
+        line = np.einsum("qd,qd->q", directions, fine.between(now.u[self.edges.outer_edges], at))
+        value, line = without_rounding(support.value(now.t)[new], line)
+        return self.reader.of_motion(at, (value - line)[:, None] * directions)
+
+
+def stress_squares(
+    posed: PosedScene, parts: list[Contribution], at: tuple[Floats, Ints, Floats], t: float, strain: Floats
+) -> Floats:
+    """Return |(C - C_K) eps + sigma_0 - sigma_0K|^2_K in C^-1, (n_cells,), by points, their cells, and weights."""
+    laws = [part.material.at for part in parts if part.material is not None]
+    rest = [[*(one.at for one in part.eigenstrains), *(one.at for one in part.initial_stresses)] for part in parts]
+    if not any(laws) and not any(map(any, rest)):
+        return np.zeros(len(strain))
+    x, owner, weights = at
+    apart, C = stresses_apart(posed, parts, (x, owner), t, strain)
+    return totals(
+        owner, weights * np.einsum("qi,qi->q", apart, np.linalg.solve(C, apart[..., None])[..., 0]), len(strain)
+    )
+
+
+def parts_of(posed: PosedScene) -> list[Contribution]:
+    """Return the contributions of all effects, also of those that are zero; of materials without their stiffness."""
+    others = [effect for effect in posed.scene.canonical if not isinstance(effect, MaterialLaw)]
+    with unwarned():
+        return [*(part for _, part in contributions(others, posed.space)), *posed.laws]

@@ -32,7 +32,7 @@ BLOCKS = blocks(TEXT, "python")
 NAMES = {i: found[1] for i, text in enumerate(BLOCKS) if (found := re.match(r"# (\S+)\n", text))}
 FILES = {name: BLOCKS[i] for i, name in NAMES.items()} | {"mine.py": file(SOLVER_PAGE, "mine.py")}
 LINES = {name: BLOCKS[i + 1] for i, name in NAMES.items()} | {"mine.py": file(SOLVER_PAGE, "test_mine.py")}
-ROBIN_SAMPLE, ROBIN_MADE = (block for block in blocks(TEXT, "text") if "vx.Robin" in block)
+ROBIN_SAMPLE, ROBIN_GIVEN = (block for block in blocks(TEXT, "text") if "vx.Robin" in block or '"support"' in block)
 """Each recipe is a file, whose path its first line says, and a line; that of effects has two entries in tests, too.
 The recipe of a solver stands on its page."""
 
@@ -171,7 +171,7 @@ def contributed(tmp_path_factory):
     insert("tests/effects/test_conformance_effects.py", "SAMPLES = {\n", ROBIN_SAMPLE)
     in_space = ROBIN_SAMPLE.replace("(0.0, 0.0)", "(0.0, 0.0, 0.0)").replace('"support": 2', '"support": 3')
     insert("tests/effects/test_conformance_in_space.py", "SAMPLES = {\n", in_space)
-    insert("tests/whole/test_wrong_kinds.py", "MADE = [\n", ROBIN_MADE)
+    insert("tests/whole/test_wrong_kinds.py", "GIVEN = {\n", ROBIN_GIVEN)
     insert("vemcvx/meshes/__init__.py", '"""\n\n', "from vemcvx.meshes.families.bricks import bricks\n")
     insert("vemcvx/meshes/__init__.py", "\nFAMILIES = {", LINES["vemcvx/meshes/families/bricks.py"])
     insert("vemcvx/meshes/__init__.py", "__all__ = [", '"bricks", ')
@@ -184,7 +184,7 @@ def contributed(tmp_path_factory):
     [
         [
             "-k",
-            "Robin or missing or permutation or every_parameter",
+            "Robin or missing or permutation or valid",
             "tests/effects",
             "tests/whole/test_wrong_kinds.py",
         ],
@@ -244,15 +244,16 @@ def suite(name):
 SUITE = suite("fista")
 
 
-MARCHES = "knows_no_units", "gives_the_same_answer_twice", "is_as_near_to_newton_as_certified"
-"""Sentences that take many steps, of which those in space take the recipe's solver hundreds of iterations each."""
+ENDLESS = "admits_what_it_cannot_reach", "answers_where_rounding_forbids_the_gap"
+"""Sentences that the recipe's solver meets after all of its iterations."""
 
 
 def takes(key):
     """A case of the suite with the mark of the time that it takes."""
-    if key.endswith("admits_what_it_cannot_reach"):
+    if key.endswith(ENDLESS):
         return pytest.param(key, marks=pytest.mark.slow)
-    return pytest.param(key, marks=pytest.mark.long) if "in space" in key and key.endswith(MARCHES) else key
+    is_long = "in space" in key or key.endswith("is_as_near_to_newton_as_certified")
+    return pytest.param(key, marks=pytest.mark.long) if is_long else key
 
 
 @pytest.mark.parametrize("case", [takes(key) for key in SUITE])

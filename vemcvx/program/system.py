@@ -448,7 +448,9 @@ class System(ArrayRecord):
 
     def elimination_order(self) -> Ints | None:
         """Return the order of elimination (n,), if there is one."""
-        return self._permutation(self.order()) if callable(self.order) else self.order
+        if not callable(self.order):
+            return self.order
+        return self._permutation(called(self.order, (), "System: order: its function failed", "return a permutation"))
 
     def load_on_part(self, t: float) -> tuple[Floats, Ints | None]:
         """Return the load at the instant `t`, checked, and the unknowns that it acts on; None for all of them."""

@@ -15,11 +15,10 @@ import pytest
 from test_cli import invoke
 
 import vemcvx as vx
-from vemcvx.base.arrays import EPS
 from vemcvx.cli import supplied
 from vemcvx.cli.collection import INSTANCES, Instance, confirm, write_collection, writing
-from vemcvx.cli.collection.benchmark import kind_of, read_instances
-from vemcvx.cli.collection.writing import CORE, COULOMB, FCLIB, LARGE, OPTIMA, SEQUENCES, departures
+from vemcvx.cli.collection.benchmark import kind_of
+from vemcvx.cli.collection.writing import CORE, LARGE, OPTIMA, SEQUENCES, departures
 from vemcvx.exchange import sequence_from_npz
 
 SCRIPT = Path(vx.__file__).parent / "cli" / "collection" / "confirm.py"
@@ -41,14 +40,14 @@ def test_the_list_is_named_and_graded():
     assert {"easy", "sizes", "bodies", "floating", "no optimum"} | hard == GRADES
     assert len(CORE) == 40
     assert {one.grade for one in INSTANCES if one.name in CORE} == GRADES
-    others = *LARGE, *SEQUENCES, *COULOMB
+    others = *LARGE, *SEQUENCES
     assert len({*names, *(one.name for one in others)}) == 138 + len(others)
 
 
 def test_all_are_published():
     published = SCRIPT.with_name(OPTIMA).read_text().splitlines()
     names = {line.split(",")[0] for line in published[1:]}
-    assert names == {one.name for one in (*INSTANCES, *SEQUENCES, *LARGE, *COULOMB)}
+    assert names == {one.name for one in (*INSTANCES, *SEQUENCES, *LARGE)}
 
 
 @pytest.mark.parametrize(
@@ -57,7 +56,6 @@ def test_all_are_published():
         ((), {*INSTANCES, *SEQUENCES}),
         (("--large",), {*INSTANCES, *SEQUENCES, *LARGE}),
         (("--core",), CORE),
-        (("--core", "--fclib"), {*CORE, *(one.name for one in COULOMB)}),
     ],
 )
 def test_the_command_writes_the_whole_list(tmp_path, monkeypatch, asked, wanted):
@@ -77,7 +75,7 @@ def test_optima_are_those_published(tmp_path):
     """What is written here agrees with the list that came with the version, or is told."""
     small = [one for one in INSTANCES if one.name in CORE and one.problem in ("block_between_dies", "block_on_incline")]
     said = write_collection(tmp_path, instances=small)
-    assert "optima.csv agrees with that of version 4" in said
+    assert "optima.csv agrees with that of version 5" in said
     (row, *_) = json.loads((tmp_path / "manifest.json").read_text())["instances"]
     assert departures([{**row, "unknowns": 99}]) == [f"{row['name']} has unknowns 99, not {row['unknowns']}"]
     assert departures([{**row, "name": "new"}]) == ["new is not in it"]
@@ -116,33 +114,6 @@ def test_a_sequence_has_its_matrices_once(tmp_path):
     assert confirm.main(tmp_path / "all") == 0
 
 
-@pytest.mark.long
-def test_steps_with_coulombs_law_are_files_of_fclib(tmp_path, capsys):
-    """The script finds every line of the law in the files, a benchmark of solvers of programs leaves them out."""
-    h5py = pytest.importorskip("h5py")
-    (last,) = (one for one in COULOMB if one.n == (9, 9, 2))
-    write_collection(tmp_path, instances=[replace(last, n=(6, 6, 2), step=3, steps=2), one_a_grade()[0]])
-    paths = sorted(tmp_path.glob("*.hdf5"))
-    assert [path.stem[-2:] for path in paths] == ["-2", "-3"]
-    assert confirm.main(tmp_path) == 0
-    said = capsys.readouterr().out
-    assert "3 of 3 are confirmed: 1 optima, 0 proofs" in said
-    assert "2 of 2 steps in FCLIB's form obey Coulomb's law but for" in said
-    (row,) = (row for row in json.loads((tmp_path / "manifest.json").read_text())["instances"] if row["grade"] == FCLIB)
-    assert (row["limits"], row["steps"]) == (49, 2)
-    assert "optimum" in row
-    assert [kind_of(one) for one in read_instances(tmp_path)] == ["plane"]
-    law, energy = confirm.misses(paths[0])
-    assert energy < np.sqrt(64 * EPS)  # of a gap of rounding
-    assert law < 64 * EPS
-    with h5py.File(paths[0], "r+") as file:
-        r = file["solution"]["r"]
-        r[0::3] = 1.01 * r[0::3]
-    assert min(confirm.misses(paths[0])) > 1e-6
-    assert confirm.main(tmp_path) == 1
-    assert f"NOT CONFIRMED: {paths[0].stem}" in capsys.readouterr().out
-
-
 def test_the_script_needs_three_packages():
     tree = ast.parse(SCRIPT.read_text())
     names = {alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names}
@@ -155,7 +126,7 @@ def test_the_script_needs_three_packages():
 def test_what_is_written_is_confirmed(tmp_path, capsys):
     """In each grade: the manifest says what the files hold, and independent gaps agree with ours."""
     said = write_collection(tmp_path, "mtx", instances=one_a_grade())
-    assert said.startswith(f"{len(GRADES) + 1} instances of 'vemcvx collection 4'")
+    assert said.startswith(f"{len(GRADES) + 1} instances of 'vemcvx collection 5'")
     every = json.loads((tmp_path / "manifest.json").read_text())["instances"]
     assert {row["grade"] for row in every} == GRADES
     rows = [row for row in every if "optimum" in row]
@@ -208,7 +179,7 @@ def test_the_folder_says_what_it_is_and_is_whole(tmp_path):
         digest, name = line.split("  ")
         assert sha256((tmp_path / name).read_bytes()).hexdigest() == digest
     assert {path.name for path in tmp_path.iterdir()} >= {"README.md", "LICENSE.txt", "CITATION.cff", "confirm.py"}
-    assert "Version 4" in (tmp_path / "README.md").read_text()
+    assert "Version 5" in (tmp_path / "README.md").read_text()
 
 
 @pytest.mark.long
@@ -245,5 +216,5 @@ def test_the_whole_collection_is_confirmed(tmp_path):
     assert done.exit_code == 0, done.output
     run = subprocess.run([sys.executable, tmp_path / "confirm.py"], capture_output=True, text=True, check=False)
     assert run.returncode == 0, run.stdout + run.stderr
-    assert "optima.csv agrees with that of version 4" in " ".join(done.output.split())
+    assert "optima.csv agrees with that of version 5" in " ".join(done.output.split())
     assert "141 of 141 are confirmed: 135 optima, 6 proofs that there is none" in run.stdout

@@ -30,8 +30,6 @@ from vemcvx.cost.workers import DONE, outcome
 from vemcvx.cost.workers import NOT_CERTIFIED as MISSED
 from vemcvx.history import History
 from vemcvx.meshes import Mesh as AnyMesh
-from vemcvx.plots import write_plots
-from vemcvx.plots.pictures import check_pictures, left_out
 from vemcvx.plots.style import Units, in_units
 from vemcvx.results import files, places
 from vemcvx.results.files import ARCHIVE, SERIES, SUMMARY, Origin, write_results
@@ -136,6 +134,8 @@ class Run:
             if rows is not None:
                 rows.clear()
         if self.plot:
+            from vemcvx.plots.pictures import left_out, write_plots
+
             drawn = write_plots(history, drawings, units=problem.units)
             lines.append(f"pictures    {drawings}: {', '.join(path.name for path in drawn)}")
             lines += [f"left out    {why}" for why in dict.fromkeys(left_out(history).values())]
@@ -269,6 +269,8 @@ class Run:
         if self.plot or self.report:
             new_figure()
         if self.plot:
+            from vemcvx.plots.pictures import check_pictures
+
             check_pictures(drawings)
         if self.report:
             from vemcvx.cli.report import check_report

@@ -73,13 +73,13 @@ def problem_path(file: str | Path) -> Path:
     path = Path(file)
     if os.path.isfile(path) or path.name != str(file) or path.suffix:
         return path
-    known = problem_files()
-    if path.name not in known:
+    supplied = problems_folder() / f"{path.name}.py"
+    if not (os.path.isfile(supplied) and Supplied(supplied).is_problem):
         raise ProblemError(
             f"{path}: there is no such problem file here, and none of that name came with the package; "
             "`vemcvx problems` lists those that did."
         )
-    return known[path.name].path
+    return supplied
 
 
 def copy_lesson(number: int, into: Path, notebook: bool = False, solutions: bool = True) -> list[Path]:

@@ -1,23 +1,6 @@
 """Pictures of a history: each a function that returns a matplotlib figure, or draws on axes that it is given."""
 
-from vemcvx.plots.body import deformed_body, deformed_mesh, stressed_body
-from vemcvx.plots.contact import along_contact, friction_traction, stick_slip_map, wear
-from vemcvx.plots.faces import contact_face, friction_disc
-from vemcvx.plots.pictures import animate, energy_ledger, error_map, hysteresis_loop, write_plots
+import lazy_loader
 
-__all__ = [
-    "along_contact",
-    "animate",
-    "contact_face",
-    "deformed_body",
-    "deformed_mesh",
-    "energy_ledger",
-    "error_map",
-    "friction_disc",
-    "friction_traction",
-    "hysteresis_loop",
-    "stick_slip_map",
-    "stressed_body",
-    "wear",
-    "write_plots",
-]
+# The names stand in __init__.pyi: units, colours and marks are used where nothing is drawn.
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

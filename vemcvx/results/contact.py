@@ -10,27 +10,7 @@ proportion to it (Archard 1953).
 A one-sided contact is closed where p_j + c_j z_j >= 0, z_j the excess over the gap and c_j = n'An at the node: the rule
 by which active sets are chosen, which tells a small pressure from a small distance whatever the units.
 
-Recovered pressure and friction, in the plane (in space: :mod:`.contact_faces`). Forces on nodes are right in the mean
-over a few sides, R(v) = int p v for smooth v, better than each of them is. A force over int phi_i, as
-`Contact.pressure` has it, is p not at node i but where phi_i has its centre, (h_2 - h_1) / 3 away from it between sides
-of lengths h_1, h_2; and where nodes of two bodies alternate, forces do, too, because a hanging node bends a cell in
-which strains are constant. Both are of order h, and show as a ripple. The recovered pressure is linear along sides, p =
-sum_i p_i phi_i, has these forces in the mean, and is smooth: it is least in
-
-    1/2 int p^2 - sum_i R_i p_i + 1/2 c sum_i h_i^4 / l_i [p']_i^2,    hence    (M + c J' diag(h^4 / l) J) p = R,
-
-with the jumps [p']_i = (J p)_i of its slope at nodes between two sides, l_i half their length, M = int phi_i phi_j.
-The last term is c h^4 int p''^2 of a smoothing spline (Reinsch, Numer. Math. 10 (1967)); without it p is the
-L2-projection of the forces, as consistent fluxes are (Carey, Chow and Seager, Comput. Methods Appl. Mech. Engrg. 50
-(1985)), and ripples by twice as much. Tested by 1 and x, for which J vanishes: the resultant of every stretch and its
-moment are kept, and constant and linear fields are found exactly. A wave of length L keeps the part
-1 / (1 + c (2 pi h / L)^4), so that smooth fields are changed by the order of h^4.
-
-A stretch is what is closed in one piece, without corners: p ends with it, and half a side beyond its last node, where
-no phi_i goes on, counts as p_i phi_i. Where all forces press, so does p: what is negative is 0, and the rest is scaled
-to the resultant. At corners, and at nodes alone, p is R_i / int phi_i.
-
-With the moments J p for unknowns of their own, sides of a millionth of others cost six digits and not eighteen.
+Pressures and tractions are recovered from these by :mod:`vemcvx.results.contact_tiles`.
 """
 
 from __future__ import annotations
@@ -40,19 +20,15 @@ from typing import Annotated
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.linalg import splu
 
 from vemcvx.base.arrays import EPS, Bools, Floats, Ints, summed_columns, totals
 from vemcvx.base.outline import ArrayRecord
-from vemcvx.meshes import PolygonMesh, PolyhedralMesh, plane_mesh
-from vemcvx.meshes.polygons import found_in, smallest_linked
-from vemcvx.results.contact_faces import ContactFaces
-from vemcvx.scene.contact import Surface, Terms
+from vemcvx.meshes.polygons import found_in
+from vemcvx.results.contact_tiles import ContactTiles
+from vemcvx.scene.contact import Terms
 from vemcvx.scene.pose import PosedScene
 from vemcvx.scene.rows import ContactRows, pair_numbers
 from vemcvx.stepping import Trajectory
-from vemcvx.vem import tangents_of
-from vemcvx.vem.boundary import SMOOTH
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -95,11 +71,9 @@ class Contact(ArrayRecord):
         moves: its force is pressure.
     traction_recovered, pressure_recovered : (S, m, dim), (S, m)
         Friction and pressure without the ripple of order h where nodes of two bodies alternate or sides are unequal:
-        the smooth field, linear along sides, that has the same resultants and moments, exact where they are constant
-        or linear. Quote and draw these; laws and bounds of friction hold for `traction` and `pressure` at every node.
-        Edges of contact are as sharp as there, infinite values at corners of a body lower. In space, too, where nodes
-        without much area of their own have pressures that mean nothing; edges of contact are rounded over a cell. See
-        :mod:`vemcvx.results.contact` and :mod:`vemcvx.results.contact_faces`.
+        means over a cell and a half that have the same resultants, exact where they are constant. Quote and draw these;
+        laws and bounds of friction hold for `traction` and `pressure` at every node. Edges of contact are rounded over
+        a cell, infinite values at corners of a body are lower. See :mod:`vemcvx.results.contact_tiles`.
     sticking : (S, m) bool
         True where the increment of the step is zero, up to rounding, and in row 0.
     wear : (S, m)
@@ -245,31 +219,18 @@ def _recovered(posed: PosedScene, traction: Floats, pressure: Floats, closed: Bo
     surface, terms, mesh = posed.surface, posed.terms, posed.space.mesh
     if len(surface) == 0:
         return traction, pressure
-
-    def sides(rows: ContactRows, at: Ints) -> ContactSides | ContactFaces:
-        if isinstance(mesh, PolyhedralMesh):
-            return ContactFaces.of(rows, at, surface, mesh)
-        return ContactSides.of(rows, at, surface, plane_mesh(mesh, "pressures along sides"))
-
-    whole, pressed, rows = sides(surface, np.arange(len(surface))), pressure * surface.lengths, len(pressure)
+    whole = ContactTiles.of(surface, np.arange(len(surface)), surface, mesh)
+    smooth = whole.recovered(pressure * surface.lengths, surface.lengths, closed)
     # Forces along given directions are over lengths of their own.
     if len(terms) == 0 or terms.directed.any():
-        return traction, recovered(pressed, surface.lengths, whole, closed, pressing=rows)
+        return traction, smooth
     length = totals(at, terms.lengths, len(surface))
-    # The component of friction along the sides; in space, where tangents at a node are any two, that along each axis.
-    flat = isinstance(mesh, PolygonMesh)
-    axes = tangents_of(surface.normals) if flat else np.tile(np.eye(3), (len(surface), 1, 1))
-    along = np.einsum("smd,mad->asm", traction, axes)
-    if np.array_equal(length, surface.lengths):
-        forces, each = np.vstack([pressed, *(along * length)]), np.tile(closed, (1 + len(along), 1))
-        smooth, friction = np.split(recovered(forces, length, whole, each, pressing=rows), [rows])
-    else:
-        smooth = recovered(pressed, surface.lengths, whole, closed, pressing=rows)
-        safe, rubs = np.where(length > 0, length, 1.0), np.tile(closed & (length > 0), (len(along), 1))
-        friction = recovered((along * safe).reshape(rubs.shape), safe, sides(terms, at), rubs)
-    change = np.einsum("asm,mad->smd", friction.reshape(along.shape) - along, axes)
-    if not flat:
-        change -= np.einsum("smd,md->sm", change, surface.normals)[:, :, None] * surface.normals
+    tiles = whole if np.array_equal(length, surface.lengths) else ContactTiles.of(terms, at, surface, mesh)
+    safe, rubs = np.where(length > 0, length, 1.0), closed & (length > 0)
+    along = traction.transpose(2, 0, 1)  # friction along each axis
+    friction = tiles.recovered((along * safe).reshape(-1, len(safe)), safe, np.tile(rubs, (len(along), 1)))
+    change = friction.reshape(along.shape).transpose(1, 2, 0) - traction
+    change -= np.einsum("smd,md->sm", change, surface.normals)[:, :, None] * surface.normals
     return traction + change, smooth
 
 
@@ -341,112 +302,3 @@ def _closed(posed: PosedScene, trajectory: Trajectory, u: Floats) -> Bools:
 def _stiffness_along(rows: sp.csr_matrix, A: sp.csr_matrix) -> Floats:
     """(r,) r'A r of every row r."""
     return np.asarray((rows @ A).multiply(rows).sum(axis=1)).ravel()
-
-
-@dataclass(frozen=True, eq=False)
-class ContactSides:
-    """The sides of contact in the plane between two of its m nodes, without those at corners."""
-
-    ends: Ints  # (k, 2) the nodes, of m
-    lengths: Floats  # (k,)
-    reach: Floats  # (k,) h, the length of the side of the finer of the two bodies that each is part of
-
-    @classmethod
-    def of(cls, rows: ContactRows, at: Ints, surface: Surface, mesh: PolygonMesh) -> ContactSides:
-        """The sides of these rows, whose places among the nodes of contact are `at`."""
-        owner, (node, beyond) = rows.owners(at), rows.names.T
-        one, back = (pair_numbers(*pair, mesh.n_nodes) for pair in ((node, beyond), (beyond, node)))
-        other = np.minimum(np.searchsorted(one, back), len(one) - 1)
-        whole = np.flatnonzero((one[other] == back) & (node < beyond) & (owner >= 0) & (owner[other] >= 0))
-        ends, m = np.column_stack([owner[whole], owner[other[whole]]]), len(surface)
-        along = mesh.points[beyond[whole]] - mesh.points[node[whole]]
-        lengths = np.linalg.norm(along, axis=1)
-        turns = np.zeros((m, 2))
-        np.add.at(turns, ends, np.stack([-along, along], axis=1) / lengths[:, None, None])
-        degree = np.bincount(ends.ravel(), minlength=m)
-        corner = (degree > 2) | ((degree == 2) & (np.linalg.norm(turns, axis=1) > SMOOTH))
-        kept = ~corner[ends].any(axis=1)
-        ends, lengths, reach = ends[kept], lengths[kept], np.full(int(kept.sum()), np.inf)
-        cells = np.bincount(mesh.vertices, minlength=mesh.n_nodes)
-        for body in (surface.nodes, surface.partners):
-            reach = np.minimum(reach, _runs(ends, lengths, (body >= 0) & (cells[body] == 1)))
-        return cls(ends, lengths, reach)
-
-    def within(self, pattern: Bools) -> ContactSides:
-        """The sides both of whose nodes are in the pattern (m,)."""
-        kept = pattern[self.ends].all(axis=1)
-        return ContactSides(self.ends[kept], self.lengths[kept], self.reach[kept])
-
-    @property
-    def links(self) -> Ints:
-        """(k, 2) the nodes at the ends of sides."""
-        return self.ends
-
-    def smoothed(self, forces: Floats, lengths: Floats) -> Floats:
-        """The field (S, m) without regard to signs, R_i / int phi_i where no side is."""
-        m, ends, h = len(lengths), self.ends, self.lengths
-        nodes, degree, reach = np.arange(m), np.bincount(ends.ravel(), minlength=m), np.zeros(m)
-        np.maximum.at(reach, ends, self.reach[:, None])
-        # Nodes between two sides, these sides, and the nodes at their other ends: (q,), (q, 2), (q, 2).
-        inner = np.flatnonzero(degree == 2)
-        at = np.argsort(ends.ravel(), kind="stable")[(np.cumsum(degree) - degree)[inner][:, None] + [0, 1]]
-        side, other = at // 2, ends.ravel()[at ^ 1]
-        # Rows of J times l_1 l_2 / (l_1 + l_2), and h, so that none is large.
-        scale = reach[inner] / np.sum(1.0 / h[side], axis=1)
-        J = np.column_stack([reach[inner], -scale[:, None] / h[side]]).ravel()
-        # c = 1/2: of ripples of two sides 2 % are left, of four 25 %.
-        soft = h[side].sum(axis=1) * (scale / reach[inner] ** 2) ** 2
-        jumps = np.arange(m, m + len(inner))
-        row, column = np.repeat(jumps, 3), np.column_stack([inner, other]).ravel()
-        # M, J, J' and -soft, by their entries.
-        values = [lengths - totals(ends.ravel(), np.repeat(h / 6.0, 2), m), *[h / 6.0] * 2, J, J, -soft]
-        rows, columns = ([nodes, *ends.T, row, column, jumps], [nodes, *ends.T[::-1], column, row, jumps])
-        size = m + len(inner)
-        where = np.concatenate(rows), np.concatenate(columns)
-        system = sp.csc_matrix((np.concatenate(values), where), shape=(size, size))
-        loads = np.concatenate([forces.T, np.zeros((len(inner), len(forces)))])
-        return splu(system).solve(loads)[:m].T
-
-
-def _runs(ends: Ints, lengths: Floats, hangs: Bools) -> Floats:
-    """The lengths (k,) of what sides were before the nodes that hang, of m, were put into them."""
-    order = np.argsort(ends.ravel(), kind="stable")
-    node = ends.ravel()[order]
-    same = np.flatnonzero((np.diff(node) == 0) & hangs[node[:-1]])
-    if len(same) == 0:
-        return lengths
-    run = smallest_linked(np.column_stack([order[same], order[same + 1]]) // 2, len(ends))
-    return np.bincount(run, lengths, minlength=len(ends)).astype(float)[run]
-
-
-def recovered(
-    forces: Floats, lengths: Floats, sides: ContactSides | ContactFaces, closed: Bools, *, pressing: int = 0
-) -> Floats:
-    """Forces (k, m) on nodes, with int phi_i as lengths (m,), as recovered forces per length.
-
-    In each row stretches go to the nodes that are `closed`, (k, m). The first rows are `pressing`: of these a stretch
-    without negative forces has no negative values.
-    """
-    found, rows_of = forces / lengths, dict[bytes, list[int]]()
-    for row, pattern in enumerate(closed):
-        rows_of.setdefault(pattern.tobytes(), []).append(row)
-    for rows in rows_of.values():
-        stretch = sides.within(closed[rows[0]])
-        if len(stretch.links):
-            smooth, press = stretch.smoothed(forces[rows], lengths), np.array(rows) < pressing
-            smooth[press] = _pressing(smooth[press], forces[rows][press], lengths, stretch.links)
-            found[rows] = smooth
-    return found
-
-
-def _pressing(smooth: Floats, forces: Floats, lengths: Floats, links: Ints) -> Floats:
-    """The field without negative values in stretches that are pressed all over, with the same resultants."""
-    if not (smooth < 0).any():
-        return smooth
-    m = len(lengths)
-    stretch = smallest_linked(links, m)
-    pulled, turned = (summed_columns((each < 0).astype(float), stretch, m)[:, stretch] > 0 for each in (forces, smooth))
-    positive = np.maximum(smooth, 0.0)
-    total, wanted = (summed_columns(each, stretch, m)[:, stretch] for each in (positive * lengths, forces))
-    scaled = positive * np.divide(wanted, total, out=np.ones_like(total), where=total > 0)
-    return np.where(turned & ~pulled, scaled, smooth)

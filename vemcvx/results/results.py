@@ -296,18 +296,18 @@ class Results:
 
 def largest_values(history: Results) -> Iterator[tuple[quoted.Extreme, int, bool]]:
     """The extremes, each with its node or cell, and whether half of the field at its instant is within a percent."""
-    found: dict[str, tuple[quoted.Extreme, int, bool]] = {}
+    found: dict[str, tuple[quoted.Extreme, int, Floats]] = {}
     # Squares beyond the largest number are infinite, as are the extremes then.
     with np.errstate(over="ignore", invalid="ignore"):
         for row, step in enumerate(history.stored.tolist()):
             for key, (name, unit, values, points) in _fields(history, row, step):
-                sign = -1.0 if key.startswith("smallest") else 1.0
-                k = int(np.argmax(sign * values))
-                if key not in found or sign * values[k] > sign * found[key][0].value:
+                signed = -values if key.startswith("smallest") else values
+                k = int(np.argmax(signed))
+                if key not in found or signed[k] > found[key][2][found[key][1]]:
                     at = {"place": points[k], "time": float(history.times[row]), "step": step}
-                    even = bool(np.median(sign * values) >= 0.99 * sign * values[k])
-                    found[key] = quoted.Extreme(key, name, float(values[k]) + 0.0, unit, **at), k, even
-    yield from found.values()
+                    found[key] = quoted.Extreme(key, name, float(values[k]) + 0.0, unit, **at), k, signed
+    for one, k, signed in found.values():
+        yield one, k, bool(np.median(signed) >= 0.99 * signed[k])
 
 
 def _near(history: Results, corners: Corners, key: str, k: int) -> list[int]:

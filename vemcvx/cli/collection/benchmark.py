@@ -52,7 +52,7 @@ from vemcvx.base.errors import NotAccepted, ProblemError, SolverFailed, VemcvxEr
 from vemcvx.base.owned_files import Owned
 from vemcvx.base.table import Table
 from vemcvx.base.version import __version__
-from vemcvx.cli.collection.writing import FCLIB, INFEASIBLE, MANIFEST, UNBOUNDED
+from vemcvx.cli.collection.writing import INFEASIBLE, MANIFEST, UNBOUNDED
 from vemcvx.cli.options import NONE, Options, solver_names
 from vemcvx.cli.solver_names import named_solver, read_options
 from vemcvx.cli.terminal import listed, progress_bar, say
@@ -178,7 +178,6 @@ def read_instances(folder: Path, only: str | None = None) -> Sequence[Row]:
     wanted = [
         row
         for row in rows
-        if row["grade"] != FCLIB
         if not words or any(w == row["grade"] or w in row["name"] or (w == "core" and row.get("core")) for w in words)
     ]
     if not wanted:

@@ -6,8 +6,7 @@ second-order cone a contact; *bodies* several of them; *floating* a K with a ker
 *soft* obstacles that give way; *viscous* matrices of rates; *sticking* terms of which few slip; *degenerate* terms that
 are at rest and at their bound at once; *incompressible* and *units* K of condition up to 1e9 and numbers of other
 sizes; *large* sparse K of up to a million unknowns; *no optimum* programs that are infeasible or unbounded, with a
-certificate of that; *sequences* the 256 steps of a run, each with the answer before for a start; *fclib* steps with
-Coulomb's law itself, as files of the Frictional Contact Library.
+certificate of that; *sequences* the 256 steps of a run, each with the answer before for a start.
 """
 
 from __future__ import annotations
@@ -34,28 +33,26 @@ from vemcvx.cli.problem_file import read_problem
 from vemcvx.cli.supplied import problems_folder
 from vemcvx.cli.terminal import logged_at_most, progress_bar, say
 from vemcvx.exchange import FORMATS, description, encoded, in_json, sequence_to_npz
-from vemcvx.linear import direct_solver
 from vemcvx.program import SolvedProgram, StepProgram
 from vemcvx.results import programs_of_steps
 from vemcvx.scene import unwarned
-from vemcvx.simulation import programs
 from vemcvx.solvers import Newton
 
-VERSION = 4
+VERSION = 5
 """The version of the list below: other instances, or others under the same names, are another version."""
 MANIFEST, OPTIMA, SCRIPT, SUMS = "manifest.json", "optima.csv", "confirm.py", "SHA256SUMS.txt"
 TEXTS = "README.md", "LICENSE.txt", "CITATION.cff"
 """Files beside this one that a collection has with the numbers of its versions put in."""
 ACCURACY = 1e-14
 """Accuracy that is asked of optima: as much as there is."""
-INFEASIBLE, UNBOUNDED, FCLIB = "infeasible", "unbounded", "fclib"
+INFEASIBLE, UNBOUNDED = "infeasible", "unbounded"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Instance:
     """Step `step` of a run of `of` steps of a problem file, with n cells per unit length and settings "name=value".
 
-    Of three numbers n each is the number of cells along an axis. In a degenerate instance the weights of terms that
+    In a degenerate instance the weights of terms that
     stick are lowered to what these carry: the answer stays, and every such term is at once at rest and at its bound. An
     instance with `without` has no optimum: it is infeasible or unbounded. One of more than one of the `steps` is a
     sequence, which ends with that step.
@@ -63,7 +60,7 @@ class Instance:
 
     grade: str
     problem: str
-    n: int | tuple[int, ...]
+    n: int
     of: int
     step: int
     settings: tuple[str, ...] = ()
@@ -78,16 +75,15 @@ class Instance:
         ends = "-full" * (not self.condense), "-degenerate" * self.degenerate, f"-{self.without}" * bool(self.without)
         settings = "".join(f"-{setting.replace('=', '')}" for setting in self.settings)
         steps = f"{self.step - self.steps + 1}to" * (self.steps > 1) + f"{self.step}of{self.of}"
-        cells = "x".join(map(str, self.n)) if isinstance(self.n, tuple) else self.n
-        return f"{self.problem}-n{cells}-{steps}{settings}{''.join(ends)}"
+        return f"{self.problem}-n{self.n}-{steps}{settings}{''.join(ends)}"
 
     @property
-    def run(self) -> tuple[str, tuple[int, ...], int, tuple[str, ...]]:
+    def run(self) -> tuple[str, int, int, tuple[str, ...]]:
         """The run that it is a step of."""
-        return self.problem, self.n if isinstance(self.n, tuple) else (self.n,), self.of, self.settings
+        return self.problem, self.n, self.of, self.settings
 
 
-Row = tuple[str, str, tuple[int | tuple[int, ...], ...], tuple[int, ...]] | tuple[Any, ...]
+Row = tuple[str, str, tuple[int, ...], tuple[int, ...]] | tuple[Any, ...]
 """Grade, problem, cells per unit length, steps, and settings if there are any."""
 
 
@@ -188,10 +184,6 @@ SEQUENCES = _listed(
 """Of absolute values, of Coulomb's weights beside bounds, and of discs."""
 LARGE = _listed([("large", PAPER, (128, 224, 707), (8,)), ("large", BLOCK, (16, 24, 32), (8,))], condense=False)
 """Instances that are written on demand only: minutes, and a gigabyte."""
-CONTACTS = (9, 9, 2), (19, 19, 2), (49, 49, 2), (99, 99, 1)
-DRAGGED = FCLIB, "block_dragged_along_a_curve", CONTACTS, (8,), "crown=0.0005"
-COULOMB = _listed([DRAGGED], of=16384, steps=8, condense=False)
-"""Coulomb's law on 100 to 10,000 contacts, of which some stick, some slip and some are open; on demand."""
 FEWER = dict.fromkeys(("easy", "soft", "viscous", "units", "incompressible"), 2) | {"discs": 6}
 
 
@@ -220,16 +212,13 @@ class Collection:
     large: Annotated[
         bool, typer.Option("--large", help="With sparse programs of up to a million unknowns: minutes, and a GB.")
     ] = False
-    fclib: Annotated[
-        bool, typer.Option("--fclib", help="With Coulomb's law on 100 to 10,000 contacts, as FCLIB has it: minutes.")
-    ] = False
 
     def __call__(self) -> None:
         """Write it, and say what there is."""
         # Runs log what is odd about physics, which is what grades are about.
         with progress_bar("reading") as shown, logged_at_most(0):
             chosen = tuple(one for one in (*INSTANCES, *SEQUENCES) if one.name in CORE or not self.core)
-            more = (*(LARGE if self.large else ()), *(COULOMB if self.fclib else ()))
+            more = LARGE if self.large else ()
             say(write_collection(self.out, self.form, (*chosen, *more), told=shown))
 
 
@@ -258,7 +247,7 @@ def write_collection(
             for end, content in data.items():
                 write(f"{instance.name}{end}", content)
             row = {"name": instance.name, "core": instance.name in CORE, **asdict(instance)}
-            row |= {"sha256": sums.get(f"{instance.name}.npz", ""), **json.loads(data[".json"])}
+            row |= {"sha256": sums[f"{instance.name}.npz"], **json.loads(data[".json"])}
             if optimum := row.get("optimum"):
                 error = optimum["energy_error"] + (2 * optimum["rounding_floor"]) ** 0.5
                 row["certified"] = error / (optimum["energy_norm"] or 1.0)
@@ -328,10 +317,7 @@ def _encoded(instance: Instance, solved: Sequence[SolvedProgram], forms: Sequenc
     optima = [words["optimum"] for words in each]
     sums = {name: sum(one[name] for one in optima) for name in ("value", "low", "high")}
     most = {name: max(one[name] for one in optima) for name in ("gap", "rounding_floor", "energy_error", "energy_norm")}
-    words = in_json({**each[-1], "steps": len(solved), "optimum": {**sums, **most}})
-    if instance.grade == FCLIB:
-        return {f"-{one.step}.hdf5": FORMATS["hdf5"][0](one)[".hdf5"] for one in solved} | {".json": words}
-    return sequence_to_npz(solved) | {".json": words}
+    return sequence_to_npz(solved) | {".json": in_json({**each[-1], "steps": len(solved), "optimum": {**sums, **most}})}
 
 
 def _made(instances: Sequence[Instance]) -> Iterator[tuple[Instance, list[SolvedProgram]]]:
@@ -343,13 +329,7 @@ def _made(instances: Sequence[Instance]) -> Iterator[tuple[Instance, list[Solved
         problem = read_problem(here / f"{first.problem}.py")
         with unwarned():  # What holds the bodies is what grades are about.
             posed = problem.posed(first.settings, problem.mesh(first.n), first.of, exactly)
-            posed = replace(posed, times=posed.times[: last + 1])
-            if first.grade == FCLIB:  # Condensed, K of 10,000 contacts would be 7 GB.
-                given: Any = {"condense": False, "linear": direct_solver(posed.mesh.n_nodes), "initial": posed.initial}
-                found = programs(posed.scene, posed.mesh, posed.times, solver=exactly, check=False, **given)
-                yield first, [one for one in found if one.step > last - first.steps]
-                continue
-            history = posed.simulated(check=False, progress=False)
+            history = replace(posed, times=posed.times[: last + 1]).simulated(check=False, progress=False)
         for one in wanted:
             numbers = range(one.step - one.steps + 1, one.step + 1)
             yield one, list(programs_of_steps(history, numbers, one.condense))

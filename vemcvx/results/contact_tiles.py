@@ -1,0 +1,152 @@
+"""Recovered pressure and friction: means of the forces of nodes over one and a half cells.
+
+Forces on nodes are right in the mean over a few cells, R(v) = int p v for smooth v, better than each of them is. A
+force over |phi_i| = int phi_i, as `Contact.pressure` has it, is p where phi_i has its centre, off the node between
+unequal cells; where nodes of two bodies alternate, forces do, too, because a hanging node bends a cell in which strains
+are constant; and where two tilings are intersected some nodes have hardly any area of their own, of which the stiffness
+does not know. All that shows as a ripple of order h and more. So the recovered values are means over nodes nearby,
+
+    p_i = sum_j K_ij R_j,    K_ij = d_i k_ij d_j,    k_ij = max(0, 1 - |x_i - x_j|^2 / (1.5^2 h_i h_j)),
+
+with the d that make K |phi| = 1 (Sinkhorn and Knopp, Pacific J. Math. 21 (1967); Milanfar, SIAM J. Imaging Sci. 6
+(2013)). K being symmetric, sum |phi_i| p_i = sum R_i: the resultant of every piece that is closed is kept, what is
+constant is found exactly, and what presses gives pressures. Smooth fields change by the order of h^2, and by that of h
+where contact ends, whose edge is rounded over 1.5 h. The length h is that of the side of a cell on the surface, in
+space the root of its area, the larger one of both bodies. Where k is 0 because normals differ by more than those of a
+curve, sides do not mix; and nodes at corners (in space edges, too) of the body keep R_i / |phi_i|.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+
+from vemcvx.base.arrays import Bools, Floats, Ints
+from vemcvx.meshes import Mesh, PolyhedralMesh
+from vemcvx.meshes.box import WHOLE
+from vemcvx.meshes.polygons import cell_of_corner, next_vertex, offsets_of, rows_in_order, spans
+from vemcvx.scene.contact import Surface
+from vemcvx.scene.rows import ContactRows, pair_numbers
+from vemcvx.vem.boundary import CURVE
+
+CELLS = 1.5
+"""How far means go, in h."""
+
+
+@dataclass(frozen=True, eq=False)
+class ContactTiles:
+    """The sides of contact, faces in space, between its m nodes, without those at corners of the body."""
+
+    points: Floats  # (m, dim)
+    normals: Floats  # (m, dim)
+    reach: Floats  # (m,) 1.5 h
+    beside: sp.csr_matrix  # (m, m) nonzero for two nodes of one tile
+
+    @classmethod
+    def of(cls, rows: ContactRows, at: Ints, surface: Surface, mesh: Mesh) -> ContactTiles:
+        """The tiles of these rows, whose places among the nodes of contact are `at`."""
+        owner, (node, other), normals = rows.owners(at), rows.names.T, surface.normals
+        there = owner >= 0
+        owner, node, other = owner[there], node[there], other[there]
+        if isinstance(mesh, PolyhedralMesh):
+            tile, away = other, 1.0 - np.einsum("qd,qd->q", normals[owner], mesh.face_normals[other])
+            sharp = away > 1.0 - np.cos(0.5 * CURVE)
+        else:
+            tile, along = _undirected(node, other, mesh.n_nodes), mesh.points[other] - mesh.points[node]
+            slope = np.einsum("qd,qd->q", normals[owner], along) / np.linalg.norm(along, axis=1)
+            sharp = np.abs(slope) > np.sin(0.5 * CURVE)
+        known, tile = np.unique(tile, return_inverse=True)
+        smooth = ~np.isin(owner, owner[sharp])
+        corners = np.ones(int(smooth.sum())), (tile[smooth], owner[smooth])
+        on = sp.csr_matrix(corners, shape=(len(known), len(surface)))
+        size = np.maximum(_cell_sizes(mesh, surface.nodes), _cell_sizes(mesh, surface.partners))
+        reach = CELLS * np.where(size > 0, size, 1.0)  # a node alone has none beside it
+        return cls(mesh.points[surface.nodes], normals, reach, sp.csr_matrix(on.T @ on))
+
+    def recovered(self, forces: Floats, lengths: Floats, closed: Bools) -> Floats:
+        """Forces (k, m) on nodes, with int phi_i as lengths (m,), as recovered forces per length.
+
+        In each row means go over the nodes that are `closed`, (k, m).
+        """
+        found, rows_of = forces / lengths, dict[bytes, list[int]]()
+        for row, pattern in enumerate(closed):
+            rows_of.setdefault(pattern.tobytes(), []).append(row)
+        for rows in rows_of.values():
+            found[rows] = self._means(forces[rows], lengths, closed[rows[0]])
+        return found
+
+    def _means(self, forces: Floats, lengths: Floats, among: Bools) -> Floats:
+        """The means p (S, m), R_i / int phi_i of nodes that are not `among` those with others beside them."""
+        k, d, nearest = self._nearness(among), np.ones(len(lengths)), np.inf
+        for _ in range(100):
+            off = d * (k @ (d * lengths))
+            d /= np.sqrt(off)
+            # The step of log d is 1/2 - 1/2 (a mean with weights): the largest change never grows, but by rounding.
+            before, nearest = nearest, float(np.abs(np.log(off)).max())
+            if nearest >= before:
+                break
+        return (d[:, None] * (k @ (d[:, None] * forces.T))).T
+
+    def _nearness(self, among: Bools) -> sp.csr_matrix:
+        """(m, m) k, symmetric; 1 on the diagonal.
+
+        Nodes are looked for from neighbour to neighbour, which leads to no other piece: SciPy's tree of points takes
+        .08 s to import.
+        """
+        m, chosen = len(self.points), sp.diags_array(among.astype(float))
+        beside = sp.csr_matrix(chosen @ self.beside @ chosen)
+        beside.eliminate_zeros()
+        begin, beyond = beside.indptr.astype(np.int64), beside.indices.astype(np.int64)
+        i = j = np.flatnonzero(among)
+        known = np.arange(m) * (m + 1)
+        while len(i):
+            count = np.diff(begin)[j]
+            i, j = np.repeat(i, count), beyond[spans(begin[j], count)]
+            new = np.unique((i * m + j)[self._away(i, j) < 1.0])
+            new = new[~np.isin(new, known, assume_unique=True)]
+            known, (i, j) = np.append(known, new), np.divmod(new, m)
+        i, j = np.divmod(known, m)
+        alike = np.einsum("ed,ed->e", self.normals[i], self.normals[j]) > np.cos(CURVE)
+        one_way = sp.csr_matrix((np.where(alike, 1.0 - self._away(i, j), 0.0), (i, j)), shape=(m, m))
+        return one_way.maximum(one_way.T)
+
+    def _away(self, i: Ints, j: Ints) -> Floats:
+        """|x_i - x_j|^2 over 1.5^2 h_i h_j, of pairs of nodes (e,)."""
+        apart = self.points[i] - self.points[j]
+        away: Floats = np.einsum("ed,ed->e", apart, apart) / (self.reach[i] * self.reach[j])
+        return away
+
+
+def _undirected(node: Ints, other: Ints, largest: int) -> Ints:
+    return pair_numbers(np.minimum(node, other), np.maximum(node, other), largest)
+
+
+def _cell_sizes(mesh: Mesh, nodes: Ints) -> Floats:
+    """The largest length (in space the root of an area) that a cell at each node (m,) has on the sides between them.
+
+    It is 0 of the node -1.
+    """
+    offsets, vertices, cells, sizes = _boundary_sides(mesh)
+    on = np.zeros(mesh.n_nodes, dtype=bool)
+    on[nodes[nodes >= 0]] = True
+    among = np.logical_and.reduceat(on[vertices], offsets[:-1])
+    of_cells = np.bincount(cells, sizes * among, minlength=mesh.n_cells)
+    found = np.zeros(mesh.n_nodes)
+    np.maximum.at(found, vertices, (of_cells[cells] * among)[cell_of_corner(offsets)])
+    return np.where(nodes >= 0, found[nodes] ** (1.0 / (mesh.points.shape[1] - 1)), 0.0)
+
+
+def _boundary_sides(mesh: Mesh) -> tuple[Ints, Ints, Ints, Floats]:
+    """Offsets, nodes, cells and sizes of the sides (in space faces) of the boundary."""
+    sides = mesh.boundaries[WHOLE]
+    if isinstance(mesh, PolyhedralMesh):
+        offsets, vertices = rows_in_order(mesh.face_offsets, mesh.face_vertices, sides)
+        return offsets, vertices, mesh.face_cells[sides, 0], mesh.face_areas[sides]
+    offsets, vertices = mesh.cell_nodes
+    every = pair_numbers(vertices, next_vertex(offsets, vertices), mesh.n_nodes)
+    order = np.argsort(every)
+    at = order[np.searchsorted(every[order], pair_numbers(sides[:, 0], sides[:, 1], mesh.n_nodes))]
+    lengths = np.linalg.norm(mesh.points[sides[:, 1]] - mesh.points[sides[:, 0]], axis=1)
+    return offsets_of(np.full(len(sides), 2)), sides.ravel(), cell_of_corner(offsets)[at], lengths

@@ -1,0 +1,90 @@
+"""Full sentences of refusals stand in `messages.txt` alone: a call in a line, and below it what it raises.
+
+`python tests/whole/test_messages.py` writes the sentences anew, below the calls that are there.
+"""
+
+from __future__ import annotations
+
+import logging
+import re
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+
+import vemcvx as vx
+
+FILE = Path(__file__).with_name("messages.txt")
+CALLS = [line for line in FILE.read_text().splitlines() if line and line[0] not in "# "]
+K = np.array([[4.0, -1.0], [-1.0, 3.0]])
+
+
+def run(*effects, mesh=None, times=(0.0, 1.0), **options):
+    """Simulate effects, on a square of four cells unless told otherwise."""
+    return vx.simulate(vx.Scene(*effects), mesh or vx.meshes.squares(2), times, **options)
+
+
+def load(t):
+    return np.array([t, -2 * t])
+
+
+def march(times=(0.0, 1.0), **parts):
+    """March the system K u = load, with further parts."""
+    options = {key: parts.pop(key) for key in ("solver", "initial", "store", "linear") if key in parts}
+    return vx.march(vx.System(**{"K": K, "load": load, **parts}), times, **options)
+
+
+def names():
+    """What calls of the file may name."""
+    steel, held = vx.Elasticity(200.0, 0.3), vx.Clamp("right")
+    pull = vx.Traction(lambda x, t: np.tile([t, -t], (len(x), 1)), "left")
+    gripped = vx.BilateralContact("bottom"), vx.TrescaFriction(0.1, "bottom")
+    mesh = vx.meshes.squares(2)
+    given = {"steel": steel, "held": held, "pull": pull, "gripped": gripped, "mesh": mesh, "np": np, "sp": sp, "vx": vx}
+    history = run(steel, held, pull, *gripped)
+    folder = Path(tempfile.gettempdir()) / "not there"
+    return given | {"run": run, "march": march, "load": load, "K": K, "history": history, "folder": folder}
+
+
+@pytest.fixture(scope="module")
+def known():
+    return names()
+
+
+def refusal(call, known):
+    """The class and the sentence of the error that a call raises."""
+    with pytest.raises(vx.VemcvxError) as found:
+        eval(call, dict(known))
+    words = f"{type(found.value).__name__}: {found.value}".replace(tempfile.gettempdir(), "TMP")
+    return "    " + re.sub(r"x[0-9a-f]{8,}", "x...", words).replace("\n", "\n    ")
+
+
+def written():
+    """call -> what stands below it in the file."""
+    parts = {}
+    for line in FILE.read_text().splitlines():
+        if line in CALLS:
+            parts[line] = []
+        elif parts and line.startswith(" "):
+            parts[CALLS[len(parts) - 1]].append(line)
+    return {call: "\n".join(lines) for call, lines in parts.items()}
+
+
+@pytest.mark.parametrize("call", CALLS)
+def test_a_refusal_says_what_it_said(call, known):
+    assert refusal(call, known) == written()[call], "python tests/whole/test_messages.py writes the file anew"
+
+
+def test_sentences_say_what_was_found_and_end():
+    said = list(written().values())
+    assert len(said) == len(set(CALLS)) > 150
+    assert [words for words in said if not words.endswith((".", ".vtu"))] == []
+
+
+if __name__ == "__main__":
+    logging.disable()
+    told = names()
+    lines = [line for line in FILE.read_text().splitlines() if not line.startswith("    ")]
+    FILE.write_text("".join(f"{line}\n{refusal(line, told)}\n" if line in CALLS else f"{line}\n" for line in lines))

@@ -44,7 +44,6 @@ import scipy.sparse as sp
 import vemcvx as vx
 from spring_slider_chain import course, sampled, turning_instants
 from vemcvx.vem import Space
-from vemcvx.vem.projection import area_gradients, vertex_values
 from vemcvx.vem.stabilisation import missed_products
 
 LENGTH, HEIGHT, BOUND = 1.0, 0.5, 2.0
@@ -71,10 +70,10 @@ def scalar_stiffness(mesh):
     """The matrix of int grad u . grad v, one unknown a node."""
     rows, columns, values = [], [], []
     for group in Space(mesh).groups:
-        areas, g = area_gradients(group.corners)
+        areas, g = group.gradients()
         local = g @ g.transpose(0, 2, 1) / areas[:, None, None]
         if g.shape[1] > 3:
-            local += missed_products(vertex_values(group.corners))
+            local += missed_products(group.vertex_values())
         rows.append(np.repeat(group.nodes, g.shape[1], axis=1).ravel())
         columns.append(np.tile(group.nodes, g.shape[1]).ravel())
         values.append(local.ravel())

@@ -37,7 +37,7 @@ from scipy.spatial import Delaunay
 import vemcvx as vx
 from vemcvx.base.canvas import light_grid, new_figure, plain_logarithms
 from vemcvx.plots.style import COMPUTED, SECOND
-from vemcvx.vem.projection import vertex_values
+from vemcvx.vem import CellGroup
 
 COARSE, GRADING = 1 / 14, 0.28
 POISSONS = (0.3, 0.45, 0.499, 0.499999)
@@ -140,7 +140,8 @@ def spectrum(corners, poisson=0.3):
     corners = np.asarray(corners, dtype=float)
     diameter = np.linalg.norm(corners[:, None] - corners[None], axis=2).max()
     corners = (corners - corners.mean(axis=0)) / diameter
-    N = null_space(vertex_values(corners[None])[0], rcond=1e-9)
+    cell = CellGroup(np.arange(1), np.arange(len(corners))[None], corners)
+    N = null_space(cell.vertex_values()[0], rcond=1e-9)
     if N.shape[1] == 0:
         return np.nan, np.nan, np.nan
     N = np.kron(np.eye(2), N)

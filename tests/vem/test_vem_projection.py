@@ -7,7 +7,7 @@ import pytest
 
 import vemcvx as vx
 from vemcvx.vem import Space
-from vemcvx.vem.projection import area_gradients, boundary_weights, vertex_values
+from vemcvx.vem.projection import area_gradients, boundary_weights
 
 # Sums of a dozen products of numbers near one: a hundred roundings at most, amplified by perimeter^2 / area < 1e3
 # on the cells below.
@@ -34,12 +34,12 @@ def test_linear_fields_are_their_own_projection(family):
     for group in groups(family):
         x = group.corners
         p = x @ slope.T + [2.0, -1.0]
-        assert np.abs(vertex_values(x) @ p - p).max() < TOLERANCE
+        assert np.abs(group.vertex_values() @ p - p).max() < TOLERANCE
 
 
 def test_projecting_twice_is_projecting_once(family):
     for group in groups(family):
-        Pi = vertex_values(group.corners)
+        Pi = group.vertex_values()
         assert np.abs(Pi @ Pi - Pi).max() < TOLERANCE
 
 
@@ -49,7 +49,7 @@ def test_three_conditions(family):
     for group in groups(family):
         x = group.corners
         v = rng.standard_normal(x.shape)
-        projected = vertex_values(x) @ v
+        projected = group.vertex_values() @ v
         size = np.sqrt(area_gradients(x)[0])
         for corners, given, linear, h in zip(x, v, projected, size, strict=True):
             basis = np.column_stack([np.ones(len(corners)), corners / h])

@@ -23,7 +23,6 @@ from vemcvx.meshes import Mesh, PolygonMesh, PolyhedralMesh, plane_mesh
 from vemcvx.meshes.polygons import TOLERANCE, cell_of_corner, holding, next_vertex, outlines, overlapping_boxes
 from vemcvx.results.results import Results
 from vemcvx.vem import Space, solid_places
-from vemcvx.vem.projection import projected_values
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,8 +113,7 @@ def _in_plane(mesh: PolygonMesh, x: Floats) -> tuple[sp.csr_matrix, sp.csr_matri
     inner, first = np.unique(found.points, return_index=True)  # Inside, one cell holds the point.
     inside = found.starts[inner] < 0
     inner, cell = inner[inside], found.cells[first[inside]]
-    spread = sp.csr_matrix((np.ones(len(inner)), (inner, np.arange(len(inner)))), shape=(len(x), len(inner)))
-    return sp.csr_matrix(edges + spread @ projected_values(mesh, cell, x[inner])), cells
+    return sp.csr_matrix(edges + Space(mesh).projected_values(x, inner, cell)), cells
 
 
 def _points(points: ArrayLike, dim: int, subject: str) -> Floats:

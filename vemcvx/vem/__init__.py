@@ -3,7 +3,6 @@
 from vemcvx.vem.boundary import BoundaryRows, EdgeEnds, MirrorPlanes, Part, SideRule, edge_part
 from vemcvx.vem.elasticity import (
     SumOverCells,
-    anisotropic_stiffness,
     cell_energies,
     component_names,
     consistent_blocks,
@@ -41,7 +40,6 @@ __all__ = [
     "Stabilisation",
     "SumOverCells",
     "VertexWeights",
-    "anisotropic_stiffness",
     "cell_energies",
     "cell_load",
     "cell_quadrature",

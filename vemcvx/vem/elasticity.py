@@ -241,52 +241,28 @@ def local_blocks(cells: CellGroup, lam: Floats, mu: Floats, tau: Floats) -> Floa
     return blocks
 
 
-def anisotropic_stiffness(space: Space, C: Floats, stabilisation: str | Stabilisation = "shear") -> sp.csr_matrix:
-    """Matrix of a^h over all nodal values, (n_u, n_u), symmetric to the bit.
-
-    Parameters
-    ----------
-    space : Space
-    C : (n_cells, 3, 3) array, in space (n_cells, 6, 6)
-        Stresses from strains, components as above, force per area; symmetric, positive definite, or zero on cells that
-        another material fills.
-    stabilisation : {"shear", "unit"}, or Stabilisation
-        With the softest modulus of shear for 2 mu.
-    """
-    return stiffness_of(space, upper_triangle(C), stabilisation_of(stabilisation, 0.5 * softest_shear(C))).whole()
-
-
 def softest_shear(C: Floats) -> Floats:
     """The smallest Kelvin modulus of deviatoric strains, (n_cells,); 2 mu where C is isotropic."""
-    if C.shape[1] == len(COMPONENTS[3]):
-        return np.asarray(np.linalg.eigvalsh(_deviatoric_in_space(C))[:, 0])
-    p, q, r = _deviatoric(C)
-    larger = 0.5 * (p + q) + np.hypot(0.5 * (p - q), r)
-    # The product of the two is the determinant: their difference would cancel where fibres are stiff.
-    return np.divide(p * q - r * r, larger, out=np.zeros_like(p), where=larger > 0)
+    return np.maximum(_deviatoric_moduli(C)[:, 0], 0.0)
 
 
 def mean_shear(C: Floats) -> Floats:
     """The harmonic mean (n_cells,) of the Kelvin moduli of deviatoric strains; 2 mu where C is isotropic."""
+    moduli = _deviatoric_moduli(C)
+    positive = moduli[:, 0] > 0
+    inverses = 1.0 / np.where(positive[:, None], moduli, 1.0)
+    return np.where(positive, 1.0 / inverses.mean(axis=1), 0.0)
+
+
+def _deviatoric_moduli(C: Floats) -> Floats:
+    """The Kelvin moduli of deviatoric strains, ascending: (n_cells, 2), in space (n_cells, 5)."""
+    basis, across = np.zeros((2, 3)), 1
+    basis[0, :2] = np.array([1.0, -1.0]) / np.sqrt(2.0)
     if C.shape[1] == len(COMPONENTS[3]):
-        moduli = np.linalg.eigvalsh(_deviatoric_in_space(C))
-        positive = moduli[:, 0] > 0
-        return np.where(positive, 5.0 / np.sum(1.0 / np.where(positive[:, None], moduli, 1.0), axis=1), 0.0)
-    p, q, r = _deviatoric(C)
-    return np.divide(2.0 * (p * q - r * r), p + q, out=np.zeros_like(p), where=p + q > 0)
-
-
-def _deviatoric(C: Floats) -> tuple[Floats, Floats, Floats]:
-    """p, q, r of the Kelvin matrix [[p, r], [r, q]] on the deviatoric plane."""
-    return 0.5 * (C[:, 0, 0] + C[:, 1, 1]) - C[:, 0, 1], 2.0 * C[:, 2, 2], C[:, 0, 2] - C[:, 1, 2]
-
-
-def _deviatoric_in_space(C: Floats) -> Floats:
-    """The Kelvin matrix (n_cells, 5, 5) on deviatoric strains."""
-    basis = np.zeros((5, 6))
-    basis[0, :2], basis[1, :3] = np.array([1.0, -1.0]) / np.sqrt(2.0), np.array([1.0, 1.0, -2.0]) / np.sqrt(6.0)
-    basis[2:, 3:] = np.sqrt(2.0) * np.eye(3)
-    return np.asarray(basis @ C @ basis.T)
+        basis, across = np.zeros((5, 6)), 3
+        basis[0, :2], basis[1, :3] = np.array([1.0, -1.0]) / np.sqrt(2.0), np.array([1.0, 1.0, -2.0]) / np.sqrt(6.0)
+    basis[-across:, -across:] = np.sqrt(2.0) * np.eye(across)
+    return np.asarray(np.linalg.eigvalsh(basis @ C @ basis.T))
 
 
 def consistent_blocks(cells: CellGroup, C: Floats) -> Floats:
@@ -467,14 +443,11 @@ def upper_triangle(C: Floats) -> Floats:
 
 def principal(stress: Floats) -> Floats:
     """Principal stresses (n, dim), those in the plane or all three, the largest first, of stresses (n, components)."""
-    if stress.shape[1] == len(COMPONENTS[3]):
-        tensor = np.empty((len(stress), 3, 3))
-        for (a, b), component in zip(COMPONENTS[3], stress.T, strict=True):
-            tensor[:, a, b] = tensor[:, b, a] = component
-        return np.ascontiguousarray(np.linalg.eigvalsh(tensor)[:, ::-1])
-    xx, yy, xy = stress.T
-    centre, radius = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
-    return np.column_stack([centre + radius, centre - radius])
+    dim = 3 if stress.shape[1] == len(COMPONENTS[3]) else 2
+    tensor = np.empty((len(stress), dim, dim))
+    for (a, b), component in zip(COMPONENTS[dim], stress.T, strict=True):
+        tensor[:, a, b] = tensor[:, b, a] = component
+    return np.ascontiguousarray(np.linalg.eigvalsh(tensor)[:, ::-1])
 
 
 def equivalent(stress: Floats, out_of_plane: Floats | None = None) -> Floats:

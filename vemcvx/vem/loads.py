@@ -18,20 +18,18 @@ import numpy as np
 import scipy.sparse as sp
 
 from vemcvx.base.arrays import Bools, Floats, Ints, totals
-from vemcvx.meshes import PolygonMesh, PolyhedralMesh, plane_mesh
+from vemcvx.meshes import PolyhedralMesh
 from vemcvx.meshes.polygons import (
     INNER,
-    cell_of_corner,
     cross,
     diagonals_of,
-    next_corner,
     places,
     polygon_centroids,
     signed_areas,
 )
-from vemcvx.vem.boundary import Part
+from vemcvx.vem.boundary import Part, edge_part, face_part
 from vemcvx.vem.elasticity import COMPONENTS
-from vemcvx.vem.projection import CellGroup, PolyhedronGroup, face_groups
+from vemcvx.vem.projection import CellGroup, PolyhedronGroup
 from vemcvx.vem.space import Space
 
 # Quadrature on polygons, exact for degree 2, that never leaves the cell; on polyhedra at the centroid.
@@ -43,7 +41,7 @@ from vemcvx.vem.space import Space
 # match all moments of degree 2. They lie on the ellipse |M^(-1/2)(x - c)|^2 = 2, which every convex cell
 # contains (Kannan, Lovasz, Simonovits, Discrete Comput. Geom. 13 (1995): radius sqrt((d + 2)/d) in d
 # dimensions); in a triangle it touches the sides. Cells where one of these points is not clearly inside are cut
-# into triangles: from the centroid if it sees all edges, else along diagonals. A triangle has three inner points.
+# into triangles along diagonals. A triangle has three inner points.
 
 
 Rule = tuple[Floats, Floats, Ints]
@@ -61,21 +59,11 @@ def cell_quadrature(group: CellGroup) -> Rule:
     areas, centres = polygon_centroids(corners)
     about = corners - centres[:, None]
     ring = _ring(about, areas)
-    convex = _sees(ring, about, areas)
-    rest = np.flatnonzero(~convex)
-    star = _sees(np.zeros((len(rest), 1, 2)), about[rest], areas[rest])
-    seen, cut = rest[star], rest[~star]
-    top = np.broadcast_to(centres[seen, None], corners[seen].shape)
-    fans = np.stack([top, corners[seen], np.roll(corners[seen], -1, axis=1)], axis=2)
-    along = corners[cut[:, None, None], diagonals_of(corners[cut])]
-    four, whole = (ring[convex] + centres[convex, None]).reshape(-1, 2), np.flatnonzero(convex)
-    pieces = (
-        (four, np.repeat(0.25 * areas[convex], 4), np.repeat(whole, 4)),
-        *(
-            _on_triangles(triangles, np.repeat(of, triangles.shape[1]))
-            for triangles, of in ((fans, seen), (along, cut))
-        ),
-    )
+    inside = _sees(ring, about, areas)
+    whole, cut = np.flatnonzero(inside), np.flatnonzero(~inside)
+    four = (ring + centres[:, None])[whole].reshape(-1, 2), np.repeat(0.25 * areas[whole], 4), np.repeat(whole, 4)
+    triangles = corners[cut[:, None, None], diagonals_of(corners[cut])]
+    pieces = four, _on_triangles(triangles, np.repeat(cut, triangles.shape[1]))
     points, weights, owner = (np.concatenate(part) for part in zip(*pieces, strict=True))
     return points + origin[owner], weights, owner
 
@@ -201,40 +189,17 @@ def mean_strains(space: Space, displacement: Callable[[Floats], Floats]) -> Floa
 
     Components are those of :mod:`vemcvx.vem.elasticity`; across, they are 2 e_xy and so on.
     """
-    mesh = space.mesh
+    mesh, sides = space.mesh, space.mesh._sides
     if isinstance(mesh, PolyhedralMesh):
-        flux = _over_faces(mesh, displacement)
+        part = face_part(np.arange(mesh.n_faces), mesh)
     else:
-        flux = _over_edges(plane_mesh(mesh, "mean_strains"), displacement)
-    slope = flux / mesh.measures[:, None, None]
-    columns = [slope[:, a, a] if a == b else slope[:, a, b] + slope[:, b, a] for a, b in COMPONENTS[space.dim]]
-    return np.column_stack(columns)
-
-
-def _over_edges(mesh: PolygonMesh, displacement: Callable[[Floats], Floats]) -> Floats:
-    """int_dK u (x) n ds, (n_cells, 2, 2)."""
-    place, weight = np.polynomial.legendre.leggauss(4)  # exact for degree 7, as faces are for degree 5
-    start = mesh.points[mesh.vertices]
-    along = mesh.points[mesh.vertices[next_corner(mesh.offsets)]] - start
-    points = start[:, None] + (0.5 + 0.5 * place)[:, None] * along[:, None]
-    mean = np.einsum("q,eqa->ea", 0.5 * weight, displacement(points.reshape(-1, 2)).reshape(points.shape))
-    normal = np.column_stack([along[:, 1], -along[:, 0]])
-    return _summed(cell_of_corner(mesh.offsets), mean[:, :, None] * normal[:, None, :], mesh.n_cells)
-
-
-def _over_faces(mesh: PolyhedralMesh, displacement: Callable[[Floats], Floats]) -> Floats:
-    """int_dK u (x) n ds, (n_cells, 3, 3)."""
-    every, total = np.arange(mesh.n_faces), np.zeros((mesh.n_faces, 3))
-    for group in face_groups(mesh.points, mesh.face_offsets, mesh.face_vertices, every):
-        points, shares = group.quadrature()
-        values = displacement(points.reshape(-1, 3)).reshape(points.shape)
-        total[group.faces] = np.einsum("fq,fqa->fa", shares.sum(axis=1), values)
-    flux = total[:, :, None] * mesh.face_normals[:, None, :]
-    outward = mesh.face_signs[:, None, None] * flux[mesh.cell_faces]
-    return _summed(cell_of_corner(mesh.cell_offsets), outward, mesh.n_cells)
-
-
-def _summed(cell: Ints, parts: Floats, cells: int) -> Floats:
-    dim = parts.shape[1]
-    sums = [totals(cell, parts[:, a, b], cells) for a in range(dim) for b in range(dim)]
-    return np.stack(sums, axis=1).reshape(cells, dim, dim)
+        part = edge_part(sides.vertices.reshape(-1, 2), mesh.points)
+    total = np.zeros((len(sides.cells), space.dim))
+    for rule in part.rules(4):  # exact for degree 7, as faces are for degree 5
+        values = displacement(rule.points.reshape(-1, space.dim)).reshape(rule.points.shape)
+        total[rule.sides] = np.einsum("fq,fqa->fa", rule.shares.sum(axis=1), values)
+    flux = total[:, :, None] * part.normals[:, None, :]  # int u (x) n ds, out of the first cell of each side
+    columns = [flux[:, a, a] if a == b else flux[:, a, b] + flux[:, b, a] for a, b in COMPONENTS[space.dim]]
+    (first, second), inner = sides.cells.T, sides.cells[:, 1] >= 0
+    sums = [totals(first, x, mesh.n_cells) - totals(second[inner], x[inner], mesh.n_cells) for x in columns]
+    return np.column_stack(sums) / mesh.measures[:, None]

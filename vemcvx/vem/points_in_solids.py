@@ -71,7 +71,7 @@ def _places(space: Space, mesh: PolyhedralMesh, x: Floats) -> tuple[sp.csr_matri
     first = first[~np.isin(point[first], traced)]
     share = 1.0 / np.bincount(point, minlength=len(x))[point]
     cells = sp.csr_matrix((share, (point, cell)), shape=(len(x), mesh.n_cells))
-    return sp.csr_matrix(traces + solid_values(space, x, point[first], cell[first])), cells
+    return sp.csr_matrix(traces + space.projected_values(x, point[first], cell[first])), cells
 
 
 def _triangles(mesh: PolyhedralMesh, faces: Ints) -> tuple[Ints, Floats, sp.csr_matrix]:
@@ -111,22 +111,3 @@ def _nearest(arms: Floats) -> tuple[Floats, Floats]:
     part[corner] = here[corner]
     weights = part / np.maximum(part.sum(axis=1), np.finfo(float).tiny)[:, None]
     return weights, np.linalg.norm(np.einsum("kc,kci->ki", weights, arms), axis=1)
-
-
-def solid_values(space: Space, x: Floats, point: Ints, cell: Ints) -> sp.csr_matrix:
-    """Values (p, n_nodes) of Pi at points in cells, each in its own."""
-    total = sp.csr_matrix((len(x), space.mesh.n_nodes))
-    for group in space.groups:
-        place = np.minimum(np.searchsorted(group.cells, cell), len(group.cells) - 1)
-        mine = group.cells[place] == cell
-        if not mine.any():
-            continue
-        some = group.part(place[mine])
-        measures, g = some.gradients()
-        means = some.boundary_means()
-        to = space.mesh.points[some.nodes] - x[point[mine], None]
-        centre = np.einsum("ci,cia->ca", means, to)
-        values = means - np.einsum("cia,ca->ci", g / measures[:, None, None], centre)
-        rows = np.repeat(point[mine], values.shape[1])
-        total = total + sp.csr_matrix((values.ravel(), (rows, some.nodes.ravel())), shape=total.shape)
-    return total

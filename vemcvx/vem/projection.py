@@ -8,18 +8,13 @@ from functools import cached_property
 from typing import Self
 
 import numpy as np
-from scipy.sparse import csr_array
 
 from vemcvx.base.arrays import SOME, Bools, Floats, Ints, read_only, totals
-from vemcvx.meshes import Mesh, PolygonMesh, PolyhedralMesh
+from vemcvx.meshes import Mesh, PolyhedralMesh
 from vemcvx.meshes.polygons import (
     RADON_POINTS,
     RADON_WEIGHTS,
     diagonals_of,
-    next_corner,
-    offsets_of,
-    previous_corner,
-    right_of,
     spans,
 )
 
@@ -62,19 +57,6 @@ def boundary_weights(corners: Floats) -> Floats:
     length = np.sqrt(np.einsum("cia,cia->ci", edge, edge))
     both = length + np.roll(length, 1, axis=1)
     return both / both.sum(axis=1)[:, None]
-
-
-def vertex_values(corners: Floats) -> Floats:
-    """Pi at the vertices, (c, n, n): entry (i, j) is the value at x_i of Pi applied to the basis function of x_j."""
-    return values_at_vertices(corners, *area_gradients(corners), boundary_weights(corners))
-
-
-def values_at_vertices(corners: Floats, measures: Floats, gradients: Floats, w: Floats) -> Floats:
-    """The same from |K| (c,), |K| G_i (c, n, dim) and w_i (c, n)."""
-    centre = np.einsum("ci,cia->ca", w, corners)
-    arms = (corners - centre[:, None]) / measures[:, None, None]
-    linear: Floats = np.matmul(arms, gradients.transpose(0, 2, 1))
-    return linear + w[:, None, :]
 
 
 def tangents_of(normals: Floats) -> Floats:
@@ -250,7 +232,11 @@ class CellGroup:
 
     def vertex_values(self) -> Floats:
         """Pi at the vertices, (c, n, n): entry (i, j) is Pi of the basis function of x_j at x_i."""
-        return values_at_vertices(self.corners, *self.gradients(), self.boundary_means())
+        (measures, gradients), w = self.gradients(), self.boundary_means()
+        centre = np.einsum("ci,cia->ca", w, self.corners)
+        arms = (self.corners - centre[:, None]) / measures[:, None, None]
+        linear: Floats = np.matmul(arms, gradients.transpose(0, 2, 1))
+        return linear + w[:, None, :]
 
     def chunks(self, entries: int = CHUNK) -> Iterator[CellGroup]:
         """The group in pieces whose local n x n matrices hold about `entries` numbers together."""
@@ -346,29 +332,3 @@ def _shares_of_cells(mesh: PolyhedralMesh, offsets: Ints, nodes: Ints) -> tuple[
         vectors[ours] = np.column_stack([totals(pair, outward[:, axis], len(pairs)) for axis in range(3)])
         areas[ours] = totals(pair, a[corner], len(pairs))
     return vectors, areas
-
-
-def projected_values(mesh: PolygonMesh, cells: Ints, points: Floats) -> csr_array:
-    """Return the matrix (p, n_nodes) from nodal values to those of Pi at points (p, 2) of cells (p,).
-
-        Pi v(x) = sum_i v_i (w_i + G_i . (x - xbar)),   G_i = (y_{i+1} - y_{i-1}, x_{i-1} - x_{i+1}) / (2 |K|),
-
-    with w_i the weights of the mean over the boundary and xbar = sum_i w_i x_i. Linear functions are reproduced.
-    """
-    shape = (len(cells), mesh.n_nodes)
-    if not len(cells):
-        return csr_array(shape)
-    counts = np.diff(mesh.offsets)[cells]
-    offsets = offsets_of(counts)
-    nodes = mesh.vertices[spans(mesh.offsets[cells], counts)]
-    x = mesh.points[nodes] - np.repeat(points, counts, axis=0)
-    after, before = x[next_corner(offsets)], x[previous_corner(offsets)]
-    length = np.hypot(*(after - x).T)
-    both = length + length[previous_corner(offsets)]
-    w = both / np.repeat(np.add.reduceat(both, offsets[:-1]), counts)
-    mean = np.add.reduceat(w[:, None] * x, offsets[:-1], axis=0)
-    chord = after - before
-    doubled = np.add.reduceat(x[:, 0] * chord[:, 1], offsets[:-1])  # the very sum that makes the gradient of x one
-    slope = right_of(chord) / np.repeat(doubled, counts)[:, None]
-    values = w - np.einsum("ij,ij->i", slope, np.repeat(mean, counts, axis=0))
-    return csr_array((values, nodes, offsets), shape=shape)

@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.base.arrays import Bools, Ints, read_only
+from vemcvx.base.arrays import Bools, Floats, Ints, read_only
 from vemcvx.base.errors import SceneError
 from vemcvx.meshes import Mesh, PolyhedralMesh, plane_mesh
 from vemcvx.meshes.polygons import cell_of_corner, smallest_linked, spans
@@ -70,6 +70,24 @@ class Space:
         shape = (mesh.n_nodes, int(label.max()) + 1)
         meets = sp.csr_matrix((np.ones(len(node), dtype=np.int8), (node, label[cell])), shape=shape).tocsc()
         return np.repeat(np.arange(shape[1]), np.diff(meets.indptr)), meets.indices.astype(np.int64)
+
+    def projected_values(self, x: Floats, point: Ints, cell: Ints) -> sp.csr_matrix:
+        """Matrix (p, n_nodes) from nodal values to those of Pi at points (p, dim), of the given ones in a cell each."""
+        total = sp.csr_matrix((len(x), self.mesh.n_nodes))
+        for group in self.groups:
+            place = np.minimum(np.searchsorted(group.cells, cell), len(group.cells) - 1)
+            mine = group.cells[place] == cell
+            if not mine.any():
+                continue
+            some = group.part(place[mine])
+            measures, g = some.gradients()
+            means = some.boundary_means()
+            to = self.mesh.points[some.nodes] - x[point[mine], None]
+            centre = np.einsum("ci,cia->ca", means, to)
+            values = means - np.einsum("cia,ca->ci", g / measures[:, None, None], centre)
+            rows = np.repeat(point[mine], values.shape[1])
+            total = total + sp.csr_matrix((values.ravel(), (rows, some.nodes.ravel())), shape=total.shape)
+        return total
 
     def require_plane(self, subject: str, instead: str) -> None:
         """Raise SceneError on polyhedra: `subject` is of plane bodies only; `instead` says what to do."""

@@ -13,7 +13,7 @@ from vemcvx.base.errors import HistoryError
 from vemcvx.base.table import Table
 from vemcvx.effects import data
 from vemcvx.estimate.measures.distance import Field, Measured, field_of, measured
-from vemcvx.meshes import PolygonMesh, PolyhedralMesh
+from vemcvx.meshes import PolyhedralMesh
 from vemcvx.meshes.polygons import (
     RADON_POINTS,
     RADON_WEIGHTS,
@@ -26,8 +26,6 @@ from vemcvx.meshes.polygons import (
 from vemcvx.meshes.polyhedra import listed_faces
 from vemcvx.results import Results
 from vemcvx.vem import Space, stresses
-from vemcvx.vem.points_in_solids import solid_values
-from vemcvx.vem.projection import projected_values
 
 # Observed orders of convergence: e = C h^p between two runs gives p = log(e_1 / e_2) / log(h_1 / h_2).
 
@@ -149,11 +147,7 @@ def l2_error(history: Results | Field, displacement: data.Datum, step: int = -1)
     field = field_of(history, step, "l2_error")
     x, weights, owner = _cell_rule(field.space)
     exact = data.vector(displacement, x, field.time, "l2_error: displacement")
-    mesh = field.mesh
-    if isinstance(mesh, PolygonMesh):
-        missed = exact - projected_values(mesh, owner, x) @ field.displacement
-    else:
-        missed = exact - solid_values(field.space, x, np.arange(len(x)), owner) @ field.displacement
+    missed = exact - field.space.projected_values(x, np.arange(len(x)), owner) @ field.displacement
     missed, exact = (np.sum(u**2, axis=1) for u in (missed, exact))
     return measured(totals(owner, weights * missed, field.mesh.n_cells), float(weights @ exact))
 

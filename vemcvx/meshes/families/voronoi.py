@@ -15,7 +15,6 @@ import math
 from itertools import chain
 
 import numpy as np
-from scipy.sparse import csr_array
 
 from vemcvx.base.arrays import SAME, SINGLE, Bools, Floats, Ints
 from vemcvx.base.errors import MeshError
@@ -40,6 +39,7 @@ from vemcvx.meshes.polygons import (
     close_pairs,
     cross,
     directed_edges,
+    edge_keys,
     nearest,
     next_corner,
     next_vertex,
@@ -237,24 +237,34 @@ def collapse_short_edges(
     refused = np.empty((0, 2))  # middles of edges that cannot go; numbers change from round to round
     while True:
         edges = _short_edges(points, offsets, vertices, size, shortest)
-        middles = points[edges].mean(axis=1)
         if len(refused) and len(edges):
-            edges = edges[nearest(refused, middles)[0] > SAME]
+            edges = edges[nearest(refused, points[edges].mean(axis=1))[0] > SAME]
         if not len(edges):
             return points, offsets, vertices
-        edges, cells = _far_apart(points, offsets, vertices, edges)
-        moved = points.copy()
+        first = _first_to_touch(edges, offsets, vertices)
+        around = np.full(len(points), len(edges))
+        np.minimum.at(around, vertices, first[cell_of_corner(offsets)])
+        rank = np.arange(len(edges))
+        taken = (around[edges] == rank[:, None]).all(axis=1)
         ends = points[edges]
         on, at = _on_sides(ends, size), ends.mean(axis=1)
         for end in (0, 1):  # what is on a side or corner keeps its coordinates
             at = np.where(on[:, end], ends[:, end], at)
-        moved[edges] = at[:, None]
-        bad = cells[:, _not_star_shaped(points, moved, offsets, vertices)].sum(axis=1) > 0
-        refused = np.concatenate([refused, points[edges[bad]].mean(axis=1)])
-        moved[edges[bad]] = points[edges[bad]]
+        moved = points.copy()
+        moved[edges[taken]] = at[taken, None]
+        bad = taken & np.isin(rank, first[_not_star_shaped(points, moved, offsets, vertices)])
+        refused = np.concatenate([refused, ends[bad].mean(axis=1)])
+        moved[edges[bad]] = ends[bad]
         number = np.arange(len(points))
-        number[edges[~bad, 1]] = edges[~bad, 0]
+        number[edges[taken & ~bad, 1]] = edges[taken & ~bad, 0]
         points, offsets, vertices, _ = _renumbered(moved, offsets, number[vertices])
+
+
+def _first_to_touch(edges: Ints, offsets: Ints, vertices: Ints) -> Ints:
+    """The first of the edges (m, 2) that has a vertex of each cell, (n_cells,); m where none has."""
+    first = np.full(int(vertices.max()) + 1, len(edges))
+    np.minimum.at(first, edges.ravel(), np.repeat(np.arange(len(edges)), 2))
+    return np.minimum.reduceat(first[vertices], offsets[:-1])
 
 
 def _renumbered(points: Floats, offsets: Ints, vertices: Ints) -> tuple[Floats, Ints, Ints, Ints]:
@@ -268,39 +278,25 @@ def _renumbered(points: Floats, offsets: Ints, vertices: Ints) -> tuple[Floats, 
 
 def _on_sides(points: Floats, size: Floats) -> Bools:
     """A mask, shaped like points, of the coordinates on a side of [0, size]."""
-    on_low: Bools = points == 0.0
-    on_high: Bools = points == size
-    return on_low | on_high
+    on: Bools = (points == 0.0) | (points == size)
+    return on
 
 
 def _short_edges(points: Floats, offsets: Ints, vertices: Ints, size: Floats, shortest: float) -> Ints:
     """Edges (m, 2) to collapse, the shortest first."""
     edges = directed_edges(offsets, vertices)
-    length = np.hypot(*(points[edges[:, 0]] - points[edges[:, 1]]).T)
-    triangle = np.repeat(np.diff(offsets) == 3, np.diff(offsets))
-    forbidden = np.unique(np.sort(edges[(length < shortest) & triangle], axis=1), axis=0)
-    edges = edges[length < shortest]
+    chord = points[edges[:, 0]] - points[edges[:, 1]]
+    short = np.hypot(*chord.T) < shortest
+    of_triangles = edge_keys(edges[short & np.repeat(np.diff(offsets) == 3, np.diff(offsets))], len(points))
+    edges = np.unique(np.sort(edges[short], axis=1), axis=0)
     ends = points[edges]
     on = _on_sides(ends, size)
     # Two nodes of the boundary may become one along a side, but not across the box, and corners stay corners.
     same_side = (on[:, 0] & on[:, 1] & (ends[:, 0] == ends[:, 1])).any(axis=1)
-    bridge = np.all(on.any(axis=2), axis=1) & ~same_side
-    edges = np.unique(np.sort(edges[~bridge & ~on.all(axis=(1, 2))], axis=1), axis=0)
-    edges = edges[~np.isin(edges @ [len(points), 1], forbidden @ [len(points), 1])]
+    bridge = on.any(axis=2).all(axis=1) & ~same_side
+    kept = bridge | on.all(axis=(1, 2)) | np.isin(edge_keys(edges, len(points)), of_triangles)
+    edges = edges[~kept]
     return edges[np.argsort(np.hypot(*(points[edges[:, 0]] - points[edges[:, 1]]).T), kind="stable")]
-
-
-def _far_apart(points: Floats, offsets: Ints, vertices: Ints, edges: Ints) -> tuple[Ints, csr_array]:
-    """Edges that come first in every cell they touch, and the cells they touch (edges x cells)."""
-    corner_cells = cell_of_corner(offsets)
-    shape = (len(points), len(offsets) - 1)
-    incidence = csr_array((np.ones(len(vertices)), (vertices, corner_cells)), shape=shape)
-    touched = (incidence[edges[:, 0]] + incidence[edges[:, 1]]).tocsr()
-    rank = np.repeat(np.arange(len(edges)), np.diff(touched.indptr))
-    best = np.full(shape[1], len(edges))
-    np.minimum.at(best, touched.indices, rank)
-    taken = np.minimum.reduceat((best[touched.indices] == rank).astype(np.int64), touched.indptr[:-1]) == 1
-    return edges[taken], touched[np.flatnonzero(taken)]
 
 
 def _not_star_shaped(points: Floats, moved: Floats, offsets: Ints, vertices: Ints) -> Ints:

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from vemcvx.meshes import PolygonMesh, refinement
-from vemcvx.meshes.polygons import convex_pieces, kernel_centroids
 
 L = np.array([(0, 0), (2, 0), (2, 1), (1, 1), (1, 2), (0, 2)], dtype=float)
 U = np.array([(0, 0), (3, 0), (3, 3), (2, 3), (2, 1), (1, 1), (1, 3), (0, 3)], dtype=float)
@@ -37,8 +36,8 @@ def star(tips, waist):
 # Outline, number of children, bound on diameter^2 / area of all later cells (measured plus a fifth).
 SHAPES = {
     "L": (L, 6, 12.0),
-    "U": (U, 3, 12.0),
-    "comb": (comb(), None, 20.0),
+    "U": (U, 6, 12.0),
+    "comb": (comb(), 16, 41.0),
     "spiral": (spiral(), None, 25.0),
     "500-gon": (regular(500), 5, 5.0),
     "40-gon": (regular(40), 5, 4.6),
@@ -108,27 +107,3 @@ def test_a_node_near_the_middle_of_a_side_is_its_middle():
     fine = single(outline).refine()
     assert fine.n_nodes == 5 + 4 + 1
     assert [0.625, 0.0] in fine.points.tolist()
-
-
-def test_kernels_in_closed_form():
-    square = regular(4)[None]
-    points, clear = kernel_centroids(square)
-    np.testing.assert_allclose(points, 0.0, atol=1e-15)
-    assert clear == pytest.approx(np.sqrt(0.5))
-    points, clear = kernel_centroids(np.stack([L, L[[1, 2, 3, 4, 5, 0]]]) / 2 - 0.5)  # the lower left square
-    np.testing.assert_allclose(points, -0.25, rtol=1e-14)
-    np.testing.assert_allclose(clear, 0.25, rtol=1e-14)
-    assert kernel_centroids(U[None] / 3 - 0.5)[1] < 0.0  # no point sees both arms
-
-
-def test_convex_pieces_cover_the_cell():
-    for outline in (L, U, comb(), spiral(), star(50, 0.02)):
-        pieces = convex_pieces(outline)
-        mesh = PolygonMesh(outline, pieces)  # a valid mesh: they fit together
-        assert mesh.areas.sum() == pytest.approx(single(outline).areas[0], rel=1e-13)
-        for piece in pieces:
-            edge = np.roll(outline[piece], -1, axis=0) - outline[piece]
-            before = np.roll(edge, 1, axis=0)
-            assert (before[:, 0] * edge[:, 1] - before[:, 1] * edge[:, 0]).min() > -1e-8
-    assert len(convex_pieces(L)) == 2
-    assert len(convex_pieces(U)) == 3

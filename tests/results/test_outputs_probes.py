@@ -11,7 +11,7 @@ from scenes import cyclic, paper_scene, small
 
 import vemcvx as vx
 from vemcvx.results.probe import locate, places
-from vemcvx.vem.projection import vertex_values
+from vemcvx.vem import CellGroup
 
 TIMES = np.linspace(0.0, 1.0, 4)
 FIELDS = ("displacement", "stress", "out_of_plane_stress", "von_mises", "principal_stresses")
@@ -87,7 +87,8 @@ def test_inside_of_cells_it_is_the_projection(family):
     for i, cell, value in zip(found.points, found.cells, history.probe(x).transpose(1, 0, 2), strict=True):
         corners = mesh.points[mesh.cells[cell]]
         # Pi u is linear, and known at the vertices.
-        at_vertices = vertex_values(corners[None])[0] @ history.displacement[-1, mesh.cells[cell]]
+        cell_alone = CellGroup(np.arange(1), np.arange(len(corners))[None], corners)
+        at_vertices = cell_alone.vertex_values()[0] @ history.displacement[-1, mesh.cells[cell]]
         base = np.column_stack([np.ones(len(corners)), corners])
         wanted = np.append(1.0, x[i]) @ np.linalg.lstsq(base, at_vertices, rcond=None)[0]
         assert value[-1] == pytest.approx(wanted, abs=1e-11 * np.abs(history.displacement).max())

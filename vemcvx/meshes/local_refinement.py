@@ -21,10 +21,11 @@ from vemcvx.meshes.interfaces import pairs_of, places_of
 from vemcvx.meshes.polygon_mesh import PolygonMesh
 from vemcvx.meshes.polygons import (
     cell_of_corner,
-    convex_pieces,
     cross,
+    diagonals_of,
     first_in_row,
-    kernel_centroids,
+    least_of_each,
+    next_corner,
     next_vertex,
     offsets_of,
     previous_corner,
@@ -34,6 +35,7 @@ from vemcvx.meshes.polygons import (
     shared_edges,
     spans,
 )
+from vemcvx.meshes.quality import largest_balls, walls_of
 
 # The sides of polygonal cells, and the places where refinement splits them.
 #
@@ -47,9 +49,9 @@ from vemcvx.meshes.polygons import (
 # edge in its middle. So an edge is split in its own middle or not at all, whichever of its two cells asks.
 #
 # Shorter sides are not split, or the short edges of Voronoi cells would beget thinner and thinner cells; their share
-# of the diameter doubles from pass to pass until they are long. A run of them whose bends cancel is part of a longer
-# side; one that is long in sum is split at the corner nearest to its middle (several, if it is very long), right
-# turns first. The perimeter is at least twice the diameter: every cell has at least two such places.
+# of the diameter doubles from pass to pass until they are long. A run of them counts as one side, or, if it is very
+# long, as several; one whose bends cancel is part of a longer side. The perimeter is at least twice the diameter: every
+# cell has at least two such places.
 
 
 SHARP = np.radians(20.0)
@@ -87,12 +89,12 @@ def splitting_of(mesh: PolygonMesh) -> Splitting:
     """Find the sides of all cells and the places to split at."""
     begin = mesh.offsets[:-1]
     length, turn, bend = _outlines(mesh)
-    sides = _long_and_short(mesh, length, turn, bend)
-    order, first = sides.order, sides.first
-    vertex, edge = np.zeros((2, len(order)), dtype=bool)
-    at, between = _middles(length[order], sides)
-    vertex[order[at]] = edge[order[between]] = True
-    vertex[order[first[_split_runs(sides, turn[order[first]] < 0.0)]]] = True
+    corner = _at_least_three(np.abs(turn) > SHARP, bend, mesh.offsets)
+    fewer = _without_short_sides(_sides(mesh, length, corner), corner, turn)
+    sides = _sides(mesh, length, _at_least_three(fewer, corner, mesh.offsets))
+    vertex, edge = np.zeros((2, len(length)), dtype=bool)
+    at, between = _middles(length[sides.order], sides)
+    vertex[sides.order[at]] = edge[sides.order[between]] = True
     counts = np.bincount(sides.cell, minlength=mesh.n_cells)
     return Splitting(
         sides=counts,
@@ -103,18 +105,6 @@ def splitting_of(mesh: PolygonMesh) -> Splitting:
         vertex=vertex,
         edge=edge,
     )
-
-
-def _long_and_short(mesh: PolygonMesh, length: Floats, turn: Floats, bend: Bools) -> Sides:
-    """Sides between sharp corners, runs of short ones that cancel taken together."""
-    corner = _at_least_three(np.abs(turn) > SHARP, bend, mesh.offsets)
-    sides = _sides(mesh, length, corner)
-    smooth = _cancelling(sides, turn)
-    if not len(smooth):
-        return sides
-    fewer = corner.copy()
-    fewer[smooth] = False
-    return _sides(mesh, length, _at_least_three(fewer, corner, mesh.offsets))
 
 
 def _outlines(mesh: PolygonMesh) -> tuple[Floats, Floats, Bools]:
@@ -152,27 +142,29 @@ def _sides(mesh: PolygonMesh, length: Floats, corner: Bools) -> Sides:
     return sides
 
 
-def _runs(sides: Sides) -> tuple[Bools, Ints, Floats]:
-    """The sides that begin a run of long or of short sides, the run of each side, and the lengths of runs."""
-    new = np.append(True, (np.diff(sides.cell) != 0) | (sides.long[1:] != sides.long[:-1]))
-    return new, np.cumsum(new) - 1, np.add.reduceat(sides.lengths, np.flatnonzero(new))
+def _without_short_sides(sides: Sides, corner: Bools, turn: Floats) -> Bools:
+    """The corners without those inside runs of short sides, but for some that part runs which are long in sum.
 
-
-def _cancelling(sides: Sides, turn: Floats) -> Ints:
-    """Corners of the mesh in runs of short sides that are short in sum and hardly turn in all."""
-    new, run, total = _runs(sides)
-    begin = np.flatnonzero(new)
-    turn = turn[sides.order[sides.first]]
-    # The corner after a run is where the next side begins, in the same cell or (a cell begins with a long side) the
-    # first of its cell.
-    last = np.append(begin[1:], len(new)) - 1
-    wraps = np.append(sides.cell[1:] != sides.cell[:-1], True)[last]
-    first_side = np.searchsorted(sides.cell, sides.cell[last])
-    end = np.where(wraps, first_side, np.minimum(last + 1, len(new) - 1))
-    flat = np.abs(np.add.reduceat(turn, begin) + turn[end]) < SHARP
-    smooth = ~sides.long[begin] & (total < SHORT) & flat
-    chosen: Ints = np.concatenate([np.flatnonzero(smooth[run]), end[smooth]])
-    return sides.order[sides.first[chosen]]
+    A run that is short in sum and hardly turns in all, ends included, is part of a longer side.
+    """
+    new = np.append(True, (np.diff(sides.cell) != 0) | sides.long[1:] | sides.long[:-1])
+    run, begin = np.cumsum(new) - 1, np.flatnonzero(new)
+    total = np.add.reduceat(sides.lengths, begin)[run]
+    parts = np.maximum(1.0, np.rint(total / (2.0 * SHORT)))
+    ahead = np.cumsum(sides.lengths) - sides.lengths
+    place = (ahead - ahead[begin][run]) * parts / total
+    nearest = np.clip(np.rint(place), 1.0, parts - 1.0)
+    several = np.flatnonzero(~new & (parts > 1.0))
+    keys = run[several] * len(corner) + nearest[several].astype(np.int64)
+    kept = several[least_of_each(keys, np.abs(place - nearest)[several])]
+    fewer = corner.copy()
+    fewer[sides.order[sides.first[~new]]] = False
+    fewer[sides.order[sides.first[kept]]] = True
+    start, after = sides.order[sides.first[begin]], next_corner(offsets_of(np.bincount(sides.cell[begin])))
+    turns = np.add.reduceat(turn[sides.order], sides.first[begin]) + turn[start[after]]
+    smooth = np.flatnonzero(~sides.long[begin] & (total[begin] < SHORT) & (np.abs(turns) < SHARP))
+    fewer[np.append(start[smooth], start[after[smooth]])] = False
+    return fewer
 
 
 def _middles(length: Floats, sides: Sides) -> tuple[Ints, Ints]:
@@ -196,25 +188,6 @@ def _middles(length: Floats, sides: Sides) -> tuple[Ints, Ints]:
     return is_nearest[taken], np.flatnonzero(between)
 
 
-def _split_runs(sides: Sides, right: Bools) -> Ints:
-    """Sides at whose first corner a run of short sides is split; ``right`` where the outline turns right there."""
-    new, run, total = _runs(sides)
-    parts = np.maximum(1.0, np.rint(total / (2.0 * SHORT)))
-    parts[sides.long[new] | (total < SHORT)] = 0.0
-    share = sides.lengths / total[run]
-    begin = np.cumsum(share) - share
-    begin -= begin[new][run]
-    inner = np.flatnonzero(~new & (parts[run] > 0.0))
-    place = begin[inner] * parts[run[inner]]
-    part = np.minimum(np.floor(place), parts[run[inner]] - 1.0)
-    bins = (np.cumsum(parts) - parts)[run[inner]] + part
-    # A right turn counts as .3 of its share of the run nearer to the middle.
-    order = np.lexsort((np.abs(place - part - 0.5) - 0.3 * right[inner], bins))
-    best = np.append(True, np.diff(bins[order]) > 0)[: len(order)]
-    chosen: Ints = order[best]
-    return inner[chosen]
-
-
 # The inner point that the middles of a cell's sides are joined to.
 #
 #     four long sides    the crossing of the lines through opposite middles, (x_1 + x_2 + x_3 + x_4) / 4: the quarters
@@ -222,10 +195,10 @@ def _split_runs(sides: Sides, right: Bools) -> Ints:
 #     an arrow           (four sides, right turn at x_1) the middle of its inner diagonal, (x_1 + x_3) / 2: two children
 #                        are arrows of the same shape, two are parallelograms
 #     convex             the centroid, from which every side is at least a third of the width away
-#     else               the centroid if it is .1 of the diameter in front of the lines of all sides, else the centroid
-#                        of the kernel (the points that see the whole cell), an intersection of half-planes
+#     else               the centroid if it is .1 of the diameter in front of the lines of all sides, else the centre of
+#                        the largest ball from which all of the cell is seen (:mod:`.quality`)
 #
-# A cell whose kernel is empty, or so small that it would be seen under flat angles, has no such point.
+# A cell without such a ball, or with one so small that it would be seen under flat angles, has no such point.
 def centres_of(mesh: PolygonMesh, splitting: Splitting) -> tuple[Floats, Bools]:
     """Centres of all cells (n_cells, 2), and which cells have one, (n_cells,)."""
     centres, seen = mesh.centroids.copy(), np.ones(mesh.n_cells, dtype=bool)
@@ -233,23 +206,19 @@ def centres_of(mesh: PolygonMesh, splitting: Splitting) -> tuple[Floats, Bools]:
     counts = np.add.reduceat(splitting.bend.astype(np.int64), mesh.offsets[:-1])
     offsets = offsets_of(counts)
 
-    def corners(cells: Ints, count: int) -> Floats:
-        nodes: Ints = mesh.vertices[bends[offsets[cells, None] + np.arange(count)]]
-        return mesh.points[nodes]
-
     four_long = splitting.all_long & (splitting.sides == 4)
     quads = np.flatnonzero((counts == 4) & (four_long | ~splitting.convex))
-    centres[quads] = _middles_of_quads(corners(quads, 4))
+    centres[quads] = _middles_of_quads(mesh.points[mesh.vertices[bends[offsets[quads, None] + np.arange(4)]]])
     others = np.flatnonzero(~splitting.convex & (counts != 4))
-    for count in np.unique(counts[others]):
-        cells = others[counts[others] == count]
-        scale = mesh.diameters[cells, None]
-        about = (corners(cells, count) - mesh.centroids[cells, None]) / scale[:, None]
-        inside, clear = kernel_centroids(about)
-        centres[cells] += inside * scale
+    walls = walls_of(mesh)
+    others = others[np.minimum.reduceat(walls.away, mesh.offsets[:-1])[others] < 0.1]
+    if len(others):
+        rows, sides = rows_in_order(mesh.offsets, np.arange(len(mesh.vertices)), others)
+        inside, clear = largest_balls(rows, walls.normals[sides], walls.away[sides])
+        centres[others] += inside * mesh.diameters[others, None]
         # The centre is .03 diameters away from the line of every side: a side of a quarter of the diameter is then seen
         # under an angle of six degrees at least.
-        seen[cells] = clear >= 0.03
+        seen[others] = clear >= 0.03
     return centres, seen
 
 
@@ -282,7 +251,7 @@ class Kinds:
     parted: Bools  # at the middles of its sides
     centred: Bools  # of these, with the middles joined to a new centre
     medial: Bools  # or to each other, being a triangle; the others are cut across
-    unseen: Bools  # into convex pieces along diagonals, having no centre
+    unseen: Bools  # into triangles along diagonals, having no centre
 
     @classmethod
     def of(cls, splitting: Splitting, marked: Bools, seen: Bools) -> Kinds:
@@ -331,9 +300,9 @@ def children_of(outlines: Outlines, kinds: Kinds, points: Floats, first_centre: 
     n_cells = len(outlines.offsets) - 1
     marks = np.bincount(outlines.cell, minlength=n_cells)
     cut, whole = np.flatnonzero(kinds.unseen), np.flatnonzero(~kinds.parted & ~kinds.unseen)
-    counts, pieces = _pieces(outlines, cut, points)
+    pieces = _triangles(outlines, cut, points)
     children = np.where(kinds.parted, marks + kinds.medial, 1)
-    children[cut] = counts
+    children[cut] = marks[cut] - 2
     first = offsets_of(children)
     centres = first_centre + np.arange(np.count_nonzero(kinds.centred))
     at_centre = len(outlines.nodes) + np.cumsum(kinds.centred) - 1
@@ -358,28 +327,27 @@ def children_of(outlines: Outlines, kinds: Kinds, points: Floats, first_centre: 
     return offsets_of(sizes), vertices, np.repeat(np.arange(n_cells), children)
 
 
-def _pieces(outlines: Outlines, cells: Ints, points: Floats) -> tuple[Ints, list[Ranges]]:
-    """Numbers of convex pieces of the given cells; for each edge of a piece its first corner, or the whole side."""
-    counts, found = np.zeros(len(cells), dtype=np.int64), []
+def _triangles(outlines: Outlines, cells: Ints, points: Floats) -> list[Ranges]:
+    """Of the triangles of each of the cells: the triangle, and for each edge its first corner, or the whole side."""
+    found = []
     begin = np.searchsorted(outlines.cell, cells)
     end = np.searchsorted(outlines.cell, cells, side="right")
     for k in range(len(cells)):  # cells that no point sees all of are rare
         marks, stops = outlines.marks[begin[k] : end[k]], outlines.stop[begin[k] : end[k]]
         corners = points[outlines.nodes[marks]]
-        pieces = convex_pieces(corners - corners[0])
-        counts[k] = len(pieces)
-        start = np.concatenate(pieces)
-        side = np.concatenate([np.roll(piece, -1) for piece in pieces]) == (start + 1) % len(marks)
-        number = np.repeat(np.arange(len(pieces)), [len(piece) for piece in pieces])
+        triangles = diagonals_of((corners - corners[0])[None])[0]
+        start, after = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
+        side = after == (start + 1) % len(marks)
+        number = np.repeat(np.arange(len(triangles)), 3)
         found.append((number, marks[start], np.where(side, stops[start] - marks[start], 1)))
-    return counts, found
+    return found
 
 
 # Local refinement of polygonal meshes: chosen cells are split, their neighbours get the new vertices and stay.
 #
 # The middles of the sides of a cell (`sides`) are joined to its centre (`centres`): n sides, n quadrilaterals. A
 # triangle has its middles joined to each other instead (four similar triangles), a long thin convex cell with two
-# middles is cut across, and a cell without a centre is first cut into convex pieces between its own vertices. New
+# middles is cut across, and a cell without a centre is first cut into triangles between its own vertices. New
 # vertices hang on the straight sides of unrefined neighbours; virtual elements take them as any vertex, so no closure
 # is needed.
 #

@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
-from vemcvx.base.arrays import SAME, Bools, Floats, Ints
+from vemcvx.base.arrays import Bools, Floats, Ints
 
 
 def spans(starts: Ints, counts: Ints) -> Ints:
@@ -466,57 +466,3 @@ def diagonals_of(corners: Floats) -> Ints:
     offsets = np.arange(c + 1) * n
     rows = triangles_of(numbered_outlines(corners.reshape(-1, 2), offsets))[1]
     return rows.reshape(c, n - 2, 3) - offsets[:-1, None, None]
-
-
-def kernel_centroids(corners: Floats) -> tuple[Floats, Floats]:
-    """Points (c, 2) that see all of a polygon each, and how far they are from the lines of the sides, (c,).
-
-    The corners (c, n, 2) are counter-clockwise, all within 1 of the origin. The point is the origin if it is .1 away
-    from all lines, else the centroid of the kernel, the part of the polygon that is left of every side; the origin
-    again where there is none. Distances are the least signed ones, negative outside.
-    """
-    import shapely
-
-    edge = np.roll(corners, -1, axis=1) - corners
-    forth = edge / np.hypot(edge[..., 0], edge[..., 1])[..., None]
-    left = np.stack([-forth[..., 1], forth[..., 0]], axis=-1)
-    points = np.zeros((len(corners), 2))
-    sought = np.flatnonzero(np.einsum("cia,cia->ci", -corners, left).min(axis=1) < 0.1)
-    kernel = shapely.polygons(corners[sought])
-    for side in range(corners.shape[1]):
-        start, u, v = (a[sought, side, None] for a in (corners, forth, left))
-        # All of the polygon that is left of the side is within 2 of the corner where it starts.
-        half = start + 2.0 * np.concatenate([-u, u, u + v, v - u], axis=1)
-        kernel = shapely.intersection(kernel, shapely.polygons(half))
-    seeing = shapely.area(kernel) > 0.0
-    points[sought[seeing]] = shapely.get_coordinates(shapely.centroid(kernel[seeing]))
-    return points, np.einsum("cia,cia->ci", points[:, None] - corners, left).min(axis=1)
-
-
-def convex_pieces(corners: Floats) -> list[list[int]]:
-    """The convex pieces of a polygon (n, 2), each by the numbers of its corners; all counter-clockwise.
-
-    Of its triangles every diagonal is taken out again whose absence leaves no right turn: at most four times as many
-    pieces as the best (S. Hertel, K. Mehlhorn, FCT 1983, LNCS 158, 207-218). The one under the flattest comes first.
-    """
-    triangles = diagonals_of(corners[None])[0]
-    sides = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2).reshape(-1, 2)
-    lengths = np.linalg.norm(corners[sides[:, 1]] - corners[sides[:, 0]], axis=1).reshape(-1, 3)
-    # Heights of triangles over their longest sides, in lengths of these.
-    flat = 2.0 * signed_areas(corners[triangles])[:, None] / lengths**2
-    heights = np.where(lengths < lengths.max(axis=1, keepdims=True), np.inf, flat)
-    ends, number, counts = np.unique(np.sort(sides, axis=1), axis=0, return_inverse=True, return_counts=True)
-    least = np.full(len(ends), np.inf)
-    np.minimum.at(least, number.ravel(), heights.ravel())
-    diagonals = np.flatnonzero(counts == 2)
-    # Around every piece corners stand in the order that they have around the polygon: their numbers say it all.
-    pieces = [set(triangle) for triangle in triangles.tolist()]
-    for diagonal in ends[diagonals[np.argsort(least[diagonals], kind="stable")]].tolist():
-        one, other = (piece for piece in pieces if piece.issuperset(diagonal))
-        around = sorted(one | other)
-        edge = corners[np.roll(around, -1)] - corners[around]
-        after, length = np.roll(edge, -1, axis=0), np.linalg.norm(edge, axis=1)
-        # A turn to the right by a sine of 1e-9 is rounding.
-        if (cross(edge, after) >= -SAME * length * np.roll(length, -1)).all():
-            pieces = [piece for piece in pieces if piece not in (one, other)] + [one | other]
-    return [sorted(piece) for piece in pieces]

@@ -26,7 +26,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -116,6 +116,26 @@ class Quality(Outlined):
 
 def quality_of(mesh: Mesh, *, warned: bool = True) -> Quality:
     """The shapes of all cells; a MeshWarning says where constants grow, unless it is not `warned`."""
+    offsets, normals, away, lengths = walls_of(mesh)
+    star = np.maximum(largest_balls(offsets, normals, away)[1], 0.0)
+    edge = np.minimum.reduceat(lengths, offsets[:-1]) / mesh.diameters
+    found = Quality(star, edge, in_plane=isinstance(mesh, PolygonMesh))
+    for words in found.remarks if warned else ():
+        warnings.warn(f"quality: {words}", MeshWarning, stacklevel=3)
+    return found
+
+
+class Walls(NamedTuple):
+    """The lines, or planes, of the sides of all cells, cell by cell."""
+
+    offsets: Ints
+    normals: Floats  # (k, dim) outward unit normals
+    away: Floats  # (k,) how far they are from the centroid, in diameters
+    lengths: Floats  # (k,) of edges, in space of the shortest edge of each face
+
+
+def walls_of(mesh: Mesh) -> Walls:
+    """The walls of all cells of a mesh."""
     if isinstance(mesh, PolygonMesh):
         along = _along(mesh.points, mesh.offsets, mesh.vertices)
         lengths = np.linalg.norm(along, axis=1)
@@ -125,12 +145,9 @@ def quality_of(mesh: Mesh, *, warned: bool = True) -> Quality:
         lengths = np.minimum.reduceat(np.linalg.norm(along, axis=1), mesh.face_offsets[:-1])[faces]
         offsets, normals = mesh.cell_offsets, mesh.face_signs[:, None] * mesh.face_normals[faces]
         places = mesh.face_centroids[faces]
-    star = np.maximum(_radii(offsets, normals, places, mesh), 0.0)
-    edge = np.minimum.reduceat(lengths, offsets[:-1]) / mesh.diameters
-    found = Quality(star, edge, in_plane=isinstance(mesh, PolygonMesh))
-    for words in found.remarks if warned else ():
-        warnings.warn(f"quality: {words}", MeshWarning, stacklevel=3)
-    return found
+    owner = cell_of_corner(offsets)
+    away = np.einsum("ki,ki->k", normals, places - mesh.centroids[owner]) / mesh.diameters[owner]
+    return Walls(offsets, normals, away, lengths)
 
 
 def _along(points: Floats, offsets: Ints, vertices: Ints) -> Floats:
@@ -138,21 +155,20 @@ def _along(points: Floats, offsets: Ints, vertices: Ints) -> Floats:
     return points[vertices[next_corner(offsets)]] - points[vertices]
 
 
-def _radii(offsets: Ints, normals: Floats, places: Floats, mesh: Mesh) -> Floats:
-    """rho_K / h_K (n_cells,) from outward unit normals (k, dim) of sides and places (k, dim) on them, cell by cell."""
+def largest_balls(offsets: Ints, normals: Floats, away: Floats) -> tuple[Floats, Floats]:
+    """Centres (c, dim) from the centroid, and radii rho_K (c,), both over h_K, for the walls of c cells."""
     from scipy.optimize import linprog
 
-    owner, size = cell_of_corner(offsets), normals.shape[1] + 1
-    away = np.einsum("ki,ki->k", normals, places - mesh.centroids[owner]) / mesh.diameters[owner]
-    radii = np.empty(mesh.n_cells)
-    for first in range(0, mesh.n_cells, SOME):
-        last = min(first + SOME, mesh.n_cells)
+    size, cells = normals.shape[1] + 1, len(offsets) - 1
+    found = np.empty((cells, size))
+    for first in range(0, cells, SOME):
+        last = min(first + SOME, cells)
         sides = slice(offsets[first], offsets[last])
         rows = np.column_stack([normals[sides], np.ones(len(normals[sides]))])
-        columns = (owner[sides, None] - first) * size + np.arange(size)
+        columns = (cell_of_corner(offsets[first : last + 1])[:, None]) * size + np.arange(size)
         starts = size * np.arange(len(rows) + 1)
         matrix: Any = csr_array((rows.ravel(), columns.ravel(), starts), shape=(len(rows), size * (last - first)))
         cost = np.tile(np.append(np.zeros(size - 1), -1.0), last - first)
-        found: Any = linprog(cost, A_ub=matrix, b_ub=away[sides], bounds=(None, None))
-        radii[first:last] = found.x[size - 1 :: size]
-    return radii
+        solved: Any = linprog(cost, A_ub=matrix, b_ub=away[sides], bounds=(None, None))
+        found[first:last] = solved.x.reshape(-1, size)
+    return found[:, :-1], found[:, -1]

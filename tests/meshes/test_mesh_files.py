@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import pickle
 import re
-import sys
 import warnings
 from pathlib import Path
 from xml.etree import ElementTree
@@ -213,15 +212,6 @@ def test_a_failed_write_leaves_the_old_file(tmp_path, monkeypatch):
         vx.meshes.squares(3).write(tmp_path / "mesh.vtu")
     assert (tmp_path / "mesh.vtu").read_bytes() == before
     assert [path.name for path in tmp_path.iterdir()] == ["mesh.vtu"]
-
-
-def test_abaqus_files_need_meshlane(tmp_path, monkeypatch):
-    (tmp_path / "mesh.inp").write_text("*NODE\n1, 0., 0.\n")
-    monkeypatch.setitem(sys.modules, "meshlane", None)
-    with pytest.raises(
-        vx.MeshError, match=r"mesh.inp: .inp files need meshlane, .*not installed: pip install meshlane"
-    ):
-        read(tmp_path / "mesh.inp")
 
 
 # Fields on meshes.

@@ -45,7 +45,6 @@ HEAVY = {
     "cvxpy": {"program/kernel.py", "program/step_program.py", "solvers/conic.py"},
     "matplotlib": {"base/canvas.py"},
     "meshio": {"meshes/io/blocks.py", "meshes/io/gmsh.py", "meshes/io/nastran.py"},
-    "meshlane": {"meshes/io/abaqus.py"},
     "skfem": {"meshes/io/objects.py"},
     "pyvista": {"meshes/io/objects.py", "plots/body.py"},
     "shapely": {

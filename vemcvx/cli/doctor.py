@@ -21,7 +21,7 @@ from vemcvx.program import Norms, System
 from vemcvx.solvers import Newton, Solver
 from vemcvx.stepping import march
 
-NEEDED = "numpy", "scipy", "cvxpy", "clarabel", "osqp", "meshio", "meshlane", "threadpoolctl", "typer", "rich"
+NEEDED = "numpy", "scipy", "cvxpy", "clarabel", "osqp", "meshio", "threadpoolctl", "typer", "rich"
 EXTRAS = {
     **{"matplotlib": "plot", "py-mkl-pardiso": "mkl", "pyamg": "multigrid", "petsc4py": "petsc"},
     **{"pandas": "pandas", "pyvista": "view", "marimo": "app"},

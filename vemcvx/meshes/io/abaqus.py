@@ -1,32 +1,36 @@
-"""Abaqus' input files, read by meshlane after a preparation of their text; what is not read is named.
+"""Abaqus' input files: nodes, elements, sets and surfaces of parts and instances; what is not read is named.
 
-meshlane finds nodes by their numbers and moves instances. Before, the text is rewritten: files that are included stand
-in it, each element stands on a line with a type that meshlane knows, and each list of numbers in a set, or behind a
-surface, becomes a set of its own, called by its number among the pieces. Sets are put together from these pieces here.
+A part is read where an instance places it, once for each, and then moved; a part without an instance where it is. Sets
+of the same name are one set, in whichever parts they are. What a list of numbers means depends on the instance.
 """
 
 from __future__ import annotations
 
-import io
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from itertools import chain
 from pathlib import Path
-from typing import Any, NamedTuple
 
 import numpy as np
 
-from vemcvx.base.arrays import Bools, Ints
+from vemcvx.base.arrays import Floats, Ints
 from vemcvx.base.errors import MeshError
-from vemcvx.meshes.io.blocks import cells_of, to_meshio
-from vemcvx.meshes.io.grid import Grid
+from vemcvx.meshes.io.grid import Grid, by_corners
 from vemcvx.meshes.polygons import offsets_of
 
 PLANE, SOLID = "(?:CP[ES]|CPEG|DC2D|S|M3D|SFM3D|R3D|DS|STRI)", "(?:C3D|DC3D)"
-TYPES = {f"{PLANE}3": ("CPS3", 3), f"{PLANE}4": ("CPS4", 4), f"{PLANE}65?": ("STRI65", 6), f"{PLANE}8": ("S8R", 8)}
-TYPES |= {SOLID + str(n): (f"C3D{n}", n) for n in (4, 6, 8, 10, 15, 20)}
-TYPES |= {"(?:T[23]D|R2D)2|B[23]1": ("T3D2", 2), "T[23]D3|B[23]2": ("T3D3", 3)}
-"""Patterns of types of elements, which letters may follow -> a type of that shape, and how many nodes it has."""
+TYPES = {f"{PLANE}3": ("triangle", 3), f"{PLANE}4": ("quad", 4), f"{PLANE}65?": ("triangle6", 6)}
+TYPES |= {
+    f"{PLANE}8": ("quad8", 8),
+    f"{SOLID}4": ("tetra", 4),
+    f"{SOLID}6": ("wedge", 6),
+    f"{SOLID}8": ("hexahedron", 8),
+}
+TYPES |= {f"{SOLID}10": ("tetra10", 10), f"{SOLID}15": ("wedge15", 15), f"{SOLID}20": ("hexahedron20", 20)}
+TYPES |= {"(?:T[23]D|R2D)2|B[23]1": ("line", 2), "T[23]D3|B[23]2": ("line3", 3)}
+"""Patterns of types of elements, which letters may follow -> a kind of cells, and how many nodes it has."""
+WRITTEN = {"triangle": "CPS3", "quad": "CPS4", "tetra": "C3D4", "wedge": "C3D6", "hexahedron": "C3D8"}
 SIDES = {
     "triangle": ("01", "12", "20"),
     "quad": ("01", "12", "23", "30"),
@@ -35,25 +39,30 @@ SIDES = {
     "hexahedron": ("0123", "4765", "0451", "1562", "2673", "3740"),
 }
 """The sides S1, S2 ... of elements, by their corners."""
-SCOPES = "PART", "ENDPART", "INSTANCE", "ENDINSTANCE", "ASSEMBLY", "ENDASSEMBLY"
 REFUSED = "ELGEN", "ELCOPY", "NGEN", "NFILL", "NCOPY", "NMAP", "SYSTEM", "IMPORT"
 FILES = "NODE", "ELEMENT", "NSET", "ELSET", "INCLUDE"
+Block = tuple[str, dict[str, str], list[str]]  # a keyword in capitals without blanks, its options, and its data
 
 
 def read_abaqus(path: Path) -> Grid:
     """Return the cells of a file: element sets as named sets, node sets and surfaces as parts of the boundary."""
     deck = _Deck()
-    for word, options, lines in _blocks(path):
-        deck.take(word, options, lines)
-    mesh = _meshlane().read(io.StringIO("\n".join([*deck.lines, ""])))
-    grid = cells_of(mesh)
-    block = np.repeat(np.arange(len(mesh.cells)), [len(one) for one in mesh.cells])
-    # Parts without an instance come last, where they are.
-    placed = {} if "" in deck.blocks else {**deck.placed, **dict.fromkeys(deck.parts)}
-    counts = [deck.blocks[name] + (deck.blocks[part] if part else 0) for name, part in placed.items()]
-    at = offsets_of(np.array(counts, dtype=np.int64))
-    own = {name: (block >= at[k]) & (block < at[k + 1]) for k, name in enumerate(placed)}
-    _take_sets(grid, deck, own)
+    for block in _blocks(path):
+        deck.take(*block)
+    for part in [name for name in deck.parts if name not in deck.placed]:
+        deck.place(part, part)
+    vertices = np.fromiter(chain.from_iterable(deck.rows), np.int64)
+    sizes = np.array(list(map(len, deck.rows)), dtype=np.int64)
+    points = np.array(deck.points, dtype=float).reshape(-1, 3)
+    grid = by_corners(Grid(points, np.array(deck.kinds, dtype=str), offsets_of(sizes), vertices))
+    shown = {kind: {n: x for n, x in sets.items() if n not in deck.internal} for kind, sets in deck.sets.items()}
+    every = np.arange(len(deck.kinds))
+    grid.sets = {name: np.isin(every, cells) for name, cells in shown["ELSET"].items()}
+    grid.nodes = {name: np.isin(np.arange(len(points)), nodes) for name, nodes in shown["NSET"].items()}
+    for name, side, cells in deck.sides:
+        _add_sides(grid, name, side, np.unique(np.array(cells, dtype=np.int64)))
+    known = {} if deck.numbers.get("", {}).get("ELSET") else deck.numbers
+    own = {name: np.isin(every, list(numbers["ELSET"].values())) for name, numbers in known.items() if name}
     grid.bodies = tuple(own or _largest(grid) or grid.sets)
     grid.sets |= own
     if deck.unread:
@@ -72,38 +81,31 @@ def _largest(grid: Grid) -> list[str]:
 
 def write_abaqus(path: Path, grid: Grid) -> None:
     """Write points and cells alone."""
-    _meshlane().write(path, to_meshio(grid, in_order=True))
-
-
-def _meshlane() -> Any:
-    try:
-        from meshlane import abaqus
-    except ImportError:
-        raise MeshError(".inp files need meshlane, which is not installed: pip install meshlane") from None
-    return abaqus
-
-
-class Piece(NamedTuple):
-    """A part of a set or surface: the elements or nodes of the piece's own number, or those of another set."""
-
-    kind: str  # "ELSET" or "NSET"
-    name: str
-    side: int = 0  # of a surface: which side of the elements
-    of: str = ""  # the name of another set
-    instance: str = ""  # where the other set is meant
+    points, lines, last = np.pad(grid.points, ((0, 0), (0, 3 - grid.points.shape[1]))), ["*NODE"], ""
+    lines += [f"{number}, {', '.join(map(repr, x))}" for number, x in enumerate(points.tolist(), 1)]
+    rows = np.split(grid.vertices + 1, grid.offsets[1:-1])
+    for number, (kind, row) in enumerate(zip(grid.kinds.tolist(), rows, strict=True), 1):
+        lines += [f"*ELEMENT, TYPE={WRITTEN[kind]}"] * (kind != last)
+        lines.append(", ".join(map(str, (number, *row.tolist()))))
+        last = kind
+    path.write_text("\n".join([*lines, ""]))
 
 
 @dataclass
 class _Deck:
-    """The text for meshlane, and what meshlane does not tell."""
+    """What has been read of a file: nodes and elements by their places, in lists that grow."""
 
-    lines: list[str] = field(default_factory=list)
-    pieces: list[Piece] = field(default_factory=list)
-    scope: str = ""  # the part or instance that is being defined
-    blocks: dict[str, int] = field(default_factory=dict)  # part or instance -> its own blocks of elements
-    parts: dict[str, None] = field(default_factory=dict)  # that have no instance yet
-    placed: dict[str, str | None] = field(default_factory=dict)  # instance -> its part, if that has another name
-    largest: int = 0  # of all numbers
+    points: list[list[float]] = field(default_factory=list)
+    kinds: list[str] = field(default_factory=list)
+    rows: list[list[int]] = field(default_factory=list)  # nodes of the elements, by their places
+    numbers: dict[str, dict[str, dict[int, int]]] = field(default_factory=dict)
+    """Instance, "" for none -> "NSET" or "ELSET" -> number of a node or element -> its place."""
+    sets: dict[str, dict[str, list[int]]] = field(default_factory=lambda: {"NSET": {}, "ELSET": {}})
+    sides: list[tuple[str, int, list[int]]] = field(default_factory=list)  # name of a surface, side, elements
+    parts: dict[str, list[Block]] = field(default_factory=dict)
+    placed: set[str] = field(default_factory=set)  # parts that have an instance
+    part: str = ""  # which is being defined
+    scope: str = ""  # the instance that is being read
     spelt: dict[str, str] = field(default_factory=dict)  # names in capitals -> as they were spelt at first
     internal: set[str] = field(default_factory=set)  # names of sets that no user has made
     unread: list[str] = field(default_factory=list)
@@ -117,7 +119,11 @@ class _Deck:
                 f"its keyword *{word}{more} is not read; write all nodes, in Cartesian coordinates, and elements out."
             )
         rows = [[one.strip() for one in line.split(",")] for line in lines]
-        if word == "NODE":
+        if word in ("PART", "ENDPART"):
+            self.part = self.spell(options.get("NAME", word)) if word == "PART" else ""
+        elif self.part:
+            self.parts.setdefault(self.part, []).append((word, options, lines))
+        elif word == "NODE":
             self._take_nodes(options, rows)
         elif word == "ELEMENT":
             self._take_elements(options, [one for row in rows for one in row if one])
@@ -125,118 +131,120 @@ class _Deck:
             self._take_set(word, options, rows)
         elif word == "SURFACE":
             self._take_surface(options, rows)
-        elif word in SCOPES:
-            self._take_scope(word, options, rows)
+        elif word == "INSTANCE":
+            self._take_instance(options, rows)
+        elif word == "ENDINSTANCE":
+            self.scope = ""
+
+    def place(self, part: str, name: str) -> None:
+        """Read a part as an instance of this name."""
+        self.scope = name
+        self.placed.add(part)
+        for block in self.parts.get(part, []):
+            self.take(*block)
+
+    def _known(self, kind: str, instance: str = "") -> dict[int, int]:
+        """The places of the nodes or elements of an instance, by default of the one that is being read."""
+        return self.numbers.setdefault(instance or self.scope, {"NSET": {}, "ELSET": {}})[kind]
 
     def _take_nodes(self, options: Mapping[str, str], rows: list[list[str]]) -> None:
-        numbers = [int(row[0]) for row in rows]
-        self.lines.append("*NODE")
-        for number, row in zip(numbers, rows, strict=True):
-            x = [one.upper().replace("D", "E") or "0" for one in (*row[1:4], "", "", "")[:3]]
-            self.lines.append(f"{number}, {', '.join(x)}")
-        self._counted("NSET", options, numbers)
+        known, places = self._known("NSET"), list[int]()
+        for number, *words in rows:
+            x = [float(one.upper().replace("D", "E") or 0) for one in (*words, "", "", "")[:3]]
+            places.append(known.setdefault(int(number), len(self.points)))
+            self.points[places[-1] : places[-1] + 1] = [x]
+        self._name("NSET", options.get("NSET", ""), places)
 
     def _take_elements(self, options: Mapping[str, str], words: list[str]) -> None:
-        kind = options.get("TYPE", "").upper()
-        shape = next((found for pattern, found in TYPES.items() if re.fullmatch(f"(?:{pattern})[A-Z]*5?", kind)), None)
+        given = options.get("TYPE", "").upper()
+        shape = next((found for pattern, found in TYPES.items() if re.fullmatch(f"(?:{pattern})[A-Z]*5?", given)), None)
         if shape is None:
-            self.unread.append(f"elements of the type {kind}")
-        elif len(words) % (shape[1] + 1):
-            raise MeshError(f"its elements of the type {kind} do not all have {shape[1]} nodes.")
-        elif words:
-            rows = np.array(words, dtype=np.int64).reshape(-1, shape[1] + 1).tolist()
-            self.lines += [f"*ELEMENT, TYPE={shape[0]}", *(", ".join(map(str, row)) for row in rows)]
-            self.blocks[self.scope] = self.blocks.get(self.scope, 0) + 1
-            self._counted("ELSET", options, [row[0] for row in rows])
-            if shape[0] in ("T3D2", "T3D3") and "ELSET" not in options:
-                self.unread.append(f"elements of the type {kind} (lines without a name)")
+            self.unread.append(f"elements of the type {given}")
+            return
+        kind, count = shape
+        if len(words) % (count + 1):
+            raise MeshError(f"its elements of the type {given} do not all have {count} nodes.")
+        known, nodes, places = self._known("ELSET"), self._known("NSET"), list[int]()
+        for number, *row in np.array(words, dtype=np.int64).reshape(-1, count + 1).tolist():
+            if lost := [node for node in row if node not in nodes]:
+                raise MeshError(f"its element {number} has the node {lost[0]}, which is not there.")
+            known[number] = len(self.kinds)
+            places.append(len(self.kinds))
+            self.kinds.append(kind)
+            self.rows.append([nodes[node] for node in row])
+        self._name("ELSET", options.get("ELSET", ""), places)
+        if kind in ("line", "line3") and words and "ELSET" not in options:
+            self.unread.append(f"elements of the type {given} (lines without a name)")
 
-    def _counted(self, kind: str, options: Mapping[str, str], numbers: list[int]) -> None:
-        self.largest = max([self.largest, *numbers])
-        if kind in options:
-            self._add(Piece(kind, self.spell(options[kind])), numbers)
-
-    def _add(self, piece: Piece, numbers: list[int]) -> None:
-        """Add a piece; its numbers become a set for meshlane, of an instance where that is told."""
-        if numbers:
-            where = f", INSTANCE={piece.instance}" if piece.instance else ""
-            self.lines.append(f"*{piece.kind}, {piece.kind}={len(self.pieces)}{where}")
-            self.lines += map(str, numbers)
-        self.pieces.append(piece)
+    def _name(self, kind: str, name: str, places: Iterable[int]) -> None:
+        """Put nodes or elements into the set of a name, if there is one."""
+        if name:
+            self.sets[kind].setdefault(self.spell(name), []).extend(places)
 
     def _take_set(self, kind: str, options: Mapping[str, str], rows: list[list[str]]) -> None:
-        name, instance = self.spell(options[kind]), self.spell(options.get("INSTANCE", ""))
+        name, instance = options[kind], self.spell(options.get("INSTANCE", ""))
         if "INTERNAL" in options:
-            self.internal.add(name)
+            self.internal.add(self.spell(name))
         if kind == "NSET" and "ELSET" in options:
-            self.unread.append(f"the node set {name} of an element set")
+            self.unread.append(f"the node set {self.spell(name)} of an element set")
         elif "GENERATE" in options:
-            steps = [[int(one or 1) for one in (*row, "", "")[:3]] for row in rows]
-            ranges = [range(first, min(last, self.largest) + 1, step or 1) for first, last, step in steps]
-            self._add(Piece(kind, name, instance=instance), [number for some in ranges for number in some])
+            known = self._known(kind, instance)
+            for row in rows:
+                first, last, step = (int(one or 1) for one in (*row, "", "")[:3])
+                chosen = [n for n in known if first <= n <= last and (n - first) % (step or 1) == 0]
+                self._name(kind, name, [known[n] for n in chosen])
         else:
-            words = [one.strip('"') for row in rows for one in row if one]
-            self._add(Piece(kind, name, instance=instance), [int(one) for one in words if one.isdigit()])
-            for word in (one for one in words if not one.isdigit()):
-                *inside, of = word.split(".")
-                self._add(Piece(kind, name, 0, self.spell(of), self.spell(inside[0]) if inside else instance), [])
+            for word in (one for row in rows for one in row if one):
+                self._name(kind, name, self._places(kind, word, instance, name))
+
+    def _places(self, kind: str, word: str, instance: str, name: str) -> list[int]:
+        """The nodes or elements that a word in a set or surface means: a number, or another set, of an instance."""
+        *inside, of = word.strip('"').split(".")
+        instance = (self.spell(inside[0]) if inside else instance) or self.scope
+        known = self._known(kind, instance)
+        if of.isdigit():
+            return [known[int(of)]] if int(of) in known else []
+        if self.spell(of) not in self.sets[kind]:
+            self.unread.append(f"the set {self.spell(of)} in {self.spell(name)}")
+            return []
+        own = set(known.values())
+        return [place for place in self.sets[kind][self.spell(of)] if not instance or place in own]
 
     def _take_surface(self, options: Mapping[str, str], rows: list[list[str]]) -> None:
         name, kind = self.spell(options["NAME"]), options.get("TYPE", "ELEMENT").upper()
         for target, label in ((*row, "")[:2] for row in rows):
-            side = re.fullmatch(r"[SE]([1-6])", label.upper()) if kind == "ELEMENT" else re.fullmatch("()", "")
-            if not side or kind not in ("ELEMENT", "NODE") or "COMBINE" in options:
+            side = re.fullmatch(r"[SE]([1-6])", label.upper())
+            if kind == "NODE" and "COMBINE" not in options:
+                self._name("NSET", name, self._places("NSET", target, "", name))
+            elif kind == "ELEMENT" and side and "COMBINE" not in options:
+                self.sides.append((name, int(side[1]), self._places("ELSET", target, "", name)))
+            else:
                 self.unread.append(f"the surface {name} ({', '.join(filter(None, (kind, target, label)))})")
-                continue
-            *inside, of = target.strip('"').split(".")
-            piece = Piece(
-                "ELSET" if kind == "ELEMENT" else "NSET", name, int(side[1] or 0), "", self.spell("".join(inside[:1]))
-            )
-            self._add(*((piece, [int(of)]) if of.isdigit() else (piece._replace(of=self.spell(of)), [])))
 
-    def _take_scope(self, word: str, options: Mapping[str, str], rows: list[list[str]]) -> None:
-        name, part = self.spell(options.get("NAME", word)), self.spell(options.get("PART", ""))
-        if part and part not in self.blocks:
+    def _take_instance(self, options: Mapping[str, str], rows: list[list[str]]) -> None:
+        name, part = self.spell(options["NAME"]), self.spell(options.get("PART", ""))
+        if part and part not in self.parts:
             raise MeshError(f"its instance {name} is of the part {part}, which is not there.")
-        self.lines.append(f"*{word.replace('END', 'END ')}, NAME={name}" + f", PART={part}" * bool(part))
-        if rows and len(rows[0]) > 3:
-            rows = [["0"] * 3, *rows]  # It is turned, and not moved before.
-        self.lines += [", ".join(one or "0" for one in (*row, "", "")[: max(3, len(row))]) for row in rows]
-        self.scope = name if word in ("PART", "INSTANCE") else ""
-        if self.scope:
-            self.blocks.setdefault(name, 0)
-        if word == "PART":
-            self.parts[name] = None
-        if word == "INSTANCE":
-            self.parts.pop(part, None)
-            self.placed[name] = part if part != name else None
+        start = len(self.points)
+        self.place(part, name)
+        x = np.array(self.points[start:], dtype=float).reshape(-1, 3)
+        for row in rows:
+            numbers = [float(one or 0) for one in row]
+            x = x + (*numbers, 0, 0, 0)[:3] if len(numbers) <= 3 else _turned(x, np.array(numbers[:7]))
+        self.points[start:] = x.tolist()
 
     def spell(self, name: str) -> str:
         """Return a name as it was spelt at first: capitals do not matter."""
         return self.spelt.setdefault(name.upper(), name)
 
 
-def _take_sets(grid: Grid, deck: _Deck, own: Mapping[str, Bools]) -> None:
-    """Put sets and surfaces together from their pieces."""
-    emitted = {"ELSET": grid.sets, "NSET": grid.nodes}
-    found: dict[str, dict[str, Bools]] = {"ELSET": {}, "NSET": {}}
-    for number, (kind, name, side, of, instance) in enumerate(deck.pieces):
-        chosen = found[kind].get(of) if of else emitted[kind].get(str(number))
-        if chosen is None:
-            deck.unread += [f"the set {of} in {name}"] if of else []
-            continue
-        if of and instance in own:
-            inside = np.zeros(len(grid.points), dtype=bool)
-            inside[grid.vertices[np.repeat(own[instance], np.diff(grid.offsets))]] = True
-            chosen = chosen & (own[instance] if kind == "ELSET" else inside)
-        if side:
-            _add_sides(grid, name, side, np.flatnonzero(chosen))
-        else:
-            found[kind][name] = found[kind].get(name, False) | chosen
-    for kept in found.values():
-        for name in deck.internal.intersection(kept):
-            del kept[name]
-    grid.sets, grid.nodes = found["ELSET"], found["NSET"]
+def _turned(x: Floats, axis: Floats) -> Floats:
+    """Return points turned about the axis between two points by an angle in degrees, (7,) numbers."""
+    along, angle = (axis[3:6] - axis[:3]) / np.linalg.norm(axis[3:6] - axis[:3]), np.radians(axis[6])
+    arm = x - axis[:3]
+    kept = np.outer(arm @ along, along)
+    turned: Floats = axis[:3] + kept + np.cos(angle) * (arm - kept) + np.sin(angle) * np.cross(along, arm)
+    return turned
 
 
 def _add_sides(grid: Grid, name: str, side: int, cells: Ints) -> None:
@@ -270,7 +278,7 @@ def _lines(path: Path) -> Iterator[str]:
             yield from _lines(other)
 
 
-def _blocks(path: Path) -> Iterator[tuple[str, dict[str, str], list[str]]]:
+def _blocks(path: Path) -> Iterator[Block]:
     """Yield keywords in capitals without blanks, their options, and the lines of their data."""
     head, data = "*", list[str]()
     for line in [*_lines(path), "*"]:

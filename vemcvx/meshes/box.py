@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vemcvx.base.arrays import SINGLE, Bools, Floats, Ints, brief, called, is_real, is_whole, plain, read_only
+from vemcvx.base.arrays import SINGLE, Bools, Floats, brief, called, is_real, is_whole, plain, read_only
 from vemcvx.base.errors import MeshError
 
 Count = int | tuple[int, int]
@@ -225,21 +225,6 @@ def check_mapping(given: Mapping[str, T] | None, what: str, wanted: str) -> Mapp
     if not isinstance(given, Mapping):
         raise MeshError(f"{what} must map names to {wanted}; got {type(given).__name__}.")
     return given
-
-
-def check_edges(name: str, edges: ArrayLike, n_nodes: int) -> Ints:
-    """Edges as pairs of node numbers that exist, (m, 2), or MeshError."""
-    edges = _array(edges)
-    if edges.ndim != 2 or edges.shape[1] != 2 or not len(edges) or edges.dtype.kind not in "iu":
-        raise MeshError(
-            f"boundary {name!r}: edges must be pairs of node numbers, shape (m, 2), at least one; got "
-            f"{edges.dtype} of shape {edges.shape}."
-        )
-    if edges.min() < 0 or edges.max() >= n_nodes:
-        raise MeshError(
-            f"boundary {name!r}: node numbers run from 0 to {n_nodes - 1}; got {edges.min()} to {edges.max()}."
-        )
-    return edges.astype(np.int64)
 
 
 def check_datum_name(name: object) -> str:

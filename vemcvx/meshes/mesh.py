@@ -37,7 +37,7 @@ from vemcvx.meshes.box import (
     check_name,
     chosen_parts,
 )
-from vemcvx.meshes.checks.plane import Checked
+from vemcvx.meshes.checks.plane import Checked, lay_flat, list_of
 from vemcvx.meshes.interfaces import Interface, faces_of, on_boundary
 
 if TYPE_CHECKING:
@@ -125,10 +125,6 @@ class Mesh(ABC):
     @abstractmethod
     def _places(self, parts: Ints) -> Ints:
         """Return the places of parts in the boundary; all must be there."""
-
-    @abstractmethod
-    def _rows(self, name: str, given: Any, n_nodes: int) -> tuple[Ints, Ints]:
-        """Return offsets and vertices of parts that a user names, or raise MeshError."""
 
     @abstractmethod
     def _measured(self) -> tuple[Floats, Floats]:
@@ -261,7 +257,10 @@ class Mesh(ABC):
 
     def _parts(self, name: str, given: Any, number: Ints) -> tuple[Ints, list[str]]:
         """Return the parts of the boundary that a user names by old numbers of vertices, -1 for none, in words, too."""
-        offsets, vertices = self._rows(name, given, len(number))
+        rows = list_of(given, f"boundary {name!r} must be {self.PARTS}, each the numbers of its nodes")
+        if not rows:
+            raise MeshError(f"boundary {name!r} has no {self.PARTS}; name one at least, or leave it out.")
+        offsets, vertices = lay_flat(rows, lambda k: f"boundary {name!r}: {self.A_PART} (number {k} in the list)")
         called = [f"({', '.join(map(str, row.tolist()))})" for row in np.split(vertices, offsets[1:-1])]
         return self._found(offsets, vertices, number), called
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,7 +16,7 @@ from vemcvx.base.arrays import Floats, Ints, plain, read_only
 from vemcvx.base.canvas import draw_cells
 from vemcvx.base.errors import MeshError, SceneError
 from vemcvx.meshes import polygons
-from vemcvx.meshes.box import LARGEST, SHORTEST, WHOLE, check_edges, plotted_points, plotted_values
+from vemcvx.meshes.box import LARGEST, SHORTEST, WHOLE, plotted_points, plotted_values
 from vemcvx.meshes.checks.plane import checked
 from vemcvx.meshes.interfaces import Interface, faces_of, on_boundary
 from vemcvx.meshes.mesh import Mesh, Sides
@@ -140,10 +140,6 @@ class PolygonMesh(Mesh):
 
     def _places(self, parts: Ints) -> Ints:
         return polygons.positions(parts, self._boundary, self.n_nodes)
-
-    def _rows(self, name: str, given: Any, n_nodes: int) -> tuple[Ints, Ints]:
-        edges = check_edges(name, given, n_nodes)
-        return 2 * np.arange(len(edges) + 1), edges.ravel()
 
     def extruded(self, heights: ArrayLike) -> PolyhedralMesh:
         """Return the mesh in space of the prisms over these cells, a layer between any two heights.

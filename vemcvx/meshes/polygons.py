@@ -229,12 +229,6 @@ class SharedEdges:
         """Corners whose edge belongs to one cell only, in the order of the cells."""
         return np.sort(self.corners[self.first[self.counts == 1]])
 
-    @property
-    def twice(self) -> tuple[Ints, Ints]:
-        """The corners that start each edge of two cells: in the one of lower number, and in the other."""
-        first = self.first[self.counts == 2]
-        return self.corners[first], self.corners[first + 1]
-
 
 def shared_edges(offsets: Ints, vertices: Ints, n_nodes: int) -> SharedEdges:
     """Sort the corners by undirected edge (see `SharedEdges`)."""
@@ -303,12 +297,6 @@ def outlines(points: Floats, offsets: Ints, vertices: Ints) -> NDArray[Any]:
     return np.asarray(shapely.polygons(rings))
 
 
-def numbered_outlines(corners: Floats, offsets: Ints) -> NDArray[Any]:
-    """Polygons of corners (m, 2), one polygon after the other; third coordinates are the numbers of corners."""
-    number = np.arange(len(corners))
-    return outlines(np.column_stack([corners, number]), offsets, number)
-
-
 def holding(polygons: NDArray[Any], places: Floats) -> tuple[Ints, Ints]:
     """Pairs (i, j) where place i of (n, 2) lies in the closed polygon j, by i."""
     import shapely
@@ -342,15 +330,6 @@ def triangulated(polygons: NDArray[Any]) -> Triangles:
     """The triangles of simple polygons, between their own vertices."""
     corners, owner = _cut_in_triangles(polygons)
     return Triangles(corners[:, :, :2], signed_areas(corners[:, :, :2]), owner)
-
-
-def triangles_of(polygons: NDArray[Any]) -> tuple[Ints, Ints]:
-    """The triangles of polygons, with holes or without: of which each is, and its corners (t, 3), counter-clockwise.
-
-    Corners are called by their third coordinates.
-    """
-    corners, owner = _cut_in_triangles(polygons)
-    return owner, corners[:, :, 2].astype(np.int64)
 
 
 def _cut_in_triangles(polygons: NDArray[Any]) -> tuple[Floats, Ints]:
@@ -463,6 +442,6 @@ def diagonals_of(corners: Floats) -> Ints:
     c, n, _ = corners.shape
     if c == 0:
         return np.zeros((0, n - 2, 3), dtype=np.int64)
-    offsets = np.arange(c + 1) * n
-    rows = triangles_of(numbered_outlines(corners.reshape(-1, 2), offsets))[1]
-    return rows.reshape(c, n - 2, 3) - offsets[:-1, None, None]
+    number = np.tile(np.arange(n), c)  # corners are known by their third coordinates
+    polygons = outlines(np.column_stack([corners.reshape(-1, 2), number]), np.arange(c + 1) * n, np.arange(c * n))
+    return _cut_in_triangles(polygons)[0][:, :, 2].astype(np.int64).reshape(c, n - 2, 3)

@@ -191,17 +191,6 @@ class PolyhedralMesh(Mesh):
         place = np.minimum(np.searchsorted(self._boundary, faces), len(self._boundary) - 1)
         return np.where(self._boundary[place] == faces, place, -1), [f"face {face}" for face in faces.tolist()]
 
-    def _rows(self, name: str, given: Any, n_nodes: int) -> tuple[Ints, Ints]:
-        wanted = f"boundary {name!r}: faces must be numbers (m,) or rows of the numbers of their vertices, at least one"
-        try:
-            rows = [plain(row) for row in given]
-        except Exception:  # of whatever a user hands in
-            raise MeshError(f"{wanted}; got {brief(given)}.") from None
-        if not rows or any(row is None or row.ndim != 1 or row.dtype.kind not in "iu" or not len(row) for row in rows):
-            raise MeshError(f"{wanted}; got {brief(given)}.")
-        flat = [row.astype(np.int64) for row in rows if row is not None]
-        return polygons.offsets_of(np.array([len(row) for row in flat])), np.concatenate(flat)
-
     def plot(
         self,
         values: str | ArrayLike | None = None,

@@ -19,131 +19,73 @@ def refused(points, cells, message):
         PolygonMesh(points, cells)
 
 
-@pytest.mark.parametrize(
-    ("points", "message"),
-    [
-        ("points", "points must be real numbers"),
-        (None, "points must be real numbers"),
-        ([(0, 0), (1,)], "points must be real numbers"),
-        ([("0", "1")], "points must be real numbers"),
-        (np.zeros((3, 2), dtype=complex), "points must be real numbers"),
-        (np.zeros((4, 3)), r"shape \(n_nodes, 2\); got the shape \(4, 3\). PolyhedralMesh is for points in space"),
-        (np.zeros(8), r"shape \(n_nodes, 2\); got the shape \(8,\)"),
-        ([*SQUARE[:3], (0.0, np.nan)], r"node 3 is at \(0.0, nan\): coordinates must be finite"),
-        ([*SQUARE[:3], (np.inf, 0.0)], r"node 3 is at \(inf, 0.0\)"),
-        ([*SQUARE[:3], (0.0, 1e70)], "coordinates reach 1e\\+70"),
-    ],
-)
-def test_bad_points(points, message):
-    refused(points, [[0, 1, 2, 3]], message)
+FAULTS = [
+    ("points", BOTH, "points must be real numbers"),
+    ([(0, 0), (1,)], BOTH, "points must be real numbers"),
+    ([("0", "1")], BOTH, "points must be real numbers"),
+    (np.zeros((3, 2), dtype=complex), BOTH, "points must be real numbers"),
+    (np.zeros((4, 3)), BOTH, r"got the shape \(4, 3\). PolyhedralMesh is for points in space"),
+    ([*SQUARE[:3], (0.0, np.nan)], BOTH, r"node 3 is at \(0.0, nan\)"),
+    ([*SQUARE[:3], (0.0, 1e70)], BOTH, "coordinates reach"),
+    (SQUARE, None, "cells must be a sequence of sequences"),
+    (SQUARE, [], "at least one cell"),
+    (SQUARE, [[]], "cell 0 has 0 vertices"),
+    (SQUARE, [[0, 1, 2, 3], [0, 1]], "cell 1 has 2 vertices"),
+    (SQUARE, np.array([[0, 1], [2, 3]]), "cell 0 has 2 vertices"),
+    (SQUARE, np.arange(4), "cell 0 must be a list of node numbers"),
+    (SQUARE, [[0.0, 1.0, 2.0]], "cell 0 must be a list of node numbers"),
+    (SQUARE, [[True, False, True]], "cell 0 names node 1 twice"),
+    (SQUARE, ["012"], "cell 0 must be a list of node numbers"),
+    (SQUARE, [[0, 1, [2]]], "cell 0 must be a list of node numbers; got list"),
+    (SQUARE, [[0, 1, 2], [0, 2, 4]], "cell 1 names node 4; the 4 nodes are numbered 0 to 3"),
+    (SQUARE, [[0, 1, -2]], "cell 0 names node -2"),
+    (SQUARE, [[0, 1, 2**40]], "cell 0 names node 1099511627776"),
+    (SQUARE, [[0, 1, 2, 3, 1]], "cell 0 names node 1 twice"),
+]
 
 
-@pytest.mark.parametrize(
-    ("cells", "message"),
-    [
-        (None, "cells must be a sequence of sequences of node numbers; got NoneType"),
-        (5, "cells must be a sequence of sequences"),
-        ([], "at least one cell"),
-        (np.empty((0, 4), dtype=int), "at least one cell"),
-        ([[]], "cell 0 has 0 vertices"),
-        ([[0, 1, 2, 3], [0, 1]], "cell 1 has 2 vertices; a polygon has at least 3"),
-        (np.array([[0, 1], [2, 3]]), "cell 0 has 2 vertices"),
-        (np.arange(4), r"cell 0 must be a list of node numbers; got int64 of shape \(\)"),
-        ([0, 1, 2, 3], r"cell 0 must be a list of node numbers; got int64 of shape \(\)"),
-        ([[0.0, 1.0, 2.0]], "cell 0 must be a list of node numbers; got float64"),
-        (np.array([[0.0, 1.0, 2.0]]), "cell 0 must be a list of node numbers; got float64"),
-        ([[True, False, True]], "cell 0 names node 1 twice"),
-        (["012"], "cell 0 must be a list of node numbers"),
-        ([[0, 1, [2]]], "cell 0 must be a list of node numbers; got list"),
-        ([[0, 1, 2], [0, 2, 4]], "cell 1 names node 4; the 4 nodes are numbered 0 to 3"),
-        ([[0, 1, -2]], "cell 0 names node -2"),
-        ([[0, 1, 2**40]], "cell 0 names node 1099511627776"),
-        ([[0, 1, 2, 3, 1]], "cell 0 names node 1 twice"),
-    ],
-)
-def test_bad_cell_lists(cells, message):
-    refused(SQUARE, cells, message)
+def test_what_is_no_list_of_points_and_cells():
+    for points, cells, subject in FAULTS:
+        refused(points, cells, subject)
 
 
-@pytest.mark.parametrize("scale", [1e-9, 1.0, 1e9])
-@pytest.mark.parametrize(
-    ("points", "cells", "message"),
-    [
-        ([*SQUARE[:3], (1, 0)], [[0, 1, 2, 3]], "nodes 1 and 3 are in the same place"),
-        ([*SQUARE[:3], (0, 1), (0, 1 + 2e-16)], [[0, 1, 2, 3], [0, 3, 4]], "nodes 3 and 4 are in the same place"),
-        (
-            SQUARE,
-            [[0, 2, 1, 3]],
-            r"cell 0 has no area \(area 0, diameter \S+\): its vertices lie on one line, or its outline crosses itself",
-        ),
-        ([(0, 0), (1, 0), (2, 0), (3, 0)], [[0, 1, 2, 3]], "cell 0 has no area"),
-        ([(0, 0), (1, 1), (3, 3)], [[0, 1, 2]], "cell 0 has no area"),
-        ([*SQUARE, (2, 0)], [[0, 4, 1, 2, 3]], r"cell 0 \(0, 4, 1, 2, 3\) crosses or touches itself"),
-        ([*SQUARE, (0.5, 0)], [[0, 1, 4, 2, 3]], r"cell 0 \(\S+ \d, \d, \d, \d\) crosses or touches itself"),
-        (
-            [*SQUARE, (0.5, 0.0), (0.6, 0.5)],
-            [[0, 1, 2, 5, 4, 3]],
-            r"cell 0 \(0, 1, 2, 5, 4, 3\) crosses or touches itself",
-        ),
-        (
-            [*SQUARE, (0.5, 0.4)],
-            [[0, 1, 4], [1, 0, 2], [0, 1, 3]],
-            r"cells \d and \d overlap near",
-        ),
-        ([*SQUARE, (0.5, 0.4)], [[0, 1, 2, 3], [0, 1, 4]], r"cells 0 and 1 overlap near"),
-        (
-            [*SQUARE, (0.5, 0.5), (2, 0.4), (2, 0.6)],
-            [[0, 1, 2, 3], [4, 5, 6]],
-            r"cells 0 and 1 overlap near \(\S+, \S+\)",
-        ),
-        (
-            [*SQUARE, (0.4, 0.4), (0.6, 0.4), (0.5, 0.6)],
-            [[0, 1, 2, 3], [4, 5, 6]],
-            r"cells 0 and 1 overlap near \(\S+, \S+\)",
-        ),
-        (  # node 6 in the middle of the edge that the two squares would share
-            [*TWO, (1, 0.5)],
-            [[0, 1, 6, 2, 3], BOTH[1]],
-            r"cells 0 and 1 do not fit together near \(\S+, \S+\): a node on an edge of one .* hanging nodes included",
-        ),
-        (  # one of the two pulls back from the other by 1e-9
-            [*TWO, (1, 0.5), (1 + 1e-9, 0.5)],
-            [[0, 1, 6, 2, 3], [1, 4, 5, 2, 7]],
-            r"cells 0 and 1 do not fit together near \(\S+, \S+\): .* a gap narrower than \S+, 1e-06 of",
-        ),
-        (  # and forward
-            [*TWO, (1, 0.5), (1 - 1e-9, 0.5)],
-            [[0, 1, 6, 2, 3], [1, 4, 5, 2, 7]],
-            "overlap",
-        ),
-        (  # a slit of 1e-9 between all of their nodes
-            [*SQUARE, (1 + 1e-9, 0), (2, 0), (2, 1), (1 + 1e-9, 1)],
-            [[0, 1, 2, 3], [4, 5, 6, 7]],
-            "a gap narrower than",
-        ),
-    ],
-)
-def test_bad_geometry(points, cells, message, scale):
-    refused(scale * np.array(points, dtype=float), cells, message)
-
-
-def test_same_cell_twice():
-    refused(TWO, [*BOTH, BOTH[0]], "cells 0 and 2 overlap near")
-    refused(SQUARE, [BOTH[0], BOTH[0]], "cells 0 and 1 overlap near")
-
-
-def test_covering_twice_around_a_node():
+def stair():
     """Cells fold over like a spiral stair: every pair of neighbours fits, the whole does not."""
     angle = np.linspace(0.0, 4.0 * np.pi, 13)[:-1]
     ring = (1.0 + 0.05 * np.arange(12))[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
-    cells = [[0, k + 1, (k + 1) % 12 + 1] for k in range(12)]
-    refused(np.vstack([[0.0, 0.0], ring]), cells, "overlap")
+    return np.vstack([[0.0, 0.0], ring]), [[0, k + 1, (k + 1) % 12 + 1] for k in range(12)]
 
 
-def test_two_sectors_on_one_node_overlap():
-    angle = np.radians([0, 90, 45, 135])
-    fan = np.vstack([[0.0, 0.0], np.column_stack([np.cos(angle), np.sin(angle)]) * [[1], [1], [0.2], [0.2]]])
-    refused(fan, [[0, 1, 2 + 0], [0, 3, 4]], "overlap")
+NOTCHED = [[0, 1, 6, 2, 3], [1, 4, 5, 2, 7]]
+GEOMETRY = [
+    ([*SQUARE[:3], (1, 0)], [[0, 1, 2, 3]], "nodes 1 and 3 are in the same place"),
+    ([*SQUARE[:3], (0, 1), (0, 1 + 2e-16)], [[0, 1, 2, 3], [0, 3, 4]], "nodes 3 and 4 are in the same place"),
+    (SQUARE, [[0, 2, 1, 3]], "cell 0 has no area"),
+    ([(0, 0), (1, 0), (2, 0), (3, 0)], [[0, 1, 2, 3]], "cell 0 has no area"),
+    ([*SQUARE, (2, 0)], [[0, 4, 1, 2, 3]], r"cell 0 \(0, 4, 1, 2, 3\) crosses or touches itself"),
+    ([*SQUARE, (0.5, 0)], [[0, 1, 4, 2, 3]], "cell 0 .* crosses or touches itself"),
+    ([*SQUARE, (0.5, 0.0), (0.6, 0.5)], [[0, 1, 2, 5, 4, 3]], "cell 0 .* crosses or touches itself"),
+    ([*SQUARE, (0.5, 0.4)], [[0, 1, 4], [1, 0, 2], [0, 1, 3]], r"cells \d and \d overlap near"),
+    ([*SQUARE, (0.5, 0.4)], [[0, 1, 2, 3], [0, 1, 4]], "cells 0 and 1 overlap near"),
+    ([*SQUARE, (0.5, 0.5), (2, 0.4), (2, 0.6)], [[0, 1, 2, 3], [4, 5, 6]], "cells 0 and 1 overlap near"),
+    ([*SQUARE, (0.4, 0.4), (0.6, 0.4), (0.5, 0.6)], [[0, 1, 2, 3], [4, 5, 6]], "cells 0 and 1 overlap near"),
+    (TWO, [*BOTH, BOTH[0]], "cells 0 and 2 overlap near"),
+    (*stair(), "overlap"),
+    # Two sectors on one node.
+    ([(0, 0), (1, 0), (0, 1), (0.14, 0.14), (-0.14, 0.14)], [[0, 1, 2], [0, 3, 4]], "overlap"),
+    # Node 6 in the middle of the edge that the two squares would share; one pulls back by 1e-9, and forward.
+    ([*TWO, (1, 0.5)], [NOTCHED[0], BOTH[1]], "cells 0 and 1 do not fit together near .* hanging nodes included"),
+    ([*TWO, (1, 0.5), (1 + 1e-9, 0.5)], NOTCHED, "cells 0 and 1 do not fit together near .* a gap narrower than"),
+    ([*TWO, (1, 0.5), (1 - 1e-9, 0.5)], NOTCHED, "overlap"),
+    # A slit of 1e-9 between all of their nodes.
+    ([*SQUARE, (1 + 1e-9, 0), (2, 0), (2, 1), (1 + 1e-9, 1)], [[0, 1, 2, 3], [4, 5, 6, 7]], "a gap narrower than"),
+]
+
+
+@pytest.mark.parametrize("scale", [1e-9, 1.0, 1e9])
+def test_cells_that_are_none_or_do_not_fit(scale):
+    for points, cells, subject in GEOMETRY:
+        refused(scale * np.array(points, dtype=float), cells, subject)
 
 
 def test_clockwise_cells_are_turned():
@@ -164,18 +106,10 @@ def test_unused_nodes_are_dropped():
     assert mesh.boundaries["base"].tolist() == [[0, 1]]
 
 
-def test_nothing_dropped_no_map():
-    assert PolygonMesh(SQUARE, [[0, 1, 2, 3]]).node_map is None
-
-
 def accepted(points, cells, area):
     mesh = PolygonMesh(points, cells)
     assert mesh.areas.sum() == pytest.approx(area, rel=1e-14)
     return mesh
-
-
-def test_hanging_node_of_both_cells():
-    accepted([*TWO, (1, 0.5)], [[0, 1, 6, 2, 3], [1, 4, 5, 2, 6]], 2.0)
 
 
 def test_hanging_node_at_a_third():
@@ -199,11 +133,9 @@ def test_tiny_edges(offset):
     assert mesh.areas.sum() == pytest.approx(2.0, rel=1e-11)
 
 
-def test_one_cell_that_is_a_needle():
+def test_needles_holes_parts_cells_that_meet_in_a_point_and_grades_over_nine_orders():
+    accepted([*TWO, (1, 0.5)], [[0, 1, 6, 2, 3], [1, 4, 5, 2, 6]], 2.0)
     accepted([(0, 0), (1, 0), (1, 1e-9), (0.5, 1e-9), (0, 1e-9)], [range(5)], 1e-9)
-
-
-def test_holes_and_disconnected_parts():
     mesh = vx.meshes.squares(3)
     ring = accepted(mesh.points, [cell for c, cell in enumerate(mesh.cells) if c != 4], 8 / 9)
     assert len(ring.boundaries["boundary"]) == 16
@@ -211,15 +143,8 @@ def test_holes_and_disconnected_parts():
     accepted(apart, [*mesh.cells, *(cell + 16 for cell in mesh.cells)], 2.0)
     inside = np.vstack([ring.points, 0.4 + 0.2 * np.array(SQUARE)])
     accepted(inside, [*ring.cells, [16, 17, 18, 19]], 8 / 9 + 0.04)
-
-
-def test_cells_that_meet_in_a_point():
     checkers = [(0, 0), (1, 0), (1, 1), (0, 1), (2, 1), (2, 2), (1, 2)]
-    mesh = accepted(checkers, [[0, 1, 2, 3], [2, 4, 5, 6]], 2.0)
-    assert len(mesh.boundaries["boundary"]) == 8
-
-
-def test_graded_over_nine_orders():
+    assert len(accepted(checkers, [[0, 1, 2, 3], [2, 4, 5, 6]], 2.0).boundaries["boundary"]) == 8
     line = np.concatenate([[0.0], 2.0 ** -np.arange(30.0)[::-1]])
     count = len(line)
     x, y = np.meshgrid(line, line)
@@ -238,19 +163,11 @@ def test_a_cell_of_many_vertices():
     refused(broken, [range(1500)], r"cell 0 \(0, 1, 2, 3, 4, 5, ...\) crosses or touches itself")
 
 
-@pytest.mark.parametrize("kind", [list, tuple, np.array])
-def test_kinds_of_cells(kind):
-    mesh = PolygonMesh(SQUARE, [kind([0, 1, 2]), kind([0, 2, 3])])
-    assert [cell.tolist() for cell in mesh.cells] == [[0, 1, 2], [0, 2, 3]]
-
-
-@pytest.mark.parametrize("kind", [np.int32, np.uint8, np.int64])
-def test_cells_as_one_array(kind):
-    mesh = PolygonMesh(SQUARE, np.array([[0, 1, 2], [0, 2, 3]], dtype=kind))
-    assert [cell.tolist() for cell in mesh.cells] == [[0, 1, 2], [0, 2, 3]]
-
-
-def test_first_fault_of_many_is_named():
+def test_kinds_of_cells_and_the_first_fault_of_many():
+    triangles = [[0, 1, 2], [0, 2, 3]]
+    for cells in (*([kind(cell) for cell in triangles] for kind in (list, tuple, np.array)),
+                  *(np.array(triangles, dtype=kind) for kind in (np.int32, np.uint8, np.int64))):  # fmt: skip
+        assert [cell.tolist() for cell in PolygonMesh(SQUARE, cells).cells] == triangles
     mesh = vx.meshes.voronoi(8)
     cells = [cell.tolist() for cell in mesh.cells]
     cells[17] = cells[17][:1] + cells[17][2:0:-1] + cells[17][3:]

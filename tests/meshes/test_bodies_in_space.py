@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from same_mesh import assert_same
 from tubes import ring
 
 import vemcvx as vx
@@ -41,23 +42,9 @@ def assert_matched(mesh, area=None):
             assert (mesh.cell_data[body][mesh.face_cells[faces, 0]] == 1).all()
         total += mesh.face_areas[first].sum()
     again = vx.PolyhedralMesh(mesh.points, mesh.cells, interfaces=mesh.interfaces)
-    assert_same(again, mesh, ("points", "face_offsets", "face_vertices", "cell_faces"), ())
+    assert_same(again, mesh, arrays=("points", "face_offsets", "face_vertices", "cell_faces"), parts=())
     if area is not None:
         assert total == pytest.approx(area, abs=1e-9)
-
-
-def assert_same(one, other, arrays=vx.PolyhedralMesh.ARRAYS, kinds=("boundaries", "cell_data")):
-    for name in arrays:
-        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
-    for kind in kinds:
-        assert set(getattr(one, kind)) == set(getattr(other, kind))
-        for name, values in getattr(one, kind).items():
-            np.testing.assert_array_equal(values, getattr(other, kind)[name])
-    assert set(one.interfaces) == set(other.interfaces)
-    for name, found in one.interfaces.items():
-        assert found.bodies == other.interfaces[name].bodies
-        np.testing.assert_array_equal(found.edges, other.interfaces[name].edges)
-        np.testing.assert_array_equal(found.partners, other.interfaces[name].partners)
 
 
 def assert_blocks_match(below, above, angle):
@@ -196,8 +183,13 @@ CURVED = {
 }
 
 
-@pytest.mark.parametrize("backwards", [False, True], ids=["", "backwards"])
-@pytest.mark.parametrize("kind", CURVED)
+LONGER_WAYS = ("pin in lug", True), ("ball in socket", False), ("ball in socket", True)
+
+
+@pytest.mark.parametrize(
+    ("kind", "backwards"),
+    [("pin in lug", False), *(pytest.param(*case, marks=pytest.mark.long) for case in LONGER_WAYS)],
+)
 def test_one_polyhedron_of_a_curved_surface_matches_and_two_are_refused(kind, backwards):
     """Layers of pin and lug differ; the turned lug has nodes in the middle of the pin's sides."""
     first, second = CURVED[kind]
@@ -218,7 +210,9 @@ def test_one_polyhedron_of_a_curved_surface_matches_and_two_are_refused(kind, ba
                 joined(other, tolerance=tolerance)
 
 
-@pytest.mark.parametrize("family", FAMILIES)
+@pytest.mark.parametrize(
+    "family", [f if f in ("tetrahedra", "voronoi3") else pytest.param(f, marks=pytest.mark.long) for f in FAMILIES]
+)
 def test_a_crack_inside_a_body(family):
     """From the left side to the middle: nodes along its front stay single; both lips have the same places."""
     whole = SPACE_FAMILIES[family](3 if family == "kelvin" else 4, seed=1).with_boundary(
@@ -246,7 +240,7 @@ def test_a_crack_inside_a_body(family):
         )
     assert len(mesh.boundaries["boundary"]) == len(whole.boundaries["boundary"]) + 2 * len(found.edges)
     again = vx.PolyhedralMesh(mesh.points, mesh.cells, interfaces=mesh.interfaces)
-    assert_same(again, mesh, ("points", "face_offsets", "face_vertices", "cell_faces"), ())
+    assert_same(again, mesh, arrays=("points", "face_offsets", "face_vertices", "cell_faces"), parts=())
     if family != "tetrahedra":
         return
     finer = mesh.refine(mesh.centroids[:, 0] < 0.7)
@@ -284,20 +278,7 @@ def test_cuts_right_through_are_the_mesh_of_bodies():
     )
     assert quarters.n_nodes == 4 * 3 * 3 * 5
     again = vx.PolyhedralMesh(quarters.points, quarters.cells, interfaces=quarters.interfaces)
-    assert_same(again, quarters, ("points", "face_vertices"), ())
-
-
-@pytest.mark.parametrize(
-    ("name", "sides", "said"),
-    [
-        ("left", {"a": [5], "b": [6]}, "there is a boundary 'left' already"),
-        ("crack", {"a": [0], "b": [63]}, "no face is between the cells of 'a' and 'b'"),
-        ("crack", {"a": [21], "b": [22]}, r"the face at \(0\.5, 0\.375, 0\.375\) has a tip at all its nodes"),
-    ],
-)
-def test_cracks_that_are_none_are_refused(name, sides, said):
-    with pytest.raises(vx.MeshError, match=said):
-        cubes(4).cut(name, sides)
+    assert_same(again, quarters, arrays=("points", "face_vertices"), parts=())
 
 
 def three_bodies():
@@ -312,18 +293,13 @@ def three_bodies():
 
 
 @pytest.mark.long
-def test_files_keep_interfaces(tmp_path):
+def test_files_pickles_and_pyvista_keep_interfaces(tmp_path):
     mesh = three_bodies()
     assert_matched(mesh)
     mesh.write(tmp_path / "mesh.vtu")
     assert_same(mesh, vx.meshes.read(tmp_path / "mesh.vtu"))
     assert_same(mesh, pickle.loads(pickle.dumps(mesh)))
-
-
-@pytest.mark.long
-def test_meshes_of_pyvista_keep_interfaces():
     pytest.importorskip("pyvista")
-    mesh = three_bodies()
     assert_same(mesh, vx.meshes.convert(mesh.to("pyvista")))
 
 
@@ -348,48 +324,37 @@ def quarter(radii, sectors):
     return vx.meshes.ring(radii, sectors, angles=(0.0, 0.5 * np.pi)).extruded([0.0, 0.4])
 
 
-REFUSED = [
-    ({"a": cubes(1), "b": cubes(1)}, r"'a' and 'b' overlap near \("),
-    ({"a": cubes(1), "b": cubes(2, ((0.5, 1.5), (0, 1), (0, 1)))}, r"'a' and 'b' overlap near \(0\.5"),
-    ({"a": cubes(1), "b": cubes(2, ((0.2, 0.8), (0.2, 0.8), (0.2, 0.8)))}, "'a' and 'b' overlap near"),
-    ({"a": cubes(1), "b": cubes(2, ((0.2, 0.8), (0.2, 0.8), (0.2, 1.0)))}, "'a' and 'b' overlap near"),
-    (
-        {"a": quarter([0.9, 1.0], 8), "b": quarter([1.0, 1.1], 6)},
-        "'a' and 'b' overlap near .* mesh both bodies alike there",
-    ),
-    ({"a": cubes(1), "b": cubes(1, ((1, 2), (1, 2), (0, 1)))}, r"touch only in an edge or a point, near \(1, 1, 0\)"),
-    ({"a": cubes(1), "b": cubes(1, ((1, 2), (1, 2), (1, 2)))}, r"touch only in an edge or a point, near \(1, 1, 1\)"),
-    ({"a": cubes(1), "b": cubes(1, ((0.2, 0.8), (1, 2), (1, 2)))}, r"touch only in an edge .* let them share a face"),
-    (
-        {"a": cubes(1), "b": turned(cubes(1, ((1.2, 2.2), (0, 1), (0.2, 0.8))), np.pi / 4, (1.2, 0.5))},
-        "'a' and 'b' (touch only|overlap)",
-    ),
-    (
-        {"a": cubes(1), "b": cubes(1, ((1 + 1e-7, 2), (0, 1), (0, 1)))},
-        r"are apart by 1e-07 near .* Bring them together",
-    ),
-    ({"a": cubes(1), "b": vx.meshes.squares(1)}, "some are in the plane, and some in space; extrude"),
-    ({"a": cubes(1), "b": "b"}, "found 'b' for 'b' where a PolygonMesh or PolyhedralMesh is wanted"),
-]
-
-
-@pytest.mark.parametrize(("meshes", "message"), REFUSED)
-def test_what_is_no_set_of_bodies_is_refused(meshes, message):
-    with pytest.raises(vx.MeshError, match=message):
-        bodies(meshes)
-
-
-def test_names_and_tolerances_are_checked():
-    a, b = cubes(1), cubes(2, APART)
-    with pytest.raises(vx.MeshError, match=r"'joint' is to be between 'a' and 'c', whose .* there are 'a\|b'"):
-        bodies({"a": a, "b": b, "c": cubes(1, ((5, 6), (0, 1), (0, 1)))}, interfaces={"joint": ("a", "c")})
-    with pytest.raises(vx.MeshError, match="has interfaces itself"):
-        bodies({"ab": bodies({"a": a, "b": b}), "c": cubes(1, ((5, 6), (0, 1), (0, 1)))})
-    with pytest.raises(vx.MeshError, match=r"near \(.* would come to one place"):
-        bodies({"a": a, "b": cubes(1, ((1, 1.2), (0, 1), (0, 1)))}, tolerance=0.3)
-    apart = bodies({"a": a, "b": cubes(1, ((5, 6), (0, 1), (0, 1)))})
+def test_what_is_no_set_of_bodies_is_refused():
+    a, far = cubes(1), cubes(1, ((5, 6), (0, 1), (0, 1)))
+    beside = turned(cubes(1, ((1.2, 2.2), (0, 1), (0.2, 0.8))), np.pi / 4, (1.2, 0.5))
+    tubes = {"a": quarter([0.9, 1.0], 8), "b": quarter([1.0, 1.1], 6)}
+    for meshes, options, subject in (
+        ({"a": a, "b": cubes(1)}, {}, r"'a' and 'b' overlap near \("),
+        ({"a": a, "b": cubes(2, ((0.5, 1.5), (0, 1), (0, 1)))}, {}, r"'a' and 'b' overlap near \(0\.5"),
+        ({"a": a, "b": cubes(2, ((0.2, 0.8), (0.2, 0.8), (0.2, 0.8)))}, {}, "'a' and 'b' overlap near"),
+        ({"a": a, "b": cubes(2, ((0.2, 0.8), (0.2, 0.8), (0.2, 1.0)))}, {}, "'a' and 'b' overlap near"),
+        (tubes, {}, "'a' and 'b' overlap near .* mesh both bodies alike there"),
+        ({"a": a, "b": cubes(1, ((1, 2), (1, 2), (0, 1)))}, {}, r"touch only in an edge .*, near \(1, 1, 0\)"),
+        ({"a": a, "b": cubes(1, ((1, 2), (1, 2), (1, 2)))}, {}, r"touch only in an edge .*, near \(1, 1, 1\)"),
+        ({"a": a, "b": cubes(1, ((0.2, 0.8), (1, 2), (1, 2)))}, {}, "touch only in an edge"),
+        ({"a": a, "b": beside}, {}, "'a' and 'b' (touch only|overlap)"),
+        ({"a": a, "b": cubes(1, ((1 + 1e-7, 2), (0, 1), (0, 1)))}, {}, "are apart by 1e-07 near"),
+        ({"a": a, "b": vx.meshes.squares(1)}, {}, "some are in the plane, and some in space"),
+        ({"a": a, "b": cubes(2, APART), "c": far}, {"interfaces": {"joint": ("a", "c")}}, "'joint' .* there are 'a.b'"),
+        ({"ab": bodies({"a": a, "b": cubes(2, APART)}), "c": far}, {}, "has interfaces itself"),
+        ({"a": a, "b": cubes(1, ((1, 1.2), (0, 1), (0, 1)))}, {"tolerance": 0.3}, r"near \(.* would come to one place"),
+    ):
+        with pytest.raises(vx.MeshError, match=subject):
+            bodies(meshes, **options)
+    apart = bodies({"a": a, "b": far})
     assert not apart.interfaces
     assert apart.n_nodes == 16
+    for sides, subject in (
+        ({"a": [0], "b": [63]}, "no face is between the cells of 'a' and 'b'"),
+        ({"a": [21], "b": [22]}, r"the face at \(0\.5, 0\.375, 0\.375\) has a tip at all its nodes"),
+    ):
+        with pytest.raises(vx.MeshError, match=subject):
+            cubes(4).cut("crack", sides)
 
 
 def test_wrong_interfaces_are_refused():

@@ -63,6 +63,8 @@ def test_cells_fill_the_box_up_to_its_named_sides(family, case):
     for name in (*mesh.ARRAYS, "measures", "centroids", "diameters"):
         np.testing.assert_array_equal(getattr(again, name), getattr(mesh, name))
         assert not getattr(mesh, name).flags.writeable
+    for name in mesh.boundaries:
+        np.testing.assert_array_equal(again.boundaries[name], mesh.boundaries[name])
     assert (mesh.measures > 0.0).all()
     assert mesh.measures.sum() == pytest.approx(np.prod(lengths), rel=rounding)
     middle = mesh.measures @ (mesh.centroids - box.mean(axis=1)) / mesh.measures.sum()

@@ -11,7 +11,7 @@ from counted import calls
 
 import vemcvx as vx
 from vemcvx.estimate.measures.distance import common_rule
-from vemcvx.meshes import PolygonMesh, refinement
+from vemcvx.meshes import PolygonMesh, refinement, tetrahedra
 from vemcvx.meshes.local_refinement import splitting_of
 
 # Bounds on diameter^2 / area after any number of passes. Squares have 2, triangles from squares cut in two 4; measured
@@ -57,11 +57,13 @@ def refined_at_random(mesh, passes, seed=0, part=0.25, **options):
     return mesh
 
 
-@pytest.mark.parametrize("balance", [True, False])
-def test_random_passes_keep_a_tiling_of_good_cells(family, balance):
+@pytest.mark.parametrize(
+    ("balance", "passes"), [(True, 4), *(pytest.param(b, 6, marks=pytest.mark.long) for b in (True, False))]
+)
+def test_random_passes_keep_a_tiling_of_good_cells(family, balance, passes):
     mesh = vx.meshes.FAMILIES[family](3, seed=1)
     random = np.random.default_rng(2)
-    for _ in range(6):
+    for _ in range(passes):
         before, short = mesh, (edge_lengths(mesh) / np.repeat(mesh.diameters, np.diff(mesh.offsets))).min()
         found = refinement(mesh, random.random(mesh.n_cells) < 0.2, balance=balance)
         mesh = found.mesh
@@ -132,9 +134,23 @@ def test_grading_marks_no_more_than_it_must():
     assert mesh.refine([child]).n_cells == 19 + 3 * 3  # the neighbours to the left and below have two nodes on a side
 
 
-def test_prolongation_keeps_linear_functions(family):
+SOLIDS = {"tetrahedra": tetrahedra(2), "cubes": vx.meshes.cubes(2), "prisms": vx.meshes.prisms(2)}
+EVERY = [*vx.meshes.FAMILIES, *SOLIDS]
+
+
+def start(family):
+    """A mesh, in the plane with hanging nodes, and cells that may be refined; None where all must be."""
+    if family in SOLIDS:
+        mesh = SOLIDS[family]
+        return mesh, np.arange(0, mesh.n_cells, 2) if family == "tetrahedra" else None
     mesh = refined_at_random(vx.meshes.FAMILIES[family](3, seed=4), 2)
-    found = refinement(mesh, np.arange(0, mesh.n_cells, 3))
+    return mesh, np.arange(0, mesh.n_cells, 3)
+
+
+@pytest.mark.parametrize("family", EVERY)
+def test_prolongation_keeps_linear_functions_and_old_values(family):
+    mesh, cells = start(family)
+    found = refinement(mesh, cells)
     assert found.prolongation.shape == (found.mesh.n_nodes, mesh.n_nodes)
     np.testing.assert_allclose(found.prolongation @ mesh.points, found.mesh.points, atol=4e-15)
     np.testing.assert_allclose(found.prolongation.sum(axis=1), 1.0, atol=1e-14)
@@ -144,80 +160,78 @@ def test_prolongation_keeps_linear_functions(family):
 
 
 def test_prolongation_takes_means_over_edges_and_pi_inside():
-    found = refinement(vx.meshes.squares(1))
-    values = np.array([1.0, 2.0, 4.0, 7.0])  # lower left, lower right, upper left, upper right
-    new = {tuple(x): v for x, v in zip(found.mesh.points.tolist(), found.prolongation @ values, strict=True)}
-    assert new[0.5, 0.0] == 1.5
-    assert new[1.0, 0.5] == 4.5
-    assert new[0.5, 0.5] == pytest.approx(3.5, rel=1e-15)
+    for mesh in (vx.meshes.squares(1), vx.meshes.cubes(1)):
+        values, found = np.random.default_rng(0).random(mesh.n_nodes), refinement(mesh)
+        new = {tuple(x): v for x, v in zip(found.mesh.points.tolist(), found.prolongation @ values, strict=True)}
+        rest = (0.0,) * (mesh.points.shape[1] - 2)
+        assert new[0.5, 0.0, *rest] == 0.5 * (values[0] + values[1])
+        assert new[0.5, 0.5, *rest] == pytest.approx(values[:4].mean(), rel=1e-14)
+        assert new[(0.5,) * mesh.points.shape[1]] == pytest.approx(values.mean(), rel=1e-14)
 
 
+@pytest.mark.parametrize(
+    "family", [f if f in ("voronoi", "nonconvex") else pytest.param(f, marks=pytest.mark.long) for f in EVERY]
+)
 def test_patch_test_on_refined_meshes(family):
     """A linear displacement prescribed all around is the answer, whatever hangs where."""
-    mesh = refined_at_random(vx.meshes.FAMILIES[family](2, seed=5), 3)
-    gradient = np.array([[0.01, -0.02], [0.03, 0.015]])
+    mesh = start(family)[0].refine(start(family)[1])
+    dim = mesh.points.shape[1]
+    gradient = np.array([[0.01, -0.02, 0.03], [0.03, 0.015, -0.01], [0.02, 0.0, 0.01]])[:dim, :dim]
 
     def field(x, t):
-        return t * (x @ gradient.T + [0.1, -0.2])
+        return t * (x @ gradient.T + [0.1, -0.2, 0.05][:dim])
 
     scene = vx.Scene(vx.Elasticity(7.0, 0.3), vx.PrescribedDisplacement(field, on="boundary"))
     history = vx.simulate(scene, mesh, [0.0, 1.0])
     assert np.abs(history.displacement[-1] - field(mesh.points, 1.0)).max() < 1e-12
 
 
+def size(mesh, name):
+    return length(mesh, name) if isinstance(mesh, PolygonMesh) else mesh.face_areas[mesh.boundaries[name]].sum()
+
+
+@pytest.mark.parametrize("family", EVERY)
 def test_names_and_data_are_handed_down(family):
-    mesh = vx.meshes.FAMILIES[family](3, seed=6).with_boundary("half", lambda x: x[:, 0] < 0.5)
+    mesh, cells = start(family)
+    mesh = mesh.with_boundary("half", lambda x: x[:, 0] < 0.5)
     mesh = mesh.with_cell_data("number", np.arange(mesh.n_cells)).with_cell_data("pair", np.ones((mesh.n_cells, 2)))
-    found = refinement(mesh, np.arange(0, mesh.n_cells, 2))
+    found = refinement(mesh, cells)
     assert set(found.mesh.boundaries) == set(mesh.boundaries)
     for name in mesh.boundaries:
-        assert length(found.mesh, name) == pytest.approx(length(mesh, name), rel=1e-14)
-    assert len(found.mesh.boundaries["half"]) > len(mesh.boundaries["half"])
+        assert size(found.mesh, name) == pytest.approx(size(mesh, name), rel=1e-13)
     np.testing.assert_array_equal(found.mesh.cell_data["number"], found.parents)
     assert (np.diff(found.parents) >= 0).all()
     assert found.mesh.cell_data["pair"].shape == (found.mesh.n_cells, 2)
-    read_again = PolygonMesh(
-        found.mesh.points, found.mesh.cells, boundaries={"half": found.mesh.boundaries["half"]}
-    )  # checks that the edges are on the boundary
-    np.testing.assert_array_equal(read_again.boundaries["half"], found.mesh.boundaries["half"])
+    half = found.mesh.boundaries["half"]
+    again = type(mesh)(found.mesh.points, found.mesh.cells, boundaries={"half": half})  # they are on the boundary
+    np.testing.assert_array_equal(again.boundaries["half"], half)
 
 
-@pytest.mark.parametrize("nothing", [[], np.zeros(9, dtype=bool), np.empty(0, dtype=np.int64)], ids=str)
-def test_nothing_to_refine(nothing):
-    mesh = vx.meshes.squares(3)
-    found = refinement(mesh, nothing)
-    for name in ("points", "offsets", "vertices"):
-        np.testing.assert_array_equal(getattr(found.mesh, name), getattr(mesh, name))
-    np.testing.assert_array_equal(found.parents, np.arange(9))
-    assert not found.mesh.vertices.flags.writeable
-
-
-def test_marks_by_number_and_by_flag():
-    mesh = vx.meshes.squares(3)
-    flags = np.isin(np.arange(9), [2, 7])
-    np.testing.assert_array_equal(mesh.refine([7, 2, 2]).vertices, mesh.refine(flags).vertices)
-    assert mesh.refine().n_cells == mesh.refine(np.ones(9, dtype=bool)).n_cells == 36
-
-
-@pytest.mark.parametrize(
-    ("cells", "found"),
-    [
-        ([0, 9], "numbers from 0 to 9"),
-        ([-1], "numbers from -1 to -1"),
-        ([0.0, 1.0], r"float64 of shape \(2,\), for example np.float64\(0.0\)"),
-        ([float("nan")], "for example np.float64\\(nan\\)"),
-        (np.ones(4, dtype=bool), r"bool of shape \(4,\)"),
-        (np.ones((9, 1), dtype=bool), r"bool of shape \(9, 1\)"),
-        (3, r"int64 of shape \(\)"),
-        ("all", "of shape"),
-        ([[0], [1, 2]], "rows of different lengths"),
-    ],
-    ids=str,
-)
-def test_wrong_marks(cells, found):
-    mesh = vx.meshes.squares(3)
-    with pytest.raises(vx.MeshError, match=rf"numbers of cells \(0 to 8\), or one bool for each of the 9.*{found}"):
-        mesh.refine(cells)
+def test_marks():
+    """By number and by flag; nothing; and what is none."""
+    for mesh in (vx.meshes.squares(3), SOLIDS["tetrahedra"]):
+        flags = np.isin(np.arange(mesh.n_cells), [2, 7])
+        np.testing.assert_array_equal(mesh.refine([7, 2, 2]).points, mesh.refine(flags).points)
+        assert mesh.refine().n_cells >= mesh.refine(np.ones(mesh.n_cells, dtype=bool)).n_cells
+        for nothing in ([], np.zeros(mesh.n_cells, dtype=bool), np.empty(0, dtype=np.int64)):
+            found = refinement(mesh, nothing)
+            for name in mesh.ARRAYS:
+                np.testing.assert_array_equal(getattr(found.mesh, name), getattr(mesh, name))
+            np.testing.assert_array_equal(found.parents, np.arange(mesh.n_cells))
+        for cells, words in (
+            ([0, mesh.n_cells], "numbers from 0 to"),
+            ([-1], "numbers from -1 to -1"),
+            ([float("nan")], r"for example np.float64\(nan\)"),
+            (np.ones(4, dtype=bool), r"bool of shape \(4,\)"),
+            (np.ones((mesh.n_cells, 1), dtype=bool), "bool of shape"),
+            (3, r"int64 of shape \(\)"),
+            ("all", "of shape"),
+            ([[0], [1, 2]], "rows of different lengths"),
+        ):
+            with pytest.raises(vx.MeshError, match=f"cells to refine must be numbers of cells .*{words}"):
+                mesh.refine(cells)
+    with pytest.raises(vx.MeshError, match="refinement: found .* where a PolygonMesh or PolyhedralMesh is wanted"):
+        refinement("cubes")
 
 
 @pytest.mark.long

@@ -123,18 +123,17 @@ class _Deck:
             self.part = self.spell(options.get("NAME", word)) if word == "PART" else ""
         elif self.part:
             self.parts.setdefault(self.part, []).append((word, options, lines))
-        elif word == "NODE":
-            self._take_nodes(options, rows)
-        elif word == "ELEMENT":
-            self._take_elements(options, [one for row in rows for one in row if one])
         elif word in ("NSET", "ELSET"):
             self._take_set(word, options, rows)
-        elif word == "SURFACE":
-            self._take_surface(options, rows)
-        elif word == "INSTANCE":
-            self._take_instance(options, rows)
         elif word == "ENDINSTANCE":
             self.scope = ""
+        elif taker := {
+            "NODE": self._take_nodes,
+            "ELEMENT": self._take_elements,
+            "SURFACE": self._take_surface,
+            "INSTANCE": self._take_instance,
+        }.get(word):
+            taker(options, rows)
 
     def place(self, part: str, name: str) -> None:
         """Read a part as an instance of this name."""
@@ -155,7 +154,8 @@ class _Deck:
             self.points[places[-1] : places[-1] + 1] = [x]
         self._name("NSET", options.get("NSET", ""), places)
 
-    def _take_elements(self, options: Mapping[str, str], words: list[str]) -> None:
+    def _take_elements(self, options: Mapping[str, str], rows: list[list[str]]) -> None:
+        words = [one for row in rows for one in row if one]
         given = options.get("TYPE", "").upper()
         shape = next((found for pattern, found in TYPES.items() if re.fullmatch(f"(?:{pattern})[A-Z]*5?", given)), None)
         if shape is None:

@@ -32,11 +32,8 @@ def from_meshio(mesh: Any) -> Grid:
 def cells_of(mesh: Any) -> Grid:
     """Return the cells by their corners, block by block, with their data and named sets of cells and nodes."""
     rows: list[Ints] = []
-    for block in mesh.cells:
-        known = block.type.rstrip(DIGITS) in (
-            *NODES,
-            "polygon",
-        )  # Others may be no arrays; the checks of grids name them.
+    for block in mesh.cells:  # Those of other kinds may be no arrays; the checks of grids name them.
+        known = block.type.rstrip(DIGITS) in {*NODES, "polygon"}
         rows.append(np.asarray(block.data if known else np.zeros((len(block.data), 1))).astype(np.int64))
     sizes, none = [len(row) for row in rows], np.zeros(0, dtype=np.int64)
     grid = Grid(

@@ -29,7 +29,7 @@ LONGER = {
     "effects": "absence closed_forms conformance_effects",
     "estimate": (
         "adapt budget_of_bodies error_budget measures_distance measures_orders stretched_cells time_estimate "
-        "unseen_data waves_of_data"
+        "unseen_data"
     ),
     "exchange": "damaged_programs",
     "linear": "linear",

@@ -1,4 +1,4 @@
-"""Data that a mesh has not seen between its nodes: in the estimate, one to five times the truth, and refined."""
+"""Data that a mesh has not seen between its nodes, and waves as long as its edges: in the estimate, and refined."""
 
 from __future__ import annotations
 
@@ -50,9 +50,6 @@ SCENES = {
     "a patch of the bound": rubbing(lambda x, t: np.where(near(x[:, 0], 0.375, 0.1), 40.0, 0.0), pull()),
     "a gap in the bound": rubbing(lambda x, t: np.where(near(x[:, 0], 0.375, 0.1), 0.0, 8.0), pull()),
     "a strip of traction": rubbing(0.5, vx.Traction(force(lambda x: near(x[:, 1], 0.625, 0.04)), on="left")),
-    "a strip of pressure": rubbing(
-        0.5, pull(1.0), vx.Pressure(lambda x, t: 20 * t * near(x[:, 0], 0.625, 0.04), on="top")
-    ),
     "a patch of body force": rubbing(0.5, vx.BodyForce(force(spot))),
     "a bump of the obstacle": pressed(
         vx.UnilateralContact(on="bottom", gap=lambda x, t: np.where(near(x[:, 0], 0.375, 0.06), 0.0, 0.02))
@@ -79,8 +76,6 @@ SCENES = {
         vx.TrescaFriction(bound=4.0, on="bottom"),
     ),
     "a hot spot": heated(lambda x: np.where(spot(x), 60.0, 0.0)),
-    "heat that grows with x": heated(lambda x: 20 * x[:, 1] + 30 * x[:, 0]),
-    "heat of degree two": heated(lambda x: 60 * x[:, 0] * (x[:, 0] - x[:, 1])),
     "a bell of heat": heated(lambda x: 20 * np.exp(-10 * ((x[:, 0] - 0.4) ** 2 + (x[:, 1] - 0.5) ** 2))),
     "prestress that varies": rubbing(
         0.3,
@@ -92,25 +87,117 @@ SCENES = {
 }
 """Loads in proportion to time: what is lost is lost to the mesh."""
 TIMES = [0.0, 0.5, 1.0]
-QUICK = ("a patch of the bound", "a strip of pressure", "a bump of the obstacle", "a hot spot", "a bell of heat")
+QUICK = ("a patch of the bound", "a strip of traction", "a bump of the obstacle", "a hot spot")
 
 
 def ratio(scene, mesh, truth):
     """Estimated over true error; the true one in the norm of the finer mesh, whose moduli are better."""
     history = vx.simulate(scene, mesh, TIMES, store="last")
-    true = vx.measures.energy_distance(truth, history).absolute
     budget = error_budget(history)
     if budget.scale == 0.0:
         assert budget.space[-1] == pytest.approx(1.0), "nothing moved, and all is missing"
         return 1.0
-    return budget.largest["total"] * budget.scale / true
+    return budget.largest["total"] * budget.scale / vx.measures.energy_distance(truth, history).absolute
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name", QUICK)
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize(
+    "name", [name if name in QUICK else pytest.param(name, marks=pytest.mark.slow) for name in SCENES]
+)
 def test_what_a_mesh_has_not_seen_is_in_the_estimate(name):
-    truth = vx.simulate(SCENES[name], vx.meshes.squares(48), TIMES, store="last")
-    assert 1.0 <= ratio(SCENES[name], vx.meshes.squares(4), truth) <= MOST
+    truth = vx.simulate(SCENES[name], vx.meshes.squares(64), TIMES, store="last")
+    meshes = [vx.meshes.squares(n) for n in (4, 8, 16)] + [vx.meshes.triangles(6), vx.meshes.voronoi(8)]
+    found = [ratio(SCENES[name], mesh, truth) for mesh in meshes[: 1 if name in QUICK else 5]]
+    assert min(found) >= 1.0
+    assert max(found) <= MOST
+
+
+def wave(x, edges, phase=0.0):
+    """A whole wave on each of so many edges of a unit length."""
+    return np.sin(2 * np.pi * edges * x + phase)
+
+
+def held_below(*more):
+    return vx.Scene(STEEL, vx.Clamp(on="bottom"), *more)
+
+
+def moved(n):
+    motion = vx.PrescribedDisplacement(lambda x, t: 0.02 * t * wave(x[:, 0], n), on="top", direction="normal")
+    return held_below(motion)
+
+
+def driven(n, phase):
+    def drive(x, t):
+        return 4 * t * np.column_stack([wave(x[:, 0], n, phase), wave(x[:, 0], n, phase + np.pi / 2)])
+
+    return held_below(vx.Traction(drive, on="top"))
+
+
+def weighed(density):
+    return held_below(vx.BodyForce(lambda x, t: t * np.column_stack([np.zeros(len(x)), density(x)])))
+
+
+def waving(n, phase, base=1.0):
+    """A bound between 0 and twice its mean, of which nodes read the same value everywhere."""
+    return rubbing(lambda x, t: base * (1 + wave(x[:, 0], n, phase)), pull())
+
+
+def waves(n):
+    return {
+        "motion": moved(n),
+        "two waves of motion": moved(2 * n),
+        "tractions": driven(n, 0.0),
+        "tractions, at another phase": driven(n, np.pi / 2),
+        "weight": weighed(lambda x: wave(x[:, 0], n)),
+        "a strip of weight": weighed(lambda x: 20.0 * (np.abs(x[:, 0] - 0.5 - 0.5 / n) < 0.1 / n)),
+        "a bound": waving(n, 0.0),
+        "a bound read at its crests": waving(n, np.pi / 2),
+        "a bound read at its troughs": waving(n, -np.pi / 2),
+        "a large bound read at its troughs": waving(n, -np.pi / 2, 4.0),
+    }
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("n", [4, *(pytest.param(n, marks=pytest.mark.slow) for n in (8, 16))])
+@pytest.mark.parametrize("name", waves(4))
+def test_waves_as_long_as_an_edge_are_in_the_estimate(name, n):
+    """Means that nodes misread do not vanish with the edge: with local weights estimates were .18 to .83."""
+    truth = vx.simulate(waves(n)[name], vx.meshes.squares(64 if n == 4 else 256), TIMES, store="last")
+    assert 1.0 <= ratio(waves(n)[name], vx.meshes.squares(n), truth) <= 4.0
+
+
+GRAINS = [(shear, angle) for shear in (40.0, 400.0) for angle in (0.0, 0.4, np.pi / 4, 1.2)]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("shear", "angle"), GRAINS)
+def test_estimates_of_turned_fibres_are_no_less_than_the_truth(shear, angle):
+    """A hundred to one."""
+
+    def shears(x, t):
+        return t * np.column_stack([4 * x[:, 0] * (1 - x[:, 0]), x[:, 0]])
+
+    fibres = vx.Orthotropic((1e4, 1e2), 0.3, shear, angle=angle)
+    scene = vx.Scene(fibres, vx.Clamp(on="bottom"), vx.Traction(shears, on="top"))
+    truth = vx.simulate(scene, vx.meshes.squares(96), TIMES, store="last")
+    found = [ratio(scene, vx.meshes.squares(n), truth) for n in (4, 8)]
+    assert min(found) >= 1.0
+    assert max(found) <= 4.0
+
+
+@pytest.mark.long
+@pytest.mark.filterwarnings("ignore:supports. nothing but friction or one-sided contact")
+def test_what_a_body_that_only_friction_holds_lacks_is_estimated():
+    """K does not feel its motion along the floor; of the waves' mean friction is left to bear that part."""
+    friction = vx.TrescaFriction(lambda x, t: 8 * (1.5 + wave(x[:, 0], 4)), on="bottom")
+
+    def push(x, t):
+        return t * np.column_stack([2 + wave(x[:, 1], 4, np.pi / 4), wave(x[:, 1], 4, np.pi / 4)])
+
+    scene = vx.Scene(STEEL, vx.BilateralContact(on="bottom"), friction, vx.Traction(push, on="left"))
+    truth = vx.simulate(scene, vx.meshes.squares(64), TIMES, store="last")
+    assert 1.0 <= ratio(scene, vx.meshes.squares(4), truth) <= 4.0
 
 
 def slides(angle, *more):
@@ -141,18 +228,6 @@ def test_waves_of_the_bound_are_seen_at_an_angle():
     assert seen[0] > 0.1 * np.sqrt(runs[0].energy[-1])
 
 
-@pytest.mark.slow
-@pytest.mark.filterwarnings("ignore")
-@pytest.mark.parametrize("name", SCENES)
-def test_estimates_are_one_to_five_times_the_truth(name):
-    scene = SCENES[name]
-    truth = vx.simulate(scene, vx.meshes.squares(128), TIMES, store="last")
-    meshes = [vx.meshes.squares(n) for n in (4, 8, 16)] + [vx.meshes.triangles(6), vx.meshes.voronoi(8)]
-    found = [ratio(scene, mesh, truth) for mesh in meshes]
-    assert min(found) >= 1.0
-    assert max(found) <= MOST
-
-
 @pytest.mark.long
 @pytest.mark.parametrize("name", ["a patch of the bound", "a strip of traction"])
 def test_targets_are_met_in_truth_where_the_first_mesh_sees_nothing(name):
@@ -165,19 +240,12 @@ def test_targets_are_met_in_truth_where_the_first_mesh_sees_nothing(name):
 
 
 @pytest.mark.long
-def test_data_that_do_not_vary_have_no_share():
-    scene = rubbing(4.0, vx.Traction((0.0, 0.0), on="left"), vx.Pressure(1.0, on="top"))
-    history = vx.simulate(scene, vx.meshes.squares(2), TIMES, initial="settled")
-    assert error_budget(history).parts["data"].max() == 0.0
-
-
-@pytest.mark.long
-def test_affine_data_on_edges_are_seen_by_nodes():
+def test_data_that_are_linear_have_no_share():
     """A bound and a gap that are linear in x are what nodes make of them; round-off is all that is left."""
-    bound = rubbing(lambda x, t: 1.0 + 3.0 * x[:, 0], vx.Pressure(press, on="left"))
-    gap = pressed(vx.UnilateralContact(on="bottom", gap=lambda x, t: 0.01 * x[:, 0]), push=0.0)
-    for scene in (bound, gap):
-        flat = vx.Scene(*(effect for effect in scene.canonical if not isinstance(effect, (vx.Pressure, vx.Traction))))
-        loaded = flat.with_(vx.Traction((0.0, -8.0), on="top"))
-        budget = error_budget(vx.simulate(loaded, vx.meshes.squares(4), [0.0, 1.0], initial="settled"))
+    load = vx.Traction((0.0, -8.0), on="top")
+    bound = vx.TrescaFriction(lambda x, t: 1.0 + 3.0 * x[:, 0], on="bottom")
+    gap = vx.UnilateralContact(on="bottom", gap=lambda x, t: 0.01 * x[:, 0])
+    for effects in ((*HOLD, bound), (vx.Clamp(on="right"), gap)):
+        scene = vx.Scene(STEEL, load, *effects)
+        budget = error_budget(vx.simulate(scene, vx.meshes.squares(4), [0.0, 1.0], initial="settled"))
         assert budget.parts["data"].max() <= 1e-12 * max(budget.space.max(), 1.0)

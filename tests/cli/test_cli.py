@@ -95,17 +95,6 @@ def test_probes_are_written(tmp_path):
 
 
 @pytest.mark.long
-def test_a_pipe_gets_words_only(tmp_path):
-    done = invoke("run", PROBLEM, "--n", 4, "--steps", 3)
-    assert done.exit_code == 0
-    assert not {c for c in done.output if ord(c) < 32} - {"\n"}
-    assert done.output.splitlines()[0].startswith("feng_han_huang: A block pushed over a rough obstacle")
-    assert done.output.splitlines()[-1].startswith("files       none; --out DIR")
-    shown = invoke("show", PROBLEM, "--n", 4)
-    assert not {c for c in shown.output if ord(c) < 32} - {"\n"}
-
-
-@pytest.mark.long
 def test_settings_reach_the_scene(tmp_path):
     frozen = invoke("run", PROBLEM, "--n", 4, "--steps", 2, "--set", "bound=1e6", "--out", tmp_path)
     assert frozen.exit_code == 0
@@ -150,17 +139,6 @@ def test_a_mesh_file_in_place_of_a_family(tmp_path):
     missing = invoke("run", PROBLEM, "--mesh", tmp_path / "gone.vtu")
     assert missing.exit_code == 2
     assert "gone.vtu" in missing.output
-
-
-@pytest.mark.long
-@pytest.mark.filterwarnings("default:.*no part of the boundary has a name")
-def test_a_mesh_file_without_names(tmp_path):
-    mesh = vx.meshes.voronoi(3)
-    vx.PolygonMesh(mesh.points, mesh.cells, boundaries={}).write(tmp_path / "part.vtu")
-    done = invoke("run", PROBLEM, "--steps", 2, "--mesh", tmp_path / "part.vtu")
-    assert done.exit_code == 0, done.output
-    said = "part.vtu: no part of the boundary has a name; by their place, sides are called left, right, bottom, top."
-    assert done.output.count(said) == 1
 
 
 @pytest.mark.long
@@ -259,12 +237,6 @@ def test_invalid_problem_files_exit_with_two(tmp_path, text, says):
     assert says in refused.output
 
 
-def test_a_failing_line_is_named_where_the_path_is_relative(tmp_path, monkeypatch):
-    monkeypatch.chdir(written(tmp_path, "\nimport nowhere").parent)
-    refused = invoke("show", "problem.py")
-    assert "problem.py, line 2: executing it failed" in refused.output
-
-
 def test_problem_files_that_are_not_there(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     empty = invoke("show", "problem.py")
@@ -295,13 +267,6 @@ def test_names_of_300_characters_and_the_like(tmp_path, monkeypatch, arguments, 
     done = invoke(*arguments)
     assert done.exit_code == (2 if says else 0), done.output
     assert says in " ".join(done.output.split())
-
-
-def test_documentation_may_be_anything(tmp_path):
-    for doc in ("5", "'  '", "None"):
-        shown = invoke("show", written(tmp_path, MINIMAL + f"__doc__ = {doc}"), "--n", 2)
-        assert shown.exit_code == 0, shown.output
-        assert shown.output.startswith("problem: 5" if doc == "5" else "problem: problem")
 
 
 def test_too_little_memory_is_said(monkeypatch):
@@ -344,12 +309,6 @@ app(['run', {PROBLEM!r}, '--n', '2', '--out', {str(tmp_path)!r}])
     assert b"Traceback" not in said
     assert said.rfind(b"\x1b[?25h") > said.rfind(b"\x1b[?25l") > -1
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_family_is_asked_for_only_where_there_is_one(tmp_path):
-    refused = invoke("run", written(tmp_path, MINIMAL), "--n", 2, "--mesh", "voronoi")
-    assert refused.exit_code == 2
-    assert "mesh(2, family='voronoi') failed: TypeError" in refused.output
 
 
 @pytest.mark.long
@@ -415,39 +374,6 @@ def test_a_target_chooses_mesh_and_instants(tmp_path):
 
 
 @pytest.mark.long
-def test_extremes_at_corners_say_so(tmp_path):
-    """On the terminal, in the page and in the summary: a clamp beside a free side."""
-    held = """import vemcvx as vx
-
-
-def scene():
-    return vx.Scene(vx.Elasticity(200.0, 0.3), vx.Clamp(on="left"), vx.Traction((0.5, 0.0), on="right"))
-
-
-def mesh(n, family="squares"):
-    return vx.meshes.FAMILIES[family](n)
-
-
-def times(steps):
-    return [k / steps for k in range(steps + 1)]
-
-
-initial = "settled"
-"""
-    told = "at a corner of clamp and free side: may grow without limit as the mesh is refined"
-    done = invoke("run", written(tmp_path, held), "--n", 6, "--steps", 1, "--report", "--out", tmp_path / "out")
-    assert done.exit_code == 0, done.output
-    lines = done.output.splitlines()
-    (at,) = [k for k, line in enumerate(lines) if line.startswith("largest principal stress")]
-    assert lines[at + 1].strip() == told
-    summary = json.loads((tmp_path / "out" / "summary.json").read_text())["extremes"]
-    assert summary["largest_principal_stress"]["unbounded"] == told
-    assert summary["displacement"]["unbounded"] is None
-    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
-    assert told in page
-
-
-@pytest.mark.long
 def test_a_target_may_be_of_friction_work(tmp_path):
     done = invoke("run", PROBLEM, "--target", 0.1, "--of", "dissipated", "--n", 4, "--steps", 4, "--out", tmp_path)
     assert done.exit_code == 0, done.output
@@ -491,6 +417,7 @@ print("heavy", sorted({{"cvxpy", "matplotlib", "meshio", "clarabel", "osqp"}} & 
     assert ran.stderr == ""
 
 
+@pytest.mark.long
 def test_only_the_command_line_itself_imports_typer():
     code = "import sys, vemcvx, vemcvx.cli.problem_file; print(sorted({'typer', 'rich'} & set(sys.modules)))"
     ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -540,21 +467,6 @@ def test_without_a_terminal_long_runs_say_a_line_at_times(tmp_path):
     assert any(re.match(r"vemcvx: marching \d+ of 200, \d+ s, \d+ s left", line) for line in lines), lines
     assert any(line.startswith("vemcvx: writing ") for line in lines), lines
     assert re.search(r"seconds +assemble .*, write \S+$", run.stdout, re.MULTILINE)
-
-
-@pytest.mark.long
-def test_the_linear_solver_can_be_named():
-    pytest.importorskip("pyamg")
-    lines = [
-        invoke("run", PROBLEM, "--n", 8, "--steps", 2, "--linear", name).output for name in ("superlu", "Iterative")
-    ]
-    energies = [re.search(r"stored (\S+),", text).group(1) for text in lines]
-    assert energies[0] == energies[1]
-    wrong = invoke("run", PROBLEM, "--linear", "cholesky")
-    assert wrong.exit_code == 2
-    assert "--linear: there is no linear solver 'cholesky'; there are superlu, pardiso, iterative, petsc" in " ".join(
-        wrong.output.split()
-    )
 
 
 MINE = """

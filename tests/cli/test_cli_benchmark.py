@@ -20,7 +20,6 @@ from vemcvx.cli.collection.benchmark import (
     FAILED,
     LATE,
     REFUSED,
-    Entrant,
     Trial,
     compared,
     fate,
@@ -31,7 +30,6 @@ from vemcvx.cli.collection.benchmark import (
     profile,
     scores,
     seconds_to,
-    shifted_mean,
 )
 from vemcvx.program.step_program import StepProgram
 
@@ -64,12 +62,6 @@ def test_the_cheapest_trial_that_reaches_an_error_counts():
     idle = {"idle": {"a": [trial(1e-2, 0.0, 1e-9)]}, "sure": ENTRIES["sure"]}
     ticks = 0.4 / time.get_clock_info("process_time").resolution
     assert profile(idle, ["a"], 1e-6) == {"idle": [1.0], "sure": [pytest.approx(ticks)]}
-
-
-def test_means_are_shifted_and_geometric():
-    """Of .09 and .39 with a shift of .01: (.1 * .4)^(1/2) - .01 = .19; what is not reached counts as the limit."""
-    assert shifted_mean([0.09, 0.39], 10.0) == pytest.approx(0.19, rel=1e-12)
-    assert shifted_mean([0.09, math.inf], 0.39) == pytest.approx(0.19, rel=1e-12)
 
 
 def test_fates_are_told_apart():
@@ -184,25 +176,6 @@ def test_a_sequence_is_as_good_as_its_worst_step():
     found = measured([ask(0.03, programs[0]), ask(0.01, programs[1])], programs, 1e-3)
     assert (found["seconds"], found["iterations"], begun) == (1.0, 14, [{}, {"lam": 0.03}])
     assert found["true"] == pytest.approx(0.015, rel=1e-12)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("name", ["newton", "clarabel"])
-def test_floating_bodies_are_taken_by_all(name):
-    """A K with a kernel: solvers that want none are asked for proximal points."""
-    scene = vx.Scene(
-        vx.Elasticity(1.0, 0.3),
-        vx.Traction(vx.Tabulated([0.0, 1.0], [(0.0, 0.0), (0.05, -0.2)]), on="top"),
-        vx.UnilateralContact(on="bottom"),
-        vx.TrescaFriction(0.3, on="bottom", while_closed=False),
-    )
-    with pytest.warns(vx.SceneWarning, match="nothing but friction or one-sided contact"):
-        history = vx.simulate(scene, vx.meshes.squares(4), [0.0, 1.0])
-    program = history.program(1)
-    assert program.operators.kernel is not None
-    found = measured(Entrant(name).asks([program]), [program], 1e-10)
-    assert found["true"] <= found["certified"] + 1e-9
-    assert found["true"] <= 1e-6
 
 
 OWN = '''

@@ -71,12 +71,3 @@ def test_a_sum_is_never_below_its_parts(history):
     early = dataclasses.replace(run, gap=np.where(np.arange(9) == 1, 1e-6, 0.0), unit=1.0 + np.arange(9.0))
     step, total = re.findall(r"(\S+) (?:relative|accumulated)", line_of(dataclasses.replace(history, trajectory=early)))
     assert float(total) >= float(step)
-
-
-@pytest.mark.long
-def test_programs_have_the_certificates_of_their_history():
-    history = vx.simulate(SCENE, vx.meshes.squares(4), TIMES, solver=vx.Clarabel(accuracy=0.3), check=False)
-    run = history.trajectory
-    assert (run.certificate[1:] > 1e-8).any()
-    for n in range(1, len(TIMES)):
-        assert history.program(n).certificate.error == pytest.approx(np.sqrt(2 * run.gap[n]), rel=0.01)

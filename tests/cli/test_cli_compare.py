@@ -18,7 +18,7 @@ from typer.testing import CliRunner
 
 import vemcvx as vx
 from vemcvx.cli import app
-from vemcvx.cli.compare import Row, bounds_distance, clause, distance, judged, warned_once
+from vemcvx.cli.compare import Row, bounds_distance, distance, judged, warned_once
 from vemcvx.scene import pose_scene
 from vemcvx.solvers.conic import installed
 
@@ -114,34 +114,6 @@ def attempts():
     return pose_scene(scene, mesh).system, made
 
 
-TUPLES = """
-import numpy as np
-import vemcvx as vx
-
-class Silent:
-    def solve(self, program, target):
-        zero = np.zeros((len(program.w), 1)), np.zeros(len(program.e))
-        answer = vx.Newton().prepare(program.operators).solve(program, target, *zero)
-        return answer.d, answer.lam, answer.p
-
-class Counting(Silent):
-    def solve(self, program, target):
-        return *super().solve(program, target), 7
-"""
-
-
-@pytest.mark.long
-def test_iterations_are_those_that_a_tuple_ends_in(tmp_path):
-    """A solver that does not count them has a dash."""
-    (tmp_path / "own.py").write_text(TUPLES)
-    solvers = f"{tmp_path / 'own.py'}:Silent,{tmp_path / 'own.py'}:Counting"
-    done = invoke(PROBLEM, "--n", 6, "--steps", 2, "--solvers", solvers, "--json", tmp_path / "out.json")
-    assert done.exit_code == 0, done.output
-    found = json.loads((tmp_path / "out.json").read_text())["rows"]
-    assert [row["iterations"] for row in found] == [None, 7]
-    assert rows(done.output)[("Silent", "own")][6] == "-"
-
-
 @pytest.mark.long
 def test_all_that_accept_the_program_agree():
     done = invoke(PROBLEM, "--n", 6, "--steps", 4)
@@ -166,14 +138,6 @@ def test_all_that_accept_the_program_agree():
 
 
 @pytest.mark.long
-def test_linear_problems_are_directs_too():
-    done = invoke(PROBLEM, "--n", 4, "--steps", 2, "--set", "bound=0.0", "--solvers", "direct,Newton,newton")
-    assert done.exit_code == 0, done.output
-    assert list(rows(done.output)) == [("Direct", "own"), ("Newton", "own")]
-    assert rows(done.output)["Newton", "own"][5] == "yes"
-
-
-@pytest.mark.long
 def test_a_miss_stands_in_the_table_and_is_no_failure_of_the_others():
     options = ["--accuracy", "1e-12", "--tuning", "tuned", "--solvers", "newton,clarabel,Mosek"]
     done = invoke(PROBLEM, "--n", 4, "--steps", 3, *options)
@@ -183,16 +147,6 @@ def test_a_miss_stands_in_the_table_and_is_no_failure_of_the_others():
     assert words(done.output)["MOSEK", "default"].startswith("refused cvxpy does not find it here")
     assert rows(done.output)["Clarabel", "tuned"][2] == "no"
     assert rows(done.output)["Clarabel", "tuned"][5] == "yes"
-
-
-@pytest.mark.long
-def test_a_settled_start_that_misses_is_none_of_the_steps(tmp_path):
-    """They were 4 of 3 steps, once."""
-    (tmp_path / "settled.py").write_text(ONE_SIDED)
-    options = ["--accuracy", "1e-30", "--solvers", "newton"]
-    done = invoke(tmp_path / "settled.py", "--n", 3, "--steps", 3, *options)
-    says = "misses its accuracy at the start and in 3 of 3 steps, first in step 0 at t = 0, where"
-    assert says in " ".join(done.output.split())
 
 
 @pytest.mark.long
@@ -435,17 +389,6 @@ def test_a_false_certificate_is_called_wrong(attempts):
     assert not found.trustworthy
     assert [row.honest for row in found.rows] == [None, False]
     assert list(found.remarks)[-1] == "WRONG: Clarabel (tuned) is farther from Newton than both certificates allow"
-
-
-@pytest.mark.parametrize(
-    ("message", "says"),
-    [
-        ("solver 'X': cvxpy does not find it here; it finds Y. Install it.", "cvxpy does not find it here"),
-        ("step 1 at t = 0.5: it reached 1.5e-03. Ask for less.", "step 1 at t = 0.5: it reached 1.5e-03"),
-    ],
-)
-def test_first_clauses(message, says):
-    assert clause(message) == says
 
 
 @pytest.mark.long

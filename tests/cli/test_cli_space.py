@@ -5,7 +5,6 @@ from __future__ import annotations
 import html
 import sys
 
-import numpy as np
 import pytest
 from typer.testing import CliRunner
 
@@ -42,15 +41,6 @@ def invoked(tmp_path, *arguments):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("family", "size"), [("cubes", "8 cells, 27 nodes"), ("tetrahedra", "48 cells, 27 nodes")])
-def test_a_problem_in_space_runs_on_its_families(tmp_path, family, size):
-    code, said = invoked(tmp_path, "run", "--n", "2", "--steps", "2", "--mesh", family)
-    assert code == 0
-    assert size in said
-    assert "9 nodes slip" in said or "0 nodes stick, 9 slip" in said
-
-
-@pytest.mark.long
 def test_commands_take_fewer_cells_in_space_when_nobody_says_how_many(tmp_path, monkeypatch):
     own = tmp_path / "own.py"
     own.write_text(BLOCK.replace('family="cubes"', 'family="own"').replace("SPACE_FAMILIES[family]", "cubes"))
@@ -75,19 +65,6 @@ def test_show_says_discs_and_who_takes_them(tmp_path):
 
 
 @pytest.mark.long
-def test_certificates_of_pressure_in_space_are_said_to_be_bounds_by_sets(tmp_path, monkeypatch):
-    law = 'vx.UnilateralContact(on="bottom"),\n        vx.CoulombFriction(0.3, on="bottom")'
-    pressed = BLOCK.replace('vx.BilateralContact(on="bottom")', law).replace("0.0], on", "-0.05 * t], on")
-    monkeypatch.setitem(globals(), "BLOCK", pressed.replace('        vx.TrescaFriction(bound, on="bottom"),\n', ""))
-    _, said = invoked(tmp_path, "show", "--n", "2")
-    assert "for the given friction" in said
-    code, said = invoked(tmp_path, "run", "--n", "2", "--steps", "2", "--out", str(tmp_path / "out"), "--report")
-    assert code == 0
-    assert "an estimate" not in said
-    assert "certificates are estimates" not in (tmp_path / "out" / "report.html").read_text()
-
-
-@pytest.mark.long
 def test_pictures_and_report_say_what_they_leave_out(tmp_path, monkeypatch):
     pytest.importorskip("matplotlib")
     monkeypatch.setitem(sys.modules, "pyvista", None)
@@ -106,18 +83,6 @@ def test_pictures_and_report_say_what_they_leave_out(tmp_path, monkeypatch):
     assert "algebra" in page.split("Error budget")[1]
 
 
-@pytest.mark.long
-def test_a_probe_in_space_has_three_coordinates(tmp_path):
-    out = str(tmp_path / "out")
-    code, said = invoked(tmp_path, "run", "--n", "2", "--steps", "2", "--probe", "0.5,0.5", "--out", out)
-    assert code == 2
-    assert "--probe: found an array of shape (1, 2); wanted points (p, 3)" in said
-    code, said = invoked(tmp_path, "run", "--n", "2", "--steps", "2", "--probe", "0.5,0.5,1", "--out", out)
-    assert code == 0
-    rows = (tmp_path / "out" / "probes.csv").read_text().splitlines()
-    assert float(rows[-1].split(",")[-3]) == pytest.approx(0.1 * np.sin(3.0))
-
-
 @pytest.mark.slow
 def test_what_accuracy_costs_in_space(tmp_path):
     """Estimates are above true errors, beside a finer mesh in space."""
@@ -134,19 +99,3 @@ def test_what_accuracy_costs_in_space(tmp_path):
         (family, n) for family in ("cubes", "tetrahedra") for n in ("1", "2")
     ]
     assert all(0.0 < float(row["error"]) < float(row["estimated_error"]) for row in rows)
-
-
-def test_families_of_the_plane_are_refused_in_a_sentence(tmp_path):
-    code, said = invoked(tmp_path, "run", "--mesh", "squares")
-    assert code == 2
-    assert "no family 'squares'; there are cubes, tetrahedra," in said
-
-
-@pytest.mark.long
-def test_adaptive_runs_in_space(tmp_path):
-    out = tmp_path / "out"
-    result = CliRunner().invoke(
-        app, ["run", "block_in_space", "--mesh", "tetrahedra", "--n", "3", "--target", "0.3", "--out", str(out)]
-    )
-    assert result.exit_code == 0, result.output
-    assert "target 30.00% of the energy norm: met" in " ".join(result.output.split())

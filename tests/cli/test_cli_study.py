@@ -87,13 +87,6 @@ def test_combinations(pad):
 
 
 @pytest.mark.long
-def test_one_value_is_one_run(pad):
-    code, said = call("run", str(pad), *SMALL, "--set", "friction=.1", "--set", "push=.1,-.02", "--out", "one")
-    assert code == 0, said
-    assert "files       one: history.pvd with 5 instants" in said
-
-
-@pytest.mark.long
 def test_a_study_is_a_table_and_files(pad, tmp_path):
     words = ("--set", "friction=.1,.3", "--set", "kind=hard,soft", "--results", "slip,pressure,sticking")
     code, said = call("run", str(pad), *SMALL, *words, "--out", "study", "--plot")
@@ -156,6 +149,7 @@ def test_a_code_of_the_problem_that_ends_its_process(pad):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
+        (("--set", "friction=.1", "--results", "slip"), "--set: friction is given twice"),
         (("--results", "slips"), "--results: there is no result 'slips'; there are energy, dissipated"),
         (("--report",), "several runs have folders of their own in DIR of --out DIR"),
         (("--resume", "old"), "none can be resumed"),
@@ -165,12 +159,6 @@ def test_what_a_study_cannot_do(pad, words, message):
     code, said = call("run", str(pad), "--set", "friction=.1,.2", *words)
     assert code == 2
     assert message in " ".join(said.split())
-
-
-def test_results_are_chosen_of_studies_alone(pad):
-    code, said = call("run", str(pad), *SMALL, "--results", "slip")
-    assert code == 2
-    assert "--results: chooses what a study shows" in said
 
 
 def test_files_of_others_are_refused_before_any_run(pad, tmp_path):
@@ -188,20 +176,6 @@ def test_where_all_runs_fail_there_is_no_picture(pad, tmp_path):
     assert code == 2
     assert said.count("must be >= 0") == 2
     assert not (tmp_path / "study" / "study.png").exists()
-
-
-def test_a_parameter_that_is_none_is_refused_before_any_run(pad):
-    code, said = call("run", str(pad), "--set", "fiction=.1,.2")
-    assert code == 2
-    assert "has no parameter 'fiction'" in said
-
-
-@pytest.mark.long
-def test_warnings_of_runs_are_said_once(pad):
-    code, said = call("run", str(pad), "--n", "4", "--steps", "1", "--set", "friction=.1,.2", "--mesh", "triangles")
-    assert code == 0
-    warned = [line for line in said.splitlines() if line.startswith("warning ")]
-    assert len(warned) == len(set(warned))
 
 
 def test_folders_say_the_settings():

@@ -9,7 +9,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from scenes import paper_scene
-from test_cli_supplied import call
 from typer.testing import CliRunner
 
 import vemcvx as vx
@@ -19,7 +18,6 @@ from vemcvx.cli.problem_file import Problem, read_problem
 from vemcvx.cost import study
 
 PAPER = read_problem("feng_han_huang")
-HELD = vx.Elasticity(200.0, 0.3), vx.Clamp(on="left")
 
 
 @pytest.mark.parametrize(
@@ -35,27 +33,9 @@ def test_settings_that_are_no_study_are_refused(settings, says):
         PAPER.studied(settings)
 
 
-@pytest.mark.long
-def test_settings_given_twice_are_refused_by_all_commands():
-    with pytest.raises(ProblemError, match="young is given twice"):
-        PAPER.scene(["young=1", "young=2"])
-    code, said = call("show", "feng_han_huang", "--set", "young=1", "--set", "young=2")
-    assert code == 2
-    assert "young is given twice" in said
-
-
 def test_a_tuple_of_one_is_a_value_where_the_scene_takes_tuples():
     module = SimpleNamespace(scene=lambda axes=(1, 0): axes)
     assert Problem(PAPER.path, module).studied(["axes=1,"]) == [("axes=1,",)]
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("probe", ["1", "1,2,3,4", "a,b"])
-def test_a_probe_that_is_no_point_is_called_so(probe):
-    code, said = call("run", "feng_han_huang", "--n", "2", "--steps", "1", "--probe", probe)
-    assert code == 2
-    assert f"--probe: found '{probe}'; wanted points" in said
-    assert "--out" not in said
 
 
 def test_a_study_says_what_has_failed_warned_or_no_limit_and_of_which_runs():
@@ -89,16 +69,6 @@ def test_a_report_names_the_stage_in_which_it_estimates(tmp_path, monkeypatch):
     for more in ((), ("--report",)):
         assert CliRunner().invoke(app, [*given, *more]).exit_code == 0
     assert stages.count("estimating errors, in finer steps and on a finer mesh") == 1
-
-
-def test_contact_is_told_where_there_is_some_and_slip_where_there_is_friction():
-    pull = vx.Traction((0.0, -1.0), on="top")
-    free, touching = (
-        vx.simulate(vx.Scene(*HELD, pull, *more), vx.meshes.squares(2), [0.0, 1.0], initial="settled").summary()
-        for more in ((), (vx.BilateralContact(on="bottom"),))
-    )
-    assert "contact    " not in free
-    assert "2 nodes touch, without friction in the last step" in touching
 
 
 def test_a_mesh_file_is_several_bodies_where_the_scene_names_their_parts(tmp_path):

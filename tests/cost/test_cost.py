@@ -198,19 +198,6 @@ def test_failures_are_rows(tmp_path, solver, status, words):
 
 @pytest.mark.long
 @pytest.mark.usefixtures("at_home")
-def test_scenes_without_an_estimate_have_a_reference(tmp_path):
-    def viscous(point):
-        made = posed(point)
-        return replace(made, scene=made.scene.with_(vx.Viscosity(10.0, 10.0)))
-
-    found = sweep(viscous, [UNIFORM], tmp_path, workers=1)
-    assert (found.reference["estimated_error"], found.reference["cells"], found.reference["steps"]) == (None, 64, 16)
-    assert found.rows[0]["estimated_error"] is None
-    assert 0 < found.rows[0]["error"] < 0.5
-
-
-@pytest.mark.long
-@pytest.mark.usefixtures("at_home")
 def test_a_reference_that_cannot_be_read_is_no_fault_of_a_point(tmp_path):
     sweep(posed, [UNIFORM], tmp_path, workers=1)
     (tmp_path / "reference.npz").write_bytes(b"damaged")

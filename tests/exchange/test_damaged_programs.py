@@ -8,7 +8,6 @@ import hostile
 import numpy as np
 import pytest
 import scipy.sparse as sp
-from scipy.io import mmwrite
 
 import vemcvx as vx
 from vemcvx.exchange.arrays import read_matrix
@@ -77,41 +76,6 @@ def test_matrices_that_end_in_the_middle_of_a_number(written, name):
     array = name.removeprefix("sound").removeprefix("_").removesuffix(".mtx") or "K"
     for path, says in zip(paths, hostile.read_all(paths, "program"), strict=True):
         assert re.match(rf"{path}: {array}: is (cut short, or no text|no Matrix Market file)", says), (path, says)
-
-
-RNG = np.random.default_rng(0)
-WIDE = RNG.normal(size=(7, 7)) * 10.0 ** RNG.integers(-300, 300, (7, 7))
-SPARSE = np.where(RNG.random((7, 7)) < 0.4, WIDE, 0.0)
-
-
-@pytest.mark.parametrize("form", [np.asarray, sp.coo_matrix])
-@pytest.mark.parametrize(
-    "dense", [SPARSE, SPARSE + SPARSE.T, SPARSE - SPARSE.T, np.triu(SPARSE)[:4], np.arange(9.0)[:, None]]
-)
-def test_matrices_to_the_bit(tmp_path, form, dense):
-    mmwrite(tmp_path / "a.mtx", form(dense), precision=17)
-    found = read_matrix(tmp_path / "a.mtx", "A")
-    assert isinstance(found, np.ndarray) == (form is np.asarray)
-    assert np.array_equal(found if isinstance(found, np.ndarray) else found.toarray(), dense)
-
-
-@pytest.mark.parametrize(
-    ("text", "wanted"),
-    [
-        ("coordinate pattern general\n% of others\n\n2 3 2\n1 3\n2 1\n", [[0, 0, 1], [1, 0, 0]]),
-        ("coordinate pattern symmetric\n2 2 2\n1 1\n2 1\n", [[1, 1], [1, 0]]),
-        ("coordinate integer skew-symmetric\n2 2 1\n2 1 5\n", [[0, -5], [5, 0]]),
-        ("coordinate real general\n2 2 3\n1 1 .5\n\n1 1 2.5E0\n2 2 -1e-3\n", [[3, 0], [0, -0.001]]),
-        ("array integer general\n%\n2 2\n1\n2\n3\n4\n", [[1, 3], [2, 4]]),
-        ("array real symmetric\n2 2\n1\n2\n3\n", [[1, 2], [2, 3]]),
-        ("ARRAY real skew-symmetric\n2 2\n7\n", [[0, -7], [7, 0]]),
-        ("coordinate real general\n2 2 0\n", [[0, 0], [0, 0]]),
-    ],
-)
-def test_matrices_of_others(tmp_path, text, wanted):
-    (tmp_path / "a.mtx").write_text(f"%%MatrixMarket matrix {text}")
-    found = read_matrix(tmp_path / "a.mtx", "A")
-    assert (found if isinstance(found, np.ndarray) else found.toarray()).tolist() == wanted
 
 
 NONE = "A: is no Matrix Market file of a real matrix"
@@ -199,21 +163,3 @@ def test_parts_of_other_kinds_and_shapes(written):
         np.savez(written / "bad.npz", **{**kept, "N": N})
         with pytest.raises(vx.ProgramError, match=says):
             vx.read_program(written / "bad.npz")
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("form", FORMS)
-def test_many_damaged_programs(written, form):
-    rng, names = np.random.default_rng(1), sorted(path.name for path in written.glob(f"sound*.{form}"))
-    for _ in range(10):
-        paths = []
-        for k in range(50):
-            victim = names[k % len(names)]
-            folder = written / f"broken{k}"
-            folder.mkdir(exist_ok=True)
-            for name in names:
-                data = (written / name).read_bytes()
-                damage = hostile.mutated_archive if form == "npz" and k % 2 else hostile.mutated
-                (folder / name).write_bytes(damage(data, rng) if name == victim else data)
-            paths.append(folder / f"sound.{form}")
-        hostile.read_all(paths, "program")

@@ -60,16 +60,6 @@ def test_they_are_drawn_where_there_are_bounds(bounded, tmp_path):
     assert not energy_ledger(free).axes[0].containers
 
 
-@pytest.mark.long
-def test_adaptive_runs_show_the_steps_that_were_looked_at():
-    found = vx.adapt(paper_scene(), vx.meshes.squares(4), [0.0, 0.5, 1.0], 0.4, estimate="bound")
-    low, high = found.history.energy_bounds.T
-    known = np.isfinite(low)
-    assert np.array_equal(np.flatnonzero(known), [0, *found.bound.steps])
-    assert (low[known] <= high[known]).all()
-    assert len(bars(energy_ledger(found.history).axes[0])[1]) == known.sum()
-
-
 def way(x, t):
     return 0.01 * np.sin(2.0 * np.pi * t) + 0.0 * x[:, 0]
 

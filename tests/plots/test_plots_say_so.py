@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import vemcvx as vx
-from vemcvx.base.canvas import new_figure
 from vemcvx.plots import (
     along_contact,
     deformed_mesh,
@@ -78,13 +77,6 @@ def test_a_bar_that_ends_below_the_largest_stress_is_pointed(held):
     assert bar(limits=(0.5 * largest, 2 * largest)).extend == "min"
 
 
-def test_stressed_bodies_are_drawn_like_all_others(opened):
-    figure = new_figure()
-    ax = figure.add_subplot()
-    assert stressed_body(opened, 1, ax=ax, stress="shear") is figure
-    assert "t = 0.5" in ax.get_title()
-
-
 def test_open_contact_has_a_name_in_the_map(opened, held):
     assert "open" in labels(stick_slip_map(opened))
     assert "open" not in labels(stick_slip_map(held))
@@ -114,25 +106,6 @@ def test_slip_that_is_rounding_is_drawn_as_none(held):
     assert all((line.get_ydata() == 0).all() for line in along_contact(noisy, "slip").axes[0].lines)
 
 
-@pytest.mark.long
-def test_legends_of_shared_figures_cover_nothing(opened):
-    figure = new_figure(9.0, 4.0)
-    left, _ = figure.subplots(1, 2)
-    stick_slip_map(opened, ax=left)
-    figure.draw_without_rendering()
-    assert left.get_legend().get_window_extent().y1 <= left.get_window_extent().y0
-
-
 def test_energies_have_a_unit_where_stresses_have_one(opened):
     assert energy_ledger(opened, units=PASCAL).axes[0].get_ylabel() == "energy (Pa m³), per thickness"
     assert "reaction (Pa m²)" in hysteresis_loop(opened, units=PASCAL).axes[0].get_ylabel()
-
-
-@pytest.mark.long
-def test_ticks_of_small_motions_do_not_collide(opened):
-    """Labels of ten thousandths are wide."""
-    small = replace(opened, displacement=0.04 * opened.displacement)
-    figure = hysteresis_loop(small)
-    figure.draw_without_rendering()
-    low, high = (np.array([t.get_window_extent() for t in figure.axes[0].get_xticklabels()])[:, k, 0] for k in (0, 1))
-    assert (low[1:] > high[:-1]).all()

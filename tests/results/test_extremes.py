@@ -83,14 +83,6 @@ def test_the_peak_of_a_cycle_is_not_its_end(history):
 
 
 @pytest.mark.long
-def test_steps_that_are_not_stored_do_not_count():
-    last = cycle(vx.meshes.voronoi(5), store="last")
-    assert {one.time for one in last.extremes} <= set(last.times.tolist())
-    found = {one.name: one.value for one in last.extremes}
-    assert found["largest von Mises stress"] == max(last.von_mises(n).max() for n in last.stored.tolist())
-
-
-@pytest.mark.long
 def test_files_keep_them(plane, tmp_path):
     plane.write(tmp_path)
     told = json.loads((tmp_path / "summary.json").read_text())["extremes"]
@@ -103,18 +95,6 @@ def test_files_keep_them(plane, tmp_path):
     assert told["von_mises"]["unit"] == "force/length²"
     for one, again in zip(plane.extremes, vx.read_history(tmp_path).extremes, strict=True):
         assert (one.name, one.value, one.time, one.step) == (again.name, again.value, again.time, again.step)
-
-
-@pytest.mark.long
-def test_without_contact_there_are_stresses_only():
-    scene = vx.Scene(vx.Elasticity(1.0, 0.3), vx.Clamp(on="left"), vx.Traction((1.0, 0.0), on="right"))
-    history = vx.simulate(scene, vx.meshes.squares(2), [0.0, 1.0], initial="settled")
-    assert [one.name for one in history.extremes] == [
-        "largest displacement",
-        "largest von Mises stress",
-        "largest principal stress",
-        "smallest principal stress",
-    ]
 
 
 @pytest.mark.long

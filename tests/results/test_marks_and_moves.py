@@ -12,7 +12,6 @@ from scenes import paper_scene, small
 
 import vemcvx as vx
 from vemcvx.base.owned_files import LIST
-from vemcvx.results.files import WRITING
 from vemcvx.stepping import Folder
 
 TIMES = np.linspace(0.0, 1.0, 4)
@@ -156,20 +155,3 @@ def test_what_is_read_is_old_or_new_wherever_a_process_dies(tmp_path, monkeypatc
             "history.npz", "history.pvd", "summary.json", "steps.csv", "contact.csv", "thesis.csv",
             *(f"step_{n:04d}.vtu" for n in range(4)),
         }  # fmt: skip
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("first", [True, False], ids=["first", "over another"])
-def test_a_process_that_is_killed_leaves_the_older_history(tmp_path, monkeypatch, first):
-    old = history()
-    if not first:
-        old.write(tmp_path)
-    kept = everything(tmp_path)
-    with monkeypatch.context() as patch:
-        patch.setattr("vemcvx.results.files.summary", lambda *_, **__: os._exit(3))
-        if (child := os.fork()) == 0:
-            history(bound=1.0).write(tmp_path)
-        assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 3
-    assert {path: data for path, data in everything(tmp_path).items() if WRITING not in str(path)} == kept
-    history(bound=1.0).write(tmp_path)
-    assert not (tmp_path / WRITING).exists()

@@ -74,14 +74,6 @@ def test_conic_answers_open_where_ours_do(friction):
     assert np.array_equal(ours.contact.closed, theirs.contact.closed)
 
 
-@pytest.mark.long
-def test_a_gap_that_is_not_reached_stays_open():
-    # The top moves by less than 0.01 towards it.
-    history = lifting(contact=vx.UnilateralContact(gap=1.0, on="bottom"))
-    assert not history.contact.closed.any()
-    assert not history.contact.stick_count.any()
-
-
 def test_a_body_that_arrives_without_a_force_touches():
     """It is stretched along the obstacle, and does not contract: 0.1 + 0.2 meets the gap of 0.3 but for rounding."""
 
@@ -93,11 +85,3 @@ def test_a_body_that_arrives_without_a_force_touches():
     mesh = small("voronoi", 5)
     contact = vx.simulate(scene, mesh, [0.0, 0.05, 0.1], initial=fall(mesh.points, 0.0)).contact
     assert contact.closed_count.tolist() == [0, 0, len(contact.nodes)]
-
-
-def test_without_contact_there_is_nothing_to_count():
-    scene = vx.Scene(vx.Elasticity(200.0, 0.3), vx.Clamp(on="bottom"), vx.Traction([0.0, -1.0], on="top"))
-    contact = vx.simulate(scene, small("squares", 3), TIMES, initial="settled").contact
-    for name in ("stick_count", "slip_count", "open_count", "closed_count"):
-        assert getattr(contact, name).tolist() == [0] * len(TIMES)
-    assert contact.wear.shape == (len(TIMES), 0)

@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from scenes import small
+from scenes import few_families, small
 
 import vemcvx as vx
 from vemcvx.vem import equivalent, principal
@@ -52,6 +52,7 @@ def test_invariants_of_tensors():
     assert equivalent(stress, across) == pytest.approx(norm, rel=ROUNDED)
 
 
+@few_families
 @pytest.mark.parametrize("plane", ["strain", "stress"])
 def test_uniaxial(family, plane):
     pull = 3.0

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scenes import cyclic, paper_load, paper_scene, small
-from stopped import Stopped, stop_at
 
 import vemcvx as vx
 from vemcvx.scene import pose_scene
@@ -85,29 +84,6 @@ def test_steps_that_are_not_stored_wear_too(name):
     assert some.stored.tolist() == [0, 10, 20, 24]
     assert np.array_equal(some.contact.wear, whole.contact.wear[some.stored])
     assert_adds_up(some)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("name", ["tresca", "coulomb"])
-def test_without_condensation(name):
-    scene, mesh = SCENES[name], small("squares", 4)
-    one, full = (vx.simulate(scene, mesh, TIMES, condense=condense) for condense in (True, False))
-    assert_adds_up(full)
-    # Each of 24 steps is known to Newton's accuracy, 1e-8 of the energy norm.
-    assert full.contact.wear == pytest.approx(one.contact.wear, abs=24 * 1e-8 * one.contact.wear.max())
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("store", ["all", 5])
-def test_a_resumed_run_remembers(store, tmp_path):
-    scene, mesh = SCENES["tresca"], small("squares", 4)
-    with pytest.raises(Stopped):
-        vx.simulate(scene, mesh, TIMES, stream=tmp_path, store=store, progress=stop_at(13))
-    resumed = vx.simulate(scene, mesh, TIMES, stream=tmp_path, store=store, resume=True)
-    assert_adds_up(resumed)
-    whole = vx.simulate(scene, mesh, TIMES, store=store)
-    assert resumed.contact.wear == pytest.approx(whole.contact.wear, abs=1e-12 * whole.contact.wear.max())
-    assert np.array_equal(resumed.trajectory.stuck, whole.trajectory.stuck)
 
 
 @pytest.mark.long

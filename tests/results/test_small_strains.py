@@ -65,31 +65,6 @@ def test_some_cells_of_many_are_looked_at(caplog, monkeypatch):
     assert all("a strain of 0.3 at (0.0" in one for one in told)
 
 
-def moved(way):
-    """A block whose bottom is held and whose top is moved by `way`, at rest under that."""
-    supports = vx.Clamp(on="bottom"), vx.PrescribedDisplacement(way, on="top")
-    scene = vx.Scene(vx.Elasticity(1.0, 0.3), *supports)
-    return vx.simulate(scene, vx.meshes.squares(4), [0.0, 1.0], initial="settled")
-
-
-@pytest.mark.parametrize("way", [(0.0, -0.1), (0.2, 0.0)])
-def test_what_is_prescribed_may_strain_too_much(caplog, way):
-    assert said(caplog, lambda: moved((0.02, 0.0))) == []
-    (told,) = said(caplog, lambda: moved(way))
-    # A top that goes down by a tenth, and one that goes aside by a fifth, strain by about a tenth.
-    assert 0.07 < float(re.search(r"a strain of (\S+) at", told).group(1)) < 0.3
-
-
-@pytest.mark.long
-def test_adaptive_runs_warn_once(caplog):
-    scene = vx.Scene(vx.Elasticity(2.0, 0.3), vx.Clamp(on="left"), vx.Traction((2.0, 0.0), on="right"))
-
-    def run():
-        assert len(vx.adapt(scene, vx.meshes.squares(3), [0.0, 1.0], 0.04, initial="settled").passes) > 1
-
-    assert len(said(caplog, run)) == 1
-
-
 def test_a_body_that_is_carried_far_does_not_strain(caplog):
     """It slides on a rigid floor as far as it likes."""
 

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import json
-
 import numpy as np
 import pytest
 
@@ -25,33 +22,6 @@ def history():
 @pytest.fixture(scope="module")
 def folder(history, tmp_path_factory):
     return history.write(tmp_path_factory.mktemp("run") / "history")
-
-
-@pytest.mark.long
-def test_the_folder_has_what_that_of_a_plane_run_has(folder, history):
-    steps = {f"step_{n:04d}.vtu" for n in (0, 2, 4)}
-    files = {"history.pvd", "history.npz", "summary.json", "steps.csv", "contact.csv"}
-    assert {path.name for path in folder.iterdir()} == files | steps
-    summary = json.loads((folder / "summary.json").read_text())
-    assert summary["mesh"]["cells"] == history.mesh.n_cells
-    assert summary["contact"]["slip"] == history.contact.slip_count[-1]
-    back = vx.read_history(folder)
-    assert np.array_equal(back.displacement, history.displacement)
-    assert np.array_equal(back.contact.traction, history.contact.traction)
-
-
-@pytest.mark.long
-def test_tables_have_vectors_of_three_components(folder, history):
-    with (folder / "contact.csv").open(newline="") as file:
-        rows = list(csv.DictReader(file))
-    table = history.table("contact")
-    assert list(rows[0]) == list(table)
-    for name in ("traction_x", "traction_y", "traction_z", "slip_y", "normal_z"):
-        assert np.array_equal([float(row[name]) for row in rows], table[name])
-    assert np.array_equal(table["traction_y"], history.contact.traction[:, :, 1].ravel())
-    pytest.importorskip("pandas")
-    frame = history.to_pandas("contact").set_index(["step", "node"])
-    assert frame.loc[4, "slip_x"].to_numpy() == pytest.approx(history.contact.slip[-1, :, 0])
 
 
 def test_pyvista_opens_the_series(folder, history):

@@ -34,6 +34,7 @@ def test_tables_have_a_column_for_each_axis(history):
     assert history.summary().startswith(f"{history.mesh.n_cells} cells, {history.mesh.n_nodes} nodes")
 
 
+@pytest.mark.long
 def test_programs_have_discs_that_other_solvers_take(history):
     program = history.program(3)
     assert program.operators.block == 2
@@ -58,6 +59,7 @@ def test_friction_against_what_drags_a_block_is_a_reaction_of_the_side_that_drag
     assert on_floor.all()
 
 
+@pytest.mark.long
 def test_runs_in_a_folder_and_resumes(history, tmp_path):
     path = curve()
     vx.simulate(path.scene(), history.mesh, path.times, stream=tmp_path / "run")
@@ -89,7 +91,10 @@ def path_free(history):
     return (*(effect for effect in history.scene if isinstance(effect, vx.Elasticity)), *held)
 
 
-@pytest.fixture(params=SOLIDS)
+USUAL = "voronoi3", "hanging faces"
+
+
+@pytest.fixture(params=[pytest.param(name, marks=[] if name in USUAL else [pytest.mark.slow]) for name in SOLIDS])
 def mesh(request):
     return solid(request.param, 2, BOX)
 
@@ -146,20 +151,3 @@ PLANE_ONLY = {
 def test_what_exists_in_the_plane_only_says_so(history, name):
     with pytest.raises(vx.SceneError, match=f"^{name}: {ONLY}"):
         PLANE_ONLY[name](history)
-
-
-@pytest.mark.long
-def test_pyvista_reads_what_is_written(tmp_path):
-    """Polyhedra of several sizes, in their order, with vectors of friction."""
-    pyvista = pytest.importorskip("pyvista")
-    path, mesh = curve(), solid("voronoi3", 2, BOX)
-    run = vx.simulate(path.scene(), mesh, path.times, store="last")
-    folder = run.write(tmp_path, probes=[[0.5, 0.5, 0.5]])
-    (name,) = pyvista.PVDReader(folder / "history.pvd").datasets
-    grid = pyvista.read(folder / name.path)
-    assert grid.n_cells == mesh.n_cells
-    assert np.abs(grid.compute_cell_sizes().cell_data["Volume"] - mesh.volumes).max() < 1e-6 * mesh.volumes.max()
-    assert np.array_equal(grid.cell_data["stress"], run.stress(-1))
-    assert grid.cell_data["von_mises"] == pytest.approx(run.von_mises(-1))
-    assert np.array_equal(grid.point_data["traction"][run.contact.nodes], run.contact.traction[-1])
-    assert np.array_equal(vx.read_history(folder).displacement, run.displacement)

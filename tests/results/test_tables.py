@@ -111,12 +111,6 @@ def test_frames_of_pandas(history):
     assert slipped.to_dict() == {n: c for n, c in zip(history.stored, history.contact.slip_count, strict=True) if c}
 
 
-def test_without_pandas_it_says_so(history, monkeypatch):
-    monkeypatch.setitem(sys.modules, "pandas", None)
-    with pytest.raises(vx.VemcvxError, match=r"to_pandas needs pandas, .* pip install 'vemcvx\[pandas\]'"):
-        history.to_pandas()
-
-
 @pytest.mark.long
 def test_one_labelled_dataset_has_every_array(history, tmp_path):
     pytest.importorskip("xarray")
@@ -170,10 +164,11 @@ def test_a_quantity_that_is_added_is_one_line(history, tmp_path):
     }
 
 
-def test_without_xarray_it_says_so(history, monkeypatch):
-    monkeypatch.setitem(sys.modules, "xarray", None)
-    with pytest.raises(vx.VemcvxError, match=r"to_xarray needs xarray, .* pip install 'vemcvx\[xarray\]'"):
-        history.to_xarray()
+@pytest.mark.parametrize("name", ["pandas", "xarray"])
+def test_without_an_extra_it_says_so(history, monkeypatch, name):
+    monkeypatch.setitem(sys.modules, name, None)
+    with pytest.raises(vx.VemcvxError, match=rf"to_{name} needs {name}, .* pip install 'vemcvx\[{name}\]'"):
+        getattr(history, f"to_{name}")()
 
 
 def test_tables_that_there_are_not(history):

@@ -61,13 +61,13 @@ HEAVY = {
 
 LINES = {"program": 2_164, "solvers": 1_322, "stepping": 1_755, "linear": 892, "scene": 1_809, "effects": 1_800}
 LINES |= {"exchange": 680, "testing": 971, "cli/collection": 1_146}
-LINES |= {"bound": 3_234, "results": 2_020, "estimate": 2_178, "plots": 1_903}
+LINES |= {"bound": 3_234, "results": 2_016, "estimate": 2_178, "plots": 1_903}
 LINES |= {"cost": 663, "cli": 3_633}
 LINES |= {"meshes": 7_144, "meshes/io": 1_496, "vem": 1_955}
 """Most lines of folders: they grow by decision only, which raises a number here."""
 TOP = 1_597
 """Most lines of the modules at the top and of what all may use, without the canvas, which counts with the plots."""
-TESTS = 28_583
+TESTS = 27_140
 """Most lines of the tests of `LINES`, in the folders of their names."""
 
 LATE = {"vemcvx.meshes.mesh"}

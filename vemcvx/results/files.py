@@ -40,7 +40,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from vemcvx.base.archives import Arrays, read_arrays, record_of
-from vemcvx.base.arrays import Floats, brief, quantities
+from vemcvx.base.arrays import Floats, quantities
 from vemcvx.base.errors import HistoryError, MeshError
 from vemcvx.base.owned_files import Owned, path_of
 from vemcvx.base.version import __version__
@@ -258,8 +258,6 @@ def write_results(
     written, too; `progress` (written, stored) hears of every step. HistoryError where the folder cannot be written to,
     somebody else is writing there, or it holds other files of these names; SceneError for a probe outside the body.
     """
-    if not isinstance(history, Results):
-        raise HistoryError(f"write: found {brief(history)}; wanted a History, such as simulate(...) returns.")
     strange = np.argwhere(~np.isfinite(history.displacement))
     if len(strange):
         row, node, _ = strange[0]

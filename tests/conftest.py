@@ -34,8 +34,7 @@ LONGER = {
     "exchange": "damaged_programs",
     "linear": "linear",
     "meshes": (
-        "bodies mesh_families mesh_foreign_files mesh_objects mesh_refine polyhedral_refine "
-        "polyhedral_validity"
+        "bodies mesh_families mesh_foreign_files mesh_objects mesh_refine polyhedral_refine polyhedral_validity"
     ),
     "plots": "animation plots plots_in_space",
     "problems": (

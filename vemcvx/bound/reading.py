@@ -351,14 +351,17 @@ class Reader:
             found += POINCARE * edges.sizes**2 / edges.shear * within
         return found
 
-    def between_nodes(self, now: Instant) -> Floats:
-        """Return the energies (b,) of gaps and motions of the ground that are not linear between nodes."""
+    def between_nodes(self, now: Instant, compliant: bool = False) -> Floats:
+        """Return the energies (b,) of gaps and motions of the ground that are not linear between nodes.
+
+        With `compliant` also those of compliant obstacles whose gaps are linear: what they bear there is not.
+        """
         squares = np.zeros(len(self.edges.outer))
         for friction in (one for one in self.frictions if one.ground is not None):
             assert friction.ground is not None
             at, moved, line = self.fine.read(friction, friction.ground.vector(now.t))
             squares += self.of_motion(at, moved - line)
-        return squares + np.sum([self._of_obstacle(obstacle, now) for obstacle in self.obstacles], axis=0)
+        return squares + np.sum([self._of_obstacle(one, now, compliant) for one in self.obstacles], axis=0)
 
     def of_motion(self, at: Ints, apart: Floats) -> Floats:
         """Return 2 mu |d|_e |d'|_e of displacements (k, 2) at new nodes, zero at all others."""
@@ -382,12 +385,14 @@ class Reader:
         found[joints.first] += found[joints.second]
         return found
 
-    def _of_obstacle(self, obstacle: Obstacle, now: Instant) -> Floats:
+    def _of_obstacle(self, obstacle: Obstacle, now: Instant, compliant: bool) -> Floats:
         """Return what obstacles add between nodes, rigid or compliant ones."""
         edges, soft = self.edges, obstacle.compliance > 0
         stiffness = np.divide(1.0, obstacle.compliance * obstacle.lengths, out=np.zeros(len(soft)), where=soft)
         at, values, line = self.fine.read(obstacle, np.column_stack([obstacle.gap(now.t), stiffness]))
-        if np.array_equal(values, line) and not (soft.any() and np.ptp(values, axis=0).any()):
+        # What a constant gap and stiffness bear is what nodes say.
+        bears = compliant and soft.any() and bool(np.any(values != line) or np.ptp(values, axis=0).any())
+        if np.array_equal(values[:, 0], line[:, 0]) and not bears:
             return np.zeros(len(edges.outer))
         cosines = np.einsum("bd,bsd->bs", edges.units, edges.jumps(now.u))
         (gap, k), (nodal, _), outward = values.T, line.T, self.fine.between(cosines, at)

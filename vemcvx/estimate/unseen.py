@@ -49,7 +49,7 @@ class Unseen:
             )
             # Of what is constant in a cell a part bends it, too, besides moving the body.
             in_cells = in_cells + body[reader.inside.owner]
-        force, on_edges = edges.lengths[:, None] * traction, reader.between_nodes(now)
+        force, on_edges = edges.lengths[:, None] * traction, reader.between_nodes(now, compliant=True)
         for friction in (one for one in reader.frictions if one.law is None):
             squares, lacking = self._bound(friction, now)
             on_edges, force = on_edges + squares, force + lacking

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import sys
-
 import numpy as np
 import pytest
 from scenes import paper_scene, small
@@ -63,19 +61,6 @@ def test_one_buffer_for_all_instants_of_a_scene():
     np.testing.assert_array_equal(same.work, fresh.work)
 
 
-def test_matrices_are_copied():
-    import scipy.sparse as sp
-
-    given = sp.csr_matrix(K)
-    system = vx.System(given, load)
-    given.data[:] = 0.0
-    assert np.array_equal(system.K.toarray(), K)
-    # What nobody may write to need not be.
-    fixed = sp.csr_matrix(K)
-    fixed.data.flags.writeable = False
-    assert np.shares_memory(vx.System(fixed, load).K.data, fixed.data)
-
-
 def spoil(x, t=0.0):
     x -= 0.5
     return x
@@ -109,31 +94,3 @@ FLOOR = vx.Limits(np.eye(2), 0.1)
 def spoil_law(t, p, past, slip):
     p += 1.0
     return p
-
-
-@pytest.mark.parametrize("ending", [lambda *_: sys.exit(0), lambda *_: [].pop(), lambda *_: np.empty(10**15)])
-def test_functions_that_end_the_process_fail_like_others(ending):
-    with pytest.raises(vx.SceneError, match=r"^System: load: its function failed when called as f\(t\) with t = 0: "):
-        vx.march(vx.System(K, ending), TIMES)
-    with pytest.raises(vx.SceneError, match=r"^BodyForce: its function failed when called as f\(x, t\)"):
-        vx.simulate(
-            vx.Scene(vx.Elasticity(1.0, 0.3), vx.Clamp("right"), vx.BodyForce(ending)), small("squares", 2), TIMES
-        )
-
-
-GAINS = {
-    "minus one": [[-1.0, 0.0], [0.0, 1.0]],
-    "indefinite": [[1.0, 2.0], [2.0, 1.0]],
-    "no diagonal": [[0, 1], [1, 0]],
-}
-
-
-@pytest.mark.parametrize("C", GAINS.values(), ids=GAINS)
-def test_damping_that_gains_energy_is_refused(C):
-    with pytest.raises(vx.SceneError, match="^Damping: C: .*not positive semidefinite"):
-        vx.Damping(C)
-
-
-@pytest.mark.parametrize("C", [np.eye(2), np.ones((2, 2)), np.diag([1.0, 0.0]), np.zeros((2, 2))], ids=str)
-def test_semidefinite_damping_is_taken(C):
-    assert vx.march(vx.System(K, load, damping=vx.Damping(C)), TIMES).certificate.max() < 1e-8

@@ -14,7 +14,6 @@ from typer.testing import CliRunner
 
 import vemcvx as vx
 from vemcvx.cli import app
-from vemcvx.scene.pose import pose_scene
 from vemcvx.solvers import conic
 
 ROOT = Path(vx.__file__).parent
@@ -49,28 +48,6 @@ def in_values(number, powers=(1,)):
         return hasattr(x, "data") and hasattr(x, "indptr") and has(x.data)
 
     return has
-
-
-def in_columns(numbers):
-    """Whether these whole numbers, in this order, are part of a column of an array."""
-
-    def has(x):
-        if isinstance(x, (dict, tuple)):
-            return any(map(has, x.values() if isinstance(x, dict) else x))
-        if not isinstance(x, np.ndarray) or x.ndim == 0 or x.size == 0 or x.dtype.kind != "i":
-            return False
-        columns = x.reshape(len(x), -1)
-        starts = range(len(x) - len(numbers) + 1)
-        return any((columns[k : k + len(numbers)] == numbers[:, None]).all(axis=0).any() for k in starts)
-
-    return has
-
-
-def counted(seen, end):
-    """How many files these functions are in, checks aside, as far as `end`; and how often one returns to a file."""
-    files = [file for file, _ in (seen[: seen.index(end) + 1] if end else seen) if file not in CHECKS]
-    stays = [file for file, before in zip(files, [None, *files], strict=False) if file != before]
-    return len(set(stays)), len(stays) - len(set(stays))
 
 
 def traced(run, has=None, since=None):
@@ -140,35 +117,6 @@ def displacement_to_file(folder):
     return traced(lambda: simulated(given).write(folder), in_values(largest), since="StepProgram.rounding_floor")
 
 
-def coefficient_to_certificate(folder):
-    pressed = vx.Scene(
-        vx.Elasticity(200.0, 0.3),
-        vx.PrescribedDisplacement(lambda x, t: (0.02 * t, -0.01 * t), on="top"),
-        vx.UnilateralContact(on="bottom"),
-        vx.CoulombFriction(NUMBER / 8, on="bottom"),
-    )
-    system = pose_scene(pressed, vx.meshes.squares(4)).system
-    return traced(lambda: vx.march(system, [0.0, 0.5], initial="settled"), since=STEP)
-
-
-def pair_to_files(folder):
-    """The nodes of the upper body are numbered at random: its part of the interface is a sequence of its own."""
-    square, order = vx.meshes.squares(4, box=((0, 1), (1, 2))), np.random.default_rng(0).permutation(25)
-    upper = vx.PolygonMesh(square.points[order], [np.argsort(order)[cell] for cell in square.cells])
-    upper = upper.with_boundary("top", lambda x: x[:, 1] > 1.999).with_boundary("foot", lambda x: x[:, 1] < 1.001)
-    joined = vx.meshes.bodies({"lower": vx.meshes.squares(4), "upper": upper})
-    given = vx.Scene(
-        vx.Elasticity(200.0, 0.3),
-        vx.Clamp(on="lower.bottom"),
-        vx.Traction((0.1, -0.4), on="upper.top"),
-        vx.UnilateralContact(on="lower|upper"),
-        vx.TrescaFriction(2.0, on="lower|upper", while_closed=False),
-    )
-    history = vx.simulate(given, joined, [0.0, 0.5], initial="settled")
-    partners = in_columns(history.contact.partners)
-    return traced(lambda: vx.simulate(given, joined, [0.0, 0.5], initial="settled").write(folder), partners)
-
-
 RECORD = "effects/effect.py"
 """It holds functions and matrices, and does nothing with them."""
 WALKS = {
@@ -192,16 +140,6 @@ WALKS = {
 """What is traced, and the files beside the way: they use the number, or give it back to who called them."""
 
 
-LENGTHS = {
-    bound_to_cone: (("program/step_program.py", "to_cvxpy"), 7, 4),
-    bound_to_newton: (("solvers/law.py", "GivenWeights.at"), 8, 3),
-    young_to_stiffness: (("program/system.py", "System.__post_init__"), 6, 5),
-    accuracy_to_step: (("stepping/backward_euler.py", "PosedStep._answered"), 8, 5),
-    displacement_to_file: (("meshes/io/vtk.py", "write_cells"), 16, 11),
-    coefficient_to_certificate: (None, 4, 2),
-    pair_to_files: (("results/files.py", "write_archive"), 9, 8),
-}
-"""How many files a number stands in on its way to where it is used up, and how often one returns to a file on it."""
 ENTERED = 46
 """Files of which the README's example calls functions: where PARDISO factorises, and with SuperLU alone."""
 
@@ -225,15 +163,6 @@ def test_a_walk_is_short_and_as_it_is_told(title, tmp_path):
             assert file in before
             assert any(f"{where}.".startswith(f"{name}.") for at, where in seen if at == file), f"{name}: not there"
     assert set(before) - set(hops) - CHECKS <= set(beside.split())
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("trace", LENGTHS)
-def test_walks_do_not_grow(trace, tmp_path):
-    end, files, returns = LENGTHS[trace]
-    found = counted(trace(tmp_path), end)
-    assert found[0] <= files, "files"
-    assert found[1] <= returns, "returns to files that were left"
 
 
 @pytest.mark.long

@@ -24,7 +24,7 @@ gc.disable()
 
 LONGER = {
     "bound": "error_bound",
-    "cli": "cli cli_app cli_compare cli_completion cli_ends cli_report cli_said cli_space cli_supplied",
+    "cli": "cli cli_compare cli_completion cli_ends cli_report cli_said cli_space cli_supplied",
     "cost": "cost cost_interrupted",
     "effects": "absence closed_forms conformance_effects",
     "estimate": (
@@ -52,6 +52,7 @@ LONGER = {
         "coulomb_certificate ledger moving_ground programs pulses resume "
         "slip_laws soft_limits threads_and_processes viscosity"
     ),
+    "unit": "cli_app",
     "vem": "space_stiffness stabilisation_spectrum",
     "whole": "any_scene contributing independent_bodies independent_programs properties site structure wrong_kinds",
 }

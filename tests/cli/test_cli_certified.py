@@ -7,7 +7,7 @@ import re
 
 import numpy as np
 import pytest
-from test_cli_supplied import call
+from called import call
 
 import vemcvx as vx
 

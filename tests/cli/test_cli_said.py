@@ -5,7 +5,7 @@ from __future__ import annotations
 from types import SimpleNamespace
 
 import pytest
-from test_cli_supplied import call
+from called import call
 
 from vemcvx.cli import terminal
 

@@ -12,17 +12,12 @@ import zipfile
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
+from called import call
 
 import gallery
-from vemcvx.cli import app, supplied
+from vemcvx.cli import supplied
 
 ROOT = Path(__file__).parents[2]
-
-
-def call(*words):
-    done = CliRunner().invoke(app, words)
-    return done.exit_code, done.output
 
 
 @pytest.fixture(autouse=True)

@@ -6,8 +6,8 @@ import logging
 
 import numpy as np
 import pytest
+from called import call
 from scenes import paper_scene
-from test_cli_supplied import call
 
 import vemcvx as vx
 from vemcvx.cli import live_page

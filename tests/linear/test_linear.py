@@ -3,13 +3,12 @@
 import os
 import subprocess
 import sys
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib.util import find_spec
 
 import numpy as np
 import pytest
 import scipy.sparse as sp
-from blocks_in_space import block, on_floor
 from installed import needs
 from scenes import paper_scene, small
 
@@ -91,37 +90,6 @@ def test_the_choice_is_by_size_and_can_be_overridden(caplog):
         chosen = choose_linear(3_000_000)
     assert "3000000 unknowns" in caplog.text
     assert chosen == (Iterative() if find_spec("pyamg") else direct)
-
-
-@pytest.mark.parametrize("installed", [True, False])
-def test_in_space_factors_are_fuller(monkeypatch, installed):
-    monkeypatch.setattr(Pardiso, "installed", staticmethod(lambda: installed))
-    direct = Pardiso() if installed else SuperLU()
-    able = Iterative() if find_spec("pyamg") else direct
-    assert choose_linear(66_825, modes=6) == direct
-    assert choose_linear(2_000_000, modes=6) == able
-    assert choose_linear(260_000, modes=6) == (direct if installed else able)
-    assert choose_linear(2_000_000, modes=3) == direct
-    monkeypatch.setattr(SuperLU, "largest_in_space", 1)
-    system = on_floor(block(2), lambda t: np.zeros(3))
-    assert system.linear() == (Iterative() if find_spec("pyamg") else SuperLU())
-    assert replace(system, near_kernel=None).linear() == SuperLU()
-
-
-@needs("pyamg")
-def test_a_run_says_once_what_it_chose(monkeypatch, caplog):
-    monkeypatch.setattr("vemcvx.linear.default.LARGEST_FACTOR", 10)
-    scene = vx.Scene(*paper_scene(), vx.Viscosity(0.1, 0.1))
-    with caplog.at_level("INFO", logger="vemcvx"):
-        vx.simulate(scene, small("squares", 6), [0.0, 0.1, 0.3])
-    assert caplog.text.count("linear solver: Iterative") == 1
-
-
-def test_what_is_not_installed_is_not_chosen(monkeypatch):
-    monkeypatch.setattr(vx.linear.pardiso, "PACKAGE", "not_there_at_all")
-    assert choose_linear(1_000_000) == SuperLU()
-    with pytest.raises(vx.NotAccepted, match=r"^Pardiso: the package py-mkl-pardiso .* not installed; pip .*SuperLU"):
-        vx.Pardiso().factorise(sp.eye_array(3, format="csr"))
 
 
 @dataclass(frozen=True)

@@ -51,20 +51,6 @@ def test_young_in_other_units_than_loads(caplog, mesh):
     assert 0.5 < float(found.group(1)) < 2.0
 
 
-@pytest.mark.long
-def test_some_cells_of_many_are_looked_at(caplog, monkeypatch):
-    """Two columns of soft cells are a sixteenth of the body: every sixteenth cell shows them."""
-    mesh = vx.meshes.squares(32)
-    soft = np.where(np.arange(mesh.n_cells) % 32 < 2, 1.0, 1e3)  # Cells are numbered along the rows.
-    scene = vx.Scene(vx.Elasticity(soft, 0.0), vx.Clamp(on="left"), vx.Traction((0.3, 0.0), on="right"))
-    told = []
-    for some in (64, 4096):
-        monkeypatch.setattr("vemcvx.results.results.SOME", some)
-        told += said(caplog, lambda: vx.simulate(scene, mesh, [0.0, 1.0], initial="settled"))
-    assert len(told) == 2
-    assert all("a strain of 0.3 at (0.0" in one for one in told)
-
-
 def test_a_body_that_is_carried_far_does_not_strain(caplog):
     """It slides on a rigid floor as far as it likes."""
 

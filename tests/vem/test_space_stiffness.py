@@ -42,14 +42,6 @@ def test_symmetric_to_the_bit_with_the_six_rigid_modes(mesh):
     assert np.abs(K @ rigid_modes(mesh.points)).max() < floor
 
 
-def test_rows_made_a_few_at_a_time_have_the_bits_of_all(monkeypatch):
-    space, ones = Space(vx.meshes.cubes(6)), np.ones(6**3)
-    whole = stiffness(space, ones, ones)
-    monkeypatch.setattr("vemcvx.vem.elasticity.SOME", 50)
-    some = stiffness(space, ones, ones)
-    assert all(np.array_equal(getattr(whole, part), getattr(some, part)) for part in ("data", "indices", "indptr"))
-
-
 def test_a_linear_field_with_jumping_moduli_has_the_forces_of_its_stresses(mesh):
     """K p = sum over cells of |K| sigma : eps(Pi v), which the strains and the virtual work of stresses give, too."""
     space, (lam, mu) = Space(mesh), moduli(mesh)

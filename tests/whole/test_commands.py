@@ -87,7 +87,7 @@ HOW = {
     "vemcvx run feng_han_huang": As(),
     "vemcvx lesson [N]": As("vemcvx lesson"),
     "vemcvx app [FILE]": Not("it is `vemcvx app`"),
-    "vemcvx app": Not("it serves a page until somebody ends it; tests/cli/test_cli_app.py opens it in a browser"),
+    "vemcvx app": Not("it serves a page until somebody ends it; tests/unit/test_cli_app.py opens it in a browser"),
     "vemcvx doctor": As(),
     "vemcvx show": Not("it names the command, which is run with a file"),
     "vemcvx cost": Not("it names the command, which is run with a file"),

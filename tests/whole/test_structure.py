@@ -201,6 +201,41 @@ def test_tests_of_these_folders_keep_their_lines():
     assert sum(len(path.read_text().splitlines()) for path in paths) <= TESTS
 
 
+def uses_internals(path):
+    """Whether a file of tests imports names with an underscore, or replaces something in a module of ours."""
+    found = [node for node in nodes(path, ast.ImportFrom) if (node.module or "").split(".")[0] == "vemcvx"]
+    ours = {alias.asname or alias.name for node in found for alias in node.names} | {"vx"}
+    for node in nodes(path, ast.Call):
+        if ast.unparse(node.func).endswith("monkeypatch.setattr"):
+            place = ast.unparse(node.args[0])
+            if place.startswith("'vemcvx") or re.split(r"\W", place.removeprefix("type("))[0] in ours:
+                return True
+    return any(alias.name.startswith("_") for node in found for alias in node.names)
+
+
+INTERNALS = {
+    "cli/test_cli.py",
+    "cli/test_cli_collection.py",
+    "cli/test_cli_report.py",
+    "cli/test_cli_said.py",
+    "cli/test_cli_space.py",
+    "cli/test_cli_supplied.py",
+    "cli/test_cli_typed.py",
+    "cost/test_cost.py",
+    "effects/test_absence.py",
+    "estimate/test_error_budget_in_space.py",
+    "plots/test_animation.py",
+    "results/test_foreign_files.py",
+}
+"""Files outside `tests/unit` that use internals yet: none is to be added."""
+
+
+def test_tests_of_internals_stand_in_their_folder():
+    tests = Path(__file__).parents[1]
+    found = {str(path.relative_to(tests)) for path in tests.rglob("test_*.py") if path.parent.name != "unit"}
+    assert {name for name in found if uses_internals(tests / name)} == INTERNALS
+
+
 def test_names_of_functions_hide_no_modules():
     for name, path in modules().items():
         # A picture is a file with one function of its name.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from test_cli_supplied import call
+from called import call
 
 import vemcvx as vx
 from vemcvx.cli import doctor

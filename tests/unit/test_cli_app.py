@@ -14,10 +14,10 @@ from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
+from called import call
 from installed import needs
 from pages import words_drawn
 from pages_seen import browser_of
-from test_cli_supplied import call
 
 import vemcvx as vx
 from vemcvx.cli import live_page

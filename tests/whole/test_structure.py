@@ -233,7 +233,7 @@ INTERNALS = {
 def test_tests_of_internals_stand_in_their_folder():
     tests = Path(__file__).parents[1]
     found = {str(path.relative_to(tests)) for path in tests.rglob("test_*.py") if path.parent.name != "unit"}
-    assert {name for name in found if uses_internals(tests / name)} == INTERNALS
+    assert {name for name in found if uses_internals(tests / name)} <= INTERNALS
 
 
 def test_names_of_functions_hide_no_modules():

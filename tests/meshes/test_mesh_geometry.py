@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import vemcvx as vx
-from vemcvx.meshes import FAMILIES, PolygonMesh, polygons
+from vemcvx.meshes import FAMILIES, PolygonMesh
 
 SHAPES = {
     # vertices, area, centroid, diameter
@@ -19,26 +19,22 @@ SHAPES = {
 
 
 @pytest.mark.parametrize("offset", [0.0, 1e6, -3e8])
-@pytest.mark.parametrize("name", SHAPES)
-def test_closed_forms(name, offset):
-    corners, area, centroid, diameter = SHAPES[name]
-    shift = np.array([offset, 2 * offset])
-    points = np.array(corners, dtype=float) + shift
-    mesh = PolygonMesh(points, [range(len(points))])
-    # Shifts by whole numbers are exact, so nothing of the area may be lost; centroids are rounded once more.
-    assert mesh.areas[0] == pytest.approx(area, rel=1e-15)
-    np.testing.assert_allclose(mesh.centroids[0], np.array(centroid) + shift, rtol=4e-16, atol=4e-16)
-    assert mesh.diameters[0] == mesh.h == pytest.approx(diameter, rel=1e-15)
-
-
-@pytest.mark.parametrize("sides", [5, 6, 9, 40])
-def test_regular_polygons(sides):
-    angle = 2 * np.pi * np.arange(sides) / sides
-    mesh = PolygonMesh(np.column_stack([np.cos(angle), np.sin(angle)]), [range(sides)])
-    assert mesh.areas[0] == pytest.approx(sides / 2 * np.sin(2 * np.pi / sides), rel=1e-14)
-    np.testing.assert_allclose(mesh.centroids[0], 0.0, atol=1e-15)
-    # The longest diagonal: across, or to one of the two vertices opposite.
-    assert mesh.h == pytest.approx(2 * np.cos(np.pi / (2 * sides)) if sides % 2 else 2.0, rel=1e-15)
+def test_closed_forms(offset):
+    for corners, area, centroid, diameter in SHAPES.values():
+        shift = np.array([offset, 2 * offset])
+        points = np.array(corners, dtype=float) + shift
+        mesh = PolygonMesh(points, [range(len(points))])
+        # Shifts by whole numbers are exact, so nothing of the area may be lost; centroids are rounded once more.
+        assert mesh.areas[0] == pytest.approx(area, rel=1e-15)
+        np.testing.assert_allclose(mesh.centroids[0], np.array(centroid) + shift, rtol=4e-16, atol=4e-16)
+        assert mesh.diameters[0] == mesh.h == pytest.approx(diameter, rel=1e-15)
+    for sides in (5, 6, 9, 40):
+        angle = 2 * np.pi * np.arange(sides) / sides
+        mesh = PolygonMesh(np.column_stack([np.cos(angle), np.sin(angle)]), [range(sides)])
+        assert mesh.areas[0] == pytest.approx(sides / 2 * np.sin(2 * np.pi / sides), rel=1e-14)
+        np.testing.assert_allclose(mesh.centroids[0], 0.0, atol=1e-15)
+        # The longest diagonal: across, or to one of the two vertices opposite.
+        assert mesh.h == pytest.approx(2 * np.cos(np.pi / (2 * sides)) if sides % 2 else 2.0, rel=1e-15)
 
 
 def test_diameters_are_the_largest_distances():
@@ -70,18 +66,3 @@ def test_boundary_edges_run_counter_clockwise_and_sum_to_nothing():
     # Gauss: the flux of (x, y) through the boundary is twice the area.
     assert np.einsum("ij,ij->", 0.5 * (start + end), normals) == pytest.approx(2.0, rel=1e-14)
     assert np.array_equal(np.sort(edges[:, 0]), np.sort(edges[:, 1]))
-
-
-def test_shared_edges_count_cells():
-    mesh = vx.meshes.squares(3)
-    shared = mesh.shared_edges
-    assert np.bincount(shared.counts).tolist() == [0, 12, 12]
-    assert sorted(shared.corners.tolist()) == list(range(36))
-    assert mesh.neighbours.tolist()[:3] == [[0, 1], [1, 2], [0, 3]]
-
-
-def test_corners_before_and_after():
-    offsets = np.array([0, 3, 7])
-    assert polygons.next_corner(offsets).tolist() == [1, 2, 0, 4, 5, 6, 3]
-    assert polygons.previous_corner(offsets).tolist() == [2, 0, 1, 6, 3, 4, 5]
-    assert polygons.cell_of_corner(offsets).tolist() == [0, 0, 0, 1, 1, 1, 1]

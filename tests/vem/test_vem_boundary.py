@@ -54,24 +54,16 @@ def test_corner_has_a_row_for_each_side():
     assert rows.lengths[at] == pytest.approx([0.125, 0.125], rel=1e-15)
     assert len(rows.nodes) == 10
     assert np.all(np.diff(rows.nodes) >= 0)
-
-
-def test_tangents_have_the_body_on_their_left():
-    rows = space_of().part(["bottom", "right"], "test").node_normals
     for normal, tangent in zip(rows.normals, rows.tangents, strict=True):
-        assert tuple(tangent) == ((1.0, 0.0) if normal[1] == -1 else (0.0, 1.0))
+        assert tuple(tangent) == ((0.0, -1.0) if normal[0] == -1 else (1.0, 0.0))  # the body on the left
 
 
-def test_overlapping_names_count_edges_once():
+def test_overlapping_names_count_edges_once_in_any_order():
     mesh = vx.meshes.FAMILIES["squares"](4).with_boundary("low", lambda x: x[:, 1] < 0.5)
     space = Space(mesh)
     part = space.part(["bottom", "low", "bottom"], "test")
     assert part.measures.sum() == pytest.approx(2.0, rel=1e-15)
     assert np.array_equal(part.sides, space.part("low", "test").sides)
-
-
-def test_order_of_names_does_not_matter():
-    space = space_of()
     assert np.array_equal(space.part(("left", "top"), "test").sides, space.part(["top", "left"], "test").sides)
 
 
@@ -166,45 +158,21 @@ def test_node_where_two_cells_touch_by_a_corner():
     assert np.array_equal(rows.lengths, np.full(8, 0.5))
 
 
-def test_unknown_name_says_what_exists():
-    with pytest.raises(
-        vx.SceneError,
-        match=r"Clamp: there is no boundary named 'lft'; this mesh has 'left', .*add one with mesh\.with_boundary",
+def test_names_that_are_none_are_refused():
+    empty = SimpleNamespace(boundaries={"gap": np.zeros((0, 2), dtype=np.int64)}, PARTS="edges")
+    for space, on, subject in (
+        (space_of(), ["left", "lft"], "Clamp: there is no boundary named 'lft'; this mesh has 'left', "),
+        *((space_of(), on, "Clamp: there is no boundary named") for on in (3, None, [7], [["left"]])),
+        (space_of(), [], "Clamp: on= names no boundary; this mesh has 'left'"),
+        (Space(empty), "gap", "Clamp: the boundary 'gap' of this mesh has no edges"),
     ):
-        space_of().part(["left", "lft"], "Clamp")
-
-
-@pytest.mark.parametrize("on", [3, None, [7], [["left"]]], ids=str)
-def test_what_is_no_name_is_refused(on):
-    with pytest.raises(vx.SceneError, match="Clamp: there is no boundary named"):
-        space_of().part(on, "Clamp")
-
-
-def test_no_name_at_all_is_refused():
-    with pytest.raises(vx.SceneError, match="Clamp: on= names no boundary; this mesh has 'left'"):
-        space_of().part([], "Clamp")
-
-
-def test_boundary_without_edges_is_refused():
-    mesh = SimpleNamespace(boundaries={"gap": np.zeros((0, 2), dtype=np.int64)}, PARTS="edges")
-    with pytest.raises(vx.SceneError, match="TrescaFriction: the boundary 'gap' of this mesh has no edges"):
-        Space(mesh).part("gap", "TrescaFriction")
+        with pytest.raises(vx.SceneError, match=subject):
+            space.part(on, "Clamp")
 
 
 def test_arrays_are_read_only():
     space = space_of()
     part = space.part("left", "test")
     rows = part.node_normals
-    for array in (
-        part.sides,
-        part.measures,
-        part.normals,
-        part.nodes,
-        rows.nodes,
-        rows.normals,
-        rows.lengths,
-        space.groups[0].nodes,
-        space.groups[0].cells,
-    ):
-        with pytest.raises(ValueError, match="read-only"):
-            array[0] = 0
+    arrays = [part.sides, part.measures, part.normals, part.nodes, rows.nodes, rows.normals, rows.lengths]
+    assert not any(array.flags.writeable for array in (*arrays, space.groups[0].nodes, space.groups[0].cells))

@@ -129,18 +129,6 @@ def test_patch_on_hard_cells(make, stabilisation):
     assert same(K, K.T.tocsr())
 
 
-def test_patch_with_hanging_nodes():
-    """Some vertices are straight: the angle between the edges they join is zero."""
-    mesh = mesh_of("hanging")
-    straight = 0
-    for cell in mesh.cells:
-        x = mesh.points[cell]
-        into, out = x - np.roll(x, 1, axis=0), np.roll(x, -1, axis=0) - x
-        straight += np.sum(np.abs(into[:, 0] * out[:, 1] - into[:, 1] * out[:, 0]) < 1e-14)
-    assert straight > 0
-    assert patch_error(mesh, "shear") < 1e-11
-
-
 def test_triangles_are_linear_finite_elements():
     mesh = mesh_of("triangles", 5)
     lam, mu = moduli(mesh)
@@ -153,12 +141,6 @@ def test_triangles_are_linear_finite_elements():
     K = matrix(mesh, "shear", lam, mu)
     assert largest(K - expected) < 1e-12 * largest(K)
     assert same(K, matrix(mesh, "unit", lam, mu))  # nothing to stabilise
-
-
-def test_stabilisation_matters_beyond_triangles(family):
-    mesh = mesh_of(family)
-    differ = largest(matrix(mesh, "shear") - matrix(mesh, "unit")) > 1e-3
-    assert differ == (np.diff(mesh.offsets).max() > 3)
 
 
 def literal(mesh, lam, mu, tau):
@@ -236,12 +218,10 @@ def test_numbering_does_not_matter(family):
     assert largest(other[unknowns][:, unknowns] - K) < 1e-13 * largest(K)
 
 
-@pytest.mark.parametrize("power", [-40, 30])
-def test_units_change_no_bit(family, power):
-    mesh = mesh_of(family)
+def test_units_change_no_bit(family):
+    mesh, factor = mesh_of(family), 2.0**-40
     lam, mu = moduli(mesh)
     K = matrix(mesh, "shear", lam, mu)
-    factor = 2.0**power
     assert same(K, matrix(moved(mesh, mesh.points * factor), "shear", lam, mu))
     assert same(K * factor, matrix(mesh, "shear", lam * factor, mu * factor))
 
@@ -254,22 +234,9 @@ def test_incompressible_limit_leaves_the_stabilisation_alone():
     assert np.linalg.matrix_rank(volumetric.toarray(), tol=1.0) == mesh.n_cells
 
 
-def test_unknown_stabilisation_is_refused():
-    with pytest.raises(vx.SceneError, match="found stabilisation 'trace'; there are 'shear' and 'unit'"):
-        matrix(mesh_of("squares", 2), "trace")
-
-
 @pytest.mark.parametrize("stiffer", [0, 1], ids=["one material", "two"])
 @pytest.mark.parametrize(
-    ("family", "n", "most"),
-    [
-        ("squares", 4, 1),
-        ("squares", 20, 50),
-        ("triangles", 8, 4),
-        ("hexagons", 12, 100),
-        ("cubes", 4, 1),
-        ("tetrahedra", 4, 30),
-    ],
+    ("family", "n", "most"), [("squares", 4, 1), ("triangles", 8, 4), ("hexagons", 12, 100), ("tetrahedra", 4, 30)]
 )
 def test_translates_of_equal_moduli_share_their_local_matrix(family, n, most, stiffer):
     """To the last bit as if each had its own; corners are exact where widths are powers of two, rounded elsewhere."""

@@ -30,9 +30,10 @@ def read(path: str | Path, bodies: str | None = None, *, tolerance: float | None
     quad8, quad9, tetra10, hexahedron20, hexahedron27 ...) are read by their corners, with straight edges.
 
     Named boundaries are those that `write` of a mesh wrote, the physical groups of lines (in space, of surfaces) of a
-    Gmsh file, or the node sets and surfaces of an Abaqus file. Cell data come along; a physical group or element set is
-    a cell datum of its name, 1 in the group and 0 outside. A group without a name is called by its number. Node and
-    cell order are the file's; of plane meshes, a constant third coordinate is dropped.
+    Gmsh file, the node sets and surfaces of an Abaqus file, or what has a property of a Nastran file. Cell data come
+    along; a physical group or element set is a cell datum of its name, 1 in the group and 0 outside. A group without a
+    name is called by its number. Node and cell order are the file's; of plane meshes, a constant third coordinate is
+    dropped.
 
     If the file names no part of the boundary, what lies where x, y or z is least or greatest is called as families of
     meshes call it ("left", "right", "bottom" and "top" in the plane): a `MeshWarning` says which there are.
@@ -43,9 +44,10 @@ def read(path: str | Path, bodies: str | None = None, *, tolerance: float | None
         The file; its suffix tells the format. `meshio convert a.xyz a.vtu` converts files of other formats.
     bodies : "physical", optional
         Make a body of every physical group of cells of a Gmsh file, of every instance or part of an Abaqus file (if it
-        has none, of every element set), as :func:`vemcvx.meshes.bodies` joins them: where bodies meet, in nodes that
-        they share or that are double, there is an interface. Boundaries are called "plate.rim", and an interface
-        "plate|pin", or by the one name that all of it has in the file, on both of its sides or on one.
+        has none, of every element set), of every property of a Nastran file, as :func:`vemcvx.meshes.bodies` joins
+        them: where bodies meet, in nodes that they share or that are double, there is an interface. Boundaries are
+        called "plate.rim", and an interface "plate|pin", or by the one name that all of it has in the file, on both of
+        its sides or on one.
     tolerance : float, optional
         With `bodies`: how far apart boundaries may be that coincide, as of :func:`vemcvx.meshes.bodies`.
 

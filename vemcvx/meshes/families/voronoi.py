@@ -293,7 +293,7 @@ def _short_edges(points: Floats, offsets: Ints, vertices: Ints, size: Floats, sh
     on = _on_sides(ends, size)
     # Two nodes of the boundary may become one along a side, but not across the box, and corners stay corners.
     same_side = (on[:, 0] & on[:, 1] & (ends[:, 0] == ends[:, 1])).any(axis=1)
-    bridge = on.any(axis=2).all(axis=1) & ~same_side
+    bridge = np.all(on.any(axis=2), axis=1) & ~same_side
     kept = bridge | on.all(axis=(1, 2)) | np.isin(edge_keys(edges, len(points)), of_triangles)
     edges = edges[~kept]
     return edges[np.argsort(np.hypot(*(points[edges[:, 0]] - points[edges[:, 1]]).T), kind="stable")]

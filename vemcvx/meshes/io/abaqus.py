@@ -39,6 +39,7 @@ SIDES = {
     "hexahedron": ("0123", "4765", "0451", "1562", "2673", "3740"),
 }
 """The sides S1, S2 ... of elements, by their corners."""
+ENTITY = r"(Line|Surface|Volume)\d+"
 REFUSED = "ELGEN", "ELCOPY", "NGEN", "NFILL", "NCOPY", "NMAP", "SYSTEM", "IMPORT"
 FILES = "NODE", "ELEMENT", "NSET", "ELSET", "INCLUDE"
 Block = tuple[str, dict[str, str], list[str]]  # a keyword in capitals without blanks, its options, and its data
@@ -56,6 +57,10 @@ def read_abaqus(path: Path) -> Grid:
     points = np.array(deck.points, dtype=float).reshape(-1, 3)
     grid = by_corners(Grid(points, np.array(deck.kinds, dtype=str), offsets_of(sizes), vertices))
     shown = {kind: {n: x for n, x in sets.items() if n not in deck.internal} for kind, sets in deck.sets.items()}
+    # Gmsh names its entities, too: what is in groups of users needs no second name.
+    others = {cell for name, x in shown["ELSET"].items() if not re.fullmatch(ENTITY, name) for cell in x}
+    for name in [n for n, x in shown["ELSET"].items() if re.fullmatch(ENTITY, n) and others.issuperset(x)]:
+        del shown["ELSET"][name]
     every = np.arange(len(deck.kinds))
     grid.sets = {name: np.isin(every, cells) for name, cells in shown["ELSET"].items()}
     grid.nodes = {name: np.isin(np.arange(len(points)), nodes) for name, nodes in shown["NSET"].items()}

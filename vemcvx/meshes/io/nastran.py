@@ -1,7 +1,7 @@
 """Nastran's files, read by meshio after a preparation of their text: one card a line, in fields between commas.
 
 What would be read wrongly is refused by name: points in other coordinate systems, and elements that are not read.
-Materials, properties, loads and supports are passed over.
+Materials, loads and supports are passed over. What has a property is a set called by its number.
 """
 
 from __future__ import annotations
@@ -9,6 +9,8 @@ from __future__ import annotations
 import io
 import re
 from pathlib import Path
+
+import numpy as np
 
 from vemcvx.base.errors import MeshError
 from vemcvx.meshes.io.blocks import cells_of
@@ -46,6 +48,9 @@ def read_nastran(path: Path) -> Grid:
     grid = cells_of(meshio.nastran.read(io.StringIO("\n".join(["BEGIN BULK", *lines, "ENDDATA", ""]))))
     if len(grid.points) + len(grid.kinds) != len(lines):
         raise MeshError(f"it has {len(lines)} points and cells; {len(grid.points)} and {len(grid.kinds)} were read.")
+    properties = grid.data.get("nastran:ref", grid.offsets[:0])
+    grid.sets = {str(number): properties == number for number in np.unique(properties)}
+    grid.bodies = tuple(name for name, chosen in grid.sets.items() if (chosen & grid.bounding[0]).any())
     if curved:
         grid.notes = (f"cells of higher order ({', '.join(sorted(curved))}) are read by their corners.",)
     return grid

@@ -7,7 +7,22 @@ import pytest
 import vemcvx as vx
 
 
-def write(path, double, outside=False, names=True):
+def write(path, points, blocks, tags, groups):
+    """A Gmsh file: blocks of cells, the group of each cell, and name -> number and dimension of each group."""
+    mesh = meshio.Mesh(
+        np.pad(points, ((0, 0), (0, 3 - np.shape(points)[1]))),
+        blocks,
+        cell_data={"gmsh:physical": tags, "gmsh:geometrical": tags},
+        field_data={name: np.array(value) for name, value in groups.items()},
+    )
+    meshio.write(path, mesh, file_format="gmsh22", binary=False)
+    return path
+
+
+BOTH = {"plate": [11, 2], "pin": [12, 2]}
+
+
+def two_squares(path, double=False, outside=False, names=True):
     """Two unit squares side by side, "plate" and "pin", which share their nodes or have double ones."""
     made = vx.meshes.triangles(4, box=((0.0, 2.0), (0.0, 1.0)))
     points, cells = made.points, np.array(made.cells)
@@ -21,21 +36,14 @@ def write(path, double, outside=False, names=True):
     tags = [np.repeat([1, 2], [len(wall), len(rim)]), np.where(right, 12, 11)]
     if outside:
         tags[1][0] = 0
-    groups = {"wall": [1, 1], "rim": [2, 1], "plate": [11, 2], "pin": [12, 2]} if names else {}
-    mesh = meshio.Mesh(
-        np.pad(points, ((0, 0), (0, 1))),
-        [("line", np.vstack([wall, rim])), ("triangle", cells)],
-        cell_data={"gmsh:physical": tags, "gmsh:geometrical": tags},
-        field_data={name: np.array(value) for name, value in groups.items()},
-    )
-    meshio.write(path, mesh, file_format="gmsh22", binary=False)
-    return path
+    groups = {"wall": [1, 1], "rim": [2, 1], **BOTH} if names else {}
+    return write(path, points, [("line", np.vstack([wall, rim])), ("triangle", cells)], tags, groups)
 
 
 @pytest.mark.parametrize("double", [False, True], ids=["shared nodes", "double nodes"])
 def test_groups_become_bodies(tmp_path, double):
     """Under uniform pressure, free to slide and to widen, pressure is that of the load all along the interface."""
-    mesh = vx.meshes.read(write(tmp_path / "two.msh", double), bodies="physical")
+    mesh = vx.meshes.read(two_squares(tmp_path / "two.msh", double), bodies="physical")
     assert sorted(mesh.boundaries) == ["boundary", "pin.rim", "plate.wall", "plate|pin"]
     assert list(mesh.interfaces) == ["plate|pin"]
     assert sorted(mesh.cell_data) == ["body", "pin", "plate"]
@@ -57,14 +65,8 @@ def test_groups_become_bodies(tmp_path, double):
 def test_groups_of_cells_of_second_order_become_bodies(tmp_path):
     points = [(x, y, 0) for y in (0.0, 0.5, 1.0) for x in (0.0, 0.5, 1.0, 1.5, 2.0)]
     cells = [[0, 2, 12, 10, 1, 7, 11, 5], [2, 4, 14, 12, 3, 9, 13, 7]]
-    tags = [np.array([3]), np.array([1, 2])]
-    mesh = meshio.Mesh(
-        points,
-        [("line3", [[2, 12, 7]]), ("quad8", cells)],
-        cell_data={"gmsh:physical": tags, "gmsh:geometrical": tags},
-        field_data={"plate": np.array([1, 2]), "pin": np.array([2, 2]), "joint": np.array([3, 1])},
-    )
-    meshio.write(tmp_path / "two.msh", mesh, file_format="gmsh22", binary=False)
+    tags, groups = [np.array([3]), np.array([11, 12])], {**BOTH, "joint": [3, 1]}
+    write(tmp_path / "two.msh", points, [("line3", [[2, 12, 7]]), ("quad8", cells)], tags, groups)
     with pytest.warns(vx.MeshWarning, match="cells of higher order .line3, quad8. are read by their corners") as caught:
         found = vx.meshes.read(tmp_path / "two.msh", bodies="physical")
     assert len(caught) == 1
@@ -78,14 +80,8 @@ def test_an_arc_that_is_named_on_one_side_names_the_interface(tmp_path):
     inner = hole.boundaries["boundary"]
     inner = inner[np.linalg.norm(hole.points[inner], axis=2).max(axis=1) < 1.5]
     cells = np.concatenate([np.array(hole.cells), np.array(disc.cells) + hole.n_nodes])
-    tags = [np.full(len(inner), 3), np.repeat([1, 2], [hole.n_cells, disc.n_cells])]
-    mesh = meshio.Mesh(
-        np.pad(points, ((0, 0), (0, 1))),
-        [("line", inner), ("quad", cells)],
-        cell_data={"gmsh:physical": tags, "gmsh:geometrical": tags},
-        field_data={"plate": np.array([1, 2]), "pin": np.array([2, 2]), "bore": np.array([3, 1])},
-    )
-    meshio.write(tmp_path / "two.msh", mesh, file_format="gmsh22", binary=False)
+    tags = [np.full(len(inner), 3), np.repeat([11, 12], [hole.n_cells, disc.n_cells])]
+    write(tmp_path / "two.msh", points, [("line", inner), ("quad", cells)], tags, {**BOTH, "bore": [3, 1]})
     with pytest.raises(vx.MeshError, match="tolerance="):
         vx.meshes.read(tmp_path / "two.msh", bodies="physical")
     found = vx.meshes.read(tmp_path / "two.msh", bodies="physical", tolerance=0.05)
@@ -95,24 +91,18 @@ def test_an_arc_that_is_named_on_one_side_names_the_interface(tmp_path):
         vx.meshes.read(tmp_path / "two.msh", tolerance=0.05)
 
 
-def test_groups_without_names_are_called_by_their_numbers(tmp_path):
-    mesh = vx.meshes.read(write(tmp_path / "two.msh", False, names=False), bodies="physical")
+def test_groups_without_names_and_cells_in_none(tmp_path):
+    mesh = vx.meshes.read(two_squares(tmp_path / "two.msh", names=False), bodies="physical")
     assert list(mesh.interfaces) == ["11|12"]
     assert {"11.1", "12.2"} < set(mesh.boundaries)
-
-
-def test_cells_in_no_group_are_refused(tmp_path):
-    path = write(tmp_path / "two.msh", False, outside=True)
-    with pytest.raises(
-        vx.MeshError, match=r"two\.msh: bodies='physical' .* Wanted are two, .*; here, 1 of its cells are in none"
+    vx.meshes.squares(2).write(tmp_path / "one.vtu")
+    for path, how, subject in (
+        (two_squares(tmp_path / "two.msh", outside=True), "physical", "here, 1 of its cells are in none"),
+        (tmp_path / "one.vtu", "physical", "bodies='physical' makes a body of every physical group"),
+        (tmp_path / "one.vtu", "all", "read: found bodies = 'all'; there is 'physical'"),
     ):
-        vx.meshes.read(path, bodies="physical")
-    vtu = tmp_path / "one.vtu"
-    vx.meshes.squares(2).write(vtu)
-    with pytest.raises(vx.MeshError, match=r"one\.vtu: bodies='physical' makes a body of every physical group"):
-        vx.meshes.read(vtu, bodies="physical")
-    with pytest.raises(vx.MeshError, match=r"read: found bodies = 'all'; there is 'physical', with which"):
-        vx.meshes.read(vtu, bodies="all")
+        with pytest.raises(vx.MeshError, match=subject):
+            vx.meshes.read(path, bodies=how)
 
 
 def test_a_datum_called_like_its_body_is_the_body(tmp_path):
@@ -132,13 +122,7 @@ def test_groups_of_volumes_become_bodies(tmp_path):
     walls = [made.face_vertices.reshape(-1, 3)[made.boundaries[side]] for side in ("left", "right")]
     tags = [np.repeat([1, 2], [len(wall) for wall in walls]), np.where(right, 12, 11)]
     groups = {"wall": [1, 2], "rim": [2, 2], "plate": [11, 3], "pin": [12, 3]}
-    mesh = meshio.Mesh(
-        made.points,
-        [("triangle", np.vstack(walls)), ("tetra", cells)],
-        cell_data={"gmsh:physical": tags, "gmsh:geometrical": tags},
-        field_data={name: np.array(value) for name, value in groups.items()},
-    )
-    meshio.write(tmp_path / "two.msh", mesh, file_format="gmsh22", binary=False)
+    write(tmp_path / "two.msh", made.points, [("triangle", np.vstack(walls)), ("tetra", cells)], tags, groups)
     mesh = vx.meshes.read(tmp_path / "two.msh", bodies="physical")
     assert sorted(mesh.boundaries) == ["boundary", "pin.rim", "plate.wall", "plate|pin"]
     assert mesh.interfaces["plate|pin"].bodies == ("plate", "pin")
@@ -206,15 +190,8 @@ def test_a_named_part_of_an_interface_is_said_to_be_left_out(tmp_path, share):
     middle = np.flatnonzero(np.abs(made.points[:, 0] - 1) < 1e-12)
     lines = np.column_stack([middle[:-1], middle[1:]])[: round(2 * share)]
     tags = [np.full(len(lines), 1), np.where(right, 12, 11)]
-    groups = {"joint": [1, 1], "plate": [11, 2], "pin": [12, 2]}
-    mesh = meshio.Mesh(
-        np.pad(made.points, ((0, 0), (0, 1))),
-        [("line", lines), ("quad", cells)],
-        cell_data={"gmsh:physical": tags, "gmsh:geometrical": tags},
-        field_data={name: np.array(value) for name, value in groups.items()},
-    )
     path = tmp_path / "two.msh"
-    meshio.write(path, mesh, file_format="gmsh22", binary=False)
+    write(path, made.points, [("line", lines), ("quad", cells)], tags, {"joint": [1, 1], **BOTH})
     if share == 1.0:
         found = vx.meshes.read(path, bodies="physical")
         assert list(found.interfaces) == ["joint"]

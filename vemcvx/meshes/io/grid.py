@@ -250,8 +250,8 @@ def bodies_of(grid: Grid) -> dict[str, Grid]:
         found = f"{(times == 0).sum()} of its cells are in none" if bodies and (times == 0).any() else found
         raise MeshError(
             "bodies='physical' makes a body of every physical group of cells of a Gmsh file, of every instance or part "
-            "(or else element set) of an Abaqus file, of every property of a Nastran file. Wanted are two, and each cell "
-            f"in one; here, {found}."
+            "(or else element set) of an Abaqus file, of every property of a Nastran file. Wanted are two, and each "
+            f"cell in one; here, {found}."
         )
     found_grids: dict[str, Grid] = {}
     cell = np.repeat(np.arange(len(inner)), np.diff(grid.offsets))

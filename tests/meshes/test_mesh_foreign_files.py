@@ -252,6 +252,9 @@ def test_sets_of_one_name_in_two_parts_mean_their_own_elements(tmp_path):
     mesh = read(tmp_path / "two.inp", bodies="physical")
     places = {name: mesh.points[edges][..., 1].ravel().tolist() for name, edges in mesh.boundaries.items()}
     assert (places["a.low"], places["b.up"]) == ([0.0, 0.0], [2.0, 2.0])
+    orphan = f"*PART, NAME=none\n*END PART\n*INSTANCE, NAME=own, PART=none\n{block.format('a', 'S1')}*END INSTANCE\n"
+    (tmp_path / "two.inp").write_text(orphan)  # a mesh that stands in the instance itself
+    assert read(tmp_path / "two.inp").boundaries["a"].tolist() == [[0, 1]]
 
 
 SOLIDS = {

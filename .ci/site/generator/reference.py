@@ -120,7 +120,7 @@ TOPICS = {
         "Virtual elements",
         "The space of lowest order on polygons and polyhedra, its matrices, strains and stresses.",
         "vem.Space vem.Part vem.BoundaryRows vem.CellGroup vem.EdgeEnds vem.MirrorPlanes vem.SideRule vem.stiffness "
-        "vem.anisotropic_stiffness vem.stiffness_of vem.SumOverCells vem.elastic_matrix vem.softest_shear "
+        "vem.stiffness_of vem.SumOverCells vem.elastic_matrix vem.softest_shear "
         "vem.mean_shear vem.VertexWeights vem.InRegions "
         "vem.stabilisation_of vem.consistent_blocks vem.energy_rows vem.cell_energies vem.missed_energies "
         "vem.mean_strains vem.cell_load vem.cell_quadrature vem.edge_load vem.edge_part vem.stress_load vem.strains "

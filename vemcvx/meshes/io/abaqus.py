@@ -126,8 +126,9 @@ class _Deck:
         rows = [[one.strip() for one in line.split(",")] for line in lines]
         if word in ("PART", "ENDPART"):
             self.part = self.spell(options.get("NAME", word)) if word == "PART" else ""
+            self.parts |= {self.part: []} if self.part else {}
         elif self.part:
-            self.parts.setdefault(self.part, []).append((word, options, lines))
+            self.parts[self.part].append((word, options, lines))
         elif word in ("NSET", "ELSET"):
             self._take_set(word, options, rows)
         elif word == "ENDINSTANCE":

@@ -8,7 +8,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from called import call
 from scenes import paper_scene
 from typer.testing import CliRunner
 

@@ -147,6 +147,7 @@ def torques(history):
     return held, (rubs[..., 1] * x[:, 0] - rubs[..., 0] * x[:, 1]).sum(axis=1)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("n", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_a_flange_unscrews_when_its_base_shakes(n):
     """Its torques balance at each instant, and what friction leaves of the load the springs bear."""

@@ -268,9 +268,10 @@ def dense():
     return known["Dense"]()
 
 
-test_a_linear_solver_of_25_lines_passes_its_suite = linear_suite(dense())
+test_a_linear_solver_of_25_lines_passes_its_suite = pytest.mark.long(linear_suite(dense()))
 
 
+@pytest.mark.long
 def test_it_is_compared_first_time(mine):
     problem = str(ROOT / "problems" / "feng_han_huang.py")
     command = ["compare", problem, "--n", "6", "--steps", "4", "--solvers", f"newton,{mine}:Fista"]

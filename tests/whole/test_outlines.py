@@ -12,9 +12,9 @@ from vemcvx.base.table import Table
 
 SCREEN = 30, 140
 """Lines, and characters in one."""
-NAMES = "history", "contact", "trajectory", "program", "certificate", "budget", "bound", "adapted", "scene", "mesh"
-LONG = "whole", "of"
-"""Bounds of other kinds, which take seconds to find."""
+NAMES = "history", "contact", "trajectory", "program", "certificate", "scene", "mesh"
+LONG = "budget", "bound", "whole", "of", "adapted"
+"""Results that take seconds to find."""
 
 
 @pytest.fixture(scope="module")
@@ -48,6 +48,7 @@ def test_a_result_is_shown_in_a_screenful(shown, name):
     assert len(table) <= SCREEN[0]
 
 
+@pytest.mark.long
 def test_it_says_what_counts(shown):
     assert repr(shown("history")).splitlines()[0] == shown("history").summary().splitlines()[0]
     for words in ("certified", "dissipated", "32 steps", "Newton(accuracy=1e-08"):

@@ -41,7 +41,12 @@ def spoil(value):
         value[:] = [each * 0.5 if isinstance(each, float) else "top" for each in value]
 
 
-@pytest.mark.parametrize("name", GIVEN)
+SOME = "Elasticity", "Traction", "TrescaFriction"
+
+
+@pytest.mark.parametrize(
+    "name", [name if name in SOME else pytest.param(name, marks=pytest.mark.long) for name in GIVEN]
+)
 def test_effects_keep_copies(name):
     kind, given = GIVEN[name]
     given = {key: value.copy() if hasattr(value, "copy") else value for key, value in given.items()}

@@ -200,6 +200,7 @@ EVERY = len(WRONG)
 """By default each place meets one of the values; together they all occur."""
 
 
+@pytest.mark.long
 def test_the_given_arguments_are_valid():
     for called, given in {
         called: given for called, given, _ in PLACES.values() if called is not vx.read_program

@@ -4,61 +4,10 @@ import json
 
 import numpy as np
 import pytest
-from coulomb_scenes import away_from_given_friction, coulomb_scene
 
 import vemcvx as vx
-from vemcvx.scene import pose_scene
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*nothing but friction or one-sided contact")
-
-
-def check_scene(seed, solver):
-    """Every step of a random scene: how many were held against exact ones."""
-    scene, mesh = coulomb_scene(seed)
-    system = pose_scene(scene, mesh).system
-    try:
-        run = vx.march(system, np.linspace(0, 1, 5), solver=solver)
-    except vx.SceneError as error:
-        if "there is no equilibrium" not in str(error):
-            raise
-        return 0
-    away = away_from_given_friction(system, run)
-    known = np.isfinite(away)
-    assert (away <= run.certified[1:])[known].all()
-    assert (away <= solver.accuracy + run.certificate_floor[1:])[known].all()
-    return np.count_nonzero(known)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("seed", [0, 3, 4])
-def test_certificates_are_true_in_random_scenes(seed):
-    assert check_scene(seed, vx.Newton(accuracy=1e-4)) == 4
-
-
-@pytest.mark.long
-def test_answers_of_a_conic_solver_stay_its_own_and_are_judged():
-    scene, mesh = coulomb_scene(4)
-    system, times = pose_scene(scene, mesh).system, [0.0, 0.5, 1.0]
-    run = vx.march(system, times, solver=vx.Clarabel(accuracy=1e-3))
-    away = away_from_given_friction(system, run)
-    assert (away > 1e-11).all()
-    assert (away <= run.certified[1:]).all()
-    assert run.certificate.max() <= 1e-3
-    sharper = vx.march(system, times, solver=vx.Clarabel(accuracy=1e-3, polish=True))
-    assert sharper.certificate.max() < 1e-12 < 1e-11 < run.certificate.max()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("accuracy", [1e-2, 1e-4, 1e-6, 1e-8])
-@pytest.mark.parametrize("part", range(8))
-def test_200_scenes(accuracy, part):
-    assert sum(check_scene(seed, vx.Newton(accuracy=accuracy)) for seed in range(part, 200, 8)) > 80
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("accuracy", [1e-2, 1e-4, 1e-6])
-def test_25_scenes_by_a_conic_solver(accuracy):
-    assert sum(check_scene(seed, vx.Clarabel(accuracy=accuracy)) for seed in range(25)) > 80
 
 
 def wedge(coefficient, power=None):
@@ -111,6 +60,16 @@ def resting(push=0.29, mu=0.3, young=200.0, press=1.0):
         vx.UnilateralContact(on="bottom"),
         vx.CoulombFriction(mu, on="bottom"),
     )
+
+
+HELD = vx.Scene(
+    vx.Elasticity(200.0, 0.3),
+    vx.Clamp(on="top"),
+    vx.BodyForce((0.0, -4.0)),
+    vx.Traction(lambda x, t: [3.0 * t, 0.0], on="left"),
+    vx.UnilateralContact(on="bottom"),
+    vx.CoulombFriction(0.4, on="bottom"),
+)
 
 
 @pytest.mark.parametrize("n", [3, 6, *(pytest.param(n, marks=pytest.mark.long) for n in (9, 12))])
@@ -196,10 +155,20 @@ def test_more_push_than_friction_holds_is_refused():
         vx.simulate(resting(0.5), vx.meshes.squares(3), np.linspace(0, 1, 5), initial="settled")
 
 
+@pytest.mark.long
+def test_answers_of_a_conic_solver_stay_its_own_until_they_are_polished():
+    mesh, times = vx.meshes.squares(4), [0.0, 0.5, 1.0]
+    plain, polished = (
+        vx.simulate(HELD, mesh, times, initial="settled", solver=vx.Clarabel(1e-3, polish)) for polish in (False, True)
+    )
+    assert polished.certificate.max() < 1e-12 < 1e-11 < plain.certificate.max() <= 1e-3
+
+
 def test_where_one_system_of_sets_is_too_few_clarabel_leads_to_the_answer():
-    scene, mesh = coulomb_scene(0)
-    system = pose_scene(scene, mesh).system
-    run, few = (vx.march(system, [0.0, 1.0], solver=vx.Newton(max_iterations=most)) for most in (60, 1))
+    run, few = (
+        vx.simulate(HELD, vx.meshes.squares(4), [0.0, 1.0], initial="settled", solver=vx.Newton(max_iterations=most))
+        for most in (60, 1)
+    )
     assert few.certificate[-1] <= 1e-8
     assert few.energy[-1] == pytest.approx(run.energy[-1], rel=1e-10)
     assert few.iterations[-1] > 10

@@ -77,7 +77,7 @@ def picture(history):
     end = (history.mesh.points == [LENGTH, 0.0]).all(axis=1)
     deflection = -history.displacement[:, end, 1].mean(axis=1)
     for ax, found, exact, what in (
-        (left, history.reaction("stop")[:, 1], stop_force(line), "stop bears (N/mm)"),
+        (left, history.force("stop")[:, 1], stop_force(line), "stop bears (N/mm)"),
         (right, deflection, end_deflection(line), "end sinks by (mm)"),
     ):
         beside_closed_form(ax, (force, found), (line, exact), exact_label="Timoshenko's beam")

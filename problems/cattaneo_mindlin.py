@@ -68,7 +68,7 @@ def picture(history):
     order = np.argsort(contact.points[:, 0])
     order = order[np.abs(contact.points[order, 0]) < 1.5 * HALF_WIDTH]
     x, traction, sticks = contact.points[order, 0], np.abs(contact.traction[-1][order, 0]), contact.sticking[-1][order]
-    Q, P = np.abs(history.reaction("bottom")[-1])
+    Q, P = np.abs(history.force("bottom")[-1])
     a, share = np.sqrt(4 * P * RADIUS * (1 - POISSON**2) / (np.pi * YOUNG)), np.sqrt(1 - Q / (FRICTION * P))
     stuck = x[sticks & (contact.pressure[-1][order] > 1e-6)]
     line, moved, bound = np.linspace(-a, a, 1601), 0.5 * (stuck.min() + stuck.max()), FRICTION * 2 * P / (np.pi * a)

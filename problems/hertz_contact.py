@@ -78,7 +78,7 @@ def picture(history):
     figure, graph = body_and_graph(history, stress="yy", window=window, mirrors=[(-1, 1)])
     x, p = history.contact.points[:, 0], history.contact.pressure
     for step, colour in ((history.steps, COMPUTED), (history.steps // 2, SECOND)):
-        P = 2 * history.reaction("bottom")[step, 1]
+        P = 2 * history.force("bottom")[step, 1]
         a = np.sqrt(4 * P * RADIUS * (1 - POISSON**2) / (np.pi * YOUNG))
         line = np.linspace(-a, a, 401)
         exact = 2 * P / (np.pi * a) * np.sqrt(1 - (line / a) ** 2)

@@ -82,7 +82,7 @@ def picture(history):
         under = vx.simulate(scene(layer, hertz.RADIUS), mesh, times(2))
         x, p = under.contact.points[:, 0], under.contact.pressure[-1]
         right.plot(x, p, f"{mark}-", markersize=3, linewidth=1, color=colour, label=f"layer {words}")
-    P = 2 * vx.simulate(hertz.scene(), mesh, times(2)).reaction("bottom")[-1, 1]
+    P = 2 * vx.simulate(hertz.scene(), mesh, times(2)).force("bottom")[-1, 1]
     a = np.sqrt(4 * P * hertz.RADIUS * (1 - hertz.POISSON**2) / (np.pi * hertz.YOUNG))
     x = np.linspace(0, a, 400)
     right.plot(

@@ -46,6 +46,8 @@ class History(Results, Outlined):
         Nodal forces of supports, contact and friction on the body: A u - f, with viscosity A u + A_1 u' - f but in
         row 0, to which no step leads.
     contact : Contact
+    acting : BoundaryForces
+        The forces of every effect on the nodes of its boundaries (:mod:`vemcvx.results.forces`).
     moduli : (2, n_cells), (6, n_cells) or, in space, (21, n_cells)
         Lame's lambda (in the plane) and mu; or the upper triangle of the elastic matrix, row by row, if some cell is
         anisotropic (:mod:`vemcvx.vem.elasticity`).
@@ -62,10 +64,6 @@ class History(Results, Outlined):
         The part of zz that eigenstrains cause; None if there are none.
     inactive : tuple of str
         Effects of the scene without influence on this run: dropped, or never active.
-    dragged_ends : (q, 2) int or None
-        Edges along which supports move nodes against friction: node and other end; in space node and face.
-    dragged_friction : (S, q, dim) or None
-        The friction on the body at these nodes, which `forces` include.
     errors : dict or None
         Relative energy errors of an adaptive run: "algebra", "space", "time", their sum "total"; and its "target".
     sides : Sides or None

@@ -27,7 +27,7 @@ def slab(force, bound=4.0, course=cyclic):
 def balanced(setting, history):
     """Nothing but friction answers the load."""
     load = 3.8 * cyclic(TIMES)
-    left = np.abs(history.reaction("bottom")[:, 0] + load).max()
+    left = np.abs(history.force("bottom")[:, 0] + load).max()
     return "" if left <= 1e-5 * 3.8 else f"friction is {left:.1e} off balance"
 
 

@@ -56,7 +56,7 @@ from vemcvx.vem import VertexWeights, component_names
 
 NAME = "vemcvx history"
 ENERGIES = "energy", "dissipated", "work", "dissipated_second_order", "work_second_order"
-FORMAT = f"{NAME} 6"
+FORMAT = f"{NAME} 7"
 ARRAYS = {prefix + name: of for prefix, record in RECORDS.items() for name, of in quantities(record).items()}
 PLAIN = "effects", "inactive", "errors", "bound", "bounded_force", "seconds", "growth"
 """What is no array, and goes into JSON as it is."""

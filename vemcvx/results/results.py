@@ -11,18 +11,19 @@ from operator import attrgetter
 from typing import Annotated, Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from vemcvx.base.arrays import SAME, SOME, Floats, Ints, Quantity, brief, is_whole, quantities, summed_columns
 from vemcvx.base.errors import WORTH_A_WORD, HistoryError, SceneError, SceneWarning
 from vemcvx.base.outline import coordinates
-from vemcvx.effects import PrescribedDisplacement
+from vemcvx.effects import Effect, PrescribedDisplacement
 from vemcvx.meshes import Mesh, PolyhedralMesh
 from vemcvx.meshes.polygons import cell_of_corner
 from vemcvx.program import SolvedProgram
 from vemcvx.results import quoted
 from vemcvx.results.contact import Contact, contact_history
 from vemcvx.results.corners import Corners, Sides, sides_of
+from vemcvx.results.forces import BoundaryForces, boundary_forces, force, moment, reaction
 from vemcvx.scene import Scene
 from vemcvx.scene.pose import PosedScene, pose_scene, unwarned
 from vemcvx.scene.rows import ContactRows, distinct_pairs
@@ -45,6 +46,7 @@ class Results:
     displacement: Annotated[Floats, "S nodes dim", "length"]
     forces: Annotated[Floats, "S nodes dim", "force"]
     contact: Contact
+    acting: BoundaryForces
     moduli: Annotated[Floats, "constants cells", "force/area"]
     trajectory: Trajectory
     seconds: dict[str, float]
@@ -54,8 +56,6 @@ class Results:
     inactive: tuple[str, ...] = ()
     errors: dict[str, float] | None = None
     bound: dict[str, Any] | None = None
-    dragged_ends: Annotated[Ints | None, "dragged 2", ""] = None
-    dragged_friction: Annotated[Floats | None, "S dragged dim", "force"] = None
     sides: Sides | None = None
     growth: dict[str, str] | None = None
     quantities: dict[str, quoted.Quantity] | None = None
@@ -170,20 +170,52 @@ class Results:
         return Space(self.mesh)
 
     def reaction(self, name: str) -> Floats:
-        """(S, dim) total force on the body from supports, contact and friction at the nodes of a boundary.
+        """(S, dim) total force of supports on a boundary of the body.
 
-        Nodes shared by two boundaries count in both; but friction against supports that drag such a node along counts
-        with the edges that rub: a block pulled by its side over a floor shows all friction as reaction of that side.
+        Forces go with the effect that causes them: a block pulled by its side over a floor shows all friction as
+        reaction of that side, and `force` of the floor has it, too. A node that one support holds on two boundaries
+        shares its force between them: see :mod:`vemcvx.results.forces`.
+
+        Raises
+        ------
+        SceneError
+            The mesh has no such boundary.
         """
-        part = self._space.part(name, "reaction", contact=True)
-        total: Floats = self.forces[:, part.nodes].sum(axis=1)
-        if self.dragged_ends is None or self.dragged_friction is None:
-            return total
-        most = max(self.dragged_ends.max(), part.names.max()) + 1
-        here, dragged = (names[:, 0] * most + names[:, 1] for names in (part.names, self.dragged_ends))
-        elsewhere = np.isin(self.dragged_ends[:, 0], part.nodes) & ~np.isin(dragged, here)
-        total -= self.dragged_friction[:, elsewhere].sum(axis=1)
-        return total
+        return reaction(self, name)
+
+    def force(self, of: str | Effect | type[Effect]) -> Floats:
+        """(S, dim) total force of an effect on the body, or of all but supports on a boundary.
+
+        Parameters
+        ----------
+        of : str, effect or class of effects
+            The name of a boundary, for the force of contact, friction and springs there; an effect of the scene, loads
+            included; or a class such as ``vx.TrescaFriction``, for that of all effects of this class. At an interface
+            it is the force on the body that is named first.
+
+        Raises
+        ------
+        SceneError
+            There is no such boundary or effect; or two effects act on the same sides, whose force is one.
+        """
+        return force(self, of)
+
+    def moment(self, of: str | Effect | type[Effect], about: ArrayLike | None = None) -> Floats:
+        """(S,) the moment on the body, in space (S, 3), of an effect, or of all that acts on a boundary but loads.
+
+        Parameters
+        ----------
+        of : str, effect or class of effects
+            As of `force`; on a boundary supports count, too.
+        about : (dim,) point, optional
+            By default the origin. Moments are positive counter-clockwise.
+
+        Raises
+        ------
+        SceneError
+            As of `force`, or for loads.
+        """
+        return moment(self, of, about)
 
     def stress(self, step: int) -> Floats:
         """(n_cells, 3) stresses (xx, yy, xy) of Pi u, and those at zero strain, at a stored step; tension positive.
@@ -352,6 +384,7 @@ def _fields(history: Results, row: int, step: int) -> Iterator[tuple[str, tuple[
 RECORDS: dict[str, type] = {
     "": Results,
     "contact.": Contact,
+    "acting.": BoundaryForces,
     "trajectory.": Trajectory,
     "sides.": Sides,
     "stabilisation.": VertexWeights,
@@ -401,6 +434,7 @@ def record(posed: PosedScene, trajectory: Trajectory, assembled: float, storage:
         displacement=u,
         forces=forces,
         contact=contact_history(posed, trajectory, u, forces),
+        acting=boundary_forces(posed, trajectory, u, forces),
         moduli=material.moduli,
         stabilisation=material.stabilised(posed.space.dim),
         trajectory=trajectory,
@@ -410,7 +444,6 @@ def record(posed: PosedScene, trajectory: Trajectory, assembled: float, storage:
         out_of_plane=None if across is None else np.ascontiguousarray(across[:, :3]),
         inactive=posed.inactive + untouched,
         sides=sides_of(posed),
-        **_friction_of_dragged(posed, trajectory),
     )
 
 
@@ -481,18 +514,6 @@ def _warn_of_friction_where_open(posed: PosedScene, trajectory: Trajectory) -> N
             SceneWarning,
             stacklevel=4,
         )
-
-
-def _friction_of_dragged(posed: PosedScene, trajectory: Trajectory) -> dict[str, Any]:
-    """Friction on nodes that supports drag, edge by edge; nothing if there is none."""
-    terms = posed.terms
-    if terms.dragged is None or not terms.dragged.any():
-        return {}
-    mine = np.flatnonzero(terms.dragged)
-    ends = terms.ends[mine].tocoo()
-    force = -np.einsum("sqb,qbd->sqd", trajectory.multipliers[:, mine], terms.tangents[mine])
-    share = ends.data / terms.lengths[mine][ends.row]
-    return {"dragged_ends": terms.names[ends.col], "dragged_friction": force[:, ends.row] * share[:, None]}
 
 
 def _damped(posed: PosedScene, trajectory: Trajectory, row: int) -> Floats | float:

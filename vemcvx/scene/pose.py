@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import logging
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache, partial, reduce
 from itertools import chain
 from operator import add
@@ -17,7 +17,7 @@ import scipy.sparse as sp
 
 from vemcvx.base.arrays import Floats, Ints, read_only
 from vemcvx.base.errors import SceneWarning
-from vemcvx.effects import Contribution, Load, Material, MaterialLaw
+from vemcvx.effects import Contribution, Load, Material, MaterialLaw, Obstacle
 from vemcvx.linear import nested_dissection
 from vemcvx.meshes import Mesh
 from vemcvx.program.kernel import Kernel
@@ -118,6 +118,12 @@ class PosedScene:
     curves: tuple[str, ...] = ()  # what has conditions on normals along curves, whose corners finer meshes keep
     viscosity: sp.csr_matrix | None = None  # (n_u, n_u) of the form of rates over all nodal values
     laws: tuple[Contribution, ...] = ()  # what materials contribute, but for their stiffness
+    stops: Sequence[Obstacle] = ()  # the obstacles, of which `obstacles` are made
+    causes: Mapping[str, Ints] = field(default_factory=dict)
+    """the numbers, among the effects in canonical order, of those that brought each of the "supports" given, of the
+    "frictions" and of the "obstacles" """
+    caused_loads: tuple[tuple[int, Load], ...] = ()  # likewise, the loads
+    caused_springs: tuple[tuple[int, sp.csr_matrix], ...] = ()  # likewise, the stiffness of springs to the ground
 
     @property
     def energy_rows(self) -> Callable[[], sp.csr_matrix] | None:
@@ -155,7 +161,8 @@ def pose_scene(scene: Scene, mesh: Mesh, times: Sequence[float] = (), *, between
     material = compose([p.material for p in parts if p.material is not None], mesh)
     prestress = initial_stresses(parts, material, space)
     loads = _chain(p.loads for p in parts) + (() if prestress is None else (prestress,))
-    holds = by_precedence(_chain(p.supports for p in parts))
+    given = _chain(p.supports for p in parts)
+    holds = by_precedence(given)
     contact = [_chain(getattr(p, name) for p in parts) for name in ("frictions", "obstacles", "surfaces")]
     straight = iter(straightened(holds, _chain(contact)))
     frictions, stops, surfaces = ([next(straight) for _ in kind] for kind in contact)
@@ -206,7 +213,19 @@ def pose_scene(scene: Scene, mesh: Mesh, times: Sequence[float] = (), *, between
             for effect, p in zip(scene.canonical, parts, strict=True)
             if isinstance(effect, MaterialLaw)
         ),
+        stops=stops,
+        causes={name: _causes(parts, name) for name in ("frictions", "obstacles")}
+        | {"supports": _causes(parts, "supports")[sorted(range(len(holds)), key=lambda i: given[i].contact)]},
+        caused_loads=tuple((i, load) for i, p in enumerate(parts) for load in p.loads),
+        caused_springs=tuple(
+            (i, p.stiffness) for i, p in enumerate(parts) if p.material is None and p.stiffness is not None
+        ),
     )
+
+
+def _causes(parts: Sequence[Contribution], name: str) -> Ints:
+    """Return the number of the part that brought each contribution of a kind."""
+    return np.repeat(np.arange(len(parts)), [len(getattr(part, name)) for part in parts])
 
 
 def _sum(matrices: Iterable[sp.csr_matrix | None]) -> sp.csr_matrix | None:

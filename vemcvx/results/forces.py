@@ -1,0 +1,307 @@
+"""The forces on the boundary, kept by the effect that causes them.
+
+With A the stiffness over all nodal values, B^ and D^ the rows of friction and of obstacles with the forces lam and p,
+the forces of a step on the nodes are
+
+    R = A u - f  (with viscosity A u + A_1 u' - f)  =  A_s' mu - B^' lam - D^' p,
+
+where A_s are the rows of supports, bilateral contact among them. Nothing else holds a free unknown, P'R + P'(B^' lam +
+D^' p) = 0, so that mu = H'(R + B^' lam + D^' p), with P and H as in :mod:`vemcvx.scene.supports`. Springs to the ground
+are part of A: their forces are -K_s u. Where supports hold one direction of a node twice, the first takes the force.
+
+A force on a node acts through the sides (in space faces) of its effect that meet there. A row of contact has sides of
+its own; the force of a support goes to those sides to which its direction is normal, or else to all, by int phi_i.
+So every boundary has its part of the force of every effect, and these parts add up to all of it.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Annotated, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from vemcvx.base.arrays import Bools, Floats, Ints, brief, finite, shaped, summed_columns
+from vemcvx.base.errors import SceneError
+from vemcvx.base.outline import ArrayRecord
+from vemcvx.effects import ContactSurface, Effect
+from vemcvx.meshes import Mesh
+from vemcvx.scene import Scene
+from vemcvx.scene.pose import PosedScene
+from vemcvx.scene.rows import ContactRows
+from vemcvx.stepping import Trajectory
+from vemcvx.vem import Space
+
+log = logging.getLogger("vemcvx")
+NOWHERE, ACROSS = -1, -2
+"""In place of a side: of a node on no side of its effect, and of one of the other body of an interface."""
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class BoundaryForces(ArrayRecord):
+    """The forces of effects on nodes, through the sides that meet there: q rows, S stored instants.
+
+    Attributes
+    ----------
+    causes : (q, 2) int
+        The effect of each row by its number among `History.effects`, and that of a second one whose force is not told
+        apart from its, because both act on the same sides; -1 where there is none.
+    ends : (q, 2) int
+        The node, and the other node of the edge, in space the number of the face; -1 for none, -2 for forces on the
+        other body of an interface.
+    held : (q,) bool
+        True for forces of supports, False for those of contact, friction and springs.
+    force : (S, q, dim)
+        Forces on the body.
+    loads : (S, L, dim)
+        The totals of all loads.
+    load_causes : (L,) int
+        The effect of each of these.
+    """
+
+    causes: Annotated[Ints, "acting 2", ""]
+    ends: Annotated[Ints, "acting 2", ""]
+    held: Annotated[Bools, "acting", ""]
+    force: Annotated[Floats, "S acting dim", "force"]
+    loads: Annotated[Floats, "S loads dim", "force"]
+    load_causes: Annotated[Ints, "loads", ""]
+
+    def through(self, names: Ints) -> Bools:
+        """Return which rows act through sides, given as their ends (e, 2); (q,)."""
+        most = max(self.ends.max(initial=0), names.max(initial=0)) + 2
+        own, those = (pairs[:, 0] * most + pairs[:, 1] for pairs in (self.ends, names))
+        return np.isin(own, those)
+
+
+class _Rows(NamedTuple):
+    """Some rows of the table; see `BoundaryForces`."""
+
+    causes: Ints
+    ends: Ints
+    held: bool
+    force: Floats
+
+
+def boundary_forces(posed: PosedScene, trajectory: Trajectory, u: Floats, forces: Floats) -> BoundaryForces:
+    """Return the forces by their causes, from displacements and forces R (S, n_nodes, dim) of nodes."""
+    S, dim = len(u), u.shape[2]
+    found = [
+        *_of_contact(posed, posed.terms, posed.terms.frictions, "frictions", _friction(posed, trajectory)),
+        *_of_contact(posed, posed.obstacles, posed.stops, "obstacles", _pressing(posed, trajectory)),
+        *_of_supports(posed, trajectory, forces),
+        *_of_springs(posed, u),
+    ]
+    none = np.zeros((0, 2), dtype=np.int64)
+    causes, ends = (np.concatenate([none, *(getattr(rows, name) for rows in found)]) for name in ("causes", "ends"))
+    held = np.concatenate([np.zeros(0, dtype=bool), *(np.full(len(rows.ends), rows.held) for rows in found)])
+    force = np.concatenate([np.zeros((S, 0, dim)), *(rows.force for rows in found)], axis=1)
+    keys, row = np.unique(np.column_stack([held, causes, ends]), axis=0, return_inverse=True)
+    loads = [[load.forces(t).sum(axis=0) for _, load in posed.caused_loads] for t in _instants(trajectory)]
+    return BoundaryForces(
+        causes=keys[:, 1:3],
+        ends=keys[:, 3:],
+        held=keys[:, 0].astype(bool),
+        force=summed_columns(force, row.ravel(), len(keys)),
+        loads=np.array(loads).reshape(S, -1, dim),
+        load_causes=np.array([cause for cause, _ in posed.caused_loads], dtype=np.int64),
+    )
+
+
+def _instants(trajectory: Trajectory) -> list[float]:
+    instants: list[float] = trajectory.times[trajectory.stored].tolist()
+    return instants
+
+
+def _friction(posed: PosedScene, trajectory: Trajectory) -> Floats:
+    """The forces of terms on their nodes, (S, m, dim)."""
+    force: Floats = -np.einsum("smb,mbd->smd", trajectory.multipliers, posed.terms.tangents)
+    return force
+
+
+def _pressing(posed: PosedScene, trajectory: Trajectory) -> Floats:
+    """The forces of obstacles on their nodes, (S, r, dim)."""
+    return -trajectory.pressures[:, :, None] * posed.obstacles.normals
+
+
+def _of_contact(
+    posed: PosedScene, rows: ContactRows, parts: Sequence[ContactSurface], kind: str, force: Floats
+) -> Iterator[_Rows]:
+    """The forces (S, m, dim) of rows, which `parts` of contact have made: on the nodes and on their partners."""
+    each = rows.ends.tocoo()
+    share = each.data / rows.lengths[each.row]
+    causes = _owners(rows.nodes[each.row], rows.partners[each.row], rows.names[each.col, 1], parts, posed.causes[kind])
+    yield _Rows(causes, rows.names[each.col], False, force[:, each.row] * share[:, None])
+    joined = rows.partners[each.row] >= 0
+    other = rows.partners[each.row[joined]]
+    ends = np.column_stack([other, np.full(len(other), ACROSS)])
+    yield _Rows(causes[joined], ends, False, -(force[:, each.row] * share[:, None])[:, joined])
+
+
+def _owners(nodes: Ints, partners: Ints, beyond: Ints, parts: Sequence[ContactSurface], causes: Ints) -> Ints:
+    """The first two effects (k, 2) that own each end of an edge; -1 where there is none."""
+    found = np.full((len(nodes), 2), -1)
+    wanted = np.column_stack([nodes, partners, beyond])
+    for part, cause in zip(parts, causes.tolist(), strict=True):
+        table = ContactRows.of([part], part.normals.shape[1])
+        each = table.ends.tocoo()
+        own = np.column_stack([table.nodes[each.row], table.partners[each.row], table.names[each.col, 1]])
+        _, number = np.unique(np.concatenate([own, wanted]), axis=0, return_inverse=True)
+        mine = np.isin(number.ravel()[len(own) :], number.ravel()[: len(own)])
+        second = mine & (found[:, 0] >= 0) & (found[:, 0] != cause)
+        found[second & (found[:, 1] < 0), 1] = cause
+        found[mine & (found[:, 0] < 0), 0] = cause
+    return found
+
+
+def _of_supports(posed: PosedScene, trajectory: Trajectory, forces: Floats) -> Iterator[_Rows]:
+    """The forces of supports and of bilateral contact."""
+    supports, S = posed.supports, len(forces)
+    rest = forces.reshape(S, -1) + trajectory.multipliers.reshape(S, -1) @ posed.terms.rows
+    rest += trajectory.pressures @ posed.obstacles.rows
+    mu, first = np.asarray(rest @ supports.H), 0
+    for support, cause in zip(supports.given, posed.causes["supports"].tolist(), strict=True):
+        own = mu[:, first : (first := first + len(support.nodes))]
+        force = own[:, :, None] * support.directions
+        yield _spread(posed, cause, support.nodes, force, not support.contact, support.directions)
+        if support.partners is not None:
+            joined = support.partners >= 0
+            ends = np.column_stack([support.partners[joined], np.full(joined.sum(), ACROSS)])
+            yield _Rows(_alone(cause, len(ends)), ends, not support.contact, -force[:, joined])
+
+
+def _of_springs(posed: PosedScene, u: Floats) -> Iterator[_Rows]:
+    """The forces of springs to the ground."""
+    for cause, K in posed.caused_springs:
+        nodes = np.unique(K.indices // u.shape[2])
+        force = -(u.reshape(len(u), -1) @ K.T).reshape(u.shape)
+        yield _spread(posed, cause, nodes, force[:, nodes], False)
+
+
+def _alone(cause: int, count: int) -> Ints:
+    return np.tile([cause, -1], (count, 1))
+
+
+def _spread(
+    posed: PosedScene, cause: int, nodes: Ints, force: Floats, held: bool, directions: Floats | None = None
+) -> _Rows:
+    """Forces (S, k, dim) on nodes through the sides of their effect, to which `directions` (k, dim) may be normal."""
+    effect: Effect = posed.scene.canonical[cause]
+    ends = posed.space.part(getattr(effect, "on", "boundary"), type(effect).__name__, contact=True).ends
+    order = np.argsort(ends.nodes, kind="stable")
+    first, last = (np.searchsorted(ends.nodes[order], nodes, side) for side in ("left", "right"))
+    count = last - first
+    row = np.repeat(np.arange(len(nodes)), count)
+    end = order[np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count) + first[row]]
+    weight = ends.lengths[end]
+    if directions is not None:
+        normal = np.abs(np.einsum("ed,ed->e", ends.normals[end], directions[row])) > np.sqrt(0.5)
+        some = np.zeros(len(nodes), dtype=bool)
+        np.logical_or.at(some, row, normal)
+        weight = np.where(some[row] & ~normal, 0.0, weight)
+    weight = np.where(np.bincount(row, weight, minlength=len(nodes))[row] > 0, weight, 1.0)
+    share = weight / np.bincount(row, weight, minlength=len(nodes))[row]
+    bare = np.flatnonzero(count == 0)
+    names = np.column_stack(
+        [np.append(nodes[row], nodes[bare]), np.append(ends.beyond[end], np.full(len(bare), NOWHERE))]
+    )
+    spread = np.concatenate([force[:, row] * share[:, None], force[:, bare]], axis=1)
+    return _Rows(_alone(cause, len(names)), names, held, spread)
+
+
+class Acting(Protocol):
+    """What of a history its forces are read from."""
+
+    mesh: Mesh
+    scene: Scene | None
+    effects: tuple[str, ...]
+    acting: BoundaryForces
+
+
+Cause = str | Effect | type[Effect]
+
+
+def reaction(history: Acting, name: str) -> Floats:
+    """Return the force of supports on a boundary: see :meth:`vemcvx.History.reaction`."""
+    acting, through = history.acting, _through(history, name, "reaction")
+    held = through & acting.held
+    if through.any() and not held.any():
+        log.warning("reaction: no support acts on %r, so it is 0; history.force(%r) is that of contact.", name, name)
+    return _total(acting.force[:, held])
+
+
+def force(history: Acting, of: Cause) -> Floats:
+    """Return the force of an effect, or of all but supports on a boundary: see :meth:`vemcvx.History.force`."""
+    acting = history.acting
+    if isinstance(of, str):
+        return _total(acting.force[:, _through(history, of, "force") & ~acting.held])
+    causes = _numbers(history, of, "force")
+    loads = np.isin(acting.load_causes, causes)
+    return _total(acting.force[:, _caused(history, causes, "force")]) + _total(acting.loads[:, loads])
+
+
+def moment(history: Acting, of: Cause, about: ArrayLike | None = None) -> Floats:
+    """Return the moment of what acts on a boundary, or of an effect: see :meth:`vemcvx.History.moment`."""
+    acting, points = history.acting, history.mesh.points
+    dim = points.shape[1]
+    wanted = f"a point of {dim} coordinates"
+    centre = np.zeros(dim) if about is None else finite(shaped(about, "moment: about", wanted, (dim,)), "moment: about")
+    if isinstance(of, str):
+        rows = _through(history, of, "moment")
+    else:
+        causes = _numbers(history, of, "moment")
+        rows = _caused(history, causes, "moment")
+        if np.isin(acting.load_causes, causes).any():
+            raise SceneError("moment: found a load; of loads the total is known, history.force, but not where it acts.")
+    return moments(points[acting.ends[rows, 0]] - centre, acting.force[:, rows])
+
+
+def moments(arms: Floats, forces: Floats) -> Floats:
+    """Return the sum of moments of forces (S, k, dim) at arms (k, dim): (S,) in the plane, in space (S, 3)."""
+    if arms.shape[1] == 2:
+        total: Floats = (arms[:, 0] * forces[..., 1] - arms[:, 1] * forces[..., 0]).sum(axis=1)
+        return total
+    return _total(np.cross(arms, forces))
+
+
+def _total(forces: Floats) -> Floats:
+    total: Floats = forces.sum(axis=1)
+    return total
+
+
+def _through(history: Acting, name: str, subject: str) -> Bools:
+    """Return which rows act through the sides of a boundary, (q,)."""
+    return history.acting.through(Space(history.mesh).part(name, subject, contact=True).names)
+
+
+def _caused(history: Acting, causes: Ints, subject: str) -> Bools:
+    """Return which rows these effects cause, (q,); of interfaces those on the body that is named first."""
+    acting = history.acting
+    mine = np.isin(acting.causes, causes)
+    apart = (mine & (acting.causes >= 0)).any(axis=1) & ~(mine | (acting.causes < 0)).all(axis=1)
+    if apart.any():
+        one, other = (history.effects[i] for i in acting.causes[np.argmax(apart)])
+        raise SceneError(
+            f"{subject}: on some sides the force is that of two effects: {one}; and {other}. Name the boundary."
+        )
+    return mine.any(axis=1) & (acting.ends[:, 1] != ACROSS)
+
+
+def _numbers(history: Acting, of: Effect | type[Effect], subject: str) -> Ints:
+    """Return the numbers of an effect, or of those of a class."""
+    if isinstance(of, Effect):
+        words, own = of.described(history.mesh.points.shape[1] == 2), history.scene
+        found = [i for i, effect in enumerate(own.canonical if own else ()) if effect is of or effect == of]
+        found = found or [i for i, effect in enumerate(history.effects) if effect == words]
+    elif isinstance(of, type) and issubclass(of, Effect) and history.scene is not None:
+        found = [i for i, effect in enumerate(history.scene.canonical) if isinstance(effect, of)]
+    else:
+        raise SceneError(
+            f"{subject}: found {brief(of)}; wanted a boundary by its name, an effect, or a class of effects, for which "
+            "the scene must be known (files do not keep it)."
+        )
+    if not found:
+        raise SceneError(f"{subject}: found {brief(of)}; the effects of this history are {'; '.join(history.effects)}.")
+    return np.array(found)

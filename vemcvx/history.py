@@ -6,6 +6,7 @@ on the body, and reactions act on the body.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,6 +22,7 @@ from vemcvx.results.files import read_results, write_results
 from vemcvx.results.probe import Profile, places, profile
 from vemcvx.results.quoted import Quantity
 from vemcvx.results.results import Results, programs_of_steps
+from vemcvx.results.sections import Section, mean, section
 from vemcvx.results.tables import Columns, dataset, frame, table
 from vemcvx.scene import Scene
 
@@ -137,6 +139,58 @@ class History(Results, Outlined):
             The line leaves the body, or an argument is not as above.
         """
         return profile(self, start, end, count, field)
+
+    def section(self, point: ArrayLike, normal: ArrayLike, on: str | Sequence[str] | None = None) -> Section:
+        """Return the force and the moment across a plane through the body, at all stored steps.
+
+        Parameters
+        ----------
+        point, normal : (dim,)
+            Of the plane, in the plane a line. The normal points to what is ahead.
+        on : str or sequence of str, optional
+            The cells that count, by the names of cell data that are nonzero there, such as those of bodies.
+
+        Returns
+        -------
+        Section
+            ``force, moment = history.section(...)``: of what is ahead on what is behind, (S, dim) and (S,), in space
+            (S, 3), the moment about `point`. They balance all other forces on either side to rounding, whatever the
+            mesh; loads on cells that the plane cuts act where their nodes are.
+
+        Raises
+        ------
+        SceneError
+            The plane does not cut these cells, an argument is not as above, or the material is viscous.
+        HistoryError
+            The history was read from files, and the scene has a stabilisation of one's own.
+
+        Examples
+        --------
+        >>> import vemcvx as vx
+        >>> bar = vx.meshes.squares((8, 2), box=((0, 4), (0, 1)))
+        >>> scene = vx.Scene(vx.Elasticity(200.0, 0.3), vx.Clamp(on="left"), vx.Traction((3.0, 0.0), on="right"))
+        >>> force, moment = vx.simulate(scene, bar, [0.0, 1.0]).section((1.7, 0.5), (1.0, 0.0))
+        >>> [round(float(x), 9) for x in force[-1]]
+        [3.0, 0.0]
+        """
+        return section(self, point, normal, on)
+
+    def mean(self, field: str = "stress", on: str | Sequence[str] | None = None) -> Floats:
+        """Return the mean of a field over the body, or over some of its cells, (S, ...).
+
+        Parameters
+        ----------
+        field : {"displacement", "stress", "out_of_plane_stress", "von_mises", "principal_stresses"}
+            Displacements are those of Pi u.
+        on : str or sequence of str, optional
+            The cells, by the names of cell data that are nonzero there, such as those of bodies.
+
+        Raises
+        ------
+        SceneError
+            There is no such field, or no such cell datum.
+        """
+        return mean(self, field, on)
 
     def table(self, name: str, points: ArrayLike | None = None) -> Columns:
         """Return columns of equal length by name: ``pandas.DataFrame(history.table("contact"))``.

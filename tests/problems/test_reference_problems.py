@@ -35,7 +35,7 @@ def test_a_block_pushed_uphill(polish, family):
     contact = history.contact
     law = np.linalg.norm(contact.traction[-1], axis=1) - incline.FRICTION * contact.pressure[-1]
     assert np.abs(law).max() < 1e-4 * contact.pressure[-1].max()
-    normal = -(history.reaction("bottom")[-1] + history.reaction("pushed")[-1])
+    normal = -(history.force("bottom")[-1] + history.reaction("pushed")[-1])
     assert normal == pytest.approx([0.0, -incline.WEIGHT], abs=1e-4 * incline.WEIGHT)
 
 
@@ -46,7 +46,7 @@ def test_hertz(solver):
     history = vx.simulate(hertz.scene(), hertz.mesh(12), hertz.times(3), solver=solver)
     contact = history.contact
     for step in range(1, 4):
-        P = 2 * history.reaction("bottom")[step][1]
+        P = 2 * history.force("bottom")[step][1]
         half_width, peak = hertz.fitted(contact.points[:, 0], contact.pressure[step])
         a = np.sqrt(4 * P * hertz.RADIUS * (1 - hertz.POISSON**2) / (np.pi * hertz.YOUNG))
         if step == 3:
@@ -64,7 +64,7 @@ def test_hertz(solver):
 def test_cattaneo_and_mindlin(drag):
     """The stick half-width within three per cent of sqrt(1 - Q / mu P), for little and for much drag."""
     history = vx.simulate(cattaneo_mindlin.scene(drag=drag), cattaneo_mindlin.mesh(30), cattaneo_mindlin.times(8))
-    Q, P = np.abs(history.reaction("bottom")[-1])
+    Q, P = np.abs(history.force("bottom")[-1])
     a, _ = hertz.fitted(history.contact.points[:, 0], history.contact.pressure[-1])
     stuck, _ = cattaneo_mindlin.stick_half_width(history)
     assert stuck / a == pytest.approx(np.sqrt(1 - Q / (cattaneo_mindlin.FRICTION * P)), rel=0.03)
@@ -116,4 +116,4 @@ def test_a_beam_on_winklers_foundation(asperities):
     along = -history.displacement[-1][history.contact.nodes, 1]
     assert pressure == pytest.approx(winkler.SPRINGS * np.maximum(along, 0), abs=1e-6)
     assert (along < 0).any()
-    assert -history.reaction("bottom")[-1, 1] == pytest.approx(-winkler.FORCE / 2, rel=1e-4)
+    assert -history.force("bottom")[-1, 1] == pytest.approx(-winkler.FORCE / 2, rel=1e-4)

@@ -42,7 +42,7 @@ def test_friction_alone_holds_the_body(family, share, condense):
         history = vx.simulate(slab(share * BOUND, swing), mesh, TIMES, condense=condense)
     assert history.certificate.max() <= 1e-8
     load = share * BOUND * swing(TIMES)
-    assert np.abs(history.reaction("bottom")[:, 0] + load).max() < 1e-9 * BOUND
+    assert np.abs(history.force("bottom")[:, 0] + load).max() < 1e-9 * BOUND
     gain = history.work - (history.energy - history.energy[0]) - history.dissipated
     assert (np.diff(gain) > -1e-12 * history.work.max()).all()
 
@@ -60,7 +60,7 @@ def test_unknowns_that_anchors_alone_hold_keep_their_scale(solver):
     )
     history = vx.simulate(scene, vx.meshes.squares(1), [0.0, 0.5, 1.0], solver=solver)
     assert history.certificate.max() <= 1e-6
-    assert history.reaction("bottom")[-1] == pytest.approx([-0.3, 1.0], abs=1e-9)
+    assert history.force("bottom")[-1] == pytest.approx([-0.3, 1.0], abs=1e-9)
 
 
 def test_too_much_load_is_refused_with_the_force_that_is_lacking():
@@ -241,7 +241,7 @@ def test_what_takes_no_kernel_is_refused():
     with pytest.raises(vx.NotAccepted, match="^linear solver Iterative: the stiffness has a kernel"):
         vx.simulate(slab(1.0), vx.meshes.squares(2), TIMES, linear=vx.Iterative())
     settled = vx.simulate(slab(1.0, lambda t: 1.0 + t), vx.meshes.squares(2), TIMES, initial="settled")
-    assert settled.reaction("bottom")[0, 0] == pytest.approx(-1.0, rel=1e-9)
+    assert settled.force("bottom")[0, 0] == pytest.approx(-1.0, rel=1e-9)
 
 
 @pytest.mark.arithmetic

@@ -87,7 +87,7 @@ def test_half_of_a_block_shows_what_the_whole_shows(contact, holder):
     assert one.lengths == pytest.approx(two.lengths[there] * np.where(middle, 0.5, 1.0), rel=1e-14)
     assert np.array_equal(one.sticking[1:, middle], np.ones((4, 1)))
     assert np.array_equal(one.closed, two.closed[:, there])
-    load = half.reaction("bottom")[:, 1]
+    load = half.force("bottom")[:, 1]
     assert one.pressure @ one.lengths == pytest.approx(load, abs=1e-10 * load.max())
     assert one.pressure[-1].argmax() == 0 or contact != "rigid"
 

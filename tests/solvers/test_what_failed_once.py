@@ -129,7 +129,7 @@ def test_friction_by_direction_holds_a_body_up_to_its_ellipse(angle):
     """The floor bears the load; beyond the ellipse the step is refused (answers of 1e15 were certified)."""
     scene, mesh, shear = block_on_a_rough_floor(angle, 0.9)
     history = vx.simulate(scene, mesh, [0.0, 0.5, 1.0], initial="settled")
-    assert history.reaction("bottom")[-1] == pytest.approx([0, 0, 1] - shear, abs=1e-12)
+    assert history.force("bottom")[-1] == pytest.approx([0, 0, 1] - shear, abs=1e-12)
     scene, mesh, _ = block_on_a_rough_floor(angle, 1.1)
     with pytest.raises((vx.SceneError, vx.NotCertified), match="^step 2 at t = 1: "):
         vx.simulate(scene, mesh, [0.0, 0.5, 1.0], initial="settled")

@@ -135,7 +135,7 @@ def test_a_body_that_only_friction_and_contact_hold_costs_what_others_do(given, 
     assert history.iterations.max() <= most
     assert history.certificate.max() <= solver.accuracy
     wanted = press * np.column_stack([-push * history.times, np.full(3, size[0])])
-    assert history.reaction("bottom") == pytest.approx(wanted, abs=1e-9 * press)
+    assert history.force("bottom") == pytest.approx(wanted, abs=1e-9 * press)
 
 
 @pytest.mark.parametrize("mu", [0.1, 0.4, 0.9])

@@ -334,7 +334,8 @@ def differences(scene, other, mesh, times, solver=SHARP):
     found = {name: off(one, two, np.abs(two).max(initial=0.0)) for name, (one, two) in pairs.items()}
     most = np.abs(theirs.forces).sum(axis=1).max()
     for side in ("left", "right", "bottom", "top"):
-        found[f"reaction {side}"] = off(mine.reaction(side), theirs.forces[:, other.nodes(side)].sum(axis=1), most)
+        nodes = other.nodes(side)
+        found[f"forces {side}"] = off(mine.forces[:, nodes].sum(axis=1), theirs.forces[:, nodes].sum(axis=1), most)
     return found, theirs
 
 

@@ -93,7 +93,7 @@ def test_the_problem_file_runs_as_described(tmp_path):
     done = CliRunner().invoke(app, ["run", str(tmp_path / "pad.py"), *options, str(tmp_path / "out")])
     assert done.exit_code == 0, done.output
     history = vx.read_history(tmp_path / "out")
-    across, up = history.reaction("bottom")[-1]
+    across, up = history.force("bottom")[-1]
     assert up > 0
     assert across == pytest.approx(-0.5 * up, rel=1e-8)
     assert not history.contact.sticking[-1].any()

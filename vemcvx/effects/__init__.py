@@ -36,6 +36,7 @@ from vemcvx.effects.loads_and_supports import (
     Traction,
 )
 from vemcvx.effects.materials import Elasticity, MaterialLaw, Orthotropic, Prestress, ThermalStrain, Viscosity
+from vemcvx.effects.materials import region as region
 
 __all__ = [
     "BilateralContact",

@@ -1,0 +1,102 @@
+"""Forces and moments across a plane through the body, and means of fields over cells.
+
+Strains and stresses at zero strain act on nodes with the forces q = A u + T sigma_0, where A is the stiffness without
+springs and T sigma_0 the virtual work of stresses. The sum of q . w over the nodes ahead of a plane, w a translation or
+a rotation, is the virtual work of the stresses in chi w, chi being 1 on these nodes and 0 on all others: the force or
+the moment of what is ahead of the plane on what is behind it. Only cells that the plane cuts contribute, and the sum is
+in balance with all other forces on either side, whatever the mesh. What loads such cells acts where their nodes are.
+
+The mean displacement of cells is that of Pi u, exact for linear u.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from vemcvx.base.arrays import Bools, Floats, finite, shaped
+from vemcvx.base.errors import HistoryError, SceneError
+from vemcvx.effects import region
+from vemcvx.results.forces import moments
+from vemcvx.results.probe import ON_CELLS
+from vemcvx.results.results import Results
+from vemcvx.vem import Space, stiffness_of, stress_load
+
+
+class Section(NamedTuple):
+    """The resultants of what is ahead of a plane on what is behind it."""
+
+    force: Floats
+    """(S, dim)"""
+    moment: Floats
+    """(S,), in space (S, 3), about the point by which the plane was given"""
+
+
+def section(history: Results, point: ArrayLike, normal: ArrayLike, on: str | Sequence[str] | None) -> Section:
+    """Return the resultants across a plane: see :meth:`vemcvx.History.section`."""
+    x, space = history.mesh.points, Space(history.mesh)
+    p, n = (_vector(raw, space.dim, f"section: {name}") for raw, name in ((point, "point"), (normal, "normal")))
+    if not n.any():
+        raise SceneError("section: found a normal of length 0; give one that points ahead, such as (1, 0).")
+    some = _cells(space, on, "section")
+    used = np.zeros(len(x), dtype=bool)
+    for group in space.groups:
+        used[group.nodes[some[group.cells]]] = True
+    ahead = ((x - p) @ n > 0) & used
+    if not ahead.any() or np.array_equal(ahead, used):
+        raise SceneError(f"section: the plane through {p} across {n} does not cut {'the body' if on is None else on}.")
+    forces = _inner_forces(history, space, some)[:, ahead]
+    return Section(forces.sum(axis=1), moments(x[ahead] - p, forces))
+
+
+def mean(history: Results, field: str, on: str | Sequence[str] | None) -> Floats:
+    """Return the mean of a field: see :meth:`vemcvx.History.mean`."""
+    if not isinstance(field, str) or field not in ("displacement", *ON_CELLS):
+        known = ", ".join(map(repr, ON_CELLS))
+        raise SceneError(f"mean: there is no field {field!r}; there are 'displacement', {known}.")
+    space = Space(history.mesh)
+    some, sizes = _cells(space, on, "mean"), history.mesh.measures
+    if field == "displacement":
+        found: Floats = np.einsum("n,snd->sd", _weights(space, some), history.displacement) / sizes[some].sum()
+        return found
+    each = np.stack([getattr(history, field)(int(step))[some] for step in history.stored])
+    found = np.einsum("c,sc...->s...", sizes[some], each) / sizes[some].sum()
+    return found
+
+
+def _weights(space: Space, some: Bools) -> Floats:
+    """The integral of Pi u over cells (n_cells,) as weights of nodal values (n_nodes,): |K| times Pi u(centroid)."""
+    found, mesh = np.zeros(len(space.mesh.points)), space.mesh
+    for group in space.groups:
+        kept = group.part(np.flatnonzero(some[group.cells]))
+        sizes, slopes = kept.gradients()
+        w = kept.boundary_means()
+        arm = mesh.centroids[kept.cells] - mesh.points[kept.nodes[:, 0]] - np.einsum("ci,cia->ca", w, kept.corners)
+        np.add.at(found, kept.nodes, sizes[:, None] * w + np.einsum("cia,ca->ci", slopes, arm))
+    return found
+
+
+def _inner_forces(history: Results, space: Space, some: Bools) -> Floats:
+    """The forces q (S, n_nodes, dim) of the cells (n_cells,) on the nodes."""
+    if history.trajectory.velocity is not None:
+        raise SceneError("section: found viscosity, whose stresses no history keeps; use history.force instead.")
+    if history.stabilisation is None:
+        raise HistoryError("section: files do not keep a stabilisation of one's own; simulate the scene again.")
+    A = stiffness_of(space, history.moduli * some, history.stabilisation).whole()
+    q = np.stack([A @ u.ravel() for u in history.displacement])
+    if history.prestress is not None:
+        T = stress_load(space)
+        q += np.stack([T @ (sigma * some[:, None]).ravel() for sigma in history.prestress])
+    return q.reshape(history.displacement.shape)
+
+
+def _cells(space: Space, on: str | Sequence[str] | None, subject: str) -> Bools:
+    found = region(space, on, subject)
+    return np.ones(space.mesh.n_cells, dtype=bool) if found is None else found
+
+
+def _vector(raw: ArrayLike, dim: int, subject: str) -> Floats:
+    return finite(shaped(raw, subject, f"{dim} numbers", (dim,)), subject)

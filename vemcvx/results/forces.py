@@ -33,7 +33,7 @@ from vemcvx.scene import Scene
 from vemcvx.scene.pose import PosedScene
 from vemcvx.scene.rows import ContactRows
 from vemcvx.stepping import Trajectory
-from vemcvx.vem import Space
+from vemcvx.vem import Space, rigid_modes
 
 log = logging.getLogger("vemcvx")
 NOWHERE, ACROSS = -1, -2
@@ -159,17 +159,19 @@ def _owners(nodes: Ints, partners: Ints, beyond: Ints, parts: Sequence[ContactSu
 def _of_supports(posed: PosedScene, trajectory: Trajectory, forces: Floats) -> Iterator[_Rows]:
     """The forces of supports and of bilateral contact."""
     supports, S = posed.supports, len(forces)
-    rest = forces.reshape(S, -1) + trajectory.multipliers.reshape(S, -1) @ posed.terms.rows
-    rest += trajectory.pressures @ posed.obstacles.rows
-    mu, first = np.asarray(rest @ supports.H), 0
+    own = np.flatnonzero(np.diff(supports.H.indptr))
+    rest = forces.reshape(S, -1)[:, own] + trajectory.multipliers.reshape(S, -1) @ posed.terms.rows[:, own]
+    rest += trajectory.pressures @ posed.obstacles.rows[:, own]
+    mu, first = np.asarray(rest @ supports.H[own]), 0
     for support, cause in zip(supports.given, posed.causes["supports"].tolist(), strict=True):
-        own = mu[:, first : (first := first + len(support.nodes))]
-        force = own[:, :, None] * support.directions
-        yield _spread(posed, cause, support.nodes, force, not support.contact, support.directions)
+        along = mu[:, first : (first := first + len(support.nodes))]
+        force = along[:, :, None] * support.directions
+        held = not support.contact
+        yield _spread(posed, cause, support.nodes, force, held=held, directions=support.directions)
         if support.partners is not None:
             joined = support.partners >= 0
             ends = np.column_stack([support.partners[joined], np.full(joined.sum(), ACROSS)])
-            yield _Rows(_alone(cause, len(ends)), ends, not support.contact, -force[:, joined])
+            yield _Rows(_alone(cause, len(ends)), ends, held, -force[:, joined])
 
 
 def _of_springs(posed: PosedScene, u: Floats) -> Iterator[_Rows]:
@@ -177,7 +179,7 @@ def _of_springs(posed: PosedScene, u: Floats) -> Iterator[_Rows]:
     for cause, K in posed.caused_springs:
         nodes = np.unique(K.indices // u.shape[2])
         force = -(u.reshape(len(u), -1) @ K.T).reshape(u.shape)
-        yield _spread(posed, cause, nodes, force[:, nodes], False)
+        yield _spread(posed, cause, nodes, force[:, nodes])
 
 
 def _alone(cause: int, count: int) -> Ints:
@@ -185,7 +187,7 @@ def _alone(cause: int, count: int) -> Ints:
 
 
 def _spread(
-    posed: PosedScene, cause: int, nodes: Ints, force: Floats, held: bool, directions: Floats | None = None
+    posed: PosedScene, cause: int, nodes: Ints, force: Floats, held: bool = False, directions: Floats | None = None
 ) -> _Rows:
     """Forces (S, k, dim) on nodes through the sides of their effect, to which `directions` (k, dim) may be normal."""
     effect: Effect = posed.scene.canonical[cause]
@@ -214,10 +216,21 @@ def _spread(
 class Acting(Protocol):
     """What of a history its forces are read from."""
 
-    mesh: Mesh
-    scene: Scene | None
-    effects: tuple[str, ...]
-    acting: BoundaryForces
+    @property
+    def mesh(self) -> Mesh:
+        """The mesh."""
+
+    @property
+    def scene(self) -> Scene | None:
+        """The scene, where it is known."""
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """Its effects in words."""
+
+    @property
+    def acting(self) -> BoundaryForces:
+        """Their forces."""
 
 
 Cause = str | Effect | type[Effect]
@@ -260,10 +273,8 @@ def moment(history: Acting, of: Cause, about: ArrayLike | None = None) -> Floats
 
 def moments(arms: Floats, forces: Floats) -> Floats:
     """Return the sum of moments of forces (S, k, dim) at arms (k, dim): (S,) in the plane, in space (S, 3)."""
-    if arms.shape[1] == 2:
-        total: Floats = (arms[:, 0] * forces[..., 1] - arms[:, 1] * forces[..., 0]).sum(axis=1)
-        return total
-    return _total(np.cross(arms, forces))
+    turned: Floats = forces.reshape(len(forces), -1) @ rigid_modes(arms)[:, arms.shape[1] :]
+    return turned[:, 0] if turned.shape[1] == 1 else turned
 
 
 def _total(forces: Floats) -> Floats:
@@ -292,7 +303,7 @@ def _caused(history: Acting, causes: Ints, subject: str) -> Bools:
 def _numbers(history: Acting, of: Effect | type[Effect], subject: str) -> Ints:
     """Return the numbers of an effect, or of those of a class."""
     if isinstance(of, Effect):
-        words, own = of.described(history.mesh.points.shape[1] == 2), history.scene
+        words, own = of.described(Space(history.mesh).in_plane), history.scene
         found = [i for i, effect in enumerate(own.canonical if own else ()) if effect is of or effect == of]
         found = found or [i for i, effect in enumerate(history.effects) if effect == words]
     elif isinstance(of, type) and issubclass(of, Effect) and history.scene is not None:

@@ -67,7 +67,7 @@ LINES |= {"meshes": 7_158, "meshes/io": 1_508, "vem": 1_955}
 """Most lines of folders: they grow by decision only, which raises a number here."""
 TOP = 1_649
 """Most lines of the modules at the top and of what all may use, without the canvas, which counts with the plots."""
-TESTS = 26_400
+TESTS = 26_510
 """Most lines of the tests of `LINES`, in the folders of their names."""
 
 LATE = {"vemcvx.meshes.mesh"}

@@ -22,7 +22,7 @@ import vemcvx as vx
 from vemcvx.bound.hypercircle import hypercircle
 from vemcvx.bound.skeleton import instant
 from vemcvx.linear import choose_linear
-from vemcvx.scene.pose import pose_scene
+from vemcvx.scene import pose_scene
 
 REPEATED = 5
 BODY = {

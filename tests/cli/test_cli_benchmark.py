@@ -31,7 +31,7 @@ from vemcvx.cli.collection.benchmark import (
     scores,
     seconds_to,
 )
-from vemcvx.program.step_program import StepProgram
+from vemcvx.program import StepProgram
 
 SMALL = [one for one in INSTANCES if one.grade == "easy" and one.problem == "frictional_hysteresis"]
 

@@ -20,7 +20,7 @@ import vemcvx as vx
 from vemcvx.cli import app
 from vemcvx.cli.compare import Row, bounds_distance, distance, judged, warned_once
 from vemcvx.scene import pose_scene
-from vemcvx.solvers.conic import installed
+from vemcvx.solvers import installed
 
 ROOT = Path(vx.__file__).parent.parent
 PROBLEM = str(ROOT / "problems" / "feng_han_huang.py")

@@ -14,7 +14,7 @@ import manufactured_full_slip as plane
 import vemcvx as vx
 from vemcvx.bound.skeleton import instant
 from vemcvx.estimate.residual import Residuals
-from vemcvx.scene.pose import pose_scene
+from vemcvx.scene import pose_scene
 from vemcvx.vem import Space, strains, stresses
 
 pytestmark = pytest.mark.arithmetic

@@ -11,8 +11,7 @@ import scipy.sparse as sp
 
 import vemcvx as vx
 from vemcvx.exchange.arrays import read_matrix
-from vemcvx.program.operators import Operators
-from vemcvx.program.step_program import StepProgram
+from vemcvx.program import Operators, StepProgram
 
 FORMS = "npz", "mtx", "cbf", "mps"
 

@@ -15,8 +15,7 @@ import scipy.sparse as sp
 from reading_cbf import read_cbf, to_second_order
 
 import vemcvx as vx
-from vemcvx.program.operators import Operators
-from vemcvx.program.step_program import StepProgram
+from vemcvx.program import Operators, StepProgram
 from vemcvx.vem import Space
 
 EPS = float(np.finfo(float).eps)

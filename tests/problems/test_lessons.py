@@ -19,8 +19,7 @@ import scipy.sparse as sp
 
 import vemcvx as vx
 from vemcvx.base.errors import SceneWarning
-from vemcvx.program.operators import Operators
-from vemcvx.program.step_program import StepProgram
+from vemcvx.program import Operators, StepProgram
 
 FOLDER = Path(__file__).parents[2] / "problems" / "lessons"
 FILES = sorted(path.name for path in FOLDER.glob("*.py"))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import vemcvx as vx
-from vemcvx.program.kernel import Kernel
+from vemcvx.program import Kernel
 
 pytestmark = pytest.mark.arithmetic
 

@@ -13,8 +13,7 @@ from functools import cached_property
 import numpy as np
 from strategies import Case
 
-from vemcvx.program.operators import Operators
-from vemcvx.program.step_program import StepProgram
+from vemcvx.program import Operators, StepProgram
 
 EPS = float(np.finfo(float).eps)
 

@@ -13,8 +13,7 @@ import plate_with_hole
 import press_fit
 import two_blocks_in_series
 import vemcvx as vx
-from vemcvx.results.corners import Corners
-from vemcvx.results.quoted import growth
+from vemcvx.results import Corners, growth
 
 MAY = ": may grow without limit as the mesh is refined"
 LOADED = "at a point load: grows without limit as the mesh is refined"

@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 import vemcvx as vx
 from vemcvx.cli import app
 from vemcvx.cli import run as simulation
-from vemcvx.stepping.trajectory import Folder
+from vemcvx.stepping import Folder
 
 TIMES = np.linspace(0.0, 1.0, 5)
 OURS = {"state.npy", "checkpoint.npy", ".vemcvx"}

@@ -10,7 +10,8 @@ import pytest
 from scenes import cyclic, few_families, paper_scene, small
 
 import vemcvx as vx
-from vemcvx.results.probe import locate, places
+from vemcvx.results import places
+from vemcvx.results.probe import locate
 from vemcvx.vem import CellGroup
 
 TIMES = np.linspace(0.0, 1.0, 4)

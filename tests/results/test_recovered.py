@@ -11,7 +11,7 @@ import pytest
 
 import vemcvx as vx
 from vemcvx.results.contact_tiles import ContactTiles
-from vemcvx.scene.pose import pose_scene
+from vemcvx.scene import pose_scene
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "problems"))
 

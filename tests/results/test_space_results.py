@@ -12,8 +12,8 @@ from solids import SOLIDS, solid
 
 import vemcvx as vx
 from vemcvx import plots
+from vemcvx.results import places
 from vemcvx.results.files import read_archive, write_archive
-from vemcvx.results.probe import places
 
 AREA = SIZE[0] * SIZE[1]
 ONLY = "exists in the plane only, and this mesh is of polyhedra"

@@ -11,7 +11,7 @@ from vemcvx.bound.hypercircle import Defect, hypercircle
 from vemcvx.bound.skeleton import instant
 from vemcvx.estimate.adapt import cells_to_refine
 from vemcvx.results.probe import locate
-from vemcvx.scene.pose import pose_scene
+from vemcvx.scene import pose_scene
 
 
 def circle_of(history):

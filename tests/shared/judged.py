@@ -12,7 +12,7 @@ from exact_steps import Steps, Stuck
 from stopped import Stopped, stop_at
 
 import vemcvx as vx
-from vemcvx.results.results import displacement
+from vemcvx.results import displacement
 from vemcvx.scene import pose_scene
 
 EPS = float(np.finfo(float).eps)

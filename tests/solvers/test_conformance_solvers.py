@@ -9,7 +9,8 @@ import pytest
 from scenes import paper_scene, small
 
 import vemcvx as vx
-from vemcvx.program.operators import ABSOLUTE_VALUES, BOUNDS, FEATURES, QUADRATIC, SECOND_ORDER_CONES
+from vemcvx.program import ABSOLUTE_VALUES, BOUNDS, QUADRATIC, SECOND_ORDER_CONES
+from vemcvx.program.operators import FEATURES
 from vemcvx.testing import INSTANCES, solver_suite
 from vemcvx.testing.solvers import TIMES as TESTED
 

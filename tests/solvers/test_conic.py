@@ -5,7 +5,8 @@ import pytest
 
 import vemcvx as vx
 from vemcvx.program import Answer, Operators, StepProgram
-from vemcvx.solvers.conic import TUNED, When, polished
+from vemcvx.solvers import TUNED
+from vemcvx.solvers.conic import When, polished
 
 pytestmark = pytest.mark.arithmetic
 

@@ -6,8 +6,7 @@ import scipy.sparse as sp
 from blocks_in_space import block, on_floor
 
 import vemcvx as vx
-from vemcvx.program.operators import Operators
-from vemcvx.program.step_program import StepProgram
+from vemcvx.program import Operators, StepProgram
 from vemcvx.solvers.default import LastResort
 
 pytestmark = pytest.mark.arithmetic

@@ -10,8 +10,8 @@ from scipy.sparse.linalg import spsolve
 from skfem.models.elasticity import linear_elasticity
 
 import vemcvx as vx
-from vemcvx.vem import Space, rigid_modes, stiffness
-from vemcvx.vem.elasticity import SumOverCells, distinct, local_blocks
+from vemcvx.vem import Space, SumOverCells, rigid_modes, stiffness
+from vemcvx.vem.elasticity import distinct, local_blocks
 
 SLOPE = np.array([[0.3, -1.2], [0.7, 0.4]])
 EPS = np.finfo(float).eps

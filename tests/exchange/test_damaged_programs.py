@@ -60,23 +60,6 @@ def test_columns_and_rows_that_lead_out_of_a_matrix(written):
         )
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("name", ["sound.mtx", "sound_B.mtx", "sound_g.mtx"])
-def test_matrices_that_end_in_the_middle_of_a_number(written, name):
-    """Cut anywhere in the last lines, or with a zero byte there: SciPy's reader ended the process."""
-    whole, paths = (written / name).read_bytes(), []
-    for k in range(1, 30):
-        for kind, data in (("cut", whole[:-k]), ("zero", whole[:-k] + b"\0" + whole[1 - k or len(whole) :])):
-            folder = written / f"{kind}{k}"
-            folder.mkdir()
-            for path in written.glob("sound*.mtx"):
-                (folder / path.name).write_bytes(data if path.name == name else path.read_bytes())
-            paths.append(folder / "sound.mtx")
-    array = name.removeprefix("sound").removeprefix("_").removesuffix(".mtx") or "K"
-    for path, says in zip(paths, hostile.read_all(paths, "program"), strict=True):
-        assert re.match(rf"{path}: {array}: is (cut short, or no text|no Matrix Market file)", says), (path, says)
-
-
 NONE = "A: is no Matrix Market file of a real matrix"
 
 

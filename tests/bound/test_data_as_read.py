@@ -168,7 +168,12 @@ def true_error(history, of):
 NARROW = {"narrow peak": lambda x: np.exp(-0.5 * ((x[:, 0] - 0.37) / 0.02) ** 2), "short waves": partial(waves, 60.0)}
 
 
-@pytest.mark.parametrize("name", [*LOADS, *NARROW])
+QUICKEST = "jump", "linear", "narrow peak"
+
+
+@pytest.mark.parametrize(
+    "name", [name if name in QUICKEST else pytest.param(name, marks=pytest.mark.long) for name in (*LOADS, *NARROW)]
+)
 def test_bounds_from_both_sides_allow_for_what_is_misread(name):
     of = {**LOADS, **NARROW}[name]
     history = bar(of)[0]

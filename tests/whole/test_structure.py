@@ -61,7 +61,7 @@ HEAVY = {
 
 LINES = {"program": 2_164, "solvers": 1_322, "stepping": 1_755, "linear": 892, "scene": 1_829, "effects": 1_801}
 LINES |= {"exchange": 680, "testing": 971, "cli/collection": 1_146}
-LINES |= {"bound": 3_239, "results": 2_457, "estimate": 2_172, "plots": 1_903}
+LINES |= {"bound": 3_253, "results": 2_457, "estimate": 2_172, "plots": 1_903}
 LINES |= {"cost": 663, "cli": 3_633}
 LINES |= {"meshes": 7_158, "meshes/io": 1_508, "vem": 1_955}
 """Most lines of folders: they grow by decision only, which raises a number here."""

@@ -37,7 +37,7 @@ from vemcvx.base.errors import SceneError
 from vemcvx.bound.displacement import displacement_form, edge_forces, to_edges, without_slopes
 from vemcvx.bound.equilibrium import Equilibrium, assembled, axes_of, edges_of, equilibrium
 from vemcvx.bound.fan import FORCES, Fans, fans_of, gathered
-from vemcvx.bound.reading import Reader, Reading
+from vemcvx.bound.reading import SAFETY, Reader, Reading
 from vemcvx.bound.skeleton import Instant, check_estimable, skeleton
 from vemcvx.bound.stress import stress_form
 from vemcvx.bound.surface import Boundary, Surface, free_alone
@@ -129,7 +129,7 @@ class Pair:
         if self.read.exact:
             return 0.0, 0.0
         eta = self.read.energy
-        return eta, self.circle.misread(self.read, self.defect) + eta * self.upper
+        return eta, self.circle.misread(self.read, self.defect) + SAFETY * self.read.on_gaps + eta * self.upper
 
     @property
     def A2(self) -> float:

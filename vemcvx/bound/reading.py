@@ -10,7 +10,8 @@ is left: of e(w), the work on displacements w of loads that are not read, eta = 
     cell, the energies below of what is left beside the linear functions.
 
 Answers are no farther apart than eta, also with friction and contact, and what a step minimises no farther than
-|e(v)| + eta |u - v| + eta^2 / 2. What is narrower than the distance of the points may be missed.
+|e(v)| + eta |u - v| + eta^2 / 2 and SAFETY times the work of the answer's pressure on what is left of gaps. What is
+narrower than the distance of the points may be missed.
 
 *Estimates* (:mod:`vemcvx.estimate.unseen`) take what was assembled in place of linear functions. The energies are
 
@@ -141,6 +142,8 @@ class Reading:
     """(q, 2) and of body forces"""
     others: Floats
     """(n_cells,) energies of what is left of bounds of friction, gaps and motions of the ground"""
+    on_gaps: float
+    """the work of the answer's pressure on what is left of gaps"""
 
     @property
     def exact(self) -> bool:
@@ -317,6 +320,7 @@ class Reader:
             on_pieces=on_pieces,
             in_cells=in_cells,
             others=totals(self.edges.outer, squares, len(body)),
+            on_gaps=self._work_on_gaps(now),
         )
 
     def _bounds(self, t: float) -> tuple[Floats, Floats]:
@@ -362,6 +366,16 @@ class Reader:
             at, moved, line = self.fine.read(friction, friction.ground.vector(now.t))
             squares += self.of_motion(at, moved - line)
         return squares + np.sum([self._of_obstacle(one, now, compliant) for one in self.obstacles], axis=0)
+
+    def _work_on_gaps(self, now: Instant) -> float:
+        """Return int p |gap - line|: to first order what a step minimises is off by that."""
+        if not self.obstacles:
+            return 0.0
+        pressure, work = pressures_at_ends(self.posed, self.edges, now), 0.0
+        for obstacle in self.obstacles:
+            at, gap, line = self.fine.read(obstacle, obstacle.gap(now.t)[:, None])
+            work += float(np.sum(self.fine.lengths[at] * np.abs(gap - line)[:, 0] * self.fine.between(pressure, at)))
+        return work
 
     def of_motion(self, at: Ints, apart: Floats) -> Floats:
         """Return 2 mu |d|_e |d'|_e of displacements (k, 2) at new nodes, zero at all others."""

@@ -424,39 +424,6 @@ def test_only_the_command_line_itself_imports_typer():
     assert ran.stdout == "[]\n"
 
 
-def on_a_terminal(*words):
-    """What a command says on standard error if that is a terminal."""
-    import pty
-
-    main, side = pty.openpty()
-    code = f"from vemcvx.cli import app; app({list(words)!r})"
-    environment = {**os.environ, "TERM": "xterm", "COLUMNS": "120"}
-    run = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.DEVNULL, stderr=side, env=environment)
-    os.close(side)
-    said = b""
-    while True:
-        try:
-            piece = os.read(main, 4096)
-        except OSError:
-            break
-        if not piece:
-            break
-        said += piece
-    os.close(main)
-    assert run.wait() == 0
-    return re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", said.decode())
-
-
-@pytest.mark.long
-@pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are a matter of Unix")
-def test_a_terminal_gets_a_progress_bar(tmp_path):
-    said = on_a_terminal("run", PROBLEM, "--n", "16", "--steps", "200", "--out", str(tmp_path / "out"))
-    assert "0/?" not in said
-    assert re.search(r"assembling .* \d:\d\d:\d\d", said)
-    assert re.search(r"marching .* \d+/200 \d:\d\d:\d\d \S+", said)
-    assert re.search(r"writing .* \d+/201 \d:\d\d:\d\d \S+", said)
-
-
 @pytest.mark.long
 def test_without_a_terminal_long_runs_say_a_line_at_times(tmp_path):
     words = ["run", PROBLEM, "--n", "16", "--steps", "200", "--out", str(tmp_path / "out")]

@@ -309,13 +309,6 @@ def test_whatever_is_installed_makes_rows_of_every_problem(path, tmp_path):
 
 
 @pytest.mark.long
-def test_the_table_fits_80_columns():
-    done = invoke(PROBLEM, "--n", "4", "--steps", "2", "--solvers", "all")
-    table = done.stdout.split("\n\n")[1]
-    assert max(map(len, table.splitlines())) <= 80
-
-
-@pytest.mark.long
 def test_files(tmp_path):
     paths = {kind: tmp_path / f"told.{kind}" for kind in ("json", "csv")}
     written = [part for kind, path in paths.items() for part in (f"--{kind}", path)]
@@ -368,14 +361,6 @@ def test_distances_are_those_of_the_energy_norm(attempts):
     assert found == pytest.approx(relative.max(), rel=1e-9)
     assert kept
     assert distance(system, newton, clarabel)[0] < 1e-3 * found
-
-
-@pytest.mark.long
-def test_a_start_that_misses_alone_is_told(attempts):
-    system, ((newton, run), *_) = attempts
-    missed = replace(run, gap=np.where(np.arange(len(run.gap)) == 0, 1.0, run.gap))
-    (row,) = judged(system, [(newton, missed)]).rows
-    assert row.says.startswith("misses its accuracy at the start, first in step 0 at t = 0, where it reached")
 
 
 def test_a_false_certificate_is_called_wrong(attempts):

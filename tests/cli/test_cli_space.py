@@ -81,21 +81,3 @@ def test_pictures_and_report_say_what_they_leave_out(tmp_path, monkeypatch):
     assert page.count("<img") == 4
     assert "largest friction per area" in page
     assert "algebra" in page.split("Error budget")[1]
-
-
-@pytest.mark.slow
-def test_what_accuracy_costs_in_space(tmp_path):
-    """Estimates are above true errors, beside a finer mesh in space."""
-    pytest.importorskip("matplotlib")
-    out = tmp_path / "out"
-    asked = ["--n", "1,2", "--steps", "2", "--solver", "newton", "--workers", "1", "--out", str(out)]
-    result = CliRunner().invoke(app, ["cost", "block_in_space", *asked])
-    assert result.exit_code == 0, result.output
-    assert (out / "cost.png").stat().st_size > 0
-    lines = (out / "cost.csv").read_text().splitlines()
-    columns = lines[0].split(",")
-    rows = [dict(zip(columns, line.split(","), strict=True)) for line in lines[1:]]
-    assert sorted((row["family"], row["n"]) for row in rows) == [
-        (family, n) for family in ("cubes", "tetrahedra") for n in ("1", "2")
-    ]
-    assert all(0.0 < float(row["error"]) < float(row["estimated_error"]) for row in rows)

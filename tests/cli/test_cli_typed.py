@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from contextlib import nullcontext
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scenes import paper_scene
-from typer.testing import CliRunner
 
 import vemcvx as vx
 from vemcvx.base.errors import ProblemError
-from vemcvx.cli import app, report
+from vemcvx.cli import report
 from vemcvx.cli.problem_file import Problem, read_problem
 from vemcvx.cost import study
 
@@ -56,19 +54,6 @@ def test_a_study_says_what_has_failed_warned_or_no_limit_and_of_which_runs():
     assert "error" in table[1]
     assert table[-1].endswith("target not met")
     assert not table[-2].endswith("target not met")
-
-
-@pytest.mark.long
-def test_a_report_names_the_stage_in_which_it_estimates(tmp_path, monkeypatch):
-    stages = []
-    spied = nullcontext(lambda doing, *_: stages.append(doing))
-    monkeypatch.setattr("vemcvx.cli.run.progress_bar", lambda *_: spied)
-    monkeypatch.setattr("vemcvx.cli.report.with_errors", lambda history: (history, ""))
-    monkeypatch.setattr("vemcvx.cli.report.write_report", lambda *_, **__: tmp_path)
-    given = ("run", "feng_han_huang", "--n", "2", "--steps", "2", "--out", str(tmp_path))
-    for more in ((), ("--report",)):
-        assert CliRunner().invoke(app, [*given, *more]).exit_code == 0
-    assert stages.count("estimating errors, in finer steps and on a finer mesh") == 1
 
 
 def test_a_mesh_file_is_several_bodies_where_the_scene_names_their_parts(tmp_path):

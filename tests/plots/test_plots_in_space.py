@@ -110,17 +110,6 @@ def test_slips_since_stored_steps_are_named_so():
     assert "slip since the last stored step at most" in contact_face(sparse).axes[0].get_title()
 
 
-def test_one_node_alone_has_its_face():
-    pull = vx.Traction(lambda x, t: np.tile([0.0, -t, -t], (len(x), 1)), on="top")
-    contact = vx.BilateralContact(on="right"), vx.TrescaFriction(bound=0.01, on="right")
-    scene = vx.Scene(vx.Elasticity(200.0, 0.3), vx.Clamp(on=["bottom", "front"]), pull, *contact)
-    history = vx.simulate(scene, vx.meshes.cubes(1), [0.0, 1.0])
-    assert history.contact.slip_count[-1] == len(history.contact.nodes) == 1
-    (arrows,) = [drawn for drawn in contact_face(history).axes[0].collections if hasattr(drawn, "U")]
-    # As long as .085 of the quarter of a square of side 1 that it owns.
-    assert np.hypot(arrows.U, arrows.V) == pytest.approx([0.085 * 0.5])
-
-
 @pytest.mark.long
 def test_a_face_that_leans_is_seen_along_its_normal():
     """What slips down a slope is drawn in its length, whatever axes say."""

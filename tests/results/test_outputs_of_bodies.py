@@ -72,13 +72,6 @@ def test_meshio_keeps_interfaces_in_memory():
     assert np.array_equal(back.partners, mesh.interfaces[JOINT].partners)
 
 
-def test_pyvista_keeps_interfaces_in_memory():
-    pytest.importorskip("pyvista", reason="PyVista, the extra view, is not installed")
-    mesh = blocks()
-    back = vx.meshes.convert(mesh.to("pyvista")).interfaces[JOINT]
-    assert np.array_equal(back.partners, mesh.interfaces[JOINT].partners)
-
-
 def test_scikit_fem_loses_interfaces_and_says_so():
     says = rf"^meshes of scikit-fem keep no interfaces: of '{JOINT.replace('|', '.')}' the edges of the first body stay"
     with pytest.warns(vx.MeshWarning, match=says):

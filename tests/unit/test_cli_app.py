@@ -193,19 +193,6 @@ def test_a_problem_file_of_ones_own_is_shown(kinds, names, tmp_path, monkeypatch
 
 
 @pytest.mark.long
-def test_the_load_of_ones_own_file_may_take_one_instant_at_a_time(ran, tmp_path):
-    (tmp_path / "ramp.py").write_text(
-        OWN_FILE.format(kinds=2).replace("depth=0.0,", "course=abs,").replace("0.02 * t", "0.02 * course(t)")
-        + "\n\ndef course(t):\n    return t if t < 0.5 else 1.0 - t\n"
-    )
-    app, problem = ran[0], read_problem(tmp_path / "ramp.py")
-    assert app.paths_of(problem) == list(app.PATHS)
-    for path in ("as in the problem file", "a cycle"):
-        history = app.solved(problem, problem.mesh(3), {}, path, "Newton")
-        assert [name for name, *_ in app.pictures(history, 3, app.course_of(path, problem))][-1] == "hysteresis"
-
-
-@pytest.mark.long
 def test_units_of_a_problem_file_reach_every_axis(ran, tmp_path):
     (tmp_path / "own.py").write_text(
         OWN_FILE.format(kinds=2) + '\n\nUNITS = {"length": "mm", "force": "N", "time": "s", "force per area": "MPa"}\n'
@@ -224,15 +211,6 @@ def test_an_error_of_ones_own_scene_is_named(ran, tmp_path):
     problem = read_problem(tmp_path / "own.py")
     with pytest.raises(vx.VemcvxError, match=r"own.py, line \d+: its scene failed: ZeroDivisionError"):
         ran[0].solved(problem, problem.mesh(3), {"young": 10.0}, "as in the problem file", "Newton")
-
-
-@pytest.mark.long
-def test_a_problem_that_came_with_the_package_is_shown_by_its_name(monkeypatch):
-    monkeypatch.setenv(live_page.GIVEN, "")
-    code, said = call("app", "--check", "kelvin_voigt_creep")
-    assert code == 0, said
-    _, _, found = live_page._run()
-    assert (found["scene"].value, found["n"].value) == ("viscous strip under a pull", 6)
 
 
 @pytest.mark.long

@@ -83,7 +83,7 @@ def test_materials_of_bodies_are_named_by_the_bodies():
     np.testing.assert_array_equal(history.displacement[-1][mesh.points[:, 1] < 1.0], 0.0)
 
 
-@pytest.mark.parametrize("balance", [True, False])
+@pytest.mark.parametrize("balance", [True, pytest.param(False, marks=pytest.mark.long)])
 @pytest.mark.parametrize(
     ("below", "above"), [("voronoi", "squares"), ("nonconvex", "triangles"), ("hanging", "hexagons")]
 )

@@ -82,7 +82,7 @@ STEEL = vx.Elasticity(YOUNG, POISSON, plane="stress", stabilisation="unit")
     [
         ("unit", own.Boundary()),
         *(pytest.param(west, "unit", marks=pytest.mark.long) for west in ("shear", *OWN)),
-        (own.DRecipe(), own.Boundary()),
+        pytest.param(own.DRecipe(), own.Boundary(), marks=pytest.mark.long),
     ],
 )
 def test_one_form_of_the_stiffness_the_budget_and_the_nodal_distance(west, east):

@@ -12,7 +12,9 @@ circle give two vertices a rounding error apart; at a straight side, where seeds
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from itertools import chain
+from typing import TypeVar
 
 import numpy as np
 
@@ -90,10 +92,7 @@ def voronoi(
     relaxations = check_whole("relaxations", relaxations, 0, 10_000)
     shortest = check_fraction("shortest", shortest, 0.1, closed=True)
     sides = np.array(rectangle.lengths) / (np.sqrt(rectangle.lengths[0] / count) * np.sqrt(rectangle.lengths[1]))
-    seeds = _seeds(seed, count, sides)
-    for _ in range(relaxations):
-        seeds = areas_and_centroids(*_polygons(seeds, sides))[1]
-    points, offsets, vertices = _polygons(seeds, sides)
+    points, (offsets, vertices) = _relaxed(seed, count, sides, relaxations, _polygons)
     for side in (np.zeros(2), sides):
         points = np.where(np.abs(points - side) < SAME, side, points)
     place = smallest_linked(close_pairs(points, SAME), len(points))
@@ -142,19 +141,45 @@ def voronoi3(
     relaxations = check_whole("relaxations", relaxations, 0, 10_000)
     lengths = np.array(whole.lengths)
     sides = lengths * (count / np.prod(lengths / lengths.max())) ** (1.0 / 3.0) / lengths.max()
-    seeds = _seeds(seed, count, sides)
-    for _ in range(relaxations):
-        seeds = _volumes_and_centroids(*_polyhedra(seeds, sides))[1]
-    points, faces = _polyhedra(seeds, sides)
+    points, faces = _relaxed(seed, count, sides, relaxations, _polyhedra)
     points, number = _by_rows(points)
     faces = faces._replace(face_vertices=number[faces.face_vertices])
     points = placed(points, sides, np.array(whole.low), np.array(whole.high))
     return PolyhedralMesh.unchecked(points, *faces, box=whole)
 
 
-def _seeds(seed: int, count: int, size: Floats) -> Floats:
-    seeds = np.random.default_rng(check_whole("seed", seed, 0)).random((count, len(size))) * size
-    return _by_rows(seeds)[0]
+Cells = TypeVar("Cells", tuple[Ints, Ints], Faces)
+"""Offsets and vertices of polygons, or faces of polyhedra"""
+REACH = {2: 3.0, 3: 2.0}
+"""How far from a side seeds are mirrored in it: a relaxed cell is about one wide. Random ones can be wider."""
+
+
+def _relaxed(
+    seed: int, count: int, size: Floats, relaxations: int, cut: Callable[[Floats, Floats, float], tuple[Floats, Cells]]
+) -> tuple[Floats, Cells]:
+    """The points and Voronoi cells of seeds in [0, size] after some of Lloyd's iterations."""
+    seeds = _by_rows(np.random.default_rng(check_whole("seed", seed, 0)).random((count, len(size))) * size)[0]
+    for _ in range(relaxations + 1):
+        # A handful of seeds may lie in one line with the first images, which is no triangulation.
+        reach = REACH[len(size)] if count > 50 else np.inf
+        while True:
+            points, cells = cut(seeds, size, reach)
+            # Without enough images of seeds cells leave the box, or are open; then all of this is done again.
+            inside = np.max(np.abs(points - 0.5 * size) - 0.5 * size) < SINGLE
+            points = np.clip(points, 0.0, size)
+            measures, centroids = _measures_and_centroids(points, cells)
+            if reach > size.max() or (inside and abs(measures.sum() - count) < SINGLE):
+                break
+            reach *= 2.0
+        seeds = centroids
+    return points, cells
+
+
+def _measures_and_centroids(points: Floats, cells: tuple[Ints, Ints] | Faces) -> tuple[Floats, Floats]:
+    if not isinstance(cells, Faces):
+        return areas_and_centroids(points, *cells)
+    shapes = face_shapes(points, cells.face_offsets, cells.face_vertices)
+    return volumes_and_centroids(shapes, cells.cell_offsets, cells.cell_faces, signs_of(cells))
 
 
 def _by_rows(points: Floats) -> tuple[Floats, Ints]:
@@ -179,40 +204,26 @@ def _mirrored(seeds: Floats, size: Floats, reach: float) -> tuple[Floats, Ints, 
     return np.concatenate(images), np.concatenate(origin), np.concatenate(wall)
 
 
-def _inside(points: Floats, size: Floats) -> bool:
-    """Return True if cells stay in the box: without enough images of seeds they leave it, or are open."""
-    return bool(np.max(np.abs(points - 0.5 * size) - 0.5 * size) < SINGLE)
-
-
-def _polygons(seeds: Floats, size: Floats) -> tuple[Floats, Ints, Ints]:
-    """Voronoi cells of the seeds in [0, size]: points, offsets, vertices; one point a Delaunay triangle.
+def _polygons(seeds: Floats, size: Floats, reach: float) -> tuple[Floats, tuple[Ints, Ints]]:
+    """Voronoi cells of the seeds: one point a Delaunay triangle.
 
     The corners of a seed's cell are the circumcentres of its triangles, in the order of their directions from the seed.
     """
     from scipy.spatial import Delaunay, QhullError
 
-    # A relaxed cell is about one unit wide; random ones can be wider, then all of this is done again. A handful of
-    # seeds may lie in one line with the first images, which is no triangulation.
-    reach = 3.0 if len(seeds) > 50 else np.inf
-    while True:
-        sites = _mirrored(seeds, size, reach)[0]
-        try:
-            triangles = Delaunay(sites).simplices.astype(np.int64)
-        except QhullError as error:
-            raise MeshError(f"{len(sites)} points have no triangulation: they are all but on one line.") from error
-        triangles = triangles[(triangles < len(seeds)).any(axis=1)]
-        centres = _circumcentres(sites[triangles])
-        site, centre = triangles.ravel(), np.repeat(np.arange(len(triangles)), 3)
-        inner = site < len(seeds)
-        site, centre = site[inner], centre[inner]
-        direction = centres[centre] - sites[site]
-        order = np.lexsort((np.arctan2(direction[:, 1], direction[:, 0]), site))
-        offsets, vertices = offsets_of(np.bincount(site, minlength=len(seeds))), centre[order]
-        points = np.clip(centres, 0.0, size)
-        filled = abs(areas_and_centroids(points, offsets, vertices)[0].sum() - size.prod()) < SINGLE
-        if reach > size.max() or (_inside(centres, size) and filled):
-            return points, offsets, vertices
-        reach *= 2.0
+    sites = _mirrored(seeds, size, reach)[0]
+    try:
+        triangles = Delaunay(sites).simplices.astype(np.int64)
+    except QhullError as error:
+        raise MeshError(f"{len(sites)} points have no triangulation: they are all but on one line.") from error
+    triangles = triangles[(triangles < len(seeds)).any(axis=1)]
+    centres = _circumcentres(sites[triangles])
+    site, centre = triangles.ravel(), np.repeat(np.arange(len(triangles)), 3)
+    inner = site < len(seeds)
+    site, centre = site[inner], centre[inner]
+    direction = centres[centre] - sites[site]
+    order = np.lexsort((np.arctan2(direction[:, 1], direction[:, 0]), site))
+    return centres, (offsets_of(np.bincount(site, minlength=len(seeds))), centre[order])
 
 
 def _circumcentres(corners: Floats) -> Floats:
@@ -309,23 +320,8 @@ def _not_star_shaped(points: Floats, moved: Floats, offsets: Ints, vertices: Int
     return np.flatnonzero(np.minimum.reduceat(fan, offsets[:-1]) <= 0.0)
 
 
-def _volumes_and_centroids(points: Floats, faces: Faces) -> tuple[Floats, Floats]:
-    found = face_shapes(points, faces.face_offsets, faces.face_vertices)
-    return volumes_and_centroids(found, faces.cell_offsets, faces.cell_faces, signs_of(faces))
-
-
-def _polyhedra(seeds: Floats, size: Floats) -> tuple[Floats, Faces]:
-    """Voronoi cells of the seeds in [0, size]."""
-    reach = 2.0 if len(seeds) > 50 else np.inf
-    while True:
-        points, faces = _mirrored_cells(seeds, size, reach)
-        filled = abs(_volumes_and_centroids(points, faces)[0].sum() - len(seeds)) < SINGLE
-        if reach > size.max() or (_inside(points, size) and filled):
-            return np.clip(points, 0.0, size), faces
-        reach *= 2.0
-
-
-def _mirrored_cells(seeds: Floats, size: Floats, reach: float) -> tuple[Floats, Faces]:
+def _polyhedra(seeds: Floats, size: Floats, reach: float) -> tuple[Floats, Faces]:
+    """Voronoi cells of the seeds."""
     from scipy.spatial import Voronoi
 
     sites, origin, walls = _mirrored(seeds, size, reach)

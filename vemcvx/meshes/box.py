@@ -182,11 +182,11 @@ SIDES = {2: (("left", "right"), ("bottom", "top")), 3: (("left", "right"), ("fro
 T = TypeVar("T")
 
 
-def check_name(name: object) -> str:
-    """Return a name that a part of the boundary may have, or raise MeshError."""
+def check_name(name: object, what: str = "part of the boundary") -> str:
+    """Return a name that a part of the boundary, or something else, may have; or raise MeshError."""
     if not isinstance(name, str) or not name:
-        raise MeshError(f"the name of a part of the boundary must be a non-empty string; got {name!r}.")
-    if name == WHOLE:
+        raise MeshError(f"the name of a {what} must be a non-empty string; got {name!r}.")
+    if name == WHOLE and what == "part of the boundary":
         raise MeshError(f"the name {WHOLE!r} is taken: it always means the whole boundary. Choose another name.")
     return name
 
@@ -227,18 +227,11 @@ def check_mapping(given: Mapping[str, T] | None, what: str, wanted: str) -> Mapp
     return given
 
 
-def check_datum_name(name: object) -> str:
-    """Return a name that a cell datum may have, or raise MeshError."""
-    if not isinstance(name, str) or not name:
-        raise MeshError(f"the name of a cell datum must be a non-empty string; got {name!r}.")
-    return name
-
-
 def check_cell_data(cell_data: Mapping[str, ArrayLike] | None, n_cells: int) -> dict[str, NDArray[Any]]:
     """Read-only copies of arrays with one row a cell, or MeshError."""
     checked = {}
     for name, values in check_mapping(cell_data, "cell_data", f"arrays of {n_cells} rows").items():
-        check_datum_name(name)
+        check_name(name, "cell datum")
         array = _array(values).copy()
         if array.ndim == 0 or len(array) != n_cells or array.dtype.kind not in "biuf":
             raise MeshError(

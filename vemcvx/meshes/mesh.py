@@ -32,7 +32,6 @@ from vemcvx.meshes.box import (
     WHOLE,
     Box,
     check_cell_data,
-    check_datum_name,
     check_mapping,
     check_name,
     chosen_parts,
@@ -313,7 +312,7 @@ class Mesh(ABC):
 
     def with_cell_data(self, name: str, values: ArrayLike) -> Self:
         """Return this mesh with one more (or another) array (n_cells, ...) of data on cells."""
-        added = check_cell_data({check_datum_name(name): values}, self.n_cells)
+        added = check_cell_data({check_name(name, "cell datum"): values}, self.n_cells)
         return self._replace(cell_data=MappingProxyType({**self.cell_data, **added}))
 
     def refine(self, cells: ArrayLike | None = None, *, balance: bool = True) -> Self:

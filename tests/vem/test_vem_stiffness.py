@@ -141,6 +141,8 @@ def test_triangles_are_linear_finite_elements():
     K = matrix(mesh, "shear", lam, mu)
     assert largest(K - expected) < 1e-12 * largest(K)
     assert same(K, matrix(mesh, "unit", lam, mu))  # nothing to stabilise
+    with pytest.raises(vx.SceneError, match="found stabilisation 'trace'; there are 'shear' and 'unit'"):
+        matrix(mesh, "trace")
 
 
 def literal(mesh, lam, mu, tau):

@@ -185,6 +185,7 @@ def test_a_miss_exits_with_three(tmp_path):
         (["--accuracy", "2"], "accuracy = 2.0; it is a relative energy error between 0 and 1"),
         (["--n", "0"], "Invalid value for '--n'"),
         (["--steps", "many"], "Invalid value for '--steps'"),
+        (["--results", "slip"], "--results: chooses what a study shows"),
         (["--probe", "0,0"], "--probe: displacements of points are written to DIR"),
         (["--probe", "here", "--out", "o"], "--probe: found 'here'; wanted points, such as 0.5,0.25"),
         (["--probe", "0,0", "--probe", "2", "--out", "o"], "--probe: found '0,0', '2'; wanted points"),

@@ -149,7 +149,6 @@ def test_a_code_of_the_problem_that_ends_its_process(pad):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (("--set", "friction=.1", "--results", "slip"), "--set: friction is given twice"),
         (("--results", "slips"), "--results: there is no result 'slips'; there are energy, dissipated"),
         (("--report",), "several runs have folders of their own in DIR of --out DIR"),
         (("--resume", "old"), "none can be resumed"),

@@ -135,6 +135,7 @@ HOW = {
     # CONTRIBUTING
     'pip install ".[docs]" && python .ci/site.py docs/site': As(env="docs"),
     'pip install -e ".[plot,test]"': As(),
+    "python tests/whole/test_messages.py": As(),
     "python -m pytest -n 2 -m quick": As(addopts=FEW),
     "python -m pytest -n 2": As(addopts=FEW),
     "python -m pytest -n 2 -m long": As(addopts=LONG),

@@ -33,6 +33,8 @@ def ratio_of(poisson, family, n):
         vx.meshes.SPACE_FAMILIES[family](n),
         np.linspace(0, 1, 3),
         store="last",
+        # Rounding leaves steps 3e-8 off there.
+        solver=vx.Newton(accuracy=1e-6) if poisson > 0.4999 else None,
     )
     budget = vx.error_budget(history)
     assert budget.time[-1] <= 1e-8, "data grow in proportion: no step loses anything, but the accuracy of steps"

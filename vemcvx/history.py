@@ -316,7 +316,7 @@ def in_words(history: Results) -> Outline:
     certified = f"{run.certified.max():.1e} relative energy error a step, rounding included; "
     certified += f"{run.certified_total.max():.1e} accumulated{asked and f'; {asked}'}"
     took = f"{usual} a step at the median, at most {run.iterations.max()}; {run.safeguards.sum()} of them safeguards"
-    better = f"dissipated {run.dissipated_second_order[-1]:.6g}, work {run.work_second_order[-1]:.6g}"
+    quoted = f"dissipated {run.dissipated_second_order[-1]:.6g}, work {run.work_second_order[-1]:.6g}"
     lines = [
         *(("left out", words) for words in history.inactive),
         ("solver", history.solver),
@@ -325,8 +325,8 @@ def in_words(history: Results) -> Outline:
         *_errors(history.errors, history.quantities),
         *_bound(history.bound),
         ("iterations", took),
-        ("energy", f"stored {run.energy[-1]:.6g}, dissipated {run.dissipated[-1]:.6g}, work {run.work[-1]:.6g}"),
-        ("", f"{better} between the instants, of second order in the steps"),
+        ("energy", f"stored {run.energy[-1]:.6g}, {quoted}, of second order in the steps"),
+        ("", f"sum of backward Euler: dissipated {run.dissipated[-1]:.6g}, work {run.work[-1]:.6g}, of first order"),
         *([("contact", f"{did} in the last step")] if len(touch.nodes) else []),
         ("seconds", ", ".join(f"{name} {value:.3g}" for name, value in history.seconds.items())),
     ]

@@ -286,7 +286,7 @@ def bounds_of_runs(posed: PosedScene) -> Callable[[History], History]:
 
 def _bounds_of_force(circle: Hypercircle, history: History, stepped: Sequence[Stepped]) -> dict[str, Any]:
     """The fields of a history that bound the force by which a boundary is moved; none where nothing moves."""
-    if (loop := loop_of(history)) is None:
+    if (loop := loop_of(history)) is None or loop.kind == "load":
         return {}
     moved = PrescribedDisplacement(tuple(np.eye(2)[loop.axis]), on=loop.on)
     try:

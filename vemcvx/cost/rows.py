@@ -5,14 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+
 from vemcvx.base.table import Table
 from vemcvx.plots.style import Units, in_units
-from vemcvx.results import Results
+from vemcvx.results import Results, resultants
 from vemcvx.results.files import ENERGIES, finite_or_none, peak_memory_mb
 
 Row = dict[str, Any]
 """A value that does not exist is None or missing."""
 COUNTS = "sticking", "slipping", "open"
+FORCES = {"reaction": "largest reaction of a boundary", "force": "largest force of contact and springs on a boundary"}
 PLAIN = {
     "certified": "certified relative energy error of a step",
     "certified_total": "certified errors of the steps, added up",
@@ -25,7 +28,7 @@ PLAIN = {
 }
 NAMES = (
     *(*ENERGIES, "displacement", "von_mises", "largest_principal_stress", "smallest_principal_stress"),
-    *("slip", "friction", "pressure", "pressure_recovered", *COUNTS, *PLAIN),
+    *("slip", "friction", "pressure", "pressure_recovered", *FORCES, *COUNTS, *PLAIN),
 )
 """Figures of a run: of a quantity at the end, or the largest of all steps."""
 
@@ -38,6 +41,7 @@ def figures(history: Results) -> Row:
         **{name: finite_or_none(getattr(run, name)[-1]) for name in ENERGIES},
         **{one.key: finite_or_none(one.value) for one in history.extremes},
         **({name: int(count[-1]) for name, count in counts.items()} if len(touch.nodes) else {}),
+        **_largest_forces(history),
         "certified": finite_or_none(run.certified.max()),
         "certified_total": finite_or_none(run.certified_total.max()),
         **({"estimated_error": history.errors["total"]} if history.errors else {}),
@@ -49,12 +53,22 @@ def figures(history: Results) -> Row:
     }
 
 
+def _largest_forces(history: Results) -> Row:
+    """Return the largest force of each kind of `FORCES` on any boundary, at any step."""
+    found: Row = {}
+    for name, forces in resultants(history).items():
+        kind = name.partition(" ")[0]
+        found[kind] = max(found.get(kind, 0.0), float(np.linalg.norm(forces, axis=1).max()))
+    return found
+
+
 def labels(history: Results, units: Units | None = None) -> dict[str, str]:
     """Return the figures of a run in words, with their units."""
     energy = in_units("energy", units)
     return {
         **{name: f"{name.replace('_second_order', ', of second order')}\n({energy})" for name in ENERGIES},
         **{one.key: f"{one.name}\n({in_units(one.unit, units)})" for one in history.extremes},
+        **{name: f"{words}\n({in_units('force', units)})" for name, words in FORCES.items()},
         **{name: f"nodes that are {name} at the end" for name in COUNTS},
         **PLAIN,
     }

@@ -21,7 +21,7 @@ from vemcvx.plots.style import MARKERS, SERIES
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-USUAL = "dissipated_second_order", "displacement", "von_mises", "slip", "pressure"
+USUAL = "dissipated_second_order", "displacement", "von_mises", "slip", "pressure", "reaction"
 TABLE, WORDS, PICTURE = "study.csv", "study.json", "study.png"
 SET = "set."  # Before the names of settings in rows: a parameter may have the name of a figure.
 

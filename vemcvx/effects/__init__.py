@@ -25,6 +25,7 @@ from vemcvx.effects.effect import (
     Obstacle,
     Support,
 )
+from vemcvx.effects.effect import where as where
 from vemcvx.effects.loads_and_supports import (
     BodyForce,
     Clamp,

@@ -147,15 +147,17 @@ def hysteresis_loop(
     limits: ArrayLike | None = None,
     units: Units | None = None,
 ) -> Figure:
-    """Draw the reaction of a boundary against its mean motion, along the axis on which its way to and fro is longest.
+    """Draw the force on what is driven against its mean motion, along the axis on which its way to and fro is longest.
 
-    The loop of a cycle encloses the work that it takes, if all nodes of the boundary move alike.
+    It is the reaction of a boundary that a support moves, else the total of a load. The loop of a cycle encloses the
+    work that it takes, if all nodes of the boundary move alike.
 
     Parameters
     ----------
     history, ax, units : as of `friction_traction`
     on : str, optional
-        The boundary; by default that of the prescribed displacements which has the longest way.
+        The boundary; by default that of the prescribed displacements which has the longest way, or else that of the
+        load whose total changes most, axis by axis.
     between : (S, 2) array, optional
         Bounds on the force at the stored instants, drawn as bars: `low` and `high` of ``vx.error_bound(history, step,
         of=...)`` with the PrescribedDisplacement of the boundary along that axis; NaN where nothing is known. By
@@ -166,14 +168,13 @@ def hysteresis_loop(
     Raises
     ------
     HistoryError
-        `between` is no such array; or no boundary is named, and no prescribed displacement moves one in the scene,
-        which files do not keep.
+        `between` is no such array; or no boundary is named, and nothing is driven in the scene, which files do not
+        keep.
     """
     if (loop := loop_of(history, on)) is None:
         names = ", ".join(map(repr, history.mesh.boundaries))
         raise HistoryError(f"hysteresis_loop: nothing here says what moves; name a boundary, on=, of {names}.")
-    name, axis, u = loop.on, loop.axis, loop.motion
-    force = history.reaction(name)[:, axis]
+    name, axis, u, force = loop.on, loop.axis, loop.motion, loop.force
     ax = axes_or_new(ax, 6.0, 4.4)
     ax.plot(u, force, ".-", color=style.DISSIPATED, linewidth=1.4, markersize=4)
     if between is None and history.force_bounds is not None and history.bounded_force == {name: axis}:
@@ -190,8 +191,10 @@ def hysteresis_loop(
         ax.set_ylim(value_range(limits, ()))
     legend_below(ax)
     thickness = ", per thickness" if _plane(history) else ""
-    x, y = label(f"mean motion of {name} along $x_{axis + 1}$", "length", units), label("reaction", "force", units)
-    return named(ax, x, f"{y}{thickness}", f"Reaction of {name} along $x_{axis + 1}$ against its motion")
+    x, y = label(f"mean motion of {name} along $x_{axis + 1}$", "length", units), label(loop.kind, "force", units)
+    return named(
+        ax, x, f"{y}{thickness}", f"{loop.kind.capitalize()} of {name} along $x_{axis + 1}$ against its motion"
+    )
 
 
 def _stressed_page(history: Results, units: Units | None = None) -> Figure:

@@ -2,6 +2,8 @@
 
 from vemcvx.results.contact import Contact
 from vemcvx.results.corners import Corners
+from vemcvx.results.forces import resultants
+from vemcvx.results.loops import loop_of
 from vemcvx.results.probe import places
 from vemcvx.results.quoted import SINGULAR, Quantity, growth
 from vemcvx.results.results import (
@@ -9,7 +11,6 @@ from vemcvx.results.results import (
     Results,
     displacement,
     largest_values,
-    loop_of,
     programs_of_steps,
     record,
     warn_of_large_strains,
@@ -30,6 +31,7 @@ __all__ = [
     "places",
     "programs_of_steps",
     "record",
+    "resultants",
     "warn_of_large_strains",
     "warn_of_lost_work",
 ]

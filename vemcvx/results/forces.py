@@ -271,6 +271,19 @@ def moment(history: Acting, of: Cause, about: ArrayLike | None = None) -> Floats
     return moments(points[acting.ends[rows, 0]] - centre, acting.force[:, rows])
 
 
+def resultants(history: Acting) -> dict[str, Floats]:
+    """Return the forces (S, dim) on every named boundary on which something acts, as "reaction of right" in words."""
+    acting, found = history.acting, {}
+    for name in history.mesh.boundaries:
+        if name == "boundary" or not len(history.mesh.boundaries[name]):
+            continue
+        through = _through(history, name, "force")
+        for words, rows in (("reaction", through & acting.held), ("force", through & ~acting.held)):
+            if acting.force[:, rows].any():
+                found[f"{words} of {name}"] = _total(acting.force[:, rows])
+    return found
+
+
 def moments(arms: Floats, forces: Floats) -> Floats:
     """Return the sum of moments of forces (S, k, dim) at arms (k, dim): (S,) in the plane, in space (S, 3)."""
     turned: Floats = forces.reshape(len(forces), -1) @ rigid_modes(arms)[:, arms.shape[1] :]

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from vemcvx.base.arrays import SAME, SOME, Floats, Ints, Quantity, brief, is_whole, quantities, summed_columns
 from vemcvx.base.errors import WORTH_A_WORD, HistoryError, SceneError, SceneWarning
 from vemcvx.base.outline import coordinates
-from vemcvx.effects import Effect, PrescribedDisplacement
+from vemcvx.effects import Effect
 from vemcvx.meshes import Mesh, PolyhedralMesh
 from vemcvx.meshes.polygons import cell_of_corner
 from vemcvx.program import SolvedProgram
@@ -557,41 +557,3 @@ def programs_of_steps(history: Results, numbers: Sequence[int], condense: bool =
         posed = pose_scene(history.scene, history.mesh, history.trajectory.times.tolist())
     found = programs_of_trajectory(posed.system, history.trajectory, numbers, condense)
     return with_origin(found, posed, history.effects, condense, solver=history.solver)
-
-
-@dataclass(frozen=True)
-class Loop:
-    """The boundary `on`, which moves along `axis`, and its mean displacement there, (S,)."""
-
-    on: str
-    axis: int
-    motion: Floats
-
-
-def loop_of(history: Results, on: str | None = None) -> Loop | None:
-    """The loop of a boundary along the axis on which its way to and fro is longest.
-
-    By default of the prescribed displacements that of the longest way; None where none moves, and of scenes that are
-    not known.
-    """
-    ways = _driven(history) if on is None else {on: _motion(history, on)}
-    if not ways:
-        return None
-    lengths = {name: np.abs(np.diff(way, axis=0)).sum(axis=0) for name, way in ways.items()}
-    name = max(ways, key=lambda one: float(lengths[one].max()))
-    axis = int(np.argmax(lengths[name]))
-    return Loop(name, axis, ways[name][:, axis])
-
-
-def _motion(history: Results, name: str) -> Floats:
-    """The mean displacement (S, dim) of a boundary."""
-    part = Space(history.mesh).part(name, "hysteresis_loop", contact=True)
-    return np.einsum("smd,m->sd", history.displacement[:, part.nodes], part.node_lengths / part.measures.sum())
-
-
-def _driven(history: Results) -> dict[str, Floats]:
-    """The mean motions of the boundaries that a prescribed displacement moves, by name."""
-    moved = [effect.on for effect in history.scene or () if isinstance(effect, PrescribedDisplacement)]
-    names = [name for on in moved for name in ([on] if isinstance(on, str) else on)]
-    rounding = 1e-9 * float(np.abs(history.displacement).max())
-    return {name: way for name in names if np.ptp(way := _motion(history, name), axis=0).max() > rounding}

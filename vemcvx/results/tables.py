@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from vemcvx.base.arrays import Floats, Ints, brief, quantities
 from vemcvx.base.errors import HistoryError, VemcvxError
 from vemcvx.base.table import Table
+from vemcvx.results.forces import resultants
 from vemcvx.results.probe import places
 from vemcvx.results.results import Results, labelled
 
@@ -46,7 +47,12 @@ def _steps(history: Results) -> Columns:
     found = {name: getattr(run, name) for name in (*names, *DERIVED)}
     found |= {name: getattr(history, name) for name in ERRORS}
     columns = {"step": np.arange(len(run.times)), "time": run.times}
-    return columns | {name: values for name, values in found.items() if values is not None}
+    columns |= {name: values for name, values in found.items() if values is not None}
+    for name, forces in resultants(history).items():
+        values = np.full((len(run.times), forces.shape[1]), np.nan)
+        values[history.stored] = forces
+        columns |= _by_axis(name.replace(" of ", "_", 1), values)
+    return columns
 
 
 def _contact(history: Results) -> Columns:

@@ -1,0 +1,75 @@
+"""What is driven, and the loop of its force and its motion: a boundary that a support moves, or a load."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from vemcvx.base.arrays import Floats
+from vemcvx.effects import PrescribedDisplacement, where
+from vemcvx.results.probe import places
+from vemcvx.results.results import Results
+from vemcvx.vem import Space
+
+
+@dataclass(frozen=True)
+class Loop:
+    """What is driven, `on` a boundary or at points, along `axis`: the mean motion there and the force, (S,)."""
+
+    on: str
+    axis: int
+    motion: Floats
+    force: Floats
+    kind: str  # "reaction" of a support, "force" of contact, or "load"
+
+
+def loop_of(history: Results, on: str | None = None) -> Loop | None:
+    """The loop of a boundary along the axis on which its way to and fro is longest.
+
+    By default of the prescribed displacements that of the longest way; else of the loads the largest, on which scenes
+    must be known; None where none is driven.
+    """
+    ways = _driven(history) if on is None else {on: _motion(history, on)}
+    if not ways:
+        return _loaded(history)
+    lengths = {name: np.abs(np.diff(way, axis=0)).sum(axis=0) for name, way in ways.items()}
+    name = max(ways, key=lambda one: float(lengths[one].max()))
+    axis = int(np.argmax(lengths[name]))
+    kinds = {"reaction": history.reaction(name)[:, axis], "force": history.force(name)[:, axis]}
+    kind = "reaction" if kinds["reaction"].any() else "force"
+    return Loop(name, axis, ways[name][:, axis], kinds[kind], kind)
+
+
+def _loaded(history: Results) -> Loop | None:
+    """The loop of the load whose total changes most, of those on boundaries and at points."""
+    if history.scene is None:
+        return None
+    changes = np.ptp(history.acting.loads, axis=0)
+    for k in np.argsort(-changes.max(axis=1, initial=0.0)):
+        effect = history.scene.canonical[history.acting.load_causes[k]]
+        axis = int(np.argmax(changes[k]))
+        if changes[k, axis] > 0 and (on := getattr(effect, "on", None)) is not None:
+            name, motion = where(on), _motion(history, on)
+        elif changes[k, axis] > 0 and (at := getattr(effect, "at", None)) is not None:
+            motion = places(history.mesh, np.atleast_2d(at), "hysteresis_loop").at_nodes(history.displacement)
+            name, motion = "the points", motion.mean(axis=1)
+        else:
+            continue
+        return Loop(name, axis, motion[:, axis], history.acting.loads[:, k, axis], "load")
+    return None
+
+
+def _motion(history: Results, on: str | Sequence[str]) -> Floats:
+    """The mean displacement (S, dim) of a boundary."""
+    part = Space(history.mesh).part(on, "hysteresis_loop", contact=True)
+    return np.einsum("smd,m->sd", history.displacement[:, part.nodes], part.node_lengths / part.measures.sum())
+
+
+def _driven(history: Results) -> dict[str, Floats]:
+    """The mean motions of the boundaries that a prescribed displacement moves, by name."""
+    moved = [effect.on for effect in history.scene or () if isinstance(effect, PrescribedDisplacement)]
+    names = [name for on in moved for name in ([on] if isinstance(on, str) else on)]
+    rounding = 1e-9 * float(np.abs(history.displacement).max())
+    return {name: way for name in names if np.ptp(way := _motion(history, name), axis=0).max() > rounding}

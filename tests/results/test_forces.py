@@ -1,10 +1,13 @@
 """Forces go with the effect that causes them, balance the loads, and pass sections of the body."""
 
+import json
+
 import numpy as np
 import pytest
 
 import gallery
 import vemcvx as vx
+from vemcvx.results import loop_of
 from vemcvx.scene.pose import pose_scene, unwarned
 
 EPS = float(np.finfo(float).eps)
@@ -147,6 +150,25 @@ def test_means_over_bodies(dragged):
     assert linear.mean("displacement")[-1] == pytest.approx(centre @ np.array([[1e-3, 0], [2e-3, 3e-3]]), abs=1e-15)
 
 
+def test_tables_and_summaries_have_forces(dragged, tmp_path):
+    columns = dragged.table("steps")
+    assert columns["reaction_up.left_x"] == pytest.approx(dragged.reaction("up.left")[:, 0], abs=0.0)
+    assert columns["force_low|up_x"][-1] == pytest.approx(0.6, abs=1e-12)
+    said = json.loads((dragged.write(tmp_path / "run") / "summary.json").read_text())["forces"]
+    assert said["reaction of up.left"]["value"] == pytest.approx([0.6, 0.0], abs=1e-12)
+    assert said["reaction of up.left"]["step"] in (1, 2)
+    assert "boundary" not in " ".join(said)
+
+
+def test_what_a_load_drives_has_a_loop(rubbed):
+    """No support moves: the total of the pressure, 1 on a length of 1, against the mean motion of the top."""
+    loop = loop_of(rubbed)
+    assert (loop.kind, loop.on, loop.axis) == ("load", "top", 1)
+    assert loop.force == pytest.approx([0.0, -1.0], abs=1e-12)
+    assert loop.motion[-1] < 0
+    assert "Load of top" in vx.plots.hysteresis_loop(rubbed).axes[0].get_title()
+
+
 COHESIVE = vx.TrescaFriction(0.1, on="bottom")
 MISTAKES = {
     "no boundary": (lambda h: h.force("botom"), "force: there is no boundary named 'botom'"),
@@ -165,8 +187,8 @@ MISTAKES = {
 @pytest.fixture(scope="module")
 def rubbed():
     floor = vx.UnilateralContact(on="bottom"), vx.CoulombFriction(0.3, on="bottom"), COHESIVE
-    scene = vx.Scene(STEEL, vx.Clamp(on="left"), vx.Pressure(1.0, on="top"), *floor)
-    return vx.simulate(scene, vx.meshes.squares(3), [0.0, 1.0], initial="settled")
+    scene = vx.Scene(STEEL, vx.Clamp(on="left"), vx.Pressure(lambda x, t: t, on="top"), *floor)
+    return vx.simulate(scene, vx.meshes.squares(3), [0.0, 1.0])
 
 
 @pytest.mark.parametrize("mistake", MISTAKES)

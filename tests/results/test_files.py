@@ -238,9 +238,9 @@ def test_foreign_archives_are_refused(history, tmp_path):
     history.write(tmp_path)
     with np.load(tmp_path / "history.npz") as file:
         arrays = dict(file)
-    newer = {**arrays, "about": np.array(str(arrays["about"]).replace("history 6", "history 7"))}
+    newer = {**arrays, "about": np.array(str(arrays["about"]).replace("history 7", "history 8"))}
     np.savez(tmp_path / "history.npz", **newer)
-    with pytest.raises(HistoryError, match="found the format 'vemcvx history 7', wanted 'vemcvx history 6'"):
+    with pytest.raises(HistoryError, match="found the format 'vemcvx history 8', wanted 'vemcvx history 7'"):
         read_history(tmp_path)
     for name in ("displacement", "contact.slip", "trajectory.gap", "mesh.points", "boundary.boundary"):
         np.savez(tmp_path / "history.npz", **{key: value for key, value in arrays.items() if key != name})

@@ -192,7 +192,7 @@ def test_a_round_body_in_space_is_computed_in_part(parts, law):
 def test_hertz_line_contact_carries_its_whole_load():
     """The nodal pressures bear the measured load, and the one on the axis is Hertz' peak, to the mesh's 2 %."""
     history = vx.simulate(hertz.scene(), hertz.mesh(20), hertz.times(2))
-    contact, load = history.contact, history.reaction("bottom")[-1, 1]
+    contact, load = history.contact, history.force("bottom")[-1, 1]
     # Both are functionals of the answer: an energy error e is at most e |v|_a in them, v linear from floor to top.
     A, y = pose_scene(history.scene, history.mesh).A, history.mesh.points[:, 1]
     v = np.column_stack([0 * y, 1 - y / y.max()]).ravel()

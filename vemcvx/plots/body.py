@@ -291,17 +291,19 @@ def _arrows(ax: Axes, at: tuple[Results, int], scale: tuple[float, float], view:
     seen = np.flatnonzero(within(contact.points, view.window))
     every = contact.traction - together * contact.pressure[:, :, None] * contact.normals
     sizes = np.linalg.norm(every[:, seen], axis=2)
-    largest = float(sizes[row].max(initial=0.0))
-    if largest == 0.0 or view.forces == "none":
+    if not sizes.any() or view.forces == "none":
         return 0.0
     # Along the boundary, so that what is left out is left out evenly.
     order = seen[np.argsort(contact.points[seen] @ [1.0, 1e-3])]
     shown = order[np.unique(np.linspace(0, len(order) - 1, 26).round().astype(int))]
-    places = history.mesh.points + factor * history.displacement[row]
-    heads, longest, flat = places[contact.nodes[shown]], 0.13 * size, [1.0, view.stretch]
+    points, longest, flat = history.mesh.points, 0.13 * size, [1.0, view.stretch]
     if not together:
-        longest = min(longest, 0.8 * np.linalg.norm(np.diff(heads, axis=0), axis=1).min(initial=longest))
-    arrows, sticks = every[row, shown] * longest / float(sizes.max()) / flat, contact.sticking[row, shown]
+        between = np.linalg.norm(np.diff(points[contact.nodes[shown]], axis=0), axis=1)
+        longest = min(longest, 0.8 * between.min(initial=longest))
+    lengths = every[:, shown] * longest / float(sizes.max()) / flat
+    tips = (points + factor * history.displacement)[:, contact.nodes[shown]]
+    places, sticks = points + factor * history.displacement[row], contact.sticking[row, shown]
+    heads, arrows = tips[row], lengths[row]
     beside, joined = 0.03 * size * contact.normals[shown] / flat, contact.partners[shown] >= 0
     if not together:
         # Between bodies friction is just inside both of them, and opposite.
@@ -315,9 +317,9 @@ def _arrows(ax: Axes, at: tuple[Results, int], scale: tuple[float, float], view:
         look: dict[str, Any] = {"colour": colour, "width": width, "pivot": "tip" if together else "mid"}
         canvas.draw_arrows(ax, heads[chosen], arrows[chosen], **look).set_in_layout(False)
     # Beside the body there is the same room at all steps.
-    room = [heads - arrows, heads] if together else [end + 2.0 * beside for end in extent(history, factor)]
+    room = [*tips, *(tips - lengths)] if together else [end + 2.0 * beside for end in extent(history, factor)]
     ax.update_datalim(np.concatenate(room))
-    return largest
+    return float(sizes[row].max(initial=0.0))
 
 
 def deformed_body(

@@ -21,7 +21,7 @@ from vemcvx.plots.contact import ALONG, pressures, with_nodes
 from vemcvx.plots.style import Units, Window, idle, instant, label, named, unit, value_range, within
 from vemcvx.results import Contact, Results
 from vemcvx.scene import pair_numbers
-from vemcvx.vem import Space
+from vemcvx.vem import Part, Space
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -67,13 +67,23 @@ def contact_faces(history: Results, on: str | None = None, picture: str = "conta
     rows = {name: np.isin(pairs, pair_numbers(two[:, 0], two[:, 1], number)) for name, two in joints.items()}
     rows["obstacles"] = rigid
     if on is not None and on not in rows:
-        rows[on] = rigid & np.isin(contact.nodes, Space(mesh).part(on, picture, contact=True).nodes)
+        rows[on] = _facing(mesh, contact, Space(mesh).part(on, picture, contact=True))
     if on is not None and not rows[on].any():
         raise HistoryError(f"{picture}: there is no contact on {on!r}.")
     # One view shows what is on one side: else the mean of the unit normals is short.
     normals = {name: contact.normals[some] for name, some in rows.items() if some.any() and on in (None, name)}
     means = {name: every.mean(axis=0) for name, every in normals.items()}
     return {name: _face(history, rows[name], mean) for name, mean in means.items() if np.linalg.norm(mean) >= 0.5}
+
+
+def _facing(mesh: PolyhedralMesh, contact: Contact, part: Part) -> Bools:
+    """Return which contact nodes, of obstacles, face as the sides of a part do at them: none that it has by an edge."""
+    row, found = np.full(mesh.n_nodes, -1), np.zeros(len(contact.nodes), dtype=bool)
+    row[contact.nodes[contact.partners < 0]] = np.flatnonzero(contact.partners < 0)
+    met = np.flatnonzero(row[part.ends.nodes] >= 0)
+    at = row[part.ends.nodes[met]]
+    found[at[np.einsum("ed,ed->e", contact.normals[at], part.ends.normals[met]) > 0.75]] = True
+    return found
 
 
 def _face(history: Results, rows: Bools, normal: Floats) -> ContactFace:

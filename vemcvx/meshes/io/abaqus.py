@@ -265,8 +265,10 @@ def _add_sides(grid: Grid, name: str, side: int, cells: Ints) -> None:
         grid.parts[name] = offsets_of(counts), np.concatenate([vertices, rows.ravel()])
 
 
-def _lines(path: Path) -> Iterator[str]:
+def _lines(path: Path, above: tuple[Path, ...] = ()) -> Iterator[str]:
     """Yield the lines of a file without comments, those of other files that it names in their place."""
+    if path in above:
+        raise MeshError(f"it names the file {path} within itself.")
     data = path.read_bytes()
     try:
         text = data.decode()
@@ -281,7 +283,7 @@ def _lines(path: Path) -> Iterator[str]:
             other = path.parent / named[1].strip().replace("\\", "/")
             if not other.is_file():
                 raise MeshError(f"it names the file {other}, which is not there.")
-            yield from _lines(other)
+            yield from _lines(other, (*above, path))
 
 
 def _blocks(path: Path) -> Iterator[Block]:

@@ -149,7 +149,7 @@ SAMPLES = {
         data={"value": 1},
         others={"value": 0.0, "on": "bottom", "direction": (2.0, 1.0)},
     ),
-    "BodyForce": EffectSample(vx.BodyForce(weigh), ON_FLOOR, data={"force": 2}, others={"force": pull}),
+    "BodyForce": EffectSample(vx.BodyForce(weigh), ON_FLOOR, data={"force": 2}, others={"force": pull, "on": "west"}),
     "Traction": EffectSample(
         vx.Traction(pull, on=("left", "top")), ON_FLOOR, data={"force": 2}, others={"force": weigh, "on": "left"}
     ),
@@ -173,9 +173,11 @@ SAMPLES = {
         vx.ThermalStrain(expansion=1e-3, temperature=press),
         ON_FLOOR,
         data={"expansion": 1, "temperature": 1},
-        others={"expansion": 2e-3, "temperature": suck},
+        others={"expansion": 2e-3, "temperature": suck, "on": "west"},
     ),
-    "Prestress": EffectSample(vx.Prestress(stress), ON_FLOOR, data={"stress": 3}, others={"stress": squeeze}),
+    "Prestress": EffectSample(
+        vx.Prestress(stress), ON_FLOOR, data={"stress": 3}, others={"stress": squeeze, "on": "west"}
+    ),
     "BilateralContact": EffectSample(TOUCHING, (STEEL, HELD, PULLED), others={"on": "left"}),
     "TrescaFriction": EffectSample(
         vx.TrescaFriction(uneven, on="bottom"),

@@ -230,3 +230,47 @@ def test_what_springs_do_not_feel_floats():
         posed = pose_scene(vx.Scene(STEEL, *held), mesh)
         assert posed.system.kernel is None
         assert np.linalg.eigvalsh(posed.system.K.toarray())[0] > 1e-3
+
+
+def test_loads_and_strains_in_some_cells_alone():
+    """Two bars side by side, of which one is pulled, warms or is stressed: the other does not feel it."""
+    bars = {name: vx.meshes.voronoi((2, 4), box=((x, x + 1), (0, 2)), seed=1) for name, x in (("one", 0), ("two", 2))}
+    mesh = vx.meshes.bodies(bars)
+    held = (
+        vx.Elasticity(100.0, 0.0),
+        vx.Symmetry(on=["one.bottom", "two.bottom"]),
+        vx.Symmetry(on=["one.left", "two.left"]),
+    )
+    ends = np.isclose(mesh.points[:, 1], 2) & (mesh.points[:, 0] < 1.5)
+    for effect, wanted in (
+        (vx.BodyForce((0.0, 3.0), on="one"), 3.0 * 2**2 / 2 / 100),
+        (vx.ThermalStrain(1e-3, 5.0, on="one"), 5e-3 * 2),
+        (vx.Prestress((0.0, -7.0, 0.0), on="one"), 0.07 * 2),
+    ):
+        history = vx.simulate(vx.Scene(*held, effect), mesh, [0.0, 1.0], initial="settled")
+        assert history.displacement[-1][ends, 1].mean() == pytest.approx(wanted, rel=0.02)
+        assert not history.displacement[-1][mesh.points[:, 0] > 1.5].any()
+        assert "one" in history.effects[[type(effect).__name__ in words for words in history.effects].index(True)]
+    total = vx.simulate(vx.Scene(*held, vx.BodyForce((0.0, 3.0), on="one")), mesh, [0.0, 1.0], initial="settled")
+    assert total.force(vx.BodyForce)[-1] == pytest.approx([0.0, 6.0], abs=1e-12)
+    with pytest.raises(vx.SceneError, match="^BodyForce: on= names cells by a cell datum"):
+        vx.simulate(vx.Scene(*held, vx.BodyForce((0.0, 3.0), on="three")), mesh, [0.0, 1.0])
+
+
+def test_bounds_and_estimates_read_a_body_force_on_some_cells():
+    """A force on the right half, which begins at an edge of cells, is that of a function which jumps there."""
+    mesh = vx.meshes.squares(4)
+    mesh = mesh.with_cell_data("half", 1.0 * (mesh.centroids[:, 0] > 0.5))
+    held = vx.Elasticity(100.0, 0.3), vx.Clamp(on="left")
+    on_cells, by_place = (
+        vx.simulate(vx.Scene(*held, force), mesh, [0.0, 1.0], initial="settled")
+        for force in (
+            vx.BodyForce(lambda x, t: (0.0 * x[:, 0] + [[0.0], [-1.0]]).T, on="half"),
+            vx.BodyForce(lambda x, t: np.column_stack([0 * x[:, 0], -1.0 * (x[:, 0] > 0.5)])),
+        )
+    )
+    assert on_cells.energy[-1] == pytest.approx(by_place.energy[-1], rel=1e-12)
+    one, other = (vx.error_bound(history, 1) for history in (on_cells, by_place))
+    assert (one.lower, one.upper) == pytest.approx((other.lower, other.upper), rel=1e-9)
+    one, other = (vx.error_budget(history) for history in (on_cells, by_place))
+    assert one.largest["space"] == pytest.approx(other.largest["space"], rel=1e-9)

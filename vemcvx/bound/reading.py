@@ -281,18 +281,18 @@ class Reader:
                 np.add.at(force, positions(load.edges, fine.pieces, fine.mesh.n_nodes), load.forces(t))
         return np.asarray(force / self.pieces.weights[:, None])
 
-    def body_force(self, x: Floats, t: float) -> Floats:
+    def body_force(self, points: SamplePoints, t: float) -> Floats:
         """Return the body force (q, 2) at points."""
-        return np.sum([load.at(x, t) for load in self.body_loads], axis=0)
+        return np.sum([load.in_cells(points.x, points.owner, t) for load in self.body_loads], axis=0)
 
     def body(self, t: float) -> tuple[Floats, Floats, Floats]:
         """Return body forces (n_cells, 6), how a second reading differs, and what is left of them (q, 2)."""
         h = np.sqrt(self.edges.areas)
         if not self.body_loads:
             return np.zeros((len(h), 6)), np.zeros((len(h), 6)), np.zeros((0, 2))
-        f, (coarse, fit) = self.body_force(self.inside.x, t), self._coarse
+        f, (coarse, fit) = self.body_force(self.inside, t), self._coarse
         found = self.cells.of(f)
-        second = fit.of(self.body_force(coarse.x, t))
+        second = fit.of(self.body_force(coarse, t))
         apart, left = _without_rounding(f, second - found, f - self.cells.at_points(found))
         scales = np.column_stack([np.ones(len(h)), 1.0 / h, 1.0 / h])[..., None]
         body, body_apart = ((one * scales).reshape(len(h), 6) for one in (found, apart))

@@ -50,6 +50,11 @@ class Load:
         shape = "number" if self.matrix.shape[1] == len(self.points) else "vector"
         return data.At(x, t).read(self.value, self.subject, shape)
 
+    def in_cells(self, x: Floats, owner: Ints, t: float) -> Floats:
+        """Return the datum of a load in the body at points of cells (k,): zero in cells that have none of it."""
+        there = np.isin(owner, self.cells)
+        return self.at(x, t) * there if self.matrix.shape[1] == len(self.points) else self.at(x, t) * there[:, None]
+
     def vector(self, t: float) -> Floats:
         """Nodal force (n_u,) at the instant `t`."""
         return self.matrix @ self.values(t)

@@ -13,6 +13,7 @@ from vemcvx.base.arrays import Floats, Ints, as_real_array, brief
 from vemcvx.base.errors import SceneError
 from vemcvx.effects import data
 from vemcvx.effects.effect import Contribution, Effect, Load, Support, amount, where
+from vemcvx.effects.materials import region
 from vemcvx.vem import Part, SideRule, Space, cell_load, edge_load
 
 
@@ -82,17 +83,25 @@ class BodyForce(Effect):
     ----------
     force : (dim,) constant, or callable f(x, t) -> (m, dim)
         Cartesian components, force per area, evaluated at t_n.
+    on : str or sequence of str, optional
+        The cells that bear it, by the names of cell data that are nonzero there, such as those of bodies; by default
+        all. A force that is zero by place instead also loads the slivers of cells that it cuts.
     """
 
     force: data.Datum
+    on: str | Sequence[str] | None = None
 
     def contribute(self, space: Space) -> Contribution:
         points, matrix, cells = cell_load(space)
-        load = Load("BodyForce", points, matrix, self.force, cells)
+        if (inside := region(space, self.on, "BodyForce")) is not None:
+            some = np.flatnonzero(inside[cells])
+            entries = (some[:, None] * space.dim + np.arange(space.dim)).ravel()
+            points, matrix, cells = points[some], sp.csr_matrix(matrix[:, entries]), cells[some]
+        load = Load(self._subject, points, matrix, self.force, cells)
         return Contribution(loads=(load,))
 
     def describe(self) -> str:
-        return f"BodyForce: {amount(self.force)} in the body"
+        return f"BodyForce: {amount(self.force)} in {'the body' if self.on is None else where(self.on)}"
 
 
 @dataclass(frozen=True)

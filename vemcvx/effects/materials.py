@@ -111,6 +111,12 @@ def region(space: Space, on: str | Sequence[str] | None, subject: str) -> Bools 
     return cells
 
 
+def _inside(space: Space, on: str | Sequence[str] | None, subject: str) -> Floats:
+    """Return 1 in the cells that `on` names, 0 in others, (n_cells,)."""
+    cells = region(space, on, subject)
+    return np.ones(space.mesh.n_cells) if cells is None else cells.astype(float)
+
+
 # Isotropic linear elasticity, sigma = 2 mu eps + lam tr(eps) I, (3.1), in plane strain, plane stress or space:
 # lam = E nu / ((1 + nu)(1 - 2 nu)), mu = E / (2 (1 + nu)), in plane stress 2 lam mu / (lam + 2 mu) in place of lam.
 #
@@ -380,14 +386,19 @@ class ThermalStrain(Effect):
         alpha, strain per degree.
     temperature : number, or callable f(x, t) -> (m,)
         theta, degrees above the stress-free state, at centroids and t_n; positive expands (with alpha > 0).
+    on : str or sequence of str, optional
+        The cells that expand, by the names of cell data that are nonzero there, such as those of bodies; by default
+        all.
     """
 
     expansion: data.Constant
     temperature: data.Datum
+    on: str | Sequence[str] | None = None
 
     def contribute(self, space: Space) -> Contribution:
         mesh, expansion = space.mesh, "ThermalStrain: expansion"
-        alpha = data.InCells(mesh).read(self.expansion, expansion)
+        inside = _inside(space, self.on, "ThermalStrain")
+        alpha = data.InCells(mesh).read(self.expansion, expansion) * inside
 
         def heat(x: Floats, t: float) -> Floats:
             return data.scalar(self.temperature, x, t, "ThermalStrain: temperature")
@@ -396,13 +407,14 @@ class ThermalStrain(Effect):
             return alpha * heat(mesh.centroids, t)
 
         def at(x: Floats, cells: Ints, t: float) -> Floats:
-            return data.InCells(mesh, x, cells).read(self.expansion, expansion) * heat(x, t)
+            return data.InCells(mesh, x, cells).read(self.expansion, expansion) * heat(x, t) * inside[cells]
 
         of_place = at if data.varies(self.expansion, self.temperature) else None
-        return Contribution(eigenstrains=(Eigenstrain("ThermalStrain", strain, of_place),))
+        return Contribution(eigenstrains=(Eigenstrain(self._subject, strain, of_place),))
 
     def describe(self) -> str:
-        return f"ThermalStrain: {amount(self.expansion, 'x')} times {amount(self.temperature)}"
+        words = f"ThermalStrain: {amount(self.expansion, 'x')} times {amount(self.temperature)}"
+        return words if self.on is None else f"{words} in {where(self.on)}"
 
 
 @dataclass(frozen=True)
@@ -416,19 +428,23 @@ class Prestress(Effect):
     ----------
     stress : (3,) constant, or callable f(x, t) -> (m, 3)
         xx, yy, xy, in space (6,): xx, yy, zz, xy, yz, xz; force per area, tension positive, at centroids and t_n.
+    on : str or sequence of str, optional
+        The cells that have it, by the names of cell data that are nonzero there, such as those of bodies; by default
+        all.
     """
 
     stress: data.Datum
+    on: str | Sequence[str] | None = None
 
     def contribute(self, space: Space) -> Contribution:
-        mesh = space.mesh
+        mesh, inside = space.mesh, _inside(space, self.on, "Prestress")
 
         def at(x: Floats, cells: Ints, t: float) -> Floats:
-            return data.tensor(self.stress, x, t, "Prestress")
+            return data.tensor(self.stress, x, t, "Prestress") * inside[cells, None]
 
         assembled = partial(at, mesh.centroids, np.arange(mesh.n_cells))
         of_place = at if data.varies(self.stress) else None
-        return Contribution(initial_stresses=(InitialStress("Prestress", assembled, of_place),))
+        return Contribution(initial_stresses=(InitialStress(self._subject, assembled, of_place),))
 
     def describe(self) -> str:
-        return f"Prestress: {amount(self.stress)} in the body"
+        return f"Prestress: {amount(self.stress)} in {'the body' if self.on is None else where(self.on)}"

@@ -302,7 +302,8 @@ class Residuals:
                 squares = totals(at, size * np.sum(apart**2, axis=1), count)
                 found += totals(sides.outer, self.weights * squares, self.mesh.n_cells)
             elif load.cells is not None:
-                apart = load.at(x, now.t) - load.at(self.mesh.centroids, now.t)[owner]
+                middle = load.in_cells(self.mesh.centroids, np.arange(self.mesh.n_cells), now.t)
+                apart = load.in_cells(x, owner, now.t) - middle[owner]
                 within = totals(owner, weights * np.sum(apart**2, axis=1), self.mesh.n_cells)
                 found += POINCARE * self.sizes**2 / self.shear * within
         return found

@@ -45,7 +45,7 @@ class Unseen:
         body, in_cells = np.zeros((len(edges.areas), 2)), np.zeros((0, 2))
         if any(callable(load.value) for load in reader.body_loads):
             body, in_cells = reader.cells.beside(
-                reader.body_force(reader.inside.x, t), body_forces(posed, t) / edges.areas[:, None]
+                reader.body_force(reader.inside, t), body_forces(posed, t) / edges.areas[:, None]
             )
             # Of what is constant in a cell a part bends it, too, besides moving the body.
             in_cells = in_cells + body[reader.inside.owner]

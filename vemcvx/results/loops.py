@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vemcvx.base.arrays import Floats
-from vemcvx.effects import PrescribedDisplacement, where
+from vemcvx.effects import BodyForce, PrescribedDisplacement, where
 from vemcvx.results.probe import places
 from vemcvx.results.results import Results
 from vemcvx.vem import Space
@@ -50,7 +50,7 @@ def _loaded(history: Results) -> Loop | None:
     for k in np.argsort(-changes.max(axis=1, initial=0.0)):
         effect = history.scene.canonical[history.acting.load_causes[k]]
         axis = int(np.argmax(changes[k]))
-        if changes[k, axis] > 0 and (on := getattr(effect, "on", None)) is not None:
+        if changes[k, axis] > 0 and (on := getattr(effect, "on", None)) and not isinstance(effect, BodyForce):
             name, motion = where(on), _motion(history, on)
         elif changes[k, axis] > 0 and (at := getattr(effect, "at", None)) is not None:
             motion = places(history.mesh, np.atleast_2d(at), "hysteresis_loop").at_nodes(history.displacement)

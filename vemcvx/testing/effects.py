@@ -17,6 +17,7 @@ import scipy.sparse as sp
 from vemcvx.base.arrays import Floats
 from vemcvx.base.errors import SceneError
 from vemcvx.effects import (
+    BodyForce,
     ContactSurface,
     Contribution,
     Effect,
@@ -25,12 +26,17 @@ from vemcvx.effects import (
     InitialStress,
     Material,
     MaterialLaw,
+    Prestress,
+    ThermalStrain,
 )
 from vemcvx.history import History
 from vemcvx.meshes import FAMILIES, SPACE_FAMILIES, Mesh
 from vemcvx.scene import Scene
 from vemcvx.simulation import simulate
 from vemcvx.vem import Space
+
+IN_CELLS = MaterialLaw, BodyForce, Prestress, ThermalStrain
+"""Effects whose `on` names cells by cell data, and not boundaries."""
 
 TIMES = np.array([0.0, 0.4, 1.0])
 
@@ -99,7 +105,7 @@ class EffectSample:
     def on(self) -> list[str] | None:
         """The boundaries that it is on; None if it is on none."""
         effect: Any = self.effect
-        return list(np.atleast_1d(effect.on)) if hasattr(effect, "on") and not isinstance(effect, MaterialLaw) else None
+        return list(np.atleast_1d(effect.on)) if hasattr(effect, "on") and not isinstance(effect, IN_CELLS) else None
 
     def mesh(self, which: int = 0) -> Mesh:
         """The mesh of its answers; a finer one; one of another family."""
@@ -239,14 +245,14 @@ def _units(vectors: Floats) -> bool:
 
 
 def names_a_place_that_is_unknown_and_what_exists(sample: EffectSample) -> None:
-    """In one sentence, which begins with the name of its class; a material's region is a cell datum."""
-    if isinstance(sample.effect, MaterialLaw):
+    """In one sentence, which begins with the name of its class; what is in cells has them by a cell datum."""
+    if isinstance(sample.effect, IN_CELLS):
         words = "on= names cells by a cell datum that is nonzero there; found 'wst', but this mesh has 'west', 'east'"
         there, wrong, way = "west", "wst", r"\. Add one with mesh\.with_cell_data\(name, values\)"
     else:
         words = "there is no boundary named 'bottm'; this mesh has " + ", ".join(map(repr, sample.mesh().boundaries))
         there, wrong, way = "left", "bottm", r"; add one with mesh\.with_boundary\(name, predicate\)"
-    for on in (wrong, [there, wrong]) if isinstance(sample.effect, MaterialLaw) or sample.on is not None else ():
+    for on in (wrong, [there, wrong]) if isinstance(sample.effect, IN_CELLS) or sample.on is not None else ():
         with pytest.raises(SceneError, match=rf"^{sample.name}: {words}{way}\.$"):
             sample.answer(sample.changed(on=on), *sample.beside)
 
@@ -258,7 +264,7 @@ def takes_a_name_or_a_list_of_names(sample: EffectSample) -> None:
     def on(names: object) -> Any:
         return nameless(sample.content(sample.changed(on=names).contribute(space)))
 
-    if isinstance(sample.effect, MaterialLaw):
+    if isinstance(sample.effect, IN_CELLS):
         assert on("west") == on(["west"]) == on(("west", "west"))
         assert on("west") != on("east")
     if sample.on is not None:
@@ -312,7 +318,7 @@ def describes_itself_in_one_line(sample: EffectSample) -> None:
     assert "0x" not in words
     for name in sample.on or ():
         assert name in words
-    if isinstance(sample.effect, MaterialLaw):
+    if isinstance(sample.effect, IN_CELLS):
         assert "west" in sample.changed(on="west").describe()
     for name, components in sample.data.items():
         many = sample.with_datum(name, np.ones((500, components))).describe()

@@ -52,7 +52,7 @@ class Load:
 
     def in_cells(self, x: Floats, owner: Ints, t: float) -> Floats:
         """Return the datum of a load in the body at points of cells (k,): zero in cells that have none of it."""
-        there = np.isin(owner, self.cells)
+        there = np.isin(owner, () if self.cells is None else self.cells)
         return self.at(x, t) * there if self.matrix.shape[1] == len(self.points) else self.at(x, t) * there[:, None]
 
     def vector(self, t: float) -> Floats:

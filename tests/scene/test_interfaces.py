@@ -287,7 +287,11 @@ def test_partners_are_stored_and_probes_tell_the_first_body(tmp_path):
     [
         *(
             ([PRESSED, COULOMB, one], r"has faces of an interface \(lower\|upper\) between two bodies")
-            for one in (vx.Pressure(1.0, on=JOINT), vx.Clamp(on=["lower.bottom", JOINT]), vx.Symmetry(on="boundary"))
+            for one in (
+                vx.Traction((1.0, 0.0, 0.0), on=JOINT),
+                vx.Clamp(on=["lower.bottom", JOINT]),
+                vx.Symmetry(on="boundary"),
+            )
         ),
         ([vx.BilateralContact(on=JOINT)], r"the first the translation \(1, 0, 0\) of upper"),
         ([PRESSED, vx.TrescaFriction(1.0, on="upper|lower")], r"this interface is named 'lower\|upper'"),

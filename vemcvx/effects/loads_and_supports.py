@@ -54,19 +54,21 @@ class Pressure(Effect):
         p, force per length (and unit thickness), in space per area, evaluated at t_n; compression positive, suction
         negative.
     on : str or sequence of str
-        Boundary names; at a corner the pressure acts on each side along its own normal.
+        Boundary names; at a corner the pressure acts on each side along its own normal. At an interface, such as a
+        crack or a joint with a fluid in it, it pushes both bodies apart, whether they touch or not.
     """
 
     value: data.Datum
     on: str | Sequence[str]
 
     def contribute(self, space: Space) -> Contribution:
-        part = space.part(self.on, "Pressure")
+        return Contribution(loads=tuple(self._on(space, part) for part in space.both_sides(self.on, "Pressure")))
+
+    def _on(self, space: Space, part: Part) -> Load:
         points, matrix, sides = edge_load(space, part)
         (q, dim), normals = points.shape, part.normals[sides]
         inward = sp.csr_matrix((-normals.ravel(), (np.arange(q * dim), np.repeat(np.arange(q), dim))))
-        load = Load(self._subject, points, matrix @ inward, self.value, edges=part.sides[sides])
-        return Contribution(loads=(load,))
+        return Load(self._subject, points, matrix @ inward, self.value, edges=part.sides[sides])
 
     def describe(self) -> str:
         return f"Pressure: {amount(self.value)} on {where(self.on)}"

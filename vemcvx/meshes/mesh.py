@@ -210,6 +210,12 @@ class Mesh(ABC):
         return MappingProxyType({**self._named, **joints, "boundary": self._boundary})
 
     @cached_property
+    def beyond(self) -> Mapping[str, Ints]:
+        """The sides of the second body of every interface, by its name, as `boundaries` has those of the first."""
+        own = {name: faces_of(interface.partners, self._outlines) for name, interface in self.interfaces.items()}
+        return MappingProxyType({name: read_only(self._boundary[np.sort(parts)]) for name, parts in own.items()})
+
+    @cached_property
     def _outer(self) -> Bools:
         """A mask of the parts of the boundary that no interface has on either side."""
         free = np.ones(len(self._boundary), dtype=bool)

@@ -132,17 +132,23 @@ class Space:
         if across is not None and not contact and (across >= 0).any():
             raise SceneError(
                 f"{subject}: on={on!r} has {mesh.PARTS} of an interface ({', '.join(mesh.interfaces)}) between two "
-                "bodies, where contact and friction act and nothing else; name boundaries that are on the outside."
+                "bodies, where contact, friction and Pressure act alone; name boundaries that are on the outside."
             )
         key = tuple(sorted(set(names)))
         if key not in self._parts:
-            sides = read_only(sides)
-            self._parts[key] = (
-                face_part(sides, mesh, across, self.mirrors)
-                if isinstance(mesh, PolyhedralMesh)
-                else edge_part(sides, mesh.points, across, self.mirrors, self._inside(sides, across))
-            )
+            self._parts[key] = self._part(read_only(sides), across)
         return self._parts[key]
+
+    def both_sides(self, on: str | Sequence[str], subject: str) -> list[Part]:
+        """The same, interfaces among them, and besides the sides of second bodies at these, if there are any."""
+        part, mesh = self.part(on, subject, contact=True), self.mesh
+        beyond = [mesh.beyond[name] for name in ([on] if isinstance(on, str) else on) if name in mesh.interfaces]
+        return [part, *([self._part(np.unique(np.concatenate(beyond), axis=0), None)] if beyond else [])]
+
+    def _part(self, sides: Ints, across: Ints | None) -> Part:
+        if isinstance(self.mesh, PolyhedralMesh):
+            return face_part(sides, self.mesh, across, self.mirrors)
+        return edge_part(sides, self.mesh.points, across, self.mirrors, self._inside(sides, across))
 
     @cached_property
     def _parts(self) -> dict[tuple[str, ...], Part]:

@@ -1,0 +1,72 @@
+"""Pressure at an interface pushes both bodies apart, whether they touch or not."""
+
+import pytest
+
+import vemcvx as vx
+
+STEEL = vx.Elasticity(1000.0, 0.3)
+
+
+def stacked(families, n=(3, 3), dim=2):
+    box = ((0, 1),) * (dim - 1)
+    lower, upper = (
+        (vx.meshes.FAMILIES | vx.meshes.SPACE_FAMILIES)[family](k, box=(*box, (y, y + 1)))
+        for family, k, y in zip(families, n, (-1, 0), strict=True)
+    )
+    return vx.meshes.bodies({"low": lower, "up": upper}), lower
+
+
+def blown_up(mesh, p=2.0):
+    sides = vx.Clamp(on="low.bottom"), vx.Clamp(on="up.top"), vx.UnilateralContact(on="low|up")
+    return vx.simulate(vx.Scene(STEEL, *sides, vx.Pressure(p, on="low|up")), mesh, [0.0, 1.0], initial="settled")
+
+
+@pytest.mark.parametrize("family", ["squares", "triangles", "cubes", "tetrahedra"])
+def test_an_open_joint_is_two_bodies_under_pressure(family):
+    """Each body is as alone under the same pressure on its side."""
+    dim = 3 if family in ("cubes", "tetrahedra") else 2
+    mesh, lower = stacked((family, family), dim=dim)
+    alone = vx.simulate(
+        vx.Scene(STEEL, vx.Clamp(on="bottom"), vx.Pressure(2.0, on="top")), lower, [0.0, 1.0], initial="settled"
+    )
+    history = blown_up(mesh)
+    assert not history.contact.closed[-1].any()
+    own = history.displacement[-1][mesh.points[:, -1] < 0]
+    inner = lower.points[:, -1] < 0
+    assert own == pytest.approx(alone.displacement[-1][inner], abs=1e-12)
+    assert history.reaction("up.top")[-1][-1] == pytest.approx(-2.0, abs=1e-11)
+    assert history.reaction("low.bottom")[-1][-1] == pytest.approx(2.0, abs=1e-11)
+
+
+def test_meshes_need_not_match_and_what_presses_more_keeps_the_joint_shut():
+    """Under 5 from outside and 2 inside, contact bears 3 on meshes of other cells."""
+    mesh, _ = stacked(("squares", "voronoi"), (3, 4))
+    scene = vx.Scene(
+        STEEL,
+        vx.Symmetry(on=["low.bottom", "low.left", "low.right", "up.left", "up.right"]),
+        vx.UnilateralContact(on="low|up"),
+        vx.Pressure(5.0, on="up.top"),
+        vx.Pressure(2.0, on="low|up"),
+    )
+    history = vx.simulate(scene, mesh, [0.0, 1.0], initial="settled")
+    assert history.force("low|up")[-1] == pytest.approx([0.0, -3.0], abs=1e-10)
+    assert history.contact.pressure_recovered[-1] == pytest.approx(3.0, abs=1e-9)
+    assert history.stress(-1)[:, 1] == pytest.approx(-5.0, abs=1e-9)
+
+
+def test_bounds_and_estimates_see_both_sides():
+    """The error is that of two mirror images: the bound's square twice that of one, and so is the estimate's."""
+    mesh, lower = stacked(("squares", "squares"), (4, 4))
+    scene = vx.Scene(STEEL, vx.Clamp(on="bottom"), vx.Pressure(2.0, on="top"))
+    alone, both = vx.simulate(scene, lower, [0.0, 1.0], initial="settled"), blown_up(mesh)
+    one, two = (vx.error_bound(history, 1) for history in (alone, both))
+    assert two.upper**2 == pytest.approx(2 * one.upper**2, rel=1e-6)
+    one, two = (vx.error_budget(history).largest["space"] for history in (alone, both))
+    assert two == pytest.approx(one, rel=1e-6)
+
+
+def test_nothing_else_that_loads_acts_between_bodies():
+    mesh, _ = stacked(("squares", "squares"))
+    scene = vx.Scene(STEEL, vx.Clamp(on="low.bottom"), vx.Traction((0.0, 1.0), on="low|up"))
+    with pytest.raises(vx.SceneError, match=r"^Traction: on='low\|up' has edges of an interface"):
+        vx.simulate(scene, mesh, [0.0, 1.0])

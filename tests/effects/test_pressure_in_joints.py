@@ -70,3 +70,31 @@ def test_nothing_else_that_loads_acts_between_bodies():
     scene = vx.Scene(STEEL, vx.Clamp(on="low.bottom"), vx.Traction((0.0, 1.0), on="low|up"))
     with pytest.raises(vx.SceneError, match=r"^Traction: on='low\|up' has edges of an interface"):
         vx.simulate(scene, mesh, [0.0, 1.0])
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_parts_of_an_interface_have_names(dim, tmp_path):
+    """Of a joint one half is pressed apart, and the other rubs: effects take the name as that of a boundary."""
+    mesh, _ = stacked(("squares", "squares") if dim == 2 else ("cubes", "cubes"), (4, 4), dim=dim)
+    mesh = mesh.with_boundary("wet", lambda x: x[:, 0] < 0.5, of="low|up").with_boundary(
+        "dry", lambda x: x[:, 0] > 0.5, of="low|up"
+    )
+    scene = vx.Scene(
+        STEEL,
+        vx.Clamp(on="low.bottom"),
+        vx.Pressure(9.0, on="up.top"),
+        vx.UnilateralContact(on="low|up"),
+        vx.TrescaFriction(0.5, on="dry"),
+        vx.Pressure(3.0, on="wet"),
+        vx.Symmetry(on="up.left"),
+    )
+    history = vx.simulate(scene, mesh, [0.0, 1.0], initial="settled")
+    whole, wet, dry = (history.force(name)[-1] for name in ("low|up", "wet", "dry"))
+    assert wet + dry == pytest.approx(whole, abs=1e-10)
+    assert whole[-1] == pytest.approx(-9.0 + 1.5, abs=1e-9)
+    assert history.force(vx.TrescaFriction)[-1][0] == pytest.approx(dry[0], abs=1e-10)
+    assert wet[0] == pytest.approx(0.0, abs=1e-10)
+    read = vx.read_history(history.write(tmp_path / "run"))
+    assert read.force("wet")[-1] == pytest.approx(wet, abs=0.0)
+    with pytest.raises(vx.MeshError, match="^with_boundary: found of='joint'; this mesh has the boundaries 'low"):
+        mesh.with_boundary("half", lambda x: x[:, 0] < 0.5, of="joint")

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vemcvx.base.arrays import SAME, Bools, Floats, Ints, read_only
+from vemcvx.base.arrays import SAME, Bools, Floats, Ints, brief, read_only
 from vemcvx.base.errors import MeshError, MeshWarning
 from vemcvx.base.outline import Outline, in_a_line
 from vemcvx.meshes import polygons
@@ -209,11 +209,13 @@ class Mesh(ABC):
         joints = {name: read_only(self._boundary[parts]) for name, parts in own.items()}
         return MappingProxyType({**self._named, **joints, "boundary": self._boundary})
 
-    @cached_property
-    def beyond(self) -> Mapping[str, Ints]:
-        """The sides of the second body of every interface, by its name, as `boundaries` has those of the first."""
-        own = {name: faces_of(interface.partners, self._outlines) for name, interface in self.interfaces.items()}
-        return MappingProxyType({name: read_only(self._boundary[np.sort(parts)]) for name, parts in own.items()})
+    def beyond(self, parts: Ints) -> Ints:
+        """Return the edges or faces of second bodies at interfaces, across from those of first ones among `parts`."""
+        places, found = self._places(parts), [np.zeros(0, dtype=np.int64)]
+        for interface in self.interfaces.values():
+            first, second = (faces_of(side, self._outlines) for side in (interface.edges, interface.partners))
+            found.append(second[np.isin(first, places)])
+        return self._boundary[np.unique(np.concatenate(found))]
 
     @cached_property
     def _outer(self) -> Bools:
@@ -275,8 +277,8 @@ class Mesh(ABC):
         own = np.where(known, number[np.where(known, vertices, 0)], -1)
         return polygons.matching_rows(*self._outlines, offsets, own)
 
-    def with_boundary(self, name: str, predicate: Callable[[Floats], Bools]) -> Self:
-        """Return this mesh with one more named part of its boundary.
+    def with_boundary(self, name: str, predicate: Callable[[Floats], Bools], of: str | None = None) -> Self:
+        """Return this mesh with one more named part of its boundary, or of an interface.
 
         Parameters
         ----------
@@ -285,13 +287,21 @@ class Mesh(ABC):
         predicate : callable
             Takes the midpoints (m, 2) of all boundary edges, interfaces left out, in space the centroids (m, 3) of all
             boundary faces; returns which belong: bool (m,).
+        of : str, optional
+            The boundary or interface whose edges or faces alone are asked for. Effects of contact, friction and
+            Pressure act on a part of an interface as on all of it.
 
         Raises
         ------
         MeshError
-            The name is reserved, that of an interface or no string, the answer is not (m,) bool, or it selects nothing.
+            The name is reserved, that of an interface or no string, the answer is not (m,) bool, or it selects nothing;
+            or `of` is no boundary.
         """
-        parts, middles = self._boundary[self._outer], self._middles[self._outer]
+        if of is not None and of not in self.boundaries:
+            known = ", ".join(map(repr, self.boundaries))
+            raise MeshError(f"with_boundary: found of={brief(of)}; this mesh has the boundaries {known}.")
+        some = np.flatnonzero(self._outer) if of is None else self._places(self.boundaries[of])
+        parts, middles = self._boundary[some], self._middles[some]
         return self._with_named({name: read_only(parts[chosen_parts(name, predicate, middles, self.PARTS)])})
 
     def with_boundaries(self, boundaries: Mapping[str, ArrayLike | Sequence[ArrayLike]]) -> Self:

@@ -141,9 +141,9 @@ class Space:
 
     def both_sides(self, on: str | Sequence[str], subject: str) -> list[Part]:
         """The same, interfaces among them, and besides the sides of second bodies at these, if there are any."""
-        part, mesh = self.part(on, subject, contact=True), self.mesh
-        beyond = [mesh.beyond[name] for name in ([on] if isinstance(on, str) else on) if name in mesh.interfaces]
-        return [part, *([self._part(np.unique(np.concatenate(beyond), axis=0), None)] if beyond else [])]
+        part = self.part(on, subject, contact=True)
+        beyond = self.mesh.beyond(part.sides)
+        return [part, self._part(beyond, None)] if len(beyond) else [part]
 
     def _part(self, sides: Ints, across: Ints | None) -> Part:
         if isinstance(self.mesh, PolyhedralMesh):

@@ -61,7 +61,14 @@ def test_run_writes_what_it_says(tmp_path):
         unit, at = in_units(one.unit, feng_han_huang.UNITS), rf"at \(.*\), t = {one.time:.6g} s$"
         assert re.search(rf"^{one.name} +{one.value:.6g} {unit} +{at}", done.output, re.M)
     bodies, along = ["deformed_mesh.png", "stressed_body.png"], ["contact_pressure.png", "contact_slip.png", "wear.png"]
-    pictures = [*bodies, *along, "energy_ledger.png", "friction_traction.png", "stick_slip_map.png"]
+    pictures = [
+        *bodies,
+        *along,
+        "energy_ledger.png",
+        "friction_traction.png",
+        "hysteresis_loop.png",
+        "stick_slip_map.png",
+    ]
     files = [
         "contact.csv",
         "history.npz",

@@ -86,7 +86,7 @@ def paper(tmp_path_factory):
 def test_it_needs_nothing_else(paper):
     read = Reader(paper[1])
     pictures = [address.removeprefix("data:image/png;base64,") for address in read.addresses]
-    assert [base64.b64decode(data, validate=True)[:4] for data in pictures] == 8 * [b"\x89PNG"]
+    assert [base64.b64decode(data, validate=True)[:4] for data in pictures] == 9 * [b"\x89PNG"]
     assert not {"script", "link", "iframe", "object"} & set(read.tags)
     style = re.search("<style>(.*?)</style>", paper[1], re.DOTALL).group(1)
     assert "url(" not in style
@@ -98,7 +98,9 @@ def test_it_has_the_numbers_of_the_summary(paper):
     told, text = json.loads((paper[0] / "summary.json").read_text()), Reader(paper[1]).text
     assert f"{told['mesh']['cells']} cells, {told['mesh']['nodes']} nodes, {told['unknowns']} unknowns" in text
     assert f"n = {told['mesh']['n']}: " in text
-    assert f"stored {told['energy']:.6g}, dissipated {told['dissipated']:.6g}, work {told['work']:.6g}" in text
+    lost, done = (told[f"{name}_second_order"] for name in ("dissipated", "work"))
+    assert f"stored {told['energy']:.6g}, dissipated {lost:.6g}, work {done:.6g}, of second order" in text
+    assert f"sum of backward Euler: dissipated {told['dissipated']:.6g}, work {told['work']:.6g}" in text
     assert f"certified {told['certified_energy_error']:.1e} relative energy error a step" in text
     assert list(told["quantities"]) == ["dissipated", "work", "wear"]
     for name, one in told["quantities"].items():
@@ -172,7 +174,7 @@ def test_files_of_others_stay(tmp_path):
 @pytest.mark.long
 def test_units_of_a_problem_file_reach_pictures_tables_and_the_terminal(tmp_path, monkeypatch):
     given = []
-    monkeypatch.setattr("vemcvx.cli.run.write_plots", lambda history, folder, units: given.append(units) or [])
+    monkeypatch.setattr("vemcvx.plots.pictures.write_plots", lambda history, folder, units: given.append(units) or [])
     path = tmp_path / "hung.py"
     path.write_text(f'{LOOSE}UNITS = {{"length": "mm", "force": "N", "time": "s", "force per area": "MPa"}}\n')
     options = ["--n", "2", "--steps", "1", "--plot", "--report", "--out", str(tmp_path / "out")]

@@ -96,5 +96,5 @@ def test_parts_of_an_interface_have_names(dim, tmp_path):
     assert wet[0] == pytest.approx(0.0, abs=1e-10)
     read = vx.read_history(history.write(tmp_path / "run"))
     assert read.force("wet")[-1] == pytest.approx(wet, abs=0.0)
-    with pytest.raises(vx.MeshError, match="^with_boundary: found of='joint'; this mesh has the boundaries 'low"):
+    with pytest.raises(vx.MeshError, match="^with_boundary: found of = 'joint'; this mesh has the boundaries 'low"):
         mesh.with_boundary("half", lambda x: x[:, 0] < 0.5, of="joint")

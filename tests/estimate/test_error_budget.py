@@ -24,7 +24,9 @@ LEAST, MOST = 1.0, 5.0
 def ratio_of(poisson, family, n):
     lam = full_slip.lame(poisson)
     scene = full_slip.scene(poisson, pulled=poisson > 0.4)
-    history = vx.simulate(scene, full_slip.mesh(n, family), np.linspace(0, 1, 9), store="last")
+    # Rounding allows no more where a body hardly changes its volume.
+    solver = vx.Newton(accuracy=1e-6 if poisson > 0.49 else 1e-8)
+    history = vx.simulate(scene, full_slip.mesh(n, family), np.linspace(0, 1, 9), store="last", solver=solver)
     true = vx.measures.energy_error(history, lambda x, t: full_slip.strain(x[:, 0], x[:, 1], t, lam))
     budget = error_budget(history)
     assert budget.time[-1] <= 1e-10, "data grow in proportion: no step loses anything"

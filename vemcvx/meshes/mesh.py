@@ -297,9 +297,9 @@ class Mesh(ABC):
             The name is reserved, that of an interface or no string, the answer is not (m,) bool, or it selects nothing;
             or `of` is no boundary.
         """
-        if of is not None and of not in self.boundaries:
+        if of is not None and not (isinstance(of, str) and of in self.boundaries):
             known = ", ".join(map(repr, self.boundaries))
-            raise MeshError(f"with_boundary: found of={brief(of)}; this mesh has the boundaries {known}.")
+            raise MeshError(f"with_boundary: found of = {brief(of)}; this mesh has the boundaries {known}.")
         some = np.flatnonzero(self._outer) if of is None else self._places(self.boundaries[of])
         parts, middles = self._boundary[some], self._middles[some]
         return self._with_named({name: read_only(parts[chosen_parts(name, predicate, middles, self.PARTS)])})

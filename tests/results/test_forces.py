@@ -8,6 +8,7 @@ import pytest
 import gallery
 import vemcvx as vx
 from vemcvx.results import loop_of
+from vemcvx.results.forces import BoundaryForces
 from vemcvx.scene.pose import pose_scene, unwarned
 
 EPS = float(np.finfo(float).eps)
@@ -93,6 +94,14 @@ def test_the_side_that_drags_bears_all_friction(dragged, tmp_path):
     assert dragged.moment("low.bottom", about=(0.5, 0.0)) == pytest.approx(
         -dragged.moment("low|up", about=(0.5, 0.0)), abs=1e-12
     )
+
+
+def test_forces_on_another_body_are_none_of_an_edge():
+    """Of node 2 on the other body, beside the edge from 1 to 3: the numbers of both pairs were one."""
+    none = {"loads": np.zeros((1, 0, 2)), "load_causes": np.zeros(0, dtype=int), "held": np.zeros(2, dtype=bool)}
+    ends = np.array([[2, -2], [1, 3]])
+    acting = BoundaryForces(causes=np.array([[0, -1]] * 2), ends=ends, force=np.ones((1, 2, 2)), **none)
+    assert acting.through(np.array([[1, 3]])).tolist() == [False, True]
 
 
 def test_planes_of_symmetry_share_no_force():

@@ -147,6 +147,11 @@ def shaped(raw: Any, subject: str, wanted: str, *shapes: tuple[int, ...]) -> Flo
     return array
 
 
+def one_point(raw: Any, dim: int, subject: str) -> Floats:
+    """Return the coordinates (dim,) of a point, or raise SceneError."""
+    return finite(shaped(raw, subject, f"a point of {dim} coordinates", (dim,)), subject)
+
+
 def shape_in_words(array: Floats) -> str:
     """Return words for a number or an array of a wrong shape."""
     return f"the single number {array:.6g}" if array.ndim == 0 else f"an array of shape {array.shape}"

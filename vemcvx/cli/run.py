@@ -31,7 +31,7 @@ from vemcvx.cost.workers import NOT_CERTIFIED as MISSED
 from vemcvx.history import History
 from vemcvx.meshes import Mesh as AnyMesh
 from vemcvx.plots.style import Units, in_units
-from vemcvx.results import files, places, resultants
+from vemcvx.results import files, largest, places
 from vemcvx.results.files import ARCHIVE, SERIES, SUMMARY, Origin, write_results
 from vemcvx.results.tables import FILES
 from vemcvx.simulation import warn_of_turns
@@ -369,8 +369,8 @@ def _extremes(history: History, units: Units | None) -> Iterator[str]:
         yield f"{one.name:36s}{one.value:12.6g} {in_units(one.unit, units):14s} {where if one.value else ''}".rstrip()
         if one.unbounded:
             yield f"{'':12s}{one.unbounded}"
-    for name, forces in resultants(history).items():
-        row = int(np.argmax(np.linalg.norm(forces, axis=1)))
+    for name, forces in history.resultants.items():
+        row = largest(forces)
         where = f"t = {history.times[row]:.6g} {(units or {}).get('time', '')}".rstrip()
         value = "(" + ", ".join(f"{x:.6g}" for x in forces[row]) + ")"
         yield f"{'largest ' + name:36s}{value} {in_units('force', units)}, {where}"

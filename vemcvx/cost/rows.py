@@ -9,7 +9,7 @@ import numpy as np
 
 from vemcvx.base.table import Table
 from vemcvx.plots.style import Units, in_units
-from vemcvx.results import Results, resultants
+from vemcvx.results import Results
 from vemcvx.results.files import ENERGIES, finite_or_none, peak_memory_mb
 
 Row = dict[str, Any]
@@ -56,7 +56,7 @@ def figures(history: Results) -> Row:
 def _largest_forces(history: Results) -> Row:
     """Return the largest force of each kind of `FORCES` on any boundary, at any step."""
     found: Row = {}
-    for name, forces in resultants(history).items():
+    for name, forces in history.resultants.items():
         kind = name.partition(" ")[0]
         found[kind] = max(found.get(kind, 0.0), float(np.linalg.norm(forces, axis=1).max()))
     return found

@@ -37,7 +37,7 @@ from vemcvx.effects.loads_and_supports import (
     Traction,
 )
 from vemcvx.effects.materials import Elasticity, MaterialLaw, Orthotropic, Prestress, ThermalStrain, Viscosity
-from vemcvx.effects.materials import region as region
+from vemcvx.effects.materials import cells_of as cells_of
 
 __all__ = [
     "BilateralContact",

@@ -111,10 +111,10 @@ def region(space: Space, on: str | Sequence[str] | None, subject: str) -> Bools 
     return cells
 
 
-def _inside(space: Space, on: str | Sequence[str] | None, subject: str) -> Floats:
-    """Return 1 in the cells that `on` names, 0 in others, (n_cells,)."""
-    cells = region(space, on, subject)
-    return np.ones(space.mesh.n_cells) if cells is None else cells.astype(float)
+def cells_of(space: Space, on: str | Sequence[str] | None, subject: str) -> Bools:
+    """Return the same, all of the body for None."""
+    found = region(space, on, subject)
+    return np.ones(space.mesh.n_cells, dtype=bool) if found is None else found
 
 
 # Isotropic linear elasticity, sigma = 2 mu eps + lam tr(eps) I, (3.1), in plane strain, plane stress or space:
@@ -397,7 +397,7 @@ class ThermalStrain(Effect):
 
     def contribute(self, space: Space) -> Contribution:
         mesh, expansion = space.mesh, "ThermalStrain: expansion"
-        inside = _inside(space, self.on, "ThermalStrain")
+        inside = cells_of(space, self.on, "ThermalStrain")
         alpha = data.InCells(mesh).read(self.expansion, expansion) * inside
 
         def heat(x: Floats, t: float) -> Floats:
@@ -437,7 +437,7 @@ class Prestress(Effect):
     on: str | Sequence[str] | None = None
 
     def contribute(self, space: Space) -> Contribution:
-        mesh, inside = space.mesh, _inside(space, self.on, "Prestress")
+        mesh, inside = space.mesh, cells_of(space, self.on, "Prestress")
 
         def at(x: Floats, cells: Ints, t: float) -> Floats:
             return data.tensor(self.stress, x, t, "Prestress") * inside[cells, None]

@@ -2,7 +2,7 @@
 
 from vemcvx.results.contact import Contact
 from vemcvx.results.corners import Corners
-from vemcvx.results.forces import resultants
+from vemcvx.results.forces import largest
 from vemcvx.results.loops import loop_of
 from vemcvx.results.probe import places
 from vemcvx.results.quoted import SINGULAR, Quantity, growth
@@ -26,12 +26,12 @@ __all__ = [
     "Results",
     "displacement",
     "growth",
+    "largest",
     "largest_values",
     "loop_of",
     "places",
     "programs_of_steps",
     "record",
-    "resultants",
     "warn_of_large_strains",
     "warn_of_lost_work",
 ]

@@ -49,7 +49,7 @@ from vemcvx.meshes.interfaces import padded
 from vemcvx.meshes.io.vtu import packed_cells, write_cells
 from vemcvx.meshes.polygons import rows_in_order
 from vemcvx.meshes.polyhedra import Faces, listed_faces
-from vemcvx.results.forces import resultants
+from vemcvx.results.forces import largest
 from vemcvx.results.quoted import Quantity
 from vemcvx.results.results import RECORDS, Results, labelled, size_of
 from vemcvx.results.tables import FILES, write_tables
@@ -209,7 +209,7 @@ def summary(history: Results, origin: Origin, writing: float) -> dict[str, Any]:
             for name, one in history.quantities.items()
         },
         "contact": {"nodes": len(touch.nodes)} | {name: int(count[-1]) for name, count in counts.items()},
-        "forces": {name: _largest(history, forces) for name, forces in resultants(history).items()},
+        "forces": {name: _largest(history, forces) for name, forces in history.resultants.items()},
         "extremes": {
             one.key: {
                 "value": finite_or_none(one.value),
@@ -227,8 +227,8 @@ def summary(history: Results, origin: Origin, writing: float) -> dict[str, Any]:
 
 
 def _largest(history: Results, forces: Floats) -> dict[str, Any]:
-    """The largest of forces (S, dim), and when."""
-    row = int(np.argmax(np.linalg.norm(forces, axis=1)))
+    """Return the largest of forces (S, dim), and when, for JSON."""
+    row = largest(forces)
     return {"value": forces[row].tolist(), "t": float(history.times[row]), "step": int(history.stored[row])}
 
 

@@ -24,11 +24,11 @@ from typing import Annotated, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vemcvx.base.arrays import Bools, Floats, Ints, brief, finite, shaped, summed_columns
+from vemcvx.base.arrays import Bools, Floats, Ints, brief, one_point, summed_columns
 from vemcvx.base.errors import SceneError
 from vemcvx.base.outline import ArrayRecord
 from vemcvx.effects import ContactSurface, Effect
-from vemcvx.meshes import Mesh
+from vemcvx.meshes.polygons import all_found_in
 from vemcvx.scene import Scene
 from vemcvx.scene.pose import PosedScene
 from vemcvx.scene.rows import ContactRows
@@ -71,8 +71,8 @@ class BoundaryForces(ArrayRecord):
 
     def through(self, names: Ints) -> Bools:
         """Return which rows act through sides, given as their ends (e, 2); (q,)."""
-        most = max(self.ends.max(initial=0), names.max(initial=0)) + 2
-        own, those = (pairs[:, 0] * most + pairs[:, 1] for pairs in (self.ends, names))
+        count = max(self.ends.max(initial=0), names.max(initial=0)) + 1 - ACROSS
+        own, those = (pairs[:, 0] * count + pairs[:, 1] - ACROSS for pairs in (self.ends, names))
         return np.isin(own, those)
 
 
@@ -116,32 +116,33 @@ def _instants(trajectory: Trajectory) -> list[float]:
 
 
 def _friction(posed: PosedScene, trajectory: Trajectory) -> Floats:
-    """The forces of terms on their nodes, (S, m, dim)."""
+    """Return the forces of terms on their nodes, (S, m, dim)."""
     force: Floats = -np.einsum("smb,mbd->smd", trajectory.multipliers, posed.terms.tangents)
     return force
 
 
 def _pressing(posed: PosedScene, trajectory: Trajectory) -> Floats:
-    """The forces of obstacles on their nodes, (S, r, dim)."""
+    """Return the forces of obstacles on their nodes, (S, r, dim)."""
     return -trajectory.pressures[:, :, None] * posed.obstacles.normals
 
 
 def _of_contact(
     posed: PosedScene, rows: ContactRows, parts: Sequence[ContactSurface], kind: str, force: Floats
 ) -> Iterator[_Rows]:
-    """The forces (S, m, dim) of rows, which `parts` of contact have made: on the nodes and on their partners."""
+    """Yield the forces (S, m, dim) of rows, which `parts` of contact have made, on the nodes and on their partners."""
     each = rows.ends.tocoo()
     share = each.data / rows.lengths[each.row]
     causes = _owners(rows.nodes[each.row], rows.partners[each.row], rows.names[each.col, 1], parts, posed.causes[kind])
-    yield _Rows(causes, rows.names[each.col], False, force[:, each.row] * share[:, None])
+    shared = force[:, each.row] * share[:, None]
+    yield _Rows(causes, rows.names[each.col], False, shared)
     joined = rows.partners[each.row] >= 0
     other = rows.partners[each.row[joined]]
     ends = np.column_stack([other, np.full(len(other), ACROSS)])
-    yield _Rows(causes[joined], ends, False, -(force[:, each.row] * share[:, None])[:, joined])
+    yield _Rows(causes[joined], ends, False, -shared[:, joined])
 
 
 def _owners(nodes: Ints, partners: Ints, beyond: Ints, parts: Sequence[ContactSurface], causes: Ints) -> Ints:
-    """The first two effects (k, 2) that own each end of an edge; -1 where there is none."""
+    """Return the first two effects (k, 2) that own each end of an edge; -1 where there is none."""
     found = np.full((len(nodes), 2), -1)
     wanted = np.column_stack([nodes, partners, beyond])
     for part, cause in zip(parts, causes.tolist(), strict=True):
@@ -157,7 +158,7 @@ def _owners(nodes: Ints, partners: Ints, beyond: Ints, parts: Sequence[ContactSu
 
 
 def _of_supports(posed: PosedScene, trajectory: Trajectory, forces: Floats) -> Iterator[_Rows]:
-    """The forces of supports and of bilateral contact."""
+    """Yield the forces of supports and of bilateral contact."""
     supports, S = posed.supports, len(forces)
     own = np.flatnonzero(np.diff(supports.H.indptr))
     rest = forces.reshape(S, -1)[:, own] + trajectory.multipliers.reshape(S, -1) @ posed.terms.rows[:, own]
@@ -175,7 +176,7 @@ def _of_supports(posed: PosedScene, trajectory: Trajectory, forces: Floats) -> I
 
 
 def _of_springs(posed: PosedScene, u: Floats) -> Iterator[_Rows]:
-    """The forces of springs to the ground."""
+    """Yield the forces of springs to the ground."""
     for cause, K in posed.caused_springs:
         nodes = np.unique(K.indices // u.shape[2])
         force = -(u.reshape(len(u), -1) @ K.T).reshape(u.shape)
@@ -189,14 +190,10 @@ def _alone(cause: int, count: int) -> Ints:
 def _spread(
     posed: PosedScene, cause: int, nodes: Ints, force: Floats, held: bool = False, directions: Floats | None = None
 ) -> _Rows:
-    """Forces (S, k, dim) on nodes through the sides of their effect, to which `directions` (k, dim) may be normal."""
+    """Return forces (S, k, dim) on nodes, over the sides of their effect, to which `directions` may be normal."""
     effect: Effect = posed.scene.canonical[cause]
     ends = posed.space.part(getattr(effect, "on", "boundary"), type(effect).__name__, contact=True).ends
-    order = np.argsort(ends.nodes, kind="stable")
-    first, last = (np.searchsorted(ends.nodes[order], nodes, side) for side in ("left", "right"))
-    count = last - first
-    row = np.repeat(np.arange(len(nodes)), count)
-    end = order[np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count) + first[row]]
+    row, end = all_found_in(ends.nodes, nodes)
     weight = ends.lengths[end]
     if directions is not None:
         normal = np.abs(np.einsum("ed,ed->e", ends.normals[end], directions[row])) > np.sqrt(0.5)
@@ -205,7 +202,7 @@ def _spread(
         weight = np.where(some[row] & ~normal, 0.0, weight)
     weight = np.where(np.bincount(row, weight, minlength=len(nodes))[row] > 0, weight, 1.0)
     share = weight / np.bincount(row, weight, minlength=len(nodes))[row]
-    bare = np.flatnonzero(count == 0)
+    bare = np.flatnonzero(np.bincount(row, minlength=len(nodes)) == 0)
     names = np.column_stack(
         [np.append(nodes[row], nodes[bare]), np.append(ends.beyond[end], np.full(len(bare), NOWHERE))]
     )
@@ -217,8 +214,8 @@ class Acting(Protocol):
     """What of a history its forces are read from."""
 
     @property
-    def mesh(self) -> Mesh:
-        """The mesh."""
+    def _space(self) -> Space:
+        """The space of its mesh, which keeps the parts of the boundary that were asked for."""
 
     @property
     def scene(self) -> Scene | None:
@@ -257,10 +254,8 @@ def force(history: Acting, of: Cause) -> Floats:
 
 def moment(history: Acting, of: Cause, about: ArrayLike | None = None) -> Floats:
     """Return the moment of what acts on a boundary, or of an effect: see :meth:`vemcvx.History.moment`."""
-    acting, points = history.acting, history.mesh.points
-    dim = points.shape[1]
-    wanted = f"a point of {dim} coordinates"
-    centre = np.zeros(dim) if about is None else finite(shaped(about, "moment: about", wanted, (dim,)), "moment: about")
+    acting, points = history.acting, history._space.mesh.points
+    centre = 0.0 if about is None else one_point(about, points.shape[1], "moment: about")
     if isinstance(of, str):
         rows = _through(history, of, "moment")
     else:
@@ -274,14 +269,19 @@ def moment(history: Acting, of: Cause, about: ArrayLike | None = None) -> Floats
 def resultants(history: Acting) -> dict[str, Floats]:
     """Return the forces (S, dim) on every named boundary on which something acts, as "reaction of right" in words."""
     acting, found = history.acting, {}
-    for name in history.mesh.boundaries:
-        if name == "boundary" or not len(history.mesh.boundaries[name]):
+    for name, sides in history._space.mesh.boundaries.items():
+        if name == "boundary" or not len(sides):
             continue
         through = _through(history, name, "force")
         for words, rows in (("reaction", through & acting.held), ("force", through & ~acting.held)):
             if acting.force[:, rows].any():
                 found[f"{words} of {name}"] = _total(acting.force[:, rows])
     return found
+
+
+def largest(forces: Floats) -> int:
+    """Return the row of the largest of forces (S, dim)."""
+    return int(np.argmax(np.linalg.norm(forces, axis=1)))
 
 
 def moments(arms: Floats, forces: Floats) -> Floats:
@@ -297,7 +297,7 @@ def _total(forces: Floats) -> Floats:
 
 def _through(history: Acting, name: str, subject: str) -> Bools:
     """Return which rows act through the sides of a boundary, (q,)."""
-    return history.acting.through(Space(history.mesh).part(name, subject, contact=True).names)
+    return history.acting.through(history._space.part(name, subject, contact=True).names)
 
 
 def _caused(history: Acting, causes: Ints, subject: str) -> Bools:
@@ -316,7 +316,7 @@ def _caused(history: Acting, causes: Ints, subject: str) -> Bools:
 def _numbers(history: Acting, of: Effect | type[Effect], subject: str) -> Ints:
     """Return the numbers of an effect, or of those of a class."""
     if isinstance(of, Effect):
-        words, own = of.described(Space(history.mesh).in_plane), history.scene
+        words, own = of.described(history._space.in_plane), history.scene
         found = [i for i, effect in enumerate(own.canonical if own else ()) if effect is of or effect == of]
         found = found or [i for i, effect in enumerate(history.effects) if effect == words]
     elif isinstance(of, type) and issubclass(of, Effect) and history.scene is not None:

@@ -11,7 +11,6 @@ from vemcvx.base.arrays import Floats
 from vemcvx.effects import BodyForce, PrescribedDisplacement, where
 from vemcvx.results.probe import places
 from vemcvx.results.results import Results
-from vemcvx.vem import Space
 
 
 @dataclass(frozen=True)
@@ -26,7 +25,7 @@ class Loop:
 
 
 def loop_of(history: Results, on: str | None = None) -> Loop | None:
-    """The loop of a boundary along the axis on which its way to and fro is longest.
+    """Return the loop of a boundary along the axis on which its way to and fro is longest.
 
     By default of the prescribed displacements that of the longest way; else of the loads the largest, on which scenes
     must be known; None where none is driven.
@@ -43,7 +42,7 @@ def loop_of(history: Results, on: str | None = None) -> Loop | None:
 
 
 def _loaded(history: Results) -> Loop | None:
-    """The loop of the load whose total changes most, of those on boundaries and at points."""
+    """Return the loop of the load whose total changes most, of those on boundaries and at points."""
     if history.scene is None:
         return None
     changes = np.ptp(history.acting.loads, axis=0)
@@ -62,13 +61,13 @@ def _loaded(history: Results) -> Loop | None:
 
 
 def _motion(history: Results, on: str | Sequence[str]) -> Floats:
-    """The mean displacement (S, dim) of a boundary."""
-    part = Space(history.mesh).part(on, "hysteresis_loop", contact=True)
+    """Return the mean displacement (S, dim) of a boundary."""
+    part = history._space.part(on, "hysteresis_loop", contact=True)
     return np.einsum("smd,m->sd", history.displacement[:, part.nodes], part.node_lengths / part.measures.sum())
 
 
 def _driven(history: Results) -> dict[str, Floats]:
-    """The mean motions of the boundaries that a prescribed displacement moves, by name."""
+    """Return the mean motions of the boundaries that a prescribed displacement moves, by name."""
     moved = [effect.on for effect in history.scene or () if isinstance(effect, PrescribedDisplacement)]
     names = [name for on in moved for name in ([on] if isinstance(on, str) else on)]
     rounding = 1e-9 * float(np.abs(history.displacement).max())

@@ -17,7 +17,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
-from vemcvx.base.arrays import ROUNDING, Floats, Ints, as_real_array, brief, finite, is_whole, shape_in_words, shaped
+from vemcvx.base.arrays import ROUNDING, Floats, Ints, as_real_array, brief, finite, is_whole, one_point, shape_in_words
 from vemcvx.base.errors import SceneError
 from vemcvx.meshes import Mesh, PolygonMesh, PolyhedralMesh, plane_mesh
 from vemcvx.meshes.polygons import TOLERANCE, cell_of_corner, holding, next_vertex, outlines, overlapping_boxes
@@ -127,6 +127,13 @@ def _points(points: ArrayLike, dim: int, subject: str) -> Floats:
 ON_CELLS = ("stress", "out_of_plane_stress", "von_mises", "principal_stresses")
 
 
+def check_field(field: object, subject: str) -> None:
+    """Raise SceneError unless a field is one that histories have anywhere in the body."""
+    if not isinstance(field, str) or field not in ("displacement", *ON_CELLS):
+        known = ", ".join(map(repr, ON_CELLS))
+        raise SceneError(f"{subject}: there is no field {field!r}; there are 'displacement', {known}.")
+
+
 class Profile(NamedTuple):
     """A field along a line.
 
@@ -144,17 +151,11 @@ class Profile(NamedTuple):
 
 def profile(history: Results, start: ArrayLike, end: ArrayLike, count: int, field: str) -> Profile:
     """A field of a history along the line from `start` to `end`: see :meth:`vemcvx.History.along`."""
-    if not isinstance(field, str) or field not in ("displacement", *ON_CELLS):
-        raise SceneError(
-            f"along: there is no field {field!r}; there are 'displacement', {', '.join(map(repr, ON_CELLS))}."
-        )
+    check_field(field, "along")
     if not is_whole(count) or not 2 <= count <= 10**7:
         raise SceneError(f"along: found count = {brief(count)}; wanted the number of points, 2 or more.")
     dim = history.mesh.points.shape[1]
-    first, last = (
-        finite(shaped(point, name, f"a point of {dim} coordinates", (dim,)), name)
-        for point, name in ((start, "along: start"), (end, "along: end"))
-    )
+    first, last = (one_point(point, dim, name) for point, name in ((start, "along: start"), (end, "along: end")))
     length = float(np.linalg.norm(last - first))
     if length == 0.0:
         raise SceneError(f"along: the line begins and ends at {first}; use probe for a single point.")

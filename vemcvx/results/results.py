@@ -23,7 +23,7 @@ from vemcvx.program import SolvedProgram
 from vemcvx.results import quoted
 from vemcvx.results.contact import Contact, contact_history
 from vemcvx.results.corners import Corners, Sides, sides_of
-from vemcvx.results.forces import BoundaryForces, boundary_forces, force, moment, reaction
+from vemcvx.results.forces import BoundaryForces, boundary_forces, force, moment, reaction, resultants
 from vemcvx.scene import Scene
 from vemcvx.scene.pose import PosedScene, pose_scene, unwarned
 from vemcvx.scene.rows import ContactRows, distinct_pairs
@@ -315,6 +315,14 @@ class Results:
             said = corners.at_load(near) if one.key == "displacement" else corners.sentence(near, row)
             found.append(replace(one, unbounded="; ".join(filter(None, (said, grew.get(one.key, ""))))))
         return tuple(found)
+
+    @cached_property
+    def resultants(self) -> dict[str, Floats]:
+        """The forces (S, dim) on every named boundary on which something acts, such as "reaction of right".
+
+        Found once, when first asked for.
+        """
+        return resultants(self)
 
     def row(self, step: int) -> int:
         """The row of a step in the arrays; negative steps count from the end."""

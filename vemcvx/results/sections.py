@@ -17,11 +17,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vemcvx.base.arrays import Bools, Floats, finite, shaped
+from vemcvx.base.arrays import Bools, Floats, one_point
 from vemcvx.base.errors import HistoryError, SceneError
-from vemcvx.effects import region
+from vemcvx.effects import cells_of
 from vemcvx.results.forces import moments
-from vemcvx.results.probe import ON_CELLS
+from vemcvx.results.probe import check_field
 from vemcvx.results.results import Results
 from vemcvx.vem import Space, stiffness_of, stress_load
 
@@ -37,11 +37,11 @@ class Section(NamedTuple):
 
 def section(history: Results, point: ArrayLike, normal: ArrayLike, on: str | Sequence[str] | None) -> Section:
     """Return the resultants across a plane: see :meth:`vemcvx.History.section`."""
-    x, space = history.mesh.points, Space(history.mesh)
-    p, n = (_vector(raw, space.dim, f"section: {name}") for raw, name in ((point, "point"), (normal, "normal")))
+    x, space = history.mesh.points, history._space
+    p, n = (one_point(raw, space.dim, f"section: {name}") for raw, name in ((point, "point"), (normal, "normal")))
     if not n.any():
         raise SceneError("section: found a normal of length 0; give one that points ahead, such as (1, 0).")
-    some = _cells(space, on, "section")
+    some = cells_of(space, on, "section")
     used = np.zeros(len(x), dtype=bool)
     for group in space.groups:
         used[group.nodes[some[group.cells]]] = True
@@ -54,11 +54,9 @@ def section(history: Results, point: ArrayLike, normal: ArrayLike, on: str | Seq
 
 def mean(history: Results, field: str, on: str | Sequence[str] | None) -> Floats:
     """Return the mean of a field: see :meth:`vemcvx.History.mean`."""
-    if not isinstance(field, str) or field not in ("displacement", *ON_CELLS):
-        known = ", ".join(map(repr, ON_CELLS))
-        raise SceneError(f"mean: there is no field {field!r}; there are 'displacement', {known}.")
-    space = Space(history.mesh)
-    some, sizes = _cells(space, on, "mean"), history.mesh.measures
+    check_field(field, "mean")
+    space = history._space
+    some, sizes = cells_of(space, on, "mean"), history.mesh.measures
     if field == "displacement":
         found: Floats = np.einsum("n,snd->sd", _weights(space, some), history.displacement) / sizes[some].sum()
         return found
@@ -68,7 +66,7 @@ def mean(history: Results, field: str, on: str | Sequence[str] | None) -> Floats
 
 
 def _weights(space: Space, some: Bools) -> Floats:
-    """The integral of Pi u over cells (n_cells,) as weights of nodal values (n_nodes,): |K| times Pi u(centroid)."""
+    """Return weights of nodal values (n_nodes,) that integrate Pi u over cells (n_cells,): |K| times Pi u(centroid)."""
     found, mesh = np.zeros(len(space.mesh.points)), space.mesh
     for group in space.groups:
         kept = group.part(np.flatnonzero(some[group.cells]))
@@ -80,7 +78,7 @@ def _weights(space: Space, some: Bools) -> Floats:
 
 
 def _inner_forces(history: Results, space: Space, some: Bools) -> Floats:
-    """The forces q (S, n_nodes, dim) of the cells (n_cells,) on the nodes."""
+    """Return the forces q (S, n_nodes, dim) of the cells (n_cells,) on the nodes."""
     if history.trajectory.velocity is not None:
         raise SceneError("section: found viscosity, whose stresses no history keeps; use history.force instead.")
     if history.stabilisation is None:
@@ -91,12 +89,3 @@ def _inner_forces(history: Results, space: Space, some: Bools) -> Floats:
         T = stress_load(space)
         q += np.stack([T @ (sigma * some[:, None]).ravel() for sigma in history.prestress])
     return q.reshape(history.displacement.shape)
-
-
-def _cells(space: Space, on: str | Sequence[str] | None, subject: str) -> Bools:
-    found = region(space, on, subject)
-    return np.ones(space.mesh.n_cells, dtype=bool) if found is None else found
-
-
-def _vector(raw: ArrayLike, dim: int, subject: str) -> Floats:
-    return finite(shaped(raw, subject, f"{dim} numbers", (dim,)), subject)

@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike, NDArray
 from vemcvx.base.arrays import Floats, Ints, brief, quantities
 from vemcvx.base.errors import HistoryError, VemcvxError
 from vemcvx.base.table import Table
-from vemcvx.results.forces import resultants
 from vemcvx.results.probe import places
 from vemcvx.results.results import Results, labelled
 
@@ -48,7 +47,7 @@ def _steps(history: Results) -> Columns:
     found |= {name: getattr(history, name) for name in ERRORS}
     columns = {"step": np.arange(len(run.times)), "time": run.times}
     columns |= {name: values for name, values in found.items() if values is not None}
-    for name, forces in resultants(history).items():
+    for name, forces in history.resultants.items():
         values = np.full((len(run.times), forces.shape[1]), np.nan)
         values[history.stored] = forces
         columns |= _by_axis(name.replace(" of ", "_", 1), values)

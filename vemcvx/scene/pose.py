@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from functools import cache, partial, reduce
 from itertools import chain
 from operator import add
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 import scipy.sparse as sp
@@ -161,8 +161,7 @@ def pose_scene(scene: Scene, mesh: Mesh, times: Sequence[float] = (), *, between
     material = compose([p.material for p in parts if p.material is not None], mesh)
     prestress = initial_stresses(parts, material, space)
     loads = _chain(p.loads for p in parts) + (() if prestress is None else (prestress,))
-    given = _chain(p.supports for p in parts)
-    holds = by_precedence(given)
+    holds = by_precedence(_chain(p.supports for p in parts))
     contact = [_chain(getattr(p, name) for p in parts) for name in ("frictions", "obstacles", "surfaces")]
     straight = iter(straightened(holds, _chain(contact)))
     frictions, stops, surfaces = ([next(straight) for _ in kind] for kind in contact)
@@ -214,18 +213,24 @@ def pose_scene(scene: Scene, mesh: Mesh, times: Sequence[float] = (), *, between
             if isinstance(effect, MaterialLaw)
         ),
         stops=stops,
-        causes={name: _causes(parts, name) for name in ("frictions", "obstacles")}
-        | {"supports": _causes(parts, "supports")[sorted(range(len(holds)), key=lambda i: given[i].contact)]},
-        caused_loads=tuple((i, load) for i, p in enumerate(parts) for load in p.loads),
-        caused_springs=tuple(
-            (i, p.stiffness) for i, p in enumerate(parts) if p.material is None and p.stiffness is not None
-        ),
+        **_caused(parts, supports),
     )
 
 
-def _causes(parts: Sequence[Contribution], name: str) -> Ints:
-    """Return the number of the part that brought each contribution of a kind."""
-    return np.repeat(np.arange(len(parts)), [len(getattr(part, name)) for part in parts])
+def _caused(parts: Sequence[Contribution], supports: Supports) -> dict[str, Any]:
+    """Return which part of the scene, by its number, brought each support, friction, obstacle, load and spring."""
+    owner = {id(support): i for i, part in enumerate(parts) for support in part.supports}
+    causes = {
+        name: np.repeat(np.arange(len(parts)), [len(getattr(part, name)) for part in parts])
+        for name in ("frictions", "obstacles")
+    }
+    causes["supports"] = np.array([owner[id(support)] for support in supports.given], dtype=np.int64)
+    springs = [(i, part.stiffness) for i, part in enumerate(parts) if part.material is None]
+    return {
+        "causes": causes,
+        "caused_loads": tuple((i, load) for i, part in enumerate(parts) for load in part.loads),
+        "caused_springs": tuple((i, stiffness) for i, stiffness in springs if stiffness is not None),
+    }
 
 
 def _sum(matrices: Iterable[sp.csr_matrix | None]) -> sp.csr_matrix | None:

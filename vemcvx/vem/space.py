@@ -142,7 +142,7 @@ class Space:
     def both_sides(self, on: str | Sequence[str], subject: str) -> list[Part]:
         """The same, interfaces among them, and besides the sides of second bodies at these, if there are any."""
         part = self.part(on, subject, contact=True)
-        beyond = self.mesh.beyond(part.sides)
+        beyond = self.mesh.beyond(part.sides) if self.mesh.interfaces else part.sides[:0]
         return [part, self._part(beyond, None)] if len(beyond) else [part]
 
     def _part(self, sides: Ints, across: Ints | None) -> Part:

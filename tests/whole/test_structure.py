@@ -61,7 +61,7 @@ HEAVY = {
 
 LINES = {"program": 2_164, "solvers": 1_322, "stepping": 1_755, "linear": 892, "scene": 1_833, "effects": 1_834}
 LINES |= {"exchange": 680, "testing": 977, "cli/collection": 1_146}
-LINES |= {"bound": 3_253, "results": 2_519, "estimate": 2_173, "plots": 1_918}
+LINES |= {"bound": 3_253, "results": 2_536, "estimate": 2_173, "plots": 1_918}
 LINES |= {"cost": 677, "cli": 3_638}
 LINES |= {"meshes": 7_164, "meshes/io": 1_510, "vem": 1_961}
 """Most lines of folders: they grow by decision only, which raises a number here."""

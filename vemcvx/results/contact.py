@@ -24,7 +24,7 @@ import scipy.sparse as sp
 from vemcvx.base.arrays import EPS, Bools, Floats, Ints, summed_columns, totals
 from vemcvx.base.outline import ArrayRecord
 from vemcvx.meshes.polygons import found_in
-from vemcvx.results.contact_tiles import ContactTiles
+from vemcvx.results.contact_tiles import ContactTiles, unmatched
 from vemcvx.scene.contact import Terms
 from vemcvx.scene.pose import PosedScene
 from vemcvx.scene.rows import ContactRows, pair_numbers
@@ -70,10 +70,10 @@ class Contact(ArrayRecord):
         cohesive along the normal. A support that moves a node along the normal of its contact is an obstacle that
         moves: its force is pressure.
     traction_recovered, pressure_recovered : (S, m, dim), (S, m)
-        Friction and pressure without the ripple of order h where nodes of two bodies alternate or sides are unequal:
-        means over a cell and a half that have the same resultants, exact where they are constant. Quote and draw these;
-        laws and bounds of friction hold for `traction` and `pressure` at every node. Edges of contact are rounded over
-        a cell, infinite values at corners of a body are lower. See :mod:`vemcvx.results.contact_tiles`.
+        Friction and pressure without the ripple of order h on interfaces where the meshes of two bodies do not match:
+        there means over a cell and a half that have the same resultants, exact where they are constant; elsewhere
+        `traction` and `pressure`. Quote and draw these; laws and bounds of friction hold for `traction` and `pressure`
+        at every node. Means round edges of contact over a cell. See :mod:`vemcvx.results.contact_tiles`.
     sticking : (S, m) bool
         True where the increment of the step is zero, up to rounding, and in row 0.
     wear : (S, m)
@@ -217,8 +217,12 @@ def _pressure(posed: PosedScene, trajectory: Trajectory, forces: Floats) -> Floa
 def _recovered(posed: PosedScene, traction: Floats, pressure: Floats, closed: Bools, at: Ints) -> tuple[Floats, Floats]:
     """Tractions and pressures recovered at the instants; friction has its terms `at` contact nodes."""
     surface, terms, mesh = posed.surface, posed.terms, posed.space.mesh
-    if len(surface) == 0:
+    mixed = surface.partners >= 0
+    if mixed.any():
+        mixed &= unmatched(mesh)[surface.nodes]
+    if not mixed.any():
         return traction, pressure
+    closed = closed & mixed
     whole = ContactTiles.of(surface, np.arange(len(surface)), surface, mesh)
     smooth = whole.recovered(pressure * surface.lengths, surface.lengths, closed)
     # Forces along given directions are over lengths of their own.

@@ -1,10 +1,10 @@
-"""Recovered pressure and friction: means of the forces of nodes over one and a half cells.
+"""Recovered pressure and friction: where meshes do not match, means of the forces of nodes over one and a half cells.
 
-Forces on nodes are right in the mean over a few cells, R(v) = int p v for smooth v, better than each of them is. A
-force over |phi_i| = int phi_i, as `Contact.pressure` has it, is p where phi_i has its centre, off the node between
-unequal cells; where nodes of two bodies alternate, forces do, too, because a hanging node bends a cell in which strains
-are constant; and where two tilings are intersected some nodes have hardly any area of their own, of which the stiffness
-does not know. All that shows as a ripple of order h and more. So the recovered values are means over nodes nearby,
+Where nodes of two bodies alternate, a force over |phi_i| = int phi_i, as `Contact.pressure` has it, alternates, too,
+because a hanging node bends a cell in which strains are constant; and where two tilings are intersected some nodes have
+hardly any area of their own, of which the stiffness does not know. That shows as a ripple of order h and more. Forces
+are better in the mean over a few cells, R(v) = int p v for smooth v. So the recovered values are means over nodes
+nearby on every interface on which a cell of either body has several sides,
 
     p_i = sum_j K_ij R_j,    K_ij = d_i k_ij d_j,    k_ij = max(0, 1 - |x_i - x_j|^2 / (1.5^2 h_i h_j)),
 
@@ -13,7 +13,8 @@ with the d that make K |phi| = 1 (Sinkhorn and Knopp, Pacific J. Math. 21 (1967)
 constant is found exactly, and what presses gives pressures. Smooth fields change by the order of h^2, and by that of h
 where contact ends, whose edge is rounded over 1.5 h. The length h is that of the side of a cell on the surface, in
 space the root of its area, the larger one of both bodies. Where k is 0 because normals differ by more than those of a
-curve, sides do not mix; and nodes at corners (in space edges, too) of the body keep R_i / |phi_i|.
+curve, sides do not mix; and nodes at corners (in space edges, too) of the body keep R_i / |phi_i|. Where meshes match,
+forces have no ripple and means would only blur them: there recovered values are those of the nodes.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ import scipy.sparse as sp
 from vemcvx.base.arrays import Bools, Floats, Ints
 from vemcvx.meshes import Mesh, PolyhedralMesh
 from vemcvx.meshes.box import WHOLE
+from vemcvx.meshes.interfaces import faces_of
 from vemcvx.meshes.polygons import cell_of_corner, next_vertex, offsets_of, rows_in_order, spans
 from vemcvx.scene.contact import Surface
 from vemcvx.scene.rows import ContactRows, pair_numbers
@@ -117,6 +119,17 @@ class ContactTiles:
         apart = self.points[i] - self.points[j]
         away: Floats = np.einsum("ed,ed->e", apart, apart) / (self.reach[i] * self.reach[j])
         return away
+
+
+def unmatched(mesh: Mesh) -> Bools:
+    """Return True if each node (n_nodes,) is on an interface on which a cell of either body has several sides."""
+    found, (offsets, vertices, cells, _) = np.zeros(mesh.n_nodes, dtype=bool), _boundary_sides(mesh)
+    for interface in mesh.interfaces.values():
+        for sides in (interface.edges, interface.partners):
+            own = cells[faces_of(sides, (offsets, vertices))]
+            if len(np.unique(own)) < len(own):
+                found[interface.pairs] = True
+    return found
 
 
 def _undirected(node: Ints, other: Ints, largest: int) -> Ints:

@@ -145,11 +145,12 @@ def test_cells_that_their_centroids_do_not_see_are_refused():
         mesh.refine()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("where", [3, 2, 1], ids=["point", "edge", "face"])
-def test_twelve_levels_keep_the_shapes_that_the_first_have_made(where):
+def test_twelve_halvings_keep_the_shapes_that_the_first_has_made(where):
+    """A cell is half as long in every direction after three bisections."""
     mesh, shapes = tetrahedra(2), []
-    for _ in range(12):
+    for _ in range(36):
         away = np.abs(mesh.centroids - [0.31, 0.42, 0.57])
         near = (away[:, :where].max(axis=1) < 0.4 * mesh.diameters) & (away.max(axis=1) < 1.2 * mesh.diameters)
         near[np.argmin(away.max(axis=1) / mesh.diameters)] = True
@@ -159,7 +160,7 @@ def test_twelve_levels_keep_the_shapes_that_the_first_have_made(where):
             assert area(mesh, side) == pytest.approx(1.0, abs=1e-14 * mesh.n_faces)
         shapes.append(fatness(mesh))
     assert mesh.diameters.min() < 2.0**-10
-    assert min(shapes) == pytest.approx(shapes[0], rel=1e-9)
+    assert min(shapes) == pytest.approx(min(shapes[:3]), rel=1e-9)
 
 
 @pytest.mark.parametrize("make", ["tetrahedra", "cubes"])

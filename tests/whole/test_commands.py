@@ -143,6 +143,7 @@ HOW = {
     "python -m pytest -m slow -n 2": As(addopts=ONE_SLOW),
     # Without the files that the reader writes, and what commands before this one wrote.
     "ruff check .": As("ruff check . --extend-exclude pad.py,mine.py,results"),
+    "python .ci/words.py": As(),
     "mypy": As(),
     "python -m pytest -m slow tests/whole/test_types.py": As(env="all"),
     "pip install basedpyright": As(),

@@ -67,10 +67,10 @@ LINES |= {"meshes": 7_164, "meshes/io": 1_510, "vem": 1_961}
 """Most lines of folders: they grow by decision only, which raises a number here."""
 TOP = 1_654
 """Most lines of the modules at the top and of what all may use, without the canvas, which counts with the plots."""
-TESTS = 26_520
+TESTS = 26_530
 """Most lines of the tests of `LINES`, in the folders of their names."""
 
-ALL_TESTS = 38_875
+ALL_TESTS = 38_890
 """Most lines of all tests, of which 28,000 are wanted."""
 
 LATE = {"vemcvx.meshes.mesh"}

@@ -199,8 +199,9 @@ class History(Results, Outlined):
         ----------
         name : {"steps", "contact", "probes"}
             Energies, certificates and iterations of every step, stored or not; the arrays of :class:`vemcvx.Contact`
-            at every contact node and stored step; displacements of every point at every stored step. Components of
-            vectors are columns, as "slip_x".
+            at every contact node and stored step, in the plane with its "piece" of contact and the arc length "s" on it
+            (:mod:`vemcvx.results.arc`); displacements of every point at every stored step. Components of vectors are
+            columns, as "slip_x".
         points : (p, dim) points of the body
             For "probes", see `probe`.
 

@@ -59,7 +59,36 @@ def test_a_row_of_contact_is_a_node_at_a_stored_step(history):
             assert np.array_equal(found[name][here], getattr(contact, name)[row])
     # Whatever contact has, the table has.
     told = {name.removesuffix("_x").removesuffix("_y") for name in found}
-    assert len(told - {"step", "time", "x", "y"}) == len(dataclasses.fields(contact)) - 1
+    assert len(told - {"step", "time", "piece", "s", "x", "y"}) == len(dataclasses.fields(contact)) - 1
+
+
+@pytest.mark.filterwarnings("ignore:supports")
+def test_arc_lengths_have_the_body_on_their_left_and_begin_anew_on_each_piece():
+    """Sides pressed by walls: down on the left, up on the right; integrals over s are the forces of the walls."""
+    walls = [vx.UnilateralContact(on=name, gap=lambda x, t: -0.01 * t * (1 + x[:, 1])) for name in ("left", "right")]
+    scene = vx.Scene(vx.Elasticity(100.0, 0.3), vx.Symmetry(on="bottom"), *walls)
+    history = vx.simulate(scene, small("squares"), TIMES)
+    found = {name: values[-len(history.contact.nodes) :] for name, values in history.table("contact").items()}
+    for piece, (name, downward) in enumerate((("left", True), ("right", False))):
+        order = np.flatnonzero(found["piece"] == found["piece"][found["x"] == piece][0])
+        order = order[np.argsort(found["s"][order])]
+        assert (found["x"][order] == piece).all()
+        np.testing.assert_allclose(found["s"][order], np.linspace(0, 1, len(order)), atol=1e-12)
+        assert np.array_equal(found["y"][order], np.sort(found["y"][order])[:: -1 if downward else 1])
+        total = np.trapezoid(found["pressure"][order], found["s"][order])
+        assert total == pytest.approx(abs(history.force(name)[-1, 0]), rel=1e-9)
+
+
+@pytest.mark.filterwarnings("ignore:supports")
+def test_arc_lengths_go_round_a_closed_curve_once():
+    angle = 2 * np.pi * np.arange(24) / 24
+    disc = vx.PolygonMesh(np.column_stack([np.cos(angle), np.sin(angle)]), [np.arange(24)])
+    squeezed = vx.UnilateralContact(on="boundary", gap=lambda x, t: -0.01 * t)
+    scene = vx.Scene(vx.Elasticity(100.0, 0.3), squeezed, vx.TrescaFriction(1.0, on="boundary"))
+    found = vx.simulate(scene, disc, [0.0, 1.0]).table("contact")
+    np.testing.assert_allclose(found["s"][:24], np.arange(24) * 2 * np.sin(np.pi / 24), atol=1e-12)
+    assert found["node"][:24].tolist() == list(range(24))
+    assert not found["piece"].any()
 
 
 def test_probes(history):

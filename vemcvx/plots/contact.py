@@ -1,7 +1,7 @@
 """Contact in the plane along a line: friction between its bounds, stick, slip, pressure, wear.
 
-The contact nodes are laid out on a line: an axis where all of them lie along it, otherwise the arc length,
-counter-clockwise, part after part; a node owns the halves of its edges.
+The contact nodes are laid out on a line: an axis where all of them lie along it, otherwise the arc length of
+:mod:`vemcvx.results.arc`, piece after piece; a node owns the halves of its edges.
 """
 
 from __future__ import annotations
@@ -17,19 +17,14 @@ from vemcvx.base import canvas
 from vemcvx.base.arrays import SAME, Bools, Floats, Ints, choice
 from vemcvx.base.errors import HistoryError
 from vemcvx.meshes import plane_mesh
-from vemcvx.meshes.polygons import right_of
 from vemcvx.plots import style
 from vemcvx.plots.style import Units, idle, instant, label, named, unit, value_range
-from vemcvx.results import Contact, Results
-from vemcvx.vem.boundary import CURVE
+from vemcvx.results import Contact, Results, contact_path
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-ALONG = float(np.cos(0.5 * CURVE))
-"""Cosine between normals above which an edge or face at a contact node belongs to contact, half of the turn of a curve:
-a corner flatter than that passes for straight, which costs half an edge in a picture."""
 ARC = "$s$"
 
 
@@ -81,16 +76,15 @@ class ContactLine:
 def contact_line(history: Results, picture: str) -> ContactLine:
     """Return the contact nodes of a plane history laid out, or raise HistoryError if there are none."""
     mesh = plane_mesh(history.mesh, picture, "contact_face and friction_disc draw contact in space")
-    contact, normal = with_nodes(history, picture), np.zeros_like(mesh.points)
-    normal[contact.nodes] = contact.normals
-    edges = mesh.boundaries["boundary"]
-    chord = mesh.points[edges[:, 1]] - mesh.points[edges[:, 0]]
-    length = np.linalg.norm(chord, axis=1)
-    # Nodes without contact have no normal, and cosine 0.
-    touching = np.einsum("end,ed->en", normal[edges], right_of(chord) / length[:, None]).max(axis=1) > ALONG
-    order, arc = _walk(edges[touching], history)
+    contact = with_nodes(history, picture)
+    path = contact_path(mesh, contact)
+    sides, order = path.sides, path.rows
+    length = np.linalg.norm(mesh.points[sides[:, 1]] - mesh.points[sides[:, 0]], axis=1)
+    # Separate pieces are two cells apart on the line.
+    ends = path.s[np.append(np.diff(path.pieces) > 0, True)] + 2 * mesh.h
+    arc = path.s + np.append(0.0, np.cumsum(ends))[path.pieces]
     halves = np.zeros((2, mesh.n_nodes))
-    halves[[[1], [0]], edges[touching].T] = 0.5 * length[touching]
+    halves[[[1], [0]], sides.T] = 0.5 * length
     nodes, normals = contact.nodes[order], contact.normals[order]
     limits = np.column_stack([arc - halves[0, nodes], arc + halves[1, nodes]])
     tangents = np.column_stack([-normals[:, 1], normals[:, 0]])
@@ -110,23 +104,6 @@ def with_nodes(history: Results, picture: str) -> Contact:
     if len(history.contact.nodes) == 0:
         raise HistoryError(f"{picture}: this history has no contact nodes; the scene names no contact or friction.")
     return history.contact
-
-
-def _walk(edges: Ints, history: Results) -> tuple[Ints, Floats]:
-    """Contact nodes in counter-clockwise order, part after part, and their arc length."""
-    points, row = history.mesh.points, {int(node): i for i, node in enumerate(history.contact.nodes)}
-    following = {int(a): int(b) for a, b in edges if int(a) in row and int(b) in row}
-    preceded, arc, here = set(following.values()), dict[int, float](), 0.0
-    # Parts begin where nothing leads; what is left then are closed curves.
-    for start in [n for n in row if n not in preceded] + list(row):
-        node: int | None = start
-        while node is not None and node not in arc:
-            arc[node] = here
-            ahead = following.get(node)
-            # Separate parts are two cells apart on the line.
-            here += float(np.linalg.norm(points[ahead] - points[node])) if ahead is not None else 2 * history.mesh.h
-            node = ahead
-    return np.array([row[node] for node in arc]), np.array(list(arc.values()))
 
 
 def friction_traction(

@@ -17,9 +17,9 @@ from vemcvx.base.arrays import SAME, Bools, Floats, Ints, choice, quantities
 from vemcvx.base.errors import HistoryError
 from vemcvx.meshes import PolyhedralMesh
 from vemcvx.plots import style
-from vemcvx.plots.contact import ALONG, pressures, with_nodes
+from vemcvx.plots.contact import pressures, with_nodes
 from vemcvx.plots.style import Units, Window, idle, instant, label, named, unit, value_range, within
-from vemcvx.results import Contact, Results
+from vemcvx.results import ALONG, Contact, Results
 from vemcvx.scene import pair_numbers
 from vemcvx.vem import Part, Space
 

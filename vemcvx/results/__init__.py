@@ -1,5 +1,6 @@
 """Results of a simulation: fields, contact, probes, tables, files."""
 
+from vemcvx.results.arc import ALONG, contact_path
 from vemcvx.results.contact import Contact
 from vemcvx.results.corners import Corners
 from vemcvx.results.forces import largest
@@ -18,12 +19,14 @@ from vemcvx.results.results import (
 )
 
 __all__ = [
+    "ALONG",
     "SINGULAR",
     "SPREAD",
     "Contact",
     "Corners",
     "Quantity",
     "Results",
+    "contact_path",
     "displacement",
     "growth",
     "largest",

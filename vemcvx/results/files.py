@@ -4,7 +4,8 @@
     step_0000.vtu    one file a stored step
     summary.json     what was run, how certain the answer is, the energies, the cost
     steps.csv        energies and certificates of every step, stored or not
-    contact.csv      slip, traction, pressure ... at every contact node in every stored step
+    contact.csv      slip, traction, pressure ... at every contact node in every stored step; in the plane the number of
+                     the piece of contact and the arc length s on it (:mod:`vemcvx.results.arc`)
     probes.csv       displacements at points, where some were asked for
     history.npz      the arrays of the history, lossless; :func:`vemcvx.read_history` needs no other file
 

@@ -12,6 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 from vemcvx.base.arrays import Floats, Ints, brief, quantities
 from vemcvx.base.errors import HistoryError, VemcvxError
 from vemcvx.base.table import Table
+from vemcvx.meshes import PolygonMesh
+from vemcvx.results.arc import contact_path
 from vemcvx.results.probe import places
 from vemcvx.results.results import Results, labelled
 
@@ -57,7 +59,7 @@ def _steps(history: Results) -> Columns:
 def _contact(history: Results) -> Columns:
     """Every array of contact; those that do not change in time are repeated at every step, named after one node."""
     contact, steps = history.contact, len(history.stored)
-    columns = _when(history, len(contact.nodes))
+    columns = _when(history, len(contact.nodes)) | _along(history)
     for name, of in quantities(type(contact)).items():
         values = getattr(contact, name)
         if of.sizes[0] == "S":
@@ -66,6 +68,17 @@ def _contact(history: Results) -> Columns:
             one = "" if name == "points" else name.removesuffix("s")
             columns |= _by_axis(one, np.tile(values, (steps, *[1] * (values.ndim - 1))))
     return columns
+
+
+def _along(history: Results) -> Columns:
+    """Return the number of the piece of contact and the arc length on it, a row a node and step; {} in space."""
+    mesh, nodes = history.mesh, history.contact.nodes
+    if not isinstance(mesh, PolygonMesh):
+        return {}
+    path, found = contact_path(mesh, history.contact), np.zeros((2, mesh.n_nodes))
+    found[:, nodes[path.rows]] = path.pieces, path.s
+    pieces, s = np.tile(found[:, nodes], len(history.stored))
+    return {"piece": pieces.astype(int), "s": s}
 
 
 def _probes(history: Results, points: ArrayLike) -> Columns:

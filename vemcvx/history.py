@@ -169,8 +169,9 @@ class History(Results, Outlined):
         >>> import vemcvx as vx
         >>> bar = vx.meshes.squares((8, 2), box=((0, 4), (0, 1)))
         >>> scene = vx.Scene(vx.Elasticity(200.0, 0.3), vx.Clamp(on="left"), vx.Traction((3.0, 0.0), on="right"))
-        >>> force, moment = vx.simulate(scene, bar, [0.0, 1.0]).section((1.7, 0.5), (1.0, 0.0))
-        >>> [round(float(x), 9) for x in force[-1]]
+        >>> history = vx.simulate(scene, bar, [0.0, 1.0], initial="equilibrium")
+        >>> force, moment = history.section((1.7, 0.5), (1.0, 0.0))
+        >>> [round(float(x), 9) + 0.0 for x in force[-1]]
         [3.0, 0.0]
         """
         return section(self, point, normal, on)

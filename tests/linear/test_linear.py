@@ -54,12 +54,12 @@ def test_cells_of_many_vertices_make_no_block_that_pardiso_cannot_take(size):
 
 OF_MANY_FACTORS = """
 import numpy as np, vemcvx as vx
-from vemcvx.linear import minimum_degree
+from vemcvx.linear import order_by_minimum_degree
 from vemcvx.results.files import peak_memory_mb
 from vemcvx.vem import Space, stiffness
 mesh = vx.meshes.squares(48)
 K = stiffness(Space(mesh), np.ones(mesh.n_cells), np.ones(mesh.n_cells))[98:, 98:].tocsr()
-order, peaks = minimum_degree(K), []
+order, peaks = order_by_minimum_degree(K), []
 for _ in range(12):
     factor, S = vx.{linear}.eliminate(K, order, np.arange(96))
     factor.solve(np.ones(K.shape[0]))
@@ -82,7 +82,7 @@ def test_factors_that_nobody_holds_give_their_memory_back(linear):
 
 
 def test_the_choice_is_by_size_and_can_be_overridden(caplog):
-    direct = Pardiso() if Pardiso.installed() else SuperLU()
+    direct = Pardiso() if Pardiso.is_installed() else SuperLU()
     assert choose_linear(1_000_000) == direct
     assert choose_linear(100) == SuperLU()
     assert choose_linear(10, Iterative(tolerance=1e-8)) == Iterative(tolerance=1e-8)

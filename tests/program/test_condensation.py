@@ -6,7 +6,7 @@ import scipy.sparse as sp
 from installed import needs
 
 import vemcvx as vx
-from vemcvx.linear import nested_dissection
+from vemcvx.linear import order_by_nested_dissection
 
 pytestmark = pytest.mark.arithmetic
 EACH = [vx.SuperLU(), pytest.param(vx.Pardiso(), marks=needs("pymklpardiso"))]
@@ -60,7 +60,7 @@ def test_nested_dissection_is_a_permutation_with_less_fill_than_the_natural_orde
     points = np.stack(np.meshgrid(np.arange(n), np.arange(n)), axis=-1).reshape(-1, 2).astype(float)
     line = sp.diags_array([1.0, 1.0, 1.0], offsets=[-1, 0, 1], shape=(n, n))
     graph = sp.csr_matrix(sp.kron(line, line))
-    order = nested_dissection(graph, points)
+    order = order_by_nested_dissection(graph, points)
     assert np.array_equal(np.sort(order), np.arange(n * n))
     K = graph * -1.0 + sp.eye_array(n * n) * 20
     fill = [
@@ -76,4 +76,4 @@ def test_nested_dissection_is_a_permutation_with_less_fill_than_the_natural_orde
     for points in (*(np.zeros((n, 2)) for n in (0, 1, 9, 200)), np.repeat([[0.0, 0.0], [1.0, 0.0]], [150, 50], axis=0)):
         n, chain = len(points), sp.diags_array([1.0] * 3, offsets=[-1, 0, 1], shape=(200, 200))
         graph = sp.csr_matrix(chain if points.any() else np.ones((n, n)))
-        assert np.array_equal(np.sort(nested_dissection(graph, points)), np.arange(n))
+        assert np.array_equal(np.sort(order_by_nested_dissection(graph, points)), np.arange(n))

@@ -18,7 +18,7 @@ from vemcvx.linear import Iterative, Pardiso, SuperLU, choose_linear
 
 @pytest.mark.parametrize("installed", [True, False])
 def test_in_space_factors_are_fuller(monkeypatch, installed):
-    monkeypatch.setattr(Pardiso, "installed", staticmethod(lambda: installed))
+    monkeypatch.setattr(Pardiso, "is_installed", staticmethod(lambda: installed))
     direct = Pardiso() if installed else SuperLU()
     able = Iterative() if find_spec("pyamg") else direct
     assert choose_linear(66_825, modes=6) == direct

@@ -59,7 +59,7 @@ HEAVY = {
 }
 
 
-LINES = {"program": 2_164, "solvers": 1_322, "stepping": 1_755, "linear": 892, "scene": 1_833, "effects": 1_834}
+LINES = {"program": 2_164, "solvers": 1_322, "stepping": 1_755, "linear": 940, "scene": 1_833, "effects": 1_834}
 LINES |= {"exchange": 680, "testing": 977, "cli/collection": 1_146}
 LINES |= {"bound": 3_253, "results": 2_609, "estimate": 2_173, "plots": 1_918}
 LINES |= {"cost": 677, "cli": 3_638}
@@ -70,7 +70,7 @@ TOP = 1_655
 TESTS = 26_551
 """Most lines of the tests of `LINES`, in the folders of their names."""
 
-ALL_TESTS = 38_903
+ALL_TESTS = 38_930
 """Most lines of all tests, of which 28,000 are wanted."""
 
 LATE = {"vemcvx.meshes.mesh"}

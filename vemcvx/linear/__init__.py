@@ -1,14 +1,14 @@
 """Linear solvers: SuperLU, Pardiso, Iterative and PETSc, behind one interface."""
 
 from vemcvx.linear.default import choose_linear, direct_solver
-from vemcvx.linear.factor import AT_ONCE, SAMPLES, Factor, LinearSolver, Matrix, singular
+from vemcvx.linear.factor import CHUNK_SIZE, SAMPLES, Factor, LinearSolver, Matrix, singular_matrix_error
 from vemcvx.linear.iterative import Iterative
 from vemcvx.linear.pardiso import Pardiso
 from vemcvx.linear.petsc import PETSc, all_ranks, serve
-from vemcvx.linear.superlu import SuperLU, minimum_degree, nested_dissection
+from vemcvx.linear.superlu import SuperLU, order_by_minimum_degree, order_by_nested_dissection
 
 __all__ = [
-    "AT_ONCE",
+    "CHUNK_SIZE",
     "SAMPLES",
     "Factor",
     "Iterative",
@@ -20,8 +20,8 @@ __all__ = [
     "all_ranks",
     "choose_linear",
     "direct_solver",
-    "minimum_degree",
-    "nested_dissection",
+    "order_by_minimum_degree",
+    "order_by_nested_dissection",
     "serve",
-    "singular",
+    "singular_matrix_error",
 ]

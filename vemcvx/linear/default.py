@@ -22,7 +22,7 @@ log = logging.getLogger("vemcvx")
 
 
 def choose_linear(unknowns: int, asked: LinearSolver | None = None, *, modes: int = 3) -> LinearSolver:
-    """Return the linear solver `asked` for; else a direct one while its factors fit in memory, and Iterative beyond.
+    """Return `asked` if it is given. Otherwise return a direct solver if its factors fit in memory, else Iterative.
 
     Bodies in space, with six rigid `modes`, have much fuller factors than bodies in the plane.
     """
@@ -39,21 +39,22 @@ def choose_linear(unknowns: int, asked: LinearSolver | None = None, *, modes: in
 
 
 def direct_solver(unknowns: int) -> Pardiso | SuperLU:
-    """Return the fastest direct solver that is installed; below a thousand unknowns, where both take 5 ms, SuperLU."""
-    return Pardiso() if unknowns >= 1_000 and Pardiso.installed() else SuperLU()
+    """Return the fastest installed direct solver, or SuperLU below a thousand unknowns, where both take 5 ms."""
+    return Pardiso() if unknowns >= 1_000 and Pardiso.is_installed() else SuperLU()
 
 
 @cache
 def _libraries() -> ThreadpoolController:
-    """Return the BLAS libraries of NumPy and SciPy, found once, because the search takes milliseconds."""
+    """Return the BLAS libraries of NumPy and SciPy. The search takes milliseconds, so its result is cached."""
     return ThreadpoolController()
 
 
 @contextmanager
 def one_thread(unknowns: int) -> Iterator[None]:
-    """Limit BLAS to one thread inside the block if steps solve dense systems of fewer than 2,000 unknowns.
+    """Limit BLAS to one thread inside the block if there are fewer than 2,000 unknowns.
 
-    Several threads are slower there. Their number belongs to the process: only the main thread changes it.
+    Several threads are slower on dense systems of that size. The number of threads belongs to the process: only the
+    main thread changes it.
     """
     if unknowns >= 2_000 or current_thread() is not main_thread():
         yield

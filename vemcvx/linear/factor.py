@@ -21,8 +21,8 @@ Matrix = Floats | sp.csr_matrix
 
 SAMPLES = 8
 """Number of random vectors from which the diagonal of K^{-1} is estimated."""
-AT_ONCE = 2**25
-"""Largest number of entries (256 MB) of right sides that are solved for together."""
+CHUNK_SIZE = 2**25
+"""Largest number of entries (256 MB) in one batch of right sides."""
 
 
 class Factor(ABC):
@@ -36,11 +36,11 @@ class Factor(ABC):
         """Return x with K x = b, for one right side (n,) or for several columns (n, k)."""
 
     def energy(self, b: Floats) -> float:
-        """Return b'K^{-1}b of a force (n,), or of an iterative factor an upper bound: certificates rest on it."""
+        """Return b'K^{-1}b for a force b (n,). Iterative factors return an upper bound, so that certificates hold."""
         return abs(float(b @ self.solve(b)))
 
     def energies_of_columns(self, b: Floats) -> Floats:
-        """Return b'K^{-1}b (k,) of every column of b (n, k), as `energy` does."""
+        """Return `energy` (k,) of every column of b (n, k)."""
         if self.exact:
             return np.abs(np.einsum("ij,ij->j", b, self.solve(b)))
         return np.array([self.energy(column) for column in b.T])
@@ -65,22 +65,35 @@ class Factor(ABC):
 
 
 def chunks(count: int, n: int) -> Iterator[slice]:
-    """Return slices of `count` right sides (n,), each of at most AT_ONCE entries."""
-    together = max(1, AT_ONCE // max(n, 1))
+    """Return slices of `count` right sides (n,), each of at most CHUNK_SIZE entries."""
+    together = max(1, CHUNK_SIZE // max(n, 1))
     return (slice(first, first + together) for first in range(0, count, together))
 
 
 class LinearSolver(ABC):
     """Settings of a linear solver; frozen.
 
-    A run factorises its K once, and with viscosity once for every length of step: by `eliminate` if the class
-    `eliminates`, which condenses programs to the unknowns that contact and friction read; else by `factorise`.
+    A run factorises its K once; with viscosity, once for every length of step. It calls `eliminate` if the class
+    `eliminates`, and then condenses programs to the unknowns that contact and friction read. Otherwise it calls
+    `factorise`.
+
+    Attributes
+    ----------
+    eliminates : bool
+        True if the class computes Schur complements, so that programs are condensed.
+    orders : bool
+        True if the class orders the unknowns itself; no order is then computed for it.
+
+    Examples
+    --------
+    >>> import scipy.sparse as sp
+    >>> solver: vx.LinearSolver = vx.SuperLU()
+    >>> solver.factorise(sp.csr_matrix([[4.0, 2.0], [2.0, 2.0]])).energy(np.array([2.0, 2.0]))
+    2.0
     """
 
     eliminates: ClassVar[bool] = False
-    """True if the class gives Schur complements, so that programs are condensed."""
     orders: ClassVar[bool] = False
-    """True if the class orders the unknowns by itself, so that no order is computed for it."""
 
     @abstractmethod
     def factorise(self, K: sp.csr_matrix, near_kernel: Floats | None = None) -> Factor:
@@ -89,7 +102,7 @@ class LinearSolver(ABC):
         Parameters
         ----------
         near_kernel : (n, k) array, optional
-            Motions of little energy (the rigid ones): iterative solvers need them.
+            Motions of little energy, such as rigid ones. Iterative solvers need them.
 
         Returns
         -------
@@ -114,22 +127,22 @@ class LinearSolver(ABC):
         Returns
         -------
         factor : Factor
-            Of all of K, as `factorise` gives it.
+            The factor of all of K, as `factorise` returns it.
         S : (m, m) array
-            Schur complement onto `last`, in this order of unknowns, symmetric.
+            Schur complement onto `last`, in the order of `last`, symmetric.
 
         Raises
         ------
         NotAccepted
-            The class gives no Schur complements: see `eliminates`.
+            The class computes no Schur complements: see `eliminates`.
         SceneError
             The matrix is not positive definite.
         """
         raise NotAccepted(f"linear solver {type(self).__name__}: it gives no Schur complements; take SuperLU().")
 
 
-def singular() -> SceneError:
-    """Return the error for a stiffness matrix that has a motion without energy, or with a negative one."""
+def singular_matrix_error() -> SceneError:
+    """Return the error for a stiffness matrix with a motion of zero or negative energy."""
     return SceneError(
         "the stiffness matrix is singular or indefinite: some motion of the body costs no energy, or gains some. "
         "Add supports (Clamp, PrescribedDisplacement, BilateralContact) that exclude it; the K of a System must be "

@@ -1,12 +1,12 @@
 """Conjugate gradients with smoothed aggregation from PyAMG, for meshes too large to factorise.
 
-PyAMG aggregates unknowns and smooths the prolongations P from the near-kernel, the rigid motions. The cycle M sweeps
-Gauss-Seidel forward before and backward after the coarse correction, whose matrix is Galerkin's, P'KP. So M is
-symmetric and positive definite, and no eigenvalue of MK exceeds one. Close to incompressibility (nu > .49) its smallest
-eigenvalues are too small to be of use.
+PyAMG aggregates unknowns and smooths the prolongations P built from the near-kernel, the rigid motions. The cycle M
+sweeps Gauss-Seidel forward before the coarse correction and backward after it. The coarse matrix is Galerkin's, P'KP.
+So M is symmetric and positive definite, and no eigenvalue of MK exceeds one. Close to incompressibility (nu > .49) the
+smallest eigenvalues of MK are too small to be of use.
 
-Solves are inexact, so that no certificate may rest on one. With x any approximation of K^{-1}b, rho = b - K x, and
-l <= lambda_min(MK),
+Certificates cannot rest on solves, which are inexact. They rest on this bound: for any approximation x of K^{-1}b,
+with rho = b - K x and l <= lambda_min(MK),
 
     b'K^{-1}b = b'x + x'rho + rho'K^{-1}rho <= b'x + x'rho + rho'M rho / l,
 
@@ -27,19 +27,19 @@ from scipy.sparse.linalg import cg
 
 from vemcvx.base.arrays import EPS, Floats, part, whole
 from vemcvx.base.errors import NotAccepted, SceneError
-from vemcvx.linear.factor import Factor, LinearSolver, singular
+from vemcvx.linear.factor import Factor, LinearSolver, singular_matrix_error
 from vemcvx.linear.superlu import SuperLU
 
-SUITED = "It suits compressible materials (poisson < 0.49) and cells of good shape; use linear=vx.SuperLU() for others."
+ADVICE = "It suits compressible materials (poisson < 0.49) and cells of good shape; use linear=vx.SuperLU() for others."
 
 
 @dataclass(frozen=True)
 class Iterative(LinearSolver):
     """PyAMG (extra ``multigrid``): the default for meshes too large to factorise, if it is installed.
 
-    Take it for large bodies with few contacts: every unknown that contact and friction read costs one solve before the
-    first step, which a direct solver gets from its factors. Bodies that friction and contact alone hold are refused.
-    Certificates take into account that solves are inexact.
+    Use it for large bodies with few contacts: each unknown that contact and friction read costs one solve before the
+    first step. It does not accept bodies held by friction and contact alone. Certificates take into account that
+    solves are inexact.
 
     Parameters
     ----------
@@ -47,6 +47,11 @@ class Iterative(LinearSolver):
         Residual of every solve, relative to its right side; in (0, 1).
     max_iterations : int
         Largest number of iterations of a solve, at least 1.
+
+    Examples
+    --------
+    >>> scene = vx.Scene(vx.Elasticity(200.0, 0.3), vx.Clamp("left"), vx.BodyForce(lambda x, t: t + 0 * x))
+    >>> history = vx.simulate(scene, vx.meshes.squares(8), [0.0, 1.0], linear=vx.Iterative())  # doctest: +SKIP
     """
 
     tolerance: float = 1e-12
@@ -66,7 +71,7 @@ class Iterative(LinearSolver):
 
 
 class IterativeFactor(Factor):
-    """K with a cycle M as preconditioner, and a lower bound of the eigenvalues of MK."""
+    """A matrix K with a cycle M as preconditioner, and a lower bound of the eigenvalues of MK."""
 
     exact = False
 
@@ -76,7 +81,7 @@ class IterativeFactor(Factor):
 
     @abstractmethod
     def cycle(self, b: Floats) -> Floats:
-        """Return M b (n,), an approximation of K^{-1} b: linear, symmetric and positive definite in b."""
+        """Return M b (n,), an approximation of K^{-1} b; M is symmetric and positive definite."""
 
     @abstractmethod
     def iterate(self, b: Floats, tolerance: float) -> tuple[Floats, int]:
@@ -90,24 +95,24 @@ class IterativeFactor(Factor):
             left = np.linalg.norm(b - self._K @ x) / np.linalg.norm(b)
             raise SceneError(
                 f"{self._name}: {self._limits.max_iterations} iterations left a residual of {left:.1e}, asked was "
-                f"{self._limits.tolerance:.1e}. {SUITED}"
+                f"{self._limits.tolerance:.1e}. {ADVICE}"
             )
         return x
 
     def energy(self, b: Floats) -> float:
-        x = self.iterate(b, 0.1)[0]  # Smaller residuals would change the bound by a hundredth.
+        x = self.iterate(b, 0.1)[0]  # Smaller residuals would lower the bound by a hundredth only.
         left = b - self._K @ x
         return abs(float(b @ x + x @ left + left @ self.cycle(left) / self._lowest))
 
 
 class PyAMGFactor(IterativeFactor):
-    """K with PyAMG's V-cycle; the coarsest matrix is inverted."""
+    """A matrix K with PyAMG's V-cycle; the coarsest matrix is inverted."""
 
     def __init__(self, limits: Iterative, K: sp.csr_matrix, near_kernel: Floats | None):
         from pyamg import smoothed_aggregation_solver
 
         sweeps = [("gauss_seidel", {"sweep": sweep}) for sweep in ("forward", "backward")]
-        # PyAMG draws vectors for eigenvalues from NumPy's global generator: here the same ones each time.
+        # PyAMG draws vectors from NumPy's global generator: seed it, so that runs repeat, and restore it afterwards.
         shared = np.random.get_state()  # noqa: NPY002
         np.random.seed(0)  # noqa: NPY002
         try:
@@ -133,34 +138,37 @@ class PyAMGFactor(IterativeFactor):
 def lowest_eigenvalue(K: sp.csr_matrix, cycle: Callable[[Floats], Floats], name: str) -> float:
     """Return a lower bound of the eigenvalues of MK, by Lanczos' method in the inner product of M from a random force.
 
-    After k steps from a uniformly distributed direction in n dimensions, the largest Ritz value of a positive
-    semidefinite matrix falls short of its largest eigenvalue by more than the part eps with probability less than
-    1.648 sqrt(n) exp(-sqrt(eps) (2k - 1)) (Kuczynski and Wozniakowski, SIAM J. Matrix Anal. Appl. 13, 1992). For
-    1 - MK, with xi the smallest Ritz value of MK, lambda_min(MK) >= 1 - (1 - xi) / (1 - eps). The root of the condition
-    of M, at most 1e8, multiplies the probability, because the force is uniform in another inner product; eps keeps it
-    below 1e-9. Raise SceneError if K is not positive definite, or if the bound after 400 steps is less than xi / 10.
+    Consider the largest Ritz value of a positive semidefinite matrix after k steps from a uniformly distributed
+    direction in n dimensions. It is below (1 - eps) times the largest eigenvalue with probability less than
+    1.648 sqrt(n) exp(-sqrt(eps) (2k - 1)) (Kuczynski and Wozniakowski, SIAM J. Matrix Anal. Appl. 13, 1992). Applied to
+    1 - MK, with xi the smallest Ritz value of MK, this gives lambda_min(MK) >= 1 - (1 - xi) / (1 - eps).
+
+    The force is uniform in another inner product, which multiplies the probability by the root of the condition number
+    of M, at most 1e8. We choose eps such that the product is below 1e-9.
+
+    Raise SceneError if K is not positive definite, or if the bound after 400 steps is less than xi / 10.
     """
     failure = np.log(1.648 * np.sqrt(K.shape[0]) * 1e8 / 1e-9)
     diagonal: list[float] = []
-    beside: list[float] = []
+    off_diagonal: list[float] = []
     force, before, low = np.random.default_rng(0).normal(size=K.shape[0]), np.zeros(K.shape[0]), 1.0
     start = float(force @ cycle(force))
     if not start > 0:
-        raise singular()
+        raise singular_matrix_error()
     for k in range(1, 401):
         answer = cycle(force)
         square = float(force @ answer)
         if not square > EPS**2 * start:
             return 0.5 * low  # The Krylov space is complete: xi is the lowest eigenvalue, but for rounding.
         if k > 1:
-            beside.append(np.sqrt(square))
+            off_diagonal.append(np.sqrt(square))
         now, direction = force / np.sqrt(square), answer / np.sqrt(square)
-        force = K @ direction - (beside[-1] * before if beside else 0.0)
+        force = K @ direction - (off_diagonal[-1] * before if off_diagonal else 0.0)
         diagonal.append(float(direction @ force))
         force, before = force - diagonal[-1] * now, now
-        low, high = eigh_tridiagonal(np.array(diagonal), np.array(beside), eigvals_only=True)[[0, -1]].tolist()
+        low, high = eigh_tridiagonal(np.array(diagonal), np.array(off_diagonal), eigvals_only=True)[[0, -1]].tolist()
         if low <= 0:
-            raise singular()
+            raise singular_matrix_error()
         if high > 1 + 1e-6:
             raise NotAccepted(f"{name}: the cycle has an eigenvalue of {high:.3g}: above 1 nothing is bounded.")
         eps = (failure / (2 * k - 1)) ** 2
@@ -168,5 +176,5 @@ def lowest_eigenvalue(K: sp.csr_matrix, cycle: Callable[[Floats], Floats], name:
             return float(bound)
     raise SceneError(
         f"{name}: the cycle serves this matrix too badly to bound its errors: eigenvalues down to {low:.1e} after "
-        f"400 steps. {SUITED}"
+        f"400 steps. {ADVICE}"
     )

@@ -1,15 +1,15 @@
 """oneMKL's PARDISO: the supernodal Cholesky factorisation, through the package py-mkl-pardiso (extra ``mkl``).
 
-If `perm` names the unknowns c of a Schur complement and iparm[35] = 2, phase 12 factorises all of K and returns
+If `perm` marks the unknowns c of a Schur complement and iparm[35] = 2, phase 12 factorises all of K and returns
 S = K_cc - K_ci K_ii^{-1} K_ic, as m x m numbers at the beginning of the solution array. Phase 33 solves with the same
-factors; phase 333 substitutes backward, with K = L L', and leaves x_c as it is.
+factors; phase 333 substitutes backward, with K = L L', and leaves x_c unchanged.
 
-The package's public class, PardisoSolver, factorises before `perm` can be set; so the class below it, _PardisoSolver,
-is used here. It runs on one thread.
+The package's public class, PardisoSolver, factorises before `perm` can be set. We use its base class, _PardisoSolver,
+instead. It runs on one thread.
 
-PARDISO orders the unknowns by itself. It can treat unknowns whose rows have the same pattern, those of a node, as one
-block (iparm[36] = -100), in four fifths of the time. Blocks of more than 256 unknowns, as of cells with as many
-vertices, end the process. No block is larger than a row, so blocks are requested only if rows are short.
+PARDISO orders the unknowns itself. It can treat unknowns whose rows have the same pattern, such as the unknowns of a
+node, as one block (iparm[36] = -100), which takes four fifths of the time. But a block of more than 256 unknowns ends
+the process. No block is larger than a row, so we request blocks only if rows are short.
 """
 
 from __future__ import annotations
@@ -26,30 +26,39 @@ from scipy.linalg.lapack import dpotrf
 
 from vemcvx.base.arrays import EPS, Floats, Ints, power_of_two
 from vemcvx.base.errors import NotAccepted
-from vemcvx.linear.factor import SAMPLES, Factor, LinearSolver, singular
+from vemcvx.linear.factor import SAMPLES, Factor, LinearSolver, singular_matrix_error
 from vemcvx.linear.superlu import SuperLU, SuperLUFactor
 
 PACKAGE = "pymklpardiso"
 POSITIVE_DEFINITE = 2
 """PARDISO's number for real matrices that are symmetric and positive definite."""
 LONGEST_ROW = 128
-"""Number of entries of the longest row for which blocks are requested."""
+"""Largest number of entries in a row for which blocks are requested."""
 
 
 @dataclass(frozen=True)
 class Pardiso(LinearSolver):
     """oneMKL's PARDISO (extra ``mkl``; x86-64 on Linux and Windows): a few times as fast as SuperLU, on one thread.
 
-    The default from a thousand unknowns on where it is installed (:func:`vemcvx.linear.choose_linear`).
+    If it is installed, it is the default from a thousand unknowns on (:func:`vemcvx.linear.choose_linear`).
+
+    Attributes
+    ----------
+    largest_in_space : int
+        Largest number of unknowns of bodies in space by default: the factors take 8 GB.
+
+    Examples
+    --------
+    >>> scene = vx.Scene(vx.Elasticity(200.0, 0.3), vx.Clamp("left"), vx.BodyForce(lambda x, t: t + 0 * x))
+    >>> history = vx.simulate(scene, vx.meshes.squares(8), [0.0, 1.0], linear=vx.Pardiso())  # doctest: +SKIP
     """
 
     eliminates: ClassVar[bool] = True
     orders: ClassVar[bool] = True
     largest_in_space: ClassVar[int] = 450_000
-    """Largest number of unknowns of bodies in space: factors take 8 GB."""
 
     @staticmethod
-    def installed() -> bool:
+    def is_installed() -> bool:
         """Return True if the package is installed."""
         return _solver_class() is not None
 
@@ -66,16 +75,16 @@ class Pardiso(LinearSolver):
 
 
 class PardisoFactor(Factor):
-    """K = L L'; `schur` (m, m) is the Schur complement onto `last`, in their order."""
+    """The factors K = L L'; `schur` (m, m) is the Schur complement onto the unknowns `last`, in this order."""
 
     def __init__(self, K: sp.csr_matrix, last: Ints):
         n, m, diagonal = K.shape[0], len(last), K.diagonal()
         # PARDISO ends the process if an entry of the diagonal is missing.
         if not (diagonal > 0).all():
-            raise singular()
+            raise singular_matrix_error()
         self.unit = float(power_of_two(diagonal.max(initial=0.0)))
         self._pardiso = _with_values(K, last, self.unit)
-        # PARDISO returns S in as many columns of n numbers as it needs, with its unknowns in rising order.
+        # PARDISO returns S in as many columns of n numbers as it needs, with the unknowns in ascending order.
         own = np.zeros((n, max(1, -(-m * m // max(n, 1)))), order="F")
         try:
             if n > 0:
@@ -84,17 +93,18 @@ class PardisoFactor(Factor):
             rank = np.argsort(np.argsort(last))
             S = S[np.ix_(rank, rank)]
         except RuntimeError as error:
-            raise singular() from error
+            raise singular_matrix_error() from error
         upper, info = dpotrf(S.T, lower=0, clean=0) if m else (S, 0)
         if info > 0:
-            raise singular()
+            raise singular_matrix_error()
         self.schur: Floats = self.unit * S
-        # K is singular up to rounding if EPS K_ii (K^{-1})_ii is not small, estimated by x of covariance unit K^{-1}.
+        # K is singular up to rounding if EPS K_ii (K^{-1})_ii is not small. Estimate (K^{-1})_ii from random vectors x
+        # whose covariance is unit K^{-1}.
         z = np.random.default_rng(0).standard_normal((SAMPLES, n)).T
         z[last] = solve_triangular(upper, z[last], check_finite=False) if m else z[last]
         x = self._run(333, z)
         if (EPS * diagonal * np.einsum("ij,ij->i", x, x) >= 0.1 * SAMPLES * self.unit).any():
-            raise singular()
+            raise singular_matrix_error()
 
     def solve(self, b: Floats) -> Floats:
         return self._run(33, b) / self.unit
@@ -129,7 +139,7 @@ def _with_values(K: sp.csr_matrix, last: Ints, unit: float) -> Any:
         K.sum_duplicates()
     upper = K.indices >= np.repeat(np.arange(n, dtype=K.indices.dtype), np.diff(K.indptr))
     solver = kind(POSITIVE_DEFINITE, 0)
-    # No default settings, nested dissection, factorisation in two levels, indices from zero.
+    # Use our settings in place of the defaults: nested dissection, factorisation in two levels, indices from zero.
     settings = {0: 1, 1: 2, 23: 1, 34: 1}
     if len(last):
         settings[35] = 2

@@ -1,11 +1,11 @@
 """PETSc's conjugate gradients with algebraic multigrid (GAMG) over the ranks of MPI, for K beyond one machine's cores.
 
-Rank 0 poses the problem, holds K and steps. Every rank holds a block of K's rows in PETSc and its part of the
-hierarchy, and waits for the calls of rank 0 (:func:`serve`). A call names a method of :class:`Ranks` that all ranks
-then execute together.
+Rank 0 poses the problem, holds K and computes the steps. Every rank holds a block of K's rows in PETSc and its part of
+the multigrid hierarchy, and waits for calls from rank 0 (:func:`serve`). A call names a method of :class:`Ranks`, which
+all ranks then execute together.
 
-GAMG smooths by Chebyshev polynomials of the same degree before and after the coarse correction. Both are self-adjoint
-in the energy, with eigenvalues of at most one, so that the bounds of :mod:`vemcvx.linear.iterative` hold.
+GAMG smooths by Chebyshev polynomials of the same degree before and after the coarse correction. Both smoothers are
+self-adjoint in the energy, with eigenvalues of at most one, so that the bounds of :mod:`vemcvx.linear.iterative` hold.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from vemcvx.linear.iterative import Iterative, IterativeFactor
 from vemcvx.linear.superlu import SuperLU
 
 PREFIX = "vemcvx_"
-"""Prefix of the options of this module in PETSc's data base, which all of the process shares."""
+"""Prefix of this module's options in PETSc's options database, which the whole process shares."""
 OPTIONS = {
     "ksp_type": "cg",
     "ksp_norm_type": "unpreconditioned",
@@ -39,9 +39,9 @@ OPTIONS = {
     "mg_coarse_redundant_pc_type": "svd",  # some coarse unknowns may have no stiffness
 }
 SMALL = 1_000
-"""Unknowns below which K is factorised, too: GAMG may then have a single level, and the factor takes 5 ms."""
+"""Number of unknowns below which K is also factorised: GAMG may then have a single level, and factors take 5 ms."""
 CALL, BLOCK = 1, 2
-"""Tags of messages: the call of a method, and a block of rows."""
+"""Tags of MPI messages: a method call, and a block of rows."""
 log = logging.getLogger("vemcvx")
 
 
@@ -49,11 +49,14 @@ log = logging.getLogger("vemcvx")
 class PETSc(Iterative):
     """PETSc (extra ``petsc``): K in row blocks over the ranks of MPI, conjugate gradients with multigrid.
 
-    On one rank it needs no mpiexec. ``mpiexec -n 8 vemcvx run FILE --linear petsc`` shares hierarchy and solves among
-    eight ranks; in scripts under mpiexec, ranks above 0 call :func:`vemcvx.linear.petsc.serve` in place of the
-    simulation. Rank 0 holds all of K, too.
+    One rank needs no mpiexec. ``mpiexec -n 8 vemcvx run FILE --linear petsc`` distributes hierarchy and solves over
+    eight ranks. In scripts under mpiexec, ranks above 0 call :func:`vemcvx.linear.petsc.serve` instead of simulating.
+    Rank 0 also holds all of K. Parameters, certificates and suitable bodies are the same as of ``Iterative``.
 
-    Parameters, certificates and the bodies that it suits are those of ``Iterative``.
+    Examples
+    --------
+    >>> scene = vx.Scene(vx.Elasticity(200.0, 0.3), vx.Clamp("left"), vx.BodyForce(lambda x, t: t + 0 * x))
+    >>> history = vx.simulate(scene, vx.meshes.cubes(64), [0.0, 1.0], linear=vx.PETSc())  # doctest: +SKIP
     """
 
     def factorise(self, K: sp.csr_matrix, near_kernel: Floats | None = None) -> PETScFactor:
@@ -61,16 +64,16 @@ class PETSc(Iterative):
         if ranks.comm.rank > 0:
             raise NotAccepted("PETSc: ranks above 0 do not simulate; they call vemcvx.linear.petsc.serve() instead.")
         K = sp.csr_matrix(K)
-        if K.shape[0] < SMALL:  # The inverse on the coarsest level would hide that K is singular.
+        if K.shape[0] < SMALL:  # The pseudo-inverse of a single level would hide that K is singular.
             SuperLU().factorise(K)
         return PETScFactor(self, K, near_kernel, ranks)
 
 
 class PETScFactor(IterativeFactor):
-    """A K that all ranks solve with together; they hold one at a time, and set another one up when it is used."""
+    """A matrix K distributed over all ranks. They hold one matrix at a time, and set up another when it is used."""
 
     def __init__(self, limits: PETSc, K: sp.csr_matrix, near_kernel: Floats | None, ranks: Ranks):
-        # PETSc takes singular values below 1e-12 for zeros, whatever the unit.
+        # PETSc treats singular values below 1e-12 as zero, whatever the unit, so K is scaled.
         self._ranks, self._key, self._unit = ranks, object(), float(power_of_two(K.diagonal().max(initial=0.0)))
         self._motions = np.zeros((K.shape[0], 0)) if near_kernel is None else np.linalg.qr(near_kernel)[0]
         super().__init__(limits, K)
@@ -94,17 +97,17 @@ class PETScFactor(IterativeFactor):
 
 
 class Ranks:
-    """A rank's block of K's rows, with its part of the hierarchy, and the messages between ranks.
+    """One rank's block of K's rows, its part of the hierarchy, and its messages to other ranks.
 
-    Rank 0 is given K (n, n), motions (n, k) and vectors (n,) as a whole, and returns whole vectors.
+    Rank 0 receives the whole K (n, n), motions (n, k) and vectors (n,), and returns whole vectors.
     """
 
     def __init__(self) -> None:
-        # A rank that spins while it waits would take cores from the ranks that work.
+        # A rank that spins while it waits would take cores from ranks that compute.
         os.environ.setdefault("OMPI_MCA_mpi_yield_when_idle", "1")
         import petsc4py
 
-        petsc4py.init(["vemcvx", "-no_signal_handler"])  # Signals end a command in order.
+        petsc4py.init(["vemcvx", "-no_signal_handler"])  # The command line handles signals itself.
         from mpi4py import MPI
         from mpi4py.util import pkl5
         from petsc4py import PETSc as petsc
@@ -124,14 +127,14 @@ class Ranks:
         return self.act(name, *shared, *own)
 
     def act(self, name: str, *arguments: Any) -> Any:
-        """Call a method on this rank; end all ranks if it fails, because others may wait for this one for ever."""
+        """Call a method on this rank. If it fails, end all ranks, because the others may be waiting for this one."""
         try:
             return getattr(self, name)(*arguments)
         except Exception as error:
             if self.comm.size == 1:
-                raise SceneError(f"PETSc: {_first_words(error)}") from error
+                raise SceneError(f"PETSc: {_shorten(error)}") from error
             words = "PETSc: rank %d of %d failed, which ends all: %s"
-            log.error(words, self.comm.rank, self.comm.size, _first_words(error))
+            log.error(words, self.comm.rank, self.comm.size, _shorten(error))
             self.comm.Abort(2)
 
     def _tell(self, call: object) -> None:
@@ -139,7 +142,7 @@ class Ranks:
             self.comm.send(call, dest=rank, tag=CALL)
 
     def set_up(self, n: int, K: sp.csr_matrix | None = None, motions: Floats | None = None) -> None:
-        """Distribute a matrix in place of the last one, and make its hierarchy."""
+        """Replace the distributed matrix by K, and build its hierarchy."""
         for one in self._objects:
             one.destroy()
         petsc, comm = self._petsc, self.comm
@@ -159,7 +162,7 @@ class Ranks:
         ksp.setOperators(A)
         ksp.setFromOptions()
         ksp.setUp()
-        # The vectors of answers and right sides, and the whole vector of rank 0 that both are exchanged with.
+        # Distributed vectors of answers and right sides, and the whole vector of rank 0 to exchange both with.
         x, b = A.createVecs()
         scatter, whole = petsc.Scatter.toZero(x)
         self._objects = [ksp, near, x, b, scatter, whole, A]
@@ -168,15 +171,15 @@ class Ranks:
         """Return an approximation of K^{-1} b on rank 0, and 0 if its residual meets the tolerance."""
         ksp = self._objects[0]
         ksp.setTolerances(rtol=tolerance, atol=0.0, max_it=iterations)
-        x = self._exchanged(ksp.solve, b)
+        x = self._exchange(ksp.solve, b)
         return x, 0 if ksp.getConvergedReason() > 0 else 1
 
     def cycle(self, b: Floats | None = None) -> tuple[Floats | None, int]:
         """Return M b on rank 0, and 0."""
-        return self._exchanged(self._objects[0].getPC().apply, b), 0
+        return self._exchange(self._objects[0].getPC().apply, b), 0
 
-    def _exchanged(self, act: Callable[[Any, Any], object], right: Floats | None) -> Floats | None:
-        """Spread a vector of rank 0 over the ranks, act on it, and gather the answer."""
+    def _exchange(self, act: Callable[[Any, Any], object], right: Floats | None) -> Floats | None:
+        """Spread a vector (n,) of rank 0 over the ranks, call `act` on it, and gather the answer (n,) on rank 0."""
         _, _, x, b, scatter, whole, _ = self._objects
         if right is not None:
             whole.getArray()[:] = right
@@ -186,7 +189,7 @@ class Ranks:
         return whole.getArray().copy() if self.comm.rank == 0 else None
 
     def _own_rows(self, rows: Any, ends: list[int]) -> Any:
-        """Return the rows of this rank of a matrix or an array (n, ...) that rank 0 has."""
+        """Return this rank's rows of a matrix or an array (n, ...) that rank 0 holds."""
         if self.comm.rank > 0:
             return self._large.recv(source=0, tag=BLOCK)
         for rank in range(1, self.comm.size):
@@ -196,7 +199,7 @@ class Ranks:
 
 @cache
 def all_ranks() -> Ranks:
-    """Return the ranks of this run: a single one if it was started without mpiexec."""
+    """Return the ranks of this run: a single one if it started without mpiexec."""
     if missing := [package for package in ("petsc4py", "mpi4py") if find_spec(package) is None]:
         raise NotAccepted(
             f"PETSc: {' and '.join(missing)} cannot be imported; install Debian's python3-petsc4py and python3-mpi4py, "
@@ -205,11 +208,11 @@ def all_ranks() -> Ranks:
     try:
         return Ranks()
     except ImportError as error:
-        raise NotAccepted(f"PETSc: petsc4py is there, but does not load here: {_first_words(error)}") from error
+        raise NotAccepted(f"PETSc: petsc4py is there, but does not load here: {_shorten(error)}") from error
 
 
 def serve() -> bool:
-    """Hold rows and solve until rank 0 ends, on ranks above 0; return False at once on rank 0.
+    """Answer calls of rank 0 until it ends, on ranks above 0; on rank 0, return False at once.
 
     Examples
     --------
@@ -222,7 +225,7 @@ def serve() -> bool:
     if ranks.comm.rank == 0:
         return False
     while True:
-        # A rank that waits in a broadcast would keep a core busy while rank 0 steps.
+        # A rank that waits in a broadcast would keep a core busy while rank 0 computes a step.
         while not ranks.comm.iprobe(source=0, tag=CALL):
             time.sleep(1e-4)
         call = ranks.comm.recv(source=0, tag=CALL)
@@ -232,5 +235,5 @@ def serve() -> bool:
         ranks.act(name, *shared)
 
 
-def _first_words(error: BaseException) -> str:
+def _shorten(error: BaseException) -> str:
     return " ".join(str(error).split())[:300] or type(error).__name__

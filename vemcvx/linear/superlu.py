@@ -10,16 +10,28 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import spilu, splu
 
 from vemcvx.base.arrays import EPS, Floats, Ints
-from vemcvx.linear.factor import Factor, LinearSolver, singular
+from vemcvx.linear.factor import Factor, LinearSolver, singular_matrix_error
 
 
 @dataclass(frozen=True)
 class SuperLU(LinearSolver):
-    """Sparse LU with diagonal pivots: the default up to two million unknowns where Pardiso is not installed."""
+    """Sparse LU with diagonal pivots: the default up to two million unknowns if Pardiso is not installed.
+
+    Attributes
+    ----------
+    largest_in_space : int
+        Largest number of unknowns of bodies in space by default: the factors take 8 GB.
+
+    Examples
+    --------
+    >>> import scipy.sparse as sp
+    >>> factor = vx.SuperLU().factorise(sp.csr_matrix([[4.0, 2.0], [2.0, 2.0]]))
+    >>> factor.solve(np.array([2.0, 2.0]))
+    array([0., 1.])
+    """
 
     eliminates: ClassVar[bool] = True
     largest_in_space: ClassVar[int] = 140_000
-    """Largest number of unknowns of bodies in space: factors take 8 GB."""
 
     def factorise(self, K: sp.csr_matrix, near_kernel: Floats | None = None) -> SuperLUFactor:
         return SuperLUFactor(K)
@@ -30,36 +42,36 @@ class SuperLU(LinearSolver):
 
 
 class SuperLUFactor(Factor):
-    """K = L U, in a given order or in that of minimum degree; `schur` (m, m) is L_cc U_cc of the last m unknowns."""
+    """Factors K = L U, in a given order or by minimum degree; `schur` (m, m) is L_cc U_cc of the last m unknowns."""
 
     def __init__(self, K: sp.csr_matrix, order: Ints | None = None, m: int = 0):
         self._K, self._order = K, np.arange(K.shape[0]) if order is None else order
         columns: Literal["MMD_AT_PLUS_A", "NATURAL"] = "MMD_AT_PLUS_A" if order is None else "NATURAL"
         ordered = sp.csc_matrix(K if order is None else K[order][:, order])
-        # In symmetric mode pivots stay on the diagonal, which halves the time. Without equilibration powers of two stay
-        # powers of two.
+        # In symmetric mode pivots stay on the diagonal, which halves the time. Without equilibration, scaling K by a
+        # power of two scales the factors exactly.
         options = {"SymmetricMode": True, "Equil": False}
         try:
             self._lu = splu(ordered, permc_spec=columns, diag_pivot_thresh=0.0, options=options)
         except RuntimeError as error:
-            raise singular() from error
+            raise singular_matrix_error() from error
         self.schur = self._schur_complement(m)
 
     def _schur_complement(self, m: int) -> Floats:
-        """Read the Schur complement off the factors; raise SceneError if K is not positive definite.
+        """Return the Schur complement (m, m) of the factors; raise SceneError if K is not positive definite.
 
-        That is if pivots left the diagonal, or one is no larger than the rounding of its own entry of K: by Sylvester's
-        law of inertia the pivots of K = L D L' have the signs of the eigenvalues. Of a K with a kernel and as many
-        anchors this says that K is semidefinite (Haynsworth 1968).
+        By Sylvester's law of inertia the pivots of K = L D L' have the signs of the eigenvalues. K is not positive
+        definite if a pivot left the diagonal, or is at most the rounding of its diagonal entry of K. If K has a kernel
+        and as many anchors, positive pivots prove that K is semidefinite (Haynsworth 1968).
         """
         L, U, place = self._lu.L, self._lu.U, self._lu.perm_c
         D, diagonal = U.diagonal(), self._K.diagonal()[self._order[np.argsort(place)]]
         if not np.array_equal(self._lu.perm_r, place) or not (EPS * diagonal < D).all():
-            raise singular()
-        # The solver may renumber within its elimination tree; that permutes L and U but changes no entry.
+            raise singular_matrix_error()
+        # The solver may renumber within its elimination tree, which permutes L and U but changes no entry.
         c = place[len(place) - m :]
         S: Floats = (L[:, c][c] @ U[:, c][c]).toarray()
-        # SciPy keeps the copies L and U that it hands out, as large as the factors: empty them.
+        # SciPy keeps the copies L and U that it returned, which are as large as the factors: empty them.
         for kept in (L, U):
             kept.data, kept.indices, kept.indptr = kept.data[:0].copy(), kept.indices[:0].copy(), kept.indptr[:1].copy()
         return 0.5 * (S + S.T)
@@ -72,10 +84,10 @@ class SuperLUFactor(Factor):
         return x
 
 
-def minimum_degree(K: sp.csr_matrix) -> Ints:
-    """Return SuperLU's own order of K, for matrices without coordinates.
+def order_by_minimum_degree(K: sp.csr_matrix) -> Ints:
+    """Return SuperLU's order (n,) of K by minimum degree, for matrices without coordinates.
 
-    An incomplete factorisation that drops all fill costs little more. A dominant diagonal lets no pivot fail.
+    It comes from an incomplete factorisation that drops all fill. The dominant diagonal keeps every pivot positive.
     """
     pattern = sp.csc_matrix(K, copy=True)
     pattern.data[:] = 1.0
@@ -83,15 +95,15 @@ def minimum_degree(K: sp.csr_matrix) -> Ints:
     return np.argsort(spilu(dominant, drop_tol=1e6, fill_factor=1, permc_spec="MMD_AT_PLUS_A").perm_c)
 
 
-def nested_dissection(graph: sp.csr_matrix, points: Floats) -> Ints:
-    """Return an order of the n vertices of `graph` (n, n), symmetric, placed at `points` (n, dim), separators last.
+def order_by_nested_dissection(graph: sp.csr_matrix, points: Floats) -> Ints:
+    """Return an order (n,) of the vertices of `graph` (n, n), symmetric, at `points` (n, dim), separators last.
 
-    The vertices of a part are halved along the longest axis of the part, level by level: `part` has one bit a level. A
-    vertex is in the separator of the first level at which it is in the upper half and has a neighbour in the lower one.
+    On each level, each part is halved along its longest axis; `part` has one bit per level. A vertex belongs to the
+    separator of the first level at which it is in the upper half and has a neighbour in the lower half.
     """
     n = len(points)
     part = np.zeros(n, dtype=np.int64)
-    for _ in range((n // 8).bit_length()):  # Parts of eight are ordered as they come; smaller ones save no fill.
+    for _ in range((n // 8).bit_length()):  # Parts of fewer than eight vertices would save no fill.
         order = np.argsort(part, kind="stable")
         starts = np.flatnonzero(np.diff(part[order], prepend=-1))
         number, sizes = np.empty(n, dtype=np.int64), np.diff(starts, append=n)
@@ -100,12 +112,12 @@ def nested_dissection(graph: sp.csr_matrix, points: Floats) -> Ints:
         axis = np.argmax(most - least, axis=1)
         along, least = points[np.arange(n), axis[number]], least[np.arange(len(axis)), axis]
         cut = along[np.lexsort((along, number))][starts + sizes // 2]
-        # All at the cut are above it, so that separators of meshes in rows are rows; unless none were left below.
+        # Vertices at the cut are above it, so that separators of meshes in rows are rows, unless none would be below.
         part = 2 * part + np.where((cut > least)[number], along >= cut[number], along > cut[number])
     tail, head = graph.tocoo().coords
     differ = part[tail] > part[head]
     _, first = np.frexp((part[tail] ^ part[head])[differ].astype(float))
     height = np.zeros(n, dtype=np.int64)
     np.maximum.at(height, tail[differ], first)
-    # Separators follow all that they separate: all lower bits are ones, and of two such the smaller comes first.
+    # Separators follow the parts that they separate: their lower bits are ones. Ties go to the lower separator first.
     return np.lexsort((height, part | ((1 << height) - 1)))

@@ -33,7 +33,7 @@ import scipy.sparse as sp
 
 from vemcvx.base.arrays import Floats, Ints, power_of_two, read_only, spread
 from vemcvx.base.errors import NotAccepted
-from vemcvx.linear import Factor, LinearSolver, Matrix, minimum_degree
+from vemcvx.linear import Factor, LinearSolver, Matrix, order_by_minimum_degree
 from vemcvx.program.certificate import ROUNDED
 from vemcvx.program.kernel import anchors
 from vemcvx.program.operators import DenseInverse, Operators
@@ -149,7 +149,7 @@ class Condensation:
             self.operators = self.full = self._on(self.retained, system.K, self.factor, anchor)
             return
         order = np.arange(n) if self.linear.orders else system.elimination_order()
-        order = minimum_degree(self._K) if order is None else order
+        order = order_by_minimum_degree(self._K) if order is None else order
         self.factor, S = self.linear.eliminate(self._K, order, c)
         self.retained, self._S = c, read_only(S)
         self.full = self._on(np.arange(n), system.K, self.factor, anchor)

@@ -27,7 +27,7 @@ from vemcvx.base.arrays import (
 )
 from vemcvx.base.errors import SceneError
 from vemcvx.base.outline import ArrayRecord
-from vemcvx.linear import AT_ONCE, SAMPLES, Factor, Matrix, SuperLU, singular
+from vemcvx.linear import CHUNK_SIZE, SAMPLES, Factor, Matrix, SuperLU, singular_matrix_error
 from vemcvx.program.certificate import ROUNDED
 
 QUADRATIC = "quadratic"
@@ -258,7 +258,7 @@ class Operators(ArrayRecord):
         rows, yielding = sp.csr_matrix(sp.diags_array(u) @ self.A), u * u * yielding
         read = np.unique(self.A.indices).astype(np.int64)
         # Anchors of bodies that are not held have dense matrices; systems of these stay dense.
-        if not isinstance(self.K, np.ndarray) and self.anchor is None and len(read) ** 2 > AT_ONCE:
+        if not isinstance(self.K, np.ndarray) and self.anchor is None and len(read) ** 2 > CHUNK_SIZE:
             return u, LinearOperator(
                 2 * u.shape, lambda x: rows @ self.factor.solve(rows.T @ x) + yielding * x, dtype=float
             )
@@ -297,7 +297,7 @@ class DenseInverse(Factor):
         # K' = K is read by columns, which takes half the time.
         upper, info = dpotrf(K.T, lower=0) if len(K) else (K, 0)
         if info > 0:
-            raise singular()
+            raise singular_matrix_error()
         half = np.triu(dpotri(upper, lower=0)[0]) if len(K) else K
         self._inverse: Floats = half + np.triu(half, 1).T
 

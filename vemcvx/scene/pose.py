@@ -18,7 +18,7 @@ import scipy.sparse as sp
 from vemcvx.base.arrays import Floats, Ints, read_only
 from vemcvx.base.errors import SceneWarning
 from vemcvx.effects import Contribution, Load, Material, MaterialLaw, Obstacle
-from vemcvx.linear import nested_dissection
+from vemcvx.linear import order_by_nested_dissection
 from vemcvx.meshes import Mesh
 from vemcvx.program.kernel import Kernel
 from vemcvx.program.system import Damping, ForceOnPart, Limits, Motion, Norms, System
@@ -287,5 +287,5 @@ def _order(A: sp.csr_matrix, supports: Supports, points: Floats) -> Ints:
         joined = sp.csr_matrix((np.ones(n, dtype=np.int8), (np.arange(n), supports.sites)))
         graph, points = sp.csr_matrix(joined.T @ graph @ joined), points[first]
     rank = np.empty(len(sites), dtype=np.int64)
-    rank[nested_dissection(graph, points)] = np.arange(len(sites))
+    rank[order_by_nested_dissection(graph, points)] = np.arange(len(sites))
     return np.argsort(rank[supports.owner], kind="stable")

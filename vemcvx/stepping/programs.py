@@ -42,7 +42,7 @@ def programs_of_march(
 
     Examples
     --------
-    >>>     >>> import vemcvx as vx
+    >>> import vemcvx as vx
     >>> system = vx.System(np.eye(2), lambda t: [2.0 * t, 0.0], vx.Norms(np.eye(2), 0.5))
     >>> [float(program.answer.d[0]) for program in vx.programs_of_march(system, [0.0, 0.5, 1.0])]
     [0.5, 1.0]

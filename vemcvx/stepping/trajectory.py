@@ -22,7 +22,7 @@ from vemcvx.base.arrays import Bools, Floats, Ints, brief, is_whole, quantities
 from vemcvx.base.errors import HistoryError, SceneError
 from vemcvx.base.outline import ArrayRecord
 from vemcvx.base.owned_files import Owned, path_of
-from vemcvx.linear import AT_ONCE
+from vemcvx.linear import CHUNK_SIZE
 from vemcvx.stepping.refusals import require_certified
 from vemcvx.stepping.state import Ledger, PreparedRun, State, StepData, certified_together, state_given
 
@@ -289,7 +289,7 @@ class Recorder:
     def __init__(self, run: PreparedRun, times: Floats, kept: Ints, storage: Storage):
         self._run, self._times, self._kept, self._storage = run, times, kept, storage
         self._mark = mark(run, times, kept) if isinstance(storage, Folder) else [0] * 4
-        room = max(1, min(TOGETHER, AT_ONCE // (12 * max(run.system.n, 1))))
+        room = max(1, min(TOGETHER, CHUNK_SIZE // (12 * max(run.system.n, 1))))
         self._most, self._waiting = room if run.condensation.linear.eliminates else 1, dict[int, State]()
         sizes = {"N": len(times), "S": len(kept), "n": run.system.n, "terms": run.terms, "block": run.system.block}
         sizes["limits"] = len(run.operators.compliance)

@@ -1,0 +1,24 @@
+"""The examples in docstrings of the package: each runs, and prints what its docstring says."""
+
+from __future__ import annotations
+
+import doctest
+import importlib
+import pkgutil
+
+import numpy as np
+import pytest
+
+import vemcvx as vx
+
+MODULES = [module.name for module in pkgutil.walk_packages(vx.__path__, "vemcvx.") if "__main__" not in module.name]
+FLAGS = doctest.NORMALIZE_WHITESPACE | doctest.ELLIPSIS
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", MODULES)
+def test_examples_of_docstrings_run(name, tmp_path, monkeypatch):
+    """An example has `np` and `vx`, and its files are written to a folder of its own."""
+    monkeypatch.chdir(tmp_path)
+    names = {"np": np, "vx": vx}
+    assert doctest.testmod(importlib.import_module(name), extraglobs=names, optionflags=FLAGS).failed == 0

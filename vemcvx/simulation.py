@@ -22,7 +22,7 @@ from vemcvx.meshes import Mesh, PolygonMesh, PolyhedralMesh
 from vemcvx.program import SolvedProgram
 from vemcvx.results.results import Results, record, warn_of_large_strains, warn_of_lost_work, with_origin
 from vemcvx.scene import Scene
-from vemcvx.scene.contact import through_obstacles
+from vemcvx.scene.contact import through_obstacles, without_contact
 from vemcvx.scene.pose import PosedScene, pose_scene, unwarned
 from vemcvx.solvers import Solver, Solves
 from vemcvx.stepping import (
@@ -118,6 +118,8 @@ def simulate(
     posed = pose_scene(scene, mesh, given.tolist())
     for words in posed.inactive:
         log.info("left out: %s", words)
+    for words in without_contact(mesh.interfaces, (*posed.supports.given, *posed.terms.frictions, *posed.stops)):
+        log.warning("%s", words)
     bounded = None
     if flag(bound, "bound"):
         if not (isinstance(store, str) and store == "all"):

@@ -157,3 +157,16 @@ def test_what_an_overlap_moves_away_without_a_force_is_refused_in_words():
     )
     with pytest.raises(vx.NotCertified, match="step 0 at t = 0"):
         vx.simulate(scene, mesh, [0.0, 0.5, 1.0], initial="settled", solver=vx.Clarabel())
+
+
+def test_an_interface_without_contact_is_named(caplog):
+    """The side of a contact may keep its name outside the interface: an effect on that name joins nothing."""
+    parts = {"a": vx.meshes.squares(2, box=((0, 2), (0, 1))), "b": vx.meshes.squares(2, box=((0, 1), (1, 2)))}
+    mesh = vx.meshes.bodies(parts)
+    scene = vx.Scene(vx.Elasticity(1.0, 0.3), vx.Clamp(on=["a.bottom", "b.top"]), vx.UnilateralContact(on="a.top"))
+    vx.simulate(scene, mesh, [0.0, 1.0])
+    (said,) = [words for words in caplog.messages if "no contact" in words]
+    assert said.startswith("interface 'a|b': no contact acts on it, so that a and b may overlap.")
+    caplog.clear()
+    vx.simulate(scene.with_(vx.UnilateralContact(on="a|b")), mesh, [0.0, 1.0])
+    assert not [words for words in caplog.messages if "no contact" in words]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, NamedTuple
@@ -13,8 +13,9 @@ import scipy.sparse as sp
 
 from vemcvx.base.arrays import EPS, SAME, Bools, Floats, Ints
 from vemcvx.base.errors import SceneError, SceneWarning, VemcvxError
-from vemcvx.effects import ContactSurface, Friction, Law, Obstacle
+from vemcvx.effects import ContactSurface, Friction, Law, Obstacle, Support
 from vemcvx.effects.data import finite_a_row
+from vemcvx.meshes import Interface
 from vemcvx.meshes.polygons import all_found_in
 from vemcvx.program.system import DRAG_ROUNDING, DraggedTerms, Limits, Norms
 from vemcvx.scene.rows import ContactRows, along, distinct_pairs, merged, pair_numbers, pairs_of, summing
@@ -458,6 +459,18 @@ def out_of_reach(terms: Terms, obstacles: Sequence[Obstacle], supports: Supports
     dim = supports.points.shape[1]
     held += [o.subject for o in obstacles if not _normal_is_free(ContactRows.of([o], dim), supports).any()]
     return [f"{subject}: all its nodes are held otherwise" for subject in held]
+
+
+def without_contact(interfaces: Mapping[str, Interface], parts: Sequence[ContactSurface | Support]) -> list[str]:
+    """Return a sentence for each interface on which none of `parts` joins the two bodies."""
+    nodes, partners = pairs_of(parts)
+    met = nodes[partners >= 0]
+    return [
+        f"interface {name!r}: no contact acts on it, so that {' and '.join(interface.bodies)} may overlap. "
+        f"If they touch there, give an effect of contact on={name!r}."
+        for name, interface in interfaces.items()
+        if not np.isin(interface.pairs, met).any()
+    ]
 
 
 def pose_contact(

@@ -102,9 +102,8 @@ class Quantity:
     @property
     def words(self) -> str:
         """The value with its error and the parts of that."""
-        mesh = "mesh not estimated" if np.isnan(self.mesh) else f"mesh {self.mesh:.2g}"
         but = f"; {self.unbounded}" if self.unbounded else ""
-        return (
-            f"{self.value:.6g}, error estimated {self.error:.2g}, {self.relative:.2%} (steps {self.steps:.2g}, {mesh})"
-            f"{but}"
-        )
+        if np.isnan(self.mesh):
+            return f"{self.value:.6g}, error of steps estimated {self.steps:.2g}, that of the mesh is not known{but}"
+        parts = f"(steps {self.steps:.2g}, mesh {self.mesh:.2g}){but}"
+        return f"{self.value:.6g}, error estimated {self.error:.2g}, {self.relative:.2%} {parts}"

@@ -65,7 +65,7 @@ LINES |= {"bound": 3_253, "results": 2_609, "estimate": 2_173, "plots": 1_918}
 LINES |= {"cost": 677, "cli": 3_638}
 LINES |= {"meshes": 7_164, "meshes/io": 1_510, "vem": 1_961}
 """Most lines of folders: they grow by decision only, which raises a number here."""
-TOP = 1_657
+TOP = 1_658
 """Most lines of the modules at the top and of what all may use, without the canvas, which counts with the plots."""
 TESTS = 26_564
 """Most lines of the tests of `LINES`, in the folders of their names."""

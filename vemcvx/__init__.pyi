@@ -43,6 +43,7 @@ from .effects import PointLoad as PointLoad
 from .effects import PrescribedDisplacement as PrescribedDisplacement
 from .effects import Pressure as Pressure
 from .effects import Prestress as Prestress
+from .effects import Rigid as Rigid
 from .effects import Symmetry as Symmetry
 from .effects import Tabulated as Tabulated
 from .effects import ThermalStrain as ThermalStrain

@@ -13,7 +13,7 @@ from slip_weakening import SlipWeakening
 from vemcvx.testing import EffectSample, Other, effect_suite
 from vemcvx.testing.effects import answer, has_the_slope_of_its_law, mesh
 
-OTHER_FIELDS = {"on", "direction", "plane", "stabilisation", "quadrature", "stiffness", "at", "while_closed"}
+OTHER_FIELDS = {"on", "direction", "plane", "stabilisation", "quadrature", "stiffness", "at", "while_closed", "motion"}
 """Fields of effects that carry no data f(x, t)."""
 
 
@@ -161,6 +161,18 @@ SAMPLES = {
         ON_FLOOR,
         data={"force": 2},
         others={"force": weigh, "at": [(0.0, 1.0), (0.0, 0.0)]},
+    ),
+    "Rigid": EffectSample(
+        vx.Rigid(on="left", force=pull, moment=press),
+        (STEEL, HELD),
+        data={"force": 2, "moment": 1},
+        others={
+            "on": "west",
+            "at": (0.0, 1.0),
+            "force": weigh,
+            "moment": suck,
+            "motion": (0.0, lift, None),
+        },
     ),
     "Symmetry": EffectSample(vx.Symmetry(on=["top"]), LOADED, others={"on": ["right", "left"]}),
     "ElasticFoundation": EffectSample(

@@ -46,7 +46,7 @@ def around(x):
 
 RUBBING = vx.TrescaFriction(bound=2.0, on="bottom")
 RUBBED = STEEL, HELD, PULLED, TOUCHING, RUBBING
-UNLIKE = vx.Elasticity, vx.Orthotropic, vx.TrescaFriction, vx.CoulombFriction, vx.PointLoad
+UNLIKE = vx.Elasticity, vx.Orthotropic, vx.TrescaFriction, vx.CoulombFriction, vx.PointLoad, vx.Rigid
 
 
 def in_space(sample):
@@ -87,6 +87,18 @@ SAMPLES = {
         (STEEL, HELD, TOUCHING, RUBBING),
         data={"value": 1},
         others={"value": 0.0, "on": "bottom", "direction": (2.0, 1.0, 0.0)},
+    ),
+    "Rigid": EffectSample(
+        vx.Rigid(on="left", force=pull, moment=weigh),
+        (STEEL, HELD),
+        data={"force": 3, "moment": 3},
+        others={
+            "on": "west",
+            "at": (0.0, 1.0, 0.5),
+            "force": weigh,
+            "moment": pull,
+            "motion": (0.0, lift, None, None, 0.0, None),
+        },
     ),
     "PointLoad": EffectSample(
         vx.PointLoad(pull, at=(0.0, 1.0, 1.0)),

@@ -19,6 +19,7 @@ import janssen_silo as silo
 import liner_in_housing as liner
 import plate_with_hole as hole
 import pretensioned_tendon as tendon
+import rigid_punch as punch
 import rough_layer as layer
 import strip_on_a_belt as belt
 import vemcvx as vx
@@ -279,3 +280,18 @@ def test_a_layer_spreads_the_pressure_of_hertz():
     rigid = vx.simulate(layer.hertz.scene(), mesh, layer.times(2)).contact.pressure[-1]
     # The layer yields by p / c = 1e-7 of 9e-4, and near the edge pressures rise by their whole size over one cell.
     assert runs[2][2] == pytest.approx(rigid, abs=0.01 * rigid.max())
+
+
+@pytest.mark.long
+def test_a_rigid_punch_tilts():
+    """Its turn, and half of the force right of its middle more, within the error of edges with an infinite pressure."""
+    history = small("rigid_punch")
+    tilts, exact = punch.tilt(history), punch.turn(history.times)
+    assert tilts[:3] == pytest.approx(np.zeros(3), abs=1e-9 * np.abs(tilts).max())
+    assert tilts[-1] == pytest.approx(exact[-1], rel=0.11)
+    x, p = history.contact.points[:, 0], history.contact.pressure
+    inside = np.abs(x) < 0.6
+    for step in (0, -1):
+        wanted = punch.pressure(x[inside], history.times[step])
+        assert p[step, inside] == pytest.approx(wanted, abs=0.1 * punch.FORCE)
+    assert history.force(vx.Rigid) == pytest.approx(np.tile([0.0, -punch.FORCE], (len(p), 1)), abs=1e-9)

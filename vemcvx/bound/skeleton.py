@@ -237,6 +237,12 @@ def check_estimable(posed: PosedScene, subject: str) -> None:
         raise SceneError(
             f"{subject}: there is no estimate for scenes with Viscosity; compare meshes and steps of your own choice."
         )
+    if posed.supports.amplitudes:
+        loose = ", ".join(support.subject for support in posed.supports.given if support.patterns is not None)
+        raise SceneError(
+            f"{subject}: there is no estimate beside {loose}, whose motion is unknown: what holds its nodes is no "
+            "traction; compare meshes and steps of your own choice."
+        )
     for friction in posed.terms.frictions:
         law = friction.law
         if (law is not None and law.slips) or friction.directions is not None:

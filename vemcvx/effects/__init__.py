@@ -33,6 +33,7 @@ from vemcvx.effects.loads_and_supports import (
     PointLoad,
     PrescribedDisplacement,
     Pressure,
+    Rigid,
     Symmetry,
     Traction,
 )
@@ -63,6 +64,7 @@ __all__ = [
     "PrescribedDisplacement",
     "Pressure",
     "Prestress",
+    "Rigid",
     "Support",
     "Symmetry",
     "Tabulated",

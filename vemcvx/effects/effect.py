@@ -85,7 +85,7 @@ class Load:
 
 @dataclass(frozen=True)
 class Support:
-    """Prescribed components directions . u(node) = value(points, t); contact (value 0) yields to the rest."""
+    """Prescribed components directions . u(node) = value(t) + patterns @ c; contact (value 0) yields to the rest."""
 
     subject: str
     nodes: Ints  #: (m,) node numbers; a node may appear once a direction.
@@ -95,6 +95,8 @@ class Support:
     contact: bool = False  #: Contact, u.n = 0, which at shared nodes yields to supports in the same direction.
     partners: Ints | None = None
     """(m,) nodes of other bodies, or -1: the components of u(node) - u(partner) are prescribed"""
+    patterns: Floats | None = None
+    """(m, k) independent columns: the components that a unit of each of k unknown amplitudes c adds"""
 
 
 @dataclass(frozen=True)

@@ -9,12 +9,12 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
-from vemcvx.base.arrays import Floats, Ints, as_real_array, brief
+from vemcvx.base.arrays import Floats, Ints, as_real_array, brief, one_point
 from vemcvx.base.errors import SceneError
 from vemcvx.effects import data
 from vemcvx.effects.effect import Contribution, Effect, Load, Support, amount, where
-from vemcvx.effects.materials import region
-from vemcvx.vem import Part, SideRule, Space, cell_load, edge_load
+from vemcvx.effects.materials import cells_of, region
+from vemcvx.vem import Part, SideRule, Space, cell_load, edge_load, rigid_modes
 
 
 @dataclass(frozen=True)
@@ -264,6 +264,96 @@ class PrescribedDisplacement(Effect):
         # Its largest component first: the square of 1e200 would overflow.
         direction = direction / np.abs(direction).max()
         return part.nodes, np.tile(direction / np.linalg.norm(direction), (len(part.nodes), 1)), one
+
+
+@dataclass(frozen=True)
+class Rigid(Effect):
+    """A part of the boundary, or a whole body, that moves as a rigid one: translations, and small rotations.
+
+    Its motion is unknown but for what `motion` prescribes. It bears loads, and contact and friction of other bodies
+    against it. Other supports must not hold its nodes, but where `motion` prescribes the same. `history.force(Rigid)`
+    is the sum of `force` and of what the prescribed motion takes; `history.reaction` has the latter by boundary.
+
+    Parameters
+    ----------
+    on : str or sequence of str
+        Boundary names; or names of bodies, that is of cell data which are nonzero there: all their nodes.
+    at : (dim,), optional
+        The point about which rotations are counted, and at which `force` acts; by default the middle of the box around
+        the nodes.
+    force : (dim,) constant, or callable f(x, t) -> (m, dim), optional
+        Force at that point (per unit thickness), evaluated at t_n.
+    moment : number, in space (3,), or callable f(x, t), optional
+        Moment (per unit thickness), in the plane positive anticlockwise.
+    motion : sequence of 3, in space 6, optional
+        The components of the translation of that point and of the rotation, in radians, in space about the axes; each a
+        number, or f(x, t) with the point x (1, dim); None for one that is free. By default all are.
+    """
+
+    on: str | Sequence[str]
+    at: ArrayLike | None = None
+    force: data.Datum | None = None
+    moment: data.Datum | None = None
+    motion: Sequence[data.Datum | None] | None = None
+
+    def contribute(self, space: Space) -> Contribution:
+        nodes, dim = self._nodes(space), space.dim
+        x = space.mesh.points[nodes]
+        middle = 0.5 * (x.min(axis=0) + x.max(axis=0))
+        at = one_point(middle if self.at is None else self.at, dim, f"{self._subject}: at")
+        modes, points = rigid_modes(x - at), at[None]
+        motion = self._motion(modes.shape[1])
+        free = [k for k, given in enumerate(motion) if given is None]
+        held = {k: given for k, given in enumerate(motion) if given is not None}
+
+        def value(t: float) -> Floats:
+            each = (data.scalar(given, points, t, f"{self._subject}: motion")[0] for given in held.values())
+            moved: Floats = modes[:, list(held)] @ np.fromiter(each, float)
+            return moved
+
+        rows, axes = _all_components(nodes, dim)
+        support = Support(
+            self._subject,
+            rows,
+            axes,
+            space.mesh.points[rows],
+            value if data.varies(*held.values()) or value(0.0).any() else None,
+            patterns=modes[:, free] if free else None,
+        )
+        # Nodal forces T (T'T)^{-1} (F, M) do the work of a force and a moment on every rigid motion T c.
+        spread = np.zeros((space.mesh.n_nodes, dim, modes.shape[1]))
+        spread[nodes] = np.linalg.pinv(modes).T.reshape(len(nodes), dim, -1)
+        own = (("force", self.force, slice(dim)), ("moment", self.moment, slice(dim, None)))
+        loads = [
+            Load(f"{self._subject}: {name}", points, sp.csr_matrix(spread.reshape(-1, modes.shape[1])[:, some]), given)
+            for name, given, some in own
+            if given is not None
+        ]
+        return Contribution(supports=(support,), loads=tuple(loads))
+
+    def _nodes(self, space: Space) -> Ints:
+        names, mesh = [self.on] if isinstance(self.on, str) else self.on, space.mesh
+        bodies = isinstance(names, Sequence) and all(isinstance(name, str) and name in mesh.cell_data for name in names)
+        if not bodies or any(name in mesh.boundaries for name in names):
+            return space.part(self.on, "Rigid").nodes
+        (cells, nodes), inside = space.incidences, cells_of(space, self.on, "Rigid")
+        return np.unique(nodes[inside[cells]])
+
+    def _motion(self, count: int) -> Sequence[data.Datum | None]:
+        if self.motion is None:
+            return [None] * count
+        if not isinstance(self.motion, Sequence) or isinstance(self.motion, str) or len(self.motion) != count:
+            raise SceneError(
+                f"{self._subject}: found motion = {brief(self.motion)}; wanted {count} entries, translations and then "
+                "rotations: a number or f(x, t) where it is prescribed, None where it is free."
+            )
+        return self.motion
+
+    def describe(self) -> str:
+        given = {"force": self.force, "moment": self.moment}
+        loads = [f"{name} {amount(value)}" for name, value in given.items() if value is not None]
+        free = "free" if self.motion is None else ", ".join("free" if c is None else amount(c) for c in self.motion)
+        return f"Rigid: motion {free} on {where(self.on)}" + (f", under {' and '.join(loads)}" if loads else "")
 
 
 # Springs add int k_n (u . n)(v . n) + k_t (u_tau . v_tau) ds to a(u, v). Traces are linear on edges, and two Gauss

@@ -21,6 +21,7 @@ import scipy.sparse as sp
 from scipy.linalg import qr
 
 from vemcvx.base.arrays import (
+    SAME,
     Floats,
     as_real_array,
     brief,
@@ -50,11 +51,14 @@ class Kernel:
         The motions in words, for messages.
     in_words : callable (k,) -> str, optional
         A combination of the motions in words, the way it goes; by default the names of those that take part.
+    moved : (n_u, k) array, optional
+        The displacements of all nodes in the motions, where unknowns are none of a node; by default `modes`.
     """
 
     modes: Floats
     names: tuple[str, ...]
     in_words: Callable[[Floats], str] | None = None
+    moved: Floats | None = None
 
     def __post_init__(self) -> None:
         modes = as_real_array(self.modes, "Kernel: modes", "(n, k) motions, one a column")
@@ -67,11 +71,20 @@ class Kernel:
         function(self.in_words, "Kernel: found in_words", "a function of (k,) shares of the motions")
         object.__setattr__(self, "modes", finite(modes, "Kernel: modes"))
         object.__setattr__(self, "names", tuple(names))
+        if self.moved is not None:
+            moved = as_real_array(self.moved, "Kernel: moved", "(n_u, k) displacements, one column a motion")
+            if moved.ndim != 2 or moved.shape[1] != modes.shape[1]:
+                raise SceneError(f"Kernel: found moved of shape {moved.shape} for {modes.shape[1]} motions.")
+            object.__setattr__(self, "moved", finite(moved, "Kernel: moved"))
 
     @cached_property
     def basis(self) -> Floats:
         """(n, k) orthonormal motions that span those of `modes`."""
         return np.linalg.qr(self.modes)[0]
+
+    def reach(self, c: Floats) -> float:
+        """Return how far the motion modes @ c takes a node at most."""
+        return float(np.abs((self.modes if self.moved is None else self.moved) @ c).max())
 
     def name(self, c: Floats) -> str:
         """Return the motion modes @ c in words, the way it goes."""
@@ -91,11 +104,12 @@ def rank_on(rows: sp.csr_matrix, modes: Floats) -> int:
 def anchors(modes: Floats, diagonal: Floats) -> Floats:
     """Return stiffness (m,) at as many unknowns as there are modes (m, k), those that tell them apart best; else zero.
 
-    It is K's diagonal there: soft anchors would cost W = A K^{-1}A' digits.
+    It is K's diagonal there, or where this is rounding the largest: soft anchors would cost W = A K^{-1}A' digits.
     """
     picked = qr(modes.T, mode="economic", pivoting=True)[2][: modes.shape[1]]
     stiffness = np.zeros(len(modes))
-    stiffness[picked] = diagonal[picked]
+    largest = diagonal.max(initial=0.0)
+    stiffness[picked] = np.where(diagonal[picked] > SAME * largest, diagonal[picked], largest)
     return stiffness
 
 

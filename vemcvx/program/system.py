@@ -336,8 +336,9 @@ class System(ArrayRecord):
     def __post_init__(self) -> None:
         object.__setattr__(self, "K", fixed_rows(self.K, "System: K"))
         check_symmetric(self.K, "System: K")
-        diagonal = self.K.diagonal()
-        if (diagonal <= 0).any():
+        diagonal, largest = self.K.diagonal(), self.K.diagonal().max(initial=0.0)
+        # The kernel of a body that is rigid altogether has unknowns without stiffness, but for rounding.
+        if (diagonal <= (0.0 if self.kernel is None else -SYMMETRIC * largest)).any():
             i = int(np.argmin(diagonal))
             raise SceneError(f"System: found K[{i}, {i}] = {diagonal[i]:.6g}; K must be positive definite.")
         if not callable(self.load):

@@ -166,8 +166,6 @@ def _of_supports(posed: PosedScene, trajectory: Trajectory, forces: Floats) -> I
     mu, first = np.asarray(rest @ supports.H[own]), 0
     for support, cause in zip(supports.given, posed.causes["supports"].tolist(), strict=True):
         along = mu[:, first : (first := first + len(support.nodes))]
-        if cause < 0:  # pins take no force
-            continue
         force = along[:, :, None] * support.directions
         held = not support.contact
         yield _spread(posed, cause, support.nodes, force, held=held, directions=support.directions)
@@ -194,7 +192,8 @@ def _spread(
 ) -> _Rows:
     """Return forces (S, k, dim) on nodes, over the sides of their effect, to which `directions` may be normal."""
     effect: Effect = posed.scene.canonical[cause]
-    ends = posed.space.part(getattr(effect, "on", "boundary"), type(effect).__name__, contact=True).ends
+    named = [on for on in np.atleast_1d(getattr(effect, "on", "boundary")) if on in posed.space.mesh.boundaries]
+    ends = posed.space.part(named or "boundary", type(effect).__name__, contact=True).ends
     row, end = all_found_in(ends.nodes, nodes)
     weight = ends.lengths[end]
     if directions is not None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vemcvx.base.arrays import Floats
-from vemcvx.effects import BodyForce, PrescribedDisplacement, where
+from vemcvx.effects import BodyForce, PrescribedDisplacement, Rigid, cells_of, where
 from vemcvx.results.probe import places
 from vemcvx.results.results import Results
 
@@ -36,7 +36,10 @@ def loop_of(history: Results, on: str | None = None) -> Loop | None:
     lengths = {name: np.abs(np.diff(way, axis=0)).sum(axis=0) for name, way in ways.items()}
     name = max(ways, key=lambda one: float(lengths[one].max()))
     axis = int(np.argmax(lengths[name]))
-    kinds = {"reaction": history.reaction(name)[:, axis], "force": history.force(name)[:, axis]}
+    if name in history.mesh.boundaries:
+        kinds = {"reaction": history.reaction(name)[:, axis], "force": history.force(name)[:, axis]}
+    else:
+        kinds = {"reaction": history.force(next(one for one in _moved(history) if name in _names(one)))[:, axis]}
     kind = "reaction" if kinds["reaction"].any() else "force"
     return Loop(name, axis, ways[name][:, axis], kinds[kind], kind)
 
@@ -61,14 +64,28 @@ def _loaded(history: Results) -> Loop | None:
 
 
 def _motion(history: Results, on: str | Sequence[str]) -> Floats:
-    """Return the mean displacement (S, dim) of a boundary."""
-    part = history._space.part(on, "hysteresis_loop", contact=True)
+    """Return the mean displacement (S, dim) of a boundary, or of the nodes of a body."""
+    space = history._space
+    if isinstance(on, str) and on not in space.mesh.boundaries and on in space.mesh.cell_data:
+        inside, (cells, nodes) = cells_of(space, on, "hysteresis_loop"), space.incidences
+        mean: Floats = history.displacement[:, np.unique(nodes[inside[cells]])].mean(axis=1)
+        return mean
+    part = space.part(on, "hysteresis_loop", contact=True)
     return np.einsum("smd,m->sd", history.displacement[:, part.nodes], part.node_lengths / part.measures.sum())
 
 
+def _names(effect: PrescribedDisplacement | Rigid) -> Sequence[str]:
+    return [effect.on] if isinstance(effect.on, str) else effect.on
+
+
+def _moved(history: Results) -> list[PrescribedDisplacement | Rigid]:
+    """Return the effects whose motion is prescribed."""
+    kinds = PrescribedDisplacement, Rigid
+    return [one for one in history.scene or () if isinstance(one, kinds) and getattr(one, "motion", ()) is not None]
+
+
 def _driven(history: Results) -> dict[str, Floats]:
-    """Return the mean motions of the boundaries that a prescribed displacement moves, by name."""
-    moved = [effect.on for effect in history.scene or () if isinstance(effect, PrescribedDisplacement)]
-    names = [name for on in moved for name in ([on] if isinstance(on, str) else on)]
+    """Return the mean motions of the boundaries and bodies whose displacement is prescribed, by name."""
+    names = [name for effect in _moved(history) for name in _names(effect)]
     rounding = 1e-9 * float(np.abs(history.displacement).max())
     return {name: way for name in names if np.ptp(way := _motion(history, name), axis=0).max() > rounding}

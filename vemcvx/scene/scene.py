@@ -140,7 +140,7 @@ def _contact(part: Contribution) -> Ints:
 
 def _mirrors(parts: list[Contribution], space: Space) -> MirrorPlanes | None:
     """Return the planes of symmetry at nodes of contact; None without, or where supports hold all altogether."""
-    still = [s for part in parts for s in part.supports if s.value is None and not s.contact]
+    still = [s for part in parts for s in part.supports if s.value is None and s.patterns is None and not s.contact]
     touching = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *map(_contact, parts)]))
     if not still or not len(touching):
         return None

@@ -6,6 +6,10 @@ Supports prescribe A u = g(t), a row a node (or a pair of nodes) and direction. 
 
 y are the free unknowns, u_D = H g is the held displacement, and H'R the force that each row takes of reactions R.
 
+Supports with patterns M prescribe A u = g(t) + M c, with unknown amplitudes c: the motions of rigid parts. Then u =
+P y + H g + (H M) c, and the columns of H M, made orthonormal, join P as its last ones; P'H = 0 does not hold of these.
+Loads act on c by M'H'f, rows of contact read it, and its balance is M'mu = 0 of the forces mu of the rows.
+
 Nodes that rows join, directly or by way of others, make a *site*; elsewhere every node is a site of its own. A, P
 and H are found site by site: Gram-Schmidt makes an orthonormal frame of what is prescribed first, then of the
 normals of bilateral contact, then of those that friction and obstacles refer to, and axes fill it up. Rows that
@@ -22,11 +26,13 @@ from typing import Any, TypeVar
 
 import numpy as np
 import scipy.sparse as sp
+from scipy.linalg import block_diag
 from scipy.sparse.csgraph import connected_components
 
 from vemcvx.base.arrays import EPS, SAME, Bools, Floats, Ints
 from vemcvx.base.errors import SceneError
 from vemcvx.effects import Friction, Obstacle, Support
+from vemcvx.meshes.polygons import smallest_linked
 from vemcvx.scene.rows import jump_rows, pairs_of
 from vemcvx.vem import tangents_of
 from vemcvx.vem.boundary import STRAIGHT
@@ -48,6 +54,7 @@ class Supports:
     H: sp.csr_matrix  # (n_u, s) displacements that hold one row at 1, others at 0; zero for rows that depend on others
     depends: Bools  # (s,) which rows depend on earlier ones
     reach: Floats  # (s,) the length of a row's part across earlier ones
+    amplitudes: int = 0  # how many of the free unknowns, the last, are amplitudes of supports; they belong to no site
     _last: dict[float, Floats] = field(default_factory=dict, compare=False, repr=False)  # the motion last asked for
 
     @cached_property
@@ -61,6 +68,15 @@ class Supports:
         dim, moving = self.points.shape[1], self.of_rows([support.value is not None for support in self.given])
         nodes = np.unique(self.H[:, np.flatnonzero(moving)].nonzero()[0] // dim)
         return (nodes[:, None] * dim + np.arange(dim)).ravel()
+
+    @cached_property
+    def linked(self) -> Ints:
+        """(n_nodes,) the site of every node, one number for all sites that move with one amplitude."""
+        count, last = len(self.points), self.P.shape[1] - self.amplitudes
+        entries = self.P[:, last:].tocoo()
+        links = np.column_stack([self.sites[entries.row // self.points.shape[1]], count + entries.col])
+        linked: Ints = smallest_linked(links, count + self.amplitudes)[self.sites]
+        return linked
 
     def of_rows(self, flags: Sequence[bool]) -> Bools:
         """(s,) the flag of the support of each row."""
@@ -87,7 +103,7 @@ class Supports:
         """Return the projectors (b, dim, dim) on what is free at the corners of each side, nodes (c,) of sides (c,)."""
         dim = self.points.shape[1]
         nodes, place = np.unique(corners, return_inverse=True)
-        rows = self.P[(dim * nodes[:, None] + np.arange(dim)).ravel()]
+        rows = self.P[(dim * nodes[:, None] + np.arange(dim)).ravel(), : self.P.shape[1] - self.amplitudes]
         gram = sp.bsr_matrix(rows @ rows.T, blocksize=(dim, dim)).tocoo()
         own = np.zeros((len(nodes), dim, dim))
         near = gram.row // dim == gram.col // dim
@@ -187,20 +203,57 @@ def resolve(supports: Sequence[Support], normals: Sequence[Friction | Obstacle],
     value, k, data = map(np.concatenate, zip(*free, strict=True))
     P = sp.csr_matrix((data, (value, column[k])), shape=(points.size, columns))
     value, k, data = map(np.concatenate, zip(*lifted, strict=True))
+    H = sp.csr_matrix((data, (value, k)), shape=(points.size, count))
+    moved = _moved_by_amplitudes(given, A, H, reach, points)
+    if moved.shape[1] and columns == 0:
+        subjects = ", ".join(s.subject for s in given if s.patterns is not None)
+        raise SceneError(f"{subjects}: all nodes are held or move as rigid parts; leave a body that deforms.")
+    P = sp.csr_matrix(sp.hstack([P, moved])) if moved.shape[1] else P
     by_columns = sp.csc_matrix(P)
     selects = by_columns.nnz == columns and (by_columns.data == 1.0).all()
     return Supports(
         P=P,
         columns=by_columns.indices.astype(np.int64) if selects else None,
-        owner=owners[by_site],
+        owner=np.append(owners[by_site], np.full(moved.shape[1], site.max() + 1)),
         sites=site,
         points=points,
         given=given,
         A=A,
-        H=sp.csr_matrix((data, (value, k)), shape=(points.size, count)),
+        H=H,
         depends=depends,
         reach=reach,
+        amplitudes=moved.shape[1],
     )
+
+
+def _moved_by_amplitudes(
+    given: Sequence[Support], A: sp.csr_matrix, H: sp.csr_matrix, reach: Floats, points: Floats
+) -> sp.csr_matrix:
+    """Return orthonormal columns (n_u, k) that span H M, the motions of all nodes by amplitudes of supports.
+
+    SceneError where a row that depends on others does not move with them.
+    """
+    each = [np.zeros((len(s.nodes), 0)) if s.patterns is None else s.patterns for s in given]
+    M = block_diag(np.zeros((0, 0)), *each)
+    if M.shape[1] == 0:
+        return sp.csr_matrix((H.shape[0], 0))
+    motions = H @ M
+    off = np.abs(A @ motions - M).max(axis=1) - (SAME + 2.0 * reach) * np.abs(motions).max()
+    if off.max() > 0:
+        row, owner = int(np.argmax(off)), np.repeat(np.arange(len(given)), [len(s.nodes) for s in given])
+        own, node = given[owner[row]], np.concatenate([s.nodes for s in given])[row]
+        at_node = [s.subject for s in given if node in s.nodes or (s.partners is not None and node in s.partners)]
+        loose = ", ".join(s.subject for s in given if s.patterns is not None)
+        raise SceneError(
+            f"{own.subject}: node {node} at {points[node]} is held by {' and '.join(dict.fromkeys(at_node))}, which "
+            f"contradicts the free motions of {loose}. Prescribe there what other supports hold (motion= of Rigid), or "
+            "end them, and contact that holds, beside it."
+        )
+    # Cholesky's factor of the products, twice, keeps the motions of different parts apart to the bit, as no QR does.
+    for _ in range(2):
+        motions /= np.linalg.norm(motions, axis=0)
+        motions = motions @ np.linalg.inv(np.linalg.cholesky(motions.T @ motions)).T
+    return sp.csr_matrix(motions)
 
 
 def _sites(nodes: Ints, partners: Ints, n_nodes: int) -> Ints:

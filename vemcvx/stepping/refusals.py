@@ -95,7 +95,7 @@ def refuse_unbalanced(condensation: Condensation, program: StepProgram, when: st
         return
     parts = np.linalg.lstsq(kernel.modes[condensation.retained], field, rcond=None)[0].astype(float)
     # Unknowns of a joint that read a jump move by less than the bodies themselves.
-    field /= np.abs(kernel.modes @ parts).max()
+    field /= kernel.reach(parts)
     push = float(field @ program.g)
     holds = float(program.w @ lengths(program.operators.blocks(program.operators.B @ field)))
     holds = holds if holds > 1e-12 * push else 0.0  # Less is rounding: no slip.

@@ -1,0 +1,87 @@
+"""A rigid punch whose force moves off its middle: it tilts, and its pressure has a closed form.
+
+A flat punch of half width a, which is rigid, is pressed without friction on an elastic half-plane, plane strain, with
+the force P at the distance e from its middle. It sinks and turns until its reaction is in balance (Sadowsky 1928),
+
+    p(x) = P (1 + 2 e x / a^2) / (pi sqrt(a^2 - x^2)),   e <= a / 2,   turn = 4 (1 - nu^2) P e / (pi E a^2) clockwise:
+
+beyond e = a / 2 it lifts off on one side. Here the force stands in the middle until t = 1/4, and then moves to a / 2.
+The half-plane is a block, 16 a wide and 8 a deep and clamped below, which makes it stiffer by a part of a / depth; the
+infinite pressure at the edges makes errors of nodal forces O(h / a).
+
+    vemcvx run problems/rigid_punch.py --n 6 --steps 8 --plot
+"""
+
+import numpy as np
+
+import vemcvx as vx
+from problem_pictures import MM, beside_closed_form, body_and_graph
+
+HALF, FORCE, YOUNG, POISSON = 1.0, 100.0, 20e3, 0.3
+UNITS = MM
+SMALL = {"n": 6, "steps": 8}
+
+
+def offset(t):
+    """How far the force is from the middle."""
+    return HALF / 2 * np.interp(t, [0.25, 1.0], [0.0, 1.0])
+
+
+def pressure(x, t):
+    return FORCE * (1 + 2 * offset(t) * x / HALF**2) / (np.pi * np.sqrt(HALF**2 - x**2))
+
+
+def turn(t):
+    """Anticlockwise."""
+    return -4 * (1 - POISSON**2) * FORCE * offset(t) / (np.pi * YOUNG * HALF**2)
+
+
+def scene():
+    return vx.Scene(
+        vx.Elasticity(young=YOUNG, poisson=POISSON),
+        vx.Clamp(on="ground.bottom"),
+        vx.UnilateralContact(on="ground|punch"),
+        vx.Rigid(
+            on="punch",
+            at=(0.0, 0.0),
+            force=(0.0, -FORCE),
+            moment=lambda x, t: -FORCE * offset(t),
+            motion=(0.0, None, None),
+        ),
+    )
+
+
+initial = "settled"
+
+
+def mesh(n, family="squares"):
+    """The punch is two cells wide a quarter of its half width, and one cell high."""
+    make = vx.meshes.FAMILIES[family]
+    ground = make((16 * n, 8 * n), box=((-8 * HALF, 8 * HALF), (-8 * HALF, 0.0)))
+    return vx.meshes.bodies({"ground": ground, "punch": vx.meshes.squares((2 * n, 1), box=((-HALF, HALF), (0, HALF)))})
+
+
+def times(steps):
+    return np.linspace(0.0, 1.0, steps + 1)
+
+
+def tilt(history):
+    """(S,) the turn of the punch, from the motion of its upper corners."""
+    top = np.unique(history.mesh.boundaries["punch.top"])
+    x = history.mesh.points[top, 0]
+    return np.polyfit(x, history.displacement[:, top, 1].T, 1)[0]
+
+
+def picture(history):
+    """The tilted punch, and the pressure below it at first and at last."""
+    window = ((-3 * HALF, 3 * HALF), (-3 * HALF, HALF))
+    figure, graph = body_and_graph(history, window=window, stress="yy", forces="contact")
+    x = HALF * np.sin(np.linspace(-1.45, 1.45, 200))
+    for step, style in ((0, "--"), (-1, "-")):
+        marks = history.contact.points[:, 0], history.contact.pressure[step]
+        t = history.times[step]
+        names = {"label": "computed" if step else None, "exact_label": f"e = {offset(t):g}"}
+        beside_closed_form(graph, marks, (x, pressure(x, t)), style=style, **names)
+    graph.legend(frameon=False, fontsize="small")
+    graph.set(xlabel="x (mm)", ylabel="pressure (MPa)", ylim=(0.0, 4 * FORCE / (np.pi * HALF)))
+    return figure

@@ -65,7 +65,8 @@ class History(Results, Outlined):
     out_of_plane_prestress : (S, n_cells) or None
         The part of zz that eigenstrains cause; None if there are none.
     inactive : tuple of str
-        Effects of the scene without influence on this run: dropped, or never active.
+        Effects of the scene without influence on this run: dropped, or never active; and the mean motion of a body
+        that nothing holds.
     errors : dict or None
         Relative energy errors of an adaptive run: "algebra", "space", "time", their sum "total"; and its "target".
     sides : Sides or None

@@ -355,10 +355,10 @@ def _continued(history: Results, posed: PosedScene, times: Floats) -> Continued:
 
 def _within_supports(u: Floats, posed: PosedScene, times: Floats) -> Floats:
     """Return the free unknowns of nodal displacements (n_nodes, dim); SceneError where supports hold others."""
-    t, points = float(times[0]), posed.space.mesh.points
+    t, points, resting = float(times[0]), posed.space.mesh.points, posed.at_rest(u.ravel())
     P, held = posed.supports.P, posed.supports.motion(t)
-    y: Floats = P.T @ (u.ravel() - held)
-    off = np.abs(P @ y + held - u.ravel())
+    y: Floats = P.T @ (resting - held)
+    off = np.abs(P @ y + held - resting)
     # Where supports move later, their motion at t may be rounding.
     size = max(np.abs(u).max(), *(np.abs(posed.supports.motion(t)).max() for t in times.tolist()))
     if off.max() > SAME * size:

@@ -23,7 +23,7 @@ def blocks():
     [
         ((FOOT, BOND), r"the body floats: 1 .* the first the translation \(1, 0\) of upper\. Add Clamp"),
         ((FOOT,), r"part 2 of 2 of the body floats: 3 rigid motions .* of upper\. "),
-        ((BOND,), r"the body floats: 4 rigid motions .* of (lower|upper)\. "),
+        ((BOND,), r"the body floats: 1 rigid motion .* of (lower|upper)\. "),
         ((vx.Clamp(on="upper.top"), BOND), r"the body floats: 1 .* the first the translation \(1, 0\) of lower\. "),
     ],
 )
@@ -139,7 +139,7 @@ def test_a_skew_body_in_space_is_held_by_a_clamp():
     push = vx.BodyForce(lambda x, t: [t, 0.0, 0.0])
     held = vx.simulate(vx.Scene(vx.Elasticity(200.0, 0.3), vx.Clamp(on="top"), push), mesh, [0.0, 1.0])
     assert held.reaction("top")[-1, 0] == pytest.approx(-1.0, rel=1e-9)
-    with pytest.raises(vx.SceneError, match="the body floats: 6 rigid motions"):
+    with pytest.raises(vx.SceneError, match="nothing holds the body, and its loads do not balance: at t = 1"):
         vx.simulate(vx.Scene(vx.Elasticity(200.0, 0.3), push), mesh, [0.0, 1.0])
 
 

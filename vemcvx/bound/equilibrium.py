@@ -129,7 +129,8 @@ def equilibrium(edges: Edges, fans: tuple[Fans, ...], stiffness: tuple[Floats, .
     each = [*(one.of_cells(G) for one, G in zip(fans, stiffness, strict=True)), boundary.springs]
     K = sp.csr_matrix(P.T @ assembled(places, each, P.shape[0]) @ P)
     # With this much a correction leaves 1e-5 of the error on a body of a thousand cells.
-    K = K + sp.diags_array(SAME * K.diagonal()) if boundary.motions.shape[1] else K
+    floats = boundary.motions.shape[1] or boundary.posed.pins
+    K = K + sp.diags_array(SAME * K.diagonal()) if floats else K
     factor = choose_linear(K.shape[0]).factorise(K)
     return Equilibrium(edges=edges, fans=fans, stiffness=stiffness, P=P, springs=boundary.springs, factor=factor)
 

@@ -127,7 +127,7 @@ def _between(posed: PosedScene, history: History) -> tuple[Floats, Floats]:
     )
     system, supports, instants = whole.system, whole.supports, np.union1d(times, off)
     own = [
-        supports.P.T @ (u.ravel() - supports.motion(t))
+        supports.P.T @ (whole.at_rest(u.ravel()) - supports.motion(t))
         for u, t in zip(history.displacement, times.tolist(), strict=True)
     ]
     at = np.searchsorted(instants, times).tolist()

@@ -190,5 +190,5 @@ def in_time(posed: PosedScene, run: Trajectory) -> Finer:
     whole = pose_scene(posed.scene, posed.space.mesh, between=run.times.tolist()) if posed.inactive else posed
     start, y = float(run.times[0]), run.initial
     if whole is not posed:
-        y = whole.supports.gather(displacement(posed, y, start) - whole.supports.motion(start))
+        y = whole.supports.gather(whole.at_rest(displacement(posed, y, start)) - whole.supports.motion(start))
     return beside_finer(prepare(whole.system, None, False, True), run.times, y)

@@ -166,6 +166,8 @@ def _of_supports(posed: PosedScene, trajectory: Trajectory, forces: Floats) -> I
     mu, first = np.asarray(rest @ supports.H[own]), 0
     for support, cause in zip(supports.given, posed.causes["supports"].tolist(), strict=True):
         along = mu[:, first : (first := first + len(support.nodes))]
+        if cause < 0:  # pins take no force
+            continue
         force = along[:, :, None] * support.directions
         held = not support.contact
         yield _spread(posed, cause, support.nodes, force, held=held, directions=support.directions)

@@ -28,7 +28,17 @@ from vemcvx.scene import Scene
 from vemcvx.scene.pose import PosedScene, pose_scene, unwarned
 from vemcvx.scene.rows import ContactRows, distinct_pairs
 from vemcvx.stepping import Storage, Trajectory, programs_of_trajectory
-from vemcvx.vem import Space, Stabilisation, VertexWeights, equivalent, principal, strains, stresses
+from vemcvx.vem import (
+    Space,
+    Stabilisation,
+    VertexWeights,
+    equivalent,
+    mean_weights,
+    principal,
+    rigid_modes,
+    strains,
+    stresses,
+)
 
 log = logging.getLogger("vemcvx")
 
@@ -421,9 +431,11 @@ def record(posed: PosedScene, trajectory: Trajectory, assembled: float, storage:
         return rows
 
     shape = posed.space.mesh.points.shape
+    centred = without_mean_motion(posed.space) if posed.pins else lambda u: u
     u, forces = (storage.array(name, (len(times), *shape)) for name in ("displacement", "forces"))
     for row, t in enumerate(times):
         u[row] = displacement(posed, trajectory.state[row], t).reshape(shape)
+        u[row] = centred(u[row])
         stressed = posed.A @ u[row].ravel() + _damped(posed, trajectory, row)
         forces[row] = (stressed - posed.force(t)).reshape(shape)
     across, blocked, blocked_across = material.out_of_plane, None, None
@@ -453,6 +465,18 @@ def record(posed: PosedScene, trajectory: Trajectory, assembled: float, storage:
         inactive=posed.inactive + untouched,
         sides=sides_of(posed),
     )
+
+
+def without_mean_motion(space: Space) -> Callable[[Floats], Floats]:
+    """Return a function that takes from nodal values (n_nodes, dim) the mean displacement and mean rotation of Pi u.
+
+    The rotation is the antisymmetric part of the gradient.
+    """
+    points, dim = space.mesh.points, space.dim
+    values, gradient = mean_weights(space, np.ones(space.mesh.n_cells, dtype=bool))
+    modes, reads = rigid_modes(points - points.mean(axis=0)), rigid_modes(gradient)
+    reads[:, :dim] *= np.repeat(values, dim)[:, None]
+    return lambda u: u - (modes @ np.linalg.solve(reads.T @ modes, reads.T @ u.ravel())).reshape(u.shape)
 
 
 def displacement(posed: PosedScene, y: Floats, t: float) -> Floats:

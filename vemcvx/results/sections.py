@@ -23,7 +23,7 @@ from vemcvx.effects import cells_of
 from vemcvx.results.forces import moments
 from vemcvx.results.probe import check_field
 from vemcvx.results.results import Results
-from vemcvx.vem import Space, stiffness_of, stress_load
+from vemcvx.vem import Space, mean_weights, stiffness_of, stress_load
 
 
 class Section(NamedTuple):
@@ -58,22 +58,10 @@ def mean(history: Results, field: str, on: str | Sequence[str] | None) -> Floats
     space = history._space
     some, sizes = cells_of(space, on, "mean"), history.mesh.measures
     if field == "displacement":
-        found: Floats = np.einsum("n,snd->sd", _weights(space, some), history.displacement) / sizes[some].sum()
+        found: Floats = np.einsum("n,snd->sd", mean_weights(space, some)[0], history.displacement) / sizes[some].sum()
         return found
     each = np.stack([getattr(history, field)(int(step))[some] for step in history.stored])
     found = np.einsum("c,sc...->s...", sizes[some], each) / sizes[some].sum()
-    return found
-
-
-def _weights(space: Space, some: Bools) -> Floats:
-    """Return weights of nodal values (n_nodes,) that integrate Pi u over cells (n_cells,): |K| times Pi u(centroid)."""
-    found, mesh = np.zeros(len(space.mesh.points)), space.mesh
-    for group in space.groups:
-        kept = group.part(np.flatnonzero(some[group.cells]))
-        sizes, slopes = kept.gradients()
-        w = kept.boundary_means()
-        arm = mesh.centroids[kept.cells] - mesh.points[kept.nodes[:, 0]] - np.einsum("ci,cia->ca", w, kept.corners)
-        np.add.at(found, kept.nodes, sizes[:, None] * w + np.einsum("cia,ca->ci", slopes, arm))
     return found
 
 

@@ -17,13 +17,13 @@ import scipy.sparse as sp
 
 from vemcvx.base.arrays import Floats, Ints, read_only
 from vemcvx.base.errors import SceneWarning
-from vemcvx.effects import Contribution, Load, Material, MaterialLaw, Obstacle
+from vemcvx.effects import Contribution, Load, Material, MaterialLaw, Obstacle, Support
 from vemcvx.linear import order_by_nested_dissection
 from vemcvx.meshes import Mesh
 from vemcvx.program.kernel import Kernel
 from vemcvx.program.system import Damping, ForceOnPart, Limits, Motion, Norms, System
 from vemcvx.scene.contact import Obstacles, Surface, Terms, out_of_reach, pose_contact, warn_of_free_normals
-from vemcvx.scene.rigid import floating_motions, seen_from_bodies
+from vemcvx.scene.rigid import check_balance, floating_motions, pins_of, seen_from_bodies
 from vemcvx.scene.rows import straightened
 from vemcvx.scene.scene import InitialStresses, Scene, active_parts, compose, initial_stresses
 from vemcvx.scene.supports import Supports, by_precedence, resolve
@@ -98,6 +98,9 @@ def motion_of(
 T = TypeVar("T")
 
 
+UNHELD = "the motion of the whole body: nothing holds it and its loads balance, so its mean is taken to be zero"
+
+
 @dataclass(frozen=True, kw_only=True)
 class PosedScene:
     """A scene on a mesh, ready to march: `march(posed.system, times)`, in the free unknowns y of u = P y + u_D(t)."""
@@ -120,10 +123,11 @@ class PosedScene:
     laws: tuple[Contribution, ...] = ()  # what materials contribute, but for their stiffness
     stops: Sequence[Obstacle] = ()  # the obstacles, of which `obstacles` are made
     causes: Mapping[str, Ints] = field(default_factory=dict)
-    """the numbers, among the effects in canonical order, of those that brought each of the "supports" given, of the
-    "frictions" and of the "obstacles" """
+    """the numbers, among the effects in canonical order, of those that brought each of the "supports" given (-1 of
+    pins), of the "frictions" and of the "obstacles" """
     caused_loads: tuple[tuple[int, Load], ...] = ()  # likewise, the loads
     caused_springs: tuple[tuple[int, sp.csr_matrix], ...] = ()  # likewise, the stiffness of springs to the ground
+    pins: tuple[Support, ...] = ()  # the support that takes no force, of a body that nothing holds
 
     @property
     def energy_rows(self) -> Callable[[], sp.csr_matrix] | None:
@@ -140,6 +144,14 @@ class PosedScene:
         for load in self.loads:
             f += load.vector(t)
         return f
+
+    def at_rest(self, u: Floats) -> Floats:
+        """Return nodal values u (n_u,) after the rigid motion that takes pins back to zero; without pins u itself."""
+        for pins in self.pins:
+            values = pins.nodes * self.space.dim + np.argmax(pins.directions, axis=1)
+            modes = rigid_modes(self.supports.points - pins.points.mean(axis=0))
+            u = u - modes @ np.linalg.solve(modes[values], u[values])
+        return u
 
 
 @contextmanager
@@ -165,11 +177,12 @@ def pose_scene(scene: Scene, mesh: Mesh, times: Sequence[float] = (), *, between
     contact = [_chain(getattr(p, name) for p in parts) for name in ("frictions", "obstacles", "surfaces")]
     straight = iter(straightened(holds, _chain(contact)))
     frictions, stops, surfaces = ([next(straight) for _ in kind] for kind in contact)
+    springs = _sum(p.stiffness for p in parts if p.material is None)
+    pins = pins_of((*holds, *frictions, *stops), mesh.points) if springs is None else ()
     # Whatever refers to normals, so that nodal frames have them as axes.
-    supports = resolve(holds, (*frictions, *stops), mesh.points)
+    supports = resolve([*holds, *pins], (*frictions, *stops), mesh.points)
     known = times if len(times) else between
     terms, obstacles, surface = pose_contact(surfaces, frictions, stops, supports, times, known=known)
-    springs = _sum(p.stiffness for p in parts if p.material is None)
     viscosity = _sum(p.viscosity for p in parts)
     norms, limited = terms.norms(supports), obstacles.limits(supports)
     kernel = _unsupported(space, supports, norms, limited, springs)
@@ -191,7 +204,7 @@ def pose_scene(scene: Scene, mesh: Mesh, times: Sequence[float] = (), *, between
         damping=_damping(viscosity, supports, seen),
         dragged=terms.carried(supports),
     )
-    return PosedScene(
+    posed = PosedScene(
         scene=scene,
         space=space,
         system=system,
@@ -204,7 +217,7 @@ def pose_scene(scene: Scene, mesh: Mesh, times: Sequence[float] = (), *, between
         prestress=prestress,
         obstacles=obstacles,
         springs=springs,
-        inactive=(*inactive, *out_of_reach(terms, stops, supports)),
+        inactive=(*inactive, *out_of_reach(terms, stops, supports), *[UNHELD] * len(pins)),
         curves=_chain(p.curves for p in parts),
         viscosity=viscosity,
         laws=tuple(
@@ -213,8 +226,12 @@ def pose_scene(scene: Scene, mesh: Mesh, times: Sequence[float] = (), *, between
             if isinstance(effect, MaterialLaw)
         ),
         stops=stops,
+        pins=pins,
         **_caused(parts, supports),
     )
+    if pins:
+        check_balance(posed.force, mesh.points, known)
+    return posed
 
 
 def _caused(parts: Sequence[Contribution], supports: Supports) -> dict[str, Any]:
@@ -224,7 +241,7 @@ def _caused(parts: Sequence[Contribution], supports: Supports) -> dict[str, Any]
         name: np.repeat(np.arange(len(parts)), [len(getattr(part, name)) for part in parts])
         for name in ("frictions", "obstacles")
     }
-    causes["supports"] = np.array([owner[id(support)] for support in supports.given], dtype=np.int64)
+    causes["supports"] = np.array([owner.get(id(support), -1) for support in supports.given], dtype=np.int64)
     springs = [(i, part.stiffness) for i, part in enumerate(parts) if part.material is None]
     return {
         "causes": causes,

@@ -1,4 +1,10 @@
-"""Bodies that float: motions without strain that no support resists, found and said in words."""
+"""Bodies that float: motions without strain that no support resists, found and said in words.
+
+A body that nothing holds at all has an answer where its loads balance: R'f(t) = 0 for its rigid motions R (n_u, k). The
+answer is unique but for a rigid motion. k nodal values, such that R is regular there, are held at zero (*pins*). That
+chooses one answer, and takes no force: R'(A u - f) = 0, so that the forces r of pins obey R'r = 0, r = 0. Results are
+the answer without its mean rigid motion (:mod:`vemcvx.results.results`).
+"""
 
 from __future__ import annotations
 
@@ -10,11 +16,14 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.linalg import qr
 
-from vemcvx.base.arrays import EPS, Floats, Ints
+from vemcvx.base.arrays import EPS, SAME, Floats, Ints
 from vemcvx.base.errors import SceneError
+from vemcvx.base.outline import coordinates
+from vemcvx.effects import ContactSurface, Support
 from vemcvx.meshes import Mesh
 from vemcvx.meshes.polygons import smallest_linked
 from vemcvx.program.kernel import Kernel
+from vemcvx.scene.rows import pairs_of
 from vemcvx.scene.supports import Supports
 from vemcvx.vem import Space, rigid_modes, split_motion
 from vemcvx.vem.boundary import STRAIGHT
@@ -155,6 +164,41 @@ def floating_motions(
     named = all(None not in part.bodies for part, _ in motions)
     modes = np.hstack(fields_of)
     return Kernel(modes, names, partial(combined, motions), supports.P @ modes), named
+
+
+def pins_of(parts: Sequence[Support | ContactSurface], points: Floats) -> tuple[Support, ...]:
+    """Return the pins of a body with these supports, frictions and obstacles; none if one of them is on the ground.
+
+    They are on nodes (of points (n_nodes, dim)) that no part touches.
+    """
+    nodes, partners = pairs_of(parts)
+    if (partners < 0).any():
+        return ()
+    dim, apart = points.shape[1], np.setdiff1d(np.arange(len(points)), np.append(nodes, partners))
+    modes = rigid_modes((points - points.mean(axis=0))[apart] / np.ptp(points, axis=0).max())
+    values = qr(modes.T, mode="r", pivoting=True)[1][: modes.shape[1]]
+    pinned = apart[values // dim]
+    return (Support("supports", pinned, np.eye(dim)[values % dim], points[pinned]),)
+
+
+def check_balance(force: Callable[[float], Floats], points: Floats, times: Sequence[float]) -> None:
+    """Raise SceneError for loads, t -> (n_u,), of a body that nothing holds which are out of balance at an instant.
+
+    Balanced is what is so to `SAME` of the sum of all sizes: to rounding.
+    """
+    centre = points.mean(axis=0)
+    modes = rigid_modes(points - centre)
+    for t in times:
+        f = force(t)
+        left, size = modes.T @ f, np.abs(modes).T @ np.abs(f)
+        left = np.where(np.abs(left) > SAME * size, left, 0.0)
+        if left.any():
+            pull, turn = (coordinates(part) for part in split_motion(left))
+            raise SceneError(
+                f"supports: nothing holds the body, and its loads do not balance: at t = {t:.6g} their resultant is "
+                f"{pull}, and their moment about {coordinates(centre)} is {turn}. Add Clamp, PrescribedDisplacement or "
+                "BilateralContact where they hold it, or the loads that are missing."
+            )
 
 
 def seen_from_bodies(space: Space) -> Callable[[Floats], Floats]:

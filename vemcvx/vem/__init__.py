@@ -22,7 +22,7 @@ from vemcvx.vem.elasticity import (
     tractions,
     upper_triangle,
 )
-from vemcvx.vem.loads import cell_load, cell_quadrature, edge_load, mean_strains, stress_load
+from vemcvx.vem.loads import cell_load, cell_quadrature, edge_load, mean_strains, mean_weights, stress_load
 from vemcvx.vem.points_in_solids import solid_places
 from vemcvx.vem.projection import CellGroup, tangents_of
 from vemcvx.vem.space import Space
@@ -53,6 +53,7 @@ __all__ = [
     "isotropic_stress",
     "mean_shear",
     "mean_strains",
+    "mean_weights",
     "missed_energies",
     "principal",
     "rigid_modes",

@@ -153,6 +153,23 @@ def cell_load(space: Space) -> tuple[Floats, sp.csr_matrix, Ints]:
     return np.concatenate(points), sp.hstack(matrices, format="csc").tocsr(), np.concatenate(cells)
 
 
+def mean_weights(space: Space, some: Bools) -> tuple[Floats, Floats]:
+    """Return weights of nodal values that integrate Pi u (n_nodes,) and its gradient (n_nodes, dim) over some cells.
+
+    Of Pi u that is |K| times its value at the centroid.
+    """
+    mesh = space.mesh
+    values, gradient = np.zeros(len(mesh.points)), np.zeros(mesh.points.shape)
+    for group in space.groups:
+        kept = group.part(np.flatnonzero(some[group.cells]))
+        sizes, slopes = kept.gradients()
+        w = kept.boundary_means()
+        arm = mesh.centroids[kept.cells] - mesh.points[kept.nodes[:, 0]] - np.einsum("ci,cia->ca", w, kept.corners)
+        np.add.at(values, kept.nodes, sizes[:, None] * w + np.einsum("cia,ca->ci", slopes, arm))
+        np.add.at(gradient, kept.nodes, slopes)
+    return values, gradient
+
+
 def stress_load(space: Space) -> sp.csr_matrix:
     """The virtual work of stresses that are constant on cells, sum_K |K| sigma : eps(Pi v).
 

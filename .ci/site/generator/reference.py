@@ -125,7 +125,7 @@ TOPICS = {
         "vem.stabilisation_of vem.consistent_blocks vem.energy_rows vem.cell_energies vem.missed_energies "
         "vem.mean_strains vem.cell_load vem.cell_quadrature vem.edge_load vem.edge_part vem.stress_load vem.strains "
         "vem.stresses vem.isotropic_stress vem.equivalent vem.principal vem.component_names vem.tractions "
-        "vem.tangents_of "
+        "vem.tangents_of vem.mean_weights "
         "vem.rigid_modes vem.split_motion vem.solid_places vem.upper_triangle",
         modules="vem.elasticity",
     ),

@@ -1,0 +1,114 @@
+"""Bodies that nothing holds: solved where their loads balance, without their mean rigid motion; else refused."""
+
+import re
+
+import numpy as np
+import pytest
+
+import vemcvx as vx
+
+FAMILIES = vx.meshes.FAMILIES | vx.meshes.SPACE_FAMILIES
+E, NU = 200.0, 0.3
+STEEL = vx.Elasticity(E, NU)
+BAR = ((0.0, 4.0), (0.0, 1.0), (0.0, 1.0))
+
+
+def settled(mesh, *effects, times=(0.0, 1.0)):
+    return vx.simulate(vx.Scene(*effects), mesh, times, initial="settled")
+
+
+def rests(history):
+    """No support takes a force, loads balance forces of contact, and the mean displacement vanishes."""
+    assert np.abs(history.reaction("boundary")).max() == 0.0
+    assert np.abs(history.mean("displacement")).max() <= 1e-13 * np.abs(history.displacement).max()
+    assert any(words.startswith("the motion of the whole body: nothing holds it") for words in history.inactive)
+
+
+@pytest.mark.parametrize(("family", "n"), [("squares", (8, 2)), ("voronoi", 5), ("cubes", (4, 1, 1))])
+def test_a_bar_pulled_at_both_ends(family, n):
+    """u = (F/E x, -nu F/E y) about the middle, in plane stress and in space."""
+    dim = 3 if family == "cubes" else 2
+    mesh = FAMILIES[family](n, box=BAR[:dim])
+    pull = 3.0 * np.eye(dim)[0]
+    material = vx.Elasticity(E, NU, plane="stress") if dim == 2 else STEEL
+    history = settled(mesh, material, vx.Traction(pull, on="right"), vx.Traction(-pull, on="left"))
+    strain = 3.0 / E * np.where(np.arange(dim) == 0, 1.0, -NU)
+    exact = (mesh.points - [np.mean(side) for side in BAR[:dim]]) * strain
+    assert history.displacement[-1] == pytest.approx(exact, abs=1e-13)
+    assert history.section(np.full(dim, 0.4), np.eye(dim)[0]).force[-1] == pytest.approx(pull, abs=1e-11)
+    rests(history)
+
+
+def test_heat_alone_leaves_a_body_without_stress():
+    """In plane strain it grows by (1 + nu) alpha T about its middle."""
+    mesh = vx.meshes.voronoi(5)
+    history = settled(mesh, STEEL, vx.ThermalStrain(1e-3, 10.0))
+    assert np.abs(history.stress(-1)).max() <= 1e-12 * E
+    assert history.displacement[-1] == pytest.approx((1 + NU) * 1e-2 * (mesh.points - 0.5), abs=1e-15)
+    rests(history)
+
+
+def tube(angle, sectors, *held):
+    mesh = vx.meshes.ring(np.linspace(1.0, 1.8, 5), sectors, angles=(0.0, angle))
+    pressures = (
+        vx.Pressure(lambda x, t, p=p: np.full(len(x), p * t), on=on) for p, on in ((3.0, "inner"), (1.0, "outer"))
+    )
+    return vx.Scene(STEEL, *pressures, *held), mesh
+
+
+def test_a_tube_under_pressure_without_planes_of_symmetry():
+    """Lame's u_r, to O(h^2); bounds and estimates are those of four quarters."""
+    history, quarter = (
+        vx.simulate(*tube(*arguments), [0.0, 1.0])
+        for arguments in ((2 * np.pi, 32), (np.pi / 2, 8, vx.Symmetry(on=["first", "last"])))
+    )
+    points = history.mesh.points
+    A, B = (3.0 - 1.8**2) / (1.8**2 - 1), 2.0 * 1.8**2 / (1.8**2 - 1)
+    exact = (1 + NU) / E * ((1 - 2 * NU) * A + B / np.sum(points**2, axis=1))[:, None] * points
+    assert history.displacement[-1] == pytest.approx(exact, abs=0.02 * np.abs(exact).max())
+    rests(history)
+    one, four = (vx.error_bound(of, 1) for of in (quarter, history))
+    assert four.upper**2 == pytest.approx(4 * one.upper**2, rel=1e-6)
+    assert four.lower <= four.upper
+    one, four = (vx.error_budget(of).largest["space"] for of in (quarter, history))
+    assert four == pytest.approx(one, rel=1e-6)
+
+
+def test_a_run_goes_on_from_another_and_from_any_place():
+    scene, mesh = tube(2 * np.pi, 12)
+    first = vx.simulate(scene, mesh, [0.0, 1.0])
+    whole = vx.simulate(scene, mesh, [0.0, 1.0, 2.0])
+    moved = first.displacement[-1] + [5.0, -2.0] + 0.1 * mesh.points[:, ::-1] * [-1.0, 1.0]
+    for initial in (first, moved):
+        then = vx.simulate(scene, mesh, [1.0, 2.0], initial=initial)
+        assert then.displacement == pytest.approx(whole.displacement[1:], abs=1e-13)
+
+
+def test_what_friction_joins_is_one_body():
+    """Two blocks that are pressed together: force and pressure are those of the load."""
+    box = {"low": (-1.0, 0.0), "up": (0.0, 1.0)}
+    mesh = vx.meshes.bodies({name: vx.meshes.squares(3, box=((0, 1), high)) for name, high in box.items()})
+    rub = vx.UnilateralContact(on="low|up"), vx.CoulombFriction(0.5, on="low|up")
+    history = settled(mesh, STEEL, vx.Pressure(2.0, on=["low.bottom", "up.top"]), *rub)
+    assert history.contact.pressure[-1] == pytest.approx(2.0, abs=1e-10)
+    assert history.force("low|up")[-1] == pytest.approx([0.0, -2.0], abs=1e-11)
+    rests(history)
+    with pytest.raises(vx.SceneError, match=r"^supports: the body floats: 1 rigid motion meets neither"):
+        settled(mesh, STEEL, vx.Pressure(2.0, on=["low.bottom", "up.top"]), rub[0])
+
+
+@pytest.mark.parametrize(
+    ("load", "resultant"),
+    [
+        (vx.Traction((0.5, 0.0), on="right"), r"(0.5, 0), and their moment about (0.5, 0.5) is (0)"),
+        (
+            vx.Traction(lambda x, t: (x - 0.5)[:, ::-1] * (-2.0, 2.0), on="boundary"),
+            "resultant is (0, 0), and their moment about (0.5, 0.5) is (2.667)",
+        ),
+    ],
+)
+def test_loads_out_of_balance_are_refused_with_their_resultant(load, resultant):
+    with pytest.raises(
+        vx.SceneError, match=r"^supports: nothing holds the body, and its loads .*" + re.escape(resultant)
+    ):
+        settled(vx.meshes.squares(2), STEEL, load)

@@ -26,9 +26,9 @@ from vemcvx.base.owned_files import Owned
 from vemcvx.cli import app
 from vemcvx.cli.cost import Cost
 from vemcvx.cli.problem_file import Posed, read_problem
-from vemcvx.cost.sweeping import Point, append, common_instants, finished_row, measured_point, read_journal, sweep
-from vemcvx.cost.table import advice, front, picture, table, without_limit
-from vemcvx.cost.workers import Crashed, TookTooLong, alone
+from vemcvx.cost.sweeping import Point, append, common_instants, measure_point, read_journal, run_to_row, sweep
+from vemcvx.cost.table import advice, front, growing_extremes, picture, table
+from vemcvx.cost.workers import Crashed, TookTooLong, call_in_process
 from vemcvx.estimate.measures import energy_distance
 from vemcvx.results.files import peak_memory_mb, read_archive
 
@@ -57,7 +57,7 @@ def rows(folder):
 @pytest.fixture
 def at_home(monkeypatch):
     """Every run of a sweep in this process, which is quicker."""
-    monkeypatch.setattr("vemcvx.cost.workers.alone", lambda function, *given: function(*given))
+    monkeypatch.setattr("vemcvx.cost.workers.call_in_process", lambda function, *given: function(*given))
 
 
 @pytest.fixture(scope="module")
@@ -77,7 +77,7 @@ def killed(tmp_path_factory):
     with (folder / "journal.jsonl").open("a") as stream:
         stream.write('{"family": "squares", "n": 2, "ta')
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("vemcvx.cost.workers.alone", lambda function, *given: function(*given))
+        patch.setattr("vemcvx.cost.workers.call_in_process", lambda function, *given: function(*given))
         return folder, before, cost(PROBLEM, *GRID, "--workers", "1", "--out", folder)
 
 
@@ -187,7 +187,7 @@ def posed(point):
 )
 def test_failures_are_rows(tmp_path, solver, status, words):
     point = replace(UNIFORM, n=5, solver=solver)
-    row = finished_row("key", point, partial(measured_point, posed, point, np.array([1.0]), tmp_path / "none", None))
+    row = run_to_row("key", point, partial(measure_point, posed, point, np.array([1.0]), tmp_path / "none", None))
     assert (row["status"], row["key"], row["n"]) == (status, "key", 5)
     assert words in row["message"]
     append(tmp_path / "journal", row)
@@ -235,7 +235,7 @@ def hold(megabytes):
 @pytest.mark.long
 def test_memory_is_that_of_the_run_alone():
     mine = np.ones(200 * 2**17)
-    length, peak, threads = alone(hold, 50)
+    length, peak, threads = call_in_process(hold, 50)
     assert length == 50 * 2**17
     # Its 50 MB beside the 80 MB of a process that has imported the package, and not ours.
     assert 50 < peak < 200 < peak_memory_mb()
@@ -254,11 +254,11 @@ def complain():
 @pytest.mark.long
 def test_a_process_that_ends_by_itself_or_in_time_is_an_error():
     with pytest.raises(Crashed, match="ended with exit code 3"):
-        alone(os._exit, 3)
+        call_in_process(os._exit, 3)
     with pytest.raises(TookTooLong):
-        alone(time.sleep, 3600, seconds=0.1)
+        call_in_process(time.sleep, 3600, seconds=0.1)
     with pytest.raises(vx.VemcvxError, match="mine"):
-        alone(complain)
+        call_in_process(complain)
 
 
 def children(pid):
@@ -343,10 +343,10 @@ def test_the_front_is_what_nothing_beats():
 
 def test_extremes_without_a_limit_are_told():
     found = [made(0.1, 1.0, n=n, von_mises=n**0.3, pressure=2.0 - 1.0 / n) for n in (16, 4, 8)]
-    assert list(without_limit(found)) == [
+    assert list(growing_extremes(found)) == [
         "the largest von Mises stress grew by a factor 1.23 from h = 0.125 to 0.0625 (squares, n = 4, 8, 16)"
     ]
-    assert list(without_limit(found[:1])) == []
+    assert list(growing_extremes(found[:1])) == []
 
 
 def test_advice_is_the_cheapest_run_that_is_good_enough():
@@ -451,5 +451,5 @@ def test_cells_across_the_border_of_two_materials_are_told(tmp_path):
     done = cost(tmp_path / "two.py", *asked, "--out", tmp_path / "out")
     assert done.exit_code == 0, done.output
     said = {row["n"]: row["message"] for row in rows(tmp_path / "out")}
-    assert said["3"].startswith("cells across a border have another material than the reference")
+    assert said["3"].startswith("cells at a border have another material than the reference")
     assert not said["4"]

@@ -60,13 +60,13 @@ def test_columns_and_rows_that_lead_out_of_a_matrix(written):
         )
 
 
-NONE = "A: is no Matrix Market file of a real matrix"
+NONE = "A: this is no Matrix Market file of a real matrix"
 
 
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("", "A: is cut short, or no text"),
+        ("", "A: the file is cut short or is no text"),
         ("%%MatrixMarket matrix array complex general\n1 1\n1 1\n", NONE + ".*complex"),
         ("%%MatrixMarket matrix array real general\n", NONE),
         ("%%MatrixMarket matrix array real general\n1 -1\n", NONE),
@@ -83,19 +83,19 @@ def test_matrices_that_are_refused(tmp_path, text, says):
         read_matrix(tmp_path / "a.mtx", "A")
 
 
-ANY = "is damaged, or no .* file of a step's program"
+ANY = "the file is damaged, or no .* file of a program"
 CHANGES = [
-    ("cbf", "block 2", "block -5", "found no first line .* only files that write_program"),
-    ("cbf", "block 2", "block 0", "its cones are not those that the first line announces"),
-    ("cbf", "terms 3", "terms 7", "its cones are not those that the first line announces"),
-    ("cbf", "unknowns 8", "unknowns 300000000", "in the first line, which a file of this size has no room for"),
+    ("cbf", "block 2", "block -5", "found no first line .* only files written by write_program"),
+    ("cbf", "block 2", "block 0", "its cones do not fit the sizes in the first line"),
+    ("cbf", "terms 3", "terms 7", "its cones do not fit the sizes in the first line"),
+    ("cbf", "unknowns 8", "unknowns 300000000", "in the first line; a file of this size cannot hold so many"),
     ("cbf", "unknowns 8", "unknown 8", "found no first line"),
     ("cbf", "\nCON\n", "\nCONE\n", ANY),
-    ("cbf", "\nQ 3\n", "\nQ 4\n", "its cones are not those"),
+    ("cbf", "\nQ 3\n", "\nQ 4\n", "its cones do not fit"),
     ("cbf", "\nBCOORD\n[0-9]+\n", "\\g<0>9\n", ANY),
     ("cbf", "\nACOORD\n[0-9]+\n[0-9]+", "\\g<0>999", ANY),
     ("cbf", "\nOBJACOORD\n[0-9]+\n", "\\g<0>-1", ANY),
-    ("mps", "^.*\n", "", "found no first line .* only files that write_program"),
+    ("mps", "^.*\n", "", "found no first line .* only files written by write_program"),
     (
         "mps",
         "motions 0",
@@ -125,8 +125,8 @@ def test_parts_of_other_kinds_and_shapes(written):
         "g": (kept["g"] + 1j, "g: found .* does not read as an array of real numbers"),
         "w": (np.array(["a", "b", "c"]), "w: found .* does not read as an array of real numbers"),
         "K_data": (kept["K_data"].astype(complex), "K"),
-        "K_indices": (kept["K_indices"].astype(float), "K: found rows that lead out of the matrix"),
-        "K_shape": (np.array([10**12, 8]), "K: found rows that lead out of the matrix"),
+        "K_indices": (kept["K_indices"].astype(float), "K: found compressed rows that are no matrix"),
+        "K_shape": (np.array([10**12, 8]), "K: found compressed rows that are no matrix"),
         "d": (np.zeros(3), "d: found an array of shape"),
         "t": (np.array(np.nan), "t: found NaN"),
     }

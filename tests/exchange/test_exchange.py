@@ -248,7 +248,7 @@ def test_what_cannot_be_written_or_read_is_refused(tmp_path):
         "b.qps": (in_space(), "MPS has no second-order cones, which this program has; write .cbf, .npz or .mtx."),
         "c.npz": (SCENES, "wanted a StepProgram, as history.program(n) is."),
         "f.cbf": (replace(solved("free", condense=False), energy_rows=None), "take the condensed program"),
-        "d.npz": (nothing, "no unknowns left; take condense=False, --no-condense."),
+        "d.npz": (nothing, "no unknowns left; use condense=False (--no-condense)."),
         "file/e.npz": (program, "cannot be written"),
     }
     for name, (what, words) in write.items():
@@ -256,10 +256,10 @@ def test_what_cannot_be_written_or_read_is_refused(tmp_path):
             vx.write_program(what, tmp_path / name)
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
     read = {
-        "a.npz": (b"PK", "a.npz: is damaged, or no .npz file"),
+        "a.npz": (b"PK", "a.npz: the file is damaged, or no .npz file"),
         "b.mtx": (b"%%MatrixMarket matrix array real general\n1 1\n1\n", "b.mtx: found no g"),
-        "c.cbf": (b"VER\n1\n", "only files that write_program() has made are read"),
-        "d.qps": (b"NAME x\nENDATA\n", "only files that write_program() has made are read"),
+        "c.cbf": (b"VER\n1\n", "only files written by write_program() can be read"),
+        "d.qps": (b"NAME x\nENDATA\n", "only files written by write_program() can be read"),
     }
     for name, (data, words) in read.items():
         (tmp_path / name).write_bytes(data)
@@ -369,10 +369,10 @@ def test_what_fclib_has_no_model_for(law, says, tmp_path):
     with pytest.raises(vx.ProgramError, match=says):
         vx.write_program(coulomb(law), tmp_path / "step.hdf5")
     operators = Operators(np.eye(1), sp.csr_matrix(np.eye(1)))
-    with pytest.raises(vx.ProgramError, match="a solved step alone knows"):
+    with pytest.raises(vx.ProgramError, match="only a solved step has"):
         vx.write_program(StepProgram(operators, *np.ones((2, 1)), np.zeros(1)), tmp_path / "a.hdf5")
     (tmp_path / "b.hdf5").write_bytes(b"")
-    with pytest.raises(vx.ProgramError, match="pose Coulomb's law, no convex program"):
+    with pytest.raises(vx.ProgramError, match="states Coulomb's law, no convex program"):
         vx.read_program(tmp_path / "b.hdf5")
 
 

@@ -60,7 +60,7 @@ HEAVY = {
 
 
 LINES = {"program": 2_179, "solvers": 1_322, "stepping": 1_755, "linear": 940, "scene": 1_961, "effects": 1_928}
-LINES |= {"exchange": 680, "testing": 977, "cli/collection": 1_146}
+LINES |= {"exchange": 704, "testing": 977, "cli/collection": 1_146}
 LINES |= {"bound": 3_260, "results": 2_640, "estimate": 2_173, "plots": 1_918}
 LINES |= {"cost": 677, "cli": 3_638}
 LINES |= {"meshes": 7_164, "meshes/io": 1_510, "vem": 1_979}

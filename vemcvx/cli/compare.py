@@ -37,7 +37,7 @@ from vemcvx.cli.problem_file import Posed, Problem, read_problem
 from vemcvx.cli.solver_names import NAMES, named_solver, read_options
 from vemcvx.cli.terminal import NOT_CERTIFIED, check_writable, listed, logged_at_most, progress_bar, say, write_text
 from vemcvx.cost.rows import csv
-from vemcvx.cost.workers import Crashed, TookTooLong, alone
+from vemcvx.cost.workers import Crashed, TookTooLong, call_in_process
 from vemcvx.program import System
 from vemcvx.scene import pose_scene
 from vemcvx.solvers import TUNED, Solver, ThroughCvxpy, installed
@@ -291,7 +291,7 @@ def _passed_on(solver: Solver) -> str:
 def _attempted_within(seconds: float, problem: Problem, asked: Compare, i: int, row: Row) -> Attempt:
     """Let solver `i` solve the problem in a process of its own, which is ended when the time is up."""
     try:
-        return alone(attempted_alone, problem.path, asked, i, row, seconds=seconds)
+        return call_in_process(attempted_alone, problem.path, asked, i, row, seconds=seconds)
     except TookTooLong:
         return replace(row, outcome=STOPPED, says=f"stopped after {seconds:g} s"), None
     except Crashed as end:

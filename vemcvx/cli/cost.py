@@ -22,7 +22,7 @@ from vemcvx.cli.problem_file import Posed, Problem, read_problem
 from vemcvx.cli.solver_names import named_solver
 from vemcvx.cli.terminal import listed, progress_bar, say
 from vemcvx.cost.sweeping import JOURNAL, Point, Sweep, sweep
-from vemcvx.cost.table import advice, answers, in_words, picture, table, within_reach, without_limit
+from vemcvx.cost.table import advice, answers, growing_extremes, in_words, picture, reachable_levels, table
 from vemcvx.cost.workers import DONE
 from vemcvx.estimate.adapt import OF
 from vemcvx.meshes import FAMILIES, SPACE_FAMILIES
@@ -105,9 +105,9 @@ class Cost:
         words = [__version__.encode(), path.read_bytes(), *map(os.fsencode, self.settings)]
         mark = hashlib.sha256(b"\0".join(words)).hexdigest()
         with progress_bar("starting") as shown:
-            found = sweep(recipe, points, folder, mark=mark, workers=self.workers, fresh=not self.resume, told=shown)
+            found = sweep(recipe, points, folder, mark=mark, workers=self.workers, fresh=not self.resume, report=shown)
         lines = [f"{problem.name}: {problem.title}", *_of_reference(found), *_of_rows(found), ""]
-        lines += advice(found.rows, targets or within_reach(found.rows))
+        lines += advice(found.rows, targets or reachable_levels(found.rows))
         say("\n".join([*lines, "", _written(found, targets, folder, f"{problem.name}: what accuracy costs")]))
 
     def _targets(self, problem: Problem) -> tuple[float, ...]:
@@ -191,7 +191,7 @@ def _of_rows(found: Sweep) -> list[str]:
     if ratios:
         lines.append(f"estimates   {min(ratios):.2g} to {max(ratios):.2g} times the true error")
     lines += [f"{row['status']:11s} {in_words(row)}: {row['message']}" for row in rows if row["status"] != DONE]
-    lines += [f"extremes    {words}" for words in without_limit(rows)]
+    lines += [f"extremes    {words}" for words in growing_extremes(rows)]
     warned = dict.fromkeys(row["message"] for row in answers(rows) if row["message"])
     return [*lines, *(f"warning     {words}" for words in warned)]
 

@@ -15,7 +15,7 @@ from vemcvx.cli.problem_file import read_problem
 from vemcvx.cli.run import Run
 from vemcvx.cli.solver_names import served
 from vemcvx.cli.terminal import listed, progress_bar, say
-from vemcvx.exchange import FORMATS, encoded
+from vemcvx.exchange import FORMATS, encode_program
 from vemcvx.results import programs_of_steps
 
 
@@ -59,7 +59,7 @@ class Export:
             for program in programs_of_steps(history, numbers, self.condense):
                 origin = {"problem": problem.name, "settings": list(self.settings), **program.origin}
                 name, own = f"{problem.name}_{program.step}", replace(program, origin=origin)
-                for end, data in encoded(own, self.form).items():
+                for end, data in encode_program(own, self.form).items():
                     folder.write(f"{name}{end}", data)
                 low, high = program.bounds
                 counts = f"{len(program.g)} unknowns, {len(program.w)} norm terms, {len(program.e)} limits"

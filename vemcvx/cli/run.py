@@ -26,7 +26,7 @@ from vemcvx.cli.solver_names import named_linear, named_solver, served
 from vemcvx.cli.terminal import INVALID, NOT_CERTIFIED, Shown, progress_bar, say
 from vemcvx.cost import study
 from vemcvx.cost.rows import Row, figures, labels
-from vemcvx.cost.workers import DONE, outcome
+from vemcvx.cost.workers import DONE, call_safely
 from vemcvx.cost.workers import NOT_CERTIFIED as MISSED
 from vemcvx.history import History
 from vemcvx.meshes import Mesh as AnyMesh
@@ -165,7 +165,7 @@ class Run:
         if self.plot:
             new_figure()
         if self.plot or self.out:
-            study.claim(drawings)
+            study.reserve_files(drawings)
         folders = [self.out and self.out / name for name in study.folder_names(several)]
         runs = [
             replace(self, settings=list(each), out=out, plot=False) for each, out in zip(several, folders, strict=True)
@@ -177,7 +177,7 @@ class Run:
                 words |= own
                 shown("runs", len(rows), len(runs))
         title = f"{problem.name}: {problem.title}"
-        figure = study.picture(rows, chosen, words, title) if self.plot and study.shown(rows, chosen) else None
+        figure = study.picture(rows, chosen, words, title) if self.plot and study.find_results(rows, chosen) else None
         lines = [title, study.table(rows, chosen).text(), *study.remarks(rows)]
         if self.out:
             lines.append(f"files       {self.out}: {', '.join(study.write(rows, self.out, figure))}, a folder a run")
@@ -337,7 +337,7 @@ def machine_memory() -> float:
 def _attempted(run: Run) -> tuple[Row, dict[str, str]]:
     """Return the row of one run of a study, made in a process of its own, and the words for its figures."""
     row: Row = {f"{study.SET}{name}": value for name, value in (one.split("=", 1) for one in run.settings)}
-    status, found = outcome(_made, run)
+    status, found = call_safely(_made, run)
     if status != DONE:
         return row | {"status": status, "folder": None, "message": found}, {}
     own, words = found

@@ -1,1 +1,1 @@
-"""The cost of accuracy: true errors, seconds, unknowns and memory of many settings of one problem; and studies."""
+"""Sweeps, which measure true errors, seconds, unknowns and memory for many settings of a problem, and studies."""

@@ -1,4 +1,4 @@
-"""Rows of tables: the settings of a run, what became of it, and its figures, by name; and files of such rows."""
+"""Rows of tables: the settings of a run, its status and its figures, by name; and CSV files of such rows."""
 
 from __future__ import annotations
 
@@ -13,28 +13,28 @@ from vemcvx.results import Results
 from vemcvx.results.files import ENERGIES, finite_or_none, peak_memory_mb
 
 Row = dict[str, Any]
-"""A value that does not exist is None or missing."""
+"""The values of a run by name; a value that does not exist is None or missing."""
 COUNTS = "sticking", "slipping", "open"
 FORCES = {"reaction": "largest reaction of a boundary", "force": "largest force of contact and springs on a boundary"}
 PLAIN = {
     "certified": "certified relative energy error of a step",
-    "certified_total": "certified errors of the steps, added up",
+    "certified_total": "sum of the certified errors of the steps",
     "estimated_error": "estimated relative energy error",
     "steps": "steps",
     "cells": "cells",
     "unknowns": "unknowns",
     "seconds": "seconds",
-    "peak_mb": "most memory of the process, MB",
+    "peak_mb": "peak memory of the process, MB",
 }
 NAMES = (
     *(*ENERGIES, "displacement", "von_mises", "largest_principal_stress", "smallest_principal_stress"),
     *("slip", "friction", "pressure", "pressure_recovered", *FORCES, *COUNTS, *PLAIN),
 )
-"""Figures of a run: of a quantity at the end, or the largest of all steps."""
+"""Names of the figures of a run; a figure is a value at the end, or the largest value of all steps."""
 
 
 def figures(history: Results) -> Row:
-    """Return the figures of a run, those of `NAMES` that it has."""
+    """Return the figures of a run by name, as far as the run has them."""
     run, touch = history.trajectory, history.contact
     counts = dict(zip(COUNTS, (touch.stick_count, touch.slip_count, touch.open_count), strict=True))
     return {
@@ -63,7 +63,7 @@ def _largest_forces(history: Results) -> Row:
 
 
 def labels(history: Results, units: Units | None = None) -> dict[str, str]:
-    """Return the figures of a run in words, with their units."""
+    """Return the labels of the figures of a run, with their units."""
     energy = in_units("energy", units)
     return {
         **{name: f"{name.replace('_second_order', ', of second order')}\n({energy})" for name in ENERGIES},
@@ -75,6 +75,6 @@ def labels(history: Results, units: Units | None = None) -> dict[str, str]:
 
 
 def csv(rows: Sequence[Row]) -> str:
-    """Return rows as comma-separated values, with all columns that some row has."""
+    """Return rows as comma-separated values, with every column that occurs in some row."""
     heads = list(dict.fromkeys(name for row in rows for name in row))
     return Table(heads, [list(map(row.get, heads)) for row in rows]).csv()

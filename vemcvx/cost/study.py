@@ -1,4 +1,4 @@
-"""A parameter study: one problem run with all combinations of values, as a table, in files, and as a picture."""
+"""A parameter study: one problem run with all combinations of settings, as a table, as files and as a picture."""
 
 from __future__ import annotations
 
@@ -23,37 +23,37 @@ if TYPE_CHECKING:
 
 USUAL = "dissipated_second_order", "displacement", "von_mises", "slip", "pressure", "reaction"
 TABLE, WORDS, PICTURE = "study.csv", "study.json", "study.png"
-SET = "set."  # Before the names of settings in rows: a parameter may have the name of a figure.
+SET = "set."  # Prefix of the names of settings in rows: a parameter may have the same name as a figure.
 
 
 def chosen_results(typed: Sequence[str]) -> tuple[str, ...]:
-    """Return the names of results that were chosen, or the usual ones; ProblemError where there is none of a name."""
+    """Return the chosen names of results, or the usual ones; raise ProblemError for an unknown name."""
     if unknown := [name for name in typed if name not in NAMES]:
         raise ProblemError(f"--results: there is no result {unknown[0]!r}; there are {', '.join(NAMES)}.")
     return tuple(typed) or USUAL
 
 
 def folder_names(settings: Sequence[Sequence[str]]) -> list[str]:
-    """Return names of folders that say the settings of runs, or number them where those are too long or not unique."""
+    """Return folder names made of the settings of the runs, or numbers if such names are too long or not unique."""
     names = [re.sub(r"[^\w.+=,-]+", "_", ",".join(each)) for each in settings]
     good = len(set(names)) == len(names) and max(map(len, names)) <= 100
     return names if good else [f"run_{k}" for k in range(1, len(names) + 1)]
 
 
-def varied(rows: Sequence[Row]) -> list[str]:
+def varying(rows: Sequence[Row]) -> list[str]:
     """Return the names of settings that have several values, in the order in which they were given."""
     settings = [name for name in rows[0] if name.startswith(SET)]
     return [name.removeprefix(SET) for name in settings if len({row[name] for row in rows}) > 1]
 
 
-def shown(rows: Sequence[Row], chosen: Sequence[str]) -> list[str]:
-    """Return the chosen results that some run has, and errors where adaptive runs have estimated them."""
+def find_results(rows: Sequence[Row], chosen: Sequence[str]) -> list[str]:
+    """Return the chosen results that some run has, and the estimated error if some run has it."""
     return [name for name in dict.fromkeys([*chosen, "estimated_error"]) if any(name in row for row in rows)]
 
 
 def table(rows: Sequence[Row], chosen: Sequence[str]) -> Table:
-    """Return the table of a study in words: what varies, chosen results that some run has, and where a run failed."""
-    several, found, cells = varied(rows), shown(rows, chosen), []
+    """Return the table of a study: varying settings, chosen results, and a remark if a run failed."""
+    several, found, cells = varying(rows), find_results(rows, chosen), []
     for row in rows:
         values = ["-" if (value := row.get(name)) is None else f"{value:.5g}" for name in found]
         end = row["status"] if row["status"] != DONE else "target not met" * (row["met"] is False)
@@ -62,21 +62,21 @@ def table(rows: Sequence[Row], chosen: Sequence[str]) -> Table:
 
 
 def remarks(rows: Sequence[Row]) -> Iterator[str]:
-    """Yield lines on why runs have failed, what has no limit, and each warning, with the runs that have it."""
-    told: dict[tuple[str, str], list[str]] = {}
+    """Yield a line per failure, per result that may grow without limit and per warning, with the runs concerned."""
+    runs_of: dict[tuple[str, str], list[str]] = {}
     for row in rows:
-        said = [("warning", words) for words in row.get("warnings", ())]
+        found = [("warning", words) for words in row.get("warnings", ())]
         if row["status"] != DONE:
-            said = [(row["status"], row["message"])]
+            found = [(row["status"], row["message"])]
         elif row["unbounded"]:
-            said.append(("no limit", f"{row['unbounded']} may grow without limit as the mesh is refined"))
-        for one in said:
-            told.setdefault(one, []).append(", ".join(f"{name}={row[SET + name]}" for name in varied(rows)))
-    for (kind, words), runs in told.items():
+            found.append(("no limit", f"{row['unbounded']} may grow without limit as the mesh is refined"))
+        for one in found:
+            runs_of.setdefault(one, []).append(", ".join(f"{name}={row[SET + name]}" for name in varying(rows)))
+    for (kind, words), runs in runs_of.items():
         yield f"{kind:11s} {'all runs' if len(runs) == len(rows) else '; '.join(runs)}: {words}"
 
 
-def claim(folder: Path) -> None:
+def reserve_files(folder: Path) -> None:
     """Fail before the work starts if the files cannot be written."""
     with Owned(folder) as own:
         for name in (TABLE, WORDS, PICTURE):
@@ -84,7 +84,7 @@ def claim(folder: Path) -> None:
 
 
 def write(rows: Sequence[Row], folder: Path, figure: Figure | None, *, tables: bool = True) -> list[str]:
-    """Write the study as CSV and JSON, all settings and results of all runs, and its picture; return their names."""
+    """Write all settings and results as CSV and JSON, and the picture; return the names of the files."""
     files: dict[str, str | bytes] = {}
     if tables:
         plain = [{name: value for name, value in row.items() if name != "warnings"} for row in rows]
@@ -96,9 +96,9 @@ def write(rows: Sequence[Row], folder: Path, figure: Figure | None, *, tables: b
 
 
 def picture(rows: Sequence[Row], chosen: Sequence[str], labels: dict[str, str], title: str = "") -> Figure:
-    """Draw chosen results against the first setting that varies, a line for each combination of the others."""
-    name, *others = varied(rows)
-    keys = shown(rows, chosen)
+    """Draw the chosen results over the first varying setting, one line per combination of the other settings."""
+    name, *others = varying(rows)
+    keys = find_results(rows, chosen)
     place = _places([row[SET + name] for row in rows])
     lines: dict[str, list[Row]] = {}
     for row in sorted(rows, key=lambda row: place[row[SET + name]]):
@@ -125,7 +125,7 @@ def picture(rows: Sequence[Row], chosen: Sequence[str], labels: dict[str, str], 
 
 
 def _places(words: Sequence[str]) -> dict[str, Any]:
-    """Return the places of values along an axis: numbers by their size, and words, which matplotlib sets in a row."""
+    """Return the positions of values on an axis: numbers, or else words, which matplotlib places side by side."""
     try:
         return {word: float(word) for word in words}
     except ValueError:

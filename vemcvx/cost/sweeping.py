@@ -1,8 +1,8 @@
-"""A sweep over settings: many runs at once, each measured against a reference and then written down.
+"""A sweep over settings: many parallel runs, whose errors are measured against a reference.
 
-The reference has twice the cells along every side of the finest mesh, and four times the steps. By (nearly) Galerkin's
-orthogonality |u - u_h|^2 = |u_ref - u_h|^2 + |u - u_ref|^2: errors four times that of the reference are true to 3 %,
-and smaller ones are uncertain themselves.
+The reference has twice as many cells along every side as the finest mesh, and four times as many steps. By Galerkin
+orthogonality, which nearly holds, |u - u_h|^2 = |u_ref - u_h|^2 + |u - u_ref|^2. So the measured error of a run is
+right to 3 % if it is at least four times the error of the reference; smaller errors are less certain.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from vemcvx.base.arrays import SAME, Floats
 from vemcvx.base.errors import HistoryError, ProblemError, SceneError, SceneWarning, VemcvxError, quietly
 from vemcvx.base.owned_files import Owned, path_of
 from vemcvx.cost.rows import Row, figures
-from vemcvx.cost.workers import CRASHED, DONE, outcome
+from vemcvx.cost.workers import CRASHED, DONE, call_safely
 from vemcvx.estimate.budget import error_budget
 from vemcvx.estimate.measures import energy_distance
 from vemcvx.estimate.quantities import quantities, value_of
@@ -40,8 +40,8 @@ log = logging.getLogger("vemcvx")
 class Point:
     """Settings of one run.
 
-    `family` is None for the problem's own, and `steps` where an adaptive run, which has a `target`, chooses them.
-    Errors and targets are `of` the energy norm or of another quantity that :func:`vemcvx.adapt` aims at.
+    `family` is None for the mesh of the problem. An adaptive run has a `target`, and its `steps` are None. `of` is the
+    quantity of errors and targets: the energy norm, or another quantity that :func:`vemcvx.adapt` accepts.
     """
 
     family: str | None
@@ -54,18 +54,18 @@ class Point:
 
 
 Recipe = Callable[[Point], Any]
-"""A function of a module that makes the arguments of a run, :class:`vemcvx.cli.problem_file.Posed`."""
+"""A function of a module that returns the arguments of a run, :class:`vemcvx.cli.problem_file.Posed`."""
 
 
 def common_instants(courses: Sequence[Floats]) -> Floats:
-    """Return up to four instants that all courses of time have, evenly chosen, the last one among them."""
+    """Return up to four evenly chosen instants that all sequences of times contain, including the last instant."""
     first, *others = courses
     span = float(first[-1] - first[0])
     for other in others:
         if max(abs(other[0] - first[0]), abs(other[-1] - first[-1])) > SAME * span:
             raise ProblemError(
                 f"times({len(first) - 1}) runs from {first[0]:g} to {first[-1]:g}, times({len(other) - 1}) from "
-                f"{other[0]:g} to {other[-1]:g}; a sweep compares answers at the end, so both must be the same."
+                f"{other[0]:g} to {other[-1]:g}; a sweep compares answers at the end, so both must run alike."
             )
     shared = [t for t in first[1:] if all(np.abs(other - t).min() <= SAME * span for other in others)]
     chosen = np.arange(1, 5) * len(shared) // 4 - 1
@@ -73,9 +73,9 @@ def common_instants(courses: Sequence[Floats]) -> Floats:
 
 
 def run_point(recipe: Recipe, point: Point, instants: Floats) -> tuple[History, Row]:
-    """Run a point in this process: its history with these instants stored, and its row of the table."""
+    """Run a point in this process; return its history, with these instants stored, and its row of the table."""
     with quietly() as caught:
-        # A small run of the same kind imports what is imported late; an error of the point shows again below.
+        # A small run of the same kind triggers late imports; if it fails, the run below fails with the same error.
         with suppress(VemcvxError):
             recipe(replace(point, n=min(point.n, 4), steps=2, target=None)).simulated(check=False)
         caught.clear()
@@ -83,7 +83,7 @@ def run_point(recipe: Recipe, point: Point, instants: Floats) -> tuple[History, 
         if point.target is None:
             steps = np.searchsorted(made.times, instants - 0.5 * np.diff(made.times).min())
             history = made.simulated(store=steps.tolist())
-            seconds, estimated = time.perf_counter() - start, _estimated(history, point.of)
+            seconds, estimated = time.perf_counter() - start, _estimate_error(history, point.of)
         else:
             adapted = made.adapted(instants, point.target, of=point.of)
             history, estimated = adapted.history, adapted.passes[-1].total
@@ -95,8 +95,8 @@ def run_point(recipe: Recipe, point: Point, instants: Floats) -> tuple[History, 
     return history, asdict(point) | figures(history) | own
 
 
-def _estimated(history: History, of: str) -> float | None:
-    """Return the relative error that a run estimates; None where scenes have no estimate, as with viscosity."""
+def _estimate_error(history: History, of: str) -> float | None:
+    """Return the estimated relative error of a run; None if its scene has no estimate, for example with viscosity."""
     with suppress(SceneError):
         return error_budget(history).largest["total"] if of == "energy" else quantities(history)[of].relative
     return None
@@ -109,16 +109,16 @@ def build_reference(recipe: Recipe, point: Point, instants: Floats, archive: Pat
     return row if point.of == "energy" else row | {"value": value_of(history, point.of)}
 
 
-def measured_point(recipe: Recipe, point: Point, instants: Floats, archive: Path, exact: float | None) -> Row:
-    """Run a point and measure its error, of the quantity whose `exact` value is given, or in the energy norm.
+def measure_point(recipe: Recipe, point: Point, instants: Floats, archive: Path, exact: float | None) -> Row:
+    """Run a point and measure its error: of the quantity with this `exact` value, or in the energy norm.
 
-    A reference that cannot be read, or has nothing to measure, raises OSError, which is no fault of the point.
+    Raise OSError, which is no failure of the point, if the reference cannot be read or is zero.
     """
     history, row = run_point(recipe, point, instants)
     if exact is not None:
         value = value_of(history, point.of)
         if exact == 0.0:
-            raise OSError(f"the reference has no {point.of} at all: no relative error exists.")
+            raise OSError(f"the reference value of {point.of} is zero: no relative error exists.")
         return row | {"value": value, "error": abs(value - exact) / abs(exact)}
     try:
         fine = read_archive(archive)
@@ -126,25 +126,25 @@ def measured_point(recipe: Recipe, point: Point, instants: Floats, archive: Path
         raise OSError(str(lost)) from lost
     common = bool(abs(history.mesh.measures.sum() / fine.mesh.measures.sum() - 1.0) > SAME)
     found = [energy_distance(history, fine, time=float(t), common=common) for t in instants]
-    if (scale := max(one.reference for one in found)) == 0.0:
-        raise OSError("the reference does not deform at any instant looked at: no relative error exists.")
-    said = [row["message"]] if row["message"] else []
+    if (largest_norm := max(one.reference for one in found)) == 0.0:
+        raise OSError("the reference does not deform at any compared instant: no relative error exists.")
+    messages = [row["message"]] if row["message"] else []
     if common:
-        said.append("its mesh does not cover the reference's domain: errors are of what both share")
+        messages.append("its mesh does not cover the reference's domain: errors are over the common part of both")
     if max(one.moduli_apart for one in found) > 0:
-        said.append("cells across a border have another material than the reference: errors are weighed with their own")
-    error, end = max(one.absolute for one in found) / scale, found[-1].absolute / scale
-    return row | {"error": error, "error_end": end, "message": "; ".join(said)}
+        messages.append("cells at a border have another material than the reference: errors use the run's material")
+    error, end = max(one.absolute for one in found) / largest_norm, found[-1].absolute / largest_norm
+    return row | {"error": error, "error_end": end, "message": "; ".join(messages)}
 
 
-def finished_row(key: str, point: Point, run: Callable[[], Row]) -> Row:
-    """Return the row of a point that runs in a process of its own, whatever becomes of it."""
-    status, found = outcome(run)
+def run_to_row(key: str, point: Point, run: Callable[[], Row]) -> Row:
+    """Run a point in a separate process and return its row, whether or not the run succeeds."""
+    status, found = call_safely(run)
     return {"key": key, "status": status, **(found if status == DONE else asdict(point) | {"message": found})}
 
 
 def read_journal(path: Path) -> dict[str, Row]:
-    """Read the rows of a journal by their keys, without torn lines and points that crashed, which are tried again."""
+    """Read the rows of a journal by key, without incomplete lines and crashed points, which are run again."""
     rows = {}
     for line in path.read_text(encoding="utf-8", errors="replace").splitlines() if path.exists() else ():
         with suppress(ValueError, KeyError, TypeError):
@@ -155,7 +155,7 @@ def read_journal(path: Path) -> dict[str, Row]:
 
 
 def append(path: Path, row: Row) -> None:
-    """Write a row to the journal; a torn line, left by a process that was killed, stays a line of its own."""
+    """Append a row to the journal; it begins with a newline, so an incomplete line of a killed process stays apart."""
     try:
         with path.open("a", encoding="utf-8") as stream:
             stream.write(f"\n{json.dumps(row)}\n")
@@ -165,7 +165,7 @@ def append(path: Path, row: Row) -> None:
 
 @dataclass(frozen=True)
 class Sweep:
-    """The rows of the points, the row of the reference, the instants of errors, and how many rows were there before."""
+    """The rows of the points, the row of the reference, the instants of errors, and the number of rows kept."""
 
     rows: list[Row]
     reference: Row
@@ -181,12 +181,12 @@ def sweep(
     mark: str = "",
     workers: int = 2,
     fresh: bool = False,
-    told: Callable[[str, int, int], None] = lambda *_: None,
+    report: Callable[[str, int, int], None] = lambda *_: None,
 ) -> Sweep:
-    """Run all points that the folder's journal does not hold; at least one of them is not adaptive.
+    """Run all points that the folder's journal does not contain; at least one point must not be adaptive.
 
-    The `mark` names all that answers depend on beside a point. ProblemError where the reference cannot be computed;
-    HistoryError where the folder cannot be written to, another sweep is on there, or it holds files of others.
+    The `mark` identifies all other inputs. Raise ProblemError if the reference cannot be computed.
+    Raise HistoryError if the folder cannot be written, is in use by another sweep, or has foreign files.
     """
     n, counts = max(point.n for point in points), sorted({point.steps for point in points if point.steps})
     coarsest = replace(points[0], n=min(point.n for point in points), solver="newton", accuracy=1e-8, target=None)
@@ -196,7 +196,7 @@ def sweep(
         journal, archive = files.take(JOURNAL), files.take(ARCHIVE)
         if fresh:
             journal.unlink(missing_ok=True)
-        told("reference", 0, 1)
+        report("reference", 0, 1)
         instants = common_instants(list(courses))
 
         def key(point: Point) -> str:
@@ -205,17 +205,17 @@ def sweep(
 
         rows = read_journal(journal)
         if key(finer) not in rows or not archive.exists():
-            made = finished_row(key(finer), finer, partial(build_reference, recipe, finer, instants, archive))
+            made = run_to_row(key(finer), finer, partial(build_reference, recipe, finer, instants, archive))
             append(journal, made)
             if made["status"] != DONE:
-                raise ProblemError(f"the reference for all errors was not computed: {made['message']}")
+                raise ProblemError(f"the reference of all errors was not computed: {made['message']}")
             rows[made["key"]] = made
         reference = rows[key(finer)]
-        run = partial(measured_point, recipe, instants=instants, archive=archive, exact=reference.get("value"))
+        run = partial(measure_point, recipe, instants=instants, archive=archive, exact=reference.get("value"))
         waiting = [(key(point), point, partial(run, point)) for point in points if key(point) not in rows]
-        for finished, row in enumerate(threads.imap_unordered(lambda one: finished_row(*one), waiting), 1):
+        for finished, row in enumerate(threads.imap_unordered(lambda one: run_to_row(*one), waiting), 1):
             append(journal, row)
             rows[row["key"]] = row
-            told("points", len(points) - len(waiting) + finished, len(points))
+            report("points", len(points) - len(waiting) + finished, len(points))
             log.info("%d of %d: %s", finished, len(waiting), row)
     return Sweep([rows[key(point)] for point in points], reference, instants, len(points) - len(waiting))

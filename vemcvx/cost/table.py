@@ -1,4 +1,4 @@
-"""The rows of a sweep: its Pareto front, advice, and the picture."""
+"""The Pareto front, the advice and the picture of the rows of a sweep."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ if TYPE_CHECKING:
 
 AXES = {"seconds": "seconds, in one thread", "unknowns": "unknowns"}
 EXTREMES = {"von_mises": "von Mises stress", "pressure": "pressure", "friction": "friction"}
-FILLED = "full", "none", "left", "top", "right", "bottom"  # Marks of solvers.
+FILL_STYLES = "full", "none", "left", "top", "right", "bottom"  # Fill styles of markers, one per solver.
 
 
 def in_words(row: Row) -> str:
-    """Return the settings of a row."""
+    """Describe the settings of a row in words."""
     where, how = row["family"] or "its own mesh", f"{row['solver']} at {row['accuracy']:g}"
     if row["target"] is not None:
         return f"{where} refined adaptively from n = {row['n']}, target {percent(row['target'])}, {how}"
@@ -30,7 +30,7 @@ def in_words(row: Row) -> str:
 
 
 def percent(part: float) -> str:
-    """Return a part in percent, to two digits."""
+    """Return a fraction as text in percent, to two digits."""
     return f"{100.0 * part:.2g} %"
 
 
@@ -40,24 +40,24 @@ def answers(rows: Sequence[Row]) -> list[Row]:
 
 
 def table(rows: Sequence[Row]) -> str:
-    """Return all columns as CSV, and marks of the rows that are best for what they cost, in seconds and in unknowns."""
+    """Return all columns as CSV, with flags of the rows on the Pareto fronts of seconds and of unknowns."""
     fronts = {f"front_{cost}": [row["key"] for row in front(answers(rows), cost)] for cost in AXES}
     return csv([row | {name: int(row["key"] in keys) for name, keys in fronts.items()} for row in rows])
 
 
 def front(rows: Sequence[Row], cost: str) -> list[Row]:
-    """Return the Pareto front: answers better than all that cost no more, by growing cost; the first of equals."""
+    """Return the Pareto front by increasing cost: each row is more accurate than all rows that cost no more."""
     best, kept = float("inf"), []
     for row in sorted(rows, key=lambda row: (row[cost], row["error"])):
-        # Errors that differ by less than a hundredth are the same: solvers differ in the last digits of a mesh's error.
+        # Errors that differ by less than 1 % count as equal: on the same mesh, solvers differ in the last digits.
         if row["error"] < 0.99 * best:
             best = row["error"]
             kept.append(row)
     return kept
 
 
-def without_limit(rows: Sequence[Row]) -> Iterator[str]:
-    """Yield a sentence for each extreme that has grown from one of the last meshes of a family to the next."""
+def growing_extremes(rows: Sequence[Row]) -> Iterator[str]:
+    """Yield a sentence for each extreme value that keeps growing over the finest meshes of a family."""
     uniform = [row for row in answers(rows) if row["target"] is None]
     for (key, words), family in product(EXTREMES.items(), dict.fromkeys(row["family"] for row in uniform)):
         own = {row["n"]: row.get(key) or 0.0 for row in uniform if row["family"] == family}
@@ -65,14 +65,14 @@ def without_limit(rows: Sequence[Row]) -> Iterator[str]:
             yield f"the largest {words} {found} ({family or 'its own mesh'}, n = {', '.join(map(str, sorted(own)))})"
 
 
-def within_reach(rows: Sequence[Row]) -> list[float]:
-    """Return the two smallest of the levels 50 %, 20 %, 10 % ... that a run is as good as."""
-    levels = [share * 10.0**-k for k in range(1, 9) for share in (5.0, 2.0, 1.0)]
+def reachable_levels(rows: Sequence[Row]) -> list[float]:
+    """Return the two smallest of the error levels 50 %, 20 %, 10 % ... that some run reaches."""
+    levels = [digit * 10.0**-k for k in range(1, 9) for digit in (5.0, 2.0, 1.0)]
     return [level for level in levels if any(row["error"] <= level for row in answers(rows))][-2:]
 
 
 def advice(rows: Sequence[Row], levels: Sequence[float]) -> Iterator[str]:
-    """Yield a line for each level of error: the run to use, or the best there is."""
+    """Yield a line for each error level: the cheapest run that reaches it, or else the most accurate run."""
     found = sorted(answers(rows), key=lambda row: row["seconds"])
     best = min(found, key=lambda row: row["error"], default=None)
     for level in levels:
@@ -82,14 +82,14 @@ def advice(rows: Sequence[Row], levels: Sequence[float]) -> Iterator[str]:
             words += f"({cheapest['unknowns']} unknowns, {cheapest['steps']} steps, {cheapest['peak_mb'] or 0:.0f} MB)"
         elif best:
             words = f"no run of this sweep is as good; the best is {in_words(best)} with {percent(best['error'])}. "
-            words += "Ask for larger --n, or a smaller --target."
+            words += "Use a larger --n, or a smaller --target."
         yield f"for {percent(level)}: {words}"
 
 
 def picture(rows: Sequence[Row], levels: Sequence[float], resolved: float | None, title: str, of: str) -> Figure:
-    """Draw true errors of a quantity against seconds and against unknowns, of rows of which some has an answer.
+    """Draw true errors of a quantity over seconds and over unknowns; at least one row must have an answer.
 
-    Lines mark the errors of `levels`, and a band those below the estimated error of the reference, `resolved`.
+    Lines mark the error levels; a band marks errors below `resolved`, the estimated error of the reference.
     """
     figure, found = new_figure(10.0, 4.4), [row for row in answers(rows) if row["error"] > 0]
     axes, percents = figure.subplots(1, 2, sharey=True), [100 * row["error"] for row in found]
@@ -110,7 +110,7 @@ def picture(rows: Sequence[Row], levels: Sequence[float], resolved: float | None
 
 
 def _draw_rows(ax: Axes, rows: Sequence[Row], cost: str) -> None:
-    """Draw errors over costs: the Pareto front, and a mark a family and solver, large and edged for adaptive meshes."""
+    """Draw errors over costs: the Pareto front, and one marker per family and solver, edged for adaptive meshes."""
     best = front(rows, cost)
     ax.plot([row[cost] for row in best], [100 * row["error"] for row in best], "0.25", label="Pareto front")
     kinds = sorted({(str(row["family"]), row["solver"], row["target"] is not None) for row in rows})
@@ -118,7 +118,7 @@ def _draw_rows(ax: Axes, rows: Sequence[Row], cost: str) -> None:
     for family, solver, adaptive in kinds:
         own = [row for row in rows if (str(row["family"]), row["solver"]) == (family, solver)]
         own = [row for row in own if (row["target"] is not None) == adaptive]
-        k, fill = families.index(family), FILLED[solvers.index(solver) % len(FILLED)]
+        k, fill = families.index(family), FILL_STYLES[solvers.index(solver) % len(FILL_STYLES)]
         style: dict[str, Any] = {"color": SERIES[k % len(SERIES)], "marker": MARKERS[k % len(MARKERS)]}
         style |= {"markersize": 8, "markeredgecolor": "black"} if adaptive else {"markersize": 5}
         words = f"{'own mesh' if family == 'None' else family}, {solver}{', adaptive' * adaptive}"

@@ -1,8 +1,8 @@
-"""A function in a process of its own: whatever becomes of it, the caller goes on.
+"""Calls of functions in separate processes: a crash does not stop the caller.
 
-The peak memory of such a process is that of one run alone. BLAS has one thread in it, so that seconds of runs side by
-side compare. A run that crashes or is out of memory ends no other run, which is why each run has a process, and no
-pool of processes shares the runs. The process ends when the one that started it does, however that ends.
+A separate process measures the peak memory of one run. BLAS uses one thread in it, so that the seconds of parallel runs
+are comparable. Each run has a new process, not one of a pool, so that a run that crashes or exhausts the memory stops
+no other run. The process ends when its parent ends, for whatever reason.
 """
 
 from __future__ import annotations
@@ -19,25 +19,24 @@ from typing import Any, TypeVar
 from vemcvx.base.errors import NotCertified, VemcvxError
 
 DONE, NOT_CERTIFIED, REFUSED, CRASHED = "done", "not certified", "refused", "crashed"
-"""What becomes of a run: an answer; a less accurate one than asked; no well-posed problem; broken down."""
+"""Status of a run: it has an answer; its answer misses the accuracy; its problem was refused; it crashed."""
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
-STARTING = threading.Lock()  # A new process takes its environment from this one: one is started at a time.
+STARTING = threading.Lock()  # A new process copies the environment of this one, so one starts at a time.
 Result = TypeVar("Result")
 
 
 class Crashed(Exception):
-    """The process died, or raised an error that is none of this package."""
+    """The process died, or raised an error of another package."""
 
 
 class TookTooLong(Exception):
-    """The process was ended when its time was up."""
+    """The process was stopped at its time limit."""
 
 
-def alone(function: Callable[..., Result], *given: Any, seconds: float | None = None) -> Result:
-    """Call a function of a module in a new process, with arguments and result that can be pickled.
+def call_in_process(function: Callable[..., Result], *given: Any, seconds: float | None = None) -> Result:
+    """Call a function of a module in a new process; arguments and result must be picklable.
 
-    With `seconds` the process is ended so long after its start. Raises the VemcvxError of the function, or Crashed or
-    TookTooLong.
+    `seconds` is the time limit of the process. Raise the VemcvxError of the function, Crashed, or TookTooLong.
     """
     context = get_context("spawn")
     receiver, sender = context.Pipe(duplex=False)
@@ -51,7 +50,7 @@ def alone(function: Callable[..., Result], *given: Any, seconds: float | None = 
         result, error = receiver.recv()
     except EOFError:
         process.join()
-        raise Crashed(_ending(process.exitcode or 0)) from None
+        raise Crashed(_describe_end(process.exitcode or 0)) from None
     finally:
         process.kill()
         process.join()
@@ -61,10 +60,10 @@ def alone(function: Callable[..., Result], *given: Any, seconds: float | None = 
     return result
 
 
-def outcome(function: Callable[..., Any], *given: Any) -> tuple[str, Any]:
-    """Call a function in a process of its own, and return DONE and its result, or another end and its reason."""
+def call_safely(function: Callable[..., Any], *given: Any) -> tuple[str, Any]:
+    """Call a function in a new process; return DONE and its result, or another status and its reason."""
     try:
-        return DONE, alone(function, *given)
+        return DONE, call_in_process(function, *given)
     except VemcvxError as error:
         return NOT_CERTIFIED if isinstance(error, NotCertified) else REFUSED, str(error)
     except (Crashed, OSError) as crash:
@@ -73,7 +72,7 @@ def outcome(function: Callable[..., Any], *given: Any) -> tuple[str, Any]:
 
 @contextmanager
 def _one_thread() -> Iterator[None]:
-    """Give processes that start inside the block one thread of BLAS each."""
+    """Give each process that starts inside the block one BLAS thread."""
     before = {name: os.environ.get(name) for name in THREADS}
     os.environ.update(dict.fromkeys(THREADS, "1"))
     try:
@@ -88,15 +87,15 @@ def _one_thread() -> Iterator[None]:
 
 def _answer(sender: Connection, function: Callable[..., Any], given: tuple[Any, ...]) -> None:
     """Call the function in the new process, and send its result, or the error that it raises."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that started this one.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # The parent process handles Ctrl-C.
     threading.Thread(target=_end_with_parent, daemon=True).start()
     answer: tuple[Any, Exception | None]
     try:
-        # Words and bars of runs side by side would stand one over the other.
+        # The messages and progress bars of parallel runs would overwrite each other.
         with open(os.devnull, "w") as nowhere, redirect_stdout(nowhere), redirect_stderr(nowhere):
             answer = function(*given), None
     except VemcvxError as error:
-        # The other process does not know the classes of a user's file.
+        # The parent process cannot unpickle error classes that a user's file defines.
         answer = None, error if type(error).__module__ == VemcvxError.__module__ else VemcvxError(str(error))
     except Exception as error:
         answer = None, Crashed(f"{type(error).__name__}: {error}")
@@ -109,8 +108,8 @@ def _end_with_parent() -> None:
         os._exit(1)
 
 
-def _ending(code: int) -> str:
-    """Say how a process died."""
+def _describe_end(code: int) -> str:
+    """Describe how a process ended."""
     if code >= 0:
         return f"ended with exit code {code}"
     hint = ", as the system does to a process that takes too much memory" if -code == signal.SIGKILL else ""

@@ -1,21 +1,21 @@
-"""Programs as named arrays: taken apart and put together, as NPZ archives and as Matrix Market files.
+"""Programs as named arrays, in NPZ archives and in Matrix Market files.
 
-An NPZ archive holds every array to the bit, and the certified answer where it is known:
+An NPZ archive holds every array bit by bit, and the certified answer if the program is solved:
 
-    K               (n, n), dense; or, sparse, as B and D
+    K               (n, n), dense; a sparse K is stored like B and D
     B_data, B_indices, B_indptr, B_shape      compressed rows, as in scipy.sparse.csr_matrix((data, indices, indptr))
     g, w, b, e, c   vectors, c the compliances
-    N               (n, k), orthonormal motions with K N = 0: the kernel of K, none (k = 0) where K is positive definite
-    d, lam, p, step, t      of an answer
+    N               (n, k), orthonormal motions with K N = 0: the kernel of K; k = 0 if K is positive definite
+    d, lam, p, step, t      the answer
 
-Norm terms and limits alone hold the motions N c, of a body without supports, say. A program has an optimum if none of
-them gains, c'N'g < sum_i w_i |B_i N c| for all c != 0 with D N c <= 0. Multipliers balance the load on them, N'g =
-N'B'lam + N'D'p; K d and the least value are unique, d may not be.
+Only norm terms and limits restrain the motions N c, for example of a body without supports. The program has an optimum
+if c'N'g < sum_i w_i |B_i N c| for all c != 0 with D N c <= 0. The multipliers balance the load on these motions: N'g =
+N'B'lam + N'D'p. K d and the least value are unique; d may not be.
 
-Of a sequence, the programs of successive steps with the same matrices, these are there once, and all that changes, g,
-w, b, e and answers, has one axis more, the first: its row k is that of the k-th step.
+A sequence holds the programs of successive steps with the same matrices, which are stored once. The arrays that change,
+g, w, b, e and the answers, have one more axis, the first: row k belongs to step k.
 
-Matrix Market has one file an array, named as in the SuiteSparse collection: K in NAME.mtx, B in NAME_B.mtx, ...
+Matrix Market has one file per array, named as in the SuiteSparse collection: K in NAME.mtx, B in NAME_B.mtx, ...
 """
 
 from __future__ import annotations
@@ -41,28 +41,28 @@ NAMES = "K", "B", "D", "N", "g", "w", "b", "e", "c"
 """The arrays of a program in every format."""
 CSR = "data", "indices", "indptr", "shape"
 CHANGING = "g", "w", "b", "e", "d", "lam", "p", "step", "t"
-"""The arrays that are different from step to step of a sequence."""
+"""The arrays that differ from step to step of a sequence."""
 
 
-def parts_of(program: StepProgram) -> dict[str, Matrix]:
+def arrays_of(program: StepProgram) -> dict[str, Matrix]:
     """Return the arrays of a program by name."""
-    of = program.operators
-    N = np.zeros((len(program.g), 0)) if of.kernel is None else of.kernel
-    matrices = {"K": of.K, "B": of.B, "D": of.D, "N": N, "c": of.compliance}
+    operators = program.operators
+    N = np.zeros((len(program.g), 0)) if operators.kernel is None else operators.kernel
+    matrices = {"K": operators.K, "B": operators.B, "D": operators.D, "N": N, "c": operators.compliance}
     return matrices | {name: getattr(program, name) for name in "gwbe"}
 
 
-def put_together(parts: Mapping[str, Any]) -> StepProgram:
-    """Return the program of these arrays; norm terms, limits or a kernel that are not there are none."""
+def program_from_arrays(parts: Mapping[str, Any]) -> StepProgram:
+    """Return the program of these arrays; missing norm terms, limits or kernel are empty."""
     for name in ("K", "g"):
         if name not in parts:
             raise ProgramError(
-                f"found no {name}; a program has {', '.join(NAMES)}, of which K and g are never left out."
+                f"found no {name}; a program has the arrays {', '.join(NAMES)}, of which K and g are required."
             )
     g, w, b, e, c = (_vector(parts.get(name, np.zeros(0)), name) for name in "gwbec")
     if (w < 0).any() or (len(w) and len(b) % len(w)) or len(b) < len(w):
         raise ProgramError(
-            f"found w with {len(w)} and b with {len(b)} entries; wanted weights >= 0, rows of b for each."
+            f"found w with {len(w)} and b with {len(b)} entries; wanted weights >= 0, and as many rows of b each."
         )
     K, N = parts["K"], np.asarray(parts.get("N", np.zeros((len(g), 0))))
     if N.ndim != 2 or len(N) != len(g) or N.shape[1] > len(g) or K.shape != (len(g), len(g)):
@@ -85,24 +85,24 @@ def _vector(raw: Any, name: str) -> Floats:
     return finite(as_real_array(raw, name, "an array of real numbers").ravel(), name)
 
 
-def with_motions(K: sp.csr_matrix, count: int) -> dict[str, Matrix]:
-    """Return K, dense if most of it is, with the N of as many motions in its kernel."""
+def matrix_with_kernel(K: sp.csr_matrix, count: int) -> dict[str, Matrix]:
+    """Return K, dense if more than half its entries are nonzero, and N with `count` motions of its kernel."""
     stiffness: Matrix = K.toarray() if K.nnz > 0.5 * K.shape[0] ** 2 else sp.csr_matrix(K)
     return {"K": stiffness, "N": np.linalg.eigh(K.toarray())[1][:, :count]} if count else {"K": stiffness}
 
 
 def to_npz(program: StepProgram) -> dict[str, bytes]:
-    """Return the archive, under its suffix."""
-    return _archive(_arrays(program))
+    """Return the contents of the archive by suffix."""
+    return _pack_npz(_arrays(program))
 
 
 def sequence_to_npz(programs: Sequence[SolvedProgram]) -> dict[str, bytes]:
-    """Return the archive of the programs of successive steps, which have the same operators, under its suffix."""
+    """Return the archive, by suffix, of the programs of successive steps with the same operators."""
     each = [_arrays(program) for program in programs]
-    return _archive({**each[0], **{name: np.stack([arrays[name] for arrays in each]) for name in CHANGING}})
+    return _pack_npz({**each[0], **{name: np.stack([arrays[name] for arrays in each]) for name in CHANGING}})
 
 
-def _archive(arrays: Mapping[str, Any]) -> dict[str, bytes]:
+def _pack_npz(arrays: Mapping[str, Any]) -> dict[str, bytes]:
     made = io.BytesIO()
     np.savez(made, **arrays)
     return {".npz": made.getvalue()}
@@ -110,7 +110,7 @@ def _archive(arrays: Mapping[str, Any]) -> dict[str, bytes]:
 
 def _arrays(program: StepProgram) -> dict[str, Any]:
     arrays: dict[str, Any] = {}
-    for name, part in parts_of(program).items():
+    for name, part in arrays_of(program).items():
         arrays |= {name: part} if isinstance(part, np.ndarray) else {f"{name}_{k}": getattr(part, k) for k in CSR}
     if isinstance(program, SolvedProgram):
         answer = program.answer
@@ -119,38 +119,38 @@ def _arrays(program: StepProgram) -> dict[str, Any]:
 
 
 def from_npz(path: Path) -> StepProgram:
-    """Return the program, solved if the file has the answer; of a sequence that of its first step."""
+    """Return the program, solved if the file has the answer; for a sequence, the program of its first step."""
     return sequence_from_npz(path)[0]
 
 
 def sequence_from_npz(path: Path) -> list[StepProgram]:
-    """Return the programs of a sequence; one alone of any other archive."""
+    """Return the programs of a sequence, or the single program of any other archive."""
     kept = read_arrays(path)
     steps = [kept]
     if kept.get("g", np.zeros(0)).ndim == 2:
         steps = [{**kept, **{name: kept[name][k] for name in CHANGING}} for k in range(len(kept["g"]))]
-    matrices = {name: _compressed(kept, name) for name in "KBD" if f"{name}_data" in kept}
-    first = put_together({**steps[0], **matrices})
+    matrices = {name: _read_compressed(kept, name) for name in "KBD" if f"{name}_data" in kept}
+    first = program_from_arrays({**steps[0], **matrices})
     vectors = [[_vector(arrays[name], name) for name in "gwbe"] for arrays in steps[1:]]
     every = [first, *(StepProgram(first.operators, *one) for one in vectors)]
-    return [_solved(program, arrays) for program, arrays in zip(every, steps, strict=True)]
+    return [_attach_answer(program, arrays) for program, arrays in zip(every, steps, strict=True)]
 
 
-def _compressed(kept: Mapping[str, Any], name: str) -> sp.csr_matrix:
-    """Return a matrix of compressed rows, checked: SciPy's own code reads and writes where damaged ones lead."""
+def _read_compressed(kept: Mapping[str, Any], name: str) -> sp.csr_matrix:
+    """Return a matrix of compressed rows, checked: with damaged indices SciPy accesses memory outside the arrays."""
     data, indices, indptr, shape = (kept[f"{name}_{k}"] for k in CSR)
     try:
         if indices.dtype.kind not in "iu" or indptr.dtype.kind not in "iu":
-            raise ValueError("columns and ends of rows are no whole numbers")
+            raise ValueError("column indices and row pointers are not integers")
         rows: sp.csr_matrix = sp.csr_matrix((data, indices, indptr), shape=tuple(shape.tolist()))
         check_compressed(rows)
     except (ValueError, TypeError, OverflowError) as error:
-        raise ProgramError(f"{name}: found rows that lead out of the matrix: {error}.") from error
+        raise ProgramError(f"{name}: found compressed rows that are no matrix: {error}.") from error
     return rows
 
 
-def _solved(program: StepProgram, kept: Mapping[str, Any]) -> StepProgram:
-    """Return the program with the answer that is kept with it, if there is one."""
+def _attach_answer(program: StepProgram, kept: Mapping[str, Any]) -> StepProgram:
+    """Return the program with the answer stored with it, if there is one."""
     if "d" not in kept:
         return program
     shapes: dict[str, tuple[int, ...]] = {**program.shapes, "step": (), "t": ()}
@@ -159,9 +159,9 @@ def _solved(program: StepProgram, kept: Mapping[str, Any]) -> StepProgram:
 
 
 def to_matrix_market(program: StepProgram) -> dict[str, bytes]:
-    """Return the files, under the ends of their names."""
+    """Return the contents of the files by the ends of their names."""
     made = {}
-    for name, part in parts_of(program).items():
+    for name, part in arrays_of(program).items():
         file = io.BytesIO()
         matrix = part[:, None] if isinstance(part, np.ndarray) and part.ndim == 1 else part
         mmwrite(file, matrix, precision=17, symmetry=None if name == "K" else "general")
@@ -170,25 +170,24 @@ def to_matrix_market(program: StepProgram) -> dict[str, bytes]:
 
 
 def from_matrix_market(path: Path) -> StepProgram:
-    """Return the program of the file of K and those beside it."""
+    """Return the program whose K is in this file and whose other arrays are in files next to it."""
     places = {name: path if name == "K" else path.with_name(f"{path.stem}_{name}.mtx") for name in NAMES}
-    return put_together({name: read_matrix(place, name) for name, place in places.items() if place.exists()})
+    return program_from_arrays({name: read_matrix(place, name) for name, place in places.items() if place.exists()})
 
 
 def read_matrix(path: Path, name: str) -> Matrix:
-    """Return the matrix of a file, dense where it is an array, sparse where it is a list of entries."""
+    """Return the matrix of a file: dense if stored as an array, sparse if stored as a list of entries."""
     data = path.read_bytes()
-    # SciPy's reader (1.17) ends the process where a file ends, or has a zero byte, in the middle of a number, and where
-    # an array has no entries.
+    # SciPy's reader (1.17) crashes if a file ends or has a zero byte within a number, or if an array is empty.
     if not data.endswith(b"\n") or b"\0" in data:
-        raise ProgramError(f"{name}: is cut short, or no text; its last line must be whole.")
+        raise ProgramError(f"{name}: the file is cut short or is no text; its last line must be complete.")
     try:
         rows, columns, entries, _, field, symmetry = mminfo(io.BytesIO(data))
-        # A number in the header shall not take memory that the file does not: a million rows may all be empty.
+        # A wrong size in the header must not allocate far more memory than the file has; a million rows may be empty.
         large = max(rows, columns, entries) > max(2**20, len(data))
         if field == "complex" or large or (symmetry != "general" and rows != columns):
             raise ValueError(f"found {rows} rows, {columns} columns and {entries} {field} entries, {symmetry}")
         found = mmread(io.BytesIO(data)) if rows and columns else np.zeros((rows, columns))
     except (ValueError, OverflowError) as error:
-        raise ProgramError(f"{name}: is no Matrix Market file of a real matrix: {error}.") from error
+        raise ProgramError(f"{name}: this is no Matrix Market file of a real matrix: {error}.") from error
     return found.astype(float) if isinstance(found, np.ndarray) else sp.csr_matrix(found, dtype=float)

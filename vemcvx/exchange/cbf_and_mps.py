@@ -1,28 +1,28 @@
-"""Programs as CBF and MPS, the text formats of conic and of quadratic programs: sparse rows of linear functions.
+"""Programs as CBF and MPS, the text formats of conic and of quadratic programs.
 
-CBF, the Conic Benchmark Format (version 1), holds every program: one cone a norm term, one for the energy.
+CBF, the Conic Benchmark Format (version 1), holds every program: one cone per norm term, and one for the energy.
 
     minimise    q - g'd + w't                       over d (n), t (m), q, p (soft limits only), all free
     subject to  (q, 1, F d, c^{1/2} p) in QR        2 q >= |F d|^2 + sum c_j p_j^2, with F'F = K
-                (t_i, B_i d - b_i)     in Q         |B_i d - b_i| <= t_i, one cone a term
+                (t_i, B_i d - b_i)     in Q         |B_i d - b_i| <= t_i, one cone per term
                 e - D d + c p          in L+        p is the force of a soft limit
 
-F is a root of K: of a sparse one the roots of the cells' matrices, one below the other, where the program knows them
-(SolvedProgram.energy_rows), since a Cholesky factor fills up: in space, of 26,040 unknowns, that would make 617 MB of
-text, not 42. Elsewhere it is that factor; where K has a kernel, and is dense, it has as many rows less. A reader gets
-K = F'F back, with the rounding of that product. At a solution the dual of a cone Q is (w_i, -lam_i), that of L+ is p.
+F is a root of K. If the program has the roots of the cell matrices (SolvedProgram.energy_rows), F is these roots,
+stacked: a sparse Cholesky factor fills in, and its text would be 15 times as long (26,040 unknowns in space). Otherwise
+F is the Cholesky factor. For a dense K with a kernel, F has as many rows less as the kernel has motions. Reading gives
+K = F'F, with the rounding of this product. At a solution the dual of a cone Q is (w_i, -lam_i), the dual of L+ is p.
 
 MPS in free format with a quadratic objective, also called QPS, holds absolute values, bounds and soft limits.
 
     minimise    1/2 d'Kd - g'd + w't + 1/2 sum c_j p_j^2      over d free, t >= 0, p >= 0
     rows        U: B d - t <= b,   L: -B d - t <= -b,   Z: D d - c p <= e
 
-QUADOBJ is the upper triangle of the Hessian. Duals of U less those of L (of solvers whose duals of such rows are >= 0)
-are lam, those of Z are p; the columns p_j are the forces of soft limits. That t >= 0 is implied; without it HiGHS 1.15
-may call d = 0 optimal (problems/highs_optimal_at_zero.py).
+QUADOBJ is the upper triangle of the Hessian. With duals >= 0, lam is the dual of U minus the dual of L, and p is the
+dual of Z; the columns p_j are the forces of soft limits. The bound t >= 0 is redundant, but without it HiGHS 1.15 may
+call d = 0 optimal (problems/highs_optimal_at_zero.py).
 
-The comment in the first line of both gives n, m, the size of a block, the numbers of limits, of soft ones, of motions
-in the kernel of K.
+The comment in the first line of either file gives n, m, the size of a block, and the numbers of limits, of soft limits
+and of motions in the kernel of K.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from scipy.sparse.linalg import splu
 
 from vemcvx.base.arrays import Floats, Ints
 from vemcvx.base.errors import ProgramError
-from vemcvx.exchange.arrays import put_together, with_motions
+from vemcvx.exchange.arrays import matrix_with_kernel, program_from_arrays
 from vemcvx.program import SECOND_ORDER_CONES, SolvedProgram, StepProgram
 
 HEAD = "vemcvx program: unknowns {} terms {} block {} limits {} soft {} motions {}"
@@ -46,9 +46,9 @@ HEAD = "vemcvx program: unknowns {} terms {} block {} limits {} soft {} motions 
 
 
 def _head(program: StepProgram) -> str:
-    of, kernel = program.operators, program.operators.kernel
-    soft, motions = np.count_nonzero(of.compliance), 0 if kernel is None else kernel.shape[1]
-    sizes = len(program.g), of.count, of.block, len(program.e), soft, motions
+    operators, kernel = program.operators, program.operators.kernel
+    soft, motions = np.count_nonzero(operators.compliance), 0 if kernel is None else kernel.shape[1]
+    sizes = len(program.g), operators.count, operators.block, len(program.e), soft, motions
     return HEAD.format(*sizes)
 
 
@@ -57,15 +57,15 @@ def _read(path: Path) -> tuple[list[int], dict[str, str]]:
     text = path.read_text()
     found = re.match("[#*] " + HEAD.replace("{}", r"(\d+)") + "\n", text)
     if found is None:
-        raise ProgramError(f"found no first line {HEAD!r}; only files that write_program() has made are read.")
+        raise ProgramError(f"found no first line {HEAD!r}; only files written by write_program() can be read.")
     numbers = [int(word) for word in found.groups()]
     if max(numbers) > len(text):
-        raise ProgramError(f"found {max(numbers)} in the first line, which a file of this size has no room for.")
+        raise ProgramError(f"found {max(numbers)} in the first line; a file of this size cannot hold so many.")
     return numbers, dict(re.findall(r"^([A-Z]+)\b.*\n((?:[^A-Z\n].*\n|(?:F|QR?|L\+) \d+\n)*)", text, re.MULTILINE))
 
 
 def triplets(rows: Any) -> Iterator[tuple[int, int, str]]:
-    """Yield row, column and value, to the bit, of the entries that are not zero, in the order of the matrix."""
+    """Yield row, column and exact decimal value of the nonzero entries, in the order of the matrix."""
     rows.sort_indices()
     coo = rows.tocoo()
     for i, j, x in zip(coo.row.tolist(), coo.col.tolist(), coo.data.tolist(), strict=True):
@@ -74,15 +74,15 @@ def triplets(rows: Any) -> Iterator[tuple[int, int, str]]:
 
 
 def root(program: StepProgram) -> sp.csr_matrix:
-    """Return F with F'F = K: rows of cells where they are known, else a factor."""
+    """Return F with F'F = K: the stacked roots of the cell matrices if the program has them, else a factor."""
     operators, K = program.operators, program.operators.K
     if isinstance(program, SolvedProgram) and program.energy_rows is not None:
         return program.energy_rows()
     if operators.kernel is not None:
         if not isinstance(K, np.ndarray):
             raise ProgramError(
-                "CBF: nothing but friction and contact holds the body, and a sparse K with a kernel has none here; "
-                "take the condensed program, or write .npz or .mtx."
+                "CBF: only friction and contact hold the body, and CBF needs a root of K, which a sparse K with a "
+                "kernel lacks here; take the condensed program, or write .npz or .mtx."
             )
         values, vectors = np.linalg.eigh(0.5 * (K + K.T))
         kept = slice(operators.kernel.shape[1], None)
@@ -95,7 +95,7 @@ def root(program: StepProgram) -> sp.csr_matrix:
 
 
 def to_cbf(program: StepProgram) -> dict[str, bytes]:
-    """Return the file, under its suffix."""
+    """Return the contents of the file by suffix."""
     soft = np.flatnonzero(program.operators.compliance)
     A, b, cones = _cone_rows(program, soft)
     cost = np.concatenate([-program.g, program.w, [1.0], np.zeros(len(soft))])
@@ -111,7 +111,7 @@ def to_cbf(program: StepProgram) -> dict[str, bytes]:
 
 
 def _cone_rows(program: StepProgram, soft: Ints) -> tuple[sp.csr_matrix, Floats, list[str]]:
-    """Return A and b of A x + b, x = (d, t, q, p), and the cones that its rows are in."""
+    """Return A and b of A x + b, x = (d, t, q, p), and the cones of its rows."""
     operators = program.operators
     m, block, c, F = operators.count, operators.block, operators.compliance, root(program)
     energy = 2 + F.shape[0] + len(soft)
@@ -125,7 +125,7 @@ def _cone_rows(program: StepProgram, soft: Ints) -> tuple[sp.csr_matrix, Floats,
     ]
     A: sp.csr_matrix = sp.csr_matrix(sp.block_array(blocks))
     b = np.concatenate([[0.0, 1.0], np.zeros(energy - 2 + m), -program.b, program.e])
-    # A cone's first row is that of t_i, the others are those of B_i.
+    # The first row of a cone is t_i, the others are B_i.
     terms = np.concatenate([np.arange(m)[:, None], m + np.arange(m * block).reshape(m, block)], axis=1).ravel()
     order = np.concatenate([np.arange(energy), energy + terms, np.arange(len(b) - len(c), len(b))])
     return A[order], b[order], _cones(energy, m, block, len(c))
@@ -136,15 +136,15 @@ def _cones(energy: int, m: int, block: int, limits: int) -> list[str]:
 
 
 def from_cbf(path: Path) -> StepProgram:
-    """Return the program of a file of this form, K = F'F."""
+    """Return the program of a CBF file, with K = F'F."""
     (n, m, block, r, s, motions), sections = _read(path)
     rows, cones = int(sections["CON"].split()[0]), sections["CON"].splitlines()[1:]
     energy = rows - r - m * (1 + block)
     if cones != _cones(energy, m, block, r):
-        raise ProgramError("its cones are not those that the first line announces.")
+        raise ProgramError("its cones do not fit the sizes in the first line.")
 
     def entries(name: str, rows: int, columns: int) -> sp.csr_matrix:
-        """Return the entries of a section as a matrix; of one row where it names columns only."""
+        """Return the entries of a section as a matrix, which has one row if the section names columns only."""
         width = 2 if name != "ACOORD" else 3
         numbers = np.array(sections[name].split()[1:], dtype=float).reshape(-1, width).T
         places = numbers[:-1].astype(np.int64)
@@ -156,19 +156,19 @@ def from_cbf(path: Path) -> StepProgram:
     F, limits = A[2 : energy - s, :n], slice(rows - r, rows)
     parts = {"g": -cost[:n], "w": cost[n : n + m], "B": A[cone, :n], "b": -b[cone]}
     parts |= {"D": -A[limits, :n], "e": b[limits], "c": A[limits, n + m + 1 :] @ np.ones(s)}
-    return put_together(parts | with_motions(0.5 * (F.T @ F + (F.T @ F).T), motions))
+    return program_from_arrays(parts | matrix_with_kernel(0.5 * (F.T @ F + (F.T @ F).T), motions))
 
 
 def _names(n: int, m: int, r: int) -> Iterator[list[str]]:
-    """Yield the names of the rows, the objective last, and of the columns, the right side last."""
+    """Yield the names of the rows, the objective last, and of the columns, the right-hand side last."""
     for sizes, last in (({"U": m, "L": m, "Z": r}, "cost"), ({"d": n, "t": m, "p": r}, "rhs")):
         yield [*(f"{letter}{k + 1}" for letter, size in sizes.items() for k in range(size)), last]
 
 
 def to_mps(program: StepProgram, suffix: str = ".mps") -> dict[str, bytes]:
-    """Return the file, under its suffix.
+    """Return the contents of the file by suffix.
 
-    ProgramError where the program has second-order cones.
+    Raise ProgramError if the program has second-order cones.
     """
     operators, n, m, r = program.operators, len(program.g), len(program.w), len(program.e)
     if SECOND_ORDER_CONES in operators.features:
@@ -189,7 +189,7 @@ def to_mps(program: StepProgram, suffix: str = ".mps") -> dict[str, bytes]:
 
 
 def from_mps(path: Path) -> StepProgram:
-    """Return the program of a file of this form."""
+    """Return the program of an MPS file."""
     (n, m, _, r, _, motions), sections = _read(path)
     rows, columns = ({name: k for k, name in enumerate(names)} for names in _names(n, m, r))
 
@@ -202,4 +202,4 @@ def from_mps(path: Path) -> StepProgram:
     cost, bounds = A[-1].toarray()[0], A[:, -1].toarray().ravel()
     parts = {"g": -cost[:n], "w": cost[n : n + m], "c": Q.diagonal()[n + m : -1], "B": A[:m, :n], "b": bounds[:m]}
     parts |= {"D": A[2 * m : -1, :n], "e": bounds[2 * m : -1]}
-    return put_together(parts | with_motions(sp.csr_matrix(Q + sp.triu(Q, 1).T)[:n, :n], motions))
+    return program_from_arrays(parts | matrix_with_kernel(sp.csr_matrix(Q + sp.triu(Q, 1).T)[:n, :n], motions))

@@ -1,21 +1,21 @@
-"""HDF5 as the Frictional Contact Library (FCLIB) has it: a step with Coulomb's law, solved.
+"""HDF5 files of the Frictional Contact Library (FCLIB): a solved step with Coulomb's law.
 
-    local   u = W r + q                         of a condensed program
-    global  M v = H r + f,   u = H'v + w        of all unknowns: W of 10,000 contacts in space would be 7 GB
+    local   u = W r + q                         for a condensed program
+    global  M v = H r + f,   u = H'v + w        for all unknowns: W of 10,000 contacts in space would take 7 GB
 
     r_N >= 0,  u_N >= 0,  r_N u_N = 0,   |r_T| <= mu r_N,   r_T = -mu r_N u_T / |u_T| where u_T != 0
 
-(Acary and others, INRIA RT-444, 2014, and FCLIB's fclib.h), contact by contact the normal component before the
-tangential one or two; spacedim is 2 or 3. From K d = g - B'lam - D'p, with the rows h_N = -D_j and h_T = B_i of the
-limit and the norm term of each contact,
+(Acary and others, INRIA RT-444, 2014, and FCLIB's fclib.h). Each contact has its normal component first, then its
+tangential component or components; spacedim is 2 or 3. From K d = g - B'lam - D'p, with the rows h_N = -D_j and
+h_T = B_i of the limit and the norm term of each contact, follow
 
     r_N = p,  r_T = -lam,  u_N = e - D d,  u_T = B d - b,    W = h K^{-1} h',   q = h K^{-1} g + w,
     v = d,  M = K,  f = g,  H = h',  w = (e; -b).
 
-Matrices are stored by rows (nz = -2), deflated, as HDF5's library reads them without being told. Steps of a run are
-files of their own; the solution of one is a guess for the next. The info's description says, as JSON, what the solution
-is certified to, |v - v*|_M <= energy_error, as that of the convex program whose weights are its own mu r_N. Nothing is
-read back: weights are not those of a program but of Coulomb's law. Needs h5py (extra ``fclib``).
+Matrices are stored by rows (nz = -2) and compressed by deflate, which HDF5 reads transparently. Each step of a run has
+its own file; the solution of a step is a guess for the next. The description in `info` states, as JSON, the certified
+error: |v - v*|_M <= energy_error for the convex program whose weights are mu r_N of the solution. FCLIB files cannot be
+read back, because they contain Coulomb's law instead of given weights. They need h5py (extra ``fclib``).
 """
 
 from __future__ import annotations
@@ -38,14 +38,14 @@ MODEL = "; r_N >= 0, u_N >= 0, r_N u_N = 0; |r_T| <= mu r_N, r_T opposite to u_T
 
 
 def to_fclib(program: StepProgram) -> dict[str, bytes]:
-    """The file, under its suffix.
+    """Return the contents of the file by suffix.
 
-    ProgramError where h5py is not installed, or the step is not one with Coulomb's law between rigid obstacles.
+    Raise ProgramError if h5py is not installed, or the step has no Coulomb's law against rigid obstacles.
     """
     if find_spec("h5py") is None:
         raise ProgramError("FCLIB's files need h5py, which is not installed; pip install 'vemcvx[fclib]'.")
     if not isinstance(program, SolvedProgram):
-        raise ProgramError("FCLIB's model needs coefficients of friction, which a solved step alone knows.")
+        raise ProgramError("FCLIB's model needs coefficients of friction, which only a solved step has.")
     pairs, mu = _contacts(program)
     operators, m, dim = program.operators, len(mu), 1 + program.operators.block
     slips = (pairs[:, None] * operators.block + np.arange(operators.block)).ravel()
@@ -81,35 +81,35 @@ def to_fclib(program: StepProgram) -> dict[str, bytes]:
 
 
 def from_fclib(_: Path) -> StepProgram:
-    """Refuses: the file has a coefficient of friction, not the weights of a program."""
-    raise ProgramError("FCLIB's files pose Coulomb's law, no convex program; read an .npz, .mtx, .cbf or .mps.")
+    """Raise ProgramError: the file has coefficients of friction instead of the weights of a program."""
+    raise ProgramError("an FCLIB file states Coulomb's law, no convex program; read an .npz, .mtx, .cbf or .mps.")
 
 
 def _contacts(program: SolvedProgram) -> tuple[Ints, Floats]:
-    """The norm term of every limit, (r,), and the coefficient of its friction."""
+    """Return the norm term of every limit, (r,), and its coefficient of friction, (r,)."""
     operators, slope = program.operators, program.slope
-    words = "FCLIB's model is Coulomb's friction between rigid obstacles: "
+    words = "FCLIB's model is Coulomb's friction on rigid obstacles: "
     if slope is None or operators.block > 2:
         raise ProgramError(f"{words}here weights do not follow the pressure; write .npz, .mtx, .cbf or .mps.")
     if operators.kernel is not None or (operators.compliance > 0).any():
-        raise ProgramError(f"{words}here limits give way, or nothing but them holds the body.")
+        raise ProgramError(f"{words}here limits are soft, or only friction and limits hold the body.")
     pairs = sp.csc_matrix(slope)
     pairs.eliminate_zeros()
     single = (np.diff(pairs.indptr) == 1).all() and (np.bincount(pairs.indices, minlength=operators.count) == 1).all()
     if not single:
-        raise ProgramError(f"{words}here weights are at a cap, or not one to a limit.")
+        raise ProgramError(f"{words}here weights are at a cap, or a limit has no weight or several.")
     mu = pairs.data
-    # Both are sums of a few numbers: they may differ by rounding of the largest (2.8 EPS among 10,000 contacts).
+    # w and mu p are sums of a few numbers: they differ by rounding of the largest (2.8 EPS among 10,000 contacts).
     w = program.w[pairs.indices]
     other = np.abs(w - mu * program.answer.p) > 64 * EPS * w.max(initial=0.0)
     if other.any():
-        raise ProgramError(f"{words}here {other.sum()} weights are not those of the answer's own pressures.")
+        raise ProgramError(f"{words}here {other.sum()} weights are not mu times the pressures of the answer.")
     return pairs.indices.astype(np.int64), mu
 
 
 def _write(group: Any, values: dict[str, Any]) -> None:
     for name, value in values.items():
-        if np.size(value) > 1:  # On a mesh of like cells a matrix takes a tenth.
+        if np.size(value) > 1:  # On a mesh of congruent cells a compressed matrix takes a tenth of the space.
             group.create_dataset(name, data=value, compression="gzip", shuffle=True)
         else:
             group[name] = value

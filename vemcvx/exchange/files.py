@@ -1,16 +1,16 @@
-"""Programs written and read by the suffix of the file; a JSON of the same name beside it says what it is.
+"""Write and read programs in the format of the file's suffix, with a JSON file of the same name as description.
 
 =======  ============================================================  ======================================
-.npz     NumPy's archive, the certified answer included                every program, to the bit
-.mtx     Matrix Market, K in NAME.mtx, B in NAME_B.mtx, ...            every program, to the bit
+.npz     NumPy's archive, with the certified answer                    every program, bit by bit
+.mtx     Matrix Market, K in NAME.mtx, B in NAME_B.mtx, ...            every program, bit by bit
 .cbf     Conic Benchmark Format, the energy as one more cone           every program; K = F'F with its rounding
 .mps     MPS with a quadratic objective, which HiGHS reads under this  absolute values, bounds, soft limits
-         name; .qps is the same file for solvers that go by that name
-.hdf5    FCLIB's local problem (extra ``fclib``); of all unknowns its    steps with Coulomb's law; cannot be read back
-         global one
+         suffix; .qps is the same file for solvers that expect this suffix
+.hdf5    FCLIB's local problem, or its global problem if the program   steps with Coulomb's law; cannot be read back
+         is not condensed (extra ``fclib``)
 =======  ============================================================  ======================================
 
-The JSON has where a program comes from, its size, and its certified optimum.
+The JSON file states the origin of the program, its size, and its certified optimum.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ STATEMENT = (
 
 
 def description(program: StepProgram) -> dict[str, Any]:
-    """Return the words and numbers, as JSON takes them."""
+    """Return the description of a program, with values that JSON accepts."""
     operators = program.operators
     matrices = {"K": sp.csr_matrix(operators.K), "B": operators.B, "D": operators.D}
     found: dict[str, Any] = {
@@ -67,7 +67,7 @@ def description(program: StepProgram) -> dict[str, Any]:
 
 
 Files = dict[str, bytes]
-"""Contents of files under the ends of their names."""
+"""Contents of files by the ends of their names."""
 FORMATS: dict[str, tuple[Callable[[StepProgram], Files], Callable[[Path], StepProgram]]] = {
     "npz": (to_npz, from_npz),
     "mtx": (to_matrix_market, from_matrix_market),
@@ -78,43 +78,51 @@ FORMATS: dict[str, tuple[Callable[[StepProgram], Files], Callable[[Path], StepPr
 }
 
 
-def encoded(program: StepProgram, name: str) -> Files:
-    """Return the files of a format, and the JSON, under what follows NAME in theirs."""
+def encode_program(program: StepProgram, name: str) -> Files:
+    """Return the contents of the files of a format and of the JSON file, by the part of their names after NAME."""
     if not isinstance(program, StepProgram):
         raise ProgramError(f"write_program: found {brief(program)}; wanted a StepProgram, as history.program(n) is.")
     if len(program.g) == 0:
-        raise ProgramError("write_program: the program has no unknowns left; take condense=False, --no-condense.")
+        raise ProgramError("write_program: the program has no unknowns left; use condense=False (--no-condense).")
     return {**FORMATS[name][0](program), ".json": in_json(description(program))}
 
 
 def in_json(words: Mapping[str, Any]) -> bytes:
-    """Return words and numbers as a JSON file."""
+    """Return the contents of a JSON file of these words and numbers."""
     text = json.dumps(words, indent=1, default=lambda x: x.item() if isinstance(x, np.generic) else str(x))
     return f"{text}\n".encode()
 
 
 def write_program(program: StepProgram, path: str | Path) -> Path:
-    """Write a program in the format that the suffix names, and a JSON beside it; folders are made, files replaced.
+    """Write a program in the format of the suffix, and its description in a JSON file of the same name.
+
+    Missing folders are created, and existing files are replaced.
 
     Parameters
     ----------
     program : StepProgram
-        One that is solved says its certified optimum in the JSON, and its answer in an NPZ.
+        For a solved program the JSON file has the certified optimum, and an NPZ file has the answer, too.
     path : str or Path
         NAME.npz, NAME.mtx, NAME.cbf, NAME.mps, NAME.qps or NAME.hdf5: see :mod:`vemcvx.exchange.files`.
 
     Returns
     -------
     Path
-        That of the file; all others begin with the same name.
+        The path of the file; the names of all other files begin with NAME.
 
     Raises
     ------
     ProgramError
-        There is no such format, it cannot hold the program, or the files cannot be written.
+        There is no such format, the format cannot hold the program, or a file cannot be written.
+
+    Examples
+    --------
+    >>> program = vx.StepProgram(vx.Operators(np.eye(2), np.eye(2)), g=np.ones(2), w=np.ones(2), b=np.zeros(2))
+    >>> vx.write_program(program, "step.npz").name
+    'step.npz'
     """
     place, name = _place(path)
-    for end, data in encoded(program, name).items():
+    for end, data in encode_program(program, name).items():
         file = place if end == f".{name}" else place.with_name(place.stem + end)
         try:
             file.parent.mkdir(parents=True, exist_ok=True)
@@ -125,12 +133,29 @@ def write_program(program: StepProgram, path: str | Path) -> Path:
 
 
 def read_program(path: str | Path) -> StepProgram:
-    """Read a program that :func:`write_program` wrote; solved, with its answer, if the file is an NPZ that has one.
+    """Read a program that :func:`write_program` wrote.
+
+    Parameters
+    ----------
+    path : str or Path
+        The path of the NPZ, Matrix Market, CBF, MPS or QPS file; the program of an FCLIB file cannot be read.
+
+    Returns
+    -------
+    StepProgram
+        A SolvedProgram, with its answer, if the file is an NPZ archive that has one.
 
     Raises
     ------
     ProgramError
-        There is no such file, or it holds no such program.
+        There is no such file, or it holds no program of a step.
+
+    Examples
+    --------
+    >>> program = vx.StepProgram(vx.Operators(np.eye(2), np.eye(2)), g=np.ones(2), w=np.ones(2), b=np.zeros(2))
+    >>> path = vx.write_program(program, "step.npz")
+    >>> print(vx.read_program(path).g)
+    [1. 1.]
     """
     place, name = _place(path)
     if not place.is_file():
@@ -139,8 +164,8 @@ def read_program(path: str | Path) -> StepProgram:
         return FORMATS[name][1](place)
     except VemcvxError as error:
         raise ProgramError(f"{place}: {error}") from error
-    except Exception as error:  # damage shows as whatever numpy, zipfile or scipy stumble over
-        raise ProgramError(f"{place}: is damaged, or no .{name} file of a step's program: {error}.") from error
+    except Exception as error:  # numpy, zipfile and scipy raise many kinds of errors on damaged files
+        raise ProgramError(f"{place}: the file is damaged, or no .{name} file of a program: {error}.") from error
 
 
 def _place(path: str | Path) -> tuple[Path, str]:

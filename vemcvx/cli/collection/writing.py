@@ -32,7 +32,7 @@ from vemcvx.base.version import __version__
 from vemcvx.cli.problem_file import read_problem
 from vemcvx.cli.supplied import problems_folder
 from vemcvx.cli.terminal import logged_at_most, progress_bar, say
-from vemcvx.exchange import FORMATS, description, encoded, in_json, sequence_to_npz
+from vemcvx.exchange import FORMATS, description, encode_program, in_json, sequence_to_npz
 from vemcvx.program import SolvedProgram, StepProgram
 from vemcvx.results import programs_of_steps
 from vemcvx.scene import unwarned
@@ -311,7 +311,7 @@ def _encoded(instance: Instance, solved: Sequence[SolvedProgram], forms: Sequenc
     """
     if instance.steps == 1:
         program, proof = _variant(instance, solved[0])
-        files = {end: data for form in forms for end, data in encoded(program, form).items()}
+        files = {end: data for form in forms for end, data in encode_program(program, form).items()}
         return {**files, ".json": in_json({**json.loads(files[".json"]), **proof})}
     each = [description(program) for program in solved]
     optima = [words["optimum"] for words in each]

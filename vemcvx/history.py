@@ -309,7 +309,8 @@ FOR_GIVEN = "for the given friction: bounds of friction are those of the answer'
 def in_words(history: Results) -> Outline:
     """Return the summary in words: effects, certificates, cost."""
     run, touch = history.trajectory, history.contact
-    sticks, slips, opened = (int(count[-1]) for count in (touch.stick_count, touch.slip_count, touch.open_count))
+    row, at_end = history.row(None), history.peak == history.stored[-1]
+    sticks, slips, opened = (int(count[row]) for count in (touch.stick_count, touch.slip_count, touch.open_count))
     rubs = touch.bound.any() or touch.traction.any()
     did = f"{sticks} nodes stick, {slips} slip" if rubs else f"{sticks + slips} nodes touch, without friction"
     did += f", {opened} are open" if opened else ""
@@ -320,6 +321,8 @@ def in_words(history: Results) -> Outline:
     certified += f"{run.certified_total.max():.1e} accumulated{asked and f'; {asked}'}"
     took = f"{usual} a step at the median, at most {run.iterations.max()}; {run.safeguards.sum()} of them safeguards"
     quoted = f"dissipated {run.dissipated_second_order[-1]:.6g}, work {run.work_second_order[-1]:.6g}"
+    when = "in the last step" if at_end else f"at t = {history.times[row]:.6g}, at the largest energy"
+    most = "" if at_end else f" (at most {history.energy[row]:.6g}, at t = {history.times[row]:.6g})"
     lines = [
         *(("left out", words) for words in history.inactive),
         ("solver", history.solver),
@@ -328,9 +331,9 @@ def in_words(history: Results) -> Outline:
         *_errors(history.errors, history.quantities),
         *_bound(history.bound),
         ("iterations", took),
-        ("energy", f"stored {run.energy[-1]:.6g}, {quoted}, of second order in the steps"),
+        ("energy", f"stored {run.energy[-1]:.6g}{most}, {quoted}, of second order in the steps"),
         ("", f"sum of backward Euler: dissipated {run.dissipated[-1]:.6g}, work {run.work[-1]:.6g}, of first order"),
-        *([("contact", f"{did} in the last step")] if len(touch.nodes) else []),
+        *([("contact", f"{did} {when}")] if len(touch.nodes) else []),
         ("seconds", ", ".join(f"{name} {value:.3g}" for name, value in history.seconds.items())),
     ]
     return Outline(title, lines)

@@ -90,7 +90,7 @@ def test_the_mesh_is_drawn_where_it_moves_to(history):
 
 
 def test_arrows_are_the_friction_forces_to_scale(history):
-    arrows = deformed_mesh(history).axes[0].collections[1:]
+    arrows = deformed_mesh(history, -1).axes[0].collections[1:]
     traction, sticks = history.contact.traction[-1], history.contact.sticking[-1]
     # The dashed outline is no collection: all that follows the cells are arrows.
     drawn = np.concatenate([np.column_stack([arrow.U, arrow.V]) for arrow in arrows])
@@ -250,7 +250,7 @@ def test_wear_is_friction_work_and_ever_darker(history):
         assert np.array_equal(line.get_xydata(), np.column_stack([contact.points[:, 0], contact.wear[step]])[order])
     assert [text.get_text() for text in ax.figure.legends[0].get_texts()] == ["t = 0.3333", "t = 1"]
     assert [line.get_xydata()[:, 1].max() for line in wear(history).axes[0].lines] == pytest.approx(
-        contact.wear[[6, 12, 18, 24]].max(axis=1)
+        contact.wear[[6, 18, 24]].max(axis=1)
     )
     with pytest.raises(vx.HistoryError, match="wear: found 5 steps; it draws 1 to 4 of them"):
         wear(history, [1, 2, 3, 4, 5])
@@ -564,4 +564,4 @@ def test_in_grey_print_no_stress_looks_like_its_opposite_and_slip_not_like_stick
         for p in friction_traction(history, 3).axes[0].patches
     }
     assert {colour.upper(): bool(hatch) for colour, hatch in hatched.items()} == {"#0072B2": False, "#D55E00": True}
-    assert len({line.get_marker() for line in wear(history).axes[0].lines}) == 4
+    assert len({line.get_marker() for line in wear(history, [3, 6, 12, 24]).axes[0].lines}) == 4

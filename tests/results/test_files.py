@@ -131,7 +131,7 @@ def test_summary_has_the_keys_of_the_contract(history, tmp_path):
         float: "accuracy certified_energy_error peak_memory_mb energy dissipated work "
         "dissipated_second_order work_second_order",
         list: "effects left_out tables",
-        dict: "mesh extremes forces contact seconds",
+        dict: "mesh extremes forces peak contact seconds",
         type(None): "estimated_energy_errors quantities bound_upper bound_lower bound_kind bound_force",
     }
     assert {name: type(value) for name, value in told.items()} == {

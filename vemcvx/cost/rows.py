@@ -30,7 +30,7 @@ NAMES = (
     *(*ENERGIES, "displacement", "von_mises", "largest_principal_stress", "smallest_principal_stress"),
     *("slip", "friction", "pressure", "pressure_recovered", *FORCES, *COUNTS, *PLAIN),
 )
-"""Names of the figures of a run; a figure is a value at the end, or the largest value of all steps."""
+"""Names of the figures of a run: energies are those at the end, counts those at the peak, others the largest values."""
 
 
 def figures(history: Results) -> Row:
@@ -40,7 +40,7 @@ def figures(history: Results) -> Row:
     return {
         **{name: finite_or_none(getattr(run, name)[-1]) for name in ENERGIES},
         **{one.key: finite_or_none(one.value) for one in history.extremes},
-        **({name: int(count[-1]) for name, count in counts.items()} if len(touch.nodes) else {}),
+        **({name: int(count[history.row(None)]) for name, count in counts.items()} if len(touch.nodes) else {}),
         **_largest_forces(history),
         "certified": finite_or_none(run.certified.max()),
         "certified_total": finite_or_none(run.certified_total.max()),
@@ -69,7 +69,7 @@ def labels(history: Results, units: Units | None = None) -> dict[str, str]:
         **{name: f"{name.replace('_second_order', ', of second order')}\n({energy})" for name in ENERGIES},
         **{one.key: f"{one.name}\n({in_units(one.unit, units)})" for one in history.extremes},
         **{name: f"{words}\n({in_units('force', units)})" for name, words in FORCES.items()},
-        **{name: f"nodes that are {name} at the end" for name in COUNTS},
+        **{name: f"nodes that are {name} at the largest energy" for name in COUNTS},
         **PLAIN,
     }
 

@@ -21,7 +21,7 @@ from vemcvx.meshes.polygons import rows_in_order
 from vemcvx.plots import style
 from vemcvx.plots.contact import contact_line
 from vemcvx.plots.style import Units, Window, common_magnification, extent, instant, label, named, unit, within
-from vemcvx.results import Results
+from vemcvx.results import Results, last_of_largest
 from vemcvx.vem import component_names
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ MISSING = "drawing bodies in space needs PyVista, which is not installed: pip in
 
 def deformed_mesh(
     history: Results,
-    step: int = -1,
+    step: int | None = None,
     *,
     ax: Axes | None = None,
     magnify: float | None = None,
@@ -97,7 +97,7 @@ def size_of_page(history: Results) -> tuple[float, float]:
 
 def stressed_body(
     history: Results,
-    step: int = -1,
+    step: int | None = None,
     *,
     ax: Axes | None = None,
     stress: str = "mean",
@@ -113,7 +113,9 @@ def stressed_body(
 
     Parameters
     ----------
-    history, step, ax, units : as of `friction_traction`
+    history, ax, units : as of `friction_traction`
+    step : int, optional
+        A stored step; by default the last one whose largest stress, of those drawn, is within a percent of that of all.
     stress : {"mean", "xx", "yy", "xy", "shear", "von_mises", "max_principal", "min_principal"}
         Principal stresses are those in the plane. Tension is red and compression blue.
     forces : {"contact", "friction", "none"}
@@ -141,7 +143,7 @@ def stressed_body(
     """
     _check_stress(stress, history, "stressed_body")
     choice(forces, "stressed_body", "forces", FORCES, HistoryError)
-    row, mesh = history.row(step), plane_mesh(history.mesh, "stressed_body", "deformed_body draws it")
+    mesh = plane_mesh(history.mesh, "stressed_body", "deformed_body draws it")
     window, stretch = style.window_of(window), style.positive(stretch, "stretch: found", "a positive number")
     images = as_real_array(mirrors, "mirrors", "pairs of signs, 1 or -1")
     if images.size and (images.shape[1:] != (2,) or (np.abs(images) != 1).any()):
@@ -152,7 +154,8 @@ def stressed_body(
         body = f"(({left:.4g}, {right:.4g}), ({bottom:.4g}, {top:.4g}))"
         raise HistoryError(f"window: found {brief(window)}, which shows no cell; the body is within {body}.")
     words, values = _stresses(history, stress)
-    colours, ends = colours_of([found[seen] for found in values], stress)
+    shown = [found[seen] for found in values]
+    row, (colours, ends) = _row(history, step, shown), colours_of(shown, stress)
     field = _Field(values, label(words, "force per area", units), (colours, style.value_range(limits, ends)))
     ax = canvas.axes_or_new(ax, *size_of_page(history))
     view = _View(forces, window=window, stretch=stretch, images=images, magnify=magnify, units=units)
@@ -235,6 +238,11 @@ def _stresses(history: Results, name: str) -> tuple[str, list[Floats]]:
         return words, [value(fields) for fields in every]
     k = component_names(history.mesh.points.shape[1]).index(name)
     return rf"$\sigma_{{{name.translate(NUMBERS)}}}$", [fields["stress"][:, k] for fields in every]
+
+
+def _row(history: Results, step: int | None, stresses: Sequence[Floats]) -> int:
+    """Return the row of a step, by default of the largest of the stresses that are drawn, (S,) of (k,)."""
+    return last_of_largest([np.abs(found).max() for found in stresses]) if step is None else history.row(step)
 
 
 def colours_of(stresses: Sequence[Floats], name: str) -> Colours:
@@ -324,7 +332,7 @@ def _arrows(ax: Axes, at: tuple[Results, int], scale: tuple[float, float], view:
 
 def deformed_body(
     history: Results,
-    step: int = -1,
+    step: int | None = None,
     *,
     ax: Axes | None = None,
     stress: str = "von_mises",
@@ -339,7 +347,7 @@ def deformed_body(
 
     Parameters
     ----------
-    history, step, ax, units : as of `friction_traction`
+    history, step, ax, units : as of `stressed_body`
     stress : {"xx", "yy", "zz", "xy", "yz", "xz", "shear", "von_mises", "max_principal", "min_principal", "mean"}
         Tension is red and compression blue.
     view : (3,) vector
@@ -353,7 +361,7 @@ def deformed_body(
     VemcvxError
         PyVista or matplotlib is not installed.
     """
-    row, mesh = history.row(step), history.mesh
+    mesh = history.mesh
     if not isinstance(mesh, PolyhedralMesh):
         raise HistoryError("deformed_body: this body is plane; deformed_mesh and stressed_body draw it.")
     _check_stress(stress, history, "deformed_body")
@@ -361,7 +369,7 @@ def deformed_body(
     factor = common_magnification(history, _size(mesh.points), magnify)
     words, values = _stresses(history, stress)
     stresses = [found[mesh.face_cells[faces, 0]] for found in values]
-    colours, ends = colours_of(stresses, stress)
+    row, (colours, ends) = _row(history, step, stresses), colours_of(stresses, stress)
     scale = style.value_range(limits, ends)
     points = mesh.points + factor * history.displacement[row]
     surface = points, *rows_in_order(mesh.face_offsets, mesh.face_vertices, faces)

@@ -108,7 +108,7 @@ def with_nodes(history: Results, picture: str) -> Contact:
 
 def friction_traction(
     history: Results,
-    step: int = -1,
+    step: int | None = None,
     *,
     ax: Axes | None = None,
     limits: ArrayLike | None = None,
@@ -119,8 +119,8 @@ def friction_traction(
     Parameters
     ----------
     history : History
-    step : int
-        A stored step; negative ones count from the end.
+    step : int, optional
+        A stored step; negative ones count from the end. By default `history.peak`, that of the largest energy.
     ax : Axes, optional
         Where to draw; by default on a new figure.
     limits : (low, high), optional
@@ -286,7 +286,8 @@ def along_contact(
     show : {"pressure", "slip", "wear"}
         Pressure and slip at these instants, or the friction work per length until then.
     steps : int or sequence of int, optional
-        Stored steps, at most four; by default as many, evenly apart, the last among them.
+        Stored steps, at most four; by default ``history.telling(4)``: the first and the last turns of the motion and
+        the last step, or where nothing turns back steps evenly apart, and the peak.
     limits : (low, high), optional
         Ends of the axis of values; by default from 0, or less, to a little more than the largest of all steps.
 
@@ -297,9 +298,8 @@ def along_contact(
     """
     choice(show, "along_contact", "show", list(PROFILES), HistoryError)
     picture, most = "wear" if show == "wear" else "along_contact", len(style.EARLY_TO_LATE)
-    line, later = contact_line(history, picture), _later(history, picture)
-    evenly = later[np.unique(np.linspace(0, len(later), min(most, len(later)) + 1)[1:].round().astype(int)) - 1]
-    asked = evenly.tolist() if steps is None else steps if isinstance(steps, Iterable) else [steps]
+    line, _ = contact_line(history, picture), _later(history, picture)
+    asked = history.telling(most).tolist() if steps is None else steps if isinstance(steps, Iterable) else [steps]
     rows = [history.row(step) for step in asked]
     if not 0 < len(rows) <= most:
         raise HistoryError(f"{picture}: found {len(rows)} steps; it draws 1 to {most} of them.")

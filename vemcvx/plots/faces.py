@@ -141,7 +141,7 @@ FIELDS: dict[str, tuple[str, str, Callable[[Results], Floats]]] = {
 
 def contact_face(
     history: Results,
-    step: int = -1,
+    step: int | None = None,
     *,
     on: str | None = None,
     ax: Axes | None = None,
@@ -249,7 +249,12 @@ def _slip_arrows(ax: Axes, face: ContactFace, row: int, window: Window | None, u
 
 
 def friction_disc(
-    history: Results, step: int = -1, *, on: str | None = None, ax: Axes | None = None, units: Units | None = None
+    history: Results,
+    step: int | None = None,
+    *,
+    on: str | None = None,
+    ax: Axes | None = None,
+    units: Units | None = None,
 ) -> Figure:
     """Draw the friction on the body at every contact node over its bound, as points in the unit disc.
 

@@ -229,7 +229,7 @@ PICTURES: dict[str, tuple[Callable[..., Figure], Callable[[Results], bool | np.b
     "wear": (wear, lambda h: _plane(h) and _moves(h) and h.contact.wear.any()),
     "deformed_body": (deformed_body, lambda h: not _plane(h) and has_pyvista()),
     "contact_face": (faces.contact_face, _faces),
-    "friction_disc": (faces.friction_disc, lambda h: _faces(h) and (h.contact.bound[-1] > 0).any()),
+    "friction_disc": (faces.friction_disc, lambda h: _faces(h) and (h.contact.bound[h.row(None)] > 0).any()),
     "error_map": (error_map, lambda h: _plane(h) and h.cell_bounds is not None),
     "hysteresis_loop": (hysteresis_loop, lambda h: _moves(h) and loop_of(h) is not None),
     "energy_ledger": (energy_ledger, _moves),

@@ -173,11 +173,12 @@ class Origin:
 
 
 def summary(history: Results, origin: Origin, writing: float) -> dict[str, Any]:
-    """The summary for JSON; energies and certificates are those at the end, None where infinite.
+    """The summary for JSON; energies are those at the end, contact is that at the peak, and infinite is None.
 
     `writing` is how many seconds the other files took.
     """
     mesh, run, touch, bound = history.mesh, history.trajectory, history.contact, history.bound or {}
+    row = history.row(None)
     counts = {"stick": touch.stick_count, "slip": touch.slip_count, "open": touch.open_count}
     seconds = {name: history.seconds[name] for name in ("assemble", "prepare", "solve")} | {"write": writing}
     forced: dict[str, Any] | None = None
@@ -209,7 +210,8 @@ def summary(history: Results, origin: Origin, writing: float) -> dict[str, Any]:
             | {"unit": one.unit, "unbounded": one.unbounded or None}
             for name, one in history.quantities.items()
         },
-        "contact": {"nodes": len(touch.nodes)} | {name: int(count[-1]) for name, count in counts.items()},
+        "peak": {"energy": finite_or_none(history.energy[row]), "t": float(history.times[row]), "step": history.peak},
+        "contact": {"nodes": len(touch.nodes)} | {name: int(count[row]) for name, count in counts.items()},
         "forces": {name: _largest(history, forces) for name, forces in history.resultants.items()},
         "extremes": {
             one.key: {

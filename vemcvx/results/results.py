@@ -334,14 +334,60 @@ class Results:
         """
         return resultants(self)
 
-    def row(self, step: int) -> int:
-        """The row of a step in the arrays; negative steps count from the end."""
+    @cached_property
+    def peak(self) -> int:
+        """The stored step of the largest elastic energy, which pictures and tables show by default.
+
+        It is the last one whose energy is within a percent of the largest.
+        """
+        return int(self.stored[last_of_largest(self.energy)])
+
+    @cached_property
+    def turns(self) -> Ints:
+        """Stored steps at which the motion turns back: that of a step is against that of the step before.
+
+        Motions below the accuracy of a step do not count. Found once, when first asked for.
+        """
+        u, before, found = self.displacement, np.zeros(()), list[int]()
+        least = self.trajectory.accuracy * max(float(np.linalg.norm(row)) for row in u)
+        for row in range(1, len(u)):
+            moved = u[row] - u[row - 1]
+            if np.linalg.norm(moved) > least:
+                if float((moved * before).sum()) < 0:
+                    found.append(int(self.stored[row - 1]))
+                before = moved
+        return np.array(found, dtype=np.int64)
+
+    def telling(self, most: int) -> Ints:
+        """Return at most so many stored steps, 2 or more, that tell the course of a run, the peak among them.
+
+        They are the first turn, the last turns and the last step; where nothing turns back, steps evenly apart.
+        """
+        later = self.stored[self.stored > 0]
+        evenly = np.unique(np.linspace(0, len(later), min(most, len(later)) + 1)[1:].round().astype(int)) - 1
+        steps = np.union1d(self.turns, later[-1:]) if len(self.turns) else later[evenly]
+        chosen = np.union1d(steps[:1], steps[1 - most :])
+        return chosen if self.peak in chosen else np.union1d(chosen[int(len(chosen) == most) :], self.peak)
+
+    def row(self, step: int | None) -> int:
+        """The row of a step in the arrays; negative steps count from the end, and None is the peak."""
+        step = self.peak if step is None else step
         wanted = step if not is_whole(step) or step >= 0 else step + self.steps + 1
         stored: list[int] = self.stored.tolist()
         if not is_whole(step) or wanted not in stored:
             kept = np.array2string(self.stored, threshold=8)
             raise SceneError(f"history: step {brief(step)} was not stored; stored are {kept} of 0 ... {self.steps}.")
         return stored.index(wanted)
+
+
+ALIKE = 0.99
+"""Part of the largest value above which others are as large."""
+
+
+def last_of_largest(sizes: ArrayLike) -> int:
+    """Return the last place in sizes (S,) of a value within a percent of the largest."""
+    values = np.nan_to_num(sizes)
+    return int(np.flatnonzero(values >= ALIKE * values.max())[-1])
 
 
 def largest_values(history: Results) -> Iterator[tuple[quoted.Extreme, int, bool]]:
@@ -357,7 +403,7 @@ def largest_values(history: Results) -> Iterator[tuple[quoted.Extreme, int, bool
                     at = {"place": points[k], "time": float(history.times[row]), "step": step}
                     found[key] = quoted.Extreme(key, name, float(values[k]) + 0.0, unit, **at), k, signed
     for one, k, signed in found.values():
-        yield one, k, bool(np.median(signed) >= 0.99 * signed[k])
+        yield one, k, bool(np.median(signed) >= ALIKE * signed[k])
 
 
 def _near(history: Results, corners: Corners, key: str, k: int) -> list[int]:

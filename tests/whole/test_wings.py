@@ -37,7 +37,7 @@ EXCEPTIONS = {
     "scene.supports": "by_precedence resolve",
     "solvers.default": "BY_SIZE words",
     "solvers.solver": "InUnits named_failures",
-    "vem.boundary": "CURVE",
+    "vem.boundary": "CURVE_ANGLE",
     "vem.elasticity": "distinct",
     "vem.projection": "face_groups",
 }

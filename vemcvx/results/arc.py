@@ -15,9 +15,9 @@ from vemcvx.base.arrays import Floats, Ints
 from vemcvx.meshes import PolygonMesh
 from vemcvx.meshes.polygons import right_of
 from vemcvx.results.contact import Contact
-from vemcvx.vem.boundary import CURVE
+from vemcvx.vem.boundary import CURVE_ANGLE
 
-ALONG = float(np.cos(0.5 * CURVE))
+ALONG = float(np.cos(0.5 * CURVE_ANGLE))
 """Cosine between normals above which an edge or face at a contact node belongs to contact, half of the turn of a curve:
 a corner flatter than that passes for straight, which costs half an edge in a picture."""
 

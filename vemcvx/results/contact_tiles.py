@@ -31,7 +31,7 @@ from vemcvx.meshes.interfaces import faces_of
 from vemcvx.meshes.polygons import cell_of_corner, next_vertex, offsets_of, rows_in_order, spans
 from vemcvx.scene.contact import Surface
 from vemcvx.scene.rows import ContactRows, pair_numbers
-from vemcvx.vem.boundary import CURVE
+from vemcvx.vem.boundary import CURVE_ANGLE
 
 CELLS = 1.5
 """How far means go, in h."""
@@ -54,11 +54,11 @@ class ContactTiles:
         owner, node, other = owner[there], node[there], other[there]
         if isinstance(mesh, PolyhedralMesh):
             tile, away = other, 1.0 - np.einsum("qd,qd->q", normals[owner], mesh.face_normals[other])
-            sharp = away > 1.0 - np.cos(0.5 * CURVE)
+            sharp = away > 1.0 - np.cos(0.5 * CURVE_ANGLE)
         else:
             tile, along = _undirected(node, other, mesh.n_nodes), mesh.points[other] - mesh.points[node]
             slope = np.einsum("qd,qd->q", normals[owner], along) / np.linalg.norm(along, axis=1)
-            sharp = np.abs(slope) > np.sin(0.5 * CURVE)
+            sharp = np.abs(slope) > np.sin(0.5 * CURVE_ANGLE)
         known, tile = np.unique(tile, return_inverse=True)
         smooth = ~np.isin(owner, owner[sharp])
         corners = np.ones(int(smooth.sum())), (tile[smooth], owner[smooth])
@@ -110,7 +110,7 @@ class ContactTiles:
             new = new[~np.isin(new, known, assume_unique=True)]
             known, (i, j) = np.append(known, new), np.divmod(new, m)
         i, j = np.divmod(known, m)
-        alike = np.einsum("ed,ed->e", self.normals[i], self.normals[j]) > np.cos(CURVE)
+        alike = np.einsum("ed,ed->e", self.normals[i], self.normals[j]) > np.cos(CURVE_ANGLE)
         one_way = sp.csr_matrix((np.where(alike, 1.0 - self._away(i, j), 0.0), (i, j)), shape=(m, m))
         return one_way.maximum(one_way.T)
 

@@ -32,7 +32,7 @@ from vemcvx.meshes.polygons import cross, next_corner
 from vemcvx.results.contact import Contact
 from vemcvx.scene.pose import PosedScene
 from vemcvx.scene.rows import ContactRows, pair_numbers
-from vemcvx.vem.boundary import CURVE
+from vemcvx.vem.boundary import CURVE_ANGLE
 
 LEAST = np.pi / 4
 """The angle from which a held side beside a free one may be singular: that of incompressible bodies."""
@@ -127,11 +127,11 @@ class Corners:
         conditions = (self._condition(sides, edge, nodes, row) for edge in at.tolist())
         (one, first), (other, second) = sorted(conditions, reverse=True)
         angle, held = self._angle(nodes), {one, other}
-        if sides.contact[at].all() and abs(angle - np.pi) < CURVE:
+        if sides.contact[at].all() and abs(angle - np.pi) < CURVE_ANGLE:
             return ""
         if 1 in held and len(held) > 1:
             angle, held = 2.0 * angle, held - {1}
-        if angle < (np.pi + CURVE if len(held) < 2 else LEAST):
+        if angle < (np.pi + CURVE_ANGLE if len(held) < 2 else LEAST):
             return ""
         return "at a reentrant corner" if first == second else f"at a corner of {first} and {second}"
 

@@ -26,7 +26,7 @@ from vemcvx.program.kernel import Kernel
 from vemcvx.scene.rows import pairs_of
 from vemcvx.scene.supports import Supports
 from vemcvx.vem import Space, rigid_modes, split_motion
-from vemcvx.vem.boundary import STRAIGHT
+from vemcvx.vem.boundary import DIRECTION_TOLERANCE
 
 
 def body_names(mesh: Mesh, piece: Ints, node: Ints) -> list[str | None]:
@@ -52,7 +52,7 @@ class Part:
         """Return a motion in words, and whose it is; which way it goes if it is `directed`."""
         mode = mode if directed else mode * np.sign(mode[np.argmax(np.abs(mode))])
         each = mode.reshape(len(self.bodies), -1)
-        large = np.flatnonzero(np.abs(each).max(axis=1) > STRAIGHT * np.abs(mode).max())
+        large = np.flatnonzero(np.abs(each).max(axis=1) > DIRECTION_TOLERANCE * np.abs(mode).max())
         names = [self.bodies[one] or (self.which if len(self.bodies) == 1 else None) for one in large]
         if self.hinge:
             return f"a motion about hinges, such as {self.hinge}, of {self.which}"
@@ -69,7 +69,7 @@ def combined(motions: Sequence[tuple[Part, Floats]], c: Floats) -> str:
         before = parts[part.which][1] if part.which in parts else 0.0
         parts[part.which] = part, before + share * motion
     largest = max(np.abs(motion).max() for _, motion in parts.values())
-    large = [(part, motion) for part, motion in parts.values() if np.abs(motion).max() > STRAIGHT * largest]
+    large = [(part, motion) for part, motion in parts.values() if np.abs(motion).max() > DIRECTION_TOLERANCE * largest]
     return " and ".join(part.motion(motion, directed=True) for part, motion in large)
 
 
@@ -77,13 +77,13 @@ def _rigid(mode: Floats, directed: bool) -> str:
     """Return a rigid motion in words: a translation, a rotation, or both."""
     move, turn = split_motion(np.asarray(np.round(mode / np.linalg.norm(mode), 6) + 0.0))
     rate, turns = np.linalg.norm(turn), "a rotation"
-    if rate > STRAIGHT and len(turn) > 1:
+    if rate > DIRECTION_TOLERANCE and len(turn) > 1:
         turns = f"a rotation about ({_listed(turn / rate)})"
     elif directed:
         turns = "an anticlockwise rotation" if turn[0] > 0 else "a clockwise rotation"
     if rate > 0.9:
         return turns
-    return f"the translation ({_listed(move)})" + (f" with {turns}" if rate >= STRAIGHT else "")
+    return f"the translation ({_listed(move)})" + (f" with {turns}" if rate >= DIRECTION_TOLERANCE else "")
 
 
 def _listed(components: Floats) -> str:

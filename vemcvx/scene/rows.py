@@ -19,7 +19,7 @@ import scipy.sparse as sp
 from vemcvx.base.arrays import SAME, Floats, Ints
 from vemcvx.effects import ContactSurface, Support
 from vemcvx.meshes.polygons import found_in
-from vemcvx.vem.boundary import STRAIGHT
+from vemcvx.vem.boundary import DIRECTION_TOLERANCE
 
 
 def pairs_of(parts: Sequence[ContactSurface | Support]) -> tuple[Ints, Ints]:
@@ -170,10 +170,10 @@ def straightened(supports: Sequence[Support], parts: Sequence[Any]) -> list[Any]
     everything = (*supports, *parts)
     each = np.concatenate([*(one.directions for one in supports), *(part.normals for part in parts)])
     pairs, given = pairs_of(everything), sum(len(one.nodes) for one in supports)
-    place, lead = distinct_pairs(*pairs)[1], merged(pairs, each, within=STRAIGHT)[0]
+    place, lead = distinct_pairs(*pairs)[1], merged(pairs, each, within=DIRECTION_TOLERANCE)[0]
     altogether = np.bincount(place[lead[lead < given]], minlength=len(place)) >= each.shape[1]
     of_those = np.where(np.arange(len(place)) < given, altogether[place], 0)
-    first, group = merged(pairs, each, kinds=of_those, within=STRAIGHT)
+    first, group = merged(pairs, each, kinds=of_those, within=DIRECTION_TOLERANCE)
     straight = each[first][group]
     straight *= np.sign(np.einsum("ij,ij->i", each, straight))[:, None]
     turned = np.linalg.norm(each - straight, axis=1) > SAME

@@ -18,7 +18,7 @@ from vemcvx.meshes import Mesh
 from vemcvx.program.system import DRAG_ROUNDING
 from vemcvx.scene.rows import along, pairs_of
 from vemcvx.vem import MirrorPlanes, Space, Stabilisation, VertexWeights
-from vemcvx.vem.boundary import STRAIGHT
+from vemcvx.vem.boundary import DIRECTION_TOLERANCE
 
 
 def compose(materials: Sequence[Material], mesh: Mesh) -> Material:
@@ -167,7 +167,7 @@ def _sides_held_across(space: Space, held: MirrorPlanes) -> Iterator[tuple[Ints,
         sides = np.flatnonzero((place[rule.nodes] >= 0).all(axis=1))
         nodes, normals = rule.nodes[sides], part.normals[rule.sides[sides]]
         along = np.einsum("snij,sj->sni", held.projections[place[nodes]], normals)
-        across = (np.linalg.norm(along - normals[:, None, :], axis=2) <= STRAIGHT).all(axis=1)
+        across = (np.linalg.norm(along - normals[:, None, :], axis=2) <= DIRECTION_TOLERANCE).all(axis=1)
         yield nodes[across], normals[across]
 
 
@@ -178,7 +178,7 @@ def _spans(nodes: Ints, directions: Floats) -> MirrorPlanes:
     np.add.at(squares, place, np.einsum("ki,kj->kij", directions, directions))
     # Of two directions at the angle a the squares are 1 -+ cos a along their bisectors: by a^2 / 2 they are two.
     sizes, axes = np.linalg.eigh(squares)
-    axes = axes * (sizes > 0.5 * STRAIGHT**2)[:, None, :]
+    axes = axes * (sizes > 0.5 * DIRECTION_TOLERANCE**2)[:, None, :]
     return MirrorPlanes(read_only(each), read_only(axes @ axes.swapaxes(1, 2)))
 
 

@@ -35,7 +35,7 @@ from vemcvx.effects import Friction, Obstacle, Support
 from vemcvx.meshes.polygons import smallest_linked
 from vemcvx.scene.rows import jump_rows, pairs_of
 from vemcvx.vem import tangents_of
-from vemcvx.vem.boundary import STRAIGHT
+from vemcvx.vem.boundary import DIRECTION_TOLERANCE
 
 Forces = TypeVar("Forces", Floats, sp.csr_matrix)
 
@@ -294,7 +294,7 @@ def _frames(rows: Floats) -> tuple[Floats, Ints, Floats]:
     def append(some: Ints, row: Floats) -> tuple[Ints, Floats]:
         rest = row - np.einsum("nki,nkj,nj->ni", frame[some], frame[some], row)
         length, at = np.linalg.norm(rest, axis=1), filled[some]
-        new = length > STRAIGHT
+        new = length > DIRECTION_TOLERANCE
         frame[some[new], at[new]] = rest[new] / length[new, None]
         filled[some[new]] += 1
         return np.where(new, at, -1), length

@@ -1,4 +1,4 @@
-"""The lowest-order virtual element method of Section 3: spaces, local matrices, loads, strains."""
+"""The lowest-order virtual element method of Section 3: spaces, local matrices, loads and strains."""
 
 from vemcvx.vem.boundary import BoundaryRows, EdgeEnds, MirrorPlanes, Part, SideRule, edge_part
 from vemcvx.vem.elasticity import (

@@ -1,4 +1,4 @@
-"""Parts of the boundary in the plane and in space: edges or faces, nodes, what each node owns, normals and tangents."""
+"""Parts of the boundary in the plane and in space: edges or faces, nodes, nodal lengths, normals and tangents."""
 
 from __future__ import annotations
 
@@ -17,30 +17,65 @@ from vemcvx.vem.projection import FaceGroup, face_groups, tangents_of
 
 @dataclass(frozen=True, eq=False)
 class SideRule:
-    """Quadrature on sides with equally many nodes."""
+    """A quadrature rule on m sides with n nodes each.
 
-    sides: Ints  #: (m,) places in the part
-    nodes: Ints  #: (m, n)
-    points: Floats  #: (m, q, dim)
-    shares: Floats  #: (m, n, q) weights times the sides' lengths or areas times the basis function of each node
+    Attributes
+    ----------
+    sides : (m,) array of int
+        Positions of the sides in the part.
+    nodes : (m, n) array of int
+    points : (m, q, dim) array
+        Quadrature points.
+    shares : (m, n, q) array
+        Weights times the basis function of each node, times the length or area of the side.
+
+    Examples
+    --------
+    >>> part = vx.vem.Space(vx.meshes.squares(2)).part("left", "example")
+    >>> [rule] = part.rules(2)
+    >>> print(rule.shares.sum(axis=(1, 2)))
+    [0.5 0.5]
+    """
+
+    sides: Ints
+    nodes: Ints
+    points: Floats
+    shares: Floats
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Part:
     """A closed set of sides of the boundary: edges in the plane, faces in space.
 
-    A node gets the length (in space the area) int phi_i ds over the part, with functions on faces as in
-    :mod:`vemcvx.vem.projection`. Where sides meet at an angle, conditions on the normal hold for both, so besides the
-    nodes there are *rows*: see :class:`BoundaryRows`.
+    The length (in space the area) of a node is int phi_i ds over the part, with functions on faces as in
+    :mod:`vemcvx.vem.projection`. If sides meet at an angle, conditions on the normal hold for both sides. So a node may
+    have several *rows*, one per normal: see :class:`BoundaryRows`.
+
+    Attributes
+    ----------
+    sides : array of int
+        The edges (m, 2), each in the direction of its counter-clockwise cell, or the face numbers (m,), ascending.
+    normals : (m, dim) array
+        Outward unit normal of each side.
+    measures : (m,) array
+        Length or area of each side.
+    rules : callable
+        Quadrature with the given number of Gauss points per edge; faces always have a rule exact for degree 5.
+    ends : SideEnds
+        The nodes of all sides, in the order of the rules.
+
+    Examples
+    --------
+    >>> part = vx.vem.Space(vx.meshes.squares(2)).part("left", "example")
+    >>> print(part.measures, part.node_lengths)
+    [0.5 0.5] [0.25 0.5  0.25]
     """
 
     sides: Ints
-    """the edges (m, 2), each as it runs in its counter-clockwise cell, or the numbers (m,) of the faces, ascending"""
-    normals: Floats  #: (m, dim) outward unit normal of each side
-    measures: Floats  #: (m,) the length, or area, of each side
+    normals: Floats
+    measures: Floats
     rules: Callable[[int], tuple[SideRule, ...]]
-    """quadrature with as many Gauss points an edge; on the triangles of a face exact for degree 5, in any case"""
-    ends: SideEnds  #: the nodes of all sides, in the order of the rules
+    ends: SideEnds
 
     @cached_property
     def nodes(self) -> Ints:
@@ -49,18 +84,18 @@ class Part:
 
     @cached_property
     def node_lengths(self) -> Floats:
-        """int phi_i ds over the part for each of `nodes`; the sum is the length, or area, of the part."""
+        """The integrals int phi_i ds over the part for each of `nodes`; their sum is the measure of the part."""
         ends = self.ends
         return read_only(totals(np.searchsorted(self.nodes, ends.nodes), ends.lengths, len(self.nodes)))
 
     @property
     def names(self) -> Ints:
-        """Each end of its sides (e, 2): the node, and the other node of the edge, or the number of the face."""
+        """The ends of all sides (e, 2): the node, and the other node of the edge or the number of the face."""
         return np.column_stack([self.ends.nodes, self.ends.beyond])
 
     @cached_property
     def node_normals(self) -> BoundaryRows:
-        """The rows of this part: where sides meet at an angle, one for each normal."""
+        """The rows of this part: one per node, or several where sides meet at an angle."""
         points, blocks = [], []
         for rule in self.rules(4):  # exact for g phi_i with g of degree 6 on edges
             m, n, q = rule.shares.shape
@@ -78,19 +113,30 @@ def edge_part(
     mirrors: MirrorPlanes | None = None,
     inside: Bools | None = None,
 ) -> Part:
-    """The part of the boundary that edges (m, 2) make.
+    """Return the part of the boundary that consists of these edges.
 
     Parameters
     ----------
     edges : (m, 2) array
+        The nodes of each edge, in the direction of its counter-clockwise cell.
     points : (n_nodes, 2) array
-        Of the whole mesh.
+        The points of the whole mesh.
     across : (m, 2) array, optional
-        The nodes of other bodies that an interface joins to those of each edge; -1 for an edge of no interface.
+        The nodes of other bodies that an interface joins to the nodes of each edge; -1 where there is no interface.
     mirrors : MirrorPlanes, optional
-        Of symmetry, at its nodes.
+        Planes of symmetry at nodes of the mesh.
     inside : (m, 2) bool array, optional
-        Ends in one cell alone of the body that has drawn the boundary: where it is straight there, they hang.
+        True for nodes in only one cell of the body that defines the boundary. Such a node is a hanging node if the
+        boundary is straight there.
+
+    Returns
+    -------
+    Part
+
+    Examples
+    --------
+    >>> vx.vem.edge_part(np.array([[0, 1]]), np.array([[0.0, 0.0], [2.0, 0.0]])).normals
+    array([[ 0., -1.]])
     """
     start, chords = points[edges[:, 0]], points[edges[:, 1]] - points[edges[:, 0]]
     normals, lengths = _outward(chords)
@@ -102,18 +148,18 @@ def edge_part(
         shares = lengths[:, None, None] * (0.5 * weight * np.stack([1.0 - s, s]))
         return (SideRule(np.arange(len(edges)), edges, at, shares),)
 
-    first, last = _drawn(edges, points, inside)
+    first, last = _find_whole_sides(edges, points, inside)
     corner = points[edges[first, 0]]
-    drawn, size = _outward(points[edges[last, 1]] - corner)
+    whole_normals, size = _outward(points[edges[last, 1]] - corner)
     ends = SideEnds(
         nodes=edges.ravel(),
-        normals=np.repeat(drawn, 2, axis=0),
+        normals=np.repeat(whole_normals, 2, axis=0),
         curvature=np.repeat(1.0 / size, 2),
         noise=np.repeat(TOLERANCE * np.abs(points).max() / size, 2),
         sizes=np.repeat(size, 2),
         lengths=np.repeat(0.5 * lengths, 2),
-        drawn=np.repeat(np.column_stack([2 * first, 2 * last + 1]), 2, axis=0),
-        share=(np.linalg.norm(points[edges] - corner[:, None], axis=2) / size[:, None]).ravel(),
+        whole_sides=np.repeat(np.column_stack([2 * first, 2 * last + 1]), 2, axis=0),
+        position=(np.linalg.norm(points[edges] - corner[:, None], axis=2) / size[:, None]).ravel(),
         beyond=edges[:, ::-1].ravel(),
         partners=np.full(edges.size, -1) if across is None else across.ravel(),
         mirrors=mirrors,
@@ -122,28 +168,28 @@ def edge_part(
 
 
 def _outward(chords: Floats) -> tuple[Floats, Floats]:
-    """The outward unit normals of edges that are these vectors (m, 2), and their lengths."""
+    """Return the outward unit normals (m, 2) of edges with these vectors (m, 2), and their lengths (m,)."""
     lengths = np.sqrt(np.einsum("ea,ea->e", chords, chords))
     return np.column_stack([chords[:, 1], 0.0 - chords[:, 0]]) / lengths[:, None], lengths
 
 
-def _drawn(edges: Ints, points: Floats, inside: Bools | None) -> tuple[Ints, Ints]:
-    """The first and the last edge (m,) of the straight side that each was before nodes were hung into it."""
+def _find_whole_sides(edges: Ints, points: Floats, inside: Bools | None) -> tuple[Ints, Ints]:
+    """Return the first and the last edge (m,) of the straight side that each edge was part of before nodes hung in."""
     own = np.arange(len(edges))
     if inside is None or not inside.any():
         return own, own
     normals = _outward(points[edges[:, 1]] - points[edges[:, 0]])[0]
     after = found_in(edges[:, 0], edges[:, 1])
-    straight = np.linalg.norm(normals[after] - normals, axis=1) < STRAIGHT
+    straight = np.linalg.norm(normals[after] - normals, axis=1) < DIRECTION_TOLERANCE
     hung = np.flatnonzero((after >= 0) & inside[:, 1] & inside[after, 0] & straight)
     first, last = own.copy(), own.copy()
     first[after[hung]], last[hung] = hung, after[hung]
     for _ in range(len(edges).bit_length()):
         first, last = first[first], last[last]
-    # What goes round a body of one cell has no ends, and what is bent in the large was not drawn as one side.
+    # A closed chain around a body of one cell has no ends, and a chain that bends in total was not one straight side.
     ends = ~np.isin(first, after[hung])
     chord = np.where(ends[:, None], points[edges[last, 1]] - points[edges[first, 0]], 1.0)
-    bent = np.linalg.norm(_outward(chord)[0] - normals, axis=1) >= STRAIGHT
+    bent = np.linalg.norm(_outward(chord)[0] - normals, axis=1) >= DIRECTION_TOLERANCE
     ends &= ~np.isin(first, first[bent])
     return np.where(ends, first, own), np.where(ends, last, own)
 
@@ -151,10 +197,10 @@ def _drawn(edges: Ints, points: Floats, inside: Bools | None) -> tuple[Ints, Int
 def face_part(
     faces: Ints, mesh: PolyhedralMesh, across: Ints | None = None, mirrors: MirrorPlanes | None = None
 ) -> Part:
-    """The part of the boundary that faces (m,), ascending numbers, make.
+    """Return the part of the boundary that consists of these faces (m,), ascending numbers.
 
-    `across` (c,) are the nodes of other bodies that an interface joins to the vertices of the faces, one face after the
-    other; -1 for a face of no interface. `mirrors` are planes of symmetry at its nodes.
+    `across` (c,) are the nodes of other bodies that an interface joins to the vertices of the faces, face by face; -1
+    where there is no interface. `mirrors` are planes of symmetry at nodes.
     """
     groups = list(face_groups(mesh.points, mesh.face_offsets, mesh.face_vertices, faces))
     placed = [(group, np.searchsorted(faces, group.faces)) for group in groups]
@@ -187,74 +233,101 @@ def face_part(
 
 
 def _curvature(group: FaceGroup) -> Floats:
-    """sin(alpha) / (|a| |b|) of the edges a and b of each face at its vertices, (f, n)."""
+    """Return sin(alpha) / (|a| |b|), (f, n), for the edges a and b of each face at its vertices."""
     corners = group.corners[:, :-1]
     a, b = np.roll(corners, -1, axis=1) - corners, np.roll(corners, 1, axis=1) - corners
     lengths = np.einsum("fni,fni->fn", a, a) * np.einsum("fni,fni->fn", b, b)
     return np.linalg.norm(np.cross(a, b), axis=2) / lengths
 
 
-# Rows of a part of the boundary: one a node and distinct normal.
+# Rows of a part of the boundary: one per node and distinct normal.
 #
-# Where a part has a corner, or an edge in space, conditions on the normal hold for all sides that meet there, each
-# with the share of int phi_i ds of the sides that have its normal. Sides that turn by less than 42.5 degrees are a
-# curve, or a straight side whose points are rounded, whose nodes have a mean of their normals: with both, a node
-# could not slide, or would have to climb every corner, however fine the mesh is.
+# At a corner (in space also at an edge) conditions on the normal hold for all sides that meet there. Each distinct
+# normal has the part of int phi_i ds over the sides with this normal. Sides that turn by less than 42.5 degrees form a
+# curve, or a straight side with rounded points; a node on it has one mean normal. With two normals the node could not
+# slide, or would have to climb every corner, however fine the mesh is.
 #
-# The mean is that by 1 / length; in space by sin(alpha) / (|a| |b|), a and b being the edges of a face at the node
-# and alpha their angle (N. Max, J. Graphics Tools 4 (1999)). It is exact for nodes on a circle, or a sphere, whatever
-# their distances. By length, what slides along a curve of unequal sides would be pressed by forces that do not vanish
-# with the mesh. Sides far shorter than those beside them have no say: rounding turns them.
+# Normals are averaged with weights 1 / length; in space with weights sin(alpha) / (|a| |b|), where a and b are the
+# edges of a face at the node and alpha is their angle (N. Max, J. Graphics Tools 4 (1999)). These means are exact for
+# nodes on a circle or a sphere at any distances. With weights proportional to length, a body that slides along a curve
+# of unequal sides would feel forces that do not vanish under refinement. Sides much shorter than their neighbours get
+# almost no weight, because rounding turns them.
 #
-# A curve that ends on a plane of symmetry goes on behind it as its mirror image: the mean over both is the normal
-# without its component across the plane. Where the curve and its image make a corner, as the tip of a wedge does, the
-# node keeps the normal of its own side: what that of the image says is the same.
+# A curve that ends on a plane of symmetry continues as its mirror image. The mean over both is the normal without its
+# component across the plane. If the curve and its image form a corner, like the tip of a wedge, the node keeps the
+# normal of its side; the normal of the image gives the same condition.
 #
-# In the plane one body draws a curve, and another hangs nodes into its sides. Means are of sides as they were drawn,
-# and along these normals go linearly from one end to the other, so that on a circle all are radial, and a ring turns in
-# another. With the normals of the chords what sticks was stretched: two rings were pressed apart along directions that
-# are off by up to half the angle of a chord, and so by overlap / radius times a number that no mesh makes smaller. On
-# sides of 1 : .8 friction was .33 of a pressure that rippled by 6.8 % (root of the mean square) at every h; with the
-# normals of the circle both are of order h. (Continuous normals: Yang, Laursen and Meng, Int. J. Numer. Meth. Engng 62
-# (2005); Puso and Laursen, Comput. Methods Appl. Mech. Engrg. 193 (2004).)
+# In the plane one body defines the curve of an interface, and the other body hangs nodes into its sides. Means are over
+# the sides without hanging nodes; along a side, normals vary linearly from end to end. So on a circle all normals are
+# radial, and a ring can turn inside another. The normals of the chords are off by up to half the angle of a chord. They
+# would press two rings apart by a part overlap / radius that refinement does not reduce. With sides of ratio 1 : .8
+# friction was .33 of the pressure, which oscillated by 6.8 % (root mean square) at every h; with the normals of the
+# circle both are O(h). (Continuous normals: Yang, Laursen and Meng, Int. J. Numer. Meth. Engng 62 (2005); Puso and
+# Laursen, Comput. Methods Appl. Mech. Engrg. 193 (2004).)
 
 
-CURVE = float(np.radians(42.5))  # Sides that turn by less are a curve.
-SMOOTH = 2.0 * float(np.sin(0.5 * CURVE))
-"""Distance of unit normals that are those of one curve: octagons and chamfers have corners, a regular nonagon is round,
-however their points are rounded."""
-STRAIGHT = 1e-2
-"""Directions and motions that differ by less are one: no mesh is meant to resolve corners of half a degree. Sides that
-turn by less at a node in one cell alone were drawn as one: straight sides with points of four digits have such."""
+CURVE_ANGLE = float(np.radians(42.5))  # Sides that turn by less form a curve.
+CURVE_DISTANCE = 2.0 * float(np.sin(0.5 * CURVE_ANGLE))
+"""Largest distance of unit normals on one curve: octagons and chamfers have corners, a regular nonagon is round,
+even if the points are rounded."""
+DIRECTION_TOLERANCE = 1e-2
+"""Directions and motions that differ by less count as equal: no mesh resolves corners of half a degree. Sides that turn
+by less at a node of a single cell are one straight side, for example if points have four digits."""
 
 
 @dataclass(frozen=True, eq=False)
 class EdgeEnds:
-    """The ends (q,) of edges that rows own, each named by the row and the other node of its edge.
+    """The ends of edges, in space the corners of faces, that belong to rows.
 
-    In space the corners of faces, named by the row and the face.
+    Attributes
+    ----------
+    row : (q,) array of int
+    beyond : (q,) array of int
+        The node at the other end of the edge, or the number of the face.
+    lengths : (q,) array
+        int phi_i ds over the edge, which is half its length, or over the face.
+
+    Examples
+    --------
+    >>> part = vx.vem.Space(vx.meshes.squares(2)).part("left", "example")
+    >>> print(part.node_normals.ends.row)
+    [0 1 1 2]
     """
 
     row: Ints
-    beyond: Ints  #: node number of the edge's other end; number of the face
-    lengths: Floats  #: int phi_i ds over the edge, half its length; over the face
+    beyond: Ints
+    lengths: Floats
 
 
 @dataclass(frozen=True, eq=False)
 class MirrorPlanes:
-    """Planes of symmetry at some nodes: those across the directions in which these are held."""
+    """Planes of symmetry at some nodes, normal to the directions in which these nodes are held.
 
-    nodes: Ints  #: (k,) ascending
-    projections: Floats  #: (k, dim, dim) on these directions of each node, symmetric
+    Attributes
+    ----------
+    nodes : (k,) array of int
+        Ascending node numbers.
+    projections : (k, dim, dim) array
+        Symmetric projections onto the held directions of each node.
+
+    Examples
+    --------
+    >>> mirrors = vx.vem.MirrorPlanes(np.array([0]), np.diag([1.0, 0.0])[None])
+    >>> mirrors.across(np.array([[3.0, 4.0]]), np.array([0]), np.array([-1]))
+    array([[3., 0.]])
+    """
+
+    nodes: Ints
+    projections: Floats
 
     def across(self, vectors: Floats, nodes: Ints, partners: Ints) -> Floats:
-        """The component of vectors (m, dim) across the planes that nodes share with their partners."""
+        """Return the components (m, dim) of vectors normal to the planes that nodes share with their partners."""
         found, partners = np.zeros_like(vectors), np.where(partners < 0, nodes, partners)
         at = np.flatnonzero(np.isin(nodes, self.nodes) & np.isin(partners, self.nodes))
         one, other = (self.projections[np.searchsorted(self.nodes, which[at])] for which in (nodes, partners))
         sizes, axes = np.linalg.eigh(0.5 * (one + other))
-        # Planes of two bodies that are half a degree apart are one; their projections have this mean along the
-        # bisector.
+        # Planes of two bodies that differ by half a degree count as one; along the bisector the mean of their
+        # projections has this eigenvalue.
         along = np.einsum("kij,ki->kj", axes, vectors[at]) * (sizes > (1.0 - 0.25 * 1e-2**2))
         found[at] = np.einsum("kij,kj->ki", axes, along)
         return found
@@ -262,50 +335,73 @@ class MirrorPlanes:
 
 @dataclass(frozen=True, eq=False)
 class BoundaryRows:
-    """One row a node, distinct normal and partner of a part of the boundary, ordered by node."""
+    """The rows of a part of the boundary, ordered by node: one per node, distinct normal and partner.
 
-    nodes: Ints  #: (k,)
-    normals: Floats  #: (k, dim) outward unit normals, means of those of the edges or faces they stand for
-    lengths: Floats  #: (k,) int phi_i ds over the edges or faces of this row
-    points: Floats  #: (q, dim) quadrature points of all edges or faces
+    Attributes
+    ----------
+    nodes : (k,) array of int
+    normals : (k, dim) array
+        Outward unit normals, each the mean over the edges or faces of its row.
+    lengths : (k,) array
+        int phi_i ds over the edges or faces of each row.
+    points : (q, dim) array
+        Quadrature points of all edges or faces.
+    matrix : (k, q) csr_matrix
+        ``matrix @ g(points)`` is int g phi_i ds over the edges or faces of each row, exact for g of degree 6 on edges
+        and of degree 4 on faces.
+    ends : EdgeEnds
+        The ends of edges, in space the corners of faces, of each row.
+    partners : (k,) array of int
+        Nodes of other bodies at the same places; -1 where there is no interface.
+    cosines : (k,) array
+        Mean of n . n_e over the edges e of each row. If all edges move outwards by 1, the node moves by 1 / cosine.
+
+    Examples
+    --------
+    >>> rows = vx.vem.Space(vx.meshes.squares(1)).part(["left", "bottom"], "example").node_normals
+    >>> print(rows.nodes, rows.lengths)
+    [0 0 1 2] [0.5 0.5 0.5 0.5]
+    """
+
+    nodes: Ints
+    normals: Floats
+    lengths: Floats
+    points: Floats
     matrix: sp.csr_matrix
-    """(k, q) by which g(points) gives int g phi_i ds over the edges or faces of each row, exact for g of degree 6 on
-    edges and 4 on faces"""
-    ends: EdgeEnds  #: the ends of edges, in space corners of faces, that each row stands for
-    partners: Ints  #: (k,) nodes of other bodies at the same places; -1 where the edges are no interface
+    ends: EdgeEnds
+    partners: Ints
     cosines: Floats
-    """(k,) mean of n . n_e over the edges e of each row: edges that all move out by 1 move the node by 1 over that"""
 
     @property
     def curved(self) -> bool:
-        """True if sides turn somewhere by more than a degree and a half."""
+        """True if the sides turn by more than 1.5 degrees at some node."""
         return bool((self.cosines < np.cos(0.5 * np.radians(1.5))).any())
 
     @property
     def tangents(self) -> Floats:
-        """(k, dim) the first tangent of each, in the plane along the boundary with the body on the left."""
+        """The first tangent (k, dim) of each row; in the plane it has the body on its left."""
         return tangents_of(self.normals)[:, 0]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SideEnds:
-    """The nodes (e,) of all sides of a part, each with what its side gives it."""
+    """The ends (e,) of all sides of a part: each node of each side, with the data of this side."""
 
     nodes: Ints
-    normals: Floats  # (e, dim) of the sides
-    curvature: Floats  # (e,) by which the normals of a curve are averaged: see above
-    noise: Floats  # (e,) by which rounding may have turned the side
-    sizes: Floats  # (e,) the length of the side as it was drawn, in space the area
+    normals: Floats  # (e, dim) normals of the sides
+    curvature: Floats  # (e,) weights of normals in the mean over a curve: see above
+    noise: Floats  # (e,) angle by which rounding may have turned the side
+    sizes: Floats  # (e,) length of the side without hanging nodes, in space the area
     lengths: Floats  # (e,) int phi_i ds over the side
-    beyond: Ints  # (e,) what tells the sides of a node apart
-    partners: Ints  # (e,)
-    drawn: Ints | None = None  # (e, 2) the ends, among these, of the side as it was drawn; None if nothing hangs
-    share: Floats | None = None  # (e,) the part of that side that is ahead of the node
+    beyond: Ints  # (e,) the other node of the edge, or the number of the face
+    partners: Ints  # (e,) nodes of other bodies at the same places, or -1
+    whole_sides: Ints | None = None  # (e, 2) the ends, as positions here, of the side without hanging nodes
+    position: Floats | None = None  # (e,) position of the node on this side, from 0 to 1
     mirrors: MirrorPlanes | None = None
 
     def rows(self, points: Floats, matrix: sp.csr_matrix) -> BoundaryRows:
-        """The rows; `matrix` (e, q) gives int g phi_i ds over each end's side from g at points (q, dim)."""
-        order, row = self._grouped()
+        """Return the rows; `matrix` (e, q) maps g at points (q, dim) to int g phi_i ds over the side of each end."""
+        order, row = self._group_ends()
         k = row.max(initial=-1) + 1
         nodes, partners = np.empty(k, dtype=np.int64), np.empty(k, dtype=np.int64)
         nodes[row], partners[row] = self.nodes[order], self.partners[order]
@@ -316,8 +412,8 @@ class SideEnds:
         if self.mirrors is not None:
             noise = np.zeros(k)
             np.maximum.at(noise, row, self.noise[order])
-            normals = _continued(normals, self.mirrors.across(normals, nodes, partners), noise)
-        normals = self._along_drawn(normals, order, row)
+            normals = _mirror_normals(normals, self.mirrors.across(normals, nodes, partners), noise)
+        normals = self._interpolate_normals(normals, order, row)
         along = totals(row, lengths * np.einsum("ei,ei->e", normals[row], self.normals[order]), k)
         each = matrix[order].tocoo()
         return BoundaryRows(
@@ -332,35 +428,35 @@ class SideEnds:
         )
 
     def _weights(self, order: Ints, row: Ints, k: int) -> Floats:
-        """By which the normals of ends that make k rows are averaged, (e,)."""
+        """Return the weights (e,) of the normals of ends in the means of k rows."""
         length, curvature = self.sizes[order], self.curvature[order]
         longest, most = np.zeros(k), np.zeros(k)
         np.maximum.at(longest, row, length)
         np.maximum.at(most, row, curvature)
         part = (length / longest[row]) ** 4
-        # Where no face has an angle at a node that hangs in its edges, areas count alone.
-        share = np.divide(curvature, most[row], out=np.zeros_like(curvature), where=most[row] > 0)
-        # Sides that are shorter by more, in parts of the longest at their node, hardly count in mean normals.
-        return share * part / (part + 0.03**4) + TOLERANCE * part
+        # If no face has an angle at a node, because it hangs in edges, only areas count.
+        relative = np.divide(curvature, most[row], out=np.zeros_like(curvature), where=most[row] > 0)
+        # Sides shorter than 0.03 of the longest side at their node have almost no weight.
+        return relative * part / (part + 0.03**4) + TOLERANCE * part
 
-    def _along_drawn(self, normals: Floats, order: Ints, row: Ints) -> Floats:
-        """Normals (k, dim) of rows, between those at the ends of the drawn sides where nodes hang in these."""
-        if self.drawn is None or self.share is None:
+    def _interpolate_normals(self, normals: Floats, order: Ints, row: Ints) -> Floats:
+        """Return the normals (k, dim) of rows, at hanging nodes interpolated between the ends of their sides."""
+        if self.whole_sides is None or self.position is None:
             return normals
-        (one, other), share = self.drawn.T, self.share[:, None]
+        (one, other), s = self.whole_sides.T, self.position[:, None]
         place = np.empty_like(row)
         place[order] = row
         start, stop = normals[place[one]], normals[place[other]]
         turns = np.linalg.norm(stop - start, axis=1) > self.noise[one] + self.noise[other]
         here = np.arange(len(order))
         hung = np.flatnonzero(turns & (here != one) & (here != other))
-        between = ((1.0 - share) * start + share * stop)[hung]
+        between = ((1.0 - s) * start + s * stop)[hung]
         found = normals.copy()
         found[place[hung]] = between / np.linalg.norm(between, axis=1)[:, None] + 0.0
         return found
 
-    def _grouped(self) -> tuple[Ints, Ints]:
-        """The ends ordered by node, and the row of each: one normal and partner, one row."""
+    def _group_ends(self) -> tuple[Ints, Ints]:
+        """Return the order of the ends by node, and the row of each: one row per normal and partner."""
         order = np.argsort(self.nodes, kind="stable")
         leader = np.full(len(order), -1)
         while (waiting := np.flatnonzero(leader < 0)).size:
@@ -368,16 +464,16 @@ class SideEnds:
             ahead = waiting[np.searchsorted(mine, mine)]
             one, other = order[waiting], order[ahead]
             apart = np.linalg.norm(self.normals[one] - self.normals[other], axis=1)
-            near = apart <= SMOOTH + self.noise[one] + self.noise[other]
+            near = apart <= CURVE_DISTANCE + self.noise[one] + self.noise[other]
             joins = near & (self.partners[one] == self.partners[other])
             leader[waiting[joins]] = ahead[joins]
         return order, np.unique(leader, return_inverse=True)[1]
 
 
-def _continued(normals: Floats, across: Floats, noise: Floats) -> Floats:
-    """Normals (k, dim) with their mirror images, which are twice their components `across` the plane away from them."""
+def _mirror_normals(normals: Floats, across: Floats, noise: Floats) -> Floats:
+    """Return the means (k, dim) of normals and their mirror images, if these differ little; `across` (k, dim)."""
     turn, rounding = 2.0 * np.linalg.norm(across, axis=1), 2.0 * noise
-    smooth = (turn > rounding) & (turn <= SMOOTH + rounding)
+    smooth = (turn > rounding) & (turn <= CURVE_DISTANCE + rounding)
     mean = normals[smooth] - across[smooth]
     found = normals.copy()
     found[smooth] = mean / np.linalg.norm(mean, axis=1)[:, None] + 0.0

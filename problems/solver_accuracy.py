@@ -59,7 +59,7 @@ import vemcvx as vx
 from vemcvx.base.canvas import light_grid, new_figure, plain_logarithms
 from vemcvx.plots.style import MARKERS, SERIES
 from vemcvx.scene import pose_scene
-from vemcvx.solvers.conic import installed
+from vemcvx.solvers.conic import list_installed
 from vemcvx.stepping import certified_in_full, initial_state, prepare, step
 
 STEPS = {"growing": (0.0, 0.75, 1.0), "return": (0.0, 1.0, 0.5, 1.0)}
@@ -130,7 +130,7 @@ class Reference:
 
 def solvers():
     """name -> solver of an accuracy: ours, and what else cvxpy finds."""
-    others = [name for name in installed() if name not in ("CLARABEL", "OSQP")]
+    others = [name for name in list_installed() if name not in ("CLARABEL", "OSQP")]
     return OURS | {name: partial(vx.ThroughCvxpy, name) for name in others}
 
 

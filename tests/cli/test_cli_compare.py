@@ -20,7 +20,7 @@ import vemcvx as vx
 from vemcvx.cli import app
 from vemcvx.cli.compare import Row, bounds_distance, distance, judged, warned_once
 from vemcvx.scene import pose_scene
-from vemcvx.solvers import installed
+from vemcvx.solvers import list_installed
 
 ROOT = Path(vx.__file__).parent.parent
 PROBLEM = str(ROOT / "problems" / "feng_han_huang.py")
@@ -189,7 +189,7 @@ def test_all_asks_whatever_cvxpy_finds():
     """No solver that is installed is left out, and what becomes of each is a row."""
     done = invoke(PROBLEM, "--n", 4, "--steps", 2, "--solvers", "all")
     told = {name.lower() for name, _ in [*rows(done.output), *words(done.output)]}
-    assert told == {"newton", "direct"} | {name.lower() for name in installed()}
+    assert told == {"newton", "direct"} | {name.lower() for name in list_installed()}
     # cvxpy's interface to SciPy knows linear programs only.
     assert words(done.output)["SCIPY", "default"].startswith("refused the program has quadratic, which it does not")
     assert "Traceback" not in done.output
@@ -294,7 +294,7 @@ def test_whatever_is_installed_makes_rows_of_every_problem(path, tmp_path):
     """No traceback, no dishonest certificate, a row for each solver; what may take hours is given seconds."""
     own = import_module(path.stem)
     in_space = own.mesh(2).points.shape[1] == 3
-    limit = ["--time-limit", "15"] if in_space or "SCIP" in installed() else []
+    limit = ["--time-limit", "15"] if in_space or "SCIP" in list_installed() else []
     # As accurate as the problem's rounding allows, where it says that this is less than 1e-8.
     accuracy = getattr(own, "SMALL", {}).get("accuracy", 1e-8)
     asked = ["--steps", 2, "--accuracy", accuracy, "--json", tmp_path / "told.json", *limit]
@@ -302,7 +302,7 @@ def test_whatever_is_installed_makes_rows_of_every_problem(path, tmp_path):
     assert done.exit_code in (0, 3), done.output
     assert "Traceback" not in done.output
     told = json.loads((tmp_path / "told.json").read_text())["rows"]
-    assert {row["solver"].lower() for row in told} == {"newton", "direct"} | {name.lower() for name in installed()}
+    assert {row["solver"].lower() for row in told} == {"newton", "direct"} | {name.lower() for name in list_installed()}
     assert all(row["honest"] is not False for row in told)
     assert all(row["certified"] is not None or row["says"] for row in told)
     assert all(row["good"] for row in told if row["solver"] == "Newton")
@@ -320,7 +320,7 @@ def test_files(tmp_path):
     assert [row["outcome"] for row in told["rows"]][::3] == ["certified", "refused"]
     assert told["trustworthy"] is True
     assert "max_threads = 1" in told["rows"][1]["options"]
-    assert "static_regularization_constant = 1e-13 where K is only semidefinite" in told["rows"][1]["options"]
+    assert "static_regularization_constant = 1e-13 if K is only semidefinite" in told["rows"][1]["options"]
     with paths["csv"].open(newline="") as file:
         for line, row in zip(csv.DictReader(file), told["rows"], strict=True):
             assert line == {key: "" if value is None else str(value) for key, value in row.items()}

@@ -6,7 +6,7 @@ import pytest
 import vemcvx as vx
 from vemcvx.program import Answer, Operators, StepProgram
 from vemcvx.solvers import TUNED
-from vemcvx.solvers.conic import When, polished
+from vemcvx.solvers.conic import Condition, polish_answer
 
 pytestmark = pytest.mark.arithmetic
 
@@ -28,7 +28,7 @@ def test_degenerate_terms_stick_to_rounding(seed):
     off = np.where(kind == DEGENERATE, 1e-6 * rng.uniform(0.3, 1.0, n), 0.0)
     near = Answer(d + sign * off + 1e-12 * rng.normal(size=n), (lam - sign * off)[:, None], 1)
     assert program.certify(near.d, near.lam).gap > 1e-13
-    answer = polished(program, near)
+    answer = polish_answer(program, near)
     certificate = program.certify(answer.d, answer.lam)
     assert np.abs(answer.d[kind != SLIPS]).max() < 1e-15
     assert certificate.gap <= certificate.floor < 64e-28
@@ -40,7 +40,7 @@ REGULARISATION = "static_regularization_constant"
 @pytest.mark.parametrize("solver", [vx.Clarabel(), vx.ThroughCvxpy("clarabel")], ids=["class", "name"])
 def test_settings_follow_the_program(solver: vx.ThroughCvxpy) -> None:
     def asked(semidefinite: bool, again: bool) -> dict[str, object]:
-        return solver.asks_with(1e-12, semidefinite=semidefinite, again=again)
+        return solver.choose_options(1e-12, semidefinite=semidefinite, retry=again)
 
     assert asked(False, False)[REGULARISATION] == 1e-15
     assert asked(True, False) == {**asked(False, False), REGULARISATION: 1e-13}
@@ -49,16 +49,16 @@ def test_settings_follow_the_program(solver: vx.ThroughCvxpy) -> None:
 
 def test_options_of_the_user_go_before_all() -> None:
     solver = vx.Clarabel(options={REGULARISATION: 1e-8})
-    assert solver.asks_with(1e-12, semidefinite=True, again=True)[REGULARISATION] == 1e-8
+    assert solver.choose_options(1e-12, semidefinite=True, retry=True)[REGULARISATION] == 1e-8
 
 
 def test_settings_as_the_library_comes_are_none() -> None:
-    assert vx.ThroughCvxpy("CLARABEL", tuned=False).asks_with(1e-12, semidefinite=True, again=True) == {}
+    assert vx.ThroughCvxpy("CLARABEL", tuned=False).choose_options(1e-12, semidefinite=True, retry=True) == {}
 
 
 @pytest.mark.parametrize("solver", sorted(TUNED))
 def test_a_setting_for_fewer_programs_follows_the_one_for_all(solver: str) -> None:
-    always = {setting.name for setting in TUNED[solver] if setting.when is When.ALWAYS}
-    order = [setting.when is When.ALWAYS for setting in TUNED[solver]]
+    always = {setting.name for setting in TUNED[solver] if setting.when is Condition.ALWAYS}
+    order = [setting.when is Condition.ALWAYS for setting in TUNED[solver]]
     assert order == sorted(order, reverse=True)
-    assert set(vx.ThroughCvxpy(solver).asks_with(1e-12, semidefinite=True, again=True)) == always
+    assert set(vx.ThroughCvxpy(solver).choose_options(1e-12, semidefinite=True, retry=True)) == always

@@ -92,7 +92,7 @@ def answered(asked, accuracy=1e-8):
     """Newton's answer, in a run with Clarabel behind it, and whether it is within the accuracy, or its rounding."""
     target = 0.5 * accuracy**2 * abs(asked.g @ asked.operators.factor.solve(asked.g))
     newton = LastResort(vx.Newton(max_iterations=2000).prepare(asked.operators))
-    for solve in (newton.solve, newton.again):
+    for solve in (newton.solve, newton.retry):
         answer = solve(asked, target, np.zeros((len(asked.w), 2)))
         certificate = asked.certify(asked.feasible(answer.d), answer.lam, answer.p)
         if certificate.gap <= max(target, certificate.floor):

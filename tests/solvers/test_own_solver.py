@@ -277,4 +277,4 @@ def test_a_class_of_ones_own_need_not_be_a_dataclass(tmp_path):
     assert history.certificate.max() <= 3e-7
     assert json.loads((tmp_path / "out" / "summary.json").read_text())["accuracy"] == 3e-7
     assert vx.read_history(tmp_path / "out").trajectory.accuracy == 3e-7
-    assert (Plain(1e-9).asked(1e-4).accuracy, type(Plain(1e-9).asked(1e-4))) == (1e-4, Plain)
+    assert (Plain(1e-9).with_accuracy(1e-4).accuracy, type(Plain(1e-9).with_accuracy(1e-4))) == (1e-4, Plain)

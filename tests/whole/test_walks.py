@@ -92,7 +92,7 @@ def simulated(given, **options):
 
 
 def bound_to_cone(folder):
-    conic.installed()  # cvxpy is imported, and not traced
+    conic.list_installed()  # cvxpy is imported, and not traced
     return traced(lambda: simulated(scene(bound=varying), solver=vx.Clarabel(), condense=False), since=STEP)
 
 

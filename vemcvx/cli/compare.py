@@ -40,7 +40,7 @@ from vemcvx.cost.rows import csv
 from vemcvx.cost.workers import Crashed, TookTooLong, call_in_process
 from vemcvx.program import System
 from vemcvx.scene import pose_scene
-from vemcvx.solvers import TUNED, Solver, ThroughCvxpy, installed
+from vemcvx.solvers import TUNED, Solver, ThroughCvxpy, list_installed
 from vemcvx.stepping import Trajectory
 
 CERTIFIED, MISSED, REFUSED, FAILED, STOPPED = "certified", "missed", "refused", "failed", "stopped"
@@ -261,7 +261,7 @@ def entrants(asked: Compare) -> list[tuple[Solver, str]]:
     if asked.tuning not in SETTINGS:
         raise ProblemError(f"--tuning: found {asked.tuning!r}; there are {', '.join(SETTINGS)}.")
     # This imports cvxpy: the first solver should not pay for that.
-    every = dict.fromkeys([*NAMES, *(name.lower() for name in installed())])
+    every = dict.fromkeys([*NAMES, *(name.lower() for name in list_installed())])
 
     def spelt(name: str) -> str:
         return name if ":" in name else name.lower()

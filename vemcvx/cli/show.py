@@ -21,7 +21,7 @@ from vemcvx.meshes.quality import quality_of
 from vemcvx.program import BOUNDS, SQUARED_POSITIVE_PARTS, Norms, Operators
 from vemcvx.program.condensation import Condensation
 from vemcvx.scene import Scene, pose_scene
-from vemcvx.solvers.default import BY_SIZE, words
+from vemcvx.solvers.default import BY_SIZE, name_features
 from vemcvx.stepping import checked_times, softening_ratio
 
 
@@ -58,7 +58,7 @@ def scene_in_words(scene: Scene, mesh: AnyMesh, times: Floats, name: str) -> lis
     operators, m = seen.operators, len(seen.retained)
     able = [solver for solver in BY_SIZE if operators.features <= solver.accepts]
     lacking = {solver.name: operators.features - solver.accepts for solver in BY_SIZE if solver not in able}
-    refuse = [f"{name} (no {words(features)})" for name, features in lacking.items()]
+    refuse = [f"{name} (no {name_features(features)})" for name, features in lacking.items()]
     once = f"{type(seen.linear).__name__} on {n} x {n} with {posed.system.K.nnz} nonzeros, once"
     again = f"; then dense {m} x {m} each step" if m < n else " a step"
     rows = {

@@ -12,7 +12,18 @@ from vemcvx.base.arrays import brief
 from vemcvx.base.errors import ProblemError
 from vemcvx.cli.problem_file import executed, literal, own_errors
 from vemcvx.linear import Iterative, LinearSolver, Pardiso, PETSc, SuperLU, all_ranks, serve
-from vemcvx.solvers import OSQP, TUNED, Clarabel, Direct, Newton, Solver, ThroughCvxpy, as_solver, installed, interfaces
+from vemcvx.solvers import (
+    OSQP,
+    TUNED,
+    Clarabel,
+    Direct,
+    Newton,
+    Solver,
+    ThroughCvxpy,
+    as_solver,
+    interfaces,
+    list_installed,
+)
 
 LINEAR: dict[str, Callable[[], LinearSolver]] = {
     **{"superlu": SuperLU, "pardiso": Pardiso, "iterative": Iterative, "petsc": PETSc},
@@ -31,13 +42,13 @@ def named_solver(
     if ":" in name:
         made = in_file(name, option, "solver", "solve(program, target)", _solves, **given)
         solver: Solver = own_errors(Path(name.rpartition(":")[0]), name, lambda: as_solver(made))
-        solver = solver if accuracy is None else solver.asked(accuracy)
+        solver = solver if accuracy is None else solver.with_accuracy(accuracy)
         solver.check_accuracy()
         return solver
     if name.lower() not in NAMES and not any(name.upper() in known for known in interfaces()):
         raise ProblemError(
             f"{option}: there is no solver {name!r}; there are {', '.join(NAMES)}, those that cvxpy finds here, "
-            f"{', '.join(installed())}, and your own, FILE.py:CLASS."
+            f"{', '.join(list_installed())}, and your own, FILE.py:CLASS."
         )
     if accuracy is not None:
         given["accuracy"] = accuracy

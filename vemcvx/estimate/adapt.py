@@ -512,4 +512,4 @@ def _lenient(given: Solver | Solves | None, target: float) -> Solver | None:
         return None
     solver = as_solver(given)
     solver.check_accuracy()
-    return solver if solver.accuracy >= UNSEEN * target else solver.asked(UNSEEN * target)
+    return solver if solver.accuracy >= UNSEEN * target else solver.with_accuracy(UNSEEN * target)

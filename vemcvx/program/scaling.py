@@ -58,7 +58,7 @@ class Scaling:
     kappa: float
 
     @classmethod
-    def of(cls, operators: Operators) -> Scaling:
+    def from_operators(cls, operators: Operators) -> Scaling:
         """Return the scaling by the size of K's diagonal."""
         kappa = float(power_of_two(operators.K.diagonal().max(initial=0.0)))
         dense = isinstance(operators.K, np.ndarray) and operators.anchor is None

@@ -1,6 +1,6 @@
 """Solvers of one step's convex program, of different kinds."""
 
-from vemcvx.solvers.conic import OSQP, TUNED, Clarabel, ThroughCvxpy, installed, interfaces
+from vemcvx.solvers.conic import OSQP, TUNED, Clarabel, ThroughCvxpy, interfaces, list_installed
 from vemcvx.solvers.default import Direct, Solves, as_solver, choose_solver
 from vemcvx.solvers.newton import Newton
 from vemcvx.solvers.solver import Prepared, Solver
@@ -17,6 +17,6 @@ __all__ = [
     "ThroughCvxpy",
     "as_solver",
     "choose_solver",
-    "installed",
     "interfaces",
+    "list_installed",
 ]

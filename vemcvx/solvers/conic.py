@@ -1,11 +1,11 @@
-"""Clarabel, OSQP, and any other solver that cvxpy can call, with the settings that a duality gap asks for.
+"""Clarabel, OSQP, and any other solver that cvxpy can call, with settings for a requested duality gap.
 
-TUNED has the settings for a duality gap of a scaled program; where nothing stands, a solver runs as its library comes.
-"Certified" there is the relative error that a request for 1e-6 reached.
+`TUNED` lists the settings for a duality gap of a scaled program; all other settings keep their defaults. There,
+"certified 5e-5" means: a request for an accuracy of 1e-6 reached 5e-5.
 
-Solvers without cones are handed absolute values as inequalities; so are those with cones when they miss. A cone's
-algebra takes t - |s| as a difference, which where a term slips is as small as the gap: below 1e-12 no digits are left.
-Inequalities carry it as a slack of its own.
+Solvers without cones receive absolute values as inequalities. Solvers with cones receive inequalities when they solve a
+missed step again. On a slipping term a cone needs the difference t - |s|, which is as small as the gap: below 1e-12 it
+has no correct digits. Inequalities have a slack variable for this difference.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ from vemcvx.program.operators import FEATURES, QUADRATIC, SECOND_ORDER_CONES, Op
 from vemcvx.program.step_program import Answer, CvxpyStep, StepProgram, to_cvxpy
 from vemcvx.solvers.law import GivenWeights
 from vemcvx.solvers.newton import PreparedNewton
-from vemcvx.solvers.solver import SHARE, UNSEEN, Solver
+from vemcvx.solvers.solver import INNER_FRACTION, TARGET_FRACTION, Solver
 
 
 @dataclass(frozen=True)
-class OfGap:
-    """A tolerance that follows the gap asked for: share * gap^power, within bounds."""
+class GapTolerance:
+    """A tolerance that depends on the requested gap: share * gap^power, clipped to [least, most]."""
 
     share: float
     least: float
@@ -38,85 +38,87 @@ class OfGap:
     power: float = 1.0
 
     def at(self, gap: float) -> float:
-        """The tolerance for a gap."""
+        """Return the tolerance for a gap."""
         return float(np.clip(self.share * gap**self.power, self.least, self.most))
 
     def __str__(self) -> str:
-        what = "gap" if self.power == 1 else f"gap^{self.power:g}"
-        return f"{self.share:g} {what}, {self.least:g} to {self.most:g}"
+        name = "gap" if self.power == 1 else f"gap^{self.power:g}"
+        return f"{self.share:g} {name}, {self.least:g} to {self.most:g}"
 
 
-class When(Enum):
-    """The programs that a setting is for; the value is how a table says it."""
+class Condition(Enum):
+    """The programs to which a setting applies; the values are words for tables."""
 
     ALWAYS = ""
-    SEMIDEFINITE = "where K is only semidefinite"
-    AGAIN = "asked again after a miss"
+    SEMIDEFINITE = "if K is only semidefinite"
+    RETRY = "in a second attempt"
 
 
 @dataclass(frozen=True)
 class Setting:
-    """One setting of one solver, by the name that cvxpy passes on, and why."""
+    """One setting of one solver, by the name that cvxpy passes on, with the reason `why`."""
 
     name: str
-    value: OfGap | float | str
+    value: GapTolerance | float | str
     why: str
-    when: When = When.ALWAYS
+    when: Condition = Condition.ALWAYS
 
     def at(self, gap: float) -> float | str:
-        """The value for a gap."""
-        return self.value.at(gap) if isinstance(self.value, OfGap) else self.value
+        """Return the value for a gap."""
+        return self.value.at(gap) if isinstance(self.value, GapTolerance) else self.value
 
     @property
     def words(self) -> str:
-        """The value, and the case in which it is set."""
+        """The value, and the programs to which it applies."""
         return f"{self.value} {self.when.value}".rstrip()
 
 
-TIGHT = OfGap(UNSEEN, 1e-14)
-"""The tolerance of solvers with one for gap and residuals, whose meaning differs from solver to solver."""
-SHORT = OfGap(UNSEEN, 1e-13)
-"""The same for solvers that break down below 1e-13."""
+TIGHT = GapTolerance(TARGET_FRACTION, 1e-14)
+"""Tolerance of solvers that have one for gap and residuals, whose meaning differs between solvers."""
+SHORT = GapTolerance(TARGET_FRACTION, 1e-13)
+"""Tolerance like TIGHT, for solvers that break down below 1e-13."""
+RESIDUAL = GapTolerance(TARGET_FRACTION, 1e-11, 1e-7, power=0.5)
+"""Tolerance of OSQP's residuals."""
 
 _ECOS = (
     Setting("abstol", TIGHT, "by default, 1e-8, certified 5e-5"),
     Setting("reltol", TIGHT, "by default, 1e-8, certified 5e-5"),
-    Setting("feastol", OfGap(UNSEEN, 1e-10, power=0.5), "an imbalance counts by its square"),
+    Setting("feastol", GapTolerance(TARGET_FRACTION, 1e-10, power=0.5), "residuals enter the gap squared"),
 )
 
 TUNED: Mapping[str, tuple[Setting, ...]] = {
     "CLARABEL": (
-        Setting("tol_gap_abs", OfGap(SHARE, 1e-15), "its gap is not that of the certificate"),
-        Setting("tol_gap_rel", OfGap(SHARE, 1e-15), "its gap is not that of the certificate"),
-        Setting("tol_feas", OfGap(UNSEEN, 1e-13, power=0.5), "an imbalance counts by its square"),
+        Setting("tol_gap_abs", GapTolerance(INNER_FRACTION, 1e-15), "its gap differs from that of the certificate"),
+        Setting("tol_gap_rel", GapTolerance(INNER_FRACTION, 1e-15), "its gap differs from that of the certificate"),
+        Setting("tol_feas", GapTolerance(TARGET_FRACTION, 1e-13, power=0.5), "residuals enter the gap squared"),
         Setting("max_threads", 1, "two threads are three times slower on the patterns cvxpy makes"),
-        Setting("direct_solve_method", "faer", "4.6 s where qdldl takes 22 on the paper's full program"),
-        Setting("iterative_refinement_enable", False, "doubles the time, mostly without a digit; done where it misses"),
-        Setting("presolve_enable", False, "nothing to find"),
-        Setting("equilibrate_enable", False, "programs come scaled"),
-        Setting("static_regularization_constant", 1e-15, "with 1e-13 a sixth of the paper's steps stops at 1e6 gaps"),
+        Setting("direct_solve_method", "faer", "on the paper's full program 4.6 s, with qdldl 22 s"),
+        Setting("iterative_refinement_enable", False, "doubles the time, mostly for no digit"),
+        Setting("presolve_enable", False, "there is nothing to remove"),
+        Setting("equilibrate_enable", False, "programs are scaled already"),
+        Setting("static_regularization_constant", 1e-15, "with 1e-13 a sixth of the paper's steps miss by 1e6"),
         Setting("max_step_fraction", 0.999, "saves 7 % of the iterations"),
-        # hard_cases.py: a K with one motion that its terms just hold.
-        Setting("static_regularization_constant", 1e-13, "with 1e-15 ends at 6e-6 there", When.SEMIDEFINITE),
-        Setting("iterative_refinement_enable", True, "worth its time there", When.AGAIN),
-        # Where a fixed point asks for the last digits: janssen_silo.py. The steps: solver_accuracy.py.
-        Setting("static_regularization_constant", 1e-13, "fewer steps miss than with 1e-15", When.AGAIN),
-        Setting("max_step_fraction", 0.99, "the paper's steps reach 1e-8, with .999 4e-8", When.AGAIN),
+        # The case in hard_cases.py: K has one motion without energy, and friction just holds it.
+        Setting("static_regularization_constant", 1e-13, "with 1e-15 it stops at 6e-6", Condition.SEMIDEFINITE),
+        Setting("iterative_refinement_enable", True, "gains the digits that were missed", Condition.RETRY),
+        # Fixed points that need the last digits are in janssen_silo.py, the steps in solver_accuracy.py.
+        Setting("static_regularization_constant", 1e-13, "fewer steps miss than with 1e-15", Condition.RETRY),
+        Setting("max_step_fraction", 0.99, "the paper's steps reach 1e-8; with .999 4e-8", Condition.RETRY),
     ),
     "OSQP": (
-        Setting("eps_abs", OfGap(UNSEEN, 1e-11, 1e-7, power=0.5), "residuals, which count by their squares"),
-        Setting("eps_rel", OfGap(UNSEEN, 1e-11, 1e-7, power=0.5), "residuals, which count by their squares"),
-        Setting("eps_prim_inf", 1e-15, "by default takes a step for infeasible"),
-        Setting("eps_dual_inf", 1e-15, "by default takes a step for unbounded"),
-        Setting("max_iter", 100_000, "the default, 4000, ends before such tolerances"),
-        Setting("polishing", True, "must be told on every solve; the digits come from it"),
-        Setting("polish_refine_iter", 10, "the last digits of polishing"),
+        Setting("eps_abs", RESIDUAL, "residuals, which enter the gap squared"),
+        Setting("eps_rel", RESIDUAL, "residuals, which enter the gap squared"),
+        Setting("eps_prim_inf", 1e-15, "by default a step counts as infeasible"),
+        Setting("eps_dual_inf", 1e-15, "by default a step counts as unbounded"),
+        Setting("max_iter", 100_000, "the default, 4000, is too few for such tolerances"),
+        Setting("polishing", True, "gains the last digits; must be set on every solve"),
+        Setting("polish_refine_iter", 10, "gains the last digits of polishing"),
     ),
     "SCS": (
-        Setting("eps_abs", SHORT, "by default, 1e-4, certified 2e-3; below 1e-13 some steps do not end"),
-        Setting("eps_rel", 0.0, "data are scaled; relative to what differs from step to step"),
-        Setting("max_iters", 200_000, "first order: small tolerances take many"),
-        Setting("normalize", False, "programs come scaled"),
+        Setting("eps_abs", SHORT, "by default, 1e-4, certified 2e-3; below 1e-13 some steps do not converge"),
+        Setting("eps_rel", 0.0, "data are scaled; its reference differs from step to step"),
+        Setting("max_iters", 200_000, "first-order method: small tolerances take many"),
+        Setting("normalize", False, "programs are scaled already"),
     ),
     "PIQP": (
         Setting("eps_abs", TIGHT, "by default, 1e-8, certified 1e-4"),
@@ -130,22 +132,22 @@ TUNED: Mapping[str, tuple[Setting, ...]] = {
     "ECOS_BB": _ECOS,
     "PROXQP": (
         Setting("eps_abs", TIGHT, "by default, 1e-8, certified 2e-4"),
-        Setting("warm_start", False, "an update of its last step fails where there are limits"),
+        Setting("warm_start", False, "a warm start fails if there are limits"),
     ),
     "HIGHS": (Setting("qp_regularization_value", 0.0, "by default, 1e-7, certified 4e-6; K is regular, or nearly so"),),
 }
 
 
 COMPILING = threading.Lock()
-"""cvxpy numbers its expressions by a counter of the process, without a lock of its own."""
+"""Lock around cvxpy's compiler, which numbers expressions by a global counter without a lock."""
 
 LINEAR = FEATURES - {SECOND_ORDER_CONES}
-"""The features that fit a quadratic program with linear constraints."""
+"""Features of quadratic programs with linear constraints."""
 
 
 @cache
-def installed() -> tuple[str, ...]:
-    """Names of the solvers that cvxpy finds here, in its own order."""
+def list_installed() -> tuple[str, ...]:
+    """Return the names of the installed solvers that cvxpy finds, in the order of cvxpy."""
     import cvxpy as cp
 
     return tuple(cp.installed_solvers())
@@ -165,15 +167,22 @@ class ThroughCvxpy(Solver):
     Parameters
     ----------
     solver : str
-        Its name in cvxpy, in any case of letters: "SCS", "HIGHS", "PIQP", "MOSEK", ...
+        Its name in cvxpy, in upper or lower case: "SCS", "HIGHS", "PIQP", "MOSEK", ...
     accuracy : float
-        Certified relative energy error asked of a step.
+        Requested relative energy error of a step, which its certificate must meet.
     polish : bool
         Add one active-set step to every answer. Off by default, so that solvers stay independent.
     options : mapping, optional
-        Passed on to the solver, over our own choices.
+        Options of the solver, which replace the tuned settings of the same name.
     tuned : bool
-        Ask with the settings above; otherwise as the solver's library comes.
+        Use the settings of `TUNED`; otherwise the defaults of the solver's library.
+
+    Examples
+    --------
+    >>> system = vx.System(K=np.eye(1), load=lambda t: [3.0 * t], norms=vx.Norms(B=np.eye(1), w=1.0))
+    >>> run = vx.march(system, [0.0, 1.0], solver=vx.ThroughCvxpy("clarabel", options={"max_iter": 100}))
+    >>> bool(run.certificate[-1] <= 1e-6)
+    True
     """
 
     solver: str
@@ -205,12 +214,12 @@ class ThroughCvxpy(Solver):
 
     @property
     def corners(self) -> Floats | None:
-        """(P, 2) unit vectors to the corners of the polygons that discs are taken for, if they are."""
+        """Unit vectors (P, 2) to the corners of the polygons that replace discs; None if discs are kept."""
         return None
 
     @property
     def cones(self) -> bool:
-        """True if the solver takes second-order cones."""
+        """True if the solver accepts second-order cones."""
         import cvxpy as cp
 
         return cp.SOC in getattr(interfaces()[0].get(self.solver), "SUPPORTED_CONSTRAINTS", ())
@@ -218,34 +227,50 @@ class ThroughCvxpy(Solver):
     @property
     def accepts(self) -> frozenset[str]:
         conic, quadratic = interfaces()
-        # Solvers of linear programs (SciPy's, GLPK, CBC) are conic ones to cvxpy, without second-order cones.
+        # cvxpy lists solvers of linear programs (SciPy's, GLPK, CBC) as conic solvers without second-order cones.
         linear_only = self.solver in conic and self.solver not in quadratic and not self.cones
         return FEATURES if self.cones else LINEAR - ({QUADRATIC} if linear_only else set())
 
     def prepare(self, operators: Operators) -> _PreparedConic:
         if self.corners is not None and operators.block > 2:
             raise NotAccepted(f"solver {self.name}: polygons are for norms of two components, not {operators.block}.")
-        if self.solver not in installed():
+        if self.solver not in list_installed():
             raise NotAccepted(
-                f"solver {self.solver!r}: cvxpy does not find it here; it finds {', '.join(sorted(installed()))}. "
+                f"solver {self.solver!r}: cvxpy does not find it here; it finds {', '.join(sorted(list_installed()))}. "
                 "Install it, or choose one of those."
             )
         return _PreparedConic(self)
 
     @property
     def settings(self) -> tuple[Setting, ...]:
-        """Our settings of it; those for fewer programs come last, and win over those for all."""
+        """The tuned settings; later ones, for fewer programs, replace earlier ones of the same name."""
         return TUNED.get(self.solver, ()) if self.tuned else ()
 
-    def asks_with(self, gap: float, *, semidefinite: bool, again: bool) -> dict[str, Any]:
-        """Return the solver's options for a duality gap of a scaled program: tuned ones, the user's last."""
-        now = {When.ALWAYS} | ({When.SEMIDEFINITE} if semidefinite else set()) | ({When.AGAIN} if again else set())
+    def choose_options(self, gap: float, *, semidefinite: bool, retry: bool) -> dict[str, Any]:
+        """Return the solver's options for a duality gap of a scaled program; the user's replace tuned ones."""
+        now = (
+            {Condition.ALWAYS}
+            | ({Condition.SEMIDEFINITE} if semidefinite else set())
+            | ({Condition.RETRY} if retry else set())
+        )
         return {**{one.name: one.at(gap) for one in self.settings if one.when in now}, **self.options}
 
 
 @dataclass(frozen=True)
 class Clarabel(ThroughCvxpy):
-    """The interior-point solver Clarabel, through cvxpy, with one second-order cone for every |v_tau|."""
+    """The interior-point solver Clarabel, through cvxpy, with one second-order cone per norm term.
+
+    Parameters
+    ----------
+    accuracy, polish, options, tuned
+        See :class:`ThroughCvxpy`.
+
+    Examples
+    --------
+    >>> system = vx.System(K=np.eye(1), load=lambda t: [3.0 * t], norms=vx.Norms(B=np.eye(1), w=1.0))
+    >>> vx.march(system, [0.0, 1.0], solver=vx.Clarabel(accuracy=1e-8)).state[-1].round(6)
+    array([2.])
+    """
 
     solver: str = field(default="CLARABEL", init=False)
 
@@ -258,14 +283,22 @@ class Clarabel(ThroughCvxpy):
 
 @dataclass(frozen=True)
 class OSQP(ThroughCvxpy):
-    """The operator-splitting solver OSQP, through cvxpy, with absolute values; no second-order cones.
+    """The operator-splitting solver OSQP, through cvxpy, for absolute values; it has no second-order cones.
 
     Parameters
     ----------
+    accuracy, polish, options, tuned
+        See :class:`ThroughCvxpy`.
     polygon : int, optional
-        Replace discs of multipliers, |lam_i| <= w_i, by regular polygons with this many corners on the rim, at least 4.
-        Certificates are those of the discs: gaps are up to 1 - cos(pi / polygon) of sum w_i |s_i|, .019 with 16. By
-        default programs with discs are refused.
+        Replace the discs |lam_i| <= w_i by inscribed regular polygons with this many corners, at least 4. Certificates
+        still refer to discs: the gap is up to (1 - cos(pi / polygon)) sum w_i |s_i|, with 16 corners .019 of the sum.
+        By default programs with discs are not accepted.
+
+    Examples
+    --------
+    >>> system = vx.System(K=np.eye(1), load=lambda t: [3.0 * t], norms=vx.Norms(B=np.eye(1), w=1.0))
+    >>> vx.march(system, [0.0, 1.0], solver=vx.OSQP(accuracy=1e-8)).state[-1].round(6)
+    array([2.])
     """
 
     solver: str = field(default="OSQP", init=False)
@@ -295,28 +328,28 @@ class OSQP(ThroughCvxpy):
 
 
 class _PreparedConic:
-    """The program compiled once, its data as parameters; on sparse K it is posed afresh every step.
+    """A cvxpy problem compiled once, with g, w, b, e as parameters; if K is sparse, it is posed anew in every step.
 
-    A parameter of load length compiles for 26 s at 33k unknowns, one of the length of the terms in milliseconds.
+    With sparse K the parameter g has as many entries as K has unknowns, and compiles in 26 s at 33,000 unknowns.
     """
 
     def __init__(self, settings: ThroughCvxpy):
         self._settings = settings
-        # With cones or without: the step in cvxpy, and the solvers that cvxpy keeps for the next one, by name.
+        # For cones = True or False: the step in cvxpy, and the solver objects that cvxpy keeps for a warm start.
         self._compiled: dict[bool, tuple[CvxpyStep, dict[str, Any]]] = {}
 
     def solve(self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None) -> Answer:
         cones = self._settings.cones
-        answer = self._ask(program, target, cones)
-        more = any(setting.when is When.AGAIN for setting in self._settings.settings)
+        answer = self._solve_once(program, target, cones)
+        more = any(setting.when is Condition.RETRY for setting in self._settings.settings)
         if more and _gap(program, answer) > target:
-            again = self._ask(program, target, cones and program.operators.block > 1, again=True)
-            # Beyond what it can reach the second may be the worse one, by a factor of 190 in gap.
+            again = self._solve_once(program, target, cones and program.operators.block > 1, retry=True)
+            # If the target is out of reach, the second answer may be worse, by a factor of 190 in gap.
             better = min(answer, again, key=partial(_gap, program))
             answer = replace(better, iterations=again.iterations + answer.iterations)
-        return polished(program, answer) if self._settings.polish else answer
+        return polish_answer(program, answer) if self._settings.polish else answer
 
-    def _ask(self, program: StepProgram, target: float, cones: bool, again: bool = False) -> Answer:
+    def _solve_once(self, program: StepProgram, target: float, cones: bool, retry: bool = False) -> Answer:
         operators, corners = program.operators, self._settings.corners
         with COMPILING:
             if isinstance(operators.K, np.ndarray):
@@ -326,20 +359,20 @@ class _PreparedConic:
                 step.at(program.data)
             else:
                 step, kept = to_cvxpy(operators, program.data, cones, corners), {}
-        options = self._settings.asks_with(target, semidefinite=operators.kernel is not None, again=again)
+        options = self._settings.choose_options(target, semidefinite=operators.kernel is not None, retry=retry)
         status, iterations = _run(step, kept, self._settings, options)
         still = np.zeros_like(program.g), np.zeros((operators.count, operators.block)), np.zeros_like(program.e)
         found = still if step.d.value is None else (step.d.value, step.lam, step.p)
-        # Interior points stop a rounding error short of their bounds, or beyond them.
+        # Interior-point methods may violate bounds by rounding.
         d, lam, p = program.admissible_point(*found)
         return Answer(d, lam, iterations, status, p=p)
 
 
-def polished(program: StepProgram, answer: Answer) -> Answer:
-    """Return one active-set step from an answer, or the answer: the better certified of the two."""
+def polish_answer(program: StepProgram, answer: Answer) -> Answer:
+    """Return the answer after one active-set step, or the answer itself if its gap is smaller."""
     d, lam, p = program.admissible_point(answer.d, answer.lam, answer.p)
     before = replace(answer, d=d, lam=lam, p=p)
-    sharper = PreparedNewton(program.operators, 1).begun_at(program, GivenWeights(program.w), before)
+    sharper = PreparedNewton(program.operators, 1).solve_from(program, GivenWeights(program.w), before)
     d, lam, p = program.admissible_point(sharper.d, sharper.lam, sharper.p)
     after = Answer(d, lam, answer.iterations + 1, answer.status + ", polished", p=p)
     return after if _gap(program, after) < _gap(program, before) else answer
@@ -350,7 +383,10 @@ def _gap(program: StepProgram, answer: Answer) -> float:
 
 
 def _run(step: CvxpyStep, kept: dict[str, Any], settings: ThroughCvxpy, options: dict[str, Any]) -> tuple[str, int]:
-    """Solve in cvxpy's own steps, as its `solve` would warn of what the certificate measures; status and iterations."""
+    """Solve by cvxpy's single stages, and return status and iterations.
+
+    cvxpy's `solve` would also warn about inaccuracy, which the certificate measures.
+    """
     from cvxpy.error import SolverError
     from cvxpy.settings import SOLUTION_PRESENT
 

@@ -1,8 +1,8 @@
-"""The weights of one step, w(p, |s|): given, or after a law of friction; and these in other units.
+"""The weights w(p, |s|) of one step: given numbers or a law of friction, in any units.
 
-A law has two slopes: J = dw/dp where it says so, and dw/d|s|, by differences where it reads the slip of the step. A
-step of the law w(p, |s|) is one set-valued equation with a program of given weights at every solution: that of the
-answer's own pressure and slip.
+A law has two derivatives: J = dw/dp if the law defines it, and dw/d|s|, by differences, if the law depends on the slip
+of the step. A step under a law is one set-valued equation. Each solution also solves the program of given weights, with
+the weights for its own pressure and slip.
 """
 
 from __future__ import annotations
@@ -17,30 +17,30 @@ from vemcvx.base.arrays import SAME, Floats
 from vemcvx.base.errors import SceneError
 from vemcvx.program.system import Norms
 
-DIFFERENCE = 1e-6
-"""Part of the largest slip by which one is changed to see how its weight does."""
+RELATIVE_STEP = 1e-6
+"""Step of the difference quotient dw/d|s|, relative to the largest slip."""
 
 
 class Weights(Protocol):
-    """Weights of norm terms under the forces of limits, after slips of the step."""
+    """The weights of norm terms as functions of limit forces p and of slips of the step."""
 
     @property
-    def given(self) -> bool:
-        """True if they depend on neither."""
+    def is_given(self) -> bool:
+        """True if the weights are constants."""
 
     def at(self, p: Floats, slip: Floats) -> Floats:
-        """Return weights (m,) under forces (r,) and slips (m,)."""
+        """Return weights (m,) under limit forces p (r,) and slips (m,)."""
 
     def slopes(self, p: Floats, slip: Floats) -> tuple[sp.csr_matrix | None, Floats | None]:
-        """Return dw/dp (m, r) and dw/d|s| (m,); None where they are zero."""
+        """Return dw/dp (m, r) and dw/d|s| (m,), with None for zero derivatives."""
 
 
 @dataclass(frozen=True, eq=False)
 class GivenWeights:
-    """Weights (m,) that depend on nothing: Tresca's."""
+    """Constant weights (m,), as in Tresca's law."""
 
     w: Floats
-    given = True
+    is_given = True
 
     def at(self, p: Floats, slip: Floats) -> Floats:
         return self.w
@@ -51,55 +51,55 @@ class GivenWeights:
 
 @dataclass(frozen=True, eq=False)
 class WeightsInUnits:
-    """Weights where forces of terms and limits are in units (m,) and (r,), and slips in one over those of terms."""
+    """Weights in other units: forces in `term_units` (m,) and `limit_units` (r,), slips in 1 / `term_units`."""
 
     weights: Weights
-    of_terms: Floats
-    of_limits: Floats
+    term_units: Floats
+    limit_units: Floats
 
     @property
-    def given(self) -> bool:
-        """True if the weights depend on neither."""
-        return self.weights.given
+    def is_given(self) -> bool:
+        """True if the weights are constants."""
+        return self.weights.is_given
 
     def at(self, p: Floats, slip: Floats) -> Floats:
-        return self.weights.at(self.of_limits * p, slip / self.of_terms) / self.of_terms
+        return self.weights.at(self.limit_units * p, slip / self.term_units) / self.term_units
 
     def slopes(self, p: Floats, slip: Floats) -> tuple[sp.csr_matrix | None, Floats | None]:
-        J, slope = self.weights.slopes(self.of_limits * p, slip / self.of_terms)
+        J, slope = self.weights.slopes(self.limit_units * p, slip / self.term_units)
         if J is not None:
-            entries = J.data * self.of_limits[J.indices] / np.repeat(self.of_terms, np.diff(J.indptr))
+            entries = J.data * self.limit_units[J.indices] / np.repeat(self.term_units, np.diff(J.indptr))
             J = sp.csr_matrix((entries, J.indices, J.indptr), shape=J.shape)
-        return J, None if slope is None else slope / self.of_terms**2
+        return J, None if slope is None else slope / self.term_units**2
 
 
 @dataclass(frozen=True, eq=False)
 class StepLaw:
-    """Weights after the law of `norms` at the instant t, with slips (m,) before the step."""
+    """Weights by the law of `norms` at the instant t; `past` (m,) are the slips before the step."""
 
     norms: Norms
     t: float
     past: Floats
-    given = False
+    is_given = False
 
     @property
-    def sees_slip(self) -> bool:
-        """True if weights may read the slip of the step: laws that give a slope by p do not."""
+    def reads_slip(self) -> bool:
+        """True if weights may depend on the slip of the step; laws with a derivative by p do not."""
         return self.norms.remembers and not self.norms.sloped
 
     def at(self, p: Floats, slip: Floats) -> Floats:
-        return self.norms.weights_under(self.t, np.maximum(p, 0.0), self.past, slip if self.sees_slip else None)
+        return self.norms.weights_under(self.t, np.maximum(p, 0.0), self.past, slip if self.reads_slip else None)
 
     def slopes(self, p: Floats, slip: Floats) -> tuple[sp.csr_matrix | None, Floats | None]:
         if self.norms.sloped:
             return self.norms.slope_by_forces(self.t, np.maximum(p, 0.0), self.past), None
-        if not self.sees_slip:
+        if not self.reads_slip:
             return None, None
-        more = DIFFERENCE * max(slip.max(initial=0.0), self.past.max(initial=0.0)) or DIFFERENCE
+        more = RELATIVE_STEP * max(slip.max(initial=0.0), self.past.max(initial=0.0)) or RELATIVE_STEP
         return None, (self.at(p, slip + more) - self.at(p, slip)) / more
 
     def check_slope(self, p: Floats, slip: Floats) -> None:
-        """Raise SceneError where weights of a law with a slope by p depend on the slip of the step."""
+        """Raise SceneError if weights of a law with a derivative by p depend on the slip of the step."""
         if not (self.norms.sloped and self.norms.remembers):
             return
         w, own = self.at(p, slip), self.norms.weights_under(self.t, np.maximum(p, 0.0), self.past, slip)

@@ -1,27 +1,35 @@
-"""Semismooth Newton on active sets, in the forces of contact (:mod:`vemcvx.program.forces`).
+"""Semismooth Newton on active sets, in the contact forces x = (lam, p) (:mod:`vemcvx.program.forces`).
 
-On sets (what sticks, which limits act, where to the others slip) the forces are x_law + Q z. x_law has w s/|s| on what
-slips and nothing on open limits; z are changes of what sticks (a column of the identity), of what acts (likewise, and
-J = dw/dp along what slips), across slips (with the compliance |s|/w) and, where w reads |s|, along them (1/w'). They
-are to leave still what sticks or acts, and to what slips the motion s at which the law was linearised: with P as Q,
-but without J,
+The active sets are: which terms stick, which limits act, and in which direction the other terms slip. On given sets the
+forces are x = x_law + Q z. x_law has w s/|s| on slipping terms, zero on open limits, and x elsewhere. The unknowns z
+are changes of
 
-    (P (W + C) Q + diag(compliance)) z = P (off - s of what slips),
+- forces of sticking terms and acting limits (columns of the identity; for limits also J = dw/dp along slips),
+- forces across the direction of slip, with the compliance |s|/w,
+- forces along the direction of slip if w depends on |s|, with the compliance 1/w'.
 
-the Newton step for x = projection of x + SHIFT off onto discs of radius w(p, |s|) and half-lines p >= 0. Slips have no
-unknown in the plane, and one in space. The matrix is lifted by LIFT, as rows may follow from others, and is factorised
-only where sets change or the error of the law no longer halves; else corrections on the last factors, those of the
-step before too, remove what the lift and turning slips leave. The error of the law tells when to stop, not sets: these
-may change for ever by rounding. Where K has a kernel, N'A'x = N'g borders the system.
+Two conditions determine z: sticking and acting rows do not move, and slipping terms keep the slip s at which the law
+was linearised. With P, which is Q' without J,
 
-Where W is an operator (iterative linear solvers, very many rows) the system is solved by GMRES.
+    (P (W + C) Q + diag(compliance)) z = P (off - s on slipping terms).
 
-Safeguard. For given w a step is the dual of its program, min 1/2 x'(W + C)x - x'free over discs and half-lines, whose
-gradient is -off. Accelerated projected gradients (Nesterov 1983; begun anew where they turn back, O'Donoghue and Candes
-2015) converge to a solution of it: the set is convex, W positive semidefinite. They start discs, and take over where
-sets come back; then active sets again, and they go on where they ended. For laws nothing is proven for them; the point
-of least error on the way to the last one is tried first. A kernel enters by the augmented Lagrangian, multipliers a.
-Where all that misses the accuracy of a run, Clarabel is asked, and the sets of its answer are tried
+This is the Newton step for x = projection of x + SHIFT off onto discs of radius w(p, |s|) and half-lines p >= 0. A
+slipping term adds no unknown in the plane, and one in space. REGULARISATION is added to the diagonal, because rows may
+be linearly dependent. If K has a kernel, N'A'x = N'g borders the system.
+
+The matrix is factorised only if sets change, or if the error of the law no longer halves. Otherwise corrections on the
+last factors, also on those of the step before, remove the errors of regularisation and of turning slips. The error of
+the law decides when to stop. Unchanged sets do not: rounding may change sets for ever. If W is an operator (iterative
+linear solvers, very many rows), GMRES solves the system.
+
+Safeguard. For given w the dual of a step is min 1/2 x'(W + C)x - x'free over discs and half-lines, with gradient -off.
+Accelerated projected gradients (Nesterov 1983; restarted as in O'Donoghue and Candes 2015) converge to a solution,
+because the set is convex and W positive semidefinite. In space they follow the first active sets; in the plane they
+start when sets recur. Then active sets continue, and the next safeguard resumes where the last one ended. A kernel
+enters by the augmented Lagrangian with multipliers a. If weights follow a law, convergence is not proven: we then first
+try the point of least error on the segment to the last point.
+
+If all this misses the accuracy of a run, Clarabel solves the step, and Newton's method starts from its active sets
 (:class:`vemcvx.solvers.default.LastResort`).
 """
 
@@ -45,79 +53,94 @@ from vemcvx.solvers.law import GivenWeights, Weights, WeightsInUnits
 from vemcvx.solvers.solver import Solver
 
 SHIFT = 0.1
-"""Of off against x in the sets, both in units in which W has a diagonal of ones. At 1 sets cycle more often."""
-LIFT = 1e-11
-"""Added to a diagonal of ones: rows that follow from others share their force, and corrections remove the rest."""
-SHARP, ENOUGH, FAIR = 1e-13, 1e-11, 1e-7
-"""Errors of the law in parts of the largest force: of corrections, of a step, and of one that gains no more."""
-TURNS = 20
-"""Corrections on one factorisation: together they take as long as the next one of 2,000 unknowns."""
-SWEEPS = 100
-"""Projected gradients at first; they double each time, up to sixteen times as many."""
-REREAD = 10
-"""Projected gradients on one reading of a law's weights."""
-MOST_SAFEGUARDS = 10
-"""Times that they are asked in a step before that is given up."""
-RUNAWAY = 1e6
-"""Growth of forces beyond which nothing balances a body that floats: Coulomb friction would grow for ever."""
-FEW = 20
-"""Of them for one part of the increments in a kernel."""
+"""Weight of `off` against forces x in predicting active sets, where W has a unit diagonal. At 1 sets cycle more
+often."""
+REGULARISATION = 1e-11
+"""Number added to a unit diagonal: dependent rows then share their force. Corrections remove the error."""
+CORRECTION_TOLERANCE, STEP_TOLERANCE, STALL_TOLERANCE = 1e-13, 1e-11, 1e-7
+"""Errors of the law relative to the largest force at which we stop corrections, a step, and a step that stalls."""
+MAX_CORRECTIONS = 20
+"""Largest number of corrections on one factorisation: they take as long as factorising 2,000 unknowns."""
+FIRST_SWEEPS = 100
+"""Number of projected gradient steps in the first safeguard; it doubles each time, up to sixteenfold."""
+SWEEPS_PER_WEIGHTS = 10
+"""Number of projected gradient steps before weights are evaluated again."""
+MAX_SAFEGUARDS = 10
+"""Largest number of safeguards in a step."""
+MAX_GROWTH = 1e6
+"""Growth of forces above which a floating body counts as unbalanced: forces of Coulomb friction would diverge."""
+SWEEPS_PER_MULTIPLIER = 20
+"""Number of projected gradient steps between updates of the multipliers a of a kernel."""
 
 
 @dataclass(frozen=True, eq=False)
-class Sets:
-    """What sticks (m,), which limits act (r,), where the others slip to (m, block), how far, and w and |q| (m,)."""
+class ActiveSets:
+    """The active sets of a point, with the weights w (m,) there.
+
+    Parameters
+    ----------
+    stick : (m,) array
+        True for sticking terms.
+    act : (r,) array
+        True for acting limits.
+    direction : (m, block) array
+        Unit vectors of slips.
+    along : (m,) array
+        Lengths of slips in this direction, >= 0.
+    size : (m,) array
+        Lengths |q| of the predicted forces.
+    """
 
     stick: Bools
     act: Bools
-    way: Floats
+    direction: Floats
     along: Floats
     w: Floats
     size: Floats
 
     @classmethod
-    def at(cls, delassus: Delassus, point: Point, law: Weights, s: Floats | None = None) -> Sets:
-        """Return the sets at q = x + SHIFT off, with the law at the slips s (m, block), by default the point's."""
+    def at(cls, delassus: Delassus, point: Point, law: Weights, s: Floats | None = None) -> ActiveSets:
+        """Return the sets predicted by q = x + SHIFT off, with weights at the slips s (m, block), else the point's."""
         q, press = delassus.parts(point.x + SHIFT * point.off)
         s = delassus.parts(point.off)[0] if s is None else s
         size = lengths(q)
-        way = directions(q, size)
-        along = np.maximum(np.einsum("ij,ij->i", way, s), 0.0)
+        direction = directions(q, size)
+        along = np.maximum(np.einsum("ij,ij->i", direction, s), 0.0)
         w = law.at(delassus.parts(point.x)[1], along)
-        return cls(stick=(size <= w) & (w > 0), act=press > 0, way=way, along=along, w=w, size=size)
+        return cls(stick=(size <= w) & (w > 0), act=press > 0, direction=direction, along=along, w=w, size=size)
 
     @cached_property
-    def still(self) -> Bools:
-        """(N,) the rows that are not to move."""
-        return np.append(np.repeat(self.stick, self.way.shape[1]), self.act)
+    def held(self) -> Bools:
+        """The rows (N,) that must not move: sticking terms and acting limits."""
+        return np.append(np.repeat(self.stick, self.direction.shape[1]), self.act)
 
     @property
     def key(self) -> bytes:
-        """The sets in bytes: with the directions of slips, where these are two."""
-        return self.still.tobytes() + ((self.way > 0).tobytes() if self.way.shape[1] == 1 else b"")
+        """The sets as bytes; in the plane with the signs of slips."""
+        return self.held.tobytes() + ((self.direction > 0).tobytes() if self.direction.shape[1] == 1 else b"")
 
-    def lawful(self, x: Floats, w: Floats, way: Floats) -> Floats:
-        """Return x_law: x with w along what slips, and nothing on open limits."""
-        return np.where(self.still, x, np.append(w[:, None] * way, np.zeros(len(self.act))))
+    def apply_law(self, x: Floats, w: Floats, direction: Floats) -> Floats:
+        """Return x_law (N,): x with w along slips, and zero on open limits."""
+        return np.where(self.held, x, np.append(w[:, None] * direction, np.zeros(len(self.act))))
 
-    def missed(self, point: Point) -> float:
-        """Return the error of the law at a point whose sets these are."""
-        parts = self.lawful(point.x, self.w, self.way) - point.x, SHIFT * point.off[self.still], point.rest
+    def law_error(self, point: Point) -> float:
+        """Return the error of the law of friction and contact at a point with these sets."""
+        parts = self.apply_law(point.x, self.w, self.direction) - point.x, SHIFT * point.off[self.held], point.rest
         return max(float(np.abs(part).max(initial=0.0)) for part in parts)
 
 
 @dataclass(frozen=True, eq=False)
-class SetsSystem:
-    """The system of some sets, ready to be solved: P (k, N) and Q (N, k), and a solve with its matrix."""
+class ActiveSetSystem:
+    """The linear system of some active sets: P (k, N), Q (N, k), and `solve` with its factorised matrix."""
 
-    sets: Sets
+    sets: ActiveSets
     P: sp.csr_matrix
     Q: sp.csc_matrix
     solve: Callable[[Floats], Floats]
 
     @classmethod
-    def of(cls, delassus: Delassus, sets: Sets, point: Point, law: Weights) -> SetsSystem:
-        """Return the system with the slopes of the law at a point."""
+    def assemble(cls, delassus: Delassus, sets: ActiveSets, point: Point, law: Weights) -> ActiveSetSystem:
+        """Assemble and factorise the system, with the derivatives of the law at a point."""
         J, slope = law.slopes(delassus.parts(point.x)[1], sets.along)
         P, compliance = _columns(sets, slope)
         Qt = P if J is None else _with_pressure(P, sets, J)
@@ -126,32 +149,33 @@ class SetsSystem:
             M = np.zeros((count + R.shape[1],) * 2, order="F")
             M[:count, :count] = P @ (Qt @ W).T
             M[:count, count:], M[count:, :count] = -(P @ R), (Qt @ R).T
-            M[range(count), range(count)] += LIFT + compliance
+            M[range(count), range(count)] += REGULARISATION + compliance
             lu = dgetrf(M, overwrite_a=True)[:2] if len(M) else None
             return cls(sets, P, Q, lambda b: b if lu is None else np.asarray(dgetrs(*lu, b)[0]))
 
         def product(z: Floats) -> Floats:
             x, a = Q @ z[:count], z[count:]
-            return np.append(P @ (W @ x - R @ a) + (LIFT + compliance) * z[:count], R.T @ x)
+            return np.append(P @ (W @ x - R @ a) + (REGULARISATION + compliance) * z[:count], R.T @ x)
 
         operator = LinearOperator((count + R.shape[1],) * 2, product, dtype=float)
         return cls(sets, P, Q, lambda b: gmres(operator, b, rtol=1e-6, restart=60, maxiter=5)[0] if len(b) else b)
 
 
-def _columns(sets: Sets, slope: Floats | None) -> tuple[sp.csr_matrix, Floats]:
+def _columns(sets: ActiveSets, slope: Floats | None) -> tuple[sp.csr_matrix, Floats]:
     """Return P (k, N) and its compliances (k,).
 
-    Columns are those of the identity for still rows; of slips those across, and along where the weight reads them.
+    P has a row of the identity for each held row. A slip has rows across its direction, and one along it if its weight
+    depends on |s|.
     """
-    (m, block), act = sets.way.shape, np.flatnonzero(sets.act)
+    (m, block), act = sets.direction.shape, np.flatnonzero(sets.act)
     moves = ~sets.stick & (sets.w > 0)
     picked, compliance = np.tile(sets.stick[:, None], block), np.zeros((m, block))
     picked[moves, 1:] = True
     compliance[moves, 1:] = ((sets.size - sets.w)[moves] / (SHIFT * sets.w[moves]))[:, None]
     if slope is not None:
-        seen = moves & (np.abs(slope) > 1e-12)
-        picked[seen, 0], compliance[seen, 0] = True, 1.0 / slope[seen]
-    frames = np.where(sets.stick[:, None, None], np.eye(block), reflected(sets.way))
+        sloped = moves & (np.abs(slope) > 1e-12)
+        picked[sloped, 0], compliance[sloped, 0] = True, 1.0 / slope[sloped]
+    frames = np.where(sets.stick[:, None, None], np.eye(block), reflected(sets.direction))
     i, j = np.nonzero(picked)
     entries = np.append(frames[i, :, j], np.ones(len(act)))
     at = np.append(i[:, None] * block + np.arange(block), m * block + act)
@@ -160,10 +184,10 @@ def _columns(sets: Sets, slope: Floats | None) -> tuple[sp.csr_matrix, Floats]:
     return P, np.append(compliance[i, j], np.zeros(len(act)))
 
 
-def _with_pressure(P: sp.csr_matrix, sets: Sets, J: sp.csr_matrix) -> sp.csr_matrix:
-    """Return Q' (k, N): P, and what forces of acting limits add to those of what slips, w' = J p' on the way."""
-    block, acting = sets.way.shape[1], sp.csc_matrix(J)[:, sets.act]
-    ways = np.where(sets.stick[:, None], 0.0, sets.way)[acting.indices] * acting.data[:, None]
+def _with_pressure(P: sp.csr_matrix, sets: ActiveSets, J: sp.csr_matrix) -> sp.csr_matrix:
+    """Return Q' (k, N): P with the change of friction J dp, along slips, added to the rows of acting limits."""
+    block, acting = sets.direction.shape[1], sp.csc_matrix(J)[:, sets.act]
+    ways = np.where(sets.stick[:, None], 0.0, sets.direction)[acting.indices] * acting.data[:, None]
     at = acting.indices[:, None] * block + np.arange(block)
     starts = np.append(np.zeros(P.shape[0] - acting.shape[1]), block * acting.indptr)
     return sp.csr_matrix(P + sp.csr_matrix((ways.ravel(), at.ravel(), starts), shape=P.shape))
@@ -177,9 +201,9 @@ class Search:
     ----------
     delassus : Delassus
     law : Weights
-        In its units.
+        Weights in the units of `delassus`.
     most : int
-        Systems of sets before it ends.
+        Largest number of systems.
     """
 
     delassus: Delassus
@@ -188,91 +212,91 @@ class Search:
     count: int = 0
     safeguards: int = 0
 
-    def solution(self, point: Point, system: SetsSystem | None) -> tuple[Point, SetsSystem, float]:
-        """Return the point of the step, the last system of sets, and the error of the law; begun on another system."""
-        system = system or self._first(point)
-        s, z = self.delassus.parts(point.off)  # Gaps far from closing are no measure of forces.
+    def find_solution(self, point: Point, system: ActiveSetSystem | None) -> tuple[Point, ActiveSetSystem, float]:
+        """Return the solution of the step, the last system, and the error of the law, starting on a given system."""
+        system = system or self._first_system(point)
+        s, z = self.delassus.parts(point.off)  # Open gaps do not measure forces, so that z counts only if positive.
         least = 0.01 * max(np.abs(s).max(initial=0.0), z.max(initial=0.0)) or 1e-300
         seen, swept, cycles, last, start = set[bytes](), None, 0, np.inf, point
-        limit = RUNAWAY * max(float(np.abs(start.x).max(initial=0.0)), float(np.abs(start.off).max(initial=0.0)))
+        limit = MAX_GROWTH * max(float(np.abs(start.x).max(initial=0.0)), float(np.abs(start.off).max(initial=0.0)))
         while True:
-            before, (point, sets, missed) = point, self._corrected(point, system, least)
+            before, (point, sets, error) = point, self._correct(point, system, least)
             if len(point.a) and np.abs(point.x).max(initial=0.0) > limit:
-                return start, replace(system, sets=Sets.at(self.delassus, start, self.law)), np.inf
-            ends = self.count >= self.most or self.safeguards > MOST_SAFEGUARDS
-            if missed <= ENOUGH or (missed <= FAIR and missed > 0.5 * last) or ends:
-                return point, replace(system, sets=sets), missed
-            again = sets.key in seen and not np.array_equal(sets.still, system.sets.still)
+                return start, replace(system, sets=ActiveSets.at(self.delassus, start, self.law)), np.inf
+            ends = self.count >= self.most or self.safeguards > MAX_SAFEGUARDS
+            if error <= STEP_TOLERANCE or (error <= STALL_TOLERANCE and error > 0.5 * last) or ends:
+                return point, replace(system, sets=sets), error
+            again = sets.key in seen and not np.array_equal(sets.held, system.sets.held)
             cycles += again
             seen.add(sets.key)
             starts = self.delassus.operators.block > 1 and swept is None
-            if starts or missed == np.inf or (again and (self.law.given or cycles % 4 == 0)):
-                swept = point = self._swept(swept if swept is not None and self.law.given else point)
-                sets = Sets.at(self.delassus, point, self.law)
+            if starts or error == np.inf or (again and (self.law.is_given or cycles % 4 == 0)):
+                swept = point = self._sweep(swept if swept is not None and self.law.is_given else point)
+                sets = ActiveSets.at(self.delassus, point, self.law)
             elif again:
-                point, sets = self._between(before, point)
-            system, last = self.system(sets, point), missed
+                point, sets = self._search_between(before, point)
+            system, last = self.system(sets, point), error
 
-    def _first(self, point: Point) -> SetsSystem:
-        """Return the system of the sets at a guess, where nothing has slipped; a body that floats is held, at first."""
-        sets = Sets.at(self.delassus, point, self.law, np.zeros_like(self.delassus.parts(point.x)[0]))
+    def _first_system(self, point: Point) -> ActiveSetSystem:
+        """Return the system of the sets at a guess without slips. If a body floats, all its terms stick at first."""
+        sets = ActiveSets.at(self.delassus, point, self.law, np.zeros_like(self.delassus.parts(point.x)[0]))
         if len(point.a):
             sets = replace(sets, stick=np.ones_like(sets.stick), act=np.ones_like(sets.act))
         return self.system(sets, point)
 
-    def system(self, sets: Sets, point: Point) -> SetsSystem:
-        """Return the system of some sets, and count it."""
+    def system(self, sets: ActiveSets, point: Point) -> ActiveSetSystem:
+        """Assemble the system of some sets, and count it."""
         self.count += 1
-        return SetsSystem.of(self.delassus, sets, point, self.law)
+        return ActiveSetSystem.assemble(self.delassus, sets, point, self.law)
 
-    def _corrected(self, point: Point, system: SetsSystem, least: float) -> tuple[Point, Sets, float]:
-        """Return the point that the system leads to, by corrections on its factors; the sets and the law's error there.
+    def _correct(self, point: Point, system: ActiveSetSystem, least: float) -> tuple[Point, ActiveSets, float]:
+        """Solve by corrections on the factors of a system; return the point, its sets and the error of the law.
 
-        The error is infinite where sets hold nothing of a body that floats.
+        The error is infinite if the sets do not hold a floating body.
         """
         delassus, old, limits = self.delassus, system.sets, np.zeros(len(system.sets.act))
-        s, way, w, last = old.along[:, None] * old.way, old.way, None, np.inf
-        for _ in range(TURNS):
+        s, direction, w, last = old.along[:, None] * old.direction, old.direction, None, np.inf
+        for _ in range(MAX_CORRECTIONS):
             w = self.law.at(delassus.parts(point.x)[1], old.along) if w is None else w
-            dx = old.lawful(point.x, w, way) - point.x
+            dx = old.apply_law(point.x, w, direction) - point.x
             push = point.off - delassus.W @ dx - np.append(np.where(old.stick[:, None], 0.0, s), limits)
             z = system.solve(np.append(system.P @ push, point.rest - delassus.R.T @ dx))
             if not np.isfinite(z).all():
-                return point, Sets.at(delassus, point, self.law, s), np.inf
+                return point, ActiveSets.at(delassus, point, self.law, s), np.inf
             count = system.P.shape[0]
             point = delassus.moved(point, dx + system.Q @ z[:count], z[count:])
             s = delassus.parts(point.off)[0]
-            # Slips of rounding, or against their force, have no direction to turn to.
-            turns = (SHIFT * lengths(s) > FAIR * w) & (np.einsum("ij,ij->i", s, way) > 0)
-            way = np.where(turns[:, None], directions(s, lengths(s)), way)
-            new = Sets.at(delassus, point, self.law)
-            missed = new.missed(point) / max(float(np.abs(point.x).max(initial=0.0)), least)
-            if missed <= SHARP or missed > 0.5 * last or not np.array_equal(new.still, old.still):
+            # Slips at rounding level, or against their force, do not define a direction.
+            turns = (SHIFT * lengths(s) > STALL_TOLERANCE * w) & (np.einsum("ij,ij->i", s, direction) > 0)
+            direction = np.where(turns[:, None], directions(s, lengths(s)), direction)
+            new = ActiveSets.at(delassus, point, self.law)
+            error = new.law_error(point) / max(float(np.abs(point.x).max(initial=0.0)), least)
+            if error <= CORRECTION_TOLERANCE or error > 0.5 * last or not np.array_equal(new.held, old.held):
                 break
-            last, w = missed, new.w
-        return point, new, missed
+            last, w = error, new.w
+        return point, new, error
 
-    def _between(self, before: Point, point: Point) -> tuple[Point, Sets]:
-        """Return the point of least error on the way from one to the other, the other one left out."""
+    def _search_between(self, before: Point, point: Point) -> tuple[Point, ActiveSets]:
+        """Return the point of least error, with its sets, out of four points between `before` and `point`."""
         dx, da = point.x - before.x, point.a - before.a
         tried = [self.delassus.moved(before, part * dx, part * da) for part in (0.7, 0.5, 0.3, 0.1)]
-        found = [(one, Sets.at(self.delassus, one, self.law)) for one in tried]
-        return min(found, key=lambda pair: pair[1].missed(pair[0]))
+        found = [(one, ActiveSets.at(self.delassus, one, self.law)) for one in tried]
+        return min(found, key=lambda pair: pair[1].law_error(pair[0]))
 
-    def _swept(self, point: Point) -> Point:
-        """Return a point nearer to the solution, by projected gradients; in a kernel for one part a after another."""
-        most = min(2**self.safeguards, 16) * SWEEPS
-        rounds = most // FEW if len(point.a) else 1
+    def _sweep(self, point: Point) -> Point:
+        """Return a point nearer to the solution, by projected gradients, with updates of a if K has a kernel."""
+        most = min(2**self.safeguards, 16) * FIRST_SWEEPS
+        rounds = most // SWEEPS_PER_MULTIPLIER if len(point.a) else 1
         self.safeguards += 1
         for _ in range(rounds):
-            point = self._descended(point, most // rounds)
+            point = self._descend(point, most // rounds)
             point = self.delassus.moved(point, np.zeros_like(point.x), self.delassus.norm * point.rest)
         return point
 
-    def _descended(self, point: Point, most: int) -> Point:
-        """Return the point after projected gradients, with the penalty norm |rest|^2 / 2 in a kernel.
+    def _descend(self, point: Point, most: int) -> Point:
+        """Return the point after projected gradients, with the penalty norm |rest|^2 / 2 if K has a kernel.
 
-        As R is orthonormal, the penalty doubles the bound on their curvature.
+        R is orthonormal, so that the penalty at most doubles the curvature.
         """
         delassus, norm, R = self.delassus, self.delassus.norm, self.delassus.R
         length = 1.0 / (2.0 * norm if len(point.a) else norm)
@@ -281,7 +305,7 @@ class Search:
         for sweep in range(most):
             lam, p = delassus.parts(ahead + length * off)
             p = np.maximum(p, 0.0)
-            if sweep % REREAD == 0:
+            if sweep % SWEEPS_PER_WEIGHTS == 0:
                 w = self.law.at(p, lengths(delassus.parts(point.off)[0]))
             x = np.append(onto_discs(lam, w), p)
             dx, before = x - point.x, now
@@ -297,14 +321,20 @@ class Search:
 
 @dataclass(frozen=True)
 class Newton(Solver):
-    """Hand-written semismooth Newton method; takes every kind of term, and laws of friction.
+    """The semismooth Newton method of this package; it accepts every kind of term, and laws of friction.
 
     Parameters
     ----------
     accuracy : float
-        Certified relative energy error asked of a step.
+        Requested relative energy error of a step, which its certificate must meet.
     max_iterations : int
-        Systems of sets a step before it gives up; the answer so far is returned and will not be certified.
+        Largest number of linear systems per step. A step that needs more returns its last point, uncertified.
+
+    Examples
+    --------
+    >>> system = vx.System(K=np.eye(1), load=lambda t: [3.0 * t], norms=vx.Norms(B=np.eye(1), w=1.0))
+    >>> vx.march(system, [0.0, 1.0], solver=vx.Newton(accuracy=1e-10)).state[-1]
+    array([2.])
     """
 
     accuracy: float = 1e-8
@@ -327,47 +357,47 @@ class Newton(Solver):
 
 @dataclass(eq=False)
 class PreparedNewton:
-    """Newton's method for the programs of one run; it keeps the last system of sets."""
+    """Newton's method for the programs of one run; it keeps the last system."""
 
     operators: Operators
     most: int
-    system: SetsSystem | None = None
+    system: ActiveSetSystem | None = None
 
     @cached_property
     def delassus(self) -> Delassus:
-        """W of the run."""
+        """The Delassus operator W of the run."""
         return Delassus(self.operators)
 
     def solve(
         self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None, law: Weights | None = None
     ) -> Answer:
-        """Answer one step, under given weights or a law of them."""
+        """Solve one step under given weights, or under a law of weights."""
         law, p = law or GivenWeights(program.w), np.zeros_like(program.e) if p is None else np.maximum(p, 0.0)
         return self._answer(program, law, self.delassus.begin(program, lam, p))
 
-    def begun_at(self, program: StepProgram, law: Weights, answer: Answer) -> Answer:
-        """Return the answer found from the sets of another one; of at most one system, one Newton step from it."""
+    def solve_from(self, program: StepProgram, law: Weights, answer: Answer) -> Answer:
+        """Solve a step, starting on the active sets of an answer. With at most one system it is one Newton step."""
         return self._answer(program, law, self.delassus.begin(program, answer.lam, answer.p, answer.d), near=True)
 
     def _answer(self, program: StepProgram, law: Weights, point: Point, near: bool = False) -> Answer:
-        """Return the answer begun at a point, on its own sets if it is near; else on the last system, which is kept."""
+        """Solve a step from a point: on the sets of the point if it is `near`, else on the last system."""
         delassus, rows = self.delassus, program.operators.B.shape[0]
         own = WeightsInUnits(law, delassus.u[: rows : program.operators.block], delassus.u[rows:])
         search = Search(delassus, own, self.most)
-        begin = search.system(Sets.at(delassus, point, own), point) if near else self.system
-        point, system, missed = search.solution(point, begin)
+        begin = search.system(ActiveSets.at(delassus, point, own), point) if near else self.system
+        point, system, error = search.find_solution(point, begin)
         self.system = None if near else system
-        status = "converged" if missed <= FAIR else f"sets did not settle in {search.count} systems"
-        d, lam, p = recorded(delassus, program, point, system, law)
+        status = "converged" if error <= STALL_TOLERANCE else f"sets did not settle in {search.count} systems"
+        d, lam, p = apply_law_to_answer(delassus, program, point, system, law)
         return Answer(d, lam, max(search.count, 1), status, safeguards=search.safeguards, p=p)
 
 
-def recorded(
-    delassus: Delassus, program: StepProgram, point: Point, system: SetsSystem, law: Weights
+def apply_law_to_answer(
+    delassus: Delassus, program: StepProgram, point: Point, system: ActiveSetSystem, law: Weights
 ) -> tuple[Floats, Floats, Floats]:
-    """Return increments and forces of a point as the law has them: still rows do not move, and slips have w s/|s|."""
+    """Return increments d, and forces lam and p of a point that obey the law: held rows rest, slips have w s/|s|."""
     operators, sets = program.operators, system.sets
-    d, point = corrected(delassus, program, point, system)
+    d, point = correct_answer(delassus, program, point, system)
     if operators.own_columns is not None:
         of_terms, of_limits = operators.own_columns
         stick, act = np.repeat(sets.stick, operators.block), sets.act & (operators.compliance == 0)
@@ -381,7 +411,7 @@ def recorded(
     slips = ~(sets.stick | program.still(d)) & (np.einsum("ij,ij->i", s, lam) > 0)
     lam = np.where(slips[:, None], w[:, None] * directions(s, size), lam)
     if len(point.a) and operators.block > 1 and slips.any():
-        # What that leaves out of balance on the kernel is taken by what holds still, and across slips: it costs least.
+        # Held rows and forces across slips take the imbalance on the kernel: there it adds least to the gap.
         rest = delassus.N.T @ (program.g - operators.multiplier_force(lam, p))
         z = np.linalg.lstsq(delassus.R.T @ system.Q, rest, rcond=None)[0]
         more = delassus.parts(delassus.u * (system.Q @ z))
@@ -389,11 +419,13 @@ def recorded(
     return d, lam, p
 
 
-def corrected(delassus: Delassus, program: StepProgram, point: Point, system: SetsSystem) -> tuple[Floats, Point]:
-    """Return the increments of a point, and the point, corrected once by what is out of balance and by rows.
+def correct_answer(
+    delassus: Delassus, program: StepProgram, point: Point, system: ActiveSetSystem
+) -> tuple[Floats, Point]:
+    """Correct increments and forces once by residual, held rows and slips; return the increments and the point.
 
-    Still rows do not move, and slips are along their forces. Where contact holds back most of a load, increments are a
-    small difference of large ones.
+    Afterwards held rows do not move, and slips point along their forces. The correction matters if contact balances
+    most of a load: increments are then small differences of large numbers.
     """
     operators, sets, count = delassus.operators, system.sets, system.P.shape[0]
     d, (lam, p) = delassus.increments(program, point), delassus.forces(point)
@@ -402,15 +434,15 @@ def corrected(delassus: Delassus, program: StepProgram, point: Point, system: Se
     off, n = delassus.u * delassus.excess(program, d, p), directions(lam, lengths(lam))
     s = delassus.parts(off)[0]
     across = np.append(s - np.einsum("ij,ij->i", s, n)[:, None] * n, np.zeros_like(p))
-    z = system.solve(np.append(system.P @ np.where(sets.still, off, across), delassus.N.T @ left))
-    if not np.abs(z).max(initial=0.0) <= np.abs(point.x).max(initial=0.0):  # Sets that hold nothing.
+    z = system.solve(np.append(system.P @ np.where(sets.held, off, across), delassus.N.T @ left))
+    if not np.abs(z).max(initial=0.0) <= np.abs(point.x).max(initial=0.0):  # The sets do not hold the body.
         return d, point
     dx, da = system.Q @ z[:count], z[count:]
     d = d - operators.factor.solve(operators.multiplier_force(*delassus.parts(delassus.u * dx))) + delassus.N @ da
     return d, delassus.moved(point, dx, da)
 
 
-def gap_under(program: StepProgram, law: Weights, answer: Answer) -> float:
-    """Return the gap of an answer under the weights of its own pressure and slip."""
+def gap_of_law(program: StepProgram, law: Weights, answer: Answer) -> float:
+    """Return the duality gap of an answer, under the weights for its own pressure and slip."""
     followed = replace(program, w=law.at(answer.p, lengths(program.slip(answer.d))))
     return followed.duality_gap(*followed.admissible_point(answer.d, answer.lam, answer.p))

@@ -1,7 +1,7 @@
-"""The base of solvers: settings, prepared once for the operators of a run, then asked step by step.
+"""The base class of solvers: settings that are prepared once for the operators of a run, and then solve each step.
 
-A solver sees scaled programs (:mod:`vemcvx.program.scaling`), unless it says that it solves them in `any_units`. It
-knows nothing of what they are about, and is believed in nothing: the caller certifies every answer.
+A solver receives scaled programs (:mod:`vemcvx.program.scaling`), unless it solves programs in `any_units`. Programs
+contain no mesh and no physics. The caller certifies every answer.
 """
 
 from __future__ import annotations
@@ -21,52 +21,67 @@ from vemcvx.program.operators import Operators
 from vemcvx.program.scaling import Scaling
 from vemcvx.program.step_program import Answer, StepProgram, read_answer
 
-SHARE = 0.1
-"""Part of an accuracy, or of a gap, that is asked for where other errors come on top: of a step that missed, whose size
-is known now; of each program of a law; of the unknowns inside at a stored step; of Clarabel, whose gap is another."""
-UNSEEN = 0.01
-"""Part that does not count beside what is asked for: tolerances of residuals, which count by their squares, and those
-whose meaning differs from solver to solver."""
+INNER_FRACTION = 0.1
+"""Fraction of an accuracy or of a gap that is requested where other errors add to it: when a missed step is solved
+again, in each program under a law, for interior unknowns of stored steps, and of Clarabel, which defines its gap
+differently."""
+TARGET_FRACTION = 0.01
+"""Fraction of the requested gap that is negligible beside it: for tolerances on residuals, which enter the gap by their
+squares, and for tolerances whose meaning differs between solvers."""
 
 
 class Prepared(Protocol):
     """A solver ready for all steps of one run."""
 
     def solve(self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None) -> Answer:
-        """Answer one scaled step.
+        """Solve one scaled step.
 
-        An answer that misses the target is no error: give the best there is, and say in its `status` why.
+        An answer that misses the target is not an error: return the best one, and explain in its `status` why.
 
         Parameters
         ----------
         program : StepProgram
-            Scaled, with the operators that were prepared.
+            The scaled program, with the operators given to `prepare`.
         target : float
-            The duality gap asked for, in the units of the scaled program.
+            Requested duality gap, in the units of the scaled program.
         lam, p : (m, block) and (r,) arrays
-            A guess: the multipliers that the steps before let expect, with the signs of
-            :class:`vemcvx.program.step_program.StepProgram`; no forces of limits by default.
+            A guess of the multipliers, predicted from earlier steps, with the signs of
+            :class:`vemcvx.program.step_program.StepProgram`; p is zero by default.
+
+        Returns
+        -------
+        Answer
         """
 
 
 class Solver(ABC):
-    """A solver of steps' programs: its settings alone; the object that `prepare` returns belongs to a run.
+    """The settings of a solver; `prepare` returns an object that solves the programs of one run.
 
-    A subclass has an attribute `accuracy`, a class attribute or property `accepts`, and `prepare`; the rest may stay as
-    it is here. A frozen dataclass of settings serves well: its accuracy is checked when it is made.
+    A subclass defines an attribute `accuracy`, a class attribute or property `accepts`, and `prepare`. A frozen
+    dataclass is a good choice: its accuracy is checked when it is made.
 
     Attributes
     ----------
     accuracy : float
-        The certified relative energy error asked of a step, between 0 and 1: |d - d*|_K <= accuracy times the largest
-        energy norm of the states so far. The target of a step's duality gap is half the square of that.
+        Requested relative energy error of a step, in (0, 1): |d - d*|_K <= accuracy times the largest energy norm of
+        the states so far. The target of a step's duality gap is half the square of this bound.
     semidefinite : bool
-        True if it takes a K with a kernel, `operators.kernel`; scenes in which friction and contact alone hold a body
-        are refused to others.
+        True if the solver accepts a K with a kernel, `operators.kernel`, as of bodies held by friction or contact only.
     any_units : bool
-        True if it solves programs in any units alike; others are given scaled ones.
+        True if the solver works in any units; other solvers receive scaled programs.
     instead : str
-        A sentence that says by which setting a program with features that it does not accept could be handed to it.
+        A sentence for error messages: which setting would make the solver accept more features.
+
+    Examples
+    --------
+    >>> class Mine(vx.Solver):
+    ...     accepts = frozenset({vx.program.QUADRATIC})
+    ...     def prepare(self, operators):
+    ...         return self
+    ...     def solve(self, program, target, lam, p=None):
+    ...         return vx.Answer(program.operators.factor.solve(program.g), lam, 1)
+    >>> vx.march(vx.System(np.eye(1), lambda t: [t]), [0.0, 1.0], solver=Mine()).state[-1]
+    array([1.])
     """
 
     accuracy: float = 1e-6
@@ -75,11 +90,11 @@ class Solver(ABC):
     instead: ClassVar[str] = ""
 
     def __post_init__(self) -> None:
-        """Refuse settings that mean nothing."""
+        """Check the settings."""
         self.check_accuracy()
 
     def __repr__(self) -> str:
-        """Return name and settings, which are the public attributes."""
+        """Return the name and the settings, which are the public attributes."""
         settings = ", ".join(f"{name}={value!r}" for name, value in sorted(vars(self).items()) if name[0] != "_")
         return f"{type(self).__name__}({settings})"
 
@@ -91,22 +106,27 @@ class Solver(ABC):
     @property
     @abstractmethod
     def accepts(self) -> frozenset[str]:
-        """The features of programs that it can solve, out of those in :mod:`vemcvx.program.operators`."""
+        """The accepted features of programs: a subset of `FEATURES` (:mod:`vemcvx.program.operators`)."""
 
     @property
     def advice(self) -> str:
-        """Advice where the solver misses, beside asking for less."""
+        """Advice for a run that misses its accuracy, besides requesting less."""
         return "use vx.Newton()"
 
     @abstractmethod
     def prepare(self, operators: Operators) -> Prepared:
-        """Do what all steps share.
+        """Prepare the solver for all steps of a run.
 
         Parameters
         ----------
         operators : Operators
-            K, B, D and the compliances, scaled: they are the same in every step. Where K is dense, n is the number of
-            unknowns that norm terms and limits read; `operators.factor` solves with K.
+            The matrices K, B, D and the compliances, scaled; they are the same in every step. If K is dense, its
+            unknowns are those that norm terms and limits read. `operators.factor` solves with K.
+
+        Returns
+        -------
+        Prepared
+            An object with `solve`.
 
         Raises
         ------
@@ -114,45 +134,45 @@ class Solver(ABC):
             The solver is not installed.
         """
 
-    def asked(self, accuracy: float) -> Self:
-        """Return the solver asked for another accuracy; to be overridden where other settings depend on that."""
+    def with_accuracy(self, accuracy: float) -> Self:
+        """Return the solver with another accuracy. Override it if other settings depend on the accuracy."""
         other = copy(self)
         object.__setattr__(other, "accuracy", accuracy)  # Settings may be frozen.
         return other
 
     def check_accuracy(self) -> None:
-        """Raise SceneError for an accuracy that means nothing."""
+        """Raise SceneError if the accuracy is not a number in (0, 1)."""
         part(self.accuracy, self.name, "accuracy", "a relative energy error", "1e-6")
 
 
 @dataclass(frozen=True, eq=False)
-class InUnits:
-    """A solver whose tolerances are plain numbers, prepared for scaled programs (:mod:`vemcvx.program.scaling`)."""
+class ScaledSolver:
+    """A prepared solver that receives scaled programs (:mod:`vemcvx.program.scaling`): its tolerances have no units."""
 
     prepared: Prepared
     scaling: Scaling
     name: str
 
     @classmethod
-    def of(cls, solver: Solver, operators: Operators) -> InUnits:
-        """The solver, prepared for the scaled operators."""
-        scaling = Scaling.of(operators)
+    def prepare(cls, solver: Solver, operators: Operators) -> ScaledSolver:
+        """Prepare a solver for the scaled operators."""
+        scaling = Scaling.from_operators(operators)
         return cls(solver.prepare(scaling.operators), scaling, solver.name)
 
     def solve(self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None) -> Answer:
-        """Answer one step, which the solver gets scaled."""
+        """Solve one step by way of its scaled program."""
         alpha = self.scaling.length(program)
         force, scaled = self.scaling.kappa * alpha, self.scaling.scale(program, alpha)
         pressed = np.zeros_like(program.e) if p is None else p
         answer = self.prepared.solve(scaled, self.scaling.energy(target, alpha), lam / force, pressed / force)
         answer = self.scaling.restore(read_answer(answer, scaled, self.name), alpha)
-        # Interior points leave forces at gaps that were cut, too.
+        # Interior-point methods also leave small forces at gaps that were cut.
         return replace(answer, p=np.where(alpha * scaled.e < program.e, 0.0, answer.p))
 
 
 @contextmanager
-def named_failures(solver: str) -> Iterator[None]:
-    """Raise SolverFailed, with the name of the solver, for errors of its own; those of this package pass."""
+def name_failures(solver: str) -> Iterator[None]:
+    """Convert a solver's own errors into SolverFailed with its name; errors of this package pass unchanged."""
     try:
         yield
     except (VemcvxError, MemoryError):

@@ -64,7 +64,7 @@ from vemcvx.program.step_program import Answer, StepProgram
 from vemcvx.program.system import System
 from vemcvx.solvers import Solver, Solves, as_solver, choose_solver
 from vemcvx.solvers.law import StepLaw
-from vemcvx.solvers.solver import SHARE, named_failures
+from vemcvx.solvers.solver import INNER_FRACTION, name_failures
 from vemcvx.stepping.refusals import refuse_start, refuse_unbalanced, require_certified, warn_of_softening
 from vemcvx.stepping.state import (
     Frame,
@@ -137,8 +137,8 @@ class PosedStep:
         state = self._asked(self.frame.prepared.solve, 0.5 * (accuracy * size) ** 2)
         if state.accepted(accuracy) or state.certificate.at_floor:
             return state
-        sharper = 0.5 * (SHARE * accuracy * min(size, state.unit(accuracy))) ** 2
-        other = self._asked(self.frame.prepared.again, sharper)
+        sharper = 0.5 * (INNER_FRACTION * accuracy * min(size, state.unit(accuracy))) ** 2
+        other = self._asked(self.frame.prepared.retry, sharper)
         best = min((state, other), key=lambda one: one.certificate.gap)
         return replace(best, iterations=state.iterations + other.iterations)
 
@@ -146,7 +146,7 @@ class PosedStep:
         """The answer of `solve` within the bounds, certified."""
         program, law = self.program, self.law
         guess = self.before.expected(self.data.t, len(program.w))
-        with named_failures(self.run.solver.name):
+        with name_failures(self.run.solver.name):
             answer = solve(program, gap, *guess, *([] if law is None else [law]))
             if law is not None:
                 slip = lengths(program.slip(answer.d))

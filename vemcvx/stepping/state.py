@@ -52,8 +52,8 @@ from vemcvx.program.operators import Operators, product
 from vemcvx.program.scaling import LARGEST_NORM, checked_norm
 from vemcvx.program.system import DRAG_ROUNDING, System, on_part
 from vemcvx.solvers import Solver
-from vemcvx.solvers.default import FixedPoint, LastResort, prepare_run
-from vemcvx.solvers.solver import SHARE
+from vemcvx.solvers.default import FixedPointSolver, LastResort, prepare_run
+from vemcvx.solvers.solver import INNER_FRACTION
 
 NORM_ROUNDING = float(np.sqrt(ROUNDED))
 """Rounding of |u|_a, the root of twice an energy, relative to what the energy is a sum of."""
@@ -98,7 +98,7 @@ class Frame:
     solver: Solver
 
     @cached_property
-    def prepared(self) -> LastResort | FixedPoint:
+    def prepared(self) -> LastResort | FixedPointSolver:
         """The prepared solver."""
         return prepare_run(self.solver, self.condensation.operators)
 
@@ -229,7 +229,7 @@ def certified_together(run: PreparedRun, states: Sequence[State]) -> list[State]
     held = [condensation.full.multiplier_force(state.lam[:m], state.p) for state in some]
     push = np.array([force.phi - own for force, own in zip(forces, held, strict=True)]).T
     size = np.array([np.abs(force.phi) + np.abs(own) for force, own in zip(forces, held, strict=True)]).T
-    most = [0.5 * (SHARE * accuracy * state.unit(accuracy)) ** 2 for state in some]
+    most = [0.5 * (INNER_FRACTION * accuracy * state.unit(accuracy)) ** 2 for state in some]
 
     def left(y: Floats) -> Floats:
         r: Floats = push - system.K @ y

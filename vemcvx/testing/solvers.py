@@ -203,7 +203,7 @@ def refuses_an_accuracy_that_means_nothing(solver: Solver) -> None:
     """An accuracy outside (0, 1) is refused."""
     for wrong in (0, 1, -1e-6, 2, np.nan, np.inf, "x", None):
         with pytest.raises(SceneError, match=f"^{solver.name}: found accuracy"):
-            solver.asked(wrong).check_accuracy()  # type: ignore[arg-type]
+            solver.with_accuracy(wrong).check_accuracy()  # type: ignore[arg-type]
 
 
 def accepts_programs_without_terms(solver: Solver) -> None:

@@ -61,7 +61,7 @@ from vemcvx.plots.style import SERIES
 from vemcvx.program import Answer, SolvedProgram, StepProgram
 from vemcvx.program.scaling import Scaling
 from vemcvx.solvers import Prepared, Solver, ThroughCvxpy
-from vemcvx.solvers.solver import InUnits, named_failures
+from vemcvx.solvers.solver import ScaledSolver, name_failures
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -374,11 +374,11 @@ class Entrant:
             )
         if isinstance(solver, ThroughCvxpy):
             solver.prepare(operators)
-            scaling = Scaling.of(operators)
+            scaling = Scaling.from_operators(operators)
             alpha = max(scaling.length(program) for program in programs)
             return [_through_cvxpy(solver, scaling, alpha, program) for program in programs]
-        with named_failures(solver.name):
-            prepared = solver.prepare(operators) if solver.any_units else InUnits.of(solver, operators)
+        with name_failures(solver.name):
+            prepared = solver.prepare(operators) if solver.any_units else ScaledSolver.prepare(solver, operators)
         return [_by_its_own(prepared, program, _unit(programs)) for program in programs]
 
 
@@ -433,7 +433,7 @@ def measured(
     """
     memory: Memory = {}
     unit, taken, iterations, errors, says = _unit(programs), 0.0, 0, [], ""
-    with named_failures("asked"), quietly():  # What a library warns of, its status says.
+    with name_failures("asked"), quietly():  # What a library warns of, its status says.
         for ask, program in zip(asks, programs, strict=True):
             begun = time.perf_counter()
             seconds, answer, says = ask(tolerance, memory)

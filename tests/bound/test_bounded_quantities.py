@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from random_scenes import coarse_mesh, random_scene
-from scenes import FAMILIES, few_families, paper_scene
+from scenes import FAMILIES, few_families, mostly_slow, paper_scene, small
 from test_error_bound import SCENES, STACKS, STEEL, slipped, stacked
 
 import guaranteed_bounds
@@ -17,11 +17,6 @@ pytestmark = pytest.mark.arithmetic
 
 ALONG, UP = (1.0, 0.0), (0.0, 1.0)
 ROUNDING = 1e-10
-
-
-def some_slow(names, *quick):
-    """The names, all but some of them for the slow tests."""
-    return [name if name in quick else pytest.param(name, marks=pytest.mark.slow) for name in names]
 
 
 def check_inside(bound, exact, error=0.0):
@@ -61,7 +56,7 @@ def of_full_slip():
 
 @pytest.mark.long
 @few_families
-@pytest.mark.parametrize("name", some_slow(("top", "right", "body", "mean strain", "both"), "top"))
+@mostly_slow("name", ("top", "right", "body", "mean strain", "both"), "top")
 def test_quantities_of_full_slip_are_between_their_bounds(family, name):
     of, exact = of_full_slip()[name]
     widths = [check_inside(vx.error_bound(slipped(0.3, family, n), -1, of), exact) for n in (2, 4)]
@@ -116,7 +111,7 @@ QUANTITIES = {
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name", some_slow(LINEAR, "moved"))
+@mostly_slow("name", LINEAR, "moved")
 def test_intervals_of_linear_scenes_are_theorems(name):
     coarse, middle, fine = (vx.simulate(LINEAR[name], vx.meshes.squares(n), [0.0, 1.0]) for n in (2, 4, 8))
     for of in list(QUANTITIES.values())[:: 3 if name == "moved" else 1]:
@@ -136,7 +131,7 @@ def test_forces_of_supports_balance_loads():
     scene = vx.Scene(
         STEEL, vx.Clamp(on="left"), vx.Traction(lambda x, t: np.tile([2.0 * t, t], (len(x), 1)), on="right")
     )
-    history = vx.simulate(scene, vx.meshes.voronoi(4), [0.0, 1.0])
+    history = vx.simulate(scene, small("voronoi", 4), [0.0, 1.0])
     for way, force in ((ALONG, -2.0), (UP, -1.0)):
         bound = vx.error_bound(history, -1, vx.PrescribedDisplacement(way, on="left"))
         assert np.allclose([bound.low, bound.high], force, rtol=1e-9)
@@ -164,7 +159,7 @@ def test_quantities_of_the_bracket_are_between_their_bounds(n):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name", some_slow(("paper", "lifted", "compliant"), "lifted"))
+@mostly_slow("name", ("paper", "lifted", "compliant"), "lifted")
 def test_quantities_with_contact_are_between_their_bounds(name):
     meshes = vx.meshes.squares(5), vx.meshes.squares(15)
     check_against_finer(SCENES[name], meshes, vx.Traction(UP, on="top"))
@@ -179,7 +174,7 @@ def test_quantities_are_between_their_bounds_in_all_scenes(name, family):
         return  # Its cells do not follow the seam of the two materials.
     if name.startswith("held by"):
         return  # Nothing but friction or contact does, and no quantity has a bound.
-    meshes = vx.meshes.FAMILIES[family](8), vx.meshes.squares(48)
+    meshes = small(family, 8), vx.meshes.squares(48)
     for of in (vx.Traction(ALONG, on="left"), vx.Traction(UP, on="top"), vx.Prestress((-1.0, 0.0, 0.0))):
         check_against_finer(SCENES[name], meshes, of)
 
@@ -194,7 +189,7 @@ def test_quantities_are_between_their_bounds_in_random_scenes(seed):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name", some_slow(STACKS, "one-sided"))
+@mostly_slow("name", STACKS, "one-sided")
 def test_quantities_of_two_bodies_are_between_their_bounds(name):
     quantities = vx.Traction(ALONG, on="lower.right"), vx.PrescribedDisplacement(UP, on="upper.top")
     for of in quantities[: 1 if name == "one-sided" else 2]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scenes import mostly_long
 
 import vemcvx as vx
 
@@ -25,7 +26,7 @@ def grows(*force):
     return lambda x, t: np.tile(t * np.array(force), (len(x), 1))
 
 
-@pytest.mark.parametrize("angle", [20.0, 70.0, *(pytest.param(a, marks=pytest.mark.long) for a in (40.0, 50.0))])
+@mostly_long("angle", [20.0, 70.0, 40.0, 50.0])
 def test_supports_at_an_angle_leave_friction_and_obstacles_their_part(angle):
     c, s = np.cos(np.deg2rad(angle)), np.sin(np.deg2rad(angle))
     # The bottom slides across (c, s) down to its obstacle, which presses; friction acts against it.

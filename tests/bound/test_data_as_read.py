@@ -7,6 +7,7 @@ from functools import partial
 import numpy as np
 import pytest
 from bounds import circle_of, energy_distance, error_from
+from scenes import mostly_long, mostly_slow
 
 import vemcvx as vx
 
@@ -39,14 +40,16 @@ STRIP = (*BAR, vx.Symmetry(on="right"), vx.BodyForce(along(strip)))
 PRESSED = (vx.Elasticity(1.0, 0.3), vx.Clamp(on="right"))
 
 
-@pytest.mark.parametrize(
-    ("effects", "true"),
+@mostly_long(
+    "effects, true",
     [
         (STRIP, 0.0371),
         ((*STRIP, vx.BodyForce(lambda x, t: (1e-3 * t, 0.0))), 0.0371),
         ((*PRESSED, vx.Traction(along(patch), on="left")), 0.00723),
         ((*PRESSED, vx.Pressure(lambda x, t: t * patch(x), on="left")), 0.00723),
     ],
+    0,
+    2,
 )
 def test_loads_that_assemble_as_zero_are_in_the_bound(effects, true):
     history = run(*effects)
@@ -168,12 +171,7 @@ def true_error(history, of):
 NARROW = {"narrow peak": lambda x: np.exp(-0.5 * ((x[:, 0] - 0.37) / 0.02) ** 2), "short waves": partial(waves, 60.0)}
 
 
-QUICKEST = "jump", "linear", "narrow peak"
-
-
-@pytest.mark.parametrize(
-    "name", [name if name in QUICKEST else pytest.param(name, marks=pytest.mark.long) for name in (*LOADS, *NARROW)]
-)
+@mostly_long("name", [*LOADS, *NARROW], "jump", "linear")
 def test_bounds_from_both_sides_allow_for_what_is_misread(name):
     of = {**LOADS, **NARROW}[name]
     history = bar(of)[0]
@@ -255,9 +253,8 @@ COURSES = {
 QUICK = ("ground", "support")
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(one, marks=pytest.mark.long if one in QUICK else pytest.mark.slow) for one in COURSES]
-)
+@pytest.mark.long
+@mostly_slow("name", COURSES, *QUICK)
 def test_what_happens_between_instants_is_in_the_bound_and_named(name, caplog):
     effects, steps = COURSES[name]
     scene, mesh, times = vx.Scene(*effects), vx.meshes.squares(1), np.linspace(0.0, 1.0, steps + 1)
@@ -278,7 +275,8 @@ def test_what_happens_between_instants_is_in_the_bound_and_named(name, caplog):
     assert bound.kind == "bound for data as read at instants"
 
 
-@pytest.mark.parametrize("steps", [pytest.param(1, marks=pytest.mark.long), pytest.param(2, marks=pytest.mark.slow)])
+@pytest.mark.long
+@mostly_slow("steps", [1, 2])
 def test_supports_may_move_nonlinearly_in_time(steps):
     """They are read at more instants; what is refused is motion that is nonlinear along edges."""
     moved = vx.PrescribedDisplacement(uniform(lambda t: t**2), on="top")

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from bounds import beside_refined, circle_of, distance, error_from, strain_at
 from random_scenes import coarse_mesh, random_scene
-from scenes import FAMILIES, few_families, paper_scene
+from scenes import FAMILIES, few_families, mostly_slow, paper_scene, small
 from typer.testing import CliRunner
 
 import hertz_contact
@@ -53,7 +53,7 @@ def slipping(poisson):
 
 
 def slipped(poisson, family, n, times=(0.0, 1.0)):
-    return vx.simulate(slipping(poisson), vx.meshes.FAMILIES[family](n), times)
+    return vx.simulate(slipping(poisson), small(family, n), times)
 
 
 def exact_error(history, poisson, u=None):
@@ -106,7 +106,7 @@ def test_the_error_of_full_slip_is_bounded_for_all_poisson_ratios(family, poisso
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 12))])
+@mostly_slow("seed", range(12))
 def test_bounds_hold_for_answers_that_are_wrong(seed):
     """Nodal values and multipliers disturbed by a tenth: the bound is one of what is there."""
     rng, history = np.random.default_rng(seed), slipped(0.3, "voronoi", 4)
@@ -211,7 +211,7 @@ def check_against_finer(name, mesh, finer):
 def test_bounds_hold_against_much_finer_meshes(name, family):
     if name == "contrast" and family in ("voronoi", "hexagons"):
         return  # Their cells do not follow the seam of the two materials.
-    check_against_finer(name, vx.meshes.FAMILIES[family](8), vx.meshes.squares(64))
+    check_against_finer(name, small(family, 8), vx.meshes.squares(64))
 
 
 @pytest.mark.long

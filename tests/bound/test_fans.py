@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import skfem
 from bounds import inside, strains_at_stations
+from scenes import small
 from skfem.helpers import dot
 from skfem.models.elasticity import linear_elasticity
 
-import vemcvx as vx
 from vemcvx.bound.displacement import displacement_form, to_edges
 from vemcvx.bound.fan import CORNERS, LINEAR_MASS_INVERSE, PARTS, STATIONS, fans_of
 from vemcvx.bound.stress import VOIGT, reference, stress_form
@@ -20,7 +20,7 @@ STRAIN = np.array([1.0, -0.5, 2.3])
 
 
 def fans(family="voronoi", lam=1.5, n=6):
-    mesh = vx.meshes.FAMILIES[family](n)
+    mesh = small(family, n)
     return fans_of(Space(mesh), elastic_matrix(np.stack([np.full(mesh.n_cells, lam), np.ones(mesh.n_cells)])))
 
 

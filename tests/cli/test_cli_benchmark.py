@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scenes import mostly_long
 from test_cli import invoke
 
 import vemcvx as vx
@@ -153,7 +154,7 @@ def test_the_true_error_is_the_distance_from_the_optimum():
             measured([lambda *_, answer=answer: (0.5, answer, "solved")], [program], 1e-3)
 
 
-@pytest.mark.parametrize("says", ["infeasible", "unbounded", "infeasible_inaccurate"])
+@mostly_long("says", ["infeasible", "unbounded", "infeasible_inaccurate"])
 def test_a_status_is_right_or_wrong_whatever_the_error(says):
     """The exact optimum earns nothing if it is called infeasible; without an optimum nothing else counts."""
     program = paper_step()

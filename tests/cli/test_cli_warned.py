@@ -7,7 +7,7 @@ import logging
 import numpy as np
 import pytest
 from called import call
-from scenes import paper_scene
+from scenes import mostly_long, paper_scene
 
 import vemcvx as vx
 from vemcvx.cli import live_page
@@ -39,7 +39,7 @@ def test_kinds_are_counted_apart(caplog):
     assert [record.getMessage() for record in caplog.records] == ["a: 1", "b: 1", "a: 3"]
 
 
-@pytest.mark.parametrize(("steps", "warned"), [(4, True), (64, False), (None, False)])
+@mostly_long("steps, warned", [(4, True), (64, False), (None, False)], 0, 1)
 def test_turns_that_steps_miss_are_named(caplog, steps, warned):
     """Of a load that goes to 1 at t = .3 and back; in 64 steps its turn is missed by .01, by vx.instants not at all."""
     scene, mesh = paper_scene(lambda t: np.interp(t, [0.0, 0.3, 1.0], [0.0, 1.0, 0.0])), vx.meshes.squares(2)

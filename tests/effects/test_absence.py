@@ -9,6 +9,7 @@ import textwrap
 import numpy as np
 import pytest
 import scipy.sparse as sp
+from scenes import mostly_long
 from test_conformance_effects import HELD, PULLED, RUBBING, SAMPLES, STEEL, TOUCHING
 
 import vemcvx as vx
@@ -189,7 +190,7 @@ def test_linear_scenes_cost_one_solve_a_field(counted):
         assert 1 <= counted["solved"] - BESIDE <= MOST_SHAPES
 
 
-@pytest.mark.parametrize("steps", [8, 32])
+@mostly_long("steps", [8, 32])
 def test_scenes_without_friction_cost_one_solve_a_step(steps, counted):
     """A load that takes a new shape in every step, and has one at the start, whose own response is one more."""
     scene = vx.Scene(STEEL, HELD, TOUCHING, vx.Traction(turning, on="left"))

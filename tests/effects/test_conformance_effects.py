@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import FAMILIES
+from scenes import FAMILIES, long_cases
 
 import vemcvx as vx
 from cohesive_interface import Glue
@@ -259,7 +259,16 @@ OF_PROBLEMS = {
 
 EACH_A_KIND = "Elasticity", "Traction", "UnilateralContact", "CoulombFriction"
 """A material, a load, a contact and a friction: the others take as long, and are as seldom wrong."""
-test_effects = effect_suite({name: SAMPLES[name] for name in EACH_A_KIND})
+DEAR = (
+    "changes_the_answer_by_each_of_its_settings",
+    "does_not_depend_on_its_place_in_the_scene",
+    "refuses_what_is_not_finite",
+)
+"""Sentences that the first kinds meet in long tests alone."""
+test_effects = long_cases(
+    effect_suite({name: SAMPLES[name] for name in EACH_A_KIND}),
+    lambda case: case.endswith(DEAR) and not case.startswith("CoulombFriction"),
+)
 test_other_effects = pytest.mark.long(
     effect_suite({name: sample for name, sample in (SAMPLES | OF_PROBLEMS).items() if name not in EACH_A_KIND})
 )

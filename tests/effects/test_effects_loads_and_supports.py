@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 import scipy.sparse as sp
-from scenes import few_families, moved, rotation, small
+from scenes import few_families, mostly_long, moved, rotation, small
 
 import vemcvx as vx
 from vemcvx.effects import Contribution, Support
@@ -114,8 +114,8 @@ def test_the_energy_of_a_point_force_grows_with_every_refinement():
 
 
 @few_families
-@pytest.mark.parametrize("degrees", [0.0, 33.0])
-@pytest.mark.parametrize("k", [0.1, 40.0, 1e6])
+@mostly_long("degrees", [0.0, 33.0], 1)
+@mostly_long("k", [0.1, 40.0, 1e6], 0, 2)
 def test_springs_alone_hold_a_body(family, degrees, k):
     """Pressed and sheared on its springs: sigma = (0, -p, s), u = (s / kt + s y / mu, -p / kn - p y / E)."""
     mesh, R = turned(small(family, 3, box=BOX), degrees)

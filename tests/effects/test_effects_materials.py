@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from scenes import paper_scene, small
+from scenes import any_family, mostly_long, paper_scene, small
 from test_effects_loads_and_supports import Pin, near
 
 import vemcvx as vx
@@ -37,6 +37,7 @@ class TestRegions:
         assert near(history.stress(-1), np.column_stack([s + 0 * across, across, 0 * across]), s)
         assert near(history.reaction("left")[-1, 0], -s, s)
 
+    @any_family
     def test_regions_are_the_body_with_moduli_a_cell(self, family):
         """Sums over cells that share nodes may differ in the last bits, nothing else."""
         mesh = halves(small(family, 4), at=0.4)
@@ -72,7 +73,8 @@ class TestRegions:
 
 
 class TestOrthotropic:
-    @pytest.mark.parametrize("degrees", [0.0, 25.0, 90.0])
+    @any_family
+    @mostly_long("degrees", [0.0, 25.0, 90.0], 1)
     def test_pulled_off_its_axes(self, family, degrees):
         """Jones (2.97): 1 / E_x = c^4 / E1 + (1 / G - 2 nu12 / E1) c^2 s^2 + s^4 / E2; shear couples with the pull."""
         E1, E2, nu, G, s = 140.0, 10.0, 0.3, 5.0, 2.0

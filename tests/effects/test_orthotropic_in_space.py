@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scenes import mostly_long
 from scipy.spatial.transform import Rotation
 from solids import SOLIDS, solid
 
@@ -37,7 +38,7 @@ def stretched(effect, mesh, **options):
     return vx.simulate(vx.Scene(effect, moved), mesh, [0.0, 1.0], **options)
 
 
-@pytest.mark.parametrize("name", SOLIDS)
+@mostly_long("name", SOLIDS, "prisms", "hanging faces")
 def test_affine_displacements_have_the_stress_of_hooke_s_law(name):
     """In turned axes: sigma = R'sigma'R with sigma' = S^-1 e', e' = R e R'."""
     history = stretched(vx.Orthotropic(E, NU, G, axes=(TURN[0], 3.0 * TURN[1] + 2.0 * TURN[0])), solid(name, 2, BOX))
@@ -49,7 +50,7 @@ def test_affine_displacements_have_the_stress_of_hooke_s_law(name):
     assert history.von_mises(-1).shape == (history.mesh.n_cells,)
 
 
-@pytest.mark.parametrize("axis", range(3))
+@mostly_long("axis", range(3), 2)
 def test_tension_along_an_axis(axis):
     """e_ii = sigma / E_i, and across it -nu_ij sigma / E_i."""
     free = [side for k, pair in enumerate((SIDES[:2], SIDES[2:4], SIDES[4:])) for side in pair[:1] if k >= 0]

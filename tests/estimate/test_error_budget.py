@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import FAMILIES, OF_TRIANGLES, few_families, paper_scene
+from scenes import FAMILIES, OF_TRIANGLES, few_families, paper_scene, small
 
 import manufactured_full_slip as full_slip
 import vemcvx as vx
@@ -60,7 +60,7 @@ def truth():
 @pytest.mark.parametrize("family", FAMILIES)
 def test_effectivity_on_the_paper_s_scene(family, truth):
     for n in (8, 16, 32):
-        history = vx.simulate(paper_scene(), vx.meshes.FAMILIES[family](n), np.linspace(0, 1, n * n + 1), store="last")
+        history = vx.simulate(paper_scene(), small(family, n), np.linspace(0, 1, n * n + 1), store="last")
         true = vx.measures.energy_distance(history, truth).relative
         assert LEAST <= error_budget(history).largest["total"] / true <= MOST
 
@@ -131,7 +131,7 @@ def test_the_algebra_is_certified():
 
 @pytest.mark.long
 def test_parts_and_cells_add_up():
-    budget = error_budget(vx.simulate(paper_scene(), vx.meshes.voronoi(4), [0.0, 1.0]))
+    budget = error_budget(vx.simulate(paper_scene(), small("voronoi", 4), [0.0, 1.0]))
     assert set(budget.parts) == {"volume", "jumps", "boundary", "stabilisation", "data"}
     assert np.sqrt(sum(part[0] ** 2 for part in budget.parts.values())) == pytest.approx(budget.space[0])
     assert np.sqrt((budget.cells**2).sum()) == pytest.approx(budget.space[0])
@@ -152,7 +152,7 @@ MATERIALS = [
 @pytest.mark.parametrize("materials", MATERIALS)
 def test_the_stabilisation_is_that_of_the_stiffness(materials):
     """Of u'Au, what the projected strains do not store."""
-    mesh = vx.meshes.voronoi(4)
+    mesh = small("voronoi", 4)
     one = (mesh.centroids[:, 0] < 0.5).astype(float)
     mesh = mesh.with_cell_data("one", one).with_cell_data("other", 1.0 - one)
     posed = pose_scene(vx.Scene(*materials, vx.Clamp(on="left")), mesh)
@@ -182,7 +182,7 @@ STEEL = vx.Elasticity(young=200.0, poisson=0.3)
 def test_a_constant_stress_has_no_residual(effects):
     """Pulled uniformly, on springs, and on a rigid floor, on every mesh: nothing is missed in any part."""
     for family in FAMILIES:
-        history = vx.simulate(vx.Scene(*effects), vx.meshes.FAMILIES[family](4), [0.0, 1.0], initial="settled")
+        history = vx.simulate(vx.Scene(*effects), small(family, 4), [0.0, 1.0], initial="settled")
         assert history.energy[-1] > 0
         assert error_budget(history).space.max() < 1e-12
 

@@ -7,6 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 from counted import calls
+from scenes import mostly_long, small
 
 import vemcvx as vx
 from vemcvx.estimate.measures.distance import common_rule
@@ -38,10 +39,10 @@ def nothing(x):
 
 @cache
 def mesh_of(family, n, seed=0):
-    return vx.meshes.FAMILIES[family](n, seed=seed)
+    return small(family, n, seed=seed)
 
 
-@pytest.mark.parametrize("second", ["squares", "voronoi", "nonconvex"])
+@mostly_long("second", ["squares", "voronoi", "nonconvex"], "voronoi")
 def test_affine_fields_are_no_distance_apart_and_others_as_far_there_as_back(family, second):
     meshes = mesh_of(family, 6), mesh_of(second, 4, seed=2)
     apart = vx.measures.energy_distance(*(field(mesh, affine) for mesh in meshes))
@@ -145,7 +146,7 @@ def comb(n=40):
 )
 def test_sizes_that_spread_and_slivers(made, low, rounding):
     """Widths over ten decades, cells a thousand times as wide as high, and many vertices on one side."""
-    meshes = made(), vx.meshes.voronoi(6, box=((0, 1), (low, 1)))
+    meshes = made(), small("voronoi", 6, box=((0, 1), (low, 1)))
     assert vx.measures.energy_distance(*(field(mesh, affine) for mesh in meshes)).relative < rounding
     a, b = (field(mesh, wavy) for mesh in meshes)
     there, back = vx.measures.energy_distance(a, b), vx.measures.energy_distance(b, a)
@@ -177,7 +178,7 @@ def test_different_moduli_are_the_first_ones_and_said_so(caplog):
 
 
 def test_an_orthotropic_matrix_weighs_like_the_isotropic_it_equals():
-    a, b = field(vx.meshes.voronoi(4), wavy), field(vx.meshes.squares(4), wavy)
+    a, b = field(small("voronoi", 4), wavy), field(vx.meshes.squares(4), wavy)
     C = [LAM + 2 * MU, LAM, 0.0, LAM + 2 * MU, 0.0, MU]
     full = vx.measures.Field(a.mesh, a.displacement, np.tile(np.array(C)[:, None], a.mesh.n_cells))
     one, two = vx.measures.energy_distance(a, b), vx.measures.energy_distance(full, b)
@@ -208,7 +209,7 @@ def test_nested_nodes(name):
 
 
 def test_mistakes():
-    a, b = field(vx.meshes.squares(3), wavy), field(vx.meshes.voronoi(3), wavy)
+    a, b = field(vx.meshes.squares(3), wavy), field(small("voronoi", 3), wavy)
     distance = vx.measures.energy_distance
     for error, said, call in (
         (vx.HistoryError, "found kind 'best'", lambda: distance(a, b, kind="best")),

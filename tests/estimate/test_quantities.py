@@ -4,6 +4,7 @@ import logging
 
 import numpy as np
 import pytest
+from scenes import mostly_slow
 
 import block_in_space
 import feng_han_huang
@@ -132,9 +133,7 @@ SECOND_ORDER = "dissipated_second_order", "work_second_order"
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=pytest.mark.slow) if name in LONG else name for name in RUNS]
-)
+@mostly_slow("name", RUNS, *(set(RUNS) - LONG))
 def test_errors_of_steps_are_one_to_five_times_the_truth(name, caplog):
     """And where the work that backward Euler sums up is more than 5 % off, there is a warning, and nowhere else."""
     run, steps = RUNS[name]

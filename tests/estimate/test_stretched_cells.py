@@ -7,6 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 from declared_cells import TIMES, block, cantilever, cases, squares, stretched
+from scenes import mostly_slow
 
 import vemcvx as vx
 from vemcvx.estimate.budget import error_budget
@@ -41,15 +42,7 @@ def truth_of(case):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(
-    "case",
-    [
-        pytest.param(case, marks=pytest.mark.slow if case.name in QUICK[2:5] else ())
-        for case in cases()
-        if case.name in QUICK
-    ],
-    ids=lambda case: case.name,
-)
+@mostly_slow("case", [case for case in cases() if case.name in QUICK], *QUICK[:2], QUICK[5], ids=lambda case: case.name)
 def test_estimates_are_no_less_than_the_truth(case):
     assert 1.0 <= ratio(case, truth_of(case)) <= MOST
 

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from random_scenes import KINDS, coarse_mesh, declared_scene
-from scenes import paper_scene
+from scenes import mostly_long, paper_scene
 
 import vemcvx as vx
 from vemcvx.estimate.budget import error_budget
@@ -61,9 +61,7 @@ COURSES = {
 
 
 @pytest.mark.parametrize("steps", [1, pytest.param(4, marks=pytest.mark.long), pytest.param(9, marks=pytest.mark.slow)])
-@pytest.mark.parametrize(
-    "name", [name if name in ("turn", "jump") else pytest.param(name, marks=pytest.mark.long) for name in COURSES]
-)
+@mostly_long("name", COURSES, "jump")
 def test_steps_cost_what_the_estimate_says(name, steps):
     found, true = ratio(paper_scene(COURSES[name]), vx.meshes.squares(4), np.linspace(0, 1, steps + 1))
     if true > NOISE:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scenes import mostly_slow, small
 
 import vemcvx as vx
 from vemcvx.estimate.budget import error_budget
@@ -102,12 +103,10 @@ def ratio(scene, mesh, truth):
 
 @pytest.mark.long
 @pytest.mark.filterwarnings("ignore")
-@pytest.mark.parametrize(
-    "name", [name if name in QUICK else pytest.param(name, marks=pytest.mark.slow) for name in SCENES]
-)
+@mostly_slow("name", SCENES, *QUICK)
 def test_what_a_mesh_has_not_seen_is_in_the_estimate(name):
     truth = vx.simulate(SCENES[name], vx.meshes.squares(64), TIMES, store="last")
-    meshes = [vx.meshes.squares(n) for n in (4, 8, 16)] + [vx.meshes.triangles(6), vx.meshes.voronoi(8)]
+    meshes = [vx.meshes.squares(n) for n in (4, 8, 16)] + [vx.meshes.triangles(6), small("voronoi", 8)]
     found = [ratio(SCENES[name], mesh, truth) for mesh in meshes[: 1 if name in QUICK else 5]]
     assert min(found) >= 1.0
     assert max(found) <= MOST
@@ -159,7 +158,7 @@ def waves(n):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("n", [4, *(pytest.param(n, marks=pytest.mark.slow) for n in (8, 16))])
+@mostly_slow("n", [4, 8, 16])
 @pytest.mark.parametrize("name", waves(4))
 def test_waves_as_long_as_an_edge_are_in_the_estimate(name, n):
     """Means that nodes misread do not vanish with the edge: with local weights estimates were .18 to .83."""

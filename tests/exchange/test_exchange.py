@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 from reading_cbf import read_cbf, to_second_order
+from scenes import mostly_long, small
 
 import vemcvx as vx
 from vemcvx.program import Operators, StepProgram
@@ -77,7 +78,7 @@ def in_space(seed=0):
     return StepProgram(operators, 3 * rng.normal(size=9), np.full(3, 0.7), 0.1 * rng.normal(size=6), np.full(2, 0.05))
 
 
-@pytest.mark.parametrize("condense", [True, False])
+@mostly_long("condense", [True, False])
 @pytest.mark.parametrize("name", SCENES)
 @pytest.mark.parametrize("form", FORMATS)
 def test_programs_come_back(tmp_path, form, name, condense):
@@ -106,7 +107,7 @@ def test_programs_come_back(tmp_path, form, name, condense):
         )
 
 
-MESHES = {"voronoi": vx.meshes.voronoi(3), "tetrahedra": vx.meshes.tetrahedra(1)}
+MESHES = {"voronoi": small("voronoi", 3), "tetrahedra": vx.meshes.tetrahedra(1)}
 
 
 @pytest.mark.parametrize("family", MESHES)
@@ -178,7 +179,7 @@ def test_the_kernel_of_a_body_that_floats_comes_back(tmp_path, form):
     assert np.abs(program.operators.K @ back.kernel).max() < 1e-12 * np.abs(program.operators.K).max()
 
 
-@pytest.mark.parametrize("condense", [True, False])
+@mostly_long("condense", [True, False])
 @pytest.mark.parametrize("name", ["friction", "bounds", "soft"])
 def test_highs_solves_the_qps(tmp_path, name, condense):
     """It reads the file; what it answers is certified by the program that is read from the same file."""
@@ -207,7 +208,7 @@ def test_highs_solves_the_qps(tmp_path, name, condense):
     assert found.gap < 1e-6
 
 
-@pytest.mark.parametrize("condense", [True, False])
+@mostly_long("condense", [True, False])
 @pytest.mark.parametrize("name", ["friction", "bounds", "soft", "free", "in space"])
 def test_clarabel_solves_the_cbf(tmp_path, name, condense):
     """Through a reader of the format that knows nothing of us: the optimum lies within the bounds."""

@@ -5,7 +5,7 @@ import pytest
 import scipy.sparse as sp
 from blocks_in_space import assert_within_both_certificates
 from installed import needs
-from scenes import paper_scene, small
+from scenes import mostly_long, paper_scene, small
 
 import vemcvx as vx
 from vemcvx.linear import SuperLU
@@ -17,7 +17,7 @@ kinds = pytest.mark.parametrize("kind", INEXACT)
 
 
 @kinds
-@pytest.mark.parametrize("tolerance", [0.5, 1e-4, 1e-12])
+@mostly_long("tolerance", [0.5, 1e-4, 1e-12], 1)
 def test_energies_of_inexact_solves_are_bounds(kind, tolerance):
     """From above, and not by more than the roughness of the solve and the bound on the spectrum account for."""
     system = pose_scene(paper_scene(), small("voronoi", 14)).system
@@ -92,9 +92,7 @@ SCENES = {
 
 
 @kinds
-@pytest.mark.parametrize(
-    "name", ["bilateral", *(pytest.param(name, marks=pytest.mark.long) for name in list(SCENES)[1:])]
-)
+@mostly_long("name", SCENES, "bilateral")
 def test_scenes_have_the_steps_and_forces_of_direct_factors(kind, name):
     scene, mesh = vx.Scene(*SCENES[name]), vx.meshes.cubes(4)
     direct, iterative = (vx.simulate(scene, mesh, TIMES, linear=linear) for linear in (SuperLU(), kind()))

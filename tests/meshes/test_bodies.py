@@ -13,6 +13,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from same_mesh import assert_same
+from scenes import mostly_long
 
 import vemcvx as vx
 from vemcvx.meshes import FAMILIES, PolygonMesh, bodies, squares
@@ -47,7 +48,7 @@ def assert_matched(mesh):
 
 
 @pytest.mark.parametrize(("below", "above"), PAIRS)
-@pytest.mark.parametrize("counts", [(7, 5), (1, 13)])
+@mostly_long("counts", [(7, 5), (1, 13)])
 def test_blocks_of_every_family_match(below, above, counts):
     n, m = counts
     lower = FAMILIES[below]((n, max(1, n // 2)), ((0, 1), (0, 0.5)), seed=1)
@@ -84,9 +85,7 @@ def test_materials_of_bodies_are_named_by_the_bodies():
 
 
 @pytest.mark.parametrize("balance", [True, pytest.param(False, marks=pytest.mark.long)])
-@pytest.mark.parametrize(
-    ("below", "above"), [("voronoi", "squares"), ("nonconvex", "triangles"), ("hanging", "hexagons")]
-)
+@mostly_long("below, above", [("voronoi", "squares"), ("nonconvex", "triangles"), ("hanging", "hexagons")])
 def test_refinement_keeps_interfaces_matched(below, above, balance):
     blocks = {
         "lower": FAMILIES[below]((4, 2), ((0, 1), (0, 0.5)), seed=1),
@@ -327,7 +326,7 @@ def test_interfaces_that_are_none_are_refused():
         PolygonMesh(mesh.points, mesh.cells)
 
 
-@pytest.mark.parametrize("family", ["squares", "voronoi", "triangles", "nonconvex"])
+@mostly_long("family", ["squares", "voronoi", "triangles", "nonconvex"], 1, 2)
 def test_a_crack_inside_a_body(family):
     """From the left side to the middle: one tip, where the node stays single; both lips have the same places."""
     whole = FAMILIES[family](6, seed=1).with_boundary("half", lambda x: x[:, 0] < 0.5)
@@ -391,7 +390,7 @@ def test_parts_of_the_boundary_are_chosen_beside_interfaces():
             rename("a|b", lambda x: x[:, 0] < 9.0)
 
 
-@pytest.mark.parametrize(("family", "seed"), [("voronoi", 1), ("hexagons", 2), ("nonconvex", 3), ("triangles", 6)])
+@mostly_long("family, seed", [("voronoi", 1), ("hexagons", 2), ("nonconvex", 3), ("triangles", 6)], 0, 2)
 def test_parts_of_one_mesh_fit_together_again(family, seed):
     """Polygonal interfaces: parts nearest to random points, each refined by itself, shifted less than the tolerance."""
     random = np.random.default_rng(seed)

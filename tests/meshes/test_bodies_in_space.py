@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from same_mesh import assert_same
+from scenes import mostly_long, mostly_slow, small
 from tubes import ring
 
 import vemcvx as vx
@@ -134,9 +135,7 @@ def test_a_joint_may_end_on_a_third_body():
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(
-    "size", [n if n in (4, 8, 9) else pytest.param(n, marks=pytest.mark.slow) for n in range(2, 14)]
-)
+@mostly_slow("size", range(2, 14), 2, 6, 7)
 def test_no_offset_is_too_small(size):
     """Tilings that are hardly apart: pieces as narrow as the tolerance, 2e-9 here, or nodes that are one."""
     for k, (name, exponent) in enumerate(itertools.product(("cubes", "tetrahedra", "kelvin"), (0.0, 0.5))):
@@ -186,10 +185,7 @@ CURVED = {
 LONGER_WAYS = ("pin in lug", True), ("ball in socket", False), ("ball in socket", True)
 
 
-@pytest.mark.parametrize(
-    ("kind", "backwards"),
-    [("pin in lug", False), *(pytest.param(*case, marks=pytest.mark.long) for case in LONGER_WAYS)],
-)
+@mostly_long("kind, backwards", [("pin in lug", False), *LONGER_WAYS])
 def test_one_polyhedron_of_a_curved_surface_matches_and_two_are_refused(kind, backwards):
     """Layers of pin and lug differ; the turned lug has nodes in the middle of the pin's sides."""
     first, second = CURVED[kind]
@@ -210,9 +206,7 @@ def test_one_polyhedron_of_a_curved_surface_matches_and_two_are_refused(kind, ba
                 joined(other, tolerance=tolerance)
 
 
-@pytest.mark.parametrize(
-    "family", [f if f in ("tetrahedra", "voronoi3") else pytest.param(f, marks=pytest.mark.long) for f in FAMILIES]
-)
+@mostly_long("family", FAMILIES, "tetrahedra")
 def test_a_crack_inside_a_body(family):
     """From the left side to the middle: nodes along its front stay single; both lips have the same places."""
     whole = SPACE_FAMILIES[family](3 if family == "kelvin" else 4, seed=1).with_boundary(
@@ -250,7 +244,7 @@ def test_a_crack_inside_a_body(family):
 
 
 def test_a_crack_may_be_cut_before_a_plane_mesh_is_extruded_or_then():
-    plane = vx.meshes.voronoi(5, seed=2)
+    plane = small("voronoi", 5, seed=2)
     x, y = plane.centroids.T
     sides = {"above": (x < 0.6) & (y > 0.4), "below": (x < 0.6) & (y < 0.4)}
     before = plane.cut("crack", sides).extruded([0.0, 0.3, 0.5])

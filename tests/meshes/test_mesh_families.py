@@ -8,6 +8,7 @@ import itertools
 import numpy as np
 import pytest
 from counted import calls
+from scenes import mostly_long
 
 import vemcvx as vx
 from vemcvx import meshes
@@ -20,7 +21,7 @@ AXES[3] = {"left": 0, "right": 0, "front": 1, "back": 1, "bottom": 2, "top": 2}
 UNIT = ((0.0, 1.0), (0.0, 1.0), (0.0, 1.0))
 ODD = ((-1.0 / 3.0, np.pi), (0.1, 0.7), (-5.0, -4.0))
 FAR = ((1e5, 1e5 + 2.0), (-3e5, -3e5 + 0.5), (0.0, 0.5))
-CASES = {"one": (1, UNIT), "few": (3, ODD), "row": ((4, 1, 1), ODD), "box": ((2, 3, 1), ODD), "far": (2, FAR)}
+CASES = {"one": (1, UNIT), "few": ((5, 3, 3), ODD), "row": ((4, 1, 1), ODD), "box": ((2, 3, 1), ODD), "far": (2, FAR)}
 
 
 def dim_of(family):
@@ -80,7 +81,7 @@ def test_cells_fill_the_box_up_to_its_named_sides(family, case):
     assert set(itertools.product(*box.tolist())) <= set(map(tuple, mesh.points.tolist()))
 
 
-@pytest.mark.parametrize("case", ["box", "far"])
+@mostly_long("case", ["box", "far"], "far")
 @pytest.mark.parametrize("family", SPACE_FAMILIES)
 def test_faces_are_plane_cells_are_convex_and_know_each_other(family, case):
     """Up to the rounding of the coordinates, which tilts the plane of a small face by its part of the face."""
@@ -157,9 +158,9 @@ def test_cells_of_a_size(family):
         sized, counted = EVERY[family](size=5.0 * unit, box=box), EVERY[family](2, box)
         for name in counted.ARRAYS:
             np.testing.assert_array_equal(getattr(sized, name), getattr(counted, name))
+    h = made(family, 2, UNIT).h
     for length in (1e-12, 1e12):
-        scaled = made(family, 2, ((0.0, length),) * 3)
-        assert scaled.h == pytest.approx(length * made(family, 2, UNIT).h, rel=1e-12, abs=0.0)
+        assert made(family, 2, ((0.0, length),) * 3).h == pytest.approx(length * h, rel=1e-12, abs=0.0)
 
 
 BOTH = [
@@ -296,9 +297,7 @@ def test_voronoi_makes_the_number_of_cells_asked_for(cells):
     assert meshes.voronoi3(cells=min(cells, 17), box=ODD).n_cells == min(cells, 17)
 
 
-@pytest.mark.parametrize(
-    ("seed", "relaxations"), [(0, 0), *(pytest.param(*case, marks=pytest.mark.long) for case in ((1, 0), (2, 50)))]
-)
+@mostly_long("seed, relaxations", [(0, 0), (1, 0), (2, 50)])
 def test_voronoi_has_no_short_edges_but_on_demand(seed, relaxations):
     mesh = meshes.voronoi(cells=400, seed=seed, relaxations=relaxations)
     PolygonMesh(mesh.points, mesh.cells)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pickle
 import re
 import warnings
+from functools import cache
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -13,6 +14,7 @@ import numpy as np
 import pytest
 from refined_cubes import refined_cubes
 from same_mesh import assert_same
+from scenes import small
 
 import vemcvx as vx
 from vemcvx.meshes import FAMILIES, SPACE_FAMILIES, PolygonMesh, read
@@ -22,6 +24,7 @@ BOX = ((0.1, 1.1), (2.0, 4.0), (-5.0, -4.0))
 SQUARE = np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)])
 
 
+@cache
 def made(name):
     """A mesh with overlapping names, names that are hard to spell, and data of all kinds."""
     if name in FAMILIES:
@@ -138,7 +141,7 @@ def test_formats_that_lose_cells_names_or_interfaces_are_refused(suffix, tmp_pat
     squares = vx.meshes.squares(2)
     two = vx.meshes.bodies({"a": squares, "b": vx.meshes.squares(2, box=((1.0, 2.0), (0.0, 1.0)))})
     refused = [
-        (vx.meshes.voronoi(3), f"mesh{suffix}: {suffix} files do not keep polygons of more than four vertices. Write"),
+        (small("voronoi", 3), f"mesh{suffix}: {suffix} files do not keep polygons of more than four vertices. Write"),
         (vx.meshes.voronoi3(2), "tetrahedra, hexahedra, .* and cell 0 is none of them. Polyhedra go into .vtu files"),
         (two, f"mesh{suffix}: {suffix} files do not keep interfaces of bodies. Write .vtu"),
     ]

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hostile import mutated, read_all
 from polydata import POLYHEDRA
+from scenes import small
 
 import vemcvx as vx
 from vemcvx.meshes import read
@@ -602,7 +603,7 @@ def sound(suffix, folder):
     """The bytes of a sound file of a kind."""
     if suffix in (".theirs.vtu", ".deck.inp", ".gmsh.msh"):
         return {".theirs.vtu": POLYHEDRA, ".deck.inp": DECK, ".gmsh.msh": GMSH}[suffix].encode()
-    made = {".vtu": vx.meshes.voronoi(2), ".kelvin.vtu": vx.meshes.kelvin(1), ".inp": vx.meshes.triangles(2)}
+    made = {".vtu": small("voronoi", 2), ".kelvin.vtu": vx.meshes.kelvin(1), ".inp": vx.meshes.triangles(2)}
     made |= {".msh": vx.meshes.triangles(2), ".solid.msh": vx.meshes.tetrahedra(1), ".bdf": vx.meshes.triangles(2)}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")

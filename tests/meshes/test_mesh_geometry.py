@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scenes import small
 
 import vemcvx as vx
 from vemcvx.meshes import FAMILIES, PolygonMesh
@@ -58,7 +59,7 @@ def test_euler_and_neighbours(name):
 
 
 def test_boundary_edges_run_counter_clockwise_and_sum_to_nothing():
-    mesh = vx.meshes.voronoi(6, seed=3)
+    mesh = small("voronoi", 6, seed=3)
     edges = mesh.boundaries["boundary"]
     start, end = mesh.points[edges[:, 0]], mesh.points[edges[:, 1]]
     normals = (end - start) @ np.array([[0.0, -1.0], [1.0, 0.0]])  # (y_b - y_a, x_a - x_b)

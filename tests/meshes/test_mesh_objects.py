@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 import skfem
 from same_mesh import assert_same
+from scenes import small
 from skfem.models.elasticity import lame_parameters, linear_elasticity
 
 import vemcvx as vx
 from vemcvx.meshes import FAMILIES, convert, read
-from vemcvx.vem import Space, stiffness
 
 YOUNG, POISSON = 200.0, 0.3
 SQUARE = np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)])
@@ -149,20 +149,6 @@ def test_a_scene_on_triangles_of_scikit_fem_is_its_linear_elements():
     assert set(history.contact.nodes) == set(floor) - set(held)
 
 
-def test_quadrilaterals_of_scikit_fem_do_the_same_work_on_linear_displacements():
-    """Virtual and bilinear elements are both linear on edges, and the stress of a linear displacement is constant."""
-    flat = disc_in_square(skfem.MeshQuad)
-    mesh = convert(flat)
-    _, K = stiffness_of(flat, skfem.ElementQuad1())
-    lam, mu = lame_parameters(YOUNG, POISSON)
-    ours = stiffness(Space(mesh), np.full(mesh.n_cells, lam), np.full(mesh.n_cells, mu), "shear")
-    x, y = flat.p
-    linear = np.stack([x, y, 1 + 0 * x])
-    fields = np.concatenate([np.stack([linear, 0 * linear], axis=2), np.stack([0 * linear, linear], axis=2)])
-    theirs = K @ fields.reshape(6, -1).T
-    assert np.abs(ours @ fields.reshape(6, -1).T - theirs).max() < 1e-12 * np.abs(K.data).max()
-
-
 def test_scikit_fem_keeps_no_numbers_on_cells():
     mesh = rich("squares")
     with pytest.warns(vx.MeshWarning, match="keep only sets .* not 'material', 'stress', \"young's") as caught:
@@ -207,7 +193,7 @@ def test_what_is_no_mesh_of_another_library(monkeypatch):
         with pytest.raises(vx.MeshError, match=f"the mesh of meshio{subject}"):
             convert(mesh)
     for mesh, library, subject in (
-        (vx.meshes.voronoi(4), "skfem", "here, there are cells of the kind polygon and quad"),
+        (small("voronoi", 4), "skfem", "here, there are cells of the kind polygon and quad"),
         (vx.meshes.kelvin(1), "skfem", "cell 0 is none of them"),
         (vx.meshes.kelvin(1), "meshio", "Polyhedra go into .vtu files and to PyVista"),
         (standard("wedges"), "skfem", "scikit-fem has meshes of tetrahedra or of hexahedra; here, .* kind wedge"),
@@ -364,7 +350,7 @@ def test_sides_without_names_are_those_of_families(family, tmp_path):
 def test_sides_that_are_not_there():
     """A house has no top; a short edge at a corner, nearer to it than rounding, lies on one side only."""
     with pytest.warns(vx.MeshWarning, match=f"the mesh of meshio: {NAMED}left, right, bottom, top.$") as caught:
-        convert(nameless(vx.meshes.voronoi(3)).to("meshio"))
+        convert(nameless(small("voronoi", 3)).to("meshio"))
     assert caught[0].filename == __file__
     house = meshio.Mesh([*SQUARE.tolist(), (0.5, 1.5)], [("polygon", [[0, 1, 2, 4, 3]])])
     with pytest.warns(vx.MeshWarning, match=f"{NAMED}left, right, bottom.$"):

@@ -10,6 +10,7 @@ import sys
 
 import numpy as np
 import pytest
+from scenes import small
 
 import vemcvx as vx
 from vemcvx.meshes import PolygonMesh
@@ -20,7 +21,7 @@ HALVES = [[0, 1, 2], [0, 2, 3]]
 
 @pytest.fixture
 def mesh():
-    return vx.meshes.voronoi(4, seed=1)
+    return small("voronoi", 4, seed=1)
 
 
 def test_arrays_are_read_only_and_apart_from_those_handed_in(mesh):

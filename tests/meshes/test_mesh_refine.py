@@ -8,6 +8,7 @@ from collections import defaultdict
 import numpy as np
 import pytest
 from counted import calls
+from scenes import mostly_long, small
 
 import vemcvx as vx
 from vemcvx.estimate.measures.distance import common_rule
@@ -57,11 +58,10 @@ def refined_at_random(mesh, passes, seed=0, part=0.25, **options):
     return mesh
 
 
-@pytest.mark.parametrize(
-    ("balance", "passes"), [(True, 4), *(pytest.param(b, 6, marks=pytest.mark.long) for b in (True, False))]
-)
+@mostly_long("family", vx.meshes.FAMILIES, "voronoi", "nonconvex", "hanging")
+@mostly_long("balance, passes", [(True, 4), (True, 6), (False, 6)])
 def test_random_passes_keep_a_tiling_of_good_cells(family, balance, passes):
-    mesh = vx.meshes.FAMILIES[family](3, seed=1)
+    mesh = small(family, 3, seed=1)
     random = np.random.default_rng(2)
     for _ in range(passes):
         before, short = mesh, (edge_lengths(mesh) / np.repeat(mesh.diameters, np.diff(mesh.offsets))).min()
@@ -82,8 +82,9 @@ def test_random_passes_keep_a_tiling_of_good_cells(family, balance, passes):
     assert slenderness(mesh) < FATTEST[family]
 
 
+@mostly_long("family", vx.meshes.FAMILIES, "voronoi", "nonconvex", "hanging")
 def test_uniform_passes_make_no_bad_cells(family):
-    mesh = vx.meshes.FAMILIES[family](2, seed=3)
+    mesh = small(family, 2, seed=3)
     start = slenderness(mesh)
     for _ in range(4):
         h, mesh = mesh.h, mesh.refine()
@@ -143,11 +144,11 @@ def start(family):
     if family in SOLIDS:
         mesh = SOLIDS[family]
         return mesh, np.arange(0, mesh.n_cells, 2) if family == "tetrahedra" else None
-    mesh = refined_at_random(vx.meshes.FAMILIES[family](3, seed=4), 2)
+    mesh = refined_at_random(small(family, 3, seed=4), 2)
     return mesh, np.arange(0, mesh.n_cells, 3)
 
 
-@pytest.mark.parametrize("family", EVERY)
+@mostly_long("family", EVERY, "voronoi", "nonconvex", "cubes", "tetrahedra")
 def test_prolongation_keeps_linear_functions_and_old_values(family):
     mesh, cells = start(family)
     found = refinement(mesh, cells)
@@ -169,28 +170,11 @@ def test_prolongation_takes_means_over_edges_and_pi_inside():
         assert new[(0.5,) * mesh.points.shape[1]] == pytest.approx(values.mean(), rel=1e-14)
 
 
-@pytest.mark.parametrize(
-    "family", [f if f in ("voronoi", "nonconvex") else pytest.param(f, marks=pytest.mark.long) for f in EVERY]
-)
-def test_patch_test_on_refined_meshes(family):
-    """A linear displacement prescribed all around is the answer, whatever hangs where."""
-    mesh = start(family)[0].refine(start(family)[1])
-    dim = mesh.points.shape[1]
-    gradient = np.array([[0.01, -0.02, 0.03], [0.03, 0.015, -0.01], [0.02, 0.0, 0.01]])[:dim, :dim]
-
-    def field(x, t):
-        return t * (x @ gradient.T + [0.1, -0.2, 0.05][:dim])
-
-    scene = vx.Scene(vx.Elasticity(7.0, 0.3), vx.PrescribedDisplacement(field, on="boundary"))
-    history = vx.simulate(scene, mesh, [0.0, 1.0])
-    assert np.abs(history.displacement[-1] - field(mesh.points, 1.0)).max() < 1e-12
-
-
 def size(mesh, name):
     return length(mesh, name) if isinstance(mesh, PolygonMesh) else mesh.face_areas[mesh.boundaries[name]].sum()
 
 
-@pytest.mark.parametrize("family", EVERY)
+@mostly_long("family", EVERY, "hanging", "nonconvex", "cubes", "tetrahedra")
 def test_names_and_data_are_handed_down(family):
     mesh, cells = start(family)
     mesh = mesh.with_boundary("half", lambda x: x[:, 0] < 0.5)

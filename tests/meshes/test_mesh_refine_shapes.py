@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scenes import mostly_long
 
 from vemcvx.meshes import PolygonMesh, refinement
 
@@ -53,7 +54,7 @@ def single(outline):
     return PolygonMesh(outline, [np.arange(len(outline))])
 
 
-@pytest.mark.parametrize("name", SHAPES)
+@mostly_long("name", SHAPES, "star", "comb", "L", "tiny edge", "trapezium", "heptagon")
 def test_children_are_valid_and_do_not_degenerate(name):
     outline, children, bound = SHAPES[name]
     mesh = single(outline)

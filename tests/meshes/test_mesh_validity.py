@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from counted import calls
+from scenes import small
 
 import vemcvx as vx
 from vemcvx.meshes import PolygonMesh
@@ -168,7 +169,7 @@ def test_kinds_of_cells_and_the_first_fault_of_many():
     for cells in (*([kind(cell) for cell in triangles] for kind in (list, tuple, np.array)),
                   *(np.array(triangles, dtype=kind) for kind in (np.int32, np.uint8, np.int64))):  # fmt: skip
         assert [cell.tolist() for cell in PolygonMesh(SQUARE, cells).cells] == triangles
-    mesh = vx.meshes.voronoi(8)
+    mesh = small("voronoi", 8)
     cells = [cell.tolist() for cell in mesh.cells]
     cells[17] = cells[17][:1] + cells[17][2:0:-1] + cells[17][3:]
     refused(mesh.points, cells, "cell 17 ")

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from counted import calls
 from hypothesis import HealthCheck, given, settings, strategies
+from scenes import small
 from scipy.spatial import Delaunay
 
 import vemcvx as vx
@@ -109,7 +110,7 @@ def test_whole_meshes_become_those_of_half_the_size(make):
 
 
 def test_prisms_become_prisms_over_the_parts_of_their_polygons():
-    plane = vx.meshes.voronoi(3, seed=2)
+    plane = small("voronoi", 3, seed=2)
     found, fine = refinement(plane.extruded([0.0, 0.3])), plane.extruded([0.0, 0.15, 0.3])
     mesh = checked(found.mesh)
     assert mesh.n_cells == 2 * np.sum(np.diff(plane.offsets))

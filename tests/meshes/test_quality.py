@@ -6,6 +6,7 @@ import warnings
 
 import numpy as np
 import pytest
+from scenes import mostly_long, small
 from scipy.optimize import linprog
 
 import vemcvx as vx
@@ -56,7 +57,7 @@ def by_linear_program(mesh, cell):
     return max(found.x[-1], 0.0) / mesh.diameters[cell]
 
 
-@pytest.mark.parametrize("family", EVERY)
+@mostly_long("family", EVERY, "nonconvex", "hanging", "triangles", "tetrahedra", "prisms")
 def test_families(family):
     """As a solver of linear programs has it; of default settings no cell is poor."""
     mesh = EVERY[family](6 if family in vx.meshes.FAMILIES else 2)
@@ -108,7 +109,7 @@ def test_where_constants_grow_it_warns():
     assert "grows" in repr(found)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        found = vx.meshes.voronoi(4).quality()
+        found = small("voronoi", 4).quality()
     assert found.in_a_line().startswith(f"star {found.star.min():.2g} to {found.star.max():.2g}, edge ")
     assert "constants" not in found.in_a_line()
 

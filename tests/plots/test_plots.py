@@ -453,7 +453,7 @@ def test_pressures_that_are_rounding_are_drawn_as_zero():
     scene = vx.Scene(
         vx.Elasticity(10.0, 0.0), *ends, vx.Traction(lambda x, t: np.tile([t, 0.0], (len(x), 1)), on="right")
     )
-    pulled = vx.simulate(scene, vx.meshes.voronoi(6, seed=2), [0.0, 0.5, 1.0])
+    pulled = vx.simulate(scene, small("voronoi", 6, seed=2), [0.0, 0.5, 1.0])
     assert 0 < np.abs(pulled.contact.pressure_recovered).max() < 1e-12
     assert not pressures(pulled).any()
     figure = along_contact(pulled)

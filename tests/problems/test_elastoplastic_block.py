@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from certified_bounds import admissible, bounds, ledger_bound, ledger_defect
+from scenes import any_family, small
 
 import vemcvx as vx
 
@@ -39,11 +40,12 @@ def against_closed_form(mesh, stress, solver):
 @pytest.mark.long
 @pytest.mark.parametrize("solver", [vx.Newton(), vx.Clarabel()], ids=lambda solver: solver.name)
 def test_the_spiral_is_a_return_mapping(solver):
-    against_closed_form(vx.meshes.voronoi(3), lesson.spiral()[::2], solver)
+    against_closed_form(small("voronoi", 3), lesson.spiral()[::2], solver)
 
 
+@any_family
 def test_uniform_on_every_family(family):
-    total, eps = against_closed_form(vx.meshes.FAMILIES[family](2), lesson.spiral()[::4], vx.Newton())
+    total, eps = against_closed_form(small(family, 2), lesson.spiral()[::4], vx.Newton())
     # Newton stops within 1e-8 of the energy norm, cells are few and of similar size.
     assert np.abs(total - eps[:, None]).max() < 1e-6 * np.abs(eps).max()
 
@@ -51,7 +53,7 @@ def test_uniform_on_every_family(family):
 @pytest.mark.long
 def test_shear_alone_is_a_play():
     stress = np.outer(SHEAR, [0, 0, 1])
-    total, _ = against_closed_form(vx.meshes.voronoi(3), stress, vx.Newton())
+    total, _ = against_closed_form(small("voronoi", 3), stress, vx.Newton())
     p = play(lesson.RADIUS, np.sqrt(2) * SHEAR)[:, 0] / lesson.HARDENING
     gamma = SHEAR / lesson.MU + np.sqrt(2) * p
     assert np.abs(p).max() > 0
@@ -66,7 +68,7 @@ def test_a_ball_is_no_box():
 
 def test_the_stored_energy_is_that_of_the_formula():
     """1/2 (eps - P) : C (eps - P) + H/2 |P|^2 of a uniform state, out-of-plane part included."""
-    mesh = vx.meshes.voronoi(3)
+    mesh = small("voronoi", 3)
     posed = lesson.block(mesh, lesson.spiral())
     # Zero at the lower left corner, and across at the lower right.
     G, p = np.array([[0.01, 0.05], [0.0, 0.02]]), np.array([0.004, -0.007, 0.011])

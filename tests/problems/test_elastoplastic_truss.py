@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from certified_bounds import admissible, bounds, ledger_bound, ledger_defect
+from scenes import mostly_long
 
 import vemcvx as vx
 
@@ -76,7 +77,7 @@ def test_bars_yield_where_the_formulas_say_and_leave_stress():
     assert left[0] + 2 * lesson.COSINE * left[1] == pytest.approx(0.0, abs=1e-13)
 
 
-@pytest.mark.parametrize("solver", SOLVERS, ids=lambda solver: solver.name)
+@mostly_long("solver", SOLVERS, ids=lambda solver: solver.name)
 def test_one_bar_shows_the_bauschinger_effect(solver):
     """Loaded to s > sigma_y it yields backwards at s - 2 sigma_y, not at -sigma_y."""
     bar = lesson.Truss(np.array([[0.0, 0.0], [1.0, 0.0]]), np.array([[0, 1]]), held=np.array([0, 1, 3]))

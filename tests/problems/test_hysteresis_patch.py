@@ -12,6 +12,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from scenes import any_family, small
 
 import vemcvx as vx
 
@@ -53,7 +54,7 @@ def scene():
 
 @cache
 def run(family):
-    mesh = vx.meshes.FAMILIES[family](4, box=((0, L), (0, H)))
+    mesh = small(family, 4, box=((0, L), (0, H)))
     return vx.simulate(scene(), mesh, TIMES, solver=vx.Newton())
 
 
@@ -62,6 +63,7 @@ def history(family):
     return run(family)
 
 
+@any_family
 def test_displacements_are_exact(history):
     gamma, a, _ = closed_form()
     y = history.mesh.points[:, 1]
@@ -92,7 +94,7 @@ def test_stick_slip_and_tractions_are_exact(history):
 
 @pytest.mark.long
 def test_every_solver_finds_it():
-    mesh = vx.meshes.voronoi(3, box=((0, L), (0, H)))
+    mesh = small("voronoi", 3, box=((0, L), (0, H)))
     _, _, loss = closed_form()
     for solver in (vx.Clarabel(), vx.OSQP()):
         history = vx.simulate(scene(), mesh, TIMES, solver=solver)

@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.sparse as sp
+from scenes import small
 
 import vemcvx as vx
 from vemcvx.base.errors import SceneWarning
@@ -180,7 +181,7 @@ def test_lesson_3_is_the_package_by_other_means():
             vx.Clamp(on="left"),
             vx.Traction(lambda x, t: np.tile([0.0, -1.0], (len(x), 1)), on="right"),
         )
-        mesh = vx.meshes.FAMILIES[family](n, box=((0, 4), (0, 1)))
+        mesh = small(family, n, box=((0, 4), (0, 1)))
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", SceneWarning)  # that triangles lock
             history = vx.simulate(scene, mesh, [0.0, 1.0], initial="equilibrium")

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 from installed import needs
+from scenes import mostly_long
 
 import vemcvx as vx
 from vemcvx.linear import order_by_nested_dissection
@@ -13,9 +14,9 @@ EACH = [vx.SuperLU(), pytest.param(vx.Pardiso(), marks=needs("pymklpardiso"))]
 TOUCHED = {"some": [3, 20, 7, 15], "none": [], "all": list(range(24)), "one body's": [2, 5]}
 
 
-@pytest.mark.parametrize("linear", EACH, ids=str)
+@mostly_long("linear", EACH, ids=str)
 @pytest.mark.parametrize("touched", TOUCHED)
-@pytest.mark.parametrize("shapes", [1, 3, 9])
+@mostly_long("shapes", [1, 3, 9], 0, 2)
 def test_states_energies_and_work_are_those_of_dense_algebra(touched, shapes, linear):
     """Two bodies, loads of one shape, of three, and of more than are remembered; friction that holds, or slips."""
     rng = np.random.default_rng(0)

@@ -4,7 +4,7 @@ from contextlib import suppress
 
 import numpy as np
 import pytest
-from scenes import few_families
+from scenes import few_families, mostly_long, small
 
 import vemcvx as vx
 
@@ -57,7 +57,7 @@ def test_contact_closes_and_opens_in_closed_form(family, stiffness, solver):
     """Uniaxial strain (depth - gap - yield) / H once the gap is closed; pressure = M strain = stiffness yield."""
     gap, H = 0.01, 0.5
     touch = vx.UnilateralContact("bottom", gap) if stiffness is None else vx.NormalCompliance(stiffness, "bottom", gap)
-    mesh = vx.meshes.FAMILIES[family](4, box=((0, 2), (0, H)))
+    mesh = small(family, 4, box=((0, 2), (0, H)))
     history = vx.simulate(lowered(depth, touch), mesh, TIMES, solver=solver)
     give = 0.0 if stiffness is None else OEDOMETER / stiffness / H
     strain = np.maximum(depth(TIMES) - gap, 0.0) / H / (1 + give)
@@ -83,7 +83,7 @@ def test_an_obstacle_that_overlaps_presses_the_body_back(family, stiffness, star
     H, share = 0.5, 1.0 if start == "settled" else TIMES / TIMES[-1]
     gap = -0.01 if start == "settled" else lambda x, t: np.full(len(x), -0.01 * t / TIMES[-1])
     touch = vx.UnilateralContact("bottom", gap) if stiffness is None else vx.NormalCompliance(stiffness, "bottom", gap)
-    mesh = vx.meshes.FAMILIES[family](2, box=((0, 2), (0, H)))
+    mesh = small(family, 2, box=((0, 2), (0, H)))
     history = vx.simulate(lowered(lambda t: 0.0, touch), mesh, TIMES, initial=start)
     give = 0.0 if stiffness is None else OEDOMETER / stiffness / H
     pressure = OEDOMETER * share * np.full(len(TIMES), 0.01 / H / (1 + give))
@@ -116,7 +116,7 @@ def test_limits_that_contradict_each_other_are_named(solver):
 
 
 @pytest.mark.parametrize("solver", [vx.Newton(), vx.Clarabel()])
-@pytest.mark.parametrize("amount", [1e-6, 1e-8, 3e-9, 1e-9, 3e-10, 1e-11, 1e-13, 1e-15])
+@mostly_long("amount", [1e-6, 1e-8, 3e-9, 1e-9, 3e-10, 1e-11, 1e-13, 1e-15], 0, 3, 6)
 @pytest.mark.parametrize(("D", "lam"), [(np.eye(2)[0], 0.0), (np.array([1.0, 0.5]), 0.2)], ids=["one unknown", "two"])
 def test_limits_that_all_but_meet_are_met_or_named(D, lam, amount, solver):
     """D y <= 1 and D y >= 1 + amount, beside limits that meet: named, or answered within the amount."""
@@ -130,8 +130,8 @@ def test_limits_that_all_but_meet_are_met_or_named(D, lam, amount, solver):
 
 
 @pytest.mark.parametrize("solver", [vx.Newton(), vx.Clarabel(), vx.OSQP()], ids=lambda s: s.name)
-@pytest.mark.parametrize("far", [1e8, 1e20, np.inf])
-@pytest.mark.parametrize("compliance", [0.0, 0.1])
+@mostly_long("far", [1e8, 1e20, np.inf], 1, 2)
+@mostly_long("compliance", [0.0, 0.1])
 def test_a_limit_that_is_far_is_none(solver, far, compliance):
     """The same as with one limit; its force is none."""
     rng = np.random.default_rng(0)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scenes import few_families
+from scenes import few_families, mostly_long, small
 
 import vemcvx as vx
 from vemcvx.scene import pose_scene
@@ -29,7 +29,7 @@ def lowered(motion, friction, family, solver, condense, n=3, steps=5):
         vx.UnilateralContact("bottom", GAP),
         *FRICTION[friction],
     )
-    mesh = vx.meshes.FAMILIES[family](n)
+    mesh = small(family, n)
     return mesh, vx.simulate(scene, mesh, np.linspace(0, 1, steps + 1), solver=solver, condense=condense)
 
 
@@ -50,8 +50,8 @@ def judge(mesh, history, motion, friction):
     assert np.isfinite(history.certificate_total).all()
 
 
-@pytest.mark.parametrize("motion", MOTIONS)
-@pytest.mark.parametrize("condense", [True, False])
+@mostly_long("motion", MOTIONS, "aslant", "down and back")
+@mostly_long("condense", [True, False])
 @pytest.mark.parametrize(
     ("family", "friction"), [("squares", "none"), ("triangles", "Tresca's"), ("voronoi", "Coulomb's")]
 )
@@ -76,7 +76,7 @@ def test_loads_that_vanish_leave_what_friction_keeps_or_nothing(family, solver):
         vx.UnilateralContact("bottom", 0.001),
         vx.Traction(lambda x, t: [0.0, -40.0 * max(np.sin(2 * np.pi * t), 0.0)], on="right"),
     )
-    history = vx.simulate(scene, vx.meshes.FAMILIES[family](3), np.linspace(0, 1, 9), solver=solver)
+    history = vx.simulate(scene, small(family, 3), np.linspace(0, 1, 9), solver=solver)
     assert history.certificate.max() <= solver.accuracy
     assert history.trajectory.norm[-1] <= 2 * history.certificate_total[-1] * history.trajectory.norm.max()
     assert (history.contact.pressure > 0).any()
@@ -109,7 +109,7 @@ POWERS = [(-390, 0), (390, 0), (0, 300), (0, -300), (-200, 150), (37, -91)]
 @pytest.mark.parametrize("kind", ["Tresca", "contact", "Coulomb", "viscous"])
 def test_units_change_nothing_but_rounding(kind):
     """Loads times 2^a, stiffness times 2^b: displacements times 2^(a - b), energies times 2^(2a - b)."""
-    mesh, times = vx.meshes.voronoi(3), [0.0, 0.4, 1.0]
+    mesh, times = small("voronoi", 3), [0.0, 0.4, 1.0]
     plain = vx.simulate(pulled(kind=kind), mesh, times)
     for a, b in POWERS:
         history = vx.simulate(pulled(2.0**a, 2.0**b, kind), mesh, times)
@@ -120,7 +120,7 @@ def test_units_change_nothing_but_rounding(kind):
         assert history.certificate.max() <= 1e-11
 
 
-@pytest.mark.parametrize("force", [1e-300, 1e-145, 1e-130, 1e130, 1e155, 1e200, 1e300])
+@mostly_long("force", [1e-300, 1e-145, 1e-130, 1e130, 1e155, 1e200, 1e300], 0, 4)
 @pytest.mark.parametrize("kind", ["Tresca", "contact", "Coulomb", "viscous"])
 def test_loads_whose_energy_is_no_number_are_refused(force, kind):
     with pytest.raises(
@@ -147,7 +147,7 @@ def test_loads_that_fade_are_no_mistake():
 @pytest.mark.parametrize("off", [1e-6, 1e-9, 0.0])
 def test_what_is_out_of_balance_at_the_start_is_certified(family, off):
     """u_0 off by so much of the energy norm: the exact run begins where one step at times[0] leads from there."""
-    mesh, times = vx.meshes.FAMILIES[family](3), np.linspace(0, 1, 4)
+    mesh, times = small(family, 3), np.linspace(0, 1, 4)
 
     scene = vx.Scene(
         vx.Elasticity(1.0, 0.3),

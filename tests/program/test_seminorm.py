@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scenes import few_families
+from scenes import few_families, mostly_long, small
 
 import vemcvx as vx
 from vemcvx.program import Kernel, Operators, StepProgram
@@ -33,11 +33,11 @@ def swing(t):
 
 
 @few_families
-@pytest.mark.parametrize("condense", [True, False])
+@mostly_long("condense", [True, False])
 @pytest.mark.parametrize("share", [0.1, 0.97])
 def test_friction_alone_holds_the_body(family, share, condense):
     """The reaction is the load, every step certified in the seminorm, and non-uniqueness is said."""
-    mesh = vx.meshes.FAMILIES[family](6)
+    mesh = small(family, 6)
     with pytest.warns(vx.SceneWarning, match=ALONE):
         history = vx.simulate(slab(share * BOUND, swing), mesh, TIMES, condense=condense)
     assert history.certificate.max() <= 1e-8
@@ -86,7 +86,7 @@ def test_a_sliding_chain_by_hand():
 
 @few_families
 @pytest.mark.filterwarnings("ignore::vemcvx.SceneWarning")
-@pytest.mark.parametrize("condense", [True, False])
+@mostly_long("condense", [True, False])
 def test_a_body_that_slides_along_a_soft_floor_is_said_to(family, condense):
     """Pulled harder than its friction holds: that sliding does not press into the floor is known but for rounding."""
     scene = vx.Scene(
@@ -97,11 +97,11 @@ def test_a_body_that_slides_along_a_soft_floor_is_said_to(family, condense):
         vx.Traction(lambda x, t: [0.3 * t, 0.0], on="left"),
     )
     with pytest.raises(vx.SceneError, match=r"against the translation \(1, 0\) .* there is no equilibrium"):
-        vx.simulate(scene, vx.meshes.FAMILIES[family](3), [0.0, 0.2, 1.0], condense=condense)
+        vx.simulate(scene, small(family, 3), [0.0, 0.2, 1.0], condense=condense)
 
 
 @pytest.mark.arithmetic
-@pytest.mark.parametrize("far", [1.0, 1e2, 1e3, 1e4, 1e5, 1e8])
+@mostly_long("far", [1.0, 1e2, 1e3, 1e4, 1e5, 1e8], 1, 3, 5)
 @pytest.mark.parametrize("solver", [vx.Newton(), vx.Clarabel()], ids=lambda s: s.name)
 def test_a_body_is_carried_as_far_as_it_is_taken(far, solver):
     """Two nodes joined by a spring 1; a carriage on a spring 1 pulls the first by friction 1, .5 holds the second."""
@@ -126,7 +126,7 @@ def test_ground_moves_under_a_body_between_rollers(family, angle, limit):
     c, s = np.cos(angle), np.sin(angle)
     turn, energies = np.array([[c, -s], [s, c]]), []
     for rotation in (np.eye(2), turn):
-        plain = vx.meshes.FAMILIES[family](4)
+        plain = small(family, 4)
         mesh = vx.PolygonMesh(plain.points @ rotation.T, plain.cells, boundaries=sides(plain))
         floor = {"stiffness": 300.0} if limit is vx.NormalCompliance else {}
         scene = vx.Scene(
@@ -217,7 +217,7 @@ def test_loads_just_beyond_what_holds_are_told_from_those_just_below(block, mode
 @pytest.mark.filterwarnings("ignore:supports.*nothing but friction:vemcvx.SceneWarning")
 def test_a_body_slides_along_one_axis_to_the_last_digit(family):
     """What rounding leaves across, 1e-15, would press against contact; rails at 1e-9 to the axis are no rounding."""
-    unit = vx.meshes.FAMILIES[family](4)
+    unit = small(family, 4)
     rails = vx.PrescribedDisplacement(lambda x, t: -1e-3 * t * np.ones(len(x)), on="top", direction="normal")
     scene = vx.Scene(vx.Elasticity(200.0, 0.3), rails, vx.UnilateralContact(on=["left", "bottom"]))
 
@@ -246,7 +246,7 @@ def test_what_takes_no_kernel_is_refused():
 
 @pytest.mark.arithmetic
 @pytest.mark.filterwarnings("ignore:supports. nothing but friction or one-sided contact")
-@pytest.mark.parametrize("condense", [True, False])
+@mostly_long("condense", [True, False])
 def test_a_column_that_nothing_clamps_is_answered_to_twelve_digits(condense):
     """Settled, then left alone: a uniform stress of 2 has the energy 2^2 / 2E, and no error of the mesh."""
     walls, load = vx.Symmetry(on=["left", "right"]), vx.Traction((0.0, -2.0), on="top")

@@ -5,6 +5,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 import scipy.sparse as sp
+from scenes import mostly_long
 
 import vemcvx as vx
 from vemcvx.program import BOUNDS, SQUARED_POSITIVE_PARTS, Answer, Certificate, Operators, SolvedProgram, StepProgram
@@ -44,7 +45,7 @@ def answered(program):
 
 
 @separate
-@pytest.mark.parametrize("block", [1, 2, 3])
+@mostly_long("block", [1, 2, 3], 1)
 def test_the_gap_bounds_the_error(block, separate):
     """1/2 |d - d*|_K^2 <= gap for every d within its bounds, all multipliers and none; the gap is P - G."""
     rng = np.random.default_rng(5)
@@ -103,7 +104,7 @@ def test_features_and_who_accepts_them():
 
 
 @separate
-@pytest.mark.parametrize("seed", range(4))
+@mostly_long("seed", range(4), 0, 1)
 def test_multipliers_are_read_off_the_answer(seed, separate):
     """The rows are independent, so there is one pair with K d = g - B'lam - D'p, known here from the solver."""
     program = random_program(seed, separate=separate)
@@ -222,7 +223,7 @@ def test_error_and_floor_are_never_exceeded(block, seeds):
             assert away <= (certificate.error + certificate.error_floor) * (1 + 1e-9) + unseen
 
 
-@pytest.mark.parametrize("seed", range(30))
+@mostly_long("seed", range(30), 0, 1, 2, 3, 4, 5)
 def test_a_point_just_beyond_a_vertex_is_moved_back_onto_it(seed):
     """K = I, two oblique bounds that meet in a vertex, forces p > 0 there: d off by 1e-9 is certified to about that.
 

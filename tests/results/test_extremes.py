@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from scenes import small
 
 import vemcvx as vx
 
@@ -29,7 +30,7 @@ def cycle(mesh, store="all"):
 
 @pytest.fixture(scope="module")
 def plane():
-    return cycle(vx.meshes.voronoi(5))
+    return cycle(small("voronoi", 5))
 
 
 @pytest.fixture(scope="module")
@@ -106,7 +107,7 @@ def test_a_pulled_strip_has_the_stress_of_its_pull():
         vx.Symmetry(on="bottom"),
         vx.Traction(lambda x, t: np.tile([2.0 * np.sin(np.pi * t), 0.0], (len(x), 1)), on="right"),
     )
-    found = {one.name: one for one in vx.simulate(scene, vx.meshes.voronoi(4), np.linspace(0, 1, 5)).extremes}
+    found = {one.name: one for one in vx.simulate(scene, small("voronoi", 4), np.linspace(0, 1, 5)).extremes}
     peak = found["largest principal stress"]
     assert peak.value == pytest.approx(2.0, rel=1e-10)
     assert peak.time == 0.5

@@ -10,7 +10,7 @@ import meshio
 import numpy as np
 import pytest
 from identical import same
-from scenes import cyclic, paper_load, paper_scene, small
+from scenes import cyclic, mostly_long, paper_load, paper_scene, small
 
 import vemcvx as vx
 from vemcvx.base.errors import HistoryError
@@ -248,7 +248,12 @@ def test_foreign_archives_are_refused(history, tmp_path):
             read_history(tmp_path)
 
 
-@pytest.mark.parametrize("name", ["summary.json", "history.pvd", "history.npz", "step_0003.vtu", "contact.csv"])
+@mostly_long(
+    "name",
+    ["summary.json", "history.pvd", "history.npz", "step_0003.vtu", "contact.csv"],
+    "summary.json",
+    "history.npz",
+)
 def test_files_that_are_of_no_history_stay(history, name, tmp_path):
     (tmp_path / name).write_text('{"a": "thesis"}')
     with pytest.raises(HistoryError, match=f"{name}: not of a history, so it is not replaced"):

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scenes import cyclic, paper_scene, small
+from scenes import cyclic, mostly_long, paper_scene, small
 from typer.testing import CliRunner
 
 import vemcvx as vx
@@ -30,7 +30,7 @@ def names(folder):
     return {path.name for path in folder.iterdir()}
 
 
-@pytest.mark.parametrize("name", ["state.npy", "checkpoint.npy", "displacement.npy", ".vemcvx"])
+@mostly_long("name", ["state.npy", "checkpoint.npy", "displacement.npy", ".vemcvx"], 0, 3)
 def test_files_of_others_are_neither_written_to_nor_deleted(tmp_path, name):
     (tmp_path / name).write_bytes(b"a thesis")
     for options in ({}, {"resume": True}):

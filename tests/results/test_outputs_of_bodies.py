@@ -4,6 +4,7 @@ import matplotlib.pyplot as plt
 import meshio
 import numpy as np
 import pytest
+from scenes import small
 
 import vemcvx as vx
 from vemcvx import plots
@@ -13,7 +14,7 @@ JOINT = "lower|upper"
 
 def blocks(family="hexagons", above=5):
     upper = vx.meshes.FAMILIES[family](above, box=((0, 1), (1, 2)))
-    return vx.meshes.bodies({"lower": vx.meshes.FAMILIES[family](4), "upper": upper})
+    return vx.meshes.bodies({"lower": small(family, 4), "upper": upper})
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from scenes import few_families, small
+from scenes import few_families, mostly_long, small
 
 import vemcvx as vx
 from vemcvx.vem import equivalent, principal
@@ -86,7 +86,7 @@ def test_equal_compression_in_the_plane(plane):
     assert history.von_mises(-1) == pytest.approx(abs(flat - across), rel=ROUNDED)
 
 
-@pytest.mark.parametrize("plane", ["strain", "stress"])
+@mostly_long("plane", ["strain", "stress"], 1)
 def test_blocked_and_free_expansion(plane):
     """Blocked on all sides the stress is hydrostatic, -E alpha theta / (1 - 2 nu), and von Mises' is none."""
     heat = vx.ThermalStrain(ALPHA, lambda x, t: np.full(len(x), THETA * t))

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scenes import small
 
 import vemcvx as vx
 from vemcvx.results.contact_tiles import ContactTiles
@@ -159,7 +160,7 @@ def test_forces_of_obstacles_are_recovered_as_they_are():
         vx.TrescaFriction(0.1, on="bottom"),
         vx.PrescribedDisplacement(motion(0.02, -0.01), on="top"),
     )
-    contact = vx.simulate(scene, vx.meshes.voronoi(6, seed=3), [0.0, 1.0]).contact
+    contact = vx.simulate(scene, small("voronoi", 6, seed=3), [0.0, 1.0]).contact
     assert (contact.pressure_recovered == contact.pressure).all()
     assert (contact.traction_recovered == contact.traction).all()
 
@@ -185,7 +186,7 @@ def touching(turn):
     """A voronoi body on a larger one, in the plane where there is no turn, else in space, turned by so much."""
     if turn is None:
         lower = vx.meshes.triangles(6, box=((-1, 2), (-1, 0)))
-        return vx.meshes.bodies({"lower": lower, "upper": vx.meshes.voronoi(8, box=((0, 1), (0, 1)))})
+        return vx.meshes.bodies({"lower": lower, "upper": small("voronoi", 8, box=((0, 1), (0, 1)))})
     c, s = np.cos(turn), np.sin(turn)
     lower = vx.meshes.cubes(2, box=((-1, 2), (-1, 2), (-1, 0)))
     upper = vx.meshes.voronoi3(3, box=((0, 1), (0, 1), (0, 1)))

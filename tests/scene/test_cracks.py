@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scenes import mostly_long
 
 import vemcvx as vx
 
@@ -61,7 +62,7 @@ def cracked():
     return history_of(plate(24))
 
 
-@pytest.mark.parametrize("name", ["pressed", "stuck", "pressed again"])
+@mostly_long("name", ["pressed", "stuck", "pressed again"])
 def test_a_crack_that_sticks_is_none(cracked, name):
     """Nor does it remember that it was open."""
     assert np.abs(cracked.displacement[AT[name]] - linear(cracked, name)).max() < 1e-13

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scenes import mostly_long
 
 import vemcvx as vx
 
@@ -107,7 +108,7 @@ def swollen(x, t):
 
 
 @pytest.mark.parametrize("housing", HOUSINGS)
-@pytest.mark.parametrize(("nt", "uneven"), [(12, False), (24, False), (24, True)])
+@mostly_long("nt, uneven", [(12, False), (24, False), (24, True)], 2)
 def test_a_ring_turns_in_a_frictionless_housing(housing, nt, uneven):
     """Its nodes would have to climb the corners of the housing, were both normals of each held."""
     mesh = ring(nt, uneven=uneven)

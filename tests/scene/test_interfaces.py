@@ -4,7 +4,7 @@ import itertools
 
 import numpy as np
 import pytest
-from scenes import FEW, moved, rotation
+from scenes import mostly_long, moved, rotation
 from tubes import ring
 
 import vemcvx as vx
@@ -91,17 +91,13 @@ def assert_patch(mesh, kind):
 
 
 @pytest.mark.parametrize("kind", CONTACTS)
-@pytest.mark.parametrize(
-    "family", [pytest.param(name, marks=[] if name in FEW else pytest.mark.long) for name in PLANE]
-)
+@mostly_long("family", PLANE, "voronoi")
 def test_constant_stress_passes(family, kind):
     assert_patch(two_blocks(family, NEXT[family], (3, 2)), kind)
 
 
 @pytest.mark.parametrize("kind", ["sliding", *(pytest.param(k, marks=pytest.mark.slow) for k in list(CONTACTS)[:-1])])
-@pytest.mark.parametrize(
-    "family", [pytest.param(name, marks=[] if name == "cubes" else pytest.mark.long) for name in SPACE]
-)
+@mostly_long("family", SPACE, "cubes")
 def test_constant_stress_passes_in_space(family, kind):
     n = (2, 2) if "kelvin" in (family, NEXT[family]) else (3, 2)
     assert_patch(two_blocks(family, NEXT[family], n, angle=0.4 if kind == "sliding" else 0.0), kind)

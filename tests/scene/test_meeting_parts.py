@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scenes import few_families, small
+from scenes import few_families, mostly_long, small
 
 import vemcvx as vx
 from vemcvx.scene import pose_scene
@@ -141,7 +141,7 @@ def test_the_nearer_of_two_obstacles_stops_a_node(family):
 
 @few_families
 @pytest.mark.filterwarnings("ignore:supports. nothing but friction or one-sided contact")
-@pytest.mark.parametrize("degrees", [0.0, 30.0])
+@mostly_long("degrees", [0.0, 30.0], 1)
 @pytest.mark.parametrize("touch", [vx.UnilateralContact, vx.BilateralContact, lambda on: vx.NormalCompliance(1e4, on)])
 def test_a_corner_shows_the_pressure_of_its_sides(family, degrees, touch):
     """Pressed into a corner from the other two sides alike: the pressure is 1 everywhere, at the corner, too."""

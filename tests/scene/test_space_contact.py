@@ -4,6 +4,7 @@ import cvxpy as cp
 import numpy as np
 import pytest
 import skfem
+from scenes import mostly_long
 from skfem.models.elasticity import linear_elasticity
 
 import vemcvx as vx
@@ -162,7 +163,7 @@ def pressed_into_corner(on, friction, n=2):
 
 
 @pytest.mark.parametrize("on", [["bottom", "front"], ["bottom", "front", "left"]], ids=len)
-@pytest.mark.parametrize("coefficient", [0.1, 0.3])
+@mostly_long("coefficient", [0.1, 0.3], 1)
 def test_coulombs_law_at_edges_and_corners_of_contact(on, coefficient):
     """Newton finds it on its sets, with forces within their bounds."""
     scene, mesh = pressed_into_corner(on, lambda on: vx.CoulombFriction(coefficient, on=on))

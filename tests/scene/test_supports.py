@@ -4,7 +4,7 @@ from collections import Counter
 
 import numpy as np
 import pytest
-from scenes import FAMILIES, moved, paper_load, rotation, small
+from scenes import FAMILIES, mostly_long, moved, paper_load, rotation, small
 
 import vemcvx as vx
 from vemcvx.scene import pose_scene
@@ -36,7 +36,7 @@ def held_by(history, name, direction):
     return history.displacement[:, nodes] @ np.asarray(direction)
 
 
-@pytest.mark.parametrize("degrees", [0.0, 30.0])
+@mostly_long("degrees", [0.0, 30.0], 1)
 def test_a_corner_of_the_contact_boundary_holds_both_normals(degrees):
     R = rotation(np.radians(degrees))
     mesh = moved(small("squares", 4), R)
@@ -59,7 +59,7 @@ def test_a_corner_of_the_contact_boundary_holds_both_normals(degrees):
     assert np.abs(history.contact.slip[-1]).max(axis=1).min() > 1e-6 * size
 
 
-@pytest.mark.parametrize("degrees", [0.0, 30.0])
+@mostly_long("degrees", [0.0, 30.0], 1)
 def test_a_clamp_wins_at_shared_nodes(degrees):
     R = rotation(np.radians(degrees))
     mesh = moved(small("squares", 4), R)
@@ -121,7 +121,7 @@ def test_contact_gives_way_where_everything_is_prescribed():
     ],
     ids=str,
 )
-@pytest.mark.parametrize("degrees", [0.0, 30.0])
+@mostly_long("degrees", [0.0, 30.0], 1)
 def test_one_component_is_prescribed_and_the_other_is_free(direction, unit, degrees):
     R = rotation(np.radians(degrees))
     mesh = moved(small("voronoi", 3), R)
@@ -161,8 +161,8 @@ def test_the_same_prescribed_twice_is_no_contradiction():
 
 
 @pytest.mark.filterwarnings("ignore:.*nothing holds the body in the normal direction")
-@pytest.mark.parametrize("family", FAMILIES)
-@pytest.mark.parametrize("degrees", [0.0, 30.0])
+@mostly_long("family", FAMILIES, "voronoi", "hanging", "triangles")
+@mostly_long("degrees", [0.0, 30.0], 1)
 @pytest.mark.parametrize("surface", ["contact", "part of the contact", "no contact"])
 def test_every_friction_term_reads_one_unknown_of_its_own(family, degrees, surface):
     """Sticking is then exact; also on an incline, where the tangent is no axis."""

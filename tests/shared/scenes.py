@@ -1,8 +1,8 @@
-"""Scenes and meshes that many tests share."""
+"""Scenes and meshes that many tests share, and which cases of a test run by default."""
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 import pytest
@@ -14,11 +14,39 @@ SEEDED = ("squares", "triangles", "voronoi", "hexagons", "distorted", "nonconvex
 """Families that scenes were first drawn from at random; tests name seeds of theirs."""
 OF_TRIANGLES = ("triangles",)
 """Families of linear triangles, which lock where a body hardly changes its volume and need no stabilisation."""
-FEW = ("voronoi", "hanging")
+
+
+def mostly_long(names, values, *kept, ids=None, others=pytest.mark.long):
+    """Parametrize a test: the first case, or those `kept` by place or id, run by default; the others are `long`."""
+    cases = []
+    for k, value in enumerate(values):
+        case = value if isinstance(value, type(pytest.param())) else None
+        fields = case.values if case else value if "," in names else (value,)
+        word = case.id if case else ids(*fields) if callable(ids) else ids[k] if ids else None
+        is_kept = not {k, word, fields[0] if isinstance(fields[0], str) else k}.isdisjoint(kept or (0,))
+        marks = [*(case.marks if case else ()), *([] if is_kept else [others])]
+        cases.append(pytest.param(*fields, marks=marks, id=word))
+    return pytest.mark.parametrize(names, cases)
+
+
+mostly_slow = partial(mostly_long, others=pytest.mark.slow)
+
+
+def long_cases(suite, is_long):
+    """Mark cases of a suite of vemcvx.testing `long` by their names; return the suite."""
+    (mark,) = (mark for mark in suite.pytestmark if mark.name == "parametrize")
+    marks = {True: pytest.mark.long, False: ()}
+    mark.args[1][:] = [pytest.param(*one.values, id=one.id, marks=marks[is_long(one.id)]) for one in mark.args[1]]
+    return suite
+
+
+MARKS = {"voronoi": (), "hanging": pytest.mark.long}
 few_families = pytest.mark.parametrize(
-    "family", [name if name in FEW else pytest.param(name, marks=pytest.mark.slow) for name in FAMILIES]
+    "family", [pytest.param(name, marks=MARKS.get(name, pytest.mark.slow)) for name in FAMILIES]
 )
 """For claims that know cells through the stiffness matrix alone, which is tested on every family, and take a while."""
+any_family = mostly_long("family", FAMILIES, "voronoi")
+"""For claims that each family is to satisfy, and take a while."""
 
 
 def paper_load(course):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 from refined_cubes import refined_cubes
 
@@ -11,8 +13,9 @@ SOLIDS = (*vx.meshes.SPACE_FAMILIES, "nonconvex prisms", "hanging faces")
 SIDES = ("left", "right"), ("front", "back"), ("bottom", "top")
 
 
+@cache
 def solid(name, n, box):
-    """Such a mesh, about n cells along a side."""
+    """Such a mesh, about n cells along a side; it is read-only, and made once."""
     if name == "nonconvex prisms":
         return vx.meshes.nonconvex(n, box[:2]).extruded(np.linspace(*box[2], n + 1))
     if name != "hanging faces":

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 from blocks_in_space import block, on_floor
+from scenes import mostly_long
 
 import vemcvx as vx
 from vemcvx.program import Operators, StepProgram
@@ -117,7 +118,7 @@ def test_thousands_of_random_programs(kind):
     assert wrong(kind, 400) == []
 
 
-@pytest.mark.parametrize("polygon", [4, 16, 64])
+@mostly_long("polygon", [4, 16, 64], 1)
 def test_osqp_takes_polygons_and_says_what_they_miss(polygon):
     """The gap of the true program is at most 1 - cos(pi / P) of what slips lose, and that is the certificate."""
     system, between = scene("bilateral, to and fro", 3), [0.0, 0.2]
@@ -139,7 +140,7 @@ def test_osqp_refuses_discs():
             vx.OSQP(polygon=wrong)
 
 
-@pytest.mark.parametrize("coefficient", [0.1, 0.6, 1.5])
+@mostly_long("coefficient", [0.1, 0.6, 1.5], 1)
 def test_coulombs_law_is_solved_on_sets(coefficient):
     """By Newton's method on the whole law: friction stays within its bound, and meets it where discs slip."""
     pull, given = SCENES["Coulomb, turning"]

@@ -6,7 +6,7 @@ from operator import attrgetter
 
 import numpy as np
 import pytest
-from scenes import paper_scene, small
+from scenes import mostly_long, paper_scene, small
 from typer.testing import CliRunner
 
 import vemcvx as vx
@@ -170,8 +170,12 @@ def test_mistakes_in_python(solver, says):
         run(solver)
 
 
-@pytest.mark.parametrize(
-    "mesh", [vx.meshes.squares(6), vx.meshes.voronoi(6), vx.meshes.cubes(3)], ids=["corner", "cells", "discs"]
+@mostly_long(
+    "mesh",
+    [vx.meshes.squares(6), small("voronoi", 6), vx.meshes.cubes(3)],
+    "corner",
+    "discs",
+    ids=["corner", "cells", "discs"],
 )
 def test_increments_alone_are_enough_where_rows_share_unknowns(mesh):
     """On two rough sides that meet, forces read off d stay within their bounds; |d - d*| is rounding."""

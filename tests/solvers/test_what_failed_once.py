@@ -3,6 +3,7 @@
 import frozen_scenes
 import numpy as np
 import pytest
+from scenes import mostly_long
 
 import vemcvx as vx
 
@@ -73,7 +74,7 @@ def growing(seed, c):
 
 
 @pytest.mark.parametrize("c", [1.0, 50.0, 1e4])
-@pytest.mark.parametrize("seed", range(4))
+@mostly_long("seed", range(4))
 def test_friction_that_grows_with_slip(seed, c):
     """It is monotone however fast it grows: one answer, here by trying all sets."""
     K, g, exact = growing(seed, c)
@@ -122,9 +123,7 @@ def block_on_a_rough_floor(angle, part):
 
 
 @pytest.mark.filterwarnings("ignore:.*nothing but friction or one-sided contact holds the body")
-@pytest.mark.parametrize(
-    "angle", [0.1, *(pytest.param(angle, marks=pytest.mark.long) for angle in (1.2, 2.8, 3.3, 4.9))]
-)
+@mostly_long("angle", [0.1, 1.2, 2.8, 3.3, 4.9])
 def test_friction_by_direction_holds_a_body_up_to_its_ellipse(angle):
     """The floor bears the load; beyond the ellipse the step is refused (answers of 1e15 were certified)."""
     scene, mesh, shear = block_on_a_rough_floor(angle, 0.9)
@@ -136,7 +135,7 @@ def test_friction_by_direction_holds_a_body_up_to_its_ellipse(angle):
 
 
 @pytest.mark.filterwarnings("ignore:.*weights may fall faster with slip than the body gives way")
-@pytest.mark.parametrize("seed", [25, *(pytest.param(seed, marks=pytest.mark.long) for seed in (146, 325))])
+@mostly_long("seed", [25, 146, 325])
 def test_friction_that_weakens_faster_than_the_body_gives_way(seed):
     """Sets begin at the slips of an answer, not at none: these scenes missed 1e-8 by the rounding of Clarabel's."""
     assert frozen_scenes.draw(seed).run().certified.max() <= 1e-8

@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from scenes import mostly_long
 
 import vemcvx as vx
 
@@ -72,7 +73,7 @@ HELD = vx.Scene(
 )
 
 
-@pytest.mark.parametrize("n", [3, 6, *(pytest.param(n, marks=pytest.mark.long) for n in (9, 12))])
+@mostly_long("n", [3, 6, 9, 12])
 def test_a_block_is_unloaded_to_zero_while_its_top_is_warmed(n):
     """A strain linear in y without a load is free of stress: nothing presses and nothing rubs where all is unloaded."""
     scene = vx.Scene(
@@ -117,14 +118,15 @@ def test_a_block_between_compliant_contacts_is_pressed_and_then_lifted():
 STEEL = {"push": 0.5, "mu": 0.2, "young": 210e9, "press": 60e6}
 
 
-@pytest.mark.parametrize(
-    ("given", "size", "solver", "most"),
+@mostly_long(
+    "given, size, solver, most",
     [
         ({}, (1.0, 1.0), vx.Newton(), 50),
         (STEEL, (0.08, 0.02), vx.Newton(), 50),
-        pytest.param({}, (1.0, 1.0), vx.Clarabel(), 500, marks=pytest.mark.long),
-        pytest.param({}, (1.0, 1.0), vx.OSQP(accuracy=1e-8, polish=True), np.inf, marks=pytest.mark.long),
+        ({}, (1.0, 1.0), vx.Clarabel(), 500),
+        ({}, (1.0, 1.0), vx.OSQP(accuracy=1e-8, polish=True), np.inf),
     ],
+    *(0, 1),
     ids=["Newton", "steel in SI units", "Clarabel", "OSQP, polished"],
 )
 def test_a_body_that_only_friction_and_contact_hold_costs_what_others_do(given, size, solver, most):
@@ -138,7 +140,7 @@ def test_a_body_that_only_friction_and_contact_hold_costs_what_others_do(given, 
     assert history.force("bottom") == pytest.approx(wanted, abs=1e-9 * press)
 
 
-@pytest.mark.parametrize("mu", [0.1, 0.4, 0.9])
+@mostly_long("mu", [0.1, 0.4, 0.9], 1)
 def test_what_sticks_where_two_obstacles_meet_is_held_twice(mu):
     """A block in the corner of a floor and a wall: one row follows from another there (86 iterations, once)."""
     rough = [e for on in ("bottom", "right") for e in (vx.UnilateralContact(on=on), vx.CoulombFriction(mu, on=on))]

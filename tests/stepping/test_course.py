@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
+from scenes import mostly_long
 
 import vemcvx as vx
 
 
-@pytest.mark.parametrize("n", [1, 3])
+@mostly_long("n", [1, 3], 1)
 @pytest.mark.parametrize(
     ("pull", "turning"),
     [

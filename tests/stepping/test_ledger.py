@@ -4,7 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from scenes import cyclic, few_families, paper_load, small
+from scenes import cyclic, few_families, mostly_long, paper_load, small
 
 import vemcvx as vx
 from vemcvx.scene import pose_scene
@@ -44,7 +44,7 @@ def run(of, family, moving, condense):
 
 
 @few_families
-@pytest.mark.parametrize("condense", [True, False])
+@mostly_long("condense", [True, False])
 @pytest.mark.parametrize("moving", [False, True])
 @pytest.mark.parametrize("of", [scene, on_a_belt])
 def test_ledger_closes(family, of, moving, condense):
@@ -138,7 +138,7 @@ def test_ledger_closes_while_obstacles_move(family, floor):
 def test_work_of_a_floor_that_rises(family, stiffness, damped):
     """Nothing else moves: all the work is the floor's, pressure times way, of uniaxial strain."""
     H, L, way = 0.5, 2.0, 0.05
-    mesh = vx.meshes.FAMILIES[family](4, box=((0, L), (0, H)))
+    mesh = small(family, 4, box=((0, L), (0, H)))
 
     def gap(x, t):
         return np.full(len(x), way * (1 - t))

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from own_law import Law
+from scenes import mostly_long
 
 import vemcvx as vx
 
@@ -60,7 +61,7 @@ def test_where_bounds_are_constant_both_friction_works_are_one():
     assert history.dissipated_second_order == pytest.approx(history.dissipated, rel=1e-9)
 
 
-@pytest.mark.parametrize("viscous", [False, True])
+@mostly_long("viscous", [False, True])
 def test_friction_that_reads_the_slip_before_the_step_is_of_second_order(viscous):
     """A block that slides as a whole by a given way a: it loses int exp(-A / d) dA = d (1 - exp(-a / d)) a length."""
     d, way = 0.3, 0.2

@@ -5,6 +5,7 @@ import meshio
 import numpy as np
 import pytest
 from own_law import Law
+from scenes import mostly_slow, small
 
 import vemcvx as vx
 from slip_weakening import SlipWeakening
@@ -24,7 +25,7 @@ def weakening(t, pressure, before, slip):
 
 def simulate(*friction, solver=None, times=TIMES, load=to_and_fro, contact=TOUCHING, **options):
     scene = vx.Scene(STEEL, HELD, vx.Traction(load, on="left"), contact, *friction)
-    return vx.simulate(scene, vx.meshes.voronoi(4), times, solver=solver or vx.Newton(1e-9), **options)
+    return vx.simulate(scene, small("voronoi", 4), times, solver=solver or vx.Newton(1e-9), **options)
 
 
 @pytest.mark.long
@@ -284,7 +285,7 @@ def marched_by_cvxpy(system, law, times):
     return np.array(states), left
 
 
-@pytest.mark.parametrize("seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(2, 40))])
+@mostly_slow("seed", range(40))
 def test_random_laws_against_an_independent_fixed_point(seed):
     """States differ by what certificates and the other's iteration leave; errors of a step grow by less than 20."""
     rng = np.random.default_rng(seed)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from exact_steps import Steps
 from installed import needs
-from scenes import moved, rotation
+from scenes import mostly_long, moved, rotation, small
 
 import vemcvx as vx
 from vemcvx.scene import pose_scene
@@ -42,7 +42,7 @@ def settled(scene, mesh, **options):
     return vx.simulate(scene, mesh, [0.0, 1.0], initial="settled", **options)
 
 
-@pytest.mark.parametrize("linear", LINEAR, ids=str)
+@mostly_long("linear", LINEAR, ids=str)
 @pytest.mark.parametrize("k", [1e-2, 1e-4, 1e-6])
 def test_weak_springs_beside_soft_contact(k, linear):
     """Springs 1e-4 of E left an error of 3e-5 of the energy norm, those of 1e-8 one of 40: S lost the body's weight."""
@@ -80,7 +80,7 @@ def joint(k):
 @pytest.mark.parametrize("condense", [True, False])
 def test_against_steps_in_512_bits(k, kind, condense):
     """Certificate and floor bound the distance to the exact step."""
-    mesh = vx.meshes.voronoi(3, box=((0, 2), (0, 1)))
+    mesh = small("voronoi", 3, box=((0, 2), (0, 1)))
     if kind == "joint":
         scene, mesh = joint(k)
     elif kind == "inclined":

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scenes import few_families
+from scenes import few_families, small
 
 import vemcvx as vx
 
@@ -21,7 +21,7 @@ def solid(tau=TAU):
 
 
 def mesh_of(family, n=4):
-    return vx.meshes.FAMILIES[family](n, box=((0, LENGTH), (0, H)))
+    return small(family, n, box=((0, LENGTH), (0, H)))
 
 
 @few_families

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scenes import mostly_long, small
 
 import vemcvx as vx
 
@@ -19,12 +20,10 @@ def uniaxial(plane):
     return PULL * (1 - POISSON**2) / YOUNG, -PULL * POISSON * (1 + POISSON) / YOUNG
 
 
-@pytest.mark.parametrize(
-    ("plane", "stabilisation"), [("strain", "shear"), pytest.param("stress", "unit", marks=pytest.mark.long)]
-)
+@mostly_long("plane, stabilisation", [("strain", "shear"), ("stress", "unit")])
 def test_a_bar_on_rollers_pulled_at_one_end(family, plane, stabilisation):
     """u . n prescribed on the left, contact below with friction that carries nothing, traction on the right."""
-    mesh = vx.meshes.FAMILIES[family](4, box=((0, 1.5), (0, 1)))
+    mesh = small(family, 4, box=((0, 1.5), (0, 1)))
     scene = vx.Scene(
         vx.Elasticity(YOUNG, POISSON, plane=plane, stabilisation=stabilisation),
         vx.PrescribedDisplacement(0.0, on="left", direction="normal"),
@@ -42,7 +41,7 @@ def test_a_bar_on_rollers_pulled_at_one_end(family, plane, stabilisation):
 
 def test_any_linear_field_prescribed_here_and_pushed_there(family):
     """u = a + G x prescribed on two sides, the traction sigma n of its stress on the others; one side is inclined."""
-    mesh = vx.meshes.FAMILIES[family](4)
+    mesh = small(family, 4)
     points = mesh.points + 0.25 * mesh.points[:, 1:] * [1.0, 0.0]
     mesh = vx.PolygonMesh(points, mesh.cells, boundaries={k: v for k, v in mesh.boundaries.items() if k != "boundary"})
     G = np.array([[0.01, -0.02], [0.03, 0.015]])

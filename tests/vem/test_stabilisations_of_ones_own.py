@@ -6,6 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from scenes import mostly_long, small
 
 import stabilisations_of_ones_own as own
 import vemcvx as vx
@@ -28,10 +29,10 @@ def bar(stabilisation, mesh):
     return vx.simulate(scene, mesh, [0.0, 1.0], initial="settled")
 
 
-@pytest.mark.parametrize("stabilisation", OWN, ids=IDS)
+@mostly_long("stabilisation", OWN, ids=IDS)
 def test_patch(stabilisation):
     for family in ("squares", "voronoi", "nonconvex", "triangles"):
-        assert own.patch_error(stabilisation, vx.meshes.FAMILIES[family](2)) < 1e-12
+        assert own.patch_error(stabilisation, small(family, 2)) < 1e-12
 
 
 @pytest.mark.long
@@ -67,7 +68,7 @@ def test_on_a_square_by_hand():
 
 def in_two(west, east):
     """A mesh of two materials, and these."""
-    mesh = vx.meshes.voronoi(4)
+    mesh = small("voronoi", 4)
     one = (mesh.centroids[:, 0] < 0.5).astype(float)
     mesh = mesh.with_cell_data("west", one).with_cell_data("east", 1.0 - one)
     return mesh, [dataclasses.replace(material, on=on) for material, on in ((west, "west"), (east, "east"))]
@@ -106,7 +107,7 @@ def written_and_read(history, folder):
 
 @pytest.mark.long
 def test_files_keep_the_weights_and_know_no_classes(tmp_path):
-    mesh = vx.meshes.voronoi(3)
+    mesh = small("voronoi", 3)
     for name in ("shear", "unit"):
         history = bar(name, mesh)
         back = written_and_read(history, tmp_path / name)
@@ -135,7 +136,7 @@ class Softer(vx.Elasticity):
 def test_a_budget_of_another_form_is_refused():
     """It was silent: an estimate with the stabilisation of the material, whatever the stiffness had."""
     scene = vx.Scene(Softer(YOUNG, POISSON), vx.Clamp(on="left"), vx.Traction((0.3, 0.1), on="right"))
-    history = vx.simulate(scene, vx.meshes.voronoi(3), [0.0, 1.0], initial="settled")
+    history = vx.simulate(scene, small("voronoi", 3), [0.0, 1.0], initial="settled")
     with pytest.raises(vx.SceneError, match=r"the energy .*by its moduli .*not of one form"):
         vx.error_budget(history)
     triangles = vx.simulate(scene, vx.meshes.triangles(3), [0.0, 1.0], initial="settled")
@@ -214,7 +215,7 @@ def squares_by_hand(history):
 
 def test_the_budget_by_hand():
     """Of the boundary form, which is felt: in the larger of two parts it is that one."""
-    history = bar(own.Boundary(FACTOR), vx.meshes.voronoi(4))
+    history = bar(own.Boundary(FACTOR), small("voronoi", 4))
     budget, by_hand = vx.error_budget(history, -1), squares_by_hand(history)
     squares = {name: (part[0] * budget.scale) ** 2 for name, part in budget.parts.items()}
     assert squares["stabilisation"] == pytest.approx(by_hand["stabilisation"], rel=1e-10)
@@ -231,7 +232,7 @@ def test_the_budget_by_hand():
 def test_bounds_hold_whatever_the_stabilisation(stabilisation):
     """They are in a itself: intervals of the energy and of what is minimised meet those of a finer mesh."""
     fine = vx.error_bound(bar("shear", vx.meshes.squares(16)), step=1)
-    bound = vx.error_bound(bar(stabilisation, vx.meshes.voronoi(4)), step=1)
+    bound = vx.error_bound(bar(stabilisation, small("voronoi", 4)), step=1)
     for (low, high), (least, most) in ((bound.energy, fine.energy), (bound.potential, fine.potential)):
         assert low < most
         assert least < high
@@ -294,9 +295,7 @@ class Springs(vx.Stabilisation):
         return weights[:, None, None] * np.eye(cells.nodes.shape[1])
 
 
-@pytest.mark.parametrize(
-    "family", ["prisms", *(pytest.param(f, marks=pytest.mark.long) for f in ("cubes", "voronoi3"))]
-)
+@mostly_long("family", ["prisms", "cubes", "voronoi3"])
 def test_in_space(family):
     """Patch test, and one form: half of the default's energy of what Pi misses, and w'Aw."""
     mesh = vx.meshes.SPACE_FAMILIES[family](2)

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scenes import small
 from scipy.spatial import ConvexHull
 
 import vemcvx as vx
@@ -16,7 +17,7 @@ from vemcvx.vem import Space, edge_part
 
 
 def space_of(family="squares", n=4):
-    return Space(vx.meshes.FAMILIES[family](n))
+    return Space(small(family, n))
 
 
 def polygon(*points):
@@ -111,7 +112,7 @@ def test_the_normal_of_unequal_sides_is_that_of_the_circle_through_them(turns):
 def test_normals_of_a_sphere_are_radial():
     """Of points on it at whatever distances, in triangles (Max 1999)."""
     rng = np.random.default_rng(3)
-    points = rng.normal(size=(400, 3))
+    points = rng.normal(size=(150, 3))
     points /= np.linalg.norm(points, axis=1)[:, None]
     hull = ConvexHull(points)
     cells = [[*triangle, len(points)] for triangle in hull.simplices]

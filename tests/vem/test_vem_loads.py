@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scenes import small
 
 import vemcvx as vx
 from vemcvx.vem import Space, cell_load, cell_quadrature, edge_load
@@ -122,7 +123,7 @@ def test_isosceles_triangle_with_a_hanging_node():
 
 
 def test_points_are_inside_their_cells(family):
-    mesh = vx.meshes.FAMILIES[family](4)
+    mesh = small(family, 4)
     for group in Space(mesh).groups:
         x, weights, owner = cell_quadrature(group)
         area = np.bincount(owner, weights=weights)
@@ -133,7 +134,7 @@ def test_points_are_inside_their_cells(family):
 
 def test_body_force_is_shared_equally_by_the_vertices(family):
     """Affine f: each vertex of K gets |K| f(centroid) / n."""
-    mesh = vx.meshes.FAMILIES[family](4)
+    mesh = small(family, 4)
     expected = np.zeros((mesh.n_nodes, 2))
     for cell, area, centroid in zip(mesh.cells, mesh.areas, mesh.centroids, strict=True):
         expected[cell] += area * affine(centroid[None])[0] / len(cell)
@@ -144,7 +145,7 @@ def test_body_force_is_shared_equally_by_the_vertices(family):
 
 def test_total_body_force_of_a_quadratic_field_and_far_away(family):
     """int over the unit square of (x^2, x y) = (1/3, 1/4)."""
-    mesh = vx.meshes.FAMILIES[family](4)
+    mesh = small(family, 4)
     x, matrix, _ = cell_load(Space(mesh))
     f = np.column_stack([x[:, 0] ** 2, x[:, 0] * x[:, 1]])
     assert total(matrix @ f.ravel()) == pytest.approx([1 / 3, 1 / 4], rel=1e-13)
@@ -154,7 +155,7 @@ def test_total_body_force_of_a_quadratic_field_and_far_away(family):
 
 def test_traction_is_exact_for_affine_data(family):
     """int f phi_a = |e| (2 f_a + f_b) / 6 on the edge e = [a, b]."""
-    space = Space(vx.meshes.FAMILIES[family](4))
+    space = Space(small(family, 4))
     part = space.part("boundary", "test")
     values = affine(space.mesh.points)
     expected = np.zeros_like(values)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scenes import small
 
-import vemcvx as vx
 from vemcvx.vem import Space
 from vemcvx.vem.projection import area_gradients, boundary_weights
 
@@ -15,7 +15,7 @@ TOLERANCE = 1e-11
 
 
 def groups(family):
-    return Space(vx.meshes.FAMILIES[family](4)).groups
+    return Space(small(family, 4)).groups
 
 
 def on_edges(corners, values):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 import skfem
+from scenes import small
 from scipy.sparse.linalg import spsolve
 from skfem.models.elasticity import linear_elasticity
 
@@ -18,7 +19,7 @@ EPS = np.finfo(float).eps
 
 
 def mesh_of(family, n=4):
-    return vx.meshes.FAMILIES[family](n)
+    return small(family, n)
 
 
 def moduli(mesh, seed=0):

@@ -127,10 +127,13 @@ def effect_cases():
 
 
 EFFECT = effect_cases()
+DEAR = "changes_the_answer_by_each_of_its_settings", "does_not_depend_on_its_place_in_the_scene"
 
 
 @pytest.mark.filterwarnings("ignore:.*nothing holds the body in the normal direction")
-@pytest.mark.parametrize("case", EFFECT)
+@pytest.mark.parametrize(
+    "case", [pytest.param(case, marks=pytest.mark.long if case.endswith(DEAR) else ()) for case in EFFECT]
+)
 def test_an_effect_of_forty_lines_passes_the_suite_first_time(case):
     EFFECT[case]()
 
@@ -252,7 +255,8 @@ def takes(key):
     """A case of the suite with the mark of the time that it takes."""
     if key.endswith(ENDLESS):
         return pytest.param(key, marks=pytest.mark.slow)
-    is_long = "in space" in key or key.endswith("is_as_near_to_newton_as_certified")
+    is_quick = ": friction: " in key or ": plain matrices: " in key or key.count(":") == 1
+    is_long = not is_quick or key.endswith(("is_as_near_to_newton_as_certified", "gives_the_same_answer_twice"))
     return pytest.param(key, marks=pytest.mark.long) if is_long else key
 
 

@@ -13,7 +13,7 @@ import pytest
 
 import vemcvx as vx
 
-DEFAULT = range(30)
+DEFAULT = range(12)
 MORE_REFUSALS = 0.02
 """Part of all scenes that may be refused beyond those which were refused before."""
 OTHER_ANSWERS = 0.02

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 import scipy.sparse as sp
-from scenes import small
+from scenes import mostly_long, small
 
 import vemcvx as vx
 
@@ -41,12 +40,7 @@ def spoil(value):
         value[:] = [each * 0.5 if isinstance(each, float) else "top" for each in value]
 
 
-SOME = "Elasticity", "Traction", "TrescaFriction"
-
-
-@pytest.mark.parametrize(
-    "name", [name if name in SOME else pytest.param(name, marks=pytest.mark.long) for name in GIVEN]
-)
+@mostly_long("name", GIVEN, "Elasticity", "TrescaFriction")
 def test_effects_keep_copies(name):
     kind, given = GIVEN[name]
     given = {key: value.copy() if hasattr(value, "copy") else value for key, value in given.items()}

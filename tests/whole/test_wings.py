@@ -93,13 +93,9 @@ def test_the_core_imports_wings_at_two_doors_only():
 
 @pytest.fixture(scope="module")
 def core(tmp_path_factory):
-    """A copy of the package without the wings, and of its tests."""
-    root = tmp_path_factory.mktemp("core")
-    for name in ("vemcvx", "tests", "problems"):
-        shutil.copytree(ROOT / name, root / name, ignore=shutil.ignore_patterns("__pycache__"))
-    shutil.copy(ROOT / "pyproject.toml", root)
-    for wing in WINGS:
-        shutil.rmtree(root / "vemcvx" / wing)
+    """A copy of the package without the wings; its bytecode is copied, too, as it is compiled already."""
+    root, package = tmp_path_factory.mktemp("core"), ROOT / "vemcvx"
+    shutil.copytree(package, root / "vemcvx", ignore=lambda folder, _: WINGS if folder == str(package) else ())
     return root
 
 
@@ -121,12 +117,10 @@ EXAMPLE = """
         vx.TrescaFriction(4.0, on="bottom", while_closed=False),
     )
     mesh, times = vx.meshes.voronoi(8), np.linspace(0.0, 1.0, 5)
-    newton, clarabel = (vx.simulate(scene, mesh, times, solver=one) for one in (vx.Newton(), vx.Clarabel()))
-    for history in (newton, clarabel):
-        print(vx.__file__, history.certified.max(), history.dissipated[-1], abs(history.displacement).max())
-        history.write("out")
-        assert np.array_equal(vx.read_history("out").displacement, history.displacement)
-    print(abs(newton.displacement - clarabel.displacement).max() / abs(newton.displacement).max())
+    history = vx.simulate(scene, mesh, times)
+    print(vx.__file__, history.certified.max(), history.dissipated[-1], abs(history.displacement).max())
+    history.write("out")
+    assert np.array_equal(vx.read_history("out").displacement, history.displacement)
     try:
         vx.simulate(scene, mesh, times, bound=True)
     except ModuleNotFoundError as error:
@@ -135,13 +129,10 @@ EXAMPLE = """
 
 
 def test_a_scene_runs_without_the_wings(core):
-    newton, clarabel, apart, missing = run(core, "-c", dedent(EXAMPLE)).splitlines()
-    for line in (newton, clarabel):
-        file, certified, dissipated, largest = line.split()
-        assert file.startswith(str(core))
-        assert float(certified) < 1e-6
-        assert min(float(dissipated), float(largest)) > 0
-    assert float(apart) < 1e-5
+    file, certified, dissipated, largest, missing = run(core, "-c", dedent(EXAMPLE)).split()
+    assert file.startswith(str(core))
+    assert float(certified) < 1e-6
+    assert min(float(dissipated), float(largest)) > 0
     assert missing == "vemcvx.bound"
 
 
@@ -161,6 +152,9 @@ SKIPPING = """
 @pytest.mark.slow
 @pytest.mark.parametrize("folder", CORE_TESTS)
 def test_the_tests_of_the_core_pass_without_the_wings(core, folder):
+    for name in ("tests", "problems"):
+        shutil.copytree(ROOT / name, core / name, ignore=shutil.ignore_patterns("__pycache__"), dirs_exist_ok=True)
+    shutil.copy(ROOT / "pyproject.toml", core)
     names = {f"vemcvx.{wing}" for wing in WINGS}
     (core / "skipping_wings.py").write_text(dedent(SKIPPING).format(wings=names))
     said = run(core, "-m", "pytest", "-p", "skipping_wings", f"tests/{folder}")

@@ -52,7 +52,7 @@ class History(Results, Outlined):
         The forces of every effect on the nodes of its boundaries (:mod:`vemcvx.results.forces`).
     moduli : (2, n_cells), (6, n_cells) or, in space, (21, n_cells)
         Lame's lambda (in the plane) and mu; or the upper triangle of the elastic matrix, row by row, if some cell is
-        anisotropic (:mod:`vemcvx.vem.elasticity`).
+        anisotropic (:mod:`vemcvx.vem.tensors`).
     trajectory : Trajectory
         The results in free unknowns, and scalars at all N + 1 instants.
     seconds : dict

@@ -264,8 +264,8 @@ class Wrong(vx.Stabilisation):
 def test_wrong_forms():
     for way, words in (
         ("skew", "found a form of a cell with 4 vertices that differs from its transpose by"),
-        ("indefinite", "found a cell with 4 vertices where what Pi misses has the energy -"),
-        ("nothing", "found a cell with 4 vertices where some motion that Pi misses has no energy"),
+        ("indefinite", "found a cell with 4 vertices where some v - Pi v has the energy -"),
+        ("nothing", "found a cell with 4 vertices where some v - Pi v has no energy"),
         ("NaN", "found NaN or infinity in the form of a cell with 4 vertices"),
         ("shape", r"found a form of shape \(1, 2, 4\) for 1 cells with 4 vertices"),
         ("words", "form: found 'none'"),

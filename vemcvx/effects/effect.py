@@ -296,7 +296,7 @@ class Material:
     subject: str
     moduli: Floats
     """(2, n_cells) Lame's lam, already reduced in plane stress, and mu; or (6, n_cells), in space (21, n_cells), the
-    upper triangle of the elastic matrix row by row: see :mod:`vemcvx.vem.elasticity`"""
+    upper triangle of the elastic matrix row by row: see :mod:`vemcvx.vem.tensors`"""
     thermal_stress_moduli: Floats
     """(n_cells, components) stress that holds back a unit strain in all directions of space, with a minus sign"""
     plane: str  #: plane "strain", as in space, or "stress"; one for the whole body

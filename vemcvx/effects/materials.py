@@ -18,7 +18,7 @@ from vemcvx.effects import data
 from vemcvx.effects.data import Constant
 from vemcvx.effects.effect import Contribution, Effect, Eigenstrain, InitialStress, Material, amount, where
 from vemcvx.vem import Space, Stabilisation
-from vemcvx.vem.elasticity import COMPONENTS
+from vemcvx.vem.tensors import COMPONENTS
 
 PLANES = ("strain", "stress")
 IN_PLANE = [COMPONENTS[3].index(pair) for pair in COMPONENTS[2]]

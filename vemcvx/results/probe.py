@@ -113,7 +113,7 @@ def _in_plane(mesh: PolygonMesh, x: Floats) -> tuple[sp.csr_matrix, sp.csr_matri
     inner, first = np.unique(found.points, return_index=True)  # Inside, one cell holds the point.
     inside = found.starts[inner] < 0
     inner, cell = inner[inside], found.cells[first[inside]]
-    return sp.csr_matrix(edges + Space(mesh).projected_values(x, inner, cell)), cells
+    return sp.csr_matrix(edges + Space(mesh).project_values(x, inner, cell)), cells
 
 
 def _points(points: ArrayLike, dim: int, subject: str) -> Floats:

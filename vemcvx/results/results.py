@@ -263,7 +263,7 @@ class Results:
     def von_mises(self, step: int) -> Floats:
         """(n_cells,) von Mises' equivalent stress at a stored step, the stress across the plane included.
 
-        See :mod:`vemcvx.vem.elasticity` for the formula, `out_of_plane_stress` for that component and its errors.
+        See :mod:`vemcvx.vem.tensors` for the formula, `out_of_plane_stress` for that component and its errors.
         """
         fields = self.on_cells(step)
         return fields["von_mises"] if "von_mises" in fields else self.out_of_plane_stress(step)

@@ -4,29 +4,31 @@ from vemcvx.vem.boundary import BoundaryRows, EdgeEnds, MirrorPlanes, Part, Side
 from vemcvx.vem.elasticity import (
     SumOverCells,
     cell_energies,
-    component_names,
     consistent_blocks,
-    elastic_matrix,
     energy_rows,
-    equivalent,
-    isotropic_stress,
     mean_shear,
-    principal,
     rigid_modes,
     softest_shear,
     split_motion,
     stiffness,
     stiffness_of,
     strains,
-    stresses,
-    tractions,
-    upper_triangle,
 )
 from vemcvx.vem.loads import cell_load, cell_quadrature, edge_load, mean_strains, mean_weights, stress_load
 from vemcvx.vem.points_in_solids import solid_places
 from vemcvx.vem.projection import CellGroup, tangents_of
 from vemcvx.vem.space import Space
 from vemcvx.vem.stabilisation import InRegions, Stabilisation, VertexWeights, missed_energies, stabilisation_of
+from vemcvx.vem.tensors import (
+    component_names,
+    elastic_matrix,
+    equivalent,
+    isotropic_stress,
+    principal,
+    stresses,
+    tractions,
+    upper_triangle,
+)
 
 __all__ = [
     "BoundaryRows",

@@ -1,40 +1,31 @@
-"""Elasticity on virtual elements: the stiffness matrix (3.13), strains and stresses of cells, motions without strain.
+"""Elasticity on virtual elements: the stiffness matrix (3.13), strains and stresses of cells, and rigid motions.
 
-With Pi and |K| G_i = g_i as in :mod:`vemcvx.vem.projection`, Pi_0 div u the trace of eps(Pi u), on a cell K
+With Pi and g_i = |K| G_i as in :mod:`vemcvx.vem.projection`, and Pi_0 div u the trace of eps(Pi u), on a cell K
 
     a_K^h(u, v) = 2 mu (eps(Pi u), eps(Pi v))_K + lam (Pi_0 div u, Pi_0 div v)_K
                   + tau h_K^(dim - 2) sum_i chi_i(u - Pi u) chi_i(v - Pi v),
 
-which between the components a, b of the vertices i, j is
+whose entry for the components a, b of the vertices i, j is
 
     (lam g_ia g_jb + mu g_ib g_ja + mu delta_ab g_i.g_j) / |K| + tau h_K^(dim - 2) delta_ab ((I - Pi)'(I - Pi))_ij.
 
-tau = 2 mu ("shear") has the units of the rest and leaves the volumetric part alone, so nothing locks as lam grows;
-tau = 1 ("unit") is (3.13) to the letter. On triangles and tetrahedra Pi v = v, and the last term is left out.
+tau = 2 mu ("shear") has the units of the other terms and does not contain lam, so nothing locks as lam grows. tau = 1
+("unit") is (3.13) verbatim. On triangles and tetrahedra Pi v = v, and the last term is omitted.
 
-For any elastic matrix C (3, 3) a cell the first two terms are |K| eps(Pi u)' C eps(Pi v), eps = (e_xx, e_yy, 2 e_xy).
-What Pi misses (hourglass modes) is mostly deviatoric, and tau stands for the modulus it meets. In Kelvin's notation,
-C_k = D C D with D = diag(1, 1, sqrt 2), rotations of the plane act as rotations of R^3 that keep the volumetric
-direction (1, 1, 0) and turn the deviatoric plane, spanned by (1, -1, 0) / sqrt 2 and (0, 0, 1), within itself. We take
+For an elastic matrix C (3, 3) per cell the first two terms are |K| eps(Pi u)' C eps(Pi v), eps = (e_xx, e_yy, 2 e_xy).
+The kernel of Pi (hourglass modes) is mostly deviatoric; tau stands for a deviatoric modulus. In Kelvin's notation,
+C_k = D C D with D = diag(1, 1, sqrt 2), rotations of the plane act as rotations of R^3. They keep the volumetric
+direction (1, 1, 0), and map the deviatoric plane, spanned by (1, -1, 0) / sqrt 2 and (0, 0, 1), to itself. We use
 
     tau = smallest eigenvalue of C_k on the deviatoric plane = mean - sqrt(((p - q) / 2)^2 + r^2) of [[p, r], [r, q]].
 
-In space, D = diag(1, 1, 1, sqrt 2, sqrt 2, sqrt 2), the deviatoric part has five dimensions. tau has the units of C,
-does not depend on the axes, and is 2 mu for an isotropic material. It does not lock: a
-volumetric modulus that grows leaves the deviatoric plane alone, and fibres whose modulus grows add a matrix of rank
-one to it, which leaves the smallest of its eigenvalues bounded. (The trace or the mean would grow with the fibres:
-with E1 / G = 2e8 and 8 Voronoi cells a side, 1.04 of the energy of a sheared body is found; with either of them
-nothing.)
+In space, D = diag(1, 1, 1, sqrt 2, sqrt 2, sqrt 2), and the deviatoric part has five dimensions. tau has the units of
+C, does not depend on the axes, and is 2 mu for an isotropic material. It does not lock. A growing volumetric modulus
+does not change the deviatoric plane. Fibres with a growing modulus add a matrix of rank one, which leaves the smallest
+eigenvalue bounded. (The trace or the mean would grow with the fibres. With E1 / G = 2e8 and 8 Voronoi cells per side, a
+sheared body has 1.04 of its exact energy; with the trace or the mean it has none.)
 
-Components of symmetric tensors are in the order xx, yy, xy in the plane and xx, yy, zz, xy, yz, xz in space; of
-strains those across are 2 e_xy and so on. Moduli are rows over cells: (2, n_cells) Lame's lam (in the plane as it acts
-there) and mu, or the upper triangle of the elastic matrix C row by row: in the plane (6, n_cells), xx-xx, xx-yy, xx-xy,
-yy-yy, yy-xy, xy-xy, and in space (21, n_cells). Principal stresses in the plane, and von Mises' equivalent stress:
-
-    sigma_1,2 = (xx + yy) / 2 +- sqrt(((xx - yy) / 2)^2 + xy^2)                                 Mohr's circle (1882)
-    sigma_v^2 = ((xx - yy)^2 + (yy - zz)^2 + (zz - xx)^2) / 2 + 3 (xy^2 + yz^2 + xz^2)          von Mises (1913)
-
-zz, across the plane, is the third principal stress: 0 in plane stress, lam (e_xx + e_yy) and more in plane strain.
+Moduli and components are those of :mod:`vemcvx.vem.tensors`.
 """
 
 from __future__ import annotations
@@ -49,30 +40,45 @@ import scipy.sparse as sp
 from scipy.linalg.lapack import dpstrf
 
 from vemcvx.base.arrays import SOME, Bools, Floats, Ints
-from vemcvx.vem.projection import CHUNK, CellGroup
+from vemcvx.vem.projection import CACHED_NUMBERS, CellGroup
 from vemcvx.vem.space import Space
 from vemcvx.vem.stabilisation import (
     Stabilisation,
     VertexWeights,
     add_stabilisation,
     missed_energies,
-    missed_products,
+    products_of_remainder,
     stabilisation_of,
 )
+from vemcvx.vem.tensors import COMPONENTS, elastic_matrix, stresses
 
 
 @dataclass(frozen=True, eq=False)
 class SumOverCells:
-    """A matrix (n_u, n_u) over all nodal values, the sum of local ones: nothing of it stands before it is asked for.
+    """A matrix (n_u, n_u) over all nodal values, the sum of local matrices, which is computed only when needed.
 
-    Cells that are translates of each other, to the bit, and have the same moduli share one local matrix; mirror images
-    have one of their own, which is one more in a piece of thousands.
+    Cells that are exact translates of each other and have the same moduli share one local matrix.
+
+    Attributes
+    ----------
+    space : Space
+    local : callable
+        Returns the local matrices (c, n, n, dim, dim) of c cells with n vertices, given the cells and their moduli.
+    filled : (n_cells,) bool array
+        Cells with a material. Other cells have no local matrix, unless no cell is filled.
+    moduli : sequence of arrays (n_cells, ...)
+
+    Examples
+    --------
+    >>> space, moduli = vx.vem.Space(vx.meshes.squares(2)), np.ones((2, 4))
+    >>> vx.vem.stiffness_of(space, moduli, vx.vem.stabilisation_of("shear", moduli[1])).whole().shape
+    (18, 18)
     """
 
     space: Space
-    local: Callable[..., Floats]  #: of a piece of a group of cells and its moduli, (c, n, n, dim, dim)
-    filled: Bools  #: (n_cells,); of the others there are no local matrices, where any is filled
-    moduli: Sequence[Floats]  #: arrays (n_cells, ...)
+    local: Callable[..., Floats]
+    filled: Bools
+    moduli: Sequence[Floats]
 
     @cached_property
     def _groups(self) -> Sequence[CellGroup]:
@@ -81,15 +87,15 @@ class SumOverCells:
         return [group.part(np.flatnonzero(self.filled[group.cells])) for group in self.space.groups]
 
     def whole(self) -> sp.csr_matrix:
-        """All of it; column indices are sorted, without duplicates."""
+        """Return the matrix; column indices are sorted, without duplicates."""
         groups = self._groups
         return assemble([group.nodes for group in groups], *self._blocks(groups), self.space.mesh.n_nodes)
 
     def _blocks(self, groups: Sequence[CellGroup]) -> tuple[Floats, Ints]:
-        """Blocks (k, dim^2) that couple two vertices of a cell, and which of them each pair of vertices has."""
+        """Return blocks (k, dim^2) that couple two vertices of a cell, and the block number of each vertex pair."""
         dim, found, which, first = self.space.dim, list[Floats](), list[Ints](), 0
         for group in groups:
-            for chunk in group.chunks(CHUNK):
+            for chunk in group.chunks(CACHED_NUMBERS):
                 pairs = chunk.nodes.shape[1] ** 2
                 own = [each[chunk.cells] for each in self.moduli]
                 some, same = distinct([*chunk.shapes, *own])
@@ -101,18 +107,18 @@ class SumOverCells:
 
 
 def distinct(arrays: Sequence[Floats]) -> tuple[Ints | slice, Ints]:
-    """Places of one each of the rows of arrays (c, ...) that differ, and (c,) which of them a row is.
+    """Return the positions of distinct rows of arrays (c, ...), and the number (c,) of the distinct row equal to each.
 
-    All are taken for different where many are.
+    If many rows are distinct, all rows count as distinct.
     """
     every = np.arange(len(arrays[0]))
     if all((each == each[:1]).all() for each in arrays):
         return slice(1), np.zeros_like(every)
     rows = np.hstack([each.reshape(len(each), -1) for each in arrays])
-    # 64 cells show whether many are translates of others: to find which costs a fifth of a local matrix.
+    # The first 64 cells show whether many are translates; finding the translates costs a fifth of a local matrix.
     if len(np.unique(rows[:64], axis=0)) > 32:
         return slice(None), every
-    # Of their bits, modulo 2^64: sums of numbers would be equal where these differ by rounding.
+    # Hash the bits modulo 2^64: sums of floats may be equal although the rows differ by rounding.
     weights = np.random.default_rng(0).integers(2**64, size=rows.shape[1], dtype=np.uint64) | np.uint64(1)
     hashes = (rows.view(np.uint64) * weights).sum(axis=1)
     _, some, same = np.unique(hashes, return_index=True, return_inverse=True)
@@ -120,15 +126,15 @@ def distinct(arrays: Sequence[Floats]) -> tuple[Ints | slice, Ints]:
 
 
 def assemble(nodes: Sequence[Ints], blocks: Floats, which: Ints, n_nodes: int) -> sp.csr_matrix:
-    """Add up blocks that couple the vertices of cells; column indices are sorted, without duplicates.
+    """Assemble a matrix of blocks that couple the vertices of cells; column indices are sorted, without duplicates.
 
-    `nodes` are the vertices (c, n) of the cells, one array a number of vertices; `which` (pairs,) of the `blocks` (k,
-    dim^2) are added: arrays of `nodes` in turn, cell by cell, vertex i by vertex j.
+    `nodes` are the vertices (c, n) of the cells, one array per number of vertices. `which` (pairs,) are positions in
+    `blocks` (k, dim^2), one per vertex pair: array by array, cell by cell, vertex i by vertex j.
     """
-    which, bounds, columns, indptr = _gathered(nodes, which, n_nodes)
+    which, bounds, columns, indptr = _sort_blocks(nodes, which, n_nodes)
     dim = isqrt(blocks.shape[1])
 
-    def of_nodes(start: int, stop: int) -> sp.csr_matrix:
+    def assemble_rows(start: int, stop: int) -> sp.csr_matrix:
         i, j = indptr[[start, stop]]
         p, q = bounds[[i, j]]
         gather = sp.csr_matrix((np.ones(q - p), which[p:q], bounds[i : j + 1] - p), shape=(j - i, len(blocks)))
@@ -136,14 +142,14 @@ def assemble(nodes: Sequence[Ints], blocks: Floats, which: Ints, n_nodes: int) -
         return sp.bsr_matrix(entries, shape=(dim * (stop - start), dim * n_nodes)).tocsr()
 
     starts = range(0, max(n_nodes, 1), SOME)
-    return sp.vstack([of_nodes(start, min(start + SOME, n_nodes)) for start in starts], format="csr")
+    return sp.vstack([assemble_rows(start, min(start + SOME, n_nodes)) for start in starts], format="csr")
 
 
-def _gathered(nodes: Sequence[Ints], which: Ints, n_nodes: int) -> tuple[Ints, Ints, Ints, Ints]:
-    """Blocks in the order of the rows and columns of their sums, k of them.
+def _sort_blocks(nodes: Sequence[Ints], which: Ints, n_nodes: int) -> tuple[Ints, Ints, Ints, Ints]:
+    """Sort blocks by the rows and columns of the k entries to which they are added.
 
-    Returns which blocks (pairs,), where those of each sum begin (k + 1,), its column (k,), and where the sums of each
-    row begin (n_nodes + 1,). What orders them is gone when the matrix is made: of cubes it takes .34 GB a million.
+    Return the block numbers (pairs,), where the blocks of each entry begin (k + 1,), the columns (k,), and where the
+    entries of each row begin (n_nodes + 1,). The sorting arrays, .34 GB per million cubes, are freed on return.
     """
     small = [group.astype(np.int32) for group in nodes]  # half the memory traffic; enough for 2e9 nodes
     rows = np.concatenate([np.repeat(group, group.shape[1]) for group in small])
@@ -160,7 +166,7 @@ def _gathered(nodes: Sequence[Ints], which: Ints, n_nodes: int) -> tuple[Ints, I
 
 
 def _counting_sort(keys: Ints, n: int) -> Ints:
-    """Stable argsort of integers below n in linear time: the rows of a column-wise copy of a one-entry-a-row matrix."""
+    """Return the stable argsort of integers below n in linear time, by transposing a sparse matrix."""
     m = len(keys)
     columns = sp.csr_matrix((np.empty(m, dtype=np.int8), keys, np.arange(m + 1)), shape=(m, n)).tocsc()
     return np.asarray(columns.indices)
@@ -170,38 +176,68 @@ def add_weights(blocks: Floats, cells: CellGroup, tau: Floats) -> None:
     """Add tau h_K^(dim - 2) (I - Pi)'(I - Pi), component by component, to local matrices (c, n, n, dim, dim)."""
     if cells.simplices:
         return
-    stable = (tau * cells.stabilised_size)[:, None, None] * missed_products(cells.vertex_values())
+    stable = (tau * cells.stabilised_size)[:, None, None] * products_of_remainder(cells.vertex_values())
     for axis in range(blocks.shape[-1]):
         blocks[..., axis, axis] += stable
 
 
 def stiffness(space: Space, lam: Floats, mu: Floats, stabilisation: str | Stabilisation = "shear") -> sp.csr_matrix:
-    """Matrix of a^h over all nodal values, (n_u, n_u), symmetric to the bit.
+    """Return the matrix of a^h over all nodal values, (n_u, n_u), exactly symmetric.
 
     Parameters
     ----------
     space : Space
     lam, mu : (n_cells,) arrays
-        Lame's constants, force per area; `lam` already reduced in plane stress. Both zero on cells that another
-        material fills.
+        Lame's constants, force per area; `lam` already reduced in plane stress. Both are zero on cells of another
+        material.
     stabilisation : {"shear", "unit"}, or Stabilisation
-        tau = 2 mu, or tau = 1, or one's own.
+        tau = 2 mu, tau = 1, or a user's stabilisation.
+
+    Returns
+    -------
+    (n_u, n_u) csr_matrix
+        Force per length in the plane. Zero entries are stored.
 
     Raises
     ------
     SceneError
-        `stabilisation` is neither, or its form is none.
+        `stabilisation` is of another kind, or its form is not valid.
 
     Notes
     -----
-    Scaling all coordinates by a power of two changes no bit; scaling moduli by one scales the matrix exactly
-    (with "unit", its consistent part). Entries that happen to vanish are stored.
+    Scaling all coordinates by a power of two changes no bit in the plane. Scaling the moduli by a power of two scales
+    the matrix exactly (with "unit", its consistent part).
+
+    Examples
+    --------
+    >>> K = vx.vem.stiffness(vx.vem.Space(vx.meshes.squares(1)), np.array([1.0]), np.array([1.0]))
+    >>> bool(abs(K @ np.ones(8)).max() < 1e-12)
+    True
     """
     return stiffness_of(space, np.stack([lam, mu]), stabilisation_of(stabilisation, mu)).whole()
 
 
 def stiffness_of(space: Space, moduli: Floats, stabilisation: Stabilisation) -> SumOverCells:
-    """The same of moduli in either form, which are zero on cells that another material fills."""
+    """Return the matrix of a^h for moduli in either form.
+
+    Parameters
+    ----------
+    space : Space
+    moduli : (2, n_cells), (6, n_cells) or (21, n_cells) array
+        Force per area; zero on cells of another material.
+    stabilisation : Stabilisation
+
+    Returns
+    -------
+    SumOverCells
+        The sum of local matrices; its method `whole` assembles it.
+
+    Examples
+    --------
+    >>> space, moduli = vx.vem.Space(vx.meshes.squares(2)), np.ones((2, 4))
+    >>> vx.vem.stiffness_of(space, moduli, vx.vem.stabilisation_of("unit", moduli[1])).whole().nnz
+    196
+    """
     weights = (stabilisation.tau,) if isinstance(stabilisation, VertexWeights) else ()
     filled = (moduli != 0.0).any(axis=0)
     if len(moduli) == 2 and weights:
@@ -220,7 +256,7 @@ def stiffness_of(space: Space, moduli: Floats, stabilisation: Stabilisation) -> 
 
 
 def local_blocks(cells: CellGroup, lam: Floats, mu: Floats, tau: Floats) -> Floats:
-    """The local matrices (c, n, n, dim, dim) of cells with n vertices.
+    """Return the local matrices (c, n, n, dim, dim) of cells with n vertices.
 
     Entry (K, i, j, a, b) couples component a of vertex i with component b of vertex j.
     """
@@ -242,12 +278,44 @@ def local_blocks(cells: CellGroup, lam: Floats, mu: Floats, tau: Floats) -> Floa
 
 
 def softest_shear(C: Floats) -> Floats:
-    """The smallest Kelvin modulus of deviatoric strains, (n_cells,); 2 mu where C is isotropic."""
+    """Return the smallest Kelvin modulus of deviatoric strains.
+
+    Parameters
+    ----------
+    C : (n_cells, 3, 3) array, in space (n_cells, 6, 6)
+        Elastic matrices, force per area.
+
+    Returns
+    -------
+    (n_cells,) array
+        2 mu if C is isotropic.
+
+    Examples
+    --------
+    >>> vx.vem.softest_shear(vx.vem.elastic_matrix(np.array([[3.0], [0.5]])))
+    array([1.])
+    """
     return np.maximum(_deviatoric_moduli(C)[:, 0], 0.0)
 
 
 def mean_shear(C: Floats) -> Floats:
-    """The harmonic mean (n_cells,) of the Kelvin moduli of deviatoric strains; 2 mu where C is isotropic."""
+    """Return the harmonic mean of the Kelvin moduli of deviatoric strains.
+
+    Parameters
+    ----------
+    C : (n_cells, 3, 3) array, in space (n_cells, 6, 6)
+        Elastic matrices, force per area.
+
+    Returns
+    -------
+    (n_cells,) array
+        2 mu if C is isotropic, and 0 if a modulus is not positive.
+
+    Examples
+    --------
+    >>> vx.vem.mean_shear(vx.vem.elastic_matrix(np.array([[3.0], [0.5]])))
+    array([1.])
+    """
     moduli = _deviatoric_moduli(C)
     positive = moduli[:, 0] > 0
     inverses = 1.0 / np.where(positive[:, None], moduli, 1.0)
@@ -255,7 +323,7 @@ def mean_shear(C: Floats) -> Floats:
 
 
 def _deviatoric_moduli(C: Floats) -> Floats:
-    """The Kelvin moduli of deviatoric strains, ascending: (n_cells, 2), in space (n_cells, 5)."""
+    """Return the Kelvin moduli of deviatoric strains, ascending: (n_cells, 2), in space (n_cells, 5)."""
     basis, across = np.zeros((2, 3)), 1
     basis[0, :2] = np.array([1.0, -1.0]) / np.sqrt(2.0)
     if C.shape[1] == len(COMPONENTS[3]):
@@ -266,7 +334,26 @@ def _deviatoric_moduli(C: Floats) -> Floats:
 
 
 def consistent_blocks(cells: CellGroup, C: Floats) -> Floats:
-    """|K| eps(Pi u)' C eps(Pi v), the consistent part of a_K^h, as local matrices (c, n, n, dim, dim)."""
+    """Return the consistent part of a_K^h, |K| eps(Pi u)' C eps(Pi v), as local matrices.
+
+    Parameters
+    ----------
+    cells : CellGroup
+        c cells with n vertices.
+    C : (c, 3, 3) array, in space (c, 6, 6)
+        Elastic matrices, force per area.
+
+    Returns
+    -------
+    (c, n, n, dim, dim) array
+        Entry (K, i, j, a, b) couples component a of vertex i with component b of vertex j.
+
+    Examples
+    --------
+    >>> [cells] = vx.vem.Space(vx.meshes.squares(1)).groups
+    >>> vx.vem.consistent_blocks(cells, np.eye(3)[None]).shape
+    (1, 4, 4, 2, 2)
+    """
     measures, g = cells.gradients()
     count, n, dim = g.shape
     B = _strain_rows(g)
@@ -276,7 +363,7 @@ def consistent_blocks(cells: CellGroup, C: Floats) -> Floats:
 
 
 def _strain_rows(g: Floats) -> Floats:
-    """|K| eps(Pi u) of a unit displacement of each vertex along each axis: (c, components, n dim)."""
+    """Return |K| eps(Pi u), (c, components, n dim), for unit displacements of each vertex along each axis."""
     count, n, dim = g.shape
     B = np.zeros((count, len(COMPONENTS[dim]), n, dim))
     for k, (a, b) in enumerate(COMPONENTS[dim]):
@@ -285,23 +372,33 @@ def _strain_rows(g: Floats) -> Floats:
 
 
 def energy_rows(space: Space, C: Floats, stabilisation: Stabilisation) -> sp.csr_matrix:
-    """F (k, n_u) with F'F the matrix of a^h over all nodal values; a row of F reads the vertices of one cell alone.
+    """Return a sparse F (k, n_u) such that F'F is the matrix of a^h over all nodal values.
 
-    Of a cell these are the roots of its two parts: |K|^{1/2} R eps(Pi u), R'R = C, and a Cholesky factor of the
-    stabilisation, as many rows as that has rank. F is no factor of the whole matrix, so nothing fills it.
+    Each row of F couples the vertices of one cell only. The rows of a cell are the roots of both parts of its energy:
+    |K|^{1/2} R eps(Pi u), R'R = C, and the nonzero rows of a Cholesky factor of the stabilisation. F has no fill-in.
 
     Parameters
     ----------
     space : Space
     C : (n_cells, 3, 3) array, in space (n_cells, 6, 6)
-        Zero on cells without a material.
+        Elastic matrices, force per area; zero on cells without a material.
     stabilisation : Stabilisation
+
+    Returns
+    -------
+    (k, n_u) csr_matrix
+
+    Examples
+    --------
+    >>> space, C = vx.vem.Space(vx.meshes.squares(1)), np.eye(3)[None]
+    >>> vx.vem.energy_rows(space, C, vx.vem.stabilisation_of("unit", np.ones(1))).shape
+    (5, 8)
     """
     dim, rows = space.dim, 0
     data, i, j = list[Floats](), list[Ints](), list[Ints]()
     filled = C[:, 0, 0] > 0.0
     for group in space.groups:
-        for chunk in group.part(np.flatnonzero(filled[group.cells])).chunks(CHUNK):
+        for chunk in group.part(np.flatnonzero(filled[group.cells])).chunks(CACHED_NUMBERS):
             roots = _local_roots(chunk, C[chunk.cells], stabilisation)
             columns = (dim * chunk.nodes[:, :, None] + np.arange(dim)).reshape(len(roots), 1, -1)
             own = rows + np.arange(roots.shape[0] * roots.shape[1]).reshape(*roots.shape[:2], 1)
@@ -315,7 +412,7 @@ def energy_rows(space: Space, C: Floats, stabilisation: Stabilisation) -> sp.csr
 
 
 def _local_roots(cells: CellGroup, C: Floats, stabilisation: Stabilisation) -> Floats:
-    """(c, r, n dim) rows whose squares add up to a_K^h(v, v) of cells with n vertices."""
+    """Return rows (c, r, n dim) whose squares add up to a_K^h(v, v) of cells with n vertices."""
     measures, g = cells.gradients()
     count, n, dim = g.shape
     upper = np.linalg.cholesky(C / measures[:, None, None]).transpose(0, 2, 1)
@@ -334,7 +431,28 @@ def _local_roots(cells: CellGroup, C: Floats, stabilisation: Stabilisation) -> F
 
 
 def cell_energies(space: Space, moduli: Floats, stabilisation: Stabilisation, u: Floats) -> Floats:
-    """a_K^h(u, u) of nodal displacements u (n_nodes, dim), cell by cell: (n_cells,), force times length."""
+    """Return the energy a_K^h(u, u) of each cell.
+
+    Parameters
+    ----------
+    space : Space
+    moduli : (2, n_cells), (6, n_cells) or (21, n_cells) array
+        Force per area.
+    stabilisation : Stabilisation
+    u : (n_nodes, dim) array
+        Nodal displacements.
+
+    Returns
+    -------
+    (n_cells,) array
+        Force times length.
+
+    Examples
+    --------
+    >>> space, moduli = vx.vem.Space(vx.meshes.squares(1)), np.ones((2, 1))
+    >>> vx.vem.cell_energies(space, moduli, vx.vem.stabilisation_of("shear", moduli[1]), space.mesh.points).round(9)
+    array([8.])
+    """
     strain = strains(space, u)
     density = np.sum(strain * stresses(moduli, strain), axis=1)
     missed = missed_energies(space, stabilisation, elastic_matrix(moduli, space.dim), u)
@@ -342,19 +460,35 @@ def cell_energies(space: Space, moduli: Floats, stabilisation: Stabilisation, u:
 
 
 def strains(space: Space, u: Floats, groups: Sequence[CellGroup] | None = None) -> Floats:
-    """The mean strain of a virtual function on each cell, eps(Pi u), (3.13): (n_cells, components).
+    """Return the mean strain eps(Pi u) of a virtual function on each cell, (3.13).
 
-    These are e_xx, e_yy and 2 e_xy in the plane, and e_xx, e_yy, e_zz, 2 e_xy, 2 e_yz, 2 e_xz in space. u are nodal
-    displacements, (n_nodes, dim) or (n_u,). Where `groups` of some cells are given, rows of others mean nothing.
+    Parameters
+    ----------
+    space : Space
+    u : (n_nodes, dim) or (n_u,) array
+        Nodal displacements.
+    groups : sequence of CellGroup, optional
+        Groups of some cells; the rows of all other cells are undefined.
+
+    Returns
+    -------
+    (n_cells, components) array
+        e_xx, e_yy, 2 e_xy in the plane, and e_xx, e_yy, e_zz, 2 e_xy, 2 e_yz, 2 e_xz in space.
+
+    Examples
+    --------
+    >>> space = vx.vem.Space(vx.meshes.squares(1))
+    >>> vx.vem.strains(space, space.mesh.points).round(9)
+    array([[1., 1., 0.]])
     """
     dim = space.mesh.points.shape[1]
     u = np.reshape(u, (-1, dim))
     result = np.empty((space.mesh.n_cells, len(COMPONENTS[dim])))
     for group in space.groups if groups is None else groups:
-        for chunk in group.chunks(CHUNK):
+        for chunk in group.chunks(CACHED_NUMBERS):
             measures, g = chunk.gradients()
             v = u.take(chunk.nodes, axis=0)
-            # Differences from a vertex: a rigid translation much larger than the deformation costs no digits.
+            # Subtract the displacement of a vertex, so that a large rigid translation costs no digits.
             v -= v[:, :1].copy()
             for k, (a, b) in enumerate(COMPONENTS[dim]):
                 sums = np.einsum("ci,ci->c", v[:, :, a], g[:, :, b])
@@ -365,9 +499,22 @@ def strains(space: Space, u: Floats, groups: Sequence[CellGroup] | None = None) 
 
 
 def rigid_modes(points: Floats) -> Floats:
-    """The infinitesimal rigid motions (n_u, 3 or 6): translations along the axes, then rotations about the origin.
+    """Return the infinitesimal rigid motions: translations along the axes, then rotations about the origin.
 
-    In the plane the rotation is (-y, x), in space they are (0, -z, y), (z, 0, -x) and (-y, x, 0).
+    Parameters
+    ----------
+    points : (n_nodes, dim) array
+
+    Returns
+    -------
+    (n_u, 3) array, in space (n_u, 6)
+        The rotation in the plane is (-y, x); the rotations in space are (0, -z, y), (z, 0, -x) and (-y, x, 0).
+
+    Examples
+    --------
+    >>> vx.vem.rigid_modes(np.array([[2.0, 1.0]]))
+    array([[ 1.,  0., -1.],
+           [ 0.,  1.,  2.]])
     """
     dim = points.shape[1]
     turns = ((0, 1),) if dim == 2 else ((1, 2), (2, 0), (0, 1))
@@ -381,82 +528,21 @@ def rigid_modes(points: Floats) -> Floats:
 
 
 def split_motion(mode: Floats) -> tuple[Floats, Floats]:
-    """The translation and the rotation, one number in the plane and three in space, of a sum of rigid modes."""
+    """Split coefficients of rigid modes into translation and rotation.
+
+    Parameters
+    ----------
+    mode : (3,) array, in space (6,)
+        Coefficients of the columns of :func:`rigid_modes`.
+
+    Returns
+    -------
+    translation : (dim,) array
+    rotation : (1,) array, in space (3,)
+
+    Examples
+    --------
+    >>> vx.vem.split_motion(np.array([1.0, 2.0, 3.0]))
+    (array([1., 2.]), array([3.]))
+    """
     return (mode[:2], mode[2:]) if len(mode) == 3 else (mode[:3], mode[3:])
-
-
-COMPONENTS = {2: ((0, 0), (1, 1), (0, 1)), 3: ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))}
-"""Of symmetric tensors in dim dimensions, axis by axis."""
-
-
-def component_names(dim: int) -> tuple[str, ...]:
-    """The names of components: xx, yy, xy ..."""
-    return tuple("xyz"[a] + "xyz"[b] for a, b in COMPONENTS[dim])
-
-
-def isotropic_stress(value: Floats, dim: int) -> Floats:
-    """(k, components) of a stress (k,) in all directions."""
-    return np.column_stack([value if a == b else np.zeros_like(value) for a, b in COMPONENTS[dim]])
-
-
-def stresses(moduli: Floats, strain: Floats) -> Floats:
-    """Stresses (n_cells, components) of strains of these components."""
-    if len(moduli) != 2:
-        return np.einsum("ckl,cl->ck", elastic_matrix(moduli), strain)
-    lam, mu = moduli
-    dim = 2 if strain.shape[1] == len(COMPONENTS[2]) else 3
-    trace = strain[:, 0] + strain[:, 1] if dim == 2 else strain[:, 0] + strain[:, 1] + strain[:, 2]
-    normal = [2 * mu * strain[:, a] + lam * trace for a in range(dim)]
-    return np.column_stack([*normal, *(mu * shear for shear in strain[:, dim:].T)])
-
-
-def tractions(sigma: Floats, normals: Floats) -> Floats:
-    """sigma n (k, dim) of stresses (k, components) and normals (k, dim), of any length."""
-    force = np.zeros(normals.shape)
-    for component, (a, b) in zip(sigma.T, COMPONENTS[normals.shape[1]], strict=True):
-        force[:, a] += component * normals[:, b]
-        if a != b:
-            force[:, b] += component * normals[:, a]
-    return force
-
-
-def elastic_matrix(moduli: Floats, dim: int = 2) -> Floats:
-    """C (n_cells, 3, 3), in space (n_cells, 6, 6), of moduli in either form; `dim` counts for Lame's alone."""
-    if len(moduli) != 2:
-        size = len(COMPONENTS[2 if len(moduli) == 6 else 3])
-        upper, C = np.triu_indices(size), np.zeros((moduli.shape[1], size, size))
-        C[:, upper[0], upper[1]] = C[:, upper[1], upper[0]] = moduli.T
-        return C
-    (lam, mu), size = moduli, len(COMPONENTS[dim])
-    C = np.zeros((len(lam), size, size))
-    C[:, :dim, :dim] = lam[:, None, None]
-    for a in range(size):
-        C[:, a, a] += 2 * mu if a < dim else mu
-    return C
-
-
-def upper_triangle(C: Floats) -> Floats:
-    """Moduli (6, n_cells), in space (21, n_cells), of elastic matrices."""
-    rows, columns = np.triu_indices(C.shape[1])
-    return np.ascontiguousarray(C[:, rows, columns].T)
-
-
-def principal(stress: Floats) -> Floats:
-    """Principal stresses (n, dim), those in the plane or all three, the largest first, of stresses (n, components)."""
-    dim = 3 if stress.shape[1] == len(COMPONENTS[3]) else 2
-    tensor = np.empty((len(stress), dim, dim))
-    for (a, b), component in zip(COMPONENTS[dim], stress.T, strict=True):
-        tensor[:, a, b] = tensor[:, b, a] = component
-    return np.ascontiguousarray(np.linalg.eigvalsh(tensor)[:, ::-1])
-
-
-def equivalent(stress: Floats, out_of_plane: Floats | None = None) -> Floats:
-    """Von Mises' stress (n,) of stresses (n, 6), or (n, 3) in the plane and (n,), zz, across it."""
-    if out_of_plane is None:
-        xx, yy, zz, *shear = stress.T
-    else:
-        xx, yy, *shear = stress.T
-        zz = out_of_plane
-    apart = (xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2
-    squared: Floats = 0.5 * apart + 3.0 * sum(component**2 for component in shear)
-    return np.sqrt(squared)

@@ -1,13 +1,13 @@
-"""Quadrature on cells and edges, and the loads that it gives: of forces, of stresses, and of a given displacement.
+"""Quadrature on cells and edges, and nodal loads of forces, of stresses, and of a given displacement.
 
-The energy projection P^h u_0 of a displacement, (2.11), has a^h(P^h u_0, v) = a(u_0, v) for all v of V^h. The right
-side is the virtual work of the stresses C eps(u_0), of which cells know their mean alone, for v is virtual:
+The energy projection P^h u_0 of a displacement, (2.11), satisfies a^h(P^h u_0, v) = a(u_0, v) for all v of V^h. The
+right-hand side is the virtual work of the stresses C eps(u_0). Since v is virtual, they are replaced by their means:
 
     a(u_0, v)  ~  sum_K |K| C eps_K : eps(Pi v),     |K| eps_K = int_K eps(u_0) = sym int_dK u_0 (x) n ds,
 
-the last by Gauss' theorem, so that u_0 need not be differentiated: the mean strain comes from u_0 on the boundary of
-the cell. What is left out, (C (eps(u_0) - eps_K), eps(v) - eps(Pi v))_K, is at most c h |u_0|_{H^2} |v|, of the order
-of (3.18), and zero where u_0 is linear: P^h u_0 then is u_0, for Pi is consistent, (2.8).
+by Gauss' theorem. So the mean strain needs u_0 on the boundary of the cell, but no derivative of u_0. The omitted term
+(C (eps(u_0) - eps_K), eps(v) - eps(Pi v))_K is at most c h |u_0|_{H^2} |v|, of the order of (3.18). It is zero if u_0
+is linear: then P^h u_0 = u_0, because Pi is consistent, (2.8).
 """
 
 from __future__ import annotations
@@ -28,27 +28,46 @@ from vemcvx.meshes.polygons import (
     signed_areas,
 )
 from vemcvx.vem.boundary import Part, edge_part, face_part
-from vemcvx.vem.elasticity import COMPONENTS
 from vemcvx.vem.projection import CellGroup, PolyhedronGroup
 from vemcvx.vem.space import Space
+from vemcvx.vem.tensors import COMPONENTS
 
-# Quadrature on polygons, exact for degree 2, that never leaves the cell; on polyhedra at the centroid.
+# Quadrature on polygons with points inside the cell, exact for degree 2; on polyhedra at the centroid.
 #
 # With centroid c and second moments M = 1/|K| int_K (x - c)(x - c)' dx, the four points
 #
 #     c +- sqrt(2) M^(1/2) e_x,   c +- sqrt(2) M^(1/2) e_y,   of weight |K|/4 each,
 #
-# match all moments of degree 2. They lie on the ellipse |M^(-1/2)(x - c)|^2 = 2, which every convex cell
-# contains (Kannan, Lovasz, Simonovits, Discrete Comput. Geom. 13 (1995): radius sqrt((d + 2)/d) in d
-# dimensions); in a triangle it touches the sides. Cells where one of these points is not clearly inside are cut
-# into triangles along diagonals. A triangle has three inner points.
+# match all moments of degree 2. They lie on the ellipse |M^(-1/2)(x - c)|^2 = 2, which every convex cell contains
+# (Kannan, Lovasz, Simonovits, Discrete Comput. Geom. 13 (1995): radius sqrt((d + 2)/d) in d dimensions). In a triangle
+# the ellipse touches the sides. If one of these points is not clearly inside a cell, the cell is cut into triangles
+# along diagonals. A triangle has three inner points.
 
 
 Rule = tuple[Floats, Floats, Ints]
 
 
 def cell_quadrature(group: CellGroup) -> Rule:
-    """Points (q, dim) in the cells of a group, weights that add up to their areas, and positions in the group, (q,)."""
+    """Return a quadrature rule on cells, with points inside the cells.
+
+    Parameters
+    ----------
+    group : CellGroup
+
+    Returns
+    -------
+    points : (q, dim) array
+    weights : (q,) array
+        The weights of a cell add up to its area, in space its volume.
+    owner : (q,) array of int
+        The position in the group of the cell of each point.
+
+    Examples
+    --------
+    >>> [group] = vx.vem.Space(vx.meshes.squares(1)).groups
+    >>> vx.vem.cell_quadrature(group)[1]
+    array([0.25, 0.25, 0.25, 0.25])
+    """
     if isinstance(group, PolyhedronGroup):
         return group.quadrature()
     corners = group.corners
@@ -59,7 +78,7 @@ def cell_quadrature(group: CellGroup) -> Rule:
     areas, centres = polygon_centroids(corners)
     about = corners - centres[:, None]
     ring = _ring(about, areas)
-    inside = _sees(ring, about, areas)
+    inside = _all_inside(ring, about, areas)
     whole, cut = np.flatnonzero(inside), np.flatnonzero(~inside)
     four = (ring + centres[:, None])[whole].reshape(-1, 2), np.repeat(0.25 * areas[whole], 4), np.repeat(whole, 4)
     triangles = corners[cut[:, None, None], diagonals_of(corners[cut])]
@@ -69,54 +88,66 @@ def cell_quadrature(group: CellGroup) -> Rule:
 
 
 def _ring(about: Floats, areas: Floats) -> Floats:
-    """The four points (c, 4, 2) relative to the centroid, from vertices relative to the centroid."""
+    """Return the four points (c, 4, 2) relative to the centroid, given the vertices relative to the centroid."""
     after = np.roll(about, -1, axis=1)
     part = cross(about, after) / (12.0 * areas[:, None])
     both = about + after
     # int over the triangle (0, p, q): cross/24 (pp' + qq' + (p + q)(p + q)').
     M = 0.5 * sum(np.einsum("ci,cia,cib->cab", part, p, p) for p in (about, after, both))
     trace = M[:, 0, 0] + M[:, 1, 1]
-    # det may round below zero on cells thinner than 1e-8 of their length; those do not pass _sees.
+    # det may round below zero on cells thinner than 1e-8 of their length; _all_inside rejects these.
     root = np.sqrt(np.maximum(M[:, 0, 0] * M[:, 1, 1] - M[:, 0, 1] ** 2, 0.0))
     half = (M + root[:, None, None] * np.eye(2)) * np.sqrt(2.0 / (trace + 2.0 * root))[:, None, None]
     return np.concatenate([half, -half], axis=1)
 
 
-def _sees(points: Floats, corners: Floats, areas: Floats) -> Bools:
-    """Return True if all points (c, p, 2) of a cell lie clearly left of all its edges: (c,)."""
+def _all_inside(points: Floats, corners: Floats, areas: Floats) -> Bools:
+    """Return True for cells (c,) whose points (c, p, 2) all lie clearly left of all edges."""
     edge = np.roll(corners, -1, axis=1) - corners
-    # "Clearly inside" is 1e-6 sqrt(|K|) on the inner side of each edge. It excludes the touching cases (triangles with
-    # hanging nodes), where round-off would decide; aspect ratios of 1e11 pass.
+    # "Clearly" means by 1e-6 sqrt(|K|). This excludes points that touch edges (in triangles with hanging nodes), where
+    # rounding would decide; aspect ratios of 1e11 pass.
     reach = 1e-6 * np.sqrt(np.einsum("cia,cia->ci", edge, edge) * areas[:, None])
     left = cross(edge[:, :, None], points[:, None] - corners[:, :, None])
     return np.all(left > reach[:, :, None], axis=(1, 2))
 
 
 def _on_triangles(triangles: Floats, owner: Ints) -> Rule:
-    """Three points in each triangle (..., 3, 2) of the cells that own them."""
+    """Return the rule with three points in each triangle (..., 3, 2); `owner` are the cells of the triangles."""
     triangles = triangles.reshape(-1, 3, 2)
     weights = np.repeat(signed_areas(triangles) / 3.0, 3)
     return places(triangles, INNER).reshape(-1, 2), weights, np.repeat(owner, 3)
 
 
-# Loads of Section 3, before (3.14): matrices that turn point values of a force into a nodal load vector.
+# Loads of Section 3, before (3.14): matrices from point values of a force to a nodal load vector.
 #
 #     <l^h, v> = sum_K int_K Pi_0^0 f_1 . v_hat dx + int_{Gamma_N} f_2 . v ds,
 #
-# where v_hat is the average of the vertex values of v on K: each vertex of K takes an equal part of the cell's
-# force int_K f_1 dx. Traces are linear, and two Gauss points an edge integrate f_2 . v exactly for f_2 of
-# degree 2; seven points a triangle of a face, for f_2 of degree 4.
+# where v_hat is the average of the vertex values of v on K: each vertex of K carries an equal part of the force
+# int_K f_1 dx of the cell. Traces are linear. So two Gauss points per edge integrate f_2 . v exactly for f_2 of degree
+# 2, and seven points per triangle of a face for f_2 of degree 4.
 def edge_load(space: Space, part: Part) -> tuple[Floats, sp.csr_matrix, Ints]:
-    """The load of a force per length, in space per area, on a part of the boundary.
+    """Return the load of a force per length, in space per area, on a part of the boundary.
+
+    Parameters
+    ----------
+    space : Space
+    part : Part
 
     Returns
     -------
     points : (q, dim) array
-        Two Gauss points an edge; seven a triangle of a face.
+        Two Gauss points per edge; seven points per triangle of a face.
     matrix : (n_u, dim q) csr_matrix
         ``matrix @ f(points).ravel()`` is the nodal load; exact for f of degree 2 on edges, 4 on faces.
     sides : (q,) array of int
-        The side of each point, as a place in the part.
+        The side of each point, as a position in the part.
+
+    Examples
+    --------
+    >>> space = vx.vem.Space(vx.meshes.squares(1))
+    >>> points, matrix, sides = vx.vem.edge_load(space, space.part("left", "example"))
+    >>> print((matrix @ np.tile([1.0, 0.0], len(points))).round(9))
+    [0.5 0.  0.  0.  0.5 0.  0.  0. ]
     """
     rules = part.rules(2)  # Gauss points on an edge
     points = np.concatenate([rule.points.reshape(-1, space.dim) for rule in rules])
@@ -125,12 +156,16 @@ def edge_load(space: Space, part: Part) -> tuple[Floats, sp.csr_matrix, Ints]:
     for rule in rules:
         m, n, q = rule.shares.shape
         nodes = np.repeat(rule.nodes, q, axis=0)
-        matrices.append(_spread(nodes, rule.shares.transpose(0, 2, 1).reshape(m * q, n), space))
+        matrices.append(_load_matrix(nodes, rule.shares.transpose(0, 2, 1).reshape(m * q, n), space))
     return points, sp.hstack(matrices, format="csc").tocsr(), sides
 
 
 def cell_load(space: Space) -> tuple[Floats, sp.csr_matrix, Ints]:
-    """The load of a force per area, (Pi_0^0 f, average of the vertex values).
+    """Return the load of a force per area, in space per volume: (Pi_0^0 f, average of the vertex values).
+
+    Parameters
+    ----------
+    space : Space
 
     Returns
     -------
@@ -140,6 +175,12 @@ def cell_load(space: Space) -> tuple[Floats, sp.csr_matrix, Ints]:
         ``matrix @ f(points).ravel()`` is the nodal load; exact for f of degree 2 on polygons, 1 on polyhedra.
     cells : (q,) array of int
         The cell of each point.
+
+    Examples
+    --------
+    >>> points, matrix, cells = vx.vem.cell_load(vx.vem.Space(vx.meshes.squares(1)))
+    >>> print(matrix @ np.tile([0.0, -4.0], len(points)))
+    [ 0. -1.  0. -1.  0. -1.  0. -1.]
     """
     points, matrices, cells = [], [], []
     for group in space.groups:
@@ -149,14 +190,28 @@ def cell_load(space: Space) -> tuple[Floats, sp.csr_matrix, Ints]:
             points.append(x)
             cells.append(chunk.cells[owner])
             shares = np.repeat(weights[:, None] / n, n, axis=1)
-            matrices.append(_spread(chunk.nodes[owner], shares, space))
+            matrices.append(_load_matrix(chunk.nodes[owner], shares, space))
     return np.concatenate(points), sp.hstack(matrices, format="csc").tocsr(), np.concatenate(cells)
 
 
 def mean_weights(space: Space, some: Bools) -> tuple[Floats, Floats]:
-    """Return weights of nodal values that integrate Pi u (n_nodes,) and its gradient (n_nodes, dim) over some cells.
+    """Return the weights of nodal values in the integrals of Pi u and of its gradient over some cells.
 
-    Of Pi u that is |K| times its value at the centroid.
+    Parameters
+    ----------
+    space : Space
+    some : (n_cells,) bool array
+
+    Returns
+    -------
+    values : (n_nodes,) array
+        The integral of Pi u over a cell is |K| times its value at the centroid.
+    gradient : (n_nodes, dim) array
+
+    Examples
+    --------
+    >>> vx.vem.mean_weights(vx.vem.Space(vx.meshes.squares(1)), np.array([True]))[0]
+    array([0.25, 0.25, 0.25, 0.25])
     """
     mesh = space.mesh
     values, gradient = np.zeros(len(mesh.points)), np.zeros(mesh.points.shape)
@@ -171,12 +226,22 @@ def mean_weights(space: Space, some: Bools) -> tuple[Floats, Floats]:
 
 
 def stress_load(space: Space) -> sp.csr_matrix:
-    """The virtual work of stresses that are constant on cells, sum_K |K| sigma : eps(Pi v).
+    """Return the load of stresses that are constant on cells, sum_K |K| sigma : eps(Pi v).
+
+    Parameters
+    ----------
+    space : Space
 
     Returns
     -------
     (n_u, components n_cells) csr_matrix
-        ``matrix @ sigma.ravel()`` for sigma (n_cells, components), in the order of :mod:`vemcvx.vem.elasticity`.
+        ``matrix @ sigma.ravel()`` is the nodal load of sigma (n_cells, components), in the order of
+        :mod:`vemcvx.vem.tensors`.
+
+    Examples
+    --------
+    >>> vx.vem.stress_load(vx.vem.Space(vx.meshes.squares(1))).shape
+    (8, 3)
     """
     dim, components = space.dim, COMPONENTS[space.dim]
     rows, columns, values = [], [], []
@@ -192,8 +257,8 @@ def stress_load(space: Space) -> sp.csr_matrix:
     return sp.coo_matrix((v, (i, j)), shape=(space.n_unknowns, len(components) * space.mesh.n_cells)).tocsr()
 
 
-def _spread(nodes: Ints, shares: Floats, space: Space) -> sp.csc_matrix:
-    """(n_u, dim q) from the nodes (q, n) that each point loads, and the share of each, (q, n)."""
+def _load_matrix(nodes: Ints, shares: Floats, space: Space) -> sp.csc_matrix:
+    """Return the matrix (n_u, dim q) that loads node nodes[k, i] by shares[k, i] of the force at point k."""
     (q, n), dim = nodes.shape, space.dim
     rows = dim * nodes[:, None, :] + np.arange(dim)[:, None]
     values = np.repeat(shares[:, None, :], dim, axis=1)
@@ -202,9 +267,23 @@ def _spread(nodes: Ints, shares: Floats, space: Space) -> sp.csc_matrix:
 
 
 def mean_strains(space: Space, displacement: Callable[[Floats], Floats]) -> Floats:
-    """(n_cells, components) means over cells of the strains of a displacement, a function of points (q, dim).
+    """Return the mean strain of a displacement on each cell.
 
-    Components are those of :mod:`vemcvx.vem.elasticity`; across, they are 2 e_xy and so on.
+    Parameters
+    ----------
+    space : Space
+    displacement : callable
+        A function of points (q, dim) with values (q, dim).
+
+    Returns
+    -------
+    (n_cells, components) array
+        Components in the order of :mod:`vemcvx.vem.tensors`; shear strains are 2 e_xy and so on.
+
+    Examples
+    --------
+    >>> vx.vem.mean_strains(vx.vem.Space(vx.meshes.squares(1)), lambda x: x[:, ::-1] * 0.5).round(9) + 0.0
+    array([[0., 0., 1.]])
     """
     mesh, sides = space.mesh, space.mesh._sides
     if isinstance(mesh, PolyhedralMesh):
@@ -212,10 +291,10 @@ def mean_strains(space: Space, displacement: Callable[[Floats], Floats]) -> Floa
     else:
         part = edge_part(sides.vertices.reshape(-1, 2), mesh.points)
     total = np.zeros((len(sides.cells), space.dim))
-    for rule in part.rules(4):  # exact for degree 7, as faces are for degree 5
+    for rule in part.rules(4):  # exact for degree 7 on edges and 5 on faces
         values = displacement(rule.points.reshape(-1, space.dim)).reshape(rule.points.shape)
         total[rule.sides] = np.einsum("fq,fqa->fa", rule.shares.sum(axis=1), values)
-    flux = total[:, :, None] * part.normals[:, None, :]  # int u (x) n ds, out of the first cell of each side
+    flux = total[:, :, None] * part.normals[:, None, :]  # int u (x) n ds, n outward for the first cell of each side
     columns = [flux[:, a, a] if a == b else flux[:, a, b] + flux[:, b, a] for a, b in COMPONENTS[space.dim]]
     (first, second), inner = sides.cells.T, sides.cells[:, 1] >= 0
     sums = [totals(first, x, mesh.n_cells) - totals(second[inner], x[inner], mesh.n_cells) for x in columns]

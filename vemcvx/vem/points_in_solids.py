@@ -1,8 +1,8 @@
-"""Points of polyhedra as averages over nodes and cells: where they lie, and what functions of the space are there.
+"""Values of virtual functions at points of polyhedra, as averages over nodes and over cells.
 
-A point lies in a closed cell if the triangles of its faces, seen from there, fill the sphere (4 pi), or if it is on one
-of them but for rounding. On faces functions are known, piecewise linear (:mod:`.projection`), and take their own values
-at nodes; inside cells Pi u stands for them.
+A point lies in a closed cell if the solid angles of the triangles of its faces add up to 4 pi, or if it is on one of
+these triangles up to rounding. On faces virtual functions are piecewise linear (:mod:`.projection`); inside a cell they
+are replaced by Pi u.
 """
 
 from __future__ import annotations
@@ -20,11 +20,29 @@ from vemcvx.vem.space import Space
 
 
 def solid_places(space: Space, mesh: PolyhedralMesh, x: Floats) -> tuple[sp.csr_matrix, sp.csr_matrix]:
-    """Matrices (p, n_nodes) and (p, n_cells) that take values at nodes and on cells to points x (p, 3).
+    """Return matrices from nodal values and from cell values to values at points.
 
-    Where several cells meet, their values are averaged; points outside of the mesh have empty rows.
+    The values of several cells that meet at a point are averaged; points outside the mesh have empty rows.
+
+    Parameters
+    ----------
+    space : Space
+    mesh : PolyhedralMesh
+        The mesh of the space.
+    x : (p, 3) array
+
+    Returns
+    -------
+    nodes : (p, n_nodes) csr_matrix
+    cells : (p, n_cells) csr_matrix
+
+    Examples
+    --------
+    >>> mesh = vx.meshes.cubes(1)
+    >>> vx.vem.solid_places(vx.vem.Space(mesh), mesh, np.array([[0.5, 0.5, 0.5]]))[1].toarray()
+    array([[1.]])
     """
-    # Points in one go: each meets some hundred triangles.
+    # Each point meets a few hundred triangles, so points are treated in batches.
     parts = [_places(space, mesh, x[k : k + SOME]) for k in range(0, len(x), SOME)]
     nodes, cells = ([part[k] for part in parts] for k in range(2))
     return sp.vstack(nodes, format="csr"), sp.vstack(cells, format="csr")
@@ -40,7 +58,7 @@ def _places(space: Space, mesh: PolyhedralMesh, x: Floats) -> tuple[sp.csr_matri
         return sp.csr_matrix((len(x), mesh.n_nodes)), sp.csr_matrix((len(x), mesh.n_cells))
     order = np.lexsort([cell, point])
     point, cell = point[order], cell[order]
-    # Of each pair of a point and a cell that may hold it, all triangles of the cell's faces.
+    # Find all triangles of the faces of each cell that may contain a point.
     counts = np.diff(mesh.cell_offsets)[cell]
     side = spans(mesh.cell_offsets[cell], counts)
     face = mesh.cell_faces[side]
@@ -54,13 +72,13 @@ def _places(space: Space, mesh: PolyhedralMesh, x: Floats) -> tuple[sp.csr_matri
     on = distance <= reach
     holds = (np.bincount(pair, angles, len(point)) > 2.0 * np.pi) | (np.bincount(pair, on, len(point)) > 0)
     if mesh.interfaces:
-        # A point on an interface counts with the first body, unless only cells of second ones hold it.
+        # A point on an interface belongs to the first body, unless only cells of second bodies contain it.
         seconds = np.zeros(mesh.n_faces, dtype=bool)
         for joint in mesh.interfaces.values():
             seconds[mesh.boundaries["boundary"][faces_of(joint.partners, mesh._outlines)]] = True
         second = holds & (np.bincount(pair, on & np.repeat(seconds[face], several), len(point)) > 0)
         holds &= ~(second & np.isin(point, point[holds & ~second]))
-    # Points on faces take the values of the nearest triangle, all others those of Pi u in the first cell.
+    # Points on faces get the value on the nearest triangle, other points the value of Pi u in the first cell.
     near = np.flatnonzero(on & holds[pair])
     best = near[least_of_each(point[pair[near]], distance[near])]
     traced, columns = point[pair[best]], 3 * triangle[best][:, None] + np.arange(3)
@@ -71,13 +89,13 @@ def _places(space: Space, mesh: PolyhedralMesh, x: Floats) -> tuple[sp.csr_matri
     first = first[~np.isin(point[first], traced)]
     share = 1.0 / np.bincount(point, minlength=len(x))[point]
     cells = sp.csr_matrix((share, (point, cell)), shape=(len(x), mesh.n_cells))
-    return sp.csr_matrix(traces + space.projected_values(x, point[first], cell[first])), cells
+    return sp.csr_matrix(traces + space.project_values(x, point[first], cell[first])), cells
 
 
 def _triangles(mesh: PolyhedralMesh, faces: Ints) -> tuple[Ints, Floats, sp.csr_matrix]:
-    """Offsets (f + 1,) of the triangles of some faces (f,), these (t, 3, 3), and a matrix (3 t, n_nodes).
+    """Return the triangles (t, 3, 3) of faces (f,), their offsets (f + 1,), and a matrix (3 t, n_nodes).
 
-    The matrix takes nodal values to those at the corners of the triangles.
+    The matrix maps nodal values to values at the corners of the triangles.
     """
     owner, corners, values = [], [], []
     for group in face_groups(mesh.points, mesh.face_offsets, mesh.face_vertices, faces):
@@ -87,7 +105,7 @@ def _triangles(mesh: PolyhedralMesh, faces: Ints) -> tuple[Ints, Floats, sp.csr_
         row = np.arange(f)[:, None, None]
         owner.append(np.repeat(group.faces, group.triangles.shape[1]))
         corners.append(at[row, group.triangles].reshape(-1, 3, 3))
-        # Of every face its vertices, then c.
+        # Each face has the values at its vertices, then the value at c.
         entries = np.concatenate([np.broadcast_to(np.eye(n), (f, n, n)), group.weights[:, None]], axis=1)
         columns = np.repeat(group.nodes[:, None], n + 1, axis=1)
         starts = np.arange(0, f * (n + 1) * n + 1, n)
@@ -101,12 +119,15 @@ def _triangles(mesh: PolyhedralMesh, faces: Ints) -> tuple[Ints, Floats, sp.csr_
 
 
 def _nearest(arms: Floats) -> tuple[Floats, Floats]:
-    """Barycentric coordinates (k, 3) of the points of triangles (k, 3, 3) nearest to the origin if that is close."""
+    """Return barycentric coordinates (k, 3) of the point of each triangle nearest to the origin, and its distance.
+
+    They are correct for triangles (k, 3, 3) close to the origin.
+    """
     a, b, c = (arms[:, k] for k in range(3))
     normal = np.cross(b - a, c - a)
     part = np.stack([np.einsum("ki,ki->k", normal, np.cross(p, q)) for p, q in ((b, c), (c, a), (a, b))], axis=1)
     part = np.maximum(part, 0.0)
-    here = np.all(arms == 0.0, axis=2)  # At a corner that corner alone counts.
+    here = np.all(arms == 0.0, axis=2)  # At a corner only this corner counts.
     corner = np.any(here, axis=1)
     part[corner] = here[corner]
     weights = part / np.maximum(part.sum(axis=1), np.finfo(float).tiny)[:, None]

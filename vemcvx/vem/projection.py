@@ -1,4 +1,4 @@
-"""The projection Pi of functions known at vertices, on polygons, plane faces and polyhedra, and its integrals."""
+"""The projection Pi of functions with given vertex values, on polygons, plane faces and polyhedra."""
 
 from __future__ import annotations
 
@@ -21,28 +21,28 @@ from vemcvx.meshes.polygons import (
 
 # The projection Pi_K of Section 3 in vertex values.
 #
-# For v in (W_K^h)^2, (3.11), the paper fixes the linear field Pi_K v by three conditions: for all linear q
+# For v in (W_K^h)^2, (3.11), three conditions determine the linear field Pi_K v: for all linear q
 #
 #     (eps(Pi v), eps(q))_K = (eps(v), eps(q))_K,   int_dK Pi v ds = int_dK v ds,   int_K rot Pi v dx = int_K rot v dx.
 #
-# eps(q) runs through all constant symmetric matrices, so the first says that eps(Pi v) is the mean of eps(v) over K,
-# the third that the rotation of Pi v is the mean rotation. Together: grad Pi v = 1/|K| int_K grad v dx, component by
-# component, as if each were projected on its own. By Gauss, with v linear on the edges e_i = [x_i, x_{i+1}] of
-# outward normal n_i (|e_i| n_i = (y_{i+1} - y_i, x_i - x_{i+1})),
+# eps(q) runs through all constant symmetric matrices. So by the first condition eps(Pi v) is the mean of eps(v) over K,
+# and by the third the rotation of Pi v is the mean rotation. Together: grad Pi v = 1/|K| int_K grad v dx, for each
+# component separately. By Gauss' theorem, with v linear on the edges e_i = [x_i, x_{i+1}] with the outward normals n_i
+# (|e_i| n_i = (y_{i+1} - y_i, x_i - x_{i+1})),
 #
 #     grad Pi v = 1/|K| int_dK v (x) n ds = sum_i v_i (x) G_i,
 #     G_i = (|e_{i-1}| n_{i-1} + |e_i| n_i) / (2|K|) = (y_{i+1} - y_{i-1}, x_{i-1} - x_{i+1}) / (2|K|),
 #
-# and the second condition fixes the constant:
+# and the second condition determines the constant:
 #
 #     Pi v(x) = sum_i w_i v_i + grad Pi v (x - xbar),   w_i = (|e_{i-1}| + |e_i|) / (2|dK|),   xbar = sum_i w_i x_i.
 #
-# Nothing here divides by an edge length, so edges may be as short as round-off lets them be; all quantities are
-# homogeneous in the coordinates, so that scaling these by a power of two changes no bit of G |K| / h, w and Pi.
+# Nothing here divides by an edge length, so edges may be as short as rounding allows. All quantities are homogeneous
+# in the coordinates: scaling these by a power of two changes no bit of G |K| / h, w and Pi.
 def area_gradients(corners: Floats) -> tuple[Floats, Floats]:
-    """Areas |K| (c,) and |K| G_i (c, n, 2) of cells (c, n, 2), counter-clockwise, relative to a point of the cell.
+    """Return areas |K| (c,) and |K| G_i (c, n, 2) of counter-clockwise cells (c, n, 2) near the origin.
 
-    |K| = sum_i x_i |K| (G_i)_x: the very sum that makes the gradient of x one.
+    |K| = sum_i x_i |K| (G_i)_x is the sum for which the computed gradient of x is exactly one.
     """
     chord = np.roll(corners, -1, axis=1) - np.roll(corners, 1, axis=1)
     gradients = np.empty_like(corners)
@@ -52,7 +52,7 @@ def area_gradients(corners: Floats) -> tuple[Floats, Floats]:
 
 
 def boundary_weights(corners: Floats) -> Floats:
-    """Weights w_i (c, n) of the mean over the boundary of a function linear on edges."""
+    """Return the weights w_i (c, n) in the boundary mean of a function that is linear on edges."""
     edge = np.roll(corners, -1, axis=1) - corners
     length = np.sqrt(np.einsum("cia,cia->ci", edge, edge))
     both = length + np.roll(length, 1, axis=1)
@@ -60,10 +60,23 @@ def boundary_weights(corners: Floats) -> Floats:
 
 
 def tangents_of(normals: Floats) -> Floats:
-    """(k, dim - 1, dim) orthonormal vectors across each unit normal (k, dim); exact where the normal is an axis.
+    """Return orthonormal tangents of each unit normal, exactly if the normal is an axis.
 
-    In the plane the normal turned by +90 degrees, so that the body lies on its left. In space the axis furthest from
-    the normal, projected, and a second one that makes (t1, t2, n) right-handed.
+    The tangent in the plane is the normal rotated by +90 degrees: the body is on its left. In space the first tangent
+    is the projection of the axis farthest from the normal, and (t1, t2, n) is right-handed.
+
+    Parameters
+    ----------
+    normals : (k, dim) array
+
+    Returns
+    -------
+    (k, dim - 1, dim) array
+
+    Examples
+    --------
+    >>> vx.vem.tangents_of(np.array([[0.0, -1.0]]))
+    array([[[1., 0.]]])
     """
     if normals.shape[1] == 2:
         return np.stack([-normals[:, 1] + 0.0, normals[:, 0]], axis=1)[:, None, :]
@@ -73,50 +86,50 @@ def tangents_of(normals: Floats) -> Floats:
     return np.stack([first, np.cross(normals, first)], axis=1) + 0.0
 
 
-# Functions on plane faces of polyhedra, given by the vertices: integrals that are exact for linear functions.
+# Functions on plane faces of polyhedra with given vertex values: their integrals are exact for linear functions.
 #
-# A face is fanned from the mean of its outline, c = sum_i w_i x_i with w_i = (|e_{i-1}| + |e_i|) / (2 |df|), where a
-# function takes the value sum_i w_i v_i, and is linear on each triangle (c, x_i, x_{i+1}). With N_i the area vectors
-# of these and N their sum,
+# A face is split into triangles (c, x_i, x_{i+1}) around the mean of its outline, c = sum_i w_i x_i with the weights
+# w_i = (|e_{i-1}| + |e_i|) / (2 |df|). A function is sum_i w_i v_i at c, and linear on each triangle. With the area
+# vectors N_i of the triangles and their sum N,
 #
 #     int_f v nu = sum_i b_i v_i,   b_i = (N_{i-1} + N_i) / 3 + w_i N / 3,   a_i = int_f phi_i = |b_i|,
 #
-# so that a_i is A/3 on triangles, A/4 on rectangles, and positive: contact has weights that are. Both cells of a face
-# share its triangles, so the sum of the b_i over a closed surface vanishes even if faces are warped by rounding. A
-# face that c does not see all of is cut into triangles along diagonals, without c.
+# where a_i is A/3 on triangles, A/4 on rectangles, and always positive, as weights of contact must be. Both cells of a
+# face share its triangles, so the sum of the b_i over a closed surface vanishes even if rounding warps faces. A face
+# that is not star-shaped about c is cut into triangles along diagonals, without c.
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FaceGroup:
-    """Faces with equally many vertices, cut into equally many triangles."""
+    """A group of faces with equally many vertices, cut into equally many triangles."""
 
     faces: Ints  # (f,) face numbers
-    nodes: Ints  # (f, n) their vertices; the right-hand rule gives the normal
+    nodes: Ints  # (f, n) vertices; the right-hand rule gives the normal
     origin: Floats  # (f, 3) the first vertex
-    corners: Floats  # (f, n + 1, 3) the vertices relative to the first, and c
+    corners: Floats  # (f, n + 1, 3) the vertices and c, relative to the first vertex
     weights: Floats  # (f, n) w_i
-    triangles: Ints  # (f, T, 3) numbers below n + 1
+    triangles: Ints  # (f, T, 3) positions in `corners`
 
     @cached_property
     def vectors(self) -> Floats:
-        """(f, T, 3) area vectors of the triangles."""
-        a, b, c = self._of_triangles(self.corners).transpose(2, 0, 1, 3)
+        """The area vectors (f, T, 3) of the triangles."""
+        a, b, c = self._at_triangles(self.corners).transpose(2, 0, 1, 3)
         return 0.5 * np.cross(b - a, c - a)
 
     @property
     def vector_shares(self) -> Floats:
-        """(f, n, 3) the b_i."""
+        """The vectors b_i (f, n, 3)."""
         third = self.vectors / 3.0
         return self._to_vertices(np.repeat(third[:, :, None], 3, axis=2))
 
     @property
     def shares(self) -> Floats:
-        """(f, n) the a_i."""
+        """The weights a_i (f, n)."""
         third = np.linalg.norm(self.vectors, axis=2)[:, :, None] / 3.0
         return self._to_vertices(np.repeat(third, 3, axis=2))
 
     def quadrature(self) -> tuple[Floats, Floats]:
-        """Points (f, q, 3) of the faces, and shares (f, n, q): weights times basis functions, exact for degree 5."""
+        """Return points (f, q, 3), and weights times basis functions (f, n, q), exact for degree 5."""
         f, count = self.triangles.shape[:2]
-        within = np.einsum("qk,ftki->ftqi", RADON_POINTS, self._of_triangles(self.corners))
+        within = np.einsum("qk,ftki->ftqi", RADON_POINTS, self._at_triangles(self.corners))
         each = np.linalg.norm(self.vectors, axis=2)[:, :, None, None] * (RADON_WEIGHTS[:, None] * RADON_POINTS).T
         shares = np.zeros((f, self.corners.shape[1], count, len(RADON_WEIGHTS)))
         rows = np.arange(f)
@@ -127,12 +140,12 @@ class FaceGroup:
         spread = shares[:, :n] + self.weights[:, :, None, None] * shares[:, n:]
         return self.origin[:, None] + within.reshape(f, -1, 3), spread.reshape(f, n, -1)
 
-    def _of_triangles(self, values: Floats) -> Floats:
-        """(f, T, 3, ...) of values (f, n + 1, ...)."""
+    def _at_triangles(self, values: Floats) -> Floats:
+        """Return the values (f, T, 3, ...) at the corners of triangles, from values (f, n + 1, ...) at points."""
         return values[np.arange(len(values))[:, None, None], self.triangles]
 
     def _to_vertices(self, values: Floats) -> Floats:
-        """Sums (f, n, ...) of what the corners of triangles have, (f, T, 3, ...)."""
+        """Sum values (f, T, 3, ...) at the corners of triangles into the vertices, (f, n, ...)."""
         f, count = self.triangles.shape[:2]
         total, rows = np.zeros((f, self.corners.shape[1], *values.shape[3:])), np.arange(f)
         for t in range(count):
@@ -144,7 +157,7 @@ class FaceGroup:
 
 
 def face_groups(points: Floats, offsets: Ints, vertices: Ints, faces: Ints) -> Iterator[FaceGroup]:
-    """Groups of faces with equally many vertices; face f has ``vertices[offsets[f]:offsets[f + 1]]``."""
+    """Yield groups of faces with equally many vertices; face f has ``vertices[offsets[f]:offsets[f + 1]]``."""
     counts = (offsets[1:] - offsets[:-1])[faces]
     for n in np.unique(counts):
         some = faces[counts == n]
@@ -161,107 +174,123 @@ def face_groups(points: Floats, offsets: Ints, vertices: Ints, faces: Ints) -> I
             yield fans
             continue
         if sees.any():
-            yield _some(fans, sees)
-        cut = _some(fans, ~sees)
-        yield replace(cut, triangles=_along_diagonals(cut.corners[:, :n]))
+            yield _select_faces(fans, sees)
+        cut = _select_faces(fans, ~sees)
+        yield replace(cut, triangles=_split_along_diagonals(cut.corners[:, :n]))
 
 
-def _some(group: FaceGroup, mine: Bools) -> FaceGroup:
+def _select_faces(group: FaceGroup, mine: Bools) -> FaceGroup:
     return replace(group, **{field.name: getattr(group, field.name)[mine] for field in fields(group)})
 
 
 def _fan(n: int) -> Ints:
-    """The triangles (n, 3) of a fan from point n; a triangle is its own."""
+    """Return the triangles (n, 3) of a fan around point n; a triangle stays one triangle."""
     if n == 3:
         return np.arange(3)[None]
     return np.column_stack([np.full(n, n), np.arange(n), np.roll(np.arange(n), -1)])
 
 
-def _along_diagonals(corners: Floats) -> Ints:
-    """Triangles (f, n - 2, 3) of faces (f, n, 3)."""
+def _split_along_diagonals(corners: Floats) -> Ints:
+    """Return the triangles (f, n - 2, 3) of faces (f, n, 3)."""
     vector = 0.5 * np.cross(corners, np.roll(corners, -1, axis=1)).sum(axis=1)
     plane = tangents_of(vector / np.linalg.norm(vector, axis=1)[:, None])
     return diagonals_of(np.einsum("fbi,fni->fnb", plane, corners))
 
 
-CHUNK = 2**16
-"""Numbers of eight bytes that stay in a second-level cache with a few temporaries of that size."""
+CACHED_NUMBERS = 2**16
+"""Size of an array of eight-byte numbers that fits into the second-level cache with a few temporaries."""
 
 
 @dataclass(frozen=True, eq=False)
 class CellGroup:
-    """Polygons with equally many vertices; polyhedra differ as `PolyhedronGroup` says."""
+    """A group of cells with equally many vertices: polygons; for polyhedra see `PolyhedronGroup`.
 
-    cells: Ints  #: (c,) cell numbers
-    nodes: Ints  #: (c, n) their vertices, of polygons counter-clockwise
-    points: Floats  #: (n_nodes, dim) the points of the whole mesh
+    Attributes
+    ----------
+    cells : (c,) array of int
+        Cell numbers.
+    nodes : (c, n) array of int
+        The vertices of the cells, of polygons counter-clockwise.
+    points : (n_nodes, dim) array
+        The points of the whole mesh.
+
+    Examples
+    --------
+    >>> [cells] = vx.vem.Space(vx.meshes.squares(2)).groups
+    >>> cells.nodes.shape
+    (4, 4)
+    """
+
+    cells: Ints
+    nodes: Ints
+    points: Floats
 
     @cached_property
     def corners(self) -> Floats:
-        """Vertex coordinates (c, n, dim) relative to the first vertex of each cell.
+        """The vertex coordinates (c, n, dim) relative to the first vertex of each cell.
 
-        Differences of neighbouring coordinates are exact, products of coordinates near 1e6 are not: with
-        this origin a body far away from the origin loses nothing more than its points were rounded by.
+        Differences of neighbouring coordinates are exact, products of large coordinates are not. So a body far from
+        the origin has no further rounding errors than those of its points.
         """
-        corners = self.points.take(self.nodes, axis=0)  # in half the time of an index
+        corners = self.points.take(self.nodes, axis=0)  # twice as fast as indexing
         corners -= corners[:, :1].copy()
         return read_only(corners)
 
     @property
     def simplices(self) -> bool:
-        """True if the cells are triangles, or tetrahedra, on which Pi v = v."""
+        """True if the cells are triangles or tetrahedra, on which Pi v = v."""
         return bool(self.nodes.shape[1] == self.points.shape[1] + 1)
 
     @property
     def shapes(self) -> tuple[Floats, ...]:
-        """Arrays (c, ...) that local matrices depend on, beside moduli: equal to the bit for translates."""
+        """The arrays (c, ...) that determine local matrices for given moduli; translates have exactly equal rows."""
         return (self.corners,)
 
     @property
     def stabilised_size(self) -> Floats:
-        """h_K^(dim - 2), by which the stabilisation is scaled, (c,)."""
+        """The factor h_K^(dim - 2) of the stabilisation, (c,)."""
         return np.ones(len(self.cells))
 
     def gradients(self) -> tuple[Floats, Floats]:
-        """|K| (c,), and |K| G_i (c, n, dim): grad Pi v = sum_i v_i (x) G_i."""
+        """Return |K| (c,), and |K| G_i (c, n, dim): grad Pi v = sum_i v_i (x) G_i."""
         return area_gradients(self.corners)
 
     def boundary_means(self) -> Floats:
-        """(c, n) weights of the mean over the boundary of a cell."""
+        """Return the weights (c, n) of the mean over the boundary of a cell."""
         return boundary_weights(self.corners)
 
     def vertex_values(self) -> Floats:
-        """Pi at the vertices, (c, n, n): entry (i, j) is Pi of the basis function of x_j at x_i."""
+        """Return Pi in vertex values, (c, n, n): entry (i, j) is Pi of the basis function of x_j at x_i."""
         (measures, gradients), w = self.gradients(), self.boundary_means()
         centre = np.einsum("ci,cia->ca", w, self.corners)
         arms = (self.corners - centre[:, None]) / measures[:, None, None]
         linear: Floats = np.matmul(arms, gradients.transpose(0, 2, 1))
         return linear + w[:, None, :]
 
-    def chunks(self, entries: int = CHUNK) -> Iterator[CellGroup]:
-        """The group in pieces whose local n x n matrices hold about `entries` numbers together."""
+    def chunks(self, entries: int = CACHED_NUMBERS) -> Iterator[CellGroup]:
+        """Yield the group in pieces whose local n x n matrices have about `entries` numbers together."""
         size = max(1, entries // self.nodes.shape[1] ** 2)
         for start in range(0, len(self.cells), size):
             yield self.part(slice(start, start + size))
 
     def part(self, places: Ints | slice) -> Self:
-        """Some of its cells, by their places in the group."""
+        """Return the group of some cells, given by their positions in this group."""
         own = [field.name for field in fields(self) if field.name != "points"]
         return replace(self, **{name: getattr(self, name)[places] for name in own})
 
 
-# Polyhedral cells: what the projection Pi is made of, from integrals over their faces.
+# Polyhedral cells: the projection Pi from integrals over faces.
 #
-# With b_{f,i} and a_{f,i} the shares of a node in a face (see `FaceGroup`), outward for the cell, Gauss' theorem gives
+# With the b_{f,i}, outward for the cell, and a_{f,i} of a node and a face (see `FaceGroup`), Gauss' theorem gives
 #
 #     |K| G_i = sum_f b_{f,i},   grad Pi v = sum_i v_i (x) G_i,   |K| = sum_i x_i . |K| G_i / 3,
 #     w_i = sum_f a_{f,i} / |dK|,
 #
-# the constant of Pi by the mean over the surface, as in the plane by that over the outline. All of it is
-# homogeneous in the coordinates, and on a tetrahedron Pi v = v.
+# The mean over the surface determines the constant of Pi, like the mean over the outline in the plane. All quantities
+# are homogeneous in the coordinates, and on a tetrahedron Pi v = v.
 @dataclass(frozen=True, eq=False)
 class PolyhedronGroup(CellGroup):
-    """Polyhedra with equally many vertices, each cell's in ascending order."""
+    """A group of polyhedra with equally many vertices, which are in ascending order in each cell."""
 
     vector_shares: Floats  # (c, n, 3) |K| G_i
     shares: Floats  # (c, n) sum_f a_{f,i}
@@ -270,29 +299,29 @@ class PolyhedronGroup(CellGroup):
 
     @property
     def shapes(self) -> tuple[Floats, ...]:
-        """The shapes, as of polygons; sums over faces are rounded in the order in which these are numbered."""
+        """The arrays that determine local matrices, with sums over faces: their rounding depends on the numbering."""
         return (*super().shapes, self.vector_shares, self.shares, self.diameters)
 
     def gradients(self) -> tuple[Floats, Floats]:
-        """As of polygons."""
+        """Return |K| (c,), and |K| G_i (c, n, 3)."""
         return np.einsum("cia,cia->c", self.corners, self.vector_shares) / 3.0, self.vector_shares
 
     def boundary_means(self) -> Floats:
-        """As of polygons."""
+        """Return the weights (c, n) of the mean over the surface of a cell."""
         return self.shares / self.shares.sum(axis=1)[:, None]
 
     @property
     def stabilised_size(self) -> Floats:
-        """h_K, (c,)."""
+        """The diameters h_K, (c,)."""
         return self.diameters
 
     def quadrature(self) -> tuple[Floats, Floats, Ints]:
-        """One point a cell, the centroid: exact for degree 1."""
+        """Return one point per cell, its centroid, with weight and position: exact for degree 1."""
         return self.centroids, self.gradients()[0], np.arange(len(self.cells))
 
 
 def cell_groups(mesh: Mesh) -> tuple[CellGroup, ...]:
-    """The cells by number of vertices, ascending; cell numbers ascend within a group."""
+    """Return groups of cells by number of vertices, ascending; cell numbers ascend within a group."""
     offsets, nodes = mesh.cell_nodes
     counts, groups = np.diff(offsets), list[CellGroup]()
     shares = _shares_of_cells(mesh, offsets, nodes) if isinstance(mesh, PolyhedralMesh) else ()
@@ -310,9 +339,9 @@ def cell_groups(mesh: Mesh) -> tuple[CellGroup, ...]:
 
 
 def _shares_of_cells(mesh: PolyhedralMesh, offsets: Ints, nodes: Ints) -> tuple[Floats, Floats]:
-    """|K| G_i (k, 3) and sum_f a_{f,i} (k,) of all pairs of a cell and its node; SOME faces, and cells, at a time."""
+    """Return |K| G_i (k, 3) and sum_f a_{f,i} (k,) for all pairs of a cell and its node, computed in batches."""
     b, a = np.empty((len(mesh.face_vertices), 3)), np.empty(len(mesh.face_vertices))
-    for start in range(0, mesh.n_faces, 4 * SOME):  # A face takes a quarter of what a cell does.
+    for start in range(0, mesh.n_faces, 4 * SOME):  # A face needs a quarter of the memory of a cell.
         some = np.arange(start, min(start + 4 * SOME, mesh.n_faces))
         for group in face_groups(mesh.points, mesh.face_offsets, mesh.face_vertices, some):
             at = mesh.face_offsets[group.faces][:, None] + np.arange(group.nodes.shape[1])

@@ -1,8 +1,8 @@
 """The virtual element space V^h of (3.11): the components of displacement at every node of a mesh.
 
-On a polygon a component is harmonic with continuous, edgewise linear boundary values, so the vertex values
-determine it and traces on edges are linear; on polyhedra traces are those of :mod:`vemcvx.vem.projection`. Component a
-of node i is the unknown dim i + a. Whoever asks for cells and parts of the boundary here need not know the dimension.
+On a polygon a component is harmonic with continuous boundary values that are linear on each edge. So its vertex values
+determine it. Traces on faces of polyhedra are described in :mod:`vemcvx.vem.projection`. Component a of node i is the
+unknown dim i + a. Code that takes cells and parts of the boundary from a space does not depend on the dimension.
 """
 
 from __future__ import annotations
@@ -24,55 +24,67 @@ from vemcvx.vem.projection import CellGroup, cell_groups
 
 @dataclass(frozen=True, eq=False)
 class Space:
-    """V^h on a mesh."""
+    """The space V^h on a mesh.
+
+    Attributes
+    ----------
+    mesh : Mesh
+    mirrors : MirrorPlanes or None
+        Planes of symmetry at which curves of contact end.
+
+    Examples
+    --------
+    >>> vx.vem.Space(vx.meshes.squares(2)).n_unknowns
+    18
+    """
 
     mesh: Mesh
-    mirrors: MirrorPlanes | None = None  #: of symmetry, where curves of contact end
+    mirrors: MirrorPlanes | None = None
 
     @property
     def dim(self) -> int:
-        """Components of a displacement."""
+        """The number of components of a displacement."""
         return int(self.mesh.points.shape[1])
 
     @property
     def n_unknowns(self) -> int:
-        """Nodal values before any support: dim n_nodes."""
+        """The number n_u of nodal values before any support, dim n_nodes."""
         return self.mesh.points.size
 
     @property
     def in_plane(self) -> bool:
-        """True if stresses have a component across the plane that is no result of the displacements alone."""
+        """True if the body is plane, so that the displacements alone do not determine the out-of-plane stress."""
         return self.dim == 2
 
     @cached_property
     def groups(self) -> tuple[CellGroup, ...]:
-        """The cells by number of vertices, ascending; cell numbers ascend within a group."""
+        """The groups of cells by number of vertices, ascending; cell numbers ascend within a group."""
         return cell_groups(self.mesh)
 
     @property
     def simplices(self) -> tuple[tuple[str, str], float]:
-        """The names of cells on which Pi v = v and of others, and the share of the former."""
+        """The names of simplices, on which Pi v = v, and of other cells, and the fraction of simplices."""
         count = sum(len(group.cells) for group in self.groups if group.simplices)
         plane = "triangles", "polygons (squares, voronoi, hexagons)"
         return plane if self.in_plane else ("tetrahedra", "polyhedra (cubes, voronoi3)"), count / self.mesh.n_cells
 
     @property
     def incidences(self) -> tuple[Ints, Ints]:
-        """All pairs of a cell and one of its nodes, by cell: the cells (k,) and the nodes (k,)."""
+        """The cells (k,) and the nodes (k,) of all pairs of a cell and one of its nodes, ordered by cell."""
         offsets, nodes = self.mesh.cell_nodes
         return cell_of_corner(offsets), nodes
 
     @cached_property
     def pieces(self) -> tuple[Ints, Ints]:
-        """All pairs of a piece, which are the sets of cells that edges, in space faces, join, and one of its nodes."""
+        """The pieces (k,) and the nodes (k,) of all pairs of a piece, connected through edges or faces, and a node."""
         mesh, (cell, node) = self.mesh, self.incidences
         label = np.unique(smallest_linked(mesh.neighbours, mesh.n_cells), return_inverse=True)[1]
         shape = (mesh.n_nodes, int(label.max()) + 1)
         meets = sp.csr_matrix((np.ones(len(node), dtype=np.int8), (node, label[cell])), shape=shape).tocsc()
         return np.repeat(np.arange(shape[1]), np.diff(meets.indptr)), meets.indices.astype(np.int64)
 
-    def projected_values(self, x: Floats, point: Ints, cell: Ints) -> sp.csr_matrix:
-        """Matrix (p, n_nodes) from nodal values to those of Pi at points (p, dim), of the given ones in a cell each."""
+    def project_values(self, x: Floats, point: Ints, cell: Ints) -> sp.csr_matrix:
+        """Return a matrix (p, n_nodes) from nodal values to Pi at points x (p, dim): at point[k] in cell[k]."""
         total = sp.csr_matrix((len(x), self.mesh.n_nodes))
         for group in self.groups:
             place = np.minimum(np.searchsorted(group.cells, cell), len(group.cells) - 1)
@@ -90,26 +102,29 @@ class Space:
         return total
 
     def require_plane(self, subject: str, instead: str) -> None:
-        """Raise SceneError on polyhedra: `subject` is of plane bodies only; `instead` says what to do."""
+        """Raise SceneError on polyhedra: `subject` is for plane bodies only; `instead` suggests an alternative."""
         plane_mesh(self.mesh, subject, instead)
 
     def part(self, on: str | Sequence[str], subject: str, *, contact: bool = False) -> Part:
-        """The closed set of the boundary edges, in space faces, named by `on`.
+        """Return the part of the boundary with these names.
 
         Parameters
         ----------
         on : str or sequence of str
-            Boundary names; an edge that several of them contain counts once.
+            Boundary names; a side in several boundaries counts once.
         subject : str
-            Who asks, for the error message.
+            The subject of error messages.
         contact : bool
-            Whether interfaces between bodies may be among them.
+            True if `on` may contain interfaces between bodies.
+
+        Returns
+        -------
+        Part
 
         Raises
         ------
         SceneError
-            `on` names no boundary, one that the mesh does not have or that has no edges, or an interface, for what is
-            no contact.
+            `on` is empty, a boundary does not exist or has no sides, or an interface is not allowed.
         """
         mesh = self.mesh
         names = [on] if isinstance(on, str) else list(on) if isinstance(on, Sequence) else [on]
@@ -118,10 +133,10 @@ class Space:
             raise SceneError(f"{subject}: on= names no boundary; this mesh has {known}.")
         for name in names:
             if not isinstance(name, str) or name not in mesh.boundaries:
-                turned = "|".join(reversed(name.split("|"))) if isinstance(name, str) else ""
+                reverse = "|".join(reversed(name.split("|"))) if isinstance(name, str) else ""
                 what = (
-                    f"this interface is named {turned!r}"
-                    if turned in mesh.interfaces
+                    f"this interface is named {reverse!r}"
+                    if reverse in mesh.interfaces
                     else (f"this mesh has {known}; add one with mesh.with_boundary(name, predicate)")
                 )
                 raise SceneError(f"{subject}: there is no boundary named {name!r}; {what}.")
@@ -132,7 +147,7 @@ class Space:
         if across is not None and not contact and (across >= 0).any():
             raise SceneError(
                 f"{subject}: on={on!r} has {mesh.PARTS} of an interface ({', '.join(mesh.interfaces)}) between two "
-                "bodies, where contact, friction and Pressure act alone; name boundaries that are on the outside."
+                "bodies, where only contact, friction and Pressure act; name outer boundaries."
             )
         key = tuple(sorted(set(names)))
         if key not in self._parts:
@@ -140,7 +155,7 @@ class Space:
         return self._parts[key]
 
     def both_sides(self, on: str | Sequence[str], subject: str) -> list[Part]:
-        """The same, interfaces among them, and besides the sides of second bodies at these, if there are any."""
+        """Return the part with these names, and the sides of the second bodies at its interfaces, if any."""
         part = self.part(on, subject, contact=True)
         beyond = self.mesh.beyond(part.sides) if self.mesh.interfaces else part.sides[:0]
         return [part, self._part(beyond, None)] if len(beyond) else [part]
@@ -152,11 +167,11 @@ class Space:
 
     @cached_property
     def _parts(self) -> dict[tuple[str, ...], Part]:
-        """The parts asked for so far: friction and contact act on the same one, and its normals are found once."""
+        """A cache of parts by name, so that friction and contact share the normals of a part."""
         return {}
 
     def _inside(self, edges: Ints, across: Ints | None) -> Bools:
-        """Ends (m, 2) of edges whose node is in one cell alone, of the body whose outline both have: the earlier."""
+        """Return True for ends (m, 2) of edges in one cell only of the lower-numbered body at this boundary."""
         cells, nodes = self.incidences
         outline = edges
         if across is not None:
@@ -166,12 +181,12 @@ class Space:
         return np.bincount(nodes, minlength=self.mesh.n_nodes)[outline] == 1
 
     def _across(self, sides: Ints) -> Ints:
-        """The nodes of other bodies beside the vertices of sides of first ones, by side; -1 where there is none."""
+        """Return the nodes of second bodies at the vertices of sides of first bodies, by side, or -1."""
         mesh = self.mesh
         offsets, vertices = mesh._outlines
         counts, across = np.diff(offsets), np.full(len(vertices), -1)
         for name, joint in mesh.interfaces.items():
             own = mesh._places(mesh.boundaries[name])
             across[spans(offsets[own], counts[own])] = joint.partners[joint.partners >= 0]
-        asked = mesh._places(sides)
-        return read_only(across[spans(offsets[asked], counts[asked])])
+        chosen = mesh._places(sides)
+        return read_only(across[spans(offsets[chosen], counts[chosen])])

@@ -1,20 +1,20 @@
-"""Stabilisations: S_K of (3.13), the energy of what the projection Pi misses.
+"""Stabilisations: S_K of (3.13), the energy of u - Pi u, the part of a displacement that the projection Pi drops.
 
     a_K^h(u, v) = (C eps(Pi u), eps(Pi v))_K + S_K(u - Pi u, v - Pi v)
 
-The first part is exact as soon as one of the two is linear, and since (I - Pi) p = 0 for linear p the second leaves
-that alone, whatever S_K is: (2.8), and with it the patch test, hold by construction. What S_K has to bring is (2.9),
-alpha_* a_K <= a_K^h <= alpha^* a_K with constants that do not depend on K: an energy of the size of the true one for
-what Pi misses, no less for any motion of the vertices. (Of the size of its part in shear: with lam in it the method
-would lock. So alpha_* falls with nu, on a square as 6 mu / (lam + 3 mu): problems/stabilisation_spectrum.py.) In vertex
-values that is a matrix S, symmetric and positive definite on the range of I - Pi, and the local matrix gains
+The first part is exact if u or v is linear. The second part is zero then, because (I - Pi) p = 0 for linear p. So (2.8)
+and the patch test hold for any S_K. S_K must ensure (2.9), alpha_* a_K <= a_K^h <= alpha^* a_K with constants that do
+not depend on K: the energy of (I - Pi) v must be comparable to its true energy. (It is comparable to the shear energy
+only: with lam in S_K the method would lock. So alpha_* decreases as nu grows, on a square like 6 mu / (lam + 3 mu):
+problems/stabilisation_spectrum.py.) In vertex values S_K is a matrix S, symmetric and positive definite on the range of
+I - Pi, which adds to the local matrix
 
     (I - Pi)' S (I - Pi).
 
-Two are here by name: S = tau h_K^(dim - 2) I, tau = 2 mu ("shear") or 1 ("unit", the letter of the paper)
-(:mod:`vemcvx.vem.elasticity`). Every other one is a class of its own, :class:`Stabilisation`; the stiffness, the error
-budget and the nodal distance ask it for S, so that they measure in the same a^h. Bounds of errors
-(:mod:`vemcvx.bound`) are in a itself, the energy of the continuum, and need no S_K: they hold for the answer of any.
+Two stabilisations have names: S = tau h_K^(dim - 2) I, tau = 2 mu ("shear") or 1 ("unit", as in the paper)
+(:mod:`vemcvx.vem.elasticity`). Any other one is a subclass of :class:`Stabilisation`. The stiffness, the error budget
+and the nodal distance use its S, so that all measure in the same a^h. Error bounds (:mod:`vemcvx.bound`) measure in a,
+the energy of the continuum: they need no S_K, and hold for the answer with any S_K.
 """
 
 from __future__ import annotations
@@ -30,20 +30,19 @@ from vemcvx.base.errors import SceneError
 from vemcvx.vem.projection import CellGroup
 from vemcvx.vem.space import Space
 
-NAMED = ("shear", "unit")
+NAMES = ("shear", "unit")
 
 
 class Stabilisation(ABC):
-    """A stabilisation S_K of one's own: ``vx.Elasticity(..., stabilisation=MyStabilisation())``.
+    """A base class for a user's stabilisation S_K: ``vx.Elasticity(..., stabilisation=MyStabilisation())``.
 
-    A subclass says `form`; what it is made of beside is its own, and a frozen dataclass compares, prints and pickles
-    well. It knows no mesh: cells come in groups of equally many vertices, and translates of each other with the same
-    moduli may be asked for once, for all of them.
+    A subclass defines `form`. A frozen dataclass is best: it compares, prints and pickles well. `form` receives groups
+    of cells with equally many vertices; translates with the same moduli may be passed only once.
 
     Examples
     --------
-    In the plane, where C[:, 2, 2] is mu (in space that is lam + 2 mu, and C[:, 3, 3] is mu): mu for every component at
-    every vertex, half of ours; problems/stabilisations_of_ones_own.py has others.
+    mu for every component at every vertex, half of "shear". In the plane C[:, 2, 2] is mu (in space C[:, 3, 3]);
+    problems/stabilisations_of_ones_own.py has more examples.
 
     >>> class HalfOfOurs(vx.Stabilisation):
     ...     def form(self, cells, C):
@@ -52,55 +51,72 @@ class Stabilisation(ABC):
 
     @abstractmethod
     def form(self, cells: CellGroup, C: Floats) -> Floats:
-        """S of cells with equally many vertices.
+        """Return S for cells with equally many vertices.
 
         Parameters
         ----------
         cells : CellGroup
-            c cells with n vertices: `cells.corners` (c, n, dim) coordinates relative to the first vertex of each,
-            `cells.vertex_values()` (c, n, n) the projection Pi in vertex values, `cells.gradients()` measures (c,) and
-            |K| G_i (c, n, dim) with grad Pi v = sum_i v_i (x) G_i. For the consistent part of a_K^h see
+            c cells with n vertices. `cells.corners` (c, n, dim) are coordinates relative to the first vertex of each
+            cell, `cells.vertex_values()` (c, n, n) is Pi in vertex values. `cells.gradients()` returns measures (c,)
+            and |K| G_i (c, n, dim) with grad Pi v = sum_i v_i (x) G_i. For the consistent part of a_K^h see
             :func:`vemcvx.vem.consistent_blocks`.
         C : (c, 3, 3) array, in space (c, 6, 6)
-            Stresses from strains, components as in :mod:`vemcvx.vem.elasticity`, force per area.
+            Elastic matrices, components as in :mod:`vemcvx.vem.tensors`, force per area.
 
         Returns
         -------
         (c, n, n) array, or (c, n, n, dim, dim)
-            S, symmetric, in force per area times h^(dim - 2): one for each component of displacements alike, or with
-            entry (K, i, j, a, b) between component a of vertex i and b of vertex j. It is applied to v - Pi v.
+            The symmetric S, in force per area times h^(dim - 2), which is applied to v - Pi v. It is the same for each
+            component, or entry (K, i, j, a, b) couples component a of vertex i with component b of vertex j.
         """
 
     def describe(self) -> str:
-        """The name with which scenes describe themselves."""
+        """Return the name of the stabilisation in the description of a scene."""
         return type(self).__name__
 
 
 @dataclass(frozen=True, eq=False)
 class VertexWeights(Stabilisation):
-    """S = tau h_K^(dim - 2) I.
+    """The stabilisation S = tau h_K^(dim - 2) I.
 
     Attributes
     ----------
     tau : (n_cells,)
-        The modulus by which the stiffness weighs what Pi misses.
+        Modulus of u - Pi u, force per area.
+
+    Examples
+    --------
+    >>> vx.vem.VertexWeights(np.array([2.0])).describe()
+    'VertexWeights'
     """
 
     tau: Annotated[Floats, "cells", "force/area"]
 
     def form(self, cells: CellGroup, C: Floats) -> Floats:
-        """S, (c, n, n)."""
+        """Return S, (c, n, n)."""
         return (self.tau[cells.cells] * cells.stabilised_size)[:, None, None] * np.eye(cells.nodes.shape[1])
 
 
 @dataclass(frozen=True, eq=False)
 class InRegions(Stabilisation):
-    """Stabilisations of several materials, each on the cells (n_cells,) that it fills."""
+    """The stabilisations of several materials.
+
+    Attributes
+    ----------
+    regions : tuple of ((n_cells,) bool array, Stabilisation)
+        The cells of each material, and its stabilisation.
+
+    Examples
+    --------
+    >>> soft, stiff = np.array([True, False]), np.array([False, True])
+    >>> weights = [vx.vem.VertexWeights(tau * np.ones(2)) for tau in (1.0, 9.0)]
+    >>> both = vx.vem.InRegions(((soft, weights[0]), (stiff, weights[1])))
+    """
 
     regions: tuple[tuple[Bools, Stabilisation], ...]
 
     def form(self, cells: CellGroup, C: Floats) -> Floats:
-        """S, (c, n, n, dim, dim)."""
+        """Return S, (c, n, n, dim, dim)."""
         dim, n = cells.corners.shape[2], cells.nodes.shape[1]
         whole = np.zeros((len(cells.cells), n, n, dim, dim))
         for filled, own in self.regions:
@@ -111,13 +127,31 @@ class InRegions(Stabilisation):
 
 
 def stabilisation_of(given: str | Stabilisation, shear: Floats) -> Stabilisation:
-    """The stabilisation that is named, or given, on cells of the moduli of shear mu (n_cells,), zero where empty.
+    """Return the stabilisation with this name, or this stabilisation.
 
-    SceneError where it is neither.
+    Parameters
+    ----------
+    given : {"shear", "unit"}, or Stabilisation
+    shear : (n_cells,) array
+        Shear moduli mu, force per area; zero on cells without a material.
+
+    Returns
+    -------
+    Stabilisation
+
+    Raises
+    ------
+    SceneError
+        There is no such stabilisation.
+
+    Examples
+    --------
+    >>> vx.vem.stabilisation_of("shear", np.array([3.0])).tau
+    array([6.])
     """
     if isinstance(given, Stabilisation):
         return given
-    if given not in NAMED:
+    if given not in NAMES:
         raise SceneError(
             f"stiffness: found stabilisation {given!r}; there are 'shear' and 'unit', and any vx.Stabilisation."
         )
@@ -125,18 +159,18 @@ def stabilisation_of(given: str | Stabilisation, shear: Floats) -> Stabilisation
 
 
 def in_components(form: Floats, dim: int) -> Floats:
-    """S (c, n, n, dim, dim) of one for each component alike, or of what couples them already."""
+    """Return S as an array (c, n, n, dim, dim); an S (c, n, n) acts on each component alike."""
     return form if form.ndim == 5 else form[..., None, None] * np.eye(dim)
 
 
 def add_stabilisation(blocks: Floats, cells: CellGroup, stabilisation: Stabilisation, C: Floats) -> None:
-    """Add (I - Pi)' S (I - Pi) of a stabilisation of one's own to local matrices (c, n, n, dim, dim).
+    """Add (I - Pi)' S (I - Pi) of a user's stabilisation to local matrices (c, n, n, dim, dim).
 
-    SceneError where its form is no symmetric matrix of that size, or not positive on all that Pi misses.
+    Raise SceneError unless S is symmetric, of this size, and positive definite on the range of I - Pi.
     """
     if cells.simplices:
         return
-    S = _checked(stabilisation, cells, C, blocks.shape[-1])
+    S = _check_form(stabilisation, cells, C, blocks.shape[-1])
     missed = np.eye(S.shape[1]) - cells.vertex_values()
     stable = np.einsum("cki,cklab,clj->cijab", missed, S, missed, optimize=True)
     stable = 0.5 * (stable + stable.transpose(0, 2, 1, 4, 3))
@@ -144,8 +178,8 @@ def add_stabilisation(blocks: Floats, cells: CellGroup, stabilisation: Stabilisa
     blocks += stable
 
 
-def _checked(stabilisation: Stabilisation, cells: CellGroup, C: Floats, dim: int) -> Floats:
-    """S (c, n, n, dim, dim), as it must be."""
+def _check_form(stabilisation: Stabilisation, cells: CellGroup, C: Floats, dim: int) -> Floats:
+    """Return S (c, n, n, dim, dim); raise SceneError unless it is a finite symmetric array of this size."""
     name, (count, n) = stabilisation.describe(), cells.nodes.shape
     failed = f"{name}: its form failed when called with cells of {n} vertices"
     raw = called(stabilisation.form, (cells, C), failed, "return a matrix S for every cell")
@@ -163,33 +197,33 @@ def _checked(stabilisation: Stabilisation, cells: CellGroup, C: Floats, dim: int
     skew = np.abs(S - S.transpose(0, 2, 1, 4, 3)).max()
     if skew > ROUNDING * np.abs(S).max():
         raise SceneError(
-            f"{name}: found a form of a cell with {n} vertices that differs from its transpose by {skew:.3g}; energies "
-            "want a symmetric one."
+            f"{name}: found a form of a cell with {n} vertices that differs from its transpose by {skew:.3g}; it must "
+            "be symmetric."
         )
     return S
 
 
 def _require_positive(stable: Floats, name: str) -> None:
-    """Raise SceneError unless only linear displacements have no energy in (c, n, n, dim, dim)."""
+    """Raise SceneError unless `stable` (c, n, n, dim, dim) is positive for all but linear displacements."""
     count, n, _, dim, _ = stable.shape
     values = np.linalg.eigvalsh(stable.transpose(0, 1, 3, 2, 4).reshape(count, n * dim, n * dim))
     largest = np.abs(values).max(axis=1)
-    # Linear displacements, dim (dim + 1) of them, are what Pi keeps; eigenvalues ascend.
+    # The dim (dim + 1) linear displacements have no energy; eigenvalues ascend.
     least, first = values[:, 0], values[:, dim * (dim + 1)]
     if (least < -ROUNDING * largest).any():
         raise SceneError(
-            f"{name}: found a cell with {n} vertices where what Pi misses has the energy {least.min():.3g}; every "
-            "motion that is not linear must have a positive one."
+            f"{name}: found a cell with {n} vertices where some v - Pi v has the energy {least.min():.3g}; every "
+            "motion that is not linear must have a positive energy."
         )
     if (first <= ROUNDING * largest).any():
         raise SceneError(
-            f"{name}: found a cell with {n} vertices where some motion that Pi misses has no energy; (2.9) wants one "
-            "for every motion that is not linear, such as a part of mu times the identity."
+            f"{name}: found a cell with {n} vertices where some v - Pi v has no energy; by (2.9) every motion that is "
+            "not linear needs a positive energy, for example by a fraction of mu times the identity."
         )
 
 
-def missed_products(Pi: Floats) -> Floats:
-    """(I - Pi)'(I - Pi), (c, n, n), of the projection of vertex values: scalar products of what it misses."""
+def products_of_remainder(Pi: Floats) -> Floats:
+    """Return (I - Pi)'(I - Pi), (c, n, n), for the projection Pi in vertex values."""
     missed = np.eye(Pi.shape[1]) - Pi
     product: Floats = np.matmul(missed.transpose(0, 2, 1), missed)
     # A matrix product may sum (i, j) and (j, i) in different orders.
@@ -197,9 +231,27 @@ def missed_products(Pi: Floats) -> Floats:
 
 
 def missed_energies(space: Space, stabilisation: Stabilisation, C: Floats, u: Floats) -> Floats:
-    """S_K(u - Pi u, u - Pi u) of each cell, (n_cells,), of nodal displacements (n_nodes, dim).
+    """Return the energies S_K(u - Pi u, u - Pi u) of all cells.
 
-    C (n_cells, components, components) is zero on cells without a material, which have none.
+    Parameters
+    ----------
+    space : Space
+    stabilisation : Stabilisation
+    C : (n_cells, components, components) array
+        Elastic matrices, force per area; zero on cells without a material.
+    u : (n_nodes, dim) array
+        Nodal displacements.
+
+    Returns
+    -------
+    (n_cells,) array
+        Force times length; zero on cells without a material.
+
+    Examples
+    --------
+    >>> space = vx.vem.Space(vx.meshes.squares(1))
+    >>> vx.vem.missed_energies(space, vx.vem.VertexWeights(np.ones(1)), np.eye(3)[None], space.mesh.points)
+    array([0.])
     """
     energies = np.zeros(space.mesh.n_cells)
     for group in space.groups:

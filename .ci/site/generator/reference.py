@@ -127,7 +127,7 @@ TOPICS = {
         "vem.stresses vem.isotropic_stress vem.equivalent vem.principal vem.component_names vem.tractions "
         "vem.tangents_of vem.mean_weights "
         "vem.rigid_modes vem.split_motion vem.solid_places vem.upper_triangle",
-        modules="vem.elasticity",
+        modules="vem.elasticity vem.tensors",
     ),
     "testing": Topic(
         "Tests of one's own effects and solvers",

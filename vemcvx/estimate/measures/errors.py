@@ -147,7 +147,7 @@ def l2_error(history: Results | Field, displacement: data.Datum, step: int = -1)
     field = field_of(history, step, "l2_error")
     x, weights, owner = _cell_rule(field.space)
     exact = data.vector(displacement, x, field.time, "l2_error: displacement")
-    missed = exact - field.space.projected_values(x, np.arange(len(x)), owner) @ field.displacement
+    missed = exact - field.space.project_values(x, np.arange(len(x)), owner) @ field.displacement
     missed, exact = (np.sum(u**2, axis=1) for u in (missed, exact))
     return measured(totals(owner, weights * missed, field.mesh.n_cells), float(weights @ exact))
 

@@ -1,0 +1,222 @@
+"""Symmetric tensors by components: moduli, stresses, tractions, principal and equivalent stresses.
+
+Components of symmetric tensors have the order xx, yy, xy in the plane and xx, yy, zz, xy, yz, xz in space; shear
+strains are 2 e_xy and so on. Moduli have one column per cell. They are either (2, n_cells), Lame's lam (reduced in
+plane stress) and mu; or the upper triangle of the elastic matrix C by rows: in the plane (6, n_cells), xx-xx, xx-yy,
+xx-xy, yy-yy, yy-xy, xy-xy, in space (21, n_cells). Principal stresses in the plane, and von Mises' equivalent stress:
+
+    sigma_1,2 = (xx + yy) / 2 +- sqrt(((xx - yy) / 2)^2 + xy^2)                                 Mohr's circle (1882)
+    sigma_v^2 = ((xx - yy)^2 + (yy - zz)^2 + (zz - xx)^2) / 2 + 3 (xy^2 + yz^2 + xz^2)          von Mises (1913)
+
+The out-of-plane stress zz is the third principal stress: 0 in plane stress; in plane strain lam (e_xx + e_yy), plus
+thermal stress.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from vemcvx.base.arrays import Floats
+
+COMPONENTS = {2: ((0, 0), (1, 1), (0, 1)), 3: ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))}
+"""Axes of the components of symmetric tensors in dim dimensions."""
+
+
+def component_names(dim: int) -> tuple[str, ...]:
+    """Return the names of the components of symmetric tensors.
+
+    Parameters
+    ----------
+    dim : int
+
+    Returns
+    -------
+    tuple of str
+
+    Examples
+    --------
+    >>> vx.vem.component_names(2)
+    ('xx', 'yy', 'xy')
+    """
+    return tuple("xyz"[a] + "xyz"[b] for a, b in COMPONENTS[dim])
+
+
+def isotropic_stress(value: Floats, dim: int) -> Floats:
+    """Return stresses that are equal in all directions.
+
+    Parameters
+    ----------
+    value : (k,) array
+    dim : int
+
+    Returns
+    -------
+    (k, components) array
+
+    Examples
+    --------
+    >>> vx.vem.isotropic_stress(np.array([5.0]), 2)
+    array([[5., 5., 0.]])
+    """
+    return np.column_stack([value if a == b else np.zeros_like(value) for a, b in COMPONENTS[dim]])
+
+
+def stresses(moduli: Floats, strain: Floats) -> Floats:
+    """Return the stresses of strains.
+
+    Parameters
+    ----------
+    moduli : (2, n_cells), (6, n_cells) or (21, n_cells) array
+        Force per area.
+    strain : (n_cells, components) array
+
+    Returns
+    -------
+    (n_cells, components) array
+        Force per area.
+
+    Examples
+    --------
+    >>> vx.vem.stresses(np.array([[1.0], [2.0]]), np.array([[0.1, 0.0, 0.2]]))
+    array([[0.5, 0.1, 0.4]])
+    """
+    if len(moduli) != 2:
+        return np.einsum("ckl,cl->ck", elastic_matrix(moduli), strain)
+    lam, mu = moduli
+    dim = 2 if strain.shape[1] == len(COMPONENTS[2]) else 3
+    trace = strain[:, 0] + strain[:, 1] if dim == 2 else strain[:, 0] + strain[:, 1] + strain[:, 2]
+    normal = [2 * mu * strain[:, a] + lam * trace for a in range(dim)]
+    return np.column_stack([*normal, *(mu * shear for shear in strain[:, dim:].T)])
+
+
+def tractions(sigma: Floats, normals: Floats) -> Floats:
+    """Return the tractions sigma n.
+
+    Parameters
+    ----------
+    sigma : (k, components) array
+        Stresses.
+    normals : (k, dim) array
+        Normals of any length.
+
+    Returns
+    -------
+    (k, dim) array
+
+    Examples
+    --------
+    >>> vx.vem.tractions(np.array([[1.0, 2.0, 3.0]]), np.array([[1.0, 0.0]]))
+    array([[1., 3.]])
+    """
+    force = np.zeros(normals.shape)
+    for component, (a, b) in zip(sigma.T, COMPONENTS[normals.shape[1]], strict=True):
+        force[:, a] += component * normals[:, b]
+        if a != b:
+            force[:, b] += component * normals[:, a]
+    return force
+
+
+def elastic_matrix(moduli: Floats, dim: int = 2) -> Floats:
+    """Return the elastic matrix of each cell.
+
+    Parameters
+    ----------
+    moduli : (2, n_cells), (6, n_cells) or (21, n_cells) array
+        Lame's constants, or the upper triangle of the elastic matrix by rows.
+    dim : int
+        The dimension for Lame's constants; other moduli determine it.
+
+    Returns
+    -------
+    (n_cells, 3, 3) array, in space (n_cells, 6, 6)
+
+    Examples
+    --------
+    >>> vx.vem.elastic_matrix(np.array([[1.0], [2.0]]))
+    array([[[5., 1., 0.],
+            [1., 5., 0.],
+            [0., 0., 2.]]])
+    """
+    if len(moduli) != 2:
+        size = len(COMPONENTS[2 if len(moduli) == 6 else 3])
+        upper, C = np.triu_indices(size), np.zeros((moduli.shape[1], size, size))
+        C[:, upper[0], upper[1]] = C[:, upper[1], upper[0]] = moduli.T
+        return C
+    (lam, mu), size = moduli, len(COMPONENTS[dim])
+    C = np.zeros((len(lam), size, size))
+    C[:, :dim, :dim] = lam[:, None, None]
+    for a in range(size):
+        C[:, a, a] += 2 * mu if a < dim else mu
+    return C
+
+
+def upper_triangle(C: Floats) -> Floats:
+    """Return the moduli of elastic matrices: their upper triangles by rows.
+
+    Parameters
+    ----------
+    C : (n_cells, 3, 3) array, in space (n_cells, 6, 6)
+
+    Returns
+    -------
+    (6, n_cells) array, in space (21, n_cells)
+
+    Examples
+    --------
+    >>> print(vx.vem.upper_triangle(np.eye(3)[None]).T)
+    [[1. 0. 0. 1. 0. 1.]]
+    """
+    rows, columns = np.triu_indices(C.shape[1])
+    return np.ascontiguousarray(C[:, rows, columns].T)
+
+
+def principal(stress: Floats) -> Floats:
+    """Return the principal stresses, in the plane the two principal stresses in this plane.
+
+    Parameters
+    ----------
+    stress : (n, components) array
+
+    Returns
+    -------
+    (n, dim) array
+        The largest first.
+
+    Examples
+    --------
+    >>> vx.vem.principal(np.array([[0.0, 0.0, 2.0]]))
+    array([[ 2., -2.]])
+    """
+    dim = 3 if stress.shape[1] == len(COMPONENTS[3]) else 2
+    tensor = np.empty((len(stress), dim, dim))
+    for (a, b), component in zip(COMPONENTS[dim], stress.T, strict=True):
+        tensor[:, a, b] = tensor[:, b, a] = component
+    return np.ascontiguousarray(np.linalg.eigvalsh(tensor)[:, ::-1])
+
+
+def equivalent(stress: Floats, out_of_plane: Floats | None = None) -> Floats:
+    """Return von Mises' equivalent stress.
+
+    Parameters
+    ----------
+    stress : (n, 6) array, in the plane (n, 3)
+    out_of_plane : (n,) array, in the plane only
+        The stress zz.
+
+    Returns
+    -------
+    (n,) array
+
+    Examples
+    --------
+    >>> vx.vem.equivalent(np.array([[3.0, 0.0, 0.0]]), np.array([0.0]))
+    array([3.])
+    """
+    if out_of_plane is None:
+        xx, yy, zz, *shear = stress.T
+    else:
+        xx, yy, *shear = stress.T
+        zz = out_of_plane
+    apart = (xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2
+    squared: Floats = 0.5 * apart + 3.0 * sum(component**2 for component in shear)
+    return np.sqrt(squared)

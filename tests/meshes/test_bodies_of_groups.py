@@ -182,8 +182,8 @@ def test_two_hexahedra_that_share_a_named_face(tmp_path):
 
 
 @pytest.mark.parametrize("share", [0.5, 1.0])
-def test_a_named_part_of_an_interface_is_said_to_be_left_out(tmp_path, share):
-    """Lines between two bodies that share nodes: if they are all that is between them, the interface has their name."""
+def test_a_named_part_of_an_interface(tmp_path, share):
+    """Lines between two bodies that share nodes: if they are all of the interface, it has their name, else a part."""
     made = vx.meshes.squares((4, 2), box=((0.0, 2.0), (0.0, 1.0)))
     cells = np.array(made.cells)
     right = made.centroids[:, 0] > 1
@@ -192,11 +192,8 @@ def test_a_named_part_of_an_interface_is_said_to_be_left_out(tmp_path, share):
     tags = [np.full(len(lines), 1), np.where(right, 12, 11)]
     path = tmp_path / "two.msh"
     write(path, made.points, [("line", lines), ("quad", cells)], tags, {"joint": [1, 1], **BOTH})
-    if share == 1.0:
-        found = vx.meshes.read(path, bodies="physical")
-        assert list(found.interfaces) == ["joint"]
-        assert sorted(found.boundaries) == ["boundary", "joint"]
-        return
-    with pytest.warns(vx.MeshWarning, match=r"two\.msh: the sides named 'joint' are on interfaces, .* 'plate\|pin': "):
-        found = vx.meshes.read(path, bodies="physical")
-    assert list(found.interfaces) == ["plate|pin"]
+    found = vx.meshes.read(path, bodies="physical")
+    assert list(found.interfaces) == ["joint" if share == 1.0 else "plate|pin"]
+    assert sorted(found.boundaries) == ["boundary", "joint", *["plate|pin"] * (share < 1.0)]
+    assert len(found.boundaries["joint"]) == 2 * share
+    assert found.points[found.boundaries["joint"]][..., 1].max() == share

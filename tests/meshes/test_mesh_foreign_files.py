@@ -38,7 +38,8 @@ READ = {
 }
 """File -> its number of cells or cell data, and where wanted its points and the names of its boundaries."""
 REFUSED = {
-    "a1_two_parts.inp": "nodes 3 and 4 are in the same place.* Where 'Lower-1', 'Upper-1' are bodies, .*='physical'",
+    "a1_two_parts.inp": "nodes Lower-1.4 and Upper-1.1 are in the same place.* Where 'Lower-1', 'Upper-1' are bodies, "
+    ".*='physical'; vemcvx run --mesh does so where the scene names .*'Lower-1.NAME'",
     "b10_elgen.inp": r"its keyword \*ELGEN is not read; write all nodes",
     "n3_cyl.bdf": "GRID 1 is in the coordinate system 10; export nodes in the basic one",
     "g4_parametric_22.msh": ".*save without parametric coordinates",
@@ -136,7 +137,10 @@ both,
 def test_a_deck_as_people_write_it(tmp_path):
     path = tmp_path / "deck.inp"
     path.write_text(DECK)
-    with pytest.warns(vx.MeshWarning, match=r"not read are, the surface free .*both.*, elements of the type CAX4"):
+    with pytest.warns(
+        vx.MeshWarning,
+        match=r"not read are, the surface free .*both; it names no sides .*, or a node set., elements of the type CAX4",
+    ):
         mesh = read(path)
     assert mesh.points.tolist() == [*SQUARE.tolist(), [2.0, 0.0], [2.0, 1.0]]
     assert {name: values.tolist() for name, values in mesh.cell_data.items()} == {
@@ -213,11 +217,97 @@ def test_an_instance_that_is_turned_and_not_moved(tmp_path):
     )
     (tmp_path / "part.inp").write_text(PART)
     (tmp_path / "two.inp").write_text(text)
-    with pytest.warns(
-        vx.MeshWarning, match="the sides named 'base', 'hold' are on interfaces, which are called 'low.high'"
-    ):
-        mesh = read(tmp_path / "two.inp", bodies="physical")
+    mesh = read(tmp_path / "two.inp", bodies="physical")
     np.testing.assert_allclose(mesh.centroids, [(0.5, 0.5), (0.5, -0.5)])
+    assert list(mesh.interfaces) == ["low|high"]  # two names are of all of it, and mean it
+    assert mesh.boundaries["base"].tolist() == mesh.boundaries["hold"].tolist() == mesh.boundaries["low|high"].tolist()
+
+
+INDEPENDENT = f"""*PART, NAME=Block
+*END PART
+*INSTANCE, NAME=low, PART=Block
+{FLAT}*ELEMENT, TYPE=CPS4
+1, 1, 2, 3, 4
+*END INSTANCE
+*INSTANCE, NAME=high, PART=Block
+0., 1.D0,
+.5, 2., 0., .5, 2., 1., 180.
+*NODE
+1, 0., 0.
+2, 1., 0.
+3, 1., 2.
+4, 0., 2.
+*ELEMENT, TYPE=CPS4
+1, 1, 2, 3, 4
+*NSET, NSET=toe
+1, 2, 99, 98
+*END INSTANCE
+"""
+
+
+def test_nodes_within_an_instance_are_moved_and_turned_with_it(tmp_path):
+    """Independent instances: the upper one is moved up by 1, and turned upside down about its middle."""
+    (tmp_path / "two.inp").write_text(INDEPENDENT)
+    words = r"two\.inp: it has, .*, the node 99 and 1 more in toe \(there is no such node\)"  # said of no body
+    with pytest.warns(vx.MeshWarning, match=words):
+        mesh = read(tmp_path / "two.inp", bodies="physical")
+    assert mesh.points[4:8] == pytest.approx(np.array([(1, 3), (0, 3), (0, 1), (1, 1)]), abs=1e-15)
+
+
+def test_a_part_whose_elements_are_not_read_is_no_body(tmp_path):
+    (tmp_path / "two.inp").write_text(INDEPENDENT.replace("CPS4\n1, 1, 2, 3, 4\n*NSET", "CPS44\n1, 1, 2, 3, 4\n*NSET"))
+    words = "there is one, 'low'; no cells are read of 'high'; it has, .*, elements of the type CPS44 in high"
+    with pytest.raises(vx.MeshError, match=words):
+        read(tmp_path / "two.inp", bodies="physical")
+
+
+TWO = """*NODE
+1, 0., 0.
+2, 3., 0.
+3, 3., 1.
+4, 0., 1.
+11, 0., {y}
+12, 1., {y}
+13, 2., {y}
+14, 0., 3.
+15, 1., 3.
+16, 2., 3.
+*ELEMENT, TYPE=CPS4, ELSET=low
+1, 1, 2, 3, 4
+*ELEMENT, TYPE=CPS4, ELSET=high
+11, 11, 12, 15, 14
+12, 12, 13, 16, 15
+*NSET, NSET=foot
+11, 12, 13
+*NSET, NSET=toe
+11, 12
+"""
+
+
+def test_a_name_on_part_of_an_interface_is_a_part_of_it(tmp_path):
+    """The toe is named on the second body: it is that piece of the first one."""
+    (tmp_path / "two.inp").write_text(TWO.format(y=1.0))
+    mesh = read(tmp_path / "two.inp", bodies="physical")
+    assert mesh.interfaces["foot"].bodies == ("low", "high")
+    toe = mesh.boundaries["toe"].tolist()
+    assert toe in [[edge] for edge in mesh.interfaces["foot"].edges.tolist()]
+    assert sorted(mesh.points[toe[0]].tolist()) == [[0.0, 1.0], [1.0, 1.0]]
+    scene = vx.Scene(vx.Elasticity(1.0, 0.3), vx.UnilateralContact(on="high|low"))
+    with pytest.raises(vx.SceneError, match="no boundary named 'high.low'; this interface is named 'foot'"):
+        vx.simulate(scene, mesh, [0.0, 1.0])
+
+
+def test_bodies_of_a_file_that_do_not_touch_are_said_to_be_apart(tmp_path):
+    (tmp_path / "two.inp").write_text(TWO.format(y=1.25))
+    words = r"two\.inp: 'high' touches no other body: the nearest, 'low', is 0\.25 away near \(\d, 1\.25\)\. If "
+    with pytest.warns(vx.MeshWarning, match=words) as caught:
+        mesh = read(tmp_path / "two.inp", bodies="physical")
+    assert len(caught) == 1
+    scene = vx.Scene(vx.Elasticity(1.0, 0.3), vx.UnilateralContact(on="foot"))
+    with pytest.raises(
+        vx.SceneError, match="no boundary named 'foot'; its name is 'high.foot', which is on no interface"
+    ):
+        vx.simulate(scene, mesh, [0.0, 1.0])
 
 
 def test_decks_that_are_refused(tmp_path):
@@ -233,6 +323,10 @@ def test_decks_that_are_refused(tmp_path):
         (quad + "1, 1, 2, 3\n", "its elements of the type CPS4 do not all have 4 nodes"),
         (quad.replace("CPS4", "CAX4") + "1, 1, 2, 3, 4\n", "no polygons, .*not read are, elements of the type CAX4"),
         (quad + "1, 1, 2, 3, 9\n", "its element 1 has the node 9, which is not there"),
+        (
+            "*PART, NAME=a\n*END PART\n*INSTANCE, NAME=b, PART=a\n0., 0., 0., 1., 0., 0.\n",
+            "its instance b has the line '0., 0., 0., 1., 0., 0.' of 6 numbers; wanted are .* seven of a rotation",
+        ),
         (triangle + "*SURFACE, NAME=a\n1, S4\n", "the side S4 of a triangle, which has none"),
     ):
         (tmp_path / "deck.inp").write_text(deck)

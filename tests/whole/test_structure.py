@@ -63,14 +63,14 @@ LINES = {"program": 2_179, "solvers": 1_423, "stepping": 1_755, "linear": 940, "
 LINES |= {"exchange": 704, "testing": 977, "cli/collection": 1_146}
 LINES |= {"bound": 3_260, "results": 2_690, "estimate": 2_173, "plots": 1_918}
 LINES |= {"cost": 677, "cli": 3_638}
-LINES |= {"meshes": 7_164, "meshes/io": 1_510, "vem": 2_581}
+LINES |= {"meshes": 7_231, "meshes/io": 1_549, "vem": 2_581}
 """Most lines of folders: they grow by decision only, which raises a number here."""
 TOP = 1_663
 """Most lines of the modules at the top and of what all may use, without the canvas, which counts with the plots."""
-TESTS = 26_937
+TESTS = 27_029
 """Most lines of the tests of `LINES`, in the folders of their names."""
 
-ALL_TESTS = 39_250
+ALL_TESTS = 39_342
 """Most lines of all tests, of which 28,000 are wanted."""
 
 LATE = {"vemcvx.meshes.mesh"}

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import warnings
-from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
@@ -11,13 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from vemcvx.base.arrays import brief
+from vemcvx.base.arrays import Ints, brief
 from vemcvx.base.errors import MeshError, MeshWarning
-from vemcvx.meshes.interfaces import Interface
+from vemcvx.meshes.box import WHOLE
+from vemcvx.meshes.interfaces import faces_of
 from vemcvx.meshes.io.files import load, load_bodies
 from vemcvx.meshes.io.objects import from_object
 from vemcvx.meshes.polygon_mesh import PolygonMesh
-from vemcvx.meshes.several_bodies import bodies as joined
+from vemcvx.meshes.several_bodies import describe_gaps, join
 
 
 # To checkers of types, what is read may be anything beside a PolygonMesh: scripts that know their files need no cast.
@@ -47,7 +47,7 @@ def read(path: str | Path, bodies: str | None = None, *, tolerance: float | None
         has none, of every element set), of every property of a Nastran file, as :func:`vemcvx.meshes.bodies` joins
         them: where bodies meet, in nodes that they share or that are double, there is an interface. Boundaries are
         called "plate.rim", and an interface "plate|pin", or by the one name that all of it has in the file, on both of
-        its sides or on one.
+        its sides or on one. Other names that are on interfaces alone are parts of these, under their name.
     tolerance : float, optional
         With `bodies`: how far apart boundaries may be that coincide, as of :func:`vemcvx.meshes.bodies`.
 
@@ -65,7 +65,7 @@ def read(path: str | Path, bodies: str | None = None, *, tolerance: float | None
     -----
     MeshWarning
         Cells were turned, unused nodes dropped, cells of higher order read by their corners, named lines or faces
-        inside the mesh or on interfaces left out, sides named; or what is in the file was not read.
+        inside the mesh left out, sides named; what is in the file was not read; or a body touches no other.
     """
     if bodies is None and tolerance is None:
         return load(path)
@@ -75,39 +75,33 @@ def read(path: str | Path, bodies: str | None = None, *, tolerance: float | None
             "mesh."
         )
     meshes, sides = load_bodies(path)
-    mesh = joined(meshes, tolerance=tolerance)
-    called = {name: _names_of(interface, meshes, sides) for name, interface in mesh.interfaces.items()}
-    times = Counter(side for names in called.values() for side in names)
-    kept = {}
+    mesh, origin = join(meshes, None, tolerance)
+    for gap in describe_gaps(meshes, mesh):
+        warnings.warn(f"{path}: {gap}", MeshWarning, stacklevel=2)
+    parts, kept = _on_interfaces(mesh, meshes, origin, sides), {}
     for name, interface in mesh.interfaces.items():
-        kept[called[name][0] if [times[side] for side in called[name]] == [1] else name] = interface
-    named = {(body, side) for body, own in meshes.items() for side in own.boundaries}
-    hidden = {side for body, side in named if f"{body}.{side}" not in mesh.boundaries}
-    if left := ", ".join(map(repr, sorted((hidden & sides) - set(kept)))):
-        warnings.warn(
-            f"{path}: the sides named {left} are on interfaces, which are called {', '.join(map(repr, kept))}: a name "
-            "is kept if it is the only one that is of all of one interface, and of no other.",
-            MeshWarning,
-            stacklevel=2,
-        )
-    return mesh._replace(interfaces=MappingProxyType(kept))
+        whole = set(faces_of(interface.edges, mesh._outlines).tolist())
+        called = [side for side, places in parts.items() if places == whole]
+        kept[called[0] if len(called) == 1 else name] = interface
+    named = {side: mesh._boundary[sorted(places)] for side, places in parts.items() if side not in kept}
+    return mesh._replace(interfaces=MappingProxyType(kept))._with_named(named)
 
 
-def _names_of(interface: Interface, meshes: Mapping[str, Any], sides: set[str]) -> list[str]:
-    """Return the names of sides that are all of an interface, on each of its bodies that has them there."""
-    start, covers = 0, dict[str, list[bool]]()
+def _on_interfaces(mesh: Any, meshes: Mapping[str, Any], origin: Ints, sides: set[str]) -> dict[str, set[int]]:
+    """Return sides of bodies that are on interfaces alone: name -> numbers of their pieces, those of first bodies.
+
+    `origin` says of each part of the boundary of what it is a piece, `sides` are the names that a file has.
+    """
+    first, start, found = np.arange(len(origin)), 0, dict[str, set[int]]()
+    for interface in mesh.interfaces.values():
+        first[faces_of(interface.partners, mesh._outlines)] = faces_of(interface.edges, mesh._outlines)
     for body, own in meshes.items():
-        if body in interface.bodies:
-            # Nodes of bodies stand one after the other, and behind them those that interfaces have added.
-            nodes = (interface.edges, interface.partners)[interface.bodies.index(body)] - start
-            offsets, vertices = own._outlines
-            there = set(np.flatnonzero(np.logical_and.reduceat(np.isin(vertices, nodes), offsets[:-1])).tolist())
-            for side in sorted(sides.intersection(own.boundaries)):
-                places = set(own._places(own.boundaries[side]).tolist())
-                if places & there:
-                    covers.setdefault(side, []).append(places == there)
-        start += own.n_nodes
-    return [side for side, each in covers.items() if all(each)]
+        for side in sorted(sides.intersection(own.boundaries) - {WHOLE}):
+            if f"{body}.{side}" not in mesh.boundaries:
+                pieces = np.isin(origin, start + own._places(own.boundaries[side]))
+                found.setdefault(side, set()).update(first[pieces].tolist())
+        start += len(own._boundary)
+    return found
 
 
 def convert(other: Any) -> PolygonMesh | Any:

@@ -35,6 +35,7 @@ from vemcvx.meshes.polygons import (
     close_pairs,
     distinct,
     least_of_each,
+    nearest,
     offsets_of,
     outlines,
     rounding,
@@ -96,6 +97,13 @@ def bodies(
         Bodies overlap, touch in a point (in space, or an edge) only, or leave a gap above the tolerance that is hardly
         one; surfaces in space are two polyhedra of one curved surface; an interface is named that is none; names clash.
     """
+    return join(meshes, interfaces, tolerance)[0]
+
+
+def join(
+    meshes: Mapping[str, AnyKind], interfaces: Mapping[str, tuple[str, str]] | None, tolerance: float | None
+) -> tuple[AnyKind, Ints]:
+    """Return the mesh of :func:`bodies`, and of what each part of its boundary is a piece (see `Joined.origin`)."""
     _check_meshes(meshes)
     names, each = tuple(meshes), list(meshes.values())
     apart = _side_by_side(each)
@@ -121,7 +129,33 @@ def bodies(
     body_of_cell = np.repeat(np.arange(len(each)), [mesh.n_cells for mesh in each])
     data = MappingProxyType(check_cell_data(_data(meshes, body_of_cell), mesh.n_cells))
     made: AnyKind = mesh._replace(_named=mesh._checked_parts(named), cell_data=data)
-    return made
+    return made, joined.origin
+
+
+def describe_gaps(meshes: Mapping[str, AnyKind], mesh: AnyKind) -> list[str]:
+    """Return a sentence on each body that is on no interface of the joined mesh: the nearest other body, and where."""
+    joined, said = {body for interface in mesh.interfaces.values() for body in interface.bodies}, {}
+    for body in (name for name in meshes if name not in joined):
+        gaps = {other: _gap(meshes[body], meshes[other]) for other in meshes if other != body}
+        other, (distance, at) = min(gaps.items(), key=lambda gap: gap[1][0])
+        said[frozenset((body, other))] = (
+            f"{body!r} touches no other body: the nearest, {other!r}, is {distance:.3g} away near "
+            f"{coordinates(at, 6)}. If they are to touch, move one, or give tolerance=."
+        )
+    return list(said.values())
+
+
+def _gap(one: AnyKind, other: AnyKind) -> tuple[float, Floats]:
+    """Return the distance of two bodies that are apart, in space that of their nearest nodes, and a place there."""
+    if isinstance(one, PolyhedralMesh):
+        distance, _ = nearest(other.points, one.points)
+        return float(distance.min()), one.points[np.argmin(distance)]
+    import shapely
+
+    edges, across = (shapely.linestrings(mesh.points[mesh._boundary]) for mesh in (one, other))
+    (mine, its), distance = shapely.STRtree(across).query_nearest(edges, return_distance=True, all_matches=False)
+    k = np.argmin(distance)
+    return float(distance[k]), shapely.get_coordinates(shapely.shortest_line(edges[mine[k]], across[its[k]]))[0]
 
 
 class Joined(NamedTuple, Generic[AnyKind]):

@@ -133,12 +133,12 @@ class Space:
             raise SceneError(f"{subject}: on= names no boundary; this mesh has {known}.")
         for name in names:
             if not isinstance(name, str) or name not in mesh.boundaries:
-                reverse = "|".join(reversed(name.split("|"))) if isinstance(name, str) else ""
-                what = (
-                    f"this interface is named {reverse!r}"
-                    if reverse in mesh.interfaces
-                    else (f"this mesh has {known}; add one with mesh.with_boundary(name, predicate)")
-                )
+                bodies = set(name.split("|")) if isinstance(name, str) else set()
+                called = [repr(one) for one, found in mesh.interfaces.items() if set(found.bodies) == bodies]
+                apart = [repr(one) for one in mesh.boundaries if one.endswith(f".{name}")]
+                what = f"this mesh has {known}; add one with mesh.with_boundary(name, predicate)"
+                what = f"its name is {' or '.join(apart)}, which is on no interface; {what}" if apart else what
+                what = f"this interface is named {' or '.join(called)}" if called else what
                 raise SceneError(f"{subject}: there is no boundary named {name!r}; {what}.")
             if len(mesh.boundaries[name]) == 0:
                 raise SceneError(f"{subject}: the boundary {name!r} of this mesh has no {mesh.PARTS}; it has {known}.")

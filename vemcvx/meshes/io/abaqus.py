@@ -69,6 +69,7 @@ def read_abaqus(path: Path) -> Grid:
     known = {} if deck.numbers.get("", {}).get("ELSET") else deck.numbers
     own = {name: np.isin(every, list(numbers["ELSET"].values())) for name, numbers in known.items() if name}
     grid.bodies = tuple(own or _largest(grid) or grid.sets)
+    grid.numbers = {instance: numbers["NSET"] for instance, numbers in deck.numbers.items()}
     grid.sets |= own
     if deck.unread:
         grid.notes = (*grid.notes, f"it has, and not read are, {', '.join(dict.fromkeys(deck.unread))}.")
@@ -111,6 +112,7 @@ class _Deck:
     placed: set[str] = field(default_factory=set)  # parts that have an instance
     part: str = ""  # which is being defined
     scope: str = ""  # the instance that is being read
+    moves: list[list[float]] = field(default_factory=list)  # its translations, 3 numbers, and rotations, 7 numbers
     spelt: dict[str, str] = field(default_factory=dict)  # names in capitals -> as they were spelt at first
     internal: set[str] = field(default_factory=set)  # names of sets that no user has made
     unread: list[str] = field(default_factory=list)
@@ -132,7 +134,7 @@ class _Deck:
         elif word in ("NSET", "ELSET"):
             self._take_set(word, options, rows)
         elif word == "ENDINSTANCE":
-            self.scope = ""
+            self.scope, self.moves = "", []
         elif taker := {
             "NODE": self._take_nodes,
             "ELEMENT": self._take_elements,
@@ -141,9 +143,9 @@ class _Deck:
         }.get(word):
             taker(options, rows)
 
-    def place(self, part: str, name: str) -> None:
-        """Read a part as an instance of this name."""
-        self.scope = name
+    def place(self, part: str, name: str, moves: Iterable[list[float]] = ()) -> None:
+        """Read a part as an instance of this name, which is moved."""
+        self.scope, self.moves = name, list(moves)
         self.placed.add(part)
         for block in self.parts.get(part, []):
             self.take(*block)
@@ -154,10 +156,12 @@ class _Deck:
 
     def _take_nodes(self, options: Mapping[str, str], rows: list[list[str]]) -> None:
         known, places = self._known("NSET"), list[int]()
-        for number, *words in rows:
-            x = [float(one.upper().replace("D", "E") or 0) for one in (*words, "", "", "")[:3]]
+        x = np.array([[_real(one) for one in (*row, "", "", "")[1:4]] for row in rows], dtype=float).reshape(-1, 3)
+        for move in self.moves:
+            x = x + move if len(move) == 3 else _turned(x, np.array(move))
+        for (number, *_), at in zip(rows, x.tolist(), strict=True):
             places.append(known.setdefault(int(number), len(self.points)))
-            self.points[places[-1] : places[-1] + 1] = [x]
+            self.points[places[-1] : places[-1] + 1] = [at]
         self._name("NSET", options.get("NSET", ""), places)
 
     def _take_elements(self, options: Mapping[str, str], rows: list[list[str]]) -> None:
@@ -165,7 +169,7 @@ class _Deck:
         given = options.get("TYPE", "").upper()
         shape = next((found for pattern, found in TYPES.items() if re.fullmatch(f"(?:{pattern})[A-Z]*5?", given)), None)
         if shape is None:
-            self.unread.append(f"elements of the type {given}")
+            self.unread.append(f"elements of the type {given}{f' in {self.scope}' if self.scope else ''}")
             return
         kind, count = shape
         if len(words) % (count + 1):
@@ -200,8 +204,14 @@ class _Deck:
                 chosen = [n for n in known if first <= n <= last and (n - first) % (step or 1) == 0]
                 self._name(kind, name, [known[n] for n in chosen])
         else:
-            for word in (one for row in rows for one in row if one):
+            words = [one for row in rows for one in row if one]
+            for word in words:
                 self._name(kind, name, self._places(kind, word, instance, name))
+            known = self._known(kind, instance)
+            # Elements may be missing because their type is not read, which is said of the type.
+            if lost := [one for one in words if kind == "NSET" and one.isdigit() and int(one) not in known]:
+                more = f" and {len(lost) - 1} more" if lost[1:] else ""
+                self.unread.append(f"the node {lost[0]}{more} in {self.spell(name)} (there is no such node)")
 
     def _places(self, kind: str, word: str, instance: str, name: str) -> list[int]:
         """The nodes or elements that a word in a set or surface means: a number, or another set, of an instance."""
@@ -211,7 +221,7 @@ class _Deck:
         if of.isdigit():
             return [known[int(of)]] if int(of) in known else []
         if self.spell(of) not in self.sets[kind]:
-            self.unread.append(f"the set {self.spell(of)} in {self.spell(name)}")
+            self.unread.append(f"the set {self.spell(of)} in {self.spell(name)} (there is no such set)")
             return []
         own = set(known.values())
         return [place for place in self.sets[kind][self.spell(of)] if not instance or place in own]
@@ -225,23 +235,33 @@ class _Deck:
             elif kind == "ELEMENT" and side and "COMBINE" not in options:
                 self.sides.append((name, int(side[1]), self._places("ELSET", target, "", name)))
             else:
-                self.unread.append(f"the surface {name} ({', '.join(filter(None, (kind, target, label)))})")
+                self.unread.append(
+                    f"the surface {name} ({', '.join(filter(None, (kind, target, label)))}; it names no sides S1, S2 "
+                    "... of elements: write these, or a node set)"
+                )
 
     def _take_instance(self, options: Mapping[str, str], rows: list[list[str]]) -> None:
         name, part = self.spell(options["NAME"]), self.spell(options.get("PART", ""))
         if part and part not in self.parts:
             raise MeshError(f"its instance {name} is of the part {part}, which is not there.")
-        start = len(self.points)
-        self.place(part, name)
-        x = np.array(self.points[start:], dtype=float).reshape(-1, 3)
-        for row in rows:
-            numbers = [float(one or 0) for one in row]
-            x = x + (*numbers, 0, 0, 0)[:3] if len(numbers) <= 3 else _turned(x, np.array(numbers[:7]))
-        self.points[start:] = x.tolist()
+        lines = [",".join(row).rstrip(",").split(",") for row in rows]
+        for words in lines:
+            if len(words) > 3 and len(words) != 7:
+                raise MeshError(
+                    f"its instance {name} has the line {', '.join(words)!r} of {len(words)} numbers; wanted are three "
+                    "of a translation, and in the next line seven of a rotation: two points of the axis, and the angle "
+                    "in degrees."
+                )
+        self.place(part, name, [[*map(_real, words), *[0.0] * (3 - len(words))] for words in lines])
 
     def spell(self, name: str) -> str:
         """Return a name as it was spelt at first: capitals do not matter."""
         return self.spelt.setdefault(name.upper(), name)
+
+
+def _real(word: str) -> float:
+    """Return a number as Fortran spells it, too; 0 for nothing."""
+    return float(word.upper().replace("D", "E") or 0)
 
 
 def _turned(x: Floats, axis: Floats) -> Floats:

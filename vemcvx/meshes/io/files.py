@@ -7,6 +7,7 @@ their physical groups, Abaqus' and Nastran's files such cells with fewer names.
 from __future__ import annotations
 
 import os
+import re
 import tempfile
 import warnings
 from collections.abc import Callable
@@ -36,10 +37,21 @@ def load(path: str | Path) -> AnyTessellation:
     try:
         return finished(str(path), grid)
     except MeshError as error:
-        if len(grid.bodies) < 2:
-            raise
-        words = ", ".join(map(repr, grid.bodies[:8]))
-        raise MeshError(f"{error} Where {words} are bodies, read the file with bodies='physical'.") from None
+        words, hint = ", ".join(map(repr, grid.bodies[:8])), ""
+        if len(grid.bodies) > 1:
+            hint = (
+                f" Where {words} are bodies, read the file with bodies='physical'; vemcvx run --mesh does so where the "
+                f"scene names parts of bodies, such as on='{grid.bodies[0]}.NAME'."
+            )
+        raise MeshError(f"{_by_numbers(str(error), grid)}{hint}") from None
+
+
+def _by_numbers(message: str, grid: Grid) -> str:
+    """Return a message with the numbers that the file has for two nodes, where it has some of its own."""
+    names = {str(node): f"{key}.{n}".lstrip(".") for key, own in grid.numbers.items() for n, node in own.items()}
+    return re.sub(
+        r"\bnodes (\d+) and (\d+)", lambda two: f"nodes {' and '.join(names.get(k, k) for k in two.groups())}", message
+    )
 
 
 def load_bodies(path: str | Path) -> tuple[dict[str, AnyTessellation], set[str]]:
@@ -47,6 +59,8 @@ def load_bodies(path: str | Path) -> tuple[dict[str, AnyTessellation], set[str]]
     grid = _read(_path(path))
     with translated(str(path), "holds no valid mesh"):
         grids = bodies_of(grid)
+    for note in grid.notes:
+        warnings.warn(f"{path}: {note}", MeshWarning, stacklevel=3)
     sides = {side for part in grids.values() for side in (*part.parts, *part.nodes)}
     sides |= {side for part in grids.values() for side, x in part.sets.items() if (x & part.bounding[1]).any()}
     return {name: finished(f"{path}: {name}", part, by_place=not sides) for name, part in grids.items()}, sides

@@ -61,6 +61,7 @@ class Grid:
     parts: dict[str, Rows] = field(default_factory=dict)  # named parts of the boundary that are no cells
     nodes: dict[str, Bools] = field(default_factory=dict)  # (n,) named sets of nodes
     bodies: tuple[str, ...] = ()  # names of the sets that are bodies
+    numbers: Mapping[str, Mapping[int, int]] = field(default_factory=dict)  # instance -> number in the file -> node
     faces: Listed | None = None  # faces of the polyhedra, in their order
     notes: tuple[str, ...] = ()  # what was left out of it, in sentences
 
@@ -237,21 +238,25 @@ def by_corners(grid: Grid) -> Grid:
 
 
 def bodies_of(grid: Grid) -> dict[str, Grid]:
-    """Return the cells of each body alone, with what of lines, faces and sets of nodes is on its nodes, by name."""
-    grid = by_corners(grid)
+    """Return the cells of each body alone, with what of lines, faces and sets of nodes is on its nodes, by name.
+
+    What is said of the whole file is said of no body.
+    """
     inner, outer = grid.bounding
     bodies = {name: grid.sets[name] & inner for name in grid.bodies if (grid.sets[name] & inner).any()}
     times = np.sum([*bodies.values(), np.zeros(len(inner), dtype=np.int64)], axis=0)[inner]
     if len(bodies) < 2 or (times != 1).any():
         several = np.flatnonzero(inner)[times > 1]
         double = " and ".join(repr(name) for name, mine in bodies.items() if mine[several[:1]].any())
-        found = f"there is one, {next(iter(bodies))!r}; read it without bodies=" if bodies else "there is none"
+        empty = ", ".join(repr(name) for name in grid.bodies if name not in bodies)
+        cure = f"no cells are read of {empty}" if empty else "read it without bodies="
+        found = f"there is one, {next(iter(bodies))!r}; {cure}" if bodies else "there is none"
         found = f"{len(several)} of its cells are in several, {double}" if double else found
         found = f"{(times == 0).sum()} of its cells are in none" if bodies and (times == 0).any() else found
         raise MeshError(
             "bodies='physical' makes a body of every physical group of cells of a Gmsh file, of every instance or part "
             "(or else element set) of an Abaqus file, of every property of a Nastran file. Wanted are two, and each "
-            f"cell in one; here, {found}."
+            f"cell in one; here, {'; '.join([found, *(note.rstrip('.') for note in grid.notes)])}."
         )
     found_grids: dict[str, Grid] = {}
     cell = np.repeat(np.arange(len(inner)), np.diff(grid.offsets))
@@ -270,7 +275,7 @@ def bodies_of(grid: Grid) -> dict[str, Grid]:
         part.nodes = {side: chosen[own] for side, chosen in grid.nodes.items() if chosen[own].any()}
         lines = np.isin(part.kinds, (*POLYGONS, "line")) if grid.solid else part.kinds == "line"
         part.sets = {key: x & lines if key in grid.bodies else x for key, x in part.sets.items()}
-        part.notes = () if found_grids else grid.notes  # What is said of the whole file is said once.
+        part.notes = ()
         found_grids[name] = part
     return found_grids
 

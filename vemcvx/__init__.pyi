@@ -41,6 +41,7 @@ from .effects import NormalCompliance as NormalCompliance
 from .effects import Orthotropic as Orthotropic
 from .effects import PointLoad as PointLoad
 from .effects import PrescribedDisplacement as PrescribedDisplacement
+from .effects import PrescribedSlip as PrescribedSlip
 from .effects import Pressure as Pressure
 from .effects import Prestress as Prestress
 from .effects import Rigid as Rigid

@@ -60,6 +60,10 @@ def grip(x, t):
     return 0.3 + 0.1 * x[:, 0] + 0 * t
 
 
+def creep(x, t):
+    return 0.01 * t * (1 - x[:, 0])
+
+
 def press(x, t):
     return t * (3 + x[:, 1])
 
@@ -87,6 +91,7 @@ HELD = vx.Clamp(on="right")
 PULLED = vx.Traction(pull, on="left")
 SHAKEN = vx.Traction(lambda x, t: vectors(x, 30 * t * (0.6 - t), 0.0), on="left")
 PRESSED = vx.Traction(lambda x, t: vectors(x, t * (4 + x[:, 0]), -t * (6 + x[:, 0])), on="top")
+SPRUNG = vx.ElasticFoundation(5.0, 5.0, on="top")
 TOUCHING = vx.BilateralContact(on="bottom")
 RUBBING = vx.TrescaFriction(bound=4.0, on="bottom")
 
@@ -191,6 +196,12 @@ SAMPLES = {
         vx.Prestress(stress), ON_FLOOR, data={"stress": 3}, others={"stress": squeeze, "on": "west"}
     ),
     "BilateralContact": EffectSample(TOUCHING, (STEEL, HELD, PULLED), others={"on": "left"}),
+    "PrescribedSlip": EffectSample(
+        vx.PrescribedSlip(creep, on="bottom"),
+        (STEEL, SPRUNG, PULLED),
+        data={"value": 1},
+        others={"value": 0.0, "on": "left"},
+    ),
     "TrescaFriction": EffectSample(
         vx.TrescaFriction(uneven, on="bottom"),
         (STEEL, HELD, SHAKEN, TOUCHING),

@@ -12,10 +12,12 @@ from test_conformance_effects import (
     PULLED,
     REST,
     SHAKEN,
+    SPRUNG,
     STEEL,
     TOUCHING,
     UNPRESSED,
     belt,
+    creep,
     grip,
     lift,
     pull,
@@ -44,9 +46,13 @@ def around(x):
     return np.column_stack([1 + x[:, 0], 0.5 - x[:, 1], 1 + 0 * x[:, 2]])
 
 
+def turning(x, t):
+    return creep(x, t)[:, None] * (1.0, 2.0, 0.0)
+
+
 RUBBING = vx.TrescaFriction(bound=2.0, on="bottom")
 RUBBED = STEEL, HELD, PULLED, TOUCHING, RUBBING
-UNLIKE = vx.Elasticity, vx.Orthotropic, vx.TrescaFriction, vx.CoulombFriction, vx.PointLoad, vx.Rigid
+UNLIKE = vx.Elasticity, vx.Orthotropic, vx.TrescaFriction, vx.CoulombFriction, vx.PointLoad, vx.Rigid, vx.PrescribedSlip
 
 
 def in_space(sample):
@@ -99,6 +105,12 @@ SAMPLES = {
             "moment": pull,
             "motion": (0.0, lift, None, None, 0.0, None),
         },
+    ),
+    "PrescribedSlip": EffectSample(
+        vx.PrescribedSlip(turning, on="bottom"),
+        (STEEL, SPRUNG, PULLED),
+        data={"value": 3},
+        others={"value": (0.0, 0.0, 0.0), "on": "left"},
     ),
     "PointLoad": EffectSample(
         vx.PointLoad(pull, at=(0.0, 1.0, 1.0)),

@@ -14,10 +14,12 @@ import block_between_dies as dies
 import block_with_grain as grain
 import bonded_pad as pad
 import circular_inclusion as inclusion
+import fault_slip as fault
 import gallery
 import janssen_silo as silo
 import liner_in_housing as liner
 import plate_with_hole as hole
+import pressurised_crack as crack
 import pretensioned_tendon as tendon
 import rigid_punch as punch
 import rough_layer as layer
@@ -99,6 +101,24 @@ def test_a_grain_leans_the_loop_of_friction(family):
     assert gamma.max() > 3 * -gamma.min() > 0
     slides = np.abs(stress[1:, 2] / stress[1:, 1]) > grain.FRICTION * (1 - 1e-12)
     assert np.array_equal(~contact.sticking[1:].any(axis=1), slides)
+
+
+def test_a_crack_opens_where_the_fluid_bears_more_than_the_rock():
+    """Contact bears S - p; beyond, the crack opens by Sneddon's profile, to 3 % in its middle third on 8 cells."""
+    history = small("pressurised_crack")
+    p, x = crack.fluid(history.times), crack.opened(history)[0]
+    bears = np.broadcast_to(np.maximum(crack.ACROSS - p, 0.0)[:, None], history.contact.pressure.shape)
+    assert history.contact.pressure == pytest.approx(bears, abs=1e-9 * crack.ACROSS)
+    exact = np.array([crack.opening(x, one) for one in p])
+    away = np.abs(x) < 0.3
+    assert crack.opened(history)[1][:, away] == pytest.approx(exact[:, away], rel=0.03, abs=1e-9 * exact.max())
+    assert np.abs(history.displacement[p <= crack.ACROSS]).max() < 1e-9 * exact.max()
+
+
+def test_a_fault_loses_the_stress_of_its_slip():
+    """To 2 % in its middle half, on 8 cells."""
+    x, lost = fault.lost(small("fault_slip"))
+    assert lost[-1, np.abs(x) < 0.6] == pytest.approx(fault.DROP, rel=0.02)
 
 
 @pytest.mark.long

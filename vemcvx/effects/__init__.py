@@ -9,6 +9,7 @@ from vemcvx.effects.contact import (
     BilateralContact,
     CoulombFriction,
     NormalCompliance,
+    PrescribedSlip,
     TrescaFriction,
     UnilateralContact,
 )
@@ -62,6 +63,7 @@ __all__ = [
     "Orthotropic",
     "PointLoad",
     "PrescribedDisplacement",
+    "PrescribedSlip",
     "Pressure",
     "Prestress",
     "Rigid",

@@ -26,7 +26,7 @@ from vemcvx.effects.effect import (
     amount,
     where,
 )
-from vemcvx.vem import BoundaryRows, Space
+from vemcvx.vem import BoundaryRows, Space, tangents_of
 
 
 @dataclass(frozen=True)
@@ -54,6 +54,72 @@ class BilateralContact(Effect):
 
     def describe(self) -> str:
         return f"BilateralContact: u.n = 0 on {where(self.on)}"
+
+
+@dataclass(frozen=True)
+class PrescribedSlip(Effect):
+    """Given slip of a fault that stays closed: the jump of u is `value` along an interface and 0 across it.
+
+    The jump is that of the body named first against the second; on a boundary it is that of the body against the
+    ground. Slip is 0 at the tip of a crack, which is one node. `history.reaction(on)` is the force along the fault that
+    the slip takes, `history.force(on)` that across it; friction on the same interface acts against the slip.
+
+    Parameters
+    ----------
+    value : number, or callable f(x, t) -> (m,)
+        The slip along the tangent, n turned by +90 degrees, in units of length, evaluated at t_n. It does not depend on
+        which body is named first: whoever stands on one side sees the other move to the right where it is positive
+        (right-lateral). In space a vector, (3,) or f(x, t) -> (m, 3), of which what is along the surface counts.
+    on : str or sequence of str
+        Names of interfaces or boundaries, as of BilateralContact. Slips of parts that share a node must agree there.
+
+    Raises
+    ------
+    SceneError
+        From `contribute` or a run: `value` has a wrong shape or is not finite, or contradicts other supports, as around
+        a corner of the fault.
+
+    Examples
+    --------
+    >>> import vemcvx as vx
+    >>> blocks = {name: vx.meshes.squares(2, box=((0, 1), (y, y + 1))) for name, y in (("low", 0), ("up", 1))}
+    >>> scene = vx.Scene(vx.Elasticity(200.0, 0.3), vx.Clamp(on="low.bottom"), vx.PrescribedSlip(0.1, on="low|up"))
+    >>> history = vx.simulate(scene, vx.meshes.bodies(blocks), [0.0, 1.0], initial="settled")
+    >>> [round(float(x), 9) for x in history.mean("displacement", on="up")[-1]]
+    [0.1, 0.0]
+    """
+
+    value: data.Datum
+    on: str | Sequence[str]
+
+    def contribute(self, space: Space) -> Contribution:
+        rows, subject = space.part(self.on, "PrescribedSlip", contact=True).node_normals, self._subject
+        apart = rows.nodes != rows.partners
+        nodes, normals, partners = rows.nodes[apart], rows.normals[apart], rows.partners[apart]
+        points, tangents = space.mesh.points[nodes], tangents_of(normals)
+        per = tangents.shape[1]
+
+        def slip(t: float) -> Floats:
+            if space.in_plane:
+                return data.scalar(self.value, points, t, f"{subject}: value")
+            vectors = data.vector(self.value, points, t, f"{subject}: value")
+            return np.einsum("mbd,md->mb", tangents, vectors).ravel()
+
+        moves = varies(self.value) or slip(0.0).any()
+        across = Support(subject, nodes, normals, points, contact=True, partners=partners)
+        along = Support(
+            subject,
+            nodes.repeat(per),
+            tangents.reshape(-1, space.dim),
+            points.repeat(per, axis=0),
+            slip if moves else None,
+            partners=partners.repeat(per),
+        )
+        surface, curves = ContactSurface.of(rows, subject), (subject,) if rows.curved else ()
+        return Contribution(supports=(across, along), surfaces=(surface,), curves=curves)
+
+    def describe(self) -> str:
+        return f"PrescribedSlip: slip = {amount(self.value)}, u.n = 0 on {where(self.on)}"
 
 
 @dataclass(frozen=True)

@@ -61,7 +61,7 @@ TOPICS = {
     "contact-and-friction": Topic(
         "Contact and friction",
         "With obstacles, and between bodies where `on=` names an interface.",
-        "BilateralContact UnilateralContact NormalCompliance TrescaFriction CoulombFriction Law",
+        "BilateralContact UnilateralContact NormalCompliance PrescribedSlip TrescaFriction CoulombFriction Law",
         modules="solvers.newton solvers.law",
     ),
     "meshes": Topic(

@@ -208,8 +208,8 @@ def test_loads_just_beyond_what_holds_are_told_from_those_just_below(block, mode
         slip = grip @ c
         strongest = np.einsum("ijk,ij->k", grip, w[:, None] * slip / np.linalg.norm(slip, axis=1)[:, None])
         push = strongest + (stop[:2].T @ rng.uniform(0, 1, 2) if modes > 1 else 0.0)
-        assert floating(grip, stop, (1 - beyond) * push, w).unbalanced_motion() is None
-        motion = floating(grip, stop, push + beyond * strongest, w).unbalanced_motion()
+        assert floating(grip, stop, (1 - beyond) * push, w).find_unbalanced_motion() is None
+        motion = floating(grip, stop, push + beyond * strongest, w).find_unbalanced_motion()
         assert motion @ (push + beyond * strongest) > w @ np.linalg.norm(grip @ motion, axis=1)
 
 

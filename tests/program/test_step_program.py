@@ -313,7 +313,7 @@ def beside(w, b=1.0):
 def test_bounds_hold_where_what_sticks_was_put_in_place(w):
     """A slip of 2e-14 costs w times that; the certificate is of the place after it, and no difference of objectives."""
     answer = Answer(np.array([0.5 + 2e-14, 0.5]), np.array([[-0.5]]), 0)
-    low, high = SolvedProgram.of(beside(w), answer, 1, 1.0).bounds
+    low, high = SolvedProgram.from_answer(beside(w), answer, 1, 1.0).bounds
     assert low <= 0.25 <= high
 
 

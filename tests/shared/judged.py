@@ -235,7 +235,9 @@ def _ledger(posed, t, inexact, unsolved, verdict):
         press = float(p[n] @ (z[n] - z[n - 1])) - 0.5 * float(soft @ (p[n] ** 2 - p[n - 1] ** 2))
         done = (t.work[n] - t.work[n - 1]) - (t.energy[n] - t.energy[n - 1])
         # Losses are >= 0: a slip of rounding against its force, lam . s < 0, counts as none.
-        slip = system.B @ d + system.prescribed_slip(float(t.times[n])) - system.prescribed_slip(float(t.times[n - 1]))
+        slip = (
+            system.B @ d + system.slip_of_supports(float(t.times[n])) - system.slip_of_supports(float(t.times[n - 1]))
+        )
         lam = t.multipliers[n][: 0 if system.norms is None else system.norms.count]
         against = np.minimum((lam * slip.reshape(lam.shape)).sum(axis=1), 0.0).sum()
         defect = abs(done - (t.dissipated[n] - t.dissipated[n - 1]) - half - press - against)

@@ -28,7 +28,7 @@ from vemcvx.base.errors import SceneError
 from vemcvx.bound.reading import Reader, Reading
 from vemcvx.bound.skeleton import Instant, Skeleton, at_ends
 from vemcvx.effects import Friction, Obstacle, Support
-from vemcvx.program.kernel import balanced
+from vemcvx.program.kernel import balance_multipliers
 from vemcvx.scene import ContactRows, PosedScene
 from vemcvx.vem import tangents_of
 
@@ -394,7 +394,7 @@ class Boundary:
         push = body + np.array([np.sum(loads * mode[edges.outer_edges]) for mode in moved])
         modes = np.concatenate([slip, *(outward * np.repeat(acts, 2)[:, None] for acts in acting)])
         lengths = np.repeat(edges.lengths, 2)
-        found, pressure = balanced(
+        found, pressure = balance_multipliers(
             (q.reshape(-1, 1), p.ravel()), g.ravel(), modes, push, (1.0 / lengths, 1.0 / np.tile(lengths, 2))
         )
         left = push - np.append(found, pressure) @ modes

@@ -34,8 +34,8 @@ from vemcvx.base.arrays import Floats, as_real_array, check_compressed, finite, 
 from vemcvx.base.errors import ProgramError
 from vemcvx.linear import Matrix
 from vemcvx.program import Answer, Operators, SolvedProgram, StepProgram
-from vemcvx.program.kernel import anchors
-from vemcvx.program.operators import SYMMETRIC
+from vemcvx.program.kernel import choose_anchors
+from vemcvx.program.operators import SYMMETRY_TOLERANCE
 
 NAMES = "K", "B", "D", "N", "g", "w", "b", "e", "c"
 """The arrays of a program in every format."""
@@ -67,14 +67,14 @@ def program_from_arrays(parts: Mapping[str, Any]) -> StepProgram:
     K, N = parts["K"], np.asarray(parts.get("N", np.zeros((len(g), 0))))
     if N.ndim != 2 or len(N) != len(g) or N.shape[1] > len(g) or K.shape != (len(g), len(g)):
         raise ProgramError(f"found K of shape {K.shape} and N of shape {N.shape}; g has {len(g)} unknowns.")
-    if np.abs(K @ finite(N, "N")).max(initial=0.0) > SYMMETRIC * abs(K).max():
+    if np.abs(K @ finite(N, "N")).max(initial=0.0) > SYMMETRY_TOLERANCE * abs(K).max():
         raise ProgramError("found N that is not in the kernel of K: K N is not zero.")
     operators = Operators(
         K,
         parts.get("B"),
         block=len(b) // len(w) if len(w) else 1,
         kernel=N if N.shape[1] else None,
-        anchor=anchors(N, K.diagonal()) if N.shape[1] else None,
+        anchor=choose_anchors(N, K.diagonal()) if N.shape[1] else None,
         D=parts.get("D"),
         compliance=c,
     )
@@ -155,7 +155,7 @@ def _attach_answer(program: StepProgram, kept: Mapping[str, Any]) -> StepProgram
         return program
     shapes: dict[str, tuple[int, ...]] = {**program.shapes, "step": (), "t": ()}
     d, lam, p, step, t = (finite(of_shape(kept[name], name, shape), name) for name, shape in shapes.items())
-    return SolvedProgram.of(program, Answer(d, lam, 0, "read from a file", p=p), int(step), float(t))
+    return SolvedProgram.from_answer(program, Answer(d, lam, 0, "read from a file", p=p), int(step), float(t))
 
 
 def to_matrix_market(program: StepProgram) -> dict[str, bytes]:

@@ -1,25 +1,24 @@
-"""Static condensation, once for all steps: a system seen by its norm terms and limits alone.
+"""Static condensation, once for all steps: a system reduced to the unknowns of its norm terms and limits.
 
-With interior unknowns i and retained ones c, those that rows read,  S = K_cc - K_ci K_ii^{-1} K_ic. If c comes last in
-K = L U, then S = L_cc U_cc: the Schur complement costs no more than the factorisation.
+Norm terms and limits read the retained unknowns c; the others are the interior unknowns i. The Schur complement is
+S = K_cc - K_ci K_ii^{-1} K_ic. If c comes last in K = L U, then S = L_cc U_cc, at no extra cost.
 
-A force phi is *reduced* to what it does while the retained unknowns are held, and the force that holds them:
+A force phi is *reduced* to the interior response xi with fixed retained unknowns, and to the force tau that fixes them:
 
     xi = (K_ii^{-1} phi_i, 0),     tau = phi_c - K_ci xi_i.
 
-A state with the retained displacements y_c under the total force f, and the work of a force phi on it, are then
+For a state y with retained displacements y_c under the total force f, and for the work of a force phi on it,
 
     y = xi_f + K^{-1} (0, S y_c),     K y = f + (0, S y_c - tau_f),
-    y'Ky = f'xi_f + y_c'S y_c,        phi'y = phi'xi_f + tau_phi'y_c:
+    y'Ky = f'xi_f + y_c'S y_c,        phi'y = phi'xi_f + tau_phi'y_c,
 
 so that no energies are subtracted from each other.
 
-Where K has a kernel (:mod:`vemcvx.program.kernel`), retained unknowns are anchored: K + E is factorised, E the diagonal
-of the anchors' stiffness, and its Schur complement is S + E. K_ii, K_ci, xi and tau do not depend on E.
+If K has a kernel (:mod:`vemcvx.program.kernel`), retained unknowns are anchored: K + E is factorised, with E the
+diagonal matrix of the anchors' stiffness, and its Schur complement is S + E. K_ii, K_ci, xi and tau do not depend on E.
 
-The loads of a run are combinations of few shapes. Each shape is solved for once, and energies of combinations are sums
-over products of shapes: a step works with as many numbers as there are shapes, and forms vectors of all unknowns only
-when they are asked for.
+The loads of a run are combinations of few shapes. Each shape costs one solve, and energies of combinations are sums
+over products of shapes. So a step works with one number per shape; vectors of all unknowns are computed on demand.
 """
 
 from __future__ import annotations
@@ -35,17 +34,17 @@ from vemcvx.base.arrays import Floats, Ints, power_of_two, read_only, spread
 from vemcvx.base.errors import NotAccepted
 from vemcvx.linear import Factor, LinearSolver, Matrix, order_by_minimum_degree
 from vemcvx.program.certificate import ROUNDED
-from vemcvx.program.kernel import anchors
+from vemcvx.program.kernel import choose_anchors
 from vemcvx.program.operators import DenseInverse, Operators
 from vemcvx.program.system import System
 
 MOST_SHAPES = 6
-"""Beyond this many, a load that keeps changing its shape is solved for afresh, step by step."""
+"""Largest number of stored shapes; further loads of new shape cost one solve per step."""
 
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """A force of size one with its response: xi (n,), tau (m,), and K^{-1} tau on the retained unknowns (m,)."""
+    """A force phi (n,) of size one, with xi (n,), tau (m,), and `released` (m,), the retained part of K^{-1} tau."""
 
     phi: Floats
     xi: Floats
@@ -54,7 +53,7 @@ class Shape:
     _works: WeakKeyDictionary[Shape, float] = field(default_factory=WeakKeyDictionary, repr=False)
 
     def work_inside(self, other: Shape) -> float:
-        """Return phi'xi, the work on the displacement xi of another shape."""
+        """Return phi'xi, the work of this shape's phi on the xi of another shape."""
         work = self._works.get(other)
         if work is None:
             self._works[other] = work = float(self.phi @ other.xi)
@@ -63,14 +62,14 @@ class Shape:
 
 @dataclass(frozen=True, eq=False)
 class Reduced:
-    """A force as a combination of shapes, with the shares of these; tau (m,) stands for it on the retained unknowns."""
+    """A force as a combination of shapes with coefficients `shares`."""
 
     condensation: Condensation
     shares: dict[Shape, float]
 
     @cached_property
     def retained(self) -> Floats:
-        """Tau (m,)."""
+        """The force tau (m,) on the retained unknowns."""
         return self._sum("tau", len(self.condensation.retained))
 
     @cached_property
@@ -80,17 +79,17 @@ class Reduced:
 
     @property
     def xi(self) -> Floats:
-        """The response (n,) while the retained unknowns are held."""
+        """The response xi (n,) with fixed retained unknowns."""
         return self._sum("xi", self.condensation.system.n)
 
     @cached_property
     def x(self) -> Floats:
         """The response K^{-1} phi (n,)."""
-        return self.condensation.completed(self.xi, self._sum("released", len(self.condensation.retained)))
+        return self.condensation.complete(self.xi, self._sum("released", len(self.condensation.retained)))
 
     @cached_property
     def norm(self) -> float:
-        """(phi'K^{-1}phi)^{1/2}, the energy norm of the response."""
+        """The energy norm (phi'K^{-1}phi)^{1/2} of the response."""
         largest = max(map(abs, self.shares.values()), default=0.0)
         if not 0 < largest < np.inf:
             return largest
@@ -99,9 +98,9 @@ class Reduced:
         return largest * float(np.sqrt(abs(unit.work_inside(unit) + float(unit.retained @ released))))
 
     def work_inside(self, other: Reduced) -> float:
-        """Return phi'xi, the work on the displacement xi of another force."""
+        """Return phi'xi, the work of this force on the xi of another force."""
         pairs = ((one, a, two, b) for one, a in self.shares.items() for two, b in other.shares.items())
-        # Each share carries the unit of its force: the product of two may be no number where that of all three is.
+        # Each share carries the unit of its force: a * b may overflow although a * b * work does not.
         return float(sum(a * (b * one.work_inside(two)) for one, a, two, b in pairs))
 
     def __add__(self, other: Reduced) -> Reduced:
@@ -114,7 +113,7 @@ class Reduced:
         return self + Reduced(self.condensation, {shape: -share for shape, share in other.shares.items()})
 
     def _sum(self, name: str, count: int) -> Floats:
-        """Return the sum of shares of arrays (count,)."""
+        """Return the combination (count,) of one array per shape."""
         total = np.zeros(count)
         with np.errstate(over="ignore", invalid="ignore"):
             for shape, share in self.shares.items():
@@ -123,11 +122,11 @@ class Reduced:
 
 
 class Condensation:
-    """A system seen by its rows alone.
+    """A system reduced to its retained unknowns.
 
-    The operators are S, dense, and rows on the `retained` (m,) unknowns, or the `full` ones, of all unknowns, if the
-    system is kept `whole`: with ``condense=False``, and where the linear solver cannot eliminate. `factor` is of K with
-    the anchors' stiffness.
+    `operators` are S, dense, and the rows on the `retained` (m,) unknowns; `full` are the operators on all unknowns.
+    Both are equal if the system is kept `whole`: with ``condense=False``, or if the linear solver cannot eliminate.
+    `factor` is the factor of K with the anchors' stiffness.
     """
 
     def __init__(self, system: System, condense: bool = True, linear: LinearSolver | None = None):
@@ -140,7 +139,7 @@ class Condensation:
                     f"linear solver {type(self.linear).__name__}: the stiffness has a kernel (only friction holds the "
                     "body), which it does not take; SuperLU() does."
                 )
-            anchor = spread(anchors(system.kernel.modes[c], system.K.diagonal()[c]), c, n)
+            anchor = spread(choose_anchors(system.kernel.modes[c], system.K.diagonal()[c]), c, n)
         self._K = system.K if anchor is None else sp.csr_matrix(system.K + sp.diags_array(anchor))
         self._bases: dict[int, list[tuple[Floats, Shape]]] = {}
         if self.whole:
@@ -158,7 +157,7 @@ class Condensation:
         )
 
     def _on(self, c: Ints, K: Matrix, factor: Factor, anchor: Floats | None) -> Operators:
-        """Return the operators on the unknowns `c`."""
+        """Return the operators on the unknowns `c` (m,)."""
         system, kernel, limits = self.system, self.system.kernel, self.system.limits
         return Operators(
             K,
@@ -172,37 +171,38 @@ class Condensation:
         )
 
     def reduce(self, phi: Floats, rows: Ints | None = None) -> Reduced:
-        """Return the reduced form of a force (n,), or of one on the unknowns `rows` alone.
+        """Return the reduced form of a force (n,), or of a force on the unknowns `rows` alone.
 
-        A combination of forces on the same rows seen before costs no solve.
+        A combination of earlier forces on the same rows costs no solve.
         """
         unit = float(power_of_two(float(np.abs(phi).max(initial=0.0))))
         rest = load = phi / unit
         basis, shares = self._bases.setdefault(id(rows), []), dict[Shape, float]()
         for q, shape in basis:
-            share = float(q @ rest) / float(q @ q)  # One, exactly, of a load that is the shape itself.
+            share = float(q @ rest) / float(q @ q)  # Exactly one if the load is the shape itself.
             rest, shares[shape] = rest - share * q, unit * share
         if np.linalg.norm(rest) <= ROUNDED * np.linalg.norm(load):
             return Reduced(self, shares)
         full = len(basis) == MOST_SHAPES
         rest, shares = (load, {}) if full else (rest, shares)
-        new = self._solved(rest if rows is None else spread(rest, rows, self.system.n))
+        new = self._solve_shape(rest if rows is None else spread(rest, rows, self.system.n))
         if not full:
             basis.append((rest, new))
         return Reduced(self, {**shares, new: unit})
 
-    def _solved(self, phi: Floats) -> Shape:
-        """Return the response to a force (n,)."""
-        c, xi, kernel, N = self.retained, self.held(phi), self.system.kernel, self.operators.kernel
+    def _solve_shape(self, phi: Floats) -> Shape:
+        """Compute the shape of a force (n,)."""
+        c, xi, kernel, N = self.retained, self.solve_interior(phi), self.system.kernel, self.operators.kernel
         tau = phi[c] - self._K[c] @ xi
-        if kernel is not None and N is not None:  # It does the work there that phi does.
+        if kernel is not None and N is not None:  # Correct tau such that tau and phi do the same work on the kernel.
             tau = tau + N @ (np.linalg.solve(kernel.modes[c].T @ N, kernel.modes.T @ phi) - N.T @ tau)
         return Shape(phi, xi, tau, self.operators.factor.solve(tau))
 
-    def held(self, phi: Floats) -> Floats:
-        """Return the response xi to forces (n,), or (n, k), inside, while the retained unknowns are held.
+    def solve_interior(self, phi: Floats) -> Floats:
+        """Return the response xi to interior forces (n,) or (n, k) with fixed retained unknowns.
 
-        Forces on these pull them back to zero: S x_c where they are x_c, and once more for what the solves have lost.
+        A full solve moves the retained unknowns by x_c; the forces -S x_c move them back to zero. Two such corrections
+        remove rounding.
         """
         c, inner = self.retained, phi.copy()
         inner[c] = 0.0
@@ -217,8 +217,8 @@ class Condensation:
         xi[c] = 0.0
         return xi
 
-    def completed(self, xi: Floats, y_c: Floats) -> Floats:
-        """Return xi + K^{-1} (0, S y_c), whose retained unknowns are y_c; (n,), or (n, k) of k states."""
+    def complete(self, xi: Floats, y_c: Floats) -> Floats:
+        """Return xi + K^{-1} (0, S y_c), the state (n,) with retained unknowns y_c, or k states (n, k)."""
         pushed, y = np.zeros_like(xi), xi.copy()
         if y_c.any() and len(y_c) < len(xi):
             pushed[self.retained] = self._S @ y_c

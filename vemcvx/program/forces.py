@@ -1,20 +1,20 @@
-"""A step in the forces of contact: how rows move where their forces change.
+"""A step in the contact forces: how rows move when their forces change.
 
 With A = [B; D] the rows of norm terms and limits, and x = (lam, p) their forces, a step is
 
     K d + A'x = g,    s = B d - b,    z = D d - e,
     |lam_i| <= w_i,  lam_i . s_i = w_i |s_i|;      p >= 0,  z <= c p,  p (c p - z) = 0.
 
-Where forces change by dx the increments change by -K^{-1}A'dx, and the rows by -W dx, with W = A K^{-1}A', the Delassus
-operator. So what rows are `off`, (s, z - c p), is known under any forces as soon as it is under some:
+If forces change by dx, the increments change by -K^{-1}A'dx, and the rows by -W dx, with the Delassus operator
+W = A K^{-1}A'. So the vector off = (s, z - c p) changes by
 
     off(x + dx) = off(x) - (W + C) dx,     C = diag(0, c),
 
-and all that a step needs of the body is W + C. Units u of the rows give that a diagonal of ones, in every system of
-units, so that tolerances are plain numbers.
+and W + C is all that a step needs of the body. Rows are scaled by units u such that W + C has a unit diagonal; then
+tolerances are plain numbers in every system of units.
 
-Where K has a kernel N, K stands for K with the anchors' stiffness, increments have a part N a, rows move by R a with
-R = A N, and forces balance on the kernel: N'g - R'x = 0 is the `rest`. N is chosen such that R is orthonormal.
+If K has a kernel N, K denotes K with the anchors' stiffness. Increments have a part N a, which moves rows by R a with
+R = A N. Forces must balance on the kernel: `rest` = N'g - R'x = 0. N is chosen such that R is orthonormal.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from vemcvx.program.step_program import StepProgram
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """Forces, and what rows are off under them; in the units of a :class:`Delassus`.
+    """The forces x of all rows and the vector `off` that they cause, in the units of a :class:`Delassus`.
 
     Parameters
     ----------
@@ -40,11 +40,11 @@ class Point:
     off : (N,) array
         Slips s, and z - c p of limits.
     a : (k,) array
-        The part of the increments in K's kernel.
+        Coordinates of the increments in K's kernel.
     rest : (k,) array
-        What the forces lack of balance there.
+        Imbalance of the forces on the kernel.
     start : Point, optional
-        The point that changes are counted from, so that the rounding of large forces on the way leaves nothing.
+        The point from which changes are computed, so that rounding of large intermediate forces does not accumulate.
     """
 
     x: Floats
@@ -55,33 +55,34 @@ class Point:
 
 
 class Delassus:
-    """W + C of the rows of norm terms and limits, in units u (N,) of their forces, alike in a block.
+    """The scaled Delassus operator of the rows of norm terms and limits.
 
-    Rows move in units 1 / u. W (N, N), an array or a LinearOperator, is u (W + C) u, whose diagonal is near one.
-    N (n, k) is a basis of K's kernel such that R = u A N (N, k) is orthonormal.
+    Forces have the units u (N,), equal in a block, and motions the units 1 / u. The attribute `W` (N, N), an array or a
+    LinearOperator, is u (W + C) u, with a diagonal close to one. `N` (n, k) is a basis of K's kernel such that
+    `R` = u A N (N, k) is orthonormal.
     """
 
     def __init__(self, operators: Operators):
-        self.operators, (self.u, self.W) = operators, operators.softness
+        self.operators, (self.u, self.W) = operators, operators.scaled_delassus
         N = np.zeros((operators.K.shape[0], 0)) if operators.kernel is None else operators.kernel
         self.R, T = np.linalg.qr(self.u[:, None] * operators.kernel_modes)
         self.N: Floats = np.linalg.solve(T.T, N.T).T
 
     @cached_property
     def norm(self) -> float:
-        """The largest eigenvalue of W + C, from above but for a tenth: twenty powers of it."""
+        """An estimate of the largest eigenvalue of W + C: twenty power iterations, plus a tenth."""
         x = np.ones(len(self.u))
         for _ in range(20):
             x = product(self.W, x / max(float(np.linalg.norm(x)), 1e-300))
         return 1.1 * float(np.linalg.norm(x))
 
-    def parts(self, x: Floats) -> tuple[Floats, Floats]:
-        """The views (m, block) of norm terms and (r,) of limits."""
+    def split(self, x: Floats) -> tuple[Floats, Floats]:
+        """Split a vector (N,) into views (m, block) of norm terms and (r,) of limits."""
         rows = self.operators.B.shape[0]
         return x[:rows].reshape(-1, self.operators.block), x[rows:]
 
     def begin(self, program: StepProgram, lam: Floats, p: Floats, d: Floats | None = None) -> Point:
-        """The point of a program under forces (m, block) and (r,); its part in the kernel is that of d, else none."""
+        """Return the point of a program under forces (m, block) and (r,), with the kernel part of d, or zero."""
         operators, x = self.operators, np.concatenate([lam.ravel(), p])
         push = program.g - operators.multiplier_force(lam, p)
         off = self.u * self.excess(program, operators.factor.solve(push), p)
@@ -89,35 +90,35 @@ class Delassus:
         return Point(x / self.u, off + self.R @ a, a, self.N.T @ push)
 
     def excess(self, program: StepProgram, d: Floats, p: Floats) -> Floats:
-        """(N,) slips s, and z - c p, of increments d under the forces p of limits."""
+        """Return (s, z - c p) (N,) of increments d under the forces p of limits."""
         given = np.concatenate([program.b, program.e + self.operators.compliance * p])
         off: Floats = self.operators.A @ d - given
         return off
 
-    def moved(self, point: Point, dx: Floats, da: Floats | float = 0.0) -> Point:
-        """The point whose forces are dx and whose part in the kernel is da further."""
+    def move(self, point: Point, dx: Floats, da: Floats | float = 0.0) -> Point:
+        """Return the point with forces changed by dx and kernel part changed by da."""
         start, x, a = point.start or point, point.x + dx, point.a + da
         dx = x - start.x
         return Point(x, start.off - product(self.W, dx) + self.R @ (a - start.a), a, start.rest - self.R.T @ dx, start)
 
     def forces(self, point: Point) -> tuple[Floats, Floats]:
-        """The forces lam (m, block) and p (r,) of a point."""
-        return self.parts(self.u * point.x)
+        """Return the forces lam (m, block) and p (r,) of a point, in the units of the program."""
+        return self.split(self.u * point.x)
 
     def increments(self, program: StepProgram, point: Point) -> Floats:
-        """The increments d (n,) under the forces of a point."""
+        """Return the increments d (n,) under the forces of a point."""
         push = program.g - self.operators.multiplier_force(*self.forces(point))
         d: Floats = self.operators.factor.solve(push) + self.N @ point.a
         return d
 
 
-def reflected(way: Floats) -> Floats:
-    """(m, block, block) reflections that take the first unit vector to unit vectors `way` (m, block), or against them.
+def build_reflections(direction: Floats) -> Floats:
+    """Return reflections (m, block, block) that map the first unit vector to `direction` (m, block) or its negative.
 
-    Their other columns are an orthonormal basis across these.
+    The other columns are an orthonormal basis of the complement of `direction`.
     """
-    normal = way + np.where(way[:, :1] < 0, -1.0, 1.0) * np.eye(way.shape[1])[0]
-    mirrors: Floats = np.eye(way.shape[1]) - 2.0 * (
+    normal = direction + np.where(direction[:, :1] < 0, -1.0, 1.0) * np.eye(direction.shape[1])[0]
+    mirrors: Floats = np.eye(direction.shape[1]) - 2.0 * (
         normal[:, :, None] * normal[:, None, :] / (normal**2).sum(axis=1)[:, None, None]
     )
     return mirrors

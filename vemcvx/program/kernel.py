@@ -1,13 +1,13 @@
-"""K with a kernel N: motions that cost no energy, held by norm terms and limits alone.
+"""A matrix K with a kernel N: motions without energy, held by norm terms and limits alone.
 
-That is a body without supports, held by friction, or by its weight on an obstacle. A step min 1/2 d'Kd - g'd +
-sum_i w_i |B_i d - b_i| subject to Dd <= e then has a solution if no motion Nc pays,
+An example is a body without supports, held by friction, or by its weight on an obstacle. A step min 1/2 d'Kd - g'd +
+sum_i w_i |B_i d - b_i| subject to Dd <= e then has a solution if no motion Nc gains energy,
 
     c'N'g < sum_i w_i |B_i N c|   for all c with DNc <= 0,   so that   N'g = N'B'lam + N'D'p,  |lam_i| <= w_i,  p >= 0,
 
-and K d* is unique while d* need not be: errors are measured in the seminorm |.|_K. Stiffness on k unknowns (*anchors*)
-that the motions move makes K positive definite, so that it can be factorised. Newton's method has the motions
-themselves as unknowns (:mod:`vemcvx.program.forces`); solvers that do not take a semidefinite K are refused.
+and K d* is unique while d* need not be: errors are measured in the seminorm |.|_K. Stiffness added on k unknowns
+(*anchors*) that the motions move makes K positive definite, so that it can be factorised. Newton's method has the
+coordinates c as unknowns (:mod:`vemcvx.program.forces`). Solvers that do not accept a semidefinite K are refused.
 """
 
 from __future__ import annotations
@@ -35,13 +35,13 @@ from vemcvx.base.arrays import (
 from vemcvx.base.errors import SceneError
 from vemcvx.program.certificate import ROUNDED
 
-ROUNDS = 50
-"""Corrections of multipliers that are out of balance; each but the last cuts some of them."""
+MAX_CORRECTIONS = 50
+"""Largest number of corrections of unbalanced multipliers; each but the last cuts some of them at their bounds."""
 
 
 @dataclass(frozen=True)
 class Kernel:
-    """The motions that K does not feel.
+    """The motions without energy: the kernel of K.
 
     Parameters
     ----------
@@ -50,9 +50,15 @@ class Kernel:
     names : (k,) sequence of str
         The motions in words, for messages.
     in_words : callable (k,) -> str, optional
-        A combination of the motions in words, the way it goes; by default the names of those that take part.
+        Words for a combination of the motions and its direction; by default the names of the motions in it.
     moved : (n_u, k) array, optional
-        The displacements of all nodes in the motions, where unknowns are none of a node; by default `modes`.
+        Displacements of all nodes in the motions, if unknowns are not displacements of nodes; by default `modes`.
+
+    Examples
+    --------
+    >>> kernel = vx.Kernel(modes=[[1.0], [1.0]], names=("translation",))
+    >>> kernel.name(np.array([-1.0]))
+    'the reverse of translation'
     """
 
     modes: Floats
@@ -79,7 +85,7 @@ class Kernel:
 
     @cached_property
     def basis(self) -> Floats:
-        """(n, k) orthonormal motions that span those of `modes`."""
+        """Orthonormal motions (n, k) that span `modes`."""
         return np.linalg.qr(self.modes)[0]
 
     def reach(self, c: Floats) -> float:
@@ -87,7 +93,7 @@ class Kernel:
         return float(np.abs((self.modes if self.moved is None else self.moved) @ c).max())
 
     def name(self, c: Floats) -> str:
-        """Return the motion modes @ c in words, the way it goes."""
+        """Return the motion modes @ c in words, with its direction."""
         if self.in_words is not None:
             return str(called(self.in_words, (c,), "Kernel: in_words failed", "say which motion they make"))
         large = np.flatnonzero(np.abs(c) > 1e-3 * np.abs(c).max())
@@ -95,16 +101,16 @@ class Kernel:
 
 
 def rank_on(rows: sp.csr_matrix, modes: Floats) -> int:
-    """Return the number of motions `modes` (n, k) that rows feel by more than rounding."""
+    """Return the rank of rows @ modes (n, k): the number of independent motions that the rows resist."""
     read, size = np.asarray(abs(rows).sum(axis=1)).ravel(), np.abs(modes).max(axis=0, initial=0.0)
     seen = (rows @ modes)[read > 0] / read[read > 0, None] / np.where(size > 0, size, 1.0)
     return int(np.linalg.matrix_rank(seen, tol=ROUNDED * max(len(seen), 1)))
 
 
-def anchors(modes: Floats, diagonal: Floats) -> Floats:
-    """Return stiffness (m,) at as many unknowns as there are modes (m, k), those that tell them apart best; else zero.
+def choose_anchors(modes: Floats, diagonal: Floats) -> Floats:
+    """Return anchor stiffness (m,): K's diagonal at the k unknowns that distinguish the modes (m, k) best; else zero.
 
-    It is K's diagonal there, or where this is rounding the largest: soft anchors would cost W = A K^{-1}A' digits.
+    If the diagonal is rounding there, its largest entry is used. Softer anchors would make W = A K^{-1}A' lose digits.
     """
     picked = qr(modes.T, mode="economic", pivoting=True)[2][: modes.shape[1]]
     stiffness = np.zeros(len(modes))
@@ -113,19 +119,19 @@ def anchors(modes: Floats, diagonal: Floats) -> Floats:
     return stiffness
 
 
-def balanced(
+def balance_multipliers(
     near: tuple[Floats, Floats], w: Floats, modes: Floats, push: Floats, weights: tuple[Floats, Floats]
 ) -> tuple[Floats, Floats]:
-    """Return multipliers (m, block), |lam_i| <= w_i, and (r,), p >= 0, near some, that hold a load N'g = `push` (k,).
+    """Return multipliers |lam_i| <= w_i (m, block) and p >= 0 (r,) close to `near` that balance N'g = `push` (k,).
 
-    Least squares with `weights` (m,) and (r,), the larger the more a multiplier is changed; those that are cut at their
-    bounds go on along them only. `modes` (m * block + r, k) are the motions of the rows. Loads beyond what they can
-    hold are left.
+    Corrections are least squares with `weights` (m,) and (r,): a larger weight allows a larger change. Multipliers cut
+    at their bounds then change along the bounds only. `modes` (m * block + r, k) are the motions of the rows. If the
+    load is too large, part of it stays unbalanced.
     """
     (lam, p), (a, b), rows, way = near, weights, near[0].size, np.zeros_like(near[0])
     of_terms, of_limits = modes[:rows].reshape(*lam.shape, len(push)), b[:, None] * modes[rows:]
     cut, closed = w == 0, np.ones(len(p), dtype=bool)
-    for _ in range(ROUNDS):
+    for _ in range(MAX_CORRECTIONS):
         x = np.append(lam, p)
         left = push - x @ modes
         if (np.abs(left) <= ROUNDED * (np.abs(push) + np.abs(x) @ np.abs(modes))).all():

@@ -36,19 +36,20 @@ SECOND_ORDER_CONES = "second-order cones"
 BOUNDS = "bounds"
 SQUARED_POSITIVE_PARTS = "squared positive parts"
 FEATURES = frozenset({QUADRATIC, ABSOLUTE_VALUES, SECOND_ORDER_CONES, BOUNDS, SQUARED_POSITIVE_PARTS})
-"""All that a program can have."""
+"""The features that a program can have."""
 
-SYMMETRIC = 1e-10
-"""Part of the largest entry by which K and K' may differ: products such as A'CA round them differently."""
+SYMMETRY_TOLERANCE = 1e-10
+"""Largest difference between K and K', relative to the largest entry: products such as A'CA are not exactly
+symmetric."""
 
 
 def check_symmetric(K: Any, subject: str) -> None:
-    """Raise SceneError unless K is square, and Kx = K'x for an x without structure: a tenth of the cost of K - K'."""
+    """Raise SceneError unless K is square and Kx = K'x for a random x, at a tenth of the cost of K - K'."""
     if K.shape[0] != K.shape[1]:
         raise SceneError(f"{subject}: found a matrix of shape {K.shape}; it must be square.")
     x = np.random.default_rng(0).uniform(-1.0, 1.0, K.shape[0])
     apart, largest = np.abs(K @ x - x @ K), abs(K).max() if K.shape[0] else 0.0
-    if (apart > SYMMETRIC * largest).any():
+    if (apart > SYMMETRY_TOLERANCE * largest).any():
         i = int(np.argmax(apart))
         raise SceneError(
             f"{subject}: found a row {i} that is not column {i}; it must be symmetric. For the energy 1/2 y'Ky, give "
@@ -56,20 +57,20 @@ def check_symmetric(K: Any, subject: str) -> None:
         )
 
 
-def fixed_rows(raw: Any, subject: str) -> sp.csr_matrix:
-    """Return a sparse matrix of finite numbers that refuses to be written to, from any matrix."""
+def as_read_only_rows(raw: Any, subject: str) -> sp.csr_matrix:
+    """Convert a matrix into a read-only sparse matrix of finite numbers."""
     matrix = checked_matrix(raw, subject)
-    if not matrix.has_canonical_format:  # SciPy would order the entries in place, at the first product that wants it.
+    if not matrix.has_canonical_format:  # Else SciPy would sort the entries in place at a later product.
         matrix = matrix.copy()
         matrix.sum_duplicates()
     read_only(matrix.data)
     return matrix
 
 
-def fixed_symmetric(raw: Any, subject: str) -> Matrix:
-    """Return a symmetric matrix, dense or sparse as it is given, that refuses to be written to."""
+def as_read_only_symmetric(raw: Any, subject: str) -> Matrix:
+    """Convert a symmetric matrix into a read-only one, dense or sparse as it is given."""
     if sp.issparse(raw):
-        K: Matrix = fixed_rows(raw, subject)
+        K: Matrix = as_read_only_rows(raw, subject)
     else:
         fixed = isinstance(raw, np.ndarray) and raw.dtype == np.float64 and not raw.flags.writeable
         K = raw if fixed else as_real_array(raw, subject, "a matrix")
@@ -81,7 +82,7 @@ def fixed_symmetric(raw: Any, subject: str) -> Matrix:
 
 
 def whole_blocks(block: Any, rows: int, subject: str) -> int:
-    """Return the components of a norm term's vector; SceneError where B has no whole number of such blocks of rows."""
+    """Return `block` as an int; raise SceneError if the number of rows of B is not a multiple of it."""
     if not is_whole(block) or block < 1 or rows % block:
         raise SceneError(
             f"{subject}: found B with {rows} rows and block = {brief(block)}; "
@@ -92,25 +93,32 @@ def whole_blocks(block: Any, rows: int, subject: str) -> int:
 
 @dataclass(frozen=True, repr=False, eq=False)
 class Operators(ArrayRecord):
-    """The data of a step's program that do not change; solvers cannot write to them.
+    """The matrices that all steps of a run share; they are read-only.
 
     Parameters
     ----------
-    K : (n, n) dense array (condensed) or sparse matrix (full), symmetric positive definite
+    K : (n, n) array or sparse matrix
+        Symmetric positive definite; dense if it was condensed.
     B : (m * block, n) matrix
-        Rows i * block ... (i + 1) * block make the vector B_i d of norm term i: a slip, but for the motion of supports.
+        Rows i * block ... (i + 1) * block make the vector B_i d of norm term i, a slip.
     block : int
-        Components of such a vector: 1 makes absolute values, more make second-order cones.
+        Number of components of this vector: 1 makes absolute values, more make second-order cones.
     given_factor : Factor, optional
-        `factor`; made when it is first asked for if it is not given.
+        A factor of K; by default it is computed at its first use.
     kernel : (n, k) array, optional
-        Where K is only semidefinite: its kernel, orthonormal (:mod:`vemcvx.program.kernel`).
+        The kernel of a semidefinite K, orthonormal (:mod:`vemcvx.program.kernel`).
     anchor : (n,) array, optional
-        With a kernel: stiffness that makes K + diag(anchor) positive definite.
+        Stiffness that makes K + diag(anchor) positive definite; required with a kernel.
     D : (r, n) matrix, optional
-        Row j reads how far limit j is approached, positive towards it.
+        D_j d is the motion towards limit j.
     compliance : (r,) array, optional
-        c_j >= 0 of the limits; zero makes them bounds.
+        Compliances c_j >= 0 of the limits; zero makes limit j a bound.
+
+    Examples
+    --------
+    >>> operators = vx.Operators(K=2 * np.eye(2), B=np.eye(2))
+    >>> sorted(operators.features)
+    ['absolute values', 'quadratic']
     """
 
     K: Any
@@ -123,11 +131,11 @@ class Operators(ArrayRecord):
     compliance: Any = None
 
     def __post_init__(self) -> None:
-        read: dict[str, Any] = {"K": fixed_symmetric(self.K, "Operators: K")}
+        read: dict[str, Any] = {"K": as_read_only_symmetric(self.K, "Operators: K")}
         n = read["K"].shape[0]
         for name in ("B", "D"):
             raw = getattr(self, name)
-            read[name] = rows = fixed_rows(sp.csr_matrix((0, n)) if raw is None else raw, f"Operators: {name}")
+            read[name] = rows = as_read_only_rows(sp.csr_matrix((0, n)) if raw is None else raw, f"Operators: {name}")
             if rows.shape[1] != n:
                 raise SceneError(f"Operators: {name}: found {rows.shape[1]} columns; K has {n} unknowns.")
         read["block"], r = whole_blocks(self.block, read["B"].shape[0], "Operators"), read["D"].shape[0]
@@ -148,12 +156,12 @@ class Operators(ArrayRecord):
 
     @cached_property
     def sizes(self) -> tuple[int, int, int, int]:
-        """The numbers of unknowns, of norm terms, of their rows and of limits: the lengths of g, w, b and e."""
+        """The numbers of unknowns, norm terms, their rows, and limits: the lengths of g, w, b and e."""
         return self.K.shape[0], self.count, self.B.shape[0], self.D.shape[0]
 
     @cached_property
     def features(self) -> frozenset[str]:
-        """The features that a solver must accept: a subset test matches the two."""
+        """The features of the programs; a solver must accept all of them."""
         has = {
             QUADRATIC: True,
             ABSOLUTE_VALUES: self.count > 0 and self.block == 1,
@@ -165,14 +173,14 @@ class Operators(ArrayRecord):
 
     @cached_property
     def regular(self) -> Matrix:
-        """K with the anchors' stiffness, positive definite."""
+        """The matrix K with the anchors' stiffness, positive definite."""
         if self.anchor is None:
             return self.K
         return self.K + (np.diag(self.anchor) if isinstance(self.K, np.ndarray) else sp.diags_array(self.anchor))
 
     @cached_property
     def factor(self) -> Factor:
-        """K, with the anchors' stiffness, ready to be solved with."""
+        """The factor of K with the anchors' stiffness."""
         if self.given_factor is not None:
             return self.given_factor
         K = self.regular
@@ -180,22 +188,22 @@ class Operators(ArrayRecord):
 
     @cached_property
     def kernel_modes(self) -> Floats:
-        """(N, k) A N, what rows feel of K's kernel; (N, 0) where it has none."""
+        """The motions A N (N, k) of all rows in K's kernel; (N, 0) if K has none."""
         return np.asarray(self.A @ (np.zeros((self.K.shape[0], 0)) if self.kernel is None else self.kernel))
 
     @cached_property
     def A(self) -> sp.csr_matrix:
-        """[B; D], all rows, (N, n)."""
+        """The rows [B; D] (N, n) of norm terms and limits."""
         return sp.csr_matrix(sp.vstack([self.B, self.D], format="csr"))
 
     @cached_property
     def _transposed(self) -> sp.csr_matrix:
-        """A', (n, N)."""
+        """The transpose A' (n, N)."""
         return sp.csr_matrix(self.A.T)
 
     @cached_property
     def absolute(self) -> tuple[Matrix, sp.csr_matrix]:
-        """|K| and |A|, entry by entry, for bounds on rounding."""
+        """The matrices |K| and |A|, entry by entry, for bounds on rounding."""
         return abs(self.K), abs(self.A)
 
     def multiplier_force(self, lam: Floats, p: Floats) -> Floats:
@@ -203,7 +211,7 @@ class Operators(ArrayRecord):
         return np.asarray(self._transposed @ np.append(lam, p))
 
     def force(self, d: Floats) -> Floats:
-        """Return K d, without the part along K's kernel, which is rounding."""
+        """Return K d (n,), without its part in K's kernel, which is rounding."""
         force = product(self.K, d)
         return force if self.kernel is None else force - self.kernel @ (self.kernel.T @ force)
 
@@ -212,18 +220,18 @@ class Operators(ArrayRecord):
         return energy_norm(self.K, d)
 
     def blocks(self, x: Floats) -> Floats:
-        """View (m * block,) entries as (m, block)."""
+        """Return a view (m, block) of entries (m * block,)."""
         return x.reshape(-1, self.block)
 
     @cached_property
     def own_columns(self) -> tuple[Ints, Ints] | None:
-        """The unknowns that the rows of B and of D read, if each reads one of its own; else None."""
+        """The unknowns that the rows of B and of D read, if each row reads exactly one, all different; else None."""
         columns, rows = self.A.indices.astype(np.int64), self.A.shape[0]
         single = (np.diff(self.A.indptr) == 1).all() and len(np.unique(columns)) == rows
         return (columns[: self.B.shape[0]], columns[self.B.shape[0] :]) if single else None
 
     def move(self, held: Bools, x: Floats) -> Floats:
-        """Return a move v (n,) that takes rows `held` (N,) of A by x (k,): A v = x but for rounding."""
+        """Return a move v (n,) with A v = x (k,) on the rows `held` (N,), up to rounding."""
         v, A = np.zeros(self.A.shape[1]), self.A[held]
         if self.own_columns is None:
             return np.asarray(lsqr(A, x, atol=1e-15, btol=1e-15, iter_lim=4 * len(x))[0])
@@ -232,32 +240,32 @@ class Operators(ArrayRecord):
 
     @cached_property
     def flexibilities(self) -> Floats:
-        """(N,) the diagonal of A K^{-1} A'; estimated where the factor is iterative."""
-        return self.factor.energies(self.A) if self.factor.exact else self._estimated(self.A)
+        """The diagonal (N,) of A K^{-1} A'; an estimate if the factor is iterative."""
+        return self.factor.energies(self.A) if self.factor.exact else self._estimate_energies(self.A)
 
     @cached_property
     def norm_flexibility(self) -> Floats:
-        """(m,) largest diagonal entry of B_i K^{-1} B_i': |B_i d| <= its root times |d|_K."""
+        """The largest diagonal entry (m,) of B_i K^{-1} B_i'; |B_i d| is at most about its root times |d|_K."""
         return np.asarray(self.blocks(self.flexibilities[: self.B.shape[0]]).max(axis=1))
 
     @property
     def limit_flexibility(self) -> Floats:
-        """(r,) D_j K^{-1} D_j'."""
+        """The flexibilities D_j K^{-1} D_j' (r,)."""
         return self.flexibilities[self.B.shape[0] :]
 
     @cached_property
-    def softness(self) -> tuple[Floats, Floats | LinearOperator]:
-        """Units u (N,) of forces, alike in a block, and u (W + C) u, whose diagonal is near one, W = A K^{-1} A'.
+    def scaled_delassus(self) -> tuple[Floats, Floats | LinearOperator]:
+        """Units u (N,) of forces, equal in a block, and u (W + C) u with a diagonal close to one, W = A K^{-1} A'.
 
-        W is kept in double precision: in single precision discs at their bounds that do not slip would stick and slip
-        in turns. Where rows read too many unknowns for W to be formed, each product with it takes a solve.
+        W has double precision: with single precision, terms at their bounds that do not slip would alternate between
+        stick and slip. If rows read too many unknowns to form W, each product with it takes a solve.
         """
         yielding = np.append(np.zeros(self.B.shape[0]), self.compliance)
         own = np.append(np.repeat(self.norm_flexibility, self.block), self.limit_flexibility) + yielding
         u = 1.0 / np.sqrt(np.where(own > 0, own, 1.0))
         rows, yielding = sp.csr_matrix(sp.diags_array(u) @ self.A), u * u * yielding
         read = np.unique(self.A.indices).astype(np.int64)
-        # Anchors of bodies that are not held have dense matrices; systems of these stay dense.
+        # Systems with anchors are always formed densely.
         if not isinstance(self.K, np.ndarray) and self.anchor is None and len(read) ** 2 > CHUNK_SIZE:
             return u, LinearOperator(
                 2 * u.shape, lambda x: rows @ self.factor.solve(rows.T @ x) + yielding * x, dtype=float
@@ -269,21 +277,21 @@ class Operators(ArrayRecord):
 
     @cached_property
     def compliances(self) -> Floats:
-        """(n,) the diagonal of K^{-1}, with the anchors' stiffness; estimated where K is sparse."""
+        """The diagonal (n,) of K^{-1}, with the anchors' stiffness; an estimate if K is sparse."""
         unit = sp.csr_matrix(sp.eye_array(self.K.shape[0]))
-        return self.factor.energies(unit) if isinstance(self.K, np.ndarray) else self._estimated(unit)
+        return self.factor.energies(unit) if isinstance(self.K, np.ndarray) else self._estimate_energies(unit)
 
     def rounding(self, forces: Floats, y: Floats) -> Floats:
-        """Return what rounding hides in a residual of forces and K y, from their sizes (n,), or (n, k)."""
+        """Return a bound on the rounding of `forces` - K y, from the sizes of both (n,), or (n, k)."""
         return ROUNDED * (forces + product(self.absolute[0], y))
 
     def energies_of_rounding(self, rounding: Floats) -> Floats:
-        """Return the energies that it hides there."""
+        """Return the energies of residuals of this size."""
         energies: Floats = 0.5 * rounding.T**2 @ self.compliances
         return energies
 
-    def _estimated(self, rows: sp.csr_matrix) -> Floats:
-        """Return diag(rows diag(K)^{-1} rows'), times the largest ratio of b'K^{-1}b to it on sampled rows b."""
+    def _estimate_energies(self, rows: sp.csr_matrix) -> Floats:
+        """Estimate b'K^{-1}b of every row b: by diag(K), times the largest ratio of the two on sampled rows."""
         alone: Floats = rows.multiply(rows) @ (1.0 / self.regular.diagonal())
         some = np.unique(np.linspace(0, len(alone) - 1, min(SAMPLES, len(alone))).astype(np.int64))
         energies = self.factor.energies_of_columns(np.ascontiguousarray(rows[some].toarray().T))
@@ -291,10 +299,10 @@ class Operators(ArrayRecord):
 
 
 class DenseInverse(Factor):
-    """K^{-1} of a dense K: every run needs its diagonal, and the block that rows read."""
+    """The inverse of a dense K: every run needs its diagonal, and the block that rows read."""
 
     def __init__(self, K: Floats):
-        # K' = K is read by columns, which takes half the time.
+        # LAPACK reads columns: K' = K avoids a copy, and halves the time.
         upper, info = dpotrf(K.T, lower=0) if len(K) else (K, 0)
         if info > 0:
             raise singular_matrix_error()
@@ -315,7 +323,7 @@ class DenseInverse(Factor):
 
 
 def product(K: Matrix | LinearOperator, d: Floats) -> Floats:
-    """Return K d (n,). Of a dense K one half is read, in half the time where caches do not hold it."""
+    """Return K d (n,). Of a dense K only one half is read, which takes half the time if K exceeds the cache."""
     if not isinstance(K, np.ndarray) or len(d) == 0:
         return np.asarray(K @ d)
     return np.asarray(dsymv(1.0, K if K.flags.f_contiguous else K.T, d, lower=1))

@@ -1,12 +1,12 @@
-"""One program in every system of units, by two numbers: the stiffness kappa of a run and the length alpha of a step.
+"""Scaling of programs, independent of units, by two numbers: a stiffness kappa per run and a length alpha per step.
 
 With d = alpha d^ the program of :mod:`vemcvx.program.step_program`, divided by kappa alpha^2, has
 
     K^ = K / kappa,  g^ = g / (kappa alpha),  w^ = w / (kappa alpha),  b^ = b / alpha,  e^ = e / alpha,  c^ = c kappa,
 
-and lam = kappa alpha lam^, p = kappa alpha p^. kappa is the size of diag(K); alpha that of the energy norm of what
-moves the step, over the root of kappa. Both are powers of two, so that scaling rounds nothing. Interior-point solvers,
-whose tolerances are plain numbers, stop at 40-70 % energy error in small units without it, and say "solved".
+and lam = kappa alpha lam^, p = kappa alpha p^. kappa is the size of diag(K). alpha is the size of the data in the
+energy norm, divided by the root of kappa. Both are powers of two, so that scaling is exact. Without scaling,
+interior-point solvers stop at 40-70 % energy error in small units, and report "solved".
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from vemcvx.program.operators import Operators
 from vemcvx.program.step_program import Answer, StepProgram
 
 SMALLEST_NORM, LARGEST_NORM = 1e-125, 1e125
-"""Energy norms outside have squares that are no numbers any more, or gaps beneath them that are not."""
+"""Range of energy norms: outside it squares, or gaps far smaller than them, overflow or underflow."""
 
-FAR = 1e4
-"""Gaps that count as open, in parts of what a row moves in a scaled step, whose energy norm is one."""
+OPEN_GAP = 1e4
+"""Largest gap of a scaled program, relative to the motion of a row in a state with energy norm one."""
 
 
-def checked_norm(norm: float, t: float) -> float:
-    """The energy norm of what drives a step; SceneError if its square leaves no room for errors beside it."""
+def check_norm(norm: float, t: float) -> float:
+    """Return the energy norm of a step's data; raise SceneError if its square is close to overflow or underflow."""
     if SMALLEST_NORM <= norm <= LARGEST_NORM:
         return norm
     raise SceneError(
@@ -39,14 +39,14 @@ def checked_norm(norm: float, t: float) -> float:
     )
 
 
-class Multiple(Factor):
-    """A factor of K / kappa from one of K."""
+class ScaledFactor(Factor):
+    """A factor of K / kappa, made from a factor of K."""
 
     def __init__(self, factor: Factor, kappa: float):
         self._factor, self._kappa, self.exact = factor, kappa, factor.exact
 
     def solve(self, b: Floats) -> Floats:
-        """x with K x = kappa b."""
+        """Return x with K x = kappa b."""
         return self._kappa * self._factor.solve(b)
 
 
@@ -67,32 +67,32 @@ class Scaling:
             K=operators.K / kappa,
             anchor=None if operators.anchor is None else operators.anchor / kappa,
             compliance=operators.compliance * kappa,
-            given_factor=None if dense else Multiple(operators.factor, kappa),
+            given_factor=None if dense else ScaledFactor(operators.factor, kappa),
         )
         return cls(scaled, kappa)
 
     def length(self, program: StepProgram) -> float:
-        """Alpha of a step; one where nothing moves it."""
+        """Return the length alpha of a step; one if its data vanish."""
         size = program.size / np.sqrt(self.kappa)
-        if self.operators.kernel is not None:  # What moving ground carries along goes as far as that.
+        if self.operators.kernel is not None:  # Moving ground carries a floating body along as far as it moves.
             size = max(size, np.abs(program.b).max(initial=0.0))
         return float(power_of_two(size)) if size > 0 else 1.0
 
     def scale(self, program: StepProgram, alpha: float) -> StepProgram:
-        """The scaled program of a step.
+        """Return the scaled program of a step.
 
-        Gaps far beyond the reach of a body that is held, 1e20 for infinity, are cut: interior points break down there.
+        If supports hold the body, gaps far beyond its reach are cut: interior-point methods fail on gaps such as 1e20.
         """
         force, e = self.kappa * alpha, program.e / alpha
         if len(e) and self.operators.anchor is None:
-            e = np.minimum(e, FAR * np.maximum(np.sqrt(self.operators.limit_flexibility), 1.0))
+            e = np.minimum(e, OPEN_GAP * np.maximum(np.sqrt(self.operators.limit_flexibility), 1.0))
         return StepProgram(self.operators, program.g / force, program.w / force, program.b / alpha, e)
 
     def restore(self, answer: Answer, alpha: float) -> Answer:
-        """An answer of the scaled program in the units of the unscaled one."""
+        """Return an answer of the scaled program in the units of the original program."""
         force = self.kappa * alpha
         return replace(answer, d=alpha * answer.d, lam=force * answer.lam, p=force * answer.p)
 
     def energy(self, value: float, alpha: float) -> float:
-        """An energy in scaled units."""
+        """Return an energy in scaled units."""
         return value / (self.kappa * alpha * alpha)

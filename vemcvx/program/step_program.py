@@ -1,20 +1,20 @@
-"""The program of a step in the increment d = y - y_prev, its answers, and how cvxpy sees it.
+"""The program of a step in the increment d = y - y_prev, its answers, and its form in cvxpy.
 
     minimise  1/2 d'Kd - g'd + sum_i w_i |B_i d - b_i| + sum_j (z_j)_+^2 / (2 c_j)        z = D d - e    (2.34)
     dual      K d = g - B'lam - D'p,   |lam_i| <= w_i,  lam_i . s_i = w_i |s_i|,   s = B d - b
               p_j >= 0,   z_j <= c_j p_j,   p_j (c_j p_j - z_j) = 0
 
-with g = load(t_n) - K y_prev, the force out of balance when the step begins. Working in increments keeps all digits
-of d when steps are tiny beside y. Where the compliance c_j of a *limit* vanishes, the last sum stands for the bound
-D_j d <= e_j; elsewhere it is a squared positive part. The program is data; each solver reads it its own way.
+with g = load(t_n) - K y_prev, the unbalanced force at the beginning of the step. Increments keep all digits of d if
+steps are tiny compared with y. If the compliance c_j of a *limit* vanishes, its term in the last sum stands for the
+bound D_j d <= e_j; else it is a squared positive part. The program consists of arrays; each solver converts them.
 
 In cvxpy it is
 
     minimise  1/2 d'Kd - g'd + w't + v'C^{-1}v / 2    subject to  |B_i d - b_i| <= t_i,   D d - v <= e
 
-with one second-order cone a term; v = 0 where a limit is a bound, v >= (z)_+ where it is soft. cvxpy's dual of the
-cone |s_i| <= t_i is (w_i, -lam_i); p is that of D d - v <= e. Absolute values may be two inequalities instead, -t
-<= B d - b <= t, whose duals (upper, lower) give lam = upper - lower.
+with one second-order cone per norm term. v_j = 0 if limit j is a bound, and v_j >= (z_j)_+ if it is soft. cvxpy's dual
+of the cone |s_i| <= t_i is (w_i, -lam_i), and its dual of D d - v <= e is p. Absolute values may be written as two
+inequalities -t <= B d - b <= t; their duals (upper, lower) give lam = upper - lower.
 """
 
 from __future__ import annotations
@@ -50,26 +50,26 @@ from vemcvx.base.arrays import (
 from vemcvx.base.errors import SceneError, SolverFailed
 from vemcvx.base.outline import ArrayRecord
 from vemcvx.program.certificate import ROUNDED, Certificate, limit_gaps, norm_gaps
-from vemcvx.program.kernel import balanced
+from vemcvx.program.kernel import balance_multipliers
 from vemcvx.program.operators import Operators, product
 
 if TYPE_CHECKING:
     import cvxpy as cp
 
-STILL = 1e-9
-"""Part of the largest motion of a row below which slips, and what limits lack, count as none."""
-GAIN = 1e-9
-"""Gain of a motion, in parts of the load, that an interior-point method tells from zero."""
+STILL_TOLERANCE = 1e-9
+"""Fraction of the largest motion of a row below which slips and gaps count as zero."""
+GAIN_TOLERANCE = 1e-9
+"""Smallest gain of a motion, relative to the load, that an interior-point method distinguishes from zero."""
 
 
 def has_diverged(x: Floats) -> bool:
-    """Return True for entries whose squares are hardly numbers: of motions, say, that nothing holds."""
+    """Return True if squares of entries are close to overflow, as in motions that no support holds."""
     return bool(np.vdot(x, x) > 1e250)
 
 
 @dataclass(frozen=True)
 class CvxpyStep:
-    """The program as cvxpy sees it, and its multipliers with our signs once it is solved.
+    """The program in cvxpy, and once it is solved its multipliers with the signs of :class:`StepProgram`.
 
     Attributes
     ----------
@@ -77,7 +77,7 @@ class CvxpyStep:
     d : cvxpy.Variable
         The increments (n,).
     parameters : tuple of cvxpy.Parameter
-        g, w, b and e, if the program was posed for any data.
+        Parameters g, w, b and e, if the program was posed without data.
     """
 
     problem: cp.Problem
@@ -86,19 +86,19 @@ class CvxpyStep:
     parameters: tuple[cp.Parameter, ...] = field(default=(), repr=False)
 
     def at(self, data: Sequence[Floats]) -> CvxpyStep:
-        """Return the program of the step with these g, w, b and e."""
+        """Set the parameters g, w, b and e, and return the program."""
         for parameter, value in zip(self.parameters, data, strict=True):
             parameter.value = value
         return self
 
     @property
     def lam(self) -> Floats | None:
-        """Multipliers (m, block) of the norm terms; None where the solver gave none."""
+        """Multipliers (m, block) of the norm terms; None if the solver returned none."""
         return self._multipliers()[0] if self._solved else None
 
     @property
     def p(self) -> Floats | None:
-        """Multipliers (r,) of the limits; None where the solver gave none."""
+        """Multipliers (r,) of the limits; None if the solver returned none."""
         return self._multipliers()[1] if self._solved else None
 
     @property
@@ -109,10 +109,10 @@ class CvxpyStep:
 def to_cvxpy(
     operators: Operators, data: Sequence[Floats] | None, cones: bool = True, corners: Floats | None = None
 ) -> CvxpyStep:
-    """Write a step in cvxpy; without data g, w, b, e with parameters in their place.
+    """Write a step in cvxpy, with data g, w, b, e, or with parameters if data are not given.
 
-    Without `cones` absolute values are two inequalities each; with `corners` (P, block), unit vectors, discs are such
-    polygons.
+    Without `cones` each absolute value is written as two inequalities. With `corners` (P, block), unit vectors, discs
+    of multipliers are replaced by polygons with these corners.
     """
     import cvxpy as cp
 
@@ -148,34 +148,40 @@ def to_cvxpy(
             lam = sum((np.outer(side.dual_value, corner) for side, corner in zip(sides, corners, strict=False)), lam)
         return lam, p
 
-    # OSQP prints, verbose or not, where it finds no constraint active: this one, idle >= 0, always is. SCS breaks down
-    # where there is none at all.
+    # OSQP prints, verbose or not, if it finds no constraint active; the added constraint idle >= 0 always is active.
+    # SCS fails on programs without constraints.
     idle = 0.0 if cones and (sides or limits) else cp.Variable(nonneg=True)
     return CvxpyStep(cp.Problem(cp.Minimize(energy + idle), [*sides, *limits]), d, multipliers, parameters)
 
 
 @dataclass(frozen=True, repr=False, eq=False)
 class StepProgram(ArrayRecord):
-    """One step's program: its own data, beside the operators that all steps share.
+    """The program of one step: its data, and the operators that all steps share.
 
-    Minimise 1/2 d'Kd - g'd + sum_i w_i |B_i d - b_i| subject to D d <= e; where a limit has a compliance c_j > 0, with
-    (D_j d - e_j)_+^2 / (2 c_j) in place of its bound. At the solution K d = g - B'lam - D'p: friction acts on the body
-    with the forces -B'lam, limits with -D'p, |lam_i| <= w_i and p >= 0.
+    Minimise 1/2 d'Kd - g'd + sum_i w_i |B_i d - b_i| subject to D d <= e. If limit j has a compliance c_j > 0, the
+    energy (D_j d - e_j)_+^2 / (2 c_j) replaces its bound. At the solution K d = g - B'lam - D'p with |lam_i| <= w_i and
+    p >= 0: friction acts on the body with the forces -B'lam, limits with -D'p.
 
     :meth:`StepProgram.to_cvxpy` poses it to any solver, :meth:`StepProgram.certify` bounds the error of any answer.
 
     Parameters
     ----------
     operators : Operators
-        K, B, D, and the compliances c.
+        The matrices K, B, D, and the compliances c.
     g : (n,) array
-        Forces that are out of balance when the step begins.
+        Unbalanced forces at the beginning of the step.
     w : (m,) array
-        Weights >= 0: bounds of friction, as forces.
+        Weights >= 0: friction bounds, as forces.
     b : (m * block,) array
-        The slip is B d - b: minus what the motion of the supports adds to it.
+        Minus the slip due to moving supports and ground: the slip is B d - b.
     e : (r,) array
-        Gaps that are left when the step begins; negative where the body overlaps what limits it.
+        Gaps at the beginning of the step; negative if the body overlaps its obstacle.
+
+    Examples
+    --------
+    >>> program = vx.StepProgram(vx.Operators(K=np.eye(1), B=np.eye(1)), g=[3.0], w=[1.0], b=[0.0])
+    >>> program.certify(d=[2.0], lam=[1.0]).gap
+    0.0
     """
 
     operators: Operators
@@ -185,7 +191,7 @@ class StepProgram(ArrayRecord):
     e: Floats = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
-        """Hand out no array that may be written to: an answer is certified by them after a solver had them."""
+        """Check the shapes, and make the arrays read-only: certificates use them after a solver had access."""
         for name, count in zip("gwbe", self.operators.sizes, strict=True):
             array = np.asarray(getattr(self, name))
             if array.shape != (count,):
@@ -194,7 +200,7 @@ class StepProgram(ArrayRecord):
 
     @property
     def data(self) -> tuple[Floats, Floats, Floats, Floats]:
-        """g, w, b and e: all that is the step's own."""
+        """The data g, w, b and e of the step."""
         return self.g, self.w, self.b, self.e
 
     @property
@@ -204,7 +210,7 @@ class StepProgram(ArrayRecord):
 
     @cached_property
     def size(self) -> float:
-        """The energy norm of what moves the step: its frictionless answer, limits that move in, or friction."""
+        """The norm of the data: energy norm of the frictionless step or of overlaps; else root of frictional work."""
         operators, top = self.operators, float(np.abs(self.g).max(initial=0.0))
         unit = float(power_of_two(top))
         size = unit * float(np.sqrt(operators.factor.energy(self.g / unit))) if top > 0 else 0.0
@@ -221,34 +227,35 @@ class StepProgram(ArrayRecord):
         """Return z = D d - e, (r,)."""
         return np.asarray(self.operators.D @ d - self.e)
 
-    def blur(self, d: Floats) -> tuple[Floats, Floats]:
-        """Return the slips (m,) and excesses (r,) that count as none.
+    def zero_levels(self, d: Floats) -> tuple[Floats, Floats]:
+        """Return the levels below which slips (m,) and excesses (r,) count as zero.
 
-        These are STILL of the largest motion of a slip or of a limit, or of how far what moves the step takes the row.
+        A level is STILL_TOLERANCE times the larger of two motions: the largest of all rows in d, and the motion of this
+        row in a state with the energy norm `size`.
         """
         operators, rows = self.operators, len(self.b)
         way, reach = operators.absolute[1] @ np.abs(d), self.size
         slips = max((way[:rows] + np.abs(self.b)).max(initial=0.0), 0.0)
         of_terms = np.maximum(reach * np.sqrt(operators.norm_flexibility), slips)
         of_limits = np.maximum(reach * np.sqrt(operators.limit_flexibility), way[rows:].max(initial=0.0))
-        return STILL * of_terms, STILL * of_limits
+        return STILL_TOLERANCE * of_terms, STILL_TOLERANCE * of_limits
 
     def still(self, d: Floats) -> Bools:
-        """Return the terms (m,) whose slips count as none."""
-        return np.asarray(lengths(self.slip(d)) <= self.blur(d)[0])
+        """Return True (m,) for each term whose slip counts as zero."""
+        return np.asarray(lengths(self.slip(d)) <= self.zero_levels(d)[0])
 
     def multiplier_force(self, lam: Floats, p: Floats) -> Floats:
         """Return B'lam + D'p, the forces (n,) of norm terms and limits."""
         return self.operators.multiplier_force(lam, p)
 
     def residual(self, d: Floats, lam: Floats, p: Floats) -> Floats:
-        """Return r = g - B'lam - D'p - K d, the forces that do not balance, (n,)."""
+        """Return the residual r = g - B'lam - D'p - K d, the unbalanced forces (n,)."""
         return self.g - self.multiplier_force(lam, p) - product(self.operators.K, d)
 
     def objective(self, d: Floats) -> float:
         """Return the energy that the step minimises; infinite beyond a bound."""
         z, c = self.excess(d), self.operators.compliance
-        over = np.where(z <= self.blur(d)[1], 0.0, z)
+        over = np.where(z <= self.zero_levels(d)[1], 0.0, z)
         if (over[c == 0] > 0).any():
             return np.inf
         pressed = 0.5 * float(over[c > 0] @ (over[c > 0] / c[c > 0]))
@@ -259,9 +266,9 @@ class StepProgram(ArrayRecord):
         return onto_discs(lam, self.w)
 
     def admissible(self, lam: Floats, p: Floats, d: Floats) -> tuple[Floats, Floats]:
-        """Return multipliers near (lam, p) with |lam_i| <= w_i, p >= 0, in balance on K's kernel if such are found.
+        """Return multipliers near (lam, p) with |lam_i| <= w_i and p >= 0, balanced on K's kernel if possible.
 
-        Balance changes multipliers where it costs little gap at the increments `d`: where d sticks or touches.
+        Balancing changes multipliers of rows that stick or touch at the increments `d`: it adds least to the gap.
         """
         lam, p, N = self.project(lam), np.maximum(p, 0.0), self.operators.kernel
         if N is None or has_diverged(d):
@@ -269,12 +276,12 @@ class StepProgram(ArrayRecord):
         s, z = lengths(self.slip(d)), np.abs(self.excess(d) - self.operators.compliance * p)
         level = 1e-6 * max(s.max(initial=0.0), z.max(initial=0.0)) or 1.0
         weights = level / (level + s), level / (level + z)
-        return balanced((lam, p), self.w, self.operators.kernel_modes, N.T @ self.g, weights)
+        return balance_multipliers((lam, p), self.w, self.operators.kernel_modes, N.T @ self.g, weights)
 
-    def unbalanced_motion(self) -> Floats | None:
-        """Return increments N c without energy that gain most, against friction, beside limits; None if none gains.
+    def find_unbalanced_motion(self) -> Floats | None:
+        """Return the motion N c without energy and within limits that gains most against friction; None if none gains.
 
-        The gain is g'N c - sum w_i |B_i N c| with |c| = 1; below GAIN of the load it is none.
+        The gain is g'N c - sum w_i |B_i N c| with |c| = 1. Below GAIN_TOLERANCE times the load it counts as zero.
         """
         import cvxpy as cp
 
@@ -289,15 +296,15 @@ class StepProgram(ArrayRecord):
         limits = [modes[rows:] @ c <= 0] if len(self.e) else []
         problem = cp.Problem(cp.Maximize(gain), [cp.norm(c) <= 1, *limits])
         with warnings.catch_warnings(), suppress(cp.error.SolverError):
-            warnings.simplefilter("ignore")  # of answers that are not accurate
+            warnings.simplefilter("ignore")  # cvxpy warns of inaccurate answers
             problem.solve(solver="CLARABEL", tol_gap_abs=1e-12, tol_gap_rel=1e-12, tol_feas=1e-12)
-        return None if c.value is None or not problem.value > GAIN else np.asarray(N @ c.value)
+        return None if c.value is None or not problem.value > GAIN_TOLERANCE else np.asarray(N @ c.value)
 
     def multipliers(self, d: Floats, lam: Floats | None = None, p: Floats | None = None) -> tuple[Floats, Floats]:
-        """Return admissible multipliers (m, block) and (r,) of the increments `d`; those not given are read off d.
+        """Return admissible multipliers (m, block) and (r,) of the increments `d`, computing those that are not given.
 
-        They solve K d = g - B'lam - D'p, by least squares: all of them, or all but those that the law gives, w s/|s| of
-        what slips, (z)_+/c of what is soft, and nothing of open bounds. The smaller gap decides.
+        Least squares solve K d = g - B'lam - D'p in two ways: for all missing multipliers, or with those fixed that the
+        law determines: w s/|s| of slipping terms, (z)_+/c of soft limits, zero of open bounds. The smaller gap decides.
         """
         if lam is not None and p is not None:
             return self.admissible(lam, p, d)
@@ -307,48 +314,52 @@ class StepProgram(ArrayRecord):
     def admissible_point(
         self, d: Floats, lam: Floats | None = None, p: Floats | None = None
     ) -> tuple[Floats, Floats, Floats]:
-        """Return the point (d, lam, p) that certificates hold for: d within its bounds, multipliers admissible."""
+        """Return (d, lam, p) with d within its bounds and admissible multipliers, as certificates require."""
         d = self.feasible(d)
         return d, *self.multipliers(d, lam, p)
 
     def _read_off(self, d: Floats, lam: Floats | None, p: Floats | None, lawful: bool) -> tuple[Floats, Floats]:
-        """Return the multipliers nearest to balance at the increments `d`; given ones, and lawful ones, as they are."""
+        """Return the multipliers of least imbalance at `d`; given ones stay fixed, and if `lawful` those by the law."""
         operators, rows, c = self.operators, len(self.b), self.operators.compliance
         x = np.append(np.zeros(rows) if lam is None else lam, np.zeros(len(c)) if p is None else p)
         free = np.repeat([lam is None, p is None], [rows, len(c)])
         if lawful:
-            s, z, (slips, lacks) = self.slip(d), self.excess(d), self.blur(d)
+            s, z, (slips, lacks) = self.slip(d), self.excess(d), self.zero_levels(d)
             size = np.where(lengths(s) <= slips, 0.0, lengths(s))
             law = self.w[:, None] * directions(s, size), np.where(z > lacks, z, 0.0) / np.where(c > 0, c, np.inf)
             known = np.append(np.repeat(size > 0, operators.block), (c > 0) | (z < -lacks))
             x, free = np.where(free & known, np.append(*law), x), free & ~known
-        if operators.own_columns is None:  # Rows that share unknowns share the forces there, within their bounds.
+        if operators.own_columns is None:  # Rows that share unknowns must share the forces on them within their bounds.
             near, free_terms = (operators.blocks(x[:rows]), x[rows:]), operators.blocks(free[:rows] * 1.0).max(axis=1)
             push = self.g - product(operators.K, d)
-            return balanced(near, self.w, operators.A.toarray(), push, (free_terms, free[rows:] * 1.0))
+            return balance_multipliers(near, self.w, operators.A.toarray(), push, (free_terms, free[rows:] * 1.0))
         force = self.residual(d, x[:rows], x[rows:])
         x[free] += lsqr(operators.A[free].T, force, atol=1e-15, btol=1e-15, iter_lim=100 + 4 * int(free.sum()))[0]
         return operators.blocks(x[:rows]), x[rows:]
 
     def certify(self, d: ArrayLike, lam: ArrayLike | None = None, p: ArrayLike | None = None) -> Certificate:
-        """Bound the error of an answer, whoever made it: 1/2 |d - d*|_K^2 <= gap, |d - d*|_K <= error.
+        """Bound the error of any answer: 1/2 |d - d*|_K^2 <= gap, |d - d*|_K <= error.
 
-        The theorem stands in :mod:`vemcvx.program.certificate`.
+        The theorem is in :mod:`vemcvx.program.certificate`.
 
         Parameters
         ----------
         d : (n,) array
-            Increments. The gap is infinite beyond a bound; :meth:`StepProgram.feasible` moves them back.
+            Increments. If they violate a bound, the gap is infinite; :meth:`StepProgram.feasible` moves them back.
         lam : (m, block) or (m * block,) array, optional
-            Multipliers of the norm terms, K d = g - B'lam - D'p; they are made admissible
-            (:meth:`StepProgram.admissible`). Those not given are read off d (:meth:`StepProgram.multipliers`).
+            Multipliers of the norm terms, K d = g - B'lam - D'p. They are made admissible
+            (:meth:`StepProgram.admissible`), or computed from d (:meth:`StepProgram.multipliers`).
         p : (r,) array, optional
             Multipliers of the limits, likewise.
+
+        Returns
+        -------
+        Certificate
 
         Raises
         ------
         SceneError
-            These are no arrays of such shapes, or not finite, or a weight of the program is negative, or no number.
+            An array has a wrong shape or is not finite, or a weight of the program is negative or not a number.
         """
         if not (self.w >= 0).all():
             i = int(np.argmin(self.w >= 0))
@@ -361,12 +372,12 @@ class StepProgram(ArrayRecord):
     def certificate_at(self, d: Floats, lam: Floats, p: Floats, before: Floats | float = 0.0) -> Certificate:
         """Return the certificate of increments with admissible multipliers, by the better of theorems 1 and 2.
 
-        Where d is added to displacements `before` (n,), these round as it does.
+        The floor includes the rounding of displacements `before` (n,), to which d is added.
         """
         operators, s, z = self.operators, self.slip(d), self.excess(d)
         if has_diverged(d):
             return Certificate(np.inf, np.zeros(len(s)), 0.0, np.zeros(len(z)))
-        # Where K^{-1} has lost all digits its sign is rounding; its size says so, and zero would not.
+        # If K^{-1} has lost all digits, the sign of the energy is rounding. Its size is the error; zero would hide it.
         equilibrium = abs(0.5 * operators.factor.energy(self.residual(d, lam, p)))
         if operators.kernel is not None and np.greater(*np.abs(self._imbalance(operators.kernel, lam, p))).any():
             equilibrium = np.inf
@@ -374,19 +385,19 @@ class StepProgram(ArrayRecord):
         plain = Certificate(equilibrium, friction, self.rounding_floor(d, lam, p, before), limits)
         if plain.terms <= equilibrium:
             return plain
-        return min(plain, self._put_in_place(d, lam, p, plain), key=lambda found: found.gap)
+        return min(plain, self._certify_after_move(d, lam, p, plain), key=lambda found: found.gap)
 
     def duality_gap(self, d: Floats, lam: Floats, p: Floats) -> float:
-        """Return the gap alone, for admissible multipliers: what solvers measure their progress by."""
+        """Return the duality gap for admissible multipliers, a measure of progress for solvers."""
         return self.certificate_at(d, lam, p).gap
 
-    def _put_in_place(self, d: Floats, lam: Floats, p: Floats, plain: Certificate) -> Certificate:
-        """Return the certificate by theorem 2, of a move v that puts in place what seems to hold still.
+    def _certify_after_move(self, d: Floats, lam: Floats, p: Floats, plain: Certificate) -> Certificate:
+        """Return the certificate by theorem 2, with a move v that removes small slips and gaps.
 
-        These are rows whose part of the gap is at least the energy x_i^2 / f_i of a move that puts them alone in place,
-        f_i = (A K^{-1}A')_ii, and bounds overstepped by rounding.
+        v corrects bounds violated by rounding, and rows whose part of the gap is at least x_i^2 / f_i, the energy that
+        correcting the row alone by x_i takes, with f_i = (A K^{-1}A')_ii.
         """
-        operators, s, z, (slips, lacks) = self.operators, self.slip(d), self.excess(d), self.blur(d)
+        operators, s, z, (slips, lacks) = self.operators, self.slip(d), self.excess(d), self.zero_levels(d)
         rigid, met, size = operators.compliance == 0, operators.compliance * p, lengths(s)
         lack, over = np.where((p > 0) | (z > 0), z - met, 0.0), rigid & (z > 0)
         gains = lack**2 <= np.where(over, 0.0, plain.limits) * operators.limit_flexibility
@@ -401,17 +412,17 @@ class StepProgram(ArrayRecord):
         return replace(plain, friction=friction, limits=limits, moved=2.0 * operators.energy_norm(v))
 
     def _imbalance(self, N: Floats, lam: Floats, p: Floats) -> tuple[Floats, Floats]:
-        """Return N'(g - B'lam - D'p), (k,), which is N'r because N'K = 0; and what rounding may leave of it."""
+        """Return N'r = N'(g - B'lam - D'p) (k,), because N'K = 0, and a bound (k,) on its rounding."""
         size, x, modes = np.abs(self.g), np.append(lam, p), self.operators.kernel_modes
-        # Entries are sums of larger forces that cancel: none is known better than to EPS times the largest.
+        # Entries of g are sums of larger forces that cancel: their rounding is at least EPS times the largest.
         terms = np.abs(N).T @ (size + size.max(initial=0.0) / 8) + np.abs(x) @ np.abs(modes)
         return N.T @ self.g - x @ modes, ROUNDED * terms
 
     def rounding_floor(self, d: Floats, lam: Floats, p: Floats, before: Floats | float = 0.0) -> float:
         """Return the energy that the rounding of the residual r can hide, 1/2 sum_i (ROUNDED a_i)^2 f_i.
 
-        a = |g| + |B|'|lam| + |D|'p + |K||d| is the size of the terms of r, f the diagonal of K^{-1}. The error of K's
-        own entries is not in it.
+        a = |g| + |B|'|lam| + |D|'p + |K||d| is the size of the terms of r, f the diagonal of K^{-1}. Rounding of the
+        entries of K is not included.
         """
         if has_diverged(d):
             return 0.0
@@ -420,24 +431,32 @@ class StepProgram(ArrayRecord):
         return float(self.operators.energies_of_rounding(rounding))
 
     def to_cvxpy(self, cones: bool | None = None) -> CvxpyStep:
-        """The program in cvxpy, for any solver that cvxpy can call; `lam` and `p` read off its duals with our signs.
-
-        ::
-
-            posed = program.to_cvxpy()
-            posed.problem.solve(solver="SCS")
-            program.certify(program.feasible(posed.d.value), posed.lam, posed.p).error
+        """Return the program in cvxpy, for any solver that cvxpy can call.
 
         Parameters
         ----------
         cones : bool, optional
-            One second-order cone a norm term; or, where these are absolute values, two inequalities, which solvers of
-            quadratic programs take, too: the default there.
+            If True, write one second-order cone per norm term. If False, write absolute values as two inequalities, as
+            solvers of quadratic programs require. The default is False for absolute values.
+
+        Returns
+        -------
+        CvxpyStep
+            Has `problem`, the variable `d`, and the multipliers `lam` and `p` with the signs of this class.
 
         Raises
         ------
         SceneError
             The program has no unknowns.
+
+        Examples
+        --------
+        >>> program = vx.StepProgram(vx.Operators(K=np.eye(1), B=np.eye(1)), g=[3.0], w=[1.0], b=[0.0])
+        >>> posed = program.to_cvxpy()
+        >>> posed.problem.solve(solver="CLARABEL").round(6)
+        np.float64(-2.0)
+        >>> bool(program.certify(program.feasible(posed.d.value), posed.lam, posed.p).error < 1e-4)
+        True
         """
         if len(self.g) == 0:
             raise SceneError("to_cvxpy: the program has no unknowns left to solve for; take condense=False.")
@@ -445,7 +464,7 @@ class StepProgram(ArrayRecord):
         return to_cvxpy(self.operators, self.data, cones)
 
     def at_rest(self) -> Floats | None:
-        """Return multipliers (m, block) with which d = 0 is the answer to the last bit, if they can be read off."""
+        """Return multipliers (m, block) for which d = 0 is the exact answer, if each row reads its own unknown."""
         operators, own = self.operators, self.operators.own_columns
         if own is None or self.b.any() or (self.e < 0).any():
             return None
@@ -454,39 +473,39 @@ class StepProgram(ArrayRecord):
         return lam if exact and (lengths(lam) <= self.w).all() else None
 
     def feasible(self, d: Floats) -> Floats:
-        """Return the increments d, moved as little as need be to obey the bounds."""
+        """Return the increments (n,) within the bounds, close to d."""
         D, rigid = self.operators.D, np.flatnonzero(self.operators.compliance == 0)
         if not (self.excess(d)[rigid] > 0).any():
             return d
         if not (np.diff(D.indptr)[rigid] == 1).all():
-            return self._projected(d, rigid.astype(np.int64))
-        # Rows that give way may read the same unknowns, and several bounds as well.
+            return self._project_onto_limits(d, rigid.astype(np.int64))
+        # Several bounds, and soft limits, may read the same unknown.
         column, coefficient, moved = D.indices[D.indptr[rigid]], D.data[D.indptr[rigid]], d.copy()
         edge, upper = self.e[rigid] / coefficient, coefficient > 0
         np.minimum.at(moved, column[upper], edge[upper])
         np.maximum.at(moved, column[~upper], edge[~upper])
         return moved
 
-    def _projected(self, d: Floats, rigid: Ints) -> Floats:
-        """Return increments within the `rigid` limits, by projections in the energy norm.
+    def _project_onto_limits(self, d: Floats, rigid: Ints) -> Floats:
+        """Return increments (n,) within the `rigid` limits, by projections in the energy norm.
 
-        A round replaces d by d - K^{-1}D'q, the nearest point within the rows overstepped so far: q minimises
-        q'Wq / 2 - z'q over q >= 0, with W = D K^{-1}D' and z = D d - e. Rows only join. After several rounds d is near
-        the first point, not the nearest.
+        A round replaces d by d - K^{-1}D'q, the nearest point that satisfies all rows violated so far: q minimises
+        q'Wq / 2 - z'q over q >= 0, with W = D K^{-1}D' and z = D d - e. Rows are only added. After several rounds the
+        result is close to the nearest point, but not equal to it.
         """
         from scipy.optimize import nnls
 
         rows = np.zeros(0, dtype=np.int64)
         for _ in range(len(rigid) + 4):
             z = self.excess(d)[rigid]
-            over = np.flatnonzero(z > self.blur(d)[1][rigid])
+            over = np.flatnonzero(z > self.zero_levels(d)[1][rigid])
             if len(over) == 0:
                 break
             rows = np.union1d(rows, over)
             D = self.operators.D[rigid[rows]].toarray()
             spread = self.operators.factor.solve(np.ascontiguousarray(D.T))
             W = D @ spread
-            lift = 1e-12 * W.max() or 1.0  # Rows that follow from others have no flexibility of their own.
+            lift = 1e-12 * W.max() or 1.0  # Linearly dependent rows make W singular.
             R = np.linalg.cholesky(W + lift * np.eye(len(W))).T
             push = nnls(R, np.linalg.solve(R.T, z[rows]), maxiter=100 * len(rows))[0]
             d = d - spread @ push
@@ -495,22 +514,27 @@ class StepProgram(ArrayRecord):
 
 @dataclass(frozen=True, repr=False, eq=False)
 class Answer(ArrayRecord):
-    """A solver's answer to one step; nothing is claimed about it before it is certified.
+    """A solver's answer to one step, not yet certified.
 
     Parameters
     ----------
     d : (n,) array
-        Increments. Those beyond their bounds are moved back onto them.
+        Increments. If they violate a bound, the caller moves them onto it.
     lam : (m, block) array
-        Multipliers of the norm terms, K d = g - B'lam - D'p. Where they are too large they are projected.
+        Multipliers of the norm terms, K d = g - B'lam - D'p. The caller projects them onto |lam_i| <= w_i.
     iterations : int
-        As the solver counts them.
+        Number of iterations, as the solver counts them.
     status : str
-        In the solver's own words, for messages.
+        The solver's status, for messages.
     safeguards : int
-        How many of the iterations were steps of a globally convergent method that stood in for a faster one.
+        Number of calls of a globally convergent method that replaced a faster one.
     p : (r,) array
-        Multipliers of the limits; negative ones are taken for zero.
+        Multipliers of the limits. The caller replaces negative ones by zero.
+
+    Examples
+    --------
+    >>> vx.Answer(d=np.array([2.0]), lam=np.array([[1.0]]), iterations=3).iterations
+    3
     """
 
     d: Floats
@@ -522,9 +546,10 @@ class Answer(ArrayRecord):
 
 
 def read_answer(raw: Any, program: StepProgram, solver: str) -> Answer:
-    """Return what a solver returned as an Answer; missing multipliers are recovered.
+    """Convert a solver's return value into an Answer, and compute missing multipliers.
 
-    A whole number at the end of a tuple is the iterations. SolverFailed where it does not fit the program, or diverged.
+    An integer at the end of a tuple is the number of iterations. Raise SolverFailed if shapes do not fit the program,
+    or if the solver has diverged.
     """
     own, shapes = isinstance(raw, Answer), program.shapes
     parts = (raw.d, raw.lam, raw.p, raw.iterations) if own else raw if isinstance(raw, tuple) else (raw,)
@@ -532,7 +557,7 @@ def read_answer(raw: Any, program: StepProgram, solver: str) -> Answer:
     parts, iterations = (parts[:-1], int(parts[-1])) if counted else (parts, 0)
     read = {key: np.zeros(shape) for key, shape in shapes.items() if 0 in shape}
     for key, part in zip(shapes, parts if len(parts) <= len(shapes) else (), strict=False):
-        # Multipliers that an Answer was not given are empty arrays.
+        # In an Answer, missing multipliers are empty arrays.
         if not (part is None or (isinstance(part, np.ndarray) and part.size == 0)):
             try:
                 read[key] = of_shape(part, f"solver {solver}: {key}", shapes[key])
@@ -554,25 +579,31 @@ def read_answer(raw: Any, program: StepProgram, solver: str) -> Answer:
 
 @dataclass(frozen=True, kw_only=True, repr=False, eq=False)
 class SolvedProgram(StepProgram):
-    """The program of one step of a run, with its answer.
+    """The program of one step of a run, with its answer, in the units of the scene.
 
-    In the units of the scene; where weights depend on pressures (Coulomb) they are those of the solved step. Signs and
-    methods are those of :class:`vemcvx.program.step_program.StepProgram`.
+    If weights depend on pressures (Coulomb), `w` are the weights at the answer. Signs and methods are those of
+    :class:`vemcvx.program.step_program.StepProgram`.
 
     Parameters
     ----------
     answer : Answer
         Increments d, and multipliers lam and p.
     step : int
-        1 is the first after the initial instant.
+        Number of the step; 1 follows the initial instant.
     t : float
-        The instant at which the step ends.
+        The instant at the end of the step.
     slope : (m, r) sparse matrix, optional
-        Where weights follow the forces of the limits: their derivative at the answer; coefficients of friction.
+        Derivative of the weights by the forces of limits at the answer, such as coefficients of friction.
     origin : mapping
-        Where the program comes from, in words and numbers: "scene", "mesh", "solver".
+        The origin of the program in words and numbers: "scene", "mesh", "solver".
     energy_rows : callable () -> (k, n) sparse matrix, optional
-        F with F'F = K, which has no fill: of a body the roots of its cells' matrices. Conic formats want one.
+        A sparse matrix F with F'F = K, for conic file formats: of a body, the roots of its cells' matrices.
+
+    Examples
+    --------
+    >>> system = vx.System(K=np.eye(1), load=lambda t: [3.0 * t], norms=vx.Norms(B=np.eye(1), w=1.0))
+    >>> [float(program.answer.d[0]) for program in vx.programs_of_march(system, [0.0, 0.5, 1.0])]
+    [0.5, 1.5]
     """
 
     answer: Answer
@@ -583,8 +614,8 @@ class SolvedProgram(StepProgram):
     energy_rows: Callable[[], sp.csr_matrix] | None = None
 
     @classmethod
-    def of(cls, program: StepProgram, answer: Answer, step: int, t: float) -> SolvedProgram:
-        """A program with its answer."""
+    def from_answer(cls, program: StepProgram, answer: Answer, step: int, t: float) -> SolvedProgram:
+        """Return a program with its answer."""
         return cls(program.operators, *program.data, answer=answer, step=step, t=t)
 
     @cached_property
@@ -594,20 +625,20 @@ class SolvedProgram(StepProgram):
 
     @cached_property
     def norm(self) -> float:
-        """|d|_K, the energy norm of the increments, which errors may be compared with."""
+        """The energy norm |d|_K of the increments, to compare errors with."""
         return self.operators.energy_norm(self.answer.d)
 
     @cached_property
     def bounds(self) -> tuple[float, float]:
-        """Below and above the least value of the objective: that of the answer less the gap, and that of the answer.
+        """Lower and upper bound of the minimal objective: the value at the answer minus the gap, and this value.
 
-        Rounding included: the certificate's floor, and that of sums of n terms, at most n eps of their sizes.
+        They include rounding: the certificate's floor, and for sums of n terms at most n eps times their sizes.
         """
         d, lam, p = self.answer.d, *self.multipliers(self.answer.d, self.answer.lam, self.answer.p)
         value, size, c = self.objective(d), np.abs(d), self.operators.compliance
         terms = 0.5 * size @ product(self.operators.absolute[0], size) + np.abs(self.g) @ size
-        blur = self.certificate.floor + (len(d) + 2) * EPS * float(terms + np.abs(value))
-        # The least value is known as it is: slips and gaps of rounding, which certificates leave out, count.
+        rounding = self.certificate.floor + (len(d) + 2) * EPS * float(terms + np.abs(value))
+        # Here slips and gaps at rounding level count, which certificates leave out.
         z = np.where(c > 0, self.excess(d), np.minimum(self.excess(d), 0.0))
         parts = norm_gaps(self.w, lam, self.slip(d)).sum() + limit_gaps(c, p, z).sum()
-        return value - self.certificate.equilibrium - float(parts) - blur, value + blur
+        return value - self.certificate.equilibrium - float(parts) - rounding, value + rounding

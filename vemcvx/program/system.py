@@ -1,9 +1,9 @@
-"""A system K y + B'lam + D'p = f(t) in plain arrays, with supports that move: what `march` takes.
+"""A system K y + B'lam + D'p = f(t) in plain arrays, possibly with moving supports: the argument of `march`.
 
 It is a quasistatic variational inequality in coordinates: problem 2.1 of the paper with a(u, v) = v'Ku, <l(t), v> =
-v'load(t) and the seminorm j(v) = sum_i w_i |B_i v|. Nothing here knows of meshes or of contact. `Norms` are terms
-w_i |B_i y|, with the laws of their weights; `Limits` are bounds D_j y <= e_j and their soft kin; `Motion` is what
-supports that move add to the energy, to the norm terms and to the limits.
+v'load(t) and the seminorm j(v) = sum_i w_i |B_i v|. It contains no mesh and no contact. `Norms` are the terms
+w_i |B_i v|, with laws of their weights. `Limits` are the bounds D_j y <= e_j, or soft limits. `Motion` describes the
+contributions of moving supports to the energy, the norm terms and the limits.
 """
 
 from __future__ import annotations
@@ -38,21 +38,21 @@ from vemcvx.base.outline import ArrayRecord
 from vemcvx.base.weight_law import Law
 from vemcvx.linear import LinearSolver, choose_linear, direct_solver
 from vemcvx.program.kernel import Kernel, rank_on
-from vemcvx.program.operators import SYMMETRIC, check_symmetric, fixed_rows, whole_blocks
+from vemcvx.program.operators import SYMMETRY_TOLERANCE, as_read_only_rows, check_symmetric, whole_blocks
 
 DRAG_ROUNDING = 16 * EPS
-"""Slips below this part of the positions that they are differences of are zero but for rounding: they drag nothing."""
+"""Slips are differences of positions. Below this fraction of the positions they count as zero."""
 
 
 class Rows(ArrayRecord):
-    """The base of norm terms and limits: several of one `kind`, with places and numbers."""
+    """The base class of norm terms and limits: several rows of one `kind`, with their places in words."""
 
     kind: ClassVar[str]
     places: Callable[[int], str] | None
 
     @property
     def count(self) -> int:
-        """How many there are."""
+        """The number of norm terms or limits."""
         raise NotImplementedError
 
     def name(self, i: int) -> str:
@@ -62,8 +62,8 @@ class Rows(ArrayRecord):
         asked = "take the number of a term and say where it acts"
         return str(called(self.places, (i,), f"{type(self).__name__}: places failed", asked))
 
-    def numbers(self, raw: Any, name: str, what: str = "number", signed: bool = False) -> Floats:
-        """Return a finite number each (count,), not negative unless they are `signed`."""
+    def read_numbers(self, raw: Any, name: str, what: str = "number", signed: bool = False) -> Floats:
+        """Return one finite number per row (count,); raise SceneError for negative ones unless they are `signed`."""
         wanted, owner = f"a {what}, or ({self.count},) of them, one a {self.kind.split()[-1]}", type(self).__name__
         found = finite(shaped(raw, f"{owner}: {name}", wanted, (), (self.count,)), f"{owner}: {name}")
         found = np.full(self.count, found)
@@ -85,13 +85,18 @@ class Norms(Rows):
     block : int
         Components of one vector: 1 on a curve in the plane, 2 on a surface in space.
     places : callable i -> str, optional
-        Where term i acts, in words, for messages.
+        The place of term i in words, for messages.
     law : Law, optional
-        Weights that follow the answer of a step (:mod:`vemcvx.base.weight_law`); `w` are then the weights where no
+        Weights that depend on the answer of a step (:mod:`vemcvx.base.weight_law`); `w` are then the weights while no
         limit acts.
     ground : callable t -> (m * block,), optional
-        The displacement g of the ground: slips are relative to it, w_i |B_i (y - y_prev) - (g_i - g_i,prev)|, and its
-        motion does work.
+        The displacement g of the ground, which does work. Slips are relative to it:
+        w_i |B_i (y - y_prev) - (g_i - g_i,prev)|.
+
+    Examples
+    --------
+    >>> vx.Norms(B=[[1.0, 0.0], [0.0, 1.0]], w=[0.5, 0.25]).count
+    2
     """
 
     B: Any
@@ -104,16 +109,16 @@ class Norms(Rows):
     kind: ClassVar[str] = "norm term"
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "B", fixed_rows(self.B, "Norms: B"))
+        object.__setattr__(self, "B", as_read_only_rows(self.B, "Norms: B"))
         object.__setattr__(self, "block", whole_blocks(self.block, self.B.shape[0], "Norms"))
         function(self.places, "Norms: found places", "a function of i that says where term i acts")
         function(self.ground, "Norms: found ground", "a function of t that says how far the ground has moved")
         instance(self.law, Law, "Norms: found law", "a Law(weights)")
         if self.law is not None and self.law.softening is not None:
-            softening = self.numbers(self.law.softening, "softening", "softening")
+            softening = self.read_numbers(self.law.softening, "softening", "softening")
             object.__setattr__(self, "law", replace(self.law, softening=softening))
         if not callable(self.w):
-            object.__setattr__(self, "w", self.numbers(self.w, "w", "weight"))
+            object.__setattr__(self, "w", self.read_numbers(self.w, "w", "weight"))
 
     @property
     def count(self) -> int:
@@ -122,7 +127,7 @@ class Norms(Rows):
 
     @property
     def sloped(self) -> bool:
-        """True if the derivative of the law by the forces of the limits is known."""
+        """True if the law has a derivative by the forces of the limits."""
         return self.law is not None and self.law.slope is not None
 
     @property
@@ -132,25 +137,25 @@ class Norms(Rows):
 
     @property
     def softening(self) -> Floats | None:
-        """The rate (m,) at which weights fall with slip at most, if it is known."""
+        """The largest rate (m,) at which weights fall with slip, if it is known."""
         known: Any = None if self.law is None else self.law.softening
         return known
 
     def weights(self, t: float) -> Floats:
         """Return weights (m,) at the instant `t`."""
         w = self.w  # An array was checked when it was given.
-        return w if isinstance(w, np.ndarray) else self.numbers(at_instant(w, t, "Norms: w"), "w", "weight")
+        return w if isinstance(w, np.ndarray) else self.read_numbers(at_instant(w, t, "Norms: w"), "w", "weight")
 
     def weights_under(self, t: float, p: Floats, past: Floats | None = None, slip: Floats | None = None) -> Floats:
-        """Return weights (m,) at `t` under forces `p` (r,) of limits, after slips (m,) before the step and in it."""
+        """Return weights (m,) at `t` for limit forces `p` (r,) and slips (m,): `past` before the step, `slip` in it."""
         if self.law is None:
             return self.weights(t)
         slips = (np.zeros(self.count) if x is None else x for x in (past, slip))
         failed = f"Norms: law: its function failed when called as f(t, p, past, slip) with t = {t:.6g}"
-        return self.numbers(called(self.law.weights, (t, p, *slips), failed, "return weights"), "w", "weight")
+        return self.read_numbers(called(self.law.weights, (t, p, *slips), failed, "return weights"), "w", "weight")
 
     def slope_by_forces(self, t: float, p: Floats, past: Floats) -> sp.csr_matrix | None:
-        """Return the derivative (m, r) of the law by the forces p (r,) of limits, at `t` after slips (m,), if known."""
+        """Return the derivative (m, r) of the law by limit forces p (r,), after slips `past` (m,), or None."""
         if self.law is None or self.law.slope is None:
             return None
         failed = f"Norms: slope: its function failed when called as f(t, p, past) with t = {t:.6g}"
@@ -160,20 +165,26 @@ class Norms(Rows):
 
 @dataclass(frozen=True, repr=False)
 class Limits(Rows):
-    """Row j of D, the limit e_j and the compliance c_j.
+    """Limits e_j on the rows D_j y, with compliances c_j.
 
-    With z_j = D_j y - e_j: a bound z_j <= 0 where c_j = 0; the energy (z_j)_+^2 / (2 c_j) where c_j > 0. The multiplier
-    p_j >= 0 is the force with which the limit answers, z_j <= c_j p_j with equality where p_j > 0.
+    With z_j = D_j y - e_j, limit j is the bound z_j <= 0 if c_j = 0, and adds the energy (z_j)_+^2 / (2 c_j) if
+    c_j > 0. The multiplier p_j >= 0 is the force of the limit: z_j <= c_j p_j, with equality where p_j > 0.
 
     Parameters
     ----------
     D : (r, n) array or sparse matrix
     e : (r,) array, or callable t -> (r,)
-        +inf in an array is no limit: its row reads nothing.
+        The limits; +inf in an array removes limit j.
     compliance : number or (r,) array
         Displacement per force, >= 0.
     places : callable j -> str, optional
-        Where limit j acts, in words, for messages.
+        The place of limit j in words, for messages.
+
+    Examples
+    --------
+    >>> limits = vx.Limits(D=np.eye(2), e=[0.1, 0.2])
+    >>> limits.remaining_gap(0.0)
+    array([0.1, 0.2])
     """
 
     D: Any
@@ -184,16 +195,18 @@ class Limits(Rows):
     kind: ClassVar[str] = "limit"
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "D", fixed_rows(self.D, "Limits: D"))
+        object.__setattr__(self, "D", as_read_only_rows(self.D, "Limits: D"))
         function(self.places, "Limits: found places", "a function of j that says where limit j acts")
-        object.__setattr__(self, "compliance", self.numbers(self.compliance, "compliance", "compliance"))
+        object.__setattr__(self, "compliance", self.read_numbers(self.compliance, "compliance", "compliance"))
         if callable(self.e):
             return
         e = as_real_array(self.e, "Limits: e", "numbers")
         none = (e == np.inf) & (e.ndim == 1)
-        object.__setattr__(self, "e", self.numbers(np.where(none, 1.0, e), "e", signed=True))
+        object.__setattr__(self, "e", self.read_numbers(np.where(none, 1.0, e), "e", signed=True))
         if none.any():
-            object.__setattr__(self, "D", fixed_rows(sp.diags_array(np.where(none, 0.0, 1.0)) @ self.D, "Limits: D"))
+            object.__setattr__(
+                self, "D", as_read_only_rows(sp.diags_array(np.where(none, 0.0, 1.0)) @ self.D, "Limits: D")
+            )
 
     @property
     def count(self) -> int:
@@ -203,38 +216,38 @@ class Limits(Rows):
     def remaining_gap(self, t: float) -> Floats:
         """Return e (r,) at the instant `t`."""
         e = self.e  # An array was checked when it was given.
-        return e if isinstance(e, np.ndarray) else self.numbers(at_instant(e, t, "Limits: e"), "e", signed=True)
+        return e if isinstance(e, np.ndarray) else self.read_numbers(at_instant(e, t, "Limits: e"), "e", signed=True)
 
 
 @dataclass(frozen=True)
 class DraggedTerms:
-    """Norm terms that no unknown moves, w_i |c_i(t_n) - c_i(t_{n-1})|: constants of a step's program, and losses."""
+    """Norm terms without unknowns, w_i |c_i(t_n) - c_i(t_{n-1})|: they dissipate, but do not change the state."""
 
     position: Callable[[float], Floats]
-    """t -> (q * block,), c: of the supports, less that of the ground"""
+    """Function t -> (q * block,): the positions c of supports, minus the displacement of the ground."""
     weights: Callable[[float, Floats, Floats, Floats], Floats]
-    """(t, p, past, slip) -> (q,), as of norm terms that follow the answer"""
+    """Function (t, p, past, slip) -> (q,): the weights, as by a :class:`vemcvx.base.weight_law.Law`."""
     count: int
     block: int = 1
     remembers: bool = False
-    """whether weights depend on slips"""
+    """True if weights depend on slips."""
 
 
 @dataclass(frozen=True)
 class ForceOnPart:
-    """A force that acts on some of n unknowns alone: their numbers `rows`, ascending, and t -> the forces there."""
+    """A force on the unknowns `rows` (k,), ascending, out of n; `entries` maps t to the forces (k,) there."""
 
     n: int
     rows: Ints
     entries: Callable[[float], Floats]
 
     def __call__(self, t: float) -> Floats:
-        """Return all forces (n,)."""
+        """Return the force on all unknowns (n,)."""
         return spread(self.entries(t), self.rows, self.n)
 
 
-def on_part(force: Callable[[float], Floats], t: float) -> tuple[Floats, Ints | None]:
-    """Return a force at the instant `t`, and the unknowns that it acts on; None for all of them."""
+def force_on_part(force: Callable[[float], Floats], t: float) -> tuple[Floats, Ints | None]:
+    """Return a force at the instant `t`, and the unknowns on which it acts; None stands for all unknowns."""
     return (force.entries(t), force.rows) if isinstance(force, ForceOnPart) else (force(t), None)
 
 
@@ -242,23 +255,23 @@ def on_part(force: Callable[[float], Floats], t: float) -> tuple[Floats, Ints | 
 class Motion:
     """The terms of moving supports: u = P y + u_D(t), with A the matrix of a over all of u.
 
-    a(u, u) = y'Ky + 2 y'dirichlet_force + stored, and the norm terms measure B (y - y_prev) plus the prescribed slip,
-    less that of the step before. Where the supports move far, and strain little, these sums cancel; `frame` and `pair`
-    give the same without.
+    a(u, u) = y'Ky + 2 y'dirichlet_force + stored. The norm terms measure B (y - y_prev) plus the change of
+    `prescribed_slip` in the step. If supports move far and strain little, these sums cancel; `pair` of two fields of
+    `frame` computes a(u, u) without cancellation.
     """
 
     dirichlet_force: Callable[[float], Floats]
-    """t -> (n,), P'A u_D"""
+    """Function t -> (n,): P'A u_D."""
     prescribed_slip: Callable[[float], Floats]
-    """t -> (m * block,), what u_D adds to the argument of the norms"""
+    """Function t -> (m * block,): the contribution of u_D to the argument of the norms."""
     stored: Callable[[float, float], float]
-    """(s, t) -> u_D(s)'A u_D(t)"""
+    """Function (s, t) -> u_D(s)'A u_D(t)."""
     frame: Callable[[float, Floats], Floats]
-    """(t, y) -> (n_u,), u seen from the body: less a motion that strains nothing"""
+    """Function (t, y) -> (n_u,): u minus a motion without strain."""
     pair: Callable[[Floats, Floats], float]
-    """a of two such fields"""
+    """Function (u, v) -> a(u, v) of two such fields."""
     remaining_gap: Callable[[float], Floats] | None = None
-    """t -> (r,), what u_D takes from the limits"""
+    """Function t -> (r,): the part of the limits e that u_D uses up."""
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
@@ -268,23 +281,29 @@ class Motion:
 
 @dataclass(frozen=True, repr=False)
 class Damping(ArrayRecord):
-    """The form b of the rate, b(u', v), beside a(u, v).
+    """The damping form b(u', v), in addition to a(u, v).
 
     Parameters
     ----------
     C : (n, n) array or sparse matrix
-        Symmetric, positive semidefinite.
+        The matrix of b, symmetric, positive semidefinite.
     motion : Motion, optional
-        What moving supports add, with the matrix of b in place of that of a; its slips and gaps are not read.
+        Terms of moving supports with the matrix of b instead of the matrix of a. Its slips and gaps are not used.
+
+    Examples
+    --------
+    >>> system = vx.System(np.eye(1), lambda t: [1.0], damping=vx.Damping(np.eye(1)))
+    >>> vx.march(system, [0.0, 1.0]).state[-1]
+    array([0.5])
     """
 
     C: Any
     motion: Motion | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "C", fixed_rows(self.C, "Damping: C"))
+        object.__setattr__(self, "C", as_read_only_rows(self.C, "Damping: C"))
         check_symmetric(self.C, "Damping: C")
-        shift = SYMMETRIC * np.abs(self.C.data).max(initial=0.0) or 1.0
+        shift = SYMMETRY_TOLERANCE * np.abs(self.C.data).max(initial=0.0) or 1.0
         try:
             direct_solver(self.C.shape[0]).factorise(sp.csr_matrix(self.C + shift * sp.eye_array(self.C.shape[0])))
         except SceneError as error:
@@ -296,30 +315,38 @@ class Damping(ArrayRecord):
 
 @dataclass(frozen=True, repr=False)
 class System(ArrayRecord):
-    """K, the load, and the norm terms; the load already includes minus the Dirichlet force of moving supports.
+    """A stiffness matrix K with its load, norm terms and limits.
 
     Parameters
     ----------
     K : (n, n) array or sparse matrix
-        Symmetric, positive definite; semidefinite if `kernel` says where.
+        Symmetric, positive definite; semidefinite if `kernel` is given.
     load : callable t -> (n,)
+        Forces, including minus the Dirichlet force of moving supports.
     norms : Norms, optional
+        Norm terms: friction.
     motion : Motion, optional
-        Bookkeeping of supports that move; a plain system has none.
+        Energy, slip and gaps of moving supports.
     order : (n,) permutation, or callable () -> (n,) permutation, optional
-        An order of elimination with little fill, for linear solvers that do not find one; by default one is computed
+        An order of elimination with little fill, for linear solvers that do not compute one; by default it is computed
         from K.
     near_kernel : (n, k) array, optional
-        Motions of little energy (rigid ones), for iterative linear solvers.
+        Motions of little energy, such as rigid ones, for iterative linear solvers.
     kernel : Kernel, optional
-        The motions of no energy, all of which the norm terms must feel. Answers are then unique, and certified, in the
-        seminorm of K only.
+        The motions without energy; norm terms or limits must resist each of them. Answers are then unique, and
+        certified, in the seminorm of K only.
     limits : Limits, optional
-        Bounds on y, hard or soft.
+        Bounds on y, hard or soft: contact.
     damping : Damping, optional
-        A force C y' of the rate; the lengths of steps then matter.
+        A force C y' that depends on the rate.
     dragged : DraggedTerms, optional
-        Norm terms whose slip is given by the supports; they change no state, and their losses are in the ledger.
+        Norm terms whose slip is given by the supports: they only add to the dissipated energy.
+
+    Examples
+    --------
+    >>> system = vx.System(K=np.eye(1), load=lambda t: [3.0 * t], norms=vx.Norms(B=np.eye(1), w=1.0))
+    >>> vx.march(system, [0.0, 0.5, 1.0]).state.ravel()
+    array([0. , 0.5, 2. ])
     """
 
     K: Any
@@ -334,11 +361,11 @@ class System(ArrayRecord):
     dragged: DraggedTerms | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "K", fixed_rows(self.K, "System: K"))
+        object.__setattr__(self, "K", as_read_only_rows(self.K, "System: K"))
         check_symmetric(self.K, "System: K")
         diagonal, largest = self.K.diagonal(), self.K.diagonal().max(initial=0.0)
         # The kernel of a body that is rigid altogether has unknowns without stiffness, but for rounding.
-        if (diagonal <= (0.0 if self.kernel is None else -SYMMETRIC * largest)).any():
+        if (diagonal <= (0.0 if self.kernel is None else -SYMMETRY_TOLERANCE * largest)).any():
             i = int(np.argmin(diagonal))
             raise SceneError(f"System: found K[{i}, {i}] = {diagonal[i]:.6g}; K must be positive definite.")
         if not callable(self.load):
@@ -369,7 +396,10 @@ class System(ArrayRecord):
             raise SceneError(
                 f"System: found a kernel over {len(N)} unknowns; wanted one column of {self.n} and one name a motion."
             )
-        work = np.abs(self.K @ N).max(axis=0, initial=0.0) > SYMMETRIC * np.abs(self.K.data).max() * np.abs(N).max()
+        work = (
+            np.abs(self.K @ N).max(axis=0, initial=0.0)
+            > SYMMETRY_TOLERANCE * np.abs(self.K.data).max() * np.abs(N).max()
+        )
         if work.any():
             raise SceneError(f"System: K feels {kernel.names[int(np.argmax(work))]}, which is no motion of its kernel.")
         if rank_on(sp.csr_matrix(sp.vstack([self.B, self.D])), N) < N.shape[1]:
@@ -392,17 +422,17 @@ class System(ArrayRecord):
 
     @cached_property
     def B(self) -> sp.csr_matrix:
-        """(m * block, n) the rows of the norm terms."""
+        """The rows (m * block, n) of the norm terms."""
         return sp.csr_matrix((0, self.n)) if self.norms is None else self.norms.B
 
     @cached_property
     def D(self) -> sp.csr_matrix:
-        """(r, n) the rows of the limits."""
+        """The rows (r, n) of the limits."""
         return sp.csr_matrix((0, self.n)) if self.limits is None else self.limits.D
 
     @property
     def block(self) -> int:
-        """Components of a slip: those of norm terms, or where there are none of dragged ones; else 1."""
+        """The number of components of a slip; 1 in a system without norm terms and dragged terms."""
         terms = self.norms or self.dragged
         return 1 if terms is None else terms.block
 
@@ -413,23 +443,23 @@ class System(ArrayRecord):
 
     @property
     def retained(self) -> Ints:
-        """(m,) the unknowns that norm terms or limits read: all others are eliminated."""
+        """The unknowns (m,) that norm terms or limits read; condensation eliminates all others."""
         return np.unique(np.concatenate([A.indices[A.data != 0].astype(np.int64) for A in (self.B, self.D)]))
 
     def remaining_gap(self, t: float) -> Floats:
-        """Return the gaps e (r,) of the limits at the instant `t`, moving supports accounted for."""
+        """Return the gaps e (r,) of the limits at the instant `t`, minus the part used up by moving supports."""
         if self.limits is None:
             return np.zeros(0)
         e = self.limits.remaining_gap(t)
         return e if self.motion is None or self.motion.remaining_gap is None else e - self.motion.remaining_gap(t)
 
-    def prescribed_slip(self, t: float) -> Floats:
-        """Return the part of the norm terms' arguments (m * block,) that supports bring, less that of the ground."""
+    def slip_of_supports(self, t: float) -> Floats:
+        """Return the slip (m * block,) of moving supports up to the instant `t`, minus the motion of the ground."""
         given = np.zeros(self.B.shape[0]) if self.motion is None else self.motion.prescribed_slip(t)
         return given if (ground := self.ground(t)) is None else given - ground
 
     def ground(self, t: float) -> Floats | None:
-        """Return the motion (m * block,) up to the instant `t` of the ground of norm terms; None if it stands still."""
+        """Return the displacement (m * block,) of the ground at the instant `t`; None if it does not move."""
         if self.norms is None or self.norms.ground is None:
             return None
         rows, subject = self.B.shape[0], "Norms: ground"
@@ -437,7 +467,7 @@ class System(ArrayRecord):
         return finite(shaped(raw, subject, f"({rows},) ways, one a row of B", (rows,)), subject)
 
     def linear(self, asked: LinearSolver | None = None) -> LinearSolver:
-        """Return the linear solver for K: the one asked for, else by size; SceneError where it cannot be called."""
+        """Return the given linear solver, or one chosen by size; raise SceneError if it has no fitting `factorise`."""
         if asked is not None:
             try:
                 signature(asked.factorise).bind(self.K, None)
@@ -448,13 +478,13 @@ class System(ArrayRecord):
         return choose_linear(self.n, asked, modes=modes)
 
     def elimination_order(self) -> Ints | None:
-        """Return the order of elimination (n,), if there is one."""
+        """Return the order of elimination (n,), or None."""
         if not callable(self.order):
             return self.order
         return self._permutation(called(self.order, (), "System: order: its function failed", "return a permutation"))
 
     def load_on_part(self, t: float) -> tuple[Floats, Ints | None]:
-        """Return the load at the instant `t`, checked, and the unknowns that it acts on; None for all of them."""
+        """Return the load at the instant `t`, checked, and the unknowns on which it acts; None stands for all."""
         if not isinstance(self.load, ForceOnPart):
             return self.force(t), None
         return finite(self.load.entries(t), f"System: load({t:.6g})"), self.load.rows

@@ -46,7 +46,7 @@ from scipy.linalg.lapack import dgetrf, dgetrs
 from scipy.sparse.linalg import LinearOperator, gmres
 
 from vemcvx.base.arrays import Bools, Floats, directions, lengths, onto_discs, whole
-from vemcvx.program.forces import Delassus, Point, reflected
+from vemcvx.program.forces import Delassus, Point, build_reflections
 from vemcvx.program.operators import FEATURES, Operators
 from vemcvx.program.step_program import Answer, StepProgram
 from vemcvx.solvers.law import GivenWeights, Weights, WeightsInUnits
@@ -101,12 +101,12 @@ class ActiveSets:
     @classmethod
     def at(cls, delassus: Delassus, point: Point, law: Weights, s: Floats | None = None) -> ActiveSets:
         """Return the sets predicted by q = x + SHIFT off, with weights at the slips s (m, block), else the point's."""
-        q, press = delassus.parts(point.x + SHIFT * point.off)
-        s = delassus.parts(point.off)[0] if s is None else s
+        q, press = delassus.split(point.x + SHIFT * point.off)
+        s = delassus.split(point.off)[0] if s is None else s
         size = lengths(q)
         direction = directions(q, size)
         along = np.maximum(np.einsum("ij,ij->i", direction, s), 0.0)
-        w = law.at(delassus.parts(point.x)[1], along)
+        w = law.at(delassus.split(point.x)[1], along)
         return cls(stick=(size <= w) & (w > 0), act=press > 0, direction=direction, along=along, w=w, size=size)
 
     @cached_property
@@ -141,7 +141,7 @@ class ActiveSetSystem:
     @classmethod
     def assemble(cls, delassus: Delassus, sets: ActiveSets, point: Point, law: Weights) -> ActiveSetSystem:
         """Assemble and factorise the system, with the derivatives of the law at a point."""
-        J, slope = law.slopes(delassus.parts(point.x)[1], sets.along)
+        J, slope = law.slopes(delassus.split(point.x)[1], sets.along)
         P, compliance = _columns(sets, slope)
         Qt = P if J is None else _with_pressure(P, sets, J)
         Q, R, W, count = Qt.T, delassus.R, delassus.W, P.shape[0]
@@ -175,7 +175,7 @@ def _columns(sets: ActiveSets, slope: Floats | None) -> tuple[sp.csr_matrix, Flo
     if slope is not None:
         sloped = moves & (np.abs(slope) > 1e-12)
         picked[sloped, 0], compliance[sloped, 0] = True, 1.0 / slope[sloped]
-    frames = np.where(sets.stick[:, None, None], np.eye(block), reflected(sets.direction))
+    frames = np.where(sets.stick[:, None, None], np.eye(block), build_reflections(sets.direction))
     i, j = np.nonzero(picked)
     entries = np.append(frames[i, :, j], np.ones(len(act)))
     at = np.append(i[:, None] * block + np.arange(block), m * block + act)
@@ -215,7 +215,7 @@ class Search:
     def find_solution(self, point: Point, system: ActiveSetSystem | None) -> tuple[Point, ActiveSetSystem, float]:
         """Return the solution of the step, the last system, and the error of the law, starting on a given system."""
         system = system or self._first_system(point)
-        s, z = self.delassus.parts(point.off)  # Open gaps do not measure forces, so that z counts only if positive.
+        s, z = self.delassus.split(point.off)  # Open gaps do not measure forces, so that z counts only if positive.
         least = 0.01 * max(np.abs(s).max(initial=0.0), z.max(initial=0.0)) or 1e-300
         seen, swept, cycles, last, start = set[bytes](), None, 0, np.inf, point
         limit = MAX_GROWTH * max(float(np.abs(start.x).max(initial=0.0)), float(np.abs(start.off).max(initial=0.0)))
@@ -239,7 +239,7 @@ class Search:
 
     def _first_system(self, point: Point) -> ActiveSetSystem:
         """Return the system of the sets at a guess without slips. If a body floats, all its terms stick at first."""
-        sets = ActiveSets.at(self.delassus, point, self.law, np.zeros_like(self.delassus.parts(point.x)[0]))
+        sets = ActiveSets.at(self.delassus, point, self.law, np.zeros_like(self.delassus.split(point.x)[0]))
         if len(point.a):
             sets = replace(sets, stick=np.ones_like(sets.stick), act=np.ones_like(sets.act))
         return self.system(sets, point)
@@ -257,15 +257,15 @@ class Search:
         delassus, old, limits = self.delassus, system.sets, np.zeros(len(system.sets.act))
         s, direction, w, last = old.along[:, None] * old.direction, old.direction, None, np.inf
         for _ in range(MAX_CORRECTIONS):
-            w = self.law.at(delassus.parts(point.x)[1], old.along) if w is None else w
+            w = self.law.at(delassus.split(point.x)[1], old.along) if w is None else w
             dx = old.apply_law(point.x, w, direction) - point.x
             push = point.off - delassus.W @ dx - np.append(np.where(old.stick[:, None], 0.0, s), limits)
             z = system.solve(np.append(system.P @ push, point.rest - delassus.R.T @ dx))
             if not np.isfinite(z).all():
                 return point, ActiveSets.at(delassus, point, self.law, s), np.inf
             count = system.P.shape[0]
-            point = delassus.moved(point, dx + system.Q @ z[:count], z[count:])
-            s = delassus.parts(point.off)[0]
+            point = delassus.move(point, dx + system.Q @ z[:count], z[count:])
+            s = delassus.split(point.off)[0]
             # Slips at rounding level, or against their force, do not define a direction.
             turns = (SHIFT * lengths(s) > STALL_TOLERANCE * w) & (np.einsum("ij,ij->i", s, direction) > 0)
             direction = np.where(turns[:, None], directions(s, lengths(s)), direction)
@@ -279,7 +279,7 @@ class Search:
     def _search_between(self, before: Point, point: Point) -> tuple[Point, ActiveSets]:
         """Return the point of least error, with its sets, out of four points between `before` and `point`."""
         dx, da = point.x - before.x, point.a - before.a
-        tried = [self.delassus.moved(before, part * dx, part * da) for part in (0.7, 0.5, 0.3, 0.1)]
+        tried = [self.delassus.move(before, part * dx, part * da) for part in (0.7, 0.5, 0.3, 0.1)]
         found = [(one, ActiveSets.at(self.delassus, one, self.law)) for one in tried]
         return min(found, key=lambda pair: pair[1].law_error(pair[0]))
 
@@ -290,7 +290,7 @@ class Search:
         self.safeguards += 1
         for _ in range(rounds):
             point = self._descend(point, most // rounds)
-            point = self.delassus.moved(point, np.zeros_like(point.x), self.delassus.norm * point.rest)
+            point = self.delassus.move(point, np.zeros_like(point.x), self.delassus.norm * point.rest)
         return point
 
     def _descend(self, point: Point, most: int) -> Point:
@@ -303,13 +303,13 @@ class Search:
         momentum, ahead, now = 1.0, point.x, point.off + R @ (norm * point.rest)
         off = now
         for sweep in range(most):
-            lam, p = delassus.parts(ahead + length * off)
+            lam, p = delassus.split(ahead + length * off)
             p = np.maximum(p, 0.0)
             if sweep % SWEEPS_PER_WEIGHTS == 0:
-                w = self.law.at(p, lengths(delassus.parts(point.off)[0]))
+                w = self.law.at(p, lengths(delassus.split(point.off)[0]))
             x = np.append(onto_discs(lam, w), p)
             dx, before = x - point.x, now
-            point = delassus.moved(point, dx)
+            point = delassus.move(point, dx)
             if np.abs(dx).max(initial=0.0) <= 1e-3 / most * np.abs(x).max(initial=0.0):
                 break
             restart = float((x - ahead) @ dx) < 0
@@ -414,7 +414,7 @@ def apply_law_to_answer(
         # Held rows and forces across slips take the imbalance on the kernel: there it adds least to the gap.
         rest = delassus.N.T @ (program.g - operators.multiplier_force(lam, p))
         z = np.linalg.lstsq(delassus.R.T @ system.Q, rest, rcond=None)[0]
-        more = delassus.parts(delassus.u * (system.Q @ z))
+        more = delassus.split(delassus.u * (system.Q @ z))
         lam, p = lam + more[0], np.maximum(p + more[1], 0.0)
     return d, lam, p
 
@@ -432,14 +432,14 @@ def correct_answer(
     left = program.residual(d, lam, p)
     d = d + operators.factor.solve(left)
     off, n = delassus.u * delassus.excess(program, d, p), directions(lam, lengths(lam))
-    s = delassus.parts(off)[0]
+    s = delassus.split(off)[0]
     across = np.append(s - np.einsum("ij,ij->i", s, n)[:, None] * n, np.zeros_like(p))
     z = system.solve(np.append(system.P @ np.where(sets.held, off, across), delassus.N.T @ left))
     if not np.abs(z).max(initial=0.0) <= np.abs(point.x).max(initial=0.0):  # The sets do not hold the body.
         return d, point
     dx, da = system.Q @ z[:count], z[count:]
-    d = d - operators.factor.solve(operators.multiplier_force(*delassus.parts(delassus.u * dx))) + delassus.N @ da
-    return d, delassus.moved(point, dx, da)
+    d = d - operators.factor.solve(operators.multiplier_force(*delassus.split(delassus.u * dx))) + delassus.N @ da
+    return d, delassus.move(point, dx, da)
 
 
 def gap_of_law(program: StepProgram, law: Weights, answer: Answer) -> float:

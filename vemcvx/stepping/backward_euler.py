@@ -59,7 +59,7 @@ from vemcvx.linear.default import one_thread
 from vemcvx.program.certificate import Certificate
 from vemcvx.program.condensation import Condensation
 from vemcvx.program.operators import Operators, energy_norm, product
-from vemcvx.program.scaling import SMALLEST_NORM, checked_norm
+from vemcvx.program.scaling import SMALLEST_NORM, check_norm
 from vemcvx.program.step_program import Answer, StepProgram
 from vemcvx.program.system import System
 from vemcvx.solvers import Solver, Solves, as_solver, choose_solver
@@ -132,7 +132,7 @@ class PosedStep:
 
     def _answered(self) -> State:
         """The solver's answer; asked once more, more sharply, where the size of u_n shows that too little was asked."""
-        size, accuracy = checked_norm(self.program.size, self.data.t), self.run.solver.accuracy
+        size, accuracy = check_norm(self.program.size, self.data.t), self.run.solver.accuracy
         size = max(self.before.unit(accuracy), size)
         state = self._asked(self.frame.prepared.solve, 0.5 * (accuracy * size) ** 2)
         if state.accepted(accuracy) or state.certificate.at_floor:

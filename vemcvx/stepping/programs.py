@@ -77,7 +77,7 @@ def _solved_program(run: PreparedRun, before: State, after: State, n: int) -> So
     # The difference of two states may lie a rounding error beyond a bound.
     d = posed.program.feasible(after.y - before.y)
     answer = Answer(d, after.lam[:m], after.iterations, after.status, after.safeguards, p=after.p)
-    found = SolvedProgram.of(posed.program, answer, n, after.t)
+    found = SolvedProgram.from_answer(posed.program, answer, n, after.t)
     slope = None if norms is None else norms.slope_by_forces(after.t, after.p, before.ledger.slipped[:m])
     return replace(found, slope=slope)
 

@@ -90,7 +90,7 @@ def refuse_contradiction(system: System, now: StepData, when: str) -> None:
 
 def refuse_unbalanced(condensation: Condensation, program: StepProgram, when: str) -> None:
     """Raise SceneError when no forces of friction and limits balance the load of a step on K's kernel."""
-    kernel, field = condensation.system.kernel, program.unbalanced_motion()
+    kernel, field = condensation.system.kernel, program.find_unbalanced_motion()
     if kernel is None or field is None:
         return
     parts = np.linalg.lstsq(kernel.modes[condensation.retained], field, rcond=None)[0].astype(float)

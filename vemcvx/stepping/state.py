@@ -49,8 +49,8 @@ from vemcvx.base.arrays import Bools, Floats, directions, lengths
 from vemcvx.program.certificate import ROUNDED, Certificate
 from vemcvx.program.condensation import Condensation, Reduced
 from vemcvx.program.operators import Operators, product
-from vemcvx.program.scaling import LARGEST_NORM, checked_norm
-from vemcvx.program.system import DRAG_ROUNDING, System, on_part
+from vemcvx.program.scaling import LARGEST_NORM, check_norm
+from vemcvx.program.system import DRAG_ROUNDING, System, force_on_part
 from vemcvx.solvers import Solver
 from vemcvx.solvers.default import FixedPointSolver, LastResort, prepare_run
 from vemcvx.solvers.solver import INNER_FRACTION
@@ -80,13 +80,13 @@ class StepData:
         forces, rows = system.load_on_part(t)
         force = condensation.reduce(forces, rows=rows)
         if not force.norm <= LARGEST_NORM:
-            checked_norm(force.norm, t)
+            check_norm(force.norm, t)
         push, field = force - force, np.zeros(0)
         if motion is not None:
-            forces, rows = on_part(motion.dirichlet_force, t)
+            forces, rows = force_on_part(motion.dirichlet_force, t)
             push = condensation.reduce(forces, rows=rows)
             field = motion.frame(t, -push.x)
-        slip, gap, ground = system.prescribed_slip(t), system.remaining_gap(t), system.ground(t)
+        slip, gap, ground = system.slip_of_supports(t), system.remaining_gap(t), system.ground(t)
         return cls(t=t, force=force, prescribed_slip=slip, remaining_gap=gap, ground=ground, push=push, field=field)
 
 
@@ -236,13 +236,13 @@ def certified_together(run: PreparedRun, states: Sequence[State]) -> list[State]
         return r if (kernel := system.kernel) is None else r - kernel.basis @ (kernel.basis.T @ r)
 
     xi, kept = (np.array(rows).T for rows in ([force.xi for force in forces], [state.y for state in some]))
-    y = condensation.completed(xi, kept)
+    y = condensation.complete(xi, kept)
     r, rounding = left(y), condensation.full.rounding(size, np.abs(y))
     energies, floors = np.zeros(len(some)), condensation.full.energies_of_rounding(rounding)
     if (np.abs(r) > rounding).any():
         energies = 0.5 * condensation.factor.energies_of_columns(r)
     if (energies > most).any():
-        y = y + condensation.held(r)
+        y = y + condensation.solve_interior(r)
         energies = 0.5 * condensation.factor.energies_of_columns(left(y))
 
     def in_full(state: State, full: Floats, energy: float, floor: float) -> State:

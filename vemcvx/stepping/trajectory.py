@@ -429,7 +429,7 @@ def mark(run: PreparedRun, times: Floats, kept: Ints) -> list[int]:
     matrices = [system.K, system.B, system.D, *([] if system.damping is None else [system.damping.C])]
     parts = [part for A in matrices for part in (A.data, A.indices, A.indptr)]
     for t in times[[0, len(times) // 3, len(times) // 2, -1]].tolist():
-        parts += [system.force(t), system.remaining_gap(t), system.prescribed_slip(t)]
+        parts += [system.force(t), system.remaining_gap(t), system.slip_of_supports(t)]
         if system.norms is not None:
             parts += [system.norms.weights_under(t, np.full(system.D.shape[0], size)) for size in (0.0, 1.0)]
     for part in (times, kept, *parts):

@@ -308,6 +308,13 @@ def test_bodies_of_a_file_that_do_not_touch_are_said_to_be_apart(tmp_path):
         vx.SceneError, match="no boundary named 'foot'; its name is 'high.foot', which is on no interface"
     ):
         vx.simulate(scene, mesh, [0.0, 1.0])
+    nodes = [(*x, z) for z in (0, 1) for x in SQUARE]
+    corners = "".join(f"{k}, {x}, {y}, {z}\n" for k, (x, y, z) in enumerate(nodes, 1))
+    box = f"*PART, NAME=box\n*NODE\n{corners}*ELEMENT, TYPE=C3D8\n1, 1, 2, 3, 4, 5, 6, 7, 8\n*END PART\n"
+    places = "*INSTANCE, NAME=a, PART=box\n*END INSTANCE\n*INSTANCE, NAME=b, PART=box\n0., 0., 1.5\n*END INSTANCE\n"
+    (tmp_path / "two.inp").write_text(box + places)
+    with pytest.warns(vx.MeshWarning, match="'b' touches no other body: the nearest, 'a', is 0.5 away"):
+        read(tmp_path / "two.inp", bodies="physical")
 
 
 def test_decks_that_are_refused(tmp_path):
